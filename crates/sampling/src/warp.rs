@@ -1,0 +1,209 @@
+//! Maps from the unit square to shapes, each with its density and its inverse.
+//!
+//! Directions are unit vectors around +z. Densities are with respect to area for plane shapes and to solid angle for
+//! directions, and zero outside the shape. Uniform numbers lie in `[0, 1)`. The inverse of a point that was sampled gives
+//! back the uniform numbers up to rounding.
+
+use glam::{Vec2, Vec3};
+use std::f32::consts::{FRAC_1_PI, FRAC_PI_2, FRAC_PI_4, PI, TAU};
+
+/// Unit square to unit disk, concentric (Shirley and Chiu 1997): keeps strata compact.
+#[inline]
+pub fn sample_disk([u0, u1]: [f32; 2]) -> Vec2 {
+    let (a, b) = (2.0 * u0 - 1.0, 2.0 * u1 - 1.0);
+    if a == 0.0 && b == 0.0 {
+        return Vec2::ZERO;
+    }
+    let (r, phi) = if a.abs() > b.abs() {
+        (a, FRAC_PI_4 * (b / a))
+    } else {
+        (b, FRAC_PI_2 - FRAC_PI_4 * (a / b))
+    };
+    let (sin, cos) = phi.sin_cos();
+    Vec2::new(r * cos, r * sin)
+}
+
+/// Density of [`sample_disk`] per unit area.
+#[inline]
+pub fn pdf_disk(p: Vec2) -> f32 {
+    if p.length_squared() <= 1.0 {
+        FRAC_1_PI
+    } else {
+        0.0
+    }
+}
+
+/// The uniform numbers behind a point of the unit disk.
+#[inline]
+pub fn invert_disk(p: Vec2) -> [f32; 2] {
+    let r = p.length();
+    // The square is cut into four wedges; the wedge tells which coordinate carries the signed radius.
+    let (a, b) = if p.x.abs() > p.y.abs() {
+        let r = r.copysign(p.x);
+        (r, r * (p.y / p.x).atan() / FRAC_PI_4)
+    } else if p.y != 0.0 {
+        let r = r.copysign(p.y);
+        (r * (p.x / p.y).atan() / FRAC_PI_4, r)
+    } else {
+        (0.0, 0.0)
+    };
+    [0.5 * (a + 1.0), 0.5 * (b + 1.0)]
+}
+
+/// Unit square to the upper hemisphere with density cos(theta) / pi (Malley's method).
+#[inline]
+pub fn sample_cosine_hemisphere(u: [f32; 2]) -> Vec3 {
+    let p = sample_disk(u);
+    // Near the rim the cosine is made from the distance to the rim; it stays above zero so that no division by it fails.
+    p.extend((1.0 - p.length_squared()).max(1e-10).sqrt())
+}
+
+/// Density of [`sample_cosine_hemisphere`] per steradian.
+#[inline]
+pub fn pdf_cosine_hemisphere(w: Vec3) -> f32 {
+    w.z.max(0.0) * FRAC_1_PI
+}
+
+/// The uniform numbers behind a direction of [`sample_cosine_hemisphere`].
+#[inline]
+pub fn invert_cosine_hemisphere(w: Vec3) -> [f32; 2] {
+    invert_disk(w.truncate())
+}
+
+/// Unit square to the whole sphere, uniform.
+#[inline]
+pub fn sample_sphere([u0, u1]: [f32; 2]) -> Vec3 {
+    around_z(1.0 - 2.0 * u0, 2.0 * (u0 * (1.0 - u0)).sqrt(), u1)
+}
+
+/// Density of [`sample_sphere`] per steradian.
+#[inline]
+pub fn pdf_sphere(_w: Vec3) -> f32 {
+    0.25 * FRAC_1_PI
+}
+
+/// The uniform numbers behind a direction of [`sample_sphere`].
+#[inline]
+pub fn invert_sphere(w: Vec3) -> [f32; 2] {
+    [0.5 * (1.0 - w.z), azimuth(w)]
+}
+
+/// Unit square to the upper hemisphere, uniform.
+#[inline]
+pub fn sample_hemisphere([u0, u1]: [f32; 2]) -> Vec3 {
+    let z = 1.0 - u0;
+    around_z(z, (u0 * (2.0 - u0)).sqrt(), u1)
+}
+
+/// Density of [`sample_hemisphere`] per steradian.
+#[inline]
+pub fn pdf_hemisphere(w: Vec3) -> f32 {
+    if w.z >= 0.0 { 0.5 * FRAC_1_PI } else { 0.0 }
+}
+
+/// The uniform numbers behind a direction of [`sample_hemisphere`].
+#[inline]
+pub fn invert_hemisphere(w: Vec3) -> [f32; 2] {
+    [1.0 - w.z, azimuth(w)]
+}
+
+/// Unit square to the cone of directions whose cosine to +z is at least `1 - one_minus_cos`, uniform.
+///
+/// The cone is given by one minus its cosine, so that cones as small as the sun's keep their precision.
+#[inline]
+pub fn sample_cone([u0, u1]: [f32; 2], one_minus_cos: f32) -> Vec3 {
+    let t = u0 * one_minus_cos;
+    around_z(1.0 - t, (t * (2.0 - t)).max(0.0).sqrt(), u1)
+}
+
+/// Density of [`sample_cone`] per steradian.
+#[inline]
+pub fn pdf_cone(w: Vec3, one_minus_cos: f32) -> f32 {
+    if versine(w) <= one_minus_cos {
+        1.0 / (TAU * one_minus_cos)
+    } else {
+        0.0
+    }
+}
+
+/// The uniform numbers behind a direction of [`sample_cone`].
+#[inline]
+pub fn invert_cone(w: Vec3, one_minus_cos: f32) -> [f32; 2] {
+    [(versine(w) / one_minus_cos).min(1.0), azimuth(w)]
+}
+
+/// Unit square to the regular polygon with `corners` (at least 3) corners on the unit circle, the first one at angle
+/// `rotation` [rad] from +x: the aperture of a lens with straight blades.
+#[inline]
+pub fn sample_polygon([u0, u1]: [f32; 2], corners: u32, rotation: f32) -> Vec2 {
+    let n = corners.max(3) as f32;
+    let sector = (u0 * n).floor().min(n - 1.0);
+    let v = u0 * n - sector;
+    // A triangle from the centre: the square root makes the area below a radius grow linearly with u1.
+    let r = u1.sqrt();
+    let corner = |k: f32| Vec2::from_angle(rotation + TAU * k / n);
+    r * corner(sector).lerp(corner(sector + 1.0), v)
+}
+
+/// Density of [`sample_polygon`] per unit area.
+#[inline]
+pub fn pdf_polygon(p: Vec2, corners: u32, rotation: f32) -> f32 {
+    let n = corners.max(3) as f32;
+    let (_, along, radius) = polygon_coordinates(p, n, rotation);
+    if radius <= 1.0 && (-1e-6..=1.000_001).contains(&along) {
+        2.0 / (n * (TAU / n).sin())
+    } else {
+        0.0
+    }
+}
+
+/// The uniform numbers behind a point of [`sample_polygon`].
+#[inline]
+pub fn invert_polygon(p: Vec2, corners: u32, rotation: f32) -> [f32; 2] {
+    let n = corners.max(3) as f32;
+    let (sector, along, radius) = polygon_coordinates(p, n, rotation);
+    [(sector + along) / n, radius * radius]
+}
+
+/// Sector of a point, its place along the sector's edge, and its distance from the centre relative to that edge.
+fn polygon_coordinates(p: Vec2, n: f32, rotation: f32) -> (f32, f32, f32) {
+    let angle = (p.y.atan2(p.x) - rotation).rem_euclid(TAU);
+    let sector = (angle * n / TAU).floor().min(n - 1.0);
+    let corner = |k: f32| Vec2::from_angle(rotation + TAU * k / n);
+    let (a, b) = (corner(sector), corner(sector + 1.0));
+    let det = a.perp_dot(b);
+    let (s, t) = (p.perp_dot(b) / det, a.perp_dot(p) / det);
+    let radius = s + t;
+    (sector, if radius > 0.0 { t / radius } else { 0.0 }, radius)
+}
+
+/// The direction with cosine `cos` and sine `sin` to +z at azimuth `2 pi u`.
+#[inline]
+fn around_z(cos: f32, sin: f32, u: f32) -> Vec3 {
+    let (s, c) = (TAU * u).sin_cos();
+    Vec3::new(sin * c, sin * s, cos)
+}
+
+/// Azimuth as a fraction of a turn in `[0, 1)`.
+#[inline]
+fn azimuth(w: Vec3) -> f32 {
+    let phi = w.y.atan2(w.x) / TAU;
+    let phi = if phi < 0.0 { phi + 1.0 } else { phi };
+    if phi < 1.0 { phi } else { 0.0 }
+}
+
+/// One minus the cosine to +z, from the sine where the cosine has lost its digits.
+#[inline]
+fn versine(w: Vec3) -> f32 {
+    if w.z > 0.0 {
+        (w.x * w.x + w.y * w.y) / (1.0 + w.z)
+    } else {
+        1.0 - w.z
+    }
+}
+
+/// Solid angle of a cone given by one minus its cosine [sr].
+#[inline]
+pub fn cone_solid_angle(one_minus_cos: f32) -> f32 {
+    2.0 * PI * one_minus_cos
+}
