@@ -1,0 +1,1 @@
+//! (module of the workspace; see ARCHITECTURE.md)

@@ -1,0 +1,334 @@
+//! Exact sums of samples.
+//!
+//! Sample sets must be additive to the last bit: [0, 64) plus [64, 128) equals [0, 128), in any order, on any number of
+//! threads. Floating-point addition is not associative, integer addition is. So radiance is summed in 128-bit fixed
+//! point: one unit is 2^-66 W/(m^2 sr) (1.4e-20), the range ends at 2^62 W/(m^2 sr) (4.6e18). A sample is rounded once,
+//! to that unit; nothing else is lost, however many samples follow. What lies beyond the range is not clamped in
+//! silence: it is counted as invalid, like a sample that is not finite.
+
+use dunkelfeld_radiometry::Rgb;
+
+/// Samples fall into this many independently scrambled batches (sample index modulo `BATCHES`); the spread of the batch
+/// means tells the variance of their mean, which the spread of correlated quasi-Monte Carlo samples would not.
+pub const BATCHES: usize = 4;
+
+/// One unit of the fixed-point radiance is 2^-RADIANCE_BITS W/(m^2 sr).
+const RADIANCE_BITS: i32 = 66;
+/// Samples at or above this radiance are invalid: 2^46 W/(m^2 sr); 65 536 of them still fit into a sum of 2^62.
+const RADIANCE_LIMIT: f32 = (1u64 << 46) as f32;
+/// One unit of the auxiliary sums (albedo, normal) is 2^-32; of depth 2^-24 m.
+const UNIT_BITS: i32 = 32;
+const DEPTH_BITS: i32 = 24;
+const DEPTH_LIMIT: f32 = (1u64 << 31) as f32;
+
+/// What one camera sample brings back.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Sample {
+    /// Radiance [W/(m^2 sr)] along the camera ray.
+    pub radiance: Rgb,
+    /// Reflectance of the first surface, in \[0, 1\].
+    pub albedo: Rgb,
+    /// Shading normal of the first surface in world space, zero where there is none.
+    pub normal: [f32; 3],
+    /// Distance to the first surface [m], zero where there is none.
+    pub depth: f32,
+    /// Did the ray meet a surface?
+    pub hit: bool,
+}
+
+impl Sample {
+    /// A sample that met nothing.
+    pub const MISS: Self = Self { radiance: Rgb::BLACK, albedo: Rgb::BLACK, normal: [0.0; 3], depth: 0.0, hit: false };
+
+    /// Is the radiance a number that a sum can hold: finite, not negative, inside the range?
+    #[inline]
+    pub fn is_valid(&self) -> bool {
+        let ok = |v: f32| (0.0..RADIANCE_LIMIT).contains(&v);
+        ok(self.radiance.r) && ok(self.radiance.g) && ok(self.radiance.b)
+    }
+}
+
+/// A sum of radiances in fixed point, per channel.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct RadianceSum(pub [u128; 3]);
+
+impl RadianceSum {
+    #[inline]
+    fn add(&mut self, radiance: Rgb) {
+        for (sum, v) in self.0.iter_mut().zip(radiance.to_array()) {
+            *sum = sum.saturating_add(to_fixed(v));
+        }
+    }
+
+    #[inline]
+    fn merge(&mut self, other: &Self) {
+        for (sum, o) in self.0.iter_mut().zip(other.0) {
+            *sum = sum.saturating_add(o);
+        }
+    }
+
+    /// The sum as floating-point numbers [W/(m^2 sr)].
+    #[inline]
+    pub fn to_f64(self) -> [f64; 3] {
+        self.0.map(|v| v as f64 * (-RADIANCE_BITS as f64).exp2())
+    }
+}
+
+/// `v * 2^66` as an integer, rounded to nearest even where bits are lost. `v` is finite and in `[0, 2^46)`.
+#[inline]
+fn to_fixed(v: f32) -> u128 {
+    let bits = v.to_bits();
+    let exponent = (bits >> 23) as i32; // The sign bit is zero.
+    let mantissa = if exponent == 0 { bits & 0x7f_ffff } else { (bits & 0x7f_ffff) | 0x80_0000 };
+    let shift = exponent.max(1) - 127 - 23 + RADIANCE_BITS;
+    if shift >= 0 {
+        u128::from(mantissa) << shift
+    } else if shift < -25 {
+        0
+    } else {
+        let s = -shift as u32;
+        let floor = mantissa >> s;
+        let rest = mantissa & ((1 << s) - 1);
+        let half = 1 << (s - 1);
+        u128::from(floor + u32::from(rest > half || (rest == half && floor & 1 == 1)))
+    }
+}
+
+/// Everything a pixel remembers of its samples. Adding is exact, so the order never matters.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct PixelSums {
+    /// Radiance per batch.
+    pub batches: [RadianceSum; BATCHES],
+    /// Number of samples per batch, invalid ones included.
+    pub counts: [u32; BATCHES],
+    /// Albedo in units of 2^-32.
+    pub albedo: [i64; 3],
+    /// Normal in units of 2^-32.
+    pub normal: [i64; 3],
+    /// Depth in units of 2^-24 m, over the samples that hit.
+    pub depth: i64,
+    /// Samples that met a surface.
+    pub hits: u32,
+    /// Samples that were not finite, negative or out of range; they count, with radiance zero.
+    pub invalid: u32,
+    /// Bit pattern of the largest luminance of a single sample (order of bits = order of non-negative floats).
+    pub max_luminance_bits: u32,
+}
+
+/// Things that samples can be added to.
+pub trait Accumulate {
+    /// Adds the sample with the given index.
+    fn add(&mut self, index: u32, sample: &Sample);
+}
+
+impl Accumulate for PixelSums {
+    #[inline]
+    fn add(&mut self, index: u32, sample: &Sample) {
+        let batch = index as usize % BATCHES;
+        self.counts[batch] += 1;
+        if sample.is_valid() {
+            self.batches[batch].add(sample.radiance);
+            self.max_luminance_bits = self.max_luminance_bits.max(sample.radiance.luminance().to_bits());
+        } else {
+            self.invalid += 1;
+        }
+        if sample.hit {
+            self.hits += 1;
+            for (sum, v) in self.albedo.iter_mut().zip(sample.albedo.to_array()) {
+                *sum += unit_to_fixed(v);
+            }
+            for (sum, v) in self.normal.iter_mut().zip(sample.normal) {
+                *sum += unit_to_fixed(v);
+            }
+            let depth = if sample.depth.is_finite() { sample.depth.clamp(0.0, DEPTH_LIMIT) } else { 0.0 };
+            self.depth = self.depth.saturating_add((f64::from(depth) * f64::from(DEPTH_BITS).exp2()) as i64);
+        }
+    }
+}
+
+/// `v * 2^32`, clamped to [-1, 1]: auxiliary layers are not measurements.
+#[inline]
+fn unit_to_fixed(v: f32) -> i64 {
+    if v.is_nan() { 0 } else { (f64::from(v.clamp(-1.0, 1.0)) * f64::from(UNIT_BITS).exp2()) as i64 }
+}
+
+impl PixelSums {
+    /// Adds all samples of `other`; the caller vouches that the two sets are disjoint.
+    pub fn merge(&mut self, other: &Self) {
+        for b in 0..BATCHES {
+            self.batches[b].merge(&other.batches[b]);
+            self.counts[b] += other.counts[b];
+        }
+        for c in 0..3 {
+            self.albedo[c] += other.albedo[c];
+            self.normal[c] += other.normal[c];
+        }
+        self.depth = self.depth.saturating_add(other.depth);
+        self.hits += other.hits;
+        self.invalid += other.invalid;
+        self.max_luminance_bits = self.max_luminance_bits.max(other.max_luminance_bits);
+    }
+
+    /// Number of samples.
+    #[inline]
+    pub fn count(&self) -> u32 {
+        self.counts.iter().sum()
+    }
+
+    /// Mean radiance [W/(m^2 sr)] per channel; zero without samples.
+    pub fn mean(&self) -> [f64; 3] {
+        let n = self.count();
+        if n == 0 {
+            return [0.0; 3];
+        }
+        let mut total = RadianceSum::default();
+        for b in &self.batches {
+            total.merge(b);
+        }
+        total.to_f64().map(|s| s / f64::from(n))
+    }
+
+    /// Estimated variance of [`Self::mean`] per channel [(W/(m^2 sr))^2], from the spread of the batch means:
+    /// `sum n_b (m_b - m)^2 / ((B - 1) n)` over the B batches that hold samples. Unbiased when samples are independent;
+    /// honest when they are quasi-random within a batch. Infinite with fewer than two batches: nothing is known then.
+    pub fn variance_of_mean(&self) -> [f64; 3] {
+        let used = self.counts.iter().filter(|&&n| n > 0).count();
+        if used < 2 {
+            return [f64::INFINITY; 3];
+        }
+        let (n, mean) = (f64::from(self.count()), self.mean());
+        let mut spread = [0.0; 3];
+        for (batch, &count) in self.batches.iter().zip(&self.counts).filter(|(_, c)| **c > 0) {
+            let batch_mean = batch.to_f64().map(|s| s / f64::from(count));
+            for c in 0..3 {
+                spread[c] += f64::from(count) * (batch_mean[c] - mean[c]).powi(2);
+            }
+        }
+        spread.map(|s| s / ((used - 1) as f64 * n))
+    }
+
+    /// The largest luminance of a single sample [W/(m^2 sr)].
+    pub fn max_luminance(&self) -> f32 {
+        f32::from_bits(self.max_luminance_bits)
+    }
+
+    /// Mean albedo over all samples, those that met nothing counting as zero.
+    pub fn mean_albedo(&self) -> [f32; 3] {
+        let n = f64::from(self.count().max(1));
+        self.albedo.map(|v| (v as f64 * (-f64::from(UNIT_BITS)).exp2() / n) as f32)
+    }
+
+    /// Mean normal over all samples (shorter than one where normals differ or samples met nothing).
+    pub fn mean_normal(&self) -> [f32; 3] {
+        let n = f64::from(self.count().max(1));
+        self.normal.map(|v| (v as f64 * (-f64::from(UNIT_BITS)).exp2() / n) as f32)
+    }
+
+    /// Mean distance [m] over the samples that met a surface; zero if none did.
+    pub fn mean_depth(&self) -> f32 {
+        (self.depth as f64 * (-f64::from(DEPTH_BITS)).exp2() / f64::from(self.hits.max(1))) as f32
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn sample(radiance: Rgb) -> Sample {
+        Sample { radiance, albedo: Rgb::new(0.5, 0.25, 1.0), normal: [0.0, -1.0, 0.0], depth: 2.5, hit: true }
+    }
+
+    /// A cheap deterministic stream of radiances over twenty orders of magnitude.
+    fn radiances(n: u32) -> impl Iterator<Item = Rgb> {
+        (0..n).map(|i| {
+            let h = i.wrapping_mul(0x9e37_79b9) ^ (i >> 3).wrapping_mul(0x85eb_ca6b);
+            let v = (h % 1000) as f32 * 10f32.powi((h >> 16) as i32 % 20 - 12);
+            Rgb::new(v, v * 0.3, v * 7.0)
+        })
+    }
+
+    #[test]
+    fn fixed_point_is_exact_where_it_can_be_and_rounds_once_elsewhere() {
+        for v in [0.0, 1.0, 0.1, 1e-6, 3.7e12, 1.5e-9, f32::MIN_POSITIVE, 1e-40] {
+            let back = to_fixed(v) as f64 * (-66f64).exp2();
+            assert!((back - f64::from(v)).abs() <= (-67f64).exp2(), "{v} came back as {back}");
+        }
+        assert_eq!(to_fixed(1.0), 1 << 66);
+    }
+
+    #[test]
+    fn sets_add_to_the_last_bit_in_any_order() {
+        let all: Vec<Rgb> = radiances(1000).collect();
+        let sum = |range: &mut dyn Iterator<Item = usize>| {
+            let mut p = PixelSums::default();
+            range.for_each(|i| p.add(i as u32, &sample(all[i])));
+            p
+        };
+        let whole = sum(&mut (0..1000));
+        let (a, b) = (sum(&mut (0..137)), sum(&mut (137..1000).rev()));
+        let mut ab = a;
+        ab.merge(&b);
+        let mut ba = b;
+        ba.merge(&a);
+        assert_eq!(whole, ab);
+        assert_eq!(whole, ba);
+    }
+
+    #[test]
+    fn ten_million_bright_samples_keep_their_exact_mean() {
+        let mut p = PixelSums::default();
+        for i in 0..10_000_000 {
+            p.add(i, &sample(Rgb::new(16_777_215.0, 0.1, 1e-9)));
+        }
+        let expected = [16_777_215.0, f64::from(0.1f32), f64::from(1e-9f32)];
+        for (m, e) in p.mean().into_iter().zip(expected) {
+            assert!((m - e).abs() <= 1e-9 * e, "mean {m}, expected {e}");
+        }
+        // Constant samples have no variance beyond the rounding of the means to f64.
+        for (v, e) in p.variance_of_mean().into_iter().zip(expected) {
+            assert!(v <= 1e-30 * e * e, "variance {v}");
+        }
+    }
+
+    #[test]
+    fn invalid_samples_are_counted_never_summed() {
+        let mut p = PixelSums::default();
+        for (i, v) in [f32::NAN, f32::INFINITY, -1e-3, 1e15, 2.0].into_iter().enumerate() {
+            p.add(i as u32, &sample(Rgb::new(1.0, v, 1.0)));
+        }
+        assert_eq!((p.invalid, p.count()), (4, 5));
+        assert!((p.mean()[1] - 0.4).abs() < 1e-12);
+    }
+
+    #[test]
+    fn batch_variance_is_unbiased_also_with_unequal_batches() {
+        // Mean of the estimate over many pixels of independent uniform samples against the truth, 1/12 per sample.
+        let n = 6; // Batches hold 2, 2, 1, 1 samples.
+        let pixels = 40_000;
+        let mut state = 1u64;
+        let mut uniform = || {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (state >> 40) as f32 / (1u32 << 24) as f32
+        };
+        let mut total = 0.0;
+        for _ in 0..pixels {
+            let mut p = PixelSums::default();
+            for i in 0..n {
+                p.add(i, &sample(Rgb::splat(uniform())));
+            }
+            total += p.variance_of_mean()[0];
+        }
+        let (mean, truth) = (total / f64::from(pixels), 1.0 / 12.0 / f64::from(n));
+        // The estimate has 3 degrees of freedom: relative standard error about sqrt(2/3/40000) = 0.4 %; six of them.
+        assert!((mean / truth - 1.0).abs() < 0.025, "{mean} against {truth}");
+    }
+
+    #[test]
+    fn variance_is_unknown_from_one_batch() {
+        let mut p = PixelSums::default();
+        p.add(0, &sample(Rgb::WHITE));
+        assert!(p.variance_of_mean()[0].is_infinite());
+        assert_eq!(p.mean_albedo(), [0.5, 0.25, 1.0]);
+        assert_eq!(p.mean_depth(), 2.5);
+    }
+}

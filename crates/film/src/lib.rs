@@ -1,0 +1,11 @@
+//! What the samples add up to: exact sums per pixel, and planes of numbers derived from them.
+
+#![forbid(unsafe_code)]
+
+mod accumulator;
+mod film;
+mod plane;
+
+pub use accumulator::{Accumulate, BATCHES, PixelSums, RadianceSum, Sample};
+pub use film::{Film, FilmError};
+pub use plane::Plane;

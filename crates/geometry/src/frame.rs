@@ -1,0 +1,135 @@
+//! Orthonormal frames and the directions that live in them.
+
+use glam::Vec3;
+
+/// A unit direction in a local frame whose normal is +z.
+///
+/// A type of its own, so that world and local directions cannot be mixed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LocalDir(pub Vec3);
+
+impl LocalDir {
+    /// The direction with the given components (the caller vouches for unit length).
+    #[inline]
+    pub const fn new(x: f32, y: f32, z: f32) -> Self {
+        Self(Vec3::new(x, y, z))
+    }
+
+    /// Cosine of the angle to the normal, signed.
+    #[inline]
+    pub fn cos_theta(self) -> f32 {
+        self.0.z
+    }
+
+    /// Absolute cosine of the angle to the normal.
+    #[inline]
+    pub fn abs_cos_theta(self) -> f32 {
+        self.0.z.abs()
+    }
+
+    /// Squared sine of the angle to the normal, never negative.
+    #[inline]
+    pub fn sin2_theta(self) -> f32 {
+        self.0.x * self.0.x + self.0.y * self.0.y
+    }
+
+    /// Do both directions lie on the same side of the surface?
+    #[inline]
+    pub fn same_side(self, other: Self) -> bool {
+        self.0.z * other.0.z > 0.0
+    }
+}
+
+impl std::ops::Neg for LocalDir {
+    type Output = Self;
+    #[inline]
+    fn neg(self) -> Self {
+        Self(-self.0)
+    }
+}
+
+/// A right-handed orthonormal frame in world space: tangent, bitangent, normal.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Frame {
+    /// Local +x in world space.
+    pub tangent: Vec3,
+    /// Local +y in world space.
+    pub bitangent: Vec3,
+    /// Local +z in world space.
+    pub normal: Vec3,
+}
+
+impl Frame {
+    /// A frame around a unit normal, without branches and without a singular direction (Duff et al. 2017).
+    #[inline]
+    pub fn from_normal(n: Vec3) -> Self {
+        let sign = 1f32.copysign(n.z);
+        let a = -1.0 / (sign + n.z);
+        let b = n.x * n.y * a;
+        Self {
+            tangent: Vec3::new(1.0 + sign * n.x * n.x * a, sign * b, -sign * n.x),
+            bitangent: Vec3::new(b, sign + n.y * n.y * a, -n.y),
+            normal: n,
+        }
+    }
+
+    /// A frame around a unit normal whose tangent is as near to `tangent` as orthogonality allows.
+    ///
+    /// A tangent that is zero, not finite or parallel to the normal falls back to [`Frame::from_normal`].
+    #[inline]
+    pub fn from_normal_tangent(normal: Vec3, tangent: Vec3) -> Self {
+        let t = tangent - normal * normal.dot(tangent);
+        let len2 = t.length_squared();
+        // 1e-12 relative to the tangent's own length: below that the direction is rounding noise.
+        if len2.is_finite() && len2 > 1e-12 * tangent.length_squared() && len2 > f32::MIN_POSITIVE {
+            // Near-parallel tangents lose orthogonality to rounding: project once more.
+            let t = t / len2.sqrt();
+            let t = (t - normal * normal.dot(t)).normalize();
+            Self { tangent: t, bitangent: normal.cross(t), normal }
+        } else {
+            Self::from_normal(normal)
+        }
+    }
+
+    /// World direction to local direction.
+    #[inline]
+    pub fn to_local(&self, w: Vec3) -> LocalDir {
+        LocalDir(Vec3::new(w.dot(self.tangent), w.dot(self.bitangent), w.dot(self.normal)))
+    }
+
+    /// Local direction to world direction.
+    #[inline]
+    pub fn to_world(&self, l: LocalDir) -> Vec3 {
+        self.tangent * l.0.x + self.bitangent * l.0.y + self.normal * l.0.z
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn frames_are_orthonormal_and_right_handed_around_the_sphere() {
+        for i in 0..2000 {
+            let z = -1.0 + 2.0 * (i as f32 + 0.5) / 2000.0;
+            let phi = i as f32 * 2.399_963;
+            let r = (1.0 - z * z).sqrt();
+            let n = Vec3::new(r * phi.cos(), r * phi.sin(), z).normalize();
+            for f in [Frame::from_normal(n), Frame::from_normal_tangent(n, Vec3::new(0.3, -2.0, 0.5))] {
+                assert!((f.tangent.cross(f.bitangent) - n).length() < 1e-5, "n = {n}");
+                assert!(f.tangent.dot(n).abs() < 1e-6 && (f.tangent.length() - 1.0).abs() < 1e-5);
+                let w = Vec3::new(0.1, 0.7, -0.3).normalize();
+                assert!((f.to_world(f.to_local(w)) - w).length() < 1e-5);
+            }
+        }
+    }
+
+    #[test]
+    fn a_degenerate_tangent_still_gives_a_frame() {
+        let n = Vec3::Z;
+        for t in [Vec3::ZERO, Vec3::Z, Vec3::NAN, Vec3::new(f32::INFINITY, 0.0, 0.0), Vec3::new(1e-30, 0.0, 0.0)] {
+            let f = Frame::from_normal_tangent(n, t);
+            assert!((f.tangent.length() - 1.0).abs() < 1e-5, "tangent {t} gave {f:?}");
+        }
+    }
+}

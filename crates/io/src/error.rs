@@ -1,0 +1,106 @@
+//! What is said about input that cannot be used, or only after repair.
+
+use std::path::PathBuf;
+
+/// A place in a text, with the text, so that a message can show line and caret.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct SourceSpan {
+    /// The whole text of the file.
+    pub text: String,
+    /// Byte range of the offending part.
+    pub range: std::ops::Range<usize>,
+}
+
+/// Input that cannot be used: which file, where in it, what is wrong, and how to mend it.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{}: {place}: {problem}\n  mend: {mend}", file.display())]
+pub struct InputError {
+    /// The file.
+    pub file: PathBuf,
+    /// Where in the file: `mesh 3 "lid", primitive 0`, `line 12`, `[film] width`.
+    pub place: String,
+    /// What is wrong, without a full stop.
+    pub problem: String,
+    /// What the user can do about it, without a full stop.
+    pub mend: String,
+    /// The text around the place, for files that are text.
+    pub source_span: Option<Box<SourceSpan>>,
+}
+
+impl InputError {
+    /// An error without a text span.
+    pub fn new(
+        file: impl Into<PathBuf>,
+        place: impl Into<String>,
+        problem: impl Into<String>,
+        mend: impl Into<String>,
+    ) -> Self {
+        Self { file: file.into(), place: place.into(), problem: problem.into(), mend: mend.into(), source_span: None }
+    }
+
+    /// The line with the offending part and a caret under it, in the manner of compilers; empty without a span.
+    pub fn caret(&self) -> String {
+        let Some(span) = self.source_span.as_deref() else { return String::new() };
+        let start = floor_char_boundary(&span.text, span.range.start);
+        let line_start = span.text[..start].rfind('\n').map_or(0, |i| i + 1);
+        let line_end = span.text[start..].find('\n').map_or(span.text.len(), |i| start + i);
+        let number = span.text[..line_start].matches('\n').count() + 1;
+        let column = span.text[line_start..start].chars().count();
+        let end = floor_char_boundary(&span.text, span.range.end.clamp(start, line_end));
+        let width = span.text[start..end].chars().count().max(1);
+        let gutter = number.to_string();
+        let line = span.text[line_start..line_end].trim_end_matches('\r');
+        format!(
+            "{pad} |\n{gutter} | {line}\n{pad} | {space}{carets}",
+            pad = " ".repeat(gutter.len()),
+            space = " ".repeat(column),
+            carets = "^".repeat(width)
+        )
+    }
+}
+
+fn floor_char_boundary(text: &str, index: usize) -> usize {
+    let mut i = index.min(text.len());
+    while !text.is_char_boundary(i) {
+        i -= 1;
+    }
+    i
+}
+
+/// Something that was repaired or left out while reading.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ImportWarning {
+    /// Where: file and place.
+    pub place: String,
+    /// What was wrong and what was done about it.
+    pub message: String,
+}
+
+impl std::fmt::Display for ImportWarning {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{}: {}", self.place, self.message)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_caret_stands_under_the_fault() {
+        let text = "[film]\nwidth = \"wide\"\n".to_string();
+        let range = text.find("\"wide\"").map(|s| s..s + 6).expect("present");
+        let mut e = InputError::new("job.toml", "[film] width", "not a number", "write a whole number");
+        e.source_span = Some(Box::new(SourceSpan { text, range }));
+        assert_eq!(e.caret(), "  |\n2 | width = \"wide\"\n  |         ^^^^^^");
+    }
+
+    #[test]
+    fn a_span_outside_the_text_does_not_panic() {
+        for range in [0..0, 5..2, 100..200, 1..3] {
+            let mut e = InputError::new("f", "p", "x", "y");
+            e.source_span = Some(Box::new(SourceSpan { text: "äö\n".into(), range }));
+            assert!(e.caret().contains('^'));
+        }
+    }
+}

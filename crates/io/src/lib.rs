@@ -1,0 +1,18 @@
+//! Files in, files out: the only crate that opens any.
+
+#![forbid(unsafe_code)]
+
+pub mod atomic;
+pub mod error;
+pub mod exr;
+pub mod gltf;
+pub mod images;
+pub mod job;
+pub mod loader;
+pub mod obj;
+pub mod png;
+pub mod sensor_file;
+pub mod tiff;
+pub mod toml_file;
+
+pub use error::{ImportWarning, InputError, SourceSpan};

@@ -1,0 +1,140 @@
+//! The scene as plain data: what importers fill and programs write by hand.
+
+use crate::material::Material;
+use crate::texture::{Image, ImageId};
+use dunkelfeld_geometry::{DAffine3, Mesh};
+use dunkelfeld_radiometry::Rgb;
+
+/// A scene before it is compiled. Indices (`usize`) refer to the vectors of this struct.
+///
+/// World space is right-handed, in metres. Transforms are f64, so that a scene far from the origin loses nothing: the
+/// compiled scene recentres itself.
+#[derive(Clone, Debug, Default)]
+pub struct SceneBuilder {
+    /// Name for messages.
+    pub name: String,
+    /// Decoded images.
+    pub images: Vec<Image>,
+    /// Materials.
+    pub materials: Vec<Material>,
+    /// Meshes, one material each. A mesh that is used n times is stored once.
+    pub meshes: Vec<MeshPart>,
+    /// Placements of meshes.
+    pub instances: Vec<Instance>,
+    /// Lights without extent.
+    pub lights: Vec<PunctualLight>,
+    /// Cameras; the first is the default.
+    pub cameras: Vec<Camera>,
+    /// Light from infinitely far away.
+    pub environment: Option<Environment>,
+}
+
+/// A mesh and its material.
+#[derive(Clone, Debug, Default)]
+pub struct MeshPart {
+    /// Name, for reports.
+    pub name: String,
+    /// The triangles.
+    pub mesh: Mesh,
+    /// Index into [`SceneBuilder::materials`].
+    pub material: usize,
+}
+
+/// One placement of an object in the world.
+#[derive(Clone, Debug)]
+pub struct Instance {
+    /// Name of the object (the node), for labels and overrides. All parts of one node share an object id.
+    pub name: String,
+    /// Indices into [`SceneBuilder::meshes`]: the parts of this object.
+    pub meshes: Vec<usize>,
+    /// Object to world; may mirror and scale unevenly, must be invertible.
+    pub to_world: DAffine3,
+}
+
+/// A light without extent, at the origin of its own space and shining along -z.
+#[derive(Clone, Debug)]
+pub struct PunctualLight {
+    /// Name, for overrides and reports.
+    pub name: String,
+    /// Light to world; only position and the -z direction count.
+    pub to_world: DAffine3,
+    /// What kind of light, and how strong.
+    pub kind: PunctualKind,
+}
+
+/// Kinds of punctual lights (KHR_lights_punctual).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum PunctualKind {
+    /// Shines equally in all directions.
+    Point {
+        /// Radiant intensity [W/sr].
+        intensity: Rgb,
+    },
+    /// A cone with a soft edge: full inside `inner`, none outside `outer`, smooth between (KHR_lights_punctual).
+    Spot {
+        /// Radiant intensity on the axis [W/sr].
+        intensity: Rgb,
+        /// Half-angle of the full cone [rad], in \[0, outer\].
+        inner: f32,
+        /// Half-angle of the edge [rad], in (0, pi/2].
+        outer: f32,
+    },
+    /// Parallel light from infinitely far away.
+    Directional {
+        /// Irradiance on a surface that faces the light [W/m^2].
+        irradiance: Rgb,
+    },
+}
+
+/// Light from all directions, from infinitely far away.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Environment {
+    /// Where the radiance comes from.
+    pub source: EnvironmentSource,
+    /// Rotation about the world's +y axis [rad].
+    pub rotation: f32,
+}
+
+/// Radiance of the environment.
+#[derive(Clone, Debug, PartialEq)]
+pub enum EnvironmentSource {
+    /// The same radiance [W/(m^2 sr)] from everywhere.
+    Constant(Rgb),
+    /// An equirectangular image: +y up, the image's centre column looks along -z.
+    Image {
+        /// The image, linear.
+        image: ImageId,
+        /// Multiplies the image to give radiance [W/(m^2 sr)].
+        scale: Rgb,
+    },
+}
+
+/// A camera: it looks along its own -z axis with +y up (glTF).
+#[derive(Clone, Debug)]
+pub struct Camera {
+    /// Name, for `--camera`.
+    pub name: String,
+    /// Camera to world. Scale is ignored.
+    pub to_world: DAffine3,
+    /// The projection.
+    pub projection: Projection,
+    /// Width over height that the camera was made for, if it says so.
+    pub aspect: Option<f32>,
+}
+
+/// How a camera maps the world to its film.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Projection {
+    /// A pinhole.
+    Perspective {
+        /// Full vertical field of view [rad].
+        vertical_fov: f32,
+    },
+    /// Parallel rays.
+    Orthographic {
+        /// Half of the film's width in the world [m].
+        half_width: f32,
+        /// Half of the film's height in the world [m].
+        half_height: f32,
+    },
+}

@@ -1,0 +1,167 @@
+//! Materials as they are described: factors, textures, and how a surface bounds a volume.
+
+use crate::texture::Texture;
+use dunkelfeld_radiometry::Rgb;
+
+/// A texture of which one channel is read.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ChannelTexture {
+    /// The texture.
+    pub texture: Texture,
+    /// 0 red, 1 green, 2 blue, 3 alpha.
+    pub channel: u8,
+}
+
+/// How coverage (alpha) is understood.
+#[derive(Clone, Copy, Debug, PartialEq, Default)]
+pub enum AlphaMode {
+    /// Alpha is ignored: the surface covers fully.
+    #[default]
+    Opaque,
+    /// The surface covers fully where alpha is at least the cutoff, not at all elsewhere.
+    Mask {
+        /// Threshold in \[0, 1\].
+        cutoff: f32,
+    },
+    /// Alpha is the probability that light meets the surface: stochastic coverage.
+    Blend,
+}
+
+/// Whether a transmissive surface bounds a solid or is a sheet by itself.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Volume {
+    /// Colour that white light has after `attenuation_distance`, per channel in (0, 1].
+    pub attenuation_color: Rgb,
+    /// Distance [m] for `attenuation_color`; infinite means no absorption.
+    pub attenuation_distance: f32,
+}
+
+/// What kind of interface the mesh is.
+#[derive(Clone, Copy, Debug, PartialEq, Default)]
+pub enum Surface {
+    /// A thin sheet or an opaque surface: transmission, if any, passes straight through (KHR_materials_volume absent or
+    /// thickness 0).
+    #[default]
+    Thin,
+    /// The closed boundary of a solid that refracts and absorbs (thickness above 0).
+    Solid(Volume),
+}
+
+/// A material: the metallic-roughness model with its glTF extensions, in linear values. Every factor multiplies its
+/// texture. `Default` is glTF's default material with ior 1.5: white, metallic 1, roughness 1 are glTF's *file* defaults;
+/// here metallic defaults to 0 and roughness to 0.5, what a program that fills in a few fields would expect.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Material {
+    /// Name, for overrides and reports.
+    pub name: String,
+    /// Base colour in \[0, 1\].
+    pub base_color: Rgb,
+    /// RGB multiplies `base_color`, its alpha multiplies `alpha`.
+    pub base_color_texture: Option<Texture>,
+    /// Coverage in \[0, 1\], used as `alpha_mode` says.
+    pub alpha: f32,
+    /// A separate coverage map (OBJ `map_d`).
+    pub alpha_texture: Option<ChannelTexture>,
+    /// How coverage is understood.
+    pub alpha_mode: AlphaMode,
+    /// 0 dielectric, 1 metal.
+    pub metallic: f32,
+    /// Multiplies `metallic`.
+    pub metallic_texture: Option<ChannelTexture>,
+    /// Perceptual roughness in \[0, 1\]; GGX alpha is its square.
+    pub roughness: f32,
+    /// Multiplies `roughness`.
+    pub roughness_texture: Option<ChannelTexture>,
+    /// Tangent-space normal map.
+    pub normal_texture: Option<Texture>,
+    /// Scales x and y of the normal map.
+    pub normal_scale: f32,
+    /// Emitted radiance [W/(m^2 sr)] of the front, and of the back where `double_sided`.
+    pub emission: Rgb,
+    /// Multiplies `emission`.
+    pub emission_texture: Option<Texture>,
+    /// Does the surface emit on both sides? (Scattering always happens on both.)
+    pub double_sided: bool,
+    /// No scattering: the base colour is emitted as radiance (KHR_materials_unlit).
+    pub unlit: bool,
+    /// Index of refraction relative to the surroundings.
+    pub ior: f32,
+    /// Strength of the dielectric reflection (KHR_materials_specular).
+    pub specular: f32,
+    /// Multiplies `specular`.
+    pub specular_texture: Option<ChannelTexture>,
+    /// Tint of the dielectric reflection at normal incidence.
+    pub specular_color: Rgb,
+    /// Multiplies `specular_color`.
+    pub specular_color_texture: Option<Texture>,
+    /// Share of the non-metallic light that is transmitted instead of scattered diffusely.
+    pub transmission: f32,
+    /// Multiplies `transmission`.
+    pub transmission_texture: Option<ChannelTexture>,
+    /// Thin sheet or boundary of a solid.
+    pub surface: Surface,
+    /// Strength of a clear coat.
+    pub clearcoat: f32,
+    /// Multiplies `clearcoat`.
+    pub clearcoat_texture: Option<ChannelTexture>,
+    /// Perceptual roughness of the coat.
+    pub clearcoat_roughness: f32,
+    /// Multiplies `clearcoat_roughness`.
+    pub clearcoat_roughness_texture: Option<ChannelTexture>,
+    /// Sheen colour (KHR_materials_sheen).
+    pub sheen_color: Rgb,
+    /// Multiplies `sheen_color`.
+    pub sheen_color_texture: Option<Texture>,
+    /// Sheen roughness (kept for reports; the sheen lobe has a fixed shape).
+    pub sheen_roughness: f32,
+    /// Anisotropy in \[-1, 1\]; positive stretches highlights along the tangent.
+    pub anisotropy: f32,
+    /// Rotation of the anisotropy's axis from the tangent [rad].
+    pub anisotropy_rotation: f32,
+    /// RG: direction, B: strength (KHR_materials_anisotropy).
+    pub anisotropy_texture: Option<Texture>,
+    /// Tints the dielectric reflection with the base colour's hue.
+    pub specular_tint: f32,
+}
+
+impl Default for Material {
+    fn default() -> Self {
+        Self {
+            name: String::new(),
+            base_color: Rgb::WHITE,
+            base_color_texture: None,
+            alpha: 1.0,
+            alpha_texture: None,
+            alpha_mode: AlphaMode::Opaque,
+            metallic: 0.0,
+            metallic_texture: None,
+            roughness: 0.5,
+            roughness_texture: None,
+            normal_texture: None,
+            normal_scale: 1.0,
+            emission: Rgb::BLACK,
+            emission_texture: None,
+            double_sided: false,
+            unlit: false,
+            ior: 1.5,
+            specular: 1.0,
+            specular_texture: None,
+            specular_color: Rgb::WHITE,
+            specular_color_texture: None,
+            transmission: 0.0,
+            transmission_texture: None,
+            surface: Surface::Thin,
+            clearcoat: 0.0,
+            clearcoat_texture: None,
+            clearcoat_roughness: 0.0,
+            clearcoat_roughness_texture: None,
+            sheen_color: Rgb::BLACK,
+            sheen_color_texture: None,
+            sheen_roughness: 0.0,
+            anisotropy: 0.0,
+            anisotropy_rotation: 0.0,
+            anisotropy_texture: None,
+            specular_tint: 0.0,
+        }
+    }
+}
