@@ -2,6 +2,10 @@
 
 #![forbid(unsafe_code)]
 
+pub mod photon;
 mod rgb;
+mod units;
 
+pub use photon::PHOTOPIC;
 pub use rgb::Rgb;
+pub use units::{Celsius, DigitalNumber, Electrons, Irradiance, Metres, Nanometres, Radiance, Seconds};

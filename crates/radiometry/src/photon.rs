@@ -1,0 +1,77 @@
+//! From watts to photons, and from watts to lumens.
+//!
+//! The constants are those that define the SI since 2019, so they carry no error.
+
+use crate::rgb::Rgb;
+use crate::units::{Irradiance, Metres, Nanometres, Seconds};
+
+/// Planck constant h [J s], exact (BIPM, SI Brochure 2019).
+pub const PLANCK: f64 = 6.626_070_15e-34;
+
+/// Speed of light in vacuum c [m/s], exact (BIPM, SI Brochure 2019).
+pub const SPEED_OF_LIGHT: f64 = 299_792_458.0;
+
+/// Luminous efficacy of green light at 540 THz, K_cd [lm/W], exact (BIPM, SI Brochure 2019).
+pub const PHOTOPIC: f64 = 683.0;
+
+/// Energy of one photon, h c / lambda [J].
+pub fn photon_energy(wavelength: Nanometres) -> f64 {
+    PLANCK * SPEED_OF_LIGHT / wavelength.metres().0
+}
+
+/// Mean number of photons that reach a square pixel of the given pitch during an exposure,
+/// mu_p = A E t lambda / (h c) (EMVA 1288 release 4.0, Linear).
+pub fn photons(pixel_pitch: Metres, irradiance: Irradiance, time: Seconds, wavelength: Nanometres) -> f64 {
+    pixel_pitch.0 * pixel_pitch.0 * irradiance.0 * time.0 / photon_energy(wavelength)
+}
+
+/// Lumens (or candela, nits, lux: whatever per-area and per-angle unit the watts had) of a linear Rec. 709 triple of watts.
+///
+/// The convention: a triple's luminous power is 683 lm/W times its Rec. 709 luminance. A grey triple of 1 W therefore
+/// counts as 1 W of light at the eye's peak, which is what glTF exporters and renderers assume when they turn candela
+/// into watts. It is a convention for naming lights, not a spectral computation.
+pub fn lumens(watts: Rgb) -> f64 {
+    PHOTOPIC * f64::from(watts.luminance())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// EMVA 1288 gives the conversion with its constants folded in: mu_p = 50.34 A t lambda E, with A in um^2, t in ms,
+    /// lambda in um and E in uW/cm^2.
+    #[test]
+    fn photon_numbers_meet_the_anchor_of_the_standard() {
+        for (pitch_um, time_ms, lambda_um, e_uw_cm2) in
+            [(1.0, 1.0, 1.0, 1.0), (5.86, 2.5, 0.545, 0.3), (2.25, 40.0, 0.536, 12.0)]
+        {
+            let got = photons(
+                Metres::from_micrometres(pitch_um),
+                Irradiance(e_uw_cm2 * 1e-2),
+                Seconds(time_ms * 1e-3),
+                Nanometres(lambda_um * 1e3),
+            );
+            let standard = 50.34 * pitch_um * pitch_um * time_ms * lambda_um * e_uw_cm2;
+            assert!((got / standard - 1.0).abs() < 5e-5, "{got} photons, the standard says {standard}");
+        }
+    }
+
+    #[test]
+    fn the_anchor_to_more_digits() {
+        let got = photons(Metres::from_micrometres(1.0), Irradiance(1e-2), Seconds(1e-3), Nanometres(1e3));
+        assert!((got - 50.3412).abs() < 1e-4, "{got}");
+    }
+
+    /// CODATA lists h c / e = 1239.841 984 nm V.
+    #[test]
+    fn a_photon_of_1240_nm_carries_one_electron_volt() {
+        let joule_per_ev = 1.602_176_634e-19;
+        assert!((photon_energy(Nanometres(1239.841_984)) / joule_per_ev - 1.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_grey_watt_is_683_lumens() {
+        assert!((lumens(Rgb::WHITE) - 683.0).abs() < 1e-3);
+        assert!((lumens(Rgb::new(0.0, 1.0, 0.0)) - 683.0 * 0.7152).abs() < 1e-3);
+    }
+}

@@ -1,0 +1,134 @@
+//! Units as types, for the borders between crates.
+//!
+//! Each is a number with a name; inside a crate, formulas work on the number. Conversions are explicit functions.
+
+use std::fmt;
+use std::ops::{Add, Div, Mul, Sub};
+
+macro_rules! unit {
+    ($(#[$doc:meta])* $name:ident, $symbol:literal) => {
+        $(#[$doc])*
+        #[derive(Clone, Copy, Debug, Default, PartialEq, PartialOrd)]
+        pub struct $name(pub f64);
+
+        impl fmt::Display for $name {
+            fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                fmt::Display::fmt(&self.0, f)?;
+                f.write_str(concat!(" ", $symbol))
+            }
+        }
+
+        impl Add for $name {
+            type Output = Self;
+            fn add(self, o: Self) -> Self {
+                Self(self.0 + o.0)
+            }
+        }
+
+        impl Sub for $name {
+            type Output = Self;
+            fn sub(self, o: Self) -> Self {
+                Self(self.0 - o.0)
+            }
+        }
+
+        impl Mul<f64> for $name {
+            type Output = Self;
+            fn mul(self, s: f64) -> Self {
+                Self(self.0 * s)
+            }
+        }
+
+        impl Div<f64> for $name {
+            type Output = Self;
+            fn div(self, s: f64) -> Self {
+                Self(self.0 / s)
+            }
+        }
+
+        impl Div for $name {
+            type Output = f64;
+            fn div(self, o: Self) -> f64 {
+                self.0 / o.0
+            }
+        }
+    };
+}
+
+unit!(
+    /// Length [m].
+    Metres,
+    "m"
+);
+unit!(
+    /// Time [s].
+    Seconds,
+    "s"
+);
+unit!(
+    /// Wavelength in vacuum [nm].
+    Nanometres,
+    "nm"
+);
+unit!(
+    /// Power per area and solid angle [W/(m^2 sr)].
+    Radiance,
+    "W/(m^2 sr)"
+);
+unit!(
+    /// Power per area [W/m^2].
+    Irradiance,
+    "W/m^2"
+);
+unit!(
+    /// A number of electrons, or an expected one [e-].
+    Electrons,
+    "e-"
+);
+unit!(
+    /// A grey value as the camera counts it [DN].
+    DigitalNumber,
+    "DN"
+);
+unit!(
+    /// Temperature [degrees Celsius].
+    Celsius,
+    "degC"
+);
+
+impl Metres {
+    /// A length given in micrometres, as pixel pitches are.
+    pub const fn from_micrometres(um: f64) -> Self {
+        Self(um * 1e-6)
+    }
+
+    /// The length in micrometres.
+    pub const fn micrometres(self) -> f64 {
+        self.0 * 1e6
+    }
+}
+
+impl Nanometres {
+    /// The wavelength as a length.
+    pub const fn metres(self) -> Metres {
+        Metres(self.0 * 1e-9)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_quantity_prints_its_unit_and_keeps_the_precision_asked_for() {
+        assert_eq!(format!("{:.1}", Electrons(6.83)), "6.8 e-");
+        assert_eq!(format!("{}", Radiance(2.5)), "2.5 W/(m^2 sr)");
+    }
+
+    #[test]
+    fn quotients_of_like_quantities_are_numbers() {
+        let ratio: f64 = Metres::from_micrometres(5.0) / Nanometres(500.0).metres();
+        assert!((ratio - 10.0).abs() < 1e-12);
+        assert_eq!((Seconds(3.0) - Seconds(1.0)) * 2.0 / 4.0 + Seconds(1.0), Seconds(2.0));
+    }
+}
