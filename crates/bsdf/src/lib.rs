@@ -1,1 +1,26 @@
-//! (module of the workspace; see ARCHITECTURE.md)
+//! How surfaces scatter light: the principled BSDF lobe by lobe, dielectric solids, thin sheets.
+//!
+//! Everything is a pure function of numbers. Directions are [`LocalDir`](dunkelfeld_geometry::LocalDir)s in a shading
+//! frame whose normal is +z; `wo` points toward the camera, `wi` is the direction that is sampled, both point away from
+//! the surface. `eval` includes the cosine of `wi` [1/sr]; densities are per unit solid angle of `wi` [1/sr]. A direction
+//! may lie on either side of the surface; a direction that lies *in* it (z = 0) scatters nothing. Nothing here returns
+//! NaN, an infinity or a negative value for unit directions, whatever the parameters.
+//!
+//! One file per lobe: [`diffuse`], [`sheen`], [`clearcoat`], [`microfacet`] with [`fresnel`]; [`principled`] mixes them.
+
+#![forbid(unsafe_code)]
+
+mod bsdf;
+pub mod clearcoat;
+pub mod dielectric;
+pub mod diffuse;
+pub mod fresnel;
+pub mod microfacet;
+pub mod principled;
+pub mod sheen;
+pub mod thin;
+
+pub use bsdf::{Bsdf, BsdfSample, Lobe};
+pub use dielectric::Dielectric;
+pub use principled::{Principled, PrincipledParams};
+pub use thin::ThinSheet;

@@ -1,0 +1,131 @@
+//! The closed set of surface models behind one interface.
+
+use crate::{Dielectric, Principled, ThinSheet};
+use dunkelfeld_geometry::LocalDir;
+use dunkelfeld_radiometry::Rgb;
+use std::ops::BitOr;
+
+/// How one point of a surface scatters light.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Bsdf {
+    /// Plastic, metal, painted and coated surfaces, rough glass.
+    Principled(Principled),
+    /// The boundary of a clear solid, smooth or rough.
+    Dielectric(Dielectric),
+    /// A clear sheet too thin to displace a ray.
+    ThinSheet(ThinSheet),
+    /// Takes all light in.
+    Absorber,
+}
+
+/// A sampled direction.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct BsdfSample {
+    /// The sampled direction, a unit vector away from the surface.
+    pub wi: LocalDir,
+    /// `eval / pdf`; for a delta lobe its coefficient over the probability of taking it. Never black.
+    pub weight: Rgb,
+    /// Density per unit solid angle [1/sr]; for a delta lobe the discrete probability of taking it.
+    pub pdf: f32,
+    /// Which lobe gave the direction.
+    pub lobe: Lobe,
+    /// Index of refraction on the side of `wi` over that on the side of `wo`; 1 unless the light was refracted.
+    ///
+    /// The weight of a refraction holds the factor `1 / eta^2` by which radiance changes; roulette should undo it.
+    pub eta: f32,
+}
+
+/// A set of properties of a scattering event.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Lobe(u8);
+
+impl Lobe {
+    /// Diffuse or sheen reflection.
+    pub const DIFFUSE: Self = Self(1);
+    /// A rough specular lobe.
+    pub const GLOSSY: Self = Self(2);
+    /// A single direction: no density, `eval` does not see it.
+    pub const DELTA: Self = Self(4);
+    /// `wi` and `wo` lie on the same side.
+    pub const REFLECTION: Self = Self(8);
+    /// `wi` and `wo` lie on different sides.
+    pub const TRANSMISSION: Self = Self(16);
+    /// The clear coat on top of the principled surface.
+    pub const CLEARCOAT: Self = Self(32);
+
+    /// Are all properties of `other` present?
+    #[inline]
+    pub const fn contains(self, other: Self) -> bool {
+        self.0 & other.0 == other.0
+    }
+}
+
+impl BitOr for Lobe {
+    type Output = Self;
+    #[inline]
+    fn bitor(self, other: Self) -> Self {
+        Self(self.0 | other.0)
+    }
+}
+
+impl Bsdf {
+    /// The BSDF times `|cos wi|` [1/sr]. Delta lobes do not contribute.
+    #[inline]
+    pub fn eval(&self, wo: LocalDir, wi: LocalDir) -> Rgb {
+        self.eval_pdf(wo, wi).0
+    }
+
+    /// The density with which [`Self::sample`] gives `wi` [1/sr]. Delta lobes do not contribute.
+    #[inline]
+    pub fn pdf(&self, wo: LocalDir, wi: LocalDir) -> f32 {
+        self.eval_pdf(wo, wi).1
+    }
+
+    /// [`Self::eval`] and [`Self::pdf`] together, for the price of one.
+    #[inline]
+    pub fn eval_pdf(&self, wo: LocalDir, wi: LocalDir) -> (Rgb, f32) {
+        match self {
+            Self::Principled(b) => b.eval_pdf(wo, wi),
+            Self::Dielectric(b) => b.eval_pdf(wo, wi),
+            Self::ThinSheet(b) => b.eval_pdf(wo, wi),
+            Self::Absorber => (Rgb::BLACK, 0.0),
+        }
+    }
+
+    /// Samples a direction; `u_lobe` chooses the lobe, `u` the direction in it, all in `[0, 1)`.
+    ///
+    /// `None` if the light is absorbed: the estimate of the scattered light is zero then.
+    #[inline]
+    pub fn sample(&self, wo: LocalDir, u_lobe: f32, u: [f32; 2]) -> Option<BsdfSample> {
+        match self {
+            Self::Principled(b) => b.sample(wo, u_lobe, u),
+            Self::Dielectric(b) => b.sample(wo, u_lobe, u),
+            Self::ThinSheet(b) => b.sample(wo, u_lobe, u),
+            Self::Absorber => None,
+        }
+    }
+
+    /// Does it scatter into delta lobes only (or not at all)? Then connecting it to a light is pointless.
+    #[inline]
+    pub fn is_delta(&self) -> bool {
+        match self {
+            Self::Principled(_) => false,
+            Self::Dielectric(b) => b.is_delta(),
+            Self::ThinSheet(b) => b.is_delta(),
+            Self::Absorber => true,
+        }
+    }
+
+    /// Approximate share of light scattered, as a guide for denoisers: the base colour of a principled surface, brighter
+    /// toward grazing angles by the reflection on top; reflection plus transmission of a clear one. Within `[0, 1]`.
+    /// Not energy-exact and not for transport.
+    #[inline]
+    pub fn albedo(&self, wo: LocalDir) -> Rgb {
+        match self {
+            Self::Principled(b) => b.albedo(wo),
+            Self::Dielectric(b) => b.albedo(wo),
+            Self::ThinSheet(b) => b.albedo(wo),
+            Self::Absorber => Rgb::BLACK,
+        }
+    }
+}

@@ -1,0 +1,118 @@
+//! Fresnel reflection: exact for dielectrics, Schlick's approximation for the rest.
+
+use dunkelfeld_radiometry::Rgb;
+
+/// What happens to unpolarised light at a smooth boundary between two dielectrics.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FresnelDielectric {
+    /// Reflected share of the power, in `[0, 1]`; exactly 1 for total reflection.
+    pub reflectance: f32,
+    /// Cosine of the angle of refraction, zero for total reflection.
+    pub cos_t: f32,
+}
+
+/// Reflection at a boundary, seen at an angle of cosine `cos_i >= 0`; `eta` is the index of refraction behind the boundary
+/// over the one in front of it (Fresnel 1823; Born and Wolf 1999, section 1.5.2).
+#[inline]
+pub fn dielectric(cos_i: f32, eta: f32) -> FresnelDielectric {
+    if eta == 1.0 {
+        return FresnelDielectric { reflectance: 0.0, cos_t: cos_i };
+    }
+    // (1 - c)(1 + c) keeps the digits of a small sine.
+    let sin2_t = (1.0 - cos_i).max(0.0) * (1.0 + cos_i) / (eta * eta);
+    if sin2_t >= 1.0 || cos_i <= 0.0 {
+        return FresnelDielectric { reflectance: 1.0, cos_t: (1.0 - sin2_t).max(0.0).sqrt() };
+    }
+    let cos_t = (1.0 - sin2_t).sqrt();
+    let perpendicular = (cos_i - eta * cos_t) / (cos_i + eta * cos_t);
+    let parallel = (eta * cos_i - cos_t) / (eta * cos_i + cos_t);
+    FresnelDielectric { reflectance: 0.5 * (perpendicular * perpendicular + parallel * parallel), cos_t }
+}
+
+/// Reflectance of a dielectric at normal incidence.
+#[inline]
+pub fn normal_reflectance(eta: f32) -> f32 {
+    let r = (eta - 1.0) / (eta + 1.0);
+    r * r
+}
+
+/// The relative index of refraction that Burley (2012) assigns to his `specular` parameter: 0.5 means 4 % at normal
+/// incidence.
+#[inline]
+pub fn eta_from_specular(specular: f32) -> f32 {
+    2.0 / (1.0 - (0.08 * specular).sqrt()) - 1.0
+}
+
+/// Schlick's (1994) weight `(1 - cos)^5`, with the cosine clamped to `[0, 1]`.
+#[inline]
+pub fn schlick_weight(cos: f32) -> f32 {
+    let m = (1.0 - cos).clamp(0.0, 1.0);
+    let m2 = m * m;
+    m2 * m2 * m
+}
+
+/// Schlick's (1994) reflectance between `f0` at normal incidence and white at grazing incidence, for a [`schlick_weight`].
+#[inline]
+pub fn schlick(f0: Rgb, weight: f32) -> Rgb {
+    f0.lerp(Rgb::WHITE, weight)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn known_reflectances() {
+        for (cos, eta, expected) in [
+            (1.0, 1.5, 0.04),
+            (1.0, 1.0 / 1.5, 0.04),
+            (1.0, 1.49, 0.038_725_2),
+            (0.5, 1.5, 0.089_186_7), // Snell by hand: sin_t = sqrt(0.75) / 1.5
+            (0.0, 1.5, 1.0),
+            (0.0, 1.0, 0.0),
+            (0.5, 1.0, 0.0),
+            (0.5, 1.0 / 1.5, 1.0), // beyond the critical angle
+            (1.0, 1000.0, 0.996_008),
+        ] {
+            let f = dielectric(cos, eta).reflectance;
+            assert!((f - expected).abs() < 2e-6, "cos {cos}, eta {eta}: {f}, expected {expected}");
+        }
+    }
+
+    #[test]
+    fn no_parallel_reflection_at_brewsters_angle() {
+        let eta = 1.49f32;
+        let cos = 1.0 / (1.0 + eta * eta).sqrt();
+        let f = dielectric(cos, eta);
+        // Only the perpendicular half is left: ((eta^2 - 1) / (eta^2 + 1))^2 / 2.
+        let r = (eta * eta - 1.0) / (eta * eta + 1.0);
+        assert!((f.reflectance - 0.5 * r * r).abs() < 1e-6);
+    }
+
+    #[test]
+    fn both_sides_reflect_alike_and_nothing_exceeds_one() {
+        for i in 0..=1000 {
+            let cos = i as f32 / 1000.0;
+            for eta in [1e-3, 0.5, 0.999_999, 1.0, 1.000_001, 1.49, 2.4, 1e3] {
+                let f = dielectric(cos, eta);
+                assert!(
+                    (0.0..=1.0).contains(&f.reflectance) && (0.0..=1.0).contains(&f.cos_t),
+                    "cos {cos} eta {eta}: {f:?}"
+                );
+                if eta > 1.01 && cos > 0.05 {
+                    let back = dielectric(f.cos_t, 1.0 / eta);
+                    // The cosine on the way back has lost the digits that eta took away.
+                    assert!(
+                        (back.reflectance - f.reflectance).abs() < 1e-6 * (1.0 + eta * eta),
+                        "cos {cos}, eta {eta}"
+                    );
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn specular_one_half_means_four_percent() {
+        assert!((normal_reflectance(eta_from_specular(0.5)) - 0.04).abs() < 1e-7);
+    }
+}

@@ -1,0 +1,123 @@
+//! GGX microfacets: distribution, masking, and the sampling of visible normals.
+//!
+//! All directions are taken above the surface (z > 0); a caller that looks from below mirrors them first.
+
+use dunkelfeld_geometry::{LocalDir, Vec3};
+use std::f32::consts::{FRAC_1_PI, TAU};
+
+/// The anisotropic GGX distribution with Smith masking (Trowbridge and Reitz 1975; Walter et al. 2007; Heitz 2014).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Ggx {
+    alpha_x: f32,
+    alpha_y: f32,
+}
+
+impl Ggx {
+    /// From the root-mean-square slopes along x and y. Slopes below `1e-4` are raised to it: there f32 directions still
+    /// resolve the lobe, and its peak is 3e7 / sr.
+    #[inline]
+    pub fn new(alpha_x: f32, alpha_y: f32) -> Self {
+        // `max` also turns NaN into the bound.
+        Self { alpha_x: alpha_x.max(1e-4), alpha_y: alpha_y.max(1e-4) }
+    }
+
+    /// Density of microfacet normals per unit solid angle and unit of macroscopic area [1/sr].
+    #[inline]
+    pub fn distribution(&self, m: Vec3) -> f32 {
+        let (x, y) = (m.x / self.alpha_x, m.y / self.alpha_y);
+        let e = x * x + y * y + m.z * m.z;
+        FRAC_1_PI / (self.alpha_x * self.alpha_y * e * e)
+    }
+
+    /// `sqrt((ax x)^2 + (ay y)^2 + z^2)`: the length of a direction in the space where the microsurface is a hemisphere.
+    ///
+    /// Smith's masking function is `g1 = 2 z / (z + stretch)`; kept apart because `g1 / z` has no singularity.
+    #[inline]
+    pub fn stretch(&self, w: LocalDir) -> f32 {
+        let (x, y) = (self.alpha_x * w.0.x, self.alpha_y * w.0.y);
+        (x * x + y * y + w.0.z * w.0.z).sqrt()
+    }
+
+    /// Smith's masking function: visible share of the microfacets that face `w` (z > 0).
+    #[inline]
+    pub fn g1(&self, w: LocalDir) -> f32 {
+        2.0 * w.0.z / (w.0.z + self.stretch(w))
+    }
+
+    /// Samples a visible normal: density `g1(wo) max(0, wo.m) D(m) / wo.z`, by spherical caps (Dupuy and Benyoub 2023).
+    #[inline]
+    pub fn sample_visible(&self, wo: LocalDir, u: [f32; 2]) -> Vec3 {
+        self.sample_cap(wo, 1.0, u)
+    }
+
+    /// Density of [`Self::sample_visible`] per solid angle of the normal [1/sr].
+    #[inline]
+    pub fn pdf_visible(&self, wo: LocalDir, m: Vec3) -> f32 {
+        2.0 * self.distribution(m) * wo.0.dot(m).max(0.0) / (wo.0.z + self.stretch(wo))
+    }
+
+    /// Samples a visible normal for reflection: the cap is cut to what can reflect above the surface
+    /// (Eto and Tokuyoshi 2023). A few reflections below the surface remain.
+    #[inline]
+    pub fn sample_bounded(&self, wo: LocalDir, u: [f32; 2]) -> Vec3 {
+        self.sample_cap(wo, self.cap_bound(wo), u)
+    }
+
+    /// Density per solid angle of the *reflected direction* for a normal of [`Self::sample_bounded`] [1/sr].
+    #[inline]
+    pub fn pdf_bounded_reflection(&self, wo: LocalDir, m: Vec3) -> f32 {
+        self.distribution(m) / (2.0 * (self.cap_bound(wo) * wo.0.z + self.stretch(wo)))
+    }
+
+    /// `k` of Eto and Tokuyoshi (2023, equation 5): the lower bound of the cap is `-k` times the stretched cosine.
+    #[inline]
+    pub(crate) fn cap_bound(&self, wo: LocalDir) -> f32 {
+        let a = self.alpha_x.min(self.alpha_y).min(1.0);
+        let s = 1.0 + wo.sin2_theta().sqrt();
+        let (a2, s2) = (a * a, s * s);
+        (1.0 - a2) * s2 / (s2 + a2 * wo.0.z * wo.0.z)
+    }
+
+    /// A point of the spherical cap `z >= -bound * wo_z` of the stretched sphere, halfway to `wo`, unstretched.
+    #[inline]
+    fn sample_cap(&self, wo: LocalDir, bound: f32, [u0, u1]: [f32; 2]) -> Vec3 {
+        let w = Vec3::new(wo.0.x * self.alpha_x, wo.0.y * self.alpha_y, wo.0.z) / self.stretch(wo);
+        let lower = bound * w.z;
+        let z = (1.0 - u1) * (1.0 + lower) - lower;
+        let sin = ((1.0 - z) * (1.0 + z)).max(0.0).sqrt();
+        let (s, c) = (TAU * u0).sin_cos();
+        // The cap reaches below the horizon, but its sum with w does not.
+        let h = Vec3::new(sin * c + w.x, sin * s + w.y, (z + w.z).max(0.0));
+        Vec3::new(h.x * self.alpha_x, h.y * self.alpha_y, h.z).try_normalize().unwrap_or(Vec3::Z)
+    }
+}
+
+/// Mirrors `w` at a unit normal `m`.
+#[inline]
+pub fn reflect(w: LocalDir, m: Vec3) -> LocalDir {
+    LocalDir(m * (2.0 * w.0.dot(m)) - w.0)
+}
+
+/// Refracts `w` at a unit normal `m` with `w.m > 0`; `eta` is the index behind over the index in front, `cos_t` the cosine of
+/// the angle of refraction.
+#[inline]
+pub fn refract(w: LocalDir, m: Vec3, eta: f32, cos_t: f32) -> LocalDir {
+    let inv = 1.0 / eta;
+    LocalDir((m * (inv * w.0.dot(m) - cos_t) - w.0 * inv).normalize())
+}
+
+/// The microfacet normal that refracts `wo` (above) into `wi` (below), facing up; `None` if there is none.
+#[inline]
+pub fn refraction_half_vector(wo: LocalDir, wi: LocalDir, eta: f32) -> Option<Vec3> {
+    let h = wo.0 + wi.0 * eta;
+    let m = (if h.z < 0.0 { -h } else { h }).try_normalize()?;
+    // The facet must face wo and turn its back to wi, as the surface does.
+    (m.z > 0.0 && wo.0.dot(m) > 0.0 && wi.0.dot(m) < 0.0).then_some(m)
+}
+
+/// Solid angle of microfacet normals per solid angle of refracted directions (Walter et al. 2007, equation 17).
+#[inline]
+pub fn refraction_jacobian(wo_m: f32, wi_m: f32, eta: f32) -> f32 {
+    let d = wo_m + eta * wi_m;
+    eta * eta * wi_m.abs() / (d * d)
+}

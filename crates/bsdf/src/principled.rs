@@ -1,0 +1,381 @@
+//! The principled BSDF: the mix of all lobes, with the parameters and formulas of Mitsuba 3.9's `principled`.
+//!
+//! The model is that of Burley (2012, 2015). What follows Mitsuba where the papers leave a choice:
+//! - roughness squared is the GGX slope, anisotropy divides and multiplies it by `sqrt(1 - 0.9 anisotropic)`, slopes are at
+//!   least 0.001;
+//! - masking and shadowing are separable, `G = g1(wo) g1(wi)`;
+//! - the specular reflectance blends exact dielectric Fresnel with Schlick terms for metal and tint;
+//! - transmission takes the square root of the base colour at each boundary;
+//! - only the refractive part (`spec_trans`) exists for light on the inside (z < 0); the rest absorbs there.
+//!
+//! Deviations: `specular_factor` and `specular_color` are added (neutral by default); `anisotropic` may be negative, which
+//! swaps the axes; a transmitting boundary with matched index (within [`MATCHED_INDEX`] of 1) is a delta lobe; parameters
+//! are clamped to their ranges. No deviation changes a value where Mitsuba's parameters are in range and `eta` is
+//! not 1. Sampling densities are our own: the reflective lobe uses bounded visible normals.
+
+use crate::bsdf::{BsdfSample, Lobe};
+use crate::dielectric::{MATCHED_INDEX, clamp_eta, delta, finite_sample, from_above, mirrored_if};
+use crate::fresnel::{self, normal_reflectance, schlick, schlick_weight};
+use crate::microfacet::{Ggx, reflect, refract, refraction_half_vector, refraction_jacobian};
+use crate::{clearcoat, diffuse, sheen};
+use dunkelfeld_geometry::LocalDir;
+use dunkelfeld_radiometry::Rgb;
+use dunkelfeld_sampling::warp;
+
+/// What an artist or a file says about a surface. Ranges are `[0, 1]` unless noted; values outside are clamped.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PrincipledParams {
+    /// Diffuse colour, and the colour of metal and of transmitted light.
+    pub base_color: Rgb,
+    /// From dielectric to metal.
+    pub metallic: f32,
+    /// Perceptual roughness; its square is the GGX slope, which is at least 0.001 (roughness 0.032).
+    pub roughness: f32,
+    /// Stretch of highlights along the tangent, `[-1, 1]`; negative stretches along the bitangent.
+    pub anisotropic: f32,
+    /// Index of refraction inside over outside, `[1e-3, 1e3]`; see [`fresnel::eta_from_specular`].
+    pub eta: f32,
+    /// Factor on the dielectric reflection at all angles (glTF KHR_materials_specular).
+    pub specular_factor: f32,
+    /// Factor on the dielectric reflection at normal incidence (glTF KHR_materials_specular); not negative, the product
+    /// is clamped to 1.
+    pub specular_color: Rgb,
+    /// How much the hue of the base colour tints the dielectric reflection at normal incidence.
+    pub spec_tint: f32,
+    /// From opaque to refracting.
+    pub spec_trans: f32,
+    /// Strength of the sheen of cloth; not negative.
+    pub sheen: f32,
+    /// How much the hue of the base colour tints the sheen.
+    pub sheen_tint: f32,
+    /// Strength of the clear coat, `[0, 4]`: 1 is Burley's coat, a quarter of a real lacquer; 4 is a real one.
+    pub clearcoat: f32,
+    /// From satin to gloss, for the clear coat.
+    pub clearcoat_gloss: f32,
+}
+
+impl Default for PrincipledParams {
+    /// Grey plastic of index 1.5, half rough: Mitsuba's defaults.
+    fn default() -> Self {
+        Self {
+            base_color: Rgb::splat(0.5),
+            metallic: 0.0,
+            roughness: 0.5,
+            anisotropic: 0.0,
+            eta: 1.5,
+            specular_factor: 1.0,
+            specular_color: Rgb::WHITE,
+            spec_tint: 0.0,
+            spec_trans: 0.0,
+            sheen: 0.0,
+            sheen_tint: 0.0,
+            clearcoat: 0.0,
+            clearcoat_gloss: 0.0,
+        }
+    }
+}
+
+/// A principled surface, ready to scatter: the parameters, multiplied out once per shading point.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Principled {
+    ggx: Ggx,
+    roughness: f32,
+    eta: f32,
+    /// Base colour times the opaque dielectric share.
+    diffuse_color: Rgb,
+    /// The refracting dielectric share, `(1 - metallic) spec_trans`.
+    refracting: f32,
+    /// Square root of the base colour times the refracting share.
+    transmission_color: Rgb,
+    dielectric: Reflection,
+    /// Sheen colour times its strength.
+    sheen_color: Rgb,
+    /// Strength of the coat times Burley's 1/4.
+    coat: f32,
+    coat_alpha: f32,
+    /// Luminance of the diffuse and sheen lobes, for the choice of a lobe.
+    diffuse_luminance: f32,
+}
+
+/// The colours of the specular reflection above the surface.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Reflection {
+    /// Reflectance at normal incidence of the index alone.
+    f0: f32,
+    /// Factor on the exact Fresnel term, `(1 - metallic)(1 - spec_tint)`.
+    exact: f32,
+    /// Schlick's part, colour at normal incidence times weight: metal and tint together.
+    schlick_f0: Rgb,
+    /// Weight of Schlick's part.
+    schlick: f32,
+    /// `specular_factor`, `specular_color`, unless both are neutral.
+    scale: Option<(f32, Rgb)>,
+}
+
+/// Probabilities of the lobes for one `wo`; they sum to one.
+#[derive(Clone, Copy, Debug)]
+struct Choice {
+    diffuse: f32,
+    coat: f32,
+    specular: f32,
+}
+
+impl Principled {
+    /// Multiplies the parameters out; they are clamped to their ranges, and NaN counts as zero.
+    pub fn new(p: &PrincipledParams) -> Self {
+        let base = p.base_color.map(unit);
+        let (metallic, spec_trans, spec_tint) = (unit(p.metallic), unit(p.spec_trans), unit(p.spec_tint));
+        let (roughness, eta) = (unit(p.roughness), clamp_eta(p.eta));
+        let hue = sheen::hue(base);
+
+        let alpha = roughness * roughness;
+        let aspect = (1.0 - 0.9 * unit(p.anisotropic.abs())).sqrt();
+        let (long, short) = ((alpha / aspect).max(0.001), (alpha * aspect).max(0.001));
+        let ggx = if p.anisotropic < 0.0 { Ggx::new(short, long) } else { Ggx::new(long, short) };
+
+        let opaque = (1.0 - metallic) * (1.0 - spec_trans);
+        let refracting = (1.0 - metallic) * spec_trans;
+        let f0 = normal_reflectance(eta);
+        let tint = (1.0 - metallic) * spec_tint;
+        let scale = (unit(p.specular_factor), p.specular_color.map(at_least_zero));
+        let sheen_color = Rgb::WHITE.lerp(hue, unit(p.sheen_tint)) * (at_least_zero(p.sheen) * (1.0 - metallic));
+        let diffuse_color = base * opaque;
+        Self {
+            ggx,
+            roughness,
+            eta,
+            diffuse_color,
+            refracting,
+            transmission_color: base.map(f32::sqrt) * refracting,
+            dielectric: Reflection {
+                f0,
+                exact: (1.0 - metallic) * (1.0 - spec_tint),
+                schlick_f0: base * metallic + hue * (f0 * tint),
+                schlick: metallic + tint,
+                scale: (scale != (1.0, Rgb::WHITE)).then_some(scale),
+            },
+            sheen_color,
+            coat: clearcoat::STRENGTH * at_least_zero(p.clearcoat).min(4.0),
+            coat_alpha: clearcoat::alpha_from_gloss(unit(p.clearcoat_gloss)),
+            // A sheen of strength one scatters between 0.03 and 0.5 of the light, most of it at grazing angles.
+            diffuse_luminance: diffuse_color.luminance() + 0.25 * sheen_color.luminance(),
+        }
+    }
+
+    /// See [`crate::Bsdf::eval_pdf`].
+    #[inline]
+    pub fn eval_pdf(&self, wo: LocalDir, wi: LocalDir) -> (Rgb, f32) {
+        if wo.0.z > 0.0 && wi.0.z > 0.0 {
+            self.reflect_above(wo, wi)
+        } else if self.refracting > 0.0 && wo.0.z != 0.0 && wi.0.z != 0.0 {
+            if wo.same_side(wi) { self.reflect_inside(wo, wi) } else { self.refract_through(wo, wi) }
+        } else {
+            (Rgb::BLACK, 0.0)
+        }
+    }
+
+    /// See [`crate::Bsdf::sample`].
+    pub fn sample(&self, wo: LocalDir, u_lobe: f32, u: [f32; 2]) -> Option<BsdfSample> {
+        let choice = if wo.0.z > 0.0 {
+            self.choose(wo)?
+        } else if wo.0.z < 0.0 && self.refracting > 0.0 {
+            Choice { diffuse: 0.0, coat: 0.0, specular: 1.0 }
+        } else {
+            return None;
+        };
+        let (wi, lobe) = if u_lobe < choice.diffuse {
+            (LocalDir(warp::sample_cosine_hemisphere(u)), Lobe::DIFFUSE | Lobe::REFLECTION)
+        } else if u_lobe < choice.diffuse + choice.coat {
+            let m = clearcoat::sample_half_vector(u, self.coat_alpha);
+            (reflect(wo, m), Lobe::CLEARCOAT | Lobe::GLOSSY | Lobe::REFLECTION)
+        } else if self.refracting > 0.0 {
+            // What is left of u_lobe decides between reflection and refraction.
+            let rest = ((u_lobe - choice.diffuse - choice.coat) / choice.specular).clamp(0.0, 1.0);
+            return self.sample_boundary(wo, choice.specular, rest, u);
+        } else {
+            (reflect(wo, self.ggx.sample_bounded(wo, u)), Lobe::GLOSSY | Lobe::REFLECTION)
+        };
+        if wi.0.z <= 0.0 {
+            return None;
+        }
+        let (value, pdf) = self.reflect_above(wo, wi);
+        finite_sample(wi, value, pdf, lobe, 1.0)
+    }
+
+    /// See [`crate::Bsdf::albedo`].
+    pub fn albedo(&self, wo: LocalDir) -> Rgb {
+        let cos = wo.abs_cos_theta();
+        let f = fresnel::dielectric(cos, self.eta);
+        let specular = self.dielectric.reflectance(f.reflectance, self.schlick_weight(cos, f.cos_t));
+        let below = self.diffuse_color + self.transmission_color;
+        (specular + below * (1.0 - f.reflectance)).map(|c| c.clamp(0.0, 1.0))
+    }
+
+    /// Both directions above the surface: all reflective lobes, each only if the surface has it.
+    #[inline]
+    fn reflect_above(&self, wo: LocalDir, wi: LocalDir) -> (Rgb, f32) {
+        let none = (Rgb::BLACK, 0.0);
+        let Some(choice) = self.choose(wo) else { return none };
+        let Some(m) = (wo.0 + wi.0).try_normalize() else { return none };
+        let cos_d = wo.0.dot(m).clamp(1e-6, 1.0);
+
+        let f = fresnel::dielectric(cos_d, self.eta);
+        let reflectance = self.dielectric.reflectance(f.reflectance, self.schlick_weight(cos_d, f.cos_t));
+        let stretch = self.ggx.stretch(wo);
+        let d = self.ggx.distribution(m);
+        // D g1(wo) / (4 wo.z), without its singularity at grazing angles.
+        let visible = d / (2.0 * (wo.0.z + stretch));
+        let mut value = reflectance * (visible * self.ggx.g1(wi));
+        let mut pdf = choice.specular
+            * if self.refracting > 0.0 {
+                visible * self.reflection_probability(reflectance, f.reflectance)
+            } else {
+                d / (2.0 * (self.ggx.cap_bound(wo) * wo.0.z + stretch))
+            };
+        if choice.diffuse > 0.0 {
+            value += self.diffuse_color * diffuse::eval_diffuse(wo, wi, cos_d, self.roughness);
+            if !self.sheen_color.is_black() {
+                value += self.sheen_color * sheen::eval_sheen(wi, cos_d);
+            }
+            pdf += choice.diffuse * warp::pdf_cosine_hemisphere(wi.0);
+        }
+        if choice.coat > 0.0 {
+            value += Rgb::splat(self.coat * clearcoat::eval_clearcoat(wo, wi, m, self.coat_alpha));
+            pdf += choice.coat * clearcoat::pdf_reflection(m, cos_d, self.coat_alpha);
+        }
+        (value, pdf)
+    }
+
+    /// Both directions below the surface: reflection at the boundary of the refracting share.
+    fn reflect_inside(&self, wo: LocalDir, wi: LocalDir) -> (Rgb, f32) {
+        let (eta, wo, wi) = from_above(self.eta, wo, wi);
+        let Some(m) = (wo.0 + wi.0).try_normalize() else { return (Rgb::BLACK, 0.0) };
+        let f = fresnel::dielectric(wo.0.dot(m), eta).reflectance;
+        let visible = self.ggx.distribution(m) / (2.0 * (wo.0.z + self.ggx.stretch(wo)));
+        let q = self.reflection_probability(Rgb::splat(self.refracting * f), f);
+        (Rgb::splat(self.refracting * f * visible * self.ggx.g1(wi)), visible * q)
+    }
+
+    /// Directions on different sides: refraction at the boundary of the refracting share.
+    fn refract_through(&self, wo: LocalDir, wi: LocalDir) -> (Rgb, f32) {
+        let none = (Rgb::BLACK, 0.0);
+        if self.is_matched() {
+            return none;
+        }
+        let above = wo.0.z > 0.0;
+        let (eta, wo, wi) = from_above(self.eta, wo, wi);
+        let Some(m) = refraction_half_vector(wo, wi, eta) else { return none };
+        let (wo_m, wi_m) = (wo.0.dot(m), wi.0.dot(m));
+        let f = fresnel::dielectric(wo_m, eta);
+        let (reflected, specular) = if above {
+            let Some(choice) = self.choose(wo) else { return none };
+            (self.dielectric.reflectance(f.reflectance, self.schlick_weight(wo_m, f.cos_t)), choice.specular)
+        } else {
+            (Rgb::splat(self.refracting * f.reflectance), 1.0)
+        };
+        let q = self.reflection_probability(reflected, f.reflectance);
+        let facets = self.ggx.pdf_visible(wo, m) * refraction_jacobian(wo_m, wi_m, eta);
+        let t = (1.0 - f.reflectance) * facets * self.ggx.g1(-wi) / (eta * eta);
+        (self.transmission_color * t, specular * (1.0 - q) * facets)
+    }
+
+    /// Samples the refracting boundary from either side: a visible facet, then reflection or refraction there.
+    fn sample_boundary(&self, wo: LocalDir, probability: f32, u_side: f32, u: [f32; 2]) -> Option<BsdfSample> {
+        let below = wo.0.z < 0.0;
+        let (eta, up, _) = from_above(self.eta, wo, wo);
+        let m = self.ggx.sample_visible(up, u);
+        let up_m = up.0.dot(m);
+        let f = fresnel::dielectric(up_m, eta);
+        let reflected = if below {
+            Rgb::splat(self.refracting * f.reflectance)
+        } else {
+            self.dielectric.reflectance(f.reflectance, self.schlick_weight(up_m, f.cos_t))
+        };
+        let q = self.reflection_probability(reflected, f.reflectance);
+        if u_side < q {
+            let wi = reflect(up, m);
+            let wi = (wi.0.z > 0.0).then(|| mirrored_if(below, wi))?;
+            let (value, pdf) = self.eval_pdf(wo, wi);
+            finite_sample(wi, value, pdf, Lobe::GLOSSY | Lobe::REFLECTION, 1.0)
+        } else if self.is_matched() {
+            // The facet decided only between reflection and passage; averaged over facets the passage is straight.
+            let weight = self.transmission_color * ((1.0 - f.reflectance) / (probability * (1.0 - q)));
+            delta(-wo, weight, probability * (1.0 - q), Lobe::TRANSMISSION, 1.0)
+        } else {
+            let wi = refract(up, m, eta, f.cos_t);
+            let wi = (wi.0.z < 0.0).then(|| mirrored_if(below, wi))?;
+            let (value, pdf) = self.eval_pdf(wo, wi);
+            finite_sample(wi, value, pdf, Lobe::GLOSSY | Lobe::TRANSMISSION, eta)
+        }
+    }
+
+    /// Probability of reflection at a facet of the refracting boundary, in proportion to what each side carries.
+    #[inline]
+    fn reflection_probability(&self, reflected: Rgb, fresnel: f32) -> f32 {
+        let (r, t) = (reflected.luminance(), (1.0 - fresnel) * self.transmission_color.luminance());
+        if r > 0.0 { r / (r + t) } else { 0.0 }
+    }
+
+    /// Probabilities of the lobes above the surface, after the light that each is expected to carry; `None` if none does.
+    #[inline]
+    fn choose(&self, wo: LocalDir) -> Option<Choice> {
+        // Schlick's approximation is enough to choose by. The floor keeps a lobe that is black at normal incidence alive:
+        // its tilted facets are not black.
+        let w = schlick_weight(wo.0.z).max(0.01);
+        let f = if self.eta == 1.0 { 0.0 } else { self.dielectric.f0 + (1.0 - self.dielectric.f0) * w };
+        let reflected = self.dielectric.reflectance(f, w).luminance();
+        let specular = reflected + (1.0 - f) * self.transmission_color.luminance();
+        let coat = if self.coat > 0.0 { self.coat * (0.04 + 0.96 * w) } else { 0.0 };
+        let sum = self.diffuse_luminance + specular + coat;
+        let scale = 1.0 / sum;
+        (sum > 0.0 && scale.is_finite()).then_some(Choice {
+            diffuse: self.diffuse_luminance * scale,
+            coat: coat * scale,
+            specular: specular * scale,
+        })
+    }
+
+    /// Schlick's weight at a facet above the surface. Toward a thinner medium it takes the angle of refraction, so that
+    /// it reaches one at the critical angle (Burley 2015).
+    #[inline]
+    fn schlick_weight(&self, cos_d: f32, cos_t: f32) -> f32 {
+        schlick_weight(if self.eta > 1.0 { cos_d } else { cos_t })
+    }
+
+    /// Is there no boundary to refract at?
+    #[inline]
+    fn is_matched(&self) -> bool {
+        (self.eta - 1.0).abs() < MATCHED_INDEX
+    }
+}
+
+impl Reflection {
+    /// Reflected share at a facet, given the exact dielectric term and Schlick's weight there.
+    #[inline]
+    fn reflectance(&self, exact: f32, weight: f32) -> Rgb {
+        let mut value = Rgb::splat(exact);
+        if let Some((factor, color)) = self.scale {
+            // Exact Fresnel, read as Schlick's blend between normal and grazing incidence, with its end points scaled.
+            let s = if self.f0 < 1.0 { ((exact - self.f0) / (1.0 - self.f0)).max(0.0) } else { 1.0 };
+            let f0 = (color * self.f0).map(|c| c.min(1.0));
+            value = schlick(f0, s) * factor;
+        }
+        value *= self.exact;
+        if self.schlick > 0.0 {
+            value += self.schlick_f0 * (1.0 - weight) + Rgb::splat(self.schlick * weight);
+        }
+        value
+    }
+}
+
+/// A parameter clamped to `[0, 1]`, NaN to 0.
+#[inline]
+fn unit(x: f32) -> f32 {
+    if x > 0.0 { x.min(1.0) } else { 0.0 }
+}
+
+/// A parameter clamped from below, NaN to 0; infinity becomes large but finite.
+#[inline]
+fn at_least_zero(x: f32) -> f32 {
+    if x > 0.0 { x.min(1e6) } else { 0.0 }
+}

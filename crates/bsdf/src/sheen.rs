@@ -1,0 +1,18 @@
+//! The sheen lobe of cloth: light at grazing half-angles (Burley 2012).
+
+use crate::fresnel::schlick_weight;
+use dunkelfeld_geometry::LocalDir;
+use dunkelfeld_radiometry::Rgb;
+
+/// The lobe without its colour, times `|cos wi|` [1/sr]; `cos_d` as in [`crate::diffuse::eval_diffuse`].
+#[inline]
+pub fn eval_sheen(wi: LocalDir, cos_d: f32) -> f32 {
+    schlick_weight(cos_d.abs()) * wi.abs_cos_theta()
+}
+
+/// A colour scaled to luminance one, white if it is black: the hue that tints sheen and specular reflection.
+#[inline]
+pub fn hue(color: Rgb) -> Rgb {
+    let luminance = color.luminance();
+    if luminance > 0.0 { color / luminance } else { Rgb::WHITE }
+}
