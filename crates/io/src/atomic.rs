@@ -1,1 +1,188 @@
-//! (being written)
+//! Files that appear whole or not at all: a temporary file in the same folder, synced, then renamed over the target.
+
+use std::fs;
+use std::io::{self, BufWriter, Write};
+use std::path::Path;
+
+use tempfile::NamedTempFile;
+
+/// Writes a file so that readers see either the old contents or the whole new ones, also across a crash.
+///
+/// `fill` writes the contents through a buffer. The bytes go to a hidden file in the target's own folder (a rename is
+/// atomic only within one file system), are synced to the disk, and are then renamed to `path`. If anything fails the
+/// hidden file is removed and an existing target stays as it was.
+///
+/// # Errors
+/// The error of `fill` unchanged in kind, or that of the file system; the message names `path` and, for a missing or
+/// read-only folder, says what to do about it.
+pub fn write_atomically<F>(path: &Path, fill: F) -> io::Result<()>
+where
+    F: FnOnce(&mut BufWriter<&mut fs::File>) -> io::Result<()>,
+{
+    if path.file_name().is_none() {
+        return Err(io::Error::new(
+            io::ErrorKind::InvalidInput,
+            format!("cannot write {}: it names no file", path.display()),
+        ));
+    }
+    if path.is_dir() {
+        return Err(io::Error::new(
+            io::ErrorKind::IsADirectory,
+            format!("cannot write {}: it is a folder; name a file in it", path.display()),
+        ));
+    }
+    // A link is followed, so that the file it points to is replaced and not the link itself.
+    let target = fs::canonicalize(path).unwrap_or_else(|_| path.to_path_buf());
+    let folder = match target.parent() {
+        Some(parent) if !parent.as_os_str().is_empty() => parent,
+        _ => Path::new("."),
+    };
+    // A file that is protected against writing stays protected: the rename alone would not notice.
+    let existing = fs::metadata(&target).ok();
+    if existing.as_ref().is_some_and(|m| m.permissions().readonly()) {
+        return Err(io::Error::new(
+            io::ErrorKind::PermissionDenied,
+            format!(
+                "cannot write {}: the file is read-only; change its permissions or write elsewhere",
+                path.display()
+            ),
+        ));
+    }
+
+    let mut temporary = temporary_in(folder).map_err(|e| explain(path, folder, &e))?;
+    {
+        let mut writer = BufWriter::new(temporary.as_file_mut());
+        fill(&mut writer).and_then(|()| writer.flush()).map_err(|e| explain(path, folder, &e))?;
+    }
+    if let Some(existing) = existing {
+        // Best effort: some file systems keep no permissions.
+        let _ = temporary.as_file().set_permissions(existing.permissions());
+    }
+    temporary.as_file().sync_all().map_err(|e| explain(path, folder, &e))?;
+    temporary.persist(&target).map_err(|e| explain(path, folder, &e.error))?;
+    sync_folder(folder);
+    Ok(())
+}
+
+/// A hidden temporary file with the permissions that a new file gets (tempfile's own default is private to the user).
+fn temporary_in(folder: &Path) -> io::Result<NamedTempFile> {
+    let mut builder = tempfile::Builder::new();
+    builder.prefix(".dunkelfeld-").suffix(".partial");
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::PermissionsExt;
+        builder.permissions(fs::Permissions::from_mode(0o666)).tempfile_in(folder)
+    }
+    #[cfg(not(unix))]
+    builder.tempfile_in(folder)
+}
+
+/// The rename itself lives in the folder: without this a power cut may forget it. Not every system can sync a folder.
+fn sync_folder(folder: &Path) {
+    #[cfg(unix)]
+    if let Ok(handle) = fs::File::open(folder) {
+        let _ = handle.sync_all();
+    }
+    #[cfg(not(unix))]
+    let _ = folder;
+}
+
+fn explain(path: &Path, folder: &Path, error: &io::Error) -> io::Error {
+    let hint = match error.kind() {
+        io::ErrorKind::NotFound if !folder.exists() => {
+            format!("the folder {} does not exist; create it or write elsewhere", folder.display())
+        }
+        io::ErrorKind::NotADirectory => format!("{} is not a folder", folder.display()),
+        io::ErrorKind::PermissionDenied | io::ErrorKind::ReadOnlyFilesystem => {
+            format!("no permission to write in {}; change it or write elsewhere", folder.display())
+        }
+        io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => "the disk is full; free some space".to_string(),
+        _ => error.to_string(),
+    };
+    io::Error::new(error.kind(), format!("cannot write {}: {hint}", path.display()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn names(folder: &Path) -> Vec<String> {
+        let mut names: Vec<String> = fs::read_dir(folder)
+            .expect("the folder exists")
+            .filter_map(|e| e.ok()?.file_name().into_string().ok())
+            .collect();
+        names.sort();
+        names
+    }
+
+    #[test]
+    fn a_new_file_and_a_replaced_file_hold_the_new_bytes() {
+        let folder = tempfile::tempdir().expect("a temporary folder");
+        let path = folder.path().join("a.txt");
+        for text in ["first", "the second, longer than the first", "3"] {
+            write_atomically(&path, |w| w.write_all(text.as_bytes())).expect("writable");
+            assert_eq!(fs::read_to_string(&path).expect("readable"), text);
+        }
+        assert_eq!(names(folder.path()), ["a.txt"]);
+    }
+
+    #[test]
+    fn a_failing_writer_leaves_the_old_file_and_nothing_else() {
+        let folder = tempfile::tempdir().expect("a temporary folder");
+        let path = folder.path().join("a.txt");
+        fs::write(&path, "old").expect("writable");
+        let error = write_atomically(&path, |w| {
+            w.write_all(&[0; 100_000])?;
+            Err(io::Error::new(io::ErrorKind::InvalidData, "the encoder stumbled"))
+        })
+        .expect_err("the writer fails");
+        assert_eq!(error.kind(), io::ErrorKind::InvalidData);
+        assert!(error.to_string().contains("stumbled"), "{error}");
+        assert_eq!(fs::read_to_string(&path).expect("readable"), "old");
+        assert_eq!(names(folder.path()), ["a.txt"]);
+    }
+
+    #[test]
+    fn messages_name_the_missing_folder_and_the_folder_in_the_file_s_place() {
+        let folder = tempfile::tempdir().expect("a temporary folder");
+        let missing = folder.path().join("no/such/a.png");
+        let error = write_atomically(&missing, |_| Ok(())).expect_err("no such folder");
+        assert!(error.to_string().contains("does not exist"), "{error}");
+        let error = write_atomically(folder.path(), |_| Ok(())).expect_err("a folder");
+        assert!(error.to_string().contains("is a folder"), "{error}");
+        let error = write_atomically(Path::new(""), |_| Ok(())).expect_err("no name");
+        assert!(error.to_string().contains("names no file"), "{error}");
+        let plain = folder.path().join("plain");
+        fs::write(&plain, "x").expect("writable");
+        assert!(write_atomically(&plain.join("a.png"), |_| Ok(())).is_err());
+    }
+
+    #[test]
+    fn a_read_only_file_is_not_replaced() {
+        let folder = tempfile::tempdir().expect("a temporary folder");
+        let path = folder.path().join("a.txt");
+        fs::write(&path, "old").expect("writable");
+        let mut permissions = fs::metadata(&path).expect("present").permissions();
+        permissions.set_readonly(true);
+        fs::set_permissions(&path, permissions).expect("own file");
+        let error = write_atomically(&path, |w| w.write_all(b"new")).expect_err("read-only");
+        assert!(error.to_string().contains("read-only"), "{error}");
+        assert_eq!(fs::read_to_string(&path).expect("readable"), "old");
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_link_keeps_pointing_to_the_replaced_file_and_permissions_stay() {
+        use std::os::unix::fs::PermissionsExt;
+        let folder = tempfile::tempdir().expect("a temporary folder");
+        let path = folder.path().join("a.txt");
+        fs::write(&path, "old").expect("writable");
+        fs::set_permissions(&path, fs::Permissions::from_mode(0o640)).expect("own file");
+        let link = folder.path().join("link");
+        std::os::unix::fs::symlink(&path, &link).expect("links work");
+        write_atomically(&link, |w| w.write_all(b"new")).expect("writable");
+        assert!(fs::symlink_metadata(&link).expect("present").is_symlink());
+        assert_eq!(fs::read_to_string(&path).expect("readable"), "new");
+        assert_eq!(fs::metadata(&path).expect("present").permissions().mode() & 0o777, 0o640);
+    }
+}

@@ -1,1 +1,453 @@
-//! (being written)
+//! TOML files into typed data, with errors that show line, caret and mend: job and sensor files stand on this.
+//!
+//! ```
+//! use dunkelfeld_io::toml_file::TomlFile;
+//! use toml::Spanned;
+//!
+//! #[derive(serde::Deserialize)]
+//! #[serde(deny_unknown_fields)]
+//! struct Film {
+//!     width: Spanned<u32>,
+//! }
+//!
+//! let file = TomlFile::from_text("film.toml", "width = 0");
+//! let film: Film = file.parse()?;
+//! let error = file.within(&film.width, 1..=32768).expect_err("a film without width");
+//! assert_eq!(error.place, "width");
+//! # Ok::<(), dunkelfeld_io::InputError>(())
+//! ```
+
+use std::fmt::Display;
+use std::ops::{Range, RangeInclusive};
+use std::path::{Path, PathBuf};
+
+use serde::de::DeserializeOwned;
+use toml::Spanned;
+use toml::de::{DeTable, DeValue};
+
+use crate::error::{InputError, SourceSpan};
+use crate::names::nearest_names;
+
+/// Larger files are refused: nobody writes a megabyte of settings.
+const LARGEST: u64 = 1 << 20;
+
+/// A TOML text and the file it came from. Errors that it makes point into the text.
+#[derive(Clone, Debug)]
+pub struct TomlFile {
+    path: PathBuf,
+    text: String,
+}
+
+impl TomlFile {
+    /// Reads a file of at most 1 MiB.
+    ///
+    /// # Errors
+    /// The file is missing, unreadable, too large, or not UTF-8.
+    pub fn read(path: &Path) -> Result<Self, InputError> {
+        let whole = |problem: String, mend: &str| InputError::new(path, "the file", problem, mend);
+        let size = std::fs::metadata(path)
+            .map_err(|e| whole(format!("cannot be read: {e}"), "check the path and the permissions"))?;
+        if size.is_dir() {
+            return Err(whole("is a folder".into(), "name a file in it"));
+        }
+        if size.len() > LARGEST {
+            return Err(whole(
+                format!("has {} bytes, more than 1 MiB", size.len()),
+                "check that this is the right file",
+            ));
+        }
+        let bytes = std::fs::read(path)
+            .map_err(|e| whole(format!("cannot be read: {e}"), "check the path and the permissions"))?;
+        let text = String::from_utf8(bytes).map_err(|e| {
+            whole(format!("is not UTF-8 text (byte {})", e.utf8_error().valid_up_to()), "save the file as UTF-8")
+        })?;
+        Ok(Self::from_text(path, text))
+    }
+
+    /// A text that is already in memory; `path` is only for messages and for [`Self::resolve`].
+    pub fn from_text(path: impl Into<PathBuf>, text: impl Into<String>) -> Self {
+        Self { path: path.into(), text: text.into() }
+    }
+
+    /// Where the text came from.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// A path written in the file, relative to the file's own folder.
+    pub fn resolve(&self, relative: impl AsRef<Path>) -> PathBuf {
+        match self.path.parent() {
+            Some(folder) => folder.join(relative),
+            None => relative.as_ref().to_path_buf(),
+        }
+    }
+
+    /// Deserializes the text. `T` and everything in it should be `deny_unknown_fields`.
+    ///
+    /// # Errors
+    /// Bad TOML, unknown or missing keys, values of the wrong kind.
+    pub fn parse<T: DeserializeOwned>(&self) -> Result<T, InputError> {
+        toml::from_str(&self.text).map_err(|e| {
+            let message = Message::from_serde(e.message());
+            // An empty span stands for the file as a whole: the root table has no header.
+            let span = e.span().filter(|range| !range.is_empty() || message.missing.is_none());
+            let error = span.map(|range| self.error_at(range, &message.problem, &message.mend));
+            match (error, message.missing) {
+                (Some(error), None) => error,
+                // Only a key that is missing from a table has a header to point at.
+                (Some(mut error), Some(key)) if !error.place.starts_with("line ") => {
+                    error.place = join_place(&error.place, &key);
+                    error
+                }
+                (_, missing) => InputError::new(
+                    &self.path,
+                    missing.unwrap_or_else(|| "the file".into()),
+                    message.problem,
+                    message.mend,
+                ),
+            }
+        })
+    }
+
+    /// An error about the part of the text at `range` (from [`Spanned::span`]); the place is the path of the key.
+    pub fn error_at(&self, range: Range<usize>, problem: impl Into<String>, mend: impl Into<String>) -> InputError {
+        let mut error = InputError::new(&self.path, self.place(&range), problem, mend);
+        error.source_span = Some(Box::new(SourceSpan { text: self.text.clone(), range }));
+        error
+    }
+
+    /// Passes `value` on if it lies in `range`; not-a-number never does.
+    ///
+    /// # Errors
+    /// The value is outside.
+    pub fn within<T: PartialOrd + Display + Copy>(
+        &self,
+        value: &Spanned<T>,
+        range: RangeInclusive<T>,
+    ) -> Result<T, InputError> {
+        let v = *value.get_ref();
+        if range.contains(&v) {
+            return Ok(v);
+        }
+        Err(self.error_at(
+            value.span(),
+            format!("{v} is out of range"),
+            format!("write a value from {} to {}", range.start(), range.end()),
+        ))
+    }
+
+    /// Passes `value` on if it is finite and above zero.
+    ///
+    /// # Errors
+    /// It is not.
+    pub fn positive<T: Into<f64> + Display + Copy>(&self, value: &Spanned<T>) -> Result<f64, InputError> {
+        let v: f64 = (*value.get_ref()).into();
+        if v.is_finite() && v > 0.0 {
+            return Ok(v);
+        }
+        Err(self.error_at(
+            value.span(),
+            format!("{} is not a positive number", value.get_ref()),
+            "write a finite value above zero",
+        ))
+    }
+
+    /// Passes `value` on if it is finite and not below zero.
+    ///
+    /// # Errors
+    /// It is not.
+    pub fn non_negative<T: Into<f64> + Display + Copy>(&self, value: &Spanned<T>) -> Result<f64, InputError> {
+        let v: f64 = (*value.get_ref()).into();
+        if v.is_finite() && v >= 0.0 {
+            return Ok(v);
+        }
+        Err(self.error_at(
+            value.span(),
+            format!("{} is negative or not a number", value.get_ref()),
+            "write a finite value of zero or more",
+        ))
+    }
+
+    /// The path of the key whose key or value holds `range`: `[film] width`, `[[light]] 2, power`.
+    fn place(&self, range: &Range<usize>) -> String {
+        let mut finder = Finder { range, best: None };
+        if let Ok(root) = DeTable::parse(&self.text) {
+            finder.table(root.get_ref(), &mut Vec::new());
+        }
+        match finder.best {
+            Some((_, path)) => describe(&path),
+            None => format!("line {}", self.text.get(..range.start).unwrap_or("").matches('\n').count() + 1),
+        }
+    }
+}
+
+/// One step of a key path.
+#[derive(Clone)]
+enum Step {
+    Key(String),
+    /// Position in an array, from 0.
+    Item(usize),
+}
+
+/// Looks for the innermost key or value around a range.
+struct Finder<'a> {
+    range: &'a Range<usize>,
+    /// Length of the tightest span so far, and its path.
+    best: Option<(usize, Vec<Step>)>,
+}
+
+impl Finder<'_> {
+    fn table(&mut self, table: &DeTable<'_>, path: &mut Vec<Step>) {
+        for (key, value) in table {
+            path.push(Step::Key(key.get_ref().to_string()));
+            self.offer(key.span(), path);
+            self.value(value, path);
+            path.pop();
+        }
+    }
+
+    // A table's own span is only its header, so its entries are searched whether or not it holds the range.
+    fn value(&mut self, value: &Spanned<DeValue<'_>>, path: &mut Vec<Step>) {
+        self.offer(value.span(), path);
+        match value.get_ref() {
+            DeValue::Table(table) => self.table(table, path),
+            DeValue::Array(items) => {
+                for (i, item) in items.iter().enumerate() {
+                    path.push(Step::Item(i));
+                    self.value(item, path);
+                    path.pop();
+                }
+            }
+            _ => {}
+        }
+    }
+
+    fn offer(&mut self, span: Range<usize>, path: &[Step]) {
+        let holds = span.start <= self.range.start && self.range.end <= span.end;
+        if holds && self.best.as_ref().is_none_or(|(length, _)| span.len() <= *length) {
+            self.best = Some((span.len(), path.to_vec()));
+        }
+    }
+}
+
+/// A key path in the way it is written in the file.
+fn describe(path: &[Step]) -> String {
+    match path {
+        [Step::Key(table), Step::Item(i)] => format!("[[{table}]] {}", i + 1),
+        [Step::Key(table), Step::Item(i), Step::Key(key), ..] => {
+            format!("[[{table}]] {}, {key}", i + 1)
+        }
+        [Step::Key(table), Step::Key(key), ..] => format!("[{table}] {key}"),
+        [Step::Key(key), ..] => key.clone(),
+        _ => "the file".into(),
+    }
+}
+
+fn join_place(table: &str, key: &str) -> String {
+    if table.starts_with("[[") {
+        return format!("{table}, {key}");
+    }
+    format!("[{}] {key}", table.trim_matches(['[', ']']))
+}
+
+/// What serde and toml report, reworded as a problem and a mend.
+struct Message {
+    problem: String,
+    mend: String,
+    /// The key that is missing, if one is.
+    missing: Option<String>,
+}
+
+impl Message {
+    fn from_serde(message: &str) -> Self {
+        let message = message.trim_end().replace('\n', "; ");
+        if let Some(rest) = message.strip_prefix("unknown field ") {
+            return Self::unknown("key", rest);
+        }
+        if let Some(rest) = message.strip_prefix("unknown variant ") {
+            return Self::unknown("value", rest);
+        }
+        if let Some(key) = message.strip_prefix("missing field ").map(|k| k.trim_matches('`').to_string()) {
+            return Self {
+                problem: format!("the key `{key}` is missing"),
+                mend: format!("add `{key} = ...`"),
+                missing: Some(key),
+            };
+        }
+        if let Some((found, wanted)) = message.strip_prefix("invalid type: ").and_then(|m| m.split_once(", expected "))
+        {
+            return Self {
+                problem: format!("{found} does not belong here"),
+                mend: format!("write {wanted}"),
+                missing: None,
+            };
+        }
+        // Messages of our own value types carry their mend after a semicolon.
+        if let Some((problem, mend)) = message.split_once("; ") {
+            return Self { problem: problem.into(), mend: mend.into(), missing: None };
+        }
+        Self { problem: message, mend: "correct the TOML there".into(), missing: None }
+    }
+
+    /// From "`name`, expected `a` or `b`", "`name`, expected one of `a`, `b`" and "`name`, there are no fields".
+    fn unknown(what: &str, rest: &str) -> Self {
+        let mut ticked = rest.split('`').skip(1).step_by(2);
+        let name = ticked.next().unwrap_or_default();
+        let known: Vec<&str> = ticked.collect();
+        let list = if known.is_empty() { "none".to_string() } else { known.join(", ") };
+        let mend = match nearest_names(name, known.iter().copied()).first() {
+            Some(near) => format!("did you mean `{near}`? known {what}s: {list}"),
+            None => format!("known {what}s: {list}"),
+        };
+        Self { problem: format!("unknown {what} `{name}`"), mend, missing: None }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde::Deserialize;
+
+    #[derive(Debug, Deserialize)]
+    #[serde(deny_unknown_fields)]
+    #[expect(dead_code, reason = "only errors are looked at")]
+    struct Settings {
+        scene: String,
+        film: Option<Film>,
+        #[serde(default)]
+        light: Vec<Light>,
+    }
+
+    #[derive(Debug, Deserialize)]
+    #[serde(deny_unknown_fields)]
+    #[expect(dead_code, reason = "only errors are looked at")]
+    struct Film {
+        width: Spanned<u32>,
+        mode: Option<Mode>,
+    }
+
+    #[derive(Debug, Deserialize)]
+    #[serde(rename_all = "lowercase")]
+    enum Mode {
+        Fast,
+        Slow,
+    }
+
+    #[derive(Debug, Deserialize)]
+    #[serde(deny_unknown_fields)]
+    #[expect(dead_code, reason = "only errors are looked at")]
+    struct Light {
+        name: String,
+        power: Option<crate::quantity::Power>,
+    }
+
+    fn failure(text: &str) -> InputError {
+        TomlFile::from_text("job.toml", text).parse::<Settings>().expect_err(text)
+    }
+
+    #[test]
+    fn errors_name_place_problem_and_mend_and_point_at_them() {
+        for (text, place, problem, mend, marked) in [
+            (
+                "scene = \"a\"\nfilms = 1",
+                "films",
+                "unknown key `films`",
+                "did you mean `film`? known keys: scene, film, light",
+                "films",
+            ),
+            (
+                "scene = \"a\"\n[film]\nwidht = 1",
+                "[film] widht",
+                "unknown key `widht`",
+                "did you mean `width`?",
+                "widht",
+            ),
+            (
+                "scene = \"a\"\n[film]\nwidth = \"x\"",
+                "[film] width",
+                "string \"x\" does not belong here",
+                "write u32",
+                "\"x\"",
+            ),
+            (
+                "scene = \"a\"\n[film]\nwidth = 1\nmode = \"fats\"",
+                "[film] mode",
+                "unknown value `fats`",
+                "did you mean `fast`?",
+                "\"fats\"",
+            ),
+            ("scene = \"a\"\n[film]\n", "[film] width", "the key `width` is missing", "add `width = ...`", "[film]"),
+            (
+                "scene = \"a\"\n[[light]]\nname = \"l\"\n[[light]]\nname = \"l\"\npower = \"5 suns\"",
+                "[[light]] 2, power",
+                "unknown unit \"suns\"",
+                "write a power as \"1.5W\"",
+                "\"5 suns\"",
+            ),
+            (
+                "scene = \"a\"\nfilm = { width = 1, depth = 2 }",
+                "[film] depth",
+                "unknown key `depth`",
+                "known keys: width, mode",
+                "depth",
+            ),
+        ] {
+            let error = failure(text);
+            assert_eq!(error.place, place, "{error}");
+            assert!(error.problem.contains(problem), "{error}");
+            assert!(error.mend.contains(mend), "{error}");
+            let span = error.source_span.as_deref().expect("a span");
+            assert_eq!(&span.text[span.range.clone()], marked, "{error}");
+        }
+    }
+
+    #[test]
+    fn a_key_missing_from_the_whole_file_is_named() {
+        for text in ["", "\n", "[film]\nwidth = 3"] {
+            let error = failure(text);
+            assert_eq!((error.place.as_str(), error.problem.as_str()), ("scene", "the key `scene` is missing"));
+        }
+    }
+
+    #[test]
+    fn broken_toml_is_shown_by_its_line() {
+        let error = failure("scene = \"a\"\nfilm = [1,,]\n");
+        assert_eq!(error.place, "line 2");
+        assert!(error.caret().contains("2 | film = [1,,]"), "{}", error.caret());
+        let error = failure("scene = \"a\"\nscene = \"b\"\n");
+        assert!(error.problem.contains("duplicate"), "{error}");
+    }
+
+    #[test]
+    fn ranges_refuse_what_lies_outside_and_what_is_no_number() {
+        #[derive(Deserialize)]
+        struct Values {
+            a: Spanned<f64>,
+            b: Spanned<f64>,
+            c: Spanned<f64>,
+        }
+        let file = TomlFile::from_text("f.toml", "a = 0.5\nb = nan\nc = -1.0");
+        let values: Values = file.parse().expect("good TOML");
+        assert_eq!(file.within(&values.a, 0.0..=1.0).expect("inside"), 0.5);
+        assert_eq!(file.positive(&values.a).expect("positive"), 0.5);
+        for value in [&values.b, &values.c] {
+            assert!(file.within(value, 0.0..=1.0).is_err());
+            assert!(file.positive(value).is_err());
+            assert!(file.non_negative(value).is_err());
+        }
+        let error = file.within(&values.c, 0.0..=1.0).expect_err("outside");
+        assert_eq!((error.place.as_str(), error.problem.as_str()), ("c", "-1 is out of range"));
+        assert_eq!(error.caret(), "  |\n3 | c = -1.0\n  |     ^^^^");
+    }
+
+    #[test]
+    fn a_file_that_cannot_be_read_says_so() {
+        let error = TomlFile::read(Path::new("no/such/job.toml")).expect_err("missing");
+        assert!(error.problem.contains("cannot be read"), "{error}");
+        let folder = tempfile::tempdir().expect("a temporary folder");
+        assert!(TomlFile::read(folder.path()).expect_err("a folder").problem.contains("folder"));
+        let path = folder.path().join("latin1.toml");
+        std::fs::write(&path, b"name = \"\xe4\"").expect("writable");
+        assert!(TomlFile::read(&path).expect_err("Latin-1").problem.contains("UTF-8"));
+    }
+}

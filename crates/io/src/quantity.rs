@@ -1,0 +1,229 @@
+//! Numbers with units as people write them: `5ms`, `2min 30s`, `12mm`, `30deg`, `1.5W`.
+//!
+//! Job files, sensor files and command-line flags share these types. Values are held in SI units. A time, a length or a
+//! power may also be written as a plain number in seconds, metres or watts; an angle needs its unit, because both degrees
+//! and radians are common.
+
+use std::fmt;
+use std::str::FromStr;
+
+use serde::Deserialize;
+use serde::de::{self, Deserializer, Visitor};
+
+/// A unit: the ways to write it, and its size in SI.
+type Unit = (&'static [&'static str], f64);
+
+const TIME: &[Unit] = &[
+    (&["ns"], 1e-9),
+    (&["us", "µs", "μs"], 1e-6),
+    (&["ms"], 1e-3),
+    (&["s", "sec"], 1.0),
+    (&["min"], 60.0),
+    (&["h"], 3600.0),
+];
+const LENGTH: &[Unit] =
+    &[(&["nm"], 1e-9), (&["um", "µm", "μm"], 1e-6), (&["mm"], 1e-3), (&["cm"], 1e-2), (&["m"], 1.0), (&["km"], 1e3)];
+const ANGLE: &[Unit] =
+    &[(&["deg", "°"], std::f64::consts::PI / 180.0), (&["rad"], 1.0), (&["turn"], std::f64::consts::TAU)];
+const POWER: &[Unit] = &[(&["uW", "µW", "μW"], 1e-6), (&["mW"], 1e-3), (&["W"], 1.0), (&["kW"], 1e3)];
+
+/// A quantity that cannot be read; the message says what is wrong and how to write it.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{0}")]
+pub struct QuantityError(String);
+
+macro_rules! quantity {
+    ($(#[$doc:meta])* $name:ident, $units:expr, $what:literal, $si:literal, $example:literal, plain: $plain:literal) => {
+        $(#[$doc])*
+        #[derive(Clone, Copy, Debug, PartialEq, PartialOrd, Default)]
+        pub struct $name(pub f64);
+
+        impl FromStr for $name {
+            type Err = QuantityError;
+
+            fn from_str(text: &str) -> Result<Self, QuantityError> {
+                parse(text, $units, $what, $example, $plain).map(Self)
+            }
+        }
+
+        impl From<$name> for f64 {
+            fn from(q: $name) -> f64 {
+                q.0
+            }
+        }
+
+        impl fmt::Display for $name {
+            fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                write!(f, "{} {}", self.0, $si)
+            }
+        }
+
+        impl<'de> Deserialize<'de> for $name {
+            fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+                struct Reader;
+                impl Reader {
+                    fn plain<E: de::Error>(v: f64) -> Result<$name, E> {
+                        if $plain {
+                            return Ok($name(v));
+                        }
+                        Err(E::custom(format!(concat!($what, " {} needs a unit, such as \"", $example, "\""), v)))
+                    }
+                }
+                impl Visitor<'_> for Reader {
+                    type Value = $name;
+                    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                        f.write_str(concat!($what, " such as \"", $example, "\""))
+                    }
+                    fn visit_str<E: de::Error>(self, v: &str) -> Result<$name, E> {
+                        v.parse().map_err(E::custom)
+                    }
+                    fn visit_f64<E: de::Error>(self, v: f64) -> Result<$name, E> {
+                        Self::plain(v)
+                    }
+                    fn visit_i64<E: de::Error>(self, v: i64) -> Result<$name, E> {
+                        Self::plain(v as f64)
+                    }
+                    fn visit_u64<E: de::Error>(self, v: u64) -> Result<$name, E> {
+                        Self::plain(v as f64)
+                    }
+                }
+                deserializer.deserialize_any(Reader)
+            }
+        }
+    };
+}
+
+quantity!(
+    /// A time \[s\]: `ns`, `us`, `ms`, `s`, `min`, `h`, also several in a row (`1min 30s`), or a plain number of seconds.
+    Time, TIME, "a time", "s", "5ms", plain: true
+);
+quantity!(
+    /// A length \[m\]: `nm`, `um`, `mm`, `cm`, `m`, `km`, or a plain number of metres.
+    Length, LENGTH, "a length", "m", "12mm", plain: true
+);
+quantity!(
+    /// An angle \[rad\]: `deg`, `rad` or `turn`; never a plain number.
+    Angle, ANGLE, "an angle", "rad", "30deg", plain: false
+);
+quantity!(
+    /// A power \[W\]: `uW`, `mW`, `W`, `kW`, or a plain number of watts.
+    Power, POWER, "a power", "W", "1.5W", plain: true
+);
+
+/// Sums the `number unit` pairs of `text`; one sign in front counts for all.
+fn parse(text: &str, units: &[Unit], what: &str, example: &str, plain: bool) -> Result<f64, QuantityError> {
+    let fail = |problem: String| Err(QuantityError(format!("{problem}; write {what} as \"{example}\"")));
+    let trimmed = text.trim();
+    let (sign, body) = match trimmed.strip_prefix('-') {
+        Some(rest) => (-1.0, rest),
+        None => (1.0, trimmed.strip_prefix('+').unwrap_or(trimmed)),
+    };
+    let mut rest = body.trim_start();
+    if rest.is_empty() {
+        return fail(format!("\"{text}\" holds no number"));
+    }
+    let mut total = 0.0;
+    let mut parts = 0;
+    while !rest.is_empty() {
+        let (number, tail) = rest.split_at(number_length(rest));
+        let Ok(value) = number.parse::<f64>() else {
+            return fail(format!("\"{rest}\" does not begin with a number"));
+        };
+        let tail = tail.trim_start();
+        let unit_length = tail.find(|c: char| c.is_whitespace() || c.is_ascii_digit()).unwrap_or(tail.len());
+        let (unit, tail) = tail.split_at(unit_length);
+        rest = tail.trim_start();
+        let size = if unit.is_empty() {
+            if !plain || parts > 0 || !rest.is_empty() {
+                return fail(format!("\"{text}\" lacks a unit ({})", list(units)));
+            }
+            1.0
+        } else {
+            match units.iter().find(|(names, _)| names.contains(&unit)) {
+                Some((_, size)) => *size,
+                None => return fail(format!("unknown unit \"{unit}\" (known: {})", list(units))),
+            }
+        };
+        total += value * size;
+        parts += 1;
+    }
+    Ok(sign * total)
+}
+
+/// Length of the decimal number at the start of `text`. An `e` belongs to it only if an exponent follows.
+fn number_length(text: &str) -> usize {
+    let bytes = text.as_bytes();
+    let digits = |from: usize| bytes.iter().skip(from).take_while(|b| b.is_ascii_digit()).count();
+    let mut length = digits(0);
+    if bytes.get(length) == Some(&b'.') {
+        length += 1 + digits(length + 1);
+    }
+    if matches!(bytes.get(length), Some(b'e' | b'E')) {
+        let sign = usize::from(matches!(bytes.get(length + 1), Some(b'+' | b'-')));
+        let exponent = digits(length + 1 + sign);
+        if exponent > 0 {
+            length += 1 + sign + exponent;
+        }
+    }
+    length
+}
+
+fn list(units: &[Unit]) -> String {
+    units.iter().map(|(names, _)| names[0]).collect::<Vec<_>>().join(", ")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    #[test]
+    fn quantities_read_as_written() {
+        for (text, seconds) in [
+            ("5ms", 5e-3),
+            ("20s", 20.0),
+            ("2min", 120.0),
+            ("1h 2min 3.5s", 3723.5),
+            ("1min30s", 90.0),
+            (" 12 µs ", 12e-6),
+            ("3", 3.0),
+            ("1e-3 s", 1e-3),
+            ("2.5e2ms", 0.25),
+            (".5s", 0.5),
+            ("-4ms", -4e-3),
+        ] {
+            let Time(value) = text.parse().expect(text);
+            assert!((value - seconds).abs() <= 1e-12 * seconds.abs(), "{text} read as {value}");
+        }
+        assert!((f64::from("90deg".parse::<Angle>().expect("an angle")) - std::f64::consts::FRAC_PI_2).abs() < 1e-15);
+        assert_eq!("550nm".parse::<Length>().expect("a length").0, 550.0 * 1e-9);
+        assert_eq!("1.5kW".parse::<Power>().expect("a power").0, 1500.0);
+    }
+
+    #[test]
+    fn bad_quantities_say_why() {
+        for (text, part) in [
+            ("", "no number"),
+            ("-", "no number"),
+            ("ms", "does not begin with a number"),
+            ("5 parsecs", "unknown unit \"parsecs\""),
+            ("5ms 3", "lacks a unit"),
+            ("5 3", "lacks a unit"),
+            ("nan", "does not begin with a number"),
+            ("1.2.3s", "unknown unit \".\""),
+        ] {
+            let error = text.parse::<Time>().expect_err(text).to_string();
+            assert!(error.contains(part), "{text}: {error}");
+        }
+        let error = "30".parse::<Angle>().expect_err("no unit").to_string();
+        assert!(error.contains("lacks a unit (deg, rad, turn)"), "{error}");
+    }
+
+    proptest! {
+        #[test]
+        fn any_text_is_read_or_refused_without_panic(text in "\\PC{0,12}|[-+0-9.eEmsµ° ]{0,12}") {
+            let _ = text.parse::<Time>();
+            let _ = text.parse::<Angle>();
+        }
+    }
+}
