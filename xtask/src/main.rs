@@ -1,0 +1,32 @@
+//! Developer tasks: `cargo xtask scenes [--check]`, `cargo xtask tidy`.
+#![allow(
+    clippy::print_stdout,
+    clippy::print_stderr,
+    reason = "a command-line tool for developers: printing is its output"
+)]
+
+mod scenes;
+mod tidy;
+
+use std::process::ExitCode;
+
+const USAGE: &str = "usage: cargo xtask scenes [--check]   write scenes/inspection/, or check that it is up to date
+       cargo xtask tidy               check the crates' arrows and the repository's rules";
+
+fn main() -> ExitCode {
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    let arguments: Vec<&str> = arguments.iter().map(String::as_str).collect();
+    let result = match arguments[..] {
+        ["scenes"] => scenes::run(false),
+        ["scenes", "--check"] => scenes::run(true),
+        ["tidy"] => tidy::run(),
+        _ => Err(USAGE.to_owned()),
+    };
+    match result {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(message) => {
+            eprintln!("{message}");
+            ExitCode::FAILURE
+        }
+    }
+}

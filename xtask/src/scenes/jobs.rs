@@ -1,0 +1,55 @@
+//! The jobs that render the scenes.
+
+use super::part::Cover;
+
+/// The TOML of one job.
+pub(crate) fn job(stem: &str, cover: Cover) -> String {
+    let what = match cover {
+        Cover::Moulded => "a moulded PMMA cover: gently bulged faces, rounded rim, smooth normals",
+        Cover::Flat => "a plane-parallel PMMA cover",
+        Cover::None => "no cover: the film and its symbols lie open",
+    };
+    let mut text = format!(
+        r#"# Dark-field inspection of a moulded control panel with {what}.
+# Written by `cargo xtask scenes`. Any value can be changed here; the scene itself is made by code in xtask/src/scenes.
+
+scene = "{stem}.glb"
+camera = "camera"
+
+[film]
+width = 512
+height = 512
+
+[budget]
+time = "20s"            # wall clock for the whole command; `spp = 64` is a budget by samples
+
+[allocate]
+strategy = "sobel"      # the paper's: more samples where a pilot image has edges
+
+[sensor]
+model = "imx250"
+exposure = "auto"       # the 99.5 % quantile comes to 90 % of saturation
+
+[output]
+image = "{stem}.png"
+"#
+    );
+    if cover != Cover::None {
+        text.push_str(
+            r#"
+[[material]]
+name = "pmma"           # overrides the scene's material of this name
+ior = 1.49
+"#,
+        );
+    }
+    text.push_str(
+        r#"
+# A light of the scene by name: radiance in W/(m^2 sr) per channel.
+# [[light]]
+# name = "light-rear"
+# radiance = [20.0, 20.0, 20.0]
+"#,
+    );
+    text
+}
