@@ -1,16 +1,25 @@
 //! Geometry without opinions about light: vectors, rays, frames, transforms, triangle meshes and their health.
 //!
 //! Lengths are metres, angles radians. World and local directions are different types: a [`LocalDir`] lives in a
-//! shading [`Frame`] whose normal is +z.
+//! shading [`Frame`] whose normal is +z. Coordinates are f32; where cancellation could eat them, f64 works inside.
 
 #![forbid(unsafe_code)]
+#![cfg_attr(test, allow(clippy::unwrap_used))]
 
+mod bounds;
 mod frame;
+pub mod health;
 mod mesh;
 mod ray;
+pub mod shape;
+mod transform;
+pub mod triangle;
 
+pub use bounds::Aabb;
 pub use frame::{Frame, LocalDir};
 pub use mesh::Mesh;
 pub use ray::Ray;
+pub use transform::{Transform, TransformError};
+pub use triangle::{geometric_normal, hit_point, offset_ray_origin, triangle_area};
 
 pub use glam::{Affine3A, DAffine3, DMat3, DMat4, DQuat, DVec3, Mat3, Quat, Vec2, Vec3, Vec3A, Vec4};

@@ -1,0 +1,165 @@
+//! Axis-aligned boxes.
+
+use glam::Vec3;
+
+use crate::Transform;
+
+/// An axis-aligned box; empty when any `min` exceeds its `max`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Aabb {
+    /// Smallest corner [m].
+    pub min: Vec3,
+    /// Largest corner [m].
+    pub max: Vec3,
+}
+
+impl Default for Aabb {
+    fn default() -> Self {
+        Self::EMPTY
+    }
+}
+
+impl Aabb {
+    /// The box that holds nothing: the neutral element of [`Aabb::union`].
+    pub const EMPTY: Self = Self { min: Vec3::INFINITY, max: Vec3::NEG_INFINITY };
+
+    /// The smallest box around some points; [`Aabb::EMPTY`] for none. A NaN coordinate is passed over.
+    #[inline]
+    pub fn from_points(points: impl IntoIterator<Item = Vec3>) -> Self {
+        points.into_iter().fold(Self::EMPTY, Self::including)
+    }
+
+    /// The smallest box around this one and a point.
+    #[inline]
+    pub fn including(self, p: Vec3) -> Self {
+        Self { min: p.min(self.min), max: p.max(self.max) }
+    }
+
+    /// The smallest box around two boxes.
+    #[inline]
+    pub fn union(self, other: Self) -> Self {
+        Self { min: self.min.min(other.min), max: self.max.max(other.max) }
+    }
+
+    /// Does it hold nothing? (A point or a flat box is not empty; a box with a NaN is.)
+    #[inline]
+    pub fn is_empty(&self) -> bool {
+        !self.min.cmple(self.max).all()
+    }
+
+    /// Lengths of the sides [m]; zero when empty.
+    #[inline]
+    pub fn size(&self) -> Vec3 {
+        if self.is_empty() { Vec3::ZERO } else { self.max - self.min }
+    }
+
+    /// The middle; not finite when empty.
+    #[inline]
+    pub fn center(&self) -> Vec3 {
+        // Halved first, so that the largest finite box does not overflow.
+        0.5 * self.min + 0.5 * self.max
+    }
+
+    /// Half the surface area [m^2], the measure of the surface area heuristic; zero when empty.
+    #[inline]
+    pub fn half_area(&self) -> f32 {
+        let d = self.size();
+        d.x * d.y + d.y * d.z + d.z * d.x
+    }
+
+    /// Does it hold the point, boundary included?
+    #[inline]
+    pub fn contains(&self, p: Vec3) -> bool {
+        self.min.cmple(p).all() && p.cmple(self.max).all()
+    }
+
+    /// Does it hold the other box, boundary included? An empty box lies in every box.
+    #[inline]
+    pub fn encloses(&self, other: &Self) -> bool {
+        other.is_empty() || (self.min.cmple(other.min).all() && other.max.cmple(self.max).all())
+    }
+
+    /// The box grown on every side by `n` ulps of its largest coordinate, and by at least the next number up.
+    ///
+    /// One pad for all sides, because a rotation or a shear carries the rounding of one axis to the others.
+    pub fn padded_by_ulps(&self, n: u32) -> Self {
+        if self.is_empty() {
+            return *self;
+        }
+        let largest = self.min.abs().max(self.max.abs()).max_element();
+        let pad = n as f32 * (largest.next_up() - largest);
+        let out = |v: f32| (v + pad).next_up();
+        Self { min: (-self.min).map(out) * -1.0, max: self.max.map(out) }
+    }
+
+    /// The smallest box (up to outward rounding) around this box after a transform.
+    ///
+    /// Interval arithmetic on the matrix (Arvo 1990), in f64, rounded outward by one ulp.
+    pub fn transformed(&self, transform: &Transform) -> Self {
+        if self.is_empty() {
+            return Self::EMPTY;
+        }
+        let m = transform.to_world();
+        let (lo, hi) = (self.min.as_dvec3(), self.max.as_dvec3());
+        let mut min = m.translation;
+        let mut max = m.translation;
+        for (column, (l, h)) in
+            [(m.matrix3.x_axis, (lo.x, hi.x)), (m.matrix3.y_axis, (lo.y, hi.y)), (m.matrix3.z_axis, (lo.z, hi.z))]
+        {
+            let (a, b) = (column * l, column * h);
+            min += a.min(b);
+            max += a.max(b);
+        }
+        Self { min: min.as_vec3().map(f32::next_down), max: max.as_vec3().map(f32::next_up) }
+    }
+
+    /// The eight corners.
+    pub fn corners(&self) -> [Vec3; 8] {
+        std::array::from_fn(|i| {
+            let pick = |bit: usize, lo: f32, hi: f32| if i & bit == 0 { lo } else { hi };
+            Vec3::new(pick(1, self.min.x, self.max.x), pick(2, self.min.y, self.max.y), pick(4, self.min.z, self.max.z))
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::{DAffine3, DQuat, DVec3};
+
+    #[test]
+    fn empty_is_neutral_and_has_no_extent() {
+        let b = Aabb::from_points([Vec3::new(1.0, -2.0, 3.0), Vec3::new(-1.0, 2.0, 0.5)]);
+        assert_eq!(Aabb::EMPTY.union(b), b);
+        assert!(Aabb::EMPTY.is_empty() && !b.is_empty());
+        assert_eq!(Aabb::EMPTY.half_area(), 0.0);
+        assert_eq!(b.half_area(), 2.0 * 4.0 + 4.0 * 2.5 + 2.5 * 2.0);
+        assert!(b.contains(b.center()) && b.encloses(&Aabb::EMPTY));
+        assert_eq!(Aabb::from_points([Vec3::NAN]), Aabb::EMPTY);
+    }
+
+    #[test]
+    fn padding_moves_every_side_outward_even_at_zero_and_far_out() {
+        for p in [Vec3::ZERO, Vec3::new(1e-4, 1000.0, -3.0), Vec3::splat(-1e30)] {
+            let b = Aabb::from_points([p]);
+            let q = b.padded_by_ulps(1);
+            assert!(q.min.cmplt(b.min).all() && q.max.cmpgt(b.max).all(), "{p} gave {q:?}");
+            assert!(q.size().max_element() <= 1e-6 * p.abs().max_element().max(1e-30), "{p} gave {q:?}");
+        }
+    }
+
+    #[test]
+    fn a_transformed_box_holds_its_transformed_corners() {
+        let b = Aabb { min: Vec3::new(-1.0, -0.3, 2.0), max: Vec3::new(0.5, 0.7, 9.0) };
+        let t = Transform::new(DAffine3::from_scale_rotation_translation(
+            DVec3::new(-2.0, 0.1, 30.0),
+            DQuat::from_axis_angle(DVec3::new(0.6, 0.8, 0.0), 1.1),
+            DVec3::new(1000.0, 0.0, -2.0),
+        ))
+        .unwrap();
+        let moved = b.transformed(&t);
+        let tight = Aabb::from_points(b.corners().map(|c| t.point(c)));
+        assert!(moved.encloses(&tight), "{moved:?} against {tight:?}");
+        assert!((moved.size() - tight.size()).abs().max_element() < 1e-3);
+    }
+}

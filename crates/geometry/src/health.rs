@@ -1,0 +1,329 @@
+//! The health of a mesh: what is wrong with its triangles, and whether it encloses a volume.
+//!
+//! [`clean`] takes out what a ray can never meet or meets twice. [`MeshHealth::of`] says what remains: a mesh of glass
+//! must be closed and wound outward, or refraction has no inside. Vertices count as one if their positions are equal,
+//! whatever their normals and texture coordinates. Both run in hashed linear time.
+
+use std::collections::HashMap;
+use std::hash::{BuildHasherDefault, Hasher};
+
+use glam::{DVec3, Vec3};
+
+use crate::{Aabb, Mesh};
+
+/// A triangle whose height over its longest edge is below this fraction of that edge has no area: a few hundredths of
+/// the roundoff of its coordinates, so that true needles are kept.
+const MIN_RELATIVE_HEIGHT: f64 = 1e-9;
+
+/// How many triangles [`clean`] took out, by reason. A triangle with several faults counts for the first.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Repairs {
+    /// With an index beyond the vertices.
+    pub out_of_range: usize,
+    /// With a corner that is NaN or infinite.
+    pub non_finite: usize,
+    /// Without area: repeated or collinear corners.
+    pub zero_area: usize,
+    /// With the same three positions as an earlier triangle, wound the same way.
+    pub duplicates: usize,
+    /// With the same three positions as an earlier triangle, wound the other way (a sheet modelled from both sides).
+    pub opposite_duplicates: usize,
+}
+
+impl Repairs {
+    /// Triangles taken out in all.
+    pub fn total(&self) -> usize {
+        self.out_of_range + self.non_finite + self.zero_area + self.duplicates + self.opposite_duplicates
+    }
+}
+
+/// Takes out the triangles that no ray can meet, or that would be met twice; the first of coincident ones stays.
+///
+/// The order of the others and all vertices are kept.
+pub fn clean(mesh: &mut Mesh) -> Repairs {
+    let mut repairs = Repairs::default();
+    let mut seen: HashMap<[[u32; 3]; 3], bool, FastHash> = HashMap::default();
+    seen.reserve(mesh.triangles.len());
+    let positions = &mesh.positions;
+    mesh.triangles.retain(|triangle| {
+        let Some(corners) = corners_of(positions, triangle) else {
+            repairs.out_of_range += 1;
+            return false;
+        };
+        if !corners.iter().all(|c| c.is_finite()) {
+            repairs.non_finite += 1;
+            return false;
+        }
+        if has_no_area(&corners) {
+            repairs.zero_area += 1;
+            return false;
+        }
+        let (key, even) = unordered(corners.map(position_key));
+        match seen.insert(key, even) {
+            None => true,
+            Some(first) => {
+                seen.insert(key, first);
+                *(if first == even { &mut repairs.duplicates } else { &mut repairs.opposite_duplicates }) += 1;
+                false
+            }
+        }
+    });
+    repairs
+}
+
+/// Turns a mesh inside out: reverses the winding of every triangle, and its vertex normals with it.
+pub fn turn_inside_out(mesh: &mut Mesh) {
+    mesh.triangles.iter_mut().for_each(|t| t.swap(1, 2));
+    mesh.normals.iter_mut().for_each(|n| *n = -*n);
+    // The bitangent is w n x t: with the normal reversed it stays what it is if w changes sign.
+    mesh.tangents.iter_mut().for_each(|t| t.w = -t.w);
+}
+
+/// What a mesh is, once [`clean`]. Triangles that `clean` would refuse for their corners are passed over.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MeshHealth {
+    /// Triangles looked at.
+    pub triangles: usize,
+    /// Different positions in use.
+    pub vertices: usize,
+    /// Edges used by one triangle only.
+    pub open_edges: usize,
+    /// Edges used by two triangles in the same direction: one of the two is wound the wrong way.
+    pub inconsistent_edges: usize,
+    /// Edges used by three triangles or more.
+    pub non_manifold_edges: usize,
+    /// Volume enclosed [m^3], negative if the winding points inward; means nothing unless the mesh is closed.
+    pub signed_volume: f64,
+    /// Surface area [m^2].
+    pub area: f64,
+    /// Bounds of the triangles [m].
+    pub bounds: Aabb,
+}
+
+impl MeshHealth {
+    /// Looks at a mesh.
+    pub fn of(mesh: &Mesh) -> Self {
+        let sound = |t: &&[u32; 3]| corners_of(&mesh.positions, t).is_some_and(|c| c.iter().all(|c| c.is_finite()));
+        let corners_of = |t: &[u32; 3]| t.map(|i| mesh.positions[i as usize]);
+        let bounds = Aabb::from_points(mesh.triangles.iter().filter(sound).flat_map(corners_of));
+        // Volumes are taken against the middle, where the signed parts cancel least.
+        let middle = if bounds.is_empty() { DVec3::ZERO } else { bounds.center().as_dvec3() };
+
+        let mut welded: HashMap<[u32; 3], u32, FastHash> = HashMap::default();
+        welded.reserve(mesh.positions.len());
+        let mut half_edges: Vec<u64> = Vec::with_capacity(3 * mesh.triangles.len());
+        let (mut triangles, mut six_volumes, mut twice_area) = (0, 0.0, 0.0);
+        for corners in mesh.triangles.iter().filter(sound).map(corners_of) {
+            let ids = corners.map(|c| {
+                let next = welded.len() as u32;
+                *welded.entry(position_key(c)).or_insert(next)
+            });
+            for (from, to) in [(ids[0], ids[1]), (ids[1], ids[2]), (ids[2], ids[0])] {
+                // Lower id, higher id, and in the lowest bit whether the edge runs downward: uses of one edge sort
+                // together, and those in one direction come first. Ids fit in 31 bits as vertices are counted in u32
+                // and three of them make a triangle of 12 bytes.
+                let (lo, hi, down) = if from < to { (from, to, 0) } else { (to, from, 1) };
+                half_edges.push((u64::from(lo) << 33) | (u64::from(hi) << 1) | down);
+            }
+            let [a, b, c] = corners.map(|c| c.as_dvec3() - middle);
+            triangles += 1;
+            six_volumes += a.dot(b.cross(c));
+            twice_area += (b - a).cross(c - a).length();
+        }
+        half_edges.sort_unstable();
+
+        let mut health = Self {
+            triangles,
+            vertices: welded.len(),
+            open_edges: 0,
+            inconsistent_edges: 0,
+            non_manifold_edges: 0,
+            signed_volume: six_volumes / 6.0,
+            area: 0.5 * twice_area,
+            bounds,
+        };
+        for uses in half_edges.chunk_by(|a, b| a >> 1 == b >> 1) {
+            match uses {
+                [_] => health.open_edges += 1,
+                [a, b] if a == b => health.inconsistent_edges += 1,
+                [_, _] => {}
+                _ => health.non_manifold_edges += 1,
+            }
+        }
+        health
+    }
+
+    /// Does every edge join exactly two triangles that run along it in opposite directions?
+    pub fn is_closed(&self) -> bool {
+        self.triangles > 0 && self.open_edges + self.inconsistent_edges + self.non_manifold_edges == 0
+    }
+
+    /// Is it closed, but wound inward?
+    pub fn is_inside_out(&self) -> bool {
+        self.is_closed() && self.signed_volume < 0.0
+    }
+}
+
+fn corners_of(positions: &[Vec3], triangle: &[u32; 3]) -> Option<[Vec3; 3]> {
+    let at = |i: u32| positions.get(i as usize).copied();
+    Some([at(triangle[0])?, at(triangle[1])?, at(triangle[2])?])
+}
+
+fn has_no_area(corners: &[Vec3; 3]) -> bool {
+    let [a, b, c] = corners.map(|c| c.as_dvec3());
+    let (e1, e2, e3) = (b - a, c - a, c - b);
+    let longest2 = e1.length_squared().max(e2.length_squared()).max(e3.length_squared());
+    // Twice the area is height times longest edge.
+    e1.cross(e2).length() <= MIN_RELATIVE_HEIGHT * longest2
+}
+
+/// The bits of a position, with the two zeros made one.
+fn position_key(p: Vec3) -> [u32; 3] {
+    (p + Vec3::ZERO).to_array().map(f32::to_bits)
+}
+
+/// Three keys in ascending order, and whether that took an even permutation (which is what winding comes to).
+fn unordered(mut keys: [[u32; 3]; 3]) -> ([[u32; 3]; 3], bool) {
+    let mut even = true;
+    for (i, j) in [(0, 1), (1, 2), (0, 1)] {
+        if keys[i] > keys[j] {
+            keys.swap(i, j);
+            even = !even;
+        }
+    }
+    (keys, even)
+}
+
+type FastHash = BuildHasherDefault<BitsHasher>;
+
+/// A hash for float bits: multiply and fold (Steele & Vigna 2022), seeded with nothing, so that runs are alike.
+#[derive(Default)]
+struct BitsHasher(u64);
+
+impl Hasher for BitsHasher {
+    fn write(&mut self, bytes: &[u8]) {
+        for chunk in bytes.chunks(8) {
+            let mut word = [0; 8];
+            word[..chunk.len()].copy_from_slice(chunk);
+            self.write_u64(u64::from_le_bytes(word));
+        }
+    }
+
+    fn write_u32(&mut self, word: u32) {
+        self.write_u64(u64::from(word));
+    }
+
+    fn write_u64(&mut self, word: u64) {
+        let product = u128::from(self.0 ^ word ^ 0x9e37_79b9_7f4a_7c15) * 0xd134_2543_de82_ef95;
+        self.0 = (product >> 64) as u64 ^ product as u64;
+    }
+
+    fn finish(&self) -> u64 {
+        self.0
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A unit cube with four vertices of its own per face, as exporters write flat-shaded meshes.
+    fn cube() -> Mesh {
+        let mut mesh = Mesh::default();
+        for axis in 0..3 {
+            for side in [0.0, 1.0] {
+                let at = |u: f32, v: f32| {
+                    let mut p = [0.0; 3];
+                    (p[axis], p[(axis + 1) % 3], p[(axis + 2) % 3]) = (side, u, v);
+                    Vec3::from(p)
+                };
+                let base = mesh.positions.len() as u32;
+                mesh.positions.extend([at(0.0, 0.0), at(1.0, 0.0), at(1.0, 1.0), at(0.0, 1.0)]);
+                let quad = if side == 1.0 { [0, 1, 2, 0, 2, 3] } else { [0, 2, 1, 0, 3, 2] };
+                mesh.triangles.extend(quad.chunks(3).map(|t| [base + t[0], base + t[1], base + t[2]]));
+            }
+        }
+        mesh
+    }
+
+    #[test]
+    fn a_cube_of_split_vertices_is_closed_and_has_its_volume() {
+        let health = MeshHealth::of(&cube());
+        assert!(health.is_closed() && !health.is_inside_out(), "{health:?}");
+        assert_eq!((health.triangles, health.vertices), (12, 8));
+        assert!((health.signed_volume - 1.0).abs() < 1e-12 && (health.area - 6.0).abs() < 1e-12);
+
+        let mut inverted = cube();
+        turn_inside_out(&mut inverted);
+        assert!(MeshHealth::of(&inverted).is_inside_out());
+
+        let mut far = cube();
+        far.positions.iter_mut().for_each(|p| *p += Vec3::new(1000.0, -1000.0, 0.0));
+        assert!((MeshHealth::of(&far).signed_volume - 1.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn holes_flipped_triangles_and_fins_are_told_apart() {
+        let mut open = cube();
+        open.triangles.pop();
+        let h = MeshHealth::of(&open);
+        assert_eq!((h.open_edges, h.inconsistent_edges, h.non_manifold_edges), (3, 0, 0));
+        let mut flipped = cube();
+        flipped.triangles[5].swap(0, 1);
+        let h = MeshHealth::of(&flipped);
+        assert_eq!((h.open_edges, h.inconsistent_edges, h.non_manifold_edges), (0, 3, 0));
+        let mut fin = cube();
+        fin.positions.push(Vec3::splat(9.0));
+        fin.triangles.push([0, 1, 24]);
+        let h = MeshHealth::of(&fin);
+        assert_eq!((h.open_edges, h.non_manifold_edges), (2, 1));
+        assert!(!MeshHealth::of(&Mesh::default()).is_closed());
+    }
+
+    #[test]
+    fn clean_takes_out_each_kind_of_bad_triangle_and_says_so() {
+        let mut mesh = cube();
+        let good = mesh.triangles.clone();
+        let [a, b, c] = good[0];
+        mesh.positions.push(Vec3::new(f32::NAN, 0.0, 0.0));
+        mesh.positions.push(Vec3::new(0.5, 0.5, f32::INFINITY));
+        mesh.positions.push(mesh.positions[a as usize] * -0.0);
+        mesh.triangles.extend([
+            [0, 1, 999],
+            [u32::MAX, 0, 1],
+            [0, 1, 24],
+            [25, 1, 2],
+            [a, a, b],
+            [b, c, a],
+            [a, b, c],
+            [a, c, b],
+        ]);
+        let repairs = clean(&mut mesh);
+        let want = Repairs { out_of_range: 2, non_finite: 2, zero_area: 1, duplicates: 2, opposite_duplicates: 1 };
+        assert_eq!(repairs, want);
+        assert_eq!(repairs.total(), 8);
+        assert_eq!(mesh.triangles, good);
+        assert_eq!(clean(&mut mesh), Repairs::default());
+    }
+
+    #[test]
+    fn needles_stay_and_collinear_corners_go() {
+        let mut mesh = Mesh {
+            positions: vec![Vec3::ZERO, Vec3::X, Vec3::new(0.5, 1e-7, 0.0), Vec3::new(0.5, 0.0, 0.0), -Vec3::ZERO],
+            triangles: vec![[0, 1, 2], [0, 1, 3], [4, 0, 2], [4, 1, 2]],
+            ..Mesh::default()
+        };
+        let repairs = clean(&mut mesh);
+        assert_eq!(mesh.triangles, [[0, 1, 2]]);
+        assert_eq!((repairs.zero_area, repairs.duplicates), (2, 1), "-0 and 0 are one position");
+    }
+
+    #[test]
+    fn health_passes_over_what_clean_would_take_out() {
+        let mut mesh = cube();
+        mesh.positions.push(Vec3::NAN);
+        mesh.triangles.extend([[0, 1, 24], [0, 1, 7777]]);
+        assert!(MeshHealth::of(&mesh).is_closed());
+        assert!(!MeshHealth::of(&mesh).bounds.is_empty());
+    }
+}

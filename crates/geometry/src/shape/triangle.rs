@@ -1,0 +1,230 @@
+//! Triangles: solid angle and sampling by solid angle (Arvo 1995) or area (Heitz 2019).
+
+use glam::{DVec3, Vec3};
+
+use super::{IN_PLANE, MIN_SOLID_ANGLE, ShapeSample, area_pdf};
+
+/// The solid angle [sr] that a triangle subtends at a point, in [0, 2 pi]; zero in its plane.
+///
+/// By Van Oosterom & Strackee (1983), `tan(solid angle / 2) = [A B C] / (1 + AB + BC + CA)` for unit vectors.
+pub fn triangle_solid_angle(corners: &[Vec3; 3], reference: Vec3) -> f32 {
+    View::new(corners, reference).map_or(0.0, |view| view.solid_angle as f32)
+}
+
+/// Samples a triangle as seen from `reference`: uniformly by solid angle, or by area below 1e-6 sr.
+pub fn sample_triangle(corners: &[Vec3; 3], reference: Vec3, u: [f32; 2]) -> Option<ShapeSample> {
+    let view = View::new(corners, reference)?;
+    let coordinates = if view.by_solid_angle() { view.sample(u.map(f64::from)) } else { sample_triangle_area(u) };
+    let [v0, v1, v2] = corners.map(|c| c.as_dvec3());
+    let [b1, b2] = coordinates.map(f64::from);
+    let point = (v0 + b1 * (v1 - v0) + b2 * (v2 - v0)).as_vec3();
+    let pdf = view.pdf(point, reference);
+    (pdf > 0.0).then_some(ShapeSample { point, coordinates, pdf })
+}
+
+/// Density per solid angle [1/sr] with which [`sample_triangle`] returns `point`, a point on the triangle.
+pub fn pdf_triangle(corners: &[Vec3; 3], reference: Vec3, point: Vec3) -> f32 {
+    View::new(corners, reference).map_or(0.0, |view| view.pdf(point, reference))
+}
+
+/// Uniform by area: the weights of the second and third corner. The density is 1 / area.
+///
+/// The map of Heitz, "A low-distortion map between triangle and square" (2019), which keeps strata compact.
+#[inline]
+pub fn sample_triangle_area([u, v]: [f32; 2]) -> [f32; 2] {
+    // The square is folded along its diagonal onto the triangle; each half keeps its shape up to a shear.
+    if v > u { [0.5 * u, v - 0.5 * u] } else { [u - 0.5 * v, 0.5 * v] }
+}
+
+/// A triangle on the unit sphere around the point that looks at it.
+///
+/// Arvo (1995) cuts off a triangle of the wanted area by a great circle through one corner, then picks on that circle.
+/// The cut is written without the inner angles, whose arc cosines lose half of the digits in a small triangle. For
+/// corners A, B, C let C' on the arc AC be the reflection of A in `o = p A + q C`. Then
+/// `tan(area(A, B, C') / 2) = [A B o] / ((A + B) . o)`, which is linear in p and q, so that
+/// `p = [A B C] cos f - (AC + BC) sin f`, `q = (1 + AB) sin f` with f half of the wanted area (the form in which Peters
+/// 2021 samples polygons).
+struct View {
+    /// Unit vectors to the corners.
+    a: DVec3,
+    b: DVec3,
+    c: DVec3,
+    /// Absolute triple product of the unit vectors.
+    triple: f64,
+    solid_angle: f64,
+    /// From the reference to the first corner, and the two edges from there.
+    to_v0: DVec3,
+    e1: DVec3,
+    e2: DVec3,
+    /// `e1 x e2`: twice the area long.
+    normal: DVec3,
+    /// Distance of the reference from the triangle's plane.
+    height: f64,
+}
+
+impl View {
+    fn new(corners: &[Vec3; 3], reference: Vec3) -> Option<Self> {
+        let [v0, v1, v2] = corners.map(|v| v.as_dvec3());
+        let r = reference.as_dvec3();
+        let (e1, e2) = (v1 - v0, v2 - v0);
+        let normal = e1.cross(e2);
+        let (a, b, c) = (v0 - r, v1 - r, v2 - r);
+        let (la, lb, lc) = (a.length(), b.length(), c.length());
+        let volume = a.dot(normal).abs();
+        let height = volume / normal.length();
+        // A NaN (no area, a reference that is not finite or on a corner) fails this comparison too.
+        if height > IN_PLANE * la.max(lb).max(lc) && height.is_finite() {
+            let (a, b, c, to_v0) = (a / la, b / lb, c / lc, a);
+            let triple = volume / (la * lb * lc);
+            let solid_angle = 2.0 * triple.atan2(1.0 + a.dot(b) + b.dot(c) + c.dot(a));
+            Some(Self { a, b, c, triple, solid_angle, to_v0, e1, e2, normal, height })
+        } else {
+            None
+        }
+    }
+
+    fn by_solid_angle(&self) -> bool {
+        self.solid_angle >= MIN_SOLID_ANGLE
+    }
+
+    fn pdf(&self, point: Vec3, reference: Vec3) -> f32 {
+        if self.by_solid_angle() {
+            (1.0 / self.solid_angle) as f32
+        } else {
+            area_pdf(point, reference, 0.5 * self.normal.length(), self.height)
+        }
+    }
+
+    /// Weights of the second and third corner, uniform by solid angle.
+    fn sample(&self, [u, v]: [f64; 2]) -> [f32; 2] {
+        let (a, b, c) = (self.a, self.b, self.c);
+        let (sin, cos) = (0.5 * u * self.solid_angle).sin_cos();
+        let p = self.triple * cos - (a.dot(c) + b.dot(c)) * sin;
+        let q = (1.0 + a.dot(b)) * sin;
+        let o = p * a + q * c;
+        let cut = (2.0 * a.dot(o) / o.length_squared()) * o - a;
+
+        // From B towards C', uniform in the cosine (Archimedes); 1 - cos is kept, not cos.
+        let towards = cut - b;
+        let one_minus_cos_max = 0.5 * towards.length_squared();
+        let tangent = (towards + one_minus_cos_max * b).normalize_or_zero();
+        let one_minus_cos = v * one_minus_cos_max;
+        let sin = (one_minus_cos * (2.0 - one_minus_cos)).max(0.0).sqrt();
+        let direction = (1.0 - one_minus_cos) * b + sin * tangent;
+
+        // Down to the plane, in weights, so that rounding cannot leave the triangle.
+        let t = self.to_v0.dot(self.normal) / direction.dot(self.normal);
+        let in_plane = t * direction - self.to_v0;
+        let n = self.normal / self.normal.length_squared();
+        let b1 = in_plane.cross(self.e2).dot(n).clamp(0.0, 1.0);
+        let b2 = self.e1.cross(in_plane).dot(n).clamp(0.0, 1.0 - b1);
+        [b1 as f32, b2 as f32]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn corners() -> [Vec3; 3] {
+        [Vec3::new(0.1, 0.2, 1.0), Vec3::new(1.3, -0.1, 1.2), Vec3::new(0.4, 0.9, 0.7)]
+    }
+
+    fn references() -> Vec<Vec3> {
+        let [a, b, c] = corners();
+        let n = crate::geometric_normal(&corners());
+        let mut all = Vec::new();
+        for (b1, b2) in [(0.3, 0.3), (0.0, 0.0), (1.0, 0.0), (0.5, 0.5), (-0.02, 0.3), (2.0, 2.0), (-4.0, 0.1)] {
+            for h in [1e-4, 1e-2, -0.3, 1.0, -7.0, 400.0] {
+                all.push(a + b1 * (b - a) + b2 * (c - a) + h * n);
+            }
+        }
+        all
+    }
+
+    #[test]
+    fn an_octant_is_an_eighth_of_the_sphere() {
+        let octant = [Vec3::X, Vec3::Y, Vec3::Z];
+        let want = std::f32::consts::PI / 2.0;
+        assert!((triangle_solid_angle(&octant, Vec3::ZERO) - want).abs() < 1e-6);
+        assert_eq!(triangle_solid_angle(&[Vec3::X, Vec3::Y, -Vec3::X], Vec3::ZERO), 0.0, "in its plane");
+        // Small and far: area cos / d^2.
+        let small = octant.map(|v| 1e-3 * v + Vec3::splat(100.0));
+        let want = crate::triangle_area(&small) / (3.0 * 1e4);
+        assert!((triangle_solid_angle(&small, Vec3::ZERO) / want - 1.0).abs() < 1e-3);
+    }
+
+    #[test]
+    fn each_cell_of_random_numbers_covers_its_share_of_solid_angle() {
+        const N: usize = 48;
+        for p in references() {
+            let at = |i: usize, j: usize| {
+                let u = [i, j].map(|k| (k as f32 / N as f32).min(1.0 - f32::EPSILON / 2.0));
+                sample_triangle(&corners(), p, u).unwrap_or_else(|| panic!("no sample from {p}")).point
+            };
+            let mut covered = 0.0;
+            let mut off = 0;
+            for i in 0..N {
+                for j in 0..N {
+                    let [a, b, c, d] = [at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)];
+                    let cell = triangle_solid_angle(&[a, b, c], p) + triangle_solid_angle(&[a, c, d], p);
+                    let share = cell * pdf_triangle(&corners(), p, 0.25 * (a + b + c + d)) * (N * N) as f32;
+                    // Heitz's map folds along the diagonal, and cells at the far ends of a wide view are curved.
+                    off += usize::from(i != j && !(0.75..1.35).contains(&share));
+                    covered += share / (N * N) as f32;
+                }
+            }
+            assert!((covered - 1.0).abs() < 2e-2, "cells cover {covered} of the triangle from {p}");
+            assert!(off <= N / 2, "{off} cells are off from {p}");
+        }
+    }
+
+    #[test]
+    fn the_density_of_a_sample_is_what_pdf_says_to_the_bit() {
+        for p in references() {
+            for k in 0..64 {
+                let u = [(k as f32 + 0.5) / 64.0, (k as f32 * 0.618_034).fract()];
+                let s = sample_triangle(&corners(), p, u).unwrap();
+                assert_eq!(s.pdf.to_bits(), pdf_triangle(&corners(), p, s.point).to_bits(), "from {p} with {u:?}");
+                assert!(s.coordinates[0] >= 0.0 && s.coordinates[1] >= 0.0);
+                assert!(s.coordinates[0] + s.coordinates[1] <= 1.0 + f32::EPSILON);
+            }
+        }
+    }
+
+    #[test]
+    fn area_samples_have_the_mean_and_second_moments_of_a_triangle() {
+        const N: usize = 256;
+        let mut sums = [0.0f64; 3];
+        for i in 0..N {
+            for j in 0..N {
+                let [b1, b2] = sample_triangle_area([i, j].map(|k| (k as f32 + 0.5) / N as f32)).map(f64::from);
+                assert!(b1 >= 0.0 && b2 >= 0.0 && b1 + b2 <= 1.0 + 1e-6);
+                sums = [sums[0] + b1, sums[1] + b2, sums[2] + b1 * b2];
+            }
+        }
+        // Dirichlet(1, 1, 1): means 1/3, E[b1 b2] = 1/12.
+        for (sum, want) in sums.iter().zip([1.0 / 3.0, 1.0 / 3.0, 1.0 / 12.0]) {
+            assert!((sum / (N * N) as f64 - want).abs() < 1e-4, "{sums:?}");
+        }
+    }
+
+    #[test]
+    fn degenerate_views_give_nothing_and_near_degenerate_ones_stay_finite() {
+        let t = [Vec3::ZERO, Vec3::X, Vec3::Y];
+        for p in [Vec3::ZERO, Vec3::new(0.2, 0.2, 0.0), Vec3::new(9.0, 1.0, 0.0), Vec3::NAN, Vec3::INFINITY] {
+            assert_eq!(sample_triangle(&t, p, [0.4, 0.4]), None, "from {p}");
+            assert_eq!(pdf_triangle(&t, p, Vec3::ZERO), 0.0);
+        }
+        assert_eq!(sample_triangle(&[Vec3::ZERO, Vec3::X, 2.0 * Vec3::X], Vec3::Z, [0.4, 0.4]), None, "no area");
+        for h in [1e-3, 1e-5, 1e-7, 1e-9, 1e-12] {
+            for p in [Vec3::new(0.0, 0.0, h), Vec3::new(0.3, 0.3, -h), Vec3::new(5.0, 1.0, h)] {
+                for u in [[0.0, 0.0], [0.3, 0.9], [1.0 - f32::EPSILON / 2.0; 2]] {
+                    if let Some(s) = sample_triangle(&t, p, u) {
+                        assert!(s.pdf > 0.0 && s.pdf.is_finite() && s.point.is_finite(), "{s:?} from {p}");
+                    }
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,206 @@
+//! Ray against triangle without gaps, where the hit lies, and where the next ray may start.
+//!
+//! The test is that of Woop, Benthin & Wald, "Watertight ray/triangle intersection" (JCGT 2013). A ray becomes the axis
+//! of a sheared coordinate system, in which the signs of three edge functions decide. Every product is rounded once and
+//! nothing is fused, so two triangles that share an edge see the same number with opposite signs. Rounding is monotone:
+//! a computed sign is right or the result is zero, and a zero is decided in f64, where the products are exact.
+//!
+//! How far away the hit lies is the other half. In f32, `t` near zero may be rounding; Pharr, Jakob & Humphreys (2016,
+//! section 3.9.6) reject hits below their error bound, at the price of real surfaces a few micrometres away. Here, such
+//! a hit is decided in f64, so that a film of a micrometre is seen and the surface just left is not.
+
+use glam::{DVec3, Vec3};
+
+use crate::Ray;
+
+/// Largest relative error of one f32 rounding (half the distance from 1 to the next number).
+pub const UNIT_ROUNDOFF: f32 = 0.5 * f32::EPSILON;
+
+/// Bound on the relative error of `n` f32 roundings in a row (Higham 2002, lemma 3.1).
+#[inline]
+pub const fn gamma(n: u32) -> f32 {
+    let nu = n as f32 * UNIT_ROUNDOFF;
+    nu / (1.0 - nu)
+}
+
+/// Where a ray meets a triangle.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TriangleHit {
+    /// Ray parameter of the hit.
+    pub t: f32,
+    /// Barycentric weight of the second corner.
+    pub b1: f32,
+    /// Barycentric weight of the third corner.
+    pub b2: f32,
+}
+
+/// What the watertight test needs to know of a ray, computed once per ray.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RayShear {
+    /// Axes renamed so that the third is the direction's largest component and handedness is kept.
+    pub axes: [usize; 3],
+    /// The ray's origin along the renamed axes.
+    pub origin: [f32; 3],
+    /// `d_x / d_z`, `d_y / d_z` and `1 / d_z` along the renamed axes.
+    pub shear: [f32; 3],
+}
+
+impl RayShear {
+    /// The shear that takes the ray's direction to +z. A zero direction gives non-finite values, which hit nothing.
+    #[inline]
+    pub fn new(ray: &Ray) -> Self {
+        let (d, o) = (ray.direction, ray.origin);
+        let a = d.abs();
+        let kz = if a.x >= a.y && a.x >= a.z {
+            0
+        } else if a.y >= a.z {
+            1
+        } else {
+            2
+        };
+        let (mut kx, mut ky) = ((kz + 1) % 3, (kz + 2) % 3);
+        if d[kz] < 0.0 {
+            std::mem::swap(&mut kx, &mut ky);
+        }
+        let inv = 1.0 / d[kz];
+        Self { axes: [kx, ky, kz], origin: [o[kx], o[ky], o[kz]], shear: [d[kx] * inv, d[ky] * inv, inv] }
+    }
+}
+
+/// The three edge functions of a sheared triangle in f64, for when an f32 one came out as zero.
+///
+/// `x` and `y` are the sheared corners. The products of two f32 are exact in f64, so the signs are exact.
+#[inline]
+pub fn edge_functions_f64(x: [f32; 3], y: [f32; 3]) -> [f32; 3] {
+    let [ax, bx, cx] = x.map(f64::from);
+    let [ay, by, cy] = y.map(f64::from);
+    let keep_sign = |e: f64| {
+        // An underflow to zero would call a clear miss a hit on the edge.
+        let f = e as f32;
+        if f == 0.0 && e != 0.0 { f32::from_bits(1).copysign(e as f32) } else { f }
+    };
+    [cx * by - cy * bx, ax * cy - ay * cx, bx * ay - by * ax].map(keep_sign)
+}
+
+/// The parameter at which a ray crosses a triangle's plane, in f64; zero where even f64 cannot tell the side.
+///
+/// Called when `|t|` lies within the error bound of the f32 result. With e1, e2 the edges and a = v0 - o,
+/// `t = (e1 x e2 . a) / (e1 x e2 . d)`; differences of f32 and their triple product carry a relative error below 8 units
+/// of roundoff of the sum of absolute terms.
+#[inline]
+pub fn plane_distance_f64(ray: &Ray, corners: &[Vec3; 3]) -> f32 {
+    let v0 = corners[0].as_dvec3();
+    let (e1, e2) = (corners[1].as_dvec3() - v0, corners[2].as_dvec3() - v0);
+    let a = v0 - ray.origin.as_dvec3();
+    let (left, right) =
+        (DVec3::new(e1.y * e2.z, e1.z * e2.x, e1.x * e2.y), DVec3::new(e1.z * e2.y, e1.x * e2.z, e1.y * e2.x));
+    let n = left - right;
+    let numerator = n.dot(a);
+    let bound = 4.0 * f64::EPSILON * (left.abs() + right.abs()).dot(a.abs());
+    if numerator.abs() <= bound { 0.0 } else { (numerator / n.dot(ray.direction.as_dvec3())) as f32 }
+}
+
+/// `t` of the watertight test may be off by this factor times `(x y + (x + y) z) z / |det|`, where x, y and z are the
+/// largest absolute sheared coordinates.
+///
+/// Pharr, Jakob & Humphreys (2016, section 3.9.6) bound the error by
+/// `3 (g3 e z + de z + dz e) / |det|` with `dz = g3 z`, `dx = g5 (x + z)`, `dy = g5 (y + z)`,
+/// `de = 2 (g2 x y + dy x + dx y)` and e the largest edge function. With `e <= 2 x y` this is at most
+/// `u (108 x y + 30 (x + y) z) z / |det|`; the rest of 128 covers the rounding of the bound.
+pub const T_ERROR: f32 = 128.0 * UNIT_ROUNDOFF;
+
+/// The watertight test: the hit with `0 < t < ray.t_max`, seen from either side.
+///
+/// Hits on an edge or corner belong to every triangle that shares it; none falls between. Triangles without area in the
+/// ray's view are never hit, and neither are those with a NaN.
+#[inline]
+pub fn intersect_triangle(shear: &RayShear, ray: &Ray, corners: &[Vec3; 3]) -> Option<TriangleHit> {
+    let [kx, ky, kz] = shear.axes;
+    let [ox, oy, oz] = shear.origin;
+    let [sx, sy, sz] = shear.shear;
+    let from_origin = corners.map(|c| [c[kx] - ox, c[ky] - oy, c[kz] - oz]);
+    let x = from_origin.map(|p| p[0] - sx * p[2]);
+    let y = from_origin.map(|p| p[1] - sy * p[2]);
+    let z = from_origin.map(|p| sz * p[2]);
+
+    let inside = |e: &[f32; 3]| e.iter().all(|&e| e >= 0.0) || e.iter().all(|&e| e <= 0.0);
+    let mut e = [x[2] * y[1] - y[2] * x[1], x[0] * y[2] - y[0] * x[2], x[1] * y[0] - y[1] * x[0]];
+    if !inside(&e) {
+        return None;
+    }
+    if e.contains(&0.0) {
+        e = edge_functions_f64(x, y);
+        if !inside(&e) {
+            return None;
+        }
+    }
+
+    let inv_det = 1.0 / ((e[0] + e[1]) + e[2]);
+    let t = ((e[0] * z[0] + e[1] * z[1]) + e[2] * z[2]) * inv_det;
+    let largest = |v: [f32; 3]| v[0].abs().max(v[1].abs()).max(v[2].abs());
+    let (mx, my, mz) = (largest(x), largest(y), largest(z));
+    let t_error = T_ERROR * ((mx * my + (mx + my) * mz) * mz) * inv_det.abs();
+    // Comparisons are written so that a NaN (no area: 0/0) is a miss.
+    if !(t >= -t_error && t < ray.t_max) {
+        return None;
+    }
+    let t = if t <= t_error { plane_distance_f64(ray, corners) } else { t };
+    (t > 0.0 && t < ray.t_max).then_some(TriangleHit { t, b1: e[1] * inv_det, b2: e[2] * inv_det })
+}
+
+/// Unit normal of a triangle by its winding, or zero if it has no area. Computed in f64, so that slivers get a true one.
+#[inline]
+pub fn geometric_normal(corners: &[Vec3; 3]) -> Vec3 {
+    let v0 = corners[0].as_dvec3();
+    let n = (corners[1].as_dvec3() - v0).cross(corners[2].as_dvec3() - v0);
+    n.normalize_or_zero().as_vec3()
+}
+
+/// Area of a triangle [m^2], computed in f64.
+#[inline]
+pub fn triangle_area(corners: &[Vec3; 3]) -> f32 {
+    let v0 = corners[0].as_dvec3();
+    (0.5 * (corners[1].as_dvec3() - v0).cross(corners[2].as_dvec3() - v0).length()) as f32
+}
+
+/// The point with barycentric weights `b1` and `b2` (of the second and third corner), and the half widths of a box that
+/// surely holds the point of the triangle's plane with exactly these weights.
+///
+/// `v0 + b1 (v1 - v0) + b2 (v2 - v0)` lies in the plane for *any* b1 and b2, so their own error moves the point within
+/// the plane and not off it. Evaluated in f64 the expression has at most four roundings in a row, and one to f32 ends
+/// it: `|error| <= u |p| + 4 u64 (|v0| + |b1 e1| + |b2 e2|)`. That is a seventh of the bound that f32 arithmetic would
+/// give (Pharr, Jakob & Humphreys 2016, section 3.9.4: gamma(7)), which matters where surfaces lie micrometres apart or
+/// a kilometre from the origin.
+#[inline]
+pub fn hit_point(corners: &[Vec3; 3], b1: f32, b2: f32) -> (Vec3, Vec3) {
+    let v0 = corners[0].as_dvec3();
+    let along1 = f64::from(b1) * (corners[1].as_dvec3() - v0);
+    let along2 = f64::from(b2) * (corners[2].as_dvec3() - v0);
+    let exact = v0 + along1 + along2;
+    let error = f64::from(UNIT_ROUNDOFF) * exact.abs() + 2.0 * f64::EPSILON * (v0.abs() + along1.abs() + along2.abs());
+    // One ulp up for the rounding of the bound itself; at zero it stands for subnormal results.
+    (exact.as_vec3(), error.as_vec3().map(f32::next_up))
+}
+
+/// A start for a ray that leaves a surface: off the error box of the hit, on the side that `direction` goes to.
+///
+/// The point moves along the unit normal by the extent of the error box in that direction and is then rounded away from
+/// the surface (Pharr, Jakob & Humphreys 2016, section 3.9.5). Pass the *geometric* normal; its sign does not matter. If
+/// `direction` lies in the surface, the side is the normal's.
+#[inline]
+pub fn offset_ray_origin(p: Vec3, p_error: Vec3, geometric_normal: Vec3, direction: Vec3) -> Vec3 {
+    let n = if direction.dot(geometric_normal) < 0.0 { -geometric_normal } else { geometric_normal };
+    // The factor covers that n is a unit vector only to within rounding.
+    let offset = n * (n.abs().dot(p_error) * (1.0 + 8.0 * UNIT_ROUNDOFF));
+    let away = |moved: f32, by: f32| {
+        if by > 0.0 {
+            moved.next_up()
+        } else if by < 0.0 {
+            moved.next_down()
+        } else {
+            moved
+        }
+    };
+    let moved = p + offset;
+    Vec3::new(away(moved.x, offset.x), away(moved.y, offset.y), away(moved.z, offset.z))
+}
