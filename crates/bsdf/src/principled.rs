@@ -6,6 +6,7 @@
 //! - masking and shadowing are separable, `G = g1(wo) g1(wi)`;
 //! - the specular reflectance blends exact dielectric Fresnel with Schlick terms for metal and tint;
 //! - transmission takes the square root of the base colour at each boundary;
+//! - sheen vanishes for `spec_trans = 1`;
 //! - only the refractive part (`spec_trans`) exists for light on the inside (z < 0); the rest absorbs there.
 //!
 //! Deviations: `specular_factor` and `specular_color` are added (neutral by default); `anisotropic` may be negative, which
@@ -138,7 +139,9 @@ impl Principled {
         let f0 = normal_reflectance(eta);
         let tint = (1.0 - metallic) * spec_tint;
         let scale = (unit(p.specular_factor), p.specular_color.map(at_least_zero));
-        let sheen_color = Rgb::WHITE.lerp(hue, unit(p.sheen_tint)) * (at_least_zero(p.sheen) * (1.0 - metallic));
+        // A surface that refracts everything has no sheen (so Mitsuba, whose sheen lives on the diffuse layer).
+        let sheen = if opaque > 0.0 { at_least_zero(p.sheen) * (1.0 - metallic) } else { 0.0 };
+        let sheen_color = Rgb::WHITE.lerp(hue, unit(p.sheen_tint)) * sheen;
         let diffuse_color = base * opaque;
         Self {
             ggx,

@@ -1,1 +1,21 @@
-//! (module of the workspace; see ARCHITECTURE.md)
+//! Statistics for tests: is a random result what it should be?
+//!
+//! Each test gives an [`Outcome`] with a p-value: the probability, if all is well, of a result at least this bad. A test
+//! fails below a *stated* false-alarm rate, never at a tolerance chosen to pass. When several results are judged
+//! together, [`sidak`] gives the rate for each. Seeds are fixed by the caller, so a failure replays.
+
+#![forbid(unsafe_code)]
+
+mod artefact;
+mod chi_squared;
+mod compare;
+mod density;
+mod moments;
+mod outcome;
+
+pub use artefact::{write_csv, write_pgm};
+pub use chi_squared::chi_squared;
+pub use compare::{student_t_test, welch_test, z_test};
+pub use density::{DensityTest, direction_to_square, integrate_square, square_to_direction};
+pub use moments::SampleMoments;
+pub use outcome::{Outcome, sidak};

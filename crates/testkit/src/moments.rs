@@ -1,0 +1,91 @@
+//! Mean and variance in one pass.
+
+/// Count, mean and spread of a sample, updated value by value (Welford 1962) or merged (Chan, Golub and LeVeque 1979).
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct SampleMoments {
+    count: u64,
+    mean: f64,
+    sum_of_squares: f64,
+}
+
+impl SampleMoments {
+    /// Takes in one value.
+    pub fn push(&mut self, x: f64) {
+        self.count += 1;
+        let delta = x - self.mean;
+        self.mean += delta / self.count as f64;
+        self.sum_of_squares += delta * (x - self.mean);
+    }
+
+    /// The moments of both samples together.
+    pub fn merge(self, other: Self) -> Self {
+        if self.count == 0 || other.count == 0 {
+            return if self.count == 0 { other } else { self };
+        }
+        let (n, m) = (self.count as f64, other.count as f64);
+        let delta = other.mean - self.mean;
+        Self {
+            count: self.count + other.count,
+            mean: self.mean + delta * m / (n + m),
+            sum_of_squares: self.sum_of_squares + other.sum_of_squares + delta * delta * n * m / (n + m),
+        }
+    }
+
+    /// Number of values.
+    pub fn count(&self) -> u64 {
+        self.count
+    }
+
+    /// Arithmetic mean, zero for no values.
+    pub fn mean(&self) -> f64 {
+        self.mean
+    }
+
+    /// Unbiased variance of the values; NaN for fewer than two.
+    pub fn variance(&self) -> f64 {
+        if self.count < 2 { f64::NAN } else { self.sum_of_squares / (self.count - 1) as f64 }
+    }
+
+    /// Standard error of the mean; NaN for fewer than two values.
+    pub fn standard_error(&self) -> f64 {
+        (self.variance() / self.count as f64).sqrt()
+    }
+}
+
+impl FromIterator<f64> for SampleMoments {
+    fn from_iter<I: IntoIterator<Item = f64>>(values: I) -> Self {
+        let mut moments = Self::default();
+        values.into_iter().for_each(|x| moments.push(x));
+        moments
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn known_sample() {
+        let m: SampleMoments = [2.0, 4.0, 4.0, 4.0, 5.0, 5.0, 7.0, 9.0].into_iter().collect();
+        assert_eq!((m.count(), m.mean()), (8, 5.0));
+        assert!((m.variance() - 32.0 / 7.0).abs() < 1e-14);
+        assert!((m.standard_error() - (4.0f64 / 7.0).sqrt()).abs() < 1e-14);
+    }
+
+    #[test]
+    fn a_large_offset_does_not_eat_the_variance() {
+        let m: SampleMoments = (0..1000).map(|i| 1e9 + f64::from(i % 2)).collect();
+        assert!((m.variance() - 0.25 * 1000.0 / 999.0).abs() < 1e-6, "{}", m.variance());
+    }
+
+    #[test]
+    fn merged_parts_equal_the_whole() {
+        let value = |i: i32| f64::from(i * 37 % 101).sqrt();
+        let whole: SampleMoments = (0..300).map(value).collect();
+        let parts = [0..0, 0..7, 7..120, 120..300].map(|r| r.map(value).collect::<SampleMoments>());
+        let merged = parts.into_iter().fold(SampleMoments::default(), SampleMoments::merge);
+        assert_eq!(merged.count(), whole.count());
+        assert!((merged.mean() - whole.mean()).abs() < 1e-13);
+        assert!((merged.variance() - whole.variance()).abs() < 1e-12);
+    }
+}

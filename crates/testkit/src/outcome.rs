@@ -1,0 +1,63 @@
+//! What a statistical test found, and how to judge many of them.
+
+/// The result of a statistical test.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Outcome {
+    /// Probability of a result at least this extreme if the hypothesis holds, in `[0, 1]`; 0 for data that cannot be
+    /// judged (missing, not finite), so that they fail.
+    pub p_value: f64,
+    /// Statistic, degrees of freedom and sizes, in words.
+    pub message: String,
+}
+
+impl Outcome {
+    /// An outcome that fails at any rate.
+    pub(crate) fn impossible(message: impl Into<String>) -> Self {
+        Self { p_value: 0.0, message: message.into() }
+    }
+
+    /// Is the result compatible with the hypothesis at this false-alarm rate?
+    pub fn passes(&self, false_alarm_rate: f64) -> bool {
+        self.p_value >= false_alarm_rate
+    }
+
+    /// Fails the running test, with the message, unless the result is compatible with the hypothesis.
+    ///
+    /// # Panics
+    /// If [`Self::passes`] is false: that is its use.
+    #[track_caller]
+    pub fn assert(&self, false_alarm_rate: f64, what: &str) {
+        assert!(
+            self.passes(false_alarm_rate),
+            "{what}: p = {:.3e} is below the false-alarm rate {false_alarm_rate:.1e}\n{}",
+            self.p_value,
+            self.message
+        );
+    }
+}
+
+/// The rate at which each of `count` independent tests may fail so that *any* of them fails with probability `rate` only
+/// (Sidak 1967).
+pub fn sidak(rate: f64, count: usize) -> f64 {
+    // 1 - (1 - rate)^(1/n), without the cancellation.
+    -((-rate).ln_1p() / count.max(1) as f64).exp_m1()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sidak_keeps_the_family_rate() {
+        assert!((sidak(0.05, 2) - 0.025_320_565_519_1).abs() < 1e-12);
+        assert_eq!(sidak(1e-3, 1), 1e-3);
+        // For small rates it is nearly division by the count, and must not round to zero.
+        assert!((sidak(1e-9, 1_000_000) / 1e-15 - 1.0).abs() < 1e-8);
+    }
+
+    #[test]
+    #[should_panic(expected = "below the false-alarm rate")]
+    fn an_impossible_outcome_fails() {
+        Outcome::impossible("no data").assert(1e-300, "nothing");
+    }
+}
