@@ -1,0 +1,329 @@
+//! From weights to whole samples: how many each pixel shall have taken.
+//!
+//! A plan only ever grows. Between rounds the budget is poured onto the pixels like water onto uneven ground: a pixel
+//! that already has more than its share stays as it is, the others share the rest in proportion to their weights.
+//!
+//! Shares are real numbers, samples are not. The rounding walks the image in serpentine order and hands what is left
+//! over to the next pixel (one-dimensional error diffusion with a perturbed threshold, Ulichney 1987): totals are exact,
+//! every run of pixels gets its due to within a few samples, and the hashed threshold keeps patterns away. A round may
+//! therefore have any number of samples, even fewer than there are pixels; which pixels get them is decided by a hash,
+//! never by a clock.
+
+use dunkelfeld_film::{BATCHES, Plane};
+
+/// Samples per pixel, as totals since the first sample. Sample indices of a pixel run from zero to this number.
+pub type SamplePlan = Plane<u32>;
+
+/// No pixel gets more samples than this.
+pub const MAX_SPP: u32 = 1 << 30;
+
+/// From this share on, a pixel's samples are rounded to full sets of film batches: a few per cent there, and the batch
+/// means stay equally weighted.
+const COARSE_FROM: f64 = 8.0 * BATCHES as f64;
+
+/// A plan without samples.
+pub fn empty(width: u32, height: u32) -> SamplePlan {
+    Plane::new(width, height, 0)
+}
+
+/// All samples of a plan.
+pub fn total(plan: &SamplePlan) -> u64 {
+    plan.data().iter().map(|&n| u64::from(n)).sum()
+}
+
+/// The number of samples whose mean over `pixels` is nearest to `spp`. Zero for what is not a positive number.
+pub fn total_for_mean(spp: f64, pixels: u64) -> u64 {
+    // `as` saturates, and turns NaN into zero.
+    (spp * pixels as f64).round() as u64
+}
+
+/// The plan of a round: `target_total` samples in all, shared in proportion to `weights`, at least `current` everywhere.
+///
+/// Equals `current` if that holds `target_total` samples or more. Weights are relative; those that are negative or not
+/// finite count as zero, and if none is positive all are equal. The total is met exactly unless every pixel that may
+/// grow has [`MAX_SPP`]. The result is a pure function of the arguments.
+///
+/// # Panics
+/// If the planes differ in size.
+pub fn next_round(current: &SamplePlan, weights: &Plane<f32>, target_total: u64) -> SamplePlan {
+    let size = (current.width(), current.height());
+    assert_eq!(size, (weights.width(), weights.height()), "plan and weights differ in size");
+    let taken = total(current);
+    if target_total <= taken || current.data().is_empty() {
+        return current.clone();
+    }
+    let weights = usable_weights(weights);
+    let level = water_level(current.data(), &weights, target_total);
+    let share = |i: usize| (level * weights[i]).min(f64::from(MAX_SPP)).max(f64::from(current.data()[i]));
+    let mut plan = round_shares(current, share, target_total);
+    hand_out_rest(&mut plan, current, &weights, target_total);
+    plan
+}
+
+/// The samples that `plan` asks for beyond `current`.
+///
+/// # Panics
+/// If the planes differ in size.
+pub fn increment(current: &SamplePlan, plan: &SamplePlan) -> Plane<u32> {
+    assert_eq!((current.width(), current.height()), (plan.width(), plan.height()), "plans differ in size");
+    let mut more = plan.clone();
+    more.data_mut().iter_mut().zip(current.data()).for_each(|(n, c)| *n = n.saturating_sub(*c));
+    more
+}
+
+fn usable_weights(weights: &Plane<f32>) -> Vec<f64> {
+    let usable = |&w: &f32| if w > 0.0 && w.is_finite() { f64::from(w) } else { 0.0 };
+    let result: Vec<f64> = weights.data().iter().map(usable).collect();
+    if result.iter().any(|&w| w > 0.0) { result } else { vec![1.0; result.len()] }
+}
+
+/// The level L for which `sum max(current_i, L w_i) = total`.
+///
+/// Starts with every pixel under water and takes out those that rise above it. Each pass lowers the level, so a pixel
+/// once out stays out, and the loop ends when a pass takes out none.
+fn water_level(current: &[u32], weights: &[f64], total: u64) -> f64 {
+    let mut level = f64::INFINITY;
+    loop {
+        let (mut dry, mut weight) = (0u64, 0.0);
+        for (&c, &w) in current.iter().zip(weights) {
+            // A zero weight is always dry; `inf * 0` is NaN, and NaN is not greater either.
+            if level * w > f64::from(c) {
+                weight += w;
+            } else {
+                dry += u64::from(c);
+            }
+        }
+        let lowered = total.saturating_sub(dry) as f64 / weight;
+        if weight == 0.0 || lowered >= level {
+            return if level.is_finite() { level } else { 0.0 };
+        }
+        level = lowered;
+    }
+}
+
+/// Rounds the shares to samples, in serpentine order, what is left over going to the next pixel.
+fn round_shares(current: &SamplePlan, share: impl Fn(usize) -> f64, seed: u64) -> SamplePlan {
+    let (width, height) = (current.width() as usize, current.height() as usize);
+    let mut plan = current.clone();
+    let samples = plan.data_mut();
+    let mut carry = None;
+    for y in 0..height {
+        for step in 0..width {
+            let x = if y % 2 == 0 { step } else { width - 1 - step };
+            let i = y * width + x;
+            let (least, wanted) = (samples[i], share(i));
+            if wanted <= f64::from(least) {
+                continue;
+            }
+            let quantum = if wanted >= COARSE_FROM { BATCHES as f64 } else { 1.0 };
+            let floor = (wanted / quantum).floor() * quantum;
+            let (low, high) = (floor.max(f64::from(least)), floor + quantum);
+            if wanted == low {
+                samples[i] = low as u32; // Nothing to round: flat plans stay flat.
+                continue;
+            }
+            // The walk starts at a random phase, or the first pixels would always come off worst.
+            let due = wanted + carry.unwrap_or_else(|| (hashed_unit(seed, u64::MAX) - 0.5) * quantum);
+            // With any threshold in [0, 1) the carry stays within a quantum on either side.
+            let chosen = if (due - low) / (high - low) > hashed_unit(seed, i as u64) { high } else { low };
+            carry = Some(due - chosen);
+            samples[i] = chosen.min(f64::from(MAX_SPP)) as u32;
+        }
+    }
+    plan
+}
+
+/// Adds or takes back the last few samples, so that the total is exact; starts at a hashed pixel.
+fn hand_out_rest(plan: &mut SamplePlan, current: &SamplePlan, weights: &[f64], target_total: u64) {
+    let mut sum = total(plan);
+    let pixels = weights.len();
+    let start = (mix(target_total) % pixels as u64) as usize;
+    let samples = plan.data_mut();
+    while sum != target_total {
+        let before = sum;
+        for step in 0..pixels {
+            let i = (start + step) % pixels;
+            if sum < target_total && weights[i] > 0.0 && samples[i] < MAX_SPP {
+                // More than a pixel's due only when there are more samples than pixels to give them to.
+                let gift = ((target_total - sum) / pixels as u64).clamp(1, u64::from(MAX_SPP - samples[i]));
+                samples[i] += gift as u32;
+                sum += gift;
+            } else if sum > target_total && samples[i] > current.data()[i] {
+                samples[i] -= 1;
+                sum -= 1;
+            }
+            if sum == target_total {
+                return;
+            }
+        }
+        if sum == before {
+            return; // Every pixel is full.
+        }
+    }
+}
+
+/// A number in [0, 1) that depends on nothing but its arguments.
+fn hashed_unit(seed: u64, index: u64) -> f64 {
+    (mix(mix(seed) ^ index) >> 11) as f64 * (-53f64).exp2()
+}
+
+/// The finaliser of SplitMix64 (Steele, Lea and Flood 2014).
+fn mix(x: u64) -> u64 {
+    let x = x.wrapping_add(0x9e37_79b9_7f4a_7c15);
+    let x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    let x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    x ^ (x >> 31)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Weights with structure on every scale: steep edges, smooth slopes, four orders of magnitude.
+    fn varied(width: u32, height: u32) -> Plane<f32> {
+        Plane::from_fn(width, height, |x, y| {
+            let smooth = 0.2 + (x as f32 * 0.13).sin().powi(2);
+            let edge = if (x / 7 + y / 5) % 6 == 0 { 30.0 } else { 1.0 };
+            smooth * edge * (0.5 + hashed_unit(7, u64::from(y * width + x)) as f32)
+        })
+    }
+
+    #[test]
+    fn uniform_plans_are_flat_when_they_can_be() {
+        let weights = Plane::new(13, 11, 1.0);
+        for spp in [1u32, 16, 64, 2500] {
+            let plan = next_round(&empty(13, 11), &weights, u64::from(spp) * 143);
+            assert!(plan.data().iter().all(|&n| n == spp), "{spp} spp: {:?}", plan.data());
+        }
+        let plan = next_round(&empty(13, 11), &weights, 143 * 5 / 2);
+        assert!(plan.data().iter().all(|&n| n == 2 || n == 3));
+    }
+
+    #[test]
+    fn the_total_is_exact_and_every_pixel_has_its_share() {
+        let weights = varied(61, 47);
+        let sum: f64 = weights.data().iter().map(|&w| f64::from(w)).sum();
+        for target in [1, 17, 2866, 2867, 2868, 50_000, 1_000_003, 40_000_000] {
+            let plan = next_round(&empty(61, 47), &weights, target);
+            assert_eq!(total(&plan), target);
+            for (&n, &w) in plan.data().iter().zip(weights.data()) {
+                let share = f64::from(w) / sum * target as f64;
+                let step = if share >= COARSE_FROM { 4.0 } else { 1.0 };
+                // The last few samples that make the total exact may add one more.
+                assert!((f64::from(n) - share).abs() <= step + 1.0, "{n} samples for a share of {share}");
+            }
+        }
+    }
+
+    #[test]
+    fn large_numbers_come_in_full_sets_of_batches() {
+        let plan = next_round(&empty(61, 47), &varied(61, 47), 61 * 47 * 200);
+        let large: Vec<u32> = plan.data().iter().copied().filter(|&n| n >= 40).collect();
+        let odd = large.iter().filter(|&&n| n % BATCHES as u32 != 0).count();
+        assert!(large.len() > 500 && odd <= 4, "{odd} of {} pixels break their batches", large.len());
+    }
+
+    #[test]
+    fn plans_never_shrink_and_full_pixels_stay() {
+        let weights = varied(40, 30);
+        let pilot = Plane::new(40, 30, 16);
+        let mut plan = pilot.clone();
+        for target in [1200 * 16 + 1, 1200 * 17, 1200 * 24, 1200 * 40, 1200 * 41, 1200 * 400] {
+            let next = next_round(&plan, &weights, target);
+            assert_eq!(total(&next), target);
+            assert!(next.data().iter().zip(plan.data()).all(|(n, c)| n >= c));
+            plan = next;
+        }
+        // Enough has been poured to drown the pilot: rounds end where one round would have.
+        let direct = next_round(&pilot, &weights, 1200 * 400);
+        for (&a, &b) in plan.data().iter().zip(direct.data()) {
+            assert!(a.abs_diff(b) <= 9, "{a} in rounds, {b} at once");
+        }
+    }
+
+    #[test]
+    fn a_pixel_above_its_share_leaves_the_rest_to_the_others() {
+        let current = Plane::from_vec(4, 1, vec![100, 0, 0, 0]).expect("four values");
+        let plan = next_round(&current, &Plane::new(4, 1, 1.0), 130);
+        assert_eq!(plan.data(), [100, 10, 10, 10]);
+        assert_eq!(increment(&current, &plan).data(), [0, 10, 10, 10]);
+    }
+
+    #[test]
+    fn budgets_already_spent_change_nothing() {
+        let current = Plane::new(3, 3, 5);
+        for target in [0, 44, 45] {
+            assert_eq!(next_round(&current, &Plane::new(3, 3, 1.0), target), current);
+        }
+    }
+
+    #[test]
+    fn small_rounds_are_spread_over_the_whole_image() {
+        // 64 rounds of a fiftieth of a sample per pixel: every quarter of the image gets its quarter, every time.
+        let (width, height) = (64, 64);
+        let weights = Plane::new(width, height, 1.0);
+        let mut plan = Plane::new(width, height, 16);
+        for round in 1..=64 {
+            let next = next_round(&plan, &weights, 4096 * 16 + round * 82);
+            let more = increment(&plan, &next);
+            for quarter in 0..4 {
+                let (x0, y0) = (quarter % 2 * 32, quarter / 2 * 32);
+                let sum: u32 =
+                    (0..32).flat_map(|y| (0..32).map(move |x| (x, y))).map(|(x, y)| more.at(x0 + x, y0 + y)).sum();
+                assert!((8..=36).contains(&sum), "round {round}, quarter {quarter}: {sum} of 82 samples");
+            }
+            plan = next;
+        }
+    }
+
+    #[test]
+    fn rounding_favours_no_pixel() {
+        // Over many seeds (the seed is the total) each pixel of a plan with mean 1/2 is chosen half of the time. 16 384
+        // decisions per column; the dearest kind is four samples with probability 1/8, variance 1.75, and neighbours in
+        // the walk take from each other: 7 sigma is a false alarm below 2e-10 over 64 columns.
+        let mut hits = [0u32; 64];
+        for extra in 0..256 {
+            let plan = next_round(
+                &Plane::new(64, 64, extra * 3),
+                &Plane::new(64, 64, 1.0),
+                u64::from(extra) * 3 * 4096 + 2048,
+            );
+            for y in 0..64 {
+                for (x, hit) in hits.iter_mut().enumerate() {
+                    *hit += plan.at(x as u32, y) - extra * 3;
+                }
+            }
+        }
+        for (x, hit) in hits.into_iter().enumerate() {
+            assert!((f64::from(hit) - 8192.0).abs() < 7.0 * (16_384f64 * 1.75).sqrt(), "column {x}: {hit} of 16384");
+        }
+    }
+
+    #[test]
+    fn useless_weights_mean_equal_weights() {
+        for w in [0.0, -1.0, f32::NAN, f32::INFINITY] {
+            let plan = next_round(&empty(5, 4), &Plane::new(5, 4, w), 60);
+            assert!(plan.data().iter().all(|&n| n == 3), "weight {w}");
+        }
+        let one = Plane::from_vec(3, 1, vec![0.0, 2.0, f32::NAN]).expect("three values");
+        assert_eq!(next_round(&empty(3, 1), &one, 9).data(), [0, 9, 0]);
+    }
+
+    #[test]
+    fn extremes_end() {
+        assert!(next_round(&empty(0, 0), &Plane::new(0, 0, 1.0), 10).data().is_empty());
+        assert_eq!(next_round(&empty(1, 1), &Plane::new(1, 1, 1.0), u64::MAX).data(), [MAX_SPP]);
+        assert_eq!(next_round(&empty(1, 1), &Plane::new(1, 1, 1e-30), 7).data(), [7]);
+        let steep = Plane::from_vec(2, 1, vec![f32::MIN_POSITIVE, f32::MAX]).expect("two values");
+        let plan = next_round(&empty(2, 1), &steep, 1000);
+        assert_eq!(plan.data(), [0, 1000]);
+    }
+
+    #[test]
+    fn mean_budgets_become_totals() {
+        assert_eq!(total_for_mean(16.0, 100), 1600);
+        assert_eq!(total_for_mean(0.125, 100), 13);
+        assert_eq!([total_for_mean(-1.0, 100), total_for_mean(f64::NAN, 100)], [0, 0]);
+        assert_eq!(total_for_mean(f64::INFINITY, 1), u64::MAX);
+    }
+}

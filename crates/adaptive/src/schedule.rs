@@ -1,0 +1,310 @@
+//! The budget: how many samples the next round may have, so that the render ends when it was told to.
+//!
+//! A state machine without a clock: the caller measures, this decides. Three stretches of work:
+//!
+//! 1. *Pilot*, uniform. At first nothing is known about the cost of a sample, so it starts with a few hundred and grows
+//!    fourfold at most per round, until the pilot holds about 8 % of what the budget affords (but at least 16 samples
+//!    per pixel where these are no more than a quarter of it).
+//! 2. *First refinement*, a quarter of the rest, which makes 23 % of the whole.
+//! 3. *Second refinement*, what remains.
+//!
+//! With each refinement [`Round::replan`] asks for new weights from all data so far: each of these stretches roughly
+//! triples the samples that the next decision can rest on.
+//!
+//! Under a time limit a stretch is made of several rounds, none of which is expected to take more than
+//! [`TIME_SHARE`] of the time left: a machine that turns three times slower in the middle of a round still ends in time.
+//! The rounds shrink geometrically toward the end, down to fractions of a sample per pixel. Without a time limit the
+//! rounds depend on nothing measured: the same arguments give the same plan on any machine.
+
+/// The share of the time left that a round may be expected to take.
+pub const TIME_SHARE: f64 = 0.3;
+/// Samples in the very first round under a time limit, when nothing is known of their cost.
+const PROBE: u64 = 256;
+/// A round has at most so many times the samples taken before: an estimate from few samples is not trusted with many.
+const GROWTH: u64 = 3;
+/// The pilot's share of the affordable samples: what it should have, and what it may have.
+const PILOT_SHARE: (f64, f64) = (0.08, 0.25);
+/// With fewer affordable samples per pixel than this there is nothing to adapt; all of them are pilot.
+const LEAST_TO_ADAPT: f64 = 4.0;
+/// The first refinement's share of what is left after the pilot.
+const FIRST_SHARE: f64 = 0.25;
+/// A stretch counts as done when less than this share of it is missing.
+const SLACK: f64 = 0.02;
+
+/// When to stop. The first limit to be met ends the render; without any, it ends after [`Self::at_least`].
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Limits {
+    /// Wall-clock seconds from the start of the command to the last file written.
+    pub seconds: Option<f64>,
+    /// Samples of the whole image.
+    pub samples: Option<u64>,
+    /// Samples that are taken whatever the clock says: one per pixel leaves no holes in an image that the budget is too
+    /// small for, at the price of missing it (see [`Schedule::budget_missed`]).
+    pub at_least: u64,
+}
+
+/// What the schedule has to know about the image.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Settings {
+    /// Number of pixels.
+    pub pixels: u64,
+    /// Samples per pixel of the pilot, where the budget allows.
+    pub pilot_spp: u32,
+    /// Seconds expected for what follows the last sample: exposure, writing files. May be corrected on the way by
+    /// [`Schedule::set_closing_seconds`].
+    pub closing_seconds: f64,
+}
+
+/// A stretch of the render.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Phase {
+    /// Uniform samples, which tell where more are needed.
+    Pilot,
+    /// Samples where they are needed, by the weights of the first or second plan.
+    Refine(u32),
+}
+
+/// A round of samples to take now.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Round {
+    /// So many samples in the whole image, at least one.
+    pub samples: u64,
+    /// What they are for: a pilot's samples are shared out evenly.
+    pub phase: Phase,
+    /// Compute new weights from all data before sharing out these samples.
+    pub replan: bool,
+}
+
+/// Why there are no more rounds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum StopReason {
+    /// The time is used up, but for what the closing work needs.
+    Time,
+    /// All samples are taken.
+    Samples,
+}
+
+/// What to do next.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Step {
+    /// Take samples, then report them with [`Schedule::record`].
+    Round(Round),
+    /// Expose and write.
+    Stop(StopReason),
+}
+
+/// The state machine. Ask [`Self::next`], render, [`Self::record`], and so on until it says stop.
+#[derive(Clone, Debug)]
+pub struct Schedule {
+    limits: Limits,
+    settings: Settings,
+    taken: u64,
+    phase: Phase,
+    /// Where the first refinement began: time and samples.
+    refined_from: (f64, u64),
+    /// Seconds per unit of work: smoothed, and of the last round. `None` before the first.
+    pace: Option<(f64, f64)>,
+    /// Seconds that pass between rounds (planning, folding results), smoothed.
+    overhead: f64,
+    /// When the last round was handed out, and how long it took.
+    last_round: Option<(f64, f64)>,
+    now: f64,
+}
+
+impl Schedule {
+    /// A schedule at its beginning. Limits that are not numbers or negative count as zero.
+    pub fn new(mut limits: Limits, settings: Settings) -> Self {
+        limits.seconds = limits.seconds.map(sane);
+        Self {
+            limits,
+            settings: Settings { closing_seconds: sane(settings.closing_seconds), ..settings },
+            taken: 0,
+            phase: Phase::Pilot,
+            refined_from: (0.0, 0),
+            pace: None,
+            overhead: 0.0,
+            last_round: None,
+            now: 0.0,
+        }
+    }
+
+    /// Corrects the estimate of the seconds that follow the last sample.
+    pub fn set_closing_seconds(&mut self, seconds: f64) {
+        self.settings.closing_seconds = sane(seconds);
+    }
+
+    /// Samples recorded so far.
+    pub fn taken(&self) -> u64 {
+        self.taken
+    }
+
+    /// The next round, given the seconds since the start of the command and the expected work per sample of the coming
+    /// round.
+    ///
+    /// *Work* is any measure to which wall-clock time is proportional, the same as in [`Self::record`]: the makespan of
+    /// the units a round is cut into ([`crate::cost::makespan`]), or simply the number of samples (then one per sample).
+    pub fn next(&mut self, elapsed: f64, work_per_sample: f64) -> Step {
+        self.observe_clock(elapsed);
+        let wanted = self.limits.samples.unwrap_or(u64::MAX);
+        if self.taken >= wanted {
+            return Step::Stop(StopReason::Samples);
+        }
+        let Some(left) = self.seconds_left() else {
+            if self.limits.samples.is_none() {
+                return self.owed_or_stop(StopReason::Samples);
+            }
+            return self.untimed_round(wanted);
+        };
+        if left <= self.too_short() && self.taken > 0 {
+            return self.owed_or_stop(StopReason::Time);
+        }
+        let Some((smooth, last)) = self.pace else {
+            return self.hand_out(PROBE.min(self.settings.pixels).min(wanted).max(1), false);
+        };
+        let affordable = (left - self.overhead).max(0.0) / (smooth.max(last) * positive_or_one(work_per_sample));
+        let all = (self.taken as f64 + affordable).min(wanted as f64);
+        let replan = self.advance(left, all);
+        let goal = match self.phase {
+            Phase::Pilot => self.pilot_target(all).max(self.taken + 1),
+            Phase::Refine(1) => {
+                let done = self.refined_share(left, wanted);
+                let missing = (FIRST_SHARE - done) / (1.0 - done).max(1e-9);
+                self.taken + (missing.clamp(0.0, 1.0) * (all - self.taken as f64)) as u64
+            }
+            Phase::Refine(_) => wanted,
+        };
+        let most = ((TIME_SHARE * affordable) as u64).min(self.taken.saturating_mul(GROWTH));
+        let samples = goal.saturating_sub(self.taken).min(most).min(wanted - self.taken).max(1);
+        self.hand_out(samples, replan)
+    }
+
+    /// Reports a finished round: its samples, its work as it was expected beforehand, and the wall-clock seconds it took.
+    pub fn record(&mut self, samples: u64, work: f64, seconds: f64) {
+        self.taken = self.taken.saturating_add(samples);
+        let seconds = sane(seconds);
+        // A clock that stood still says "very fast", not "free".
+        let pace = seconds.max(1e-9) / if work > 0.0 { work } else { samples.max(1) as f64 };
+        self.pace = Some(match self.pace {
+            Some((smooth, _)) => (0.5 * (smooth + pace), pace),
+            None => (pace, pace),
+        });
+        if let Some((_, took)) = &mut self.last_round {
+            *took = seconds;
+        }
+    }
+
+    /// The share of the render that is done, in \[0, 1\], by the limit that is nearest.
+    pub fn progress(&self, elapsed: f64) -> f64 {
+        let time = self.limits.seconds.map_or(0.0, |s| sane(elapsed) / s.max(1e-9));
+        let samples = self.limits.samples.map_or(0.0, |s| self.taken as f64 / s.max(1) as f64);
+        time.max(samples).clamp(0.0, 1.0)
+    }
+
+    /// Was the time limit missed by more than 2 % and 0.2 s, at `elapsed` seconds when all is written?
+    pub fn budget_missed(&self, elapsed: f64) -> bool {
+        self.limits.seconds.is_some_and(|s| elapsed > s + tolerance(s))
+    }
+
+    /// Takes note of the time, and of what passed beside the round just recorded.
+    fn observe_clock(&mut self, elapsed: f64) {
+        // A clock that runs backwards is taken to stand still.
+        self.now = self.now.max(sane(elapsed));
+        if let Some((handed_out, took)) = self.last_round.take() {
+            let beside = (self.now - handed_out - took).max(0.0);
+            self.overhead = if self.overhead == 0.0 { beside } else { 0.5 * (self.overhead + beside) };
+        }
+    }
+
+    /// Seconds until sampling must end; `None` without a time limit.
+    fn seconds_left(&self) -> Option<f64> {
+        let margin = |seconds: f64| (0.01 * seconds).min(0.25);
+        self.limits.seconds.map(|s| s - margin(s) - self.settings.closing_seconds - self.now)
+    }
+
+    /// With no more time left than this, another round is not worth its overhead.
+    fn too_short(&self) -> f64 {
+        let budget = self.limits.seconds.unwrap_or(0.0);
+        (2.0 * self.overhead).max((0.01 * budget).min(0.5))
+    }
+
+    /// The samples still owed for an image without holes, or the end.
+    fn owed_or_stop(&mut self, reason: StopReason) -> Step {
+        let owed = self.limits.at_least.min(self.limits.samples.unwrap_or(u64::MAX)).saturating_sub(self.taken);
+        if owed == 0 { Step::Stop(reason) } else { self.hand_out(owed, false) }
+    }
+
+    /// A whole stretch at once, decided by numbers of samples alone.
+    fn untimed_round(&mut self, wanted: u64) -> Step {
+        let pilot = self.pilot_target(wanted as f64).min(wanted);
+        let first = pilot + (FIRST_SHARE * (wanted - pilot) as f64).round() as u64;
+        let (goal, phase) = match self.taken {
+            n if n < pilot => (pilot, Phase::Pilot),
+            n if n < first => (first, Phase::Refine(1)),
+            _ => (wanted, Phase::Refine(2)),
+        };
+        let replan = phase > self.phase;
+        self.phase = phase;
+        self.hand_out(goal - self.taken, replan)
+    }
+
+    fn hand_out(&mut self, samples: u64, replan: bool) -> Step {
+        self.last_round = Some((self.now, 0.0));
+        Step::Round(Round { samples, phase: self.phase, replan })
+    }
+
+    /// Samples of the pilot if the budget affords `all`.
+    fn pilot_target(&self, all: f64) -> u64 {
+        let pixels = self.settings.pixels.max(1);
+        if all < LEAST_TO_ADAPT * pixels as f64 {
+            return all as u64;
+        }
+        let spp = all / pixels as f64;
+        let pilot = f64::from(self.settings.pilot_spp).max(PILOT_SHARE.0 * spp).min(PILOT_SHARE.1 * spp);
+        // Whole samples per pixel, and full sets of film batches where there are enough.
+        let whole = if pilot >= 8.0 { (pilot / 4.0).floor() * 4.0 } else { pilot.floor() };
+        (whole as u64).saturating_mul(pixels)
+    }
+
+    /// Enters the next stretch where the present one is done; true if new weights are due.
+    fn advance(&mut self, left: f64, all: f64) -> bool {
+        let before = self.phase;
+        if self.phase == Phase::Pilot && self.taken > 0 && self.taken >= self.pilot_target(all) {
+            // A pilot of everything has no refinement.
+            if all >= LEAST_TO_ADAPT * self.settings.pixels as f64 {
+                self.phase = Phase::Refine(1);
+                self.refined_from = (self.now, self.taken);
+            }
+        }
+        let wanted = self.limits.samples.unwrap_or(u64::MAX);
+        if self.phase == Phase::Refine(1) && self.refined_share(left, wanted) >= FIRST_SHARE * (1.0 - SLACK) {
+            self.phase = Phase::Refine(2);
+        }
+        self.phase != before
+    }
+
+    /// The share of all refinement that is done, by time or by samples, whichever is further.
+    fn refined_share(&self, left: f64, wanted: u64) -> f64 {
+        let (since, from) = self.refined_from;
+        let spent = self.now - since;
+        let time = spent / (spent + left.max(0.0)).max(1e-9);
+        let samples = (self.taken - from) as f64 / wanted.saturating_sub(from).max(1) as f64;
+        time.max(samples)
+    }
+}
+
+/// Seconds by which a time limit may be overrun.
+fn tolerance(seconds: f64) -> f64 {
+    (0.02 * seconds).max(0.2)
+}
+
+fn sane(seconds: f64) -> f64 {
+    if seconds.is_finite() { seconds.max(0.0) } else { 0.0 }
+}
+
+fn positive_or_one(v: f64) -> f64 {
+    if v > 0.0 && v.is_finite() { v } else { 1.0 }
+}
+
+#[cfg(test)]
+#[path = "schedule_tests.rs"]
+mod tests;

@@ -1,0 +1,112 @@
+//! The pilot image as a camera monitor would show it, and how steep it is: the guide of the founding paper.
+//!
+//! Kludt et al. found that the temporal variance of a rendered image and the Sobel magnitude of a single rendering look
+//! alike, and that the latter costs one rendering where the former costs fifty. Their chain is followed here step by
+//! step: clip at white, gamma 2.2, eight bits, Sobel.
+
+use dunkelfeld_film::Plane;
+
+/// The 8-bit image of a linear plane: `round(255 (v / white)^(1/2.2))`, clipped to \[0, 255\].
+///
+/// `linear` and `white` share any unit (radiance, electrons, DN). The curve is the plain power of the paper, not the
+/// piecewise sRGB one. NaN and negative values become 0. A `white` that is not a positive number turns every pixel
+/// black, since nothing can be said about its brightness.
+pub fn gamma_image(linear: &Plane<f32>, white: f32) -> Plane<u8> {
+    let scale = if white > 0.0 && white.is_finite() { 1.0 / f64::from(white) } else { 0.0 };
+    // A NaN passes through the clamp and is cast to zero; infinity times a zero scale is such a NaN.
+    linear.map(|&v| (255.0 * (f64::from(v) * scale).clamp(0.0, 1.0).powf(1.0 / 2.2)).round() as u8)
+}
+
+/// Sobel gradient magnitude [DN per pixel] of an 8-bit image, borders replicated.
+///
+/// The kernels are Sobel and Feldman's (1968) `[-1 0 1] x [1 2 1]^T` and its transpose, divided by eight, so that a ramp
+/// that climbs one DN per pixel has magnitude one and a step of 255 DN has magnitude 127.5 on both of its sides. At a
+/// border the outermost row or column is repeated: a constant image has magnitude zero everywhere.
+pub fn magnitude(image: &Plane<u8>) -> Plane<f32> {
+    let (width, height) = (image.width(), image.height());
+    Plane::from_fn(width, height, |x, y| {
+        let (left, right) = (x.saturating_sub(1), (x + 1).min(width - 1));
+        let (above, below) = (y.saturating_sub(1), (y + 1).min(height - 1));
+        let v = |x, y| i32::from(*image.at(x, y));
+        let across = |y| v(right, y) - v(left, y);
+        let down = |x| v(x, below) - v(x, above);
+        let gx = across(above) + 2 * across(y) + across(below);
+        let gy = down(left) + 2 * down(x) + down(right);
+        (gx as f32).hypot(gy as f32) / 8.0
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn gamma_clips_at_white_and_rounds_to_eight_bits() {
+        let linear = vec![0.0, 2.0, 1.0, 7.0, -1.0, f32::NAN, f32::INFINITY, f32::NEG_INFINITY];
+        let plane = Plane::from_vec(8, 1, linear).expect("eight values");
+        // 255 * 0.5^(1/2.2) = 186.08: the well-known middle of a gamma-2.2 monitor.
+        assert_eq!(gamma_image(&plane, 2.0).data(), [0, 255, 186, 255, 0, 0, 255, 0]);
+    }
+
+    #[test]
+    fn an_unusable_white_level_gives_a_black_image() {
+        let plane = Plane::new(3, 2, 1.0);
+        for white in [0.0, -1.0, f32::NAN, f32::INFINITY] {
+            assert!(gamma_image(&plane, white).data().iter().all(|&v| v == 0), "white level {white}");
+        }
+    }
+
+    #[test]
+    fn a_ramp_has_its_slope_as_magnitude() {
+        for (slope_x, slope_y) in [(3, 0), (0, 5), (3, 4)] {
+            let ramp = Plane::from_fn(9, 7, |x, y| (x * slope_x + y * slope_y) as u8);
+            let sobel = magnitude(&ramp);
+            let expected = f32::hypot(slope_x as f32, slope_y as f32);
+            for y in 1..6 {
+                for x in 1..8 {
+                    assert!((sobel.at(x, y) - expected).abs() < 1e-5, "({x}, {y}) of slope {slope_x}, {slope_y}");
+                }
+            }
+        }
+        // At a replicated border the central difference spans one pixel instead of two.
+        let ramp = Plane::from_fn(5, 5, |x, _| (x * 10) as u8);
+        assert_eq!(*magnitude(&ramp).at(0, 2), 5.0);
+    }
+
+    #[test]
+    fn a_step_is_seen_from_both_sides_and_nowhere_else() {
+        let step = Plane::from_fn(6, 4, |x, _| if x < 3 { 0 } else { 255 });
+        let sobel = magnitude(&step);
+        for y in 0..4 {
+            let row: Vec<f32> = (0..6).map(|x| *sobel.at(x, y)).collect();
+            assert_eq!(row, [0.0, 0.0, 127.5, 127.5, 0.0, 0.0]);
+        }
+    }
+
+    #[test]
+    fn an_impulse_shows_the_kernel() {
+        let impulse = Plane::from_fn(5, 5, |x, y| if (x, y) == (2, 2) { 80 } else { 0 });
+        let sobel = magnitude(&impulse);
+        let (edge, corner) = (20.0, 10.0 * std::f32::consts::SQRT_2);
+        let ring = [[corner, edge, corner], [edge, 0.0, edge], [corner, edge, corner]];
+        for y in 0..5 {
+            for x in 0..5 {
+                let inside = (1..4).contains(&x) && (1..4).contains(&y);
+                let expected = if inside { ring[y as usize - 1][x as usize - 1] } else { 0.0 };
+                assert!((sobel.at(x, y) - expected).abs() < 1e-5, "({x}, {y})");
+            }
+        }
+    }
+
+    #[test]
+    fn lines_points_and_nothing_have_a_magnitude_too() {
+        assert_eq!(magnitude(&Plane::new(1, 1, 200u8)).data(), [0.0]);
+        let line = vec![0u8, 0, 100, 100];
+        let row = Plane::from_vec(4, 1, line.clone()).expect("four values");
+        let column = Plane::from_vec(1, 4, line).expect("four values");
+        assert_eq!(magnitude(&row).data(), [0.0, 50.0, 50.0, 0.0]);
+        assert_eq!(magnitude(&column).data(), [0.0, 50.0, 50.0, 0.0]);
+        assert!(magnitude(&Plane::new(0, 0, 0u8)).data().is_empty());
+        assert!(magnitude(&Plane::new(0, 3, 0u8)).data().is_empty());
+    }
+}
