@@ -36,10 +36,7 @@ impl Distribution1D {
             cdf.push(0.0);
         }
         normalise(&mut cdf, sum);
-        Self {
-            cdf: cdf.into(),
-            sum,
-        }
+        Self { cdf: cdf.into(), sum }
     }
 
     /// Number of entries, at least one.
@@ -66,21 +63,13 @@ impl Distribution1D {
         let u = f64::from(u);
         let index = locate(self.len(), |i| self.cdf[i] <= u);
         let (low, share) = (self.cdf[index], self.cdf[index + 1] - self.cdf[index]);
-        Choice {
-            index,
-            probability: share as f32,
-            remapped: below_one(((u - low) / share) as f32),
-        }
+        Choice { index, probability: share as f32, remapped: below_one(((u - low) / share) as f32) }
     }
 
     /// Probability of an entry; zero beyond the last.
     #[inline]
     pub fn pdf_discrete(&self, index: usize) -> f32 {
-        if index < self.len() {
-            (self.cdf[index + 1] - self.cdf[index]) as f32
-        } else {
-            0.0
-        }
+        if index < self.len() { (self.cdf[index + 1] - self.cdf[index]) as f32 } else { 0.0 }
     }
 
     /// Draws a point of `[0, 1)`; returns it with its density.
@@ -88,20 +77,13 @@ impl Distribution1D {
     pub fn sample_continuous(&self, u: f32) -> (f32, f32) {
         let c = self.sample_discrete(u);
         let n = self.len() as f32;
-        (
-            below_one((c.index as f32 + c.remapped) / n),
-            c.probability * n,
-        )
+        (below_one((c.index as f32 + c.remapped) / n), c.probability * n)
     }
 
     /// Density of [`Self::sample_continuous`] at `x`; zero outside `[0, 1)`.
     #[inline]
     pub fn pdf_continuous(&self, x: f32) -> f32 {
-        if (0.0..1.0).contains(&x) {
-            self.pdf_discrete(self.entry_at(x)) * self.len() as f32
-        } else {
-            0.0
-        }
+        if (0.0..1.0).contains(&x) { self.pdf_discrete(self.entry_at(x)) * self.len() as f32 } else { 0.0 }
     }
 
     /// The uniform number behind a point of [`Self::sample_continuous`].
@@ -150,11 +132,7 @@ impl Distribution2D {
             rows.extend(row.iter().map(|&c| c as f32));
             sums.push(sum);
         }
-        Self {
-            width,
-            rows: rows.into(),
-            marginal: Distribution1D::new(sums),
-        }
+        Self { width, rows: rows.into(), marginal: Distribution1D::new(sums) }
     }
 
     /// Number of columns and rows.
@@ -190,10 +168,7 @@ impl Distribution2D {
         }
         let j = self.marginal.entry_at(y);
         let (i, row) = (self.column_at(x), self.row(j));
-        (row[i + 1] - row[i])
-            * self.width as f32
-            * self.marginal.pdf_discrete(j)
-            * self.marginal.len() as f32
+        (row[i + 1] - row[i]) * self.width as f32 * self.marginal.pdf_discrete(j) * self.marginal.len() as f32
     }
 
     /// The uniform numbers behind a point of [`Self::sample_continuous`].
@@ -202,10 +177,7 @@ impl Distribution2D {
         let row = self.row(self.marginal.entry_at(y));
         let i = self.column_at(x);
         let t = (x * self.width as f32 - i as f32).clamp(0.0, 1.0);
-        [
-            below_one(row[i] + t * (row[i + 1] - row[i])),
-            self.marginal.invert_continuous(y),
-        ]
+        [below_one(row[i] + t * (row[i + 1] - row[i])), self.marginal.invert_continuous(y)]
     }
 
     #[inline]
@@ -230,11 +202,7 @@ fn normalise(cdf: &mut [f64], sum: f64) {
     let scale = 1.0 / sum;
     let serves = sum > 0.0 && sum.is_finite() && scale.is_finite();
     for (i, c) in cdf.iter_mut().enumerate() {
-        *c = if serves {
-            (*c * scale).min(1.0)
-        } else {
-            i as f64 / n as f64
-        };
+        *c = if serves { (*c * scale).min(1.0) } else { i as f64 / n as f64 };
     }
     // The sums from the last used entry on must all be 1 exactly, or a draw near 1 would land on an unused entry.
     let last = cdf[n];

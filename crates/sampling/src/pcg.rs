@@ -25,13 +25,7 @@ mod tests {
         let first = |s, f, p, q| keyed_stream(s, f, p, q).next_u64();
         let base = first(1, 2, 3, 4);
         assert_eq!(base, first(1, 2, 3, 4));
-        for other in [
-            first(2, 2, 3, 4),
-            first(1, 3, 3, 4),
-            first(1, 2, 4, 4),
-            first(1, 2, 3, 5),
-            first(1, 3, 2, 4),
-        ] {
+        for other in [first(2, 2, 3, 4), first(1, 3, 3, 4), first(1, 2, 4, 4), first(1, 2, 3, 5), first(1, 3, 2, 4)] {
             assert_ne!(base, other);
         }
     }

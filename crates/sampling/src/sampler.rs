@@ -32,15 +32,8 @@ impl Sampler {
     /// The numbers of sample `sample` of the pixel with linear index `pixel` in frame `frame`.
     #[inline]
     pub fn new(seed: u64, frame: u32, pixel: u32, sample: u32) -> Self {
-        let key = hash_u64([
-            seed,
-            u64::from(frame) << 32 | u64::from(pixel),
-            u64::from(sample % BATCHES),
-        ]);
-        Self {
-            key,
-            index_reversed: (sample / BATCHES).reverse_bits(),
-        }
+        let key = hash_u64([seed, u64::from(frame) << 32 | u64::from(pixel), u64::from(sample % BATCHES)]);
+        Self { key, index_reversed: (sample / BATCHES).reverse_bits() }
     }
 
     /// Four numbers of set `set`.
@@ -72,10 +65,7 @@ impl Sampler {
         // Scrambling the *index* permutes the points and moves them to another block of the sequence, but keeps every
         // aligned power-of-two run of them together (Burley 2020).
         let point = point_reversed(owen_reversed(self.index_reversed, h as u32));
-        (
-            point,
-            [a as u32, (a >> 32) as u32, b as u32, (b >> 32) as u32],
-        )
+        (point, [a as u32, (a >> 32) as u32, b as u32, (b >> 32) as u32])
     }
 }
 

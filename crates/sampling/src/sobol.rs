@@ -6,8 +6,7 @@
 //! way in, one per coordinate on the way out.
 
 /// Primitive polynomials and initial direction numbers (Joe and Kuo 2008): degree, inner coefficients, m_i.
-const JOE_KUO: [(usize, u32, [u32; 3]); 3] =
-    [(1, 0, [1, 0, 0]), (2, 1, [1, 3, 0]), (3, 1, [1, 3, 1])];
+const JOE_KUO: [(usize, u32, [u32; 3]); 3] = [(1, 0, [1, 0, 0]), (2, 1, [1, 3, 0]), (3, 1, [1, 3, 1])];
 
 /// Direction numbers: `[dimension][index bit]`, the most significant bit stands for 1/2.
 const DIRECTIONS: [[u32; 32]; 4] = {
@@ -54,8 +53,7 @@ static BY_BYTE: [[[u32; 4]; 256]; 4] = {
                 if value >> bit & 1 == 1 {
                     let mut d = 0;
                     while d < 4 {
-                        table[byte][value][d] ^=
-                            DIRECTIONS[d][31 - (8 * byte + bit)].reverse_bits();
+                        table[byte][value][d] ^= DIRECTIONS[d][31 - (8 * byte + bit)].reverse_bits();
                         d += 1;
                     }
                 }
@@ -141,11 +139,7 @@ mod tests {
                 for low in 0..1u32 << bits {
                     let a = owen_reversed(low, seed);
                     let b = owen_reversed(low | (0xdead_beef << bits), seed);
-                    assert_eq!(
-                        a & mask,
-                        b & mask,
-                        "a bit depends on a more significant one"
-                    );
+                    assert_eq!(a & mask, b & mask, "a bit depends on a more significant one");
                     assert!(!std::mem::replace(&mut seen[(a & mask) as usize], true));
                 }
             }

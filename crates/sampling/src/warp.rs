@@ -14,11 +14,7 @@ pub fn sample_disk([u0, u1]: [f32; 2]) -> Vec2 {
     if a == 0.0 && b == 0.0 {
         return Vec2::ZERO;
     }
-    let (r, phi) = if a.abs() > b.abs() {
-        (a, FRAC_PI_4 * (b / a))
-    } else {
-        (b, FRAC_PI_2 - FRAC_PI_4 * (a / b))
-    };
+    let (r, phi) = if a.abs() > b.abs() { (a, FRAC_PI_4 * (b / a)) } else { (b, FRAC_PI_2 - FRAC_PI_4 * (a / b)) };
     let (sin, cos) = phi.sin_cos();
     Vec2::new(r * cos, r * sin)
 }
@@ -26,11 +22,7 @@ pub fn sample_disk([u0, u1]: [f32; 2]) -> Vec2 {
 /// Density of [`sample_disk`] per unit area.
 #[inline]
 pub fn pdf_disk(p: Vec2) -> f32 {
-    if p.length_squared() <= 1.0 {
-        FRAC_1_PI
-    } else {
-        0.0
-    }
+    if p.length_squared() <= 1.0 { FRAC_1_PI } else { 0.0 }
 }
 
 /// The uniform numbers behind a point of the unit disk.
@@ -119,11 +111,7 @@ pub fn sample_cone([u0, u1]: [f32; 2], one_minus_cos: f32) -> Vec3 {
 /// Density of [`sample_cone`] per steradian.
 #[inline]
 pub fn pdf_cone(w: Vec3, one_minus_cos: f32) -> f32 {
-    if versine(w) <= one_minus_cos {
-        1.0 / (TAU * one_minus_cos)
-    } else {
-        0.0
-    }
+    if versine(w) <= one_minus_cos { 1.0 / (TAU * one_minus_cos) } else { 0.0 }
 }
 
 /// The uniform numbers behind a direction of [`sample_cone`].
@@ -150,11 +138,7 @@ pub fn sample_polygon([u0, u1]: [f32; 2], corners: u32, rotation: f32) -> Vec2 {
 pub fn pdf_polygon(p: Vec2, corners: u32, rotation: f32) -> f32 {
     let n = corners.max(3) as f32;
     let (_, along, radius) = polygon_coordinates(p, n, rotation);
-    if radius <= 1.0 && (-1e-6..=1.000_001).contains(&along) {
-        2.0 / (n * (TAU / n).sin())
-    } else {
-        0.0
-    }
+    if radius <= 1.0 && (-1e-6..=1.000_001).contains(&along) { 2.0 / (n * (TAU / n).sin()) } else { 0.0 }
 }
 
 /// The uniform numbers behind a point of [`sample_polygon`].
@@ -162,7 +146,7 @@ pub fn pdf_polygon(p: Vec2, corners: u32, rotation: f32) -> f32 {
 pub fn invert_polygon(p: Vec2, corners: u32, rotation: f32) -> [f32; 2] {
     let n = corners.max(3) as f32;
     let (sector, along, radius) = polygon_coordinates(p, n, rotation);
-    [(sector + along) / n, radius * radius]
+    [((sector + along) / n).clamp(0.0, 1.0), (radius * radius).min(1.0)]
 }
 
 /// Sector of a point, its place along the sector's edge, and its distance from the centre relative to that edge.
@@ -195,11 +179,7 @@ fn azimuth(w: Vec3) -> f32 {
 /// One minus the cosine to +z, from the sine where the cosine has lost its digits.
 #[inline]
 fn versine(w: Vec3) -> f32 {
-    if w.z > 0.0 {
-        (w.x * w.x + w.y * w.y) / (1.0 + w.z)
-    } else {
-        1.0 - w.z
-    }
+    if w.z > 0.0 { (w.x * w.x + w.y * w.y) / (1.0 + w.z) } else { 1.0 - w.z }
 }
 
 /// Solid angle of a cone given by one minus its cosine [sr].
