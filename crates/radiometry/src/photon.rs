@@ -66,7 +66,7 @@ mod tests {
     #[test]
     fn a_photon_of_1240_nm_carries_one_electron_volt() {
         let joule_per_ev = 1.602_176_634e-19;
-        assert!((photon_energy(Nanometres(1239.841_984)) / joule_per_ev - 1.0).abs() < 1e-9);
+        assert!((photon_energy(Nanometres(1239.841984)) / joule_per_ev - 1.0).abs() < 1e-9);
     }
 
     #[test]

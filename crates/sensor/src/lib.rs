@@ -1,1 +1,27 @@
-//! (module of the workspace; see ARCHITECTURE.md)
+//! The EMVA 1288 camera: from the radiance on the film to the grey values of a frame.
+//!
+//! The way of a pixel, as the standard draws it (EMVA 1288 release 4.0, Linear):
+//!
+//! 1. [`Response`]: radiance -> irradiance through the lens -> photons on the pixel -> expected electrons;
+//! 2. [`Device::expose`]: photon and dark noise, fixed pattern, read noise, full well, gain, offset, one rounding -> DN;
+//! 3. [`display`]: DN -> the 8-bit gamma-2.2 picture, which is for looking at, never for measuring.
+//!
+//! Everything is a pure function: a grey value depends on (model, device seed, frame seed, frame, pixel, expected
+//! electrons) and on nothing else, so rows may be exposed on any number of threads.
+
+#![forbid(unsafe_code)]
+
+mod data_sheet;
+pub mod display;
+mod expose;
+mod model;
+mod optics;
+mod poisson;
+mod presets;
+
+pub use data_sheet::{DataSheet, data_sheet};
+pub use expose::{Device, FrameKey};
+pub use model::{DarkCurrent, FixedPattern, Published, QuantumEfficiency, SensorError, SensorModel, SensorSpec};
+pub use optics::{BANDS, Exposure, MeanElectrons, Optics, Response, auto_exposure, electrons};
+pub use poisson::poisson;
+pub use presets::PRESETS;

@@ -1,0 +1,140 @@
+//! From expected electrons to grey values: one camera of a model taking frames.
+
+use std::ops::Range;
+
+use dunkelfeld_film::Plane;
+use dunkelfeld_sampling::{Pcg, hash_u64, mix64};
+use rand_distr::{Distribution, StandardNormal};
+
+use crate::model::{SensorError, SensorModel};
+use crate::optics::Exposure;
+use crate::poisson::poisson;
+
+/// What random numbers are for; streams of different purposes are independent.
+const TEMPORAL: u64 = 0x7465_6d70;
+const PATTERN: u64 = 0x7061_7474;
+
+/// Which frame is taken: everything random that changes from frame to frame follows from it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct FrameKey {
+    /// Seed of the run.
+    pub seed: u64,
+    /// Number of the frame in the run.
+    pub frame: u32,
+}
+
+/// One camera of a sensor model, with the fixed pattern of its pixels.
+///
+/// The pattern follows from the device seed and is the same in every frame; noise follows from the frame key.
+#[derive(Clone, Debug)]
+pub struct Device {
+    model: SensorModel,
+    seed: u64,
+    width: u32,
+    height: u32,
+    /// Per pixel: dark signal difference [e-] and 1 + relative difference of the response; empty if the model has none.
+    pattern: Vec<[f32; 2]>,
+}
+
+impl Device {
+    /// The device of a model that the seed picks, with `width * height` pixels.
+    pub fn new(model: SensorModel, seed: u64, width: u32, height: u32) -> Self {
+        let p = model.spec().fixed_pattern;
+        let count = if p.dsnu.0 > 0.0 || p.prnu > 0.0 { width as usize * height as usize } else { 0 };
+        let key = hash_u64([seed, PATTERN]);
+        let pattern = (0..count as u64)
+            .map(|pixel| {
+                let mut rng = stream(key, pixel);
+                let (dark, response): (f64, f64) = (StandardNormal.sample(&mut rng), StandardNormal.sample(&mut rng));
+                [(p.dsnu.0 * dark) as f32, (1.0 + p.prnu * response).max(0.0) as f32]
+            })
+            .collect();
+        Self { model, seed, width, height, pattern }
+    }
+
+    /// The model.
+    pub fn model(&self) -> &SensorModel {
+        &self.model
+    }
+
+    /// A frame: grey values [DN] of all pixels, from their expected photo-electrons.
+    pub fn expose(&self, electrons: &Plane<f32>, exposure: Exposure, key: FrameKey) -> Result<Plane<u16>, SensorError> {
+        let mut frame = Plane::new(self.width, self.height, 0);
+        self.expose_rows(electrons, exposure, key, 0..self.height, frame.data_mut())?;
+        Ok(frame)
+    }
+
+    /// The rows `rows` of a frame, written to `out` (row by row, `width * rows.len()` values): the same values that
+    /// [`Device::expose`] puts there, so that rows can be shared out among threads.
+    pub fn expose_rows(
+        &self,
+        electrons: &Plane<f32>,
+        exposure: Exposure,
+        key: FrameKey,
+        rows: Range<u32>,
+        out: &mut [u16],
+    ) -> Result<(), SensorError> {
+        if (electrons.width(), electrons.height()) != (self.width, self.height) {
+            return Err(SensorError::Size(self.width, self.height, electrons.width(), electrons.height()));
+        }
+        let width = self.width as usize;
+        let pixels = rows.start as usize * width..rows.end as usize * width;
+        let (Some(means), true) = (electrons.data().get(pixels.clone()), out.len() == pixels.len()) else {
+            let (start, end, height, buffer) = (rows.start, rows.end, self.height, out.len());
+            return Err(SensorError::Rows { start, end, height, buffer });
+        };
+        let readout = Readout::new(&self.model, exposure);
+        let key = hash_u64([self.seed, key.seed, u64::from(key.frame), TEMPORAL]);
+        let pattern = self.pattern.get(pixels.clone()).unwrap_or(&[]);
+        let pattern = pattern.iter().copied().chain(std::iter::repeat([0.0, 1.0]));
+        for (((out, &mean), pixel), [dark, response]) in out.iter_mut().zip(means).zip(pixels).zip(pattern) {
+            let mut rng = stream(key, pixel as u64);
+            *out = readout.pixel(f64::from(mean), f64::from(dark), f64::from(response), &mut rng);
+        }
+        Ok(())
+    }
+}
+
+/// What all pixels of an exposure share.
+struct Readout {
+    dark_electrons: f64,
+    dark_noise: f64,
+    full_well: f64,
+    system_gain: f64,
+    offset: f64,
+    max_value: f64,
+}
+
+impl Readout {
+    fn new(model: &SensorModel, exposure: Exposure) -> Self {
+        let spec = model.spec();
+        Self {
+            dark_electrons: model.dark_electrons(exposure.time()).0,
+            dark_noise: spec.dark_noise.0,
+            full_well: spec.full_well.0,
+            system_gain: spec.system_gain,
+            offset: spec.offset.0,
+            max_value: f64::from(model.max_value()),
+        }
+    }
+
+    /// The grey value of one pixel: the chain of EMVA 1288 in its order.
+    #[inline]
+    fn pixel(&self, photo_electrons: f64, dark_offset: f64, response: f64, rng: &mut Pcg) -> u16 {
+        // Photo-electrons and dark electrons are both Poisson numbers; the sum of two is a Poisson number of the summed
+        // mean.
+        let shot = poisson(photo_electrons * response + self.dark_electrons, rng);
+        let read: f64 = StandardNormal.sample(rng);
+        let charge = (shot + dark_offset + self.dark_noise * read).min(self.full_well);
+        let value = (self.system_gain * charge + self.offset).clamp(0.0, self.max_value);
+        // The one rounding. The cast truncates, and the value is not negative, so adding one half rounds to nearest.
+        (value + 0.5) as u16
+    }
+}
+
+/// Random numbers of one pixel. `key` already holds everything else, so two rounds of mixing do.
+#[inline]
+fn stream(key: u64, pixel: u64) -> Pcg {
+    let high = mix64(key ^ pixel);
+    Pcg::new(u128::from(high) << 64 | u128::from(mix64(high)))
+}

@@ -1,0 +1,277 @@
+//! The lens and the exposure: from radiance on the film to expected electrons in the pixels.
+//!
+//! A film has three channels, the sensor counts photons, and photons need wavelengths. The convention: a linear triple
+//! is a coarse spectrum of three bands, each with a representative wavelength and a third of the light. A grey triple
+//! (L, L, L) is light of radiance L, a third of it in each band; a channel of its own carries a third of its number.
+//! A monochrome sensor then responds with
+//!
+//! mu_e = A t E' sum over bands of eta(lambda_b) lambda_b / (h c) L_b / 3, where E' = pi tau / (4 N^2 (1 + m)^2)
+//!
+//! is the irradiance per radiance behind a thin lens, on its axis.
+
+use std::f64::consts::PI;
+
+use dunkelfeld_film::Plane;
+use dunkelfeld_radiometry::{Electrons, Irradiance, Nanometres, Radiance, Seconds, photon};
+
+use crate::model::{SensorError, SensorModel, in_range};
+
+/// Representative wavelengths of the channels red, green and blue: about the dominant wavelengths of the Rec. 709
+/// primaries, which lie at 611, 549 and 464 nm.
+pub const BANDS: [Nanometres; 3] = [Nanometres(610.0), Nanometres(550.0), Nanometres(465.0)];
+
+/// The share of a grey triple's radiance that each band carries.
+const BAND_SHARE: f64 = 1.0 / 3.0;
+
+/// Fraction of pixels that may be brighter than the automatic exposure aims for.
+const AUTO_QUANTILE: f64 = 0.995;
+/// Where that quantile lands, as a fraction of saturation.
+const AUTO_LEVEL: f64 = 0.9;
+/// Longest exposure that is taken for meant [s].
+const LONGEST: f64 = 1e6;
+
+/// The lens in front of the sensor.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Optics {
+    f_number: f64,
+    transmission: f64,
+    magnification: f64,
+}
+
+impl Optics {
+    /// A lens of f-number N (0.5 to 1000), transmission tau (above 0, at most 1) and magnification m (0 for an object
+    /// at infinity, at most 100).
+    pub fn new(f_number: f64, transmission: f64, magnification: f64) -> Result<Self, SensorError> {
+        in_range("f_number", f_number, 0.5, 1000.0, "from 0.5 to 1000")?;
+        in_range("transmission", transmission, f64::MIN_POSITIVE, 1.0, "above 0 and at most 1")?;
+        in_range("magnification", magnification, 0.0, 100.0, "from 0 to 100")?;
+        Ok(Self { f_number, transmission, magnification })
+    }
+
+    /// The f-number N.
+    pub fn f_number(&self) -> f64 {
+        self.f_number
+    }
+
+    /// Irradiance on the sensor under an object of the given radiance, E = pi L tau / (4 N^2 (1 + m)^2) on the axis.
+    pub fn irradiance(&self, radiance: Radiance) -> Irradiance {
+        let working_f_number = self.f_number * (1.0 + self.magnification);
+        Irradiance(PI * radiance.0 * self.transmission / (4.0 * working_f_number * working_f_number))
+    }
+}
+
+/// How long the shutter is open.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Exposure {
+    time: Seconds,
+}
+
+impl Exposure {
+    /// An exposure of a time above 0 and at most 1e6 s.
+    pub fn new(time: Seconds) -> Result<Self, SensorError> {
+        in_range("exposure", time.0, f64::MIN_POSITIVE, LONGEST, "above 0 and at most 1e6 s")?;
+        Ok(Self { time })
+    }
+
+    /// The time.
+    pub fn time(&self) -> Seconds {
+        self.time
+    }
+}
+
+/// What a pixel makes of radiance: expected electrons per unit of each channel. A linear map, because the camera is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Response {
+    weights: [f64; 3],
+}
+
+impl Response {
+    /// The response of a monochrome pixel.
+    pub fn new(model: &SensorModel, optics: &Optics, exposure: Exposure) -> Self {
+        let spec = model.spec();
+        let irradiance = optics.irradiance(Radiance(BAND_SHARE));
+        let weights = BANDS.map(|band| {
+            spec.quantum_efficiency.at(band) * photon::photons(spec.pixel_pitch, irradiance, exposure.time, band)
+        });
+        Self { weights }
+    }
+
+    /// Expected electrons per W/(m^2 sr) of red, green and blue.
+    pub fn weights(&self) -> [f64; 3] {
+        self.weights
+    }
+
+    /// Expected electrons of a pixel that sees the given radiance [W/(m^2 sr) per channel].
+    #[inline]
+    pub fn electrons(&self, radiance: [f32; 3]) -> Electrons {
+        let [r, g, b] = radiance.map(f64::from);
+        Electrons(self.weights[0] * r + self.weights[1] * g + self.weights[2] * b)
+    }
+
+    /// The largest variance [e-^2] that the expected electrons can have when the channels have the given variances.
+    ///
+    /// The channels of a rendered pixel come from the same paths and rise and fall together; their covariance is not
+    /// kept. So they are taken to be fully correlated, (sum of w sigma)^2, which is never too small.
+    #[inline]
+    pub fn variance(&self, variance: [f32; 3]) -> f64 {
+        let [r, g, b] = variance.map(|v| f64::from(v).sqrt());
+        (self.weights[0] * r + self.weights[1] * g + self.weights[2] * b).powi(2)
+    }
+}
+
+/// Expected photo-electrons of every pixel, and how many pixels had to be repaired.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MeanElectrons {
+    /// Expected photo-electrons, finite and not negative.
+    pub plane: Plane<f32>,
+    /// Pixels whose radiance was negative or not a number (they count as black) or infinite (they saturate).
+    pub invalid: u64,
+}
+
+/// Expected photo-electrons of every pixel of a film [W/(m^2 sr) per channel].
+pub fn electrons(radiance: &Plane<[f32; 3]>, response: &Response) -> MeanElectrons {
+    let mut invalid = 0;
+    let plane = radiance.map(|&pixel| {
+        let valid = pixel.iter().all(|v| v.is_finite() && *v >= 0.0);
+        invalid += u64::from(!valid);
+        let electrons = if valid { response.electrons(pixel) } else { repaired(response, pixel) };
+        // `max` returns the number where the other is NaN; a huge sum saturates instead of becoming infinite.
+        (electrons.0 as f32).max(0.0).min(f32::MAX)
+    });
+    MeanElectrons { plane, invalid }
+}
+
+#[cold]
+fn repaired(response: &Response, pixel: [f32; 3]) -> Electrons {
+    response.electrons(pixel.map(|v| v.max(0.0).min(f32::MAX)))
+}
+
+/// The exposure time that puts the 99.5 % quantile of the image at 90 % of saturation.
+///
+/// If fewer than 0.5 % of the pixels are lit at all, the quantile is taken over the lit ones. The time is at most 1e6 s.
+/// Errors: [`SensorError::NoLight`] if every pixel is black.
+pub fn auto_exposure(
+    radiance: &Plane<[f32; 3]>,
+    model: &SensorModel,
+    optics: &Optics,
+) -> Result<Exposure, SensorError> {
+    let per_second = Response::new(model, optics, Exposure { time: Seconds(1.0) });
+    let mut rates = electrons(radiance, &per_second).plane.into_vec();
+    let mut rate = quantile(&mut rates, AUTO_QUANTILE);
+    if rate <= 0.0 {
+        rates.retain(|r| *r > 0.0);
+        rate = quantile(&mut rates, AUTO_QUANTILE);
+    }
+    if rate <= 0.0 {
+        return Err(SensorError::NoLight);
+    }
+    // Dark electrons take their part of the well.
+    let dark = model.dark_electrons(Seconds(1.0)).0;
+    let time = AUTO_LEVEL * model.saturation().0 / (f64::from(rate) + dark);
+    Exposure::new(Seconds(time.clamp(f64::MIN_POSITIVE, LONGEST)))
+}
+
+/// The value below which the given fraction of all values lies, 0 if there are none.
+fn quantile(values: &mut [f32], fraction: f64) -> f32 {
+    let Some(last) = values.len().checked_sub(1) else { return 0.0 };
+    let index = (fraction * last as f64).round() as usize;
+    *values.select_nth_unstable_by(index.min(last), f32::total_cmp).1
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::SensorSpec;
+    use crate::model::tests::example;
+    use dunkelfeld_radiometry::Metres;
+
+    fn model() -> SensorModel {
+        SensorModel::new(example()).expect("valid")
+    }
+
+    fn lens() -> Optics {
+        Optics::new(8.0, 0.9, 0.1).expect("valid")
+    }
+
+    /// The same number by the folded constants of EMVA 1288: mu_p = 50.34 A t lambda E in um^2, ms, um, uW/cm^2.
+    #[test]
+    fn electrons_agree_with_the_anchor_of_the_standard() {
+        let exposure = Exposure::new(Seconds(2e-3)).expect("valid");
+        let response = Response::new(&model(), &lens(), exposure);
+        let radiance = 3.0;
+        let e_uw_cm2 = PI * radiance * 0.9 / (4.0 * 64.0 * 1.21) * 100.0;
+        let photons = |lambda_um: f64| 50.34 * 3.45 * 3.45 * 2.0 * lambda_um * e_uw_cm2;
+        let expected = 0.65 * (photons(0.61) + photons(0.55) + photons(0.465)) / 3.0;
+        let got = response.electrons([3.0; 3]).0;
+        assert!((got / expected - 1.0).abs() < 5e-5, "{got} electrons, expected {expected}");
+    }
+
+    #[test]
+    fn the_variance_bound_is_exact_for_grey_noise() {
+        let response = Response::new(&model(), &lens(), Exposure::new(Seconds(1e-3)).expect("valid"));
+        // Grey noise of standard deviation 0.1 moves the electrons by 0.1 times the response to grey.
+        let expected = (0.1 * response.electrons([1.0; 3]).0).powi(2);
+        assert!((response.variance([0.01; 3]) / expected - 1.0).abs() < 1e-6);
+    }
+
+    #[test]
+    fn invalid_pixels_are_counted_and_made_harmless() {
+        let response = Response::new(&model(), &lens(), Exposure::new(Seconds(1.0)).expect("valid"));
+        let pixels = vec![[1.0; 3], [f32::NAN, 1.0, 1.0], [-1.0; 3], [f32::INFINITY; 3], [f32::MAX; 3]];
+        let out = electrons(&Plane::from_vec(5, 1, pixels).expect("5 x 1"), &response);
+        assert_eq!(out.invalid, 3);
+        let v = out.plane.data();
+        assert!(v.iter().all(|e| e.is_finite() && *e >= 0.0), "{v:?}");
+        assert_eq!(v[2], 0.0);
+        assert!(v[1] < v[0] && v[1] > 0.0, "the valid channels stay: {v:?}");
+        assert_eq!(v[3], f32::MAX);
+    }
+
+    #[test]
+    fn automatic_exposure_puts_the_quantile_at_nine_tenths() {
+        // Radiances 1..=1000: the 99.5 % quantile is 995.
+        let ramp = Plane::from_fn(100, 10, |x, y| [(1 + x + 100 * y) as f32; 3]);
+        let cold = SensorModel::new(SensorSpec {
+            dark_current: crate::DarkCurrent { rate: 0.0, ..example().dark_current },
+            ..example()
+        })
+        .expect("valid");
+        let exposure = auto_exposure(&ramp, &cold, &lens()).expect("light");
+        let e = Response::new(&cold, &lens(), exposure).electrons([995.0; 3]).0;
+        assert!((e - 9000.0).abs() < 9000.0 * 1.1e-3, "{e} electrons");
+    }
+
+    #[test]
+    fn a_few_lit_pixels_are_enough_and_none_are_an_error() {
+        let mut plane = Plane::new(64, 64, [0.0f32; 3]);
+        assert_eq!(auto_exposure(&plane, &model(), &lens()), Err(SensorError::NoLight));
+        plane.data_mut()[77] = [2.0; 3];
+        let exposure = auto_exposure(&plane, &model(), &lens()).expect("light");
+        let photo = Response::new(&model(), &lens(), exposure).electrons([2.0; 3]).0;
+        let all = photo + model().dark_electrons(exposure.time()).0;
+        assert!((all - 9000.0).abs() < 1e-2, "{all}");
+        assert_eq!(auto_exposure(&Plane::new(0, 0, [0.0; 3]), &model(), &lens()), Err(SensorError::NoLight));
+    }
+
+    #[test]
+    fn faint_and_blinding_light_still_give_a_time() {
+        for radiance in [1e-38, 1e-20, 1e20, f32::MAX] {
+            let plane = Plane::new(4, 4, [radiance; 3]);
+            let big = SensorModel::new(SensorSpec { pixel_pitch: Metres::from_micrometres(1000.0), ..example() });
+            for m in [model(), big.expect("valid")] {
+                match auto_exposure(&plane, &m, &lens()) {
+                    Ok(e) => assert!(e.time().0 > 0.0 && e.time().0 <= LONGEST),
+                    Err(e) => assert_eq!(e, SensorError::NoLight, "radiance {radiance}"),
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn impossible_lenses_are_refused() {
+        for (n, t, m) in [(0.0, 1.0, 0.0), (8.0, 0.0, 0.0), (8.0, 1.1, 0.0), (8.0, 1.0, -0.5), (f64::NAN, 1.0, 0.0)] {
+            assert!(Optics::new(n, t, m).is_err(), "{n} {t} {m}");
+        }
+        assert!(Exposure::new(Seconds(0.0)).is_err());
+    }
+}

@@ -1,0 +1,14 @@
+//! Sensors that come with the program, as the text of their files.
+//!
+//! The text is the same format that a user writes; `dunkelfeld-io` reads both.
+
+/// Name and TOML text of every preset.
+pub const PRESETS: [(&str, &str); 7] = [
+    ("imx174", include_str!("../presets/imx174.toml")),
+    ("imx174-pointgrey", include_str!("../presets/imx174-pointgrey.toml")),
+    ("imx183", include_str!("../presets/imx183.toml")),
+    ("imx250", include_str!("../presets/imx250.toml")),
+    ("imx492", include_str!("../presets/imx492.toml")),
+    ("imx900-hcg", include_str!("../presets/imx900-hcg.toml")),
+    ("imx900-lcg", include_str!("../presets/imx900-lcg.toml")),
+];
