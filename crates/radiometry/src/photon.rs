@@ -5,16 +5,16 @@
 use crate::rgb::Rgb;
 use crate::units::{Irradiance, Metres, Nanometres, Seconds};
 
-/// Planck constant h [J s], exact (BIPM, SI Brochure 2019).
+/// Planck constant h \[J s\], exact (BIPM, SI Brochure 2019).
 pub const PLANCK: f64 = 6.626_070_15e-34;
 
-/// Speed of light in vacuum c [m/s], exact (BIPM, SI Brochure 2019).
+/// Speed of light in vacuum c \[m/s\], exact (BIPM, SI Brochure 2019).
 pub const SPEED_OF_LIGHT: f64 = 299_792_458.0;
 
-/// Luminous efficacy of green light at 540 THz, K_cd [lm/W], exact (BIPM, SI Brochure 2019).
+/// Luminous efficacy of green light at 540 THz, K_cd \[lm/W\], exact (BIPM, SI Brochure 2019).
 pub const PHOTOPIC: f64 = 683.0;
 
-/// Energy of one photon, h c / lambda [J].
+/// Energy of one photon, h c / lambda \[J\].
 pub fn photon_energy(wavelength: Nanometres) -> f64 {
     PLANCK * SPEED_OF_LIGHT / wavelength.metres().0
 }

@@ -56,17 +56,17 @@ macro_rules! unit {
 }
 
 unit!(
-    /// Length [m].
+    /// Length \[m\].
     Metres,
     "m"
 );
 unit!(
-    /// Time [s].
+    /// Time \[s\].
     Seconds,
     "s"
 );
 unit!(
-    /// Wavelength in vacuum [nm].
+    /// Wavelength in vacuum \[nm\].
     Nanometres,
     "nm"
 );
@@ -81,17 +81,17 @@ unit!(
     "W/m^2"
 );
 unit!(
-    /// A number of electrons, or an expected one [e-].
+    /// A number of electrons, or an expected one \[e-\].
     Electrons,
     "e-"
 );
 unit!(
-    /// A grey value as the camera counts it [DN].
+    /// A grey value as the camera counts it \[DN\].
     DigitalNumber,
     "DN"
 );
 unit!(
-    /// Temperature [degrees Celsius].
+    /// Temperature \[degrees Celsius\].
     Celsius,
     "degC"
 );

@@ -11,7 +11,7 @@ pub struct DataSheet {
     pub wavelength: Nanometres,
     /// Quantum efficiency there.
     pub quantum_efficiency: f64,
-    /// Overall system gain K [DN/e-].
+    /// Overall system gain K \[DN/e-\].
     pub system_gain: f64,
     /// Temporal dark noise sigma_d.
     pub dark_noise: Electrons,
@@ -25,13 +25,13 @@ pub struct DataSheet {
     pub saturation: Electrons,
     /// The same in photons, mu_p.sat.
     pub saturation_photons: f64,
-    /// Dynamic range mu_p.sat / mu_p.min [dB].
+    /// Dynamic range mu_p.sat / mu_p.min \[dB\].
     pub dynamic_range_db: f64,
-    /// Largest signal-to-noise ratio, sqrt(mu_e.sat) [dB].
+    /// Largest signal-to-noise ratio, sqrt(mu_e.sat) \[dB\].
     pub snr_max_db: f64,
     /// Dark signal non-uniformity.
     pub dsnu: Electrons,
-    /// Photo response non-uniformity [%].
+    /// Photo response non-uniformity \[%\].
     pub prnu_percent: f64,
     /// What was published, for comparison.
     pub published: Published,

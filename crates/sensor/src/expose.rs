@@ -32,7 +32,7 @@ pub struct Device {
     seed: u64,
     width: u32,
     height: u32,
-    /// Per pixel: dark signal difference [e-] and 1 + relative difference of the response; empty if the model has none.
+    /// Per pixel: dark signal difference \[e-\] and 1 + relative difference of the response; empty if the model has none.
     pattern: Vec<[f32; 2]>,
 }
 
@@ -57,7 +57,7 @@ impl Device {
         &self.model
     }
 
-    /// A frame: grey values [DN] of all pixels, from their expected photo-electrons.
+    /// A frame: grey values \[DN\] of all pixels, from their expected photo-electrons.
     pub fn expose(&self, electrons: &Plane<f32>, exposure: Exposure, key: FrameKey) -> Result<Plane<u16>, SensorError> {
         let mut frame = Plane::new(self.width, self.height, 0);
         self.expose_rows(electrons, exposure, key, 0..self.height, frame.data_mut())?;

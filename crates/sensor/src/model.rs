@@ -86,14 +86,14 @@ pub struct DarkCurrent {
     pub rate: f64,
     /// Where the rate was measured.
     pub reference: Celsius,
-    /// Rise of temperature that doubles the rate [K].
+    /// Rise of temperature that doubles the rate \[K\].
     pub doubling: f64,
 }
 
 /// What distinguishes the pixels of one device from each other in every frame: one standard deviation each.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct FixedPattern {
-    /// Dark signal non-uniformity, DSNU1288 [e-].
+    /// Dark signal non-uniformity, DSNU1288 \[e-\].
     pub dsnu: Electrons,
     /// Photo response non-uniformity, PRNU1288, as a fraction of the signal.
     pub prnu: f64,
@@ -102,9 +102,9 @@ pub struct FixedPattern {
 /// What the maker or a test report says the sensor achieves, for comparison with what the model implies.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Published {
-    /// Dynamic range [dB].
+    /// Dynamic range \[dB\].
     pub dynamic_range_db: Option<f64>,
-    /// Largest signal-to-noise ratio [dB].
+    /// Largest signal-to-noise ratio \[dB\].
     pub snr_max_db: Option<f64>,
 }
 
@@ -125,13 +125,13 @@ pub struct SensorSpec {
     pub quantum_efficiency: QuantumEfficiency,
     /// Electrons at which a pixel is full (the saturation capacity mu_e.sat, where only that is published).
     pub full_well: Electrons,
-    /// Temporal dark noise without the dark current's share, sigma_d0 [e-].
+    /// Temporal dark noise without the dark current's share, sigma_d0 \[e-\].
     pub dark_noise: Electrons,
     /// Dark current.
     pub dark_current: DarkCurrent,
     /// Temperature of the sensor during the exposure.
     pub temperature: Celsius,
-    /// Overall system gain K [DN/e-].
+    /// Overall system gain K \[DN/e-\].
     pub system_gain: f64,
     /// Grey value of a pixel without electrons (black level).
     pub offset: DigitalNumber,
@@ -198,17 +198,17 @@ impl SensorModel {
         Electrons(d.rate * ((self.0.temperature - d.reference).0 / d.doubling).exp2() * time.0)
     }
 
-    /// Variance of the dark signal, sigma_d^2 = sigma_d0^2 + mu_I t [e-^2].
+    /// Variance of the dark signal, sigma_d^2 = sigma_d0^2 + mu_I t \[e-^2\].
     pub fn dark_variance(&self, time: Seconds) -> f64 {
         self.0.dark_noise.0.powi(2) + self.dark_electrons(time).0
     }
 
-    /// Variance of the rounding to whole grey values, sigma_q^2 / K^2 with sigma_q^2 = 1/12 DN^2 [e-^2].
+    /// Variance of the rounding to whole grey values, sigma_q^2 / K^2 with sigma_q^2 = 1/12 DN^2 \[e-^2\].
     pub fn quantisation_variance(&self) -> f64 {
         1.0 / (12.0 * self.0.system_gain.powi(2))
     }
 
-    /// Temporal variance of a pixel that expects `mean` photo-electrons, mu_e + sigma_d^2 + sigma_q^2 / K^2 [e-^2]
+    /// Temporal variance of a pixel that expects `mean` photo-electrons, mu_e + sigma_d^2 + sigma_q^2 / K^2 \[e-^2\]
     /// (EMVA 1288 release 4.0 Linear, equation 14, divided by K^2).
     pub fn temporal_variance(&self, mean: Electrons, time: Seconds) -> f64 {
         mean.0 + self.dark_variance(time) + self.quantisation_variance()

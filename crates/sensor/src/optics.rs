@@ -27,7 +27,7 @@ const BAND_SHARE: f64 = 1.0 / 3.0;
 const AUTO_QUANTILE: f64 = 0.995;
 /// Where that quantile lands, as a fraction of saturation.
 const AUTO_LEVEL: f64 = 0.9;
-/// Longest exposure that is taken for meant [s].
+/// Longest exposure that is taken for meant \[s\].
 const LONGEST: f64 = 1e6;
 
 /// The lens in front of the sensor.
@@ -108,7 +108,7 @@ impl Response {
         Electrons(self.weights[0] * r + self.weights[1] * g + self.weights[2] * b)
     }
 
-    /// The largest variance [e-^2] that the expected electrons can have when the channels have the given variances.
+    /// The largest variance \[e-^2\] that the expected electrons can have when the channels have the given variances.
     ///
     /// The channels of a rendered pixel come from the same paths and rise and fall together; their covariance is not
     /// kept. So they are taken to be fully correlated, (sum of w sigma)^2, which is never too small.
@@ -135,15 +135,15 @@ pub fn electrons(radiance: &Plane<[f32; 3]>, response: &Response) -> MeanElectro
         let valid = pixel.iter().all(|v| v.is_finite() && *v >= 0.0);
         invalid += u64::from(!valid);
         let electrons = if valid { response.electrons(pixel) } else { repaired(response, pixel) };
-        // `max` returns the number where the other is NaN; a huge sum saturates instead of becoming infinite.
-        (electrons.0 as f32).max(0.0).min(f32::MAX)
+        // A sum beyond the range of f32 saturates instead of becoming infinite.
+        (electrons.0 as f32).min(f32::MAX)
     });
     MeanElectrons { plane, invalid }
 }
 
 #[cold]
 fn repaired(response: &Response, pixel: [f32; 3]) -> Electrons {
-    response.electrons(pixel.map(|v| v.max(0.0).min(f32::MAX)))
+    response.electrons(pixel.map(|v| if v > 0.0 { v.min(f32::MAX) } else { 0.0 }))
 }
 
 /// The exposure time that puts the 99.5 % quantile of the image at 90 % of saturation.
