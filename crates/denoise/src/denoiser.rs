@@ -1,0 +1,170 @@
+//! The interface between a render and its denoisers.
+
+use dunkelfeld_film::Plane;
+
+/// A plane of linear triples.
+pub type Triples = Plane<[f32; 3]>;
+
+/// What a denoiser may look at. Only the mean is always there; a denoiser uses what it understands and ignores the rest.
+///
+/// All planes have the size of the mean ([`DenoiseInput::check`]). The auxiliary planes describe the first surface that
+/// is not a clear sheet or a mirror, averaged over the pixel.
+#[derive(Clone, Copy, Debug)]
+pub struct DenoiseInput<'a> {
+    /// Unbiased mean radiance [W/(m^2 sr) per channel].
+    pub mean: &'a Triples,
+    /// Variance of the mean, in the square of its unit; infinite where nothing is known.
+    pub variance: Option<&'a Triples>,
+    /// Reflectance in \[0, 1\].
+    pub albedo: Option<&'a Triples>,
+    /// Variance of the albedo's mean.
+    pub albedo_variance: Option<&'a Triples>,
+    /// Shading normal in world space, length up to 1 (zero where nothing was hit).
+    pub normal: Option<&'a Triples>,
+    /// Variance of the normal's mean.
+    pub normal_variance: Option<&'a Triples>,
+    /// Distance from the camera in metres, 0 where nothing was hit.
+    pub depth: Option<&'a Plane<f32>>,
+}
+
+impl<'a> DenoiseInput<'a> {
+    /// An input with nothing but the mean.
+    pub fn new(mean: &'a Triples) -> Self {
+        Self {
+            mean,
+            variance: None,
+            albedo: None,
+            albedo_variance: None,
+            normal: None,
+            normal_variance: None,
+            depth: None,
+        }
+    }
+
+    /// Do all planes have the size of the mean? The error names the first that does not.
+    pub fn check(&self) -> Result<(), DenoiseError> {
+        let size = (self.mean.width(), self.mean.height());
+        let triples = [
+            ("variance", self.variance),
+            ("albedo", self.albedo),
+            ("albedo variance", self.albedo_variance),
+            ("normal", self.normal),
+            ("normal variance", self.normal_variance),
+        ];
+        let sizes = triples
+            .into_iter()
+            .filter_map(|(name, plane)| plane.map(|p| (name, (p.width(), p.height()))))
+            .chain(self.depth.map(|p| ("depth", (p.width(), p.height()))));
+        for (plane, got) in sizes {
+            if got != size {
+                return Err(DenoiseError::SizeMismatch { plane, got, expected: size });
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Why there is no denoised image.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum DenoiseError {
+    /// A plane differs in size from the mean.
+    #[error("the {plane} plane has {} x {} pixels, the mean has {} x {}", got.0, got.1, expected.0, expected.1)]
+    SizeMismatch {
+        /// Which plane.
+        plane: &'static str,
+        /// Its width and height.
+        got: (u32, u32),
+        /// Width and height of the mean.
+        expected: (u32, u32),
+    },
+    /// The denoiser needs a plane that is not there.
+    #[error("this denoiser needs the {0} plane")]
+    Missing(&'static str),
+    /// The library behind the denoiser cannot be had.
+    #[error("{0}")]
+    Unavailable(String),
+    /// The library behind the denoiser reports an error; the text is its own.
+    #[error("{0}")]
+    Library(String),
+    /// The caller asked to stop.
+    #[error("denoising was cancelled")]
+    Cancelled,
+}
+
+/// Runs independent pieces of work. Crates of this level start no threads: whoever owns them lends them through this.
+pub trait Executor: Sync {
+    /// How many threads work at once; a library with threads of its own is told to use as many.
+    fn threads(&self) -> usize;
+
+    /// Calls `work` once for each of `0..pieces`, in any order, and returns when all are done. What a piece computes
+    /// must depend on its number only.
+    fn for_each(&self, pieces: usize, work: &(dyn Fn(usize) + Sync));
+}
+
+/// One thread: the caller's.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Serial;
+
+impl Executor for Serial {
+    fn threads(&self) -> usize {
+        1
+    }
+
+    fn for_each(&self, pieces: usize, work: &(dyn Fn(usize) + Sync)) {
+        (0..pieces).for_each(work);
+    }
+}
+
+/// How a denoiser talks to its caller while it works.
+#[derive(Clone, Copy)]
+pub struct Control<'a> {
+    /// The threads to work on.
+    pub executor: &'a dyn Executor,
+    /// Takes the finished fraction, from 0 to 1, and says whether to go on. Called from any thread, between pieces of at
+    /// most some tens of milliseconds; the fraction may repeat itself.
+    pub progress: &'a (dyn Fn(f64) -> bool + Sync),
+}
+
+impl Control<'static> {
+    /// One thread, no progress, never cancelled.
+    pub const SILENT: Self = Self { executor: &Serial, progress: &|_| true };
+}
+
+/// Something that turns a noisy mean into a smoother one.
+pub trait Denoiser: Send + Sync {
+    /// Name for messages and for the metadata of the image, with a version where the algorithm has one.
+    fn name(&self) -> String;
+
+    /// The denoised mean, of the size and unit of `input.mean`, finite wherever the input is.
+    ///
+    /// The result is the same for any number of threads of the executor, as far as the denoiser's own library allows.
+    fn denoise(&self, input: &DenoiseInput<'_>, control: &Control<'_>) -> Result<Triples, DenoiseError>;
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::sync::atomic::{AtomicUsize, Ordering};
+
+    #[test]
+    fn planes_of_another_size_are_named() {
+        let (mean, other) = (Plane::new(4, 3, [1.0; 3]), Plane::new(3, 4, [0.0; 3]));
+        let depth = Plane::new(4, 2, 0.0);
+        let fits = DenoiseInput { albedo: Some(&mean), ..DenoiseInput::new(&mean) };
+        assert_eq!(fits.check(), Ok(()));
+        let wrong = DenoiseInput { normal: Some(&other), ..fits };
+        let error = wrong.check().expect_err("the normal differs").to_string();
+        assert_eq!(error, "the normal plane has 3 x 4 pixels, the mean has 4 x 3");
+        let wrong = DenoiseInput { depth: Some(&depth), ..fits };
+        assert!(matches!(wrong.check(), Err(DenoiseError::SizeMismatch { plane: "depth", .. })));
+    }
+
+    #[test]
+    fn the_serial_executor_does_every_piece_once() {
+        let sum = AtomicUsize::new(0);
+        Serial.for_each(100, &|i| {
+            sum.fetch_add(1 << (i % 8), Ordering::Relaxed);
+        });
+        assert_eq!(sum.into_inner(), 12 * 255 + 0b1111);
+    }
+}
