@@ -1,0 +1,48 @@
+//! Paths that a page names in backticks must exist.
+
+/// Folders of the repository's root: whatever begins with one of them is a path, with or without an extension.
+const ROOTS: [&str; 9] =
+    ["crates/", "xtask/", "scenes/", "benches/", "tests/", "examples/", "validation/", "fuzz/", ".ci/"];
+
+/// The named paths that `exists` denies.
+pub(crate) fn check(page: &str, exists: impl Fn(&str) -> bool) -> Vec<String> {
+    let missing = |path: &&str| looks_like_a_path(path) && !exists(path.trim_end_matches('/'));
+    quoted(page).filter(missing).map(|path| format!("ARCHITECTURE.md: names `{path}`, which does not exist")).collect()
+}
+
+/// What stands between single backticks on one line; fenced blocks are skipped.
+fn quoted(page: &str) -> impl Iterator<Item = &str> {
+    let mut fenced = false;
+    page.lines()
+        .filter(move |line| {
+            let fence = line.trim_start().starts_with("```");
+            fenced ^= fence;
+            !fenced && !fence
+        })
+        .flat_map(|line| line.split('`').skip(1).step_by(2))
+}
+
+fn looks_like_a_path(text: &str) -> bool {
+    let clean = !text.contains(|c: char| c.is_whitespace() || "*<>{}()[]:|".contains(c));
+    let named = ROOTS.iter().any(|root| text.starts_with(root));
+    let extension = text.rsplit('/').next().is_some_and(|last| last.contains('.'));
+    clean && text.contains('/') && !text.starts_with('/') && (named || extension || text.ends_with('/'))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn missing_files_and_folders_are_named_and_other_words_are_not() {
+        let page = "`crates/film` and `crates/film/src/film.rs`, then `src/gone.rs` and `crates/gone` or `old/`.\n\
+                    Not paths: `W/(m^2 sr)`, `v_r/s`, `cargo test`, `crates/*/src`, `Cargo.toml`, `and/or`.\n\
+                    ```\n`src/in_a_fence.rs`\n```\n";
+        let exists = |p: &str| ["crates/film", "crates/film/src/film.rs"].contains(&p);
+        let expected = ["src/gone.rs", "crates/gone", "old/"];
+        assert_eq!(
+            check(page, exists),
+            expected.map(|p| format!("ARCHITECTURE.md: names `{p}`, which does not exist"))
+        );
+    }
+}
