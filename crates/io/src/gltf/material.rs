@@ -1,0 +1,201 @@
+//! glTF materials: metallic-roughness and the KHR_materials extensions.
+
+use super::schema::{self, TextureInfo};
+use super::spec_gloss;
+use super::texture::Textures;
+use crate::import::{EmissiveUnit, LUMENS_PER_WATT, Warnings};
+use dunkelfeld_radiometry::Rgb;
+use dunkelfeld_scene::{AlphaMode, ChannelTexture, ColorEncoding, Material, Surface, Texture, Volume};
+
+/// Reads the values of one material and puts them into their ranges, with warnings.
+pub(super) struct Reader<'r, 'a> {
+    pub(super) place: String,
+    pub(super) textures: &'r mut Textures<'a>,
+    pub(super) warnings: &'r mut Warnings,
+}
+
+impl Reader<'_, '_> {
+    pub(super) fn warn(&mut self, message: impl Into<String>) {
+        self.warnings.push(&self.place, message);
+    }
+
+    pub(super) fn texture(&mut self, info: Option<&TextureInfo>, encoding: ColorEncoding) -> Option<Texture> {
+        self.textures.resolve(info, encoding, &self.place, self.warnings)
+    }
+
+    fn channel(&mut self, info: Option<&TextureInfo>, channel: u8) -> Option<ChannelTexture> {
+        Some(ChannelTexture { texture: self.texture(info, ColorEncoding::Linear)?, channel })
+    }
+
+    /// A factor in [0, 1].
+    pub(super) fn unit(&mut self, name: &str, value: Option<f64>, default: f32) -> f32 {
+        self.within(name, value, default, 0.0, 1.0)
+    }
+
+    fn within(&mut self, name: &str, value: Option<f64>, default: f32, low: f32, high: f32) -> f32 {
+        let Some(value) = value else { return default };
+        let value = value as f32;
+        let inside = value.clamp(low, high);
+        if inside != value {
+            self.warn(format!("{name} {value} is outside [{low}, {high}] and becomes {inside}"));
+        }
+        inside
+    }
+
+    pub(super) fn color_in_unit(&mut self, name: &str, value: [f32; 3]) -> Rgb {
+        self.color(name, Some(value.map(f64::from)), 1.0, 1.0)
+    }
+
+    fn color(&mut self, name: &str, value: Option<[f64; 3]>, default: f32, high: f32) -> Rgb {
+        let [r, g, b] = value.unwrap_or([f64::from(default); 3]);
+        Rgb::from_array([r, g, b].map(|v| self.within(name, Some(v), default, 0.0, high)))
+    }
+}
+
+/// What a primitive without a material has (glTF 2.0, section 3.7.2.1).
+pub(super) fn default_material() -> Material {
+    Material { name: "default".into(), metallic: 1.0, roughness: 1.0, ..Material::default() }
+}
+
+/// Converts a material. Occlusion and thickness textures are not asked for: light transport finds both by itself.
+pub(super) fn convert(source: &schema::Material, name: String, unit: EmissiveUnit, r: &mut Reader<'_, '_>) -> Material {
+    let mut m = Material { name, double_sided: source.double_sided, ..default_material() };
+    base(source, &mut m, r);
+    m.alpha_mode = match source.alpha_mode.as_deref() {
+        None | Some("OPAQUE") => AlphaMode::Opaque,
+        Some("MASK") => AlphaMode::Mask { cutoff: r.within("alphaCutoff", source.alpha_cutoff, 0.5, 0.0, f32::MAX) },
+        Some("BLEND") => AlphaMode::Blend,
+        Some(other) => {
+            r.warn(format!("the alpha mode \"{other}\" does not exist; the material is opaque"));
+            AlphaMode::Opaque
+        }
+    };
+    if let Some(info) = &source.normal_texture {
+        m.normal_texture = r.texture(Some(info), ColorEncoding::Linear);
+        m.normal_scale = r.within("normal scale", info.scale, 1.0, f32::MIN, f32::MAX);
+    }
+    emission(source, unit, &mut m, r);
+    m.unlit = source.extensions.unlit.is_some();
+    dielectric(&source.extensions, &mut m, r);
+    layers(&source.extensions, &mut m, r);
+    m
+}
+
+fn base(source: &schema::Material, m: &mut Material, r: &mut Reader<'_, '_>) {
+    if let Some(specular_glossiness) = &source.extensions.specular_glossiness {
+        return spec_gloss::convert(specular_glossiness, m, r);
+    }
+    let pbr = &source.pbr_metallic_roughness;
+    let [red, green, blue, alpha] = pbr.base_color_factor.unwrap_or([1.0; 4]);
+    m.base_color = r.color("baseColorFactor", Some([red, green, blue]), 1.0, 1.0);
+    m.alpha = r.unit("baseColorFactor (alpha)", Some(alpha), 1.0);
+    m.base_color_texture = r.texture(pbr.base_color_texture.as_ref(), ColorEncoding::Srgb);
+    m.metallic = r.unit("metallicFactor", pbr.metallic_factor, 1.0);
+    m.roughness = r.unit("roughnessFactor", pbr.roughness_factor, 1.0);
+    m.metallic_texture = r.channel(pbr.metallic_roughness_texture.as_ref(), 2);
+    m.roughness_texture = m.metallic_texture.map(|t| ChannelTexture { channel: 1, ..t });
+}
+
+fn emission(source: &schema::Material, unit: EmissiveUnit, m: &mut Material, r: &mut Reader<'_, '_>) {
+    let strength = source.extensions.emissive_strength.as_ref().and_then(|e| e.emissive_strength);
+    let strength = r.within("emissiveStrength", strength, 1.0, 0.0, f32::MAX);
+    let per_unit = match unit {
+        EmissiveUnit::Nit => 1.0 / LUMENS_PER_WATT,
+        EmissiveUnit::WattPerSteradianSquareMetre => 1.0,
+    };
+    m.emission = r.color("emissiveFactor", source.emissive_factor, 0.0, f32::MAX) * strength * per_unit;
+    if !m.emission.is_finite() {
+        r.warn("the emission exceeds the range of numbers and is left out");
+        m.emission = Rgb::BLACK;
+    }
+    if !m.emission.is_black() {
+        m.emission_texture = r.texture(source.emissive_texture.as_ref(), ColorEncoding::Srgb);
+    }
+}
+
+/// Index of refraction, specular, transmission and volume.
+fn dielectric(extensions: &schema::MaterialExtensions, m: &mut Material, r: &mut Reader<'_, '_>) {
+    // KHR_materials_ior gives 0 the meaning of an infinite index: full reflection, tinted by specular alone.
+    const INFINITE_IOR: f32 = 1000.0;
+    m.ior = match extensions.ior.as_ref().and_then(|e| e.ior) {
+        Some(0.0) => INFINITE_IOR,
+        ior => r.within("ior", ior, 1.5, 1.0, INFINITE_IOR),
+    };
+    if let Some(e) = &extensions.specular {
+        m.specular = r.unit("specularFactor", e.specular_factor, 1.0);
+        m.specular_texture = r.channel(e.specular_texture.as_ref(), 3);
+        m.specular_color = r.color("specularColorFactor", e.specular_color_factor, 1.0, f32::MAX);
+        m.specular_color_texture = r.texture(e.specular_color_texture.as_ref(), ColorEncoding::Srgb);
+    }
+    if let Some(e) = &extensions.transmission {
+        m.transmission = r.unit("transmissionFactor", e.transmission_factor, 0.0);
+        if m.transmission > 0.0 {
+            m.transmission_texture = r.channel(e.transmission_texture.as_ref(), 0);
+        }
+    }
+    if let Some(e) = &extensions.volume {
+        let thickness = r.within("thicknessFactor", e.thickness_factor, 0.0, 0.0, f32::MAX);
+        let mut distance = e.attenuation_distance.map_or(f32::INFINITY, |d| d as f32);
+        if distance <= 0.0 {
+            r.warn(format!("attenuationDistance {distance} is not above 0; the volume is clear"));
+            distance = f32::INFINITY;
+        }
+        // A channel of exactly 0 would be absorbed at once, whatever the distance.
+        let color = r.color("attenuationColor", e.attenuation_color, 1.0, 1.0).map(|c| c.max(1e-6));
+        if thickness > 0.0 && m.transmission > 0.0 {
+            m.surface = Surface::Solid(Volume { attenuation_color: color, attenuation_distance: distance });
+        }
+    }
+}
+
+/// Clear coat, sheen and anisotropy.
+fn layers(extensions: &schema::MaterialExtensions, m: &mut Material, r: &mut Reader<'_, '_>) {
+    if let Some(e) = &extensions.clearcoat {
+        m.clearcoat = r.unit("clearcoatFactor", e.clearcoat_factor, 0.0);
+        m.clearcoat_roughness = r.unit("clearcoatRoughnessFactor", e.clearcoat_roughness_factor, 0.0);
+        if m.clearcoat > 0.0 {
+            m.clearcoat_texture = r.channel(e.clearcoat_texture.as_ref(), 0);
+            m.clearcoat_roughness_texture = r.channel(e.clearcoat_roughness_texture.as_ref(), 1);
+            if e.clearcoat_normal_texture.is_some() {
+                r.warn("the coat's own normal map is ignored: the coat has the interpolated normals");
+            }
+        }
+    }
+    if let Some(e) = &extensions.sheen {
+        m.sheen_color = r.color("sheenColorFactor", e.sheen_color_factor, 0.0, 1.0);
+        m.sheen_roughness = r.unit("sheenRoughnessFactor", e.sheen_roughness_factor, 0.0);
+        if !m.sheen_color.is_black() {
+            m.sheen_color_texture = r.texture(e.sheen_color_texture.as_ref(), ColorEncoding::Srgb);
+        }
+    }
+    if let Some(e) = &extensions.anisotropy {
+        m.anisotropy = r.unit("anisotropyStrength", e.anisotropy_strength, 0.0);
+        m.anisotropy_rotation = r.within("anisotropyRotation", e.anisotropy_rotation, 0.0, f32::MIN, f32::MAX);
+        if m.anisotropy > 0.0 {
+            m.anisotropy_texture = r.texture(e.anisotropy_texture.as_ref(), ColorEncoding::Linear);
+        }
+    }
+}
+
+/// All textures of a material.
+pub(super) fn textures(m: &Material) -> impl Iterator<Item = &Texture> {
+    let whole = [
+        &m.base_color_texture,
+        &m.normal_texture,
+        &m.emission_texture,
+        &m.specular_color_texture,
+        &m.sheen_color_texture,
+        &m.anisotropy_texture,
+    ];
+    let channels = [
+        &m.alpha_texture,
+        &m.metallic_texture,
+        &m.roughness_texture,
+        &m.specular_texture,
+        &m.transmission_texture,
+        &m.clearcoat_texture,
+        &m.clearcoat_roughness_texture,
+    ];
+    let channels = channels.into_iter().filter_map(|t| t.as_ref().map(|c| &c.texture));
+    whole.into_iter().filter_map(Option::as_ref).chain(channels)
+}
