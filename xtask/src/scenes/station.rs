@@ -202,7 +202,7 @@ fn add_camera(document: &mut Document, root: usize, stock: &Stock) {
         .turned(DQuat::from_rotation_x(tilt - FRAC_PI_2));
     let assembly = document.node(Some(root), assembly);
     let camera = document.node(Some(assembly), Node::new("camera"));
-    document.camera(camera, "camera", 2.0 * (52.5 * MM / distance).atan());
+    document.camera(camera, "camera", 2.0 * (54.5 * MM / distance).atan());
 
     let geometry = document.geometry(&circle_tube([8.0 * MM, 15.0 * MM], 36.0 * MM, 0.5 * MM, 48));
     let barrel = document.mesh("lens-barrel", geometry, stock.plate);
