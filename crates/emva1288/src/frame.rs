@@ -1,0 +1,90 @@
+//! The frames that are analysed, and why they cannot be.
+
+/// Why an analysis is not possible.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum AnalysisError {
+    /// The number of values is not that of the pixels.
+    #[error("a frame of {width} x {height} pixels has {got} values")]
+    Length {
+        /// Width in pixels.
+        width: u32,
+        /// Height in pixels.
+        height: u32,
+        /// Number of values.
+        got: usize,
+    },
+    /// Frames differ in size.
+    #[error("the frames differ in size: {} x {} and {} x {} pixels", .0[0], .0[1], .0[2], .0[3])]
+    SizeMismatch([u32; 4]),
+    /// A mask does not have one entry per pixel.
+    #[error("the mask has {got} entries, the frames have {pixels} pixels")]
+    Mask {
+        /// Entries of the mask.
+        got: usize,
+        /// Pixels of the frames.
+        pixels: usize,
+    },
+    /// Too few frames.
+    #[error("{got} frames are given, {needed} are needed")]
+    TooFewFrames {
+        /// How many there are.
+        got: u64,
+        /// How many it takes.
+        needed: u64,
+    },
+    /// So many frames that the exact sums could overflow.
+    #[error("more than {0} frames in one stack")]
+    TooManyFrames(u64),
+    /// Too few different grey levels for the regression.
+    #[error("{got} different grey levels lie in the range of the regression, {needed} are needed")]
+    TooFewLevels {
+        /// How many there are.
+        got: usize,
+        /// How many it takes.
+        needed: usize,
+    },
+    /// The frames have no pixels.
+    #[error("the frames have no pixels")]
+    Empty,
+}
+
+/// Grey values \[DN\] of one frame, row by row; 8-bit values are widened, not scaled.
+#[derive(Clone, Copy, Debug)]
+pub struct Frame<'a> {
+    width: u32,
+    height: u32,
+    values: &'a [u16],
+}
+
+impl<'a> Frame<'a> {
+    /// A frame over `width * height` values.
+    pub fn new(width: u32, height: u32, values: &'a [u16]) -> Result<Self, AnalysisError> {
+        if values.len() as u64 != u64::from(width) * u64::from(height) {
+            return Err(AnalysisError::Length { width, height, got: values.len() });
+        }
+        Ok(Self { width, height, values })
+    }
+
+    /// Width in pixels.
+    pub fn width(&self) -> u32 {
+        self.width
+    }
+
+    /// Height in pixels.
+    pub fn height(&self) -> u32 {
+        self.height
+    }
+
+    /// The grey values.
+    pub fn values(&self) -> &'a [u16] {
+        self.values
+    }
+
+    pub(crate) fn same_size(&self, width: u32, height: u32) -> Result<(), AnalysisError> {
+        if (self.width, self.height) == (width, height) {
+            Ok(())
+        } else {
+            Err(AnalysisError::SizeMismatch([width, height, self.width, self.height]))
+        }
+    }
+}

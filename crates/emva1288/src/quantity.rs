@@ -1,0 +1,52 @@
+//! A result with everything that a report needs to say about it.
+
+use serde::Serialize;
+
+/// A measured number.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Quantity {
+    /// Symbol of the standard, in ASCII: `K`, `sigma_y^2`.
+    pub symbol: &'static str,
+    /// What it is, in words.
+    pub name: &'static str,
+    /// The estimate.
+    pub value: f64,
+    /// Its standard error: one standard deviation of the estimate over repetitions of the whole measurement.
+    pub standard_error: f64,
+    /// The unit of both.
+    pub unit: &'static str,
+    /// Where the rule comes from.
+    pub section: &'static str,
+}
+
+impl std::fmt::Display for Quantity {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        // As many digits as the error supports: two of its own.
+        let digits = if self.standard_error > 0.0 && self.standard_error.is_finite() {
+            (1.0 - self.standard_error.log10().floor()).clamp(0.0, 12.0) as usize
+        } else {
+            6
+        };
+        write!(f, "{} = {:.digits$} +- {:.digits$} {}", self.symbol, self.value, self.standard_error, self.unit)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn as_many_digits_are_printed_as_the_error_supports() {
+        let mut q = Quantity {
+            symbol: "K",
+            name: "gain",
+            value: 0.249_178,
+            standard_error: 0.000_43,
+            unit: "DN/e-",
+            section: "",
+        };
+        assert_eq!(q.to_string(), "K = 0.24918 +- 0.00043 DN/e-");
+        (q.value, q.standard_error) = (1234.56, 78.9);
+        assert_eq!(q.to_string(), "K = 1235 +- 79 DN/e-");
+    }
+}

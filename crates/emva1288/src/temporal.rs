@@ -1,0 +1,197 @@
+//! Means and temporal variances, from stacks of frames (per pixel) and from pairs (per level).
+//!
+//! Grey values are integers, so all sums are exact integers and there is nothing to lose by cancellation.
+
+use crate::frame::{AnalysisError, Frame};
+use crate::quantity::Quantity;
+
+/// Sums of 65 535 squares of 16-bit values, times their number, stay below 2^64.
+const MOST_FRAMES: u64 = 65_535;
+
+/// Collects a stack of frames one by one, so that the stack need not be in memory.
+#[derive(Clone, Debug)]
+pub struct TemporalAccumulator {
+    width: u32,
+    height: u32,
+    frames: u64,
+    sums: Vec<(u64, u64)>,
+}
+
+impl TemporalAccumulator {
+    /// An empty stack of frames of the given size.
+    pub fn new(width: u32, height: u32) -> Self {
+        Self { width, height, frames: 0, sums: vec![(0, 0); width as usize * height as usize] }
+    }
+
+    /// Adds a frame.
+    pub fn add(&mut self, frame: Frame<'_>) -> Result<(), AnalysisError> {
+        frame.same_size(self.width, self.height)?;
+        if self.frames == MOST_FRAMES {
+            return Err(AnalysisError::TooManyFrames(MOST_FRAMES));
+        }
+        self.frames += 1;
+        for ((sum, squares), &y) in self.sums.iter_mut().zip(frame.values()) {
+            let y = u64::from(y);
+            *sum += y;
+            *squares += y * y;
+        }
+        Ok(())
+    }
+
+    /// Mean and variance per pixel; needs at least two frames.
+    pub fn finish(&self) -> Result<TemporalStatistics, AnalysisError> {
+        let n = self.frames;
+        if n < 2 {
+            return Err(AnalysisError::TooFewFrames { got: n, needed: 2 });
+        }
+        let mean = self.sums.iter().map(|&(sum, _)| sum as f64 / n as f64).collect();
+        // n sum(y^2) - (sum y)^2 is not negative (Cauchy and Schwarz), and exact.
+        let variance =
+            self.sums.iter().map(|&(sum, squares)| (n * squares - sum * sum) as f64 / (n * (n - 1)) as f64).collect();
+        Ok(TemporalStatistics { width: self.width, height: self.height, frames: n, mean, variance })
+    }
+}
+
+/// Mean and temporal variance of every pixel of a stack of frames.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TemporalStatistics {
+    /// Width in pixels.
+    pub width: u32,
+    /// Height in pixels.
+    pub height: u32,
+    /// Number of frames in the stack.
+    pub frames: u64,
+    /// Mean per pixel \[DN\].
+    pub mean: Vec<f64>,
+    /// Unbiased variance per pixel \[DN^2\].
+    pub variance: Vec<f64>,
+}
+
+impl TemporalStatistics {
+    /// Statistics of a stack that is in memory.
+    pub fn of(frames: &[Frame<'_>]) -> Result<Self, AnalysisError> {
+        let first = frames.first().ok_or(AnalysisError::TooFewFrames { got: 0, needed: 2 })?;
+        let mut stack = TemporalAccumulator::new(first.width(), first.height());
+        frames.iter().try_for_each(|frame| stack.add(*frame))?;
+        stack.finish()
+    }
+}
+
+/// Mean and temporal variance of a homogeneous level, from two frames taken under the same conditions.
+///
+/// The difference of the frames knows nothing of the fixed pattern, so the light need not be even.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FramePair {
+    /// Mean grey value of both frames.
+    pub mean: Quantity,
+    /// Temporal variance of one frame.
+    pub variance: Quantity,
+    /// Number of pixels.
+    pub pixels: u64,
+    /// Fraction of the values that are zero: the variance of a clipped signal is too small.
+    pub at_zero: f64,
+}
+
+impl FramePair {
+    /// mu_y = mean((a + b) / 2) and sigma_y^2 = mean((a - b)^2) / 2 - (mean a - mean b)^2 / 2
+    /// (EMVA 1288 release 4.0, Linear).
+    pub fn of(a: Frame<'_>, b: Frame<'_>) -> Result<Self, AnalysisError> {
+        b.same_size(a.width(), a.height())?;
+        if a.values().is_empty() {
+            return Err(AnalysisError::Empty);
+        }
+        let (mut sum, mut difference, mut second, mut fourth, mut zeros) = (0u64, 0i64, 0u64, 0u128, 0u64);
+        for (&a, &b) in a.values().iter().zip(b.values()) {
+            let d = i64::from(a) - i64::from(b);
+            let square = (d * d) as u64;
+            sum += u64::from(a) + u64::from(b);
+            difference += d;
+            second += square;
+            fourth += u128::from(square) * u128::from(square);
+            zeros += u64::from(a == 0) + u64::from(b == 0);
+        }
+        let n = a.values().len() as f64;
+        let (second, fourth) = (second as f64 / n, fourth as f64 / n);
+        let variance = 0.5 * second - 0.5 * (difference as f64 / n).powi(2);
+        // The spread of the squared differences themselves tells how well their mean is known; no shape is assumed.
+        let variance_error = 0.5 * ((fourth - second * second).max(0.0) / n).sqrt();
+        Ok(Self {
+            mean: Quantity {
+                symbol: "mu_y",
+                name: "mean grey value",
+                value: sum as f64 / (2.0 * n),
+                standard_error: (variance.max(0.0) / (2.0 * n)).sqrt(),
+                unit: "DN",
+                section: "EMVA 1288 release 4.0 Linear, mean of two frames",
+            },
+            variance: Quantity {
+                symbol: "sigma_y^2",
+                name: "temporal variance",
+                value: variance,
+                standard_error: variance_error,
+                unit: "DN^2",
+                section: "EMVA 1288 release 4.0 Linear, variance of two frames",
+            },
+            pixels: a.values().len() as u64,
+            at_zero: zeros as f64 / (2.0 * n),
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn frame(values: &[u16]) -> Frame<'_> {
+        Frame::new(values.len() as u32, 1, values).expect("the length is the width")
+    }
+
+    #[test]
+    fn a_stack_by_hand() {
+        let s = TemporalStatistics::of(&[frame(&[1, 100, 65_535]), frame(&[2, 100, 0]), frame(&[6, 100, 65_535])])
+            .expect("three frames");
+        assert_eq!(s.mean, [3.0, 100.0, 43_690.0]);
+        // (4 + 1 + 9) / 2; 0; (2 * 21845^2 + 43690^2) / 2.
+        assert_eq!(s.variance, [7.0, 0.0, 1_431_612_075.0]);
+    }
+
+    #[test]
+    fn a_pair_by_hand() {
+        let p = FramePair::of(frame(&[10, 12, 14, 0]), frame(&[12, 12, 10, 2])).expect("two frames");
+        assert_eq!(p.mean.value, 9.0);
+        // Differences -2, 0, 4, -2: mean square 6, mean 0.
+        assert_eq!(p.variance.value, 3.0);
+        // Fourth powers 16, 0, 256, 16: mean 72; sqrt((72 - 36) / 4) / 2.
+        assert_eq!(p.variance.standard_error, 1.5);
+        assert_eq!(p.at_zero, 0.125);
+    }
+
+    #[test]
+    fn a_drift_of_the_light_between_the_frames_does_not_count_as_noise() {
+        let a: Vec<u16> = (0..1000).map(|i| 100 + i % 7).collect();
+        let b: Vec<u16> = a.iter().map(|v| v + 50).collect();
+        let pair = FramePair::of(frame(&a), frame(&b)).expect("two frames");
+        assert_eq!(pair.variance.value, 0.0);
+    }
+
+    #[test]
+    fn the_largest_stack_does_not_overflow() {
+        let mut stack = TemporalAccumulator::new(1, 1);
+        for _ in 0..MOST_FRAMES {
+            stack.add(frame(&[u16::MAX])).expect("room for it");
+        }
+        let s = stack.finish().expect("enough");
+        assert_eq!((s.mean[0], s.variance[0]), (65_535.0, 0.0));
+        assert_eq!(stack.add(frame(&[0])), Err(AnalysisError::TooManyFrames(MOST_FRAMES)));
+    }
+
+    #[test]
+    fn unfit_frames_are_refused() {
+        assert!(matches!(Frame::new(2, 2, &[0; 3]), Err(AnalysisError::Length { got: 3, .. })));
+        let too_few = TemporalStatistics::of(&[frame(&[1])]);
+        assert_eq!(too_few, Err(AnalysisError::TooFewFrames { got: 1, needed: 2 }));
+        let differ = FramePair::of(frame(&[1]), frame(&[1, 2]));
+        assert_eq!(differ, Err(AnalysisError::SizeMismatch([1, 1, 2, 1])));
+        assert_eq!(FramePair::of(frame(&[]), frame(&[])), Err(AnalysisError::Empty));
+    }
+}
