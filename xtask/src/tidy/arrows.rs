@@ -56,11 +56,17 @@ struct Row {
     may_use: Vec<String>,
 }
 
-/// Reads the rows `| level | `folder` | what | may use |`. `all above` stands for every folder of a lower level.
+/// Reads the rows `| level | `folder` | what | may use |` of the table with that head. `all above` stands for every folder
+/// of a lower level.
 fn table(architecture: &str) -> BTreeMap<String, Row> {
     let mut rows = BTreeMap::new();
+    let mut inside = false;
     for line in architecture.lines() {
         let cells: Vec<&str> = line.trim().trim_matches('|').split('|').map(str::trim).collect();
+        inside = line.starts_with('|') && (inside || cells[..2.min(cells.len())] == ["level", "folder"]);
+        if !inside {
+            continue;
+        }
         let [level, folder, .., may_use] = cells[..] else { continue };
         let Some(folder) = folder.strip_prefix('`').and_then(|f| f.strip_suffix('`')) else { continue };
         // A crate outside of the levels, for tests only, has a dash.
@@ -152,7 +158,7 @@ mod tests {
 | 4 | `cli` | words | dunkelfeld |
 | - | `testkit` | tests | - |
 
-Another table: | `x` | y |
+| 1 | `x` | a table | of another kind |
 ";
 
     fn package(folder: &str, uses: &[&str]) -> Package {
