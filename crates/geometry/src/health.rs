@@ -5,10 +5,10 @@
 //! whatever their normals and texture coordinates. Both run in hashed linear time.
 
 use std::collections::HashMap;
-use std::hash::{BuildHasherDefault, Hasher};
 
 use glam::{DVec3, Vec3};
 
+use crate::hash::FastHash;
 use crate::{Aabb, Mesh};
 
 /// A triangle whose height over its longest edge is below this fraction of that edge has no area: a few hundredths of
@@ -192,35 +192,6 @@ fn unordered(mut keys: [[u32; 3]; 3]) -> ([[u32; 3]; 3], bool) {
         }
     }
     (keys, even)
-}
-
-type FastHash = BuildHasherDefault<BitsHasher>;
-
-/// A hash for float bits: multiply and fold (Steele & Vigna 2022), seeded with nothing, so that runs are alike.
-#[derive(Default)]
-struct BitsHasher(u64);
-
-impl Hasher for BitsHasher {
-    fn write(&mut self, bytes: &[u8]) {
-        for chunk in bytes.chunks(8) {
-            let mut word = [0; 8];
-            word[..chunk.len()].copy_from_slice(chunk);
-            self.write_u64(u64::from_le_bytes(word));
-        }
-    }
-
-    fn write_u32(&mut self, word: u32) {
-        self.write_u64(u64::from(word));
-    }
-
-    fn write_u64(&mut self, word: u64) {
-        let product = u128::from(self.0 ^ word ^ 0x9e37_79b9_7f4a_7c15) * 0xd134_2543_de82_ef95;
-        self.0 = (product >> 64) as u64 ^ product as u64;
-    }
-
-    fn finish(&self) -> u64 {
-        self.0
-    }
 }
 
 #[cfg(test)]

@@ -8,6 +8,7 @@
 
 mod bounds;
 mod frame;
+pub mod hash;
 pub mod health;
 mod mesh;
 mod ray;

@@ -1,0 +1,359 @@
+//! Building a tree: obvhs clusters boxes into a binary tree, which is then collapsed into nodes of eight.
+//!
+//! The binary tree comes from locally-ordered clustering (Meister & Bittner 2018) with reinsertion (Meister & Bittner
+//! 2018b), one box to a leaf. The collapse is optimal for the surface area heuristic: for each binary node the least cost
+//! of representing its subtree as a forest of at most 1, 2, .. 7 wide subtrees follows from that of its children
+//! (Ylitie, Karras & Laine 2017). All is deterministic and single-threaded.
+//!
+//! Clustering takes quadratic time where all costs tie, so three things are seen to before: boxes that are equal become
+//! one; boxes are scaled (by a power of two) into a range where no area overflows or vanishes; and a tree that came out
+//! too deep to walk with a fixed stack is replaced by one that halves a sorted list.
+
+use std::collections::HashMap;
+
+use dunkelfeld_geometry::Aabb;
+use dunkelfeld_geometry::hash::FastHash;
+use glam::{Vec3, Vec3A};
+use obvhs::BvhBuildParams;
+use obvhs::bvh2::reinsertion::ReinsertionOptimizer;
+use obvhs::ploc::{PlocBuilder, PlocSearchDistance, SortPrecision};
+
+use crate::lanes::WIDTH;
+use crate::tree::{LEAF, MAX_DEPTH, NONE, Node, Tree};
+
+/// What a leaf costs, in units of one node. A packet of eight triangles takes about a fifth longer than eight boxes.
+const LEAF_COST: f64 = 1.2;
+
+/// Builds a tree over boxes. `make_leaf` is given the numbers of up to `leaf_size` (at most eight) boxes and says what
+/// payload (below 2^31) stands for them. All boxes must be finite and not empty.
+pub(crate) fn build_tree(boxes: &[Aabb], leaf_size: usize, mut make_leaf: impl FnMut(&[u32]) -> u32) -> Tree {
+    if boxes.is_empty() {
+        return Tree::EMPTY;
+    }
+    let groups = Groups::of_equal(boxes);
+    let scaled = scaled_to_one(&groups.boxes);
+    let binary = cluster(&scaled);
+    let mut collapse = Collapse::new(&binary, &groups, &scaled, leaf_size);
+    let mut tree = collapse.emit(&mut make_leaf);
+    if tree.is_none() {
+        let binary = halve(&scaled);
+        tree = Collapse::new(&binary, &groups, &scaled, leaf_size).emit(&mut make_leaf);
+    }
+    tree.unwrap_or(Tree::EMPTY)
+}
+
+/// Boxes put together where they are equal.
+struct Groups {
+    boxes: Vec<Aabb>,
+    /// `members[starts[g] .. starts[g + 1]]` are the boxes of group g.
+    starts: Vec<u32>,
+    members: Vec<u32>,
+}
+
+impl Groups {
+    fn of_equal(boxes: &[Aabb]) -> Self {
+        let mut numbers: HashMap<[u32; 6], u32, FastHash> = HashMap::default();
+        numbers.reserve(boxes.len());
+        let mut distinct = Vec::with_capacity(boxes.len());
+        let group_of: Vec<u32> = boxes
+            .iter()
+            .map(|b| {
+                let ([x, y, z], [u, v, w]) = (b.min.to_array(), b.max.to_array());
+                *numbers.entry([x, y, z, u, v, w].map(f32::to_bits)).or_insert_with(|| {
+                    distinct.push(*b);
+                    distinct.len() as u32 - 1
+                })
+            })
+            .collect();
+        let mut starts = vec![0u32; distinct.len() + 1];
+        for &g in &group_of {
+            starts[g as usize + 1] += 1;
+        }
+        for g in 0..distinct.len() {
+            starts[g + 1] += starts[g];
+        }
+        let mut next = starts.clone();
+        let mut members = vec![0; boxes.len()];
+        for (i, &g) in group_of.iter().enumerate() {
+            members[next[g as usize] as usize] = i as u32;
+            next[g as usize] += 1;
+        }
+        Self { boxes: distinct, starts, members }
+    }
+
+    fn members(&self, group: u32) -> &[u32] {
+        &self.members[self.starts[group as usize] as usize..self.starts[group as usize + 1] as usize]
+    }
+}
+
+/// The boxes around their common middle, scaled by a power of two so that the largest coordinate is about one.
+fn scaled_to_one(boxes: &[Aabb]) -> Vec<Aabb> {
+    let all = boxes.iter().fold(Aabb::EMPTY, |all, b| all.union(*b));
+    let middle = all.center();
+    let half = (0.5 * all.max - 0.5 * all.min).max_element().max(f32::MIN_POSITIVE);
+    // By exponents: the factor itself may leave the range of f32, its square root does not.
+    let root = (f64::from(half).log2().floor() * -0.5).exp2() as f32;
+    let scale = |v: Vec3| (v - middle) * root * root;
+    boxes.iter().map(|b| Aabb { min: scale(b.min), max: scale(b.max) }).collect()
+}
+
+/// A binary tree over groups, children after parents in no particular order.
+struct Binary {
+    /// Children of each node, or `[LEAF | group, NONE]`. The root is node 0.
+    nodes: Vec<[u32; 2]>,
+}
+
+fn cluster(boxes: &[Aabb]) -> Binary {
+    let count = boxes.len() as u32;
+    if count == 1 {
+        return Binary { nodes: vec![[LEAF, NONE]] };
+    }
+    let boxes: Vec<obvhs::aabb::Aabb> =
+        boxes.iter().map(|b| obvhs::aabb::Aabb::new(Vec3A::from(b.min), Vec3A::from(b.max))).collect();
+    let settings = BvhBuildParams::slow_build();
+    let precision = if count < 1 << 17 { SortPrecision::U128 } else { SortPrecision::U64 };
+    let mut bvh = PlocBuilder::with_capacity(boxes.len()).build(
+        PlocSearchDistance::Medium,
+        &boxes,
+        (0..count).collect(),
+        precision,
+        settings.search_depth_threshold,
+    );
+    ReinsertionOptimizer::default().run(&mut bvh, settings.reinsertion_batch_ratio, None);
+    let nodes = bvh
+        .nodes
+        .iter()
+        .map(|n| {
+            if n.is_leaf() {
+                [LEAF | bvh.primitive_indices[n.first_index as usize], NONE]
+            } else {
+                [n.first_index, n.first_index + 1]
+            }
+        })
+        .collect();
+    Binary { nodes }
+}
+
+/// A tree of logarithmic depth whatever the boxes: sort along the widest axis, halve, repeat.
+fn halve(boxes: &[Aabb]) -> Binary {
+    let mut order: Vec<u32> = (0..boxes.len() as u32).collect();
+    let mut binary = Binary { nodes: vec![[NONE; 2]] };
+    let mut work = vec![(0usize, 0usize, boxes.len())];
+    while let Some((node, start, end)) = work.pop() {
+        if end - start == 1 {
+            binary.nodes[node] = [LEAF | order[start], NONE];
+            continue;
+        }
+        let part = &mut order[start..end];
+        let centers = Aabb::from_points(part.iter().map(|&i| boxes[i as usize].center()));
+        let axis = centers.size().max_position();
+        let middle = part.len() / 2;
+        let center = |i: u32| boxes[i as usize].center()[axis];
+        part.select_nth_unstable_by(middle, |&a, &b| center(a).total_cmp(&center(b)).then(a.cmp(&b)));
+        let left = binary.nodes.len();
+        binary.nodes[node] = [left as u32, left as u32 + 1];
+        binary.nodes.extend([[NONE; 2]; 2]);
+        work.push((left, start, start + middle));
+        work.push((left + 1, start + middle, end));
+    }
+    binary
+}
+
+/// Costs of a forest of at most 1, 2, .. 7 wide subtrees.
+type Costs = [f32; WIDTH - 1];
+
+struct Collapse<'a> {
+    binary: &'a Binary,
+    groups: &'a Groups,
+    leaf_size: usize,
+    costs: Vec<Costs>,
+    bounds: Vec<Aabb>,
+    /// Boxes (not groups) below each node.
+    counts: Vec<u32>,
+    /// Nodes that become leaves of the wide tree if they become the root of a wide subtree.
+    is_leaf: Vec<bool>,
+}
+
+impl<'a> Collapse<'a> {
+    fn new(binary: &'a Binary, groups: &'a Groups, scaled: &[Aabb], leaf_size: usize) -> Self {
+        let n = binary.nodes.len();
+        let mut this = Self {
+            binary,
+            groups,
+            leaf_size,
+            costs: vec![[0.0; WIDTH - 1]; n],
+            bounds: vec![Aabb::EMPTY; n],
+            counts: vec![0; n],
+            is_leaf: vec![false; n],
+        };
+        let mut areas = vec![Aabb::EMPTY; n];
+        for node in this.children_first() {
+            let [left, right] = binary.nodes[node];
+            if right == NONE {
+                let group = left & !LEAF;
+                this.counts[node] = groups.members(group).len() as u32;
+                this.bounds[node] = groups.boxes[group as usize];
+                areas[node] = scaled[group as usize];
+                let leaves = (this.counts[node] as usize).div_ceil(leaf_size);
+                this.is_leaf[node] = leaves == 1;
+                this.costs[node] = [areas[node].half_area() * LEAF_COST as f32 * leaves as f32; WIDTH - 1];
+                continue;
+            }
+            let (l, r) = (left as usize, right as usize);
+            this.counts[node] = this.counts[l] + this.counts[r];
+            this.bounds[node] = this.bounds[l].union(this.bounds[r]);
+            areas[node] = areas[l].union(areas[r]);
+            let area = areas[node].half_area();
+            let mut costs = [0.0; WIDTH - 1];
+            let internal = area + this.split(l, r, WIDTH).1;
+            let leaf = if this.counts[node] as usize <= leaf_size { area * LEAF_COST as f32 } else { f32::INFINITY };
+            this.is_leaf[node] = leaf <= internal;
+            costs[0] = leaf.min(internal);
+            for roots in 2..WIDTH {
+                costs[roots - 1] = costs[roots - 2].min(this.split(l, r, roots).1);
+            }
+            this.costs[node] = costs;
+        }
+        this
+    }
+
+    /// Every node after its children.
+    fn children_first(&self) -> Vec<usize> {
+        let mut order = Vec::with_capacity(self.binary.nodes.len());
+        let mut work = vec![0];
+        while let Some(node) = work.pop() {
+            order.push(node);
+            let [left, right] = self.binary.nodes[node];
+            if right != NONE {
+                work.extend([left as usize, right as usize]);
+            }
+        }
+        order.reverse();
+        order
+    }
+
+    /// The best way to share `roots` among two children: how many the left one gets, and the cost.
+    fn split(&self, left: usize, right: usize, roots: usize) -> (usize, f32) {
+        let (l, r) = (&self.costs[left], &self.costs[right]);
+        let mut best = (1, l[0] + r[roots - 2]);
+        for k in 2..roots {
+            let cost = l[k - 1] + r[roots - k - 1];
+            if cost < best.1 {
+                best = (k, cost);
+            }
+        }
+        best
+    }
+
+    /// The wide subtrees below `node` if it may have `roots` of them.
+    fn forest(&self, node: usize, roots: usize, out: &mut Vec<usize>) {
+        let [left, right] = self.binary.nodes[node];
+        let mut roots = roots;
+        if right != NONE {
+            // The fewest that cost as little.
+            while roots > 1 && roots < WIDTH && self.costs[node][roots - 1] >= self.costs[node][roots - 2] {
+                roots -= 1;
+            }
+        }
+        if roots == 1 || right == NONE {
+            out.push(node);
+            return;
+        }
+        let (l, r) = (left as usize, right as usize);
+        let (k, _) = self.split(l, r, roots);
+        self.forest(l, k, out);
+        self.forest(r, roots - k, out);
+    }
+
+    /// The wide tree, unless it is deeper than [`MAX_DEPTH`].
+    fn emit(&mut self, make_leaf: &mut impl FnMut(&[u32]) -> u32) -> Option<Tree> {
+        let mut tree = Tree { nodes: Vec::new(), root: NONE, bounds: self.bounds[0] };
+        let plan = self.plan()?;
+        tree.nodes.reserve(plan);
+        tree.root = self.emit_below(0, &mut tree.nodes, make_leaf);
+        Some(tree)
+    }
+
+    /// Number of wide nodes, or None if the tree would be too deep. Done before anything is emitted, since leaves cannot
+    /// be taken back.
+    fn plan(&self) -> Option<usize> {
+        let mut nodes = 0;
+        let mut work = vec![(0usize, 1usize)];
+        let mut forest = Vec::new();
+        while let Some((node, depth)) = work.pop() {
+            if self.is_leaf[node] {
+                continue;
+            }
+            if self.binary.nodes[node][1] == NONE {
+                let leaves = (self.counts[node] as usize).div_ceil(self.leaf_size);
+                if depth + leaves.ilog(WIDTH) as usize + 1 > MAX_DEPTH {
+                    return None;
+                }
+                continue;
+            }
+            if depth > MAX_DEPTH {
+                return None;
+            }
+            nodes += 1;
+            forest.clear();
+            self.forest(node, WIDTH, &mut forest);
+            work.extend(forest.iter().map(|&child| (child, depth + 1)));
+        }
+        Some(nodes)
+    }
+
+    /// Appends the wide subtree of a binary node and returns its child word. Recursion is as deep as the tree: bounded.
+    fn emit_below(&self, node: usize, nodes: &mut Vec<Node>, make_leaf: &mut impl FnMut(&[u32]) -> u32) -> u32 {
+        if self.is_leaf[node] {
+            let mut members = Vec::with_capacity(self.leaf_size);
+            self.gather(node, &mut members);
+            return LEAF | make_leaf(&members);
+        }
+        if self.binary.nodes[node][1] == NONE {
+            let members = self.groups.members(self.binary.nodes[node][0] & !LEAF);
+            return self.emit_equal(members, &self.bounds[node], nodes, make_leaf);
+        }
+        let mut forest = Vec::with_capacity(WIDTH);
+        self.forest(node, WIDTH, &mut forest);
+        let at = nodes.len();
+        nodes.push(Node::EMPTY);
+        for (slot, &child) in forest.iter().enumerate() {
+            let word = self.emit_below(child, nodes, make_leaf);
+            nodes[at].set(slot, &self.bounds[child], word);
+        }
+        at as u32
+    }
+
+    /// A balanced subtree over boxes that are all equal and too many for one leaf.
+    fn emit_equal(
+        &self,
+        members: &[u32],
+        bounds: &Aabb,
+        nodes: &mut Vec<Node>,
+        make_leaf: &mut impl FnMut(&[u32]) -> u32,
+    ) -> u32 {
+        if members.len() <= self.leaf_size {
+            return LEAF | make_leaf(members);
+        }
+        let at = nodes.len();
+        nodes.push(Node::EMPTY);
+        let leaves = members.len().div_ceil(self.leaf_size);
+        let share = leaves.div_ceil(WIDTH) * self.leaf_size;
+        for (slot, part) in members.chunks(share).enumerate() {
+            let word = self.emit_equal(part, bounds, nodes, make_leaf);
+            nodes[at].set(slot, bounds, word);
+        }
+        at as u32
+    }
+
+    /// The boxes below a node.
+    fn gather(&self, node: usize, out: &mut Vec<u32>) {
+        let [left, right] = self.binary.nodes[node];
+        if right == NONE {
+            out.extend_from_slice(self.groups.members(left & !LEAF));
+        } else {
+            self.gather(left as usize, out);
+            self.gather(right as usize, out);
+        }
+    }
+}

@@ -1,0 +1,233 @@
+//! The acceleration structure of a scene: meshes, their instances, and what can be asked of them.
+
+use dunkelfeld_geometry::{Aabb, Ray, Transform, geometric_normal};
+use glam::Vec3;
+
+use crate::build::build_tree;
+use crate::lanes::WIDTH;
+use crate::packet::Packet;
+use crate::traverse::Kernel;
+use crate::tree::{Node, Tree};
+
+/// The triangles of a mesh, in its object space [m].
+#[derive(Clone, Copy, Debug)]
+pub struct MeshTriangles<'a> {
+    /// Vertex positions.
+    pub positions: &'a [Vec3],
+    /// Vertex indices of each triangle.
+    pub triangles: &'a [[u32; 3]],
+}
+
+/// A mesh somewhere in the world.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct BvhInstance {
+    /// Which mesh.
+    pub mesh: u32,
+    /// Where it stands; `None` if its positions are world positions already, which saves the transform of each ray.
+    pub to_world: Option<Transform>,
+}
+
+/// Where a ray meets the scene.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Hit {
+    /// Ray parameter: the distance for a direction of unit length [m].
+    pub t: f32,
+    /// Which instance.
+    pub instance: u32,
+    /// Which triangle of the instance's mesh.
+    pub triangle: u32,
+    /// Barycentric weight of the triangle's second corner.
+    pub b1: f32,
+    /// Barycentric weight of the triangle's third corner.
+    pub b2: f32,
+}
+
+/// Why nothing was built.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum BvhError {
+    /// A triangle names a vertex that does not exist.
+    #[error("mesh {mesh}: triangle {triangle} names a vertex beyond the mesh's {vertices}")]
+    VertexOutOfRange {
+        /// The mesh.
+        mesh: usize,
+        /// The triangle in it.
+        triangle: usize,
+        /// How many vertices the mesh has.
+        vertices: usize,
+    },
+    /// An instance names a mesh that does not exist.
+    #[error("instance {instance} names mesh {mesh}, but there are {meshes}")]
+    MeshOutOfRange {
+        /// The instance.
+        instance: usize,
+        /// The mesh it names.
+        mesh: u32,
+        /// How many meshes there are.
+        meshes: usize,
+    },
+    /// More than 2^31 - 2 triangles in a mesh, or instances.
+    #[error("more than 2147483646 triangles in one mesh, or instances")]
+    TooMany,
+}
+
+/// One mesh: a tree with packets of triangles in its leaves.
+#[derive(Clone, Debug)]
+pub(crate) struct MeshTree {
+    pub(crate) tree: Tree,
+    pub(crate) packets: Vec<Packet>,
+    /// Triangles in the packets; the others of the mesh can never be hit.
+    pub(crate) triangles: usize,
+}
+
+#[derive(Clone, Debug)]
+pub(crate) struct Instance {
+    pub(crate) mesh: u32,
+    /// Boxed, so that the many instances without one stay small.
+    pub(crate) to_world: Option<Box<Transform>>,
+    /// In the world.
+    pub(crate) bounds: Aabb,
+}
+
+/// An acceleration structure over instances of triangle meshes. Immutable once built, shared between threads freely.
+#[derive(Clone, Debug)]
+pub struct Bvh {
+    pub(crate) meshes: Vec<MeshTree>,
+    pub(crate) instances: Vec<Instance>,
+    /// Over the instances; its leaves are one instance each.
+    pub(crate) top: Tree,
+    /// The scene is one instance in world space: walk its tree at once.
+    pub(crate) single: bool,
+    pub(crate) kernel: Kernel,
+}
+
+impl Bvh {
+    /// Builds the structure. A mesh that several instances name is stored once.
+    ///
+    /// Triangles with a NaN or infinite corner, and those without area, are left out: no ray can meet them. (Use
+    /// `dunkelfeld_geometry::health` to count them.) No triangles, meshes or instances are fine: nothing is ever hit.
+    ///
+    /// # Errors
+    /// [`BvhError`] for an index out of range, or for more than fits.
+    pub fn build(meshes: &[MeshTriangles], instances: &[BvhInstance]) -> Result<Self, BvhError> {
+        Self::build_for(meshes, instances, Kernel::detect())
+    }
+
+    /// As [`Bvh::build`], but walked in plain Rust even where the machine could do better: for tests and comparisons. It
+    /// gives the same hits to the bit.
+    ///
+    /// # Errors
+    /// As [`Bvh::build`].
+    pub fn build_portable(meshes: &[MeshTriangles], instances: &[BvhInstance]) -> Result<Self, BvhError> {
+        Self::build_for(meshes, instances, Kernel::Portable)
+    }
+
+    fn build_for(meshes: &[MeshTriangles], instances: &[BvhInstance], kernel: Kernel) -> Result<Self, BvhError> {
+        const MOST: usize = (1 << 31) - 2;
+        if instances.len() > MOST || meshes.iter().any(|m| m.triangles.len() > MOST) {
+            return Err(BvhError::TooMany);
+        }
+        for (i, instance) in instances.iter().enumerate() {
+            if instance.mesh as usize >= meshes.len() {
+                return Err(BvhError::MeshOutOfRange { instance: i, mesh: instance.mesh, meshes: meshes.len() });
+            }
+        }
+        let meshes: Vec<MeshTree> =
+            meshes.iter().enumerate().map(|(i, m)| MeshTree::build(m, i)).collect::<Result<_, _>>()?;
+        let instances: Vec<Instance> = instances
+            .iter()
+            .map(|i| {
+                let to_world = i.to_world.filter(|t| !t.is_identity());
+                let local = meshes[i.mesh as usize].tree.bounds;
+                let bounds = to_world.map_or(local, |t| local.transformed(&t));
+                Instance { mesh: i.mesh, to_world: to_world.map(Box::new), bounds }
+            })
+            .collect();
+
+        let single = matches!(instances.as_slice(), [only] if only.to_world.is_none());
+        // An instance that is empty, or that a transform has thrown out of the range of f32, is met by no ray.
+        let present: Vec<u32> = (0..instances.len() as u32)
+            .filter(|&i| {
+                let b = &instances[i as usize].bounds;
+                b.min.is_finite() && b.max.is_finite()
+            })
+            .collect();
+        let boxes: Vec<Aabb> = present.iter().map(|&i| instances[i as usize].bounds).collect();
+        let top = build_tree(&boxes, 1, |leaf| present[leaf[0] as usize]);
+        Ok(Self { meshes, instances, top, single, kernel })
+    }
+
+    /// The nearest hit with `0 < t < ray.t_max`.
+    ///
+    /// A ray with a NaN, an infinite origin or direction, or no direction at all meets nothing.
+    #[inline]
+    pub fn closest_hit(&self, ray: &Ray) -> Option<Hit> {
+        if !is_sound(ray) {
+            return None;
+        }
+        self.kernel.closest_hit(self, ray)
+    }
+
+    /// Is there any hit with `0 < t < ray.t_max`? True exactly if [`Bvh::closest_hit`] finds one, but sooner.
+    #[inline]
+    pub fn occluded(&self, ray: &Ray) -> bool {
+        is_sound(ray) && self.kernel.occluded(self, ray)
+    }
+
+    /// Bounds of everything, in the world; empty if there is nothing.
+    pub fn bounds(&self) -> Aabb {
+        self.top.bounds
+    }
+
+    /// Memory held [bytes].
+    pub fn memory_bytes(&self) -> usize {
+        let tree = |t: &Tree| t.nodes.capacity() * size_of::<Node>();
+        let mesh = |m: &MeshTree| size_of::<MeshTree>() + tree(&m.tree) + m.packets.capacity() * size_of::<Packet>();
+        let instance = |i: &Instance| size_of::<Instance>() + i.to_world.as_ref().map_or(0, |_| size_of::<Transform>());
+        size_of::<Self>()
+            + tree(&self.top)
+            + self.meshes.iter().map(mesh).sum::<usize>()
+            + self.instances.iter().map(instance).sum::<usize>()
+    }
+
+    /// Checks every invariant of the structure: each triangle and instance lies in one leaf, each box holds what is
+    /// below it, no tree is too deep.
+    ///
+    /// # Errors
+    /// A sentence that says what is broken.
+    pub fn validate(&self) -> Result<(), String> {
+        crate::validate::validate(self)
+    }
+}
+
+impl MeshTree {
+    fn build(mesh: &MeshTriangles, number: usize) -> Result<Self, BvhError> {
+        let mut kept = Vec::with_capacity(mesh.triangles.len());
+        let mut boxes = Vec::with_capacity(mesh.triangles.len());
+        for (i, triangle) in mesh.triangles.iter().enumerate() {
+            let at = |v: u32| mesh.positions.get(v as usize).copied();
+            let [Some(a), Some(b), Some(c)] = triangle.map(at) else {
+                return Err(BvhError::VertexOutOfRange { mesh: number, triangle: i, vertices: mesh.positions.len() });
+            };
+            let corners = [a, b, c];
+            if corners.iter().all(|c| c.is_finite()) && geometric_normal(&corners) != Vec3::ZERO {
+                kept.push(i as u32);
+                boxes.push(Aabb::from_points(corners));
+            }
+        }
+        let mut packets = Vec::with_capacity(kept.len() / 4 + 1);
+        let tree = build_tree(&boxes, WIDTH, |leaf| {
+            packets.push(Packet::new(leaf.iter().map(|&k| {
+                let triangle = kept[k as usize];
+                (triangle, mesh.triangles[triangle as usize].map(|v| mesh.positions[v as usize]))
+            })));
+            packets.len() as u32 - 1
+        });
+        packets.shrink_to_fit();
+        Ok(Self { tree, packets, triangles: kept.len() })
+    }
+}
+
+#[inline]
+fn is_sound(ray: &Ray) -> bool {
+    ray.origin.is_finite() && ray.direction.is_finite() && ray.direction != Vec3::ZERO && ray.t_max > 0.0
+}

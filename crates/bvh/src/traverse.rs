@@ -1,0 +1,203 @@
+//! Walking a ray through both levels, compiled once for each kind of machine.
+
+use dunkelfeld_geometry::Ray;
+
+use crate::lanes::{Lanes, Portable};
+use crate::packet::{Packet, PacketHit, ShearLanes};
+use crate::scene::{Bvh, Hit, MeshTree};
+use crate::tree::Leaves;
+
+/// Which code walks the tree. Found out once, when the tree is built.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Kernel {
+    Portable,
+    /// Exists only where AVX2 was detected.
+    #[cfg(target_arch = "x86_64")]
+    Avx2(Avx2Detected),
+}
+
+#[cfg(target_arch = "x86_64")]
+pub(crate) use detected::Avx2Detected;
+
+#[cfg(target_arch = "x86_64")]
+mod detected {
+    /// Proof that this machine has AVX2: `new` is the only way to get one.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+    pub(crate) struct Avx2Detected(());
+
+    impl Avx2Detected {
+        pub(crate) fn new() -> Option<Self> {
+            is_x86_feature_detected!("avx2").then_some(Self(()))
+        }
+    }
+}
+
+impl Kernel {
+    /// The fastest that this machine can run.
+    pub(crate) fn detect() -> Self {
+        #[cfg(target_arch = "x86_64")]
+        if let Some(proof) = Avx2Detected::new() {
+            return Self::Avx2(proof);
+        }
+        Self::Portable
+    }
+
+    #[inline]
+    pub(crate) fn closest_hit(self, bvh: &Bvh, ray: &Ray) -> Option<Hit> {
+        match self {
+            Self::Portable => closest_hit::<Portable>(bvh, ray),
+            #[cfg(target_arch = "x86_64")]
+            // SAFETY: an `Avx2Detected` exists, so this machine has AVX2.
+            Self::Avx2(_) => unsafe { closest_hit_avx2(bvh, ray) },
+        }
+    }
+
+    #[inline]
+    pub(crate) fn occluded(self, bvh: &Bvh, ray: &Ray) -> bool {
+        match self {
+            Self::Portable => occluded::<Portable>(bvh, ray),
+            #[cfg(target_arch = "x86_64")]
+            // SAFETY: an `Avx2Detected` exists, so this machine has AVX2.
+            Self::Avx2(_) => unsafe { occluded_avx2(bvh, ray) },
+        }
+    }
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2")]
+fn closest_hit_avx2(bvh: &Bvh, ray: &Ray) -> Option<Hit> {
+    closest_hit::<crate::lanes::Avx2>(bvh, ray)
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2")]
+fn occluded_avx2(bvh: &Bvh, ray: &Ray) -> bool {
+    occluded::<crate::lanes::Avx2>(bvh, ray)
+}
+
+#[inline(always)]
+fn closest_hit<L: Lanes>(bvh: &Bvh, ray: &Ray) -> Option<Hit> {
+    let mut t_max = ray.t_max;
+    if bvh.single {
+        let hit = nearest_in_mesh::<L>(&bvh.meshes[bvh.instances[0].mesh as usize], ray, &mut t_max)?;
+        return Some(Hit { t: hit.t, instance: 0, triangle: hit.triangle, b1: hit.b1, b2: hit.b2 });
+    }
+    let mut leaves = NearestInstance::<L> { bvh, ray, hit: None, lanes: std::marker::PhantomData };
+    bvh.top.walk::<L, true>(ray, &mut t_max, &mut leaves);
+    leaves.hit
+}
+
+#[inline(always)]
+fn occluded<L: Lanes>(bvh: &Bvh, ray: &Ray) -> bool {
+    if bvh.single {
+        return any_in_mesh::<L>(&bvh.meshes[bvh.instances[0].mesh as usize], ray, 1.0, ray.t_max);
+    }
+    let mut t_max = ray.t_max;
+    let mut leaves = AnyInstance::<L> { bvh, ray, lanes: std::marker::PhantomData };
+    bvh.top.walk::<L, false>(ray, &mut t_max, &mut leaves)
+}
+
+#[inline(always)]
+fn nearest_in_mesh<L: Lanes>(mesh: &MeshTree, ray: &Ray, t_max: &mut f32) -> Option<PacketHit> {
+    let mut leaves = NearestTriangle::<L> { packets: &mesh.packets, ray, shear: ShearLanes::new(ray), hit: None };
+    mesh.tree.walk::<L, true>(ray, t_max, &mut leaves);
+    leaves.hit
+}
+
+/// `ray` is in object space, where `t` is `scale` times what it is in the world.
+#[inline(always)]
+fn any_in_mesh<L: Lanes>(mesh: &MeshTree, ray: &Ray, scale: f32, world_t_max: f32) -> bool {
+    let mut leaves = AnyTriangle::<L> { packets: &mesh.packets, ray, shear: ShearLanes::new(ray), scale, world_t_max };
+    let mut t_max = ray.t_max;
+    mesh.tree.walk::<L, false>(ray, &mut t_max, &mut leaves)
+}
+
+/// The scale rounds: what was inside the ray in object space need not be in the world. Asked on both ways of walking, so
+/// that they agree.
+#[inline(always)]
+fn is_world_hit(t: f32, t_max: f32) -> bool {
+    t > 0.0 && t < t_max
+}
+
+struct NearestTriangle<'a, L: Lanes> {
+    packets: &'a [Packet],
+    ray: &'a Ray,
+    shear: ShearLanes<L>,
+    hit: Option<PacketHit>,
+}
+
+impl<L: Lanes> Leaves for NearestTriangle<'_, L> {
+    #[inline(always)]
+    fn visit(&mut self, payload: u32, t_max: &mut f32) -> bool {
+        if let Some(hit) = self.shear.intersect(&self.packets[payload as usize], self.ray, *t_max) {
+            *t_max = hit.t;
+            self.hit = Some(hit);
+        }
+        false
+    }
+}
+
+struct AnyTriangle<'a, L: Lanes> {
+    packets: &'a [Packet],
+    ray: &'a Ray,
+    shear: ShearLanes<L>,
+    scale: f32,
+    world_t_max: f32,
+}
+
+impl<L: Lanes> Leaves for AnyTriangle<'_, L> {
+    #[inline(always)]
+    fn visit(&mut self, payload: u32, t_max: &mut f32) -> bool {
+        self.shear
+            .intersect(&self.packets[payload as usize], self.ray, *t_max)
+            .is_some_and(|hit| is_world_hit(hit.t / self.scale, self.world_t_max))
+    }
+}
+
+struct NearestInstance<'a, L: Lanes> {
+    bvh: &'a Bvh,
+    ray: &'a Ray,
+    hit: Option<Hit>,
+    lanes: std::marker::PhantomData<L>,
+}
+
+impl<L: Lanes> Leaves for NearestInstance<'_, L> {
+    #[inline(always)]
+    fn visit(&mut self, payload: u32, t_max: &mut f32) -> bool {
+        let instance = &self.bvh.instances[payload as usize];
+        let mesh = &self.bvh.meshes[instance.mesh as usize];
+        let world = Ray { t_max: *t_max, ..*self.ray };
+        let (ray, scale) = match &instance.to_world {
+            None => (world, 1.0),
+            Some(transform) => transform.unit_ray(&world),
+        };
+        let mut object_t_max = ray.t_max;
+        if let Some(hit) = nearest_in_mesh::<L>(mesh, &ray, &mut object_t_max) {
+            let t = hit.t / scale;
+            if is_world_hit(t, *t_max) {
+                *t_max = t;
+                self.hit = Some(Hit { t, instance: payload, triangle: hit.triangle, b1: hit.b1, b2: hit.b2 });
+            }
+        }
+        false
+    }
+}
+
+struct AnyInstance<'a, L: Lanes> {
+    bvh: &'a Bvh,
+    ray: &'a Ray,
+    lanes: std::marker::PhantomData<L>,
+}
+
+impl<L: Lanes> Leaves for AnyInstance<'_, L> {
+    #[inline(always)]
+    fn visit(&mut self, payload: u32, _t_max: &mut f32) -> bool {
+        let instance = &self.bvh.instances[payload as usize];
+        let mesh = &self.bvh.meshes[instance.mesh as usize];
+        let (ray, scale) = match &instance.to_world {
+            None => (*self.ray, 1.0),
+            Some(transform) => transform.unit_ray(self.ray),
+        };
+        any_in_mesh::<L>(mesh, &ray, scale, self.ray.t_max)
+    }
+}

@@ -1,0 +1,113 @@
+//! Does the structure hold what it promises?
+
+use dunkelfeld_geometry::Aabb;
+
+use crate::lanes::WIDTH;
+use crate::scene::{Bvh, MeshTree};
+use crate::tree::{LEAF, MAX_DEPTH, NONE, Tree};
+
+/// Every invariant of both levels, or the first that is broken.
+pub(crate) fn validate(bvh: &Bvh) -> Result<(), String> {
+    for (i, mesh) in bvh.meshes.iter().enumerate() {
+        validate_mesh(mesh).map_err(|e| format!("mesh {i}: {e}"))?;
+    }
+    let mut seen = vec![false; bvh.instances.len()];
+    walk(&bvh.top, |payload, bounds| {
+        let instance = bvh.instances.get(payload as usize).ok_or(format!("no instance {payload}"))?;
+        if !bounds.encloses(&instance.bounds) {
+            return Err(format!("instance {payload} sticks out of its box"));
+        }
+        once(&mut seen, payload, "instance")
+    })
+    .map_err(|e| format!("instances: {e}"))?;
+    for (i, instance) in bvh.instances.iter().enumerate() {
+        if instance.mesh as usize >= bvh.meshes.len() {
+            return Err(format!("instance {i} names mesh {}", instance.mesh));
+        }
+        if !seen[i] && instance.bounds.min.is_finite() && instance.bounds.max.is_finite() {
+            return Err(format!("instance {i} is in no leaf"));
+        }
+    }
+    Ok(())
+}
+
+fn validate_mesh(mesh: &MeshTree) -> Result<(), String> {
+    let mut seen = vec![false; mesh.packets.len()];
+    let mut numbers = Vec::new();
+    walk(&mesh.tree, |payload, bounds| {
+        let packet = mesh.packets.get(payload as usize).ok_or(format!("no packet {payload}"))?;
+        let before = numbers.len();
+        for (number, corners) in packet.triangles() {
+            if !bounds.encloses(&Aabb::from_points(corners)) {
+                return Err(format!("triangle {number} sticks out of its box"));
+            }
+            numbers.push(number);
+        }
+        if numbers.len() == before {
+            return Err(format!("packet {payload} is empty"));
+        }
+        once(&mut seen, payload, "packet")
+    })?;
+    if let Some(lost) = seen.iter().position(|s| !s) {
+        return Err(format!("packet {lost} is in no leaf"));
+    }
+    numbers.sort_unstable();
+    if let Some(twice) = numbers.windows(2).find(|w| w[0] == w[1]) {
+        return Err(format!("triangle {} is there twice", twice[0]));
+    }
+    if numbers.len() != mesh.triangles {
+        return Err(format!("{} triangles of {} are in leaves", numbers.len(), mesh.triangles));
+    }
+    Ok(())
+}
+
+fn once(seen: &mut [bool], payload: u32, what: &str) -> Result<(), String> {
+    if std::mem::replace(&mut seen[payload as usize], true) {
+        return Err(format!("{what} {payload} is in two leaves"));
+    }
+    Ok(())
+}
+
+/// Calls `leaf` with each leaf's payload and box, after checking nodes on the way.
+fn walk(tree: &Tree, mut leaf: impl FnMut(u32, &Aabb) -> Result<(), String>) -> Result<(), String> {
+    if tree.root == NONE {
+        return if tree.nodes.is_empty() { Ok(()) } else { Err("nodes without a root".into()) };
+    }
+    let mut visited = vec![false; tree.nodes.len()];
+    let mut work = vec![(tree.root, tree.bounds, 1)];
+    while let Some((word, bounds, depth)) = work.pop() {
+        if word & LEAF != 0 {
+            leaf(word & !LEAF, &bounds)?;
+            continue;
+        }
+        let node = tree.nodes.get(word as usize).ok_or(format!("no node {word}"))?;
+        if std::mem::replace(&mut visited[word as usize], true) {
+            return Err(format!("node {word} has two parents"));
+        }
+        if depth > MAX_DEPTH {
+            return Err(format!("deeper than {MAX_DEPTH} nodes"));
+        }
+        let mut union = Aabb::EMPTY;
+        for slot in 0..WIDTH {
+            let child = node.child_bounds(slot);
+            if node.children[slot] == NONE {
+                if !child.is_empty() {
+                    return Err(format!("node {word}: slot {slot} is unused but has a box"));
+                }
+                continue;
+            }
+            if child.is_empty() || !bounds.encloses(&child) {
+                return Err(format!("node {word}: box {slot} is empty or sticks out of its parent"));
+            }
+            union = union.union(child);
+            work.push((node.children[slot], child, depth + 1));
+        }
+        if union != bounds {
+            return Err(format!("node {word}: its boxes do not fill their parent's"));
+        }
+    }
+    match visited.iter().position(|v| !v) {
+        Some(lost) => Err(format!("node {lost} is not reached")),
+        None => Ok(()),
+    }
+}
