@@ -13,11 +13,16 @@
 //!
 //! Under a time limit a stretch is made of several rounds, none of which is expected to take more than
 //! [`TIME_SHARE`] of the time left: a machine that turns three times slower in the middle of a round still ends in time.
+//! After each replanning the first rounds are small, since nobody knows what the favoured pixels cost.
 //! The rounds shrink geometrically toward the end, down to fractions of a sample per pixel. Without a time limit the
 //! rounds depend on nothing measured: the same arguments give the same plan on any machine.
 
 /// The share of the time left that a round may be expected to take.
 pub const TIME_SHARE: f64 = 0.3;
+/// After new weights the samples go to other pixels, which may cost far more than any map of tiles can foresee: the first
+/// rounds then have this part of their share, growing fourfold from one to the next. A jump to the two-hundredfold cost
+/// per sample still ends in time.
+const CAUTION: f64 = 1.0 / 64.0;
 /// Samples in the very first round under a time limit, when nothing is known of their cost.
 const PROBE: u64 = 256;
 /// A round has at most so many times the samples taken before: an estimate from few samples is not trusted with many.
@@ -102,6 +107,8 @@ pub struct Schedule {
     phase: Phase,
     /// Where the first refinement began: time and samples.
     refined_from: (f64, u64),
+    /// The part of [`TIME_SHARE`] that is dared.
+    caution: f64,
     /// Seconds per unit of work: smoothed, and of the last round. `None` before the first.
     pace: Option<(f64, f64)>,
     /// Seconds that pass between rounds (planning, folding results), smoothed.
@@ -121,6 +128,7 @@ impl Schedule {
             taken: 0,
             phase: Phase::Pilot,
             refined_from: (0.0, 0),
+            caution: 1.0,
             pace: None,
             overhead: 0.0,
             last_round: None,
@@ -173,7 +181,8 @@ impl Schedule {
             }
             Phase::Refine(_) => wanted,
         };
-        let most = ((TIME_SHARE * affordable) as u64).min(self.taken.saturating_mul(GROWTH));
+        self.caution = if replan { CAUTION } else { (4.0 * self.caution).min(1.0) };
+        let most = ((self.caution * TIME_SHARE * affordable) as u64).min(self.taken.saturating_mul(GROWTH));
         let samples = goal.saturating_sub(self.taken).min(most).min(wanted - self.taken).max(1);
         self.hand_out(samples, replan)
     }

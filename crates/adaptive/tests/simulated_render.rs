@@ -1,0 +1,121 @@
+//! Schedule, plan and cost map together, on a simulated machine with two threads and an image whose pixels cost very
+//! different amounts. Nothing here looks at a real clock.
+
+use dunkelfeld_adaptive::cost::{self, CostMap, TileGrid, WorkUnit};
+use dunkelfeld_adaptive::{Limits, SamplePlan, Schedule, Settings, Step, StopReason, allocation, plan};
+use dunkelfeld_film::Plane;
+
+const THREADS: usize = 2;
+const SIDE: u32 = 64;
+
+/// Seconds that a unit takes, pixel by pixel.
+fn seconds(unit: &WorkUnit, grid: TileGrid, taken: &SamplePlan, increment: &Plane<u32>, costs: &Plane<f64>) -> f64 {
+    let rect = grid.rect(unit.tile);
+    let pixels = (rect.y0..rect.y1).flat_map(|y| (rect.x0..rect.x1).map(move |x| (x, y)));
+    pixels.map(|(x, y)| unit.range(*taken.at(x, y), *increment.at(x, y)).len() as f64 * costs.at(x, y)).sum()
+}
+
+struct Result {
+    end: f64,
+    taken: SamplePlan,
+    replans: usize,
+}
+
+/// Renders an image with the given seconds per sample for each pixel, and Sobel weights that are given from outside.
+fn render(budget: f64, costs: &Plane<f64>, weights: &Plane<f32>) -> Result {
+    let (closing, overhead) = ((0.02 * budget).min(0.1), 5e-4);
+    let pixels = u64::from(SIDE * SIDE);
+    let limits = Limits { seconds: Some(budget), samples: None, at_least: 0 };
+    let mut schedule = Schedule::new(limits, Settings { pixels, pilot_spp: 16, closing_seconds: closing });
+    let grid = TileGrid::new(SIDE, SIDE, 16);
+    let mut map = CostMap::new(grid);
+    let mut taken = plan::empty(SIDE, SIDE);
+    let mut current = allocation::uniform(SIDE, SIDE);
+    let (mut now, mut work_per_sample, mut replans) = (0.0, 1.0, 0);
+    loop {
+        let round = match schedule.next(now, work_per_sample) {
+            Step::Stop(reason) => {
+                assert_eq!(reason, StopReason::Time);
+                return Result { end: now + closing, taken, replans };
+            }
+            Step::Round(round) => round,
+        };
+        if round.replan {
+            current = weights.clone();
+            replans += 1;
+        }
+        let next = plan::next_round(&taken, &current, schedule.taken() + round.samples);
+        let increment = plan::increment(&taken, &next);
+        let units = map.cut(&increment, THREADS);
+        let work = cost::makespan(&units, THREADS);
+        // Each free thread takes the next unit, and finds out what it really costs.
+        let mut busy = [0.0f64; THREADS];
+        let mut tiles = vec![(0u64, 0.0); grid.len()];
+        for unit in &units {
+            let took = seconds(unit, grid, &taken, &increment, costs);
+            let thread = usize::from(busy[1] < busy[0]);
+            busy[thread] += took;
+            tiles[unit.tile].0 = unit.samples;
+            tiles[unit.tile].1 += took;
+        }
+        let took = busy[0].max(busy[1]);
+        map.record(&tiles.iter().enumerate().map(|(i, &(n, s))| (i, n, s)).collect::<Vec<_>>());
+        schedule.record(round.samples, work, took);
+        work_per_sample = work / round.samples as f64;
+        now += took + overhead;
+        taken = next;
+    }
+}
+
+fn assert_in_time(budget: f64, end: f64, what: &str) {
+    let tolerance = (0.02 * budget).max(0.2);
+    assert!(end <= budget + tolerance && end >= 0.9 * budget, "{what}: {budget} s became {end} s");
+}
+
+#[test]
+fn one_dear_pixel_that_also_gets_most_samples_does_not_hold_up_the_end() {
+    // A thousand times dearer than the rest, and the plan sends it fifty times more samples.
+    let costs = Plane::from_fn(SIDE, SIDE, |x, y| if (x, y) == (21, 37) { 1e-3 } else { 1e-6 });
+    let weights = Plane::from_fn(SIDE, SIDE, |x, y| if (x, y) == (21, 37) { 50.0 } else { 1.0 });
+    for budget in [0.3, 1.0, 5.0, 20.0, 300.0] {
+        let result = render(budget, &costs, &weights);
+        assert_in_time(budget, result.end, "one dear pixel");
+        if budget >= 1.0 {
+            let (dear, other) = (*result.taken.at(21, 37), *result.taken.at(5, 5));
+            let ratio = f64::from(dear) / f64::from(other);
+            assert!((40.0..60.0).contains(&ratio), "{budget} s: {dear} samples against {other}");
+            assert_eq!(result.replans, 2);
+        }
+    }
+}
+
+#[test]
+fn costs_that_follow_the_weights_are_foreseen() {
+    // Edges are dear and get the samples: the mean cost rises at the first replanning, and differs from tile to tile.
+    let steep = |x: u32, y: u32| (x / 8 + y / 16).is_multiple_of(3);
+    let costs = Plane::from_fn(SIDE, SIDE, |x, y| if steep(x, y) { 8e-6 } else { 0.5e-6 });
+    let weights = Plane::from_fn(SIDE, SIDE, |x, y| if steep(x, y) { 6.0 } else { 0.3 });
+    for budget in [0.3, 1.0, 5.0, 60.0] {
+        let result = render(budget, &costs, &weights);
+        assert_in_time(budget, result.end, "dear edges");
+    }
+}
+
+#[test]
+fn a_heavy_tail_of_pixel_costs_is_no_trouble() {
+    // Pareto-distributed with exponent 1.2: the mean hangs on few pixels.
+    let costs = Plane::from_fn(SIDE, SIDE, |x, y| {
+        let mut h = u64::from(y * SIDE + x + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+        h ^= h >> 29;
+        h = h.wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        let u = ((h >> 11) as f64 + 0.5) * (-53f64).exp2();
+        0.3e-6 * u.powf(-1.0 / 1.2)
+    });
+    for budget in [0.3, 1.0, 5.0, 60.0] {
+        let result = render(budget, &costs, &allocation::uniform(SIDE, SIDE));
+        assert_in_time(budget, result.end, "heavy tail");
+        let counts = result.taken.data().iter();
+        let (least, most) = (counts.clone().min(), counts.max());
+        assert!(most.zip(least).is_some_and(|(m, l)| m - l <= 8), "uniform stays uniform: {least:?} to {most:?}");
+    }
+}
