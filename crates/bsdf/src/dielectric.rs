@@ -72,7 +72,7 @@ impl Dielectric {
         } else {
             let Some(m) = refraction_half_vector(wo, wi, eta) else { return none };
             let (wo_m, wi_m) = (wo.0.dot(m), wi.0.dot(m));
-            let t = 1.0 - fresnel::dielectric(wo_m, eta).reflectance;
+            let t = 1.0 - fresnel::from_cosines(wo_m, -wi_m, eta);
             let pdf = t * ggx.distribution(m) * visible * wo_m * refraction_jacobian(wo_m, wi_m, eta);
             (self.transmission_tint * (pdf * ggx.g1(-wi) / (eta * eta)), pdf)
         }
@@ -147,7 +147,7 @@ pub(crate) fn mirrored_if(condition: bool, w: LocalDir) -> LocalDir {
 /// A sample of a delta lobe; `None` if it carries nothing.
 #[inline]
 pub(crate) fn delta(wi: LocalDir, weight: Rgb, probability: f32, side: Lobe, eta: f32) -> Option<BsdfSample> {
-    (!weight.is_black() && wi.0.z != 0.0).then_some(BsdfSample {
+    (probability > 0.0 && weight.is_finite() && !weight.is_black() && wi.0.z != 0.0).then_some(BsdfSample {
         wi,
         weight,
         pdf: probability,

@@ -193,7 +193,8 @@ impl Principled {
             (reflect(wo, m), Lobe::CLEARCOAT | Lobe::GLOSSY | Lobe::REFLECTION)
         } else if self.refracting > 0.0 {
             // What is left of u_lobe decides between reflection and refraction.
-            let rest = ((u_lobe - choice.diffuse - choice.coat) / choice.specular).clamp(0.0, 1.0);
+            let rest = (u_lobe - choice.diffuse - choice.coat) / choice.specular;
+            let rest = rest.clamp(0.0, 1.0 - f32::EPSILON / 2.0);
             return self.sample_boundary(wo, choice.specular, rest, u);
         } else {
             (reflect(wo, self.ggx.sample_bounded(wo, u)), Lobe::GLOSSY | Lobe::REFLECTION)
@@ -269,16 +270,16 @@ impl Principled {
         let (eta, wo, wi) = from_above(self.eta, wo, wi);
         let Some(m) = refraction_half_vector(wo, wi, eta) else { return none };
         let (wo_m, wi_m) = (wo.0.dot(m), wi.0.dot(m));
-        let f = fresnel::dielectric(wo_m, eta);
+        let f = fresnel::from_cosines(wo_m, -wi_m, eta);
         let (reflected, specular) = if above {
             let Some(choice) = self.choose(wo) else { return none };
-            (self.dielectric.reflectance(f.reflectance, self.schlick_weight(wo_m, f.cos_t)), choice.specular)
+            (self.dielectric.reflectance(f, self.schlick_weight(wo_m, -wi_m)), choice.specular)
         } else {
-            (Rgb::splat(self.refracting * f.reflectance), 1.0)
+            (Rgb::splat(self.refracting * f), 1.0)
         };
-        let q = self.reflection_probability(reflected, f.reflectance);
+        let q = self.reflection_probability(reflected, f);
         let facets = self.ggx.pdf_visible(wo, m) * refraction_jacobian(wo_m, wi_m, eta);
-        let t = (1.0 - f.reflectance) * facets * self.ggx.g1(-wi) / (eta * eta);
+        let t = (1.0 - f) * facets * self.ggx.g1(-wi) / (eta * eta);
         (self.transmission_color * t, specular * (1.0 - q) * facets)
     }
 

@@ -55,5 +55,11 @@ fn values_equal_those_of_mitsuba() {
         rows += 1;
     }
     assert!(rows >= 150, "the table has lost rows: {rows}");
-    assert!(wrong.is_empty(), "{} of {} values differ:\n{}", wrong.len(), 3 * rows, wrong[..wrong.len().min(12)].join("\n"));
+    assert!(
+        wrong.is_empty(),
+        "{} of {} values differ:\n{}",
+        wrong.len(),
+        3 * rows,
+        wrong[..wrong.len().min(12)].join("\n")
+    );
 }
