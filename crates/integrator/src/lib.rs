@@ -1,1 +1,15 @@
-//! (module of the workspace; see ARCHITECTURE.md)
+//! From a camera sample to radiance: unidirectional path tracing with next-event estimation.
+//!
+//! [`estimate`] is the whole estimator on one page; [`path`] follows a ray through the scene.
+
+#![forbid(unsafe_code)]
+
+pub mod estimate;
+mod labels;
+mod path;
+mod sets;
+mod trace;
+
+pub use estimate::{Estimator, PixelSample};
+pub use labels::{Label, label};
+pub use trace::{PathTrace, TraceVertex};

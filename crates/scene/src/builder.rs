@@ -2,7 +2,8 @@
 
 use crate::material::Material;
 use crate::texture::{Image, ImageId};
-use dunkelfeld_geometry::{DAffine3, Mesh};
+use crate::camera::look_at;
+use dunkelfeld_geometry::{DAffine3, DVec3, Mesh};
 use dunkelfeld_radiometry::Rgb;
 
 /// A scene before it is compiled. Indices (`usize`) refer to the vectors of this struct.
@@ -137,4 +138,37 @@ pub enum Projection {
         /// Half of the film's height in the world [m].
         half_height: f32,
     },
+}
+
+impl SceneBuilder {
+    /// Adds a material; returns its index.
+    pub fn add_material(&mut self, material: Material) -> usize {
+        self.materials.push(material);
+        self.materials.len() - 1
+    }
+
+    /// Adds a mesh placed once, where it is, as an object of its own; returns the object's index.
+    pub fn add_object(&mut self, name: &str, mesh: Mesh, material: usize) -> usize {
+        self.meshes.push(MeshPart { name: name.into(), mesh, material });
+        self.instances.push(Instance {
+            name: name.into(),
+            meshes: vec![self.meshes.len() - 1],
+            to_world: DAffine3::IDENTITY,
+        });
+        self.instances.len() - 1
+    }
+
+    /// Adds a perspective camera at `eye` that looks at `target` with world +y up; returns its index.
+    ///
+    /// `vertical_fov` is the full angle [rad].
+    pub fn add_camera(&mut self, name: &str, eye: DVec3, target: DVec3, vertical_fov: f32) -> usize {
+        let to_world = look_at(eye, target, DVec3::Y);
+        self.cameras.push(Camera {
+            name: name.into(),
+            to_world,
+            projection: Projection::Perspective { vertical_fov },
+            aspect: None,
+        });
+        self.cameras.len() - 1
+    }
 }

@@ -7,11 +7,31 @@
 #![forbid(unsafe_code)]
 
 mod builder;
+pub mod camera;
+mod compile;
+mod environment;
+pub mod intersect;
+mod inventory;
+pub mod light;
 mod material;
+pub mod report;
+mod scene;
+pub mod shapes;
+pub mod shading;
+mod surface;
 mod texture;
+mod texture_eval;
 
 pub use builder::{
     Camera, Environment, EnvironmentSource, Instance, MeshPart, Projection, PunctualKind, PunctualLight, SceneBuilder,
 };
+pub use camera::{RayGenerator, framing_camera, look_at};
+pub use compile::BuildError;
+pub use intersect::SurfacePoint;
+pub use inventory::{LightInfo, PartInfo};
+pub use light::{LightReceiver, LightSample, LightTarget};
 pub use material::{AlphaMode, ChannelTexture, Material, Surface, Volume};
 pub use texture::{ColorEncoding, Filter, Image, ImageId, Texels, Texture, TextureTransform, Wrap};
+pub use report::{BuildReport, Finding, Severity};
+pub use scene::{Scene, SceneSummary};
+pub use shading::ShadingPoint;

@@ -124,6 +124,33 @@ pub struct Material {
     pub specular_tint: f32,
 }
 
+impl Material {
+    /// All textures of the material.
+    pub fn textures(&self) -> impl Iterator<Item = &Texture> {
+        let colors = [
+            &self.base_color_texture,
+            &self.normal_texture,
+            &self.emission_texture,
+            &self.specular_color_texture,
+            &self.sheen_color_texture,
+            &self.anisotropy_texture,
+        ];
+        let channels = [
+            &self.alpha_texture,
+            &self.metallic_texture,
+            &self.roughness_texture,
+            &self.specular_texture,
+            &self.transmission_texture,
+            &self.clearcoat_texture,
+            &self.clearcoat_roughness_texture,
+        ];
+        colors
+            .into_iter()
+            .filter_map(Option::as_ref)
+            .chain(channels.into_iter().filter_map(|t| t.as_ref().map(|t| &t.texture)))
+    }
+}
+
 impl Default for Material {
     fn default() -> Self {
         Self {

@@ -1,0 +1,81 @@
+//! A path written down, for replay: what happened at each vertex.
+
+use dunkelfeld_radiometry::Rgb;
+
+/// One event of a path.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TraceVertex {
+    /// Position in render space [m].
+    pub position: [f32; 3],
+    /// Index of the material; `None` when the ray left the scene.
+    pub material: Option<u32>,
+    /// Weight of the path before this vertex.
+    pub throughput: Rgb,
+    /// What the surface (or the environment) itself added to the sample [W/(m^2 sr)].
+    pub emitted: Rgb,
+    /// What next-event estimation added here [W/(m^2 sr)].
+    pub direct: Rgb,
+    /// The sampled direction, its density [1/sr] (probability for a delta lobe) and weight; `None` where the path ended.
+    pub scattered: Option<([f32; 3], f32, Rgb)>,
+}
+
+/// A path, vertex by vertex.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct PathTrace {
+    /// The vertices, from the camera on.
+    pub vertices: Vec<TraceVertex>,
+}
+
+/// Something that may listen to a path. `()` does not, and costs nothing.
+pub(crate) trait Recorder {
+    /// A vertex is reached.
+    fn vertex(&mut self, position: [f32; 3], material: Option<u32>, throughput: Rgb);
+    /// Emission was added at the current vertex.
+    fn emitted(&mut self, contribution: Rgb);
+    /// Direct light was added at the current vertex.
+    fn direct(&mut self, contribution: Rgb);
+    /// A direction was chosen at the current vertex.
+    fn scattered(&mut self, direction: [f32; 3], pdf: f32, weight: Rgb);
+}
+
+impl Recorder for () {
+    #[inline]
+    fn vertex(&mut self, _: [f32; 3], _: Option<u32>, _: Rgb) {}
+    #[inline]
+    fn emitted(&mut self, _: Rgb) {}
+    #[inline]
+    fn direct(&mut self, _: Rgb) {}
+    #[inline]
+    fn scattered(&mut self, _: [f32; 3], _: f32, _: Rgb) {}
+}
+
+impl Recorder for PathTrace {
+    fn vertex(&mut self, position: [f32; 3], material: Option<u32>, throughput: Rgb) {
+        self.vertices.push(TraceVertex {
+            position,
+            material,
+            throughput,
+            emitted: Rgb::BLACK,
+            direct: Rgb::BLACK,
+            scattered: None,
+        });
+    }
+
+    fn emitted(&mut self, contribution: Rgb) {
+        if let Some(v) = self.vertices.last_mut() {
+            v.emitted += contribution;
+        }
+    }
+
+    fn direct(&mut self, contribution: Rgb) {
+        if let Some(v) = self.vertices.last_mut() {
+            v.direct += contribution;
+        }
+    }
+
+    fn scattered(&mut self, direction: [f32; 3], pdf: f32, weight: Rgb) {
+        if let Some(v) = self.vertices.last_mut() {
+            v.scattered = Some((direction, pdf, weight));
+        }
+    }
+}

@@ -1,0 +1,465 @@
+//! From a builder to a scene: check, clean, place, light, index.
+
+use crate::builder::{EnvironmentSource, Instance, MeshPart, PunctualKind, SceneBuilder};
+use crate::environment::EnvironmentLight;
+use crate::light::{AreaLight, AreaShape, DeltaLight, Light, LightTable, NO_LIGHT};
+use crate::material::{Material, Surface};
+use crate::report::BuildReport;
+use crate::scene::{Part, Placement, Scene};
+use crate::surface::{CompiledMaterial, mean_emission};
+use crate::texture::Image;
+use dunkelfeld_bvh::{Bvh, BvhInstance, MeshTriangles};
+use dunkelfeld_geometry::health::{MeshHealth, Repairs, clean};
+use dunkelfeld_geometry::shape::rectangle_from_triangles;
+use dunkelfeld_geometry::{DAffine3, DVec3, Mesh, Transform, Vec3, geometric_normal, triangle_area};
+
+/// Meshes used more than once are moved to render space all the same while their copies hold no more triangles than this:
+/// one flat hierarchy is faster, and this much is nothing.
+const BAKE_COPIES_UP_TO: usize = 16_384;
+
+/// Why a scene cannot be built.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum BuildError {
+    /// An index points to nothing.
+    #[error("{place} refers to {what} {index}, but there are only {count}")]
+    BadIndex {
+        /// Who refers.
+        place: String,
+        /// To what kind of thing.
+        what: &'static str,
+        /// The index.
+        index: usize,
+        /// How many there are.
+        count: usize,
+    },
+    /// A value is not finite or outside its range.
+    #[error("{place}: {problem}")]
+    BadValue {
+        /// Who has it.
+        place: String,
+        /// What is wrong, and which range is right.
+        problem: String,
+    },
+    /// The hierarchy could not be built.
+    #[error("the bounding volume hierarchy cannot be built: {0}")]
+    Hierarchy(String),
+}
+
+impl SceneBuilder {
+    /// Compiles the scene.
+    ///
+    /// Triangles that are degenerate, not finite or doubled are dropped, transforms that cannot be inverted drop their
+    /// instance; the report says so. It also names hazards: open or inside-out solids, a scene without light.
+    ///
+    /// # Errors
+    /// Indices that point nowhere, and values that have no meaning.
+    pub fn build(mut self) -> Result<(Scene, BuildReport), BuildError> {
+        check_indices(&self)?;
+        check_values(&self)?;
+        let mut report = BuildReport::default();
+        self.clean_meshes(&mut report);
+        let placed = self.valid_instances(&mut report);
+        let bounds = world_bounds(&placed, &self.meshes);
+        let world_origin = bounds.map_or(DVec3::ZERO, |[lo, hi]| 0.5 * (lo + hi));
+        let radius = bounds.map_or(0.0, |[lo, hi]| (0.5 * (hi - lo).length()) as f32);
+        let to_render = DAffine3::from_translation(-world_origin);
+
+        let mut geometry = Placed::default();
+        geometry.place(&placed, std::mem::take(&mut self.meshes), &to_render);
+        let bvh = geometry.hierarchy()?;
+
+        let compiled: Vec<CompiledMaterial> = self.materials.iter().map(CompiledMaterial::new).collect();
+        let mut lights = geometry.area_lights(&self.materials, &self.images);
+        for light in &self.lights {
+            lights.push(Light::Delta(delta_light(light, &to_render)));
+        }
+        let environment = self.environment.as_ref().map(|e| EnvironmentLight::new(e, &self.images));
+        let lights = LightTable::new(lights, environment, radius);
+        let emits = |l: &Light| match l {
+            Light::Area(a) => !a.mean_radiance.is_black(),
+            Light::Delta(d) => !d.power(radius).is_black(),
+            Light::Environment => true,
+        };
+        if !lights.lights.iter().any(emits) {
+            report.hazard("scene", "there is no light: no emissive material, no punctual light, no environment; the image will be black");
+        }
+        let has_coverage = geometry.parts.iter().any(|p| compiled[p.material as usize].has_coverage);
+        let scene = Scene {
+            world_origin,
+            bounds,
+            bvh,
+            placements: geometry.placements,
+            baked_parts: geometry.baked_parts,
+            parts: geometry.parts,
+            meshes: geometry.meshes,
+            object_names: self.instances.iter().map(|i| i.name.clone()).collect(),
+            punctual_names: self.lights.iter().map(|l| l.name.clone()).collect(),
+            materials: self.materials,
+            compiled,
+            images: self.images,
+            lights,
+            cameras: self.cameras,
+            radius,
+            has_coverage,
+        };
+        Ok((scene, report))
+    }
+
+    /// Drops what cannot be traced and reports it; reports solids that are open or inside out.
+    fn clean_meshes(&mut self, report: &mut BuildReport) {
+        for (index, part) in self.meshes.iter_mut().enumerate() {
+            let place = mesh_place(index, &part.name);
+            drop_short_attributes(part, &place, report);
+            let repairs = clean(&mut part.mesh);
+            if repairs.total() > 0 {
+                report.note(&place, describe(&repairs));
+            }
+            let material = &self.materials[part.material];
+            if !matches!(material.surface, Surface::Solid(_)) || material.transmission <= 0.0 {
+                continue;
+            }
+            let health = MeshHealth::of(&part.mesh);
+            if !health.is_closed() {
+                report.hazard(
+                    &place,
+                    format!(
+                        "is the boundary of a clear solid (material \"{}\") but not closed: {} open, {} wrongly wound and {} non-manifold edges; light inside gets lost or is attenuated wrongly; close the mesh, or give the material thickness 0 to make it a sheet",
+                        material.name, health.open_edges, health.inconsistent_edges, health.non_manifold_edges
+                    ),
+                );
+            } else if health.is_inside_out() {
+                report.hazard(
+                    &place,
+                    format!("is a clear solid (material \"{}\") turned inside out: its normals point inward; flip them", material.name),
+                );
+            }
+        }
+    }
+
+    /// The instances whose transform can be inverted, each with its position in the list.
+    fn valid_instances(&self, report: &mut BuildReport) -> Vec<(u32, Instance, Transform)> {
+        let mut valid = Vec::with_capacity(self.instances.len());
+        for (object, instance) in self.instances.iter().enumerate() {
+            match Transform::new(instance.to_world) {
+                Ok(t) => valid.push((object as u32, instance.clone(), t)),
+                Err(e) => report.note(format!("object \"{}\"", instance.name), format!("{e}; the object is left out")),
+            }
+        }
+        valid
+    }
+}
+
+/// What was taken out of a mesh, in words.
+fn describe(r: &Repairs) -> String {
+    let reasons = [
+        (r.out_of_range, "with indices beyond the vertices"),
+        (r.non_finite, "with corners that are not finite"),
+        (r.zero_area, "without area"),
+        (r.duplicates, "that repeat another"),
+        (r.opposite_duplicates, "that repeat another from the other side"),
+    ];
+    let parts: Vec<String> =
+        reasons.iter().filter(|(n, _)| *n > 0).map(|(n, why)| format!("{n} {why}")).collect();
+    format!("dropped {} triangles: {}", r.total(), parts.join(", "))
+}
+
+fn mesh_place(index: usize, name: &str) -> String {
+    if name.is_empty() { format!("mesh {index}") } else { format!("mesh \"{name}\"") }
+}
+
+/// Attributes that are not as long as the positions would be read out of range: they are dropped.
+fn drop_short_attributes(part: &mut MeshPart, place: &str, report: &mut BuildReport) {
+    let n = part.mesh.positions.len();
+    let mut drop = |len: usize, name: &str| {
+        let wrong = len != 0 && len != n;
+        if wrong {
+            report.note(place, format!("has {len} {name} for {n} positions; they are ignored"));
+        }
+        wrong
+    };
+    if drop(part.mesh.normals.len(), "normals") {
+        part.mesh.normals.clear();
+    }
+    if drop(part.mesh.tangents.len(), "tangents") {
+        part.mesh.tangents.clear();
+    }
+    if drop(part.mesh.colors.len(), "vertex colours") {
+        part.mesh.colors.clear();
+    }
+    for set in 0..2 {
+        if drop(part.mesh.uvs[set].len(), "texture coordinates") {
+            part.mesh.uvs[set].clear();
+        }
+    }
+}
+
+fn check_indices(builder: &SceneBuilder) -> Result<(), BuildError> {
+    let check = |place: &dyn Fn() -> String, what: &'static str, index: usize, count: usize| {
+        if index < count { Ok(()) } else { Err(BuildError::BadIndex { place: place(), what, index, count }) }
+    };
+    for (i, m) in builder.meshes.iter().enumerate() {
+        check(&|| mesh_place(i, &m.name), "material", m.material, builder.materials.len())?;
+    }
+    for instance in &builder.instances {
+        for &mesh in &instance.meshes {
+            check(&|| format!("object \"{}\"", instance.name), "mesh", mesh, builder.meshes.len())?;
+        }
+    }
+    for m in &builder.materials {
+        for texture in m.textures() {
+            check(&|| format!("material \"{}\"", m.name), "image", texture.image.0 as usize, builder.images.len())?;
+        }
+    }
+    if let Some(EnvironmentSource::Image { image, .. }) = builder.environment.as_ref().map(|e| &e.source) {
+        check(&|| "the environment".into(), "image", image.0 as usize, builder.images.len())?;
+    }
+    for image in &builder.images {
+        if image.width == 0 || image.height == 0 || image.texel_count() != image.width as usize * image.height as usize {
+            return Err(BuildError::BadValue {
+                place: format!("image \"{}\"", image.name),
+                problem: format!("{} texels do not fill {} x {}", image.texel_count(), image.width, image.height),
+            });
+        }
+    }
+    Ok(())
+}
+
+fn check_values(builder: &SceneBuilder) -> Result<(), BuildError> {
+    let bad = |place: String, problem: &str| Err(BuildError::BadValue { place, problem: problem.into() });
+    for m in &builder.materials {
+        let place = || format!("material \"{}\"", m.name);
+        if !(m.emission.is_finite() && m.emission.r >= 0.0 && m.emission.g >= 0.0 && m.emission.b >= 0.0) {
+            return bad(place(), "the emission must be finite and not negative");
+        }
+        if !(m.base_color.is_finite() && m.specular_color.is_finite() && m.sheen_color.is_finite()) {
+            return bad(place(), "colours must be finite");
+        }
+        if !(m.ior.is_finite() && m.ior > 0.0) {
+            return bad(place(), "the index of refraction must be finite and above 0");
+        }
+    }
+    for light in &builder.lights {
+        let (PunctualKind::Point { intensity: strength }
+        | PunctualKind::Spot { intensity: strength, .. }
+        | PunctualKind::Directional { irradiance: strength }) = light.kind;
+        if !(strength.is_finite() && strength.r >= 0.0 && strength.g >= 0.0 && strength.b >= 0.0) {
+            return bad(format!("light \"{}\"", light.name), "its strength must be finite and not negative");
+        }
+        if !light.to_world.is_finite() {
+            return bad(format!("light \"{}\"", light.name), "its transform must be finite");
+        }
+    }
+    for camera in &builder.cameras {
+        if !camera.to_world.is_finite() {
+            return bad(format!("camera \"{}\"", camera.name), "its transform must be finite");
+        }
+    }
+    Ok(())
+}
+
+/// Corners of the box around everything, in world space and f64.
+fn world_bounds(placed: &[(u32, Instance, Transform)], meshes: &[MeshPart]) -> Option<[DVec3; 2]> {
+    let mut bounds: Option<[DVec3; 2]> = None;
+    for (_, instance, transform) in placed {
+        for p in instance.meshes.iter().flat_map(|&m| used_positions(&meshes[m].mesh)) {
+            let q = transform.to_world().transform_point3(p.as_dvec3());
+            let [lo, hi] = bounds.get_or_insert([q, q]);
+            (*lo, *hi) = (lo.min(q), hi.max(q));
+        }
+    }
+    bounds
+}
+
+fn used_positions(mesh: &Mesh) -> impl Iterator<Item = Vec3> + '_ {
+    mesh.triangles.iter().flatten().map(|&i| mesh.positions[i as usize])
+}
+
+/// Geometry as it is placed: the baked mesh in pieces, and what stays instanced.
+#[derive(Default)]
+struct Placed {
+    meshes: Vec<Mesh>,
+    parts: Vec<Part>,
+    placements: Vec<Placement>,
+    baked_parts: Vec<u32>,
+    /// Transform of each placement but the baked one.
+    transforms: Vec<Transform>,
+}
+
+impl Placed {
+    fn place(&mut self, placed: &[(u32, Instance, Transform)], meshes: Vec<MeshPart>, to_render: &DAffine3) {
+        let mut uses = vec![0usize; meshes.len()];
+        for &m in placed.iter().flat_map(|(_, i, _)| &i.meshes) {
+            uses[m] += 1;
+        }
+        let bakes = |m: usize| uses[m] == 1 || uses[m] * meshes[m].mesh.triangles.len() <= BAKE_COPIES_UP_TO;
+        // Baked parts come first, so that their triangles are numbered without gaps.
+        let baked_any = (0..meshes.len()).any(|m| uses[m] > 0 && bakes(m) && !meshes[m].mesh.triangles.is_empty());
+        if baked_any {
+            self.placements.push(Placement::Baked);
+            self.transforms.push(Transform::IDENTITY);
+        }
+        let all = || placed.iter().flat_map(|(object, i, t)| i.meshes.iter().map(move |&m| (*object, m, t)));
+        let mut stored = vec![u32::MAX; meshes.len()];
+        for (object, m, transform) in all().filter(|(_, m, _)| bakes(*m)) {
+            let mesh = bake(&meshes[m].mesh, &(*to_render * *transform.to_world()));
+            let part = self.parts.len() as u32;
+            let first_triangle = self.baked_parts.len() as u32;
+            self.baked_parts.extend(std::iter::repeat_n(part, mesh.triangles.len()));
+            self.push_part(mesh, &meshes[m], object, None, first_triangle);
+        }
+        for (object, m, transform) in all().filter(|(_, m, _)| !bakes(*m)) {
+            // Invertible in world space and moved: still invertible.
+            let Ok(transform) = Transform::new(*to_render * *transform.to_world()) else { continue };
+            if stored[m] == u32::MAX {
+                stored[m] = self.meshes.len() as u32;
+                self.meshes.push(meshes[m].mesh.clone());
+            }
+            self.placements.push(Placement::Part(self.parts.len() as u32));
+            self.transforms.push(transform);
+            self.parts.push(Part {
+                mesh: stored[m],
+                material: meshes[m].material as u32,
+                object,
+                transform: Some(Box::new(transform)),
+                first_triangle: 0,
+                lights: Vec::new(),
+            });
+        }
+    }
+
+    fn push_part(&mut self, mesh: Mesh, source: &MeshPart, object: u32, transform: Option<Box<Transform>>, first: u32) {
+        let mesh_index = self.meshes.len() as u32;
+        self.meshes.push(mesh);
+        self.parts.push(Part {
+            mesh: mesh_index,
+            material: source.material as u32,
+            object,
+            transform,
+            first_triangle: first,
+            lights: Vec::new(),
+        });
+    }
+
+    fn hierarchy(&self) -> Result<Bvh, BuildError> {
+        let mut positions = Vec::new();
+        let mut triangles = Vec::with_capacity(self.baked_parts.len());
+        for part in self.parts.iter().filter(|p| p.transform.is_none()) {
+            let mesh = &self.meshes[part.mesh as usize];
+            let base = positions.len() as u32;
+            positions.extend_from_slice(&mesh.positions);
+            triangles.extend(mesh.triangles.iter().map(|t| t.map(|i| base + i)));
+        }
+        let mut sources = Vec::new();
+        let mut source_of_mesh = vec![u32::MAX; self.meshes.len()];
+        let mut instances = Vec::with_capacity(self.placements.len());
+        for (placement, transform) in self.placements.iter().zip(&self.transforms) {
+            match placement {
+                Placement::Baked => {
+                    instances.push(BvhInstance { mesh: sources.len() as u32, to_world: None });
+                    sources.push(MeshTriangles { positions: &positions, triangles: &triangles });
+                }
+                Placement::Part(part) => {
+                    let mesh = self.parts[*part as usize].mesh as usize;
+                    if source_of_mesh[mesh] == u32::MAX {
+                        source_of_mesh[mesh] = sources.len() as u32;
+                        let m = &self.meshes[mesh];
+                        sources.push(MeshTriangles { positions: &m.positions, triangles: &m.triangles });
+                    }
+                    instances.push(BvhInstance { mesh: source_of_mesh[mesh], to_world: Some(*transform) });
+                }
+            }
+        }
+        Bvh::build(&sources, &instances).map_err(|e| BuildError::Hierarchy(e.to_string()))
+    }
+
+    /// One light for each emitting triangle, or for each two in a row that form a rectangle. Marks the triangles.
+    fn area_lights(&mut self, materials: &[Material], images: &[Image]) -> Vec<Light> {
+        let mut lights = Vec::new();
+        for (part_index, part) in self.parts.iter_mut().enumerate() {
+            let material = &materials[part.material as usize];
+            if material.emission.is_black() && !material.unlit {
+                continue;
+            }
+            let mesh = &self.meshes[part.mesh as usize];
+            let mean_radiance = mean_emission(material, images);
+            part.lights = vec![NO_LIGHT; mesh.triangles.len()];
+            let to_render = |p: Vec3| part.transform.as_ref().map_or(p, |t| t.point(p));
+            let corners = |t: usize| mesh.corners(t).map(to_render);
+            let normal = |t: usize| {
+                let n = geometric_normal(&mesh.corners(t));
+                part.transform.as_ref().map_or(n, |tr| tr.normal(n))
+            };
+            let mut t = 0;
+            while t < mesh.triangles.len() {
+                let here = corners(t);
+                let next = (t + 1 < mesh.triangles.len()).then(|| corners(t + 1));
+                let n = normal(t);
+                let pair = next
+                    .and_then(|next| rectangle_from_triangles(here, next).map(|r| (r, next)))
+                    .filter(|_| normal(t + 1).dot(n) > 0.0);
+                let (shape, center, area, second) = match pair {
+                    Some((rectangle, next)) => {
+                        let area = triangle_area(&here) + triangle_area(&next);
+                        let center = rectangle.corner + 0.5 * (rectangle.edge_u + rectangle.edge_v);
+                        (AreaShape::Rectangle(rectangle), center, area, t as u32 + 1)
+                    }
+                    None => {
+                        let center = (here[0] + here[1] + here[2]) / 3.0;
+                        (AreaShape::Triangle(here), center, triangle_area(&here), u32::MAX)
+                    }
+                };
+                let reach = |c: &[Vec3; 3]| c.iter().map(|v| v.distance(center)).fold(0.0, f32::max);
+                let radius = next.filter(|_| second != u32::MAX).map_or(0.0, |next| reach(&next)).max(reach(&here));
+                part.lights[t] = lights.len() as u32;
+                if second != u32::MAX {
+                    part.lights[t + 1] = lights.len() as u32;
+                }
+                lights.push(Light::Area(AreaLight {
+                    shape,
+                    normal: n,
+                    center,
+                    radius,
+                    area,
+                    two_sided: material.double_sided || material.unlit,
+                    part: part_index as u32,
+                    triangles: [t as u32, second],
+                    mean_radiance,
+                }));
+                t += if second == u32::MAX { 1 } else { 2 };
+            }
+        }
+        lights
+    }
+}
+
+/// A mesh moved to render space; a mirroring transform turns the winding, so that fronts stay fronts.
+fn bake(mesh: &Mesh, to_render: &DAffine3) -> Mesh {
+    let mirrored = to_render.matrix3.determinant() < 0.0;
+    let normal_matrix = to_render.matrix3.inverse().transpose();
+    let direction = |m: &dunkelfeld_geometry::DMat3, v: Vec3| (*m * v.as_dvec3()).normalize_or_zero().as_vec3();
+    Mesh {
+        positions: mesh.positions.iter().map(|p| to_render.transform_point3(p.as_dvec3()).as_vec3()).collect(),
+        triangles: mesh.triangles.iter().map(|&[a, b, c]| if mirrored { [a, c, b] } else { [a, b, c] }).collect(),
+        normals: mesh.normals.iter().map(|&n| direction(&normal_matrix, n)).collect(),
+        tangents: mesh
+            .tangents
+            .iter()
+            .map(|t| direction(&to_render.matrix3, t.truncate()).extend(if mirrored { -t.w } else { t.w }))
+            .collect(),
+        uvs: mesh.uvs.clone(),
+        colors: mesh.colors.clone(),
+    }
+}
+
+fn delta_light(light: &crate::PunctualLight, to_render: &DAffine3) -> DeltaLight {
+    let to_render = *to_render * light.to_world;
+    let position = to_render.translation.as_vec3();
+    let axis = (-to_render.matrix3.z_axis).try_normalize().unwrap_or(DVec3::NEG_Z).as_vec3();
+    match light.kind {
+        PunctualKind::Point { intensity } => DeltaLight::Point { position, intensity },
+        PunctualKind::Spot { intensity, inner, outer } => {
+            DeltaLight::Spot { position, axis, intensity, cos_inner: inner.cos(), cos_outer: outer.cos() }
+        }
+        PunctualKind::Directional { irradiance } => DeltaLight::Directional { direction: -axis, irradiance },
+    }
+}

@@ -1,0 +1,165 @@
+//! Rays against the scene: what they meet, what they may pass.
+
+use crate::light::LightTarget;
+use crate::scene::{Placement, Scene};
+use crate::surface::{self, TexturePoint};
+use dunkelfeld_bvh::Hit;
+use dunkelfeld_geometry::{Ray, Vec2, Vec3, Vec4, geometric_normal, hit_point, offset_ray_origin};
+use dunkelfeld_radiometry::Rgb;
+
+/// A point on a surface, with what is needed to leave it again.
+#[derive(Clone, Copy, Debug)]
+pub struct SurfacePoint {
+    /// Position in render space.
+    pub point: Vec3,
+    /// Bound of the position's rounding error, per axis.
+    pub error: Vec3,
+    /// Unit geometric normal, on the side the winding says.
+    pub normal: Vec3,
+    /// Ray parameter of the hit [m].
+    pub distance: f32,
+    pub(crate) part: u32,
+    pub(crate) triangle: u32,
+    pub(crate) barycentrics: [f32; 3],
+}
+
+impl SurfacePoint {
+    /// Where a ray in the given direction starts, so that it does not meet this surface again.
+    #[inline]
+    pub fn leave(&self, direction: Vec3) -> Vec3 {
+        offset_ray_origin(self.point, self.error, self.normal, direction)
+    }
+}
+
+impl Scene {
+    /// The nearest surface along a ray, covered or not.
+    #[inline]
+    pub fn intersect(&self, ray: &Ray) -> Option<SurfacePoint> {
+        self.bvh.closest_hit(ray).map(|hit| self.surface_point(&hit))
+    }
+
+    fn surface_point(&self, hit: &Hit) -> SurfacePoint {
+        let (part_index, triangle) = match self.placements[hit.instance as usize] {
+            Placement::Baked => {
+                let part = self.baked_parts[hit.triangle as usize];
+                (part, hit.triangle - self.parts[part as usize].first_triangle)
+            }
+            Placement::Part(part) => (part, hit.triangle),
+        };
+        self.point_on(part_index, triangle, hit.b1, hit.b2, hit.t)
+    }
+
+    fn point_on(&self, part_index: u32, triangle: u32, b1: f32, b2: f32, distance: f32) -> SurfacePoint {
+        let part = &self.parts[part_index as usize];
+        let corners = self.meshes[part.mesh as usize].corners(triangle as usize);
+        let (mut point, mut error) = hit_point(&corners, b1, b2);
+        let mut normal = geometric_normal(&corners);
+        if let Some(transform) = &part.transform {
+            (point, error) = transform.point_with_error(point, error);
+            normal = transform.normal(normal);
+        }
+        SurfacePoint { point, error, normal, distance, part: part_index, triangle, barycentrics: [1.0 - b1 - b2, b1, b2] }
+    }
+
+    /// Texture coordinates and vertex colour at a point.
+    #[inline]
+    pub(crate) fn texture_point(&self, p: &SurfacePoint) -> TexturePoint {
+        let mesh = &self.meshes[self.parts[p.part as usize].mesh as usize];
+        let vertices = mesh.triangles[p.triangle as usize].map(|i| i as usize);
+        let uvs = [0, 1].map(|set| {
+            let uv = &mesh.uvs[set];
+            if uv.is_empty() { Vec2::ZERO } else { mix(&p.barycentrics, vertices.map(|v| uv[v])) }
+        });
+        let color = if mesh.colors.is_empty() { Vec4::ONE } else { mix(&p.barycentrics, vertices.map(|v| mesh.colors[v])) };
+        TexturePoint { uvs, color }
+    }
+
+    /// The probability that light meets the surface at a point, in \[0, 1\].
+    #[inline]
+    pub fn coverage(&self, p: &SurfacePoint) -> f32 {
+        let material = self.parts[p.part as usize].material as usize;
+        if !self.compiled[material].has_coverage {
+            return 1.0;
+        }
+        surface::coverage(&self.materials[material], &self.images, &self.texture_point(p))
+    }
+
+    /// Radiance [W/(m^2 sr)] that the surface itself emits toward the unit direction `toward`.
+    #[inline]
+    pub fn emitted(&self, p: &SurfacePoint, toward: Vec3) -> Rgb {
+        let index = self.parts[p.part as usize].material as usize;
+        let material = &self.materials[index];
+        if !self.compiled[index].emits || (!(material.double_sided || material.unlit) && toward.dot(p.normal) <= 0.0) {
+            return Rgb::BLACK;
+        }
+        if material.emission_texture.is_none() && !material.unlit {
+            return material.emission;
+        }
+        surface::emission(material, &self.images, &self.texture_point(p))
+    }
+
+    /// Share of light that a segment lets through: 0 behind a surface that covers fully, else the product of what partly
+    /// covering surfaces leave open.
+    #[inline]
+    pub fn transmittance(&self, ray: &Ray) -> f32 {
+        if !self.has_coverage {
+            return f32::from(u8::from(!self.bvh.occluded(ray)));
+        }
+        self.transmittance_through_coverage(*ray)
+    }
+
+    fn transmittance_through_coverage(&self, mut ray: Ray) -> f32 {
+        let mut open = 1.0;
+        while let Some(p) = self.intersect(&ray) {
+            open *= 1.0 - self.coverage(&p);
+            if open <= 0.0 {
+                return 0.0;
+            }
+            let origin = p.leave(ray.direction);
+            let Some(rest) = remaining(&ray, p.distance) else { return open };
+            ray = Ray::with_end(origin, ray.direction, rest);
+        }
+        open
+    }
+
+    /// The shadow ray from a point on a surface to a light: both ends are moved off their surfaces.
+    #[inline]
+    pub fn shadow_ray(&self, from: &SurfacePoint, direction: Vec3, target: Option<&LightTarget>) -> Ray {
+        let origin = from.leave(direction);
+        match target {
+            None => Ray::new(origin, direction),
+            Some(t) => {
+                // The light's surface is planar; its points carry the rounding error of an interpolated point.
+                let error = t.point.abs() * (4.0 * f32::EPSILON);
+                let end = if t.normal == Vec3::ZERO {
+                    t.point
+                } else {
+                    offset_ray_origin(t.point, error, t.normal, -direction)
+                };
+                let way = end - origin;
+                let distance = way.length();
+                if distance > 0.0 {
+                    // A relative cut of two units of rounding keeps the end out; it is 1e-7 of the way, never a length.
+                    Ray::with_end(origin, way / distance, distance * (1.0 - 2.0 * f32::EPSILON))
+                } else {
+                    Ray::with_end(origin, direction, 0.0)
+                }
+            }
+        }
+    }
+}
+
+/// What is left of a ray's length after a distance; `None` if nothing.
+pub(crate) fn remaining(ray: &Ray, distance: f32) -> Option<f32> {
+    let rest = ray.t_max - distance;
+    (rest > 0.0).then_some(rest)
+}
+
+/// The barycentric mean of three values.
+#[inline]
+pub(crate) fn mix<T>(b: &[f32; 3], [v0, v1, v2]: [T; 3]) -> T
+where
+    T: std::ops::Mul<f32, Output = T> + std::ops::Add<Output = T>,
+{
+    v0 * b[0] + v1 * b[1] + v2 * b[2]
+}

@@ -1,0 +1,144 @@
+//! The compiled scene: what rays are traced against.
+
+use crate::builder::Camera;
+use crate::camera::{RayGenerator, framing_camera};
+use crate::light::LightTable;
+use crate::material::Material;
+use crate::surface::CompiledMaterial;
+use crate::texture::Image;
+use dunkelfeld_bvh::Bvh;
+use dunkelfeld_geometry::{DVec3, Mesh, Transform};
+
+/// A scene ready to be rendered. Immutable, shared between threads.
+///
+/// Coordinates are *render space*: world space moved so that the middle of the scene is the origin. A part a kilometre
+/// away from the world's origin is rendered as exactly as one that lies on it.
+#[derive(Debug)]
+pub struct Scene {
+    pub(crate) world_origin: DVec3,
+    pub(crate) bounds: Option<[DVec3; 2]>,
+    pub(crate) bvh: Bvh,
+    /// For each instance of the hierarchy: the part, or where the parts of the baked mesh are looked up.
+    pub(crate) placements: Vec<Placement>,
+    /// Part of each triangle of the baked mesh.
+    pub(crate) baked_parts: Vec<u32>,
+    pub(crate) parts: Vec<Part>,
+    pub(crate) meshes: Vec<Mesh>,
+    pub(crate) object_names: Vec<String>,
+    pub(crate) punctual_names: Vec<String>,
+    pub(crate) materials: Vec<Material>,
+    pub(crate) compiled: Vec<CompiledMaterial>,
+    pub(crate) images: Vec<Image>,
+    pub(crate) lights: LightTable,
+    pub(crate) cameras: Vec<Camera>,
+    pub(crate) radius: f32,
+    pub(crate) has_coverage: bool,
+}
+
+/// What an instance of the hierarchy stands for.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Placement {
+    /// The mesh that holds all parts that were moved to render space.
+    Baked,
+    /// One part under a transform.
+    Part(u32),
+}
+
+/// One mesh of one object, as shading sees it.
+#[derive(Debug)]
+pub(crate) struct Part {
+    pub(crate) mesh: u32,
+    pub(crate) material: u32,
+    pub(crate) object: u32,
+    /// Object to render space; `None` when the mesh is stored in render space.
+    pub(crate) transform: Option<Box<Transform>>,
+    /// Index of the part's first triangle in the baked mesh.
+    pub(crate) first_triangle: u32,
+    /// Light of each triangle; empty if nothing emits.
+    pub(crate) lights: Vec<u32>,
+}
+
+/// What a scene is made of, in numbers.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SceneSummary {
+    /// Triangles as placed: a mesh used n times counts n times.
+    pub placed_triangles: u64,
+    /// Triangles as stored.
+    pub stored_triangles: u64,
+    /// Objects (instances of the builder).
+    pub objects: usize,
+    /// Meshes that stay instanced rather than being moved to render space.
+    pub instanced_parts: usize,
+    /// Bytes held by geometry, the hierarchy and images.
+    pub memory_bytes: u64,
+    /// Lowest and highest corner in world space [m].
+    pub bounds: Option<[[f64; 3]; 2]>,
+}
+
+impl Scene {
+    /// The position in world space of render space's origin.
+    pub fn world_origin(&self) -> DVec3 {
+        self.world_origin
+    }
+
+    /// Corners of the bounding box in world space; `None` for an empty scene.
+    pub fn bounds(&self) -> Option<[DVec3; 2]> {
+        self.bounds
+    }
+
+    /// Radius of the bounding sphere [m].
+    pub fn radius(&self) -> f32 {
+        self.radius
+    }
+
+    /// The cameras that the scene came with.
+    pub fn cameras(&self) -> &[Camera] {
+        &self.cameras
+    }
+
+    /// The materials.
+    pub fn materials(&self) -> &[Material] {
+        &self.materials
+    }
+
+    /// Names of the objects, by object id.
+    pub fn object_names(&self) -> &[String] {
+        &self.object_names
+    }
+
+    /// The camera with the given name; the first one if no name is given; a framing of the whole scene if there is none.
+    ///
+    /// `None` if the name is unknown.
+    pub fn camera(&self, name: Option<&str>, aspect: f32) -> Option<Camera> {
+        match name {
+            Some(name) => self.cameras.iter().find(|c| c.name == name).cloned(),
+            None => Some(self.cameras.first().cloned().unwrap_or_else(|| framing_camera(self.bounds, aspect))),
+        }
+    }
+
+    /// Binds a camera to a film.
+    pub fn ray_generator(&self, camera: &Camera, width: u32, height: u32) -> RayGenerator {
+        RayGenerator::new(camera, width, height, self.world_origin)
+    }
+
+    /// The scene in numbers.
+    pub fn summary(&self) -> SceneSummary {
+        let mesh_bytes = |m: &Mesh| {
+            m.positions.len() * 12
+                + m.triangles.len() * 12
+                + m.normals.len() * 12
+                + (m.tangents.len() + m.colors.len()) * 16
+                + (m.uvs[0].len() + m.uvs[1].len()) * 8
+        };
+        let image_bytes: usize = self.images.iter().map(Image::bytes).sum();
+        let meshes: usize = self.meshes.iter().map(mesh_bytes).sum();
+        SceneSummary {
+            placed_triangles: self.parts.iter().map(|p| self.meshes[p.mesh as usize].triangles.len() as u64).sum(),
+            stored_triangles: self.meshes.iter().map(|m| m.triangles.len() as u64).sum(),
+            objects: self.object_names.len(),
+            instanced_parts: self.parts.iter().filter(|p| p.transform.is_some()).count(),
+            memory_bytes: (self.bvh.memory_bytes() + meshes + image_bytes + self.baked_parts.len() * 4) as u64,
+            bounds: self.bounds.map(|b| b.map(|v| v.to_array())),
+        }
+    }
+}

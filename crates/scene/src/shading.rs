@@ -1,0 +1,212 @@
+//! From a point on a surface to a frame and a BSDF.
+
+use crate::intersect::{SurfacePoint, mix};
+use crate::light::{LightReceiver, LightSample, NO_LIGHT};
+use crate::scene::Scene;
+use crate::surface;
+use dunkelfeld_bsdf::Bsdf;
+use dunkelfeld_geometry::{Frame, LocalDir, Vec2, Vec3};
+use dunkelfeld_radiometry::Rgb;
+
+/// Everything scattering needs to know about a point.
+#[derive(Clone, Copy, Debug)]
+pub struct ShadingPoint {
+    /// Shading frame: +z on the outside of solids, on the viewer's side of everything else.
+    pub frame: Frame,
+    /// How the surface scatters.
+    pub bsdf: Bsdf,
+    /// Index of the material.
+    pub material: u32,
+    /// Index of the object.
+    pub object: u32,
+    /// Is the surface the boundary of a solid that light can enter?
+    pub is_solid: bool,
+    /// The point as lights see it.
+    pub receiver: LightReceiver,
+}
+
+impl ShadingPoint {
+    /// Do two directions lie on the sides of the surface that the local frame says they do? Interpolated normals can
+    /// disagree with the surface; light must not leak through it.
+    #[inline]
+    pub fn consistent(&self, geometric_normal: Vec3, world: Vec3, local: LocalDir) -> bool {
+        let same = geometric_normal.dot(self.frame.normal) > 0.0;
+        let above = geometric_normal.dot(world) > 0.0;
+        (local.cos_theta() > 0.0) == (above == same)
+    }
+}
+
+impl Scene {
+    /// Frame and BSDF at a point seen from direction `wo` (unit, away from the surface). `u` in `[0, 1)` is used by
+    /// materials that are one of two things at random.
+    #[inline]
+    pub fn shade(&self, p: &SurfacePoint, wo: Vec3, u: f32) -> ShadingPoint {
+        let part = &self.parts[p.part as usize];
+        let material = &self.materials[part.material as usize];
+        let compiled = &self.compiled[part.material as usize];
+        let at = self.texture_point(p);
+        let mut frame = self.shading_frame(p, material, &at.uvs);
+        // A viewer above the surface but below the interpolated normal sees the surface itself.
+        if (frame.normal.dot(wo) > 0.0) != (p.normal.dot(wo) > 0.0) {
+            frame = Frame::from_normal_tangent(p.normal, frame.tangent);
+        }
+        let facing = if p.normal.dot(wo) < 0.0 { -p.normal } else { p.normal };
+        if !compiled.is_solid && frame.normal.dot(wo) < 0.0 {
+            frame = Frame { tangent: frame.tangent, bitangent: -frame.bitangent, normal: -frame.normal };
+        }
+        let bsdf = compiled.bsdf(material, &self.images, &at, u);
+        if material.anisotropy != 0.0 {
+            let (_, rotation) = surface::anisotropy(material, &self.images, &at);
+            let (sin, cos) = rotation.sin_cos();
+            let tangent = frame.tangent * cos + frame.bitangent * sin;
+            frame = Frame { tangent, bitangent: frame.normal.cross(tangent), normal: frame.normal };
+        }
+        let receiver = LightReceiver { point: p.point, normal: facing, both_sides: compiled.both_sides };
+        ShadingPoint { frame, bsdf, material: part.material, object: part.object, is_solid: compiled.is_solid, receiver }
+    }
+
+    /// Interpolated normal and tangent, with the normal map; the geometric normal where a mesh has none or they vanish.
+    /// The normal lies on the side of the geometric one.
+    fn shading_frame(&self, p: &SurfacePoint, material: &crate::Material, uvs: &[Vec2; 2]) -> Frame {
+        let part = &self.parts[p.part as usize];
+        let mesh = &self.meshes[part.mesh as usize];
+        let vertices = mesh.triangles[p.triangle as usize].map(|i| i as usize);
+        let to_render_normal = |n: Vec3| part.transform.as_ref().map_or(n, |t| t.normal(n));
+        let to_render_vector = |v: Vec3| part.transform.as_ref().map_or(v, |t| t.vector(v));
+
+        let mut normal = p.normal;
+        if !mesh.normals.is_empty() {
+            let n = to_render_normal(mix(&p.barycentrics, vertices.map(|v| mesh.normals[v])));
+            if let Some(n) = n.try_normalize() {
+                normal = if n.dot(p.normal) < 0.0 { -n } else { n };
+            }
+        }
+        let needs_tangent = material.normal_texture.is_some() || material.anisotropy != 0.0;
+        if !needs_tangent {
+            return Frame::from_normal(normal);
+        }
+        let (tangent, handedness) = if mesh.tangents.is_empty() {
+            (to_render_vector(uv_tangent(&mesh.corners(p.triangle as usize), vertices, &mesh.uvs[0])), 1.0)
+        } else {
+            let t = mix(&p.barycentrics, vertices.map(|v| mesh.tangents[v].truncate()));
+            (to_render_vector(t), mesh.tangents[vertices[0]].w)
+        };
+        let frame = Frame::from_normal_tangent(normal, tangent);
+        let Some(texture) = &material.normal_texture else { return frame };
+        let [x, y, z, _] = texture.eval(&self.images, uvs[usize::from(texture.uv_set & 1)]);
+        let map = Vec3::new((2.0 * x - 1.0) * material.normal_scale, (2.0 * y - 1.0) * material.normal_scale, 2.0 * z - 1.0);
+        // The bitangent of a mirrored instance keeps the handedness of its own space.
+        let mirrored = part.transform.as_ref().is_some_and(|t| t.swaps_handedness());
+        let bitangent = frame.bitangent * if mirrored { -handedness } else { handedness };
+        let bent = frame.tangent * map.x + bitangent * map.y + frame.normal * map.z;
+        match bent.try_normalize() {
+            Some(n) if n.dot(p.normal) > 0.0 => Frame::from_normal_tangent(n, frame.tangent),
+            _ => frame,
+        }
+    }
+
+    /// Absorption coefficient [1/m] inside the solid of a material.
+    #[inline]
+    pub fn absorption(&self, material: u32) -> Rgb {
+        self.compiled[material as usize].absorption
+    }
+
+    /// Object and material of a point, as indices.
+    pub fn ids(&self, p: &SurfacePoint) -> (u32, u32) {
+        let part = &self.parts[p.part as usize];
+        (part.object, part.material)
+    }
+
+    /// Chooses a light and a direction toward it, with the radiance that arrives if nothing is in the way.
+    #[inline]
+    pub fn sample_light(&self, receiver: &LightReceiver, u_choice: f32, u: [f32; 2]) -> Option<LightSample> {
+        let mut sample = self.lights.sample(receiver, u_choice, u)?;
+        if let Some((target, (part, triangle))) = sample.target.and_then(|t| t.surface.map(|s| (t, s))) {
+            let material = self.parts[part as usize].material as usize;
+            if self.materials[material].emission_texture.is_some()
+                || self.materials[material].unlit
+                || self.compiled[material].has_coverage
+            {
+                let p = self.locate(part, triangle, target.point);
+                sample.radiance = self.emitted(&p, -sample.direction) * self.coverage(&p);
+            }
+        }
+        Some(sample)
+    }
+
+    /// The surface point of a light at a position: on the given triangle or, if that does not contain it, on the other
+    /// triangle of the light's rectangle.
+    fn locate(&self, part_index: u32, triangle: u32, point: Vec3) -> SurfacePoint {
+        let part = &self.parts[part_index as usize];
+        let mesh = &self.meshes[part.mesh as usize];
+        let to_render = |p: Vec3| part.transform.as_ref().map_or(p, |t| t.point(p));
+        let light = part.lights.get(triangle as usize).copied().unwrap_or(NO_LIGHT);
+        let candidates = match self.lights.lights.get(light as usize) {
+            Some(crate::light::Light::Area(a)) => a.triangles,
+            _ => [triangle, u32::MAX],
+        };
+        let inside = |t: u32| {
+            let b = barycentrics(mesh.corners(t as usize).map(to_render), point);
+            (b[0].min(b[1]).min(b[2]), b, t)
+        };
+        let mut best = inside(candidates[0]);
+        if candidates[1] != u32::MAX {
+            let other = inside(candidates[1]);
+            if other.0 > best.0 {
+                best = other;
+            }
+        }
+        let (_, b, t) = best;
+        let normal = to_render_normal_of(part, mesh, t);
+        SurfacePoint { point, error: Vec3::ZERO, normal, distance: 0.0, part: part_index, triangle: t, barycentrics: b }
+    }
+
+    /// The density [1/sr] with which [`Self::sample_light`] would have found a point on a surface; 0 if it does not emit.
+    #[inline]
+    pub fn light_pdf(&self, receiver: &LightReceiver, p: &SurfacePoint) -> f32 {
+        match self.parts[p.part as usize].lights.get(p.triangle as usize) {
+            Some(&light) if light != NO_LIGHT => self.lights.pdf_area(receiver, light, p.point),
+            _ => 0.0,
+        }
+    }
+
+    /// Radiance [W/(m^2 sr)] from infinitely far away, along a direction.
+    #[inline]
+    pub fn environment_radiance(&self, direction: Vec3) -> Rgb {
+        self.lights.environment.as_ref().map_or(Rgb::BLACK, |e| e.radiance(direction))
+    }
+
+    /// The density [1/sr] with which [`Self::sample_light`] would have chosen the environment in a direction.
+    #[inline]
+    pub fn environment_pdf(&self, receiver: &LightReceiver, direction: Vec3) -> f32 {
+        self.lights.pdf_environment(receiver, direction)
+    }
+}
+
+fn to_render_normal_of(part: &crate::scene::Part, mesh: &dunkelfeld_geometry::Mesh, triangle: u32) -> Vec3 {
+    let n = dunkelfeld_geometry::geometric_normal(&mesh.corners(triangle as usize));
+    part.transform.as_ref().map_or(n, |t| t.normal(n))
+}
+
+/// Barycentric coordinates of a point in (or near) a triangle's plane, by projected areas in f64.
+fn barycentrics(corners: [Vec3; 3], point: Vec3) -> [f32; 3] {
+    let [a, b, c] = corners.map(|v| v.as_dvec3());
+    let p = point.as_dvec3();
+    let n = (b - a).cross(c - a);
+    let inverse = 1.0 / n.length_squared();
+    let b1 = (c - a).cross(a - p).dot(n) * inverse;
+    let b2 = (a - p).cross(b - a).dot(n) * inverse;
+    [(1.0 - b1 - b2) as f32, b1 as f32, b2 as f32]
+}
+
+/// The direction in which u grows, from the texture coordinates of a triangle; zero if they are degenerate or missing.
+fn uv_tangent(corners: &[Vec3; 3], vertices: [usize; 3], uvs: &[Vec2]) -> Vec3 {
+    if uvs.is_empty() {
+        return Vec3::ZERO;
+    }
+    let [t0, t1, t2] = vertices.map(|v| uvs[v]);
+    let (e1, e2) = (corners[1] - corners[0], corners[2] - corners[0]);
+    let (d1, d2) = (t1 - t0, t2 - t0);
+    let determinant = d1.x * d2.y - d2.x * d1.y;
+    (e1 * d2.y - e2 * d1.y) * determinant.signum()
+}

@@ -1,0 +1,218 @@
+//! From a material and a place on a mesh to the numbers of a BSDF.
+//!
+//! | material | BSDF |
+//! |---|---|
+//! | `unlit` | absorber that emits its base colour |
+//! | `transmission` 1, metallic 0, solid | dielectric, smooth where roughness is 0 |
+//! | `transmission` 1, metallic 0, thin | thin sheet, tinted by the base colour |
+//! | `transmission` t, solid | principled with `spec_trans` = t |
+//! | `transmission` t, thin | thin sheet with probability t (1 - metallic), else principled |
+//! | everything else | principled |
+
+use crate::material::{AlphaMode, ChannelTexture, Material, Surface};
+use crate::texture::{Image, Texture};
+use dunkelfeld_bsdf::{Bsdf, Dielectric, Principled, PrincipledParams, ThinSheet};
+use dunkelfeld_geometry::{Vec2, Vec4};
+use dunkelfeld_radiometry::Rgb;
+
+/// Below this perceptual roughness (GGX alpha 1e-4) a clear interface counts as smooth.
+const SMOOTH_ROUGHNESS: f32 = 0.01;
+
+/// What a material needs to know about a place on a mesh.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct TexturePoint {
+    pub(crate) uvs: [Vec2; 2],
+    pub(crate) color: Vec4,
+}
+
+/// A material with everything worked out that does not depend on the place.
+#[derive(Clone, Debug)]
+pub(crate) struct CompiledMaterial {
+    /// The BSDF of a material that is the same everywhere.
+    constant: Option<Constant>,
+    /// Absorption coefficient of the solid [1/m], zero if it is none.
+    pub(crate) absorption: Rgb,
+    /// Does light cross the surface into or out of a solid?
+    pub(crate) is_solid: bool,
+    /// Is light from behind scattered to the front (anything that transmits)?
+    pub(crate) both_sides: bool,
+    /// Does coverage have to be asked for?
+    pub(crate) has_coverage: bool,
+    pub(crate) emits: bool,
+}
+
+#[derive(Clone, Copy, Debug)]
+enum Constant {
+    One(Bsdf),
+    /// The first with the given probability, else the second.
+    Either(f32, Bsdf, Bsdf),
+}
+
+impl CompiledMaterial {
+    pub(crate) fn new(m: &Material) -> Self {
+        let is_solid = matches!(m.surface, Surface::Solid(_)) && m.transmission > 0.0 && m.metallic < 1.0;
+        let absorption = match m.surface {
+            Surface::Solid(v) if is_solid && v.attenuation_distance.is_finite() && v.attenuation_distance > 0.0 => {
+                // Beer and Lambert: what is left after the distance is the colour; black means at least e^-90 of it.
+                v.attenuation_color.map(|c| -c.clamp(1e-39, 1.0).ln() / v.attenuation_distance)
+            }
+            _ => Rgb::BLACK,
+        };
+        let textured = [m.base_color_texture, m.specular_color_texture, m.sheen_color_texture, m.anisotropy_texture]
+            .iter()
+            .any(Option::is_some)
+            || [
+                m.metallic_texture,
+                m.roughness_texture,
+                m.specular_texture,
+                m.transmission_texture,
+                m.clearcoat_texture,
+                m.clearcoat_roughness_texture,
+            ]
+            .iter()
+            .any(Option::is_some);
+        let has_coverage = match m.alpha_mode {
+            AlphaMode::Opaque => false,
+            AlphaMode::Mask { .. } | AlphaMode::Blend => true,
+        };
+        let emits = m.unlit || !m.emission.is_black();
+        let plain = TexturePoint { uvs: [Vec2::ZERO; 2], color: Vec4::ONE };
+        let constant = (!textured).then(|| scatter(m, &[], &plain));
+        let both_sides = m.transmission > 0.0 && m.metallic < 1.0;
+        Self { constant, absorption, is_solid, both_sides, has_coverage, emits }
+    }
+
+    /// The BSDF at a place. `u` in `[0, 1)` chooses between the two of a partly transmitting thin sheet.
+    #[inline]
+    pub(crate) fn bsdf(&self, m: &Material, images: &[Image], at: &TexturePoint, u: f32) -> Bsdf {
+        let found = match &self.constant {
+            Some(constant) if at.color == Vec4::ONE => *constant,
+            _ => scatter(m, images, at),
+        };
+        match found {
+            Constant::One(b) => b,
+            Constant::Either(p, a, b) => if u < p { a } else { b },
+        }
+    }
+}
+
+/// `factor * texture`, one channel.
+#[inline]
+fn channel(factor: f32, texture: &Option<ChannelTexture>, images: &[Image], at: &TexturePoint) -> f32 {
+    match texture {
+        None => factor,
+        Some(t) => factor * t.texture.eval(images, at.uvs[usize::from(t.texture.uv_set & 1)])[usize::from(t.channel & 3)],
+    }
+}
+
+/// `factor * texture`, colour.
+#[inline]
+fn color(factor: Rgb, texture: &Option<Texture>, images: &[Image], at: &TexturePoint) -> Rgb {
+    match texture {
+        None => factor,
+        Some(t) => {
+            let [r, g, b, _] = t.eval(images, at.uvs[usize::from(t.uv_set & 1)]);
+            factor * Rgb::new(r, g, b)
+        }
+    }
+}
+
+/// Base colour at a place.
+#[inline]
+fn base_color(m: &Material, images: &[Image], at: &TexturePoint) -> Rgb {
+    color(m.base_color, &m.base_color_texture, images, at) * Rgb::new(at.color.x, at.color.y, at.color.z)
+}
+
+/// The probability that light meets the surface at a place.
+pub(crate) fn coverage(m: &Material, images: &[Image], at: &TexturePoint) -> f32 {
+    let mut alpha = channel(m.alpha, &m.alpha_texture, images, at) * at.color.w;
+    if let Some(t) = &m.base_color_texture {
+        alpha *= t.eval(images, at.uvs[usize::from(t.uv_set & 1)])[3];
+    }
+    match m.alpha_mode {
+        AlphaMode::Opaque => 1.0,
+        AlphaMode::Mask { cutoff } => f32::from(u8::from(alpha >= cutoff)),
+        AlphaMode::Blend => alpha.clamp(0.0, 1.0),
+    }
+}
+
+/// Emitted radiance [W/(m^2 sr)] of the emitting side at a place.
+pub(crate) fn emission(m: &Material, images: &[Image], at: &TexturePoint) -> Rgb {
+    let emitted = color(m.emission, &m.emission_texture, images, at);
+    if m.unlit { emitted + base_color(m, images, at) } else { emitted }
+}
+
+/// Mean emitted radiance over all places, for choosing lights.
+pub(crate) fn mean_emission(m: &Material, images: &[Image]) -> Rgb {
+    let mean = |t: &Option<Texture>| match t {
+        None => Rgb::WHITE,
+        Some(t) => {
+            let [r, g, b, _] = images[t.image.0 as usize].mean(t.encoding);
+            Rgb::new(r, g, b)
+        }
+    };
+    let emitted = m.emission * mean(&m.emission_texture);
+    if m.unlit { emitted + m.base_color * mean(&m.base_color_texture) } else { emitted }
+}
+
+fn scatter(m: &Material, images: &[Image], at: &TexturePoint) -> Constant {
+    if m.unlit {
+        return Constant::One(Bsdf::Absorber);
+    }
+    let base = base_color(m, images, at);
+    let metallic = channel(m.metallic, &m.metallic_texture, images, at).clamp(0.0, 1.0);
+    let roughness = channel(m.roughness, &m.roughness_texture, images, at).clamp(0.0, 1.0);
+    let transmission = channel(m.transmission, &m.transmission_texture, images, at).clamp(0.0, 1.0);
+    let specular = channel(m.specular, &m.specular_texture, images, at);
+    let specular_color = color(m.specular_color, &m.specular_color_texture, images, at);
+    let clear = transmission * (1.0 - metallic);
+    let alpha = if roughness < SMOOTH_ROUGHNESS { 0.0 } else { roughness * roughness };
+    let solid = matches!(m.surface, Surface::Solid(_));
+    if solid && clear >= 1.0 {
+        return Constant::One(Bsdf::Dielectric(Dielectric::new(m.ior, alpha, Rgb::WHITE, base)));
+    }
+    let sheen_color = color(m.sheen_color, &m.sheen_color_texture, images, at);
+    let sheen = sheen_color.max_channel();
+    let clearcoat = channel(m.clearcoat, &m.clearcoat_texture, images, at);
+    let coat_roughness = channel(m.clearcoat_roughness, &m.clearcoat_roughness_texture, images, at);
+    let principled = |spec_trans: f32| {
+        Bsdf::Principled(Principled::new(&PrincipledParams {
+            base_color: base,
+            metallic,
+            roughness,
+            anisotropic: anisotropy(m, images, at).0,
+            eta: m.ior,
+            specular_factor: specular,
+            specular_color,
+            spec_tint: m.specular_tint,
+            spec_trans,
+            sheen,
+            sheen_tint: 0.0,
+            // Burley's coat of strength 1 reflects a quarter of a lacquer of index 1.5, which is what glTF means by 1.
+            clearcoat: 4.0 * clearcoat,
+            // Burley's coat has GGX-like alpha from 0.1 (satin) to 0.001 (gloss).
+            clearcoat_gloss: ((0.1 - coat_roughness * coat_roughness) / 0.099).clamp(0.0, 1.0),
+        }))
+    };
+    if solid {
+        return Constant::One(principled(transmission));
+    }
+    if clear <= 0.0 {
+        return Constant::One(principled(0.0));
+    }
+    let sheet = Bsdf::ThinSheet(ThinSheet::new(m.ior, alpha, specular_color * specular.min(1.0), base));
+    if clear >= 1.0 { Constant::One(sheet) } else { Constant::Either(clear, sheet, principled(0.0)) }
+}
+
+/// Strength of the anisotropy and the rotation of its axis from the tangent [rad] (KHR_materials_anisotropy: the texture's
+/// red and green are a direction, blue scales the strength).
+pub(crate) fn anisotropy(m: &Material, images: &[Image], at: &TexturePoint) -> (f32, f32) {
+    match &m.anisotropy_texture {
+        None => (m.anisotropy, m.anisotropy_rotation),
+        Some(t) => {
+            let [r, g, b, _] = t.eval(images, at.uvs[usize::from(t.uv_set & 1)]);
+            let (x, y) = (2.0 * r - 1.0, 2.0 * g - 1.0);
+            (m.anisotropy * b, m.anisotropy_rotation + if x == 0.0 && y == 0.0 { 0.0 } else { y.atan2(x) })
+        }
+    }
+}
