@@ -1,0 +1,6 @@
+//! Tests of the glTF import, on assets that are built in the tests themselves.
+
+mod hostile;
+mod materials;
+mod meshes;
+mod support;
