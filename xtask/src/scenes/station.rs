@@ -195,7 +195,7 @@ fn add_mount(document: &mut Document, root: usize, stock: &Stock) {
 /// A camera on a beam, looking down a little from the front; the pinhole sits just before the lens barrel.
 fn add_camera(document: &mut Document, root: usize, stock: &Stock) {
     let (distance, tilt) = (0.39, 5.0_f64.to_radians());
-    let beam = Node::new("camera-beam").at(0.0, HEAD - 3.2 * PROFILE, 92.0 * MM);
+    let beam = Node::new("camera-beam").at(0.0, distance + 56.0 * MM, 66.0 * MM);
     document.node(Some(root), beam.with(stock.beam));
     let assembly = Node::new("camera-assembly")
         .at(0.0, distance * tilt.cos(), distance * tilt.sin())
