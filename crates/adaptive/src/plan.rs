@@ -52,9 +52,9 @@ pub fn next_round(current: &SamplePlan, weights: &Plane<f32>, target_total: u64)
     if target_total <= taken || current.data().is_empty() {
         return current.clone();
     }
-    let weights = usable_weights(weights);
+    let weights = Weights::new(weights);
     let level = water_level(current.data(), &weights, target_total);
-    let share = |i: usize| (level * weights[i]).min(f64::from(MAX_SPP)).max(f64::from(current.data()[i]));
+    let share = |i: usize| (level * weights.at(i)).min(f64::from(MAX_SPP)).max(f64::from(current.data()[i]));
     let mut plan = round_shares(current, share, target_total);
     hand_out_rest(&mut plan, current, &weights, target_total);
     plan
@@ -71,21 +71,39 @@ pub fn increment(current: &SamplePlan, plan: &SamplePlan) -> Plane<u32> {
     more
 }
 
-fn usable_weights(weights: &Plane<f32>) -> Vec<f64> {
-    let usable = |&w: &f32| if w > 0.0 && w.is_finite() { f64::from(w) } else { 0.0 };
-    let result: Vec<f64> = weights.data().iter().map(usable).collect();
-    if result.iter().any(|&w| w > 0.0) { result } else { vec![1.0; result.len()] }
+/// Weights as they may be used: none negative, none without a value, not all zero.
+struct Weights<'a> {
+    given: &'a [f32],
+    /// Nobody has a claim, so everybody has the same.
+    equal: bool,
+}
+
+impl<'a> Weights<'a> {
+    fn new(weights: &'a Plane<f32>) -> Self {
+        let given = weights.data();
+        Self { given, equal: !given.iter().any(|&w| w > 0.0 && w.is_finite()) }
+    }
+
+    #[inline]
+    fn at(&self, i: usize) -> f64 {
+        match self.given[i] {
+            _ if self.equal => 1.0,
+            w if w > 0.0 && w.is_finite() => f64::from(w),
+            _ => 0.0,
+        }
+    }
 }
 
 /// The level L for which `sum max(current_i, L w_i) = total`.
 ///
 /// Starts with every pixel under water and takes out those that rise above it. Each pass lowers the level, so a pixel
 /// once out stays out, and the loop ends when a pass takes out none.
-fn water_level(current: &[u32], weights: &[f64], total: u64) -> f64 {
+fn water_level(current: &[u32], weights: &Weights<'_>, total: u64) -> f64 {
     let mut level = f64::INFINITY;
     loop {
         let (mut dry, mut weight) = (0u64, 0.0);
-        for (&c, &w) in current.iter().zip(weights) {
+        for (i, &c) in current.iter().enumerate() {
+            let w = weights.at(i);
             // A zero weight is always dry; `inf * 0` is NaN, and NaN is not greater either.
             if level * w > f64::from(c) {
                 weight += w;
@@ -115,35 +133,36 @@ fn round_shares(current: &SamplePlan, share: impl Fn(usize) -> f64, seed: u64) -
             if wanted <= f64::from(least) {
                 continue;
             }
-            let quantum = if wanted >= COARSE_FROM { BATCHES as f64 } else { 1.0 };
-            let floor = (wanted / quantum).floor() * quantum;
-            let (low, high) = (floor.max(f64::from(least)), floor + quantum);
-            if wanted == low {
-                samples[i] = low as u32; // Nothing to round: flat plans stay flat.
+            let quantum = if wanted >= COARSE_FROM { BATCHES as u32 } else { 1 };
+            let floor = wanted as u32 / quantum * quantum;
+            let (low, high) = (floor.max(least), floor + quantum);
+            if wanted == f64::from(low) {
+                samples[i] = low; // Nothing to round: flat plans stay flat.
                 continue;
             }
             // The walk starts at a random phase, or the first pixels would always come off worst.
-            let due = wanted + carry.unwrap_or_else(|| (hashed_unit(seed, u64::MAX) - 0.5) * quantum);
+            let due = wanted + carry.unwrap_or_else(|| (hashed_unit(seed, u64::MAX) - 0.5) * f64::from(quantum));
             // With any threshold in [0, 1) the carry stays within a quantum on either side.
-            let chosen = if (due - low) / (high - low) > hashed_unit(seed, i as u64) { high } else { low };
-            carry = Some(due - chosen);
-            samples[i] = chosen.min(f64::from(MAX_SPP)) as u32;
+            let threshold = f64::from(low) + f64::from(high - low) * hashed_unit(seed, i as u64);
+            let chosen = if due > threshold { high } else { low };
+            carry = Some(due - f64::from(chosen));
+            samples[i] = chosen.min(MAX_SPP);
         }
     }
     plan
 }
 
 /// Adds or takes back the last few samples, so that the total is exact; starts at a hashed pixel.
-fn hand_out_rest(plan: &mut SamplePlan, current: &SamplePlan, weights: &[f64], target_total: u64) {
+fn hand_out_rest(plan: &mut SamplePlan, current: &SamplePlan, weights: &Weights<'_>, target_total: u64) {
     let mut sum = total(plan);
-    let pixels = weights.len();
+    let pixels = plan.data().len();
     let start = (mix(target_total) % pixels as u64) as usize;
     let samples = plan.data_mut();
     while sum != target_total {
         let before = sum;
         for step in 0..pixels {
             let i = (start + step) % pixels;
-            if sum < target_total && weights[i] > 0.0 && samples[i] < MAX_SPP {
+            if sum < target_total && weights.at(i) > 0.0 && samples[i] < MAX_SPP {
                 // More than a pixel's due only when there are more samples than pixels to give them to.
                 let gift = ((target_total - sum) / pixels as u64).clamp(1, u64::from(MAX_SPP - samples[i]));
                 samples[i] += gift as u32;

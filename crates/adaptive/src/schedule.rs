@@ -25,7 +25,8 @@ pub const TIME_SHARE: f64 = 0.3;
 const CAUTION: f64 = 1.0 / 64.0;
 /// Samples in the very first round under a time limit, when nothing is known of their cost.
 const PROBE: u64 = 256;
-/// A round has at most so many times the samples taken before: an estimate from few samples is not trusted with many.
+/// A round has at most so many times the samples taken before (unless it would be shorter than the pause between rounds):
+/// an estimate from few samples is not trusted with many.
 const GROWTH: u64 = 3;
 /// The pilot's share of the affordable samples: what it should have, and what it may have.
 const PILOT_SHARE: (f64, f64) = (0.08, 0.25);
@@ -169,7 +170,8 @@ impl Schedule {
         let Some((smooth, last)) = self.pace else {
             return self.hand_out(PROBE.min(self.settings.pixels).min(wanted).max(1), false);
         };
-        let affordable = (left - self.overhead).max(0.0) / (smooth.max(last) * positive_or_one(work_per_sample));
+        let per_sample = smooth.max(last) * positive_or_one(work_per_sample);
+        let affordable = (left - self.overhead).max(0.0) / per_sample;
         let all = (self.taken as f64 + affordable).min(wanted as f64);
         let replan = self.advance(left, all);
         let goal = match self.phase {
@@ -182,7 +184,9 @@ impl Schedule {
             Phase::Refine(_) => wanted,
         };
         self.caution = if replan { CAUTION } else { (4.0 * self.caution).min(1.0) };
-        let most = ((self.caution * TIME_SHARE * affordable) as u64).min(self.taken.saturating_mul(GROWTH));
+        // Rounds shorter than what passes between them would not get anywhere.
+        let grown = self.taken.saturating_mul(GROWTH).max((self.overhead / per_sample) as u64);
+        let most = ((self.caution * TIME_SHARE * affordable) as u64).min(grown);
         let samples = goal.saturating_sub(self.taken).min(most).min(wanted - self.taken).max(1);
         self.hand_out(samples, replan)
     }
