@@ -117,8 +117,11 @@ def render_ours(dunkelfeld: Path | None, job: Path, store: Path, spp: int) -> Re
         subprocess.run(
             [dunkelfeld, "render", job, *rules, "--exr", store, "-o", picture], check=True
         )
-    layers = {name: np.array(layer, dtype=np.float64) for name, layer in mi.Bitmap(str(store)).split()}
-    return Result(layers["root"][..., :3], layers["variance"][..., :3])
+    bitmap = mi.Bitmap(str(store))
+    pixels = np.array(bitmap, dtype=np.float64)
+    column = {field.name: k for k, field in enumerate(bitmap.struct_())}
+    mean = pixels[..., [column[c] for c in ("R", "G", "B")]]
+    return Result(mean, pixels[..., [column[f"variance.{c}"] for c in "RGB"]])
 
 
 def table(scene: str, ours: Result, theirs: Result, camera: mitsuba_scene.Camera) -> tuple[str, int]:
