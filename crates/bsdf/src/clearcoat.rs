@@ -2,7 +2,8 @@
 
 use crate::fresnel::schlick_weight;
 use dunkelfeld_geometry::{LocalDir, Vec3};
-use std::f32::consts::{PI, TAU};
+use dunkelfeld_sampling::warp::sin_cos_turn;
+use std::f32::consts::PI;
 
 /// Share of the coat at full strength: Burley's constant 1/4.
 pub const STRENGTH: f32 = 0.25;
@@ -45,7 +46,7 @@ pub fn sample_half_vector([u0, u1]: [f32; 2], alpha: f32) -> Vec3 {
     let a2 = alpha * alpha;
     let cos2 = ((1.0 - a2.powf(1.0 - u0)) / (1.0 - a2)).clamp(0.0, 1.0);
     let (sin, cos) = ((1.0 - cos2).sqrt(), cos2.sqrt());
-    let (s, c) = (TAU * u1).sin_cos();
+    let (s, c) = sin_cos_turn(u1);
     Vec3::new(sin * c, sin * s, cos)
 }
 

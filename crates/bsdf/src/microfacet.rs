@@ -3,13 +3,16 @@
 //! All directions are taken above the surface (z > 0); a caller that looks from below mirrors them first.
 
 use dunkelfeld_geometry::{LocalDir, Vec3};
-use std::f32::consts::{FRAC_1_PI, TAU};
+use dunkelfeld_sampling::warp::sin_cos_turn;
+use std::f32::consts::FRAC_1_PI;
 
 /// The anisotropic GGX distribution with Smith masking (Trowbridge and Reitz 1975; Walter et al. 2007; Heitz 2014).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Ggx {
     alpha_x: f32,
     alpha_y: f32,
+    inverse_x: f32,
+    inverse_y: f32,
 }
 
 impl Ggx {
@@ -18,15 +21,16 @@ impl Ggx {
     #[inline]
     pub fn new(alpha_x: f32, alpha_y: f32) -> Self {
         // `max` also turns NaN into the bound.
-        Self { alpha_x: alpha_x.max(1e-4), alpha_y: alpha_y.max(1e-4) }
+        let (alpha_x, alpha_y) = (alpha_x.max(1e-4), alpha_y.max(1e-4));
+        Self { alpha_x, alpha_y, inverse_x: 1.0 / alpha_x, inverse_y: 1.0 / alpha_y }
     }
 
     /// Density of microfacet normals per unit solid angle and unit of macroscopic area [1/sr].
     #[inline]
     pub fn distribution(&self, m: Vec3) -> f32 {
-        let (x, y) = (m.x / self.alpha_x, m.y / self.alpha_y);
+        let (x, y) = (m.x * self.inverse_x, m.y * self.inverse_y);
         let e = x * x + y * y + m.z * m.z;
-        FRAC_1_PI / (self.alpha_x * self.alpha_y * e * e)
+        FRAC_1_PI * self.inverse_x * self.inverse_y / (e * e)
     }
 
     /// `sqrt((ax x)^2 + (ay y)^2 + z^2)`: the length of a direction in the space where the microsurface is a hemisphere.
@@ -85,7 +89,7 @@ impl Ggx {
         let lower = bound * w.z;
         let z = (1.0 - u1) * (1.0 + lower) - lower;
         let sin = ((1.0 - z) * (1.0 + z)).max(0.0).sqrt();
-        let (s, c) = (TAU * u0).sin_cos();
+        let (s, c) = sin_cos_turn(u0);
         // The cap reaches below the horizon, but its sum with w does not.
         let h = Vec3::new(sin * c + w.x, sin * s + w.y, (z + w.z).max(0.0));
         Vec3::new(h.x * self.alpha_x, h.y * self.alpha_y, h.z).try_normalize().unwrap_or(Vec3::Z)

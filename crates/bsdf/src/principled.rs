@@ -169,7 +169,10 @@ impl Principled {
     #[inline]
     pub fn eval_pdf(&self, wo: LocalDir, wi: LocalDir) -> (Rgb, f32) {
         if wo.0.z > 0.0 && wi.0.z > 0.0 {
-            self.reflect_above(wo, wi)
+            match self.choose(wo) {
+                Some(choice) => self.reflect_above(wo, wi, choice),
+                None => (Rgb::BLACK, 0.0),
+            }
         } else if self.refracting > 0.0 && wo.0.z != 0.0 && wi.0.z != 0.0 {
             if wo.same_side(wi) { self.reflect_inside(wo, wi) } else { self.refract_through(wo, wi) }
         } else {
@@ -202,7 +205,7 @@ impl Principled {
         if wi.0.z <= 0.0 {
             return None;
         }
-        let (value, pdf) = self.reflect_above(wo, wi);
+        let (value, pdf) = self.reflect_above(wo, wi, choice);
         finite_sample(wi, value, pdf, lobe, 1.0)
     }
 
@@ -217,10 +220,8 @@ impl Principled {
 
     /// Both directions above the surface: all reflective lobes, each only if the surface has it.
     #[inline]
-    fn reflect_above(&self, wo: LocalDir, wi: LocalDir) -> (Rgb, f32) {
-        let none = (Rgb::BLACK, 0.0);
-        let Some(choice) = self.choose(wo) else { return none };
-        let Some(m) = (wo.0 + wi.0).try_normalize() else { return none };
+    fn reflect_above(&self, wo: LocalDir, wi: LocalDir, choice: Choice) -> (Rgb, f32) {
+        let Some(m) = (wo.0 + wi.0).try_normalize() else { return (Rgb::BLACK, 0.0) };
         let cos_d = wo.0.dot(m).clamp(1e-6, 1.0);
 
         let f = fresnel::dielectric(cos_d, self.eta);

@@ -5,7 +5,7 @@
 //! back the uniform numbers up to rounding.
 
 use glam::{Vec2, Vec3};
-use std::f32::consts::{FRAC_1_PI, FRAC_PI_2, FRAC_PI_4, PI, TAU};
+use std::f32::consts::{FRAC_1_PI, FRAC_PI_4, PI, TAU};
 
 /// Unit square to unit disk, concentric (Shirley and Chiu 1997): keeps strata compact.
 #[inline]
@@ -14,8 +14,8 @@ pub fn sample_disk([u0, u1]: [f32; 2]) -> Vec2 {
     if a == 0.0 && b == 0.0 {
         return Vec2::ZERO;
     }
-    let (r, phi) = if a.abs() > b.abs() { (a, FRAC_PI_4 * (b / a)) } else { (b, FRAC_PI_2 - FRAC_PI_4 * (a / b)) };
-    let (sin, cos) = phi.sin_cos();
+    let (r, turn) = if a.abs() > b.abs() { (a, 0.125 * (b / a)) } else { (b, 0.25 - 0.125 * (a / b)) };
+    let (sin, cos) = sin_cos_turn(turn);
     Vec2::new(r * cos, r * sin)
 }
 
@@ -164,8 +164,22 @@ fn polygon_coordinates(p: Vec2, n: f32, rotation: f32) -> (f32, f32, f32) {
 /// The direction with cosine `cos` and sine `sin` to +z at azimuth `2 pi u`.
 #[inline]
 fn around_z(cos: f32, sin: f32, u: f32) -> Vec3 {
-    let (s, c) = (TAU * u).sin_cos();
+    let (s, c) = sin_cos_turn(u);
     Vec3::new(sin * c, sin * s, cos)
+}
+
+/// Sine and cosine of a fraction of a turn, `|turn| <= 2`, to 1.2e-7: several times faster than via radians, because the
+/// reduction to an eighth of a turn is exact.
+#[inline]
+pub fn sin_cos_turn(turn: f32) -> (f32, f32) {
+    let quarter = (4.0 * turn + 8.5) as i32 - 8;
+    let x = (turn - 0.25 * quarter as f32) * TAU;
+    let x2 = x * x;
+    // Taylor series to x^9 and x^8: at pi/4 the next terms are 2e-9 and 2.5e-8.
+    let sin = x * (1.0 + x2 * (-1.0 / 6.0 + x2 * (1.0 / 120.0 + x2 * (-1.0 / 5040.0 + x2 * (1.0 / 362_880.0)))));
+    let cos = 1.0 + x2 * (-0.5 + x2 * (1.0 / 24.0 + x2 * (-1.0 / 720.0 + x2 * (1.0 / 40_320.0))));
+    let (s, c) = if quarter & 1 == 0 { (sin, cos) } else { (cos, -sin) };
+    if quarter & 2 == 0 { (s, c) } else { (-s, -c) }
 }
 
 /// Azimuth as a fraction of a turn in `[0, 1)`.

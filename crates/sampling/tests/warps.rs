@@ -164,6 +164,18 @@ fn corners_of_the_square_give_valid_points() {
 }
 
 #[test]
+fn sine_and_cosine_of_a_turn() {
+    for i in -80_000..=80_000 {
+        let turn = i as f32 / 40_000.0;
+        let (s, c) = sin_cos_turn(turn);
+        let (es, ec) = (f64::from(turn) * 2.0 * PI).sin_cos();
+        let error = (f64::from(s) - es).abs().max((f64::from(c) - ec).abs());
+        assert!(error < 1.5e-7, "{turn} of a turn: {s}, {c}");
+        assert!((s * s + c * c - 1.0).abs() < 3e-7);
+    }
+}
+
+#[test]
 fn a_cone_as_small_as_a_star_keeps_its_precision() {
     let small = 1e-11; // half-angle 4.5 microradians
     for u in [[0.25, 0.1], [0.999, 0.7]] {
