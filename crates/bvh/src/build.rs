@@ -6,8 +6,8 @@
 //! (Ylitie, Karras & Laine 2017). All is deterministic and single-threaded.
 //!
 //! Clustering takes quadratic time where all costs tie, so three things are seen to before: boxes that are equal become
-//! one; boxes are scaled (by a power of two) into a range where no area overflows or vanishes; and a tree that came out
-//! too deep to walk with a fixed stack is replaced by one that halves a sorted list.
+//! one; boxes are scaled (by a power of two) into a range where no area overflows or vanishes; and where clustering a
+//! sample gives a chain, or clustering all gives a tree too deep for a fixed stack, a top-down builder takes over.
 
 use std::collections::HashMap;
 
@@ -32,14 +32,15 @@ pub(crate) fn build_tree(boxes: &[Aabb], leaf_size: usize, mut make_leaf: impl F
     }
     let groups = Groups::of_equal(boxes);
     let scaled = scaled_to_one(&groups.boxes);
-    let binary = cluster(&scaled);
-    let mut collapse = Collapse::new(&binary, &groups, &scaled, leaf_size);
-    let mut tree = collapse.emit(&mut make_leaf);
-    if tree.is_none() {
-        let binary = halve(&scaled);
-        tree = Collapse::new(&binary, &groups, &scaled, leaf_size).emit(&mut make_leaf);
+    let clustered = if would_chain(&scaled) { None } else { Some(cluster(&scaled)) };
+    if let Some(binary) = clustered {
+        let collapse = Collapse::new(&binary, &groups, &scaled, leaf_size);
+        if let Some(nodes) = collapse.count_nodes() {
+            return collapse.emit(nodes, &mut make_leaf);
+        }
     }
-    tree.unwrap_or(Tree::EMPTY)
+    let binary = split_top_down(&scaled);
+    Collapse::new(&binary, &groups, &scaled, leaf_size).emit(0, &mut make_leaf)
 }
 
 /// Boxes put together where they are equal.
@@ -134,29 +135,101 @@ fn cluster(boxes: &[Aabb]) -> Binary {
     Binary { nodes }
 }
 
-/// A tree of logarithmic depth whatever the boxes: sort along the widest axis, halve, repeat.
-fn halve(boxes: &[Aabb]) -> Binary {
+/// Would clustering chain these boxes up instead of pairing them? Asked of a sample, of which it makes a tree at once.
+///
+/// Boxes in boxes are the known case: every union costs what the outer box costs, so one pair is found in each round.
+fn would_chain(boxes: &[Aabb]) -> bool {
+    const SAMPLE: usize = 1024;
+    // Ten levels for a balanced tree of the sample; clustering of ordinary scenes comes to about twenty.
+    const TOO_DEEP: usize = 64;
+    let step = boxes.len().div_ceil(SAMPLE);
+    let sample: Vec<Aabb> = boxes.iter().step_by(step).copied().collect();
+    let binary = cluster(&sample);
+    let mut work = vec![(0u32, 0usize)];
+    while let Some((node, depth)) = work.pop() {
+        if depth > TOO_DEEP {
+            return true;
+        }
+        let [left, right] = binary.nodes[node as usize];
+        if right != NONE {
+            work.extend([(left, depth + 1), (right, depth + 1)]);
+        }
+    }
+    false
+}
+
+/// Levels that a subtree of equal boxes can take at most: 2^31 boxes, eight to a node.
+const EQUAL_LEVELS: usize = 11;
+
+/// A tree from the top down by binned surface area heuristic (Wald 2007), never so deep that the wide tree could pass
+/// [`MAX_DEPTH`]: where the levels left are what halving needs, the list is halved.
+fn split_top_down(boxes: &[Aabb]) -> Binary {
     let mut order: Vec<u32> = (0..boxes.len() as u32).collect();
     let mut binary = Binary { nodes: vec![[NONE; 2]] };
-    let mut work = vec![(0usize, 0usize, boxes.len())];
-    while let Some((node, start, end)) = work.pop() {
-        if end - start == 1 {
-            binary.nodes[node] = [LEAF | order[start], NONE];
+    let mut work = vec![(0usize, 0usize, boxes.len(), MAX_DEPTH - EQUAL_LEVELS)];
+    while let Some((node, start, end, levels)) = work.pop() {
+        let part = &mut order[start..end];
+        if let [only] = part {
+            binary.nodes[node] = [LEAF | *only, NONE];
             continue;
         }
-        let part = &mut order[start..end];
-        let centers = Aabb::from_points(part.iter().map(|&i| boxes[i as usize].center()));
-        let axis = centers.size().max_position();
-        let middle = part.len() / 2;
-        let center = |i: u32| boxes[i as usize].center()[axis];
-        part.select_nth_unstable_by(middle, |&a, &b| center(a).total_cmp(&center(b)).then(a.cmp(&b)));
+        let halving_needs = part.len().ilog2() as usize + 2;
+        let split = if levels > halving_needs { split_by_area(boxes, part) } else { None };
+        let middle = split.unwrap_or_else(|| split_in_half(boxes, part));
         let left = binary.nodes.len();
         binary.nodes[node] = [left as u32, left as u32 + 1];
         binary.nodes.extend([[NONE; 2]; 2]);
-        work.push((left, start, start + middle));
-        work.push((left + 1, start + middle, end));
+        work.push((left, start, start + middle, levels - 1));
+        work.push((left + 1, start + middle, end, levels - 1));
     }
     binary
+}
+
+/// Sorts the part into two and says where the second begins; None if all centres lie in one bin of each axis.
+fn split_by_area(boxes: &[Aabb], part: &mut [u32]) -> Option<usize> {
+    const BINS: usize = 16;
+    let centers = Aabb::from_points(part.iter().map(|&i| boxes[i as usize].center()));
+    let size = centers.size();
+    let bin_of = |i: u32, axis: usize| {
+        let at = (boxes[i as usize].center()[axis] - centers.min[axis]) / size[axis];
+        ((at * BINS as f32) as usize).min(BINS - 1)
+    };
+    let mut best: Option<(f32, usize, usize)> = None;
+    for axis in (0..3).filter(|&axis| size[axis] > 0.0) {
+        let mut bins = [(Aabb::EMPTY, 0usize); BINS];
+        for &i in part.iter() {
+            let bin = &mut bins[bin_of(i, axis)];
+            *bin = (bin.0.union(boxes[i as usize]), bin.1 + 1);
+        }
+        let add = |a: (Aabb, usize), b: &(Aabb, usize)| (a.0.union(b.0), a.1 + b.1);
+        let mut above = [0.0; BINS];
+        let mut right = (Aabb::EMPTY, 0);
+        for k in (1..BINS).rev() {
+            right = add(right, &bins[k]);
+            above[k] = right.0.half_area() * right.1 as f32;
+        }
+        let mut left = (Aabb::EMPTY, 0);
+        for k in 1..BINS {
+            left = add(left, &bins[k - 1]);
+            let cost = left.0.half_area() * left.1 as f32 + above[k];
+            if left.1 > 0 && left.1 < part.len() && best.is_none_or(|b| cost < b.0) {
+                best = Some((cost, axis, k));
+            }
+        }
+    }
+    let (_, axis, first_right) = best?;
+    part.sort_by_key(|&i| bin_of(i, axis) >= first_right);
+    Some(part.partition_point(|&i| bin_of(i, axis) < first_right))
+}
+
+/// As [`split_by_area`], but in half along the widest axis (and by number where centres are equal).
+fn split_in_half(boxes: &[Aabb], part: &mut [u32]) -> usize {
+    let centers = Aabb::from_points(part.iter().map(|&i| boxes[i as usize].center()));
+    let axis = centers.size().max_position();
+    let center = |i: u32| boxes[i as usize].center()[axis];
+    let middle = part.len() / 2;
+    part.select_nth_unstable_by(middle, |&a, &b| center(a).total_cmp(&center(b)).then(a.cmp(&b)));
+    middle
 }
 
 /// Costs of a forest of at most 1, 2, .. 7 wide subtrees.
@@ -265,18 +338,15 @@ impl<'a> Collapse<'a> {
         self.forest(r, roots - k, out);
     }
 
-    /// The wide tree, unless it is deeper than [`MAX_DEPTH`].
-    fn emit(&mut self, make_leaf: &mut impl FnMut(&[u32]) -> u32) -> Option<Tree> {
-        let mut tree = Tree { nodes: Vec::new(), root: NONE, bounds: self.bounds[0] };
-        let plan = self.plan()?;
-        tree.nodes.reserve(plan);
+    fn emit(&self, nodes: usize, make_leaf: &mut impl FnMut(&[u32]) -> u32) -> Tree {
+        let mut tree = Tree { nodes: Vec::with_capacity(nodes), root: NONE, bounds: self.bounds[0] };
         tree.root = self.emit_below(0, &mut tree.nodes, make_leaf);
-        Some(tree)
+        tree
     }
 
-    /// Number of wide nodes, or None if the tree would be too deep. Done before anything is emitted, since leaves cannot
+    /// Number of wide nodes, or None if the tree would be too deep. Asked before anything is emitted, since leaves cannot
     /// be taken back.
-    fn plan(&self) -> Option<usize> {
+    fn count_nodes(&self) -> Option<usize> {
         let mut nodes = 0;
         let mut work = vec![(0usize, 1usize)];
         let mut forest = Vec::new();
@@ -284,20 +354,19 @@ impl<'a> Collapse<'a> {
             if self.is_leaf[node] {
                 continue;
             }
-            if self.binary.nodes[node][1] == NONE {
+            let below = if self.binary.nodes[node][1] == NONE {
                 let leaves = (self.counts[node] as usize).div_ceil(self.leaf_size);
-                if depth + leaves.ilog(WIDTH) as usize + 1 > MAX_DEPTH {
-                    return None;
-                }
-                continue;
-            }
-            if depth > MAX_DEPTH {
+                leaves.ilog(WIDTH) as usize + 1
+            } else {
+                nodes += 1;
+                forest.clear();
+                self.forest(node, WIDTH, &mut forest);
+                work.extend(forest.iter().map(|&child| (child, depth + 1)));
+                0
+            };
+            if depth + below > MAX_DEPTH {
                 return None;
             }
-            nodes += 1;
-            forest.clear();
-            self.forest(node, WIDTH, &mut forest);
-            work.extend(forest.iter().map(|&child| (child, depth + 1)));
         }
         Some(nodes)
     }

@@ -129,7 +129,8 @@ struct NearestTriangle<'a, L: Lanes> {
 impl<L: Lanes> Leaves for NearestTriangle<'_, L> {
     #[inline(always)]
     fn visit(&mut self, payload: u32, t_max: &mut f32) -> bool {
-        if let Some(hit) = self.shear.intersect(&self.packets[payload as usize], self.ray, *t_max) {
+        let Some(packet) = self.packets.get(payload as usize) else { return false };
+        if let Some(hit) = self.shear.intersect(packet, self.ray, *t_max) {
             *t_max = hit.t;
             self.hit = Some(hit);
         }
@@ -148,8 +149,9 @@ struct AnyTriangle<'a, L: Lanes> {
 impl<L: Lanes> Leaves for AnyTriangle<'_, L> {
     #[inline(always)]
     fn visit(&mut self, payload: u32, t_max: &mut f32) -> bool {
+        let Some(packet) = self.packets.get(payload as usize) else { return false };
         self.shear
-            .intersect(&self.packets[payload as usize], self.ray, *t_max)
+            .intersect(packet, self.ray, *t_max)
             .is_some_and(|hit| is_world_hit(hit.t / self.scale, self.world_t_max))
     }
 }
@@ -164,7 +166,7 @@ struct NearestInstance<'a, L: Lanes> {
 impl<L: Lanes> Leaves for NearestInstance<'_, L> {
     #[inline(always)]
     fn visit(&mut self, payload: u32, t_max: &mut f32) -> bool {
-        let instance = &self.bvh.instances[payload as usize];
+        let Some(instance) = self.bvh.instances.get(payload as usize) else { return false };
         let mesh = &self.bvh.meshes[instance.mesh as usize];
         let world = Ray { t_max: *t_max, ..*self.ray };
         let (ray, scale) = match &instance.to_world {
@@ -192,7 +194,7 @@ struct AnyInstance<'a, L: Lanes> {
 impl<L: Lanes> Leaves for AnyInstance<'_, L> {
     #[inline(always)]
     fn visit(&mut self, payload: u32, _t_max: &mut f32) -> bool {
-        let instance = &self.bvh.instances[payload as usize];
+        let Some(instance) = self.bvh.instances.get(payload as usize) else { return false };
         let mesh = &self.bvh.meshes[instance.mesh as usize];
         let (ray, scale) = match &instance.to_world {
             None => (*self.ray, 1.0),

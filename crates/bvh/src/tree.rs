@@ -13,8 +13,8 @@ use crate::lanes::{Eight, Lanes, WIDTH};
 pub(crate) const LEAF: u32 = 1 << 31;
 /// The child word of an unused slot, and the root of an empty tree.
 pub(crate) const NONE: u32 = u32::MAX;
-/// No tree is deeper: the builder sees to it.
-pub(crate) const MAX_DEPTH: usize = 18;
+/// No tree has more levels of nodes: the builder sees to it.
+pub(crate) const MAX_DEPTH: usize = 44;
 /// Each level leaves at most seven siblings behind.
 const STACK: usize = (WIDTH - 1) * MAX_DEPTH + 2;
 
@@ -63,6 +63,9 @@ pub(crate) struct Tree {
 /// What happens at the leaves.
 pub(crate) trait Leaves {
     /// Looks into a leaf. Lowers `t_max` to the nearest hit; true ends the walk.
+    ///
+    /// Where boxes are so large that differences overflow, an unused slot may be entered: [`NONE`] without its [`LEAF`]
+    /// bit is a payload that no leaf has, and to be passed over.
     fn visit(&mut self, payload: u32, t_max: &mut f32) -> bool;
 }
 
