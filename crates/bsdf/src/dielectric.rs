@@ -26,8 +26,8 @@ pub struct Dielectric {
 impl Dielectric {
     /// A boundary with index of refraction `eta` inside over outside and GGX roughness `alpha` (0 is smooth).
     ///
-    /// `eta` is clamped to `[1e-3, 1e3]`. A rough lobe has at least `alpha = 1e-4`; a boundary whose index is matched to
-    /// within [`MATCHED_INDEX`] is treated as smooth. The tints multiply what is reflected and transmitted; white is
+    /// `eta` is clamped to `[1e-3, 1e3]`. A rough lobe has at least `alpha = 1e-4`; a boundary whose index is matched
+    /// to within [`MATCHED_INDEX`] is treated as smooth. The tints multiply what is reflected and transmitted; white is
     /// physical.
     #[inline]
     pub fn new(eta: f32, alpha: f32, reflection_tint: Rgb, transmission_tint: Rgb) -> Self {

@@ -11,8 +11,8 @@ pub struct FresnelDielectric {
     pub cos_t: f32,
 }
 
-/// Reflection at a boundary, seen at an angle of cosine `cos_i >= 0`; `eta` is the index of refraction behind the boundary
-/// over the one in front of it (Fresnel 1823; Born and Wolf 1999, section 1.5.2).
+/// Reflection at a boundary, seen at an angle of cosine `cos_i >= 0`; `eta` is the index of refraction behind the
+/// boundary over the one in front of it (Fresnel 1823; Born and Wolf 1999, section 1.5.2).
 #[inline]
 pub fn dielectric(cos_i: f32, eta: f32) -> FresnelDielectric {
     if eta == 1.0 {
@@ -29,8 +29,8 @@ pub fn dielectric(cos_i: f32, eta: f32) -> FresnelDielectric {
 
 /// Reflectance at a boundary when both angles are known, by their cosines (above zero).
 ///
-/// Seen from a much denser side the angle of refraction depends on the last digits of the angle of incidence; who knows both
-/// directions loses nothing, and the value is the same from either side.
+/// Seen from a much denser side the angle of refraction depends on the last digits of the angle of incidence; who knows
+/// both directions loses nothing, and the value is the same from either side.
 #[inline]
 pub fn from_cosines(cos_i: f32, cos_t: f32, eta: f32) -> f32 {
     let perpendicular = (cos_i - eta * cos_t) / (cos_i + eta * cos_t);
@@ -60,7 +60,8 @@ pub fn schlick_weight(cos: f32) -> f32 {
     m2 * m2 * m
 }
 
-/// Schlick's (1994) reflectance between `f0` at normal incidence and white at grazing incidence, for a [`schlick_weight`].
+/// Schlick's (1994) reflectance between `f0` at normal incidence and white at grazing incidence, for a
+/// [`schlick_weight`].
 #[inline]
 pub fn schlick(f0: Rgb, weight: f32) -> Rgb {
     f0.lerp(Rgb::WHITE, weight)

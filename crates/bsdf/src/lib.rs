@@ -2,11 +2,12 @@
 //!
 //! Everything is a pure function of numbers. Directions are [`LocalDir`](dunkelfeld_geometry::LocalDir)s in a shading
 //! frame whose normal is +z; `wo` points toward the camera, `wi` is the direction that is sampled, both point away from
-//! the surface. `eval` includes the cosine of `wi` [1/sr]; densities are per unit solid angle of `wi` [1/sr]. A direction
-//! may lie on either side of the surface; a direction that lies *in* it (z = 0) scatters nothing. Nothing here returns
-//! NaN, an infinity or a negative value for unit directions, whatever the parameters.
+//! the surface. `eval` includes the cosine of `wi` [1/sr]; densities are per unit solid angle of `wi` [1/sr]. A
+//! direction may lie on either side of the surface; a direction that lies *in* it (z = 0) scatters nothing. Nothing
+//! here returns NaN, an infinity or a negative value for unit directions, whatever the parameters.
 //!
-//! One file per lobe: [`diffuse`], [`sheen`], [`clearcoat`], [`microfacet`] with [`fresnel`]; [`principled`] mixes them.
+//! One file per lobe: [`diffuse`], [`sheen`], [`clearcoat`], [`microfacet`] with [`fresnel`]; [`principled`] mixes
+//! them.
 
 #![forbid(unsafe_code)]
 

@@ -33,7 +33,8 @@ impl Ggx {
         FRAC_1_PI * self.inverse_x * self.inverse_y / (e * e)
     }
 
-    /// `sqrt((ax x)^2 + (ay y)^2 + z^2)`: the length of a direction in the space where the microsurface is a hemisphere.
+    /// `sqrt((ax x)^2 + (ay y)^2 + z^2)`: the length of a direction in the space where the microsurface is a
+    /// hemisphere.
     ///
     /// Smith's masking function is `g1 = 2 z / (z + stretch)`; kept apart because `g1 / z` has no singularity.
     #[inline]
@@ -102,8 +103,8 @@ pub fn reflect(w: LocalDir, m: Vec3) -> LocalDir {
     LocalDir(m * (2.0 * w.0.dot(m)) - w.0)
 }
 
-/// Refracts `w` at a unit normal `m` with `w.m > 0`; `eta` is the index behind over the index in front, `cos_t` the cosine of
-/// the angle of refraction.
+/// Refracts `w` at a unit normal `m` with `w.m > 0`; `eta` is the index behind over the index in front, `cos_t` the
+/// cosine of the angle of refraction.
 #[inline]
 pub fn refract(w: LocalDir, m: Vec3, eta: f32, cos_t: f32) -> LocalDir {
     let inv = 1.0 / eta;

@@ -1,18 +1,18 @@
 //! The principled BSDF: the mix of all lobes, with the parameters and formulas of Mitsuba 3.9's `principled`.
 //!
 //! The model is that of Burley (2012, 2015). What follows Mitsuba where the papers leave a choice:
-//! - roughness squared is the GGX slope, anisotropy divides and multiplies it by `sqrt(1 - 0.9 anisotropic)`, slopes are at
-//!   least 0.001;
+//! - roughness squared is the GGX slope, anisotropy divides and multiplies it by `sqrt(1 - 0.9 anisotropic)`, slopes
+//!   are at least 0.001;
 //! - masking and shadowing are separable, `G = g1(wo) g1(wi)`;
 //! - the specular reflectance blends exact dielectric Fresnel with Schlick terms for metal and tint;
 //! - transmission takes the square root of the base colour at each boundary;
 //! - sheen vanishes for `spec_trans = 1`;
 //! - only the refractive part (`spec_trans`) exists for light on the inside (z < 0); the rest absorbs there.
 //!
-//! Deviations: `specular_factor` and `specular_color` are added (neutral by default); `anisotropic` may be negative, which
-//! swaps the axes; a transmitting boundary with matched index (within [`MATCHED_INDEX`] of 1) is a delta lobe; parameters
-//! are clamped to their ranges. No deviation changes a value where Mitsuba's parameters are in range and `eta` is
-//! not 1. Sampling densities are our own: the reflective lobe uses bounded visible normals.
+//! Deviations: `specular_factor` and `specular_color` are added (neutral by default); `anisotropic` may be negative,
+//! which swaps the axes; a transmitting boundary with matched index (within [`MATCHED_INDEX`] of 1) is a delta lobe;
+//! parameters are clamped to their ranges. No deviation changes a value where Mitsuba's parameters are in range and
+//! `eta` is not 1. Sampling densities are our own: the reflective lobe uses bounded visible normals.
 
 use crate::bsdf::{BsdfSample, Lobe};
 use crate::dielectric::{MATCHED_INDEX, clamp_eta, delta, finite_sample, from_above, mirrored_if};
@@ -321,11 +321,12 @@ impl Principled {
         if r > 0.0 { r / (r + t) } else { 0.0 }
     }
 
-    /// Probabilities of the lobes above the surface, after the light that each is expected to carry; `None` if none does.
+    /// Probabilities of the lobes above the surface, after the light that each is expected to carry; `None` if none
+    /// does.
     #[inline]
     fn choose(&self, wo: LocalDir) -> Option<Choice> {
-        // Schlick's approximation is enough to choose by. The floor keeps a lobe that is black at normal incidence alive:
-        // its tilted facets are not black.
+        // Schlick's approximation is enough to choose by. The floor keeps a lobe that is black at normal incidence
+        // alive: its tilted facets are not black.
         let w = schlick_weight(wo.0.z).max(0.01);
         let f = if self.eta == 1.0 { 0.0 } else { self.dielectric.f0 + (1.0 - self.dielectric.f0) * w };
         let reflected = self.dielectric.reflectance(f, w).luminance();

@@ -9,9 +9,9 @@ use dunkelfeld_radiometry::Rgb;
 
 /// A clear sheet too thin to displace a ray: light is reflected or goes straight through, on both sides alike.
 ///
-/// Summing all internal reflections of a sheet whose faces reflect `R` gives `R' = R + (1-R)^2 R / (1-R^2) = 2R / (1+R)`
-/// (Stokes 1862). A rough sheet spreads both parts by the same GGX lobe: what it transmits is the mirror image of what
-/// it reflects, the model common for thin walls (Pharr, Jakob and Humphreys 2023, section 9.5).
+/// Summing all internal reflections of a sheet whose faces reflect `R` gives `R' = R + (1-R)^2 R / (1-R^2) = 2R /
+/// (1+R)` (Stokes 1862). A rough sheet spreads both parts by the same GGX lobe: what it transmits is the mirror image
+/// of what it reflects, the model common for thin walls (Pharr, Jakob and Humphreys 2023, section 9.5).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ThinSheet {
     eta: f32,

@@ -4,8 +4,8 @@ use dunkelfeld_bsdf::{Bsdf, Dielectric, Principled, PrincipledParams};
 use dunkelfeld_geometry::LocalDir;
 use dunkelfeld_radiometry::Rgb;
 
-/// Both sides compute in f32; at the narrowest lobe of the table (alpha 0.006) a rounding of a direction (6e-8) moves a value
-/// by 4 * 6e-8 / 0.006 in relative terms for each operation on it.
+/// Both sides compute in f32; at the narrowest lobe of the table (alpha 0.006) a rounding of a direction (6e-8) moves a
+/// value by 4 * 6e-8 / 0.006 in relative terms for each operation on it.
 const TOLERANCE: f32 = 2e-4;
 
 fn row_to_case(row: &str) -> Option<(Bsdf, LocalDir, LocalDir, Rgb)> {

@@ -44,7 +44,8 @@ mod tests {
                 }
             }
             for (o, f) in flips.into_iter().enumerate() {
-                // Binomial(4096, 1/2) has standard deviation 32; 4096 comparisons at 7.5 sigma are a false alarm of 3e-10.
+                // Binomial(4096, 1/2) has standard deviation 32; 4096 comparisons at 7.5 sigma are a false alarm of
+                // 3e-10.
                 assert!((f64::from(f) - 2048.0).abs() < 7.5 * 32.0, "input bit {bit}, output bit {o}: {f} of {TRIALS}");
             }
         }

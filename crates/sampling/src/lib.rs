@@ -1,8 +1,8 @@
 //! Random numbers and what is done with them: Owen-scrambled Sobol points, keyed PCG streams, warps, distributions.
 //!
 //! Every number is a pure function of its key; nothing here holds state between samples. Quantities follow one naming
-//! rule: `sample_x` maps uniform numbers in `[0, 1)` to a point, `pdf_x` is the density of that map, `invert_x` takes the
-//! point back to the uniform numbers.
+//! rule: `sample_x` maps uniform numbers in `[0, 1)` to a point, `pdf_x` is the density of that map, `invert_x` takes
+//! the point back to the uniform numbers.
 
 #![forbid(unsafe_code)]
 

@@ -11,15 +11,15 @@ pub const BATCHES: u32 = 4;
 
 /// The random numbers of one camera sample: a pure function of (seed, frame, pixel, sample index, dimension set).
 ///
-/// Sample `s` is point `s / BATCHES` of batch `s % BATCHES`. Numbers come in *sets* of four dimensions. Within a set the
-/// points of a batch are an Owen-scrambled Sobol sequence (Owen 1995): each aligned power-of-two run of points is
+/// Sample `s` is point `s / BATCHES` of batch `s % BATCHES`. Numbers come in *sets* of four dimensions. Within a set
+/// the points of a batch are an Owen-scrambled Sobol sequence (Owen 1995): each aligned power-of-two run of points is
 /// stratified in all four one-dimensional projections, and the first two dimensions form a (0,2)-sequence in base 2.
-/// Different sets are the same sequence, shuffled and scrambled independently ("padding", Burley 2020), so there is
-/// no limit to the number of sets and no correlation between them.
+/// Different sets are the same sequence, shuffled and scrambled independently ("padding", Burley 2020), so there is no
+/// limit to the number of sets and no correlation between them.
 ///
-/// The caller names the set, and should give each decision its own: then the decisions of two paths stay aligned, whatever
-/// shape the paths took before. Set numbers need not be dense. `get_1d`, `get_2d` and `get_4d` of one set return prefixes
-/// of the same four numbers, so a set should be drawn from only once.
+/// The caller names the set, and should give each decision its own: then the decisions of two paths stay aligned,
+/// whatever shape the paths took before. Set numbers need not be dense. `get_1d`, `get_2d` and `get_4d` of one set
+/// return prefixes of the same four numbers, so a set should be drawn from only once.
 ///
 /// All values lie in `[0, 1)` and are multiples of 2^-24; 1 is never returned. Indices are valid up to `u32::MAX`.
 #[derive(Clone, Copy, Debug)]

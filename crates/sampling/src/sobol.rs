@@ -1,9 +1,9 @@
 //! The first four dimensions of the Sobol sequence and its Owen scrambling, both in bit-reversed form.
 //!
 //! Owen scrambling flips a digit as a function of the more significant ones. On bit-reversed words it becomes a hash in
-//! which a bit depends on less significant bits only, which is what sums and products do anyway (Laine and Karras 2011).
-//! Everything here therefore works on reversed words, for the index as well as for the coordinates: one reversal on the
-//! way in, one per coordinate on the way out.
+//! which a bit depends on less significant bits only, which is what sums and products do anyway (Laine and Karras
+//! 2011). Everything here therefore works on reversed words, for the index as well as for the coordinates: one reversal
+//! on the way in, one per coordinate on the way out.
 
 /// Primitive polynomials and initial direction numbers (Joe and Kuo 2008): degree, inner coefficients, m_i.
 const JOE_KUO: [(usize, u32, [u32; 3]); 3] = [(1, 0, [1, 0, 0]), (2, 1, [1, 3, 0]), (3, 1, [1, 3, 1])];

@@ -1,8 +1,8 @@
 //! Maps from the unit square to shapes, each with its density and its inverse.
 //!
 //! Directions are unit vectors around +z. Densities are with respect to area for plane shapes and to solid angle for
-//! directions, and zero outside the shape. Uniform numbers lie in `[0, 1)`. The inverse of a point that was sampled gives
-//! back the uniform numbers up to rounding.
+//! directions, and zero outside the shape. Uniform numbers lie in `[0, 1)`. The inverse of a point that was sampled
+//! gives back the uniform numbers up to rounding.
 
 use glam::{Vec2, Vec3};
 use std::f32::consts::{FRAC_1_PI, FRAC_PI_4, PI, TAU};
@@ -46,7 +46,8 @@ pub fn invert_disk(p: Vec2) -> [f32; 2] {
 #[inline]
 pub fn sample_cosine_hemisphere(u: [f32; 2]) -> Vec3 {
     let p = sample_disk(u);
-    // Near the rim the cosine is made from the distance to the rim; it stays above zero so that no division by it fails.
+    // Near the rim the cosine is made from the distance to the rim; it stays above zero so that no division by it
+    // fails.
     p.extend((1.0 - p.length_squared()).max(1e-10).sqrt())
 }
 
@@ -121,7 +122,7 @@ pub fn invert_cone(w: Vec3, one_minus_cos: f32) -> [f32; 2] {
 }
 
 /// Unit square to the regular polygon with `corners` (at least 3) corners on the unit circle, the first one at angle
-/// `rotation` [rad] from +x: the aperture of a lens with straight blades.
+/// `rotation` (radians) from +x: the aperture of a lens with straight blades.
 #[inline]
 pub fn sample_polygon([u0, u1]: [f32; 2], corners: u32, rotation: f32) -> Vec2 {
     let n = corners.max(3) as f32;
@@ -168,8 +169,8 @@ fn around_z(cos: f32, sin: f32, u: f32) -> Vec3 {
     Vec3::new(sin * c, sin * s, cos)
 }
 
-/// Sine and cosine of a fraction of a turn, `|turn| <= 2`, to 1.2e-7: several times faster than via radians, because the
-/// reduction to an eighth of a turn is exact.
+/// Sine and cosine of a fraction of a turn, `|turn| <= 2`, to 1.2e-7: several times faster than via radians, because
+/// the reduction to an eighth of a turn is exact.
 #[inline]
 pub fn sin_cos_turn(turn: f32) -> (f32, f32) {
     let quarter = (4.0 * turn + 8.5) as i32 - 8;
@@ -196,7 +197,7 @@ fn versine(w: Vec3) -> f32 {
     if w.z > 0.0 { (w.x * w.x + w.y * w.y) / (1.0 + w.z) } else { 1.0 - w.z }
 }
 
-/// Solid angle of a cone given by one minus its cosine [sr].
+/// Solid angle of a cone given by one minus its cosine, in steradians.
 #[inline]
 pub fn cone_solid_angle(one_minus_cos: f32) -> f32 {
     2.0 * PI * one_minus_cos

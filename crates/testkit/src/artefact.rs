@@ -3,7 +3,8 @@
 use std::fmt::Write as _;
 use std::path::PathBuf;
 
-/// Writes a table to `target/test-failures/<name>.csv`; returns a sentence that names the file, for the failure message.
+/// Writes a table to `target/test-failures/<name>.csv`; returns a sentence that names the file, for the failure
+/// message.
 ///
 /// Never fails: if the file cannot be written the sentence says so.
 pub fn write_csv(name: &str, header: &str, rows: impl IntoIterator<Item = Vec<f64>>) -> String {

@@ -5,7 +5,8 @@ use statrs::distribution::{ContinuousCDF, Normal, StudentsT};
 
 /// Two-sided Z-test: is `value`, known with `standard_error`, equal to `expected`?
 ///
-/// For means of so many values that their standard error is as good as known. A standard error of zero demands equality.
+/// For means of so many values that their standard error is as good as known. A standard error of zero demands
+/// equality.
 pub fn z_test(value: f64, standard_error: f64, expected: f64) -> Outcome {
     let message = format!("value {value:.8e}, expected {expected:.8e}, standard error {standard_error:.3e}");
     if value == expected && standard_error >= 0.0 {

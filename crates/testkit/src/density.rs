@@ -5,8 +5,8 @@ use std::f64::consts::{PI, TAU};
 
 /// A chi-squared test of a sampler against its density over a grid of cells.
 ///
-/// What is sampled is described by a point of the unit square (see [`direction_to_square`] for directions). A sampler may
-/// give nothing; the density must then integrate to one minus the share of nothing, which is tested as well.
+/// What is sampled is described by a point of the unit square (see [`direction_to_square`] for directions). A sampler
+/// may give nothing; the density must then integrate to one minus the share of nothing, which is tested as well.
 #[derive(Clone, Copy, Debug)]
 pub struct DensityTest {
     /// Cells along the first coordinate.
@@ -26,7 +26,8 @@ impl Default for DensityTest {
 
 impl DensityTest {
     /// Draws samples and compares their histogram with the integral of `density` (with respect to the area of the unit
-    /// square) over each cell. On a suspicious result (p below 1e-6) the table of cells is stored and named in the message.
+    /// square) over each cell. On a suspicious result (p below 1e-6) the table of cells is stored and named in the
+    /// message.
     pub fn run(
         &self,
         name: &str,
@@ -83,8 +84,8 @@ impl DensityTest {
 }
 
 /// A direction as a point of the unit square, equal areas for equal solid angles: `x` is the azimuth in turns, `y` is
-/// `(1 + z) / 2`, so that a horizon lies on a border of cells when the rows are even. A density per steradian becomes one
-/// per area by the factor 4 pi.
+/// `(1 + z) / 2`, so that a horizon lies on a border of cells when the rows are even. A density per steradian becomes
+/// one per area by the factor 4 pi.
 pub fn direction_to_square([x, y, z]: [f32; 3]) -> [f64; 2] {
     let turn = f64::from(y).atan2(f64::from(x)) / TAU;
     [turn - turn.floor(), (0.5 + 0.5 * f64::from(z)).clamp(0.0, 1.0)]

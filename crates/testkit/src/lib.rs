@@ -1,7 +1,7 @@
 //! Statistics for tests: is a random result what it should be?
 //!
-//! Each test gives an [`Outcome`] with a p-value: the probability, if all is well, of a result at least this bad. A test
-//! fails below a *stated* false-alarm rate, never at a tolerance chosen to pass. When several results are judged
+//! Each test gives an [`Outcome`] with a p-value: the probability, if all is well, of a result at least this bad. A
+//! test fails below a *stated* false-alarm rate, never at a tolerance chosen to pass. When several results are judged
 //! together, [`sidak`] gives the rate for each. Seeds are fixed by the caller, so a failure replays.
 
 #![forbid(unsafe_code)]

@@ -36,8 +36,8 @@ impl Outcome {
     }
 }
 
-/// The rate at which each of `count` independent tests may fail so that *any* of them fails with probability `rate` only
-/// (Sidak 1967).
+/// The rate at which each of `count` independent tests may fail so that *any* of them fails with probability `rate`
+/// only (Sidak 1967).
 pub fn sidak(rate: f64, count: usize) -> f64 {
     // 1 - (1 - rate)^(1/n), without the cancellation.
     -((-rate).ln_1p() / count.max(1) as f64).exp_m1()
