@@ -1,1 +1,225 @@
-//! (being written)
+//! OpenEXR files: any number of named channels in one file, byte for byte reproducible.
+
+use std::fs::File;
+use std::io::{self, BufReader, Seek, Write};
+use std::path::Path;
+
+use exr::image::{AnyChannel, AnyChannels, Blocks, Encoding, FlatSamples, Image, Layer};
+use exr::meta::MetaData;
+use exr::meta::attribute::{AttributeValue, LineOrder, Text};
+use exr::meta::header::LayerAttributes;
+use exr::prelude::{Compression, ReadChannels, ReadLayers, WritableImage, read};
+
+use crate::atomic::write_atomically;
+use crate::error::InputError;
+
+/// Name of the one attribute that holds everything we have to say about an image, as JSON. One, because the order of
+/// several would differ from run to run.
+const ATTRIBUTE: &str = "dunkelfeld";
+
+/// No compression of the format shrinks data further than deflate's 1032 : 1; a header that promises more lies.
+const MOST_SHRUNK: u64 = 1100;
+
+/// The samples of one channel, row by row.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Channel {
+    /// 32-bit floating point. Half precision is widened when read.
+    F32(Vec<f32>),
+    /// 32-bit unsigned integers, for identities and counts.
+    U32(Vec<u32>),
+}
+
+impl Channel {
+    /// Number of samples.
+    pub fn len(&self) -> usize {
+        match self {
+            Self::F32(v) => v.len(),
+            Self::U32(v) => v.len(),
+        }
+    }
+
+    /// Are there no samples?
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+}
+
+/// The contents of a file: channels of one size, by name (`R`, `variance.R`, `id.object`, ...).
+///
+/// `layers.rs` puts planes in and takes them out.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ExrLayers {
+    /// Width in pixels.
+    pub width: u32,
+    /// Height in pixels.
+    pub height: u32,
+    /// Names and samples. Written in the order of the names.
+    pub channels: Vec<(String, Channel)>,
+    /// A JSON text about the image; empty if there is none.
+    pub attributes: String,
+}
+
+/// Writes a file: one part, scan lines from the top, ZIP in blocks of 16 lines. The same contents give the same bytes.
+///
+/// Takes the contents, because the encoder wants to own the samples.
+///
+/// # Errors
+/// Those of the file system; no pixels, no channels, a channel of the wrong length, a name that is empty, double, not
+/// ASCII or longer than 255 bytes. An existing file stays as it was.
+pub fn write_exr(path: &Path, layers: ExrLayers) -> io::Result<()> {
+    check(&layers)?;
+    write_atomically(path, |file| encode(file, layers))
+}
+
+fn check(layers: &ExrLayers) -> io::Result<()> {
+    let refuse = |problem: String| Err(io::Error::new(io::ErrorKind::InvalidInput, problem));
+    let pixels = layers.width as usize * layers.height as usize;
+    if pixels == 0 || layers.channels.is_empty() {
+        return refuse("an EXR needs at least one pixel and one channel".into());
+    }
+    let mut names: Vec<&str> = layers.channels.iter().map(|(name, _)| name.as_str()).collect();
+    names.sort_unstable();
+    if let Some(twice) = names.windows(2).find(|w| w[0] == w[1]) {
+        return refuse(format!("the channel `{}` is there twice", twice[0]));
+    }
+    for (name, channel) in &layers.channels {
+        if name.is_empty() || name.len() > 255 || !name.bytes().all(|b| (b' '..=b'~').contains(&b)) {
+            return refuse(format!("`{name}` is not a channel name: 1 to 255 printable ASCII characters"));
+        }
+        if channel.len() != pixels {
+            return refuse(format!("the channel `{name}` has {} samples, the image {pixels} pixels", channel.len()));
+        }
+    }
+    Ok(())
+}
+
+fn encode(file: impl Write + Seek, layers: ExrLayers) -> io::Result<()> {
+    let channels = layers.channels.into_iter().map(|(name, samples)| {
+        let samples = match samples {
+            Channel::F32(v) => FlatSamples::F32(v),
+            Channel::U32(v) => FlatSamples::U32(v),
+        };
+        AnyChannel::new(name.as_str(), samples)
+    });
+    let encoding = Encoding {
+        compression: Compression::ZIP16,
+        blocks: Blocks::ScanLines,
+        // Blocks that are compressed in parallel arrive in any order; this makes the writer sort them.
+        line_order: LineOrder::Increasing,
+    };
+    let size = (layers.width as usize, layers.height as usize);
+    let layer = Layer::new(size, LayerAttributes::default(), encoding, AnyChannels::sort(channels.collect()));
+    let mut image = Image::from_layer(layer);
+    if !layers.attributes.is_empty() {
+        let text = ascii_json(&layers.attributes);
+        let value = AttributeValue::Text(Text::from(text.as_str()));
+        image.attributes.other.insert(Text::from(ATTRIBUTE), value);
+    }
+    image.write().to_buffered(file).map_err(|e| match e {
+        exr::error::Error::Io(e) => e,
+        other => io::Error::other(other.to_string()),
+    })
+}
+
+/// The same JSON in ASCII: texts in EXR are Latin-1. Beyond ASCII, JSON has characters only within its strings, where
+/// they can be escaped.
+fn ascii_json(json: &str) -> String {
+    let mut out = String::with_capacity(json.len());
+    for c in json.chars() {
+        if c.is_ascii() {
+            out.push(c);
+        } else {
+            let mut units = [0; 2];
+            for unit in c.encode_utf16(&mut units) {
+                out.push_str(&format!("\\u{unit:04x}"));
+            }
+        }
+    }
+    out
+}
+
+/// Reads all channels of a file, ours or another renderer's.
+///
+/// Half precision is widened. The channels of a part that has a name are called `part.channel`. Channels that do not have
+/// one sample per pixel, and parts that differ in size from the first, are left out.
+///
+/// # Errors
+/// The file is missing, not an EXR, damaged, or uses deep data.
+pub fn read_exr(path: &Path) -> Result<ExrLayers, InputError> {
+    let fault = |problem: String| {
+        InputError::new(path, "the file", problem, "check that it is a complete OpenEXR image without deep data")
+    };
+    let size = match std::fs::metadata(path) {
+        Ok(m) if m.is_file() => m.len(),
+        Ok(_) => return Err(fault("is not a file".into())),
+        Err(e) => return Err(InputError::new(path, "the file", format!("cannot be read: {e}"), "check the path")),
+    };
+    let open = || File::open(path).map(BufReader::new).map_err(|e| fault(format!("cannot be read: {e}")));
+    let meta = MetaData::read_from_buffered(open()?, false).map_err(|e| fault(describe(&e)))?;
+    let promised: u64 = meta
+        .headers
+        .iter()
+        .map(|h| {
+            let samples = h.layer_size.0 as u64 * h.layer_size.1 as u64;
+            h.channels.list.iter().map(|c| samples.saturating_mul(c.sample_type.bytes_per_sample() as u64)).sum::<u64>()
+        })
+        .fold(0, u64::saturating_add);
+    if promised > size.saturating_mul(MOST_SHRUNK) {
+        return Err(fault(format!("promises {promised} bytes of samples in a file of {size} bytes")));
+    }
+    let image = read()
+        .no_deep_data()
+        .largest_resolution_level()
+        .all_channels()
+        .all_layers()
+        .all_attributes()
+        .from_buffered(open()?)
+        .map_err(|e| fault(describe(&e)))?;
+    collect(image).ok_or_else(|| fault("has no channel with one sample per pixel".into()))
+}
+
+fn describe(error: &exr::error::Error) -> String {
+    use exr::error::Error;
+    match error {
+        Error::Io(e) => format!("cannot be read: {e}"),
+        Error::NotSupported(what) => format!("uses what is not supported: {what}"),
+        Error::Invalid(what) => format!("is not a valid EXR: {what}"),
+        Error::Aborted => "was not read to its end".into(),
+    }
+}
+
+fn collect(image: exr::image::FlatImage) -> Option<ExrLayers> {
+    let size = image.layer_data.first()?.size;
+    let attributes = image
+        .attributes
+        .other
+        .iter()
+        .chain(image.layer_data.first().into_iter().flat_map(|l| &l.attributes.other))
+        .find_map(|(name, value)| match value {
+            AttributeValue::Text(text) if name.eq(ATTRIBUTE) => Some(text.to_string()),
+            _ => None,
+        })
+        .unwrap_or_default();
+    let (width, height) = (u32::try_from(size.0).ok()?, u32::try_from(size.1).ok()?);
+    let mut channels = Vec::new();
+    for layer in image.layer_data.into_iter().filter(|l| l.size == size) {
+        let part = layer.attributes.layer_name.as_ref().map(Text::to_string).filter(|name| !name.is_empty());
+        for channel in layer.channel_data.list {
+            let samples = match channel.sample_data {
+                FlatSamples::F16(v) => Channel::F32(v.into_iter().map(|h| h.to_f32()).collect()),
+                FlatSamples::F32(v) => Channel::F32(v),
+                FlatSamples::U32(v) => Channel::U32(v),
+            };
+            let whole = (channel.sampling.0, channel.sampling.1) == (1, 1) && samples.len() == size.0 * size.1;
+            if whole {
+                let name = channel.name.to_string();
+                let name = match &part {
+                    Some(part) if !name.starts_with(&format!("{part}.")) => format!("{part}.{name}"),
+                    _ => name,
+                };
+                channels.push((name, samples));
+            }
+        }
+    }
+    (!channels.is_empty()).then_some(ExrLayers { width, height, channels, attributes })
+}

@@ -1,0 +1,170 @@
+//! The layers of a render in an EXR: under which names planes go in, and under which names others have them.
+
+use dunkelfeld_film::Plane;
+
+use crate::exr::{Channel, ExrLayers};
+
+/// A layer with three components per pixel.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Triple {
+    /// Unbiased mean radiance: `R G B`.
+    Mean,
+    /// Variance of the mean: `variance.R/G/B`.
+    Variance,
+    /// Denoised mean: `denoised.R/G/B`.
+    Denoised,
+    /// Reflectance of the first surface: `albedo.R/G/B`.
+    Albedo,
+    /// Shading normal of the first surface: `normal.X/Y/Z`.
+    Normal,
+}
+
+/// A layer with one number per pixel.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Single {
+    /// Samples per pixel: `spp.Y`.
+    SampleCount,
+    /// Distance from the camera \[m\]: `depth.Z`.
+    Depth,
+    /// Expected photo-electrons: `electrons.Y`.
+    Electrons,
+    /// Render variance over sensor variance: `hidden.Y`.
+    Hidden,
+    /// Which object: `id.object`.
+    ObjectId,
+    /// Which material: `id.material`.
+    MaterialId,
+}
+
+impl Triple {
+    fn own(self) -> [&'static str; 3] {
+        match self {
+            Self::Mean => ["R", "G", "B"],
+            Self::Variance => ["variance.R", "variance.G", "variance.B"],
+            Self::Denoised => ["denoised.R", "denoised.G", "denoised.B"],
+            Self::Albedo => ["albedo.R", "albedo.G", "albedo.B"],
+            Self::Normal => ["normal.X", "normal.Y", "normal.Z"],
+        }
+    }
+
+    /// What other programs call the layer, in lower case, the best first: Blender's `ViewLayer.Combined.R`, Mitsuba's
+    /// AOVs, Arnold's and V-Ray's habits. An empty name is a channel without layer.
+    fn foreign(self) -> &'static [&'static str] {
+        match self {
+            Self::Mean => &["", "combined", "beauty", "rgba", "rgb", "image", "color"],
+            Self::Variance => &["variance"],
+            Self::Denoised => &["denoised"],
+            Self::Albedo => &["albedo", "denoising albedo", "diffcol", "diffuse_albedo", "diffuse_reflectance"],
+            Self::Normal => &["normal", "denoising normal", "normals", "sh_normal", "nn", "n"],
+        }
+    }
+}
+
+impl Single {
+    fn own(self) -> &'static str {
+        match self {
+            Self::SampleCount => "spp.Y",
+            Self::Depth => "depth.Z",
+            Self::Electrons => "electrons.Y",
+            Self::Hidden => "hidden.Y",
+            Self::ObjectId => "id.object",
+            Self::MaterialId => "id.material",
+        }
+    }
+
+    fn foreign(self) -> &'static [&'static str] {
+        match self {
+            Self::Depth => &["depth", "denoising depth", "dd", "z"],
+            _ => &[],
+        }
+    }
+}
+
+impl ExrLayers {
+    /// An image without channels.
+    pub fn new(width: u32, height: u32) -> Self {
+        Self { width, height, channels: Vec::new(), attributes: String::new() }
+    }
+
+    /// Adds a layer of triples.
+    pub fn push_triples(&mut self, layer: Triple, plane: &Plane<[f32; 3]>) {
+        for (component, name) in layer.own().into_iter().enumerate() {
+            let samples = plane.data().iter().map(|v| v[component]).collect();
+            self.channels.push((name.into(), Channel::F32(samples)));
+        }
+    }
+
+    /// Adds a layer of single numbers.
+    pub fn push_floats(&mut self, layer: Single, plane: Plane<f32>) {
+        self.channels.push((layer.own().into(), Channel::F32(plane.into_vec())));
+    }
+
+    /// Adds a layer of whole numbers: identities and counts, which a float could not hold exactly beyond 2^24.
+    pub fn push_integers(&mut self, layer: Single, plane: Plane<u32>) {
+        self.channels.push((layer.own().into(), Channel::U32(plane.into_vec())));
+    }
+
+    /// The channel of that exact name.
+    pub fn channel(&self, name: &str) -> Option<&Channel> {
+        self.channels.iter().find(|(n, _)| n == name).map(|(_, channel)| channel)
+    }
+
+    /// A layer of triples, under our name or one of those that other programs use; a mean that has a single grey channel
+    /// is grey in all three.
+    pub fn triples(&self, layer: Triple) -> Option<Plane<[f32; 3]>> {
+        let own = layer.own().map(|name| self.channel(name));
+        let channels = if let [Some(r), Some(g), Some(b)] = own {
+            [r, g, b]
+        } else {
+            layer.foreign().iter().find_map(|name| self.foreign_triple(name))?
+        };
+        let [r, g, b] = channels.map(floats);
+        let data = r.iter().zip(g.iter()).zip(b.iter()).map(|((r, g), b)| [*r, *g, *b]).collect();
+        Plane::from_vec(self.width, self.height, data)
+    }
+
+    /// A layer of single numbers, as floats.
+    pub fn single(&self, layer: Single) -> Option<Plane<f32>> {
+        let channel = self
+            .channel(layer.own())
+            .or_else(|| layer.foreign().iter().find_map(|name| self.foreign_channels(name).next().map(|c| c.1)))?;
+        Plane::from_vec(self.width, self.height, floats(channel).into_owned())
+    }
+
+    /// A layer of whole numbers; floats that are not whole or not in range make it no such layer.
+    pub fn integers(&self, layer: Single) -> Option<Plane<u32>> {
+        let data = match self.channel(layer.own())? {
+            Channel::U32(v) => v.clone(),
+            Channel::F32(v) => v
+                .iter()
+                .map(|&f| (f >= 0.0 && f < u32::MAX as f32 && f.fract() == 0.0).then_some(f as u32))
+                .collect::<Option<_>>()?,
+        };
+        Plane::from_vec(self.width, self.height, data)
+    }
+
+    /// Component and samples of the channels whose innermost layer has the name (in lower case).
+    fn foreign_channels<'a>(&'a self, layer: &'a str) -> impl Iterator<Item = (String, &'a Channel)> {
+        self.channels.iter().filter_map(move |(name, channel)| {
+            let (path, component) = name.rsplit_once('.').unwrap_or(("", name));
+            let innermost = path.rsplit('.').next().unwrap_or(path);
+            innermost.eq_ignore_ascii_case(layer).then(|| (component.to_ascii_uppercase(), channel))
+        })
+    }
+
+    fn foreign_triple<'a>(&'a self, layer: &'a str) -> Option<[&'a Channel; 3]> {
+        let channels: Vec<_> = self.foreign_channels(layer).collect();
+        let find = |component: &str| channels.iter().find(|(c, _)| c == component).map(|(_, channel)| *channel);
+        [["R", "G", "B"], ["X", "Y", "Z"], ["RED", "GREEN", "BLUE"], ["Y", "Y", "Y"]].into_iter().find_map(|names| {
+            let [a, b, c] = names.map(find);
+            Some([a?, b?, c?])
+        })
+    }
+}
+
+fn floats(channel: &Channel) -> std::borrow::Cow<'_, [f32]> {
+    match channel {
+        Channel::F32(v) => v.into(),
+        Channel::U32(v) => v.iter().map(|&u| u as f32).collect::<Vec<_>>().into(),
+    }
+}

@@ -1,0 +1,238 @@
+//! EXR files: round trips, reproducible bytes, foreign layer names, damaged files.
+
+use std::path::Path;
+
+use dunkelfeld_film::Plane;
+use dunkelfeld_io::exr::{Channel, ExrLayers, read_exr, write_exr};
+use dunkelfeld_io::layers::{Single, Triple};
+use exr::prelude::{
+    AnyChannel, AnyChannels, Encoding, FlatSamples, Image, Layer, LayerAttributes, SmallVec, Text, WritableImage, f16,
+};
+
+const W: u32 = 37;
+const H: u32 = 21;
+
+fn triples(offset: f32) -> Plane<[f32; 3]> {
+    Plane::from_fn(W, H, |x, y| [x as f32 + offset, y as f32 * 1e-7, f32::INFINITY])
+}
+
+fn example() -> ExrLayers {
+    let mut layers = ExrLayers::new(W, H);
+    layers.push_triples(Triple::Mean, &triples(0.1));
+    layers.push_triples(Triple::Variance, &triples(0.2));
+    layers.push_triples(Triple::Albedo, &triples(0.3));
+    layers.push_triples(Triple::Normal, &triples(0.4));
+    layers.push_integers(Single::SampleCount, Plane::from_fn(W, H, |x, y| x * y + (1 << 30) + 1));
+    layers.push_integers(Single::ObjectId, Plane::from_fn(W, H, |x, _| u32::MAX - x));
+    layers.push_floats(Single::Depth, Plane::from_fn(W, H, |x, y| (x + y) as f32));
+    layers.push_floats(Single::Electrons, Plane::new(W, H, 7.5));
+    layers.attributes = r#"{"scene":"Prüfling \"☂\" 🎥","spp":64}"#.into();
+    layers
+}
+
+fn temporary() -> tempfile::TempDir {
+    tempfile::tempdir().expect("a temporary folder")
+}
+
+#[test]
+fn every_layer_comes_back_bit_for_bit() {
+    let folder = temporary();
+    let path = folder.path().join("render.exr");
+    write_exr(&path, example()).expect("written");
+    let read = read_exr(&path).expect("readable");
+    assert_eq!((read.width, read.height, read.channels.len()), (W, H, 16));
+    for (layer, offset) in [(Triple::Mean, 0.1), (Triple::Variance, 0.2), (Triple::Albedo, 0.3), (Triple::Normal, 0.4)]
+    {
+        assert_eq!(read.triples(layer), Some(triples(offset)), "{layer:?}");
+    }
+    assert_eq!(read.integers(Single::SampleCount), Some(Plane::from_fn(W, H, |x, y| x * y + (1 << 30) + 1)));
+    assert_eq!(read.integers(Single::ObjectId), Some(Plane::from_fn(W, H, |x, _| u32::MAX - x)));
+    assert_eq!(read.single(Single::Depth), Some(Plane::from_fn(W, H, |x, y| (x + y) as f32)));
+    assert_eq!(read.single(Single::Electrons), Some(Plane::new(W, H, 7.5)));
+    assert_eq!(read.triples(Triple::Denoised), None);
+    assert_eq!(read.single(Single::Hidden), None);
+    let names: Vec<&str> = read.channels.iter().map(|(n, _)| n.as_str()).collect();
+    for name in ["R", "G", "B", "variance.R", "spp.Y", "albedo.G", "normal.Z", "depth.Z", "id.object", "electrons.Y"] {
+        assert!(names.contains(&name), "{name} is not among {names:?}");
+    }
+    // Escaped, but the same JSON.
+    let json: serde_json::Value = serde_json::from_str(&read.attributes).expect("JSON");
+    assert_eq!(json["scene"], "Prüfling \"☂\" 🎥");
+    assert_eq!(json["spp"], 64);
+}
+
+#[test]
+fn not_a_number_keeps_its_bits() {
+    let folder = temporary();
+    let path = folder.path().join("nan.exr");
+    let bits = [0x7fc0_1234u32, 0xff80_0000, 0x0000_0001, 0x8000_0000];
+    let mut layers = ExrLayers::new(2, 2);
+    layers.channels.push(("Y".into(), Channel::F32(bits.map(f32::from_bits).to_vec())));
+    write_exr(&path, layers).expect("written");
+    match read_exr(&path).expect("readable").channel("Y") {
+        Some(Channel::F32(v)) => assert_eq!(v.iter().map(|f| f.to_bits()).collect::<Vec<_>>(), bits),
+        other => panic!("{other:?}"),
+    }
+}
+
+#[test]
+fn two_writes_are_identical_whatever_the_order_of_the_channels() {
+    let folder = temporary();
+    // Large enough for many blocks, so that the encoder's threads could finish in another order.
+    let big = || {
+        let mut layers = ExrLayers::new(301, 700);
+        layers.push_triples(Triple::Mean, &Plane::from_fn(301, 700, |x, y| [(x ^ y) as f32, (x * y) as f32, 0.5]));
+        layers.push_floats(Single::Depth, Plane::from_fn(301, 700, |x, y| (x as f32).sin() + y as f32));
+        layers.attributes = "{\"a\":1}".into();
+        layers
+    };
+    let mut turned = big();
+    turned.channels.reverse();
+    let files = ["a.exr", "b.exr", "c.exr"].map(|name| folder.path().join(name));
+    for (path, layers) in files.iter().zip([big(), big(), turned]) {
+        write_exr(path, layers).expect("written");
+    }
+    let [a, b, c] = files.map(|path| std::fs::read(path).expect("readable"));
+    assert!(a == b && a == c, "the bytes differ");
+}
+
+#[test]
+fn an_error_leaves_the_target_as_it_was() {
+    let folder = temporary();
+    let path = folder.path().join("kept.exr");
+    std::fs::write(&path, b"precious").expect("written");
+    let with = |name: &str, samples: Vec<f32>| ExrLayers {
+        channels: vec![(name.into(), Channel::F32(samples))],
+        ..ExrLayers::new(2, 2)
+    };
+    let mut twice = with("R", vec![0.0; 4]);
+    twice.channels.push(("R".into(), Channel::F32(vec![0.0; 4])));
+    let bad = [
+        ExrLayers::new(2, 2),
+        ExrLayers { channels: vec![("R".into(), Channel::F32(vec![]))], ..ExrLayers::new(0, 2) },
+        with("R", vec![0.0; 3]),
+        with("", vec![0.0; 4]),
+        with("Größe", vec![0.0; 4]),
+        with(&"x".repeat(256), vec![0.0; 4]),
+        twice,
+    ];
+    for layers in bad {
+        let error = write_exr(&path, layers.clone()).expect_err("must be refused");
+        assert_eq!(error.kind(), std::io::ErrorKind::InvalidInput, "{error}: {layers:?}");
+    }
+    assert_eq!(std::fs::read(&path).expect("readable"), b"precious");
+}
+
+/// A file as other programs write it: parts with names, half precision, any channel names.
+fn foreign(path: &Path, parts: &[(&str, (usize, usize), &[&str])]) {
+    let layers: SmallVec<[_; 2]> = parts
+        .iter()
+        .map(|(part, size, names)| {
+            let list: SmallVec<[_; 4]> = names
+                .iter()
+                .enumerate()
+                .map(|(i, name)| {
+                    let value = f16::from_f32(i as f32 + 0.5);
+                    AnyChannel::new(*name, FlatSamples::F16(vec![value; size.0 * size.1]))
+                })
+                .collect();
+            let attributes = match *part {
+                "" => LayerAttributes::default(),
+                name => LayerAttributes::named(Text::from(name)),
+            };
+            Layer::new(*size, attributes, Encoding::FAST_LOSSLESS, AnyChannels::sort(list))
+        })
+        .collect();
+    let bounds = exr::meta::attribute::IntegerBounds::from_dimensions(parts[0].1);
+    let image = Image::from_layers(exr::meta::header::ImageAttributes::new(bounds), layers);
+    image.write().to_file(path).expect("a valid image");
+}
+
+#[test]
+fn layers_of_other_programs_are_found() {
+    let folder = temporary();
+    let path = folder.path().join("foreign.exr");
+    let first = |layers: &ExrLayers, which| layers.triples(which).map(|p| p.data()[0]);
+    let rgb = Some([0.5, 1.5, 2.5]);
+
+    // Blender, one part with long names.
+    let names = [
+        "ViewLayer.Combined.R",
+        "ViewLayer.Combined.G",
+        "ViewLayer.Combined.B",
+        "ViewLayer.Combined.A",
+        "ViewLayer.Denoising Normal.X",
+        "ViewLayer.Denoising Normal.Y",
+        "ViewLayer.Denoising Normal.Z",
+        "ViewLayer.Denoising Albedo.R",
+        "ViewLayer.Denoising Albedo.G",
+        "ViewLayer.Denoising Albedo.B",
+        "ViewLayer.Depth.Z",
+    ];
+    foreign(&path, &[("", (4, 3), &names)]);
+    let blender = read_exr(&path).expect("readable");
+    assert_eq!(first(&blender, Triple::Mean), rgb);
+    assert_eq!(first(&blender, Triple::Normal), Some([4.5, 5.5, 6.5]));
+    assert_eq!(first(&blender, Triple::Albedo), Some([7.5, 8.5, 9.5]));
+    assert_eq!(blender.single(Single::Depth).map(|p| p.data()[0]), Some(10.5));
+
+    // Mitsuba, plain RGB and AOVs.
+    foreign(
+        &path,
+        &[("", (4, 3), &["R", "G", "B", "albedo.R", "albedo.G", "albedo.B", "nn.X", "nn.Y", "nn.Z", "dd.T"])],
+    );
+    let mitsuba = read_exr(&path).expect("readable");
+    assert_eq!(first(&mitsuba, Triple::Mean), rgb);
+    assert_eq!(first(&mitsuba, Triple::Albedo), Some([3.5, 4.5, 5.5]));
+    assert_eq!(first(&mitsuba, Triple::Normal), Some([6.5, 7.5, 8.5]));
+    assert_eq!(mitsuba.single(Single::Depth).map(|p| p.data()[0]), Some(9.5));
+
+    // Parts with names, one of another size.
+    let parts: [(&str, (usize, usize), &[&str]); 3] =
+        [("beauty", (4, 3), &["R", "G", "B"]), ("albedo", (4, 3), &["R", "G", "B"]), ("thumb", (2, 2), &["R"])];
+    foreign(&path, &parts);
+    let parts = read_exr(&path).expect("readable");
+    assert_eq!(first(&parts, Triple::Mean), rgb);
+    assert_eq!(first(&parts, Triple::Albedo), rgb);
+    assert_eq!(parts.channels.len(), 6);
+
+    // Grey.
+    foreign(&path, &[("", (4, 3), &["Y"])]);
+    assert_eq!(first(&read_exr(&path).expect("readable"), Triple::Mean), Some([0.5; 3]));
+    assert_eq!(first(&read_exr(&path).expect("readable"), Triple::Normal), None);
+}
+
+#[test]
+fn files_that_are_no_exr_are_refused_by_name() {
+    let folder = temporary();
+    let path = folder.path().join("no.exr");
+    for bytes in [&b""[..], b"not an image", &[0x76, 0x2f, 0x31, 0x01, 2, 0, 0, 0]] {
+        std::fs::write(&path, bytes).expect("written");
+        let message = read_exr(&path).expect_err("no EXR").to_string();
+        assert!(message.contains("no.exr"), "{message}");
+    }
+    assert!(read_exr(&folder.path().join("absent.exr")).is_err());
+    assert!(read_exr(folder.path()).is_err());
+}
+
+/// Any byte may be wrong and any tail may be missing: reading ends in an image or an error, never in a panic.
+#[test]
+fn damaged_files_do_not_panic() {
+    let folder = temporary();
+    let path = folder.path().join("damaged.exr");
+    let mut small = ExrLayers::new(5, 4);
+    small.push_triples(Triple::Mean, &Plane::from_fn(5, 4, |x, y| [x as f32, y as f32, 1.0]));
+    small.attributes = "{}".into();
+    write_exr(&path, small).expect("written");
+    let whole = std::fs::read(&path).expect("readable");
+    for i in 0..whole.len() {
+        for flip in [0xff, 0x01] {
+            let mut bytes = whole.clone();
+            bytes[i] ^= flip;
+            std::fs::write(&path, &bytes).expect("written");
+            let _ = read_exr(&path);
+        }
+        std::fs::write(&path, &whole[..i]).expect("written");
+        assert!(read_exr(&path).is_err(), "cut after {i} of {} bytes", whole.len());
+    }
+}
