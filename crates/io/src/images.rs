@@ -9,6 +9,8 @@ use std::io::Cursor;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 
+const READABLE: &str = "save the image as PNG, JPEG, TIFF, WebP, BMP, TGA, HDR or EXR";
+
 /// A decoded image, and how many of its texels were not finite numbers at or above zero.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Decoded {
@@ -92,13 +94,15 @@ fn decode_unguarded(bytes: &[u8], name: &str, limits: &Limits) -> Result<Decoded
     if bytes.starts_with(&EXR_MAGIC) {
         return decode_exr(bytes, name, limits);
     }
+    if let Some(what) = foreign_format(bytes) {
+        return Err(ImageFault::new(what, READABLE));
+    }
     let format = image::guess_format(bytes).ok().or_else(|| {
         let is_tga = Path::new(name).extension().is_some_and(|e| e.eq_ignore_ascii_case("tga"));
         is_tga.then_some(ImageFormat::Tga)
     });
     let Some(format) = format else {
-        let what = foreign_format(bytes).unwrap_or("the bytes are no image of a known format");
-        return Err(ImageFault::new(what, "save the image as PNG, JPEG, TIFF, WebP, BMP, TGA, HDR or EXR"));
+        return Err(ImageFault::new("the bytes are no image of a known format", READABLE));
     };
     let mut reader = ImageReader::with_format(Cursor::new(bytes), format);
     let mut bounds = image::Limits::default();
@@ -234,5 +238,129 @@ fn foreign_format(bytes: &[u8]) -> Option<&'static str> {
         Some("this is a Git LFS pointer, not the image")
     } else {
         None
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn encoded(image: DynamicImage, format: ImageFormat) -> Vec<u8> {
+        let mut bytes = Cursor::new(Vec::new());
+        image.write_to(&mut bytes, format).expect("encode");
+        bytes.into_inner()
+    }
+
+    fn texels(bytes: &[u8], name: &str) -> Texels {
+        decode_image(bytes, name, &Limits::default()).expect("decodes").image.texels
+    }
+
+    fn exr_file(channels: &[(&str, [f32; 2])]) -> Vec<u8> {
+        use exr::prelude::*;
+        let list = channels.iter().map(|(name, v)| AnyChannel::new(*name, FlatSamples::F32(v.to_vec()))).collect();
+        let mut bytes = Cursor::new(Vec::new());
+        Image::from_channels((2, 1), AnyChannels::sort(list)).write().to_buffered(&mut bytes).expect("encode");
+        bytes.into_inner()
+    }
+
+    #[test]
+    fn eight_and_sixteen_bits_keep_their_values_and_grey_is_spread() {
+        let rgb = image::RgbImage::from_raw(2, 1, vec![1, 2, 3, 4, 5, 6]).expect("size");
+        assert_eq!(
+            texels(&encoded(rgb.into(), ImageFormat::Png), "a"),
+            Texels::Rgba8(vec![[1, 2, 3, 255], [4, 5, 6, 255]])
+        );
+        let grey = image::ImageBuffer::<image::Luma<u16>, _>::from_raw(1, 1, vec![12_345_u16]).expect("size");
+        let expected = Texels::Rgba16(vec![[12_345, 12_345, 12_345, 65_535]]);
+        assert_eq!(texels(&encoded(grey.into(), ImageFormat::Png), "a"), expected);
+    }
+
+    #[test]
+    fn the_bytes_decide_and_not_the_extension() {
+        let image = image::RgbImage::from_pixel(1, 1, image::Rgb([9, 8, 7]));
+        for format in [ImageFormat::Png, ImageFormat::Bmp, ImageFormat::Tiff, ImageFormat::WebP] {
+            let bytes = encoded(image.clone().into(), format);
+            assert_eq!(texels(&bytes, "wrong.jpg"), Texels::Rgba8(vec![[9, 8, 7, 255]]), "{format:?}");
+        }
+        // TGA has no signature: there the extension helps.
+        let tga = encoded(image.into(), ImageFormat::Tga);
+        assert_eq!(texels(&tga, "a.TGA"), Texels::Rgba8(vec![[9, 8, 7, 255]]));
+        assert!(decode_image(&tga, "a.png", &Limits::default()).is_err());
+    }
+
+    #[test]
+    fn exr_is_read_by_channel_name() {
+        let file = exr_file(&[("R", [1.0, 2.0]), ("G", [3.0, 4.0]), ("B", [5.0, 6.0]), ("Z", [7.0, 8.0])]);
+        assert_eq!(texels(&file, "a"), Texels::RgbF32(vec![[1.0, 3.0, 5.0], [2.0, 4.0, 6.0]]));
+        let grey = exr_file(&[("Y", [0.25, 0.5]), ("A", [1.0, 1.0])]);
+        assert_eq!(texels(&grey, "a"), Texels::RgbF32(vec![[0.25; 3], [0.5; 3]]));
+        let fault = decode_image(&exr_file(&[("U", [0.0; 2]), ("V", [0.0; 2])]), "a", &Limits::default());
+        assert!(fault.expect_err("no colour").problem.contains("R, G, B"));
+    }
+
+    #[test]
+    fn values_that_are_no_radiance_are_repaired_and_counted() {
+        let file = exr_file(&[("R", [f32::NAN, 1.0]), ("G", [-1.0, 2.0]), ("B", [f32::INFINITY, 3.0])]);
+        let decoded = decode_image(&file, "a", &Limits::default()).expect("decodes");
+        assert_eq!(decoded.image.texels, Texels::RgbF32(vec![[0.0, 0.0, 65504.0], [1.0, 2.0, 3.0]]));
+        assert_eq!(decoded.repaired, 1);
+    }
+
+    #[test]
+    fn environments_come_from_anywhere_as_floats() {
+        let folder = tempfile::tempdir().expect("temporary folder");
+        let hdr = image::Rgb32FImage::from_pixel(2, 1, image::Rgb([0.5, 2.0, 64.0]));
+        let path = folder.path().join("sky.hdr");
+        std::fs::write(&path, encoded(hdr.into(), ImageFormat::Hdr)).expect("write");
+        let (image, warnings) = load_environment(&path, &Limits::default()).expect("loads");
+        assert_eq!((image.name.as_str(), image.width, image.height), ("sky.hdr", 2, 1));
+        // Shared exponent, eight bits of mantissa: 64 and 2 are exact to 1 / 256 of the largest channel.
+        let Texels::RgbF32(texels) = image.texels else { panic!("floats were expected") };
+        assert!(texels[0].iter().zip([0.5, 2.0, 64.0]).all(|(a, b)| (a - b).abs() <= 0.25), "{texels:?}");
+        assert!(warnings.is_empty());
+        let missing = load_environment(&folder.path().join("none.hdr"), &Limits::default());
+        assert!(missing.expect_err("missing").problem.contains("no file"));
+    }
+
+    #[test]
+    fn limits_are_checked_on_the_header() {
+        let png = encoded(image::RgbImage::new(64, 8).into(), ImageFormat::Png);
+        let file = exr_file(&[("Y", [0.0; 2])]);
+        for limits in [Limits { image_side: 1, ..Limits::default() }, Limits { image_bytes: 8, ..Limits::default() }] {
+            for bytes in [&png, &file] {
+                let fault = decode_image(bytes, "a", &limits).expect_err("too large");
+                assert!(fault.problem.contains("more than"), "{fault:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn damaged_images_end_in_an_error_or_an_image() {
+        let png = encoded(image::RgbImage::new(8, 8).into(), ImageFormat::Png);
+        let jpeg = encoded(image::RgbImage::new(8, 8).into(), ImageFormat::Jpeg);
+        let exr = exr_file(&[("R", [1.0, 2.0]), ("G", [3.0, 4.0]), ("B", [5.0, 6.0])]);
+        let limits = Limits { image_side: 4096, image_bytes: 1 << 24, ..Limits::default() };
+        for file in [png, jpeg, exr] {
+            for length in 0..file.len() {
+                let mut flipped = file.clone();
+                flipped[length] ^= 0x55;
+                for bytes in [&file[..length], &flipped] {
+                    match decode_image(bytes, "a.png", &limits) {
+                        Ok(decoded) => assert!(decoded.image.width > 0 && image_bytes(&decoded.image) <= 1 << 24),
+                        Err(fault) => assert!(!fault.problem.is_empty() && !fault.mend.is_empty()),
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn formats_that_cannot_be_read_are_named() {
+        for (bytes, word) in
+            [(&b"\xabKTX 20\xbb"[..], "KTX2"), (b"DDS |", "DDS"), (b"nonsense", "no image"), (b"", "empty")]
+        {
+            let fault = decode_image(bytes, "a.png", &Limits::default()).expect_err("no image");
+            assert!(fault.problem.contains(word), "{fault:?}");
+        }
     }
 }

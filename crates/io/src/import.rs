@@ -48,7 +48,7 @@ pub fn load_scene(path: &Path, options: &ImportOptions) -> Result<Imported, Inpu
     let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase();
     match extension.as_str() {
         "gltf" | "glb" => crate::gltf::load_gltf(path, options),
-        // "obj" => crate::obj::load_obj(path, options),
+        "obj" => crate::obj::load_obj(path, options),
         _ => Err(InputError::new(
             path,
             "file name",

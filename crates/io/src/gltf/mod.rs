@@ -15,7 +15,7 @@ mod nodes;
 mod primitive;
 mod schema;
 mod spec_gloss;
-mod tangents;
+pub(crate) mod tangents;
 mod texture;
 
 use crate::error::InputError;
@@ -295,8 +295,10 @@ impl Importer<'_> {
             Some(t) => uv.iter().map(|uv| texture::apply_transform(&t.transform, *uv)).collect(),
             None => uv.to_vec(),
         };
-        if uv.is_empty() || !tangents::generate(mesh, &uv) {
+        if uv.is_empty() {
             self.warnings.push(place, "it has no tangents and none can be computed without texture coordinates");
+        } else if !tangents::generate(mesh, &uv) {
+            self.warnings.push(place, "it has no tangents and none can be computed: too many triangles share a vertex");
         }
     }
 

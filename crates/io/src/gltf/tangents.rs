@@ -7,12 +7,22 @@ use std::collections::HashMap;
 /// Fills `mesh.tangents` from its texture coordinates `uv`, one per vertex. Vertices whose corners get different
 /// tangents are split; a mesh without normals, which is shaded flat, is split at every corner.
 ///
-/// Returns `false`, and leaves the mesh as it is, if the tangents cannot be computed.
-pub(super) fn generate(mesh: &mut Mesh, uv: &[Vec2]) -> bool {
+/// Returns `false`, and leaves the mesh as it is, if the tangents cannot be computed: coordinates are missing, or one
+/// vertex belongs to more than 2048 triangles.
+pub(crate) fn generate(mesh: &mut Mesh, uv: &[Vec2]) -> bool {
     if uv.len() != mesh.positions.len() || mesh.triangles.is_empty() {
         return false;
     }
-    let mut corners = Corners { mesh, uv, tangents: vec![[1.0, 0.0, 0.0, 1.0]; 3 * mesh.triangles.len()] };
+    // Triangles of equal corners are never hit, but the search for a neighbour to copy from is quadratic in them.
+    let whole = |t: &[u32; 3]| {
+        let [a, b, c] = t.map(|i| mesh.positions[i as usize]);
+        a != b && b != c && c != a
+    };
+    let faces = (0..mesh.triangles.len()).filter(|f| whole(&mesh.triangles[*f])).collect();
+    let mut corners = Corners { mesh, uv, faces, tangents: vec![[1.0, 0.0, 0.0, 1.0]; 3 * mesh.triangles.len()] };
+    if corners.largest_fan() > LARGEST_FAN {
+        return false;
+    }
     if bevy_mikktspace::generate_tangents(&mut corners).is_err() {
         return false;
     }
@@ -21,21 +31,41 @@ pub(super) fn generate(mesh: &mut Mesh, uv: &[Vec2]) -> bool {
     true
 }
 
+/// Triangles around one vertex are gathered by recursion and compared pair by pair: without a bound a large fan would
+/// exhaust stack and time.
+const LARGEST_FAN: usize = 2048;
+
 struct Corners<'a> {
     mesh: &'a Mesh,
     uv: &'a [Vec2],
+    /// The triangles that count.
+    faces: Vec<usize>,
     tangents: Vec<[f32; 4]>,
 }
 
 impl Corners<'_> {
     fn index(&self, face: usize, vertex: usize) -> usize {
-        self.mesh.triangles[face][vertex] as usize
+        self.mesh.triangles[self.faces[face]][vertex] as usize
+    }
+
+    /// The most triangles that share a vertex, vertices of equal position, normal and coordinates being one.
+    fn largest_fan(&self) -> usize {
+        let mut fans: HashMap<([u32; 3], [u32; 3], [u32; 2]), usize> = HashMap::new();
+        for (face, vertex) in (0..self.faces.len()).flat_map(|f| (0..3).map(move |v| (f, v))) {
+            let key = (
+                self.position(face, vertex).map(f32::to_bits),
+                self.normal(face, vertex).map(f32::to_bits),
+                self.tex_coord(face, vertex).map(f32::to_bits),
+            );
+            *fans.entry(key).or_default() += 1;
+        }
+        fans.into_values().max().unwrap_or(0)
     }
 }
 
 impl Geometry for Corners<'_> {
     fn num_faces(&self) -> usize {
-        self.mesh.triangles.len()
+        self.faces.len()
     }
 
     fn num_vertices_of_face(&self, _face: usize) -> usize {
@@ -48,7 +78,7 @@ impl Geometry for Corners<'_> {
 
     fn normal(&self, face: usize, vertex: usize) -> [f32; 3] {
         if self.mesh.normals.is_empty() {
-            let [a, b, c] = self.mesh.corners(face);
+            let [a, b, c] = self.mesh.corners(self.faces[face]);
             return (b - a).cross(c - a).normalize_or_zero().to_array();
         }
         self.mesh.normals[self.index(face, vertex)].to_array()
@@ -63,7 +93,7 @@ impl Geometry for Corners<'_> {
     fn set_tangent(&mut self, tangent_space: Option<TangentSpace>, face: usize, vertex: usize) {
         let tangent = tangent_space.unwrap_or_default().tangent_encoded();
         if tangent.iter().all(|v| v.is_finite()) && tangent[..3].iter().any(|v| *v != 0.0) {
-            self.tangents[3 * face + vertex] = tangent;
+            self.tangents[3 * self.faces[face] + vertex] = tangent;
         }
     }
 }
