@@ -5,6 +5,7 @@
 
 use dunkelfeld_sampling::keyed_stream;
 use dunkelfeld_sensor::poisson;
+use dunkelfeld_testkit::{chi_squared, sidak, z_test};
 
 /// Means on both sides of each change of method (32 and 1e8), on whole means and beside them.
 const MEANS: [f64; 21] = [
@@ -18,7 +19,10 @@ fn draws(mean: f64, seed: u64) -> impl Iterator<Item = f64> {
     (0..DRAWS).map(move |_| poisson(mean, &mut rng))
 }
 
-/// Mean and variance by Z-tests at 7.1 sigma: 1.3e-12 each, 42 of them, 5e-11 together.
+/// False-alarm rate of each test function as a whole.
+const RATE: f64 = 1e-10;
+
+/// Mean and variance by Z-tests.
 #[test]
 fn mean_and_variance_are_the_parameter() {
     for mean in MEANS {
@@ -29,26 +33,25 @@ fn mean_and_variance_are_the_parameter() {
             sum += d;
             squares += d * d;
         }
-        // The sample mean has variance mean/n. The mean square deviation has variance (mu_4 - mean^2)/n with
-        // mu_4 = mean + 3 mean^2.
-        let z_mean = sum / (n * mean).sqrt();
-        let z_variance = (squares / n - mean) / ((mean + 2.0 * mean * mean) / n).sqrt();
-        // At the smallest mean not one count is expected in all draws, and a normal threshold means nothing; the
-        // goodness of fit below looks there with exact probabilities.
-        if mean * n > 50.0 {
-            assert!(z_mean.abs() < 7.1, "mean {mean}: z = {z_mean:.2}");
-            assert!(z_variance.abs() < 7.1, "mean {mean}: z of the variance = {z_variance:.2}");
+        // Where hardly a count is expected in all draws a normal law means nothing; the goodness of fit below looks there
+        // with exact probabilities.
+        if mean * n < 50.0 {
+            continue;
         }
+        let rate = sidak(RATE, 2 * MEANS.len());
+        z_test(sum / n, (mean / n).sqrt(), 0.0).assert(rate, &format!("mean of Poisson numbers of mean {mean}"));
+        // The mean square deviation has variance (mu_4 - mean^2) / n with mu_4 = mean + 3 mean^2.
+        let error = ((mean + 2.0 * mean * mean) / n).sqrt();
+        z_test(squares / n, error, mean).assert(rate, &format!("variance of Poisson numbers of mean {mean}"));
     }
 }
 
-/// Pearson's chi-squared over cells that expect at least 25 counts, threshold by Wilson and Hilferty (1931) at
-/// z = 6.8: 5e-12 for each of the 21 means, 1e-10 together.
+/// Pearson's chi-squared over cells that expect at least 25 counts.
 #[test]
 fn counts_fit_the_distribution() {
     for mean in MEANS {
         let (first, cells) = expected_cells(mean);
-        let mut counts = vec![0u32; cells.len()];
+        let mut counts = vec![0u64; cells.len()];
         for k in draws(mean, 2) {
             // `first` is the first count of the second cell; every cell in between is `width` counts wide.
             let cell = if k < first { 0.0 } else { 1.0 + ((k - first) / cell_width(mean)).floor() };
@@ -62,11 +65,8 @@ fn counts_fit_the_distribution() {
             assert!(others < 12.0, "mean {mean}: {others} counts, expected {}", mean * f64::from(DRAWS));
             continue;
         }
-        let statistic: f64 = counts.iter().zip(&cells).map(|(c, e)| (c - e) * (c - e) / e).sum();
-        let df = cells.len() as f64 - 1.0;
-        let v = 2.0 / (9.0 * df);
-        let threshold = df * (1.0 - v + 6.8 * v.sqrt()).powi(3);
-        assert!(statistic < threshold, "mean {mean}: chi2 = {statistic:.1} with {df} degrees of freedom");
+        let what = format!("fit of Poisson numbers of mean {mean}");
+        chi_squared(&counts, &cells).assert(sidak(RATE, MEANS.len()), &what);
     }
 }
 
@@ -118,15 +118,15 @@ fn probability(mean: f64, k: f64) -> f64 {
 }
 
 /// Joins neighbouring cells until each expects at least 25.
-fn pool(counts: &[u32], expected: &[f64]) -> (Vec<f64>, Vec<f64>) {
-    let mut pooled: Vec<(f64, f64)> = Vec::new();
-    let (mut c, mut e) = (0.0, 0.0);
+fn pool(counts: &[u64], expected: &[f64]) -> (Vec<u64>, Vec<f64>) {
+    let mut pooled: Vec<(u64, f64)> = Vec::new();
+    let (mut c, mut e) = (0, 0.0);
     for (&count, &expect) in counts.iter().zip(expected) {
-        c += f64::from(count);
+        c += count;
         e += expect;
         if e >= 25.0 {
             pooled.push((c, e));
-            (c, e) = (0.0, 0.0);
+            (c, e) = (0, 0.0);
         }
     }
     if let Some(last) = pooled.last_mut() {
