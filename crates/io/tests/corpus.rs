@@ -110,7 +110,8 @@ fn every_file_of_the_corpus_loads_or_is_refused_with_a_reason() {
             }
             Outcome::Refused(message) => {
                 refused += 1;
-                println!("refused  {name}: {}", message.replace('\n', " "));
+                let told = message.replace(&format!("{}: ", path.display()), "").replace('\n', " ");
+                println!("refused  {name}: {told}");
             }
             Outcome::Broke(what) => {
                 println!("PANICKED {name}: {what}");
