@@ -204,3 +204,117 @@ pub fn offset_ray_origin(p: Vec3, p_error: Vec3, geometric_normal: Vec3, directi
     let moved = p + offset;
     Vec3::new(away(moved.x, offset.x), away(moved.y, offset.y), away(moved.z, offset.z))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn random(seed: &mut u64) -> f32 {
+        *seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (*seed >> 40) as f32 / 8_388_608.0 - 1.0
+    }
+
+    fn point(seed: &mut u64) -> Vec3 {
+        Vec3::new(random(seed), random(seed), random(seed))
+    }
+
+    fn hit(ray: &Ray, corners: &[Vec3; 3]) -> Option<TriangleHit> {
+        intersect_triangle(&RayShear::new(ray), ray, corners)
+    }
+
+    #[test]
+    fn hits_have_the_right_distance_and_weights_from_both_sides() {
+        let corners = [Vec3::ZERO, Vec3::new(2.0, 0.0, 0.0), Vec3::new(0.0, 4.0, 0.0)];
+        for side in [1.0, -1.0] {
+            let ray = Ray::new(Vec3::new(0.5, 1.0, 3.0 * side), -side * Vec3::Z);
+            assert_eq!(hit(&ray, &corners), Some(TriangleHit { t: 3.0, b1: 0.25, b2: 0.25 }));
+            assert_eq!(hit(&Ray { t_max: 3.0, ..ray }, &corners), None, "t_max itself is outside");
+            assert_eq!(hit(&Ray { direction: side * Vec3::Z, ..ray }, &corners), None, "behind");
+        }
+        assert_eq!(hit(&Ray::new(Vec3::new(0.5, 1.0, 0.0), Vec3::Z), &corners), None, "t = 0 is no hit");
+        assert_eq!(hit(&Ray::new(Vec3::new(0.5, -1.0, 0.0), Vec3::Y), &corners), None, "edge-on is no hit");
+    }
+
+    /// A fan around a point: a ray at an edge or at the centre must hit one of the triangles at least.
+    #[test]
+    fn rays_at_shared_edges_and_corners_hit_one_of_the_triangles() {
+        let mut seed = 1;
+        for round in 0..20_000 {
+            let scale = [1e-12f32, 1e-4, 1.0, 1e6, 1e12][round % 5];
+            let away = if round % 3 == 0 { 100.0 * scale * point(&mut seed) } else { Vec3::ZERO };
+            let frame = crate::Frame::from_normal(point(&mut seed).normalize());
+            let rim: Vec<Vec3> = (0..7)
+                .map(|k| {
+                    let a = std::f32::consts::TAU * (k as f32 + 0.3 * random(&mut seed)) / 7.0;
+                    let bump = 0.2 * random(&mut seed);
+                    away + scale * frame.to_world(crate::LocalDir::new(a.cos(), a.sin(), bump))
+                })
+                .collect();
+            let centre = away + 0.1 * scale * point(&mut seed);
+            let f = 0.5 * (random(&mut seed) + 1.0);
+            let target = if round % 2 == 0 { centre } else { centre.lerp(rim[0], 0.9 * f) };
+            let origin = away + scale * (4.0 * frame.normal + point(&mut seed));
+            let ray = Ray::new(origin, (target - origin).normalize());
+            let hits = (0..7).filter(|&k| hit(&ray, &[centre, rim[k], rim[(k + 1) % 7]]).is_some()).count();
+            assert!(hits >= 1, "round {round}: {ray:?} slips between triangles around {centre}");
+        }
+    }
+
+    #[test]
+    fn a_sheet_one_nanometre_away_is_hit_and_the_own_plane_is_not() {
+        // A metre-sized triangle through the origin, where such a distance can be represented.
+        let mut seed = 2;
+        let corners = [Vec3::new(-0.5, -0.4, 0.0), Vec3::new(0.6, -0.5, 0.0), Vec3::new(0.0, 0.7, 0.0)];
+        for _ in 0..100_000 {
+            let start = 0.1 * Vec3::new(random(&mut seed), random(&mut seed), 0.0);
+            let d = Vec3::new(random(&mut seed), random(&mut seed), random(&mut seed).abs().max(1e-3)).normalize();
+            assert_eq!(hit(&Ray::new(start, d), &corners), None, "from the plane itself");
+            assert_eq!(hit(&Ray::new(start + 1e-9 * Vec3::Z, d), &corners), None, "leaving");
+            let below = Ray::new(start - 1e-9 * Vec3::Z, d);
+            let t = 1e-9 / d.z;
+            assert!(hit(&below, &corners).is_some_and(|h| (h.t - t).abs() < 1e-3 * t), "{below:?} should hit at {t}");
+        }
+    }
+
+    #[test]
+    fn the_error_box_of_a_hit_holds_the_exact_point_and_an_offset_clears_the_plane() {
+        let mut seed = 3;
+        for round in 0..100_000 {
+            let scale = 10f32.powf(4.0 * random(&mut seed));
+            let far = if round % 2 == 0 { Vec3::ZERO } else { 1000.0 * point(&mut seed) };
+            let corners = [0; 3].map(|_| far + scale * point(&mut seed));
+            let (b1, b2) = (0.5 * (random(&mut seed) + 1.0), 0.5 * (random(&mut seed) + 1.0));
+            let (p, error) = hit_point(&corners, b1, b2);
+            let [v0, v1, v2] = corners.map(|c| c.as_dvec3());
+            let exact = v0 + f64::from(b1) * (v1 - v0) + f64::from(b2) * (v2 - v0);
+            assert!((p.as_dvec3() - exact).abs().cmple(error.as_dvec3()).all(), "round {round}: {p} off {exact}");
+            assert!(error.cmple(1e-7 * p.abs() + 1e-13 * Vec3::splat(scale + 1000.0)).all(), "the bound is tight");
+
+            let n = geometric_normal(&corners);
+            let d = point(&mut seed);
+            if n == Vec3::ZERO {
+                continue;
+            }
+            let start = offset_ray_origin(p, error, n, d);
+            let normal = (v1 - v0).cross(v2 - v0).normalize();
+            let height = normal.dot(start.as_dvec3() - v0) * f64::from(d.dot(n)).signum();
+            assert!(height > 0.0, "round {round}: the start lies {height} above the plane");
+            let ulp = f64::from(f32::EPSILON) * exact.abs().max_element();
+            assert!(height < 4.0 * ulp + 1e-12, "round {round}: {height} is farther than rounding calls for");
+        }
+    }
+
+    #[test]
+    fn degenerate_triangles_and_rays_are_missed() {
+        let good = [Vec3::ZERO, Vec3::X, Vec3::Y];
+        let from = Vec3::new(0.2, 0.2, 1.0);
+        for bad in [[Vec3::ZERO; 3], [Vec3::NAN, Vec3::X, Vec3::Y], [Vec3::INFINITY, Vec3::X, Vec3::Y]] {
+            assert_eq!(hit(&Ray::new(from, -Vec3::Z), &bad), None);
+        }
+        for d in [Vec3::ZERO, Vec3::NAN, Vec3::new(0.0, 0.0, f32::NEG_INFINITY)] {
+            assert_eq!(hit(&Ray::new(from, d), &good), None);
+        }
+        assert_eq!(geometric_normal(&[Vec3::ZERO, Vec3::X, 2.0 * Vec3::X]), Vec3::ZERO);
+        assert_eq!(triangle_area(&good), 0.5);
+    }
+}
