@@ -50,14 +50,12 @@ impl Corners<'_> {
 
     /// The most triangles that share a vertex, vertices of equal position, normal and coordinates being one.
     fn largest_fan(&self) -> usize {
-        let mut fans: HashMap<([u32; 3], [u32; 3], [u32; 2]), usize> = HashMap::new();
+        let mut fans: HashMap<[u32; 8], usize> = HashMap::new();
         for (face, vertex) in (0..self.faces.len()).flat_map(|f| (0..3).map(move |v| (f, v))) {
-            let key = (
-                self.position(face, vertex).map(f32::to_bits),
-                self.normal(face, vertex).map(f32::to_bits),
-                self.tex_coord(face, vertex).map(f32::to_bits),
-            );
-            *fans.entry(key).or_default() += 1;
+            let [x, y, z] = self.position(face, vertex);
+            let [nx, ny, nz] = self.normal(face, vertex);
+            let [u, v] = self.tex_coord(face, vertex);
+            *fans.entry([x, y, z, nx, ny, nz, u, v].map(f32::to_bits)).or_default() += 1;
         }
         fans.into_values().max().unwrap_or(0)
     }
