@@ -47,7 +47,7 @@ impl Strategy {
     pub fn weights(self, pilot: &Pilot<'_>) -> Plane<f32> {
         match self {
             Self::Uniform => uniform(pilot.luminance.width(), pilot.luminance.height()),
-            Self::Sobel => sobel(&magnitude(&gamma_image(pilot.luminance, pilot.white))),
+            Self::Sobel => sobel(&magnitude(&gamma_image(pilot.luminance, pilot.white)), pilot.sobel_floor),
         }
     }
 }
@@ -86,6 +86,8 @@ pub struct Pilot<'a> {
     pub luminance: &'a Plane<f32>,
     /// The level, in that unit, at which the camera saturates.
     pub white: f32,
+    /// Weight of a region without edges, relative to the mean Sobel magnitude; [`SOBEL_FLOOR`] by default.
+    pub sobel_floor: f32,
 }
 
 /// Equal weights.
@@ -93,12 +95,12 @@ pub fn uniform(width: u32, height: u32) -> Plane<f32> {
     Plane::new(width, height, 1.0)
 }
 
-/// Weights in proportion to the Sobel magnitude [DN/pixel], above [`SOBEL_FLOOR`] and [`SOBEL_RESOLUTION`], with mean
-/// one. An image without edges gives equal weights. Magnitudes that are not finite count as the floor.
-pub fn sobel(magnitude: &Plane<f32>) -> Plane<f32> {
+/// Weights in proportion to the Sobel magnitude [DN/pixel], above [`SOBEL_RESOLUTION`] and `floor` times the mean
+/// magnitude, with mean one. An image without edges gives equal weights. Magnitudes that are not finite count as the floor.
+pub fn sobel(magnitude: &Plane<f32>, floor: f32) -> Plane<f32> {
     let known = |m: f32| if m.is_finite() { m } else { 0.0 };
     let mean = mean(magnitude.data().iter().map(|&m| known(m)));
-    let floor = SOBEL_RESOLUTION.max(SOBEL_FLOOR * mean);
+    let floor = SOBEL_RESOLUTION.max(floor * mean);
     normalised(magnitude.map(|&m| known(m).max(floor)))
 }
 
@@ -138,7 +140,7 @@ mod tests {
     fn weights_are_proportional_to_the_magnitude_above_the_floor() {
         // Mean 25, so the floor is 6.25: above it the ratios are those of the magnitudes, below it all are equal.
         let plane = Plane::from_vec(4, 1, vec![0.0, 5.0, 35.0, 60.0]).expect("four values");
-        let weights = sobel(&plane);
+        let weights = sobel(&plane, SOBEL_FLOOR);
         assert_mean_one(&weights);
         let w = weights.data();
         assert!((w[3] / w[2] - 60.0 / 35.0).abs() < 1e-5);
@@ -150,7 +152,7 @@ mod tests {
     fn nobody_gets_less_than_a_fifth() {
         // One steep pixel among ever more flat ones.
         for n in [2, 10, 1000, 100_000] {
-            let weights = sobel(&Plane::from_fn(n, 1, |x, _| if x == 0 { 127.5 } else { 0.0 }));
+            let weights = sobel(&Plane::from_fn(n, 1, |x, _| if x == 0 { 127.5 } else { 0.0 }), SOBEL_FLOOR);
             assert_mean_one(&weights);
             let least = weights.data().iter().copied().fold(f32::INFINITY, f32::min);
             assert!(least >= SOBEL_FLOOR / (1.0 + SOBEL_FLOOR) - 1e-5, "{n} pixels: {least}");
@@ -160,14 +162,14 @@ mod tests {
     #[test]
     fn an_image_without_edges_is_sampled_uniformly() {
         for level in [0.0, 0.3] {
-            assert!(sobel(&Plane::new(7, 5, level)).data().iter().all(|&w| (w - 1.0).abs() < 1e-6));
+            assert!(sobel(&Plane::new(7, 5, level), SOBEL_FLOOR).data().iter().all(|&w| (w - 1.0).abs() < 1e-6));
         }
-        assert!(sobel(&Plane::new(0, 0, 0.0)).data().is_empty());
+        assert!(sobel(&Plane::new(0, 0, 0.0), SOBEL_FLOOR).data().is_empty());
     }
 
     #[test]
     fn values_that_are_no_numbers_do_not_spread() {
-        let weights = sobel(&Plane::from_vec(3, 1, vec![f32::NAN, 10.0, f32::INFINITY]).expect("three values"));
+        let weights = sobel(&Plane::from_vec(3, 1, vec![f32::NAN, 10.0, f32::INFINITY]).expect("three values"), SOBEL_FLOOR);
         assert_mean_one(&weights);
         assert!(weights.data()[1] > weights.data()[0]);
     }
@@ -175,7 +177,7 @@ mod tests {
     #[test]
     fn the_sobel_strategy_sends_samples_to_the_edge() {
         let luminance = Plane::from_fn(32, 8, |x, _| if x < 16 { 0.1 } else { 0.9 });
-        let pilot = Pilot { luminance: &luminance, white: 1.0 };
+        let pilot = Pilot { luminance: &luminance, white: 1.0, sobel_floor: SOBEL_FLOOR };
         let weights = Strategy::Sobel.weights(&pilot);
         assert_mean_one(&weights);
         assert!(*weights.at(15, 4) > 5.0 && *weights.at(16, 4) > 5.0);

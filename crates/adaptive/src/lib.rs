@@ -33,7 +33,7 @@
 //! let mut taken = plan::empty(8, 4);
 //! while let schedule::Step::Round(round) = schedule.next(0.0, 1.0) {
 //!     if round.replan {
-//!         let pilot = allocation::Pilot { luminance: &luminance, white: 1.0 };
+//!         let pilot = allocation::Pilot { luminance: &luminance, white: 1.0, sobel_floor: 0.25 };
 //!         weights = allocation::Strategy::Sobel.weights(&pilot);
 //!     }
 //!     let next = plan::next_round(&taken, &weights, schedule.taken() + round.samples);

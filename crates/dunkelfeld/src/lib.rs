@@ -1,1 +1,51 @@
-//! (module of the workspace; see ARCHITECTURE.md)
+//! Dunkelfeld: a CPU path tracer with a built-in EMVA 1288 camera sensor.
+//!
+//! One call, from a scene file to an exposed frame on disk:
+//!
+//! ```no_run
+//! let mut project = dunkelfeld::Project::open("scene.glb")?;
+//! project.settings.budget.spp = Some(64.0);
+//! let result = project.render()?;
+//! result.save_image("frame.png")?;
+//! # Ok::<(), dunkelfeld::Error>(())
+//! ```
+//!
+//! Or the same stages one by one ([`render()`], [`develop()`]), with a scene built in code, a progress sink and a switch to
+//! cancel: see `examples/unrolled.rs`. The crates below are re-exported under their folder's name.
+
+#![forbid(unsafe_code)]
+
+mod develop;
+mod error;
+mod inspect;
+mod outputs;
+mod progress;
+mod project;
+mod render;
+mod round;
+mod settings;
+mod stats;
+
+pub use develop::{Frame, Picture, SensorFrame, develop};
+pub use error::Error;
+pub use inspect::{Inspection, LightEntry, MaterialEntry, inspect};
+pub use outputs::{NO_ID, OutputPaths, encode_layers, load_plan, save_exr, save_linear, save_picture, save_plan, save_text};
+pub use progress::{Cancel, Progress, ProgressState, Silent, Stage};
+pub use project::{DEFAULT_SENSOR, Project, ProjectResult, default_image_path, find_sensor, read_scene};
+pub use render::{Rendering, camera, render, thread_pool};
+pub use settings::{Budget, DEFAULT_PILOT_SPP, DEFAULT_SPP, MAX_SIDE, RenderSettings, SensorChoice};
+pub use stats::{STATS_VERSION, Stats};
+
+pub use dunkelfeld_adaptive as adaptive;
+pub use dunkelfeld_bsdf as bsdf;
+pub use dunkelfeld_bvh as bvh;
+pub use dunkelfeld_denoise as denoise;
+pub use dunkelfeld_emva1288 as emva1288;
+pub use dunkelfeld_film as film;
+pub use dunkelfeld_geometry as geometry;
+pub use dunkelfeld_integrator as integrator;
+pub use dunkelfeld_io as io;
+pub use dunkelfeld_radiometry as radiometry;
+pub use dunkelfeld_sampling as sampling;
+pub use dunkelfeld_scene as scene;
+pub use dunkelfeld_sensor as sensor;

@@ -1,0 +1,72 @@
+//! `dunkelfeld inspect`: what a scene holds, and what in it may trouble a render.
+
+use crate::args::InspectArgs;
+use crate::outcome::{Outcome, print};
+use dunkelfeld::{Error, Inspection, Project};
+use std::fmt::Write;
+
+pub(crate) fn run(args: &InspectArgs) -> Result<Outcome, Error> {
+    let project = Project::open(&args.input)?;
+    let inspection = project.inspect();
+    if args.json {
+        // Plain data with string keys: serialisation cannot fail.
+        print(&(serde_json::to_string_pretty(&inspection).unwrap_or_default() + "\n"));
+    } else {
+        print(&text(&inspection));
+    }
+    Ok(Outcome::Done)
+}
+
+fn text(i: &Inspection) -> String {
+    let mut t = String::new();
+    let _ = writeln!(
+        t,
+        "{} objects, {} triangles placed, {} stored, {} parts instanced, {:.1} MB",
+        i.objects,
+        i.placed_triangles,
+        i.stored_triangles,
+        i.instanced_parts,
+        i.memory_bytes as f64 * 1e-6
+    );
+    match i.bounds {
+        Some([lo, hi]) => {
+            let size: Vec<String> = (0..3).map(|k| format!("{:.4}", hi[k] - lo[k])).collect();
+            let at: Vec<String> = lo.iter().map(|v| format!("{v:.4}")).collect();
+            let _ = writeln!(t, "bounds {} m, lowest corner at {}", size.join(" x "), at.join(", "));
+        }
+        None => t += "no geometry\n",
+    }
+    section(&mut t, "cameras", i.cameras.iter().map(|c| format!("{:<28} {}", c.name, c.description)));
+    section(
+        &mut t,
+        "lights",
+        i.lights.iter().map(|l| {
+            let radiance =
+                l.radiance.map_or(String::new(), |[r, g, b]| format!(", radiance {r:.4} {g:.4} {b:.4} W/(m^2 sr)"));
+            format!("{:<28} {}: {:.4} W, {:.1} lm{radiance}", l.name, l.kind, l.watts, l.lumens)
+        }),
+    );
+    section(
+        &mut t,
+        "materials",
+        i.materials.iter().map(|m| format!("{:<28} {} ({} triangles)", m.name, m.description, m.triangles)),
+    );
+    section(&mut t, "read with warnings", i.warnings.iter().cloned());
+    section(&mut t, "repaired", i.notes.iter().cloned());
+    section(&mut t, "hazards", i.hazards.iter().cloned());
+    if i.hazards.is_empty() {
+        t += "no hazards found\n";
+    }
+    t
+}
+
+/// A heading with indented lines, or nothing if there are none.
+fn section(text: &mut String, heading: &str, lines: impl Iterator<Item = String>) {
+    let mut lines = lines.peekable();
+    if lines.peek().is_some() {
+        let _ = writeln!(text, "{heading}");
+        for line in lines {
+            let _ = writeln!(text, "  {line}");
+        }
+    }
+}

@@ -1,0 +1,5 @@
+//! One file for each command.
+
+pub(crate) mod inspect;
+pub(crate) mod render;
+pub(crate) mod sensors;

@@ -1,0 +1,58 @@
+//! What can go wrong between a file and a frame.
+
+use dunkelfeld_io::InputError;
+use dunkelfeld_scene::BuildError;
+use dunkelfeld_sensor::SensorError;
+use std::path::PathBuf;
+
+/// Everything that ends a render without a picture.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// A file that cannot be used.
+    #[error(transparent)]
+    Input(#[from] InputError),
+    /// A scene that makes no sense.
+    #[error("the scene cannot be built: {0}")]
+    Build(#[from] BuildError),
+    /// A setting outside its range.
+    #[error("{what}: {problem}\n  mend: {mend}")]
+    Setting {
+        /// Which setting.
+        what: String,
+        /// What is wrong.
+        problem: String,
+        /// What to do about it.
+        mend: String,
+    },
+    /// A sensor that cannot expose this.
+    #[error("the sensor cannot be used: {0}")]
+    Sensor(#[from] SensorError),
+    /// A file that could not be written.
+    #[error("{}: {problem}\n  mend: {mend}", file.display())]
+    Output {
+        /// The file.
+        file: PathBuf,
+        /// What went wrong.
+        problem: String,
+        /// What to do about it.
+        mend: String,
+    },
+    /// The threads could not be started.
+    #[error("the worker threads could not be started: {0}")]
+    Threads(String),
+}
+
+impl Error {
+    /// A setting outside its range.
+    pub fn setting(what: impl Into<String>, problem: impl Into<String>, mend: impl Into<String>) -> Self {
+        Self::Setting { what: what.into(), problem: problem.into(), mend: mend.into() }
+    }
+
+    /// The line of the input file with a caret under the fault; empty where there is none.
+    pub fn caret(&self) -> String {
+        match self {
+            Self::Input(e) => e.caret(),
+            _ => String::new(),
+        }
+    }
+}

@@ -1,0 +1,175 @@
+//! What a scene holds, and what in it may trouble a render.
+
+use dunkelfeld_radiometry::photon::lumens;
+use dunkelfeld_scene::{AlphaMode, BuildReport, Scene, SceneSummary, Surface};
+use serde::Serialize;
+
+/// A light, as listed.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct LightEntry {
+    /// The object or light that shines.
+    pub name: String,
+    /// Its kind.
+    pub kind: String,
+    /// Emitted power [W], mean of the channels.
+    pub watts: f64,
+    /// Emitted luminous flux [lm], at 683 lm/W of the luminance-weighted power.
+    pub lumens: f64,
+    /// Radiance [W/(m^2 sr)] per channel, where the light has a surface or is the environment.
+    pub radiance: Option<[f32; 3]>,
+}
+
+/// A material, as listed.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct MaterialEntry {
+    /// Its name.
+    pub name: String,
+    /// What it is, in a few words.
+    pub description: String,
+    /// Triangles that have it, as placed.
+    pub triangles: u64,
+}
+
+/// A camera, as listed.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct CameraEntry {
+    /// Its name.
+    pub name: String,
+    /// `perspective, 30.0 degrees` or `orthographic, 0.2 x 0.1 m`.
+    pub description: String,
+}
+
+/// Everything `inspect` tells.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Inspection {
+    /// Objects.
+    pub objects: usize,
+    /// Triangles as placed and as stored.
+    pub placed_triangles: u64,
+    /// Triangles in memory.
+    pub stored_triangles: u64,
+    /// Parts that share their mesh with others.
+    pub instanced_parts: usize,
+    /// Bytes of geometry, hierarchy and images.
+    pub memory_bytes: u64,
+    /// Lowest and highest corner in world space [m].
+    pub bounds: Option<[[f64; 3]; 2]>,
+    /// The cameras.
+    pub cameras: Vec<CameraEntry>,
+    /// The lights.
+    pub lights: Vec<LightEntry>,
+    /// The materials in use.
+    pub materials: Vec<MaterialEntry>,
+    /// What was repaired or left out while reading.
+    pub warnings: Vec<String>,
+    /// Repairs made while building.
+    pub notes: Vec<String>,
+    /// What may make the image other than meant.
+    pub hazards: Vec<String>,
+}
+
+/// Lists a built scene.
+pub fn inspect(scene: &Scene, report: &BuildReport) -> Inspection {
+    let SceneSummary { placed_triangles, stored_triangles, objects, instanced_parts, memory_bytes, bounds } = scene.summary();
+    let mut triangles = vec![0u64; scene.materials().len()];
+    for part in scene.part_inventory() {
+        triangles[part.material as usize] += part.triangles as u64;
+    }
+    let materials = scene
+        .materials()
+        .iter()
+        .zip(triangles)
+        .filter(|(_, n)| *n > 0)
+        .map(|(m, triangles)| MaterialEntry { name: m.name.clone(), description: describe(m), triangles })
+        .collect();
+    let lights = scene
+        .light_inventory()
+        .into_iter()
+        .map(|l| LightEntry {
+            watts: f64::from(l.power.mean()),
+            lumens: lumens(l.power),
+            radiance: l.radiance.map(|r| r.to_array()),
+            name: l.name,
+            kind: l.kind,
+        })
+        .collect();
+    let (mut notes, mut hazards) = (Vec::new(), Vec::new());
+    for f in &report.findings {
+        let text = format!("{}: {}", f.place, f.message);
+        match f.severity {
+            dunkelfeld_scene::Severity::Note => notes.push(text),
+            dunkelfeld_scene::Severity::Hazard => hazards.push(text),
+        }
+    }
+    Inspection {
+        objects,
+        placed_triangles,
+        stored_triangles,
+        instanced_parts,
+        memory_bytes,
+        bounds,
+        cameras: scene.cameras().iter().map(camera_entry).collect(),
+        lights,
+        materials,
+        warnings: Vec::new(),
+        notes,
+        hazards,
+    }
+}
+
+fn camera_entry(camera: &dunkelfeld_scene::Camera) -> CameraEntry {
+    use dunkelfeld_scene::Projection::{Orthographic, Perspective};
+    let description = match camera.projection {
+        Perspective { vertical_fov } => format!("perspective, {:.1} degrees high", vertical_fov.to_degrees()),
+        Orthographic { half_width, half_height } => {
+            format!("orthographic, {} x {} m", 2.0 * half_width, 2.0 * half_height)
+        }
+    };
+    CameraEntry { name: camera.name.clone(), description }
+}
+
+/// A material in a few words, from what it scatters with to what it adds.
+fn describe(m: &dunkelfeld_scene::Material) -> String {
+    if m.unlit {
+        return "unlit".into();
+    }
+    let mut words = Vec::new();
+    let transmits = m.transmission > 0.0 && m.metallic < 1.0;
+    if m.emission.is_black() || !m.base_color.is_black() {
+        let textured = |t: bool| if t { ", textured" } else { "" };
+        let body = match (transmits, m.surface) {
+            (true, Surface::Solid(v)) => {
+                let absorbs = v.attenuation_distance.is_finite() && v.attenuation_color != dunkelfeld_radiometry::Rgb::WHITE;
+                let absorbs = if absorbs { ", absorbing" } else { "" };
+                format!("clear solid, ior {}{absorbs}", m.ior)
+            }
+            (true, Surface::Thin) => format!("thin sheet, ior {}", m.ior),
+            _ if m.metallic >= 1.0 => "metal".into(),
+            _ if m.metallic > 0.0 => "partly metal".into(),
+            _ => "dielectric".into(),
+        };
+        let color = m.base_color.to_array().map(|v| format!("{v:.3}")).join(" ");
+        words.push(format!("{body}{}", textured(m.base_color_texture.is_some())));
+        words.push(format!("base colour {color}"));
+        words.push(format!("roughness {:.3}{}", m.roughness, textured(m.roughness_texture.is_some())));
+    }
+    match m.alpha_mode {
+        AlphaMode::Opaque => {}
+        AlphaMode::Mask { cutoff } => words.push(format!("cut out at {cutoff}")),
+        AlphaMode::Blend => words.push(format!("coverage {}", m.alpha)),
+    }
+    for (on, name) in [
+        (m.normal_texture.is_some(), "normal map"),
+        (m.clearcoat > 0.0, "clear coat"),
+        (!m.sheen_color.is_black(), "sheen"),
+        (m.anisotropy != 0.0, "anisotropic"),
+    ] {
+        if on {
+            words.push(name.into());
+        }
+    }
+    if !m.emission.is_black() {
+        words.push(format!("emits {} W/(m^2 sr), {}", m.emission.mean(), if m.double_sided { "both sides" } else { "front" }));
+    }
+    words.join(", ")
+}

@@ -1,0 +1,206 @@
+//! From results to files: pictures, raw values, layers, the plan.
+
+use crate::develop::{Frame, Picture};
+use crate::error::Error;
+use crate::render::Rendering;
+use crate::settings::RenderSettings;
+use dunkelfeld_film::{PixelSums, Plane};
+use dunkelfeld_io::exr::{ExrLayers, read_exr, write_exr};
+use dunkelfeld_io::layers::{Single, Triple};
+use dunkelfeld_io::picture::Picture as File;
+use std::path::{Path, PathBuf};
+
+/// What an id layer holds where there is nothing.
+pub const NO_ID: u32 = u32::MAX;
+
+/// Which files to write; what is absent is not written.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct OutputPaths {
+    /// 8-bit gamma-2.2 PNG.
+    pub image: Option<PathBuf>,
+    /// 16-bit linear PNG or TIFF, by extension.
+    pub linear: Option<PathBuf>,
+    /// EXR with all layers.
+    pub exr: Option<PathBuf>,
+    /// Statistics as JSON.
+    pub stats: Option<PathBuf>,
+    /// EXR with the sample plan alone.
+    pub plan: Option<PathBuf>,
+}
+
+impl OutputPaths {
+    fn all(&self) -> impl Iterator<Item = &PathBuf> {
+        [&self.image, &self.linear, &self.exr, &self.stats, &self.plan].into_iter().flatten()
+    }
+
+    /// Finds out before the render what would fail after it: folders that do not exist, names that cannot be, two outputs
+    /// in one file.
+    ///
+    /// # Errors
+    /// The first fault found, with its mend.
+    pub fn check(&self, has_sensor: bool) -> Result<(), Error> {
+        for path in self.all() {
+            let fault = |problem: &str, mend: &str| Error::Output { file: path.clone(), problem: problem.into(), mend: mend.into() };
+            if path.file_name().is_none() || path.is_dir() {
+                return Err(fault("is a folder, not a file", "name a file in it"));
+            }
+            let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+            if !folder.is_dir() {
+                return Err(fault("cannot be written: its folder does not exist", "create the folder first"));
+            }
+            if self.all().filter(|p| *p == path).count() > 1 {
+                return Err(fault("is named for two outputs", "give each its own file"));
+            }
+        }
+        let wrong = |path: &Option<PathBuf>, allowed: &[&str]| {
+            path.as_ref().filter(|p| !allowed.contains(&extension(p).as_str())).map(|p| Error::Output {
+                file: p.clone(),
+                problem: format!("has an ending that does not fit (\".{}\")", extension(p)),
+                mend: format!("end it in .{}", allowed.join(" or .")),
+            })
+        };
+        let faults = [
+            wrong(&self.image, &["png"]),
+            wrong(&self.linear, &["png", "tif", "tiff"]),
+            wrong(&self.exr, &["exr"]),
+            wrong(&self.plan, &["exr"]),
+        ];
+        if let Some(fault) = faults.into_iter().flatten().next() {
+            return Err(fault);
+        }
+        match &self.linear {
+            Some(path) if !has_sensor => Err(Error::Output {
+                file: path.clone(),
+                problem: "linear grey values come from a sensor, and there is none".into(),
+                mend: "choose a sensor, or write an EXR for linear radiance".into(),
+            }),
+            _ => Ok(()),
+        }
+    }
+}
+
+fn extension(path: &Path) -> String {
+    path.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase()
+}
+
+fn written(path: &Path, result: std::io::Result<()>) -> Result<(), Error> {
+    result.map_err(|e| Error::Output {
+        file: path.into(),
+        problem: e.to_string(),
+        mend: "check the path, the permissions and the space on the disk".into(),
+    })
+}
+
+/// Writes the 8-bit picture of a frame as PNG.
+///
+/// # Errors
+/// If the file cannot be written; an existing one then stays as it was.
+pub fn save_picture(frame: &Frame, path: &Path) -> Result<(), Error> {
+    let picture = match &frame.picture {
+        Picture::Gray(p) => File::Gray8(p),
+        Picture::Rgb(p) => File::Rgb8(p),
+    };
+    written(path, dunkelfeld_io::png::write_png(path, picture, &[("Software", "Dunkelfeld")]))
+}
+
+/// Writes the linear grey values of a frame as 16-bit PNG or TIFF.
+///
+/// # Errors
+/// A frame without a sensor; a file that cannot be written.
+pub fn save_linear(frame: &Frame, path: &Path) -> Result<(), Error> {
+    let Some(sensor) = &frame.sensor else {
+        return Err(Error::setting("linear", "there is no sensor, so there are no grey values", "choose a sensor"));
+    };
+    let picture = File::Gray16(&sensor.values);
+    let text = format!(
+        "{}, exposure {} s, {} bit, black level {} DN",
+        sensor.model.spec().name,
+        sensor.exposure.time().0,
+        sensor.model.spec().bit_depth,
+        sensor.model.spec().offset.0
+    );
+    written(
+        path,
+        match extension(path).as_str() {
+            "tif" | "tiff" => dunkelfeld_io::tiff::write_tiff(path, picture, Some(&text)),
+            _ => dunkelfeld_io::png::write_png(path, picture, &[("Software", "Dunkelfeld"), ("Description", &text)]),
+        },
+    )
+}
+
+/// All layers of a render as an EXR's contents: `R G B`, `variance.*`, `spp.Y`, `albedo.*`, `normal.*`, `depth.Z`,
+/// `id.object`, `id.material` ([`NO_ID`] where there is nothing) and, with a sensor, `electrons.Y`.
+pub fn encode_layers(rendering: &Rendering, frame: &Frame, settings: &RenderSettings, names: &[String]) -> ExrLayers {
+    let film = &rendering.film;
+    let sums = film.pixels();
+    let mut layers = plan_layers(&rendering.plan(), settings);
+    layers.push_triples(Triple::Mean, &film.mean());
+    layers.push_triples(Triple::Variance, &film.variance());
+    layers.push_triples(Triple::Albedo, &sums.map(PixelSums::mean_albedo));
+    layers.push_triples(Triple::Normal, &sums.map(PixelSums::mean_normal));
+    layers.push_floats(Single::Depth, sums.map(PixelSums::mean_depth));
+    layers.push_integers(Single::ObjectId, rendering.labels.map(|l| l.map_or(NO_ID, |l| l.object)));
+    layers.push_integers(Single::MaterialId, rendering.labels.map(|l| l.map_or(NO_ID, |l| l.material)));
+    if let Some(sensor) = &frame.sensor {
+        layers.push_floats(Single::Electrons, sensor.electrons.clone());
+    }
+    layers.attributes = serde_json::json!({
+        "program": format!("dunkelfeld {}", env!("CARGO_PKG_VERSION")),
+        "seed": settings.seed,
+        "frame": settings.frame,
+        "exposure_seconds": frame.sensor.as_ref().map(|s| s.exposure.time().0),
+        "sensor": frame.sensor.as_ref().map(|s| &s.model.spec().name),
+        "objects": names,
+    })
+    .to_string();
+    layers
+}
+
+fn plan_layers(plan: &Plane<u32>, settings: &RenderSettings) -> ExrLayers {
+    let mut layers = ExrLayers::new(plan.width(), plan.height());
+    layers.push_integers(Single::SampleCount, plan.clone());
+    layers.attributes = serde_json::json!({
+        "program": format!("dunkelfeld {}", env!("CARGO_PKG_VERSION")),
+        "seed": settings.seed,
+        "frame": settings.frame,
+    })
+    .to_string();
+    layers
+}
+
+/// Writes an EXR.
+///
+/// # Errors
+/// If the file cannot be written; an existing one then stays as it was.
+pub fn save_exr(path: &Path, layers: ExrLayers) -> Result<(), Error> {
+    written(path, write_exr(path, layers))
+}
+
+/// Writes the plan alone: samples per pixel, for a replay.
+///
+/// # Errors
+/// If the file cannot be written.
+pub fn save_plan(path: &Path, plan: &Plane<u32>, settings: &RenderSettings) -> Result<(), Error> {
+    save_exr(path, plan_layers(plan, settings))
+}
+
+/// Reads a plan that [`save_plan`] or the layers of a render hold.
+///
+/// # Errors
+/// A file that is no EXR, or has no layer `spp.Y`.
+pub fn load_plan(path: &Path) -> Result<Plane<u32>, Error> {
+    let layers = read_exr(path)?;
+    layers.integers(Single::SampleCount).ok_or_else(|| {
+        let mend = "use an EXR that --exr or --plan wrote";
+        dunkelfeld_io::InputError::new(path, "layer spp.Y", "is missing: there is no sample plan in this file", mend).into()
+    })
+}
+
+/// Writes text.
+///
+/// # Errors
+/// If the file cannot be written.
+pub fn save_text(path: &Path, text: &str) -> Result<(), Error> {
+    use std::io::Write;
+    written(path, dunkelfeld_io::atomic::write_atomically(path, |w| w.write_all(text.as_bytes())))
+}

@@ -1,0 +1,293 @@
+//! The render: pilot, plan, rounds, until the budget is met.
+
+use crate::error::Error;
+use crate::progress::{Cancel, Progress, Stage};
+use crate::round::{Reporter, RoundWork, deadline, run};
+use crate::settings::{DEFAULT_SPP, MAX_SIDE, RenderSettings, SensorChoice};
+use dunkelfeld_adaptive::allocation::{Pilot, Strategy};
+use dunkelfeld_adaptive::cost::{CostMap, TileGrid, makespan};
+use dunkelfeld_adaptive::plan;
+use dunkelfeld_adaptive::schedule::{Limits, Phase, Schedule, Settings, Step, StopReason};
+use dunkelfeld_film::{Film, Plane};
+use dunkelfeld_integrator::{Estimator, Label, PixelSample, label};
+use dunkelfeld_scene::{RayGenerator, Scene};
+use dunkelfeld_sensor::{Response, auto_exposure};
+use rayon::prelude::*;
+use std::time::Instant;
+
+/// Pixels along the side of a tile.
+const TILE: u32 = 16;
+/// Largest round of a render without a time limit: progress is shown, and an interruption loses little.
+const SECONDS_PER_MEGAPIXEL: f64 = 0.9;
+
+/// A finished (or interrupted) render: statistics of every pixel, and how they came about.
+#[derive(Debug)]
+pub struct Rendering {
+    /// Exact sums per pixel.
+    pub film: Film,
+    /// What each pixel's centre shows.
+    pub labels: Plane<Option<Label>>,
+    /// Why it ended.
+    pub stop: StopReason,
+    /// Was it cancelled from outside?
+    pub interrupted: bool,
+    /// Seconds spent in each stage, in order.
+    pub stages: Vec<(Stage, f64)>,
+    /// The first samples that were not finite, negative or out of range.
+    pub invalid: Vec<PixelSample>,
+    /// Weights of the last plan, for looking at; mean one.
+    pub weights: Plane<f32>,
+    /// Threads that rendered.
+    pub threads: usize,
+}
+
+impl Rendering {
+    /// The plan that was rendered: samples per pixel. Replaying it gives the same film, bit by bit.
+    pub fn plan(&self) -> Plane<u32> {
+        self.film.sample_counts()
+    }
+}
+
+/// A pool of worker threads; 0 takes as many as there are cores.
+pub fn thread_pool(threads: usize) -> Result<rayon::ThreadPool, Error> {
+    rayon::ThreadPoolBuilder::new()
+        .num_threads(threads)
+        .thread_name(|i| format!("dunkelfeld-{i}"))
+        .build()
+        .map_err(|e| Error::Threads(e.to_string()))
+}
+
+/// Binds the camera that the settings name to the film.
+pub fn camera(scene: &Scene, settings: &RenderSettings) -> Result<RayGenerator, Error> {
+    let aspect = settings.width as f32 / settings.height as f32;
+    match scene.camera(settings.camera.as_deref(), aspect) {
+        Some(camera) => Ok(scene.ray_generator(&camera, settings.width, settings.height)),
+        None => {
+            let names: Vec<&str> = scene.cameras().iter().map(|c| c.name.as_str()).collect();
+            let known = if names.is_empty() { "the scene has none".into() } else { names.join(", ") };
+            let name = settings.camera.clone().unwrap_or_default();
+            Err(Error::setting("camera", format!("there is no camera \"{name}\""), format!("cameras: {known}; leave it out for the first")))
+        }
+    }
+}
+
+/// Renders a scene within a budget that began at `started`.
+///
+/// Same scene, settings and sample plan: same film, bit by bit, on any number of threads. With a time limit the clock
+/// decides how many samples there are, never which pixel gets them.
+///
+/// # Errors
+/// Settings outside their range, an unknown camera, a replayed plan of another size.
+pub fn render(
+    scene: &Scene,
+    settings: &RenderSettings,
+    started: Instant,
+    progress: &dyn Progress,
+    cancel: &Cancel,
+) -> Result<Rendering, Error> {
+    check(settings)?;
+    let camera = camera(scene, settings)?;
+    let pool = thread_pool(settings.threads)?;
+    let threads = pool.current_num_threads();
+    pool.install(|| Renderer::new(scene, &camera, settings, started, threads).run(progress, cancel))
+}
+
+fn check(s: &RenderSettings) -> Result<(), Error> {
+    let range = format!("1 to {MAX_SIDE}");
+    for (name, v) in [("width", s.width), ("height", s.height)] {
+        if !(1..=MAX_SIDE).contains(&v) {
+            return Err(Error::setting(name, format!("{v} is out of range"), format!("use {range}")));
+        }
+    }
+    for (name, v) in [("time", s.budget.seconds), ("spp", s.budget.spp)] {
+        if v.is_some_and(|v| !(v.is_finite() && v > 0.0)) {
+            return Err(Error::setting(name, "the budget must be a positive number", "use 20s or 64"));
+        }
+    }
+    if s.budget.spp.is_some_and(|v| v > f64::from(u32::MAX / 4)) {
+        return Err(Error::setting("spp", "more samples per pixel than can be counted", "use less than 1e9"));
+    }
+    if let Some(p) = &s.replay
+        && (p.width(), p.height()) != (s.width, s.height)
+    {
+        let problem = format!("the plan is {} x {} pixels, the film {} x {}", p.width(), p.height(), s.width, s.height);
+        return Err(Error::setting("replay", problem, "render at the size of the plan"));
+    }
+    Ok(())
+}
+
+/// The state of a render between rounds.
+struct Renderer<'a> {
+    scene: &'a Scene,
+    camera: &'a RayGenerator,
+    settings: &'a RenderSettings,
+    started: Instant,
+    threads: usize,
+    film: Film,
+    weights: Plane<f32>,
+    costs: CostMap,
+    stages: Vec<(Stage, f64)>,
+    invalid: Vec<PixelSample>,
+}
+
+impl<'a> Renderer<'a> {
+    fn new(scene: &'a Scene, camera: &'a RayGenerator, settings: &'a RenderSettings, started: Instant, threads: usize) -> Self {
+        let (width, height) = (settings.width, settings.height);
+        Self {
+            scene,
+            camera,
+            settings,
+            started,
+            threads,
+            film: Film::new(width, height),
+            weights: dunkelfeld_adaptive::allocation::uniform(width, height),
+            costs: CostMap::new(TileGrid::new(width, height, TILE)),
+            stages: Vec::new(),
+            invalid: Vec::new(),
+        }
+    }
+
+    fn pixels(&self) -> u64 {
+        u64::from(self.settings.width) * u64::from(self.settings.height)
+    }
+
+    fn run(mut self, progress: &dyn Progress, cancel: &Cancel) -> Result<Rendering, Error> {
+        let stop = match &self.settings.replay {
+            Some(plan) => {
+                let total = plan::total(plan);
+                let reporter = Reporter::new(progress, self.started, None, Some(total));
+                self.round(plan, Stage::Refine, None, cancel, &reporter);
+                StopReason::Samples
+            }
+            None => self.rounds(progress, cancel),
+        };
+        let labels = self.labels();
+        Ok(Rendering {
+            film: self.film,
+            labels,
+            stop,
+            interrupted: cancel.is_cancelled(),
+            stages: self.stages,
+            invalid: self.invalid,
+            weights: self.weights,
+            threads: self.threads,
+        })
+    }
+
+    /// Pilot and refinements, until the schedule says stop.
+    fn rounds(&mut self, progress: &dyn Progress, cancel: &Cancel) -> StopReason {
+        let budget = self.settings.budget;
+        let spp = budget.spp.or(if budget.seconds.is_none() { Some(DEFAULT_SPP) } else { None });
+        let samples = spp.map(|spp| plan::total_for_mean(spp, self.pixels()).max(1));
+        let closing = SECONDS_PER_MEGAPIXEL * self.pixels() as f64 * 1e-6;
+        let limits = Limits { seconds: budget.seconds, samples, at_least: self.pixels().min(samples.unwrap_or(u64::MAX)) };
+        let settings = Settings { pixels: self.pixels(), pilot_spp: self.settings.pilot_spp, closing_seconds: closing };
+        let mut schedule = Schedule::new(limits, settings);
+        let reporter = Reporter::new(progress, self.started, budget.seconds, samples);
+        let mut work_per_sample = 1.0;
+        loop {
+            let round = match schedule.next(self.started.elapsed().as_secs_f64(), work_per_sample) {
+                Step::Stop(reason) => return reason,
+                Step::Round(round) => round,
+            };
+            let stage = if round.phase == Phase::Pilot { Stage::Pilot } else { Stage::Refine };
+            if round.replan {
+                self.weights = self.replan();
+            }
+            let current = self.film.sample_counts();
+            let target = plan::next_round(&current, &self.weights, self.film.total_samples() + round.samples);
+            // Beyond the samples that every pixel must have, a round that would pass the deadline is cut.
+            let guard = (self.film.total_samples() >= limits.at_least)
+                .then(|| deadline(self.started, budget.seconds, closing))
+                .flatten();
+            let began = Instant::now();
+            let (taken, work) = self.round(&target, stage, guard, cancel, &reporter);
+            if cancel.is_cancelled() {
+                return StopReason::Samples;
+            }
+            schedule.record(taken, work, began.elapsed().as_secs_f64());
+            if taken > 0 {
+                work_per_sample = work / taken as f64;
+            }
+            if taken < round.samples && guard.is_some_and(|d| Instant::now() > d) {
+                return StopReason::Time;
+            }
+        }
+    }
+
+    /// Renders up to a target plan; returns the samples taken and their expected work.
+    fn round(
+        &mut self,
+        target: &Plane<u32>,
+        stage: Stage,
+        deadline: Option<Instant>,
+        cancel: &Cancel,
+        reporter: &Reporter<'_>,
+    ) -> (u64, f64) {
+        let began = Instant::now();
+        let increment = plan::increment(&self.film.sample_counts(), target);
+        let units = self.costs.cut(&increment, self.threads);
+        let work = makespan(&units, self.threads);
+        let estimator = Estimator {
+            scene: self.scene,
+            camera: self.camera,
+            width: self.settings.width,
+            seed: self.settings.seed,
+            frame: self.settings.frame,
+        };
+        let round =
+            RoundWork { estimator: &estimator, increment: &increment, units: &units, costs: &self.costs, deadline, cancel, stage };
+        let result = run(&mut self.film, &round, reporter);
+        self.costs.record(&result.tiles);
+        self.invalid.extend(result.invalid);
+        self.invalid.truncate(16);
+        self.spend(stage, began);
+        (result.samples, work)
+    }
+
+    fn spend(&mut self, stage: Stage, began: Instant) {
+        let seconds = began.elapsed().as_secs_f64();
+        match self.stages.last_mut() {
+            Some((last, total)) if *last == stage => *total += seconds,
+            _ => self.stages.push((stage, seconds)),
+        }
+    }
+
+    /// New weights from all samples so far.
+    fn replan(&self) -> Plane<f32> {
+        if self.settings.strategy == Strategy::Uniform {
+            return dunkelfeld_adaptive::allocation::uniform(self.settings.width, self.settings.height);
+        }
+        let mean = self.film.mean();
+        let (luminance, white) = brightness(&mean, &self.settings.sensor);
+        self.settings.strategy.weights(&Pilot { luminance: &luminance, white, sobel_floor: self.settings.sobel_floor })
+    }
+
+    fn labels(&self) -> Plane<Option<Label>> {
+        let (width, height) = (self.settings.width, self.settings.height);
+        let rows: Vec<Vec<Option<Label>>> = (0..height)
+            .into_par_iter()
+            .map(|y| (0..width).map(|x| label(self.scene, self.camera, x, y)).collect())
+            .collect();
+        Plane::from_vec(width, height, rows.concat()).unwrap_or_else(|| Plane::new(width, height, None))
+    }
+}
+
+/// The image as the camera sees it, with the level at which it saturates: electrons per second for a sensor, luminance
+/// without one. What the pilot image is made from.
+fn brightness(mean: &Plane<[f32; 3]>, sensor: &SensorChoice) -> (Plane<f32>, f32) {
+    match sensor {
+        SensorChoice::None => (mean.map(|&[r, g, b]| dunkelfeld_radiometry::Rgb::new(r, g, b).luminance()), 1.0),
+        SensorChoice::Emva { model, optics, exposure } => {
+            let exposure = exposure.map_or_else(|| auto_exposure(mean, model, optics), Ok);
+            match exposure {
+                Ok(exposure) => {
+                    let electrons = dunkelfeld_sensor::electrons(mean, &Response::new(model, optics, exposure));
+                    (electrons.plane, model.saturation().0 as f32)
+                }
+                // A black pilot has no edges: nothing to prefer.
+                Err(_) => (mean.map(|_| 0.0), 1.0),
+            }
+        }
+    }
+}

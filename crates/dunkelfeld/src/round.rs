@@ -1,0 +1,195 @@
+//! One round of samples on all threads.
+//!
+//! A round is given as new samples per pixel. Threads take units of work (a tile, or a share of a tile's samples), add
+//! them up apart, and a tile goes onto the film only when all of its units are done: whatever happens, the samples of a
+//! pixel are always the first n. Sums are exact, so it does not matter who finishes first.
+
+use crate::progress::{Cancel, Progress, ProgressState, Stage};
+use dunkelfeld_adaptive::cost::{CostMap, TileRect, WorkUnit};
+use dunkelfeld_film::{Accumulate, Film, PixelSums, Plane};
+use dunkelfeld_integrator::{Estimator, PixelSample};
+use rayon::prelude::*;
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::{Duration, Instant};
+
+/// At most so many invalid samples are remembered by name.
+const MOST_NAMED: usize = 16;
+/// Samples between two looks at the clock and the switch.
+const CHECK_EVERY: u32 = 256;
+/// Pause between two reports of progress.
+const REPORT_EVERY_MS: u64 = 100;
+
+/// Where progress reports go, and what they are measured against.
+pub(crate) struct Reporter<'a> {
+    pub(crate) sink: &'a dyn Progress,
+    pub(crate) started: Instant,
+    /// Limits that progress is a fraction of: seconds and samples.
+    pub(crate) seconds: Option<f64>,
+    pub(crate) samples: Option<u64>,
+    taken: AtomicU64,
+    last_report_ms: AtomicU64,
+}
+
+impl<'a> Reporter<'a> {
+    pub(crate) fn new(sink: &'a dyn Progress, started: Instant, seconds: Option<f64>, samples: Option<u64>) -> Self {
+        Self { sink, started, seconds, samples, taken: AtomicU64::new(0), last_report_ms: AtomicU64::new(0) }
+    }
+
+    /// Adds samples, and reports if the last report is old enough.
+    fn add(&self, stage: Stage, samples: u64) {
+        self.taken.fetch_add(samples, Ordering::Relaxed);
+        let now = self.started.elapsed().as_millis() as u64;
+        let last = self.last_report_ms.load(Ordering::Relaxed);
+        let due = now >= last + REPORT_EVERY_MS
+            && self.last_report_ms.compare_exchange(last, now, Ordering::Relaxed, Ordering::Relaxed).is_ok();
+        if due {
+            self.report(stage);
+        }
+    }
+
+    /// Reports now.
+    pub(crate) fn report(&self, stage: Stage) {
+        let elapsed = self.started.elapsed().as_secs_f64();
+        let taken = self.taken.load(Ordering::Relaxed);
+        let by_time = self.seconds.map_or(0.0, |s| if s > 0.0 { elapsed / s } else { 1.0 });
+        let by_samples = self.samples.map_or(0.0, |n| if n > 0 { taken as f64 / n as f64 } else { 1.0 });
+        let fraction = by_time.max(by_samples).clamp(0.0, 1.0);
+        let remaining = (fraction > 0.0).then(|| elapsed * (1.0 - fraction) / fraction);
+        self.sink.update(&ProgressState { stage, fraction, elapsed, remaining, samples: taken });
+    }
+}
+
+/// What a round needs.
+pub(crate) struct RoundWork<'a> {
+    pub(crate) estimator: &'a Estimator<'a>,
+    pub(crate) increment: &'a Plane<u32>,
+    pub(crate) units: &'a [WorkUnit],
+    pub(crate) costs: &'a CostMap,
+    /// Units that have not begun by now are left out.
+    pub(crate) deadline: Option<Instant>,
+    pub(crate) cancel: &'a Cancel,
+    pub(crate) stage: Stage,
+}
+
+/// What a round brought.
+#[derive(Debug, Default)]
+pub(crate) struct RoundResult {
+    /// Per tile that was finished: index, samples, thread seconds.
+    pub(crate) tiles: Vec<(usize, u64, f64)>,
+    /// Samples that reached the film.
+    pub(crate) samples: u64,
+    /// The first invalid samples, by pixel and index.
+    pub(crate) invalid: Vec<PixelSample>,
+}
+
+/// A tile on its way: the sums of its finished units.
+#[derive(Default)]
+struct Pending {
+    sums: Vec<PixelSums>,
+    units_done: u32,
+    seconds: f64,
+}
+
+/// Renders a round onto the film, on the threads of the current pool.
+pub(crate) fn run(film: &mut Film, work: &RoundWork<'_>, reporter: &Reporter<'_>) -> RoundResult {
+    let grid = work.costs.grid();
+    let first: Plane<u32> = film.sample_counts();
+    let pending: Vec<Mutex<Pending>> = (0..grid.len()).map(|_| Mutex::default()).collect();
+    let invalid = Mutex::new(Vec::new());
+    let next = AtomicU64::new(0);
+    // One long-lived task per thread that takes the next unit: the dearest first, as they were cut.
+    (0..rayon::current_num_threads()).into_par_iter().for_each(|_| {
+        loop {
+            let index = next.fetch_add(1, Ordering::Relaxed) as usize;
+            let Some(unit) = work.units.get(index) else { break };
+            if work.cancel.is_cancelled() || work.deadline.is_some_and(|d| Instant::now() > d) {
+                break;
+            }
+            let began = Instant::now();
+            let rect = grid.rect(unit.tile);
+            let Some(sums) = render_unit(work, unit, rect, &first, reporter, &invalid) else { break };
+            let Ok(mut tile) = pending[unit.tile].lock() else { break };
+            if tile.sums.is_empty() {
+                tile.sums = sums;
+            } else {
+                tile.sums.iter_mut().zip(&sums).for_each(|(a, b)| a.merge(b));
+            }
+            tile.units_done += 1;
+            tile.seconds += began.elapsed().as_secs_f64();
+        }
+    });
+
+    let mut result = RoundResult { invalid: invalid.into_inner().unwrap_or_default(), ..RoundResult::default() };
+    let mut parts = vec![(0u32, 0u64); grid.len()];
+    work.units.iter().for_each(|u| parts[u.tile] = (u.parts, u.samples));
+    let width = film.width() as usize;
+    for (index, (tile, (parts, samples))) in pending.into_iter().zip(parts).enumerate() {
+        let Ok(tile) = tile.into_inner() else { continue };
+        if parts == 0 || tile.units_done < parts {
+            continue;
+        }
+        let rect = grid.rect(index);
+        let columns = (rect.x1 - rect.x0) as usize;
+        for (row, sums) in tile.sums.chunks(columns).enumerate() {
+            let at = (rect.y0 as usize + row) * width + rect.x0 as usize;
+            film.pixels_mut().data_mut()[at..at + columns].iter_mut().zip(sums).for_each(|(a, b)| a.merge(b));
+        }
+        result.tiles.push((index, samples, tile.seconds));
+        result.samples += samples;
+    }
+    result.invalid.sort_by_key(|s| (s.y, s.x, s.index));
+    result
+}
+
+/// The sums of one unit; `None` if it was cut short.
+fn render_unit(
+    work: &RoundWork<'_>,
+    unit: &WorkUnit,
+    rect: TileRect,
+    first: &Plane<u32>,
+    reporter: &Reporter<'_>,
+    invalid: &Mutex<Vec<PixelSample>>,
+) -> Option<Vec<PixelSums>> {
+    let mut sums = vec![PixelSums::default(); rect.pixels() as usize];
+    let mut unreported = 0u32;
+    let mut slot = 0;
+    for y in rect.y0..rect.y1 {
+        for x in rect.x0..rect.x1 {
+            for index in unit.range(*first.at(x, y), *work.increment.at(x, y)) {
+                let at = PixelSample { x, y, index };
+                let sample = work.estimator.sample(at);
+                if !sample.is_valid() {
+                    name_invalid(invalid, at);
+                }
+                sums[slot].add(index, &sample);
+                unreported += 1;
+                if unreported == CHECK_EVERY {
+                    reporter.add(work.stage, u64::from(unreported));
+                    unreported = 0;
+                    if work.cancel.is_cancelled() {
+                        return None;
+                    }
+                }
+            }
+            slot += 1;
+        }
+    }
+    reporter.add(work.stage, u64::from(unreported));
+    Some(sums)
+}
+
+#[cold]
+fn name_invalid(invalid: &Mutex<Vec<PixelSample>>, at: PixelSample) {
+    if let Ok(mut list) = invalid.lock()
+        && list.len() < MOST_NAMED
+    {
+        list.push(at);
+    }
+}
+
+/// The moment at which units are no longer begun.
+pub(crate) fn deadline(started: Instant, seconds: Option<f64>, closing: f64) -> Option<Instant> {
+    let left = (seconds? - closing).max(0.0);
+    started.checked_add(Duration::try_from_secs_f64(left).ok()?)
+}

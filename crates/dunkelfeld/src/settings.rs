@@ -1,0 +1,86 @@
+//! What to render and how long: the settings of one render.
+
+use dunkelfeld_adaptive::allocation::Strategy;
+use dunkelfeld_film::Plane;
+use dunkelfeld_sensor::{Exposure, Optics, SensorModel};
+
+/// Samples per pixel when no budget is given.
+pub const DEFAULT_SPP: f64 = 64.0;
+/// Samples per pixel of the pilot.
+pub const DEFAULT_PILOT_SPP: u32 = 16;
+/// Largest width and height of a film.
+pub const MAX_SIDE: u32 = 32_768;
+
+/// When a render ends: the first limit that is met. Without any, [`DEFAULT_SPP`] samples per pixel.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Budget {
+    /// Wall-clock seconds, from the start of the command to the last file written.
+    pub seconds: Option<f64>,
+    /// Mean samples per pixel.
+    pub spp: Option<f64>,
+}
+
+/// How the render is exposed.
+#[derive(Clone, Debug)]
+pub enum SensorChoice {
+    /// No sensor: radiance 1 W/(m^2 sr) is white, clipped, gamma 2.2, 8 bit; the paper's images.
+    None,
+    /// An EMVA 1288 sensor behind a lens.
+    Emva {
+        /// The sensor.
+        model: Box<SensorModel>,
+        /// The lens.
+        optics: Optics,
+        /// The exposure; `None` finds one: the 99.5 % quantile comes to 90 % of saturation.
+        exposure: Option<Exposure>,
+    },
+}
+
+/// Everything a render depends on beside the scene.
+#[derive(Clone, Debug)]
+pub struct RenderSettings {
+    /// Width of the film [pixels], 1 to [`MAX_SIDE`].
+    pub width: u32,
+    /// Height of the film [pixels], 1 to [`MAX_SIDE`].
+    pub height: u32,
+    /// Name of the camera; `None` takes the first, or frames the scene.
+    pub camera: Option<String>,
+    /// When to stop.
+    pub budget: Budget,
+    /// Where the samples go.
+    pub strategy: Strategy,
+    /// Samples per pixel of the pilot.
+    pub pilot_spp: u32,
+    /// Weight of flat regions under [`Strategy::Sobel`], relative to the mean Sobel magnitude, in \[0, 1\].
+    pub sobel_floor: f32,
+    /// Seed of the render, of the sensor's noise and of the device.
+    pub seed: u64,
+    /// Frame number; frames of one seed are independent.
+    pub frame: u32,
+    /// Threads; 0 takes as many as there are cores.
+    pub threads: usize,
+    /// The camera's sensor.
+    pub sensor: SensorChoice,
+    /// A plan to replay: samples per pixel, instead of budget and strategy.
+    pub replay: Option<Plane<u32>>,
+}
+
+impl Default for RenderSettings {
+    /// 512 x 512 pixels, [`DEFAULT_SPP`] samples by the paper's method, no sensor.
+    fn default() -> Self {
+        Self {
+            width: 512,
+            height: 512,
+            camera: None,
+            budget: Budget::default(),
+            strategy: Strategy::default(),
+            pilot_spp: DEFAULT_PILOT_SPP,
+            sobel_floor: dunkelfeld_adaptive::allocation::SOBEL_FLOOR,
+            seed: 0,
+            frame: 0,
+            threads: 0,
+            sensor: SensorChoice::None,
+            replay: None,
+        }
+    }
+}

@@ -1,0 +1,165 @@
+//! What a render achieved, as data: the `--stats` file.
+
+use crate::develop::Frame;
+use crate::render::Rendering;
+use crate::settings::{RenderSettings, SensorChoice};
+use dunkelfeld_adaptive::schedule::StopReason;
+use serde::Serialize;
+use std::collections::BTreeMap;
+
+/// Version of the schema. It grows with every change that could break a reader; new fields alone do not count.
+pub const STATS_VERSION: u32 = 1;
+
+/// The statistics of a render. Field names are the JSON keys; times are seconds, radiances W/(m^2 sr).
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Stats {
+    /// Version of this schema.
+    pub version: u32,
+    /// Version of the program.
+    pub program: String,
+    /// Width and height of the film [pixels].
+    pub size: [u32; 2],
+    /// Seed of the render.
+    pub seed: u64,
+    /// Frame number.
+    pub frame: u32,
+    /// Threads that rendered.
+    pub threads: usize,
+    /// Where samples went: name of the strategy, or `replay`.
+    pub allocation: String,
+    /// What ended the render: `time`, `samples` or `interrupted`.
+    pub stop: String,
+    /// Samples of the whole image.
+    pub samples: u64,
+    /// Mean samples per pixel.
+    pub mean_spp: f64,
+    /// Smallest and largest number of samples of a pixel.
+    pub spp_range: [u32; 2],
+    /// Samples per second while rendering.
+    pub samples_per_second: f64,
+    /// Samples that were not finite, negative or out of range; they count as black.
+    pub invalid_samples: u64,
+    /// The first of them as `x,y,sample`: what `--debug-sample` takes.
+    pub invalid_named: Vec<String>,
+    /// Mean radiance of the image per channel.
+    pub mean_radiance: [f64; 3],
+    /// Standard error of that mean per channel; `null` where fewer than two batches of samples exist.
+    pub mean_radiance_standard_error: [Option<f64>; 3],
+    /// Seconds by stage: `load`, `build`, `pilot`, `refine`, `expose`, `write`.
+    pub seconds: BTreeMap<String, f64>,
+    /// Wall-clock seconds of the whole command, and the limit if there was one.
+    pub total_seconds: f64,
+    /// The time budget.
+    pub budget_seconds: Option<f64>,
+    /// Was the time budget missed by more than 2 % and 0.2 s?
+    pub budget_missed: bool,
+    /// The sensor, if there is one.
+    pub sensor: Option<SensorStats>,
+}
+
+/// The sensor's part of the statistics.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct SensorStats {
+    /// Name of the sensor.
+    pub name: String,
+    /// Exposure time [s].
+    pub exposure_seconds: f64,
+    /// Mean expected photo-electrons per pixel.
+    pub mean_electrons: f64,
+    /// Mean grey value [DN].
+    pub mean_value: f64,
+    /// Share of pixels at the largest grey value.
+    pub saturated: f64,
+    /// The image was so dark that there is no automatic exposure.
+    pub no_light: bool,
+}
+
+impl Stats {
+    /// Gathers the statistics of a render; stages and total time are filled in as they end.
+    pub fn new(rendering: &Rendering, frame: &Frame, settings: &RenderSettings) -> Self {
+        let film = &rendering.film;
+        let pixels = film.pixels().data();
+        let counts = film.sample_counts();
+        let (mut sum, mut variance) = ([0f64; 3], [0f64; 3]);
+        for p in pixels {
+            for ((s, v), (m, w)) in sum.iter_mut().zip(&mut variance).zip(p.mean().into_iter().zip(p.variance_of_mean())) {
+                *s += m;
+                *v += w;
+            }
+        }
+        let n = pixels.len().max(1) as f64;
+        let rendering_seconds: f64 = rendering.stages.iter().map(|(_, s)| s).sum();
+        let mut seconds = BTreeMap::new();
+        for (stage, s) in &rendering.stages {
+            *seconds.entry(stage.name().to_string()).or_insert(0.0) += s;
+        }
+        let samples = film.total_samples();
+        Self {
+            version: STATS_VERSION,
+            program: format!("dunkelfeld {}", env!("CARGO_PKG_VERSION")),
+            size: [film.width(), film.height()],
+            seed: settings.seed,
+            frame: settings.frame,
+            threads: rendering.threads,
+            allocation: if settings.replay.is_some() { "replay".into() } else { settings.strategy.name().into() },
+            stop: match (rendering.interrupted, rendering.stop) {
+                (true, _) => "interrupted",
+                (false, StopReason::Time) => "time",
+                (false, StopReason::Samples) => "samples",
+            }
+            .into(),
+            samples,
+            mean_spp: samples as f64 / n,
+            spp_range: [
+                counts.data().iter().copied().min().unwrap_or(0),
+                counts.data().iter().copied().max().unwrap_or(0),
+            ],
+            samples_per_second: if rendering_seconds > 0.0 { samples as f64 / rendering_seconds } else { 0.0 },
+            invalid_samples: film.invalid_samples(),
+            invalid_named: rendering.invalid.iter().map(|s| format!("{},{},{}", s.x, s.y, s.index)).collect(),
+            mean_radiance: sum.map(|s| s / n),
+            mean_radiance_standard_error: variance.map(|v| v.is_finite().then(|| v.sqrt() / n)),
+            seconds,
+            total_seconds: 0.0,
+            budget_seconds: settings.budget.seconds,
+            budget_missed: false,
+            sensor: sensor_stats(frame, settings),
+        }
+    }
+
+    /// Notes the seconds of a stage.
+    pub fn add_seconds(&mut self, stage: crate::Stage, seconds: f64) {
+        *self.seconds.entry(stage.name().to_string()).or_insert(0.0) += seconds;
+    }
+
+    /// Closes the book: the whole command took this long.
+    pub fn finish(&mut self, total_seconds: f64) {
+        self.total_seconds = total_seconds;
+        self.budget_missed =
+            self.stop == "time" && self.budget_seconds.is_some_and(|b| total_seconds > b + (0.02 * b).max(0.2));
+    }
+
+    /// Should the run's exit say that something is wrong with the result?
+    pub fn is_flagged(&self) -> bool {
+        self.invalid_samples > 0 || self.budget_missed
+    }
+
+    /// As JSON text, ending in a newline.
+    pub fn to_json(&self) -> String {
+        // Plain numbers and strings with string keys: serialisation cannot fail.
+        serde_json::to_string_pretty(self).unwrap_or_default() + "\n"
+    }
+}
+
+fn sensor_stats(frame: &Frame, settings: &RenderSettings) -> Option<SensorStats> {
+    let (SensorChoice::Emva { model, .. }, Some(sensor)) = (&settings.sensor, &frame.sensor) else { return None };
+    let n = sensor.values.data().len().max(1) as f64;
+    Some(SensorStats {
+        name: model.spec().name.clone(),
+        exposure_seconds: sensor.exposure.time().0,
+        mean_electrons: sensor.electrons.data().iter().map(|&e| f64::from(e)).sum::<f64>() / n,
+        mean_value: sensor.values.data().iter().map(|&v| f64::from(v)).sum::<f64>() / n,
+        saturated: sensor.saturated,
+        no_light: frame.no_light,
+    })
+}

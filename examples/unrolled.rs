@@ -1,0 +1,87 @@
+//! The same stages one by one: a scene built in code, a progress callback, a switch to cancel, and every result in hand.
+//! Run: `cargo run --release --example unrolled -- [OUT.png]`.
+
+#![allow(clippy::print_stdout, clippy::print_stderr, reason = "an example talks to its reader")]
+
+use dunkelfeld::geometry::{DVec3, Vec3};
+use dunkelfeld::radiometry::Rgb;
+use dunkelfeld::scene::{Material, SceneBuilder, Surface, Volume, shapes};
+use dunkelfeld::sensor::Optics;
+use dunkelfeld::{Budget, Cancel, Progress, ProgressState, RenderSettings, SensorChoice, develop, render, thread_pool};
+use std::time::Instant;
+
+/// Prints each tenth of the way.
+struct Tenths(std::sync::atomic::AtomicU32);
+
+impl Progress for Tenths {
+    fn update(&self, s: &ProgressState) {
+        let tenth = (s.fraction * 10.0) as u32;
+        if self.0.fetch_max(tenth, std::sync::atomic::Ordering::Relaxed) < tenth {
+            eprintln!("{:>7}: {} % after {:.1} s", s.stage.name(), 10 * tenth, s.elapsed);
+        }
+    }
+}
+
+fn main() -> Result<(), dunkelfeld::Error> {
+    let started = Instant::now();
+    let output = std::env::args().nth(1).unwrap_or_else(|| "out/unrolled.png".into());
+
+    // A scene: a glass ball and a brass box on a dark table, one ring-like pair of lights at grazing angles.
+    let mut builder = SceneBuilder::default();
+    let table = builder.add_material(Material { base_color: Rgb::splat(0.03), roughness: 0.35, ..Material::default() });
+    let brass = builder.add_material(Material {
+        base_color: Rgb::new(0.89, 0.69, 0.35),
+        metallic: 1.0,
+        roughness: 0.25,
+        ..Material::default()
+    });
+    let glass = builder.add_material(Material {
+        roughness: 0.0,
+        transmission: 1.0,
+        ior: 1.49,
+        surface: Surface::Solid(Volume { attenuation_color: Rgb::new(0.9, 0.95, 0.92), attenuation_distance: 0.05 }),
+        ..Material::default()
+    });
+    let lamp = builder.add_material(Material {
+        base_color: Rgb::BLACK,
+        emission: Rgb::splat(40.0),
+        ..Material::default()
+    });
+    builder.add_object("table", shapes::rectangle(Vec3::new(-0.5, 0.0, 0.5), Vec3::X, Vec3::NEG_Z), table);
+    builder.add_object("box", shapes::cuboid(Vec3::new(-0.08, 0.0001, -0.03), Vec3::new(-0.02, 0.05, 0.03)), brass);
+    builder.add_object("ball", shapes::sphere(Vec3::new(0.04, 0.0301, 0.01), 0.03, 48, true), glass);
+    for side in [-1.0f32, 1.0] {
+        let corner = Vec3::new(0.3 * side, 0.05, 0.1 * side);
+        builder.add_object("lamp", shapes::rectangle(corner, Vec3::NEG_Z * (0.2 * side), Vec3::Y * 0.06), lamp);
+    }
+    builder.add_camera("camera", DVec3::new(0.0, 0.22, 0.3), DVec3::new(0.0, 0.02, 0.0), 0.5);
+
+    // Building checks it, and says what it found.
+    let (scene, report) = builder.build()?;
+    for finding in &report.findings {
+        println!("{:?}: {}: {}", finding.severity, finding.place, finding.message);
+    }
+
+    // Two seconds, samples by the paper's method, a real sensor behind an f/8 lens.
+    let sensor = dunkelfeld::io::sensor_file::preset("imx250")?;
+    let settings = RenderSettings {
+        width: 256,
+        height: 256,
+        budget: Budget { seconds: Some(2.0), spp: None },
+        sensor: SensorChoice::Emva { model: Box::new(sensor), optics: Optics::new(8.0, 0.9, 0.0)?, exposure: None },
+        ..RenderSettings::default()
+    };
+
+    // The switch could be thrown from any thread: a signal handler, a user interface.
+    let cancel = Cancel::new();
+    let rendering = render(&scene, &settings, started, &Tenths(0.into()), &cancel)?;
+    println!("{} samples, {} of them invalid", rendering.film.total_samples(), rendering.film.invalid_samples());
+
+    // The film holds exact sums; what the sensor makes of them is another step.
+    let frame = thread_pool(settings.threads)?.install(|| develop(&rendering.film.mean(), &settings))?;
+    if let Some(sensor) = &frame.sensor {
+        let brightest = sensor.electrons.data().iter().copied().fold(0.0, f32::max);
+        println!("exposed for {:.3} ms; the brightest pixel expects {brightest:.0} electrons", sensor.exposure.time().0 * 1e3);
+    }
+    dunkelfeld::save_picture(&frame, output.as_ref())
+}

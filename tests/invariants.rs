@@ -1,0 +1,131 @@
+//! The invariants that resume, merge and replay stand on: samples are pure functions of their names, sample sets are
+//! additive, invalid samples are counted and named.
+//!
+//! Replay: `cargo test -p dunkelfeld --test invariants NAME`.
+
+mod support;
+
+use dunkelfeld::film::Film;
+use dunkelfeld::geometry::{DVec3, Vec3};
+use dunkelfeld::integrator::{Estimator, PixelSample};
+use dunkelfeld::radiometry::Rgb;
+use dunkelfeld::scene::shapes::{cuboid, sphere};
+use dunkelfeld::scene::{Material, Scene, SceneBuilder, Surface, Volume};
+use dunkelfeld::{Budget, Cancel, RenderSettings, Silent, render};
+use dunkelfeld_adaptive::allocation::Strategy;
+use std::time::Instant;
+use support::{build, emitter, settings, square};
+
+/// A room in miniature: floor, glass ball, metal box, one light; enough for every kind of decision.
+fn room() -> Scene {
+    let mut b = SceneBuilder::default();
+    let floor = b.add_material(Material { base_color: Rgb::new(0.7, 0.5, 0.3), ..Material::default() });
+    b.add_object("floor", square(0.0, 2.0, false), floor);
+    let volume = Volume { attenuation_color: Rgb::new(0.9, 0.8, 0.7), attenuation_distance: 0.1 };
+    let glass = b.add_material(Material {
+        roughness: 0.0,
+        transmission: 1.0,
+        surface: Surface::Solid(volume),
+        ..Material::default()
+    });
+    b.add_object("ball", sphere(Vec3::new(0.2, 0.0, 0.25), 0.2, 12, true), glass);
+    let metal = b.add_material(Material { metallic: 1.0, roughness: 0.3, ..Material::default() });
+    b.add_object("box", cuboid(Vec3::new(-0.5, -0.2, 0.01), Vec3::new(-0.1, 0.2, 0.3)), metal);
+    let light = b.add_material(emitter(8.0));
+    b.add_object("light", square(1.0, 0.5, true), light);
+    b.add_camera("camera", DVec3::new(0.3, -1.5, 0.9), DVec3::new(0.0, 0.0, 0.15), 0.7);
+    build(b)
+}
+
+fn rendered(scene: &Scene, settings: &RenderSettings) -> Film {
+    support::film(scene, settings)
+}
+
+#[test]
+fn the_film_is_bit_identical_for_any_number_of_threads() {
+    let scene = room();
+    for strategy in [Strategy::Uniform, Strategy::Sobel] {
+        let with = |threads| rendered(&scene, &RenderSettings { threads, strategy, ..settings(50, 37, 32.0, 11) });
+        let one = with(1);
+        assert!(one.total_samples() > 0 && one == with(2) && one == with(7), "{strategy:?}");
+    }
+}
+
+#[test]
+fn sample_sets_are_additive_to_the_last_bit() {
+    let scene = room();
+    let s = settings(24, 16, 1.0, 5);
+    let camera = dunkelfeld::camera(&scene, &s).expect("there is one");
+    let estimator = Estimator { scene: &scene, camera: &camera, width: s.width, seed: s.seed, frame: s.frame };
+    let part = |range: std::ops::Range<u32>| {
+        let mut film = Film::new(s.width, s.height);
+        for y in 0..s.height {
+            for x in 0..s.width {
+                for index in range.clone() {
+                    let sample = estimator.sample(PixelSample { x, y, index });
+                    film.add((y * s.width + x) as usize, index, &sample);
+                }
+            }
+        }
+        film
+    };
+    let mut sum = part(64..128);
+    sum.merge(&part(0..64)).expect("same size");
+    let whole = part(0..128);
+    assert!(sum == whole, "[0,64) + [64,128) differs from [0,128)");
+    // And the renderer takes exactly these samples.
+    let by_rounds = rendered(&scene, &RenderSettings { budget: Budget { seconds: None, spp: Some(128.0) }, ..s });
+    assert!(by_rounds == whole, "rounds differ from samples taken one by one");
+}
+
+#[test]
+fn a_timed_render_replays_to_the_same_bits() {
+    let scene = room();
+    let timed = RenderSettings {
+        budget: Budget { seconds: Some(0.6), spp: None },
+        strategy: Strategy::Sobel,
+        ..settings(64, 48, 1.0, 3)
+    };
+    let run = |s: &RenderSettings| render(&scene, s, Instant::now(), &Silent, &Cancel::new()).expect("valid");
+    let first = run(&timed);
+    let plan = first.plan();
+    assert!(plan.data().iter().all(|&n| n > 0) && plan.data().iter().any(|&n| n != plan.data()[0]), "the plan adapts");
+    let again = run(&RenderSettings { replay: Some(plan), threads: 3, ..timed });
+    assert!(first.film == again.film);
+}
+
+#[test]
+fn seeds_and_frames_are_independent_images() {
+    let scene = room();
+    let s = settings(40, 30, 16.0, 1);
+    let a = rendered(&scene, &s);
+    for other in [RenderSettings { seed: 2, ..s.clone() }, RenderSettings { frame: 1, ..s.clone() }] {
+        let b = rendered(&scene, &other);
+        let (ma, mb) = (a.mean(), b.mean());
+        let lit = ma.data().iter().zip(mb.data()).filter(|(p, q)| p[0] > 0.0 && q[0] > 0.0);
+        let (same, all) = lit.fold((0, 0), |(s, n), (p, q)| (s + u32::from(p == q), n + 1));
+        assert!(all > 200 && same * 10 < all, "{same} of {all} lit pixels are equal");
+    }
+}
+
+#[test]
+fn invalid_samples_are_counted_and_named() {
+    // A light beyond the range of f32 squared: the throughput overflows somewhere.
+    let mut b = SceneBuilder::default();
+    let light = b.add_material(Material { emission: Rgb::splat(f32::MAX), ..emitter(1.0) });
+    b.add_object("light", square(0.0, 1.0, false), light);
+    b.add_camera("camera", DVec3::Z, DVec3::ZERO, 0.5);
+    let r = render(&build(b), &settings(8, 8, 4.0, 0), Instant::now(), &Silent, &Cancel::new()).expect("valid");
+    assert_eq!(r.film.invalid_samples(), 8 * 8 * 4);
+    assert!(!r.invalid.is_empty() && r.film.mean().data().iter().all(|p| *p == [0.0; 3]));
+}
+
+#[test]
+fn a_cancelled_render_keeps_what_it_has() {
+    let scene = room();
+    let cancel = Cancel::new();
+    cancel.cancel();
+    let s = settings(16, 16, 64.0, 0);
+    let r = render(&scene, &s, Instant::now(), &Silent, &cancel).expect("still an image");
+    assert!(r.interrupted && r.film.total_samples() == 0);
+}
