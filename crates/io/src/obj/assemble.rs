@@ -1,0 +1,243 @@
+//! From parsed faces to meshes: triangles, vertices shared where all their attributes agree, normals where none are given.
+
+use super::parse::{Corner, Face, NONE, Parsed};
+use super::tally::Tally;
+use super::triangulate::{Outcome, Triangulator, newell_normal};
+use dunkelfeld_geometry::{DVec3, Mesh, Vec2, Vec3, Vec4};
+use std::collections::HashMap;
+
+/// The triangles of one object that share a material.
+pub(super) struct Part {
+    /// Index into [`Parsed::objects`].
+    pub object: u32,
+    /// Index into [`Parsed::materials`].
+    pub material: u32,
+    /// The triangles, relative to the origin of the [`Assembly`].
+    pub mesh: Mesh,
+    /// Is the surface of the whole object, or that of this part alone, closed?
+    pub closed: bool,
+}
+
+/// All parts, by object and then by material.
+pub(super) struct Assembly {
+    /// The parts.
+    pub parts: Vec<Part>,
+    /// Where the meshes' origin lies in the file's coordinates: f32 keeps full accuracy far from the file's origin.
+    pub origin: DVec3,
+}
+
+/// A triangle: three corners (indices into [`Parsed::corners`]) and its face.
+struct Triangle {
+    corners: [u32; 3],
+    face: u32,
+}
+
+/// Builds the meshes.
+pub(super) fn assemble(parsed: &Parsed, tally: &mut Tally) -> Assembly {
+    let origin = origin(parsed);
+    let mut triangles = triangulate_all(parsed, tally);
+    let smooth = SmoothNormals::gather(parsed, &triangles);
+    let key = |t: &Triangle| parsed.faces.get(t.face as usize).map_or((0, 0), |f| (f.object, f.material));
+    // Stable, so triangles keep the file's order within a part.
+    triangles.sort_by_key(key);
+    let welded = weld(&parsed.positions);
+    let mut parts = Vec::new();
+    for object in triangles.chunk_by(|a, b| key(a).0 == key(b).0) {
+        let object_closed = is_closed(parsed, object, &welded);
+        for part in object.chunk_by(|a, b| key(a) == key(b)) {
+            let (object_id, material) = part.first().map_or((0, 0), key);
+            let mesh = build_mesh(parsed, part, &smooth, origin, tally);
+            let closed = object_closed || (part.len() < object.len() && is_closed(parsed, part, &welded));
+            parts.push(Part { object: object_id, material, mesh, closed });
+        }
+    }
+    Assembly { parts, origin }
+}
+
+fn position(parsed: &Parsed, corner: u32) -> DVec3 {
+    DVec3::from_array(parsed.positions[parsed.corners[corner as usize].position as usize])
+}
+
+/// The centre of the bounding box, in whole metres, if the file lies far from its own origin; else zero.
+fn origin(parsed: &Parsed) -> DVec3 {
+    let used = parsed.positions.iter().map(|p| DVec3::from_array(*p)).filter(|p| p.is_finite());
+    let (min, max) = used.fold((DVec3::MAX, DVec3::MIN), |(min, max), p| (min.min(p), max.max(p)));
+    if min.x > max.x {
+        return DVec3::ZERO;
+    }
+    let centre = (min + max) * 0.5;
+    if centre.abs().max_element() > 8.0 * (max - min).length() { centre.round() } else { DVec3::ZERO }
+}
+
+fn triangulate_all(parsed: &Parsed, tally: &mut Tally) -> Vec<Triangle> {
+    let mut triangulator = Triangulator::default();
+    let mut triangles = Vec::with_capacity(parsed.faces.len());
+    let (mut points, mut corners, mut ears) = (Vec::new(), Vec::<u32>::new(), Vec::new());
+    for (face_id, face) in parsed.faces.iter().enumerate() {
+        // A vertex that follows itself adds nothing but a triangle without area.
+        corners.clear();
+        corners.extend(face.first..face.first + face.count);
+        corners.dedup_by_key(|c| parsed.corners[*c as usize].position);
+        points.clear();
+        points.extend(corners.iter().map(|c| position(parsed, *c)));
+        if points.iter().any(|p| !p.is_finite()) {
+            tally.add(face.line, "the face uses an unusable vertex and is dropped");
+            continue;
+        }
+        ears.clear();
+        match triangulator.triangulate(&points, &mut ears) {
+            Outcome::Done => {}
+            Outcome::Degenerate => tally.add(face.line, "the face has no area and is dropped"),
+            Outcome::TooLarge => tally.add(face.line, "the face has more than 20000 corners and is dropped"),
+        }
+        for ear in &ears {
+            let [a, b, c] = ear.map(|i| points[i as usize]);
+            if newell_normal(&[a, b, c]).is_some() {
+                triangles.push(Triangle { corners: ear.map(|i| corners[i as usize]), face: face_id as u32 });
+            }
+        }
+    }
+    triangles
+}
+
+/// Normals of smoothing groups: for each vertex and group the faces' normals, weighted by the angle at the vertex
+/// (Thürmer and Wüthrich 1998), which does not depend on how polygons are cut into triangles.
+struct SmoothNormals {
+    /// From (position, group) to an index into `sums`.
+    ids: HashMap<(u32, u32), u32>,
+    sums: Vec<DVec3>,
+}
+
+impl SmoothNormals {
+    fn gather(parsed: &Parsed, triangles: &[Triangle]) -> Self {
+        let mut normals = Self { ids: HashMap::new(), sums: Vec::new() };
+        for triangle in triangles {
+            let group = parsed.faces[triangle.face as usize].smoothing;
+            if group == 0 || triangle.corners.iter().all(|c| has_normal(parsed, &parsed.corners[*c as usize])) {
+                continue;
+            }
+            let points = triangle.corners.map(|c| position(parsed, c));
+            let Some(normal) = newell_normal(&points) else { continue };
+            for i in 0..3 {
+                let (here, next, last) = (points[i], points[(i + 1) % 3], points[(i + 2) % 3]);
+                let angle = (next - here).angle_between(last - here);
+                let vertex = parsed.corners[triangle.corners[i] as usize].position;
+                let fresh = normals.sums.len() as u32;
+                let id = *normals.ids.entry((vertex, group)).or_insert(fresh);
+                if id == fresh {
+                    normals.sums.push(DVec3::ZERO);
+                }
+                normals.sums[id as usize] += normal * angle;
+            }
+        }
+        normals
+    }
+
+    fn find(&self, corner: &Corner, face: &Face) -> Option<(u32, Vec3)> {
+        let id = *self.ids.get(&(corner.position, face.smoothing))?;
+        let sum = self.sums[id as usize];
+        // Faces that fold back on each other leave no direction.
+        (sum.length() > 1e-6).then(|| (id, sum.normalize().as_vec3()))
+    }
+}
+
+fn has_normal(parsed: &Parsed, corner: &Corner) -> bool {
+    corner.normal != NONE && parsed.normals[corner.normal as usize] != [0.0; 3]
+}
+
+/// Where a vertex's normal comes from; part of what makes two corners the same vertex.
+#[derive(Clone, Copy, PartialEq, Eq, Hash)]
+enum NormalSource {
+    File(u32),
+    Group(u32),
+    Face(u32),
+    /// No corner of the mesh has one: the mesh is flat.
+    Flat,
+}
+
+fn build_mesh(
+    parsed: &Parsed,
+    triangles: &[Triangle],
+    smooth: &SmoothNormals,
+    origin: DVec3,
+    tally: &mut Tally,
+) -> Mesh {
+    let all_corners = || triangles.iter().flat_map(|t| t.corners.map(|c| (&parsed.corners[c as usize], t.face)));
+    let flat = all_corners().all(|(c, f)| !has_normal(parsed, c) && parsed.faces[f as usize].smoothing == 0);
+    let with_uv = all_corners().any(|(c, _)| c.texcoord != NONE);
+    let with_color = !parsed.colors.is_empty();
+
+    let mut mesh = Mesh { triangles: Vec::with_capacity(triangles.len()), ..Mesh::default() };
+    let mut vertices: HashMap<(u32, u32, NormalSource), u32> = HashMap::new();
+    for triangle in triangles {
+        let face = &parsed.faces[triangle.face as usize];
+        let face_normal = newell_normal(&triangle.corners.map(|c| position(parsed, c))).unwrap_or(DVec3::Z).as_vec3();
+        let indices = triangle.corners.map(|c| {
+            let corner = parsed.corners[c as usize];
+            let (source, normal) = if flat {
+                (NormalSource::Flat, Vec3::ZERO)
+            } else if has_normal(parsed, &corner) {
+                let normal = Vec3::from_array(parsed.normals[corner.normal as usize]);
+                (NormalSource::File(corner.normal), normal)
+            } else if face.smoothing != 0
+                && let Some((id, normal)) = smooth.find(&corner, face)
+            {
+                (NormalSource::Group(id), normal)
+            } else {
+                (NormalSource::Face(triangle.face), face_normal)
+            };
+            if with_uv && corner.texcoord == NONE {
+                tally.add(face.line, "a corner lacks the texture coordinate that others have; 0 is used");
+            }
+            *vertices.entry((corner.position, corner.texcoord, source)).or_insert_with(|| {
+                let place = DVec3::from_array(parsed.positions[corner.position as usize]) - origin;
+                mesh.positions.push(place.as_vec3());
+                if !flat {
+                    mesh.normals.push(normal);
+                }
+                if with_uv {
+                    let [u, v] = parsed.texcoords.get(corner.texcoord as usize).copied().unwrap_or_default();
+                    // OBJ counts v from the bottom of the image, a Mesh from the top.
+                    mesh.uvs[0].push(Vec2::new(u, 1.0 - v));
+                }
+                if with_color {
+                    let [r, g, b] = parsed.colors[corner.position as usize].map(srgb_to_linear);
+                    mesh.colors.push(Vec4::new(r, g, b, 1.0));
+                }
+                (mesh.positions.len() - 1) as u32
+            })
+        });
+        mesh.triangles.push(indices);
+    }
+    // White vertices say nothing.
+    if mesh.colors.iter().all(|c| *c == Vec4::ONE) {
+        mesh.colors = Vec::new();
+    }
+    mesh
+}
+
+/// The sRGB transfer function's inverse (IEC 61966-2-1).
+fn srgb_to_linear(v: f32) -> f32 {
+    if v <= 0.04045 { v / 12.92 } else { ((v + 0.055) / 1.055).powf(2.4) }
+}
+
+/// For each position the first one at the same place: many exporters write a vertex once per face.
+fn weld(positions: &[[f64; 3]]) -> Vec<u32> {
+    let mut first: HashMap<[u64; 3], u32> = HashMap::with_capacity(positions.len());
+    let places = positions.iter().enumerate();
+    // Adding zero makes -0 and +0 the same bits.
+    places.map(|(i, p)| *first.entry(p.map(|v| (v + 0.0).to_bits())).or_insert(i as u32)).collect()
+}
+
+/// Does every edge run as often one way as the other? Then the surface has no border.
+fn is_closed(parsed: &Parsed, triangles: &[Triangle], welded: &[u32]) -> bool {
+    let mut edges: HashMap<(u32, u32), i32> = HashMap::with_capacity(triangles.len() * 3 / 2);
+    for triangle in triangles {
+        let [a, b, c] = triangle.corners.map(|c| welded[parsed.corners[c as usize].position as usize]);
+        for (from, to) in [(a, b), (b, c), (c, a)] {
+            let (key, way) = if from < to { ((from, to), 1) } else { ((to, from), -1) };
+            *edges.entry(key).or_default() += way;
+        }
+    }
+    !edges.is_empty() && edges.values().all(|balance| *balance == 0)
+}

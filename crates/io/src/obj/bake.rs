@@ -1,0 +1,170 @@
+//! Maps that OBJ knows and our materials do not, converted texel by texel: bumps, Phong exponents, adjusted values.
+
+use dunkelfeld_scene::{Image, Texels};
+
+/// Relief of a bump map of strength (`-bm`) 1: white lies this part of the image's width above black. MTL gives bumps no
+/// unit; a hundredth of the width makes the usual strengths of about 1 look as in common viewers, at any resolution.
+pub(super) const RELIEF: f32 = 0.01;
+
+/// Roughness of a Blinn-Phong exponent: the GGX alpha that matches its highlight is sqrt(2 / (n + 2)) (Walter et al. 2007,
+/// for the Beckmann width), and roughness is the square root of alpha (Burley 2012).
+pub(super) fn roughness_of_exponent(exponent: f32) -> f32 {
+    (2.0 / (exponent.max(0.0) + 2.0)).sqrt().sqrt()
+}
+
+/// A tangent-space normal map from the heights in `channel` (the mean of red, green and blue if `None`), by central
+/// differences on square texels. At the borders it repeats like the image, or holds the edge where `clamp`.
+pub(super) fn normals_of_heights(image: &Image, channel: Option<u8>, strength: f32, clamp: bool) -> Image {
+    let (width, height) = (image.width as usize, image.height as usize);
+    let step = |i: usize, forward: bool, size: usize| match (forward, clamp) {
+        (true, true) => (i + 1).min(size - 1),
+        (true, false) => (i + 1) % size,
+        (false, true) => i.saturating_sub(1),
+        (false, false) => (i + size - 1) % size,
+    };
+    let at = |x: usize, y: usize| {
+        let [r, g, b, a] = texel(image, y * width + x);
+        match channel {
+            Some(0) => r,
+            Some(1) => g,
+            Some(2) => b,
+            Some(_) => a,
+            None => (r + g + b) / 3.0,
+        }
+    };
+    let relief = strength * RELIEF * width as f32;
+    let texels = (0..width * height).map(|i| {
+        let (x, y) = (i % width, i / width);
+        let right = 0.5 * (at(step(x, true, width), y) - at(step(x, false, width), y));
+        let down = 0.5 * (at(x, step(y, true, height)) - at(x, step(y, false, height)));
+        // The surface rises to the right and downwards; green points up in the image.
+        let (nx, ny) = (-relief * right, relief * down);
+        let scale = 1.0 / (nx * nx + ny * ny + 1.0).sqrt();
+        [nx * scale, ny * scale, scale, 1.0].map(|v| to_u16(0.5 * v + 0.5))
+    });
+    let texels = texels.map(|[r, g, b, _]| [r, g, b, u16::MAX]).collect();
+    Image {
+        name: format!("{} (normals)", image.name),
+        width: image.width,
+        height: image.height,
+        texels: Texels::Rgba16(texels),
+    }
+}
+
+/// Is this a normal map, although it was given as a bump map? Most texels are coloured and encode unit vectors that point
+/// up; heights are grey.
+pub(super) fn looks_like_normals(image: &Image) -> bool {
+    let count = image.width as usize * image.height as usize;
+    let stride = (count / 4096).max(1);
+    let (mut unit, mut coloured, mut seen) = (0, 0, 0);
+    for i in (0..count).step_by(stride) {
+        let [r, g, b, _] = texel(image, i);
+        let length = [r, g, b].iter().map(|v| (2.0 * v - 1.0).powi(2)).sum::<f32>().sqrt();
+        seen += 1;
+        unit += usize::from((length - 1.0).abs() < 0.2 && b > 0.5);
+        coloured += usize::from(r.max(g).max(b) - r.min(g).min(b) > 0.1);
+    }
+    10 * unit >= 9 * seen && 2 * coloured >= seen
+}
+
+/// A roughness map from a map of exponents: `factor` is the exponent of white.
+pub(super) fn roughness_of_exponents(image: &Image, channel: u8, factor: f32) -> Image {
+    let value = |t: [f32; 4]| roughness_of_exponent(factor * t[usize::from(channel.min(3))]);
+    convert(image, "roughness", |t| [value(t), value(t), value(t), 1.0])
+}
+
+/// `base + gain * value` in red, green and blue.
+pub(super) fn adjusted(image: &Image, base: f32, gain: f32) -> Image {
+    convert(image, "adjusted", |[r, g, b, a]| [base + gain * r, base + gain * g, base + gain * b, a])
+}
+
+/// Does any texel cover less than fully?
+pub(super) fn has_alpha(image: &Image) -> bool {
+    match &image.texels {
+        Texels::Rgba8(t) => t.iter().any(|t| t[3] < u8::MAX),
+        Texels::Rgba16(t) => t.iter().any(|t| t[3] < u16::MAX),
+        Texels::RgbF32(_) => false,
+    }
+}
+
+fn convert(image: &Image, what: &str, f: impl Fn([f32; 4]) -> [f32; 4]) -> Image {
+    let count = image.width as usize * image.height as usize;
+    let texels = match &image.texels {
+        Texels::RgbF32(t) => {
+            Texels::RgbF32(t.iter().map(|[r, g, b]| f([*r, *g, *b, 1.0])).map(|[r, g, b, _]| [r, g, b]).collect())
+        }
+        _ => Texels::Rgba16((0..count).map(|i| f(texel(image, i)).map(to_u16)).collect()),
+    };
+    Image { name: format!("{} ({what})", image.name), width: image.width, height: image.height, texels }
+}
+
+/// A texel as stored, integers scaled to \[0, 1\]; opaque white if the image is shorter than it claims.
+fn texel(image: &Image, i: usize) -> [f32; 4] {
+    match &image.texels {
+        Texels::Rgba8(t) => t.get(i).map(|t| t.map(|v| f32::from(v) / 255.0)),
+        Texels::Rgba16(t) => t.get(i).map(|t| t.map(|v| f32::from(v) / 65535.0)),
+        Texels::RgbF32(t) => t.get(i).map(|[r, g, b]| [*r, *g, *b, 1.0]),
+    }
+    .unwrap_or([1.0; 4])
+}
+
+/// Rounds; the cast saturates, so values outside \[0, 1\] (and NaN) are safe.
+fn to_u16(v: f32) -> u16 {
+    (v * 65535.0 + 0.5) as u16
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn grey(width: u32, height: u32, f: impl Fn(u32, u32) -> f32) -> Image {
+        let texels = (0..height).flat_map(|y| (0..width).map(move |x| (x, y))).map(|(x, y)| [f(x, y); 3]).collect();
+        Image { name: "g".into(), width, height, texels: Texels::RgbF32(texels) }
+    }
+
+    fn normal(image: &Image, i: usize) -> [f32; 3] {
+        let [x, y, z, _] = texel(image, i).map(|v| 2.0 * v - 1.0);
+        [x, y, z]
+    }
+
+    /// A plane that rises by a over the width has the normal (-relief a, 0, 1), normalised; one that rises to the top of
+    /// the image leans down, against +y.
+    #[test]
+    fn a_ramp_of_heights_becomes_its_normal() {
+        for (ramp, lean) in [
+            (grey(64, 32, |x, _| x as f32 / 64.0), [-1.0, 0.0]),
+            (grey(64, 32, |_, y| 1.0 - y as f32 / 64.0), [0.0, -1.0]),
+        ] {
+            let strength = 50.0;
+            let normals = normals_of_heights(&ramp, None, strength, true);
+            let slope = strength * RELIEF;
+            let length = (slope * slope + 1.0_f32).sqrt();
+            let n = normal(&normals, 16 * 64 + 30);
+            for (got, want) in n.iter().zip([lean[0] * slope / length, lean[1] * slope / length, 1.0 / length]) {
+                assert!((got - want).abs() < 1e-4, "{n:?}, lean {lean:?}");
+            }
+            assert!(looks_like_normals(&normals));
+            assert!(!looks_like_normals(&ramp));
+        }
+    }
+
+    #[test]
+    fn borders_repeat_or_hold() {
+        let ramp = grey(8, 1, |x, _| x as f32 / 8.0);
+        let held = normal(&normals_of_heights(&ramp, Some(0), 100.0, true), 0);
+        let repeated = normal(&normals_of_heights(&ramp, Some(0), 100.0, false), 0);
+        assert!(held[0] < 0.0 && repeated[0] > 0.0, "{held:?} {repeated:?}");
+        let single = normals_of_heights(&grey(1, 1, |_, _| 0.3), None, 1.0, false);
+        assert!(normal(&single, 0)[2] > 0.999);
+    }
+
+    #[test]
+    fn exponents_span_rough_to_smooth() {
+        assert_eq!(roughness_of_exponent(0.0), 1.0);
+        assert!((roughness_of_exponent(6.0).powi(2) - 0.5).abs() < 1e-6);
+        assert!(roughness_of_exponent(1e6) < 0.04);
+        let image = roughness_of_exponents(&grey(1, 1, |_, _| 0.5), 0, 12.0);
+        assert_eq!(texel(&image, 0)[0], roughness_of_exponent(6.0));
+        assert_eq!(texel(&adjusted(&image, 0.5, 0.0), 0)[1], 0.5);
+    }
+}
