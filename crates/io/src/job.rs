@@ -1,1 +1,488 @@
-//! (being written)
+//! The job file: everything about one render in one TOML text. The doc comments of the fields are its reference.
+//!
+//! ```toml
+//! scene = "inspection.glb"
+//! camera = "above"
+//!
+//! [film]
+//! width = 1024
+//! height = 1024
+//!
+//! [budget]
+//! time = "20s"
+//!
+//! [sensor]
+//! model = "imx250"
+//! exposure = "auto"
+//!
+//! [[material]]
+//! name = "cover"
+//! ior = 1.49
+//!
+//! [[light]]
+//! name = "rear light"
+//! power = "3W"
+//! ```
+//!
+//! Unknown keys are errors. Times, lengths, angles and powers carry their unit (`"5ms"`, `"12mm"`, `"30deg"`, `"3W"`);
+//! colours are linear Rec. 709, `[r, g, b]` or one number for all three.
+
+mod check;
+mod overrides;
+
+use crate::error::InputError;
+use crate::import::{EmissiveUnit, ImportOptions};
+use crate::names::suggestion;
+use crate::toml_file::TomlFile;
+use dunkelfeld_radiometry::Rgb;
+use dunkelfeld_scene::SceneBuilder;
+use serde::Deserialize;
+use serde::de::{Deserializer, Error};
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+/// A job. Input paths in it are resolved (relative ones against the job file's folder); output paths are as written, so
+/// relative to the current folder.
+#[derive(Clone, Debug, Default, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Job {
+    /// The scene file (`.glb`, `.gltf`, `.obj`), relative to the job file. Required.
+    pub scene: PathBuf,
+    /// Name of the camera; by default the scene's first, or a framing of the whole scene if it has none.
+    pub camera: Option<String>,
+    /// Seed of all random numbers; the same seed gives the same image. Default 0.
+    #[serde(default)]
+    pub seed: u64,
+    /// Number of the frame; frames of one seed have independent noise. Default 0.
+    #[serde(default)]
+    pub frame: u32,
+    /// How the scene file is understood.
+    #[serde(default)]
+    pub import: ImportSettings,
+    /// The lens before the sensor.
+    #[serde(default)]
+    pub lens: LensSettings,
+    /// Size of the image.
+    #[serde(default)]
+    pub film: FilmSettings,
+    /// When to stop.
+    #[serde(default)]
+    pub budget: BudgetSettings,
+    /// Where samples go.
+    #[serde(default)]
+    pub allocate: AllocateSettings,
+    /// The camera's sensor.
+    #[serde(default)]
+    pub sensor: SensorSettings,
+    /// Files to write.
+    #[serde(default)]
+    pub output: OutputSettings,
+    /// Light from all around; replaces that of the scene.
+    pub environment: Option<EnvironmentSettings>,
+    /// `[[material]]`: changes to materials, applied in order.
+    #[serde(default, rename = "material")]
+    pub materials: Vec<MaterialOverride>,
+    /// `[[light]]`: changes to lights, applied in order, after those to materials.
+    #[serde(default, rename = "light")]
+    pub lights: Vec<LightOverride>,
+    /// The text that this job was read from, for errors that are found later.
+    #[serde(skip)]
+    source: TomlFile,
+}
+
+/// `[import]`
+#[derive(Clone, Debug, Default, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ImportSettings {
+    /// Unit of the emissive factors of a glTF file: `"nit"` (as the format says; default) or `"W/(m2 sr)"`. OBJ's `Ke` is
+    /// always W/(m^2 sr).
+    #[serde(default, deserialize_with = "check::emissive_unit")]
+    pub emissive_unit: EmissiveUnit,
+}
+
+/// `[lens]`: at most one of `vertical_fov` and `focal_length`; by default the camera's own field of view. The lens is
+/// sharp at every distance; its f-number and transmission set the irradiance on the sensor.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct LensSettings {
+    /// Full vertical field of view \[rad\]; written as `"30deg"`.
+    #[serde(deserialize_with = "check::field_of_view")]
+    pub vertical_fov: Option<f64>,
+    /// Focal length \[m\], written as `"12mm"`: together with the sensor's pixel pitch and the film's height it gives the
+    /// field of view of a lens focused far away. Needs a sensor.
+    #[serde(deserialize_with = "check::focal_length")]
+    pub focal_length: Option<f64>,
+    /// f-number N, at least 0.1. Default 4.
+    #[serde(deserialize_with = "check::f_number")]
+    pub f_number: f64,
+    /// Share of the light that passes the glass, above 0 and at most 1. Default 0.9.
+    #[serde(deserialize_with = "check::positive_share")]
+    pub transmission: f64,
+    /// Magnification m, image size over object size: light falls by (1 + m)^2 at close range. Default 0, an object far
+    /// away.
+    #[serde(deserialize_with = "check::magnification")]
+    pub magnification: Option<f64>,
+}
+
+impl Default for LensSettings {
+    fn default() -> Self {
+        Self { vertical_fov: None, focal_length: None, f_number: 4.0, transmission: 0.9, magnification: None }
+    }
+}
+
+/// `[film]`
+#[derive(Clone, Debug, Default, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct FilmSettings {
+    /// Width in pixels, 1 to 32768.
+    #[serde(deserialize_with = "check::pixels")]
+    pub width: Option<u32>,
+    /// Height in pixels, 1 to 32768.
+    #[serde(deserialize_with = "check::pixels")]
+    pub height: Option<u32>,
+}
+
+/// `[budget]`: with several rules the first to be met stops.
+#[derive(Clone, Debug, Default, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct BudgetSettings {
+    /// Wall clock for the whole command, from start to files written: `"20s"`, `"2min"`.
+    #[serde(deserialize_with = "check::duration")]
+    pub time: Option<Duration>,
+    /// Mean number of samples per pixel.
+    #[serde(deserialize_with = "check::spp")]
+    pub spp: Option<u32>,
+}
+
+/// `[allocate]`
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct AllocateSettings {
+    /// `"uniform"` (default) or `"sobel"`.
+    pub strategy: AllocateStrategy,
+    /// Samples per pixel of the uniform pilot that the plan is made from. Default 16.
+    #[serde(deserialize_with = "check::pilot_spp")]
+    pub pilot_spp: u32,
+    /// Weight of a region without edges relative to the strongest edge, 0 to 1. Default 0.25.
+    #[serde(deserialize_with = "check::share")]
+    pub floor: f64,
+}
+
+impl Default for AllocateSettings {
+    fn default() -> Self {
+        Self { strategy: AllocateStrategy::default(), pilot_spp: 16, floor: 0.25 }
+    }
+}
+
+/// How samples are spread over the pixels.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum AllocateStrategy {
+    /// The same number everywhere.
+    #[default]
+    Uniform,
+    /// More where the Sobel magnitude of a pilot image is high.
+    Sobel,
+}
+
+/// `[sensor]`
+#[derive(Clone, Debug, Default, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct SensorSettings {
+    /// Name of a preset (`"imx250"`), path of a sensor file (`"mine.toml"`, relative to the job file), or `"none"`
+    /// (default): radiance to 8 bits, clipped at one.
+    pub model: SensorChoice,
+    /// Exposure time (`"5ms"`), or `"auto"` (default): the 99.5 % quantile at 90 % of saturation.
+    pub exposure: Exposure,
+}
+
+/// Which sensor.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub enum SensorChoice {
+    /// No sensor.
+    #[default]
+    None,
+    /// A preset by name.
+    Preset(String),
+    /// A sensor file.
+    File(PathBuf),
+}
+
+impl<'de> Deserialize<'de> for SensorChoice {
+    fn deserialize<D: Deserializer<'de>>(d: D) -> Result<Self, D::Error> {
+        let text = String::deserialize(d)?;
+        match text.trim() {
+            "" => Err(D::Error::custom("the sensor's name is empty; write a preset, a file, or \"none\"")),
+            "none" => Ok(Self::None),
+            name if name.to_ascii_lowercase().ends_with(".toml") => Ok(Self::File(PathBuf::from(name))),
+            name => Ok(Self::Preset(name.to_string())),
+        }
+    }
+}
+
+/// How long light is gathered.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum Exposure {
+    /// Chosen so that the 99.5 % quantile of the image reaches 90 % of saturation.
+    #[default]
+    Auto,
+    /// Seconds, above zero.
+    Seconds(f64),
+}
+
+impl<'de> Deserialize<'de> for Exposure {
+    fn deserialize<D: Deserializer<'de>>(d: D) -> Result<Self, D::Error> {
+        #[derive(Deserialize)]
+        #[serde(untagged)]
+        enum Written {
+            Text(String),
+            Seconds(f64),
+        }
+        let seconds = match Written::deserialize(d)? {
+            Written::Text(text) if text.trim() == "auto" => return Ok(Self::Auto),
+            Written::Text(text) => f64::from(text.parse::<crate::quantity::Time>().map_err(D::Error::custom)?),
+            Written::Seconds(v) => v,
+        };
+        if seconds > 0.0 && seconds <= 1e6 {
+            return Ok(Self::Seconds(seconds));
+        }
+        Err(D::Error::custom(format!(
+            "{seconds} s is out of range; write a time above zero such as \"5ms\", or \"auto\""
+        )))
+    }
+}
+
+/// `[output]`: paths relative to the current folder; what is absent is not written.
+#[derive(Clone, Debug, Default, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct OutputSettings {
+    /// 8-bit PNG with gamma 2.2.
+    pub image: Option<PathBuf>,
+    /// 16-bit linear image, `.png` or `.tif`.
+    pub linear: Option<PathBuf>,
+    /// EXR with mean, variance and the other planes.
+    pub exr: Option<PathBuf>,
+    /// Statistics, JSON.
+    pub stats: Option<PathBuf>,
+    /// The plan of samples per pixel, for a replay.
+    pub plan: Option<PathBuf>,
+}
+
+/// `[environment]`: exactly one of `radiance` and `image`.
+#[derive(Clone, Debug, Default, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct EnvironmentSettings {
+    /// The same radiance [W/(m^2 sr)] from everywhere.
+    #[serde(deserialize_with = "check::light")]
+    pub radiance: Option<Rgb>,
+    /// An equirectangular HDR or EXR image, relative to the job file: +y up, its centre looks along -z.
+    pub image: Option<PathBuf>,
+    /// Multiplies the image to give radiance [W/(m^2 sr)]. Default 1.
+    #[serde(deserialize_with = "check::light")]
+    pub scale: Option<Rgb>,
+    /// Turns the image about the +y axis \[rad\]; written as `"90deg"`. Default 0.
+    #[serde(deserialize_with = "check::angle")]
+    pub rotation: Option<f32>,
+}
+
+/// `[[material]]`: what is given replaces the factor of that name; textures go on multiplying it.
+#[derive(Clone, Debug, Default, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MaterialOverride {
+    /// Name of the material, or a pattern with `*` (any characters) and `?` (any one).
+    pub name: String,
+    /// `false` drops all textures of the material first.
+    pub textures: Option<bool>,
+    /// Base colour, 0 to 1.
+    #[serde(default, deserialize_with = "check::color")]
+    pub base_color: Option<Rgb>,
+    /// Coverage, 0 to 1.
+    #[serde(default, deserialize_with = "check::unit")]
+    pub alpha: Option<f32>,
+    /// `"opaque"`, `"mask"` or `"blend"`.
+    pub alpha_mode: Option<AlphaKind>,
+    /// Threshold of `alpha_mode = "mask"`, 0 to 1. Default 0.5.
+    #[serde(default, deserialize_with = "check::unit")]
+    pub alpha_cutoff: Option<f32>,
+    /// 0 dielectric to 1 metal.
+    #[serde(default, deserialize_with = "check::unit")]
+    pub metallic: Option<f32>,
+    /// Perceptual roughness, 0 to 1.
+    #[serde(default, deserialize_with = "check::unit")]
+    pub roughness: Option<f32>,
+    /// Scales the normal map.
+    #[serde(default, deserialize_with = "check::factor")]
+    pub normal_scale: Option<f32>,
+    /// Emitted radiance [W/(m^2 sr)].
+    #[serde(default, deserialize_with = "check::light")]
+    pub emission: Option<Rgb>,
+    /// Does it emit on both sides?
+    pub double_sided: Option<bool>,
+    /// Emits its base colour and scatters nothing.
+    pub unlit: Option<bool>,
+    /// Index of refraction, 1 to 10.
+    #[serde(default, deserialize_with = "check::ior")]
+    pub ior: Option<f32>,
+    /// Strength of the dielectric reflection, 0 to 1.
+    #[serde(default, deserialize_with = "check::unit")]
+    pub specular: Option<f32>,
+    /// Tint of the dielectric reflection.
+    #[serde(default, deserialize_with = "check::color")]
+    pub specular_color: Option<Rgb>,
+    /// How far the dielectric reflection takes the base colour's hue, 0 to 1.
+    #[serde(default, deserialize_with = "check::unit")]
+    pub specular_tint: Option<f32>,
+    /// Share of the non-metallic light that passes through, 0 to 1.
+    #[serde(default, deserialize_with = "check::unit")]
+    pub transmission: Option<f32>,
+    /// `true`: the closed boundary of a solid that refracts and absorbs; `false`: a thin sheet.
+    pub solid: Option<bool>,
+    /// Colour of white light after `attenuation_distance` in the solid, each channel above 0.
+    #[serde(default, deserialize_with = "check::positive_color")]
+    pub attenuation_color: Option<Rgb>,
+    /// Distance \[m\] for `attenuation_color`; written as `"2mm"`.
+    #[serde(default, deserialize_with = "check::distance")]
+    pub attenuation_distance: Option<f32>,
+    /// Strength of a clear coat, 0 to 1.
+    #[serde(default, deserialize_with = "check::unit")]
+    pub clearcoat: Option<f32>,
+    /// Roughness of the clear coat, 0 to 1.
+    #[serde(default, deserialize_with = "check::unit")]
+    pub clearcoat_roughness: Option<f32>,
+    /// Sheen colour, 0 to 1.
+    #[serde(default, deserialize_with = "check::color")]
+    pub sheen_color: Option<Rgb>,
+    /// Sheen roughness, 0 to 1.
+    #[serde(default, deserialize_with = "check::unit")]
+    pub sheen_roughness: Option<f32>,
+    /// Anisotropy, -1 to 1; positive stretches highlights along the tangent.
+    #[serde(default, deserialize_with = "check::signed_unit")]
+    pub anisotropy: Option<f32>,
+    /// Rotation of the anisotropy's axis \[rad\]; written as `"30deg"`.
+    #[serde(default, deserialize_with = "check::angle")]
+    pub anisotropy_rotation: Option<f32>,
+}
+
+/// `alpha_mode` of a material.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum AlphaKind {
+    /// Covers fully.
+    Opaque,
+    /// Covers where alpha reaches the cutoff.
+    Mask,
+    /// Covers stochastically.
+    Blend,
+}
+
+/// `[[light]]`: at most one of `radiance`, `power`, `intensity` and `irradiance`.
+///
+/// The name is looked for among lights without extent, then among objects (nodes) with an emissive material, then among
+/// emissive materials, then among all objects and all materials; the first that has it counts. An object that shares its
+/// mesh or material with others gets its own copy.
+#[derive(Clone, Debug, Default, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct LightOverride {
+    /// Name, or a pattern with `*` and `?`.
+    pub name: String,
+    /// `false` switches it off. Default true.
+    #[serde(default = "yes")]
+    pub enabled: bool,
+    /// Emitted radiance [W/(m^2 sr)] of a surface.
+    #[serde(default, deserialize_with = "check::light")]
+    pub radiance: Option<Rgb>,
+    /// Radiant power \[W\] of each light that the name stands for, as the mean of the channels; the colour stays as it is
+    /// (white if it was black). Not for parallel light.
+    #[serde(default, deserialize_with = "check::power")]
+    pub power: Option<f64>,
+    /// Radiant intensity \[W/sr\] of a point or spot light (on the axis).
+    #[serde(default, deserialize_with = "check::light")]
+    pub intensity: Option<Rgb>,
+    /// Irradiance [W/m^2] of a parallel light on a surface that faces it.
+    #[serde(default, deserialize_with = "check::light")]
+    pub irradiance: Option<Rgb>,
+}
+
+fn yes() -> bool {
+    true
+}
+
+impl Job {
+    /// Reads a job file.
+    ///
+    /// # Errors
+    /// If the file cannot be read, or says something wrong: with line and caret.
+    pub fn from_file(path: &Path) -> Result<Self, InputError> {
+        Self::from_toml(TomlFile::read(path)?)
+    }
+
+    /// Reads a job from a text; `path` stands in messages, and its folder is what input paths are relative to.
+    ///
+    /// # Errors
+    /// If the text says something wrong.
+    pub fn from_text(path: impl Into<PathBuf>, text: impl Into<String>) -> Result<Self, InputError> {
+        Self::from_toml(TomlFile::from_text(path, text))
+    }
+
+    fn from_toml(file: TomlFile) -> Result<Self, InputError> {
+        let mut job: Self = file.parse()?;
+        if job.scene.as_os_str().is_empty() {
+            return Err(file.error_at_key(&["scene"], "the scene's path is empty", "name a .glb, .gltf or .obj file"));
+        }
+        job.scene = file.resolve(&job.scene);
+        if let SensorChoice::File(path) = &mut job.sensor.model {
+            *path = file.resolve(&path);
+        }
+        if job.lens.vertical_fov.is_some() && job.lens.focal_length.is_some() {
+            let (problem, mend) =
+                ("`vertical_fov` and `focal_length` both set the field of view", "remove one of them");
+            return Err(file.error_at_key(&["lens", "focal_length"], problem, mend));
+        }
+        if job.lens.focal_length.is_some() && job.sensor.model == SensorChoice::None {
+            let mend = "name a sensor under [sensor] model, or write `vertical_fov` instead";
+            return Err(file.error_at_key(
+                &["lens", "focal_length"],
+                "a focal length alone gives no field of view",
+                mend,
+            ));
+        }
+        if let Some(environment) = &mut job.environment {
+            let (radiance, image) = (environment.radiance.is_some(), environment.image.is_some());
+            if radiance == image {
+                let problem =
+                    if image { "`radiance` and `image` exclude each other" } else { "the environment is empty" };
+                return Err(file.error_at_key(&["environment"], problem, "write either `radiance` or `image`"));
+            }
+            if let Some(key) = [("scale", environment.scale.is_some()), ("rotation", environment.rotation.is_some())]
+                .iter()
+                .find_map(|(key, given)| (radiance && *given).then_some(key))
+            {
+                let problem = format!("`{key}` says nothing about a constant radiance");
+                return Err(file.error_at_key(&["environment", key], problem, "remove it, or give an image"));
+            }
+            environment.image = environment.image.as_ref().map(|path| file.resolve(path));
+        }
+        job.source = file;
+        job.check_overrides()?;
+        Ok(job)
+    }
+
+    /// How the scene file is to be read.
+    pub fn import_options(&self) -> ImportOptions {
+        ImportOptions { emissive_unit: self.import.emissive_unit, ..ImportOptions::default() }
+    }
+
+    /// Index of the camera that the job names; `None` if it names none.
+    ///
+    /// # Errors
+    /// If the scene has no camera of that name.
+    pub fn camera_index(&self, scene: &SceneBuilder) -> Result<Option<usize>, InputError> {
+        let Some(name) = &self.camera else { return Ok(None) };
+        let found = scene.cameras.iter().position(|c| c.name == *name);
+        found.map(Some).ok_or_else(|| {
+            let known: Vec<&str> = scene.cameras.iter().map(|c| c.name.as_str()).collect();
+            let problem = format!("the scene has no camera named \"{name}\"");
+            self.source.error_at_key(&["camera"], problem, suggestion(name, "cameras", &known))
+        })
+    }
+}

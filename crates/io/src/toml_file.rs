@@ -32,7 +32,7 @@ use crate::names::nearest_names;
 const LARGEST: u64 = 1 << 20;
 
 /// A TOML text and the file it came from. Errors that it makes point into the text.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct TomlFile {
     path: PathBuf,
     text: String,
@@ -114,6 +114,15 @@ impl TomlFile {
         let mut error = InputError::new(&self.path, self.place(&range), problem, mend);
         error.source_span = Some(Box::new(SourceSpan { text: self.text.clone(), range }));
         error
+    }
+
+    /// An error about the value of a key: its path, with positions in arrays as numbers from 0 (`["light", "2", "name"]`).
+    /// A path that leads nowhere gives an error without a caret.
+    pub fn error_at_key(&self, path: &[&str], problem: impl Into<String>, mend: impl Into<String>) -> InputError {
+        match DeTable::parse(&self.text).ok().and_then(|root| span_of(root.get_ref(), path)) {
+            Some(range) => self.error_at(range, problem, mend),
+            None => InputError::new(&self.path, path.join(", "), problem, mend),
+        }
     }
 
     /// Passes `value` on if it lies in `range`; not-a-number never does.
@@ -228,6 +237,21 @@ impl Finder<'_> {
             self.best = Some((span.len(), path.to_vec()));
         }
     }
+}
+
+/// Where the value at the end of a key path stands.
+fn span_of(table: &DeTable<'_>, path: &[&str]) -> Option<Range<usize>> {
+    let (first, mut rest) = path.split_first()?;
+    let mut value = table.iter().find(|(key, _)| key.get_ref() == first)?.1;
+    while let Some((step, tail)) = rest.split_first() {
+        value = match value.get_ref() {
+            DeValue::Table(table) => table.iter().find(|(key, _)| key.get_ref() == step)?.1,
+            DeValue::Array(items) => items.get(step.parse::<usize>().ok()?)?,
+            _ => return None,
+        };
+        rest = tail;
+    }
+    Some(value.span())
 }
 
 /// A key path in the way it is written in the file.

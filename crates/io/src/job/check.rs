@@ -1,0 +1,226 @@
+//! Readers for the fields of a job that refuse values out of range; the TOML layer adds line and caret to what they say.
+
+use crate::import::EmissiveUnit;
+use crate::quantity::{Angle, Length, Power, Time};
+use dunkelfeld_radiometry::Rgb;
+use serde::Deserialize;
+use serde::de::{Deserializer, Error, SeqAccess, Visitor};
+use std::fmt;
+use std::time::Duration;
+
+/// A number of pixels along one side.
+pub(super) fn pixels<'de, D: Deserializer<'de>>(d: D) -> Result<Option<u32>, D::Error> {
+    whole(d, 1, 32_768).map(Some)
+}
+
+/// Samples per pixel; the counters of a pixel hold more, but nobody waits for it.
+pub(super) fn spp<'de, D: Deserializer<'de>>(d: D) -> Result<Option<u32>, D::Error> {
+    whole(d, 1, 1 << 24).map(Some)
+}
+
+pub(super) fn pilot_spp<'de, D: Deserializer<'de>>(d: D) -> Result<u32, D::Error> {
+    whole(d, 1, 65_536)
+}
+
+fn whole<'de, D: Deserializer<'de>>(d: D, least: u32, most: u32) -> Result<u32, D::Error> {
+    let v = i64::deserialize(d)?;
+    match u32::try_from(v) {
+        Ok(v) if (least..=most).contains(&v) => Ok(v),
+        _ => Err(D::Error::custom(format!("{v} is out of range; write a whole number from {least} to {most}"))),
+    }
+}
+
+pub(super) fn unit<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f32>, D::Error> {
+    real(d, 0.0, 1.0).map(|v| Some(v as f32))
+}
+
+pub(super) fn share<'de, D: Deserializer<'de>>(d: D) -> Result<f64, D::Error> {
+    real(d, 0.0, 1.0)
+}
+
+/// A transmission of zero would leave a black image.
+pub(super) fn positive_share<'de, D: Deserializer<'de>>(d: D) -> Result<f64, D::Error> {
+    real(d, 1e-6, 1.0)
+}
+
+pub(super) fn signed_unit<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f32>, D::Error> {
+    real(d, -1.0, 1.0).map(|v| Some(v as f32))
+}
+
+pub(super) fn ior<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f32>, D::Error> {
+    real(d, 1.0, 10.0).map(|v| Some(v as f32))
+}
+
+pub(super) fn factor<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f32>, D::Error> {
+    real(d, -1e3, 1e3).map(|v| Some(v as f32))
+}
+
+pub(super) fn f_number<'de, D: Deserializer<'de>>(d: D) -> Result<f64, D::Error> {
+    real(d, 0.1, 1e4)
+}
+
+pub(super) fn magnification<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f64>, D::Error> {
+    real(d, 0.0, 1e4).map(Some)
+}
+
+fn real<'de, D: Deserializer<'de>>(d: D, least: f64, most: f64) -> Result<f64, D::Error> {
+    let v = d.deserialize_any(Number)?;
+    in_range(v, least, most)
+}
+
+fn in_range<E: Error>(v: f64, least: f64, most: f64) -> Result<f64, E> {
+    if (least..=most).contains(&v) {
+        return Ok(v);
+    }
+    Err(E::custom(format!("{v} is out of range; write a number from {least} to {most}")))
+}
+
+/// A time budget: whole nanoseconds, at most a year.
+pub(super) fn duration<'de, D: Deserializer<'de>>(d: D) -> Result<Option<Duration>, D::Error> {
+    let Time(v) = Time::deserialize(d)?;
+    if v > 0.0 && v <= 3.2e7 {
+        return Ok(Some(Duration::from_secs_f64(v)));
+    }
+    Err(D::Error::custom(format!("{v} s is out of range; write a time above zero, such as \"20s\"")))
+}
+
+/// A field of view [rad].
+pub(super) fn field_of_view<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f64>, D::Error> {
+    let Angle(v) = Angle::deserialize(d)?;
+    if v > 1e-4 && v < std::f64::consts::PI * 0.99 {
+        return Ok(Some(v));
+    }
+    Err(D::Error::custom(format!("{v} rad is out of range; write an angle between 0.01deg and 178deg")))
+}
+
+/// A rotation [rad].
+pub(super) fn angle<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f32>, D::Error> {
+    let Angle(v) = Angle::deserialize(d)?;
+    in_range(v, -1e4, 1e4).map(|v| Some(v as f32))
+}
+
+/// A focal length [m].
+pub(super) fn focal_length<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f64>, D::Error> {
+    let Length(v) = Length::deserialize(d)?;
+    if (1e-6..=100.0).contains(&v) {
+        return Ok(Some(v));
+    }
+    Err(D::Error::custom(format!("{v} m is out of range; write a focal length such as \"12mm\"")))
+}
+
+/// A distance [m] above zero; `inf` is one.
+pub(super) fn distance<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f32>, D::Error> {
+    let Length(v) = Length::deserialize(d)?;
+    // Above the smallest normal f32, so that the value stays above zero when it is narrowed.
+    if v > 1e-30 {
+        return Ok(Some(v as f32));
+    }
+    Err(D::Error::custom(format!("{v} m is not a distance above zero; write one such as \"2mm\"")))
+}
+
+/// A power [W].
+pub(super) fn power<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f64>, D::Error> {
+    let Power(v) = Power::deserialize(d)?;
+    if (0.0..=1e12).contains(&v) {
+        return Ok(Some(v));
+    }
+    Err(D::Error::custom(format!("{v} W is out of range; write a power of zero or more, such as \"1.5W\"")))
+}
+
+/// A colour with channels from 0 to 1.
+pub(super) fn color<'de, D: Deserializer<'de>>(d: D) -> Result<Option<Rgb>, D::Error> {
+    triple(d, 1.0).map(Some)
+}
+
+/// A colour that is not black: absorption towards zero light has no finite coefficient.
+pub(super) fn positive_color<'de, D: Deserializer<'de>>(d: D) -> Result<Option<Rgb>, D::Error> {
+    let c = triple(d, 1.0)?;
+    if c.to_array().iter().all(|v| *v > 0.0) {
+        return Ok(Some(c));
+    }
+    Err(D::Error::custom("a channel is 0, which no finite absorption gives; write values from 0.001 to 1"))
+}
+
+/// A radiometric quantity per channel.
+pub(super) fn light<'de, D: Deserializer<'de>>(d: D) -> Result<Option<Rgb>, D::Error> {
+    triple(d, 1e12).map(Some)
+}
+
+fn triple<'de, D: Deserializer<'de>>(d: D, most: f64) -> Result<Rgb, D::Error> {
+    let values = d.deserialize_any(Triple)?;
+    let mut channels = [0.0; 3];
+    for (channel, v) in channels.iter_mut().zip(values) {
+        *channel = in_range::<D::Error>(v, 0.0, most)? as f32;
+    }
+    Ok(Rgb::from_array(channels))
+}
+
+pub(super) fn emissive_unit<'de, D: Deserializer<'de>>(d: D) -> Result<EmissiveUnit, D::Error> {
+    match String::deserialize(d)?.as_str() {
+        "nit" | "cd/m2" => Ok(EmissiveUnit::Nit),
+        "W/(m2 sr)" | "W/(m^2 sr)" => Ok(EmissiveUnit::WattPerSteradianSquareMetre),
+        other => Err(D::Error::custom(format!("unknown unit \"{other}\"; write \"nit\" or \"W/(m2 sr)\""))),
+    }
+}
+
+/// Whole or real: TOML tells `1` and `1.0` apart, people do not.
+struct Number;
+
+impl Visitor<'_> for Number {
+    type Value = f64;
+
+    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("a number")
+    }
+
+    fn visit_f64<E: Error>(self, v: f64) -> Result<f64, E> {
+        Ok(v)
+    }
+
+    fn visit_i64<E: Error>(self, v: i64) -> Result<f64, E> {
+        Ok(v as f64)
+    }
+
+    fn visit_u64<E: Error>(self, v: u64) -> Result<f64, E> {
+        Ok(v as f64)
+    }
+}
+
+/// `[r, g, b]`, or one number for all three.
+struct Triple;
+
+impl<'de> Visitor<'de> for Triple {
+    type Value = [f64; 3];
+
+    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("three numbers [r, g, b], or one for all three")
+    }
+
+    fn visit_f64<E: Error>(self, v: f64) -> Result<[f64; 3], E> {
+        Ok([v; 3])
+    }
+
+    fn visit_i64<E: Error>(self, v: i64) -> Result<[f64; 3], E> {
+        Ok([v as f64; 3])
+    }
+
+    fn visit_seq<A: SeqAccess<'de>>(self, mut seq: A) -> Result<[f64; 3], A::Error> {
+        let mut values = [0.0; 3];
+        let wrong = || A::Error::custom("a colour has three channels; write [r, g, b], or one number for all three");
+        for value in &mut values {
+            *value = seq.next_element::<Real>()?.ok_or_else(wrong)?.0;
+        }
+        if seq.next_element::<Real>()?.is_some() {
+            return Err(wrong());
+        }
+        Ok(values)
+    }
+}
+
+struct Real(f64);
+
+impl<'de> Deserialize<'de> for Real {
+    fn deserialize<D: Deserializer<'de>>(d: D) -> Result<Self, D::Error> {
+        d.deserialize_any(Number).map(Real)
+    }
+}

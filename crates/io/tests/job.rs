@@ -1,0 +1,323 @@
+//! Job files: what they say, how they are refused, and what their overrides do to a scene.
+
+use dunkelfeld_geometry::{DAffine3, DVec3, Mesh, Vec3};
+use dunkelfeld_io::InputError;
+use dunkelfeld_io::import::EmissiveUnit;
+use dunkelfeld_io::job::{AllocateStrategy, Exposure, Job, SensorChoice};
+use dunkelfeld_radiometry::Rgb;
+use dunkelfeld_scene::{
+    AlphaMode, Camera, EnvironmentSource, Instance, Material, MeshPart, Projection, PunctualKind, PunctualLight,
+    SceneBuilder, Surface, Volume,
+};
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+fn job(text: &str) -> Job {
+    Job::from_text("jobs/a.toml", text).unwrap_or_else(|e| panic!("{e}\n{}", e.caret()))
+}
+
+fn refusal(text: &str) -> InputError {
+    Job::from_text("jobs/a.toml", text).expect_err(text)
+}
+
+/// With a scene named, as every job must.
+fn with(text: &str) -> String {
+    format!("scene = \"a.glb\"\n{text}")
+}
+
+const EVERYTHING: &str = r#"
+scene = "../scenes/a.glb"
+camera = "above"
+seed = 7
+frame = 3
+[import]
+emissive_unit = "W/(m2 sr)"
+[lens]
+focal_length = "12mm"
+f_number = 5.6
+transmission = 0.8
+magnification = 0.1
+[film]
+width = 640
+height = 480
+[budget]
+time = "2min"
+spp = 64
+[allocate]
+strategy = "sobel"
+pilot_spp = 8
+floor = 0.5
+[sensor]
+model = "sensors/mine.toml"
+exposure = "5ms"
+[output]
+image = "out.png"
+linear = "out.tif"
+exr = "out.exr"
+stats = "out.json"
+plan = "plan.exr"
+[environment]
+image = "sky.hdr"
+scale = 2
+rotation = "90deg"
+[[material]]
+name = "pmma"
+ior = 1.49
+[[light]]
+name = "rear"
+power = "500mW"
+"#;
+
+#[test]
+fn a_job_that_says_everything() {
+    let job = job(EVERYTHING);
+    assert_eq!(job.scene, Path::new("jobs/../scenes/a.glb"));
+    assert_eq!((job.camera.as_deref(), job.seed, job.frame), (Some("above"), 7, 3));
+    assert_eq!(job.import_options().emissive_unit, EmissiveUnit::WattPerSteradianSquareMetre);
+    assert!((job.lens.focal_length.unwrap() - 0.012).abs() < 1e-15);
+    assert_eq!((job.lens.f_number, job.lens.transmission, job.lens.magnification), (5.6, 0.8, Some(0.1)));
+    assert_eq!((job.film.width, job.film.height), (Some(640), Some(480)));
+    assert_eq!((job.budget.time, job.budget.spp), (Some(Duration::from_secs(120)), Some(64)));
+    assert_eq!((job.allocate.strategy, job.allocate.pilot_spp, job.allocate.floor), (AllocateStrategy::Sobel, 8, 0.5));
+    assert_eq!(job.sensor.model, SensorChoice::File(PathBuf::from("jobs/sensors/mine.toml")));
+    assert_eq!(job.sensor.exposure, Exposure::Seconds(0.005));
+    // Outputs stay relative to where the command runs.
+    assert_eq!(job.output.image.as_deref(), Some(Path::new("out.png")));
+    let environment = job.environment.unwrap();
+    assert_eq!(environment.image.as_deref(), Some(Path::new("jobs/sky.hdr")));
+    assert_eq!(environment.scale, Some(Rgb::splat(2.0)));
+    assert!((environment.rotation.unwrap() - std::f32::consts::FRAC_PI_2).abs() < 1e-6);
+    assert_eq!((job.materials[0].ior, job.lights[0].power, job.lights[0].enabled), (Some(1.49), Some(0.5), true));
+}
+
+#[test]
+fn a_job_that_says_the_least_gets_the_documented_defaults() {
+    let job = job(&with(""));
+    assert_eq!((job.seed, job.frame, job.camera.as_deref()), (0, 0, None));
+    assert_eq!((job.lens.f_number, job.lens.transmission), (4.0, 0.9));
+    assert_eq!(
+        (job.allocate.strategy, job.allocate.pilot_spp, job.allocate.floor),
+        (AllocateStrategy::Uniform, 16, 0.25)
+    );
+    assert_eq!((job.sensor.model, job.sensor.exposure), (SensorChoice::None, Exposure::Auto));
+    assert_eq!(job.import.emissive_unit, EmissiveUnit::Nit);
+    assert!(job.environment.is_none() && job.materials.is_empty() && job.lights.is_empty());
+}
+
+#[test]
+fn faults_are_refused_with_place_mend_and_caret() {
+    for (text, place, problem, mend, marked) in [
+        ("[film]\nwidht = 3", "[film] widht", "unknown key `widht`", "did you mean `width`?", "widht"),
+        ("[film]\nwidth = 0", "[film] width", "0 is out of range", "from 1 to 32768", "0"),
+        ("[film]\nheight = 40000", "[film] height", "out of range", "from 1 to 32768", "40000"),
+        ("[film]\nheight = 2.5", "[film] height", "does not belong here", "write", "2.5"),
+        ("[budget]\ntime = \"soon\"", "[budget] time", "does not begin with a number", "\"5ms\"", "\"soon\""),
+        ("[budget]\ntime = 0", "[budget] time", "out of range", "above zero", "0"),
+        ("[budget]\nnoise = 0.7", "[budget] noise", "unknown key `noise`", "time, spp", "noise"),
+        ("[lens]\nvertical_fov = 30", "[lens] vertical_fov", "needs a unit", "", "30"),
+        ("[lens]\nf_number = nan", "[lens] f_number", "out of range", "0.1", "nan"),
+        ("[lens]\ntransmission = 0", "[lens] transmission", "out of range", "", "0"),
+        (
+            "[lens]\nfocal_length = \"12mm\"",
+            "[lens] focal_length",
+            "alone gives no field of view",
+            "[sensor] model",
+            "\"12mm\"",
+        ),
+        (
+            "[allocate]\nstrategy = \"sobl\"",
+            "[allocate] strategy",
+            "unknown value `sobl`",
+            "did you mean `sobel`?",
+            "\"sobl\"",
+        ),
+        ("[sensor]\nexposure = \"-5ms\"", "[sensor] exposure", "out of range", "\"auto\"", "\"-5ms\""),
+        ("[import]\nemissive_unit = \"lux\"", "[import] emissive_unit", "unknown unit \"lux\"", "\"nit\"", "\"lux\""),
+        ("[environment]\nradiance = [1, 2]", "[environment] radiance", "three channels", "[r, g, b]", "[1, 2]"),
+        ("[environment]\nradiance = -1", "[environment] radiance", "out of range", "", "-1"),
+        ("[environment]\nradiance = 1\nscale = 2", "[environment] scale", "says nothing", "remove it", "2"),
+        (
+            "[[material]]\nname = \"a\"\nroughness = 1.5",
+            "[[material]] 1, roughness",
+            "1.5 is out of range",
+            "0 to 1",
+            "1.5",
+        ),
+        ("[[material]]\nroughness = 0.5", "[[material]] 1, name", "`name` is missing", "add `name", "[[material]]"),
+        (
+            "[[light]]\nname = \"a\"\n[[light]]\nname = \"b\"\npower = 1\nradiance = 2",
+            "[[light]] 2, power",
+            "both set",
+            "keep one",
+            "1",
+        ),
+    ] {
+        let error = refusal(&with(text));
+        assert_eq!(error.place, place, "{error}\n{}", error.caret());
+        assert!(error.problem.contains(problem), "{error}");
+        assert!(error.mend.contains(mend), "{error}");
+        let span = error.source_span.as_deref().expect("a span");
+        assert_eq!(&span.text[span.range.clone()], marked, "{error}\n{}", error.caret());
+    }
+    assert_eq!(refusal("seed = 1").place, "scene");
+    assert_eq!(refusal("scene = \"\"").problem, "the scene's path is empty");
+    assert!(refusal(&with("[environment]")).problem.contains("empty"));
+    let both = "[lens]\nvertical_fov = \"30deg\"\nfocal_length = \"12mm\"";
+    assert!(refusal(&with(both)).problem.contains("both set"));
+    assert!(Job::from_file(Path::new("no/such.toml")).is_err());
+}
+
+/// Two quads of 1 m by 2 m from one mesh, both of material "panel"; a cube-less "pmma"; three punctual lights; a camera.
+fn scene() -> SceneBuilder {
+    let mesh = Mesh {
+        positions: vec![Vec3::ZERO, Vec3::X, Vec3::new(1.0, 2.0, 0.0), Vec3::new(0.0, 2.0, 0.0)],
+        triangles: vec![[0, 1, 2], [0, 2, 3]],
+        ..Mesh::default()
+    };
+    let material = |name: &str, emission: f32| Material {
+        name: name.into(),
+        emission: Rgb::splat(emission),
+        ..Material::default()
+    };
+    let instance = |name: &str, meshes: &[usize], scale: f64| Instance {
+        name: name.into(),
+        meshes: meshes.to_vec(),
+        to_world: DAffine3::from_scale(DVec3::splat(scale)),
+    };
+    let light = |name: &str, kind| PunctualLight { name: name.into(), to_world: DAffine3::IDENTITY, kind };
+    SceneBuilder {
+        materials: vec![material("panel", 2.0), material("pmma", 0.0), material("pmma edge", 0.0)],
+        meshes: vec![
+            MeshPart { name: "quad".into(), mesh: mesh.clone(), material: 0 },
+            MeshPart { name: "sheet".into(), mesh, material: 1 },
+        ],
+        instances: vec![instance("left", &[0], 1.0), instance("right", &[0], 2.0), instance("cover", &[1], 1.0)],
+        lights: vec![
+            light("bulb", PunctualKind::Point { intensity: Rgb::new(1.0, 2.0, 3.0) }),
+            light("spot", PunctualKind::Spot { intensity: Rgb::BLACK, inner: 0.5, outer: 0.5 }),
+            light("sun", PunctualKind::Directional { irradiance: Rgb::WHITE }),
+        ],
+        cameras: vec![Camera {
+            name: "above".into(),
+            to_world: DAffine3::IDENTITY,
+            projection: Projection::Perspective { vertical_fov: 0.5 },
+            aspect: None,
+        }],
+        ..SceneBuilder::default()
+    }
+}
+
+fn changed(text: &str) -> SceneBuilder {
+    let mut scene = scene();
+    job(&with(text)).apply_overrides(&mut scene).unwrap_or_else(|e| panic!("{e}\n{}", e.caret()));
+    scene
+}
+
+fn unfit(text: &str) -> InputError {
+    job(&with(text)).apply_overrides(&mut scene()).expect_err(text)
+}
+
+fn emission_of(scene: &SceneBuilder, instance: usize) -> Rgb {
+    scene.materials[scene.meshes[scene.instances[instance].meshes[0]].material].emission
+}
+
+#[test]
+fn material_factors_are_replaced_by_name_and_pattern() {
+    let scene = changed(
+        r#"
+        [[material]]
+        name = "pmma"
+        solid = true
+        transmission = 1
+        attenuation_color = [0.9, 0.8, 0.7]
+        attenuation_distance = "2mm"
+        alpha_mode = "mask"
+        [[material]]
+        name = "pmma*"
+        ior = 1.49
+        roughness = 0
+        base_color = 0.5
+        "#,
+    );
+    let volume = Volume { attenuation_color: Rgb::new(0.9, 0.8, 0.7), attenuation_distance: 0.002 };
+    let pmma = &scene.materials[1];
+    assert_eq!((pmma.surface, pmma.transmission), (Surface::Solid(volume), 1.0));
+    assert_eq!(pmma.alpha_mode, AlphaMode::Mask { cutoff: 0.5 });
+    for m in &scene.materials[1..] {
+        assert_eq!((m.ior, m.roughness, m.base_color), (1.49, 0.0, Rgb::splat(0.5)));
+    }
+    assert_eq!(scene.materials[0], self::scene().materials[0]);
+}
+
+/// The power of a Lambertian quad is pi * area * radiance; the right one is scaled by 2, so of four times the area.
+#[test]
+fn power_makes_the_radiance_of_each_object_by_its_own_area() {
+    let scene = changed("[[light]]\nname = \"left\"\npower = \"6W\"");
+    assert!((emission_of(&scene, 0).g - 6.0 / (2.0 * std::f32::consts::PI)).abs() < 1e-6);
+    assert_eq!(emission_of(&scene, 1), Rgb::splat(2.0), "the other object keeps its light");
+    let scene = changed("[[light]]\nname = \"?*ight\"\npower = \"6W\"");
+    assert!((emission_of(&scene, 1).g - 6.0 / (8.0 * std::f32::consts::PI)).abs() < 1e-6);
+    // As a material it is one light of both quads.
+    let scene = changed("[[light]]\nname = \"panel\"\npower = \"6W\"");
+    for i in [0, 1] {
+        assert!((emission_of(&scene, i).g - 6.0 / (10.0 * std::f32::consts::PI)).abs() < 1e-6);
+    }
+}
+
+#[test]
+fn surfaces_are_switched_and_set() {
+    let scene =
+        changed("[[light]]\nname = \"right\"\nenabled = false\n[[light]]\nname = \"left\"\nradiance = [1, 2, 3]");
+    assert_eq!((emission_of(&scene, 0), emission_of(&scene, 1)), (Rgb::new(1.0, 2.0, 3.0), Rgb::BLACK));
+    // An object that was dark becomes a light.
+    let scene = changed("[[light]]\nname = \"cover\"\npower = 1");
+    assert!((emission_of(&scene, 2).r - 0.5 / std::f32::consts::PI).abs() < 1e-6);
+    assert_eq!(scene.materials.len(), 3, "nothing was shared, so nothing is copied");
+}
+
+#[test]
+fn punctual_lights_take_what_fits_their_kind() {
+    let scene = changed(
+        "[[light]]\nname = \"bulb\"\npower = \"1W\"\n[[light]]\nname = \"spot\"\nintensity = 5\n[[light]]\nname = \"sun\"\nirradiance = [1, 0, 0]",
+    );
+    let PunctualKind::Point { intensity } = scene.lights[0].kind else { panic!("a point light") };
+    assert!((4.0 * std::f32::consts::PI * intensity.mean() - 1.0).abs() < 1e-6);
+    assert!((intensity.b / intensity.r - 3.0).abs() < 1e-6, "the colour stays");
+    assert_eq!(scene.lights[1].kind, PunctualKind::Spot { intensity: Rgb::splat(5.0), inner: 0.5, outer: 0.5 });
+    assert_eq!(scene.lights[2].kind, PunctualKind::Directional { irradiance: Rgb::new(1.0, 0.0, 0.0) });
+    assert_eq!(changed("[[light]]\nname = \"s*\"\nenabled = false").lights.len(), 1);
+    for (text, key, mend) in [
+        ("[[light]]\nname = \"sun\"\npower = 1", "power", "`irradiance`"),
+        ("[[light]]\nname = \"bulb\"\nradiance = 1", "radiance", "`intensity`"),
+        ("[[light]]\nname = \"spot\"\nirradiance = 1", "irradiance", "`intensity`"),
+        ("[[light]]\nname = \"left\"\nintensity = 1", "intensity", "`radiance`"),
+    ] {
+        let error = unfit(text);
+        assert!(error.place.ends_with(key) && error.mend.contains(mend), "{error}");
+    }
+}
+
+#[test]
+fn names_that_stand_for_nothing_are_refused_with_the_nearest() {
+    let error = unfit("[[material]]\nname = \"pmna\"");
+    assert_eq!((error.place.as_str(), error.mend.as_str()), ("[[material]] 1, name", "did you mean \"pmma\"?"));
+    assert!(error.caret().contains("3 | name = \"pmna\""), "{}", error.caret());
+    let error = unfit("[[light]]\nname = \"bulbs\"\nenabled = false");
+    assert_eq!((error.place.as_str(), error.mend.as_str()), ("[[light]] 1, name", "did you mean \"bulb\"?"));
+    let error = unfit("[[material]]\nname = \"pmma\"\nattenuation_color = 0.5");
+    assert!(error.place.contains("attenuation_color") && error.mend.contains("solid = true"), "{error}");
+    let job = job("scene = \"a.glb\"\ncamera = \"abvoe\"");
+    let error = job.camera_index(&scene()).expect_err("no such camera");
+    assert_eq!((error.place.as_str(), error.mend.as_str()), ("camera", "did you mean \"above\"?"));
+}
+
+#[test]
+fn cameras_and_environments() {
+    assert_eq!(job("scene = \"a.glb\"\ncamera = \"above\"").camera_index(&scene()).unwrap(), Some(0));
+    assert_eq!(job(&with("")).camera_index(&scene()).unwrap(), None);
+    let scene = changed("[environment]\nradiance = [0.1, 0.2, 0.3]");
+    assert_eq!(scene.environment.unwrap().source, EnvironmentSource::Constant(Rgb::new(0.1, 0.2, 0.3)));
+    let error = unfit("[environment]\nimage = \"gone.hdr\"");
+    assert_eq!(error.place, "[environment] image");
+    assert!(error.problem.contains("gone.hdr"), "{error}");
+}
