@@ -9,7 +9,7 @@ use crate::packet::Packet;
 use crate::traverse::Kernel;
 use crate::tree::{Node, Tree};
 
-/// The triangles of a mesh, in its object space [m].
+/// The triangles of a mesh, in its object space \[m\].
 #[derive(Clone, Copy, Debug)]
 pub struct MeshTriangles<'a> {
     /// Vertex positions.
@@ -30,7 +30,7 @@ pub struct BvhInstance {
 /// Where a ray meets the scene.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Hit {
-    /// Ray parameter: the distance for a direction of unit length [m].
+    /// Ray parameter: the distance for a direction of unit length \[m\].
     pub t: f32,
     /// Which instance.
     pub instance: u32,
@@ -178,7 +178,7 @@ impl Bvh {
         self.top.bounds
     }
 
-    /// Memory held [bytes].
+    /// Memory held \[bytes\].
     pub fn memory_bytes(&self) -> usize {
         let tree = |t: &Tree| t.nodes.capacity() * size_of::<Node>();
         let mesh = |m: &MeshTree| size_of::<MeshTree>() + tree(&m.tree) + m.packets.capacity() * size_of::<Packet>();

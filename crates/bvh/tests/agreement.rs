@@ -1,4 +1,5 @@
 //! The tree against brute force, and one kernel against the other.
+#![allow(clippy::unwrap_used)]
 
 mod common;
 

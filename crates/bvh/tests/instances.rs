@@ -1,4 +1,5 @@
 //! A mesh through a transform is the transformed mesh.
+#![allow(clippy::unwrap_used)]
 
 mod common;
 

@@ -1,4 +1,5 @@
 //! No ray leaves a closed mesh: a million rays from inside at edges and vertices, at every scale and far from the origin.
+#![allow(clippy::unwrap_used)]
 
 mod common;
 
@@ -12,13 +13,7 @@ const RAYS: usize = 1_000_000;
 ///
 /// `inside` gives a point inside in object space; `place` takes points of object space to the world. It must not turn
 /// (directions are those of object space).
-fn count_leaks(
-    shape: &Shape,
-    bvh: &Bvh,
-    inside: impl Fn(&mut Random) -> Vec3,
-    place: impl Fn(Vec3) -> Vec3,
-    rays: usize,
-) -> usize {
+fn count_leaks(shape: &Shape, bvh: &Bvh, inside: Inside, place: impl Fn(Vec3) -> Vec3, rays: usize) -> usize {
     let mut random = Random::new(11);
     let mut leaks = 0;
     for i in 0..rays {
@@ -33,9 +28,12 @@ fn count_leaks(
     leaks
 }
 
+/// Picks a point inside a mesh.
+type Inside = fn(&mut Random) -> Vec3;
+
 /// Both meshes have the origin of these rays in their inside for all placements below, and an x of exactly zero, which a
 /// displacement along x by a kilometre keeps exact however small the mesh.
-fn meshes() -> [(&'static str, Shape, fn(&mut Random) -> Vec3); 2] {
+fn meshes() -> [(&'static str, Shape, Inside); 2] {
     [
         ("icosphere", icosphere(5), |r| Vec3::new(0.0, 0.5 * r.signed(), 0.5 * r.signed())),
         ("torus", bumpy_torus(120, 48), |r| Vec3::new(0.0, 1.0 + 0.1 * r.signed(), 0.1 * r.signed())),

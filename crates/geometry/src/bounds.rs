@@ -7,9 +7,9 @@ use crate::Transform;
 /// An axis-aligned box; empty when any `min` exceeds its `max`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Aabb {
-    /// Smallest corner [m].
+    /// Smallest corner \[m\].
     pub min: Vec3,
-    /// Largest corner [m].
+    /// Largest corner \[m\].
     pub max: Vec3,
 }
 
@@ -47,7 +47,7 @@ impl Aabb {
         !self.min.cmple(self.max).all()
     }
 
-    /// Lengths of the sides [m]; zero when empty.
+    /// Lengths of the sides \[m\]; zero when empty.
     #[inline]
     pub fn size(&self) -> Vec3 {
         if self.is_empty() { Vec3::ZERO } else { self.max - self.min }

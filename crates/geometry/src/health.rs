@@ -96,7 +96,7 @@ pub struct MeshHealth {
     pub signed_volume: f64,
     /// Surface area [m^2].
     pub area: f64,
-    /// Bounds of the triangles [m].
+    /// Bounds of the triangles \[m\].
     pub bounds: Aabb,
 }
 

@@ -7,7 +7,7 @@ use glam::{Vec2, Vec3, Vec4};
 /// A front face winds counter-clockwise seen from the side its geometric normal points to.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Mesh {
-    /// Vertex positions [m], object space.
+    /// Vertex positions \[m\], object space.
     pub positions: Vec<Vec3>,
     /// Vertex indices of each triangle.
     pub triangles: Vec<[u32; 3]>,

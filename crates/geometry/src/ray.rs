@@ -7,7 +7,7 @@ use glam::Vec3;
 /// `direction` has unit length in world space; object-space rays of an instance may be scaled, `t` keeps its meaning.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Ray {
-    /// Start of the ray [m].
+    /// Start of the ray \[m\].
     pub origin: Vec3,
     /// Direction (unit length in world space).
     pub direction: Vec3,

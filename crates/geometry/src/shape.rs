@@ -19,7 +19,7 @@ pub use triangle::{pdf_triangle, sample_triangle, sample_triangle_area, triangle
 /// A point sampled on a shape.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ShapeSample {
-    /// The point, on the shape up to rounding [m].
+    /// The point, on the shape up to rounding \[m\].
     pub point: Vec3,
     /// Where it lies on the shape: fractions of `edge_u` and `edge_v` of a rectangle, weights of the second and third
     /// corner of a triangle.
@@ -28,7 +28,7 @@ pub struct ShapeSample {
     pub pdf: f32,
 }
 
-/// Below this solid angle [sr] points are sampled by area. A shape so small is far away (its density per solid angle is
+/// Below this solid angle \[sr\] points are sampled by area. A shape so small is far away (its density per solid angle is
 /// then all but constant) or edge-on (it then gives next to no light), and f64 keeps nine digits above it.
 const MIN_SOLID_ANGLE: f64 = 1e-6;
 

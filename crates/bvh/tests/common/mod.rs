@@ -1,5 +1,5 @@
 //! What the tests share: random numbers, meshes, and the answer by brute force.
-#![allow(dead_code, unreachable_pub)]
+#![allow(dead_code, unreachable_pub, clippy::unwrap_used)]
 
 use dunkelfeld_bvh::{Bvh, BvhInstance, Hit, MeshTriangles};
 use dunkelfeld_geometry::triangle::{RayShear, TriangleHit, intersect_triangle};

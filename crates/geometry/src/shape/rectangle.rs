@@ -9,11 +9,11 @@ use super::{IN_PLANE, MIN_SOLID_ANGLE, ShapeSample, area_pdf};
 /// The edges stand at right angles (within the tolerance of [`rectangle_from_triangles`]).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Rectangle {
-    /// One corner [m].
+    /// One corner \[m\].
     pub corner: Vec3,
-    /// The edge from the corner along u [m].
+    /// The edge from the corner along u \[m\].
     pub edge_u: Vec3,
-    /// The edge from the corner along v [m].
+    /// The edge from the corner along v \[m\].
     pub edge_v: Vec3,
 }
 
@@ -35,7 +35,7 @@ impl Rectangle {
     }
 }
 
-/// The solid angle [sr] that a rectangle subtends at a point, in [0, 2 pi]; zero in its plane.
+/// The solid angle \[sr\] that a rectangle subtends at a point, in [0, 2 pi]; zero in its plane.
 pub fn rectangle_solid_angle(rectangle: &Rectangle, reference: Vec3) -> f32 {
     View::new(rectangle, reference).map_or(0.0, |view| view.solid_angle as f32)
 }

@@ -4,7 +4,7 @@ use glam::{DVec3, Vec3};
 
 use super::{IN_PLANE, MIN_SOLID_ANGLE, ShapeSample, area_pdf};
 
-/// The solid angle [sr] that a triangle subtends at a point, in [0, 2 pi]; zero in its plane.
+/// The solid angle \[sr\] that a triangle subtends at a point, in [0, 2 pi]; zero in its plane.
 ///
 /// By Van Oosterom & Strackee (1983), `tan(solid angle / 2) = [A B C] / (1 + AB + BC + CA)` for unit vectors.
 pub fn triangle_solid_angle(corners: &[Vec3; 3], reference: Vec3) -> f32 {
