@@ -2,9 +2,9 @@
 
 use crate::develop::{Frame, Picture};
 use crate::error::Error;
-use crate::render::Rendering;
 use crate::settings::RenderSettings;
-use dunkelfeld_film::{PixelSums, Plane};
+use dunkelfeld_film::{Film, PixelSums, Plane};
+use dunkelfeld_integrator::Label;
 use dunkelfeld_io::exr::{ExrLayers, read_exr, write_exr};
 use dunkelfeld_io::layers::{Single, Triple};
 use dunkelfeld_io::picture::Picture as File;
@@ -130,17 +130,22 @@ pub fn save_linear(frame: &Frame, path: &Path) -> Result<(), Error> {
 
 /// All layers of a render as an EXR's contents: `R G B`, `variance.*`, `spp.Y`, `albedo.*`, `normal.*`, `depth.Z`,
 /// `id.object`, `id.material` ([`NO_ID`] where there is nothing) and, with a sensor, `electrons.Y`.
-pub fn encode_layers(rendering: &Rendering, frame: &Frame, settings: &RenderSettings, names: &[String]) -> ExrLayers {
-    let film = &rendering.film;
+pub fn encode_layers(
+    film: &Film,
+    labels: &Plane<Option<Label>>,
+    frame: &Frame,
+    settings: &RenderSettings,
+    names: &[String],
+) -> ExrLayers {
     let sums = film.pixels();
-    let mut layers = plan_layers(&rendering.plan(), settings);
+    let mut layers = plan_layers(&film.sample_counts(), settings);
     layers.push_triples(Triple::Mean, &film.mean());
     layers.push_triples(Triple::Variance, &film.variance());
     layers.push_triples(Triple::Albedo, &sums.map(PixelSums::mean_albedo));
     layers.push_triples(Triple::Normal, &sums.map(PixelSums::mean_normal));
     layers.push_floats(Single::Depth, sums.map(PixelSums::mean_depth));
-    layers.push_integers(Single::ObjectId, rendering.labels.map(|l| l.map_or(NO_ID, |l| l.object)));
-    layers.push_integers(Single::MaterialId, rendering.labels.map(|l| l.map_or(NO_ID, |l| l.material)));
+    layers.push_integers(Single::ObjectId, labels.map(|l| l.map_or(NO_ID, |l| l.object)));
+    layers.push_integers(Single::MaterialId, labels.map(|l| l.map_or(NO_ID, |l| l.material)));
     if let Some(sensor) = &frame.sensor {
         layers.push_floats(Single::Electrons, sensor.electrons.clone());
     }
@@ -166,6 +171,34 @@ fn plan_layers(plan: &Plane<u32>, settings: &RenderSettings) -> ExrLayers {
     })
     .to_string();
     layers
+}
+
+/// Everything that is written but for the statistics.
+pub(crate) struct Written<'a> {
+    pub(crate) film: &'a Film,
+    pub(crate) labels: &'a Plane<Option<Label>>,
+    pub(crate) frame: &'a Frame,
+    pub(crate) settings: &'a RenderSettings,
+    pub(crate) object_names: &'a [String],
+}
+
+impl Written<'_> {
+    /// Writes the files that are named.
+    pub(crate) fn save(&self, paths: &OutputPaths) -> Result<(), Error> {
+        if let Some(path) = &paths.image {
+            save_picture(self.frame, path)?;
+        }
+        if let Some(path) = &paths.linear {
+            save_linear(self.frame, path)?;
+        }
+        if let Some(path) = &paths.exr {
+            save_exr(path, encode_layers(self.film, self.labels, self.frame, self.settings, self.object_names))?;
+        }
+        if let Some(path) = &paths.plan {
+            save_plan(path, &self.film.sample_counts(), self.settings)?;
+        }
+        Ok(())
+    }
 }
 
 /// Writes an EXR.

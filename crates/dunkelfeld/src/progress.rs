@@ -26,6 +26,8 @@ pub enum Stage {
     Build,
     /// The uniform pilot.
     Pilot,
+    /// Deciding where samples go, and rehearsing the end.
+    Plan,
     /// Rounds with the samples where they are needed.
     Refine,
     /// Electrons and grey values.
@@ -41,6 +43,7 @@ impl Stage {
             Self::Load => "load",
             Self::Build => "build",
             Self::Pilot => "pilot",
+            Self::Plan => "plan",
             Self::Refine => "refine",
             Self::Expose => "expose",
             Self::Write => "write",

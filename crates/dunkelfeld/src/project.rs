@@ -3,12 +3,14 @@
 use crate::develop::{Frame, develop};
 use crate::error::Error;
 use crate::inspect::{Inspection, inspect};
-use crate::outputs::{self, OutputPaths};
+use crate::outputs::{self, OutputPaths, Written};
 use crate::progress::{Cancel, Progress, ProgressState, Silent, Stage};
-use crate::render::{Rendering, render, thread_pool};
+use crate::render::{Rendering, render_rehearsed, thread_pool};
 use crate::settings::{Budget, RenderSettings, SensorChoice};
 use crate::stats::Stats;
 use dunkelfeld_adaptive::allocation::Strategy;
+use dunkelfeld_film::{Film, Plane};
+use dunkelfeld_integrator::Label;
 use dunkelfeld_io::import::{ImportOptions, Imported, load_scene};
 use dunkelfeld_io::job::{self, Job};
 use dunkelfeld_io::{ImportWarning, InputError};
@@ -110,7 +112,13 @@ impl Project {
     /// Settings outside their range, an unknown camera, outputs that could not be written.
     pub fn render_with(&self, progress: &dyn Progress, cancel: &Cancel) -> Result<ProjectResult, Error> {
         self.outputs.check(matches!(self.settings.sensor, SensorChoice::Emva { .. }))?;
-        let rendering = render(&self.scene, &self.settings, self.started, progress, cancel)?;
+        let object_names = self.scene.object_names();
+        let rehearsal = |film: &Film, labels: &Plane<Option<Label>>| {
+            let frame = develop(&film.mean(), &self.settings)?;
+            let settings = &self.settings;
+            Written { film, labels, frame: &frame, settings, object_names }.save(&self.outputs)
+        };
+        let rendering = render_rehearsed(&self.scene, &self.settings, self.started, progress, cancel, &rehearsal)?;
         let began = Instant::now();
         progress.update(&ProgressState {
             stage: Stage::Expose,
@@ -131,7 +139,7 @@ impl Project {
             frame,
             stats,
             settings: self.settings.clone(),
-            object_names: self.scene.object_names().to_vec(),
+            object_names: object_names.to_vec(),
             started: self.started,
         })
     }
@@ -152,19 +160,14 @@ impl ProjectResult {
     /// The first file that cannot be written; those before it are.
     pub fn save(&mut self, paths: &OutputPaths) -> Result<(), Error> {
         let began = Instant::now();
-        if let Some(path) = &paths.image {
-            outputs::save_picture(&self.frame, path)?;
-        }
-        if let Some(path) = &paths.linear {
-            outputs::save_linear(&self.frame, path)?;
-        }
-        if let Some(path) = &paths.exr {
-            let layers = outputs::encode_layers(&self.rendering, &self.frame, &self.settings, &self.object_names);
-            outputs::save_exr(path, layers)?;
-        }
-        if let Some(path) = &paths.plan {
-            outputs::save_plan(path, &self.rendering.plan(), &self.settings)?;
-        }
+        let written = Written {
+            film: &self.rendering.film,
+            labels: &self.rendering.labels,
+            frame: &self.frame,
+            settings: &self.settings,
+            object_names: &self.object_names,
+        };
+        written.save(paths)?;
         self.stats.add_seconds(Stage::Write, began.elapsed().as_secs_f64());
         self.stats.finish(self.started.elapsed().as_secs_f64());
         match &paths.stats {

@@ -17,8 +17,12 @@ use std::time::Instant;
 
 /// Pixels along the side of a tile.
 const TILE: u32 = 16;
-/// Largest round of a render without a time limit: progress is shown, and an interruption loses little.
-const SECONDS_PER_MEGAPIXEL: f64 = 0.9;
+/// What exposing and writing takes [s per megapixel], until it has been measured.
+const CLOSING_PER_MEGAPIXEL: f64 = 1.5;
+/// The rehearsal of exposing and writing may take this share of the time left; in shorter renders the guess has to do.
+const REHEARSAL_SHARE: f64 = 0.05;
+/// What is kept back beyond the rehearsed time: a slow disk, a busy machine.
+const CLOSING_MARGIN: f64 = 1.15;
 
 /// A finished (or interrupted) render: statistics of every pixel, and how they came about.
 #[derive(Debug)]
@@ -85,11 +89,27 @@ pub fn render(
     progress: &dyn Progress,
     cancel: &Cancel,
 ) -> Result<Rendering, Error> {
+    render_rehearsed(scene, settings, started, progress, cancel, &|_, _| Ok(()))
+}
+
+/// Writes what there is so far, as it will be written in the end.
+pub(crate) type Rehearsal<'a> = &'a (dyn Fn(&Film, &Plane<Option<Label>>) -> Result<(), Error> + Sync);
+
+/// [`render`], with a rehearsal of the end once the pilot is done, if the time allows: it leaves a first image, finds out
+/// early what cannot be written, and tells how much time to keep for the end.
+pub(crate) fn render_rehearsed(
+    scene: &Scene,
+    settings: &RenderSettings,
+    started: Instant,
+    progress: &dyn Progress,
+    cancel: &Cancel,
+    rehearsal: Rehearsal<'_>,
+) -> Result<Rendering, Error> {
     check(settings)?;
     let camera = camera(scene, settings)?;
     let pool = thread_pool(settings.threads)?;
     let threads = pool.current_num_threads();
-    pool.install(|| Renderer::new(scene, &camera, settings, started, threads).run(progress, cancel))
+    pool.install(|| Renderer::new(scene, &camera, settings, started, threads).run(progress, cancel, rehearsal))
 }
 
 fn check(s: &RenderSettings) -> Result<(), Error> {
@@ -151,7 +171,8 @@ impl<'a> Renderer<'a> {
         u64::from(self.settings.width) * u64::from(self.settings.height)
     }
 
-    fn run(mut self, progress: &dyn Progress, cancel: &Cancel) -> Result<Rendering, Error> {
+    fn run(mut self, progress: &dyn Progress, cancel: &Cancel, rehearsal: Rehearsal<'_>) -> Result<Rendering, Error> {
+        let labels = self.labels();
         let stop = match &self.settings.replay {
             Some(plan) => {
                 let total = plan::total(plan);
@@ -159,9 +180,8 @@ impl<'a> Renderer<'a> {
                 self.round(plan, Stage::Refine, None, cancel, &reporter);
                 StopReason::Samples
             }
-            None => self.rounds(progress, cancel),
+            None => self.rounds(progress, cancel, &|film| rehearsal(film, &labels))?,
         };
-        let labels = self.labels();
         Ok(Rendering {
             film: self.film,
             labels,
@@ -175,24 +195,40 @@ impl<'a> Renderer<'a> {
     }
 
     /// Pilot and refinements, until the schedule says stop.
-    fn rounds(&mut self, progress: &dyn Progress, cancel: &Cancel) -> StopReason {
+    fn rounds(
+        &mut self,
+        progress: &dyn Progress,
+        cancel: &Cancel,
+        rehearse: &dyn Fn(&Film) -> Result<(), Error>,
+    ) -> Result<StopReason, Error> {
         let budget = self.settings.budget;
         let spp = budget.spp.or(if budget.seconds.is_none() { Some(DEFAULT_SPP) } else { None });
         let samples = spp.map(|spp| plan::total_for_mean(spp, self.pixels()).max(1));
-        let closing = SECONDS_PER_MEGAPIXEL * self.pixels() as f64 * 1e-6;
+        let mut closing = CLOSING_PER_MEGAPIXEL * self.pixels() as f64 * 1e-6;
         let limits = Limits { seconds: budget.seconds, samples, at_least: self.pixels().min(samples.unwrap_or(u64::MAX)) };
         let settings = Settings { pixels: self.pixels(), pilot_spp: self.settings.pilot_spp, closing_seconds: closing };
         let mut schedule = Schedule::new(limits, settings);
         let reporter = Reporter::new(progress, self.started, budget.seconds, samples);
         let mut work_per_sample = 1.0;
+        let mut rehearsed = false;
         loop {
             let round = match schedule.next(self.started.elapsed().as_secs_f64(), work_per_sample) {
-                Step::Stop(reason) => return reason,
+                Step::Stop(reason) => return Ok(reason),
                 Step::Round(round) => round,
             };
             let stage = if round.phase == Phase::Pilot { Stage::Pilot } else { Stage::Refine };
             if round.replan {
+                let began = Instant::now();
                 self.weights = self.replan();
+                let left = budget.seconds.map_or(0.0, |s| s - self.started.elapsed().as_secs_f64());
+                if !rehearsed && closing < REHEARSAL_SHARE * left {
+                    rehearsed = true;
+                    let began = Instant::now();
+                    rehearse(&self.film)?;
+                    closing = closing.max(CLOSING_MARGIN * began.elapsed().as_secs_f64());
+                    schedule.set_closing_seconds(closing);
+                }
+                self.spend(Stage::Plan, began);
             }
             let current = self.film.sample_counts();
             let target = plan::next_round(&current, &self.weights, self.film.total_samples() + round.samples);
@@ -203,14 +239,14 @@ impl<'a> Renderer<'a> {
             let began = Instant::now();
             let (taken, work) = self.round(&target, stage, guard, cancel, &reporter);
             if cancel.is_cancelled() {
-                return StopReason::Samples;
+                return Ok(StopReason::Samples);
             }
             schedule.record(taken, work, began.elapsed().as_secs_f64());
             if taken > 0 {
                 work_per_sample = work / taken as f64;
             }
             if taken < round.samples && guard.is_some_and(|d| Instant::now() > d) {
-                return StopReason::Time;
+                return Ok(StopReason::Time);
             }
         }
     }

@@ -1,6 +1,7 @@
 //! What a render achieved, as data: the `--stats` file.
 
 use crate::develop::Frame;
+use crate::progress::Stage;
 use crate::render::Rendering;
 use crate::settings::{RenderSettings, SensorChoice};
 use dunkelfeld_adaptive::schedule::StopReason;
@@ -45,7 +46,7 @@ pub struct Stats {
     pub mean_radiance: [f64; 3],
     /// Standard error of that mean per channel; `null` where fewer than two batches of samples exist.
     pub mean_radiance_standard_error: [Option<f64>; 3],
-    /// Seconds by stage: `load`, `build`, `pilot`, `refine`, `expose`, `write`.
+    /// Seconds by stage: `load`, `build`, `pilot`, `plan`, `refine`, `expose`, `write`.
     pub seconds: BTreeMap<String, f64>,
     /// Wall-clock seconds of the whole command, and the limit if there was one.
     pub total_seconds: f64,
@@ -88,7 +89,8 @@ impl Stats {
             }
         }
         let n = pixels.len().max(1) as f64;
-        let rendering_seconds: f64 = rendering.stages.iter().map(|(_, s)| s).sum();
+        let rendering_seconds: f64 =
+            rendering.stages.iter().filter(|(stage, _)| *stage != Stage::Plan).map(|(_, s)| s).sum();
         let mut seconds = BTreeMap::new();
         for (stage, s) in &rendering.stages {
             *seconds.entry(stage.name().to_string()).or_insert(0.0) += s;
@@ -128,7 +130,7 @@ impl Stats {
     }
 
     /// Notes the seconds of a stage.
-    pub fn add_seconds(&mut self, stage: crate::Stage, seconds: f64) {
+    pub fn add_seconds(&mut self, stage: Stage, seconds: f64) {
         *self.seconds.entry(stage.name().to_string()).or_insert(0.0) += seconds;
     }
 
