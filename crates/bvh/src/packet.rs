@@ -20,7 +20,11 @@ pub(crate) struct Packet {
 }
 
 /// The number in free lanes.
-const FREE: u32 = u32::MAX;
+const FREE: u32 = u32::MAX >> 1;
+/// Set in the number of a triangle that lets some light through.
+const POROUS: u32 = 1 << 31;
+/// All lanes.
+pub(crate) const ALL: u32 = (1 << WIDTH) - 1;
 
 /// A hit in a packet.
 #[derive(Clone, Copy, Debug)]
@@ -48,7 +52,23 @@ impl Packet {
 
     /// The triangles in it: number and corners.
     pub(crate) fn triangles(&self) -> impl Iterator<Item = (u32, [Vec3; 3])> {
-        (0..WIDTH).filter(|&lane| self.triangles[lane] != FREE).map(|lane| (self.triangles[lane], self.corners(lane)))
+        (0..WIDTH)
+            .filter(|&lane| self.triangles[lane] != FREE)
+            .map(|lane| (self.triangles[lane] & !POROUS, self.corners(lane)))
+    }
+
+    /// Marks the triangles that let some light through.
+    pub(crate) fn mark_porous(&mut self, is_porous: &impl Fn(u32) -> bool) {
+        for number in self.triangles.iter_mut().filter(|n| **n != FREE) {
+            let plain = *number & !POROUS;
+            *number = if is_porous(plain) { plain | POROUS } else { plain };
+        }
+    }
+
+    /// The lanes of triangles that let some light through.
+    #[inline(always)]
+    pub(crate) fn porous(&self) -> u32 {
+        (0..WIDTH).fold(0, |mask, lane| mask | (self.triangles[lane] >> 31) << lane)
     }
 
     fn corners(&self, lane: usize) -> [Vec3; 3] {
@@ -87,9 +107,9 @@ impl<L: Lanes> ShearLanes<L> {
         (L::sub(x, L::mul(self.shear[0], z)), L::sub(y, L::mul(self.shear[1], z)), z)
     }
 
-    /// The nearest hit with `0 < t < t_max`, if any; of equal ones the first lane's.
+    /// The nearest hit with `0 < t < t_max` among the lanes asked for, if any; of equal ones the first lane's.
     #[inline(always)]
-    pub(crate) fn intersect(&self, packet: &Packet, ray: &Ray, t_max: f32) -> Option<PacketHit> {
+    pub(crate) fn intersect(&self, packet: &Packet, ray: &Ray, t_max: f32, lanes: u32) -> Option<PacketHit> {
         let (ax, ay, az) = self.sheared(packet, 0);
         let (bx, by, bz) = self.sheared(packet, 1);
         let (cx, cy, cz) = self.sheared(packet, 2);
@@ -97,7 +117,7 @@ impl<L: Lanes> ShearLanes<L> {
         let mut v = L::sub(L::mul(ax, cy), L::mul(ay, cx));
         let mut w = L::sub(L::mul(bx, ay), L::mul(by, ax));
 
-        let mut candidates = inside::<L>(u, v, w);
+        let mut candidates = inside::<L>(u, v, w) & lanes;
         if candidates == 0 {
             return None;
         }
@@ -141,7 +161,7 @@ impl<L: Lanes> ShearLanes<L> {
         }
         let lane = best as usize;
         let (b1, b2) = (L::store(L::mul(v, inv_det))[lane], L::store(L::mul(w, inv_det))[lane]);
-        Some(PacketHit { t, b1, b2, triangle: packet.triangles[lane] })
+        Some(PacketHit { t, b1, b2, triangle: packet.triangles[lane] & !POROUS })
     }
 }
 

@@ -173,6 +173,24 @@ impl Bvh {
         is_sound(ray) && self.kernel.occluded(self, ray)
     }
 
+    /// Marks the triangles that let some light through, by mesh and triangle: [`Bvh::blocked`] reports them instead of
+    /// stopping at them. For all other questions they are like any others.
+    pub fn mark_porous(&mut self, is_porous: impl Fn(u32, u32) -> bool) {
+        for (number, mesh) in (0u32..).zip(&mut self.meshes) {
+            for packet in &mut mesh.packets {
+                packet.mark_porous(&|triangle| is_porous(number, triangle));
+            }
+        }
+    }
+
+    /// Is there a hit on a triangle that is not porous, with `0 < t < ray.t_max`? While the walk finds none, `porous` is
+    /// told of each hit on a porous triangle, in an order that depends on the ray alone; if the answer is true it may
+    /// have been told of some and not of others.
+    #[inline]
+    pub fn blocked(&self, ray: &Ray, mut porous: impl FnMut(Hit)) -> bool {
+        is_sound(ray) && self.kernel.blocked(self, ray, &mut porous)
+    }
+
     /// Bounds of everything, in the world; empty if there is nothing.
     pub fn bounds(&self) -> Aabb {
         self.top.bounds

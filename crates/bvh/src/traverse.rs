@@ -3,7 +3,7 @@
 use dunkelfeld_geometry::Ray;
 
 use crate::lanes::{Lanes, Portable};
-use crate::packet::{Packet, PacketHit, ShearLanes};
+use crate::packet::{ALL, Packet, PacketHit, ShearLanes};
 use crate::scene::{Bvh, Hit, MeshTree};
 use crate::tree::Leaves;
 
@@ -61,6 +61,22 @@ impl Kernel {
             Self::Avx2(_) => unsafe { occluded_avx2(bvh, ray) },
         }
     }
+
+    #[inline]
+    pub(crate) fn blocked(self, bvh: &Bvh, ray: &Ray, porous: &mut impl FnMut(Hit)) -> bool {
+        match self {
+            Self::Portable => blocked::<Portable>(bvh, ray, porous),
+            #[cfg(target_arch = "x86_64")]
+            // SAFETY: an `Avx2Detected` exists, so this machine has AVX2.
+            Self::Avx2(_) => unsafe { blocked_avx2(bvh, ray, porous) },
+        }
+    }
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2")]
+fn blocked_avx2(bvh: &Bvh, ray: &Ray, porous: &mut impl FnMut(Hit)) -> bool {
+    blocked::<crate::lanes::Avx2>(bvh, ray, porous)
 }
 
 #[cfg(target_arch = "x86_64")]
@@ -98,6 +114,34 @@ fn occluded<L: Lanes>(bvh: &Bvh, ray: &Ray) -> bool {
 }
 
 #[inline(always)]
+fn blocked<L: Lanes>(bvh: &Bvh, ray: &Ray, porous: &mut impl FnMut(Hit)) -> bool {
+    let mut t_max = ray.t_max;
+    if bvh.single {
+        let mesh = &bvh.meshes[bvh.instances[0].mesh as usize];
+        return blocked_in_mesh::<L>(mesh, ray, 1.0, ray.t_max, 0, porous);
+    }
+    let mut leaves = BlockedInstance::<L, _> { bvh, ray, porous, lanes: std::marker::PhantomData };
+    bvh.top.walk::<L, false>(ray, &mut t_max, &mut leaves)
+}
+
+/// As [`any_in_mesh`], but triangles marked as porous are told of and do not block.
+#[inline(always)]
+fn blocked_in_mesh<L: Lanes>(
+    mesh: &MeshTree,
+    ray: &Ray,
+    scale: f32,
+    world_t_max: f32,
+    instance: u32,
+    porous: &mut impl FnMut(Hit),
+) -> bool {
+    let shear = ShearLanes::new(ray);
+    let mut leaves =
+        BlockedTriangle::<L, _> { packets: &mesh.packets, ray, shear, scale, world_t_max, instance, porous };
+    let mut t_max = ray.t_max;
+    mesh.tree.walk::<L, false>(ray, &mut t_max, &mut leaves)
+}
+
+#[inline(always)]
 fn nearest_in_mesh<L: Lanes>(mesh: &MeshTree, ray: &Ray, t_max: &mut f32) -> Option<PacketHit> {
     let mut leaves = NearestTriangle::<L> { packets: &mesh.packets, ray, shear: ShearLanes::new(ray), hit: None };
     mesh.tree.walk::<L, true>(ray, t_max, &mut leaves);
@@ -130,7 +174,7 @@ impl<L: Lanes> Leaves for NearestTriangle<'_, L> {
     #[inline(always)]
     fn visit(&mut self, payload: u32, t_max: &mut f32) -> bool {
         let Some(packet) = self.packets.get(payload as usize) else { return false };
-        if let Some(hit) = self.shear.intersect(packet, self.ray, *t_max) {
+        if let Some(hit) = self.shear.intersect(packet, self.ray, *t_max, ALL) {
             *t_max = hit.t;
             self.hit = Some(hit);
         }
@@ -151,8 +195,62 @@ impl<L: Lanes> Leaves for AnyTriangle<'_, L> {
     fn visit(&mut self, payload: u32, t_max: &mut f32) -> bool {
         let Some(packet) = self.packets.get(payload as usize) else { return false };
         self.shear
-            .intersect(packet, self.ray, *t_max)
+            .intersect(packet, self.ray, *t_max, ALL)
             .is_some_and(|hit| is_world_hit(hit.t / self.scale, self.world_t_max))
+    }
+}
+
+struct BlockedTriangle<'a, L: Lanes, F: FnMut(Hit)> {
+    packets: &'a [Packet],
+    ray: &'a Ray,
+    shear: ShearLanes<L>,
+    scale: f32,
+    world_t_max: f32,
+    instance: u32,
+    porous: &'a mut F,
+}
+
+impl<L: Lanes, F: FnMut(Hit)> Leaves for BlockedTriangle<'_, L, F> {
+    #[inline(always)]
+    fn visit(&mut self, payload: u32, t_max: &mut f32) -> bool {
+        let Some(packet) = self.packets.get(payload as usize) else { return false };
+        let mut porous = packet.porous();
+        let solid = self.shear.intersect(packet, self.ray, *t_max, ALL & !porous);
+        if solid.is_some_and(|hit| is_world_hit(hit.t / self.scale, self.world_t_max)) {
+            return true;
+        }
+        while porous != 0 {
+            let lane = porous & porous.wrapping_neg();
+            porous ^= lane;
+            if let Some(hit) = self.shear.intersect(packet, self.ray, *t_max, lane) {
+                let t = hit.t / self.scale;
+                if is_world_hit(t, self.world_t_max) {
+                    let PacketHit { triangle, b1, b2, .. } = hit;
+                    (self.porous)(Hit { t, instance: self.instance, triangle, b1, b2 });
+                }
+            }
+        }
+        false
+    }
+}
+
+struct BlockedInstance<'a, L: Lanes, F: FnMut(Hit)> {
+    bvh: &'a Bvh,
+    ray: &'a Ray,
+    porous: &'a mut F,
+    lanes: std::marker::PhantomData<L>,
+}
+
+impl<L: Lanes, F: FnMut(Hit)> Leaves for BlockedInstance<'_, L, F> {
+    #[inline(always)]
+    fn visit(&mut self, payload: u32, _t_max: &mut f32) -> bool {
+        let Some(instance) = self.bvh.instances.get(payload as usize) else { return false };
+        let mesh = &self.bvh.meshes[instance.mesh as usize];
+        let (ray, scale) = match &instance.to_world {
+            None => (*self.ray, 1.0),
+            Some(transform) => transform.unit_ray(self.ray),
+        };
+        blocked_in_mesh::<L>(mesh, &ray, scale, self.ray.t_max, payload, self.porous)
     }
 }
 

@@ -1,8 +1,8 @@
 //! The scene as plain data: what importers fill and programs write by hand.
 
+use crate::camera::look_at;
 use crate::material::Material;
 use crate::texture::{Image, ImageId};
-use crate::camera::look_at;
 use dunkelfeld_geometry::{DAffine3, DVec3, Mesh};
 use dunkelfeld_radiometry::Rgb;
 

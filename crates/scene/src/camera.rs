@@ -143,7 +143,10 @@ mod tests {
                 let p = DVec3::new([lo.x, hi.x][i & 1], [lo.y, hi.y][(i >> 1) & 1], [lo.z, hi.z][i >> 2]);
                 let q = inverse.transform_point3(p);
                 let t = 20f64.to_radians().tan();
-                assert!(q.z < 0.0 && (q.y / q.z).abs() < t && (q.x / q.z).abs() < t * f64::from(aspect), "{p} at {aspect}");
+                assert!(
+                    q.z < 0.0 && (q.y / q.z).abs() < t && (q.x / q.z).abs() < t * f64::from(aspect),
+                    "{p} at {aspect}"
+                );
             }
         }
     }

@@ -66,7 +66,6 @@ impl SceneBuilder {
 
         let mut geometry = Placed::default();
         geometry.place(&placed, std::mem::take(&mut self.meshes), &to_render);
-        let bvh = geometry.hierarchy()?;
 
         let compiled: Vec<CompiledMaterial> = self.materials.iter().map(CompiledMaterial::new).collect();
         let mut lights = geometry.area_lights(&self.materials, &self.images);
@@ -81,9 +80,13 @@ impl SceneBuilder {
             Light::Environment => true,
         };
         if !lights.lights.iter().any(emits) {
-            report.hazard("scene", "there is no light: no emissive material, no punctual light, no environment; the image will be black");
+            report.hazard(
+                "scene",
+                "there is no light: no emissive material, no punctual light, no environment; the image will be black",
+            );
         }
         let has_coverage = geometry.parts.iter().any(|p| compiled[p.material as usize].has_coverage);
+        let bvh = geometry.hierarchy(&|part| compiled[part.material as usize].has_coverage)?;
         let scene = Scene {
             world_origin,
             bounds,
@@ -130,7 +133,10 @@ impl SceneBuilder {
             } else if health.is_inside_out() {
                 report.hazard(
                     &place,
-                    format!("is a clear solid (material \"{}\") turned inside out: its normals point inward; flip them", material.name),
+                    format!(
+                        "is a clear solid (material \"{}\") turned inside out: its normals point inward; flip them",
+                        material.name
+                    ),
                 );
             }
         }
@@ -158,8 +164,7 @@ fn describe(r: &Repairs) -> String {
         (r.duplicates, "that repeat another"),
         (r.opposite_duplicates, "that repeat another from the other side"),
     ];
-    let parts: Vec<String> =
-        reasons.iter().filter(|(n, _)| *n > 0).map(|(n, why)| format!("{n} {why}")).collect();
+    let parts: Vec<String> = reasons.iter().filter(|(n, _)| *n > 0).map(|(n, why)| format!("{n} {why}")).collect();
     format!("dropped {} triangles: {}", r.total(), parts.join(", "))
 }
 
@@ -214,7 +219,8 @@ fn check_indices(builder: &SceneBuilder) -> Result<(), BuildError> {
         check(&|| "the environment".into(), "image", image.0 as usize, builder.images.len())?;
     }
     for image in &builder.images {
-        if image.width == 0 || image.height == 0 || image.texel_count() != image.width as usize * image.height as usize {
+        if image.width == 0 || image.height == 0 || image.texel_count() != image.width as usize * image.height as usize
+        {
             return Err(BuildError::BadValue {
                 place: format!("image \"{}\"", image.name),
                 problem: format!("{} texels do not fill {} x {}", image.texel_count(), image.width, image.height),
@@ -340,7 +346,8 @@ impl Placed {
         });
     }
 
-    fn hierarchy(&self) -> Result<Bvh, BuildError> {
+    /// The hierarchy over everything; parts that cover partly let light through.
+    fn hierarchy(&self, covers_partly: &dyn Fn(&Part) -> bool) -> Result<Bvh, BuildError> {
         let mut positions = Vec::new();
         let mut triangles = Vec::with_capacity(self.baked_parts.len());
         for part in self.parts.iter().filter(|p| p.transform.is_none()) {
@@ -369,7 +376,23 @@ impl Placed {
                 }
             }
         }
-        Bvh::build(&sources, &instances).map_err(|e| BuildError::Hierarchy(e.to_string()))
+        let mut bvh = Bvh::build(&sources, &instances).map_err(|e| BuildError::Hierarchy(e.to_string()))?;
+        if self.parts.iter().any(covers_partly) {
+            // A mesh that several parts share is porous if one of them is: asking for coverage is right for all.
+            let mut porous_mesh = vec![false; sources.len()];
+            for part in self.parts.iter().filter(|p| p.transform.is_some() && covers_partly(p)) {
+                porous_mesh[source_of_mesh[part.mesh as usize] as usize] = true;
+            }
+            let baked = self.placements.iter().any(|p| matches!(p, Placement::Baked)).then_some(0);
+            bvh.mark_porous(|mesh, triangle| {
+                if Some(mesh) == baked {
+                    covers_partly(&self.parts[self.baked_parts[triangle as usize] as usize])
+                } else {
+                    porous_mesh[mesh as usize]
+                }
+            });
+        }
+        Ok(bvh)
     }
 
     /// One light for each emitting triangle, or for each two in a row that form a rectangle. Marks the triangles.

@@ -71,9 +71,7 @@ impl EnvironmentLight {
     #[inline]
     pub(crate) fn sample(&self, u: [f32; 2]) -> (Vec3, Rgb, f32) {
         match &self.source {
-            Source::Constant(radiance) => {
-                (sample_sphere(u), *radiance, pdf_sphere(Vec3::Z))
-            }
+            Source::Constant(radiance) => (sample_sphere(u), *radiance, pdf_sphere(Vec3::Z)),
             Source::Map(map) => {
                 let (uv, density) = map.distribution.sample_continuous(u);
                 let (direction, jacobian) = map_direction(uv);
@@ -160,7 +158,8 @@ mod tests {
     use crate::texture::{ImageId, Texels};
 
     fn map() -> EnvironmentLight {
-        let texels: Vec<[f32; 3]> = (0..32 * 16).map(|i| [(i % 7) as f32, 1.0, if i == 100 { 500.0 } else { 0.1 }]).collect();
+        let texels: Vec<[f32; 3]> =
+            (0..32 * 16).map(|i| [(i % 7) as f32, 1.0, if i == 100 { 500.0 } else { 0.1 }]).collect();
         let image = Image { name: "sky".into(), width: 32, height: 16, texels: Texels::RgbF32(texels) };
         let source = EnvironmentSource::Image { image: ImageId(0), scale: Rgb::splat(2.0) };
         EnvironmentLight::new(&Environment { source, rotation: 0.7 }, &[image])
@@ -197,7 +196,8 @@ mod tests {
 
     #[test]
     fn an_environment_without_light_still_samples() {
-        let image = Image { name: "night".into(), width: 2, height: 1, texels: Texels::RgbF32(vec![[0.0; 3], [f32::NAN; 3]]) };
+        let image =
+            Image { name: "night".into(), width: 2, height: 1, texels: Texels::RgbF32(vec![[0.0; 3], [f32::NAN; 3]]) };
         let source = EnvironmentSource::Image { image: ImageId(0), scale: Rgb::WHITE };
         let light = EnvironmentLight::new(&Environment { source, rotation: 0.0 }, &[image]);
         let (d, l, pdf) = light.sample([0.3, 0.6]);

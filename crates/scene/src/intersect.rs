@@ -58,7 +58,15 @@ impl Scene {
             (point, error) = transform.point_with_error(point, error);
             normal = transform.normal(normal);
         }
-        SurfacePoint { point, error, normal, distance, part: part_index, triangle, barycentrics: [1.0 - b1 - b2, b1, b2] }
+        SurfacePoint {
+            point,
+            error,
+            normal,
+            distance,
+            part: part_index,
+            triangle,
+            barycentrics: [1.0 - b1 - b2, b1, b2],
+        }
     }
 
     /// Texture coordinates and vertex colour at a point.
@@ -70,7 +78,8 @@ impl Scene {
             let uv = &mesh.uvs[set];
             if uv.is_empty() { Vec2::ZERO } else { mix(&p.barycentrics, vertices.map(|v| uv[v])) }
         });
-        let color = if mesh.colors.is_empty() { Vec4::ONE } else { mix(&p.barycentrics, vertices.map(|v| mesh.colors[v])) };
+        let color =
+            if mesh.colors.is_empty() { Vec4::ONE } else { mix(&p.barycentrics, vertices.map(|v| mesh.colors[v])) };
         TexturePoint { uvs, color }
     }
 
@@ -105,21 +114,9 @@ impl Scene {
         if !self.has_coverage {
             return f32::from(u8::from(!self.bvh.occluded(ray)));
         }
-        self.transmittance_through_coverage(*ray)
-    }
-
-    fn transmittance_through_coverage(&self, mut ray: Ray) -> f32 {
         let mut open = 1.0;
-        while let Some(p) = self.intersect(&ray) {
-            open *= 1.0 - self.coverage(&p);
-            if open <= 0.0 {
-                return 0.0;
-            }
-            let origin = p.leave(ray.direction);
-            let Some(rest) = remaining(&ray, p.distance) else { return open };
-            ray = Ray::with_end(origin, ray.direction, rest);
-        }
-        open
+        let blocked = self.bvh.blocked(ray, |hit| open *= 1.0 - self.coverage(&self.surface_point(&hit)));
+        if blocked { 0.0 } else { open }
     }
 
     /// The shadow ray from a point on a surface to a light: both ends are moved off their surfaces.
@@ -147,12 +144,6 @@ impl Scene {
             }
         }
     }
-}
-
-/// What is left of a ray's length after a distance; `None` if nothing.
-pub(crate) fn remaining(ray: &Ray, distance: f32) -> Option<f32> {
-    let rest = ray.t_max - distance;
-    (rest > 0.0).then_some(rest)
 }
 
 /// The barycentric mean of three values.

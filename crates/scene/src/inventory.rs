@@ -57,7 +57,12 @@ impl Scene {
                     [counted(rectangles, "rectangle"), counted(triangles, "triangle")].into_iter().flatten().collect();
                 let name = self.object_names.get(part.object as usize).cloned().unwrap_or_default();
                 let radiance = crate::surface::mean_emission(&self.materials[part.material as usize], &self.images);
-                list.push(LightInfo { name, kind: format!("area ({})", shapes.join(", ")), power, radiance: Some(radiance) });
+                list.push(LightInfo {
+                    name,
+                    kind: format!("area ({})", shapes.join(", ")),
+                    power,
+                    radiance: Some(radiance),
+                });
             }
         }
         let mut names = self.punctual_names.iter();

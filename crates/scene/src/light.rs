@@ -123,7 +123,9 @@ impl LightTable {
         match light {
             Light::Area(a) => a.power().mean(),
             Light::Delta(d) => d.power(scene_radius).mean(),
-            Light::Environment => self.environment.as_ref().map_or(0.0, |e| PI * PI * scene_radius * scene_radius * e.mean.mean()),
+            Light::Environment => {
+                self.environment.as_ref().map_or(0.0, |e| PI * PI * scene_radius * scene_radius * e.mean.mean())
+            }
         }
     }
 
@@ -229,8 +231,13 @@ impl LightTable {
             Light::Environment => {
                 let (direction, radiance, pdf) = self.environment.as_ref()?.sample(u);
                 let pdf = pdf * probability;
-                (pdf > 0.0 && pdf.is_finite())
-                    .then_some(LightSample { direction, target: None, radiance, pdf, is_delta: false })
+                (pdf > 0.0 && pdf.is_finite()).then_some(LightSample {
+                    direction,
+                    target: None,
+                    radiance,
+                    pdf,
+                    is_delta: false,
+                })
             }
         }
     }
@@ -249,9 +256,7 @@ impl LightTable {
     pub(crate) fn pdf_environment(&self, receiver: &LightReceiver, direction: Vec3) -> f32 {
         // The environment, if it shines, is the last light.
         match (&self.environment, self.lights.last()) {
-            (Some(e), Some(Light::Environment)) => {
-                e.pdf(direction) * self.probability(receiver, self.lights.len() - 1)
-            }
+            (Some(e), Some(Light::Environment)) => e.pdf(direction) * self.probability(receiver, self.lights.len() - 1),
             _ => 0.0,
         }
     }

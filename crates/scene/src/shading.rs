@@ -62,7 +62,14 @@ impl Scene {
             frame = Frame { tangent, bitangent: frame.normal.cross(tangent), normal: frame.normal };
         }
         let receiver = LightReceiver { point: p.point, normal: facing, both_sides: compiled.both_sides };
-        ShadingPoint { frame, bsdf, material: part.material, object: part.object, is_solid: compiled.is_solid, receiver }
+        ShadingPoint {
+            frame,
+            bsdf,
+            material: part.material,
+            object: part.object,
+            is_solid: compiled.is_solid,
+            receiver,
+        }
     }
 
     /// Interpolated normal and tangent, with the normal map; the geometric normal where a mesh has none or they vanish.
@@ -94,7 +101,8 @@ impl Scene {
         let frame = Frame::from_normal_tangent(normal, tangent);
         let Some(texture) = &material.normal_texture else { return frame };
         let [x, y, z, _] = texture.eval(&self.images, uvs[usize::from(texture.uv_set & 1)]);
-        let map = Vec3::new((2.0 * x - 1.0) * material.normal_scale, (2.0 * y - 1.0) * material.normal_scale, 2.0 * z - 1.0);
+        let map =
+            Vec3::new((2.0 * x - 1.0) * material.normal_scale, (2.0 * y - 1.0) * material.normal_scale, 2.0 * z - 1.0);
         // The bitangent of a mirrored instance keeps the handedness of its own space.
         let mirrored = part.transform.as_ref().is_some_and(|t| t.swaps_handedness());
         let bitangent = frame.bitangent * if mirrored { -handedness } else { handedness };

@@ -91,7 +91,13 @@ impl CompiledMaterial {
         };
         match found {
             Constant::One(b) => b,
-            Constant::Either(p, a, b) => if u < p { a } else { b },
+            Constant::Either(p, a, b) => {
+                if u < p {
+                    a
+                } else {
+                    b
+                }
+            }
         }
     }
 }
@@ -101,7 +107,9 @@ impl CompiledMaterial {
 fn channel(factor: f32, texture: &Option<ChannelTexture>, images: &[Image], at: &TexturePoint) -> f32 {
     match texture {
         None => factor,
-        Some(t) => factor * t.texture.eval(images, at.uvs[usize::from(t.texture.uv_set & 1)])[usize::from(t.channel & 3)],
+        Some(t) => {
+            factor * t.texture.eval(images, at.uvs[usize::from(t.texture.uv_set & 1)])[usize::from(t.channel & 3)]
+        }
     }
 }
 

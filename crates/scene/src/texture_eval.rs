@@ -97,16 +97,19 @@ impl Texture {
         let x = uv.x * image.width as f32;
         let y = uv.y * image.height as f32;
         match self.filter {
-            Filter::Nearest => {
-                image.texel(wrap(x.floor(), image.width, self.wrap[0]), wrap(y.floor(), image.height, self.wrap[1]), self.encoding)
-            }
+            Filter::Nearest => image.texel(
+                wrap(x.floor(), image.width, self.wrap[0]),
+                wrap(y.floor(), image.height, self.wrap[1]),
+                self.encoding,
+            ),
             Filter::Linear => {
                 let (fx, fy) = (x - 0.5, y - 0.5);
                 let (x0, y0) = (fx.floor(), fy.floor());
                 let (ax, ay) = (fx - x0, fy - y0);
                 let xs = [x0, x0 + 1.0].map(|v| wrap(v, image.width, self.wrap[0]));
                 let ys = [y0, y0 + 1.0].map(|v| wrap(v, image.height, self.wrap[1]));
-                let [a, b, c, d] = [(0, 0), (1, 0), (0, 1), (1, 1)].map(|(i, j)| image.texel(xs[i], ys[j], self.encoding));
+                let [a, b, c, d] =
+                    [(0, 0), (1, 0), (0, 1), (1, 1)].map(|(i, j)| image.texel(xs[i], ys[j], self.encoding));
                 std::array::from_fn(|k| {
                     let top = a[k] + ax * (b[k] - a[k]);
                     let bottom = c[k] + ax * (d[k] - c[k]);
@@ -161,7 +164,9 @@ mod tests {
     #[test]
     fn wrapping_modes_differ_where_they_should() {
         let images = ramp();
-        let at = |wrap, u| Texture { wrap: [wrap; 2], filter: Filter::Nearest, ..texture() }.eval(&images, Vec2::new(u, 0.1))[0];
+        let at = |wrap, u| {
+            Texture { wrap: [wrap; 2], filter: Filter::Nearest, ..texture() }.eval(&images, Vec2::new(u, 0.1))[0]
+        };
         assert_eq!([at(Wrap::Repeat, 1.1), at(Wrap::Clamp, 1.1), at(Wrap::Mirror, 1.1)], [0.0, 1.0, 1.0]);
         assert_eq!([at(Wrap::Repeat, -0.1), at(Wrap::Clamp, -0.1), at(Wrap::Mirror, -0.1)], [1.0, 0.0, 0.0]);
         for u in [f32::NAN, f32::INFINITY, 1e30, -1e30] {
@@ -173,7 +178,8 @@ mod tests {
 
     #[test]
     fn srgb_is_decoded_and_alpha_is_not() {
-        let images = vec![Image { name: "g".into(), width: 1, height: 1, texels: Texels::Rgba8(vec![[188, 0, 0, 188]]) }];
+        let images =
+            vec![Image { name: "g".into(), width: 1, height: 1, texels: Texels::Rgba8(vec![[188, 0, 0, 188]]) }];
         let v = Texture::new(ImageId(0), ColorEncoding::Srgb).eval(&images, Vec2::ZERO);
         assert!((v[0] - 0.502_886).abs() < 1e-4 && (v[3] - 188.0 / 255.0).abs() < 1e-6);
     }

@@ -117,7 +117,7 @@ impl View {
 
         let (sin_half, cos_half) = (0.5 * (self.g0 + u * self.solid_angle)).sin_cos();
         let sin_g = 2.0 * sin_half * cos_half;
-        let (r0, r1) = (y0.hypot(h), y1.hypot(h));
+        let (r0, r1) = (hypotenuse(y0, h), hypotenuse(y1, h));
         let (b0, b1) = (y0 / r0, y1 / r1);
         // b1 - b0 without cancellation when both lie near +1 or -1.
         let b_difference =
@@ -127,14 +127,20 @@ impl View {
         let x = (h * sin_g / one_minus_s2.sqrt()).clamp(self.x[0], self.x[1]);
 
         // Along the meridian the measure is uniform in the sine of the elevation (Archimedes).
-        let d = x.hypot(h);
-        let [e0, e1] = self.y.map(|y| y / y.hypot(d));
+        let d = hypotenuse(x, h);
+        let [e0, e1] = self.y.map(|y| y / hypotenuse(y, d));
         let e = e0 + v * (e1 - e0);
         let y = (e * d / (1.0 - e * e).max(f64::MIN_POSITIVE).sqrt()).clamp(y0, y1);
 
         // Fractions, so that the point cannot leave the rectangle.
         [(x - self.x[0]) / self.size[0], (y - y0) / self.size[1]].map(|f| (f as f32).clamp(0.0, 1.0))
     }
+}
+
+/// `sqrt(a^2 + b^2)`. Lengths come from f32, so their squares neither overflow nor vanish in f64.
+#[inline]
+fn hypotenuse(a: f64, b: f64) -> f64 {
+    (a * a + b * b).sqrt()
 }
 
 /// Relative tolerance of [`rectangle_from_triangles`], as a fraction of the diagonal.
