@@ -86,7 +86,8 @@ pub struct Pilot<'a> {
     pub luminance: &'a Plane<f32>,
     /// The level, in that unit, at which the camera saturates.
     pub white: f32,
-    /// Weight of a region without edges, relative to the mean Sobel magnitude; [`SOBEL_FLOOR`] by default.
+    /// Weight of a region without edges, relative to the mean Sobel magnitude; [`SOBEL_FLOOR`] by default, and for
+    /// what is not from 0 to 1.
     pub sobel_floor: f32,
 }
 
@@ -96,11 +97,13 @@ pub fn uniform(width: u32, height: u32) -> Plane<f32> {
 }
 
 /// Weights in proportion to the Sobel magnitude [DN/pixel], above [`SOBEL_RESOLUTION`] and `floor` times the mean
-/// magnitude, with mean one. An image without edges gives equal weights. Magnitudes that are not finite count as the floor.
+/// magnitude, with mean one. An image without edges gives equal weights. Magnitudes that are not finite count as the floor;
+/// a `floor` that is not from 0 to 1 counts as [`SOBEL_FLOOR`].
 pub fn sobel(magnitude: &Plane<f32>, floor: f32) -> Plane<f32> {
     let known = |m: f32| if m.is_finite() { m } else { 0.0 };
     let mean = mean(magnitude.data().iter().map(|&m| known(m)));
-    let floor = SOBEL_RESOLUTION.max(floor * mean);
+    let share = if (0.0..=1.0).contains(&floor) { floor } else { SOBEL_FLOOR };
+    let floor = SOBEL_RESOLUTION.max(share * mean);
     normalised(magnitude.map(|&m| known(m).max(floor)))
 }
 
@@ -169,9 +172,18 @@ mod tests {
 
     #[test]
     fn values_that_are_no_numbers_do_not_spread() {
-        let weights = sobel(&Plane::from_vec(3, 1, vec![f32::NAN, 10.0, f32::INFINITY]).expect("three values"), SOBEL_FLOOR);
+        let weights =
+            sobel(&Plane::from_vec(3, 1, vec![f32::NAN, 10.0, f32::INFINITY]).expect("three values"), SOBEL_FLOOR);
         assert_mean_one(&weights);
         assert!(weights.data()[1] > weights.data()[0]);
+    }
+
+    #[test]
+    fn a_floor_that_is_no_share_counts_as_the_default() {
+        let plane = Plane::from_vec(4, 1, vec![0.0, 5.0, 35.0, 60.0]).expect("four values");
+        for floor in [f32::NAN, f32::INFINITY, -0.5, 1.5] {
+            assert_eq!(sobel(&plane, floor).data(), sobel(&plane, SOBEL_FLOOR).data(), "floor {floor}");
+        }
     }
 
     #[test]

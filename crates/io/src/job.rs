@@ -41,6 +41,9 @@ use serde::de::{Deserializer, Error};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
+/// The preset of a render that says nothing about its sensor.
+pub const DEFAULT_SENSOR: &str = "imx250";
+
 /// A job. Input paths in it are resolved (relative ones against the job file's folder); output paths are as written, so
 /// relative to the current folder.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize)]
@@ -109,7 +112,7 @@ pub struct LensSettings {
     #[serde(deserialize_with = "check::field_of_view")]
     pub vertical_fov: Option<f64>,
     /// Focal length \[m\], written as `"12mm"`: together with the sensor's pixel pitch and the film's height it gives the
-    /// field of view of a lens focused far away. Needs a sensor.
+    /// field of view of a lens focused far away. Not for `model = "none"`.
     #[serde(deserialize_with = "check::focal_length")]
     pub focal_length: Option<f64>,
     /// f-number N, at least 0.1. Default 4.
@@ -158,12 +161,13 @@ pub struct BudgetSettings {
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct AllocateSettings {
-    /// `"uniform"` (default) or `"sobel"`.
+    /// `"sobel"` (default) or `"uniform"`.
     pub strategy: AllocateStrategy,
     /// Samples per pixel of the uniform pilot that the plan is made from. Default 16.
     #[serde(deserialize_with = "check::pilot_spp")]
     pub pilot_spp: u32,
-    /// Weight of a region without edges relative to the strongest edge, 0 to 1. Default 0.25.
+    /// No pixel's Sobel magnitude counts for less than this share of the image's mean magnitude, 0 to 1: the least that
+    /// regions without edges get. Default 0.25.
     #[serde(deserialize_with = "check::share")]
     pub floor: f64,
 }
@@ -179,9 +183,9 @@ impl Default for AllocateSettings {
 #[serde(rename_all = "lowercase")]
 pub enum AllocateStrategy {
     /// The same number everywhere.
-    #[default]
     Uniform,
     /// More where the Sobel magnitude of a pilot image is high.
+    #[default]
     Sobel,
 }
 
@@ -189,23 +193,28 @@ pub enum AllocateStrategy {
 #[derive(Clone, Debug, Default, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct SensorSettings {
-    /// Name of a preset (`"imx250"`), path of a sensor file (`"mine.toml"`, relative to the job file), or `"none"`
-    /// (default): radiance to 8 bits, clipped at one.
+    /// Name of a preset (default [`DEFAULT_SENSOR`]), path of a sensor file (`"mine.toml"`, relative to the job file), or
+    /// `"none"`: radiance to 8 bits, clipped at one.
     pub model: SensorChoice,
     /// Exposure time (`"5ms"`), or `"auto"` (default): the 99.5 % quantile at 90 % of saturation.
     pub exposure: Exposure,
 }
 
 /// Which sensor.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub enum SensorChoice {
     /// No sensor.
-    #[default]
     None,
     /// A preset by name.
     Preset(String),
     /// A sensor file.
     File(PathBuf),
+}
+
+impl Default for SensorChoice {
+    fn default() -> Self {
+        Self::Preset(DEFAULT_SENSOR.into())
+    }
 }
 
 impl<'de> Deserialize<'de> for SensorChoice {
@@ -439,10 +448,10 @@ impl Job {
             return Err(file.error_at_key(&["lens", "focal_length"], problem, mend));
         }
         if job.lens.focal_length.is_some() && job.sensor.model == SensorChoice::None {
-            let mend = "name a sensor under [sensor] model, or write `vertical_fov` instead";
+            let mend = "name another [sensor] model than \"none\", or write `vertical_fov` instead";
             return Err(file.error_at_key(
                 &["lens", "focal_length"],
-                "a focal length alone gives no field of view",
+                "without a sensor a focal length gives no field of view",
                 mend,
             ));
         }

@@ -97,9 +97,9 @@ fn a_job_that_says_the_least_gets_the_documented_defaults() {
     assert_eq!((job.lens.f_number, job.lens.transmission), (4.0, 0.9));
     assert_eq!(
         (job.allocate.strategy, job.allocate.pilot_spp, job.allocate.floor),
-        (AllocateStrategy::Uniform, 16, 0.25)
+        (AllocateStrategy::Sobel, 16, 0.25)
     );
-    assert_eq!((job.sensor.model, job.sensor.exposure), (SensorChoice::None, Exposure::Auto));
+    assert_eq!((job.sensor.model, job.sensor.exposure), (SensorChoice::Preset("imx250".into()), Exposure::Auto));
     assert_eq!(job.import.emissive_unit, EmissiveUnit::Nit);
     assert!(job.environment.is_none() && job.materials.is_empty() && job.lights.is_empty());
 }
@@ -118,9 +118,9 @@ fn faults_are_refused_with_place_mend_and_caret() {
         ("[lens]\nf_number = nan", "[lens] f_number", "out of range", "0.1", "nan"),
         ("[lens]\ntransmission = 0", "[lens] transmission", "out of range", "", "0"),
         (
-            "[lens]\nfocal_length = \"12mm\"",
+            "[lens]\nfocal_length = \"12mm\"\n[sensor]\nmodel = \"none\"",
             "[lens] focal_length",
-            "alone gives no field of view",
+            "without a sensor a focal length gives no field of view",
             "[sensor] model",
             "\"12mm\"",
         ),
