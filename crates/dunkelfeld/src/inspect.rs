@@ -70,7 +70,8 @@ pub struct Inspection {
 
 /// Lists a built scene.
 pub fn inspect(scene: &Scene, report: &BuildReport) -> Inspection {
-    let SceneSummary { placed_triangles, stored_triangles, objects, instanced_parts, memory_bytes, bounds } = scene.summary();
+    let SceneSummary { placed_triangles, stored_triangles, objects, instanced_parts, memory_bytes, bounds } =
+        scene.summary();
     let mut triangles = vec![0u64; scene.materials().len()];
     for part in scene.part_inventory() {
         triangles[part.material as usize] += part.triangles as u64;
@@ -139,7 +140,8 @@ fn describe(m: &dunkelfeld_scene::Material) -> String {
         let textured = |t: bool| if t { ", textured" } else { "" };
         let body = match (transmits, m.surface) {
             (true, Surface::Solid(v)) => {
-                let absorbs = v.attenuation_distance.is_finite() && v.attenuation_color != dunkelfeld_radiometry::Rgb::WHITE;
+                let absorbs =
+                    v.attenuation_distance.is_finite() && v.attenuation_color != dunkelfeld_radiometry::Rgb::WHITE;
                 let absorbs = if absorbs { ", absorbing" } else { "" };
                 format!("clear solid, ior {}{absorbs}", m.ior)
             }
@@ -169,7 +171,11 @@ fn describe(m: &dunkelfeld_scene::Material) -> String {
         }
     }
     if !m.emission.is_black() {
-        words.push(format!("emits {} W/(m^2 sr), {}", m.emission.mean(), if m.double_sided { "both sides" } else { "front" }));
+        words.push(format!(
+            "emits {} W/(m^2 sr), {}",
+            m.emission.mean(),
+            if m.double_sided { "both sides" } else { "front" }
+        ));
     }
     words.join(", ")
 }

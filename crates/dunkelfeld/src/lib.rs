@@ -29,12 +29,16 @@ mod stats;
 pub use develop::{Frame, Picture, SensorFrame, develop};
 pub use error::Error;
 pub use inspect::{Inspection, LightEntry, MaterialEntry, inspect};
-pub use outputs::{NO_ID, OutputPaths, encode_layers, load_plan, save_exr, save_linear, save_picture, save_plan, save_text};
+pub use outputs::{
+    NO_ID, OutputPaths, SavedPlan, encode_layers, load_plan, save_exr, save_linear, save_picture, save_plan, save_text,
+};
 pub use progress::{Cancel, Progress, ProgressState, Silent, Stage};
-pub use project::{DEFAULT_SENSOR, Project, ProjectResult, default_image_path, find_sensor, read_scene};
+pub use project::{Project, ProjectResult, default_image_path, find_sensor, read_scene};
 pub use render::{Rendering, camera, render, thread_pool};
 pub use settings::{Budget, DEFAULT_PILOT_SPP, DEFAULT_SPP, MAX_SIDE, RenderSettings, SensorChoice};
 pub use stats::{STATS_VERSION, Stats};
+
+pub use dunkelfeld_io::job::DEFAULT_SENSOR;
 
 pub use dunkelfeld_adaptive as adaptive;
 pub use dunkelfeld_bsdf as bsdf;

@@ -33,14 +33,18 @@ impl OutputPaths {
         [&self.image, &self.linear, &self.exr, &self.stats, &self.plan].into_iter().flatten()
     }
 
-    /// Finds out before the render what would fail after it: folders that do not exist, names that cannot be, two outputs
-    /// in one file.
+    /// Finds out before the render what would fail after it: folders that do not exist or cannot be written to, names that
+    /// cannot be, two outputs in one file.
     ///
     /// # Errors
     /// The first fault found, with its mend.
     pub fn check(&self, has_sensor: bool) -> Result<(), Error> {
         for path in self.all() {
-            let fault = |problem: &str, mend: &str| Error::Output { file: path.clone(), problem: problem.into(), mend: mend.into() };
+            let fault = |problem: &str, mend: &str| Error::Output {
+                file: path.clone(),
+                problem: problem.into(),
+                mend: mend.into(),
+            };
             if path.file_name().is_none() || path.is_dir() {
                 return Err(fault("is a folder, not a file", "name a file in it"));
             }
@@ -48,7 +52,7 @@ impl OutputPaths {
             if !folder.is_dir() {
                 return Err(fault("cannot be written: its folder does not exist", "create the folder first"));
             }
-            if self.all().filter(|p| *p == path).count() > 1 {
+            if self.all().filter(|p| same_file(p, path)).count() > 1 {
                 return Err(fault("is named for two outputs", "give each its own file"));
             }
         }
@@ -63,20 +67,30 @@ impl OutputPaths {
             wrong(&self.image, &["png"]),
             wrong(&self.linear, &["png", "tif", "tiff"]),
             wrong(&self.exr, &["exr"]),
+            wrong(&self.stats, &["json"]),
             wrong(&self.plan, &["exr"]),
         ];
         if let Some(fault) = faults.into_iter().flatten().next() {
             return Err(fault);
         }
-        match &self.linear {
-            Some(path) if !has_sensor => Err(Error::Output {
+        if let (Some(path), false) = (&self.linear, has_sensor) {
+            return Err(Error::Output {
                 file: path.clone(),
                 problem: "linear grey values come from a sensor, and there is none".into(),
                 mend: "choose a sensor, or write an EXR for linear radiance".into(),
-            }),
-            _ => Ok(()),
+            });
         }
+        self.all().try_for_each(|path| written(path, dunkelfeld_io::atomic::check_writable(path)))
     }
+}
+
+/// Do two names stand for one file, as `a.png` and `./a.png` do?
+fn same_file(a: &Path, b: &Path) -> bool {
+    let whole = |path: &Path| {
+        let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        Some((folder.canonicalize().ok()?, path.file_name()?.to_owned()))
+    };
+    a == b || whole(a).is_some_and(|a| Some(a) == whole(b))
 }
 
 fn extension(path: &Path) -> String {
@@ -84,10 +98,15 @@ fn extension(path: &Path) -> String {
 }
 
 fn written(path: &Path, result: std::io::Result<()>) -> Result<(), Error> {
-    result.map_err(|e| Error::Output {
-        file: path.into(),
-        problem: e.to_string(),
-        mend: "check the path, the permissions and the space on the disk".into(),
+    result.map_err(|e| {
+        // The file is named once, by our own error.
+        let said = e.to_string();
+        let reason = said.strip_prefix(&format!("cannot write {}: ", path.display())).unwrap_or(&said);
+        Error::Output {
+            file: path.into(),
+            problem: format!("cannot be written: {reason}"),
+            mend: "check the path, the permissions and the space on the disk".into(),
+        }
     })
 }
 
@@ -217,16 +236,38 @@ pub fn save_plan(path: &Path, plan: &Plane<u32>, settings: &RenderSettings) -> R
     save_exr(path, plan_layers(plan, settings))
 }
 
+/// A plan as it was saved: together with the scene all that a replay needs.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SavedPlan {
+    /// Samples per pixel.
+    pub samples: Plane<u32>,
+    /// Seed of the render; `None` if another program wrote the file.
+    pub seed: Option<u64>,
+    /// Frame number of the render; `None` if another program wrote the file.
+    pub frame: Option<u32>,
+}
+
 /// Reads a plan that [`save_plan`] or the layers of a render hold.
 ///
 /// # Errors
 /// A file that is no EXR, or has no layer `spp.Y`.
-pub fn load_plan(path: &Path) -> Result<Plane<u32>, Error> {
+pub fn load_plan(path: &Path) -> Result<SavedPlan, Error> {
+    /// Of all that is written, what a replay needs.
+    #[derive(Default, serde::Deserialize)]
+    struct Attributes {
+        seed: Option<u64>,
+        frame: Option<u32>,
+    }
     let layers = read_exr(path)?;
-    layers.integers(Single::SampleCount).ok_or_else(|| {
-        let mend = "use an EXR that --exr or --plan wrote";
-        dunkelfeld_io::InputError::new(path, "layer spp.Y", "is missing: there is no sample plan in this file", mend).into()
-    })
+    let Attributes { seed, frame } = serde_json::from_str(&layers.attributes).unwrap_or_default();
+    match layers.integers(Single::SampleCount) {
+        Some(samples) => Ok(SavedPlan { samples, seed, frame }),
+        None => {
+            let problem = "is missing: there is no sample plan in this file";
+            let mend = "use an EXR that --exr or --plan wrote";
+            Err(dunkelfeld_io::InputError::new(path, "layer spp.Y", problem, mend).into())
+        }
+    }
 }
 
 /// Writes text.

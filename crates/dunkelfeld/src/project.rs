@@ -19,9 +19,6 @@ use dunkelfeld_sensor::{Exposure, Optics, SensorModel};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-/// The sensor of a project whose file names none.
-pub const DEFAULT_SENSOR: &str = "imx250";
-
 /// An opened scene or job.
 #[derive(Debug)]
 pub struct Project {
@@ -35,6 +32,8 @@ pub struct Project {
     pub warnings: Vec<ImportWarning>,
     /// What building found.
     pub report: BuildReport,
+    /// The lens of the job, or the default one: what a sensor that is chosen later stands behind.
+    pub optics: Optics,
     started: Instant,
     load_seconds: f64,
     build_seconds: f64,
@@ -70,11 +69,15 @@ impl Project {
     pub fn open_at(path: &Path, started: Instant) -> Result<Self, Error> {
         let began = Instant::now();
         let is_job = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("toml"));
-        let (imported, settings, outputs) = if is_job {
-            open_job(&Job::from_file(path)?)?
-        } else {
-            let settings = RenderSettings { sensor: default_sensor()?, ..RenderSettings::default() };
-            (load_scene(path, &ImportOptions::default())?, settings, OutputPaths::default())
+        let job = if is_job { Some(Job::from_file(path)?) } else { None };
+        let optics = optics_of(&job.as_ref().map(|job| job.lens.clone()).unwrap_or_default())?;
+        let (imported, settings, outputs) = match &job {
+            Some(job) => open_job(job, optics)?,
+            None => {
+                let sensor = sensor_of(&job::SensorSettings::default(), optics)?;
+                let settings = RenderSettings { sensor, ..RenderSettings::default() };
+                (load_scene(path, &ImportOptions::default())?, settings, OutputPaths::default())
+            }
         };
         let load_seconds = began.elapsed().as_secs_f64();
         let began = Instant::now();
@@ -85,6 +88,7 @@ impl Project {
             outputs,
             warnings: imported.warnings,
             report,
+            optics,
             started,
             load_seconds,
             build_seconds: began.elapsed().as_secs_f64(),
@@ -185,24 +189,17 @@ pub fn find_sensor(name_or_path: &str) -> Result<SensorModel, Error> {
     Ok(dunkelfeld_io::sensor_file::find_sensor(name_or_path)?)
 }
 
-/// The sensor of a project whose file names none: [`DEFAULT_SENSOR`] behind the job file's default lens, exposed
-/// automatically.
-fn default_sensor() -> Result<SensorChoice, Error> {
-    let lens = job::LensSettings::default();
-    Ok(SensorChoice::Emva {
-        model: Box::new(find_sensor(DEFAULT_SENSOR)?),
-        optics: Optics::new(lens.f_number, lens.transmission, lens.magnification.unwrap_or(0.0))?,
-        exposure: None,
-    })
+fn optics_of(lens: &job::LensSettings) -> Result<Optics, Error> {
+    Ok(Optics::new(lens.f_number, lens.transmission, lens.magnification.unwrap_or(0.0))?)
 }
 
-fn open_job(job: &Job) -> Result<(Imported, RenderSettings, OutputPaths), Error> {
+fn open_job(job: &Job, optics: Optics) -> Result<(Imported, RenderSettings, OutputPaths), Error> {
     let mut imported = load_scene(&job.scene, &job.import_options())?;
     job.camera_index(&imported.scene)?;
     imported.warnings.extend(job.apply_overrides(&mut imported.scene)?);
     let defaults = RenderSettings::default();
     let height = job.film.height.unwrap_or(defaults.height);
-    let sensor = sensor_of(job)?;
+    let sensor = sensor_of(&job.sensor, optics)?;
     set_lens(job, &mut imported.scene, &sensor, height);
     let settings = RenderSettings {
         width: job.film.width.unwrap_or(defaults.width),
@@ -231,15 +228,13 @@ fn open_job(job: &Job) -> Result<(Imported, RenderSettings, OutputPaths), Error>
     Ok((imported, settings, outputs))
 }
 
-fn sensor_of(job: &Job) -> Result<SensorChoice, Error> {
-    let model = match &job.sensor.model {
+fn sensor_of(sensor: &job::SensorSettings, optics: Optics) -> Result<SensorChoice, Error> {
+    let model = match &sensor.model {
         job::SensorChoice::None => return Ok(SensorChoice::None),
         job::SensorChoice::Preset(name) => dunkelfeld_io::sensor_file::preset(name)?,
         job::SensorChoice::File(path) => dunkelfeld_io::sensor_file::load_sensor(path)?,
     };
-    let lens = &job.lens;
-    let optics = Optics::new(lens.f_number, lens.transmission, lens.magnification.unwrap_or(0.0))?;
-    let exposure = match job.sensor.exposure {
+    let exposure = match sensor.exposure {
         job::Exposure::Auto => None,
         job::Exposure::Seconds(s) => Some(Exposure::new(dunkelfeld_radiometry::Seconds(s))?),
     };

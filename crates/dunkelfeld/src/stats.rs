@@ -83,7 +83,9 @@ impl Stats {
         let counts = film.sample_counts();
         let (mut sum, mut variance) = ([0f64; 3], [0f64; 3]);
         for p in pixels {
-            for ((s, v), (m, w)) in sum.iter_mut().zip(&mut variance).zip(p.mean().into_iter().zip(p.variance_of_mean())) {
+            for ((s, v), (m, w)) in
+                sum.iter_mut().zip(&mut variance).zip(p.mean().into_iter().zip(p.variance_of_mean()))
+            {
                 *s += m;
                 *v += w;
             }

@@ -2,7 +2,7 @@
 
 use std::fs;
 use std::io::{self, BufWriter, Write};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use tempfile::NamedTempFile;
 
@@ -19,6 +19,35 @@ pub fn write_atomically<F>(path: &Path, fill: F) -> io::Result<()>
 where
     F: FnOnce(&mut BufWriter<&mut fs::File>) -> io::Result<()>,
 {
+    let target = writable_target(path)?;
+    let folder = folder_of(&target);
+    let mut temporary = temporary_in(folder).map_err(|e| explain(path, folder, &e))?;
+    {
+        let mut writer = BufWriter::new(temporary.as_file_mut());
+        fill(&mut writer).and_then(|()| writer.flush()).map_err(|e| explain(path, folder, &e))?;
+    }
+    if let Ok(existing) = fs::metadata(&target) {
+        // Best effort: some file systems keep no permissions.
+        let _ = temporary.as_file().set_permissions(existing.permissions());
+    }
+    temporary.as_file().sync_all().map_err(|e| explain(path, folder, &e))?;
+    temporary.persist(&target).map_err(|e| explain(path, folder, &e.error))?;
+    sync_folder(folder);
+    Ok(())
+}
+
+/// Would [`write_atomically`] succeed now, but for a full disk? For those who want to know before hours of work.
+///
+/// # Errors
+/// As [`write_atomically`]. Nothing is left behind, and an existing file is not touched.
+pub fn check_writable(path: &Path) -> io::Result<()> {
+    let target = writable_target(path)?;
+    let folder = folder_of(&target);
+    temporary_in(folder).map(drop).map_err(|e| explain(path, folder, &e))
+}
+
+/// The file that `path` stands for, if it can be one.
+fn writable_target(path: &Path) -> io::Result<PathBuf> {
     if path.file_name().is_none() {
         return Err(io::Error::new(
             io::ErrorKind::InvalidInput,
@@ -33,13 +62,8 @@ where
     }
     // A link is followed, so that the file it points to is replaced and not the link itself.
     let target = fs::canonicalize(path).unwrap_or_else(|_| path.to_path_buf());
-    let folder = match target.parent() {
-        Some(parent) if !parent.as_os_str().is_empty() => parent,
-        _ => Path::new("."),
-    };
     // A file that is protected against writing stays protected: the rename alone would not notice.
-    let existing = fs::metadata(&target).ok();
-    if existing.as_ref().is_some_and(|m| m.permissions().readonly()) {
+    if fs::metadata(&target).is_ok_and(|m| m.permissions().readonly()) {
         return Err(io::Error::new(
             io::ErrorKind::PermissionDenied,
             format!(
@@ -48,20 +72,11 @@ where
             ),
         ));
     }
+    Ok(target)
+}
 
-    let mut temporary = temporary_in(folder).map_err(|e| explain(path, folder, &e))?;
-    {
-        let mut writer = BufWriter::new(temporary.as_file_mut());
-        fill(&mut writer).and_then(|()| writer.flush()).map_err(|e| explain(path, folder, &e))?;
-    }
-    if let Some(existing) = existing {
-        // Best effort: some file systems keep no permissions.
-        let _ = temporary.as_file().set_permissions(existing.permissions());
-    }
-    temporary.as_file().sync_all().map_err(|e| explain(path, folder, &e))?;
-    temporary.persist(&target).map_err(|e| explain(path, folder, &e.error))?;
-    sync_folder(folder);
-    Ok(())
+fn folder_of(target: &Path) -> &Path {
+    target.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }
 
 /// A hidden temporary file with the permissions that a new file gets (tempfile's own default is private to the user).
@@ -158,6 +173,20 @@ mod tests {
     }
 
     #[test]
+    fn what_can_be_written_is_known_beforehand_and_without_a_trace() {
+        let folder = tempfile::tempdir().expect("a temporary folder");
+        let path = folder.path().join("a.txt");
+        check_writable(&path).expect("a new file");
+        assert!(names(folder.path()).is_empty());
+        fs::write(&path, "old").expect("writable");
+        check_writable(&path).expect("a file that is there");
+        assert_eq!(fs::read_to_string(&path).expect("readable"), "old");
+        for impossible in [folder.path(), &path.join("b.txt"), &folder.path().join("no/b.txt"), Path::new("")] {
+            check_writable(impossible).expect_err("not a file that can be");
+        }
+    }
+
+    #[test]
     fn a_read_only_file_is_not_replaced() {
         let folder = tempfile::tempdir().expect("a temporary folder");
         let path = folder.path().join("a.txt");
@@ -167,6 +196,7 @@ mod tests {
         fs::set_permissions(&path, permissions).expect("own file");
         let error = write_atomically(&path, |w| w.write_all(b"new")).expect_err("read-only");
         assert!(error.to_string().contains("read-only"), "{error}");
+        assert_eq!(check_writable(&path).expect_err("read-only").to_string(), error.to_string());
         assert_eq!(fs::read_to_string(&path).expect("readable"), "old");
     }
 
