@@ -1,6 +1,10 @@
-//! The flags. Doc comments are the help texts.
+//! The flags. Doc comments are the help texts; values are checked here, before any file is opened.
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
+use dunkelfeld::integrator::PixelSample;
+use dunkelfeld::io::quantity::Time;
+use dunkelfeld::radiometry::Seconds;
+use dunkelfeld::sensor::Exposure;
 use std::path::PathBuf;
 
 /// Renders what an industrial camera would see: a path tracer with a built-in EMVA 1288 sensor.
@@ -32,41 +36,42 @@ pub(crate) struct RenderArgs {
     pub(crate) input: PathBuf,
 
     /// The picture: PNG, 8 bit, gamma 2.2, clipped at saturation [default: the input's name with .png, in this folder].
-    #[arg(short = 'o', long = "output", value_name = "FILE")]
+    #[arg(short = 'o', long = "output", value_name = "FILE.png")]
     pub(crate) image: Option<PathBuf>,
     /// Linear grey values, 16 bit, .png or .tif (with a sensor).
     #[arg(long, value_name = "FILE")]
     pub(crate) linear: Option<PathBuf>,
     /// All layers: mean radiance, its variance, samples per pixel, albedo, normal, depth, ids, electrons.
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE.exr")]
     pub(crate) exr: Option<PathBuf>,
-    /// Statistics of the render as JSON.
-    #[arg(long, value_name = "FILE")]
+    /// Statistics of the render.
+    #[arg(long, value_name = "FILE.json")]
     pub(crate) stats: Option<PathBuf>,
-    /// The sample plan that was rendered, as an EXR for --replay.
-    #[arg(long, value_name = "FILE")]
+    /// The sample plan that was rendered, for --replay.
+    #[arg(long, value_name = "FILE.exr")]
     pub(crate) plan: Option<PathBuf>,
 
     /// Width of the image [default: 512].
-    #[arg(long, value_name = "PIXELS", value_parser = clap::value_parser!(u32).range(1..=32768))]
+    #[arg(long, value_name = "PIXELS", value_parser = clap::value_parser!(u32).range(1..=i64::from(dunkelfeld::MAX_SIDE)))]
     pub(crate) width: Option<u32>,
     /// Height of the image [default: 512].
-    #[arg(long, value_name = "PIXELS", value_parser = clap::value_parser!(u32).range(1..=32768))]
+    #[arg(long, value_name = "PIXELS", value_parser = clap::value_parser!(u32).range(1..=i64::from(dunkelfeld::MAX_SIDE)))]
     pub(crate) height: Option<u32>,
     /// Camera by name [default: the first; a framing of the whole scene if there is none].
     #[arg(long, value_name = "NAME")]
     pub(crate) camera: Option<String>,
 
     /// Stop after this wall-clock time, start and writing included, as in 20s or 5min.
-    #[arg(long, value_name = "TIME")]
-    pub(crate) time: Option<String>,
+    #[arg(long, value_name = "TIME", value_parser = time_limit)]
+    pub(crate) time: Option<f64>,
     /// Stop after this many samples per pixel, on average [default: 64 if there is no other limit].
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", value_parser = samples_per_pixel)]
     pub(crate) spp: Option<f64>,
     /// Where the samples go [default: sobel].
     #[arg(long, value_enum)]
     pub(crate) allocate: Option<Allocate>,
-    /// Render exactly the samples of an earlier render: an EXR that --exr or --plan wrote.
+    /// Render exactly the samples of an earlier render: an EXR that --exr or --plan wrote. Size, seed and frame are those
+    /// of the file, unless they are given.
     #[arg(long, value_name = "FILE.exr", conflicts_with_all = ["time", "spp", "allocate"])]
     pub(crate) replay: Option<PathBuf>,
 
@@ -74,24 +79,24 @@ pub(crate) struct RenderArgs {
     #[arg(long, value_name = "NAME|FILE|none")]
     pub(crate) sensor: Option<String>,
     /// Exposure time as in 5ms, or auto: the 99.5 % quantile comes to 90 % of saturation [default: auto].
-    #[arg(long, value_name = "TIME|auto")]
-    pub(crate) exposure: Option<String>,
+    #[arg(long, value_name = "TIME|auto", value_parser = exposure)]
+    pub(crate) exposure: Option<ExposureChoice>,
 
-    /// Seed of everything random.
+    /// Seed of everything random [default: 0].
     #[arg(long, value_name = "N")]
     pub(crate) seed: Option<u64>,
-    /// Frame number: frames of one seed are independent, and come from the same camera.
+    /// Frame number: frames of one seed are independent, and come from the same camera [default: 0].
     #[arg(long, value_name = "N")]
     pub(crate) frame: Option<u32>,
     /// Threads [default: one per core].
-    #[arg(long, value_name = "N")]
-    pub(crate) threads: Option<usize>,
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    pub(crate) threads: Option<u16>,
     /// How progress is shown on standard error.
     #[arg(long, value_enum, default_value_t = ProgressKind::Bar)]
     pub(crate) progress: ProgressKind,
     /// Trace one sample instead of rendering, and print its path vertex by vertex.
-    #[arg(long, value_name = "X,Y,SAMPLE")]
-    pub(crate) debug_sample: Option<String>,
+    #[arg(long, value_name = "X,Y,SAMPLE", value_parser = pixel_sample)]
+    pub(crate) debug_sample: Option<PixelSample>,
 }
 
 /// Strategies on the command line.
@@ -114,6 +119,13 @@ pub(crate) enum ProgressKind {
     None,
 }
 
+/// An exposure on the command line.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum ExposureChoice {
+    Auto,
+    For(Exposure),
+}
+
 /// Flags of `inspect`.
 #[derive(Debug, Args)]
 pub(crate) struct InspectArgs {
@@ -131,4 +143,69 @@ pub(crate) struct SensorsArgs {
     /// A preset or a sensor file (.toml); without it, all presets are listed.
     #[arg(value_name = "NAME|FILE")]
     pub(crate) sensor: Option<String>,
+}
+
+/// A time such as `5ms`, in seconds.
+fn time(text: &str) -> Result<f64, String> {
+    text.parse::<Time>().map(f64::from).map_err(|e| e.to_string())
+}
+
+fn time_limit(text: &str) -> Result<f64, String> {
+    match time(text)? {
+        t if t > 0.0 && t.is_finite() => Ok(t),
+        _ => Err("write a time above zero, such as 20s".into()),
+    }
+}
+
+fn samples_per_pixel(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(n) if n > 0.0 && n <= 1e9 => Ok(n),
+        _ => Err("write a number above zero and up to 1e9, such as 64".into()),
+    }
+}
+
+fn exposure(text: &str) -> Result<ExposureChoice, String> {
+    if text == "auto" {
+        return Ok(ExposureChoice::Auto);
+    }
+    Exposure::new(Seconds(time(text)?)).map(ExposureChoice::For).map_err(|e| e.to_string())
+}
+
+fn pixel_sample(text: &str) -> Result<PixelSample, String> {
+    let numbers: Option<Vec<u32>> = text.split(',').map(|t| t.trim().parse().ok()).collect();
+    match numbers.as_deref() {
+        Some(&[x, y, index]) => Ok(PixelSample { x, y, index }),
+        _ => Err("write column, row and number of the sample, as in 12,40,7".into()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::CommandFactory;
+
+    #[test]
+    fn the_flags_do_not_contradict_each_other() {
+        Cli::command().debug_assert();
+    }
+
+    #[test]
+    fn values_are_checked_before_any_file_is_opened() {
+        assert_eq!(time_limit("2min"), Ok(120.0));
+        for bad in ["0s", "-1s", "20", "soon", "nan s", "inf", ""] {
+            assert!(time_limit(bad).is_err(), "{bad}");
+        }
+        assert_eq!(samples_per_pixel("0.5"), Ok(0.5));
+        for bad in ["0", "-1", "nan", "inf", "1e10", "many", ""] {
+            assert!(samples_per_pixel(bad).is_err(), "{bad}");
+        }
+        assert_eq!(pixel_sample("12, 40,7"), Ok(PixelSample { x: 12, y: 40, index: 7 }));
+        for bad in ["12,40", "12,40,7,1", "a,b,c", "-1,0,0", ""] {
+            assert!(pixel_sample(bad).is_err(), "{bad}");
+        }
+        assert_eq!(exposure("auto"), Ok(ExposureChoice::Auto));
+        for bad in ["0ms", "-5ms", "5", "long", ""] {
+            assert!(exposure(bad).is_err(), "{bad}");
+        }
+    }
 }

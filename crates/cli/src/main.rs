@@ -1,12 +1,14 @@
 //! The command line: parses, calls the library, prints, and says by its exit code how it went.
 
 #![forbid(unsafe_code)]
-#![allow(clippy::print_stdout, clippy::print_stderr, clippy::exit, reason = "this is the crate that prints and exits")]
+#![allow(clippy::exit, reason = "this is the crate that exits")]
 
 mod args;
 mod bar;
 mod commands;
+mod interrupt;
 mod outcome;
+mod words;
 
 use clap::Parser;
 use outcome::Outcome;

@@ -1,5 +1,6 @@
-//! How a command ended, and how errors look.
+//! How a command ended, and how it speaks: results to standard output, everything else to standard error.
 
+use std::io::Write;
 use std::process::ExitCode;
 
 /// How a command ended; the exit code says it to other programs.
@@ -15,28 +16,39 @@ pub(crate) enum Outcome {
     Interrupted,
 }
 
-impl From<Outcome> for ExitCode {
-    fn from(outcome: Outcome) -> Self {
-        Self::from(match outcome {
-            Outcome::Done => 0,
-            Outcome::Flagged => 1,
-            Outcome::BadInput => 2,
-            Outcome::Interrupted => 130,
-        })
+impl Outcome {
+    /// The exit code.
+    pub(crate) const fn code(self) -> u8 {
+        match self {
+            Self::Done => 0,
+            Self::Flagged => 1,
+            Self::BadInput => 2,
+            Self::Interrupted => 130,
+        }
     }
 }
 
-/// Prints an error with the line of the file it points into.
+impl From<Outcome> for ExitCode {
+    fn from(outcome: Outcome) -> Self {
+        Self::from(outcome.code())
+    }
+}
+
+/// Prints an error with the line of the file that it points into.
 pub(crate) fn print_error(error: &dunkelfeld::Error) {
-    eprintln!("error: {error}");
+    say(&format!("error: {error}"));
     let caret = error.caret();
     if !caret.is_empty() {
-        eprintln!("{caret}");
+        say(&caret);
     }
 }
 
 /// Prints to standard output; a reader that has gone (a closed pipe) is no error.
 pub(crate) fn print(text: &str) {
-    use std::io::Write;
     let _ = std::io::stdout().lock().write_all(text.as_bytes());
+}
+
+/// Prints a line to standard error; nobody reading is no error either (`eprintln!` would panic).
+pub(crate) fn say(line: &str) {
+    let _ = std::io::stderr().lock().write_all(format!("{line}\n").as_bytes());
 }

@@ -1,0 +1,53 @@
+//! `render --debug-sample`: one sample, vertex by vertex.
+
+use crate::outcome::{Outcome, print};
+use dunkelfeld::integrator::{Estimator, PixelSample};
+use dunkelfeld::radiometry::Rgb;
+use dunkelfeld::{Error, Project};
+use std::fmt::Write;
+
+pub(super) fn run(project: &Project, at: PixelSample) -> Result<Outcome, Error> {
+    let s = &project.settings;
+    if at.x >= s.width || at.y >= s.height {
+        let problem = format!("pixel {},{} is outside {} x {}", at.x, at.y, s.width, s.height);
+        return Err(Error::setting("--debug-sample", problem, "name a pixel of the image; the first is 0,0"));
+    }
+    let camera = dunkelfeld::camera(&project.scene, s)?;
+    let estimator = Estimator { scene: &project.scene, camera: &camera, width: s.width, seed: s.seed, frame: s.frame };
+    let (sample, trace) = estimator.trace(at);
+    let origin = project.scene.world_origin();
+    let mut text = String::new();
+    for (i, v) in trace.vertices.iter().enumerate() {
+        match v.material {
+            Some(m) => {
+                let [x, y, z] = [0, 1, 2].map(|k| f64::from(v.position[k]) + origin[k]);
+                let name = project.scene.materials().get(m as usize).map_or("?", |m| m.name.as_str());
+                let _ = writeln!(text, "{i}: \"{name}\" at {x:.6} {y:.6} {z:.6} m");
+            }
+            None => {
+                let [x, y, z] = v.position;
+                let _ = writeln!(text, "{i}: left the scene toward {x:.6} {y:.6} {z:.6}");
+            }
+        }
+        let _ = writeln!(text, "   throughput {}", rgb(v.throughput));
+        if !v.emitted.is_black() {
+            let _ = writeln!(text, "   emitted    {}", rgb(v.emitted));
+        }
+        if !v.direct.is_black() {
+            let _ = writeln!(text, "   direct     {}", rgb(v.direct));
+        }
+        if let Some(([x, y, z], pdf, weight)) = v.scattered {
+            let _ = writeln!(text, "   scattered  toward {x:.6} {y:.6} {z:.6}, pdf {pdf:e}, weight {}", rgb(weight));
+        }
+    }
+    let _ = writeln!(text, "radiance {} W/(m^2 sr)", rgb(sample.radiance));
+    if !sample.is_valid() {
+        text += "this sample is invalid: not finite, negative or out of range\n";
+    }
+    print(&text);
+    Ok(if sample.is_valid() { Outcome::Done } else { Outcome::Flagged })
+}
+
+fn rgb(c: Rgb) -> String {
+    format!("{:e} {:e} {:e}", c.r, c.g, c.b)
+}

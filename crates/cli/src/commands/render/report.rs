@@ -1,0 +1,73 @@
+//! What a render says when it is over: what came out on standard output, what is wrong with it on standard error.
+
+use crate::args::RenderArgs;
+use crate::outcome::{print, say};
+use crate::words::{count, seconds, shell};
+use dunkelfeld::{Project, ProjectResult, Stats};
+use std::fmt::Write;
+
+pub(super) fn print_report(args: &RenderArgs, project: &Project, result: &ProjectResult) {
+    let s = &result.stats;
+    print(&summary(project, s));
+    if s.sensor.as_ref().is_some_and(|s| s.no_light) {
+        say("warning: the image is black, so there is no automatic exposure; 1 s was used");
+    }
+    if s.invalid_samples > 0 {
+        let n = s.invalid_samples;
+        say(&format!("flagged: {n} samples were not finite, negative or out of range; they count as black"));
+        if let Some(named) = s.invalid_named.first() {
+            say(&format!("  to replay one: {}", replay_command(args, s, named)));
+        }
+    }
+    if s.budget_missed {
+        let limit = s.budget_seconds.unwrap_or(0.0);
+        let (over, all) = (seconds(s.total_seconds - limit), seconds(s.total_seconds));
+        say(&format!("flagged: the time budget of {} was missed by {over}; all of it took {all}", seconds(limit)));
+    }
+    if result.rendering.interrupted {
+        say("interrupted: the image holds what was rendered so far");
+    }
+}
+
+fn summary(project: &Project, s: &Stats) -> String {
+    let [width, height] = s.size;
+    let spread = match s.spp_range {
+        [least, most] if least == most => format!("{most} in every pixel"),
+        [least, most] => format!("{:.1} per pixel on average, {least} at least, {most} at most", s.mean_spp),
+    };
+    let mut text = format!("{width} x {height} pixels, {} samples: {spread} ({})\n", count(s.samples), s.allocation);
+    let threads = if s.threads == 1 { "1 thread".into() } else { format!("{} threads", s.threads) };
+    let rate = count(s.samples_per_second as u64);
+    let _ = writeln!(text, "{} in all, {rate} samples per second on {threads}", seconds(s.total_seconds));
+    if let Some(sensor) = &s.sensor {
+        let _ = writeln!(
+            text,
+            "{}: exposed for {:.4} ms, {:.0} electrons on average, {:.2} % of pixels saturated",
+            sensor.name,
+            sensor.exposure_seconds * 1e3,
+            sensor.mean_electrons,
+            sensor.saturated * 100.0
+        );
+    }
+    let o = &project.outputs;
+    for path in [&o.image, &o.linear, &o.exr, &o.plan, &o.stats].into_iter().flatten() {
+        let _ = writeln!(text, "wrote {}", path.display());
+    }
+    text
+}
+
+/// The command that traces a sample again: everything that a camera sample depends on.
+fn replay_command(args: &RenderArgs, s: &Stats, sample: &str) -> String {
+    let program = std::env::args().next().unwrap_or_else(|| "dunkelfeld".into());
+    let mut words = vec![program, "render".into(), args.input.display().to_string()];
+    let mut flag = |name: &str, value: String| words.extend([name.into(), value]);
+    flag("--width", s.size[0].to_string());
+    flag("--height", s.size[1].to_string());
+    if let Some(camera) = &args.camera {
+        flag("--camera", camera.clone());
+    }
+    flag("--seed", s.seed.to_string());
+    flag("--frame", s.frame.to_string());
+    flag("--debug-sample", sample.into());
+    shell(words)
+}

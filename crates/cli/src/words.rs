@@ -1,0 +1,67 @@
+//! Numbers and commands as people read them.
+
+/// A time that was measured: tenths of a second up to ten minutes.
+pub(crate) fn seconds(s: f64) -> String {
+    match s {
+        s if s < 600.0 => format!("{s:.1} s"),
+        s => remaining(s),
+    }
+}
+
+/// A time that is expected: no more digits than can be trusted.
+pub(crate) fn remaining(s: f64) -> String {
+    match s.max(0.0).round() as u64 {
+        s if s < 120 => format!("{s} s"),
+        s if s < 7200 => format!("{} min {:02} s", s / 60, s % 60),
+        s => format!("{} h {:02} min", s / 3600, s / 60 % 60),
+    }
+}
+
+/// A large number.
+pub(crate) fn count(n: u64) -> String {
+    match n as f64 {
+        x if x < 1e4 => n.to_string(),
+        x if x < 1e6 => format!("{:.1} k", x * 1e-3),
+        x if x < 1e9 => format!("{:.1} M", x * 1e-6),
+        x => format!("{:.1} G", x * 1e-9),
+    }
+}
+
+/// A command line that a shell reads as these words.
+pub(crate) fn shell<S: AsRef<str>>(words: impl IntoIterator<Item = S>) -> String {
+    let plain = |c: char| c.is_ascii_alphanumeric() || "-_./,:=+@%".contains(c);
+    let quoted = words.into_iter().map(|word| match word.as_ref() {
+        word if !word.is_empty() && word.chars().all(plain) => word.to_string(),
+        word => format!("'{}'", word.replace('\'', r"'\''")),
+    });
+    quoted.collect::<Vec<_>>().join(" ")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn times_keep_the_digits_that_matter() {
+        assert_eq!(seconds(20.44), "20.4 s");
+        assert_eq!(seconds(119.96), "120.0 s");
+        assert_eq!(seconds(725.0), "12 min 05 s");
+        assert_eq!(remaining(0.4), "0 s");
+        assert_eq!(remaining(119.6), "2 min 00 s");
+        assert_eq!(remaining(9000.0), "2 h 30 min");
+        assert_eq!(remaining(-1.0), "0 s");
+    }
+
+    #[test]
+    fn counts_are_rounded_to_three_digits_or_so() {
+        assert_eq!(
+            [count(9_999), count(12_345), count(3_640_000), count(7_200_000_000)],
+            ["9999", "12.3 k", "3.6 M", "7.2 G"]
+        );
+    }
+
+    #[test]
+    fn a_shell_reads_back_what_was_written() {
+        assert_eq!(shell(["render", "a b.glb", "it's", ""]), r"render 'a b.glb' 'it'\''s' ''");
+    }
+}
