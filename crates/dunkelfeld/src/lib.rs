@@ -35,7 +35,7 @@ pub use outputs::{
 pub use progress::{Cancel, Progress, ProgressState, Silent, Stage};
 pub use project::{Project, ProjectResult, default_image_path, find_sensor, read_scene};
 pub use render::{Rendering, camera, render, thread_pool};
-pub use settings::{Budget, DEFAULT_PILOT_SPP, DEFAULT_SPP, MAX_SIDE, RenderSettings, SensorChoice};
+pub use settings::{Budget, DEFAULT_PILOT_SPP, DEFAULT_SPP, MAX_PIXELS, MAX_SIDE, RenderSettings, SensorChoice};
 pub use stats::{STATS_VERSION, Stats};
 
 pub use dunkelfeld_io::job::DEFAULT_SENSOR;

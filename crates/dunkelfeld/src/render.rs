@@ -3,7 +3,7 @@
 use crate::error::Error;
 use crate::progress::{Cancel, Progress, Stage};
 use crate::round::{Reporter, RoundWork, deadline, run};
-use crate::settings::{DEFAULT_SPP, MAX_SIDE, RenderSettings, SensorChoice};
+use crate::settings::{DEFAULT_SPP, MAX_PIXELS, MAX_SIDE, RenderSettings, SensorChoice};
 use dunkelfeld_adaptive::allocation::{Pilot, Strategy};
 use dunkelfeld_adaptive::cost::{CostMap, TileGrid, makespan};
 use dunkelfeld_adaptive::plan;
@@ -70,7 +70,11 @@ pub fn camera(scene: &Scene, settings: &RenderSettings) -> Result<RayGenerator, 
             let names: Vec<&str> = scene.cameras().iter().map(|c| c.name.as_str()).collect();
             let known = if names.is_empty() { "the scene has none".into() } else { names.join(", ") };
             let name = settings.camera.clone().unwrap_or_default();
-            Err(Error::setting("camera", format!("there is no camera \"{name}\""), format!("cameras: {known}; leave it out for the first")))
+            Err(Error::setting(
+                "camera",
+                format!("there is no camera \"{name}\""),
+                format!("cameras: {known}; leave it out for the first"),
+            ))
         }
     }
 }
@@ -119,6 +123,11 @@ fn check(s: &RenderSettings) -> Result<(), Error> {
             return Err(Error::setting(name, format!("{v} is out of range"), format!("use {range}")));
         }
     }
+    let pixels = u64::from(s.width) * u64::from(s.height);
+    if pixels > MAX_PIXELS {
+        let problem = format!("{} x {} pixels are more than {MAX_PIXELS}", s.width, s.height);
+        return Err(Error::setting("film", problem, "render it in parts, or smaller"));
+    }
     for (name, v) in [("time", s.budget.seconds), ("spp", s.budget.spp)] {
         if v.is_some_and(|v| !(v.is_finite() && v > 0.0)) {
             return Err(Error::setting(name, "the budget must be a positive number", "use 20s or 64"));
@@ -151,7 +160,13 @@ struct Renderer<'a> {
 }
 
 impl<'a> Renderer<'a> {
-    fn new(scene: &'a Scene, camera: &'a RayGenerator, settings: &'a RenderSettings, started: Instant, threads: usize) -> Self {
+    fn new(
+        scene: &'a Scene,
+        camera: &'a RayGenerator,
+        settings: &'a RenderSettings,
+        started: Instant,
+        threads: usize,
+    ) -> Self {
         let (width, height) = (settings.width, settings.height);
         Self {
             scene,
@@ -205,7 +220,8 @@ impl<'a> Renderer<'a> {
         let spp = budget.spp.or(if budget.seconds.is_none() { Some(DEFAULT_SPP) } else { None });
         let samples = spp.map(|spp| plan::total_for_mean(spp, self.pixels()).max(1));
         let mut closing = CLOSING_PER_MEGAPIXEL * self.pixels() as f64 * 1e-6;
-        let limits = Limits { seconds: budget.seconds, samples, at_least: self.pixels().min(samples.unwrap_or(u64::MAX)) };
+        let limits =
+            Limits { seconds: budget.seconds, samples, at_least: self.pixels().min(samples.unwrap_or(u64::MAX)) };
         let settings = Settings { pixels: self.pixels(), pilot_spp: self.settings.pilot_spp, closing_seconds: closing };
         let mut schedule = Schedule::new(limits, settings);
         let reporter = Reporter::new(progress, self.started, budget.seconds, samples);
@@ -271,8 +287,15 @@ impl<'a> Renderer<'a> {
             seed: self.settings.seed,
             frame: self.settings.frame,
         };
-        let round =
-            RoundWork { estimator: &estimator, increment: &increment, units: &units, costs: &self.costs, deadline, cancel, stage };
+        let round = RoundWork {
+            estimator: &estimator,
+            increment: &increment,
+            units: &units,
+            costs: &self.costs,
+            deadline,
+            cancel,
+            stage,
+        };
         let result = run(&mut self.film, &round, reporter);
         self.costs.record(&result.tiles);
         self.invalid.extend(result.invalid);

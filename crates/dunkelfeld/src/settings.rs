@@ -11,6 +11,9 @@ pub const DEFAULT_PILOT_SPP: u32 = 16;
 /// Largest width and height of a film.
 pub const MAX_SIDE: u32 = 32_768;
 
+/// Largest number of pixels of a film: at about 300 bytes each it holds 40 GB of sums.
+pub const MAX_PIXELS: u64 = 1 << 27;
+
 /// When a render ends: the first limit that is met. Without any, [`DEFAULT_SPP`] samples per pixel.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Budget {

@@ -140,7 +140,7 @@ impl Stats {
     pub fn finish(&mut self, total_seconds: f64) {
         self.total_seconds = total_seconds;
         self.budget_missed =
-            self.stop == "time" && self.budget_seconds.is_some_and(|b| total_seconds > b + (0.02 * b).max(0.2));
+            self.stop != "interrupted" && self.budget_seconds.is_some_and(|b| total_seconds > b + (0.02 * b).max(0.2));
     }
 
     /// Should the run's exit say that something is wrong with the result?

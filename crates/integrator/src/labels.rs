@@ -15,7 +15,8 @@ pub struct Label {
 /// The label of pixel (x, y), or `None` if its centre shows nothing. A surface that covers less than half is looked through.
 pub fn label(scene: &Scene, camera: &RayGenerator, x: u32, y: u32) -> Option<Label> {
     let mut ray = camera.ray(x as f32 + 0.5, y as f32 + 0.5);
-    loop {
+    // More sheets behind one another than anybody models: a bound on what a strange file can cost.
+    for _ in 0..10_000 {
         let hit = scene.intersect(&ray)?;
         if scene.coverage(&hit) >= 0.5 {
             let (object, material) = scene.ids(&hit);
@@ -23,4 +24,5 @@ pub fn label(scene: &Scene, camera: &RayGenerator, x: u32, y: u32) -> Option<Lab
         }
         ray = Ray::new(hit.leave(ray.direction), ray.direction);
     }
+    None
 }

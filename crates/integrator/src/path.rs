@@ -46,19 +46,17 @@ pub(crate) fn follow(scene: &Scene, mut ray: Ray, sampler: &Sampler, recorder: &
             }
             break;
         };
-        let [u_light, u_light_x, u_light_y, u_kind] = sampler.get_4d(sets::light(vertex));
-
         // Coverage: the ray meets the surface with that probability, else it goes on as if nothing were there.
+        let mut u_kind = if scene.is_chance(&hit) { sampler.get_1d(sets::kind(vertex)) } else { 0.0 };
         let coverage = scene.coverage(&hit);
-        if coverage < 1.0 && u_kind >= coverage {
+        throughput *= attenuation(scene, inside, hit.distance);
+        if u_kind >= coverage {
             passed += hit.distance;
-            throughput *= attenuation(scene, inside, hit.distance);
             ray = Ray::new(hit.leave(ray.direction), ray.direction);
             continue;
         }
-        let u_kind = if coverage < 1.0 { u_kind / coverage } else { u_kind };
+        u_kind /= coverage;
 
-        throughput *= attenuation(scene, inside, hit.distance);
         let wo = -ray.direction;
         let shading = scene.shade(&hit, wo, u_kind);
         recorder.vertex(hit.point.to_array(), Some(shading.material), throughput);
@@ -82,13 +80,14 @@ pub(crate) fn follow(scene: &Scene, mut ray: Ray, sampler: &Sampler, recorder: &
 
         // Light from a light, connected directly.
         if !shading.bsdf.is_delta() {
-            let direct = throughput * direct_light(scene, &hit, &shading, wo, inside, u_light, [u_light_x, u_light_y]);
+            let [x, y, u_choice, _] = sampler.get_4d(sets::light(vertex));
+            let direct = throughput * direct_light(scene, &hit, &shading, wo, inside, u_choice, [x, y]);
             recorder.direct(direct);
             sample.radiance += direct;
         }
 
         // A direction to go on in.
-        let [u_lobe, u_x, u_y, u_roulette] = sampler.get_4d(sets::scatter(vertex));
+        let [u_x, u_y, u_lobe, u_roulette] = sampler.get_4d(sets::scatter(vertex));
         let Some(scattered) = shading.bsdf.sample(wo_local, u_lobe, [u_x, u_y]) else { break };
         let wi = shading.frame.to_world(scattered.wi);
         if !shading.consistent(hit.normal, wi, scattered.wi) {
@@ -99,7 +98,8 @@ pub(crate) fn follow(scene: &Scene, mut ray: Ray, sampler: &Sampler, recorder: &
         bounce += 1;
 
         // Roulette on what the path still carries.
-        let survival = (throughput.max_channel() * eta_scale).min(if bounce < ENDLESS { 1.0 } else { ENDLESS_SURVIVAL });
+        let survival =
+            (throughput.max_channel() * eta_scale).min(if bounce < ENDLESS { 1.0 } else { ENDLESS_SURVIVAL });
         if u_roulette >= survival {
             break;
         }
@@ -107,7 +107,8 @@ pub(crate) fn follow(scene: &Scene, mut ray: Ray, sampler: &Sampler, recorder: &
         recorder.scattered(wi.to_array(), scattered.pdf, scattered.weight);
 
         use dunkelfeld_bsdf::Lobe;
-        last = (!scattered.lobe.contains(Lobe::DELTA)).then_some(LastScatter { receiver: shading.receiver, pdf: scattered.pdf });
+        last = (!scattered.lobe.contains(Lobe::DELTA))
+            .then_some(LastScatter { receiver: shading.receiver, pdf: scattered.pdf });
         if scattered.lobe.contains(Lobe::TRANSMISSION) {
             inside = medium_beyond(&shading, &hit, wi, inside);
         }
@@ -163,7 +164,11 @@ fn medium_beyond(shading: &ShadingPoint, hit: &SurfacePoint, wi: Vec3, inside: O
 fn attenuation(scene: &Scene, inside: Option<u32>, distance: f32) -> Rgb {
     let Some(material) = inside else { return Rgb::WHITE };
     let absorption = scene.absorption(material);
-    if absorption.is_black() { Rgb::WHITE } else { absorption.map(|a| if a > 0.0 { (-a * distance).exp() } else { 1.0 }) }
+    if absorption.is_black() {
+        Rgb::WHITE
+    } else {
+        absorption.map(|a| if a > 0.0 { (-a * distance).exp() } else { 1.0 })
+    }
 }
 
 /// The share of scattering in light that light sampling could have found with density `other` [1/sr]. Camera rays and

@@ -5,16 +5,22 @@
 pub(crate) const CAMERA: u32 = 0;
 
 /// Sets that one vertex of a path uses.
-const PER_VERTEX: u32 = 2;
+const PER_VERTEX: u32 = 3;
 
-/// Lobe (1), direction (2), roulette (1) of the vertex with this number.
+/// Direction (2, the best pair of a set), lobe (1), roulette (1) of the vertex with this number.
 #[inline]
 pub(crate) const fn scatter(vertex: u32) -> u32 {
     1 + PER_VERTEX * vertex
 }
 
-/// Choice of a light (1), place on it (2), and which of two things the surface is (1).
+/// Place on a light (2), choice of the light (1).
 #[inline]
 pub(crate) const fn light(vertex: u32) -> u32 {
     2 + PER_VERTEX * vertex
+}
+
+/// Which of two things the surface is: there or not, sheet or body (1).
+#[inline]
+pub(crate) const fn kind(vertex: u32) -> u32 {
+    3 + PER_VERTEX * vertex
 }

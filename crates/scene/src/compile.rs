@@ -1,6 +1,7 @@
 //! From a builder to a scene: check, clean, place, light, index.
 
-use crate::builder::{EnvironmentSource, Instance, MeshPart, PunctualKind, SceneBuilder};
+use crate::builder::{Instance, MeshPart, PunctualKind, SceneBuilder};
+use crate::check::{check_indices, check_values, drop_unusable_attributes, mesh_place, repair_texels};
 use crate::environment::EnvironmentLight;
 use crate::light::{AreaLight, AreaShape, DeltaLight, Light, LightTable, NO_LIGHT};
 use crate::material::{Material, Surface};
@@ -16,6 +17,9 @@ use dunkelfeld_geometry::{DAffine3, DVec3, Mesh, Transform, Vec3, geometric_norm
 /// Meshes used more than once are moved to render space all the same while their copies hold no more triangles than this:
 /// one flat hierarchy is faster, and this much is nothing.
 const BAKE_COPIES_UP_TO: usize = 16_384;
+
+/// Beyond this radius [m] the square of a distance, and with it the irradiance, may leave the range of f32.
+const LARGEST_RADIUS: f32 = 1e18;
 
 /// Why a scene cannot be built.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -57,11 +61,20 @@ impl SceneBuilder {
         check_indices(&self)?;
         check_values(&self)?;
         let mut report = BuildReport::default();
+        repair_texels(&mut self.images, &mut report);
         self.clean_meshes(&mut report);
         let placed = self.valid_instances(&mut report);
         let bounds = world_bounds(&placed, &self.meshes);
         let world_origin = bounds.map_or(DVec3::ZERO, |[lo, hi]| 0.5 * (lo + hi));
         let radius = bounds.map_or(0.0, |[lo, hi]| (0.5 * (hi - lo).length()) as f32);
+        if radius > LARGEST_RADIUS {
+            report.hazard(
+                "scene",
+                format!(
+                    "reaches {radius:.1e} m from its middle, where squared distances leave the range of numbers: light will be missing; look for a stray object or a wrong unit"
+                ),
+            );
+        }
         let to_render = DAffine3::from_translation(-world_origin);
 
         let mut geometry = Placed::default();
@@ -94,6 +107,7 @@ impl SceneBuilder {
             placements: geometry.placements,
             baked_parts: geometry.baked_parts,
             parts: geometry.parts,
+            face_normals: geometry.meshes.iter().map(face_normals).collect(),
             meshes: geometry.meshes,
             object_names: self.instances.iter().map(|i| i.name.clone()).collect(),
             punctual_names: self.lights.iter().map(|l| l.name.clone()).collect(),
@@ -112,7 +126,7 @@ impl SceneBuilder {
     fn clean_meshes(&mut self, report: &mut BuildReport) {
         for (index, part) in self.meshes.iter_mut().enumerate() {
             let place = mesh_place(index, &part.name);
-            drop_short_attributes(part, &place, report);
+            drop_unusable_attributes(part, &place, report);
             let repairs = clean(&mut part.mesh);
             if repairs.total() > 0 {
                 report.note(&place, describe(&repairs));
@@ -166,101 +180,6 @@ fn describe(r: &Repairs) -> String {
     ];
     let parts: Vec<String> = reasons.iter().filter(|(n, _)| *n > 0).map(|(n, why)| format!("{n} {why}")).collect();
     format!("dropped {} triangles: {}", r.total(), parts.join(", "))
-}
-
-fn mesh_place(index: usize, name: &str) -> String {
-    if name.is_empty() { format!("mesh {index}") } else { format!("mesh \"{name}\"") }
-}
-
-/// Attributes that are not as long as the positions would be read out of range: they are dropped.
-fn drop_short_attributes(part: &mut MeshPart, place: &str, report: &mut BuildReport) {
-    let n = part.mesh.positions.len();
-    let mut drop = |len: usize, name: &str| {
-        let wrong = len != 0 && len != n;
-        if wrong {
-            report.note(place, format!("has {len} {name} for {n} positions; they are ignored"));
-        }
-        wrong
-    };
-    if drop(part.mesh.normals.len(), "normals") {
-        part.mesh.normals.clear();
-    }
-    if drop(part.mesh.tangents.len(), "tangents") {
-        part.mesh.tangents.clear();
-    }
-    if drop(part.mesh.colors.len(), "vertex colours") {
-        part.mesh.colors.clear();
-    }
-    for set in 0..2 {
-        if drop(part.mesh.uvs[set].len(), "texture coordinates") {
-            part.mesh.uvs[set].clear();
-        }
-    }
-}
-
-fn check_indices(builder: &SceneBuilder) -> Result<(), BuildError> {
-    let check = |place: &dyn Fn() -> String, what: &'static str, index: usize, count: usize| {
-        if index < count { Ok(()) } else { Err(BuildError::BadIndex { place: place(), what, index, count }) }
-    };
-    for (i, m) in builder.meshes.iter().enumerate() {
-        check(&|| mesh_place(i, &m.name), "material", m.material, builder.materials.len())?;
-    }
-    for instance in &builder.instances {
-        for &mesh in &instance.meshes {
-            check(&|| format!("object \"{}\"", instance.name), "mesh", mesh, builder.meshes.len())?;
-        }
-    }
-    for m in &builder.materials {
-        for texture in m.textures() {
-            check(&|| format!("material \"{}\"", m.name), "image", texture.image.0 as usize, builder.images.len())?;
-        }
-    }
-    if let Some(EnvironmentSource::Image { image, .. }) = builder.environment.as_ref().map(|e| &e.source) {
-        check(&|| "the environment".into(), "image", image.0 as usize, builder.images.len())?;
-    }
-    for image in &builder.images {
-        if image.width == 0 || image.height == 0 || image.texel_count() != image.width as usize * image.height as usize
-        {
-            return Err(BuildError::BadValue {
-                place: format!("image \"{}\"", image.name),
-                problem: format!("{} texels do not fill {} x {}", image.texel_count(), image.width, image.height),
-            });
-        }
-    }
-    Ok(())
-}
-
-fn check_values(builder: &SceneBuilder) -> Result<(), BuildError> {
-    let bad = |place: String, problem: &str| Err(BuildError::BadValue { place, problem: problem.into() });
-    for m in &builder.materials {
-        let place = || format!("material \"{}\"", m.name);
-        if !(m.emission.is_finite() && m.emission.r >= 0.0 && m.emission.g >= 0.0 && m.emission.b >= 0.0) {
-            return bad(place(), "the emission must be finite and not negative");
-        }
-        if !(m.base_color.is_finite() && m.specular_color.is_finite() && m.sheen_color.is_finite()) {
-            return bad(place(), "colours must be finite");
-        }
-        if !(m.ior.is_finite() && m.ior > 0.0) {
-            return bad(place(), "the index of refraction must be finite and above 0");
-        }
-    }
-    for light in &builder.lights {
-        let (PunctualKind::Point { intensity: strength }
-        | PunctualKind::Spot { intensity: strength, .. }
-        | PunctualKind::Directional { irradiance: strength }) = light.kind;
-        if !(strength.is_finite() && strength.r >= 0.0 && strength.g >= 0.0 && strength.b >= 0.0) {
-            return bad(format!("light \"{}\"", light.name), "its strength must be finite and not negative");
-        }
-        if !light.to_world.is_finite() {
-            return bad(format!("light \"{}\"", light.name), "its transform must be finite");
-        }
-    }
-    for camera in &builder.cameras {
-        if !camera.to_world.is_finite() {
-            return bad(format!("camera \"{}\"", camera.name), "its transform must be finite");
-        }
-    }
-    Ok(())
 }
 
 /// Corners of the box around everything, in world space and f64.
@@ -453,6 +372,11 @@ impl Placed {
         }
         lights
     }
+}
+
+/// Unit normals of all triangles.
+fn face_normals(mesh: &Mesh) -> Vec<Vec3> {
+    (0..mesh.triangles.len()).map(|t| geometric_normal(&mesh.corners(t))).collect()
 }
 
 /// A mesh moved to render space; a mirroring transform turns the winding, so that fronts stay fronts.

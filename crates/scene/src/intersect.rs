@@ -4,7 +4,7 @@ use crate::light::LightTarget;
 use crate::scene::{Placement, Scene};
 use crate::surface::{self, TexturePoint};
 use dunkelfeld_bvh::Hit;
-use dunkelfeld_geometry::{Ray, Vec2, Vec3, Vec4, geometric_normal, hit_point, offset_ray_origin};
+use dunkelfeld_geometry::{Ray, Vec2, Vec3, Vec4, hit_point, offset_ray_origin};
 use dunkelfeld_radiometry::Rgb;
 
 /// A point on a surface, with what is needed to leave it again.
@@ -53,7 +53,7 @@ impl Scene {
         let part = &self.parts[part_index as usize];
         let corners = self.meshes[part.mesh as usize].corners(triangle as usize);
         let (mut point, mut error) = hit_point(&corners, b1, b2);
-        let mut normal = geometric_normal(&corners);
+        let mut normal = self.face_normals[part.mesh as usize][triangle as usize];
         if let Some(transform) = &part.transform {
             (point, error) = transform.point_with_error(point, error);
             normal = transform.normal(normal);
@@ -81,6 +81,13 @@ impl Scene {
         let color =
             if mesh.colors.is_empty() { Vec4::ONE } else { mix(&p.barycentrics, vertices.map(|v| mesh.colors[v])) };
         TexturePoint { uvs, color }
+    }
+
+    /// Does chance decide what the surface is at a point: whether it is there, or which of two things it is?
+    #[inline]
+    pub fn is_chance(&self, p: &SurfacePoint) -> bool {
+        let compiled = &self.compiled[self.parts[p.part as usize].material as usize];
+        compiled.has_coverage || compiled.is_mixture
     }
 
     /// The probability that light meets the surface at a point, in \[0, 1\].

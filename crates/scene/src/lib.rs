@@ -8,6 +8,7 @@
 
 mod builder;
 pub mod camera;
+mod check;
 mod compile;
 mod environment;
 pub mod intersect;

@@ -7,7 +7,7 @@ use crate::material::Material;
 use crate::surface::CompiledMaterial;
 use crate::texture::Image;
 use dunkelfeld_bvh::Bvh;
-use dunkelfeld_geometry::{DVec3, Mesh, Transform};
+use dunkelfeld_geometry::{DVec3, Mesh, Transform, Vec3};
 
 /// A scene ready to be rendered. Immutable, shared between threads.
 ///
@@ -24,6 +24,8 @@ pub struct Scene {
     pub(crate) baked_parts: Vec<u32>,
     pub(crate) parts: Vec<Part>,
     pub(crate) meshes: Vec<Mesh>,
+    /// Unit normal of each triangle of each mesh, in the mesh's own space, by its winding.
+    pub(crate) face_normals: Vec<Vec<Vec3>>,
     pub(crate) object_names: Vec<String>,
     pub(crate) punctual_names: Vec<String>,
     pub(crate) materials: Vec<Material>,
@@ -125,7 +127,7 @@ impl Scene {
     pub fn summary(&self) -> SceneSummary {
         let mesh_bytes = |m: &Mesh| {
             m.positions.len() * 12
-                + m.triangles.len() * 12
+                + m.triangles.len() * 24
                 + m.normals.len() * 12
                 + (m.tangents.len() + m.colors.len()) * 16
                 + (m.uvs[0].len() + m.uvs[1].len()) * 8

@@ -3,7 +3,7 @@
 use crate::intersect::{SurfacePoint, mix};
 use crate::light::{LightReceiver, LightSample, NO_LIGHT};
 use crate::scene::Scene;
-use crate::surface;
+use crate::surface::{self, TexturePoint};
 use dunkelfeld_bsdf::Bsdf;
 use dunkelfeld_geometry::{Frame, LocalDir, Vec2, Vec3};
 use dunkelfeld_radiometry::Rgb;
@@ -45,7 +45,7 @@ impl Scene {
         let material = &self.materials[part.material as usize];
         let compiled = &self.compiled[part.material as usize];
         let at = self.texture_point(p);
-        let mut frame = self.shading_frame(p, material, &at.uvs);
+        let mut frame = self.shading_frame(p, material, &at);
         // A viewer above the surface but below the interpolated normal sees the surface itself.
         if (frame.normal.dot(wo) > 0.0) != (p.normal.dot(wo) > 0.0) {
             frame = Frame::from_normal_tangent(p.normal, frame.tangent);
@@ -55,12 +55,6 @@ impl Scene {
             frame = Frame { tangent: frame.tangent, bitangent: -frame.bitangent, normal: -frame.normal };
         }
         let bsdf = compiled.bsdf(material, &self.images, &at, u);
-        if material.anisotropy != 0.0 {
-            let (_, rotation) = surface::anisotropy(material, &self.images, &at);
-            let (sin, cos) = rotation.sin_cos();
-            let tangent = frame.tangent * cos + frame.bitangent * sin;
-            frame = Frame { tangent, bitangent: frame.normal.cross(tangent), normal: frame.normal };
-        }
         let receiver = LightReceiver { point: p.point, normal: facing, both_sides: compiled.both_sides };
         ShadingPoint {
             frame,
@@ -74,7 +68,7 @@ impl Scene {
 
     /// Interpolated normal and tangent, with the normal map; the geometric normal where a mesh has none or they vanish.
     /// The normal lies on the side of the geometric one.
-    fn shading_frame(&self, p: &SurfacePoint, material: &crate::Material, uvs: &[Vec2; 2]) -> Frame {
+    fn shading_frame(&self, p: &SurfacePoint, material: &crate::Material, at: &TexturePoint) -> Frame {
         let part = &self.parts[p.part as usize];
         let mesh = &self.meshes[part.mesh as usize];
         let vertices = mesh.triangles[p.triangle as usize].map(|i| i as usize);
@@ -93,24 +87,34 @@ impl Scene {
             return Frame::from_normal(normal);
         }
         let (tangent, handedness) = if mesh.tangents.is_empty() {
-            (to_render_vector(uv_tangent(&mesh.corners(p.triangle as usize), vertices, &mesh.uvs[0])), 1.0)
+            let set = material.normal_texture.or(material.anisotropy_texture).map_or(0, |t| usize::from(t.uv_set & 1));
+            let (t, w) = uv_tangent(&mesh.corners(p.triangle as usize), vertices, &mesh.uvs[set]);
+            (to_render_vector(t), w)
         } else {
             let t = mix(&p.barycentrics, vertices.map(|v| mesh.tangents[v].truncate()));
             (to_render_vector(t), mesh.tangents[vertices[0]].w)
         };
-        let frame = Frame::from_normal_tangent(normal, tangent);
-        let Some(texture) = &material.normal_texture else { return frame };
-        let [x, y, z, _] = texture.eval(&self.images, uvs[usize::from(texture.uv_set & 1)]);
-        let map =
-            Vec3::new((2.0 * x - 1.0) * material.normal_scale, (2.0 * y - 1.0) * material.normal_scale, 2.0 * z - 1.0);
+        let mut frame = Frame::from_normal_tangent(normal, tangent);
         // The bitangent of a mirrored instance keeps the handedness of its own space.
         let mirrored = part.transform.as_ref().is_some_and(|t| t.swaps_handedness());
-        let bitangent = frame.bitangent * if mirrored { -handedness } else { handedness };
-        let bent = frame.tangent * map.x + bitangent * map.y + frame.normal * map.z;
-        match bent.try_normalize() {
-            Some(n) if n.dot(p.normal) > 0.0 => Frame::from_normal_tangent(n, frame.tangent),
-            _ => frame,
+        let handedness = if mirrored { -handedness } else { handedness };
+        if let Some(texture) = &material.normal_texture {
+            let [x, y, z, _] = texture.eval(&self.images, at.uvs[usize::from(texture.uv_set & 1)]);
+            let scale = material.normal_scale;
+            let map = Vec3::new((2.0 * x - 1.0) * scale, (2.0 * y - 1.0) * scale, 2.0 * z - 1.0);
+            let bent = frame.tangent * map.x + frame.bitangent * (handedness * map.y) + frame.normal * map.z;
+            if let Some(n) = bent.try_normalize()
+                && n.dot(p.normal) > 0.0
+            {
+                frame = Frame::from_normal_tangent(n, frame.tangent);
+            }
         }
+        if material.anisotropy != 0.0 {
+            let (sin, cos) = surface::anisotropy(material, &self.images, at).1.sin_cos();
+            let axis = frame.tangent * cos + frame.bitangent * (handedness * sin);
+            frame = Frame::from_normal_tangent(frame.normal, axis);
+        }
+        frame
     }
 
     /// Absorption coefficient [1/m] inside the solid of a material.
@@ -207,14 +211,19 @@ fn barycentrics(corners: [Vec3; 3], point: Vec3) -> [f32; 3] {
     [(1.0 - b1 - b2) as f32, b1 as f32, b2 as f32]
 }
 
-/// The direction in which u grows, from the texture coordinates of a triangle; zero if they are degenerate or missing.
-fn uv_tangent(corners: &[Vec3; 3], vertices: [usize; 3], uvs: &[Vec2]) -> Vec3 {
+/// The direction in which u grows, from the texture coordinates of a triangle, and the sign of the bitangent: v grows
+/// against it where the image is not mirrored, as v points down and the bitangent up (glTF). Zero and 1 if the coordinates
+/// are degenerate or missing.
+fn uv_tangent(corners: &[Vec3; 3], vertices: [usize; 3], uvs: &[Vec2]) -> (Vec3, f32) {
     if uvs.is_empty() {
-        return Vec3::ZERO;
+        return (Vec3::ZERO, 1.0);
     }
     let [t0, t1, t2] = vertices.map(|v| uvs[v]);
     let (e1, e2) = (corners[1] - corners[0], corners[2] - corners[0]);
     let (d1, d2) = (t1 - t0, t2 - t0);
     let determinant = d1.x * d2.y - d2.x * d1.y;
-    (e1 * d2.y - e2 * d1.y) * determinant.signum()
+    if determinant == 0.0 || !determinant.is_finite() {
+        return (Vec3::ZERO, 1.0);
+    }
+    ((e1 * d2.y - e2 * d1.y) * determinant.signum(), -determinant.signum())
 }

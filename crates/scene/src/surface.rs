@@ -3,7 +3,7 @@
 //! | material | BSDF |
 //! |---|---|
 //! | `unlit` | absorber that emits its base colour |
-//! | `transmission` 1, metallic 0, solid | dielectric, smooth where roughness is 0 |
+//! | `transmission` 1, metallic 0, solid | dielectric, smooth where roughness is 0; half of the base colour's density at each face |
 //! | `transmission` 1, metallic 0, thin | thin sheet, tinted by the base colour |
 //! | `transmission` t, solid | principled with `spec_trans` = t |
 //! | `transmission` t, thin | thin sheet with probability t (1 - metallic), else principled |
@@ -34,6 +34,8 @@ pub(crate) struct CompiledMaterial {
     pub(crate) absorption: Rgb,
     /// Does light cross the surface into or out of a solid?
     pub(crate) is_solid: bool,
+    /// Is the surface one of two things at random?
+    pub(crate) is_mixture: bool,
     /// Is light from behind scattered to the front (anything that transmits)?
     pub(crate) both_sides: bool,
     /// Does coverage have to be asked for?
@@ -50,7 +52,9 @@ enum Constant {
 
 impl CompiledMaterial {
     pub(crate) fn new(m: &Material) -> Self {
-        let is_solid = matches!(m.surface, Surface::Solid(_)) && m.transmission > 0.0 && m.metallic < 1.0;
+        // A metallic texture may take the metal away (glTF's default factor is 1).
+        let transmits = m.transmission > 0.0 && (m.metallic < 1.0 || m.metallic_texture.is_some());
+        let is_solid = matches!(m.surface, Surface::Solid(_)) && transmits;
         let absorption = match m.surface {
             Surface::Solid(v) if is_solid && v.attenuation_distance.is_finite() && v.attenuation_distance > 0.0 => {
                 // Beer and Lambert: what is left after the distance is the colour; black means at least e^-90 of it.
@@ -78,8 +82,8 @@ impl CompiledMaterial {
         let emits = m.unlit || !m.emission.is_black();
         let plain = TexturePoint { uvs: [Vec2::ZERO; 2], color: Vec4::ONE };
         let constant = (!textured).then(|| scatter(m, &[], &plain));
-        let both_sides = m.transmission > 0.0 && m.metallic < 1.0;
-        Self { constant, absorption, is_solid, both_sides, has_coverage, emits }
+        let is_mixture = transmits && !is_solid;
+        Self { constant, absorption, is_solid, is_mixture, both_sides: transmits, has_coverage, emits }
     }
 
     /// The BSDF at a place. `u` in `[0, 1)` chooses between the two of a partly transmitting thin sheet.
@@ -177,13 +181,18 @@ fn scatter(m: &Material, images: &[Image], at: &TexturePoint) -> Constant {
     let alpha = if roughness < SMOOTH_ROUGHNESS { 0.0 } else { roughness * roughness };
     let solid = matches!(m.surface, Surface::Solid(_));
     if solid && clear >= 1.0 {
-        return Constant::One(Bsdf::Dielectric(Dielectric::new(m.ior, alpha, Rgb::WHITE, base)));
+        return Constant::One(Bsdf::Dielectric(Dielectric::new(
+            m.ior,
+            alpha,
+            Rgb::WHITE,
+            base.map(|c| c.max(0.0).sqrt()),
+        )));
     }
     let sheen_color = color(m.sheen_color, &m.sheen_color_texture, images, at);
     let sheen = sheen_color.max_channel();
     let clearcoat = channel(m.clearcoat, &m.clearcoat_texture, images, at);
     let coat_roughness = channel(m.clearcoat_roughness, &m.clearcoat_roughness_texture, images, at);
-    let principled = |spec_trans: f32| {
+    let principled = |metallic: f32, spec_trans: f32| {
         Bsdf::Principled(Principled::new(&PrincipledParams {
             base_color: base,
             metallic,
@@ -203,13 +212,17 @@ fn scatter(m: &Material, images: &[Image], at: &TexturePoint) -> Constant {
         }))
     };
     if solid {
-        return Constant::One(principled(transmission));
+        return Constant::One(principled(metallic, transmission));
     }
     if clear <= 0.0 {
-        return Constant::One(principled(0.0));
+        return Constant::One(principled(metallic, 0.0));
     }
     let sheet = Bsdf::ThinSheet(ThinSheet::new(m.ior, alpha, specular_color * specular.min(1.0), base));
-    if clear >= 1.0 { Constant::One(sheet) } else { Constant::Either(clear, sheet, principled(0.0)) }
+    if clear >= 1.0 {
+        return Constant::One(sheet);
+    }
+    // What is left when the sheet is taken out: all of the metal, and the opaque share of the rest.
+    Constant::Either(clear, sheet, principled(metallic / (1.0 - clear), 0.0))
 }
 
 /// Strength of the anisotropy and the rotation of its axis from the tangent [rad] (KHR_materials_anisotropy: the texture's

@@ -80,8 +80,8 @@ impl Image {
 }
 
 impl Texture {
-    /// The linear value (red, green, blue, alpha) at texture coordinates `uv`. Coordinates that are not finite count as
-    /// zero.
+    /// The linear value (red, green, blue, alpha) at texture coordinates `uv`. Coordinates that are not finite, or not
+    /// when counted in texels, count as zero.
     pub(crate) fn eval(&self, images: &[Image], uv: Vec2) -> [f32; 4] {
         let image = &images[self.image.0 as usize];
         let t = &self.transform;
@@ -93,9 +93,9 @@ impl Texture {
             // KHR_texture_transform: the matrix [[cos, sin], [-sin, cos]] acts on (u, v), v pointing down.
             Vec2::new(cos * s.x + sin * s.y, cos * s.y - sin * s.x) + t.offset
         };
-        let uv = if uv.is_finite() { uv } else { Vec2::ZERO };
-        let x = uv.x * image.width as f32;
-        let y = uv.y * image.height as f32;
+        let texels = uv * Vec2::new(image.width as f32, image.height as f32);
+        // Of coordinates near the end of f32, too, nothing is left once they are counted in texels.
+        let Vec2 { x, y } = if texels.is_finite() { texels } else { Vec2::ZERO };
         match self.filter {
             Filter::Nearest => image.texel(
                 wrap(x.floor(), image.width, self.wrap[0]),
@@ -169,9 +169,13 @@ mod tests {
         };
         assert_eq!([at(Wrap::Repeat, 1.1), at(Wrap::Clamp, 1.1), at(Wrap::Mirror, 1.1)], [0.0, 1.0, 1.0]);
         assert_eq!([at(Wrap::Repeat, -0.1), at(Wrap::Clamp, -0.1), at(Wrap::Mirror, -0.1)], [1.0, 0.0, 0.0]);
-        for u in [f32::NAN, f32::INFINITY, 1e30, -1e30] {
+        for u in [f32::NAN, f32::INFINITY, 1e30, -1e30, f32::MAX, f32::MIN] {
             for wrap in [Wrap::Repeat, Wrap::Clamp, Wrap::Mirror] {
-                assert!(at(wrap, u).is_finite());
+                for filter in [Filter::Nearest, Filter::Linear] {
+                    let t = Texture { wrap: [wrap; 2], filter, ..texture() };
+                    let value = t.eval(&images, Vec2::new(u, 0.1));
+                    assert!(value.iter().all(|v| (0.0..=1.0).contains(v)), "{value:?} at {u}, {wrap:?}, {filter:?}");
+                }
             }
         }
     }

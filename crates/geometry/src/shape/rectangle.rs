@@ -40,19 +40,70 @@ pub fn rectangle_solid_angle(rectangle: &Rectangle, reference: Vec3) -> f32 {
     View::new(rectangle, reference).map_or(0.0, |view| view.solid_angle as f32)
 }
 
-/// Samples a rectangle as seen from `reference`: uniformly by solid angle, or by area below 1e-6 sr.
+/// Samples a rectangle as seen from `reference`: uniformly by solid angle, or by area where it is far away, below 1e-6 sr
+/// or seen nearly edge-on.
 pub fn sample_rectangle(rectangle: &Rectangle, reference: Vec3, u: [f32; 2]) -> Option<ShapeSample> {
-    let view = View::new(rectangle, reference)?;
-    let coordinates = if view.by_solid_angle() { view.sample(u.map(f64::from)) } else { u };
-    let point = rectangle.point(coordinates[0], coordinates[1]);
-    let pdf = view.pdf(point, reference);
+    let (coordinates, point, pdf);
+    match Far::new(rectangle, reference) {
+        Some(far) => {
+            (coordinates, point) = (u, rectangle.point(u[0], u[1]));
+            pdf = far.pdf(point, reference);
+        }
+        None => {
+            let view = View::new(rectangle, reference)?;
+            coordinates = if view.by_solid_angle() { view.sample(u.map(f64::from)) } else { u };
+            point = rectangle.point(coordinates[0], coordinates[1]);
+            pdf = view.pdf(point, reference);
+        }
+    }
     (pdf > 0.0).then_some(ShapeSample { point, coordinates, pdf })
 }
 
 /// Density per solid angle [1/sr] with which [`sample_rectangle`] returns `point`, a point on the rectangle.
 pub fn pdf_rectangle(rectangle: &Rectangle, reference: Vec3, point: Vec3) -> f32 {
-    View::new(rectangle, reference).map_or(0.0, |view| view.pdf(point, reference))
+    match Far::new(rectangle, reference) {
+        Some(far) => far.pdf(point, reference),
+        None => View::new(rectangle, reference).map_or(0.0, |view| view.pdf(point, reference)),
+    }
 }
+
+/// A rectangle counts as far away when the square of its distance is so many times that of its half diagonal.
+///
+/// Sampled by area, the density per solid angle `d^3 / (A h)` then varies over it by 1.17 face on and by 8 in the very
+/// worst oblique view, where the light it gives is least: a tenth of a percent to a few percent of variance more, at a
+/// fifth of the price.
+const FAR: f64 = 9.0;
+
+/// A rectangle that is far away.
+struct Far {
+    /// Area times the distance of the reference from the plane.
+    volume: f64,
+}
+
+impl Far {
+    #[inline]
+    fn new(rectangle: &Rectangle, reference: Vec3) -> Option<Self> {
+        let (u, v) = (rectangle.edge_u.as_dvec3(), rectangle.edge_v.as_dvec3());
+        let to_corner = rectangle.corner.as_dvec3() - reference.as_dvec3();
+        let d2 = (to_corner + 0.5 * (u + v)).length_squared();
+        let half_diagonal2 = 0.25 * (u.length_squared() + v.length_squared());
+        let normal = u.cross(v);
+        let volume = to_corner.dot(normal).abs();
+        // Near the plane the exact view decides whether anything is seen.
+        let clear = volume * volume > EDGE_ON * EDGE_ON * d2 * normal.length_squared();
+        (clear && FAR * half_diagonal2 < d2).then_some(Self { volume })
+    }
+
+    #[inline]
+    fn pdf(&self, point: Vec3, reference: Vec3) -> f32 {
+        let d2 = (point.as_dvec3() - reference.as_dvec3()).length_squared();
+        let pdf = (d2 * d2.sqrt() / self.volume) as f32;
+        if pdf.is_finite() { pdf } else { 0.0 }
+    }
+}
+
+/// Sine of the angle to the plane below which a far rectangle is left to the exact view.
+const EDGE_ON: f64 = 1e-4;
 
 /// A rectangle in the coordinates of a point that looks at it: `[x0, x1] x [y0, y1]` at the distance `h`.
 ///

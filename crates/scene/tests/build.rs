@@ -1,0 +1,239 @@
+//! What a builder may hold that no scene can be made of, and what is mended: never a panic.
+
+use dunkelfeld_geometry::{DAffine3, DVec3, Mesh, Ray, Vec2, Vec3, Vec4};
+use dunkelfeld_radiometry::Rgb;
+use dunkelfeld_scene::shapes::{cuboid, rectangle};
+use dunkelfeld_scene::{
+    BuildError, Camera, ColorEncoding, Environment, EnvironmentSource, Image, ImageId, Instance, Material, MeshPart,
+    Projection, PunctualKind, PunctualLight, SceneBuilder, Severity, Texels, Texture,
+};
+
+/// One white square of a metre in the xy plane, facing +z.
+fn square() -> SceneBuilder {
+    let mut b = SceneBuilder::default();
+    let m = b.add_material(Material::default());
+    b.add_object("square", rectangle(Vec3::new(-0.5, -0.5, 0.0), Vec3::X, Vec3::Y), m);
+    b
+}
+
+fn camera(projection: Projection) -> Camera {
+    Camera { name: "c".into(), to_world: DAffine3::IDENTITY, projection, aspect: None }
+}
+
+#[test]
+fn an_empty_scene_is_dark_and_says_so() {
+    let (scene, report) = SceneBuilder::default().build().expect("nothing is wrong with nothing");
+    assert!(report.hazards().any(|f| f.message.contains("no light")), "{report:?}");
+    assert!(scene.bounds().is_none() && scene.radius() == 0.0 && scene.light_inventory().is_empty());
+    assert!(scene.intersect(&Ray::new(Vec3::ZERO, Vec3::Z)).is_none());
+    assert!(scene.environment_radiance(Vec3::Z).is_black());
+    let camera = scene.camera(None, 1.0).expect("a framing of nothing");
+    let ray = scene.ray_generator(&camera, 7, 5).ray(0.0, 0.0);
+    assert!(ray.origin.is_finite() && (ray.direction.length() - 1.0).abs() < 1e-6);
+    assert!(scene.camera(Some("none"), 1.0).is_none());
+}
+
+#[test]
+fn objects_without_anything_to_see_are_fine() {
+    let mut b = square();
+    b.meshes.push(MeshPart { name: "empty".into(), mesh: Mesh::default(), material: 0 });
+    let points = Mesh { positions: vec![Vec3::ZERO; 3], triangles: vec![[0, 1, 2]], ..Mesh::default() };
+    b.meshes.push(MeshPart { name: "point".into(), mesh: points, material: 0 });
+    for meshes in [vec![], vec![1], vec![2], vec![1, 2, 1]] {
+        b.instances.push(Instance { name: "i".into(), meshes, to_world: DAffine3::IDENTITY });
+    }
+    let (scene, report) = b.build().expect("valid");
+    assert_eq!(scene.summary().placed_triangles, 2);
+    assert!(report.findings.iter().any(|f| f.place == "mesh \"point\"" && f.message.contains("without area")));
+}
+
+#[test]
+fn transforms_that_flatten_or_are_no_numbers_leave_their_object_out() {
+    let bad = [
+        DAffine3::from_scale(DVec3::new(1.0, 1.0, 0.0)),
+        DAffine3::from_scale(DVec3::splat(f64::NAN)),
+        DAffine3::from_translation(DVec3::new(f64::INFINITY, 0.0, 0.0)),
+        DAffine3::from_scale(DVec3::splat(1e300)),
+    ];
+    let mut b = square();
+    for to_world in bad {
+        b.instances.push(Instance { name: "bad".into(), meshes: vec![0], to_world });
+    }
+    let (scene, report) = b.build().expect("the good one is left");
+    assert_eq!(report.findings.iter().filter(|f| f.place == "object \"bad\"").count(), bad.len(), "{report:?}");
+    assert_eq!(scene.summary().placed_triangles, 2);
+    assert_eq!(scene.bounds().map(|b| b[1]), Some(DVec3::new(0.5, 0.5, 0.0)));
+}
+
+#[test]
+fn a_scene_beyond_the_range_of_numbers_is_called_a_hazard() {
+    let mut b = square();
+    let far = DAffine3::from_translation(DVec3::new(1e25, 0.0, 0.0));
+    b.instances.push(Instance { name: "far".into(), meshes: vec![0], to_world: far });
+    let light = b.add_material(Material { emission: Rgb::WHITE, ..Material::default() });
+    b.add_object("light", cuboid(Vec3::ZERO, Vec3::ONE), light);
+    let (scene, report) = b.build().expect("it can be built");
+    assert!(report.hazards().any(|f| f.message.contains("stray object")), "{report:?}");
+    assert!(scene.intersect(&Ray::new(Vec3::ZERO, Vec3::X)).is_none());
+}
+
+#[test]
+fn indices_that_point_nowhere_are_named() {
+    let texture = Texture::new(ImageId(3), ColorEncoding::Linear);
+    let cases: [(&str, Box<dyn Fn(&mut SceneBuilder)>); 4] = [
+        ("material 9", Box::new(|b| b.meshes[0].material = 9)),
+        ("mesh 7", Box::new(|b| b.instances[0].meshes.push(7))),
+        ("image 3", Box::new(move |b| b.materials[0].normal_texture = Some(texture))),
+        (
+            "image 5",
+            Box::new(|b| {
+                let source = EnvironmentSource::Image { image: ImageId(5), scale: Rgb::WHITE };
+                b.environment = Some(Environment { source, rotation: 0.0 });
+            }),
+        ),
+    ];
+    for (what, spoil) in cases {
+        let mut b = square();
+        spoil(&mut b);
+        let error = b.build().expect_err(what);
+        assert!(matches!(error, BuildError::BadIndex { .. }) && error.to_string().contains(what), "{error}");
+    }
+}
+
+#[test]
+fn values_without_meaning_are_refused_by_name() {
+    let nan = f32::NAN;
+    let light = |kind| PunctualLight { name: "l".into(), to_world: DAffine3::IDENTITY, kind };
+    let environment =
+        |r: f32, rotation| Some(Environment { source: EnvironmentSource::Constant(Rgb::splat(r)), rotation });
+    type Spoil = Box<dyn Fn(&mut SceneBuilder)>;
+    let cases: Vec<(&str, Spoil)> = vec![
+        ("emission", Box::new(|b| b.materials[0].emission = Rgb::new(0.0, -1.0, 0.0))),
+        ("emission", Box::new(move |b| b.materials[0].emission = Rgb::splat(nan))),
+        ("colours", Box::new(|b| b.materials[0].sheen_color = Rgb::splat(f32::INFINITY))),
+        ("refraction", Box::new(|b| b.materials[0].ior = 0.0)),
+        ("factors", Box::new(move |b| b.materials[0].alpha = nan)),
+        ("factors", Box::new(move |b| b.materials[0].anisotropy_rotation = nan)),
+        (
+            "unlit",
+            Box::new(|b| {
+                b.materials[0].unlit = true;
+                b.materials[0].base_color = Rgb::splat(-0.1);
+            }),
+        ),
+        (
+            "strength",
+            Box::new(move |b| {
+                b.lights.push(light(PunctualKind::Directional { irradiance: Rgb::splat(-1.0) }));
+            }),
+        ),
+        (
+            "cone",
+            Box::new(move |b| {
+                b.lights.push(light(PunctualKind::Spot { intensity: Rgb::WHITE, inner: nan, outer: 0.3 }));
+            }),
+        ),
+        ("field of view", Box::new(|b| b.cameras.push(camera(Projection::Perspective { vertical_fov: 0.0 })))),
+        ("field of view", Box::new(|b| b.cameras.push(camera(Projection::Perspective { vertical_fov: 3.2 })))),
+        ("field of view", Box::new(move |b| b.cameras.push(camera(Projection::Perspective { vertical_fov: nan })))),
+        (
+            "size",
+            Box::new(|b| {
+                b.cameras.push(camera(Projection::Orthographic { half_width: 1.0, half_height: 0.0 }));
+            }),
+        ),
+        (
+            "transform",
+            Box::new(|b| {
+                b.cameras.push(Camera {
+                    to_world: DAffine3::from_translation(DVec3::NAN),
+                    ..camera(Projection::Perspective { vertical_fov: 1.0 })
+                });
+            }),
+        ),
+        ("radiance", Box::new(move |b| b.environment = environment(-1.0, 0.0))),
+        ("radiance", Box::new(move |b| b.environment = environment(f32::INFINITY, 0.0))),
+        ("rotation", Box::new(move |b| b.environment = environment(1.0, nan))),
+        (
+            "do not fill",
+            Box::new(|b| {
+                let texels = Texels::Rgba8(vec![[0; 4]; 3]);
+                b.images.push(Image { name: "i".into(), width: 2, height: 2, texels });
+            }),
+        ),
+    ];
+    for (what, spoil) in cases {
+        let mut b = square();
+        spoil(&mut b);
+        let error = b.build().expect_err(what);
+        assert!(matches!(error, BuildError::BadValue { .. }) && error.to_string().contains(what), "{what}: {error}");
+    }
+}
+
+#[test]
+fn attributes_that_do_not_fit_are_ignored_with_a_note() {
+    let mut b = square();
+    let mesh = &mut b.meshes[0].mesh;
+    mesh.normals = vec![Vec3::X; 3];
+    mesh.tangents = vec![Vec4::X];
+    mesh.uvs[1] = vec![Vec2::ZERO; 9];
+    mesh.colors = vec![Vec4::new(f32::NAN, 1.0, 1.0, 1.0); 4];
+    mesh.triangles.push([0, 1, 77]);
+    let (scene, report) = b.build().expect("mended");
+    for what in
+        ["3 normals", "1 tangents", "9 texture coordinates", "colours that are not finite", "beyond the vertices"]
+    {
+        assert!(report.findings.iter().any(|f| f.message.contains(what)), "{what}: {report:?}");
+    }
+    assert!(report.findings.iter().filter(|f| f.place != "scene").all(|f| f.severity == Severity::Note));
+    let hit = scene.intersect(&Ray::new(Vec3::Z, Vec3::NEG_Z)).expect("the square is there");
+    let shading = scene.shade(&hit, Vec3::Z, 0.5);
+    assert_eq!(shading.frame.normal, Vec3::Z);
+    assert_eq!(scene.coverage(&hit), 1.0);
+}
+
+#[test]
+fn texels_that_are_no_light_count_as_black() {
+    let texels = Texels::RgbF32(vec![[f32::NAN, 1.0, -1.0], [1.0, f32::INFINITY, 1.0]]);
+    let mut b = square();
+    b.images.push(Image { name: "broken".into(), width: 2, height: 1, texels });
+    let texture = Texture::new(ImageId(0), ColorEncoding::Linear);
+    b.materials[0] = Material { emission: Rgb::WHITE, emission_texture: Some(texture), ..Material::default() };
+    let (scene, report) = b.build().expect("mended");
+    assert!(report.findings.iter().any(|f| f.message.contains("2 texels")), "{report:?}");
+    for x in [-0.25, 0.0, 0.25] {
+        let hit = scene.intersect(&Ray::new(Vec3::new(x, 0.1, 1.0), Vec3::NEG_Z)).expect("the square is there");
+        let emitted = scene.emitted(&hit, Vec3::Z);
+        assert!(emitted.is_finite() && emitted.b >= 0.0 && emitted.g <= 1.0, "{emitted:?} at {x}");
+    }
+}
+
+#[test]
+fn solids_that_are_open_or_inside_out_are_hazards() {
+    let volume = dunkelfeld_scene::Volume { attenuation_color: Rgb::WHITE, attenuation_distance: f32::INFINITY };
+    let clear = |b: &mut SceneBuilder| {
+        b.add_material(Material {
+            name: "clear".into(),
+            transmission: 1.0,
+            surface: dunkelfeld_scene::Surface::Solid(volume),
+            ..Material::default()
+        })
+    };
+    let whole = cuboid(Vec3::ZERO, Vec3::ONE);
+    let mut open = whole.clone();
+    open.triangles.pop();
+    let mut turned = whole.clone();
+    turned.triangles.iter_mut().for_each(|t| t.swap(1, 2));
+    for (mesh, complaint) in [(whole, None), (open, Some("not closed")), (turned, Some("inside out"))] {
+        let mut b = SceneBuilder::default();
+        let m = clear(&mut b);
+        b.add_object("body", mesh, m);
+        let (_, report) = b.build().expect("valid");
+        let found: Vec<&str> =
+            report.hazards().filter(|f| f.place == "mesh \"body\"").map(|f| f.message.as_str()).collect();
+        match complaint {
+            None => assert!(found.is_empty(), "{found:?}"),
+            Some(what) => assert!(found.len() == 1 && found[0].contains(what), "{found:?}"),
+        }
+    }
+}

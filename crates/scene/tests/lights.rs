@@ -1,0 +1,287 @@
+//! Lights as next-event estimation sees them: the density that scattering is weighed against must be the density with
+//! which directions toward lights are really drawn, for every kind of light and every mixture of them.
+//!
+//! False-alarm rate of each statistical check: 1e-10. Replay: `cargo test -p dunkelfeld-scene --test lights NAME`.
+
+use dunkelfeld_geometry::{DAffine3, DVec3, Mesh, Ray, Vec3};
+use dunkelfeld_radiometry::Rgb;
+use dunkelfeld_sampling::Sampler;
+use dunkelfeld_scene::shapes::{cuboid, rectangle, sphere};
+use dunkelfeld_scene::{
+    AlphaMode, ColorEncoding, Environment, EnvironmentSource, Filter, Image, ImageId, LightReceiver, Material,
+    PunctualKind, PunctualLight, Scene, SceneBuilder, Texels, Texture,
+};
+use dunkelfeld_testkit::{DensityTest, SampleMoments, direction_to_square, student_t_test};
+use std::f64::consts::PI;
+
+const RATE: f64 = 1e-10;
+
+fn emitter(radiance: f32) -> Material {
+    Material { base_color: Rgb::BLACK, specular: 0.0, emission: Rgb::splat(radiance), ..Material::default() }
+}
+
+fn build(builder: SceneBuilder) -> Scene {
+    builder.build().expect("the scene is valid").0
+}
+
+/// A rectangle of two triangles around `center`; its front is on the side of `u x v`.
+fn panel(center: Vec3, u: Vec3, v: Vec3) -> Mesh {
+    rectangle(center - 0.5 * (u + v), u, v)
+}
+
+/// A receiver at a place in world space.
+fn receiver(scene: &Scene, at: DVec3, normal: Vec3, both_sides: bool) -> LightReceiver {
+    LightReceiver { point: (at - scene.world_origin()).as_vec3(), normal, both_sides }
+}
+
+/// The density [1/sr] in which a path that scattered into direction `d` would weigh what it finds there.
+fn density_of_scattering(scene: &Scene, receiver: &LightReceiver, d: Vec3) -> f32 {
+    match scene.intersect(&Ray::new(receiver.point, d)) {
+        Some(hit) => scene.light_pdf(receiver, &hit),
+        None => scene.environment_pdf(receiver, d),
+    }
+}
+
+/// Histogram of sampled directions against that density, cell by cell over the sphere; and sample by sample.
+fn check(name: &str, scene: &Scene, receiver: &LightReceiver) {
+    let mut index = 0;
+    let mut compared = 0;
+    let mut sample = || {
+        let [a, b, c, _] = Sampler::new(3, 0, 0, index).get_4d(1);
+        index += 1;
+        let s = scene.sample_light(receiver, a, [b, c])?;
+        assert!((s.direction.length() - 1.0).abs() < 1e-5 && s.pdf > 0.0 && s.pdf.is_finite() && !s.is_delta);
+        let found = density_of_scattering(scene, receiver, s.direction);
+        // Directions toward an edge may miss the light by rounding, or meet what is behind it.
+        if (found / s.pdf - 1.0).abs() < 1e-3 {
+            compared += 1;
+        }
+        Some(direction_to_square(s.direction.to_array()))
+    };
+    let test = DensityTest { columns: 24, rows: 16, samples: 60_000 };
+    let mut drawn = 0u32;
+    let outcome = test.run(
+        name,
+        || {
+            let s = sample();
+            drawn += u32::from(s.is_some());
+            s
+        },
+        |p| {
+            let d = Vec3::from_array(dunkelfeld_testkit::square_to_direction(p).map(|v| v as f32)).normalize();
+            4.0 * PI * f64::from(density_of_scattering(scene, receiver, d))
+        },
+    );
+    outcome.assert(RATE, name);
+    assert!(
+        f64::from(compared) > 0.99 * f64::from(drawn),
+        "{name}: only {compared} of {drawn} samples have the density that scattering would find"
+    );
+}
+
+#[test]
+fn a_rectangle_and_a_triangle() {
+    let near = panel(Vec3::new(0.1, 0.0, 0.5), Vec3::new(1.2, 0.0, 0.2), Vec3::new(0.0, -0.7, 0.0));
+    let mut triangle = near.clone();
+    triangle.triangles.truncate(1);
+    for (name, mesh, double_sided) in
+        [("rectangle", &near, false), ("triangle", &triangle, false), ("two-sided triangle", &triangle, true)]
+    {
+        let mut b = SceneBuilder::default();
+        let m = b.add_material(Material { double_sided, ..emitter(2.0) });
+        b.add_object("light", mesh.clone(), m);
+        let scene = build(b);
+        check(name, &scene, &receiver(&scene, DVec3::ZERO, Vec3::Z, false));
+        if double_sided {
+            check("from behind", &scene, &receiver(&scene, DVec3::new(0.2, 0.1, 1.3), Vec3::NEG_Z, false));
+        } else {
+            // Behind a one-sided light there is nothing to draw, and nothing to weigh.
+            let behind = receiver(&scene, DVec3::new(0.2, 0.1, 1.3), Vec3::NEG_Z, true);
+            assert!(scene.sample_light(&behind, 0.5, [0.5; 2]).is_none());
+            assert_eq!(density_of_scattering(&scene, &behind, Vec3::NEG_Z), 0.0);
+        }
+    }
+}
+
+/// Three lights around the origin that do not hide each other: two rectangles of one mesh, a box, a triangle below.
+fn mixture() -> SceneBuilder {
+    let mut b = SceneBuilder::default();
+    let [dim, bright] = [1.0, 6.0].map(|l| b.add_material(emitter(l)));
+    let mut pair = panel(Vec3::new(0.8, 0.0, 0.6), Vec3::Y * 0.8, Vec3::new(0.5, 0.0, -0.5));
+    let second = panel(Vec3::new(-0.9, 0.3, 0.5), Vec3::new(0.4, 0.0, 0.5), Vec3::Y * 0.9);
+    pair.positions.extend(&second.positions);
+    pair.triangles.extend(second.triangles.iter().map(|t| t.map(|i| i + 4)));
+    pair.uvs[0].clear();
+    b.add_object("pair", pair, dim);
+    b.add_object("box", cuboid(Vec3::new(-0.1, -0.9, 0.1), Vec3::new(0.4, -0.6, 0.5)), bright);
+    let mut triangle = panel(Vec3::new(0.2, 0.5, -0.7), Vec3::X, Vec3::Y);
+    triangle.triangles.truncate(1);
+    b.add_object("below", triangle, bright);
+    b
+}
+
+fn sky() -> (Image, Environment) {
+    // 8 x 4 texels with a bright one, so that importance sampling has something to do.
+    let texels = (0..32).map(|i| [0.2 + (i % 5) as f32 * 0.1, 0.3, if i == 11 { 9.0 } else { 0.1 }]).collect();
+    let image = Image { name: "sky".into(), width: 8, height: 4, texels: Texels::RgbF32(texels) };
+    (
+        image,
+        Environment { source: EnvironmentSource::Image { image: ImageId(0), scale: Rgb::splat(1.5) }, rotation: 0.9 },
+    )
+}
+
+#[test]
+fn a_mixture_of_area_lights() {
+    let scene = build(mixture());
+    check("one side", &scene, &receiver(&scene, DVec3::ZERO, Vec3::Z, false));
+    check("both sides", &scene, &receiver(&scene, DVec3::new(0.05, 0.1, -0.02), Vec3::Z, true));
+}
+
+#[test]
+fn area_lights_under_a_sky() {
+    let mut b = mixture();
+    let (image, environment) = sky();
+    b.images.push(image);
+    b.environment = Some(environment);
+    let scene = build(b);
+    check("map", &scene, &receiver(&scene, DVec3::ZERO, Vec3::Z, false));
+    let mut b = mixture();
+    b.environment = Some(Environment { source: EnvironmentSource::Constant(Rgb::splat(0.5)), rotation: 0.0 });
+    let scene = build(b);
+    check("constant", &scene, &receiver(&scene, DVec3::ZERO, Vec3::Z, true));
+}
+
+#[test]
+fn an_empty_scene_under_a_map() {
+    let mut b = SceneBuilder::default();
+    let (image, environment) = sky();
+    b.images.push(image);
+    b.environment = Some(environment);
+    let scene = build(b);
+    check("map alone", &scene, &receiver(&scene, DVec3::ZERO, Vec3::Z, false));
+}
+
+#[test]
+fn more_lights_than_are_weighed_one_by_one() {
+    // A ball of 180 triangles, half of which face away from the receiver: those draws give nothing.
+    let mut b = mixture();
+    b.environment = Some(Environment { source: EnvironmentSource::Constant(Rgb::splat(0.02)), rotation: 0.0 });
+    let m = b.add_material(emitter(4.0));
+    b.add_object("ball", sphere(Vec3::new(0.0, 1.1, 0.6), 0.5, 7, true), m);
+    let scene = build(b);
+    let lights: usize = scene.part_inventory().iter().map(|p| p.triangles).sum();
+    assert!(lights > 100, "{lights} triangles");
+    check("many", &scene, &receiver(&scene, DVec3::ZERO, Vec3::Z, false));
+}
+
+#[test]
+fn instanced_lights_under_mirroring_and_uneven_scales() {
+    // A panel of many triangles, used twice: too many to be copied.
+    let n = 96;
+    let mut panel = Mesh::default();
+    for i in 0..=n {
+        panel.positions.extend((0..=n).map(|j| Vec3::new(i as f32 / n as f32 - 0.5, j as f32 / n as f32 - 0.5, 0.0)));
+    }
+    for i in 0..n {
+        for j in 0..n {
+            let at = |a: u32, b: u32| (i + a) * (n + 1) + j + b;
+            // Facing -z; the first halves of a column first, so that no two in a row form a rectangle.
+            panel.triangles.push([at(0, 0), at(1, 1), at(1, 0)]);
+        }
+        panel.triangles.extend((0..n).map(|j| [i * (n + 1) + j, i * (n + 1) + j + 1, (i + 1) * (n + 1) + j + 1]));
+    }
+    let mut b = SceneBuilder::default();
+    let m = b.add_material(emitter(1.0));
+    b.add_object("panel", panel, m);
+    b.instances[0].to_world =
+        DAffine3::from_translation(DVec3::new(0.2, 0.1, 0.4)) * DAffine3::from_scale(DVec3::new(-1.5, 0.5, 1.0));
+    let mut second = b.instances[0].clone();
+    // Upright at the side: its front looks toward the middle.
+    second.to_world = DAffine3::from_translation(DVec3::new(-1.2, 0.0, 0.3))
+        * DAffine3::from_rotation_y(-std::f64::consts::FRAC_PI_2)
+        * DAffine3::from_scale(DVec3::new(0.6, 2.0, 3.0));
+    b.instances.push(second);
+    let scene = build(b);
+    assert_eq!(scene.summary().instanced_parts, 2, "the parts must stay instanced");
+    check("instances", &scene, &receiver(&scene, DVec3::ZERO, Vec3::Z, false));
+}
+
+/// Irradiance [W/m^2] at a receiver that nothing hides from its lights, by light sampling alone.
+fn irradiance(scene: &Scene, receiver: &LightReceiver, pixel: u32) -> f64 {
+    let n = 4096;
+    let estimate = |i| {
+        let [a, b, c, _] = Sampler::new(11, 0, pixel, i).get_4d(0);
+        scene
+            .sample_light(receiver, a, [b, c])
+            .map_or(0.0, |s| f64::from(s.radiance.g / s.pdf) * f64::from(s.direction.dot(receiver.normal).max(0.0)))
+    };
+    (0..n).map(estimate).sum::<f64>() / f64::from(n)
+}
+
+#[test]
+fn a_texture_shines_where_it_lies_and_coverage_dims_it() {
+    // A panel of 0.4 m at 0.3 m, its left half (x < 0) of radiance 5, its right half of 1.25: the irradiance beside it is
+    // the integral of L cos cos / d^2, by the midpoint rule. Coverage 0.4 leaves 0.4 of that.
+    let image = Image { name: "halves".into(), width: 2, height: 1, texels: Texels::RgbF32(vec![[1.0; 3], [0.25; 3]]) };
+    let texture = Texture { filter: Filter::Nearest, ..Texture::new(ImageId(0), ColorEncoding::Linear) };
+    let at = DVec3::new(0.15, 0.05, 0.0);
+    let expected: f64 = (0..400 * 400)
+        .map(|k| {
+            let p = DVec3::new(f64::from(k % 400) + 0.5, f64::from(k / 400) + 0.5, 0.0) * 1e-3;
+            let to_light = DVec3::new(p.x - 0.2, p.y - 0.2, 0.3) - at;
+            let radiance = if p.x < 0.2 { 5.0 } else { 1.25 };
+            radiance * to_light.z * to_light.z / to_light.length_squared().powi(2) * 1e-6
+        })
+        .sum();
+    for (alpha, mirrored) in [(1.0, false), (0.4, false), (1.0, true)] {
+        let mut b = SceneBuilder::default();
+        b.images.push(image.clone());
+        let m = b.add_material(Material {
+            emission_texture: Some(texture),
+            alpha,
+            alpha_mode: AlphaMode::Blend,
+            ..emitter(5.0)
+        });
+        // u runs along +x, or along -x in a mesh that the instance mirrors back.
+        let u = if mirrored { Vec3::NEG_X * 0.4 } else { Vec3::X * 0.4 };
+        let v = if mirrored { Vec3::Y * 0.4 } else { Vec3::NEG_Y * 0.4 };
+        let mesh = if mirrored { panel(Vec3::Z * 0.3, Vec3::X * 0.4, v * -1.0) } else { panel(Vec3::Z * 0.3, u, v) };
+        b.add_object("panel", mesh, m);
+        if mirrored {
+            // Turned upside down about the x axis: the front that looked up now looks down, u keeps its direction.
+            b.instances[0].to_world =
+                DAffine3::from_translation(DVec3::Z * 0.6) * DAffine3::from_scale(DVec3::new(1.0, 1.0, -1.0));
+        }
+        let scene = build(b);
+        let r = receiver(&scene, at, Vec3::Z, false);
+        let m: SampleMoments = (0..32).map(|pixel| irradiance(&scene, &r, pixel)).collect();
+        student_t_test(&m, expected * f64::from(alpha)).assert(RATE, &format!("alpha {alpha}, mirrored {mirrored}"));
+    }
+}
+
+#[test]
+fn punctual_lights_share_the_choice_with_area_lights() {
+    // The irradiance of a mixture is the sum of its parts: an area light alone, and points of I cos / d^2 each.
+    let point = |p: DVec3| PunctualLight {
+        name: "p".into(),
+        to_world: DAffine3::from_translation(p),
+        kind: PunctualKind::Point { intensity: Rgb::splat(0.3) },
+    };
+    let alone = build(mixture());
+    let moments = |scene: &Scene| -> SampleMoments {
+        let r = receiver(scene, DVec3::ZERO, Vec3::Z, false);
+        (0..32).map(|pixel| irradiance(scene, &r, pixel)).collect()
+    };
+    let area = moments(&alone);
+    // Few lights, then so many that they are chosen by power.
+    for copies in [1, 80] {
+        let mut b = mixture();
+        let positions: Vec<DVec3> = (0..copies).map(|i| DVec3::new(0.3 + 0.01 * f64::from(i), 0.2, 0.9)).collect();
+        b.lights.extend(positions.iter().map(|p| point(*p)));
+        let points: f64 = positions.iter().map(|p| 0.3f32 as f64 * p.z / p.length().powi(3)).sum();
+        let both = moments(&build(b));
+        let error = (area.standard_error().powi(2) + both.standard_error().powi(2)).sqrt();
+        dunkelfeld_testkit::z_test(both.mean(), error, area.mean() + points)
+            .assert(RATE, &format!("{copies} points beside area lights"));
+    }
+}
