@@ -1,1 +1,584 @@
-//! The command line.
+//! The program as its users have it: what goes in, what comes out, which exit code. No test looks at the clock.
+//!
+//! Replay: `cargo test -p dunkelfeld-cli --test cli NAME`.
+
+use assert_cmd::Command;
+use assert_cmd::assert::Assert;
+use dunkelfeld::io::exr::{Channel, read_exr};
+use serde_json::Value;
+use std::collections::BTreeSet;
+use std::fs;
+use std::path::{Path, PathBuf};
+use tempfile::TempDir;
+
+const PROGRAM: &str = env!("CARGO_BIN_EXE_dunkelfeld");
+
+/// A folder with a scene as glTF, as OBJ, as a job, and one that overflows.
+struct Bench {
+    folder: TempDir,
+}
+
+impl Bench {
+    fn new() -> Self {
+        let bench = Self { folder: TempDir::new().expect("a temporary folder") };
+        // A floor in the xz plane, a lamp above it that shines down, two cameras beside them.
+        let floor: [[f32; 3]; 4] = [[-1.0, 0.0, 1.0], [1.0, 0.0, 1.0], [1.0, 0.0, -1.0], [-1.0, 0.0, -1.0]];
+        let lamp = floor.map(|[x, _, z]| [0.3 * x, 1.0, -0.3 * z]);
+        let mut buffer: Vec<u8> = floor.iter().chain(&lamp).flatten().flat_map(|v| v.to_le_bytes()).collect();
+        buffer.extend([0u16, 1, 2, 0, 2, 3].iter().flat_map(|i| i.to_le_bytes()));
+        fs::write(bench.path("scene.bin"), buffer).expect("writable");
+        bench.write("scene.gltf", SCENE_GLTF);
+        bench.write("scene.mtl", "newmtl floor\nKd 0.5 0.5 0.5\nnewmtl lamp\nKd 0 0 0\nKe 3 2 1\n");
+        bench.write("scene.obj", &obj("scene.mtl"));
+        bench.write("bright.mtl", "newmtl floor\nKd 0.5 0.5 0.5\nnewmtl lamp\nKd 0 0 0\nKe 1e30 1e30 1e30\n");
+        bench.write("too bright.obj", &obj("bright.mtl"));
+        bench.write("job.toml", "scene = \"scene.gltf\"\n[film]\nwidth = 20\nheight = 10\n[budget]\nspp = 3\n");
+        bench
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    fn write(&self, name: &str, text: &str) {
+        fs::write(self.path(name), text).expect("writable");
+    }
+
+    fn read(&self, name: &str) -> Vec<u8> {
+        fs::read(self.path(name)).unwrap_or_else(|e| panic!("{name}: {e}"))
+    }
+
+    fn names(&self) -> BTreeSet<String> {
+        let entries = fs::read_dir(self.folder.path()).expect("readable");
+        entries.map(|e| e.expect("readable").file_name().to_string_lossy().into_owned()).collect()
+    }
+
+    /// Runs the program in the folder, with the words of a line as arguments.
+    fn run(&self, line: &str) -> Assert {
+        self.run_words(&line.split_whitespace().collect::<Vec<_>>())
+    }
+
+    fn run_words(&self, words: &[&str]) -> Assert {
+        Command::new(PROGRAM).current_dir(self.folder.path()).args(words).assert()
+    }
+
+    fn json(&self, name: &str) -> Value {
+        serde_json::from_slice(&self.read(name)).unwrap_or_else(|e| panic!("{name}: {e}"))
+    }
+
+    fn floats(&self, name: &str, channel: &str) -> Vec<f32> {
+        let layers = read_exr(&self.path(name)).expect("an EXR");
+        match layers.channel(channel) {
+            Some(Channel::F32(v)) => v.clone(),
+            other => panic!("{name}: {channel}: {other:?}"),
+        }
+    }
+}
+
+fn obj(materials: &str) -> String {
+    let floor = "v -1 0 1\nv 1 0 1\nv 1 0 -1\nv -1 0 -1\n";
+    let lamp = "v -0.3 1 -0.3\nv 0.3 1 -0.3\nv 0.3 1 0.3\nv -0.3 1 0.3\n";
+    format!("mtllib {materials}\n{floor}{lamp}o floor\nusemtl floor\nf 1 2 3 4\no lamp\nusemtl lamp\nf 5 6 7 8\n")
+}
+
+const SCENE_GLTF: &str = r#"{
+  "asset": { "version": "2.0" },
+  "extensionsUsed": ["KHR_materials_emissive_strength"],
+  "scene": 0,
+  "scenes": [{ "nodes": [0, 1, 2, 3] }],
+  "nodes": [
+    { "name": "floor", "mesh": 0 },
+    { "name": "lamp", "mesh": 1 },
+    { "name": "front", "camera": 0, "translation": [0, 0.5, 3] },
+    { "name": "far", "camera": 0, "translation": [0, 0.5, 9] }
+  ],
+  "cameras": [{ "type": "perspective", "perspective": { "yfov": 0.9, "znear": 0.01 } }],
+  "meshes": [
+    { "primitives": [{ "attributes": { "POSITION": 0 }, "indices": 2, "material": 0 }] },
+    { "primitives": [{ "attributes": { "POSITION": 1 }, "indices": 2, "material": 1 }] }
+  ],
+  "materials": [
+    { "name": "grey", "pbrMetallicRoughness": { "baseColorFactor": [0.5, 0.5, 0.5, 1], "metallicFactor": 0 } },
+    { "name": "lamp", "pbrMetallicRoughness": { "baseColorFactor": [0, 0, 0, 1] }, "emissiveFactor": [1, 1, 1],
+      "extensions": { "KHR_materials_emissive_strength": { "emissiveStrength": 2000 } } }
+  ],
+  "accessors": [
+    { "bufferView": 0, "componentType": 5126, "count": 4, "type": "VEC3", "min": [-1, 0, -1], "max": [1, 0, 1] },
+    { "bufferView": 1, "componentType": 5126, "count": 4, "type": "VEC3", "min": [-0.3, 1, -0.3], "max": [0.3, 1, 0.3] },
+    { "bufferView": 2, "componentType": 5123, "count": 6, "type": "SCALAR" }
+  ],
+  "bufferViews": [
+    { "buffer": 0, "byteOffset": 0, "byteLength": 48 },
+    { "buffer": 0, "byteOffset": 48, "byteLength": 48 },
+    { "buffer": 0, "byteOffset": 96, "byteLength": 12 }
+  ],
+  "buffers": [{ "uri": "scene.bin", "byteLength": 108 }]
+}"#;
+
+fn stdout(assert: &Assert) -> String {
+    String::from_utf8_lossy(&assert.get_output().stdout).into_owned()
+}
+
+fn stderr(assert: &Assert) -> String {
+    String::from_utf8_lossy(&assert.get_output().stderr).into_owned()
+}
+
+/// The data of a PNG's first chunk of a kind.
+fn chunk<'a>(png: &'a [u8], kind: &[u8; 4]) -> Option<&'a [u8]> {
+    let mut rest = png.strip_prefix(b"\x89PNG\r\n\x1a\n").expect("a PNG");
+    while let Some((head, tail)) = rest.split_at_checked(8) {
+        let length = u32::from_be_bytes([head[0], head[1], head[2], head[3]]) as usize;
+        if head[4..] == kind[..] {
+            return tail.get(..length);
+        }
+        rest = tail.get(length + 4..)?;
+    }
+    None
+}
+
+/// Width, height, bit depth and colour type of a PNG.
+fn header(png: &[u8]) -> (u32, u32, u8, u8) {
+    let h = chunk(png, b"IHDR").expect("a header");
+    let number = |at: usize| u32::from_be_bytes([h[at], h[at + 1], h[at + 2], h[at + 3]]);
+    (number(0), number(4), h[8], h[9])
+}
+
+#[test]
+fn a_render_writes_all_outputs_well_formed() {
+    let bench = Bench::new();
+    let outputs = ["-o", "a.png", "--linear", "a.tif", "--exr", "a.exr", "--stats", "a.json", "--plan", "plan.exr"];
+    let render = ["render", "scene.gltf", "--width", "24", "--height", "16", "--spp", "20", "--seed", "7"];
+    let run = bench.run_words(&[&render[..], &outputs[..]].concat()).code(0);
+    for file in ["a.png", "a.tif", "a.exr", "a.json", "plan.exr"] {
+        assert!(stdout(&run).contains(&format!("wrote {file}")), "{}", stdout(&run));
+    }
+    assert!(!bench.names().iter().any(|n| n.contains("partial")), "{:?}", bench.names());
+
+    let png = bench.read("a.png");
+    assert_eq!(header(&png), (24, 16, 8, 0), "grey, as a monochrome sensor sees");
+    assert_eq!(chunk(&png, b"gAMA"), Some(&45_455u32.to_be_bytes()[..]), "1 / 2.2");
+    assert_eq!(&bench.read("a.tif")[..2], b"II");
+
+    let layers = read_exr(&bench.path("a.exr")).expect("an EXR");
+    let names: BTreeSet<&str> = layers.channels.iter().map(|(name, _)| name.as_str()).collect();
+    let expected = "R G B variance.R variance.G variance.B spp.Y albedo.R albedo.G albedo.B normal.X normal.Y normal.Z \
+                    depth.Z id.object id.material electrons.Y";
+    assert_eq!(names, expected.split_whitespace().collect());
+    assert_eq!((layers.width, layers.height), (24, 16));
+    assert!(bench.floats("a.exr", "R").iter().any(|&v| v > 0.0), "the lamp lights the floor");
+    assert!(bench.floats("a.exr", "variance.G").iter().all(|&v| v >= 0.0 && v.is_finite()));
+
+    let plan = dunkelfeld::load_plan(&bench.path("plan.exr")).expect("a plan");
+    assert_eq!((plan.seed, plan.frame), (Some(7), Some(0)));
+    assert_eq!(plan, dunkelfeld::load_plan(&bench.path("a.exr")).expect("the same plan"));
+    let samples: u64 = plan.samples.data().iter().map(|&n| u64::from(n)).sum();
+    assert_eq!(samples, 20 * 24 * 16, "--spp is the mean");
+
+    let stats = bench.json("a.json");
+    assert_eq!(
+        (&stats["version"], &stats["stop"], &stats["allocation"]),
+        (&1.into(), &"samples".into(), &"sobel".into())
+    );
+    assert_eq!((&stats["seed"], &stats["samples"], &stats["mean_spp"]), (&7.into(), &samples.into(), &20.0.into()));
+    assert_eq!(stats["size"], serde_json::json!([24, 16]));
+    assert!(stats["budget_seconds"].is_null() && stats["budget_missed"] == false);
+    for stage in ["load", "build", "pilot", "plan", "refine", "expose", "write"] {
+        assert!(stats["seconds"][stage].as_f64().is_some_and(|s| s >= 0.0), "{stage}: {}", stats["seconds"]);
+    }
+    // The documented keys, all of them and no others.
+    let keys: BTreeSet<&str> = stats.as_object().expect("an object").keys().map(String::as_str).collect();
+    let documented = "version program size seed frame threads allocation stop samples mean_spp spp_range \
+                      samples_per_second invalid_samples invalid_named mean_radiance mean_radiance_standard_error \
+                      seconds total_seconds budget_seconds budget_missed sensor";
+    assert_eq!(keys, documented.split_whitespace().collect());
+    let keys: BTreeSet<&str> = stats["sensor"].as_object().expect("an object").keys().map(String::as_str).collect();
+    let documented = "name exposure_seconds mean_electrons mean_value saturated no_light";
+    assert_eq!(keys, documented.split_whitespace().collect());
+}
+
+#[test]
+fn without_a_sensor_the_image_is_in_colour_and_an_obj_is_lit_by_ke() {
+    let bench = Bench::new();
+    let line =
+        "render scene.obj --sensor none --width 32 --height 32 --spp 16 --allocate uniform --exr a.exr --stats a.json";
+    bench.run(line).code(0);
+    // Named after the input, in the current folder.
+    let png = bench.read("scene.png");
+    assert_eq!(header(&png), (32, 32, 8, 2));
+    assert_eq!(chunk(&png, b"gAMA"), Some(&45_455u32.to_be_bytes()[..]));
+    let stats = bench.json("a.json");
+    assert!(stats["sensor"].is_null() && stats["allocation"] == "uniform");
+    assert_eq!(stats["spp_range"], serde_json::json!([16, 16]));
+    // Ke 3 2 1 on a grey floor: what is not black has that colour.
+    let [r, g, b] = ["R", "G", "B"].map(|c| bench.floats("a.exr", c));
+    let lit: Vec<usize> = (0..r.len()).filter(|&i| b[i] > 0.01).collect();
+    assert!(lit.len() > 100, "{} pixels are lit", lit.len());
+    for i in lit {
+        assert!((r[i] / b[i] - 3.0).abs() < 1e-3 && (g[i] / b[i] - 2.0).abs() < 1e-3, "{} {} {}", r[i], g[i], b[i]);
+    }
+    assert!(read_exr(&bench.path("a.exr")).expect("an EXR").channel("electrons.Y").is_none());
+}
+
+#[test]
+fn bad_input_ends_with_code_2_names_the_place_and_leaves_everything_as_it_was() {
+    let bench = Bench::new();
+    bench.write("broken.gltf", "{ \"asset\": ");
+    bench.write("no-scene.toml", "[film]\nwidth = 3\n");
+    bench.write("unknown-key.toml", "scene = \"scene.gltf\"\n[film]\nwidht = 3\n");
+    bench.write("bad-camera.toml", "scene = \"scene.gltf\"\ncamera = \"frnt\"\n");
+    bench.write("no.toml", "scene = \"nowhere.glb\"\n");
+    bench.write("bad-sensor.toml", "name = \"x\"\n");
+    bench.write("notes.txt", "no scene");
+    bench.write("there.png", "precious");
+    bench.write("there.exr", "precious");
+    fs::create_dir(bench.path("folder.png")).expect("writable");
+    bench.run("render scene.gltf --width 8 --height 8 --spp 1 --plan plan.exr -o small.png").code(0);
+    let before = bench.names();
+
+    // Arguments after `render`, and what the message must say.
+    let render: &[(&str, &[&str])] = &[
+        // Files that are not what they should be.
+        ("nowhere.glb", &["nowhere.glb", "mend:"]),
+        ("no.toml", &["nowhere.glb", "mend:"]),
+        ("notes.txt", &["notes.txt", "mend:"]),
+        (".", &["mend:"]),
+        ("broken.gltf", &["broken.gltf", "mend:"]),
+        ("no-scene.toml", &["no-scene.toml", "scene", "mend:"]),
+        ("unknown-key.toml", &["unknown-key.toml", "[film] widht", "did you mean `width`", "3 | widht = 3", "| ^^^^^"]),
+        ("bad-camera.toml", &["bad-camera.toml", "frnt", "front", "^^^^^^"]),
+        // Names that do not exist.
+        ("scene.gltf --camera nobody", &["nobody", "front", "far", "mend:"]),
+        ("scene.gltf --sensor imx999", &["imx999", "imx250", "mend:"]),
+        ("scene.gltf --sensor nowhere.toml", &["nowhere.toml", "mend:"]),
+        ("scene.gltf --sensor bad-sensor.toml", &["bad-sensor.toml", "mend:"]),
+        // Outputs that cannot be.
+        ("scene.gltf -o missing/a.png", &["missing/a.png", "folder", "mend:"]),
+        ("scene.gltf -o folder.png", &["folder.png", "is a folder", "mend:"]),
+        ("scene.gltf -o a.jpg", &["a.jpg", ".png"]),
+        ("scene.gltf --exr a.png", &["a.png", ".exr"]),
+        ("scene.gltf --linear a.exr", &["a.exr", ".tif"]),
+        ("scene.gltf --stats scene.gltf", &["scene.gltf", ".json"]),
+        ("scene.gltf -o there.png/a.png", &["there.png/a.png", "mend:"]),
+        ("scene.gltf --exr a.exr --plan a.exr", &["a.exr", "two outputs", "mend:"]),
+        ("scene.gltf --exr a.exr --plan ./a.exr", &["a.exr", "two outputs", "mend:"]),
+        ("scene.gltf --linear a.tif --sensor none", &["a.tif", "sensor", "mend:"]),
+        ("scene.gltf --exposure 5ms --sensor none", &["--exposure", "--sensor", "mend:"]),
+        // Replays.
+        ("scene.gltf --replay plan.exr --width 9", &["8 x 8", "9 x 8", "mend:"]),
+        ("scene.gltf --replay nowhere.exr", &["nowhere.exr", "mend:"]),
+        ("scene.gltf --replay there.exr", &["there.exr", "mend:"]),
+        ("scene.gltf --replay plan.exr --spp 4", &["--replay", "--spp"]),
+        // Flags.
+        ("scene.gltf --no-such-flag", &["--no-such-flag"]),
+        ("", &["SCENE"]),
+        ("scene.gltf --width 0", &["--width", "32768"]),
+        ("scene.gltf --width 40000", &["--width", "32768"]),
+        ("scene.gltf --height -3", &["--height", "32768"]),
+        ("scene.gltf --spp 0", &["--spp", "above zero"]),
+        ("scene.gltf --spp nan", &["--spp", "above zero"]),
+        ("scene.gltf --spp=-1", &["--spp", "above zero"]),
+        ("scene.gltf --time 0s", &["--time", "above zero"]),
+        ("scene.gltf --time 20x", &["--time", "unit"]),
+        ("scene.gltf --time soon", &["--time"]),
+        ("scene.gltf --exposure 0ms", &["--exposure"]),
+        ("scene.gltf --threads 0", &["--threads", "1024"]),
+        ("scene.gltf --seed x", &["--seed"]),
+        ("scene.gltf --allocate best", &["best", "uniform", "sobel"]),
+        ("scene.gltf --progress loud", &["loud", "json"]),
+        ("scene.gltf --debug-sample 1,2", &["--debug-sample", "12,40,7"]),
+        ("scene.gltf --debug-sample 512,0,0", &["512,0", "512 x 512", "mend:"]),
+    ];
+    for (line, says) in render {
+        // The earlier outputs are in danger as well.
+        let more = if line.contains("-o ") || line.contains("--exr") { "" } else { "-o there.png --exr there.exr" };
+        let line = format!("render {line} {more}");
+        let message = stderr(&bench.run(&line).code(2));
+        assert!(message.starts_with("error: "), "{line}\n{message}");
+        for part in *says {
+            assert!(message.contains(part), "`{line}` does not say `{part}`:\n{message}");
+        }
+    }
+    for (line, says) in [
+        ("inspect nowhere.glb", "nowhere.glb"),
+        ("inspect broken.gltf", "broken.gltf"),
+        ("sensors imx999", "imx250"),
+        ("sensors bad-sensor.toml", "bad-sensor.toml"),
+        ("paint", "paint"),
+        ("", "Usage"),
+    ] {
+        let message = stderr(&bench.run(line).code(2));
+        assert!(message.contains(says), "`{line}` does not say `{says}`:\n{message}");
+    }
+    assert_eq!(bench.names(), before, "something was written");
+    assert_eq!((bench.read("there.png"), bench.read("there.exr")), (b"precious".to_vec(), b"precious".to_vec()));
+}
+
+#[cfg(unix)]
+#[test]
+fn a_file_that_is_write_protected_is_refused_before_the_render() {
+    use std::os::unix::fs::PermissionsExt;
+    let bench = Bench::new();
+    bench.write("there.png", "precious");
+    fs::set_permissions(bench.path("there.png"), fs::Permissions::from_mode(0o444)).expect("own file");
+    let run = bench.run("render scene.gltf --width 8 --height 8 --spp 1 -o there.png --exr a.exr").code(2);
+    assert!(stderr(&run).contains("there.png") && stderr(&run).contains("read-only"), "{}", stderr(&run));
+    assert!(bench.read("there.png") == b"precious" && !bench.path("a.exr").exists());
+}
+
+#[test]
+fn invalid_samples_flag_the_result_and_the_command_that_is_named_replays_one() {
+    let bench = Bench::new();
+    let size = ["--width", "12", "--height", "9", "--spp", "4", "--seed", "3", "--frame", "2"];
+    let line = [&["render", "too bright.obj"][..], &size[..], &["--stats", "a.json"][..]].concat();
+    let run = bench.run_words(&line).code(1);
+    let stats = bench.json("a.json");
+    let invalid = stats["invalid_samples"].as_u64().expect("a number");
+    assert!(invalid > 0 && bench.path("too bright.png").exists());
+    let message = stderr(&run);
+    assert!(message.contains(&format!("flagged: {invalid} samples")), "{message}");
+    let named = stats["invalid_named"][0].as_str().expect("a sample is named");
+    let command = message.split_once("to replay one: ").expect("a command").1.lines().next().expect("a line");
+    assert!(command.contains("'too bright.obj'") && command.ends_with(&format!("--debug-sample {named}")), "{command}");
+    // As typed into a shell.
+    #[cfg(unix)]
+    {
+        let shell = Command::new("sh").current_dir(bench.folder.path()).args(["-c", command]).assert().code(1);
+        assert!(stdout(&shell).contains("this sample is invalid"), "{}", stdout(&shell));
+    }
+}
+
+#[test]
+fn files_are_the_same_bytes_in_every_run_and_on_any_number_of_threads() {
+    let bench = Bench::new();
+    let line = "render scene.gltf --width 40 --height 30 --spp 24 --seed 5 --linear";
+    for (name, threads) in [("a", 1), ("b", 2), ("c", 7), ("d", 2)] {
+        bench.run(&format!("{line} {name}.tif -o {name}.png --exr {name}.exr --threads {threads}")).code(0);
+    }
+    for ending in ["png", "tif", "exr"] {
+        let first = bench.read(&format!("a.{ending}"));
+        for other in ["b", "c", "d"] {
+            assert!(bench.read(&format!("{other}.{ending}")) == first, "a.{ending} and {other}.{ending} differ");
+        }
+    }
+    // Another seed and another frame are other images.
+    for (name, flag) in [("s", "--seed 6"), ("f", "--seed 5 --frame 1")] {
+        bench
+            .run(&format!("render scene.gltf --width 40 --height 30 --spp 24 {flag} -o {name}.png --exr {name}.exr"))
+            .code(0);
+        assert!(bench.floats(&format!("{name}.exr"), "R") != bench.floats("a.exr", "R"), "{flag}");
+    }
+}
+
+#[test]
+fn a_timed_render_stops_by_time_and_is_replayed_to_the_last_bit() {
+    let bench = Bench::new();
+    // A busy machine may miss the budget, which is code 1; when it does is not looked at.
+    let line = "render scene.gltf --width 48 --height 32 --seed 11 --frame 4 --time 0.7s";
+    let run = bench.run(&format!("{line} -o timed.png --exr timed.exr --stats timed.json --plan plan.exr"));
+    assert!(matches!(run.get_output().status.code(), Some(0 | 1)), "{run}");
+    let stats = bench.json("timed.json");
+    assert_eq!((&stats["stop"], &stats["budget_seconds"]), (&"time".into(), &0.7.into()));
+    assert!(stats["samples"].as_u64() >= Some(48 * 32), "every pixel has a sample");
+    // Size, seed and frame come with the plan; either file will do, on any number of threads.
+    for (plan, threads) in [("timed.exr", 1), ("plan.exr", 3)] {
+        let line = format!("render scene.gltf --replay {plan} --threads {threads} -o r.png --exr r.exr --stats r.json");
+        bench.run(&line).code(0);
+        assert!(bench.read("r.exr") == bench.read("timed.exr"), "replaying {plan} gives another EXR");
+        assert!(bench.read("r.png") == bench.read("timed.png"), "replaying {plan} gives another image");
+        let replayed = bench.json("r.json");
+        assert_eq!((&replayed["allocation"], &replayed["samples"]), (&"replay".into(), &stats["samples"]));
+    }
+}
+
+#[test]
+fn the_first_limit_stops() {
+    let bench = Bench::new();
+    bench.run("render scene.gltf --width 8 --height 8 --time 1h --spp 2.5 --stats a.json").code(0);
+    let stats = bench.json("a.json");
+    assert_eq!(
+        (&stats["stop"], &stats["samples"], &stats["budget_seconds"]),
+        (&"samples".into(), &160.into(), &3600.0.into())
+    );
+}
+
+#[test]
+fn a_job_is_obeyed_and_flags_win_over_it() {
+    let bench = Bench::new();
+    bench.run("render job.toml --stats a.json").code(0);
+    let stats = bench.json("a.json");
+    assert_eq!(header(&bench.read("job.png")), (20, 10, 8, 0));
+    assert_eq!((&stats["mean_spp"], &stats["allocation"]), (&3.0.into(), &"sobel".into()));
+    // A job that says nothing of a sensor has the one that a scene has.
+    bench.run("render scene.gltf --width 20 --height 10 --spp 3 -o b.png --stats b.json").code(0);
+    assert_eq!(stats["sensor"]["name"], bench.json("b.json")["sensor"]["name"]);
+    assert!(bench.read("job.png") == bench.read("b.png"), "the job and the same flags give other images");
+    let line =
+        "render job.toml --width 5 --spp 2 --allocate uniform --sensor none --camera far -o c.png --stats c.json";
+    bench.run(line).code(0);
+    let stats = bench.json("c.json");
+    assert_eq!(header(&bench.read("c.png")), (5, 10, 8, 2));
+    assert!(stats["mean_spp"] == 2.0 && stats["allocation"] == "uniform" && stats["sensor"].is_null());
+    // The job's lens stays when a sensor is put behind it: at half the f-number the same light takes a quarter of the time.
+    let exposed = |f_number: f64| {
+        bench.write(
+            "lens.toml",
+            &format!("scene = \"scene.gltf\"\n[lens]\nf_number = {f_number}\n[sensor]\nmodel = \"none\"\n"),
+        );
+        bench.run("render lens.toml --width 16 --height 16 --spp 8 --sensor imx174 --stats l.json").code(0);
+        bench.json("l.json")["sensor"]["exposure_seconds"].as_f64().expect("a time")
+    };
+    let ratio = exposed(8.0) / exposed(4.0);
+    // The lens of EMVA 1288's radiometry: irradiance goes with 1 / (1 + 4 N^2).
+    assert!((ratio - (1.0 + 4.0 * 64.0) / (1.0 + 4.0 * 16.0)).abs() < 0.1, "{ratio}");
+}
+
+#[test]
+fn films_of_any_shape_are_rendered() {
+    let bench = Bench::new();
+    for (width, height) in [(1, 1), (1, 37), (64, 1), (17, 16)] {
+        let line = format!("render scene.gltf --width {width} --height {height} --spp 18 -o a.png --exr a.exr");
+        bench.run(&line).code(0);
+        assert_eq!(header(&bench.read("a.png")), (width, height, 8, 0));
+    }
+}
+
+#[test]
+fn a_sample_is_traced_to_the_radiance_that_the_image_has() {
+    let bench = Bench::new();
+    bench.run("render scene.gltf --width 1 --height 1 --spp 1 --seed 9 -o a.png --exr a.exr").code(0);
+    let traced = stdout(&bench.run("render scene.gltf --width 1 --height 1 --seed 9 --debug-sample 0,0,0").code(0));
+    let last = traced.lines().last().and_then(|l| l.strip_prefix("radiance ")).expect("the radiance");
+    let radiance: Vec<f32> = last.split_whitespace().map_while(|v| v.parse().ok()).collect();
+    assert_eq!(radiance, ["R", "G", "B"].map(|c| bench.floats("a.exr", c)[0]), "{traced}");
+    assert!(!bench.path("scene.png").exists(), "tracing writes no image");
+}
+
+#[test]
+fn progress_is_one_json_object_a_line() {
+    let bench = Bench::new();
+    let run = bench.run("render scene.gltf --width 32 --height 32 --spp 64 --progress json").code(0);
+    let lines: Vec<Value> =
+        stderr(&run).lines().map(|l| serde_json::from_str(l).unwrap_or_else(|e| panic!("{l}: {e}"))).collect();
+    assert_eq!(lines.first().map(|l| &l["stage"]), Some(&"load".into()));
+    assert_eq!(lines.last().map(|l| &l["stage"]), Some(&"write".into()));
+    for line in &lines {
+        assert!(line["fraction"].as_f64().is_some_and(|f| (0.0..=1.0).contains(&f)), "{line}");
+        assert!(line["elapsed"].is_f64() && line["samples"].is_u64() && !line["stage"].is_null(), "{line}");
+    }
+    // The bar is for terminals only.
+    assert_eq!(stderr(&bench.run("render scene.gltf --width 8 --height 8 --spp 1").code(0)), "");
+}
+
+#[test]
+fn inspect_tells_people_and_machines_what_a_scene_holds() {
+    let bench = Bench::new();
+    let text = stdout(&bench.run("inspect scene.gltf").code(0));
+    for part in ["2 objects", "4 triangles", "front", "perspective", "lamp", " lm", "grey", "no hazards"] {
+        assert!(text.contains(part), "no `{part}` in\n{text}");
+    }
+    let machine: Value = serde_json::from_str(&stdout(&bench.run("inspect scene.gltf --json").code(0))).expect("JSON");
+    assert_eq!((&machine["objects"], &machine["placed_triangles"]), (&2.into(), &4.into()));
+    assert_eq!(machine["cameras"][1]["name"], "far");
+    let light = &machine["lights"][0];
+    // A lamp of 0.36 m^2 that emits 2000 cd/m^2 from its front: pi * 0.36 * 2000 lm.
+    let lumens = std::f64::consts::PI * 0.36 * 2000.0;
+    assert!(light["lumens"].as_f64().is_some_and(|l| (l / lumens - 1.0).abs() < 1e-3), "{light}");
+    let job: Value = serde_json::from_str(&stdout(&bench.run("inspect job.toml --json").code(0))).expect("JSON");
+    assert_eq!(job["materials"], machine["materials"]);
+}
+
+#[test]
+fn sensors_are_listed_and_described() {
+    let bench = Bench::new();
+    let list = stdout(&bench.run("sensors").code(0));
+    for name in dunkelfeld::io::sensor_file::preset_names() {
+        assert!(list.contains(name), "no {name} in\n{list}");
+        let sheet = stdout(&bench.run(&format!("sensors {name}")).code(0));
+        for part in
+            ["source:", "quantum efficiency", "system gain K", "saturation capacity", "dynamic range", "SNR max"]
+        {
+            assert!(sheet.contains(part), "no `{part}` in\n{sheet}");
+        }
+    }
+}
+
+#[test]
+fn help_and_version_go_to_standard_output() {
+    let bench = Bench::new();
+    let help = stdout(&bench.run("--help").code(0));
+    assert!(help.contains("render") && help.contains("Exit codes"), "{help}");
+    let help = stdout(&bench.run("render --help").code(0));
+    for flag in ["--time", "--spp", "--allocate", "--sensor", "--exposure", "--replay", "--debug-sample", "--stats"] {
+        assert!(help.contains(flag), "no {flag} in\n{help}");
+    }
+    assert_eq!(stdout(&bench.run("--version").code(0)), format!("dunkelfeld {}\n", env!("CARGO_PKG_VERSION")));
+}
+
+/// What needs signals and pipes.
+#[cfg(unix)]
+mod processes {
+    use super::*;
+    use std::io::{BufRead, BufReader, Read};
+    use std::process::{Child, Stdio};
+
+    fn start(folder: &Path, line: &str) -> Child {
+        std::process::Command::new(PROGRAM)
+            .current_dir(folder)
+            .args(line.split_whitespace())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .expect("the program starts")
+    }
+
+    #[test]
+    fn an_interrupted_render_writes_its_image_and_statistics_and_ends_with_130() {
+        for signal in ["INT", "TERM"] {
+            let bench = Bench::new();
+            let line = "render scene.gltf --width 32 --height 32 --time 1h --progress json -o a.png --stats a.json --exr a.exr";
+            let mut child = start(bench.folder.path(), line);
+            let mut messages = BufReader::new(child.stderr.take().expect("piped"));
+            // The first rounds are small: after a hundred samples per pixel there is something to be kept.
+            let mut samples = 0;
+            while samples < 100 * 32 * 32 {
+                let mut message = String::new();
+                assert!(messages.read_line(&mut message).expect("readable") > 0, "ended before it was interrupted");
+                samples = serde_json::from_str::<Value>(&message).expect("JSON")["samples"].as_u64().expect("a number");
+            }
+            let kill = format!("kill -{signal} {}", child.id());
+            assert!(std::process::Command::new("sh").args(["-c", &kill]).status().expect("a shell").success());
+            let mut rest = String::new();
+            messages.read_to_string(&mut rest).expect("readable");
+            assert_eq!(child.wait().expect("ends").code(), Some(130), "SIG{signal}: {rest}");
+            assert!(rest.contains("interrupted"), "{rest}");
+            assert_eq!(bench.json("a.json")["stop"], "interrupted");
+            assert_eq!(header(&bench.read("a.png")), (32, 32, 8, 0));
+            assert!(bench.floats("a.exr", "R").iter().any(|&v| v > 0.0), "what was rendered is kept");
+            // What was rendered can be replayed, too.
+            bench.run("render scene.gltf --replay a.exr --exr r.exr -o r.png").code(0);
+            assert!(bench.read("r.exr") == bench.read("a.exr"), "SIG{signal}");
+        }
+    }
+
+    #[test]
+    fn nobody_listening_is_no_reason_to_panic() {
+        let bench = Bench::new();
+        for line in ["sensors", "inspect scene.gltf", "--help", "render scene.gltf --width 8 --height 8 --spp 1"] {
+            let mut child = start(bench.folder.path(), line);
+            drop(child.stdout.take());
+            let mut message = String::new();
+            child.stderr.take().expect("piped").read_to_string(&mut message).expect("readable");
+            assert_eq!((child.wait().expect("ends").code(), message.as_str()), (Some(0), ""), "{line}");
+        }
+        for (line, code) in [
+            ("render scene.gltf --width 32 --height 32 --spp 64 --progress json -o b.png", 0),
+            ("render nowhere.glb", 2),
+            ("render --no-such-flag", 2),
+        ] {
+            let mut child = start(bench.folder.path(), line);
+            drop(child.stderr.take());
+            assert_eq!(child.wait().expect("ends").code(), Some(code), "{line}");
+        }
+        assert!(bench.path("b.png").exists());
+    }
+}

@@ -11,20 +11,20 @@ use dunkelfeld_testkit::SampleMoments;
 use std::time::Instant;
 
 /// False-alarm rate of one statistical check. The suite makes fewer than 500 of them: 5e-7 in all.
-pub const RATE: f64 = 1e-9;
+pub(crate) const RATE: f64 = 1e-9;
 
 /// A material that only emits, on its front, with the given radiance in every channel.
-pub fn emitter(radiance: f32) -> Material {
+pub(crate) fn emitter(radiance: f32) -> Material {
     Material { name: "emitter".into(), emission: Rgb::splat(radiance), ..black() }
 }
 
 /// A material that reflects nothing: no diffuse part, and no specular part either.
-pub fn black() -> Material {
+pub(crate) fn black() -> Material {
     Material { name: "black".into(), base_color: Rgb::BLACK, specular: 0.0, ..Material::default() }
 }
 
 /// A square of side `side` around the origin's height `z`, facing +z (or -z if turned), in the xy plane.
-pub fn square(z: f32, side: f32, turned: bool) -> dunkelfeld::geometry::Mesh {
+pub(crate) fn square(z: f32, side: f32, turned: bool) -> dunkelfeld::geometry::Mesh {
     let (h, s) = (0.5 * side, side);
     if turned {
         dunkelfeld::scene::shapes::rectangle(Vec3::new(-h, h, z), Vec3::X * s, Vec3::NEG_Y * s)
@@ -34,7 +34,7 @@ pub fn square(z: f32, side: f32, turned: bool) -> dunkelfeld::geometry::Mesh {
 }
 
 /// Adds a camera with parallel rays that sees a spot of the given half-width around `target` from `eye`.
-pub fn spot_camera(builder: &mut SceneBuilder, eye: DVec3, target: DVec3, half: f32) {
+pub(crate) fn spot_camera(builder: &mut SceneBuilder, eye: DVec3, target: DVec3, half: f32) {
     builder.cameras.push(Camera {
         name: "spot".into(),
         to_world: look_at(eye, target, DVec3::new(0.1, 1.0, 0.2)),
@@ -44,12 +44,12 @@ pub fn spot_camera(builder: &mut SceneBuilder, eye: DVec3, target: DVec3, half: 
 }
 
 /// Builds, and fails the test on an error.
-pub fn build(builder: SceneBuilder) -> Scene {
+pub(crate) fn build(builder: SceneBuilder) -> Scene {
     builder.build().expect("the scene is valid").0
 }
 
 /// Uniform settings without a sensor.
-pub fn settings(width: u32, height: u32, spp: f64, seed: u64) -> RenderSettings {
+pub(crate) fn settings(width: u32, height: u32, spp: f64, seed: u64) -> RenderSettings {
     RenderSettings {
         width,
         height,
@@ -61,12 +61,12 @@ pub fn settings(width: u32, height: u32, spp: f64, seed: u64) -> RenderSettings 
 }
 
 /// The film of a uniform render.
-pub fn film(scene: &Scene, settings: &RenderSettings) -> Film {
+pub(crate) fn film(scene: &Scene, settings: &RenderSettings) -> Film {
     render(scene, settings, Instant::now(), &Silent, &Cancel::new()).expect("the settings are valid").film
 }
 
 /// Moments of the pixel means of a film whose pixels all have the same expectation: green channel.
-pub fn pixel_moments(film: &Film) -> SampleMoments {
+pub(crate) fn pixel_moments(film: &Film) -> SampleMoments {
     let mut moments = SampleMoments::default();
     for p in film.pixels().data() {
         moments.push(p.mean()[1]);

@@ -52,10 +52,10 @@ pub(crate) struct RenderArgs {
     pub(crate) plan: Option<PathBuf>,
 
     /// Width of the image [default: 512].
-    #[arg(long, value_name = "PIXELS", value_parser = clap::value_parser!(u32).range(1..=i64::from(dunkelfeld::MAX_SIDE)))]
+    #[arg(long, value_name = "PIXELS", allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..=i64::from(dunkelfeld::MAX_SIDE)))]
     pub(crate) width: Option<u32>,
     /// Height of the image [default: 512].
-    #[arg(long, value_name = "PIXELS", value_parser = clap::value_parser!(u32).range(1..=i64::from(dunkelfeld::MAX_SIDE)))]
+    #[arg(long, value_name = "PIXELS", allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..=i64::from(dunkelfeld::MAX_SIDE)))]
     pub(crate) height: Option<u32>,
     /// Camera by name [default: the first; a framing of the whole scene if there is none].
     #[arg(long, value_name = "NAME")]
@@ -65,7 +65,7 @@ pub(crate) struct RenderArgs {
     #[arg(long, value_name = "TIME", value_parser = time_limit)]
     pub(crate) time: Option<f64>,
     /// Stop after this many samples per pixel, on average [default: 64 if there is no other limit].
-    #[arg(long, value_name = "N", value_parser = samples_per_pixel)]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = samples_per_pixel)]
     pub(crate) spp: Option<f64>,
     /// Where the samples go [default: sobel].
     #[arg(long, value_enum)]
@@ -192,7 +192,7 @@ mod tests {
     #[test]
     fn values_are_checked_before_any_file_is_opened() {
         assert_eq!(time_limit("2min"), Ok(120.0));
-        for bad in ["0s", "-1s", "20", "soon", "nan s", "inf", ""] {
+        for bad in ["0s", "-1s", "20x", "soon", "nan s", "inf", ""] {
             assert!(time_limit(bad).is_err(), "{bad}");
         }
         assert_eq!(samples_per_pixel("0.5"), Ok(0.5));
@@ -204,7 +204,7 @@ mod tests {
             assert!(pixel_sample(bad).is_err(), "{bad}");
         }
         assert_eq!(exposure("auto"), Ok(ExposureChoice::Auto));
-        for bad in ["0ms", "-5ms", "5", "long", ""] {
+        for bad in ["0ms", "-5ms", "5x", "long", ""] {
             assert!(exposure(bad).is_err(), "{bad}");
         }
     }
