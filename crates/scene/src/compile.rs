@@ -12,7 +12,7 @@ use crate::texture::Image;
 use dunkelfeld_bvh::{Bvh, BvhInstance, MeshTriangles};
 use dunkelfeld_geometry::health::{MeshHealth, Repairs, clean};
 use dunkelfeld_geometry::shape::rectangle_from_triangles;
-use dunkelfeld_geometry::{DAffine3, DVec3, Mesh, Transform, Vec3, geometric_normal, triangle_area};
+use dunkelfeld_geometry::{DAffine3, DMat3, DVec3, Mesh, Transform, Vec3, geometric_normal, triangle_area};
 
 /// Meshes used more than once are moved to render space all the same while their copies hold no more triangles than this:
 /// one flat hierarchy is faster, and this much is nothing.
@@ -382,8 +382,11 @@ fn face_normals(mesh: &Mesh) -> Vec<Vec3> {
 /// A mesh moved to render space; a mirroring transform turns the winding, so that fronts stay fronts.
 fn bake(mesh: &Mesh, to_render: &DAffine3) -> Mesh {
     let mirrored = to_render.matrix3.determinant() < 0.0;
-    let normal_matrix = to_render.matrix3.inverse().transpose();
-    let direction = |m: &dunkelfeld_geometry::DMat3, v: Vec3| (*m * v.as_dvec3()).normalize_or_zero().as_vec3();
+    // Not normalised one by one: between the corners of a triangle an uneven scale must turn them as it does in an instance,
+    // where they are interpolated first. A common factor keeps them in range.
+    let in_range = |m: DMat3| m * (1.0 / m.x_axis.length().max(m.y_axis.length()).max(m.z_axis.length()));
+    let (linear, normal_matrix) = (in_range(to_render.matrix3), in_range(to_render.matrix3.inverse().transpose()));
+    let direction = |m: &DMat3, v: Vec3| (*m * v.as_dvec3()).as_vec3();
     Mesh {
         positions: mesh.positions.iter().map(|p| to_render.transform_point3(p.as_dvec3()).as_vec3()).collect(),
         triangles: mesh.triangles.iter().map(|&[a, b, c]| if mirrored { [a, c, b] } else { [a, b, c] }).collect(),
@@ -391,7 +394,7 @@ fn bake(mesh: &Mesh, to_render: &DAffine3) -> Mesh {
         tangents: mesh
             .tangents
             .iter()
-            .map(|t| direction(&to_render.matrix3, t.truncate()).extend(if mirrored { -t.w } else { t.w }))
+            .map(|t| direction(&linear, t.truncate()).extend(if mirrored { -t.w } else { t.w }))
             .collect(),
         uvs: mesh.uvs.clone(),
         colors: mesh.colors.clone(),

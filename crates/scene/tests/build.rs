@@ -8,6 +8,9 @@ use dunkelfeld_scene::{
     Projection, PunctualKind, PunctualLight, SceneBuilder, Severity, Texels, Texture,
 };
 
+/// Something that makes a good scene bad.
+type Spoil = Box<dyn Fn(&mut SceneBuilder)>;
+
 /// One white square of a metre in the xy plane, facing +z.
 fn square() -> SceneBuilder {
     let mut b = SceneBuilder::default();
@@ -80,7 +83,7 @@ fn a_scene_beyond_the_range_of_numbers_is_called_a_hazard() {
 #[test]
 fn indices_that_point_nowhere_are_named() {
     let texture = Texture::new(ImageId(3), ColorEncoding::Linear);
-    let cases: [(&str, Box<dyn Fn(&mut SceneBuilder)>); 4] = [
+    let cases: [(&str, Spoil); 4] = [
         ("material 9", Box::new(|b| b.meshes[0].material = 9)),
         ("mesh 7", Box::new(|b| b.instances[0].meshes.push(7))),
         ("image 3", Box::new(move |b| b.materials[0].normal_texture = Some(texture))),
@@ -106,7 +109,6 @@ fn values_without_meaning_are_refused_by_name() {
     let light = |kind| PunctualLight { name: "l".into(), to_world: DAffine3::IDENTITY, kind };
     let environment =
         |r: f32, rotation| Some(Environment { source: EnvironmentSource::Constant(Rgb::splat(r)), rotation });
-    type Spoil = Box<dyn Fn(&mut SceneBuilder)>;
     let cases: Vec<(&str, Spoil)> = vec![
         ("emission", Box::new(|b| b.materials[0].emission = Rgb::new(0.0, -1.0, 0.0))),
         ("emission", Box::new(move |b| b.materials[0].emission = Rgb::splat(nan))),
