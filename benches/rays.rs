@@ -1,6 +1,6 @@
 //! Rays per second on one thread: closest hit and any hit, coherent and diffuse, in rooms of 12, 60 k and 1 M triangles.
 //!
-//! `cargo bench --bench rays`; the throughput that criterion prints is rays per second.
+//! `cargo bench -p dunkelfeld --bench rays`; the throughput that criterion prints is rays per second.
 
 use std::hint::black_box;
 
