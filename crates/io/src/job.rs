@@ -31,7 +31,7 @@ mod check;
 mod overrides;
 
 use crate::error::InputError;
-use crate::import::{EmissiveUnit, ImportOptions};
+use crate::import_options::{EmissiveUnit, ImportOptions};
 use crate::names::suggestion;
 use crate::toml_file::TomlFile;
 use dunkelfeld_radiometry::Rgb;
@@ -115,14 +115,14 @@ pub struct LensSettings {
     /// field of view of a lens focused far away. Not for `model = "none"`.
     #[serde(deserialize_with = "check::focal_length")]
     pub focal_length: Option<f64>,
-    /// f-number N, at least 0.1. Default 4.
+    /// f-number N, 0.5 to 1000. Default 4.
     #[serde(deserialize_with = "check::f_number")]
     pub f_number: f64,
     /// Share of the light that passes the glass, above 0 and at most 1. Default 0.9.
     #[serde(deserialize_with = "check::positive_share")]
     pub transmission: f64,
-    /// Magnification m, image size over object size: light falls by (1 + m)^2 at close range. Default 0, an object far
-    /// away.
+    /// Magnification m, image size over object size, 0 to 100: light falls by (1 + m)^2 at close range. Default 0, an
+    /// object far away.
     #[serde(deserialize_with = "check::magnification")]
     pub magnification: Option<f64>,
 }

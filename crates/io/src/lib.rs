@@ -8,6 +8,7 @@ pub mod exr;
 pub mod gltf;
 pub mod images;
 pub mod import;
+mod import_options;
 pub mod job;
 pub mod layers;
 pub mod loader;
@@ -19,5 +20,6 @@ pub mod quantity;
 pub mod sensor_file;
 pub mod tiff;
 pub mod toml_file;
+mod warnings;
 
 pub use error::{ImportWarning, InputError, SourceSpan};

@@ -14,8 +14,9 @@ mod textures;
 mod triangulate;
 
 use crate::error::InputError;
-use crate::import::{ImportOptions, Imported, Warnings};
+use crate::import_options::{ImportOptions, Imported};
 use crate::loader::AssetLoader;
+use crate::warnings::Warnings;
 use convert::{Converted, convert, default_material};
 use dunkelfeld_geometry::{DAffine3, Mesh};
 use dunkelfeld_radiometry::Rgb;

@@ -115,7 +115,7 @@ fn faults_are_refused_with_place_mend_and_caret() {
         ("[budget]\ntime = 0", "[budget] time", "out of range", "above zero", "0"),
         ("[budget]\nnoise = 0.7", "[budget] noise", "unknown key `noise`", "time, spp", "noise"),
         ("[lens]\nvertical_fov = 30", "[lens] vertical_fov", "needs a unit", "", "30"),
-        ("[lens]\nf_number = nan", "[lens] f_number", "out of range", "0.1", "nan"),
+        ("[lens]\nf_number = nan", "[lens] f_number", "out of range", "0.5 to 1000", "nan"),
         ("[lens]\ntransmission = 0", "[lens] transmission", "out of range", "", "0"),
         (
             "[lens]\nfocal_length = \"12mm\"\n[sensor]\nmodel = \"none\"",

@@ -2,7 +2,7 @@
 
 use super::container::Asset;
 use super::schema::{self, Whole};
-use crate::import::Warnings;
+use crate::warnings::Warnings;
 use std::cell::Cell;
 
 /// Component types by their OpenGL codes (glTF 2.0, section 3.6.2.2).

@@ -2,8 +2,8 @@
 
 use super::schema::{Document, Preamble};
 use crate::error::{InputError, SourceSpan};
-use crate::import::Warnings;
 use crate::loader::AssetLoader;
+use crate::warnings::Warnings;
 use std::ops::Range;
 use std::path::Path;
 

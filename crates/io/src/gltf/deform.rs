@@ -2,7 +2,7 @@
 
 use super::accessor::{Accessors, Stored};
 use super::schema;
-use crate::import::Warnings;
+use crate::warnings::Warnings;
 use dunkelfeld_geometry::{DAffine3, DMat3, DVec3, Mesh, Vec3};
 
 /// What deforms a mesh.

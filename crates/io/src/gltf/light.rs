@@ -1,7 +1,8 @@
 //! Punctual lights and cameras of glTF.
 
 use super::schema;
-use crate::import::{LUMENS_PER_WATT, Warnings};
+use crate::import_options::LUMENS_PER_WATT;
+use crate::warnings::Warnings;
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_scene::{Projection, PunctualKind};
 use std::f32::consts::{FRAC_PI_2, FRAC_PI_4, PI};

@@ -3,7 +3,8 @@
 use super::schema::{self, TextureInfo};
 use super::spec_gloss;
 use super::texture::Textures;
-use crate::import::{EmissiveUnit, LUMENS_PER_WATT, Warnings};
+use crate::import_options::{EmissiveUnit, LUMENS_PER_WATT};
+use crate::warnings::Warnings;
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_scene::{AlphaMode, ChannelTexture, ColorEncoding, Material, Surface, Texture, Volume};
 

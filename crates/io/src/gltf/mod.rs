@@ -19,8 +19,9 @@ pub(crate) mod tangents;
 mod texture;
 
 use crate::error::InputError;
-use crate::import::{ImportOptions, Imported, Warnings};
+use crate::import_options::{ImportOptions, Imported};
 use crate::loader::AssetLoader;
+use crate::warnings::Warnings;
 use accessor::{Accessors, Stored};
 use container::Asset;
 use deform::{Deformation, Pose};
@@ -34,7 +35,7 @@ use texture::Textures;
 /// Reads a glTF 2.0 file. Bytes, not the extension, tell `.glb` from `.gltf`.
 ///
 /// Lengths are metres as glTF has them. Photometric values become radiometric by
-/// [`LUMENS_PER_WATT`](crate::import::LUMENS_PER_WATT). Meshes stay in object space and are stored once, however many
+/// [`LUMENS_PER_WATT`](crate::import_options::LUMENS_PER_WATT). Meshes stay in object space and are stored once, however many
 /// nodes place them; morphs and skins are baked in their default pose. Animations are ignored.
 ///
 /// # Errors

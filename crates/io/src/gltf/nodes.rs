@@ -2,7 +2,7 @@
 
 use super::schema::{Document, Node};
 use crate::error::InputError;
-use crate::import::Warnings;
+use crate::warnings::Warnings;
 use dunkelfeld_geometry::{DAffine3, DMat3, DQuat, DVec3};
 use std::path::Path;
 

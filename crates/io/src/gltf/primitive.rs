@@ -3,7 +3,7 @@
 use super::accessor::{Accessors, Stored};
 use super::deform::{Deformation, deform};
 use super::schema;
-use crate::import::Warnings;
+use crate::warnings::Warnings;
 use dunkelfeld_geometry::{Mesh, Vec2, Vec3, Vec4};
 
 /// Reads a primitive in its default pose. `Ok(None)` means that there is nothing to show (points, lines); an error says

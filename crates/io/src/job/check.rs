@@ -1,6 +1,6 @@
 //! Readers for the fields of a job that refuse values out of range; the TOML layer adds line and caret to what they say.
 
-use crate::import::EmissiveUnit;
+use crate::import_options::EmissiveUnit;
 use crate::quantity::{Angle, Length, Power, Time};
 use dunkelfeld_radiometry::Rgb;
 use serde::Deserialize;
@@ -55,12 +55,13 @@ pub(super) fn factor<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f32>, D::
     real(d, -1e3, 1e3).map(|v| Some(v as f32))
 }
 
+/// The range of `Optics`, refused here so that the message shows the line.
 pub(super) fn f_number<'de, D: Deserializer<'de>>(d: D) -> Result<f64, D::Error> {
-    real(d, 0.1, 1e4)
+    real(d, 0.5, 1000.0)
 }
 
 pub(super) fn magnification<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f64>, D::Error> {
-    real(d, 0.0, 1e4).map(Some)
+    real(d, 0.0, 100.0).map(Some)
 }
 
 fn real<'de, D: Deserializer<'de>>(d: D, least: f64, most: f64) -> Result<f64, D::Error> {

@@ -3,7 +3,7 @@
 use super::bake::roughness_of_exponent;
 use super::mtl::Mtl;
 use super::textures::Textures;
-use crate::import::Warnings;
+use crate::warnings::Warnings;
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_scene::{AlphaMode, Material};
 

@@ -1,6 +1,6 @@
 //! Counts equal faults, so that a file with ten thousand of them yields one readable warning.
 
-use crate::import::Warnings;
+use crate::warnings::Warnings;
 
 /// Line numbers that a warning lists before it only counts.
 const SHOWN: usize = 5;

@@ -3,8 +3,8 @@
 use super::bake;
 use super::mtl::Map;
 use crate::images::{decode_image, image_bytes, repair_message};
-use crate::import::Warnings;
 use crate::loader::AssetLoader;
+use crate::warnings::Warnings;
 use dunkelfeld_geometry::Vec2;
 use dunkelfeld_scene::{ChannelTexture, ColorEncoding, Image, ImageId, Texels, Texture, TextureTransform, Wrap};
 use std::collections::HashMap;
