@@ -1,0 +1,94 @@
+//! One sample at a time: the written-down path explains the sample, and labels see what is in front.
+
+use dunkelfeld_geometry::{DVec3, Vec3};
+use dunkelfeld_integrator::{Estimator, Label, PixelSample, label};
+use dunkelfeld_radiometry::Rgb;
+use dunkelfeld_scene::shapes::{cuboid, rectangle, sphere};
+use dunkelfeld_scene::{
+    AlphaMode, Environment, EnvironmentSource, Material, RayGenerator, Scene, SceneBuilder, Surface, Volume,
+};
+
+const SIZE: u32 = 12;
+
+/// A room with a floor, an absorbing glass ball, a veil, a box of metal, a panel, a dim sky.
+fn room() -> (Scene, RayGenerator) {
+    let mut b = SceneBuilder::default();
+    let floor = b.add_material(Material { base_color: Rgb::new(0.8, 0.5, 0.3), ..Material::default() });
+    b.add_object("floor", rectangle(Vec3::new(-1.0, -1.0, 0.0), Vec3::X * 2.0, Vec3::Y * 2.0), floor);
+    let volume = Volume { attenuation_color: Rgb::new(0.9, 0.5, 0.2), attenuation_distance: 0.2 };
+    let surface = Surface::Solid(volume);
+    let glass = b.add_material(Material { roughness: 0.0, transmission: 1.0, surface, ..Material::default() });
+    b.add_object("ball", sphere(Vec3::new(0.2, 0.0, 0.3), 0.25, 12, true), glass);
+    let metal = b.add_material(Material { metallic: 1.0, roughness: 0.3, ..Material::default() });
+    b.add_object("box", cuboid(Vec3::new(-0.5, -0.2, 0.01), Vec3::new(-0.1, 0.2, 0.3)), metal);
+    let veil = b.add_material(Material { alpha: 0.3, alpha_mode: AlphaMode::Blend, ..Material::default() });
+    b.add_object("veil", rectangle(Vec3::new(-2.0, -0.9, 0.0), Vec3::X * 4.0, Vec3::Z * 2.0), veil);
+    let light = b.add_material(Material { emission: Rgb::splat(8.0), ..Material::default() });
+    b.add_object("light", rectangle(Vec3::new(-0.3, 0.3, 1.0), Vec3::X * 0.6, Vec3::NEG_Y * 0.6), light);
+    b.environment = Some(Environment { source: EnvironmentSource::Constant(Rgb::splat(0.1)), rotation: 0.0 });
+    b.add_camera("camera", DVec3::new(0.3, -1.5, 0.9), DVec3::new(0.0, 0.0, 0.15), 0.7);
+    let scene = b.build().expect("valid").0;
+    let camera = scene.ray_generator(&scene.cameras()[0], SIZE, SIZE);
+    (scene, camera)
+}
+
+#[test]
+fn a_trace_adds_up_to_its_sample_and_its_weights_chain() {
+    let (scene, camera) = room();
+    let estimator = Estimator { scene: &scene, camera: &camera, width: SIZE, seed: 4, frame: 2 };
+    let (mut longest, mut lit) = (0, 0);
+    for k in 0..SIZE * SIZE {
+        for index in 0..16 {
+            let at = PixelSample { x: k % SIZE, y: k / SIZE, index };
+            let (sample, trace) = estimator.trace(at);
+            assert_eq!(sample, estimator.sample(at), "tracing {at:?} changes it");
+            let sum = trace.vertices.iter().fold(Rgb::BLACK, |sum, v| sum + v.emitted + v.direct);
+            let (a, b) = (sum.to_array(), sample.radiance.to_array());
+            assert!((0..3).all(|c| (a[c] - b[c]).abs() <= 1e-5 * b[c].max(1e-6)), "{at:?}: {a:?} is not {b:?}");
+            // Weights grow by the sampled weight over the survival, and shrink by what solids absorb on the way. No surface
+            // of this scene gives more than it gets, but for radiance that refraction compresses; the roulette gives back at
+            // most to one.
+            for pair in trace.vertices.windows(2) {
+                assert!(pair[1].throughput.max_channel() <= 1.5f32.powi(2) * 1.001, "{at:?}: {:?}", pair[1].throughput);
+            }
+            // Every vertex but the last went on; the sky ends a path.
+            let (last, before) = trace.vertices.split_last().expect("a path has a vertex");
+            assert!(before.iter().all(|v| v.scattered.is_some() && v.material.is_some()) && last.scattered.is_none());
+            longest = longest.max(trace.vertices.len());
+            lit += u32::from(!sample.radiance.is_black());
+        }
+    }
+    assert!(longest > 5 && lit > 1000, "the room shows something: {longest} vertices, {lit} lit samples");
+}
+
+#[test]
+fn labels_look_through_what_covers_less_than_half() {
+    // The veil stands between camera and room and covers 0.3 of it: no pixel is labelled with it.
+    let (scene, camera) = room();
+    let labels: Vec<Option<Label>> = (0..SIZE * SIZE).map(|k| label(&scene, &camera, k % SIZE, k / SIZE)).collect();
+    let count = |object| labels.iter().flatten().filter(|l| l.object == object).count();
+    let names = ["floor", "ball", "box", "veil", "light"];
+    assert_eq!(scene.object_names(), names);
+    assert!(count(0) > 20 && count(1) > 5 && count(2) > 5 && count(3) == 0, "{labels:?}");
+    assert!(labels.iter().flatten().all(|l| l.object == l.material), "each object has its own material");
+}
+
+#[test]
+fn samples_depend_on_every_part_of_their_name_and_on_nothing_else() {
+    let (scene, camera) = room();
+    let of = |seed, frame, x, y, index| {
+        let estimator = Estimator { scene: &scene, camera: &camera, width: SIZE, seed, frame };
+        (0..16u32).map(|k| estimator.sample(PixelSample { x, y, index: index + 16 * k })).collect::<Vec<_>>()
+    };
+    let base = of(1, 0, 5, 7, 0);
+    assert_eq!(base, of(1, 0, 5, 7, 0));
+    for (what, other) in [
+        ("seed", of(2, 0, 5, 7, 0)),
+        ("frame", of(1, 1, 5, 7, 0)),
+        ("column", of(1, 0, 6, 7, 0)),
+        ("row", of(1, 0, 5, 8, 0)),
+        ("index", of(1, 0, 5, 7, 1)),
+    ] {
+        assert!(base.iter().zip(&other).all(|(a, b)| a.depth != b.depth || a.radiance != b.radiance), "{what}");
+    }
+}
