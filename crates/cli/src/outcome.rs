@@ -34,13 +34,13 @@ impl From<Outcome> for ExitCode {
     }
 }
 
-/// Prints an error with the line of the file that it points into.
+/// Prints an error: what is wrong, the line of the file that it points into, how to mend it.
 pub(crate) fn print_error(error: &dunkelfeld::Error) {
-    say(&format!("error: {error}"));
+    let text = format!("error: {error}");
+    let (problem, mend) = text.split_at(text.find("\n  mend: ").unwrap_or(text.len()));
     let caret = error.caret();
-    if !caret.is_empty() {
-        say(&caret);
-    }
+    let lines = [problem, &caret, mend.trim_start_matches('\n')];
+    say(&lines.into_iter().filter(|line| !line.is_empty()).collect::<Vec<_>>().join("\n"));
 }
 
 /// Prints to standard output; a reader that has gone (a closed pipe) is no error.
