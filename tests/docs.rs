@@ -1,0 +1,369 @@
+//! The reference pages under `docs/` against the code: every key that is read or written has its row, every row its key,
+//! and examples, defaults and ranges are what the readers make of them.
+//!
+//! Replay: `cargo test -p dunkelfeld --test docs NAME`.
+
+mod support;
+
+use dunkelfeld::geometry::DVec3;
+use dunkelfeld::io::InputError;
+use dunkelfeld::io::job::Job;
+use dunkelfeld::io::sensor_file::parse_sensor;
+use dunkelfeld::io::toml_file::TomlFile;
+use dunkelfeld::radiometry::Rgb;
+use dunkelfeld::scene::{Material, Scene, SceneBuilder};
+use dunkelfeld::sensor::Optics;
+use dunkelfeld::{
+    Budget, Cancel, RenderSettings, STATS_VERSION, SensorChoice, Silent, Stage, Stats, develop, find_sensor, render,
+};
+use serde_json::Value;
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+use support::{build, emitter, settings, spot_camera, square};
+
+// --- Pages -------------------------------------------------------------------------------------------------------------
+
+fn root() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")
+}
+
+fn page(name: &str) -> String {
+    let path = root().join(name);
+    std::fs::read_to_string(&path).unwrap_or_else(|e| panic!("{}: {e}", path.display()))
+}
+
+/// A heading and the rows of the tables under it, without their header.
+struct Section {
+    title: String,
+    rows: Vec<Vec<String>>,
+}
+
+/// The sections of a page that hold a table.
+fn sections(text: &str) -> Vec<Section> {
+    let mut found: Vec<Section> = Vec::new();
+    let mut title = String::new();
+    for line in text.lines() {
+        if let Some(heading) = line.strip_prefix("## ") {
+            title = heading.trim_matches('`').to_owned();
+            continue;
+        }
+        let Some(cells) = line.strip_prefix("| `").and_then(|l| l.strip_suffix(" |")) else { continue };
+        let cells: Vec<String> = format!("`{cells}").split(" | ").map(str::to_owned).collect();
+        match found.last_mut() {
+            Some(section) if section.title == title => section.rows.push(cells),
+            _ => found.push(Section { title: title.clone(), rows: vec![cells] }),
+        }
+    }
+    found
+}
+
+/// The text of the code blocks in one language.
+fn blocks(text: &str, language: &str) -> Vec<String> {
+    let mut found = Vec::new();
+    let mut open: Option<String> = None;
+    for line in text.lines() {
+        match &mut open {
+            Some(_) if line == "```" => found.extend(open.take()),
+            Some(block) => *block += &format!("{line}\n"),
+            None if line.strip_prefix("```") == Some(language) => open = Some(String::new()),
+            None => {}
+        }
+    }
+    found
+}
+
+/// What stands between the only pair of backticks that makes up the whole cell.
+fn literal(cell: &str) -> Option<&str> {
+    cell.strip_prefix('`')?.strip_suffix('`').filter(|inner| !inner.contains('`'))
+}
+
+// --- TOML references ---------------------------------------------------------------------------------------------------
+
+/// One row of a table of keys: key, value, default, example, meaning.
+struct Row {
+    key: String,
+    value: String,
+    default: String,
+    example: String,
+}
+
+impl Row {
+    fn of(cells: &[String]) -> Self {
+        let [key, value, default, example, _meaning] = cells else { panic!("five columns: {cells:?}") };
+        let inner = |cell: &str| literal(cell).unwrap_or_else(|| panic!("`{cell}` is no literal")).to_owned();
+        Self { key: inner(key), value: value.clone(), default: default.clone(), example: inner(example) }
+    }
+
+    fn is_required(&self) -> bool {
+        self.default == "required"
+    }
+
+    /// `0 to 1` at the end of the value's description; `within 0 to 1` where other keys narrow it further.
+    fn range(&self) -> Option<(f64, f64, bool)> {
+        let (before, high) = self.value.rsplit_once(" to ")?;
+        let (what, low) = before.rsplit_once(' ')?;
+        Some((low.parse().ok()?, high.parse().ok()?, what.ends_with("within")))
+    }
+
+    fn number(&self, v: f64) -> String {
+        if self.value.starts_with("whole number") { format!("{v:.0}") } else { format!("{v:?}") }
+    }
+}
+
+/// A page of keys, and the reader that it describes.
+struct Reference {
+    page: &'static str,
+    read: fn(&str) -> Result<String, InputError>,
+}
+
+const JOB: Reference = Reference { page: "docs/job-file.md", read: read_job };
+const SENSOR: Reference = Reference { page: "docs/sensor-file.md", read: read_sensor };
+
+/// What a job says, as text; the source that it keeps for messages is left out.
+fn read_job(text: &str) -> Result<String, InputError> {
+    let job = Job::from_text("job.toml", text)?;
+    let said = format!("{job:?}");
+    Ok(said.split(", source: TomlFile").next().unwrap_or_default().to_owned())
+}
+
+fn read_sensor(text: &str) -> Result<String, InputError> {
+    parse_sensor(&TomlFile::from_text("sensor.toml", text)).map(|model| format!("{model:?}"))
+}
+
+const ROOT: &str = "The file itself";
+
+impl Reference {
+    fn tables(&self) -> Vec<(String, Vec<Row>)> {
+        let found = sections(&page(self.page));
+        assert!(found.iter().any(|s| s.title == ROOT), "{} has no section \"{ROOT}\"", self.page);
+        found.into_iter().map(|s| (s.title, s.rows.iter().map(|cells| Row::of(cells)).collect())).collect()
+    }
+
+    /// A file that says `key = value` in a table, and beside it only what must be said.
+    fn text(&self, table: &str, key: &str, value: &str) -> String {
+        let mut text = String::new();
+        for (title, rows) in self.tables() {
+            let here = title == table;
+            if title != ROOT && here {
+                text += &format!("{title}\n");
+            }
+            if title == ROOT || here {
+                for row in rows.iter().filter(|row| row.is_required() && !(here && row.key == key)) {
+                    text += &format!("{} = {}\n", row.key, row.example);
+                }
+            }
+            if title == ROOT && !(here && key.starts_with("gain_")) && self.page == SENSOR.page {
+                text += "gain_dn_per_e = 0.38\n";
+            }
+            if here {
+                text += &format!("{key} = {value}\n");
+                // These two belong to an image.
+                if table == "[environment]" && ["scale", "rotation"].contains(&key) {
+                    text += "image = \"sky.hdr\"\n";
+                }
+            }
+        }
+        text
+    }
+
+    fn try_value(&self, table: &str, key: &str, value: &str) -> Result<String, InputError> {
+        (self.read)(&self.text(table, key, value))
+    }
+
+    /// Keys that the code knows in a table, from what it says about one that it cannot know.
+    fn known_keys(&self, table: &str) -> BTreeSet<String> {
+        let error = self.try_value(table, "qqqqqqqqqqqq", "1").expect_err("an unknown key");
+        let list = error.mend.split("known keys: ").nth(1).unwrap_or_else(|| panic!("{table}: {error}"));
+        list.split(", ").map(str::to_owned).collect()
+    }
+
+    fn check(&self) {
+        let tables = self.tables();
+        for (table, rows) in &tables {
+            let mut documented: BTreeSet<String> = rows.iter().map(|row| row.key.clone()).collect();
+            assert_eq!(documented.len(), rows.len(), "{}, {table}: a key has two rows", self.page);
+            if table == ROOT {
+                let others = tables.iter().map(|(title, _)| title).filter(|title| *title != ROOT);
+                documented.extend(others.map(|title| title.trim_matches(['[', ']']).to_owned()));
+            }
+            let known = self.known_keys(table);
+            assert_eq!(documented, known, "{}, {table}: left the page, right the code", self.page);
+            for row in rows {
+                self.check_row(table, row);
+            }
+        }
+    }
+
+    fn check_row(&self, table: &str, row: &Row) {
+        let place = format!("{}, {table} {}", self.page, row.key);
+        let set = |value: &str| self.try_value(table, &row.key, value);
+        set(&row.example).unwrap_or_else(|e| panic!("{place}: the example is refused: {e}"));
+        if let Some(default) = literal(&row.default) {
+            let said = set(default).unwrap_or_else(|e| panic!("{place}: the default is refused: {e}"));
+            let silent = self.silent(table, &row.key);
+            // Either the reader fills the default in, or it leaves the key out and the code that uses it does.
+            assert!(
+                said == silent || silent.contains(&format!("{}: None", row.key)),
+                "{place}: {said}\nsilent: {silent}"
+            );
+        }
+        for choice in row.value.split(['`']).skip(1).step_by(2).filter(|c| c.starts_with('"') || *c == "inf") {
+            set(choice).unwrap_or_else(|e| panic!("{place}: {choice} is refused: {e}"));
+        }
+        let Some((low, high, narrowed)) = row.range() else { return };
+        let step = |v: f64| if row.value.starts_with("whole") { 1.0 } else { 1e-3 * v.abs().max(1.0) };
+        for end in [low, high].into_iter().filter(|_| !narrowed) {
+            set(&row.number(end)).unwrap_or_else(|e| panic!("{place}: {end} is refused: {e}"));
+        }
+        for beyond in [low - step(low), high + step(high)] {
+            assert!(set(&row.number(beyond)).is_err(), "{place}: {beyond} is accepted");
+        }
+    }
+
+    /// What the reader makes of the file that [`Self::text`] gives, without the key.
+    fn silent(&self, table: &str, key: &str) -> String {
+        let text = self.text(table, key, "?").replace(&format!("{key} = ?\n"), "");
+        (self.read)(&text).unwrap_or_else(|e| panic!("{}, {table}: {e}\n{text}", self.page))
+    }
+}
+
+#[test]
+fn the_job_page_names_every_key_and_no_other() {
+    JOB.check();
+}
+
+#[test]
+fn the_sensor_page_names_every_key_and_no_other() {
+    SENSOR.check();
+}
+
+#[test]
+fn the_examples_of_the_pages_and_all_presets_are_read() {
+    for reference in [JOB, SENSOR] {
+        let examples = blocks(&page(reference.page), "toml");
+        assert!(!examples.is_empty(), "{} has no example", reference.page);
+        for example in examples {
+            (reference.read)(&example).unwrap_or_else(|e| panic!("{}: {e}\n{example}", reference.page));
+        }
+    }
+    assert!(dunkelfeld::io::sensor_file::preset_names().all(|name| find_sensor(name).is_ok()));
+}
+
+// --- Statistics --------------------------------------------------------------------------------------------------------
+
+/// A lamp that fills the view.
+fn lamp() -> Scene {
+    let mut b = SceneBuilder::default();
+    let material = b.add_material(Material { emission: Rgb::new(1.0, 2.0, 3.0), ..emitter(1.0) });
+    b.add_object("lamp", square(0.0, 1.0, false), material);
+    spot_camera(&mut b, DVec3::new(0.0, 0.0, 1.0), DVec3::ZERO, 0.25);
+    build(b)
+}
+
+fn stats(settings: &RenderSettings) -> Value {
+    let rendering = render(&lamp(), settings, Instant::now(), &Silent, &Cancel::new()).expect("valid settings");
+    let frame = develop(&rendering.film.mean(), settings).expect("a frame");
+    let mut stats = Stats::new(&rendering, &frame, settings);
+    for stage in [Stage::Load, Stage::Build, Stage::Pilot, Stage::Plan, Stage::Refine, Stage::Expose, Stage::Write] {
+        stats.add_seconds(stage, 0.0);
+    }
+    // A named sample shows the form of the list's entries.
+    stats.invalid_named.push("1,2,3".into());
+    stats.finish(1.0);
+    serde_json::from_str(&stats.to_json()).expect("JSON")
+}
+
+/// With and without a sensor, a time limit, and a variance: every field in every form that it can have.
+fn all_kinds_of_stats() -> [Value; 2] {
+    let optics = Optics::new(4.0, 0.9, 0.0).expect("in range");
+    let model = Box::new(find_sensor("imx250").expect("a preset"));
+    let sensor = SensorChoice::Emva { model, optics, exposure: None };
+    let budget = Budget { seconds: Some(60.0), spp: Some(8.0) };
+    [stats(&RenderSettings { sensor, budget, ..settings(4, 3, 8.0, 1) }), stats(&settings(4, 3, 1.0, 1))]
+}
+
+/// Does a value have the type that a row states?
+fn fits(value: &Value, kind: &str) -> bool {
+    let entries = |check: fn(&Value) -> bool| value.as_array().is_some_and(|a| a.iter().all(check));
+    let length = |n: usize| value.as_array().is_some_and(|a| a.len() == n);
+    match kind {
+        "integer" => value.is_u64(),
+        "number" => value.is_number(),
+        "string" => value.is_string(),
+        "boolean" => value.is_boolean(),
+        "object" => value.is_object(),
+        "object of numbers" => value.as_object().is_some_and(|o| o.values().all(Value::is_number)),
+        "array of strings" => entries(Value::is_string),
+        "array of 2 integers" => length(2) && entries(Value::is_u64),
+        "array of 3 numbers" => length(3) && entries(Value::is_number),
+        "array of 3 numbers or nulls" => length(3) && entries(|v| v.is_number() || v.is_null()),
+        other => match other.strip_suffix(" or null") {
+            Some(kind) => value.is_null() || fits(value, kind),
+            None => panic!("the page states a type that this test does not know: {other}"),
+        },
+    }
+}
+
+#[test]
+fn the_statistics_page_names_every_field_with_its_type() {
+    let text = page("docs/statistics.md");
+    let version = format!("version {STATS_VERSION}.");
+    assert!(text.contains(&version), "docs/statistics.md does not say that it describes {version}");
+    let examples = blocks(&text, "json");
+    let example: Value = serde_json::from_str(&examples[0]).expect("the example is JSON");
+    let renders = all_kinds_of_stats();
+    for section in sections(&text) {
+        let part =
+            |whole: &Value| if section.title == "Fields" { whole.clone() } else { whole[&section.title].clone() };
+        for whole in renders.iter().chain([&example]) {
+            let part = part(whole);
+            let Some(fields) = part.as_object() else { continue };
+            let documented: BTreeSet<&str> = section.rows.iter().filter_map(|row| literal(&row[0])).collect();
+            let written: BTreeSet<&str> = fields.keys().map(String::as_str).collect();
+            assert_eq!(documented, written, "docs/statistics.md, {}: left the page, right the code", section.title);
+            for row in &section.rows {
+                let value = &fields[literal(&row[0]).expect("a field")];
+                assert!(fits(value, &row[1]), "docs/statistics.md, {} is \"{}\", but here {value}", row[0], row[1]);
+            }
+        }
+        // Nobody should have to expect nulls that never come.
+        for row in section.rows.iter().filter(|row| row[1].contains("null")) {
+            let field = literal(&row[0]).expect("a field");
+            let has_null = |v: &Value| v.is_null() || v.as_array().is_some_and(|a| a.iter().any(Value::is_null));
+            assert!(renders.iter().any(|r| has_null(&part(r)[field])), "docs/statistics.md: {field} is never null");
+        }
+    }
+}
+
+// --- Links -------------------------------------------------------------------------------------------------------------
+
+/// Targets of the links and pictures of a page that lie in this repository.
+fn local_links(text: &str) -> Vec<String> {
+    let targets = text.split("](").skip(1).filter_map(|rest| rest.split(')').next());
+    targets.filter(|t| !t.contains("://")).map(str::to_owned).collect()
+}
+
+/// The name that a heading gets as the target of a link.
+fn anchor(heading: &str) -> String {
+    let lower = heading.trim_start_matches('#').trim().to_lowercase();
+    lower.chars().filter(|c| c.is_alphanumeric() || " -_".contains(*c)).collect::<String>().replace(' ', "-")
+}
+
+#[test]
+fn links_between_the_pages_lead_somewhere() {
+    let pages = ["README.md", "ARCHITECTURE.md", "CONVENTIONS.md", "CONTRIBUTING.md", "CHANGELOG.md"];
+    for name in pages.into_iter().chain(["docs/job-file.md", "docs/sensor-file.md", "docs/statistics.md"]) {
+        let folder = root().join(name).parent().map(Path::to_path_buf).unwrap_or_default();
+        for link in local_links(&page(name)) {
+            let (file, fragment) = link.split_once('#').unwrap_or((&link, ""));
+            let target = if file.is_empty() { root().join(name) } else { folder.join(file) };
+            assert!(target.exists(), "{name}: nothing at {link}");
+            if !fragment.is_empty() {
+                let text = std::fs::read_to_string(&target).expect("a page");
+                let found = text.lines().filter(|l| l.starts_with('#')).any(|l| anchor(l) == fragment);
+                assert!(found, "{name}: no heading for {link}");
+            }
+        }
+    }
+}
