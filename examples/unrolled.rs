@@ -42,11 +42,8 @@ fn main() -> Result<(), dunkelfeld::Error> {
         surface: Surface::Solid(Volume { attenuation_color: Rgb::new(0.9, 0.95, 0.92), attenuation_distance: 0.05 }),
         ..Material::default()
     });
-    let lamp = builder.add_material(Material {
-        base_color: Rgb::BLACK,
-        emission: Rgb::splat(40.0),
-        ..Material::default()
-    });
+    let lamp =
+        builder.add_material(Material { base_color: Rgb::BLACK, emission: Rgb::splat(40.0), ..Material::default() });
     builder.add_object("table", shapes::rectangle(Vec3::new(-0.5, 0.0, 0.5), Vec3::X, Vec3::NEG_Z), table);
     builder.add_object("box", shapes::cuboid(Vec3::new(-0.08, 0.0001, -0.03), Vec3::new(-0.02, 0.05, 0.03)), brass);
     builder.add_object("ball", shapes::sphere(Vec3::new(0.04, 0.0301, 0.01), 0.03, 48, true), glass);
@@ -81,7 +78,10 @@ fn main() -> Result<(), dunkelfeld::Error> {
     let frame = thread_pool(settings.threads)?.install(|| develop(&rendering.film.mean(), &settings))?;
     if let Some(sensor) = &frame.sensor {
         let brightest = sensor.electrons.data().iter().copied().fold(0.0, f32::max);
-        println!("exposed for {:.3} ms; the brightest pixel expects {brightest:.0} electrons", sensor.exposure.time().0 * 1e3);
+        println!(
+            "exposed for {:.3} ms; the brightest pixel expects {brightest:.0} electrons",
+            sensor.exposure.time().0 * 1e3
+        );
     }
     dunkelfeld::save_picture(&frame, output.as_ref())
 }

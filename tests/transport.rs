@@ -144,11 +144,14 @@ fn a_floor_under_a_constant_sky() {
     // L = Le times the directional albedo: integral of f cos over the hemisphere, by quadrature.
     let (mut b, bsdf, wo) = floor_scene();
     b.environment = Some(Environment { source: EnvironmentSource::Constant(Rgb::splat(1.5)), rotation: 0.0 });
-    let expected = 1.5 * 2.0 * PI * integrate(600, |u, v| {
-        let (z, phi) = (u, 2.0 * PI * v);
-        let r = (1.0 - z * z).sqrt();
-        f_cos(&bsdf, wo, DVec3::new(r * phi.cos(), r * phi.sin(), z))
-    });
+    let expected = 1.5
+        * 2.0
+        * PI
+        * integrate(600, |u, v| {
+            let (z, phi) = (u, 2.0 * PI * v);
+            let r = (1.0 - z * z).sqrt();
+            f_cos(&bsdf, wo, DVec3::new(r * phi.cos(), r * phi.sin(), z))
+        });
     check(b, 256.0, expected, "constant sky");
 }
 
@@ -229,11 +232,13 @@ fn coverage_lets_light_pass_straight_and_in_shadows() {
     b.add_object("lens cap", square(1.5, 6.0, false), veil);
     let cutout = b.add_material(Material { alpha: 0.4, alpha_mode: AlphaMode::Mask { cutoff: 0.5 }, ..black() });
     b.add_object("cut out", square(0.3, 1.0, false), cutout);
-    let expected = 0.7 * 0.7 * integrate(300, |u, v| {
-        let p = DVec3::new((u - 0.5) * 0.2, (v - 0.5) * 0.2, 0.5);
-        let (d2, wi) = (p.length_squared(), p.normalize());
-        0.04 * 5.0 * wi.z / d2 * f_cos(&bsdf, wo, wi)
-    });
+    let expected = 0.7
+        * 0.7
+        * integrate(300, |u, v| {
+            let p = DVec3::new((u - 0.5) * 0.2, (v - 0.5) * 0.2, 0.5);
+            let (d2, wi) = (p.length_squared(), p.normalize());
+            0.04 * 5.0 * wi.z / d2 * f_cos(&bsdf, wo, wi)
+        });
     check(b, 1024.0, expected, "coverage");
 }
 

@@ -9,10 +9,10 @@
 //! - sheen vanishes for `spec_trans = 1`;
 //! - only the refractive part (`spec_trans`) exists for light on the inside (z < 0); the rest absorbs there.
 //!
-//! Deviations: `specular_factor` and `specular_color` are added (neutral by default); `anisotropic` may be negative,
-//! which swaps the axes; a transmitting boundary with matched index (within [`MATCHED_INDEX`] of 1) is a delta lobe;
-//! parameters are clamped to their ranges. No deviation changes a value where Mitsuba's parameters are in range and
-//! `eta` is not 1. Sampling densities are our own: the reflective lobe uses bounded visible normals.
+//! Deviations: `specular_factor`, `specular_color` and `sheen_color` are added (neutral by default); `anisotropic` may
+//! be negative, which swaps the axes; a transmitting boundary with matched index (within [`MATCHED_INDEX`] of 1) is a
+//! delta lobe; parameters are clamped to their ranges. No deviation changes a value where Mitsuba's parameters are in
+//! range and `eta` is not 1. Sampling densities are our own: the reflective lobe uses bounded visible normals.
 
 use crate::bsdf::{BsdfSample, Lobe};
 use crate::dielectric::{MATCHED_INDEX, clamp_eta, delta, finite_sample, from_above, mirrored_if};
@@ -47,6 +47,8 @@ pub struct PrincipledParams {
     pub spec_trans: f32,
     /// Strength of the sheen of cloth; not negative.
     pub sheen: f32,
+    /// Factor on the sheen, beside its strength and tint (glTF KHR_materials_sheen); not negative.
+    pub sheen_color: Rgb,
     /// How much the hue of the base colour tints the sheen.
     pub sheen_tint: f32,
     /// Strength of the clear coat, `[0, 4]`: 1 is Burley's coat, a quarter of a real lacquer; 4 is a real one.
@@ -69,6 +71,7 @@ impl Default for PrincipledParams {
             spec_tint: 0.0,
             spec_trans: 0.0,
             sheen: 0.0,
+            sheen_color: Rgb::WHITE,
             sheen_tint: 0.0,
             clearcoat: 0.0,
             clearcoat_gloss: 0.0,
@@ -141,7 +144,7 @@ impl Principled {
         let scale = (unit(p.specular_factor), p.specular_color.map(at_least_zero));
         // A surface that refracts everything has no sheen (so Mitsuba, whose sheen lives on the diffuse layer).
         let sheen = if opaque > 0.0 { at_least_zero(p.sheen) * (1.0 - metallic) } else { 0.0 };
-        let sheen_color = Rgb::WHITE.lerp(hue, unit(p.sheen_tint)) * sheen;
+        let sheen_color = Rgb::WHITE.lerp(hue, unit(p.sheen_tint)) * p.sheen_color.map(at_least_zero) * sheen;
         let diffuse_color = base * opaque;
         Self {
             ggx,

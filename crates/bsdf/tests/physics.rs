@@ -45,6 +45,31 @@ fn diffuse_and_sheen_have_the_albedo_of_their_closed_form() {
 }
 
 #[test]
+fn the_sheen_colour_multiplies_the_sheen_and_nothing_else() {
+    // The surface without sheen, plus the sheen of strength one times the colour, channel by channel; the base colour's
+    // hue tints on top of it.
+    let (wo, wi) = (direction(0.4, 0.3), direction(0.2, 2.9));
+    let plain = PrincipledParams { base_color: Rgb::new(0.5, 0.2, 0.1), ..Default::default() };
+    let color = Rgb::new(0.9, 0.3, 0.0);
+    let eval = |p: PrincipledParams| principled(p).eval(wo, wi);
+    for sheen_tint in [0.0, 1.0] {
+        let without = eval(plain);
+        let white = eval(PrincipledParams { sheen: 1.0, sheen_tint, ..plain });
+        let colored = eval(PrincipledParams { sheen: 1.0, sheen_tint, sheen_color: color, ..plain });
+        for c in 0..3 {
+            let [without, white, colored, color] = [without, white, colored, color].map(|v| v.to_array()[c]);
+            assert!(white > without * 1.01, "the sheen shows");
+            let expected = without + color * (white - without);
+            assert!((colored - expected).abs() < 1e-6, "channel {c}: {colored}, expected {expected}");
+        }
+    }
+    // No colour, no sheen; and numbers that are none do no harm.
+    for none in [Rgb::BLACK, Rgb::splat(f32::NAN), Rgb::splat(-1.0)] {
+        assert_eq!(eval(PrincipledParams { sheen: 1.0, sheen_color: none, ..plain }), eval(plain));
+    }
+}
+
+#[test]
 fn no_physical_lobe_gives_more_than_it_gets() {
     let metal = PrincipledParams { base_color: Rgb::WHITE, metallic: 1.0, ..Default::default() };
     let coat = PrincipledParams { clearcoat: 4.0, ..bare(0.0) };

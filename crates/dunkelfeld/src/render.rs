@@ -142,6 +142,12 @@ fn check(s: &RenderSettings) -> Result<(), Error> {
         let problem = format!("the plan is {} x {} pixels, the film {} x {}", p.width(), p.height(), s.width, s.height);
         return Err(Error::setting("replay", problem, "render at the size of the plan"));
     }
+    if let Some(most) = s.replay.as_ref().and_then(|p| p.data().iter().copied().max())
+        && most > plan::MAX_SPP
+    {
+        let problem = format!("the plan asks for {most} samples in one pixel, more than {}", plan::MAX_SPP);
+        return Err(Error::setting("replay", problem, "use a plan that a render wrote"));
+    }
     Ok(())
 }
 

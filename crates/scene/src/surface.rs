@@ -189,7 +189,6 @@ fn scatter(m: &Material, images: &[Image], at: &TexturePoint) -> Constant {
         )));
     }
     let sheen_color = color(m.sheen_color, &m.sheen_color_texture, images, at);
-    let sheen = sheen_color.max_channel();
     let clearcoat = channel(m.clearcoat, &m.clearcoat_texture, images, at);
     let coat_roughness = channel(m.clearcoat_roughness, &m.clearcoat_roughness_texture, images, at);
     let principled = |metallic: f32, spec_trans: f32| {
@@ -203,7 +202,8 @@ fn scatter(m: &Material, images: &[Image], at: &TexturePoint) -> Constant {
             specular_color,
             spec_tint: m.specular_tint,
             spec_trans,
-            sheen,
+            sheen: 1.0,
+            sheen_color,
             sheen_tint: 0.0,
             // Burley's coat of strength 1 reflects a quarter of a lacquer of index 1.5, which is what glTF means by 1.
             clearcoat: 4.0 * clearcoat,
