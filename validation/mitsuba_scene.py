@@ -9,7 +9,8 @@ Mapping
     opaque                    `principled` (specular 0.5, that is eta 1.5) inside `twosided`
     transmission + volume     `dielectric` with the material's index (no absorption: `path` knows no media)
     alphaMode BLEND           `mask` of the above with opacity = base colour alpha
-    emissive                  one-sided `area` light, radiance = nit / 683 in each channel, over black
+    emissive                  any of the above with a one-sided `area` light, radiance = nit / 683 in each channel; a black
+                              light still reflects its specular 4 %
 """
 
 from __future__ import annotations
@@ -118,6 +119,27 @@ class Glb:
         raise KeyError(f"no camera named {name}")
 
 
+def equal_terms(path: Path, zoom: float, target: Path) -> Path:
+    """Writes a copy of a scene for both renderers: without absorption, which `path` knows nothing of, and with cameras that
+    see a part smaller by `zoom` about the middle of the image."""
+    data = path.read_bytes()
+    (size,) = struct.unpack_from("<I", data, 12)
+    scene = json.loads(data[20 : 20 + size])
+    for camera in scene["cameras"]:
+        view = camera["perspective"]
+        view["yfov"] = 2.0 * math.atan(math.tan(0.5 * view["yfov"]) / zoom)
+    for material in scene["materials"]:
+        volume = material.get("extensions", {}).get("KHR_materials_volume", {})
+        volume.pop("attenuationColor", None)
+        volume.pop("attenuationDistance", None)
+    text = json.dumps(scene).encode()
+    text += b" " * (-len(text) % 4)
+    rest = data[20 + size :]
+    header = struct.pack("<4sIII4s", b"glTF", 2, 20 + len(text) + len(rest), len(text), b"JSON")
+    target.write_bytes(header + text + rest)
+    return target
+
+
 def _local_matrix(node: dict[str, Any]) -> np.ndarray:
     if "matrix" in node:
         return np.array(node["matrix"]).reshape(4, 4).T
@@ -153,9 +175,6 @@ def bsdf(material: dict[str, Any]) -> dict[str, Any]:
         ior = extensions.get("KHR_materials_ior", {}).get("ior", 1.5)
         return {"type": "dielectric", "int_ior": ior, "ext_ior": 1.0}
     *colour, alpha = pbr["baseColorFactor"]
-    if max(material.get("emissiveFactor", [0.0])) > 0.0:
-        # Our lights absorb what meets them: black base, no specular.
-        return {"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.0}}
     surface: dict[str, Any] = {
         "type": "twosided",
         "bsdf": {
