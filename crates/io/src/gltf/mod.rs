@@ -13,6 +13,7 @@ mod light;
 mod material;
 mod nodes;
 mod primitive;
+mod reader;
 mod schema;
 mod spec_gloss;
 pub(crate) mod tangents;
@@ -322,7 +323,7 @@ impl Importer<'_> {
                 let source = &materials[i];
                 let name = name(&[source.name.as_deref()], "material", i);
                 let place = format!("material {i} \"{name}\"");
-                let mut reader = material::Reader { place, textures: &mut self.textures, warnings: &mut self.warnings };
+                let mut reader = reader::Reader { place, textures: &mut self.textures, warnings: &mut self.warnings };
                 material::convert(source, name, self.options.emissive_unit, &mut reader)
             }
         };

@@ -1,6 +1,6 @@
 //! KHR_materials_pbrSpecularGlossiness as metallic-roughness, by the conversion that Khronos gives with the extension.
 
-use super::material::Reader;
+use super::reader::Reader;
 use super::schema::SpecularGlossiness;
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_scene::{ChannelTexture, ColorEncoding, Image, Material, Texels, Texture};
