@@ -36,7 +36,7 @@ pub use progress::{Cancel, Progress, ProgressState, Silent, Stage};
 pub use project::{Project, ProjectResult, default_image_path, find_sensor, read_scene};
 pub use render::{Rendering, camera, render, thread_pool};
 pub use settings::{Budget, DEFAULT_PILOT_SPP, DEFAULT_SPP, MAX_PIXELS, MAX_SIDE, RenderSettings, SensorChoice};
-pub use stats::{STATS_VERSION, Stats};
+pub use stats::{STATS_VERSION, SensorStats, Stats};
 
 pub use dunkelfeld_io::job::DEFAULT_SENSOR;
 
