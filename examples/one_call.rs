@@ -5,7 +5,7 @@ use dunkelfeld::{Error, Project};
 fn main() -> Result<(), Error> {
     let mut arguments = std::env::args().skip(1);
     let input = arguments.next().unwrap_or_else(|| "scenes/inspection/inspection-open.toml".into());
-    let output = arguments.next().unwrap_or_else(|| "out/one_call.png".into());
+    let output = arguments.next().unwrap_or_else(|| "one_call.png".into());
 
     let mut project = Project::open(&input)?;
     project.settings.budget.seconds = Some(2.0);

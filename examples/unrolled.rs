@@ -24,7 +24,7 @@ impl Progress for Tenths {
 
 fn main() -> Result<(), dunkelfeld::Error> {
     let started = Instant::now();
-    let output = std::env::args().nth(1).unwrap_or_else(|| "out/unrolled.png".into());
+    let output = std::env::args().nth(1).unwrap_or_else(|| "unrolled.png".into());
 
     // A scene: a glass ball and a brass box on a dark table, one ring-like pair of lights at grazing angles.
     let mut builder = SceneBuilder::default();
