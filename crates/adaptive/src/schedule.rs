@@ -15,7 +15,7 @@
 //! [`TIME_SHARE`] of the time left: a machine that turns three times slower in the middle of a round still ends in time.
 //! After each replanning the first rounds are small, since nobody knows what the favoured pixels cost.
 //! The rounds shrink geometrically toward the end, down to fractions of a sample per pixel. Without a time limit the
-//! rounds depend on nothing measured: the same arguments give the same plan on any machine.
+//! rounds grow fourfold from one sample per pixel and depend on nothing measured: the same arguments give the same plan on any machine.
 
 /// The share of the time left that a round may be expected to take.
 pub const TIME_SHARE: f64 = 0.3;
@@ -246,7 +246,8 @@ impl Schedule {
         if owed == 0 { Step::Stop(reason) } else { self.hand_out(owed, false) }
     }
 
-    /// A whole stretch at once, decided by numbers of samples alone.
+    /// A stretch, in rounds that grow fourfold from one sample per pixel, so that an interruption finds an image; decided by
+    /// numbers of samples alone.
     fn untimed_round(&mut self, wanted: u64) -> Step {
         let pilot = self.pilot_target(wanted as f64).min(wanted);
         let first = pilot + (FIRST_SHARE * (wanted - pilot) as f64).round() as u64;
@@ -257,7 +258,8 @@ impl Schedule {
         };
         let replan = phase > self.phase;
         self.phase = phase;
-        self.hand_out(goal - self.taken, replan)
+        let most = self.taken.saturating_mul(GROWTH).max(self.settings.pixels).max(1);
+        self.hand_out((goal - self.taken).min(most), replan)
     }
 
     fn hand_out(&mut self, samples: u64, replan: bool) -> Step {

@@ -219,15 +219,22 @@ fn untimed(samples: u64, pixels: u64, seconds: f64) -> Vec<Round> {
 #[test]
 fn without_a_time_limit_no_clock_has_a_say() {
     let rounds = untimed(6400, 100, 1e-3);
-    let expected = [(1600, Phase::Pilot, false), (1200, Phase::Refine(1), true), (3600, Phase::Refine(2), true)];
+    // One sample per pixel first, then at most fourfold what there is: an interruption finds an image.
+    let expected = [
+        (100, Phase::Pilot, false),
+        (300, Phase::Pilot, false),
+        (1200, Phase::Pilot, false),
+        (1200, Phase::Refine(1), true),
+        (3600, Phase::Refine(2), true),
+    ];
     let expected = expected.map(|(samples, phase, replan)| Round { samples, phase, replan });
     assert_eq!(rounds, expected);
     assert_eq!(untimed(6400, 100, 1e6), rounds);
     for (samples, pixels) in [(1, 100), (100, 100), (399, 100), (401, 100), (1_000_003, 77), (u64::MAX, 12)] {
         assert_eq!(untimed(samples, pixels, 1.0), untimed(samples, pixels, 1e-9));
     }
-    // Three samples per pixel: nothing to adapt, one round.
-    assert_eq!(untimed(300, 100, 1.0).len(), 1);
+    // Three samples per pixel: nothing to adapt, all is pilot.
+    assert!(untimed(300, 100, 1.0).iter().all(|r| r.phase == Phase::Pilot));
     assert!(untimed(0, 100, 1.0).is_empty());
 }
 

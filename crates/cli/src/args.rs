@@ -83,13 +83,13 @@ pub(crate) struct RenderArgs {
     pub(crate) exposure: Option<ExposureChoice>,
 
     /// Seed of everything random [default: 0].
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", allow_negative_numbers = true)]
     pub(crate) seed: Option<u64>,
-    /// Frame number: frames of one seed are independent, and come from the same camera [default: 0].
-    #[arg(long, value_name = "N")]
+    /// Frame number: frames of one seed are independent, and come from the same device [default: 0].
+    #[arg(long, value_name = "N", allow_negative_numbers = true)]
     pub(crate) frame: Option<u32>,
     /// Threads [default: one per core].
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub(crate) threads: Option<u16>,
     /// How progress is shown on standard error.
     #[arg(long, value_enum, default_value_t = ProgressKind::Bar)]

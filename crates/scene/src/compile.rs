@@ -95,9 +95,10 @@ impl SceneBuilder {
         if !lights.lights.iter().any(emits) {
             report.hazard(
                 "scene",
-                "there is no light: no emissive material, no punctual light, no environment; the image will be black",
+                "there is no light: no emissive material, no punctual light, no environment; the image will be black; add a light or an emissive material to the scene, or `[environment]` with `radiance = 1` to a job",
             );
         }
+        self.report_unfindable_light(&geometry.parts, &compiled, &mut report);
         let has_coverage = geometry.parts.iter().any(|p| compiled[p.material as usize].has_coverage);
         let bvh = geometry.hierarchy(&|part| compiled[part.material as usize].has_coverage)?;
         let scene = Scene {
@@ -132,6 +133,13 @@ impl SceneBuilder {
                 report.note(&place, describe(&repairs));
             }
             let material = &self.materials[part.material];
+            if material.transmission > 0.0 && material.metallic >= 1.0 && material.metallic_texture.is_none() {
+                report.hazard(
+                    &place,
+                    format!("material \"{}\" is metal (metallic 1, glTF's default), so its transmission has no effect; set metallic to 0", material.name),
+                );
+                continue;
+            }
             if !matches!(material.surface, Surface::Solid(_)) || material.transmission <= 0.0 {
                 continue;
             }
@@ -153,6 +161,22 @@ impl SceneBuilder {
                     ),
                 );
             }
+        }
+    }
+
+    /// Light without extent that passes a smooth clear surface arrives from one direction that neither scattering nor a
+    /// straight connection can find: it is missing from the image, and that must be said.
+    fn report_unfindable_light(&self, parts: &[Part], compiled: &[CompiledMaterial], report: &mut BuildReport) {
+        let Some(light) = self.lights.first() else { return };
+        let clear = parts.iter().map(|p| p.material as usize).find(|&m| compiled[m].is_smooth_clear);
+        if let Some(material) = clear {
+            report.hazard(
+                format!("light \"{}\"", light.name),
+                format!(
+                    "has no extent, and material \"{}\" is clear and smooth: light that passes it cannot be found, its shadow is black; use an emissive surface for the light, or give the material some roughness",
+                    self.materials[material].name
+                ),
+            );
         }
     }
 

@@ -34,6 +34,8 @@ pub(crate) struct CompiledMaterial {
     pub(crate) absorption: Rgb,
     /// Does light cross the surface into or out of a solid?
     pub(crate) is_solid: bool,
+    /// Does light pass it in one direction only (or may it, at some place)?
+    pub(crate) is_smooth_clear: bool,
     /// Is the surface one of two things at random?
     pub(crate) is_mixture: bool,
     /// Is light from behind scattered to the front (anything that transmits)?
@@ -83,7 +85,9 @@ impl CompiledMaterial {
         let plain = TexturePoint { uvs: [Vec2::ZERO; 2], color: Vec4::ONE };
         let constant = (!textured).then(|| scatter(m, &[], &plain));
         let is_mixture = transmits && !is_solid;
-        Self { constant, absorption, is_solid, is_mixture, both_sides: transmits, has_coverage, emits }
+        let sharp = m.roughness < SMOOTH_ROUGHNESS || m.roughness_texture.is_some();
+        let is_smooth_clear = transmits && sharp && (!is_solid || m.transmission >= 1.0);
+        Self { constant, absorption, is_solid, is_smooth_clear, is_mixture, both_sides: transmits, has_coverage, emits }
     }
 
     /// The BSDF at a place. `u` in `[0, 1)` chooses between the two of a partly transmitting thin sheet.

@@ -239,3 +239,26 @@ fn solids_that_are_open_or_inside_out_are_hazards() {
         }
     }
 }
+
+#[test]
+fn light_that_cannot_be_found_is_a_hazard() {
+    use dunkelfeld_scene::{PunctualKind, PunctualLight};
+    let hazards = |material: Material, lamp: bool| {
+        let mut b = SceneBuilder::default();
+        let m = b.add_material(material);
+        b.add_object("pane", rectangle(Vec3::ZERO, Vec3::X, Vec3::Y), m);
+        if lamp {
+            let kind = PunctualKind::Point { intensity: Rgb::WHITE };
+            b.lights.push(PunctualLight { name: "lamp".into(), to_world: DAffine3::IDENTITY, kind });
+        }
+        let (_, report) = b.build().expect("valid");
+        report.hazards().map(|f| format!("{}: {}", f.place, f.message)).collect::<Vec<_>>().join("\n")
+    };
+    let clear = Material { name: "clear".into(), transmission: 1.0, roughness: 0.0, ..Material::default() };
+    assert!(hazards(clear.clone(), true).contains("light \"lamp\": has no extent, and material \"clear\""));
+    assert!(!hazards(clear.clone(), false).contains("no extent"), "without such a light there is nothing to miss");
+    let frosted = Material { roughness: 0.3, ..clear.clone() };
+    assert!(hazards(frosted, true).is_empty(), "what scatters can be connected");
+    let metal = Material { metallic: 1.0, ..clear };
+    assert!(hazards(metal, true).contains("its transmission has no effect; set metallic to 0"));
+}

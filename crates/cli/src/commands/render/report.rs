@@ -42,9 +42,9 @@ fn summary(project: &Project, s: &Stats) -> String {
     if let Some(sensor) = &s.sensor {
         let _ = writeln!(
             text,
-            "{}: exposed for {:.4} ms, {:.0} electrons on average, {:.2} % of pixels saturated",
+            "{}: exposed for {}, {:.0} electrons on average, {:.2} % of pixels saturated",
             sensor.name,
-            sensor.exposure_seconds * 1e3,
+            exposure_time(sensor.exposure_seconds),
             sensor.mean_electrons,
             sensor.saturated * 100.0
         );
@@ -70,4 +70,13 @@ fn replay_command(args: &RenderArgs, s: &Stats, sample: &str) -> String {
     flag("--frame", s.frame.to_string());
     flag("--debug-sample", sample.into());
     shell(words)
+}
+
+/// An exposure time in the unit that suits it.
+fn exposure_time(seconds: f64) -> String {
+    match seconds {
+        s if s < 1e-3 => format!("{:.2} us", s * 1e6),
+        s if s < 1.0 => format!("{:.3} ms", s * 1e3),
+        s => format!("{s:.3} s"),
+    }
 }
