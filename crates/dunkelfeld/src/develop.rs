@@ -20,7 +20,7 @@ pub enum Picture {
 pub struct SensorFrame {
     /// Expected photo-electrons per pixel.
     pub electrons: Plane<f32>,
-    /// Grey values [DN].
+    /// Grey values \[DN\].
     pub values: Plane<u16>,
     /// The exposure that was used.
     pub exposure: Exposure,

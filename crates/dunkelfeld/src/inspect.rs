@@ -11,9 +11,9 @@ pub struct LightEntry {
     pub name: String,
     /// Its kind.
     pub kind: String,
-    /// Emitted power [W], mean of the channels.
+    /// Emitted power \[W\], mean of the channels.
     pub watts: f64,
-    /// Emitted luminous flux [lm], at 683 lm/W of the luminance-weighted power.
+    /// Emitted luminous flux \[lm\], at 683 lm/W of the luminance-weighted power.
     pub lumens: f64,
     /// Radiance [W/(m^2 sr)] per channel, where the light has a surface or is the environment.
     pub radiance: Option<[f32; 3]>,
@@ -52,7 +52,7 @@ pub struct Inspection {
     pub instanced_parts: usize,
     /// Bytes of geometry, hierarchy and images.
     pub memory_bytes: u64,
-    /// Lowest and highest corner in world space [m].
+    /// Lowest and highest corner in world space \[m\].
     pub bounds: Option<[[f64; 3]; 2]>,
     /// The cameras.
     pub cameras: Vec<CameraEntry>,

@@ -42,9 +42,9 @@ pub enum SensorChoice {
 /// Everything a render depends on beside the scene.
 #[derive(Clone, Debug)]
 pub struct RenderSettings {
-    /// Width of the film [pixels], 1 to [`MAX_SIDE`].
+    /// Width of the film \[pixels\], 1 to [`MAX_SIDE`].
     pub width: u32,
-    /// Height of the film [pixels], 1 to [`MAX_SIDE`].
+    /// Height of the film \[pixels\], 1 to [`MAX_SIDE`].
     pub height: u32,
     /// Name of the camera; `None` takes the first, or frames the scene.
     pub camera: Option<String>,

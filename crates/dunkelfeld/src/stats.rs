@@ -18,7 +18,7 @@ pub struct Stats {
     pub version: u32,
     /// Version of the program.
     pub program: String,
-    /// Width and height of the film [pixels].
+    /// Width and height of the film \[pixels\].
     pub size: [u32; 2],
     /// Seed of the render.
     pub seed: u64,
@@ -63,11 +63,11 @@ pub struct Stats {
 pub struct SensorStats {
     /// Name of the sensor.
     pub name: String,
-    /// Exposure time [s].
+    /// Exposure time \[s\].
     pub exposure_seconds: f64,
     /// Mean expected photo-electrons per pixel.
     pub mean_electrons: f64,
-    /// Mean grey value [DN].
+    /// Mean grey value \[DN\].
     pub mean_value: f64,
     /// Share of pixels at the largest grey value.
     pub saturated: f64,

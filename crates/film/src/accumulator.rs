@@ -30,7 +30,7 @@ pub struct Sample {
     pub albedo: Rgb,
     /// Shading normal of the first surface in world space, zero where there is none.
     pub normal: [f32; 3],
-    /// Distance to the first surface [m], zero where there is none.
+    /// Distance to the first surface \[m\], zero where there is none.
     pub depth: f32,
     /// Did the ray meet a surface?
     pub hit: bool,
@@ -224,7 +224,7 @@ impl PixelSums {
         self.normal.map(|v| (v as f64 * (-f64::from(UNIT_BITS)).exp2() / n) as f32)
     }
 
-    /// Mean distance [m] over the samples that met a surface; zero if none did.
+    /// Mean distance \[m\] over the samples that met a surface; zero if none did.
     pub fn mean_depth(&self) -> f32 {
         (self.depth as f64 * (-f64::from(DEPTH_BITS)).exp2() / f64::from(self.hits.max(1))) as f32
     }

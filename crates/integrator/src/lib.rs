@@ -1,6 +1,6 @@
 //! From a camera sample to radiance: unidirectional path tracing with next-event estimation.
 //!
-//! [`estimate`] is the whole estimator on one page; [`path`] follows a ray through the scene.
+//! [`estimate`] is the whole estimator on one page; `path` follows a ray through the scene.
 
 #![forbid(unsafe_code)]
 

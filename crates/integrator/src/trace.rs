@@ -5,7 +5,7 @@ use dunkelfeld_radiometry::Rgb;
 /// One event of a path.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TraceVertex {
-    /// Position in render space [m].
+    /// Position in render space \[m\].
     pub position: [f32; 3],
     /// Index of the material; `None` when the ray left the scene.
     pub material: Option<u32>,

@@ -75,9 +75,9 @@ pub enum PunctualKind {
     Spot {
         /// Radiant intensity on the axis [W/sr].
         intensity: Rgb,
-        /// Half-angle of the full cone [rad], in \[0, outer\].
+        /// Half-angle of the full cone \[rad\], in \[0, outer\].
         inner: f32,
-        /// Half-angle of the edge [rad], in (0, pi/2].
+        /// Half-angle of the edge \[rad\], in (0, pi/2].
         outer: f32,
     },
     /// Parallel light from infinitely far away.
@@ -92,7 +92,7 @@ pub enum PunctualKind {
 pub struct Environment {
     /// Where the radiance comes from.
     pub source: EnvironmentSource,
-    /// Rotation about the world's +y axis [rad].
+    /// Rotation about the world's +y axis \[rad\].
     pub rotation: f32,
 }
 
@@ -128,14 +128,14 @@ pub struct Camera {
 pub enum Projection {
     /// A pinhole.
     Perspective {
-        /// Full vertical field of view [rad].
+        /// Full vertical field of view \[rad\].
         vertical_fov: f32,
     },
     /// Parallel rays.
     Orthographic {
-        /// Half of the film's width in the world [m].
+        /// Half of the film's width in the world \[m\].
         half_width: f32,
-        /// Half of the film's height in the world [m].
+        /// Half of the film's height in the world \[m\].
         half_height: f32,
     },
 }
@@ -160,7 +160,7 @@ impl SceneBuilder {
 
     /// Adds a perspective camera at `eye` that looks at `target` with world +y up; returns its index.
     ///
-    /// `vertical_fov` is the full angle [rad].
+    /// `vertical_fov` is the full angle \[rad\].
     pub fn add_camera(&mut self, name: &str, eye: DVec3, target: DVec3, vertical_fov: f32) -> usize {
         let to_world = look_at(eye, target, DVec3::Y);
         self.cameras.push(Camera {

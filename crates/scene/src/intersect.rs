@@ -16,7 +16,7 @@ pub struct SurfacePoint {
     pub error: Vec3,
     /// Unit geometric normal, on the side the winding says.
     pub normal: Vec3,
-    /// Ray parameter of the hit [m].
+    /// Ray parameter of the hit \[m\].
     pub distance: f32,
     pub(crate) part: u32,
     pub(crate) triangle: u32,

@@ -11,7 +11,7 @@ pub struct LightInfo {
     pub name: String,
     /// `area (2 rectangles, 3 triangles)`, `point`, `spot`, `directional`, `environment`.
     pub kind: String,
-    /// Emitted power [W] per channel; for light from infinity, over the scene's cross-section.
+    /// Emitted power \[W\] per channel; for light from infinity, over the scene's cross-section.
     pub power: Rgb,
     /// Mean radiance [W/(m^2 sr)] of area lights and the environment.
     pub radiance: Option<Rgb>,

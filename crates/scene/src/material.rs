@@ -32,7 +32,7 @@ pub enum AlphaMode {
 pub struct Volume {
     /// Colour that white light has after `attenuation_distance`, per channel in (0, 1].
     pub attenuation_color: Rgb,
-    /// Distance [m] for `attenuation_color`; infinite means no absorption.
+    /// Distance \[m\] for `attenuation_color`; infinite means no absorption.
     pub attenuation_distance: f32,
 }
 
@@ -116,7 +116,7 @@ pub struct Material {
     pub sheen_roughness: f32,
     /// Anisotropy in \[-1, 1\]; positive stretches highlights along the tangent.
     pub anisotropy: f32,
-    /// Rotation of the anisotropy's axis from the tangent [rad].
+    /// Rotation of the anisotropy's axis from the tangent \[rad\].
     pub anisotropy_rotation: f32,
     /// RG: direction, B: strength (KHR_materials_anisotropy).
     pub anisotropy_texture: Option<Texture>,

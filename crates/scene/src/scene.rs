@@ -73,7 +73,7 @@ pub struct SceneSummary {
     pub instanced_parts: usize,
     /// Bytes held by geometry, the hierarchy and images.
     pub memory_bytes: u64,
-    /// Lowest and highest corner in world space [m].
+    /// Lowest and highest corner in world space \[m\].
     pub bounds: Option<[[f64; 3]; 2]>,
 }
 
@@ -88,7 +88,7 @@ impl Scene {
         self.bounds
     }
 
-    /// Radius of the bounding sphere [m].
+    /// Radius of the bounding sphere \[m\].
     pub fn radius(&self) -> f32 {
         self.radius
     }
