@@ -2,7 +2,7 @@
 
 use crate::error::Error;
 use crate::progress::{Cancel, Progress, Stage};
-use crate::round::{Reporter, RoundWork, deadline, run};
+use crate::round::{Reporter, RoundWork, TILE, deadline, run};
 use crate::settings::{DEFAULT_SPP, MAX_PIXELS, MAX_SIDE, RenderSettings, SensorChoice};
 use dunkelfeld_adaptive::allocation::{Pilot, Strategy};
 use dunkelfeld_adaptive::cost::{CostMap, TileGrid, makespan};
@@ -15,8 +15,6 @@ use dunkelfeld_sensor::{Response, auto_exposure};
 use rayon::prelude::*;
 use std::time::Instant;
 
-/// Pixels along the side of a tile.
-const TILE: u32 = 16;
 /// What exposing and writing takes [s per megapixel], until it has been measured.
 const CLOSING_PER_MEGAPIXEL: f64 = 1.5;
 /// The rehearsal of exposing and writing may take this share of the time left; in shorter renders the guess has to do.
@@ -159,6 +157,9 @@ struct Renderer<'a> {
     started: Instant,
     threads: usize,
     film: Film,
+    /// Samples per pixel, and of the whole film: what the film knows too, without going through all of it.
+    counts: Plane<u32>,
+    taken: u64,
     weights: Plane<f32>,
     costs: CostMap,
     stages: Vec<(Stage, f64)>,
@@ -181,6 +182,8 @@ impl<'a> Renderer<'a> {
             started,
             threads,
             film: Film::new(width, height),
+            counts: plan::empty(width, height),
+            taken: 0,
             weights: dunkelfeld_adaptive::allocation::uniform(width, height),
             costs: CostMap::new(TileGrid::new(width, height, TILE)),
             stages: Vec::new(),
@@ -252,12 +255,10 @@ impl<'a> Renderer<'a> {
                 }
                 self.spend(Stage::Plan, began);
             }
-            let current = self.film.sample_counts();
-            let target = plan::next_round(&current, &self.weights, self.film.total_samples() + round.samples);
+            let target = plan::next_round(&self.counts, &self.weights, self.taken + round.samples);
             // Beyond the samples that every pixel must have, a round that would pass the deadline is cut.
-            let guard = (self.film.total_samples() >= limits.at_least)
-                .then(|| deadline(self.started, budget.seconds, closing))
-                .flatten();
+            let guard =
+                (self.taken >= limits.at_least).then(|| deadline(self.started, budget.seconds, closing)).flatten();
             let began = Instant::now();
             let (taken, work) = self.round(&target, stage, guard, cancel, &reporter);
             if cancel.is_cancelled() {
@@ -283,7 +284,7 @@ impl<'a> Renderer<'a> {
         reporter: &Reporter<'_>,
     ) -> (u64, f64) {
         let began = Instant::now();
-        let increment = plan::increment(&self.film.sample_counts(), target);
+        let increment = plan::increment(&self.counts, target);
         let units = self.costs.cut(&increment, self.threads);
         let work = makespan(&units, self.threads);
         let estimator = Estimator {
@@ -295,6 +296,7 @@ impl<'a> Renderer<'a> {
         };
         let round = RoundWork {
             estimator: &estimator,
+            counts: &self.counts,
             increment: &increment,
             units: &units,
             costs: &self.costs,
@@ -303,6 +305,16 @@ impl<'a> Renderer<'a> {
             stage,
         };
         let result = run(&mut self.film, &round, reporter);
+        for &(tile, ..) in &result.tiles {
+            let rect = self.costs.grid().rect(tile);
+            let width = self.settings.width as usize;
+            for y in rect.y0 as usize..rect.y1 as usize {
+                let row = y * width + rect.x0 as usize..y * width + rect.x1 as usize;
+                let added = &increment.data()[row.clone()];
+                self.counts.data_mut()[row].iter_mut().zip(added).for_each(|(count, added)| *count += added);
+            }
+        }
+        self.taken += result.samples;
         self.costs.record(&result.tiles);
         self.invalid.extend(result.invalid);
         self.invalid.truncate(16);

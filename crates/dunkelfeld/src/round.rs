@@ -13,6 +13,8 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
+/// Pixels along the side of a tile.
+pub(crate) const TILE: u32 = 16;
 /// At most so many invalid samples are remembered by name.
 const MOST_NAMED: usize = 16;
 /// Samples between two looks at the clock and the switch.
@@ -63,6 +65,8 @@ impl<'a> Reporter<'a> {
 /// What a round needs.
 pub(crate) struct RoundWork<'a> {
     pub(crate) estimator: &'a Estimator<'a>,
+    /// Samples that each pixel has, and that it is to get.
+    pub(crate) counts: &'a Plane<u32>,
     pub(crate) increment: &'a Plane<u32>,
     pub(crate) units: &'a [WorkUnit],
     pub(crate) costs: &'a CostMap,
@@ -94,7 +98,6 @@ struct Pending {
 /// Renders a round onto the film, on the threads of the current pool.
 pub(crate) fn run(film: &mut Film, work: &RoundWork<'_>, reporter: &Reporter<'_>) -> RoundResult {
     let grid = work.costs.grid();
-    let first: Plane<u32> = film.sample_counts();
     let pending: Vec<Mutex<Pending>> = (0..grid.len()).map(|_| Mutex::default()).collect();
     let invalid = Mutex::new(Vec::new());
     let next = AtomicU64::new(0);
@@ -108,7 +111,7 @@ pub(crate) fn run(film: &mut Film, work: &RoundWork<'_>, reporter: &Reporter<'_>
             }
             let began = Instant::now();
             let rect = grid.rect(unit.tile);
-            let Some(sums) = render_unit(work, unit, rect, &first, reporter, &invalid) else { break };
+            let Some(sums) = render_unit(work, unit, rect, reporter, &invalid) else { break };
             let Ok(mut tile) = pending[unit.tile].lock() else { break };
             if tile.sums.is_empty() {
                 tile.sums = sums;
@@ -123,21 +126,31 @@ pub(crate) fn run(film: &mut Film, work: &RoundWork<'_>, reporter: &Reporter<'_>
     let mut result = RoundResult { invalid: invalid.into_inner().unwrap_or_default(), ..RoundResult::default() };
     let mut parts = vec![(0u32, 0u64); grid.len()];
     work.units.iter().for_each(|u| parts[u.tile] = (u.parts, u.samples));
-    let width = film.width() as usize;
-    for (index, (tile, (parts, samples))) in pending.into_iter().zip(parts).enumerate() {
-        let Ok(tile) = tile.into_inner() else { continue };
-        if parts == 0 || tile.units_done < parts {
-            continue;
+    // A tile with a unit missing is left out as a whole.
+    let finished: Vec<Option<Pending>> = pending
+        .into_iter()
+        .zip(&parts)
+        .map(|(tile, &(parts, _))| tile.into_inner().ok().filter(|t| parts > 0 && t.units_done == parts))
+        .collect();
+    for (index, (tile, (_, samples))) in finished.iter().zip(parts).enumerate() {
+        if let Some(tile) = tile {
+            result.tiles.push((index, samples, tile.seconds));
+            result.samples += samples;
         }
-        let rect = grid.rect(index);
-        let columns = (rect.x1 - rect.x0) as usize;
-        for (row, sums) in tile.sums.chunks(columns).enumerate() {
-            let at = (rect.y0 as usize + row) * width + rect.x0 as usize;
-            film.pixels_mut().data_mut()[at..at + columns].iter_mut().zip(sums).for_each(|(a, b)| a.merge(b));
-        }
-        result.tiles.push((index, samples, tile.seconds));
-        result.samples += samples;
     }
+    // Onto the film, one row of tiles a task: no two tasks touch the same pixel.
+    let width = film.width() as usize;
+    let columns = film.width().div_ceil(TILE) as usize;
+    film.pixels_mut().data_mut().par_chunks_mut(width * TILE as usize).enumerate().for_each(|(tile_row, pixels)| {
+        let tiles = finished.iter().enumerate().skip(tile_row * columns).take(columns);
+        for (index, tile) in tiles.filter_map(|(i, t)| t.as_ref().map(|t| (i, t))) {
+            let rect = grid.rect(index);
+            for (row, sums) in tile.sums.chunks((rect.x1 - rect.x0) as usize).enumerate() {
+                let at = row * width + rect.x0 as usize;
+                pixels[at..at + sums.len()].iter_mut().zip(sums).for_each(|(a, b)| a.merge(b));
+            }
+        }
+    });
     result.invalid.sort_by_key(|s| (s.y, s.x, s.index));
     result
 }
@@ -147,7 +160,6 @@ fn render_unit(
     work: &RoundWork<'_>,
     unit: &WorkUnit,
     rect: TileRect,
-    first: &Plane<u32>,
     reporter: &Reporter<'_>,
     invalid: &Mutex<Vec<PixelSample>>,
 ) -> Option<Vec<PixelSums>> {
@@ -156,7 +168,7 @@ fn render_unit(
     let mut slot = 0;
     for y in rect.y0..rect.y1 {
         for x in rect.x0..rect.x1 {
-            for index in unit.range(*first.at(x, y), *work.increment.at(x, y)) {
+            for index in unit.range(*work.counts.at(x, y), *work.increment.at(x, y)) {
                 let at = PixelSample { x, y, index };
                 let sample = work.estimator.sample(at);
                 if !sample.is_valid() {
