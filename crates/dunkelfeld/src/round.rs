@@ -90,7 +90,8 @@ pub(crate) struct RoundResult {
 /// A tile on its way: the sums of its finished units.
 #[derive(Default)]
 struct Pending {
-    sums: Vec<PixelSums>,
+    /// Sums of pixels with new samples, each with its number in the tile; a pixel comes once for each unit.
+    sums: Vec<(u32, PixelSums)>,
     units_done: u32,
     seconds: f64,
 }
@@ -116,7 +117,7 @@ pub(crate) fn run(film: &mut Film, work: &RoundWork<'_>, reporter: &Reporter<'_>
             if tile.sums.is_empty() {
                 tile.sums = sums;
             } else {
-                tile.sums.iter_mut().zip(&sums).for_each(|(a, b)| a.merge(b));
+                tile.sums.extend(sums);
             }
             tile.units_done += 1;
             tile.seconds += began.elapsed().as_secs_f64();
@@ -145,9 +146,10 @@ pub(crate) fn run(film: &mut Film, work: &RoundWork<'_>, reporter: &Reporter<'_>
         let tiles = finished.iter().enumerate().skip(tile_row * columns).take(columns);
         for (index, tile) in tiles.filter_map(|(i, t)| t.as_ref().map(|t| (i, t))) {
             let rect = grid.rect(index);
-            for (row, sums) in tile.sums.chunks((rect.x1 - rect.x0) as usize).enumerate() {
-                let at = row * width + rect.x0 as usize;
-                pixels[at..at + sums.len()].iter_mut().zip(sums).for_each(|(a, b)| a.merge(b));
+            let tile_width = (rect.x1 - rect.x0) as usize;
+            for (slot, sums) in &tile.sums {
+                let slot = *slot as usize;
+                pixels[slot / tile_width * width + rect.x0 as usize + slot % tile_width].merge(sums);
             }
         }
     });
@@ -162,19 +164,22 @@ fn render_unit(
     rect: TileRect,
     reporter: &Reporter<'_>,
     invalid: &Mutex<Vec<PixelSample>>,
-) -> Option<Vec<PixelSums>> {
-    let mut sums = vec![PixelSums::default(); rect.pixels() as usize];
+) -> Option<Vec<(u32, PixelSums)>> {
+    let mut sums = Vec::new();
     let mut unreported = 0u32;
-    let mut slot = 0;
+    let mut slot = 0u32;
     for y in rect.y0..rect.y1 {
         for x in rect.x0..rect.x1 {
-            for index in unit.range(*work.counts.at(x, y), *work.increment.at(x, y)) {
+            let indices = unit.range(*work.counts.at(x, y), *work.increment.at(x, y));
+            let has_samples = !indices.is_empty();
+            let mut pixel = PixelSums::default();
+            for index in indices {
                 let at = PixelSample { x, y, index };
                 let sample = work.estimator.sample(at);
                 if !sample.is_valid() {
                     name_invalid(invalid, at);
                 }
-                sums[slot].add(index, &sample);
+                pixel.add(index, &sample);
                 unreported += 1;
                 if unreported == CHECK_EVERY {
                     reporter.add(work.stage, u64::from(unreported));
@@ -183,6 +188,9 @@ fn render_unit(
                         return None;
                     }
                 }
+            }
+            if has_samples {
+                sums.push((slot, pixel));
             }
             slot += 1;
         }
