@@ -17,11 +17,13 @@ pub mod dielectric;
 pub mod diffuse;
 pub mod fresnel;
 pub mod microfacet;
+pub mod phase;
 pub mod principled;
 pub mod sheen;
 pub mod thin;
 
 pub use bsdf::{Bsdf, BsdfSample, Lobe};
 pub use dielectric::Dielectric;
+pub use phase::HenyeyGreenstein;
 pub use principled::{Principled, PrincipledParams};
 pub use thin::ThinSheet;

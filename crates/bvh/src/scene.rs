@@ -191,6 +191,15 @@ impl Bvh {
         is_sound(ray) && self.kernel.blocked(self, ray, &mut porous)
     }
 
+    /// Tells of every hit with `0 < t < ray.t_max`, in an order that depends on the ray alone. A ray through an edge may
+    /// meet both triangles there.
+    #[inline]
+    pub fn each_hit(&self, ray: &Ray, mut found: impl FnMut(Hit)) {
+        if is_sound(ray) {
+            self.kernel.each_hit(self, ray, &mut found);
+        }
+    }
+
     /// Bounds of everything, in the world; empty if there is nothing.
     pub fn bounds(&self) -> Aabb {
         self.top.bounds

@@ -71,6 +71,22 @@ impl Kernel {
             Self::Avx2(_) => unsafe { blocked_avx2(bvh, ray, porous) },
         }
     }
+
+    #[inline]
+    pub(crate) fn each_hit(self, bvh: &Bvh, ray: &Ray, found: &mut impl FnMut(Hit)) {
+        match self {
+            Self::Portable => each_hit::<Portable>(bvh, ray, found),
+            #[cfg(target_arch = "x86_64")]
+            // SAFETY: an `Avx2Detected` exists, so this machine has AVX2.
+            Self::Avx2(_) => unsafe { each_hit_avx2(bvh, ray, found) },
+        }
+    }
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2")]
+fn each_hit_avx2(bvh: &Bvh, ray: &Ray, found: &mut impl FnMut(Hit)) {
+    each_hit::<crate::lanes::Avx2>(bvh, ray, found);
 }
 
 #[cfg(target_arch = "x86_64")]
@@ -115,18 +131,29 @@ fn occluded<L: Lanes>(bvh: &Bvh, ray: &Ray) -> bool {
 
 #[inline(always)]
 fn blocked<L: Lanes>(bvh: &Bvh, ray: &Ray, porous: &mut impl FnMut(Hit)) -> bool {
+    told_of::<L, false>(bvh, ray, porous)
+}
+
+#[inline(always)]
+fn each_hit<L: Lanes>(bvh: &Bvh, ray: &Ray, found: &mut impl FnMut(Hit)) {
+    told_of::<L, true>(bvh, ray, found);
+}
+
+/// Tells of hits on porous triangles until one that is not porous blocks the ray; with `EVERY`, all count as porous.
+#[inline(always)]
+fn told_of<L: Lanes, const EVERY: bool>(bvh: &Bvh, ray: &Ray, porous: &mut impl FnMut(Hit)) -> bool {
     let mut t_max = ray.t_max;
     if bvh.single {
         let mesh = &bvh.meshes[bvh.instances[0].mesh as usize];
-        return blocked_in_mesh::<L>(mesh, ray, 1.0, ray.t_max, 0, porous);
+        return blocked_in_mesh::<L, EVERY>(mesh, ray, 1.0, ray.t_max, 0, porous);
     }
-    let mut leaves = BlockedInstance::<L, _> { bvh, ray, porous, lanes: std::marker::PhantomData };
+    let mut leaves = BlockedInstance::<L, _, EVERY> { bvh, ray, porous, lanes: std::marker::PhantomData };
     bvh.top.walk::<L, false>(ray, &mut t_max, &mut leaves)
 }
 
-/// As [`any_in_mesh`], but triangles marked as porous are told of and do not block.
+/// As [`any_in_mesh`], but triangles marked as porous (or with `EVERY` all) are told of and do not block.
 #[inline(always)]
-fn blocked_in_mesh<L: Lanes>(
+fn blocked_in_mesh<L: Lanes, const EVERY: bool>(
     mesh: &MeshTree,
     ray: &Ray,
     scale: f32,
@@ -136,7 +163,7 @@ fn blocked_in_mesh<L: Lanes>(
 ) -> bool {
     let shear = ShearLanes::new(ray);
     let mut leaves =
-        BlockedTriangle::<L, _> { packets: &mesh.packets, ray, shear, scale, world_t_max, instance, porous };
+        BlockedTriangle::<L, _, EVERY> { packets: &mesh.packets, ray, shear, scale, world_t_max, instance, porous };
     let mut t_max = ray.t_max;
     mesh.tree.walk::<L, false>(ray, &mut t_max, &mut leaves)
 }
@@ -200,7 +227,7 @@ impl<L: Lanes> Leaves for AnyTriangle<'_, L> {
     }
 }
 
-struct BlockedTriangle<'a, L: Lanes, F: FnMut(Hit)> {
+struct BlockedTriangle<'a, L: Lanes, F: FnMut(Hit), const EVERY: bool> {
     packets: &'a [Packet],
     ray: &'a Ray,
     shear: ShearLanes<L>,
@@ -210,11 +237,11 @@ struct BlockedTriangle<'a, L: Lanes, F: FnMut(Hit)> {
     porous: &'a mut F,
 }
 
-impl<L: Lanes, F: FnMut(Hit)> Leaves for BlockedTriangle<'_, L, F> {
+impl<L: Lanes, F: FnMut(Hit), const EVERY: bool> Leaves for BlockedTriangle<'_, L, F, EVERY> {
     #[inline(always)]
     fn visit(&mut self, payload: u32, t_max: &mut f32) -> bool {
         let Some(packet) = self.packets.get(payload as usize) else { return false };
-        let mut porous = packet.porous();
+        let mut porous = if EVERY { ALL } else { packet.porous() };
         let solid = self.shear.intersect(packet, self.ray, *t_max, ALL & !porous);
         if solid.is_some_and(|hit| is_world_hit(hit.t / self.scale, self.world_t_max)) {
             return true;
@@ -234,14 +261,14 @@ impl<L: Lanes, F: FnMut(Hit)> Leaves for BlockedTriangle<'_, L, F> {
     }
 }
 
-struct BlockedInstance<'a, L: Lanes, F: FnMut(Hit)> {
+struct BlockedInstance<'a, L: Lanes, F: FnMut(Hit), const EVERY: bool> {
     bvh: &'a Bvh,
     ray: &'a Ray,
     porous: &'a mut F,
     lanes: std::marker::PhantomData<L>,
 }
 
-impl<L: Lanes, F: FnMut(Hit)> Leaves for BlockedInstance<'_, L, F> {
+impl<L: Lanes, F: FnMut(Hit), const EVERY: bool> Leaves for BlockedInstance<'_, L, F, EVERY> {
     #[inline(always)]
     fn visit(&mut self, payload: u32, _t_max: &mut f32) -> bool {
         let Some(instance) = self.bvh.instances.get(payload as usize) else { return false };
@@ -250,7 +277,7 @@ impl<L: Lanes, F: FnMut(Hit)> Leaves for BlockedInstance<'_, L, F> {
             None => (*self.ray, 1.0),
             Some(transform) => transform.unit_ray(self.ray),
         };
-        blocked_in_mesh::<L>(mesh, &ray, scale, self.ray.t_max, payload, self.porous)
+        blocked_in_mesh::<L, EVERY>(mesh, &ray, scale, self.ray.t_max, payload, self.porous)
     }
 }
 

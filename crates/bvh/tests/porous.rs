@@ -58,6 +58,10 @@ fn a_shadow_ray_is_told_of_each_porous_triangle_once_and_stops_at_the_others() {
                 assert!(seen(&ray(20.5, 30.5)).0, "square 30 blocks");
                 assert_eq!(seen(&ray(39.5, 60.0)), (false, vec![]));
                 assert!(bvh.occluded(&ray(14.5, 16.5)), "to other questions they are like any others");
+                let mut every = Vec::new();
+                bvh.each_hit(&ray(8.5, 31.5), |hit| every.push(hit.triangle / 2));
+                every.sort_unstable();
+                assert_eq!(every, (9..32).collect::<Vec<_>>(), "nothing blocks who asks for every hit");
                 let nearest = bvh.closest_hit(&ray(14.6, 40.0)).expect("square 15");
                 assert_eq!(nearest.triangle / 2, 15);
             }
