@@ -10,6 +10,7 @@ mod artefact;
 mod chi_squared;
 mod compare;
 mod density;
+mod images;
 mod moments;
 mod outcome;
 
@@ -17,5 +18,6 @@ pub use artefact::{write_csv, write_pgm};
 pub use chi_squared::chi_squared;
 pub use compare::{student_t_test, welch_test, z_test};
 pub use density::{DensityTest, direction_to_square, integrate_square, square_to_direction};
+pub use images::{ImageEstimate, ImageTest};
 pub use moments::SampleMoments;
 pub use outcome::{Outcome, sidak};
