@@ -39,7 +39,11 @@ fn main() -> Result<(), dunkelfeld::Error> {
         roughness: 0.0,
         transmission: 1.0,
         ior: 1.49,
-        surface: Surface::Solid(Volume { attenuation_color: Rgb::new(0.9, 0.95, 0.92), attenuation_distance: 0.05 }),
+        surface: Surface::Solid(Volume {
+            attenuation_color: Rgb::new(0.9, 0.95, 0.92),
+            attenuation_distance: 0.05,
+            ..Volume::default()
+        }),
         ..Material::default()
     });
     let lamp =

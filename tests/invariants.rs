@@ -21,7 +21,7 @@ fn room() -> Scene {
     let mut b = SceneBuilder::default();
     let floor = b.add_material(Material { base_color: Rgb::new(0.7, 0.5, 0.3), ..Material::default() });
     b.add_object("floor", square(0.0, 2.0, false), floor);
-    let volume = Volume { attenuation_color: Rgb::new(0.9, 0.8, 0.7), attenuation_distance: 0.1 };
+    let volume = Volume { attenuation_color: Rgb::new(0.9, 0.8, 0.7), attenuation_distance: 0.1, ..Volume::default() };
     let glass = b.add_material(Material {
         roughness: 0.0,
         transmission: 1.0,

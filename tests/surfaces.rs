@@ -98,7 +98,11 @@ fn solid(ior: f32, color: f32, distance: f32) -> Material {
         ior,
         roughness: 0.0,
         transmission: 1.0,
-        surface: Surface::Solid(Volume { attenuation_color: Rgb::splat(color), attenuation_distance: distance }),
+        surface: Surface::Solid(Volume {
+            attenuation_color: Rgb::splat(color),
+            attenuation_distance: distance,
+            ..Volume::default()
+        }),
         ..Material::default()
     }
 }

@@ -161,7 +161,7 @@ fn clear_bodies_in_a_uniform_sky_are_invisible() {
     // the index, inside or out, nested or not. Expected: 1.
     for ior in [1.0, 1.33, 1.49, 2.4, 0.7] {
         let mut b = SceneBuilder::default();
-        let clear = Volume { attenuation_color: Rgb::WHITE, attenuation_distance: f32::INFINITY };
+        let clear = Volume::default();
         let glass = b.add_material(Material {
             ior,
             roughness: 0.0,
@@ -185,7 +185,11 @@ fn a_clear_slab_in_front_of_an_emitter() {
     // T = (1-R)^2 a / (1 - R^2 a^2). What is reflected back to the black camera side is lost; the emitter is black.
     let (ior, thickness, color, distance) = (1.49f64, 0.004f64, 0.5f64, 0.01f64);
     let mut b = SceneBuilder::default();
-    let volume = Volume { attenuation_color: Rgb::splat(color as f32), attenuation_distance: distance as f32 };
+    let volume = Volume {
+        attenuation_color: Rgb::splat(color as f32),
+        attenuation_distance: distance as f32,
+        ..Volume::default()
+    };
     let pmma = b.add_material(Material {
         ior: ior as f32,
         roughness: 0.0,
@@ -281,7 +285,7 @@ fn an_air_gap_of_ten_micrometres_in_a_housing_stays_open() {
     let z = 0.3f32;
     let gap = 10e-6f32;
     let mut b = SceneBuilder::default();
-    let volume = Volume { attenuation_color: Rgb::WHITE, attenuation_distance: f32::INFINITY };
+    let volume = Volume::default();
     let pmma = b.add_material(Material {
         ior: 1.49,
         roughness: 0.0,

@@ -15,7 +15,7 @@ fn room() -> (Scene, RayGenerator) {
     let mut b = SceneBuilder::default();
     let floor = b.add_material(Material { base_color: Rgb::new(0.8, 0.5, 0.3), ..Material::default() });
     b.add_object("floor", rectangle(Vec3::new(-1.0, -1.0, 0.0), Vec3::X * 2.0, Vec3::Y * 2.0), floor);
-    let volume = Volume { attenuation_color: Rgb::new(0.9, 0.5, 0.2), attenuation_distance: 0.2 };
+    let volume = Volume { attenuation_color: Rgb::new(0.9, 0.5, 0.2), attenuation_distance: 0.2, ..Volume::default() };
     let surface = Surface::Solid(volume);
     let glass = b.add_material(Material { roughness: 0.0, transmission: 1.0, surface, ..Material::default() });
     b.add_object("ball", sphere(Vec3::new(0.2, 0.0, 0.3), 0.25, 12, true), glass);

@@ -19,7 +19,6 @@ use crate::loader::AssetLoader;
 use crate::warnings::Warnings;
 use convert::{Converted, convert, default_material};
 use dunkelfeld_geometry::{DAffine3, Mesh};
-use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_scene::{Instance, Material, MeshPart, SceneBuilder, Surface, Volume};
 use mtl::Mtl;
 use parse::Parsed;
@@ -322,7 +321,7 @@ fn make_solid(material: &mut Material) {
     let share = material.transmission;
     let tinted = material.base_color.map(|v| v.max(0.0).sqrt());
     material.base_color = material.base_color.lerp(tinted, share);
-    material.surface = Surface::Solid(Volume { attenuation_color: Rgb::WHITE, attenuation_distance: f32::INFINITY });
+    material.surface = Surface::Solid(Volume::default());
 }
 
 fn has_maps(m: &Material) -> bool {

@@ -239,7 +239,8 @@ fn material_factors_are_replaced_by_name_and_pattern() {
         base_color = 0.5
         "#,
     );
-    let volume = Volume { attenuation_color: Rgb::new(0.9, 0.8, 0.7), attenuation_distance: 0.002 };
+    let volume =
+        Volume { attenuation_color: Rgb::new(0.9, 0.8, 0.7), attenuation_distance: 0.002, ..Volume::default() };
     let pmma = &scene.materials[1];
     assert_eq!((pmma.surface, pmma.transmission), (Surface::Solid(volume), 1.0));
     assert_eq!(pmma.alpha_mode, AlphaMode::Mask { cutoff: 0.5 });

@@ -27,13 +27,43 @@ pub enum AlphaMode {
     Blend,
 }
 
-/// Whether a transmissive surface bounds a solid or is a sheet by itself.
+/// What fills a solid: a homogeneous medium that absorbs and scatters.
+///
+/// The coefficients [1/m] are the sum of two descriptions. The first is glTF's: what is left of white light after a distance
+/// gives the extinction `-ln(color) / distance`, of which the share `scattering_albedo` is scattered and the rest absorbed. The
+/// second states `absorption` and `scattering` outright. `Default` is clear: no extinction by either. See
+/// [`Medium`](crate::Medium) for what becomes of it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Volume {
     /// Colour that white light has after `attenuation_distance`, per channel in (0, 1].
     pub attenuation_color: Rgb,
-    /// Distance \[m\] for `attenuation_color`; infinite means no absorption.
+    /// Distance \[m\] for `attenuation_color`; infinite means no attenuation.
     pub attenuation_distance: f32,
+    /// Single-scattering albedo of this attenuation, per channel in \[0, 1\]: the share that is scattered, not absorbed.
+    pub scattering_albedo: Rgb,
+    /// Absorption coefficient [1/m] on top of the attenuation.
+    pub absorption: Rgb,
+    /// Scattering coefficient [1/m] on top of the attenuation.
+    pub scattering: Rgb,
+    /// Mean cosine of the deflection by scattering, in (-1, 1): the `g` of Henyey and Greenstein.
+    pub scattering_anisotropy: f32,
+    /// Where solids overlap or touch, the one with the highest priority fills the place (Schmidt and Budge 2002); of equal
+    /// ones the smaller does, so that what lies inside another solid needs no priority.
+    pub priority: i32,
+}
+
+impl Default for Volume {
+    fn default() -> Self {
+        Self {
+            attenuation_color: Rgb::WHITE,
+            attenuation_distance: f32::INFINITY,
+            scattering_albedo: Rgb::BLACK,
+            absorption: Rgb::BLACK,
+            scattering: Rgb::BLACK,
+            scattering_anisotropy: 0.0,
+            priority: 0,
+        }
+    }
 }
 
 /// What kind of interface the mesh is.
@@ -43,7 +73,7 @@ pub enum Surface {
     /// thickness 0).
     #[default]
     Thin,
-    /// The closed boundary of a solid that refracts and absorbs (thickness above 0).
+    /// The closed boundary of a solid that refracts, absorbs and scatters (thickness above 0).
     Solid(Volume),
 }
 
@@ -84,7 +114,7 @@ pub struct Material {
     pub double_sided: bool,
     /// No scattering: the base colour is emitted as radiance (KHR_materials_unlit).
     pub unlit: bool,
-    /// Index of refraction relative to the surroundings.
+    /// Index of refraction; inside another solid the ratio of both indices counts.
     pub ior: f32,
     /// Strength of the dielectric reflection (KHR_materials_specular).
     pub specular: f32,

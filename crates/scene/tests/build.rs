@@ -212,7 +212,7 @@ fn texels_that_are_no_light_count_as_black() {
 
 #[test]
 fn solids_that_are_open_or_inside_out_are_hazards() {
-    let volume = dunkelfeld_scene::Volume { attenuation_color: Rgb::WHITE, attenuation_distance: f32::INFINITY };
+    let volume = dunkelfeld_scene::Volume::default();
     let clear = |b: &mut SceneBuilder| {
         b.add_material(Material {
             name: "clear".into(),

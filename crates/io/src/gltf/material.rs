@@ -98,7 +98,11 @@ fn dielectric(extensions: &schema::MaterialExtensions, m: &mut Material, r: &mut
         // A channel of exactly 0 would be absorbed at once, whatever the distance.
         let color = r.color("attenuationColor", e.attenuation_color, 1.0, 1.0).map(|c| c.max(1e-6));
         if thickness > 0.0 && m.transmission > 0.0 {
-            m.surface = Surface::Solid(Volume { attenuation_color: color, attenuation_distance: distance });
+            m.surface = Surface::Solid(Volume {
+                attenuation_color: color,
+                attenuation_distance: distance,
+                ..Volume::default()
+            });
         }
     }
 }

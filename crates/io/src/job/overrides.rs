@@ -423,7 +423,7 @@ fn apply(change: &MaterialOverride, m: &mut Material) {
     }
     match (change.solid, m.surface) {
         (Some(true), Surface::Thin) => {
-            m.surface = Surface::Solid(Volume { attenuation_color: Rgb::WHITE, attenuation_distance: f32::INFINITY });
+            m.surface = Surface::Solid(Volume::default());
         }
         (Some(false), _) => m.surface = Surface::Thin,
         _ => {}

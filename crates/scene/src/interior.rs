@@ -1,0 +1,106 @@
+//! The solids that a point lies in, and which of them fills it (Schmidt and Budge 2002).
+
+/// How many solids a point may lie in; boundaries of further ones are passed over.
+const CAPACITY: usize = 12;
+
+/// The solids around a point, by rank: of those that overlap there, the highest fills it.
+///
+/// A solid whose mesh overlaps itself counts once for each time that it was entered. Where more than twelve overlap, the
+/// ones entered last are not seen.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Interior {
+    /// Ranks in ascending order; the first `count` hold.
+    solids: [u32; CAPACITY],
+    count: u8,
+}
+
+impl Interior {
+    /// Outside of everything.
+    pub const OUTSIDE: Self = Self { solids: [0; CAPACITY], count: 0 };
+
+    /// The solid that fills the place.
+    #[inline]
+    pub fn top(&self) -> Option<u32> {
+        self.ranks().last().copied()
+    }
+
+    /// All solids that the point lies in, in ascending order of rank.
+    #[inline]
+    pub fn ranks(&self) -> &[u32] {
+        &self.solids[..usize::from(self.count).min(CAPACITY)]
+    }
+
+    /// Crosses into a solid.
+    #[inline]
+    pub fn enter(&mut self, solid: u32) {
+        let count = usize::from(self.count);
+        if count >= CAPACITY {
+            return;
+        }
+        let place = self.ranks().partition_point(|&s| s <= solid);
+        self.solids.copy_within(place..count, place + 1);
+        self.solids[place] = solid;
+        self.count += 1;
+    }
+
+    /// Crosses out of a solid; nothing changes if the point did not lie in it.
+    #[inline]
+    pub fn leave(&mut self, solid: u32) {
+        let count = usize::from(self.count);
+        if let Some(place) = self.ranks().iter().position(|&s| s == solid) {
+            self.solids.copy_within(place + 1..count, place);
+            self.count -= 1;
+            // What does not hold is zero, so that equal interiors are equal values.
+            self.solids[count - 1] = 0;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_highest_rank_fills_the_place_in_whatever_order_solids_are_entered() {
+        let mut numbers = 0x2545_f491u32;
+        let mut random = |n: u32| {
+            numbers = numbers.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            (numbers >> 16) % n
+        };
+        for _ in 0..2000 {
+            let (mut interior, mut model) = (Interior::OUTSIDE, Vec::new());
+            for _ in 0..40 {
+                let solid = random(6);
+                if random(2) == 0 {
+                    if model.len() < CAPACITY {
+                        model.push(solid);
+                    }
+                    interior.enter(solid);
+                } else {
+                    if let Some(i) = model.iter().position(|&s| s == solid) {
+                        model.remove(i);
+                    }
+                    interior.leave(solid);
+                }
+                model.sort_unstable();
+                assert_eq!(interior.ranks(), model.as_slice());
+                assert_eq!(interior.top(), model.last().copied());
+            }
+        }
+    }
+
+    #[test]
+    fn leaving_restores_what_was() {
+        let mut interior = Interior::OUTSIDE;
+        interior.leave(3);
+        assert_eq!(interior, Interior::OUTSIDE);
+        for solid in [4, 0, 4, 9] {
+            interior.enter(solid);
+        }
+        assert_eq!(interior.ranks(), [0, 4, 4, 9]);
+        for solid in [9, 4, 0, 4] {
+            interior.leave(solid);
+        }
+        assert_eq!(interior, Interior::OUTSIDE);
+    }
+}

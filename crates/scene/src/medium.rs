@@ -1,0 +1,177 @@
+//! The homogeneous medium inside a solid: what it takes from light on the way, and where it scatters.
+//!
+//! Coefficients differ between the channels, and a distance can be sampled for one of them only. The channel is chosen at
+//! random, and what was sampled is weighed by the mean density over the channels: the one-sample balance heuristic (Veach
+//! and Guibas 1995) over channels instead of wavelengths (Wilkie, Nawaz, Droske, Weidlich and Hanika 2014). Chosen in
+//! proportion to what the path carries in each channel, the weights of a whole path are those of that paper, and no
+//! vertex makes the sum of the channels grow.
+
+use crate::material::Volume;
+use dunkelfeld_bsdf::HenyeyGreenstein;
+use dunkelfeld_radiometry::Rgb;
+
+/// A homogeneous medium, ready for transport.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Medium {
+    /// Absorption coefficient [1/m].
+    pub absorption: Rgb,
+    /// Scattering coefficient [1/m].
+    pub scattering: Rgb,
+    /// The distribution of deflections.
+    pub phase: HenyeyGreenstein,
+}
+
+/// What happens to a path on its way through a medium.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum MediumEvent {
+    /// It is scattered.
+    Scatter {
+        /// At this distance \[m\].
+        distance: f32,
+        /// The scattering coefficient times the transmittance, over the density of the distance.
+        weight: Rgb,
+    },
+    /// It reaches its end.
+    Pass {
+        /// The transmittance over the probability of getting there.
+        weight: Rgb,
+    },
+}
+
+impl Medium {
+    /// No medium: nothing is absorbed or scattered.
+    pub fn clear() -> Self {
+        Self { absorption: Rgb::BLACK, scattering: Rgb::BLACK, phase: HenyeyGreenstein::new(0.0) }
+    }
+
+    /// The coefficients of a volume.
+    ///
+    /// Beer and Lambert: what is left after the distance is the colour. A channel of black counts as 1e-39 of the light, the
+    /// least that f32 resolves. Values out of range are brought into it.
+    pub fn new(v: &Volume) -> Self {
+        let attenuates = v.attenuation_distance.is_finite() && v.attenuation_distance > 0.0;
+        let extinction = if attenuates {
+            v.attenuation_color.map(|c| (-c.clamp(1e-39, 1.0).ln() / v.attenuation_distance).max(0.0))
+        } else {
+            Rgb::BLACK
+        };
+        let albedo = v.scattering_albedo.map(|a| a.clamp(0.0, 1.0));
+        Self {
+            absorption: v.absorption.map(|a| a.max(0.0)) + extinction * albedo.map(|a| 1.0 - a),
+            scattering: v.scattering.map(|s| s.max(0.0)) + extinction * albedo,
+            phase: HenyeyGreenstein::new(v.scattering_anisotropy),
+        }
+    }
+
+    /// Extinction coefficient [1/m]: absorption and scattering.
+    #[inline]
+    pub fn extinction(&self) -> Rgb {
+        self.absorption + self.scattering
+    }
+
+    /// Does it scatter in any channel?
+    #[inline]
+    pub fn scatters(&self) -> bool {
+        !self.scattering.is_black()
+    }
+
+    /// Does light pass it unchanged?
+    #[inline]
+    pub fn is_clear(&self) -> bool {
+        self.absorption.is_black() && !self.scatters()
+    }
+
+    /// Share of light that is scattered when the medium meets it, per channel.
+    pub fn albedo(&self) -> Rgb {
+        let share = |s: f32, t: f32| if t > 0.0 { s / t } else { 0.0 };
+        let (s, t) = (self.scattering, self.extinction());
+        Rgb::new(share(s.r, t.r), share(s.g, t.g), share(s.b, t.b))
+    }
+
+    /// What is left of light after a distance \[m\], which may be infinite (Beer and Lambert).
+    #[inline]
+    pub fn transmittance(&self, distance: f32) -> Rgb {
+        self.extinction().map(|t| decay(t, distance))
+    }
+
+    /// Samples what happens within `end` \[m\] (which may be infinite) to a path of weight `throughput`. `u` in `[0, 1)`:
+    /// the distance, the channel, and further digits of the distance, so that more than 16 mean free paths can be passed.
+    #[inline]
+    pub fn sample(&self, throughput: Rgb, end: f32, [u_distance, u_channel, u_digits]: [f32; 3]) -> MediumEvent {
+        let extinction = self.extinction().to_array();
+        let shares = channel_shares(throughput);
+        let channel = if u_channel < shares[0] {
+            0
+        } else if u_channel < shares[0] + shares[1] || shares[2] == 0.0 {
+            1
+        } else {
+            2
+        };
+        let channel = if shares[channel] > 0.0 { channel } else { largest(shares) };
+        // Uniform numbers are multiples of 2^-24; the digits behind them let the exponential's tail go on.
+        let survivors = (1.0 - u_distance) - u_digits * (1.0 / (1 << 24) as f32);
+        let optical = -survivors.max(f32::MIN_POSITIVE).ln();
+        let distance = if extinction[channel] > 0.0 { optical / extinction[channel] } else { f32::INFINITY };
+        if distance < end {
+            let weight = self.weigh(shares, extinction, distance, |c| extinction[c]);
+            let scattering = self.scattering.to_array();
+            MediumEvent::Scatter {
+                distance,
+                weight: Rgb::from_array(std::array::from_fn(|c| weight[c] * scattering[c])),
+            }
+        } else {
+            MediumEvent::Pass { weight: Rgb::from_array(self.weigh(shares, extinction, end, |_| 1.0)) }
+        }
+    }
+
+    /// The density [1/m] with which [`Self::sample`] scatters at a distance.
+    pub fn pdf(&self, throughput: Rgb, distance: f32) -> f32 {
+        let (t, shares) = (self.extinction().to_array(), channel_shares(throughput));
+        (0..3).map(|c| shares[c] * t[c] * decay(t[c], distance)).sum()
+    }
+
+    /// The probability with which [`Self::sample`] reaches an end.
+    pub fn probability_to_pass(&self, throughput: Rgb, end: f32) -> f32 {
+        let (t, shares) = (self.extinction().to_array(), channel_shares(throughput));
+        (0..3).map(|c| shares[c] * decay(t[c], end)).sum()
+    }
+
+    /// `exp(-t_c d) / sum_k share_k density(k) exp(-t_k d)` for each channel c that the path has something in, 0 for others.
+    ///
+    /// The slowest decay is taken out of the fraction, so that it has a value however little is left.
+    #[inline]
+    fn weigh(&self, shares: [f32; 3], extinction: [f32; 3], distance: f32, density: impl Fn(usize) -> f32) -> [f32; 3] {
+        let technique: [f32; 3] = std::array::from_fn(|c| shares[c] * density(c));
+        let slowest = (0..3).filter(|&c| technique[c] > 0.0).map(|c| extinction[c]).fold(f32::INFINITY, f32::min);
+        let relative: [f32; 3] = std::array::from_fn(|c| decay((extinction[c] - slowest).max(0.0), distance));
+        let total: f32 = (0..3).map(|c| technique[c] * relative[c]).sum();
+        std::array::from_fn(|c| {
+            // A channel that decays more slowly than every one that could have been sampled scatters nothing.
+            if technique[c] > 0.0 { relative[c] / total } else { 0.0 }
+        })
+    }
+}
+
+/// `exp(-coefficient * distance)`, where nothing is lost without a coefficient even on an infinite way.
+#[inline]
+fn decay(coefficient: f32, distance: f32) -> f32 {
+    if coefficient > 0.0 { (-coefficient * distance).exp() } else { 1.0 }
+}
+
+/// The probability of each channel: its share in the path's weight.
+#[inline]
+fn channel_shares(throughput: Rgb) -> [f32; 3] {
+    // Of the ratio to the largest, so that neither tiny nor huge weights leave the range.
+    let largest = throughput.max_channel();
+    if !(largest > 0.0 && largest.is_finite()) {
+        return [1.0 / 3.0; 3];
+    }
+    let relative = throughput.map(|v| v / largest);
+    let scale = 1.0 / (relative.r + relative.g + relative.b);
+    (relative * scale).to_array()
+}
+
+#[inline]
+fn largest(shares: [f32; 3]) -> usize {
+    (0..3).fold(0, |best, c| if shares[c] > shares[best] { c } else { best })
+}
