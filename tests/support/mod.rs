@@ -39,7 +39,7 @@ pub(crate) fn spot_camera(builder: &mut SceneBuilder, eye: DVec3, target: DVec3,
         name: "spot".into(),
         to_world: look_at(eye, target, DVec3::new(0.1, 1.0, 0.2)),
         projection: Projection::Orthographic { half_width: half, half_height: half },
-        aspect: None,
+        ..Camera::default()
     });
 }
 

@@ -1,7 +1,7 @@
 //! What can go wrong between a file and a frame.
 
 use dunkelfeld_io::InputError;
-use dunkelfeld_scene::BuildError;
+use dunkelfeld_scene::{BuildError, CameraError};
 use dunkelfeld_sensor::SensorError;
 use std::path::PathBuf;
 
@@ -14,6 +14,9 @@ pub enum Error {
     /// A scene that makes no sense.
     #[error("the scene cannot be built: {0}")]
     Build(#[from] BuildError),
+    /// A camera that has no rays for this film.
+    #[error("{0}\n  mend: {mend}", mend = camera_mend(.0))]
+    Camera(#[from] CameraError),
     /// A setting outside its range.
     #[error("{what}: {problem}\n  mend: {mend}")]
     Setting {
@@ -53,6 +56,16 @@ impl Error {
         match self {
             Self::Input(e) => e.caret(),
             _ => String::new(),
+        }
+    }
+}
+
+/// What to do about a camera that cannot be used.
+pub(crate) fn camera_mend(error: &CameraError) -> &'static str {
+    match error {
+        CameraError::Value { .. } => "change the value",
+        CameraError::NotInvertible { .. } => {
+            "let the film end before that (fewer pixels, a longer focal length), or fit the coefficients up to its corners"
         }
     }
 }

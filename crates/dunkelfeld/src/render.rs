@@ -63,7 +63,7 @@ pub fn thread_pool(threads: usize) -> Result<rayon::ThreadPool, Error> {
 pub fn camera(scene: &Scene, settings: &RenderSettings) -> Result<RayGenerator, Error> {
     let aspect = settings.width as f32 / settings.height as f32;
     match scene.camera(settings.camera.as_deref(), aspect) {
-        Some(camera) => Ok(scene.ray_generator(&camera, settings.width, settings.height)),
+        Some(camera) => Ok(scene.ray_generator(&camera, settings.width, settings.height)?),
         None => {
             let names: Vec<&str> = scene.cameras().iter().map(|c| c.name.as_str()).collect();
             let known = if names.is_empty() { "the scene has none".into() } else { names.join(", ") };

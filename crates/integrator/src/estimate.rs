@@ -5,7 +5,7 @@ use crate::sets;
 use crate::trace::{PathTrace, Recorder};
 use dunkelfeld_film::Sample;
 use dunkelfeld_sampling::Sampler;
-use dunkelfeld_scene::{RayGenerator, Scene};
+use dunkelfeld_scene::{CameraRay, RayGenerator, Scene};
 
 /// Names one sample of an image: which pixel, and which of its samples.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -55,9 +55,14 @@ impl Estimator<'_> {
         let sampler = Sampler::new(self.seed, self.frame, at.y * self.width + at.x, at.index);
         // A box filter, sampled: a sensor integrates over its pixel.
         let [dx, dy] = sampler.get_2d(sets::CAMERA);
-        // From the film into the scene.
-        let ray = self.camera.ray(at.x as f32 + dx, at.y as f32 + dy);
+        // From the film through the lens into the scene; a pinhole needs no place on the lens.
+        let lens = self.camera.has_aperture().then(|| sampler.get_2d(sets::LENS));
+        let CameraRay { ray, weight, start } = self.camera.camera_ray(at.x as f32 + dx, at.y as f32 + dy, lens);
         // Along the path until it ends; what it brings back is what the film remembers.
-        follow(self.scene, ray, &sampler, recorder)
+        let sample = follow(self.scene, ray, &sampler, recorder);
+        // What the lens does to it, seen from the camera.
+        recorder.weigh(weight);
+        let depth = if sample.hit { start + sample.depth } else { sample.depth };
+        Sample { radiance: sample.radiance * weight, depth, ..sample }
     }
 }

@@ -4,6 +4,9 @@
 /// Place on the pixel (2).
 pub(crate) const CAMERA: u32 = 0;
 
+/// Place on the lens (2), for a finite aperture. No path has so many vertices that their sets come up to it.
+pub(crate) const LENS: u32 = u32::MAX;
+
 /// Sets that one vertex of a path uses.
 const PER_VERTEX: u32 = 3;
 

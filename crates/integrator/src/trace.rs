@@ -36,6 +36,8 @@ pub(crate) trait Recorder {
     fn direct(&mut self, contribution: Rgb);
     /// A direction was chosen at the current vertex.
     fn scattered(&mut self, direction: [f32; 3], pdf: f32, weight: Rgb);
+    /// The path is over; all that it found counts by this factor, the lens's.
+    fn weigh(&mut self, factor: f32);
 }
 
 impl Recorder for () {
@@ -47,6 +49,8 @@ impl Recorder for () {
     fn direct(&mut self, _: Rgb) {}
     #[inline]
     fn scattered(&mut self, _: [f32; 3], _: f32, _: Rgb) {}
+    #[inline]
+    fn weigh(&mut self, _: f32) {}
 }
 
 impl Recorder for PathTrace {
@@ -76,6 +80,14 @@ impl Recorder for PathTrace {
     fn scattered(&mut self, direction: [f32; 3], pdf: f32, weight: Rgb) {
         if let Some(v) = self.vertices.last_mut() {
             v.scattered = Some((direction, pdf, weight));
+        }
+    }
+
+    fn weigh(&mut self, factor: f32) {
+        for v in &mut self.vertices {
+            v.throughput *= factor;
+            v.emitted *= factor;
+            v.direct *= factor;
         }
     }
 }

@@ -28,7 +28,7 @@ fn room() -> (Scene, RayGenerator) {
     b.environment = Some(Environment { source: EnvironmentSource::Constant(Rgb::splat(0.1)), rotation: 0.0 });
     b.add_camera("camera", DVec3::new(0.3, -1.5, 0.9), DVec3::new(0.0, 0.0, 0.15), 0.7);
     let scene = b.build().expect("valid").0;
-    let camera = scene.ray_generator(&scene.cameras()[0], SIZE, SIZE);
+    let camera = scene.ray_generator(&scene.cameras()[0], SIZE, SIZE).expect("a camera");
     (scene, camera)
 }
 

@@ -201,7 +201,7 @@ fn scene() -> SceneBuilder {
             name: "above".into(),
             to_world: DAffine3::IDENTITY,
             projection: Projection::Perspective { vertical_fov: 0.5 },
-            aspect: None,
+            ..Camera::default()
         }],
         ..SceneBuilder::default()
     }

@@ -1,6 +1,7 @@
 //! The scene as plain data: what importers fill and programs write by hand.
 
 use crate::camera::look_at;
+use crate::lens::Lens;
 use crate::material::Material;
 use crate::texture::{Image, ImageId};
 use dunkelfeld_geometry::{DAffine3, DVec3, Mesh};
@@ -111,7 +112,7 @@ pub enum EnvironmentSource {
 }
 
 /// A camera: it looks along its own -z axis with +y up (glTF).
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Camera {
     /// Name, for `--camera`.
     pub name: String,
@@ -121,23 +122,34 @@ pub struct Camera {
     pub projection: Projection,
     /// Width over height that the camera was made for, if it says so.
     pub aspect: Option<f32>,
+    /// The lens; the default is a pinhole.
+    pub lens: Lens,
 }
 
 /// How a camera maps the world to its film.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Projection {
-    /// A pinhole.
+    /// All chief rays meet in the camera's position: a pinhole, or the middle of a thin lens.
     Perspective {
-        /// Full vertical field of view \[rad\].
+        /// Full vertical field of view \[rad\] of a film around the axis, without distortion: the film lies
+        /// `1 / (2 tan(fov / 2))` of its height behind the lens.
         vertical_fov: f32,
     },
-    /// Parallel rays.
+    /// Parallel chief rays: orthographic, or a telecentric lens if the aperture is finite. Rays start on the plane
+    /// through the camera's position.
     Orthographic {
         /// Half of the film's width in the world \[m\].
         half_width: f32,
         /// Half of the film's height in the world \[m\].
         half_height: f32,
     },
+}
+
+impl Default for Projection {
+    /// A perspective of 40 degrees.
+    fn default() -> Self {
+        Self::Perspective { vertical_fov: 40f32.to_radians() }
+    }
 }
 
 impl SceneBuilder {
@@ -167,7 +179,7 @@ impl SceneBuilder {
             name: name.into(),
             to_world,
             projection: Projection::Perspective { vertical_fov },
-            aspect: None,
+            ..Camera::default()
         });
         self.cameras.len() - 1
     }

@@ -1,6 +1,7 @@
 //! What is checked before a scene is compiled, and what is mended on the way.
 
-use crate::builder::{EnvironmentSource, MeshPart, Projection, PunctualKind, SceneBuilder};
+use crate::builder::{EnvironmentSource, MeshPart, PunctualKind, SceneBuilder};
+use crate::camera::check_camera;
 use crate::compile::BuildError;
 use crate::material::Material;
 use crate::report::BuildReport;
@@ -55,18 +56,10 @@ pub(crate) fn check_values(builder: &SceneBuilder) -> Result<(), BuildError> {
         }
     }
     for camera in &builder.cameras {
-        let place = || format!("camera \"{}\"", camera.name);
-        require(camera.to_world.is_finite(), place, "its transform must be finite")?;
-        match camera.projection {
-            Projection::Perspective { vertical_fov } => {
-                let fits = vertical_fov > 0.0 && vertical_fov < std::f32::consts::PI;
-                require(fits, place, "its field of view must lie between 0 and 180 degrees (0 and pi radians)")?;
-            }
-            Projection::Orthographic { half_width, half_height } => {
-                let fits = |v: f32| v > 0.0 && v.is_finite();
-                require(fits(half_width) && fits(half_height), place, "its size must be finite and above 0")?;
-            }
-        }
+        check_camera(camera).map_err(|problem| BuildError::BadValue {
+            place: format!("camera \"{}\"", camera.name),
+            problem: problem.into(),
+        })?;
     }
     if let Some(environment) = &builder.environment {
         let place = || "the environment".to_string();

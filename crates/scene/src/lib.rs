@@ -10,10 +10,12 @@ mod builder;
 pub mod camera;
 mod check;
 mod compile;
+pub mod distortion;
 mod environment;
 pub mod interior;
 pub mod intersect;
 mod inventory;
+pub mod lens;
 pub mod light;
 mod material;
 pub mod medium;
@@ -28,11 +30,13 @@ mod texture_eval;
 pub use builder::{
     Camera, Environment, EnvironmentSource, Instance, MeshPart, Projection, PunctualKind, PunctualLight, SceneBuilder,
 };
-pub use camera::{RayGenerator, framing_camera, look_at};
+pub use camera::{CameraError, CameraRay, RayGenerator, framing_camera, look_at};
 pub use compile::BuildError;
+pub use distortion::Distortion;
 pub use interior::Interior;
 pub use intersect::SurfacePoint;
 pub use inventory::{LightInfo, PartInfo};
+pub use lens::{Aperture, Blades, Lens, Opening, ThinLens, Vignetting};
 pub use light::{LightReceiver, LightSample, LightTarget};
 pub use material::{AlphaMode, ChannelTexture, Material, Surface, Volume};
 pub use medium::{Medium, MediumEvent};

@@ -1,7 +1,7 @@
 //! The compiled scene: what rays are traced against.
 
 use crate::builder::Camera;
-use crate::camera::{RayGenerator, framing_camera};
+use crate::camera::{CameraError, RayGenerator, framing_camera};
 use crate::light::LightTable;
 use crate::material::Material;
 use crate::surface::CompiledMaterial;
@@ -119,8 +119,11 @@ impl Scene {
     }
 
     /// Binds a camera to a film.
-    pub fn ray_generator(&self, camera: &Camera, width: u32, height: u32) -> RayGenerator {
-        RayGenerator::new(camera, width, height, self.world_origin)
+    ///
+    /// # Errors
+    /// As [`RayGenerator::new`]: values without meaning, a distortion that cannot be undone over the film.
+    pub fn ray_generator(&self, camera: &Camera, width: u32, height: u32) -> Result<RayGenerator, CameraError> {
+        RayGenerator::new(camera, width, height, self.world_origin, self.radius)
     }
 
     /// The scene in numbers.

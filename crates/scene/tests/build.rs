@@ -20,7 +20,7 @@ fn square() -> SceneBuilder {
 }
 
 fn camera(projection: Projection) -> Camera {
-    Camera { name: "c".into(), to_world: DAffine3::IDENTITY, projection, aspect: None }
+    Camera { name: "c".into(), to_world: DAffine3::IDENTITY, projection, ..Camera::default() }
 }
 
 #[test]
@@ -31,7 +31,7 @@ fn an_empty_scene_is_dark_and_says_so() {
     assert!(scene.intersect(&Ray::new(Vec3::ZERO, Vec3::Z)).is_none());
     assert!(scene.environment_radiance(Vec3::Z).is_black());
     let camera = scene.camera(None, 1.0).expect("a framing of nothing");
-    let ray = scene.ray_generator(&camera, 7, 5).ray(0.0, 0.0);
+    let ray = scene.ray_generator(&camera, 7, 5).expect("valid").ray(0.0, 0.0);
     assert!(ray.origin.is_finite() && (ray.direction.length() - 1.0).abs() < 1e-6);
     assert!(scene.camera(Some("none"), 1.0).is_none());
 }

@@ -138,7 +138,7 @@ impl Importer<'_> {
         }
         let place = format!("camera {index} \"{name}\"");
         if let Some((projection, aspect)) = light::camera(source, &place, &mut self.warnings) {
-            self.scene.cameras.push(Camera { name, to_world, projection, aspect });
+            self.scene.cameras.push(Camera { name, to_world, projection, aspect, ..Camera::default() });
         }
     }
 
