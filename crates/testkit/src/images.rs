@@ -224,7 +224,7 @@ mod tests {
             move |i: usize| {
                 if i >= k {
                     5.0
-                } else if i % 2 == 0 {
+                } else if i.is_multiple_of(2) {
                     9.0
                 } else {
                     1.0
