@@ -5,6 +5,8 @@ use crate::check::{check_indices, check_values, drop_unusable_attributes, mesh_p
 use crate::environment::EnvironmentLight;
 use crate::light::{AreaLight, AreaShape, DeltaLight, Light, LightTable, NO_LIGHT};
 use crate::material::{Material, Surface};
+use crate::medium::Medium;
+use crate::nesting::{NO_SOLID, Solid, SolidPart, Solids, rank_solids};
 use crate::report::BuildReport;
 use crate::scene::{Part, Placement, Scene};
 use crate::surface::{CompiledMaterial, mean_emission};
@@ -62,7 +64,7 @@ impl SceneBuilder {
         check_values(&self)?;
         let mut report = BuildReport::default();
         repair_texels(&mut self.images, &mut report);
-        self.clean_meshes(&mut report);
+        let closed = self.clean_meshes(&mut report);
         let placed = self.valid_instances(&mut report);
         let bounds = world_bounds(&placed, &self.meshes);
         let world_origin = bounds.map_or(DVec3::ZERO, |[lo, hi]| 0.5 * (lo + hi));
@@ -80,7 +82,12 @@ impl SceneBuilder {
         let mut geometry = Placed::default();
         geometry.place(&placed, std::mem::take(&mut self.meshes), &to_render);
 
-        let compiled: Vec<CompiledMaterial> = self.materials.iter().map(CompiledMaterial::new).collect();
+        let mut compiled: Vec<CompiledMaterial> = self.materials.iter().map(CompiledMaterial::new).collect();
+        for part in geometry.parts.iter().filter(|p| !geometry.meshes[p.mesh as usize].colors.is_empty()) {
+            // Vertex colours tint each place differently.
+            compiled[part.material as usize].clear_tint = None;
+        }
+        let solids = geometry.solids(&self.materials, &compiled, &closed);
         let mut lights = geometry.area_lights(&self.materials, &self.images);
         for light in &self.lights {
             lights.push(Light::Delta(delta_light(light, &to_render)));
@@ -100,7 +107,14 @@ impl SceneBuilder {
         }
         self.report_unfindable_light(&geometry.parts, &compiled, &mut report);
         let has_coverage = geometry.parts.iter().any(|p| compiled[p.material as usize].has_coverage);
-        let bvh = geometry.hierarchy(&|part| compiled[part.material as usize].has_coverage)?;
+        // Shadow rays stop neither at partly covering surfaces nor at clear faces, where these may be open to light.
+        let is_open = |c: &CompiledMaterial| c.clear_tint.is_some();
+        let has_open_faces =
+            geometry.parts.iter().any(|p| is_open(&compiled[p.material as usize]) && solids.is_open(p.solid));
+        let bvh = geometry.hierarchy(&|part| {
+            let compiled = &compiled[part.material as usize];
+            compiled.has_coverage || (has_open_faces && is_open(compiled))
+        })?;
         let scene = Scene {
             world_origin,
             bounds,
@@ -119,12 +133,19 @@ impl SceneBuilder {
             cameras: self.cameras,
             radius,
             has_coverage,
+            has_open_faces,
+            solids: solids.list,
+            solid_bounds: solids.bounds,
+            has_nesting: solids.has_nesting,
         };
         Ok((scene, report))
     }
 
     /// Drops what cannot be traced and reports it; reports solids that are open or inside out.
-    fn clean_meshes(&mut self, report: &mut BuildReport) {
+    ///
+    /// Says of each mesh whether it is known to enclose a volume.
+    fn clean_meshes(&mut self, report: &mut BuildReport) -> Vec<bool> {
+        let mut closed = vec![false; self.meshes.len()];
         for (index, part) in self.meshes.iter_mut().enumerate() {
             let place = mesh_place(index, &part.name);
             drop_unusable_attributes(part, &place, report);
@@ -144,6 +165,7 @@ impl SceneBuilder {
                 continue;
             }
             let health = MeshHealth::of(&part.mesh);
+            closed[index] = health.is_closed();
             if !health.is_closed() {
                 report.hazard(
                     &place,
@@ -162,6 +184,7 @@ impl SceneBuilder {
                 );
             }
         }
+        closed
     }
 
     /// Light without extent that passes a smooth clear surface arrives from one direction that neither scattering nor a
@@ -232,6 +255,8 @@ struct Placed {
     baked_parts: Vec<u32>,
     /// Transform of each placement but the baked one.
     transforms: Vec<Transform>,
+    /// For each part the mesh of the builder that it shows.
+    sources: Vec<usize>,
 }
 
 impl Placed {
@@ -255,6 +280,7 @@ impl Placed {
             let first_triangle = self.baked_parts.len() as u32;
             self.baked_parts.extend(std::iter::repeat_n(part, mesh.triangles.len()));
             self.push_part(mesh, &meshes[m], object, None, first_triangle);
+            self.sources.push(m);
         }
         for (object, m, transform) in all().filter(|(_, m, _)| !bakes(*m)) {
             // Invertible in world space and moved: still invertible.
@@ -265,12 +291,14 @@ impl Placed {
             }
             self.placements.push(Placement::Part(self.parts.len() as u32));
             self.transforms.push(transform);
+            self.sources.push(m);
             self.parts.push(Part {
                 mesh: stored[m],
                 material: meshes[m].material as u32,
                 object,
                 transform: Some(Box::new(transform)),
                 first_triangle: 0,
+                solid: NO_SOLID,
                 lights: Vec::new(),
             });
         }
@@ -285,8 +313,31 @@ impl Placed {
             object,
             transform,
             first_triangle: first,
+            solid: NO_SOLID,
             lights: Vec::new(),
         });
+    }
+
+    /// Finds the solids, ranks them, and marks the parts that bound them.
+    fn solids(&mut self, materials: &[Material], compiled: &[CompiledMaterial], closed: &[bool]) -> Solids {
+        let bounds = |part: &Part| {
+            let mesh = &self.meshes[part.mesh as usize];
+            let to_render = |p: Vec3| part.transform.as_ref().map_or(p, |t| t.point(p));
+            used_positions(mesh).map(to_render).fold(None, |b: Option<[Vec3; 2]>, p| {
+                let [lo, hi] = b.unwrap_or([p, p]);
+                Some([lo.min(p), hi.max(p)])
+            })
+        };
+        let mut found = Vec::new();
+        for (index, part) in self.parts.iter().enumerate() {
+            let material = &materials[part.material as usize];
+            let Surface::Solid(volume) = &material.surface else { continue };
+            let Some(bounds) = bounds(part).filter(|_| compiled[part.material as usize].is_solid) else { continue };
+            let solid = Solid { material: part.material, ior: material.ior, medium: Medium::new(volume) };
+            let is_closed = closed[self.sources[index]];
+            found.push(SolidPart { part: index, bounds, is_closed, priority: volume.priority, solid });
+        }
+        rank_solids(found, &mut self.parts)
     }
 
     /// The hierarchy over everything; parts that cover partly let light through.

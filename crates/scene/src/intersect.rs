@@ -38,7 +38,7 @@ impl Scene {
         self.bvh.closest_hit(ray).map(|hit| self.surface_point(&hit))
     }
 
-    fn surface_point(&self, hit: &Hit) -> SurfacePoint {
+    pub(crate) fn surface_point(&self, hit: &Hit) -> SurfacePoint {
         let (part_index, triangle) = match self.placements[hit.instance as usize] {
             Placement::Baked => {
                 let part = self.baked_parts[hit.triangle as usize];

@@ -4,6 +4,7 @@ use crate::builder::Camera;
 use crate::camera::{CameraError, RayGenerator, framing_camera};
 use crate::light::LightTable;
 use crate::material::Material;
+use crate::nesting::Solid;
 use crate::surface::CompiledMaterial;
 use crate::texture::Image;
 use dunkelfeld_bvh::Bvh;
@@ -35,6 +36,14 @@ pub struct Scene {
     pub(crate) cameras: Vec<Camera>,
     pub(crate) radius: f32,
     pub(crate) has_coverage: bool,
+    /// Could light pass the face of a solid straight on?
+    pub(crate) has_open_faces: bool,
+    /// The solids, by rank.
+    pub(crate) solids: Vec<Solid>,
+    /// Corners of a box around all solids, in render space.
+    pub(crate) solid_bounds: Option<[Vec3; 2]>,
+    /// Could solids touch or overlap?
+    pub(crate) has_nesting: bool,
 }
 
 /// What an instance of the hierarchy stands for.
@@ -56,6 +65,8 @@ pub(crate) struct Part {
     pub(crate) transform: Option<Box<Transform>>,
     /// Index of the part's first triangle in the baked mesh.
     pub(crate) first_triangle: u32,
+    /// The solid that it bounds, `NO_SOLID` if none.
+    pub(crate) solid: u32,
     /// Light of each triangle; empty if nothing emits.
     pub(crate) lights: Vec<u32>,
 }

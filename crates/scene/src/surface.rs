@@ -43,6 +43,9 @@ pub(crate) struct CompiledMaterial {
     /// Does coverage have to be asked for?
     pub(crate) has_coverage: bool,
     pub(crate) emits: bool,
+    /// Of the face of a clear solid, the same everywhere: the factor on light that passes it where the index of refraction
+    /// is the same on both sides.
+    pub(crate) clear_tint: Option<Rgb>,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -87,7 +90,22 @@ impl CompiledMaterial {
         let is_mixture = transmits && !is_solid;
         let sharp = m.roughness < SMOOTH_ROUGHNESS || m.roughness_texture.is_some();
         let is_smooth_clear = transmits && sharp && (!is_solid || m.transmission >= 1.0);
-        Self { constant, absorption, is_solid, is_smooth_clear, is_mixture, both_sides: transmits, has_coverage, emits }
+        let is_clear = is_solid && m.transmission >= 1.0 && m.metallic <= 0.0 && !has_coverage && !emits;
+        let clear_textures =
+            [m.base_color_texture.is_some(), m.transmission_texture.is_some(), m.metallic_texture.is_some()];
+        let clear_tint =
+            (is_clear && !clear_textures.contains(&true)).then(|| m.base_color.map(|c| c.clamp(0.0, 1.0).sqrt()));
+        Self {
+            clear_tint,
+            constant,
+            absorption,
+            is_solid,
+            is_smooth_clear,
+            is_mixture,
+            both_sides: transmits,
+            has_coverage,
+            emits,
+        }
     }
 
     /// The BSDF at a place. `u` in `[0, 1)` chooses between the two of a partly transmitting thin sheet.
