@@ -100,6 +100,26 @@ impl Scene {
         Some(&self.solids.get(inside.top()? as usize)?.medium)
     }
 
+    /// Index of the material whose solid fills a place.
+    pub fn material_inside(&self, inside: &Interior) -> Option<u32> {
+        Some(self.solids.get(inside.top()? as usize)?.material)
+    }
+
+    /// Could two solids touch or overlap?
+    pub fn has_nesting(&self) -> bool {
+        self.has_nesting
+    }
+
+    /// Could light pass the face of a solid straight on, because the index of refraction is the same on both sides?
+    pub fn has_open_faces(&self) -> bool {
+        self.has_open_faces
+    }
+
+    /// Does any medium scatter?
+    pub fn has_scattering(&self) -> bool {
+        self.solids.iter().any(|s| s.medium.scatters())
+    }
+
     /// The index of refraction of what fills a place; 1 outside of solids.
     #[inline]
     fn index_of(&self, inside: &Interior) -> f32 {
