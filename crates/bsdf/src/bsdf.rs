@@ -105,6 +105,19 @@ impl Bsdf {
         }
     }
 
+    /// The same surface with the energy given back that rough lobes lose between their facets; see
+    /// [`crate::compensation`]. Diffuse, sheen and clear-coat lobes and smooth boundaries lose nothing there and stay as
+    /// they are.
+    #[inline]
+    pub fn with_energy_compensation(self) -> Self {
+        match self {
+            Self::Principled(b) => Self::Principled(b.with_energy_compensation()),
+            Self::Dielectric(b) => Self::Dielectric(b.with_energy_compensation()),
+            Self::ThinSheet(b) => Self::ThinSheet(b.with_energy_compensation()),
+            Self::Absorber => Self::Absorber,
+        }
+    }
+
     /// Does it scatter into delta lobes only (or not at all)? Then connecting it to a light is pointless.
     #[inline]
     pub fn is_delta(&self) -> bool {

@@ -2,7 +2,7 @@
 
 use crate::fresnel::schlick_weight;
 use dunkelfeld_geometry::{LocalDir, Vec3};
-use dunkelfeld_sampling::warp::sin_cos_turn;
+use dunkelfeld_sampling::warp::{azimuth, sin_cos_turn};
 use std::f32::consts::PI;
 
 /// Share of the coat at full strength: Burley's constant 1/4.
@@ -44,16 +44,31 @@ pub fn eval_clearcoat(wo: LocalDir, wi: LocalDir, m: Vec3, alpha: f32) -> f32 {
 #[inline]
 pub fn sample_half_vector([u0, u1]: [f32; 2], alpha: f32) -> Vec3 {
     let a2 = alpha * alpha;
-    let cos2 = ((1.0 - a2.powf(1.0 - u0)) / (1.0 - a2)).clamp(0.0, 1.0);
-    let (sin, cos) = ((1.0 - cos2).sqrt(), cos2.sqrt());
+    // The sine, not the cosine: at full gloss its square is 1e-6, of which 1 - cos^2 would leave a digit.
+    let sin2 = ((a2.powf(1.0 - u0) - a2) / (1.0 - a2)).clamp(0.0, 1.0);
+    let (sin, cos) = (sin2.sqrt(), (1.0 - sin2).sqrt());
     let (s, c) = sin_cos_turn(u1);
     Vec3::new(sin * c, sin * s, cos)
+}
+
+/// Density of [`sample_half_vector`] [1/sr].
+#[inline]
+pub fn pdf_half_vector(m: Vec3, alpha: f32) -> f32 {
+    distribution(m, alpha) * m.z
+}
+
+/// The random numbers behind a half vector of [`sample_half_vector`].
+#[inline]
+pub fn invert_half_vector(m: Vec3, alpha: f32) -> [f32; 2] {
+    let a2 = alpha * alpha;
+    let sin2 = m.x * m.x + m.y * m.y;
+    [(1.0 - (sin2 + a2 * m.z * m.z).ln() / a2.ln()).clamp(0.0, 1.0), azimuth(m)]
 }
 
 /// Density of the direction that mirrors `wo` at a sampled half vector [1/sr]; `cos_d` is the cosine between them.
 #[inline]
 pub fn pdf_reflection(m: Vec3, cos_d: f32, alpha: f32) -> f32 {
-    distribution(m, alpha) * m.z / (4.0 * cos_d)
+    pdf_half_vector(m, alpha) / (4.0 * cos_d)
 }
 
 /// Smith's masking for GGX of roughness [`ALPHA_G`] (Walter et al. 2007).

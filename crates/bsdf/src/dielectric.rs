@@ -1,8 +1,10 @@
 //! The boundary of a clear solid: smooth (two delta lobes) or rough (Walter, Marschner, Li and Torrance 2007).
 
 use crate::bsdf::{BsdfSample, Lobe};
+use crate::compensation;
 use crate::fresnel;
-use crate::microfacet::{Ggx, reflect, refract, refraction_half_vector, refraction_jacobian};
+use crate::microfacet::{Ggx, reflect};
+use crate::transmission::{eval_refraction, refract};
 use dunkelfeld_geometry::LocalDir;
 use dunkelfeld_radiometry::Rgb;
 
@@ -21,6 +23,7 @@ pub struct Dielectric {
     rough: Option<Ggx>,
     reflection_tint: Rgb,
     transmission_tint: Rgb,
+    compensated: bool,
 }
 
 impl Dielectric {
@@ -33,7 +36,13 @@ impl Dielectric {
     pub fn new(eta: f32, alpha: f32, reflection_tint: Rgb, transmission_tint: Rgb) -> Self {
         let eta = clamp_eta(eta);
         let rough = (alpha > 0.0 && (eta - 1.0).abs() >= MATCHED_INDEX).then(|| Ggx::new(alpha, alpha));
-        Self { eta, rough, reflection_tint, transmission_tint }
+        Self { eta, rough, reflection_tint, transmission_tint, compensated: false }
+    }
+
+    /// The same boundary with [`crate::compensation`].
+    #[inline]
+    pub fn with_energy_compensation(self) -> Self {
+        Self { compensated: true, ..self }
     }
 
     /// A clear, smooth boundary.
@@ -63,18 +72,15 @@ impl Dielectric {
             return none;
         }
         let (eta, wo, wi) = from_above(self.eta, wo, wi);
-        let visible = 2.0 / (wo.0.z + ggx.stretch(wo));
+        let gain = if self.compensated { 1.0 / compensation::scattered_once(&ggx, wo, eta) } else { 1.0 };
         if wi.0.z > 0.0 {
             let Some(m) = (wo.0 + wi.0).try_normalize() else { return none };
             let f = fresnel::dielectric(wo.0.dot(m), eta).reflectance;
-            let pdf = 0.25 * f * ggx.distribution(m) * visible;
-            (self.reflection_tint * (pdf * ggx.g1(wi)), pdf)
+            let pdf = f * ggx.distribution(m) / (2.0 * (wo.0.z + ggx.stretch(wo)));
+            (self.reflection_tint * (pdf * ggx.g1(wi) * gain), pdf)
         } else {
-            let Some(m) = refraction_half_vector(wo, wi, eta) else { return none };
-            let (wo_m, wi_m) = (wo.0.dot(m), wi.0.dot(m));
-            let t = 1.0 - fresnel::from_cosines(wo_m, -wi_m, eta);
-            let pdf = t * ggx.distribution(m) * visible * wo_m * refraction_jacobian(wo_m, wi_m, eta);
-            (self.transmission_tint * (pdf * ggx.g1(-wi) / (eta * eta)), pdf)
+            let Some(r) = eval_refraction(&ggx, wo, wi, eta) else { return none };
+            (self.transmission_tint * (r.value * gain), (1.0 - r.fresnel) * r.density)
         }
     }
 

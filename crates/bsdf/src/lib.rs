@@ -6,13 +6,15 @@
 //! direction may lie on either side of the surface; a direction that lies *in* it (z = 0) scatters nothing. Nothing
 //! here returns NaN, an infinity or a negative value for unit directions, whatever the parameters.
 //!
-//! One file per lobe: [`diffuse`], [`sheen`], [`clearcoat`], [`microfacet`] with [`fresnel`]; [`principled`] mixes
-//! them.
+//! One file per lobe: [`diffuse`], [`sheen`], [`clearcoat`], [`specular`], [`transmission`], the last two on the facets of
+//! [`microfacet`] with [`fresnel`]; [`principled`], [`dielectric`] and [`thin`] mix them. [`compensation`] gives rough
+//! surfaces back, on demand, what they lose between facets.
 
 #![forbid(unsafe_code)]
 
 mod bsdf;
 pub mod clearcoat;
+pub mod compensation;
 pub mod dielectric;
 pub mod diffuse;
 pub mod fresnel;
@@ -20,7 +22,9 @@ pub mod microfacet;
 pub mod phase;
 pub mod principled;
 pub mod sheen;
+pub mod specular;
 pub mod thin;
+pub mod transmission;
 
 pub use bsdf::{Bsdf, BsdfSample, Lobe};
 pub use dielectric::Dielectric;

@@ -3,7 +3,7 @@
 //! All directions are taken above the surface (z > 0); a caller that looks from below mirrors them first.
 
 use dunkelfeld_geometry::{LocalDir, Vec3};
-use dunkelfeld_sampling::warp::sin_cos_turn;
+use dunkelfeld_sampling::warp::{self, sin_cos_turn};
 use std::f32::consts::FRAC_1_PI;
 
 /// The anisotropic GGX distribution with Smith masking (Trowbridge and Reitz 1975; Walter et al. 2007; Heitz 2014).
@@ -23,6 +23,12 @@ impl Ggx {
         // `max` also turns NaN into the bound.
         let (alpha_x, alpha_y) = (alpha_x.max(1e-4), alpha_y.max(1e-4));
         Self { alpha_x, alpha_y, inverse_x: 1.0 / alpha_x, inverse_y: 1.0 / alpha_y }
+    }
+
+    /// The slopes along x and y.
+    #[inline]
+    pub fn slopes(&self) -> [f32; 2] {
+        [self.alpha_x, self.alpha_y]
     }
 
     /// Density of microfacet normals per unit solid angle and unit of macroscopic area [1/sr].
@@ -61,6 +67,12 @@ impl Ggx {
         2.0 * self.distribution(m) * wo.0.dot(m).max(0.0) / (wo.0.z + self.stretch(wo))
     }
 
+    /// The random numbers behind a normal of [`Self::sample_visible`].
+    #[inline]
+    pub fn invert_visible(&self, wo: LocalDir, m: Vec3) -> [f32; 2] {
+        self.invert_cap(wo, 1.0, m)
+    }
+
     /// Samples a visible normal for reflection: the cap is cut to what can reflect above the surface
     /// (Eto and Tokuyoshi 2023). A few reflections below the surface remain.
     #[inline]
@@ -72,6 +84,12 @@ impl Ggx {
     #[inline]
     pub fn pdf_bounded_reflection(&self, wo: LocalDir, m: Vec3) -> f32 {
         self.distribution(m) / (2.0 * (self.cap_bound(wo) * wo.0.z + self.stretch(wo)))
+    }
+
+    /// The random numbers behind a normal of [`Self::sample_bounded`].
+    #[inline]
+    pub fn invert_bounded(&self, wo: LocalDir, m: Vec3) -> [f32; 2] {
+        self.invert_cap(wo, self.cap_bound(wo), m)
     }
 
     /// `k` of Eto and Tokuyoshi (2023, equation 5): the lower bound of the cap is `-k` times the stretched cosine.
@@ -86,7 +104,7 @@ impl Ggx {
     /// A point of the spherical cap `z >= -bound * wo_z` of the stretched sphere, halfway to `wo`, unstretched.
     #[inline]
     fn sample_cap(&self, wo: LocalDir, bound: f32, [u0, u1]: [f32; 2]) -> Vec3 {
-        let w = Vec3::new(wo.0.x * self.alpha_x, wo.0.y * self.alpha_y, wo.0.z) / self.stretch(wo);
+        let w = self.stretched(wo);
         let lower = bound * w.z;
         let z = (1.0 - u1) * (1.0 + lower) - lower;
         let sin = ((1.0 - z) * (1.0 + z)).max(0.0).sqrt();
@@ -95,34 +113,26 @@ impl Ggx {
         let h = Vec3::new(sin * c + w.x, sin * s + w.y, (z + w.z).max(0.0));
         Vec3::new(h.x * self.alpha_x, h.y * self.alpha_y, h.z).try_normalize().unwrap_or(Vec3::Z)
     }
+
+    /// The inverse of [`Self::sample_cap`]: the point of the cap is `wo` mirrored at the normal, both stretched.
+    #[inline]
+    fn invert_cap(&self, wo: LocalDir, bound: f32, m: Vec3) -> [f32; 2] {
+        let w = self.stretched(wo);
+        let h = Vec3::new(m.x * self.inverse_x, m.y * self.inverse_y, m.z).normalize();
+        let cap = h * (2.0 * w.dot(h)) - w;
+        let lower = bound * w.z;
+        [warp::azimuth(cap), ((1.0 - cap.z) / (1.0 + lower)).clamp(0.0, 1.0)]
+    }
+
+    /// A direction where the microsurface is a hemisphere, as a unit vector.
+    #[inline]
+    fn stretched(&self, wo: LocalDir) -> Vec3 {
+        Vec3::new(wo.0.x * self.alpha_x, wo.0.y * self.alpha_y, wo.0.z) / self.stretch(wo)
+    }
 }
 
 /// Mirrors `w` at a unit normal `m`.
 #[inline]
 pub fn reflect(w: LocalDir, m: Vec3) -> LocalDir {
     LocalDir(m * (2.0 * w.0.dot(m)) - w.0)
-}
-
-/// Refracts `w` at a unit normal `m` with `w.m > 0`; `eta` is the index behind over the index in front, `cos_t` the
-/// cosine of the angle of refraction.
-#[inline]
-pub fn refract(w: LocalDir, m: Vec3, eta: f32, cos_t: f32) -> LocalDir {
-    let inv = 1.0 / eta;
-    LocalDir((m * (inv * w.0.dot(m) - cos_t) - w.0 * inv).normalize())
-}
-
-/// The microfacet normal that refracts `wo` (above) into `wi` (below), facing up; `None` if there is none.
-#[inline]
-pub fn refraction_half_vector(wo: LocalDir, wi: LocalDir, eta: f32) -> Option<Vec3> {
-    let h = wo.0 + wi.0 * eta;
-    let m = (if h.z < 0.0 { -h } else { h }).try_normalize()?;
-    // The facet must face wo and turn its back to wi, as the surface does.
-    (m.z > 0.0 && wo.0.dot(m) > 0.0 && wi.0.dot(m) < 0.0).then_some(m)
-}
-
-/// Solid angle of microfacet normals per solid angle of refracted directions (Walter et al. 2007, equation 17).
-#[inline]
-pub fn refraction_jacobian(wo_m: f32, wi_m: f32, eta: f32) -> f32 {
-    let d = wo_m + eta * wi_m;
-    eta * eta * wi_m.abs() / (d * d)
 }

@@ -16,9 +16,11 @@
 
 use crate::bsdf::{BsdfSample, Lobe};
 use crate::dielectric::{MATCHED_INDEX, clamp_eta, delta, finite_sample, from_above, mirrored_if};
-use crate::fresnel::{self, normal_reflectance, schlick, schlick_weight};
-use crate::microfacet::{Ggx, reflect, refract, refraction_half_vector, refraction_jacobian};
-use crate::{clearcoat, diffuse, sheen};
+use crate::fresnel::{self, schlick_weight};
+use crate::microfacet::{Ggx, reflect};
+use crate::specular::SpecularColor;
+use crate::transmission::{eval_refraction, refract};
+use crate::{clearcoat, compensation, diffuse, sheen};
 use dunkelfeld_geometry::LocalDir;
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_sampling::warp;
@@ -91,7 +93,7 @@ pub struct Principled {
     refracting: f32,
     /// Square root of the base colour times the refracting share.
     transmission_color: Rgb,
-    dielectric: Reflection,
+    specular: SpecularColor,
     /// Sheen colour times its strength.
     sheen_color: Rgb,
     /// Strength of the coat times Burley's 1/4.
@@ -99,21 +101,7 @@ pub struct Principled {
     coat_alpha: f32,
     /// Luminance of the diffuse and sheen lobes, for the choice of a lobe.
     diffuse_luminance: f32,
-}
-
-/// The colours of the specular reflection above the surface.
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct Reflection {
-    /// Reflectance at normal incidence of the index alone.
-    f0: f32,
-    /// Factor on the exact Fresnel term, `(1 - metallic)(1 - spec_tint)`.
-    exact: f32,
-    /// Schlick's part, colour at normal incidence times weight: metal and tint together.
-    schlick_f0: Rgb,
-    /// Weight of Schlick's part.
-    schlick: f32,
-    /// `specular_factor`, `specular_color`, unless both are neutral.
-    scale: Option<(f32, Rgb)>,
+    compensated: bool,
 }
 
 /// Probabilities of the lobes for one `wo`; they sum to one.
@@ -139,8 +127,6 @@ impl Principled {
 
         let opaque = (1.0 - metallic) * (1.0 - spec_trans);
         let refracting = (1.0 - metallic) * spec_trans;
-        let f0 = normal_reflectance(eta);
-        let tint = (1.0 - metallic) * spec_tint;
         let scale = (unit(p.specular_factor), p.specular_color.map(at_least_zero));
         // A surface that refracts everything has no sheen (so Mitsuba, whose sheen lives on the diffuse layer).
         let sheen = if opaque > 0.0 { at_least_zero(p.sheen) * (1.0 - metallic) } else { 0.0 };
@@ -153,19 +139,20 @@ impl Principled {
             diffuse_color,
             refracting,
             transmission_color: base.map(f32::sqrt) * refracting,
-            dielectric: Reflection {
-                f0,
-                exact: (1.0 - metallic) * (1.0 - spec_tint),
-                schlick_f0: base * metallic + hue * (f0 * tint),
-                schlick: metallic + tint,
-                scale: (scale != (1.0, Rgb::WHITE)).then_some(scale),
-            },
+            specular: SpecularColor::new(eta, base, hue, metallic, spec_tint, scale),
             sheen_color,
             coat: clearcoat::STRENGTH * at_least_zero(p.clearcoat).min(4.0),
             coat_alpha: clearcoat::alpha_from_gloss(unit(p.clearcoat_gloss)),
             // A sheen of strength one scatters between 0.03 and 0.5 of the light, most of it at grazing angles.
             diffuse_luminance: diffuse_color.luminance() + 0.25 * sheen_color.luminance(),
+            compensated: false,
         }
+    }
+
+    /// The same surface with [`crate::compensation`] of its specular and transmission lobes.
+    #[inline]
+    pub fn with_energy_compensation(self) -> Self {
+        Self { compensated: true, ..self }
     }
 
     /// See [`crate::Bsdf::eval_pdf`].
@@ -216,7 +203,7 @@ impl Principled {
     pub fn albedo(&self, wo: LocalDir) -> Rgb {
         let cos = wo.abs_cos_theta();
         let f = fresnel::dielectric(cos, self.eta);
-        let specular = self.dielectric.reflectance(f.reflectance, self.schlick_weight(cos, f.cos_t));
+        let specular = self.specular.reflectance(f.reflectance, self.schlick_weight(cos, f.cos_t));
         let below = self.diffuse_color + self.transmission_color;
         (specular + below * (1.0 - f.reflectance)).map(|c| c.clamp(0.0, 1.0))
     }
@@ -228,12 +215,15 @@ impl Principled {
         let cos_d = wo.0.dot(m).clamp(1e-6, 1.0);
 
         let f = fresnel::dielectric(cos_d, self.eta);
-        let reflectance = self.dielectric.reflectance(f.reflectance, self.schlick_weight(cos_d, f.cos_t));
+        let reflectance = self.specular.reflectance(f.reflectance, self.schlick_weight(cos_d, f.cos_t));
         let stretch = self.ggx.stretch(wo);
         let d = self.ggx.distribution(m);
         // D g1(wo) / (4 wo.z), without its singularity at grazing angles.
         let visible = d / (2.0 * (wo.0.z + stretch));
         let mut value = reflectance * (visible * self.ggx.g1(wi));
+        if self.compensated {
+            value *= self.gain_above(wo);
+        }
         let mut pdf = choice.specular
             * if self.refracting > 0.0 {
                 visible * self.reflection_probability(reflectance, f.reflectance)
@@ -261,7 +251,7 @@ impl Principled {
         let f = fresnel::dielectric(wo.0.dot(m), eta).reflectance;
         let visible = self.ggx.distribution(m) / (2.0 * (wo.0.z + self.ggx.stretch(wo)));
         let q = self.reflection_probability(Rgb::splat(self.refracting * f), f);
-        (Rgb::splat(self.refracting * f * visible * self.ggx.g1(wi)), visible * q)
+        (Rgb::splat(self.refracting * f * visible * self.ggx.g1(wi) * self.clear_gain(wo, eta)), visible * q)
     }
 
     /// Directions on different sides: refraction at the boundary of the refracting share.
@@ -272,19 +262,15 @@ impl Principled {
         }
         let above = wo.0.z > 0.0;
         let (eta, wo, wi) = from_above(self.eta, wo, wi);
-        let Some(m) = refraction_half_vector(wo, wi, eta) else { return none };
-        let (wo_m, wi_m) = (wo.0.dot(m), wi.0.dot(m));
-        let f = fresnel::from_cosines(wo_m, -wi_m, eta);
+        let Some(r) = eval_refraction(&self.ggx, wo, wi, eta) else { return none };
         let (reflected, specular) = if above {
             let Some(choice) = self.choose(wo) else { return none };
-            (self.dielectric.reflectance(f, self.schlick_weight(wo_m, -wi_m)), choice.specular)
+            (self.specular.reflectance(r.fresnel, self.schlick_weight(r.cos_o, r.cos_i)), choice.specular)
         } else {
-            (Rgb::splat(self.refracting * f), 1.0)
+            (Rgb::splat(self.refracting * r.fresnel), 1.0)
         };
-        let q = self.reflection_probability(reflected, f);
-        let facets = self.ggx.pdf_visible(wo, m) * refraction_jacobian(wo_m, wi_m, eta);
-        let t = (1.0 - f) * facets * self.ggx.g1(-wi) / (eta * eta);
-        (self.transmission_color * t, specular * (1.0 - q) * facets)
+        let q = self.reflection_probability(reflected, r.fresnel);
+        (self.transmission_color * (r.value * self.clear_gain(wo, eta)), specular * (1.0 - q) * r.density)
     }
 
     /// Samples the refracting boundary from either side: a visible facet, then reflection or refraction there.
@@ -297,7 +283,7 @@ impl Principled {
         let reflected = if below {
             Rgb::splat(self.refracting * f.reflectance)
         } else {
-            self.dielectric.reflectance(f.reflectance, self.schlick_weight(up_m, f.cos_t))
+            self.specular.reflectance(f.reflectance, self.schlick_weight(up_m, f.cos_t))
         };
         let q = self.reflection_probability(reflected, f.reflectance);
         if u_side < q {
@@ -317,6 +303,29 @@ impl Principled {
         }
     }
 
+    /// What compensation multiplies the specular lobe by, above the surface: the refracting share as a clear boundary, the
+    /// rest after its reflectance at normal incidence (Turquin 2019).
+    #[cold]
+    fn gain_above(&self, wo: LocalDir) -> Rgb {
+        let once = compensation::reflected_once(&self.ggx, wo);
+        let opaque = Rgb::WHITE + self.specular.normal_reflectance() * ((1.0 - once) / once);
+        if self.refracting > 0.0 {
+            opaque.lerp(Rgb::splat(self.clear_gain(wo, self.eta)), self.refracting)
+        } else {
+            opaque
+        }
+    }
+
+    /// What compensation multiplies both lobes of the refracting share by.
+    #[inline]
+    fn clear_gain(&self, wo: LocalDir, eta: f32) -> f32 {
+        if self.compensated && !self.is_matched() {
+            1.0 / compensation::scattered_once(&self.ggx, wo, eta)
+        } else {
+            1.0
+        }
+    }
+
     /// Probability of reflection at a facet of the refracting boundary, in proportion to what each side carries.
     #[inline]
     fn reflection_probability(&self, reflected: Rgb, fresnel: f32) -> f32 {
@@ -331,8 +340,9 @@ impl Principled {
         // Schlick's approximation is enough to choose by. The floor keeps a lobe that is black at normal incidence
         // alive: its tilted facets are not black.
         let w = schlick_weight(wo.0.z).max(0.01);
-        let f = if self.eta == 1.0 { 0.0 } else { self.dielectric.f0 + (1.0 - self.dielectric.f0) * w };
-        let reflected = self.dielectric.reflectance(f, w).luminance();
+        let f0 = self.specular.dielectric_f0();
+        let f = if self.eta == 1.0 { 0.0 } else { f0 + (1.0 - f0) * w };
+        let reflected = self.specular.reflectance(f, w).luminance();
         let specular = reflected + (1.0 - f) * self.transmission_color.luminance();
         let coat = if self.coat > 0.0 { self.coat * (0.04 + 0.96 * w) } else { 0.0 };
         let sum = self.diffuse_luminance + specular + coat;
@@ -355,25 +365,6 @@ impl Principled {
     #[inline]
     fn is_matched(&self) -> bool {
         (self.eta - 1.0).abs() < MATCHED_INDEX
-    }
-}
-
-impl Reflection {
-    /// Reflected share at a facet, given the exact dielectric term and Schlick's weight there.
-    #[inline]
-    fn reflectance(&self, exact: f32, weight: f32) -> Rgb {
-        let mut value = Rgb::splat(exact);
-        if let Some((factor, color)) = self.scale {
-            // Exact Fresnel, read as Schlick's blend between normal and grazing incidence, with its end points scaled.
-            let s = if self.f0 < 1.0 { ((exact - self.f0) / (1.0 - self.f0)).max(0.0) } else { 1.0 };
-            let f0 = (color * self.f0).map(|c| c.min(1.0));
-            value = schlick(f0, s) * factor;
-        }
-        value *= self.exact;
-        if self.schlick > 0.0 {
-            value += self.schlick_f0 * (1.0 - weight) + Rgb::splat(self.schlick * weight);
-        }
-        value
     }
 }
 

@@ -1,6 +1,7 @@
 //! A thin-walled sheet: a pane of glass or film whose two faces are treated as one surface.
 
 use crate::bsdf::{BsdfSample, Lobe};
+use crate::compensation;
 use crate::dielectric::{clamp_eta, delta, finite_sample, from_above, mirrored_if};
 use crate::fresnel;
 use crate::microfacet::{Ggx, reflect};
@@ -18,6 +19,7 @@ pub struct ThinSheet {
     rough: Option<Ggx>,
     reflection_tint: Rgb,
     transmission_tint: Rgb,
+    compensated: bool,
 }
 
 impl ThinSheet {
@@ -26,7 +28,14 @@ impl ThinSheet {
     #[inline]
     pub fn new(eta: f32, alpha: f32, reflection_tint: Rgb, transmission_tint: Rgb) -> Self {
         let rough = (alpha > 0.0).then(|| Ggx::new(alpha, alpha));
-        Self { eta: clamp_eta(eta), rough, reflection_tint, transmission_tint }
+        Self { eta: clamp_eta(eta), rough, reflection_tint, transmission_tint, compensated: false }
+    }
+
+    /// The same sheet with [`crate::compensation`]: what is reflected and what passes are one lobe and its mirror image, so
+    /// together they lose what a mirror would.
+    #[inline]
+    pub fn with_energy_compensation(self) -> Self {
+        Self { compensated: true, ..self }
     }
 
     /// Is the sheet smooth?
@@ -58,7 +67,8 @@ impl ThinSheet {
         let (share, tint) = if reflected { (r, self.reflection_tint) } else { (1.0 - r, self.transmission_tint) };
         let pdf = share * ggx.pdf_bounded_reflection(wo, m);
         let value = share * ggx.distribution(m) * ggx.g1(wi) / (2.0 * (wo.0.z + ggx.stretch(wo)));
-        (tint * value, pdf)
+        let gain = if self.compensated { 1.0 / compensation::reflected_once(&ggx, wo) } else { 1.0 };
+        (tint * (value * gain), pdf)
     }
 
     /// See [`crate::Bsdf::sample`].

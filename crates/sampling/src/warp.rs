@@ -185,7 +185,7 @@ pub fn sin_cos_turn(turn: f32) -> (f32, f32) {
 
 /// Azimuth as a fraction of a turn in `[0, 1)`.
 #[inline]
-fn azimuth(w: Vec3) -> f32 {
+pub fn azimuth(w: Vec3) -> f32 {
     let phi = w.y.atan2(w.x) / TAU;
     let phi = if phi < 0.0 { phi + 1.0 } else { phi };
     if phi < 1.0 { phi } else { 0.0 }

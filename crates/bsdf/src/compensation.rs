@@ -1,0 +1,170 @@
+//! Energy compensation: what the microfacet model loses between facets, given back as a factor (Turquin 2019).
+//!
+//! Smith's model lets light meet one facet; what a second facet would have scattered on is lost, up to two thirds of it for
+//! rough metal. Turquin (2019) scales the lobe by what is missing: a white, perfectly reflecting surface of *directional
+//! albedo* `E(wo)` by `1 / E(wo)`, one of reflectance `F0` at normal incidence by `1 + F0 (1 - E) / E`, and a clear
+//! boundary, where nothing is absorbed, by one over the sum of what it reflects and transmits.
+//!
+//! The factor depends on `wo` alone: the density of the samples stays as it is, and the white furnace gives back all of its
+//! light. The price is reciprocity: `f(wo, wi) / factor(wo)` is reciprocal, f itself is not. An estimator that follows light
+//! in one direction only, as ours does, stays consistent.
+//!
+//! Directional albedos come from tables that are made on first use, by cubature of the very lobes they serve. The error
+//! of a factor is below [`RELATIVE_ERROR`] (a test integrates the lobes anew).
+
+use crate::fresnel;
+use crate::microfacet::{Ggx, reflect};
+use crate::transmission::refract;
+use dunkelfeld_geometry::LocalDir;
+use std::sync::LazyLock;
+
+/// Largest relative error of the factors.
+pub const RELATIVE_ERROR: f32 = 3e-3;
+
+/// Directional albedo of a GGX surface whose facets reflect everything.
+pub fn reflected_once(ggx: &Ggx, wo: LocalDir) -> f32 {
+    let [ax, ay] = ggx.slopes();
+    let [t, s] = coordinates(wo.0.z, (ax * ay).sqrt());
+    if ax == ay {
+        return ISOTROPIC.at([t, s]);
+    }
+    let (short, long) = (ax.min(ay), ax.max(ay));
+    let stretch = (1.0 - (short / long).sqrt()) / (1.0 - LEAST_ASPECT);
+    let (x, y, sin2) = (ax * wo.0.x, ay * wo.0.y, wo.sin2_theta());
+    let toward = if sin2 > 0.0 { ((x * x + y * y) / sin2).sqrt() } else { long };
+    ANISOTROPIC.at([t, s, stretch, (toward - short) / (long - short)])
+}
+
+/// What a clear GGX boundary reflects and transmits together; `eta` is the index behind over the one in front.
+///
+/// Anisotropic boundaries are taken for isotropic ones of the same root-mean-square slope.
+pub fn scattered_once(ggx: &Ggx, wo: LocalDir, eta: f32) -> f32 {
+    let [ax, ay] = ggx.slopes();
+    let [t, s] = coordinates(wo.0.z, (0.5 * (ax * ax + ay * ay)).sqrt());
+    let r = (eta - 1.0) / (eta + 1.0);
+    CLEAR.at([t, s, 0.5 + 0.5 * r.abs().sqrt().copysign(r)])
+}
+
+/// Cosine and slope as coordinates in the unit square. For small slopes the albedo is a function of cosine over slope,
+/// which the first coordinate resolves whatever the scale; roots, because the slope is the square of what people choose.
+fn coordinates(cos: f32, alpha: f32) -> [f32; 2] {
+    let (c, s) = (cos.sqrt(), alpha.min(1.0).sqrt());
+    [c * (1.0 + s) / (c + s), s]
+}
+
+/// The inverse of [`coordinates`]: a direction in the plane y = 0, and the slope.
+fn from_coordinates(t: f32, s: f32) -> (LocalDir, f32) {
+    // Where the surface is smooth every cosine has the same coordinate.
+    let c = if s > 0.0 { (t * s / (1.0 + s - t)).clamp(1e-3, 1.0) } else { 1.0 };
+    let cos = c * c;
+    (LocalDir::new(((1.0 - cos) * (1.0 + cos)).sqrt(), 0.0, cos), s * s)
+}
+
+/// Over cosine and slope.
+static ISOTROPIC: LazyLock<Table<2>> = LazyLock::new(|| {
+    Table::new([32, 32], |[t, s]| {
+        let (wo, alpha) = from_coordinates(t, s);
+        directional_albedo(&Ggx::new(alpha, alpha), wo, None)
+    })
+});
+
+/// Over cosine, slope, stretch, and slope toward wo.
+static ANISOTROPIC: LazyLock<Table<4>> = LazyLock::new(|| {
+    Table::new([16, 16, 10, 6], |[t, s, stretch, toward]| {
+        let (wo, alpha) = from_coordinates(t, s);
+        let aspect = 1.0 - stretch * (1.0 - LEAST_ASPECT);
+        let (short, long) = (alpha * aspect, alpha / aspect);
+        let slope = short + toward * (long - short);
+        let cos2 = if long > short { (slope * slope - short * short) / (long * long - short * short) } else { 1.0 };
+        let (cos, sin) = (cos2.clamp(0.0, 1.0).sqrt(), (1.0 - cos2).clamp(0.0, 1.0).sqrt());
+        directional_albedo(&Ggx::new(long, short), LocalDir::new(wo.0.x * cos, wo.0.x * sin, wo.0.z), None)
+    })
+});
+
+/// Over cosine, slope, and the index of refraction by its reflectance at normal incidence.
+static CLEAR: LazyLock<Table<3>> = LazyLock::new(|| {
+    Table::new([20, 20, 41], |[t, s, r]| {
+        let (wo, alpha) = from_coordinates(t, s);
+        let r = (2.0 * r - 1.0) * (2.0 * r - 1.0).abs().min(0.999);
+        directional_albedo(&Ggx::new(alpha, alpha), wo, Some((1.0 + r) / (1.0 - r)))
+    })
+});
+
+/// Square root of the least ratio of slopes that the table of anisotropic surfaces holds (Burley 2012: `1 - 0.9`).
+const LEAST_ASPECT: f32 = 0.316_227_77;
+
+/// The integral of a lobe without colour over all directions: reflection only, or both sides of a boundary.
+fn directional_albedo(ggx: &Ggx, wo: LocalDir, eta: Option<f32>) -> f32 {
+    const OUTWARD: usize = 32;
+    // An isotropic surface mirrors itself in the plane of wo: half of the turn is enough.
+    let [ax, ay] = ggx.slopes();
+    let (around, turn) = if ax == ay { (OUTWARD / 2, 0.5) } else { (OUTWARD, 1.0) };
+    let g1 = |w: LocalDir| if w.0.z > 0.0 { f64::from(ggx.g1(w)) } else { 0.0 };
+    // Bounded normals reflect with weight g1(wi) times this: they leave out what goes below the surface.
+    let bound = f64::from(ggx.pdf_visible(wo, wo.0) / (4.0 * ggx.pdf_bounded_reflection(wo, wo.0)));
+    let mut sum = 0.0;
+    for i in 0..OUTWARD {
+        // Dense at both ends, where the integrand bends: u = v^2 (3 - 2 v).
+        let v = (i as f32 + 0.5) / OUTWARD as f32;
+        let weight = f64::from(6.0 * v * (1.0 - v));
+        for k in 0..around {
+            let u = [turn * (k as f32 + 0.5) / around as f32, v * v * (3.0 - 2.0 * v)];
+            let m = ggx.sample_bounded(wo, u);
+            let reflected = bound * g1(reflect(wo, m));
+            sum += weight
+                * match eta {
+                    None => reflected,
+                    Some(eta) => {
+                        let reflected = reflected * f64::from(fresnel::dielectric(wo.0.dot(m), eta).reflectance);
+                        let m = ggx.sample_visible(wo, u);
+                        let f = fresnel::dielectric(wo.0.dot(m), eta);
+                        let share = f64::from(1.0 - f.reflectance);
+                        reflected + if share > 0.0 { share * g1(-refract(wo, m, eta, f.cos_t)) } else { 0.0 }
+                    }
+                };
+        }
+    }
+    (sum / (around * OUTWARD) as f64) as f32
+}
+
+/// Values on a grid over the unit cube, linear between.
+struct Table<const N: usize> {
+    sizes: [usize; N],
+    values: Vec<f32>,
+}
+
+impl<const N: usize> Table<N> {
+    fn new(sizes: [usize; N], f: impl Fn([f32; N]) -> f32) -> Self {
+        let count = sizes.iter().product();
+        let node = |mut index: usize| {
+            sizes.map(|size| {
+                let k = index % size;
+                index /= size;
+                k as f32 / (size - 1) as f32
+            })
+        };
+        Self { sizes, values: (0..count).map(|index| f(node(index))).collect() }
+    }
+
+    fn at(&self, at: [f32; N]) -> f32 {
+        let mut cell = [(0, 0.0, 0); N];
+        let mut stride = 1;
+        for ((cell, x), size) in cell.iter_mut().zip(at).zip(self.sizes) {
+            let x = x.clamp(0.0, 1.0) * (size - 1) as f32;
+            let low = (x as usize).min(size - 2);
+            *cell = (low * stride, x - low as f32, stride);
+            stride *= size;
+        }
+        let mut sum = 0.0;
+        for corner in 0..1usize << N {
+            let (mut index, mut weight) = (0, 1.0);
+            for (k, (low, fraction, stride)) in cell.into_iter().enumerate() {
+                let high = corner >> k & 1 == 1;
+                index += low + if high { stride } else { 0 };
+                weight *= if high { fraction } else { 1.0 - fraction };
+            }
+            sum += weight * self.values.get(index).copied().unwrap_or(1.0);
+        }
+        sum
+    }
+}
