@@ -250,6 +250,19 @@ fn the_examples_of_the_pages_and_all_presets_are_read() {
     assert!(dunkelfeld::io::sensor_file::preset_names().all(|name| find_sensor(name).is_ok()));
 }
 
+// --- Materials ---------------------------------------------------------------------------------------------------------
+
+#[test]
+fn the_materials_page_tells_what_becomes_of_every_material_extension() {
+    let extensions = |text: &str| -> BTreeSet<String> {
+        let names = text.split("KHR_materials_").skip(1);
+        names.map(|rest| rest.chars().take_while(|c| c.is_ascii_alphanumeric() || *c == '_').collect()).collect()
+    };
+    let read = extensions(&page("crates/io/src/gltf/container.rs"));
+    assert!(read.len() >= 11, "the importer names its extensions in another file");
+    assert_eq!(extensions(&page("docs/materials.md")), read, "left the page, right the importer");
+}
+
 // --- Statistics --------------------------------------------------------------------------------------------------------
 
 /// A lamp that fills the view.
@@ -353,7 +366,9 @@ fn anchor(heading: &str) -> String {
 #[test]
 fn links_between_the_pages_lead_somewhere() {
     let pages = ["README.md", "ARCHITECTURE.md", "CONVENTIONS.md", "CONTRIBUTING.md", "CHANGELOG.md"];
-    for name in pages.into_iter().chain(["docs/job-file.md", "docs/sensor-file.md", "docs/statistics.md"]) {
+    for name in
+        pages.into_iter().chain(["docs/job-file.md", "docs/materials.md", "docs/sensor-file.md", "docs/statistics.md"])
+    {
         let folder = root().join(name).parent().map(Path::to_path_buf).unwrap_or_default();
         for link in local_links(&page(name)) {
             let (file, fragment) = link.split_once('#').unwrap_or((&link, ""));

@@ -77,6 +77,9 @@ pub struct Job {
     /// The camera's sensor.
     #[serde(default)]
     pub sensor: SensorSettings,
+    /// What the transport of light models.
+    #[serde(default)]
+    pub render: TransportSettings,
     /// Files to write.
     #[serde(default)]
     pub output: OutputSettings,
@@ -259,6 +262,15 @@ impl<'de> Deserialize<'de> for Exposure {
             "{seconds} s is out of range; write a time above zero such as \"5ms\", or \"auto\""
         )))
     }
+}
+
+/// `[render]`
+#[derive(Clone, Debug, Default, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct TransportSettings {
+    /// Gives rough metal, glass and sheets back the light that the microfacet model loses between facets (Turquin 2019).
+    /// Default false: the model of other renderers.
+    pub energy_compensation: bool,
 }
 
 /// `[output]`: paths relative to the current folder; what is absent is not written.

@@ -1,99 +1,88 @@
 //! Every warp and distribution: one harness for density, inverse and robustness.
 
 use dunkelfeld_sampling::warp::*;
-use dunkelfeld_sampling::{Distribution1D, Distribution2D, keyed_stream};
-use dunkelfeld_testkit::{DensityTest, direction_to_square, sidak, square_to_direction};
+use dunkelfeld_sampling::{Distribution1D, Distribution2D};
+use dunkelfeld_testkit::{SamplerCase, check_corners, check_densities, check_inverses, check_names};
 use glam::{Vec2, Vec3};
-use rand_core::Rng;
 use std::f64::consts::PI;
 
 /// False-alarm rate of the whole table.
 const RATE: f64 = 1e-9;
 
-/// A warp, described on the unit square: where a sample lands, the density there, and the inverse.
-struct Warp {
-    name: String,
-    sample: Box<dyn Fn([f32; 2]) -> [f64; 2]>,
-    pdf: Box<dyn Fn([f64; 2]) -> f64>,
-    round_trip: Box<dyn Fn([f32; 2]) -> [f32; 2]>,
-    /// Largest error of the round trip, on the circle where a coordinate is an angle.
-    tolerance: f32,
-}
-
 /// A warp to directions.
 fn directional(
-    name: &str,
+    function: &str,
+    case: String,
     sample: impl Fn([f32; 2]) -> Vec3 + Copy + 'static,
     pdf: impl Fn(Vec3) -> f32 + 'static,
     invert: impl Fn(Vec3) -> [f32; 2] + 'static,
     tolerance: f32,
-) -> Warp {
-    Warp {
-        name: name.into(),
-        sample: Box::new(move |u| direction_to_square(sample(u).to_array())),
-        pdf: Box::new(move |p| 4.0 * PI * f64::from(pdf(Vec3::from_array(square_to_direction(p).map(|x| x as f32))))),
-        round_trip: Box::new(move |u| invert(sample(u))),
-        tolerance,
-    }
+) -> SamplerCase {
+    let density = move |w| pdf(Vec3::from_array(w));
+    SamplerCase::directional(&format!("warp::{function}"), case, move |u| Some(sample(u).to_array()), density)
+        .with_inverse(move |u| Some(invert(sample(u))), tolerance)
 }
 
 /// A warp to points of the plane within the unit circle.
 fn planar(
-    name: String,
+    function: &str,
+    case: String,
     sample: impl Fn([f32; 2]) -> Vec2 + Copy + 'static,
     pdf: impl Fn(Vec2) -> f32 + 'static,
     invert: impl Fn(Vec2) -> [f32; 2] + 'static,
-) -> Warp {
-    Warp {
-        name,
-        sample: Box::new(move |u| sample(u).to_array().map(|x| 0.5 + 0.5 * f64::from(x).clamp(-1.0, 1.0))),
-        pdf: Box::new(move |[x, y]| 4.0 * f64::from(pdf(Vec2::new(2.0 * x as f32 - 1.0, 2.0 * y as f32 - 1.0)))),
-        round_trip: Box::new(move |u| invert(sample(u))),
-        tolerance: 2e-5,
-    }
+) -> SamplerCase {
+    SamplerCase::new(
+        &format!("warp::{function}"),
+        case,
+        move |u| Some(sample(u).to_array().map(|x| 0.5 + 0.5 * f64::from(x).clamp(-1.0, 1.0))),
+        move |[x, y]| 4.0 * f64::from(pdf(Vec2::new(2.0 * x as f32 - 1.0, 2.0 * y as f32 - 1.0))),
+    )
+    .with_inverse(move |u| Some(invert(sample(u))), 2e-5)
 }
 
-fn distribution_2d(name: &str, width: usize, height: usize, weights: Vec<f64>) -> Warp {
+fn distribution_2d(name: &str, width: usize, height: usize, weights: Vec<f64>) -> SamplerCase {
     let d = Distribution2D::new(width, height, weights);
     let (a, b, c) = (d.clone(), d.clone(), d);
-    Warp {
-        name: name.into(),
-        sample: Box::new(move |u| {
+    SamplerCase::new(
+        "distribution::sample_continuous",
+        name,
+        move |u| {
             let (p, pdf) = a.sample_continuous(u);
             let again = a.pdf_continuous(p);
             assert!((pdf - again).abs() <= 1e-4 * pdf, "sample claims {pdf}, pdf says {again} at {p:?} from {u:?}");
-            p.map(f64::from)
-        }),
-        pdf: Box::new(move |p| f64::from(b.pdf_continuous(p.map(|x| x as f32)))),
-        round_trip: Box::new(move |u| c.invert_continuous(c.sample_continuous(u).0)),
-        tolerance: 1e-5,
-    }
+            Some(p.map(f64::from))
+        },
+        move |p| f64::from(b.pdf_continuous(p.map(|x| x as f32))),
+    )
+    .with_inverse(move |u| Some(c.invert_continuous(c.sample_continuous(u).0)), 1e-5)
 }
 
-fn distribution_1d(name: &str, weights: Vec<f64>) -> Warp {
+fn distribution_1d(name: &str, weights: Vec<f64>) -> SamplerCase {
     let d = Distribution1D::new(weights);
     let (a, b, c) = (d.clone(), d.clone(), d);
-    Warp {
-        name: name.into(),
-        sample: Box::new(move |[u, v]| [f64::from(a.sample_continuous(u).0), f64::from(v)]),
-        pdf: Box::new(move |[x, _]| f64::from(b.pdf_continuous(x as f32))),
-        round_trip: Box::new(move |[u, v]| [c.invert_continuous(c.sample_continuous(u).0), v]),
-        tolerance: 1e-5,
-    }
+    SamplerCase::new(
+        "distribution::sample_continuous",
+        name,
+        move |[u, v]| Some([f64::from(a.sample_continuous(u).0), f64::from(v)]),
+        move |[x, _]| f64::from(b.pdf_continuous(x as f32)),
+    )
+    .with_inverse(move |[u, v]| Some([c.invert_continuous(c.sample_continuous(u).0), v]), 1e-5)
 }
 
-fn all() -> Vec<Warp> {
+fn all() -> Vec<SamplerCase> {
+    let plain = String::new;
     let mut warps = vec![
-        planar("disk".into(), sample_disk, pdf_disk, invert_disk),
+        planar("sample_disk", plain(), sample_disk, pdf_disk, invert_disk),
         directional(
-            "cosine hemisphere",
+            "sample_cosine_hemisphere",
+            plain(),
             sample_cosine_hemisphere,
             pdf_cosine_hemisphere,
             invert_cosine_hemisphere,
             2e-5,
         ),
-        directional("hemisphere", sample_hemisphere, pdf_hemisphere, invert_hemisphere, 1e-5),
-        directional("sphere", sample_sphere, pdf_sphere, invert_sphere, 1e-5),
+        directional("sample_hemisphere", plain(), sample_hemisphere, pdf_hemisphere, invert_hemisphere, 1e-5),
+        directional("sample_sphere", plain(), sample_sphere, pdf_sphere, invert_sphere, 1e-5),
         distribution_1d("line", vec![1.0, 0.0, 3.0, 0.5, 0.0, 0.0, 2.0]),
         distribution_1d("line of zeros", vec![0.0; 5]),
         distribution_1d("empty line", vec![]),
@@ -103,7 +92,8 @@ fn all() -> Vec<Warp> {
     ];
     for one_minus_cos in [1.9f32, 1.0, 0.2] {
         warps.push(directional(
-            &format!("cone {one_minus_cos}"),
+            "sample_cone",
+            format!("{one_minus_cos}"),
             move |u| sample_cone(u, one_minus_cos),
             move |w| pdf_cone(w, one_minus_cos),
             move |w| invert_cone(w, one_minus_cos),
@@ -112,7 +102,8 @@ fn all() -> Vec<Warp> {
     }
     for (corners, rotation) in [(3, 0.0), (5, 0.3), (6, -1.0), (9, 4.0)] {
         warps.push(planar(
-            format!("polygon of {corners} corners"),
+            "sample_polygon",
+            format!("of {corners} corners"),
             move |u| sample_polygon(u, corners, rotation),
             move |p| pdf_polygon(p, corners, rotation),
             move |p| invert_polygon(p, corners, rotation),
@@ -123,44 +114,28 @@ fn all() -> Vec<Warp> {
 
 #[test]
 fn samples_follow_their_density() {
-    let warps = all();
-    for w in &warps {
-        let mut stream = keyed_stream(1, 0, 0, 0);
-        let mut uniform = || (stream.next_u32() >> 8) as f32 / (1 << 24) as f32;
-        DensityTest { columns: 21, rows: 20, samples: 100_000 }
-            .run(&format!("warp {}", w.name), || Some((w.sample)([uniform(), uniform()])), &w.pdf)
-            .assert(sidak(RATE, warps.len()), &w.name);
-    }
+    check_densities(&all(), RATE);
 }
 
 #[test]
 fn inverses_lead_back() {
-    for w in all() {
-        for i in 0..64 {
-            for j in 0..64 {
-                let u = [(i as f32 + 0.37) / 64.0, (j as f32 + 0.61) / 64.0];
-                let v = (w.round_trip)(u);
-                let error = u.iter().zip(v).map(|(a, b)| (a - b).abs().min(1.0 - (a - b).abs())).fold(0.0, f32::max);
-                assert!(error < w.tolerance, "{}: {u:?} came back as {v:?}", w.name);
-            }
-        }
-    }
+    check_inverses(&all());
 }
 
 #[test]
 fn corners_of_the_square_give_valid_points() {
+    check_corners(&all());
     let last = 1.0 - f32::EPSILON / 2.0;
-    for w in all() {
-        for u in [[0.0, 0.0], [last, 0.0], [0.0, last], [last, last], [0.5, 0.5], [0.5, 0.0], [1e-30, 1e-30]] {
-            let p = (w.sample)(u);
-            assert!(p.iter().all(|x| (0.0..=1.0).contains(x)), "{}: {u:?} gives {p:?}", w.name);
-            assert!((w.round_trip)(u).iter().all(|x| (0.0..=1.0).contains(x)), "{}: {u:?}", w.name);
-        }
-    }
     for u in [[0.0, 0.5], [last, 0.5], [0.5, last], [0.5, 0.0]] {
         let w = sample_cosine_hemisphere(u);
         assert!(w.z > 0.0 && (w.length() - 1.0).abs() < 1e-5, "{u:?} gives {w}");
     }
+}
+
+#[test]
+fn no_sampler_is_left_out() {
+    let exempt = [("distribution::sample_discrete", "a choice has no inverse; it has a test of its own here")];
+    check_names(concat!(env!("CARGO_MANIFEST_DIR"), "/src"), &all(), &exempt);
 }
 
 #[test]

@@ -29,6 +29,9 @@ pub struct SceneBuilder {
     pub cameras: Vec<Camera>,
     /// Light from infinitely far away.
     pub environment: Option<Environment>,
+    /// Are rough surfaces given back the energy that their model loses between facets? Off by default; see
+    /// [`dunkelfeld_bsdf::compensation`].
+    pub energy_compensation: bool,
 }
 
 /// A mesh and its material.

@@ -82,7 +82,8 @@ impl SceneBuilder {
         let mut geometry = Placed::default();
         geometry.place(&placed, std::mem::take(&mut self.meshes), &to_render);
 
-        let mut compiled: Vec<CompiledMaterial> = self.materials.iter().map(CompiledMaterial::new).collect();
+        let mut compiled: Vec<CompiledMaterial> =
+            self.materials.iter().map(|m| CompiledMaterial::new(m, self.energy_compensation)).collect();
         for part in geometry.parts.iter().filter(|p| !geometry.meshes[p.mesh as usize].colors.is_empty()) {
             // Vertex colours tint each place differently.
             compiled[part.material as usize].clear_tint = None;

@@ -8,6 +8,8 @@
 //! | `transmission` t, solid | principled with `spec_trans` = t |
 //! | `transmission` t, thin | thin sheet with probability t (1 - metallic), else principled |
 //! | everything else | principled |
+//!
+//! `docs/materials.md` has the same table for users, and where each parameter comes from.
 
 use crate::material::{AlphaMode, ChannelTexture, Material, Surface};
 use crate::texture::{Image, Texture};
@@ -46,6 +48,7 @@ pub(crate) struct CompiledMaterial {
     /// Of the face of a clear solid, the same everywhere: the factor on light that passes it where the index of refraction
     /// is the same on both sides.
     pub(crate) clear_tint: Option<Rgb>,
+    energy_compensation: bool,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -55,8 +58,19 @@ enum Constant {
     Either(f32, Bsdf, Bsdf),
 }
 
+impl Constant {
+    #[inline]
+    fn compensated_if(self, on: bool) -> Self {
+        match self {
+            Self::One(b) if on => Self::One(b.with_energy_compensation()),
+            Self::Either(p, a, b) if on => Self::Either(p, a.with_energy_compensation(), b.with_energy_compensation()),
+            same => same,
+        }
+    }
+}
+
 impl CompiledMaterial {
-    pub(crate) fn new(m: &Material) -> Self {
+    pub(crate) fn new(m: &Material, energy_compensation: bool) -> Self {
         // A metallic texture may take the metal away (glTF's default factor is 1).
         let transmits = m.transmission > 0.0 && (m.metallic < 1.0 || m.metallic_texture.is_some());
         let is_solid = matches!(m.surface, Surface::Solid(_)) && transmits;
@@ -86,7 +100,7 @@ impl CompiledMaterial {
         };
         let emits = m.unlit || !m.emission.is_black();
         let plain = TexturePoint { uvs: [Vec2::ZERO; 2], color: Vec4::ONE };
-        let constant = (!textured).then(|| scatter(m, &[], &plain));
+        let constant = (!textured).then(|| scatter(m, &[], &plain)).map(|c| c.compensated_if(energy_compensation));
         let is_mixture = transmits && !is_solid;
         let sharp = m.roughness < SMOOTH_ROUGHNESS || m.roughness_texture.is_some();
         let is_smooth_clear = transmits && sharp && (!is_solid || m.transmission >= 1.0);
@@ -105,6 +119,7 @@ impl CompiledMaterial {
             both_sides: transmits,
             has_coverage,
             emits,
+            energy_compensation,
         }
     }
 
@@ -113,7 +128,7 @@ impl CompiledMaterial {
     pub(crate) fn bsdf(&self, m: &Material, images: &[Image], at: &TexturePoint, u: f32) -> Bsdf {
         let found = match &self.constant {
             Some(constant) if at.color == Vec4::ONE => *constant,
-            _ => scatter(m, images, at),
+            _ => scatter(m, images, at).compensated_if(self.energy_compensation),
         };
         match found {
             Constant::One(b) => b,

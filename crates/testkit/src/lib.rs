@@ -13,6 +13,7 @@ mod density;
 mod images;
 mod moments;
 mod outcome;
+mod sampler;
 
 pub use artefact::{write_csv, write_pgm};
 pub use chi_squared::chi_squared;
@@ -21,3 +22,4 @@ pub use density::{DensityTest, direction_to_square, integrate_square, square_to_
 pub use images::{ImageEstimate, ImageTest};
 pub use moments::SampleMoments;
 pub use outcome::{Outcome, sidak};
+pub use sampler::{SamplerCase, check_corners, check_densities, check_inverses, check_names};

@@ -38,6 +38,7 @@ impl Job {
     /// cannot be read. The scene is then partly changed and should be dropped.
     pub fn apply_overrides(&self, scene: &mut SceneBuilder) -> Result<Vec<ImportWarning>, InputError> {
         let mut warnings = Vec::new();
+        scene.energy_compensation = self.render.energy_compensation;
         if let Some(environment) = &self.environment {
             scene.environment = self.environment(environment, scene, &mut warnings)?;
         }
