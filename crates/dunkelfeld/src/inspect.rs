@@ -58,6 +58,8 @@ pub struct Inspection {
     pub cameras: Vec<CameraEntry>,
     /// The lights.
     pub lights: Vec<LightEntry>,
+    /// How many lights there are, each emitting triangle or rectangle counted, and how paths choose among them.
+    pub light_choice: String,
     /// The materials in use.
     pub materials: Vec<MaterialEntry>,
     /// What was repaired or left out while reading.
@@ -111,6 +113,7 @@ pub fn inspect(scene: &Scene, report: &BuildReport) -> Inspection {
         bounds,
         cameras: scene.cameras().iter().map(camera_entry).collect(),
         lights,
+        light_choice: scene.light_choice(),
         materials,
         warnings: Vec::new(),
         notes,

@@ -409,6 +409,9 @@ pub struct LightOverride {
     /// `false` switches it off. Default true.
     #[serde(default = "yes")]
     pub enabled: bool,
+    /// An IES file (ANSI/IES LM-63, type C), relative to the job file: it replaces the distribution and strength of a
+    /// point or spot light, whose hue stays. The nadir of the file lies along the light's -z, its zero plane along +x.
+    pub ies: Option<PathBuf>,
     /// Emitted radiance [W/(m^2 sr)] of a surface.
     #[serde(default, deserialize_with = "check::light")]
     pub radiance: Option<Rgb>,
@@ -416,7 +419,7 @@ pub struct LightOverride {
     /// (white if it was black). Not for parallel light.
     #[serde(default, deserialize_with = "check::power")]
     pub power: Option<f64>,
-    /// Radiant intensity \[W/sr\] of a point or spot light (on the axis).
+    /// Radiant intensity \[W/sr\] of a point light, of a spot light on its axis, of an IES profile where it is brightest.
     #[serde(default, deserialize_with = "check::light")]
     pub intensity: Option<Rgb>,
     /// Irradiance [W/m^2] of a parallel light on a surface that faces it.
@@ -482,6 +485,9 @@ impl Job {
                 return Err(file.error_at_key(&["environment", key], problem, "remove it, or give an image"));
             }
             environment.image = environment.image.as_ref().map(|path| file.resolve(path));
+        }
+        for light in &mut job.lights {
+            light.ies = light.ies.as_ref().map(|path| file.resolve(path));
         }
         job.source = file;
         job.check_overrides()?;

@@ -6,6 +6,7 @@ pub mod atomic;
 pub mod error;
 pub mod exr;
 pub mod gltf;
+pub mod ies;
 pub mod images;
 pub mod import;
 mod import_options;

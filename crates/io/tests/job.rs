@@ -322,3 +322,42 @@ fn cameras_and_environments() {
     assert_eq!(error.place, "[environment] image");
     assert!(error.problem.contains("gone.hdr"), "{error}");
 }
+
+#[test]
+fn an_ies_file_takes_the_place_of_a_point_or_a_spot() {
+    let dir = tempfile::tempdir().expect("temporary folder");
+    let path = dir.path().join("lamp.ies");
+    // 683 cd in the lower half space: 1 W/sr, 2 pi W.
+    let text = "IESNA:LM-63-2002\nTILT=NONE\n1 -1 1 2 1 1 2 0 0 0\n1 1 1\n0 90\n0\n683 683\n";
+    std::fs::write(&path, text).expect("write");
+    let apply = |text: &str| {
+        let mut scene = scene();
+        let job = Job::from_text(dir.path().join("job.toml"), with(text)).expect("a job");
+        job.apply_overrides(&mut scene).map(|_| scene)
+    };
+    let changed = apply("[[light]]\nname = \"bulb\"\nies = \"lamp.ies\"").expect("fits");
+    assert_eq!(changed.profiles.len(), 1);
+    let PunctualKind::Profile { profile: 0, scale } = changed.lights[0].kind else { panic!("{:?}", changed.lights[0]) };
+    assert!((scale.mean() - 1.0).abs() < 1e-6 && (scale.b / scale.r - 3.0).abs() < 1e-6, "the hue stays: {scale:?}");
+    let scaled = |text: &str| match apply(text).expect("fits").lights[1].kind {
+        PunctualKind::Profile { scale, .. } => scale,
+        other => panic!("{other:?}"),
+    };
+    let spot = "[[light]]\nname = \"spot\"\nies = \"lamp.ies\"\n";
+    assert!((scaled(&format!("{spot}power = \"1W\"")).g * 2.0 * std::f32::consts::PI - 1.0).abs() < 1e-6);
+    assert_eq!(scaled(&format!("{spot}intensity = [1, 2, 3]")), Rgb::new(1.0, 2.0, 3.0));
+    // A later entry may change the strength of what an earlier one attached.
+    assert_eq!(scaled(&format!("{spot}[[light]]\nname = \"spot\"\nintensity = 4")), Rgb::splat(4.0));
+    for (text, word) in [
+        ("[[light]]\nname = \"sun\"\nies = \"lamp.ies\"", "parallel"),
+        ("[[light]]\nname = \"left\"\nies = \"lamp.ies\"", "without extent"),
+        ("[[light]]\nname = \"bulb\"\nies = \"gone.ies\"", "gone.ies"),
+        ("[[light]]\nname = \"bulb\"\nies = \"lamp.ies\"\nirradiance = 1", "measured light"),
+    ] {
+        let e = apply(text).expect_err(text);
+        assert!(e.to_string().contains(word) && !e.caret().is_empty(), "{e}");
+    }
+    std::fs::write(&path, text.replace("683 683", "683 x")).expect("write");
+    let e = apply("[[light]]\nname = \"bulb\"\nies = \"lamp.ies\"").expect_err("no number");
+    assert!(e.place.ends_with("ies") && e.problem.contains("lamp.ies, line 7"), "{e}");
+}

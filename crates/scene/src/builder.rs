@@ -3,6 +3,7 @@
 use crate::camera::look_at;
 use crate::lens::Lens;
 use crate::material::Material;
+use crate::profile::LightProfile;
 use crate::texture::{Image, ImageId};
 use dunkelfeld_geometry::{DAffine3, DVec3, Mesh};
 use dunkelfeld_radiometry::Rgb;
@@ -25,6 +26,8 @@ pub struct SceneBuilder {
     pub instances: Vec<Instance>,
     /// Lights without extent.
     pub lights: Vec<PunctualLight>,
+    /// Measured distributions of such lights.
+    pub profiles: Vec<LightProfile>,
     /// Cameras; the first is the default.
     pub cameras: Vec<Camera>,
     /// Light from infinitely far away.
@@ -61,13 +64,13 @@ pub struct Instance {
 pub struct PunctualLight {
     /// Name, for overrides and reports.
     pub name: String,
-    /// Light to world; only position and the -z direction count.
+    /// Light to world; only position and directions count, of all but profiles only that of -z.
     pub to_world: DAffine3,
     /// What kind of light, and how strong.
     pub kind: PunctualKind,
 }
 
-/// Kinds of punctual lights (KHR_lights_punctual).
+/// Kinds of punctual lights (KHR_lights_punctual, EXT_lights_ies).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum PunctualKind {
     /// Shines equally in all directions.
@@ -88,6 +91,13 @@ pub enum PunctualKind {
     Directional {
         /// Irradiance on a surface that faces the light [W/m^2].
         irradiance: Rgb,
+    },
+    /// A point that shines as was measured.
+    Profile {
+        /// Index into [`SceneBuilder::profiles`].
+        profile: usize,
+        /// Multiplies the profile's intensity.
+        scale: Rgb,
     },
 }
 

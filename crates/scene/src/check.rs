@@ -26,6 +26,11 @@ pub(crate) fn check_indices(builder: &SceneBuilder) -> Result<(), BuildError> {
             check(&|| format!("material \"{}\"", m.name), "image", texture.image.0 as usize, builder.images.len())?;
         }
     }
+    for light in &builder.lights {
+        if let PunctualKind::Profile { profile, .. } = light.kind {
+            check(&|| format!("light \"{}\"", light.name), "profile", profile, builder.profiles.len())?;
+        }
+    }
     if let Some(EnvironmentSource::Image { image, .. }) = builder.environment.as_ref().map(|e| &e.source) {
         check(&|| "the environment".into(), "image", image.0 as usize, builder.images.len())?;
     }
@@ -48,7 +53,8 @@ pub(crate) fn check_values(builder: &SceneBuilder) -> Result<(), BuildError> {
         let place = || format!("light \"{}\"", light.name);
         let (PunctualKind::Point { intensity: strength }
         | PunctualKind::Spot { intensity: strength, .. }
-        | PunctualKind::Directional { irradiance: strength }) = light.kind;
+        | PunctualKind::Directional { irradiance: strength }
+        | PunctualKind::Profile { scale: strength, .. }) = light.kind;
         require(is_radiance(strength), place, "its strength must be finite and not negative")?;
         require(light.to_world.is_finite(), place, "its transform must be finite")?;
         if let PunctualKind::Spot { inner, outer, .. } = light.kind {

@@ -1,9 +1,10 @@
 //! From a builder to a scene: check, clean, place, light, index.
 
-use crate::builder::{Instance, MeshPart, PunctualKind, SceneBuilder};
+use crate::builder::{Instance, MeshPart, SceneBuilder};
 use crate::check::{check_indices, check_values, drop_unusable_attributes, mesh_place, repair_texels};
+use crate::delta_light::DeltaLight;
 use crate::environment::EnvironmentLight;
-use crate::light::{AreaLight, AreaShape, DeltaLight, Light, LightTable, NO_LIGHT};
+use crate::light::{AreaLight, AreaShape, Light, LightTable, NO_LIGHT};
 use crate::material::{Material, Surface};
 use crate::medium::Medium;
 use crate::nesting::{NO_SOLID, Solid, SolidPart, Solids, rank_solids};
@@ -91,16 +92,11 @@ impl SceneBuilder {
         let solids = geometry.solids(&self.materials, &compiled, &closed);
         let mut lights = geometry.area_lights(&self.materials, &self.images);
         for light in &self.lights {
-            lights.push(Light::Delta(delta_light(light, &to_render)));
+            lights.push(Light::Delta(DeltaLight::new(light, &to_render)));
         }
         let environment = self.environment.as_ref().map(|e| EnvironmentLight::new(e, &self.images));
-        let lights = LightTable::new(lights, environment, radius);
-        let emits = |l: &Light| match l {
-            Light::Area(a) => !a.mean_radiance.is_black(),
-            Light::Delta(d) => !d.power(radius).is_black(),
-            Light::Environment => true,
-        };
-        if !lights.lights.iter().any(emits) {
+        let lights = LightTable::new(lights, environment, std::mem::take(&mut self.profiles), radius);
+        if lights.lights.iter().all(|l| lights.power(l, radius.max(1.0)).is_black()) {
             report.hazard(
                 "scene",
                 "there is no light: no emissive material, no punctual light, no environment; the image will be black; add a light or an emissive material to the scene, or `[environment]` with `radiance = 1` to a job",
@@ -474,18 +470,5 @@ fn bake(mesh: &Mesh, to_render: &DAffine3) -> Mesh {
             .collect(),
         uvs: mesh.uvs.clone(),
         colors: mesh.colors.clone(),
-    }
-}
-
-fn delta_light(light: &crate::PunctualLight, to_render: &DAffine3) -> DeltaLight {
-    let to_render = *to_render * light.to_world;
-    let position = to_render.translation.as_vec3();
-    let axis = (-to_render.matrix3.z_axis).try_normalize().unwrap_or(DVec3::NEG_Z).as_vec3();
-    match light.kind {
-        PunctualKind::Point { intensity } => DeltaLight::Point { position, intensity },
-        PunctualKind::Spot { intensity, inner, outer } => {
-            DeltaLight::Spot { position, axis, intensity, cos_inner: inner.cos(), cos_outer: outer.cos() }
-        }
-        PunctualKind::Directional { irradiance } => DeltaLight::Directional { direction: -axis, irradiance },
     }
 }

@@ -1,6 +1,7 @@
 //! What a scene holds, for people: its lights and how strong they are, its parts and how many triangles they have.
 
-use crate::light::{DeltaLight, Light, NO_LIGHT};
+use crate::delta_light::DeltaLight;
+use crate::light::{EACH_UP_TO, Light, NO_LIGHT};
 use crate::scene::Scene;
 use dunkelfeld_radiometry::Rgb;
 
@@ -9,7 +10,7 @@ use dunkelfeld_radiometry::Rgb;
 pub struct LightInfo {
     /// Object or light that shines.
     pub name: String,
-    /// `area (2 rectangles, 3 triangles)`, `point`, `spot`, `directional`, `environment`.
+    /// `area (2 rectangles, 3 triangles)`, `point`, `spot`, `directional`, `profile lamp.ies`, `environment`.
     pub kind: String,
     /// Emitted power \[W\] per channel; for light from infinity, over the scene's cross-section.
     pub power: Rgb,
@@ -71,26 +72,54 @@ impl Scene {
                 Light::Area(_) => {}
                 Light::Delta(d) => {
                     let kind = match d {
-                        DeltaLight::Point { .. } => "point",
-                        DeltaLight::Spot { .. } => "spot",
-                        DeltaLight::Directional { .. } => "directional",
+                        DeltaLight::Point { .. } => "point".into(),
+                        DeltaLight::Spot { .. } => "spot".into(),
+                        DeltaLight::Directional { .. } => "directional".into(),
+                        DeltaLight::Profile { profile, .. } => {
+                            let name = self.lights.profiles.get(*profile as usize).map_or("", |p| p.name());
+                            format!("profile {name}")
+                        }
                     };
                     let name = names.next().cloned().unwrap_or_default();
-                    list.push(LightInfo { name, kind: kind.into(), power: d.power(self.radius), radiance: None });
+                    let power = self.lights.power(light, self.radius);
+                    list.push(LightInfo { name, kind, power, radiance: None });
                 }
                 Light::Environment => {
-                    let mean = self.lights.environment.as_ref().map_or(Rgb::BLACK, |e| e.mean);
-                    let section = std::f32::consts::PI * self.radius * self.radius;
                     list.push(LightInfo {
                         name: "environment".into(),
                         kind: "environment".into(),
-                        power: mean * (std::f32::consts::PI * section),
-                        radiance: Some(mean),
+                        power: self.lights.power(light, self.radius),
+                        radiance: self.lights.environment.as_ref().map(|e| e.mean),
                     });
                 }
             }
         }
         list
+    }
+
+    /// How light is looked for, in words: how many lights there are, each emitting triangle or rectangle counted, and how
+    /// one is chosen.
+    pub fn light_choice(&self) -> String {
+        let count = self.lights.lights.len();
+        match (&self.lights.tree, count) {
+            (_, 0) => "no light".into(),
+            (None, 1) => "1 light, asked at every surface".into(),
+            (None, n) if n <= EACH_UP_TO => {
+                format!("{n} lights, all asked at the first two surfaces of a path that scatter, one at each later one")
+            }
+            (None, n) => format!("{n} lights, one asked at each surface, chosen by what it can bring there"),
+            (Some(tree), n) => {
+                let beside = match tree.infinite() {
+                    0 => String::new(),
+                    n => format!(", {n} infinitely far away beside it"),
+                };
+                format!(
+                    "{n} lights, one asked at each surface, chosen by a tree of {} of depth {}{beside}",
+                    tree.leaves(),
+                    tree.depth()
+                )
+            }
+        }
     }
 
     /// The parts, in the order of their objects.

@@ -1,19 +1,27 @@
 //! Lights: which one to ask, where on it to look, and how likely that was.
 //!
-//! One light is chosen per question. With few lights the choice weighs each by a bound of the irradiance it can send to
-//! the asking point; with many, by power alone. Densities always include the choice.
+//! A question goes to one light or to each of them. Where one is chosen among few, each is weighed by an estimate of the
+//! irradiance it can send to the asking point; among many the choice is that of a tree. Densities include the choice.
 
+use crate::delta_light::DeltaLight;
 use crate::environment::EnvironmentLight;
-use dunkelfeld_geometry::Vec3;
+use crate::light_tree::{EmissionCone, LightBounds, LightTree};
+use crate::profile::LightProfile;
 use dunkelfeld_geometry::shape::{
     Rectangle, ShapeSample, pdf_rectangle, pdf_triangle, sample_rectangle, sample_triangle,
 };
+use dunkelfeld_geometry::{Aabb, Vec3};
 use dunkelfeld_radiometry::Rgb;
-use dunkelfeld_sampling::Distribution1D;
 use std::f32::consts::PI;
 
-/// Up to this many lights are weighed one by one at every point that asks.
-const FEW: usize = 64;
+/// Up to this many lights are weighed one by one at every point that asks; more stand in a tree.
+pub(crate) const WEIGHED_UP_TO: usize = 64;
+
+/// Up to this many lights are all asked where a path is young.
+pub(crate) const EACH_UP_TO: usize = 8;
+
+/// So many scattering vertices of a path are young.
+const YOUNG: u32 = 2;
 
 /// No light: marks triangles that do not emit.
 pub(crate) const NO_LIGHT: u32 = u32::MAX;
@@ -23,10 +31,23 @@ pub(crate) const NO_LIGHT: u32 = u32::MAX;
 pub struct LightReceiver {
     /// Position in render space.
     pub point: Vec3,
-    /// Geometric normal on the side of the viewer.
+    /// Geometric normal on the side of the viewer; zero in a medium, which has none.
     pub normal: Vec3,
     /// Can light from behind the surface be scattered too?
     pub both_sides: bool,
+}
+
+/// Which lights a vertex asks.
+///
+/// Each question is a sampling technique of its own, that draws one direction. Of [`Self::Each`] a path that scatters
+/// into a light competes with the question to that light alone: points on other lights are not what the others draw
+/// (multi-sample combination, Veach 1997, section 9.2).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum LightChoice {
+    /// One, chosen by what it can bring.
+    One,
+    /// Each, once.
+    Each,
 }
 
 /// Shape of an area light in render space; planar, with unit normal on the emitting (front) side.
@@ -54,14 +75,6 @@ pub(crate) struct AreaLight {
     pub(crate) triangles: [u32; 2],
     /// Mean radiance over the surface [W/(m^2 sr)].
     pub(crate) mean_radiance: Rgb,
-}
-
-/// A light without extent, in render space.
-#[derive(Clone, Copy, Debug)]
-pub(crate) enum DeltaLight {
-    Point { position: Vec3, intensity: Rgb },
-    Spot { position: Vec3, axis: Vec3, intensity: Rgb, cos_inner: f32, cos_outer: f32 },
-    Directional { direction: Vec3, irradiance: Rgb },
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -102,65 +115,108 @@ pub struct LightTarget {
 pub(crate) struct LightTable {
     pub(crate) lights: Vec<Light>,
     pub(crate) environment: Option<EnvironmentLight>,
-    by_power: Option<Distribution1D>,
+    pub(crate) profiles: Vec<LightProfile>,
+    /// The choice among more lights than are weighed one by one.
+    pub(crate) tree: Option<LightTree>,
 }
 
 impl LightTable {
-    pub(crate) fn new(mut lights: Vec<Light>, environment: Option<EnvironmentLight>, scene_radius: f32) -> Self {
+    pub(crate) fn new(
+        mut lights: Vec<Light>,
+        environment: Option<EnvironmentLight>,
+        profiles: Vec<LightProfile>,
+        scene_radius: f32,
+    ) -> Self {
         if environment.as_ref().is_some_and(|e| !e.mean.is_black()) {
             lights.push(Light::Environment);
         }
-        let mut table = Self { lights, environment, by_power: None };
-        if table.lights.len() > FEW {
-            let powers: Vec<f64> = table.lights.iter().map(|l| f64::from(table.power(l, scene_radius))).collect();
-            table.by_power = Some(Distribution1D::new(powers));
+        let mut table = Self { lights, environment, profiles, tree: None };
+        if table.lights.len() > WEIGHED_UP_TO {
+            let bounds: Vec<_> = table.lights.iter().map(|l| table.bounds(l)).collect();
+            let powers: Vec<_> = table.lights.iter().map(|l| table.power(l, scene_radius).mean()).collect();
+            table.tree = Some(LightTree::new(&bounds, &powers));
         }
         table
     }
 
-    /// Emitted power [W], mean over the channels.
-    fn power(&self, light: &Light, scene_radius: f32) -> f32 {
+    /// Emitted power \[W\]; of light from infinitely far away, over the scene's cross-section.
+    pub(crate) fn power(&self, light: &Light, scene_radius: f32) -> Rgb {
         match light {
-            Light::Area(a) => a.power().mean(),
-            Light::Delta(d) => d.power(scene_radius).mean(),
-            Light::Environment => {
-                self.environment.as_ref().map_or(0.0, |e| PI * PI * scene_radius * scene_radius * e.mean.mean())
-            }
+            Light::Area(a) => a.power(),
+            Light::Delta(d) => d.power(scene_radius, &self.profiles),
+            Light::Environment => self.environment_mean() * (PI * PI * scene_radius * scene_radius),
         }
     }
 
-    /// A bound, up to a constant, of the irradiance that a light can send to the receiver.
+    /// What a tree must know of a light; `None` for one infinitely far away.
+    fn bounds(&self, light: &Light) -> Option<LightBounds> {
+        let at = |position: Vec3, axis: Vec3, angle: f32, peak: Rgb| LightBounds {
+            bounds: Aabb::from_points([position]),
+            cone: EmissionCone::beam(axis, angle),
+            peak: peak.mean(),
+        };
+        match light {
+            Light::Area(a) => Some(a.bounds()),
+            Light::Delta(DeltaLight::Point { position, intensity }) => Some(at(*position, Vec3::Z, PI, *intensity)),
+            Light::Delta(DeltaLight::Spot { position, axis, intensity, cos_outer, .. }) => {
+                Some(at(*position, *axis, cos_outer.clamp(-1.0, 1.0).acos(), *intensity))
+            }
+            Light::Delta(DeltaLight::Profile { position, axes, scale, profile }) => {
+                let profile = self.profiles.get(*profile as usize);
+                let (reach, peak) = profile.map_or((PI, 0.0), |p| (p.reach(), p.peak()));
+                Some(at(*position, -axes[2], reach, *scale * peak))
+            }
+            Light::Delta(DeltaLight::Directional { .. }) | Light::Environment => None,
+        }
+    }
+
+    fn environment_mean(&self) -> Rgb {
+        self.environment.as_ref().map_or(Rgb::BLACK, |e| e.mean)
+    }
+
+    /// Which lights the scattering vertex with this number (from 0, counted along a path) asks.
+    #[inline]
+    pub(crate) fn choice_at(&self, vertex: u32) -> LightChoice {
+        if vertex < YOUNG && self.lights.len() <= EACH_UP_TO { LightChoice::Each } else { LightChoice::One }
+    }
+
+    /// How many questions a vertex has.
+    #[inline]
+    pub(crate) fn questions(&self, choice: LightChoice) -> usize {
+        match choice {
+            LightChoice::One => self.lights.len().min(1),
+            LightChoice::Each => self.lights.len(),
+        }
+    }
+
+    /// An estimate, up to a constant, of the irradiance that a light can send to the receiver; zero if it can send none.
     #[inline]
     fn weight(&self, light: &Light, receiver: &LightReceiver) -> f32 {
         match light {
-            Light::Area(a) => {
-                let to_light = a.center - receiver.point;
-                let distance = a.normal.dot(to_light);
-                // The light is planar: a point behind a one-sided light gets nothing.
-                if !a.two_sided && distance >= 0.0 {
-                    return 0.0;
-                }
-                if !receiver.both_sides && to_light.dot(receiver.normal) <= -a.radius {
-                    return 0.0;
-                }
-                let d2 = to_light.length_squared();
-                let r2 = a.radius * a.radius;
-                let cos_light = (distance.abs() / d2.sqrt().max(f32::MIN_POSITIVE) + 0.2).min(1.0);
-                a.mean_radiance.mean() * a.area * cos_light / (d2 + 0.5 * r2)
+            Light::Area(a) => a.weight(receiver),
+            Light::Delta(d) => {
+                let arriving = d.arriving_at(receiver.point, &self.profiles);
+                if receiver.faces(arriving.direction) { arriving.irradiance.mean() } else { 0.0 }
             }
-            Light::Delta(d) => d.irradiance_at(receiver.point).0.mean(),
-            Light::Environment => self.environment.as_ref().map_or(0.0, |e| PI * e.mean.mean()),
+            Light::Environment => PI * self.environment_mean().mean(),
         }
     }
 
     /// Chooses a light: its index and probability.
     #[inline]
     fn choose(&self, receiver: &LightReceiver, u: f32) -> Option<(usize, f32)> {
-        if let Some(by_power) = &self.by_power {
-            let choice = by_power.sample_discrete(u);
-            return Some((choice.index, choice.probability));
+        match &self.tree {
+            Some(tree) => tree.choose(receiver, u),
+            // No larger an array is cleared than there are lights, nearly.
+            None if self.lights.len() <= 8 => self.choose_weighed::<8>(receiver, u),
+            None => self.choose_weighed::<WEIGHED_UP_TO>(receiver, u),
         }
-        let mut weights = [0f32; FEW];
+    }
+
+    /// Chooses among at most N lights by weight.
+    #[inline]
+    fn choose_weighed<const N: usize>(&self, receiver: &LightReceiver, u: f32) -> Option<(usize, f32)> {
+        let mut weights = [0f32; N];
         let mut total = 0.0;
         for (w, light) in weights.iter_mut().zip(&self.lights) {
             *w = self.weight(light, receiver);
@@ -184,8 +240,8 @@ impl LightTable {
     /// The probability with which [`Self::choose`] chooses a light.
     #[inline]
     fn probability(&self, receiver: &LightReceiver, index: usize) -> f32 {
-        if let Some(by_power) = &self.by_power {
-            return by_power.pdf_discrete(index);
+        if let Some(tree) = &self.tree {
+            return tree.probability(receiver, index);
         }
         let mut total = 0.0;
         let mut own = 0.0;
@@ -199,18 +255,46 @@ impl LightTable {
         if total > 0.0 && total.is_finite() { own / total } else { 0.0 }
     }
 
-    /// Chooses a light and a direction toward it. `None`: no light can be seen from here.
+    /// The probability that a question goes to a light.
     #[inline]
-    pub(crate) fn sample(&self, receiver: &LightReceiver, u_choice: f32, u: [f32; 2]) -> Option<LightSample> {
-        let (index, probability) = self.choose(receiver, u_choice)?;
-        match &self.lights[index] {
+    fn share(&self, receiver: &LightReceiver, choice: LightChoice, index: usize) -> f32 {
+        match choice {
+            LightChoice::One => self.probability(receiver, index),
+            LightChoice::Each => 1.0,
+        }
+    }
+
+    /// A direction toward a light, for question `question` of [`Self::questions`]. `None`: that light (or, if one is to be
+    /// chosen, any) cannot be seen from here.
+    #[inline]
+    pub(crate) fn sample(
+        &self,
+        receiver: &LightReceiver,
+        choice: LightChoice,
+        question: usize,
+        u_choice: f32,
+        u: [f32; 2],
+    ) -> Option<LightSample> {
+        match choice {
+            LightChoice::Each => self.sample_light(receiver, question, 1.0, u),
+            LightChoice::One => {
+                let (index, probability) = self.choose(receiver, u_choice)?;
+                self.sample_light(receiver, index, probability, u)
+            }
+        }
+    }
+
+    /// A direction toward one light, which was chosen with the given probability.
+    #[inline]
+    fn sample_light(&self, receiver: &LightReceiver, index: usize, chosen: f32, u: [f32; 2]) -> Option<LightSample> {
+        match self.lights.get(index)? {
             Light::Area(a) => {
-                let s = a.sample(receiver.point, u)?;
+                let s = a.sample(receiver, u)?;
                 let to_light = s.point - receiver.point;
                 let distance = to_light.length();
                 let direction = to_light / distance;
                 let cos_light = -direction.dot(a.normal);
-                let pdf = s.pdf * probability;
+                let pdf = s.pdf * chosen;
                 if !(distance > 0.0 && pdf > 0.0 && pdf.is_finite()) || (cos_light <= 0.0 && !a.two_sided) {
                     return None;
                 }
@@ -218,19 +302,20 @@ impl LightTable {
                 Some(LightSample { direction, target: Some(target), radiance: a.mean_radiance, pdf, is_delta: false })
             }
             Light::Delta(d) => {
-                let (irradiance, direction, position) = d.irradiance_at(receiver.point);
-                let target = position.map(|point| LightTarget { point, normal: Vec3::ZERO, surface: None });
-                (!irradiance.is_black()).then_some(LightSample {
-                    direction,
+                let arriving = d.arriving_at(receiver.point, &self.profiles);
+                let target = arriving.position.map(|point| LightTarget { point, normal: Vec3::ZERO, surface: None });
+                let reaches = !arriving.irradiance.is_black() && receiver.faces(arriving.direction);
+                reaches.then_some(LightSample {
+                    direction: arriving.direction,
                     target,
-                    radiance: irradiance,
-                    pdf: probability,
+                    radiance: arriving.irradiance,
+                    pdf: chosen,
                     is_delta: true,
                 })
             }
             Light::Environment => {
                 let (direction, radiance, pdf) = self.environment.as_ref()?.sample(u);
-                let pdf = pdf * probability;
+                let pdf = pdf * chosen;
                 (pdf > 0.0 && pdf.is_finite()).then_some(LightSample {
                     direction,
                     target: None,
@@ -244,84 +329,88 @@ impl LightTable {
 
     /// The density [1/sr] with which [`Self::sample`] would have found `point` on area light `index`.
     #[inline]
-    pub(crate) fn pdf_area(&self, receiver: &LightReceiver, index: u32, point: Vec3) -> f32 {
+    pub(crate) fn pdf_area(&self, receiver: &LightReceiver, choice: LightChoice, index: u32, point: Vec3) -> f32 {
         match self.lights.get(index as usize) {
-            Some(Light::Area(a)) => a.pdf(receiver.point, point) * self.probability(receiver, index as usize),
+            Some(Light::Area(a)) => a.pdf(receiver, point) * self.share(receiver, choice, index as usize),
             _ => 0.0,
         }
     }
 
     /// The density [1/sr] with which [`Self::sample`] would have found the environment in a direction.
     #[inline]
-    pub(crate) fn pdf_environment(&self, receiver: &LightReceiver, direction: Vec3) -> f32 {
+    pub(crate) fn pdf_environment(&self, receiver: &LightReceiver, choice: LightChoice, direction: Vec3) -> f32 {
         // The environment, if it shines, is the last light.
         match (&self.environment, self.lights.last()) {
-            (Some(e), Some(Light::Environment)) => e.pdf(direction) * self.probability(receiver, self.lights.len() - 1),
+            (Some(e), Some(Light::Environment)) => {
+                e.pdf(direction) * self.share(receiver, choice, self.lights.len() - 1)
+            }
             _ => 0.0,
         }
     }
 }
 
-impl AreaLight {
-    fn sample(&self, from: Vec3, u: [f32; 2]) -> Option<ShapeSample> {
-        match &self.shape {
-            AreaShape::Rectangle(r) => sample_rectangle(r, from, u),
-            AreaShape::Triangle(t) => sample_triangle(t, from, u),
-        }
-    }
-
-    fn pdf(&self, from: Vec3, point: Vec3) -> f32 {
-        match &self.shape {
-            AreaShape::Rectangle(r) => pdf_rectangle(r, from, point),
-            AreaShape::Triangle(t) => pdf_triangle(t, from, point),
-        }
-    }
-
-    /// Emitted power [W]: a Lambertian emitter sends pi L per area and side.
-    pub(crate) fn power(&self) -> Rgb {
-        self.mean_radiance * (PI * self.area * if self.two_sided { 2.0 } else { 1.0 })
+impl LightReceiver {
+    /// Can light from a direction be scattered to the viewer at all?
+    #[inline]
+    fn faces(&self, direction: Vec3) -> bool {
+        self.both_sides || direction.dot(self.normal) > 0.0
     }
 }
 
-impl DeltaLight {
-    /// Emitted power [W]; parallel light is counted over the scene's cross-section.
-    pub(crate) fn power(&self, scene_radius: f32) -> Rgb {
-        match *self {
-            Self::Point { intensity, .. } => intensity * (4.0 * PI),
-            // The smoothstep-like edge (squared ramp) holds a third of its zone.
-            Self::Spot { intensity, cos_inner, cos_outer, .. } => {
-                intensity * (2.0 * PI * ((1.0 - cos_inner) + (cos_inner - cos_outer) / 3.0))
-            }
-            Self::Directional { irradiance, .. } => irradiance * (PI * scene_radius * scene_radius),
+impl AreaLight {
+    /// Can light of this emitter arrive? Not behind a one-sided one, which is planar, nor from below a surface that
+    /// scatters light from above only.
+    #[inline]
+    fn reaches(&self, receiver: &LightReceiver) -> bool {
+        let to_light = self.center - receiver.point;
+        (self.two_sided || self.normal.dot(to_light) < 0.0)
+            && (receiver.both_sides || to_light.dot(receiver.normal) > -self.radius)
+    }
+
+    /// See [`LightTable::weight`]. The cosine at the light is that of its middle and a little more: its ends see others.
+    #[inline]
+    fn weight(&self, receiver: &LightReceiver) -> f32 {
+        if !self.reaches(receiver) {
+            return 0.0;
+        }
+        let to_light = self.center - receiver.point;
+        let d2 = to_light.length_squared();
+        let r2 = self.radius * self.radius;
+        let cos_light = (self.normal.dot(to_light).abs() / d2.sqrt().max(f32::MIN_POSITIVE) + 0.2).min(1.0);
+        self.mean_radiance.mean() * self.area * cos_light / (d2 + 0.5 * r2)
+    }
+
+    #[inline]
+    fn sample(&self, receiver: &LightReceiver, u: [f32; 2]) -> Option<ShapeSample> {
+        match &self.shape {
+            _ if !self.reaches(receiver) => None,
+            AreaShape::Rectangle(r) => sample_rectangle(r, receiver.point, u),
+            AreaShape::Triangle(t) => sample_triangle(t, receiver.point, u),
         }
     }
 
-    /// Irradiance [W/m^2] on a facing surface at `p`, the direction toward the light, its position if it has one.
     #[inline]
-    fn irradiance_at(&self, p: Vec3) -> (Rgb, Vec3, Option<Vec3>) {
-        let from = |position: Vec3| {
-            let to_light = position - p;
-            let d2 = to_light.length_squared();
-            let inverse = if d2 > 0.0 { 1.0 / d2 } else { 0.0 };
-            (to_light * inverse.sqrt(), inverse)
-        };
-        match *self {
-            Self::Point { position, intensity } => {
-                let (direction, inverse) = from(position);
-                (intensity * inverse, direction, Some(position))
-            }
-            Self::Spot { position, axis, intensity, cos_inner, cos_outer } => {
-                let (direction, inverse) = from(position);
-                let cos = -direction.dot(axis);
-                // KHR_lights_punctual: the ramp from outer to inner cosine, squared.
-                let ramp = if cos_inner > cos_outer {
-                    ((cos - cos_outer) / (cos_inner - cos_outer)).clamp(0.0, 1.0)
-                } else {
-                    f32::from(u8::from(cos >= cos_outer))
-                };
-                (intensity * (inverse * ramp * ramp), direction, Some(position))
-            }
-            Self::Directional { direction, irradiance } => (irradiance, direction, None),
+    fn pdf(&self, receiver: &LightReceiver, point: Vec3) -> f32 {
+        match &self.shape {
+            _ if !self.reaches(receiver) => 0.0,
+            AreaShape::Rectangle(r) => pdf_rectangle(r, receiver.point, point),
+            AreaShape::Triangle(t) => pdf_triangle(t, receiver.point, point),
         }
+    }
+
+    /// Emitted power \[W\]: a Lambertian emitter sends pi L per area and side.
+    pub(crate) fn power(&self) -> Rgb {
+        self.mean_radiance * (PI * self.area * if self.two_sided { 2.0 } else { 1.0 })
+    }
+
+    fn bounds(&self) -> LightBounds {
+        let bounds = match &self.shape {
+            AreaShape::Rectangle(r) => {
+                Aabb::from_points([r.point(0.0, 0.0), r.point(1.0, 0.0), r.point(0.0, 1.0), r.point(1.0, 1.0)])
+            }
+            AreaShape::Triangle(t) => Aabb::from_points(*t),
+        };
+        let cone = EmissionCone::surface(self.normal, self.two_sided);
+        LightBounds { bounds, cone, peak: self.mean_radiance.mean() * self.area }
     }
 }

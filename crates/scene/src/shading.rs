@@ -1,7 +1,7 @@
 //! From a point on a surface to a frame and a BSDF.
 
 use crate::intersect::{SurfacePoint, mix};
-use crate::light::{LightReceiver, LightSample, NO_LIGHT};
+use crate::light::{LightChoice, LightReceiver, LightSample, NO_LIGHT};
 use crate::scene::Scene;
 use crate::surface::{self, TexturePoint};
 use dunkelfeld_bsdf::Bsdf;
@@ -129,10 +129,31 @@ impl Scene {
         (part.object, part.material)
     }
 
-    /// Chooses a light and a direction toward it, with the radiance that arrives if nothing is in the way.
+    /// Which lights the scattering vertex with this number (from 0, counted along a path) asks: each where they are at
+    /// most eight and the vertex is one of the first two, else one.
     #[inline]
-    pub fn sample_light(&self, receiver: &LightReceiver, u_choice: f32, u: [f32; 2]) -> Option<LightSample> {
-        let mut sample = self.lights.sample(receiver, u_choice, u)?;
+    pub fn light_choice_at(&self, vertex: u32) -> LightChoice {
+        self.lights.choice_at(vertex)
+    }
+
+    /// How many questions [`Self::sample_light`] answers at a vertex.
+    #[inline]
+    pub fn light_questions(&self, choice: LightChoice) -> u32 {
+        self.lights.questions(choice) as u32
+    }
+
+    /// The answer to a question for light: a direction toward the light that `question` (below [`Self::light_questions`])
+    /// or chance names, with the radiance that arrives if nothing is in the way. The answers are to be added up.
+    #[inline]
+    pub fn sample_light(
+        &self,
+        receiver: &LightReceiver,
+        choice: LightChoice,
+        question: u32,
+        u_choice: f32,
+        u: [f32; 2],
+    ) -> Option<LightSample> {
+        let mut sample = self.lights.sample(receiver, choice, question as usize, u_choice, u)?;
         if let Some((target, (part, triangle))) = sample.target.and_then(|t| t.surface.map(|s| (t, s))) {
             let material = self.parts[part as usize].material as usize;
             if self.materials[material].emission_texture.is_some()
@@ -175,9 +196,9 @@ impl Scene {
 
     /// The density [1/sr] with which [`Self::sample_light`] would have found a point on a surface; 0 if it does not emit.
     #[inline]
-    pub fn light_pdf(&self, receiver: &LightReceiver, p: &SurfacePoint) -> f32 {
+    pub fn light_pdf(&self, receiver: &LightReceiver, choice: LightChoice, p: &SurfacePoint) -> f32 {
         match self.parts[p.part as usize].lights.get(p.triangle as usize) {
-            Some(&light) if light != NO_LIGHT => self.lights.pdf_area(receiver, light, p.point),
+            Some(&light) if light != NO_LIGHT => self.lights.pdf_area(receiver, choice, light, p.point),
             _ => 0.0,
         }
     }
@@ -190,8 +211,8 @@ impl Scene {
 
     /// The density [1/sr] with which [`Self::sample_light`] would have chosen the environment in a direction.
     #[inline]
-    pub fn environment_pdf(&self, receiver: &LightReceiver, direction: Vec3) -> f32 {
-        self.lights.pdf_environment(receiver, direction)
+    pub fn environment_pdf(&self, receiver: &LightReceiver, choice: LightChoice, direction: Vec3) -> f32 {
+        self.lights.pdf_environment(receiver, choice, direction)
     }
 }
 

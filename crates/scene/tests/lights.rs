@@ -8,8 +8,8 @@ use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_sampling::Sampler;
 use dunkelfeld_scene::shapes::{cuboid, rectangle, sphere};
 use dunkelfeld_scene::{
-    AlphaMode, ColorEncoding, Environment, EnvironmentSource, Filter, Image, ImageId, LightReceiver, Material,
-    PunctualKind, PunctualLight, Scene, SceneBuilder, Texels, Texture,
+    AlphaMode, ColorEncoding, Environment, EnvironmentSource, Filter, Image, ImageId, LightChoice, LightReceiver,
+    Material, PunctualKind, PunctualLight, Scene, SceneBuilder, Texels, Texture,
 };
 use dunkelfeld_testkit::{
     DensityTest, SampleMoments, direction_to_square, square_to_direction, student_t_test, welch_test, z_test,
@@ -17,6 +17,8 @@ use dunkelfeld_testkit::{
 use std::f64::consts::PI;
 
 const RATE: f64 = 1e-10;
+
+const ONE: LightChoice = LightChoice::One;
 
 fn emitter(radiance: f32) -> Material {
     Material { base_color: Rgb::BLACK, specular: 0.0, emission: Rgb::splat(radiance), ..Material::default() }
@@ -40,20 +42,20 @@ fn receiver(scene: &Scene, at: DVec3, normal: Vec3, both_sides: bool) -> LightRe
 /// scattered there would weigh it, plus that of the environment, which is drawn whether it is hidden or not.
 fn density(scene: &Scene, receiver: &LightReceiver, d: Vec3) -> f32 {
     let met = scene.intersect(&Ray::new(receiver.point, d)).filter(|hit| !scene.emitted(hit, -d).is_black());
-    met.map_or(0.0, |hit| scene.light_pdf(receiver, &hit)) + scene.environment_pdf(receiver, d)
+    met.map_or(0.0, |hit| scene.light_pdf(receiver, ONE, &hit)) + scene.environment_pdf(receiver, ONE, d)
 }
 
 /// The direction of one sample, after a look whether scattering would find the same density there.
 fn draw(scene: &Scene, receiver: &LightReceiver, index: u32, agreed: &mut u32) -> Option<Vec3> {
     let [a, b, c, _] = Sampler::new(3, 0, 0, index).get_4d(1);
-    let s = scene.sample_light(receiver, a, [b, c])?;
+    let s = scene.sample_light(receiver, ONE, 0, a, [b, c])?;
     assert!((s.direction.length() - 1.0).abs() < 1e-5 && s.pdf > 0.0 && s.pdf.is_finite() && !s.is_delta);
     let found = match s.target {
-        None => scene.environment_pdf(receiver, s.direction),
+        None => scene.environment_pdf(receiver, ONE, s.direction),
         // Directions toward an edge may miss the light by rounding.
-        Some(_) => {
-            scene.intersect(&Ray::new(receiver.point, s.direction)).map_or(0.0, |hit| scene.light_pdf(receiver, &hit))
-        }
+        Some(_) => scene
+            .intersect(&Ray::new(receiver.point, s.direction))
+            .map_or(0.0, |hit| scene.light_pdf(receiver, ONE, &hit)),
     };
     *agreed += u32::from((found / s.pdf - 1.0).abs() < 1e-3);
     Some(s.direction)
@@ -125,7 +127,7 @@ fn a_rectangle_and_a_triangle() {
         } else {
             // Behind a one-sided light there is nothing to draw, and nothing to weigh.
             let behind = receiver(&scene, DVec3::new(0.2, 0.1, 1.3), Vec3::NEG_Z, true);
-            assert!(scene.sample_light(&behind, 0.5, [0.5; 2]).is_none());
+            assert!(scene.sample_light(&behind, ONE, 0, 0.5, [0.5; 2]).is_none());
             assert_eq!(density(&scene, &behind, Vec3::NEG_Z), 0.0);
         }
     }
@@ -240,7 +242,7 @@ fn irradiance(scene: &Scene, receiver: &LightReceiver, pixel: u32) -> f64 {
     let estimate = |i| {
         let [a, b, c, _] = Sampler::new(11, 0, pixel, i).get_4d(0);
         scene
-            .sample_light(receiver, a, [b, c])
+            .sample_light(receiver, ONE, 0, a, [b, c])
             .map_or(0.0, |s| f64::from(s.radiance.g / s.pdf) * f64::from(s.direction.dot(receiver.normal).max(0.0)))
     };
     (0..n).map(estimate).sum::<f64>() / f64::from(n)

@@ -46,6 +46,9 @@ fn text(i: &Inspection) -> String {
             format!("{:<28} {}: {:.4} W, {:.1} lm{radiance}", l.name, l.kind, l.watts, l.lumens)
         }),
     );
+    if !i.lights.is_empty() {
+        let _ = writeln!(t, "  ({})", i.light_choice);
+    }
     section(
         &mut t,
         "materials",

@@ -13,6 +13,7 @@ const CHUNK_BIN: u32 = 0x004E_4942;
 
 /// Extensions that are honoured.
 const SUPPORTED: &[&str] = &[
+    "EXT_lights_ies",
     "EXT_mesh_gpu_instancing",
     "EXT_texture_webp",
     "KHR_lights_punctual",

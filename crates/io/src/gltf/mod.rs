@@ -27,7 +27,7 @@ use accessor::{Accessors, Stored};
 use container::Asset;
 use deform::{Deformation, Pose};
 use dunkelfeld_geometry::{DAffine3, DQuat, DVec3, Mesh};
-use dunkelfeld_scene::{Camera, Instance, MeshPart, PunctualLight, SceneBuilder};
+use dunkelfeld_scene::{Camera, Instance, MeshPart, PunctualKind, PunctualLight, SceneBuilder};
 use nodes::{is_invertible, node_place};
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -52,12 +52,14 @@ pub fn load_gltf(path: &Path, options: &ImportOptions) -> Result<Imported, Input
         asset: &asset,
         accessors: &accessors,
         textures: Textures::new(&asset, &accessors, &loader),
+        loader: &loader,
         options,
         warnings,
         scene: SceneBuilder::default(),
         materials: BTreeMap::new(),
         meshes: BTreeMap::new(),
         poses: BTreeMap::new(),
+        profiles: BTreeMap::new(),
         geometry_bytes: 0,
         first_fault: None,
     };
@@ -75,6 +77,7 @@ struct Importer<'a> {
     asset: &'a Asset,
     accessors: &'a Accessors<'a>,
     textures: Textures<'a>,
+    loader: &'a AssetLoader,
     options: &'a ImportOptions,
     warnings: Warnings,
     scene: SceneBuilder,
@@ -82,6 +85,8 @@ struct Importer<'a> {
     materials: BTreeMap<Option<usize>, usize>,
     meshes: BTreeMap<MeshKey, Vec<usize>>,
     poses: BTreeMap<usize, Option<Pose>>,
+    /// Light profiles: index in the file to index in the scene, `None` for one that cannot be used.
+    profiles: BTreeMap<usize, Option<usize>>,
     geometry_bytes: u64,
     /// The first primitive that could not be used.
     first_fault: Option<(String, String)>,
@@ -111,8 +116,9 @@ impl Importer<'_> {
         let place = node_place(document, index);
         let transform = to_world[index];
         let light = node.extensions.light.as_ref().and_then(|l| l.light).map(|l| l.get());
+        let profile = node.extensions.profile.as_ref();
         let placeable = transform.is_finite();
-        if !placeable && (node.mesh.is_some() || node.camera.is_some() || light.is_some()) {
+        if !placeable && (node.mesh.is_some() || node.camera.is_some() || light.is_some() || profile.is_some()) {
             self.warnings.push(&place, "its transform is not finite; what it carries is left out");
             return Ok(());
         }
@@ -124,6 +130,9 @@ impl Importer<'_> {
         }
         if let Some(light) = light {
             self.light(light, node.name.as_deref(), transform, &place);
+        }
+        if let Some(profile) = profile {
+            self.profile(profile, node.name.as_deref(), transform, &place);
         }
         Ok(())
     }
@@ -154,6 +163,40 @@ impl Importer<'_> {
         let place = format!("light {index} \"{name}\"");
         if let Some(kind) = light::light(source, &place, &mut self.warnings) {
             self.scene.lights.push(PunctualLight { name, to_world, kind });
+        }
+    }
+
+    /// A measured light (EXT_lights_ies).
+    fn profile(
+        &mut self,
+        reference: &schema::ProfileReference,
+        node_name: Option<&str>,
+        to_world: DAffine3,
+        place: &str,
+    ) {
+        let profiles = self.asset.document.extensions.profiles.as_ref().map_or(&[][..], |p| &p.lights);
+        let index = reference.light.map(|l| l.get());
+        let Some((index, source)) = index.and_then(|i| Some((i, profiles.get(i)?))) else {
+            return self.warnings.push(place, "its light profile does not exist");
+        };
+        if !self.profiles.contains_key(&index) {
+            let used = match light::profile(source, index, self.accessors, self.loader) {
+                Ok((profile, found)) => {
+                    found.into_iter().for_each(|w| self.warnings.push(w.place, w.message));
+                    self.scene.profiles.push(profile);
+                    Some(self.scene.profiles.len() - 1)
+                }
+                Err(fault) => {
+                    self.warnings.push(format!("light profile {index}"), format!("{fault}; its lights are left out"));
+                    None
+                }
+            };
+            self.profiles.insert(index, used);
+        }
+        let Some(Some(profile)) = self.profiles.get(&index).copied() else { return };
+        if let Some(scale) = light::profile_scale(reference, place, &mut self.warnings) {
+            let name = name(&[node_name, source.name.as_deref()], "light profile", index);
+            self.scene.lights.push(PunctualLight { name, to_world, kind: PunctualKind::Profile { profile, scale } });
         }
     }
 

@@ -99,6 +99,8 @@ schema! {
     struct DocumentExtensions {
         #[serde(rename = "KHR_lights_punctual")]
         lights: Option<Lights>,
+        #[serde(rename = "EXT_lights_ies")]
+        profiles: Option<Profiles>,
     }
 
     struct Lights { lights: Vec<Light>, }
@@ -112,6 +114,10 @@ schema! {
         range: Option<f64>,
         spot: Option<Spot>,
     }
+
+    struct Profiles { lights: Vec<Profile>, }
+
+    struct Profile { name: Option<String>, uri: Option<String>, buffer_view: Option<Whole>, }
 
     struct Spot { inner_cone_angle: Option<f64>, outer_cone_angle: Option<f64>, }
 
@@ -134,6 +140,8 @@ schema! {
     struct NodeExtensions {
         #[serde(rename = "KHR_lights_punctual")]
         light: Option<LightReference>,
+        #[serde(rename = "EXT_lights_ies")]
+        profile: Option<ProfileReference>,
         #[serde(rename = "EXT_mesh_gpu_instancing")]
         instancing: Option<Instancing>,
         #[serde(rename = "KHR_node_visibility")]
@@ -141,6 +149,8 @@ schema! {
     }
 
     struct LightReference { light: Option<Whole>, }
+
+    struct ProfileReference { light: Option<Whole>, multiplier: Option<f64>, color: Option<[f64; 3]>, }
 
     struct Instancing { attributes: BTreeMap<String, Whole>, }
 

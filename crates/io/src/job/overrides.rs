@@ -2,15 +2,18 @@
 
 use super::{AlphaKind, EnvironmentSettings, Job, LightOverride, MaterialOverride};
 use crate::error::{ImportWarning, InputError};
+use crate::ies::load_ies;
 use crate::images::load_environment;
 use crate::loader::Limits;
 use crate::names::suggestion;
 use dunkelfeld_geometry::{DAffine3, Mesh};
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_scene::{
-    AlphaMode, Environment, EnvironmentSource, ImageId, Material, PunctualKind, SceneBuilder, Surface, Volume,
+    AlphaMode, Environment, EnvironmentSource, ImageId, LightProfile, Material, PunctualKind, SceneBuilder, Surface,
+    Volume,
 };
 use std::f64::consts::PI;
+use std::path::Path;
 
 impl Job {
     /// What can be told without a scene: overrides that contradict themselves.
@@ -115,15 +118,23 @@ impl Job {
                 scene.lights.retain(|l| !matches(&change.name, &l.name));
                 return Ok(());
             }
+            if let Some(path) = &change.ies {
+                self.attach_profile(i, path, change, scene, warnings)?;
+            }
             for light in scene.lights.iter_mut().filter(|l| matches(&change.name, &l.name)) {
-                light.kind = self.changed_kind(i, change, &light.name, light.kind)?;
+                light.kind = self.changed_kind(i, change, &light.name, light.kind, &scene.profiles)?;
             }
             return Ok(());
         }
-        for (key, given) in [("intensity", change.intensity.is_some()), ("irradiance", change.irradiance.is_some())] {
+        for (key, given, mend) in [
+            ("ies", change.ies.is_some(), "name a point or spot light"),
+            ("intensity", change.intensity.is_some(), "give `radiance` or `power`"),
+            ("irradiance", change.irradiance.is_some(), "give `radiance` or `power`"),
+        ] {
             if given {
-                let problem = format!("\"{}\" is no light without extent, so it has no {key}", change.name);
-                return Err(self.light_error(i, key, problem, "give `radiance` or `power`"));
+                let what = if key == "ies" { "profile" } else { key };
+                let problem = format!("\"{}\" is no light without extent, so it has no {what}", change.name);
+                return Err(self.light_error(i, key, problem, mend));
             }
         }
         let surfaces = emitting_surfaces(&change.name, scene).ok_or_else(|| {
@@ -146,21 +157,55 @@ impl Job {
         Ok(())
     }
 
+    /// Reads an IES file and gives it to the lights that the change names; their hue stays.
+    fn attach_profile(
+        &self,
+        i: usize,
+        path: &Path,
+        change: &LightOverride,
+        scene: &mut SceneBuilder,
+        warnings: &mut Vec<ImportWarning>,
+    ) -> Result<(), InputError> {
+        let (profile, found) = load_ies(path).map_err(|e| {
+            let problem = format!("{}, {}: {}", path.display(), e.place, e.problem);
+            self.light_error(i, "ies", problem, e.mend)
+        })?;
+        warnings.extend(found);
+        for light in scene.lights.iter_mut().filter(|l| matches(&change.name, &l.name)) {
+            let color = match light.kind {
+                PunctualKind::Point { intensity } | PunctualKind::Spot { intensity, .. } => intensity,
+                PunctualKind::Profile { scale, .. } => scale,
+                PunctualKind::Directional { .. } => {
+                    let problem = format!("\"{}\" is a parallel light, which has no profile", light.name);
+                    return Err(self.light_error(i, "ies", problem, "name a point or spot light"));
+                }
+            };
+            light.kind = PunctualKind::Profile { profile: scene.profiles.len(), scale: with_mean(color, 1.0) };
+        }
+        scene.profiles.push(profile);
+        Ok(())
+    }
+
     fn changed_kind(
         &self,
         i: usize,
         change: &LightOverride,
         name: &str,
         kind: PunctualKind,
+        profiles: &[LightProfile],
     ) -> Result<PunctualKind, InputError> {
         let unfit = |key: &str, fit: &str| {
             let what = match kind {
                 PunctualKind::Point { .. } => "a point light",
                 PunctualKind::Spot { .. } => "a spot light",
                 PunctualKind::Directional { .. } => "a parallel light",
+                PunctualKind::Profile { .. } => "a measured light",
             };
             Err(self.light_error(i, key, format!("\"{name}\" is {what}, which has no {key}"), format!("give {fit}")))
         };
+        if change.irradiance.is_some() && !matches!(kind, PunctualKind::Directional { .. }) {
+            return unfit("irradiance", "`intensity` or `power`");
+        }
         if change.radiance.is_some() {
             let fit = if matches!(kind, PunctualKind::Directional { .. }) {
                 "`irradiance`"
@@ -171,18 +216,27 @@ impl Job {
         }
         Ok(match kind {
             PunctualKind::Point { intensity } => {
-                if change.irradiance.is_some() {
-                    return unfit("irradiance", "`intensity` or `power`");
-                }
                 let scaled = change.power.map(|power| with_mean(intensity, power / (4.0 * PI)));
                 PunctualKind::Point { intensity: change.intensity.or(scaled).unwrap_or(intensity) }
             }
             PunctualKind::Spot { intensity, inner, outer } => {
-                if change.irradiance.is_some() {
-                    return unfit("irradiance", "`intensity` or `power`");
-                }
                 let scaled = change.power.map(|power| with_mean(intensity, power / spot_solid_angle(inner, outer)));
                 PunctualKind::Spot { intensity: change.intensity.or(scaled).unwrap_or(intensity), inner, outer }
+            }
+            PunctualKind::Profile { profile, scale } => {
+                // Strengths are those of the whole profile; of a dark one no factor makes light.
+                let (peak, all) = profiles.get(profile).map_or((0.0, 0.0), |p| (p.peak(), f64::from(p.power())));
+                let dark = peak <= 0.0;
+                if let Some((key, _)) = [("power", change.power.is_some()), ("intensity", change.intensity.is_some())]
+                    .into_iter()
+                    .find(|(_, given)| *given && dark)
+                {
+                    let problem = format!("the profile of \"{name}\" is dark in all directions");
+                    return Err(self.light_error(i, key, problem, "remove the key, or use another profile"));
+                }
+                let by_peak = change.intensity.map(|wanted| wanted * (1.0 / peak));
+                let by_power = change.power.map(|power| with_mean(scale, power / all));
+                PunctualKind::Profile { profile, scale: by_peak.or(by_power).unwrap_or(scale) }
             }
             PunctualKind::Directional { irradiance } => {
                 if let Some((key, _)) = [("power", change.power.is_some()), ("intensity", change.intensity.is_some())]

@@ -1,0 +1,254 @@
+//! Irradiance by light sampling against closed forms: rectangles and triangles from far to touching, points, spots and
+//! measured profiles, one light asked or each, a few lights or a thousand.
+//!
+//! False-alarm rate of each statistical check: 1e-10. Replay: `cargo test -p dunkelfeld-scene --test irradiance NAME`.
+
+use dunkelfeld_geometry::{DAffine3, DQuat, DVec3, Mesh, Vec3};
+use dunkelfeld_radiometry::Rgb;
+use dunkelfeld_sampling::Sampler;
+use dunkelfeld_scene::shapes::rectangle;
+use dunkelfeld_scene::{
+    Environment, EnvironmentSource, LightChoice, LightProfile, LightReceiver, Material, PunctualKind, PunctualLight,
+    Scene, SceneBuilder,
+};
+use dunkelfeld_testkit::{SampleMoments, welch_test, z_test};
+use std::f64::consts::PI;
+
+const RATE: f64 = 1e-10;
+
+fn emitter(radiance: f32) -> Material {
+    Material { base_color: Rgb::BLACK, specular: 0.0, emission: Rgb::splat(radiance), ..Material::default() }
+}
+
+fn build(builder: SceneBuilder) -> Scene {
+    builder.build().expect("the scene is valid").0
+}
+
+fn receiver(scene: &Scene, at: DVec3, normal: DVec3) -> LightReceiver {
+    LightReceiver { point: (at - scene.world_origin()).as_vec3(), normal: normal.as_vec3(), both_sides: false }
+}
+
+/// Irradiance [W/m^2] that one set of answers estimates, in the green channel.
+fn answer(scene: &Scene, r: &LightReceiver, choice: LightChoice, pixel: u32, index: u32) -> f64 {
+    let ask = |question| {
+        let [a, b, c, _] = Sampler::new(5, 0, pixel, index).get_4d(question);
+        let s = scene.sample_light(r, choice, question, c, [a, b])?;
+        Some(f64::from(s.radiance.g) / f64::from(s.pdf) * f64::from(s.direction.dot(r.normal).max(0.0)))
+    };
+    (0..scene.light_questions(choice)).filter_map(ask).sum()
+}
+
+/// Means over `count` samples each, in 16 independent runs.
+fn runs(scene: &Scene, r: &LightReceiver, choice: LightChoice, count: u32) -> SampleMoments {
+    let run = |pixel| (0..count).map(|i| answer(scene, r, choice, pixel, i)).sum::<f64>() / f64::from(count);
+    (0..16).map(run).collect()
+}
+
+/// The mean is what it should be within its standard error and the rounding of single precision.
+fn check(scene: &Scene, r: &LightReceiver, count: u32, expected: f64, what: &str) {
+    let m = runs(scene, r, LightChoice::One, count);
+    let error = m.standard_error().hypot(1e-6 * expected);
+    z_test(m.mean(), error, expected).assert(RATE, &format!("{what}: {} instead of {expected}", m.mean()));
+}
+
+/// Irradiance under a uniform polygon of radiance 1 that lies above the horizon and is seen from its front (Lambert 1760):
+/// half of the sum over the edges of the angle that an edge subtends times the cosine between the normals of edge plane
+/// and receiver.
+fn lambert(corners: &[DVec3], at: DVec3, normal: DVec3) -> f64 {
+    let edge = |i: usize| {
+        let (a, b) = (corners[i] - at, corners[(i + 1) % corners.len()] - at);
+        let across = a.cross(b);
+        across.length().atan2(a.dot(b)) * across.normalize_or_zero().dot(normal)
+    };
+    0.5 * (0..corners.len()).map(edge).sum::<f64>().abs()
+}
+
+fn rectangle_light(center: DVec3, u: DVec3, v: DVec3) -> Scene {
+    let mut b = SceneBuilder::default();
+    let m = b.add_material(emitter(1.0));
+    b.add_object("light", rectangle((center - 0.5 * (u + v)).as_vec3(), u.as_vec3(), v.as_vec3()), m);
+    build(b)
+}
+
+fn corners(center: DVec3, u: DVec3, v: DVec3) -> [DVec3; 4] {
+    [(-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5)].map(|(a, b)| center + a * u + b * v)
+}
+
+/// A square over a receiver that faces it, at all sizes from 1 um to 1 km and all distances from a millionth to a hundred of
+/// its sides, over its middle, its edge and beside it. Irradiance does not know scale. The closed form is that of the
+/// differential element under a parallel rectangle (Hottel 1931), a sum over the corners:
+/// `x / (2 sqrt(1 + x^2)) atan(y / sqrt(1 + x^2))` and the same with x and y exchanged, x and y in distances.
+#[test]
+fn squares_of_any_size_from_far_to_touching() {
+    let corner = |x: f64, y: f64| {
+        let part = |x: f64, y: f64| x / (1.0 + x * x).sqrt() * (y / (1.0 + x * x).sqrt()).atan();
+        0.5 * (part(x, y) + part(y, x))
+    };
+    for scale in [1e-6, 1e-3, 1.0, 1e3] {
+        let scene = rectangle_light(DVec3::ZERO, scale * DVec3::X, -scale * DVec3::Y);
+        for height in [1e-6, 1e-3, 0.1, 1.0, 100.0] {
+            for aside in [0.0, 0.3, 0.5, 0.8] {
+                let at = scale * DVec3::new(aside, 0.1, -height);
+                let [x, y] = [[-0.5 - aside, 0.5 - aside], [-0.6, 0.4]].map(|e| e.map(|e| e / height));
+                let expected = corner(x[1], y[1]) - corner(x[0], y[1]) - corner(x[1], y[0]) + corner(x[0], y[0]);
+                // Beside it and almost in its plane the corners cancel; what is left is below what they are rounded to.
+                if expected > 1e-9 {
+                    let r = receiver(&scene, at, DVec3::Z);
+                    check(&scene, &r, 1024, expected, &format!("scale {scale}, height {height}, aside {aside}"));
+                }
+            }
+        }
+    }
+}
+
+/// A light that stands on its receiver like a lit wall on a floor, seen from ever nearer to the edge where they meet.
+#[test]
+fn a_wall_that_touches_its_floor() {
+    let (center, u, v) = (DVec3::new(0.0, 0.0, 0.5), DVec3::Y, DVec3::Z);
+    let scene = rectangle_light(center, u, v);
+    for distance in [1.0, 1e-2, 1e-4, 1e-6] {
+        let at = DVec3::new(distance, 0.1, 0.0);
+        let expected = lambert(&corners(center, u, v), at, DVec3::Z);
+        // At the edge the wall fills a quarter of the sky: half of the irradiance of all of it.
+        assert!(distance > 1e-3 || (expected - 0.5 * PI).abs() < 3.0 * distance);
+        check(&scene, &receiver(&scene, at, DVec3::Z), 4096, expected, &format!("distance {distance}"));
+    }
+    // In the plane of the light and behind it there is none.
+    for x in [0.0, -0.1] {
+        let r = receiver(&scene, DVec3::new(x, 0.1, 0.0), DVec3::Z);
+        assert_eq!(runs(&scene, &r, LightChoice::One, 64).mean(), 0.0);
+    }
+}
+
+#[test]
+fn triangles_by_their_contour() {
+    let corners = [DVec3::new(-0.2, 0.1, 0.4), DVec3::new(0.9, -0.3, 0.7), DVec3::new(0.3, 0.8, 0.5)];
+    let light = |scale: f64| {
+        let mut b = SceneBuilder::default();
+        let m = b.add_material(Material { double_sided: true, ..emitter(1.0) });
+        let positions = corners.map(|c| (scale * c).as_vec3()).to_vec();
+        b.add_object("light", Mesh { positions, triangles: vec![[0, 1, 2]], ..Mesh::default() }, m);
+        build(b)
+    };
+    for scale in [1e-6, 1.0, 1e3] {
+        let scene = light(scale);
+        let middle = (corners[0] + corners[1] + corners[2]) / 3.0;
+        let normal = (corners[1] - corners[0]).cross(corners[2] - corners[0]).normalize();
+        for at in [DVec3::ZERO, DVec3::new(0.5, 0.2, -3.0), DVec3::new(0.3, 0.0, 0.3), middle - 1e-4 * normal] {
+            let expected = lambert(&corners, at, DVec3::Z);
+            check(&scene, &receiver(&scene, scale * at, DVec3::Z), 4096, expected, &format!("scale {scale} from {at}"));
+        }
+    }
+}
+
+fn punctual(kind: PunctualKind, to_world: DAffine3, profiles: Vec<LightProfile>) -> Scene {
+    let lights = vec![PunctualLight { name: "lamp".into(), to_world, kind }];
+    build(SceneBuilder { lights, profiles, ..SceneBuilder::default() })
+}
+
+/// Points and spots obey the inverse square; a profile in the shape of a cosine gives I cos / d^2 in every direction, also
+/// when it is turned. Nothing random is left.
+#[test]
+fn lights_without_extent_by_the_inverse_square() {
+    let cosine: Vec<f64> = (0..=90).map(f64::from).collect();
+    let lobe = cosine.iter().map(|t| 3.0 * t.to_radians().cos().max(0.0) as f32).collect();
+    let profile = LightProfile::new("lobe", &cosine, &[0.0], lobe).expect("a profile");
+    let position = DVec3::new(0.2, -0.3, 1.5);
+    // Looks down along -z, then turned by 40 degrees.
+    for turn in [0.0, 0.7] {
+        let axis = DQuat::from_axis_angle(DVec3::new(0.6, 0.8, 0.0), turn);
+        let to_world = DAffine3::from_rotation_translation(axis, position);
+        let forward = axis * DVec3::NEG_Z;
+        let white = Rgb::splat(2.0);
+        let scenes = [
+            punctual(PunctualKind::Point { intensity: white }, to_world, vec![]),
+            punctual(PunctualKind::Spot { intensity: white, inner: 0.2, outer: 0.9 }, to_world, vec![]),
+            punctual(PunctualKind::Profile { profile: 0, scale: white }, to_world, vec![profile.clone()]),
+        ];
+        for at in [DVec3::new(0.2, -0.3, 0.0), DVec3::new(1.0, 0.4, 0.2), DVec3::new(-3.0, 1.0, -5.0)] {
+            let to_light = position - at;
+            let (d2, d) = (to_light.length_squared(), to_light.normalize());
+            let cos = (-d).dot(forward);
+            let (inner, outer) = (0.2f64.cos(), 0.9f64.cos());
+            let ramp = ((cos - outer) / (inner - outer)).clamp(0.0, 1.0).powi(2);
+            for (scene, intensity) in scenes.iter().zip([2.0, 2.0 * ramp, 6.0 * cos.max(0.0)]) {
+                let found = answer(scene, &receiver(scene, at, DVec3::Z), LightChoice::One, 0, 0);
+                let expected = intensity * d.z / d2;
+                assert!((found - expected).abs() < 1e-4 * (expected + 0.01 * 2.0 * d.z / d2), "{found} {expected} {at}");
+            }
+        }
+    }
+    // 3 cos over the lower half space: 3 pi, doubled by the scale.
+    let scene = punctual(
+        PunctualKind::Profile { profile: 0, scale: Rgb::splat(2.0) },
+        DAffine3::IDENTITY,
+        vec![profile],
+    );
+    let listed = &scene.light_inventory()[0];
+    assert_eq!((listed.name.as_str(), listed.kind.as_str()), ("lamp", "profile lobe"));
+    assert!((f64::from(listed.power.g) / (6.0 * PI) - 1.0).abs() < 1e-4);
+}
+
+/// A lit ceiling, a lit wall, a lamp, a sky.
+fn four_lights() -> SceneBuilder {
+    let mut b = SceneBuilder::default();
+    let bright = b.add_material(emitter(5.0));
+    let dim = b.add_material(emitter(1.0));
+    b.add_object("ceiling", rectangle(Vec3::new(-0.5, 0.5, 1.0), Vec3::X, -Vec3::Y), bright);
+    b.add_object("wall", rectangle(Vec3::new(1.5, -0.5, 0.0), Vec3::Z, Vec3::Y), dim);
+    b.lights.push(PunctualLight {
+        name: "lamp".into(),
+        to_world: DAffine3::from_translation(DVec3::new(-0.4, 0.3, 0.8)),
+        kind: PunctualKind::Point { intensity: Rgb::splat(0.8) },
+    });
+    b.environment = Some(Environment { source: EnvironmentSource::Constant(Rgb::splat(0.4)), rotation: 0.0 });
+    b
+}
+
+#[test]
+fn asking_each_light_gives_the_same_mean_with_less_noise() {
+    let scene = build(four_lights());
+    assert_eq!([0, 1, 2].map(|v| scene.light_choice_at(v)), [LightChoice::Each, LightChoice::Each, LightChoice::One]);
+    assert_eq!((scene.light_questions(LightChoice::Each), scene.light_questions(LightChoice::One)), (4, 1));
+    for at in [DVec3::ZERO, DVec3::new(0.9, 0.3, 0.1)] {
+        let r = receiver(&scene, at, DVec3::Z);
+        let [each, one] = [LightChoice::Each, LightChoice::One].map(|choice| runs(&scene, &r, choice, 4096));
+        welch_test(&each, &one).assert(RATE, "each against one");
+        // Even at the same number of rays: four times the answers for a fourth of the samples.
+        let singles = |choice, count: u32| -> SampleMoments {
+            (0..count).map(|i| answer(&scene, &r, choice, 99 + i, 0)).collect()
+        };
+        let [each, one] =
+            [(LightChoice::Each, 5000), (LightChoice::One, 20_000)].map(|(choice, n)| singles(choice, n).variance());
+        assert!(4.0 * each < one, "variance {each} of all four, {one} of one");
+    }
+}
+
+/// Fewer lights than a tree takes, weighed one by one, and more: the mean is the sum of what each light brings.
+#[test]
+fn one_of_many_lights_stands_for_all() {
+    for count in [30u32, 1000] {
+        let mut b = four_lights();
+        let m = b.add_material(emitter(20.0));
+        let mut mesh = Mesh::default();
+        for i in 0..count {
+            let [x, y, z, turn] = Sampler::new(1, 0, i, 0).get_4d(0);
+            let at = Vec3::new(4.0 * x - 2.0, 4.0 * y - 2.0, 0.2 + 2.0 * z);
+            let (sin, cos) = (6.3 * turn).sin_cos();
+            let first = mesh.positions.len() as u32;
+            let (u, v) = (Vec3::new(cos, sin, 0.0), Vec3::new(-sin * turn, cos * turn, 0.5 - x));
+            mesh.positions.extend([at, at + 0.02 * u, at + 0.02 * v]);
+            mesh.triangles.push([first, first + 1, first + 2]);
+        }
+        b.add_object("sparks", mesh, m);
+        let scene = build(b);
+        assert_eq!(scene.light_choice_at(0), LightChoice::One);
+        assert_eq!(scene.light_choice().contains("tree of"), count > 64, "{}", scene.light_choice());
+        for at in [DVec3::new(0.1, 0.0, 0.0), DVec3::new(1.0, -1.0, 1.0)] {
+            let r = receiver(&scene, at, DVec3::Z);
+            let each = runs(&scene, &r, LightChoice::Each, 24);
+            let one = runs(&scene, &r, LightChoice::One, 4096);
+            welch_test(&each, &one).assert(RATE, &format!("{count} lights from {at}"));
+        }
+    }
+}
