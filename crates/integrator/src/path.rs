@@ -6,7 +6,7 @@ use dunkelfeld_film::Sample;
 use dunkelfeld_geometry::{Ray, Vec3};
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_sampling::Sampler;
-use dunkelfeld_scene::{LightReceiver, Scene, ShadingPoint, SurfacePoint};
+use dunkelfeld_scene::{LightChoice, LightReceiver, Scene, ShadingPoint, SurfacePoint};
 
 /// From this bounce on even a path that has lost nothing survives with less than certainty, so that light caught between
 /// perfect mirrors comes to an end.
@@ -39,7 +39,8 @@ pub(crate) fn follow(scene: &Scene, mut ray: Ray, sampler: &Sampler, recorder: &
             recorder.vertex(ray.direction.to_array(), None, throughput);
             let found = throughput * scene.environment_radiance(ray.direction);
             if !found.is_black() {
-                let other = last.as_ref().map_or(0.0, |l| scene.environment_pdf(&l.receiver, ray.direction));
+                let other =
+                    last.as_ref().map_or(0.0, |l| scene.environment_pdf(&l.receiver, LightChoice::One, ray.direction));
                 let found = found * weight_against(last.as_ref(), other);
                 recorder.emitted(found);
                 sample.radiance += found;
@@ -64,7 +65,7 @@ pub(crate) fn follow(scene: &Scene, mut ray: Ray, sampler: &Sampler, recorder: &
         // Light that the surface itself emits; where light sampling could have found it too, the two share.
         let emitted = throughput * scene.emitted(&hit, wo);
         if !emitted.is_black() {
-            let other = last.as_ref().map_or(0.0, |l| scene.light_pdf(&l.receiver, &hit));
+            let other = last.as_ref().map_or(0.0, |l| scene.light_pdf(&l.receiver, LightChoice::One, &hit));
             let emitted = emitted * weight_against(last.as_ref(), other);
             recorder.emitted(emitted);
             sample.radiance += emitted;
@@ -128,7 +129,9 @@ fn direct_light(
     u_choice: f32,
     u: [f32; 2],
 ) -> Rgb {
-    let Some(light) = scene.sample_light(&shading.receiver, u_choice, u) else { return Rgb::BLACK };
+    let Some(light) = scene.sample_light(&shading.receiver, LightChoice::One, 0, u_choice, u) else {
+        return Rgb::BLACK;
+    };
     let wi = shading.frame.to_local(light.direction);
     if !shading.consistent(hit.normal, light.direction, wi) {
         return Rgb::BLACK;

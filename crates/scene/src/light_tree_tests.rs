@@ -217,9 +217,8 @@ fn ten_thousand_lights_are_chosen_better_than_by_power() {
     for r in receivers(12).filter(|r| r.point.length() < 3.0) {
         let exact: f64 = lamps.iter().map(|l| l.irradiance(&r)).sum();
         let moments = |draw: &dyn Fn(f32) -> f64| (0..DRAWS).map(|i| draw(uniform(7, i)[0])).collect::<SampleMoments>();
-        let tree_moments = moments(&|u| {
-            tree.choose(&r, u).map_or(0.0, |(light, p)| lamps[light].irradiance(&r) / f64::from(p))
-        });
+        let tree_moments =
+            moments(&|u| tree.choose(&r, u).map_or(0.0, |(light, p)| lamps[light].irradiance(&r) / f64::from(p)));
         let power_moments = moments(&|u| {
             let choice = by_power.sample_discrete(u);
             lamps[choice.index].irradiance(&r) / f64::from(choice.probability)

@@ -265,7 +265,7 @@ fn lights_become_radiometric() {
 #[test]
 fn ies_profiles_are_read_from_data_and_shared() {
     let text = "IES:LM-63-2019%0ATILT=NONE%0A1 -1 1 2 1 1 2 0 0 0%0A1 1 1%0A0 90%0A0%0A683 683%0A";
-    let node = |light: usize, more: serde_json::Value| {
+    let node = |light: usize, more: Value| {
         let mut reference = json!({"light": light});
         reference.as_object_mut().expect("object").extend(more.as_object().cloned().unwrap_or_default());
         json!({"name": "lamp", "extensions": {"EXT_lights_ies": reference}})
