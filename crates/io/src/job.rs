@@ -356,14 +356,29 @@ pub struct MaterialOverride {
     /// Share of the non-metallic light that passes through, 0 to 1.
     #[serde(default, deserialize_with = "check::unit")]
     pub transmission: Option<f32>,
-    /// `true`: the closed boundary of a solid that refracts and absorbs; `false`: a thin sheet.
+    /// `true`: the closed boundary of a solid that refracts, absorbs and scatters; `false`: a thin sheet.
     pub solid: Option<bool>,
+    /// Where solids touch or overlap the highest priority counts; of equal ones the smaller solid. Default 0.
+    #[serde(default, deserialize_with = "check::priority")]
+    pub priority: Option<i32>,
     /// Colour of white light after `attenuation_distance` in the solid, each channel above 0.
     #[serde(default, deserialize_with = "check::positive_color")]
     pub attenuation_color: Option<Rgb>,
     /// Distance \[m\] for `attenuation_color`; written as `"2mm"`.
     #[serde(default, deserialize_with = "check::distance")]
     pub attenuation_distance: Option<f32>,
+    /// The share of this attenuation that is scattered rather than absorbed, 0 to 1: the single-scattering albedo.
+    #[serde(default, deserialize_with = "check::color")]
+    pub scattering_albedo: Option<Rgb>,
+    /// Absorption coefficient of the solid [1/m], in place of what attenuation says; written as `"0.5/mm"`.
+    #[serde(default, deserialize_with = "check::coefficient")]
+    pub absorption: Option<Rgb>,
+    /// Scattering coefficient of the solid [1/m], in place of what attenuation says; written as `"0.5/mm"`.
+    #[serde(default, deserialize_with = "check::coefficient")]
+    pub scattering: Option<Rgb>,
+    /// Mean cosine g of the deflection by scattering (Henyey and Greenstein), -0.9999 to 0.9999.
+    #[serde(default, deserialize_with = "check::mean_cosine")]
+    pub scattering_anisotropy: Option<f32>,
     /// Strength of a clear coat, 0 to 1.
     #[serde(default, deserialize_with = "check::unit")]
     pub clearcoat: Option<f32>,

@@ -1,4 +1,4 @@
-//! Numbers with units as people write them: `5ms`, `2min 30s`, `12mm`, `30deg`, `1.5W`.
+//! Numbers with units as people write them: `5ms`, `2min 30s`, `12mm`, `30deg`, `1.5W`, `0.5/mm`.
 //!
 //! Job files, sensor files and command-line flags share these types. Values are held in SI units. A time, a length or a
 //! power may also be written as a plain number in seconds, metres or watts; an angle needs its unit, because both degrees
@@ -25,6 +25,8 @@ const LENGTH: &[Unit] =
     &[(&["nm"], 1e-9), (&["um", "µm", "μm"], 1e-6), (&["mm"], 1e-3), (&["cm"], 1e-2), (&["m"], 1.0), (&["km"], 1e3)];
 const ANGLE: &[Unit] =
     &[(&["deg", "°"], std::f64::consts::PI / 180.0), (&["rad"], 1.0), (&["turn"], std::f64::consts::TAU)];
+const PER_LENGTH: &[Unit] =
+    &[(&["/um", "/µm", "/μm"], 1e6), (&["/mm"], 1e3), (&["/cm"], 1e2), (&["/m"], 1.0), (&["/km"], 1e-3)];
 const POWER: &[Unit] = &[(&["uW", "µW", "μW"], 1e-6), (&["mW"], 1e-3), (&["W"], 1.0), (&["kW"], 1e3)];
 
 /// A quantity that cannot be read; the message says what is wrong and how to write it.
@@ -104,6 +106,10 @@ quantity!(
 quantity!(
     /// An angle \[rad\]: `deg`, `rad` or `turn`; never a plain number.
     Angle, ANGLE, "an angle", "rad", "30deg", plain: false
+);
+quantity!(
+    /// A coefficient of attenuation [1/m]: `/um`, `/mm`, `/cm`, `/m`, `/km`, or a plain number per metre.
+    PerLength, PER_LENGTH, "a coefficient", "/m", "0.5/mm", plain: true
 );
 quantity!(
     /// A power \[W\]: `uW`, `mW`, `W`, `kW`, or a plain number of watts.
@@ -197,6 +203,8 @@ mod tests {
         }
         assert!((f64::from("90deg".parse::<Angle>().expect("an angle")) - std::f64::consts::FRAC_PI_2).abs() < 1e-15);
         assert_eq!("550nm".parse::<Length>().expect("a length").0, 550.0 * 1e-9);
+        assert_eq!("0.5/mm".parse::<PerLength>().expect("a coefficient").0, 500.0);
+        assert_eq!("20 /cm".parse::<PerLength>().expect("a coefficient").0, 2000.0);
         assert_eq!("1.5kW".parse::<Power>().expect("a power").0, 1500.0);
     }
 

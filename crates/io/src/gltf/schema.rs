@@ -294,6 +294,8 @@ schema! {
         unlit: Option<de::IgnoredAny>,
         #[serde(rename = "KHR_materials_volume")]
         volume: Option<Volume>,
+        #[serde(rename = "KHR_materials_volume_scatter")]
+        volume_scatter: Option<VolumeScatter>,
     }
 
     struct Anisotropy {
@@ -336,6 +338,13 @@ schema! {
     }
 
     struct Transmission { transmission_factor: Option<f64>, transmission_texture: Option<TextureInfo>, }
+
+    /// The draft calls the colour `multiscatterColor` in its schema and `scatterAlbedo` in an earlier text.
+    struct VolumeScatter {
+        multiscatter_color: Option<[f64; 3]>,
+        scatter_albedo: Option<[f64; 3]>,
+        scatter_anisotropy: Option<f64>,
+    }
 
     struct Volume {
         thickness_factor: Option<f64>,

@@ -1,7 +1,7 @@
 //! Readers for the fields of a job that refuse values out of range; the TOML layer adds line and caret to what they say.
 
 use crate::import_options::EmissiveUnit;
-use crate::quantity::{Angle, Length, Power, Time};
+use crate::quantity::{Angle, Length, PerLength, Power, Time};
 use dunkelfeld_radiometry::Rgb;
 use serde::Deserialize;
 use serde::de::{Deserializer, Error, SeqAccess, Visitor};
@@ -142,6 +142,30 @@ pub(super) fn positive_color<'de, D: Deserializer<'de>>(d: D) -> Result<Option<R
     Err(D::Error::custom("a channel is 0, which no finite absorption gives; write values from 0.001 to 1"))
 }
 
+/// A coefficient of absorption or scattering [1/m] per channel.
+pub(super) fn coefficient<'de, D: Deserializer<'de>>(d: D) -> Result<Option<Rgb>, D::Error> {
+    let values = d.deserialize_any(Coefficients)?;
+    let mut channels = [0.0; 3];
+    for (channel, v) in channels.iter_mut().zip(values) {
+        *channel = in_range::<D::Error>(v, 0.0, 1e9)? as f32;
+    }
+    Ok(Some(Rgb::from_array(channels)))
+}
+
+/// A mean cosine of scattering: at the ends light would only go straight on or back.
+pub(super) fn mean_cosine<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f32>, D::Error> {
+    real(d, -0.9999, 0.9999).map(|v| Some(v as f32))
+}
+
+/// A priority among solids.
+pub(super) fn priority<'de, D: Deserializer<'de>>(d: D) -> Result<Option<i32>, D::Error> {
+    let v = i64::deserialize(d)?;
+    match i32::try_from(v) {
+        Ok(v) if (-1_000_000..=1_000_000).contains(&v) => Ok(Some(v)),
+        _ => Err(D::Error::custom(format!("{v} is out of range; write a whole number from -1000000 to 1000000"))),
+    }
+}
+
 /// A radiometric quantity per channel.
 pub(super) fn light<'de, D: Deserializer<'de>>(d: D) -> Result<Option<Rgb>, D::Error> {
     triple(d, 1e12).map(Some)
@@ -212,6 +236,41 @@ impl<'de> Visitor<'de> for Triple {
             *value = seq.next_element::<Real>()?.ok_or_else(wrong)?.0;
         }
         if seq.next_element::<Real>()?.is_some() {
+            return Err(wrong());
+        }
+        Ok(values)
+    }
+}
+
+/// `[r, g, b]` or one value for all three, each a number per metre or a text with a unit.
+struct Coefficients;
+
+impl<'de> Visitor<'de> for Coefficients {
+    type Value = [f64; 3];
+
+    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("a coefficient per metre such as 500 or \"0.5/mm\", or three of them [r, g, b]")
+    }
+
+    fn visit_f64<E: Error>(self, v: f64) -> Result<[f64; 3], E> {
+        Ok([v; 3])
+    }
+
+    fn visit_i64<E: Error>(self, v: i64) -> Result<[f64; 3], E> {
+        Ok([v as f64; 3])
+    }
+
+    fn visit_str<E: Error>(self, v: &str) -> Result<[f64; 3], E> {
+        v.parse::<PerLength>().map(|q| [q.0; 3]).map_err(E::custom)
+    }
+
+    fn visit_seq<A: SeqAccess<'de>>(self, mut seq: A) -> Result<[f64; 3], A::Error> {
+        let mut values = [0.0; 3];
+        let wrong = || A::Error::custom("there are three channels; write [r, g, b], or one coefficient for all three");
+        for value in &mut values {
+            *value = seq.next_element::<PerLength>()?.ok_or_else(wrong)?.0;
+        }
+        if seq.next_element::<PerLength>()?.is_some() {
             return Err(wrong());
         }
         Ok(values)

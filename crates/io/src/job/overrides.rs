@@ -9,7 +9,7 @@ use crate::names::suggestion;
 use dunkelfeld_geometry::{DAffine3, Mesh};
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_scene::{
-    AlphaMode, Environment, EnvironmentSource, ImageId, LightProfile, Material, PunctualKind, SceneBuilder, Surface,
+    AlphaMode, Environment, EnvironmentSource, ImageId, LightProfile, Material, Medium, PunctualKind, SceneBuilder, Surface,
     Volume,
 };
 use std::f64::consts::PI;
@@ -29,6 +29,20 @@ impl Job {
             if let (Some(first), Some(second)) = (keys.next(), keys.next()) {
                 let problem = format!("`{first}` and `{second}` both set the light's strength");
                 return Err(self.light_error(i, second, problem, "keep one of them"));
+            }
+        }
+        for (i, m) in self.materials.iter().enumerate() {
+            let by_color = [
+                ("attenuation_color", m.attenuation_color.is_some()),
+                ("attenuation_distance", m.attenuation_distance.is_some()),
+                ("scattering_albedo", m.scattering_albedo.is_some()),
+            ];
+            let outright = [("absorption", m.absorption.is_some()), ("scattering", m.scattering.is_some())];
+            let given = |keys: &[(&'static str, bool)]| keys.iter().find(|(_, given)| *given).map(|(key, _)| *key);
+            if let (Some(first), Some(second)) = (given(&by_color), given(&outright)) {
+                let problem = format!("`{first}` and `{second}` both say what happens to light inside the solid");
+                let mend = "describe the medium by `attenuation_color`, `attenuation_distance` and `scattering_albedo`, or by `absorption` and `scattering`";
+                return Err(self.source.error_at_key(&["material", &i.to_string(), second], problem, mend));
             }
         }
         Ok(())
@@ -86,13 +100,11 @@ impl Job {
         let mut found = false;
         for material in scene.materials.iter_mut().filter(|m| matches(&change.name, &m.name)) {
             found = true;
-            let attenuates = change.attenuation_color.is_some() || change.attenuation_distance.is_some();
             apply(change, material);
-            if attenuates && material.surface == Surface::Thin {
-                let key = if change.attenuation_color.is_some() { "attenuation_color" } else { "attenuation_distance" };
+            if let Some(key) = medium_key(change).filter(|_| material.surface == Surface::Thin) {
                 return Err(self.source.error_at_key(
                     &["material", &i.to_string(), key],
-                    format!("material \"{}\" is a thin sheet, in which nothing is absorbed on the way", material.name),
+                    format!("material \"{}\" is a thin sheet, in which there is no way to go", material.name),
                     "add `solid = true` if its meshes are closed, or tint `base_color`",
                 ));
             }
@@ -486,7 +498,35 @@ fn apply(change: &MaterialOverride, m: &mut Material) {
     if let Surface::Solid(volume) = &mut m.surface {
         set(&mut volume.attenuation_color, change.attenuation_color);
         set(&mut volume.attenuation_distance, change.attenuation_distance);
+        set(&mut volume.scattering_albedo, change.scattering_albedo);
+        set(&mut volume.scattering_anisotropy, change.scattering_anisotropy);
+        set(&mut volume.priority, change.priority);
+        if change.absorption.is_some() || change.scattering.is_some() {
+            // One coefficient is replaced, the other stays what the attenuation made it.
+            let medium = Medium::new(volume);
+            *volume = Volume {
+                absorption: change.absorption.unwrap_or(medium.absorption),
+                scattering: change.scattering.unwrap_or(medium.scattering),
+                scattering_anisotropy: volume.scattering_anisotropy,
+                priority: volume.priority,
+                ..Volume::default()
+            };
+        }
     }
+}
+
+/// The first key that speaks of the inside of a solid.
+fn medium_key(change: &MaterialOverride) -> Option<&'static str> {
+    let keys = [
+        ("attenuation_color", change.attenuation_color.is_some()),
+        ("attenuation_distance", change.attenuation_distance.is_some()),
+        ("scattering_albedo", change.scattering_albedo.is_some()),
+        ("absorption", change.absorption.is_some()),
+        ("scattering", change.scattering.is_some()),
+        ("scattering_anisotropy", change.scattering_anisotropy.is_some()),
+        ("priority", change.priority.is_some()),
+    ];
+    keys.into_iter().find(|(_, given)| *given).map(|(key, _)| key)
 }
 
 fn drop_textures(m: &mut Material) {
