@@ -6,8 +6,8 @@ use dunkelfeld_io::import::EmissiveUnit;
 use dunkelfeld_io::job::{AllocateStrategy, Exposure, Job, SensorChoice};
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_scene::{
-    AlphaMode, Camera, EnvironmentSource, Instance, Material, MeshPart, Projection, PunctualKind, PunctualLight,
-    SceneBuilder, Surface, Volume,
+    AlphaMode, Camera, EnvironmentSource, Instance, Material, Medium, MeshPart, Projection, PunctualKind,
+    PunctualLight, SceneBuilder, Surface, Volume,
 };
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -248,6 +248,47 @@ fn material_factors_are_replaced_by_name_and_pattern() {
         assert_eq!((m.ior, m.roughness, m.base_color), (1.49, 0.0, Rgb::splat(0.5)));
     }
     assert_eq!(scene.materials[0], self::scene().materials[0]);
+}
+
+#[test]
+fn media_are_stated_by_colour_or_by_coefficients() {
+    let volume = |keys: &str| {
+        let scene = changed(&format!("[[material]]\nname = \"pmma\"\nsolid = true\ntransmission = 1\n{keys}"));
+        let Surface::Solid(volume) = scene.materials[1].surface else { panic!("{keys}: a solid was expected") };
+        volume
+    };
+    let v =
+        volume("scattering = \"0.5/mm\"\nabsorption = [1, \"2/cm\", 0.5]\nscattering_anisotropy = -0.4\npriority = -3");
+    assert_eq!((v.scattering, v.absorption), (Rgb::splat(500.0), Rgb::new(1.0, 200.0, 0.5)));
+    assert_eq!((v.scattering_anisotropy, v.priority), (-0.4, -3));
+    let v = volume("attenuation_color = 0.5\nattenuation_distance = \"1cm\"\nscattering_albedo = [1, 0.25, 0]");
+    let medium = Medium::new(&v);
+    let extinction = 100.0 * std::f32::consts::LN_2;
+    assert!((medium.scattering.g / (0.25 * extinction) - 1.0).abs() < 1e-6 && medium.absorption.r == 0.0, "{medium:?}");
+    // One coefficient is replaced, the other stays what the colour made it.
+    let v = volume(
+        "attenuation_color = 0.5\nattenuation_distance = \"1cm\"\n[[material]]\nname = \"pmma\"\nscattering = 7",
+    );
+    assert!(Medium::new(&v).scattering == Rgb::splat(7.0));
+    assert!((Medium::new(&v).absorption.r / extinction - 1.0).abs() < 1e-6);
+}
+
+#[test]
+fn media_that_contradict_themselves_are_refused() {
+    let head = "[[material]]\nname = \"pmma\"\nsolid = true\n";
+    let parse = |keys: &str| refusal(&with(&format!("{head}{keys}")));
+    for (keys, word) in [
+        ("scattering = \"3 miles\"", "unknown unit"),
+        ("scattering = -1", "out of range"),
+        ("scattering = [1, 2]", "three channels"),
+        ("scattering_anisotropy = 1", "out of range"),
+        ("priority = 0.5", "integer"),
+        ("absorption = 1\nattenuation_color = 0.5", "both say"),
+        ("scattering = 1\nscattering_albedo = 0.5", "both say"),
+    ] {
+        let error = parse(keys).to_string();
+        assert!(error.contains(word), "{keys}: {error}");
+    }
 }
 
 /// The power of a Lambertian quad is pi * area * radiance; the right one is scaled by 2, so of four times the area.

@@ -4,7 +4,9 @@ use crate::support::{Asset, SQUARE, load_bytes, warns};
 use dunkelfeld_geometry::{DVec3, Vec2};
 use dunkelfeld_io::import::{EmissiveUnit, ImportOptions, Imported, LUMENS_PER_WATT};
 use dunkelfeld_radiometry::Rgb;
-use dunkelfeld_scene::{AlphaMode, ColorEncoding, Filter, Material, Projection, PunctualKind, Surface, Texels, Wrap};
+use dunkelfeld_scene::{
+    AlphaMode, ColorEncoding, Filter, Material, Medium, Projection, PunctualKind, Surface, Texels, Wrap,
+};
 use serde_json::{Value, json};
 
 /// A square with both sets of texture coordinates under material 0, two textures, and the material.
@@ -151,6 +153,31 @@ fn glass_is_solid_where_it_is_thick() {
     assert_eq!(volume.attenuation_distance, 0.5);
     let [r, g, b] = volume.attenuation_color.to_array();
     assert!(r == 1.0 && g == 0.5 && b > 0.0 && b < 1e-5);
+}
+
+#[test]
+fn attenuation_is_shared_out_between_scattering_and_absorption() {
+    let of = |scatter: Value| {
+        let a = asset(json!({"extensions": {"KHR_materials_transmission": {"transmissionFactor": 1},
+            "KHR_materials_volume": {"thicknessFactor": 1, "attenuationDistance": 0.01, "attenuationColor": [0.5, 0.5, 0.9]},
+            "KHR_materials_volume_scatter": scatter}}));
+        let imported = a.load().expect("loads");
+        let Surface::Solid(volume) = only_material(&imported).surface else { panic!("a solid was expected") };
+        (Medium::new(&volume), volume.scattering_anisotropy)
+    };
+    let extinction = 100.0 * std::f32::consts::LN_2;
+    for key in ["multiscatterColor", "scatterAlbedo"] {
+        let (medium, g) = of(json!({key: [0, 1, 0.5], "scatterAnisotropy": 0.3}));
+        assert_eq!(g, 0.3);
+        assert!(medium.scattering.r == 0.0 && (medium.absorption.r / extinction - 1.0).abs() < 1e-6, "{medium:?}");
+        assert!(medium.absorption.g == 0.0 && (medium.scattering.g / extinction - 1.0).abs() < 1e-6, "{medium:?}");
+        // By hand: s = 4.09712 + 2.104315 - sqrt(9.59217 + 20.8404 + 4.42815) = 0.297119.
+        let (albedo, total) = (medium.albedo().b, -(0.9f32.ln()) * 100.0);
+        assert!((albedo - (1.0 - 0.297_119f32.powi(2))).abs() < 1e-5, "{albedo}");
+        assert!((medium.extinction().b / total - 1.0).abs() < 1e-5);
+    }
+    let (medium, g) = of(json!({}));
+    assert!(!medium.scatters() && g == 0.0);
 }
 
 #[test]
