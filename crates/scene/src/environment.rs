@@ -1,12 +1,13 @@
 //! Light from infinitely far away: constant, or an equirectangular image sampled by importance.
 
 use crate::builder::{Environment, EnvironmentSource};
+use crate::light::LightReceiver;
 use crate::texture::Image;
-use dunkelfeld_geometry::Vec3;
+use dunkelfeld_geometry::{Frame, LocalDir, Vec3};
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_sampling::Distribution2D;
-use dunkelfeld_sampling::warp::{pdf_sphere, sample_sphere};
-use std::f32::consts::PI;
+use dunkelfeld_sampling::warp::{pdf_sphere, sample_cosine_hemisphere, sample_sphere};
+use std::f32::consts::{FRAC_1_PI, PI};
 
 /// The compiled environment.
 #[derive(Clone, Debug)]
@@ -83,11 +84,20 @@ impl EnvironmentLight {
         }
     }
 
-    /// A direction with the radiance from there and the density [1/sr].
+    /// A direction with the radiance from there and the density [1/sr]. Where all directions are alike, a surface that
+    /// scatters light from above only has them by its cosine.
     #[inline]
-    pub(crate) fn sample(&self, u: [f32; 2]) -> (Vec3, Rgb, f32) {
+    pub(crate) fn sample(&self, receiver: &LightReceiver, u: [f32; 2]) -> (Vec3, Rgb, f32) {
         match &self.source {
-            Source::Constant(radiance) => (sample_sphere(u), *radiance, pdf_sphere(Vec3::Z)),
+            Source::Constant(radiance) => {
+                let direction = if receiver.both_sides {
+                    sample_sphere(u)
+                } else {
+                    let local = sample_cosine_hemisphere(u).normalize();
+                    Frame::from_normal(receiver.normal).to_world(LocalDir(local))
+                };
+                (direction, *radiance, self.pdf(receiver, direction))
+            }
             Source::Map(map) => {
                 let ([u, v], density) = map.distribution.sample_continuous(u);
                 let [x, y] = map.texel(u, v);
@@ -100,9 +110,10 @@ impl EnvironmentLight {
 
     /// The density [1/sr] with which [`Self::sample`] finds a direction.
     #[inline]
-    pub(crate) fn pdf(&self, direction: Vec3) -> f32 {
+    pub(crate) fn pdf(&self, receiver: &LightReceiver, direction: Vec3) -> f32 {
         match &self.source {
-            Source::Constant(_) => pdf_sphere(direction),
+            Source::Constant(_) if receiver.both_sides => pdf_sphere(direction),
+            Source::Constant(_) => direction.dot(receiver.normal).max(0.0) * FRAC_1_PI,
             Source::Map(map) => {
                 let [u, v] = map_coordinates(self.to_map(direction));
                 map.distribution.pdf_continuous([u, v]) / map.rows[map.texel(u, v)[1]].jacobian
@@ -197,6 +208,9 @@ mod tests {
     use super::*;
     use crate::texture::{ImageId, Texels};
 
+    /// A map is sampled alike for everyone.
+    const ANY: LightReceiver = LightReceiver { point: Vec3::ZERO, normal: Vec3::Z, both_sides: false };
+
     fn map() -> EnvironmentLight {
         let texels: Vec<[f32; 3]> =
             (0..32 * 16).map(|i| [(i % 7) as f32, 1.0, if i == 100 { 500.0 } else { 0.1 }]).collect();
@@ -213,9 +227,9 @@ mod tests {
         let mut off = 0;
         for i in 0..n * n {
             let u = [((i % n) as f32 + 0.5) / n as f32, ((i / n) as f32 + 0.5) / n as f32];
-            let (direction, radiance, pdf) = light.sample(u);
+            let (direction, radiance, pdf) = light.sample(&ANY, u);
             // A direction on the edge of a texel may be rounded into the next one.
-            off += u32::from((light.pdf(direction) / pdf - 1.0).abs() > 1e-4);
+            off += u32::from((light.pdf(&ANY, direction) / pdf - 1.0).abs() > 1e-4);
             sum[0] += f64::from(radiance.b / pdf);
             sum[1] += 1.0 / f64::from(pdf);
         }
@@ -240,7 +254,7 @@ mod tests {
                 [0.0, 1e-30, 1e-12, 1e-7, 1e-4, 0.02].map(|r| Vec3::new(0.6 * r, y, -0.8 * r).normalize())
             });
             for d in near_poles.chain([Vec3::X, Vec3::new(0.3, -0.2, 0.4).normalize()]) {
-                let (pdf, want) = (light.pdf(d), light.radiance(d).g / total);
+                let (pdf, want) = (light.pdf(&ANY, d), light.radiance(d).g / total);
                 assert!((pdf / want - 1.0).abs() < 1e-4, "{pdf} instead of {want} toward {d} for height {height}");
             }
         }
@@ -259,7 +273,7 @@ mod tests {
         let (mut inner, n) = (0, 4096);
         for i in 0..n {
             let u = [(i as f32 * 0.618_034).fract(), (i as f32 + 0.5) / n as f32 * 0.99];
-            let (d, radiance, pdf) = light.sample(u);
+            let (d, radiance, pdf) = light.sample(&ANY, u);
             let angle = d.x.hypot(d.z).atan2(d.y);
             assert!(angle <= cap * 1.0001 && radiance.g == 1e7, "{d} has {radiance:?}");
             assert!((pdf * 4.0 * PI * light.mean.g / 1e7 - 1.0).abs() < 1e-4);
@@ -287,7 +301,7 @@ mod tests {
             Image { name: "night".into(), width: 2, height: 1, texels: Texels::RgbF32(vec![[0.0; 3], [f32::NAN; 3]]) };
         let source = EnvironmentSource::Image { image: ImageId(0), scale: Rgb::WHITE };
         let light = EnvironmentLight::new(&Environment { source, rotation: 0.0 }, &[image]);
-        let (d, l, pdf) = light.sample([0.3, 0.6]);
+        let (d, l, pdf) = light.sample(&ANY, [0.3, 0.6]);
         assert!(d.is_finite() && l.is_black() && pdf.is_finite() && pdf > 0.0);
     }
 }

@@ -314,7 +314,7 @@ impl LightTable {
                 })
             }
             Light::Environment => {
-                let (direction, radiance, pdf) = self.environment.as_ref()?.sample(u);
+                let (direction, radiance, pdf) = self.environment.as_ref()?.sample(receiver, u);
                 let pdf = pdf * chosen;
                 (pdf > 0.0 && pdf.is_finite()).then_some(LightSample {
                     direction,
@@ -342,7 +342,7 @@ impl LightTable {
         // The environment, if it shines, is the last light.
         match (&self.environment, self.lights.last()) {
             (Some(e), Some(Light::Environment)) => {
-                e.pdf(direction) * self.share(receiver, choice, self.lights.len() - 1)
+                e.pdf(receiver, direction) * self.share(receiver, choice, self.lights.len() - 1)
             }
             _ => 0.0,
         }

@@ -1,0 +1,19 @@
+//! Any bytes as an IES file; one that can be read has a power and intensities that are numbers, and every refusal can show
+//! its line.
+#![no_main]
+
+use dunkelfeld_io::ies::parse_ies;
+use libfuzzer_sys::fuzz_target;
+use std::path::Path;
+
+fuzz_target!(|data: &[u8]| {
+    match parse_ies(Path::new("lamp.ies"), data) {
+        Ok((profile, _)) => {
+            // Of f32 intensities up to its largest number the sum may leave its range.
+            assert!(!profile.power().is_nan() && profile.peak().is_finite() && profile.reach().is_finite());
+        }
+        Err(e) => {
+            let _ = (e.to_string(), e.caret());
+        }
+    }
+});
