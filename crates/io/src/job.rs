@@ -28,6 +28,7 @@
 //! colours are linear Rec. 709, `[r, g, b]` or one number for all three.
 
 mod check;
+mod lights;
 mod overrides;
 
 use crate::error::InputError;

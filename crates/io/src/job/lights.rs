@@ -1,0 +1,375 @@
+//! Lays a job's `[[light]]` entries over a scene: strengths by name, and measured distributions.
+
+use super::overrides::{matches, unique};
+use super::{Job, LightOverride};
+use crate::error::{ImportWarning, InputError};
+use crate::ies::load_ies;
+use crate::names::suggestion;
+use dunkelfeld_geometry::{DAffine3, Mesh};
+use dunkelfeld_radiometry::Rgb;
+use dunkelfeld_scene::{LightProfile, Material, PunctualKind, SceneBuilder};
+use std::f64::consts::PI;
+use std::path::Path;
+
+impl Job {
+    /// Changes the lights that entry `i` names.
+    pub(super) fn change_lights(
+        &self,
+        i: usize,
+        change: &LightOverride,
+        scene: &mut SceneBuilder,
+        warnings: &mut Vec<ImportWarning>,
+    ) -> Result<(), InputError> {
+        if scene.lights.iter().any(|l| matches(&change.name, &l.name)) {
+            if !change.enabled {
+                scene.lights.retain(|l| !matches(&change.name, &l.name));
+                return Ok(());
+            }
+            if let Some(path) = &change.ies {
+                self.attach_profile(i, path, change, scene, warnings)?;
+            }
+            for light in scene.lights.iter_mut().filter(|l| matches(&change.name, &l.name)) {
+                light.kind = self.changed_kind(i, change, &light.name, light.kind, &scene.profiles)?;
+            }
+            return Ok(());
+        }
+        for (key, given, mend) in [
+            ("ies", change.ies.is_some(), "name a point or spot light"),
+            ("intensity", change.intensity.is_some(), "give `radiance` or `power`"),
+            ("irradiance", change.irradiance.is_some(), "give `radiance` or `power`"),
+        ] {
+            if given {
+                let what = if key == "ies" { "profile" } else { key };
+                let problem = format!("\"{}\" is no light without extent, so it has no {what}", change.name);
+                return Err(self.light_error(i, key, problem, mend));
+            }
+        }
+        let surfaces = emitting_surfaces(&change.name, scene).ok_or_else(|| {
+            let names = scene.lights.iter().map(|l| l.name.as_str());
+            let emissive = scene.materials.iter().filter(|m| !m.emission.is_black()).map(|m| m.name.as_str());
+            let known = unique(names.chain(scene.instances.iter().map(|n| n.name.as_str())).chain(emissive));
+            let problem = format!("the scene has no light, object or material named \"{}\"", change.name);
+            self.light_error(i, "name", problem, suggestion(&change.name, "names", &known))
+        })?;
+        let lights = surfaces.separate(scene);
+        for light in lights {
+            let Some(emission) = self.changed_emission(i, change, &light, scene, warnings)? else { continue };
+            for material in light.materials {
+                if let Some(material) = scene.materials.get_mut(material) {
+                    // Strengths that a file gives in proportion stay so only where the light has a single material.
+                    material.emission = emission.of(material.emission);
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Reads an IES file and gives it to the lights that the change names; their hue stays.
+    fn attach_profile(
+        &self,
+        i: usize,
+        path: &Path,
+        change: &LightOverride,
+        scene: &mut SceneBuilder,
+        warnings: &mut Vec<ImportWarning>,
+    ) -> Result<(), InputError> {
+        let (profile, found) = load_ies(path).map_err(|e| {
+            let problem = format!("{}, {}: {}", path.display(), e.place, e.problem);
+            self.light_error(i, "ies", problem, e.mend)
+        })?;
+        warnings.extend(found);
+        for light in scene.lights.iter_mut().filter(|l| matches(&change.name, &l.name)) {
+            let color = match light.kind {
+                PunctualKind::Point { intensity } | PunctualKind::Spot { intensity, .. } => intensity,
+                PunctualKind::Profile { scale, .. } => scale,
+                PunctualKind::Directional { .. } => {
+                    let problem = format!("\"{}\" is a parallel light, which has no profile", light.name);
+                    return Err(self.light_error(i, "ies", problem, "name a point or spot light"));
+                }
+            };
+            light.kind = PunctualKind::Profile { profile: scene.profiles.len(), scale: with_mean(color, 1.0) };
+        }
+        scene.profiles.push(profile);
+        Ok(())
+    }
+
+    fn changed_kind(
+        &self,
+        i: usize,
+        change: &LightOverride,
+        name: &str,
+        kind: PunctualKind,
+        profiles: &[LightProfile],
+    ) -> Result<PunctualKind, InputError> {
+        let unfit = |key: &str, fit: &str| {
+            let what = match kind {
+                PunctualKind::Point { .. } => "a point light",
+                PunctualKind::Spot { .. } => "a spot light",
+                PunctualKind::Directional { .. } => "a parallel light",
+                PunctualKind::Profile { .. } => "a measured light",
+            };
+            Err(self.light_error(i, key, format!("\"{name}\" is {what}, which has no {key}"), format!("give {fit}")))
+        };
+        if change.irradiance.is_some() && !matches!(kind, PunctualKind::Directional { .. }) {
+            return unfit("irradiance", "`intensity` or `power`");
+        }
+        if change.radiance.is_some() {
+            let fit = if matches!(kind, PunctualKind::Directional { .. }) {
+                "`irradiance`"
+            } else {
+                "`intensity` or `power`"
+            };
+            return unfit("radiance", fit);
+        }
+        Ok(match kind {
+            PunctualKind::Point { intensity } => {
+                let scaled = change.power.map(|power| with_mean(intensity, power / (4.0 * PI)));
+                PunctualKind::Point { intensity: change.intensity.or(scaled).unwrap_or(intensity) }
+            }
+            PunctualKind::Spot { intensity, inner, outer } => {
+                let scaled = change.power.map(|power| with_mean(intensity, power / spot_solid_angle(inner, outer)));
+                PunctualKind::Spot { intensity: change.intensity.or(scaled).unwrap_or(intensity), inner, outer }
+            }
+            PunctualKind::Profile { profile, scale } => {
+                // Strengths are those of the whole profile; of a dark one no factor makes light.
+                let (peak, all) = profiles.get(profile).map_or((0.0, 0.0), |p| (p.peak(), f64::from(p.power())));
+                let dark = peak <= 0.0;
+                if let Some((key, _)) = [("power", change.power.is_some()), ("intensity", change.intensity.is_some())]
+                    .into_iter()
+                    .find(|(_, given)| *given && dark)
+                {
+                    let problem = format!("the profile of \"{name}\" is dark in all directions");
+                    return Err(self.light_error(i, key, problem, "remove the key, or use another profile"));
+                }
+                let by_peak = change.intensity.map(|wanted| wanted * (1.0 / peak));
+                let by_power = change.power.map(|power| with_mean(scale, power / all));
+                PunctualKind::Profile { profile, scale: by_peak.or(by_power).unwrap_or(scale) }
+            }
+            PunctualKind::Directional { irradiance } => {
+                if let Some((key, _)) = [("power", change.power.is_some()), ("intensity", change.intensity.is_some())]
+                    .into_iter()
+                    .find(|(_, given)| *given)
+                {
+                    return unfit(key, "`irradiance`");
+                }
+                PunctualKind::Directional { irradiance: change.irradiance.unwrap_or(irradiance) }
+            }
+        })
+    }
+
+    fn changed_emission(
+        &self,
+        i: usize,
+        change: &LightOverride,
+        light: &SurfaceLight,
+        scene: &SceneBuilder,
+        warnings: &mut Vec<ImportWarning>,
+    ) -> Result<Option<Emission>, InputError> {
+        if !change.enabled {
+            return Ok(Some(Emission::Set(Rgb::BLACK)));
+        }
+        if let Some(radiance) = change.radiance {
+            return Ok(Some(Emission::Set(radiance)));
+        }
+        let Some(power) = change.power else { return Ok(None) };
+        let used: Vec<&Material> = light.materials.iter().filter_map(|m| scene.materials.get(*m)).collect();
+        if used.iter().any(|m| m.emission_texture.is_some()) {
+            warnings.push(ImportWarning {
+                place: format!("[[light]] {}, power", i + 1),
+                message: format!("\"{}\" has an emission texture; the power holds as if it were white", light.name),
+            });
+        }
+        // Radiant power of a Lambertian emitter: pi * area * radiance, per emitting side. The emission in force weighs
+        // the parts of a light that has several materials.
+        let mut weight = 0.0;
+        let black = used.iter().all(|m| m.emission.is_black());
+        for (area, material) in &light.areas {
+            let Some(material) = scene.materials.get(*material) else { continue };
+            let sides = if material.double_sided { 2.0 } else { 1.0 };
+            let radiance = if black { 1.0 } else { f64::from(material.emission.mean()) };
+            weight += PI * area * sides * radiance;
+        }
+        if weight <= 0.0 {
+            let problem = format!("\"{}\" has no area that could emit", light.name);
+            return Err(self.light_error(i, "power", problem, "check the object's meshes and scale"));
+        }
+        let factor = power / weight;
+        Ok(Some(if black { Emission::Set(Rgb::splat(factor as f32)) } else { Emission::Scale(factor) }))
+    }
+
+    pub(super) fn light_error(
+        &self,
+        i: usize,
+        key: &str,
+        problem: impl Into<String>,
+        mend: impl Into<String>,
+    ) -> InputError {
+        self.source.error_at_key(&["light", &i.to_string(), key], problem, mend)
+    }
+}
+
+/// What happens to the emission of a material.
+#[derive(Clone, Copy)]
+enum Emission {
+    Set(Rgb),
+    Scale(f64),
+}
+
+impl Emission {
+    fn of(self, old: Rgb) -> Rgb {
+        match self {
+            Self::Set(new) => new,
+            Self::Scale(factor) => old.map(|v| (f64::from(v) * factor) as f32),
+        }
+    }
+}
+
+/// A light with extent: its emitting materials, and the area [m^2] of each of its parts with its material.
+struct SurfaceLight {
+    name: String,
+    materials: Vec<usize>,
+    areas: Vec<(f64, usize)>,
+}
+
+/// What a light's name stands for among surfaces.
+enum Surfaces {
+    /// Instances; of their parts only the emissive ones, unless none is.
+    Objects { instances: Vec<usize>, only_emissive: bool },
+    /// Materials, wherever they are.
+    Materials(Vec<usize>),
+}
+
+/// Objects that emit, then materials that emit, then any object, then any material.
+fn emitting_surfaces(name: &str, scene: &SceneBuilder) -> Option<Surfaces> {
+    let emits = |material: usize| scene.materials.get(material).is_some_and(|m| !m.emission.is_black());
+    let part_emits = |mesh: &usize| scene.meshes.get(*mesh).is_some_and(|m| emits(m.material));
+    let objects = |emissive: bool| -> Vec<usize> {
+        let named = scene.instances.iter().enumerate().filter(|(_, n)| matches(name, &n.name));
+        named.filter(|(_, n)| !emissive || n.meshes.iter().any(part_emits)).map(|(i, _)| i).collect()
+    };
+    let materials = |emissive: bool| -> Vec<usize> {
+        let named = scene.materials.iter().enumerate().filter(|(_, m)| matches(name, &m.name));
+        named.map(|(i, _)| i).filter(|i| !emissive || emits(*i)).collect()
+    };
+    for only_emissive in [true, false] {
+        let instances = objects(only_emissive);
+        if !instances.is_empty() {
+            return Some(Surfaces::Objects { instances, only_emissive });
+        }
+        let found = materials(only_emissive);
+        if !found.is_empty() {
+            return Some(Surfaces::Materials(found));
+        }
+    }
+    None
+}
+
+impl Surfaces {
+    /// Gives each light materials of its own, so that changing one light leaves the rest of the scene alone.
+    fn separate(self, scene: &mut SceneBuilder) -> Vec<SurfaceLight> {
+        match self {
+            Self::Materials(materials) => materials.into_iter().map(|m| material_light(m, scene)).collect(),
+            Self::Objects { instances, only_emissive } => {
+                instances.into_iter().map(|i| object_light(i, only_emissive, scene)).collect()
+            }
+        }
+    }
+}
+
+fn material_light(material: usize, scene: &SceneBuilder) -> SurfaceLight {
+    let parts = scene.instances.iter().flat_map(|n| n.meshes.iter().map(|m| (n.to_world, *m)));
+    let parts = parts.filter_map(|(to_world, m)| Some((to_world, scene.meshes.get(m)?)));
+    let areas = parts.filter(|(_, p)| p.material == material).map(|(t, p)| (area(&p.mesh, &t), material)).collect();
+    let name = scene.materials.get(material).map(|m| m.name.clone()).unwrap_or_default();
+    SurfaceLight { name, materials: vec![material], areas }
+}
+
+fn object_light(instance: usize, only_emissive: bool, scene: &mut SceneBuilder) -> SurfaceLight {
+    let Some(object) = scene.instances.get(instance) else {
+        return SurfaceLight { name: String::new(), materials: Vec::new(), areas: Vec::new() };
+    };
+    let (name, to_world, meshes) = (object.name.clone(), object.to_world, object.meshes.clone());
+    let mut light = SurfaceLight { name, materials: Vec::new(), areas: Vec::new() };
+    for (slot, mesh) in meshes.into_iter().enumerate() {
+        let Some(part) = scene.meshes.get(mesh) else { continue };
+        let old = part.material;
+        let emits = scene.materials.get(old).is_some_and(|m| !m.emission.is_black());
+        if only_emissive && !emits {
+            continue;
+        }
+        light.areas.push((area(&part.mesh, &to_world), old));
+        let uses = |m: usize| scene.instances.iter().flat_map(|n| &n.meshes).filter(|used| **used == m).count();
+        let mesh_shared = uses(mesh) > 1;
+        let material_elsewhere =
+            mesh_shared || scene.meshes.iter().enumerate().any(|(i, p)| i != mesh && p.material == old && uses(i) > 0);
+        let mut own = old;
+        if material_elsewhere && let Some(material) = scene.materials.get(old).cloned() {
+            scene.materials.push(material);
+            own = scene.materials.len() - 1;
+        }
+        if mesh_shared {
+            let mut copy = scene.meshes[mesh].clone();
+            copy.material = own;
+            scene.meshes.push(copy);
+            let copy = scene.meshes.len() - 1;
+            if let Some(slot) = scene.instances.get_mut(instance).and_then(|n| n.meshes.get_mut(slot)) {
+                *slot = copy;
+            }
+        } else if let Some(part) = scene.meshes.get_mut(mesh) {
+            part.material = own;
+        }
+        if let Some(last) = light.areas.last_mut() {
+            last.1 = own;
+        }
+        if !light.materials.contains(&own) {
+            light.materials.push(own);
+        }
+    }
+    light
+}
+
+/// Area [m^2] of a placed mesh.
+fn area(mesh: &Mesh, to_world: &DAffine3) -> f64 {
+    let at = |i: u32| mesh.positions.get(i as usize).map(|p| to_world.transform_point3(p.as_dvec3()));
+    let triangle = |[a, b, c]: &[u32; 3]| {
+        let (a, b, c) = (at(*a)?, at(*b)?, at(*c)?);
+        Some(0.5 * (b - a).cross(c - a).length())
+    };
+    mesh.triangles.iter().filter_map(triangle).filter(|a| a.is_finite()).sum()
+}
+
+/// The colour scaled to a mean of its channels; white if it was black.
+fn with_mean(color: Rgb, mean: f64) -> Rgb {
+    let base = if color.is_black() { Rgb::WHITE } else { color };
+    let scale = mean / f64::from(base.mean());
+    base.map(|v| (f64::from(v) * scale) as f32)
+}
+
+/// Integral of a spot light's falloff over the sphere [sr]. KHR_lights_punctual squares a ramp that is linear in the
+/// cosine between the edge and the inner cone: 2 pi ((1 - ci) + (ci - co) / 3).
+fn spot_solid_angle(inner: f32, outer: f32) -> f64 {
+    let (ci, co) = (f64::from(inner).cos(), f64::from(outer).cos());
+    2.0 * PI * ((1.0 - ci) + (ci - co).max(0.0) / 3.0).max(1e-12)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A cone without soft edge of half-angle t covers 2 pi (1 - cos t).
+    #[test]
+    fn the_spot_integral_agrees_with_a_sum_over_angles() {
+        assert!((spot_solid_angle(0.5, 0.5) - 2.0 * PI * (1.0 - 0.5_f64.cos())).abs() < 1e-7);
+        let (inner, outer) = (0.3_f64, 0.8_f64);
+        let steps = 200_000;
+        let sum: f64 = (0..steps)
+            .map(|i| {
+                let t = outer * (f64::from(i) + 0.5) / f64::from(steps);
+                let ramp = ((t.cos() - outer.cos()) / (inner.cos() - outer.cos())).clamp(0.0, 1.0);
+                2.0 * PI * t.sin() * ramp * ramp * outer / f64::from(steps)
+            })
+            .sum();
+        let exact = spot_solid_angle(inner as f32, outer as f32);
+        assert!((sum - exact).abs() < 1e-6, "{sum} {exact}");
+    }
+}
