@@ -178,8 +178,8 @@ pub fn hit_point(corners: &[Vec3; 3], b1: f32, b2: f32) -> (Vec3, Vec3) {
     let along2 = f64::from(b2) * (corners[2].as_dvec3() - v0);
     let exact = v0 + along1 + along2;
     let error = f64::from(UNIT_ROUNDOFF) * exact.abs() + 2.0 * f64::EPSILON * (v0.abs() + along1.abs() + along2.abs());
-    // One ulp up for the rounding of the bound itself; at zero it stands for subnormal results.
-    (exact.as_vec3(), error.as_vec3().map(f32::next_up))
+    // At least one ulp up for the rounding of the bound itself; at zero it stands for subnormal results.
+    (exact.as_vec3(), error.as_vec3() * (1.0 + f32::EPSILON) + Vec3::splat(f32::from_bits(1)))
 }
 
 /// A start for a ray that leaves a surface: off the error box of the hit, on the side that `direction` goes to.
@@ -192,17 +192,19 @@ pub fn offset_ray_origin(p: Vec3, p_error: Vec3, geometric_normal: Vec3, directi
     let n = if direction.dot(geometric_normal) < 0.0 { -geometric_normal } else { geometric_normal };
     // The factor covers that n is a unit vector only to within rounding.
     let offset = n * (n.abs().dot(p_error) * (1.0 + 8.0 * UNIT_ROUNDOFF));
-    let away = |moved: f32, by: f32| {
-        if by > 0.0 {
-            moved.next_up()
-        } else if by < 0.0 {
-            moved.next_down()
-        } else {
-            moved
-        }
-    };
     let moved = p + offset;
     Vec3::new(away(moved.x, offset.x), away(moved.y, offset.y), away(moved.z, offset.z))
+}
+
+/// The next number after `x` in the direction of the sign of `by`; `x` itself if `by` is zero. Without branches: which way
+/// is next is as good as random where rays leave a surface.
+#[inline]
+fn away(x: f32, by: f32) -> f32 {
+    // Bit patterns of one sign are ordered like the magnitudes. Zero steps to the smallest number of the sign of `by`.
+    let outward = (x.to_bits() ^ by.to_bits()) >> 31 == 0;
+    let stepped = x.to_bits().wrapping_add(if outward { 1 } else { u32::MAX });
+    let stepped = if x == 0.0 { (by.to_bits() & (1 << 31)) | 1 } else { stepped };
+    f32::from_bits(if by == 0.0 { x.to_bits() } else { stepped })
 }
 
 #[cfg(test)]
@@ -220,6 +222,16 @@ mod tests {
 
     fn hit(ray: &Ray, corners: &[Vec3; 3]) -> Option<TriangleHit> {
         intersect_triangle(&RayShear::new(ray), ray, corners)
+    }
+
+    #[test]
+    fn the_next_number_is_that_of_the_library() {
+        let values = [0.0, -0.0, f32::MIN_POSITIVE, 1e-45, 1.0, 0.1, 1e30, f32::MAX / 2.0];
+        for x in values.into_iter().flat_map(|v| [v, -v]) {
+            assert_eq!(away(x, 2.0).to_bits(), x.next_up().to_bits(), "{x} up");
+            assert_eq!(away(x, -1e-30).to_bits(), x.next_down().to_bits(), "{x} down");
+            assert_eq!(away(x, 0.0).to_bits(), x.to_bits(), "{x} stays");
+        }
     }
 
     #[test]

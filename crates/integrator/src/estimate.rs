@@ -1,6 +1,6 @@
 //! The estimator for one sample, on one page: camera sample, ray, radiance, film sample.
 
-use crate::path::follow;
+use crate::kernel::follow;
 use crate::sets;
 use crate::trace::{PathTrace, Recorder};
 use dunkelfeld_film::Sample;

@@ -5,6 +5,7 @@
 #![forbid(unsafe_code)]
 
 pub mod estimate;
+mod kernel;
 mod labels;
 mod path;
 mod sets;

@@ -2,11 +2,12 @@
 
 use crate::sets;
 use crate::trace::Recorder;
+use dunkelfeld_bsdf::Lobe;
 use dunkelfeld_film::Sample;
 use dunkelfeld_geometry::{Ray, Vec3};
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_sampling::Sampler;
-use dunkelfeld_scene::{LightChoice, LightReceiver, Scene, ShadingPoint, SurfacePoint};
+use dunkelfeld_scene::{Features, LightChoice, LightReceiver, Scene, ShadingPoint, SurfacePoint};
 
 /// From this bounce on even a path that has lost nothing survives with less than certainty, so that light caught between
 /// perfect mirrors comes to an end.
@@ -22,7 +23,14 @@ struct LastScatter {
 }
 
 /// Follows a camera ray. The radiance is unbiased; path length is unbounded.
-pub(crate) fn follow(scene: &Scene, mut ray: Ray, sampler: &Sampler, recorder: &mut impl Recorder) -> Sample {
+// Never inlined: the instances share one caller, which must stay small.
+#[inline(never)]
+pub(crate) fn follow<F: Features>(
+    scene: &Scene,
+    mut ray: Ray,
+    sampler: &Sampler,
+    recorder: &mut impl Recorder,
+) -> Sample {
     let mut sample = Sample::MISS;
     let mut throughput = Rgb::WHITE;
     // What refraction did to radiance (the factor eta^2) and roulette must not mistake for loss.
@@ -48,18 +56,23 @@ pub(crate) fn follow(scene: &Scene, mut ray: Ray, sampler: &Sampler, recorder: &
             break;
         };
         // Coverage: the ray meets the surface with that probability, else it goes on as if nothing were there.
-        let mut u_kind = if scene.is_chance(&hit) { sampler.get_1d(sets::kind(vertex)) } else { 0.0 };
-        let coverage = scene.coverage(&hit);
-        throughput *= attenuation(scene, inside, hit.distance);
-        if u_kind >= coverage {
-            passed += hit.distance;
-            ray = Ray::new(hit.leave(ray.direction), ray.direction);
-            continue;
+        let mut u_kind = 0.0;
+        if F::SOLIDS {
+            throughput *= attenuation(scene, inside, hit.distance);
         }
-        u_kind /= coverage;
+        if F::CHANCE && scene.is_chance(&hit) {
+            u_kind = sampler.get_1d(sets::kind(vertex));
+            let coverage = scene.coverage(&hit);
+            if u_kind >= coverage {
+                passed += hit.distance;
+                ray = Ray::new(hit.leave(ray.direction), ray.direction);
+                continue;
+            }
+            u_kind /= coverage;
+        }
 
         let wo = -ray.direction;
-        let shading = scene.shade(&hit, wo, u_kind);
+        let shading = scene.shade_with::<F>(&hit, wo, u_kind);
         recorder.vertex(hit.point.to_array(), Some(shading.material), throughput);
 
         // Light that the surface itself emits; where light sampling could have found it too, the two share.
@@ -82,7 +95,7 @@ pub(crate) fn follow(scene: &Scene, mut ray: Ray, sampler: &Sampler, recorder: &
         // Light from a light, connected directly.
         if !shading.bsdf.is_delta() {
             let [x, y, u_choice, _] = sampler.get_4d(sets::light(vertex));
-            let direct = throughput * direct_light(scene, &hit, &shading, wo, inside, u_choice, [x, y]);
+            let direct = throughput * direct_light::<F>(scene, &hit, &shading, wo, inside, u_choice, [x, y]);
             recorder.direct(direct);
             sample.radiance += direct;
         }
@@ -107,10 +120,9 @@ pub(crate) fn follow(scene: &Scene, mut ray: Ray, sampler: &Sampler, recorder: &
         throughput *= 1.0 / survival;
         recorder.scattered(wi.to_array(), scattered.pdf, scattered.weight);
 
-        use dunkelfeld_bsdf::Lobe;
         last = (!scattered.lobe.contains(Lobe::DELTA))
             .then_some(LastScatter { receiver: shading.receiver, pdf: scattered.pdf });
-        if scattered.lobe.contains(Lobe::TRANSMISSION) {
+        if F::SOLIDS && scattered.lobe.contains(Lobe::TRANSMISSION) {
             inside = medium_beyond(&shading, &hit, wi, inside);
         }
         ray = Ray::new(hit.leave(wi), wi);
@@ -120,10 +132,10 @@ pub(crate) fn follow(scene: &Scene, mut ray: Ray, sampler: &Sampler, recorder: &
 
 /// Light that reaches a point straight from a light and is scattered toward `wo`.
 #[inline]
-fn direct_light(
+fn direct_light<F: Features>(
     scene: &Scene,
     hit: &SurfacePoint,
-    shading: &ShadingPoint,
+    shading: &ShadingPoint<'_>,
     wo: Vec3,
     inside: Option<u32>,
     u_choice: f32,
@@ -142,19 +154,23 @@ fn direct_light(
         return Rgb::BLACK;
     }
     let ray = scene.shadow_ray(hit, light.direction, light.target.as_ref());
-    let visible = scene.transmittance(&ray);
+    let visible = scene.transmittance_with::<F>(&ray);
     if visible == 0.0 {
         return Rgb::BLACK;
     }
+    let share = if light.is_delta { 1.0 } else { power_heuristic(light.pdf, pdf) };
+    let arriving = unoccluded * (visible * share / light.pdf);
+    if !F::SOLIDS {
+        return arriving;
+    }
     let crosses = (light.direction.dot(hit.normal) > 0.0) != (wo.dot(hit.normal) > 0.0);
     let medium = if crosses { medium_beyond(shading, hit, light.direction, inside) } else { inside };
-    let share = if light.is_delta { 1.0 } else { power_heuristic(light.pdf, pdf) };
-    unoccluded * attenuation(scene, medium, ray.t_max) * (visible * share / light.pdf)
+    arriving * attenuation(scene, medium, ray.t_max)
 }
 
 /// The solid on the far side of a surface that light crosses in direction `wi`.
 #[inline]
-fn medium_beyond(shading: &ShadingPoint, hit: &SurfacePoint, wi: Vec3, inside: Option<u32>) -> Option<u32> {
+fn medium_beyond(shading: &ShadingPoint<'_>, hit: &SurfacePoint, wi: Vec3, inside: Option<u32>) -> Option<u32> {
     match (shading.is_solid, wi.dot(hit.normal) < 0.0) {
         (true, true) => Some(shading.material),
         (true, false) => None,

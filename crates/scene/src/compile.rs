@@ -4,6 +4,8 @@ use crate::builder::{Instance, MeshPart, SceneBuilder};
 use crate::check::{check_indices, check_values, drop_unusable_attributes, mesh_place, repair_texels};
 use crate::delta_light::DeltaLight;
 use crate::environment::EnvironmentLight;
+use crate::facet::Facet;
+use crate::features::FeatureSet;
 use crate::light::{AreaLight, AreaShape, Light, LightTable, NO_LIGHT};
 use crate::material::{Material, Surface};
 use crate::medium::Medium;
@@ -83,12 +85,16 @@ impl SceneBuilder {
         let mut geometry = Placed::default();
         geometry.place(&placed, std::mem::take(&mut self.meshes), &to_render);
 
-        let mut compiled: Vec<CompiledMaterial> =
-            self.materials.iter().map(|m| CompiledMaterial::new(m, self.energy_compensation)).collect();
-        for part in geometry.parts.iter().filter(|p| !geometry.meshes[p.mesh as usize].colors.is_empty()) {
-            // Vertex colours tint each place differently.
-            compiled[part.material as usize].clear_tint = None;
+        let mut is_painted = vec![false; self.materials.len()];
+        for part in &geometry.parts {
+            is_painted[part.material as usize] |= !geometry.meshes[part.mesh as usize].colors.is_empty();
         }
+        let compiled: Vec<CompiledMaterial> = self
+            .materials
+            .iter()
+            .zip(is_painted)
+            .map(|(m, is_painted)| CompiledMaterial::new(m, is_painted, self.energy_compensation))
+            .collect();
         let solids = geometry.solids(&self.materials, &compiled, &closed);
         let mut lights = geometry.area_lights(&self.materials, &self.images);
         for light in &self.lights {
@@ -104,6 +110,11 @@ impl SceneBuilder {
         }
         self.report_unfindable_light(&geometry.parts, &compiled, &mut report);
         let has_coverage = geometry.parts.iter().any(|p| compiled[p.material as usize].has_coverage);
+        let features = geometry
+            .parts
+            .iter()
+            .map(|p| compiled[p.material as usize].features())
+            .fold(FeatureSet::default(), FeatureSet::union);
         // Shadow rays stop neither at partly covering surfaces nor at clear faces, where these may be open to light.
         let is_open = |c: &CompiledMaterial| c.clear_tint.is_some();
         let has_open_faces =
@@ -117,9 +128,8 @@ impl SceneBuilder {
             bounds,
             bvh,
             placements: geometry.placements,
-            baked_parts: geometry.baked_parts,
+            facets: geometry.facets,
             parts: geometry.parts,
-            face_normals: geometry.meshes.iter().map(face_normals).collect(),
             meshes: geometry.meshes,
             object_names: self.instances.iter().map(|i| i.name.clone()).collect(),
             punctual_names: self.lights.iter().map(|l| l.name.clone()).collect(),
@@ -134,6 +144,7 @@ impl SceneBuilder {
             solids: solids.list,
             solid_bounds: solids.bounds,
             has_nesting: solids.has_nesting,
+            features,
         };
         Ok((scene, report))
     }
@@ -249,7 +260,10 @@ struct Placed {
     meshes: Vec<Mesh>,
     parts: Vec<Part>,
     placements: Vec<Placement>,
-    baked_parts: Vec<u32>,
+    /// See [`Scene::facets`].
+    facets: Vec<Facet>,
+    /// Number of facets of the baked mesh.
+    baked: usize,
     /// Transform of each placement but the baked one.
     transforms: Vec<Transform>,
     /// For each part the mesh of the builder that it shows.
@@ -274,17 +288,30 @@ impl Placed {
         for (object, m, transform) in all().filter(|(_, m, _)| bakes(*m)) {
             let mesh = bake(&meshes[m].mesh, &(*to_render * *transform.to_world()));
             let part = self.parts.len() as u32;
-            let first_triangle = self.baked_parts.len() as u32;
-            self.baked_parts.extend(std::iter::repeat_n(part, mesh.triangles.len()));
-            self.push_part(mesh, &meshes[m], object, None, first_triangle);
+            let first_facet = self.facets.len() as u32;
+            self.facets.extend(Facet::of_mesh(&mesh, part));
+            self.parts.push(Part {
+                mesh: self.meshes.len() as u32,
+                material: meshes[m].material as u32,
+                object,
+                transform: None,
+                first_facet,
+                solid: NO_SOLID,
+                lights: Vec::new(),
+            });
+            self.meshes.push(mesh);
             self.sources.push(m);
         }
+        self.baked = self.facets.len();
+        let mut first_facets = vec![0; meshes.len()];
         for (object, m, transform) in all().filter(|(_, m, _)| !bakes(*m)) {
             // Invertible in world space and moved: still invertible.
             let Ok(transform) = Transform::new(*to_render * *transform.to_world()) else { continue };
             if stored[m] == u32::MAX {
                 stored[m] = self.meshes.len() as u32;
                 self.meshes.push(meshes[m].mesh.clone());
+                first_facets[m] = self.facets.len() as u32;
+                self.facets.extend(Facet::of_mesh(&meshes[m].mesh, u32::MAX));
             }
             self.placements.push(Placement::Part(self.parts.len() as u32));
             self.transforms.push(transform);
@@ -294,25 +321,11 @@ impl Placed {
                 material: meshes[m].material as u32,
                 object,
                 transform: Some(Box::new(transform)),
-                first_triangle: 0,
+                first_facet: first_facets[m],
                 solid: NO_SOLID,
                 lights: Vec::new(),
             });
         }
-    }
-
-    fn push_part(&mut self, mesh: Mesh, source: &MeshPart, object: u32, transform: Option<Box<Transform>>, first: u32) {
-        let mesh_index = self.meshes.len() as u32;
-        self.meshes.push(mesh);
-        self.parts.push(Part {
-            mesh: mesh_index,
-            material: source.material as u32,
-            object,
-            transform,
-            first_triangle: first,
-            solid: NO_SOLID,
-            lights: Vec::new(),
-        });
     }
 
     /// Finds the solids, ranks them, and marks the parts that bound them.
@@ -340,7 +353,7 @@ impl Placed {
     /// The hierarchy over everything; parts that cover partly let light through.
     fn hierarchy(&self, covers_partly: &dyn Fn(&Part) -> bool) -> Result<Bvh, BuildError> {
         let mut positions = Vec::new();
-        let mut triangles = Vec::with_capacity(self.baked_parts.len());
+        let mut triangles = Vec::with_capacity(self.baked);
         for part in self.parts.iter().filter(|p| p.transform.is_none()) {
             let mesh = &self.meshes[part.mesh as usize];
             let base = positions.len() as u32;
@@ -377,7 +390,7 @@ impl Placed {
             let baked = self.placements.iter().any(|p| matches!(p, Placement::Baked)).then_some(0);
             bvh.mark_porous(|mesh, triangle| {
                 if Some(mesh) == baked {
-                    covers_partly(&self.parts[self.baked_parts[triangle as usize] as usize])
+                    covers_partly(&self.parts[self.facets[triangle as usize].part as usize])
                 } else {
                     porous_mesh[mesh as usize]
                 }
@@ -444,11 +457,6 @@ impl Placed {
         }
         lights
     }
-}
-
-/// Unit normals of all triangles.
-fn face_normals(mesh: &Mesh) -> Vec<Vec3> {
-    (0..mesh.triangles.len()).map(|t| geometric_normal(&mesh.corners(t))).collect()
 }
 
 /// A mesh moved to render space; a mirroring transform turns the winding, so that fronts stay fronts.

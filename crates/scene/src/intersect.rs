@@ -1,5 +1,6 @@
 //! Rays against the scene: what they meet, what they may pass.
 
+use crate::features::{Everything, Features};
 use crate::light::LightTarget;
 use crate::scene::{Placement, Scene};
 use crate::surface::{self, TexturePoint};
@@ -19,6 +20,7 @@ pub struct SurfacePoint {
     /// Ray parameter of the hit \[m\].
     pub distance: f32,
     pub(crate) part: u32,
+    pub(crate) material: u32,
     pub(crate) triangle: u32,
     pub(crate) barycentrics: [f32; 3],
 }
@@ -38,22 +40,16 @@ impl Scene {
         self.bvh.closest_hit(ray).map(|hit| self.surface_point(&hit))
     }
 
+    #[inline(always)]
     pub(crate) fn surface_point(&self, hit: &Hit) -> SurfacePoint {
-        let (part_index, triangle) = match self.placements[hit.instance as usize] {
-            Placement::Baked => {
-                let part = self.baked_parts[hit.triangle as usize];
-                (part, hit.triangle - self.parts[part as usize].first_triangle)
-            }
-            Placement::Part(part) => (part, hit.triangle),
+        let Hit { b1, b2, .. } = *hit;
+        let (part_index, facet_index) = match self.placements[hit.instance as usize] {
+            Placement::Baked => (self.facets[hit.triangle as usize].part, hit.triangle),
+            Placement::Part(part) => (part, self.parts[part as usize].first_facet + hit.triangle),
         };
-        self.point_on(part_index, triangle, hit.b1, hit.b2, hit.t)
-    }
-
-    fn point_on(&self, part_index: u32, triangle: u32, b1: f32, b2: f32, distance: f32) -> SurfacePoint {
-        let part = &self.parts[part_index as usize];
-        let corners = self.meshes[part.mesh as usize].corners(triangle as usize);
-        let (mut point, mut error) = hit_point(&corners, b1, b2);
-        let mut normal = self.face_normals[part.mesh as usize][triangle as usize];
+        let (part, facet) = (&self.parts[part_index as usize], &self.facets[facet_index as usize]);
+        let (mut point, mut error) = hit_point(&facet.corners, b1, b2);
+        let mut normal = facet.normal;
         if let Some(transform) = &part.transform {
             (point, error) = transform.point_with_error(point, error);
             normal = transform.normal(normal);
@@ -62,9 +58,10 @@ impl Scene {
             point,
             error,
             normal,
-            distance,
+            distance: hit.t,
             part: part_index,
-            triangle,
+            material: part.material,
+            triangle: facet_index - part.first_facet,
             barycentrics: [1.0 - b1 - b2, b1, b2],
         }
     }
@@ -86,26 +83,28 @@ impl Scene {
     /// Does chance decide what the surface is at a point: whether it is there, or which of two things it is?
     #[inline]
     pub fn is_chance(&self, p: &SurfacePoint) -> bool {
-        let compiled = &self.compiled[self.parts[p.part as usize].material as usize];
+        let compiled = &self.compiled[p.material as usize];
         compiled.has_coverage || compiled.is_mixture
     }
 
     /// The probability that light meets the surface at a point, in \[0, 1\].
     #[inline]
     pub fn coverage(&self, p: &SurfacePoint) -> f32 {
-        let material = self.parts[p.part as usize].material as usize;
-        if !self.compiled[material].has_coverage {
+        let compiled = &self.compiled[p.material as usize];
+        if !compiled.has_coverage {
             return 1.0;
         }
-        surface::coverage(&self.materials[material], &self.images, &self.texture_point(p))
+        compiled.coverage(&self.materials[p.material as usize], &self.images, || self.texture_point(p))
     }
 
     /// Radiance [W/(m^2 sr)] that the surface itself emits toward the unit direction `toward`.
     #[inline]
     pub fn emitted(&self, p: &SurfacePoint, toward: Vec3) -> Rgb {
-        let index = self.parts[p.part as usize].material as usize;
-        let material = &self.materials[index];
-        if !self.compiled[index].emits || (!(material.double_sided || material.unlit) && toward.dot(p.normal) <= 0.0) {
+        if !self.compiled[p.material as usize].emits {
+            return Rgb::BLACK;
+        }
+        let material = &self.materials[p.material as usize];
+        if !(material.double_sided || material.unlit) && toward.dot(p.normal) <= 0.0 {
             return Rgb::BLACK;
         }
         if material.emission_texture.is_none() && !material.unlit {
@@ -118,7 +117,13 @@ impl Scene {
     /// covering surfaces leave open.
     #[inline]
     pub fn transmittance(&self, ray: &Ray) -> f32 {
-        if !self.has_coverage {
+        self.transmittance_with::<Everything>(ray)
+    }
+
+    /// [`Self::transmittance`] in a scene that calls for no more than `F`.
+    #[inline]
+    pub fn transmittance_with<F: Features>(&self, ray: &Ray) -> f32 {
+        if !F::CHANCE || !self.has_coverage {
             return f32::from(u8::from(!self.bvh.occluded(ray)));
         }
         let mut open = 1.0;

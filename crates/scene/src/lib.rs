@@ -13,6 +13,8 @@ mod compile;
 mod delta_light;
 pub mod distortion;
 mod environment;
+mod facet;
+pub mod features;
 pub mod interior;
 pub mod intersect;
 mod inventory;
@@ -37,6 +39,7 @@ pub use builder::{
 pub use camera::{CameraError, CameraRay, RayGenerator, framing_camera, look_at};
 pub use compile::BuildError;
 pub use distortion::Distortion;
+pub use features::{Everything, FeatureSet, Features, With};
 pub use interior::Interior;
 pub use intersect::SurfacePoint;
 pub use inventory::{LightInfo, PartInfo};

@@ -227,7 +227,7 @@ impl LightTable {
         }
         let mut rest = u * total;
         let mut last = None;
-        for (i, &w) in weights.iter().enumerate().take(self.lights.len()).filter(|(_, w)| **w > 0.0) {
+        for (i, &w) in weights.iter().enumerate().filter(|(_, w)| **w > 0.0) {
             last = Some((i, w / total));
             if rest < w {
                 break;

@@ -2,6 +2,8 @@
 
 use crate::builder::Camera;
 use crate::camera::{CameraError, RayGenerator, framing_camera};
+use crate::facet::Facet;
+use crate::features::FeatureSet;
 use crate::light::LightTable;
 use crate::material::Material;
 use crate::nesting::Solid;
@@ -21,12 +23,10 @@ pub struct Scene {
     pub(crate) bvh: Bvh,
     /// For each instance of the hierarchy: the part, or where the parts of the baked mesh are looked up.
     pub(crate) placements: Vec<Placement>,
-    /// Part of each triangle of the baked mesh.
-    pub(crate) baked_parts: Vec<u32>,
+    /// The triangles of the baked mesh, then those of the meshes that stay instanced.
+    pub(crate) facets: Vec<Facet>,
     pub(crate) parts: Vec<Part>,
     pub(crate) meshes: Vec<Mesh>,
-    /// Unit normal of each triangle of each mesh, in the mesh's own space, by its winding.
-    pub(crate) face_normals: Vec<Vec<Vec3>>,
     pub(crate) object_names: Vec<String>,
     pub(crate) punctual_names: Vec<String>,
     pub(crate) materials: Vec<Material>,
@@ -44,6 +44,7 @@ pub struct Scene {
     pub(crate) solid_bounds: Option<[Vec3; 2]>,
     /// Could solids touch or overlap?
     pub(crate) has_nesting: bool,
+    pub(crate) features: FeatureSet,
 }
 
 /// What an instance of the hierarchy stands for.
@@ -63,8 +64,8 @@ pub(crate) struct Part {
     pub(crate) object: u32,
     /// Object to render space; `None` when the mesh is stored in render space.
     pub(crate) transform: Option<Box<Transform>>,
-    /// Index of the part's first triangle in the baked mesh.
-    pub(crate) first_triangle: u32,
+    /// Index of its first triangle in [`Scene::facets`]; for a baked part that is also its place in the baked mesh.
+    pub(crate) first_facet: u32,
     /// The solid that it bounds, `NO_SOLID` if none.
     pub(crate) solid: u32,
     /// Light of each triangle; empty if nothing emits.
@@ -102,6 +103,17 @@ impl Scene {
     /// Radius of the bounding sphere \[m\].
     pub fn radius(&self) -> f32 {
         self.radius
+    }
+
+    /// What a kernel must be able to do to render the scene.
+    pub fn features(&self) -> FeatureSet {
+        self.features
+    }
+
+    /// Has the scene rendered by a kernel that can do more than it calls for. The image is the same to the last bit; only
+    /// the time is not.
+    pub fn force_features(&mut self, more: FeatureSet) {
+        self.features = self.features.union(more);
     }
 
     /// The cameras that the scene came with.
@@ -153,7 +165,8 @@ impl Scene {
             stored_triangles: self.meshes.iter().map(|m| m.triangles.len() as u64).sum(),
             objects: self.object_names.len(),
             instanced_parts: self.parts.iter().filter(|p| p.transform.is_some()).count(),
-            memory_bytes: (self.bvh.memory_bytes() + meshes + image_bytes + self.baked_parts.len() * 4) as u64,
+            memory_bytes: (self.bvh.memory_bytes() + meshes + image_bytes + self.facets.len() * size_of::<Facet>())
+                as u64,
             bounds: self.bounds.map(|b| b.map(|v| v.to_array())),
         }
     }

@@ -1,5 +1,6 @@
 //! From a point on a surface to a frame and a BSDF.
 
+use crate::features::{Everything, Features};
 use crate::intersect::{SurfacePoint, mix};
 use crate::light::{LightChoice, LightReceiver, LightSample, NO_LIGHT};
 use crate::scene::Scene;
@@ -7,14 +8,15 @@ use crate::surface::{self, TexturePoint};
 use dunkelfeld_bsdf::Bsdf;
 use dunkelfeld_geometry::{Frame, LocalDir, Vec2, Vec3};
 use dunkelfeld_radiometry::Rgb;
+use std::borrow::Cow;
 
 /// Everything scattering needs to know about a point.
-#[derive(Clone, Copy, Debug)]
-pub struct ShadingPoint {
+#[derive(Clone, Debug)]
+pub struct ShadingPoint<'a> {
     /// Shading frame: +z on the outside of solids, on the viewer's side of everything else.
     pub frame: Frame,
     /// How the surface scatters.
-    pub bsdf: Bsdf,
+    pub bsdf: Cow<'a, Bsdf>,
     /// Index of the material.
     pub material: u32,
     /// Index of the object.
@@ -25,7 +27,7 @@ pub struct ShadingPoint {
     pub receiver: LightReceiver,
 }
 
-impl ShadingPoint {
+impl ShadingPoint<'_> {
     /// Do two directions lie on the sides of the surface that the local frame says they do? Interpolated normals can
     /// disagree with the surface; light must not leak through it.
     #[inline]
@@ -40,12 +42,28 @@ impl Scene {
     /// Frame and BSDF at a point seen from direction `wo` (unit, away from the surface). `u` in `[0, 1)` is used by
     /// materials that are one of two things at random.
     #[inline]
-    pub fn shade(&self, p: &SurfacePoint, wo: Vec3, u: f32) -> ShadingPoint {
+    pub fn shade(&self, p: &SurfacePoint, wo: Vec3, u: f32) -> ShadingPoint<'_> {
+        self.shade_with::<Everything>(p, wo, u)
+    }
+
+    /// [`Self::shade`] in a scene that calls for no more than `F`.
+    #[inline]
+    pub fn shade_with<F: Features>(&self, p: &SurfacePoint, wo: Vec3, u: f32) -> ShadingPoint<'_> {
         let part = &self.parts[p.part as usize];
-        let material = &self.materials[part.material as usize];
-        let compiled = &self.compiled[part.material as usize];
-        let at = self.texture_point(p);
-        let mut frame = self.shading_frame(p, material, &at);
+        let compiled = &self.compiled[p.material as usize];
+        let normal = self.shading_normal(p);
+        let (mut frame, bsdf) = if F::DETAIL && (compiled.varies || compiled.needs_tangent) {
+            let material = &self.materials[p.material as usize];
+            let at = self.texture_point(p);
+            let frame = if compiled.needs_tangent {
+                self.tangent_frame(p, normal, material, &at)
+            } else {
+                Frame::from_normal(normal)
+            };
+            (frame, compiled.bsdf(material, &self.images, &at, u))
+        } else {
+            (Frame::from_normal(normal), Cow::Borrowed(compiled.constant_bsdf(u)))
+        };
         // A viewer above the surface but below the interpolated normal sees the surface itself.
         if (frame.normal.dot(wo) > 0.0) != (p.normal.dot(wo) > 0.0) {
             frame = Frame::from_normal_tangent(p.normal, frame.tangent);
@@ -54,38 +72,32 @@ impl Scene {
         if !compiled.is_solid && frame.normal.dot(wo) < 0.0 {
             frame = Frame { tangent: frame.tangent, bitangent: -frame.bitangent, normal: -frame.normal };
         }
-        let bsdf = compiled.bsdf(material, &self.images, &at, u);
         let receiver = LightReceiver { point: p.point, normal: facing, both_sides: compiled.both_sides };
-        ShadingPoint {
-            frame,
-            bsdf,
-            material: part.material,
-            object: part.object,
-            is_solid: compiled.is_solid,
-            receiver,
+        ShadingPoint { frame, bsdf, material: p.material, object: part.object, is_solid: compiled.is_solid, receiver }
+    }
+
+    /// The interpolated unit normal, on the side of the geometric one; that itself where a mesh has none or they cancel.
+    #[inline]
+    fn shading_normal(&self, p: &SurfacePoint) -> Vec3 {
+        let part = &self.parts[p.part as usize];
+        let facet = &self.facets[(part.first_facet + p.triangle) as usize];
+        if !facet.is_smooth {
+            return p.normal;
+        }
+        let mixed = mix(&p.barycentrics, facet.normals);
+        match part.transform.as_ref().map_or(mixed, |t| t.normal(mixed)).try_normalize() {
+            Some(n) if n.dot(p.normal) < 0.0 => -n,
+            Some(n) => n,
+            None => p.normal,
         }
     }
 
-    /// Interpolated normal and tangent, with the normal map; the geometric normal where a mesh has none or they vanish.
-    /// The normal lies on the side of the geometric one.
-    fn shading_frame(&self, p: &SurfacePoint, material: &crate::Material, at: &TexturePoint) -> Frame {
+    /// The frame around the shading normal with the surface's own tangent, and with the normal map.
+    fn tangent_frame(&self, p: &SurfacePoint, normal: Vec3, material: &crate::Material, at: &TexturePoint) -> Frame {
         let part = &self.parts[p.part as usize];
         let mesh = &self.meshes[part.mesh as usize];
         let vertices = mesh.triangles[p.triangle as usize].map(|i| i as usize);
-        let to_render_normal = |n: Vec3| part.transform.as_ref().map_or(n, |t| t.normal(n));
         let to_render_vector = |v: Vec3| part.transform.as_ref().map_or(v, |t| t.vector(v));
-
-        let mut normal = p.normal;
-        if !mesh.normals.is_empty() {
-            let n = to_render_normal(mix(&p.barycentrics, vertices.map(|v| mesh.normals[v])));
-            if let Some(n) = n.try_normalize() {
-                normal = if n.dot(p.normal) < 0.0 { -n } else { n };
-            }
-        }
-        let needs_tangent = material.normal_texture.is_some() || material.anisotropy != 0.0;
-        if !needs_tangent {
-            return Frame::from_normal(normal);
-        }
         let (tangent, handedness) = if mesh.tangents.is_empty() {
             let set = material.normal_texture.or(material.anisotropy_texture).map_or(0, |t| usize::from(t.uv_set & 1));
             let (t, w) = uv_tangent(&mesh.corners(p.triangle as usize), vertices, &mesh.uvs[set]);
@@ -191,7 +203,16 @@ impl Scene {
         }
         let (_, b, t) = best;
         let normal = to_render_normal_of(part, mesh, t);
-        SurfacePoint { point, error: Vec3::ZERO, normal, distance: 0.0, part: part_index, triangle: t, barycentrics: b }
+        SurfacePoint {
+            point,
+            error: Vec3::ZERO,
+            normal,
+            distance: 0.0,
+            part: part_index,
+            material: part.material,
+            triangle: t,
+            barycentrics: b,
+        }
     }
 
     /// The density [1/sr] with which [`Self::sample_light`] would have found a point on a surface; 0 if it does not emit.

@@ -11,11 +11,13 @@
 //!
 //! `docs/materials.md` has the same table for users, and where each parameter comes from.
 
+use crate::features::FeatureSet;
 use crate::material::{AlphaMode, ChannelTexture, Material, Surface};
 use crate::texture::{Image, Texture};
 use dunkelfeld_bsdf::{Bsdf, Dielectric, Principled, PrincipledParams, ThinSheet};
 use dunkelfeld_geometry::{Vec2, Vec4};
 use dunkelfeld_radiometry::Rgb;
+use std::borrow::Cow;
 
 /// Below this perceptual roughness (GGX alpha 1e-4) a clear interface counts as smooth.
 const SMOOTH_ROUGHNESS: f32 = 0.01;
@@ -25,6 +27,11 @@ const SMOOTH_ROUGHNESS: f32 = 0.01;
 pub(crate) struct TexturePoint {
     pub(crate) uvs: [Vec2; 2],
     pub(crate) color: Vec4,
+}
+
+impl TexturePoint {
+    /// A place of a surface that is the same everywhere.
+    pub(crate) const ANYWHERE: Self = Self { uvs: [Vec2::ZERO; 2], color: Vec4::ONE };
 }
 
 /// A material with everything worked out that does not depend on the place.
@@ -44,6 +51,12 @@ pub(crate) struct CompiledMaterial {
     pub(crate) both_sides: bool,
     /// Does coverage have to be asked for?
     pub(crate) has_coverage: bool,
+    /// Coverage, where it is the same everywhere.
+    constant_coverage: Option<f32>,
+    /// Does the surface look different from place to place?
+    pub(crate) varies: bool,
+    /// Does the frame need a tangent: a normal map or a direction of roughness?
+    pub(crate) needs_tangent: bool,
     pub(crate) emits: bool,
     /// Of the face of a clear solid, the same everywhere: the factor on light that passes it where the index of refraction
     /// is the same on both sides.
@@ -70,7 +83,8 @@ impl Constant {
 }
 
 impl CompiledMaterial {
-    pub(crate) fn new(m: &Material, energy_compensation: bool) -> Self {
+    /// `is_painted`: some mesh of this material has vertex colours.
+    pub(crate) fn new(m: &Material, is_painted: bool, energy_compensation: bool) -> Self {
         // A metallic texture may take the metal away (glTF's default factor is 1).
         let transmits = m.transmission > 0.0 && (m.metallic < 1.0 || m.metallic_texture.is_some());
         let is_solid = matches!(m.surface, Surface::Solid(_)) && transmits;
@@ -99,16 +113,19 @@ impl CompiledMaterial {
             AlphaMode::Mask { .. } | AlphaMode::Blend => true,
         };
         let emits = m.unlit || !m.emission.is_black();
-        let plain = TexturePoint { uvs: [Vec2::ZERO; 2], color: Vec4::ONE };
-        let constant = (!textured).then(|| scatter(m, &[], &plain)).map(|c| c.compensated_if(energy_compensation));
+        let varies = textured || is_painted;
+        let constant = (!varies).then(|| scatter(m, &[], &TexturePoint::ANYWHERE).compensated_if(energy_compensation));
+        let fades = is_painted || m.alpha_texture.is_some() || m.base_color_texture.is_some();
+        let constant_coverage = (!fades).then(|| coverage(m, &[], &TexturePoint::ANYWHERE));
+        let needs_tangent = m.normal_texture.is_some() || m.anisotropy != 0.0;
         let is_mixture = transmits && !is_solid;
         let sharp = m.roughness < SMOOTH_ROUGHNESS || m.roughness_texture.is_some();
         let is_smooth_clear = transmits && sharp && (!is_solid || m.transmission >= 1.0);
         let is_clear = is_solid && m.transmission >= 1.0 && m.metallic <= 0.0 && !has_coverage && !emits;
         let clear_textures =
             [m.base_color_texture.is_some(), m.transmission_texture.is_some(), m.metallic_texture.is_some()];
-        let clear_tint =
-            (is_clear && !clear_textures.contains(&true)).then(|| m.base_color.map(|c| c.clamp(0.0, 1.0).sqrt()));
+        let clear_tint = (is_clear && !is_painted && !clear_textures.contains(&true))
+            .then(|| m.base_color.map(|c| c.clamp(0.0, 1.0).sqrt()));
         Self {
             clear_tint,
             constant,
@@ -118,27 +135,52 @@ impl CompiledMaterial {
             is_mixture,
             both_sides: transmits,
             has_coverage,
+            constant_coverage,
+            varies,
+            needs_tangent,
             emits,
             energy_compensation,
         }
     }
 
+    /// What a kernel must be able to do to render the material.
+    pub(crate) fn features(&self) -> FeatureSet {
+        FeatureSet {
+            detail: self.varies || self.needs_tangent,
+            chance: self.has_coverage || self.is_mixture,
+            solids: self.is_solid,
+        }
+    }
+
+    /// The probability that light meets the surface; `at` is asked for only where that varies.
+    #[inline]
+    pub(crate) fn coverage(&self, m: &Material, images: &[Image], at: impl FnOnce() -> TexturePoint) -> f32 {
+        self.constant_coverage.unwrap_or_else(|| coverage(m, images, &at()))
+    }
+
     /// The BSDF at a place. `u` in `[0, 1)` chooses between the two of a partly transmitting thin sheet.
     #[inline]
-    pub(crate) fn bsdf(&self, m: &Material, images: &[Image], at: &TexturePoint, u: f32) -> Bsdf {
-        let found = match &self.constant {
-            Some(constant) if at.color == Vec4::ONE => *constant,
-            _ => scatter(m, images, at).compensated_if(self.energy_compensation),
-        };
-        match found {
-            Constant::One(b) => b,
-            Constant::Either(p, a, b) => {
-                if u < p {
-                    a
-                } else {
-                    b
-                }
-            }
+    pub(crate) fn bsdf(&self, m: &Material, images: &[Image], at: &TexturePoint, u: f32) -> Cow<'_, Bsdf> {
+        match &self.constant {
+            Some(constant) => Cow::Borrowed(constant.pick(u)),
+            None => Cow::Owned(*scatter(m, images, at).compensated_if(self.energy_compensation).pick(u)),
+        }
+    }
+
+    /// The BSDF of a material that is the same everywhere; an absorber if it is not.
+    #[inline]
+    pub(crate) fn constant_bsdf(&self, u: f32) -> &Bsdf {
+        self.constant.as_ref().map_or(&Bsdf::Absorber, |c| c.pick(u))
+    }
+}
+
+impl Constant {
+    #[inline]
+    fn pick(&self, u: f32) -> &Bsdf {
+        match self {
+            Self::One(b) => b,
+            Self::Either(p, a, _) if u < *p => a,
+            Self::Either(_, _, b) => b,
         }
     }
 }

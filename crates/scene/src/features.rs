@@ -1,0 +1,53 @@
+//! What a kernel is compiled with: the scene decides once, and what it does not call for is not in the code that runs.
+//!
+//! Each constant takes a branch, its loads and its registers out of the path loop. Kernels compute the same numbers to
+//! the last bit wherever they can both be used, so a scene may always be rendered by a kernel that can do more.
+
+/// Constants that a kernel is compiled with.
+pub trait Features: 'static {
+    /// Surfaces that vary from place to place or have a direction: textures, vertex colours, normal maps, anisotropy.
+    const DETAIL: bool;
+    /// Chance decides what a surface is: coverage, or a sheet that is partly clear.
+    const CHANCE: bool;
+    /// Solids that light enters, and what they absorb.
+    const SOLIDS: bool;
+}
+
+/// A set of features as a type.
+#[derive(Clone, Copy, Debug)]
+pub struct With<const DETAIL: bool, const CHANCE: bool, const SOLIDS: bool>;
+
+impl<const DETAIL: bool, const CHANCE: bool, const SOLIDS: bool> Features for With<DETAIL, CHANCE, SOLIDS> {
+    const DETAIL: bool = DETAIL;
+    const CHANCE: bool = CHANCE;
+    const SOLIDS: bool = SOLIDS;
+}
+
+/// All features: right for every scene.
+pub type Everything = With<true, true, true>;
+
+/// The features that a scene calls for.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct FeatureSet {
+    /// See [`Features::DETAIL`].
+    pub detail: bool,
+    /// See [`Features::CHANCE`].
+    pub chance: bool,
+    /// See [`Features::SOLIDS`].
+    pub solids: bool,
+}
+
+impl FeatureSet {
+    /// All features.
+    pub const ALL: Self = Self { detail: true, chance: true, solids: true };
+
+    /// What either of two calls for.
+    #[must_use]
+    pub fn union(self, other: Self) -> Self {
+        Self {
+            detail: self.detail || other.detail,
+            chance: self.chance || other.chance,
+            solids: self.solids || other.solids,
+        }
+    }
+}
