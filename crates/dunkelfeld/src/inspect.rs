@@ -1,7 +1,7 @@
 //! What a scene holds, and what in it may trouble a render.
 
 use dunkelfeld_radiometry::photon::lumens;
-use dunkelfeld_scene::{AlphaMode, BuildReport, Scene, SceneSummary, Surface};
+use dunkelfeld_scene::{AlphaMode, BuildReport, Camera, Opening, Projection, Scene, SceneSummary, Surface, Vignetting};
 use serde::Serialize;
 
 /// A light, as listed.
@@ -35,7 +35,7 @@ pub struct MaterialEntry {
 pub struct CameraEntry {
     /// Its name.
     pub name: String,
-    /// `perspective, 30.0 degrees` or `orthographic, 0.2 x 0.1 m`.
+    /// As in `perspective, 30.0 degrees high, aperture 8.9 mm, sharp at 0.3 m` or `orthographic, 0.2 x 0.1 m`.
     pub description: String,
 }
 
@@ -121,15 +121,37 @@ pub fn inspect(scene: &Scene, report: &BuildReport) -> Inspection {
     }
 }
 
-fn camera_entry(camera: &dunkelfeld_scene::Camera) -> CameraEntry {
-    use dunkelfeld_scene::Projection::{Orthographic, Perspective};
-    let description = match camera.projection {
-        Perspective { vertical_fov } => format!("perspective, {:.1} degrees high", vertical_fov.to_degrees()),
-        Orthographic { half_width, half_height } => {
+/// A camera in a few words: projection, aperture and focus, faults of the lens.
+pub(crate) fn camera_entry(camera: &Camera) -> CameraEntry {
+    let mut words = vec![match camera.projection {
+        Projection::Perspective { vertical_fov } => {
+            format!("perspective, {:.1} degrees high", vertical_fov.to_degrees())
+        }
+        Projection::Orthographic { half_width, half_height } => {
             format!("orthographic, {} x {} m", 2.0 * half_width, 2.0 * half_height)
         }
-    };
-    CameraEntry { name: camera.name.clone(), description }
+    }];
+    let lens = &camera.lens;
+    if let Some(aperture) = &lens.aperture {
+        words.push(match aperture.opening {
+            Opening::Radius(radius) => format!("aperture {:.3} mm", 2e3 * radius),
+            Opening::NumericalAperture(sine) => format!("numerical aperture {sine:.4}"),
+        });
+        if let Some(blades) = aperture.blades {
+            words.push(format!("{} blades", blades.count));
+        }
+        words.push(format!("sharp at {:.4} m", aperture.focus_distance));
+    }
+    for (on, name) in [
+        (!lens.distortion.is_none(), "distorted"),
+        (lens.principal_point != [0.0; 2], "axis off the middle"),
+        (lens.vignetting != Vignetting::None, "vignetting"),
+    ] {
+        if on {
+            words.push(name.into());
+        }
+    }
+    CameraEntry { name: camera.name.clone(), description: words.join(", ") }
 }
 
 /// A material in a few words, from what it scatters with to what it adds.

@@ -18,6 +18,7 @@
 mod develop;
 mod error;
 mod inspect;
+mod lens;
 mod outputs;
 mod progress;
 mod project;

@@ -1,20 +1,21 @@
 //! A scene or job file with everything around it: one thing to open, adjust, render and save.
 
 use crate::develop::{Frame, develop};
-use crate::error::Error;
-use crate::inspect::{Inspection, inspect};
+use crate::error::{Error, camera_mend};
+use crate::inspect::{Inspection, camera_entry, inspect};
+use crate::lens::{DEFAULT_F_NUMBER, FilmSize, Fitted, Misfit, fit};
 use crate::outputs::{self, OutputPaths, Written};
 use crate::progress::{Cancel, Progress, ProgressState, Silent, Stage};
-use crate::render::{Rendering, render_rehearsed, thread_pool};
+use crate::render::{Rendering, check, find_camera, render_rehearsed, thread_pool};
 use crate::settings::{Budget, RenderSettings, SensorChoice};
 use crate::stats::Stats;
 use dunkelfeld_adaptive::allocation::Strategy;
 use dunkelfeld_film::{Film, Plane};
 use dunkelfeld_integrator::Label;
 use dunkelfeld_io::import::{ImportOptions, Imported, load_scene};
-use dunkelfeld_io::job::{self, Job};
+use dunkelfeld_io::job::{self, FilmSettings, Job, LensSettings};
 use dunkelfeld_io::{ImportWarning, InputError};
-use dunkelfeld_scene::{BuildReport, Projection, Scene, SceneBuilder};
+use dunkelfeld_scene::{BuildReport, CameraError, Projection, Scene, framing_camera};
 use dunkelfeld_sensor::{Exposure, Optics, SensorModel};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -32,8 +33,17 @@ pub struct Project {
     pub warnings: Vec<ImportWarning>,
     /// What building found.
     pub report: BuildReport,
-    /// The lens of the job, or the default one: what a sensor that is chosen later stands behind.
+    /// The lens of the job, or the default one: what a sensor that is chosen later stands behind. Its magnification is the
+    /// one that the job states; a render takes what follows from focus and field.
     pub optics: Optics,
+    /// The lens of the job, put on the camera when it is rendered; adjust it together with the settings.
+    pub lens: LensSettings,
+    /// The size of the film on the sensor, as far as the job tells it. Width and height are those of the settings.
+    pub film: FilmSettings,
+    /// For errors that are found later.
+    job: Option<Box<Job>>,
+    /// Pixel pitch [m] of the job's own sensor, which the lens keeps when another command leaves the sensor out.
+    own_pitch: Option<f64>,
     started: Instant,
     load_seconds: f64,
     build_seconds: f64,
@@ -70,7 +80,9 @@ impl Project {
         let began = Instant::now();
         let is_job = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("toml"));
         let job = if is_job { Some(Job::from_file(path)?) } else { None };
-        let optics = optics_of(&job.as_ref().map(|job| job.lens.clone()).unwrap_or_default())?;
+        let lens = job.as_ref().map(|job| job.lens.clone()).unwrap_or_default();
+        let f_number = lens.f_number.unwrap_or(DEFAULT_F_NUMBER);
+        let optics = Optics::new(f_number, lens.transmission, lens.magnification.unwrap_or(0.0))?;
         let (imported, settings, outputs) = match &job {
             Some(job) => open_job(job, optics)?,
             None => {
@@ -84,11 +96,15 @@ impl Project {
         let (scene, report) = imported.scene.build()?;
         Ok(Self {
             scene,
+            own_pitch: pitch_of(&settings.sensor),
             settings,
             outputs,
             warnings: imported.warnings,
             report,
             optics,
+            lens,
+            film: job.as_ref().map(|job| job.film.clone()).unwrap_or_default(),
+            job: job.map(Box::new),
             started,
             load_seconds,
             build_seconds: began.elapsed().as_secs_f64(),
@@ -98,8 +114,72 @@ impl Project {
     /// What the scene holds, and what may trouble a render.
     pub fn inspect(&self) -> Inspection {
         let mut inspection = inspect(&self.scene, &self.report);
+        let film = self.film_size();
+        let fitted = |camera| fit(camera, &self.lens, film).map_or_else(|_| camera.clone(), |fitted| fitted.camera);
+        inspection.cameras = self.scene.cameras().iter().map(|camera| camera_entry(&fitted(camera))).collect();
+        if let Err(e) = self.fitted() {
+            inspection.hazards.push(e.to_string().replace("\n  mend: ", "; "));
+        }
         inspection.warnings = self.warnings.iter().map(ToString::to_string).collect();
         inspection
+    }
+
+    /// The settings of a render with the lens put on its camera: with [`RenderSettings::view`] set, and for the sensor the
+    /// f-number and magnification that the image has. Film and sensor are those of the settings as they are now.
+    ///
+    /// A view, or optics of the sensor, that were set by hand stay.
+    ///
+    /// # Errors
+    /// Settings outside their range, an unknown camera, a lens that does not fit it, a distortion that cannot be undone
+    /// over the film.
+    pub fn fitted(&self) -> Result<RenderSettings, Error> {
+        check(&self.settings)?;
+        let mut settings = self.settings.clone();
+        if settings.view.is_some() {
+            return Ok(settings);
+        }
+        let camera = find_camera(&self.scene, &settings)?;
+        let Fitted { camera: mut view, f_number, magnification } =
+            fit(&camera, &self.lens, self.film_size()).map_err(|misfit| self.misfit(misfit))?;
+        if let (true, Projection::Perspective { vertical_fov }) = (self.scene.cameras().is_empty(), view.projection) {
+            // A framing of the whole scene, also with this lens.
+            let aspect = settings.width as f32 / settings.height as f32;
+            view.to_world = framing_camera(self.scene.bounds(), aspect, f64::from(vertical_fov)).to_world;
+        }
+        if let Err(e) = self.scene.ray_generator(&view, settings.width, settings.height) {
+            return Err(match &self.job {
+                Some(job) if matches!(e, CameraError::NotInvertible { .. }) && self.lens.distortion.is_some() => {
+                    job.lens_error("distortion", e.to_string(), camera_mend(&e)).into()
+                }
+                _ => e.into(),
+            });
+        }
+        settings.view = Some(view);
+        if let SensorChoice::Emva { optics, .. } = &mut settings.sensor
+            && *optics == self.optics
+        {
+            *optics = Optics::new(f_number, self.lens.transmission, magnification)?;
+        }
+        Ok(settings)
+    }
+
+    fn film_size(&self) -> FilmSize {
+        let (width, height) = (self.settings.width, self.settings.height);
+        let pitch = self
+            .film
+            .pixel_pitch
+            .or(self.film.sensor_width.map(|w| w / f64::from(width)))
+            .or(self.film.sensor_height.map(|h| h / f64::from(height)))
+            .or(pitch_of(&self.settings.sensor))
+            .or(self.own_pitch);
+        FilmSize { width, height, pitch }
+    }
+
+    fn misfit(&self, misfit: Misfit) -> Error {
+        match &self.job {
+            Some(job) => job.lens_error(misfit.key, misfit.problem, misfit.mend).into(),
+            None => Error::setting(format!("lens {}", misfit.key), misfit.problem, misfit.mend),
+        }
     }
 
     /// Renders and exposes, in silence.
@@ -116,13 +196,13 @@ impl Project {
     /// Settings outside their range, an unknown camera, outputs that could not be written.
     pub fn render_with(&self, progress: &dyn Progress, cancel: &Cancel) -> Result<ProjectResult, Error> {
         self.outputs.check(matches!(self.settings.sensor, SensorChoice::Emva { .. }))?;
+        let settings = self.fitted()?;
         let object_names = self.scene.object_names();
         let rehearsal = |film: &Film, labels: &Plane<Option<Label>>| {
-            let frame = develop(&film.mean(), &self.settings)?;
-            let settings = &self.settings;
-            Written { film, labels, frame: &frame, settings, object_names }.save(&self.outputs)
+            let frame = develop(&film.mean(), &settings)?;
+            Written { film, labels, frame: &frame, settings: &settings, object_names }.save(&self.outputs)
         };
-        let rendering = render_rehearsed(&self.scene, &self.settings, self.started, progress, cancel, &rehearsal)?;
+        let rendering = render_rehearsed(&self.scene, &settings, self.started, progress, cancel, &rehearsal)?;
         let began = Instant::now();
         progress.update(&ProgressState {
             stage: Stage::Expose,
@@ -132,8 +212,8 @@ impl Project {
             samples: rendering.film.total_samples(),
         });
         let mean = rendering.film.mean();
-        let frame = thread_pool(self.settings.threads)?.install(|| develop(&mean, &self.settings))?;
-        let mut stats = Stats::new(&rendering, &frame, &self.settings);
+        let frame = thread_pool(settings.threads)?.install(|| develop(&mean, &settings))?;
+        let mut stats = Stats::new(&rendering, &frame, &settings);
         stats.add_seconds(Stage::Load, self.load_seconds);
         stats.add_seconds(Stage::Build, self.build_seconds);
         stats.add_seconds(Stage::Expose, began.elapsed().as_secs_f64());
@@ -142,7 +222,7 @@ impl Project {
             rendering,
             frame,
             stats,
-            settings: self.settings.clone(),
+            settings,
             object_names: object_names.to_vec(),
             started: self.started,
         })
@@ -189,8 +269,11 @@ pub fn find_sensor(name_or_path: &str) -> Result<SensorModel, Error> {
     Ok(dunkelfeld_io::sensor_file::find_sensor(name_or_path)?)
 }
 
-fn optics_of(lens: &job::LensSettings) -> Result<Optics, Error> {
-    Ok(Optics::new(lens.f_number, lens.transmission, lens.magnification.unwrap_or(0.0))?)
+fn pitch_of(sensor: &SensorChoice) -> Option<f64> {
+    match sensor {
+        SensorChoice::Emva { model, .. } => Some(model.spec().pixel_pitch.0),
+        SensorChoice::None => None,
+    }
 }
 
 fn open_job(job: &Job, optics: Optics) -> Result<(Imported, RenderSettings, OutputPaths), Error> {
@@ -198,12 +281,10 @@ fn open_job(job: &Job, optics: Optics) -> Result<(Imported, RenderSettings, Outp
     job.camera_index(&imported.scene)?;
     imported.warnings.extend(job.apply_overrides(&mut imported.scene)?);
     let defaults = RenderSettings::default();
-    let height = job.film.height.unwrap_or(defaults.height);
     let sensor = sensor_of(&job.sensor, optics)?;
-    set_lens(job, &mut imported.scene, &sensor, height);
     let settings = RenderSettings {
         width: job.film.width.unwrap_or(defaults.width),
-        height,
+        height: job.film.height.unwrap_or(defaults.height),
         camera: job.camera.clone(),
         budget: Budget { seconds: job.budget.time.map(|t| t.as_secs_f64()), spp: job.budget.spp.map(f64::from) },
         strategy: match job.allocate.strategy {
@@ -239,24 +320,6 @@ fn sensor_of(sensor: &job::SensorSettings, optics: Optics) -> Result<SensorChoic
         job::Exposure::Seconds(s) => Some(Exposure::new(dunkelfeld_radiometry::Seconds(s))?),
     };
     Ok(SensorChoice::Emva { model: Box::new(model), optics, exposure })
-}
-
-/// The job's lens sets the field of view of every perspective camera: the render uses one, whichever it is.
-fn set_lens(job: &Job, scene: &mut SceneBuilder, sensor: &SensorChoice, height: u32) {
-    let from_focal_length = job.lens.focal_length.and_then(|f| match sensor {
-        SensorChoice::Emva { model, .. } => {
-            let film_height = f64::from(height) * model.spec().pixel_pitch.0;
-            Some(2.0 * (0.5 * film_height / f).atan())
-        }
-        SensorChoice::None => None,
-    });
-    if let Some(fov) = job.lens.vertical_fov.or(from_focal_length) {
-        for camera in &mut scene.cameras {
-            if let Projection::Perspective { vertical_fov } = &mut camera.projection {
-                *vertical_fov = fov as f32;
-            }
-        }
-    }
 }
 
 /// The picture's name when none is given: that of the input with `.png`, in the current folder.

@@ -10,7 +10,7 @@ use dunkelfeld_adaptive::plan;
 use dunkelfeld_adaptive::schedule::{Limits, Phase, Schedule, Settings, Step, StopReason};
 use dunkelfeld_film::{Film, Plane};
 use dunkelfeld_integrator::{Estimator, Label, PixelSample, label};
-use dunkelfeld_scene::{RayGenerator, Scene};
+use dunkelfeld_scene::{Camera, RayGenerator, Scene};
 use dunkelfeld_sensor::{Response, auto_exposure};
 use rayon::prelude::*;
 use std::time::Instant;
@@ -59,22 +59,31 @@ pub fn thread_pool(threads: usize) -> Result<rayon::ThreadPool, Error> {
         .map_err(|e| Error::Threads(e.to_string()))
 }
 
-/// Binds the camera that the settings name to the film.
+/// Binds the camera that the settings show or name to the film.
+///
+/// # Errors
+/// A camera that the scene does not have, or one without rays for this film.
 pub fn camera(scene: &Scene, settings: &RenderSettings) -> Result<RayGenerator, Error> {
+    let camera = match &settings.view {
+        Some(view) => view.clone(),
+        None => find_camera(scene, settings)?,
+    };
+    Ok(scene.ray_generator(&camera, settings.width, settings.height)?)
+}
+
+/// The camera of the scene that the settings name.
+pub(crate) fn find_camera(scene: &Scene, settings: &RenderSettings) -> Result<Camera, Error> {
     let aspect = settings.width as f32 / settings.height as f32;
-    match scene.camera(settings.camera.as_deref(), aspect) {
-        Some(camera) => Ok(scene.ray_generator(&camera, settings.width, settings.height)?),
-        None => {
-            let names: Vec<&str> = scene.cameras().iter().map(|c| c.name.as_str()).collect();
-            let known = if names.is_empty() { "the scene has none".into() } else { names.join(", ") };
-            let name = settings.camera.clone().unwrap_or_default();
-            Err(Error::setting(
-                "camera",
-                format!("there is no camera \"{name}\""),
-                format!("cameras: {known}; leave it out for the first"),
-            ))
-        }
-    }
+    scene.camera(settings.camera.as_deref(), aspect).ok_or_else(|| {
+        let names: Vec<&str> = scene.cameras().iter().map(|c| c.name.as_str()).collect();
+        let known = if names.is_empty() { "the scene has none".into() } else { names.join(", ") };
+        let name = settings.camera.clone().unwrap_or_default();
+        Error::setting(
+            "camera",
+            format!("there is no camera \"{name}\""),
+            format!("cameras: {known}; leave it out for the first"),
+        )
+    })
 }
 
 /// Renders a scene within a budget that began at `started`.
@@ -114,7 +123,7 @@ pub(crate) fn render_rehearsed(
     pool.install(|| Renderer::new(scene, &camera, settings, started, threads).run(progress, cancel, rehearsal))
 }
 
-fn check(s: &RenderSettings) -> Result<(), Error> {
+pub(crate) fn check(s: &RenderSettings) -> Result<(), Error> {
     let range = format!("1 to {MAX_SIDE}");
     for (name, v) in [("width", s.width), ("height", s.height)] {
         if !(1..=MAX_SIDE).contains(&v) {

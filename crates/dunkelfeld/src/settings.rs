@@ -2,6 +2,7 @@
 
 use dunkelfeld_adaptive::allocation::Strategy;
 use dunkelfeld_film::Plane;
+use dunkelfeld_scene::Camera;
 use dunkelfeld_sensor::{Exposure, Optics, SensorModel};
 
 /// Samples per pixel when no budget is given.
@@ -48,6 +49,8 @@ pub struct RenderSettings {
     pub height: u32,
     /// Name of the camera; `None` takes the first, or frames the scene.
     pub camera: Option<String>,
+    /// A camera of one's own, in place of the scene's.
+    pub view: Option<Camera>,
     /// When to stop.
     pub budget: Budget,
     /// Where the samples go.
@@ -75,6 +78,7 @@ impl Default for RenderSettings {
             width: 512,
             height: 512,
             camera: None,
+            view: None,
             budget: Budget::default(),
             strategy: Strategy::default(),
             pilot_spp: DEFAULT_PILOT_SPP,

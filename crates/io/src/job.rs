@@ -28,8 +28,11 @@
 //! colours are linear Rec. 709, `[r, g, b]` or one number for all three.
 
 mod check;
+mod lens;
 mod lights;
 mod overrides;
+
+pub use lens::{LensProjection, LensSettings};
 
 use crate::error::InputError;
 use crate::import_options::{EmissiveUnit, ImportOptions};
@@ -107,36 +110,6 @@ pub struct ImportSettings {
     pub emissive_unit: EmissiveUnit,
 }
 
-/// `[lens]`: at most one of `vertical_fov` and `focal_length`; by default the camera's own field of view. The lens is
-/// sharp at every distance; its f-number and transmission set the irradiance on the sensor.
-#[derive(Clone, Debug, PartialEq, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct LensSettings {
-    /// Full vertical field of view \[rad\]; written as `"30deg"`.
-    #[serde(deserialize_with = "check::field_of_view")]
-    pub vertical_fov: Option<f64>,
-    /// Focal length \[m\], written as `"12mm"`: together with the sensor's pixel pitch and the film's height it gives the
-    /// field of view of a lens focused far away. Not for `model = "none"`.
-    #[serde(deserialize_with = "check::focal_length")]
-    pub focal_length: Option<f64>,
-    /// f-number N, 0.5 to 1000. Default 4.
-    #[serde(deserialize_with = "check::f_number")]
-    pub f_number: f64,
-    /// Share of the light that passes the glass, above 0 and at most 1. Default 0.9.
-    #[serde(deserialize_with = "check::positive_share")]
-    pub transmission: f64,
-    /// Magnification m, image size over object size, 0 to 100: light falls by (1 + m)^2 at close range. Default 0, an
-    /// object far away.
-    #[serde(deserialize_with = "check::magnification")]
-    pub magnification: Option<f64>,
-}
-
-impl Default for LensSettings {
-    fn default() -> Self {
-        Self { vertical_fov: None, focal_length: None, f_number: 4.0, transmission: 0.9, magnification: None }
-    }
-}
-
 /// `[film]`
 #[derive(Clone, Debug, Default, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -147,6 +120,16 @@ pub struct FilmSettings {
     /// Height in pixels, 1 to 32768.
     #[serde(deserialize_with = "check::pixels")]
     pub height: Option<u32>,
+    /// Side of a pixel \[m\] on the sensor, written as `"3.45um"`; what a focal length is measured against. By default
+    /// that of the sensor model.
+    #[serde(deserialize_with = "check::positive_length")]
+    pub pixel_pitch: Option<f64>,
+    /// Width \[m\] of the film on the sensor, whatever the number of pixels; instead of `pixel_pitch`.
+    #[serde(deserialize_with = "check::positive_length")]
+    pub sensor_width: Option<f64>,
+    /// Height \[m\] of the film on the sensor; instead of `pixel_pitch`.
+    #[serde(deserialize_with = "check::positive_length")]
+    pub sensor_height: Option<f64>,
 }
 
 /// `[budget]`: with several rules the first to be met stops.
@@ -473,19 +456,9 @@ impl Job {
         if let SensorChoice::File(path) = &mut job.sensor.model {
             *path = file.resolve(&path);
         }
-        if job.lens.vertical_fov.is_some() && job.lens.focal_length.is_some() {
-            let (problem, mend) =
-                ("`vertical_fov` and `focal_length` both set the field of view", "remove one of them");
-            return Err(file.error_at_key(&["lens", "focal_length"], problem, mend));
-        }
-        if job.lens.focal_length.is_some() && job.sensor.model == SensorChoice::None {
-            let mend = "name another [sensor] model than \"none\", or write `vertical_fov` instead";
-            return Err(file.error_at_key(
-                &["lens", "focal_length"],
-                "without a sensor a focal length gives no field of view",
-                mend,
-            ));
-        }
+        lens::check_film(&job.film)
+            .and_then(|()| lens::check_lens(&job.lens, &job.film, &job.sensor.model))
+            .map_err(|(key, problem, mend)| file.error_at_key(&key, problem, mend))?;
         if let Some(environment) = &mut job.environment {
             let (radiance, image) = (environment.radiance.is_some(), environment.image.is_some());
             if radiance == image {
@@ -513,6 +486,11 @@ impl Job {
     /// How the scene file is to be read.
     pub fn import_options(&self) -> ImportOptions {
         ImportOptions { emissive_unit: self.import.emissive_unit, ..ImportOptions::default() }
+    }
+
+    /// An error about a key of `[lens]` that is found only where lens, film and scene meet.
+    pub fn lens_error(&self, key: &str, problem: impl Into<String>, mend: impl Into<String>) -> InputError {
+        self.source.error_at_key(&["lens", key], problem, mend)
     }
 
     /// Index of the camera that the job names; `None` if it names none.

@@ -3,11 +3,11 @@
 use dunkelfeld_geometry::{DAffine3, DVec3, Mesh, Vec3};
 use dunkelfeld_io::InputError;
 use dunkelfeld_io::import::EmissiveUnit;
-use dunkelfeld_io::job::{AllocateStrategy, Exposure, Job, SensorChoice};
+use dunkelfeld_io::job::{AllocateStrategy, Exposure, Job, LensProjection, LensSettings, SensorChoice};
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_scene::{
-    AlphaMode, Camera, EnvironmentSource, Instance, Material, Medium, MeshPart, Projection, PunctualKind,
-    PunctualLight, SceneBuilder, Surface, Volume,
+    AlphaMode, Camera, Distortion, EnvironmentSource, Instance, Material, Medium, MeshPart, Projection, PunctualKind,
+    PunctualLight, SceneBuilder, Surface, Vignetting, Volume,
 };
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -40,6 +40,7 @@ magnification = 0.1
 [film]
 width = 640
 height = 480
+pixel_pitch = "3.45um"
 [budget]
 time = "2min"
 spp = 64
@@ -75,7 +76,7 @@ fn a_job_that_says_everything() {
     assert_eq!((job.camera.as_deref(), job.seed, job.frame), (Some("above"), 7, 3));
     assert_eq!(job.import_options().emissive_unit, EmissiveUnit::WattPerSteradianSquareMetre);
     assert!((job.lens.focal_length.unwrap() - 0.012).abs() < 1e-15);
-    assert_eq!((job.lens.f_number, job.lens.transmission, job.lens.magnification), (5.6, 0.8, Some(0.1)));
+    assert_eq!((job.lens.f_number, job.lens.transmission, job.lens.magnification), (Some(5.6), 0.8, Some(0.1)));
     assert_eq!((job.film.width, job.film.height), (Some(640), Some(480)));
     assert_eq!((job.budget.time, job.budget.spp), (Some(Duration::from_secs(120)), Some(64)));
     assert_eq!((job.allocate.strategy, job.allocate.pilot_spp, job.allocate.floor), (AllocateStrategy::Sobel, 8, 0.5));
@@ -94,7 +95,8 @@ fn a_job_that_says_everything() {
 fn a_job_that_says_the_least_gets_the_documented_defaults() {
     let job = job(&with(""));
     assert_eq!((job.seed, job.frame, job.camera.as_deref()), (0, 0, None));
-    assert_eq!((job.lens.f_number, job.lens.transmission), (4.0, 0.9));
+    assert_eq!(job.lens, LensSettings { transmission: 0.9, ..LensSettings::default() });
+    assert_eq!((job.film.pixel_pitch, job.film.sensor_width, job.film.sensor_height), (None, None, None));
     assert_eq!(
         (job.allocate.strategy, job.allocate.pilot_spp, job.allocate.floor),
         (AllocateStrategy::Sobel, 16, 0.25)
@@ -117,6 +119,14 @@ fn faults_are_refused_with_place_mend_and_caret() {
         ("[lens]\nvertical_fov = 30", "[lens] vertical_fov", "needs a unit", "", "30"),
         ("[lens]\nf_number = nan", "[lens] f_number", "out of range", "0.5 to 1000", "nan"),
         ("[lens]\ntransmission = 0", "[lens] transmission", "out of range", "", "0"),
+        ("[lens]\nnumerical_aperture = 1", "[lens] numerical_aperture", "out of range", "0.000001 to 0.999", "1"),
+        ("[lens]\nblades = 2", "[lens] blades", "out of range", "from 3 to 64", "2"),
+        ("[lens]\nfocus_distance = 0", "[lens] focus_distance", "out of range", "\"300mm\"", "0"),
+        ("[lens]\nfield_height = \"-1mm\"", "[lens] field_height", "out of range", "\"40mm\"", "\"-1mm\""),
+        ("[film]\npixel_pitch = nan", "[film] pixel_pitch", "out of range", "\"3.45um\"", "nan"),
+        ("[lens]\nvignetting = \"cos\"", "[lens] vignetting", "unknown vignetting \"cos\"", "\"cos4\"", "\"cos\""),
+        ("[lens]\ndistortion = [1, 2, 3]", "[lens] distortion", "3 coefficients", "4, 5 or 8", "[1, 2, 3]"),
+        ("[lens]\nprincipal_point = [1]", "[lens] principal_point", "two numbers", "[right, down]", "[1]"),
         (
             "[lens]\nfocal_length = \"12mm\"\n[sensor]\nmodel = \"none\"",
             "[lens] focal_length",
@@ -165,6 +175,63 @@ fn faults_are_refused_with_place_mend_and_caret() {
     let both = "[lens]\nvertical_fov = \"30deg\"\nfocal_length = \"12mm\"";
     assert!(refusal(&with(both)).problem.contains("both set"));
     assert!(Job::from_file(Path::new("no/such.toml")).is_err());
+}
+
+#[test]
+fn a_lens_that_says_everything() {
+    let perspective = job(&with(
+        r#"
+        [lens]
+        projection = "perspective"
+        focal_length = "25mm"
+        focus_distance = "0.4m"
+        blades = 7
+        blade_rotation = "15deg"
+        distortion = [-0.1, 0.02, 0.001, -0.002, 0.003]
+        principal_point = [12, -3.5]
+        vignetting = "cos4"
+        "#,
+    ));
+    let lens = &perspective.lens;
+    assert_eq!((lens.projection, lens.focus_distance), (Some(LensProjection::Perspective), Some(0.4)));
+    assert_eq!((lens.blades, lens.vignetting), (Some(7), Some(Vignetting::CosineFourth)));
+    assert!((lens.blade_rotation.unwrap() - 15f32.to_radians()).abs() < 1e-6);
+    let expected = Distortion { radial: [-0.1, 0.02, 0.003, 0.0, 0.0, 0.0], tangential: [0.001, -0.002] };
+    assert_eq!((lens.distortion, lens.principal_point), (Some(expected), Some([12.0, -3.5])));
+    let text = "[lens]\nprojection = \"telecentric\"\nfield_height = \"40mm\"\nnumerical_aperture = 0.02\nfocus_distance = 0.11";
+    let lens = job(&with(text)).lens;
+    assert_eq!((lens.field_height, lens.numerical_aperture, lens.f_number), (Some(0.04), Some(0.02), None));
+    assert_eq!(job(&with("[lens]\nfocus_distance = inf")).lens.focus_distance, Some(f64::INFINITY));
+}
+
+#[test]
+fn lenses_that_contradict_themselves_are_refused_where_they_do() {
+    let bare = "\n[sensor]\nmodel = \"none\"";
+    let telecentric = |rest: &str| format!("projection = \"telecentric\"\n{rest}");
+    for (lens, key, problem) in [
+        ("f_number = 2\nnumerical_aperture = 0.1".into(), "numerical_aperture", "both set the aperture"),
+        ("blades = 6".into(), "blades", "everything is sharp"),
+        ("focus_distance = 1\nblade_rotation = \"3deg\"".into(), "blade_rotation", "round"),
+        (telecentric("focal_length = \"12mm\""), "focal_length", "belongs to a perspective"),
+        (telecentric("distortion = [0.1, 0, 0, 0]"), "distortion", "belongs to a perspective"),
+        (telecentric("field_height = 1\nmagnification = 0.1"), "magnification", "both set"),
+        (telecentric("field_height = 1\nfocus_distance = inf"), "focus_distance", "finite distance"),
+        (telecentric(&format!("magnification = 0.2{bare}")), "magnification", "size of the film"),
+        (telecentric(&format!("field_height = 1\nfocus_distance = 1{bare}")), "focus_distance", "size of the film"),
+        ("numerical_aperture = 0.1".into(), "numerical_aperture", "telecentric"),
+        ("field_height = \"40mm\"".into(), "field_height", "telecentric"),
+        (format!("focus_distance = \"300mm\"{bare}"), "focus_distance", "size of the film"),
+        ("focal_length = \"50mm\"\nfocus_distance = \"50mm\"".into(), "focus_distance", "beyond its focal length"),
+        ("focus_distance = \"50mm\"\nmagnification = 0.1".into(), "magnification", "gives its magnification"),
+    ] {
+        let error = refusal(&with(&format!("[lens]\n{lens}")));
+        assert_eq!(error.place, format!("[lens] {key}"), "{error}");
+        assert!(error.problem.contains(problem) && error.caret().contains('^') && !error.mend.is_empty(), "{error}");
+    }
+    let error = refusal(&with("[film]\npixel_pitch = \"5um\"\nsensor_height = \"7mm\""));
+    assert!(error.place == "[film] sensor_height" && error.problem.contains("only one of"), "{error}");
+    // With the size of a pixel known, no sensor is needed.
+    job(&with("[film]\npixel_pitch = \"5um\"\n[lens]\nfocal_length = \"12mm\"\n[sensor]\nmodel = \"none\""));
 }
 
 /// Two quads of 1 m by 2 m from one mesh, both of material "panel"; a cube-less "pmma"; three punctual lights; a camera.

@@ -305,14 +305,13 @@ fn axis(v: DVec3, fallback: DVec3) -> DVec3 {
     v.try_normalize().unwrap_or(fallback)
 }
 
-/// A camera that sees the whole scene: obliquely from above, 40 degrees of vertical field, a little margin.
+/// A camera that sees the whole scene: obliquely from above, with a little margin.
 ///
-/// `bounds` are the scene's corners in world space; without any the camera looks at the origin from 1 m.
-pub fn framing_camera(bounds: Option<[DVec3; 2]>, aspect: f32) -> Camera {
+/// `vertical_fov` is the full angle \[rad\]. `bounds` are the scene's corners in world space; without any the camera looks at the origin from 1 m.
+pub fn framing_camera(bounds: Option<[DVec3; 2]>, aspect: f32, vertical_fov: f64) -> Camera {
     let [lo, hi] = bounds.unwrap_or([DVec3::splat(-0.25), DVec3::splat(0.25)]);
     let center = 0.5 * (lo + hi);
     let radius = (0.5 * (hi - lo).length()).max(f64::MIN_POSITIVE.sqrt());
-    let vertical_fov = 40f64.to_radians();
     let half = 0.5 * vertical_fov;
     let narrow = (half.tan() * f64::from(aspect).min(1.0)).atan();
     let distance = 1.02 * radius / narrow.sin();
@@ -361,7 +360,7 @@ mod tests {
     fn framing_sees_every_corner() {
         let (lo, hi) = (DVec3::new(5.0, -1.0, 2.0), DVec3::new(6.0, 4.0, 2.5));
         for aspect in [0.5f32, 1.0, 2.0] {
-            let c = framing_camera(Some([lo, hi]), aspect);
+            let c = framing_camera(Some([lo, hi]), aspect, 40f64.to_radians());
             let inverse = c.to_world.inverse();
             for i in 0..8 {
                 let p = DVec3::new([lo.x, hi.x][i & 1], [lo.y, hi.y][(i >> 1) & 1], [lo.z, hi.z][i >> 2]);

@@ -12,6 +12,9 @@ use crate::texture::Image;
 use dunkelfeld_bvh::Bvh;
 use dunkelfeld_geometry::{DVec3, Mesh, Transform, Vec3};
 
+/// Vertical field of view [rad] of the camera that frames a scene without one: 40 degrees.
+const FRAMING_FOV: f64 = 0.698_131_700_797_731_8;
+
 /// A scene ready to be rendered. Immutable, shared between threads.
 ///
 /// Coordinates are *render space*: world space moved so that the middle of the scene is the origin. A part a kilometre
@@ -137,7 +140,9 @@ impl Scene {
     pub fn camera(&self, name: Option<&str>, aspect: f32) -> Option<Camera> {
         match name {
             Some(name) => self.cameras.iter().find(|c| c.name == name).cloned(),
-            None => Some(self.cameras.first().cloned().unwrap_or_else(|| framing_camera(self.bounds, aspect))),
+            None => {
+                Some(self.cameras.first().cloned().unwrap_or_else(|| framing_camera(self.bounds, aspect, FRAMING_FOV)))
+            }
         }
     }
 

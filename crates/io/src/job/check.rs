@@ -3,6 +3,7 @@
 use crate::import_options::EmissiveUnit;
 use crate::quantity::{Angle, Length, PerLength, Power, Time};
 use dunkelfeld_radiometry::Rgb;
+use dunkelfeld_scene::{Distortion, Vignetting};
 use serde::Deserialize;
 use serde::de::{Deserializer, Error, SeqAccess, Visitor};
 use std::fmt;
@@ -56,12 +57,71 @@ pub(super) fn factor<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f32>, D::
 }
 
 /// The range of `Optics`, refused here so that the message shows the line.
-pub(super) fn f_number<'de, D: Deserializer<'de>>(d: D) -> Result<f64, D::Error> {
-    real(d, 0.5, 1000.0)
+pub(super) fn f_number<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f64>, D::Error> {
+    real(d, 0.5, 1000.0).map(Some)
 }
 
 pub(super) fn magnification<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f64>, D::Error> {
     real(d, 0.0, 100.0).map(Some)
+}
+
+/// The sine of an angle, apart from both ends.
+pub(super) fn numerical_aperture<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f64>, D::Error> {
+    real(d, 1e-6, 0.999).map(Some)
+}
+
+pub(super) fn blades<'de, D: Deserializer<'de>>(d: D) -> Result<Option<u32>, D::Error> {
+    whole(d, 3, 64).map(Some)
+}
+
+/// A distance in focus [m]; `inf` is one.
+pub(super) fn focus_distance<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f64>, D::Error> {
+    let Length(v) = Length::deserialize(d)?;
+    if v >= 1e-6 {
+        return Ok(Some(v));
+    }
+    Err(D::Error::custom(format!("{v} m is out of range; write a distance such as \"300mm\", or inf")))
+}
+
+/// A size on a sensor or of a field [m].
+pub(super) fn positive_length<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f64>, D::Error> {
+    let Length(v) = Length::deserialize(d)?;
+    if (1e-9..=1000.0).contains(&v) {
+        return Ok(Some(v));
+    }
+    Err(D::Error::custom(format!("{v} m is out of range; write a length such as \"3.45um\" or \"40mm\"")))
+}
+
+/// Coefficients in the order of OpenCV. Beyond a million nothing is left of an image.
+pub(super) fn distortion<'de, D: Deserializer<'de>>(d: D) -> Result<Option<Distortion>, D::Error> {
+    let values = numbers::<D>(d)?;
+    match Distortion::from_opencv(&values) {
+        Some(distortion) => Ok(Some(distortion)),
+        None => Err(D::Error::custom(format!(
+            "{} coefficients are not OpenCV's model; write 4, 5 or 8 of them: [k1, k2, p1, p2, k3, k4, k5, k6]",
+            values.len()
+        ))),
+    }
+}
+
+pub(super) fn principal_point<'de, D: Deserializer<'de>>(d: D) -> Result<Option<[f64; 2]>, D::Error> {
+    match numbers::<D>(d)?[..] {
+        [right, down] => Ok(Some([right, down])),
+        _ => Err(D::Error::custom("an offset has two numbers; write [right, down] in pixels, such as [12.5, -3]")),
+    }
+}
+
+fn numbers<'de, D: Deserializer<'de>>(d: D) -> Result<Vec<f64>, D::Error> {
+    let values = Vec::<Real>::deserialize(d)?;
+    values.into_iter().map(|Real(v)| in_range(v, -1e6, 1e6)).collect()
+}
+
+pub(super) fn vignetting<'de, D: Deserializer<'de>>(d: D) -> Result<Option<Vignetting>, D::Error> {
+    match String::deserialize(d)?.as_str() {
+        "none" => Ok(Some(Vignetting::None)),
+        "cos4" => Ok(Some(Vignetting::CosineFourth)),
+        other => Err(D::Error::custom(format!("unknown vignetting \"{other}\"; write \"none\" or \"cos4\""))),
+    }
 }
 
 fn real<'de, D: Deserializer<'de>>(d: D, least: f64, most: f64) -> Result<f64, D::Error> {

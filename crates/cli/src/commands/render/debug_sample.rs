@@ -7,7 +7,7 @@ use dunkelfeld::{Error, Project};
 use std::fmt::Write;
 
 pub(super) fn run(project: &Project, at: PixelSample) -> Result<Outcome, Error> {
-    let s = &project.settings;
+    let s = &project.fitted()?;
     if at.x >= s.width || at.y >= s.height {
         let problem = format!("pixel {},{} is outside {} x {}", at.x, at.y, s.width, s.height);
         return Err(Error::setting("--debug-sample", problem, "name a pixel of the image; the first is 0,0"));

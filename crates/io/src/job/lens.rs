@@ -1,0 +1,187 @@
+//! `[lens]` of a job: what it may say, and which of it excludes the rest.
+
+use super::{FilmSettings, SensorChoice, check};
+use dunkelfeld_scene::{Distortion, Vignetting};
+use serde::Deserialize;
+
+/// `[lens]`: field of view, aperture, focus and faults of the lens. What is absent is the camera's own.
+///
+/// Without `focus_distance` the aperture is infinitely small for the image, and everything is sharp; f-number,
+/// transmission and magnification then set the irradiance on the sensor alone.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct LensSettings {
+    /// Makes every camera a perspective or a telecentric one; by default each is what the scene says.
+    pub projection: Option<LensProjection>,
+    /// Full vertical field of view \[rad\] of a perspective; written as `"30deg"`.
+    #[serde(deserialize_with = "check::field_of_view")]
+    pub vertical_fov: Option<f64>,
+    /// Focal length \[m\] of a perspective, written as `"12mm"`: together with the film's height on the sensor, and focus
+    /// distance or magnification, it gives the field of view.
+    #[serde(deserialize_with = "check::focal_length")]
+    pub focal_length: Option<f64>,
+    /// Height \[m\] of what a telecentric lens sees, written as `"40mm"`.
+    #[serde(deserialize_with = "check::positive_length")]
+    pub field_height: Option<f64>,
+    /// f-number N, 0.5 to 1000. Default 4.
+    #[serde(deserialize_with = "check::f_number")]
+    pub f_number: Option<f64>,
+    /// Numerical aperture of a telecentric lens on the side of the object, 1e-6 to 0.999; instead of the f-number.
+    #[serde(deserialize_with = "check::numerical_aperture")]
+    pub numerical_aperture: Option<f64>,
+    /// Share of the light that passes the glass, above 0 and at most 1. Default 0.9.
+    #[serde(deserialize_with = "check::positive_share")]
+    pub transmission: f64,
+    /// Magnification m, image size over object size, 0 to 100. Default: what follows from the focus distance or from the
+    /// field of a telecentric lens, otherwise 0, an object far away.
+    #[serde(deserialize_with = "check::magnification")]
+    pub magnification: Option<f64>,
+    /// Distance \[m\] from the camera to the plane that is sharp, along the axis; makes the aperture finite.
+    #[serde(deserialize_with = "check::focus_distance")]
+    pub focus_distance: Option<f64>,
+    /// Straight blades of the aperture, 3 to 64; by default it is round.
+    #[serde(deserialize_with = "check::blades")]
+    pub blades: Option<u32>,
+    /// Angle \[rad\] of the first corner between two blades from the camera's right, toward up; written as `"15deg"`.
+    #[serde(deserialize_with = "check::angle")]
+    pub blade_rotation: Option<f32>,
+    /// Distortion coefficients as OpenCV gives them: k1, k2, p1, p2, k3, k4, k5, k6; 4, 5 or 8 of them.
+    #[serde(deserialize_with = "check::distortion")]
+    pub distortion: Option<Distortion>,
+    /// Offset of the optical axis from the film's middle \[pixels\], to the right and down.
+    #[serde(deserialize_with = "check::principal_point")]
+    pub principal_point: Option<[f64; 2]>,
+    /// How the image darkens toward its edge.
+    #[serde(deserialize_with = "check::vignetting")]
+    pub vignetting: Option<Vignetting>,
+}
+
+impl Default for LensSettings {
+    fn default() -> Self {
+        Self {
+            projection: None,
+            vertical_fov: None,
+            focal_length: None,
+            field_height: None,
+            f_number: None,
+            numerical_aperture: None,
+            transmission: 0.9,
+            magnification: None,
+            focus_distance: None,
+            blades: None,
+            blade_rotation: None,
+            distortion: None,
+            principal_point: None,
+            vignetting: None,
+        }
+    }
+}
+
+/// `projection` of a lens.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum LensProjection {
+    /// Chief rays meet in the middle of the lens.
+    Perspective,
+    /// Chief rays are parallel.
+    Telecentric,
+}
+
+/// Something that a job's lens or film cannot mean: table and key, problem, mend.
+pub(super) type Fault = ([&'static str; 2], &'static str, &'static str);
+
+/// Does a film say its size on the sensor in one way at most?
+pub(super) fn check_film(film: &FilmSettings) -> Result<(), Fault> {
+    let sizes = [
+        ("pixel_pitch", film.pixel_pitch.is_some()),
+        ("sensor_width", film.sensor_width.is_some()),
+        ("sensor_height", film.sensor_height.is_some()),
+    ];
+    match sizes.iter().filter(|(_, given)| *given).nth(1) {
+        Some((key, _)) => Err((
+            ["film", key],
+            "only one of `pixel_pitch`, `sensor_width` and `sensor_height` can set the size of a pixel",
+            "keep one of them",
+        )),
+        None => Ok(()),
+    }
+}
+
+/// Do the settings of a lens go together? Only what can be told without the scene.
+pub(super) fn check_lens(lens: &LensSettings, film: &FilmSettings, sensor: &SensorChoice) -> Result<(), Fault> {
+    let fault = |key, problem, mend| Err((["lens", key], problem, mend));
+    let has_size =
+        *sensor != SensorChoice::None || film.pixel_pitch.or(film.sensor_width).or(film.sensor_height).is_some();
+    let size_mend = "name another [sensor] model than \"none\", or write [film] pixel_pitch = \"3.45um\"";
+    let telecentric = lens.projection == Some(LensProjection::Telecentric);
+    if lens.vertical_fov.is_some() && lens.focal_length.is_some() {
+        let problem = "`vertical_fov` and `focal_length` both set the field of view";
+        return fault("focal_length", problem, "remove one of them");
+    }
+    if lens.f_number.is_some() && lens.numerical_aperture.is_some() {
+        let problem = "`f_number` and `numerical_aperture` both set the aperture";
+        return fault("numerical_aperture", problem, "remove one of them");
+    }
+    if lens.focus_distance.is_none() {
+        for (key, given) in [("blades", lens.blades.is_some()), ("blade_rotation", lens.blade_rotation.is_some())] {
+            if given {
+                let problem = "without a focus distance everything is sharp, and the shape of the aperture is not seen";
+                return fault(key, problem, "write `focus_distance` as well, or remove this");
+            }
+        }
+    }
+    if lens.blade_rotation.is_some() && lens.blades.is_none() {
+        return fault("blade_rotation", "a round aperture cannot be turned", "write `blades` as well, or remove this");
+    }
+    if telecentric {
+        for (key, given) in [
+            ("vertical_fov", lens.vertical_fov.is_some()),
+            ("focal_length", lens.focal_length.is_some()),
+            ("distortion", lens.distortion.is_some_and(|d| !d.is_none())),
+        ] {
+            if given {
+                let problem = "belongs to a perspective, and the lens is telecentric";
+                return fault(key, problem, "remove it, or `projection`; a telecentric lens has a `field_height`");
+            }
+        }
+        if lens.field_height.is_some() && lens.magnification.is_some() {
+            let problem = "`field_height` and `magnification` both set what a telecentric lens sees";
+            return fault("magnification", problem, "remove one of them");
+        }
+        if lens.focus_distance.is_some_and(f64::is_infinite) {
+            let problem = "a telecentric lens is sharp at a finite distance";
+            return fault("focus_distance", problem, "write one such as \"110mm\"");
+        }
+        let needs_size =
+            lens.magnification.is_some() || (lens.focus_distance.is_some() && lens.numerical_aperture.is_none());
+        if needs_size && !has_size {
+            let key = if lens.magnification.is_some() { "magnification" } else { "focus_distance" };
+            return fault(key, "without a sensor the size of the film is not known", size_mend);
+        }
+        return Ok(());
+    }
+    for (key, given) in
+        [("numerical_aperture", lens.numerical_aperture.is_some()), ("field_height", lens.field_height.is_some())]
+    {
+        if given {
+            let problem = "belongs to a telecentric lens";
+            return fault(key, problem, "write projection = \"telecentric\" as well, or remove this");
+        }
+    }
+    if lens.focal_length.is_some() && !has_size {
+        return fault("focal_length", "without a sensor a focal length gives no field of view", size_mend);
+    }
+    let Some(focus) = lens.focus_distance else { return Ok(()) };
+    if !has_size {
+        return fault("focus_distance", "without a sensor the size of the film is not known", size_mend);
+    }
+    if lens.focal_length.is_some_and(|f| f >= focus) {
+        let problem = "a lens is sharp only beyond its focal length";
+        return fault("focus_distance", problem, "write a larger distance, or a shorter `focal_length`");
+    }
+    if lens.magnification.is_some() {
+        let problem = "the focus distance of a perspective gives its magnification";
+        return fault("magnification", problem, "remove one of them");
+    }
+    Ok(())
+}
