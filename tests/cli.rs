@@ -432,6 +432,24 @@ fn a_job_is_obeyed_and_flags_win_over_it() {
     assert!((ratio - (1.0 + 4.0 * 64.0) / (1.0 + 4.0 * 16.0)).abs() < 0.1, "{ratio}");
 }
 
+/// What a focal length sees depends on rows and pixel pitch: flags for them are as good as keys of the job.
+#[test]
+fn the_field_of_a_focal_length_follows_the_flags() {
+    let bench = Bench::new();
+    let job = |film: &str, sensor: &str| {
+        format!(
+            "scene = \"scene.gltf\"\n[film]\nwidth = 40\n{film}\n[lens]\nfocal_length = \"0.1mm\"\n[sensor]\nmodel = \"{sensor}\"\n"
+        )
+    };
+    bench.write("a.toml", &job("height = 20", "imx250"));
+    bench.write("b.toml", &job("height = 30", "imx174"));
+    bench.run("render a.toml --spp 4 --height 30 --sensor imx174 -o a.png --exr a.exr").code(0);
+    bench.run("render b.toml --spp 4 -o b.png --exr b.exr").code(0);
+    assert!(bench.read("a.exr") == bench.read("b.exr"), "flags and keys give other fields of view");
+    bench.run("render a.toml --spp 4 --height 30 -o c.png --exr c.exr").code(0);
+    assert!(bench.floats("c.exr", "depth.Z") != bench.floats("a.exr", "depth.Z"), "the sensor's pixels do not matter");
+}
+
 #[test]
 fn films_of_any_shape_are_rendered() {
     let bench = Bench::new();

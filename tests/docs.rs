@@ -162,6 +162,13 @@ impl Reference {
                 if table == "[environment]" && ["scale", "rotation"].contains(&key) {
                     text += "image = \"sky.hdr\"\n";
                 }
+                // And these to a finite aperture or to one kind of lens.
+                text += match (table, key) {
+                    ("[lens]", "blades") => "focus_distance = 1\n",
+                    ("[lens]", "blade_rotation") => "focus_distance = 1\nblades = 6\n",
+                    ("[lens]", "field_height" | "numerical_aperture") => "projection = \"telecentric\"\n",
+                    _ => "",
+                };
             }
         }
         text
@@ -366,9 +373,13 @@ fn anchor(heading: &str) -> String {
 #[test]
 fn links_between_the_pages_lead_somewhere() {
     let pages = ["README.md", "ARCHITECTURE.md", "CONVENTIONS.md", "CONTRIBUTING.md", "CHANGELOG.md"];
-    for name in
-        pages.into_iter().chain(["docs/job-file.md", "docs/materials.md", "docs/sensor-file.md", "docs/statistics.md"])
-    {
+    for name in pages.into_iter().chain([
+        "docs/job-file.md",
+        "docs/materials.md",
+        "docs/cameras.md",
+        "docs/sensor-file.md",
+        "docs/statistics.md",
+    ]) {
         let folder = root().join(name).parent().map(Path::to_path_buf).unwrap_or_default();
         for link in local_links(&page(name)) {
             let (file, fragment) = link.split_once('#').unwrap_or((&link, ""));

@@ -5,7 +5,8 @@ use dunkelfeld_integrator::{Estimator, Label, PixelSample, label};
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_scene::shapes::{cuboid, rectangle, sphere};
 use dunkelfeld_scene::{
-    AlphaMode, Environment, EnvironmentSource, Material, RayGenerator, Scene, SceneBuilder, Surface, Volume,
+    AlphaMode, Aperture, Blades, Environment, EnvironmentSource, Material, Opening, RayGenerator, Scene, SceneBuilder,
+    Surface, Vignetting, Volume,
 };
 
 const SIZE: u32 = 12;
@@ -59,6 +60,34 @@ fn a_trace_adds_up_to_its_sample_and_its_weights_chain() {
         }
     }
     assert!(longest > 5 && lit > 1000, "the room shows something: {longest} vertices, {lit} lit samples");
+}
+
+/// The lens's weight counts in the path that is written down as in the sample, and depth counts from the lens.
+#[test]
+fn a_trace_through_a_darkening_lens_adds_up_too() {
+    let (scene, _) = room();
+    let mut camera = scene.cameras()[0].clone();
+    let blades = Some(Blades { count: 5, rotation: 0.2 });
+    camera.lens.aperture = Some(Aperture { opening: Opening::Radius(0.03), focus_distance: 1.5, blades });
+    camera.lens.vignetting = Vignetting::CosineFourth;
+    let sharp = scene.ray_generator(&scene.cameras()[0], SIZE, SIZE).expect("a camera");
+    let lens = scene.ray_generator(&camera, SIZE, SIZE).expect("a camera");
+    let of = |camera| Estimator { scene: &scene, camera, width: SIZE, seed: 4, frame: 2 };
+    let (mut lit, mut moved) = (0, 0);
+    for k in 0..SIZE * SIZE {
+        let at = PixelSample { x: k % SIZE, y: k / SIZE, index: k };
+        let (sample, trace) = of(&lens).trace(at);
+        assert_eq!(sample, of(&lens).sample(at), "tracing {at:?} changes it");
+        let sum = trace.vertices.iter().fold(Rgb::BLACK, |sum, v| sum + v.emitted + v.direct);
+        let (a, b) = (sum.to_array(), sample.radiance.to_array());
+        assert!((0..3).all(|c| (a[c] - b[c]).abs() <= 1e-5 * b[c].max(1e-6)), "{at:?}: {a:?} is not {b:?}");
+        if let (true, Some(first)) = (sample.hit, trace.vertices.first()) {
+            assert!(first.throughput.max_channel() < 1.0 + 1e-6, "{at:?}");
+        }
+        lit += u32::from(!sample.radiance.is_black());
+        moved += u32::from(sample.depth != of(&sharp).sample(at).depth);
+    }
+    assert!(lit > 40 && moved > 100, "{lit} lit, {moved} moved by the lens");
 }
 
 #[test]
