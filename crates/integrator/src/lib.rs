@@ -7,6 +7,7 @@
 pub mod estimate;
 mod kernel;
 mod labels;
+mod medium;
 mod path;
 mod sets;
 mod trace;

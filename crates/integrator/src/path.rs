@@ -1,5 +1,6 @@
 //! A ray followed through the scene until it ends: next-event estimation and scattering, weighed against each other.
 
+use crate::medium::{self, MediumVertex};
 use crate::sets;
 use crate::trace::Recorder;
 use dunkelfeld_bsdf::Lobe;
@@ -7,7 +8,9 @@ use dunkelfeld_film::Sample;
 use dunkelfeld_geometry::{Ray, Vec3};
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_sampling::Sampler;
-use dunkelfeld_scene::{Features, LightChoice, LightReceiver, Scene, ShadingPoint, SurfacePoint};
+use dunkelfeld_scene::{
+    Boundary, Features, Interface, Interior, LightChoice, LightReceiver, MediumEvent, Scene, ShadingPoint, SurfacePoint,
+};
 
 /// From this bounce on even a path that has lost nothing survives with less than certainty, so that light caught between
 /// perfect mirrors comes to an end.
@@ -16,10 +19,10 @@ const ENDLESS: u32 = 64;
 const ENDLESS_SURVIVAL: f32 = 0.98;
 
 /// The last place where light sampling and scattering both could have found a light.
-struct LastScatter {
-    receiver: LightReceiver,
+pub(crate) struct LastScatter {
+    pub(crate) receiver: LightReceiver,
     /// Density of the direction that was taken [1/sr].
-    pdf: f32,
+    pub(crate) pdf: f32,
 }
 
 /// Follows a camera ray. The radiance is unbiased; path length is unbounded.
@@ -35,15 +38,17 @@ pub(crate) fn follow<F: Features>(
     let mut throughput = Rgb::WHITE;
     // What refraction did to radiance (the factor eta^2) and roulette must not mistake for loss.
     let mut eta_scale = 1.0;
-    // The solid that the ray travels in.
+    // The solid that the ray travels in; with media, all solids that it may be in at once.
     let mut inside: Option<u32> = None;
+    let mut around = if F::MEDIA { scene.interior_at(ray.origin) } else { Interior::OUTSIDE };
+    let mut scatterings = 0;
     let mut last: Option<LastScatter> = None;
     let mut bounce = 0;
     // Distance travelled through surfaces that let the ray pass unchanged.
     let mut passed = 0.0;
 
     for vertex in 0.. {
-        let Some(hit) = scene.intersect(&ray) else {
+        let Some(mut hit) = scene.intersect(&ray) else {
             recorder.vertex(ray.direction.to_array(), None, throughput);
             let found = throughput * scene.environment_radiance(ray.direction);
             if !found.is_black() {
@@ -55,11 +60,64 @@ pub(crate) fn follow<F: Features>(
             }
             break;
         };
-        // Coverage: the ray meets the surface with that probability, else it goes on as if nothing were there.
-        let mut u_kind = 0.0;
-        if F::SOLIDS {
+        // What the medium on the way does, and which of the faces that coincide here counts.
+        let mut interface: Option<Interface> = None;
+        if F::MEDIA {
+            let met = scene.interface(&ray, &hit, &around);
+            if let Some(medium) = scene.medium(&around) {
+                let event = if medium.scatters() {
+                    let [_, u_distance, u_channel, u_digits] = sampler.get_4d(sets::kind(vertex));
+                    medium.sample(throughput, hit.distance, [u_distance, u_channel, u_digits])
+                } else {
+                    MediumEvent::Pass { weight: medium.transmittance(hit.distance) }
+                };
+                match event {
+                    MediumEvent::Pass { weight } => throughput *= weight,
+                    MediumEvent::Scatter { distance, weight } => {
+                        throughput *= weight;
+                        let at = MediumVertex { medium, point: ray.at(distance), wo: -ray.direction, around: &around };
+                        recorder.medium(at.point.to_array(), scene.material_inside(&around), throughput);
+                        if !sample.hit && bounce == 0 {
+                            sample.hit = true;
+                            sample.albedo = medium.albedo();
+                            sample.normal = at.wo.to_array();
+                            sample.depth = passed + distance;
+                        }
+                        let [x, y, u_choice, _] = sampler.get_4d(sets::light(vertex));
+                        let direct = throughput * at.direct_light(scene, u_choice, [x, y]);
+                        recorder.direct(direct);
+                        sample.radiance += direct;
+
+                        let [u_x, u_y, _, u_roulette] = sampler.get_4d(sets::scatter(vertex));
+                        let (wi, scattered) = at.scatter([u_x, u_y]);
+                        scatterings += 1;
+                        let survival = medium::survival(throughput.max_channel() * eta_scale, scatterings);
+                        if u_roulette >= survival {
+                            break;
+                        }
+                        throughput *= 1.0 / survival;
+                        recorder.scattered(wi.to_array(), scattered.pdf, Rgb::WHITE);
+                        ray = Ray::new(at.point, wi);
+                        last = Some(scattered);
+                        continue;
+                    }
+                }
+            }
+            hit = met.surface;
+            if let Boundary::Open { tint } = met.boundary {
+                // No vertex: what the path could have been lit by before it can be still.
+                throughput *= tint;
+                passed += hit.distance;
+                around = met.far();
+                ray = Ray::new(hit.leave(ray.direction), ray.direction);
+                continue;
+            }
+            interface = Some(met);
+        } else if F::SOLIDS {
             throughput *= attenuation(scene, inside, hit.distance);
         }
+        // Coverage: the ray meets the surface with that probability, else it goes on as if nothing were there.
+        let mut u_kind = 0.0;
         if F::CHANCE && scene.is_chance(&hit) {
             u_kind = sampler.get_1d(sets::kind(vertex));
             let coverage = scene.coverage(&hit);
@@ -72,7 +130,10 @@ pub(crate) fn follow<F: Features>(
         }
 
         let wo = -ray.direction;
-        let shading = scene.shade_with::<F>(&hit, wo, u_kind);
+        let shading = match interface.as_ref().map(|i| i.boundary) {
+            Some(Boundary::Between { eta }) => scene.shade_between(&hit, wo, u_kind, eta),
+            _ => scene.shade_with::<F>(&hit, wo, u_kind),
+        };
         recorder.vertex(hit.point.to_array(), Some(shading.material), throughput);
 
         // Light that the surface itself emits; where light sampling could have found it too, the two share.
@@ -95,7 +156,8 @@ pub(crate) fn follow<F: Features>(
         // Light from a light, connected directly.
         if !shading.bsdf.is_delta() {
             let [x, y, u_choice, _] = sampler.get_4d(sets::light(vertex));
-            let direct = throughput * direct_light::<F>(scene, &hit, &shading, wo, inside, u_choice, [x, y]);
+            let direct = throughput
+                * direct_light::<F>(scene, &hit, &shading, wo, (inside, interface.as_ref()), u_choice, [x, y]);
             recorder.direct(direct);
             sample.radiance += direct;
         }
@@ -122,7 +184,9 @@ pub(crate) fn follow<F: Features>(
 
         last = (!scattered.lobe.contains(Lobe::DELTA))
             .then_some(LastScatter { receiver: shading.receiver, pdf: scattered.pdf });
-        if F::SOLIDS && scattered.lobe.contains(Lobe::TRANSMISSION) {
+        if let Some(interface) = &interface {
+            around = interface.beyond(wi);
+        } else if F::SOLIDS && scattered.lobe.contains(Lobe::TRANSMISSION) {
             inside = medium_beyond(&shading, &hit, wi, inside);
         }
         ray = Ray::new(hit.leave(wi), wi);
@@ -137,7 +201,7 @@ fn direct_light<F: Features>(
     hit: &SurfacePoint,
     shading: &ShadingPoint<'_>,
     wo: Vec3,
-    inside: Option<u32>,
+    (inside, interface): (Option<u32>, Option<&Interface>),
     u_choice: f32,
     u: [f32; 2],
 ) -> Rgb {
@@ -154,11 +218,14 @@ fn direct_light<F: Features>(
         return Rgb::BLACK;
     }
     let ray = scene.shadow_ray(hit, light.direction, light.target.as_ref());
+    let share = if light.is_delta { 1.0 } else { power_heuristic(light.pdf, pdf) };
+    if let Some(interface) = interface {
+        return unoccluded * scene.light_through(&ray, &interface.beyond(light.direction)) * (share / light.pdf);
+    }
     let visible = scene.transmittance_with::<F>(&ray);
     if visible == 0.0 {
         return Rgb::BLACK;
     }
-    let share = if light.is_delta { 1.0 } else { power_heuristic(light.pdf, pdf) };
     let arriving = unoccluded * (visible * share / light.pdf);
     if !F::SOLIDS {
         return arriving;
@@ -199,7 +266,7 @@ fn weight_against(last: Option<&LastScatter>, other: f32) -> f32 {
 
 /// The power heuristic with exponent 2 (Veach & Guibas 1995): the share of the technique with density `own`.
 #[inline]
-fn power_heuristic(own: f32, other: f32) -> f32 {
+pub(crate) fn power_heuristic(own: f32, other: f32) -> f32 {
     if own.is_infinite() {
         return 1.0;
     }

@@ -22,7 +22,8 @@ pub(crate) const fn light(vertex: u32) -> u32 {
     2 + PER_VERTEX * vertex
 }
 
-/// Which of two things the surface is: there or not, sheet or body (1).
+/// Which of two things the surface is: there or not, sheet or body (1); what the medium before it does: distance, channel,
+/// further digits of the distance (3).
 #[inline]
 pub(crate) const fn kind(vertex: u32) -> u32 {
     3 + PER_VERTEX * vertex

@@ -9,6 +9,8 @@ pub struct TraceVertex {
     pub position: [f32; 3],
     /// Index of the material; `None` when the ray left the scene.
     pub material: Option<u32>,
+    /// Was it scattered inside the material's solid, not at a surface?
+    pub in_medium: bool,
     /// Weight of the path before this vertex.
     pub throughput: Rgb,
     /// What the surface (or the environment) itself added to the sample [W/(m^2 sr)].
@@ -30,6 +32,8 @@ pub struct PathTrace {
 pub(crate) trait Recorder {
     /// A vertex is reached.
     fn vertex(&mut self, position: [f32; 3], material: Option<u32>, throughput: Rgb);
+    /// A vertex in the medium of a material is reached.
+    fn medium(&mut self, position: [f32; 3], material: Option<u32>, throughput: Rgb);
     /// Emission was added at the current vertex.
     fn emitted(&mut self, contribution: Rgb);
     /// Direct light was added at the current vertex.
@@ -43,6 +47,8 @@ pub(crate) trait Recorder {
 impl Recorder for () {
     #[inline]
     fn vertex(&mut self, _: [f32; 3], _: Option<u32>, _: Rgb) {}
+    #[inline]
+    fn medium(&mut self, _: [f32; 3], _: Option<u32>, _: Rgb) {}
     #[inline]
     fn emitted(&mut self, _: Rgb) {}
     #[inline]
@@ -58,11 +64,19 @@ impl Recorder for PathTrace {
         self.vertices.push(TraceVertex {
             position,
             material,
+            in_medium: false,
             throughput,
             emitted: Rgb::BLACK,
             direct: Rgb::BLACK,
             scattered: None,
         });
+    }
+
+    fn medium(&mut self, position: [f32; 3], material: Option<u32>, throughput: Rgb) {
+        self.vertex(position, material, throughput);
+        if let Some(v) = self.vertices.last_mut() {
+            v.in_medium = true;
+        }
     }
 
     fn emitted(&mut self, contribution: Rgb) {

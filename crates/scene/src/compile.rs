@@ -110,7 +110,7 @@ impl SceneBuilder {
         }
         self.report_unfindable_light(&geometry.parts, &compiled, &mut report);
         let has_coverage = geometry.parts.iter().any(|p| compiled[p.material as usize].has_coverage);
-        let features = geometry
+        let mut features = geometry
             .parts
             .iter()
             .map(|p| compiled[p.material as usize].features())
@@ -119,6 +119,8 @@ impl SceneBuilder {
         let is_open = |c: &CompiledMaterial| c.clear_tint.is_some();
         let has_open_faces =
             geometry.parts.iter().any(|p| is_open(&compiled[p.material as usize]) && solids.is_open(p.solid));
+        let scatters = solids.list.iter().any(|s| s.medium.scatters());
+        features.media = scatters || has_open_faces || solids.has_nesting;
         let bvh = geometry.hierarchy(&|part| {
             let compiled = &compiled[part.material as usize];
             compiled.has_coverage || (has_open_faces && is_open(compiled))

@@ -11,20 +11,25 @@ pub trait Features: 'static {
     const CHANCE: bool;
     /// Solids that light enters, and what they absorb.
     const SOLIDS: bool;
+    /// Media that scatter, solids that touch or overlap, faces that light passes straight on, a camera inside a solid.
+    const MEDIA: bool;
 }
 
 /// A set of features as a type.
 #[derive(Clone, Copy, Debug)]
-pub struct With<const DETAIL: bool, const CHANCE: bool, const SOLIDS: bool>;
+pub struct With<const DETAIL: bool, const CHANCE: bool, const SOLIDS: bool, const MEDIA: bool>;
 
-impl<const DETAIL: bool, const CHANCE: bool, const SOLIDS: bool> Features for With<DETAIL, CHANCE, SOLIDS> {
+impl<const DETAIL: bool, const CHANCE: bool, const SOLIDS: bool, const MEDIA: bool> Features
+    for With<DETAIL, CHANCE, SOLIDS, MEDIA>
+{
     const DETAIL: bool = DETAIL;
     const CHANCE: bool = CHANCE;
     const SOLIDS: bool = SOLIDS;
+    const MEDIA: bool = MEDIA;
 }
 
 /// All features: right for every scene.
-pub type Everything = With<true, true, true>;
+pub type Everything = With<true, true, true, true>;
 
 /// The features that a scene calls for.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -35,11 +40,13 @@ pub struct FeatureSet {
     pub chance: bool,
     /// See [`Features::SOLIDS`].
     pub solids: bool,
+    /// See [`Features::MEDIA`].
+    pub media: bool,
 }
 
 impl FeatureSet {
     /// All features.
-    pub const ALL: Self = Self { detail: true, chance: true, solids: true };
+    pub const ALL: Self = Self { detail: true, chance: true, solids: true, media: true };
 
     /// What either of two calls for.
     #[must_use]
@@ -48,6 +55,7 @@ impl FeatureSet {
             detail: self.detail || other.detail,
             chance: self.chance || other.chance,
             solids: self.solids || other.solids,
+            media: self.media || other.media,
         }
     }
 }

@@ -126,13 +126,19 @@ impl Scene {
         inside.top().and_then(|s| self.solids.get(s as usize)).map_or(1.0, |s| s.ior)
     }
 
+    /// Does a point of render space lie where solids are? Else it is outside of all of them.
+    #[inline]
+    pub fn may_be_inside(&self, point: Vec3) -> bool {
+        self.solid_bounds.is_some_and(|[lo, hi]| point.cmpge(lo).all() && point.cmple(hi).all())
+    }
+
     /// The solids that a point lies in, in render space.
     ///
     /// For each solid the faces that a ray from the point to the outside crosses are counted, outward and inward ones against
     /// each other; of three rays in fixed directions the middle result holds.
     pub fn interior_at(&self, point: Vec3) -> Interior {
         let mut interior = Interior::OUTSIDE;
-        if !self.solid_bounds.is_some_and(|[lo, hi]| point.cmpge(lo).all() && point.cmple(hi).all()) {
+        if !self.may_be_inside(point) {
             return interior;
         }
         let mut counts: Vec<(u32, [i32; 3])> = Vec::new();
@@ -161,8 +167,14 @@ impl Scene {
         interior
     }
 
-    /// What a ray that starts `inside` meets at a hit on it, for scenes where solids touch or overlap.
+    /// What a ray that starts `inside` meets at a hit on it.
+    #[inline]
     pub fn interface(&self, ray: &Ray, hit: &SurfacePoint, inside: &Interior) -> Interface {
+        if self.has_nesting { self.shared_interface(ray, hit, inside) } else { self.lone_interface(ray, hit, inside) }
+    }
+
+    /// The same, where other faces may lie in the same place.
+    fn shared_interface(&self, ray: &Ray, hit: &SurfacePoint, inside: &Interior) -> Interface {
         let part = &self.parts[hit.part as usize];
         let outward = ray.direction.dot(hit.normal) > 0.0;
         let pass = |surface: &SurfacePoint, boundary| Interface {
@@ -280,9 +292,9 @@ impl Scene {
         ahead_of(ray.origin) > 0.0 && if onward { ahead <= 0.0 } else { ahead < 0.0 }
     }
 
-    /// As [`Self::interface`], for scenes where no two solids touch: each face has air on its outside.
+    /// The same, where no two solids touch: each face has air on its outside.
     #[inline]
-    pub fn lone_interface(&self, ray: &Ray, hit: &SurfacePoint, inside: &Interior) -> Interface {
+    fn lone_interface(&self, ray: &Ray, hit: &SurfacePoint, inside: &Interior) -> Interface {
         let part = &self.parts[hit.part as usize];
         let outward = ray.direction.dot(hit.normal) > 0.0;
         let (near, far, boundary) = if part.solid == NO_SOLID {
@@ -334,11 +346,7 @@ impl Scene {
                 through *= medium.transmittance(distance);
             }
             let Some(hit) = hit.filter(|_| !through.is_black()) else { return through };
-            let interface = if self.has_nesting {
-                self.interface(&ray, &hit, &inside)
-            } else {
-                self.lone_interface(&ray, &hit, &inside)
-            };
+            let interface = self.interface(&ray, &hit, &inside);
             let origin = match interface.boundary {
                 Boundary::Open { tint } => {
                     through *= tint;

@@ -76,6 +76,19 @@ impl Scene {
         ShadingPoint { frame, bsdf, material: p.material, object: part.object, is_solid: compiled.is_solid, receiver }
     }
 
+    /// [`Self::shade`] for a face between two solids: `eta` is the index of refraction on the inside of the surface over
+    /// that on its outside.
+    pub fn shade_between(&self, p: &SurfacePoint, wo: Vec3, u: f32, eta: f32) -> ShadingPoint<'_> {
+        let mut shading = self.shade_with::<Everything>(p, wo, u);
+        let material = &self.materials[p.material as usize];
+        if eta != material.ior {
+            let compiled = &self.compiled[p.material as usize];
+            let bsdf = compiled.bsdf_between(material, eta, &self.images, &self.texture_point(p), u);
+            shading.bsdf = Cow::Owned(bsdf);
+        }
+        shading
+    }
+
     /// The interpolated unit normal, on the side of the geometric one; that itself where a mesh has none or they cancel.
     #[inline]
     fn shading_normal(&self, p: &SurfacePoint) -> Vec3 {

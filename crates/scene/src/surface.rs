@@ -13,6 +13,7 @@
 
 use crate::features::FeatureSet;
 use crate::material::{AlphaMode, ChannelTexture, Material, Surface};
+use crate::medium::Medium;
 use crate::texture::{Image, Texture};
 use dunkelfeld_bsdf::{Bsdf, Dielectric, Principled, PrincipledParams, ThinSheet};
 use dunkelfeld_geometry::{Vec2, Vec4};
@@ -88,11 +89,8 @@ impl CompiledMaterial {
         // A metallic texture may take the metal away (glTF's default factor is 1).
         let transmits = m.transmission > 0.0 && (m.metallic < 1.0 || m.metallic_texture.is_some());
         let is_solid = matches!(m.surface, Surface::Solid(_)) && transmits;
-        let absorption = match m.surface {
-            Surface::Solid(v) if is_solid && v.attenuation_distance.is_finite() && v.attenuation_distance > 0.0 => {
-                // Beer and Lambert: what is left after the distance is the colour; black means at least e^-90 of it.
-                v.attenuation_color.map(|c| -c.clamp(1e-39, 1.0).ln() / v.attenuation_distance)
-            }
+        let absorption = match &m.surface {
+            Surface::Solid(v) if is_solid => Medium::new(v).absorption,
             _ => Rgb::BLACK,
         };
         let textured = [m.base_color_texture, m.specular_color_texture, m.sheen_color_texture, m.anisotropy_texture]
@@ -114,7 +112,8 @@ impl CompiledMaterial {
         };
         let emits = m.unlit || !m.emission.is_black();
         let varies = textured || is_painted;
-        let constant = (!varies).then(|| scatter(m, &[], &TexturePoint::ANYWHERE).compensated_if(energy_compensation));
+        let constant =
+            (!varies).then(|| scatter(m, m.ior, &[], &TexturePoint::ANYWHERE).compensated_if(energy_compensation));
         let fades = is_painted || m.alpha_texture.is_some() || m.base_color_texture.is_some();
         let constant_coverage = (!fades).then(|| coverage(m, &[], &TexturePoint::ANYWHERE));
         let needs_tangent = m.normal_texture.is_some() || m.anisotropy != 0.0;
@@ -149,6 +148,7 @@ impl CompiledMaterial {
             detail: self.varies || self.needs_tangent,
             chance: self.has_coverage || self.is_mixture,
             solids: self.is_solid,
+            media: false,
         }
     }
 
@@ -163,8 +163,13 @@ impl CompiledMaterial {
     pub(crate) fn bsdf(&self, m: &Material, images: &[Image], at: &TexturePoint, u: f32) -> Cow<'_, Bsdf> {
         match &self.constant {
             Some(constant) => Cow::Borrowed(constant.pick(u)),
-            None => Cow::Owned(*scatter(m, images, at).compensated_if(self.energy_compensation).pick(u)),
+            None => Cow::Owned(*scatter(m, m.ior, images, at).compensated_if(self.energy_compensation).pick(u)),
         }
+    }
+
+    /// The BSDF at a place where the index of refraction inside over outside is not the material's own.
+    pub(crate) fn bsdf_between(&self, m: &Material, eta: f32, images: &[Image], at: &TexturePoint, u: f32) -> Bsdf {
+        *scatter(m, eta, images, at).compensated_if(self.energy_compensation).pick(u)
     }
 
     /// The BSDF of a material that is the same everywhere; an absorber if it is not.
@@ -246,7 +251,8 @@ pub(crate) fn mean_emission(m: &Material, images: &[Image]) -> Rgb {
     if m.unlit { emitted + m.base_color * mean(&m.base_color_texture) } else { emitted }
 }
 
-fn scatter(m: &Material, images: &[Image], at: &TexturePoint) -> Constant {
+/// What the surface does with light; `eta` is the index of refraction inside over outside.
+fn scatter(m: &Material, eta: f32, images: &[Image], at: &TexturePoint) -> Constant {
     if m.unlit {
         return Constant::One(Bsdf::Absorber);
     }
@@ -261,7 +267,7 @@ fn scatter(m: &Material, images: &[Image], at: &TexturePoint) -> Constant {
     let solid = matches!(m.surface, Surface::Solid(_));
     if solid && clear >= 1.0 {
         return Constant::One(Bsdf::Dielectric(Dielectric::new(
-            m.ior,
+            eta,
             alpha,
             Rgb::WHITE,
             base.map(|c| c.max(0.0).sqrt()),
@@ -276,7 +282,7 @@ fn scatter(m: &Material, images: &[Image], at: &TexturePoint) -> Constant {
             metallic,
             roughness,
             anisotropic: anisotropy(m, images, at).0,
-            eta: m.ior,
+            eta,
             specular_factor: specular,
             specular_color,
             spec_tint: m.specular_tint,
@@ -296,7 +302,7 @@ fn scatter(m: &Material, images: &[Image], at: &TexturePoint) -> Constant {
     if clear <= 0.0 {
         return Constant::One(principled(metallic, 0.0));
     }
-    let sheet = Bsdf::ThinSheet(ThinSheet::new(m.ior, alpha, specular_color * specular.min(1.0), base));
+    let sheet = Bsdf::ThinSheet(ThinSheet::new(eta, alpha, specular_color * specular.min(1.0), base));
     if clear >= 1.0 {
         return Constant::One(sheet);
     }

@@ -22,7 +22,8 @@ pub(super) fn run(project: &Project, at: PixelSample) -> Result<Outcome, Error> 
             Some(m) => {
                 let [x, y, z] = [0, 1, 2].map(|k| f64::from(v.position[k]) + origin[k]);
                 let name = project.scene.materials().get(m as usize).map_or("?", |m| m.name.as_str());
-                let _ = writeln!(text, "{i}: \"{name}\" at {x:.6} {y:.6} {z:.6} m");
+                let place = if v.in_medium { "inside " } else { "" };
+                let _ = writeln!(text, "{i}: {place}\"{name}\" at {x:.6} {y:.6} {z:.6} m");
             }
             None => {
                 let [x, y, z] = v.position;
