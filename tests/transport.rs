@@ -8,7 +8,7 @@ mod support;
 use dunkelfeld::bsdf::{Principled, PrincipledParams};
 use dunkelfeld::geometry::{DAffine3, DQuat, DVec3, LocalDir, Vec3};
 use dunkelfeld::radiometry::Rgb;
-use dunkelfeld::scene::shapes::{cuboid, sphere};
+use dunkelfeld::scene::shapes::{cuboid, rectangle, sphere};
 use dunkelfeld::scene::{
     AlphaMode, Environment, EnvironmentSource, Material, PunctualKind, PunctualLight, SceneBuilder, Surface, Volume,
 };
@@ -136,6 +136,43 @@ fn punctual_lights() {
         let mean = pixel_moments(&film).mean();
         // Nothing random is left but the place in a pixel of 25 um at a distance of 0.7 m.
         assert!((mean / expected - 1.0).abs() < 1e-3, "{name}: {mean}, expected {expected}");
+    }
+}
+
+/// Panels in a ring around the floor, so many of them that the first surface asks each, one of them, or a tree; with a point
+/// above. Scattering finds the panels too, and shares with the question that was asked: the sum of the quadratures.
+#[test]
+fn panels_in_a_ring_asked_each_one_and_by_a_tree() {
+    for count in [3, 20, 90] {
+        let (mut b, bsdf, wo) = floor_scene();
+        let mut expected = 0.0;
+        for i in 0..count {
+            let turn = 2.0 * PI * f64::from(i) / f64::from(count);
+            let (sin, cos) = turn.sin_cos();
+            let center = DVec3::new(0.4 * cos, 0.4 * sin, 0.3);
+            // As wide as the ring leaves room for, upright, and turned toward its axis.
+            let u = DVec3::new(-sin, cos, 0.0) * (1.2 / f64::from(count)).min(0.3);
+            let v = DVec3::new(0.05 * cos, 0.05 * sin, 0.1);
+            let radiance = 1.0 + f64::from(i % 3);
+            let m = b.add_material(emitter(radiance as f32));
+            let mesh = rectangle((center - 0.5 * (u + v)).as_vec3(), v.as_vec3(), u.as_vec3());
+            let normal = v.cross(u).normalize();
+            assert!(normal.dot(center) < 0.0, "the front looks at the floor");
+            b.add_object("panel", mesh, m);
+            expected += integrate(60, |s, t| {
+                let p = center + (s - 0.5) * u + (t - 0.5) * v;
+                let (d2, wi) = (p.length_squared(), p.normalize());
+                v.cross(u).length() * radiance * -wi.dot(normal) / d2 * f_cos(&bsdf, wo, wi)
+            });
+        }
+        let position = DVec3::new(0.05, -0.1, 0.6);
+        b.lights.push(PunctualLight {
+            name: "lamp".into(),
+            to_world: DAffine3::from_translation(position),
+            kind: PunctualKind::Point { intensity: Rgb::splat(0.1) },
+        });
+        expected += 0.1 / position.length_squared() * f_cos(&bsdf, wo, position.normalize());
+        check(b, 256.0, expected, &format!("{count} panels"));
     }
 }
 

@@ -3,7 +3,7 @@
 use crate::path::{LastScatter, power_heuristic};
 use dunkelfeld_geometry::Vec3;
 use dunkelfeld_radiometry::Rgb;
-use dunkelfeld_scene::{Interior, LightChoice, LightReceiver, Medium, Scene};
+use dunkelfeld_scene::{Interior, LightChoice, LightReceiver, LightSample, Medium, Scene};
 
 /// From this scattering in media on, a path survives each with less than certainty. It is late: light in a dense medium that
 /// absorbs nothing is scattered some thousand times before it finds out, and a walk cut short would weigh the rest.
@@ -24,15 +24,12 @@ pub(crate) struct MediumVertex<'a> {
 
 impl MediumVertex<'_> {
     /// The vertex as lights see it: without a surface, open to all sides.
-    fn receiver(&self) -> LightReceiver {
+    pub(crate) fn receiver(&self) -> LightReceiver {
         LightReceiver { point: self.point, normal: Vec3::ZERO, both_sides: true }
     }
 
     /// Light that reaches the vertex straight from a light and is scattered toward `wo`.
-    pub(crate) fn direct_light(&self, scene: &Scene, u_choice: f32, u: [f32; 2]) -> Rgb {
-        let Some(light) = scene.sample_light(&self.receiver(), LightChoice::One, 0, u_choice, u) else {
-            return Rgb::BLACK;
-        };
+    pub(crate) fn direct_light(&self, scene: &Scene, light: &LightSample) -> Rgb {
         let phase = self.medium.phase.pdf(self.wo, light.direction);
         let unoccluded = light.radiance * phase;
         if unoccluded.is_black() {
@@ -43,10 +40,10 @@ impl MediumVertex<'_> {
         unoccluded * scene.light_through(&ray, self.around) * (share / light.pdf)
     }
 
-    /// A direction to go on in, with its density [1/sr]; its weight is one.
-    pub(crate) fn scatter(&self, u: [f32; 2]) -> (Vec3, LastScatter) {
+    /// A direction to go on in, with its density [1/sr] and the lights that were asked; its weight is one.
+    pub(crate) fn scatter(&self, choice: LightChoice, u: [f32; 2]) -> (Vec3, LastScatter) {
         let wi = self.medium.phase.sample(self.wo, u);
-        (wi, LastScatter { receiver: self.receiver(), pdf: self.medium.phase.pdf(self.wo, wi) })
+        (wi, LastScatter { receiver: self.receiver(), choice, pdf: self.medium.phase.pdf(self.wo, wi) })
     }
 }
 

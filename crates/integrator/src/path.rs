@@ -9,7 +9,8 @@ use dunkelfeld_geometry::{Ray, Vec3};
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_sampling::Sampler;
 use dunkelfeld_scene::{
-    Boundary, Features, Interface, Interior, LightChoice, LightReceiver, MediumEvent, Scene, ShadingPoint, SurfacePoint,
+    Boundary, Features, Interface, Interior, LightChoice, LightReceiver, LightSample, MediumEvent, Scene, ShadingPoint,
+    SurfacePoint,
 };
 
 /// From this bounce on even a path that has lost nothing survives with less than certainty, so that light caught between
@@ -21,6 +22,8 @@ const ENDLESS_SURVIVAL: f32 = 0.98;
 /// The last place where light sampling and scattering both could have found a light.
 pub(crate) struct LastScatter {
     pub(crate) receiver: LightReceiver,
+    /// Which lights were asked.
+    pub(crate) choice: LightChoice,
     /// Density of the direction that was taken [1/sr].
     pub(crate) pdf: f32,
 }
@@ -44,6 +47,8 @@ pub(crate) fn follow<F: Features>(
     let mut scatterings = 0;
     let mut last: Option<LastScatter> = None;
     let mut bounce = 0;
+    // Vertices that have asked for light.
+    let mut asked = 0;
     // Distance travelled through surfaces that let the ray pass unchanged.
     let mut passed = 0.0;
 
@@ -52,8 +57,7 @@ pub(crate) fn follow<F: Features>(
             recorder.vertex(ray.direction.to_array(), None, throughput);
             let found = throughput * scene.environment_radiance(ray.direction);
             if !found.is_black() {
-                let other =
-                    last.as_ref().map_or(0.0, |l| scene.environment_pdf(&l.receiver, LightChoice::One, ray.direction));
+                let other = last.as_ref().map_or(0.0, |l| scene.environment_pdf(&l.receiver, l.choice, ray.direction));
                 let found = found * weight_against(last.as_ref(), other);
                 recorder.emitted(found);
                 sample.radiance += found;
@@ -83,13 +87,16 @@ pub(crate) fn follow<F: Features>(
                             sample.normal = at.wo.to_array();
                             sample.depth = passed + distance;
                         }
-                        let [x, y, u_choice, _] = sampler.get_4d(sets::light(vertex));
-                        let direct = throughput * at.direct_light(scene, u_choice, [x, y]);
-                        recorder.direct(direct);
-                        sample.radiance += direct;
+                        let choice = scene.light_choice_at(asked);
+                        asked += 1;
+                        for light in lights(scene, &at.receiver(), choice, sampler, vertex) {
+                            let direct = throughput * at.direct_light(scene, &light);
+                            recorder.direct(direct);
+                            sample.radiance += direct;
+                        }
 
                         let [u_x, u_y, _, u_roulette] = sampler.get_4d(sets::scatter(vertex));
-                        let (wi, scattered) = at.scatter([u_x, u_y]);
+                        let (wi, scattered) = at.scatter(choice, [u_x, u_y]);
                         scatterings += 1;
                         let survival = medium::survival(throughput.max_channel() * eta_scale, scatterings);
                         if u_roulette >= survival {
@@ -139,7 +146,7 @@ pub(crate) fn follow<F: Features>(
         // Light that the surface itself emits; where light sampling could have found it too, the two share.
         let emitted = throughput * scene.emitted(&hit, wo);
         if !emitted.is_black() {
-            let other = last.as_ref().map_or(0.0, |l| scene.light_pdf(&l.receiver, LightChoice::One, &hit));
+            let other = last.as_ref().map_or(0.0, |l| scene.light_pdf(&l.receiver, l.choice, &hit));
             let emitted = emitted * weight_against(last.as_ref(), other);
             recorder.emitted(emitted);
             sample.radiance += emitted;
@@ -153,13 +160,16 @@ pub(crate) fn follow<F: Features>(
             sample.depth = passed + hit.distance;
         }
 
-        // Light from a light, connected directly.
+        // Light from lights, connected directly.
+        let choice = scene.light_choice_at(asked);
         if !shading.bsdf.is_delta() {
-            let [x, y, u_choice, _] = sampler.get_4d(sets::light(vertex));
-            let direct = throughput
-                * direct_light::<F>(scene, &hit, &shading, wo, (inside, interface.as_ref()), u_choice, [x, y]);
-            recorder.direct(direct);
-            sample.radiance += direct;
+            asked += 1;
+            for light in lights(scene, &shading.receiver, choice, sampler, vertex) {
+                let inside = (inside, interface.as_ref());
+                let direct = throughput * direct_light::<F>(scene, &hit, &shading, wo, inside, &light);
+                recorder.direct(direct);
+                sample.radiance += direct;
+            }
         }
 
         // A direction to go on in.
@@ -182,8 +192,11 @@ pub(crate) fn follow<F: Features>(
         throughput *= 1.0 / survival;
         recorder.scattered(wi.to_array(), scattered.pdf, scattered.weight);
 
-        last = (!scattered.lobe.contains(Lobe::DELTA))
-            .then_some(LastScatter { receiver: shading.receiver, pdf: scattered.pdf });
+        last = (!scattered.lobe.contains(Lobe::DELTA)).then_some(LastScatter {
+            receiver: shading.receiver,
+            choice,
+            pdf: scattered.pdf,
+        });
         if let Some(interface) = &interface {
             around = interface.beyond(wi);
         } else if F::SOLIDS && scattered.lobe.contains(Lobe::TRANSMISSION) {
@@ -194,6 +207,21 @@ pub(crate) fn follow<F: Features>(
     sample
 }
 
+/// The answers of the lights that a vertex asks: each while the path is young and they are few, else one.
+#[inline]
+fn lights<'a>(
+    scene: &'a Scene,
+    receiver: &'a LightReceiver,
+    choice: LightChoice,
+    sampler: &'a Sampler,
+    vertex: u32,
+) -> impl Iterator<Item = LightSample> + 'a {
+    (0..scene.light_questions(choice)).filter_map(move |question| {
+        let [x, y, u_choice, _] = sampler.get_4d(sets::light(vertex, question));
+        scene.sample_light(receiver, choice, question, u_choice, [x, y])
+    })
+}
+
 /// Light that reaches a point straight from a light and is scattered toward `wo`.
 #[inline]
 fn direct_light<F: Features>(
@@ -202,12 +230,8 @@ fn direct_light<F: Features>(
     shading: &ShadingPoint<'_>,
     wo: Vec3,
     (inside, interface): (Option<u32>, Option<&Interface>),
-    u_choice: f32,
-    u: [f32; 2],
+    light: &LightSample,
 ) -> Rgb {
-    let Some(light) = scene.sample_light(&shading.receiver, LightChoice::One, 0, u_choice, u) else {
-        return Rgb::BLACK;
-    };
     let wi = shading.frame.to_local(light.direction);
     if !shading.consistent(hit.normal, light.direction, wi) {
         return Rgb::BLACK;

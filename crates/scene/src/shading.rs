@@ -2,7 +2,7 @@
 
 use crate::features::{Everything, Features};
 use crate::intersect::{SurfacePoint, mix};
-use crate::light::{LightChoice, LightReceiver, LightSample, NO_LIGHT};
+use crate::light::{EACH_UP_TO, LightChoice, LightReceiver, LightSample, NO_LIGHT};
 use crate::scene::Scene;
 use crate::surface::{self, TexturePoint};
 use dunkelfeld_bsdf::Bsdf;
@@ -153,6 +153,9 @@ impl Scene {
         let part = &self.parts[p.part as usize];
         (part.object, part.material)
     }
+
+    /// No vertex has more questions for light than this.
+    pub const MOST_LIGHT_QUESTIONS: u32 = EACH_UP_TO as u32;
 
     /// Which lights the scattering vertex with this number (from 0, counted along a path) asks: each where they are at
     /// most eight and the vertex is one of the first two, else one.
