@@ -179,6 +179,9 @@ impl Importer<'_> {
         let Some((index, source)) = index.and_then(|i| Some((i, profiles.get(i)?))) else {
             return self.warnings.push(place, "its light profile does not exist");
         };
+        if to_world.transform_vector3(DVec3::Z).length_squared() == 0.0 {
+            return self.warnings.push(place, "its scale is 0; the light is left out");
+        }
         if !self.profiles.contains_key(&index) {
             let used = match light::profile(source, index, self.accessors, self.loader) {
                 Ok((profile, found)) => {
