@@ -4,7 +4,8 @@
 //! with its density per solid angle at the reference [1/sr], or `None` where the shape is seen edge-on, is degenerate
 //! or subtends nothing: no light can be exchanged then. `pdf_x(shape, reference, point)` gives the density with which
 //! `sample_x` returns `point`, bit for bit the same, and zero where `sample_x` returns `None`. Which of the two methods
-//! is used depends on shape and reference alone. Both sides of a shape are seen.
+//! is used depends on shape and reference alone. Both sides of a shape are seen. `invert_x(shape, reference, coordinates)` gives
+//! the two numbers back.
 //!
 //! Inside, all is f64: the differences of angles that these formulas live on leave nothing of an f32.
 
@@ -13,8 +14,13 @@ mod triangle;
 
 use glam::Vec3;
 
-pub use rectangle::{Rectangle, pdf_rectangle, rectangle_from_triangles, rectangle_solid_angle, sample_rectangle};
-pub use triangle::{pdf_triangle, sample_triangle, sample_triangle_area, triangle_solid_angle};
+pub use rectangle::{
+    Rectangle, invert_rectangle, pdf_rectangle, rectangle_from_triangles, rectangle_solid_angle, sample_rectangle,
+};
+pub use triangle::{
+    invert_triangle, invert_triangle_area, pdf_triangle, pdf_triangle_area, sample_triangle, sample_triangle_area,
+    triangle_solid_angle,
+};
 
 /// A point sampled on a shape.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -67,6 +67,16 @@ pub fn pdf_rectangle(rectangle: &Rectangle, reference: Vec3, point: Vec3) -> f32
     }
 }
 
+/// The random numbers for which [`sample_rectangle`] returns the point at these fractions of the edges; `None` where it
+/// returns nothing.
+pub fn invert_rectangle(rectangle: &Rectangle, reference: Vec3, coordinates: [f32; 2]) -> Option<[f32; 2]> {
+    if Far::new(rectangle, reference).is_some() {
+        return Some(coordinates);
+    }
+    let view = View::new(rectangle, reference)?;
+    Some(if view.by_solid_angle() { view.invert(coordinates.map(f64::from)) } else { coordinates })
+}
+
 /// A rectangle counts as far away when the square of its distance is so many times that of its half diagonal.
 ///
 /// Sampled by area, the density per solid angle `d^3 / (A h)` then varies over it by a factor of 1.4 face on (a variance
@@ -138,11 +148,7 @@ impl View {
         let reach = x[0].abs().max(x[1].abs()).max(y[0].abs()).max(y[1].abs());
         // A NaN (an edge of no length, a reference that is not finite) fails this comparison too.
         if height > IN_PLANE * reach && height.is_finite() {
-            let g = x.map(|x| {
-                // The difference of two arc tangents is the argument of one product of complex numbers, h r + i x y.
-                let [(re0, im0), (re1, im1)] = y.map(|y| (height * DVec3::new(x, y, height).length(), x * y));
-                (im1 * re0 - re1 * im0).atan2(re1 * re0 + im1 * im0)
-            });
+            let g = x.map(|x| solid_angle_to(x, y, height));
             Some(Self { x, y, height, size, g0: g[0], solid_angle: g[1] - g[0] })
         } else {
             None
@@ -186,6 +192,22 @@ impl View {
         // Fractions, so that the point cannot leave the rectangle.
         [(x - self.x[0]) / self.size[0], (y - y0) / self.size[1]].map(|f| (f as f32).clamp(0.0, 1.0))
     }
+
+    /// The inverse of [`Self::sample`].
+    fn invert(&self, [u, v]: [f64; 2]) -> [f32; 2] {
+        let (x, y) = (self.x[0] + u * self.size[0], self.y[0] + v * self.size[1]);
+        let turned = solid_angle_to(x, self.y, self.height) - self.g0;
+        let d = hypotenuse(x, self.height);
+        let [e0, e1, e] = [self.y[0], self.y[1], y].map(|y| y / hypotenuse(y, d));
+        [turned / self.solid_angle, (e - e0) / (e1 - e0)].map(|f| (f as f32).clamp(0.0, 1.0))
+    }
+}
+
+/// G(x) of [`View`]: the signed solid angle of the part of a rectangle between 0 and x.
+fn solid_angle_to(x: f64, y: [f64; 2], height: f64) -> f64 {
+    // The difference of two arc tangents is the argument of one product of complex numbers, h r + i x y.
+    let [(re0, im0), (re1, im1)] = y.map(|y| (height * DVec3::new(x, y, height).length(), x * y));
+    (im1 * re0 - re1 * im0).atan2(re1 * re0 + im1 * im0)
 }
 
 /// `sqrt(a^2 + b^2)`. Lengths come from f32, so their squares neither overflow nor vanish in f64.

@@ -27,6 +27,13 @@ pub fn pdf_triangle(corners: &[Vec3; 3], reference: Vec3, point: Vec3) -> f32 {
     View::new(corners, reference).map_or(0.0, |view| view.pdf(point, reference))
 }
 
+/// The random numbers for which [`sample_triangle`] returns the point with these weights of the second and third corner;
+/// `None` where it returns nothing.
+pub fn invert_triangle(corners: &[Vec3; 3], reference: Vec3, weights: [f32; 2]) -> Option<[f32; 2]> {
+    let view = View::new(corners, reference)?;
+    Some(if view.by_solid_angle() { view.invert(weights.map(f64::from)) } else { invert_triangle_area(weights) })
+}
+
 /// Uniform by area: the weights of the second and third corner. The density is 1 / area.
 ///
 /// The map of Heitz, "A low-distortion map between triangle and square" (2019), which keeps strata compact.
@@ -34,6 +41,19 @@ pub fn pdf_triangle(corners: &[Vec3; 3], reference: Vec3, point: Vec3) -> f32 {
 pub fn sample_triangle_area([u, v]: [f32; 2]) -> [f32; 2] {
     // The square is folded along its diagonal onto the triangle; each half keeps its shape up to a shear.
     if v > u { [0.5 * u, v - 0.5 * u] } else { [u - 0.5 * v, 0.5 * v] }
+}
+
+/// Density of [`sample_triangle_area`] with respect to the two weights: 2 inside the triangle.
+#[inline]
+pub fn pdf_triangle_area([b1, b2]: [f32; 2]) -> f32 {
+    if b1 >= 0.0 && b2 >= 0.0 && b1 + b2 <= 1.0 { 2.0 } else { 0.0 }
+}
+
+/// The random numbers behind the weights of [`sample_triangle_area`].
+#[inline]
+pub fn invert_triangle_area([b1, b2]: [f32; 2]) -> [f32; 2] {
+    let [u, v] = if b2 > b1 { [2.0 * b1, b1 + b2] } else { [b1 + b2, 2.0 * b2] };
+    [u.clamp(0.0, 1.0), v.clamp(0.0, 1.0)]
 }
 
 /// A triangle on the unit sphere around the point that looks at it.
@@ -119,6 +139,20 @@ impl View {
         let b1 = in_plane.cross(self.e2).dot(n).clamp(0.0, 1.0);
         let b2 = self.e1.cross(in_plane).dot(n).clamp(0.0, 1.0 - b1);
         [b1 as f32, b2 as f32]
+    }
+
+    /// The inverse of [`Self::sample`].
+    fn invert(&self, [b1, b2]: [f64; 2]) -> [f32; 2] {
+        let (a, b, c) = (self.a, self.b, self.c);
+        let direction = (self.to_v0 + b1 * self.e1 + b2 * self.e2).normalize();
+        // C' is where the great circle from B through the direction meets the one through A and C.
+        let cut = b.cross(direction).cross(a.cross(c)).normalize_or_zero();
+        let cut = if cut.dot(a + c) < 0.0 { -cut } else { cut };
+        let triple = a.dot(b.cross(cut)).abs();
+        let u = 2.0 * triple.atan2(1.0 + a.dot(b) + b.dot(cut) + cut.dot(a)) / self.solid_angle;
+        // 1 - cos by the chord.
+        let v = (direction - b).length_squared() / (cut - b).length_squared();
+        [u, v].map(|f| if f > 0.0 { f.min(1.0) as f32 } else { 0.0 })
     }
 }
 
