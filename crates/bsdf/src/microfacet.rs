@@ -86,6 +86,13 @@ impl Ggx {
         self.distribution(m) / (2.0 * (self.cap_bound(wo) * wo.0.z + self.stretch(wo)))
     }
 
+    /// Density of [`Self::sample_bounded`] per solid angle of the normal [1/sr].
+    #[inline]
+    pub fn pdf_bounded(&self, wo: LocalDir, m: Vec3) -> f32 {
+        let in_cap = self.cap_point(wo, m).z >= -self.cap_bound(wo) * self.stretched(wo).z;
+        if in_cap { 4.0 * wo.0.dot(m).max(0.0) * self.pdf_bounded_reflection(wo, m) } else { 0.0 }
+    }
+
     /// The random numbers behind a normal of [`Self::sample_bounded`].
     #[inline]
     pub fn invert_bounded(&self, wo: LocalDir, m: Vec3) -> [f32; 2] {
@@ -114,14 +121,20 @@ impl Ggx {
         Vec3::new(h.x * self.alpha_x, h.y * self.alpha_y, h.z).try_normalize().unwrap_or(Vec3::Z)
     }
 
-    /// The inverse of [`Self::sample_cap`]: the point of the cap is `wo` mirrored at the normal, both stretched.
+    /// The inverse of [`Self::sample_cap`].
     #[inline]
     fn invert_cap(&self, wo: LocalDir, bound: f32, m: Vec3) -> [f32; 2] {
+        let cap = self.cap_point(wo, m);
+        let lower = bound * self.stretched(wo).z;
+        [warp::azimuth(cap), ((1.0 - cap.z) / (1.0 + lower)).clamp(0.0, 1.0)]
+    }
+
+    /// The point of the cap that gives a normal: `wo` mirrored at the normal, both stretched.
+    #[inline]
+    fn cap_point(&self, wo: LocalDir, m: Vec3) -> Vec3 {
         let w = self.stretched(wo);
         let h = Vec3::new(m.x * self.inverse_x, m.y * self.inverse_y, m.z).normalize();
-        let cap = h * (2.0 * w.dot(h)) - w;
-        let lower = bound * w.z;
-        [warp::azimuth(cap), ((1.0 - cap.z) / (1.0 + lower)).clamp(0.0, 1.0)]
+        h * (2.0 * w.dot(h)) - w
     }
 
     /// A direction where the microsurface is a hemisphere, as a unit vector.

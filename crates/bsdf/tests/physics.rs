@@ -25,26 +25,6 @@ fn bare(base: f32) -> PrincipledParams {
 }
 
 #[test]
-fn diffuse_and_sheen_have_the_albedo_of_their_closed_form() {
-    let up = direction(1.0, 0.0);
-    for (k, roughness) in [0.0f32, 0.5, 1.0].into_iter().enumerate() {
-        // At normal view the weight of wo vanishes and cos_d^2 = (1 + c) / 2. With B the beta function, the integral of
-        // 2c [1 - (1-c)^5 / 2 + r (1+c) (1-c)^5] dc is 1 - B(2,6) + 2r [B(2,6) + B(3,6)] = 1 - 1/42 + 5r/84.
-        let expected = 1.0 - 1.0 / 42.0 + f64::from(roughness) * 5.0 / 84.0;
-        let m = furnace(&principled(PrincipledParams { roughness, ..bare(1.0) }), up, k as u64, |_| true);
-        z_test(m.mean(), m.standard_error(), expected).assert(1e-10, &format!("diffuse, roughness {roughness}"));
-        assert!(m.standard_error() < 1e-3);
-    }
-    // Sheen: with x = cos_d, c = 2x^2 - 1 the integral is 2 pi (2x^2 - 1)(1 - x)^5 4x dx from sqrt(1/2) to 1.
-    let f = |x: f64| std::f64::consts::TAU * (2.0 * x * x - 1.0) * (1.0 - x).powi(5) * 4.0 * x;
-    let (a, n) = (0.5f64.sqrt(), 2000);
-    let h = (1.0 - a) / f64::from(n);
-    let expected: f64 = (0..n).map(|i| f(a + (f64::from(i) + 0.5) * h) * h).sum();
-    let m = furnace(&principled(PrincipledParams { sheen: 1.0, ..bare(0.0) }), up, 9, |_| true);
-    z_test(m.mean(), m.standard_error(), expected).assert(1e-10, "sheen");
-}
-
-#[test]
 fn the_sheen_colour_multiplies_the_sheen_and_nothing_else() {
     // The surface without sheen, plus the sheen of strength one times the colour, channel by channel; the base colour's
     // hue tints on top of it.
@@ -66,62 +46,6 @@ fn the_sheen_colour_multiplies_the_sheen_and_nothing_else() {
     // No colour, no sheen; and numbers that are none do no harm.
     for none in [Rgb::BLACK, Rgb::splat(f32::NAN), Rgb::splat(-1.0)] {
         assert_eq!(eval(PrincipledParams { sheen: 1.0, sheen_color: none, ..plain }), eval(plain));
-    }
-}
-
-#[test]
-fn no_physical_lobe_gives_more_than_it_gets() {
-    let metal = PrincipledParams { base_color: Rgb::WHITE, metallic: 1.0, ..Default::default() };
-    let coat = PrincipledParams { clearcoat: 4.0, ..bare(0.0) };
-    let glass = PrincipledParams { base_color: Rgb::WHITE, spec_trans: 1.0, ..Default::default() };
-    let mut surfaces = Vec::new();
-    for roughness in [0.0, 0.1, 0.3, 0.6, 1.0] {
-        surfaces.push((format!("metal {roughness}"), principled(PrincipledParams { roughness, ..metal })));
-        let brushed = PrincipledParams { roughness, anisotropic: 1.0, ..metal };
-        surfaces.push((format!("brushed metal {roughness}"), principled(brushed)));
-        surfaces
-            .push((format!("coat {roughness}"), principled(PrincipledParams { clearcoat_gloss: roughness, ..coat })));
-        for eta in [1.49, 0.6] {
-            surfaces
-                .push((format!("glass {roughness}, {eta}"), principled(PrincipledParams { roughness, eta, ..glass })));
-            let b = Bsdf::Dielectric(Dielectric::new(eta, roughness, Rgb::WHITE, Rgb::WHITE));
-            surfaces.push((format!("dielectric {roughness}, {eta}"), b));
-        }
-        let b = Bsdf::ThinSheet(ThinSheet::new(1.49, roughness, Rgb::WHITE, Rgb::WHITE));
-        surfaces.push((format!("sheet {roughness}"), b));
-    }
-    for (k, (name, bsdf)) in surfaces.into_iter().enumerate() {
-        for (v, cos) in [1.0f32, 0.5, 0.05, -0.7, -0.05].into_iter().enumerate() {
-            let m = furnace(&bsdf, direction(cos, 0.3), (1000 + 10 * k + v) as u64, |_| true);
-            // One-sided at 6.4 standard errors: a false alarm of 1e-10 each. The last term is f32 rounding.
-            let bound = 1.0 + 6.4 * m.standard_error() + 2e-5;
-            assert!(m.mean() <= bound, "{name}, cos {cos}: {} +- {}", m.mean(), m.standard_error());
-            assert!(m.standard_error() < 5e-3, "{name}, cos {cos}: heavy weights, {}", m.standard_error());
-        }
-    }
-}
-
-#[test]
-fn smooth_boundaries_split_light_without_loss() {
-    for eta in [1.49f32, 1.0 / 1.49, 1.0, 1e3, 1e-3, 1.000_01] {
-        let (solid, sheet) = (Dielectric::smooth(eta), ThinSheet::new(eta, 0.0, Rgb::WHITE, Rgb::WHITE));
-        for bsdf in [Bsdf::Dielectric(solid), Bsdf::ThinSheet(sheet)] {
-            for cos in [1.0f32, 0.7, 0.2, 1e-3, -1.0, -0.5, -1e-3] {
-                let wo = direction(cos, 0.5);
-                let reflected = bsdf.sample(wo, 0.0, [0.5; 2]);
-                let transmitted = bsdf.sample(wo, 1.0 - f32::EPSILON / 2.0, [0.5; 2]);
-                // Each sample's weight is its coefficient over its probability: the shares are weight * pdf.
-                let share = |s: Option<dunkelfeld_bsdf::BsdfSample>, side| match s {
-                    Some(s) if s.lobe.contains(side) => s.weight.g * s.pdf * s.eta * s.eta,
-                    _ => 0.0,
-                };
-                let sum = share(reflected, Lobe::REFLECTION) + share(transmitted, Lobe::TRANSMISSION);
-                assert!((sum - 1.0).abs() < 3e-7, "{bsdf:?}, cos {cos}: R + T = {sum}");
-                for s in [reflected, transmitted].into_iter().flatten() {
-                    assert!(s.lobe.contains(Lobe::DELTA) && (s.wi.0.length() - 1.0).abs() < 1e-6, "{bsdf:?}: {s:?}");
-                }
-            }
-        }
     }
 }
 

@@ -2,6 +2,9 @@
 
 #![allow(dead_code)]
 
+pub(crate) mod chart;
+
+use chart::{Chart, Way};
 use dunkelfeld_bsdf::{Bsdf, Dielectric, Principled, PrincipledParams, ThinSheet};
 use dunkelfeld_geometry::LocalDir;
 use dunkelfeld_radiometry::Rgb;
@@ -99,6 +102,73 @@ pub(crate) fn wide_surfaces() -> Vec<(String, Bsdf)> {
         surfaces.push((format!("rough sheet {alpha}"), b));
     }
     surfaces
+}
+
+/// A surface whose density, apart from the diffuse lobe, is that of one set of facets: charts resolve it at any roughness.
+pub(crate) struct FacetSurface {
+    pub(crate) name: String,
+    pub(crate) bsdf: Bsdf,
+    /// Index of refraction below over above, 1 if nothing is refracted.
+    pub(crate) eta: f32,
+    pub(crate) charts: Vec<Chart>,
+}
+
+/// Facets of every kind, from the narrowest lobe to the widest.
+pub(crate) fn facet_surfaces() -> Vec<FacetSurface> {
+    let mut list = Vec::new();
+    for alpha in [1e-4f32, 1e-2, 0.1, 0.4, 1.0] {
+        let slopes = [f64::from(alpha); 2];
+        for eta in [1.49f32, 1.0 / 1.49] {
+            list.push(FacetSurface {
+                name: format!("dielectric {alpha}, eta {eta:.3}"),
+                bsdf: Bsdf::Dielectric(Dielectric::new(eta, alpha, Rgb::WHITE, Rgb::WHITE)),
+                eta,
+                charts: vec![Chart::reflect(slopes), Chart::Facets { slopes, way: Way::Refract(f64::from(eta)) }],
+            });
+        }
+        list.push(FacetSurface {
+            name: format!("sheet {alpha}"),
+            bsdf: Bsdf::ThinSheet(ThinSheet::new(1.49, alpha, Rgb::WHITE, Rgb::WHITE)),
+            eta: 1.0,
+            charts: vec![Chart::reflect(slopes), Chart::Facets { slopes, way: Way::Pass }],
+        });
+    }
+    let metal = PrincipledParams { base_color: Rgb::new(0.9, 0.6, 0.3), metallic: 1.0, ..Default::default() };
+    for roughness in [0.0f32, 0.1, 0.5, 1.0] {
+        for anisotropic in [0.0f32, 0.7, 1.0, -1.0] {
+            let aspect = (1.0 - 0.9 * anisotropic.abs()).sqrt();
+            let (long, short) = (roughness * roughness / aspect, roughness * roughness * aspect);
+            let (x, y) = if anisotropic < 0.0 { (short, long) } else { (long, short) };
+            let slopes = [x, y].map(|a| f64::from(a.max(0.001)));
+            list.push(FacetSurface {
+                name: format!("metal {roughness}, anisotropic {anisotropic}"),
+                bsdf: principled(PrincipledParams { roughness, anisotropic, ..metal }),
+                eta: 1.0,
+                charts: vec![Chart::reflect(slopes)],
+            });
+            if anisotropic >= 0.7 {
+                continue;
+            }
+            let glass = PrincipledParams { metallic: 0.0, spec_trans: 1.0, eta: 1.49, ..metal };
+            list.push(FacetSurface {
+                name: format!("glass {roughness}, anisotropic {anisotropic}"),
+                bsdf: principled(PrincipledParams { roughness, anisotropic, ..glass }),
+                eta: 1.49,
+                charts: vec![Chart::reflect(slopes), Chart::Facets { slopes, way: Way::Refract(1.49) }],
+            });
+        }
+    }
+    for clearcoat_gloss in [0.0f32, 0.5, 1.0] {
+        let bare = PrincipledParams { specular_factor: 0.0, base_color: Rgb::BLACK, ..Default::default() };
+        list.push(FacetSurface {
+            name: format!("coat {clearcoat_gloss}"),
+            bsdf: principled(PrincipledParams { clearcoat: 1.0, clearcoat_gloss, ..bare }),
+            eta: 1.0,
+            // Long tails: in the middle between alpha and 1 the chart sees both ends.
+            charts: vec![Chart::reflect([f64::from(0.1 - 0.099 * clearcoat_gloss).sqrt(); 2])],
+        });
+    }
+    list
 }
 
 /// Surfaces at and beyond the ends of their parameter ranges.

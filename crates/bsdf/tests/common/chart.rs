@@ -1,0 +1,192 @@
+//! Charts of directions: maps from the unit square that resolve a lobe however narrow it is, in f64.
+//!
+//! A chart of facets puts the slope of the half vector, in units of the roughness, into the square: azimuth, and
+//! `r^2 / (1 + r^2)`, which is even for the facets that a normal view sees (Walter et al. 2007).
+
+use dunkelfeld_bsdf::Bsdf;
+use dunkelfeld_geometry::LocalDir;
+use dunkelfeld_testkit::integrate_square;
+use std::f64::consts::{PI, TAU};
+
+type V = [f64; 3];
+
+/// How light leaves a facet.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Way {
+    /// Mirrored.
+    Reflect,
+    /// Refracted; the index of refraction below the surface over the one above.
+    Refract(f64),
+    /// Mirrored, and then mirrored at the surface: the passage through a rough sheet.
+    Pass,
+    /// The facet's own normal is the direction, whatever `wo`.
+    Normal,
+}
+
+/// A map from the unit square to directions, seen from one `wo`.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Chart {
+    /// Even in the cosine of the upper hemisphere, or of the lower one.
+    Cosine { above: bool },
+    /// Facets of the given slopes along x and y.
+    Facets { slopes: [f64; 2], way: Way },
+}
+
+impl Chart {
+    pub(crate) fn reflect(slopes: [f64; 2]) -> Self {
+        Self::Facets { slopes, way: Way::Reflect }
+    }
+
+    pub(crate) fn normals(slopes: [f64; 2]) -> Self {
+        Self::Facets { slopes, way: Way::Normal }
+    }
+
+    /// The direction at a point of the square, with its density there [1/sr]; `None` where no direction is.
+    pub(crate) fn at(&self, wo: V, [x, y]: [f64; 2]) -> Option<(V, f64)> {
+        let (sin, cos) = (TAU * x).sin_cos();
+        match *self {
+            Self::Cosine { above } => {
+                let r = y.sqrt();
+                let z = (1.0 - y).sqrt() * if above { 1.0 } else { -1.0 };
+                Some(([r * cos, r * sin, z], z.abs() / PI))
+            }
+            Self::Facets { slopes: [ax, ay], way } => {
+                let r = (y / (1.0 - y)).sqrt();
+                let m = normalize([ax * r * cos, ay * r * sin, 1.0]);
+                if way == Way::Normal {
+                    return Some((m, self.density(wo, m)));
+                }
+                let (up, side) = upward(wo);
+                let cos_o = dot(up, m);
+                if cos_o <= 0.0 {
+                    return None;
+                }
+                let mirrored = combine(2.0 * cos_o, m, -1.0, up);
+                let wi = match way {
+                    Way::Reflect | Way::Pass | Way::Normal => (mirrored[2] > 0.0).then_some(mirrored)?,
+                    Way::Refract(eta) => {
+                        let eta = if side > 0.0 { eta } else { 1.0 / eta };
+                        let cos2 = 1.0 - (1.0 - cos_o * cos_o) / (eta * eta);
+                        let wi = combine(cos_o / eta - cos2.max(0.0).sqrt(), m, -1.0 / eta, up);
+                        (cos2 > 0.0 && wi[2] < 0.0).then_some(wi)?
+                    }
+                };
+                let flip = side * if way == Way::Pass { -1.0 } else { 1.0 };
+                let wi = [wi[0], wi[1], wi[2] * flip];
+                let density = self.density(wo, wi);
+                (density > 0.0).then_some((wi, density))
+            }
+        }
+    }
+
+    /// Area of the square per solid angle at a direction [1/sr]; zero outside the chart.
+    pub(crate) fn density(&self, wo: V, wi: V) -> f64 {
+        match *self {
+            Self::Cosine { above } => {
+                if (wi[2] > 0.0) == above {
+                    wi[2].abs() / PI
+                } else {
+                    0.0
+                }
+            }
+            Self::Facets { slopes, way } => self.facet(wo, wi).map_or(0.0, |m| {
+                let (up, side) = upward(wo);
+                let down = [wi[0], wi[1], wi[2] * side];
+                let per_direction = match way {
+                    Way::Normal => 1.0,
+                    Way::Reflect | Way::Pass => 0.25 / dot(up, m),
+                    Way::Refract(eta) => {
+                        let eta = if side > 0.0 { eta } else { 1.0 / eta };
+                        let (cos_o, cos_i) = (dot(up, m), dot(down, m));
+                        eta * eta * cos_i.abs() / (cos_o + eta * cos_i).powi(2)
+                    }
+                };
+                let r2 = (m[0] / (slopes[0] * m[2])).powi(2) + (m[1] / (slopes[1] * m[2])).powi(2);
+                // Slopes cover cos^-3 of the solid angle of normals, and the square pi ax ay (1 + r^2)^2 of slopes.
+                per_direction / (m[2].powi(3) * PI * slopes[0] * slopes[1] * (1.0 + r2).powi(2))
+            }),
+        }
+    }
+
+    /// The point of the square for a direction; `None` outside the chart.
+    pub(crate) fn square(&self, wo: V, wi: V) -> Option<[f64; 2]> {
+        let Self::Facets { slopes, .. } = *self else { return None };
+        let m = self.facet(wo, wi)?;
+        let (x, y) = (m[0] / (slopes[0] * m[2]), m[1] / (slopes[1] * m[2]));
+        let turn = y.atan2(x) / TAU;
+        let r2 = x * x + y * y;
+        Some([turn - turn.floor(), r2 / (1.0 + r2)])
+    }
+
+    /// The facet between two directions, facing up.
+    fn facet(&self, wo: V, wi: V) -> Option<V> {
+        let Self::Facets { way, .. } = *self else { return None };
+        if way == Way::Normal {
+            return (wi[2] > 0.0).then_some(wi);
+        }
+        let (up, side) = upward(wo);
+        let wi = [wi[0], wi[1], wi[2] * side];
+        let m = match way {
+            Way::Reflect if wi[2] > 0.0 => combine(1.0, up, 1.0, wi),
+            Way::Pass if wi[2] < 0.0 => combine(1.0, up, 1.0, [wi[0], wi[1], -wi[2]]),
+            Way::Refract(eta) if wi[2] < 0.0 => combine(1.0, up, if side > 0.0 { eta } else { 1.0 / eta }, wi),
+            _ => return None,
+        };
+        let m = normalize(if m[2] < 0.0 { m.map(|c| -c) } else { m });
+        let sees_both = match way {
+            Way::Refract(_) => dot(up, m) > 0.0 && dot(wi, m) < 0.0,
+            _ => dot(up, m) > 0.0,
+        };
+        (m[2] > 0.0 && sees_both).then_some(m)
+    }
+}
+
+/// The integral of `value` over all directions that some chart covers, to about 1e-5: each chart integrates its share by
+/// the power heuristic (Veach 1997). The integrand is flat where a chart resolves a lobe, and next to nothing where another
+/// chart resolves it better, so that no chart has to find what is narrow for it.
+pub(crate) fn integrate(charts: &[Chart], wo: LocalDir, value: impl Fn(LocalDir) -> f64) -> f64 {
+    let wo = wide(wo);
+    let part = |chart: &Chart| {
+        let f = |p: [f64; 2]| match chart.at(wo, p) {
+            Some((wi, density)) => {
+                let sum: f64 = charts.iter().map(|c| c.density(wo, wi).powi(2)).sum();
+                value(narrow(wi)) * density / sum
+            }
+            None => 0.0,
+        };
+        integrate_square(&f, [0.0, 0.0], [1.0, 1.0], 1e-5)
+    };
+    charts.iter().map(part).sum()
+}
+
+/// The share of the light that a surface scatters toward `wo` out of a white furnace, delta lobes excluded: the integral of
+/// the BSDF over the directions of `charts`, with the scaling of radiance by refraction undone.
+pub(crate) fn albedo(bsdf: &Bsdf, wo: LocalDir, eta: f32, charts: &[Chart]) -> f64 {
+    let eta2 = f64::from(if wo.0.z > 0.0 { eta } else { 1.0 / eta }).powi(2);
+    integrate(charts, wo, |wi| f64::from(bsdf.eval(wo, wi).r) * if wo.same_side(wi) { 1.0 } else { eta2 })
+}
+
+pub(crate) fn wide(w: LocalDir) -> V {
+    w.0.as_dvec3().normalize().to_array()
+}
+
+pub(crate) fn narrow(w: V) -> LocalDir {
+    LocalDir::new(w[0] as f32, w[1] as f32, w[2] as f32)
+}
+
+fn upward(w: V) -> (V, f64) {
+    if w[2] < 0.0 { ([w[0], w[1], -w[2]], -1.0) } else { (w, 1.0) }
+}
+
+fn dot(a: V, b: V) -> f64 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+fn combine(s: f64, a: V, t: f64, b: V) -> V {
+    [s * a[0] + t * b[0], s * a[1] + t * b[1], s * a[2] + t * b[2]]
+}
+
+fn normalize(a: V) -> V {
+    let length = dot(a, a).sqrt();
+    a.map(|c| c / length)
+}
