@@ -1,28 +1,11 @@
-//! Energy, reciprocity, limits, and numbers that stay numbers.
+//! Reciprocity, Snell's law, and numbers that stay numbers.
 
 mod common;
 
-use common::{Uniform, direction, extreme_surface, principled, wide_surfaces};
-use dunkelfeld_bsdf::{Bsdf, Dielectric, Lobe, PrincipledParams, ThinSheet, fresnel};
+use common::{Uniform, direction, extreme_surface, facet_surfaces, principled, wide_surfaces};
+use dunkelfeld_bsdf::{Bsdf, Dielectric, Lobe, PrincipledParams, ThinSheet};
 use dunkelfeld_geometry::LocalDir;
 use dunkelfeld_radiometry::Rgb;
-use dunkelfeld_testkit::{SampleMoments, z_test};
-
-/// Power scattered out of a white furnace, by sampling: red channel. Radiance gained by refraction is undone (eta^2).
-fn furnace(bsdf: &Bsdf, wo: LocalDir, key: u64, keep: impl Fn(Lobe) -> bool) -> SampleMoments {
-    let mut u = Uniform::new(key);
-    (0..60_000)
-        .map(|_| match bsdf.sample(wo, u.next(), u.pair()) {
-            Some(s) if keep(s.lobe) => f64::from(s.weight.r * s.eta * s.eta),
-            _ => 0.0,
-        })
-        .collect()
-}
-
-/// The surface with nothing but its diffuse layer: no specular reflection at all.
-fn bare(base: f32) -> PrincipledParams {
-    PrincipledParams { specular_factor: 0.0, base_color: Rgb::splat(base), ..Default::default() }
-}
 
 #[test]
 fn the_sheen_colour_multiplies_the_sheen_and_nothing_else() {
@@ -65,8 +48,7 @@ fn refraction_obeys_snell_and_sheets_do_not_bend() {
 
 #[test]
 fn light_takes_the_same_path_both_ways() {
-    for (k, (name, bsdf)) in wide_surfaces().into_iter().enumerate() {
-        let mut u = Uniform::new(2000 + k as u64);
+    let wide = wide_surfaces().into_iter().map(|(name, bsdf)| {
         let eta = match bsdf {
             Bsdf::Dielectric(d) => d.eta(),
             _ if name.starts_with("glass") => 1.49,
@@ -74,7 +56,16 @@ fn light_takes_the_same_path_both_ways() {
             _ if name == "everything" => 1.5,
             _ => 1.0,
         };
-        for _ in 0..3000 {
+        (name, bsdf, eta, 5e-3)
+    });
+    // Half vectors in f32 leave 4 * 6e-8 / alpha of a value for each operation on them.
+    let facets = facet_surfaces().into_iter().map(|s| {
+        let bound = 5e-3 + 1e-6 / s.narrowest();
+        (s.name, s.bsdf, s.eta, bound)
+    });
+    for (k, (name, bsdf, eta, bound)) in wide.chain(facets).enumerate() {
+        let mut u = Uniform::new(2000 + k as u64);
+        for _ in 0..1500 {
             let wo = u.direction();
             let Some(s) = bsdf.sample(wo, u.next(), u.pair()) else { continue };
             if s.lobe.contains(Lobe::DELTA) || wo.abs_cos_theta() < 0.01 || s.wi.abs_cos_theta() < 0.01 {
@@ -85,47 +76,11 @@ fn light_takes_the_same_path_both_ways() {
             let there = bsdf.eval(wo, s.wi) / (s.wi.abs_cos_theta() * n2(wo));
             let back = bsdf.eval(s.wi, wo) / (wo.abs_cos_theta() * n2(s.wi));
             for c in 0..3 {
-                let bound = 5e-3 * there[c].max(back[c]) + 1e-6;
+                let bound = bound * there[c].max(back[c]) + 1e-6;
                 assert!((there[c] - back[c]).abs() <= bound, "{name}: {wo:?} {s:?}: {there:?} there, {back:?} back");
             }
         }
     }
-}
-
-#[test]
-fn roughness_has_a_smooth_limit() {
-    // The reflected share of a boundary at roughness 0, 1e-4, 1e-3 and 1e-2, from outside and inside.
-    for (k, cos) in [0.9f32, 0.4, -0.9].into_iter().enumerate() {
-        let eta = if cos > 0.0 { 1.49 } else { 1.0 / 1.49 };
-        let expected = f64::from(fresnel::dielectric(cos.abs(), eta).reflectance);
-        for (j, alpha) in [0.0f32, 1e-4, 1e-3, 1e-2].into_iter().enumerate() {
-            let bsdf = Bsdf::Dielectric(Dielectric::new(1.49, alpha, Rgb::WHITE, Rgb::WHITE));
-            let key = (3000 + 10 * k + j) as u64;
-            let m = furnace(&bsdf, direction(cos, 0.0), key, |l| l.contains(Lobe::REFLECTION));
-            // The Fresnel term bends over the lobe: second order in alpha.
-            let error = m.standard_error() + f64::from(alpha);
-            z_test(m.mean(), error, expected).assert(1e-10, &format!("cos {cos}, alpha {alpha}"));
-            let all = furnace(&bsdf, direction(cos, 0.0), key, |_| true);
-            assert!((all.mean() - 1.0).abs() < 2e-3, "cos {cos}, alpha {alpha}: T + R = {}", all.mean());
-        }
-    }
-    // A mirror-like metal reflects what its colour says, into the mirror direction.
-    let metal = principled(PrincipledParams { roughness: 0.0, metallic: 1.0, ..Default::default() });
-    let wo = direction(0.9, 0.0);
-    let s = metal.sample(wo, 0.5, [0.3, 0.5]).expect("reflected");
-    assert!((s.wi.0 - direction(0.9, std::f32::consts::PI).0).length() < 0.01);
-}
-
-#[test]
-fn a_matched_index_is_not_there() {
-    let bsdf = Bsdf::Dielectric(Dielectric::new(1.0, 0.3, Rgb::WHITE, Rgb::WHITE));
-    let wo = direction(0.3, 1.0);
-    let s = bsdf.sample(wo, 0.0, [0.1, 0.9]).expect("passes");
-    assert!(bsdf.is_delta() && (s.wi.0 + wo.0).length() < 1e-6 && s.weight == Rgb::WHITE && s.pdf == 1.0);
-    // As part of the principled surface it is a delta lobe beside the others; together they keep the energy.
-    let glass = PrincipledParams { base_color: Rgb::WHITE, spec_trans: 1.0, eta: 1.0, ..Default::default() };
-    let m = furnace(&principled(glass), wo, 4000, |l| l.contains(Lobe::DELTA | Lobe::TRANSMISSION));
-    assert!((m.mean() - 1.0).abs() < 1e-5 && m.standard_error() < 1e-5, "{m:?}");
 }
 
 #[test]
@@ -135,6 +90,7 @@ fn numbers_stay_numbers() {
     let coordinates = [0.0, last, 0.5, 0.25, 1e-7];
     for k in 0..200_000 {
         let bsdf = extreme_surface(&mut u);
+        let bsdf = if k % 4 == 0 { bsdf.with_energy_compensation() } else { bsdf };
         let odd = |u: &mut Uniform| match (u.next() * 4.0) as u32 {
             0 => direction(
                 u.pick(&[1e-7, -1e-7, 1e-30, 1.0, -1.0, 0.0, 1e-3, -1e-4]),

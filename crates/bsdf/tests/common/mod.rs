@@ -113,6 +113,19 @@ pub(crate) struct FacetSurface {
     pub(crate) charts: Vec<Chart>,
 }
 
+impl FacetSurface {
+    /// The least slope.
+    pub(crate) fn narrowest(&self) -> f32 {
+        let slopes = self.charts.iter().filter_map(|c| match c {
+            Chart::Facets { slopes: [x, y], .. } => Some(x.min(*y) as f32),
+            Chart::Cosine { .. } => None,
+        });
+        // The coat's chart is centred between its slope and one.
+        let least = slopes.fold(1.0, f32::min);
+        if self.name.starts_with("coat") { least * least } else { least }
+    }
+}
+
 /// Facets of every kind, from the narrowest lobe to the widest.
 pub(crate) fn facet_surfaces() -> Vec<FacetSurface> {
     let mut list = Vec::new();
