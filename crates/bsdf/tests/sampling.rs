@@ -28,7 +28,7 @@ fn directions_follow_their_density() {
                 let sample = bsdf.sample(wo, u.next(), u.pair())?;
                 (!sample.lobe.contains(Lobe::DELTA)).then(|| direction_to_square(sample.wi.0.to_array()))
             };
-            let test = DensityTest { columns: 24, rows: 16, samples: 40_000 };
+            let test = DensityTest { columns: 16, rows: 12, samples: 40_000 };
             let what = format!("{name}, cos wo {cos}");
             test.run(&what, sample, |p| 4.0 * PI * f64::from(bsdf.pdf(wo, to_local(p))))
                 .assert(sidak(RATE, count), &what);

@@ -129,7 +129,7 @@ impl FacetSurface {
 /// Facets of every kind, from the narrowest lobe to the widest.
 pub(crate) fn facet_surfaces() -> Vec<FacetSurface> {
     let mut list = Vec::new();
-    for alpha in [1e-4f32, 1e-2, 0.1, 0.4, 1.0] {
+    for alpha in [1e-4f32, 1e-2, 0.2, 1.0] {
         let slopes = [f64::from(alpha); 2];
         for eta in [1.49f32, 1.0 / 1.49] {
             list.push(FacetSurface {
@@ -147,8 +147,8 @@ pub(crate) fn facet_surfaces() -> Vec<FacetSurface> {
         });
     }
     let metal = PrincipledParams { base_color: Rgb::new(0.9, 0.6, 0.3), metallic: 1.0, ..Default::default() };
-    for roughness in [0.0f32, 0.1, 0.5, 1.0] {
-        for anisotropic in [0.0f32, 0.7, 1.0, -1.0] {
+    for roughness in [0.0f32, 0.4, 1.0] {
+        for anisotropic in [0.0f32, 0.7, -1.0] {
             let aspect = (1.0 - 0.9 * anisotropic.abs()).sqrt();
             let (long, short) = (roughness * roughness / aspect, roughness * roughness * aspect);
             let (x, y) = if anisotropic < 0.0 { (short, long) } else { (long, short) };
@@ -159,7 +159,7 @@ pub(crate) fn facet_surfaces() -> Vec<FacetSurface> {
                 eta: 1.0,
                 charts: vec![Chart::reflect(slopes)],
             });
-            if anisotropic >= 0.7 {
+            if anisotropic > 0.0 {
                 continue;
             }
             let glass = PrincipledParams { metallic: 0.0, spec_trans: 1.0, eta: 1.49, ..metal };
