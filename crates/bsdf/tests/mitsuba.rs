@@ -121,8 +121,7 @@ fn values_equal_those_of_mitsuba() {
             let pair = k * pairs.len() / found.len();
             let tolerance = surface.tolerance(pairs[pair]);
             // The absolute term is for refraction at grazing angles, where f32 directions fix the Fresnel term to 1e-3 only.
-            // NaN fails.
-            if !(error <= tolerance * theirs.abs() + 3e-7) {
+            if error.is_nan() || error > tolerance * theirs.abs() + 3e-7 {
                 wrong.push(format!(
                     "{ours} instead of {theirs} ({:.1e}) for {} {:?}, number {k}, pair {pair}",
                     error / theirs.abs(),
