@@ -143,8 +143,9 @@ impl Scene {
         match target {
             None => Ray::new(origin, direction),
             Some(t) => {
-                // The light's surface is planar; its points carry the rounding error of an interpolated point.
-                let error = t.point.abs() * (4.0 * f32::EPSILON);
+                // The light's surface is planar; its points carry the rounding error of an interpolated point, and the
+                // end of the ray that of its direction, which on a way along the surface is what meets it too early.
+                let error = (t.point.abs() + t.point.distance(origin)) * (4.0 * f32::EPSILON);
                 let end = if t.normal == Vec3::ZERO {
                     t.point
                 } else {

@@ -1,0 +1,21 @@
+//! Hard cases: scenes at the edge of what numbers can hold, each against a value known from elsewhere.
+//!
+//! One file per family; each opens with what is hard, why it breaks others, and the value it must give. Every case asks
+//! for three things: no panic, no sample that is not finite or negative, and the closed form or limit within four standard
+//! errors, with a bound on the standard error stated in the case, so that a test cannot pass by being noisy.
+//!
+//! False alarms: a check fails only if three renders with independent seeds, the later ones with more samples, are *all*
+//! off by more than four standard errors. For 256 pixel means that has probability (9e-5)^3 < 1e-12, and the suite makes
+//! fewer than 1000 such checks: below 1e-9 in all, where 1e-7 is allowed. A true deviation fails all three the more surely,
+//! as the second and third look closer. Replay: `cargo test -p dunkelfeld --test hard_cases FAMILY::NAME`.
+
+#[path = "../support/mod.rs"]
+mod common;
+mod support;
+
+mod accumulation;
+mod grazing;
+mod invariance;
+mod light;
+mod shading;
+mod thin;
