@@ -14,7 +14,8 @@ use dunkelfeld::radiometry::Rgb;
 use dunkelfeld::scene::{Material, Scene, SceneBuilder};
 use dunkelfeld::sensor::Optics;
 use dunkelfeld::{
-    Budget, Cancel, RenderSettings, STATS_VERSION, SensorChoice, Silent, Stage, Stats, develop, find_sensor, render,
+    Budget, Cancel, HeavySample, RenderSettings, STATS_VERSION, SensorChoice, Silent, Stage, Stats, develop,
+    find_sensor, render,
 };
 use serde_json::Value;
 use std::collections::BTreeSet;
@@ -290,6 +291,8 @@ fn stats(settings: &RenderSettings) -> Value {
     }
     // A named sample shows the form of the list's entries.
     stats.invalid_named.push("1,2,3".into());
+    let heavy = HeavySample { sample: "1,2,3".into(), luminance: 2.0, share: 0.5, lift: 0.1, dominates: false };
+    stats.heaviest_samples.push(heavy);
     stats.finish(1.0);
     serde_json::from_str(&stats.to_json()).expect("JSON")
 }
@@ -315,6 +318,7 @@ fn fits(value: &Value, kind: &str) -> bool {
         "object" => value.is_object(),
         "object of numbers" => value.as_object().is_some_and(|o| o.values().all(Value::is_number)),
         "array of strings" => entries(Value::is_string),
+        "array of objects" => entries(Value::is_object),
         "array of 2 integers" => length(2) && entries(Value::is_u64),
         "array of 3 numbers" => length(3) && entries(Value::is_number),
         "array of 3 numbers or nulls" => length(3) && entries(|v| v.is_number() || v.is_null()),
@@ -336,8 +340,12 @@ fn the_statistics_page_names_every_field_with_its_type() {
     for section in sections(&text) {
         let part =
             |whole: &Value| if section.title == "Fields" { whole.clone() } else { whole[&section.title].clone() };
-        for whole in renders.iter().chain([&example]) {
-            let part = part(whole);
+        // Of a list of objects each one is described.
+        let objects = |whole: &Value| match part(whole) {
+            Value::Array(list) => list,
+            one => vec![one],
+        };
+        for part in renders.iter().chain([&example]).flat_map(objects) {
             let Some(fields) = part.as_object() else { continue };
             let documented: BTreeSet<&str> = section.rows.iter().filter_map(|row| literal(&row[0])).collect();
             let written: BTreeSet<&str> = fields.keys().map(String::as_str).collect();

@@ -129,7 +129,7 @@ fn every_place_of_a_long_row_is_where_it_should_be() {
         name: "row".into(),
         to_world: dunkelfeld::scene::look_at(DVec3::Z, DVec3::ZERO, DVec3::Y),
         projection: dunkelfeld::scene::Projection::Orthographic { half_width: 1.0, half_height: 1e-6 },
-        aspect: None,
+        ..dunkelfeld::scene::Camera::default()
     });
     let film = film(&build(b), &settings(16_384, 1, 4.0, 3));
     for (x, p) in film.mean().data().iter().enumerate() {

@@ -134,7 +134,8 @@ fn a_sun_in_a_dim_sky() {
     spot(&mut b, wo * 4.0, DVec3::ZERO, 1e-4);
     let bsdf = plastic_bsdf();
     let of_texel = |u: f64, v: f64| {
-        let (theta, phi) = (PI * (f64::from(j) + v) / f64::from(h), 2.0 * PI * ((f64::from(i) + u) / f64::from(w) - 0.5));
+        let (theta, phi) =
+            (PI * (f64::from(j) + v) / f64::from(h), 2.0 * PI * ((f64::from(i) + u) / f64::from(w) - 0.5));
         let wi = DVec3::new(theta.sin() * phi.sin(), theta.cos(), -theta.sin() * phi.cos());
         theta.sin() * f_cos(&bsdf, DVec3::Y, wo, wi)
     };
@@ -231,8 +232,7 @@ fn one_lamp_among_ten_thousand_dead_ones() {
     }
     b.add_object("on", square(0.3, 0.02, true), on);
     spot(&mut b, view() * 0.3, DVec3::ZERO, 1e-5);
-    let expected =
-        lit_by_panel(view(), DVec3::new(-0.01, -0.01, 0.3), DVec3::X * 0.02, DVec3::Y * 0.02, 50.0, 40);
+    let expected = lit_by_panel(view(), DVec3::new(-0.01, -0.01, 0.3), DVec3::X * 0.02, DVec3::Y * 0.02, 50.0, 40);
     gives(&build(b), expected, Terms { spp: 256.0, sure: 1e-2, rounding: 2e-5 }, "one lamp");
 }
 
@@ -242,7 +242,11 @@ fn a_point_light_on_the_very_surface() {
     let scene = |target: DVec3| {
         let mut b = floor(1.0);
         let kind = PunctualKind::Point { intensity: Rgb::WHITE };
-        b.lights.push(PunctualLight { name: "spark".into(), to_world: DAffine3::from_translation(DVec3::Z * 1e-6), kind });
+        b.lights.push(PunctualLight {
+            name: "spark".into(),
+            to_world: DAffine3::from_translation(DVec3::Z * 1e-6),
+            kind,
+        });
         spot(&mut b, target + view(), target, 1e-9);
         build(b)
     };

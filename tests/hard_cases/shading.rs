@@ -141,7 +141,13 @@ fn maps_on_mirrored_coordinates_tilt_the_other_way() {
 }
 
 /// An object placed by a transform, as itself or as an instance of a mesh too large to be copied.
-fn placed(material: Material, mut mesh: Mesh, to_world: DAffine3, instanced: bool, tilt: Option<DVec3>) -> SceneBuilder {
+fn placed(
+    material: Material,
+    mut mesh: Mesh,
+    to_world: DAffine3,
+    instanced: bool,
+    tilt: Option<DVec3>,
+) -> SceneBuilder {
     let mut b = floor_with(plastic(), tilt, |_| {});
     (b.instances, b.meshes) = (Vec::new(), Vec::new());
     let m = b.add_material(material);
@@ -153,7 +159,11 @@ fn placed(material: Material, mut mesh: Mesh, to_world: DAffine3, instanced: boo
             mesh.triangles.push([base, base + 1, base + 2]);
         }
         let n = mesh.positions.len();
-        let fill = |v: &mut Vec<Vec2>| if !v.is_empty() { v.resize(n, Vec2::ZERO) };
+        let fill = |v: &mut Vec<Vec2>| {
+            if !v.is_empty() {
+                v.resize(n, Vec2::ZERO)
+            }
+        };
         mesh.uvs.iter_mut().for_each(fill);
         if !mesh.normals.is_empty() {
             mesh.normals.resize(n, Vec3::Z);

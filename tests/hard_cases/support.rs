@@ -101,7 +101,7 @@ pub(crate) fn clear(ior: f32) -> Material {
 
 /// A smooth clear solid that leaves `color` of the light after `distance` \[m\].
 pub(crate) fn absorbing(ior: f32, color: f32, distance: f32) -> Material {
-    let volume = Volume { attenuation_color: Rgb::splat(color), attenuation_distance: distance };
+    let volume = Volume { attenuation_color: Rgb::splat(color), attenuation_distance: distance, ..Volume::default() };
     Material { ior, roughness: 0.0, transmission: 1.0, surface: Surface::Solid(volume), ..Material::default() }
 }
 
@@ -157,7 +157,7 @@ pub(crate) fn spot(b: &mut SceneBuilder, eye: DVec3, target: DVec3, half: f32) {
         name: "spot".into(),
         to_world: look_at(eye, target, DVec3::new(0.1, 1.0, 0.2)),
         projection: Projection::Orthographic { half_width: half, half_height: half },
-        aspect: None,
+        ..Camera::default()
     });
 }
 

@@ -200,7 +200,10 @@ fn a_plate_of_slivers_is_a_plate() {
     b.add_object("light", square(-0.05, 0.6, false), light);
     spot(&mut b, DVec3::new(0.1, 0.0, 0.3), DVec3::ZERO, 0.05);
     let (scene, report) = b.build().expect("the scene is valid");
-    assert!(!report.hazards().any(|h| h.message.contains("not closed") || h.message.contains("inside out")), "{report:?}");
+    assert!(
+        !report.hazards().any(|h| h.message.contains("not closed") || h.message.contains("inside out")),
+        "{report:?}"
+    );
     let expected = through_faces(2.0, fresnel((0.1f64 / 0.3).atan(), PMMA));
     gives(&scene, expected, terms(256.0, 2e-3), "a plate of slivers");
 }
@@ -255,8 +258,7 @@ fn a_million_to_one_in_size() {
         b.add_object("light", square(size, size, true), m);
         let s = f64::from(size);
         spot(&mut b, view() * (1e3 * s), DVec3::ZERO, 1e-3 * size);
-        let expected =
-            lit_by_panel(view(), DVec3::new(-0.5, -0.5, 1.0), DVec3::X, DVec3::Y, 5.0, 200);
+        let expected = lit_by_panel(view(), DVec3::new(-0.5, -0.5, 1.0), DVec3::X, DVec3::Y, 5.0, 200);
         // The eye stands a thousand panels away, where a coordinate is known to 6e-5 of the panel.
         gives(&build(b), expected, Terms { spp: 256.0, sure: 5e-3, rounding: 2e-4 }, &format!("a panel of {size} m"));
     }

@@ -141,7 +141,9 @@ impl<L: Lanes> ShearLanes<L> {
         if candidates == 0 {
             return None;
         }
-        let near = candidates & L::le(t, t_error);
+        // Of the ray's own end: what is nearer than the best hit so far need not be known better than that hit.
+        let ends = L::le(t, t_error) | L::le(L::sub(L::splat(ray.t_max), t_error), t);
+        let near = candidates & ends;
         let mut ts = L::store(t);
         if near != 0 {
             decide_near(packet, ray, near, &mut ts);
@@ -177,7 +179,7 @@ fn largest<L: Lanes>(a: L::F, b: L::F, c: L::F) -> L::F {
     L::max(L::max(L::abs(a), L::abs(b)), L::abs(c))
 }
 
-/// Distances within their own error of zero, again in f64.
+/// Distances within their own error of zero or of the ray's end, again in f64.
 #[inline(never)]
 fn decide_near(packet: &Packet, ray: &Ray, lanes: u32, t: &mut Eight) {
     let mut rest = lanes;

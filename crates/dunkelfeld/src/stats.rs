@@ -1,6 +1,7 @@
 //! What a render achieved, as data: the `--stats` file.
 
 use crate::develop::Frame;
+use crate::heavy::{HeavySample, heaviest};
 use crate::progress::Stage;
 use crate::render::Rendering;
 use crate::settings::{RenderSettings, SensorChoice};
@@ -42,6 +43,10 @@ pub struct Stats {
     pub invalid_samples: u64,
     /// The first of them as `x,y,sample`: what `--debug-sample` takes.
     pub invalid_named: Vec<String>,
+    /// The samples that lift their pixels furthest above what the others say, the worst first, at most 8.
+    pub heaviest_samples: Vec<HeavySample>,
+    /// Pixels that a single sample dominates: [`HeavySample::dominates`].
+    pub dominated_pixels: u64,
     /// Mean radiance of the image per channel.
     pub mean_radiance: [f64; 3],
     /// Standard error of that mean per channel; `null` where fewer than two batches of samples exist.
@@ -98,6 +103,7 @@ impl Stats {
             *seconds.entry(stage.name().to_string()).or_insert(0.0) += s;
         }
         let samples = film.total_samples();
+        let heavy = heaviest(film);
         Self {
             version: STATS_VERSION,
             program: format!("dunkelfeld {}", env!("CARGO_PKG_VERSION")),
@@ -121,6 +127,8 @@ impl Stats {
             samples_per_second: if rendering_seconds > 0.0 { samples as f64 / rendering_seconds } else { 0.0 },
             invalid_samples: film.invalid_samples(),
             invalid_named: rendering.invalid.iter().map(|s| format!("{},{},{}", s.x, s.y, s.index)).collect(),
+            heaviest_samples: heavy.samples,
+            dominated_pixels: heavy.dominated,
             mean_radiance: sum.map(|s| s / n),
             mean_radiance_standard_error: variance.map(|v| v.is_finite().then(|| v.sqrt() / n)),
             seconds,

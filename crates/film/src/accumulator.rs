@@ -111,8 +111,9 @@ pub struct PixelSums {
     pub hits: u32,
     /// Samples that were not finite, negative or out of range; they count, with radiance zero.
     pub invalid: u32,
-    /// Bit pattern of the largest luminance of a single sample (order of bits = order of non-negative floats).
-    pub max_luminance_bits: u32,
+    /// The sample with the largest luminance, as one number whose order is theirs: the bit pattern of the luminance (order of
+    /// bits = order of non-negative floats), then the complement of the index, so that of equal ones the first counts.
+    pub heaviest_key: u64,
 }
 
 /// Things that samples can be added to.
@@ -128,7 +129,7 @@ impl Accumulate for PixelSums {
         self.counts[batch] += 1;
         if sample.is_valid() {
             self.batches[batch].add(sample.radiance);
-            self.max_luminance_bits = self.max_luminance_bits.max(sample.radiance.luminance().to_bits());
+            self.heaviest_key = self.heaviest_key.max(heaviest_key(index, sample.radiance.luminance()));
         } else {
             self.invalid += 1;
         }
@@ -144,6 +145,12 @@ impl Accumulate for PixelSums {
             self.depth = self.depth.saturating_add((f64::from(depth) * f64::from(DEPTH_BITS).exp2()) as i64);
         }
     }
+}
+
+/// See [`PixelSums::heaviest_key`].
+#[inline]
+fn heaviest_key(index: u32, luminance: f32) -> u64 {
+    u64::from(luminance.to_bits()) << 32 | u64::from(!index)
 }
 
 /// `v * 2^32`, clamped to [-1, 1]: auxiliary layers are not measurements.
@@ -166,7 +173,7 @@ impl PixelSums {
         self.depth = self.depth.saturating_add(other.depth);
         self.hits += other.hits;
         self.invalid += other.invalid;
-        self.max_luminance_bits = self.max_luminance_bits.max(other.max_luminance_bits);
+        self.heaviest_key = self.heaviest_key.max(other.heaviest_key);
     }
 
     /// Number of samples.
@@ -209,7 +216,14 @@ impl PixelSums {
 
     /// The largest luminance of a single sample [W/(m^2 sr)].
     pub fn max_luminance(&self) -> f32 {
-        f32::from_bits(self.max_luminance_bits)
+        f32::from_bits((self.heaviest_key >> 32) as u32)
+    }
+
+    /// The sample with the largest luminance: its index and its luminance [W/(m^2 sr)], the first of equal ones. `None` while
+    /// the pixel is black. Which one it is does not depend on the order in which samples were added or sums merged.
+    pub fn heaviest(&self) -> Option<(u32, f32)> {
+        let luminance = self.max_luminance();
+        (luminance > 0.0).then_some((!(self.heaviest_key as u32), luminance))
     }
 
     /// Mean albedo over all samples, those that met nothing counting as zero.
@@ -288,6 +302,26 @@ mod tests {
         for (v, e) in p.variance_of_mean().into_iter().zip(expected) {
             assert!(v <= 1e-30 * e * e, "variance {v}");
         }
+    }
+
+    #[test]
+    fn the_heaviest_sample_is_the_same_in_any_order() {
+        let values = [0.5, 3.0, 7.0, 1.0, 7.0, 0.0];
+        let of = |indices: &[u32]| {
+            let mut p = PixelSums::default();
+            indices.iter().for_each(|&i| p.add(i, &sample(Rgb::splat(values[i as usize]))));
+            p
+        };
+        let luminance = Rgb::splat(7.0).luminance();
+        for split in 0..6 {
+            let (mut a, b) = (of(&[5, 4, 3, 2, 1, 0][..split]), of(&[5, 4, 3, 2, 1, 0][split..]));
+            a.merge(&b);
+            assert_eq!(a.heaviest(), Some((2, luminance)), "split at {split}");
+        }
+        assert_eq!(of(&[5]).heaviest(), None, "a black pixel has none");
+        let mut invalid = of(&[0]);
+        invalid.add(9, &sample(Rgb::splat(f32::INFINITY)));
+        assert_eq!(invalid.heaviest(), Some((0, Rgb::splat(0.5).luminance())), "an invalid sample weighs nothing");
     }
 
     #[test]

@@ -7,7 +7,8 @@
 //!
 //! How far away the hit lies is the other half. In f32, `t` near zero may be rounding; Pharr, Jakob & Humphreys (2016,
 //! section 3.9.6) reject hits below their error bound, at the price of real surfaces a few micrometres away. Here, such
-//! a hit is decided in f64, so that a film of a micrometre is seen and the surface just left is not.
+//! a hit is decided in f64, so that a film of a micrometre is seen and the surface just left is not. So is a hit near the
+//! end of a ray: a shadow ray that ends just before a light it runs along must not meet that light.
 
 use glam::{DVec3, Vec3};
 
@@ -84,7 +85,7 @@ pub fn edge_functions_f64(x: [f32; 3], y: [f32; 3]) -> [f32; 3] {
 
 /// The parameter at which a ray crosses a triangle's plane, in f64; zero where even f64 cannot tell the side.
 ///
-/// Called when `|t|` lies within the error bound of the f32 result. With e1, e2 the edges and a = v0 - o,
+/// Called when `t` lies within the error bound of the f32 result from either end of the ray. With e1, e2 the edges and a = v0 - o,
 /// `t = (e1 x e2 . a) / (e1 x e2 . d)`; differences of f32 and their triple product carry a relative error below 8 units
 /// of roundoff of the sum of absolute terms.
 #[inline]
@@ -144,7 +145,7 @@ pub fn intersect_triangle(shear: &RayShear, ray: &Ray, corners: &[Vec3; 3]) -> O
     if !(t >= -t_error && t < ray.t_max) {
         return None;
     }
-    let t = if t <= t_error { plane_distance_f64(ray, corners) } else { t };
+    let t = if t <= t_error || t >= ray.t_max - t_error { plane_distance_f64(ray, corners) } else { t };
     (t > 0.0 && t < ray.t_max).then_some(TriangleHit { t, b1: e[1] * inv_det, b2: e[2] * inv_det })
 }
 

@@ -148,6 +148,7 @@ impl SceneBuilder {
             has_nesting: solids.has_nesting,
             features,
         };
+        crate::hazards::look(&scene, &mut report);
         Ok((scene, report))
     }
 
@@ -162,6 +163,9 @@ impl SceneBuilder {
             let repairs = clean(&mut part.mesh);
             if repairs.total() > 0 {
                 report.note(&place, describe(&repairs));
+            }
+            if let Some(message) = crate::hazards::lost_digits(&part.mesh) {
+                report.hazard(&place, message);
             }
             let material = &self.materials[part.material];
             if material.transmission > 0.0 && material.metallic >= 1.0 && material.metallic_texture.is_none() {

@@ -15,6 +15,7 @@ pub mod distortion;
 mod environment;
 mod facet;
 pub mod features;
+mod hazards;
 pub mod interior;
 pub mod intersect;
 mod inventory;

@@ -82,8 +82,10 @@ impl Shape {
         let shear = RayShear::new(ray);
         let mut best: Option<(u32, TriangleHit)> = None;
         for i in 0..self.triangles.len() as u32 {
-            let limit = Ray { t_max: best.map_or(ray.t_max, |(_, h)| h.t), ..*ray };
-            if let Some(hit) = intersect_triangle(&shear, &limit, &self.corners(i)) {
+            // With the ray's own end: a hit near to that is decided more sharply than one near to another hit.
+            if let Some(hit) = intersect_triangle(&shear, ray, &self.corners(i))
+                && best.is_none_or(|(_, nearest)| hit.t < nearest.t)
+            {
                 best = Some((i, hit));
             }
         }

@@ -19,6 +19,14 @@ pub(super) fn print_report(args: &RenderArgs, project: &Project, result: &Projec
             say(&format!("  to replay one: {}", replay_command(args, s, named)));
         }
     }
+    if let Some(heavy) = s.heaviest_samples.first().filter(|h| h.dominates) {
+        let (share, n) = (100.0 * heavy.share, s.dominated_pixels);
+        let pixels = if n == 1 { "1 pixel is".into() } else { format!("{n} pixels are") };
+        say(&format!(
+            "warning: {pixels} dominated by a single sample; the heaviest makes up {share:.0} % of its pixel, to replay it: {}",
+            replay_command(args, s, &heavy.sample)
+        ));
+    }
     if s.budget_missed {
         let limit = s.budget_seconds.unwrap_or(0.0);
         let (over, all) = (seconds(s.total_seconds - limit), seconds(s.total_seconds));

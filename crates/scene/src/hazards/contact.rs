@@ -1,0 +1,156 @@
+//! Faces of different objects that lie in one plane, or so near to each other that rounding decides.
+
+use super::{corners, meters, place, push};
+use crate::report::BuildReport;
+use crate::scene::{Part, Scene};
+use dunkelfeld_geometry::{Vec3, geometric_normal};
+use std::collections::HashMap;
+
+/// Faces within so many steps of the scene's coordinates lie in each other.
+const SAME: f32 = 4.0;
+/// A gap below so many steps is one that rounding moves by percents.
+const NARROW: f32 = 64.0;
+/// Normals count as one direction if they agree to one in so many.
+const DIRECTIONS: f32 = 1e4;
+/// At most so many triangles are looked at, and so many planes are kept: enough for what people place by hand.
+const MOST_TRIANGLES: usize = 4_000_000;
+const MOST_PLANES: usize = 400_000;
+
+/// A plane up to its side, in steps of direction and of distance.
+type PlaneKey = [i32; 4];
+
+/// What of one part lies in one plane.
+struct Face {
+    part: usize,
+    /// Does it face along the plane's normal?
+    along: bool,
+    offset: f32,
+    /// Lowest and highest coordinates along two axes in the plane.
+    low: [f32; 2],
+    high: [f32; 2],
+}
+
+pub(super) fn look(scene: &Scene, report: &mut BuildReport) {
+    let step = scene.radius.next_up() - scene.radius;
+    if !(step > 0.0 && step.is_finite()) {
+        return;
+    }
+    let mut planes: HashMap<PlaneKey, Vec<Face>> = HashMap::new();
+    let mut looked_at = 0;
+    for (index, part) in scene.parts.iter().enumerate() {
+        looked_at += scene.meshes[part.mesh as usize].triangles.len();
+        if looked_at > MOST_TRIANGLES {
+            break;
+        }
+        for triangle in corners(scene, part) {
+            if planes.len() < MOST_PLANES {
+                add(&mut planes, index, triangle, NARROW * step);
+            }
+        }
+    }
+    let mut found: HashMap<(usize, usize), String> = HashMap::new();
+    let mut order = Vec::new();
+    for faces in planes.values().filter(|f| f.len() > 1) {
+        for (i, a) in faces.iter().enumerate() {
+            for b in &faces[i + 1..] {
+                let gap = (a.offset - b.offset).abs();
+                if !overlap(a, b, SAME * step) || gap > NARROW * step {
+                    continue;
+                }
+                let pair = (a.part.min(b.part), a.part.max(b.part));
+                if found.contains_key(&pair) {
+                    continue;
+                }
+                if let Some(message) = judge(scene, a, b, gap, step) {
+                    found.insert(pair, message);
+                    order.push(pair);
+                }
+            }
+        }
+    }
+    order.sort_unstable();
+    let finding = |pair| found.remove(&pair).map(|m| (place(scene, &scene.parts[pair.0]), m));
+    push(report, order.into_iter().filter_map(finding).collect());
+}
+
+/// Enters a triangle under its plane, and under the next one, so that two planes that are near are met under one key.
+fn add(planes: &mut HashMap<PlaneKey, Vec<Face>>, part: usize, triangle: [Vec3; 3], width: f32) {
+    let n = geometric_normal(&triangle);
+    if n == Vec3::ZERO {
+        return;
+    }
+    // A plane has two normals; the one whose first component that is not small is positive stands for both.
+    let leading = [n.x, n.y, n.z].into_iter().find(|c| c.abs() > 0.01).unwrap_or(1.0);
+    let along = leading > 0.0;
+    let m = if along { n } else { -n };
+    let offset = (m.as_dvec3().dot(triangle[0].as_dvec3())) as f32;
+    let axis = m.any_orthonormal_vector();
+    let (u, v) = (axis, m.cross(axis));
+    let flat = triangle.map(|p| [p.dot(u), p.dot(v)]);
+    let bound = |f: fn(f32, f32) -> f32, k: usize| f(f(flat[0][k], flat[1][k]), flat[2][k]);
+    let (low, high) = ([bound(f32::min, 0), bound(f32::min, 1)], [bound(f32::max, 0), bound(f32::max, 1)]);
+    let direction = (m * DIRECTIONS).round();
+    // Cells are two gaps wide and lie at every gap: whatever is within a gap shares one.
+    let cell = (offset / width).floor();
+    for shift in [0.0, 1.0] {
+        let key = [direction.x as i32, direction.y as i32, direction.z as i32, (cell + shift) as i32];
+        let faces = planes.entry(key).or_default();
+        let same = |f: &&mut Face| f.part == part && f.along == along && (f.offset - offset).abs() < 1e-3 * width;
+        match faces.iter_mut().find(same) {
+            Some(face) => {
+                for k in 0..2 {
+                    (face.low[k], face.high[k]) = (face.low[k].min(low[k]), face.high[k].max(high[k]));
+                }
+            }
+            None => faces.push(Face { part, along, offset, low, high }),
+        }
+    }
+}
+
+/// Do the boxes around two faces share an area?
+fn overlap(a: &Face, b: &Face, least: f32) -> bool {
+    (0..2).all(|k| a.high[k].min(b.high[k]) - a.low[k].max(b.low[k]) > least)
+}
+
+/// What two faces that lie in each other mean, if it is worth a word.
+fn judge(scene: &Scene, a: &Face, b: &Face, gap: f32, step: f32) -> Option<String> {
+    let parts = [&scene.parts[a.part], &scene.parts[b.part]];
+    let [pa, pb] = parts;
+    if pa.object == pb.object && pa.material == pb.material {
+        return None;
+    }
+    let is = |f: &dyn Fn(&Part) -> bool| parts.map(f);
+    let solid = is(&|p| scene.compiled[p.material as usize].is_solid);
+    let emits = is(&|p| scene.compiled[p.material as usize].emits);
+    // The finding stands under the first of the two.
+    let other = place(scene, &scene.parts[a.part.max(b.part)]);
+    if gap > SAME * step {
+        // A narrow gap matters where light goes through it.
+        return (solid[0] || solid[1]).then(|| {
+            format!(
+                "has a face {} from one of {other}, where coordinates go in steps of {}: the gap is known to {:.0} %; make it wider, or let the faces coincide",
+                meters(gap), meters(step), 100.0 * step / gap
+            )
+        });
+    }
+    match (solid, emits) {
+        // Solids that touch are one interface.
+        ([true, true], _) => None,
+        ([true, false] | [false, true], _) => Some(format!(
+            "touches {other}, and one of them is a clear solid: light passes between them as if they were glued; leave a gap of some {} if there is air between them",
+            meters(200.0 * step)
+        )),
+        (_, [true, true]) => Some(format!(
+            "and {other} both shine from the same place: light sampling counts both, the camera sees one; delete one of them"
+        )),
+        (_, [true, false] | [false, true]) => Some(format!(
+            "lies in a face of {other}, and one of them shines: which of the two is seen is decided by rounding; move the emitter off the surface"
+        )),
+        // Opposite faces in contact hide each other; faces on the same side fight over who is seen.
+        _ if a.along == b.along => Some(format!(
+            "lies in a face of {other}: which of the two is seen is decided by rounding; delete one of them or move them apart by more than {}",
+            meters(SAME * step)
+        )),
+        _ => None,
+    }
+}
