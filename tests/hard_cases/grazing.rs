@@ -35,7 +35,7 @@ fn smooth_pmma_near_the_horizon() {
             two_halves(&mut b, above, below);
             spot(&mut b, 0.4 * DVec3::new(angle.sin(), angle.cos(), 0.0), DVec3::ZERO, 1e-5);
             // A direction is known to 6e-8 rad; the cosine 1.7e-3 at 89.9 degrees, and with it 1 - R, to 3e-5.
-            let sure = 3.0 * ((1.0 - expected).max(1e-3) / expected / (256.0 * 256.0)).sqrt();
+            let sure = 3.0 * ((1.0 - expected).max(0.01) / expected / (256.0 * 256.0)).sqrt();
             let what = format!("sky {above}, ground {below}, at {degrees} degrees");
             gives(&build(b), expected, Terms { spp: 256.0, sure, rounding: 5e-5 }, &what);
         }
