@@ -351,6 +351,28 @@ fn camera_at_origin() -> dunkelfeld::scene::Camera {
 }
 
 #[test]
+fn a_translucent_sheet_passes_its_share() {
+    // Black in reflection: of the light on its back it passes share times colour, after Lambert. A point lamp behind the sheet,
+    // at distance d under what is seen: E = I / d^2, L = share colour E / pi. In a uniform sky of 1: share times colour.
+    let paper = Material { diffuse_transmission: 0.6, diffuse_transmission_color: Rgb::splat(0.5), ..black() };
+    let mut b = SceneBuilder::default();
+    let m = b.add_material(paper.clone());
+    b.add_object("sheet", square(0.0, 1.0, false), m);
+    let kind = PunctualKind::Point { intensity: Rgb::splat(2.0) };
+    let below = DAffine3::from_translation(DVec3::new(0.0, 0.0, -0.5));
+    b.lights.push(PunctualLight { name: "lamp".into(), to_world: below, kind });
+    spot_camera(&mut b, DVec3::new(0.5, 0.2, 1.0), DVec3::ZERO, 1e-4);
+    let lit = channel_moments(&build(b), 4.0, 1).mean();
+    assert!((lit / (0.3 * 2.0 / 0.25 / PI) - 1.0).abs() < 1e-4, "{lit}");
+    let mut b = SceneBuilder::default();
+    let m = b.add_material(paper);
+    b.add_object("sheet", square(0.0, 1.0, false), m);
+    b.environment = constant_sky(1.0);
+    spot_camera(&mut b, DVec3::new(0.5, 0.2, 1.0), DVec3::ZERO, 0.1);
+    check(b, 64.0, 0.3, "uniform sky");
+}
+
+#[test]
 fn a_trace_names_vertices_in_media_and_adds_up() {
     let mut b = SceneBuilder::default();
     let fog =

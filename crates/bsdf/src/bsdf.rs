@@ -1,6 +1,6 @@
 //! The closed set of surface models behind one interface.
 
-use crate::{Dielectric, Principled, ThinSheet};
+use crate::{Dielectric, Principled, ThinSheet, Translucent};
 use dunkelfeld_geometry::LocalDir;
 use dunkelfeld_radiometry::Rgb;
 use std::ops::BitOr;
@@ -14,6 +14,8 @@ pub enum Bsdf {
     Dielectric(Dielectric),
     /// A clear sheet too thin to displace a ray.
     ThinSheet(ThinSheet),
+    /// Paper, leaves, milk glass: light passes diffusely.
+    Translucent(Translucent),
     /// Takes all light in.
     Absorber,
 }
@@ -88,6 +90,7 @@ impl Bsdf {
             Self::Principled(b) => b.eval_pdf(wo, wi),
             Self::Dielectric(b) => b.eval_pdf(wo, wi),
             Self::ThinSheet(b) => b.eval_pdf(wo, wi),
+            Self::Translucent(b) => b.eval_pdf(wo, wi),
             Self::Absorber => (Rgb::BLACK, 0.0),
         }
     }
@@ -101,6 +104,7 @@ impl Bsdf {
             Self::Principled(b) => b.sample(wo, u_lobe, u),
             Self::Dielectric(b) => b.sample(wo, u_lobe, u),
             Self::ThinSheet(b) => b.sample(wo, u_lobe, u),
+            Self::Translucent(b) => b.sample(wo, u_lobe, u),
             Self::Absorber => None,
         }
     }
@@ -114,6 +118,7 @@ impl Bsdf {
             Self::Principled(b) => Self::Principled(b.with_energy_compensation()),
             Self::Dielectric(b) => Self::Dielectric(b.with_energy_compensation()),
             Self::ThinSheet(b) => Self::ThinSheet(b.with_energy_compensation()),
+            Self::Translucent(b) => Self::Translucent(b.with_energy_compensation()),
             Self::Absorber => Self::Absorber,
         }
     }
@@ -122,7 +127,7 @@ impl Bsdf {
     #[inline]
     pub fn is_delta(&self) -> bool {
         match self {
-            Self::Principled(_) => false,
+            Self::Principled(_) | Self::Translucent(_) => false,
             Self::Dielectric(b) => b.is_delta(),
             Self::ThinSheet(b) => b.is_delta(),
             Self::Absorber => true,
@@ -138,6 +143,7 @@ impl Bsdf {
             Self::Principled(b) => b.albedo(wo),
             Self::Dielectric(b) => b.albedo(wo),
             Self::ThinSheet(b) => b.albedo(wo),
+            Self::Translucent(b) => b.albedo(wo),
             Self::Absorber => Rgb::BLACK,
         }
     }

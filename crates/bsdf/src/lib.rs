@@ -24,6 +24,7 @@ pub mod principled;
 pub mod sheen;
 pub mod specular;
 pub mod thin;
+pub mod translucent;
 pub mod transmission;
 
 pub use bsdf::{Bsdf, BsdfSample, Lobe};
@@ -31,3 +32,4 @@ pub use dielectric::Dielectric;
 pub use phase::HenyeyGreenstein;
 pub use principled::{Principled, PrincipledParams};
 pub use thin::ThinSheet;
+pub use translucent::Translucent;

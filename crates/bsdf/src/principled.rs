@@ -155,6 +155,14 @@ impl Principled {
         Self { compensated: true, ..self }
     }
 
+    /// The same surface with its diffuse lobe scaled by a factor in `[0, 1]`.
+    #[inline]
+    pub(crate) fn with_less_diffuse(self, factor: f32) -> Self {
+        let diffuse_color = self.diffuse_color * factor;
+        let diffuse_luminance = diffuse_color.luminance() + 0.25 * self.sheen_color.luminance();
+        Self { diffuse_color, diffuse_luminance, ..self }
+    }
+
     /// See [`crate::Bsdf::eval_pdf`].
     #[inline]
     pub fn eval_pdf(&self, wo: LocalDir, wi: LocalDir) -> (Rgb, f32) {

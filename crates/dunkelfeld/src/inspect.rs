@@ -165,13 +165,18 @@ fn describe(m: &dunkelfeld_scene::Material) -> String {
         let textured = |t: bool| if t { ", textured" } else { "" };
         let body = match (transmits, m.surface) {
             (true, Surface::Solid(v)) => {
-                let absorbs =
-                    v.attenuation_distance.is_finite() && v.attenuation_color != dunkelfeld_radiometry::Rgb::WHITE;
-                let absorbs = if absorbs { ", absorbing" } else { "" };
-                format!("clear solid, ior {}{absorbs}", m.ior)
+                let medium = dunkelfeld_scene::Medium::new(&v);
+                let inside = match (medium.absorption.is_black(), medium.scatters()) {
+                    (true, false) => "",
+                    (false, false) => ", absorbing",
+                    (true, true) => ", scattering",
+                    (false, true) => ", absorbing and scattering",
+                };
+                format!("clear solid, ior {}{inside}", m.ior)
             }
             (true, Surface::Thin) => format!("thin sheet, ior {}", m.ior),
             _ if m.metallic >= 1.0 => "metal".into(),
+            _ if m.diffuse_transmission > 0.0 => "translucent".into(),
             _ if m.metallic > 0.0 => "partly metal".into(),
             _ => "dielectric".into(),
         };

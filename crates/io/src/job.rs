@@ -340,6 +340,12 @@ pub struct MaterialOverride {
     /// Share of the non-metallic light that passes through, 0 to 1.
     #[serde(default, deserialize_with = "check::unit")]
     pub transmission: Option<f32>,
+    /// Share of the diffuse light that comes out on the other side, 0 to 1.
+    #[serde(default, deserialize_with = "check::unit")]
+    pub diffuse_transmission: Option<f32>,
+    /// Colour of that light.
+    #[serde(default, deserialize_with = "check::color")]
+    pub diffuse_transmission_color: Option<Rgb>,
     /// `true`: the closed boundary of a solid that refracts, absorbs and scatters; `false`: a thin sheet.
     pub solid: Option<bool>,
     /// Where solids touch or overlap the highest priority counts; of equal ones the smaller solid. Default 0.

@@ -80,7 +80,7 @@ pub(crate) fn check_values(builder: &SceneBuilder) -> Result<(), BuildError> {
 fn check_material(m: &Material) -> Result<(), BuildError> {
     let place = || format!("material \"{}\"", m.name);
     require(is_radiance(m.emission), place, "the emission must be finite and not negative")?;
-    let colors = [m.base_color, m.specular_color, m.sheen_color];
+    let colors = [m.base_color, m.specular_color, m.sheen_color, m.diffuse_transmission_color];
     require(colors.iter().all(|c| c.is_finite()), place, "colours must be finite")?;
     require(!m.unlit || is_radiance(m.base_color), place, "an unlit colour must not be negative")?;
     require(m.ior.is_finite() && m.ior > 0.0, place, "the index of refraction must be finite and above 0")?;
@@ -91,6 +91,7 @@ fn check_material(m: &Material) -> Result<(), BuildError> {
         m.normal_scale,
         m.specular,
         m.transmission,
+        m.diffuse_transmission,
         m.clearcoat,
         m.clearcoat_roughness,
         m.sheen_roughness,

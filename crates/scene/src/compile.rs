@@ -175,7 +175,8 @@ impl SceneBuilder {
                 );
                 continue;
             }
-            if !matches!(material.surface, Surface::Solid(_)) || material.transmission <= 0.0 {
+            let passes = material.transmission > 0.0 || material.diffuse_transmission > 0.0;
+            if !matches!(material.surface, Surface::Solid(_)) || !passes {
                 continue;
             }
             let health = MeshHealth::of(&part.mesh);

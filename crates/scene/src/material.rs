@@ -128,6 +128,14 @@ pub struct Material {
     pub transmission: f32,
     /// Multiplies `transmission`.
     pub transmission_texture: Option<ChannelTexture>,
+    /// Share of the diffuse light that comes out on the other side (KHR_materials_diffuse_transmission).
+    pub diffuse_transmission: f32,
+    /// Multiplies `diffuse_transmission`.
+    pub diffuse_transmission_texture: Option<ChannelTexture>,
+    /// Colour of that light.
+    pub diffuse_transmission_color: Rgb,
+    /// Multiplies `diffuse_transmission_color`.
+    pub diffuse_transmission_color_texture: Option<Texture>,
     /// Thin sheet or boundary of a solid.
     pub surface: Surface,
     /// Strength of a clear coat.
@@ -164,6 +172,7 @@ impl Material {
             &self.specular_color_texture,
             &self.sheen_color_texture,
             &self.anisotropy_texture,
+            &self.diffuse_transmission_color_texture,
         ];
         let channels = [
             &self.alpha_texture,
@@ -171,6 +180,7 @@ impl Material {
             &self.roughness_texture,
             &self.specular_texture,
             &self.transmission_texture,
+            &self.diffuse_transmission_texture,
             &self.clearcoat_texture,
             &self.clearcoat_roughness_texture,
         ];
@@ -207,6 +217,10 @@ impl Default for Material {
             specular_color_texture: None,
             transmission: 0.0,
             transmission_texture: None,
+            diffuse_transmission: 0.0,
+            diffuse_transmission_texture: None,
+            diffuse_transmission_color: Rgb::WHITE,
+            diffuse_transmission_color_texture: None,
             surface: Surface::Thin,
             clearcoat: 0.0,
             clearcoat_texture: None,

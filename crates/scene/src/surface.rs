@@ -7,6 +7,7 @@
 //! | `transmission` 1, metallic 0, thin | thin sheet, tinted by the base colour |
 //! | `transmission` t, solid | principled with `spec_trans` = t |
 //! | `transmission` t, thin | thin sheet with probability t (1 - metallic), else principled |
+//! | `diffuse_transmission` d, `transmission` 0 or the rest of a thin sheet | translucent: principled, with the share d of its diffuse light passed on |
 //! | everything else | principled |
 //!
 //! `docs/materials.md` has the same table for users, and where each parameter comes from.
@@ -15,7 +16,7 @@ use crate::features::FeatureSet;
 use crate::material::{AlphaMode, ChannelTexture, Material, Surface};
 use crate::medium::Medium;
 use crate::texture::{Image, Texture};
-use dunkelfeld_bsdf::{Bsdf, Dielectric, Principled, PrincipledParams, ThinSheet};
+use dunkelfeld_bsdf::{Bsdf, Dielectric, Principled, PrincipledParams, ThinSheet, Translucent};
 use dunkelfeld_geometry::{Vec2, Vec4};
 use dunkelfeld_radiometry::Rgb;
 use std::borrow::Cow;
@@ -88,19 +89,27 @@ impl CompiledMaterial {
     pub(crate) fn new(m: &Material, is_painted: bool, energy_compensation: bool) -> Self {
         // A metallic texture may take the metal away (glTF's default factor is 1).
         let transmits = m.transmission > 0.0 && (m.metallic < 1.0 || m.metallic_texture.is_some());
-        let is_solid = matches!(m.surface, Surface::Solid(_)) && transmits;
+        let diffuses = m.diffuse_transmission > 0.0 && (m.metallic < 1.0 || m.metallic_texture.is_some());
+        let is_solid = matches!(m.surface, Surface::Solid(_)) && (transmits || diffuses);
         let absorption = match &m.surface {
             Surface::Solid(v) if is_solid => Medium::new(v).absorption,
             _ => Rgb::BLACK,
         };
-        let textured = [m.base_color_texture, m.specular_color_texture, m.sheen_color_texture, m.anisotropy_texture]
-            .iter()
-            .any(Option::is_some)
+        let textured = [
+            m.base_color_texture,
+            m.specular_color_texture,
+            m.sheen_color_texture,
+            m.anisotropy_texture,
+            m.diffuse_transmission_color_texture,
+        ]
+        .iter()
+        .any(Option::is_some)
             || [
                 m.metallic_texture,
                 m.roughness_texture,
                 m.specular_texture,
                 m.transmission_texture,
+                m.diffuse_transmission_texture,
                 m.clearcoat_texture,
                 m.clearcoat_roughness_texture,
             ]
@@ -117,7 +126,7 @@ impl CompiledMaterial {
         let fades = is_painted || m.alpha_texture.is_some() || m.base_color_texture.is_some();
         let constant_coverage = (!fades).then(|| coverage(m, &[], &TexturePoint::ANYWHERE));
         let needs_tangent = m.normal_texture.is_some() || m.anisotropy != 0.0;
-        let is_mixture = transmits && !is_solid;
+        let is_mixture = transmits && matches!(m.surface, Surface::Thin);
         let sharp = m.roughness < SMOOTH_ROUGHNESS || m.roughness_texture.is_some();
         let is_smooth_clear = transmits && sharp && (!is_solid || m.transmission >= 1.0);
         let is_clear = is_solid && m.transmission >= 1.0 && m.metallic <= 0.0 && !has_coverage && !emits;
@@ -132,7 +141,7 @@ impl CompiledMaterial {
             is_solid,
             is_smooth_clear,
             is_mixture,
-            both_sides: transmits,
+            both_sides: transmits || diffuses,
             has_coverage,
             constant_coverage,
             varies,
@@ -276,8 +285,9 @@ fn scatter(m: &Material, eta: f32, images: &[Image], at: &TexturePoint) -> Const
     let sheen_color = color(m.sheen_color, &m.sheen_color_texture, images, at);
     let clearcoat = channel(m.clearcoat, &m.clearcoat_texture, images, at);
     let coat_roughness = channel(m.clearcoat_roughness, &m.clearcoat_roughness_texture, images, at);
+    let passed = channel(m.diffuse_transmission, &m.diffuse_transmission_texture, images, at).clamp(0.0, 1.0);
     let principled = |metallic: f32, spec_trans: f32| {
-        Bsdf::Principled(Principled::new(&PrincipledParams {
+        let surface = Principled::new(&PrincipledParams {
             base_color: base,
             metallic,
             roughness,
@@ -294,7 +304,13 @@ fn scatter(m: &Material, eta: f32, images: &[Image], at: &TexturePoint) -> Const
             clearcoat: 4.0 * clearcoat,
             // Burley's coat has GGX-like alpha from 0.1 (satin) to 0.001 (gloss).
             clearcoat_gloss: ((0.1 - coat_roughness * coat_roughness) / 0.099).clamp(0.0, 1.0),
-        }))
+        });
+        if passed > 0.0 && spec_trans <= 0.0 {
+            let tint = color(m.diffuse_transmission_color, &m.diffuse_transmission_color_texture, images, at);
+            Bsdf::Translucent(Translucent::new(surface, passed, tint * (passed * (1.0 - metallic))))
+        } else {
+            Bsdf::Principled(surface)
+        }
     };
     if solid {
         return Constant::One(principled(metallic, transmission));

@@ -88,6 +88,16 @@ fn dielectric(extensions: &schema::MaterialExtensions, m: &mut Material, r: &mut
             m.transmission_texture = r.channel(e.transmission_texture.as_ref(), 0);
         }
     }
+    if let Some(e) = &extensions.diffuse_transmission {
+        m.diffuse_transmission = r.unit("diffuseTransmissionFactor", e.diffuse_transmission_factor, 0.0);
+        if m.diffuse_transmission > 0.0 {
+            m.diffuse_transmission_texture = r.channel(e.diffuse_transmission_texture.as_ref(), 3);
+            let color = e.diffuse_transmission_color_factor;
+            m.diffuse_transmission_color = r.color("diffuseTransmissionColorFactor", color, 1.0, 1.0);
+            let texture = e.diffuse_transmission_color_texture.as_ref();
+            m.diffuse_transmission_color_texture = r.texture(texture, ColorEncoding::Srgb);
+        }
+    }
     if let Some(e) = &extensions.volume {
         let thickness = r.within("thicknessFactor", e.thickness_factor, 0.0, 0.0, f32::MAX);
         let mut distance = e.attenuation_distance.map_or(f32::INFINITY, |d| d as f32);
@@ -97,7 +107,7 @@ fn dielectric(extensions: &schema::MaterialExtensions, m: &mut Material, r: &mut
         }
         // A channel of exactly 0 would be absorbed at once, whatever the distance.
         let color = r.color("attenuationColor", e.attenuation_color, 1.0, 1.0).map(|c| c.max(1e-6));
-        if thickness > 0.0 && m.transmission > 0.0 {
+        if thickness > 0.0 && (m.transmission > 0.0 || m.diffuse_transmission > 0.0) {
             let volume = Volume { attenuation_color: color, attenuation_distance: distance, ..Volume::default() };
             m.surface = Surface::Solid(scattering(extensions, volume, r));
         }
@@ -169,6 +179,7 @@ pub(super) fn textures(m: &Material) -> impl Iterator<Item = &Texture> {
         &m.specular_color_texture,
         &m.sheen_color_texture,
         &m.anisotropy_texture,
+        &m.diffuse_transmission_color_texture,
     ];
     let channels = [
         &m.alpha_texture,
@@ -176,6 +187,7 @@ pub(super) fn textures(m: &Material) -> impl Iterator<Item = &Texture> {
         &m.roughness_texture,
         &m.specular_texture,
         &m.transmission_texture,
+        &m.diffuse_transmission_texture,
         &m.clearcoat_texture,
         &m.clearcoat_roughness_texture,
     ];

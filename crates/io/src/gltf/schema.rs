@@ -278,6 +278,8 @@ schema! {
         anisotropy: Option<Anisotropy>,
         #[serde(rename = "KHR_materials_clearcoat")]
         clearcoat: Option<Clearcoat>,
+        #[serde(rename = "KHR_materials_diffuse_transmission")]
+        diffuse_transmission: Option<DiffuseTransmission>,
         #[serde(rename = "KHR_materials_emissive_strength")]
         emissive_strength: Option<EmissiveStrength>,
         #[serde(rename = "KHR_materials_ior")]
@@ -310,6 +312,13 @@ schema! {
         clearcoat_roughness_factor: Option<f64>,
         clearcoat_roughness_texture: Option<TextureInfo>,
         clearcoat_normal_texture: Option<TextureInfo>,
+    }
+
+    struct DiffuseTransmission {
+        diffuse_transmission_factor: Option<f64>,
+        diffuse_transmission_texture: Option<TextureInfo>,
+        diffuse_transmission_color_factor: Option<[f64; 3]>,
+        diffuse_transmission_color_texture: Option<TextureInfo>,
     }
 
     struct EmissiveStrength { emissive_strength: Option<f64>, }

@@ -136,6 +136,8 @@ fn apply(change: &MaterialOverride, m: &mut Material) {
     set(&mut m.specular_color, change.specular_color);
     set(&mut m.specular_tint, change.specular_tint);
     set(&mut m.transmission, change.transmission);
+    set(&mut m.diffuse_transmission, change.diffuse_transmission);
+    set(&mut m.diffuse_transmission_color, change.diffuse_transmission_color);
     set(&mut m.clearcoat, change.clearcoat);
     set(&mut m.clearcoat_roughness, change.clearcoat_roughness);
     set(&mut m.sheen_color, change.sheen_color);
@@ -202,6 +204,8 @@ fn drop_textures(m: &mut Material) {
     m.specular_texture = None;
     m.specular_color_texture = None;
     m.transmission_texture = None;
+    m.diffuse_transmission_texture = None;
+    m.diffuse_transmission_color_texture = None;
     m.clearcoat_texture = None;
     m.clearcoat_roughness_texture = None;
     m.sheen_color_texture = None;

@@ -156,6 +156,25 @@ fn glass_is_solid_where_it_is_thick() {
 }
 
 #[test]
+fn light_passes_diffusely_through_sheets_and_into_solids() {
+    let of = |more: Value| {
+        let mut extensions = json!({"KHR_materials_diffuse_transmission": {"diffuseTransmissionFactor": 0.25,
+            "diffuseTransmissionTexture": {"index": 0}, "diffuseTransmissionColorFactor": [1, 0.9, 0.5],
+            "diffuseTransmissionColorTexture": {"index": 1}}});
+        for (key, value) in more.as_object().expect("an object") {
+            extensions[key] = value.clone();
+        }
+        only_material(&asset(json!({"extensions": extensions})).load().expect("loads")).clone()
+    };
+    let sheet = of(json!({}));
+    assert_eq!((sheet.diffuse_transmission, sheet.surface), (0.25, Surface::Thin));
+    assert_eq!(sheet.diffuse_transmission_color, Rgb::new(1.0, 0.9, 0.5));
+    assert_eq!(sheet.diffuse_transmission_texture.map(|t| t.channel), Some(3));
+    assert_eq!(sheet.diffuse_transmission_color_texture.map(|t| t.encoding), Some(ColorEncoding::Srgb));
+    assert!(matches!(of(json!({"KHR_materials_volume": {"thicknessFactor": 1}})).surface, Surface::Solid(_)));
+}
+
+#[test]
 fn attenuation_is_shared_out_between_scattering_and_absorption() {
     let of = |scatter: Value| {
         let a = asset(json!({"extensions": {"KHR_materials_transmission": {"transmissionFactor": 1},
