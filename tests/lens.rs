@@ -226,8 +226,8 @@ fn a_framing_holds_the_whole_scene_in_the_field_of_the_lens() {
 /// Everything is white: a sample is what the lens leaves of it, and the mean over a pixel that of cos^4 over the pixel.
 #[test]
 fn a_white_world_shows_the_vignetting_and_nothing_else_of_the_lens() {
-    let mut b = SceneBuilder::default();
-    b.environment = Some(Environment { source: EnvironmentSource::Constant(Rgb::WHITE), rotation: 0.0 });
+    let environment = Some(Environment { source: EnvironmentSource::Constant(Rgb::WHITE), rotation: 0.0 });
+    let mut b = SceneBuilder { environment, ..SceneBuilder::default() };
     let aperture = Some(Aperture { opening: Opening::Radius(0.01), focus_distance: 0.5, blades: None });
     for vignetting in [Vignetting::None, Vignetting::CosineFourth] {
         b.cameras.push(Camera {

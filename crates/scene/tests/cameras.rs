@@ -185,8 +185,7 @@ fn a_polygon_of_blades_is_filled_evenly_and_has_the_area_of_its_circle() {
         let aperture = Aperture { opening, focus_distance: 1.0, blades: Some(blades) };
         let points: Vec<[f64; 2]> = (0..SAMPLES).map(|i| aperture.sample(uniform(i)).map(|v| 2.0 * v)).collect();
         for p in &points {
-            for k in 0..corners.len() {
-                let (a, b) = (corners[k], next(k));
+            for (a, b) in corners.iter().zip(corners.iter().cycle().skip(1)) {
                 let inside = cross([b[0] - a[0], b[1] - a[1]], [p[0] - a[0], p[1] - a[1]]);
                 assert!(inside > -1e-5, "{p:?} lies outside {count} blades");
             }
