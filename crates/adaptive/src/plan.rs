@@ -71,26 +71,22 @@ pub fn increment(current: &SamplePlan, plan: &SamplePlan) -> Plane<u32> {
     more
 }
 
-/// Weights as they may be used: none negative, none without a value, not all zero.
-struct Weights<'a> {
-    given: &'a [f32],
-    /// Nobody has a claim, so everybody has the same.
-    equal: bool,
-}
+/// Weights as they may be used: none negative, none without a value, and all equal where nobody has a claim.
+struct Weights(Vec<f32>);
 
-impl<'a> Weights<'a> {
-    fn new(weights: &'a Plane<f32>) -> Self {
-        let given = weights.data();
-        Self { given, equal: !given.iter().any(|&w| w > 0.0 && w.is_finite()) }
+impl Weights {
+    fn new(weights: &Plane<f32>) -> Self {
+        let usable = |w: f32| if w > 0.0 && w.is_finite() { w } else { 0.0 };
+        let mut used: Vec<f32> = weights.data().iter().map(|&w| usable(w)).collect();
+        if used.iter().all(|&w| w == 0.0) {
+            used.fill(1.0);
+        }
+        Self(used)
     }
 
     #[inline]
     fn at(&self, i: usize) -> f64 {
-        match self.given[i] {
-            _ if self.equal => 1.0,
-            w if w > 0.0 && w.is_finite() => f64::from(w),
-            _ => 0.0,
-        }
+        f64::from(self.0[i])
     }
 }
 
@@ -98,18 +94,17 @@ impl<'a> Weights<'a> {
 ///
 /// Starts with every pixel under water and takes out those that rise above it. Each pass lowers the level, so a pixel
 /// once out stays out, and the loop ends when a pass takes out none.
-fn water_level(current: &[u32], weights: &Weights<'_>, total: u64) -> f64 {
+fn water_level(current: &[u32], weights: &Weights, total: u64) -> f64 {
     let mut level = f64::INFINITY;
     loop {
         let (mut dry, mut weight) = (0u64, 0.0);
-        for (i, &c) in current.iter().enumerate() {
-            let w = weights.at(i);
-            // A zero weight is always dry; `inf * 0` is NaN, and NaN is not greater either.
-            if level * w > f64::from(c) {
-                weight += w;
-            } else {
-                dry += u64::from(c);
-            }
+        for (&c, &w) in current.iter().zip(&weights.0) {
+            let w = f64::from(w);
+            // A zero weight is always dry; `inf * 0` is NaN, and NaN is not greater either. Without branches: which pixels
+            // are wet is as good as random.
+            let is_wet = level * w > f64::from(c);
+            weight += if is_wet { w } else { 0.0 };
+            dry += if is_wet { 0 } else { u64::from(c) };
         }
         let lowered = total.saturating_sub(dry) as f64 / weight;
         if weight == 0.0 || lowered >= level {
@@ -124,6 +119,7 @@ fn round_shares(current: &SamplePlan, share: impl Fn(usize) -> f64, seed: u64) -
     let (width, height) = (current.width() as usize, current.height() as usize);
     let mut plan = current.clone();
     let samples = plan.data_mut();
+    let seed = mix(seed);
     let mut carry = None;
     for y in 0..height {
         for step in 0..width {
@@ -153,7 +149,7 @@ fn round_shares(current: &SamplePlan, share: impl Fn(usize) -> f64, seed: u64) -
 }
 
 /// Adds or takes back the last few samples, so that the total is exact; starts at a hashed pixel.
-fn hand_out_rest(plan: &mut SamplePlan, current: &SamplePlan, weights: &Weights<'_>, target_total: u64) {
+fn hand_out_rest(plan: &mut SamplePlan, current: &SamplePlan, weights: &Weights, target_total: u64) {
     let mut sum = total(plan);
     let pixels = plan.data().len();
     let start = (mix(target_total) % pixels as u64) as usize;
@@ -181,9 +177,9 @@ fn hand_out_rest(plan: &mut SamplePlan, current: &SamplePlan, weights: &Weights<
     }
 }
 
-/// A number in [0, 1) that depends on nothing but its arguments.
+/// A number in [0, 1) that depends on nothing but its arguments; `seed` is a mixed number.
 fn hashed_unit(seed: u64, index: u64) -> f64 {
-    (mix(mix(seed) ^ index) >> 11) as f64 * (-53f64).exp2()
+    (mix(seed ^ index) >> 11) as f64 * (1.0 / (1u64 << 53) as f64)
 }
 
 /// The finaliser of SplitMix64 (Steele, Lea and Flood 2014).

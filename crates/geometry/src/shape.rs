@@ -15,7 +15,8 @@ mod triangle;
 use glam::Vec3;
 
 pub use rectangle::{
-    Rectangle, invert_rectangle, pdf_rectangle, rectangle_from_triangles, rectangle_solid_angle, sample_rectangle,
+    Rectangle, RectangleSampler, invert_rectangle, pdf_rectangle, rectangle_from_triangles, rectangle_solid_angle,
+    sample_rectangle,
 };
 pub use triangle::{
     invert_triangle, invert_triangle_area, pdf_triangle, pdf_triangle_area, sample_triangle, sample_triangle_area,

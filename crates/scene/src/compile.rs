@@ -16,7 +16,7 @@ use crate::surface::{CompiledMaterial, mean_emission};
 use crate::texture::Image;
 use dunkelfeld_bvh::{Bvh, BvhInstance, MeshTriangles};
 use dunkelfeld_geometry::health::{MeshHealth, Repairs, clean};
-use dunkelfeld_geometry::shape::rectangle_from_triangles;
+use dunkelfeld_geometry::shape::{RectangleSampler, rectangle_from_triangles};
 use dunkelfeld_geometry::{DAffine3, DMat3, DVec3, Mesh, Transform, Vec3, geometric_normal, triangle_area};
 
 /// Meshes used more than once are moved to render space all the same while their copies hold no more triangles than this:
@@ -435,7 +435,7 @@ impl Placed {
                     Some((rectangle, next)) => {
                         let area = triangle_area(&here) + triangle_area(&next);
                         let center = rectangle.corner + 0.5 * (rectangle.edge_u + rectangle.edge_v);
-                        (AreaShape::Rectangle(rectangle), center, area, t as u32 + 1)
+                        (AreaShape::Rectangle(RectangleSampler::new(&rectangle)), center, area, t as u32 + 1)
                     }
                     None => {
                         let center = (here[0] + here[1] + here[2]) / 3.0;

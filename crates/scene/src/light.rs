@@ -7,9 +7,7 @@ use crate::delta_light::DeltaLight;
 use crate::environment::EnvironmentLight;
 use crate::light_tree::{EmissionCone, LightBounds, LightTree};
 use crate::profile::LightProfile;
-use dunkelfeld_geometry::shape::{
-    Rectangle, ShapeSample, pdf_rectangle, pdf_triangle, sample_rectangle, sample_triangle,
-};
+use dunkelfeld_geometry::shape::{RectangleSampler, ShapeSample, pdf_triangle, sample_triangle};
 use dunkelfeld_geometry::{Aabb, Vec3};
 use dunkelfeld_radiometry::Rgb;
 use std::f32::consts::PI;
@@ -54,7 +52,7 @@ pub enum LightChoice {
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum AreaShape {
     /// Two triangles that form a rectangle.
-    Rectangle(Rectangle),
+    Rectangle(RectangleSampler),
     /// A single triangle.
     Triangle([Vec3; 3]),
 }
@@ -384,7 +382,7 @@ impl AreaLight {
     fn sample(&self, receiver: &LightReceiver, u: [f32; 2]) -> Option<ShapeSample> {
         match &self.shape {
             _ if !self.reaches(receiver) => None,
-            AreaShape::Rectangle(r) => sample_rectangle(r, receiver.point, u),
+            AreaShape::Rectangle(r) => r.sample(receiver.point, u),
             AreaShape::Triangle(t) => sample_triangle(t, receiver.point, u),
         }
     }
@@ -393,7 +391,7 @@ impl AreaLight {
     fn pdf(&self, receiver: &LightReceiver, point: Vec3) -> f32 {
         match &self.shape {
             _ if !self.reaches(receiver) => 0.0,
-            AreaShape::Rectangle(r) => pdf_rectangle(r, receiver.point, point),
+            AreaShape::Rectangle(r) => r.pdf(receiver.point, point),
             AreaShape::Triangle(t) => pdf_triangle(t, receiver.point, point),
         }
     }
@@ -406,6 +404,7 @@ impl AreaLight {
     fn bounds(&self) -> LightBounds {
         let bounds = match &self.shape {
             AreaShape::Rectangle(r) => {
+                let r = r.rectangle();
                 Aabb::from_points([r.point(0.0, 0.0), r.point(1.0, 0.0), r.point(0.0, 1.0), r.point(1.0, 1.0)])
             }
             AreaShape::Triangle(t) => Aabb::from_points(*t),

@@ -37,43 +37,92 @@ impl Rectangle {
 
 /// The solid angle \[sr\] that a rectangle subtends at a point, in [0, 2 pi]; zero in its plane.
 pub fn rectangle_solid_angle(rectangle: &Rectangle, reference: Vec3) -> f32 {
-    View::new(rectangle, reference).map_or(0.0, |view| view.solid_angle as f32)
+    View::new(&RectangleSampler::new(rectangle), reference).map_or(0.0, |view| view.solid_angle as f32)
 }
 
 /// Samples a rectangle as seen from `reference`: uniformly by solid angle, or by area where it is far away, below 1e-6 sr
 /// or seen nearly edge-on.
 pub fn sample_rectangle(rectangle: &Rectangle, reference: Vec3, u: [f32; 2]) -> Option<ShapeSample> {
-    let (coordinates, point, pdf);
-    match Far::new(rectangle, reference) {
-        Some(far) => {
-            (coordinates, point) = (u, rectangle.point(u[0], u[1]));
-            pdf = far.pdf(point, reference);
-        }
-        None => {
-            let view = View::new(rectangle, reference)?;
-            coordinates = if view.by_solid_angle() { view.sample(u.map(f64::from)) } else { u };
-            point = rectangle.point(coordinates[0], coordinates[1]);
-            pdf = view.pdf(point, reference);
-        }
-    }
-    (pdf > 0.0).then_some(ShapeSample { point, coordinates, pdf })
+    RectangleSampler::new(rectangle).sample(reference, u)
 }
 
 /// Density per solid angle [1/sr] with which [`sample_rectangle`] returns `point`, a point on the rectangle.
 pub fn pdf_rectangle(rectangle: &Rectangle, reference: Vec3, point: Vec3) -> f32 {
-    match Far::new(rectangle, reference) {
-        Some(far) => far.pdf(point, reference),
-        None => View::new(rectangle, reference).map_or(0.0, |view| view.pdf(point, reference)),
+    RectangleSampler::new(rectangle).pdf(reference, point)
+}
+
+/// A rectangle with everything worked out that does not depend on where it is seen from.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RectangleSampler {
+    rectangle: Rectangle,
+    corner: DVec3,
+    center: DVec3,
+    /// Unit vectors along the edges and across them.
+    axes: [DVec3; 3],
+    /// Lengths of the edges.
+    size: [f64; 2],
+    area: f64,
+    half_diagonal2: f64,
+}
+
+impl RectangleSampler {
+    /// Works the rectangle out. One without area is fine: it is never sampled.
+    pub fn new(rectangle: &Rectangle) -> Self {
+        let (u, v) = (rectangle.edge_u.as_dvec3(), rectangle.edge_v.as_dvec3());
+        let corner = rectangle.corner.as_dvec3();
+        let size = [u.length(), v.length()];
+        let (ex, ey) = (u / size[0], v / size[1]);
+        Self {
+            rectangle: *rectangle,
+            corner,
+            center: corner + 0.5 * (u + v),
+            axes: [ex, ey, ex.cross(ey)],
+            size,
+            area: size[0] * size[1],
+            half_diagonal2: 0.25 * (u.length_squared() + v.length_squared()),
+        }
+    }
+
+    /// The rectangle itself.
+    pub fn rectangle(&self) -> &Rectangle {
+        &self.rectangle
+    }
+
+    /// See [`sample_rectangle`].
+    pub fn sample(&self, reference: Vec3, u: [f32; 2]) -> Option<ShapeSample> {
+        let (coordinates, point, pdf);
+        match Far::new(self, reference) {
+            Some(far) => {
+                (coordinates, point) = (u, self.rectangle.point(u[0], u[1]));
+                pdf = far.pdf(point, reference);
+            }
+            None => {
+                let view = View::new(self, reference)?;
+                coordinates = if view.by_solid_angle() { view.sample(u.map(f64::from)) } else { u };
+                point = self.rectangle.point(coordinates[0], coordinates[1]);
+                pdf = view.pdf(point, reference);
+            }
+        }
+        (pdf > 0.0).then_some(ShapeSample { point, coordinates, pdf })
+    }
+
+    /// See [`pdf_rectangle`].
+    pub fn pdf(&self, reference: Vec3, point: Vec3) -> f32 {
+        match Far::new(self, reference) {
+            Some(far) => far.pdf(point, reference),
+            None => View::new(self, reference).map_or(0.0, |view| view.pdf(point, reference)),
+        }
     }
 }
 
 /// The random numbers for which [`sample_rectangle`] returns the point at these fractions of the edges; `None` where it
 /// returns nothing.
 pub fn invert_rectangle(rectangle: &Rectangle, reference: Vec3, coordinates: [f32; 2]) -> Option<[f32; 2]> {
-    if Far::new(rectangle, reference).is_some() {
+    let rectangle = RectangleSampler::new(rectangle);
+    if Far::new(&rectangle, reference).is_some() {
         return Some(coordinates);
     }
-    let view = View::new(rectangle, reference)?;
+    let view = View::new(&rectangle, reference)?;
     Some(if view.by_solid_angle() { view.invert(coordinates.map(f64::from)) } else { coordinates })
 }
 
@@ -92,16 +141,14 @@ struct Far {
 
 impl Far {
     #[inline]
-    fn new(rectangle: &Rectangle, reference: Vec3) -> Option<Self> {
-        let (u, v) = (rectangle.edge_u.as_dvec3(), rectangle.edge_v.as_dvec3());
-        let to_corner = rectangle.corner.as_dvec3() - reference.as_dvec3();
-        let d2 = (to_corner + 0.5 * (u + v)).length_squared();
-        let half_diagonal2 = 0.25 * (u.length_squared() + v.length_squared());
-        let normal = u.cross(v);
-        let volume = to_corner.dot(normal).abs();
+    fn new(rectangle: &RectangleSampler, reference: Vec3) -> Option<Self> {
+        let reference = reference.as_dvec3();
+        let height = (rectangle.corner - reference).dot(rectangle.axes[2]);
+        let d2 = (rectangle.center - reference).length_squared();
         // Near the plane the exact view decides whether anything is seen.
-        let clear = volume * volume > EDGE_ON * EDGE_ON * d2 * normal.length_squared();
-        (clear && FAR * half_diagonal2 < d2).then_some(Self { volume })
+        let clear = height * height > EDGE_ON * EDGE_ON * d2;
+        let volume = rectangle.area * height.abs();
+        (clear && FAR * rectangle.half_diagonal2 < d2).then_some(Self { volume })
     }
 
     #[inline]
@@ -137,14 +184,12 @@ struct View {
 }
 
 impl View {
-    fn new(rectangle: &Rectangle, reference: Vec3) -> Option<Self> {
-        let (u, v) = (rectangle.edge_u.as_dvec3(), rectangle.edge_v.as_dvec3());
-        let size = [u.length(), v.length()];
-        let (ex, ey) = (u / size[0], v / size[1]);
-        let to_corner = rectangle.corner.as_dvec3() - reference.as_dvec3();
-        let (x0, y0) = (to_corner.dot(ex), to_corner.dot(ey));
+    fn new(rectangle: &RectangleSampler, reference: Vec3) -> Option<Self> {
+        let size = rectangle.size;
+        let to_corner = rectangle.corner - reference.as_dvec3();
+        let [x0, y0, height] = rectangle.axes.map(|axis| to_corner.dot(axis));
         let (x, y) = ([x0, x0 + size[0]], [y0, y0 + size[1]]);
-        let height = to_corner.dot(ex.cross(ey)).abs();
+        let height = height.abs();
         let reach = x[0].abs().max(x[1].abs()).max(y[0].abs()).max(y[1].abs());
         // A NaN (an edge of no length, a reference that is not finite) fails this comparison too.
         if height > IN_PLANE * reach && height.is_finite() {
