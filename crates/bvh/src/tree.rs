@@ -90,7 +90,9 @@ impl<L: Lanes> Slabs<L> {
     #[inline(always)]
     fn new(ray: &Ray, bounds: &Aabb) -> Self {
         let (o, d) = (ray.origin, ray.direction);
-        let reach = (bounds.min - o).abs().max((bounds.max - o).abs()).max_element();
+        // The farthest side is as far as the middle plus half the extent: no larger of two has to be picked.
+        let (middle, half) = (0.5 * bounds.min + 0.5 * bounds.max, 0.5 * bounds.max - 0.5 * bounds.min);
+        let reach = ((middle - o).abs() + half).max_element();
         let grow = 10.0 * UNIT_ROUNDOFF * reach + 2.0 * UNIT_ROUNDOFF * o.abs().max_element();
         let inverse = d.recip();
         // Zero and minus zero differ here, which picks sides that fit the sign of the infinite inverse.

@@ -46,23 +46,19 @@ pub struct RayShear {
     pub shear: [f32; 3],
 }
 
+/// `[2 * largest axis + (is negative)]` -> the renamed axes; a negative direction swaps the first two.
+const AXES: [[usize; 3]; 6] = [[1, 2, 0], [2, 1, 0], [2, 0, 1], [0, 2, 1], [0, 1, 2], [1, 0, 2]];
+
 impl RayShear {
     /// The shear that takes the ray's direction to +z. A zero direction gives non-finite values, which hit nothing.
     #[inline]
     pub fn new(ray: &Ray) -> Self {
         let (d, o) = (ray.direction, ray.origin);
         let a = d.abs();
-        let kz = if a.x >= a.y && a.x >= a.z {
-            0
-        } else if a.y >= a.z {
-            1
-        } else {
-            2
-        };
-        let (mut kx, mut ky) = ((kz + 1) % 3, (kz + 2) % 3);
-        if d[kz] < 0.0 {
-            std::mem::swap(&mut kx, &mut ky);
-        }
+        // By arithmetic and a table, for which way a ray goes is as good as random to a branch predictor.
+        let largest = if a.x >= a.y.max(a.z) { 0 } else { 1 + usize::from(a.y < a.z) };
+        let (d, o) = (d.to_array(), o.to_array());
+        let [kx, ky, kz] = AXES[2 * largest + usize::from(d[largest] < 0.0)];
         let inv = 1.0 / d[kz];
         Self { axes: [kx, ky, kz], origin: [o[kx], o[ky], o[kz]], shear: [d[kx] * inv, d[ky] * inv, inv] }
     }
