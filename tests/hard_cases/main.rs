@@ -14,8 +14,10 @@ mod common;
 mod support;
 
 mod accumulation;
+mod furnaces;
 mod grazing;
 mod invariance;
 mod light;
+mod limits;
 mod shading;
 mod thin;
