@@ -469,3 +469,11 @@ fn an_ies_file_takes_the_place_of_a_point_or_a_spot() {
     let e = apply("[[light]]\nname = \"bulb\"\nies = \"lamp.ies\"").expect_err("no number");
     assert!(e.place.ends_with("ies") && e.problem.contains("lamp.ies, line 7"), "{e}");
 }
+
+#[test]
+fn energy_compensation_is_asked_for_and_off_otherwise() {
+    assert!(!changed("").energy_compensation);
+    assert!(!changed("[render]").energy_compensation);
+    assert!(changed("[render]\nenergy_compensation = true").energy_compensation);
+    assert_eq!(refusal(&with("[render]\nenergy_compensation = 1")).place, "[render] energy_compensation");
+}
