@@ -109,10 +109,10 @@ fn white_media_in_a_uniform_sky_are_invisible() {
     // Nothing is absorbed, and radiance is the same from everywhere: scattering changes nothing, at any density, in any
     // channel, whatever the phase function. Inside a body of another index the radiance is n^2 times as large, which is undone
     // on the way out. Expected: 1.
-    let coloured = Rgb::new(8.0, 30.0, 120.0);
+    let coloured = Rgb::new(4.0, 10.0, 25.0);
     for (k, (ior, density, g, spp)) in [
         (1.0, Rgb::splat(40.0), 0.0, 32.0),
-        (1.0, coloured, 0.7, 1024.0),
+        (1.0, coloured, 0.7, 1536.0),
         (1.0, coloured, -0.6, 32.0),
         (1.49, Rgb::splat(20.0), 0.0, 32.0),
         (1.49, coloured, 0.8, 1024.0),
