@@ -314,6 +314,30 @@ mod tests {
     }
 
     #[test]
+    fn rays_that_end_before_a_plane_they_run_along_do_not_reach_it() {
+        // Over a triangle of a metre, at angles down to 1e-5 rad: a ray that ends a hair before the plane misses it, and one
+        // that ends a hair behind it hits, where a hair is a few roundings of its direction across the plane.
+        let corners = [Vec3::new(0.0, -1.0, -1.0), Vec3::new(0.0, 1.0, -1.0), Vec3::new(0.0, 0.0, 1.5)];
+        let mut seed = 4;
+        for round in 0..20_000 {
+            let height = 10f32.powf(-3.0 + 2.0 * random(&mut seed));
+            let from = Vec3::new(height, 0.3 * random(&mut seed), -0.8);
+            let to = Vec3::new(0.0, 0.1 * random(&mut seed), 0.5 * random(&mut seed));
+            let way = to - from;
+            let ray = Ray::new(from, way.normalize());
+            let crossing = f64::from(height) / -f64::from(ray.direction.x);
+            let hair = 1e-6 * crossing;
+            let ends = |t: f64| hit(&Ray { t_max: t as f32, ..ray }, &corners).is_some();
+            assert!(
+                !ends(crossing - hair),
+                "round {round}: met before its end, at an angle of {}",
+                height / way.length()
+            );
+            assert!(ends(crossing * (1.0 + 1e-2)), "round {round}: passed through");
+        }
+    }
+
+    #[test]
     fn degenerate_triangles_and_rays_are_missed() {
         let good = [Vec3::ZERO, Vec3::X, Vec3::Y];
         let from = Vec3::new(0.2, 0.2, 1.0);

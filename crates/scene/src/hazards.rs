@@ -21,6 +21,8 @@ const TINY_EMITTER: f32 = 1e-4;
 const SHARP: f32 = 0.05;
 /// At most so many corners of a solid are asked for the solids that they lie in.
 const MOST_CORNERS: usize = 48;
+/// At most so many solids are asked: each is held against all others.
+const MOST_SOLIDS: usize = 1000;
 /// At most so many findings of one kind are reported one by one.
 const MOST_OF_A_KIND: usize = 20;
 
@@ -196,15 +198,10 @@ fn overlaps(scene: &Scene, boxes: &[Aabb], report: &mut BuildReport) {
     }
     let mut seen = std::collections::HashSet::new();
     let mut findings = Vec::new();
-    for (part, b) in scene.parts.iter().zip(boxes).filter(|(p, _)| scene.compiled[p.material as usize].is_solid) {
-        let others: Vec<&Part> = scene
-            .parts
-            .iter()
-            .zip(boxes)
-            .filter(|(o, ob)| {
-                let meets = b.min.cmplt(ob.max).all() && ob.min.cmplt(b.max).all();
-                o.solid != part.solid && scene.compiled[o.material as usize].is_solid && meets
-            })
+    let solids = || scene.parts.iter().zip(boxes).filter(|(p, _)| scene.compiled[p.material as usize].is_solid);
+    for (part, b) in solids().take(MOST_SOLIDS) {
+        let others: Vec<&Part> = solids()
+            .filter(|(o, ob)| o.solid != part.solid && b.min.cmplt(ob.max).all() && ob.min.cmplt(b.max).all())
             .map(|(o, _)| o)
             .collect();
         if others.is_empty() {

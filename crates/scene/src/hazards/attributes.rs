@@ -83,7 +83,11 @@ impl Normals {
 /// Why a mesh does not say in which direction its texture lies, if it does not.
 fn without_direction(mesh: &Mesh, set: usize) -> Option<String> {
     if !mesh.tangents.is_empty() {
-        let bad = mesh.tangents.iter().filter(|t| t.truncate().try_normalize().is_none() || !(t.w.abs() > 0.0)).count();
+        let bad = mesh
+            .tangents
+            .iter()
+            .filter(|t| t.truncate().try_normalize().is_none() || t.w.is_nan() || t.w == 0.0)
+            .count();
         return (bad > 0).then(|| format!("{bad} of its tangents are zero or no numbers"));
     }
     let uvs = &mesh.uvs[set];
@@ -95,7 +99,8 @@ fn without_direction(mesh: &Mesh, set: usize) -> Option<String> {
         let area = (b - a).perp_dot(c - a);
         let extent = |p: Vec2, q: Vec2| (q - p).length_squared();
         // Coordinates on a line, or in a point, to the last bits.
-        !(area.abs() > 1e-6 * extent(a, b).max(extent(a, c)))
+        let spans_an_area = area.abs() > 1e-6 * extent(a, b).max(extent(a, c));
+        !spans_an_area
     };
     let bad = mesh.triangles.iter().filter(flat).count();
     (bad > 0).then(|| format!("{bad} of its triangles have texture coordinates on a line or in a point, so the direction is arbitrary there"))

@@ -15,6 +15,8 @@ const DIRECTIONS: f32 = 1e4;
 /// At most so many triangles are looked at, and so many planes are kept: enough for what people place by hand.
 const MOST_TRIANGLES: usize = 4_000_000;
 const MOST_PLANES: usize = 400_000;
+/// At most so many parts are kept of a plane: of a ceiling of ten thousand lamps some stand for all.
+const MOST_FACES: usize = 256;
 
 /// A plane up to its side, in steps of direction and of distance.
 type PlaneKey = [i32; 4];
@@ -96,13 +98,15 @@ fn add(planes: &mut HashMap<PlaneKey, Vec<Face>>, part: usize, triangle: [Vec3; 
         let key = [direction.x as i32, direction.y as i32, direction.z as i32, (cell + shift) as i32];
         let faces = planes.entry(key).or_default();
         let same = |f: &&mut Face| f.part == part && f.along == along && (f.offset - offset).abs() < 1e-3 * width;
+        let has_room = faces.len() < MOST_FACES;
         match faces.iter_mut().find(same) {
             Some(face) => {
                 for k in 0..2 {
                     (face.low[k], face.high[k]) = (face.low[k].min(low[k]), face.high[k].max(high[k]));
                 }
             }
-            None => faces.push(Face { part, along, offset, low, high }),
+            None if has_room => faces.push(Face { part, along, offset, low, high }),
+            None => {}
         }
     }
 }
