@@ -109,8 +109,8 @@ impl ImageTest {
             let difference = ma - mb;
             let p_value =
                 if difference == 0.0 { 1.0 } else { 3.0 * two_sided(difference / variance.sqrt(), f64::INFINITY) };
-            if p_value < worst.0 {
-                worst = (p_value, difference / mb.abs().max(f64::MIN_POSITIVE));
+            if p_value.min(1.0) <= worst.0 {
+                worst = (p_value.min(1.0), difference / mb.abs().max(f64::MIN_POSITIVE));
             }
         }
         worst

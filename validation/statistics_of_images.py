@@ -1,0 +1,144 @@
+"""Are two images the same but for noise? Welch's (1947) test, pixel by pixel and for the mean.
+
+Both images come as independent batches, so that each pixel's mean has a variance with known degrees of freedom. With a few
+dozen batches the ratio of a difference to its standard error is not yet normal; Student's distribution knows by how much,
+and a Z-score here is the normal deviate of the same probability.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from statistics import NormalDist
+
+import numpy as np
+
+# A family of pixels may fail by chance at this rate.
+FAMILY_RATE = 0.01
+# Images pass if this share of their pixels does, and if their means agree to this.
+PASS_SHARE = 0.9975
+MEAN_BAR = 0.003
+# A mean known to no better than this cannot vouch for 0.3 %.
+ERROR_BAR = 0.0015
+# Both renderers add and shade in single precision: what two values without noise may differ by, in relative terms.
+ROUNDING = 2e-5
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """Batches of images: (batch, row, column, channel)."""
+
+    batches: np.ndarray
+    spp: int
+
+    @property
+    def mean(self) -> np.ndarray:
+        """Per pixel and channel."""
+        return self.batches.mean(axis=0)
+
+    @property
+    def variance(self) -> np.ndarray:
+        """Of the mean, per pixel and channel."""
+        return self.batches.var(axis=0, ddof=1) / len(self.batches)
+
+    def image_mean(self) -> tuple[float, float]:
+        """Mean over pixels and channels with its variance, from the scatter of the batches' means."""
+        means = self.batches.mean(axis=(1, 2, 3))
+        return float(means.mean()), float(means.var(ddof=1) / len(means))
+
+    def halved(self) -> Estimate:
+        """At half the resolution: the mean over two by two pixels is what a pixel twice as wide sees."""
+        b, h, w, c = self.batches.shape
+        return Estimate(self.batches.reshape(b, h // 2, 2, w // 2, 2, c).mean(axis=(2, 4)), 4 * self.spp)
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """The outcome of one case."""
+
+    pixels: int
+    share: float
+    # Relative difference of the means and its standard error.
+    difference: float
+    error: float
+    worst_z: float
+    # Root mean square of all scores: 1 if the images differ by noise alone.
+    rms_z: float
+    # Score per pixel, of the worst channel, with its sign.
+    map: np.ndarray
+
+    @property
+    def verdict(self) -> str:
+        """`pass`, `FAILS`, or `not converged` where noise could hide a failure."""
+        if self.share < PASS_SHARE or abs(self.difference) > max(MEAN_BAR, 3.0 * self.error):
+            return "FAILS"
+        return "pass" if abs(self.difference) <= MEAN_BAR and self.error <= ERROR_BAR else "not converged"
+
+
+def sidak(rate: float, count: int) -> float:
+    """The rate for each of `count` tests so that any of them fails with probability `rate` (Sidak 1967)."""
+    return -np.expm1(np.log1p(-rate) / count)
+
+
+def two_sided_t(t: np.ndarray, freedom: np.ndarray) -> np.ndarray:
+    """P(|T| > |t|) for Student's T: the regularised incomplete beta function I_x(freedom / 2, 1 / 2) at
+    x = freedom / (freedom + t^2), by its continued fraction (Abramowitz and Stegun 1964, 26.5.8)."""
+    a, b = 0.5 * np.asarray(freedom, dtype=float), 0.5
+    x = freedom / (freedom + np.square(t))
+    swap = x > (a + 1.0) / (a + b + 2.0)
+    p, q, y = np.where(swap, b, a), np.where(swap, a, b), np.where(swap, 1.0 - x, x)
+    log_beta = _log_gamma(p) + _log_gamma(q) - _log_gamma(p + q)
+    with np.errstate(divide="ignore", under="ignore"):
+        front = np.exp(p * np.log(y) + q * np.log1p(-y) - log_beta) / p
+    # Modified Lentz (Thompson and Barnett 1986).
+    c = np.ones_like(y)
+    d = 1.0 / (1.0 - (p + q) * y / (p + 1.0))
+    h = d.copy()
+    for m in range(1, 200):
+        for numerator in (
+            m * (q - m) * y / ((p + 2 * m - 1.0) * (p + 2 * m)),
+            -(p + m) * (p + q + m) * y / ((p + 2 * m) * (p + 2 * m + 1.0)),
+        ):
+            d = 1.0 / (1.0 + numerator * d)
+            c = 1.0 + numerator / c
+            h *= d * c
+    tail = front * h
+    return np.where(swap, 1.0 - tail, tail)
+
+
+def _log_gamma(x: np.ndarray) -> np.ndarray:
+    """Stirling's series after shifting the argument by 8: good to 1e-14."""
+    shift = sum(np.log(x + k) for k in range(8))
+    z = x + 8.0
+    series = 1.0 / (12 * z) - 1.0 / (360 * z**3) + 1.0 / (1260 * z**5) - 1.0 / (1680 * z**7)
+    return (z - 0.5) * np.log(z) - z + 0.5 * np.log(2.0 * np.pi) + series - shift
+
+
+def compare(a: Estimate, b: Estimate) -> Comparison:
+    """Tests two images of one scene against each other. A pixel passes if all its channels do at the level
+    1 - (1 - FAMILY_RATE)^(1 / (3 pixels))."""
+    va, vb = a.variance, b.variance
+    rounding = ROUNDING * np.maximum(a.mean, b.mean)
+    error = np.sqrt(va + vb + rounding**2)
+    difference = a.mean - b.mean
+    with np.errstate(invalid="ignore", divide="ignore"):
+        t = np.where(difference == 0.0, 0.0, difference / error)
+        freedom = (va + vb) ** 2 / (va**2 / (len(a.batches) - 1) + vb**2 / (len(b.batches) - 1))
+    # Where noise is below rounding the error is as good as known.
+    freedom = np.where(np.isfinite(freedom) & (va + vb > rounding**2), freedom, 1e6)
+    p = two_sided_t(t, freedom)
+    pixels = t[..., 0].size
+    failed = (p < sidak(FAMILY_RATE, 3 * pixels)).any(axis=-1)
+    normal = NormalDist()
+    to_z = np.vectorize(lambda q: -normal.inv_cdf(max(float(q), 1e-300) / 2.0))
+    worst = np.argmin(p, axis=-1)[..., None]
+    scores = np.copysign(to_z(np.take_along_axis(p, worst, -1)[..., 0]), np.take_along_axis(t, worst, -1)[..., 0])
+    (ma, ea), (mb, eb) = a.image_mean(), b.image_mean()
+    return Comparison(
+        pixels=pixels,
+        share=1.0 - float(failed.mean()),
+        difference=(ma - mb) / mb,
+        error=float(np.sqrt(ea + eb + (ROUNDING * mb) ** 2)) / mb,
+        worst_z=float(scores.flat[np.argmax(np.abs(scores))]),
+        rms_z=float(np.sqrt(np.mean(t**2 * (freedom - 2.0) / freedom))),
+        map=scores,
+    )
