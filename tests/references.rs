@@ -29,7 +29,7 @@ const BATCH_SPP: f64 = 16.0;
 /// precision, which the rounding allows for.
 const TEST: ImageTest = ImageTest { minimum_pass_share: 0.99, rounding: 4.9e-4 };
 /// Fewer cases than these means that some were lost.
-const AT_LEAST: usize = 70;
+const AT_LEAST: usize = 80;
 /// Batches that the pictures were made from.
 const REFERENCE_BATCHES: f64 = 32.0;
 
