@@ -365,7 +365,8 @@ impl Scene {
                     let way = end - origin;
                     let distance = way.length();
                     // Beyond the end already, by rounding: nothing is left in between.
-                    if !(way.dot(ray.direction) > 0.0) {
+                    let is_ahead = way.dot(ray.direction) > 0.0;
+                    if !is_ahead {
                         return through;
                     }
                     Ray::with_end(origin, way / distance, distance * (1.0 - 2.0 * f32::EPSILON))

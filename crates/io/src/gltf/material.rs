@@ -118,7 +118,8 @@ fn dielectric(extensions: &schema::MaterialExtensions, m: &mut Material, r: &mut
 fn scattering(extensions: &schema::MaterialExtensions, volume: Volume, r: &mut Reader<'_, '_>) -> Volume {
     let Some(e) = &extensions.volume_scatter else { return volume };
     let color = r.color("multiscatterColor", e.multiscatter_color.or(e.scatter_albedo), 0.0, 1.0);
-    if !color.is_black() && !(volume.attenuation_distance.is_finite() && volume.attenuation_color != Rgb::WHITE) {
+    let attenuates = volume.attenuation_distance.is_finite() && volume.attenuation_color != Rgb::WHITE;
+    if !color.is_black() && !attenuates {
         r.warn("KHR_materials_volume_scatter shares out the attenuation of KHR_materials_volume, and there is none: nothing is scattered; give an attenuationColor and an attenuationDistance");
     }
     Volume {
