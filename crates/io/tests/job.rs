@@ -349,7 +349,7 @@ fn media_that_contradict_themselves_are_refused() {
         ("scattering = -1", "out of range"),
         ("scattering = [1, 2]", "three channels"),
         ("scattering_anisotropy = 1", "out of range"),
-        ("priority = 0.5", "integer"),
+        ("priority = 0.5", "does not belong here"),
         ("absorption = 1\nattenuation_color = 0.5", "both say"),
         ("scattering = 1\nscattering_albedo = 0.5", "both say"),
     ] {
