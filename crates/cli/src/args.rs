@@ -4,6 +4,7 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 use dunkelfeld::integrator::PixelSample;
 use dunkelfeld::io::quantity::Time;
 use dunkelfeld::radiometry::Seconds;
+use dunkelfeld::scene::Effect;
 use dunkelfeld::sensor::Exposure;
 use std::path::PathBuf;
 
@@ -91,6 +92,10 @@ pub(crate) struct RenderArgs {
     /// Threads [default: one per core].
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub(crate) threads: Option<u16>,
+    /// Leave out an effect that the scene calls for, as in scattering or normal-maps: to see what it costs and whether the
+    /// camera can tell. May be repeated. `inspect` lists the effects. The outputs say that it was left out.
+    #[arg(long, value_name = "EFFECT", value_delimiter = ',', value_parser = effect)]
+    pub(crate) without: Vec<Effect>,
     /// How progress is shown on standard error.
     #[arg(long, value_enum, default_value_t = ProgressKind::Bar)]
     pub(crate) progress: ProgressKind,
@@ -155,6 +160,13 @@ fn time_limit(text: &str) -> Result<f64, String> {
         t if t > 0.0 && t.is_finite() => Ok(t),
         _ => Err("write a time above zero, such as 20s".into()),
     }
+}
+
+fn effect(name: &str) -> Result<Effect, String> {
+    Effect::ALL.into_iter().find(|e| e.name() == name).ok_or_else(|| {
+        let names: Vec<&str> = Effect::ALL.iter().map(|e| e.name()).collect();
+        format!("write one of {}", names.join(", "))
+    })
 }
 
 fn samples_per_pixel(text: &str) -> Result<f64, String> {

@@ -3,6 +3,7 @@
 use crate::error::Error;
 use crate::settings::{RenderSettings, SensorChoice};
 use dunkelfeld_film::Plane;
+use dunkelfeld_scene::Effect;
 use dunkelfeld_sensor::{Device, Exposure, FrameKey, Response, SensorError, SensorModel, auto_exposure, display};
 use rayon::prelude::*;
 
@@ -39,6 +40,8 @@ pub struct Frame {
     pub sensor: Option<SensorFrame>,
     /// Was the image so dark that no automatic exposure exists? The longest one was used then.
     pub no_light: bool,
+    /// Effects that the render left out on purpose.
+    pub without: Vec<Effect>,
 }
 
 /// Exposes a mean radiance image [W/(m^2 sr)] as the settings say, on the threads of the current pool.
@@ -50,7 +53,8 @@ pub struct Frame {
 /// A sensor whose ranges the exposure leaves.
 pub fn develop(mean: &Plane<[f32; 3]>, settings: &RenderSettings) -> Result<Frame, Error> {
     let SensorChoice::Emva { model, optics, exposure } = &settings.sensor else {
-        return Ok(Frame { picture: Picture::Rgb(display::linear_to_8bit(mean)), sensor: None, no_light: false });
+        let picture = Picture::Rgb(display::linear_to_8bit(mean));
+        return Ok(Frame { picture, sensor: None, no_light: false, without: settings.without.clone() });
     };
     let mut no_light = false;
     let exposure = match exposure {
@@ -78,5 +82,5 @@ pub fn develop(mean: &Plane<[f32; 3]>, settings: &RenderSettings) -> Result<Fram
     let saturated = values.data().iter().filter(|&&v| v >= top).count() as f64 / values.data().len().max(1) as f64;
     let picture = Picture::Gray(display::frame_to_8bit(&values, model));
     let sensor = SensorFrame { electrons, values, exposure, model: (**model).clone(), saturated };
-    Ok(Frame { picture, sensor: Some(sensor), no_light })
+    Ok(Frame { picture, sensor: Some(sensor), no_light, without: settings.without.clone() })
 }

@@ -1,7 +1,10 @@
 //! What a scene holds, and what in it may trouble a render.
 
 use dunkelfeld_radiometry::photon::lumens;
-use dunkelfeld_scene::{AlphaMode, BuildReport, Camera, Opening, Projection, Scene, SceneSummary, Surface, Vignetting};
+use dunkelfeld_scene::{
+    AlphaMode, BuildReport, Camera, Effect, Effects, Opening, Projection, Scene, SceneSummary, Surface, Vignetting,
+    kernel_words,
+};
 use serde::Serialize;
 
 /// A light, as listed.
@@ -39,6 +42,17 @@ pub struct CameraEntry {
     pub description: String,
 }
 
+/// An effect, and what calls for it.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct EffectEntry {
+    /// Its name, as `--without` takes it.
+    pub name: String,
+    /// Does the scene call for it?
+    pub on: bool,
+    /// What in the scene does.
+    pub called_for_by: Vec<String>,
+}
+
 /// Everything `inspect` tells.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Inspection {
@@ -60,6 +74,10 @@ pub struct Inspection {
     pub lights: Vec<LightEntry>,
     /// How many lights there are, each emitting triangle or rectangle counted, and how paths choose among them.
     pub light_choice: String,
+    /// All effects that there are, on or off.
+    pub effects: Vec<EffectEntry>,
+    /// The kernel that renders the scene: the groups of effects that it is compiled with.
+    pub kernel: String,
     /// The materials in use.
     pub materials: Vec<MaterialEntry>,
     /// What was repaired or left out while reading.
@@ -114,10 +132,29 @@ pub fn inspect(scene: &Scene, report: &BuildReport) -> Inspection {
         cameras: scene.cameras().iter().map(camera_entry).collect(),
         lights,
         light_choice: scene.light_choice(),
+        effects: effect_entries(scene.effects()),
+        kernel: kernel_words(scene.features()),
         materials,
         warnings: Vec::new(),
         notes,
         hazards,
+    }
+}
+
+fn effect_entries(effects: &Effects) -> Vec<EffectEntry> {
+    Effect::ALL
+        .into_iter()
+        .map(|e| EffectEntry { name: e.name().into(), on: effects.has(e), called_for_by: effects.callers(e).to_vec() })
+        .collect()
+}
+
+impl Inspection {
+    /// Notes that something beside the scene calls for an effect.
+    pub(crate) fn call(&mut self, effect: Effect, place: &str) {
+        if let Some(entry) = self.effects.iter_mut().find(|e| e.name == effect.name()) {
+            entry.on = true;
+            entry.called_for_by.push(place.into());
+        }
     }
 }
 

@@ -8,6 +8,7 @@ use dunkelfeld_integrator::Label;
 use dunkelfeld_io::exr::{ExrLayers, read_exr, write_exr};
 use dunkelfeld_io::layers::{Single, Triple};
 use dunkelfeld_io::picture::Picture as File;
+use dunkelfeld_scene::Effect;
 use std::path::{Path, PathBuf};
 
 /// What an id layer holds where there is nothing.
@@ -119,7 +120,16 @@ pub fn save_picture(frame: &Frame, path: &Path) -> Result<(), Error> {
         Picture::Gray(p) => File::Gray8(p),
         Picture::Rgb(p) => File::Rgb8(p),
     };
-    written(path, dunkelfeld_io::png::write_png(path, picture, &[("Software", "Dunkelfeld")]))
+    let left_out = left_out(&frame.without);
+    let mut text = vec![("Software", "Dunkelfeld")];
+    text.extend(left_out.as_deref().map(|words| ("Comment", words)));
+    written(path, dunkelfeld_io::png::write_png(path, picture, &text))
+}
+
+/// What the metadata of an image without some effects say.
+fn left_out(without: &[Effect]) -> Option<String> {
+    let names: Vec<&str> = without.iter().map(|e| e.name()).collect();
+    (!names.is_empty()).then(|| format!("rendered without {}", names.join(", ")))
 }
 
 /// Writes the linear grey values of a frame as 16-bit PNG or TIFF.
@@ -131,13 +141,14 @@ pub fn save_linear(frame: &Frame, path: &Path) -> Result<(), Error> {
         return Err(Error::setting("linear", "there is no sensor, so there are no grey values", "choose a sensor"));
     };
     let picture = File::Gray16(&sensor.values);
-    let text = format!(
+    let mut text = format!(
         "{}, exposure {} s, {} bit, black level {} DN",
         sensor.model.spec().name,
         sensor.exposure.time().0,
         sensor.model.spec().bit_depth,
         sensor.model.spec().offset.0
     );
+    text.extend(left_out(&frame.without).iter().flat_map(|words| [", ", words]));
     written(
         path,
         match extension(path).as_str() {
@@ -175,6 +186,7 @@ pub fn encode_layers(
         "exposure_seconds": frame.sensor.as_ref().map(|s| s.exposure.time().0),
         "sensor": frame.sensor.as_ref().map(|s| &s.model.spec().name),
         "objects": names,
+        "without": settings.without.iter().map(|e| e.name()).collect::<Vec<_>>(),
     })
     .to_string();
     layers

@@ -15,7 +15,7 @@ use dunkelfeld_integrator::Label;
 use dunkelfeld_io::import::{ImportOptions, Imported, load_scene};
 use dunkelfeld_io::job::{self, FilmSettings, Job, LensSettings};
 use dunkelfeld_io::{ImportWarning, InputError};
-use dunkelfeld_scene::{BuildReport, CameraError, Projection, Scene, framing_camera};
+use dunkelfeld_scene::{BuildReport, CameraError, Distortion, Effect, Projection, Scene, framing_camera};
 use dunkelfeld_sensor::{Exposure, Optics, SensorModel};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -77,13 +77,22 @@ impl Project {
     /// # Errors
     /// As [`Project::open`].
     pub fn open_at(path: &Path, started: Instant) -> Result<Self, Error> {
+        Self::open_without(path, started, &[])
+    }
+
+    /// Opens a project and leaves out effects that its scene calls for, see
+    /// [`SceneBuilder::leave_out`](dunkelfeld_scene::SceneBuilder::leave_out). The outputs are marked.
+    ///
+    /// # Errors
+    /// As [`Project::open`], and for an effect that cannot be left out.
+    pub fn open_without(path: &Path, started: Instant, without: &[Effect]) -> Result<Self, Error> {
         let began = Instant::now();
         let is_job = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("toml"));
         let job = if is_job { Some(Job::from_file(path)?) } else { None };
         let lens = job.as_ref().map(|job| job.lens.clone()).unwrap_or_default();
         let f_number = lens.f_number.unwrap_or(DEFAULT_F_NUMBER);
         let optics = Optics::new(f_number, lens.transmission, lens.magnification.unwrap_or(0.0))?;
-        let (imported, settings, outputs) = match &job {
+        let (mut imported, mut settings, outputs) = match &job {
             Some(job) => open_job(job, optics)?,
             None => {
                 let sensor = sensor_of(&job::SensorSettings::default(), optics)?;
@@ -91,6 +100,19 @@ impl Project {
                 (load_scene(path, &ImportOptions::default())?, settings, OutputPaths::default())
             }
         };
+        for &effect in without {
+            if !imported.scene.leave_out(effect) {
+                return Err(Error::setting(
+                    "without",
+                    format!(
+                        "{} cannot be left out: it is not a part of the scene that can be taken away",
+                        effect.name()
+                    ),
+                    "leave out another effect; `dunkelfeld inspect` lists those that the scene calls for",
+                ));
+            }
+        }
+        settings.without = without.to_vec();
         let load_seconds = began.elapsed().as_secs_f64();
         let began = Instant::now();
         let (scene, report) = imported.scene.build()?;
@@ -117,8 +139,17 @@ impl Project {
         let film = self.film_size();
         let fitted = |camera| fit(camera, &self.lens, film).map_or_else(|_| camera.clone(), |fitted| fitted.camera);
         inspection.cameras = self.scene.cameras().iter().map(|camera| camera_entry(&fitted(camera))).collect();
-        if let Err(e) = self.fitted() {
-            inspection.hazards.push(e.to_string().replace("\n  mend: ", "; "));
+        match self.fitted().map(|settings| settings.view) {
+            Ok(view) => {
+                let lens = view.map(|v| v.lens).unwrap_or_default();
+                if lens.aperture.is_some() {
+                    inspection.call(Effect::FiniteAperture, "lens");
+                }
+                if !lens.distortion.is_none() {
+                    inspection.call(Effect::Distortion, "lens");
+                }
+            }
+            Err(e) => inspection.hazards.push(e.to_string().replace("\n  mend: ", "; ")),
         }
         inspection.warnings = self.warnings.iter().map(ToString::to_string).collect();
         inspection
@@ -145,6 +176,12 @@ impl Project {
             // A framing of the whole scene, also with this lens.
             let aspect = settings.width as f32 / settings.height as f32;
             view.to_world = framing_camera(self.scene.bounds(), aspect, f64::from(vertical_fov)).to_world;
+        }
+        if settings.without.contains(&Effect::FiniteAperture) {
+            view.lens.aperture = None;
+        }
+        if settings.without.contains(&Effect::Distortion) {
+            view.lens.distortion = Distortion::default();
         }
         if let Err(e) = self.scene.ray_generator(&view, settings.width, settings.height) {
             return Err(match &self.job {

@@ -2,7 +2,7 @@
 
 use dunkelfeld_adaptive::allocation::Strategy;
 use dunkelfeld_film::Plane;
-use dunkelfeld_scene::Camera;
+use dunkelfeld_scene::{Camera, Effect};
 use dunkelfeld_sensor::{Exposure, Optics, SensorModel};
 
 /// Samples per pixel when no budget is given.
@@ -69,6 +69,9 @@ pub struct RenderSettings {
     pub sensor: SensorChoice,
     /// A plan to replay: samples per pixel, instead of budget and strategy.
     pub replay: Option<Plane<u32>>,
+    /// Effects that were left out on purpose. They mark the outputs; the scene itself must have been built without them
+    /// ([`Project::open_without`](crate::Project::open_without)).
+    pub without: Vec<Effect>,
 }
 
 impl Default for RenderSettings {
@@ -88,6 +91,7 @@ impl Default for RenderSettings {
             threads: 0,
             sensor: SensorChoice::None,
             replay: None,
+            without: Vec::new(),
         }
     }
 }

@@ -31,6 +31,8 @@ pub struct Stats {
     pub allocation: String,
     /// What ended the render: `time`, `samples` or `interrupted`.
     pub stop: String,
+    /// Names of effects that were left out on purpose.
+    pub without: Vec<String>,
     /// Samples of the whole image.
     pub samples: u64,
     /// Mean samples per pixel.
@@ -118,6 +120,7 @@ impl Stats {
                 (false, StopReason::Samples) => "samples",
             }
             .into(),
+            without: settings.without.iter().map(|e| e.name().to_string()).collect(),
             samples,
             mean_spp: samples as f64 / n,
             spp_range: [

@@ -3,6 +3,7 @@
 use crate::builder::{Instance, MeshPart, SceneBuilder};
 use crate::check::{check_indices, check_values, drop_unusable_attributes, mesh_place, repair_texels};
 use crate::delta_light::DeltaLight;
+use crate::effects::{Effect, Effects};
 use crate::environment::EnvironmentLight;
 use crate::facet::Facet;
 use crate::features::FeatureSet;
@@ -65,6 +66,7 @@ impl SceneBuilder {
     pub fn build(mut self) -> Result<(Scene, BuildReport), BuildError> {
         check_indices(&self)?;
         check_values(&self)?;
+        let mut effects = Effects::of(&self);
         let mut report = BuildReport::default();
         repair_texels(&mut self.images, &mut report);
         let closed = self.clean_meshes(&mut report);
@@ -120,6 +122,12 @@ impl SceneBuilder {
         let has_open_faces =
             geometry.parts.iter().any(|p| is_open(&compiled[p.material as usize]) && solids.is_open(p.solid));
         let scatters = solids.list.iter().any(|s| s.medium.scatters());
+        if solids.has_nesting {
+            effects.call(Effect::Nesting, "solids that touch or overlap".into());
+        }
+        if lights.has_tree() {
+            effects.call(Effect::ManyLights, format!("{} lights", lights.lights.len()));
+        }
         features.media = scatters || has_open_faces || solids.has_nesting;
         let bvh = geometry.hierarchy(&|part| {
             let compiled = &compiled[part.material as usize];
@@ -147,6 +155,7 @@ impl SceneBuilder {
             solid_bounds: solids.bounds,
             has_nesting: solids.has_nesting,
             features,
+            effects,
         };
         crate::hazards::look(&scene, &mut report);
         Ok((scene, report))

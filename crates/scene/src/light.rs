@@ -200,6 +200,11 @@ impl LightTable {
         }
     }
 
+    /// Are there so many lights that a tree chooses among them?
+    pub(crate) fn has_tree(&self) -> bool {
+        self.tree.is_some()
+    }
+
     /// Chooses a light: its index and probability.
     #[inline]
     fn choose(&self, receiver: &LightReceiver, u: f32) -> Option<(usize, f32)> {

@@ -2,6 +2,7 @@
 
 use crate::builder::Camera;
 use crate::camera::{CameraError, RayGenerator, framing_camera};
+use crate::effects::Effects;
 use crate::facet::Facet;
 use crate::features::FeatureSet;
 use crate::light::LightTable;
@@ -48,6 +49,7 @@ pub struct Scene {
     /// Could solids touch or overlap?
     pub(crate) has_nesting: bool,
     pub(crate) features: FeatureSet,
+    pub(crate) effects: Effects,
 }
 
 /// What an instance of the hierarchy stands for.
@@ -106,6 +108,11 @@ impl Scene {
     /// Radius of the bounding sphere \[m\].
     pub fn radius(&self) -> f32 {
         self.radius
+    }
+
+    /// The effects that the scene calls for, and what in it does.
+    pub fn effects(&self) -> &Effects {
+        &self.effects
     }
 
     /// What a kernel must be able to do to render the scene.

@@ -12,6 +12,7 @@
 //!
 //! `docs/materials.md` has the same table for users, and where each parameter comes from.
 
+use crate::effects::SMOOTH_ROUGHNESS;
 use crate::features::FeatureSet;
 use crate::material::{AlphaMode, ChannelTexture, Material, Surface};
 use crate::medium::Medium;
@@ -20,9 +21,6 @@ use dunkelfeld_bsdf::{Bsdf, Dielectric, Principled, PrincipledParams, ThinSheet,
 use dunkelfeld_geometry::{Vec2, Vec4};
 use dunkelfeld_radiometry::Rgb;
 use std::borrow::Cow;
-
-/// Below this perceptual roughness (GGX alpha 1e-4) a clear interface counts as smooth.
-const SMOOTH_ROUGHNESS: f32 = 0.01;
 
 /// What a material needs to know about a place on a mesh.
 #[derive(Clone, Copy, Debug)]

@@ -2,7 +2,7 @@
 
 use crate::args::InspectArgs;
 use crate::outcome::{Outcome, print};
-use dunkelfeld::{Error, Inspection, Project};
+use dunkelfeld::{EffectEntry, Error, Inspection, Project};
 use std::fmt::Write;
 
 pub(crate) fn run(args: &InspectArgs) -> Result<Outcome, Error> {
@@ -54,6 +54,12 @@ fn text(i: &Inspection) -> String {
         "materials",
         i.materials.iter().map(|m| format!("{:<28} {} ({} triangles)", m.name, m.description, m.triangles)),
     );
+    section(&mut t, "effects that the scene calls for", i.effects.iter().filter(|e| e.on).map(effect_line));
+    let off: Vec<&str> = i.effects.iter().filter(|e| !e.on).map(|e| e.name.as_str()).collect();
+    if !off.is_empty() {
+        let _ = writeln!(t, "  off: {}", off.join(", "));
+    }
+    let _ = writeln!(t, "  (rendered by the kernel: {})", i.kernel);
     section(&mut t, "read with warnings", i.warnings.iter().cloned());
     section(&mut t, "repaired", i.notes.iter().cloned());
     section(&mut t, "hazards", i.hazards.iter().cloned());
@@ -61,6 +67,18 @@ fn text(i: &Inspection) -> String {
         t += "no hazards found\n";
     }
     t
+}
+
+/// At most so many callers of an effect are named.
+const MOST_CALLERS: usize = 4;
+
+fn effect_line(effect: &EffectEntry) -> String {
+    let callers = &effect.called_for_by;
+    let mut words = callers.iter().take(MOST_CALLERS).cloned().collect::<Vec<_>>().join(", ");
+    if callers.len() > MOST_CALLERS {
+        let _ = write!(words, " and {} more", callers.len() - MOST_CALLERS);
+    }
+    format!("{:<28} {words}", effect.name)
 }
 
 /// A heading with indented lines, or nothing if there are none.

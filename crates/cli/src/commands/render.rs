@@ -21,7 +21,7 @@ pub(crate) fn run(args: &RenderArgs, started: Instant) -> Result<Outcome, Error>
         sink.update(&ProgressState { stage, fraction, elapsed, remaining: None, samples });
     };
     begin(Stage::Load, 0.0, 0);
-    let mut project = Project::open_at(&args.input, started)?;
+    let mut project = Project::open_without(&args.input, started, &args.without)?;
     apply(args, &mut project)?;
     for line in notices(&project) {
         sink.say(&line);

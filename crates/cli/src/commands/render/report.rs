@@ -44,6 +44,9 @@ fn summary(project: &Project, s: &Stats) -> String {
         [least, most] => format!("{:.1} per pixel on average, {least} at least, {most} at most", s.mean_spp),
     };
     let mut text = format!("{width} x {height} pixels, {} samples: {spread} ({})\n", count(s.samples), s.allocation);
+    if !s.without.is_empty() {
+        let _ = writeln!(text, "without {}: not the image of the scene as it is", s.without.join(", "));
+    }
     let threads = if s.threads == 1 { "1 thread".into() } else { format!("{} threads", s.threads) };
     let rate = count(s.samples_per_second as u64);
     let _ = writeln!(text, "{} in all, {rate} samples per second on {threads}", seconds(s.total_seconds));
@@ -76,6 +79,9 @@ fn replay_command(args: &RenderArgs, s: &Stats, sample: &str) -> String {
     }
     flag("--seed", s.seed.to_string());
     flag("--frame", s.frame.to_string());
+    for effect in &s.without {
+        flag("--without", effect.clone());
+    }
     flag("--debug-sample", sample.into());
     shell(words)
 }
