@@ -208,7 +208,8 @@ fn what_does_not_absorb_is_not_seen_in_a_white_box() {
         ),
     ];
     for (name, scene) in scenes {
-        gives(&scene, 1.0, Terms { spp: 32.0, sure: 5e-3, rounding: 1e-5 }, name);
+        // In fog paths are long, and from the 64th vertex on a few stand for many.
+        gives(&scene, 1.0, Terms { spp: 32.0, sure: 1e-2, rounding: 1e-5 }, name);
     }
 }
 
