@@ -10,7 +10,7 @@ use dunkelfeld::geometry::{DVec3, Vec3};
 use dunkelfeld::integrator::{Estimator, PixelSample};
 use dunkelfeld::radiometry::Rgb;
 use dunkelfeld::scene::shapes::{cuboid, sphere};
-use dunkelfeld::scene::{Material, Scene, SceneBuilder, Surface, Volume};
+use dunkelfeld::scene::{FeatureSet, Material, Scene, SceneBuilder, Surface, Volume};
 use dunkelfeld::{Budget, Cancel, RenderSettings, Silent, render};
 use dunkelfeld_adaptive::allocation::Strategy;
 use std::time::Instant;
@@ -49,6 +49,44 @@ fn the_film_is_bit_identical_for_any_number_of_threads() {
         let one = with(1);
         assert!(one.total_samples() > 0 && one == with(2) && one == with(7), "{strategy:?}");
     }
+}
+
+/// A kernel that can do more must do the same: else images would depend on what other objects a scene holds.
+#[test]
+fn kernels_that_can_do_more_give_the_same_bits() {
+    let with = |more: FeatureSet| {
+        let mut scene = room();
+        assert_eq!(scene.features(), FeatureSet { solids: true, ..FeatureSet::default() }, "what the room calls for");
+        scene.force_features(more);
+        rendered(&scene, &settings(40, 30, 16.0, 3))
+    };
+    let own = with(FeatureSet::default());
+    for (detail, chance) in [(true, false), (false, true), (true, true)] {
+        assert!(
+            own == with(FeatureSet { detail, chance, ..FeatureSet::default() }),
+            "detail {detail}, chance {chance}"
+        );
+    }
+}
+
+/// Media take their own way through solids; the image they make is the same but for rounding, which now and then sends a
+/// path elsewhere.
+#[test]
+fn the_kernel_with_media_gives_the_same_image_where_there_are_none() {
+    let mean = |more: FeatureSet, seed: u64| {
+        let mut scene = room();
+        scene.force_features(more);
+        let film = rendered(&scene, &RenderSettings { seed, ..settings(24, 18, 256.0, 3) });
+        let pixels = film.pixels().data();
+        let n = pixels.len() as f64;
+        let mean: f64 = pixels.iter().map(|p| p.mean()[1]).sum::<f64>() / n;
+        let variance: f64 = pixels.iter().map(|p| p.variance_of_mean()[1]).sum::<f64>() / (n * n);
+        (mean, variance)
+    };
+    let ((a, va), (b, vb)) = (mean(FeatureSet::default(), 1), mean(FeatureSet::ALL, 2));
+    // Independent seeds; 6.1 standard errors of the difference: one false alarm in 1e9.
+    assert!((a - b).abs() < 6.1 * (va + vb).sqrt(), "{a} +- {} without media, {b} +- {} with", va.sqrt(), vb.sqrt());
+    assert!((va + vb).sqrt() < 0.01 * a, "too noisy to tell: {a} +- {}", (va + vb).sqrt());
 }
 
 #[test]

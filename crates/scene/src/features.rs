@@ -1,7 +1,8 @@
 //! What a kernel is compiled with: the scene decides once, and what it does not call for is not in the code that runs.
 //!
-//! Each constant takes a branch, its loads and its registers out of the path loop. Kernels compute the same numbers to
-//! the last bit wherever they can both be used, so a scene may always be rendered by a kernel that can do more.
+//! Each constant takes a branch, its loads and its registers out of the path loop. A scene may always be rendered by a
+//! kernel that can do more. Detail, chance and solids then change no bit of the image; media walk through solids by another
+//! (exact) bookkeeping, and change it by rounding only.
 
 /// Constants that a kernel is compiled with.
 pub trait Features: 'static {

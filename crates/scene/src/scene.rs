@@ -120,8 +120,7 @@ impl Scene {
         self.features
     }
 
-    /// Has the scene rendered by a kernel that can do more than it calls for. The image is the same to the last bit; only
-    /// the time is not.
+    /// Has the scene rendered by a kernel that can do more than it calls for: for measurements of what that costs.
     pub fn force_features(&mut self, more: FeatureSet) {
         self.features = self.features.union(more);
     }

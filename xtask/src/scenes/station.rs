@@ -76,9 +76,10 @@ fn add_housing(document: &mut Document, root: usize, stock: &Stock) {
     }
 
     let plates = document.node(Some(housing), Node::new("plates"));
-    // Each plate reaches 5 mm into the slots around it and is 4 mm thick; a slot is 6.2 mm wide.
-    let span = 2.0 * (HALF - 2.0 * PROFILE + 5.0 * MM);
-    let rise = HEAD - FOOT - 4.0 * PROFILE + 10.0 * MM;
+    // Each plate reaches 4.8 mm into the slots around it, short of their ground, and is 4 mm thick; a slot is 6.2 mm wide.
+    let reach = 4.8 * MM;
+    let span = 2.0 * (HALF - 2.0 * PROFILE + reach);
+    let rise = HEAD - FOOT - 4.0 * PROFILE + 2.0 * reach;
     let board = |document: &mut Document, name, size| {
         let geometry = document.geometry(&rounded_box(size, 0.6 * MM, 0.4 * MM));
         document.mesh(name, geometry, stock.plate)

@@ -3,7 +3,7 @@
 use super::{corners, meters, place, push};
 use crate::report::BuildReport;
 use crate::scene::{Part, Scene};
-use dunkelfeld_geometry::{Vec3, geometric_normal};
+use dunkelfeld_geometry::{Vec2, Vec3, geometric_normal};
 use std::collections::HashMap;
 
 /// Faces within so many steps of the scene's coordinates lie in each other.
@@ -17,6 +17,8 @@ const MOST_TRIANGLES: usize = 4_000_000;
 const MOST_PLANES: usize = 400_000;
 /// At most so many parts are kept of a plane: of a ceiling of ten thousand lamps some stand for all.
 const MOST_FACES: usize = 256;
+/// At most so many triangles of a part in a plane are compared with others one by one.
+const MOST_TRIANGLES_OF_FACE: usize = 512;
 
 /// A plane up to its side, in steps of direction and of distance.
 type PlaneKey = [i32; 4];
@@ -27,9 +29,11 @@ struct Face {
     /// Does it face along the plane's normal?
     along: bool,
     offset: f32,
-    /// Lowest and highest coordinates along two axes in the plane.
+    /// Lowest and highest of the two coordinates that tell places in the plane apart best.
     low: [f32; 2],
     high: [f32; 2],
+    /// The triangles in the same coordinates, at most [`MOST_TRIANGLES_OF_FACE`] of them.
+    triangles: Vec<[Vec2; 3]>,
 }
 
 pub(super) fn look(scene: &Scene, report: &mut BuildReport) {
@@ -86,12 +90,14 @@ fn add(planes: &mut HashMap<PlaneKey, Vec<Face>>, part: usize, triangle: [Vec3; 
     let along = leading > 0.0;
     let m = if along { n } else { -n };
     let offset = (m.as_dvec3().dot(triangle[0].as_dvec3())) as f32;
-    let axis = m.any_orthonormal_vector();
-    let (u, v) = (axis, m.cross(axis));
-    let flat = triangle.map(|p| [p.dot(u), p.dot(v)]);
+    let direction = (m * DIRECTIONS).round();
+    // Seen along the coordinate axis that the plane faces most, which is one for all that share its key; a frame made from
+    // the normal could turn over with the sign of a zero.
+    let steps = direction.abs().to_array();
+    let k = if steps[0] >= steps[1].max(steps[2]) { 0 } else { 1 + usize::from(steps[1] < steps[2]) };
+    let flat = triangle.map(|p| Vec2::new(p[(k + 1) % 3], p[(k + 2) % 3]));
     let bound = |f: fn(f32, f32) -> f32, k: usize| f(f(flat[0][k], flat[1][k]), flat[2][k]);
     let (low, high) = ([bound(f32::min, 0), bound(f32::min, 1)], [bound(f32::max, 0), bound(f32::max, 1)]);
-    let direction = (m * DIRECTIONS).round();
     // Cells are two gaps wide and lie at every gap: whatever is within a gap shares one.
     let cell = (offset / width).floor();
     for shift in [0.0, 1.0] {
@@ -104,16 +110,36 @@ fn add(planes: &mut HashMap<PlaneKey, Vec<Face>>, part: usize, triangle: [Vec3; 
                 for k in 0..2 {
                     (face.low[k], face.high[k]) = (face.low[k].min(low[k]), face.high[k].max(high[k]));
                 }
+                if face.triangles.len() < MOST_TRIANGLES_OF_FACE {
+                    face.triangles.push(flat);
+                }
             }
-            None if has_room => faces.push(Face { part, along, offset, low, high }),
+            None if has_room => faces.push(Face { part, along, offset, low, high, triangles: vec![flat] }),
             None => {}
         }
     }
 }
 
-/// Do the boxes around two faces share an area?
+/// Do two faces share an area? Their boxes tell most pairs apart; a frame and what it frames need their triangles.
 fn overlap(a: &Face, b: &Face, least: f32) -> bool {
     (0..2).all(|k| a.high[k].min(b.high[k]) - a.low[k].max(b.low[k]) > least)
+        && a.triangles.iter().any(|s| b.triangles.iter().any(|t| share_area(s, t, least)))
+}
+
+/// Do two triangles overlap by more than `least` along every direction across one of their edges? (Two convex shapes are
+/// apart exactly if they are along one of these: the separating axis theorem.)
+fn share_area(s: &[Vec2; 3], t: &[Vec2; 3], least: f32) -> bool {
+    let extent = |corners: &[Vec2; 3], axis: Vec2| {
+        let [a, b, c] = corners.map(|p| p.dot(axis));
+        [a.min(b).min(c), a.max(b).max(c)]
+    };
+    [s, t].into_iter().all(|shape| {
+        (0..3).all(|k| {
+            let axis = (shape[(k + 1) % 3] - shape[k]).perp().normalize_or_zero();
+            let ([s0, s1], [t0, t1]) = (extent(s, axis), extent(t, axis));
+            s1.min(t1) - s0.max(t0) > least
+        })
+    })
 }
 
 /// What two faces that lie in each other mean, if it is worth a word.
