@@ -216,7 +216,9 @@ fn what_does_not_absorb_is_not_seen_in_a_white_box() {
 #[test]
 fn nested_and_touching_glass_is_not_seen_in_a_white_box() {
     // A bubble of air in glass in water; two blocks that share a face; one block drawn twice; blocks that overlap.
-    let cases: [(&str, Vec<(f32, Vec3, Vec3)>); 4] = [
+    /// Index of refraction, lowest and highest corner.
+    type Block = (f32, Vec3, Vec3);
+    let cases: [(&str, Vec<Block>); 4] = [
         (
             "nested",
             vec![

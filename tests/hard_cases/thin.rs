@@ -57,8 +57,10 @@ fn stack(plates: &[(f32, f32)], emitter_z: f32, angle: f64, at: DAffine3) -> Sce
 #[test]
 fn gaps_and_films_pass_what_their_faces_leave() {
     const UM: f32 = 1e-6;
-    let ten_films: Vec<(f32, f32)> = (0..10).map(|k| (2.0 * k as f32 * UM, (2.0 * k as f32 + 1.0) * UM)).collect();
-    let mut cases: Vec<(String, Vec<(f32, f32)>, f32)> = Vec::new();
+    /// Lower and upper face [m].
+    type Film = (f32, f32);
+    let ten_films: Vec<Film> = (0..10).map(|k| (2.0 * k as f32 * UM, (2.0 * k as f32 + 1.0) * UM)).collect();
+    let mut cases: Vec<(String, Vec<Film>, f32)> = Vec::new();
     for gap in [10.0, 1.0] {
         cases.push((format!("a gap of {gap} um over the light"), vec![(gap * UM, 0.004)], 0.0));
         cases.push((format!("a gap of {gap} um in glass"), vec![(-0.004, 0.0), (gap * UM, 0.004)], -0.006));

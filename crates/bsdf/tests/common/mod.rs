@@ -5,7 +5,7 @@
 pub(crate) mod chart;
 
 use chart::{Chart, Way};
-use dunkelfeld_bsdf::{Bsdf, Dielectric, Principled, PrincipledParams, ThinSheet};
+use dunkelfeld_bsdf::{Bsdf, Dielectric, Principled, PrincipledParams, ThinSheet, Translucent};
 use dunkelfeld_geometry::LocalDir;
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_sampling::{Pcg, keyed_stream, mix64};
@@ -93,13 +93,19 @@ pub(crate) fn wide_surfaces() -> Vec<(String, Bsdf)> {
     }
     let mut surfaces: Vec<_> = list.into_iter().map(|(n, p)| (n, principled(p))).collect();
     for alpha in [0.1, 0.4, 1.0] {
-        // A nearly matched index narrows the refracted lobe to alpha (eta - 1).
-        for eta in [1.49, 1.0 / 1.49, if alpha > 0.3 { 1.05 } else { 1.2 }, 30.0] {
+        // A nearly matched index narrows the refracted lobe to alpha (eta - 1), and a high one draws what enters at grazing
+        // angles together around the pole: as near to either as a grid over the sphere resolves.
+        for eta in [1.49, 1.0 / 1.49, if alpha > 0.3 { 1.05 } else { 1.2 }, 4.0] {
             let b = Bsdf::Dielectric(Dielectric::new(eta, alpha, Rgb::WHITE, base));
             surfaces.push((format!("rough dielectric {alpha}, eta {eta:.3}"), b));
         }
         let b = Bsdf::ThinSheet(ThinSheet::new(1.49, alpha, Rgb::WHITE, base));
         surfaces.push((format!("rough sheet {alpha}"), b));
+    }
+    for share in [0.3, 1.0] {
+        let Bsdf::Principled(surface) = principled(plain) else { continue };
+        let b = Bsdf::Translucent(Translucent::new(surface, share, base * share));
+        surfaces.push((format!("translucent {share}"), b));
     }
     surfaces
 }
