@@ -4,7 +4,7 @@ use super::{corners, meters, place, push};
 use crate::report::BuildReport;
 use crate::scene::{Part, Scene};
 use dunkelfeld_geometry::{Vec2, Vec3, geometric_normal};
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 
 /// Faces within so many steps of the scene's coordinates lie in each other.
 const SAME: f32 = 4.0;
@@ -19,6 +19,8 @@ const MOST_PLANES: usize = 400_000;
 const MOST_FACES: usize = 256;
 /// At most so many triangles of a part in a plane are compared with others one by one.
 const MOST_TRIANGLES_OF_FACE: usize = 512;
+/// At most so many pairs of triangles are compared in all, a fraction of a second; what is left then is not looked at.
+const MOST_COMPARISONS: usize = 1 << 22;
 
 /// A plane up to its side, in steps of direction and of distance.
 type PlaneKey = [i32; 4];
@@ -41,7 +43,8 @@ pub(super) fn look(scene: &Scene, report: &mut BuildReport) {
     if !(step > 0.0 && step.is_finite()) {
         return;
     }
-    let mut planes: HashMap<PlaneKey, Vec<Face>> = HashMap::new();
+    // Ordered, so that what is found first is the same in every run.
+    let mut planes: BTreeMap<PlaneKey, Vec<Face>> = BTreeMap::new();
     let mut looked_at = 0;
     for (index, part) in scene.parts.iter().enumerate() {
         looked_at += scene.meshes[part.mesh as usize].triangles.len();
@@ -56,18 +59,21 @@ pub(super) fn look(scene: &Scene, report: &mut BuildReport) {
     }
     let mut found: HashMap<(usize, usize), String> = HashMap::new();
     let mut order = Vec::new();
+    let mut comparisons = MOST_COMPARISONS;
     for faces in planes.values().filter(|f| f.len() > 1) {
         for (i, a) in faces.iter().enumerate() {
             for b in &faces[i + 1..] {
                 let gap = (a.offset - b.offset).abs();
-                if !overlap(a, b, SAME * step) || gap > NARROW * step {
+                if gap > NARROW * step || !boxes_overlap(a, b, SAME * step) {
                     continue;
                 }
                 let pair = (a.part.min(b.part), a.part.max(b.part));
                 if found.contains_key(&pair) {
                     continue;
                 }
-                if let Some(message) = judge(scene, a, b, gap, step) {
+                if let Some(message) = judge(scene, a, b, gap, step)
+                    && overlap(a, b, SAME * step, &mut comparisons)
+                {
                     found.insert(pair, message);
                     order.push(pair);
                 }
@@ -80,7 +86,7 @@ pub(super) fn look(scene: &Scene, report: &mut BuildReport) {
 }
 
 /// Enters a triangle under its plane, and under the next one, so that two planes that are near are met under one key.
-fn add(planes: &mut HashMap<PlaneKey, Vec<Face>>, part: usize, triangle: [Vec3; 3], width: f32) {
+fn add(planes: &mut BTreeMap<PlaneKey, Vec<Face>>, part: usize, triangle: [Vec3; 3], width: f32) {
     let n = geometric_normal(&triangle);
     if n == Vec3::ZERO {
         return;
@@ -120,10 +126,19 @@ fn add(planes: &mut HashMap<PlaneKey, Vec<Face>>, part: usize, triangle: [Vec3; 
     }
 }
 
-/// Do two faces share an area? Their boxes tell most pairs apart; a frame and what it frames need their triangles.
-fn overlap(a: &Face, b: &Face, least: f32) -> bool {
+/// Do the boxes around two faces share an area? It tells most pairs apart.
+fn boxes_overlap(a: &Face, b: &Face, least: f32) -> bool {
     (0..2).all(|k| a.high[k].min(b.high[k]) - a.low[k].max(b.low[k]) > least)
-        && a.triangles.iter().any(|s| b.triangles.iter().any(|t| share_area(s, t, least)))
+}
+
+/// Do two faces share an area? A frame and what it frames need their triangles for an answer. Takes what it needs off
+/// `comparisons`; without any left the answer is no.
+fn overlap(a: &Face, b: &Face, least: f32, comparisons: &mut usize) -> bool {
+    a.triangles.iter().any(|s| {
+        let Some(left) = comparisons.checked_sub(b.triangles.len()) else { return false };
+        *comparisons = left;
+        b.triangles.iter().any(|t| share_area(s, t, least))
+    })
 }
 
 /// Do two triangles overlap by more than `least` along every direction across one of their edges? (Two convex shapes are
@@ -182,5 +197,31 @@ fn judge(scene: &Scene, a: &Face, b: &Face, gap: f32, step: f32) -> Option<Strin
             meters(SAME * step)
         )),
         _ => None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn face(triangles: &[[[f32; 2]; 3]]) -> Face {
+        let triangles = triangles.iter().map(|t| t.map(Vec2::from)).collect();
+        Face { part: 0, along: true, offset: 0.0, low: [0.0; 2], high: [1.0; 2], triangles }
+    }
+
+    #[test]
+    fn faces_overlap_where_their_triangles_do_and_not_their_boxes() {
+        let lower = face(&[[[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]]);
+        let upper = face(&[[[1.0, 1.0], [0.0, 1.0], [1.0, 0.0]]]);
+        let middle = face(&[[[0.4, 0.4], [0.6, 0.4], [0.5, 0.7]]]);
+        let mut plenty = MOST_COMPARISONS;
+        assert!(boxes_overlap(&lower, &upper, 1e-6));
+        assert!(!overlap(&lower, &upper, 1e-6, &mut plenty), "they share an edge");
+        assert!(overlap(&lower, &middle, 1e-6, &mut plenty) && overlap(&middle, &upper, 1e-6, &mut plenty));
+        let thin = face(&[[[0.5, 0.5], [0.5, 0.5], [0.5, 0.5]]]);
+        assert!(!overlap(&lower, &thin, 1e-6, &mut plenty), "nothing has no area");
+        assert_eq!(plenty, MOST_COMPARISONS - 4);
+        let mut none = 0;
+        assert!(!overlap(&lower, &middle, 1e-6, &mut none), "no effort is left");
     }
 }
