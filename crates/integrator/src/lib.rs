@@ -4,13 +4,15 @@
 
 #![forbid(unsafe_code)]
 
+mod direct;
 pub mod estimate;
 mod kernel;
 mod labels;
-mod medium;
 mod path;
 mod sets;
 mod trace;
+mod vertex;
+mod walk;
 
 pub use estimate::{Estimator, PixelSample};
 pub use labels::{Label, label};

@@ -1,17 +1,17 @@
-//! A ray followed through the scene until it ends: next-event estimation and scattering, weighed against each other.
+//! A path through the scene until it ends: next-event estimation and scattering, weighed against each other.
 
-use crate::medium::{self, MediumVertex};
+use crate::direct::{self, LastScatter};
 use crate::sets;
 use crate::trace::Recorder;
+use crate::vertex::{MediumVertex, SurfaceVertex, Vertex};
+use crate::walk::{Meeting, Walk};
 use dunkelfeld_bsdf::Lobe;
 use dunkelfeld_film::Sample;
-use dunkelfeld_geometry::{Ray, Vec3};
+use dunkelfeld_geometry::Ray;
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_sampling::Sampler;
-use dunkelfeld_scene::{
-    Boundary, Features, Interface, Interior, LightChoice, LightReceiver, LightSample, MediumEvent, Scene, ShadingPoint,
-    SurfacePoint,
-};
+use dunkelfeld_scene::{Features, MediumEvent, Scene};
+use std::marker::PhantomData;
 
 /// From this bounce on even a path that has lost nothing survives with less than certainty, so that light caught between
 /// perfect mirrors comes to an end.
@@ -19,297 +19,217 @@ const ENDLESS: u32 = 64;
 /// Survival of such a path.
 const ENDLESS_SURVIVAL: f32 = 0.98;
 
-/// The last place where light sampling and scattering both could have found a light.
-pub(crate) struct LastScatter {
-    pub(crate) receiver: LightReceiver,
-    /// Which lights were asked.
-    pub(crate) choice: LightChoice,
-    /// Density of the direction that was taken [1/sr].
-    pub(crate) pdf: f32,
-}
+/// The same for scattering in media. It is late: light in a dense medium that absorbs nothing is scattered some thousand
+/// times before it finds out, and a walk cut short would weigh the rest.
+const ENDLESS_IN_MEDIA: u32 = 4096;
+/// Survival of such a path.
+const ENDLESS_IN_MEDIA_SURVIVAL: f32 = 0.995;
 
 /// Follows a camera ray. The radiance is unbiased; path length is unbounded.
 // Never inlined: the instances share one caller, which must stay small.
 #[inline(never)]
-pub(crate) fn follow<F: Features>(
-    scene: &Scene,
-    mut ray: Ray,
-    sampler: &Sampler,
-    recorder: &mut impl Recorder,
-) -> Sample {
-    let mut sample = Sample::MISS;
-    let mut throughput = Rgb::WHITE;
-    // What refraction did to radiance (the factor eta^2) and roulette must not mistake for loss.
-    let mut eta_scale = 1.0;
-    // The solid that the ray travels in; with media, all solids that it may be in at once.
-    let mut inside: Option<u32> = None;
-    let mut around = if F::MEDIA { scene.interior_at(ray.origin) } else { Interior::OUTSIDE };
-    let mut scatterings = 0;
-    let mut last: Option<LastScatter> = None;
-    let mut bounce = 0;
-    // Vertices that have asked for light.
-    let mut asked = 0;
-    // Distance travelled through surfaces that let the ray pass unchanged.
-    let mut passed = 0.0;
-
+pub(crate) fn follow<F: Features>(scene: &Scene, ray: Ray, sampler: &Sampler, recorder: &mut impl Recorder) -> Sample {
+    let mut path = Path::<F, _>::new(scene, ray, sampler, recorder);
     for vertex in 0.. {
-        let Some(mut hit) = scene.intersect(&ray) else {
-            recorder.vertex(ray.direction.to_array(), None, throughput);
-            let found = throughput * scene.environment_radiance(ray.direction);
-            if !found.is_black() {
-                let other = last.as_ref().map_or(0.0, |l| scene.environment_pdf(&l.receiver, l.choice, ray.direction));
-                let found = found * weight_against(last.as_ref(), other);
-                recorder.emitted(found);
-                sample.radiance += found;
-            }
+        // The next surface on the way. Beyond the last one there may be light from infinitely far away.
+        let Some(met) = path.walk.ahead::<F>(scene) else {
+            path.sees_environment();
             break;
         };
-        // What the medium on the way does, and which of the faces that coincide here counts.
-        let mut interface: Option<Interface> = None;
-        if F::MEDIA {
-            let met = scene.interface(&ray, &hit, &around);
-            if let Some(medium) = scene.medium(&around) {
-                let event = if medium.scatters() {
-                    let [_, u_distance, u_channel, u_digits] = sampler.get_4d(sets::kind(vertex));
-                    medium.sample(throughput, hit.distance, [u_distance, u_channel, u_digits])
-                } else {
-                    MediumEvent::Pass { weight: medium.transmittance(hit.distance) }
-                };
-                match event {
-                    MediumEvent::Pass { weight } => throughput *= weight,
-                    MediumEvent::Scatter { distance, weight } => {
-                        throughput *= weight;
-                        let at = MediumVertex { medium, point: ray.at(distance), wo: -ray.direction, around: &around };
-                        recorder.medium(at.point.to_array(), scene.material_inside(&around), throughput);
-                        if !sample.hit && bounce == 0 {
-                            sample.hit = true;
-                            sample.albedo = medium.albedo();
-                            sample.normal = at.wo.to_array();
-                            sample.depth = passed + distance;
-                        }
-                        let choice = scene.light_choice_at(asked);
-                        asked += 1;
-                        for light in lights(scene, &at.receiver(), choice, sampler, vertex) {
-                            let direct = throughput * at.direct_light(scene, &light);
-                            recorder.direct(direct);
-                            sample.radiance += direct;
-                        }
-
-                        let [u_x, u_y, _, u_roulette] = sampler.get_4d(sets::scatter(vertex));
-                        let (wi, scattered) = at.scatter(choice, [u_x, u_y]);
-                        scatterings += 1;
-                        let survival = medium::survival(throughput.max_channel() * eta_scale, scatterings);
-                        if u_roulette >= survival {
-                            break;
-                        }
-                        throughput *= 1.0 / survival;
-                        recorder.scattered(wi.to_array(), scattered.pdf, Rgb::WHITE);
-                        ray = Ray::new(at.point, wi);
-                        last = Some(scattered);
-                        continue;
-                    }
-                }
-            }
-            hit = met.surface;
-            if let Boundary::Open { tint } = met.boundary {
-                // No vertex: what the path could have been lit by before it can be still.
-                throughput *= tint;
-                passed += hit.distance;
-                around = met.far();
-                ray = Ray::new(hit.leave(ray.direction), ray.direction);
-                continue;
-            }
-            interface = Some(met);
-        } else if F::SOLIDS {
-            throughput *= attenuation(scene, inside, hit.distance);
+        // The medium in between takes its part, or scatters the path before it gets there.
+        if let Some(at) = path.travels(vertex, met.hit.distance) {
+            if path.scatters_at(&at, vertex) { continue } else { break }
         }
-        // Coverage: the ray meets the surface with that probability, else it goes on as if nothing were there.
-        let mut u_kind = 0.0;
-        if F::CHANCE && scene.is_chance(&hit) {
-            u_kind = sampler.get_1d(sets::kind(vertex));
-            let coverage = scene.coverage(&hit);
-            if u_kind >= coverage {
-                passed += hit.distance;
-                ray = Ray::new(hit.leave(ray.direction), ray.direction);
-                continue;
-            }
-            u_kind /= coverage;
+        // A face that bends no light, and a surface that is not there this time, let it pass.
+        let Some(u_kind) = path.meets(vertex, &met) else { continue };
+        let at = SurfaceVertex::<F>::new(scene, path.walk, met, u_kind);
+        // Light that the surface itself emits; light from lights, connected directly; a direction to go on in.
+        path.sees_surface(&at);
+        if !path.scatters_at(&at, vertex) {
+            break;
         }
+    }
+    path.sample
+}
 
-        let wo = -ray.direction;
-        let shading = match interface.as_ref().map(|i| i.boundary) {
-            Some(Boundary::Between { eta }) => scene.shade_between(&hit, wo, u_kind, eta),
-            _ => scene.shade_with::<F>(&hit, wo, u_kind),
+/// A path on its way.
+struct Path<'a, F, R> {
+    scene: &'a Scene,
+    sampler: &'a Sampler,
+    recorder: &'a mut R,
+    walk: Walk,
+    /// Weight of what is still to be found.
+    throughput: Rgb,
+    /// What refraction did to radiance (the factor eta^2) and roulette must not mistake for loss.
+    eta_scale: f32,
+    /// Scatterings at surfaces, and in media.
+    bounces: u32,
+    scatterings: u32,
+    /// Vertices that have asked for light.
+    asked: u32,
+    /// Distance travelled through surfaces that let the ray pass unchanged \[m\].
+    passed: f32,
+    last: Option<LastScatter>,
+    sample: Sample,
+    features: PhantomData<F>,
+}
+
+impl<'a, F: Features, R: Recorder> Path<'a, F, R> {
+    #[inline]
+    fn new(scene: &'a Scene, ray: Ray, sampler: &'a Sampler, recorder: &'a mut R) -> Self {
+        Self {
+            scene,
+            sampler,
+            recorder,
+            walk: Walk::from_camera::<F>(scene, ray),
+            throughput: Rgb::WHITE,
+            eta_scale: 1.0,
+            bounces: 0,
+            scatterings: 0,
+            asked: 0,
+            passed: 0.0,
+            last: None,
+            sample: Sample::MISS,
+            features: PhantomData,
+        }
+    }
+
+    /// The path leaves the scene.
+    #[inline]
+    fn sees_environment(&mut self) {
+        let direction = self.walk.ray.direction;
+        self.recorder.vertex(direction.to_array(), None, self.throughput);
+        let found = self.throughput * self.scene.environment_radiance(direction);
+        if !found.is_black() {
+            self.finds(found, |scene, l| scene.environment_pdf(&l.receiver, l.choice, direction));
+        }
+    }
+
+    /// The path meets a surface, which may emit light.
+    #[inline]
+    fn sees_surface(&mut self, at: &SurfaceVertex<'_, F>) {
+        self.recorder.vertex(at.met.hit.point.to_array(), Some(at.shading.material), self.throughput);
+        let found = self.throughput * self.scene.emitted(&at.met.hit, at.wo);
+        if !found.is_black() {
+            self.finds(found, |scene, l| scene.light_pdf(&l.receiver, l.choice, &at.met.hit));
+        }
+    }
+
+    /// Light that the path has run into. Where light sampling could have found it too, with the density `other` [1/sr], the
+    /// two share.
+    #[inline]
+    fn finds(&mut self, light: Rgb, other: impl FnOnce(&Scene, &LastScatter) -> f32) {
+        let share = self.last.as_ref().map_or(1.0, |l| direct::power_heuristic(l.pdf, other(self.scene, l)));
+        let found = light * share;
+        self.recorder.emitted(found);
+        self.sample.radiance += found;
+    }
+
+    /// The way to the next surface: what the medium takes. The place where it scatters the path instead, if it does.
+    #[inline]
+    fn travels(&mut self, vertex: u32, distance: f32) -> Option<MediumVertex<'a>> {
+        if !F::MEDIA {
+            if F::SOLIDS {
+                self.throughput *= self.walk.transmittance::<F>(self.scene, distance);
+            }
+            return None;
+        }
+        let medium = self.walk.medium(self.scene)?;
+        let event = if medium.scatters() {
+            let [_, u_distance, u_channel, u_digits] = self.sampler.get_4d(sets::kind(vertex));
+            medium.sample(self.throughput, distance, [u_distance, u_channel, u_digits])
+        } else {
+            MediumEvent::Pass { weight: medium.transmittance(distance) }
         };
-        recorder.vertex(hit.point.to_array(), Some(shading.material), throughput);
-
-        // Light that the surface itself emits; where light sampling could have found it too, the two share.
-        let emitted = throughput * scene.emitted(&hit, wo);
-        if !emitted.is_black() {
-            let other = last.as_ref().map_or(0.0, |l| scene.light_pdf(&l.receiver, l.choice, &hit));
-            let emitted = emitted * weight_against(last.as_ref(), other);
-            recorder.emitted(emitted);
-            sample.radiance += emitted;
+        match event {
+            MediumEvent::Pass { weight } => {
+                self.throughput *= weight;
+                None
+            }
+            MediumEvent::Scatter { distance, weight } => {
+                self.throughput *= weight;
+                let at = MediumVertex::new(medium, self.walk, distance);
+                self.recorder.medium(at.point.to_array(), self.walk.material_inside(self.scene), self.throughput);
+                Some(at)
+            }
         }
+    }
 
-        let wo_local = shading.frame.to_local(wo);
-        if bounce == 0 && !sample.hit {
-            sample.hit = true;
-            sample.albedo = shading.bsdf.albedo(wo_local);
-            sample.normal = shading.frame.normal.to_array();
-            sample.depth = passed + hit.distance;
+    /// Does the path meet the surface? Then a number in `[0, 1)` that is still to be used, for surfaces that are one of two
+    /// things at random; else it goes on as if nothing were there.
+    #[inline]
+    fn meets(&mut self, vertex: u32, met: &Meeting) -> Option<f32> {
+        let tint = if F::MEDIA { met.open_tint() } else { None };
+        let mut u_kind = 0.0;
+        if let Some(tint) = tint {
+            self.throughput *= tint;
+        } else if F::CHANCE && self.scene.is_chance(&met.hit) {
+            u_kind = self.sampler.get_1d(sets::kind(vertex));
+            let coverage = self.scene.coverage(&met.hit);
+            if u_kind < coverage {
+                return Some(u_kind / coverage);
+            }
+        } else {
+            return Some(u_kind);
+        }
+        // No vertex: what the path could have been lit by before it can be still.
+        self.passed += met.hit.distance;
+        self.walk = self.walk.straight_on::<F>(met);
+        None
+    }
+
+    /// Everything at a place where light is scattered: light from lights, and a direction to go on in. False if the path ends.
+    #[inline]
+    fn scatters_at<V: Vertex>(&mut self, at: &V, vertex: u32) -> bool {
+        if self.bounces == 0 && !self.sample.hit {
+            let (albedo, normal) = at.look();
+            let depth = self.passed + at.distance();
+            self.sample = Sample { hit: true, albedo, normal: normal.to_array(), depth, ..self.sample };
         }
 
         // Light from lights, connected directly.
-        let choice = scene.light_choice_at(asked);
-        if !shading.bsdf.is_delta() {
-            asked += 1;
-            for light in lights(scene, &shading.receiver, choice, sampler, vertex) {
-                let inside = (inside, interface.as_ref());
-                let direct = throughput * direct_light::<F>(scene, &hit, &shading, wo, inside, &light);
-                recorder.direct(direct);
-                sample.radiance += direct;
+        let choice = self.scene.light_choice_at(self.asked);
+        if !at.is_delta() {
+            self.asked += 1;
+            for question in 0..self.scene.light_questions(choice) {
+                let [x, y, u_choice, _] = self.sampler.get_4d(sets::light(vertex, question));
+                if let Some(light) = self.scene.sample_light(at.receiver(), choice, question, u_choice, [x, y]) {
+                    let found = self.throughput * direct::light_from::<F, _>(self.scene, at, &light);
+                    self.recorder.direct(found);
+                    self.sample.radiance += found;
+                }
             }
         }
 
         // A direction to go on in.
-        let [u_x, u_y, u_lobe, u_roulette] = sampler.get_4d(sets::scatter(vertex));
-        let Some(scattered) = shading.bsdf.sample(wo_local, u_lobe, [u_x, u_y]) else { break };
-        let wi = shading.frame.to_world(scattered.wi);
-        if !shading.consistent(hit.normal, wi, scattered.wi) {
-            break;
-        }
-        throughput *= scattered.weight;
-        eta_scale *= scattered.eta * scattered.eta;
-        bounce += 1;
+        let [u_x, u_y, u_lobe, u_roulette] = self.sampler.get_4d(sets::scatter(vertex));
+        let Some(scattered) = at.sample([u_x, u_y, u_lobe]) else { return false };
+        self.throughput *= scattered.weight;
+        self.eta_scale *= scattered.eta * scattered.eta;
 
         // Roulette on what the path still carries.
-        let survival =
-            (throughput.max_channel() * eta_scale).min(if bounce < ENDLESS { 1.0 } else { ENDLESS_SURVIVAL });
+        let survival = (self.throughput.max_channel() * self.eta_scale).min(self.endurance::<V>());
         if u_roulette >= survival {
-            break;
+            return false;
         }
-        throughput *= 1.0 / survival;
-        recorder.scattered(wi.to_array(), scattered.pdf, scattered.weight);
+        self.throughput *= 1.0 / survival;
+        self.recorder.scattered(scattered.wi.to_array(), scattered.pdf, scattered.weight);
 
-        last = (!scattered.lobe.contains(Lobe::DELTA)).then_some(LastScatter {
-            receiver: shading.receiver,
-            choice,
-            pdf: scattered.pdf,
-        });
-        if let Some(interface) = &interface {
-            around = interface.beyond(wi);
-        } else if F::SOLIDS && scattered.lobe.contains(Lobe::TRANSMISSION) {
-            inside = medium_beyond(&shading, &hit, wi, inside);
-        }
-        ray = Ray::new(hit.leave(wi), wi);
+        let is_delta = scattered.lobe.contains(Lobe::DELTA);
+        self.last = (!is_delta).then_some(LastScatter { receiver: *at.receiver(), choice, pdf: scattered.pdf });
+        self.walk = at.leave(scattered.wi);
+        true
     }
-    sample
-}
 
-/// The answers of the lights that a vertex asks: each while the path is young and they are few, else one.
-#[inline]
-fn lights<'a>(
-    scene: &'a Scene,
-    receiver: &'a LightReceiver,
-    choice: LightChoice,
-    sampler: &'a Sampler,
-    vertex: u32,
-) -> impl Iterator<Item = LightSample> + 'a {
-    (0..scene.light_questions(choice)).filter_map(move |question| {
-        let [x, y, u_choice, _] = sampler.get_4d(sets::light(vertex, question));
-        scene.sample_light(receiver, choice, question, u_choice, [x, y])
-    })
-}
-
-/// Light that reaches a point straight from a light and is scattered toward `wo`.
-#[inline]
-fn direct_light<F: Features>(
-    scene: &Scene,
-    hit: &SurfacePoint,
-    shading: &ShadingPoint<'_>,
-    wo: Vec3,
-    (inside, interface): (Option<u32>, Option<&Interface>),
-    light: &LightSample,
-) -> Rgb {
-    let wi = shading.frame.to_local(light.direction);
-    if !shading.consistent(hit.normal, light.direction, wi) {
-        return Rgb::BLACK;
-    }
-    let (scattered, pdf) = shading.bsdf.eval_pdf(shading.frame.to_local(wo), wi);
-    let unoccluded = scattered * light.radiance;
-    if unoccluded.is_black() {
-        return Rgb::BLACK;
-    }
-    let ray = scene.shadow_ray(hit, light.direction, light.target.as_ref());
-    let share = if light.is_delta { 1.0 } else { power_heuristic(light.pdf, pdf) };
-    if let Some(interface) = interface {
-        return unoccluded * scene.light_through(&ray, &interface.beyond(light.direction)) * (share / light.pdf);
-    }
-    let visible = scene.transmittance_with::<F>(&ray);
-    if visible == 0.0 {
-        return Rgb::BLACK;
-    }
-    let arriving = unoccluded * (visible * share / light.pdf);
-    if !F::SOLIDS {
-        return arriving;
-    }
-    let crosses = (light.direction.dot(hit.normal) > 0.0) != (wo.dot(hit.normal) > 0.0);
-    let medium = if crosses { medium_beyond(shading, hit, light.direction, inside) } else { inside };
-    arriving * attenuation(scene, medium, ray.t_max)
-}
-
-/// The solid on the far side of a surface that light crosses in direction `wi`.
-#[inline]
-fn medium_beyond(shading: &ShadingPoint<'_>, hit: &SurfacePoint, wi: Vec3, inside: Option<u32>) -> Option<u32> {
-    match (shading.is_solid, wi.dot(hit.normal) < 0.0) {
-        (true, true) => Some(shading.material),
-        (true, false) => None,
-        (false, _) => inside,
-    }
-}
-
-/// What absorption leaves over a distance [m] (Beer and Lambert).
-#[inline]
-fn attenuation(scene: &Scene, inside: Option<u32>, distance: f32) -> Rgb {
-    let Some(material) = inside else { return Rgb::WHITE };
-    let absorption = scene.absorption(material);
-    if absorption.is_black() {
-        Rgb::WHITE
-    } else {
-        absorption.map(|a| if a > 0.0 { (-a * distance).exp() } else { 1.0 })
-    }
-}
-
-/// The share of scattering in light that light sampling could have found with density `other` [1/sr]. Camera rays and
-/// delta lobes find light that nothing else can.
-#[inline]
-fn weight_against(last: Option<&LastScatter>, other: f32) -> f32 {
-    last.map_or(1.0, |l| power_heuristic(l.pdf, other))
-}
-
-/// The power heuristic with exponent 2 (Veach & Guibas 1995): the share of the technique with density `own`.
-#[inline]
-pub(crate) fn power_heuristic(own: f32, other: f32) -> f32 {
-    if own.is_infinite() {
-        return 1.0;
-    }
-    // Of the ratio, so that squares of large densities do not overflow.
-    let ratio = other / own;
-    1.0 / (1.0 + ratio * ratio)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::power_heuristic;
-
-    #[test]
-    fn the_shares_of_two_techniques_sum_to_one() {
-        for (a, b) in [(1.0, 2.0), (1e-20, 1e20), (3e30, 2e30), (5.0, 0.0)] {
-            let sum = power_heuristic(a, b) + power_heuristic(b, a);
-            assert!((sum - 1.0).abs() < 1e-6 || b == 0.0, "{a} and {b} sum to {sum}");
-        }
-        assert_eq!(power_heuristic(5.0, 0.0), 1.0);
-        assert!((power_heuristic(2.0, 1.0) - 0.8).abs() < 1e-6);
+    /// Counts a scattering; the survival of a path that has lost nothing.
+    #[inline]
+    fn endurance<V: Vertex>(&mut self) -> f32 {
+        let (count, endless, survival) = if V::IN_MEDIUM {
+            (&mut self.scatterings, ENDLESS_IN_MEDIA, ENDLESS_IN_MEDIA_SURVIVAL)
+        } else {
+            (&mut self.bounces, ENDLESS, ENDLESS_SURVIVAL)
+        };
+        *count += 1;
+        if *count < endless { 1.0 } else { survival }
     }
 }

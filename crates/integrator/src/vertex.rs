@@ -1,0 +1,190 @@
+//! A place where a path is scattered, on a surface or in a medium, as the path sees it.
+
+use crate::walk::{Meeting, Walk};
+use dunkelfeld_bsdf::{BsdfSample, Lobe};
+use dunkelfeld_geometry::{LocalDir, Vec3};
+use dunkelfeld_radiometry::Rgb;
+use dunkelfeld_scene::{Features, LightReceiver, Medium, Scene, ShadingPoint};
+use std::marker::PhantomData;
+
+/// A direction to go on in.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Scattering {
+    /// Unit direction in render space.
+    pub(crate) wi: Vec3,
+    /// What is scattered over the density.
+    pub(crate) weight: Rgb,
+    /// Density [1/sr]; for a delta lobe its probability.
+    pub(crate) pdf: f32,
+    pub(crate) lobe: Lobe,
+    /// Index of refraction beyond over here; 1 unless the light was refracted.
+    pub(crate) eta: f32,
+}
+
+/// What a path asks of a place where it is scattered.
+pub(crate) trait Vertex {
+    /// Is it in a medium?
+    const IN_MEDIUM: bool;
+
+    /// The place as lights see it.
+    fn receiver(&self) -> &LightReceiver;
+
+    /// Does it scatter into single directions only? Then no light can be connected to it.
+    fn is_delta(&self) -> bool;
+
+    /// What is scattered from `wi` toward the camera side [1/sr], cosine included, and the density of [`Self::sample`].
+    fn eval(&self, wi: Vec3) -> (Rgb, f32);
+
+    /// Samples a direction: `u` holds direction (2), lobe. `None` if the path ends here.
+    fn sample(&self, u: [f32; 3]) -> Option<Scattering>;
+
+    /// The walk that goes on in a direction.
+    fn leave(&self, wi: Vec3) -> Walk;
+
+    /// Colour and normal, for layers.
+    fn look(&self) -> (Rgb, Vec3);
+
+    /// Distance from where the ray started \[m\].
+    fn distance(&self) -> f32;
+}
+
+/// A point on a surface.
+pub(crate) struct SurfaceVertex<'a, F> {
+    pub(crate) met: Meeting,
+    pub(crate) shading: ShadingPoint<'a>,
+    /// Direction toward the camera.
+    pub(crate) wo: Vec3,
+    wo_local: LocalDir,
+    arrived: Walk,
+    features: PhantomData<F>,
+}
+
+impl<'a, F: Features> SurfaceVertex<'a, F> {
+    /// The surface that a walk has met. `u_kind` in `[0, 1)` serves surfaces that are one of two things at random.
+    #[inline]
+    pub(crate) fn new(scene: &'a Scene, arrived: Walk, met: Meeting, u_kind: f32) -> Self {
+        let wo = -arrived.ray.direction;
+        let shading = match met.relative_index() {
+            Some(eta) if F::MEDIA => scene.shade_between(&met.hit, wo, u_kind, eta),
+            _ => scene.shade_with::<F>(&met.hit, wo, u_kind),
+        };
+        let wo_local = shading.frame.to_local(wo);
+        Self { met, shading, wo, wo_local, arrived, features: PhantomData }
+    }
+
+    /// A direction in the local frame, if it lies on the side of the surface that the frame says.
+    #[inline]
+    fn consistent(&self, wi: Vec3) -> Option<LocalDir> {
+        let local = self.shading.frame.to_local(wi);
+        self.shading.consistent(self.met.hit.normal, wi, local).then_some(local)
+    }
+}
+
+impl<F: Features> Vertex for SurfaceVertex<'_, F> {
+    const IN_MEDIUM: bool = false;
+
+    #[inline]
+    fn receiver(&self) -> &LightReceiver {
+        &self.shading.receiver
+    }
+
+    #[inline]
+    fn is_delta(&self) -> bool {
+        self.shading.bsdf.is_delta()
+    }
+
+    #[inline]
+    fn eval(&self, wi: Vec3) -> (Rgb, f32) {
+        match self.consistent(wi) {
+            Some(local) => self.shading.bsdf.eval_pdf(self.wo_local, local),
+            None => (Rgb::BLACK, 0.0),
+        }
+    }
+
+    #[inline]
+    fn sample(&self, [u_x, u_y, u_lobe]: [f32; 3]) -> Option<Scattering> {
+        let BsdfSample { wi, weight, pdf, lobe, eta } = self.shading.bsdf.sample(self.wo_local, u_lobe, [u_x, u_y])?;
+        let world = self.shading.frame.to_world(wi);
+        self.shading.consistent(self.met.hit.normal, world, wi).then_some(Scattering { wi: world, weight, pdf, lobe, eta })
+    }
+
+    #[inline]
+    fn leave(&self, wi: Vec3) -> Walk {
+        self.arrived.leave::<F>(&self.met, &self.shading, self.wo, wi)
+    }
+
+    #[inline]
+    fn look(&self) -> (Rgb, Vec3) {
+        (self.shading.bsdf.albedo(self.wo_local), self.shading.frame.normal)
+    }
+
+    #[inline]
+    fn distance(&self) -> f32 {
+        self.met.hit.distance
+    }
+}
+
+/// A place inside a medium where light is scattered.
+pub(crate) struct MediumVertex<'a> {
+    medium: &'a Medium,
+    /// Position in render space.
+    pub(crate) point: Vec3,
+    /// Direction toward the camera.
+    wo: Vec3,
+    receiver: LightReceiver,
+    distance: f32,
+    arrived: Walk,
+}
+
+impl<'a> MediumVertex<'a> {
+    /// A place on a walk through a medium, after a distance \[m\].
+    #[inline]
+    pub(crate) fn new(medium: &'a Medium, arrived: Walk, distance: f32) -> Self {
+        let point = arrived.ray.at(distance);
+        // As lights see it: without a surface, open to all sides.
+        let receiver = LightReceiver { point, normal: Vec3::ZERO, both_sides: true };
+        Self { medium, point, wo: -arrived.ray.direction, receiver, distance, arrived }
+    }
+}
+
+impl Vertex for MediumVertex<'_> {
+    const IN_MEDIUM: bool = true;
+
+    #[inline]
+    fn receiver(&self) -> &LightReceiver {
+        &self.receiver
+    }
+
+    #[inline]
+    fn is_delta(&self) -> bool {
+        false
+    }
+
+    #[inline]
+    fn eval(&self, wi: Vec3) -> (Rgb, f32) {
+        let phase = self.medium.phase.pdf(self.wo, wi);
+        (Rgb::splat(phase), phase)
+    }
+
+    #[inline]
+    fn sample(&self, [u_x, u_y, _]: [f32; 3]) -> Option<Scattering> {
+        let wi = self.medium.phase.sample(self.wo, [u_x, u_y]);
+        let pdf = self.medium.phase.pdf(self.wo, wi);
+        Some(Scattering { wi, weight: Rgb::WHITE, pdf, lobe: Lobe::default(), eta: 1.0 })
+    }
+
+    #[inline]
+    fn leave(&self, wi: Vec3) -> Walk {
+        self.arrived.turned(self.point, wi)
+    }
+
+    #[inline]
+    fn look(&self) -> (Rgb, Vec3) {
+        (self.medium.albedo(), self.wo)
+    }
+
+    #[inline]
+    fn distance(&self) -> f32 {
+        self.distance
+    }
+}
