@@ -196,6 +196,30 @@ fn a_render_writes_all_outputs_well_formed() {
     assert_eq!(keys, documented.split_whitespace().collect());
 }
 
+/// What is left out is named by every output; of a technique it is said that the image is the same.
+#[test]
+fn what_is_left_out_marks_the_outputs() {
+    let bench = Bench::new();
+    bench.write("two.toml", "scene = \"scene.gltf\"\n[environment]\nradiance = 1\n");
+    let inspect = stdout(&bench.run("inspect two.toml").code(0));
+    let line = |name: &str| inspect.lines().find(|l| l.trim_start().starts_with(name)).map(str::to_owned);
+    assert!(line("every-light").is_some_and(|l| l.ends_with("2 lights")), "{inspect}");
+    assert!(line("environment").is_some(), "{inspect}");
+
+    for (name, words) in
+        [("every-light", "another way to the same image"), ("environment", "not the image of the scene as it is")]
+    {
+        let render = "render two.toml --width 8 --height 6 --spp 2 -o a.png --stats a.json --without";
+        let run = bench.run(&format!("{render} {name}")).code(0);
+        assert!(stdout(&run).contains(&format!("without {name}: {words}")), "{}", stdout(&run));
+        assert_eq!(bench.json("a.json")["without"], serde_json::json!([name]));
+        let marked = format!("rendered without {name}");
+        assert!(bench.read("a.png").windows(marked.len()).any(|w| w == marked.as_bytes()), "the PNG does not say so");
+    }
+    let refused = bench.run("render two.toml --without every-lamp").code(2);
+    assert!(stderr(&refused).contains("every-light"), "the names are listed: {}", stderr(&refused));
+}
+
 #[test]
 fn without_a_sensor_the_image_is_in_colour_and_an_obj_is_lit_by_ke() {
     let bench = Bench::new();

@@ -93,7 +93,8 @@ pub(crate) struct RenderArgs {
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub(crate) threads: Option<u16>,
     /// Leave out an effect that the scene calls for, as in scattering or normal-maps: to see what it costs and whether the
-    /// camera can tell. May be repeated. `inspect` lists the effects. The outputs say that it was left out.
+    /// camera can tell. Techniques too: without every-light one light is asked at a time, for the same image with other
+    /// noise. May be repeated. `inspect` lists the effects. The outputs say that it was left out.
     #[arg(long, value_name = "EFFECT", value_delimiter = ',', value_parser = effect)]
     pub(crate) without: Vec<Effect>,
     /// How progress is shown on standard error.

@@ -4,6 +4,7 @@ use crate::camera::look_at;
 use crate::lens::Lens;
 use crate::material::Material;
 use crate::profile::LightProfile;
+use crate::techniques::Techniques;
 use crate::texture::{Image, ImageId};
 use dunkelfeld_geometry::{DAffine3, DVec3, Mesh};
 use dunkelfeld_radiometry::Rgb;
@@ -35,6 +36,8 @@ pub struct SceneBuilder {
     /// Are rough surfaces given back the energy that their model loses between facets? Off by default; see
     /// [`dunkelfeld_bsdf::compensation`].
     pub energy_compensation: bool,
+    /// Ways of looking for light that may be used; all by default.
+    pub techniques: Techniques,
 }
 
 /// A mesh and its material.

@@ -103,7 +103,7 @@ impl SceneBuilder {
             lights.push(Light::Delta(DeltaLight::new(light, &to_render)));
         }
         let environment = self.environment.as_ref().map(|e| EnvironmentLight::new(e, &self.images));
-        let lights = LightTable::new(lights, environment, std::mem::take(&mut self.profiles), radius);
+        let lights = LightTable::new(lights, environment, std::mem::take(&mut self.profiles), radius, self.techniques);
         if lights.lights.iter().all(|l| lights.power(l, radius.max(1.0)).is_black()) {
             report.hazard(
                 "scene",
@@ -127,6 +127,9 @@ impl SceneBuilder {
         }
         if lights.has_tree() {
             effects.call(Effect::ManyLights, format!("{} lights", lights.lights.len()));
+        }
+        if lights.asks_each() {
+            effects.call(Effect::EveryLight, format!("{} lights", lights.lights.len()));
         }
         features.media = scatters || has_open_faces || solids.has_nesting;
         let bvh = geometry.hierarchy(&|part| {

@@ -1,4 +1,4 @@
-//! Which effects of light a scene calls for, and what in it calls for them.
+//! Which effects of light a scene calls for, and what in it calls for them; beside them the techniques that its light calls for.
 //!
 //! Only what a scene calls for is simulated, so a user must be able to see what that is: an effect that nobody meant to have
 //! (a normal map, a metal that is slightly clear) costs time and changes the image.
@@ -11,7 +11,7 @@ use crate::medium::Medium;
 /// Below this perceptual roughness a clear surface refracts and reflects in single directions.
 pub(crate) const SMOOTH_ROUGHNESS: f32 = 0.01;
 
-/// Something that light does only in some scenes.
+/// Something that light does only in some scenes, or a technique that only some scenes call for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Effect {
     /// Images on surfaces, other than normal maps.
@@ -60,11 +60,13 @@ pub enum Effect {
     ManyLights,
     /// Surfaces or lights that are not grey.
     Color,
+    /// A technique: all lights are asked at the first two surfaces of a path, as they are few.
+    EveryLight,
 }
 
 impl Effect {
     /// All effects, in the order in which they are listed.
-    pub const ALL: [Self; 23] = [
+    pub const ALL: [Self; 24] = [
         Self::Textures,
         Self::VertexColors,
         Self::NormalMaps,
@@ -88,6 +90,7 @@ impl Effect {
         Self::LightProfiles,
         Self::ManyLights,
         Self::Color,
+        Self::EveryLight,
     ];
 
     /// Its name, as in `smooth-refraction`.
@@ -116,7 +119,13 @@ impl Effect {
             Self::LightProfiles => "light-profiles",
             Self::ManyLights => "many-lights",
             Self::Color => "color",
+            Self::EveryLight => "every-light",
         }
+    }
+
+    /// Is it a way of looking for light? Left out, it changes the noise of the image, and not what is expected of it.
+    pub fn is_technique(self) -> bool {
+        matches!(self, Self::EveryLight)
     }
 }
 
@@ -127,7 +136,8 @@ pub struct Effects {
 }
 
 impl Effects {
-    /// Reads a scene's description. What only a built scene can tell (nesting, many lights) is added by it.
+    /// Reads a scene's description. What only a built scene can tell (nesting, how many lights
+    /// there are) is added by it.
     pub(crate) fn of(scene: &SceneBuilder) -> Self {
         let mut effects = Self::default();
         let mut used = vec![false; scene.materials.len()];

@@ -1,7 +1,7 @@
 //! What a scene holds, for people: its lights and how strong they are, its parts and how many triangles they have.
 
 use crate::delta_light::DeltaLight;
-use crate::light::{EACH_UP_TO, Light, NO_LIGHT};
+use crate::light::{Light, NO_LIGHT};
 use crate::scene::Scene;
 use dunkelfeld_radiometry::Rgb;
 
@@ -104,7 +104,7 @@ impl Scene {
         match (&self.lights.tree, count) {
             (_, 0) => "no light".into(),
             (None, 1) => "1 light, asked at every surface".into(),
-            (None, n) if n <= EACH_UP_TO => {
+            (None, n) if self.lights.asks_each() => {
                 format!("{n} lights, all asked at the first two surfaces of a path that scatter, one at each later one")
             }
             (None, n) => format!("{n} lights, one asked at each surface, chosen by what it can bring there"),

@@ -33,6 +33,7 @@ mod scene;
 pub mod shading;
 pub mod shapes;
 mod surface;
+pub mod techniques;
 mod texture;
 mod texture_eval;
 
@@ -56,4 +57,5 @@ pub use profile::{LightProfile, ProfileError};
 pub use report::{BuildReport, Finding, Severity};
 pub use scene::{Scene, SceneSummary};
 pub use shading::ShadingPoint;
+pub use techniques::Techniques;
 pub use texture::{ColorEncoding, Filter, Image, ImageId, Texels, Texture, TextureTransform, Wrap};

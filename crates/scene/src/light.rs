@@ -7,6 +7,7 @@ use crate::delta_light::DeltaLight;
 use crate::environment::EnvironmentLight;
 use crate::light_tree::{EmissionCone, LightBounds, LightTree};
 use crate::profile::LightProfile;
+use crate::techniques::Techniques;
 use dunkelfeld_geometry::shape::{RectangleSampler, ShapeSample, pdf_triangle, sample_triangle};
 use dunkelfeld_geometry::{Aabb, Vec3};
 use dunkelfeld_radiometry::Rgb;
@@ -116,6 +117,8 @@ pub(crate) struct LightTable {
     pub(crate) profiles: Vec<LightProfile>,
     /// The choice among more lights than are weighed one by one.
     pub(crate) tree: Option<LightTree>,
+    /// So many scattering vertices of a path ask each light.
+    young: u32,
 }
 
 impl LightTable {
@@ -124,11 +127,15 @@ impl LightTable {
         environment: Option<EnvironmentLight>,
         profiles: Vec<LightProfile>,
         scene_radius: f32,
+        techniques: Techniques,
     ) -> Self {
         if environment.as_ref().is_some_and(|e| !e.mean.is_black()) {
             lights.push(Light::Environment);
         }
-        let mut table = Self { lights, environment, profiles, tree: None };
+        // A single light is always asked: there is nothing to choose.
+        let asks_each = lights.len() <= if techniques.every_light { EACH_UP_TO } else { 1 };
+        let young = if asks_each { YOUNG } else { 0 };
+        let mut table = Self { lights, environment, profiles, tree: None, young };
         if table.lights.len() > WEIGHED_UP_TO {
             let bounds: Vec<_> = table.lights.iter().map(|l| table.bounds(l)).collect();
             let powers: Vec<_> = table.lights.iter().map(|l| table.power(l, scene_radius).mean()).collect();
@@ -175,7 +182,7 @@ impl LightTable {
     /// Which lights the scattering vertex with this number (from 0, counted along a path) asks.
     #[inline]
     pub(crate) fn choice_at(&self, vertex: u32) -> LightChoice {
-        if vertex < YOUNG && self.lights.len() <= EACH_UP_TO { LightChoice::Each } else { LightChoice::One }
+        if vertex < self.young { LightChoice::Each } else { LightChoice::One }
     }
 
     /// How many questions a vertex has.
@@ -198,6 +205,11 @@ impl LightTable {
             }
             Light::Environment => PI * self.environment_mean().mean(),
         }
+    }
+
+    /// Are there several lights that are all asked where a path is young?
+    pub(crate) fn asks_each(&self) -> bool {
+        self.young > 0 && self.lights.len() > 1
     }
 
     /// Are there so many lights that a tree chooses among them?

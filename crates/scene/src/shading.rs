@@ -158,7 +158,7 @@ impl Scene {
     pub const MOST_LIGHT_QUESTIONS: u32 = EACH_UP_TO as u32;
 
     /// Which lights the scattering vertex with this number (from 0, counted along a path) asks: each where they are at
-    /// most eight and the vertex is one of the first two, else one.
+    /// most eight and the vertex is one of the first two (unless the technique is left out), else one.
     #[inline]
     pub fn light_choice_at(&self, vertex: u32) -> LightChoice {
         self.lights.choice_at(vertex)

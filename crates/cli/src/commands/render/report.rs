@@ -3,6 +3,7 @@
 use crate::args::RenderArgs;
 use crate::outcome::{print, say};
 use crate::words::{count, seconds, shell};
+use dunkelfeld::scene::Effect;
 use dunkelfeld::{Project, ProjectResult, Stats};
 use std::fmt::Write;
 
@@ -44,8 +45,16 @@ fn summary(project: &Project, s: &Stats) -> String {
         [least, most] => format!("{:.1} per pixel on average, {least} at least, {most} at most", s.mean_spp),
     };
     let mut text = format!("{width} x {height} pixels, {} samples: {spread} ({})\n", count(s.samples), s.allocation);
-    if !s.without.is_empty() {
-        let _ = writeln!(text, "without {}: not the image of the scene as it is", s.without.join(", "));
+    let (techniques, effects): (Vec<Effect>, Vec<Effect>) =
+        project.settings.without.iter().partition(|e| e.is_technique());
+    for (left_out, what) in [
+        (effects, "not the image of the scene as it is"),
+        (techniques, "another way to the same image, with other noise"),
+    ] {
+        if !left_out.is_empty() {
+            let names: Vec<&str> = left_out.iter().map(|e| e.name()).collect();
+            let _ = writeln!(text, "without {}: {what}", names.join(", "));
+        }
     }
     let threads = if s.threads == 1 { "1 thread".into() } else { format!("{} threads", s.threads) };
     let rate = count(s.samples_per_second as u64);

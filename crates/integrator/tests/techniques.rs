@@ -1,0 +1,98 @@
+//! Techniques can be left out: another way of looking for light, the same expected image.
+//!
+//! Replay: `cargo test -p dunkelfeld-integrator --test techniques NAME`.
+
+use dunkelfeld_geometry::{DAffine3, DVec3, Vec3};
+use dunkelfeld_integrator::{Estimator, PixelSample};
+use dunkelfeld_radiometry::Rgb;
+use dunkelfeld_scene::shapes::{cuboid, rectangle};
+use dunkelfeld_scene::{
+    Camera, Effect, LightChoice, Material, Projection, PunctualKind, PunctualLight, Scene, SceneBuilder, look_at,
+};
+use dunkelfeld_testkit::{SampleMoments, welch_test};
+
+/// False-alarm rate of one comparison; there are two.
+const RATE: f64 = 1e-9;
+
+/// A glossy floor, a metal box that shades it, and lights of three kinds.
+fn room(count: usize) -> SceneBuilder {
+    let mut b = SceneBuilder::default();
+    let floor = b.add_material(Material { roughness: 0.4, ..Material::default() });
+    b.add_object("floor", rectangle(Vec3::new(-1.0, -1.0, 0.0), Vec3::X * 2.0, Vec3::Y * 2.0), floor);
+    let metal = b.add_material(Material { metallic: 1.0, roughness: 0.3, ..Material::default() });
+    b.add_object("box", cuboid(Vec3::new(0.1, -0.1, 0.0), Vec3::new(0.3, 0.1, 0.3)), metal);
+    for (i, radiance) in [9.0, 1.0, 4.0].into_iter().enumerate().take(count) {
+        let light = b.add_material(Material { emission: Rgb::splat(radiance), ..Material::default() });
+        let x = 0.7 * i as f32 - 0.9;
+        b.add_object("panel", rectangle(Vec3::new(x, 0.2, 0.8), Vec3::X * 0.4, Vec3::NEG_Y * 0.4), light);
+    }
+    if count > 3 {
+        b.lights.push(PunctualLight {
+            name: "lamp".into(),
+            to_world: DAffine3::from_translation(DVec3::new(-0.4, -0.5, 0.6)),
+            kind: PunctualKind::Point { intensity: Rgb::splat(0.5) },
+        });
+    }
+    b.cameras.push(Camera {
+        name: "spot".into(),
+        to_world: look_at(DVec3::new(0.2, -1.0, 1.0), DVec3::ZERO, DVec3::Z),
+        projection: Projection::Orthographic { half_width: 0.3, half_height: 0.3 },
+        ..Camera::default()
+    });
+    b
+}
+
+fn built(b: SceneBuilder) -> Scene {
+    b.build().expect("the scene is valid").0
+}
+
+/// One sample of each pixel of a film over the whole view. They are independent; that pixels differ in their means makes the
+/// standard error too large by a little, and the comparison the more careful.
+fn moments(scene: &Scene, seed: u64) -> SampleMoments {
+    const SIDE: u32 = 160;
+    let camera = scene.ray_generator(&scene.cameras()[0], SIDE, SIDE).expect("a camera");
+    let estimator = Estimator { scene, camera: &camera, width: SIDE, seed, frame: 0 };
+    (0..SIDE * SIDE)
+        .map(|k| f64::from(estimator.sample(PixelSample { x: k % SIDE, y: k / SIDE, index: 0 }).radiance.g))
+        .collect()
+}
+
+#[test]
+fn without_every_light_the_mean_stays_and_the_choice_changes() {
+    for count in [2, 4] {
+        let with = built(room(count));
+        let mut left_out = room(count);
+        assert!(left_out.leave_out(Effect::EveryLight), "it can be left out");
+        let without = built(left_out);
+
+        assert_eq!(with.effects().callers(Effect::EveryLight), [format!("{count} lights")]);
+        assert!(!without.effects().has(Effect::EveryLight));
+        assert_eq!(
+            [0, 1, 2].map(|v| with.light_choice_at(v)),
+            [LightChoice::Each, LightChoice::Each, LightChoice::One]
+        );
+        assert_eq!([0, 1, 2].map(|v| without.light_choice_at(v)), [LightChoice::One; 3]);
+        assert!(without.light_choice().contains("one asked at each surface"), "{}", without.light_choice());
+
+        let (each, one) = (moments(&with, 1), moments(&without, 2));
+        welch_test(&each, &one).assert(RATE, &format!("{count} lights, all against one"));
+        assert!(each.standard_error() < 0.02 * each.mean(), "too noisy to tell: {each:?}");
+        // The answers of all lights against that of one: less noise, or nothing was changed.
+        assert!(
+            each.variance() < 0.9 * one.variance(),
+            "{count} lights: {} of all, {} of one",
+            each.variance(),
+            one.variance()
+        );
+    }
+}
+
+/// Where there is nothing to choose, nothing changes, to the last bit.
+#[test]
+fn a_single_light_does_not_call_for_it() {
+    let with = built(room(1));
+    let mut left_out = room(1);
+    assert!(left_out.leave_out(Effect::EveryLight));
+    assert!(!with.effects().has(Effect::EveryLight));
+    assert_eq!(moments(&with, 3), moments(&built(left_out), 3));
+}
