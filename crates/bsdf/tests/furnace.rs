@@ -13,37 +13,35 @@ use common::{Uniform, direction, principled};
 use dunkelfeld_bsdf::{Bsdf, Dielectric, Lobe, PrincipledParams, ThinSheet, fresnel};
 use dunkelfeld_geometry::LocalDir;
 use dunkelfeld_radiometry::Rgb;
-use dunkelfeld_testkit::{SampleMoments, z_test};
+use dunkelfeld_testkit::{Claim, SampleMoments};
 
-/// False-alarm rate of one comparison: 6.5 standard errors.
-const RATE: f64 = 1e-10;
-/// Samples are drawn until the standard error is below this.
+/// Samples are drawn until the standard error of the first look is below this.
 const STANDARD_ERROR: f64 = 8e-4;
 /// What the cubature of the expectation may be off.
 const CUBATURE: f64 = 2e-5;
 
-/// Power scattered out of a white furnace, by sampling. Radiance gained by refraction is undone (eta^2).
-fn furnace(bsdf: &Bsdf, wo: LocalDir, key: u64, keep: impl Fn(Lobe) -> bool) -> SampleMoments {
-    let mut u = Uniform::new(key);
+/// Moments of `draw`, until the standard error is small enough for the look `k`: half of that of the look before.
+fn moments(k: u32, key: u64, mut draw: impl FnMut(&mut Uniform) -> f64) -> SampleMoments {
+    let mut u = Uniform::new(key + u64::from(k) * 1_000_003);
+    let [least, most] = [50_000, 3_000_000].map(|n| n << (2 * k));
+    let small = STANDARD_ERROR / f64::from(1u32 << k);
     let mut moments = SampleMoments::default();
-    while moments.count() < 50_000 || (moments.standard_error() > STANDARD_ERROR && moments.count() < 3_000_000) {
-        for _ in 0..1000 {
-            let sample = bsdf.sample(wo, u.next(), u.pair());
-            moments.push(match sample {
-                Some(s) if keep(s.lobe) => f64::from(s.weight.r * s.eta * s.eta),
-                _ => 0.0,
-            });
-        }
+    while moments.count() < least || (moments.standard_error() > small && moments.count() < most) {
+        (0..1000).for_each(|_| moments.push(draw(&mut u)));
     }
     moments
 }
 
-/// The sampled mean against what it must be, which is known to `error`.
-fn compare(what: &str, m: &SampleMoments, expected: f64, error: f64) {
-    assert!(m.standard_error() <= STANDARD_ERROR, "{what}: standard error {:.1e}, heavy weights", m.standard_error());
-    // All-or-nothing events of a share up to 23 / n may not have been seen at all, at this rate: 6.5 times 4 / n.
-    let unseen = 4.0 / m.count() as f64;
-    z_test(m.mean(), m.standard_error().hypot(error).hypot(unseen), expected).assert(RATE, what);
+/// Power scattered out of a white furnace, by sampling. Radiance gained by refraction is undone (eta^2).
+fn furnace(bsdf: &Bsdf, wo: LocalDir, key: u64, k: u32) -> SampleMoments {
+    moments(k, key, |u| bsdf.sample(wo, u.next(), u.pair()).map_or(0.0, |s| f64::from(s.weight.r * s.eta * s.eta)))
+}
+
+/// The sampled mean must be `expected`, which is known to `error`.
+fn compare(what: &str, bsdf: &Bsdf, wo: LocalDir, key: u64, expected: f64, error: f64) {
+    // Of 50 000 samples all-or-nothing events of a share up to 10 / n go unseen as often as a look errs (exp(-10)).
+    let claim = Claim { expected, tolerance: error + 2e-4_f64.min(expected), sure: STANDARD_ERROR };
+    claim.assert(what, |k| furnace(bsdf, wo, key, k).into());
 }
 
 /// The surface with nothing but its diffuse layer: no specular reflection at all.
@@ -52,7 +50,7 @@ fn bare(base: f32) -> PrincipledParams {
 }
 
 const ROUGHNESS: [f32; 5] = [0.1, 0.3, 0.5, 0.8, 1.0];
-const VIEWS: [f32; 3] = [0.8, 0.1, -0.6];
+const VIEWS: [f32; 4] = [0.8, 0.1, -0.6, -0.05];
 
 /// A surface, the index of refraction below over above, and whether its lobes are physical.
 struct Case {
@@ -63,20 +61,34 @@ struct Case {
     physical: bool,
 }
 
+/// Charts that resolve facets of the given slopes, which mirror and refract, beside what is diffuse.
+fn charts(slopes: [f64; 2], eta: f32) -> Vec<Chart> {
+    let refract = Way::Refract(f64::from(eta));
+    let mut charts = vec![
+        Chart::Cosine { above: true },
+        Chart::Cosine { above: false },
+        Chart::Horizon { above: true },
+        Chart::Horizon { above: false },
+        Chart::reflect(slopes),
+        Chart::Facets { slopes, way: refract },
+    ];
+    if slopes[1] < 0.05 {
+        // A step between the peak and the hemisphere, for the tails.
+        charts.push(Chart::reflect([0.1; 2]));
+        charts.push(Chart::Facets { slopes: [0.1; 2], way: refract });
+    }
+    charts
+}
+
+/// Charts for a sheet whose facets have the slope `alpha`.
+fn sheet_charts(alpha: f64) -> Vec<Chart> {
+    let pass = Chart::Facets { slopes: [alpha; 2], way: Way::Pass };
+    vec![Chart::reflect([alpha; 2]), pass, Chart::Cosine { above: true }, Chart::Cosine { above: false }]
+}
+
 /// Every lobe alone, and every pair and mix of them.
 fn cases(roughness: f32) -> Vec<Case> {
     let alpha = f64::from(roughness * roughness);
-    let charts = |slopes: [f64; 2], eta: f32| {
-        let refract = Chart::Facets { slopes, way: Way::Refract(f64::from(eta)) };
-        let mut charts =
-            vec![Chart::Cosine { above: true }, Chart::Cosine { above: false }, Chart::reflect(slopes), refract];
-        if slopes[1] < 0.05 {
-            // A step between the peak and the hemisphere, for the tails.
-            charts.push(Chart::reflect([0.1; 2]));
-            charts.push(Chart::Facets { slopes: [0.1; 2], way: Way::Refract(f64::from(eta)) });
-        }
-        charts
-    };
     let white = Rgb::WHITE;
     let metal = PrincipledParams { base_color: white, metallic: 1.0, ..Default::default() };
     let black = PrincipledParams { base_color: Rgb::BLACK, ..Default::default() };
@@ -129,13 +141,11 @@ fn cases(roughness: f32) -> Vec<Case> {
         .collect();
     for eta in [1.49, 1.0 / 1.49, 30.0] {
         let bsdf = Bsdf::Dielectric(Dielectric::new(eta, alpha as f32, white, white));
-        let charts = charts([alpha; 2], eta);
-        found.push(Case { name: format!("dielectric {eta:.2}"), bsdf, eta, charts, physical: true });
+        let name = format!("dielectric {eta:.2}");
+        found.push(Case { name, bsdf, eta, charts: charts([alpha; 2], eta), physical: true });
     }
     let bsdf = Bsdf::ThinSheet(ThinSheet::new(1.49, alpha as f32, white, white));
-    let pass = Chart::Facets { slopes: [alpha; 2], way: Way::Pass };
-    let charts = vec![Chart::reflect([alpha; 2]), pass, Chart::Cosine { above: true }, Chart::Cosine { above: false }];
-    found.push(Case { name: "sheet".into(), bsdf, eta: 1.0, charts, physical: true });
+    found.push(Case { name: "sheet".into(), bsdf, eta: 1.0, charts: sheet_charts(alpha), physical: true });
     found
 }
 
@@ -149,7 +159,7 @@ fn every_lobe_and_mix(roughness: f32) {
                 assert!(expected <= 1.0 + CUBATURE, "{what}: gives {expected} of what it gets");
             }
             let key = (10_000.0 * roughness) as u64 + 10 * k as u64 + v as u64;
-            compare(&what, &furnace(&case.bsdf, wo, key, |_| true), expected, CUBATURE);
+            compare(&what, &case.bsdf, wo, key, expected, CUBATURE);
         }
     }
 }
@@ -187,7 +197,7 @@ fn diffuse_and_sheen_have_the_albedo_of_their_closed_form() {
         // 2c [1 - (1-c)^5 / 2 + r (1+c) (1-c)^5] dc is 1 - B(2,6) + 2r [B(2,6) + B(3,6)] = 1 - 1/42 + 5r/84.
         let expected = 1.0 - 1.0 / 42.0 + f64::from(roughness) * 5.0 / 84.0;
         let bsdf = principled(PrincipledParams { roughness, ..bare(1.0) });
-        compare(&format!("diffuse, roughness {roughness}"), &furnace(&bsdf, up, k as u64, |_| true), expected, 1e-6);
+        compare(&format!("diffuse, roughness {roughness}"), &bsdf, up, k as u64, expected, 1e-6);
         let integral = albedo(&bsdf, up, 1.0, &[Chart::Cosine { above: true }]);
         assert!((integral - expected).abs() < 1e-5, "the cubature itself: {integral}, expected {expected}");
     }
@@ -197,30 +207,46 @@ fn diffuse_and_sheen_have_the_albedo_of_their_closed_form() {
     let h = (1.0 - a) / f64::from(n);
     let expected: f64 = (0..n).map(|i| f(a + (f64::from(i) + 0.5) * h) * h).sum();
     let bsdf = principled(PrincipledParams { sheen: 1.0, ..bare(0.0) });
-    compare("sheen", &furnace(&bsdf, up, 9, |_| true), expected, 1e-6);
+    compare("sheen", &bsdf, up, 9, expected, 1e-6);
     // Lambert in a furnace is the base colour: with roughness r = 7 / 15 at normal view the closed form gives it back
     // but for the diffuse factor, 1 - 1/42 + 1/36.
     let grey = principled(PrincipledParams { roughness: 7.0 / 15.0, ..bare(0.5) });
-    compare("grey", &furnace(&grey, up, 10, |_| true), 0.5 * (1.0 - 1.0 / 42.0 + 1.0 / 36.0), 1e-6);
+    compare("grey", &grey, up, 10, 0.5 * (1.0 - 1.0 / 42.0 + 1.0 / 36.0), 1e-6);
+}
+
+/// What the tables of the factors may be off, as docs/materials.md and `compensation.rs` say: where facets reflect all and
+/// are alike in all directions, and where they are stretched or clear.
+const TABLE: f64 = 3e-3;
+const TABLE_STRETCHED_OR_CLEAR: f64 = 2e-2;
+
+/// A compensated surface in the furnace: the integral of its lobes is one but for the error of the table that its factor is
+/// read from, a bound without noise; and the sampled mean is that integral, without an allowance for any table.
+fn loses_nothing(what: &str, bsdf: &Bsdf, wo: LocalDir, eta: f32, charts: &[Chart], key: u64, table: f64) {
+    let integral = albedo(bsdf, wo, eta, charts);
+    assert!((integral - 1.0).abs() < table, "{what}: {integral}");
+    compare(what, bsdf, wo, key, integral, CUBATURE);
 }
 
 #[test]
 fn compensated_white_metal_loses_nothing() {
-    // A facet of a white metal reflects everything, so that 1 / E(wo) times the lobe integrates to one. What is left is the
-    // error of the table, 0.3 % at most and 2 % for stretched lobes.
+    // A facet of a white metal reflects everything, so that 1 / E(wo) times the lobe integrates to one.
     for (k, roughness) in [0.05f32, 0.2, 0.4, 0.6, 0.8, 1.0].into_iter().enumerate() {
-        for (a, (anisotropic, table)) in [(0.0, 6e-4), (0.4, 4e-3), (0.9, 4e-3)].into_iter().enumerate() {
+        for (a, anisotropic) in [0.0f32, 0.4, 0.9].into_iter().enumerate() {
             if a == 2 && roughness > 0.5 {
                 // Facets that steep waste nine samples of ten.
                 continue;
             }
             let metal = PrincipledParams { base_color: Rgb::WHITE, metallic: 1.0, roughness, anisotropic, ..bare(1.0) };
             let bsdf = principled(metal).with_energy_compensation();
+            let (alpha, aspect) = (f64::from(roughness * roughness), f64::from(1.0 - 0.9 * anisotropic).sqrt());
+            let table = if a == 0 { TABLE } else { TABLE_STRETCHED_OR_CLEAR };
             for (v, cos) in [1.0f32, 0.4, 0.1].into_iter().enumerate() {
                 let what = format!("roughness {roughness}, anisotropic {anisotropic}, cos {cos}");
-                let m = furnace(&bsdf, direction(cos, 0.8), (100_000 + 100 * k + 10 * a + v) as u64, |_| true);
-                compare(&what, &m, 1.0, table);
-                assert!((m.mean() - 1.0).abs() < if a == 0 { 5e-3 } else { 2e-2 }, "{what}: {}", m.mean());
+                let key = (100_000 + 100 * k + 10 * a + v) as u64;
+                let mirrors = |c: &Chart| !matches!(c, Chart::Facets { way: Way::Refract(_), .. });
+                let charts: Vec<Chart> =
+                    charts([alpha / aspect, alpha * aspect], 1.0).into_iter().filter(mirrors).collect();
+                loses_nothing(&what, &bsdf, direction(cos, 0.8), 1.0, &charts, key, table);
             }
         }
     }
@@ -255,7 +281,7 @@ fn the_factors_are_as_exact_as_they_say() {
     }
     let [even, brushed, clear] = worst;
     assert!(
-        even < 3e-3 && brushed < 2e-2 && clear < 2e-2,
+        even < TABLE && brushed < TABLE_STRETCHED_OR_CLEAR && clear < TABLE_STRETCHED_OR_CLEAR,
         "metal {even:.1e}, brushed {brushed:.1e}, clear {clear:.1e}"
     );
     // What docs/materials.md says of white metal at normal view, without compensation.
@@ -281,19 +307,21 @@ fn compensated_boundaries_and_sheets_lose_nothing() {
         let alpha = roughness * roughness;
         let glass = PrincipledParams { base_color: Rgb::WHITE, spec_trans: 1.0, roughness, ..Default::default() };
         let surfaces = [
-            ("dielectric 1.49", Bsdf::Dielectric(Dielectric::new(1.49, alpha, Rgb::WHITE, Rgb::WHITE))),
-            ("dielectric 2.4", Bsdf::Dielectric(Dielectric::new(2.4, alpha, Rgb::WHITE, Rgb::WHITE))),
-            ("glass", principled(glass)),
-            ("sheet", Bsdf::ThinSheet(ThinSheet::new(1.49, alpha, Rgb::WHITE, Rgb::WHITE))),
+            ("dielectric 1.49", Bsdf::Dielectric(Dielectric::new(1.49, alpha, Rgb::WHITE, Rgb::WHITE)), 1.49),
+            ("dielectric 2.4", Bsdf::Dielectric(Dielectric::new(2.4, alpha, Rgb::WHITE, Rgb::WHITE)), 2.4),
+            ("glass", principled(glass), glass.eta),
+            ("sheet", Bsdf::ThinSheet(ThinSheet::new(1.49, alpha, Rgb::WHITE, Rgb::WHITE)), 1.0),
         ];
-        for (s, (name, bsdf)) in surfaces.into_iter().enumerate() {
+        for (s, (name, bsdf, eta)) in surfaces.into_iter().enumerate() {
+            let (charts, table) = match name {
+                "sheet" => (sheet_charts(f64::from(alpha)), TABLE),
+                _ => (charts([f64::from(alpha); 2], eta), TABLE_STRETCHED_OR_CLEAR),
+            };
             for (v, cos) in [0.9f32, 0.2, -0.9, -0.3].into_iter().enumerate() {
+                let key = (200_000 + 100 * k + 10 * s + v) as u64;
+                let what = format!("{name}, roughness {roughness}, cos {cos}");
                 let bsdf = bsdf.with_energy_compensation();
-                let m = furnace(&bsdf, direction(cos, 0.3), (200_000 + 100 * k + 10 * s + v) as u64, |_| true);
-                let what = format!("{name}, roughness {roughness}, cos {cos}: {} +- {}", m.mean(), m.standard_error());
-                assert!(m.standard_error() <= STANDARD_ERROR, "{what}: heavy weights");
-                let table = if name == "sheet" { 3e-3 } else { 2e-2 };
-                assert!((m.mean() - 1.0).abs() < table + 6.5 * m.standard_error(), "{what}");
+                loses_nothing(&what, &bsdf, direction(cos, 0.3), eta, &charts, key, table);
             }
         }
     }
@@ -333,47 +361,64 @@ fn compensation_multiplies_by_a_function_of_wo_alone() {
     }
 }
 
-/// Power that leaves a plane-parallel slab on both sides, by a random walk between its two faces.
-fn slab(face: &Bsdf, wo: LocalDir, key: u64) -> SampleMoments {
-    let mut u = Uniform::new(key);
-    let mut moments = SampleMoments::default();
-    while moments.count() < 5_000 || (moments.standard_error() > STANDARD_ERROR && moments.count() < 400_000) {
+/// Power that leaves a plane-parallel slab on both sides, by a random walk between its two faces. What a face keeps of the
+/// light, `keeps` of the direction it is met from, is divided out.
+fn slab(face: &Bsdf, keeps: &impl Fn(LocalDir) -> f64, wo: LocalDir, key: u64, k: u32) -> SampleMoments {
+    moments(k, key, |u| {
         // The frame of a face has +z outside: each face is the other one turned over.
         let (mut w, mut weight) = (wo, 1.0f64);
-        loop {
-            let Some(s) = face.sample(w, u.next(), u.pair()) else {
-                weight = 0.0;
-                break;
-            };
-            weight *= f64::from(s.weight.g * s.eta * s.eta);
+        while let Some(s) = face.sample(w, u.next(), u.pair()) {
+            weight *= f64::from(s.weight.g * s.eta * s.eta) / keeps(w);
             if s.wi.0.z > 0.0 || weight == 0.0 {
-                break;
+                return weight;
             }
             // What goes down from this face comes up to the other one, which is turned over: along its own normal, and
             // with wo pointing back to where the light is looked for.
             w = LocalDir::new(-s.wi.0.x, -s.wi.0.y, s.wi.0.z);
         }
-        moments.push(weight);
+        0.0
+    })
+}
+
+/// What a face scatters of the light that it is met by, of either side: a function of the cosine, linear between 2 x 24
+/// cubatures, which lie densely toward the horizon, where it bends.
+fn kept(face: &Bsdf, eta: f32, alpha: f32) -> impl Fn(LocalDir) -> f64 {
+    const N: usize = 24;
+    let charts = charts([f64::from(alpha); 2], eta);
+    let at = move |side: f32, k: usize| {
+        let root = (k as f32 + 0.5) / N as f32;
+        albedo(face, direction(side * root * root, 0.0), eta, &charts)
+    };
+    let tables = [1.0f32, -1.0].map(|side| (0..N).map(|k| at(side, k)).collect::<Vec<f64>>());
+    move |w: LocalDir| {
+        let table = &tables[usize::from(w.0.z < 0.0)];
+        let x = (f64::from(w.0.z.abs()).sqrt() * N as f64 - 0.5).clamp(0.0, N as f64 - 1.0);
+        let low = (x as usize).min(N - 2);
+        table[low] + (x - low as f64) * (table[low + 1] - table[low])
     }
-    moments
 }
 
 #[test]
 fn a_slab_transmits_what_it_does_not_reflect() {
     let face = |alpha: f32| Bsdf::Dielectric(Dielectric::new(1.49, alpha, Rgb::WHITE, Rgb::WHITE));
+    let all = |_: LocalDir| 1.0;
+    // Smooth: each sample carries all of the light wherever it goes, T + R = 1 path by path, but for the rounding of some
+    // ten weights.
     for (k, cos) in [1.0f32, 0.5, 0.05, 1e-3].into_iter().enumerate() {
-        // Smooth: each sample carries all of the light wherever it goes, T + R = 1 path by path.
-        let smooth = slab(&face(0.0), direction(cos, 0.2), 300 + k as u64);
+        let smooth = slab(&face(0.0), &all, direction(cos, 0.2), 300 + k as u64, 0);
         assert!((smooth.mean() - 1.0).abs() < 1e-5 && smooth.standard_error() < 1e-6, "cos {cos}: {smooth:?}");
-        for alpha in [0.05f32, 0.3, 0.8] {
-            // Rough: never more than there is, and with compensation all of it, to the error of the table (2 %) at each of
-            // the few faces that a path meets.
-            let rough = slab(&face(alpha), direction(cos.max(0.05), 0.2), 310 + k as u64);
-            let bound = 1.0 + 6.5 * rough.standard_error() + 1e-5;
-            assert!(rough.mean() <= bound, "alpha {alpha}, cos {cos}: {}", rough.mean());
-            let whole = slab(&face(alpha).with_energy_compensation(), direction(cos.max(0.05), 0.2), 320 + k as u64);
-            let bound = 0.05 + 6.5 * whole.standard_error();
-            assert!((whole.mean() - 1.0).abs() < bound, "alpha {alpha}, cos {cos}: {} with compensation", whole.mean());
+    }
+    // Rough, with compensation: the error of the table is known by cubature as a function of the cosine, below 2 %. With that
+    // divided out at each face that a path meets nothing is missing. (Without compensation: tests/hard_cases/furnaces.rs.)
+    for alpha in [0.05f32, 0.3, 0.8] {
+        let bsdf = face(alpha).with_energy_compensation();
+        let keeps = kept(&bsdf, 1.49, alpha);
+        for (k, cos) in [0.9f32, 0.1].into_iter().enumerate() {
+            let (wo, what) = (direction(cos, 0.2), format!("alpha {alpha}, cos {cos}"));
+            assert!((keeps(wo) - 1.0).abs() < TABLE_STRETCHED_OR_CLEAR, "{what}: {}", keeps(wo));
+            // An error that bends over the 24 cosines is off by some 5e-4 between them, some four times a path.
+            let claim = Claim { expected: 1.0, tolerance: 2e-3, sure: STANDARD_ERROR };
+            claim.assert(&what, |look| slab(&bsdf, &keeps, wo, 310 + k as u64, look).into());
         }
     }
 }

@@ -2,7 +2,8 @@
 //!
 //! Each test gives an [`Outcome`] with a p-value: the probability, if all is well, of a result at least this bad. A
 //! test fails below a *stated* false-alarm rate, never at a tolerance chosen to pass. When several results are judged
-//! together, [`sidak`] gives the rate for each. Seeds are fixed by the caller, so a failure replays.
+//! together, [`sidak`] gives the rate for each. [`Claim`] holds a value to four standard errors of its own. Seeds are fixed by
+//! the caller, so a failure replays.
 
 #![forbid(unsafe_code)]
 
@@ -11,6 +12,7 @@ mod chi_squared;
 mod compare;
 mod density;
 mod images;
+mod looks;
 mod moments;
 mod outcome;
 mod sampler;
@@ -20,6 +22,7 @@ pub use chi_squared::chi_squared;
 pub use compare::{student_t_test, welch_test, z_test};
 pub use density::{DensityTest, direction_to_square, integrate_square, square_to_direction};
 pub use images::{ImageEstimate, ImageTest};
+pub use looks::{Claim, Look};
 pub use moments::SampleMoments;
 pub use outcome::{Outcome, sidak};
 pub use sampler::{SamplerCase, check_corners, check_densities, check_inverses, check_names};

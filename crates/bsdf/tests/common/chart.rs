@@ -10,6 +10,12 @@ use std::f64::consts::{PI, TAU};
 
 type V = [f64; 3];
 
+/// Cosine of what counts as near the horizon.
+const LOW: f64 = 0.25;
+
+/// Parts of a square's side that are integrated each by itself.
+const CUTS: usize = 2;
+
 /// How light leaves a facet.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Way {
@@ -28,6 +34,9 @@ pub(crate) enum Way {
 pub(crate) enum Chart {
     /// Even in the cosine of the upper hemisphere, or of the lower one.
     Cosine { above: bool },
+    /// Crowded where light goes straight on along the surface, on its upper side or on its lower one: even in the cubic
+    /// roots of the cosine and of the angle to the plane of `wo`. Only for a `wo` near the horizon.
+    Horizon { above: bool },
     /// Facets of the given slopes along x and y.
     Facets { slopes: [f64; 2], way: Way },
 }
@@ -49,6 +58,14 @@ impl Chart {
                 let r = y.sqrt();
                 let z = (1.0 - y).sqrt() * if above { 1.0 } else { -1.0 };
                 Some(([r * cos, r * sin, z], z.abs() / PI))
+            }
+            Self::Horizon { .. } if wo[2].abs() > LOW => None,
+            Self::Horizon { above } => {
+                let (s, t) = (2.0 * x - 1.0, y);
+                let z = t.powi(3);
+                let (r, phi) = ((1.0 - z * z).sqrt(), PI * s.powi(3) + (-wo[1]).atan2(-wo[0]));
+                let wi = [r * phi.cos(), r * phi.sin(), if above { z } else { -z }];
+                Some((wi, 1.0 / (18.0 * PI * (s * t).powi(2))))
             }
             Self::Facets { slopes: [ax, ay], way } => {
                 let r = (y / (1.0 - y)).sqrt();
@@ -88,6 +105,13 @@ impl Chart {
                 } else {
                     0.0
                 }
+            }
+            Self::Horizon { above } => {
+                if (wi[2] > 0.0) != above || wo[2].abs() > LOW {
+                    return 0.0;
+                }
+                let turn = (wi[0] * wo[1] - wi[1] * wo[0]).atan2(-wi[0] * wo[0] - wi[1] * wo[1]).abs();
+                1.0 / (18.0 * PI * (turn / PI * wi[2].abs()).powf(2.0 / 3.0))
             }
             Self::Facets { slopes, way } => self.facet(wo, wi).map_or(0.0, |m| {
                 let (up, side) = upward(wo);
@@ -154,7 +178,12 @@ pub(crate) fn integrate(charts: &[Chart], wo: LocalDir, value: impl Fn(LocalDir)
             }
             None => 0.0,
         };
-        integrate_square(&f, [0.0, 0.0], [1.0, 1.0], 1e-5)
+        // Cut beforehand, so that a sliver of directions, as those that leave a solid along its surface, is not missed.
+        let cut = |k: usize| k as f64 / CUTS as f64;
+        let cells = (0..CUTS * CUTS).map(|k| (k % CUTS, k / CUTS));
+        cells
+            .map(|(i, j)| integrate_square(&f, [cut(i), cut(j)], [cut(i + 1), cut(j + 1)], 1e-5 / (CUTS * CUTS) as f64))
+            .sum::<f64>()
     };
     charts.iter().map(part).sum()
 }

@@ -94,7 +94,8 @@ pub(crate) fn wide_surfaces() -> Vec<(String, Bsdf)> {
     let mut surfaces: Vec<_> = list.into_iter().map(|(n, p)| (n, principled(p))).collect();
     for alpha in [0.1, 0.4, 1.0] {
         // A nearly matched index narrows the refracted lobe to alpha (eta - 1), and a high one draws what enters at grazing
-        // angles together around the pole: as near to either as a grid over the sphere resolves.
+        // angles together around the pole: as near to either as a grid over the sphere resolves. `facet_surfaces` has the
+        // rest, on grids that resolve it.
         for eta in [1.49, 1.0 / 1.49, if alpha > 0.3 { 1.05 } else { 1.2 }, 4.0] {
             let b = Bsdf::Dielectric(Dielectric::new(eta, alpha, Rgb::WHITE, base));
             surfaces.push((format!("rough dielectric {alpha}, eta {eta:.3}"), b));
@@ -124,7 +125,7 @@ impl FacetSurface {
     pub(crate) fn narrowest(&self) -> f32 {
         let slopes = self.charts.iter().filter_map(|c| match c {
             Chart::Facets { slopes: [x, y], .. } => Some(x.min(*y) as f32),
-            Chart::Cosine { .. } => None,
+            Chart::Cosine { .. } | Chart::Horizon { .. } => None,
         });
         // The coat's chart is centred between its slope and one.
         let least = slopes.fold(1.0, f32::min);
@@ -137,7 +138,9 @@ pub(crate) fn facet_surfaces() -> Vec<FacetSurface> {
     let mut list = Vec::new();
     for alpha in [1e-4f32, 1e-2, 0.2, 1.0] {
         let slopes = [f64::from(alpha); 2];
-        for eta in [1.49f32, 1.0 / 1.49] {
+        // Nearly matched, the refracted lobe is as narrow as alpha (eta - 1); a high index draws all that enters together
+        // within 1 / eta of the pole, and lets out what comes from there alone.
+        for eta in [1.49f32, 1.0 / 1.49, 1.05, 1.0 / 1.05, 4.0, 30.0, 1.0 / 30.0] {
             list.push(FacetSurface {
                 name: format!("dielectric {alpha}, eta {eta:.3}"),
                 bsdf: Bsdf::Dielectric(Dielectric::new(eta, alpha, Rgb::WHITE, Rgb::WHITE)),

@@ -1,0 +1,198 @@
+//! A value within four standard errors of what it must be, judged so that a whole suite of such judgements seldom errs.
+
+use crate::SampleMoments;
+use statrs::distribution::{ContinuousCDF, Normal, StudentsT};
+
+/// So many standard errors may a look be off.
+const STANDARD_ERRORS: f64 = 4.0;
+/// So many looks must agree that a value is wrong.
+const LOOKS: u32 = 3;
+
+/// What one look at a random value found.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Look {
+    /// The value.
+    pub value: f64,
+    /// Its standard error; zero for a value without noise.
+    pub standard_error: f64,
+}
+
+impl From<SampleMoments> for Look {
+    /// The mean of a sample. Values that all agree to the last bits have no noise.
+    fn from(m: SampleMoments) -> Self {
+        let noisy = m.variance() > 0.0 || m.count() < 2;
+        Self { value: m.mean(), standard_error: if noisy { m.standard_error() } else { 0.0 } }
+    }
+}
+
+/// What a value must be, and how well a look must know it.
+///
+/// The procedure: a look with the case's seed. Within four standard errors (and `tolerance`) the case is settled: it
+/// passes. Else it is looked at again with an independent seed and four times the samples, and once more with sixteen
+/// times. The case fails only if *all three* looks are off by more than four standard errors, *to the same side*.
+///
+/// False alarms: one look at a normal value errs with probability 6.3e-5, three independent ones to the same side with
+/// 2 (3.17e-5)^3 = 6.4e-14; with the spread taken from 256 pixels (255 degrees of freedom) 1.4e-13
+/// ([`Self::false_alarm_rate`]). A suite of 2000 cases errs with 3e-10. Two looks would give 3.5e-9 for a case, and 7e-6 for
+/// such a suite, where 1e-6 is allowed.
+///
+/// Power: the first look decides. A value that is off by 6 of its standard errors is found in 97.7 % of all cases
+/// ([`Self::power`]), by 8 in all but 3e-5 of them, since the later looks see it as 12 and 24, 16 and 32 standard errors.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Claim {
+    /// What the value must be.
+    pub expected: f64,
+    /// What may be off beside noise: the rounding of the code under test, the error of the expectation.
+    pub tolerance: f64,
+    /// Bound on the standard error of every look, so that no case passes by being noisy.
+    pub sure: f64,
+}
+
+impl Claim {
+    /// Judges; `look` gives the looks 0, 1, 2, each with a seed of its own and four times the samples of the one before.
+    ///
+    /// # Errors
+    /// What the looks found, if the claim is refuted, if a look is not as sure as it must be, or if it is no number.
+    pub fn judge(&self, mut look: impl FnMut(u32) -> Look) -> Result<(), String> {
+        let mut said = format!("expected {:.7e}, found", self.expected);
+        let mut side = 0.0;
+        for k in 0..LOOKS {
+            let Look { value, standard_error: error } = look(k);
+            let off = value - self.expected;
+            said += &format!("\n  {value:.7e} +- {error:.1e}, {:+.1} standard errors off", off / error);
+            if !value.is_finite() || error.is_nan() || error > self.sure {
+                return Err(format!("{said}; the standard error must be at most {:.1e}", self.sure));
+            }
+            if off.abs() <= STANDARD_ERRORS * error + self.tolerance || off * side < 0.0 {
+                return Ok(());
+            }
+            side = off;
+        }
+        Err(said)
+    }
+
+    /// Fails the running test unless [`Self::judge`] is content.
+    ///
+    /// # Panics
+    /// If it is not: that is its use.
+    #[track_caller]
+    pub fn assert(&self, what: &str, look: impl FnMut(u32) -> Look) {
+        if let Err(said) = self.judge(look) {
+            panic!("{what}: {said}");
+        }
+    }
+
+    /// Probability that a true claim is refuted, with standard errors of so many degrees of freedom.
+    pub fn false_alarm_rate(freedom: f64) -> f64 {
+        let beyond = match StudentsT::new(0.0, 1.0, freedom) {
+            Ok(student) if freedom < 1e6 => student.sf(STANDARD_ERRORS),
+            _ => Normal::standard().sf(STANDARD_ERRORS),
+        };
+        2.0 * beyond.powi(LOOKS as i32)
+    }
+
+    /// Probability that a claim is refuted whose value is off by `off` standard errors of the first look.
+    pub fn power(off: f64) -> f64 {
+        let normal = Normal::standard();
+        // Above, and below.
+        let all =
+            |off: f64| -> f64 { (0..LOOKS).map(|k| normal.sf(STANDARD_ERRORS - off * f64::from(1u32 << k))).product() };
+        all(off) + all(-off)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A small generator (Marsaglia 2003).
+    fn uniform(state: &mut u64) -> f64 {
+        *state ^= *state << 13;
+        *state ^= *state >> 7;
+        *state ^= *state << 17;
+        ((*state >> 11) as f64 + 0.5) / (1u64 << 53) as f64
+    }
+
+    /// A look `k` at a value that lies `off` of the first look's standard errors above zero.
+    fn look(state: &mut u64, off: f64, k: u32) -> Look {
+        let noise = (-2.0 * uniform(state).ln()).sqrt() * (std::f64::consts::TAU * uniform(state)).cos();
+        let error = 1.0 / f64::from(1u32 << k);
+        Look { value: off + error * noise, standard_error: error }
+    }
+
+    /// How many of `n` claims that the value is zero are refuted. `blind` is taken off the four standard errors, for rates
+    /// that can be counted.
+    fn refuted(n: u32, off: f64, blind: f64) -> f64 {
+        let mut state = 2026;
+        let mut count = 0;
+        for _ in 0..n {
+            let claim = Claim { expected: 0.0, tolerance: 0.0, sure: 4.0 };
+            // A standard error that is called smaller than it is makes four of it fewer.
+            let shrink = (STANDARD_ERRORS - blind) / STANDARD_ERRORS;
+            let mut seen = |k| {
+                let l = look(&mut state, off, k);
+                Look { standard_error: l.standard_error * shrink, ..l }
+            };
+            count += u32::from(claim.judge(&mut seen).is_err());
+        }
+        f64::from(count)
+    }
+
+    #[test]
+    fn false_alarms_are_as_rare_as_stated() {
+        assert!((Claim::false_alarm_rate(f64::INFINITY) / 6.35e-14 - 1.0).abs() < 0.01);
+        assert!(2000.0 * Claim::false_alarm_rate(255.0) < 5e-10);
+        // Counted where it can be: at one standard error instead of four it is 2 P(z > 1)^3 = 0.00799. Five standard
+        // deviations of the count: a false alarm of this test in 1.7 million, were its seed not fixed.
+        let (n, p) = (200_000u32, 2.0 * Normal::standard().sf(1.0).powi(3));
+        let expected = f64::from(n) * p;
+        let found = refuted(n, 0.0, 3.0);
+        assert!((found - expected).abs() < 5.0 * (expected * (1.0 - p)).sqrt(), "{found} of {expected}");
+    }
+
+    #[test]
+    fn wrong_values_are_found_as_often_as_stated() {
+        assert!(Claim::power(0.0) < 1e-12 && Claim::power(6.0) > 0.977 && Claim::power(8.0) > 0.9999);
+        const N: u32 = 20_000;
+        for off in [2.0, 4.0, 5.0, 6.0, -6.0] {
+            let p = Claim::power(off);
+            let found = refuted(N, off, 0.0) / f64::from(N);
+            assert!((found - p).abs() < 5.0 * (p * (1.0 - p) / f64::from(N)).sqrt() + 1e-12, "{off}: {found}, not {p}");
+        }
+    }
+
+    #[test]
+    fn a_tolerance_is_granted_once_and_only_as_stated() {
+        let at = |value: f64| move |_| Look { value, standard_error: 1e-3 };
+        let claim = Claim { expected: 1.0, tolerance: 1e-2, sure: 1e-3 };
+        assert!(claim.judge(at(1.0139)).is_ok() && claim.judge(at(1.0141)).is_err());
+        // Without noise and tolerance only the value itself will do.
+        let exact = |value: f64| {
+            Claim { expected: 1.0, tolerance: 0.0, sure: 0.0 }.judge(|_| Look { value, standard_error: 0.0 })
+        };
+        assert!(exact(1.0).is_ok() && exact(1.0 + f64::EPSILON).is_err());
+    }
+
+    #[test]
+    fn looks_that_disagree_about_the_side_refute_nothing() {
+        let claim = Claim { expected: 0.0, tolerance: 0.0, sure: 1.0 };
+        let mut side = -1.0;
+        let swinging = |_| {
+            side = -side;
+            Look { value: 9.0 * side, standard_error: 1.0 }
+        };
+        assert!(claim.judge(swinging).is_ok());
+    }
+
+    #[test]
+    fn what_is_noisy_or_no_number_fails() {
+        let claim = Claim { expected: 1.0, tolerance: 0.5, sure: 1e-3 };
+        for (value, standard_error) in [(1.0, 2e-3), (f64::NAN, 1e-4), (1.0, f64::NAN), (f64::INFINITY, 1e-4)] {
+            assert!(claim.judge(|_| Look { value, standard_error }).is_err(), "{value} +- {standard_error}");
+        }
+        let one: SampleMoments = [1.0].into_iter().collect();
+        assert!(claim.judge(|_| one.into()).is_err(), "one value has no standard error");
+        let same: SampleMoments = [1.0, 1.0].into_iter().collect();
+        assert!(claim.judge(|_| same.into()).is_ok());
+    }
+}
