@@ -23,4 +23,4 @@ pub use ray::Ray;
 pub use transform::{Transform, TransformError};
 pub use triangle::{geometric_normal, hit_point, offset_ray_origin, triangle_area};
 
-pub use glam::{Affine3A, DAffine3, DMat3, DMat4, DQuat, DVec3, Mat3, Quat, Vec2, Vec3, Vec3A, Vec4};
+pub use glam::{Affine3A, DAffine3, DMat3, DMat4, DQuat, DVec2, DVec3, Mat3, Quat, Vec2, Vec3, Vec3A, Vec4};

@@ -2,6 +2,7 @@
 
 use crate::builder::{Instance, MeshPart, SceneBuilder};
 use crate::check::{check_indices, check_values, drop_unusable_attributes, mesh_place, repair_texels};
+use crate::cover::Covers;
 use crate::delta_light::DeltaLight;
 use crate::effects::{Effect, Effects};
 use crate::environment::EnvironmentLight;
@@ -136,7 +137,7 @@ impl SceneBuilder {
             let compiled = &compiled[part.material as usize];
             compiled.has_coverage || (has_open_faces && is_open(compiled))
         })?;
-        let scene = Scene {
+        let mut scene = Scene {
             world_origin,
             bounds,
             bvh,
@@ -157,9 +158,13 @@ impl SceneBuilder {
             solids: solids.list,
             solid_bounds: solids.bounds,
             has_nesting: solids.has_nesting,
+            covers: Covers::default(),
             features,
             effects,
         };
+        if self.techniques.cover_connection {
+            scene.find_covers();
+        }
         crate::hazards::look(&scene, &mut report);
         Ok((scene, report))
     }

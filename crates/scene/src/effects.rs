@@ -62,11 +62,13 @@ pub enum Effect {
     Color,
     /// A technique: all lights are asked at the first two surfaces of a path, as they are few.
     EveryLight,
+    /// A technique: light behind clear covers is connected to, not left to chance.
+    CoverConnection,
 }
 
 impl Effect {
     /// All effects, in the order in which they are listed.
-    pub const ALL: [Self; 24] = [
+    pub const ALL: [Self; 25] = [
         Self::Textures,
         Self::VertexColors,
         Self::NormalMaps,
@@ -91,6 +93,7 @@ impl Effect {
         Self::ManyLights,
         Self::Color,
         Self::EveryLight,
+        Self::CoverConnection,
     ];
 
     /// Its name, as in `smooth-refraction`.
@@ -120,12 +123,13 @@ impl Effect {
             Self::ManyLights => "many-lights",
             Self::Color => "color",
             Self::EveryLight => "every-light",
+            Self::CoverConnection => "cover-connection",
         }
     }
 
     /// Is it a way of looking for light? Left out, it changes the noise of the image, and not what is expected of it.
     pub fn is_technique(self) -> bool {
-        matches!(self, Self::EveryLight)
+        matches!(self, Self::EveryLight | Self::CoverConnection)
     }
 }
 
@@ -137,7 +141,7 @@ pub struct Effects {
 
 impl Effects {
     /// Reads a scene's description. What only a built scene can tell (nesting, how many lights
-    /// there are) is added by it.
+    /// there are, covers) is added by it.
     pub(crate) fn of(scene: &SceneBuilder) -> Self {
         let mut effects = Self::default();
         let mut used = vec![false; scene.materials.len()];
@@ -269,7 +273,7 @@ pub fn kernel_words(features: FeatureSet) -> String {
     if words.is_empty() { "plain".into() } else { words.join(" + ") }
 }
 
-fn material_place(m: &Material) -> String {
+pub(crate) fn material_place(m: &Material) -> String {
     format!("material \"{}\"", m.name)
 }
 

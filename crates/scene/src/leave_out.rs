@@ -21,6 +21,7 @@ impl SceneBuilder {
     /// | finite apertures, distortion | a pinhole, an ideal image |
     /// | environment, punctual lights, light profiles | dark |
     /// | every light | one is asked, chosen by what it can bring: other noise, the same expected image |
+    /// | the connection through covers | light behind a cover is found by chance: more noise, the same expected image |
     ///
     /// False if it cannot be left out: nesting, the choice among many lights and colour are not parts that can be taken away.
     pub fn leave_out(&mut self, effect: Effect) -> bool {
@@ -36,6 +37,7 @@ impl SceneBuilder {
             Effect::LightProfiles => self.lights.retain(|l| !matches!(l.kind, PunctualKind::Profile { .. })),
             Effect::Textures => self.materials.iter_mut().for_each(|m| flatten(m, &self.images)),
             Effect::EveryLight => self.techniques.every_light = false,
+            Effect::CoverConnection => self.techniques.cover_connection = false,
             Effect::NormalMaps
             | Effect::Coverage
             | Effect::ThinSheets

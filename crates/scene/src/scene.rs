@@ -2,6 +2,7 @@
 
 use crate::builder::Camera;
 use crate::camera::{CameraError, RayGenerator, framing_camera};
+use crate::cover::Covers;
 use crate::effects::Effects;
 use crate::facet::Facet;
 use crate::features::FeatureSet;
@@ -48,6 +49,7 @@ pub struct Scene {
     pub(crate) solid_bounds: Option<[Vec3; 2]>,
     /// Could solids touch or overlap?
     pub(crate) has_nesting: bool,
+    pub(crate) covers: Covers,
     pub(crate) features: FeatureSet,
     pub(crate) effects: Effects,
 }

@@ -91,7 +91,7 @@ impl Scene {
 
     /// The interpolated unit normal, on the side of the geometric one; that itself where a mesh has none or they cancel.
     #[inline]
-    fn shading_normal(&self, p: &SurfacePoint) -> Vec3 {
+    pub(crate) fn shading_normal(&self, p: &SurfacePoint) -> Vec3 {
         let part = &self.parts[p.part as usize];
         let facet = &self.facets[(part.first_facet + p.triangle) as usize];
         if !facet.is_smooth {

@@ -7,11 +7,13 @@
 pub struct Techniques {
     /// All lights are asked at the first two surfaces of a path where they are few; without it one is chosen at each.
     pub every_light: bool,
+    /// Light behind clear covers is connected to; without it paths find it by chance.
+    pub cover_connection: bool,
 }
 
 impl Default for Techniques {
     /// All of them.
     fn default() -> Self {
-        Self { every_light: true }
+        Self { every_light: true, cover_connection: true }
     }
 }

@@ -1,0 +1,495 @@
+//! Clear covers: what is found to be one, how stacks are put together, and whether the chains of the plate that stands for a
+//! flat stack run through the real meshes.
+//!
+//! Replay: `cargo test -p dunkelfeld-scene --test covers NAME`.
+
+use dunkelfeld_geometry::{DAffine3, DQuat, DVec3, Mesh, Ray, Vec3};
+use dunkelfeld_scene::shapes::{cuboid, rectangle, sphere};
+use dunkelfeld_scene::{
+    AlphaMode, Chain, CoverStack, Effect, Material, Scene, SceneBuilder, Seed, Surface, Target, Volume,
+};
+use rand_core::{Rng, SeedableRng};
+use rand_pcg::Pcg32;
+
+fn clear(name: &str, ior: f32) -> Material {
+    let surface = Surface::Solid(Volume::default());
+    Material { name: name.into(), transmission: 1.0, roughness: 0.0, ior, surface, ..Material::default() }
+}
+
+/// A scene of objects and a floor far below, which is there for the lights and rays to meet.
+fn scene(objects: Vec<(Mesh, Material)>) -> Scene {
+    builder(objects).build().expect("the scene is valid").0
+}
+
+fn builder(objects: Vec<(Mesh, Material)>) -> SceneBuilder {
+    let mut b = SceneBuilder::default();
+    for (k, (mesh, material)) in objects.into_iter().enumerate() {
+        let m = b.add_material(material);
+        b.add_object(&format!("object {k}"), mesh, m);
+    }
+    let m = b.add_material(Material { name: "floor".into(), ..Material::default() });
+    b.add_object("floor", rectangle(Vec3::new(-0.2, -0.2, -0.3), Vec3::X * 0.4, Vec3::Y * 0.4), m);
+    b
+}
+
+/// A plate of 80 mm x 60 mm between two heights \[m\].
+fn plate(low: f32, high: f32) -> Mesh {
+    cuboid(Vec3::new(-0.04, -0.03, low), Vec3::new(0.04, 0.03, high))
+}
+
+/// One number of a stream that is the same in every run, in [0, 1).
+fn uniform(random: &mut Pcg32) -> f64 {
+    f64::from(random.next_u32()) / 4_294_967_296.0
+}
+
+/// A sheet over a square grid of `cells * cells`, with `height(side, x, y)` of its lower (0) and upper (1) face; x and y in
+/// \[-1, 1\] stand for 40 mm and 30 mm. Its faces have the normals of the functions, its walls are flat.
+fn moulded(cells: usize, height: impl Fn(usize, f64, f64) -> f64) -> Mesh {
+    let mut mesh = Mesh::default();
+    let n = cells + 1;
+    let at = |i: usize| 2.0 * i as f64 / cells as f64 - 1.0;
+    let position = |side: usize, x: f64, y: f64| DVec3::new(0.04 * x, 0.03 * y, height(side, x, y)).as_vec3();
+    for side in 0..2 {
+        for (i, j) in (0..n * n).map(|k| (k % n, k / n)) {
+            let (x, y, h) = (at(i), at(j), 1e-4);
+            let dx = (height(side, x + h, y) - height(side, x - h, y)) / (2.0 * h * 0.04);
+            let dy = (height(side, x, y + h) - height(side, x, y - h)) / (2.0 * h * 0.03);
+            let up = DVec3::new(-dx, -dy, 1.0).normalize().as_vec3();
+            mesh.positions.push(position(side, x, y));
+            mesh.normals.push(if side == 1 { up } else { -up });
+        }
+        for (i, j) in (0..cells * cells).map(|k| (k % cells, k / cells)) {
+            let index = |i: usize, j: usize| (side * n * n + j * n + i) as u32;
+            let [a, b, c, d] = [index(i, j), index(i + 1, j), index(i + 1, j + 1), index(i, j + 1)];
+            mesh.triangles.extend(if side == 1 { [[a, b, c], [a, c, d]] } else { [[a, c, b], [a, d, c]] });
+        }
+    }
+    let rim = |k: usize| match (k / cells, k % cells) {
+        (0, i) => (i, 0),
+        (1, j) => (cells, j),
+        (2, i) => (cells - i, cells),
+        (_, j) => (0, (cells - j) % n),
+    };
+    for k in 0..4 * cells {
+        let ((i0, j0), (i1, j1)) = (rim(k), rim((k + 1) % (4 * cells)));
+        let corner = |side, i: usize, j: usize| position(side, at(i), at(j));
+        let base = mesh.positions.len() as u32;
+        let quad = [corner(0, i0, j0), corner(0, i1, j1), corner(1, i1, j1), corner(1, i0, j0)];
+        let normal = (quad[1] - quad[0]).cross(quad[3] - quad[0]).normalize();
+        mesh.positions.extend(quad);
+        mesh.normals.extend([normal; 4]);
+        mesh.triangles.extend([[base, base + 1, base + 2], [base, base + 2, base + 3]]);
+    }
+    mesh
+}
+
+fn assert_near(a: f64, b: f64, tolerance: f64, what: &str) {
+    assert!((a - b).abs() <= tolerance, "{what}: {a} against {b}");
+}
+
+#[test]
+fn a_flat_cover_is_found_and_called_for_by_its_material() {
+    let scene = scene(vec![(plate(0.001, 0.005), clear("pmma", 1.49))]);
+    let [stack] = scene.covers() else { panic!("{} stacks", scene.covers().len()) };
+    assert!(stack.is_flat());
+    assert_near(stack.axis().z.abs(), 1.0, 1e-12, "axis");
+    // Coordinates of f32 around 0.15 m go in steps of 1.5e-8 m.
+    assert_near(stack.thickness(1), 0.004, 2e-8, "thickness");
+    assert!(stack.thickness(0).is_infinite() && stack.thickness(2).is_infinite() && stack.thickness(9).is_infinite());
+    let layers: Vec<f64> = stack.layers().iter().map(|l| l.ior).collect();
+    assert_eq!(layers, [1.0, f64::from(1.49f32), 1.0]);
+    for interface in stack.interfaces() {
+        let size = interface.footprint[1] - interface.footprint[0];
+        assert_near(size.max_element(), 0.08, 2e-8, "length");
+        assert_near(size.min_element(), 0.06, 2e-8, "width");
+        assert!(interface.deviation < 2e-8);
+    }
+    assert_eq!(scene.effects().callers(Effect::CoverConnection), ["material \"pmma\""]);
+    // What belongs to it: its faces, not the floor.
+    let down = |x: f32| Ray::new((DVec3::new(x.into(), 0.0, 1.0) - scene.world_origin()).as_vec3(), Vec3::NEG_Z);
+    let [cover, floor] = [0.0, 0.1].map(|x| scene.intersect(&down(x)).expect("something is below"));
+    assert_eq!((scene.cover_of(&cover), scene.cover_of(&floor)), (Some(0), None));
+}
+
+#[test]
+fn left_out_it_is_not_found_and_nothing_else_changes() {
+    let mut b = builder(vec![(plate(0.001, 0.005), clear("pmma", 1.49))]);
+    let with = b.clone().build().expect("valid").0;
+    assert!(b.leave_out(Effect::CoverConnection));
+    let without = b.build().expect("valid").0;
+    assert!(without.covers().is_empty() && !without.effects().has(Effect::CoverConnection));
+    for effect in Effect::ALL.into_iter().filter(|&e| e != Effect::CoverConnection) {
+        assert_eq!(with.effects().callers(effect), without.effects().callers(effect));
+    }
+    assert_eq!(with.features(), without.features());
+    let ray = Ray::new((DVec3::Z - with.world_origin()).as_vec3(), Vec3::NEG_Z);
+    let hit = without.intersect(&ray).expect("the plate");
+    assert_eq!(without.cover_of(&hit), None);
+}
+
+#[test]
+fn what_is_no_cover_is_not_found() {
+    let pmma = || clear("pmma", 1.49);
+    let rough = Material { roughness: 0.2, ..pmma() };
+    let half = Material { transmission: 0.5, ..pmma() };
+    let partly = Material { alpha: 0.5, alpha_mode: AlphaMode::Blend, ..pmma() };
+    let thin = Material { surface: Surface::Thin, ..pmma() };
+    let shining = Material { emission: dunkelfeld_radiometry::Rgb::WHITE, ..pmma() };
+    let milky = Volume { scattering: dunkelfeld_radiometry::Rgb::splat(100.0), ..Volume::default() };
+    let milky = Material { surface: Surface::Solid(milky), ..pmma() };
+    let sheet = || plate(0.001, 0.005);
+    let cases = [
+        ("a ball", sphere(Vec3::ZERO, 0.03, 40, true), pmma()),
+        ("a cube", cuboid(Vec3::splat(-0.02), Vec3::splat(0.02)), pmma()),
+        ("a bar", cuboid(Vec3::splat(-0.002), Vec3::new(0.1, 0.002, 0.002)), pmma()),
+        ("a thick block", plate(0.0, 0.031), pmma()),
+        ("a rough sheet", sheet(), rough),
+        ("a mixed one", sheet(), half),
+        ("one that is partly there", sheet(), partly),
+        ("a sheet without thickness", sheet(), thin),
+        ("a lamp", sheet(), shining),
+        ("a milky one", sheet(), milky),
+        ("one of air", sheet(), clear("air", 1.0)),
+    ];
+    for (what, mesh, material) in cases {
+        let scene = scene(vec![(mesh, material)]);
+        assert!(scene.covers().is_empty(), "{what} is no cover");
+        assert!(!scene.effects().has(Effect::CoverConnection));
+    }
+    assert_eq!(scene(vec![(plate(0.0, 0.029), pmma())]).covers().len(), 1, "just thin enough");
+}
+
+#[test]
+fn covers_are_found_wherever_and_however_they_are_placed() {
+    // Tilted, scaled unevenly, mirrored, far from the origin; moved to render space, or instanced among many triangles.
+    for (mirror, instanced) in [(1.0, false), (-1.0, false), (1.0, true), (-1.0, true)] {
+        let turn = DQuat::from_axis_angle(DVec3::new(0.6, 0.0, 0.8), 0.5);
+        let place = DAffine3::from_scale_rotation_translation(
+            DVec3::new(mirror * 1.5, 0.8, 2.0),
+            turn,
+            DVec3::new(40.0, 7.0, -3.0),
+        );
+        let mut mesh = plate(0.001, 0.005);
+        if instanced {
+            // Copies are instanced where they hold many triangles: the upper face as a fine grid.
+            mesh = moulded(70, |side, _, _| 0.001 + 0.004 * side as f64);
+        }
+        let mut b = builder(vec![(mesh, clear("pmma", 1.49))]);
+        b.instances[0].to_world = place;
+        if instanced {
+            let mut twin = b.instances[0].clone();
+            twin.to_world = DAffine3::from_translation(DVec3::new(40.0, 7.0, -4.0));
+            b.instances.push(twin);
+        }
+        let scene = b.build().expect("valid").0;
+        assert_eq!(scene.summary().instanced_parts, if instanced { 2 } else { 0 });
+        assert_eq!(scene.covers().len(), if instanced { 2 } else { 1 }, "mirror {mirror}");
+        let stack = scene.covers().iter().max_by(|a, b| a.thickness(1).total_cmp(&b.thickness(1))).expect("a cover");
+        assert_near(stack.axis().dot(turn * DVec3::Z).abs(), 1.0, 1e-9, "axis");
+        // Thickness along z is doubled; f32 knows places 40 m away to 4 micrometres when they are baked around the origin.
+        assert_near(stack.thickness(1), 0.008, 2e-6, "thickness");
+        assert!(stack.is_flat());
+    }
+}
+
+#[test]
+fn a_moulded_cover_is_found_and_is_not_flat() {
+    let bulge = |sagitta: f64| {
+        move |side: usize, x: f64, y: f64| {
+            0.001 + 0.004 * side as f64 + sagitta * (1.0 + 0.5 * side as f64) * (1.0 - x * x) * (1.0 - y * y)
+        }
+    };
+    let scene_of = |sagitta: f64| scene(vec![(moulded(24, bulge(sagitta)), clear("pmma", 1.49))]);
+    let scene = scene_of(0.0006);
+    let [stack] = scene.covers() else { panic!("{} stacks", scene.covers().len()) };
+    assert!(!stack.is_flat());
+    assert_near(stack.axis().z.abs(), 1.0, 1e-4, "axis");
+    // The mean of (1 - x^2)(1 - y^2) is 4/9.
+    assert_near(stack.thickness(1), 0.004 + 0.0003 * 4.0 / 9.0, 2e-6, "mean thickness");
+    assert!(stack.interfaces().iter().all(|i| i.deviation > 3e-4 && i.deviation < 6e-4));
+    assert!(scene_of(0.0).covers()[0].is_flat(), "a fine grid may well be a plane");
+    // Planes that are shaded as if they were round bend light as if they were.
+    let mut mesh = moulded(24, bulge(0.0006));
+    mesh.positions = moulded(24, bulge(0.0)).positions;
+    let scene = self::scene(vec![(mesh, clear("pmma", 1.49))]);
+    assert!(!scene.covers()[0].is_flat());
+}
+
+#[test]
+fn chamfers_engravings_and_holes_do_not_hide_the_planes() {
+    // A profile (half length, height) with chamfers, turned into a frustum of 24 corners, and a groove in the lower face.
+    let ring = |r: f32, z: f32, k: usize| {
+        let a = k as f32 / 24.0 * std::f32::consts::TAU;
+        Vec3::new(r * a.cos(), r * a.sin(), z)
+    };
+    let lathe = |profile: &[(f32, f32)], is_ring: bool| {
+        let mut mesh = Mesh::default();
+        let count = profile.len();
+        for (r, z) in profile {
+            (0..24).for_each(|k| mesh.positions.push(ring(*r, *z, k)));
+        }
+        let quads = if is_ring { count } else { count - 1 };
+        for (p, k) in (0..quads * 24).map(|i| (i / 24, i % 24)) {
+            let index = |p: usize, k: usize| ((p % count) * 24 + k % 24) as u32;
+            let [a, b, c, d] = [index(p, k), index(p, k + 1), index(p + 1, k + 1), index(p + 1, k)];
+            mesh.triangles.extend([[a, b, c], [a, c, d]]);
+        }
+        if !is_ring {
+            for k in 1..23 {
+                mesh.triangles.push([0, k + 1, k]);
+                let top = ((count - 1) * 24) as u32;
+                mesh.triangles.push([top, top + k, top + k + 1]);
+            }
+        }
+        mesh
+    };
+    let chamfered = [(0.0397, 0.001), (0.04, 0.0013), (0.04, 0.0047), (0.0397, 0.005)];
+    let engraved =
+        [(0.01, 0.001), (0.01, 0.0012), (0.012, 0.0012), (0.012, 0.001), (0.04, 0.001), (0.04, 0.005), (0.01, 0.005)];
+    for (what, mesh) in [("chamfers", lathe(&chamfered, false)), ("an engraved ring", lathe(&engraved, true))] {
+        let scene = scene(vec![(mesh, clear("pmma", 1.49))]);
+        let [stack] = scene.covers() else { panic!("{what}: {} stacks", scene.covers().len()) };
+        assert!(stack.is_flat(), "{what}");
+        assert_near(stack.thickness(1), 0.004, 2e-8, what);
+        assert_near(stack.axis().z.abs(), 1.0, 1e-9, what);
+    }
+}
+
+/// Indices of the layers of the only stack, and the thickness of the inner ones \[mm\].
+fn layers(scene: &Scene) -> (Vec<f32>, Vec<f64>) {
+    let [stack] = scene.covers() else { panic!("{} stacks", scene.covers().len()) };
+    // Whichever way the axis points, the same side comes first: where the smaller index lies, else the thinner layer.
+    let mut iors: Vec<f32> = stack.layers().iter().map(|l| l.ior as f32).collect();
+    let mut thick: Vec<f64> = (1..iors.len() - 1).map(|l| (stack.thickness(l) * 1e6).round() / 1e3).collect();
+    if stack.axis().z < 0.0 {
+        iors.reverse();
+        thick.reverse();
+    }
+    (iors, thick)
+}
+
+#[test]
+fn sheets_above_each_other_are_one_stack() {
+    let (pmma, film) = (|| clear("pmma", 1.49), || clear("film", 1.58));
+    // With air between them.
+    let gapped = scene(vec![(plate(0.001, 0.005), pmma()), (plate(0.0055, 0.006), film())]);
+    assert_eq!(layers(&gapped), (vec![1.0, 1.49, 1.0, 1.58, 1.0], vec![4.0, 0.5, 0.5]));
+    // Glued: one face between them; sunk in by a micrometre as well.
+    for film_at in [0.005, 0.004_999] {
+        let glued = scene(vec![(plate(0.001, 0.005), pmma()), (plate(film_at, 0.006), film())]);
+        let (iors, thickness) = layers(&glued);
+        assert_eq!(iors, [1.0, 1.49, 1.58, 1.0]);
+        assert_near(thickness[0], 4.0, 1e-3, "the cover");
+        assert_near(thickness[1], 1.0, 1e-3, "the film");
+        assert_eq!(glued.covers()[0].interfaces().len(), 3);
+    }
+    // Glued to its own kind: no face at all.
+    let alike = scene(vec![(plate(0.001, 0.005), pmma()), (plate(0.005, 0.006), clear("other pmma", 1.49))]);
+    assert_eq!(layers(&alike), (vec![1.0, 1.49, 1.0], vec![5.0]));
+    assert_eq!(alike.covers()[0].layers()[1].materials.len(), 2);
+    assert_eq!(alike.effects().callers(Effect::CoverConnection).len(), 2);
+    // An air gap of ten micrometres is one.
+    let narrow = scene(vec![(plate(0.001, 0.005), pmma()), (plate(0.005_01, 0.006), film())]);
+    assert_eq!(layers(&narrow).0.len(), 5);
+}
+
+#[test]
+fn sheets_side_by_side_or_at_an_angle_are_stacks_of_their_own() {
+    let moved = |x: f32, z: f32| {
+        let mut mesh = plate(z, z + 0.004);
+        mesh.positions.iter_mut().for_each(|p| p.x += x);
+        mesh
+    };
+    let pmma = || clear("pmma", 1.49);
+    assert_eq!(scene(vec![(moved(-0.05, 0.001), pmma()), (moved(0.05, 0.001), pmma())]).covers().len(), 2);
+    assert_eq!(scene(vec![(moved(-0.05, 0.001), pmma()), (moved(0.05, 0.011), pmma())]).covers().len(), 2);
+    // One over two: it shares a stack with one of them only.
+    let mut wide = plate(0.02, 0.024);
+    wide.positions.iter_mut().for_each(|p| p.x *= 3.0);
+    let three = scene(vec![(moved(-0.05, 0.001), pmma()), (moved(0.05, 0.001), pmma()), (wide, pmma())]);
+    let mut sizes: Vec<usize> = three.covers().iter().map(|s| s.interfaces().len()).collect();
+    sizes.sort_unstable();
+    assert_eq!(sizes, [2, 4]);
+    let mut tilted = plate(0.02, 0.024);
+    let turn = dunkelfeld_geometry::Quat::from_rotation_y(0.2);
+    tilted.positions.iter_mut().for_each(|p| *p = turn * *p);
+    assert_eq!(scene(vec![(plate(0.001, 0.005), pmma()), (tilted, pmma())]).covers().len(), 2);
+}
+
+#[test]
+fn a_pile_too_high_for_one_stack_is_more_than_one() {
+    let sheets = (0..20).map(|k| (plate(0.001 * k as f32, 0.001 * k as f32 + 0.0005), clear("pmma", 1.49))).collect();
+    let scene = scene(sheets);
+    let interfaces: Vec<usize> = scene.covers().iter().map(|s| s.interfaces().len()).collect();
+    assert_eq!(interfaces.iter().sum::<usize>(), 40);
+    assert!(interfaces.iter().all(|&n| n <= dunkelfeld_scene::cover::MOST_INTERFACES));
+}
+
+/// Follows a chain through the real scene by Snell's law in f64: the word that it spells, and the distance at which it
+/// passes `y`; `None` if it meets something else than the stack's faces.
+fn trace(scene: &Scene, x: Vec3, seed: &Seed, chain: Chain, mut inside: f64, y: Vec3) -> Option<f64> {
+    let mut direction = seed.direction.as_dvec3();
+    let mut origin = x;
+    for event in 0..chain.events() {
+        let hit = scene.intersect(&Ray::new(origin, direction.as_vec3()))?;
+        scene.cover_of(&hit)?;
+        let n = hit.normal.as_dvec3();
+        if n.z.abs() < 0.99 {
+            return None; // The rim is no interface of the stack.
+        }
+        // From whichever side: the index behind the face is the solid's, or air, or what the next solid is.
+        let cosine = -direction.dot(n);
+        let facing = n * cosine.signum();
+        if chain.is_reflection(event) {
+            direction += facing * (2.0 * cosine.abs());
+        } else {
+            let just_behind = hit.point + direction.as_vec3() * 2e-5;
+            let around = scene.interior_at(just_behind);
+            let behind = scene.material_inside(&around).map_or(1.0, |m| f64::from(scene.materials()[m as usize].ior));
+            let ratio = inside / behind;
+            let square = 1.0 - ratio * ratio * (1.0 - cosine * cosine);
+            if square < 0.0 {
+                return None;
+            }
+            direction = direction * ratio + facing * (ratio * cosine.abs() - square.sqrt());
+            inside = behind;
+        }
+        direction = direction.normalize();
+        origin = hit.leave(direction.as_vec3());
+    }
+    let way = y.as_dvec3() - origin.as_dvec3();
+    // Nothing may be in between, and the chain must go the right way.
+    let reach = way.dot(direction);
+    let shadow = Ray::with_end(origin, direction.as_vec3(), (reach * 0.999) as f32);
+    (reach > 0.0 && scene.intersect(&shadow).is_none()).then(|| way.cross(direction).length())
+}
+
+/// Holds the seeds of random connections against the real scene: `(tried, traced, per order)`.
+fn compare(scene: &Scene, below: f32, inside: Option<u32>, turned: bool) -> [usize; 3] {
+    let [stack] = scene.covers() else { panic!("{} stacks", scene.covers().len()) };
+    let mut random = Pcg32::seed_from_u64(11);
+    let mut reached = [0; 3];
+    let origin = scene.world_origin();
+    for _ in 0..300 {
+        let [a, b, c, d, e] = std::array::from_fn(|_| uniform(&mut random));
+        let x = DVec3::new(0.06 * (a - 0.5), 0.04 * (b - 0.5), below.into());
+        let y = DVec3::new(0.4 * (c - 0.5), 0.4 * (d - 0.5), 0.05 + 0.2 * e);
+        let [x, y] = if turned { [y, x] } else { [x, y] }.map(|p| (p - origin).as_vec3());
+        let Some(crossing) = stack.crossing(x, inside, Target::Point(y)) else { continue };
+        let start = stack.layers()[usize::from(crossing.from())].ior;
+        for &chain in crossing.chains() {
+            let Some(seed) = crossing.seed(chain) else { panic!("no seed for {chain:?} from {x} to {y}") };
+            assert!((seed.direction.length() - 1.0).abs() < 1e-6 && seed.spread > 0.0);
+            assert!(seed.transmission > 0.0 && seed.transmission < 1.0);
+            let Some(miss) = trace(scene, x, &seed, chain, start, y) else { continue };
+            // f32 directions and hits: 1e-7 of the way for each event.
+            assert!(miss < 1e-6, "{chain:?} from {x} to {y} misses by {miss} m");
+            reached[chain.order() as usize] += 1;
+        }
+    }
+    reached
+}
+
+#[test]
+fn seeds_of_flat_stacks_run_through_the_real_mesh() {
+    let (pmma, film) = (|| clear("pmma", 1.49), || clear("film", 1.58));
+    for (what, objects) in [
+        ("a plate", vec![(plate(0.001, 0.005), pmma())]),
+        ("two with a gap", vec![(plate(0.001, 0.005), pmma()), (plate(0.006, 0.0065), film())]),
+        ("two glued", vec![(plate(0.001, 0.005), pmma()), (plate(0.005, 0.0065), film())]),
+    ] {
+        let scene = scene(objects);
+        for turned in [false, true] {
+            // Lights that stand low over the cover do not reach through its rim.
+            let reached = compare(&scene, -0.002, None, turned);
+            assert!(reached.iter().all(|&n| n > 100), "{what}: chains of each order arrive: {reached:?}");
+        }
+    }
+}
+
+#[test]
+fn seeds_from_inside_start_inside() {
+    let scene = scene(vec![(plate(0.001, 0.005), clear("pmma", 1.49))]);
+    let reached = compare(&scene, 0.001, Some(0), false);
+    assert!(reached[0] > 100 && reached[1] == 0, "{reached:?}");
+    let stack = &scene.covers()[0];
+    let x = (DVec3::new(0.0, 0.0, 0.001) - scene.world_origin()).as_vec3();
+    assert_eq!(stack.layer_at(x, Some(0)), Some(1));
+    assert_eq!(stack.layer_at(x, Some(1)), None, "the floor is no part of the stack");
+    assert!(stack.crossing(x, Some(1), Target::Point(Vec3::Z)).is_none());
+}
+
+#[test]
+fn chains_leave_the_layer_of_the_receiver_for_that_of_the_light() {
+    let scene = scene(vec![(plate(0.001, 0.005), clear("pmma", 1.49)), (plate(0.006, 0.0065), clear("film", 1.58))]);
+    let stack = &scene.covers()[0];
+    let at = |z: f64| (DVec3::new(0.0, 0.0, z) - scene.world_origin()).as_vec3();
+    let words = |from: f64, to: Target| -> Vec<String> {
+        let crossing = stack.crossing(at(from), None, to);
+        crossing.map_or(Vec::new(), |c| c.chains().iter().map(|c| format!("{c:?}")).collect())
+    };
+    // From between the sheets only one of them is crossed.
+    assert_eq!(words(0.0055, Target::Point(at(0.2))), ["TT", "TRRT", "TRRRRT"]);
+    assert_eq!(words(0.2, Target::Point(at(0.0055))), ["TT", "TRRT", "TRRRRT"]);
+    let all = words(0.0, Target::Point(at(0.2)));
+    assert_eq!(all.len(), dunkelfeld_scene::cover::MOST_CHAINS);
+    assert_eq!(all[0], "TTTT");
+    assert_eq!(words(0.0, Target::Direction(Vec3::Z)), all);
+    assert_eq!(words(0.0, Target::Direction(Vec3::NEG_Z)), [""; 0], "away from the covers");
+    assert_eq!(words(0.0, Target::Point(at(-0.2))), [""; 0], "on the same side");
+    assert_eq!(stack.chains(0, 99), []);
+}
+
+#[test]
+fn light_from_infinity_is_found_behind_the_plate() {
+    let scene = scene(vec![(plate(0.001, 0.005), clear("pmma", 1.49))]);
+    let stack = &scene.covers()[0];
+    let x = (DVec3::new(0.0, 0.0, -0.001) - scene.world_origin()).as_vec3();
+    let sun = Vec3::new(0.6, 0.0, 0.8);
+    let crossing = stack.crossing(x, None, Target::Direction(sun)).expect("the cover is in between");
+    for &chain in crossing.chains() {
+        let seed = crossing.seed(chain).expect("parallel faces keep directions");
+        assert!(seed.direction.distance(sun) < 1e-7 && (seed.spread - 1.0).abs() < 1e-6, "{chain:?}: {seed:?}");
+        let far = x + sun * 1e3;
+        assert!(trace(&scene, x, &seed, chain, 1.0, far).is_some_and(|miss| miss < 0.02), "{chain:?}");
+    }
+    // Past the rim.
+    let beside = (DVec3::new(0.2, 0.0, -0.001) - scene.world_origin()).as_vec3();
+    assert!(stack.crossing(beside, None, Target::Direction(sun)).is_none());
+}
+
+#[test]
+fn what_passes_the_cover_is_never_said_to_pass_beside_it() {
+    // Chains are found with a sheet that is wide enough for all, and traced through one of which many miss the rim.
+    let sheet = |half: f32| cuboid(Vec3::new(-half, -half, 0.001), Vec3::new(half, half, 0.003));
+    let (wide, small) = (
+        scene(vec![(sheet(0.19), clear("pmma", 1.49))]),
+        scene(vec![
+            (sheet(0.02), clear("pmma", 1.49)),
+            (sphere(Vec3::new(0.0, 0.0, -0.25), 0.01, 3, false), Material::default()),
+        ]),
+    );
+    let stack = |scene: &Scene| -> CoverStack { scene.covers()[0].clone() };
+    let (wide_stack, small_stack) = (stack(&wide), stack(&small));
+    let mut random = Pcg32::seed_from_u64(5);
+    let (mut passes, mut excluded) = (0, 0);
+    for _ in 0..3000 {
+        let [a, b, c, d, e, f] = std::array::from_fn(|_| uniform(&mut random));
+        let x = DVec3::new(0.15 * (a - 0.5), 0.15 * (b - 0.5), -0.02 * e);
+        let y = DVec3::new(0.15 * (c - 0.5), 0.15 * (d - 0.5), 0.004 + 0.03 * f);
+        let in_scene = |scene: &Scene, p: DVec3| (p - scene.world_origin()).as_vec3();
+        let crossing = wide_stack.crossing(in_scene(&wide, x), None, Target::Point(in_scene(&wide, y)));
+        let crossing = crossing.expect("wide enough");
+        let [sx, sy] = [x, y].map(|p| in_scene(&small, p));
+        let may = small_stack.crossing(sx, None, Target::Point(sy)).is_some();
+        excluded += usize::from(!may);
+        for &chain in crossing.chains() {
+            let Some(seed) = crossing.seed(chain) else { panic!("no seed") };
+            if trace(&small, sx, &seed, chain, 1.0, sy).is_some() {
+                passes += 1;
+                assert!(may, "{chain:?} leads from {x} to {y}");
+            }
+        }
+    }
+    assert!(passes > 300 && excluded > 1000, "{passes} chains pass, {excluded} connections are excluded");
+}

@@ -1,0 +1,118 @@
+//! The derivative of the shading normal against finite differences of the shading frame's normal.
+
+use dunkelfeld_geometry::{DAffine3, DQuat, DVec3, Mesh, Ray, Vec3};
+use dunkelfeld_scene::shapes::{rectangle, sphere};
+use dunkelfeld_scene::{Material, Scene, SceneBuilder, Surface, SurfacePoint, Volume};
+
+/// A ball under a transform; as an instance, if asked for, with its twin far away.
+fn ball(material: Material, to_world: DAffine3, instanced: bool, smooth: bool) -> Scene {
+    let mut b = SceneBuilder::default();
+    let m = b.add_material(material);
+    // Copies of so many triangles stay instances.
+    let mesh: Mesh = sphere(Vec3::ZERO, 1.0, if instanced { 70 } else { 12 }, smooth);
+    b.add_object("ball", mesh, m);
+    b.instances[0].to_world = to_world;
+    if instanced {
+        let mut twin = b.instances[0].clone();
+        twin.to_world = DAffine3::from_translation(DVec3::new(9.0, 0.0, 0.0));
+        b.instances.push(twin);
+    }
+    let scene = b.build().expect("valid").0;
+    assert_eq!(scene.summary().instanced_parts, if instanced { 2 } else { 0 });
+    scene
+}
+
+fn glass() -> Material {
+    Material { transmission: 1.0, roughness: 0.0, surface: Surface::Solid(Volume::default()), ..Material::default() }
+}
+
+/// What a ray from one place to another meets.
+fn hit(scene: &Scene, from: Vec3, to: Vec3) -> Option<SurfacePoint> {
+    scene.intersect(&Ray::new(from, (to - from).normalize()))
+}
+
+#[test]
+fn it_is_the_derivative_of_the_shading_normal() {
+    let turn = DQuat::from_axis_angle(DVec3::new(0.6, 0.0, 0.8), 0.7);
+    for (mirror, instanced, solid) in
+        [(1.0, false, true), (-1.0, false, true), (1.0, true, true), (-1.0, true, true), (-1.0, true, false)]
+    {
+        let place = DAffine3::from_scale_rotation_translation(
+            DVec3::new(mirror * 0.7, 1.3, 0.4),
+            turn,
+            DVec3::new(0.2, 0.1, 0.0),
+        );
+        let scene = ball(if solid { glass() } else { Material::default() }, place, instanced, true);
+        let middle = (DVec3::new(0.2, 0.1, 0.0) - scene.world_origin()).as_vec3();
+        let mut compared = 0;
+        for k in 0..200 {
+            let a = k as f32 * 2.399_963;
+            let z = (k as f32 + 0.5) / 100.0 - 1.0;
+            let outward = Vec3::new((1.0 - z * z).sqrt() * a.cos(), (1.0 - z * z).sqrt() * a.sin(), z);
+            // From outside, and from inside.
+            for from in [middle + outward * 4.0, middle] {
+                let to = if from == middle { middle + outward } else { middle };
+                let Some(p) = hit(&scene, from, to) else { continue };
+                let wo = (from - p.point).normalize();
+                let (normal, differential) = scene.normal_differential(&p, wo);
+                assert_eq!(normal, scene.shade(&p, wo, 0.5).frame.normal);
+                // Neighbours in the plane of the triangle, as far as it reaches.
+                let e = p.normal.any_orthonormal_vector();
+                for direction in [e, p.normal.cross(e), (e + p.normal.cross(e)).normalize()] {
+                    let h = if instanced { 1e-3 } else { 5e-3 };
+                    let near = |s: f32| {
+                        let target = p.point + direction * s;
+                        // Straight onto the plane, from the viewer's side.
+                        let side = p.normal * if wo.dot(p.normal) > 0.0 { 0.01 } else { -0.01 };
+                        let q = hit(&scene, target + side, target)?;
+                        // Off the edge the next triangle has another plane.
+                        (q.normal == p.normal).then(|| scene.shade(&q, wo, 0.5).frame.normal.as_dvec3())
+                    };
+                    let (Some(before), Some(after)) = (near(-h), near(h)) else { continue };
+                    let measured = (after - before) / f64::from(2.0 * h);
+                    let Some(d) = &differential else { panic!("no derivative at {}", p.point) };
+                    let computed = d.along(direction.as_dvec3());
+                    // Rounding of f32 normals over the step, and the curvature within it.
+                    let tolerance = 4e-7 / f64::from(h) + 2e-3 * computed.length();
+                    assert!(measured.distance(computed) < tolerance, "{measured} against {computed} at {}", p.point);
+                    assert!(
+                        computed.dot(normal.as_dvec3()).abs() < 1e-4 * computed.length(),
+                        "a unit normal only turns"
+                    );
+                    compared += 1;
+                }
+            }
+        }
+        assert!(compared > 300, "{compared} comparisons");
+    }
+}
+
+#[test]
+fn flat_surfaces_have_none() {
+    let scene = ball(glass(), DAffine3::IDENTITY, false, false);
+    let p = hit(&scene, Vec3::new(0.1, 0.2, 4.0), Vec3::ZERO).expect("the ball");
+    assert!(scene.normal_differential(&p, Vec3::Z).1.is_none());
+    // Equal normals at the corners as well.
+    let mut b = SceneBuilder::default();
+    let m = b.add_material(glass());
+    let mesh = Mesh { normals: vec![Vec3::new(0.6, 0.0, 0.8); 4], ..rectangle(Vec3::ZERO, Vec3::X, Vec3::Y) };
+    b.add_object("sheet", mesh, m);
+    let scene = b.build().expect("valid").0;
+    let p = hit(&scene, Vec3::new(0.1, 0.2, 4.0), Vec3::new(0.1, 0.2, 0.0)).expect("the sheet");
+    let (normal, differential) = scene.normal_differential(&p, Vec3::Z);
+    assert!(differential.is_none() && normal.distance(Vec3::new(0.6, 0.0, 0.8)) < 1e-6);
+}
+
+#[test]
+fn where_the_surface_itself_is_seen_it_is_flat() {
+    // Above the surface but below the bent normal: shading takes the surface's own normal, which does not turn.
+    let mut b = SceneBuilder::default();
+    let m = b.add_material(glass());
+    let normals = [-0.9f32, -0.8, -0.7, -0.6].map(|x| Vec3::new(x, 0.0, 0.3).normalize()).to_vec();
+    b.add_object("sheet", Mesh { normals, ..rectangle(Vec3::ZERO, Vec3::X, Vec3::Y) }, m);
+    let scene = b.build().expect("valid").0;
+    let p = hit(&scene, Vec3::new(0.1, 0.2, 4.0), Vec3::new(0.1, 0.2, 0.0)).expect("the sheet");
+    let grazing = Vec3::new(0.99, 0.0, 0.1).normalize();
+    assert_eq!(scene.normal_differential(&p, grazing), (Vec3::Z, None));
+    assert!(scene.normal_differential(&p, Vec3::Z).1.is_some());
+}
