@@ -1,5 +1,6 @@
 //! Next-event estimation: light that reaches a vertex straight from a light.
 
+use crate::cover::Passage;
 use crate::vertex::Vertex;
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_scene::{Features, LightChoice, LightReceiver, LightSample, Scene};
@@ -12,6 +13,8 @@ pub(crate) struct LastScatter {
     pub(crate) choice: LightChoice,
     /// Density of the direction that was taken [1/sr].
     pub(crate) pdf: f32,
+    /// The covers passed since then, in scenes that have some.
+    pub(crate) passage: Option<Passage>,
 }
 
 /// Light that reaches a vertex straight from a light and is scattered toward the camera.

@@ -4,6 +4,7 @@
 
 #![forbid(unsafe_code)]
 
+mod cover;
 mod direct;
 pub mod estimate;
 mod kernel;

@@ -1,5 +1,6 @@
 //! A path through the scene until it ends: next-event estimation and scattering, weighed against each other.
 
+use crate::cover::{self, End, Passage};
 use crate::direct::{self, LastScatter};
 use crate::sets;
 use crate::trace::Recorder;
@@ -101,7 +102,8 @@ impl<'a, F: Features, R: Recorder> Path<'a, F, R> {
         self.recorder.vertex(direction.to_array(), None, self.throughput);
         let found = self.throughput * self.scene.environment_radiance(direction);
         if !found.is_black() {
-            self.finds(found, |scene, l| scene.environment_pdf(&l.receiver, l.choice, direction));
+            let end = || End::infinite(direction);
+            self.finds(found, end, |scene, l| scene.environment_pdf(&l.receiver, l.choice, direction));
         }
     }
 
@@ -111,15 +113,25 @@ impl<'a, F: Features, R: Recorder> Path<'a, F, R> {
         self.recorder.vertex(at.met.hit.point.to_array(), Some(at.shading.material), self.throughput);
         let found = self.throughput * self.scene.emitted(&at.met.hit, at.wo);
         if !found.is_black() {
-            self.finds(found, |scene, l| scene.light_pdf(&l.receiver, l.choice, &at.met.hit));
+            let end = || End::surface(at.met.hit.point, at.met.hit.normal);
+            self.finds(found, end, |scene, l| scene.light_pdf(&l.receiver, l.choice, &at.met.hit));
         }
     }
 
     /// Light that the path has run into. Where light sampling could have found it too, with the density `other` [1/sr], the
-    /// two share.
+    /// two share; behind a cover, if the connection could have found `end`.
     #[inline]
-    fn finds(&mut self, light: Rgb, other: impl FnOnce(&Scene, &LastScatter) -> f32) {
-        let share = self.last.as_ref().map_or(1.0, |l| direct::power_heuristic(l.pdf, other(self.scene, l)));
+    fn finds(&mut self, light: Rgb, end: impl FnOnce() -> End, other: impl FnOnce(&Scene, &LastScatter) -> f32) {
+        let share = match &self.last {
+            None => 1.0,
+            Some(l) => {
+                let other = other(self.scene, l);
+                match l.passage.filter(|p| F::SOLIDS && !p.is_direct()) {
+                    None => direct::power_heuristic(l.pdf, other),
+                    Some(p) => cover::share_of_scattering::<F>(self.scene, &l.receiver, &p, end(), l.pdf, other),
+                }
+            }
+        };
         let found = light * share;
         self.recorder.emitted(found);
         self.sample.radiance += found;
@@ -149,7 +161,7 @@ impl<'a, F: Features, R: Recorder> Path<'a, F, R> {
             MediumEvent::Scatter { distance, weight } => {
                 self.throughput *= weight;
                 let at = MediumVertex::new(medium, self.walk, distance);
-                self.recorder.medium(at.point.to_array(), self.walk.material_inside(self.scene), self.throughput);
+                self.recorder.medium(at.point.to_array(), self.walk.solid::<F>(self.scene), self.throughput);
                 Some(at)
             }
         }
@@ -192,12 +204,18 @@ impl<'a, F: Features, R: Recorder> Path<'a, F, R> {
         if !at.is_delta() {
             self.asked += 1;
             for question in 0..self.scene.light_questions(choice) {
-                let [x, y, u_choice, _] = self.sampler.get_4d(sets::light(vertex, question));
-                if let Some(light) = self.scene.sample_light(at.receiver(), choice, question, u_choice, [x, y]) {
-                    let found = self.throughput * direct::light_from::<F, _>(self.scene, at, &light);
-                    self.recorder.direct(found);
-                    self.sample.radiance += found;
+                let [x, y, u_choice, u_chain] = self.sampler.get_4d(sets::light(vertex, question));
+                let Some(light) = self.scene.sample_light(at.receiver(), choice, question, u_choice, [x, y]) else {
+                    continue;
+                };
+                let mut found = direct::light_from::<F, _>(self.scene, at, &light);
+                if self.has_covers() {
+                    let recorder = &mut *self.recorder;
+                    found += cover::light_from::<F, _>(self.scene, at, &light, u_chain, |e| recorder.connection(e));
                 }
+                let found = self.throughput * found;
+                self.recorder.direct(found);
+                self.sample.radiance += found;
             }
         }
 
@@ -215,10 +233,26 @@ impl<'a, F: Features, R: Recorder> Path<'a, F, R> {
         self.throughput *= 1.0 / survival;
         self.recorder.scattered(scattered.wi.to_array(), scattered.pdf, scattered.weight);
 
-        let is_delta = scattered.lobe.contains(Lobe::DELTA);
-        self.last = (!is_delta).then_some(LastScatter { receiver: *at.receiver(), choice, pdf: scattered.pdf });
         self.walk = at.leave(scattered.wi);
+        if !scattered.lobe.contains(Lobe::DELTA) {
+            let passage = self.has_covers().then(|| Passage::from(self.walk));
+            self.last = Some(LastScatter { receiver: *at.receiver(), choice, pdf: scattered.pdf, passage });
+        } else if self.has_covers() {
+            let is_reflection = scattered.lobe.contains(Lobe::REFLECTION);
+            self.last = self.last.take().and_then(|last| {
+                let passage = last.passage?.then(self.scene, at.surface()?, is_reflection)?;
+                Some(LastScatter { passage: Some(passage), ..last })
+            });
+        } else {
+            self.last = None;
+        }
         true
+    }
+
+    /// Are there covers to connect through?
+    #[inline]
+    fn has_covers(&self) -> bool {
+        F::SOLIDS && !self.scene.covers().is_empty()
     }
 
     /// Counts a scattering; the survival of a path that has lost nothing.

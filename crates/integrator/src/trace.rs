@@ -1,5 +1,6 @@
 //! A path written down, for replay: what happened at each vertex.
 
+use crate::cover::Effort;
 use dunkelfeld_radiometry::Rgb;
 
 /// One event of a path.
@@ -40,6 +41,8 @@ pub(crate) trait Recorder {
     fn direct(&mut self, contribution: Rgb);
     /// A direction was chosen at the current vertex.
     fn scattered(&mut self, direction: [f32; 3], pdf: f32, weight: Rgb);
+    /// A connection through a cover was sought at the current vertex.
+    fn connection(&mut self, effort: Effort);
     /// The path is over; all that it found counts by this factor, the lens's.
     fn weigh(&mut self, factor: f32);
 }
@@ -55,6 +58,8 @@ impl Recorder for () {
     fn direct(&mut self, _: Rgb) {}
     #[inline]
     fn scattered(&mut self, _: [f32; 3], _: f32, _: Rgb) {}
+    #[inline]
+    fn connection(&mut self, _: Effort) {}
     #[inline]
     fn weigh(&mut self, _: f32) {}
 }
@@ -96,6 +101,8 @@ impl Recorder for PathTrace {
             v.scattered = Some((direction, pdf, weight));
         }
     }
+
+    fn connection(&mut self, _: Effort) {}
 
     fn weigh(&mut self, factor: f32) {
         for v in &mut self.vertices {

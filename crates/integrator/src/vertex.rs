@@ -4,7 +4,7 @@ use crate::walk::{Meeting, Walk};
 use dunkelfeld_bsdf::{BsdfSample, Lobe};
 use dunkelfeld_geometry::{LocalDir, Vec3};
 use dunkelfeld_radiometry::Rgb;
-use dunkelfeld_scene::{Features, LightReceiver, Medium, Scene, ShadingPoint};
+use dunkelfeld_scene::{Features, LightReceiver, Medium, Scene, ShadingPoint, SurfacePoint};
 use std::marker::PhantomData;
 
 /// A direction to go on in.
@@ -46,6 +46,9 @@ pub(crate) trait Vertex {
 
     /// Distance from where the ray started \[m\].
     fn distance(&self) -> f32;
+
+    /// The surface that it lies on.
+    fn surface(&self) -> Option<&SurfacePoint>;
 }
 
 /// A point on a surface.
@@ -70,6 +73,12 @@ impl<'a, F: Features> SurfaceVertex<'a, F> {
         };
         let wo_local = shading.frame.to_local(wo);
         Self { met, shading, wo, wo_local, arrived, features: PhantomData }
+    }
+
+    /// The event of a smooth surface that the number `u_lobe` in `[0, 1)` chooses.
+    #[inline]
+    pub(crate) fn delta(&self, u_lobe: f32) -> Option<Scattering> {
+        if self.shading.bsdf.is_delta() { self.sample([0.0, 0.0, u_lobe]) } else { None }
     }
 
     /// A direction in the local frame, if it lies on the side of the surface that the frame says.
@@ -105,7 +114,13 @@ impl<F: Features> Vertex for SurfaceVertex<'_, F> {
     fn sample(&self, [u_x, u_y, u_lobe]: [f32; 3]) -> Option<Scattering> {
         let BsdfSample { wi, weight, pdf, lobe, eta } = self.shading.bsdf.sample(self.wo_local, u_lobe, [u_x, u_y])?;
         let world = self.shading.frame.to_world(wi);
-        self.shading.consistent(self.met.hit.normal, world, wi).then_some(Scattering { wi: world, weight, pdf, lobe, eta })
+        self.shading.consistent(self.met.hit.normal, world, wi).then_some(Scattering {
+            wi: world,
+            weight,
+            pdf,
+            lobe,
+            eta,
+        })
     }
 
     #[inline]
@@ -121,6 +136,11 @@ impl<F: Features> Vertex for SurfaceVertex<'_, F> {
     #[inline]
     fn distance(&self) -> f32 {
         self.met.hit.distance
+    }
+
+    #[inline]
+    fn surface(&self) -> Option<&SurfacePoint> {
+        Some(&self.met.hit)
     }
 }
 
@@ -186,5 +206,10 @@ impl Vertex for MediumVertex<'_> {
     #[inline]
     fn distance(&self) -> f32 {
         self.distance
+    }
+
+    #[inline]
+    fn surface(&self) -> Option<&SurfacePoint> {
+        None
     }
 }

@@ -54,11 +54,6 @@ impl Walk {
         scene.medium(&self.place.around)
     }
 
-    /// The material of the solid that the ray travels in.
-    pub(crate) fn material_inside(&self, scene: &Scene) -> Option<u32> {
-        scene.material_inside(&self.place.around)
-    }
-
     /// What is left of light over a distance \[m\] of the way.
     #[inline]
     pub(crate) fn transmittance<F: Features>(&self, scene: &Scene, distance: f32) -> Rgb {
@@ -69,6 +64,18 @@ impl Walk {
         } else {
             Rgb::WHITE
         }
+    }
+
+    /// The same place, another direction on the same side of its surface.
+    #[inline]
+    pub(crate) fn aimed(&self, direction: Vec3) -> Self {
+        Self { ray: Ray::new(self.ray.origin, direction), place: self.place }
+    }
+
+    /// The material of the solid that the ray travels in.
+    #[inline]
+    pub(crate) fn solid<F: Features>(&self, scene: &Scene) -> Option<u32> {
+        if F::MEDIA { scene.material_inside(&self.place.around) } else { self.place.material }
     }
 
     /// From a place inside the medium in a new direction.

@@ -1,0 +1,357 @@
+//! Light through clear covers: connections that bend.
+//!
+//! A shadow ray ends at a refracting interface, so light behind a cover would be left to chance: scattering has to pick the
+//! one direction that the cover bends into a small light. Here the direction is found. A *chain* is a row of smooth
+//! interfaces of one stack of covers between a receiver x and a point y of a light, each transmitting or reflecting in a
+//! given order; seen from x it is one direction. It is sought by shooting: a ray is sent from x in the direction that the
+//! chain would have if the stack were a plate of parallel layers, followed through the real mesh, and its direction mended
+//! by Newton's method until it arrives at y. The derivative, and with it the area at y per solid angle at x, is that of the
+//! bundle of rays about it (Igehy 1999), so the estimate is that of manifold next-event estimation (Hanika, Droske and
+//! Fascione 2015) in the coordinates of the first direction. In a plate the first ray arrives.
+//!
+//! # Who finds which path
+//!
+//! Every path from a receiver to a light belongs to one of three kinds, by its interfaces in between:
+//!
+//! 1. *None.* Light sampling and scattering both find it, and share it by their densities (`direct.rs`).
+//! 2. *A chain of one stack* which the solver, started for (x, y) and that order of events, converges to. The connection
+//!    and scattering both find it, and share it by their densities over the direction at x.
+//! 3. *Everything else*: longer chains, solutions that the solver does not find, chains through two stacks or through
+//!    glass that is no cover, rough faces. Scattering alone finds it, and it counts in full.
+//!
+//! What tells the second kind from the third is [`Solver::connect`], a function of x, y, stack and chain without any random
+//! number. The connection runs it to find the path; scattering, having found a path by chance, runs it to learn whether
+//! the connection would have found the same. Both evaluate the same densities. So a solver that fails costs time and
+//! noise, never light, and no path counts twice. If several chains could lead to y, one is asked, with a probability that
+//! is part of the density.
+//!
+//! Lights without extent that stand at a point are not connected: scattering cannot find them, and the chains that the
+//! solver does not know would be missing.
+
+mod beam;
+mod shoot;
+
+use crate::direct::power_heuristic;
+use crate::vertex::Vertex;
+use crate::walk::Walk;
+use dunkelfeld_geometry::Vec3;
+use dunkelfeld_radiometry::Rgb;
+use dunkelfeld_scene::{Chain, Features, LightReceiver, LightSample, Scene, SurfacePoint, Target};
+use shoot::{Shot, shoot};
+use std::marker::PhantomData;
+
+/// Rays that one connection may send.
+const MOST_SHOTS: u32 = 12;
+/// Times that a step may be halved in a row.
+const MOST_HALVINGS: u32 = 4;
+/// A chain has arrived when it misses the light by less than this share of the straight distance ...
+const ARRIVED: f64 = 1e-5;
+/// ... and the next step would turn it by less than this \[rad\].
+const SETTLED: f64 = 1e-4;
+/// Chains whose first directions differ by less than this \[rad\] are the same.
+const SAME: f32 = 1e-3;
+/// No step turns the first direction by more than this \[rad\].
+const LONGEST_STEP: f64 = 0.3;
+
+/// The interfaces that a path has passed since it was scattered: events of one stack.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Passage {
+    /// The way that it took from where it was scattered.
+    start: Walk,
+    /// The stack, once an interface was passed.
+    stack: Option<u16>,
+    chain: Chain,
+}
+
+impl Passage {
+    /// Sets out.
+    #[inline]
+    pub(crate) fn from(start: Walk) -> Self {
+        Self { start, stack: None, chain: Chain::EMPTY }
+    }
+
+    /// Has no interface been passed yet?
+    #[inline]
+    pub(crate) fn is_direct(&self) -> bool {
+        self.stack.is_none()
+    }
+
+    /// Passes a smooth interface; `None` if no connection leads this way.
+    #[inline]
+    pub(crate) fn then(&self, scene: &Scene, at: &SurfacePoint, is_reflection: bool) -> Option<Self> {
+        let stack = scene.cover_of(at)?;
+        let is_same = self.stack.is_none_or(|s| s == stack);
+        let chain = self.chain.then(is_reflection).filter(|_| is_same)?;
+        Some(Self { stack: Some(stack), chain, ..*self })
+    }
+}
+
+/// How often the solver ran, and how it fared.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Effort {
+    /// Rays sent through the cover.
+    pub(crate) shots: u32,
+    pub(crate) has_arrived: bool,
+}
+
+/// A light as connections see it.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct End {
+    pub(crate) target: Target,
+    /// Unit normal of the light's surface; zero where it has none.
+    pub(crate) normal: Vec3,
+}
+
+impl End {
+    /// A point on a surface that emits.
+    pub(crate) fn surface(point: Vec3, normal: Vec3) -> Self {
+        Self { target: Target::Point(point), normal }
+    }
+
+    /// Light from infinitely far away.
+    pub(crate) fn infinite(direction: Vec3) -> Self {
+        Self { target: Target::Direction(direction), normal: Vec3::ZERO }
+    }
+
+    /// Unit direction from a point straight to it.
+    fn straight(&self, from: Vec3) -> Vec3 {
+        match self.target {
+            Target::Point(p) => (p - from).normalize_or_zero(),
+            Target::Direction(d) => d,
+        }
+    }
+}
+
+/// Light of a sample that reaches a vertex through a cover and is scattered toward the camera. `u` in `[0, 1)` chooses among
+/// the chains that may lead there; `tell` hears of the solver's effort.
+#[inline(never)]
+pub(crate) fn light_from<F: Features, V: Vertex>(
+    scene: &Scene,
+    at: &V,
+    light: &LightSample,
+    u: f32,
+    tell: impl FnOnce(Effort),
+) -> Rgb {
+    let end = match light.target {
+        // Not a point light: see above.
+        Some(_) if light.is_delta => return Rgb::BLACK,
+        Some(t) => End::surface(t.point, t.normal),
+        None => End::infinite(light.direction),
+    };
+    let solver = Solver::<F>::new(scene, *at.receiver(), at.leave(light.direction), end);
+    let Some(way) = solver.choose(u) else { return Rgb::BLACK };
+    let (found, shots) = solver.connect(&way);
+    tell(Effort { shots, has_arrived: found.is_some() });
+    let Some(found) = found else { return Rgb::BLACK };
+    let (scattered, pdf) = at.eval(found.direction);
+    let unoccluded = scattered * light.radiance * found.shot.weight;
+    if unoccluded.is_black() {
+        return Rgb::BLACK;
+    }
+    let last = &found.shot.walk;
+    let ray = scene.shadow_ray_from(last.ray.origin, last.ray.direction, light.target.as_ref());
+    let (open, left) = last.light_along::<F>(scene, &ray);
+    if open == 0.0 {
+        return Rgb::BLACK;
+    }
+    // The density of the first direction.
+    let density = light.pdf * way.share / found.narrowing;
+    let share = if light.is_delta { 1.0 } else { power_heuristic(density, pdf * found.shot.probability) };
+    unoccluded * left * (open * share / density)
+}
+
+/// The share of a path that scattering has found through a passage, with the density `pdf` [1/sr] at its start; `straight_pdf`
+/// [1/sr] is that with which light sampling draws its end, as if nothing were in between.
+#[inline(never)]
+pub(crate) fn share_of_scattering<F: Features>(
+    scene: &Scene,
+    receiver: &LightReceiver,
+    passage: &Passage,
+    end: End,
+    pdf: f32,
+    straight_pdf: f32,
+) -> f32 {
+    let Some(stack) = passage.stack.filter(|_| straight_pdf > 0.0) else { return 1.0 };
+    let taken = passage.start.ray.direction;
+    let straight = end.straight(receiver.point);
+    let solver = Solver::<F>::new(scene, *receiver, passage.start.aimed(straight), end);
+    if !solver.is_on_its_side(taken) {
+        return 1.0;
+    }
+    let Some(way) = solver.way(stack, passage.chain) else { return 1.0 };
+    match solver.connect(&way).0 {
+        Some(found) if found.direction.distance(taken) < SAME => {
+            let density = straight_pdf * way.share / found.narrowing;
+            power_heuristic(pdf * found.shot.probability, density)
+        }
+        _ => 1.0,
+    }
+}
+
+/// One of the chains that may lead from a receiver to a light.
+#[derive(Clone, Copy, Debug)]
+struct Way {
+    stack: u16,
+    chain: Chain,
+    /// First direction, in the plate that stands for the stack.
+    direction: Vec3,
+    /// The probability with which it is asked.
+    share: f32,
+}
+
+/// A chain that arrives.
+#[derive(Clone, Copy, Debug)]
+struct Connection {
+    /// First direction.
+    direction: Vec3,
+    shot: Shot,
+    /// Solid angle at the receiver through the chain over that of the straight line [sr/sr].
+    narrowing: f32,
+}
+
+/// A receiver and a light, between which chains are sought.
+struct Solver<'a, F> {
+    scene: &'a Scene,
+    receiver: LightReceiver,
+    /// The straight way, which tells the side of the surface on which all others start.
+    start: Walk,
+    end: End,
+    features: PhantomData<F>,
+}
+
+impl<'a, F: Features> Solver<'a, F> {
+    #[inline]
+    fn new(scene: &'a Scene, receiver: LightReceiver, start: Walk, end: End) -> Self {
+        Self { scene, receiver, start, end, features: PhantomData }
+    }
+
+    /// Does a direction leave the receiver on the side of the straight line?
+    #[inline]
+    fn is_on_its_side(&self, direction: Vec3) -> bool {
+        let normal = self.receiver.normal;
+        (normal.dot(direction) > 0.0) == (normal.dot(self.start.ray.direction) > 0.0)
+    }
+
+    /// Shows all chains that may lead to the light, with first direction and an estimate of what each brings.
+    #[inline]
+    fn each_way(&self, mut visit: impl FnMut(u16, Chain, Vec3, f64)) {
+        let inside = self.start.solid::<F>(self.scene);
+        for (stack, cover) in (0u16..).zip(self.scene.covers()) {
+            let Some(crossing) = cover.crossing(self.receiver.point, inside, self.end.target) else { continue };
+            for &chain in crossing.chains() {
+                if let Some(seed) = crossing.seed(chain) {
+                    let brings = seed.transmission / seed.spread;
+                    if brings > 0.0 && brings.is_finite() {
+                        visit(stack, chain, seed.direction, brings);
+                    }
+                }
+            }
+        }
+    }
+
+    /// Chooses a chain by what it may bring.
+    fn choose(&self, u: f32) -> Option<Way> {
+        let (mut total, mut rest, mut chosen) = (0.0, f64::from(u), None);
+        self.each_way(|stack, chain, direction, brings| {
+            total += brings;
+            // What is left of the random number is as good as a new one.
+            let takes = brings / total;
+            if rest < takes {
+                rest /= takes;
+                chosen = Some((stack, chain, direction, brings));
+            } else {
+                rest = (rest - takes) / (1.0 - takes);
+            }
+        });
+        chosen.map(|(stack, chain, direction, brings)| Way { stack, chain, direction, share: (brings / total) as f32 })
+    }
+
+    /// A given chain, if it is one of those that may be chosen.
+    fn way(&self, stack: u16, chain: Chain) -> Option<Way> {
+        let (mut total, mut wanted) = (0.0, None);
+        self.each_way(|s, c, direction, brings| {
+            total += brings;
+            if (s, c) == (stack, chain) {
+                wanted = Some((direction, brings));
+            }
+        });
+        wanted.map(|(direction, brings)| Way { stack, chain, direction, share: (brings / total) as f32 })
+    }
+
+    /// Seeks the chain; also tells how many rays that took. A function of receiver, light, stack and chain alone.
+    fn connect(&self, way: &Way) -> (Option<Connection>, u32) {
+        let mut direction = way.direction;
+        // The best ray so far: first direction, unit vectors across it, the step that it asks for, its error.
+        let mut best: Option<(Vec3, [Vec3; 2], [f64; 2], f64)> = None;
+        let mut halvings = 0;
+        for shots in 1..=MOST_SHOTS {
+            if let Some((shot, error, step)) = self.try_direction(way, direction) {
+                let size = step[0].hypot(step[1]);
+                if error <= ARRIVED && size <= SETTLED {
+                    return (self.finish(direction, shot), shots);
+                }
+                if best.is_none_or(|(.., least)| error < least) {
+                    let scale = (LONGEST_STEP / size).min(1.0);
+                    best = Some((direction, shot.beam.across, step.map(|s| s * scale), error));
+                    halvings = 0;
+                } else {
+                    halvings += 1;
+                }
+            } else {
+                halvings += 1;
+            }
+            let Some((from, [a, b], step, _)) = best.filter(|_| halvings <= MOST_HALVINGS) else {
+                return (None, shots);
+            };
+            let scale = 0.5f64.powi(halvings as i32);
+            let [x, y] = step.map(|s| (s * scale) as f32);
+            direction = (from + a * x + b * y).normalize();
+        }
+        (None, MOST_SHOTS)
+    }
+
+    /// Sends a ray: where it leaves the cover, by how much it misses the light (as a share of the straight distance, or as an
+    /// angle), and the step \[rad\] that would mend it.
+    fn try_direction(&self, way: &Way, direction: Vec3) -> Option<(Shot, f64, [f64; 2])> {
+        if !self.is_on_its_side(direction) {
+            return None;
+        }
+        let shot = shoot::<F>(self.scene, self.start.aimed(direction), way.stack, way.chain)?;
+        let leaving = shot.walk.ray.direction.as_dvec3();
+        let (miss, scale, spread) = match self.end.target {
+            Target::Point(point) => {
+                let to_light = point.as_dvec3() - shot.walk.ray.origin.as_dvec3();
+                let distance = to_light.dot(leaving);
+                let is_ahead = distance > 0.0;
+                if !is_ahead {
+                    return None;
+                }
+                let miss = to_light - leaving * distance;
+                let straight = point.as_dvec3().distance(self.receiver.point.as_dvec3());
+                (miss, straight, shot.beam.spread_at(leaving, distance))
+            }
+            Target::Direction(d) => (d.as_dvec3() - leaving, 1.0, shot.beam.spread_to_infinity(leaving)),
+        };
+        let error = miss.length() / scale;
+        Some((shot, error, spread.solve(miss)?))
+    }
+
+    /// The chain that has arrived; `None` if its light would leave on the other side of the light's surface.
+    fn finish(&self, direction: Vec3, shot: Shot) -> Option<Connection> {
+        let leaving = shot.walk.ray.direction.as_dvec3();
+        let narrowing = match self.end.target {
+            Target::Point(point) => {
+                let to_light = point.as_dvec3() - shot.walk.ray.origin.as_dvec3();
+                let spread = shot.beam.spread_at(leaving, to_light.dot(leaving)).area();
+                let line = point.as_dvec3() - self.receiver.point.as_dvec3();
+                let straight = line.length();
+                let normal = self.end.normal.as_dvec3();
+                let cosines = leaving.dot(normal) * straight / line.dot(normal);
+                straight * straight * cosines / spread
+            }
+            Target::Direction(_) => 1.0 / shot.beam.spread_to_infinity(leaving).area(),
+        };
+        let narrowing = narrowing as f32;
+        (narrowing > 0.0 && narrowing.is_finite()).then_some(Connection { direction, shot, narrowing })
+    }
+}
