@@ -19,9 +19,36 @@ pub fn write_atomically<F>(path: &Path, fill: F) -> io::Result<()>
 where
     F: FnOnce(&mut BufWriter<&mut fs::File>) -> io::Result<()>,
 {
+    write_through(path, |target| temporary_in(folder_of(target)), fill)
+}
+
+/// [`write_atomically`] for a file that is written again and again, maybe until the process is killed: its temporary file
+/// has one name, so that what a killed process left behind is replaced by the next one and does not pile up.
+///
+/// # Errors
+/// As [`write_atomically`].
+pub fn rewrite_atomically<F>(path: &Path, fill: F) -> io::Result<()>
+where
+    F: FnOnce(&mut BufWriter<&mut fs::File>) -> io::Result<()>,
+{
+    let temporary = |target: &Path| {
+        let mut name = std::ffi::OsString::from(".");
+        name.push(target.file_name().unwrap_or_default());
+        let mut left_behind = name.clone();
+        left_behind.push(".partial");
+        let _ = fs::remove_file(folder_of(target).join(left_behind));
+        builder().prefix(&name).rand_bytes(0).tempfile_in(folder_of(target))
+    };
+    write_through(path, temporary, fill)
+}
+
+fn write_through<F>(path: &Path, temporary: impl FnOnce(&Path) -> io::Result<NamedTempFile>, fill: F) -> io::Result<()>
+where
+    F: FnOnce(&mut BufWriter<&mut fs::File>) -> io::Result<()>,
+{
     let target = writable_target(path)?;
     let folder = folder_of(&target);
-    let mut temporary = temporary_in(folder).map_err(|e| explain(path, folder, &e))?;
+    let mut temporary = temporary(&target).map_err(|e| explain(path, folder, &e))?;
     {
         let mut writer = BufWriter::new(temporary.as_file_mut());
         fill(&mut writer).and_then(|()| writer.flush()).map_err(|e| explain(path, folder, &e))?;
@@ -81,15 +108,18 @@ fn folder_of(target: &Path) -> &Path {
 
 /// A hidden temporary file with the permissions that a new file gets (tempfile's own default is private to the user).
 fn temporary_in(folder: &Path) -> io::Result<NamedTempFile> {
+    builder().prefix(".dunkelfeld-").tempfile_in(folder)
+}
+
+fn builder<'a, 'b>() -> tempfile::Builder<'a, 'b> {
     let mut builder = tempfile::Builder::new();
-    builder.prefix(".dunkelfeld-").suffix(".partial");
+    builder.suffix(".partial");
     #[cfg(unix)]
     {
         use std::os::unix::fs::PermissionsExt;
-        builder.permissions(fs::Permissions::from_mode(0o666)).tempfile_in(folder)
+        builder.permissions(fs::Permissions::from_mode(0o666));
     }
-    #[cfg(not(unix))]
-    builder.tempfile_in(folder)
+    builder
 }
 
 /// The rename itself lives in the folder: without this a power cut may forget it. Not every system can sync a folder.
@@ -155,6 +185,21 @@ mod tests {
         assert!(error.to_string().contains("stumbled"), "{error}");
         assert_eq!(fs::read_to_string(&path).expect("readable"), "old");
         assert_eq!(names(folder.path()), ["a.txt"]);
+    }
+
+    #[test]
+    fn a_file_that_is_rewritten_clears_away_what_a_killed_process_left() {
+        let folder = tempfile::tempdir().expect("a temporary folder");
+        let path = folder.path().join("a.film");
+        fs::write(folder.path().join(".a.film.partial"), "half of it").expect("writable");
+        for text in ["first", "second"] {
+            rewrite_atomically(&path, |w| w.write_all(text.as_bytes())).expect("writable");
+            assert_eq!(fs::read_to_string(&path).expect("readable"), text);
+            assert_eq!(names(folder.path()), ["a.film"]);
+        }
+        rewrite_atomically(&path, |_| Err(io::Error::other("stumbled"))).expect_err("the writer fails");
+        assert_eq!(fs::read_to_string(&path).expect("readable"), "second");
+        assert_eq!(names(folder.path()), ["a.film"]);
     }
 
     #[test]

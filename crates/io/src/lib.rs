@@ -3,6 +3,7 @@
 #![forbid(unsafe_code)]
 
 pub mod atomic;
+pub mod checkpoint;
 pub mod error;
 pub mod exr;
 pub mod gltf;

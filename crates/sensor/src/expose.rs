@@ -6,6 +6,7 @@ use dunkelfeld_film::Plane;
 use dunkelfeld_sampling::{Pcg, hash_u64, mix64};
 use rand_distr::{Distribution, StandardNormal};
 
+use crate::matched::{LeftOut, left_out};
 use crate::model::{SensorError, SensorModel};
 use crate::optics::Exposure;
 use crate::poisson::poisson;
@@ -74,6 +75,38 @@ impl Device {
         rows: Range<u32>,
         out: &mut [u16],
     ) -> Result<(), SensorError> {
+        self.expose_known(electrons, &[], exposure, key, rows, out)
+    }
+
+    /// [`Device::expose_rows`] for rendered electrons with known variance \[e-^2\], of which the camera's noise is drawn only as
+    /// far as it goes beyond the render's: see [`ExposureNoise::Matched`](crate::ExposureNoise). A pixel whose variance is
+    /// zero or not known gets the same value as there.
+    pub fn expose_rows_matched(
+        &self,
+        electrons: &Plane<f32>,
+        render_variance: &Plane<f32>,
+        exposure: Exposure,
+        key: FrameKey,
+        rows: Range<u32>,
+        out: &mut [u16],
+    ) -> Result<(), SensorError> {
+        let (width, height) = (render_variance.width(), render_variance.height());
+        if (width, height) != (self.width, self.height) {
+            return Err(SensorError::Size(self.width, self.height, width, height));
+        }
+        self.expose_known(electrons, render_variance.data(), exposure, key, rows, out)
+    }
+
+    /// `variances` of all pixels, or none.
+    fn expose_known(
+        &self,
+        electrons: &Plane<f32>,
+        variances: &[f32],
+        exposure: Exposure,
+        key: FrameKey,
+        rows: Range<u32>,
+        out: &mut [u16],
+    ) -> Result<(), SensorError> {
         if (electrons.width(), electrons.height()) != (self.width, self.height) {
             return Err(SensorError::Size(self.width, self.height, electrons.width(), electrons.height()));
         }
@@ -87,6 +120,17 @@ impl Device {
         let key = hash_u64([self.seed, key.seed, u64::from(key.frame), TEMPORAL]);
         let pattern = self.pattern.get(pixels.clone()).unwrap_or(&[]);
         let pattern = pattern.iter().copied().chain(std::iter::repeat([0.0, 1.0]));
+        if let Some(variances) = variances.get(pixels.clone()).filter(|v| !v.is_empty()) {
+            let inputs = out.iter_mut().zip(means).zip(variances).zip(pixels).zip(pattern);
+            for ((((out, &mean), &variance), pixel), [dark, response]) in inputs {
+                let mut rng = stream(key, pixel as u64);
+                let (mean, response) = (f64::from(mean), f64::from(response));
+                // The response of the pixel scales the noise of the render like its mean.
+                let variance = f64::from(variance) * response * response;
+                *out = readout.matched_pixel(mean, variance, f64::from(dark), response, &mut rng);
+            }
+            return Ok(());
+        }
         for (((out, &mean), pixel), [dark, response]) in out.iter_mut().zip(means).zip(pixels).zip(pattern) {
             let mut rng = stream(key, pixel as u64);
             *out = readout.pixel(f64::from(mean), f64::from(dark), f64::from(response), &mut rng);
@@ -125,7 +169,33 @@ impl Readout {
         // mean.
         let shot = poisson(photo_electrons * response + self.dark_electrons, rng);
         let read: f64 = StandardNormal.sample(rng);
-        let charge = (shot + dark_offset + self.dark_noise * read).min(self.full_well);
+        self.convert(shot + dark_offset + self.dark_noise * read)
+    }
+
+    /// The same, of electrons that were rendered with the given variance.
+    #[inline]
+    fn matched_pixel(
+        &self,
+        photo_electrons: f64,
+        render_variance: f64,
+        dark_offset: f64,
+        response: f64,
+        rng: &mut Pcg,
+    ) -> u16 {
+        let mean = photo_electrons * response + self.dark_electrons;
+        let LeftOut { shot: still, read: unread } = left_out(render_variance, mean, self.dark_noise * self.dark_noise);
+        let shot = still + poisson(mean - still, rng);
+        let read: f64 = StandardNormal.sample(rng);
+        // The root of a square is not always what was squared: without anything left out, values stay as they are.
+        let dark_noise =
+            if unread > 0.0 { (self.dark_noise * self.dark_noise - unread).sqrt() } else { self.dark_noise };
+        self.convert(shot + dark_offset + dark_noise * read)
+    }
+
+    /// Well, gain and converter.
+    #[inline]
+    fn convert(&self, electrons: f64) -> u16 {
+        let charge = electrons.min(self.full_well);
         let value = (self.system_gain * charge + self.offset).clamp(0.0, self.max_value);
         // The one rounding. The cast truncates, and the value is not negative, so adding one half rounds to nearest.
         (value + 0.5) as u16

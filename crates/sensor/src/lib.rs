@@ -6,6 +6,8 @@
 //! 2. [`Device::expose`]: photon and dark noise, fixed pattern, read noise, full well, gain, offset, one rounding -> DN;
 //! 3. [`display`]: DN -> the 8-bit gamma-2.2 picture, which is for looking at, never for measuring.
 //!
+//! A rendered mean has noise of its own; [`Device::expose_rows_matched`] draws of the camera's noise only what is missing.
+//!
 //! Everything is a pure function: a grey value depends on (model, device seed, frame seed, frame, pixel, expected
 //! electrons) and on nothing else, so rows may be exposed on any number of threads.
 
@@ -14,6 +16,7 @@
 mod data_sheet;
 pub mod display;
 mod expose;
+mod matched;
 mod model;
 mod optics;
 mod poisson;
@@ -21,6 +24,7 @@ mod presets;
 
 pub use data_sheet::{DataSheet, data_sheet};
 pub use expose::{Device, FrameKey};
+pub use matched::{ExposureNoise, LeftOut, holds, left_out, matched_where};
 pub use model::{DarkCurrent, FixedPattern, Published, QuantumEfficiency, SensorError, SensorModel, SensorSpec};
 pub use optics::{BANDS, Exposure, MeanElectrons, Optics, Response, auto_exposure, electrons};
 pub use poisson::poisson;

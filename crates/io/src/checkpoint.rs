@@ -1,0 +1,257 @@
+//! Checkpoint files: the exact sums of a film, a text that says of what, and how far its plan is; `docs/checkpoints.md`
+//! has every byte.
+//!
+//! A file is written row by row, without a second film in memory, and is read with distrust: its length follows from its
+//! head, every section has a checksum, and sums that no samples add up to are refused.
+
+mod pixel;
+
+pub use pixel::{MOST_SAMPLES, PIXEL_BYTES};
+
+use crate::atomic::rewrite_atomically;
+use crate::error::InputError;
+use dunkelfeld_film::{Film, PixelSums, Plane};
+use std::fs::File;
+use std::io::{self, BufReader, Read, Write};
+use std::ops::Range;
+use std::path::Path;
+use twox_hash::XxHash3_64;
+
+/// Version of the format.
+pub const CHECKPOINT_VERSION: u32 = 1;
+/// The first bytes: not text, and broken by programs that change line ends, as in PNG.
+const MAGIC: [u8; 8] = *b"\x89DFC\r\n\x1a\n";
+/// Magic, version, width, height, length of the text, flags.
+const HEAD: usize = 28;
+const HAS_WEIGHTS: u32 = 1;
+const HAS_CAPS: u32 = 2;
+const HAS_TARGET: u32 = 4;
+/// The longest text \[bytes\].
+const MOST_TEXT: u32 = 16 << 20;
+/// Rows that share a checksum.
+const BAND: u32 = 16;
+const MOST_SIDE: u32 = 32_768;
+const MOST_PIXELS: u64 = 1 << 27;
+const CHECKSUM: u64 = 8;
+
+const MEND: &str = "use a file that `render --checkpoint` or `merge` wrote, or delete it to begin anew";
+
+/// What a checkpoint file holds.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Checkpoint {
+    /// What it is a checkpoint of, and how far it is: JSON, for whoever wrote it.
+    pub text: String,
+    /// Weights of the plan.
+    pub weights: Option<Plane<f32>>,
+    /// Samples at which a pixel has what it needs.
+    pub caps: Option<Plane<f32>>,
+    /// Samples per pixel, as totals since the first, that the open round is to reach.
+    pub target: Option<Plane<u32>>,
+    /// The sums.
+    pub film: Film,
+}
+
+/// Everything that is written but for the sums.
+#[derive(Clone, Copy, Debug)]
+pub struct CheckpointHead<'a> {
+    /// Width of the film \[pixels\].
+    pub width: u32,
+    /// Height of the film \[pixels\].
+    pub height: u32,
+    /// See [`Checkpoint::text`].
+    pub text: &'a str,
+    /// See [`Checkpoint::weights`].
+    pub weights: Option<&'a Plane<f32>>,
+    /// See [`Checkpoint::caps`].
+    pub caps: Option<&'a Plane<f32>>,
+    /// See [`Checkpoint::target`].
+    pub target: Option<&'a Plane<u32>>,
+}
+
+/// Writes a checkpoint, whole or not at all. `rows` appends the sums of the pixels of some rows; it is asked once for each
+/// row, from the top, so that the film may be put together on the way.
+///
+/// # Errors
+/// Those of the file system; sizes or a text beyond the limits of the format, planes or rows of another size.
+pub fn write_checkpoint(
+    path: &Path,
+    head: &CheckpointHead<'_>,
+    rows: &mut dyn FnMut(Range<u32>, &mut Vec<PixelSums>),
+) -> io::Result<()> {
+    let refuse = |problem: &str| Err(io::Error::new(io::ErrorKind::InvalidInput, problem.to_string()));
+    let text_bytes = u32::try_from(head.text.len()).unwrap_or(u32::MAX);
+    if !is_size(head.width, head.height) || text_bytes > MOST_TEXT {
+        return refuse("the film or its description is beyond the limits of a checkpoint");
+    }
+    let size = (head.width, head.height);
+    let floats = [head.weights, head.caps];
+    if floats.into_iter().flatten().any(|p| (p.width(), p.height()) != size)
+        || head.target.is_some_and(|p| (p.width(), p.height()) != size)
+    {
+        return refuse("the planes of a checkpoint must have the size of its film");
+    }
+    rewrite_atomically(path, |file| {
+        let flags = u32::from(head.weights.is_some()) * HAS_WEIGHTS
+            + u32::from(head.caps.is_some()) * HAS_CAPS
+            + u32::from(head.target.is_some()) * HAS_TARGET;
+        let mut bytes = MAGIC.to_vec();
+        for v in [CHECKPOINT_VERSION, head.width, head.height, text_bytes, flags] {
+            bytes.extend(v.to_le_bytes());
+        }
+        bytes.extend(head.text.as_bytes());
+        let mut section = 0;
+        let mut put = |bytes: &mut Vec<u8>| -> io::Result<()> {
+            file.write_all(bytes)?;
+            file.write_all(&checksum(section, bytes).to_le_bytes())?;
+            section += 1;
+            bytes.clear();
+            Ok(())
+        };
+        put(&mut bytes)?;
+        for plane in floats.into_iter().flatten() {
+            plane.data().iter().for_each(|v| bytes.extend(v.to_le_bytes()));
+            put(&mut bytes)?;
+        }
+        if let Some(plane) = head.target {
+            plane.data().iter().for_each(|v| bytes.extend(v.to_le_bytes()));
+            put(&mut bytes)?;
+        }
+        let mut sums = Vec::new();
+        for band in bands(head.height) {
+            sums.clear();
+            let pixels = band.len() * head.width as usize;
+            rows(band, &mut sums);
+            if sums.len() != pixels {
+                return Err(io::Error::new(io::ErrorKind::InvalidInput, "rows of another width than the film's"));
+            }
+            sums.iter().for_each(|s| pixel::encode(s, &mut bytes));
+            put(&mut bytes)?;
+        }
+        Ok(())
+    })
+}
+
+/// Reads a checkpoint.
+///
+/// # Errors
+/// The file cannot be read, is not a checkpoint, is of another version, was cut short or changed.
+pub fn read_checkpoint(path: &Path) -> Result<Checkpoint, InputError> {
+    let fault = |place: &str, problem: String| InputError::new(path, place, problem, MEND);
+    let unreadable = |e: io::Error| InputError::new(path, "the file", format!("cannot be read: {e}"), "check the path");
+    let meta = std::fs::metadata(path).map_err(unreadable)?;
+    if !meta.is_file() {
+        return Err(fault("the file", "is not a file".into()));
+    }
+    let mut source =
+        Source { file: BufReader::new(File::open(path).map_err(unreadable)?), left: meta.len(), section: 0, path };
+
+    let mut head = source.bytes("the head", HEAD as u64)?;
+    let word = |at: usize| u32::from_le_bytes([head[at], head[at + 1], head[at + 2], head[at + 3]]);
+    if head[..8] != MAGIC {
+        return Err(fault("the head", "is not that of a checkpoint".into()));
+    }
+    let [version, width, height, text_bytes, flags] = [8, 12, 16, 20, 24].map(word);
+    if version != CHECKPOINT_VERSION {
+        let problem = format!("is of version {version} of the format; this program reads version {CHECKPOINT_VERSION}");
+        return Err(fault("the head", problem));
+    }
+    if !is_size(width, height) || text_bytes > MOST_TEXT || flags > HAS_WEIGHTS + HAS_CAPS + HAS_TARGET {
+        return Err(fault("the head", "holds numbers that no checkpoint has".into()));
+    }
+    let pixels = u64::from(width) * u64::from(height);
+    let planes = u64::from(flags.count_ones());
+    let sections = 1 + planes + bands(height).count() as u64;
+    let rest = u64::from(text_bytes) + (4 * planes + PIXEL_BYTES as u64) * pixels + sections * CHECKSUM;
+    if source.left != rest {
+        let (has, should) = (meta.len(), rest + HEAD as u64);
+        let word = if source.left < rest { "was cut short" } else { "has more than belongs to it" };
+        return Err(fault("the file", format!("{word}: it has {has} bytes instead of {should}")));
+    }
+
+    head.extend(source.bytes("the text", u64::from(text_bytes))?);
+    source.check("the head", &head)?;
+    let text = String::from_utf8(head.split_off(HEAD)).map_err(|_| fault("the text", "is not UTF-8".into()))?;
+    let misfit = || fault("a plane", "does not have the size of the film".into());
+    let mut floats = [None, None];
+    for (slot, (flag, place)) in floats.iter_mut().zip([(HAS_WEIGHTS, "the weights"), (HAS_CAPS, "the caps")]) {
+        if flags & flag != 0 {
+            let words = source.words(place, pixels)?;
+            let plane = Plane::from_vec(width, height, words.into_iter().map(f32::from_bits).collect());
+            *slot = Some(plane.ok_or_else(misfit)?);
+        }
+    }
+    let [weights, caps] = floats;
+    let mut target = None;
+    if flags & HAS_TARGET != 0 {
+        let words = source.words("the plan", pixels)?;
+        if words.iter().any(|&n| n > MOST_SAMPLES) {
+            return Err(fault("the plan", "asks for more samples than a pixel can have".into()));
+        }
+        target = Some(Plane::from_vec(width, height, words).ok_or_else(misfit)?);
+    }
+    let mut sums = Vec::with_capacity(pixels as usize);
+    for band in bands(height) {
+        let place = format!("rows {} to {}", band.start, band.end - 1);
+        let bytes = source.bytes(&place, band.len() as u64 * u64::from(width) * PIXEL_BYTES as u64)?;
+        source.check(&place, &bytes)?;
+        for pixel in bytes.chunks_exact(PIXEL_BYTES) {
+            let impossible = || fault(&place, "holds sums that no samples add up to".into());
+            sums.push(pixel::decode(pixel).ok_or_else(impossible)?);
+        }
+    }
+    let film = Film::from_sums(Plane::from_vec(width, height, sums).ok_or_else(misfit)?);
+    Ok(Checkpoint { text, weights, caps, target, film })
+}
+
+fn is_size(width: u32, height: u32) -> bool {
+    let side = 1..=MOST_SIDE;
+    side.contains(&width) && side.contains(&height) && u64::from(width) * u64::from(height) <= MOST_PIXELS
+}
+
+fn bands(height: u32) -> impl Iterator<Item = Range<u32>> {
+    (0..height).step_by(BAND as usize).map(move |y| y..(y + BAND).min(height))
+}
+
+/// The seed is the number of the section: sections that changed places do not go unnoticed.
+fn checksum(section: u64, bytes: &[u8]) -> u64 {
+    XxHash3_64::oneshot_with_seed(section, bytes)
+}
+
+/// A file on its way in.
+struct Source<'a> {
+    file: BufReader<File>,
+    /// Bytes that the file still has: nothing larger is ever asked memory for.
+    left: u64,
+    section: u64,
+    path: &'a Path,
+}
+
+impl Source<'_> {
+    fn bytes(&mut self, place: &str, count: u64) -> Result<Vec<u8>, InputError> {
+        let fault = |problem: String| InputError::new(self.path, place, problem, MEND);
+        if count > self.left {
+            return Err(fault("is not there: the file was cut short".into()));
+        }
+        let mut bytes = vec![0; count as usize];
+        self.file.read_exact(&mut bytes).map_err(|e| fault(format!("cannot be read: {e}")))?;
+        self.left -= count;
+        Ok(bytes)
+    }
+
+    /// Compares with the checksum that follows.
+    fn check(&mut self, place: &str, bytes: &[u8]) -> Result<(), InputError> {
+        let stored = self.bytes(place, CHECKSUM)?;
+        let right = checksum(self.section, bytes).to_le_bytes();
+        self.section += 1;
+        if stored == right {
+            return Ok(());
+        }
+        Err(InputError::new(self.path, place, "was damaged: its checksum is another", MEND))
+    }
+
+    fn words(&mut self, place: &str, count: u64) -> Result<Vec<u32>, InputError> {
+        let bytes = self.bytes(place, 4 * count)?;
+        self.check(place, &bytes)?;
+        Ok(bytes.as_chunks::<4>().0.iter().map(|&b| u32::from_le_bytes(b)).collect())
+    }
+}

@@ -1,0 +1,130 @@
+//! A pixel's sums as bytes, and back, with a look at whether samples could have added up to them.
+
+use dunkelfeld_film::{BATCHES, PixelSums, RadianceSum};
+
+/// Bytes of one pixel: little-endian, in the order of the fields of [`PixelSums`].
+pub const PIXEL_BYTES: usize = BATCHES * 3 * 16 + BATCHES * 4 + 3 * 8 + 3 * 8 + 8 + 4 + 4 + 8;
+
+/// No pixel of a film has more samples than this.
+pub const MOST_SAMPLES: u32 = 1 << 30;
+
+/// The largest auxiliary sum that a sample adds: one, in units of 2^-32.
+const UNIT: i64 = 1 << 32;
+/// The largest depth that a sample adds: 2^31 m, in units of 2^-24 m.
+const DEPTH: i64 = 1 << 55;
+/// The radiance of a sample is below 2^46 W/(m^2 sr), in units of 2^-66.
+const RADIANCE: u128 = 1 << 112;
+
+/// Appends the bytes of a pixel.
+pub(super) fn encode(sums: &PixelSums, out: &mut Vec<u8>) {
+    sums.batches.iter().flat_map(|b| b.0).for_each(|v| out.extend(v.to_le_bytes()));
+    sums.counts.iter().for_each(|v| out.extend(v.to_le_bytes()));
+    sums.albedo.iter().chain(&sums.normal).chain([&sums.depth]).for_each(|v| out.extend(v.to_le_bytes()));
+    [sums.hits, sums.invalid].iter().for_each(|v| out.extend(v.to_le_bytes()));
+    out.extend(sums.heaviest_key.to_le_bytes());
+}
+
+/// The pixel that the bytes stand for; `None` if they are too few, or if no samples add up to it. What is returned can be
+/// counted, averaged and merged without leaving the range of its numbers.
+pub(super) fn decode(mut bytes: &[u8]) -> Option<PixelSums> {
+    let from = &mut bytes;
+    let mut sums = PixelSums::default();
+    for batch in &mut sums.batches {
+        *batch = RadianceSum([radiance(from)?, radiance(from)?, radiance(from)?]);
+    }
+    for count in &mut sums.counts {
+        *count = u32::from_le_bytes(take(from)?);
+    }
+    for v in sums.albedo.iter_mut().chain(&mut sums.normal).chain([&mut sums.depth]) {
+        *v = i64::from_le_bytes(take(from)?);
+    }
+    sums.hits = u32::from_le_bytes(take(from)?);
+    sums.invalid = u32::from_le_bytes(take(from)?);
+    sums.heaviest_key = u64::from_le_bytes(take(from)?);
+    is_possible(&sums).then_some(sums)
+}
+
+fn radiance(from: &mut &[u8]) -> Option<u128> {
+    take(from).map(u128::from_le_bytes)
+}
+
+fn take<const N: usize>(from: &mut &[u8]) -> Option<[u8; N]> {
+    let (head, tail) = from.split_first_chunk::<N>()?;
+    *from = tail;
+    Some(*head)
+}
+
+fn is_possible(sums: &PixelSums) -> bool {
+    let count: u64 = sums.counts.iter().map(|&n| u64::from(n)).sum();
+    if count > u64::from(MOST_SAMPLES) || u64::from(sums.hits) > count || u64::from(sums.invalid) > count {
+        return false;
+    }
+    let hits = i64::from(sums.hits);
+    let within = |v: i64, most: i64| v.unsigned_abs() <= hits.saturating_mul(most).unsigned_abs();
+    // A product beyond the range of 128 bits is no bound: such a sum may have come to its end.
+    let lit = |(batch, &n): (&RadianceSum, &u32)| {
+        u128::from(n).checked_mul(RADIANCE).is_none_or(|most| batch.0.iter().all(|&v| v <= most))
+    };
+    sums.batches.iter().zip(&sums.counts).all(lit)
+        && sums.albedo.iter().chain(&sums.normal).all(|&v| within(v, UNIT))
+        && sums.depth >= 0
+        && within(sums.depth, DEPTH)
+        && sums.max_luminance().is_finite()
+        && sums.max_luminance() >= 0.0
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use dunkelfeld_film::{Accumulate, Sample};
+    use dunkelfeld_radiometry::Rgb;
+
+    /// Sums of every kind: bright, black, missed and invalid samples.
+    fn pixel(samples: u32) -> PixelSums {
+        let mut sums = PixelSums::default();
+        for index in 0..samples {
+            let v = [0.25, 0.0, 1e30, 3.5e-9, 6e13, f32::NAN][index as usize % 6];
+            let hit = index % 3 != 1;
+            let normal = [0.6, -0.8, 0.0];
+            sums.add(
+                index,
+                &Sample { radiance: Rgb::new(v, 0.5 * v, 2.0), albedo: Rgb::splat(0.7), normal, depth: 1.5, hit },
+            );
+        }
+        sums
+    }
+
+    #[test]
+    fn every_pixel_comes_back_as_it_went() {
+        for samples in [0, 1, 4, 17, 1000] {
+            let mut bytes = Vec::new();
+            encode(&pixel(samples), &mut bytes);
+            assert_eq!(bytes.len(), PIXEL_BYTES);
+            assert_eq!(decode(&bytes), Some(pixel(samples)));
+            assert_eq!(decode(&bytes[1..]), None, "a byte is missing");
+        }
+    }
+
+    #[test]
+    fn what_no_samples_add_up_to_is_refused() {
+        type Change = fn(&mut PixelSums);
+        let cases: [Change; 9] = [
+            |p| p.counts[0] = u32::MAX,
+            |p| p.hits = 18,
+            |p| p.invalid = 18,
+            |p| p.albedo[1] = i64::MIN,
+            |p| p.normal[2] = 18 << 32,
+            |p| p.depth = -1,
+            |p| p.depth = i64::MAX,
+            |p| p.heaviest_key = u64::from(f32::INFINITY.to_bits()) << 32,
+            |p| p.batches[3].0[1] = 5 << 112,
+        ];
+        for (i, change) in cases.into_iter().enumerate() {
+            let mut sums = pixel(17);
+            change(&mut sums);
+            let mut bytes = Vec::new();
+            encode(&sums, &mut bytes);
+            assert_eq!(decode(&bytes), None, "case {i}");
+        }
+    }
+}
