@@ -9,7 +9,7 @@ use dunkelfeld_adaptive::cost::{CostMap, TileGrid, makespan};
 use dunkelfeld_adaptive::plan;
 use dunkelfeld_adaptive::schedule::{Limits, Phase, Schedule, Settings, Step, StopReason};
 use dunkelfeld_film::{Film, Plane};
-use dunkelfeld_integrator::{Estimator, Label, PixelSample, label};
+use dunkelfeld_integrator::{ConnectionTally, Estimator, Label, PixelSample, label};
 use dunkelfeld_scene::{Camera, RayGenerator, Scene};
 use dunkelfeld_sensor::{Response, auto_exposure};
 use rayon::prelude::*;
@@ -37,6 +37,8 @@ pub struct Rendering {
     pub stages: Vec<(Stage, f64)>,
     /// The first samples that were not finite, negative or out of range.
     pub invalid: Vec<PixelSample>,
+    /// Connections through clear covers.
+    pub connections: ConnectionTally,
     /// Weights of the last plan, for looking at; mean one.
     pub weights: Plane<f32>,
     /// Threads that rendered.
@@ -173,6 +175,7 @@ struct Renderer<'a> {
     costs: CostMap,
     stages: Vec<(Stage, f64)>,
     invalid: Vec<PixelSample>,
+    connections: ConnectionTally,
 }
 
 impl<'a> Renderer<'a> {
@@ -197,6 +200,7 @@ impl<'a> Renderer<'a> {
             costs: CostMap::new(TileGrid::new(width, height, TILE)),
             stages: Vec::new(),
             invalid: Vec::new(),
+            connections: ConnectionTally::default(),
         }
     }
 
@@ -222,6 +226,7 @@ impl<'a> Renderer<'a> {
             interrupted: cancel.is_cancelled(),
             stages: self.stages,
             invalid: self.invalid,
+            connections: self.connections,
             weights: self.weights,
             threads: self.threads,
         })
@@ -325,6 +330,7 @@ impl<'a> Renderer<'a> {
         }
         self.taken += result.samples;
         self.costs.record(&result.tiles);
+        self.connections.add(&result.connections);
         self.invalid.extend(result.invalid);
         self.invalid.truncate(16);
         self.spend(stage, began);

@@ -7,7 +7,7 @@
 use crate::progress::{Cancel, Progress, ProgressState, Stage};
 use dunkelfeld_adaptive::cost::{CostMap, TileRect, WorkUnit};
 use dunkelfeld_film::{Accumulate, Film, PixelSums, Plane};
-use dunkelfeld_integrator::{Estimator, PixelSample};
+use dunkelfeld_integrator::{ConnectionTally, Estimator, PixelSample};
 use rayon::prelude::*;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -85,6 +85,8 @@ pub(crate) struct RoundResult {
     pub(crate) samples: u64,
     /// The first invalid samples, by pixel and index.
     pub(crate) invalid: Vec<PixelSample>,
+    /// Connections through covers, of all samples that reached the film.
+    pub(crate) connections: ConnectionTally,
 }
 
 /// A tile on its way: the sums of its finished units.
@@ -94,6 +96,7 @@ struct Pending {
     sums: Vec<(u32, PixelSums)>,
     units_done: u32,
     seconds: f64,
+    connections: ConnectionTally,
 }
 
 /// Renders a round onto the film, on the threads of the current pool.
@@ -112,7 +115,7 @@ pub(crate) fn run(film: &mut Film, work: &RoundWork<'_>, reporter: &Reporter<'_>
             }
             let began = Instant::now();
             let rect = grid.rect(unit.tile);
-            let Some(sums) = render_unit(work, unit, rect, reporter, &invalid) else { break };
+            let Some((sums, connections)) = render_unit(work, unit, rect, reporter, &invalid) else { break };
             let Ok(mut tile) = pending[unit.tile].lock() else { break };
             if tile.sums.is_empty() {
                 tile.sums = sums;
@@ -120,6 +123,7 @@ pub(crate) fn run(film: &mut Film, work: &RoundWork<'_>, reporter: &Reporter<'_>
                 tile.sums.extend(sums);
             }
             tile.units_done += 1;
+            tile.connections.add(&connections);
             tile.seconds += began.elapsed().as_secs_f64();
         }
     });
@@ -137,6 +141,7 @@ pub(crate) fn run(film: &mut Film, work: &RoundWork<'_>, reporter: &Reporter<'_>
         if let Some(tile) = tile {
             result.tiles.push((index, samples, tile.seconds));
             result.samples += samples;
+            result.connections.add(&tile.connections);
         }
     }
     // Onto the film, one row of tiles a task: no two tasks touch the same pixel.
@@ -157,15 +162,16 @@ pub(crate) fn run(film: &mut Film, work: &RoundWork<'_>, reporter: &Reporter<'_>
     result
 }
 
-/// The sums of one unit; `None` if it was cut short.
+/// The sums of one unit, and the connections that it sought; `None` if it was cut short.
 fn render_unit(
     work: &RoundWork<'_>,
     unit: &WorkUnit,
     rect: TileRect,
     reporter: &Reporter<'_>,
     invalid: &Mutex<Vec<PixelSample>>,
-) -> Option<Vec<(u32, PixelSums)>> {
+) -> Option<(Vec<(u32, PixelSums)>, ConnectionTally)> {
     let mut sums = Vec::new();
+    let mut connections = ConnectionTally::default();
     let mut unreported = 0u32;
     let mut slot = 0u32;
     for y in rect.y0..rect.y1 {
@@ -175,7 +181,7 @@ fn render_unit(
             let mut pixel = PixelSums::default();
             for index in indices {
                 let at = PixelSample { x, y, index };
-                let sample = work.estimator.sample(at);
+                let sample = work.estimator.sample_counting(at, &mut connections);
                 if !sample.is_valid() {
                     name_invalid(invalid, at);
                 }
@@ -196,7 +202,7 @@ fn render_unit(
         }
     }
     reporter.add(work.stage, u64::from(unreported));
-    Some(sums)
+    Some((sums, connections))
 }
 
 #[cold]

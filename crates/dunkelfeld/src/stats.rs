@@ -49,6 +49,8 @@ pub struct Stats {
     pub heaviest_samples: Vec<HeavySample>,
     /// Pixels that a single sample dominates: [`HeavySample::dominates`].
     pub dominated_pixels: u64,
+    /// Connections through clear covers; `None` where the scene has none.
+    pub cover_connections: Option<CoverStats>,
     /// Mean radiance of the image per channel.
     pub mean_radiance: [f64; 3],
     /// Standard error of that mean per channel; `null` where fewer than two batches of samples exist.
@@ -63,6 +65,17 @@ pub struct Stats {
     pub budget_missed: bool,
     /// The sensor, if there is one.
     pub sensor: Option<SensorStats>,
+}
+
+/// How the search for light through clear covers fared.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+pub struct CoverStats {
+    /// Connections that were sought: a receiver, a point of a light and an order of events at the interfaces between.
+    pub attempts: u64,
+    /// Those whose chain the solver found.
+    pub arrived: u64,
+    /// Rays that it sent through covers: one for each plate, a few for each curved face.
+    pub shots: u64,
 }
 
 /// The sensor's part of the statistics.
@@ -132,6 +145,11 @@ impl Stats {
             invalid_named: rendering.invalid.iter().map(|s| format!("{},{},{}", s.x, s.y, s.index)).collect(),
             heaviest_samples: heavy.samples,
             dominated_pixels: heavy.dominated,
+            cover_connections: (rendering.connections.attempts > 0).then_some(CoverStats {
+                attempts: rendering.connections.attempts,
+                arrived: rendering.connections.arrived,
+                shots: rendering.connections.shots,
+            }),
             mean_radiance: sum.map(|s| s / n),
             mean_radiance_standard_error: variance.map(|v| v.is_finite().then(|| v.sqrt() / n)),
             seconds,

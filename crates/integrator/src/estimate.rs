@@ -2,7 +2,7 @@
 
 use crate::kernel::follow;
 use crate::sets;
-use crate::trace::{PathTrace, Recorder};
+use crate::trace::{ConnectionTally, PathTrace, Recorder};
 use dunkelfeld_film::Sample;
 use dunkelfeld_sampling::Sampler;
 use dunkelfeld_scene::{CameraRay, RayGenerator, Scene};
@@ -40,7 +40,13 @@ impl Estimator<'_> {
     /// scene drives floating-point numbers out of their range; such a sample is returned as it is, for the film to count.
     #[inline]
     pub fn sample(&self, at: PixelSample) -> Sample {
-        self.run(at, &mut ())
+        self.run(at, &mut ConnectionTally::default())
+    }
+
+    /// The same sample; connections through covers that it sought are counted.
+    #[inline]
+    pub fn sample_counting(&self, at: PixelSample, tally: &mut ConnectionTally) -> Sample {
+        self.run(at, tally)
     }
 
     /// The same sample, with its path written down vertex by vertex.

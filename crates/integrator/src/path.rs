@@ -18,7 +18,7 @@ use std::marker::PhantomData;
 /// perfect mirrors comes to an end.
 const ENDLESS: u32 = 64;
 /// Survival of such a path.
-const ENDLESS_SURVIVAL: f32 = 0.98;
+const ENDLESS_SURVIVAL: f32 = 0.999;
 
 /// The same for scattering in media. It is late: light in a dense medium that absorbs nothing is scattered some thousand
 /// times before it finds out, and a walk cut short would weigh the rest.

@@ -29,7 +29,27 @@ pub struct PathTrace {
     pub vertices: Vec<TraceVertex>,
 }
 
-/// Something that may listen to a path. `()` does not, and costs nothing.
+/// Connections through covers that were sought, and how the solver fared.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct ConnectionTally {
+    /// Connections that were sought.
+    pub attempts: u64,
+    /// Those whose chain was found.
+    pub arrived: u64,
+    /// Rays sent through covers for all of them; a plate needs one each.
+    pub shots: u64,
+}
+
+impl ConnectionTally {
+    /// Adds another tally.
+    pub fn add(&mut self, other: &Self) {
+        self.attempts += other.attempts;
+        self.arrived += other.arrived;
+        self.shots += other.shots;
+    }
+}
+
+/// Something that may listen to a path. A tally hears of connections only; the rest costs nothing.
 pub(crate) trait Recorder {
     /// A vertex is reached.
     fn vertex(&mut self, position: [f32; 3], material: Option<u32>, throughput: Rgb);
@@ -47,7 +67,7 @@ pub(crate) trait Recorder {
     fn weigh(&mut self, factor: f32);
 }
 
-impl Recorder for () {
+impl Recorder for ConnectionTally {
     #[inline]
     fn vertex(&mut self, _: [f32; 3], _: Option<u32>, _: Rgb) {}
     #[inline]
@@ -59,7 +79,11 @@ impl Recorder for () {
     #[inline]
     fn scattered(&mut self, _: [f32; 3], _: f32, _: Rgb) {}
     #[inline]
-    fn connection(&mut self, _: Effort) {}
+    fn connection(&mut self, effort: Effort) {
+        self.attempts += 1;
+        self.arrived += u64::from(effort.has_arrived);
+        self.shots += u64::from(effort.shots);
+    }
     #[inline]
     fn weigh(&mut self, _: f32) {}
 }

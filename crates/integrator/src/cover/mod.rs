@@ -36,7 +36,7 @@ use crate::vertex::Vertex;
 use crate::walk::Walk;
 use dunkelfeld_geometry::Vec3;
 use dunkelfeld_radiometry::Rgb;
-use dunkelfeld_scene::{Chain, Features, LightReceiver, LightSample, Scene, SurfacePoint, Target};
+use dunkelfeld_scene::{Chain, Crossing, Features, LightReceiver, LightSample, Scene, SurfacePoint, Target};
 use shoot::{Shot, shoot};
 use std::marker::PhantomData;
 
@@ -232,50 +232,63 @@ impl<'a, F: Features> Solver<'a, F> {
         (normal.dot(direction) > 0.0) == (normal.dot(self.start.ray.direction) > 0.0)
     }
 
-    /// Shows all chains that may lead to the light, with first direction and an estimate of what each brings.
+    /// Shows all chains that may lead to the light, with an estimate of what each brings: that of the shortest chain's angle.
     #[inline]
-    fn each_way(&self, mut visit: impl FnMut(u16, Chain, Vec3, f64)) {
-        let inside = self.start.solid::<F>(self.scene);
-        for (stack, cover) in (0u16..).zip(self.scene.covers()) {
-            let Some(crossing) = cover.crossing(self.receiver.point, inside, self.end.target) else { continue };
+    fn each_way(&self, mut visit: impl FnMut(u16, Chain, f64)) {
+        for (stack, crossing) in self.crossings() {
+            let Some(seed) = crossing.chains().first().and_then(|&c| crossing.seed(c)) else { continue };
             for &chain in crossing.chains() {
-                if let Some(seed) = crossing.seed(chain) {
-                    let brings = seed.transmission / seed.spread;
-                    if brings > 0.0 && brings.is_finite() {
-                        visit(stack, chain, seed.direction, brings);
-                    }
+                let brings = crossing.brings(chain, &seed);
+                if brings > 0.0 && brings.is_finite() {
+                    visit(stack, chain, brings);
                 }
             }
         }
     }
 
+    /// The stacks between receiver and light.
+    #[inline]
+    fn crossings(&self) -> impl Iterator<Item = (u16, Crossing<'a>)> {
+        let inside = self.start.solid::<F>(self.scene);
+        let (from, target) = (self.receiver.point, self.end.target);
+        let stacks = (0u16..).zip(self.scene.covers());
+        stacks.filter_map(move |(stack, cover)| Some((stack, cover.crossing(from, inside, target)?)))
+    }
+
     /// Chooses a chain by what it may bring.
     fn choose(&self, u: f32) -> Option<Way> {
         let (mut total, mut rest, mut chosen) = (0.0, f64::from(u), None);
-        self.each_way(|stack, chain, direction, brings| {
+        self.each_way(|stack, chain, brings| {
             total += brings;
             // What is left of the random number is as good as a new one.
             let takes = brings / total;
             if rest < takes {
                 rest /= takes;
-                chosen = Some((stack, chain, direction, brings));
+                chosen = Some((stack, chain, brings));
             } else {
                 rest = (rest - takes) / (1.0 - takes);
             }
         });
-        chosen.map(|(stack, chain, direction, brings)| Way { stack, chain, direction, share: (brings / total) as f32 })
+        let (stack, chain, brings) = chosen?;
+        self.seeded(stack, chain, brings / total)
     }
 
     /// A given chain, if it is one of those that may be chosen.
     fn way(&self, stack: u16, chain: Chain) -> Option<Way> {
         let (mut total, mut wanted) = (0.0, None);
-        self.each_way(|s, c, direction, brings| {
+        self.each_way(|s, c, brings| {
             total += brings;
             if (s, c) == (stack, chain) {
-                wanted = Some((direction, brings));
+                wanted = Some(brings);
             }
         });
-        wanted.map(|(direction, brings)| Way { stack, chain, direction, share: (brings / total) as f32 })
+        self.seeded(stack, chain, wanted? / total)
+    }
+
+    fn seeded(&self, stack: u16, chain: Chain, share: f64) -> Option<Way> {
+        let (_, crossing) = self.crossings().find(|(s, _)| *s == stack)?;
+        let seed = crossing.seed(chain)?;
+        Some(Way { stack, chain, direction: seed.direction, share: share as f32 })
     }
 
     /// Seeks the chain; also tells how many rays that took. A function of receiver, light, stack and chain alone.

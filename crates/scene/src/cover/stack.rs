@@ -176,6 +176,8 @@ pub struct Seed {
     /// Share of unpolarised light that the interfaces let through: an estimate for choosing among chains. Without
     /// absorption.
     pub transmission: f64,
+    /// The ray in the plate.
+    ray: PlateRay,
 }
 
 /// A receiver and a light with interfaces of a stack between them.
@@ -242,7 +244,27 @@ impl<'a> Crossing<'a> {
             transmission *= if step.is_reflection { reflected } else { 1.0 - reflected };
         }
         let direction = self.stack.axis * (self.sign * ray.cosine(start)) + self.sideways * ray.sine(start);
-        Some(Seed { direction: direction.normalize().as_vec3(), tangent: ray.tangent, spread, transmission })
+        Some(Seed { direction: direction.normalize().as_vec3(), tangent: ray.tangent, spread, transmission, ray })
+    }
+
+    /// About what a chain brings that runs like `seed`, the seed of another chain: its own transmission at the same angle, per
+    /// spread. Between chains of one crossing the angle hardly differs.
+    #[inline]
+    pub fn brings(&self, chain: Chain, seed: &Seed) -> f64 {
+        let interfaces = u32::from(self.from.abs_diff(self.to));
+        let ior = |k: u32| {
+            let layer = if self.sign > 0.0 { u32::from(self.from) + k } else { u32::from(self.from) - k };
+            self.stack.layers[layer as usize].ior
+        };
+        let mut reflected = [0.0; MOST_INTERFACES];
+        for (k, share) in (0..interfaces).zip(&mut reflected) {
+            *share = seed.ray.reflectance(ior(k), ior(k + 1));
+        }
+        let passed = |step: super::chain::Step| {
+            let share = reflected.get(step.interface as usize).copied().unwrap_or(1.0);
+            if step.is_reflection { share } else { 1.0 - share }
+        };
+        chain.steps().map(passed).product::<f64>() / seed.spread
     }
 
     /// The layers from the receiver on, with the depth that a chain has in each.
