@@ -5,14 +5,16 @@
 
 mod support;
 
-use dunkelfeld::geometry::DVec3;
+use dunkelfeld::film::Film;
+use dunkelfeld::geometry::{DVec3, Vec3};
 use dunkelfeld::radiometry::{Radiance, Rgb};
+use dunkelfeld::scene::shapes::rectangle;
 use dunkelfeld::scene::{
     Aperture, Camera, Environment, EnvironmentSource, Lens, Opening, Projection, RayGenerator, SceneBuilder, Vignetting,
 };
 use dunkelfeld::sensor::Optics;
 use dunkelfeld::{Error, Project, RenderSettings, SensorChoice, find_sensor};
-use dunkelfeld_testkit::z_test;
+use dunkelfeld_testkit::{Claim, Look, SampleMoments, z_test};
 use std::f64::consts::PI;
 use std::fs;
 use support::{RATE, build, film, pixel_moments, settings, square};
@@ -282,4 +284,82 @@ fn a_pixel_sees_the_share_of_the_pupil_that_the_scene_leaves_open() {
     assert!(f64::from(side) * 0.5f64.sqrt() < crossed, "the lamp lies inside the disc");
     z_test(mean.mean(), mean.standard_error(), share).assert(RATE, "share of the pupil");
     assert!(mean.standard_error() < 2e-3 * share);
+}
+
+/// The share of a telecentric pupil of numerical aperture `na` whose rays, a distance `t` times off the plane that is sharp,
+/// cross it to the left of an edge: those of the disc of direction sines with `x / sqrt(1 - x^2 - y^2) < t`.
+fn share_left_of(t: f64, na: f64) -> f64 {
+    if t < 0.0 {
+        return 1.0 - share_left_of(-t, na);
+    }
+    const STEPS: usize = 400;
+    // y = na sin(angle): the rim of the disc has no root there.
+    let strip = |k: usize| {
+        let (sin, cos) = (PI * ((k as f64 + 0.5) / STEPS as f64 - 0.5)).sin_cos();
+        let y = na * sin;
+        (na * cos).min(t * ((1.0 - y * y) / (1.0 + t * t)).sqrt()) * cos
+    };
+    0.5 + (0..STEPS).map(strip).sum::<f64>() / (STEPS as f64 * na)
+}
+
+/// A lamp with a straight edge off the axis, at five depths: the edge's place on the film does not depend on the depth (the
+/// magnification does not), nor does the light (the image's side has one aperture); and the edge is blurred as a disc of
+/// radius |depth| tan(asin NA) blurs it, column by column.
+#[test]
+fn a_telecentric_lens_keeps_its_scale_and_blurs_as_its_aperture_says() {
+    const PIXELS: usize = 64;
+    let (na, m, focus, edge) = (0.1f64, 0.25f64, 0.11f64, 1e-4f64);
+    let project = Bench::new().open(&format!(
+        "[film]\nwidth = {PIXELS}\nheight = {PIXELS}\n[lens]\nprojection = \"telecentric\"\nmagnification = {m}\n\
+         numerical_aperture = {na}\nfocus_distance = {focus}"
+    ));
+    // A pixel of the imx250, seen through the lens.
+    let pixel = 3.45e-6 / m;
+    let half = 0.5 * PIXELS as f64 * pixel;
+    for depth in [-3e-3f64, -1e-3, 0.0, 1e-3, 3e-3] {
+        let mut b = SceneBuilder::default();
+        let lamp = b.add_material(support::emitter(1.0));
+        let corner = Vec3::new(-0.01, -0.01, (-focus - depth) as f32);
+        b.add_object("lamp", rectangle(corner, Vec3::X * (0.01 + edge) as f32, Vec3::Y * 0.02), lamp);
+        b.cameras.push(view(&project));
+        let scene = build(b);
+        // Each look renders once, for all columns.
+        let mut films: Vec<Film> = Vec::new();
+        let mut columns = |look: u32| -> Vec<SampleMoments> {
+            while films.len() <= look as usize {
+                let k = films.len() as u32;
+                let spp = 128.0 * f64::from(1u32 << (2 * k));
+                films.push(film(&scene, &settings(PIXELS as u32, PIXELS as u32, spp, 40 + u64::from(k))));
+            }
+            let pixels = films[look as usize].pixels();
+            (0..PIXELS).map(|x| pixels.data().iter().skip(x).step_by(PIXELS).map(|p| p.mean()[1]).collect()).collect()
+        };
+        let blur = depth.abs() * na.asin().tan();
+        for x in 0..PIXELS {
+            let left = x as f64 * pixel - half;
+            let share = |k: usize| {
+                let off = edge - (left + (k as f64 + 0.5) / 64.0 * pixel);
+                if blur == 0.0 { f64::from(off > 0.0) } else { share_left_of(off / depth.abs(), na) }
+            };
+            // The sharp edge cuts one column at a known place.
+            let expected = if blur == 0.0 {
+                ((edge - left) / pixel).clamp(0.0, 1.0)
+            } else {
+                (0..64).map(share).sum::<f64>() / 64.0
+            };
+            // Rays start 1e-8 m from where they should, and of 8192 samples a share of 10 / n may go unseen.
+            let unseen = expected.min(1.0 - expected).min(10.0 / 8192.0);
+            let claim = Claim { expected, tolerance: 1e-8 / blur.max(pixel) + unseen, sure: 1e-2 };
+            claim.assert(&format!("depth {depth} m, column {x}"), |look| columns(look)[x].into());
+        }
+        // All of the blur lies on the film: its mean is the place of the edge, to a fortieth of a pixel.
+        assert!(edge + blur < half, "the blur of {blur} m fits");
+        let claim = Claim { expected: 0.5 + 0.5 * edge / half, tolerance: 1e-5, sure: 4e-4 };
+        claim.assert(&format!("depth {depth} m, the edge"), |look| {
+            let columns = columns(look);
+            let n = PIXELS as f64;
+            let error = columns.iter().map(|c| Look::from(*c).standard_error.powi(2)).sum::<f64>().sqrt() / n;
+            Look { value: columns.iter().map(SampleMoments::mean).sum::<f64>() / n, standard_error: error }
+        });
+    }
 }

@@ -189,9 +189,9 @@ fn densities_of_nothing_and_of_a_million() {
 
 #[test]
 fn fog_of_a_million_per_metre_without_absorption_is_white() {
-    // Ten free paths of ten micrometres, of index 1 and 1.5, and one of almost nothing: in a white furnace it is not seen.
+    // Two free paths in two micrometres, of index 1 and 1.5, and almost none in a metre: in a white furnace they are not seen.
     for (ior, scattering, thickness) in
-        [(1.0f32, 1e6f32, 1e-5f32), (1.5, 1e6, 1e-5), (1.0, 1e-6, 1.0), (1.5, 1e3, 1e-3)]
+        [(1.0f32, 1e6f32, 2e-6f32), (1.5, 1e6, 2e-6), (1.0, 1e-6, 1.0), (1.5, 1e3, 1e-3)]
     {
         for g in [-0.9f32, 0.0, 0.99] {
             let volume = Volume { scattering: Rgb::splat(scattering), scattering_anisotropy: g, ..Volume::default() };
@@ -202,7 +202,9 @@ fn fog_of_a_million_per_metre_without_absorption_is_white() {
             b.environment = sky(1.0);
             spot(&mut b, view(), DVec3::ZERO, 1e-4);
             let what = format!("{scattering} per metre, index {ior}, g {g}");
-            gives(&build(b), 1.0, Terms { spp: 32.0, sure: 2e-2, rounding: 1e-5 }, &what);
+            // Light connects straight through an index of 1, and brings the noise of its question.
+            let spp = if ior == 1.0 && scattering > 1.0 { 1024.0 } else { 256.0 };
+            gives(&build(b), 1.0, Terms { spp, sure: 1e-3, rounding: 1e-5 }, &what);
         }
     }
 }

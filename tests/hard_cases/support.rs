@@ -1,4 +1,4 @@
-//! Rendering a hard case and judging it: means with standard errors, four of them allowed, three tries.
+//! Rendering a hard case and judging it: the mean of 256 pixels with its standard error, four of which are allowed.
 
 use crate::common::{film, settings};
 use dunkelfeld::RenderSettings;
@@ -10,16 +10,11 @@ use dunkelfeld::scene::{
     Camera, Environment, EnvironmentSource, Image, ImageId, Material, Projection, PunctualKind, PunctualLight, Scene,
     SceneBuilder, Surface, Texels, Volume, look_at,
 };
-use dunkelfeld_testkit::SampleMoments;
+use dunkelfeld_testkit::{Claim, Look, SampleMoments};
 
 /// Pixels along the side of the image of a case. All of them show the same radiance, so that their means are independent
 /// samples of one number.
 const SIDE: u32 = 16;
-/// So many standard errors may a result be off.
-const STANDARD_ERRORS: f64 = 4.0;
-/// So many independent renders must be off before a case fails.
-const TRIES: u64 = 3;
-
 /// How well a case is known.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Terms {
@@ -29,6 +24,12 @@ pub(crate) struct Terms {
     pub(crate) sure: f64,
     /// What the rounding of f32 may do beside it, relative to the expectation.
     pub(crate) rounding: f64,
+}
+
+impl Terms {
+    fn claim(&self, expected: f64) -> Claim {
+        Claim { expected, tolerance: self.rounding * expected.abs(), sure: self.sure * expected.abs() }
+    }
 }
 
 /// Terms where rounding can do nothing worth mentioning: a dozen roundings along the path.
@@ -55,43 +56,20 @@ pub(crate) fn pixel_means(scene: &Scene, spp: f64, seed: u64, what: &str) -> Sam
 /// The scene's radiance must be `expected`.
 #[track_caller]
 pub(crate) fn gives(scene: &Scene, expected: f64, terms: Terms, what: &str) {
-    let mut said = String::new();
-    for attempt in 0..TRIES {
-        let m = pixel_means(scene, terms.spp * f64::from(1 << (2 * attempt)), 11 + attempt, what);
-        // Where all pixels agree to the last bits, the square root of their variance may not even be a number.
-        let error = if m.variance() > 0.0 { m.standard_error() } else { 0.0 };
-        assert!(
-            error <= terms.sure * expected.abs(),
-            "{what}: the standard error {error:.3e} is beyond its bound, {:.3e}; the mean is {:.6e}, expected {expected:.6e}",
-            terms.sure * expected.abs(),
-            m.mean()
-        );
-        let off = (m.mean() - expected).abs();
-        if off <= STANDARD_ERRORS * error + terms.rounding * expected.abs() {
-            return;
-        }
-        said += &format!("\n  {:.7e} +- {error:.1e}, {:.1} standard errors off", m.mean(), off / error);
-    }
-    panic!("{what}: expected {expected:.7e}, found{said}");
+    terms
+        .claim(expected)
+        .assert(what, |k| pixel_means(scene, terms.spp * f64::from(1 << (2 * k)), 11 + u64::from(k), what).into());
 }
 
-/// Two scenes must have the same radiance (Welch's test in the form of the other checks).
+/// Two scenes must have the same radiance: the ratio is one.
 #[track_caller]
 pub(crate) fn same(a: &Scene, b: &Scene, terms: Terms, what: &str) {
-    let mut said = String::new();
-    for attempt in 0..TRIES {
-        let spp = terms.spp * f64::from(1 << (2 * attempt));
-        let [ma, mb] = [(a, 21 + attempt), (b, 31 + attempt)].map(|(s, seed)| pixel_means(s, spp, seed, what));
-        let errors = [ma, mb].map(|m| if m.variance() > 0.0 { m.standard_error() } else { 0.0 });
-        let error = errors[0].hypot(errors[1]);
-        assert!(error <= terms.sure * ma.mean(), "{what}: the standard error {error:.3e} is beyond its bound");
-        let off = (ma.mean() - mb.mean()).abs();
-        if off <= STANDARD_ERRORS * error + terms.rounding * ma.mean() {
-            return;
-        }
-        said += &format!("\n  {:.7e} and {:.7e} +- {error:.1e}", ma.mean(), mb.mean());
-    }
-    panic!("{what}: differ,{said}");
+    terms.claim(1.0).assert(what, |k| {
+        let spp = terms.spp * f64::from(1 << (2 * k));
+        let [a, b] = [(a, 21), (b, 31)].map(|(s, seed)| Look::from(pixel_means(s, spp, seed + u64::from(k), what)));
+        let value = a.value / b.value;
+        Look { value, standard_error: value * (a.standard_error / a.value).hypot(b.standard_error / b.value) }
+    });
 }
 
 /// A smooth clear solid without absorption.
