@@ -1,7 +1,7 @@
 //! Light transport against closed forms and quadrature: what a small scene must send to the camera.
 //!
 //! Each scene shows the same radiance in every pixel, so the pixel means are independent samples of one number. The
-//! false-alarm rate of each check is `support::RATE`. Replay: `cargo test -p dunkelfeld --test transport NAME`.
+//! false-alarm rate of each check is that of a `testkit::Claim`, 1.4e-13. Replay: `cargo test -p dunkelfeld --test transport NAME`.
 
 mod support;
 
@@ -12,22 +12,12 @@ use dunkelfeld::scene::shapes::{cuboid, rectangle, sphere};
 use dunkelfeld::scene::{
     AlphaMode, Environment, EnvironmentSource, Material, PunctualKind, PunctualLight, SceneBuilder, Surface, Volume,
 };
-use dunkelfeld_testkit::{student_t_test, z_test};
 use std::f64::consts::PI;
-use support::{RATE, black, build, emitter, film, pixel_moments, settings, spot_camera, square};
+use support::{black, build, emitter, film, pixel_moments, settings, spot_camera, square};
 
 /// Renders a 16 x 16 image and compares its mean with the expectation.
 fn check(builder: SceneBuilder, spp: f64, expected: f64, what: &str) {
-    let film = film(&build(builder), &settings(16, 16, spp, 7));
-    assert_eq!(film.invalid_samples(), 0, "{what}: samples that are not finite or negative");
-    let m = pixel_moments(&film);
-    let outcome = if m.variance() < 1e-12 * expected * expected {
-        // All pixels agree: what is left is the rounding of f32 along the path.
-        z_test(m.mean(), 2e-6 * expected.abs(), expected)
-    } else {
-        student_t_test(&m, expected)
-    };
-    outcome.assert(RATE, &format!("{what}: mean {} +- {}, expected {expected}", m.mean(), m.standard_error()));
+    support::must_be(&build(builder), spp, 7, 1, expected, what);
 }
 
 /// A rough grey plastic, as a material and as its BSDF.
@@ -309,9 +299,7 @@ fn instances_shine_and_reflect_like_copies() {
     });
     let scene = build(b);
     assert_eq!(scene.summary().instanced_parts, 2, "the meshes must stay instanced for this test to mean anything");
-    let film = film(&scene, &settings(16, 16, 512.0, 7));
-    let m = pixel_moments(&film);
-    student_t_test(&m, expected).assert(RATE, &format!("instanced light: {} expected {expected}", m.mean()));
+    support::must_be(&scene, 512.0, 7, 1, expected, "instanced light");
 }
 
 #[test]

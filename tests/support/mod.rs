@@ -7,10 +7,10 @@ use dunkelfeld::radiometry::Rgb;
 use dunkelfeld::scene::{Camera, Material, Projection, Scene, SceneBuilder, look_at};
 use dunkelfeld::{Budget, Cancel, RenderSettings, Silent, render};
 use dunkelfeld_adaptive::allocation::Strategy;
-use dunkelfeld_testkit::SampleMoments;
+use dunkelfeld_testkit::{Claim, SampleMoments};
 use std::time::Instant;
 
-/// False-alarm rate of one statistical check. The suite makes fewer than 500 of them: 5e-7 in all.
+/// False-alarm rate of one statistical check that is not a `Claim`. The suite makes fewer than 500 of them: 5e-7 in all.
 pub(crate) const RATE: f64 = 1e-9;
 
 /// A material that only emits, on its front, with the given radiance in every channel.
@@ -72,4 +72,16 @@ pub(crate) fn pixel_moments(film: &Film) -> SampleMoments {
         moments.push(p.mean()[1]);
     }
     moments
+}
+
+/// Renders 16 x 16 pixels that all show one radiance, and holds the mean of one channel to `expected`: four standard errors
+/// and five millionths for the rounding of f32 along the path. No case may be noisier than a twentieth of its value.
+#[track_caller]
+pub(crate) fn must_be(scene: &Scene, spp: f64, seed: u64, channel: usize, expected: f64, what: &str) {
+    let claim = Claim { expected, tolerance: 5e-6 * expected.abs(), sure: 0.05 * expected.abs() };
+    claim.assert(what, |look| {
+        let film = film(scene, &settings(16, 16, spp * f64::from(1 << (2 * look)), seed + 1000 * u64::from(look)));
+        assert_eq!(film.invalid_samples(), 0, "{what}: samples that are not finite or negative");
+        film.pixels().data().iter().map(|p| p.mean()[channel]).collect::<SampleMoments>().into()
+    });
 }
