@@ -5,13 +5,18 @@
     DUNKELFELD_MITSUBA_TABLE=$PWD/big.txt cargo test -p dunkelfeld-bsdf --test mitsuba
 
 Every parameter of `principled` is swept alone, on plastic, metal or glass as it has an effect there; then come random mixes
-of all parameters, `roughdielectric` over index and slope, and what smooth `dielectric` and `thindielectric` reflect. Lines:
+of all parameters, `roughdielectric` over index and slope, what smooth `dielectric` and `thindielectric` reflect, and rough
+sheets. Mitsuba has no rough sheet of ours: its `principledthin` lets no light bounce between the faces and is smoother for what
+passes than for what it reflects. But its facets are ours. So a value here is that of `principledthin`, asked with the
+roughness that makes its slope the wanted one on the side in question, times what `thindielectric` and `dielectric` say
+of a facet at that angle: the share of a sheet over the share of a single face. Lines:
 
     pair  wo.xyz wi.xyz                          directions, numbered in order; wo is the camera's side (Mitsuba's si.wi)
     principled  name=value ... : r g b ...       values at all pairs, in order; parameters that are absent are Mitsuba's defaults
     roughdielectric  eta=.. alpha=.. : v ...     one value per pair: it is grey
     dielectric  eta=.. : R ...                   reflected share, one for the wo of each pair
     thindielectric  eta=.. : R ...
+    roughthin  eta=.. alpha=.. : v ...           one value per pair: it is grey
 
 Values include the cosine of wi. Mitsuba computes in f32 (PyPI has no other variant), and so do we.
 """
@@ -125,6 +130,25 @@ def reflected_share(bsdf, wo):
     return 0.0
 
 
+def rough_sheet(eta, alpha, wo, wi):
+    """A sheet whose facets have slope `alpha`, both faces and all reflections between them as one surface."""
+    # Both sides are alike; `principledthin` answers for its front.
+    side = np.sign(wo[2])
+    wo, wi = wo * [1, 1, side], wi * [1, 1, side]
+    reflects = wi[2] > 0
+    # Its slope is the square of the roughness, which for light that passes is scaled (Burley 2015).
+    roughness = np.sqrt(alpha) / (1.0 if reflects else 0.65 * eta - 0.35)
+    assert 0.0 < roughness <= 1.0, f"principledthin has no slope {alpha} at index {eta}"
+    white = dict(base_color=(1.0, 1.0, 1.0), spec_trans=1.0, diff_trans=0.0, flatness=0.0, eta=eta, roughness=float(roughness))
+    value = evaluate(load("principledthin", white), wo, wi)[0]
+    half = wo + wi * [1, 1, 1 if reflects else -1]
+    cosine = min(float(wo @ half / np.linalg.norm(half)), 1.0)
+    seen = np.array([np.sqrt(1.0 - cosine**2), 0.0, cosine])
+    index = dict(int_ior=eta, ext_ior=1.0)
+    sheet, face = (reflected_share(load(kind, index), seen) for kind in ("thindielectric", "dielectric"))
+    return value * (sheet / face if reflects else (1.0 - sheet) / (1.0 - face))
+
+
 def main():
     parser = argparse.ArgumentParser()
     parser.add_argument("--mixes", type=int, default=40)
@@ -144,6 +168,8 @@ def main():
             bsdf = load("roughdielectric", dict(distribution="ggx", alpha=alpha, int_ior=eta, ext_ior=1.0))
             values = [evaluate(bsdf, wo, wi) for wo, wi in directions]
             line("roughdielectric", dict(eta=eta, alpha=alpha), [v[0] for v in values])
+    for eta, alpha in [(1.33, 0.05), (1.5, 0.1), (1.5, 0.3), (2.0, 0.5), (2.4, 0.9)]:
+        line("roughthin", dict(eta=eta, alpha=alpha), [rough_sheet(eta, alpha, wo, wi) for wo, wi in directions])
     for kind in ["dielectric", "thindielectric"]:
         for eta in [1.05, 1.49, 2.4, 0.7]:
             bsdf = load(kind, dict(int_ior=eta, ext_ior=1.0))

@@ -119,12 +119,17 @@ class Glb:
         raise KeyError(f"no camera named {name}")
 
 
-def equal_terms(path: Path, zoom: float, target: Path) -> Path:
+def equal_terms(path: Path, zoom: float, target: Path, faceted: bool = False) -> Path:
     """Writes a copy of a scene for both renderers: without absorption, which `path` knows nothing of, and with cameras that
-    see a part smaller by `zoom` about the middle of the image."""
-    data = path.read_bytes()
-    (size,) = struct.unpack_from("<I", data, 12)
-    scene = json.loads(data[20 : 20 + size])
+    see a part smaller by `zoom` about the middle of the image. If `faceted`, no normal is interpolated, because that is
+    where the renderers differ."""
+    glb = Glb(path)
+    scene, binary = glb.json, bytearray(glb.binary)
+    if faceted:
+        for mesh in scene["meshes"]:
+            for primitive in mesh["primitives"]:
+                _make_flat(glb, primitive, binary)
+        scene["buffers"][0]["byteLength"] = len(binary)
     for camera in scene["cameras"]:
         view = camera["perspective"]
         view["yfov"] = 2.0 * math.atan(math.tan(0.5 * view["yfov"]) / zoom)
@@ -134,10 +139,36 @@ def equal_terms(path: Path, zoom: float, target: Path) -> Path:
         volume.pop("attenuationDistance", None)
     text = json.dumps(scene).encode()
     text += b" " * (-len(text) % 4)
-    rest = data[20 + size :]
-    header = struct.pack("<4sIII4s", b"glTF", 2, 20 + len(text) + len(rest), len(text), b"JSON")
-    target.write_bytes(header + text + rest)
+    binary += b"\0" * (-len(binary) % 4)
+    length = 12 + 8 + len(text) + 8 + len(binary)
+    header = struct.pack("<4sIII4s", b"glTF", 2, length, len(text), b"JSON")
+    target.write_bytes(header + text + struct.pack("<I4s", len(binary), b"BIN\0") + bytes(binary))
     return target
+
+
+def _make_flat(glb: Glb, primitive: dict[str, Any], binary: bytearray) -> None:
+    """Gives every triangle of a primitive vertices of its own, with its own normal."""
+    indices = glb.accessor(primitive["indices"]).reshape(-1)
+    corners = glb.accessor(primitive["attributes"]["POSITION"])[indices]
+    triangles = corners.reshape(-1, 3, 3).astype(float)
+    normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+
+    def accessor(values: np.ndarray, kind: str, code: int, **more: Any) -> int:
+        binary.extend(b"\0" * (-len(binary) % 4))
+        data = np.ascontiguousarray(values, dtype=_COMPONENTS[code]).tobytes()
+        glb.json["bufferViews"].append({"buffer": 0, "byteOffset": len(binary), "byteLength": len(data)})
+        binary.extend(data)
+        view = len(glb.json["bufferViews"]) - 1
+        glb.json["accessors"].append(
+            {"bufferView": view, "componentType": code, "count": len(values), "type": kind, **more}
+        )
+        return len(glb.json["accessors"]) - 1
+
+    bounds = {"min": corners.min(axis=0).tolist(), "max": corners.max(axis=0).tolist()}
+    position = accessor(corners, "VEC3", 5126, **bounds)
+    primitive["attributes"] = {"POSITION": position, "NORMAL": accessor(np.repeat(normals, 3, axis=0), "VEC3", 5126)}
+    primitive["indices"] = accessor(np.arange(len(corners)), "SCALAR", 5125)
 
 
 def _local_matrix(node: dict[str, Any]) -> np.ndarray:

@@ -211,5 +211,9 @@ def _sensor(camera: Camera, width: int, height: int) -> dict[str, Any]:
         return {"type": "orthographic", "to_world": mi.ScalarTransform4f(matrix), **sensor}
     view = {"fov": math.degrees(camera.yfov), "fov_axis": "y", "to_world": mi.ScalarTransform4f(to_world), **sensor}
     if camera.aperture > 0.0:
+        if any(camera.principal_point):
+            raise NotImplementedError("a thin lens whose axis is off the film's middle: Mitsuba's has none")
         return {"type": "thinlens", "aperture_radius": camera.aperture, "focus_distance": camera.focus, **view}
-    return {"type": "perspective", **view}
+    right, down = camera.principal_point
+    # Mitsuba's offset says where in the picture without it the film's middle would lie: the other way.
+    return {"type": "perspective", "principal_point_offset_x": -right, "principal_point_offset_y": -down, **view}

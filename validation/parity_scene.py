@@ -106,6 +106,8 @@ class Camera:
     # Thin lens: radius of the aperture and distance of the plane in focus, in metres.
     aperture: float = 0.0
     focus: float = 0.0
+    # Where the optical axis meets the film: from its middle to the right and down, in shares of its width and height.
+    principal_point: tuple[float, float] = (0.0, 0.0)
 
     def to_world(self) -> np.ndarray:
         """Camera to world: looks along -z with +y up."""
@@ -219,9 +221,15 @@ def write(scene: Scene, job: Path, width: int, height: int) -> None:
     elif scene.environment is not None:
         environment = f"\n[environment]\nradiance = {_toml(scene.environment)}\n"
     lines = [f'scene = "{scene.stage}.glb"', "", "[film]", f"width = {width}", f"height = {height}"]
+    lens: list[str] = []
     if scene.camera.aperture > 0.0:
-        lines += [f"sensor_height = {FILM_HEIGHT}", "", "[lens]", f"f_number = {_toml(_f_number(scene.camera))}"]
-        lines += [f"focus_distance = {_toml(scene.camera.focus)}"]
+        lines += [f"sensor_height = {FILM_HEIGHT}"]
+        lens += [f"f_number = {_toml(_f_number(scene.camera))}", f"focus_distance = {_toml(scene.camera.focus)}"]
+    if any(scene.camera.principal_point):
+        right, down = scene.camera.principal_point
+        lens += [f"principal_point = {_toml((right * width, down * height))}"]
+    if lens:
+        lines += ["", "[lens]", *lens]
     text = "\n".join([*lines, "", "[sensor]", 'model = "none"', ""]) + environment
     for name, material in scene.materials.items():
         text += "\n[[material]]\n" + "".join(f"{k} = {_toml(v)}\n" for k, v in _job_material(name, material).items())
