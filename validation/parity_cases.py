@@ -250,11 +250,12 @@ def surfaces() -> Iterator[Case]:
 
 
 def inspection() -> Iterator[Case]:
-    """The scenes of the paper; `compare_inspection.py` looks at their parts one by one. Under the covers Mitsuba finds the lights
-    by chance: with more batches (renders go on where they were) the mean would be known to 0.15 % at some 200 000 spp."""
+    """The scenes of the paper, with the faces' own normals; `compare_inspection.py` looks at their parts one by one, and
+    `furnace.py` at what interpolated normals do. Under the covers Mitsuba finds the lights by chance: the mean would be known to
+    0.15 % at some 200 000 spp. With more batches, renders go on where they were."""
     folder = Path(__file__).resolve().parent.parent / "scenes" / "inspection"
-    for name, zoom in (("inspection-open", 1.0), ("inspection-flat", 1.0), ("inspection", 1.0)):
-        yield Case("inspection", name, File(folder / f"{name}.glb", zoom), 2048)
+    for name in ("inspection-open", "inspection-flat", "inspection"):
+        yield Case("inspection", f"{name}-faceted", File(folder / f"{name}.glb", 1.0, faceted=True), 4096, 64)
 
 
 def all_cases() -> list[Case]:
