@@ -250,12 +250,14 @@ def surfaces() -> Iterator[Case]:
 
 
 def inspection() -> Iterator[Case]:
-    """The scenes of the paper, with the faces' own normals; `compare_inspection.py` looks at their parts one by one, and
-    `furnace.py` at what interpolated normals do. Under the covers Mitsuba finds the lights by chance: the mean would be known to
-    0.15 % at some 200 000 spp. With more batches, renders go on where they were."""
+    """The scenes of the paper, the moulded cover with its faces' own normals; `compare_inspection.py` looks at their parts one by
+    one, and `furnace.py` at what interpolated normals do. Under the covers Mitsuba finds the lights by chance: the mean would
+    be known to 0.15 % at some 200 000 spp. With more batches, renders go on where they were."""
     folder = Path(__file__).resolve().parent.parent / "scenes" / "inspection"
-    for name in ("inspection-open", "inspection-flat", "inspection"):
-        yield Case("inspection", f"{name}-faceted", File(folder / f"{name}.glb", 1.0, faceted=True), 4096, 64)
+    case = lambda name, file, batches: Case("inspection", name, file, 64 * batches, batches)
+    yield case("inspection-open", File(folder / "inspection-open.glb", 1.0), 192)
+    yield case("inspection-flat", File(folder / "inspection-flat.glb", 1.0), 64)
+    yield case("inspection-faceted", File(folder / "inspection.glb", 1.0, faceted=True), 64)
 
 
 def all_cases() -> list[Case]:
