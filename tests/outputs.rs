@@ -6,11 +6,12 @@
 mod support;
 
 use dunkelfeld::film::Plane;
-use dunkelfeld::geometry::DVec3;
+use dunkelfeld::geometry::{DVec3, Vec3};
 use dunkelfeld::io::exr::Channel;
 use dunkelfeld::io::layers::{Single, Triple};
 use dunkelfeld::radiometry::Rgb;
-use dunkelfeld::scene::{Material, Scene, SceneBuilder};
+use dunkelfeld::scene::shapes::cuboid;
+use dunkelfeld::scene::{Material, Scene, SceneBuilder, Surface, Volume};
 use dunkelfeld::{
     Budget, Cancel, DEFAULT_SENSOR, NO_ID, OutputPaths, Picture, Progress, ProgressState, Project, RenderSettings,
     SensorChoice, Silent, develop, encode_layers, load_plan, render, save_plan,
@@ -32,6 +33,39 @@ fn floor_and_void() -> Scene {
     b.add_object("lamp", square(3.0, 1.0, true), lamp);
     spot_camera(&mut b, DVec3::new(0.5, 0.0, 2.0), DVec3::new(0.5, 0.0, 0.0), 0.25);
     build(b)
+}
+
+#[test]
+fn layers_and_labels_look_through_smooth_glass() {
+    let mut b = SceneBuilder::default();
+    let floor = b.add_material(Material { base_color: Rgb::new(0.8, 0.4, 0.2), ..Material::default() });
+    b.add_object("floor", square(0.0, 1.0, false), floor);
+    let glass = Material {
+        transmission: 1.0,
+        roughness: 0.0,
+        ior: 1.49,
+        surface: Surface::Solid(Volume::default()),
+        ..Material::default()
+    };
+    let glass = b.add_material(glass);
+    b.add_object("pane", cuboid(Vec3::new(-0.9, -0.9, 0.5), Vec3::new(0.9, 0.9, 0.51)), glass);
+    spot_camera(&mut b, DVec3::new(0.0, 0.0, 2.0), DVec3::ZERO, 0.25);
+    let scene = build(b);
+    let s = settings(8, 8, 64.0, 3);
+    let rendering = render(&scene, &s, Instant::now(), &Silent, &Cancel::new()).expect("valid");
+    let frame = develop(&rendering.film.mean(), &s).expect("exposed");
+    let layers = encode_layers(&rendering.film, &rendering.labels, &frame, &s, scene.object_names());
+    let names = scene.object_names();
+    for id in layers.integers(Single::ObjectId).expect("ids").data() {
+        assert_eq!(names[*id as usize], "floor");
+    }
+    // One sample in thirteen is reflected into the void and has seen the glass alone.
+    let (albedo, depth) =
+        (layers.triples(Triple::Albedo).expect("albedo"), layers.single(Single::Depth).expect("depth"));
+    for (a, z) in albedo.data().iter().zip(depth.data()) {
+        assert!((a[1] - (0.4 + 0.6 * 0.077)).abs() < 0.05, "albedo {a:?}");
+        assert!((1.85..2.0).contains(z), "depth {z}");
+    }
 }
 
 fn with_sensor(settings: RenderSettings) -> RenderSettings {

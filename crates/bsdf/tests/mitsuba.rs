@@ -45,9 +45,7 @@ impl Surface {
             "roughdielectric" => {
                 Bsdf::Dielectric(Dielectric::new(get("eta", 0.0), get("alpha", 0.0), Rgb::WHITE, Rgb::WHITE))
             }
-            "roughthin" => {
-                Bsdf::ThinSheet(ThinSheet::new(get("eta", 0.0), get("alpha", 0.0), Rgb::WHITE, Rgb::WHITE))
-            }
+            "roughthin" => Bsdf::ThinSheet(ThinSheet::new(get("eta", 0.0), get("alpha", 0.0), Rgb::WHITE, Rgb::WHITE)),
             "dielectric" => Bsdf::Dielectric(Dielectric::smooth(get("eta", 0.0))),
             "thindielectric" => Bsdf::ThinSheet(ThinSheet::new(get("eta", 0.0), 0.0, Rgb::WHITE, Rgb::WHITE)),
             other => panic!("unknown kind {other}"),

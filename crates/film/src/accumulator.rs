@@ -26,11 +26,11 @@ const DEPTH_LIMIT: f32 = (1u64 << 31) as f32;
 pub struct Sample {
     /// Radiance [W/(m^2 sr)] along the camera ray.
     pub radiance: Rgb,
-    /// Reflectance of the first surface, in \[0, 1\].
+    /// Reflectance of the first surface that scatters light (behind smooth glass, not the glass), in \[0, 1\].
     pub albedo: Rgb,
-    /// Shading normal of the first surface in world space, zero where there is none.
+    /// Shading normal of that surface in world space, zero where there is none.
     pub normal: [f32; 3],
-    /// Distance to the first surface \[m\], zero where there is none.
+    /// Length of the way to that surface \[m\], zero where there is none.
     pub depth: f32,
     /// Did the ray meet a surface?
     pub hit: bool,

@@ -1,7 +1,8 @@
-//! What a pixel shows, for labels: the first surface behind the pixel's centre.
+//! What a pixel shows, for labels: the first surface behind the pixel's centre that scatters light.
 
-use dunkelfeld_geometry::Ray;
-use dunkelfeld_scene::{RayGenerator, Scene};
+use crate::vertex::{SurfaceVertex, Vertex};
+use crate::walk::Walk;
+use dunkelfeld_scene::{Everything, RayGenerator, Scene};
 
 /// Object and material that a pixel's centre shows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -12,17 +13,24 @@ pub struct Label {
     pub material: u32,
 }
 
-/// The label of pixel (x, y), or `None` if its centre shows nothing. A surface that covers less than half is looked through.
+/// The label of pixel (x, y), or `None` if its centre shows nothing. A surface that covers less than half is looked through,
+/// and a smooth clear one too, in the direction that more light takes; it is shown where nothing lies behind it.
 pub fn label(scene: &Scene, camera: &RayGenerator, x: u32, y: u32) -> Option<Label> {
-    let mut ray = camera.ray(x as f32 + 0.5, y as f32 + 0.5);
+    let mut walk = Walk::from_camera::<Everything>(scene, camera.ray(x as f32 + 0.5, y as f32 + 0.5));
+    let mut glass = None;
     // More sheets behind one another than anybody models: a bound on what a strange file can cost.
     for _ in 0..10_000 {
-        let hit = scene.intersect(&ray)?;
-        if scene.coverage(&hit) >= 0.5 {
-            let (object, material) = scene.ids(&hit);
-            return Some(Label { object, material });
+        let Some(met) = walk.ahead::<Everything>(scene) else { break };
+        if met.open_tint().is_some() || scene.coverage(&met.hit) < 0.5 {
+            walk = walk.straight_on::<Everything>(&met);
+            continue;
         }
-        ray = Ray::new(hit.leave(ray.direction), ray.direction);
+        let (object, material) = scene.ids(&met.hit);
+        let here = Label { object, material };
+        let at = SurfaceVertex::<Everything>::new(scene, walk, met, 0.5);
+        let Some(passed) = at.delta(0.5) else { return Some(here) };
+        glass = glass.or(Some(here));
+        walk = at.leave(passed.wi);
     }
-    None
+    glass
 }

@@ -68,8 +68,10 @@ struct Path<'a, F, R> {
     scatterings: u32,
     /// Vertices that have asked for light.
     asked: u32,
-    /// Distance travelled through surfaces that let the ray pass unchanged \[m\].
+    /// Distance travelled \[m\].
     passed: f32,
+    /// Has the path met nothing but surfaces that scatter in single directions?
+    sees_glass: bool,
     last: Option<LastScatter>,
     sample: Sample,
     features: PhantomData<F>,
@@ -89,6 +91,7 @@ impl<'a, F: Features, R: Recorder> Path<'a, F, R> {
             scatterings: 0,
             asked: 0,
             passed: 0.0,
+            sees_glass: false,
             last: None,
             sample: Sample::MISS,
             features: PhantomData,
@@ -193,10 +196,12 @@ impl<'a, F: Features, R: Recorder> Path<'a, F, R> {
     /// Everything at a place where light is scattered: light from lights, and a direction to go on in. False if the path ends.
     #[inline]
     fn scatters_at<V: Vertex>(&mut self, at: &V, vertex: u32) -> bool {
-        if self.bounces == 0 && !self.sample.hit {
+        // What the camera sees, through smooth glass and in it; a path that ends there has seen the glass.
+        self.passed += at.distance();
+        if !self.sample.hit || (self.sees_glass && !at.is_delta()) {
             let (albedo, normal) = at.look();
-            let depth = self.passed + at.distance();
-            self.sample = Sample { hit: true, albedo, normal: normal.to_array(), depth, ..self.sample };
+            self.sample = Sample { hit: true, albedo, normal: normal.to_array(), depth: self.passed, ..self.sample };
+            self.sees_glass = at.is_delta();
         }
 
         // Light from lights, connected directly.

@@ -13,9 +13,9 @@ pub enum Triple {
     Variance,
     /// Denoised mean: `denoised.R/G/B`.
     Denoised,
-    /// Reflectance of the first surface: `albedo.R/G/B`.
+    /// Reflectance of the first surface that scatters light, behind smooth glass: `albedo.R/G/B`.
     Albedo,
-    /// Shading normal of the first surface: `normal.X/Y/Z`.
+    /// Shading normal of that surface: `normal.X/Y/Z`.
     Normal,
 }
 
@@ -24,13 +24,13 @@ pub enum Triple {
 pub enum Single {
     /// Samples per pixel: `spp.Y`.
     SampleCount,
-    /// Distance from the camera \[m\]: `depth.Z`.
+    /// Length of the way to that surface from the camera \[m\]: `depth.Z`.
     Depth,
     /// Expected photo-electrons: `electrons.Y`.
     Electrons,
     /// Render variance over sensor variance: `hidden.Y`.
     Hidden,
-    /// Which object: `id.object`.
+    /// Which object, as seen through smooth glass: `id.object`.
     ObjectId,
     /// Which material: `id.material`.
     MaterialId,
