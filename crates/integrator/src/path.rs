@@ -17,8 +17,9 @@ use std::marker::PhantomData;
 /// From this bounce on even a path that has lost nothing survives with less than certainty, so that light caught between
 /// perfect mirrors comes to an end.
 const ENDLESS: u32 = 64;
-/// Survival of such a path.
-const ENDLESS_SURVIVAL: f32 = 0.999;
+/// Survival of such a path. Nearer to one the noise of closed bright cavities would be less (its variance is finite up to an
+/// albedo of 0.9899), and light trapped in clear sheets dearer: at 0.999 it takes six times as long as all else.
+const ENDLESS_SURVIVAL: f32 = 0.98;
 
 /// The same for scattering in media. It is late: light in a dense medium that absorbs nothing is scattered some thousand
 /// times before it finds out, and a walk cut short would weigh the rest.
