@@ -28,6 +28,7 @@ import parity_mitsuba
 import parity_results
 import parity_scene
 from parity_results import Result
+from readme_table import into_readme
 from statistics_of_images import FAMILY_RATE, PASS_SHARE, Comparison, Estimate, compare, sidak
 
 SIZE = 32
@@ -174,16 +175,6 @@ def list_references(cases: list[parity_cases.Case], folder: Path) -> None:
     (folder / "cases.txt").write_text("".join(f"{case.name} {4 * case.spp}\n" for case in kept))
 
 
-def into_readme(text: str, readme: Path) -> None:
-    """Replaces what stands between the marks."""
-    old = readme.read_text()
-    marks = r"(<!-- parity table -->\n).*?(<!-- end of parity table -->)"
-    new, count = re.subn(marks, lambda m: f"{m[1]}\n{text}\n{m[2]}", old, flags=re.DOTALL)
-    if count != 1:
-        raise SystemExit(f"{readme}: the marks of the parity table are missing")
-    readme.write_text(new)
-
-
 def save_maps(case: parity_cases.Case, ours: Estimate, theirs: Estimate, c: Comparison, path: Path) -> None:
     """Ours, theirs and the scores side by side, enlarged, to look at."""
     from PIL import Image
@@ -262,7 +253,7 @@ def main() -> int:
     )
     print(text)
     if arguments.readme:
-        into_readme(text, Path(__file__).with_name("README.md"))
+        into_readme(text, "parity table")
     return 1 if any(row.verdict == "FAILS" for row in results) else 0
 
 

@@ -40,6 +40,7 @@ from typing import Any, Callable
 import numpy as np
 
 import mitsuba_scene
+from readme_table import into_readme
 
 SCENES = ("inspection", "inspection-flat", "inspection-open")
 # Share of the sensor's noise that the render's may have.
@@ -268,6 +269,7 @@ def main() -> int:
     parser.add_argument("--spp", type=int, default=64, help="samples per pixel of a render, a multiple of 4")
     parser.add_argument("--renders", type=int, default=8, help="independent renders of each renderer, at least 8")
     parser.add_argument("--work", type=Path, default=root / "out" / "validation" / "hidden")
+    parser.add_argument("--readme", action="store_true", help="put the tables into README.md")
     parser.add_argument("--only", choices=SCENES, nargs="*", default=SCENES)
     arguments = parser.parse_args()
     if arguments.renders < 8 or arguments.spp < 4 or arguments.spp % 4:
@@ -307,20 +309,25 @@ def main() -> int:
         if "ours, no connection" in contenders:
             both = [contenders[who].renders(arguments.renders) for who in ("ours", "ours, no connection")]
             covers.append(cover_row(name, *both, mask))
-    print(
+    lines = [
         f"Mitsuba {mi.__version__} (`llvm_ad_rgb`); {arguments.size} x {arguments.size} pixels, {arguments.renders} renders of"
-        f" {arguments.spp} spp each; IMX250, exposure auto, k = {K:g}.\n"
-    )
-    print("| scene | renderer | ms per sample of every pixel | samples, half hidden | samples, 99 % hidden | processor seconds | times ours |")
-    print("|---|---|---:|---:|---:|---:|---:|")
-    print("\n".join(images))
+        f" {arguments.spp} spp each; IMX250, exposure auto, k = {K:g}.",
+        "",
+        "| scene | renderer | ms per sample of every pixel | samples, half hidden | samples, 99 % hidden | processor seconds"
+        " | times ours |",
+        "|---|---|---:|---:|---:|---:|---:|",
+        *images,
+    ]
     if covers:
-        print("\nWithout the connection through the cover, over with it:\n")
-        print("| scene | covered pixels | time | variance x time, median | 10 % | 90 % | mean, with over without |")
-        print("|---|---:|---:|---:|---:|---:|---:|")
-        print("\n".join(covers))
+        lines += ["", "Without the connection through the cover, over with it:", ""]
+        lines += ["| scene | covered pixels | time | variance x time, median | 10 % | 90 % | mean, with over without |"]
+        lines += ["|---|---:|---:|---:|---:|---:|---:|", *covers]
     elif not connects:
-        print(f"\nThis program has no effect named {EFFECT}: nothing to compare under the covers.")
+        lines += ["", f"This program has no effect named {EFFECT}: nothing to compare under the covers."]
+    text = "\n".join(lines) + "\n"
+    print(text)
+    if arguments.readme:
+        into_readme(text, "time to hidden")
     return 0
 
 
