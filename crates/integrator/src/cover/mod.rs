@@ -25,8 +25,11 @@
 //! noise, never light, and no path counts twice. If several chains could lead to y, one is asked, with a probability that
 //! is part of the density.
 //!
-//! Lights without extent that stand at a point are not connected: scattering cannot find them, and the chains that the
-//! solver does not know would be missing.
+//! Whether two directions belong to one solution is decided by how far each still is from it, by its own next Newton step,
+//! not by an angle that is called small: a rippled face has solutions side by side.
+//!
+//! Lights without extent are not connected: scattering cannot find them, and the chains that the solver does not know would
+//! be missing.
 
 mod beam;
 mod shoot;
@@ -47,9 +50,9 @@ const MOST_HALVINGS: u32 = 4;
 /// A chain has arrived when it misses the light by less than this share of the straight distance ...
 const ARRIVED: f64 = 1e-5;
 /// ... and the next step would turn it by less than this \[rad\].
-const SETTLED: f64 = 1e-4;
-/// Chains whose first directions differ by less than this \[rad\] are the same.
-const SAME: f32 = 1e-3;
+const SETTLED: f64 = 2e-5;
+/// Rounding of a direction in f32, some times over \[rad\].
+const ROUNDING: f64 = 1e-6;
 /// No step turns the first direction by more than this \[rad\].
 const LONGEST_STEP: f64 = 0.3;
 
@@ -132,9 +135,10 @@ pub(crate) fn light_from<F: Features, V: Vertex>(
     u: f32,
     tell: impl FnOnce(Effort),
 ) -> Rgb {
+    if light.is_delta {
+        return Rgb::BLACK;
+    }
     let end = match light.target {
-        // Not a point light: see above.
-        Some(_) if light.is_delta => return Rgb::BLACK,
         Some(t) => End::surface(t.point, t.normal),
         None => End::infinite(light.direction),
     };
@@ -156,7 +160,7 @@ pub(crate) fn light_from<F: Features, V: Vertex>(
     }
     // The density of the first direction.
     let density = light.pdf * way.share / found.narrowing;
-    let share = if light.is_delta { 1.0 } else { power_heuristic(density, pdf * found.shot.probability) };
+    let share = power_heuristic(density, pdf * found.shot.probability);
     unoccluded * left * (open * share / density)
 }
 
@@ -179,13 +183,9 @@ pub(crate) fn share_of_scattering<F: Features>(
         return 1.0;
     }
     let Some(way) = solver.way(stack, passage.chain) else { return 1.0 };
-    match solver.connect(&way).0 {
-        Some(found) if found.direction.distance(taken) < SAME => {
-            let density = straight_pdf * way.share / found.narrowing;
-            power_heuristic(pdf * found.shot.probability, density)
-        }
-        _ => 1.0,
-    }
+    let Some(found) = solver.connect(&way).0.filter(|f| solver.is_same(&way, f, taken)) else { return 1.0 };
+    let density = straight_pdf * way.share / found.narrowing;
+    power_heuristic(pdf * found.shot.probability, density)
 }
 
 /// One of the chains that may lead from a receiver to a light.
@@ -205,6 +205,8 @@ struct Connection {
     /// First direction.
     direction: Vec3,
     shot: Shot,
+    /// The step \[rad\] that would mend the direction: about how far it is from the solution.
+    step: f64,
     /// Solid angle at the receiver through the chain over that of the straight line [sr/sr].
     narrowing: f32,
 }
@@ -301,7 +303,7 @@ impl<'a, F: Features> Solver<'a, F> {
             if let Some((shot, error, step)) = self.try_direction(way, direction) {
                 let size = step[0].hypot(step[1]);
                 if error <= ARRIVED && size <= SETTLED {
-                    return (self.finish(direction, shot), shots);
+                    return (self.finish(direction, shot, size), shots);
                 }
                 if best.is_none_or(|(.., least)| error < least) {
                     let scale = (LONGEST_STEP / size).min(1.0);
@@ -349,8 +351,15 @@ impl<'a, F: Features> Solver<'a, F> {
         Some((shot, error, spread.solve(miss)?))
     }
 
+    /// Does a direction that leads to the light as well belong to the same solution?
+    fn is_same(&self, way: &Way, found: &Connection, taken: Vec3) -> bool {
+        let Some((_, _, step)) = self.try_direction(way, taken) else { return false };
+        let distance = (found.direction.as_dvec3() - taken.as_dvec3()).length();
+        distance <= ROUNDING + 2.0 * (found.step + step[0].hypot(step[1]))
+    }
+
     /// The chain that has arrived; `None` if its light would leave on the other side of the light's surface.
-    fn finish(&self, direction: Vec3, shot: Shot) -> Option<Connection> {
+    fn finish(&self, direction: Vec3, shot: Shot, step: f64) -> Option<Connection> {
         let leaving = shot.walk.ray.direction.as_dvec3();
         let narrowing = match self.end.target {
             Target::Point(point) => {
@@ -365,6 +374,6 @@ impl<'a, F: Features> Solver<'a, F> {
             Target::Direction(_) => 1.0 / shot.beam.spread_to_infinity(leaving).area(),
         };
         let narrowing = narrowing as f32;
-        (narrowing > 0.0 && narrowing.is_finite()).then_some(Connection { direction, shot, narrowing })
+        (narrowing > 0.0 && narrowing.is_finite()).then_some(Connection { direction, shot, step, narrowing })
     }
 }

@@ -86,6 +86,10 @@ fn replay_command(args: &RenderArgs, s: &Stats, sample: &str) -> String {
     if let Some(camera) = &args.camera {
         flag("--camera", camera.clone());
     }
+    // The field of view of a focal length is that of the sensor's film.
+    if let Some(sensor) = &args.sensor {
+        flag("--sensor", sensor.clone());
+    }
     flag("--seed", s.seed.to_string());
     flag("--frame", s.frame.to_string());
     for effect in &s.without {
