@@ -11,7 +11,7 @@ use dunkelfeld::io::job::Job;
 use dunkelfeld::io::sensor_file::parse_sensor;
 use dunkelfeld::io::toml_file::TomlFile;
 use dunkelfeld::radiometry::Rgb;
-use dunkelfeld::scene::{Material, Scene, SceneBuilder};
+use dunkelfeld::scene::{Effect, Material, Scene, SceneBuilder};
 use dunkelfeld::sensor::Optics;
 use dunkelfeld::{
     Budget, Cancel, HeavySample, RenderSettings, STATS_VERSION, SensorChoice, Silent, Stage, Stats, develop,
@@ -364,6 +364,29 @@ fn the_statistics_page_names_every_field_with_its_type() {
     }
 }
 
+// --- Effects -----------------------------------------------------------------------------------------------------------
+
+/// Each effect and each technique has its row, in their order, and prices are those of effects that there are.
+#[test]
+fn the_effects_page_names_every_effect_and_no_other() {
+    let found = sections(&page("docs/effects.md"));
+    let names = |title: &str| -> Vec<String> {
+        let rows = found.iter().filter(|s| s.title == title).flat_map(|s| &s.rows);
+        rows.map(|cells| literal(&cells[0]).unwrap_or_else(|| panic!("{cells:?} has no name")).to_owned()).collect()
+    };
+    let of = |techniques: bool| -> Vec<&str> {
+        Effect::ALL.into_iter().filter(|e| e.is_technique() == techniques).map(|e| e.name()).collect()
+    };
+    assert_eq!(names("The effects"), of(false));
+    assert_eq!(names("Techniques"), of(true));
+    let prices = names("What they cost");
+    let unknown: Vec<&String> = prices
+        .iter()
+        .filter(|p| !p.starts_with("kernel-") && !Effect::ALL.iter().any(|e| e.name() == p.as_str()))
+        .collect();
+    assert!(unknown.is_empty() && prices.len() >= 24, "no effects: {unknown:?} of {} prices", prices.len());
+}
+
 // --- Links -------------------------------------------------------------------------------------------------------------
 
 /// Targets of the links and pictures of a page that lie in this repository.
@@ -387,6 +410,7 @@ fn links_between_the_pages_lead_somewhere() {
         "docs/cameras.md",
         "docs/sensor-file.md",
         "docs/statistics.md",
+        "docs/effects.md",
     ]) {
         let folder = root().join(name).parent().map(Path::to_path_buf).unwrap_or_default();
         for link in local_links(&page(name)) {

@@ -1,6 +1,6 @@
 //! The closed set of surface models behind one interface.
 
-use crate::{Dielectric, Principled, ThinSheet, Translucent};
+use crate::{Dielectric, EFFECTS, Principled, ThinSheet, Translucent};
 use dunkelfeld_geometry::LocalDir;
 use dunkelfeld_radiometry::Rgb;
 use std::ops::BitOr;
@@ -88,10 +88,19 @@ impl Bsdf {
     pub fn eval_pdf(&self, wo: LocalDir, wi: LocalDir) -> (Rgb, f32) {
         match self {
             Self::Principled(b) => b.eval_pdf(wo, wi),
+            _ if EFFECTS => self.eval_clear(wo, wi),
+            _ => (Rgb::BLACK, 0.0),
+        }
+    }
+
+    /// [`Self::eval_pdf`] of surfaces that let light through: apart, as most surfaces do not.
+    #[inline(never)]
+    fn eval_clear(&self, wo: LocalDir, wi: LocalDir) -> (Rgb, f32) {
+        match self {
             Self::Dielectric(b) => b.eval_pdf(wo, wi),
             Self::ThinSheet(b) => b.eval_pdf(wo, wi),
             Self::Translucent(b) => b.eval_pdf(wo, wi),
-            Self::Absorber => (Rgb::BLACK, 0.0),
+            Self::Principled(_) | Self::Absorber => (Rgb::BLACK, 0.0),
         }
     }
 
@@ -102,10 +111,19 @@ impl Bsdf {
     pub fn sample(&self, wo: LocalDir, u_lobe: f32, u: [f32; 2]) -> Option<BsdfSample> {
         match self {
             Self::Principled(b) => b.sample(wo, u_lobe, u),
+            _ if EFFECTS => self.sample_clear(wo, u_lobe, u),
+            _ => None,
+        }
+    }
+
+    /// [`Self::sample`] of surfaces that let light through.
+    #[inline(never)]
+    fn sample_clear(&self, wo: LocalDir, u_lobe: f32, u: [f32; 2]) -> Option<BsdfSample> {
+        match self {
             Self::Dielectric(b) => b.sample(wo, u_lobe, u),
             Self::ThinSheet(b) => b.sample(wo, u_lobe, u),
             Self::Translucent(b) => b.sample(wo, u_lobe, u),
-            Self::Absorber => None,
+            Self::Principled(_) | Self::Absorber => None,
         }
     }
 
@@ -127,7 +145,9 @@ impl Bsdf {
     #[inline]
     pub fn is_delta(&self) -> bool {
         match self {
-            Self::Principled(_) | Self::Translucent(_) => false,
+            Self::Principled(_) => false,
+            _ if !EFFECTS => true,
+            Self::Translucent(_) => false,
             Self::Dielectric(b) => b.is_delta(),
             Self::ThinSheet(b) => b.is_delta(),
             Self::Absorber => true,
@@ -141,6 +161,7 @@ impl Bsdf {
     pub fn albedo(&self, wo: LocalDir) -> Rgb {
         match self {
             Self::Principled(b) => b.albedo(wo),
+            _ if !EFFECTS => Rgb::BLACK,
             Self::Dielectric(b) => b.albedo(wo),
             Self::ThinSheet(b) => b.albedo(wo),
             Self::Translucent(b) => b.albedo(wo),

@@ -12,6 +12,10 @@
 
 #![forbid(unsafe_code)]
 
+/// False in a build for measurements (feature `plain-only`), which knows opaque surfaces that are the same everywhere, and of
+/// them the diffuse and the specular lobe: what lies behind this constant is not compiled into it.
+pub const EFFECTS: bool = !cfg!(feature = "plain-only");
+
 mod bsdf;
 pub mod clearcoat;
 pub mod compensation;

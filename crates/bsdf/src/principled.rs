@@ -20,7 +20,7 @@ use crate::fresnel::{self, schlick_weight};
 use crate::microfacet::{Ggx, reflect};
 use crate::specular::SpecularColor;
 use crate::transmission::{eval_refraction, refract};
-use crate::{clearcoat, compensation, diffuse, sheen};
+use crate::{EFFECTS, clearcoat, compensation, diffuse, sheen};
 use dunkelfeld_geometry::LocalDir;
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_sampling::warp;
@@ -102,6 +102,9 @@ pub struct Principled {
     /// Luminance of the diffuse and sheen lobes, for the choice of a lobe.
     diffuse_luminance: f32,
     compensated: bool,
+    /// Has it more than the diffuse and the specular lobe of an opaque surface? Most have not, and are scattered at by code that
+    /// knows no more: the functions below with `RICH` false.
+    rich: bool,
 }
 
 /// Probabilities of the lobes for one `wo`; they sum to one.
@@ -132,6 +135,7 @@ impl Principled {
         let sheen = if opaque > 0.0 { at_least_zero(p.sheen) * (1.0 - metallic) } else { 0.0 };
         let sheen_color = Rgb::WHITE.lerp(hue, unit(p.sheen_tint)) * p.sheen_color.map(at_least_zero) * sheen;
         let diffuse_color = base * opaque;
+        let coat = clearcoat::STRENGTH * at_least_zero(p.clearcoat).min(4.0);
         Self {
             ggx,
             roughness,
@@ -141,18 +145,19 @@ impl Principled {
             transmission_color: base.map(f32::sqrt) * refracting,
             specular: SpecularColor::new(eta, base, hue, metallic, spec_tint, scale),
             sheen_color,
-            coat: clearcoat::STRENGTH * at_least_zero(p.clearcoat).min(4.0),
+            coat,
             coat_alpha: clearcoat::alpha_from_gloss(unit(p.clearcoat_gloss)),
             // A sheen of strength one scatters between 0.03 and 0.5 of the light, most of it at grazing angles.
             diffuse_luminance: diffuse_color.luminance() + 0.25 * sheen_color.luminance(),
             compensated: false,
+            rich: refracting > 0.0 || coat > 0.0 || !sheen_color.is_black(),
         }
     }
 
     /// The same surface with [`crate::compensation`] of its specular and transmission lobes.
     #[inline]
     pub fn with_energy_compensation(self) -> Self {
-        Self { compensated: true, ..self }
+        Self { compensated: true, rich: true, ..self }
     }
 
     /// The same surface with its diffuse lobe scaled by a factor in `[0, 1]`.
@@ -166,11 +171,25 @@ impl Principled {
     /// See [`crate::Bsdf::eval_pdf`].
     #[inline]
     pub fn eval_pdf(&self, wo: LocalDir, wi: LocalDir) -> (Rgb, f32) {
+        if self.is_rich() { self.eval_rich(wo, wi) } else { self.eval_above::<false>(wo, wi) }
+    }
+
+    /// See [`crate::Bsdf::sample`].
+    #[inline]
+    pub fn sample(&self, wo: LocalDir, u_lobe: f32, u: [f32; 2]) -> Option<BsdfSample> {
+        if self.is_rich() { self.sample_rich(wo, u_lobe, u) } else { self.sample_as::<false>(wo, u_lobe, u) }
+    }
+
+    #[inline]
+    fn is_rich(&self) -> bool {
+        EFFECTS && self.rich
+    }
+
+    /// [`Self::eval_pdf`] with all lobes, on both sides.
+    #[inline(never)]
+    fn eval_rich(&self, wo: LocalDir, wi: LocalDir) -> (Rgb, f32) {
         if wo.0.z > 0.0 && wi.0.z > 0.0 {
-            match self.choose(wo) {
-                Some(choice) => self.reflect_above(wo, wi, choice),
-                None => (Rgb::BLACK, 0.0),
-            }
+            self.eval_above::<true>(wo, wi)
         } else if self.refracting > 0.0 && wo.0.z != 0.0 && wi.0.z != 0.0 {
             if wo.same_side(wi) { self.reflect_inside(wo, wi) } else { self.refract_through(wo, wi) }
         } else {
@@ -178,21 +197,39 @@ impl Principled {
         }
     }
 
-    /// See [`crate::Bsdf::sample`].
-    pub fn sample(&self, wo: LocalDir, u_lobe: f32, u: [f32; 2]) -> Option<BsdfSample> {
+    /// [`Self::eval_pdf`] where both directions lie above the surface; elsewhere nothing is scattered.
+    #[inline]
+    fn eval_above<const RICH: bool>(&self, wo: LocalDir, wi: LocalDir) -> (Rgb, f32) {
+        if !(wo.0.z > 0.0 && wi.0.z > 0.0) {
+            return (Rgb::BLACK, 0.0);
+        }
+        match self.choose::<RICH>(wo) {
+            Some(choice) => self.reflect_above::<RICH>(wo, wi, choice),
+            None => (Rgb::BLACK, 0.0),
+        }
+    }
+
+    /// [`Self::sample`] with all lobes.
+    #[inline(never)]
+    fn sample_rich(&self, wo: LocalDir, u_lobe: f32, u: [f32; 2]) -> Option<BsdfSample> {
+        self.sample_as::<true>(wo, u_lobe, u)
+    }
+
+    #[inline(always)]
+    fn sample_as<const RICH: bool>(&self, wo: LocalDir, u_lobe: f32, u: [f32; 2]) -> Option<BsdfSample> {
         let choice = if wo.0.z > 0.0 {
-            self.choose(wo)?
-        } else if wo.0.z < 0.0 && self.refracting > 0.0 {
+            self.choose::<RICH>(wo)?
+        } else if RICH && wo.0.z < 0.0 && self.refracting > 0.0 {
             Choice { diffuse: 0.0, coat: 0.0, specular: 1.0 }
         } else {
             return None;
         };
         let (wi, lobe) = if u_lobe < choice.diffuse {
             (LocalDir(warp::sample_cosine_hemisphere(u)), Lobe::DIFFUSE | Lobe::REFLECTION)
-        } else if u_lobe < choice.diffuse + choice.coat {
+        } else if RICH && u_lobe < choice.diffuse + choice.coat {
             let m = clearcoat::sample_half_vector(u, self.coat_alpha);
             (reflect(wo, m), Lobe::CLEARCOAT | Lobe::GLOSSY | Lobe::REFLECTION)
-        } else if self.refracting > 0.0 {
+        } else if RICH && self.refracting > 0.0 {
             // What is left of u_lobe decides between reflection and refraction.
             let rest = (u_lobe - choice.diffuse - choice.coat) / choice.specular;
             let rest = rest.clamp(0.0, 1.0 - f32::EPSILON / 2.0);
@@ -203,7 +240,7 @@ impl Principled {
         if wi.0.z <= 0.0 {
             return None;
         }
-        let (value, pdf) = self.reflect_above(wo, wi, choice);
+        let (value, pdf) = self.reflect_above::<RICH>(wo, wi, choice);
         finite_sample(wi, value, pdf, lobe, 1.0)
     }
 
@@ -218,7 +255,7 @@ impl Principled {
 
     /// Both directions above the surface: all reflective lobes, each only if the surface has it.
     #[inline]
-    fn reflect_above(&self, wo: LocalDir, wi: LocalDir, choice: Choice) -> (Rgb, f32) {
+    fn reflect_above<const RICH: bool>(&self, wo: LocalDir, wi: LocalDir, choice: Choice) -> (Rgb, f32) {
         let Some(m) = (wo.0 + wi.0).try_normalize() else { return (Rgb::BLACK, 0.0) };
         let cos_d = wo.0.dot(m).clamp(1e-6, 1.0);
 
@@ -229,23 +266,23 @@ impl Principled {
         // D g1(wo) / (4 wo.z), without its singularity at grazing angles.
         let visible = d / (2.0 * (wo.0.z + stretch));
         let mut value = reflectance * (visible * self.ggx.g1(wi));
-        if self.compensated {
+        if RICH && self.compensated {
             value *= self.gain_above(wo);
         }
         let mut pdf = choice.specular
-            * if self.refracting > 0.0 {
+            * if RICH && self.refracting > 0.0 {
                 visible * self.reflection_probability(reflectance, f.reflectance)
             } else {
                 d / (2.0 * (self.ggx.cap_bound(wo) * wo.0.z + stretch))
             };
         if choice.diffuse > 0.0 {
             value += self.diffuse_color * diffuse::eval_diffuse(wo, wi, cos_d, self.roughness);
-            if !self.sheen_color.is_black() {
+            if RICH && !self.sheen_color.is_black() {
                 value += self.sheen_color * sheen::eval_sheen(wi, cos_d);
             }
             pdf += choice.diffuse * warp::pdf_cosine_hemisphere(wi.0);
         }
-        if choice.coat > 0.0 {
+        if RICH && choice.coat > 0.0 {
             value += Rgb::splat(self.coat * clearcoat::eval_clearcoat(wo, wi, m, self.coat_alpha));
             pdf += choice.coat * clearcoat::pdf_reflection(m, cos_d, self.coat_alpha);
         }
@@ -272,7 +309,7 @@ impl Principled {
         let (eta, wo, wi) = from_above(self.eta, wo, wi);
         let Some(r) = eval_refraction(&self.ggx, wo, wi, eta) else { return none };
         let (reflected, specular) = if above {
-            let Some(choice) = self.choose(wo) else { return none };
+            let Some(choice) = self.choose::<true>(wo) else { return none };
             (self.specular.reflectance(r.fresnel, self.schlick_weight(r.cos_o, r.cos_i)), choice.specular)
         } else {
             (Rgb::splat(self.refracting * r.fresnel), 1.0)
@@ -344,15 +381,16 @@ impl Principled {
     /// Probabilities of the lobes above the surface, after the light that each is expected to carry; `None` if none
     /// does.
     #[inline]
-    fn choose(&self, wo: LocalDir) -> Option<Choice> {
+    fn choose<const RICH: bool>(&self, wo: LocalDir) -> Option<Choice> {
         // Schlick's approximation is enough to choose by. The floor keeps a lobe that is black at normal incidence
         // alive: its tilted facets are not black.
         let w = schlick_weight(wo.0.z).max(0.01);
         let f0 = self.specular.dielectric_f0();
         let f = if self.eta == 1.0 { 0.0 } else { f0 + (1.0 - f0) * w };
         let reflected = self.specular.reflectance(f, w).luminance();
-        let specular = reflected + (1.0 - f) * self.transmission_color.luminance();
-        let coat = if self.coat > 0.0 { self.coat * (0.04 + 0.96 * w) } else { 0.0 };
+        let refracted = if RICH { (1.0 - f) * self.transmission_color.luminance() } else { 0.0 };
+        let specular = reflected + refracted;
+        let coat = if RICH && self.coat > 0.0 { self.coat * (0.04 + 0.96 * w) } else { 0.0 };
         let sum = self.diffuse_luminance + specular + coat;
         let scale = 1.0 / sum;
         (sum > 0.0 && scale.is_finite()).then_some(Choice {

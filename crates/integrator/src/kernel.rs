@@ -5,13 +5,16 @@ use crate::trace::Recorder;
 use dunkelfeld_film::Sample;
 use dunkelfeld_geometry::Ray;
 use dunkelfeld_sampling::Sampler;
-use dunkelfeld_scene::{Everything, FeatureSet, Scene, With};
+use dunkelfeld_scene::{EFFECTS, Everything, FeatureSet, Scene, With};
 
 /// Follows a camera ray with the kernel that can do what the scene calls for, and no more.
 ///
 /// A ray may start inside a solid only where the scene's solids are: asked of each ray, since lenses have an extent.
 #[inline]
 pub(crate) fn follow(scene: &Scene, ray: Ray, sampler: &Sampler, recorder: &mut impl Recorder) -> Sample {
+    if !EFFECTS {
+        return path::follow::<With<false, false, false, false>>(scene, ray, sampler, recorder);
+    }
     let FeatureSet { detail, chance, solids, media } = scene.features();
     if media || (solids && scene.may_be_inside(ray.origin)) {
         return path::follow::<Everything>(scene, ray, sampler, recorder);

@@ -84,8 +84,7 @@ impl<'a, F: Features> SurfaceVertex<'a, F> {
     /// A direction in the local frame, if it lies on the side of the surface that the frame says.
     #[inline]
     fn consistent(&self, wi: Vec3) -> Option<LocalDir> {
-        let local = self.shading.frame.to_local(wi);
-        self.shading.consistent(self.met.hit.normal, wi, local).then_some(local)
+        self.shading.local_direction(self.met.hit.normal, wi)
     }
 }
 

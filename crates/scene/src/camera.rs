@@ -4,6 +4,7 @@
 use crate::builder::{Camera, Projection};
 use crate::distortion::Undistorter;
 use crate::lens::{Aperture, Opening, Vignetting};
+use dunkelfeld_bsdf::EFFECTS;
 use dunkelfeld_geometry::{DAffine3, DMat3, DVec3, Ray};
 
 /// Why a camera cannot be bound to a film.
@@ -156,7 +157,7 @@ impl RayGenerator {
     /// Does a ray need two numbers for its place on the lens?
     #[inline]
     pub fn has_aperture(&self) -> bool {
-        self.aperture.is_some()
+        EFFECTS && self.aperture.is_some()
     }
 
     /// Does the lens distort?
@@ -176,7 +177,7 @@ impl RayGenerator {
         let [right, up] = self.seen(f64::from(x), f64::from(y));
         let chief = self.axes * DVec3::new(right, up, if self.parallel { 0.0 } else { -1.0 });
         let (from, direction) = match (&self.aperture, lens) {
-            (Some(aperture), Some(u)) => self.through_lens(aperture, u, chief),
+            (Some(aperture), Some(u)) if EFFECTS => self.through_lens(aperture, u, chief),
             _ if self.parallel => (self.origin + chief, -self.axes.z_axis),
             _ => (self.origin, chief.normalize()),
         };
@@ -217,12 +218,12 @@ impl RayGenerator {
         let right = (x / self.half_pixels[0] - self.center[0]) * self.half[0];
         let up = (self.center[1] - y / self.half_pixels[1]) * self.half[1];
         match &self.undistorter {
-            None => [right, up],
-            Some(undistorter) => {
+            Some(undistorter) if EFFECTS => {
                 // OpenCV counts downward.
                 let [x, y] = undistorter.inverse([right, -up]);
                 [x, -y]
             }
+            _ => [right, up],
         }
     }
 

@@ -16,6 +16,7 @@ use crate::report::BuildReport;
 use crate::scene::{Part, Placement, Scene};
 use crate::surface::{CompiledMaterial, mean_emission};
 use crate::texture::Image;
+use dunkelfeld_bsdf::EFFECTS;
 use dunkelfeld_bvh::{Bvh, BvhInstance, MeshTriangles};
 use dunkelfeld_geometry::health::{MeshHealth, Repairs, clean};
 use dunkelfeld_geometry::shape::{RectangleSampler, rectangle_from_triangles};
@@ -50,6 +51,16 @@ pub enum BuildError {
         place: String,
         /// What is wrong, and which range is right.
         problem: String,
+    },
+    /// The scene calls for an effect in a build that has none.
+    #[error(
+        "{place} calls for {effect}, which this build lacks: it was made with the feature plain-only, for measurements"
+    )]
+    PlainOnly {
+        /// The effect's name, or that of the group it belongs to.
+        effect: String,
+        /// What calls for it.
+        place: String,
     },
     /// The hierarchy could not be built.
     #[error("the bounding volume hierarchy cannot be built: {0}")]
@@ -99,7 +110,7 @@ impl SceneBuilder {
             .map(|(m, is_painted)| CompiledMaterial::new(m, is_painted, self.energy_compensation))
             .collect();
         let solids = geometry.solids(&self.materials, &compiled, &closed);
-        let mut lights = geometry.area_lights(&self.materials, &self.images);
+        let mut lights = geometry.area_lights(&self.materials, &compiled, &self.images);
         for light in &self.lights {
             lights.push(Light::Delta(DeltaLight::new(light, &to_render)));
         }
@@ -133,6 +144,9 @@ impl SceneBuilder {
             effects.call(Effect::EveryLight, format!("{} lights", lights.lights.len()));
         }
         features.media = scatters || has_open_faces || solids.has_nesting;
+        if !EFFECTS && let Some((effect, place)) = effects.beyond_plain(features) {
+            return Err(BuildError::PlainOnly { effect, place });
+        }
         let bvh = geometry.hierarchy(&|part| {
             let compiled = &compiled[part.material as usize];
             compiled.has_coverage || (has_open_faces && is_open(compiled))
@@ -424,7 +438,7 @@ impl Placed {
     }
 
     /// One light for each emitting triangle, or for each two in a row that form a rectangle. Marks the triangles.
-    fn area_lights(&mut self, materials: &[Material], images: &[Image]) -> Vec<Light> {
+    fn area_lights(&mut self, materials: &[Material], compiled: &[CompiledMaterial], images: &[Image]) -> Vec<Light> {
         let mut lights = Vec::new();
         for (part_index, part) in self.parts.iter_mut().enumerate() {
             let material = &materials[part.material as usize];
@@ -475,6 +489,7 @@ impl Placed {
                     part: part_index as u32,
                     triangles: [t as u32, second],
                     mean_radiance,
+                    shines_unevenly: compiled[part.material as usize].shines_unevenly,
                 }));
                 t += if second == u32::MAX { 1 } else { 2 };
             }

@@ -253,6 +253,15 @@ impl Effects {
         self.callers.iter().find(|(e, _)| *e == effect).map_or(&[], |(_, places)| places)
     }
 
+    /// The first effect that a build without effects cannot do, and what calls for it. Of colour there is nothing to leave
+    /// out, as all three channels are always there, and techniques are no effects.
+    pub(crate) fn beyond_plain(&self, features: FeatureSet) -> Option<(String, String)> {
+        let is_beyond = |e: Effect| !e.is_technique() && e != Effect::Color;
+        let named =
+            self.callers.iter().find(|(e, _)| is_beyond(*e)).map(|(e, places)| (e.name().into(), places.join(", ")));
+        named.or_else(|| (features != FeatureSet::default()).then(|| (kernel_words(features), "the scene".into())))
+    }
+
     /// Does the scene call for it?
     pub fn has(&self, effect: Effect) -> bool {
         !self.callers(effect).is_empty()

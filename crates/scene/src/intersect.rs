@@ -4,6 +4,7 @@ use crate::features::{Everything, Features};
 use crate::light::LightTarget;
 use crate::scene::{Placement, Scene};
 use crate::surface::{self, TexturePoint};
+use dunkelfeld_bsdf::EFFECTS;
 use dunkelfeld_bvh::Hit;
 use dunkelfeld_geometry::{Ray, Vec2, Vec3, Vec4, hit_point, offset_ray_origin};
 use dunkelfeld_radiometry::Rgb;
@@ -98,16 +99,17 @@ impl Scene {
     }
 
     /// Radiance [W/(m^2 sr)] that the surface itself emits toward the unit direction `toward`.
-    #[inline]
+    #[inline(always)]
     pub fn emitted(&self, p: &SurfacePoint, toward: Vec3) -> Rgb {
-        if !self.compiled[p.material as usize].emits {
-            return Rgb::BLACK;
-        }
+        if self.compiled[p.material as usize].emits { self.emitted_by_light(p, toward) } else { Rgb::BLACK }
+    }
+
+    fn emitted_by_light(&self, p: &SurfacePoint, toward: Vec3) -> Rgb {
         let material = &self.materials[p.material as usize];
         if !(material.double_sided || material.unlit) && toward.dot(p.normal) <= 0.0 {
             return Rgb::BLACK;
         }
-        if material.emission_texture.is_none() && !material.unlit {
+        if !(EFFECTS && material.emission_texture.is_some() || material.unlit) {
             return material.emission;
         }
         surface::emission(material, &self.images, &self.texture_point(p))
@@ -138,7 +140,7 @@ impl Scene {
     }
 
     /// The shadow ray from a point in space to a light: its far end is moved off the light's surface.
-    #[inline]
+    #[inline(always)]
     pub fn shadow_ray_from(&self, origin: Vec3, direction: Vec3, target: Option<&LightTarget>) -> Ray {
         match target {
             None => Ray::new(origin, direction),

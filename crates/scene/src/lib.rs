@@ -39,6 +39,8 @@ pub mod techniques;
 mod texture;
 mod texture_eval;
 
+pub use dunkelfeld_bsdf::EFFECTS;
+
 pub use builder::{
     Camera, Environment, EnvironmentSource, Instance, MeshPart, Projection, PunctualKind, PunctualLight, SceneBuilder,
 };

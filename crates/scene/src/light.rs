@@ -8,6 +8,7 @@ use crate::environment::EnvironmentLight;
 use crate::light_tree::{EmissionCone, LightBounds, LightTree};
 use crate::profile::LightProfile;
 use crate::techniques::Techniques;
+use dunkelfeld_bsdf::EFFECTS;
 use dunkelfeld_geometry::shape::{RectangleSampler, ShapeSample, pdf_triangle, sample_triangle};
 use dunkelfeld_geometry::{Aabb, Vec3};
 use dunkelfeld_radiometry::Rgb;
@@ -74,6 +75,8 @@ pub(crate) struct AreaLight {
     pub(crate) triangles: [u32; 2],
     /// Mean radiance over the surface [W/(m^2 sr)].
     pub(crate) mean_radiance: Rgb,
+    /// See [`CompiledMaterial::shines_unevenly`](crate::surface::CompiledMaterial).
+    pub(crate) shines_unevenly: bool,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -105,7 +108,8 @@ pub struct LightTarget {
     pub point: Vec3,
     /// Unit normal of the light's surface, zero for points without a surface.
     pub normal: Vec3,
-    /// Part and triangle on which the point lies, for textured emission; `None` for lights without a surface.
+    /// Part and triangle on which the point lies, where the radiance has to be looked up there; `None` where it is the same
+    /// everywhere, and for lights without a surface.
     pub(crate) surface: Option<(u32, u32)>,
 }
 
@@ -199,6 +203,7 @@ impl LightTable {
     fn weight(&self, light: &Light, receiver: &LightReceiver) -> f32 {
         match light {
             Light::Area(a) => a.weight(receiver),
+            _ if !EFFECTS => 0.0,
             Light::Delta(d) => {
                 let arriving = d.arriving_at(receiver.point, &self.profiles);
                 if receiver.faces(arriving.direction) { arriving.irradiance.mean() } else { 0.0 }
@@ -221,10 +226,10 @@ impl LightTable {
     #[inline]
     fn choose(&self, receiver: &LightReceiver, u: f32) -> Option<(usize, f32)> {
         match &self.tree {
-            Some(tree) => tree.choose(receiver, u),
+            Some(tree) if EFFECTS => tree.choose(receiver, u),
             // No larger an array is cleared than there are lights, nearly.
-            None if self.lights.len() <= 8 => self.choose_weighed::<8>(receiver, u),
-            None => self.choose_weighed::<WEIGHED_UP_TO>(receiver, u),
+            _ if self.lights.len() <= 8 => self.choose_weighed::<8>(receiver, u),
+            _ => self.choose_weighed::<WEIGHED_UP_TO>(receiver, u),
         }
     }
 
@@ -255,7 +260,7 @@ impl LightTable {
     /// The probability with which [`Self::choose`] chooses a light.
     #[inline]
     fn probability(&self, receiver: &LightReceiver, index: usize) -> f32 {
-        if let Some(tree) = &self.tree {
+        if EFFECTS && let Some(tree) = &self.tree {
             return tree.probability(receiver, index);
         }
         let mut total = 0.0;
@@ -281,7 +286,7 @@ impl LightTable {
 
     /// A direction toward a light, for question `question` of [`Self::questions`]. `None`: that light (or, if one is to be
     /// chosen, any) cannot be seen from here.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn sample(
         &self,
         receiver: &LightReceiver,
@@ -313,9 +318,26 @@ impl LightTable {
                 if !(distance > 0.0 && pdf > 0.0 && pdf.is_finite()) || (cos_light <= 0.0 && !a.two_sided) {
                     return None;
                 }
-                let target = LightTarget { point: s.point, normal: a.normal, surface: Some((a.part, a.triangles[0])) };
+                let surface = a.shines_unevenly.then_some((a.part, a.triangles[0]));
+                let target = LightTarget { point: s.point, normal: a.normal, surface };
                 Some(LightSample { direction, target: Some(target), radiance: a.mean_radiance, pdf, is_delta: false })
             }
+            _ if EFFECTS => self.sample_immaterial(receiver, index, chosen, u),
+            _ => None,
+        }
+    }
+
+    /// [`Self::sample_light`] of lights without a surface: apart, as most have one.
+    #[inline(never)]
+    fn sample_immaterial(
+        &self,
+        receiver: &LightReceiver,
+        index: usize,
+        chosen: f32,
+        u: [f32; 2],
+    ) -> Option<LightSample> {
+        match self.lights.get(index)? {
+            Light::Area(_) => None,
             Light::Delta(d) => {
                 let arriving = d.arriving_at(receiver.point, &self.profiles);
                 let target = arriving.position.map(|point| LightTarget { point, normal: Vec3::ZERO, surface: None });
@@ -356,7 +378,7 @@ impl LightTable {
     pub(crate) fn pdf_environment(&self, receiver: &LightReceiver, choice: LightChoice, direction: Vec3) -> f32 {
         // The environment, if it shines, is the last light.
         match (&self.environment, self.lights.last()) {
-            (Some(e), Some(Light::Environment)) => {
+            (Some(e), Some(Light::Environment)) if EFFECTS => {
                 e.pdf(receiver, direction) * self.share(receiver, choice, self.lights.len() - 1)
             }
             _ => 0.0,

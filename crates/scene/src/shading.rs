@@ -5,7 +5,7 @@ use crate::intersect::{SurfacePoint, mix};
 use crate::light::{EACH_UP_TO, LightChoice, LightReceiver, LightSample, NO_LIGHT};
 use crate::scene::Scene;
 use crate::surface::{self, TexturePoint};
-use dunkelfeld_bsdf::Bsdf;
+use dunkelfeld_bsdf::{Bsdf, EFFECTS};
 use dunkelfeld_geometry::{Frame, LocalDir, Vec2, Vec3};
 use dunkelfeld_radiometry::Rgb;
 use std::borrow::Cow;
@@ -25,16 +25,30 @@ pub struct ShadingPoint<'a> {
     pub is_solid: bool,
     /// The point as lights see it.
     pub receiver: LightReceiver,
+    /// Does the frame's normal lie on the side of the geometric one?
+    along: bool,
+    /// May it be another than that, but for its sign?
+    is_bent: bool,
 }
 
 impl ShadingPoint<'_> {
-    /// Do two directions lie on the sides of the surface that the local frame says they do? Interpolated normals can
-    /// disagree with the surface; light must not leak through it.
+    /// A world direction in the local frame, if it lies on the side of the surface that the frame says it does.
+    #[inline]
+    pub fn local_direction(&self, geometric_normal: Vec3, world: Vec3) -> Option<LocalDir> {
+        let local = self.frame.to_local(world);
+        // Along the surface's own normal both cosines are the same number.
+        (!self.is_bent || self.consistent(geometric_normal, world, local)).then_some(local)
+    }
+
+    /// Does a direction lie on the side of the surface that the local frame says it does? Interpolated normals can disagree
+    /// with the surface; light must not leak through it.
     #[inline]
     pub fn consistent(&self, geometric_normal: Vec3, world: Vec3, local: LocalDir) -> bool {
-        let same = geometric_normal.dot(self.frame.normal) > 0.0;
+        if !EFFECTS {
+            return true;
+        }
         let above = geometric_normal.dot(world) > 0.0;
-        (local.cos_theta() > 0.0) == (above == same)
+        (local.cos_theta() > 0.0) == (above == self.along)
     }
 }
 
@@ -51,10 +65,13 @@ impl Scene {
     pub fn shade_with<F: Features>(&self, p: &SurfacePoint, wo: Vec3, u: f32) -> ShadingPoint<'_> {
         let part = &self.parts[p.part as usize];
         let compiled = &self.compiled[p.material as usize];
-        let normal = self.shading_normal(p);
+        // Only what is smooth or has a map can be bent away from the surface.
+        let mut is_bent = EFFECTS && self.is_smooth(p);
+        let normal = if is_bent { self.shading_normal(p) } else { p.normal };
         let (mut frame, bsdf) = if F::DETAIL && (compiled.varies || compiled.needs_tangent) {
             let material = &self.materials[p.material as usize];
             let at = self.texture_point(p);
+            is_bent |= compiled.needs_tangent;
             let frame = if compiled.needs_tangent {
                 self.tangent_frame(p, normal, material, &at)
             } else {
@@ -65,15 +82,18 @@ impl Scene {
             (Frame::from_normal(normal), Cow::Borrowed(compiled.constant_bsdf(u)))
         };
         // A viewer above the surface but below the interpolated normal sees the surface itself.
-        if (frame.normal.dot(wo) > 0.0) != (p.normal.dot(wo) > 0.0) {
+        if is_bent && (frame.normal.dot(wo) > 0.0) != (p.normal.dot(wo) > 0.0) {
             frame = Frame::from_normal_tangent(p.normal, frame.tangent);
         }
+        let mut along = !is_bent || p.normal.dot(frame.normal) > 0.0;
         let facing = if p.normal.dot(wo) < 0.0 { -p.normal } else { p.normal };
-        if !compiled.is_solid && frame.normal.dot(wo) < 0.0 {
+        if !(EFFECTS && compiled.is_solid) && frame.normal.dot(wo) < 0.0 {
             frame = Frame { tangent: frame.tangent, bitangent: -frame.bitangent, normal: -frame.normal };
+            along = !along;
         }
         let receiver = LightReceiver { point: p.point, normal: facing, both_sides: compiled.both_sides };
-        ShadingPoint { frame, bsdf, material: p.material, object: part.object, is_solid: compiled.is_solid, receiver }
+        let is_solid = compiled.is_solid;
+        ShadingPoint { frame, bsdf, material: p.material, object: part.object, is_solid, receiver, along, is_bent }
     }
 
     /// [`Self::shade`] for a face between two solids: `eta` is the index of refraction on the inside of the surface over
@@ -89,8 +109,14 @@ impl Scene {
         shading
     }
 
-    /// The interpolated unit normal, on the side of the geometric one; that itself where a mesh has none or they cancel.
+    /// Has the surface interpolated normals?
     #[inline]
+    fn is_smooth(&self, p: &SurfacePoint) -> bool {
+        let part = &self.parts[p.part as usize];
+        self.facets[(part.first_facet + p.triangle) as usize].is_smooth
+    }
+
+    /// The interpolated unit normal, on the side of the geometric one; that itself where a mesh has none or they cancel.
     pub(crate) fn shading_normal(&self, p: &SurfacePoint) -> Vec3 {
         let part = &self.parts[p.part as usize];
         let facet = &self.facets[(part.first_facet + p.triangle) as usize];
@@ -172,7 +198,9 @@ impl Scene {
 
     /// The answer to a question for light: a direction toward the light that `question` (below [`Self::light_questions`])
     /// or chance names, with the radiance that arrives if nothing is in the way. The answers are to be added up.
-    #[inline]
+    // Always inlined: of the numbers that it is given a choice needs two or three, and those that it does not need are then
+    // never worked out.
+    #[inline(always)]
     pub fn sample_light(
         &self,
         receiver: &LightReceiver,
@@ -181,18 +209,19 @@ impl Scene {
         u_choice: f32,
         u: [f32; 2],
     ) -> Option<LightSample> {
-        let mut sample = self.lights.sample(receiver, choice, question as usize, u_choice, u)?;
-        if let Some((target, (part, triangle))) = sample.target.and_then(|t| t.surface.map(|s| (t, s))) {
-            let material = self.parts[part as usize].material as usize;
-            if self.materials[material].emission_texture.is_some()
-                || self.materials[material].unlit
-                || self.compiled[material].has_coverage
-            {
-                let p = self.locate(part, triangle, target.point);
-                sample.radiance = self.emitted(&p, -sample.direction) * self.coverage(&p);
-            }
+        let sample = self.lights.sample(receiver, choice, question as usize, u_choice, u)?;
+        match sample.target.as_ref().and_then(|t| t.surface) {
+            None => Some(sample),
+            Some((part, triangle)) => Some(self.looked_up(sample, part, triangle)),
         }
-        Some(sample)
+    }
+
+    /// An answer with the radiance of its place on a light that does not shine evenly.
+    #[inline(never)]
+    fn looked_up(&self, sample: LightSample, part: u32, triangle: u32) -> LightSample {
+        let Some(target) = &sample.target else { return sample };
+        let p = self.locate(part, triangle, target.point);
+        LightSample { radiance: self.emitted(&p, -sample.direction) * self.coverage(&p), ..sample }
     }
 
     /// The surface point of a light at a position: on the given triangle or, if that does not contain it, on the other
@@ -243,7 +272,11 @@ impl Scene {
     /// Radiance [W/(m^2 sr)] from infinitely far away, along a direction.
     #[inline]
     pub fn environment_radiance(&self, direction: Vec3) -> Rgb {
-        self.lights.environment.as_ref().map_or(Rgb::BLACK, |e| e.radiance(direction))
+        if EFFECTS {
+            self.lights.environment.as_ref().map_or(Rgb::BLACK, |e| e.radiance(direction))
+        } else {
+            Rgb::BLACK
+        }
     }
 
     /// The density [1/sr] with which [`Self::sample_light`] would have chosen the environment in a direction.

@@ -17,7 +17,7 @@ use crate::features::FeatureSet;
 use crate::material::{AlphaMode, ChannelTexture, Material, Surface};
 use crate::medium::Medium;
 use crate::texture::{Image, Texture};
-use dunkelfeld_bsdf::{Bsdf, Dielectric, Principled, PrincipledParams, ThinSheet, Translucent};
+use dunkelfeld_bsdf::{Bsdf, Dielectric, EFFECTS, Principled, PrincipledParams, ThinSheet, Translucent};
 use dunkelfeld_geometry::{Vec2, Vec4};
 use dunkelfeld_radiometry::Rgb;
 use std::borrow::Cow;
@@ -58,6 +58,8 @@ pub(crate) struct CompiledMaterial {
     /// Does the frame need a tangent: a normal map or a direction of roughness?
     pub(crate) needs_tangent: bool,
     pub(crate) emits: bool,
+    /// Does what is emitted, or the share of the surface that emits, have to be looked up at each place?
+    pub(crate) shines_unevenly: bool,
     /// Of the face of a clear solid, the same everywhere: the factor on light that passes it where the index of refraction
     /// is the same on both sides.
     pub(crate) clear_tint: Option<Rgb>,
@@ -145,6 +147,7 @@ impl CompiledMaterial {
             varies,
             needs_tangent,
             emits,
+            shines_unevenly: m.unlit || EFFECTS && (m.emission_texture.is_some() || has_coverage),
             energy_compensation,
         }
     }
@@ -191,6 +194,7 @@ impl Constant {
     fn pick(&self, u: f32) -> &Bsdf {
         match self {
             Self::One(b) => b,
+            Self::Either(_, a, _) if !EFFECTS => a,
             Self::Either(p, a, _) if u < *p => a,
             Self::Either(_, _, b) => b,
         }

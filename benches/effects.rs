@@ -1,0 +1,232 @@
+//! What effects cost, in instructions per sample on a plain scene: all of them together where none is called for, and each
+//! where it is put in use. Needs valgrind.
+//!
+//! `cargo bench -p dunkelfeld-integrator --bench effects -- [--markdown FILE] [--samples N] [--only NAME]...`
+//!
+//! - `--markdown FILE` rewrites the tables of a page; paths are relative to the root of the repository.
+//! - `--samples N` takes N and then 2 N samples in each of 256 pixels (default 32).
+//! - `--only NAME` measures the plain scene and the named effects or kernels only.
+//!
+//! Ends with 1 if the effects together cost more than 2 % where none is called for, or change the image. Without `--bench`
+//! (`cargo test --bench effects`) every case renders a few samples, and nothing is counted.
+
+#![allow(clippy::print_stdout, clippy::print_stderr, reason = "a bench talks to its reader")]
+
+#[path = "effects/callgrind.rs"]
+mod callgrind;
+#[path = "effects/scene.rs"]
+mod scene;
+#[path = "effects/table.rs"]
+mod table;
+
+use callgrind::Price;
+use dunkelfeld_integrator::{Estimator, PixelSample};
+use dunkelfeld_scene::{EFFECTS, Effect, kernel_words};
+use scene::Case;
+use std::path::{Path, PathBuf};
+use std::process::{Command, ExitCode};
+use table::Row;
+
+/// Side of the film, and of the grid of pixels on it that are rendered.
+const FILM: u32 = 64;
+const PIXELS: u32 = 16;
+
+/// What effects may cost where none is called for \[%\].
+const BAR: f64 = 2.0;
+
+/// What the bench was told.
+struct Options {
+    samples: u32,
+    markdown: Option<PathBuf>,
+    only: Vec<String>,
+    /// As its own child, under callgrind: the case to render.
+    render: Option<String>,
+    bench: bool,
+}
+
+fn main() -> ExitCode {
+    let outcome = options(std::env::args().skip(1)).and_then(|options| match &options.render {
+        Some(name) => render(name, options.samples).map(|image| {
+            println!("{image}");
+            true
+        }),
+        None if options.bench => measure(&options),
+        None => Case::all().iter().try_for_each(|case| render(&case.name(), 1).map(drop)).map(|()| true),
+    });
+    match outcome {
+        Ok(true) => ExitCode::SUCCESS,
+        Ok(false) => ExitCode::from(1),
+        Err(problem) => {
+            eprintln!("error: {problem}");
+            ExitCode::from(2)
+        }
+    }
+}
+
+fn options(arguments: impl Iterator<Item = String>) -> Result<Options, String> {
+    let mut options = Options { samples: 32, markdown: None, only: Vec::new(), render: None, bench: false };
+    let mut arguments = arguments;
+    while let Some(argument) = arguments.next() {
+        let mut value = || arguments.next().ok_or_else(|| format!("{argument} needs a value"));
+        match argument.as_str() {
+            "--bench" => options.bench = true,
+            "--markdown" => options.markdown = Some(root().join(value()?)),
+            "--only" => options.only.push(value()?),
+            "--render" => options.render = Some(value()?),
+            "--samples" => {
+                let text = value()?;
+                let samples = text.parse().ok().filter(|n| (1..=1 << 16).contains(n));
+                options.samples = samples.ok_or(format!("--samples {text}: write a whole number from 1 to 65536"))?;
+            }
+            other => return Err(format!("unknown option {other}; the first lines of benches/effects.rs list all")),
+        }
+    }
+    let names: Vec<String> = Case::all().into_iter().map(Case::name).collect();
+    match options.only.iter().find(|name| !names.contains(name)) {
+        Some(unknown) => Err(format!("--only {unknown}: write one of {}", names.join(", "))),
+        None => Ok(options),
+    }
+}
+
+/// The root of the repository.
+fn root() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")
+}
+
+/// Renders a case in this process, on this thread. What it returns tells two images apart that differ in a bit.
+fn render(name: &str, samples: u32) -> Result<String, String> {
+    let case = Case::all().into_iter().find(|case| case.name() == name).ok_or(format!("there is no case {name}"))?;
+    let scene = case.scene()?;
+    let camera = scene.ray_generator(&scene.cameras()[0], FILM, FILM).map_err(|e| e.to_string())?;
+    let estimator = Estimator { scene: &scene, camera: &camera, width: FILM, seed: 1, frame: 0 };
+    let (mut fingerprint, mut sum) = (0xcbf2_9ce4_8422_2325u64, 0.0);
+    for pixel in 0..PIXELS * PIXELS {
+        let [x, y] = [pixel % PIXELS, pixel / PIXELS].map(|k| k * (FILM / PIXELS));
+        for index in 0..samples {
+            let radiance = estimator.sample(PixelSample { x, y, index }).radiance.to_array();
+            for channel in radiance {
+                // Fowler, Noll and Vo's hash (1a), a word at a time.
+                fingerprint = (fingerprint ^ u64::from(channel.to_bits())).wrapping_mul(0x0100_0000_01b3);
+                sum += f64::from(channel);
+            }
+        }
+    }
+    let mean = sum / f64::from(3 * PIXELS * PIXELS * samples);
+    if !(mean > 0.0 && mean.is_finite()) {
+        return Err(format!("the mean radiance of {name} is {mean}"));
+    }
+    Ok(format!("{fingerprint:016x} {mean:.6}"))
+}
+
+/// Measures all cases and prints what they cost. False if the bar is missed.
+fn measure(options: &Options) -> Result<bool, String> {
+    callgrind::require_valgrind()?;
+    let own = std::env::current_exe().map_err(|e| format!("the bench does not find itself: {e}"))?;
+    if !EFFECTS {
+        return Err("this is the build without effects; mend: run the bench without --features plain-only".into());
+    }
+    let bare = build_plain_only()?;
+    must_refuse_effects(&bare)?;
+    let plain = price(&own, Case::Plain, options.samples)?;
+    let without = price(&bare, Case::Plain, options.samples)?;
+    let proof = Row {
+        name: "all effects".into(),
+        how: "compiled in, none called for".into(),
+        kernel: "plain".into(),
+        instructions: plain.instructions,
+        against: without.instructions,
+        same_image: plain.image == without.image,
+    };
+    let met = proof.percent() <= BAR && proof.same_image;
+    let verdict = format!(
+        "A build with all effects takes {:.0} instructions per sample of the plain scene, one that was compiled without \
+         them {:.0}: {:+.2} %, where at most {BAR} % are allowed. The images are {}.",
+        proof.instructions,
+        proof.against,
+        proof.percent(),
+        if proof.same_image { "the same to the last bit" } else { "NOT the same, so that this proves nothing" }
+    );
+    println!("{verdict}\n");
+
+    let (mut kernels, mut effects) = (Vec::new(), Vec::new());
+    for case in Case::all() {
+        let name = case.name();
+        if matches!(case, Case::Plain | Case::Without(_)) || !(options.only.is_empty() || options.only.contains(&name))
+        {
+            continue;
+        }
+        let found = price(&own, case, options.samples)?;
+        let without = match case {
+            Case::Effect(effect) if effect.is_technique() => Some(price(&own, Case::Without(effect), options.samples)?),
+            _ => None,
+        };
+        let against = without.as_ref().unwrap_or(&plain);
+        let row = Row {
+            how: case.use_in_words().into(),
+            kernel: kernel_words(case.scene()?.features()),
+            instructions: found.instructions,
+            against: against.instructions,
+            same_image: found.image == against.image,
+            name,
+        };
+        eprintln!("{}: {:+.2} %", row.name, row.percent());
+        if matches!(case, Case::Kernel(_)) { kernels.push(row) } else { effects.push(row) }
+    }
+    let tables =
+        format!("{verdict}\n\n{}\n{}", table::markdown("kernel", &kernels), table::markdown("effect", &effects));
+    println!("{tables}");
+    if let Some(path) = &options.markdown {
+        if effects.len() < Effect::ALL.len() {
+            return Err("--markdown with --only would write half a table; leave one of them out".into());
+        }
+        let page = std::fs::read_to_string(path).map_err(|e| format!("{}: {e}", path.display()))?;
+        let page = table::replaced(&page, &tables).map_err(|e| format!("{}: {e}", path.display()))?;
+        std::fs::write(path, page).map_err(|e| format!("{}: {e}", path.display()))?;
+        println!("wrote {}", path.display());
+    }
+    Ok(met)
+}
+
+/// A build without effects refuses every scene that calls for one, or it has them.
+fn must_refuse_effects(program: &Path) -> Result<(), String> {
+    for effect in Effect::ALL.into_iter().filter(|e| !e.is_technique() && *e != Effect::Color) {
+        let output = Command::new(program)
+            .args(["--render", effect.name(), "--samples", "1"])
+            .output()
+            .map_err(|e| format!("{} cannot be started: {e}", program.display()))?;
+        if output.status.success() || !String::from_utf8_lossy(&output.stderr).contains("plain-only") {
+            return Err(format!("the build without effects does not refuse {}", effect.name()));
+        }
+    }
+    Ok(())
+}
+
+/// What a sample of a case costs in a program.
+fn price(program: &Path, case: Case, samples: u32) -> Result<Price, String> {
+    let run = |samples: u32| callgrind::run(program, &["--render", &case.name(), "--samples", &samples.to_string()]);
+    callgrind::price(&run(samples)?, &run(2 * samples)?, PIXELS * PIXELS * samples)
+}
+
+/// Builds this bench again, without the code of any effect and in a folder of its own; returns the program.
+fn build_plain_only() -> Result<PathBuf, String> {
+    let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
+    let target = std::env::var_os("CARGO_TARGET_DIR").map_or_else(|| root().join("target"), PathBuf::from);
+    let output = Command::new(cargo)
+        .current_dir(root())
+        .args(["bench", "--package", "dunkelfeld-integrator", "--bench", "effects", "--no-run"])
+        .args(["--features", "plain-only", "--message-format", "json-render-diagnostics", "--target-dir"])
+        .arg(target.join("plain-only"))
+        .stderr(std::process::Stdio::inherit())
+        .output()
+        .map_err(|e| format!("cargo cannot be started: {e}"))?;
+    let messages = String::from_utf8_lossy(&output.stdout);
+    let program =
+        messages.lines().filter_map(|line| serde_json::from_str::<serde_json::Value>(line).ok()).find_map(|m| {
+            let is_bench = m["target"]["name"] == "effects" && m["target"]["kind"] == serde_json::json!(["bench"]);
+            is_bench.then(|| m["executable"].as_str().map(PathBuf::from)).flatten()
+        });
+    match program {
+        Some(program) if output.status.success() => Ok(program),
+        _ => Err("the build without effects failed; what cargo says of it stands above".into()),
+    }
+}
