@@ -82,7 +82,9 @@ impl Case {
             Effect::Environment => "a sky so dim that it counts for nothing: one more light to ask",
             Effect::PunctualLights => "a lamp as dim: one more light to ask",
             Effect::LightProfiles => "a lamp with a profile, as dim: one more light to ask",
-            Effect::ManyLights => "the three panels cut into 75: a tree chooses one, where the plain scene asks all three",
+            Effect::ManyLights => {
+                "the three panels cut into 75: a tree chooses one, where the plain scene asks all three"
+            }
             Effect::Color => "the grey of the matt surfaces is a trace of yellow",
             Effect::CoverConnection => {
                 "a clear plate that nothing sees, inside a closed box, against the same without it"
