@@ -306,7 +306,7 @@ impl<'a> Crossing<'a> {
         let interfaces = u32::from(self.from.abs_diff(self.to));
         let ior = |k: u32| {
             let layer = if self.sign > 0.0 { u32::from(self.from) + k } else { u32::from(self.from) - k };
-            self.stack.layers[layer as usize].ior
+            if k == 0 { self.start_ior } else { self.stack.layers[layer as usize].ior }
         };
         let mut reflected = [0.0; MOST_INTERFACES];
         for (k, share) in (0..interfaces).zip(&mut reflected) {
