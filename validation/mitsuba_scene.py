@@ -20,7 +20,7 @@ import math
 import struct
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Iterator
+from typing import Any, Callable, Iterator
 
 import numpy as np
 
@@ -119,16 +119,20 @@ class Glb:
         raise KeyError(f"no camera named {name}")
 
 
-def equal_terms(path: Path, zoom: float, target: Path, faceted: bool = False) -> Path:
+# Gives the triangles (triangle, corner, xyz) that replace those of a primitive, or nothing.
+Cut = Callable[[Glb, dict[str, Any]], np.ndarray | None]
+
+
+def equal_terms(path: Path, zoom: float, target: Path, faceted: bool = False, cut: Cut | None = None) -> Path:
     """Writes a copy of a scene for both renderers: without absorption, which `path` knows nothing of, and with cameras that
     see a part smaller by `zoom` about the middle of the image. If `faceted`, no normal is interpolated, because that is
-    where the renderers differ."""
+    where the renderers differ; `cut` may give the triangles of a primitive then."""
     glb = Glb(path)
     scene, binary = glb.json, bytearray(glb.binary)
     if faceted:
         for mesh in scene["meshes"]:
             for primitive in mesh["primitives"]:
-                _make_flat(glb, primitive, binary)
+                _make_flat(glb, primitive, binary, cut(glb, primitive) if cut else None)
         scene["buffers"][0]["byteLength"] = len(binary)
     for camera in scene["cameras"]:
         view = camera["perspective"]
@@ -146,11 +150,12 @@ def equal_terms(path: Path, zoom: float, target: Path, faceted: bool = False) ->
     return target
 
 
-def _make_flat(glb: Glb, primitive: dict[str, Any], binary: bytearray) -> None:
-    """Gives every triangle of a primitive vertices of its own, with its own normal."""
-    indices = glb.accessor(primitive["indices"]).reshape(-1)
-    corners = glb.accessor(primitive["attributes"]["POSITION"])[indices]
-    triangles = corners.reshape(-1, 3, 3).astype(float)
+def _make_flat(glb: Glb, primitive: dict[str, Any], binary: bytearray, triangles: np.ndarray | None) -> None:
+    """Gives every triangle of a primitive, or those that shall replace them, vertices of its own, with its own normal."""
+    if triangles is None:
+        indices = glb.accessor(primitive["indices"]).reshape(-1)
+        triangles = glb.accessor(primitive["attributes"]["POSITION"])[indices].reshape(-1, 3, 3).astype(float)
+    corners = triangles.reshape(-1, 3).astype(np.float32)
     normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
 

@@ -256,8 +256,8 @@ def inspection() -> Iterator[Case]:
     folder = Path(__file__).resolve().parent.parent / "scenes" / "inspection"
     case = lambda name, file, batches: Case("inspection", name, file, 64 * batches, batches)
     yield case("inspection-open", File(folder / "inspection-open.glb", 1.0), 128)
-    yield case("inspection-flat", File(folder / "inspection-flat.glb", 1.0), 128)
-    yield case("inspection-faceted", File(folder / "inspection.glb", 1.0, faceted=True), 128)
+    yield case("inspection-flat", File(folder / "inspection-flat.glb", 1.0), 64)
+    yield case("inspection-faceted", File(folder / "inspection.glb", 1.0, faceted=True), 64)
 
 
 def all_cases() -> list[Case]:

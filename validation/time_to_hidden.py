@@ -10,6 +10,8 @@ processor time of one sample in every pixel. All pixels get the same number of s
 - v is the scatter of independent renders of few samples, times their number: for ours, whose samples are stratified, it is what
   a sample is worth in such a render. It is averaged over 7 x 7 pixels. What none of the renders met is not in it: it is too
   small rather than too large where light is rare.
+- Beside a highlight the average is the highlight's, against the sensor's noise of a dark pixel. So there is a second figure: v / s of
+  each pixel first, then the average over the unsaturated ones of the 7 x 7. It is smaller, and says what the pixels themselves need.
 - s, the saturation and the exposure (99.5 % quantile at 90 % of saturation) are those of the mean of all our renders, for all
   renderers: only their noise and their speed differ.
 - From radiance to electrons the sensor's data sheet and the bands of `crates/sensor/src/optics.rs` give the ratio of the channels;
@@ -94,23 +96,23 @@ class Renders:
         return float(np.median(self.seconds))
 
     def variance(self, electrons: float, leave_out: int | None = None) -> np.ndarray:
-        """Of one sample, in electrons^2, averaged over neighbours; `electrons` per unit of the images."""
+        """Of one sample, in electrons^2; `electrons` per unit of the images."""
         chosen = self.images if leave_out is None else np.delete(self.images, leave_out, axis=0)
-        return pooled(self.spp * electrons**2 * chosen.var(axis=0, ddof=1))
+        return self.spp * electrons**2 * chosen.var(axis=0, ddof=1)
 
 
-def pooled(image: np.ndarray) -> np.ndarray:
-    """The mean over the square around each pixel, as far as it lies in the image."""
+def pooled(image: np.ndarray, counts: np.ndarray | None = None) -> np.ndarray:
+    """The mean over the square around each pixel, as far as it lies in the image, of the pixels that `counts` (all)."""
+    counts = np.ones(image.shape, dtype=bool) if counts is None else counts
     reach = POOL // 2
-    sums = np.zeros(image.shape)
-    counts = np.zeros(image.shape)
-    padded, inside = (np.pad(x, reach) for x in (image, np.ones(image.shape)))
+    sums, numbers = np.zeros(image.shape), np.zeros(image.shape)
+    padded, inside = (np.pad(x, reach) for x in (np.where(counts, image, 0.0), counts.astype(float)))
     height, width = image.shape
     for y in range(POOL):
         for x in range(POOL):
             sums += padded[y : y + height, x : x + width]
-            counts += inside[y : y + height, x : x + width]
-    return sums / counts
+            numbers += inside[y : y + height, x : x + width]
+    return sums / np.maximum(numbers, 1.0)
 
 
 def jackknife(count: int, value: Callable[[int | None], np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
@@ -213,10 +215,14 @@ def covered(scene: Any, size: int) -> np.ndarray:
 
 
 def hidden(renders: Renders, electrons: float, noise: np.ndarray, judged: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Samples until half and until 99 % of the judged pixels are hidden, with standard errors."""
+    """Samples until half and until 99 % of the judged pixels are hidden, and those of 99 % with v / s averaged instead of v;
+    with standard errors."""
 
     def samples(leave_out: int | None) -> np.ndarray:
-        return np.quantile((renders.variance(electrons, leave_out) / (K**2 * noise))[judged], [0.5, SHARE])
+        variance = renders.variance(electrons, leave_out)
+        needed = (pooled(variance) / (K**2 * noise))[judged]
+        own = pooled(variance / (K**2 * noise), judged)[judged]
+        return np.array([*np.quantile(needed, [0.5, SHARE]), np.quantile(own, SHARE)])
 
     return jackknife(len(renders.images), samples)
 
@@ -230,14 +236,14 @@ def scene_rows(name: str, contenders: dict[str, Contender], count: int, sensor: 
     noise = electrons * mean + sensor.dark_variance + sensor.quantisation_variance
     judged = electrons * mean < sensor.saturation
     found = {who: hidden(r, electrons, noise, judged) for who, r in renders.items()}
-    ours = found["ours"][0][1] * renders["ours"].time
+    ours = found["ours"][0] * renders["ours"].time
     rows = []
     for who, r in renders.items():
-        (half, most), (_, error) = found[who]
-        seconds = most * r.time
-        ratio = f"{seconds / ours:.3g}" if who != "ours" else ""
+        (half, most, own), (_, error, own_error) = found[who]
+        ratios = [f"{value * r.time / base:.3g}" if who != "ours" else "" for value, base in zip((most, own), ours[1:])]
         rows.append(
-            f"| {name} | {who} | {1e3 * r.time:.0f} | {half:.3g} | {most:.3g} +- {error:.2g} | {seconds:.3g} | {ratio} |"
+            f"| {name} | {who} | {1e3 * r.time:.0f} | {half:.3g} | {most:.3g} +- {error:.2g} | {most * r.time:.3g} | {ratios[0]}"
+            f" | {own:.3g} +- {own_error:.2g} | {own * r.time:.3g} | {ratios[1]} |"
         )
     return rows
 
@@ -247,7 +253,7 @@ def cover_row(name: str, with_: Renders, without: Renders, mask: np.ndarray) -> 
     seconds = without.time / with_.time
 
     def ratios(leave_out: int | None) -> np.ndarray:
-        share = without.variance(1.0, leave_out)[mask] / with_.variance(1.0, leave_out)[mask]
+        share = pooled(without.variance(1.0, leave_out), mask)[mask] / pooled(with_.variance(1.0, leave_out), mask)[mask]
         return seconds * np.quantile(share, [0.5, 0.1, 0.9])
 
     (median, low, high), (error, _, _) = jackknife(len(with_.images), ratios)
@@ -314,8 +320,8 @@ def main() -> int:
         f" {arguments.spp} spp each; IMX250, exposure auto, k = {K:g}.",
         "",
         "| scene | renderer | ms per sample of every pixel | samples, half hidden | samples, 99 % hidden | processor seconds"
-        " | times ours |",
-        "|---|---|---:|---:|---:|---:|---:|",
+        " | times ours | v / s averaged: samples | processor seconds | times ours |",
+        "|---|---|---:|---:|---:|---:|---:|---:|---:|---:|",
         *images,
     ]
     if covers:

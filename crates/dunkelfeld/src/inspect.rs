@@ -2,8 +2,8 @@
 
 use dunkelfeld_radiometry::photon::lumens;
 use dunkelfeld_scene::{
-    AlphaMode, BuildReport, Camera, Effect, Effects, Opening, Projection, Scene, SceneSummary, Surface, Vignetting,
-    kernel_words,
+    AlphaMode, BuildReport, Camera, CoverStack, Effect, Effects, Opening, Projection, Scene, SceneSummary, Surface,
+    Vignetting, kernel_words,
 };
 use serde::Serialize;
 
@@ -42,6 +42,28 @@ pub struct CameraEntry {
     pub description: String,
 }
 
+/// A stack of clear covers, as listed.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct CoverEntry {
+    /// Unit vector in world space along which its layers follow each other.
+    pub axis: [f64; 3],
+    /// Are all its faces planes, or are some moulded?
+    pub flat: bool,
+    /// Its layers along the axis, the air between sheets included.
+    pub layers: Vec<CoverLayerEntry>,
+}
+
+/// A layer of a stack of covers.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct CoverLayerEntry {
+    /// Materials that fill it; none for air.
+    pub materials: Vec<String>,
+    /// Index of refraction.
+    pub ior: f64,
+    /// Mean thickness \[m\].
+    pub thickness: f64,
+}
+
 /// An effect, and what calls for it.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct EffectEntry {
@@ -74,6 +96,8 @@ pub struct Inspection {
     pub lights: Vec<LightEntry>,
     /// How many lights there are, each emitting triangle or rectangle counted, and how paths choose among them.
     pub light_choice: String,
+    /// Stacks of clear covers that light is connected through.
+    pub covers: Vec<CoverEntry>,
     /// All effects that there are, on or off.
     pub effects: Vec<EffectEntry>,
     /// The kernel that renders the scene: the groups of effects that it is compiled with.
@@ -132,12 +156,28 @@ pub fn inspect(scene: &Scene, report: &BuildReport) -> Inspection {
         cameras: scene.cameras().iter().map(camera_entry).collect(),
         lights,
         light_choice: scene.light_choice(),
+        covers: scene.covers().iter().map(|stack| cover_entry(scene, stack)).collect(),
         effects: effect_entries(scene.effects()),
         kernel: kernel_words(scene.features()),
         materials,
         warnings: Vec::new(),
         notes,
         hazards,
+    }
+}
+
+fn cover_entry(scene: &Scene, stack: &CoverStack) -> CoverEntry {
+    let layers = stack.layers().iter().enumerate().filter(|(i, _)| stack.thickness(*i).is_finite());
+    CoverEntry {
+        axis: stack.axis().to_array(),
+        flat: stack.is_flat(),
+        layers: layers
+            .map(|(i, layer)| CoverLayerEntry {
+                materials: layer.materials.iter().map(|&m| scene.materials()[m as usize].name.clone()).collect(),
+                ior: layer.ior,
+                thickness: stack.thickness(i),
+            })
+            .collect(),
     }
 }
 

@@ -31,7 +31,9 @@ mod stats;
 pub use develop::{Frame, Picture, SensorFrame, develop};
 pub use error::Error;
 pub use heavy::HeavySample;
-pub use inspect::{CameraEntry, EffectEntry, Inspection, LightEntry, MaterialEntry, inspect};
+pub use inspect::{
+    CameraEntry, CoverEntry, CoverLayerEntry, EffectEntry, Inspection, LightEntry, MaterialEntry, inspect,
+};
 pub use outputs::{
     NO_ID, OutputPaths, SavedPlan, encode_layers, load_plan, save_exr, save_linear, save_picture, save_plan, save_text,
 };

@@ -1,6 +1,6 @@
-//! Meshes for scenes that are written by hand: rectangles, boxes, spheres.
+//! Meshes for scenes that are written by hand: rectangles, boxes, spheres, sheets, turned bodies.
 
-use dunkelfeld_geometry::{Mesh, Vec2, Vec3};
+use dunkelfeld_geometry::{DVec3, Mesh, Vec2, Vec3};
 
 /// A rectangle of two triangles with texture coordinates; its front is on the side of `edge_u x edge_v`.
 pub fn rectangle(corner: Vec3, edge_u: Vec3, edge_v: Vec3) -> Mesh {
@@ -63,6 +63,73 @@ pub fn sphere(center: Vec3, radius: f32, rings: u32, smooth: bool) -> Mesh {
     }
 }
 
+/// A closed sheet over a rectangle around the z axis, between the heights `height(0, x, y)` and `height(1, x, y)` \[m\], each
+/// face a grid of `cells * cells`. The faces have the normals of these functions, by central differences; the walls are flat.
+pub fn sheet(half: Vec2, cells: u32, height: impl Fn(usize, f64, f64) -> f64) -> Mesh {
+    let (cells, half) = (cells.max(1), half.as_dvec2());
+    let corners = cells + 1;
+    let at = |i: u32| 2.0 * f64::from(i) / f64::from(cells) - 1.0;
+    let place = |i: u32, j: u32| (half.x * at(i), half.y * at(j));
+    let position = |side: usize, (x, y): (f64, f64)| DVec3::new(x, y, height(side, x, y)).as_vec3();
+    let mut mesh = Mesh::default();
+    for side in 0..2 {
+        let first = mesh.positions.len() as u32;
+        for (i, j) in (0..corners * corners).map(|k| (k % corners, k / corners)) {
+            let ((x, y), h) = (place(i, j), 1e-4 * half.min_element());
+            let slope = |dx: f64, dy: f64| (height(side, x + dx, y + dy) - height(side, x - dx, y - dy)) / (2.0 * h);
+            let up = DVec3::new(-slope(h, 0.0), -slope(0.0, h), 1.0).normalize().as_vec3();
+            mesh.positions.push(position(side, (x, y)));
+            mesh.normals.push(if side == 1 { up } else { -up });
+        }
+        for (i, j) in (0..cells * cells).map(|k| (k % cells, k / cells)) {
+            let index = |i: u32, j: u32| first + j * corners + i;
+            let [a, b, c, d] = [index(i, j), index(i + 1, j), index(i + 1, j + 1), index(i, j + 1)];
+            mesh.triangles.extend(if side == 1 { [[a, b, c], [a, c, d]] } else { [[a, c, b], [a, d, c]] });
+        }
+    }
+    let rim = |k: u32| match (k / cells % 4, k % cells) {
+        (0, i) => (i, 0),
+        (1, j) => (cells, j),
+        (2, i) => (cells - i, cells),
+        (_, j) => (0, cells - j),
+    };
+    for k in 0..4 * cells {
+        let [(i, j), (m, n)] = [rim(k), rim(k + 1)];
+        let quad = [(0, i, j), (0, m, n), (1, m, n), (1, i, j)].map(|(side, i, j)| position(side, place(i, j)));
+        let first = mesh.positions.len() as u32;
+        let normal = (quad[1] - quad[0]).cross(quad[3] - quad[0]).normalize_or_zero();
+        mesh.positions.extend(quad);
+        mesh.normals.extend([normal; 4]);
+        mesh.triangles.extend([[first, first + 1, first + 2], [first, first + 2, first + 3]]);
+    }
+    mesh
+}
+
+/// A closed body with the z axis as its axis and a regular polygon of `corners` around it: the outline, points of radius and
+/// height \[m\], runs counter-clockwise seen with the radius to the right, and is closed. A point on the axis makes a tip or
+/// the middle of an end; a ring has none.
+pub fn turned(outline: &[Vec2], corners: u32) -> Mesh {
+    let mut mesh = Mesh::default();
+    for p in outline {
+        mesh.positions.extend((0..corners).map(|k| {
+            let (sin, cos) = (f64::from(k) / f64::from(corners) * std::f64::consts::TAU).sin_cos();
+            Vec3::new(p.x * cos as f32, p.x * sin as f32, p.y)
+        }));
+    }
+    let index = |p: usize, k: u32| (p % outline.len()) as u32 * corners + k % corners;
+    for (p, k) in (0..outline.len()).flat_map(|p| (0..corners).map(move |k| (p, k))) {
+        let [a, b, c, d] = [index(p, k), index(p, k + 1), index(p + 1, k + 1), index(p + 1, k)];
+        let radius = |p: usize| outline[p % outline.len()].x;
+        if radius(p) > 0.0 {
+            mesh.triangles.push([a, b, c]);
+        }
+        if radius(p + 1) > 0.0 {
+            mesh.triangles.push([a, c, d]);
+        }
+    }
+    mesh
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -71,8 +138,16 @@ mod tests {
     #[test]
     fn bodies_are_closed_and_wind_outward() {
         let r = 0.5;
+        let dome = |side: usize, x: f64, y: f64| 0.1 * side as f64 + 0.2 * (1.0 - x * x) * (1.0 - 4.0 * y * y);
+        let disc = [(0.0, 0.0), (1.0, 0.0), (1.0, 0.5), (0.0, 0.5)].map(Vec2::from);
+        let ring = [(0.5, 0.0), (1.0, 0.0), (1.0, 0.5), (0.5, 0.5)].map(Vec2::from);
+        // A regular polygon of 100 corners.
+        let polygon = 50.0 * (std::f64::consts::TAU / 100.0).sin();
         for (name, mut mesh, volume) in [
             ("box", cuboid(Vec3::new(1.0, 2.0, 3.0), Vec3::new(2.0, 4.0, 6.0)), 6.0),
+            ("sheet", sheet(Vec2::new(1.0, 0.5), 8, dome), 0.2),
+            ("disc", turned(&disc, 100), 0.5 * polygon),
+            ("ring", turned(&ring, 100), 0.375 * polygon),
             ("sphere", sphere(Vec3::X, r, 40, true), 4.0 / 3.0 * std::f64::consts::PI * f64::from(r * r * r)),
         ] {
             assert_eq!(clean(&mut mesh).total(), 0, "{name} has unusable triangles");

@@ -3,8 +3,8 @@
 //!
 //! Replay: `cargo test -p dunkelfeld-scene --test covers NAME`.
 
-use dunkelfeld_geometry::{DAffine3, DQuat, DVec3, Mesh, Ray, Vec3};
-use dunkelfeld_scene::shapes::{cuboid, rectangle, sphere};
+use dunkelfeld_geometry::{DAffine3, DQuat, DVec3, Mesh, Ray, Vec2, Vec3};
+use dunkelfeld_scene::shapes::{cuboid, rectangle, sheet, sphere, turned};
 use dunkelfeld_scene::{
     AlphaMode, Chain, CoverStack, Effect, Material, Scene, SceneBuilder, Seed, Surface, Target, Volume,
 };
@@ -42,45 +42,9 @@ fn uniform(random: &mut Pcg32) -> f64 {
     f64::from(random.next_u32()) / 4_294_967_296.0
 }
 
-/// A sheet over a square grid of `cells * cells`, with `height(side, x, y)` of its lower (0) and upper (1) face; x and y in
-/// \[-1, 1\] stand for 40 mm and 30 mm. Its faces have the normals of the functions, its walls are flat.
-fn moulded(cells: usize, height: impl Fn(usize, f64, f64) -> f64) -> Mesh {
-    let mut mesh = Mesh::default();
-    let n = cells + 1;
-    let at = |i: usize| 2.0 * i as f64 / cells as f64 - 1.0;
-    let position = |side: usize, x: f64, y: f64| DVec3::new(0.04 * x, 0.03 * y, height(side, x, y)).as_vec3();
-    for side in 0..2 {
-        for (i, j) in (0..n * n).map(|k| (k % n, k / n)) {
-            let (x, y, h) = (at(i), at(j), 1e-4);
-            let dx = (height(side, x + h, y) - height(side, x - h, y)) / (2.0 * h * 0.04);
-            let dy = (height(side, x, y + h) - height(side, x, y - h)) / (2.0 * h * 0.03);
-            let up = DVec3::new(-dx, -dy, 1.0).normalize().as_vec3();
-            mesh.positions.push(position(side, x, y));
-            mesh.normals.push(if side == 1 { up } else { -up });
-        }
-        for (i, j) in (0..cells * cells).map(|k| (k % cells, k / cells)) {
-            let index = |i: usize, j: usize| (side * n * n + j * n + i) as u32;
-            let [a, b, c, d] = [index(i, j), index(i + 1, j), index(i + 1, j + 1), index(i, j + 1)];
-            mesh.triangles.extend(if side == 1 { [[a, b, c], [a, c, d]] } else { [[a, c, b], [a, d, c]] });
-        }
-    }
-    let rim = |k: usize| match (k / cells, k % cells) {
-        (0, i) => (i, 0),
-        (1, j) => (cells, j),
-        (2, i) => (cells - i, cells),
-        (_, j) => (0, (cells - j) % n),
-    };
-    for k in 0..4 * cells {
-        let ((i0, j0), (i1, j1)) = (rim(k), rim((k + 1) % (4 * cells)));
-        let corner = |side, i: usize, j: usize| position(side, at(i), at(j));
-        let base = mesh.positions.len() as u32;
-        let quad = [corner(0, i0, j0), corner(0, i1, j1), corner(1, i1, j1), corner(1, i0, j0)];
-        let normal = (quad[1] - quad[0]).cross(quad[3] - quad[0]).normalize();
-        mesh.positions.extend(quad);
-        mesh.normals.extend([normal; 4]);
-        mesh.triangles.extend([[base, base + 1, base + 2], [base, base + 2, base + 3]]);
-    }
-    mesh
+/// A sheet of 80 mm x 60 mm, with `height(side, x, y)` of its lower (0) and upper (1) face; x and y in \[-1, 1\].
+fn moulded(cells: u32, height: impl Fn(usize, f64, f64) -> f64) -> Mesh {
+    sheet(Vec2::new(0.04, 0.03), cells, |side, x, y| height(side, x / 0.04, y / 0.03))
 }
 
 fn assert_near(a: f64, b: f64, tolerance: f64, what: &str) {
@@ -137,19 +101,19 @@ fn what_is_no_cover_is_not_found() {
     let shining = Material { emission: dunkelfeld_radiometry::Rgb::WHITE, ..pmma() };
     let milky = Volume { scattering: dunkelfeld_radiometry::Rgb::splat(100.0), ..Volume::default() };
     let milky = Material { surface: Surface::Solid(milky), ..pmma() };
-    let sheet = || plate(0.001, 0.005);
+    let thin_plate = || plate(0.001, 0.005);
     let cases = [
         ("a ball", sphere(Vec3::ZERO, 0.03, 40, true), pmma()),
         ("a cube", cuboid(Vec3::splat(-0.02), Vec3::splat(0.02)), pmma()),
         ("a bar", cuboid(Vec3::splat(-0.002), Vec3::new(0.1, 0.002, 0.002)), pmma()),
         ("a thick block", plate(0.0, 0.031), pmma()),
-        ("a rough sheet", sheet(), rough),
-        ("a mixed one", sheet(), half),
-        ("one that is partly there", sheet(), partly),
-        ("a sheet without thickness", sheet(), thin),
-        ("a lamp", sheet(), shining),
-        ("a milky one", sheet(), milky),
-        ("one of air", sheet(), clear("air", 1.0)),
+        ("a rough sheet", thin_plate(), rough),
+        ("a mixed one", thin_plate(), half),
+        ("one that is partly there", thin_plate(), partly),
+        ("a sheet without thickness", thin_plate(), thin),
+        ("a lamp", thin_plate(), shining),
+        ("a milky one", thin_plate(), milky),
+        ("one of air", thin_plate(), clear("air", 1.0)),
     ];
     for (what, mesh, material) in cases {
         let scene = scene(vec![(mesh, material)]);
@@ -217,37 +181,20 @@ fn a_moulded_cover_is_found_and_is_not_flat() {
 
 #[test]
 fn chamfers_engravings_and_holes_do_not_hide_the_planes() {
-    // A profile (half length, height) with chamfers, turned into a frustum of 24 corners, and a groove in the lower face.
-    let ring = |r: f32, z: f32, k: usize| {
-        let a = k as f32 / 24.0 * std::f32::consts::TAU;
-        Vec3::new(r * a.cos(), r * a.sin(), z)
-    };
-    let lathe = |profile: &[(f32, f32)], is_ring: bool| {
-        let mut mesh = Mesh::default();
-        let count = profile.len();
-        for (r, z) in profile {
-            (0..24).for_each(|k| mesh.positions.push(ring(*r, *z, k)));
-        }
-        let quads = if is_ring { count } else { count - 1 };
-        for (p, k) in (0..quads * 24).map(|i| (i / 24, i % 24)) {
-            let index = |p: usize, k: usize| ((p % count) * 24 + k % 24) as u32;
-            let [a, b, c, d] = [index(p, k), index(p, k + 1), index(p + 1, k + 1), index(p + 1, k)];
-            mesh.triangles.extend([[a, b, c], [a, c, d]]);
-        }
-        if !is_ring {
-            for k in 1..23 {
-                mesh.triangles.push([0, k + 1, k]);
-                let top = ((count - 1) * 24) as u32;
-                mesh.triangles.push([top, top + k, top + k + 1]);
-            }
-        }
-        mesh
-    };
-    let chamfered = [(0.0397, 0.001), (0.04, 0.0013), (0.04, 0.0047), (0.0397, 0.005)];
-    let engraved =
-        [(0.01, 0.001), (0.01, 0.0012), (0.012, 0.0012), (0.012, 0.001), (0.04, 0.001), (0.04, 0.005), (0.01, 0.005)];
-    for (what, mesh) in [("chamfers", lathe(&chamfered, false)), ("an engraved ring", lathe(&engraved, true))] {
-        let scene = scene(vec![(mesh, clear("pmma", 1.49))]);
+    let chamfered = [(0.0, 0.001), (0.0397, 0.001), (0.04, 0.0013), (0.04, 0.0047), (0.0397, 0.005), (0.0, 0.005)];
+    let engraved = [
+        (0.01, 0.001),
+        (0.02, 0.001),
+        (0.02, 0.0012),
+        (0.022, 0.0012),
+        (0.022, 0.001),
+        (0.04, 0.001),
+        (0.04, 0.005),
+        (0.01, 0.005),
+    ];
+    for (what, outline) in [("chamfers", &chamfered[..]), ("a hole and an engraved ring", &engraved[..])] {
+        let outline: Vec<Vec2> = outline.iter().map(|&p| Vec2::from(p)).collect();
+        let scene = scene(vec![(turned(&outline, 24), clear("pmma", 1.49))]);
         let [stack] = scene.covers() else { panic!("{what}: {} stacks", scene.covers().len()) };
         assert!(stack.is_flat(), "{what}");
         assert_near(stack.thickness(1), 0.004, 2e-8, what);
@@ -420,6 +367,36 @@ fn seeds_from_inside_start_inside() {
 }
 
 #[test]
+fn a_milky_solid_that_touches_the_stack_is_where_chains_may_start() {
+    let milky = |ior| {
+        let volume = Volume { scattering: dunkelfeld_radiometry::Rgb::splat(100.0), ..Volume::default() };
+        Material { surface: Surface::Solid(volume), ..clear("milky", ior) }
+    };
+    let of = |top: f32, ior| scene(vec![(plate(0.001, 0.005), clear("pmma", 1.49)), (plate(-0.02, top), milky(ior))]);
+    let words = |scene: &Scene, inside, to: f64| -> Vec<String> {
+        let at = |z: f64| (DVec3::new(0.0, 0.0, z) - scene.world_origin()).as_vec3();
+        let crossing = scene.covers()[0].crossing(at(-0.003), inside, Target::Point(at(to)));
+        crossing.map_or(Vec::new(), |c| c.chains().iter().map(|c| format!("{c:?}")).collect())
+    };
+    // Of the same index: no face between them. Of another: a face that refracts and reflects.
+    assert_eq!(words(&of(0.001, 1.49), Some(1), 0.2), ["T"]);
+    assert_eq!(words(&of(0.001, 1.6), Some(1), 0.2), ["TT", "TRRT", "TRRRRT"]);
+    assert_eq!(words(&of(0.001, 1.49), Some(1), -0.2), [""; 0], "light from the other side");
+    // With air between them its own face would be in the way.
+    assert_eq!(words(&of(0.0, 1.49), Some(1), 0.2), [""; 0]);
+    let scene = of(0.001, 1.6);
+    let at = |z: f64| (DVec3::new(0.001, 0.0, z) - scene.world_origin()).as_vec3();
+    let (x, y) = (at(-0.003), (DVec3::new(0.1, 0.03, 0.2) - scene.world_origin()).as_vec3());
+    let crossing = scene.covers()[0].crossing(x, Some(1), Target::Point(y)).expect("through the cover");
+    for &chain in crossing.chains() {
+        let seed = crossing.seed(chain).expect("there is air at the light");
+        // The faces in contact have one normal; which of the two is met makes no difference here.
+        let miss = trace(&scene, x, &seed, chain, f64::from(1.6f32), y);
+        assert!(miss.is_none_or(|miss| miss < 1e-6), "{chain:?}: {miss:?}");
+    }
+}
+
+#[test]
 fn chains_leave_the_layer_of_the_receiver_for_that_of_the_light() {
     let scene = scene(vec![(plate(0.001, 0.005), clear("pmma", 1.49)), (plate(0.006, 0.0065), clear("film", 1.58))]);
     let stack = &scene.covers()[0];
@@ -461,11 +438,11 @@ fn light_from_infinity_is_found_behind_the_plate() {
 #[test]
 fn what_passes_the_cover_is_never_said_to_pass_beside_it() {
     // Chains are found with a sheet that is wide enough for all, and traced through one of which many miss the rim.
-    let sheet = |half: f32| cuboid(Vec3::new(-half, -half, 0.001), Vec3::new(half, half, 0.003));
+    let square = |half: f32| cuboid(Vec3::new(-half, -half, 0.001), Vec3::new(half, half, 0.003));
     let (wide, small) = (
-        scene(vec![(sheet(0.19), clear("pmma", 1.49))]),
+        scene(vec![(square(0.19), clear("pmma", 1.49))]),
         scene(vec![
-            (sheet(0.02), clear("pmma", 1.49)),
+            (square(0.02), clear("pmma", 1.49)),
             (sphere(Vec3::new(0.0, 0.0, -0.25), 0.01, 3, false), Material::default()),
         ]),
     );

@@ -2,7 +2,7 @@
 
 use crate::args::InspectArgs;
 use crate::outcome::{Outcome, print};
-use dunkelfeld::{EffectEntry, Error, Inspection, Project};
+use dunkelfeld::{CoverEntry, EffectEntry, Error, Inspection, Project};
 use std::fmt::Write;
 
 pub(crate) fn run(args: &InspectArgs) -> Result<Outcome, Error> {
@@ -54,6 +54,7 @@ fn text(i: &Inspection) -> String {
         "materials",
         i.materials.iter().map(|m| format!("{:<28} {} ({} triangles)", m.name, m.description, m.triangles)),
     );
+    section(&mut t, "clear covers", i.covers.iter().map(cover_line));
     section(&mut t, "effects that the scene calls for", i.effects.iter().filter(|e| e.on).map(effect_line));
     let off: Vec<&str> = i.effects.iter().filter(|e| !e.on).map(|e| e.name.as_str()).collect();
     if !off.is_empty() {
@@ -67,6 +68,22 @@ fn text(i: &Inspection) -> String {
         t += "no hazards found\n";
     }
     t
+}
+
+/// `moulded, across (0.000, 1.000, 0.000): pmma 4.133 mm (index 1.490)`.
+fn cover_line(cover: &CoverEntry) -> String {
+    let layers: Vec<String> = cover
+        .layers
+        .iter()
+        .map(|layer| {
+            let name = if layer.materials.is_empty() { "air".into() } else { layer.materials.join(" + ") };
+            let index = if layer.materials.is_empty() { String::new() } else { format!(" (index {:.3})", layer.ior) };
+            format!("{name} {:.3} mm{index}", 1e3 * layer.thickness)
+        })
+        .collect();
+    let shape = if cover.flat { "flat" } else { "moulded" };
+    let [x, y, z] = cover.axis;
+    format!("{shape}, across ({x:.3}, {y:.3}, {z:.3}): {}", layers.join(", "))
 }
 
 /// At most so many callers of an effect are named.

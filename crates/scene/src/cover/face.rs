@@ -75,6 +75,21 @@ pub(super) fn triangles<'a>(scene: &'a Scene, parts: &'a [usize]) -> impl Iterat
     })
 }
 
+/// Lowest and highest place of some parts along the axis, and across it; `None` without any surface.
+pub(super) fn bounds(
+    scene: &Scene,
+    parts: &[usize],
+    axis: DVec3,
+    tangents: [DVec3; 2],
+) -> Option<([f64; 2], [DVec2; 2])> {
+    let corners = triangles(scene, parts).flat_map(|t| t.corners);
+    corners.fold(None, |bounds, p| {
+        let (height, q) = (axis.dot(p), DVec2::new(tangents[0].dot(p), tangents[1].dot(p)));
+        let ([low, high], [from, to]) = bounds.unwrap_or(([height; 2], [q; 2]));
+        Some(([low.min(height), high.max(height)], [from.min(q), to.max(q)]))
+    })
+}
+
 /// The axis that most of the surface faces; `None` without surface.
 ///
 /// The principal eigenvector of `sum A n n^T`, then the mean normal within ever smaller cones about it, as long as these

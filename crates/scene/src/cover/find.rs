@@ -6,7 +6,7 @@
 //! whether a chain of refractions exists is decided by tracing it.
 
 use super::face::{self, Facing, Triangle};
-use super::stack::{CoverInterface, CoverLayer, CoverStack, MOST_INTERFACES};
+use super::stack::{CoverInterface, CoverLayer, CoverStack, MOST_INTERFACES, Touching};
 use crate::effects::SMOOTH_ROUGHNESS;
 use crate::material::{Material, Surface};
 use crate::medium::Medium;
@@ -106,17 +106,56 @@ pub(crate) fn find(scene: &Scene) -> Covers {
         sheets.sort_by(|a, b| a.faces[0].height.total_cmp(&b.faces[0].height));
         covers.stacks.push(assemble(axis, tangents, sheets, CONTACT * rounding(scene)));
     }
+    note_touching(scene, &mut covers);
     if covers.stacks.is_empty() { Covers::default() } else { covers }
+}
+
+/// Solids that light scatters in, with a smooth surface, may lie on a stack: chains can start inside of them.
+fn note_touching(scene: &Scene, covers: &mut Covers) {
+    let milky: Vec<bool> = (0..scene.materials.len()).map(|m| is_smooth(scene, m) && scatters(scene, m)).collect();
+    let contact = CONTACT * rounding(scene);
+    for stack in &mut covers.stacks {
+        let (axis, tangents) = (stack.axis(), stack.tangents());
+        let faces: Vec<(bool, CoverInterface, f64)> = {
+            let count = stack.interfaces().len();
+            [(false, 0, 1), (true, count - 1, count - 1)]
+                .map(|(is_above, face, layer)| (is_above, stack.interfaces()[face].clone(), stack.thickness(layer)))
+                .to_vec()
+        };
+        for (index, part) in scene.parts.iter().enumerate() {
+            if !milky[part.material as usize] || part.solid == NO_SOLID {
+                continue;
+            }
+            let Some(([low, high], footprint)) = face::bounds(scene, &[index], axis, tangents) else { continue };
+            for (is_above, face, thickness) in &faces {
+                let sunk = MOST_SUNK * thickness;
+                let gap = if *is_above { low - face.height } else { face.height - high };
+                let meets = gap <= contact && gap >= -sunk && overlap(&footprint, &face.footprint) > 0.0;
+                if meets {
+                    let ior = f64::from(scene.solids[part.solid as usize].ior);
+                    stack.touch(Touching { material: part.material, ior, is_above: *is_above });
+                }
+            }
+        }
+    }
+}
+
+fn scatters(scene: &Scene, material: usize) -> bool {
+    matches!(&scene.materials[material].surface, Surface::Solid(volume) if Medium::new(volume).scatters())
 }
 
 /// Does light cross the surface of a material everywhere in single directions, and the inside without scattering?
 fn is_clear(scene: &Scene, material: usize) -> bool {
+    is_smooth(scene, material) && !scatters(scene, material) && scene.materials[material].ior != 1.0
+}
+
+/// Does light cross the surface of a material everywhere in single directions?
+fn is_smooth(scene: &Scene, material: usize) -> bool {
     let (m, compiled): (&Material, _) = (&scene.materials[material], &scene.compiled[material]);
-    let Surface::Solid(volume) = &m.surface else { return false };
     let is_even = m.roughness < SMOOTH_ROUGHNESS && m.roughness_texture.is_none() && m.normal_texture.is_none();
     let is_full = m.transmission >= 1.0 && m.transmission_texture.is_none() && m.metallic <= 0.0;
     let is_there = !compiled.has_coverage && !compiled.emits;
-    compiled.is_solid && is_even && is_full && is_there && m.ior != 1.0 && !Medium::new(volume).scatters()
+    compiled.is_solid && is_even && is_full && is_there
 }
 
 /// How far rounding may move a coordinate of the scene \[m\].

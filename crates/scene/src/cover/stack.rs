@@ -40,6 +40,15 @@ pub struct CoverLayer {
     pub materials: Vec<u32>,
 }
 
+/// A smooth solid that scatters light and lies on the first or the last interface of a stack.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Touching {
+    pub(crate) material: u32,
+    pub(crate) ior: f64,
+    /// Does it lie on the last interface?
+    pub(crate) is_above: bool,
+}
+
 /// Clear sheets with a common axis: one cover, or several that lie on one another, glued or with air between them.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CoverStack {
@@ -48,6 +57,8 @@ pub struct CoverStack {
     interfaces: Vec<CoverInterface>,
     layers: Vec<CoverLayer>,
     is_flat: bool,
+    /// Solids on the outside whose inside scatters light.
+    touching: Vec<Touching>,
     /// For each layer without material: its number, and where along the axis the next one takes over.
     rooms: Vec<(u8, f64)>,
     /// Chains from layer to layer, `layers * from + to`.
@@ -66,7 +77,17 @@ impl CoverStack {
         let rooms = rooms(&interfaces, &layers);
         let count = layers.len();
         let chains = (0..count * count).map(|k| chains_between(&layers, k / count, k % count)).collect();
-        Self { axis, tangents, interfaces, layers, is_flat, rooms, chains }
+        Self { axis, tangents, interfaces, layers, is_flat, touching: Vec::new(), rooms, chains }
+    }
+
+    /// Two unit vectors across the axis: those of the footprints.
+    pub(crate) fn tangents(&self) -> [DVec3; 2] {
+        self.tangents
+    }
+
+    /// Notes that a solid lies on the stack from outside.
+    pub(crate) fn touch(&mut self, solid: Touching) {
+        self.touching.push(solid);
     }
 
     /// Unit vector along which the layers follow each other, in render space.
@@ -106,7 +127,7 @@ impl CoverStack {
     }
 
     /// The layer that a point in render space lies in; `inside` is the material of the solid around it, `None` outside of
-    /// solids. `None` if that solid is no part of the stack.
+    /// solids. `None` if that solid is no part of the stack, nor one in contact with it that light scatters in.
     ///
     /// A point in air belongs to the air layer that is nearest to it: faces that are not planes do not part it from where it
     /// is.
@@ -121,7 +142,23 @@ impl CoverStack {
             (low - height).max(height - high).max(0.0)
         };
         let filled = (0..self.layers.len()).filter(|&l| self.layers[l].materials.contains(&material));
-        filled.min_by(|&a, &b| beyond(a).total_cmp(&beyond(b))).map(|layer| layer as u8)
+        let own = filled.min_by(|&a, &b| beyond(a).total_cmp(&beyond(b))).map(|layer| layer as u8);
+        own.or_else(|| self.touching_at(height, material).map(|t| self.outer(t.is_above)))
+    }
+
+    /// The solid of that material that touches the stack, on the side nearer to a height.
+    fn touching_at(&self, height: f64, material: u32) -> Option<&Touching> {
+        let beyond = |t: &&Touching| {
+            let face = if t.is_above { self.interfaces.last() } else { self.interfaces.first() };
+            face.map_or(f64::INFINITY, |face| (face.height - height).abs())
+        };
+        let solids = self.touching.iter().filter(|t| t.material == material);
+        solids.min_by(|a, b| beyond(a).total_cmp(&beyond(b)))
+    }
+
+    /// The last layer, or the first.
+    fn outer(&self, is_above: bool) -> u8 {
+        if is_above { self.layers.len() as u8 - 1 } else { 0 }
     }
 
     /// The ways of light from `target` to the point `x` in render space through the stack; `inside` is the material of the
@@ -130,12 +167,12 @@ impl CoverStack {
     /// `None` if there is no interface between them, or if light would have to pass it beside its footprint. For faces that
     /// are planes the latter is certain: whoever asks on the way back as well may rely on it.
     pub fn crossing(&self, x: Vec3, inside: Option<u32>, target: Target) -> Option<Crossing<'_>> {
-        let from = self.layer_at(x, inside)?;
+        let mut from = self.layer_at(x, inside)?;
         let (to, toward) = match target {
             Target::Point(y) => (self.layer_at(y, None)?, y.as_dvec3() - x.as_dvec3()),
             Target::Direction(d) => {
                 let d = d.as_dvec3();
-                (if self.axis.dot(d) > 0.0 { self.layers.len() as u8 - 1 } else { 0 }, d)
+                (self.outer(self.axis.dot(d) > 0.0), d)
             }
         };
         if from == to {
@@ -147,6 +184,19 @@ impl CoverStack {
         let sideways = if length > 0.0 { across / length } else { DVec3::ZERO };
         let up = to > from;
         let start = self.axis.dot(x.as_dvec3());
+        // Whatever touches the stack stands for the air there; without a face if it has the index of the outermost sheet.
+        let mut start_ior = self.layers[usize::from(from)].ior;
+        if let Some(solid) = inside.and_then(|m| self.touching_at(start, m)).filter(|t| self.outer(t.is_above) == from)
+        {
+            start_ior = solid.ior;
+            let next = if up { from + 1 } else { from - 1 };
+            if self.layers[usize::from(next)].ior == start_ior {
+                from = next;
+            }
+            if from == to {
+                return None;
+            }
+        }
         let (first, last) = if up { (from, to - 1) } else { (from - 1, to) };
         let [first, last] = [first, last].map(|i| self.interfaces[usize::from(i)].height);
         let sign = if up { 1.0 } else { -1.0 };
@@ -158,7 +208,7 @@ impl CoverStack {
             }
             Target::Direction(_) => End::Direction { sine: length, cosine: along.abs() },
         };
-        let crossing = Crossing { stack: self, from, to, sideways, start_depth, end, sign };
+        let crossing = Crossing { stack: self, from, to, start_ior, sideways, start_depth, end, sign };
         crossing.meets_footprints(x).then_some(crossing)
     }
 }
@@ -186,6 +236,8 @@ pub struct Crossing<'a> {
     stack: &'a CoverStack,
     from: u8,
     to: u8,
+    /// Index of refraction at the receiver.
+    start_ior: f64,
     /// Unit vector across the axis from the receiver to the light; zero if they lie on one axis.
     sideways: DVec3,
     /// Way along the axis from the receiver to the first interface.
@@ -254,7 +306,7 @@ impl<'a> Crossing<'a> {
         let interfaces = u32::from(self.from.abs_diff(self.to));
         let ior = |k: u32| {
             let layer = if self.sign > 0.0 { u32::from(self.from) + k } else { u32::from(self.from) - k };
-            self.stack.layers[layer as usize].ior
+            if k == 0 { self.start_ior } else { self.stack.layers[layer as usize].ior }
         };
         let mut reflected = [0.0; MOST_INTERFACES];
         for (k, share) in (0..interfaces).zip(&mut reflected) {
@@ -295,7 +347,7 @@ impl<'a> Crossing<'a> {
         if !arrived {
             return None;
         }
-        legs[0].depth = self.start_depth;
+        legs[0] = Leg { ior: self.start_ior, depth: self.start_depth };
         if let (End::Shift { depth, .. }, Some(last)) = (self.end, legs.last_mut()) {
             last.depth = depth;
         }
@@ -320,8 +372,7 @@ impl<'a> Crossing<'a> {
             End::Direction { sine, cosine } => (sine / cosine, f64::INFINITY),
         };
         // A receiver inside of a sheet: the rest of the sheet's height bends as well.
-        let is_inside = !stack.layers[usize::from(self.from)].materials.is_empty();
-        let span = between + 2.0 * uneven + if is_inside { self.start_depth } else { 0.0 };
+        let span = between + 2.0 * uneven + if self.start_ior != 1.0 { self.start_depth } else { 0.0 };
         if tangent.is_nan() {
             return true;
         }
