@@ -188,7 +188,7 @@ fn a_render_writes_all_outputs_well_formed() {
     // The documented keys, all of them and no others.
     let keys: BTreeSet<&str> = stats.as_object().expect("an object").keys().map(String::as_str).collect();
     let documented = "version program size seed frame threads allocation stop without samples mean_spp spp_range \
-                      samples_per_second invalid_samples invalid_named heaviest_samples dominated_pixels mean_radiance mean_radiance_standard_error \
+                      samples_per_second invalid_samples invalid_named heaviest_samples dominated_pixels cover_connections mean_radiance mean_radiance_standard_error \
                       seconds total_seconds budget_seconds budget_missed sensor";
     assert_eq!(keys, documented.split_whitespace().collect());
     let keys: BTreeSet<&str> = stats["sensor"].as_object().expect("an object").keys().map(String::as_str).collect();

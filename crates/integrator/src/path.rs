@@ -210,12 +210,13 @@ impl<'a, F: Features, R: Recorder> Path<'a, F, R> {
         if !at.is_delta() {
             self.asked += 1;
             for question in 0..self.scene.light_questions(choice) {
-                let [x, y, u_choice, u_chain] = self.sampler.get_4d(sets::light(vertex, question));
+                let [x, y, u_choice, _] = self.sampler.get_4d(sets::light(vertex, question));
                 let Some(light) = self.scene.sample_light(at.receiver(), choice, question, u_choice, [x, y]) else {
                     continue;
                 };
                 let mut found = direct::light_from::<F, _>(self.scene, at, &light);
                 if self.has_covers() {
+                    let [_, _, _, u_chain] = self.sampler.get_4d(sets::light(vertex, question));
                     let recorder = &mut *self.recorder;
                     found += cover::light_from::<F, _>(self.scene, at, &light, u_chain, |e| recorder.connection(e));
                 }
