@@ -11,7 +11,7 @@ use dunkelfeld_film::Sample;
 use dunkelfeld_geometry::Ray;
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_sampling::Sampler;
-use dunkelfeld_scene::{Features, MediumEvent, Scene};
+use dunkelfeld_scene::{Features, LightChoice, MediumEvent, Scene};
 use std::marker::PhantomData;
 
 /// From this bounce on even a path that has lost nothing survives with less than certainty, so that light caught between
@@ -210,13 +210,16 @@ impl<'a, F: Features, R: Recorder> Path<'a, F, R> {
         if !at.is_delta() {
             self.asked += 1;
             for question in 0..self.scene.light_questions(choice) {
-                let [x, y, u_choice, _] = self.sampler.get_4d(sets::light(vertex, question));
+                let set = sets::light(vertex, question);
+                let [x, y] = self.sampler.get_2d(set);
+                // Where each light is asked there is none to choose.
+                let u_choice = if choice == LightChoice::One { self.sampler.get_4d(set)[2] } else { 0.0 };
                 let Some(light) = self.scene.sample_light(at.receiver(), choice, question, u_choice, [x, y]) else {
                     continue;
                 };
                 let mut found = direct::light_from::<F, _>(self.scene, at, &light);
                 if self.has_covers() {
-                    let [_, _, _, u_chain] = self.sampler.get_4d(sets::light(vertex, question));
+                    let [_, _, _, u_chain] = self.sampler.get_4d(set);
                     let recorder = &mut *self.recorder;
                     found += cover::light_from::<F, _>(self.scene, at, &light, u_chain, |e| recorder.connection(e));
                 }
