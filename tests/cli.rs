@@ -2,126 +2,15 @@
 //!
 //! Replay: `cargo test -p dunkelfeld-cli --test cli NAME`.
 
+#[path = "support/cli.rs"]
+mod bench;
+
 use assert_cmd::Command;
-use assert_cmd::assert::Assert;
-use dunkelfeld::io::exr::{Channel, read_exr};
+use bench::{Bench, PROGRAM, stderr, stdout};
+use dunkelfeld::io::exr::read_exr;
 use serde_json::Value;
 use std::collections::BTreeSet;
-use std::fs;
-use std::path::{Path, PathBuf};
-use tempfile::TempDir;
-
-const PROGRAM: &str = env!("CARGO_BIN_EXE_dunkelfeld");
-
-/// A folder with a scene as glTF, as OBJ, as a job, and one that overflows.
-struct Bench {
-    folder: TempDir,
-}
-
-impl Bench {
-    fn new() -> Self {
-        let bench = Self { folder: TempDir::new().expect("a temporary folder") };
-        // A floor in the xz plane, a lamp above it that shines down, two cameras beside them.
-        let floor: [[f32; 3]; 4] = [[-1.0, 0.0, 1.0], [1.0, 0.0, 1.0], [1.0, 0.0, -1.0], [-1.0, 0.0, -1.0]];
-        let lamp = floor.map(|[x, _, z]| [0.3 * x, 1.0, -0.3 * z]);
-        let mut buffer: Vec<u8> = floor.iter().chain(&lamp).flatten().flat_map(|v| v.to_le_bytes()).collect();
-        buffer.extend([0u16, 1, 2, 0, 2, 3].iter().flat_map(|i| i.to_le_bytes()));
-        fs::write(bench.path("scene.bin"), buffer).expect("writable");
-        bench.write("scene.gltf", SCENE_GLTF);
-        bench.write("scene.mtl", "newmtl floor\nKd 0.5 0.5 0.5\nnewmtl lamp\nKd 0 0 0\nKe 3 2 1\n");
-        bench.write("scene.obj", &obj("scene.mtl"));
-        bench.write("bright.mtl", "newmtl floor\nKd 0.5 0.5 0.5\nnewmtl lamp\nKd 0 0 0\nKe 1e30 1e30 1e30\n");
-        bench.write("too bright.obj", &obj("bright.mtl"));
-        bench.write("job.toml", "scene = \"scene.gltf\"\n[film]\nwidth = 20\nheight = 10\n[budget]\nspp = 3\n");
-        bench
-    }
-
-    fn path(&self, name: &str) -> PathBuf {
-        self.folder.path().join(name)
-    }
-
-    fn write(&self, name: &str, text: &str) {
-        fs::write(self.path(name), text).expect("writable");
-    }
-
-    fn read(&self, name: &str) -> Vec<u8> {
-        fs::read(self.path(name)).unwrap_or_else(|e| panic!("{name}: {e}"))
-    }
-
-    fn names(&self) -> BTreeSet<String> {
-        let entries = fs::read_dir(self.folder.path()).expect("readable");
-        entries.map(|e| e.expect("readable").file_name().to_string_lossy().into_owned()).collect()
-    }
-
-    /// Runs the program in the folder, with the words of a line as arguments.
-    fn run(&self, line: &str) -> Assert {
-        self.run_words(&line.split_whitespace().collect::<Vec<_>>())
-    }
-
-    fn run_words(&self, words: &[&str]) -> Assert {
-        Command::new(PROGRAM).current_dir(self.folder.path()).args(words).assert()
-    }
-
-    fn json(&self, name: &str) -> Value {
-        serde_json::from_slice(&self.read(name)).unwrap_or_else(|e| panic!("{name}: {e}"))
-    }
-
-    fn floats(&self, name: &str, channel: &str) -> Vec<f32> {
-        let layers = read_exr(&self.path(name)).expect("an EXR");
-        match layers.channel(channel) {
-            Some(Channel::F32(v)) => v.clone(),
-            other => panic!("{name}: {channel}: {other:?}"),
-        }
-    }
-}
-
-fn obj(materials: &str) -> String {
-    let floor = "v -1 0 1\nv 1 0 1\nv 1 0 -1\nv -1 0 -1\n";
-    let lamp = "v -0.3 1 -0.3\nv 0.3 1 -0.3\nv 0.3 1 0.3\nv -0.3 1 0.3\n";
-    format!("mtllib {materials}\n{floor}{lamp}o floor\nusemtl floor\nf 1 2 3 4\no lamp\nusemtl lamp\nf 5 6 7 8\n")
-}
-
-const SCENE_GLTF: &str = r#"{
-  "asset": { "version": "2.0" },
-  "extensionsUsed": ["KHR_materials_emissive_strength"],
-  "scene": 0,
-  "scenes": [{ "nodes": [0, 1, 2, 3] }],
-  "nodes": [
-    { "name": "floor", "mesh": 0 },
-    { "name": "lamp", "mesh": 1 },
-    { "name": "front", "camera": 0, "translation": [0, 0.5, 3] },
-    { "name": "far", "camera": 0, "translation": [0, 0.5, 9] }
-  ],
-  "cameras": [{ "type": "perspective", "perspective": { "yfov": 0.9, "znear": 0.01 } }],
-  "meshes": [
-    { "primitives": [{ "attributes": { "POSITION": 0 }, "indices": 2, "material": 0 }] },
-    { "primitives": [{ "attributes": { "POSITION": 1 }, "indices": 2, "material": 1 }] }
-  ],
-  "materials": [
-    { "name": "grey", "pbrMetallicRoughness": { "baseColorFactor": [0.5, 0.5, 0.5, 1], "metallicFactor": 0 } },
-    { "name": "lamp", "pbrMetallicRoughness": { "baseColorFactor": [0, 0, 0, 1] }, "emissiveFactor": [1, 1, 1],
-      "extensions": { "KHR_materials_emissive_strength": { "emissiveStrength": 2000 } } }
-  ],
-  "accessors": [
-    { "bufferView": 0, "componentType": 5126, "count": 4, "type": "VEC3", "min": [-1, 0, -1], "max": [1, 0, 1] },
-    { "bufferView": 1, "componentType": 5126, "count": 4, "type": "VEC3", "min": [-0.3, 1, -0.3], "max": [0.3, 1, 0.3] },
-    { "bufferView": 2, "componentType": 5123, "count": 6, "type": "SCALAR" }
-  ],
-  "bufferViews": [
-    { "buffer": 0, "byteOffset": 0, "byteLength": 48 },
-    { "buffer": 0, "byteOffset": 48, "byteLength": 48 },
-    { "buffer": 0, "byteOffset": 96, "byteLength": 12 }
-  ],
-  "buffers": [{ "uri": "scene.bin", "byteLength": 108 }]
-}"#;
-
-fn stdout(assert: &Assert) -> String {
-    String::from_utf8_lossy(&assert.get_output().stdout).into_owned()
-}
-
-fn stderr(assert: &Assert) -> String {
-    String::from_utf8_lossy(&assert.get_output().stderr).into_owned()
-}
+use std::path::Path;
 
 /// The data of a PNG's first chunk of a kind.
 fn chunk<'a>(png: &'a [u8], kind: &[u8; 4]) -> Option<&'a [u8]> {
@@ -216,8 +105,11 @@ fn what_is_left_out_marks_the_outputs() {
         let marked = format!("rendered without {name}");
         assert!(bench.read("a.png").windows(marked.len()).any(|w| w == marked.as_bytes()), "the PNG does not say so");
     }
-    let refused = bench.run("render two.toml --without every-lamp").code(2);
-    assert!(stderr(&refused).contains("every-light"), "the names are listed: {}", stderr(&refused));
+    // Named twice is left out once.
+    let line = "render two.toml --width 8 --height 6 --spp 2 -o a.png --stats a.json --without every-light,every-light";
+    let run = bench.run(&format!("{line} --without every-light")).code(0);
+    assert!(stdout(&run).contains("without every-light: another way"), "{}", stdout(&run));
+    assert_eq!(bench.json("a.json")["without"], serde_json::json!(["every-light"]));
 }
 
 #[test]
@@ -241,112 +133,6 @@ fn without_a_sensor_the_image_is_in_colour_and_an_obj_is_lit_by_ke() {
         assert!((r[i] / b[i] - 3.0).abs() < 1e-3 && (g[i] / b[i] - 2.0).abs() < 1e-3, "{} {} {}", r[i], g[i], b[i]);
     }
     assert!(read_exr(&bench.path("a.exr")).expect("an EXR").channel("electrons.Y").is_none());
-}
-
-#[test]
-fn bad_input_ends_with_code_2_names_the_place_and_leaves_everything_as_it_was() {
-    let bench = Bench::new();
-    bench.write("broken.gltf", "{ \"asset\": ");
-    bench.write("no-scene.toml", "[film]\nwidth = 3\n");
-    bench.write("unknown-key.toml", "scene = \"scene.gltf\"\n[film]\nwidht = 3\n");
-    bench.write("bad-camera.toml", "scene = \"scene.gltf\"\ncamera = \"frnt\"\n");
-    bench.write("no.toml", "scene = \"nowhere.glb\"\n");
-    bench.write("bad-sensor.toml", "name = \"x\"\n");
-    bench.write("notes.txt", "no scene");
-    bench.write("there.png", "precious");
-    bench.write("there.exr", "precious");
-    fs::create_dir(bench.path("folder.png")).expect("writable");
-    bench.run("render scene.gltf --width 8 --height 8 --spp 1 --plan plan.exr -o small.png").code(0);
-    let before = bench.names();
-
-    // Arguments after `render`, and what the message must say.
-    let render: &[(&str, &[&str])] = &[
-        // Files that are not what they should be.
-        ("nowhere.glb", &["nowhere.glb", "mend:"]),
-        ("no.toml", &["nowhere.glb", "mend:"]),
-        ("notes.txt", &["notes.txt", "mend:"]),
-        (".", &["mend:"]),
-        ("broken.gltf", &["broken.gltf", "mend:"]),
-        ("no-scene.toml", &["no-scene.toml", "scene", "mend:"]),
-        ("unknown-key.toml", &["unknown-key.toml", "[film] widht", "did you mean `width`", "3 | widht = 3", "| ^^^^^"]),
-        ("bad-camera.toml", &["bad-camera.toml", "frnt", "front", "^^^^^^"]),
-        // Names that do not exist.
-        ("scene.gltf --camera nobody", &["nobody", "front", "far", "mend:"]),
-        ("scene.gltf --sensor imx999", &["imx999", "imx250", "mend:"]),
-        ("scene.gltf --sensor nowhere.toml", &["nowhere.toml", "mend:"]),
-        ("scene.gltf --sensor bad-sensor.toml", &["bad-sensor.toml", "mend:"]),
-        // Outputs that cannot be.
-        ("scene.gltf -o missing/a.png", &["missing/a.png", "folder", "mend:"]),
-        ("scene.gltf -o folder.png", &["folder.png", "is a folder", "mend:"]),
-        ("scene.gltf -o a.jpg", &["a.jpg", ".png"]),
-        ("scene.gltf --exr a.png", &["a.png", ".exr"]),
-        ("scene.gltf --linear a.exr", &["a.exr", ".tif"]),
-        ("scene.gltf --stats scene.gltf", &["scene.gltf", ".json"]),
-        ("scene.gltf -o there.png/a.png", &["there.png/a.png", "mend:"]),
-        ("scene.gltf --exr a.exr --plan a.exr", &["a.exr", "two outputs", "mend:"]),
-        ("scene.gltf --exr a.exr --plan ./a.exr", &["a.exr", "two outputs", "mend:"]),
-        ("scene.gltf --linear a.tif --sensor none", &["a.tif", "sensor", "mend:"]),
-        ("scene.gltf --exposure 5ms --sensor none", &["--exposure", "--sensor", "mend:"]),
-        // Replays.
-        ("scene.gltf --replay plan.exr --width 9", &["8 x 8", "9 x 8", "mend:"]),
-        ("scene.gltf --replay nowhere.exr", &["nowhere.exr", "mend:"]),
-        ("scene.gltf --replay there.exr", &["there.exr", "mend:"]),
-        ("scene.gltf --replay plan.exr --spp 4", &["--replay", "--spp"]),
-        // Flags.
-        ("scene.gltf --no-such-flag", &["--no-such-flag"]),
-        ("", &["SCENE"]),
-        ("scene.gltf --width 0", &["--width", "32768"]),
-        ("scene.gltf --width 40000", &["--width", "32768"]),
-        ("scene.gltf --height -3", &["--height", "32768"]),
-        ("scene.gltf --spp 0", &["--spp", "above zero"]),
-        ("scene.gltf --spp nan", &["--spp", "above zero"]),
-        ("scene.gltf --spp=-1", &["--spp", "above zero"]),
-        ("scene.gltf --time 0s", &["--time", "above zero"]),
-        ("scene.gltf --time 20x", &["--time", "unit"]),
-        ("scene.gltf --time soon", &["--time"]),
-        ("scene.gltf --exposure 0ms", &["--exposure"]),
-        ("scene.gltf --threads 0", &["--threads", "1024"]),
-        ("scene.gltf --seed x", &["--seed"]),
-        ("scene.gltf --allocate best", &["best", "uniform", "sobel"]),
-        ("scene.gltf --progress loud", &["loud", "json"]),
-        ("scene.gltf --debug-sample 1,2", &["--debug-sample", "12,40,7"]),
-        ("scene.gltf --debug-sample 512,0,0", &["512,0", "512 x 512", "mend:"]),
-    ];
-    for (line, says) in render {
-        // The earlier outputs are in danger as well.
-        let more = if line.contains("-o ") || line.contains("--exr") { "" } else { "-o there.png --exr there.exr" };
-        let line = format!("render {line} {more}");
-        let message = stderr(&bench.run(&line).code(2));
-        assert!(message.starts_with("error: "), "{line}\n{message}");
-        for part in *says {
-            assert!(message.contains(part), "`{line}` does not say `{part}`:\n{message}");
-        }
-    }
-    for (line, says) in [
-        ("inspect nowhere.glb", "nowhere.glb"),
-        ("inspect broken.gltf", "broken.gltf"),
-        ("sensors imx999", "imx250"),
-        ("sensors bad-sensor.toml", "bad-sensor.toml"),
-        ("paint", "paint"),
-        ("", "Usage"),
-    ] {
-        let message = stderr(&bench.run(line).code(2));
-        assert!(message.contains(says), "`{line}` does not say `{says}`:\n{message}");
-    }
-    assert_eq!(bench.names(), before, "something was written");
-    assert_eq!((bench.read("there.png"), bench.read("there.exr")), (b"precious".to_vec(), b"precious".to_vec()));
-}
-
-#[cfg(unix)]
-#[test]
-fn a_file_that_is_write_protected_is_refused_before_the_render() {
-    use std::os::unix::fs::PermissionsExt;
-    let bench = Bench::new();
-    bench.write("there.png", "precious");
-    fs::set_permissions(bench.path("there.png"), fs::Permissions::from_mode(0o444)).expect("own file");
-    let run = bench.run("render scene.gltf --width 8 --height 8 --spp 1 -o there.png --exr a.exr").code(2);
-    assert!(stderr(&run).contains("there.png") && stderr(&run).contains("read-only"), "{}", stderr(&run));
-    assert!(bench.read("there.png") == b"precious" && !bench.path("a.exr").exists());
 }
 
 #[test]
@@ -493,6 +279,18 @@ fn a_sample_is_traced_to_the_radiance_that_the_image_has() {
     let radiance: Vec<f32> = last.split_whitespace().map_while(|v| v.parse().ok()).collect();
     assert_eq!(radiance, ["R", "G", "B"].map(|c| bench.floats("a.exr", c)[0]), "{traced}");
     assert!(!bench.path("scene.png").exists(), "tracing writes no image");
+    // Each direction is named with its lobe; the floor has a diffuse and a glossy one.
+    let mut diffuse = 0;
+    for index in 0..16 {
+        let line = format!("render scene.gltf --width 1 --height 1 --seed 9 --debug-sample 0,0,{index}");
+        let traced = stdout(&bench.run(&line).code(0));
+        for line in traced.lines().filter(|l| l.trim_start().starts_with("scattered ")) {
+            let lobe = line.split(", ").find_map(|part| part.strip_prefix("lobe "));
+            assert!(matches!(lobe, Some("diffuse reflection" | "glossy reflection")), "{line}");
+            diffuse += u32::from(lobe == Some("diffuse reflection"));
+        }
+    }
+    assert!(diffuse > 0, "no sample was scattered diffusely");
 }
 
 #[test]

@@ -391,7 +391,7 @@ fn a_trace_names_vertices_in_media_and_adds_up() {
             let at = PixelSample { x: k % 8, y: k / 8, index };
             let (sample, trace) = estimator.trace(at);
             assert_eq!(sample, estimator.sample(at), "tracing {at:?} changes it");
-            let sum = trace.vertices.iter().fold(Rgb::BLACK, |sum, v| sum + v.emitted + v.direct);
+            let sum = trace.vertices.iter().fold(Rgb::BLACK, |sum, v| sum + v.contribution());
             let (a, b) = (sum.to_array(), sample.radiance.to_array());
             assert!((0..3).all(|c| (a[c] - b[c]).abs() <= 1e-5 * b[c].max(1e-6)), "{at:?}: {a:?} is not {b:?}");
             for v in trace.vertices.iter().filter(|v| v.in_medium) {

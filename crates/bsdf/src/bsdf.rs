@@ -157,7 +157,7 @@ impl Bsdf {
     /// Approximate share of light scattered, as a guide for denoisers: the base colour of a principled surface,
     /// brighter toward grazing angles by the reflection on top; reflection plus transmission of a clear one. Within
     /// `[0, 1]`. Not energy-exact and not for transport.
-    #[inline]
+    #[inline(always)]
     pub fn albedo(&self, wo: LocalDir) -> Rgb {
         match self {
             Self::Principled(b) => b.albedo(wo),

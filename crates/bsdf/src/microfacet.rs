@@ -75,7 +75,7 @@ impl Ggx {
 
     /// Samples a visible normal for reflection: the cap is cut to what can reflect above the surface
     /// (Eto and Tokuyoshi 2023). A few reflections below the surface remain.
-    #[inline]
+    #[inline(always)]
     pub fn sample_bounded(&self, wo: LocalDir, u: [f32; 2]) -> Vec3 {
         self.sample_cap(wo, self.cap_bound(wo), u)
     }

@@ -4,7 +4,7 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 use dunkelfeld::integrator::PixelSample;
 use dunkelfeld::io::quantity::Time;
 use dunkelfeld::radiometry::Seconds;
-use dunkelfeld::scene::Effect;
+use dunkelfeld::scene::{Effect, SceneBuilder};
 use dunkelfeld::sensor::Exposure;
 use std::path::PathBuf;
 
@@ -100,8 +100,10 @@ pub(crate) struct RenderArgs {
     /// How progress is shown on standard error.
     #[arg(long, value_enum, default_value_t = ProgressKind::Bar)]
     pub(crate) progress: ProgressKind,
-    /// Trace one sample instead of rendering, and print its path vertex by vertex.
-    #[arg(long, value_name = "X,Y,SAMPLE", value_parser = pixel_sample)]
+    /// Trace one sample instead of rendering, and print its path vertex by vertex. Nothing is written, so flags for outputs
+    /// and budgets are refused.
+    #[arg(long, value_name = "X,Y,SAMPLE", value_parser = pixel_sample,
+          conflicts_with_all = ["image", "linear", "exr", "stats", "plan", "time", "spp", "allocate"])]
     pub(crate) debug_sample: Option<PixelSample>,
 }
 
@@ -165,7 +167,9 @@ fn time_limit(text: &str) -> Result<f64, String> {
 
 fn effect(name: &str) -> Result<Effect, String> {
     Effect::ALL.into_iter().find(|e| e.name() == name).ok_or_else(|| {
-        let names: Vec<&str> = Effect::ALL.iter().map(|e| e.name()).collect();
+        // An empty scene can lose whatever any scene can.
+        let can_go = |e: &&Effect| SceneBuilder::default().leave_out(**e);
+        let names: Vec<&str> = Effect::ALL.iter().filter(can_go).map(|e| e.name()).collect();
         format!("write one of {}", names.join(", "))
     })
 }
@@ -200,6 +204,15 @@ mod tests {
     #[test]
     fn the_flags_do_not_contradict_each_other() {
         Cli::command().debug_assert();
+    }
+
+    #[test]
+    fn what_can_be_left_out_is_what_is_listed() {
+        let list = effect("foo").expect_err("no effect has this name");
+        for e in Effect::ALL {
+            let listed = list.replace("write one of ", "").split(", ").any(|name| name == e.name());
+            assert_eq!(listed, SceneBuilder::default().leave_out(e), "{}: {list}", e.name());
+        }
     }
 
     #[test]

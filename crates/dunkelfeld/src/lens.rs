@@ -2,7 +2,7 @@
 
 use dunkelfeld_io::job::{LensProjection, LensSettings};
 use dunkelfeld_scene::lens::{telecentric_aperture, telecentric_f_number};
-use dunkelfeld_scene::{Aperture, Blades, Camera, Opening, Projection, ThinLens};
+use dunkelfeld_scene::{Aperture, Blades, Camera, Opening, Projection, ThinLens, Vignetting};
 
 /// f-number of a lens that says nothing about its aperture.
 pub(crate) const DEFAULT_F_NUMBER: f64 = 4.0;
@@ -60,6 +60,10 @@ pub(crate) fn fit(camera: &Camera, lens: &LensSettings, film: FilmSize) -> Resul
         None => matches!(camera.projection, Projection::Orthographic { .. }),
         Some(projection) => projection == LensProjection::Telecentric,
     };
+    if parallel && lens.vignetting == Some(Vignetting::CosineFourth) {
+        let problem = format!("camera \"{}\" is orthographic, and parallel rays darken nowhere", camera.name);
+        return Err(Misfit::new("vignetting", problem, "remove it, or write projection = \"perspective\""));
+    }
     let fitted = if parallel { telecentric(camera, lens, film)? } else { perspective(camera, lens, film)? };
     if fitted.magnification > 100.0 {
         let problem = format!("the magnification becomes {:.1}, more than 100", fitted.magnification);

@@ -100,7 +100,13 @@ impl Project {
                 (load_scene(path, &ImportOptions::default())?, settings, OutputPaths::default())
             }
         };
+        let mut left_out: Vec<Effect> = Vec::new();
         for &effect in without {
+            // Named twice is left out once.
+            if left_out.contains(&effect) {
+                continue;
+            }
+            left_out.push(effect);
             if !imported.scene.leave_out(effect) {
                 return Err(Error::setting(
                     "without",
@@ -112,7 +118,7 @@ impl Project {
                 ));
             }
         }
-        settings.without = without.to_vec();
+        settings.without = left_out;
         let load_seconds = began.elapsed().as_secs_f64();
         let began = Instant::now();
         let (scene, report) = imported.scene.build()?;
@@ -323,7 +329,7 @@ fn open_job(job: &Job, optics: Optics) -> Result<(Imported, RenderSettings, Outp
         width: job.film.width.unwrap_or(defaults.width),
         height: job.film.height.unwrap_or(defaults.height),
         camera: job.camera.clone(),
-        budget: Budget { seconds: job.budget.time.map(|t| t.as_secs_f64()), spp: job.budget.spp.map(f64::from) },
+        budget: Budget { seconds: job.budget.time.map(|t| t.as_secs_f64()), spp: job.budget.spp },
         strategy: match job.allocate.strategy {
             job::AllocateStrategy::Uniform => Strategy::Uniform,
             job::AllocateStrategy::Sobel => Strategy::Sobel,

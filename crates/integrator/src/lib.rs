@@ -17,4 +17,4 @@ mod walk;
 
 pub use estimate::{Estimator, PixelSample};
 pub use labels::{Label, label};
-pub use trace::{ConnectionTally, PathTrace, TraceVertex};
+pub use trace::{ConnectionTally, PathTrace, TraceConnection, TraceScattering, TraceVertex};

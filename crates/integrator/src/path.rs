@@ -218,14 +218,14 @@ impl<'a, F: Features, R: Recorder> Path<'a, F, R> {
                     continue;
                 };
                 let mut found = direct::light_from::<F, _>(self.scene, at, &light);
+                self.recorder.direct(self.throughput * found);
                 if self.has_covers() {
                     let [_, _, _, u_chain] = self.sampler.get_4d(set);
-                    let recorder = &mut *self.recorder;
-                    found += cover::light_from::<F, _>(self.scene, at, &light, u_chain, |e| recorder.connection(e));
+                    let connected = cover::light_from::<F, _>(self.scene, at, &light, u_chain, self.recorder);
+                    self.recorder.connected(self.throughput * connected);
+                    found += connected;
                 }
-                let found = self.throughput * found;
-                self.recorder.direct(found);
-                self.sample.radiance += found;
+                self.sample.radiance += self.throughput * found;
             }
         }
 
@@ -241,7 +241,7 @@ impl<'a, F: Features, R: Recorder> Path<'a, F, R> {
             return false;
         }
         self.throughput *= 1.0 / survival;
-        self.recorder.scattered(scattered.wi.to_array(), scattered.pdf, scattered.weight);
+        self.recorder.scattered(&scattered);
 
         self.walk = at.leave(scattered.wi);
         if !scattered.lobe.contains(Lobe::DELTA) {

@@ -1,7 +1,10 @@
 //! A path written down, for replay: what happened at each vertex.
 
-use crate::cover::Effort;
+use crate::cover::Search;
+use crate::vertex::Scattering;
+use dunkelfeld_bsdf::Lobe;
 use dunkelfeld_radiometry::Rgb;
+use dunkelfeld_scene::Chain;
 
 /// One event of a path.
 #[derive(Clone, Debug, PartialEq)]
@@ -16,10 +19,52 @@ pub struct TraceVertex {
     pub throughput: Rgb,
     /// What the surface (or the environment) itself added to the sample [W/(m^2 sr)].
     pub emitted: Rgb,
-    /// What next-event estimation added here [W/(m^2 sr)].
+    /// What next-event estimation in straight lines added here [W/(m^2 sr)].
     pub direct: Rgb,
-    /// The sampled direction, its density [1/sr] (probability for a delta lobe) and weight; `None` where the path ended.
-    pub scattered: Option<([f32; 3], f32, Rgb)>,
+    /// The connections through covers that were sought here, one for each question for light at most.
+    pub connections: Vec<TraceConnection>,
+    /// Where the path went on; `None` where it ended.
+    pub scattered: Option<TraceScattering>,
+}
+
+impl TraceVertex {
+    /// All that was found at this vertex [W/(m^2 sr)]; the sample's radiance is the sum over its vertices.
+    pub fn contribution(&self) -> Rgb {
+        self.connections.iter().fold(self.emitted + self.direct, |sum, c| sum + c.contribution)
+    }
+}
+
+/// A direction that was sampled at a vertex.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TraceScattering {
+    /// Unit direction in render space.
+    pub direction: [f32; 3],
+    /// Its density [1/sr]; for a delta lobe its probability.
+    pub pdf: f32,
+    /// What is scattered over the density.
+    pub weight: Rgb,
+    /// The lobe that it was drawn from; empty for the phase function of a medium.
+    pub lobe: Lobe,
+}
+
+/// A connection through a cover that was sought at a vertex.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TraceConnection {
+    /// Index of the cover among those of the scene.
+    pub cover: u16,
+    /// What light does at the interfaces, from the vertex to the light.
+    pub chain: Chain,
+    /// The probability with which this chain was asked, of all that may lead to the light.
+    pub probability: f32,
+    /// Rays sent through the cover.
+    pub shots: u32,
+    /// Was the chain found?
+    pub has_arrived: bool,
+    /// The connection's share of what it found, by the power heuristic; scattering has the rest. 0 if nothing was found, or
+    /// something stood in the way.
+    pub share: f32,
+    /// What it added [W/(m^2 sr)].
+    pub contribution: Rgb,
 }
 
 /// A path, vertex by vertex.
@@ -60,9 +105,13 @@ pub(crate) trait Recorder {
     /// Direct light was added at the current vertex.
     fn direct(&mut self, contribution: Rgb);
     /// A direction was chosen at the current vertex.
-    fn scattered(&mut self, direction: [f32; 3], pdf: f32, weight: Rgb);
+    fn scattered(&mut self, scattering: &Scattering);
     /// A connection through a cover was sought at the current vertex.
-    fn connection(&mut self, effort: Effort);
+    fn connection(&mut self, search: &Search);
+    /// The last connection found light and has this share of it.
+    fn shares(&mut self, share: f32);
+    /// The last connection, if there was one for this question, added light at the current vertex.
+    fn connected(&mut self, contribution: Rgb);
     /// The path is over; all that it found counts by this factor, the lens's.
     fn weigh(&mut self, factor: f32);
 }
@@ -77,13 +126,17 @@ impl Recorder for ConnectionTally {
     #[inline]
     fn direct(&mut self, _: Rgb) {}
     #[inline]
-    fn scattered(&mut self, _: [f32; 3], _: f32, _: Rgb) {}
+    fn scattered(&mut self, _: &Scattering) {}
     #[inline]
-    fn connection(&mut self, effort: Effort) {
+    fn connection(&mut self, search: &Search) {
         self.attempts += 1;
-        self.arrived += u64::from(effort.has_arrived);
-        self.shots += u64::from(effort.shots);
+        self.arrived += u64::from(search.has_arrived);
+        self.shots += u64::from(search.shots);
     }
+    #[inline]
+    fn shares(&mut self, _: f32) {}
+    #[inline]
+    fn connected(&mut self, _: Rgb) {}
     #[inline]
     fn weigh(&mut self, _: f32) {}
 }
@@ -97,6 +150,7 @@ impl Recorder for PathTrace {
             throughput,
             emitted: Rgb::BLACK,
             direct: Rgb::BLACK,
+            connections: Vec::new(),
             scattered: None,
         });
     }
@@ -120,19 +174,54 @@ impl Recorder for PathTrace {
         }
     }
 
-    fn scattered(&mut self, direction: [f32; 3], pdf: f32, weight: Rgb) {
+    fn scattered(&mut self, s: &Scattering) {
         if let Some(v) = self.vertices.last_mut() {
-            v.scattered = Some((direction, pdf, weight));
+            let (direction, pdf, weight, lobe) = (s.wi.to_array(), s.pdf, s.weight, s.lobe);
+            v.scattered = Some(TraceScattering { direction, pdf, weight, lobe });
         }
     }
 
-    fn connection(&mut self, _: Effort) {}
+    fn connection(&mut self, s: &Search) {
+        if let Some(v) = self.vertices.last_mut() {
+            v.connections.push(TraceConnection {
+                cover: s.stack,
+                chain: s.chain,
+                probability: s.probability,
+                shots: s.shots,
+                has_arrived: s.has_arrived,
+                share: 0.0,
+                contribution: Rgb::BLACK,
+            });
+        }
+    }
+
+    fn shares(&mut self, share: f32) {
+        if let Some(c) = self.last_connection() {
+            c.share = share;
+        }
+    }
+
+    fn connected(&mut self, contribution: Rgb) {
+        // A question without any chain leaves no connection behind, and black.
+        if let Some(c) = self.last_connection() {
+            c.contribution += contribution;
+        }
+    }
 
     fn weigh(&mut self, factor: f32) {
         for v in &mut self.vertices {
             v.throughput *= factor;
             v.emitted *= factor;
             v.direct *= factor;
+            for c in &mut v.connections {
+                c.contribution *= factor;
+            }
         }
+    }
+}
+
+impl PathTrace {
+    fn last_connection(&mut self) -> Option<&mut TraceConnection> {
+        self.vertices.last_mut()?.connections.last_mut()
     }
 }

@@ -43,7 +43,7 @@ fn a_trace_adds_up_to_its_sample_and_its_weights_chain() {
             let at = PixelSample { x: k % SIZE, y: k / SIZE, index };
             let (sample, trace) = estimator.trace(at);
             assert_eq!(sample, estimator.sample(at), "tracing {at:?} changes it");
-            let sum = trace.vertices.iter().fold(Rgb::BLACK, |sum, v| sum + v.emitted + v.direct);
+            let sum = trace.vertices.iter().fold(Rgb::BLACK, |sum, v| sum + v.contribution());
             let (a, b) = (sum.to_array(), sample.radiance.to_array());
             assert!((0..3).all(|c| (a[c] - b[c]).abs() <= 1e-5 * b[c].max(1e-6)), "{at:?}: {a:?} is not {b:?}");
             // Weights grow by the sampled weight over the survival, and shrink by what solids absorb on the way. No surface
@@ -78,7 +78,7 @@ fn a_trace_through_a_darkening_lens_adds_up_too() {
         let at = PixelSample { x: k % SIZE, y: k / SIZE, index: k };
         let (sample, trace) = of(&lens).trace(at);
         assert_eq!(sample, of(&lens).sample(at), "tracing {at:?} changes it");
-        let sum = trace.vertices.iter().fold(Rgb::BLACK, |sum, v| sum + v.emitted + v.direct);
+        let sum = trace.vertices.iter().fold(Rgb::BLACK, |sum, v| sum + v.contribution());
         let (a, b) = (sum.to_array(), sample.radiance.to_array());
         assert!((0..3).all(|c| (a[c] - b[c]).abs() <= 1e-5 * b[c].max(1e-6)), "{at:?}: {a:?} is not {b:?}");
         if let (true, Some(first)) = (sample.hit, trace.vertices.first()) {

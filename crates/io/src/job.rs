@@ -139,9 +139,9 @@ pub struct BudgetSettings {
     /// Wall clock for the whole command, from start to files written: `"20s"`, `"2min"`.
     #[serde(deserialize_with = "check::duration")]
     pub time: Option<Duration>,
-    /// Mean number of samples per pixel.
+    /// Mean number of samples per pixel, above 0, at most 1e9.
     #[serde(deserialize_with = "check::spp")]
-    pub spp: Option<u32>,
+    pub spp: Option<f64>,
 }
 
 /// `[allocate]`
@@ -465,6 +465,10 @@ impl Job {
         lens::check_film(&job.film)
             .and_then(|()| lens::check_lens(&job.lens, &job.film, &job.sensor.model))
             .map_err(|(key, problem, mend)| file.error_at_key(&key, problem, mend))?;
+        if job.sensor.model == SensorChoice::None && file.has_key(&["sensor", "exposure"]) {
+            let problem = "there is no sensor to expose";
+            return Err(file.error_at_key(&["sensor", "exposure"], problem, "name a [sensor] model, or remove this"));
+        }
         if let Some(environment) = &mut job.environment {
             let (radiance, image) = (environment.radiance.is_some(), environment.image.is_some());
             if radiance == image {

@@ -68,7 +68,7 @@ macro_rules! quantity {
                         if $plain {
                             return Ok($name(v));
                         }
-                        Err(E::custom(format!(concat!($what, " {} needs a unit, such as \"", $example, "\""), v)))
+                        Err(E::custom(format!(concat!("{} lacks a unit; write ", $what, " as \"", $example, "\""), v)))
                     }
                 }
                 impl Visitor<'_> for Reader {

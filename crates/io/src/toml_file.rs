@@ -125,6 +125,11 @@ impl TomlFile {
         }
     }
 
+    /// Is there a value at the end of this path, as in [`Self::error_at_key`]?
+    pub fn has_key(&self, path: &[&str]) -> bool {
+        DeTable::parse(&self.text).is_ok_and(|root| span_of(root.get_ref(), path).is_some())
+    }
+
     /// Passes `value` on if it lies in `range`; not-a-number never does.
     ///
     /// # Errors
@@ -302,7 +307,15 @@ impl Message {
         {
             return Self {
                 problem: format!("{found} does not belong here"),
-                mend: format!("write {wanted}"),
+                mend: format!("write {}", in_words(wanted)),
+                missing: None,
+            };
+        }
+        if let Some((found, wanted)) = message.strip_prefix("invalid value: ").and_then(|m| m.split_once(", expected "))
+        {
+            return Self {
+                problem: format!("{found} is out of range"),
+                mend: format!("write {}", in_words(wanted)),
                 missing: None,
             };
         }
@@ -324,6 +337,25 @@ impl Message {
             None => format!("known {what}s: {list}"),
         };
         Self { problem: format!("unknown {what} `{name}`"), mend, missing: None }
+    }
+}
+
+/// What serde calls a kind of value, as people call it.
+fn in_words(wanted: &str) -> String {
+    match wanted {
+        "u8" => format!("a whole number from 0 to {}", u8::MAX),
+        "u16" => format!("a whole number from 0 to {}", u16::MAX),
+        "u32" => format!("a whole number from 0 to {}", u32::MAX),
+        // TOML's own whole numbers end here.
+        "u64" | "usize" => format!("a whole number from 0 to {}", i64::MAX),
+        "i32" | "i64" => "a whole number".into(),
+        "f32" | "f64" => "a number".into(),
+        "a boolean" => "true or false".into(),
+        "a string" => "a text in quotes".into(),
+        "a sequence" => "a list in brackets, [...]".into(),
+        "a map" => "a table".into(),
+        other if other.starts_with("struct ") => "a table".into(),
+        other => other.into(),
     }
 }
 
@@ -390,7 +422,7 @@ mod tests {
                 "scene = \"a\"\n[film]\nwidth = \"x\"",
                 "[film] width",
                 "string \"x\" does not belong here",
-                "write u32",
+                "write a whole number from 0 to 4294967295",
                 "\"x\"",
             ),
             (

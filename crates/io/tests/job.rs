@@ -78,7 +78,7 @@ fn a_job_that_says_everything() {
     assert!((job.lens.focal_length.unwrap() - 0.012).abs() < 1e-15);
     assert_eq!((job.lens.f_number, job.lens.transmission, job.lens.magnification), (Some(5.6), 0.8, Some(0.1)));
     assert_eq!((job.film.width, job.film.height), (Some(640), Some(480)));
-    assert_eq!((job.budget.time, job.budget.spp), (Some(Duration::from_secs(120)), Some(64)));
+    assert_eq!((job.budget.time, job.budget.spp), (Some(Duration::from_secs(120)), Some(64.0)));
     assert_eq!((job.allocate.strategy, job.allocate.pilot_spp, job.allocate.floor), (AllocateStrategy::Sobel, 8, 0.5));
     assert_eq!(job.sensor.model, SensorChoice::File(PathBuf::from("jobs/sensors/mine.toml")));
     assert_eq!(job.sensor.exposure, Exposure::Seconds(0.005));
@@ -116,7 +116,21 @@ fn faults_are_refused_with_place_mend_and_caret() {
         ("[budget]\ntime = \"soon\"", "[budget] time", "does not begin with a number", "\"5ms\"", "\"soon\""),
         ("[budget]\ntime = 0", "[budget] time", "out of range", "above zero", "0"),
         ("[budget]\nnoise = 0.7", "[budget] noise", "unknown key `noise`", "time, spp", "noise"),
-        ("[lens]\nvertical_fov = 30", "[lens] vertical_fov", "needs a unit", "", "30"),
+        ("[lens]\nvertical_fov = 30", "[lens] vertical_fov", "30 lacks a unit", "\"30deg\"", "30"),
+        ("[lens]\nvertical_fov = \"179deg\"", "[lens] vertical_fov", "179deg is out", "178deg", "\"179deg\""),
+        (
+            "[lens]\nfocus_distance = \"infinite\"",
+            "[lens] focus_distance",
+            "begin with a number",
+            "\"12mm\"",
+            "\"infinite\"",
+        ),
+        ("[budget]\nspp = 0", "[budget] spp", "out of range", "up to 1e9", "0"),
+        ("[budget]\nspp = \"64\"", "[budget] spp", "does not belong here", "write a number", "\"64\""),
+        ("[allocate]\npilot_spp = 1.5", "[allocate] pilot_spp", "1.5", "a whole number from 1 to 65536", "1.5"),
+        ("[[material]]\nname = \"a\"\npriority = 1.5", "[[material]] 1, priority", "1.5", "from -1000000 to", "1.5"),
+        ("[sensor]\nmodel = \"none\"\nexposure = \"5ms\"", "[sensor] exposure", "no sensor", "model", "\"5ms\""),
+        ("[sensor]\nmodel = \"none\"\nexposure = \"auto\"", "[sensor] exposure", "no sensor", "model", "\"auto\""),
         ("[lens]\nf_number = nan", "[lens] f_number", "out of range", "0.5 to 1000", "nan"),
         ("[lens]\ntransmission = 0", "[lens] transmission", "out of range", "", "0"),
         ("[lens]\nnumerical_aperture = 1", "[lens] numerical_aperture", "out of range", "0.000001 to 0.999", "1"),
@@ -169,6 +183,13 @@ fn faults_are_refused_with_place_mend_and_caret() {
         let span = error.source_span.as_deref().expect("a span");
         assert_eq!(&span.text[span.range.clone()], marked, "{error}\n{}", error.caret());
     }
+    for (key, value, mend) in
+        [("seed", "-1", "from 0 to 9223372036854775807"), ("frame", "5000000000", "to 4294967295")]
+    {
+        let error = refusal(&format!("{key} = {value}\nscene = \"a.glb\""));
+        assert!(error.problem.contains(value) && error.problem.contains("out of range"), "{error}");
+        assert!(error.place == key && error.mend.contains(mend), "{error}");
+    }
     assert_eq!(refusal("seed = 1").place, "scene");
     assert_eq!(refusal("scene = \"\"").problem, "the scene's path is empty");
     assert!(refusal(&with("[environment]")).problem.contains("empty"));
@@ -201,7 +222,13 @@ fn a_lens_that_says_everything() {
     let text = "[lens]\nprojection = \"telecentric\"\nfield_height = \"40mm\"\nnumerical_aperture = 0.02\nfocus_distance = 0.11";
     let lens = job(&with(text)).lens;
     assert_eq!((lens.field_height, lens.numerical_aperture, lens.f_number), (Some(0.04), Some(0.02), None));
-    assert_eq!(job(&with("[lens]\nfocus_distance = inf")).lens.focus_distance, Some(f64::INFINITY));
+    for inf in ["inf", "\"inf\""] {
+        let text = format!("[lens]\nfocus_distance = {inf}\n[[material]]\nname = \"a\"\nattenuation_distance = {inf}");
+        let job = job(&with(&text));
+        assert_eq!(job.lens.focus_distance, Some(f64::INFINITY));
+        assert_eq!(job.materials[0].attenuation_distance, Some(f32::INFINITY));
+    }
+    assert_eq!(job(&with("[budget]\nspp = 2.5")).budget.spp, Some(2.5));
 }
 
 #[test]
@@ -214,6 +241,7 @@ fn lenses_that_contradict_themselves_are_refused_where_they_do() {
         ("focus_distance = 1\nblade_rotation = \"3deg\"".into(), "blade_rotation", "round"),
         (telecentric("focal_length = \"12mm\""), "focal_length", "belongs to a perspective"),
         (telecentric("distortion = [0.1, 0, 0, 0]"), "distortion", "belongs to a perspective"),
+        (telecentric("field_height = 1\nvignetting = \"cos4\""), "vignetting", "belongs to a perspective"),
         (telecentric("field_height = 1\nmagnification = 0.1"), "magnification", "both set"),
         (telecentric("field_height = 1\nfocus_distance = inf"), "focus_distance", "finite distance"),
         (telecentric(&format!("magnification = 0.2{bare}")), "magnification", "size of the film"),

@@ -199,7 +199,7 @@ impl LightTable {
     }
 
     /// An estimate, up to a constant, of the irradiance that a light can send to the receiver; zero if it can send none.
-    #[inline]
+    #[inline(always)]
     fn weight(&self, light: &Light, receiver: &LightReceiver) -> f32 {
         match light {
             Light::Area(a) => a.weight(receiver),
@@ -223,7 +223,7 @@ impl LightTable {
     }
 
     /// Chooses a light: its index and probability.
-    #[inline]
+    #[inline(always)]
     fn choose(&self, receiver: &LightReceiver, u: f32) -> Option<(usize, f32)> {
         match &self.tree {
             Some(tree) if EFFECTS => tree.choose(receiver, u),
@@ -234,7 +234,7 @@ impl LightTable {
     }
 
     /// Chooses among at most N lights by weight.
-    #[inline]
+    #[inline(always)]
     fn choose_weighed<const N: usize>(&self, receiver: &LightReceiver, u: f32) -> Option<(usize, f32)> {
         let mut weights = [0f32; N];
         let mut total = 0.0;
@@ -305,7 +305,8 @@ impl LightTable {
     }
 
     /// A direction toward one light, which was chosen with the given probability.
-    #[inline]
+    // Always: one copy for all kernels would be called, and its answer copied, at every question.
+    #[inline(always)]
     fn sample_light(&self, receiver: &LightReceiver, index: usize, chosen: f32, u: [f32; 2]) -> Option<LightSample> {
         match self.lights.get(index)? {
             Light::Area(a) => {
@@ -405,7 +406,7 @@ impl AreaLight {
     }
 
     /// See [`LightTable::weight`]. The cosine at the light is that of its middle and a little more: its ends see others.
-    #[inline]
+    #[inline(always)]
     fn weight(&self, receiver: &LightReceiver) -> f32 {
         if !self.reaches(receiver) {
             return 0.0;

@@ -35,6 +35,7 @@ mod beam;
 mod shoot;
 
 use crate::direct::power_heuristic;
+use crate::trace::Recorder;
 use crate::vertex::Vertex;
 use crate::walk::Walk;
 use dunkelfeld_geometry::Vec3;
@@ -89,9 +90,13 @@ impl Passage {
     }
 }
 
-/// How often the solver ran, and how it fared.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(crate) struct Effort {
+/// A chain that was sought: how often the solver ran, and how it fared.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Search {
+    pub(crate) stack: u16,
+    pub(crate) chain: Chain,
+    /// The probability with which this chain was asked.
+    pub(crate) probability: f32,
     /// Rays sent through the cover.
     pub(crate) shots: u32,
     pub(crate) has_arrived: bool,
@@ -126,14 +131,14 @@ impl End {
 }
 
 /// Light of a sample that reaches a vertex through a cover and is scattered toward the camera. `u` in `[0, 1)` chooses among
-/// the chains that may lead there; `tell` hears of the solver's effort.
+/// the chains that may lead there; the recorder hears of the search and, if it found light, of the connection's share.
 #[inline(never)]
 pub(crate) fn light_from<F: Features, V: Vertex>(
     scene: &Scene,
     at: &V,
     light: &LightSample,
     u: f32,
-    tell: impl FnOnce(Effort),
+    recorder: &mut impl Recorder,
 ) -> Rgb {
     if light.is_delta {
         return Rgb::BLACK;
@@ -145,7 +150,8 @@ pub(crate) fn light_from<F: Features, V: Vertex>(
     let solver = Solver::<F>::new(scene, *at.receiver(), at.leave(light.direction), end);
     let Some(way) = solver.choose(u) else { return Rgb::BLACK };
     let (found, shots) = solver.connect(&way);
-    tell(Effort { shots, has_arrived: found.is_some() });
+    let Way { stack, chain, share: probability, .. } = way;
+    recorder.connection(&Search { stack, chain, probability, shots, has_arrived: found.is_some() });
     let Some(found) = found else { return Rgb::BLACK };
     let (scattered, pdf) = at.eval(found.direction);
     let unoccluded = scattered * light.radiance * found.shot.weight;
@@ -161,6 +167,7 @@ pub(crate) fn light_from<F: Features, V: Vertex>(
     // The density of the first direction.
     let density = light.pdf * way.share / found.narrowing;
     let share = power_heuristic(density, pdf * found.shot.probability);
+    recorder.shares(share);
     unoccluded * left * (open * share / density)
 }
 

@@ -14,9 +14,13 @@ pub(super) fn pixels<'de, D: Deserializer<'de>>(d: D) -> Result<Option<u32>, D::
     whole(d, 1, 32_768).map(Some)
 }
 
-/// Samples per pixel; the counters of a pixel hold more, but nobody waits for it.
-pub(super) fn spp<'de, D: Deserializer<'de>>(d: D) -> Result<Option<u32>, D::Error> {
-    whole(d, 1, 1 << 24).map(Some)
+/// Samples per pixel on average, as `--spp` takes them.
+pub(super) fn spp<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f64>, D::Error> {
+    let v = d.deserialize_any(Number)?;
+    if v > 0.0 && v <= 1e9 {
+        return Ok(Some(v));
+    }
+    Err(D::Error::custom(format!("{v} is out of range; write a number above zero and up to 1e9, such as 64")))
 }
 
 pub(super) fn pilot_spp<'de, D: Deserializer<'de>>(d: D) -> Result<u32, D::Error> {
@@ -24,11 +28,8 @@ pub(super) fn pilot_spp<'de, D: Deserializer<'de>>(d: D) -> Result<u32, D::Error
 }
 
 fn whole<'de, D: Deserializer<'de>>(d: D, least: u32, most: u32) -> Result<u32, D::Error> {
-    let v = i64::deserialize(d)?;
-    match u32::try_from(v) {
-        Ok(v) if (least..=most).contains(&v) => Ok(v),
-        _ => Err(D::Error::custom(format!("{v} is out of range; write a whole number from {least} to {most}"))),
-    }
+    let v = d.deserialize_any(Whole { least: least.into(), most: most.into() })?;
+    u32::try_from(v).map_err(D::Error::custom)
 }
 
 pub(super) fn unit<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f32>, D::Error> {
@@ -76,11 +77,11 @@ pub(super) fn blades<'de, D: Deserializer<'de>>(d: D) -> Result<Option<u32>, D::
 
 /// A distance in focus [m]; `inf` is one.
 pub(super) fn focus_distance<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f64>, D::Error> {
-    let Length(v) = Length::deserialize(d)?;
+    let v = d.deserialize_any(LengthOrInf)?;
     if v >= 1e-6 {
         return Ok(Some(v));
     }
-    Err(D::Error::custom(format!("{v} m is out of range; write a distance such as \"300mm\", or inf")))
+    Err(D::Error::custom(format!("{v} m is out of range; write a distance such as \"300mm\", or \"inf\"")))
 }
 
 /// A size on a sensor or of a field [m].
@@ -145,19 +146,27 @@ pub(super) fn duration<'de, D: Deserializer<'de>>(d: D) -> Result<Option<Duratio
     Err(D::Error::custom(format!("{v} s is out of range; write a time above zero, such as \"20s\"")))
 }
 
+/// An angle [rad] in degrees, as it was written: without the digits that only rounding makes.
+fn degrees(radians: f64) -> f64 {
+    (radians.to_degrees() * 1e9).round() / 1e9
+}
+
 /// A field of view [rad].
 pub(super) fn field_of_view<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f64>, D::Error> {
     let Angle(v) = Angle::deserialize(d)?;
     if v > 1e-4 && v < std::f64::consts::PI * 0.99 {
         return Ok(Some(v));
     }
-    Err(D::Error::custom(format!("{v} rad is out of range; write an angle between 0.01deg and 178deg")))
+    Err(D::Error::custom(format!("{}deg is out of range; write an angle between 0.01deg and 178deg", degrees(v))))
 }
 
 /// A rotation [rad].
 pub(super) fn angle<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f32>, D::Error> {
     let Angle(v) = Angle::deserialize(d)?;
-    in_range(v, -1e4, 1e4).map(|v| Some(v as f32))
+    if (-1e4..=1e4).contains(&v) {
+        return Ok(Some(v as f32));
+    }
+    Err(D::Error::custom(format!("{}deg is out of range; write an angle from -572957deg to 572957deg", degrees(v))))
 }
 
 /// A focal length [m].
@@ -171,7 +180,7 @@ pub(super) fn focal_length<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f64
 
 /// A distance [m] above zero; `inf` is one.
 pub(super) fn distance<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f32>, D::Error> {
-    let Length(v) = Length::deserialize(d)?;
+    let v = d.deserialize_any(LengthOrInf)?;
     // Above the smallest normal f32, so that the value stays above zero when it is narrowed.
     if v > 1e-30 {
         return Ok(Some(v as f32));
@@ -219,11 +228,8 @@ pub(super) fn mean_cosine<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f32>
 
 /// A priority among solids.
 pub(super) fn priority<'de, D: Deserializer<'de>>(d: D) -> Result<Option<i32>, D::Error> {
-    let v = i64::deserialize(d)?;
-    match i32::try_from(v) {
-        Ok(v) if (-1_000_000..=1_000_000).contains(&v) => Ok(Some(v)),
-        _ => Err(D::Error::custom(format!("{v} is out of range; write a whole number from -1000000 to 1000000"))),
-    }
+    let v = d.deserialize_any(Whole { least: -1_000_000, most: 1_000_000 })?;
+    i32::try_from(v).map(Some).map_err(D::Error::custom)
 }
 
 /// A radiometric quantity per channel.
@@ -245,6 +251,54 @@ pub(super) fn emissive_unit<'de, D: Deserializer<'de>>(d: D) -> Result<EmissiveU
         "nit" | "cd/m2" => Ok(EmissiveUnit::Nit),
         "W/(m2 sr)" | "W/(m^2 sr)" => Ok(EmissiveUnit::WattPerSteradianSquareMetre),
         other => Err(D::Error::custom(format!("unknown unit \"{other}\"; write \"nit\" or \"W/(m2 sr)\""))),
+    }
+}
+
+/// A whole number in a range.
+struct Whole {
+    least: i64,
+    most: i64,
+}
+
+impl Visitor<'_> for Whole {
+    type Value = i64;
+
+    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "a whole number from {} to {}", self.least, self.most)
+    }
+
+    fn visit_i64<E: Error>(self, v: i64) -> Result<i64, E> {
+        if (self.least..=self.most).contains(&v) {
+            return Ok(v);
+        }
+        let (least, most) = (self.least, self.most);
+        Err(E::custom(format!("{v} is out of range; write a whole number from {least} to {most}")))
+    }
+}
+
+/// A length, or `inf` with and without quotes.
+struct LengthOrInf;
+
+impl Visitor<'_> for LengthOrInf {
+    type Value = f64;
+
+    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("a length such as \"12mm\", or \"inf\"")
+    }
+
+    fn visit_str<E: Error>(self, v: &str) -> Result<f64, E> {
+        match v.trim() {
+            "inf" => Ok(f64::INFINITY),
+            text => text.parse::<Length>().map(f64::from).map_err(E::custom),
+        }
+    }
+
+    fn visit_f64<E: Error>(self, v: f64) -> Result<f64, E> {
+        Ok(v)
+    }
+
+    fn visit_i64<E: Error>(self, v: i64) -> Result<f64, E> {
+        Ok(v as f64)
     }
 }
 

@@ -138,6 +138,7 @@ pub(super) fn check_lens(lens: &LensSettings, film: &FilmSettings, sensor: &Sens
             ("vertical_fov", lens.vertical_fov.is_some()),
             ("focal_length", lens.focal_length.is_some()),
             ("distortion", lens.distortion.is_some_and(|d| !d.is_none())),
+            ("vignetting", lens.vignetting == Some(Vignetting::CosineFourth)),
         ] {
             if given {
                 let problem = "belongs to a perspective, and the lens is telecentric";

@@ -43,6 +43,10 @@ impl Triangle {
         }
     }
 
+    pub(super) fn corners(&self) -> &[DVec3; 3] {
+        &self.corners
+    }
+
     fn centroid(&self) -> DVec3 {
         (self.corners[0] + self.corners[1] + self.corners[2]) / 3.0
     }

@@ -53,6 +53,9 @@ struct Sheet {
     material: u32,
     /// Area of its footprint.
     extent: f64,
+    /// A sphere around its smooth clear faces \[m\].
+    center: DVec3,
+    radius: f64,
 }
 
 /// A sheet as its stack sees it: lower and upper face along the stack's axis.
@@ -183,7 +186,12 @@ fn sheet(scene: &Scene, solid: u32, parts: Vec<usize>, other_area: f64) -> Optio
     }
     let tangents = face::tangents(triangles, axis);
     let body = &scene.solids[solid as usize];
-    let mut sheet = Sheet { axis, tangents, ior: f64::from(body.ior), material: body.material, extent: 0.0, parts };
+    let (low, high) = triangles().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), t| {
+        t.corners().iter().fold((low, high), |(low, high), p| (low.min(*p), high.max(*p)))
+    });
+    let (center, radius) = (0.5 * (low + high), 0.5 * (high - low).length());
+    let (ior, material) = (f64::from(body.ior), body.material);
+    let mut sheet = Sheet { axis, tangents, ior, material, extent: 0.0, center, radius, parts };
     let (faces, _) = measure(scene, &sheet, axis, tangents)?;
     let thickness = faces[1].height - faces[0].height;
     let size = {
@@ -210,6 +218,15 @@ fn measure(scene: &Scene, sheet: &Sheet, axis: DVec3, tangents: [DVec3; 2]) -> O
 fn place(scene: &Scene, sheet: &Sheet, stack: &[Placed]) -> Option<([CoverInterface; 2], bool)> {
     let first = &stack.first()?.sheet;
     if sheet.axis.dot(first.axis).abs() < PARALLEL || 2 * (stack.len() + 1) > MOST_INTERFACES {
+        return None;
+    }
+    // Before all its triangles are looked at: seen along the axis, do the spheres around them meet?
+    let is_beside = stack.iter().any(|other| {
+        let way = sheet.center - other.sheet.center;
+        let across = way - first.axis * first.axis.dot(way);
+        across.length() > sheet.radius + other.sheet.radius
+    });
+    if is_beside {
         return None;
     }
     let (faces, is_flat) = measure(scene, sheet, first.axis, first.tangents)?;

@@ -1,7 +1,8 @@
 //! `render --debug-sample`: one sample, vertex by vertex.
 
 use crate::outcome::{Outcome, print};
-use dunkelfeld::integrator::{Estimator, PixelSample};
+use dunkelfeld::bsdf::Lobe;
+use dunkelfeld::integrator::{Estimator, PixelSample, TraceConnection};
 use dunkelfeld::radiometry::Rgb;
 use dunkelfeld::{Error, Project};
 use std::fmt::Write;
@@ -37,8 +38,14 @@ pub(super) fn run(project: &Project, at: PixelSample) -> Result<Outcome, Error> 
         if !v.direct.is_black() {
             let _ = writeln!(text, "   direct     {}", rgb(v.direct));
         }
-        if let Some(([x, y, z], pdf, weight)) = v.scattered {
-            let _ = writeln!(text, "   scattered  toward {x:.6} {y:.6} {z:.6}, pdf {pdf:e}, weight {}", rgb(weight));
+        for c in &v.connections {
+            let _ = writeln!(text, "   connected  {}", connection(c));
+        }
+        if let Some(s) = v.scattered {
+            let ([x, y, z], pdf, weight) = (s.direction, s.pdf, rgb(s.weight));
+            let lobe = lobe(s.lobe);
+            let _ =
+                writeln!(text, "   scattered  toward {x:.6} {y:.6} {z:.6}, lobe {lobe}, pdf {pdf:e}, weight {weight}");
         }
     }
     let _ = writeln!(text, "radiance {} W/(m^2 sr)", rgb(sample.radiance));
@@ -51,4 +58,42 @@ pub(super) fn run(project: &Project, at: PixelSample) -> Result<Outcome, Error> 
 
 fn rgb(c: Rgb) -> String {
     format!("{:e} {:e} {:e}", c.r, c.g, c.b)
+}
+
+/// A connection through a cover: its chain, what it took to find it, and what it brought.
+fn connection(c: &TraceConnection) -> String {
+    let (chain, cover, p) = (c.chain, c.cover, c.probability);
+    let shots = if c.shots == 1 { "1 shot".into() } else { format!("{} shots", c.shots) };
+    let found = match (c.has_arrived, c.share > 0.0) {
+        (false, _) => "not found".into(),
+        (true, false) => "no light comes through".into(),
+        (true, true) => format!("share {}, adds {}", c.share, rgb(c.contribution)),
+    };
+    format!("{chain:?} through cover {cover}, asked with probability {p}, {shots}, {found}")
+}
+
+/// The lobe that a direction was drawn from, in words.
+fn lobe(lobe: Lobe) -> String {
+    let words = [
+        (Lobe::CLEARCOAT, "clearcoat"),
+        (Lobe::DIFFUSE, "diffuse"),
+        (Lobe::GLOSSY, "glossy"),
+        (Lobe::DELTA, "delta"),
+        (Lobe::REFLECTION, "reflection"),
+        (Lobe::TRANSMISSION, "transmission"),
+    ];
+    let words: Vec<&str> = words.iter().filter(|(l, _)| lobe.contains(*l)).map(|(_, word)| *word).collect();
+    if words.is_empty() { "phase function".into() } else { words.join(" ") }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lobes_are_named_by_what_they_are() {
+        assert_eq!(lobe(Lobe::DELTA | Lobe::TRANSMISSION), "delta transmission");
+        assert_eq!(lobe(Lobe::REFLECTION | Lobe::CLEARCOAT | Lobe::GLOSSY), "clearcoat glossy reflection");
+        assert_eq!(lobe(Lobe::default()), "phase function");
+    }
 }
