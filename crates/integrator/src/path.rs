@@ -17,8 +17,8 @@ use std::marker::PhantomData;
 /// From this bounce on even a path that has lost nothing survives with less than certainty, so that light caught between
 /// perfect mirrors comes to an end.
 const ENDLESS: u32 = 64;
-/// Survival of such a path. Nearer to one the noise of closed bright cavities would be less (its variance is finite up to an
-/// albedo of 0.9899), and light trapped in clear sheets dearer: at 0.999 it takes six times as long as all else.
+/// Survival of such a path. The variance of closed cavities is finite up to an albedo of its square root, 0.9899; nearer to one
+/// it would be so for brighter ones, and light trapped in clear sheets would be followed for longer.
 const ENDLESS_SURVIVAL: f32 = 0.98;
 
 /// The same for scattering in media. It is late: light in a dense medium that absorbs nothing is scattered some thousand
