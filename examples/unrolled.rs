@@ -79,7 +79,7 @@ fn main() -> Result<(), dunkelfeld::Error> {
     println!("{} samples, {} of them invalid", rendering.film.total_samples(), rendering.film.invalid_samples());
 
     // The film holds exact sums; what the sensor makes of them is another step.
-    let frame = thread_pool(settings.threads)?.install(|| develop(&rendering.film.mean(), &settings))?;
+    let frame = thread_pool(settings.threads)?.install(|| develop(&rendering.film.mean_without_gaps(), &settings))?;
     if let Some(sensor) = &frame.sensor {
         let brightest = sensor.electrons.data().iter().copied().fold(0.0, f32::max);
         println!(

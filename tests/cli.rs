@@ -76,7 +76,7 @@ fn a_render_writes_all_outputs_well_formed() {
     }
     // The documented keys, all of them and no others.
     let keys: BTreeSet<&str> = stats.as_object().expect("an object").keys().map(String::as_str).collect();
-    let documented = "version program size seed frame threads allocation stop without samples mean_spp spp_range \
+    let documented = "version program size seed frame threads allocation stop without samples mean_spp spp_range pixels_without_samples \
                       samples_per_second invalid_samples invalid_named heaviest_samples dominated_pixels cover_connections mean_radiance mean_radiance_standard_error \
                       seconds total_seconds budget_seconds budget_missed sensor";
     assert_eq!(keys, documented.split_whitespace().collect());
@@ -188,7 +188,7 @@ fn a_timed_render_stops_by_time_and_is_replayed_to_the_last_bit() {
     assert!(matches!(run.get_output().status.code(), Some(0 | 1)), "{run}");
     let stats = bench.json("timed.json");
     assert_eq!((&stats["stop"], &stats["budget_seconds"]), (&"time".into(), &0.7.into()));
-    assert!(stats["samples"].as_u64() >= Some(48 * 32), "every pixel has a sample");
+    assert!(stats["samples"].as_u64() >= Some(48 * 32 / 16), "a preview at least");
     // Size, seed and frame come with the plan; either file will do, on any number of threads.
     for (plan, threads) in [("timed.exr", 1), ("plan.exr", 3)] {
         let line = format!("render scene.gltf --replay {plan} --threads {threads} -o r.png --exr r.exr --stats r.json");
@@ -198,6 +198,31 @@ fn a_timed_render_stops_by_time_and_is_replayed_to_the_last_bit() {
         let replayed = bench.json("r.json");
         assert_eq!((&replayed["allocation"], &replayed["samples"]), (&"replay".into(), &stats["samples"]));
     }
+}
+
+/// A budget for which there is no image still gives one, of a sample for every sixteenth pixel, and says so.
+#[test]
+fn pixels_without_samples_show_their_neighbours_and_are_told() {
+    let bench = Bench::new();
+    let render = "render scene.gltf --width 96 --height 64 --allocate uniform";
+    let check = |name: &str| {
+        let plan = dunkelfeld::load_plan(&bench.path(&format!("{name}.exr"))).expect("a plan");
+        let gaps = plan.samples.data().iter().filter(|&&n| n == 0).count();
+        assert_eq!(gaps, 96 * 64 * 15 / 16, "one sample for sixteen pixels");
+        assert_eq!(bench.json(&format!("{name}.json"))["pixels_without_samples"].as_u64(), Some(gaps as u64));
+    };
+    let run = bench.run(&format!("{render} --time 1ms -o a.png --exr a.exr --stats a.json")).code(1);
+    assert!(stderr(&run).contains("flagged: 93.8 % of pixels have no sample"), "{}", stderr(&run));
+    check("a");
+    // Asked for as a number of samples it is no fault, and a replay fills the same gaps.
+    let run = bench.run(&format!("{render} --spp 0.0625 -o b.png --exr b.exr --stats b.json")).code(0);
+    assert!(stderr(&run).contains("warning: 93.8 % of pixels have no sample"), "{}", stderr(&run));
+    check("b");
+    bench.run("render scene.gltf --replay a.exr -o c.png").code(0);
+    assert!(bench.read("c.png") == bench.read("a.png"));
+    // The picture is filled, the layer of the mean is not.
+    let lit = |layer: &str| bench.floats("a.exr", layer).into_iter().filter(|&v| v > 0.0).count();
+    assert!(lit("R") > 0 && lit("electrons.Y") >= 8 * lit("R"), "{} of {}", lit("electrons.Y"), lit("R"));
 }
 
 #[test]

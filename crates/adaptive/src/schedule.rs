@@ -44,8 +44,8 @@ pub struct Limits {
     pub seconds: Option<f64>,
     /// Samples of the whole image.
     pub samples: Option<u64>,
-    /// Samples that are taken whatever the clock says: one per pixel leaves no holes in an image that the budget is too
-    /// small for, at the price of missing it (see [`Schedule::budget_missed`]).
+    /// Samples that are taken whatever the clock says, so that there is an image also where the budget is too small for
+    /// one, at the price of missing it (see [`Schedule::budget_missed`]).
     pub at_least: u64,
 }
 
@@ -240,7 +240,7 @@ impl Schedule {
         (2.0 * self.overhead).max((0.01 * budget).min(0.5))
     }
 
-    /// The samples still owed for an image without holes, or the end.
+    /// The samples still owed for an image at all, or the end.
     fn owed_or_stop(&mut self, reason: StopReason) -> Step {
         let owed = self.limits.at_least.min(self.limits.samples.unwrap_or(u64::MAX)).saturating_sub(self.taken);
         if owed == 0 { Step::Stop(reason) } else { self.hand_out(owed, false) }

@@ -278,7 +278,7 @@ fn expected_work_steers_the_size_of_a_round() {
 }
 
 #[test]
-fn an_image_without_holes_may_be_worth_missing_the_budget() {
+fn an_image_at_all_may_be_worth_missing_the_budget() {
     let limits = Limits { seconds: Some(0.5), samples: None, at_least: 1_000_000 };
     let mut schedule = Schedule::new(limits, Settings { pixels: 1_000_000, pilot_spp: 16, closing_seconds: 0.0 });
     let mut now = 0.0;

@@ -10,7 +10,7 @@ use std::path::PathBuf;
 
 /// Renders what an industrial camera would see: a path tracer with a built-in EMVA 1288 sensor.
 ///
-/// Exit codes: 0 done; 1 rendered, but the result is flagged (invalid samples, time budget missed); 2 bad input or usage;
+/// Exit codes: 0 done; 1 rendered, but the result is flagged (invalid samples, time budget missed or too small); 2 bad input or usage;
 /// 130 interrupted, the best image so far was written.
 #[derive(Debug, Parser)]
 #[command(name = "dunkelfeld", version, about, long_about, propagate_version = true)]

@@ -242,7 +242,7 @@ impl Project {
         let settings = self.fitted()?;
         let object_names = self.scene.object_names();
         let rehearsal = |film: &Film, labels: &Plane<Option<Label>>| {
-            let frame = develop(&film.mean(), &settings)?;
+            let frame = develop(&film.mean_without_gaps(), &settings)?;
             Written { film, labels, frame: &frame, settings: &settings, object_names }.save(&self.outputs)
         };
         let rendering = render_rehearsed(&self.scene, &settings, self.started, progress, cancel, &rehearsal)?;
@@ -254,7 +254,7 @@ impl Project {
             remaining: None,
             samples: rendering.film.total_samples(),
         });
-        let mean = rendering.film.mean();
+        let mean = rendering.film.mean_without_gaps();
         let frame = thread_pool(settings.threads)?.install(|| develop(&mean, &settings))?;
         let mut stats = Stats::new(&rendering, &frame, &settings);
         stats.add_seconds(Stage::Load, self.load_seconds);

@@ -16,9 +16,11 @@ use rayon::prelude::*;
 use std::time::Instant;
 
 /// What exposing and writing takes [s per megapixel], until it has been measured.
-const CLOSING_PER_MEGAPIXEL: f64 = 1.5;
+const CLOSING_PER_MEGAPIXEL: f64 = 0.8;
 /// The rehearsal of exposing and writing may take this share of the time left; in shorter renders the guess has to do.
 const REHEARSAL_SHARE: f64 = 0.05;
+/// One in so many pixels gets a sample whatever the clock says: enough to see what the image shows.
+const PREVIEW: u64 = 16;
 /// What is kept back beyond the rehearsed time: a slow disk, a busy machine.
 const CLOSING_MARGIN: f64 = 1.15;
 
@@ -243,8 +245,8 @@ impl<'a> Renderer<'a> {
         let spp = budget.spp.or(if budget.seconds.is_none() { Some(DEFAULT_SPP) } else { None });
         let samples = spp.map(|spp| plan::total_for_mean(spp, self.pixels()).max(1));
         let mut closing = CLOSING_PER_MEGAPIXEL * self.pixels() as f64 * 1e-6;
-        let limits =
-            Limits { seconds: budget.seconds, samples, at_least: self.pixels().min(samples.unwrap_or(u64::MAX)) };
+        let preview = (self.pixels() / PREVIEW).max(1);
+        let limits = Limits { seconds: budget.seconds, samples, at_least: preview.min(samples.unwrap_or(u64::MAX)) };
         let settings = Settings { pixels: self.pixels(), pilot_spp: self.settings.pilot_spp, closing_seconds: closing };
         let mut schedule = Schedule::new(limits, settings);
         let reporter = Reporter::new(progress, self.started, budget.seconds, samples);
@@ -270,7 +272,7 @@ impl<'a> Renderer<'a> {
                 self.spend(Stage::Plan, began);
             }
             let target = plan::next_round(&self.counts, &self.weights, self.taken + round.samples);
-            // Beyond the samples that every pixel must have, a round that would pass the deadline is cut.
+            // Beyond the samples that a preview must have, a round that would pass the deadline is cut.
             let guard =
                 (self.taken >= limits.at_least).then(|| deadline(self.started, budget.seconds, closing)).flatten();
             let began = Instant::now();
@@ -350,7 +352,7 @@ impl<'a> Renderer<'a> {
         if self.settings.strategy == Strategy::Uniform {
             return dunkelfeld_adaptive::allocation::uniform(self.settings.width, self.settings.height);
         }
-        let mean = self.film.mean();
+        let mean = self.film.mean_without_gaps();
         let (luminance, white) = brightness(&mean, &self.settings.sensor);
         self.settings.strategy.weights(&Pilot { luminance: &luminance, white, sobel_floor: self.settings.sobel_floor })
     }

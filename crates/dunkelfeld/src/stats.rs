@@ -39,6 +39,8 @@ pub struct Stats {
     pub mean_spp: f64,
     /// Smallest and largest number of samples of a pixel.
     pub spp_range: [u32; 2],
+    /// Pixels without a sample. The picture shows their neighbours there; in the EXR they are black with `spp.Y` 0.
+    pub pixels_without_samples: u64,
     /// Samples per second while rendering.
     pub samples_per_second: f64,
     /// Samples that were not finite, negative or out of range; they count as black.
@@ -140,6 +142,7 @@ impl Stats {
                 counts.data().iter().copied().min().unwrap_or(0),
                 counts.data().iter().copied().max().unwrap_or(0),
             ],
+            pixels_without_samples: counts.data().iter().filter(|&&n| n == 0).count() as u64,
             samples_per_second: if rendering_seconds > 0.0 { samples as f64 / rendering_seconds } else { 0.0 },
             invalid_samples: film.invalid_samples(),
             invalid_named: rendering.invalid.iter().map(|s| format!("{},{},{}", s.x, s.y, s.index)).collect(),
@@ -174,7 +177,12 @@ impl Stats {
 
     /// Should the run's exit say that something is wrong with the result?
     pub fn is_flagged(&self) -> bool {
-        self.invalid_samples > 0 || self.budget_missed
+        self.invalid_samples > 0 || self.budget_missed || self.budget_too_small()
+    }
+
+    /// Did the time limit end the render before every pixel had a sample?
+    pub fn budget_too_small(&self) -> bool {
+        self.stop == "time" && self.pixels_without_samples > 0
     }
 
     /// As JSON text, ending in a newline.

@@ -1,6 +1,7 @@
 //! The film: exact sums for every pixel of an image.
 
 use crate::accumulator::{Accumulate, PixelSums, Sample};
+use crate::gaps::fill_gaps;
 use crate::plane::Plane;
 
 /// Why two films could not be joined.
@@ -82,6 +83,12 @@ impl Film {
     /// Mean radiance per pixel and channel [W/(m^2 sr)].
     pub fn mean(&self) -> Plane<[f32; 3]> {
         self.pixels.map(|p| p.mean().map(|v| v as f32))
+    }
+
+    /// [`Self::mean`] for a picture to look at: pixels without samples show the mean of their neighbours ([`fill_gaps`]).
+    pub fn mean_without_gaps(&self) -> Plane<[f32; 3]> {
+        let known = self.pixels.map(|p| p.count() > 0);
+        if known.data().contains(&false) { fill_gaps(&self.mean(), &known) } else { self.mean() }
     }
 
     /// Variance of the mean per pixel and channel [(W/(m^2 sr))^2]; infinite where nothing is known.

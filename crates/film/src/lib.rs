@@ -4,8 +4,10 @@
 
 mod accumulator;
 mod film;
+mod gaps;
 mod plane;
 
 pub use accumulator::{Accumulate, BATCHES, PixelSums, RadianceSum, Sample};
 pub use film::{Film, FilmError};
+pub use gaps::fill_gaps;
 pub use plane::Plane;

@@ -28,6 +28,15 @@ pub(super) fn print_report(args: &RenderArgs, project: &Project, result: &Projec
             replay_command(args, s, &heavy.sample)
         ));
     }
+    if s.pixels_without_samples > 0 {
+        let [width, height] = s.size;
+        let share = 100.0 * s.pixels_without_samples as f64 / (f64::from(width) * f64::from(height));
+        let (level, mend) = match s.budget_too_small() {
+            true => ("flagged", "; give it more time"),
+            false => ("warning", ""),
+        };
+        say(&format!("{level}: {share:.1} % of pixels have no sample, their neighbours are shown there{mend}"));
+    }
     if s.budget_missed {
         let limit = s.budget_seconds.unwrap_or(0.0);
         let (over, all) = (seconds(s.total_seconds - limit), seconds(s.total_seconds));
