@@ -411,6 +411,7 @@ fn links_between_the_pages_lead_somewhere() {
         "docs/sensor-file.md",
         "docs/statistics.md",
         "docs/effects.md",
+        "docs/bench.md",
     ]) {
         let folder = root().join(name).parent().map(Path::to_path_buf).unwrap_or_default();
         for link in local_links(&page(name)) {

@@ -1,6 +1,7 @@
 //! The flags. Doc comments are the help texts; values are checked here, before any file is opened.
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
+use dunkelfeld::adaptive::Strategy;
 use dunkelfeld::integrator::PixelSample;
 use dunkelfeld::io::quantity::Time;
 use dunkelfeld::radiometry::Seconds;
@@ -23,6 +24,9 @@ pub(crate) struct Cli {
 pub(crate) enum Command {
     /// Render a scene, expose it through a sensor, write images and statistics.
     Render(Box<RenderArgs>),
+    /// Measure what accuracy costs in time, and write a report: noise against time for each strategy, time until the noise
+    /// is hidden beneath the sensor's, what each effect of the scene costs and changes.
+    Bench(Box<BenchArgs>),
     /// List what a scene holds, and what in it may trouble a render.
     Inspect(InspectArgs),
     /// List the sensor presets, or print the data sheet of one.
@@ -107,6 +111,79 @@ pub(crate) struct RenderArgs {
     pub(crate) debug_sample: Option<PixelSample>,
 }
 
+/// Flags of `bench`.
+///
+/// Renders the scene many times with different seeds and compares. The folder gets `report.html`, which stands alone, its
+/// numbers as CSV, its charts as SVG, and in `units/` every finished render: a bench that was interrupted goes on from there
+/// when the same command is given again.
+#[derive(Debug, Args)]
+pub(crate) struct BenchArgs {
+    /// A scene (.gltf, .glb, .obj) or a job (.toml). Its budget and strategy are not used. Flags win over the job.
+    #[arg(value_name = "SCENE|JOB.toml")]
+    pub(crate) input: PathBuf,
+
+    /// The folder of the report [default: the input's name with -bench, in this folder].
+    #[arg(short = 'o', long = "output", value_name = "DIR")]
+    pub(crate) output: Option<PathBuf>,
+    /// Less than a minute in all: a short ladder, and unless it is given a film as large as this machine can do.
+    #[arg(long)]
+    pub(crate) quick: bool,
+    /// Discard the renders that the folder already holds.
+    #[arg(long)]
+    pub(crate) restart: bool,
+
+    /// The ladder: samples per pixel, ascending [default: 4,8,16,32,64,128; with --quick 4,8,16,32].
+    #[arg(long, value_name = "N,N,...", value_delimiter = ',', value_parser = clap::value_parser!(u32).range(1..))]
+    pub(crate) spp: Vec<u32>,
+    /// Independent renders of each point, an even number from 4 on [default: 8].
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    pub(crate) seeds: Option<u32>,
+    /// The strategies to compare [default: all].
+    #[arg(long, value_name = "NAME,NAME,...", value_delimiter = ',', value_parser = strategy)]
+    pub(crate) strategies: Vec<Strategy>,
+    /// The levels of hiding k to put a price on [default: 1,0.7,0.5,0.25].
+    #[arg(long, value_name = "K,K,...", value_delimiter = ',')]
+    pub(crate) noise: Vec<f64>,
+    /// The effects to leave out, one at a time, or none [default: all that the scene calls for].
+    #[arg(long, value_name = "EFFECT,...|none", value_parser = effect_choice)]
+    pub(crate) effects: Option<EffectChoice>,
+    /// Samples per pixel of the renders with and without an effect [default: a quarter of the ladder's top].
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    pub(crate) effect_spp: Option<u32>,
+    /// Samples per pixel of the reference [default: four times the ladder's top].
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    pub(crate) reference_spp: Option<u32>,
+
+    /// Width of the image [default: 512].
+    #[arg(long, value_name = "PIXELS", allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..=i64::from(dunkelfeld::MAX_SIDE)))]
+    pub(crate) width: Option<u32>,
+    /// Height of the image [default: 512].
+    #[arg(long, value_name = "PIXELS", allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..=i64::from(dunkelfeld::MAX_SIDE)))]
+    pub(crate) height: Option<u32>,
+    /// Camera by name [default: the first; a framing of the whole scene if there is none].
+    #[arg(long, value_name = "NAME")]
+    pub(crate) camera: Option<String>,
+    /// Sensor preset, a sensor file (.toml), or none [default: imx250].
+    #[arg(long, value_name = "NAME|FILE|none")]
+    pub(crate) sensor: Option<String>,
+    /// Exposure time as in 5ms, or auto: that of the reference, for all renders [default: auto].
+    #[arg(long, value_name = "TIME|auto", value_parser = exposure)]
+    pub(crate) exposure: Option<ExposureChoice>,
+    /// Seed that all others follow from [default: 0].
+    #[arg(long, value_name = "N", allow_negative_numbers = true)]
+    pub(crate) seed: Option<u64>,
+    /// Threads [default: one per core].
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = clap::value_parser!(u16).range(1..=1024))]
+    pub(crate) threads: Option<u16>,
+    /// How progress is shown on standard error.
+    #[arg(long, value_enum, default_value_t = ProgressKind::Bar)]
+    pub(crate) progress: ProgressKind,
+}
+
+/// Effects on the command line: a list, or none at all.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct EffectChoice(pub(crate) Vec<Effect>);
+
 /// Strategies on the command line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum Allocate {
@@ -172,6 +249,15 @@ fn effect(name: &str) -> Result<Effect, String> {
         let names: Vec<&str> = Effect::ALL.iter().filter(can_go).map(|e| e.name()).collect();
         format!("write one of {}", names.join(", "))
     })
+}
+
+fn effect_choice(text: &str) -> Result<EffectChoice, String> {
+    let names = text.split(',').filter(|_| text != "none");
+    names.map(effect).collect::<Result<_, _>>().map(EffectChoice)
+}
+
+fn strategy(name: &str) -> Result<Strategy, String> {
+    name.parse().map_err(|e: dunkelfeld::adaptive::UnknownStrategy| e.to_string())
 }
 
 fn samples_per_pixel(text: &str) -> Result<f64, String> {

@@ -98,7 +98,7 @@ fn extension(path: &Path) -> String {
     path.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase()
 }
 
-fn written(path: &Path, result: std::io::Result<()>) -> Result<(), Error> {
+pub(crate) fn written(path: &Path, result: std::io::Result<()>) -> Result<(), Error> {
     result.map_err(|e| {
         // The file is named once, by our own error.
         let said = e.to_string();

@@ -206,6 +206,23 @@ impl Project {
         Ok(settings)
     }
 
+    /// Renders on another number of pixels what the film shows now: pixels grow as their number shrinks.
+    pub(crate) fn resize_keeping_view(&mut self, width: u32, height: u32) {
+        let before = self.film_size();
+        let growth = f64::from(before.width) / f64::from(width.max(1));
+        self.film.pixel_pitch = before.pitch.map(|pitch| pitch * growth);
+        (self.settings.width, self.settings.height) = (width, height);
+    }
+
+    /// Takes everything that is set, but for the scene itself, from another project.
+    pub(crate) fn take_settings_of(&mut self, other: &Self) {
+        self.settings = other.settings.clone();
+        self.lens = other.lens.clone();
+        self.film = other.film.clone();
+        self.optics = other.optics;
+        self.own_pitch = other.own_pitch;
+    }
+
     fn film_size(&self) -> FilmSize {
         let (width, height) = (self.settings.width, self.settings.height);
         let pitch = self

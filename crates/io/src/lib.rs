@@ -19,6 +19,7 @@ pub mod obj;
 pub mod picture;
 pub mod png;
 pub mod quantity;
+pub mod results;
 pub mod sensor_file;
 pub mod tiff;
 pub mod toml_file;

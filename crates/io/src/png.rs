@@ -24,6 +24,17 @@ pub fn write_png(path: &Path, picture: Picture<'_>, text: &[(&str, &str)]) -> io
     write_atomically(path, |file| encode(file, picture, text))
 }
 
+/// A picture as a `data:` address, for a page that must stand alone.
+///
+/// # Errors
+/// A picture without pixels.
+pub fn data_uri(picture: Picture<'_>) -> io::Result<String> {
+    use base64::Engine;
+    let mut bytes = Vec::new();
+    encode(&mut bytes, picture, &[])?;
+    Ok(format!("data:image/png;base64,{}", base64::engine::general_purpose::STANDARD.encode(&bytes)))
+}
+
 fn encode(file: impl Write, picture: Picture<'_>, text: &[(&str, &str)]) -> io::Result<()> {
     let (width, height) = picture.size();
     let mut encoder = Encoder::new(file, width, height);

@@ -1,5 +1,6 @@
 //! One file for each command.
 
+pub(crate) mod bench;
 pub(crate) mod inspect;
 pub(crate) mod render;
 pub(crate) mod sensors;

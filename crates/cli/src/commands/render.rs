@@ -73,7 +73,7 @@ fn apply(args: &RenderArgs, project: &mut Project) -> Result<(), Error> {
             Allocate::Sobel => Strategy::Sobel,
         };
     }
-    apply_sensor(args, s, project.optics)?;
+    apply_sensor(args.sensor.as_deref(), args.exposure, s, project.optics)?;
     let o = &mut project.outputs;
     for (to, from) in [
         (&mut o.image, &args.image),
@@ -90,8 +90,14 @@ fn apply(args: &RenderArgs, project: &mut Project) -> Result<(), Error> {
     Ok(())
 }
 
-fn apply_sensor(args: &RenderArgs, s: &mut RenderSettings, optics: dunkelfeld::sensor::Optics) -> Result<(), Error> {
-    s.sensor = match (args.sensor.as_deref(), std::mem::replace(&mut s.sensor, SensorChoice::None)) {
+/// Another sensor or exposure, as the flags of any command name them.
+pub(crate) fn apply_sensor(
+    sensor: Option<&str>,
+    exposure: Option<ExposureChoice>,
+    s: &mut RenderSettings,
+    optics: dunkelfeld::sensor::Optics,
+) -> Result<(), Error> {
+    s.sensor = match (sensor, std::mem::replace(&mut s.sensor, SensorChoice::None)) {
         (None, chosen) => chosen,
         (Some("none"), _) => SensorChoice::None,
         (Some(name), chosen) => {
@@ -100,7 +106,7 @@ fn apply_sensor(args: &RenderArgs, s: &mut RenderSettings, optics: dunkelfeld::s
             SensorChoice::Emva { model: Box::new(dunkelfeld::find_sensor(name)?), optics, exposure }
         }
     };
-    match (args.exposure, &mut s.sensor) {
+    match (exposure, &mut s.sensor) {
         (None, _) => Ok(()),
         (Some(_), SensorChoice::None) => {
             Err(Error::setting("--exposure", "there is no sensor to expose", "add --sensor NAME, or leave it out"))

@@ -1,0 +1,71 @@
+//! `dunkelfeld bench`: flags onto a project and a measurement, then what was found and where it lies.
+
+use crate::args::BenchArgs;
+use crate::bar::Sink;
+use crate::commands::render::apply_sensor;
+use crate::interrupt::cancel_on_interrupt;
+use crate::outcome::{Outcome, print, say};
+use dunkelfeld::bench::{BenchSettings, bench, default_folder};
+use dunkelfeld::{Error, Progress, ProgressState, Project, Stage};
+use std::time::Instant;
+
+pub(crate) fn run(args: &BenchArgs, started: Instant) -> Result<Outcome, Error> {
+    let settings = settings(args);
+    settings.check()?;
+    let sink = Sink::new(args.progress);
+    sink.update(&ProgressState { stage: Stage::Load, fraction: 0.0, elapsed: 0.0, remaining: None, samples: 0 });
+    let mut project = Project::open_at(&args.input, started)?;
+    apply(args, &mut project)?;
+    let folder = args.output.clone().unwrap_or_else(|| default_folder(&args.input));
+    let own_size = args.width.is_some() || args.height.is_some();
+    let cancel = cancel_on_interrupt();
+    let outcome = bench(project, &args.input, &settings, &folder, own_size, args.restart, &sink, &cancel)?;
+    drop(sink);
+    let mut text = outcome.findings.iter().fold(String::new(), |text, line| text + line + "\n");
+    if let Some(page) = outcome.files.first() {
+        let others = outcome.files.len() - 1;
+        text += &format!("wrote {} and {others} tables and charts beside it\n", page.display());
+    }
+    print(&text);
+    if outcome.invalid_samples > 0 {
+        let n = outcome.invalid_samples;
+        say(&format!("flagged: {n} samples were not finite, negative or out of range; they count as black"));
+    }
+    let [done, all] = outcome.finished;
+    if outcome.interrupted && done < all {
+        say(&format!("interrupted: {done} of {all} renders are kept; the same command goes on from there"));
+        return Ok(Outcome::Interrupted);
+    }
+    Ok(if outcome.invalid_samples > 0 { Outcome::Flagged } else { Outcome::Done })
+}
+
+fn settings(args: &BenchArgs) -> BenchSettings {
+    let mut settings = if args.quick { BenchSettings::quick() } else { BenchSettings::default() };
+    if !args.spp.is_empty() {
+        settings = settings.with_ladder(args.spp.clone());
+    }
+    if !args.strategies.is_empty() {
+        settings.strategies.clone_from(&args.strategies);
+    }
+    if !args.noise.is_empty() {
+        settings.levels.clone_from(&args.noise);
+    }
+    settings.seeds = args.seeds.unwrap_or(settings.seeds);
+    settings.effect_spp = args.effect_spp.unwrap_or(settings.effect_spp);
+    settings.reference_spp = args.reference_spp.unwrap_or(settings.reference_spp);
+    settings.effects = args.effects.as_ref().map(|choice| choice.0.clone());
+    settings
+}
+
+/// Flags win over what the project's file says.
+fn apply(args: &BenchArgs, project: &mut Project) -> Result<(), Error> {
+    let s = &mut project.settings;
+    s.width = args.width.unwrap_or(s.width);
+    s.height = args.height.unwrap_or(s.height);
+    s.seed = args.seed.unwrap_or(s.seed);
+    s.threads = args.threads.map_or(s.threads, usize::from);
+    if args.camera.is_some() {
+        s.camera.clone_from(&args.camera);
+    }
+    apply_sensor(args.sensor.as_deref(), args.exposure, s, project.optics)
+}

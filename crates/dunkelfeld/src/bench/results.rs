@@ -1,0 +1,358 @@
+//! What the finished units say, read back from the folder: everything that the report shows, as plain data.
+
+use super::ablation::{Bias, bias};
+use super::chart::power_of_ten;
+use super::hidden::{Price, price, share, worst_ratio};
+use super::settings::BenchSettings;
+use super::statistics::{Deviations, Estimate, masked_mean, mean, rank_correlation};
+use super::store::{Record, Store};
+use super::units::{Purpose, Unit};
+use super::view::{View, exposure_words};
+use crate::error::Error;
+use crate::settings::RenderSettings;
+use dunkelfeld_adaptive::allocation::Strategy;
+use dunkelfeld_film::Plane;
+use dunkelfeld_scene::Effect;
+
+/// What is known of a bench beside its settings and units.
+pub(super) struct About<'a> {
+    pub(super) name: String,
+    pub(super) threads: usize,
+    /// Finished units, and all.
+    pub(super) finished: [usize; 2],
+    pub(super) effects: &'a [Effect],
+    pub(super) reference: Unit,
+}
+
+/// One point of the charts: a strategy at a number of samples.
+#[derive(Clone, Debug)]
+pub(super) struct Point {
+    pub(super) strategy: Strategy,
+    /// What was done to the image afterwards. Nothing, as long as there is no denoiser to compare.
+    pub(super) denoiser: &'static str,
+    /// Samples per pixel, on average.
+    pub(super) spp: u32,
+    /// Renders behind it.
+    pub(super) seeds: usize,
+    /// Seconds of rendering of one of them.
+    pub(super) seconds: Estimate,
+    /// Mean variance between the renders: of the 8-bit picture, of the linear signal, and over the sensor's own.
+    pub(super) picture: Estimate,
+    pub(super) signal: Estimate,
+    pub(super) ratio: Option<Estimate>,
+    /// The variance that the renders state of themselves, over the one that was measured.
+    pub(super) stated: f64,
+    /// Share of the pixels hidden at one half.
+    pub(super) hidden: Option<f64>,
+}
+
+/// What is known of a strategy at the top of the ladder.
+#[derive(Clone, Debug)]
+pub(super) struct Top {
+    pub(super) strategy: Strategy,
+    pub(super) spp: u32,
+    /// Samples per pixel of the first render.
+    pub(super) counts: Plane<u32>,
+    /// Variance between the renders, of the 8-bit picture [DN^2].
+    pub(super) picture_variance: Plane<f64>,
+    /// What the first render shows.
+    pub(super) signal: Plane<f32>,
+    /// Seconds by stage: means over the renders; exposing and writing of the first.
+    pub(super) stages: Vec<(String, f64)>,
+    pub(super) prices: Vec<Price>,
+}
+
+/// A scene without one of its effects.
+#[derive(Clone, Debug)]
+pub(super) struct Ablation {
+    pub(super) effect: Effect,
+    /// Seconds that leaving it out saves, and that a render with everything takes.
+    pub(super) saved: Estimate,
+    pub(super) whole: Estimate,
+    pub(super) bias: Bias,
+    pub(super) seeds: usize,
+}
+
+/// Everything that the report shows.
+pub(super) struct Results {
+    pub(super) name: String,
+    pub(super) program: String,
+    pub(super) size: [u32; 2],
+    pub(super) seed: u64,
+    pub(super) seeds: u32,
+    pub(super) threads: usize,
+    pub(super) camera: String,
+    pub(super) settings: BenchSettings,
+    pub(super) finished: [usize; 2],
+    pub(super) points: Vec<Point>,
+    pub(super) tops: Vec<Top>,
+    pub(super) ablations: Vec<Ablation>,
+    pub(super) reference: Plane<f32>,
+    pub(super) pilot: Option<(u32, Plane<f32>)>,
+    /// Sobel magnitude of the pilot, and its rank correlation with the variance of the uniform picture.
+    pub(super) sobel: Option<(Plane<f32>, f64)>,
+    pub(super) unsaturated: f64,
+    pub(super) view: View,
+}
+
+impl Results {
+    /// Reads back what is finished; `None` as long as there is no reference.
+    pub(super) fn gather(
+        store: &Store,
+        settings: &BenchSettings,
+        render: &RenderSettings,
+        about: &About<'_>,
+    ) -> Result<Option<Self>, Error> {
+        let base = render.seed;
+        if store.record(&about.reference, base)?.is_none() {
+            return Ok(None);
+        }
+        let radiance = store.radiance(&about.reference)?;
+        let view = View::new(&render.sensor, &radiance)?;
+        let reference = view.signal(&radiance);
+        let counts = view.unsaturated(&reference);
+        let s = view.sensor_variance(&reference);
+        let reader = Reader { store, base, settings, view: &view, counts: &counts, s: s.as_ref() };
+
+        let mut points = Vec::new();
+        let mut tops = Vec::new();
+        let highest = settings.ladder.last().copied();
+        for &strategy in &settings.strategies {
+            for &spp in &settings.ladder {
+                let Some((point, deviations, renders)) = reader.point(strategy, spp)? else { continue };
+                if Some(spp) == highest {
+                    tops.push(reader.top(&point, &deviations, &renders)?);
+                }
+                points.push(point);
+            }
+        }
+        let pilot = Unit { purpose: Purpose::Pilot, spp: render.pilot_spp, index: 0 };
+        let pilot = match store.record(&pilot, base)? {
+            Some(_) => Some((render.pilot_spp, store.signal(&pilot)?)),
+            None => None,
+        };
+        let sobel = pilot.as_ref().map(|(_, pilot)| {
+            let sobel = view.sobel(pilot);
+            let steep: Vec<f64> = sobel.data().iter().map(|&v| f64::from(v)).collect();
+            let plain = tops.iter().find(|t: &&Top| t.strategy == Strategy::Uniform);
+            (sobel, plain.map_or(f64::NAN, |t| rank_correlation(&steep, t.picture_variance.data())))
+        });
+        Ok(Some(Self {
+            name: about.name.clone(),
+            program: format!("dunkelfeld {}", env!("CARGO_PKG_VERSION")),
+            size: [render.width, render.height],
+            seed: base,
+            seeds: settings.seeds,
+            threads: about.threads,
+            camera: exposure_words(&view, &reference),
+            settings: settings.clone(),
+            finished: about.finished,
+            points,
+            tops,
+            ablations: reader.ablations(about.effects)?,
+            unsaturated: counts.iter().filter(|c| **c).count() as f64 / counts.len().max(1) as f64,
+            reference,
+            pilot,
+            sobel,
+            view,
+        }))
+    }
+
+    /// What was found, in a few lines of plain text.
+    pub(super) fn findings(&self) -> Vec<String> {
+        let mut lines = Vec::new();
+        let best = |k: f64| {
+            let at = self.tops.iter().filter_map(|t| t.prices.iter().find(|p| p.k == k).map(|p| p.seconds.value));
+            at.fold(f64::INFINITY, f64::min)
+        };
+        let k = self.headline_level();
+        for top in &self.tops {
+            if let Some(price) = top.prices.iter().find(|p| p.k == k) {
+                lines.push(format!(
+                    "{}: hidden at k = {k} after about {} samples per pixel, {} ({:.1} x the best)",
+                    top.strategy,
+                    rounded(price.spp.value),
+                    duration(price.seconds.value),
+                    price.seconds.value / best(k)
+                ));
+            }
+        }
+        for a in &self.ablations {
+            if let Some(verdict) = a.bias.verdict {
+                lines.push(format!(
+                    "without {}: {:+.0} % of the time; can this camera tell? {} (99 % of pixels within {} sigma)",
+                    a.effect.name(),
+                    -100.0 * a.saved.value / a.whole.value,
+                    verdict.words(),
+                    rounded(a.bias.p99_sigma)
+                ));
+            }
+        }
+        lines
+    }
+
+    /// The level of hiding that the headlines speak of: one half if it is among those that were asked for.
+    pub(super) fn headline_level(&self) -> f64 {
+        let levels = &self.settings.levels;
+        levels.iter().copied().find(|k| *k == 0.5).or(levels.first().copied()).unwrap_or(0.5)
+    }
+}
+
+/// Three digits, as people read them.
+pub(super) fn rounded(v: f64) -> String {
+    if !v.is_finite() {
+        return "-".into();
+    }
+    let digits = if v == 0.0 { 0 } else { v.abs().log10().floor() as i32 };
+    match digits {
+        ..-4 | 5.. => format!("{:.2}\u{b7}{}", v / 10f64.powi(digits), power_of_ten(digits)),
+        _ => format!("{v:.*}", (2 - digits).max(0) as usize),
+    }
+}
+
+/// A time with two or three digits, in the unit that suits it.
+pub(super) fn duration(seconds: f64) -> String {
+    let units = [("years", 31_557_600.0), ("days", 86_400.0), ("h", 3600.0), ("min", 60.0)];
+    match units.into_iter().find(|(_, size)| seconds >= 2.0 * size) {
+        Some((name, size)) => format!("{} {name}", rounded(seconds / size)),
+        None => format!("{} s", rounded(seconds)),
+    }
+}
+
+/// A point with the spread and the signals of its renders.
+type Measured = (Point, Deviations, Vec<Plane<f32>>);
+
+/// Reads units of a folder.
+struct Reader<'a> {
+    store: &'a Store,
+    base: u64,
+    settings: &'a BenchSettings,
+    view: &'a View,
+    counts: &'a [bool],
+    s: Option<&'a Plane<f64>>,
+}
+
+impl Reader<'_> {
+    fn finished(&self, purpose: Purpose, spp: u32) -> Result<Vec<(Unit, Record)>, Error> {
+        let mut found = Vec::new();
+        for index in 0..self.settings.seeds {
+            let unit = Unit { purpose, spp, index };
+            if let Some(record) = self.store.record(&unit, self.base)? {
+                found.push((unit, record));
+            }
+        }
+        Ok(found)
+    }
+
+    fn signals(&self, units: &[(Unit, Record)]) -> Result<Vec<Plane<f32>>, Error> {
+        units.iter().map(|(unit, _)| self.store.signal(unit)).collect()
+    }
+
+    /// A point with its spread; `None` with fewer than three renders.
+    fn point(&self, strategy: Strategy, spp: u32) -> Result<Option<Measured>, Error> {
+        let units = self.finished(Purpose::Point(strategy), spp)?;
+        let signals = self.signals(&units)?;
+        let pictures: Vec<Plane<f32>> = signals.iter().map(|p| self.view.picture(p).map(|&v| f32::from(v))).collect();
+        let (Some(picture), Some(signal)) = (Deviations::of(&pictures), Deviations::of(&signals)) else {
+            return Ok(None);
+        };
+        let seconds: Vec<f64> = units.iter().map(|(_, r)| r.total_seconds).collect();
+        let stated: Vec<f64> = units.iter().filter_map(|(_, r)| r.stated_variance).collect();
+        let all = vec![true; self.counts.len()];
+        let linear = signal.jackknife(|v| masked_mean(v, self.counts));
+        let ratio = self.s.map(|s| {
+            signal.jackknife(|v| {
+                let mut v = v.clone();
+                v.data_mut().iter_mut().zip(s.data()).for_each(|(v, s)| *v /= s);
+                masked_mean(&v, self.counts)
+            })
+        });
+        let point = Point {
+            strategy,
+            denoiser: "off",
+            spp,
+            seeds: units.len(),
+            seconds: mean(&seconds),
+            picture: picture.jackknife(|v| masked_mean(v, &all)),
+            signal: linear,
+            ratio,
+            stated: mean(&stated).value / linear.value,
+            hidden: self.s.map(|s| share(&signal.variance(), s, self.counts, 0.5)),
+        };
+        Ok(Some((point, signal, signals)))
+    }
+
+    fn top(&self, point: &Point, deviations: &Deviations, signals: &[Plane<f32>]) -> Result<Top, Error> {
+        let units = self.finished(Purpose::Point(point.strategy), point.spp)?;
+        let pictures: Vec<Plane<f32>> = signals.iter().map(|p| self.view.picture(p).map(|&v| f32::from(v))).collect();
+        let variance = Deviations::of(&pictures).map(|d| d.variance());
+        let first = Unit { purpose: Purpose::Point(point.strategy), spp: point.spp, index: 0 };
+        let counts = self.store.sample_counts(&first)?;
+        let worst = self.s.map(|s| worst_ratio(deviations, s, self.counts));
+        let prices = worst.map_or(Vec::new(), |worst| {
+            let levels = self.settings.levels.iter();
+            levels.map(|&k| price(k, worst, f64::from(point.spp), point.seconds)).collect()
+        });
+        Ok(Top {
+            strategy: point.strategy,
+            spp: point.spp,
+            counts,
+            picture_variance: variance.unwrap_or_else(|| deviations.variance()),
+            signal: self.store.signal(&first)?,
+            stages: stages(&units),
+            prices,
+        })
+    }
+
+    fn ablations(&self, effects: &[Effect]) -> Result<Vec<Ablation>, Error> {
+        let spp = self.settings.effect_spp;
+        let mut whole = self.finished(Purpose::Effects(None), spp)?;
+        whole.truncate(whole.len() / 2 * 2);
+        let signals = self.signals(&whole)?;
+        let mut found = Vec::new();
+        for &effect in effects {
+            let mut units = self.finished(Purpose::Effects(Some(effect)), spp)?;
+            units.truncate(whole.len().min(units.len()) / 2 * 2);
+            let with = &whole[..units.len()];
+            // Two seeds tell a difference, but not how well it is known.
+            if units.len() < 4 || units.iter().zip(with).any(|(a, b)| a.0.index != b.0.index) {
+                continue;
+            }
+            let white = self.view.white();
+            let Some(bias) = bias(&signals[..units.len()], &self.signals(&units)?, white, self.s) else { continue };
+            let seconds = |units: &[(Unit, Record)]| units.iter().map(|(_, r)| r.total_seconds).collect::<Vec<_>>();
+            let (a, b) = (seconds(with), seconds(&units));
+            let saved: Vec<f64> = a.iter().zip(&b).map(|(a, b)| a - b).collect();
+            found.push(Ablation { effect, saved: mean(&saved), whole: mean(&a), bias, seeds: units.len() });
+        }
+        Ok(found)
+    }
+}
+
+/// Mean seconds by stage, in the order in which a render goes through them; a stage that was timed only once counts once.
+fn stages(units: &[(Unit, Record)]) -> Vec<(String, f64)> {
+    ["pilot", "plan", "refine", "expose", "write"]
+        .into_iter()
+        .filter_map(|stage| {
+            let all: Vec<f64> = units.iter().filter_map(|(_, r)| r.seconds.get(stage).copied()).collect();
+            (!all.is_empty()).then(|| (stage.to_string(), mean(&all).value))
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_and_times_keep_three_digits() {
+        let shown = [0.0, 1.0, 12.345, 999.6, 12_345.0, -0.001_234].map(rounded);
+        assert_eq!(shown, ["0.00", "1.00", "12.3", "1000", "12345", "-0.00123"]);
+        assert_eq!(
+            [6.69e7, 1e-5, f64::NAN].map(rounded),
+            ["6.69\u{b7}10\u{2077}", "1.00\u{b7}10\u{207b}\u{2075}", "-"]
+        );
+        let times = [0.5, 119.0, 600.0, 36_000.0, 1.07e7, 1e10].map(duration);
+        assert_eq!(times, ["0.500 s", "119 s", "10.0 min", "10.0 h", "124 days", "317 years"]);
+    }
+}

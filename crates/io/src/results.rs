@@ -1,0 +1,117 @@
+//! A folder of results that grows while a long measurement runs: texts and images, each of which is there whole or not at all.
+
+use std::fs;
+use std::io::{self, ErrorKind, Write};
+use std::path::{Path, PathBuf};
+
+use crate::atomic::write_atomically;
+use crate::error::InputError;
+use crate::exr::{ExrLayers, read_exr, write_exr};
+
+/// An open folder. Names are those of files in it, and are never taken from a user's input.
+#[derive(Clone, Debug)]
+pub struct ResultsFolder {
+    path: PathBuf,
+}
+
+impl ResultsFolder {
+    /// Opens a folder, and makes it (with its parents) if there is none.
+    ///
+    /// # Errors
+    /// It cannot be made, or something else has its name.
+    pub fn open(path: &Path) -> io::Result<Self> {
+        fs::create_dir_all(path).map_err(|e| match e.kind() {
+            ErrorKind::AlreadyExists | ErrorKind::NotADirectory => {
+                io::Error::new(e.kind(), "a file is in the way; name a folder")
+            }
+            _ => e,
+        })?;
+        Ok(Self { path: path.to_path_buf() })
+    }
+
+    /// The folder.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Where the file of this name is, or would be.
+    pub fn file(&self, name: &str) -> PathBuf {
+        self.path.join(name)
+    }
+
+    /// The text of a file; `None` if there is no such file.
+    ///
+    /// # Errors
+    /// The file is there, but cannot be read as text.
+    pub fn read_text(&self, name: &str) -> Result<Option<String>, InputError> {
+        let path = self.file(name);
+        match fs::read_to_string(&path) {
+            Ok(text) => Ok(Some(text)),
+            Err(e) if e.kind() == ErrorKind::NotFound => Ok(None),
+            Err(e) => Err(InputError::new(path, "the whole file", e.to_string(), "delete it, or use another folder")),
+        }
+    }
+
+    /// Writes a text.
+    ///
+    /// # Errors
+    /// Those of the file system.
+    pub fn write_text(&self, name: &str, text: &str) -> io::Result<()> {
+        write_atomically(&self.file(name), |w| w.write_all(text.as_bytes()))
+    }
+
+    /// The layers of an image file.
+    ///
+    /// # Errors
+    /// The file is not there or is no EXR.
+    pub fn read_layers(&self, name: &str) -> Result<ExrLayers, InputError> {
+        read_exr(&self.file(name))
+    }
+
+    /// Writes an image file.
+    ///
+    /// # Errors
+    /// Those of the file system, or of what an EXR can hold.
+    pub fn write_layers(&self, name: &str, layers: ExrLayers) -> io::Result<()> {
+        write_exr(&self.file(name), layers)
+    }
+
+    /// Removes the folder with all that is in it, and opens it again, empty.
+    ///
+    /// # Errors
+    /// Those of the file system.
+    pub fn clear(self) -> io::Result<Self> {
+        match fs::remove_dir_all(&self.path) {
+            Err(e) if e.kind() != ErrorKind::NotFound => Err(e),
+            _ => Self::open(&self.path),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_was_written_is_read_and_what_is_missing_is_none() {
+        let home = tempfile::tempdir().expect("a temporary folder");
+        let folder = ResultsFolder::open(&home.path().join("a/b")).expect("writable");
+        assert_eq!(folder.read_text("x.json").expect("no error"), None);
+        folder.write_text("x.json", "{}").expect("writable");
+        assert_eq!(folder.read_text("x.json").expect("readable").as_deref(), Some("{}"));
+        fs::write(folder.file("x.json"), [0xff, 0xfe]).expect("writable");
+        let error = folder.read_text("x.json").expect_err("not text");
+        assert!(error.to_string().contains("x.json"), "{error}");
+        let folder = folder.clear().expect("removable");
+        assert_eq!(folder.read_text("x.json").expect("no error"), None);
+    }
+
+    #[test]
+    fn a_file_in_the_way_is_no_folder() {
+        let home = tempfile::tempdir().expect("a temporary folder");
+        let path = home.path().join("taken");
+        fs::write(&path, "x").expect("writable");
+        let error = ResultsFolder::open(&path).expect_err("a file");
+        assert!(error.to_string().contains("in the way"), "{error}");
+    }
+}

@@ -1,0 +1,294 @@
+//! `dunkelfeld bench` as its users have it: the report and its numbers, going on after an interruption, what it refuses.
+//!
+//! Replay: `cargo test -p dunkelfeld-cli --test bench NAME`.
+
+use assert_cmd::Command;
+use assert_cmd::assert::Assert;
+use dunkelfeld::adaptive::Strategy;
+use dunkelfeld::bench::{BenchOutcome, BenchSettings, bench};
+use dunkelfeld::{Cancel, Progress, ProgressState, Project, Silent};
+use std::collections::{BTreeMap, BTreeSet};
+use std::fs;
+use std::path::{Path, PathBuf};
+use tempfile::TempDir;
+
+const PROGRAM: &str = env!("CARGO_BIN_EXE_dunkelfeld");
+
+/// A tiny bench: everything in it, nothing of it large.
+const TINY: &str = "bench <scene>.obj --quick --width 20 --height 14 --spp 2,4 --seeds 4 --progress none";
+
+/// The tiny bench with one of its flags (or a further one) set otherwise.
+fn tiny_but(flag: &str, value: &str) -> String {
+    let mut words: Vec<&str> = TINY.split(' ').collect();
+    match words.iter().position(|w| *w == flag) {
+        Some(at) => words[at + 1] = value,
+        None => words.extend([flag, value]),
+    }
+    words.join(" ")
+}
+
+/// A folder with a scene whose name does its worst to HTML: a lit floor, half hidden by a sheet that is there by chance.
+struct Bench {
+    folder: TempDir,
+}
+
+impl Bench {
+    fn new() -> Self {
+        let bench = Self { folder: TempDir::new().expect("a temporary folder") };
+        let square = |half: f32, height: f32, down: bool| -> String {
+            let corners = [[-half, half], [half, half], [half, -half], [-half, -half]];
+            let corner = |i: usize| corners[if down { 3 - i } else { i }];
+            (0..4).map(|i| format!("v {} {height} {}\n", corner(i)[0], corner(i)[1])).collect()
+        };
+        let objects = square(1.0, 0.0, false) + &square(0.4, 0.3, false) + &square(0.3, 1.0, true);
+        let faces = "usemtl floor\nf 1 2 3 4\nusemtl sheet\nf 5 6 7 8\nusemtl lamp\nf 9 10 11 12\n";
+        bench.write("<scene>.obj", &format!("mtllib scene.mtl\n{objects}{faces}"));
+        let sheet = "newmtl sheet\nKd 0.8 0.2 0.2\nd 0.5\n";
+        let lamp = "newmtl lamp\nKd 0 0 0\nKe 3 3 3\n";
+        bench.write("scene.mtl", &format!("newmtl floor\nKd 0.5 0.5 0.5\n{sheet}{lamp}"));
+        bench
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    fn write(&self, name: &str, text: &str) {
+        fs::write(self.path(name), text).expect("writable");
+    }
+
+    fn read(&self, name: &str) -> String {
+        fs::read_to_string(self.path(name)).unwrap_or_else(|e| panic!("{name}: {e}"))
+    }
+
+    /// Runs the program in the folder, with the words of a line as arguments.
+    fn run(&self, line: &str) -> Assert {
+        Command::new(PROGRAM).current_dir(self.folder.path()).args(line.split_whitespace()).assert()
+    }
+
+    fn names(&self, folder: &str) -> BTreeSet<String> {
+        let entries = fs::read_dir(self.path(folder)).expect("readable");
+        entries.map(|e| e.expect("readable").file_name().to_string_lossy().into_owned()).collect()
+    }
+
+    /// The rows of a table, by column.
+    fn table(&self, name: &str) -> Vec<BTreeMap<String, String>> {
+        let text = self.read(name);
+        let mut lines = text.lines().map(|l| l.split(',').map(str::to_owned).collect::<Vec<_>>());
+        let header = lines.next().expect("a header");
+        lines.map(|cells| header.iter().cloned().zip(cells).collect()).collect()
+    }
+
+    /// The same bench through the library.
+    fn call(&self, folder: &Path, progress: &dyn Progress, cancel: &Cancel) -> BenchOutcome {
+        let input = self.path("<scene>.obj");
+        let mut project = Project::open(&input).expect("a scene");
+        (project.settings.width, project.settings.height) = (20, 14);
+        let settings = BenchSettings { seeds: 4, ..BenchSettings::quick() }.with_ladder(vec![2, 4]);
+        bench(project, &input, &settings, folder, true, false, progress, cancel).expect("a bench")
+    }
+}
+
+fn complaint(assert: &Assert) -> String {
+    String::from_utf8_lossy(&assert.get_output().stderr).into_owned()
+}
+
+#[test]
+fn a_report_stands_alone_and_its_numbers_are_those_of_the_tables() {
+    let bench = Bench::new();
+    let done = bench.run(TINY).code(0);
+    let said = String::from_utf8_lossy(&done.get_output().stdout).into_owned();
+    assert!(said.contains("report.html") && said.contains("without coverage"), "{said}");
+    let home = "<scene>-bench";
+    let page = bench.read(&format!("{home}/report.html"));
+
+    // Well-formed, with the file's name as text and not as an element.
+    let markup = page.strip_prefix("<!doctype html>\n").expect("a document type");
+    let document = roxmltree::Document::parse(markup).unwrap_or_else(|e| panic!("{e}"));
+    assert!(!document.descendants().any(|n| n.has_tag_name("scene")));
+    // Nothing is loaded from anywhere: no links, no sources but those in the page itself.
+    for node in document.descendants() {
+        assert!(!["link", "iframe", "object", "embed", "base"].contains(&node.tag_name().name()), "{node:?}");
+        for attribute in node.attributes() {
+            let loads = ["src", "href", "srcset", "action", "poster", "data"].contains(&attribute.name());
+            assert!(!loads || attribute.value().starts_with("data:image/"), "{attribute:?}");
+        }
+    }
+    // Nor by style or script; the pictures' own letters may spell anything.
+    let parts = page.split("data:image/").enumerate();
+    let text: String = parts.map(|(i, p)| if i == 0 { p } else { p.split_once('"').map_or("", |p| p.1) }).collect();
+    for foreign in ["http:", "https:", "@import", "url(", "src=\"//", "NaN", "inf "] {
+        assert!(!text.contains(foreign), "the page has {foreign:?}");
+    }
+
+    // The numbers: each table of the page against its file, cell by cell.
+    let mut tables = 0;
+    for name in ["noise", "hidden", "stages", "effects"] {
+        let id = format!("table-{name}");
+        let table = document.descendants().find(|n| n.attribute("id") == Some(&id)).unwrap_or_else(|| panic!("{id}"));
+        let shown: Vec<&str> = table.descendants().filter_map(|n| n.attribute("value")).collect();
+        let csv = bench.read(&format!("{home}/{name}.csv"));
+        let numbers = csv.lines().skip(1).flat_map(|l| l.split(','));
+        let written: Vec<&str> = numbers.filter(|c| c.is_empty() || c.parse::<f64>().is_ok()).collect();
+        assert_eq!(shown, written, "{name}");
+        assert!(!shown.is_empty(), "{name} is empty");
+        tables += 1;
+    }
+    assert_eq!(tables, 4);
+
+    // Every strategy at every rung, with a spread that is known; every chart as a file of its own.
+    let noise = bench.table(&format!("{home}/noise.csv"));
+    let points: BTreeSet<(&str, &str)> = noise.iter().map(|r| (r["strategy"].as_str(), r["spp"].as_str())).collect();
+    let wanted = Strategy::ALL.iter().flat_map(|s| [(s.name(), "2"), (s.name(), "4")]).collect();
+    assert_eq!(points, wanted);
+    for row in &noise {
+        for key in ["variance_picture", "variance_signal", "variance_over_sensor", "seconds", "variance_signal_error"] {
+            assert!(row[key].parse::<f64>().is_ok_and(|v| v > 0.0), "{key}: {row:?}");
+        }
+    }
+    let charts: Vec<String> = bench.names(home).into_iter().filter(|n| n.ends_with(".svg")).collect();
+    assert_eq!(charts.len(), 9, "{charts:?}");
+    for chart in charts {
+        let text = bench.read(&format!("{home}/{chart}"));
+        roxmltree::Document::parse(&text).unwrap_or_else(|e| panic!("{chart}: {e}"));
+    }
+}
+
+#[test]
+fn what_leaving_out_does_is_measured_where_it_is() {
+    let bench = Bench::new();
+    bench.run(&format!("{TINY} --effect-spp 256 --strategies uniform -o out")).code(0);
+    let effects = bench.table("out/effects.csv");
+    assert_eq!(effects.iter().map(|r| r["effect"].as_str()).collect::<Vec<_>>(), ["coverage"]);
+    let number = |key: &str| effects[0][key].parse::<f64>().unwrap_or_else(|_| panic!("{key}: {effects:?}"));
+    // A sheet that is wholly there is not the floor that half shone through it, by far more than noise.
+    assert!(number("bias_mean").abs() > 10.0 * number("bias_mean_error"), "{effects:?}");
+    assert!(number("sigma_p99") > 3.0 * number("sigma_p99_noise"), "{effects:?}");
+    assert_eq!(effects[0]["visible"], "yes");
+}
+
+#[test]
+fn without_a_sensor_there_is_nothing_to_hide_beneath() {
+    let bench = Bench::new();
+    bench.run(&format!("{TINY} --sensor none --effects none --strategies uniform,sobel -o out")).code(0);
+    let names = bench.names("out");
+    assert!(names.contains("noise.csv") && names.contains("noise-picture-time.svg"), "{names:?}");
+    assert!(!names.contains("hidden.csv") && !names.contains("effects.csv"), "{names:?}");
+    assert!(!bench.table("out/noise.csv")[0].contains_key("variance_over_sensor"));
+}
+
+/// Throws the switch once a share of the bench is done.
+struct CutAt<'a>(f64, &'a Cancel);
+
+impl Progress for CutAt<'_> {
+    fn update(&self, state: &ProgressState) {
+        if state.fraction >= self.0 {
+            self.1.cancel();
+        }
+    }
+}
+
+#[test]
+fn an_interrupted_bench_goes_on_and_comes_to_the_same_numbers() {
+    let bench = Bench::new();
+    let whole = bench.call(&bench.path("whole"), &Silent, &Cancel::new());
+    assert!(!whole.interrupted && whole.finished[0] == whole.finished[1], "{whole:?}");
+
+    // Every unit reports at least once before it begins.
+    let cut = bench.path("cut");
+    let cancel = Cancel::new();
+    let partial = bench.call(&cut, &CutAt(0.4, &cancel), &cancel);
+    assert!(partial.interrupted && (1..partial.finished[1]).contains(&partial.finished[0]), "{partial:?}");
+    let page = bench.read("cut/report.html");
+    assert!(page.contains(&format!("{} of {} renders", partial.finished[0], partial.finished[1])));
+
+    // What was finished is not made again.
+    let stamp = |name: &str| fs::metadata(cut.join("units").join(name)).and_then(|m| m.modified()).expect("a file");
+    let kept: Vec<String> = bench.names("cut/units").into_iter().collect();
+    let before: Vec<_> = kept.iter().map(|name| stamp(name)).collect();
+    let rest = bench.call(&cut, &Silent, &Cancel::new());
+    assert_eq!(rest.finished, whole.finished);
+    assert_eq!(kept.iter().map(|name| stamp(name)).collect::<Vec<_>>(), before);
+    assert_eq!(bench.names("cut/units"), bench.names("whole/units"));
+
+    // All but the clock's numbers are the same.
+    let timeless = |folder: &str, name: &str| -> Vec<BTreeMap<String, String>> {
+        let mut rows = bench.table(&format!("{folder}/{name}.csv"));
+        let clocks = ["seconds", "seconds_error", "over_best", "seconds_saved", "seconds_saved_error", "share_saved"];
+        rows.iter_mut().for_each(|row| row.retain(|key, _| !clocks.contains(&key.as_str())));
+        rows
+    };
+    for name in ["noise", "hidden", "effects"] {
+        assert_eq!(timeless("cut", name), timeless("whole", name), "{name}");
+    }
+}
+
+#[test]
+fn a_folder_stays_with_what_it_measured() {
+    let bench = Bench::new();
+    let small = format!("{TINY} --effects none --strategies uniform -o out");
+    bench.run(&small).code(0);
+    let record = bench.read("out/units/uniform-2-00.json");
+    // Another seed, another size, another ladder, another scene: refused with the difference, and nothing is lost.
+    let others = [
+        ("--seed", "7", "seed is 7 now"),
+        ("--width", "21", "film"),
+        ("--spp", "2,8", "settings"),
+        ("--seeds", "6", "settings"),
+        ("--sensor", "imx174", "sensor"),
+    ];
+    for (flag, value, difference) in others {
+        let line = tiny_but(flag, value) + " --effects none --strategies uniform -o out";
+        let said = complaint(&bench.run(&line).code(2));
+        assert!(said.contains(difference) && said.contains("mend:") && said.contains("--restart"), "{line}: {said}");
+    }
+    let mtl = bench.read("scene.mtl");
+    bench.write("scene.mtl", &mtl.replace("Kd 0.5", "Kd 0.6"));
+    let said = complaint(&bench.run(&small).code(2));
+    assert!(said.contains("scene"), "{said}");
+    assert_eq!(bench.read("out/units/uniform-2-00.json"), record);
+    // More strategies of the same bench may join; another bench may not, unless it is told to.
+    bench.write("scene.mtl", &mtl);
+    bench.run(&small.replace("--strategies uniform", "--strategies uniform,sobel")).code(0);
+    assert_eq!(bench.read("out/units/uniform-2-00.json"), record);
+    bench.run(&format!("{small} --seed 7 --restart")).code(0);
+    assert_ne!(bench.read("out/units/uniform-2-00.json"), record);
+}
+
+#[test]
+fn what_cannot_be_measured_is_refused_with_its_mend() {
+    let bench = Bench::new();
+    bench.write("taken", "a file");
+    let cases = [
+        ("bench nothing.glb", "nothing.glb"),
+        ("bench <scene>.obj --spp 8,4", "ladder"),
+        ("bench <scene>.obj --spp 0", "--spp"),
+        ("bench <scene>.obj --seeds 3", "seeds"),
+        ("bench <scene>.obj --strategies best", "there is no allocation"),
+        ("bench <scene>.obj --strategies sobel,sobel", "strategies"),
+        ("bench <scene>.obj --effects color", "color"),
+        ("bench <scene>.obj --effects magic", "magic"),
+        ("bench <scene>.obj --effects every-light", "looking for light"),
+        ("bench <scene>.obj --strategies uniform,sobel,uniform", "strategies"),
+        ("bench <scene>.obj --noise 0", "k"),
+        ("bench <scene>.obj --width 8 --height 8 -o taken", "in the way"),
+        ("bench <scene>.obj --sensor nosuch", "nosuch"),
+    ];
+    for (line, word) in cases {
+        let said = complaint(&bench.run(line).code(2));
+        assert!(said.contains(word), "{line}: {said}");
+        assert!(!said.contains("panicked"), "{line}: {said}");
+    }
+    assert_eq!(bench.names(".").len(), 3, "{:?}", bench.names("."));
+    // A record that is no record: the file, the line and what to do.
+    let small = format!("{TINY} --effects none --strategies uniform -o out");
+    bench.run(&small).code(0);
+    bench.write("out/units/uniform-2-00.json", "{ \"name\": 3");
+    let said = complaint(&bench.run(&small).code(2));
+    assert!(said.contains("uniform-2-00.json") && said.contains("mend:"), "{said}");
+    // A record without its image is mended in the same way.
+    bench.run(&format!("{small} --restart")).code(0);
+    fs::remove_file(bench.path("out/units/uniform-2-00.exr")).expect("there");
+    let said = complaint(&bench.run(&small).code(2));
+    assert!(said.contains("uniform-2-00.exr"), "{said}");
+}
