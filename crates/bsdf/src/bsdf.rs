@@ -107,11 +107,15 @@ impl Bsdf {
     /// Samples a direction; `u_lobe` chooses the lobe, `u` the direction in it, all in `[0, 1)`.
     ///
     /// `None` if the light is absorbed: the estimate of the scattered light is zero then.
-    #[inline]
+    #[inline(always)]
     pub fn sample(&self, wo: LocalDir, u_lobe: f32, u: [f32; 2]) -> Option<BsdfSample> {
         match self {
             Self::Principled(b) => b.sample(wo, u_lobe, u),
-            _ if EFFECTS => self.sample_clear(wo, u_lobe, u),
+            _ if EFFECTS => {
+                // Not handed on as it is: the sample above would then lie in memory as this one does.
+                let sample = self.sample_clear(wo, u_lobe, u)?;
+                Some(sample)
+            }
             _ => None,
         }
     }

@@ -175,9 +175,15 @@ impl Principled {
     }
 
     /// See [`crate::Bsdf::sample`].
-    #[inline]
+    #[inline(always)]
     pub fn sample(&self, wo: LocalDir, u_lobe: f32, u: [f32; 2]) -> Option<BsdfSample> {
-        if self.is_rich() { self.sample_rich(wo, u_lobe, u) } else { self.sample_as::<false>(wo, u_lobe, u) }
+        if self.is_rich() {
+            // Not handed on as it is: see `Bsdf::sample`.
+            let sample = self.sample_rich(wo, u_lobe, u)?;
+            Some(sample)
+        } else {
+            self.sample_as::<false>(wo, u_lobe, u)
+        }
     }
 
     #[inline]

@@ -20,14 +20,15 @@ pub fn label(scene: &Scene, camera: &RayGenerator, x: u32, y: u32) -> Option<Lab
     let mut glass = None;
     // More sheets behind one another than anybody models: a bound on what a strange file can cost.
     for _ in 0..10_000 {
-        let Some(met) = walk.ahead::<Everything>(scene) else { break };
+        let (mut interface, mut bsdf) = (None, None);
+        let Some(met) = walk.ahead::<Everything>(scene, &mut interface) else { break };
         if met.open_tint().is_some() || scene.coverage(&met.hit) < 0.5 {
             walk = walk.straight_on::<Everything>(&met);
             continue;
         }
         let (object, material) = scene.ids(&met.hit);
         let here = Label { object, material };
-        let at = SurfaceVertex::<Everything>::new(scene, walk, met, 0.5);
+        let at = SurfaceVertex::<Everything>::new(scene, walk, met, 0.5, &mut bsdf);
         let Some(passed) = at.delta(0.5) else { return Some(here) };
         glass = glass.or(Some(here));
         walk = at.leave(passed.wi);

@@ -33,8 +33,10 @@ const ENDLESS_IN_MEDIA_SURVIVAL: f32 = 0.995;
 pub(crate) fn follow<F: Features>(scene: &Scene, ray: Ray, sampler: &Sampler, recorder: &mut impl Recorder) -> Sample {
     let mut path = Path::<F, _>::new(scene, ray, sampler, recorder);
     for vertex in 0.. {
+        // What a vertex has for itself alone, where it has.
+        let (mut interface, mut bsdf) = (None, None);
         // The next surface on the way. Beyond the last one there may be light from infinitely far away.
-        let Some(met) = path.walk.ahead::<F>(scene) else {
+        let Some(met) = path.walk.ahead::<F>(scene, &mut interface) else {
             path.sees_environment();
             break;
         };
@@ -44,7 +46,7 @@ pub(crate) fn follow<F: Features>(scene: &Scene, ray: Ray, sampler: &Sampler, re
         }
         // A face that bends no light, and a surface that is not there this time, let it pass.
         let Some(u_kind) = path.meets(vertex, &met) else { continue };
-        let at = SurfaceVertex::<F>::new(scene, path.walk, met, u_kind);
+        let at = SurfaceVertex::<F>::new(scene, path.walk, met, u_kind, &mut bsdf);
         // Light that the surface itself emits; light from lights, connected directly; a direction to go on in.
         path.sees_surface(&at);
         if !path.scatters_at(&at, vertex) {
@@ -118,7 +120,8 @@ impl<'a, F: Features, R: Recorder> Path<'a, F, R> {
         let found = self.throughput * self.scene.emitted(&at.met.hit, at.wo);
         if !found.is_black() {
             let end = || End::surface(at.met.hit.point, at.met.hit.normal);
-            self.finds(found, end, |scene, l| scene.light_pdf(&l.receiver, l.choice, &at.met.hit));
+            let hit = at.met.hit;
+            self.finds(found, end, |scene, l| scene.light_pdf(&l.receiver, l.choice, &hit));
         }
     }
 
@@ -126,10 +129,10 @@ impl<'a, F: Features, R: Recorder> Path<'a, F, R> {
     /// two share; behind a cover, if the connection could have found `end`.
     #[inline]
     fn finds(&mut self, light: Rgb, end: impl FnOnce() -> End, other: impl FnOnce(&Scene, &LastScatter) -> f32) {
-        let share = match &self.last {
+        let share = match self.last {
             None => 1.0,
             Some(l) => {
-                let other = other(self.scene, l);
+                let other = other(self.scene, &l);
                 match l.passage.filter(|p| F::SOLIDS && !p.is_direct()) {
                     None => direct::power_heuristic(l.pdf, other),
                     Some(p) => cover::share_of_scattering::<F>(self.scene, &l.receiver, &p, end(), l.pdf, other),
@@ -174,7 +177,7 @@ impl<'a, F: Features, R: Recorder> Path<'a, F, R> {
     /// Does the path meet the surface? Then a number in `[0, 1)` that is still to be used, for surfaces that are one of two
     /// things at random; else it goes on as if nothing were there.
     #[inline]
-    fn meets(&mut self, vertex: u32, met: &Meeting) -> Option<f32> {
+    fn meets(&mut self, vertex: u32, met: &Meeting<'_>) -> Option<f32> {
         let tint = if F::MEDIA { met.open_tint() } else { None };
         let mut u_kind = 0.0;
         if let Some(tint) = tint {
@@ -199,29 +202,29 @@ impl<'a, F: Features, R: Recorder> Path<'a, F, R> {
     fn scatters_at<V: Vertex>(&mut self, at: &V, vertex: u32) -> bool {
         // What the camera sees, through smooth glass and in it; a path that ends there has seen the glass.
         self.passed += at.distance();
-        if !self.sample.hit || (self.sees_glass && !at.is_delta()) {
+        let is_delta = at.is_delta();
+        if !self.sample.hit || (self.sees_glass && !is_delta) {
             let (albedo, normal) = at.look();
             self.sample = Sample { hit: true, albedo, normal: normal.to_array(), depth: self.passed, ..self.sample };
-            self.sees_glass = at.is_delta();
+            self.sees_glass = is_delta;
         }
 
         // Light from lights, connected directly.
         let choice = self.scene.light_choice_at(self.asked);
-        if !at.is_delta() {
+        if !is_delta {
             self.asked += 1;
             for question in 0..self.scene.light_questions(choice) {
-                let set = sets::light(vertex, question);
-                let [x, y] = self.sampler.get_2d(set);
+                let u = self.sampler.numbers(sets::light(vertex, question));
                 // Where each light is asked there is none to choose.
-                let u_choice = if choice == LightChoice::One { self.sampler.get_4d(set)[2] } else { 0.0 };
-                let Some(light) = self.scene.sample_light(at.receiver(), choice, question, u_choice, [x, y]) else {
+                let u_choice = if choice == LightChoice::One { u.get(2) } else { 0.0 };
+                let place = u.first_two();
+                let Some(light) = self.scene.sample_light(at.receiver(), choice, question, u_choice, place) else {
                     continue;
                 };
                 let mut found = direct::light_from::<F, _>(self.scene, at, &light);
                 self.recorder.direct(self.throughput * found);
                 if self.has_covers() {
-                    let [_, _, _, u_chain] = self.sampler.get_4d(set);
-                    let connected = cover::light_from::<F, _>(self.scene, at, &light, u_chain, self.recorder);
+                    let connected = cover::light_from::<F, _>(self.scene, at, &light, u.get(3), self.recorder);
                     self.recorder.connected(self.throughput * connected);
                     found += connected;
                 }

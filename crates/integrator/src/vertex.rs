@@ -1,7 +1,7 @@
 //! A place where a path is scattered, on a surface or in a medium, as the path sees it.
 
 use crate::walk::{Meeting, Walk};
-use dunkelfeld_bsdf::{BsdfSample, Lobe};
+use dunkelfeld_bsdf::{Bsdf, BsdfSample, Lobe};
 use dunkelfeld_geometry::{LocalDir, Vec3};
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_scene::{Features, LightReceiver, Medium, Scene, ShadingPoint, SurfacePoint};
@@ -53,7 +53,7 @@ pub(crate) trait Vertex {
 
 /// A point on a surface.
 pub(crate) struct SurfaceVertex<'a, F> {
-    pub(crate) met: Meeting,
+    pub(crate) met: Meeting<'a>,
     pub(crate) shading: ShadingPoint<'a>,
     /// Direction toward the camera.
     pub(crate) wo: Vec3,
@@ -63,13 +63,20 @@ pub(crate) struct SurfaceVertex<'a, F> {
 }
 
 impl<'a, F: Features> SurfaceVertex<'a, F> {
-    /// The surface that a walk has met. `u_kind` in `[0, 1)` serves surfaces that are one of two things at random.
+    /// The surface that a walk has met. `u_kind` in `[0, 1)` serves surfaces that are one of two things at random; a BSDF
+    /// that is only this point's is put in `own`.
     #[inline]
-    pub(crate) fn new(scene: &'a Scene, arrived: Walk, met: Meeting, u_kind: f32) -> Self {
+    pub(crate) fn new(
+        scene: &'a Scene,
+        arrived: Walk,
+        met: Meeting<'a>,
+        u_kind: f32,
+        own: &'a mut Option<Bsdf>,
+    ) -> Self {
         let wo = -arrived.ray.direction;
         let shading = match met.relative_index() {
-            Some(eta) if F::MEDIA => scene.shade_between(&met.hit, wo, u_kind, eta),
-            _ => scene.shade_with::<F>(&met.hit, wo, u_kind),
+            Some(eta) if F::MEDIA => scene.shade_between(&met.hit, wo, u_kind, eta, own),
+            _ => scene.shade_with::<F>(&met.hit, wo, u_kind, own),
         };
         let wo_local = shading.frame.to_local(wo);
         Self { met, shading, wo, wo_local, arrived, features: PhantomData }

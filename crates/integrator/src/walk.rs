@@ -21,11 +21,11 @@ struct Place {
 
 /// A surface that a ray meets.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Meeting {
+pub(crate) struct Meeting<'a> {
     /// The surface whose material counts.
     pub(crate) hit: SurfacePoint,
     /// What it means for light, with media.
-    interface: Option<Interface>,
+    interface: Option<&'a Interface>,
 }
 
 impl Walk {
@@ -36,12 +36,14 @@ impl Walk {
         Self { ray, place: Place { material: None, around } }
     }
 
-    /// The next surface on the way.
+    /// The next surface on the way; with media, what it means for light is put in `own`.
     #[inline]
-    pub(crate) fn ahead<F: Features>(&self, scene: &Scene) -> Option<Meeting> {
-        let hit = scene.intersect(&self.ray)?;
+    pub(crate) fn ahead<'a, F: Features>(&self, scene: &Scene, own: &'a mut Option<Interface>) -> Option<Meeting<'a>> {
+        // Of a copy, so that the path does not lie in memory for it.
+        let ray = self.ray;
+        let hit = scene.intersect(&ray)?;
         if F::MEDIA {
-            let interface = scene.interface(&self.ray, &hit, &self.place.around);
+            let interface = own.insert(scene.interface(&self.ray, &hit, &self.place.around));
             Some(Meeting { hit: interface.surface, interface: Some(interface) })
         } else {
             Some(Meeting { hit, interface: None })
@@ -86,10 +88,10 @@ impl Walk {
 
     /// Through a surface that lets the ray pass as if it were not there.
     #[inline]
-    pub(crate) fn straight_on<F: Features>(&self, met: &Meeting) -> Self {
+    pub(crate) fn straight_on<F: Features>(&self, met: &Meeting<'_>) -> Self {
         let mut place = self.place;
         if F::MEDIA
-            && let Some(interface) = met.interface.as_ref().filter(|i| matches!(i.boundary, Boundary::Open { .. }))
+            && let Some(interface) = met.interface.filter(|i| matches!(i.boundary, Boundary::Open { .. }))
         {
             place.around = interface.far();
         }
@@ -98,11 +100,11 @@ impl Walk {
 
     /// Away from a surface that was met, seen from `wo`, in the direction `wi`.
     #[inline]
-    pub(crate) fn leave<F: Features>(&self, met: &Meeting, shading: &ShadingPoint<'_>, wo: Vec3, wi: Vec3) -> Self {
+    pub(crate) fn leave<F: Features>(&self, met: &Meeting<'_>, shading: &ShadingPoint<'_>, wo: Vec3, wi: Vec3) -> Self {
         let mut place = self.place;
         let (inward, from_inside) = (wi.dot(met.hit.normal) < 0.0, wo.dot(met.hit.normal) < 0.0);
         if F::MEDIA {
-            if let Some(interface) = &met.interface {
+            if let Some(interface) = met.interface {
                 place.around = interface.beyond(wi);
             }
         } else if F::SOLIDS && shading.is_solid && inward != from_inside {
@@ -127,11 +129,11 @@ impl Walk {
     }
 }
 
-impl Meeting {
+impl Meeting<'_> {
     /// The tint of a face that bends no light.
     #[inline]
     pub(crate) fn open_tint(&self) -> Option<Rgb> {
-        match self.interface.as_ref()?.boundary {
+        match self.interface?.boundary {
             Boundary::Open { tint } => Some(tint),
             _ => None,
         }
@@ -140,7 +142,7 @@ impl Meeting {
     /// The index of refraction on the inside of the surface over the outside, if two solids meet here.
     #[inline]
     pub(crate) fn relative_index(&self) -> Option<f32> {
-        match self.interface.as_ref()?.boundary {
+        match self.interface?.boundary {
             Boundary::Between { eta } => Some(eta),
             _ => None,
         }

@@ -16,4 +16,4 @@ pub mod warp;
 pub use distribution::{Choice, Distribution1D, Distribution2D};
 pub use hash::{hash_u64, mix64};
 pub use pcg::{Pcg, keyed_stream};
-pub use sampler::{BATCHES, Sampler};
+pub use sampler::{BATCHES, Numbers, Sampler};

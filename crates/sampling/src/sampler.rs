@@ -36,41 +36,88 @@ impl Sampler {
         Self { key, index_reversed: (sample / BATCHES).reverse_bits() }
     }
 
-    /// Four numbers of set `set`.
+    /// The numbers of set `set`, each worked out when it is asked for.
     #[inline]
-    pub fn get_4d(&self, set: u32) -> [f32; 4] {
-        let (point, seeds) = self.unscrambled(set);
-        std::array::from_fn(|d| to_unit(owen_reversed(point[d], seeds[d])))
-    }
-
-    /// The first two numbers of set `set`.
-    #[inline]
-    pub fn get_2d(&self, set: u32) -> [f32; 2] {
-        let (point, seeds) = self.unscrambled(set);
-        std::array::from_fn(|d| to_unit(owen_reversed(point[d], seeds[d])))
-    }
-
-    /// The first number of set `set`.
-    #[inline]
-    pub fn get_1d(&self, set: u32) -> f32 {
-        let (point, seeds) = self.unscrambled(set);
-        to_unit(owen_reversed(point[0], seeds[0]))
-    }
-
-    /// The shuffled Sobol point of a set in bit-reversed form, with the scrambling seed of each of its dimensions.
-    #[inline]
-    fn unscrambled(&self, set: u32) -> ([u32; 4], [u32; 4]) {
+    pub fn numbers(&self, set: u32) -> Numbers {
         let h = mix64(self.key ^ u64::from(set));
         let (a, b) = (mix64(h ^ 1), mix64(h ^ 2));
         // Scrambling the *index* permutes the points and moves them to another block of the sequence, but keeps every
         // aligned power-of-two run of them together (Burley 2020).
         let point = point_reversed(owen_reversed(self.index_reversed, h as u32));
-        (point, [a as u32, (a >> 32) as u32, b as u32, (b >> 32) as u32])
+        Numbers { point, seeds: [a as u32, (a >> 32) as u32, b as u32, (b >> 32) as u32] }
+    }
+
+    /// Four numbers of set `set`.
+    #[inline]
+    pub fn get_4d(&self, set: u32) -> [f32; 4] {
+        let numbers = self.numbers(set);
+        let ([x, y], [z, w]) = (numbers.first_two(), numbers.last_two());
+        [x, y, z, w]
+    }
+
+    /// The first two numbers of set `set`.
+    #[inline]
+    pub fn get_2d(&self, set: u32) -> [f32; 2] {
+        self.numbers(set).first_two()
+    }
+
+    /// The first number of set `set`.
+    #[inline]
+    pub fn get_1d(&self, set: u32) -> f32 {
+        self.numbers(set).get(0)
+    }
+}
+
+/// The four numbers of a set.
+#[derive(Clone, Copy, Debug)]
+pub struct Numbers {
+    /// The shuffled Sobol point, in bit-reversed form.
+    point: [u32; 4],
+    /// The scrambling seed of each of its dimensions.
+    seeds: [u32; 4],
+}
+
+impl Numbers {
+    /// The number with index `dimension`, 0 to 3.
+    #[inline]
+    pub fn get(&self, dimension: usize) -> f32 {
+        to_unit(self.scrambled(dimension))
+    }
+
+    /// The numbers with indices 0 and 1.
+    #[inline]
+    pub fn first_two(&self) -> [f32; 2] {
+        to_units([self.scrambled(0), self.scrambled(1)])
+    }
+
+    /// The numbers with indices 2 and 3.
+    #[inline]
+    pub fn last_two(&self) -> [f32; 2] {
+        to_units([self.scrambled(2), self.scrambled(3)])
+    }
+
+    /// A number in bit-reversed form.
+    #[inline]
+    fn scrambled(&self, dimension: usize) -> u32 {
+        owen_reversed(self.point[dimension], self.seeds[dimension])
     }
 }
 
 /// A bit-reversed 32-bit fraction as a float in `[0, 1)`: the 24 most significant bits, so that nothing rounds up to 1.
 #[inline]
 fn to_unit(reversed: u32) -> f32 {
-    (reversed.reverse_bits() >> 8) as f32 * (1.0 / (1 << 24) as f32)
+    fraction(reversed.reverse_bits())
+}
+
+/// [`to_unit`] of two: a word of 64 bits is reversed in as many steps as one of 32.
+#[inline]
+fn to_units([first, second]: [u32; 2]) -> [f32; 2] {
+    let both = (u64::from(second) << 32 | u64::from(first)).reverse_bits();
+    [fraction((both >> 32) as u32), fraction(both as u32)]
+}
+
+/// The 24 most significant bits of a 32-bit fraction.
+#[inline]
+fn fraction(word: u32) -> f32 {
+    (word >> 8) as f32 * (1.0 / (1 << 24) as f32)
 }

@@ -23,6 +23,8 @@ pub struct SurfacePoint {
     pub(crate) part: u32,
     pub(crate) material: u32,
     pub(crate) triangle: u32,
+    /// Has the triangle interpolated normals?
+    pub(crate) is_smooth: bool,
     pub(crate) barycentrics: [f32; 3],
 }
 
@@ -63,6 +65,7 @@ impl Scene {
             part: part_index,
             material: part.material,
             triangle: facet_index - part.first_facet,
+            is_smooth: facet.is_smooth,
             barycentrics: [1.0 - b1 - b2, b1, b2],
         }
     }
@@ -101,10 +104,11 @@ impl Scene {
     /// Radiance [W/(m^2 sr)] that the surface itself emits toward the unit direction `toward`.
     #[inline(always)]
     pub fn emitted(&self, p: &SurfacePoint, toward: Vec3) -> Rgb {
-        if self.compiled[p.material as usize].emits { self.emitted_by_light(p, toward) } else { Rgb::BLACK }
+        if self.compiled[p.material as usize].emits { self.emitted_by_light(*p, toward) } else { Rgb::BLACK }
     }
 
-    fn emitted_by_light(&self, p: &SurfacePoint, toward: Vec3) -> Rgb {
+    // The point by value, as what is seldom called takes it (`CONVENTIONS.md`).
+    fn emitted_by_light(&self, p: SurfacePoint, toward: Vec3) -> Rgb {
         let material = &self.materials[p.material as usize];
         if !(material.double_sided || material.unlit) && toward.dot(p.normal) <= 0.0 {
             return Rgb::BLACK;
@@ -112,7 +116,7 @@ impl Scene {
         if !(EFFECTS && material.emission_texture.is_some() || material.unlit) {
             return material.emission;
         }
-        surface::emission(material, &self.images, &self.texture_point(p))
+        surface::emission(material, &self.images, &self.texture_point(&p))
     }
 
     /// Share of light that a segment lets through: 0 behind a surface that covers fully, else the product of what partly

@@ -226,7 +226,11 @@ impl LightTable {
     #[inline(always)]
     fn choose(&self, receiver: &LightReceiver, u: f32) -> Option<(usize, f32)> {
         match &self.tree {
-            Some(tree) if EFFECTS => tree.choose(receiver, u),
+            // For a copy of the receiver: most scenes have no tree (`CONVENTIONS.md`).
+            Some(tree) if EFFECTS => {
+                let receiver = *receiver;
+                tree.choose(&receiver, u)
+            }
             // No larger an array is cleared than there are lights, nearly.
             _ if self.lights.len() <= 8 => self.choose_weighed::<8>(receiver, u),
             _ => self.choose_weighed::<WEIGHED_UP_TO>(receiver, u),
@@ -323,16 +327,21 @@ impl LightTable {
                 let target = LightTarget { point: s.point, normal: a.normal, surface };
                 Some(LightSample { direction, target: Some(target), radiance: a.mean_radiance, pdf, is_delta: false })
             }
-            _ if EFFECTS => self.sample_immaterial(receiver, index, chosen, u),
+            _ if EFFECTS => {
+                // Not handed on as it is: the answer above would then lie in memory as this one does.
+                let found = self.sample_immaterial(*receiver, index, chosen, u)?;
+                Some(found)
+            }
             _ => None,
         }
     }
 
     /// [`Self::sample_light`] of lights without a surface: apart, as most have one.
+    // The receiver by value, as what is seldom called takes it (`CONVENTIONS.md`).
     #[inline(never)]
     fn sample_immaterial(
         &self,
-        receiver: &LightReceiver,
+        receiver: LightReceiver,
         index: usize,
         chosen: f32,
         u: [f32; 2],
@@ -352,7 +361,7 @@ impl LightTable {
                 })
             }
             Light::Environment => {
-                let (direction, radiance, pdf) = self.environment.as_ref()?.sample(receiver, u);
+                let (direction, radiance, pdf) = self.environment.as_ref()?.sample(&receiver, u);
                 let pdf = pdf * chosen;
                 (pdf > 0.0 && pdf.is_finite()).then_some(LightSample {
                     direction,

@@ -26,7 +26,7 @@ impl Scene {
     /// The normal of the frame that [`Self::shade`] gives for a viewer in direction `wo`, and its derivative; no derivative
     /// where the normal is the same all over the triangle. Normal maps are not counted: no cover has any.
     pub fn normal_differential(&self, p: &SurfacePoint, wo: Vec3) -> (Vec3, Option<NormalDifferential>) {
-        let normal = self.shading_normal(p);
+        let normal = self.shading_normal(*p);
         // As in shading: who sees the surface from its other side than that of the interpolated normal sees the flat surface.
         let sees_surface = (normal.dot(wo) > 0.0) != (p.normal.dot(wo) > 0.0);
         let bent = if sees_surface { p.normal } else { normal };

@@ -8,7 +8,6 @@ use crate::surface::{self, TexturePoint};
 use dunkelfeld_bsdf::{Bsdf, EFFECTS};
 use dunkelfeld_geometry::{Frame, LocalDir, Vec2, Vec3};
 use dunkelfeld_radiometry::Rgb;
-use std::borrow::Cow;
 
 /// Everything scattering needs to know about a point.
 #[derive(Clone, Debug)]
@@ -16,11 +15,9 @@ pub struct ShadingPoint<'a> {
     /// Shading frame: +z on the outside of solids, on the viewer's side of everything else.
     pub frame: Frame,
     /// How the surface scatters.
-    pub bsdf: Cow<'a, Bsdf>,
+    pub bsdf: &'a Bsdf,
     /// Index of the material.
     pub material: u32,
-    /// Index of the object.
-    pub object: u32,
     /// Is the surface the boundary of a solid that light can enter?
     pub is_solid: bool,
     /// The point as lights see it.
@@ -54,21 +51,52 @@ impl ShadingPoint<'_> {
 
 impl Scene {
     /// Frame and BSDF at a point seen from direction `wo` (unit, away from the surface). `u` in `[0, 1)` is used by
-    /// materials that are one of two things at random.
+    /// materials that are one of two things at random. A BSDF that is only this point's is put in `own`.
     #[inline]
-    pub fn shade(&self, p: &SurfacePoint, wo: Vec3, u: f32) -> ShadingPoint<'_> {
-        self.shade_with::<Everything>(p, wo, u)
+    pub fn shade<'a>(&'a self, p: &SurfacePoint, wo: Vec3, u: f32, own: &'a mut Option<Bsdf>) -> ShadingPoint<'a> {
+        self.shade_with::<Everything>(p, wo, u, own)
     }
 
     /// [`Self::shade`] in a scene that calls for no more than `F`.
     #[inline]
-    pub fn shade_with<F: Features>(&self, p: &SurfacePoint, wo: Vec3, u: f32) -> ShadingPoint<'_> {
-        let part = &self.parts[p.part as usize];
+    pub fn shade_with<'a, F: Features>(
+        &'a self,
+        p: &SurfacePoint,
+        wo: Vec3,
+        u: f32,
+        own: &'a mut Option<Bsdf>,
+    ) -> ShadingPoint<'a> {
+        self.shade_as::<F>(p, wo, u, None, own)
+    }
+
+    /// [`Self::shade`] for a face between two solids: `eta` is the index of refraction on the inside of the surface over
+    /// that on its outside.
+    pub fn shade_between<'a>(
+        &'a self,
+        p: &SurfacePoint,
+        wo: Vec3,
+        u: f32,
+        eta: f32,
+        own: &'a mut Option<Bsdf>,
+    ) -> ShadingPoint<'a> {
+        self.shade_as::<Everything>(p, wo, u, Some(eta), own)
+    }
+
+    #[inline(always)]
+    fn shade_as<'a, F: Features>(
+        &'a self,
+        p: &SurfacePoint,
+        wo: Vec3,
+        u: f32,
+        eta: Option<f32>,
+        own: &'a mut Option<Bsdf>,
+    ) -> ShadingPoint<'a> {
         let compiled = &self.compiled[p.material as usize];
+        let between = eta.filter(|eta| *eta != self.materials[p.material as usize].ior);
         // Only what is smooth or has a map can be bent away from the surface.
-        let mut is_bent = EFFECTS && self.is_smooth(p);
-        let normal = if is_bent { self.shading_normal(p) } else { p.normal };
-        let (mut frame, bsdf) = if F::DETAIL && (compiled.varies || compiled.needs_tangent) {
+        let mut is_bent = EFFECTS && p.is_smooth;
+        let normal = if is_bent { self.shading_normal(*p) } else { p.normal };
+        let (mut frame, bsdf) = if F::DETAIL && (compiled.varies || compiled.needs_tangent || between.is_some()) {
             let material = &self.materials[p.material as usize];
             let at = self.texture_point(p);
             is_bent |= compiled.needs_tangent;
@@ -77,9 +105,13 @@ impl Scene {
             } else {
                 Frame::from_normal(normal)
             };
-            (frame, compiled.bsdf(material, &self.images, &at, u))
+            let bsdf = match between {
+                Some(eta) => own.insert(compiled.bsdf_between(material, eta, &self.images, &at, u)),
+                None => compiled.bsdf(material, &self.images, &at, u, own),
+            };
+            (frame, bsdf)
         } else {
-            (Frame::from_normal(normal), Cow::Borrowed(compiled.constant_bsdf(u)))
+            (Frame::from_normal(normal), compiled.constant_bsdf(u))
         };
         // A viewer above the surface but below the interpolated normal sees the surface itself.
         if is_bent && (frame.normal.dot(wo) > 0.0) != (p.normal.dot(wo) > 0.0) {
@@ -93,31 +125,12 @@ impl Scene {
         }
         let receiver = LightReceiver { point: p.point, normal: facing, both_sides: compiled.both_sides };
         let is_solid = compiled.is_solid;
-        ShadingPoint { frame, bsdf, material: p.material, object: part.object, is_solid, receiver, along, is_bent }
-    }
-
-    /// [`Self::shade`] for a face between two solids: `eta` is the index of refraction on the inside of the surface over
-    /// that on its outside.
-    pub fn shade_between(&self, p: &SurfacePoint, wo: Vec3, u: f32, eta: f32) -> ShadingPoint<'_> {
-        let mut shading = self.shade_with::<Everything>(p, wo, u);
-        let material = &self.materials[p.material as usize];
-        if eta != material.ior {
-            let compiled = &self.compiled[p.material as usize];
-            let bsdf = compiled.bsdf_between(material, eta, &self.images, &self.texture_point(p), u);
-            shading.bsdf = Cow::Owned(bsdf);
-        }
-        shading
-    }
-
-    /// Has the surface interpolated normals?
-    #[inline]
-    fn is_smooth(&self, p: &SurfacePoint) -> bool {
-        let part = &self.parts[p.part as usize];
-        self.facets[(part.first_facet + p.triangle) as usize].is_smooth
+        ShadingPoint { frame, bsdf, material: p.material, is_solid, receiver, along, is_bent }
     }
 
     /// The interpolated unit normal, on the side of the geometric one; that itself where a mesh has none or they cancel.
-    pub(crate) fn shading_normal(&self, p: &SurfacePoint) -> Vec3 {
+    // The point by value, as what is seldom called takes it (`CONVENTIONS.md`).
+    pub(crate) fn shading_normal(&self, p: SurfacePoint) -> Vec3 {
         let part = &self.parts[p.part as usize];
         let facet = &self.facets[(part.first_facet + p.triangle) as usize];
         if !facet.is_smooth {
@@ -209,19 +222,20 @@ impl Scene {
         u_choice: f32,
         u: [f32; 2],
     ) -> Option<LightSample> {
-        let sample = self.lights.sample(receiver, choice, question as usize, u_choice, u)?;
-        match sample.target.as_ref().and_then(|t| t.surface) {
-            None => Some(sample),
-            Some((part, triangle)) => Some(self.looked_up(sample, part, triangle)),
+        let mut sample = self.lights.sample(receiver, choice, question as usize, u_choice, u)?;
+        if let Some(target) = &sample.target
+            && let Some((part, triangle)) = target.surface
+        {
+            sample.radiance = self.radiance_at(part, triangle, target.point, -sample.direction);
         }
+        Some(sample)
     }
 
-    /// An answer with the radiance of its place on a light that does not shine evenly.
+    /// Radiance [W/(m^2 sr)] of a place on a light that does not shine evenly.
     #[inline(never)]
-    fn looked_up(&self, sample: LightSample, part: u32, triangle: u32) -> LightSample {
-        let Some(target) = &sample.target else { return sample };
-        let p = self.locate(part, triangle, target.point);
-        LightSample { radiance: self.emitted(&p, -sample.direction) * self.coverage(&p), ..sample }
+    fn radiance_at(&self, part: u32, triangle: u32, point: Vec3, toward: Vec3) -> Rgb {
+        let p = self.locate(part, triangle, point);
+        self.emitted(&p, toward) * self.coverage(&p)
     }
 
     /// The surface point of a light at a position: on the given triangle or, if that does not contain it, on the other
@@ -256,6 +270,7 @@ impl Scene {
             part: part_index,
             material: part.material,
             triangle: t,
+            is_smooth: self.facets[(part.first_facet + t) as usize].is_smooth,
             barycentrics: b,
         }
     }

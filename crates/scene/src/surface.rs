@@ -20,7 +20,6 @@ use crate::texture::{Image, Texture};
 use dunkelfeld_bsdf::{Bsdf, Dielectric, EFFECTS, Principled, PrincipledParams, ThinSheet, Translucent};
 use dunkelfeld_geometry::{Vec2, Vec4};
 use dunkelfeld_radiometry::Rgb;
-use std::borrow::Cow;
 
 /// What a material needs to know about a place on a mesh.
 #[derive(Clone, Copy, Debug)]
@@ -168,12 +167,20 @@ impl CompiledMaterial {
         self.constant_coverage.unwrap_or_else(|| coverage(m, images, &at()))
     }
 
-    /// The BSDF at a place. `u` in `[0, 1)` chooses between the two of a partly transmitting thin sheet.
+    /// The BSDF at a place, put in `own` if it is only this place's. `u` in `[0, 1)` chooses between the two of a partly
+    /// transmitting thin sheet.
     #[inline]
-    pub(crate) fn bsdf(&self, m: &Material, images: &[Image], at: &TexturePoint, u: f32) -> Cow<'_, Bsdf> {
+    pub(crate) fn bsdf<'a>(
+        &'a self,
+        m: &Material,
+        images: &[Image],
+        at: &TexturePoint,
+        u: f32,
+        own: &'a mut Option<Bsdf>,
+    ) -> &'a Bsdf {
         match &self.constant {
-            Some(constant) => Cow::Borrowed(constant.pick(u)),
-            None => Cow::Owned(*scatter(m, m.ior, images, at).compensated_if(self.energy_compensation).pick(u)),
+            Some(constant) => constant.pick(u),
+            None => own.insert(*scatter(m, m.ior, images, at).compensated_if(self.energy_compensation).pick(u)),
         }
     }
 

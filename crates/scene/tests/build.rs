@@ -189,8 +189,7 @@ fn attributes_that_do_not_fit_are_ignored_with_a_note() {
     }
     assert!(report.findings.iter().filter(|f| f.place != "scene").all(|f| f.severity == Severity::Note));
     let hit = scene.intersect(&Ray::new(Vec3::Z, Vec3::NEG_Z)).expect("the square is there");
-    let shading = scene.shade(&hit, Vec3::Z, 0.5);
-    assert_eq!(shading.frame.normal, Vec3::Z);
+    assert_eq!(scene.shade(&hit, Vec3::Z, 0.5, &mut None).frame.normal, Vec3::Z);
     assert_eq!(scene.coverage(&hit), 1.0);
 }
 

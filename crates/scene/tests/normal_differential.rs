@@ -55,7 +55,7 @@ fn it_is_the_derivative_of_the_shading_normal() {
                 let Some(p) = hit(&scene, from, to) else { continue };
                 let wo = (from - p.point).normalize();
                 let (normal, differential) = scene.normal_differential(&p, wo);
-                assert_eq!(normal, scene.shade(&p, wo, 0.5).frame.normal);
+                assert_eq!(normal, scene.shade(&p, wo, 0.5, &mut None).frame.normal);
                 // Neighbours in the plane of the triangle, as far as it reaches.
                 let e = p.normal.any_orthonormal_vector();
                 for direction in [e, p.normal.cross(e), (e + p.normal.cross(e)).normalize()] {
@@ -66,7 +66,7 @@ fn it_is_the_derivative_of_the_shading_normal() {
                         let side = p.normal * if wo.dot(p.normal) > 0.0 { 0.01 } else { -0.01 };
                         let q = hit(&scene, target + side, target)?;
                         // Off the edge the next triangle has another plane.
-                        (q.normal == p.normal).then(|| scene.shade(&q, wo, 0.5).frame.normal.as_dvec3())
+                        (q.normal == p.normal).then(|| scene.shade(&q, wo, 0.5, &mut None).frame.normal.as_dvec3())
                     };
                     let (Some(before), Some(after)) = (near(-h), near(h)) else { continue };
                     let measured = (after - before) / f64::from(2.0 * h);

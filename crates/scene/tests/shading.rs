@@ -91,11 +91,11 @@ fn a_normal_map_tilts_along_the_image() {
             let what = format!("su {su}, sv {sv}, instanced {instanced}, mirrored {mirrored}");
             let hit = look(&scene, 0.1, 0.2, true);
             assert!((hit.normal - Vec3::Z).length() < 1e-6, "{what}: the geometric normal stays");
-            let frame = scene.shade(&hit, Vec3::Z, 0.5).frame;
+            let frame = scene.shade(&hit, Vec3::Z, 0.5, &mut None).frame;
             assert!((frame.normal - expected).length() < 1e-4, "{what}: {} should be {expected}", frame.normal);
             assert!((frame.tangent.cross(frame.bitangent) - frame.normal).length() < 1e-5, "{what}: right-handed");
             // Seen from below, the same surface turned over.
-            let below = scene.shade(&look(&scene, 0.1, 0.2, false), Vec3::NEG_Z, 0.5).frame;
+            let below = scene.shade(&look(&scene, 0.1, 0.2, false), Vec3::NEG_Z, 0.5, &mut None).frame;
             assert!((below.normal + expected).length() < 1e-4, "{what}: from below {}", below.normal);
             assert!((below.tangent.cross(below.bitangent) - below.normal).length() < 1e-5, "{what}: from below");
         }
@@ -110,7 +110,7 @@ fn the_scale_of_a_normal_map_acts_on_its_slopes() {
     let texture = Texture::new(ImageId(0), ColorEncoding::Linear);
     let material = Material { normal_texture: Some(texture), normal_scale: 0.5, ..Material::default() };
     let scene = placed(mesh, material, vec![flat_map(Vec3::new(0.6, 0.0, 0.8))], DAffine3::IDENTITY, false);
-    let n = scene.shade(&look(&scene, 0.0, 0.1, true), Vec3::Z, 0.5).frame.normal;
+    let n = scene.shade(&look(&scene, 0.0, 0.1, true), Vec3::Z, 0.5, &mut None).frame.normal;
     assert!((n - Vec3::new(0.3, 0.0, 0.8).normalize()).length() < 1e-4, "{n}");
 }
 
@@ -133,7 +133,7 @@ fn smooth_normals_are_continuous_over_an_edge_and_follow_uneven_scales() {
         let scene = placed(mesh(), Material::default(), Vec::new(), to_world, instanced);
         for x in [-0.7f64, -0.3, -1e-4, 1e-4, 0.3, 0.7] {
             let hit = look(&scene, x * scale, 0.37, true);
-            let n = scene.shade(&hit, Vec3::Z, 0.5).frame.normal;
+            let n = scene.shade(&hit, Vec3::Z, 0.5, &mut None).frame.normal;
             let object = DVec3::new(0.6 * x, 0.0, 1.0 - 0.2 * x.abs());
             let expected = DVec3::new(object.x / scale, 0.0, object.z).normalize().as_vec3();
             assert!((n - expected).length() < 1e-5, "x {x}, scale {scale}, instanced {instanced}: {n}, not {expected}");
@@ -148,11 +148,11 @@ fn a_viewer_below_the_interpolated_normal_sees_the_surface_itself() {
     mesh.normals = vec![Vec3::new(0.8, 0.0, 0.6); 4];
     let scene = placed(mesh, Material::default(), Vec::new(), DAffine3::IDENTITY, false);
     let hit = look(&scene, 0.1, 0.2, true);
-    let above = scene.shade(&hit, Vec3::new(-0.28, 0.0, 0.96), 0.5);
+    let above = scene.shade(&hit, Vec3::new(-0.28, 0.0, 0.96), 0.5, &mut None).frame;
     // -0.28 * 0.8 + 0.96 * 0.6 > 0, and -0.8 * 0.8 + 0.6 * 0.6 < 0.
-    assert!((above.frame.normal - Vec3::new(0.8, 0.0, 0.6)).length() < 1e-6);
-    let below = scene.shade(&hit, Vec3::new(-0.8, 0.0, 0.6), 0.5);
-    assert_eq!(below.frame.normal, Vec3::Z);
+    assert!((above.normal - Vec3::new(0.8, 0.0, 0.6)).length() < 1e-6);
+    let below = scene.shade(&hit, Vec3::new(-0.8, 0.0, 0.6), 0.5, &mut None).frame;
+    assert_eq!(below.normal, Vec3::Z);
 }
 
 /// Four texels of different red, one of them with alpha 0.2, the others opaque.
@@ -222,7 +222,7 @@ fn energy_compensation_reaches_constant_and_textured_surfaces() {
             mesh.uvs[0] = mesh.positions.iter().map(|p| Vec2::new(p.x, p.y)).collect();
             b.add_object("object", mesh, m);
             let scene = build(b);
-            scene.shade(&look(&scene, 0.1, 0.2, true), Vec3::Z, 0.5).bsdf.into_owned()
+            *scene.shade(&look(&scene, 0.1, 0.2, true), Vec3::Z, 0.5, &mut None).bsdf
         };
         let (plain, compensated) = (shade(false), shade(true));
         assert_eq!(compensated, plain.with_energy_compensation());

@@ -33,7 +33,8 @@ pub(super) fn shoot<F: Features>(scene: &Scene, start: Walk, stack: u16, chain: 
     let (mut walk, mut weight, mut probability) = (start, Rgb::WHITE, 1.0);
     let (mut event, mut passed) = (0, 0);
     while event < chain.events() {
-        let met = walk.ahead::<F>(scene)?;
+        let (mut interface, mut bsdf) = (None, None);
+        let met = walk.ahead::<F>(scene, &mut interface)?;
         weight *= walk.transmittance::<F>(scene, met.hit.distance);
         let direction = walk.ray.direction.as_dvec3();
         beam.travel(direction, f64::from(met.hit.distance), met.hit.normal.as_dvec3());
@@ -59,7 +60,7 @@ pub(super) fn shoot<F: Features>(scene: &Scene, start: Walk, stack: u16, chain: 
         if !is_cover {
             return None;
         }
-        let at = SurfaceVertex::<F>::new(scene, walk, met, 0.0);
+        let at = SurfaceVertex::<F>::new(scene, walk, met, 0.0, &mut bsdf);
         let is_reflection = chain.is_reflection(event);
         let scattered = at.delta(if is_reflection { 0.0 } else { ALMOST_ONE })?;
         if scattered.lobe.contains(Lobe::REFLECTION) != is_reflection {
