@@ -46,7 +46,7 @@ pub use builder::{
 };
 pub use camera::{CameraError, CameraRay, RayGenerator, framing_camera, look_at};
 pub use compile::BuildError;
-pub use cover::{Chain, CoverStack, Crossing, Seed, Target};
+pub use cover::{Candidate, Chain, CoverStack, Crossing, Seed, Target};
 pub use distortion::Distortion;
 pub use effects::{Effect, Effects, kernel_words};
 pub use features::{Everything, FeatureSet, Features, With};

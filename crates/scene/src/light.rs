@@ -399,7 +399,7 @@ impl LightTable {
 impl LightReceiver {
     /// Can light from a direction be scattered to the viewer at all?
     #[inline]
-    fn faces(&self, direction: Vec3) -> bool {
+    pub fn faces(&self, direction: Vec3) -> bool {
         self.both_sides || direction.dot(self.normal) > 0.0
     }
 }

@@ -40,7 +40,7 @@ use crate::vertex::Vertex;
 use crate::walk::Walk;
 use dunkelfeld_geometry::Vec3;
 use dunkelfeld_radiometry::Rgb;
-use dunkelfeld_scene::{Chain, Crossing, Features, LightReceiver, LightSample, Scene, SurfacePoint, Target};
+use dunkelfeld_scene::{Candidate, Chain, Crossing, Features, LightReceiver, LightSample, Scene, SurfacePoint, Target};
 use shoot::{Shot, shoot};
 use std::marker::PhantomData;
 
@@ -148,7 +148,10 @@ pub(crate) fn light_from<F: Features, V: Vertex>(
         None => End::infinite(light.direction),
     };
     let solver = Solver::<F>::new(scene, *at.receiver(), at.leave(light.direction), end);
-    let Some(way) = solver.choose(u) else { return Rgb::BLACK };
+    if !solver.may_lead_to(light.direction) {
+        return Rgb::BLACK;
+    }
+    let Some(way) = solver.choose(u).filter(|w| solver.may_lead_to(w.direction)) else { return Rgb::BLACK };
     let (found, shots) = solver.connect(&way);
     let Way { stack, chain, share: probability, .. } = way;
     recorder.connection(&Search { stack, chain, probability, shots, has_arrived: found.is_some() });
@@ -206,6 +209,15 @@ struct Way {
     share: f32,
 }
 
+impl Way {
+    /// A candidate among others that bring `total` together with it.
+    fn new(stack: u16, crossing: &Crossing<'_>, candidate: &Candidate, total: f64) -> Option<Self> {
+        let chain = candidate.chain;
+        let direction = candidate.seed.or_else(|| crossing.seed(chain))?.direction;
+        Some(Self { stack, chain, direction, share: (candidate.brings / total) as f32 })
+    }
+}
+
 /// A chain that arrives.
 #[derive(Clone, Copy, Debug)]
 struct Connection {
@@ -241,63 +253,53 @@ impl<'a, F: Features> Solver<'a, F> {
         (normal.dot(direction) > 0.0) == (normal.dot(self.start.ray.direction) > 0.0)
     }
 
-    /// Shows all chains that may lead to the light, with an estimate of what each brings: that of the shortest chain's angle.
+    /// Can light from a direction be scattered to the viewer, on the side of the straight line?
     #[inline]
-    fn each_way(&self, mut visit: impl FnMut(u16, Chain, f64)) {
-        for (stack, crossing) in self.crossings() {
-            let Some(seed) = crossing.chains().first().and_then(|&c| crossing.seed(c)) else { continue };
-            for &chain in crossing.chains() {
-                let brings = crossing.brings(chain, &seed);
-                if brings > 0.0 && brings.is_finite() {
-                    visit(stack, chain, brings);
-                }
-            }
-        }
+    fn may_lead_to(&self, direction: Vec3) -> bool {
+        self.receiver.faces(direction) && self.is_on_its_side(direction)
     }
 
-    /// The stacks between receiver and light.
+    /// Shows all chains that may lead to the light, with the stacks between it and the receiver.
     #[inline]
-    fn crossings(&self) -> impl Iterator<Item = (u16, Crossing<'a>)> {
+    fn each_way(&self, mut visit: impl FnMut(u16, &Crossing<'a>, Candidate)) {
         let inside = self.start.solid::<F>(self.scene);
         let (from, target) = (self.receiver.point, self.end.target);
-        let stacks = (0u16..).zip(self.scene.covers());
-        stacks.filter_map(move |(stack, cover)| Some((stack, cover.crossing(from, inside, target)?)))
+        for (stack, cover) in (0u16..).zip(self.scene.covers()) {
+            if let Some(crossing) = cover.crossing(from, inside, target) {
+                crossing.each_candidate(|candidate| visit(stack, &crossing, candidate));
+            }
+        }
     }
 
     /// Chooses a chain by what it may bring.
     fn choose(&self, u: f32) -> Option<Way> {
         let (mut total, mut rest, mut chosen) = (0.0, f64::from(u), None);
-        self.each_way(|stack, chain, brings| {
-            total += brings;
+        self.each_way(|stack, crossing, candidate| {
+            total += candidate.brings;
             // What is left of the random number is as good as a new one.
-            let takes = brings / total;
+            let takes = candidate.brings / total;
             if rest < takes {
                 rest /= takes;
-                chosen = Some((stack, chain, brings));
+                chosen = Some((stack, *crossing, candidate));
             } else {
                 rest = (rest - takes) / (1.0 - takes);
             }
         });
-        let (stack, chain, brings) = chosen?;
-        self.seeded(stack, chain, brings / total)
+        let (stack, crossing, candidate) = chosen?;
+        Way::new(stack, &crossing, &candidate, total)
     }
 
     /// A given chain, if it is one of those that may be chosen.
     fn way(&self, stack: u16, chain: Chain) -> Option<Way> {
         let (mut total, mut wanted) = (0.0, None);
-        self.each_way(|s, c, brings| {
-            total += brings;
-            if (s, c) == (stack, chain) {
-                wanted = Some(brings);
+        self.each_way(|s, crossing, candidate| {
+            total += candidate.brings;
+            if (s, candidate.chain) == (stack, chain) {
+                wanted = Some((*crossing, candidate));
             }
         });
-        self.seeded(stack, chain, wanted? / total)
-    }
-
-    fn seeded(&self, stack: u16, chain: Chain, share: f64) -> Option<Way> {
-        let (_, crossing) = self.crossings().find(|(s, _)| *s == stack)?;
-        let seed = crossing.seed(chain)?;
-        Some(Way { stack, chain, direction: seed.direction, share: share as f32 })
+        let (crossing, candidate) = wanted?;
+        Way::new(stack, &crossing, &candidate, total)
     }
 
     /// Seeks the chain; also tells how many rays that took. A function of receiver, light, stack and chain alone.
@@ -310,7 +312,7 @@ impl<'a, F: Features> Solver<'a, F> {
             if let Some((shot, error, step)) = self.try_direction(way, direction) {
                 let size = step[0].hypot(step[1]);
                 if error <= ARRIVED && size <= SETTLED {
-                    return (self.finish(direction, shot, size), shots);
+                    return (self.finish(turned(direction, shot.beam.across, step), shot, size), shots);
                 }
                 if best.is_none_or(|(.., least)| error < least) {
                     let scale = (LONGEST_STEP / size).min(1.0);
@@ -322,12 +324,11 @@ impl<'a, F: Features> Solver<'a, F> {
             } else {
                 halvings += 1;
             }
-            let Some((from, [a, b], step, _)) = best.filter(|_| halvings <= MOST_HALVINGS) else {
+            let Some((from, across, step, _)) = best.filter(|_| halvings <= MOST_HALVINGS) else {
                 return (None, shots);
             };
             let scale = 0.5f64.powi(halvings as i32);
-            let [x, y] = step.map(|s| (s * scale) as f32);
-            direction = (from + a * x + b * y).normalize();
+            direction = turned(from, across, step.map(|s| s * scale));
         }
         (None, MOST_SHOTS)
     }
@@ -383,4 +384,10 @@ impl<'a, F: Features> Solver<'a, F> {
         let narrowing = narrowing as f32;
         (narrowing > 0.0 && narrowing.is_finite()).then_some(Connection { direction, shot, step, narrowing })
     }
+}
+
+/// A direction turned by a step \[rad\] along two unit vectors across it.
+fn turned(from: Vec3, [a, b]: [Vec3; 2], step: [f64; 2]) -> Vec3 {
+    let [x, y] = step.map(|s| s as f32);
+    (from + a * x + b * y).normalize()
 }

@@ -2,19 +2,21 @@
 //! would run if they were plates.
 //!
 //! To light sampling a refracting interface is an obstacle. These sheets are found when a scene is built (`find.rs`), put in
-//! order (`stack.rs`), and answer for a point and a light which chains may connect them (`chain.rs`) and in which direction
-//! each begins (`plate.rs`). Where the real surface lies is not decided here: a chain is found by tracing it.
+//! order (`stack.rs`), and answer for a point and a light (`crossing.rs`) which chains may connect them (`chain.rs`) and in
+//! which direction each begins (`plate.rs`). Where the real surface lies is not decided here: a chain is found by tracing it.
 
 mod chain;
+mod crossing;
 mod face;
 mod find;
 pub mod plate;
 mod stack;
 
 pub use chain::Chain;
+pub use crossing::{Candidate, Crossing, Seed};
 pub(crate) use find::Covers;
 use find::find;
-pub use stack::{CoverInterface, CoverLayer, CoverStack, Crossing, MOST_CHAINS, MOST_INTERFACES, Seed, Target};
+pub use stack::{CoverInterface, CoverLayer, CoverStack, MOST_CHAINS, MOST_INTERFACES, Target};
 
 use crate::effects::{Effect, material_place};
 use crate::intersect::SurfacePoint;

@@ -58,11 +58,13 @@ impl PlateRay {
         }
         for _ in 0..MOST_STEPS {
             let ray = Self { tangent, lowest };
-            let (mut r, mut derivative) = (0.0, 0.0);
-            for leg in legs {
+            // Where the index is lowest, q = v = 1.
+            let (mut r, mut derivative) = (height * tangent, height);
+            for leg in legs.iter().filter(|l| l.ior > lowest && l.depth > 0.0) {
                 let (v, q) = ray.relative(leg.ior);
-                r += leg.depth * (tangent / q);
-                derivative += leg.depth * (v / q) * (v / q) / q;
+                let inverse = 1.0 / q;
+                r += leg.depth * tangent * inverse;
+                derivative += leg.depth * (v * inverse) * (v * inverse) * inverse;
             }
             let step = (shift - r) / derivative;
             // At the root rounding decides the sign of the step.
@@ -97,9 +99,15 @@ impl PlateRay {
         self.lowest / ior * (self.tangent / (1.0 + self.tangent * self.tangent).sqrt())
     }
 
+    /// Tangent of that angle; infinite along the layer.
+    #[inline]
+    pub fn slope(&self, ior: f64) -> f64 {
+        self.tangent / self.relative(ior).1
+    }
+
     /// How far the ray moves sideways \[m\].
     pub fn shift(&self, legs: &[Leg]) -> f64 {
-        legs.iter().map(|leg| leg.depth * (self.tangent / self.relative(leg.ior).1)).sum()
+        legs.iter().map(|leg| leg.depth * self.slope(leg.ior)).sum()
     }
 
     /// The area, at right angles to the ray at its end, that a solid angle at its start spreads to [m^2/sr]; `start` and

@@ -1,7 +1,7 @@
 //! Covers that lie on one another: interfaces along an axis, and the chains of refractions that lead through them.
 
 use super::chain::Chain;
-use super::plate::{Leg, PlateRay};
+use super::crossing::{Crossing, End};
 use dunkelfeld_geometry::{DVec2, DVec3, Vec3};
 
 /// A stack has at most this many interfaces; more sheets than that are left to chance.
@@ -52,10 +52,10 @@ pub(crate) struct Touching {
 /// Clear sheets with a common axis: one cover, or several that lie on one another, glued or with air between them.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CoverStack {
-    axis: DVec3,
+    pub(super) axis: DVec3,
     tangents: [DVec3; 2],
-    interfaces: Vec<CoverInterface>,
-    layers: Vec<CoverLayer>,
+    pub(super) interfaces: Vec<CoverInterface>,
+    pub(super) layers: Vec<CoverLayer>,
     is_flat: bool,
     /// Solids on the outside whose inside scatters light.
     touching: Vec<Touching>,
@@ -165,7 +165,7 @@ impl CoverStack {
     /// solid that the connection starts in, as for [`Self::layer_at`].
     ///
     /// `None` if there is no interface between them, or if light would have to pass it beside its footprint. For faces that
-    /// are planes the latter is certain: whoever asks on the way back as well may rely on it.
+    /// are planes the latter is certain; of which chains it holds, [`Crossing::each_candidate`] says more exactly.
     pub fn crossing(&self, x: Vec3, inside: Option<u32>, target: Target) -> Option<Crossing<'_>> {
         let mut from = self.layer_at(x, inside)?;
         let (to, toward) = match target {
@@ -208,185 +208,8 @@ impl CoverStack {
             }
             Target::Direction(_) => End::Direction { sine: length, cosine: along.abs() },
         };
-        let crossing = Crossing { stack: self, from, to, start_ior, sideways, start_depth, end, sign };
-        crossing.meets_footprints(x).then_some(crossing)
-    }
-}
-
-/// What a chain looks like in the plate that stands for the stack.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Seed {
-    /// Unit direction at the receiver, toward the light.
-    pub direction: Vec3,
-    /// Tangent of the ray's angle to the axis where the index of refraction is lowest.
-    pub tangent: f64,
-    /// Area at the light, at right angles to the chain's last leg, per solid angle at the receiver [m^2/sr]; for a light at
-    /// infinity solid angle per solid angle [sr/sr]. Its inverse is what a light's area counts for.
-    pub spread: f64,
-    /// Share of unpolarised light that the interfaces let through: an estimate for choosing among chains. Without
-    /// absorption.
-    pub transmission: f64,
-    /// The ray in the plate.
-    ray: PlateRay,
-}
-
-/// A receiver and a light with interfaces of a stack between them.
-#[derive(Clone, Copy, Debug)]
-pub struct Crossing<'a> {
-    stack: &'a CoverStack,
-    from: u8,
-    to: u8,
-    /// Index of refraction at the receiver.
-    start_ior: f64,
-    /// Unit vector across the axis from the receiver to the light; zero if they lie on one axis.
-    sideways: DVec3,
-    /// Way along the axis from the receiver to the first interface.
-    start_depth: f64,
-    end: End,
-    /// 1 if light lies further along the axis, -1 if the receiver does.
-    sign: f64,
-}
-
-#[derive(Clone, Copy, Debug)]
-enum End {
-    /// At a distance across the axis, at a depth behind the last interface.
-    Shift { shift: f64, depth: f64 },
-    /// At infinity, at an angle to the axis.
-    Direction { sine: f64, cosine: f64 },
-}
-
-impl<'a> Crossing<'a> {
-    /// The layer of the receiver.
-    pub fn from(&self) -> u8 {
-        self.from
-    }
-
-    /// The layer of the light.
-    pub fn to(&self) -> u8 {
-        self.to
-    }
-
-    /// The chains that may connect them.
-    #[inline]
-    pub fn chains(&self) -> &'a [Chain] {
-        self.stack.chains(self.from, self.to)
-    }
-
-    /// A chain in the plate of parallel layers that stands for the stack. `None` if there is no such ray, or if the chain
-    /// does not lead through these interfaces.
-    pub fn seed(&self, chain: Chain) -> Option<Seed> {
-        let mut room = [Leg { ior: 1.0, depth: 0.0 }; MOST_INTERFACES + 1];
-        let legs = self.legs(chain, &mut room)?;
-        let (start, end) = (legs.first()?.ior, legs.last()?.ior);
-        let (ray, spread) = match self.end {
-            End::Shift { shift, .. } => {
-                let ray = PlateRay::to_shift(legs, shift)?;
-                (ray, ray.spread(legs, start, end))
-            }
-            End::Direction { sine, cosine } => {
-                let ray = PlateRay::from_direction(legs, end, sine, cosine)?;
-                (ray, ray.spread_to_infinity(start, end))
-            }
-        };
-        let mut transmission = 1.0;
-        for step in chain.steps() {
-            let (near, far) = (legs[step.interface as usize].ior, legs[step.interface as usize + 1].ior);
-            let (from, to) = if step.forward { (near, far) } else { (far, near) };
-            let reflected = ray.reflectance(from, to);
-            transmission *= if step.is_reflection { reflected } else { 1.0 - reflected };
-        }
-        let direction = self.stack.axis * (self.sign * ray.cosine(start)) + self.sideways * ray.sine(start);
-        Some(Seed { direction: direction.normalize().as_vec3(), tangent: ray.tangent, spread, transmission, ray })
-    }
-
-    /// About what a chain brings that runs like `seed`, the seed of another chain: its own transmission at the same angle, per
-    /// spread. Between chains of one crossing the angle hardly differs.
-    #[inline]
-    pub fn brings(&self, chain: Chain, seed: &Seed) -> f64 {
-        let interfaces = u32::from(self.from.abs_diff(self.to));
-        let ior = |k: u32| {
-            let layer = if self.sign > 0.0 { u32::from(self.from) + k } else { u32::from(self.from) - k };
-            if k == 0 { self.start_ior } else { self.stack.layers[layer as usize].ior }
-        };
-        let mut reflected = [0.0; MOST_INTERFACES];
-        for (k, share) in (0..interfaces).zip(&mut reflected) {
-            *share = seed.ray.reflectance(ior(k), ior(k + 1));
-        }
-        let passed = |step: super::chain::Step| {
-            let share = reflected.get(step.interface as usize).copied().unwrap_or(1.0);
-            if step.is_reflection { share } else { 1.0 - share }
-        };
-        chain.steps().map(passed).product::<f64>() / seed.spread
-    }
-
-    /// The layers from the receiver on, with the depth that a chain has in each.
-    fn legs<'b>(&self, chain: Chain, room: &'b mut [Leg; MOST_INTERFACES + 1]) -> Option<&'b [Leg]> {
-        let interfaces = u32::from(self.from.abs_diff(self.to));
-        let legs = room.get_mut(..=interfaces as usize)?;
-        for (k, leg) in legs.iter_mut().enumerate() {
-            let layer = if self.sign > 0.0 { usize::from(self.from) + k } else { usize::from(self.from) - k };
-            leg.ior = self.stack.layers[layer].ior;
-        }
-        // Crossings of inner layers: a step forward ends in the layer behind the interface, one back in the one before it.
-        let mut arrived = false;
-        for step in chain.steps() {
-            if step.interface >= interfaces || arrived {
-                return None;
-            }
-            let beyond = step.forward != step.is_reflection;
-            let layer = step.interface as usize + usize::from(beyond);
-            arrived = layer == interfaces as usize;
-            if layer == 0 {
-                return None;
-            }
-            if !arrived {
-                let k = if self.sign > 0.0 { usize::from(self.from) + layer } else { usize::from(self.from) - layer };
-                legs[layer].depth += self.stack.thickness(k);
-            }
-        }
-        if !arrived {
-            return None;
-        }
-        legs[0] = Leg { ior: self.start_ior, depth: self.start_depth };
-        if let (End::Shift { depth, .. }, Some(last)) = (self.end, legs.last_mut()) {
-            last.depth = depth;
-        }
-        Some(legs)
-    }
-
-    /// Can a chain pass each interface within its footprint?
-    ///
-    /// With A the heights in front of the first and behind the last interface together, S the height between these two and T
-    /// the tangent of the straight line, `(A + S) T = A t + S' / q` holds for a chain whose way between them is `S' <= 5 S`, a
-    /// double pass counted twice. So its crossings lie at most `5 S T` beside those of the line; nor do they lie outside of
-    /// the line's ends.
-    fn meets_footprints(&self, x: Vec3) -> bool {
-        let stack = self.stack;
-        let (first, last) = if self.sign > 0.0 { (self.from, self.to - 1) } else { (self.to, self.from - 1) };
-        let crossed = &stack.interfaces[usize::from(first)..=usize::from(last)];
-        let uneven = crossed.iter().map(|i| i.deviation).fold(0.0, f64::max);
-        let height = |i: usize| crossed[i].height;
-        let between = (height(crossed.len() - 1) - height(0)).abs();
-        let (tangent, most) = match self.end {
-            End::Shift { shift, depth } => (shift / (self.start_depth + between + depth), shift),
-            End::Direction { sine, cosine } => (sine / cosine, f64::INFINITY),
-        };
-        // A receiver inside of a sheet: the rest of the sheet's height bends as well.
-        let span = between + 2.0 * uneven + if self.start_ior != 1.0 { self.start_depth } else { 0.0 };
-        if tangent.is_nan() {
-            return true;
-        }
-        let margin = (5.0 * span * tangent).min(most);
-        let x = x.as_dvec3();
-        let [origin, sideways] =
-            [x, self.sideways].map(|v| DVec2::new(stack.tangents[0].dot(v), stack.tangents[1].dot(v)));
-        let start = stack.axis.dot(x);
-        crossed.iter().all(|interface| {
-            let depth = (self.sign * (interface.height - start)).max(0.0);
-            let place = origin + sideways * (depth * tangent).min(most);
-            let [low, high] = interface.footprint;
-            place.cmpge(low - margin).all() && place.cmple(high + margin).all()
-        })
+        let crossing = Crossing { stack: self, x: x.as_dvec3(), from, to, start_ior, sideways, start_depth, end, sign };
+        crossing.meets_footprints().then_some(crossing)
     }
 }
 
