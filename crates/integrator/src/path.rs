@@ -224,7 +224,7 @@ impl<'a, F: Features, R: Recorder> Path<'a, F, R> {
                 let mut found = direct::light_from::<F, _>(self.scene, at, &light);
                 self.recorder.direct(self.throughput * found);
                 if self.has_covers() {
-                    let connected = cover::light_from::<F, _>(self.scene, at, &light, u.get(3), self.recorder);
+                    let connected = cover::light_from::<F, _>(self.scene, at, &light, || u.get(3), self.recorder);
                     self.recorder.connected(self.throughput * connected);
                     found += connected;
                 }

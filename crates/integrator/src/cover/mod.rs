@@ -5,7 +5,8 @@
 //! interfaces of one stack of covers between a receiver x and a point y of a light, each transmitting or reflecting in a
 //! given order; seen from x it is one direction. It is sought by shooting: a ray is sent from x in the direction that the
 //! chain would have if the stack were a plate of parallel layers, followed through the real mesh, and its direction mended
-//! by Newton's method until it arrives at y. The derivative, and with it the area at y per solid angle at x, is that of the
+//! by Newton's method until it arrives at y: on the mesh as it was met first (`trail.rs`), then through the mesh itself. The
+//! derivative, and with it the area at y per solid angle at x, is that of the
 //! bundle of rays about it (Igehy 1999), so the estimate is that of manifold next-event estimation (Hanika, Droske and
 //! Fascione 2015) in the coordinates of the first direction. In a plate the first ray arrives.
 //!
@@ -33,25 +34,37 @@
 
 mod beam;
 mod shoot;
+mod trail;
 
 use crate::direct::power_heuristic;
 use crate::trace::Recorder;
 use crate::vertex::Vertex;
 use crate::walk::Walk;
-use dunkelfeld_geometry::Vec3;
+use beam::Beam;
+use dunkelfeld_geometry::{DVec3, Vec3};
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_scene::{Candidate, Chain, Crossing, Features, LightReceiver, LightSample, Scene, SurfacePoint, Target};
 use shoot::{Shot, shoot};
 use std::marker::PhantomData;
+use trail::Trail;
 
-/// Rays that one connection may send.
-const MOST_SHOTS: u32 = 12;
+/// Rays that one connection may send ...
+const MOST_SHOTS: u32 = 6;
+/// ... if after so many of them ...
+const FIRST_SHOTS: u32 = 3;
+/// ... one has missed the light by less than this share of the straight distance. What is found at all is found soon.
+const NEAR: f64 = 0.01;
+/// Steps of Newton's method on a trail.
+const MOST_RECKONINGS: u32 = 4;
+/// They may end with a step as small as this \[rad\].
+const RECKONED: f64 = 1e-3;
 /// Times that a step may be halved in a row.
 const MOST_HALVINGS: u32 = 4;
 /// A chain has arrived when it misses the light by less than this share of the straight distance ...
-const ARRIVED: f64 = 1e-5;
-/// ... and the next step would turn it by less than this \[rad\].
-const SETTLED: f64 = 2e-5;
+const ARRIVED: f64 = 1e-4;
+/// ... and the next step would turn it by less than this \[rad\]. That step is still taken: the first direction, in which
+/// a glossy receiver may be very particular, is known to the square of it.
+const SETTLED: f64 = 1e-4;
 /// Rounding of a direction in f32, some times over \[rad\].
 const ROUNDING: f64 = 1e-6;
 /// No step turns the first direction by more than this \[rad\].
@@ -130,14 +143,14 @@ impl End {
     }
 }
 
-/// Light of a sample that reaches a vertex through a cover and is scattered toward the camera. `u` in `[0, 1)` chooses among
-/// the chains that may lead there; the recorder hears of the search and, if it found light, of the connection's share.
+/// Light of a sample that reaches a vertex through a cover and is scattered toward the camera. `u` gives a number in `[0, 1)` that
+/// chooses among the chains that may lead there; the recorder hears of the search and, if it found light, of the connection's share.
 #[inline(never)]
 pub(crate) fn light_from<F: Features, V: Vertex>(
     scene: &Scene,
     at: &V,
     light: &LightSample,
-    u: f32,
+    u: impl FnOnce() -> f32,
     recorder: &mut impl Recorder,
 ) -> Rgb {
     if light.is_delta {
@@ -230,6 +243,47 @@ struct Connection {
     narrowing: f32,
 }
 
+/// How well a ray hits the light.
+#[derive(Clone, Copy, Debug)]
+struct Aim {
+    /// By how much it misses, as a share of the straight distance, or as an angle.
+    error: f64,
+    /// The step \[rad\] that would mend it, along the unit vectors across the first direction.
+    step: [f64; 2],
+}
+
+impl Aim {
+    /// Length of the step.
+    fn size(&self) -> f64 {
+        self.step[0].hypot(self.step[1])
+    }
+}
+
+/// The best ray so far.
+struct Best {
+    /// First direction, and unit vectors across it.
+    direction: Vec3,
+    across: [Vec3; 2],
+    /// The step that it asks for \[rad\].
+    step: [f64; 2],
+    error: f64,
+    /// The direction that was reckoned from its trail.
+    reckoned: Option<Vec3>,
+}
+
+impl Best {
+    /// The direction to try after so many failures: what was reckoned, then Newton's step, then half of it and so on.
+    fn attempt(&self, failures: u32) -> Option<Vec3> {
+        let halvings = match (self.reckoned, failures) {
+            (Some(reckoned), 0) => return Some(reckoned),
+            (Some(_), n) => n - 1,
+            (None, n) => n,
+        };
+        let scale = 0.5f64.powi(halvings as i32);
+        (halvings <= MOST_HALVINGS).then(|| turned(self.direction, self.across, self.step.map(|s| s * scale)))
+    }
+}
+
 /// A receiver and a light, between which chains are sought.
 struct Solver<'a, F> {
     scene: &'a Scene,
@@ -272,10 +326,14 @@ impl<'a, F: Features> Solver<'a, F> {
     }
 
     /// Chooses a chain by what it may bring.
-    fn choose(&self, u: f32) -> Option<Way> {
-        let (mut total, mut rest, mut chosen) = (0.0, f64::from(u), None);
+    fn choose(&self, u: impl FnOnce() -> f32) -> Option<Way> {
+        let (mut total, mut u, mut rest, mut chosen) = (0.0, Some(u), 0.0, None);
         self.each_way(|stack, crossing, candidate| {
             total += candidate.brings;
+            // Most questions have no candidate, and need no number.
+            if let Some(u) = u.take() {
+                rest = f64::from(u());
+            }
             // What is left of the random number is as good as a new one.
             let takes = candidate.brings / total;
             if rest < takes {
@@ -304,46 +362,71 @@ impl<'a, F: Features> Solver<'a, F> {
 
     /// Seeks the chain; also tells how many rays that took. A function of receiver, light, stack and chain alone.
     fn connect(&self, way: &Way) -> (Option<Connection>, u32) {
+        let mut trail = Trail::new();
         let mut direction = way.direction;
-        // The best ray so far: first direction, unit vectors across it, the step that it asks for, its error.
-        let mut best: Option<(Vec3, [Vec3; 2], [f64; 2], f64)> = None;
-        let mut halvings = 0;
+        let mut best: Option<Best> = None;
+        let mut failures = 0;
         for shots in 1..=MOST_SHOTS {
-            if let Some((shot, error, step)) = self.try_direction(way, direction) {
-                let size = step[0].hypot(step[1]);
-                if error <= ARRIVED && size <= SETTLED {
-                    return (self.finish(turned(direction, shot.beam.across, step), shot, size), shots);
+            if let Some((shot, aim)) = self.try_direction(way, direction, &mut trail) {
+                let size = aim.size();
+                if aim.error <= ARRIVED && size <= SETTLED {
+                    return (self.finish(turned(direction, shot.beam.across, aim.step), shot, size), shots);
                 }
-                if best.is_none_or(|(.., least)| error < least) {
+                if best.as_ref().is_none_or(|b| aim.error < b.error) {
                     let scale = (LONGEST_STEP / size).min(1.0);
-                    best = Some((direction, shot.beam.across, step.map(|s| s * scale), error));
-                    halvings = 0;
+                    let (across, step) = (shot.beam.across, aim.step.map(|s| s * scale));
+                    let reckoned = self.reckon(&trail, turned(direction, across, step));
+                    best = Some(Best { direction, across, step, error: aim.error, reckoned });
+                    failures = 0;
                 } else {
-                    halvings += 1;
+                    failures += 1;
                 }
             } else {
-                halvings += 1;
+                failures += 1;
             }
-            let Some((from, across, step, _)) = best.filter(|_| halvings <= MOST_HALVINGS) else {
-                return (None, shots);
-            };
-            let scale = 0.5f64.powi(halvings as i32);
-            direction = turned(from, across, step.map(|s| s * scale));
+            let promising = best.as_ref().filter(|b| shots < FIRST_SHOTS || b.error < NEAR);
+            let Some(next) = promising.and_then(|b| b.attempt(failures)) else { return (None, shots) };
+            direction = next;
         }
         (None, MOST_SHOTS)
     }
 
-    /// Sends a ray: where it leaves the cover, by how much it misses the light (as a share of the straight distance, or as an
-    /// angle), and the step \[rad\] that would mend it.
-    fn try_direction(&self, way: &Way, direction: Vec3) -> Option<(Shot, f64, [f64; 2])> {
+    /// Newton's method on what a ray has left as its trail, from a direction on: where the chain would start if the faces went
+    /// on as they are there. `None` if that leads nowhere.
+    fn reckon(&self, trail: &Trail, mut direction: Vec3) -> Option<Vec3> {
+        let mut error = f64::INFINITY;
+        for _ in 0..MOST_RECKONINGS {
+            let (place, leaving, beam) = trail.follow(self.start.ray.origin.as_dvec3(), direction)?;
+            let aim = self.aim(place, leaving, &beam)?;
+            let is_better = aim.error < error && aim.size() < LONGEST_STEP;
+            if !is_better {
+                return None;
+            }
+            error = aim.error;
+            direction = turned(direction, beam.across, aim.step);
+            if aim.size() <= RECKONED {
+                break;
+            }
+        }
+        Some(direction)
+    }
+
+    /// Sends a ray: where it leaves the cover, and how well it hits the light.
+    fn try_direction(&self, way: &Way, direction: Vec3, trail: &mut Trail) -> Option<(Shot, Aim)> {
         if !self.is_on_its_side(direction) {
             return None;
         }
-        let shot = shoot::<F>(self.scene, self.start.aimed(direction), way.stack, way.chain)?;
-        let leaving = shot.walk.ray.direction.as_dvec3();
+        let shot = shoot::<F>(self.scene, self.start.aimed(direction), way.stack, way.chain, trail)?;
+        let last = &shot.walk.ray;
+        let aim = self.aim(last.origin.as_dvec3(), last.direction.as_dvec3(), &shot.beam)?;
+        Some((shot, aim))
+    }
+
+    /// How well a ray that leaves the cover hits the light; `None` if that is behind it, or no step mends the miss.
+    fn aim(&self, place: DVec3, leaving: DVec3, beam: &Beam) -> Option<Aim> {
         let (miss, scale, spread) = match self.end.target {
             Target::Point(point) => {
-                let to_light = point.as_dvec3() - shot.walk.ray.origin.as_dvec3();
+                let to_light = point.as_dvec3() - place;
                 let distance = to_light.dot(leaving);
                 let is_ahead = distance > 0.0;
                 if !is_ahead {
@@ -351,19 +434,18 @@ impl<'a, F: Features> Solver<'a, F> {
                 }
                 let miss = to_light - leaving * distance;
                 let straight = point.as_dvec3().distance(self.receiver.point.as_dvec3());
-                (miss, straight, shot.beam.spread_at(leaving, distance))
+                (miss, straight, beam.spread_at(leaving, distance))
             }
-            Target::Direction(d) => (d.as_dvec3() - leaving, 1.0, shot.beam.spread_to_infinity(leaving)),
+            Target::Direction(d) => (d.as_dvec3() - leaving, 1.0, beam.spread_to_infinity(leaving)),
         };
-        let error = miss.length() / scale;
-        Some((shot, error, spread.solve(miss)?))
+        Some(Aim { error: miss.length() / scale, step: spread.solve(miss)? })
     }
 
     /// Does a direction that leads to the light as well belong to the same solution?
     fn is_same(&self, way: &Way, found: &Connection, taken: Vec3) -> bool {
-        let Some((_, _, step)) = self.try_direction(way, taken) else { return false };
+        let Some((_, aim)) = self.try_direction(way, taken, &mut Trail::new()) else { return false };
         let distance = (found.direction.as_dvec3() - taken.as_dvec3()).length();
-        distance <= ROUNDING + 2.0 * (found.step + step[0].hypot(step[1]))
+        distance <= ROUNDING + 2.0 * (found.step + aim.size())
     }
 
     /// The chain that has arrived; `None` if its light would leave on the other side of the light's surface.

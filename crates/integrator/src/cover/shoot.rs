@@ -1,6 +1,7 @@
 //! A chain of smooth interfaces, followed from the receiver through the real mesh.
 
 use super::beam::Beam;
+use super::trail::{Bend, Trail};
 use crate::vertex::{SurfaceVertex, Vertex};
 use crate::walk::Walk;
 use dunkelfeld_bsdf::Lobe;
@@ -27,8 +28,15 @@ pub(super) struct Shot {
 }
 
 /// Follows a chain through the interfaces of a stack; `None` if it does not exist: something else is in the way, an interface
-/// is missed, or light is reflected totally where it should be transmitted.
-pub(super) fn shoot<F: Features>(scene: &Scene, start: Walk, stack: u16, chain: Chain) -> Option<Shot> {
+/// is missed, or light is reflected totally where it should be transmitted. The trail tells afterwards what was met.
+pub(super) fn shoot<F: Features>(
+    scene: &Scene,
+    start: Walk,
+    stack: u16,
+    chain: Chain,
+    trail: &mut Trail,
+) -> Option<Shot> {
+    trail.clear();
     let mut beam = Beam::from_point(start.ray.direction);
     let (mut walk, mut weight, mut probability) = (start, Rgb::WHITE, 1.0);
     let (mut event, mut passed) = (0, 0);
@@ -67,12 +75,14 @@ pub(super) fn shoot<F: Features>(scene: &Scene, start: Walk, stack: u16, chain: 
             return None;
         }
         let (normal, differential) = scene.normal_differential(&at.met.hit, at.wo);
+        let (normal, eta) = (normal.as_dvec3(), f64::from(scattered.eta));
         if is_reflection {
-            beam.reflect(direction, normal.as_dvec3(), differential.as_ref());
+            beam.reflect(direction, normal, differential.as_ref());
         } else {
-            let directions = (direction, scattered.wi.as_dvec3());
-            beam.refract(directions, normal.as_dvec3(), f64::from(scattered.eta), differential.as_ref());
+            beam.refract((direction, scattered.wi.as_dvec3()), normal, eta, differential.as_ref());
         }
+        let (point, flat) = (at.met.hit.point.as_dvec3(), at.met.hit.normal.as_dvec3());
+        trail.note(Bend { point, flat, normal, differential, eta: (!is_reflection).then_some(eta) });
         weight *= scattered.weight * scattered.pdf;
         probability *= scattered.pdf;
         walk = at.leave(scattered.wi);
