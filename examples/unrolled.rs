@@ -63,12 +63,12 @@ fn main() -> Result<(), dunkelfeld::Error> {
         println!("{:?}: {}: {}", finding.severity, finding.place, finding.message);
     }
 
-    // Two seconds, samples by the paper's method, a real sensor behind an f/8 lens.
+    // Two seconds, samples where a real sensor behind an f/8 lens would notice.
     let sensor = dunkelfeld::io::sensor_file::preset("imx250")?;
     let settings = RenderSettings {
         width: 256,
         height: 256,
-        budget: Budget { seconds: Some(2.0), spp: None },
+        budget: Budget { seconds: Some(2.0), ..Budget::default() },
         sensor: SensorChoice::Emva { model: Box::new(sensor), optics: Optics::new(8.0, 0.9, 0.0)?, exposure: None },
         ..RenderSettings::default()
     };

@@ -51,7 +51,7 @@ fn a_render_writes_all_outputs_well_formed() {
     let layers = read_exr(&bench.path("a.exr")).expect("an EXR");
     let names: BTreeSet<&str> = layers.channels.iter().map(|(name, _)| name.as_str()).collect();
     let expected = "R G B variance.R variance.G variance.B spp.Y albedo.R albedo.G albedo.B normal.X normal.Y normal.Z \
-                    depth.Z id.object id.material electrons.Y";
+                    depth.Z id.object id.material electrons.Y hidden.Y";
     assert_eq!(names, expected.split_whitespace().collect());
     assert_eq!((layers.width, layers.height), (24, 16));
     assert!(bench.floats("a.exr", "R").iter().any(|&v| v > 0.0), "the lamp lights the floor");
@@ -66,7 +66,7 @@ fn a_render_writes_all_outputs_well_formed() {
     let stats = bench.json("a.json");
     assert_eq!(
         (&stats["version"], &stats["stop"], &stats["allocation"]),
-        (&1.into(), &"samples".into(), &"sobel".into())
+        (&2.into(), &"samples".into(), &"sensor".into())
     );
     assert_eq!((&stats["seed"], &stats["samples"], &stats["mean_spp"]), (&7.into(), &samples.into(), &20.0.into()));
     assert_eq!(stats["size"], serde_json::json!([24, 16]));
@@ -78,7 +78,7 @@ fn a_render_writes_all_outputs_well_formed() {
     let keys: BTreeSet<&str> = stats.as_object().expect("an object").keys().map(String::as_str).collect();
     let documented = "version program size seed frame threads allocation stop without samples mean_spp spp_range pixels_without_samples \
                       samples_per_second invalid_samples invalid_named heaviest_samples dominated_pixels cover_connections mean_radiance mean_radiance_standard_error \
-                      seconds total_seconds budget_seconds budget_missed sensor";
+                      seconds total_seconds budget_seconds budget_missed sensor forecast certificate";
     assert_eq!(keys, documented.split_whitespace().collect());
     let keys: BTreeSet<&str> = stats["sensor"].as_object().expect("an object").keys().map(String::as_str).collect();
     let documented = "name exposure_seconds mean_electrons mean_value saturated no_light";
@@ -237,12 +237,42 @@ fn the_first_limit_stops() {
 }
 
 #[test]
+fn a_render_can_end_when_the_sensor_hides_its_noise() {
+    let bench = Bench::new();
+    // A lit floor under a lens so fast that every pixel has thousands of electrons.
+    let run = bench
+        .run("render scene.gltf --width 16 --height 12 --noise 0.5 --progress json --exr a.exr --stats a.json")
+        .code(0);
+    let (stats, said) = (bench.json("a.json"), stdout(&run));
+    assert_eq!((&stats["stop"], &stats["allocation"]), (&"noise".into(), &"sensor".into()));
+    let c = &stats["certificate"];
+    assert!(c["k"] == 0.5 && c["is_hidden"] == true && c["hidden"].as_f64().is_some_and(|h| h >= 0.99), "{c}");
+    assert!(said.contains("at k = 0.5 in ") && said.contains("the pilot foretold"), "{said}");
+    // The layer says the same as the certificate: nothing is saturated here.
+    let ratios = bench.floats("a.exr", "hidden.Y");
+    let hidden = ratios.iter().filter(|r| **r <= 0.25).count() as f64 / ratios.len() as f64;
+    assert_eq!(c["saturated"], 0);
+    assert!((hidden - c["hidden"].as_f64().expect("a number")).abs() < 1e-9, "{hidden} against {c}");
+    let told: Vec<f64> = stats["forecast"].as_array().expect("levels").iter().filter_map(|l| l["k"].as_f64()).collect();
+    assert_eq!(told, [1.0, 0.7, 0.5, 0.25]);
+    // With several rules the first to be met stops.
+    bench.run("render scene.gltf --width 16 --height 12 --noise 0.001 --spp 20 --stats b.json").code(0);
+    let stats = bench.json("b.json");
+    assert!(stats["stop"] == "samples" && stats["mean_spp"] == 20.0 && stats["certificate"]["is_hidden"] == false);
+    // And a job may say it.
+    bench.write("quiet.toml", "scene = \"scene.gltf\"\n[film]\nwidth = 16\nheight = 12\n[budget]\nnoise = 0.5\n[allocate]\nstrategy = \"uniform\"\n");
+    bench.run("render quiet.toml --stats c.json").code(0);
+    let stats = bench.json("c.json");
+    assert!(stats["stop"] == "noise" && stats["allocation"] == "uniform" && stats["certificate"]["is_hidden"] == true);
+}
+
+#[test]
 fn a_job_is_obeyed_and_flags_win_over_it() {
     let bench = Bench::new();
     bench.run("render job.toml --stats a.json").code(0);
     let stats = bench.json("a.json");
     assert_eq!(header(&bench.read("job.png")), (20, 10, 8, 0));
-    assert_eq!((&stats["mean_spp"], &stats["allocation"]), (&3.0.into(), &"sobel".into()));
+    assert_eq!((&stats["mean_spp"], &stats["allocation"]), (&3.0.into(), &"sensor".into()));
     // A job that says nothing of a sensor has the one that a scene has.
     bench.run("render scene.gltf --width 20 --height 10 --spp 3 -o b.png --stats b.json").code(0);
     assert_eq!(stats["sensor"]["name"], bench.json("b.json")["sensor"]["name"]);
@@ -373,7 +403,9 @@ fn help_and_version_go_to_standard_output() {
     let help = stdout(&bench.run("--help").code(0));
     assert!(help.contains("render") && help.contains("Exit codes"), "{help}");
     let help = stdout(&bench.run("render --help").code(0));
-    for flag in ["--time", "--spp", "--allocate", "--sensor", "--exposure", "--replay", "--debug-sample", "--stats"] {
+    for flag in
+        ["--time", "--spp", "--noise", "--allocate", "--sensor", "--exposure", "--replay", "--debug-sample", "--stats"]
+    {
         assert!(help.contains(flag), "no {flag} in\n{help}");
     }
     assert_eq!(stdout(&bench.run("--version").code(0)), format!("dunkelfeld {}\n", env!("CARGO_PKG_VERSION")));

@@ -14,7 +14,7 @@ use dunkelfeld::radiometry::Rgb;
 use dunkelfeld::scene::{Effect, Material, Scene, SceneBuilder};
 use dunkelfeld::sensor::Optics;
 use dunkelfeld::{
-    Budget, Cancel, HeavySample, RenderSettings, STATS_VERSION, SensorChoice, Silent, Stage, Stats, develop,
+    Budget, Cancel, HeavySample, RenderSettings, STATS_VERSION, SensorChoice, Silent, Stage, Stats, certify, develop,
     find_sensor, render,
 };
 use serde_json::Value;
@@ -284,7 +284,8 @@ fn lamp() -> Scene {
 
 fn stats(settings: &RenderSettings) -> Value {
     let rendering = render(&lamp(), settings, Instant::now(), &Silent, &Cancel::new()).expect("valid settings");
-    let frame = develop(&rendering.film.mean(), settings).expect("a frame");
+    let mut frame = develop(&rendering.film.mean(), settings).expect("a frame");
+    certify(&mut frame, &rendering.film, &rendering.labels, settings.budget.noise);
     let mut stats = Stats::new(&rendering, &frame, settings);
     for stage in [Stage::Load, Stage::Build, Stage::Pilot, Stage::Plan, Stage::Refine, Stage::Expose, Stage::Write] {
         stats.add_seconds(stage, 0.0);
@@ -302,7 +303,7 @@ fn all_kinds_of_stats() -> [Value; 2] {
     let optics = Optics::new(4.0, 0.9, 0.0).expect("in range");
     let model = Box::new(find_sensor("imx250").expect("a preset"));
     let sensor = SensorChoice::Emva { model, optics, exposure: None };
-    let budget = Budget { seconds: Some(60.0), spp: Some(8.0) };
+    let budget = Budget { seconds: Some(60.0), spp: Some(8.0), noise: Some(100.0) };
     [stats(&RenderSettings { sensor, budget, ..settings(4, 3, 8.0, 1) }), stats(&settings(4, 3, 1.0, 1))]
 }
 
@@ -412,6 +413,7 @@ fn links_between_the_pages_lead_somewhere() {
         "docs/statistics.md",
         "docs/effects.md",
         "docs/bench.md",
+        "docs/accuracy.md",
     ]) {
         let folder = root().join(name).parent().map(Path::to_path_buf).unwrap_or_default();
         for link in local_links(&page(name)) {

@@ -44,7 +44,8 @@ fn rendered(scene: &Scene, settings: &RenderSettings) -> Film {
 #[test]
 fn the_film_is_bit_identical_for_any_number_of_threads() {
     let scene = room();
-    for strategy in [Strategy::Uniform, Strategy::Sobel] {
+    for strategy in [Strategy::Uniform, Strategy::Sobel, Strategy::Variance] {
+        let strategy = Some(strategy);
         let with = |threads| rendered(&scene, &RenderSettings { threads, strategy, ..settings(50, 37, 32.0, 11) });
         let one = with(1);
         assert!(one.total_samples() > 0 && one == with(2) && one == with(7), "{strategy:?}");
@@ -112,7 +113,7 @@ fn sample_sets_are_additive_to_the_last_bit() {
     let whole = part(0..128);
     assert!(sum == whole, "[0,64) + [64,128) differs from [0,128)");
     // And the renderer takes exactly these samples.
-    let by_rounds = rendered(&scene, &RenderSettings { budget: Budget { seconds: None, spp: Some(128.0) }, ..s });
+    let by_rounds = rendered(&scene, &RenderSettings { budget: Budget { spp: Some(128.0), ..Budget::default() }, ..s });
     assert!(by_rounds == whole, "rounds differ from samples taken one by one");
 }
 
@@ -120,8 +121,8 @@ fn sample_sets_are_additive_to_the_last_bit() {
 fn a_timed_render_replays_to_the_same_bits() {
     let scene = room();
     let timed = RenderSettings {
-        budget: Budget { seconds: Some(0.6), spp: None },
-        strategy: Strategy::Sobel,
+        budget: Budget { seconds: Some(0.6), ..Budget::default() },
+        strategy: Some(Strategy::Sobel),
         ..settings(64, 48, 1.0, 3)
     };
     let run = |s: &RenderSettings| render(&scene, s, Instant::now(), &Silent, &Cancel::new()).expect("valid");

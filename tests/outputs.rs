@@ -184,12 +184,12 @@ fn outputs_that_cannot_be_are_refused_before_the_render() {
 fn a_project_is_opened_adjusted_rendered_and_saved() {
     let folder = TempDir::new().expect("a temporary folder");
     let mut project = Project::open(scene_file(&folder)).expect("a scene");
-    assert_eq!((project.settings.strategy, project.settings.width), (Strategy::Sobel, 512));
+    assert_eq!((project.settings.strategy(), project.settings.width), (Strategy::Sensor, 512));
     let SensorChoice::Emva { exposure: None, .. } = &project.settings.sensor else {
         panic!("a sensor, exposed by itself")
     };
     (project.settings.width, project.settings.height) = (12, 10);
-    project.settings.budget = Budget { seconds: None, spp: Some(4.0) };
+    project.settings.budget = Budget { spp: Some(4.0), ..Budget::default() };
     let at = |name: &str| Some(folder.path().join(name));
     project.outputs =
         OutputPaths { image: at("a.png"), exr: at("a.exr"), stats: at("a.json"), ..OutputPaths::default() };
@@ -245,7 +245,8 @@ fn a_render_that_is_cancelled_from_its_progress_keeps_samples_that_can_be_replay
     // The first rounds are small: by then some are complete.
     let watch = Watch { seen: Mutex::default(), cancel: &cancel, most: 100 * 32 * 32 };
     // An hour's budget: only the switch can end it.
-    let s = RenderSettings { budget: Budget { seconds: Some(3600.0), spp: None }, ..settings(32, 32, 1.0, 8) };
+    let s =
+        RenderSettings { budget: Budget { seconds: Some(3600.0), ..Budget::default() }, ..settings(32, 32, 1.0, 8) };
     let cut = render(&scene, &s, Instant::now(), &watch, &cancel).expect("valid");
     assert!(cut.interrupted && cut.film.total_samples() > 0);
     let replay = RenderSettings { replay: Some(cut.plan()), budget: Budget::default(), threads: 3, ..s };

@@ -107,7 +107,7 @@ fn images_of_one_pixel_and_of_one_row_are_whole() {
     for (width, height) in [(1, 1), (16_384, 1), (1, 16_384), (17, 1), (16_383, 2)] {
         for strategy in [Strategy::Uniform, Strategy::Sobel] {
             for spp in [1.0, 5.0] {
-                let s = RenderSettings { strategy, ..settings(width, height, spp, 3) };
+                let s = RenderSettings { strategy: Some(strategy), ..settings(width, height, spp, 3) };
                 let film = film(&scene, &s);
                 let what = format!("{width} x {height}, {strategy:?}, {spp} samples per pixel");
                 assert_eq!((film.width(), film.height()), (width, height));

@@ -53,8 +53,8 @@ pub(crate) fn settings(width: u32, height: u32, spp: f64, seed: u64) -> RenderSe
     RenderSettings {
         width,
         height,
-        budget: Budget { seconds: None, spp: Some(spp) },
-        strategy: Strategy::Uniform,
+        budget: Budget { spp: Some(spp), ..Budget::default() },
+        strategy: Some(Strategy::Uniform),
         seed,
         ..RenderSettings::default()
     }

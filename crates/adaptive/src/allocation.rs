@@ -1,4 +1,4 @@
-//! How the samples are shared out: relative weights per pixel, mean one.
+//! How the samples are shared out: relative weights per pixel, mean one, and what each pixel needs.
 //!
 //! Each strategy is a pure function of planes. A strategy says how *unequal* pixels are; how many samples there are to
 //! share is the business of [`crate::plan`], and how many the clock allows that of [`crate::schedule`].
@@ -8,6 +8,8 @@ use std::str::FromStr;
 
 use dunkelfeld_film::Plane;
 
+use crate::need::{GUARD, Needs, SensorNoise};
+use crate::pooling::PixelNoise;
 use crate::sobel::{gamma_image, magnitude};
 
 /// No pixel's Sobel magnitude counts for less than this share of the image's mean magnitude. With it, the flattest
@@ -17,24 +19,36 @@ pub const SOBEL_FLOOR: f32 = 0.25;
 pub const SOBEL_RESOLUTION: f32 = 0.5;
 
 /// A way to share samples among pixels.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Strategy {
     /// The same number everywhere.
     Uniform,
     /// In proportion to the Sobel magnitude of the pilot image, above a floor (Kludt et al.).
-    #[default]
     Sobel,
+    /// In proportion to the standard deviation of a sample over the root of its cost (Neyman 1934): the least variance of the
+    /// image's mean that a budget buys.
+    Variance,
+    /// Where the camera would notice: until the render's variance is hidden beneath the sensor's everywhere, and as far as
+    /// the budget does not reach, in proportion to `sqrt(v / (s c))`: variance of a sample over sensor variance and cost.
+    Sensor,
 }
 
 impl Strategy {
     /// All strategies, in the order in which they are documented.
-    pub const ALL: [Self; 2] = [Self::Uniform, Self::Sobel];
+    pub const ALL: [Self; 4] = [Self::Uniform, Self::Sobel, Self::Variance, Self::Sensor];
+
+    /// The strategy where none is named: [`Self::Sensor`] behind a sensor; without one the founding paper's.
+    pub const fn default_for(has_sensor: bool) -> Self {
+        if has_sensor { Self::Sensor } else { Self::Sobel }
+    }
 
     /// The name on the command line and in job files.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Uniform => "uniform",
             Self::Sobel => "sobel",
+            Self::Variance => "variance",
+            Self::Sensor => "sensor",
         }
     }
 
@@ -43,12 +57,41 @@ impl Strategy {
         !matches!(self, Self::Uniform)
     }
 
-    /// The relative weights, all positive, with mean one (to within rounding).
-    pub fn weights(self, pilot: &Pilot<'_>) -> Plane<f32> {
-        match self {
-            Self::Uniform => uniform(pilot.luminance.width(), pilot.luminance.height()),
-            Self::Sobel => sobel(&magnitude(&gamma_image(pilot.luminance, pilot.white)), pilot.sobel_floor),
+    /// Does it rest on measured variances ([`Pilot::measured`])?
+    pub const fn needs_noise(self) -> bool {
+        matches!(self, Self::Variance | Self::Sensor)
+    }
+
+    /// The shares of all pixels. What a strategy has no data for, it does as the next simpler one would: `sensor` without a
+    /// sensor as `variance`, `variance` without variances as `uniform`.
+    pub fn shares(self, pilot: &Pilot<'_>) -> Shares {
+        let (width, height) = (pilot.luminance.width(), pilot.luminance.height());
+        match (self, &pilot.measured) {
+            (Self::Sobel, _) => {
+                Shares::of(sobel(&magnitude(&gamma_image(pilot.luminance, pilot.white)), pilot.sobel_floor))
+            }
+            (Self::Sensor, Some(Measured { sensor: Some((sensor, needs)), .. })) => {
+                Shares { weights: deviation(pilot, Some(*sensor)), caps: Some(needs.aimed()) }
+            }
+            (Self::Variance | Self::Sensor, Some(_)) => Shares::of(deviation(pilot, None)),
+            (Self::Uniform, _) | (Self::Variance | Self::Sensor, None) => Shares::of(uniform(width, height)),
         }
+    }
+}
+
+/// How a budget is shared out: in proportion to weights, up to caps. Once all are met, in proportion to the caps.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Shares {
+    /// Relative weights, none negative, with mean one (to within rounding).
+    pub weights: Plane<f32>,
+    /// Samples at which a pixel has what it needs; without them there is no such number.
+    pub caps: Option<Plane<f32>>,
+}
+
+impl Shares {
+    /// Shares by weights alone.
+    pub fn of(weights: Plane<f32>) -> Self {
+        Self { weights, caps: None }
     }
 }
 
@@ -89,6 +132,51 @@ pub struct Pilot<'a> {
     /// Weight of a region without edges, relative to the mean Sobel magnitude; [`SOBEL_FLOOR`] by default, and for
     /// what is not from 0 to 1.
     pub sobel_floor: f32,
+    /// Variances, for the strategies that need them.
+    pub measured: Option<Measured<'a>>,
+}
+
+/// Measured variances; planes of the size of the pilot.
+#[derive(Clone, Copy, Debug)]
+pub struct Measured<'a> {
+    /// Samples per pixel.
+    pub counts: &'a Plane<u32>,
+    /// What is expected of a pixel's samples: in photo-electrons behind a sensor, in any linear unit without one.
+    pub noise: &'a Plane<PixelNoise>,
+    /// The sensor, and what each pixel needs to be hidden beneath its noise.
+    pub sensor: Option<(SensorNoise, &'a Needs)>,
+    /// Relative cost of a sample in each pixel; `None` for the same everywhere. What is not positive counts as one.
+    pub cost: Option<&'a Plane<f32>>,
+}
+
+/// Weights `sqrt(v / (s c))`, s being one without a sensor. The variance v holds the guard against events not yet seen. A pixel
+/// of which nothing is known weighs as much as the heaviest of the others; a saturated one nothing.
+fn deviation(pilot: &Pilot<'_>, sensor: Option<SensorNoise>) -> Plane<f32> {
+    let (width, height) = (pilot.luminance.width(), pilot.luminance.height());
+    let Some(measured) = &pilot.measured else { return uniform(width, height) };
+    let saturated = measured.sensor.filter(|_| sensor.is_some()).map(|(_, needs)| &needs.saturated);
+    let weights: Vec<f32> = measured
+        .noise
+        .data()
+        .iter()
+        .zip(measured.counts.data())
+        .enumerate()
+        .map(|(i, (noise, &n))| {
+            let event = f64::from(noise.event);
+            let v = f64::from(noise.variance) + GUARD * event * event / f64::from(n.max(1));
+            let s = sensor.map_or(1.0, |sensor| sensor.variance(f64::from(noise.mean)));
+            let cost = measured.cost.and_then(|c| c.data().get(i)).copied().map_or(1.0, f64::from);
+            let full = saturated.and_then(|s| s.data().get(i)).copied().unwrap_or(false);
+            if full { 0.0 } else { (v / (s * if cost > 0.0 { cost } else { 1.0 })).sqrt() as f32 }
+        })
+        .collect();
+    let heaviest = weights.iter().copied().filter(|w| w.is_finite()).fold(0.0f32, f32::max);
+    let heaviest = if heaviest > 0.0 { heaviest } else { 1.0 };
+    let weights = weights.into_iter().map(|w| if w.is_finite() { w } else { heaviest }).collect();
+    match Plane::from_vec(width, height, weights) {
+        Some(weights) if weights.data().iter().any(|&w| w > 0.0) => normalised(weights),
+        _ => uniform(width, height),
+    }
 }
 
 /// Equal weights.
@@ -136,7 +224,7 @@ mod tests {
             assert_eq!(strategy.name().parse(), Ok(strategy));
         }
         let error = "neyman".parse::<Strategy>().expect_err("no such strategy");
-        assert_eq!(error.to_string(), "there is no allocation `neyman`; there are uniform, sobel");
+        assert_eq!(error.to_string(), "there is no allocation `neyman`; there are uniform, sobel, variance, sensor");
     }
 
     #[test]
@@ -189,11 +277,85 @@ mod tests {
     #[test]
     fn the_sobel_strategy_sends_samples_to_the_edge() {
         let luminance = Plane::from_fn(32, 8, |x, _| if x < 16 { 0.1 } else { 0.9 });
-        let pilot = Pilot { luminance: &luminance, white: 1.0, sobel_floor: SOBEL_FLOOR };
-        let weights = Strategy::Sobel.weights(&pilot);
+        let pilot = Pilot { luminance: &luminance, white: 1.0, sobel_floor: SOBEL_FLOOR, measured: None };
+        let Shares { weights, caps } = Strategy::Sobel.shares(&pilot);
         assert_mean_one(&weights);
         assert!(*weights.at(15, 4) > 5.0 && *weights.at(16, 4) > 5.0);
         assert!(*weights.at(3, 4) < 0.5);
-        assert!(Strategy::Uniform.weights(&pilot).data().iter().all(|&w| w == 1.0));
+        assert_eq!(caps, None);
+        assert_eq!(Strategy::Uniform.shares(&pilot), Shares::of(uniform(32, 8)));
+        // Nothing has been measured.
+        assert_eq!(Strategy::Sensor.shares(&pilot), Shares::of(uniform(32, 8)));
+    }
+
+    const SENSOR: SensorNoise = SensorNoise { floor: 10.0, saturation: 1000.0 };
+
+    fn noise(variance: f32, mean: f32) -> PixelNoise {
+        PixelNoise { variance, freedom: 147.0, mean, darkest: mean, event: 0.0 }
+    }
+
+    /// Weights of four pixels, by a strategy, sensor and cost.
+    fn weights_of(
+        strategy: Strategy,
+        noise: [PixelNoise; 4],
+        cost: Option<[f32; 4]>,
+        saturated: [bool; 4],
+    ) -> Vec<f32> {
+        let row = |v: [f32; 4]| Plane::from_vec(4, 1, v.to_vec()).expect("four values");
+        let noise = Plane::from_vec(4, 1, noise.to_vec()).expect("four values");
+        let needs = Needs {
+            planned: row([1.0, 2.0, 3.0, 4.0]),
+            bare: row([1.0; 4]),
+            saturated: Plane::from_vec(4, 1, saturated.to_vec()).expect("four values"),
+        };
+        let (counts, cost) = (Plane::new(4, 1, 8), cost.map(row));
+        let sensor = (strategy == Strategy::Sensor).then_some((SENSOR, &needs));
+        let measured = Some(Measured { counts: &counts, noise: &noise, sensor, cost: cost.as_ref() });
+        let pilot = Pilot { luminance: &row([0.0; 4]), white: 1.0, sobel_floor: SOBEL_FLOOR, measured };
+        let shares = strategy.shares(&pilot);
+        assert_eq!(shares.caps.is_some(), strategy == Strategy::Sensor);
+        let m = mean(shares.weights.data().iter().copied());
+        assert!((m - 1.0).abs() < 1e-5, "mean {m}");
+        shares.weights.into_vec()
+    }
+
+    fn assert_ratios(weights: &[f32], expected: [f32; 4]) {
+        for (w, e) in weights.iter().zip(expected) {
+            assert!((w / weights[0] - e / expected[0]).abs() < 1e-4, "{weights:?} are not as {expected:?}");
+        }
+    }
+
+    #[test]
+    fn neyman_goes_by_deviation_over_the_root_of_cost() {
+        let pixels = [noise(1.0, 0.0), noise(4.0, 50.0), noise(9.0, 0.0), noise(16.0, 0.0)];
+        assert_ratios(&weights_of(Strategy::Variance, pixels, None, [false; 4]), [1.0, 2.0, 3.0, 4.0]);
+        let cost = Some([1.0, 4.0, 9.0, 0.0]);
+        assert_ratios(&weights_of(Strategy::Variance, pixels, cost, [false; 4]), [1.0, 1.0, 1.0, 4.0]);
+    }
+
+    #[test]
+    fn the_sensor_forgives_what_it_cannot_see() {
+        // Sensor variances 10, 10, 40 and 90: floor, and floor plus signal.
+        let pixels = [noise(10.0, 0.0), noise(90.0, -5.0), noise(160.0, 30.0), noise(90.0, 80.0)];
+        assert_ratios(&weights_of(Strategy::Sensor, pixels, None, [false; 4]), [1.0, 3.0, 2.0, 1.0]);
+        let full = weights_of(Strategy::Sensor, pixels, None, [false, false, true, false]);
+        assert_ratios(&full, [1.0, 3.0, 0.0, 1.0]);
+    }
+
+    #[test]
+    fn events_weigh_as_long_as_they_may_have_been_missed_and_the_unknown_weighs_most() {
+        // 0.5 * 4^2 / 8 = 1 beside a variance of 3.
+        let pixels = [noise(4.0, 0.0), PixelNoise { event: 4.0, ..noise(3.0, 0.0) }, noise(1.0, 0.0), noise(1.0, 0.0)];
+        assert_ratios(&weights_of(Strategy::Variance, pixels, None, [false; 4]), [2.0, 2.0, 1.0, 1.0]);
+        let pixels = [noise(4.0, 0.0), PixelNoise::UNKNOWN, noise(9.0, 0.0), noise(0.0, 0.0)];
+        assert_ratios(&weights_of(Strategy::Variance, pixels, None, [false; 4]), [2.0, 3.0, 3.0, 0.0]);
+        for nothing in [PixelNoise::UNKNOWN, noise(0.0, 0.0)] {
+            assert_ratios(&weights_of(Strategy::Variance, [nothing; 4], None, [false; 4]), [1.0; 4]);
+        }
+    }
+
+    #[test]
+    fn the_default_is_the_sensors_where_there_is_one() {
+        assert_eq!([true, false].map(Strategy::default_for), [Strategy::Sensor, Strategy::Sobel]);
     }
 }

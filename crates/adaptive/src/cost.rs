@@ -73,18 +73,32 @@ impl TileGrid {
 #[derive(Clone, Debug, PartialEq)]
 pub struct CostMap {
     grid: TileGrid,
-    /// Per tile: observed cost and samples, since the first round.
-    observed: Vec<(f64, f64)>,
+    /// Per tile, the older rounds discounted.
+    observed: Vec<Observed>,
+    /// Per tile: samples that its busiest pixel got in the round that was cut last.
+    busiest: Vec<u32>,
+}
+
+/// What was observed of a tile.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct Observed {
+    cost: f64,
+    samples: f64,
+    /// Samples of the busiest pixels of the rounds.
+    busiest: f64,
 }
 
 /// So many samples at mean cost are imagined in each tile beside the real ones: a tile of which little is known is
 /// taken for an average one.
 const PRIOR_SAMPLES: f64 = 16.0;
 
+/// At least so many old samples count in full beside new ones.
+const LEAST_KEPT: f64 = 64.0;
+
 impl CostMap {
     /// A map that knows nothing yet: every tile costs one.
     pub fn new(grid: TileGrid) -> Self {
-        Self { observed: vec![(0.0, 0.0); grid.len()], grid }
+        Self { observed: vec![Observed::default(); grid.len()], busiest: vec![0; grid.len()], grid }
     }
 
     /// The tiles.
@@ -94,8 +108,18 @@ impl CostMap {
 
     /// Relative cost of one sample in tile number `index`; one for a tile that does not exist.
     pub fn per_sample(&self, index: usize) -> f64 {
-        let (cost, samples) = self.observed.get(index).copied().unwrap_or_default();
-        (PRIOR_SAMPLES + cost) / (PRIOR_SAMPLES + samples)
+        let o = self.observed.get(index).copied().unwrap_or_default();
+        (PRIOR_SAMPLES + o.cost) / (PRIOR_SAMPLES + o.samples)
+    }
+
+    /// By how much the samples of a tile may be dearer than before because its busiest pixel gets more of them: all of what
+    /// was observed may have been the cost of that pixel.
+    fn concentrated(&self, tile: usize, samples: u64, most: u32) -> f64 {
+        let o = self.observed[tile];
+        let before = (o.busiest + 1.0) / (o.samples + self.grid.rect(tile).pixels() as f64);
+        // One sample more or less says nothing.
+        let now = f64::from(most.saturating_sub(1)) / samples as f64;
+        (now / before).max(1.0)
     }
 
     /// Learns from a round: for each tile that took part its index, samples and thread seconds.
@@ -110,8 +134,13 @@ impl CostMap {
         let seconds: f64 = used.iter().map(|&(_, _, s)| s).sum();
         let scale = expected / seconds;
         for (tile, samples, seconds) in used {
-            self.observed[tile].0 += seconds * scale;
-            self.observed[tile].1 += samples as f64;
+            let (busiest, o) = (f64::from(self.busiest[tile]), &mut self.observed[tile]);
+            // What is old counts no more than a quarter of what is new: the samples of a tile move from pixel to pixel, and what they cost
+            // next is more like what they cost last. A handful of new ones does not make forget everything.
+            let keep = ((0.25 * samples as f64).max(LEAST_KEPT) / o.samples.max(1.0)).min(1.0);
+            o.cost = o.cost * keep + seconds * scale;
+            o.samples = o.samples * keep + samples as f64;
+            o.busiest = o.busiest * keep + busiest.min(samples as f64);
         }
     }
 
@@ -119,31 +148,35 @@ impl CostMap {
     /// dearest first, so that whoever is free takes the next (longest processing time first, Graham 1969).
     ///
     /// A tile that would hold up the end is cut into parts, each with a share of the samples of *every* pixel in it: a
-    /// pixel with very many samples is spread over several threads too. Tiles without new samples give no unit.
+    /// pixel with very many samples is spread over several threads too. Tiles without new samples give no unit. A tile whose
+    /// busiest pixel gets a larger part of its samples than ever is taken to be as much dearer, until it has been measured.
     ///
     /// # Panics
     /// If the plane's size is not that of the grid.
-    pub fn cut(&self, increment: &Plane<u32>, threads: usize) -> Vec<WorkUnit> {
+    pub fn cut(&mut self, increment: &Plane<u32>, threads: usize) -> Vec<WorkUnit> {
         let size = (increment.width(), increment.height());
         assert_eq!(size, (self.grid.width, self.grid.height), "increment and tiles differ in size");
-        let tiles: Vec<(usize, u64, u32, f64)> = (0..self.grid.len())
+        let tiles: Vec<(usize, u64, u32, f64, f64)> = (0..self.grid.len())
             .map(|tile| {
                 let (samples, most) = count(increment, self.grid.rect(tile));
-                (tile, samples, most, self.per_sample(tile) * samples as f64)
+                self.busiest[tile] = most;
+                let factor = if samples > 0 { self.concentrated(tile, samples, most) } else { 1.0 };
+                (tile, samples, most, self.per_sample(tile) * samples as f64, factor)
             })
             .filter(|&(_, samples, ..)| samples > 0)
             .collect();
-        let whole: f64 = tiles.iter().map(|t| t.3).sum();
+        let whole: f64 = tiles.iter().map(|t| t.3 * t.4).sum();
         let largest = whole / (threads.max(1) * UNITS_PER_THREAD) as f64;
         let mut units = Vec::with_capacity(tiles.len());
-        for (tile, samples, most, cost) in tiles {
+        for (tile, samples, most, cost, factor) in tiles {
             // No more parts than the busiest pixel has samples: beyond that, parts would be empty.
-            let parts = ((cost / largest).ceil() as u32).clamp(1, most);
-            let unit = |part| WorkUnit { tile, part, parts, samples, cost: cost / f64::from(parts) };
+            let parts = ((factor * cost / largest).ceil() as u32).clamp(1, most);
+            let cost = cost / f64::from(parts);
+            let unit = |part| WorkUnit { tile, part, parts, samples, cost, feared: factor * cost };
             units.extend((0..parts).map(unit));
         }
         // A stable sort: equal costs keep the order of the tiles.
-        units.sort_by(|a, b| b.cost.total_cmp(&a.cost));
+        units.sort_by(|a, b| b.feared.total_cmp(&a.feared));
         units
     }
 }
@@ -175,6 +208,8 @@ pub struct WorkUnit {
     pub samples: u64,
     /// Expected cost of this part, in samples of mean cost.
     pub cost: f64,
+    /// What it may cost if its busiest pixel is what made its tile dear; never less than [`Self::cost`].
+    pub feared: f64,
 }
 
 impl WorkUnit {
@@ -188,10 +223,19 @@ impl WorkUnit {
 
 /// The time, in samples of mean cost, until all units are done if each free thread takes the next.
 pub fn makespan(units: &[WorkUnit], threads: usize) -> f64 {
+    span(units, threads, |unit| unit.cost)
+}
+
+/// The same if units cost what is feared of them.
+pub fn feared_makespan(units: &[WorkUnit], threads: usize) -> f64 {
+    span(units, threads, |unit| unit.feared)
+}
+
+fn span(units: &[WorkUnit], threads: usize, cost: impl Fn(&WorkUnit) -> f64) -> f64 {
     let mut busy = vec![0.0f64; threads.max(1)];
     for unit in units {
         if let Some(first_free) = busy.iter_mut().min_by(|a, b| a.total_cmp(b)) {
-            *first_free += unit.cost;
+            *first_free += cost(unit);
         }
     }
     busy.into_iter().fold(0.0, f64::max)
@@ -233,6 +277,38 @@ mod tests {
     }
 
     #[test]
+    fn a_tile_whose_samples_move_to_a_dear_pixel_is_known_for_it_soon() {
+        let mut map = CostMap::new(TileGrid::new(32, 16, 16));
+        map.record(&[(0, 100_000, 0.1), (1, 100_000, 0.1)]);
+        for _ in 0..5 {
+            map.record(&[(0, 2000, 2e-3), (1, 1000, 1.0)]);
+        }
+        let ratio = map.per_sample(1) / map.per_sample(0);
+        assert!((300.0..=1100.0).contains(&ratio), "a thousand times dearer of late, known as {ratio}");
+    }
+
+    #[test]
+    fn a_pixel_that_gets_more_of_its_tile_than_ever_is_taken_to_be_dear_until_it_is_measured() {
+        let mut map = CostMap::new(TileGrid::new(32, 16, 16));
+        let even = Plane::new(32, 16, 40);
+        let cost_of = |units: &[WorkUnit]| feared_makespan(units, 1);
+        assert!((cost_of(&map.cut(&even, 1)) / 20_480.0 - 1.0).abs() < 1e-9, "nothing is said of an even round");
+        map.record(&[(0, 10_240, 1.0), (1, 10_240, 1.0)]);
+        let one = Plane::from_fn(32, 16, |x, y| if (x, y) == (20, 3) { 1000 } else { 0 });
+        // It had a 256th of the samples.
+        let feared = cost_of(&map.cut(&one, 1));
+        assert!((feared / 256_000.0 - 1.0).abs() < 0.05, "{feared}");
+        for _ in 0..3 {
+            map.cut(&one, 1);
+            map.record(&[(0, 1000, 0.1), (1, 1000, 0.1)]);
+        }
+        let known = cost_of(&map.cut(&one, 1));
+        assert!((known / 1000.0 - 1.0).abs() < 0.3, "{known}");
+        let single = Plane::from_fn(32, 16, |x, y| u32::from((x, y) == (4, 4)));
+        assert!(cost_of(&map.cut(&single, 1)) < 2.0, "a single sample is no concentration");
+    }
+
+    #[test]
     fn few_samples_say_little_and_bad_clocks_nothing() {
         let mut map = CostMap::new(TileGrid::new(32, 16, 16));
         map.record(&[(0, 1000, 1e-3), (1, 1, 1e-4)]);
@@ -250,7 +326,7 @@ mod tests {
             for (first, count) in [(0, 0), (16, 1), (5, 47), (100, 1_000_003)] {
                 let mut next = first;
                 for part in 0..parts {
-                    let r = WorkUnit { tile: 0, part, parts, samples: 0, cost: 0.0 }.range(first, count);
+                    let r = WorkUnit { tile: 0, part, parts, samples: 0, cost: 0.0, feared: 0.0 }.range(first, count);
                     assert_eq!(r.start, next);
                     next = r.end;
                 }
@@ -268,21 +344,21 @@ mod tests {
         let increment = Plane::from_fn(128, 128, |x, y| if (x, y) == (20, 20) { 1_638_400 } else { 1 });
         for threads in [1, 2, 7] {
             let units = map.cut(&increment, threads);
-            assert!(units.windows(2).all(|w| w[0].cost >= w[1].cost));
+            assert!(units.windows(2).all(|w| w[0].feared >= w[1].feared));
             let mut parts_of = vec![0; grid.len()];
             units.iter().for_each(|u| parts_of[u.tile] += 1);
             assert!(units.iter().all(|u| parts_of[u.tile] == u.parts));
             assert!(parts_of.iter().all(|&p| p > 0), "every tile has samples");
-            let whole: f64 = units.iter().map(|u| u.cost).sum();
+            let whole: f64 = units.iter().map(|u| u.feared).sum();
             let ideal = whole / threads as f64;
-            let end = makespan(&units, threads);
+            let end = feared_makespan(&units, threads);
             assert!(end >= ideal * (1.0 - 1e-12) && end <= 1.05 * ideal, "{threads} threads: {end} against {ideal}");
         }
     }
 
     #[test]
     fn rounds_smaller_than_the_image_are_cut_too() {
-        let map = CostMap::new(TileGrid::new(64, 64, 16));
+        let mut map = CostMap::new(TileGrid::new(64, 64, 16));
         let sparse = Plane::from_fn(64, 64, |x, y| u32::from((x, y) == (40, 3)));
         let units = map.cut(&sparse, 2);
         assert_eq!(units.len(), 1);

@@ -12,11 +12,18 @@
 //! | clip at white, gamma 2.2, eight bits | [`sobel::gamma_image`] |
 //! | Sobel magnitude | [`sobel::magnitude`] |
 //! | weights above a floor, mean one | [`allocation::Strategy`] |
-//! | whole samples per pixel whose average meets the budget | [`plan::next_round`] |
-//! | rounds until the time is used up, replanned from all data at about 8 % and 31 % | [`schedule::Schedule`] |
+//! | whole samples per pixel whose average meets the budget | [`plan::next_round_of`] |
+//! | a pilot of about 8 % of the budget, then rounds until it is used up | [`schedule::Schedule`] |
 //!
-//! The paper plans once, and leaves open how a target time becomes a number of samples. Here the render replans as
-//! data comes in, learns what samples cost ([`cost`]), and approaches its deadline in rounds that shrink with the time
+//! The edges stand for the variance, and the variance for what can be seen. With a sensor one can do better: measure the
+//! variance itself, in batches pooled over neighbours ([`pooling`]), ask what each pixel [`need`]s to be hidden beneath the
+//! sensor's own noise, share out the samples by that, stop when it is reached, and say how far it was ([`certificate`]).
+//!
+//! The samples of a pixel must not decide how many others join them in its mean: whoever takes more where a sample was bright
+//! dilutes the bright one, and the mean is too small (Kirk and Arvo 1991). So a plan is made once, from the pilot, and what a
+//! pixel gets is decided by its neighbours ([`pooling::Witnesses`]).
+//!
+//! The paper leaves open how a target time becomes a number of samples. Here the render learns what samples cost ([`cost`]), and approaches its deadline in rounds that shrink with the time
 //! left. The clock decides how many samples a round has; a hash decides which pixels have them. A plan, once written,
 //! can therefore be replayed to the same bits on any machine.
 //!
@@ -29,14 +36,14 @@
 //! let limits = schedule::Limits { samples: Some(plan::total_for_mean(64.0, 32)), ..Default::default() };
 //! let settings = schedule::Settings { pixels: 32, pilot_spp: 16, closing_seconds: 0.0 };
 //! let mut schedule = schedule::Schedule::new(limits, settings);
-//! let mut weights = allocation::uniform(8, 4);
+//! let mut shares = allocation::Shares::of(allocation::uniform(8, 4));
 //! let mut taken = plan::empty(8, 4);
 //! while let schedule::Step::Round(round) = schedule.next(0.0, 1.0) {
 //!     if round.replan {
-//!         let pilot = allocation::Pilot { luminance: &luminance, white: 1.0, sobel_floor: 0.25 };
-//!         weights = allocation::Strategy::Sobel.weights(&pilot);
+//!         let pilot = allocation::Pilot { luminance: &luminance, white: 1.0, sobel_floor: 0.25, measured: None };
+//!         shares = allocation::Strategy::Sobel.shares(&pilot);
 //!     }
-//!     let next = plan::next_round(&taken, &weights, schedule.taken() + round.samples);
+//!     let next = plan::next_round_of(&taken, &shares, schedule.taken() + round.samples);
 //!     // ... render `plan::increment(&taken, &next)` here ...
 //!     schedule.record(round.samples, round.samples as f64, 0.1);
 //!     taken = next;
@@ -48,12 +55,20 @@
 #![forbid(unsafe_code)]
 
 pub mod allocation;
+pub mod certificate;
 pub mod cost;
+pub mod evidence;
+pub mod need;
 pub mod plan;
+pub mod pooling;
 pub mod schedule;
 pub mod sobel;
 
-pub use allocation::{Pilot, Strategy, UnknownStrategy};
+pub use allocation::{Measured, Pilot, Shares, Strategy, UnknownStrategy};
+pub use certificate::{Certificate, Claim, certify};
 pub use cost::{CostMap, TileGrid, TileRect, WorkUnit};
+pub use evidence::{Evidence, Surface};
+pub use need::{Needs, SensorNoise};
 pub use plan::SamplePlan;
+pub use pooling::{PixelNoise, Witnesses};
 pub use schedule::{Limits, Phase, Round, Schedule, Settings, Step, StopReason};

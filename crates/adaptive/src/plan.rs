@@ -11,6 +11,8 @@
 
 use dunkelfeld_film::{BATCHES, Plane};
 
+use crate::allocation::Shares;
+
 /// Samples per pixel, as totals since the first sample. Sample indices of a pixel run from zero to this number.
 pub type SamplePlan = Plane<u32>;
 
@@ -55,6 +57,52 @@ pub fn next_round(current: &SamplePlan, weights: &Plane<f32>, target_total: u64)
     let weights = Weights::new(weights);
     let level = water_level(current.data(), &weights, target_total);
     let share = |i: usize| (level * weights.at(i)).min(f64::from(MAX_SPP)).max(f64::from(current.data()[i]));
+    let mut plan = round_shares(current, share, target_total);
+    hand_out_rest(&mut plan, current, &weights, target_total);
+    plan
+}
+
+/// The plan of a round that is shared out by a strategy: in proportion to the weights until a pixel has its cap; where the
+/// total is more than all caps, in proportion to the caps. Otherwise as [`next_round`].
+///
+/// # Panics
+/// If the planes differ in size.
+pub fn next_round_of(current: &SamplePlan, shares: &Shares, target_total: u64) -> SamplePlan {
+    let Some(caps) = &shares.caps else { return next_round(current, &shares.weights, target_total) };
+    let size = (current.width(), current.height());
+    assert!([&shares.weights, caps].into_iter().all(|p| (p.width(), p.height()) == size), "planes differ in size");
+    if target_total <= total(current) || current.data().is_empty() {
+        return current.clone();
+    }
+    let cap = |i: usize| f64::from(caps.data()[i]).clamp(0.0, f64::from(MAX_SPP));
+    let weights = Weights::new(&shares.weights);
+    let floor = |i: usize| f64::from(current.data()[i]);
+    // What pixels get at a water level: up to their caps, never less than they have. It grows with the level.
+    let filled =
+        |level: f64| -> f64 { (0..caps.data().len()).map(|i| (level * weights.at(i)).min(cap(i)).max(floor(i))).sum() };
+    let target = target_total as f64;
+    if filled(f64::MAX) < target {
+        return next_round(current, caps, target_total);
+    }
+    // Caps only ever raise the level.
+    let mut low = water_level(current.data(), &weights, target_total);
+    let mut high = low.max(1e-9);
+    while filled(high) < target {
+        (low, high) = (high, 2.0 * high);
+    }
+    // Within a quarter of a sample: the rounding sees to the rest. Halving ends at the resolution of the numbers.
+    while filled(high) - target > 0.25 {
+        let middle = 0.5 * (low + high);
+        if middle <= low || middle >= high {
+            break;
+        }
+        if filled(middle) < target {
+            low = middle;
+        } else {
+            high = middle;
+        }
+    }
+    let share = |i: usize| (high * weights.at(i)).min(cap(i)).max(floor(i));
     let mut plan = round_shares(current, share, target_total);
     hand_out_rest(&mut plan, current, &weights, target_total);
     plan
@@ -262,6 +310,63 @@ mod tests {
         let plan = next_round(&current, &Plane::new(4, 1, 1.0), 130);
         assert_eq!(plan.data(), [100, 10, 10, 10]);
         assert_eq!(increment(&current, &plan).data(), [0, 10, 10, 10]);
+    }
+
+    fn capped(weights: &[f32], caps: &[f32]) -> Shares {
+        let row = |v: &[f32]| Plane::from_vec(v.len() as u32, v.len().min(1) as u32, v.to_vec()).expect("a row");
+        Shares { weights: row(weights), caps: Some(row(caps)) }
+    }
+
+    #[test]
+    fn caps_hold_until_all_have_theirs() {
+        let shares = capped(&[1.0, 2.0, 4.0, 1.0], &[100.0, 10.0, 30.0, 5.0]);
+        let of = |total| next_round_of(&Plane::new(4, 1, 2), &shares, total).into_vec();
+        // Levels 3, 7, 60 and 100: the second and fourth pixel are full early. Rounding moves a sample, or a set of batches.
+        for expected in [[3, 6, 12, 3], [7, 10, 28, 5], [60, 10, 30, 5], [100, 10, 30, 5]] {
+            let plan = of(expected.iter().map(|&n| u64::from(n)).sum());
+            let off = |(n, e): (&u32, u32)| n.abs_diff(e) > if e >= 32 { 4 } else { 1 };
+            assert!(!plan.iter().zip(expected).any(off), "{plan:?} instead of {expected:?}");
+        }
+        // Twice what all need: in proportion to the needs, to within a set of batches.
+        let twice = of(290);
+        assert_eq!(twice.iter().sum::<u32>(), 290);
+        for (n, cap) in twice.iter().zip([100.0, 10.0, 30.0, 5.0]) {
+            assert!((f64::from(*n) - 2.0 * cap).abs() <= 4.0, "{twice:?}");
+        }
+    }
+
+    #[test]
+    fn capped_totals_are_exact_and_plans_never_shrink() {
+        let weights = varied(61, 47);
+        let caps = weights.map(|w| 40.0 * w * w + 3.0);
+        let shares = Shares { weights, caps: Some(caps.clone()) };
+        let mut plan = Plane::new(61, 47, 16);
+        for target in [2867 * 16 + 1, 50_000, 100_000, 400_000, 40_000_000] {
+            let next = next_round_of(&plan, &shares, target);
+            assert_eq!(total(&next), target);
+            assert!(next.data().iter().zip(plan.data()).all(|(n, c)| n >= c));
+            if target == 100_000 {
+                let above = next
+                    .data()
+                    .iter()
+                    .zip(caps.data())
+                    .filter(|(n, c)| f64::from(**n) > f64::from(**c).max(16.0) + 5.0);
+                assert_eq!(above.count(), 0, "pixels with more than their cap");
+            }
+            plan = next;
+        }
+    }
+
+    #[test]
+    fn shares_that_say_nothing_still_give_a_plan() {
+        for (w, c) in [(0.0, 0.0), (f32::NAN, f32::NAN), (1.0, f32::INFINITY), (1e-30, 7.0), (0.0, 9.0)] {
+            let plan = next_round_of(&empty(2, 1), &capped(&[w, w], &[c, c]), 600);
+            assert_eq!(plan.data(), [300, 300], "weight {w}, cap {c}");
+        }
+        assert!(next_round_of(&empty(0, 0), &capped(&[], &[]), 9).data().is_empty());
+        let shares = capped(&[0.0, 1.0], &[0.0, 4.0]);
+        assert_eq!(next_round_of(&empty(2, 1), &shares, 3).data(), [0, 3]);
+        assert_eq!(next_round_of(&empty(2, 1), &shares, 40).data(), [0, 40]);
     }
 
     #[test]

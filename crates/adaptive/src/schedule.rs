@@ -1,21 +1,25 @@
 //! The budget: how many samples the next round may have, so that the render ends when it was told to.
 //!
-//! A state machine without a clock: the caller measures, this decides. Three stretches of work:
+//! A state machine without a clock: the caller measures, this decides. Two stretches of work:
 //!
 //! 1. *Pilot*, uniform. At first nothing is known about the cost of a sample, so it starts with a few hundred and grows
 //!    fourfold at most per round, until the pilot holds about 8 % of what the budget affords (but at least 16 samples
 //!    per pixel where these are no more than a quarter of it).
-//! 2. *First refinement*, a quarter of the rest, which makes 23 % of the whole.
-//! 3. *Second refinement*, what remains.
+//! 2. *Refinement*, what remains, which begins with [`Round::replan`]: the plan is made.
 //!
-//! With each refinement [`Round::replan`] asks for new weights from all data so far: each of these stretches roughly
-//! triples the samples that the next decision can rest on.
+//! The plan is made once. Each plan more would let the samples of a pixel decide how many others join them in the mean, by
+//! way of its neighbours, and where light comes in rare bright samples that makes the mean too small by several per cent.
 //!
 //! Under a time limit a stretch is made of several rounds, none of which is expected to take more than
 //! [`TIME_SHARE`] of the time left: a machine that turns three times slower in the middle of a round still ends in time.
 //! After each replanning the first rounds are small, since nobody knows what the favoured pixels cost.
 //! The rounds shrink geometrically toward the end, down to fractions of a sample per pixel. Without a time limit the
 //! rounds grow fourfold from one sample per pixel and depend on nothing measured: the same arguments give the same plan on any machine.
+//!
+//! Where the image itself decides when it is good enough ([`Limits::judged`]), [`Step::Judge`] asks for that after the pilot
+//! and then whenever the samples have doubled, or those that were said to suffice have been taken. What is answered
+//! ([`Schedule::judged`]) sets the next stretch; the other limits hold as ever. Such a pilot begins small, and grows as long as
+//! it turns out to be too small for what is to come ([`Schedule::grow_pilot`]).
 
 /// The share of the time left that a round may be expected to take.
 pub const TIME_SHARE: f64 = 0.3;
@@ -29,13 +33,11 @@ const PROBE: u64 = 256;
 /// an estimate from few samples is not trusted with many.
 const GROWTH: u64 = 3;
 /// The pilot's share of the affordable samples: what it should have, and what it may have.
-const PILOT_SHARE: (f64, f64) = (0.08, 0.25);
+pub const PILOT_SHARE: (f64, f64) = (0.08, 0.25);
 /// With fewer affordable samples per pixel than this there is nothing to adapt; all of them are pilot.
 const LEAST_TO_ADAPT: f64 = 4.0;
-/// The first refinement's share of what is left after the pilot.
-const FIRST_SHARE: f64 = 0.25;
-/// A stretch counts as done when less than this share of it is missing.
-const SLACK: f64 = 0.02;
+/// Between two judgements lies at least this part of the samples taken, one in so many.
+const LEAST_STEP: u64 = 20;
 
 /// When to stop. The first limit to be met ends the render; without any, it ends after [`Self::at_least`].
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -47,6 +49,8 @@ pub struct Limits {
     /// Samples that are taken whatever the clock says, so that there is an image also where the budget is too small for
     /// one, at the price of missing it (see [`Schedule::budget_missed`]).
     pub at_least: u64,
+    /// Does somebody judge the image on the way, and end the render when it is good enough?
+    pub judged: bool,
 }
 
 /// What the schedule has to know about the image.
@@ -66,8 +70,8 @@ pub struct Settings {
 pub enum Phase {
     /// Uniform samples, which tell where more are needed.
     Pilot,
-    /// Samples where they are needed, by the weights of the first or second plan.
-    Refine(u32),
+    /// Samples where they are needed, by the plan.
+    Refine,
 }
 
 /// A round of samples to take now.
@@ -77,7 +81,7 @@ pub struct Round {
     pub samples: u64,
     /// What they are for: a pilot's samples are shared out evenly.
     pub phase: Phase,
-    /// Compute new weights from all data before sharing out these samples.
+    /// The pilot is done: make the plan before sharing out these samples.
     pub replan: bool,
 }
 
@@ -88,6 +92,8 @@ pub enum StopReason {
     Time,
     /// All samples are taken.
     Samples,
+    /// The image was judged good enough.
+    Judged,
 }
 
 /// What to do next.
@@ -95,6 +101,9 @@ pub enum StopReason {
 pub enum Step {
     /// Take samples, then report them with [`Schedule::record`].
     Round(Round),
+    /// Judge the image: either it is good enough, and the render is over, or say with [`Schedule::judged`] how many samples
+    /// it takes; the first time, make the plan, or say that the pilot is too small for one with [`Schedule::grow_pilot`].
+    Judge,
     /// Expose and write.
     Stop(StopReason),
 }
@@ -106,8 +115,6 @@ pub struct Schedule {
     settings: Settings,
     taken: u64,
     phase: Phase,
-    /// Where the first refinement began: time and samples.
-    refined_from: (f64, u64),
     /// The part of [`TIME_SHARE`] that is dared.
     caution: f64,
     /// Seconds per unit of work: smoothed, and of the last round. `None` before the first.
@@ -117,6 +124,8 @@ pub struct Schedule {
     /// When the last round was handed out, and how long it took.
     last_round: Option<(f64, f64)>,
     now: f64,
+    /// Samples after which the image is judged next.
+    judge_at: u64,
 }
 
 impl Schedule {
@@ -128,12 +137,12 @@ impl Schedule {
             settings: Settings { closing_seconds: sane(settings.closing_seconds), ..settings },
             taken: 0,
             phase: Phase::Pilot,
-            refined_from: (0.0, 0),
             caution: 1.0,
             pace: None,
             overhead: 0.0,
             last_round: None,
             now: 0.0,
+            judge_at: 0,
         }
     }
 
@@ -159,7 +168,7 @@ impl Schedule {
             return Step::Stop(StopReason::Samples);
         }
         let Some(left) = self.seconds_left() else {
-            if self.limits.samples.is_none() {
+            if self.limits.samples.is_none() && !self.limits.judged {
                 return self.owed_or_stop(StopReason::Samples);
             }
             return self.untimed_round(wanted);
@@ -173,15 +182,14 @@ impl Schedule {
         let per_sample = smooth.max(last) * positive_or_one(work_per_sample);
         let affordable = (left - self.overhead).max(0.0) / per_sample;
         let all = (self.taken as f64 + affordable).min(wanted as f64);
-        let replan = self.advance(left, all);
+        if self.is_judge_due(all) {
+            return Step::Judge;
+        }
+        let replan = self.advance(all);
         let goal = match self.phase {
             Phase::Pilot => self.pilot_target(all).max(self.taken + 1),
-            Phase::Refine(1) => {
-                let done = self.refined_share(left, wanted);
-                let missing = (FIRST_SHARE - done) / (1.0 - done).max(1e-9);
-                self.taken + (missing.clamp(0.0, 1.0) * (all - self.taken as f64)) as u64
-            }
-            Phase::Refine(_) => wanted,
+            Phase::Refine if self.limits.judged => self.judge_at.min(wanted),
+            Phase::Refine => wanted,
         };
         self.caution = if replan { CAUTION } else { (4.0 * self.caution).min(1.0) };
         // Rounds shorter than what passes between them would not get anywhere.
@@ -189,6 +197,44 @@ impl Schedule {
         let most = ((self.caution * TIME_SHARE * affordable) as u64).min(grown);
         let samples = goal.saturating_sub(self.taken).min(most).min(wanted - self.taken).max(1);
         self.hand_out(samples, replan)
+    }
+
+    /// Reports that the image is not good enough yet, and that it is expected to be after `total` samples by the plan.
+    ///
+    /// The next judgement comes then, or when the samples have doubled: what is known by then is worth more than what was
+    /// foretold. At least a twentieth is added, so that there is no end of small steps.
+    pub fn judged(&mut self, total: f64) {
+        let least = self.taken.saturating_add(self.taken / LEAST_STEP).saturating_add(1);
+        // `as` saturates; what is not a number asks for nothing.
+        self.judge_at = (total.ceil() as u64).min(self.taken.saturating_mul(2)).max(least);
+        if self.phase == Phase::Pilot {
+            self.phase = Phase::Refine;
+            self.caution = CAUTION;
+        }
+    }
+
+    /// Reports that the pilot should have so many samples per pixel before a plan is made; false if it has, or if it is over.
+    /// It never gets more than a quarter of what the budget affords.
+    pub fn grow_pilot(&mut self, spp: u32) -> bool {
+        let grows = self.phase == Phase::Pilot && spp > self.settings.pilot_spp;
+        if grows {
+            self.settings.pilot_spp = spp;
+        }
+        grows
+    }
+
+    /// A round of so many samples turns out to be so much work, now that it is known where they go: how many it should have
+    /// instead to stay within its share of the time; `None` if it does, or if there is no time limit.
+    pub fn trimmed(&self, samples: u64, work: f64) -> Option<u64> {
+        let (smooth, last) = self.pace?;
+        let share = TIME_SHARE * self.seconds_left()?.max(0.0);
+        let expected = smooth.max(last) * work;
+        (samples > 1 && expected > 1.05 * share).then(|| ((samples as f64 * share / expected) as u64).max(1))
+    }
+
+    /// Seconds that a unit of work takes, as far as is known; see [`Self::next`] for what work is.
+    pub fn pace(&self) -> Option<f64> {
+        self.pace.map(|(smooth, _)| smooth)
     }
 
     /// Reports a finished round: its samples, its work as it was expected beforehand, and the wall-clock seconds it took.
@@ -249,16 +295,17 @@ impl Schedule {
     /// A stretch, in rounds that grow fourfold from one sample per pixel, so that an interruption finds an image; decided by
     /// numbers of samples alone.
     fn untimed_round(&mut self, wanted: u64) -> Step {
+        if self.is_judge_due(wanted as f64) {
+            return Step::Judge;
+        }
+        let most = self.taken.saturating_mul(GROWTH).max(self.settings.pixels).max(1);
+        if self.limits.judged && self.phase > Phase::Pilot {
+            return self.hand_out((self.judge_at.min(wanted) - self.taken).min(most), false);
+        }
         let pilot = self.pilot_target(wanted as f64).min(wanted);
-        let first = pilot + (FIRST_SHARE * (wanted - pilot) as f64).round() as u64;
-        let (goal, phase) = match self.taken {
-            n if n < pilot => (pilot, Phase::Pilot),
-            n if n < first => (first, Phase::Refine(1)),
-            _ => (wanted, Phase::Refine(2)),
-        };
+        let (goal, phase) = if self.taken < pilot { (pilot, Phase::Pilot) } else { (wanted, Phase::Refine) };
         let replan = phase > self.phase;
         self.phase = phase;
-        let most = self.taken.saturating_mul(GROWTH).max(self.settings.pixels).max(1);
         self.hand_out((goal - self.taken).min(most), replan)
     }
 
@@ -274,36 +321,35 @@ impl Schedule {
             return all as u64;
         }
         let spp = all / pixels as f64;
-        let pilot = f64::from(self.settings.pilot_spp).max(PILOT_SHARE.0 * spp).min(PILOT_SHARE.1 * spp);
+        // A judged render may be over long before its budget: its pilot is no larger than it must be.
+        let share = if self.limits.judged { 0.0 } else { PILOT_SHARE.0 };
+        let pilot = f64::from(self.settings.pilot_spp).max(share * spp).min(PILOT_SHARE.1 * spp);
         // Whole samples per pixel, and full sets of film batches where there are enough.
         let whole = if pilot >= 8.0 { (pilot / 4.0).floor() * 4.0 } else { pilot.floor() };
         (whole as u64).saturating_mul(pixels)
     }
 
-    /// Enters the next stretch where the present one is done; true if new weights are due.
-    fn advance(&mut self, left: f64, all: f64) -> bool {
-        let before = self.phase;
-        if self.phase == Phase::Pilot && self.taken > 0 && self.taken >= self.pilot_target(all) {
-            // A pilot of everything has no refinement.
-            if all >= LEAST_TO_ADAPT * self.settings.pixels as f64 {
-                self.phase = Phase::Refine(1);
-                self.refined_from = (self.now, self.taken);
+    /// Is there somebody to judge, and enough new to judge by, if the budget affords `all` samples?
+    fn is_judge_due(&self, all: f64) -> bool {
+        let adapts = all >= LEAST_TO_ADAPT * self.settings.pixels as f64;
+        self.limits.judged
+            && self.taken > 0
+            && match self.phase {
+                Phase::Pilot => adapts && self.taken >= self.pilot_target(all),
+                Phase::Refine => self.taken >= self.judge_at,
             }
-        }
-        let wanted = self.limits.samples.unwrap_or(u64::MAX);
-        if self.phase == Phase::Refine(1) && self.refined_share(left, wanted) >= FIRST_SHARE * (1.0 - SLACK) {
-            self.phase = Phase::Refine(2);
-        }
-        self.phase != before
     }
 
-    /// The share of all refinement that is done, by time or by samples, whichever is further.
-    fn refined_share(&self, left: f64, wanted: u64) -> f64 {
-        let (since, from) = self.refined_from;
-        let spent = self.now - since;
-        let time = spent / (spent + left.max(0.0)).max(1e-9);
-        let samples = (self.taken - from) as f64 / wanted.saturating_sub(from).max(1) as f64;
-        time.max(samples)
+    /// Enters the refinement where the pilot is done; true if it does.
+    fn advance(&mut self, all: f64) -> bool {
+        // A pilot of everything has no refinement.
+        let adapts = !self.limits.judged && all >= LEAST_TO_ADAPT * self.settings.pixels as f64;
+        let done = self.taken > 0 && self.taken >= self.pilot_target(all);
+        let begins = adapts && done && self.phase == Phase::Pilot;
+        if begins {
+            self.phase = Phase::Refine;
+        }
+        begins
     }
 }
 

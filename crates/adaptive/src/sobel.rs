@@ -17,23 +17,34 @@ pub fn gamma_image(linear: &Plane<f32>, white: f32) -> Plane<u8> {
     linear.map(|&v| (255.0 * (f64::from(v) * scale).clamp(0.0, 1.0).powf(1.0 / 2.2)).round() as u8)
 }
 
-/// Sobel gradient magnitude [DN per pixel] of an 8-bit image, borders replicated.
+/// Sobel gradient magnitude [DN per pixel] of an 8-bit image.
 ///
 /// The kernels are Sobel and Feldman's (1968) `[-1 0 1] x [1 2 1]^T` and its transpose, divided by eight, so that a ramp
 /// that climbs one DN per pixel has magnitude one and a step of 255 DN has magnitude 127.5 on both of its sides. At a
-/// border the outermost row or column is repeated: a constant image has magnitude zero everywhere.
+/// border the difference is that of the two pixels beyond, and the outermost row or column is repeated in the smoothing across
+/// it. So nowhere has a pixel a say in its own magnitude: samples shared out by it do not depend on the pixel's own.
 pub fn magnitude(image: &Plane<u8>) -> Plane<f32> {
     let (width, height) = (image.width(), image.height());
     Plane::from_fn(width, height, |x, y| {
-        let (left, right) = (x.saturating_sub(1), (x + 1).min(width - 1));
-        let (above, below) = (y.saturating_sub(1), (y + 1).min(height - 1));
+        let (left, right) = beside(x, width);
+        let (above, below) = beside(y, height);
         let v = |x, y| i32::from(*image.at(x, y));
         let across = |y| v(right, y) - v(left, y);
         let down = |x| v(x, below) - v(x, above);
-        let gx = across(above) + 2 * across(y) + across(below);
-        let gy = down(left) + 2 * down(x) + down(right);
+        let gx = across(y.saturating_sub(1)) + 2 * across(y) + across((y + 1).min(height - 1));
+        let gy = down(x.saturating_sub(1)) + 2 * down(x) + down((x + 1).min(width - 1));
         (gx as f32).hypot(gy as f32) / 8.0
     })
+}
+
+/// The two places whose difference is taken at `x`: those around it, or the next two at a border; never `x` itself where there
+/// are three.
+fn beside(x: u32, size: u32) -> (u32, u32) {
+    match x {
+        0 => (1.min(size - 1), 2.min(size - 1)),
+        x if x + 1 == size => (size.saturating_sub(3), size.saturating_sub(2)),
+        x => (x - 1, x + 1),
+    }
 }
 
 #[cfg(test)]
@@ -68,7 +79,7 @@ mod tests {
                 }
             }
         }
-        // At a replicated border the central difference spans one pixel instead of two.
+        // At a border the difference spans one pixel instead of two.
         let ramp = Plane::from_fn(5, 5, |x, _| (x * 10) as u8);
         assert_eq!(*magnitude(&ramp).at(0, 2), 5.0);
     }
@@ -84,15 +95,31 @@ mod tests {
     }
 
     #[test]
+    fn no_pixel_has_a_say_in_its_own_magnitude() {
+        for (w, h) in [(7, 5), (3, 3)] {
+            let image = Plane::from_fn(w, h, |x, y| (x * x * 9 + y * 13 + x * y) as u8);
+            let before = magnitude(&image);
+            for i in 0..(w * h) as usize {
+                let mut other = image.clone();
+                other.data_mut()[i] = 255 - other.data()[i];
+                assert_eq!(magnitude(&other).data()[i], before.data()[i], "pixel {i} of {w} x {h}");
+            }
+        }
+        for (w, h) in [(1, 1), (2, 1), (1, 9), (2, 2)] {
+            assert!(magnitude(&Plane::new(w, h, 77)).data().iter().all(|m| *m == 0.0), "{w} x {h}");
+        }
+    }
+
+    #[test]
     fn an_impulse_shows_the_kernel() {
-        let impulse = Plane::from_fn(5, 5, |x, y| if (x, y) == (2, 2) { 80 } else { 0 });
+        let impulse = Plane::from_fn(7, 7, |x, y| if (x, y) == (3, 3) { 80 } else { 0 });
         let sobel = magnitude(&impulse);
         let (edge, corner) = (20.0, 10.0 * std::f32::consts::SQRT_2);
         let ring = [[corner, edge, corner], [edge, 0.0, edge], [corner, edge, corner]];
-        for y in 0..5 {
-            for x in 0..5 {
-                let inside = (1..4).contains(&x) && (1..4).contains(&y);
-                let expected = if inside { ring[y as usize - 1][x as usize - 1] } else { 0.0 };
+        for y in 0..7 {
+            for x in 0..7 {
+                let inside = (2..5).contains(&x) && (2..5).contains(&y);
+                let expected = if inside { ring[y as usize - 2][x as usize - 2] } else { 0.0 };
                 assert!((sobel.at(x, y) - expected).abs() < 1e-5, "({x}, {y})");
             }
         }
@@ -104,8 +131,8 @@ mod tests {
         let line = vec![0u8, 0, 100, 100];
         let row = Plane::from_vec(4, 1, line.clone()).expect("four values");
         let column = Plane::from_vec(1, 4, line).expect("four values");
-        assert_eq!(magnitude(&row).data(), [0.0, 50.0, 50.0, 0.0]);
-        assert_eq!(magnitude(&column).data(), [0.0, 50.0, 50.0, 0.0]);
+        assert_eq!(magnitude(&row).data(), [50.0, 50.0, 50.0, 50.0]);
+        assert_eq!(magnitude(&column).data(), [50.0, 50.0, 50.0, 50.0]);
         assert!(magnitude(&Plane::new(0, 0, 0u8)).data().is_empty());
         assert!(magnitude(&Plane::new(0, 3, 0u8)).data().is_empty());
     }

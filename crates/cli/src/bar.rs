@@ -3,11 +3,14 @@
 use crate::args::ProgressKind;
 use crate::outcome::say;
 use crate::words::{count, remaining};
-use dunkelfeld::{Progress, ProgressState};
+use dunkelfeld::{Forecast, ForecastLevel, Progress, ProgressState, Stage};
 use indicatif::{ProgressBar, ProgressStyle};
 
 /// Steps of the bar.
 const STEPS: u64 = 1000;
+
+/// A render that takes longer than this from its pilot on [s] is announced.
+const LONG: f64 = 5.0;
 
 /// A progress sink of the chosen kind.
 pub(crate) enum Sink {
@@ -74,5 +77,60 @@ impl Progress for Sink {
                 say(&line.to_string());
             }
         }
+    }
+
+    fn forecast(&self, forecast: &Forecast) {
+        match self {
+            Self::None => {}
+            Self::Json => {
+                let line = serde_json::json!({
+                    "stage": Stage::Plan.name(),
+                    "fraction": 0.0,
+                    "elapsed": forecast.made_at,
+                    "remaining": forecast.remaining,
+                    "samples": forecast.made_from,
+                    "forecast": forecast.levels,
+                });
+                say(&line.to_string());
+            }
+            // Nobody needs to be told what is over before it is read.
+            Self::Bar(_) if forecast.remaining.is_some_and(|r| r >= LONG) => {
+                if let Some(line) = expectation(forecast) {
+                    Self::say(self, &line);
+                }
+            }
+            Self::Bar(_) => {}
+        }
+    }
+}
+
+/// `about 94 s until the noise is hidden at k = 0.7; 31 s at k = 1, 4 min 10 s at k = 0.5`.
+fn expectation(forecast: &Forecast) -> Option<String> {
+    let first = forecast.target().or(forecast.levels.iter().find(|l| l.k == 0.7))?;
+    let time = |level: &ForecastLevel| level.seconds.map_or_else(|| "an unknown time".into(), remaining);
+    let others = forecast.levels.iter().filter(|l| l.k != first.k).map(|l| format!("{} at k = {}", time(l), l.k));
+    let others: Vec<String> = others.collect();
+    Some(format!("about {} until the noise is hidden at k = {}; {}", time(first), first.k, others.join(", ")))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_expectation_names_its_own_level_first() {
+        let level =
+            |k, seconds| ForecastLevel { k, samples: None, seconds, actual_samples: None, actual_seconds: None };
+        let levels = vec![level(1.0, Some(31.2)), level(0.7, Some(94.0)), level(0.25, None)];
+        let mut forecast = Forecast { levels, target: None, made_at: 3.0, made_from: 4096, remaining: None };
+        assert_eq!(
+            expectation(&forecast).as_deref(),
+            Some("about 94 s until the noise is hidden at k = 0.7; 31 s at k = 1, an unknown time at k = 0.25")
+        );
+        forecast.target = Some(1.0);
+        assert!(
+            expectation(&forecast)
+                .is_some_and(|line| line.starts_with("about 31 s until the noise is hidden at k = 1;"))
+        );
     }
 }

@@ -1,6 +1,7 @@
 //! From the film to a frame: radiance, electrons, grey values, a picture to look at.
 
 use crate::error::Error;
+use crate::noise::Certified;
 use crate::settings::{RenderSettings, SensorChoice};
 use dunkelfeld_film::Plane;
 use dunkelfeld_scene::Effect;
@@ -29,6 +30,10 @@ pub struct SensorFrame {
     pub model: SensorModel,
     /// Share of pixels at the largest grey value.
     pub saturated: f64,
+    /// Electrons per radiance and channel [e- m^2 sr/W].
+    pub weights: [f64; 3],
+    /// How well the render's noise is hidden; `None` until [`crate::certify`] has looked at the film.
+    pub certified: Option<Certified>,
 }
 
 /// A developed image.
@@ -68,7 +73,8 @@ pub fn develop(mean: &Plane<[f32; 3]>, settings: &RenderSettings) -> Result<Fram
             Err(e) => return Err(e.into()),
         },
     };
-    let electrons = dunkelfeld_sensor::electrons(mean, &Response::new(model, optics, exposure)).plane;
+    let response = Response::new(model, optics, exposure);
+    let electrons = dunkelfeld_sensor::electrons(mean, &response).plane;
     let (width, height) = (mean.width(), mean.height());
     let device = Device::new((**model).clone(), settings.seed, width, height);
     let key = FrameKey { seed: settings.seed, frame: settings.frame };
@@ -81,6 +87,7 @@ pub fn develop(mean: &Plane<[f32; 3]>, settings: &RenderSettings) -> Result<Fram
     let top = model.max_value();
     let saturated = values.data().iter().filter(|&&v| v >= top).count() as f64 / values.data().len().max(1) as f64;
     let picture = Picture::Gray(display::frame_to_8bit(&values, model));
-    let sensor = SensorFrame { electrons, values, exposure, model: (**model).clone(), saturated };
+    let (model, weights) = ((**model).clone(), response.weights());
+    let sensor = SensorFrame { electrons, values, exposure, model, saturated, weights, certified: None };
     Ok(Frame { picture, sensor: Some(sensor), no_light, without: settings.without.clone() })
 }

@@ -18,10 +18,13 @@
 pub mod bench;
 mod develop;
 mod error;
+mod forecast;
 mod heavy;
 mod inspect;
 mod lens;
+mod noise;
 mod outputs;
+mod planner;
 mod progress;
 mod project;
 mod render;
@@ -31,10 +34,12 @@ mod stats;
 
 pub use develop::{Frame, Picture, SensorFrame, develop};
 pub use error::Error;
+pub use forecast::{FORECAST_LEVELS, Forecast, ForecastLevel};
 pub use heavy::HeavySample;
 pub use inspect::{
     CameraEntry, CoverEntry, CoverLayerEntry, EffectEntry, Inspection, LightEntry, MaterialEntry, inspect,
 };
+pub use noise::{Certified, certify};
 pub use outputs::{
     NO_ID, OutputPaths, SavedPlan, encode_layers, load_plan, save_exr, save_linear, save_picture, save_plan, save_text,
 };
@@ -42,7 +47,7 @@ pub use progress::{Cancel, Progress, ProgressState, Silent, Stage};
 pub use project::{Project, ProjectResult, default_image_path, find_sensor, read_scene};
 pub use render::{Rendering, camera, render, thread_pool};
 pub use settings::{Budget, DEFAULT_PILOT_SPP, DEFAULT_SPP, MAX_PIXELS, MAX_SIDE, RenderSettings, SensorChoice};
-pub use stats::{STATS_VERSION, SensorStats, Stats};
+pub use stats::{CertificateStats, STATS_VERSION, SensorStats, Stats};
 
 pub use dunkelfeld_io::job::DEFAULT_SENSOR;
 

@@ -159,7 +159,8 @@ pub fn save_linear(frame: &Frame, path: &Path) -> Result<(), Error> {
 }
 
 /// All layers of a render as an EXR's contents: `R G B`, `variance.*`, `spp.Y`, `albedo.*`, `normal.*`, `depth.Z`,
-/// `id.object`, `id.material` ([`NO_ID`] where there is nothing) and, with a sensor, `electrons.Y`.
+/// `id.object`, `id.material` ([`NO_ID`] where there is nothing) and, with a sensor, `electrons.Y`; `hidden.Y` once the frame is
+/// [certified](crate::certify).
 pub fn encode_layers(
     film: &Film,
     labels: &Plane<Option<Label>>,
@@ -178,6 +179,9 @@ pub fn encode_layers(
     layers.push_integers(Single::MaterialId, labels.map(|l| l.map_or(NO_ID, |l| l.material)));
     if let Some(sensor) = &frame.sensor {
         layers.push_floats(Single::Electrons, sensor.electrons.clone());
+        if let Some(certified) = &sensor.certified {
+            layers.push_floats(Single::Hidden, certified.ratios.clone());
+        }
     }
     layers.attributes = serde_json::json!({
         "program": format!("dunkelfeld {}", env!("CARGO_PKG_VERSION")),

@@ -1,5 +1,6 @@
 //! What a long render tells its caller, and how the caller tells it to stop.
 
+use crate::forecast::Forecast;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Where a render stands.
@@ -55,6 +56,9 @@ impl Stage {
 pub trait Progress: Sync {
     /// The render stands here now.
     fn update(&self, state: &ProgressState);
+
+    /// The pilot is done, and this is what it tells of the time that the rest takes. Called once, behind a sensor only.
+    fn forecast(&self, _: &Forecast) {}
 }
 
 /// Does not want to know.

@@ -4,6 +4,7 @@ use crate::develop::{Frame, develop};
 use crate::error::{Error, camera_mend};
 use crate::inspect::{Inspection, camera_entry, inspect};
 use crate::lens::{DEFAULT_F_NUMBER, FilmSize, Fitted, Misfit, fit};
+use crate::noise::certify;
 use crate::outputs::{self, OutputPaths, Written};
 use crate::progress::{Cancel, Progress, ProgressState, Silent, Stage};
 use crate::render::{Rendering, check, find_camera, render_rehearsed, thread_pool};
@@ -259,7 +260,8 @@ impl Project {
         let settings = self.fitted()?;
         let object_names = self.scene.object_names();
         let rehearsal = |film: &Film, labels: &Plane<Option<Label>>| {
-            let frame = develop(&film.mean_without_gaps(), &settings)?;
+            let mut frame = develop(&film.mean_without_gaps(), &settings)?;
+            certify(&mut frame, film, labels, settings.budget.noise);
             Written { film, labels, frame: &frame, settings: &settings, object_names }.save(&self.outputs)
         };
         let rendering = render_rehearsed(&self.scene, &settings, self.started, progress, cancel, &rehearsal)?;
@@ -272,7 +274,11 @@ impl Project {
             samples: rendering.film.total_samples(),
         });
         let mean = rendering.film.mean_without_gaps();
-        let frame = thread_pool(settings.threads)?.install(|| develop(&mean, &settings))?;
+        let frame = thread_pool(settings.threads)?.install(|| {
+            let mut frame = develop(&mean, &settings)?;
+            certify(&mut frame, &rendering.film, &rendering.labels, settings.budget.noise);
+            Ok::<_, Error>(frame)
+        })?;
         let mut stats = Stats::new(&rendering, &frame, &settings);
         stats.add_seconds(Stage::Load, self.load_seconds);
         stats.add_seconds(Stage::Build, self.build_seconds);
@@ -346,11 +352,17 @@ fn open_job(job: &Job, optics: Optics) -> Result<(Imported, RenderSettings, Outp
         width: job.film.width.unwrap_or(defaults.width),
         height: job.film.height.unwrap_or(defaults.height),
         camera: job.camera.clone(),
-        budget: Budget { seconds: job.budget.time.map(|t| t.as_secs_f64()), spp: job.budget.spp },
-        strategy: match job.allocate.strategy {
+        budget: Budget {
+            seconds: job.budget.time.map(|t| t.as_secs_f64()),
+            spp: job.budget.spp,
+            noise: job.budget.noise,
+        },
+        strategy: job.allocate.strategy.map(|strategy| match strategy {
             job::AllocateStrategy::Uniform => Strategy::Uniform,
             job::AllocateStrategy::Sobel => Strategy::Sobel,
-        },
+            job::AllocateStrategy::Variance => Strategy::Variance,
+            job::AllocateStrategy::Sensor => Strategy::Sensor,
+        }),
         pilot_spp: job.allocate.pilot_spp,
         sobel_floor: job.allocate.floor as f32,
         seed: job.seed,

@@ -1,17 +1,18 @@
 //! The render: pilot, plan, rounds, until the budget is met.
 
 use crate::error::Error;
+use crate::forecast::{Forecast, Pace};
+use crate::planner::{FIRST_LOOK, Planner, State, Verdict};
 use crate::progress::{Cancel, Progress, Stage};
-use crate::round::{Reporter, RoundWork, TILE, deadline, run};
-use crate::settings::{DEFAULT_SPP, MAX_PIXELS, MAX_SIDE, RenderSettings, SensorChoice};
-use dunkelfeld_adaptive::allocation::{Pilot, Strategy};
-use dunkelfeld_adaptive::cost::{CostMap, TileGrid, makespan};
+use crate::round::{Reporter, RoundWork, TILE, deadline, give_up, run};
+use crate::settings::{DEFAULT_SPP, MAX_PIXELS, MAX_SIDE, RenderSettings};
+use dunkelfeld_adaptive::allocation::Strategy;
+use dunkelfeld_adaptive::cost::{CostMap, TileGrid, feared_makespan, makespan};
 use dunkelfeld_adaptive::plan;
 use dunkelfeld_adaptive::schedule::{Limits, Phase, Schedule, Settings, Step, StopReason};
 use dunkelfeld_film::{Film, Plane};
 use dunkelfeld_integrator::{ConnectionTally, Estimator, Label, PixelSample, label};
 use dunkelfeld_scene::{Camera, RayGenerator, Scene};
-use dunkelfeld_sensor::{Response, auto_exposure};
 use rayon::prelude::*;
 use std::time::Instant;
 
@@ -43,6 +44,8 @@ pub struct Rendering {
     pub connections: ConnectionTally,
     /// Weights of the last plan, for looking at; mean one.
     pub weights: Plane<f32>,
+    /// What the pilot foretold, behind a sensor.
+    pub forecast: Option<Forecast>,
     /// Threads that rendered.
     pub threads: usize,
 }
@@ -144,6 +147,19 @@ pub(crate) fn check(s: &RenderSettings) -> Result<(), Error> {
             return Err(Error::setting(name, "the budget must be a positive number", "use 20s or 64"));
         }
     }
+    if let Some(k) = s.budget.noise {
+        if !(k.is_finite() && k > 0.0) {
+            return Err(Error::setting("noise", "the level must be a positive number", "use 0.7"));
+        }
+        if !s.has_sensor() {
+            let problem = "noise is hidden beneath that of a sensor, and there is none";
+            return Err(Error::setting("noise", problem, "choose a sensor, or another budget"));
+        }
+    }
+    if s.strategy == Some(Strategy::Sensor) && !s.has_sensor() {
+        let problem = "samples cannot go where a sensor would notice: there is none";
+        return Err(Error::setting("allocation", problem, "choose a sensor, or the allocation `variance`"));
+    }
     if s.budget.spp.is_some_and(|v| v > f64::from(u32::MAX / 4)) {
         return Err(Error::setting("spp", "more samples per pixel than can be counted", "use less than 1e9"));
     }
@@ -173,7 +189,8 @@ struct Renderer<'a> {
     /// Samples per pixel, and of the whole film: what the film knows too, without going through all of it.
     counts: Plane<u32>,
     taken: u64,
-    weights: Plane<f32>,
+    labels: Plane<Option<Label>>,
+    planner: Planner<'a>,
     costs: CostMap,
     stages: Vec<(Stage, f64)>,
     invalid: Vec<PixelSample>,
@@ -198,7 +215,8 @@ impl<'a> Renderer<'a> {
             film: Film::new(width, height),
             counts: plan::empty(width, height),
             taken: 0,
-            weights: dunkelfeld_adaptive::allocation::uniform(width, height),
+            labels: labels(scene, camera, width, height),
+            planner: Planner::new(settings),
             costs: CostMap::new(TileGrid::new(width, height, TILE)),
             stages: Vec::new(),
             invalid: Vec::new(),
@@ -211,7 +229,6 @@ impl<'a> Renderer<'a> {
     }
 
     fn run(mut self, progress: &dyn Progress, cancel: &Cancel, rehearsal: Rehearsal<'_>) -> Result<Rendering, Error> {
-        let labels = self.labels();
         let stop = match &self.settings.replay {
             Some(plan) => {
                 let total = plan::total(plan);
@@ -219,17 +236,19 @@ impl<'a> Renderer<'a> {
                 self.round(plan, Stage::Refine, None, cancel, &reporter);
                 StopReason::Samples
             }
-            None => self.rounds(progress, cancel, &|film| rehearsal(film, &labels))?,
+            None => self.rounds(progress, cancel, rehearsal)?,
         };
+        let (weights, forecast) = self.planner.into_parts();
         Ok(Rendering {
             film: self.film,
-            labels,
+            labels: self.labels,
             stop,
             interrupted: cancel.is_cancelled(),
             stages: self.stages,
             invalid: self.invalid,
             connections: self.connections,
-            weights: self.weights,
+            weights,
+            forecast,
             threads: self.threads,
         })
     }
@@ -239,39 +258,75 @@ impl<'a> Renderer<'a> {
         &mut self,
         progress: &dyn Progress,
         cancel: &Cancel,
-        rehearse: &dyn Fn(&Film) -> Result<(), Error>,
+        rehearse: Rehearsal<'_>,
     ) -> Result<StopReason, Error> {
         let budget = self.settings.budget;
-        let spp = budget.spp.or(if budget.seconds.is_none() { Some(DEFAULT_SPP) } else { None });
+        let spp = budget.spp.or((budget.seconds.is_none() && budget.noise.is_none()).then_some(DEFAULT_SPP));
         let samples = spp.map(|spp| plan::total_for_mean(spp, self.pixels()).max(1));
         let mut closing = CLOSING_PER_MEGAPIXEL * self.pixels() as f64 * 1e-6;
         let preview = (self.pixels() / PREVIEW).max(1);
-        let limits = Limits { seconds: budget.seconds, samples, at_least: preview.min(samples.unwrap_or(u64::MAX)) };
-        let settings = Settings { pixels: self.pixels(), pilot_spp: self.settings.pilot_spp, closing_seconds: closing };
+        let limits = Limits {
+            seconds: budget.seconds,
+            samples,
+            at_least: preview.min(samples.unwrap_or(u64::MAX)),
+            judged: budget.noise.is_some(),
+        };
+        // Judged, the pilot begins with a look that tells how large it is to be.
+        let pilot_spp = self.settings.pilot_spp.min(if limits.judged { FIRST_LOOK } else { u32::MAX });
+        let settings = Settings { pixels: self.pixels(), pilot_spp, closing_seconds: closing };
         let mut schedule = Schedule::new(limits, settings);
         let reporter = Reporter::new(progress, self.started, budget.seconds, samples);
         let mut work_per_sample = 1.0;
         let mut rehearsed = false;
         loop {
-            let round = match schedule.next(self.started.elapsed().as_secs_f64(), work_per_sample) {
+            let step = schedule.next(self.started.elapsed().as_secs_f64(), work_per_sample);
+            let round = match step {
                 Step::Stop(reason) => return Ok(reason),
-                Step::Round(round) => round,
+                Step::Round(round) => Some(round),
+                Step::Judge => None,
             };
-            let stage = if round.phase == Phase::Pilot { Stage::Pilot } else { Stage::Refine };
-            if round.replan {
+            if round.is_none_or(|round| round.replan) {
                 let began = Instant::now();
-                self.weights = self.replan();
+                let state = State { film: &self.film, labels: &self.labels, counts: &self.counts };
+                let pace = Pace {
+                    elapsed: self.started.elapsed().as_secs_f64(),
+                    per_work: schedule.pace(),
+                    threads: self.threads,
+                    costs: &self.costs,
+                    closing,
+                    limits: (budget.seconds, samples),
+                };
+                let tell = |forecast: &Forecast| progress.forecast(forecast);
+                let mut verdict = None;
+                match budget.noise.filter(|_| round.is_none()) {
+                    Some(k) => verdict = Some(self.planner.judge(k, state, &pace, tell)?),
+                    None => self.planner.plan(state, &pace)?.into_iter().for_each(tell),
+                }
+                let is_pilot_done = !matches!(verdict, Some(Verdict::GrowPilot(_)));
                 let left = budget.seconds.map_or(0.0, |s| s - self.started.elapsed().as_secs_f64());
-                if !rehearsed && closing < REHEARSAL_SHARE * left {
+                if !rehearsed && is_pilot_done && closing < REHEARSAL_SHARE * left {
                     rehearsed = true;
                     let began = Instant::now();
-                    rehearse(&self.film)?;
+                    rehearse(&self.film, &self.labels)?;
                     closing = closing.max(CLOSING_MARGIN * began.elapsed().as_secs_f64());
                     schedule.set_closing_seconds(closing);
                 }
                 self.spend(Stage::Plan, began);
+                match verdict {
+                    None => {}
+                    Some(Verdict::Hidden) => return Ok(StopReason::Judged),
+                    Some(Verdict::GrowPilot(spp)) => {
+                        schedule.grow_pilot(spp);
+                    }
+                    Some(Verdict::After(samples)) => {
+                        reporter.expect(samples);
+                        schedule.judged(samples);
+                    }
+                }
             }
-            let target = plan::next_round(&self.counts, &self.weights, self.taken + round.samples);
+            let Some(round) = round else { continue };
+            let stage = if round.phase == Phase::Pilot { Stage::Pilot } else { Stage::Refine };
+            let (samples, target) = self.target(round.samples, &schedule, limits.at_least);
             // Beyond the samples that a preview must have, a round that would pass the deadline is cut.
             let guard =
                 (self.taken >= limits.at_least).then(|| deadline(self.started, budget.seconds, closing)).flatten();
@@ -284,8 +339,23 @@ impl<'a> Renderer<'a> {
             if taken > 0 {
                 work_per_sample = work / taken as f64;
             }
-            if taken < round.samples && guard.is_some_and(|d| Instant::now() > d) {
+            if taken < samples && guard.is_some_and(|d| Instant::now() > d) {
                 return Ok(StopReason::Time);
+            }
+        }
+    }
+
+    /// The plan of a round of so many samples, or of fewer if they turn out to be too much work where they go.
+    fn target(&mut self, mut samples: u64, schedule: &Schedule, at_least: u64) -> (u64, Plane<u32>) {
+        loop {
+            let target = plan::next_round_of(&self.counts, self.planner.shares(), self.taken + samples);
+            if self.settings.budget.seconds.is_none() || self.taken < at_least {
+                return (samples, target);
+            }
+            let units = self.costs.cut(&plan::increment(&self.counts, &target), self.threads);
+            match schedule.trimmed(samples, feared_makespan(&units, self.threads)) {
+                Some(fewer) => samples = fewer,
+                None => return (samples, target),
             }
         }
     }
@@ -317,6 +387,7 @@ impl<'a> Renderer<'a> {
             units: &units,
             costs: &self.costs,
             deadline,
+            give_up: give_up(deadline, self.settings.budget.seconds),
             cancel,
             stage,
         };
@@ -346,42 +417,10 @@ impl<'a> Renderer<'a> {
             _ => self.stages.push((stage, seconds)),
         }
     }
-
-    /// New weights from all samples so far.
-    fn replan(&self) -> Plane<f32> {
-        if self.settings.strategy == Strategy::Uniform {
-            return dunkelfeld_adaptive::allocation::uniform(self.settings.width, self.settings.height);
-        }
-        let mean = self.film.mean_without_gaps();
-        let (luminance, white) = brightness(&mean, &self.settings.sensor);
-        self.settings.strategy.weights(&Pilot { luminance: &luminance, white, sobel_floor: self.settings.sobel_floor })
-    }
-
-    fn labels(&self) -> Plane<Option<Label>> {
-        let (width, height) = (self.settings.width, self.settings.height);
-        let rows: Vec<Vec<Option<Label>>> = (0..height)
-            .into_par_iter()
-            .map(|y| (0..width).map(|x| label(self.scene, self.camera, x, y)).collect())
-            .collect();
-        Plane::from_vec(width, height, rows.concat()).unwrap_or_else(|| Plane::new(width, height, None))
-    }
 }
 
-/// The image as the camera sees it, with the level at which it saturates: electrons per second for a sensor, luminance
-/// without one. What the pilot image is made from.
-fn brightness(mean: &Plane<[f32; 3]>, sensor: &SensorChoice) -> (Plane<f32>, f32) {
-    match sensor {
-        SensorChoice::None => (mean.map(|&[r, g, b]| dunkelfeld_radiometry::Rgb::new(r, g, b).luminance()), 1.0),
-        SensorChoice::Emva { model, optics, exposure } => {
-            let exposure = exposure.map_or_else(|| auto_exposure(mean, model, optics), Ok);
-            match exposure {
-                Ok(exposure) => {
-                    let electrons = dunkelfeld_sensor::electrons(mean, &Response::new(model, optics, exposure));
-                    (electrons.plane, model.saturation().0 as f32)
-                }
-                // A black pilot has no edges: nothing to prefer.
-                Err(_) => (mean.map(|_| 0.0), 1.0),
-            }
-        }
-    }
+fn labels(scene: &Scene, camera: &RayGenerator, width: u32, height: u32) -> Plane<Option<Label>> {
+    let rows: Vec<Vec<Option<Label>>> =
+        (0..height).into_par_iter().map(|y| (0..width).map(|x| label(scene, camera, x, y)).collect()).collect();
+    Plane::from_vec(width, height, rows.concat()).unwrap_or_else(|| Plane::new(width, height, None))
 }

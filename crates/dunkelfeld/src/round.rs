@@ -18,7 +18,7 @@ pub(crate) const TILE: u32 = 16;
 /// At most so many invalid samples are remembered by name.
 const MOST_NAMED: usize = 16;
 /// Samples between two looks at the clock and the switch.
-const CHECK_EVERY: u32 = 256;
+const CHECK_EVERY: u32 = 64;
 /// Pause between two reports of progress.
 const REPORT_EVERY_MS: u64 = 100;
 
@@ -29,13 +29,22 @@ pub(crate) struct Reporter<'a> {
     /// Limits that progress is a fraction of: seconds and samples.
     pub(crate) seconds: Option<f64>,
     pub(crate) samples: Option<u64>,
+    /// Samples after which the image is expected to be good enough; zero as long as nobody expects that.
+    expected: AtomicU64,
     taken: AtomicU64,
     last_report_ms: AtomicU64,
 }
 
 impl<'a> Reporter<'a> {
     pub(crate) fn new(sink: &'a dyn Progress, started: Instant, seconds: Option<f64>, samples: Option<u64>) -> Self {
-        Self { sink, started, seconds, samples, taken: AtomicU64::new(0), last_report_ms: AtomicU64::new(0) }
+        let zero = || AtomicU64::new(0);
+        Self { sink, started, seconds, samples, expected: zero(), taken: zero(), last_report_ms: zero() }
+    }
+
+    /// The image is expected to be good enough after so many samples.
+    pub(crate) fn expect(&self, samples: f64) {
+        // `as` saturates.
+        self.expected.store(samples as u64, Ordering::Relaxed);
     }
 
     /// Adds samples, and reports if the last report is old enough.
@@ -56,7 +65,9 @@ impl<'a> Reporter<'a> {
         let taken = self.taken.load(Ordering::Relaxed);
         let by_time = self.seconds.map_or(0.0, |s| if s > 0.0 { elapsed / s } else { 1.0 });
         let by_samples = self.samples.map_or(0.0, |n| if n > 0 { taken as f64 / n as f64 } else { 1.0 });
-        let fraction = by_time.max(by_samples).clamp(0.0, 1.0);
+        let expected = self.expected.load(Ordering::Relaxed);
+        let by_noise = if expected > 0 { taken as f64 / expected as f64 } else { 0.0 };
+        let fraction = by_time.max(by_samples).max(by_noise).clamp(0.0, 1.0);
         let remaining = (fraction > 0.0).then(|| elapsed * (1.0 - fraction) / fraction);
         self.sink.update(&ProgressState { stage, fraction, elapsed, remaining, samples: taken });
     }
@@ -72,6 +83,9 @@ pub(crate) struct RoundWork<'a> {
     pub(crate) costs: &'a CostMap,
     /// Units that have not begun by now are left out.
     pub(crate) deadline: Option<Instant>,
+    /// Units that are not done by now are given up, and their tiles' samples of this round with them: it takes a pixel that
+    /// costs more than any map could foresee.
+    pub(crate) give_up: Option<Instant>,
     pub(crate) cancel: &'a Cancel,
     pub(crate) stage: Stage,
 }
@@ -190,7 +204,7 @@ fn render_unit(
                 if unreported == CHECK_EVERY {
                     reporter.add(work.stage, u64::from(unreported));
                     unreported = 0;
-                    if work.cancel.is_cancelled() {
+                    if work.cancel.is_cancelled() || work.give_up.is_some_and(|d| Instant::now() > d) {
                         return None;
                     }
                 }
@@ -212,6 +226,12 @@ fn name_invalid(invalid: &Mutex<Vec<PixelSample>>, at: PixelSample) {
     {
         list.push(at);
     }
+}
+
+/// The moment at which units are given up: half the tolerated overrun past the deadline.
+pub(crate) fn give_up(deadline: Option<Instant>, seconds: Option<f64>) -> Option<Instant> {
+    let grace = (0.01 * seconds?).max(0.1);
+    deadline?.checked_add(Duration::try_from_secs_f64(grace).ok()?)
 }
 
 /// The moment at which units are no longer begun.

@@ -22,6 +22,9 @@ pub struct Budget {
     pub seconds: Option<f64>,
     /// Mean samples per pixel.
     pub spp: Option<f64>,
+    /// The k at which 99 % of the unsaturated pixels shall be hidden: the standard deviation of their rendered mean is then
+    /// at most k times that of the sensor's noise. Needs a sensor.
+    pub noise: Option<f64>,
 }
 
 /// How the render is exposed.
@@ -53,8 +56,8 @@ pub struct RenderSettings {
     pub view: Option<Camera>,
     /// When to stop.
     pub budget: Budget,
-    /// Where the samples go.
-    pub strategy: Strategy,
+    /// Where the samples go; `None` decides by the sensor ([`Strategy::default_for`]).
+    pub strategy: Option<Strategy>,
     /// Samples per pixel of the pilot.
     pub pilot_spp: u32,
     /// Weight of flat regions under [`Strategy::Sobel`], relative to the mean Sobel magnitude, in \[0, 1\].
@@ -74,6 +77,18 @@ pub struct RenderSettings {
     pub without: Vec<Effect>,
 }
 
+impl RenderSettings {
+    /// The strategy that the render follows.
+    pub fn strategy(&self) -> Strategy {
+        self.strategy.unwrap_or(Strategy::default_for(self.has_sensor()))
+    }
+
+    /// Is there a sensor?
+    pub fn has_sensor(&self) -> bool {
+        matches!(self.sensor, SensorChoice::Emva { .. })
+    }
+}
+
 impl Default for RenderSettings {
     /// 512 x 512 pixels, [`DEFAULT_SPP`] samples by the paper's method, no sensor.
     fn default() -> Self {
@@ -83,7 +98,7 @@ impl Default for RenderSettings {
             camera: None,
             view: None,
             budget: Budget::default(),
-            strategy: Strategy::default(),
+            strategy: None,
             pilot_spp: DEFAULT_PILOT_SPP,
             sobel_floor: dunkelfeld_adaptive::allocation::SOBEL_FLOOR,
             seed: 0,

@@ -1,16 +1,19 @@
 //! What a render achieved, as data: the `--stats` file.
 
 use crate::develop::Frame;
+use crate::forecast::ForecastLevel;
 use crate::heavy::{HeavySample, heaviest};
+use crate::noise::Certified;
 use crate::progress::Stage;
 use crate::render::Rendering;
 use crate::settings::{RenderSettings, SensorChoice};
+use dunkelfeld_adaptive::certificate::Certificate;
 use dunkelfeld_adaptive::schedule::StopReason;
 use serde::Serialize;
 use std::collections::BTreeMap;
 
 /// Version of the schema. It grows with every change that could break a reader; new fields alone do not count.
-pub const STATS_VERSION: u32 = 1;
+pub const STATS_VERSION: u32 = 2;
 
 /// The statistics of a render. Field names are the JSON keys; times are seconds, radiances W/(m^2 sr).
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -29,7 +32,7 @@ pub struct Stats {
     pub threads: usize,
     /// Where samples went: name of the strategy, or `replay`.
     pub allocation: String,
-    /// What ended the render: `time`, `samples` or `interrupted`.
+    /// What ended the render: `time`, `samples`, `noise` or `interrupted`.
     pub stop: String,
     /// Names of effects that were left out on purpose.
     pub without: Vec<String>,
@@ -67,6 +70,62 @@ pub struct Stats {
     pub budget_missed: bool,
     /// The sensor, if there is one.
     pub sensor: Option<SensorStats>,
+    /// What the pilot foretold, and how good that was; `null` without a sensor, or where nothing was planned.
+    pub forecast: Option<Vec<ForecastLevel>>,
+    /// How well the render's noise is hidden beneath the sensor's; `null` without a sensor.
+    pub certificate: Option<CertificateStats>,
+}
+
+/// The certificate ([`dunkelfeld_adaptive::certificate`]): ratios are the variance of a pixel's rendered mean over the
+/// temporal variance of the sensor there, over the pixels that are not saturated.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct CertificateStats {
+    /// The level that is certified: standard deviation of the render's noise over that of the sensor's.
+    pub k: f64,
+    /// Is the render hidden at k: are 99 % of the unsaturated pixels?
+    pub is_hidden: bool,
+    /// Share of the unsaturated pixels that are hidden at k.
+    pub hidden: f64,
+    /// Share of them that are hidden also at the upper end of their ratio's confidence interval (95 %).
+    pub hidden_surely: f64,
+    /// Level at which the render is hidden: the root of `ratio_p99`.
+    pub hidden_at: f64,
+    /// Mean ratio.
+    pub ratio_mean: f64,
+    /// Upper confidence bound of the mean ratio (95 %).
+    pub ratio_mean_at_most: f64,
+    /// Median ratio.
+    pub ratio_p50: f64,
+    /// 99 % quantile of the ratios.
+    pub ratio_p99: f64,
+    /// Largest ratio.
+    pub ratio_max: f64,
+    /// Unsaturated pixels.
+    pub pixels: u64,
+    /// Saturated pixels.
+    pub saturated: u64,
+    /// Unsaturated pixels whose variance is not known; they count as not hidden, and have no ratio.
+    pub unknown: u64,
+}
+
+impl From<&Certificate> for CertificateStats {
+    fn from(c: &Certificate) -> Self {
+        Self {
+            k: c.k,
+            is_hidden: c.is_hidden(),
+            hidden: c.hidden,
+            hidden_surely: c.hidden_surely,
+            hidden_at: c.p99.sqrt(),
+            ratio_mean: c.mean,
+            ratio_mean_at_most: c.mean_at_most,
+            ratio_p50: c.median,
+            ratio_p99: c.p99,
+            ratio_max: c.max,
+            pixels: c.pixels,
+            saturated: c.saturated,
+            unknown: c.unknown,
+        }
+    }
 }
 
 /// How the search for light through clear covers fared.
@@ -128,11 +187,12 @@ impl Stats {
             seed: settings.seed,
             frame: settings.frame,
             threads: rendering.threads,
-            allocation: if settings.replay.is_some() { "replay".into() } else { settings.strategy.name().into() },
+            allocation: if settings.replay.is_some() { "replay".into() } else { settings.strategy().name().into() },
             stop: match (rendering.interrupted, rendering.stop) {
                 (true, _) => "interrupted",
                 (false, StopReason::Time) => "time",
                 (false, StopReason::Samples) => "samples",
+                (false, StopReason::Judged) => "noise",
             }
             .into(),
             without: settings.without.iter().map(|e| e.name().to_string()).collect(),
@@ -160,6 +220,8 @@ impl Stats {
             budget_seconds: settings.budget.seconds,
             budget_missed: false,
             sensor: sensor_stats(frame, settings),
+            forecast: rendering.forecast.as_ref().map(|f| f.levels.clone()),
+            certificate: certified(frame).map(|c| (&c.certificate).into()),
         }
     }
 
@@ -171,6 +233,11 @@ impl Stats {
     /// Closes the book: the whole command took this long.
     pub fn finish(&mut self, total_seconds: f64) {
         self.total_seconds = total_seconds;
+        if let (Some(forecast), "noise", Some(c)) = (&mut self.forecast, self.stop.as_str(), &self.certificate) {
+            for level in forecast.iter_mut().filter(|level| level.k == c.k) {
+                (level.actual_samples, level.actual_seconds) = (Some(self.samples as f64), Some(total_seconds));
+            }
+        }
         self.budget_missed =
             self.stop != "interrupted" && self.budget_seconds.is_some_and(|b| total_seconds > b + (0.02 * b).max(0.2));
     }
@@ -190,6 +257,10 @@ impl Stats {
         // Plain numbers and strings with string keys: serialisation cannot fail.
         serde_json::to_string_pretty(self).unwrap_or_default() + "\n"
     }
+}
+
+fn certified(frame: &Frame) -> Option<&Certified> {
+    frame.sensor.as_ref()?.certified.as_ref()
 }
 
 fn sensor_stats(frame: &Frame, settings: &RenderSettings) -> Option<SensorStats> {

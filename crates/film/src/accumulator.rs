@@ -214,6 +214,21 @@ impl PixelSums {
         spread.map(|s| s / ((used - 1) as f64 * n))
     }
 
+    /// Mean, and estimated variance of that mean, of a weighted sum of the channels: [`Self::mean`] and
+    /// [`Self::variance_of_mean`] of `sum w_c L_c`. The channels' covariance is in it, which their variances alone do not
+    /// tell. Zero and infinite where nothing is known.
+    pub fn weighted_mean_and_variance(&self, weights: [f64; 3]) -> (f64, f64) {
+        let weigh = |v: [f64; 3]| weights[0] * v[0] + weights[1] * v[1] + weights[2] * v[2];
+        let mean = weigh(self.mean());
+        let (mut used, mut spread) = (0u32, 0.0);
+        for (batch, &count) in self.batches.iter().zip(&self.counts).filter(|(_, c)| **c > 0) {
+            used += 1;
+            spread += f64::from(count) * (weigh(batch.to_f64()) / f64::from(count) - mean).powi(2);
+        }
+        let variance = if used < 2 { f64::INFINITY } else { spread / (f64::from(used - 1) * f64::from(self.count())) };
+        (mean, variance)
+    }
+
     /// The largest luminance of a single sample [W/(m^2 sr)].
     pub fn max_luminance(&self) -> f32 {
         f32::from_bits((self.heaviest_key >> 32) as u32)
@@ -358,9 +373,27 @@ mod tests {
     }
 
     #[test]
+    fn a_weighted_sum_knows_the_covariance_of_the_channels() {
+        // Red and green that always add up to one: their sum has no variance, their difference twice that of each.
+        let mut p = PixelSums::default();
+        for (i, r) in [0.1, 0.9, 0.4, 0.7, 0.2, 0.3].into_iter().enumerate() {
+            p.add(i as u32, &sample(Rgb::new(r, 1.0 - r, 5.0)));
+        }
+        let (mean, variance) = p.weighted_mean_and_variance([1.0, 1.0, 0.0]);
+        assert!((mean - 1.0).abs() < 1e-7 && variance < 1e-14, "{mean}, {variance}");
+        let (_, difference) = p.weighted_mean_and_variance([1.0, -1.0, 0.0]);
+        let [red, ..] = p.variance_of_mean();
+        assert!((difference / (4.0 * red) - 1.0).abs() < 1e-6, "{difference} against {red}");
+        let (mean, variance) = p.weighted_mean_and_variance([0.0, 2.0, 0.0]);
+        assert!((mean - 2.0 * p.mean()[1]).abs() < 1e-12);
+        assert!((variance / (4.0 * p.variance_of_mean()[1]) - 1.0).abs() < 1e-9);
+    }
+
+    #[test]
     fn variance_is_unknown_from_one_batch() {
         let mut p = PixelSums::default();
         p.add(0, &sample(Rgb::WHITE));
+        assert_eq!(p.weighted_mean_and_variance([2.0, 0.0, 0.0]), (2.0, f64::INFINITY));
         assert!(p.variance_of_mean()[0].is_infinite());
         assert_eq!(p.mean_albedo(), [0.5, 0.25, 1.0]);
         assert_eq!(p.mean_depth(), 2.5);

@@ -142,14 +142,17 @@ pub struct BudgetSettings {
     /// Mean number of samples per pixel, above 0, at most 1e9.
     #[serde(deserialize_with = "check::spp")]
     pub spp: Option<f64>,
+    /// The k at which 99 % of the unsaturated pixels shall be hidden beneath the sensor's noise.
+    #[serde(deserialize_with = "check::noise")]
+    pub noise: Option<f64>,
 }
 
 /// `[allocate]`
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct AllocateSettings {
-    /// `"sobel"` (default) or `"uniform"`.
-    pub strategy: AllocateStrategy,
+    /// `"uniform"`, `"sobel"`, `"variance"` or `"sensor"`. By default `"sensor"` with a sensor, `"sobel"` without.
+    pub strategy: Option<AllocateStrategy>,
     /// Samples per pixel of the uniform pilot that the plan is made from. Default 16.
     #[serde(deserialize_with = "check::pilot_spp")]
     pub pilot_spp: u32,
@@ -161,19 +164,22 @@ pub struct AllocateSettings {
 
 impl Default for AllocateSettings {
     fn default() -> Self {
-        Self { strategy: AllocateStrategy::default(), pilot_spp: 16, floor: 0.25 }
+        Self { strategy: None, pilot_spp: 16, floor: 0.25 }
     }
 }
 
 /// How samples are spread over the pixels.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum AllocateStrategy {
     /// The same number everywhere.
     Uniform,
     /// More where the Sobel magnitude of a pilot image is high.
-    #[default]
     Sobel,
+    /// More where the measured variance is high.
+    Variance,
+    /// More where the sensor would see it.
+    Sensor,
 }
 
 /// `[sensor]`

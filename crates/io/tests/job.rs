@@ -79,7 +79,10 @@ fn a_job_that_says_everything() {
     assert_eq!((job.lens.f_number, job.lens.transmission, job.lens.magnification), (Some(5.6), 0.8, Some(0.1)));
     assert_eq!((job.film.width, job.film.height), (Some(640), Some(480)));
     assert_eq!((job.budget.time, job.budget.spp), (Some(Duration::from_secs(120)), Some(64.0)));
-    assert_eq!((job.allocate.strategy, job.allocate.pilot_spp, job.allocate.floor), (AllocateStrategy::Sobel, 8, 0.5));
+    assert_eq!(
+        (job.allocate.strategy, job.allocate.pilot_spp, job.allocate.floor),
+        (Some(AllocateStrategy::Sobel), 8, 0.5)
+    );
     assert_eq!(job.sensor.model, SensorChoice::File(PathBuf::from("jobs/sensors/mine.toml")));
     assert_eq!(job.sensor.exposure, Exposure::Seconds(0.005));
     // Outputs stay relative to where the command runs.
@@ -97,10 +100,8 @@ fn a_job_that_says_the_least_gets_the_documented_defaults() {
     assert_eq!((job.seed, job.frame, job.camera.as_deref()), (0, 0, None));
     assert_eq!(job.lens, LensSettings { transmission: 0.9, ..LensSettings::default() });
     assert_eq!((job.film.pixel_pitch, job.film.sensor_width, job.film.sensor_height), (None, None, None));
-    assert_eq!(
-        (job.allocate.strategy, job.allocate.pilot_spp, job.allocate.floor),
-        (AllocateStrategy::Sobel, 16, 0.25)
-    );
+    assert_eq!((job.allocate.strategy, job.allocate.pilot_spp, job.allocate.floor), (None, 16, 0.25));
+    assert_eq!(job.budget.noise, None);
     assert_eq!((job.sensor.model, job.sensor.exposure), (SensorChoice::Preset("imx250".into()), Exposure::Auto));
     assert_eq!(job.import.emissive_unit, EmissiveUnit::Nit);
     assert!(job.environment.is_none() && job.materials.is_empty() && job.lights.is_empty());

@@ -21,10 +21,10 @@ width = 512
 height = 512
 
 [budget]
-time = "20s"            # wall clock for the whole command; `spp = 64` is a budget by samples
+time = "20s"            # wall clock for the whole command; `spp = 64` is a budget by samples, `noise = 0.7` one by accuracy
 
 [allocate]
-strategy = "sobel"      # the paper's: more samples where a pilot image has edges
+strategy = "sensor"     # where this sensor would notice; "sobel" is the paper's: where a pilot image has edges
 
 [sensor]
 model = "imx250"

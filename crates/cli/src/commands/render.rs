@@ -63,15 +63,17 @@ fn apply(args: &RenderArgs, project: &mut Project) -> Result<(), Error> {
     if args.camera.is_some() {
         s.camera.clone_from(&args.camera);
     }
-    if args.time.is_some() || args.spp.is_some() {
+    if args.time.is_some() || args.spp.is_some() || args.noise.is_some() {
         // A limit on the command line replaces those of the job.
-        s.budget = Budget { seconds: args.time, spp: args.spp };
+        s.budget = Budget { seconds: args.time, spp: args.spp, noise: args.noise };
     }
     if let Some(strategy) = args.allocate {
-        s.strategy = match strategy {
+        s.strategy = Some(match strategy {
             Allocate::Uniform => Strategy::Uniform,
             Allocate::Sobel => Strategy::Sobel,
-        };
+            Allocate::Variance => Strategy::Variance,
+            Allocate::Sensor => Strategy::Sensor,
+        });
     }
     apply_sensor(args.sensor.as_deref(), args.exposure, s, project.optics)?;
     let o = &mut project.outputs;

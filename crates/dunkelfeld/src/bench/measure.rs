@@ -13,6 +13,7 @@ use crate::progress::{Cancel, Progress, ProgressState, Stage};
 use crate::project::Project;
 use crate::render::{camera, render, thread_pool};
 use crate::settings::{Budget, RenderSettings, SensorChoice};
+use dunkelfeld_adaptive::allocation::Strategy;
 use dunkelfeld_film::Plane;
 use dunkelfeld_scene::{Effect, Scene};
 use std::collections::BTreeMap;
@@ -69,6 +70,7 @@ pub fn bench(
     cancel: &Cancel,
 ) -> Result<BenchOutcome, Error> {
     settings.check()?;
+    let settings = &for_sensor(settings, project.settings.has_sensor())?;
     let store = Store::open(folder, restart)?;
     let effects = effects(&project, settings);
     if settings.quick && !own_size {
@@ -106,6 +108,19 @@ pub fn bench(
     Ok(BenchOutcome { files, findings, finished, interrupted: cancel.is_cancelled(), invalid_samples })
 }
 
+/// Without a sensor there is nothing that the strategy `sensor` could go by: of all strategies it is left out, by name refused.
+fn for_sensor(settings: &BenchSettings, has_sensor: bool) -> Result<BenchSettings, Error> {
+    let mut settings = settings.clone();
+    if !has_sensor && settings.strategies == Strategy::ALL {
+        settings.strategies.retain(|s| *s != Strategy::Sensor);
+    }
+    if !has_sensor && settings.strategies.contains(&Strategy::Sensor) {
+        let problem = "samples cannot go where a sensor would notice: there is none";
+        return Err(Error::setting("strategies", problem, "choose a sensor, or leave out the strategy `sensor`"));
+    }
+    Ok(settings)
+}
+
 fn count_finished(store: &Store, all: &[Unit], base_seed: u64) -> Result<usize, Error> {
     let mut n = 0;
     for unit in all {
@@ -137,7 +152,7 @@ fn quick_size(project: &Project, settings: &BenchSettings, effects: usize, cance
     let mut trial = project.fitted()?;
     let [w, h] = sized(TRIAL.0);
     (trial.width, trial.height) = (w, h);
-    trial.budget = Budget { seconds: None, spp: Some(f64::from(TRIAL.1)) };
+    trial.budget = Budget { spp: Some(f64::from(TRIAL.1)), ..Budget::default() };
     let began = Instant::now();
     let rendering = render(&project.scene, &trial, began, &crate::progress::Silent, cancel)?;
     let rate = rendering.film.total_samples() as f64 / began.elapsed().as_secs_f64().max(1e-6);
@@ -230,8 +245,8 @@ impl Bench<'_> {
         cancel: &Cancel,
     ) -> Result<Option<Record>, Error> {
         let settings = RenderSettings {
-            budget: Budget { seconds: None, spp: Some(f64::from(unit.spp)) },
-            strategy: unit.strategy(),
+            budget: Budget { spp: Some(f64::from(unit.spp)), ..Budget::default() },
+            strategy: Some(unit.strategy()),
             seed: unit.seed(self.fitted.seed),
             replay: None,
             ..settings.clone()

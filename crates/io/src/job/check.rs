@@ -23,6 +23,11 @@ pub(super) fn spp<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f64>, D::Err
     Err(D::Error::custom(format!("{v} is out of range; write a number above zero and up to 1e9, such as 64")))
 }
 
+/// Below a thousandth no sensor tells any more; above a thousand nothing is asked for.
+pub(super) fn noise<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f64>, D::Error> {
+    real(d, 1e-3, 1e3).map(Some)
+}
+
 pub(super) fn pilot_spp<'de, D: Deserializer<'de>>(d: D) -> Result<u32, D::Error> {
     whole(d, 1, 65_536)
 }

@@ -4,7 +4,7 @@ use crate::args::RenderArgs;
 use crate::outcome::{print, say};
 use crate::words::{count, seconds, shell};
 use dunkelfeld::scene::Effect;
-use dunkelfeld::{Project, ProjectResult, Stats};
+use dunkelfeld::{CertificateStats, Project, ProjectResult, Stats};
 use std::fmt::Write;
 
 pub(super) fn print_report(args: &RenderArgs, project: &Project, result: &ProjectResult) {
@@ -78,11 +78,35 @@ fn summary(project: &Project, s: &Stats) -> String {
             sensor.saturated * 100.0
         );
     }
+    if let Some(c) = &s.certificate {
+        let _ = writeln!(text, "{}", certificate(c));
+    }
+    let reached = s.forecast.iter().flatten().find_map(|l| Some((l.k, l.seconds?, l.actual_seconds?)));
+    if let Some((k, foretold, took)) = reached {
+        let off = 100.0 * (foretold / took - 1.0);
+        let (foretold, took) = (seconds(foretold), seconds(took));
+        let _ = writeln!(text, "hidden at k = {k} after {took}; the pilot foretold {foretold} ({off:+.0} %)");
+    }
     let o = &project.outputs;
     for path in [&o.image, &o.linear, &o.exr, &o.plan, &o.stats].into_iter().flatten() {
         let _ = writeln!(text, "wrote {}", path.display());
     }
     text
+}
+
+/// The certificate in one line.
+fn certificate(c: &CertificateStats) -> String {
+    format!(
+        "noise: hidden beneath the sensor's at k = {:.3}; at k = {} in {:.1} % of unsaturated pixels, in {:.1} % surely; v_r/s is {:.3} on average, {:.3} in the median, {:.3} at 99 %, {:.3} at most",
+        c.hidden_at,
+        c.k,
+        100.0 * c.hidden,
+        100.0 * c.hidden_surely,
+        c.ratio_mean,
+        c.ratio_p50,
+        c.ratio_p99,
+        c.ratio_max
+    )
 }
 
 /// The command that traces a sample again: everything that a camera sample depends on.

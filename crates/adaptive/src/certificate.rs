@@ -1,0 +1,225 @@
+//! The certificate: how well a render's noise is hidden beneath the sensor's, and how sure that is.
+//!
+//! For each pixel the ratio `v_r / s`: the variance of its rendered mean over the temporal variance of the sensor at that
+//! mean (EMVA 1288), both in electrons squared. A pixel is *hidden at k* when its ratio is at most `k^2`. Saturated pixels
+//! are left out: what they hold beyond saturation nobody sees.
+
+use dunkelfeld_film::{BATCHES, Plane};
+
+use crate::need::{HIDDEN_SHARE, quantile_of};
+use crate::pooling::upper_factor;
+
+/// Standard normal quantile of the one-sided confidence of 95 %.
+const CONFIDENCE: f64 = 1.645;
+
+/// How well a render's noise is hidden. Ratios are `v_r / s`, over the pixels that are judged: those not saturated.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Certificate {
+    /// What was certified.
+    pub k: f64,
+    /// Share of the judged pixels whose ratio is at most `k^2`, in \[0, 1\]; 1 if none is judged.
+    pub hidden: f64,
+    /// Share of those whose ratio is at most `k^2` even at the upper end of its own confidence interval (one-sided, 95 %,
+    /// from its degrees of freedom).
+    pub hidden_surely: f64,
+    /// Mean ratio.
+    pub mean: f64,
+    /// Upper 95 % confidence bound of the mean ratio.
+    pub mean_at_most: f64,
+    /// Median ratio.
+    pub median: f64,
+    /// Ratio that 99 % of the pixels do not exceed. Its square root is the k at which the render is hidden.
+    pub p99: f64,
+    /// Largest ratio.
+    pub max: f64,
+    /// Pixels judged, those of unknown variance included: they are not hidden, and have no ratio.
+    pub pixels: u64,
+    /// Pixels left out because they are saturated beyond doubt.
+    pub saturated: u64,
+    /// Pixels of which no variance is known.
+    pub unknown: u64,
+}
+
+impl Certificate {
+    /// Is the render hidden at its k: [`HIDDEN_SHARE`] of the pixels that are not saturated?
+    pub fn is_hidden(&self) -> bool {
+        self.hidden >= HIDDEN_SHARE
+    }
+}
+
+/// What is certified: planes of one size.
+#[derive(Clone, Copy, Debug)]
+pub struct Claim<'a> {
+    /// Variance of the rendered mean, v_r [e-^2]; infinite where it is not known.
+    pub render: &'a Plane<f32>,
+    /// Variance of the sensor, s [e-^2], above zero.
+    pub sensor: &'a Plane<f32>,
+    /// Degrees of freedom of each v_r.
+    pub freedom: &'a Plane<f32>,
+    /// Pixels that are saturated.
+    pub saturated: &'a Plane<bool>,
+}
+
+/// The ratio v_r / s of every pixel; infinite where v_r is not known.
+///
+/// # Panics
+/// If the planes differ in size.
+pub fn ratios(claim: &Claim<'_>) -> Plane<f32> {
+    check(claim);
+    let mut ratios = claim.render.clone();
+    ratios.data_mut().iter_mut().zip(claim.sensor.data()).for_each(|(v, s)| {
+        // Without noise it is hidden beneath nothing, too.
+        *v = if *v == 0.0 { 0.0 } else { *v / *s };
+        if v.is_nan() {
+            *v = f32::INFINITY;
+        }
+    });
+    ratios
+}
+
+/// Certifies a render at `k`.
+///
+/// # Panics
+/// If the planes differ in size.
+pub fn certify(claim: &Claim<'_>, k: f64) -> Certificate {
+    let ratios = ratios(claim);
+    let limit = k * k;
+    let (mut pixels, mut saturated, mut unknown, mut hidden, mut surely) = (0u64, 0u64, 0u64, 0u64, 0u64);
+    let (mut sum, mut squares, mut max) = (0.0, 0.0, 0.0f64);
+    let mut known = Vec::with_capacity(ratios.data().len());
+    for ((&ratio, &freedom), &full) in ratios.data().iter().zip(claim.freedom.data()).zip(claim.saturated.data()) {
+        if full {
+            saturated += 1;
+            continue;
+        }
+        pixels += 1;
+        if !ratio.is_finite() {
+            unknown += 1;
+            continue;
+        }
+        known.push(ratio);
+        let ratio = f64::from(ratio);
+        hidden += u64::from(ratio <= limit);
+        surely += u64::from(ratio == 0.0 || ratio * upper_factor(f64::from(freedom), CONFIDENCE) <= limit);
+        sum += ratio;
+        squares += ratio * ratio;
+        max = max.max(ratio);
+    }
+    let share = |n: u64| if pixels == 0 { 1.0 } else { n as f64 / pixels as f64 };
+    let mean = sum / (known.len().max(1)) as f64;
+    // The mean's own degrees of freedom (Satterthwaite 1946). Pooled pixels share theirs with their neighbours, so each is
+    // counted with those of its own batches only.
+    let freedom = if squares > 0.0 { (BATCHES - 1) as f64 * sum * sum / squares } else { f64::INFINITY };
+    let raised = mean * upper_factor(freedom, CONFIDENCE);
+    let quantile = |share| f64::from(quantile_of(known.iter().copied(), share).unwrap_or(0.0));
+    Certificate {
+        k,
+        hidden: share(hidden),
+        hidden_surely: share(surely),
+        mean,
+        mean_at_most: if raised.is_finite() { raised } else { max.max(mean) },
+        median: quantile(0.5),
+        p99: quantile(HIDDEN_SHARE),
+        max,
+        pixels,
+        saturated,
+        unknown,
+    }
+}
+
+fn check(claim: &Claim<'_>) {
+    let size = (claim.render.width(), claim.render.height());
+    let others = [
+        (claim.sensor.width(), claim.sensor.height()),
+        (claim.freedom.width(), claim.freedom.height()),
+        (claim.saturated.width(), claim.saturated.height()),
+    ];
+    assert!(others.into_iter().all(|other| other == size), "planes differ in size");
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    struct Planes {
+        render: Plane<f32>,
+        sensor: Plane<f32>,
+        freedom: Plane<f32>,
+        saturated: Plane<bool>,
+    }
+
+    impl Planes {
+        /// 100 x 100 pixels of which each has the ratio that a function of its number gives.
+        fn of(ratio: impl Fn(u32) -> f32) -> Self {
+            Self {
+                render: Plane::from_fn(100, 100, |x, y| 20.0 * ratio(y * 100 + x)),
+                sensor: Plane::new(100, 100, 20.0),
+                freedom: Plane::new(100, 100, 147.0),
+                saturated: Plane::new(100, 100, false),
+            }
+        }
+
+        fn certify(&self, k: f64) -> Certificate {
+            let (render, sensor, freedom) = (&self.render, &self.sensor, &self.freedom);
+            certify(&Claim { render, sensor, freedom, saturated: &self.saturated }, k)
+        }
+    }
+
+    #[test]
+    fn shares_and_quantiles_are_counted() {
+        // Ratios 0.0001, 0.0002, ... 1.
+        let c = Planes::of(|i| (i + 1) as f32 / 1e4).certify(0.5);
+        assert!((c.hidden - 0.25).abs() < 1e-3, "{c:?}");
+        assert!((c.median - 0.5).abs() < 1e-3 && (c.p99 - 0.99).abs() < 1e-3 && (c.max - 1.0).abs() < 1e-6, "{c:?}");
+        assert!((c.mean - 0.50005).abs() < 1e-4);
+        assert_eq!((c.pixels, c.saturated, c.unknown), (10_000, 0, 0));
+        // 147 degrees of freedom: 147 / 119.9 = 1.226 (5 % quantile of chi-squared).
+        assert!((c.hidden_surely - 0.25 / 1.226).abs() < 2e-3, "{c:?}");
+        assert!(!c.is_hidden() && Planes::of(|_| 0.2).certify(0.5).is_hidden());
+    }
+
+    #[test]
+    fn ninety_nine_per_cent_are_enough_and_less_are_not() {
+        let with = |loud: u32| Planes::of(|i| if i < loud { 9.0 } else { 0.1 }).certify(0.5);
+        assert!(with(100).is_hidden() && !with(101).is_hidden());
+        assert!((with(100).p99 - 0.1).abs() < 1e-6 && (with(101).p99 - 9.0).abs() < 1e-6);
+    }
+
+    #[test]
+    fn saturated_pixels_have_no_say_and_unknown_ones_are_not_hidden() {
+        let mut planes = Planes::of(|_| 0.1);
+        for i in 0..200 {
+            planes.saturated.data_mut()[i] = true;
+            planes.render.data_mut()[i] = f32::INFINITY;
+        }
+        let c = planes.certify(0.5);
+        assert!(c.hidden == 1.0 && c.saturated == 200 && c.pixels == 9800 && c.unknown == 0, "{c:?}");
+        planes.render.data_mut()[300..398].fill(f32::INFINITY);
+        let c = planes.certify(0.5);
+        assert!((c.hidden - 0.99).abs() < 1e-12 && c.unknown == 98 && c.is_hidden(), "{c:?}");
+        planes.render.data_mut()[398] = f32::NAN;
+        assert!(!planes.certify(0.5).is_hidden());
+        planes.saturated = Plane::new(100, 100, true);
+        let none = planes.certify(0.5);
+        assert_eq!((none.hidden, none.mean, none.max, none.pixels), (1.0, 0.0, 0.0, 0));
+    }
+
+    #[test]
+    fn the_bound_of_the_mean_widens_where_few_pixels_hold_it() {
+        let even = Planes::of(|_| 0.1).certify(0.5);
+        // 30 000 degrees of freedom: 1 + 1.645 sqrt(2 / 30 000).
+        assert!((even.mean_at_most / even.mean - 1.0135).abs() < 1e-3, "{even:?}");
+        let uneven = Planes::of(|i| if i == 7 { 1e4 } else { 0.0 }).certify(0.5);
+        assert!(uneven.mean_at_most > 8.0 * uneven.mean, "{uneven:?}");
+        let silent = Planes::of(|_| 0.0).certify(0.5);
+        assert_eq!((silent.mean_at_most, silent.hidden, silent.hidden_surely), (0.0, 1.0, 1.0));
+    }
+
+    #[test]
+    fn ratios_are_what_they_say() {
+        let planes = Planes::of(|i| i as f32);
+        let (render, sensor, freedom) = (&planes.render, &planes.sensor, &planes.freedom);
+        let r = ratios(&Claim { render, sensor, freedom, saturated: &planes.saturated });
+        assert!((r.at(17, 3) - 317.0).abs() < 1e-3);
+    }
+}

@@ -1,0 +1,304 @@
+//! How many samples a pixel needs until its noise is hidden beneath the sensor's.
+//!
+//! A pixel of mean signal mu has the sensor variance `s = mu + sigma_d^2 + sigma_q^2 / K^2` [e-^2] (EMVA 1288), black ones
+//! only the floor of it. It is *hidden at k* when the variance of its rendered mean is at most `k^2 s`: the noise of both
+//! together is then at most `sqrt(1 + k^2)` times the sensor's.
+
+use dunkelfeld_film::Plane;
+
+use crate::evidence::Evidence;
+use crate::pooling::{PixelNoise, Witnesses, upper_factor};
+
+/// A render is hidden when this share of its unsaturated pixels is.
+pub const HIDDEN_SHARE: f64 = 0.99;
+/// What the `sensor` strategy aims at when nobody says at what: the noise then grows by 12 %.
+pub const DEFAULT_TARGET: f64 = 0.5;
+/// Pixels needier than all but this share of them get as many samples as the last of these: a render is hidden without them,
+/// and a few may need more than all others together.
+const AIMED_SHARE: f64 = 0.995;
+/// Standard deviations of safety for a variance that is itself an estimate: one in twenty is too small after it ...
+const SAFETY: f64 = 1.645;
+/// ... unless that takes more than so much more of samples.
+const MOST_SAFETY: f64 = 3.0;
+/// A saturated pixel is one whose mean lies this many standard errors above saturation.
+const SATURATED_BY: f64 = 3.0;
+/// The guard against events not yet seen, in the variance of the mean: this times the square of event over samples. An event
+/// unseen in n samples has a probability of 0.5 / n at the middle of what may be believed, 3 / n at its end (the rule of
+/// three, Hanley and Lippman-Hand 1983).
+pub(crate) const GUARD: f64 = 0.5;
+
+/// A sensor, as far as its noise hides that of a render: photo-electrons and nothing else.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SensorNoise {
+    /// Variance of a black pixel, `sigma_d^2 + sigma_q^2 / K^2` [e-^2].
+    pub floor: f64,
+    /// Photo-electrons at which a pixel saturates [e-].
+    pub saturation: f64,
+}
+
+impl SensorNoise {
+    /// The temporal variance of a pixel with so many photo-electrons [e-^2].
+    #[inline]
+    pub fn variance(&self, electrons: f64) -> f64 {
+        electrons.max(0.0) + self.floor
+    }
+
+    /// Is a pixel saturated beyond doubt, whose mean has the given variance?
+    #[inline]
+    pub fn is_saturated(&self, electrons: f64, variance_of_mean: f64) -> bool {
+        electrons - SATURATED_BY * variance_of_mean.sqrt() > self.saturation
+    }
+}
+
+/// The number of samples at which `v / n + 0.5 e^2 / n^2` has sunk to `limit`, v being the variance of one sample (with a
+/// margin for its own uncertainty) and e the event that may not have been seen. Infinite where nothing is known, or where
+/// there is noise and the limit is zero.
+pub fn samples_for(noise: &PixelNoise, limit: f64) -> f64 {
+    let factor = upper_factor(f64::from(noise.freedom), SAFETY).min(MOST_SAFETY);
+    guarded(factor * f64::from(noise.variance), f64::from(noise.event), limit)
+}
+
+fn guarded(variance: f64, event: f64, limit: f64) -> f64 {
+    if variance <= 0.0 && event <= 0.0 {
+        return 0.0;
+    }
+    let n = (variance + (variance * variance + 4.0 * GUARD * event * event * limit).sqrt()) / (2.0 * limit);
+    if n.is_nan() { f64::INFINITY } else { n }
+}
+
+/// What each pixel needs to be hidden at some k.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Needs {
+    /// With the margin and the guard: what is planned. Infinite where nothing is known, zero where a pixel is saturated.
+    pub planned: Plane<f32>,
+    /// By the pooled variance alone: what the certificate asks for. A fraction of a sample where little is needed.
+    pub bare: Plane<f32>,
+    /// Pixels that are saturated beyond doubt.
+    pub saturated: Plane<bool>,
+}
+
+/// The needs of all pixels for being hidden at `k`, in photo-electrons throughout.
+///
+/// The sensor variance is that of the neighbourhood's mean, or of the pixel's own where that is lower: no pixel gets fewer
+/// samples because its own happened to be bright, and a dark one among bright ones is judged as what it is. With
+/// [`Witnesses::Neighbours`] a pixel's own mean has no say, in its saturation neither; it is taken for as dark as the darkest
+/// pixel beside it.
+///
+/// # Panics
+/// If the planes differ in size.
+pub fn needs(
+    evidence: &Evidence,
+    noise: &Plane<PixelNoise>,
+    sensor: SensorNoise,
+    k: f64,
+    witnesses: Witnesses,
+) -> Needs {
+    assert_eq!((noise.width(), noise.height()), (evidence.width(), evidence.height()), "planes differ in size");
+    let own_means = evidence.mean.data().iter().zip(evidence.counts.data());
+    let saturated: Vec<bool> = noise
+        .data()
+        .iter()
+        .zip(own_means)
+        .map(|(noise, (&own, &n))| {
+            let mean = if witnesses == Witnesses::All { own } else { noise.mean };
+            sensor.is_saturated(f64::from(mean), f64::from(noise.of_mean(n)))
+        })
+        .collect();
+    let limits: Vec<f64> = noise
+        .data()
+        .iter()
+        .zip(evidence.mean.data())
+        .map(|(noise, &own)| {
+            let mean = if witnesses == Witnesses::All { own.min(noise.mean) } else { noise.darkest.min(noise.mean) };
+            k * k * sensor.variance(f64::from(mean))
+        })
+        .collect();
+    let plane = |samples: &dyn Fn(&PixelNoise, f64) -> f64| {
+        let pixels = noise.data().iter().zip(&limits).zip(&saturated);
+        let values = pixels.map(|((noise, &limit), &full)| if full { 0.0 } else { samples(noise, limit) as f32 });
+        Plane::from_vec(noise.width(), noise.height(), values.collect()).unwrap_or_else(|| noise.map(|_| f32::INFINITY))
+    };
+    let planned = plane(&samples_for);
+    let bare = plane(&|noise, limit| guarded(f64::from(noise.variance), 0.0, limit));
+    let saturated = Plane::from_vec(noise.width(), noise.height(), saturated).unwrap_or_else(|| noise.map(|_| false));
+    Needs { planned, bare, saturated }
+}
+
+impl Needs {
+    /// What is planned, but for the neediest few pixels, which get what the last of the others does. Infinite only if next to
+    /// nothing is known.
+    pub fn aimed(&self) -> Plane<f32> {
+        let most = quantile_of(self.unsaturated(&self.planned), AIMED_SHARE).unwrap_or(0.0);
+        self.planned.map(|&n| n.min(most))
+    }
+
+    /// The values of those pixels that are not saturated.
+    fn unsaturated<'a>(&'a self, plane: &'a Plane<f32>) -> impl Iterator<Item = f32> + 'a {
+        plane.data().iter().zip(self.saturated.data()).filter(|(_, full)| !**full).map(|(v, _)| *v)
+    }
+
+    /// Samples per pixel after which a render is hidden, if those beyond `counts` go where they are needed and no further.
+    pub fn if_aimed(&self, counts: &Plane<u32>) -> Plane<f32> {
+        let mut targets = self.aimed();
+        targets.data_mut().iter_mut().zip(counts.data()).for_each(|(n, &c)| *n = n.max(c as f32));
+        targets
+    }
+
+    /// Samples per pixel after which a render is hidden, if those beyond `counts` are poured on in proportion to weights
+    /// ([`crate::plan::next_round`]).
+    pub fn if_weighted(&self, counts: &Plane<u32>, weights: &Plane<f32>) -> Plane<f32> {
+        // The level at which a pixel has enough; none is needed by those that have.
+        let levels = self.bare.data().iter().zip(weights.data()).zip(counts.data()).zip(self.saturated.data());
+        let levels = levels.filter(|(_, full)| !**full).map(|(((&need, &w), &c), _)| {
+            let has_enough = need <= c as f32;
+            if has_enough { 0.0 } else { need / w }
+        });
+        let level = quantile_of(levels, HIDDEN_SHARE).unwrap_or(0.0);
+        let mut targets = weights.map(|&w| if level > 0.0 { level * w } else { 0.0 });
+        targets.data_mut().iter_mut().zip(counts.data()).for_each(|(n, &c)| *n = n.max(c as f32));
+        targets
+    }
+}
+
+/// Samples of all pixels together; infinite if that is what one needs.
+pub fn total(targets: &Plane<f32>) -> f64 {
+    targets.data().iter().map(|&n| f64::from(n)).sum()
+}
+
+/// The smallest value that at least the given share of all values does not exceed; `None` without values. Values that are
+/// not numbers count as infinite.
+pub fn quantile_of(values: impl Iterator<Item = f32>, share: f64) -> Option<f32> {
+    let mut values: Vec<f32> = values.map(|v| if v.is_nan() { f32::INFINITY } else { v }).collect();
+    let rank = (share * values.len() as f64).ceil() as usize;
+    let index = rank.saturating_sub(1).min(values.len().checked_sub(1)?);
+    Some(*values.select_nth_unstable_by(index, f32::total_cmp).1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::evidence::Surface;
+    use crate::pooling::noise;
+
+    const SENSOR: SensorNoise = SensorNoise { floor: 10.0, saturation: 10_000.0 };
+
+    fn known(variance: f32, event: f32) -> PixelNoise {
+        PixelNoise { variance, freedom: 1e6, mean: 0.0, darkest: 0.0, event }
+    }
+
+    #[test]
+    fn the_need_is_variance_over_limit_with_a_margin() {
+        let exact = samples_for(&known(300.0, 0.0), 3.0);
+        assert!((exact / 100.0 - 1.0).abs() < 0.003, "{exact}");
+        // 147 degrees of freedom: 147 / 119.9 (5 % quantile of chi-squared).
+        let pooled = samples_for(&PixelNoise { freedom: 147.0, ..known(300.0, 0.0) }, 3.0);
+        assert!((pooled / 122.6 - 1.0).abs() < 0.01, "{pooled}");
+        let lone = samples_for(&PixelNoise { freedom: 3.0, ..known(300.0, 0.0) }, 3.0);
+        assert_eq!(lone, 300.0, "no more than threefold");
+        assert_eq!(samples_for(&known(0.0, 0.0), 3.0), 0.0);
+        assert_eq!(samples_for(&PixelNoise::UNKNOWN, 3.0), f64::INFINITY);
+        assert_eq!(samples_for(&known(1.0, 0.0), 0.0), f64::INFINITY);
+    }
+
+    #[test]
+    fn the_guard_asks_for_what_has_not_been_seen() {
+        for (variance, event, limit) in [(0.0, 100.0, 2.0), (50.0, 100.0, 2.0), (1e6, 10.0, 0.01)] {
+            let n = samples_for(&known(variance, event), limit);
+            // By the definition: at n samples the guarded variance is the limit.
+            let v = f64::from(variance) * upper_factor(1e6, SAFETY);
+            let there = v / n + 0.5 * f64::from(event).powi(2) / (n * n);
+            assert!((there / limit - 1.0).abs() < 1e-9, "{there} instead of {limit}");
+        }
+        assert_eq!(samples_for(&known(0.0, 100.0), 2.0), 50.0);
+    }
+
+    fn scene(mean: f32, variance: f32, width: u32) -> Evidence {
+        Evidence {
+            counts: Plane::new(width, 16, 16),
+            mean: Plane::new(width, 16, mean),
+            variance: Plane::new(width, 16, variance / 16.0),
+            largest: Plane::new(width, 16, mean),
+            surface: Plane::new(width, 16, Surface::default()),
+        }
+    }
+
+    fn needs_of(evidence: &Evidence, k: f64) -> Needs {
+        needs(evidence, &noise(evidence, Witnesses::All), SENSOR, k, Witnesses::All)
+    }
+
+    #[test]
+    fn black_pixels_are_judged_against_the_floor() {
+        let needs = needs_of(&scene(0.0, 40.0, 16), 0.5);
+        // v / (k^2 floor) = 40 / 2.5.
+        assert_eq!(*needs.bare.at(8, 8), 16.0);
+        let lit = needs_of(&scene(90.0, 40.0, 16), 0.5);
+        assert!((lit.bare.at(8, 8) - 1.6).abs() < 1e-6);
+    }
+
+    #[test]
+    fn saturated_pixels_need_nothing() {
+        // 3 standard errors: sqrt(16 * 625 / 16) * 3 = 75.
+        let sure = needs_of(&scene(10_100.0, 16.0 * 625.0, 16), 0.5);
+        assert!(sure.saturated.data().iter().all(|s| *s) && sure.planned.data().iter().all(|n| *n == 0.0));
+        let unsure = needs_of(&scene(10_070.0, 16.0 * 625.0, 16), 0.5);
+        assert!(unsure.saturated.data().iter().all(|s| !s) && *unsure.planned.at(3, 3) > 0.0);
+        assert_eq!(total(&sure.if_aimed(&Plane::new(16, 16, 16))), 4096.0);
+    }
+
+    #[test]
+    fn a_dark_pixel_among_bright_ones_is_judged_as_dark() {
+        let mut evidence = scene(90.0, 40.0, 16);
+        evidence.mean.data_mut()[8 * 16 + 8] = 0.0;
+        let needs = needs_of(&evidence, 0.5);
+        assert!((*needs.bare.at(8, 8) - 16.0).abs() < 1e-5, "by the floor: {}", needs.bare.at(8, 8));
+        assert!(*needs.bare.at(7, 8) < 1.7, "{}", needs.bare.at(7, 8));
+    }
+
+    #[test]
+    fn by_the_neighbours_alone_a_pixel_has_no_say_in_its_need() {
+        let mut evidence = scene(50.0, 40.0, 16);
+        let strict = |e: &Evidence| {
+            let witnesses = Witnesses::Neighbours;
+            *needs(e, &noise(e, witnesses), SENSOR, 0.5, witnesses).planned.at(8, 8)
+        };
+        let before = strict(&evidence);
+        let at = 8 * 16 + 8;
+        evidence.mean.data_mut()[at] = 1e9;
+        evidence.variance.data_mut()[at] = 0.0;
+        assert_eq!(strict(&evidence), before);
+    }
+
+    #[test]
+    fn totals_follow_from_needs() {
+        let evidence = scene(0.0, 400.0, 16);
+        let needs = needs_of(&evidence, 0.5);
+        let weights = Plane::new(16, 16, 1.0);
+        // 400 / 2.5 = 160 everywhere.
+        assert!((total(&needs.if_weighted(&evidence.counts, &weights)) - 160.0 * 256.0).abs() < 0.1);
+        let aimed = total(&needs.if_aimed(&evidence.counts)) / 256.0;
+        assert!(aimed > 160.0 && aimed < 260.0, "{aimed}");
+        // Enough already.
+        assert_eq!(total(&needs.if_weighted(&Plane::new(16, 16, 200), &weights)), 200.0 * 256.0);
+    }
+
+    #[test]
+    fn a_few_bottomless_pixels_do_not_hold_up_the_rest() {
+        let needs = Needs {
+            planned: Plane::from_fn(100, 10, |x, y| if x == 0 && y < 4 { 1e9 } else { 50.0 }),
+            bare: Plane::new(100, 10, 50.0),
+            saturated: Plane::new(100, 10, false),
+        };
+        assert!(needs.aimed().data().iter().all(|n| *n == 50.0), "4 of 1000 are forgiven");
+        let more = Needs { planned: Plane::from_fn(100, 10, |x, _| if x < 1 { 1e9 } else { 50.0 }), ..needs };
+        assert_eq!(more.aimed().data().iter().filter(|n| **n == 1e9).count(), 10);
+    }
+
+    #[test]
+    fn quantiles_are_values_that_occur() {
+        let of = |v: &[f32], p| quantile_of(v.iter().copied(), p);
+        assert_eq!(of(&[], 0.5), None);
+        assert_eq!(of(&[3.0], 0.99), Some(3.0));
+        assert_eq!(of(&[4.0, 1.0, 3.0, 2.0], 0.5), Some(2.0));
+        assert_eq!(of(&[4.0, 1.0, f32::NAN, 2.0], 0.99), Some(f32::INFINITY));
+    }
+}

@@ -1,0 +1,286 @@
+//! How noisy a pixel is, asked of its neighbourhood.
+//!
+//! A film knows the variance of a pixel from the spread of four batches: three degrees of freedom, far too few to decide
+//! on (its 99 % quantile is 3.8 times the truth), and taken from the very samples that are averaged, so that whoever stops
+//! when it looks small stops on unlucky pixels (Kirk and Arvo 1991). So variances are pooled over 7 x 7 pixels of the same
+//! surface. What a few samples cannot have seen is guarded against by what happened nearby: see [`PixelNoise::event`].
+
+use dunkelfeld_film::{BATCHES, Plane};
+
+use crate::evidence::{Evidence, around};
+
+/// Variances are pooled over squares of 7 x 7 pixels.
+pub const POOL_REACH: u32 = 3;
+/// Rare events are looked for in squares of 15 x 15 pixels.
+pub const EVENT_REACH: u32 = 7;
+/// A sample is a rare event if it alone makes up this share of its pixel's sum of squared deviations or more: events that
+/// come more often than about ten times in a pixel's samples are in its variance already.
+const RARE: f32 = 0.1;
+
+/// Degrees of freedom of the variance of one pixel.
+const FREEDOM: f64 = (BATCHES - 1) as f64;
+
+/// Whose samples may speak for a pixel.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub enum Witnesses {
+    /// The pixel and its neighbours.
+    #[default]
+    All,
+    /// Its neighbours alone. What is decided for a pixel is then independent of its own samples, and its mean unbiased
+    /// exactly, at the price of noisier decisions where the image has detail.
+    Neighbours,
+}
+
+/// What is expected of the samples of a pixel.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PixelNoise {
+    /// Variance of one sample [unit^2]; infinite where nothing is known. For quasi-random samples: the number of samples
+    /// times the variance of their mean, which falls as they become more.
+    pub variance: f32,
+    /// Degrees of freedom of that variance, after Satterthwaite (1946); 0 where nothing is known.
+    pub freedom: f32,
+    /// Mean over the neighbourhood \[unit\].
+    pub mean: f32,
+    /// The least mean of the pixel and the eight around it, of the neighbours alone if these are the witnesses \[unit\]: where
+    /// the image is darker than the neighbourhood on average.
+    pub darkest: f32,
+    /// The largest jump above the mean of its pixel that a single rare sample made within 15 x 15 pixels \[unit\]: what may
+    /// come here too, and has not been seen.
+    pub event: f32,
+}
+
+impl PixelNoise {
+    /// Nothing is known.
+    pub const UNKNOWN: Self = Self { variance: f32::INFINITY, freedom: 0.0, mean: 0.0, darkest: 0.0, event: 0.0 };
+
+    /// Variance of the mean of n samples [unit^2], without the guard: what is certified.
+    #[inline]
+    pub fn of_mean(&self, n: u32) -> f32 {
+        if n == 0 { f32::INFINITY } else { self.variance / n as f32 }
+    }
+}
+
+/// The rare events of all pixels, one row: by how much the largest sample of a pixel rises above its mean, zero if it is
+/// not rare.
+pub fn events_row(evidence: &Evidence, y: u32) -> Vec<f32> {
+    (0..evidence.width())
+        .map(|x| {
+            let n = *evidence.counts.at(x, y) as f32;
+            let excess = evidence.largest.at(x, y) - evidence.mean.at(x, y);
+            // n^2 times the variance of the mean: n times that of a sample, the sum of squares.
+            let sum_of_squares = n * n * evidence.variance.at(x, y);
+            let rare = excess > 0.0 && excess.is_finite() && excess * excess >= RARE * sum_of_squares;
+            if rare { excess } else { 0.0 }
+        })
+        .collect()
+}
+
+/// The noise of the pixels of one row; `events` is the plane of all [`events_row`]s. Rows are independent of each other, so
+/// that they may be shared out among threads.
+///
+/// # Panics
+/// If the planes differ in size.
+pub fn noise_row(evidence: &Evidence, events: &Plane<f32>, witnesses: Witnesses, y: u32) -> Vec<PixelNoise> {
+    assert!(evidence.is_consistent(), "planes differ in size");
+    assert_eq!((events.width(), events.height()), (evidence.width(), evidence.height()), "planes differ in size");
+    (0..evidence.width()).map(|x| pixel(evidence, events, witnesses, x, y)).collect()
+}
+
+/// The noise of all pixels.
+pub fn noise(evidence: &Evidence, witnesses: Witnesses) -> Plane<PixelNoise> {
+    let (width, height) = (evidence.width(), evidence.height());
+    let events = (0..height).flat_map(|y| events_row(evidence, y)).collect();
+    let events = Plane::from_vec(width, height, events).unwrap_or_else(|| Plane::new(width, height, 0.0));
+    let noise = (0..height).flat_map(|y| noise_row(evidence, &events, witnesses, y)).collect();
+    Plane::from_vec(width, height, noise).unwrap_or_else(|| Plane::new(width, height, PixelNoise::UNKNOWN))
+}
+
+fn pixel(evidence: &Evidence, events: &Plane<f32>, witnesses: Witnesses, x: u32, y: u32) -> PixelNoise {
+    let (width, height) = (evidence.width(), evidence.height());
+    let own = evidence.surface.at(x, y);
+    let mut pool = Pool::default();
+    let mut strangers = Pool::default();
+    for (nx, ny) in around(x, y, POOL_REACH, width, height) {
+        if witnesses == Witnesses::Neighbours && (nx, ny) == (x, y) {
+            continue;
+        }
+        let (n, variance) = (*evidence.counts.at(nx, ny), *evidence.variance.at(nx, ny));
+        if n == 0 || !variance.is_finite() {
+            continue;
+        }
+        let (variance, mean) = (f64::from(n) * f64::from(variance), f64::from(*evidence.mean.at(nx, ny)));
+        if own.is_like(evidence.surface.at(nx, ny)) {
+            pool.add(variance, mean);
+        } else {
+            strangers.add(variance, mean);
+        }
+    }
+    // A pixel that is like no other and may not speak for itself: the neighbours, whatever they show.
+    let pool = if pool.count == 0 { strangers } else { pool };
+    let mut event = 0.0f32;
+    for (nx, ny) in around(x, y, EVENT_REACH, width, height) {
+        let jump = *events.at(nx, ny);
+        let counts = witnesses == Witnesses::All || (nx, ny) != (x, y);
+        if jump > event && counts && own.is_like(evidence.surface.at(nx, ny)) {
+            event = jump;
+        }
+    }
+    let near = around(x, y, 1, width, height).filter(|&at| witnesses == Witnesses::All || at != (x, y));
+    let darkest = near.map(|(nx, ny)| *evidence.mean.at(nx, ny)).fold(f32::INFINITY, f32::min);
+    PixelNoise { darkest: if darkest.is_finite() { darkest } else { 0.0 }, ..pool.noise(event) }
+}
+
+/// Variances of single samples in a neighbourhood, each with [`FREEDOM`] degrees of freedom.
+#[derive(Default)]
+struct Pool {
+    count: u32,
+    sum: f64,
+    squares: f64,
+    means: f64,
+}
+
+impl Pool {
+    fn add(&mut self, variance: f64, mean: f64) {
+        self.count += 1;
+        self.sum += variance;
+        self.squares += variance * variance;
+        self.means += mean;
+    }
+
+    fn noise(&self, event: f32) -> PixelNoise {
+        if self.count == 0 {
+            return PixelNoise { event, ..PixelNoise::UNKNOWN };
+        }
+        let count = f64::from(self.count);
+        // Satterthwaite's degrees of freedom of a sum of variances. Squares of estimates are too large by 1 + 2 / FREEDOM on
+        // average; with that taken out, one pixel has FREEDOM, and m equal ones very nearly m FREEDOM.
+        let freedom = if self.squares > 0.0 {
+            (FREEDOM + 2.0) * self.sum * self.sum / self.squares - 2.0
+        } else {
+            FREEDOM * count
+        };
+        PixelNoise {
+            variance: (self.sum / count) as f32,
+            freedom: freedom.clamp(FREEDOM, FREEDOM * count) as f32,
+            mean: (self.means / count) as f32,
+            darkest: 0.0,
+            event,
+        }
+    }
+}
+
+/// The factor by which a variance with so many degrees of freedom is to be raised to be too small with the probability
+/// that lies beyond `z` standard deviations only: freedom over a quantile of chi-squared, by the cubes of Wilson and
+/// Hilferty (1931). Infinite where they say nothing.
+pub fn upper_factor(freedom: f64, z: f64) -> f64 {
+    let a = 2.0 / (9.0 * freedom);
+    let root = 1.0 - a - z * a.sqrt();
+    if root > 0.0 { root.powi(-3) } else { f64::INFINITY }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::evidence::Surface;
+
+    /// An image of one surface.
+    fn flat(width: u32, height: u32, variance: impl FnMut(u32, u32) -> f32) -> Evidence {
+        Evidence {
+            counts: Plane::new(width, height, 16),
+            mean: Plane::new(width, height, 2.0),
+            variance: Plane::from_fn(width, height, variance),
+            largest: Plane::new(width, height, 2.0),
+            surface: Plane::new(width, height, Surface::default()),
+        }
+    }
+
+    #[test]
+    fn equal_variances_pool_to_themselves_with_all_their_freedom() {
+        let noise = noise(&flat(20, 20, |_, _| 0.25), Witnesses::All);
+        let middle = noise.at(10, 10);
+        assert_eq!((middle.variance, middle.mean, middle.event), (4.0, 2.0, 0.0));
+        // 49 pixels of equal estimates: more than 3 each cannot be claimed.
+        assert_eq!(middle.freedom, 147.0);
+        assert_eq!(noise.at(0, 0).freedom, 48.0, "sixteen pixels in the corner");
+        assert_eq!(middle.of_mean(64), 0.0625);
+        assert_eq!(middle.of_mean(0), f32::INFINITY);
+    }
+
+    #[test]
+    fn one_pixel_that_holds_all_the_variance_leaves_little_freedom() {
+        let noise = noise(&flat(20, 20, |x, y| if (x, y) == (10, 10) { 49.0 } else { 0.0 }), Witnesses::All);
+        let near = noise.at(8, 11);
+        assert!((near.variance - 16.0).abs() < 1e-5 && (near.freedom - 3.0).abs() < 1e-5, "{near:?}");
+        assert_eq!(noise.at(6, 10).variance, 0.0, "four pixels away");
+    }
+
+    #[test]
+    fn neighbours_alone_do_not_know_the_pixel() {
+        let evidence = flat(20, 20, |x, y| if (x, y) == (10, 10) { 49.0 } else { 1.0 });
+        let strict = noise(&evidence, Witnesses::Neighbours);
+        assert_eq!(strict.at(10, 10).variance, 16.0);
+        assert!(strict.at(9, 10).variance > 16.0);
+        // Whatever happens in a pixel, what is expected of it stays the same.
+        let mut other = evidence;
+        other.variance.data_mut()[10 * 20 + 10] = 1e6;
+        other.mean.data_mut()[10 * 20 + 10] = 77.0;
+        other.largest.data_mut()[10 * 20 + 10] = 1e6;
+        assert_eq!(noise(&other, Witnesses::Neighbours).at(10, 10), strict.at(10, 10));
+    }
+
+    #[test]
+    fn only_like_surfaces_speak_for_each_other() {
+        let mut evidence = flat(12, 8, |x, _| if x < 6 { 1.0 } else { 9.0 });
+        evidence.surface = Plane::from_fn(12, 8, |x, _| Surface { object: u32::from(x >= 6), ..Surface::default() });
+        let noise = noise(&evidence, Witnesses::All);
+        assert!((0..8).all(|y| noise.at(5, y).variance == 16.0 && noise.at(6, y).variance == 144.0));
+        // A pixel without a like: by itself, or strictly by whatever is around it.
+        evidence.surface.data_mut()[3 * 12 + 3] = Surface { object: 99, ..Surface::default() };
+        evidence.variance.data_mut()[3 * 12 + 3] = 25.0;
+        let lone = |w| super::noise(&evidence, w).at(3, 3).variance;
+        assert_eq!(lone(Witnesses::All), 400.0);
+        assert!((16.0..60.0).contains(&lone(Witnesses::Neighbours)), "{}", lone(Witnesses::Neighbours));
+    }
+
+    #[test]
+    fn rare_events_are_expected_nearby_and_common_ones_are_not_events() {
+        let mut evidence = flat(40, 40, |_, _| 0.01);
+        // One sample of 16 is 100 above the others: it makes up nearly all of the sum of squares.
+        let at = 20 * 40 + 20;
+        evidence.largest.data_mut()[at] = 102.0;
+        evidence.mean.data_mut()[at] = 2.0 + 100.0 / 16.0;
+        evidence.variance.data_mut()[at] = 100.0 * 100.0 / 16.0 / 16.0;
+        let noise = noise(&evidence, Witnesses::All);
+        for (x, y, expected) in [(20, 20, 93.75), (27, 13, 93.75), (28, 20, 0.0), (20, 12, 0.0)] {
+            assert_eq!(noise.at(x, y).event, expected, "({x}, {y})");
+        }
+        // Half of the samples at 4, half at 0: the largest is 2 above the mean, a sixteenth of the sum of squares.
+        evidence = flat(20, 20, |_, _| 4.0 / 16.0);
+        evidence.largest = Plane::new(20, 20, 4.0);
+        assert!(super::noise(&evidence, Witnesses::All).data().iter().all(|n| n.event == 0.0));
+    }
+
+    #[test]
+    fn what_is_unknown_stays_out() {
+        let mut evidence = flat(9, 9, |x, _| if x % 2 == 0 { f32::INFINITY } else { 0.5 });
+        assert!(noise(&evidence, Witnesses::All).data().iter().all(|n| n.variance == 8.0));
+        evidence.variance = Plane::new(9, 9, f32::INFINITY);
+        assert!(
+            noise(&evidence, Witnesses::All)
+                .data()
+                .iter()
+                .all(|n| *n == PixelNoise { darkest: 2.0, ..PixelNoise::UNKNOWN })
+        );
+        assert!(noise(&flat(0, 0, |_, _| 0.0), Witnesses::All).data().is_empty());
+    }
+
+    #[test]
+    fn upper_factors_agree_with_tables() {
+        // Chi-squared tables: 5 % quantiles of 3, 10 and 147 degrees are 0.352, 3.940 and 119.9; z = 1.645.
+        for (freedom, quantile) in [(3.0, 0.352), (10.0, 3.940), (147.0, 119.9)] {
+            let factor = upper_factor(freedom, 1.645);
+            assert!((factor * quantile / freedom - 1.0).abs() < 0.08, "{freedom}: {factor}");
+        }
+        assert_eq!(upper_factor(0.1, 3.0), f64::INFINITY);
+    }
+}

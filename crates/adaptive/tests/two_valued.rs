@@ -1,0 +1,230 @@
+//! Does deciding by the samples bias what they say? The hardest case: pixels of two values, dark and now and then bright.
+//! Whoever stops when such a pixel looks quiet stops before the bright sample (Kirk and Arvo 1991).
+//!
+//! The whole of planning runs here without a renderer: a pilot, pooled variances, needs, plans at doubling budgets. The
+//! target is a standard error, put in as a sensor of constant noise. What renders do is simpler: one plan, from a pilot, by
+//! the neighbours alone. The last tests show why: where bright samples are rare, every other way is biased.
+//!
+//! Replay: `cargo test -p dunkelfeld-adaptive --test two_valued NAME`. Seeds are fixed; the bounds are six standard errors
+//! of the simulation away from zero bias: one false alarm in 5e8, ten such checks.
+
+use dunkelfeld_adaptive::evidence::{Evidence, Surface};
+use dunkelfeld_adaptive::need::{SensorNoise, needs, total};
+use dunkelfeld_adaptive::pooling::{Witnesses, noise};
+use dunkelfeld_adaptive::{Measured, Pilot, SamplePlan, Strategy, plan};
+use dunkelfeld_film::{BATCHES, Plane};
+
+const SIDE: u32 = 64;
+const PILOT: u32 = 16;
+
+/// A pixel's samples so far: sums and counts of its batches, and whether one was bright.
+#[derive(Clone, Copy, Default)]
+struct Pixel {
+    sums: [f64; BATCHES],
+    counts: [u32; BATCHES],
+}
+
+impl Pixel {
+    fn count(&self) -> u32 {
+        self.counts.iter().sum()
+    }
+
+    fn mean(&self) -> f64 {
+        self.sums.iter().sum::<f64>() / f64::from(self.count().max(1))
+    }
+
+    /// As the film has it: from the spread of the batch means.
+    fn variance_of_mean(&self) -> f64 {
+        let (n, mean) = (f64::from(self.count()), self.mean());
+        let spread = |(s, &c): (&f64, &u32)| f64::from(c) * (s / f64::from(c.max(1)) - mean).powi(2);
+        self.sums.iter().zip(&self.counts).map(spread).sum::<f64>() / ((BATCHES - 1) as f64 * n)
+    }
+}
+
+/// Uniform numbers, by the finaliser of SplitMix64 (Steele, Lea and Flood 2014).
+struct Random(u64);
+
+impl Random {
+    fn unit(&mut self) -> f64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let x = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        let x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        ((x ^ (x >> 31)) >> 11) as f64 * (-53f64).exp2()
+    }
+}
+
+struct Image {
+    pixels: Plane<Pixel>,
+    probability: f64,
+    random: Random,
+}
+
+impl Image {
+    fn new(probability: f64, seed: u64) -> Self {
+        Self { pixels: Plane::new(SIDE, SIDE, Pixel::default()), probability, random: Random(seed << 40) }
+    }
+
+    /// Takes the samples of a plan that are missing: 1 with the probability, else 0.
+    fn render(&mut self, plan: &SamplePlan) {
+        for (pixel, &n) in self.pixels.data_mut().iter_mut().zip(plan.data()) {
+            for index in pixel.count()..n {
+                let batch = index as usize % BATCHES;
+                pixel.counts[batch] += 1;
+                pixel.sums[batch] += f64::from(u8::from(self.random.unit() < self.probability));
+            }
+        }
+    }
+
+    fn evidence(&self) -> Evidence {
+        Evidence {
+            counts: self.pixels.map(Pixel::count),
+            mean: self.pixels.map(|p| p.mean() as f32),
+            variance: self.pixels.map(|p| p.variance_of_mean() as f32),
+            largest: self.pixels.map(|p| if p.mean() > 0.0 { 1.0 } else { 0.0 }),
+            surface: Plane::new(SIDE, SIDE, Surface::default()),
+        }
+    }
+}
+
+/// Renders until every pixel has what it needs for a standard error of `target`: plans at doubling budgets, each number of
+/// samples fixed before they are taken.
+fn adaptive(image: &mut Image, target: f64, witnesses: Witnesses) {
+    // So much noise that the signal does not matter.
+    let sensor = SensorNoise { floor: 1e8, saturation: f64::INFINITY };
+    let k = target / 1e4;
+    image.render(&Plane::new(SIDE, SIDE, PILOT));
+    for _ in 0..12 {
+        let evidence = image.evidence();
+        let noise = noise(&evidence, witnesses);
+        let needs = needs(&evidence, &noise, sensor, k, witnesses);
+        let aim = total(&needs.if_aimed(&evidence.counts)) as u64;
+        let taken = plan::total(&evidence.counts);
+        if aim <= taken + taken / 50 {
+            return;
+        }
+        let measured = Measured { counts: &evidence.counts, noise: &noise, sensor: Some((sensor, &needs)), cost: None };
+        let pilot = Pilot { luminance: &evidence.mean, white: 1.0, sobel_floor: 0.25, measured: Some(measured) };
+        let shares = Strategy::Sensor.shares(&pilot);
+        image.render(&plan::next_round_of(&evidence.counts, &shares, aim.min(2 * taken)));
+    }
+}
+
+/// The rule that must not be used: each pixel stops when its own samples look quiet enough.
+fn by_own_variance(image: &mut Image, target: f64) {
+    image.render(&Plane::new(SIDE, SIDE, PILOT));
+    for _ in 0..400 {
+        let next =
+            image.pixels.map(|p| if p.variance_of_mean() > target * target { p.count() + 16 } else { p.count() });
+        image.render(&next);
+    }
+}
+
+struct Verdict {
+    /// Relative bias of the mean, and its standard error.
+    bias: (f64, f64),
+    /// Root of the mean squared error over the target.
+    error: f64,
+    samples: f64,
+}
+
+fn judge(probability: f64, target: f64, repeats: u64, render: impl Fn(&mut Image)) -> Verdict {
+    let (mut sum, mut squares, mut samples, mut count) = (0.0, 0.0, 0.0, 0.0);
+    for seed in 0..repeats {
+        let mut image = Image::new(probability, seed + 1);
+        render(&mut image);
+        for pixel in image.pixels.data() {
+            let off = pixel.mean() - probability;
+            sum += off;
+            squares += off * off;
+            samples += f64::from(pixel.count());
+            count += 1.0;
+        }
+    }
+    let standard_error = (squares / count / count).sqrt();
+    Verdict {
+        bias: (sum / count / probability, standard_error / probability),
+        error: (squares / count).sqrt() / target,
+        samples: samples / count,
+    }
+}
+
+/// Probabilities of the bright value, and the samples that the target takes.
+const CASES: [(f64, f64); 4] = [(0.5, 100.0), (0.2, 150.0), (0.05, 200.0), (0.02, 400.0)];
+
+fn check(witnesses: Witnesses) {
+    for (probability, samples) in CASES {
+        let target = (probability * (1.0 - probability) / samples).sqrt();
+        // As many repeats as it takes to know the mean to a thousandth.
+        let repeats = ((1.0 - probability) / probability / samples / f64::from(SIDE * SIDE) / 1e-6).ceil() as u64;
+        let verdict = judge(probability, target, repeats.max(4), |image| adaptive(image, target, witnesses));
+        let (bias, standard_error) = verdict.bias;
+        let what = format!(
+            "{witnesses:?}, probability {probability}: bias {:+.3} % +- {:.3} %, error {:.3} of the target, {:.0} samples for {samples}",
+            100.0 * bias,
+            100.0 * standard_error,
+            verdict.error,
+            verdict.samples
+        );
+        assert!(standard_error <= 1.001e-3, "too few repeats: {what}");
+        assert!(bias.abs() <= 0.006, "{what}");
+        assert!((0.8..=1.2).contains(&verdict.error), "{what}");
+    }
+}
+
+#[test]
+fn plans_by_pooled_variances_do_not_bias_and_meet_their_target() {
+    check(Witnesses::All);
+}
+
+#[test]
+fn plans_by_the_neighbours_alone_do_neither() {
+    check(Witnesses::Neighbours);
+}
+
+/// The control: this test would see a bias if there were one.
+#[test]
+fn stopping_by_a_pixels_own_variance_is_biased() {
+    let (probability, samples) = (0.05, 200.0f64);
+    let target = (probability * (1.0 - probability) / samples).sqrt();
+    let verdict = judge(probability, target, 24, |image| by_own_variance(image, target));
+    assert!(verdict.bias.0 < -0.03 && verdict.error > 1.2, "{:+.4}, {:.3}", verdict.bias.0, verdict.error);
+}
+
+/// Bright samples so rare that of seven neighbourhoods only one has such a sample in its pilot.
+const RARE: f64 = 1.0 / 5000.0;
+
+/// Relative bias of the mean, with its standard error, when a budget of 64 samples per pixel is shared out in proportion to
+/// the standard deviation, by so many plans at doubling totals from all samples so far.
+fn bias_of_budget(witnesses: Witnesses, plans: u32, repeats: u64) -> (f64, f64) {
+    let verdict = judge(RARE, 1.0, repeats, |image| {
+        image.render(&Plane::new(SIDE, SIDE, PILOT));
+        let pixels = u64::from(SIDE * SIDE);
+        for plan in 1..=plans {
+            let evidence = image.evidence();
+            let noise = noise(&evidence, witnesses);
+            let measured = Measured { counts: &evidence.counts, noise: &noise, sensor: None, cost: None };
+            let pilot = Pilot { luminance: &evidence.mean, white: 1.0, sobel_floor: 0.25, measured: Some(measured) };
+            let shares = Strategy::Variance.shares(&pilot);
+            let total = (64 * pixels) >> (plans - plan);
+            image.render(&plan::next_round_of(&evidence.counts, &shares, total));
+        }
+    });
+    verdict.bias
+}
+
+#[test]
+fn one_plan_by_the_neighbours_does_not_bias_rare_light() {
+    let (bias, standard_error) = bias_of_budget(Witnesses::Neighbours, 1, 300);
+    println!("bias {:+.3} % +- {:.3} %", 100.0 * bias, 100.0 * standard_error);
+    assert!(standard_error < 0.015 && bias.abs() < 6.0 * standard_error, "{bias:+.4} +- {standard_error:.4}");
+}
+
+/// The controls: a pixel that has a say in its own plan, and plans that follow plans, lose light.
+#[test]
+fn plans_by_own_samples_and_plans_after_plans_bias_rare_light() {
+    for (witnesses, plans) in [(Witnesses::All, 1), (Witnesses::All, 2), (Witnesses::Neighbours, 2)] {
+        let (bias, standard_error) = bias_of_budget(witnesses, plans, 120);
+        println!("{witnesses:?}, {plans} plans: bias {:+.3} % +- {:.3} %", 100.0 * bias, 100.0 * standard_error);
+        assert!(bias < -6.0 * standard_error, "{witnesses:?}, {plans}: {bias:+.4} +- {standard_error:.4}");
+    }
+}

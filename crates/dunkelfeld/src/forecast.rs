@@ -1,0 +1,115 @@
+//! What a render is going to take, told from its pilot: samples and seconds until its noise is hidden at several k.
+
+use dunkelfeld_adaptive::cost::CostMap;
+use dunkelfeld_adaptive::need::total;
+use dunkelfeld_film::Plane;
+use serde::Serialize;
+
+/// The levels that are always told: total noise 41, 22, 12 and 3 % above the sensor's.
+pub const FORECAST_LEVELS: [f64; 4] = [1.0, 0.7, 0.5, 0.25];
+
+/// What it takes until 99 % of the unsaturated pixels are hidden at some k.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct ForecastLevel {
+    /// The level: the standard deviation of the render's noise over that of the sensor's.
+    pub k: f64,
+    /// Samples of the whole image, those of the pilot included; `null` where the pilot could not tell.
+    pub samples: Option<f64>,
+    /// Wall-clock seconds of the whole command; `null` where the pilot could not tell.
+    pub seconds: Option<f64>,
+    /// The samples that it took in fact; `null` unless the render ended because it was hidden at this k.
+    pub actual_samples: Option<f64>,
+    /// The seconds that it took in fact, `null` likewise.
+    pub actual_seconds: Option<f64>,
+}
+
+/// A forecast, made once when the pilot is done.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Forecast {
+    /// One entry for each level, k falling: those of [`FORECAST_LEVELS`] and the one that the render shall end at.
+    pub levels: Vec<ForecastLevel>,
+    /// The level that the render shall end at, if there is one.
+    pub target: Option<f64>,
+    /// Seconds since the start of the command when the forecast was made.
+    pub made_at: f64,
+    /// Samples of the whole image that it was made from.
+    pub made_from: u64,
+    /// Seconds that this render is going to take from then on, by the first of its limits to be met; `None` if not known.
+    pub remaining: Option<f64>,
+}
+
+/// How fast the machine is, for a forecast.
+pub(crate) struct Pace<'a> {
+    /// Seconds since the start, now.
+    pub(crate) elapsed: f64,
+    /// Seconds of a unit of work on all threads, work being in samples of mean cost on one; `None` if not known.
+    pub(crate) per_work: Option<f64>,
+    pub(crate) threads: usize,
+    pub(crate) costs: &'a CostMap,
+    /// Seconds after the last sample.
+    pub(crate) closing: f64,
+    /// Limits of the render: seconds, and samples of the whole image.
+    pub(crate) limits: (Option<f64>, Option<u64>),
+}
+
+/// What is foretold.
+pub(crate) struct Outlook<'a> {
+    /// Samples per pixel so far.
+    pub(crate) counts: &'a Plane<u32>,
+    /// Samples per pixel until the image is hidden at k; `None` without a sensor.
+    pub(crate) targets: &'a dyn Fn(f64) -> Option<Plane<f32>>,
+    /// The level that the render shall end at.
+    pub(crate) target: Option<f64>,
+}
+
+impl Forecast {
+    /// A forecast from what the pilot has measured; `None` without a sensor.
+    pub(crate) fn new(outlook: &Outlook<'_>, pace: &Pace<'_>) -> Option<Self> {
+        let Outlook { counts, target, .. } = *outlook;
+        let mut levels: Vec<f64> = FORECAST_LEVELS.into_iter().chain(target).collect();
+        levels.sort_by(|a, b| b.total_cmp(a));
+        levels.dedup();
+        let levels = levels.into_iter().map(|k| {
+            let targets = (outlook.targets)(k)?;
+            let known = |v: f64| v.is_finite().then_some(v);
+            let seconds = pace.per_work.map(|per_work| {
+                pace.elapsed + per_work * work(&targets, counts, pace.costs) / pace.threads as f64 + pace.closing
+            });
+            let (samples, seconds) = (known(total(&targets)), seconds.and_then(known));
+            Some(ForecastLevel { k, samples, seconds, actual_samples: None, actual_seconds: None })
+        });
+        let levels: Vec<ForecastLevel> = levels.collect::<Option<_>>()?;
+        let made_from = counts.data().iter().map(|&n| u64::from(n)).sum();
+        let by_time = pace.limits.0.map(|seconds| seconds - pace.elapsed);
+        let by_samples = pace.limits.1.zip(pace.per_work).map(|(samples, per_work)| {
+            per_work * samples.saturating_sub(made_from) as f64 / pace.threads as f64 + pace.closing
+        });
+        let mut forecast = Self { levels, target, made_at: pace.elapsed, made_from, remaining: None };
+        let by_noise = forecast.target().and_then(|l| l.seconds).map(|seconds| seconds - pace.elapsed);
+        forecast.remaining = [by_time, by_samples, by_noise].into_iter().flatten().reduce(f64::min);
+        Some(forecast)
+    }
+
+    /// The level that the render shall end at.
+    pub fn target(&self) -> Option<&ForecastLevel> {
+        self.levels.iter().find(|l| Some(l.k) == self.target)
+    }
+}
+
+/// The work of the samples that are missing, in samples of mean cost.
+fn work(targets: &Plane<f32>, counts: &Plane<u32>, costs: &CostMap) -> f64 {
+    let grid = costs.grid();
+    let width = targets.width() as usize;
+    (0..grid.len())
+        .map(|tile| {
+            let rect = grid.rect(tile);
+            let rows = (rect.y0 as usize..rect.y1 as usize)
+                .map(|y| y * width + rect.x0 as usize..y * width + rect.x1 as usize);
+            let missing = |(&target, &count): (&f32, &u32)| f64::from(target) - f64::from(count);
+            let samples: f64 = rows
+                .map(|row| targets.data()[row.clone()].iter().zip(&counts.data()[row]).map(missing).sum::<f64>())
+                .sum();
+            samples * costs.per_sample(tile)
+        })
+        .sum()
+}

@@ -1,0 +1,162 @@
+//! The noise of a film as the sensor sees it: what plans are made from, and what is certified.
+
+use crate::develop::{Frame, SensorFrame};
+use crate::settings::SensorChoice;
+use dunkelfeld_adaptive::certificate::{Certificate, Claim, certify as certify_planes, ratios};
+use dunkelfeld_adaptive::evidence::{Evidence, surfaces};
+use dunkelfeld_adaptive::need::{DEFAULT_TARGET, Needs, SensorNoise, needs};
+use dunkelfeld_adaptive::pooling::{PixelNoise, Witnesses, events_row, noise_row};
+use dunkelfeld_film::{Film, PixelSums, Plane};
+use dunkelfeld_integrator::Label;
+use dunkelfeld_radiometry::{Rgb, Seconds};
+use dunkelfeld_sensor::{Exposure, Response, SensorError, SensorModel, auto_exposure};
+use rayon::prelude::*;
+
+/// How radiance counts: the unit in which noise is measured.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Eye {
+    /// Electrons per radiance and channel; luminance without a sensor.
+    weights: [f64; 3],
+    /// Level at which it saturates, in that unit.
+    pub(crate) white: f32,
+    /// The sensor's own noise, if there is a sensor.
+    pub(crate) sensor: Option<SensorNoise>,
+}
+
+impl Eye {
+    /// The sensor at its exposure, or the luminance of an image without one. A black image, which has no automatic
+    /// exposure, is exposed for 1 s, as [`crate::develop`] does.
+    ///
+    /// # Errors
+    /// A sensor whose ranges the exposure leaves.
+    pub(crate) fn of(mean: &Plane<[f32; 3]>, sensor: &SensorChoice) -> Result<Self, SensorError> {
+        let SensorChoice::Emva { model, optics, exposure } = sensor else {
+            let luminance = |r, g, b| f64::from(Rgb::new(r, g, b).luminance());
+            let weights = [luminance(1.0, 0.0, 0.0), luminance(0.0, 1.0, 0.0), luminance(0.0, 0.0, 1.0)];
+            return Ok(Self { weights, white: 1.0, sensor: None });
+        };
+        let exposure = match exposure.map_or_else(|| auto_exposure(mean, model, optics), Ok) {
+            Err(SensorError::NoLight) => Exposure::new(Seconds(1.0))?,
+            other => other?,
+        };
+        Ok(Self {
+            weights: Response::new(model, optics, exposure).weights(),
+            white: model.saturation().0 as f32,
+            sensor: Some(sensor_noise(model, exposure)),
+        })
+    }
+
+    /// The mean image in this unit.
+    pub(crate) fn image(&self, mean: &Plane<[f32; 3]>) -> Plane<f32> {
+        let [wr, wg, wb] = self.weights;
+        mean.map(|&[r, g, b]| (wr * f64::from(r) + wg * f64::from(g) + wb * f64::from(b)) as f32)
+    }
+
+    /// What the film knows of every pixel, on the threads of the current pool.
+    pub(crate) fn evidence(&self, film: &Film, labels: &Plane<Option<Label>>) -> Evidence {
+        let moments = par_map(film.pixels(), |p| p.weighted_mean_and_variance(self.weights));
+        // A film remembers the luminance of its largest sample; its colour is taken for grey.
+        let grey: f64 = self.weights.iter().sum();
+        let normals = par_map(film.pixels(), PixelSums::mean_normal);
+        Evidence {
+            counts: film.sample_counts(),
+            mean: moments.map(|m| m.0 as f32),
+            variance: moments.map(|m| m.1 as f32),
+            largest: film.pixels().map(|p| (grey * f64::from(p.max_luminance())) as f32),
+            surface: surfaces(&labels.map(|l| l.map_or(u32::MAX, |l| l.object)), &normals),
+        }
+    }
+}
+
+/// The noise that a sensor adds to a frame of the given exposure.
+fn sensor_noise(model: &SensorModel, exposure: Exposure) -> SensorNoise {
+    SensorNoise {
+        floor: model.temporal_variance(dunkelfeld_radiometry::Electrons(0.0), exposure.time()),
+        // Dark electrons fill the well, too.
+        saturation: (model.saturation().0 - model.dark_electrons(exposure.time()).0).max(0.0),
+    }
+}
+
+/// [`dunkelfeld_adaptive::pooling::noise`], rows shared out among the threads of the current pool.
+pub(crate) fn pooled(evidence: &Evidence, witnesses: Witnesses) -> Plane<PixelNoise> {
+    let (width, height) = (evidence.width(), evidence.height());
+    let events: Vec<Vec<f32>> = (0..height).into_par_iter().map(|y| events_row(evidence, y)).collect();
+    let events = Plane::from_vec(width, height, events.concat()).unwrap_or_else(|| Plane::new(width, height, 0.0));
+    let rows: Vec<Vec<PixelNoise>> =
+        (0..height).into_par_iter().map(|y| noise_row(evidence, &events, witnesses, y)).collect();
+    Plane::from_vec(width, height, rows.concat()).unwrap_or_else(|| Plane::new(width, height, PixelNoise::UNKNOWN))
+}
+
+/// A certificate together with what it rests on.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Certified {
+    /// The certificate.
+    pub certificate: Certificate,
+    /// Variance of the rendered mean over that of the sensor, per pixel: the layer `hidden.Y`. Infinite where it is not known.
+    pub ratios: Plane<f32>,
+}
+
+/// What is known of a film's noise beneath a sensor's.
+pub(crate) struct Measured {
+    pub(crate) evidence: Evidence,
+    pub(crate) noise: Plane<PixelNoise>,
+    pub(crate) sensor: Option<SensorNoise>,
+}
+
+impl Measured {
+    pub(crate) fn new(eye: &Eye, film: &Film, labels: &Plane<Option<Label>>, witnesses: Witnesses) -> Self {
+        let evidence = eye.evidence(film, labels);
+        let noise = pooled(&evidence, witnesses);
+        Self { evidence, noise, sensor: eye.sensor }
+    }
+
+    /// The same film, asked of other witnesses.
+    pub(crate) fn repooled(self, witnesses: Witnesses) -> Self {
+        let noise = pooled(&self.evidence, witnesses);
+        Self { noise, ..self }
+    }
+
+    /// What each pixel needs to be hidden at `k`; `None` without a sensor.
+    pub(crate) fn needs(&self, k: f64, witnesses: Witnesses) -> Option<Needs> {
+        self.sensor.map(|sensor| needs(&self.evidence, &self.noise, sensor, k, witnesses))
+    }
+
+    /// Certifies at `k`; `None` without a sensor.
+    pub(crate) fn certify(&self, k: f64) -> Option<Certified> {
+        let sensor = self.sensor?;
+        let (width, height) = (self.evidence.width(), self.evidence.height());
+        let counts = self.evidence.counts.data();
+        let render: Vec<f32> = self.noise.data().iter().zip(counts).map(|(noise, &n)| noise.of_mean(n)).collect();
+        let saturated = |(&mean, &v): (&f32, &f32)| sensor.is_saturated(f64::from(mean), f64::from(v));
+        let saturated: Vec<bool> = self.evidence.mean.data().iter().zip(&render).map(saturated).collect();
+        let render = Plane::from_vec(width, height, render)?;
+        let saturated = Plane::from_vec(width, height, saturated)?;
+        let freedom = self.noise.map(|n| n.freedom);
+        let own = self.evidence.mean.map(|&mean| sensor.variance(f64::from(mean)) as f32);
+        let claim = Claim { render: &render, sensor: &own, freedom: &freedom, saturated: &saturated };
+        Some(Certified { certificate: certify_planes(&claim, k), ratios: ratios(&claim) })
+    }
+}
+
+/// Certifies a frame: how well the noise of the film that it was exposed from is hidden beneath the sensor's, at `k` or, if
+/// that is `None`, at [`DEFAULT_TARGET`]. Without a sensor nothing happens. Runs on the threads of the current pool.
+pub fn certify(frame: &mut Frame, film: &Film, labels: &Plane<Option<Label>>, k: Option<f64>) {
+    if let Some(sensor) = &mut frame.sensor {
+        sensor.certified = certified(sensor, film, labels, k.unwrap_or(DEFAULT_TARGET));
+    }
+}
+
+fn certified(frame: &SensorFrame, film: &Film, labels: &Plane<Option<Label>>, k: f64) -> Option<Certified> {
+    let eye = Eye {
+        weights: frame.weights,
+        white: frame.model.saturation().0 as f32,
+        sensor: Some(sensor_noise(&frame.model, frame.exposure)),
+    };
+    Measured::new(&eye, film, labels, Witnesses::All).certify(k)
+}
+
+fn par_map<T: Sync, U: Send + Clone>(plane: &Plane<T>, f: impl Fn(&T) -> U + Sync) -> Plane<U> {
+    let values: Vec<U> = plane.data().par_iter().map(&f).collect();
+    // The lengths agree: the plane is made of as many values as it came from.
+    Plane::from_vec(plane.width(), plane.height(), values).unwrap_or_else(|| plane.map(&f))
+}

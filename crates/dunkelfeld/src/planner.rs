@@ -1,0 +1,187 @@
+//! Where the samples of a render go, and when it is good enough: decided from its film, between rounds.
+//!
+//! The plan is made once, from a uniform pilot, and a pixel's neighbours alone decide what it gets. Its mean is therefore
+//! unbiased: the number of its samples does not depend on them, but for the common level that all pixels share. What comes
+//! after the pilot only tells how far that level has to rise.
+
+use crate::error::Error;
+use crate::forecast::{Forecast, Outlook, Pace};
+use crate::noise::{Eye, Measured};
+use crate::settings::RenderSettings;
+use dunkelfeld_adaptive::allocation::{self, Pilot, Shares, Strategy};
+use dunkelfeld_adaptive::need::{DEFAULT_TARGET, Needs, total};
+use dunkelfeld_adaptive::pooling::Witnesses;
+use dunkelfeld_adaptive::schedule::PILOT_SHARE;
+use dunkelfeld_film::{Film, Plane};
+use dunkelfeld_integrator::Label;
+
+/// A pilot that waits for its size begins with so many samples per pixel: one for each batch of the film.
+pub(crate) const FIRST_LOOK: u32 = dunkelfeld_film::BATCHES as u32;
+/// It grows by this factor at most from one look to the next: what few samples say is not trusted with many.
+const GROWTH: f64 = 4.0;
+/// No pixel counts for less than this part of the pilot's samples: one whose neighbours were silent then may be found to have
+/// noise later, and must come to its samples too.
+const LEAST_SHARE: f64 = 0.5;
+
+/// What there is to judge by.
+#[derive(Clone, Copy)]
+pub(crate) struct State<'a> {
+    pub(crate) film: &'a Film,
+    pub(crate) labels: &'a Plane<Option<Label>>,
+    pub(crate) counts: &'a Plane<u32>,
+}
+
+/// A judgement of the image.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Verdict {
+    /// It is good enough.
+    Hidden,
+    /// The pilot should have so many samples per pixel before a plan is made.
+    GrowPilot(u32),
+    /// It will be good enough after so many samples of the whole image, as far as can be told.
+    After(f64),
+}
+
+/// The plan of a render in the making.
+pub(crate) struct Planner<'a> {
+    settings: &'a RenderSettings,
+    shares: Shares,
+    is_made: bool,
+    /// Samples per pixel of the pilot when it was looked at before.
+    seen: f64,
+    forecast: Option<Forecast>,
+}
+
+impl<'a> Planner<'a> {
+    pub(crate) fn new(settings: &'a RenderSettings) -> Self {
+        let shares = Shares::of(allocation::uniform(settings.width, settings.height));
+        Self { settings, shares, is_made: false, seen: 0.0, forecast: None }
+    }
+
+    /// How samples are shared out from now on.
+    pub(crate) fn shares(&self) -> &Shares {
+        &self.shares
+    }
+
+    /// The weights of the plan, and what was foretold.
+    pub(crate) fn into_parts(self) -> (Plane<f32>, Option<Forecast>) {
+        (self.shares.weights, self.forecast)
+    }
+
+    /// Makes the plan from the pilot. Returns a forecast, behind a sensor.
+    ///
+    /// # Errors
+    /// A sensor whose ranges the exposure leaves.
+    pub(crate) fn plan(&mut self, state: State<'_>, pace: &Pace<'_>) -> Result<Option<&Forecast>, Error> {
+        let mean = state.film.mean_without_gaps();
+        let eye = Eye::of(&mean, &self.settings.sensor)?;
+        let is_measured = eye.sensor.is_some() || self.settings.strategy().needs_noise();
+        let measured = is_measured.then(|| Measured::new(&eye, state.film, state.labels, Witnesses::Neighbours));
+        self.fix(&eye, &mean, measured.as_ref(), state, pace);
+        Ok(self.forecast.as_ref())
+    }
+
+    /// Judges the image by the level of noise that the render shall end at. Makes the plan once the pilot suffices, and tells
+    /// then what is to be expected.
+    ///
+    /// # Errors
+    /// A sensor whose ranges the exposure leaves.
+    pub(crate) fn judge(
+        &mut self,
+        k: f64,
+        state: State<'_>,
+        pace: &Pace<'_>,
+        tell: impl FnOnce(&Forecast),
+    ) -> Result<Verdict, Error> {
+        let mean = state.film.mean_without_gaps();
+        let eye = Eye::of(&mean, &self.settings.sensor)?;
+        let measured = Measured::new(&eye, state.film, state.labels, Witnesses::All);
+        let is_hidden = measured.certify(k).is_some_and(|c| c.certificate.is_hidden());
+        let taken: u64 = state.counts.data().iter().map(|&n| u64::from(n)).sum();
+        if self.is_made {
+            if is_hidden {
+                return Ok(Verdict::Hidden);
+            }
+            let needs = measured.needs(k, Witnesses::All);
+            let needed = needs.map_or(f64::INFINITY, |n| total(&n.if_weighted(state.counts, &self.shares.weights)));
+            return Ok(Verdict::After(needed));
+        }
+        let pixels = state.counts.data().len() as f64;
+        let spp = taken as f64 / pixels;
+        // A pilot that is to have 20 samples has 16: see below.
+        let is_whole = 2.0 * spp > f64::from(self.settings.pilot_spp);
+        if is_hidden && is_whole {
+            return Ok(Verdict::Hidden);
+        }
+        let measured = measured.repooled(Witnesses::Neighbours);
+        let Some(needs) = measured.needs(k, Witnesses::Neighbours) else { return Ok(Verdict::After(f64::INFINITY)) };
+        let outlook = self.outlook(&needs, state.counts, &self.shares.weights);
+        let wanted = (PILOT_SHARE.0 * outlook / pixels).min(GROWTH * spp).max(f64::from(self.settings.pilot_spp));
+        // Powers of two in every batch, at which quasi-random points are even: other numbers of them have more noise, and a
+        // comparison of one look with another would tell of that. `as` saturates.
+        let wanted = FIRST_LOOK << (wanted as u32 / FIRST_LOOK).max(1).ilog2();
+        // One that has not grown since it was asked to cannot: the budget does not allow it.
+        let has_grown = spp > self.seen;
+        self.seen = spp;
+        if has_grown && f64::from(wanted) > 1.01 * spp {
+            return Ok(Verdict::GrowPilot(wanted));
+        }
+        self.fix(&eye, &mean, Some(&measured), state, pace);
+        if let Some(forecast) = &self.forecast {
+            tell(forecast);
+        }
+        let needed = self.outlook(&needs, state.counts, &self.shares.weights);
+        Ok(Verdict::After(needed))
+    }
+
+    /// Fixes the shares for good, and makes the forecast.
+    fn fix(
+        &mut self,
+        eye: &Eye,
+        mean: &Plane<[f32; 3]>,
+        measured: Option<&Measured>,
+        state: State<'_>,
+        pace: &Pace<'_>,
+    ) {
+        let (strategy, target) = (self.settings.strategy(), self.settings.budget.noise);
+        let spp = state.counts.data().iter().map(|&n| f64::from(n)).sum::<f64>() / state.counts.data().len() as f64;
+        let needs_at = |k| measured.and_then(|m| m.needs(k, Witnesses::Neighbours));
+        let needs = needs_at(target.unwrap_or(DEFAULT_TARGET));
+        let shares = match (&needs, target, strategy) {
+            // Every pixel comes nearer to its need in step with the others, so that all are hidden at the same time.
+            (Some(needs), Some(_), Strategy::Sensor) => {
+                let least = (LEAST_SHARE * spp) as f32;
+                Shares::of(needs.aimed().map(|&n| n.max(least)))
+            }
+            _ => strategy.shares(&Pilot {
+                luminance: &eye.image(mean),
+                white: eye.white,
+                sobel_floor: self.settings.sobel_floor,
+                measured: measured.map(|m| allocation::Measured {
+                    counts: &m.evidence.counts,
+                    noise: &m.noise,
+                    sensor: m.sensor.zip(needs.as_ref()),
+                    // What a sample costs is known by the clock alone, and the clock has no say in where samples go.
+                    cost: None,
+                }),
+            }),
+        };
+        let targets = |k| needs_at(k).map(|needs| self.targets(&needs, state.counts, &shares.weights));
+        let outlook = Outlook { counts: state.counts, targets: &targets, target };
+        self.forecast = Forecast::new(&outlook, pace);
+        self.shares = shares;
+        self.is_made = true;
+    }
+
+    /// Samples per pixel after which the image is hidden, by the strategy of the render.
+    fn targets(&self, needs: &Needs, counts: &Plane<u32>, weights: &Plane<f32>) -> Plane<f32> {
+        match self.settings.strategy() {
+            Strategy::Sensor => needs.if_aimed(counts),
+            Strategy::Uniform | Strategy::Sobel | Strategy::Variance => needs.if_weighted(counts, weights),
+        }
+    }
+
+    fn outlook(&self, needs: &Needs, counts: &Plane<u32>, weights: &Plane<f32>) -> f64 {
+        total(&self.targets(needs, counts, weights))
+    }
+}

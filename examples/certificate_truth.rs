@@ -1,0 +1,183 @@
+//! Is the certificate true? Renders scenes again and again with other seeds, and compares the variance that each render
+//! certified with the variance that all of them show, over blocks of 16 x 16 pixels.
+//!
+//! `cargo run --release -p dunkelfeld --example certificate_truth -- [--seeds 32] [--noise 0.7 | --spp N] [--size N] [JOB ...]`
+//!
+//! Without jobs it takes the shipped ones and six of `tests/references/`. For each it prints a line: the share of blocks
+//! whose measured variance lies within 0.8 to 1.2 of the certified one, of a single render and of the mean over all
+//! renders; the whole image's ratio; samples per pixel; and how good the forecast of the pilot was. Exits with 1 if for
+//! some scene fewer than 99 % of the blocks lie within, by the mean over all renders.
+
+#![allow(clippy::print_stdout, clippy::print_stderr, reason = "an example talks to its reader")]
+
+use dunkelfeld::{Budget, Cancel, Error, Project, SensorChoice, Silent, certify, develop, render};
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::time::Instant;
+
+const BLOCK: usize = 16;
+const WITHIN: std::ops::RangeInclusive<f64> = 0.8..=1.2;
+
+struct Options {
+    seeds: u64,
+    budget: Budget,
+    size: Option<u32>,
+    jobs: Vec<PathBuf>,
+}
+
+fn main() -> ExitCode {
+    let options = match options(std::env::args().skip(1)) {
+        Ok(options) => options,
+        Err(usage) => {
+            eprintln!("error: {usage}");
+            return ExitCode::from(2);
+        }
+    };
+    println!("scene                      blocks  one render  mean of all  whole image  spp     forecast/taken");
+    let mut all_true = true;
+    for job in &options.jobs {
+        match truth(job, &options) {
+            Ok(truth) => {
+                let name = job.file_stem().unwrap_or_default().to_string_lossy();
+                let forecast = truth.forecast.map_or("-".into(), |f| format!("{f:.2}"));
+                println!(
+                    "{name:<26} {:>6}  {:>8.1} %  {:>9.1} %  {:>11.3}  {:<7.1} {forecast}",
+                    truth.blocks,
+                    100.0 * truth.single,
+                    100.0 * truth.mean,
+                    truth.whole,
+                    truth.spp
+                );
+                all_true &= truth.mean >= 0.99;
+            }
+            Err(e) => {
+                eprintln!("error: {}: {e}", job.display());
+                return ExitCode::from(2);
+            }
+        }
+    }
+    if all_true { ExitCode::SUCCESS } else { ExitCode::from(1) }
+}
+
+struct Truth {
+    blocks: usize,
+    /// Share of blocks within bounds: of the certificates of single renders, and of their mean.
+    single: f64,
+    mean: f64,
+    /// Measured over certified variance of the whole image.
+    whole: f64,
+    spp: f64,
+    /// Samples foretold over samples taken, mean over the renders that ended when they were hidden.
+    forecast: Option<f64>,
+}
+
+fn truth(job: &PathBuf, options: &Options) -> Result<Truth, Error> {
+    let mut project = Project::open(job)?;
+    if !project.settings.has_sensor() {
+        project.settings.sensor = SensorChoice::Emva {
+            model: Box::new(dunkelfeld::find_sensor(dunkelfeld::DEFAULT_SENSOR)?),
+            optics: project.optics,
+            exposure: None,
+        };
+    }
+    if let Some(size) = options.size {
+        let longest = f64::from(project.settings.width.max(project.settings.height));
+        let scaled = |v: u32| ((f64::from(v) * f64::from(size) / longest).round() as u32).max(1);
+        (project.settings.width, project.settings.height) =
+            (scaled(project.settings.width), scaled(project.settings.height));
+    }
+    project.settings.budget = options.budget;
+    let mut settings = project.fitted()?;
+    let (width, height) = (settings.width as usize, settings.height as usize);
+    let columns = width.div_ceil(BLOCK);
+    let block_of = |pixel: usize| pixel / width / BLOCK * columns + pixel % width / BLOCK;
+    let blocks = columns * height.div_ceil(BLOCK);
+
+    let mut moments = vec![(0.0f64, 0.0f64); width * height];
+    let mut full = vec![false; width * height];
+    let mut certified: Vec<Vec<f64>> = Vec::new();
+    let (mut samples, mut forecasts) = (0u64, Vec::new());
+    for seed in 0..options.seeds {
+        settings.seed = seed;
+        let rendering = render(&project.scene, &settings, Instant::now(), &Silent, &Cancel::new())?;
+        let mut frame = develop(&rendering.film.mean(), &settings)?;
+        certify(&mut frame, &rendering.film, &rendering.labels, options.budget.noise);
+        samples += rendering.film.total_samples();
+        if let Some(foretold) = rendering.forecast.as_ref().and_then(|f| f.target()).and_then(|l| l.samples) {
+            forecasts.push(foretold / rendering.film.total_samples() as f64);
+        }
+        let Some(sensor) = frame.sensor else { continue };
+        let saturation = sensor.model.saturation().0;
+        if let SensorChoice::Emva { exposure, .. } = &mut settings.sensor {
+            // The first render finds the exposure, so that the electrons of all can be compared.
+            *exposure = Some(sensor.exposure);
+        }
+        let floor = sensor.model.temporal_variance(dunkelfeld::radiometry::Electrons(0.0), sensor.exposure.time());
+        let Some(claim) = sensor.certified else { continue };
+        let electrons = sensor.electrons.data().iter().map(|&e| f64::from(e));
+        let claim = claim.ratios.data().iter().zip(electrons.clone()).map(|(&r, e)| f64::from(r) * (e + floor));
+        certified.push(claim.collect());
+        for (pixel, e) in electrons.enumerate() {
+            moments[pixel].0 += e;
+            moments[pixel].1 += e * e;
+            full[pixel] |= e > saturation;
+        }
+    }
+    let n = options.seeds as f64;
+    let mut measured = vec![0.0; blocks];
+    for (pixel, &(sum, squares)) in moments.iter().enumerate().filter(|(pixel, _)| !full[*pixel]) {
+        measured[block_of(pixel)] += (squares - sum * sum / n).max(0.0) / (n - 1.0);
+    }
+    let sums = |values: &[f64]| {
+        let mut sums = vec![0.0; blocks];
+        values.iter().enumerate().filter(|(pixel, _)| !full[*pixel]).for_each(|(pixel, v)| sums[block_of(pixel)] += v);
+        sums
+    };
+    let claims: Vec<Vec<f64>> = certified.iter().map(|c| sums(c)).collect();
+    let mean: Vec<f64> = (0..blocks).map(|b| claims.iter().map(|c| c[b]).sum::<f64>() / n).collect();
+    // A block without noise is certified truly if it is certified without noise.
+    let is_true = |measured: f64, claimed: f64| {
+        if claimed == 0.0 { measured == 0.0 } else { WITHIN.contains(&(measured / claimed)) }
+    };
+    let share =
+        |claims: &[f64]| measured.iter().zip(claims).filter(|(m, c)| is_true(**m, **c)).count() as f64 / blocks as f64;
+    Ok(Truth {
+        blocks,
+        single: claims.iter().map(|c| share(c)).sum::<f64>() / n,
+        mean: share(&mean),
+        whole: measured.iter().sum::<f64>() / mean.iter().sum::<f64>(),
+        spp: samples as f64 / n / (width * height) as f64,
+        forecast: (!forecasts.is_empty()).then(|| forecasts.iter().sum::<f64>() / forecasts.len() as f64),
+    })
+}
+
+fn options(mut words: impl Iterator<Item = String>) -> Result<Options, String> {
+    let mut options = Options { seeds: 32, budget: Budget::default(), size: None, jobs: Vec::new() };
+    while let Some(word) = words.next() {
+        let mut number = |least: f64| {
+            let value = words.next().and_then(|v| v.parse::<f64>().ok()).filter(|v| v.is_finite() && *v >= least);
+            value.ok_or_else(|| format!("{word} needs a number of at least {least}"))
+        };
+        match word.as_str() {
+            "--seeds" => options.seeds = number(2.0)? as u64,
+            "--noise" => options.budget.noise = Some(number(1e-3)?),
+            "--spp" => options.budget.spp = Some(number(1.0)?),
+            "--size" => options.size = Some(number(1.0)? as u32),
+            flag if flag.starts_with("--") => return Err(format!("there is no option {flag}")),
+            job => options.jobs.push(job.into()),
+        }
+    }
+    if options.budget == Budget::default() {
+        options.budget.noise = Some(0.7);
+    }
+    if options.jobs.is_empty() {
+        let shipped =
+            ["inspection", "inspection-flat", "inspection-open"].map(|s| format!("scenes/inspection/{s}.toml"));
+        let references =
+            ["all-kinds-of-light", "glass-ball", "many-lights", "environment-map", "textured", "scattering-box"]
+                .map(|s| format!("tests/references/{s}.toml"));
+        let root = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../..");
+        options.jobs = shipped.into_iter().chain(references).map(|job| root.join(job)).collect();
+    }
+    Ok(options)
+}
