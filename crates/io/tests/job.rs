@@ -116,7 +116,8 @@ fn faults_are_refused_with_place_mend_and_caret() {
         ("[film]\nheight = 2.5", "[film] height", "does not belong here", "write", "2.5"),
         ("[budget]\ntime = \"soon\"", "[budget] time", "does not begin with a number", "\"5ms\"", "\"soon\""),
         ("[budget]\ntime = 0", "[budget] time", "out of range", "above zero", "0"),
-        ("[budget]\nnoise = 0.7", "[budget] noise", "unknown key `noise`", "time, spp", "noise"),
+        ("[budget]\npasses = 7", "[budget] passes", "unknown key `passes`", "time, spp, noise", "passes"),
+        ("[budget]\nnoise = 0", "[budget] noise", "out of range", "0.001", "0"),
         ("[lens]\nvertical_fov = 30", "[lens] vertical_fov", "30 lacks a unit", "\"30deg\"", "30"),
         ("[lens]\nvertical_fov = \"179deg\"", "[lens] vertical_fov", "179deg is out", "178deg", "\"179deg\""),
         (
