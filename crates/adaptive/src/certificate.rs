@@ -12,7 +12,9 @@ use crate::pooling::upper_factor;
 /// Standard normal quantile of the one-sided confidence of 95 %.
 const CONFIDENCE: f64 = 1.645;
 
-/// How well a render's noise is hidden. Ratios are `v_r / s`, over the pixels that are judged: those not saturated.
+/// How well a render's noise is hidden. Ratios are `v_r / s`, over the pixels that are judged: those not saturated. A ratio
+/// that is not known counts as infinite in the quantiles; mean and maximum are those of the known ones, infinite if there are
+/// only others.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Certificate {
     /// What was certified.
@@ -86,18 +88,18 @@ pub fn certify(claim: &Claim<'_>, k: f64) -> Certificate {
     let limit = k * k;
     let (mut pixels, mut saturated, mut unknown, mut hidden, mut surely) = (0u64, 0u64, 0u64, 0u64, 0u64);
     let (mut sum, mut squares, mut max) = (0.0, 0.0, 0.0f64);
-    let mut known = Vec::with_capacity(ratios.data().len());
+    let mut judged = Vec::with_capacity(ratios.data().len());
     for ((&ratio, &freedom), &full) in ratios.data().iter().zip(claim.freedom.data()).zip(claim.saturated.data()) {
         if full {
             saturated += 1;
             continue;
         }
         pixels += 1;
+        judged.push(ratio);
         if !ratio.is_finite() {
             unknown += 1;
             continue;
         }
-        known.push(ratio);
         let ratio = f64::from(ratio);
         hidden += u64::from(ratio <= limit);
         surely += u64::from(ratio == 0.0 || ratio * upper_factor(f64::from(freedom), CONFIDENCE) <= limit);
@@ -106,12 +108,14 @@ pub fn certify(claim: &Claim<'_>, k: f64) -> Certificate {
         max = max.max(ratio);
     }
     let share = |n: u64| if pixels == 0 { 1.0 } else { n as f64 / pixels as f64 };
-    let mean = sum / (known.len().max(1)) as f64;
+    let known = pixels - unknown;
+    let (mean, max) =
+        if known == 0 && pixels > 0 { (f64::INFINITY, f64::INFINITY) } else { (sum / known.max(1) as f64, max) };
     // The mean's own degrees of freedom (Satterthwaite 1946). Pooled pixels share theirs with their neighbours, so each is
     // counted with those of its own batches only.
     let freedom = if squares > 0.0 { (BATCHES - 1) as f64 * sum * sum / squares } else { f64::INFINITY };
     let raised = mean * upper_factor(freedom, CONFIDENCE);
-    let quantile = |share| f64::from(quantile_of(known.iter().copied(), share).unwrap_or(0.0));
+    let quantile = |share| f64::from(quantile_of(judged.iter().copied(), share).unwrap_or(0.0));
     Certificate {
         k,
         hidden: share(hidden),
@@ -197,8 +201,14 @@ mod tests {
         planes.render.data_mut()[300..398].fill(f32::INFINITY);
         let c = planes.certify(0.5);
         assert!((c.hidden - 0.99).abs() < 1e-12 && c.unknown == 98 && c.is_hidden(), "{c:?}");
+        assert!((c.p99 - 0.1).abs() < 1e-6 && (c.max - 0.1).abs() < 1e-6, "{c:?}");
         planes.render.data_mut()[398] = f32::NAN;
-        assert!(!planes.certify(0.5).is_hidden());
+        let c = planes.certify(0.5);
+        assert!(!c.is_hidden() && c.p99 == f64::INFINITY && (c.median - 0.1).abs() < 1e-6, "{c:?}");
+        planes.render = Plane::new(100, 100, f32::INFINITY);
+        let c = planes.certify(0.5);
+        assert_eq!((c.hidden, c.unknown), (0.0, 9800));
+        assert!([c.mean, c.mean_at_most, c.median, c.p99, c.max].iter().all(|&r| r == f64::INFINITY), "{c:?}");
         planes.saturated = Plane::new(100, 100, true);
         let none = planes.certify(0.5);
         assert_eq!((none.hidden, none.mean, none.max, none.pixels), (1.0, 0.0, 0.0, 0));

@@ -88,18 +88,19 @@ pub struct CertificateStats {
     pub hidden: f64,
     /// Share of them that are hidden also at the upper end of their ratio's confidence interval (95 %).
     pub hidden_surely: f64,
-    /// Level at which the render is hidden: the root of `ratio_p99`.
-    pub hidden_at: f64,
+    /// Level at which the render is hidden: the root of `ratio_p99`. It and the ratios are `None` where too little is known
+    /// for them: pixels of unknown variance count as infinitely noisy in the quantiles.
+    pub hidden_at: Option<f64>,
     /// Mean ratio.
-    pub ratio_mean: f64,
+    pub ratio_mean: Option<f64>,
     /// Upper confidence bound of the mean ratio (95 %).
-    pub ratio_mean_at_most: f64,
+    pub ratio_mean_at_most: Option<f64>,
     /// Median ratio.
-    pub ratio_p50: f64,
+    pub ratio_p50: Option<f64>,
     /// 99 % quantile of the ratios.
-    pub ratio_p99: f64,
+    pub ratio_p99: Option<f64>,
     /// Largest ratio.
-    pub ratio_max: f64,
+    pub ratio_max: Option<f64>,
     /// Unsaturated pixels.
     pub pixels: u64,
     /// Saturated pixels.
@@ -110,17 +111,18 @@ pub struct CertificateStats {
 
 impl From<&Certificate> for CertificateStats {
     fn from(c: &Certificate) -> Self {
+        let known = |ratio: f64| ratio.is_finite().then_some(ratio);
         Self {
             k: c.k,
             is_hidden: c.is_hidden(),
             hidden: c.hidden,
             hidden_surely: c.hidden_surely,
-            hidden_at: c.p99.sqrt(),
-            ratio_mean: c.mean,
-            ratio_mean_at_most: c.mean_at_most,
-            ratio_p50: c.median,
-            ratio_p99: c.p99,
-            ratio_max: c.max,
+            hidden_at: known(c.p99.sqrt()),
+            ratio_mean: known(c.mean),
+            ratio_mean_at_most: known(c.mean_at_most),
+            ratio_p50: known(c.median),
+            ratio_p99: known(c.p99),
+            ratio_max: known(c.max),
             pixels: c.pixels,
             saturated: c.saturated,
             unknown: c.unknown,

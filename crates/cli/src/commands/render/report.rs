@@ -96,16 +96,16 @@ fn summary(project: &Project, s: &Stats) -> String {
 
 /// The certificate in one line.
 fn certificate(c: &CertificateStats) -> String {
+    let ratios = [c.hidden_at, c.ratio_mean, c.ratio_p50, c.ratio_p99, c.ratio_max];
+    let [Some(at), Some(mean), Some(median), Some(p99), Some(max)] = ratios else {
+        let share = 100.0 * c.unknown as f64 / c.pixels.max(1) as f64;
+        return format!("noise: not known, {share:.1} % of unsaturated pixels have too few samples to tell");
+    };
     format!(
-        "noise: hidden beneath the sensor's at k = {:.3}; at k = {} in {:.1} % of unsaturated pixels, in {:.1} % surely; v_r/s is {:.3} on average, {:.3} in the median, {:.3} at 99 %, {:.3} at most",
-        c.hidden_at,
+        "noise: hidden beneath the sensor's at k = {at:.3}; at k = {} in {:.1} % of unsaturated pixels, in {:.1} % surely; v_r/s is {mean:.3} on average, {median:.3} in the median, {p99:.3} at 99 %, {max:.3} at most",
         c.k,
         100.0 * c.hidden,
         100.0 * c.hidden_surely,
-        c.ratio_mean,
-        c.ratio_p50,
-        c.ratio_p99,
-        c.ratio_max
     )
 }
 
