@@ -16,8 +16,8 @@ use dunkelfeld_scene::{Camera, RayGenerator, Scene};
 use rayon::prelude::*;
 use std::time::Instant;
 
-/// What exposing and writing takes [s per megapixel], until it has been measured.
-const CLOSING_PER_MEGAPIXEL: f64 = 0.8;
+/// What exposing, certifying and writing takes [s per megapixel], until it has been measured.
+const CLOSING_PER_MEGAPIXEL: f64 = 1.8;
 /// The rehearsal of exposing and writing may take this share of the time left; in shorter renders the guess has to do.
 const REHEARSAL_SHARE: f64 = 0.05;
 /// One in so many pixels gets a sample whatever the clock says: enough to see what the image shows.
