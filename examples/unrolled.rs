@@ -7,7 +7,9 @@ use dunkelfeld::geometry::{DVec3, Vec3};
 use dunkelfeld::radiometry::Rgb;
 use dunkelfeld::scene::{Material, SceneBuilder, Surface, Volume, shapes};
 use dunkelfeld::sensor::Optics;
-use dunkelfeld::{Budget, Cancel, Progress, ProgressState, RenderSettings, SensorChoice, develop, render, thread_pool};
+use dunkelfeld::{
+    Budget, Cancel, Progress, ProgressState, RenderSettings, SensorChoice, develop_film, render, thread_pool,
+};
 use std::time::Instant;
 
 /// Prints each tenth of the way.
@@ -79,7 +81,8 @@ fn main() -> Result<(), dunkelfeld::Error> {
     println!("{} samples, {} of them invalid", rendering.film.total_samples(), rendering.film.invalid_samples());
 
     // The film holds exact sums; what the sensor makes of them is another step.
-    let frame = thread_pool(settings.threads)?.install(|| develop(&rendering.film.mean_without_gaps(), &settings))?;
+    let frame =
+        thread_pool(settings.threads)?.install(|| develop_film(&rendering.film, &rendering.labels, &settings))?;
     if let Some(sensor) = &frame.sensor {
         let brightest = sensor.electrons.data().iter().copied().fold(0.0, f32::max);
         println!(

@@ -81,8 +81,43 @@ fn a_render_writes_all_outputs_well_formed() {
                       seconds total_seconds budget_seconds budget_missed sensor forecast certificate";
     assert_eq!(keys, documented.split_whitespace().collect());
     let keys: BTreeSet<&str> = stats["sensor"].as_object().expect("an object").keys().map(String::as_str).collect();
-    let documented = "name exposure_seconds mean_electrons mean_value saturated no_light";
+    let documented = "name exposure_seconds mean_electrons mean_value saturated no_light exposure_noise matched";
     assert_eq!(keys, documented.split_whitespace().collect());
+}
+
+/// Flag and job ask for the same, the outputs say where it holds, and a plain exposure differs in its grey values alone.
+#[test]
+fn matched_exposure_says_where_it_holds_and_leaves_the_other_layers_alone() {
+    let bench = Bench::new();
+    bench.write("matched.toml", "scene = \"scene.gltf\"\n[sensor]\nexposure_noise = \"matched\"\n");
+    let run = |what: &str, name: &str| {
+        let files = format!("-o {name}.png --linear {name}.tif --exr {name}.exr --stats {name}.json");
+        stdout(&bench.run(&format!("render {what} --width 24 --height 16 --spp 16 {files}")).code(0))
+    };
+    let line = "exposure noise: matched; frames are as noisy as the camera's in";
+    assert!(run("scene.gltf --exposure-noise matched", "flag").contains(line));
+    assert!(run("matched.toml", "job").contains(line));
+    assert!(!run("matched.toml --exposure-noise plain", "plain").contains(line));
+    // Without the job's sensor there is nothing left to match.
+    bench.run("render matched.toml --width 8 --height 8 --spp 1 --sensor none -o none.png").code(0);
+
+    assert_eq!(bench.read("flag.tif"), bench.read("job.tif"));
+    assert_ne!(bench.read("flag.tif"), bench.read("plain.tif"));
+    let (matched, plain) = (bench.json("flag.json"), bench.json("plain.json"));
+    assert_eq!(matched["certificate"], plain["certificate"]);
+    assert_eq!(
+        (&matched["sensor"]["exposure_noise"], &plain["sensor"]["exposure_noise"]),
+        (&"matched".into(), &"plain".into())
+    );
+    assert!(plain["sensor"]["matched"].is_null());
+    let held = bench.floats("flag.exr", "matched.Y");
+    let share = held.iter().map(|&v| f64::from(v)).sum::<f64>() / 384.0;
+    assert!(held.iter().all(|&v| v == 0.0 || v == 1.0));
+    assert!((matched["sensor"]["matched"].as_f64().expect("a share") - share).abs() < 1e-12 && share > 0.0, "{share}");
+
+    let [with, without] = ["flag.exr", "plain.exr"].map(|file| read_exr(&bench.path(file)).expect("an EXR"));
+    let others: Vec<_> = with.channels.iter().filter(|(name, _)| name != "matched.Y").collect();
+    assert_eq!(others, without.channels.iter().collect::<Vec<_>>());
 }
 
 /// What is left out is named by every output; of a technique it is said that the image is the same.
@@ -403,9 +438,18 @@ fn help_and_version_go_to_standard_output() {
     let help = stdout(&bench.run("--help").code(0));
     assert!(help.contains("render") && help.contains("Exit codes"), "{help}");
     let help = stdout(&bench.run("render --help").code(0));
-    for flag in
-        ["--time", "--spp", "--noise", "--allocate", "--sensor", "--exposure", "--replay", "--debug-sample", "--stats"]
-    {
+    for flag in [
+        "--time",
+        "--spp",
+        "--noise",
+        "--allocate",
+        "--sensor",
+        "--exposure <",
+        "--exposure-noise",
+        "--replay",
+        "--debug-sample",
+        "--stats",
+    ] {
         assert!(help.contains(flag), "no {flag} in\n{help}");
     }
     assert_eq!(stdout(&bench.run("--version").code(0)), format!("dunkelfeld {}\n", env!("CARGO_PKG_VERSION")));

@@ -23,6 +23,7 @@ fn bad_input_ends_with_code_2_names_the_place_and_leaves_everything_as_it_was() 
     bench.write("wide.toml", "scene = \"scene.gltf\"\n[lens]\nvertical_fov = \"179deg\"\n");
     bench.write("pilot.toml", "scene = \"scene.gltf\"\n[allocate]\npilot_spp = 1.5\n");
     bench.write("exposed.toml", "scene = \"scene.gltf\"\n[sensor]\nmodel = \"none\"\nexposure = \"5ms\"\n");
+    bench.write("matched.toml", "scene = \"scene.gltf\"\n[sensor]\nmodel = \"none\"\nexposure_noise = \"matched\"\n");
     bench.write("notes.txt", "no scene");
     bench.write("there.png", "precious");
     bench.write("there.exr", "precious");
@@ -48,6 +49,7 @@ fn bad_input_ends_with_code_2_names_the_place_and_leaves_everything_as_it_was() 
         ("wide.toml", &["[lens] vertical_fov", "179deg is out of range", "178deg", "mend:"]),
         ("pilot.toml", &["[allocate] pilot_spp", "`1.5`", "mend: write a whole number from 1 to 65536"]),
         ("exposed.toml", &["[sensor] exposure", "no sensor", "mend:", "4 | exposure = \"5ms\""]),
+        ("matched.toml", &["[sensor] exposure_noise", "no sensor", "mend:", "4 | exposure_noise = \"matched\""]),
         // Names that do not exist.
         ("scene.gltf --camera nobody", &["nobody", "front", "far", "mend:"]),
         ("scene.gltf --sensor imx999", &["imx999", "imx250", "mend:"]),
@@ -65,6 +67,8 @@ fn bad_input_ends_with_code_2_names_the_place_and_leaves_everything_as_it_was() 
         ("scene.gltf --exr a.exr --plan ./a.exr", &["a.exr", "two outputs", "mend:"]),
         ("scene.gltf --linear a.tif --sensor none", &["a.tif", "sensor", "mend:"]),
         ("scene.gltf --exposure 5ms --sensor none", &["--exposure", "--sensor", "mend:"]),
+        ("scene.gltf --exposure-noise matched --sensor none", &["--exposure-noise", "--sensor", "mend:"]),
+        ("scene.gltf --exposure-noise loud", &["loud", "plain", "matched"]),
         // Replays.
         ("scene.gltf --replay plan.exr --width 9", &["8 x 8", "9 x 8", "mend:"]),
         ("scene.gltf --replay nowhere.exr", &["nowhere.exr", "mend:"]),

@@ -413,6 +413,7 @@ fn links_between_the_pages_lead_somewhere() {
         "docs/job-file.md",
         "docs/materials.md",
         "docs/cameras.md",
+        "docs/exposure.md",
         "docs/sensor-file.md",
         "docs/statistics.md",
         "docs/effects.md",

@@ -46,8 +46,8 @@ pub(crate) struct RenderArgs {
     /// Linear grey values, 16 bit, .png or .tif (with a sensor).
     #[arg(long, value_name = "FILE")]
     pub(crate) linear: Option<PathBuf>,
-    /// All layers: mean radiance, its variance, samples per pixel, albedo, normal, depth, ids, electrons, and how
-    /// well the noise is hidden.
+    /// All layers: mean radiance, its variance, samples per pixel, albedo, normal, depth, ids, electrons, how well
+    /// the noise is hidden, and where matched exposure holds.
     #[arg(long, value_name = "FILE.exr")]
     pub(crate) exr: Option<PathBuf>,
     /// Statistics of the render.
@@ -91,6 +91,9 @@ pub(crate) struct RenderArgs {
     /// Exposure time as in 5ms, or auto: the 99.5 % quantile comes to 90 % of saturation [default: auto].
     #[arg(long, value_name = "TIME|auto", value_parser = exposure)]
     pub(crate) exposure: Option<ExposureChoice>,
+    /// What noise the exposure adds to the render's own [default: plain].
+    #[arg(long, value_enum)]
+    pub(crate) exposure_noise: Option<NoiseKind>,
 
     /// Seed of everything random [default: 0].
     #[arg(long, value_name = "N", allow_negative_numbers = true)]
@@ -200,6 +203,16 @@ pub(crate) enum Allocate {
     Variance,
     /// Where the sensor would notice: until the render's noise is hidden beneath its own.
     Sensor,
+}
+
+/// The noise of an exposure on the command line.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum NoiseKind {
+    /// All of the camera's noise, on top of what noise the render has.
+    Plain,
+    /// Of the camera's noise what the render does not have already, so that frames of independent renders are as noisy as
+    /// the camera's. The statistics say in how many pixels that holds, the EXR layer matched.Y in which.
+    Matched,
 }
 
 /// How progress is shown.

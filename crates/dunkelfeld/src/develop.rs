@@ -1,11 +1,16 @@
 //! From the film to a frame: radiance, electrons, grey values, a picture to look at.
 
 use crate::error::Error;
-use crate::noise::Certified;
+use crate::matched::{Matched, variance_of_means};
+use crate::noise::{Certified, Measured};
 use crate::settings::{RenderSettings, SensorChoice};
-use dunkelfeld_film::Plane;
+use dunkelfeld_adaptive::need::DEFAULT_TARGET;
+use dunkelfeld_film::{Film, Plane};
+use dunkelfeld_integrator::Label;
 use dunkelfeld_scene::Effect;
-use dunkelfeld_sensor::{Device, Exposure, FrameKey, Response, SensorError, SensorModel, auto_exposure, display};
+use dunkelfeld_sensor::{
+    Device, Exposure, ExposureNoise, FrameKey, Response, SensorError, SensorModel, auto_exposure, display,
+};
 use rayon::prelude::*;
 
 /// An 8-bit picture, gamma 2.2, clipped at saturation.
@@ -34,6 +39,8 @@ pub struct SensorFrame {
     pub weights: [f64; 3],
     /// How well the render's noise is hidden; `None` until [`crate::certify`] has looked at the film.
     pub certified: Option<Certified>,
+    /// Where noise-matched exposure holds; `None` if all of the camera's noise was drawn on purpose.
+    pub matched: Option<Matched>,
 }
 
 /// A developed image.
@@ -54,9 +61,29 @@ pub struct Frame {
 /// The noise is a function of (device seed = seed, seed, frame, pixel): other frames of the same seed come from the same
 /// device. Automatic exposure of a black image, which has none, takes 1 s and says so.
 ///
+/// A mean alone does not tell how noisy it is: all of the camera's noise is drawn, and noise-matched exposure
+/// ([`RenderSettings::exposure_noise`]) holds nowhere. [`develop_film`] knows more.
+///
 /// # Errors
 /// A sensor whose ranges the exposure leaves.
 pub fn develop(mean: &Plane<[f32; 3]>, settings: &RenderSettings) -> Result<Frame, Error> {
+    expose(mean, settings, None)
+}
+
+/// [`develop`] of a rendered film, with noise as [`RenderSettings::exposure_noise`] says, and certified
+/// ([`crate::certify`]) at the level of the budget. Pixels without samples show their neighbours.
+///
+/// # Errors
+/// As [`develop`].
+pub fn develop_film(film: &Film, labels: &Plane<Option<Label>>, settings: &RenderSettings) -> Result<Frame, Error> {
+    expose(&film.mean_without_gaps(), settings, Some((film, labels)))
+}
+
+fn expose(
+    mean: &Plane<[f32; 3]>,
+    settings: &RenderSettings,
+    known: Option<(&Film, &Plane<Option<Label>>)>,
+) -> Result<Frame, Error> {
     let SensorChoice::Emva { model, optics, exposure } = &settings.sensor else {
         let picture = Picture::Rgb(display::linear_to_8bit(mean));
         return Ok(Frame { picture, sensor: None, no_light: false, without: settings.without.clone() });
@@ -78,16 +105,26 @@ pub fn develop(mean: &Plane<[f32; 3]>, settings: &RenderSettings) -> Result<Fram
     let (width, height) = (mean.width(), mean.height());
     let device = Device::new((**model).clone(), settings.seed, width, height);
     let key = FrameKey { seed: settings.seed, frame: settings.frame };
+    let is_matched = settings.exposure_noise == ExposureNoise::Matched;
+    let measured = known.map(|(film, labels)| Measured::exposed(response.weights(), model, exposure, film, labels));
+    let variance = measured.as_ref().filter(|_| is_matched).map(variance_of_means);
     let mut values = Plane::new(width, height, 0u16);
-    values
-        .data_mut()
-        .par_chunks_mut(width as usize)
-        .enumerate()
-        .try_for_each(|(y, row)| device.expose_rows(&electrons, exposure, key, y as u32..y as u32 + 1, row))?;
+    values.data_mut().par_chunks_mut(width as usize).enumerate().try_for_each(|(y, row)| {
+        let rows = y as u32..y as u32 + 1;
+        match &variance {
+            Some(variance) => device.expose_rows_matched(&electrons, variance, exposure, key, rows, row),
+            None => device.expose_rows(&electrons, exposure, key, rows, row),
+        }
+    })?;
+    let matched = is_matched.then(|| match (&measured, &variance) {
+        (Some(measured), Some(variance)) => Matched::new(measured, variance, &electrons, model, exposure),
+        _ => Matched::nowhere(width, height),
+    });
+    let certified = measured.as_ref().and_then(|m| m.certify(settings.budget.noise.unwrap_or(DEFAULT_TARGET)));
     let top = model.max_value();
     let saturated = values.data().iter().filter(|&&v| v >= top).count() as f64 / values.data().len().max(1) as f64;
     let picture = Picture::Gray(display::frame_to_8bit(&values, model));
     let (model, weights) = ((**model).clone(), response.weights());
-    let sensor = SensorFrame { electrons, values, exposure, model, saturated, weights, certified: None };
+    let sensor = SensorFrame { electrons, values, exposure, model, saturated, weights, certified, matched };
     Ok(Frame { picture, sensor: Some(sensor), no_light, without: settings.without.clone() })
 }

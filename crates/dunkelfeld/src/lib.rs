@@ -10,7 +10,7 @@
 //! # Ok::<(), dunkelfeld::Error>(())
 //! ```
 //!
-//! Or the same stages one by one ([`render()`], [`develop()`]), with a scene built in code, a progress sink and a switch to
+//! Or the same stages one by one ([`render()`], [`develop_film()`]), with a scene built in code, a progress sink and a switch to
 //! cancel: see `examples/unrolled.rs`. The crates below are re-exported under their folder's name.
 
 #![forbid(unsafe_code)]
@@ -22,6 +22,7 @@ mod forecast;
 mod heavy;
 mod inspect;
 mod lens;
+mod matched;
 mod noise;
 mod outputs;
 mod planner;
@@ -32,13 +33,14 @@ mod round;
 mod settings;
 mod stats;
 
-pub use develop::{Frame, Picture, SensorFrame, develop};
+pub use develop::{Frame, Picture, SensorFrame, develop, develop_film};
 pub use error::Error;
 pub use forecast::{FORECAST_LEVELS, Forecast, ForecastLevel};
 pub use heavy::HeavySample;
 pub use inspect::{
     CameraEntry, CoverEntry, CoverLayerEntry, EffectEntry, Inspection, LightEntry, MaterialEntry, inspect,
 };
+pub use matched::Matched;
 pub use noise::{Certified, certify};
 pub use outputs::{
     NO_ID, OutputPaths, SavedPlan, encode_layers, load_plan, save_exr, save_linear, save_picture, save_plan, save_text,

@@ -110,6 +110,18 @@ impl Measured {
         Self { evidence, noise, sensor: eye.sensor }
     }
 
+    /// Of a film that is exposed like this.
+    pub(crate) fn exposed(
+        weights: [f64; 3],
+        model: &SensorModel,
+        exposure: Exposure,
+        film: &Film,
+        labels: &Plane<Option<Label>>,
+    ) -> Self {
+        let (white, sensor) = (model.saturation().0 as f32, Some(sensor_noise(model, exposure)));
+        Self::new(&Eye { weights, white, sensor }, film, labels, Witnesses::All)
+    }
+
     /// The same film, asked of other witnesses.
     pub(crate) fn repooled(self, witnesses: Witnesses) -> Self {
         let noise = pooled(&self.evidence, witnesses);
@@ -147,12 +159,7 @@ pub fn certify(frame: &mut Frame, film: &Film, labels: &Plane<Option<Label>>, k:
 }
 
 fn certified(frame: &SensorFrame, film: &Film, labels: &Plane<Option<Label>>, k: f64) -> Option<Certified> {
-    let eye = Eye {
-        weights: frame.weights,
-        white: frame.model.saturation().0 as f32,
-        sensor: Some(sensor_noise(&frame.model, frame.exposure)),
-    };
-    Measured::new(&eye, film, labels, Witnesses::All).certify(k)
+    Measured::exposed(frame.weights, &frame.model, frame.exposure, film, labels).certify(k)
 }
 
 fn par_map<T: Sync, U: Send + Clone>(plane: &Plane<T>, f: impl Fn(&T) -> U + Sync) -> Plane<U> {

@@ -160,7 +160,7 @@ pub fn save_linear(frame: &Frame, path: &Path) -> Result<(), Error> {
 
 /// All layers of a render as an EXR's contents: `R G B`, `variance.*`, `spp.Y`, `albedo.*`, `normal.*`, `depth.Z`,
 /// `id.object`, `id.material` ([`NO_ID`] where there is nothing) and, with a sensor, `electrons.Y`; `hidden.Y` once the frame is
-/// [certified](crate::certify).
+/// [certified](crate::certify), and `matched.Y` (1 or 0) if its noise was to be matched.
 pub fn encode_layers(
     film: &Film,
     labels: &Plane<Option<Label>>,
@@ -182,6 +182,9 @@ pub fn encode_layers(
         if let Some(certified) = &sensor.certified {
             layers.push_floats(Single::Hidden, certified.ratios.clone());
         }
+        if let Some(matched) = &sensor.matched {
+            layers.push_floats(Single::Matched, matched.held.map(|&held| f32::from(u8::from(held))));
+        }
     }
     layers.attributes = serde_json::json!({
         "program": format!("dunkelfeld {}", env!("CARGO_PKG_VERSION")),
@@ -189,6 +192,7 @@ pub fn encode_layers(
         "frame": settings.frame,
         "exposure_seconds": frame.sensor.as_ref().map(|s| s.exposure.time().0),
         "sensor": frame.sensor.as_ref().map(|s| &s.model.spec().name),
+        "exposure_noise": frame.sensor.as_ref().map(|_| settings.exposure_noise.name()),
         "objects": names,
         "without": settings.without.iter().map(|e| e.name()).collect::<Vec<_>>(),
     })

@@ -1,10 +1,9 @@
 //! A scene or job file with everything around it: one thing to open, adjust, render and save.
 
-use crate::develop::{Frame, develop};
+use crate::develop::{Frame, develop_film};
 use crate::error::{Error, camera_mend};
 use crate::inspect::{Inspection, camera_entry, inspect};
 use crate::lens::{DEFAULT_F_NUMBER, FilmSize, Fitted, Misfit, fit};
-use crate::noise::certify;
 use crate::outputs::{self, OutputPaths, Written};
 use crate::progress::{Cancel, Progress, ProgressState, Silent, Stage};
 use crate::render::{Rendering, check, find_camera, render_rehearsed, thread_pool};
@@ -260,8 +259,7 @@ impl Project {
         let settings = self.fitted()?;
         let object_names = self.scene.object_names();
         let rehearsal = |film: &Film, labels: &Plane<Option<Label>>| {
-            let mut frame = develop(&film.mean_without_gaps(), &settings)?;
-            certify(&mut frame, film, labels, settings.budget.noise);
+            let frame = develop_film(film, labels, &settings)?;
             Written { film, labels, frame: &frame, settings: &settings, object_names }.save(&self.outputs)
         };
         let rendering = render_rehearsed(&self.scene, &settings, self.started, progress, cancel, &rehearsal)?;
@@ -273,12 +271,8 @@ impl Project {
             remaining: None,
             samples: rendering.film.total_samples(),
         });
-        let mean = rendering.film.mean_without_gaps();
-        let frame = thread_pool(settings.threads)?.install(|| {
-            let mut frame = develop(&mean, &settings)?;
-            certify(&mut frame, &rendering.film, &rendering.labels, settings.budget.noise);
-            Ok::<_, Error>(frame)
-        })?;
+        let frame =
+            thread_pool(settings.threads)?.install(|| develop_film(&rendering.film, &rendering.labels, &settings))?;
         let mut stats = Stats::new(&rendering, &frame, &settings);
         stats.add_seconds(Stage::Load, self.load_seconds);
         stats.add_seconds(Stage::Build, self.build_seconds);
@@ -368,6 +362,7 @@ fn open_job(job: &Job, optics: Optics) -> Result<(Imported, RenderSettings, Outp
         seed: job.seed,
         frame: job.frame,
         sensor,
+        exposure_noise: job.sensor.exposure_noise,
         ..defaults
     };
     let o = &job.output;

@@ -13,6 +13,7 @@ use dunkelfeld_adaptive::schedule::{Limits, Phase, Schedule, Settings, Step, Sto
 use dunkelfeld_film::{Film, Plane};
 use dunkelfeld_integrator::{ConnectionTally, Estimator, Label, PixelSample, label};
 use dunkelfeld_scene::{Camera, RayGenerator, Scene};
+use dunkelfeld_sensor::ExposureNoise;
 use rayon::prelude::*;
 use std::time::Instant;
 
@@ -159,6 +160,10 @@ pub(crate) fn check(s: &RenderSettings) -> Result<(), Error> {
     if s.strategy == Some(Strategy::Sensor) && !s.has_sensor() {
         let problem = "samples cannot go where a sensor would notice: there is none";
         return Err(Error::setting("allocation", problem, "choose a sensor, or the allocation `variance`"));
+    }
+    if s.exposure_noise == ExposureNoise::Matched && !s.has_sensor() {
+        let problem = "noise is matched to that of a sensor, and there is none";
+        return Err(Error::setting("exposure noise", problem, "choose a sensor, or the exposure noise `plain`"));
     }
     if s.budget.spp.is_some_and(|v| v > f64::from(u32::MAX / 4)) {
         return Err(Error::setting("spp", "more samples per pixel than can be counted", "use less than 1e9"));

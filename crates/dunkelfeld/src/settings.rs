@@ -3,7 +3,7 @@
 use dunkelfeld_adaptive::allocation::Strategy;
 use dunkelfeld_film::Plane;
 use dunkelfeld_scene::{Camera, Effect};
-use dunkelfeld_sensor::{Exposure, Optics, SensorModel};
+use dunkelfeld_sensor::{Exposure, ExposureNoise, Optics, SensorModel};
 
 /// Samples per pixel when no budget is given.
 pub const DEFAULT_SPP: f64 = 64.0;
@@ -70,6 +70,8 @@ pub struct RenderSettings {
     pub threads: usize,
     /// The camera's sensor.
     pub sensor: SensorChoice,
+    /// What noise the sensor adds to the render's own. [`ExposureNoise::Matched`] needs a sensor.
+    pub exposure_noise: ExposureNoise,
     /// A plan to replay: samples per pixel, instead of budget and strategy.
     pub replay: Option<Plane<u32>>,
     /// Effects that were left out on purpose. They mark the outputs; the scene itself must have been built without them
@@ -105,6 +107,7 @@ impl Default for RenderSettings {
             frame: 0,
             threads: 0,
             sensor: SensorChoice::None,
+            exposure_noise: ExposureNoise::default(),
             replay: None,
             without: Vec::new(),
         }

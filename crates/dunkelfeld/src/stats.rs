@@ -156,6 +156,10 @@ pub struct SensorStats {
     pub saturated: f64,
     /// The image was so dark that there is no automatic exposure.
     pub no_light: bool,
+    /// What noise the exposure added: `plain` or `matched`.
+    pub exposure_noise: String,
+    /// Share of pixels where noise-matched exposure holds; `null` for `plain`.
+    pub matched: Option<f64>,
 }
 
 impl Stats {
@@ -275,5 +279,7 @@ fn sensor_stats(frame: &Frame, settings: &RenderSettings) -> Option<SensorStats>
         mean_value: sensor.values.data().iter().map(|&v| f64::from(v)).sum::<f64>() / n,
         saturated: sensor.saturated,
         no_light: frame.no_light,
+        exposure_noise: settings.exposure_noise.name().into(),
+        matched: sensor.matched.as_ref().map(|m| m.share),
     })
 }

@@ -40,6 +40,7 @@ use crate::names::suggestion;
 use crate::toml_file::TomlFile;
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_scene::SceneBuilder;
+use dunkelfeld_sensor::ExposureNoise;
 use serde::Deserialize;
 use serde::de::{Deserializer, Error};
 use std::path::{Path, PathBuf};
@@ -191,6 +192,9 @@ pub struct SensorSettings {
     pub model: SensorChoice,
     /// Exposure time (`"5ms"`), or `"auto"` (default): the 99.5 % quantile at 90 % of saturation.
     pub exposure: Exposure,
+    /// `"plain"` (default): all of the camera's noise; `"matched"`: of it only what the render does not have already.
+    #[serde(deserialize_with = "check::exposure_noise")]
+    pub exposure_noise: ExposureNoise,
 }
 
 /// Which sensor.
@@ -471,9 +475,11 @@ impl Job {
         lens::check_film(&job.film)
             .and_then(|()| lens::check_lens(&job.lens, &job.film, &job.sensor.model))
             .map_err(|(key, problem, mend)| file.error_at_key(&key, problem, mend))?;
-        if job.sensor.model == SensorChoice::None && file.has_key(&["sensor", "exposure"]) {
-            let problem = "there is no sensor to expose";
-            return Err(file.error_at_key(&["sensor", "exposure"], problem, "name a [sensor] model, or remove this"));
+        for key in ["exposure", "exposure_noise"].map(|key| ["sensor", key]) {
+            if job.sensor.model == SensorChoice::None && file.has_key(&key) {
+                let problem = "there is no sensor to expose";
+                return Err(file.error_at_key(&key, problem, "name a [sensor] model, or remove this"));
+            }
         }
         if let Some(environment) = &mut job.environment {
             let (radiance, image) = (environment.radiance.is_some(), environment.image.is_some());

@@ -30,6 +30,8 @@ pub enum Single {
     Electrons,
     /// Render variance over sensor variance: `hidden.Y`.
     Hidden,
+    /// Does noise-matched exposure hold, 1 or 0: `matched.Y`.
+    Matched,
     /// Which object, as seen through smooth glass: `id.object`.
     ObjectId,
     /// Which material: `id.material`.
@@ -67,6 +69,7 @@ impl Single {
             Self::Depth => "depth.Z",
             Self::Electrons => "electrons.Y",
             Self::Hidden => "hidden.Y",
+            Self::Matched => "matched.Y",
             Self::ObjectId => "id.object",
             Self::MaterialId => "id.material",
         }

@@ -9,6 +9,7 @@ use dunkelfeld_scene::{
     AlphaMode, Camera, Distortion, EnvironmentSource, Instance, Material, Medium, MeshPart, Projection, PunctualKind,
     PunctualLight, SceneBuilder, Surface, Vignetting, Volume,
 };
+use dunkelfeld_sensor::ExposureNoise;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -51,6 +52,7 @@ floor = 0.5
 [sensor]
 model = "sensors/mine.toml"
 exposure = "5ms"
+exposure_noise = "matched"
 [output]
 image = "out.png"
 linear = "out.tif"
@@ -84,7 +86,7 @@ fn a_job_that_says_everything() {
         (Some(AllocateStrategy::Sobel), 8, 0.5)
     );
     assert_eq!(job.sensor.model, SensorChoice::File(PathBuf::from("jobs/sensors/mine.toml")));
-    assert_eq!(job.sensor.exposure, Exposure::Seconds(0.005));
+    assert_eq!((job.sensor.exposure, job.sensor.exposure_noise), (Exposure::Seconds(0.005), ExposureNoise::Matched));
     // Outputs stay relative to where the command runs.
     assert_eq!(job.output.image.as_deref(), Some(Path::new("out.png")));
     let environment = job.environment.unwrap();
@@ -103,6 +105,7 @@ fn a_job_that_says_the_least_gets_the_documented_defaults() {
     assert_eq!((job.allocate.strategy, job.allocate.pilot_spp, job.allocate.floor), (None, 16, 0.25));
     assert_eq!(job.budget.noise, None);
     assert_eq!((job.sensor.model, job.sensor.exposure), (SensorChoice::Preset("imx250".into()), Exposure::Auto));
+    assert_eq!(job.sensor.exposure_noise, ExposureNoise::Plain);
     assert_eq!(job.import.emissive_unit, EmissiveUnit::Nit);
     assert!(job.environment.is_none() && job.materials.is_empty() && job.lights.is_empty());
 }
@@ -133,6 +136,14 @@ fn faults_are_refused_with_place_mend_and_caret() {
         ("[[material]]\nname = \"a\"\npriority = 1.5", "[[material]] 1, priority", "1.5", "from -1000000 to", "1.5"),
         ("[sensor]\nmodel = \"none\"\nexposure = \"5ms\"", "[sensor] exposure", "no sensor", "model", "\"5ms\""),
         ("[sensor]\nmodel = \"none\"\nexposure = \"auto\"", "[sensor] exposure", "no sensor", "model", "\"auto\""),
+        (
+            "[sensor]\nmodel = \"none\"\nexposure_noise = \"matched\"",
+            "[sensor] exposure_noise",
+            "no sensor",
+            "model",
+            "\"matched\"",
+        ),
+        ("[sensor]\nexposure_noise = \"real\"", "[sensor] exposure_noise", "no kind of noise", "matched", "\"real\""),
         ("[lens]\nf_number = nan", "[lens] f_number", "out of range", "0.5 to 1000", "nan"),
         ("[lens]\ntransmission = 0", "[lens] transmission", "out of range", "", "0"),
         ("[lens]\nnumerical_aperture = 1", "[lens] numerical_aperture", "out of range", "0.000001 to 0.999", "1"),

@@ -29,9 +29,9 @@ const MARGIN: f64 = 2.0;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum ExposureNoise {
     /// All of the camera's, on top of what the render has: right for images without noise of their own.
+    #[default]
     Plain,
     /// What is missing to the camera's, so that frames of independent renders scatter as those of the camera.
-    #[default]
     Matched,
 }
 

@@ -3,11 +3,12 @@
 mod debug_sample;
 mod report;
 
-use crate::args::{Allocate, ExposureChoice, RenderArgs};
+use crate::args::{Allocate, ExposureChoice, NoiseKind, RenderArgs};
 use crate::bar::Sink;
 use crate::interrupt::cancel_on_interrupt;
 use crate::outcome::Outcome;
 use dunkelfeld::adaptive::allocation::Strategy;
+use dunkelfeld::sensor::ExposureNoise;
 use dunkelfeld::{Budget, Error, Progress, ProgressState, Project, RenderSettings, SensorChoice, Stage};
 use std::time::Instant;
 
@@ -76,6 +77,7 @@ fn apply(args: &RenderArgs, project: &mut Project) -> Result<(), Error> {
         });
     }
     apply_sensor(args.sensor.as_deref(), args.exposure, s, project.optics)?;
+    apply_exposure_noise(args.exposure_noise, s)?;
     let o = &mut project.outputs;
     for (to, from) in [
         (&mut o.image, &args.image),
@@ -122,6 +124,21 @@ pub(crate) fn apply_sensor(
             Ok(())
         }
     }
+}
+
+/// What noise is added. With the sensor its noise goes, too, also if a job says how.
+fn apply_exposure_noise(noise: Option<NoiseKind>, s: &mut RenderSettings) -> Result<(), Error> {
+    if noise.is_some() && !s.has_sensor() {
+        let problem = "there is no sensor that adds noise";
+        return Err(Error::setting("--exposure-noise", problem, "add --sensor NAME, or leave it out"));
+    }
+    s.exposure_noise = match noise {
+        Some(NoiseKind::Plain) => ExposureNoise::Plain,
+        Some(NoiseKind::Matched) => ExposureNoise::Matched,
+        None if s.has_sensor() => s.exposure_noise,
+        None => ExposureNoise::Plain,
+    };
+    Ok(())
 }
 
 /// What reading and building found; no more of it than is read.

@@ -16,6 +16,7 @@ use crate::settings::{Budget, RenderSettings, SensorChoice};
 use dunkelfeld_adaptive::allocation::Strategy;
 use dunkelfeld_film::Plane;
 use dunkelfeld_scene::{Effect, Scene};
+use dunkelfeld_sensor::ExposureNoise;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
@@ -52,7 +53,8 @@ pub fn default_folder(input: &Path) -> PathBuf {
 
 /// Measures what accuracy costs in time, and writes the report into `folder`.
 ///
-/// `project` is the opened `input` with everything set that is not measured; its budget and strategy are not used. Renders
+/// `project` is the opened `input` with everything set that is not measured; its budget, strategy and exposure
+/// noise are not used. Renders
 /// that the folder already holds are not made again. `own_size` says that the film's size was asked for, so that a quick
 /// bench must not choose its own; `restart` discards what the folder holds.
 ///
@@ -70,6 +72,8 @@ pub fn bench(
     cancel: &Cancel,
 ) -> Result<BenchOutcome, Error> {
     settings.check()?;
+    // The renders' noise is what is measured; no picture shall hide it.
+    project.settings.exposure_noise = ExposureNoise::Plain;
     let settings = &for_sensor(settings, project.settings.has_sensor())?;
     let store = Store::open(folder, restart)?;
     let effects = effects(&project, settings);

@@ -81,6 +81,9 @@ fn summary(project: &Project, s: &Stats) -> String {
     if let Some(c) = &s.certificate {
         let _ = writeln!(text, "{}", certificate(c));
     }
+    if let Some(share) = s.sensor.as_ref().and_then(|sensor| sensor.matched) {
+        let _ = writeln!(text, "{}", matched(share));
+    }
     let reached = s.forecast.iter().flatten().find_map(|l| Some((l.k, l.seconds?, l.actual_seconds?)));
     if let Some((k, foretold, took)) = reached {
         let off = 100.0 * (foretold / took - 1.0);
@@ -106,6 +109,15 @@ fn certificate(c: &CertificateStats) -> String {
         c.k,
         100.0 * c.hidden,
         100.0 * c.hidden_surely,
+    )
+}
+
+/// Where noise-matched exposure holds, in one line.
+fn matched(share: f64) -> String {
+    // What is almost all is not all.
+    let percent = (1000.0 * share).floor() / 10.0;
+    format!(
+        "exposure noise: matched; frames are as noisy as the camera's in {percent:.1} % of pixels, elsewhere the render's noise is too large or not known"
     )
 }
 
