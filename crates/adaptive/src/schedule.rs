@@ -34,8 +34,8 @@ const PROBE: u64 = 256;
 const GROWTH: u64 = 3;
 /// The pilot's share of the affordable samples: what it should have, and what it may have.
 pub const PILOT_SHARE: (f64, f64) = (0.08, 0.25);
-/// With fewer affordable samples per pixel than this there is nothing to adapt; all of them are pilot.
-const LEAST_TO_ADAPT: f64 = 4.0;
+/// Samples per pixel from which a variance is known: one for each batch of the film.
+const LEAST_PILOT: f64 = dunkelfeld_film::BATCHES as f64;
 /// Between two judgements lies at least this part of the samples taken, one in so many.
 const LEAST_STEP: u64 = 20;
 
@@ -317,21 +317,28 @@ impl Schedule {
     /// Samples of the pilot if the budget affords `all`.
     fn pilot_target(&self, all: f64) -> u64 {
         let pixels = self.settings.pixels.max(1);
-        if all < LEAST_TO_ADAPT * pixels as f64 {
+        if !self.can_adapt(all) {
             return all as u64;
         }
         let spp = all / pixels as f64;
         // A judged render may be over long before its budget: its pilot is no larger than it must be.
         let share = if self.limits.judged { 0.0 } else { PILOT_SHARE.0 };
-        let pilot = f64::from(self.settings.pilot_spp).max(share * spp).min(PILOT_SHARE.1 * spp);
+        let pilot = f64::from(self.settings.pilot_spp).max(share * spp).min(PILOT_SHARE.1 * spp).max(LEAST_PILOT);
         // Whole samples per pixel, and full sets of film batches where there are enough.
         let whole = if pilot >= 8.0 { (pilot / 4.0).floor() * 4.0 } else { pilot.floor() };
         (whole as u64).saturating_mul(pixels)
     }
 
+    /// Do `all` samples have room for a pilot that knows its variance? If not there is nothing to adapt by: all are pilot.
+    /// A judged render may be over after the pilot, which may then be all of it.
+    fn can_adapt(&self, all: f64) -> bool {
+        let most = if self.limits.judged { 1.0 } else { PILOT_SHARE.1 };
+        most * all >= LEAST_PILOT * self.settings.pixels.max(1) as f64
+    }
+
     /// Is there somebody to judge, and enough new to judge by, if the budget affords `all` samples?
     fn is_judge_due(&self, all: f64) -> bool {
-        let adapts = all >= LEAST_TO_ADAPT * self.settings.pixels as f64;
+        let adapts = self.can_adapt(all);
         self.limits.judged
             && self.taken > 0
             && match self.phase {
@@ -343,7 +350,7 @@ impl Schedule {
     /// Enters the refinement where the pilot is done; true if it does.
     fn advance(&mut self, all: f64) -> bool {
         // A pilot of everything has no refinement.
-        let adapts = !self.limits.judged && all >= LEAST_TO_ADAPT * self.settings.pixels as f64;
+        let adapts = !self.limits.judged && self.can_adapt(all);
         let done = self.taken > 0 && self.taken >= self.pilot_target(all);
         let begins = adapts && done && self.phase == Phase::Pilot;
         if begins {

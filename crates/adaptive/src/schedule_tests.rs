@@ -389,6 +389,27 @@ fn the_other_limits_hold_for_a_judged_render_too() {
     assert_eq!((looks.len(), reason), (0, StopReason::Samples));
 }
 
+/// A pilot of fewer samples than batches knows no variance: a plan made from it would prefer nothing, once and for all.
+#[test]
+fn a_pilot_knows_its_variance_also_where_the_machine_seems_slow_at_first() {
+    for budget in [0.02, 0.05, 0.1, 0.2, 0.4] {
+        let limits = Limits { seconds: Some(budget), samples: None, at_least: 0, judged: false };
+        let mut schedule = Schedule::new(limits, Settings { pixels: 1000, pilot_spp: 16, closing_seconds: 0.0 });
+        let (mut now, mut pilot) = (0.0, 0);
+        while let Step::Round(round) = schedule.next(now, 1.0) {
+            if round.replan {
+                assert!(schedule.taken() >= 4000, "{budget}: planned after {} samples", schedule.taken());
+            }
+            pilot += if round.phase == Phase::Pilot { round.samples } else { 0 };
+            // Five times as slow as later while the caches are cold.
+            let took = round.samples as f64 * if schedule.taken() < 1000 { 5e-6 } else { 1e-6 };
+            schedule.record(round.samples, round.samples as f64, took);
+            now += took;
+        }
+        assert!(pilot > 0 && now <= budget, "{budget}: {now}");
+    }
+}
+
 #[test]
 fn a_pilot_grows_until_it_is_large_enough_and_never_beyond_its_share() {
     let run = |samples: u64, wanted: &[u32]| {

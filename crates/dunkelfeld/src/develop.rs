@@ -33,7 +33,7 @@ pub struct SensorFrame {
     pub exposure: Exposure,
     /// The sensor.
     pub model: SensorModel,
-    /// Share of pixels at the largest grey value.
+    /// Share of pixels whose expected electrons fill the well or reach the end of the converter.
     pub saturated: f64,
     /// Electrons per radiance and channel [e- m^2 sr/W].
     pub weights: [f64; 3],
@@ -121,8 +121,10 @@ fn expose(
         _ => Matched::nowhere(width, height),
     });
     let certified = measured.as_ref().and_then(|m| m.certify(settings.budget.noise.unwrap_or(DEFAULT_TARGET)));
-    let top = model.max_value();
-    let saturated = values.data().iter().filter(|&&v| v >= top).count() as f64 / values.data().len().max(1) as f64;
+    // By what they expect: a full well may end below the largest grey value, and noise reaches it or not.
+    let full = (model.saturation().0 - model.dark_electrons(exposure.time()).0) as f32;
+    let saturated =
+        electrons.data().iter().filter(|&&e| e >= full).count() as f64 / electrons.data().len().max(1) as f64;
     let picture = Picture::Gray(display::frame_to_8bit(&values, model));
     let (model, weights) = ((**model).clone(), response.weights());
     let sensor = SensorFrame { electrons, values, exposure, model, saturated, weights, certified, matched };

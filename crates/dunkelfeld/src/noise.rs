@@ -80,6 +80,10 @@ fn sensor_noise(model: &SensorModel, exposure: Exposure) -> SensorNoise {
 /// [`dunkelfeld_adaptive::pooling::noise`], rows shared out among the threads of the current pool.
 pub(crate) fn pooled(evidence: &Evidence, witnesses: Witnesses) -> Plane<PixelNoise> {
     let (width, height) = (evidence.width(), evidence.height());
+    if evidence.variance.data().par_iter().all(|v| !v.is_finite()) {
+        // A sample a pixel, or none: there is nothing to pool, and no time to lose with it.
+        return Plane::new(width, height, PixelNoise::UNKNOWN);
+    }
     let events: Vec<Vec<f32>> = (0..height).into_par_iter().map(|y| events_row(evidence, y)).collect();
     let events = Plane::from_vec(width, height, events.concat()).unwrap_or_else(|| Plane::new(width, height, 0.0));
     let rows: Vec<Vec<PixelNoise>> =

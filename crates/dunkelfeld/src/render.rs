@@ -89,7 +89,10 @@ pub(crate) fn find_camera(scene: &Scene, settings: &RenderSettings) -> Result<Ca
         Error::setting(
             "camera",
             format!("there is no camera \"{name}\""),
-            format!("cameras: {known}; leave it out for the first"),
+            format!(
+                "cameras: {known}; leave it out for {}",
+                if names.is_empty() { "a view of the whole scene" } else { "the first" }
+            ),
         )
     })
 }
@@ -174,6 +177,9 @@ pub(crate) fn check(s: &RenderSettings) -> Result<(), Error> {
         let problem = format!("the plan is {} x {} pixels, the film {} x {}", p.width(), p.height(), s.width, s.height);
         return Err(Error::setting("replay", problem, "render at the size of the plan"));
     }
+    if s.replay.as_ref().is_some_and(|p| plan::total(p) == 0) {
+        return Err(Error::setting("replay", "the plan has no samples", "use a plan of a render that took some"));
+    }
     if let Some(most) = s.replay.as_ref().and_then(|p| p.data().iter().copied().max())
         && most > plan::MAX_SPP
     {
@@ -211,7 +217,8 @@ impl<'a> Renderer<'a> {
         threads: usize,
     ) -> Self {
         let (width, height) = (settings.width, settings.height);
-        Self {
+        let began = Instant::now();
+        let mut renderer = Self {
             scene,
             camera,
             settings,
@@ -226,7 +233,9 @@ impl<'a> Renderer<'a> {
             stages: Vec::new(),
             invalid: Vec::new(),
             connections: ConnectionTally::default(),
-        }
+        };
+        renderer.spend(Stage::Build, began);
+        renderer
     }
 
     fn pixels(&self) -> u64 {
@@ -331,7 +340,9 @@ impl<'a> Renderer<'a> {
             }
             let Some(round) = round else { continue };
             let stage = if round.phase == Phase::Pilot { Stage::Pilot } else { Stage::Refine };
+            let began = Instant::now();
             let (samples, target) = self.target(round.samples, &schedule, limits.at_least);
+            self.spend(stage, began);
             // Beyond the samples that a preview must have, a round that would pass the deadline is cut.
             let guard =
                 (self.taken >= limits.at_least).then(|| deadline(self.started, budget.seconds, closing)).flatten();

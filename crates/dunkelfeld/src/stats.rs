@@ -54,7 +54,7 @@ pub struct Stats {
     pub heaviest_samples: Vec<HeavySample>,
     /// Pixels that a single sample dominates: [`HeavySample::dominates`].
     pub dominated_pixels: u64,
-    /// Connections through clear covers; `None` where the scene has none.
+    /// Connections through clear covers; `None` where none was sought.
     pub cover_connections: Option<CoverStats>,
     /// Mean radiance of the image per channel.
     pub mean_radiance: [f64; 3],
@@ -152,7 +152,7 @@ pub struct SensorStats {
     pub mean_electrons: f64,
     /// Mean grey value \[DN\].
     pub mean_value: f64,
-    /// Share of pixels at the largest grey value.
+    /// Share of pixels whose expected electrons fill the well or reach the end of the converter.
     pub saturated: f64,
     /// The image was so dark that there is no automatic exposure.
     pub no_light: bool,

@@ -35,7 +35,8 @@ pub(super) fn print_report(args: &RenderArgs, project: &Project, result: &Projec
             true => ("flagged", "; give it more time"),
             false => ("warning", ""),
         };
-        say(&format!("{level}: {share:.1} % of pixels have no sample, their neighbours are shown there{mend}"));
+        let shown = if s.samples > 0 { ", their neighbours are shown there" } else { "" };
+        say(&format!("{level}: {share:.1} % of pixels have no sample{shown}{mend}"));
     }
     if s.budget_missed {
         let limit = s.budget_seconds.unwrap_or(0.0);
@@ -104,10 +105,14 @@ fn certificate(c: &CertificateStats) -> String {
         let share = 100.0 * c.unknown as f64 / c.pixels.max(1) as f64;
         return format!("noise: not known, {share:.1} % of unsaturated pixels have too few samples to tell");
     };
+    let share = 100.0 * c.hidden;
+    let verdict = match c.is_hidden {
+        true => format!("hidden beneath the sensor's at k = {} in {share:.1} % of unsaturated pixels", c.k),
+        false => format!("not yet hidden beneath the sensor's at k = {}: in {share:.1} % of unsaturated pixels", c.k),
+    };
+    let [at, mean, median, p99, max] = [at, mean, median, p99, max].map(three_digits);
     format!(
-        "noise: hidden beneath the sensor's at k = {at:.3}; at k = {} in {:.1} % of unsaturated pixels, in {:.1} % surely; v_r/s is {mean:.3} on average, {median:.3} in the median, {p99:.3} at 99 %, {max:.3} at most",
-        c.k,
-        100.0 * c.hidden,
+        "noise: {verdict}, surely in {:.1} %; 99 % are hidden at k = {at}; variance over the sensor's: {mean} on average, {median} in the median, {p99} at 99 %, {max} at most",
         100.0 * c.hidden_surely,
     )
 }
@@ -119,6 +124,12 @@ fn matched(share: f64) -> String {
     format!(
         "exposure noise: matched; frames are as noisy as the camera's in {percent:.1} % of pixels, elsewhere the render's noise is too large or not known"
     )
+}
+
+/// A number with three significant digits, without an exponent.
+fn three_digits(value: f64) -> String {
+    let digits = if value > 0.0 { (2.0 - value.log10().floor()).clamp(0.0, 9.0) as usize } else { 0 };
+    format!("{value:.digits$}")
 }
 
 /// The command that traces a sample again: everything that a camera sample depends on.
