@@ -178,8 +178,9 @@ impl Stats {
             }
         }
         let n = pixels.len().max(1) as f64;
+        let samples_were_taken = |stage: &Stage| matches!(stage, Stage::Pilot | Stage::Refine);
         let rendering_seconds: f64 =
-            rendering.stages.iter().filter(|(stage, _)| *stage != Stage::Plan).map(|(_, s)| s).sum();
+            rendering.stages.iter().filter(|(stage, _)| samples_were_taken(stage)).map(|(_, s)| s).sum();
         let mut seconds = BTreeMap::new();
         for (stage, s) in &rendering.stages {
             *seconds.entry(stage.name().to_string()).or_insert(0.0) += s;
