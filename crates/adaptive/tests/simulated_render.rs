@@ -49,23 +49,28 @@ fn render(budget: f64, costs: &Plane<f64>, weights: &Plane<f32>) -> Result {
         let increment = plan::increment(&taken, &next);
         let units = map.cut(&increment, THREADS);
         let work = cost::makespan(&units, THREADS);
-        // Each free thread takes the next unit, and finds out what it really costs.
-        let mut busy = [0.0f64; THREADS];
-        let mut tiles = vec![(0u64, 0.0); grid.len()];
-        for unit in &units {
-            let took = seconds(unit, grid, &taken, &increment, costs);
-            let thread = usize::from(busy[1] < busy[0]);
-            busy[thread] += took;
-            tiles[unit.tile].0 = unit.samples;
-            tiles[unit.tile].1 += took;
-        }
-        let took = busy[0].max(busy[1]);
-        map.record(&tiles.iter().enumerate().map(|(i, &(n, s))| (i, n, s)).collect::<Vec<_>>());
+        let took = work_off(&units, &mut map, |unit| seconds(unit, grid, &taken, &increment, costs));
         schedule.record(round.samples, work, took);
         work_per_sample = work / round.samples as f64;
         now += took + overhead;
         taken = next;
     }
+}
+
+/// Each free thread takes the next unit and finds out what it really costs; the map learns it. Returns the seconds until all
+/// are done.
+fn work_off(units: &[WorkUnit], map: &mut CostMap, cost_of: impl Fn(&WorkUnit) -> f64) -> f64 {
+    let mut busy = [0.0f64; THREADS];
+    let mut tiles = vec![(0u64, 0.0); map.grid().len()];
+    for unit in units {
+        let took = cost_of(unit);
+        let thread = usize::from(busy[1] < busy[0]);
+        busy[thread] += took;
+        tiles[unit.tile].0 = unit.samples;
+        tiles[unit.tile].1 += took;
+    }
+    map.record(&tiles.iter().enumerate().map(|(i, &(n, s))| (i, n, s)).collect::<Vec<_>>());
+    busy[0].max(busy[1])
 }
 
 fn assert_in_time(budget: f64, end: f64, what: &str) {
@@ -161,17 +166,7 @@ fn render_until_hidden(budget: Option<f64>, costs: &Plane<f64>, need: &Plane<f32
                 None => break (next, increment, units, work),
             }
         };
-        let mut busy = [0.0f64; THREADS];
-        let mut tiles = vec![(0u64, 0.0); grid.len()];
-        for unit in &units {
-            let took = seconds(unit, grid, &taken, &increment, costs);
-            let thread = usize::from(busy[1] < busy[0]);
-            busy[thread] += took;
-            tiles[unit.tile].0 = unit.samples;
-            tiles[unit.tile].1 += took;
-        }
-        let took = busy[0].max(busy[1]);
-        map.record(&tiles.iter().enumerate().map(|(i, &(n, s))| (i, n, s)).collect::<Vec<_>>());
+        let took = work_off(&units, &mut map, |unit| seconds(unit, grid, &taken, &increment, costs));
         schedule.record(samples, work, took);
         work_per_sample = work / samples as f64;
         now += took + 5e-4;
