@@ -25,6 +25,8 @@ pub struct DenoiseInput<'a> {
     pub normal_variance: Option<&'a Triples>,
     /// Distance from the camera in metres, 0 where nothing was hit.
     pub depth: Option<&'a Plane<f32>>,
+    /// Variance of the depth's mean \[m^2\].
+    pub depth_variance: Option<&'a Plane<f32>>,
 }
 
 impl<'a> DenoiseInput<'a> {
@@ -38,6 +40,7 @@ impl<'a> DenoiseInput<'a> {
             normal: None,
             normal_variance: None,
             depth: None,
+            depth_variance: None,
         }
     }
 
@@ -54,7 +57,8 @@ impl<'a> DenoiseInput<'a> {
         let sizes = triples
             .into_iter()
             .filter_map(|(name, plane)| plane.map(|p| (name, (p.width(), p.height()))))
-            .chain(self.depth.map(|p| ("depth", (p.width(), p.height()))));
+            .chain(self.depth.map(|p| ("depth", (p.width(), p.height()))))
+            .chain(self.depth_variance.map(|p| ("depth variance", (p.width(), p.height()))));
         for (plane, got) in sizes {
             if got != size {
                 return Err(DenoiseError::SizeMismatch { plane, got, expected: size });

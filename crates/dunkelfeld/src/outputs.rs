@@ -158,8 +158,8 @@ pub fn save_linear(frame: &Frame, path: &Path) -> Result<(), Error> {
     )
 }
 
-/// All layers of a render as an EXR's contents: `R G B`, `variance.*`, `spp.Y`, `albedo.*`, `normal.*`, `depth.Z`,
-/// `id.object`, `id.material` ([`NO_ID`] where there is nothing) and, with a sensor, `electrons.Y`; `hidden.Y` once the frame is
+/// All layers of a render as an EXR's contents: `R G B`, `variance.*`, `spp.Y`, `albedo.*`, `normal.*`, `depth.Z` and
+/// their variances, `id.object`, `id.material` ([`NO_ID`] where there is nothing) and, with a sensor, `electrons.Y`; `hidden.Y` once the frame is
 /// [certified](crate::certify), and `matched.Y` (1 or 0) if its noise was to be matched.
 pub fn encode_layers(
     film: &Film,
@@ -175,6 +175,9 @@ pub fn encode_layers(
     layers.push_triples(Triple::Albedo, &sums.map(PixelSums::mean_albedo));
     layers.push_triples(Triple::Normal, &sums.map(PixelSums::mean_normal));
     layers.push_floats(Single::Depth, sums.map(PixelSums::mean_depth));
+    layers.push_triples(Triple::AlbedoVariance, &sums.map(PixelSums::variance_of_albedo));
+    layers.push_triples(Triple::NormalVariance, &sums.map(PixelSums::variance_of_normal));
+    layers.push_floats(Single::DepthVariance, sums.map(PixelSums::variance_of_depth));
     layers.push_integers(Single::ObjectId, labels.map(|l| l.map_or(NO_ID, |l| l.object)));
     layers.push_integers(Single::MaterialId, labels.map(|l| l.map_or(NO_ID, |l| l.material)));
     if let Some(sensor) = &frame.sensor {

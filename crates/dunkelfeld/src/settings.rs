@@ -12,7 +12,7 @@ pub const DEFAULT_PILOT_SPP: u32 = 16;
 /// Largest width and height of a film.
 pub const MAX_SIDE: u32 = 32_768;
 
-/// Largest number of pixels of a film: at about 300 bytes each it holds 40 GB of sums.
+/// Largest number of pixels of a film: at about 350 bytes each it holds 47 GB of sums.
 pub const MAX_PIXELS: u64 = 1 << 27;
 
 /// When a render ends: the first limit that is met. Without any, [`DEFAULT_SPP`] samples per pixel.

@@ -107,6 +107,12 @@ pub struct PixelSums {
     pub normal: [i64; 3],
     /// Depth in units of 2^-24 m, over the samples that hit.
     pub depth: i64,
+    /// Squares of the albedo in units of 2^-32.
+    pub albedo_squares: [u64; 3],
+    /// Squares of the normal in units of 2^-32.
+    pub normal_squares: [u64; 3],
+    /// Squares of the depth in units of 2^-48 m^2, over the samples that hit.
+    pub depth_squares: u128,
     /// Samples that met a surface.
     pub hits: u32,
     /// Samples that were not finite, negative or out of range; they count, with radiance zero.
@@ -135,14 +141,18 @@ impl Accumulate for PixelSums {
         }
         if sample.hit {
             self.hits += 1;
-            for (sum, v) in self.albedo.iter_mut().zip(sample.albedo.to_array()) {
-                *sum += unit_to_fixed(v);
-            }
-            for (sum, v) in self.normal.iter_mut().zip(sample.normal) {
-                *sum += unit_to_fixed(v);
+            let albedo = self.albedo.iter_mut().zip(&mut self.albedo_squares).zip(sample.albedo.to_array());
+            let normal = self.normal.iter_mut().zip(&mut self.normal_squares).zip(sample.normal);
+            for ((sum, squares), v) in albedo.chain(normal) {
+                let v = unit_to_fixed(v);
+                *sum += v;
+                *squares += square(v);
             }
             let depth = if sample.depth.is_finite() { sample.depth.clamp(0.0, DEPTH_LIMIT) } else { 0.0 };
-            self.depth = self.depth.saturating_add((f64::from(depth) * f64::from(DEPTH_BITS).exp2()) as i64);
+            let depth = (f64::from(depth) * (1u64 << DEPTH_BITS) as f64) as i64;
+            self.depth = self.depth.saturating_add(depth);
+            let wide = u128::from(depth.unsigned_abs());
+            self.depth_squares = self.depth_squares.saturating_add(wide * wide);
         }
     }
 }
@@ -156,7 +166,20 @@ fn heaviest_key(index: u32, luminance: f32) -> u64 {
 /// `v * 2^32`, clamped to [-1, 1]: auxiliary layers are not measurements.
 #[inline]
 fn unit_to_fixed(v: f32) -> i64 {
-    if v.is_nan() { 0 } else { (f64::from(v.clamp(-1.0, 1.0)) * f64::from(UNIT_BITS).exp2()) as i64 }
+    if v.is_nan() { 0 } else { (f64::from(v.clamp(-1.0, 1.0)) * (1u64 << UNIT_BITS) as f64) as i64 }
+}
+
+/// The square of such a number, in its unit: at most 2^32, so that 2^31 of them still fit.
+#[inline]
+fn square(v: i64) -> u64 {
+    let wide = u128::from(v.unsigned_abs());
+    (wide * wide >> UNIT_BITS) as u64
+}
+
+/// Variance of the mean of `n` samples from their mean and the mean of their squares; infinite with fewer than two. It is that of
+/// independent samples: those of a pixel are spread more evenly, and their mean varies less.
+fn variance_of_mean(mean: f64, mean_square: f64, n: u32) -> f32 {
+    if n < 2 { f32::INFINITY } else { ((mean_square - mean * mean).max(0.0) / f64::from(n - 1)) as f32 }
 }
 
 impl PixelSums {
@@ -169,8 +192,11 @@ impl PixelSums {
         for c in 0..3 {
             self.albedo[c] += other.albedo[c];
             self.normal[c] += other.normal[c];
+            self.albedo_squares[c] += other.albedo_squares[c];
+            self.normal_squares[c] += other.normal_squares[c];
         }
         self.depth = self.depth.saturating_add(other.depth);
+        self.depth_squares = self.depth_squares.saturating_add(other.depth_squares);
         self.hits += other.hits;
         self.invalid += other.invalid;
         self.heaviest_key = self.heaviest_key.max(other.heaviest_key);
@@ -256,6 +282,33 @@ impl PixelSums {
     /// Mean distance \[m\] over the samples that met a surface; zero if none did.
     pub fn mean_depth(&self) -> f32 {
         (self.depth as f64 * (-f64::from(DEPTH_BITS)).exp2() / f64::from(self.hits.max(1))) as f32
+    }
+
+    /// Estimated variance of [`Self::mean_albedo`], as of independent samples; infinite with fewer than two.
+    pub fn variance_of_albedo(&self) -> [f32; 3] {
+        self.variance_of_unit(&self.albedo, &self.albedo_squares)
+    }
+
+    /// Estimated variance of [`Self::mean_normal`], as of independent samples; infinite with fewer than two.
+    pub fn variance_of_normal(&self) -> [f32; 3] {
+        self.variance_of_unit(&self.normal, &self.normal_squares)
+    }
+
+    /// Estimated variance of [`Self::mean_depth`] \[m^2\], as of independent samples; infinite with fewer than two that met a
+    /// surface, zero if none of many did: there the depth is zero for sure.
+    pub fn variance_of_depth(&self) -> f32 {
+        if self.hits == 0 && self.count() > 1 {
+            return 0.0;
+        }
+        let unit = (-f64::from(DEPTH_BITS)).exp2();
+        let n = f64::from(self.hits.max(1));
+        variance_of_mean(self.depth as f64 * unit / n, self.depth_squares as f64 * unit * unit / n, self.hits)
+    }
+
+    fn variance_of_unit(&self, sums: &[i64; 3], squares: &[u64; 3]) -> [f32; 3] {
+        let count = self.count();
+        let scale = (-f64::from(UNIT_BITS)).exp2() / f64::from(count.max(1));
+        std::array::from_fn(|c| variance_of_mean(sums[c] as f64 * scale, squares[c] as f64 * scale, count))
     }
 }
 
@@ -390,6 +443,35 @@ mod tests {
     }
 
     #[test]
+    fn layers_know_the_variance_of_their_means() {
+        // Two of five samples miss. Albedo 0, 0, a, b, c: its variance in closed form; a constant normal varies by the misses.
+        let (albedos, depths) = ([0.2f32, 0.9, 0.4], [1.0f32, 1e6, 3.5]);
+        let mut p = PixelSums::default();
+        (0..2).for_each(|i| p.add(i, &Sample::MISS));
+        for (i, (a, depth)) in albedos.into_iter().zip(depths).enumerate() {
+            p.add(2 + i as u32, &Sample { albedo: Rgb::splat(a), depth, ..sample(Rgb::WHITE) });
+        }
+        let expected = |values: &[f32]| {
+            let n = values.len() as f64;
+            let mean = values.iter().map(|&v| f64::from(v)).sum::<f64>() / n;
+            values.iter().map(|&v| (f64::from(v) - mean).powi(2)).sum::<f64>() / (n - 1.0) / n
+        };
+        let near = |got: f32, values: &[f32]| {
+            let e = expected(values);
+            assert!((f64::from(got) / e - 1.0).abs() < 1e-6, "{got} instead of {e}");
+        };
+        near(p.variance_of_albedo()[1], &[0.0, 0.0, 0.2, 0.9, 0.4]);
+        near(p.variance_of_normal()[1], &[0.0, 0.0, -1.0, -1.0, -1.0]);
+        assert_eq!(p.variance_of_normal()[0], 0.0);
+        near(p.variance_of_depth(), &depths);
+        // Constant layers have no variance beyond the rounding of their squares, however many samples there are.
+        let mut p = PixelSums::default();
+        (0..100_000).for_each(|i| p.add(i, &Sample { albedo: Rgb::splat(0.7), ..sample(Rgb::WHITE) }));
+        assert!(p.variance_of_albedo().iter().all(|&v| v < 1e-14), "{:?}", p.variance_of_albedo());
+        assert_eq!(p.variance_of_depth(), 0.0);
+    }
+
+    #[test]
     fn variance_is_unknown_from_one_batch() {
         let mut p = PixelSums::default();
         p.add(0, &sample(Rgb::WHITE));
@@ -397,5 +479,6 @@ mod tests {
         assert!(p.variance_of_mean()[0].is_infinite());
         assert_eq!(p.mean_albedo(), [0.5, 0.25, 1.0]);
         assert_eq!(p.mean_depth(), 2.5);
+        assert!(p.variance_of_albedo()[0].is_infinite() && p.variance_of_depth().is_infinite());
     }
 }

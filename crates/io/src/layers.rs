@@ -17,6 +17,10 @@ pub enum Triple {
     Albedo,
     /// Shading normal of that surface: `normal.X/Y/Z`.
     Normal,
+    /// Variance of the mean albedo: `albedo.variance.R/G/B`.
+    AlbedoVariance,
+    /// Variance of the mean normal: `normal.variance.X/Y/Z`.
+    NormalVariance,
 }
 
 /// A layer with one number per pixel.
@@ -26,6 +30,8 @@ pub enum Single {
     SampleCount,
     /// Length of the way to that surface from the camera \[m\]: `depth.Z`.
     Depth,
+    /// Variance of the mean depth \[m^2\]: `depth.variance.Z`.
+    DepthVariance,
     /// Expected photo-electrons: `electrons.Y`.
     Electrons,
     /// Render variance over sensor variance: `hidden.Y`.
@@ -46,6 +52,8 @@ impl Triple {
             Self::Denoised => ["denoised.R", "denoised.G", "denoised.B"],
             Self::Albedo => ["albedo.R", "albedo.G", "albedo.B"],
             Self::Normal => ["normal.X", "normal.Y", "normal.Z"],
+            Self::AlbedoVariance => ["albedo.variance.R", "albedo.variance.G", "albedo.variance.B"],
+            Self::NormalVariance => ["normal.variance.X", "normal.variance.Y", "normal.variance.Z"],
         }
     }
 
@@ -58,6 +66,7 @@ impl Triple {
             Self::Denoised => &["denoised"],
             Self::Albedo => &["albedo", "denoising albedo", "diffcol", "diffuse_albedo", "diffuse_reflectance"],
             Self::Normal => &["normal", "denoising normal", "normals", "sh_normal", "nn", "n"],
+            Self::AlbedoVariance | Self::NormalVariance => &[],
         }
     }
 }
@@ -67,6 +76,7 @@ impl Single {
         match self {
             Self::SampleCount => "spp.Y",
             Self::Depth => "depth.Z",
+            Self::DepthVariance => "depth.variance.Z",
             Self::Electrons => "electrons.Y",
             Self::Hidden => "hidden.Y",
             Self::Matched => "matched.Y",

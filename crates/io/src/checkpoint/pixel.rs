@@ -3,7 +3,7 @@
 use dunkelfeld_film::{BATCHES, PixelSums, RadianceSum};
 
 /// Bytes of one pixel: little-endian, in the order of the fields of [`PixelSums`].
-pub const PIXEL_BYTES: usize = BATCHES * 3 * 16 + BATCHES * 4 + 3 * 8 + 3 * 8 + 8 + 4 + 4 + 8;
+pub const PIXEL_BYTES: usize = BATCHES * 3 * 16 + BATCHES * 4 + 2 * (3 * 8 + 3 * 8) + 8 + 16 + 4 + 4 + 8;
 
 /// No pixel of a film has more samples than this.
 pub const MOST_SAMPLES: u32 = 1 << 30;
@@ -20,6 +20,8 @@ pub(super) fn encode(sums: &PixelSums, out: &mut Vec<u8>) {
     sums.batches.iter().flat_map(|b| b.0).for_each(|v| out.extend(v.to_le_bytes()));
     sums.counts.iter().for_each(|v| out.extend(v.to_le_bytes()));
     sums.albedo.iter().chain(&sums.normal).chain([&sums.depth]).for_each(|v| out.extend(v.to_le_bytes()));
+    sums.albedo_squares.iter().chain(&sums.normal_squares).for_each(|v| out.extend(v.to_le_bytes()));
+    out.extend(sums.depth_squares.to_le_bytes());
     [sums.hits, sums.invalid].iter().for_each(|v| out.extend(v.to_le_bytes()));
     out.extend(sums.heaviest_key.to_le_bytes());
 }
@@ -38,6 +40,10 @@ pub(super) fn decode(mut bytes: &[u8]) -> Option<PixelSums> {
     for v in sums.albedo.iter_mut().chain(&mut sums.normal).chain([&mut sums.depth]) {
         *v = i64::from_le_bytes(take(from)?);
     }
+    for v in sums.albedo_squares.iter_mut().chain(&mut sums.normal_squares) {
+        *v = u64::from_le_bytes(take(from)?);
+    }
+    sums.depth_squares = u128::from_le_bytes(take(from)?);
     sums.hits = u32::from_le_bytes(take(from)?);
     sums.invalid = u32::from_le_bytes(take(from)?);
     sums.heaviest_key = u64::from_le_bytes(take(from)?);
@@ -67,6 +73,7 @@ fn is_possible(sums: &PixelSums) -> bool {
     };
     sums.batches.iter().zip(&sums.counts).all(lit)
         && sums.albedo.iter().chain(&sums.normal).all(|&v| within(v, UNIT))
+        && sums.albedo_squares.iter().chain(&sums.normal_squares).all(|&v| v <= u64::from(sums.hits) << 32)
         && sums.depth >= 0
         && within(sums.depth, DEPTH)
         && sums.max_luminance().is_finite()
@@ -108,12 +115,13 @@ mod tests {
     #[test]
     fn what_no_samples_add_up_to_is_refused() {
         type Change = fn(&mut PixelSums);
-        let cases: [Change; 9] = [
+        let cases: [Change; 10] = [
             |p| p.counts[0] = u32::MAX,
             |p| p.hits = 18,
             |p| p.invalid = 18,
             |p| p.albedo[1] = i64::MIN,
             |p| p.normal[2] = 18 << 32,
+            |p| p.normal_squares[0] = 18 << 32,
             |p| p.depth = -1,
             |p| p.depth = i64::MAX,
             |p| p.heaviest_key = u64::from(f32::INFINITY.to_bits()) << 32,
