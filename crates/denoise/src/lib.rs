@@ -5,8 +5,10 @@
 
 #![forbid(unsafe_code)]
 
+mod builtin;
 mod denoiser;
 mod off;
 
+pub use builtin::Builtin;
 pub use denoiser::{Control, DenoiseError, DenoiseInput, Denoiser, Executor, Serial, Triples};
 pub use off::Off;

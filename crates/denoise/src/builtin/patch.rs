@@ -1,0 +1,186 @@
+//! A tile and its surroundings, channel by channel, made safe to reckon with.
+
+use std::borrow::Cow;
+
+use dunkelfeld_film::{Plane, fill_gaps};
+
+use super::tiles::Tile;
+use crate::denoiser::{DenoiseInput, Triples};
+
+/// The largest magnitude that is reckoned with, after scaling to a mean of about 1: squares and their sums stay finite.
+const LARGEST: f32 = 1e12;
+/// Features are compared to this precision: albedo and normal as they are, depth relative to itself.
+const TOLERANCE: [f32; 3] = [0.02, 0.02, 0.005];
+/// How much of a feature's squared slope adds to what is tolerated: along an edge pixels hold a bit more or less of
+/// either side, and are like each other all the same.
+const SLOPE: f32 = 0.2;
+/// Bounds on the precision of a feature, so that the product with a difference of features stays finite.
+const SHARPEST: f32 = 1e12;
+
+/// A whole image as a denoiser takes it, in a unit in which its mean is about 1, and with finite values only.
+pub(super) struct Image<'a> {
+    input: DenoiseInput<'a>,
+    mean: Cow<'a, Triples>,
+    /// Scaled value = value times this power of two.
+    scale: f32,
+}
+
+/// One feature of a patch.
+pub(super) struct Feature {
+    /// Its values, scaled such that differences count alike in all features.
+    pub(super) values: Vec<f32>,
+    /// How much of a squared difference is noise, and the inverse of what is tolerated of the rest.
+    pub(super) noise: Vec<f32>,
+    /// See `noise`.
+    pub(super) precision: Vec<f32>,
+}
+
+/// A tile with a margin all around. Outside the image the margin repeats the nearest pixel, with `known` 0.
+pub(super) struct Patch {
+    /// Length of a row, margins included.
+    pub(super) stride: usize,
+    /// Number of rows, margins included.
+    pub(super) rows: usize,
+    /// Width of the margin.
+    pub(super) margin: usize,
+    /// Mean radiance in the unit of [`Image`], per channel.
+    pub(super) color: [Vec<f32>; 3],
+    /// 1 where the image has a finite mean, 0 elsewhere.
+    pub(super) known: Vec<f32>,
+    /// Albedo, normal and depth, as far as they were given.
+    pub(super) features: Vec<Feature>,
+}
+
+impl<'a> Image<'a> {
+    /// Takes an input that was checked ([`DenoiseInput::check`]).
+    pub(super) fn new(input: &DenoiseInput<'a>) -> Self {
+        let known = input.mean.map(|v| v.iter().all(|v| v.is_finite()));
+        let mean = if known.data().contains(&false) {
+            let zeroed = input.mean.map(|v| if v.iter().all(|v| v.is_finite()) { *v } else { [0.0; 3] });
+            Cow::Owned(fill_gaps(&zeroed, &known))
+        } else {
+            Cow::Borrowed(input.mean)
+        };
+        let total: f64 = mean.data().iter().flatten().map(|v| f64::from(v.abs())).sum();
+        let average = total / (3 * mean.data().len()).max(1) as f64;
+        let exponent = if average > 0.0 { -average.log2().round().clamp(-100.0, 100.0) } else { 0.0 };
+        Self { input: *input, mean, scale: exponent.exp2() as f32 }
+    }
+
+    /// What values are multiplied with to come to the unit in which patches are.
+    pub(super) fn scale(&self) -> f32 {
+        self.scale
+    }
+
+    /// Width and height.
+    pub(super) fn size(&self) -> (u32, u32) {
+        (self.mean.width(), self.mean.height())
+    }
+
+    /// The variance that the input states for the mean of a pixel, in the unit of patches; `None` per channel where it
+    /// states none that can be used.
+    pub(super) fn stated_variance(&self, x: u32, y: u32) -> [Option<f32>; 3] {
+        let Some(variance) = self.input.variance else { return [None; 3] };
+        variance.at(x, y).map(|v| {
+            let scaled = f64::from(v) * f64::from(self.scale).powi(2);
+            (v.is_finite() && v >= 0.0).then_some((scaled as f32).min(LARGEST))
+        })
+    }
+
+    /// The tile and `margin` pixels around it.
+    pub(super) fn cut(&self, tile: &Tile, margin: usize) -> Patch {
+        let frame = Frame::new(self.size(), tile, margin);
+        let color = frame.channels(&self.mean, |v| (v * self.scale).clamp(-LARGEST, LARGEST));
+        let known = frame.collect(|x, y, inside| {
+            let finite = self.input.mean.at(x, y).iter().all(|v| v.is_finite());
+            if inside && finite { 1.0 } else { 0.0 }
+        });
+        let mut features = Vec::new();
+        let triples =
+            [(self.input.albedo, self.input.albedo_variance), (self.input.normal, self.input.normal_variance)];
+        for ((values, variance), tolerance) in triples.into_iter().zip(TOLERANCE) {
+            let Some(values) = values else { continue };
+            let values = frame.channels(values, |v| finite(v).clamp(-10.0, 10.0));
+            let variance = variance.map(|plane| frame.channels(plane, |v| finite(v).clamp(0.0, 10.0)));
+            for (c, values) in values.into_iter().enumerate() {
+                let variance = variance.as_ref().map(|v| v[c].as_slice());
+                // Three channels together weigh as much as one depth.
+                features.push(Feature::new(&frame, values, variance, |_| tolerance, 1.0 / 3.0));
+            }
+        }
+        if let Some(depth) = self.input.depth {
+            let values = frame.collect(|x, y, _| finite(*depth.at(x, y)).clamp(0.0, LARGEST));
+            features.push(Feature::new(&frame, values, None, |z| TOLERANCE[2] * z, 1.0));
+        }
+        Patch { stride: frame.stride, rows: frame.rows, margin, color, known, features }
+    }
+
+    /// A plane of triples that goes with the image, cut in the same way, channel by channel.
+    pub(super) fn cut_plane(&self, plane: &Triples, tile: &Tile, margin: usize) -> [Vec<f32>; 3] {
+        Frame::new(self.size(), tile, margin).channels(plane, |v| v)
+    }
+}
+
+impl Feature {
+    fn new(
+        frame: &Frame,
+        values: Vec<f32>,
+        variance: Option<&[f32]>,
+        tolerance: impl Fn(f32) -> f32,
+        weight: f32,
+    ) -> Self {
+        let (stride, last) = (frame.stride, frame.rows - 1);
+        let mut noise = Vec::with_capacity(values.len());
+        let mut precision = Vec::with_capacity(values.len());
+        for y in 0..frame.rows {
+            for x in 0..stride {
+                let at = |x: usize, y: usize| values[y * stride + x];
+                let across = (at((x + 1).min(stride - 1), y) - at(x.saturating_sub(1), y)) / 2.0;
+                let down = (at(x, (y + 1).min(last)) - at(x, y.saturating_sub(1))) / 2.0;
+                let slope = SLOPE * (across * across + down * down);
+                let both = variance.map_or(0.0, |v| 2.0 * v[y * stride + x]);
+                let tolerated = tolerance(at(x, y)).powi(2).max(slope).max(both);
+                noise.push(both);
+                precision.push((weight / tolerated).min(SHARPEST));
+            }
+        }
+        Self { values, noise, precision }
+    }
+}
+
+/// Which pixels of an image a patch shows.
+struct Frame {
+    size: (u32, u32),
+    corner: (i64, i64),
+    stride: usize,
+    rows: usize,
+}
+
+impl Frame {
+    fn new(size: (u32, u32), tile: &Tile, margin: usize) -> Self {
+        let corner = (i64::from(tile.x) - margin as i64, i64::from(tile.y) - margin as i64);
+        Self { size, corner, stride: tile.width + 2 * margin, rows: tile.height + 2 * margin }
+    }
+
+    /// One number per pixel of the patch, from the coordinates of the nearest pixel of the image and whether that is it.
+    fn collect(&self, f: impl Fn(u32, u32, bool) -> f32) -> Vec<f32> {
+        let mut values = Vec::with_capacity(self.stride * self.rows);
+        for row in 0..self.rows as i64 {
+            for column in 0..self.stride as i64 {
+                let (x, y) = (self.corner.0 + column, self.corner.1 + row);
+                let nearest_x = x.clamp(0, i64::from(self.size.0) - 1);
+                let nearest_y = y.clamp(0, i64::from(self.size.1) - 1);
+                values.push(f(nearest_x as u32, nearest_y as u32, (x, y) == (nearest_x, nearest_y)));
+            }
+        }
+        values
+    }
+
+    fn channels(&self, plane: &Plane<[f32; 3]>, f: impl Fn(f32) -> f32) -> [Vec<f32>; 3] {
+        [0, 1, 2].map(|c| self.collect(|x, y, _| f(plane.at(x, y)[c])))
+    }
+}
+
+fn finite(v: f32) -> f32 {
+    if v.is_finite() { v } else { 0.0 }
+}

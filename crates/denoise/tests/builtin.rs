@@ -1,0 +1,234 @@
+//! The built-in filter on images that are made to measure: noise that is known, and truths that are.
+
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use dunkelfeld_denoise::{Builtin, Control, DenoiseError, DenoiseInput, Denoiser, Executor, Serial, Triples};
+use dunkelfeld_film::Plane;
+
+/// Three threads, which take pieces as they come.
+struct Three;
+
+impl Executor for Three {
+    fn threads(&self) -> usize {
+        3
+    }
+
+    fn for_each(&self, pieces: usize, work: &(dyn Fn(usize) + Sync)) {
+        let next = AtomicUsize::new(0);
+        std::thread::scope(|scope| {
+            for _ in 0..3 {
+                scope.spawn(|| {
+                    while let Some(i) = Some(next.fetch_add(1, Ordering::Relaxed)).filter(|i| *i < pieces) {
+                        work(i);
+                    }
+                });
+            }
+        });
+    }
+}
+
+/// Numbers as random as these tests need, the same in each run (Steele et al. 2014, SplitMix).
+struct Numbers(u64);
+
+impl Numbers {
+    fn uniform(&mut self) -> f32 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let z = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        ((z ^ (z >> 31)) >> 40) as f32 / (1u32 << 24) as f32
+    }
+
+    /// The mean of four uniform numbers of the given mean and of variance 1/12 each, and the variance of that mean as a
+    /// film estimates it from four batches.
+    fn batches(&mut self, mean: f32, sigma: f32) -> (f32, f32) {
+        let values = [0; 4].map(|_| mean + (self.uniform() - 0.5) * 12f32.sqrt() * 2.0 * sigma);
+        let m = values.iter().sum::<f32>() / 4.0;
+        (m, values.iter().map(|v| (v - m).powi(2)).sum::<f32>() / 12.0)
+    }
+}
+
+/// A truth, and what a render of it with noise of standard deviation `sigma(truth)` would be: mean and variance.
+fn noisy(truth: &Triples, seed: u64, sigma: impl Fn(f32) -> f32) -> (Triples, Triples) {
+    let mut numbers = Numbers(seed);
+    let pairs = truth.map(|v| v.map(|v| numbers.batches(v, sigma(v))));
+    (pairs.map(|p| p.map(|p| p.0)), pairs.map(|p| p.map(|p| p.1)))
+}
+
+fn filtered(input: &DenoiseInput<'_>) -> Triples {
+    Builtin.denoise(input, &Control::SILENT).expect("nothing to complain about")
+}
+
+fn mse(a: &Triples, b: &Triples) -> f64 {
+    let pairs = a.data().iter().flatten().zip(b.data().iter().flatten());
+    pairs.map(|(a, b)| f64::from(a - b).powi(2)).sum::<f64>() / (3 * a.data().len()) as f64
+}
+
+/// Dark left of a slanted line and bright right of it, each side with a slope.
+fn slanted_edge(size: u32) -> Triples {
+    Plane::from_fn(size, size, |x, y| {
+        let side = if 3 * x + y > 2 * size { 1.0 } else { 0.2 };
+        let v = side * (1.0 + 0.2 * y as f32 / size as f32);
+        [v, 0.9 * v, 0.7 * v]
+    })
+}
+
+#[test]
+fn images_of_any_size_are_taken() {
+    for (width, height) in [(0, 0), (0, 7), (7, 0), (1, 1), (1, 100), (100, 1), (2, 3), (65, 64)] {
+        let mean = Plane::from_fn(width, height, |x, y| [1.0 + (x % 3) as f32, 2.0, (y % 2) as f32]);
+        let depth = Plane::new(width, height, 1.0);
+        let input =
+            DenoiseInput { albedo: Some(&mean), normal: Some(&mean), depth: Some(&depth), ..DenoiseInput::new(&mean) };
+        let image = filtered(&input);
+        assert_eq!((image.width(), image.height()), (width, height));
+        assert!(image.data().iter().flatten().all(|v| v.is_finite()));
+    }
+}
+
+#[test]
+fn a_plane_of_another_size_is_an_error() {
+    let (mean, other) = (Plane::new(4, 3, [1.0; 3]), Plane::new(3, 4, [0.0; 3]));
+    let input = DenoiseInput { variance: Some(&other), ..DenoiseInput::new(&mean) };
+    let error = Builtin.denoise(&input, &Control::SILENT).expect_err("sizes differ");
+    assert!(matches!(error, DenoiseError::SizeMismatch { plane: "variance", .. }), "{error}");
+}
+
+#[test]
+fn noise_on_even_ground_is_averaged_away() {
+    let truth = Plane::new(80, 70, [0.3, 0.2, 0.1]);
+    let (mean, variance) = noisy(&truth, 1, |v| 0.3 * v);
+    let with_variance = filtered(&DenoiseInput { variance: Some(&variance), ..DenoiseInput::new(&mean) });
+    let without = filtered(&DenoiseInput::new(&mean));
+    let before = mse(&mean, &truth);
+    for (name, image, least) in [("stated", &with_variance, 40.0), ("estimated", &without, 20.0)] {
+        let gain = before / mse(image, &truth);
+        assert!(gain > least, "variance {name}: {gain:.1} times less error, expected {least}");
+    }
+}
+
+#[test]
+fn an_edge_that_stands_out_of_the_noise_survives_without_features() {
+    let truth = slanted_edge(96);
+    let (mean, variance) = noisy(&truth, 2, |v| 0.1 * v);
+    let image = filtered(&DenoiseInput { variance: Some(&variance), ..DenoiseInput::new(&mean) });
+    let gain = mse(&mean, &truth) / mse(&image, &truth);
+    assert!(gain > 8.0, "{gain:.1} times less error");
+    // No pixel has crossed to the other side.
+    for (a, t) in image.data().iter().zip(truth.data()) {
+        assert!((a[0] / t[0] - 1.0).abs() < 0.4, "{} where the truth is {}", a[0], t[0]);
+    }
+}
+
+#[test]
+fn features_keep_apart_what_noise_hides() {
+    // A step of a third in noise of the same size, along which the albedo steps too.
+    let albedo: Triples = Plane::from_fn(96, 96, |x, y| [if (x / 8 + y / 8) % 2 == 0 { 0.3 } else { 0.4 }; 3]);
+    let (mean, variance) = noisy(&albedo, 3, |_| 0.1);
+    let blind = DenoiseInput { variance: Some(&variance), ..DenoiseInput::new(&mean) };
+    let guided = DenoiseInput { albedo: Some(&albedo), ..blind };
+    let (blind, guided) = (mse(&filtered(&blind), &albedo), mse(&filtered(&guided), &albedo));
+    assert!(guided < 0.2 * blind, "guided {guided:.2e}, blind {blind:.2e}");
+    assert!(guided < 0.03 * mse(&mean, &albedo), "guided {guided:.2e}");
+}
+
+#[test]
+fn an_image_without_noise_stays_as_it_is() {
+    let mut numbers = Numbers(4);
+    let truth = Plane::from_fn(70, 40, |x, _| [numbers.uniform(), 0.01 * numbers.uniform(), x as f32]);
+    let zero = Plane::new(70, 40, [0.0; 3]);
+    let image = filtered(&DenoiseInput { variance: Some(&zero), ..DenoiseInput::new(&truth) });
+    for (a, t) in image.data().iter().flatten().zip(truth.data().iter().flatten()) {
+        assert!((a - t).abs() <= 1e-3 * t.abs() + 1e-6, "{a} where there was {t}");
+    }
+}
+
+#[test]
+fn the_same_bits_come_from_any_number_of_threads() {
+    let truth = slanted_edge(150);
+    let (mean, variance) = noisy(&truth, 5, |v| 0.3 * v);
+    let input = DenoiseInput { variance: Some(&variance), normal: Some(&truth), ..DenoiseInput::new(&mean) };
+    let three = Builtin.denoise(&input, &Control { executor: &Three, progress: &|_| true });
+    assert_eq!(three, Builtin.denoise(&input, &Control { executor: &Serial, progress: &|_| true }));
+}
+
+#[test]
+fn the_result_scales_with_the_image() {
+    let truth = slanted_edge(64);
+    let (mean, variance) = noisy(&truth, 6, |v| 0.3 * v);
+    let reference = filtered(&DenoiseInput { variance: Some(&variance), ..DenoiseInput::new(&mean) });
+    for exponent in [-30, -7, 20, 30] {
+        let scale = f32::powi(2.0, exponent);
+        let (m, v) = (mean.map(|v| v.map(|v| v * scale)), variance.map(|v| v.map(|v| v * scale * scale)));
+        let image = filtered(&DenoiseInput { variance: Some(&v), ..DenoiseInput::new(&m) });
+        assert_eq!(image, reference.map(|v| v.map(|v| v * scale)), "times 2^{exponent}");
+    }
+}
+
+#[test]
+fn whatever_the_planes_hold_the_image_is_finite() {
+    let odd = [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, f32::MAX, -1.0, 0.0, f32::MIN_POSITIVE, 1e-6, 1e6];
+    let mut numbers = Numbers(7);
+    let mut plane = |share: f32| {
+        Plane::from_fn(40, 30, |_, _| {
+            [0; 3].map(|_| {
+                if numbers.uniform() < share { odd[(numbers.uniform() * 8.99) as usize] } else { numbers.uniform() }
+            })
+        })
+    };
+    for share in [0.1, 1.0] {
+        let (mean, variance, albedo, normal) = (plane(share), plane(share), plane(share), plane(share));
+        let depth = albedo.map(|a| a[1]);
+        let input = DenoiseInput {
+            mean: &mean,
+            variance: Some(&variance),
+            albedo: Some(&albedo),
+            albedo_variance: Some(&variance),
+            normal: Some(&normal),
+            normal_variance: Some(&albedo),
+            depth: Some(&depth),
+        };
+        assert!(filtered(&input).data().iter().flatten().all(|v| v.is_finite()));
+    }
+}
+
+#[test]
+fn a_pixel_that_is_not_finite_is_filled_and_harms_no_other() {
+    let truth = Plane::new(30, 30, [0.5, 0.4, 0.3]);
+    let (mut mean, variance) = noisy(&truth, 8, |v| 0.1 * v);
+    mean.data_mut()[15 * 30 + 15] = [f32::NAN, 1e30, 0.0];
+    let image = filtered(&DenoiseInput { variance: Some(&variance), ..DenoiseInput::new(&mean) });
+    for v in image.data() {
+        assert!((v[0] - 0.5).abs() < 0.05 && (v[1] - 0.4).abs() < 0.04 && (v[2] - 0.3).abs() < 0.03, "{v:?}");
+    }
+}
+
+#[test]
+fn unknown_variances_are_estimated() {
+    let truth = slanted_edge(64);
+    let (mean, variance) = noisy(&truth, 9, |v| 0.2 * v);
+    let unknown = Plane::new(64, 64, [f32::INFINITY; 3]);
+    let missing = filtered(&DenoiseInput::new(&mean));
+    assert_eq!(filtered(&DenoiseInput { variance: Some(&unknown), ..DenoiseInput::new(&mean) }), missing);
+    assert!(mse(&missing, &truth) < 0.2 * mse(&mean, &truth));
+    // Half of them known, as after a render that was cut short.
+    let half = Plane::from_fn(64, 64, |x, y| if (x + y) % 2 == 0 { *variance.at(x, y) } else { [f32::INFINITY; 3] });
+    let image = filtered(&DenoiseInput { variance: Some(&half), ..DenoiseInput::new(&mean) });
+    assert!(mse(&image, &truth) < 0.2 * mse(&mean, &truth));
+}
+
+#[test]
+fn the_caller_can_cancel() {
+    let mean = Plane::new(200, 200, [0.5; 3]);
+    for limit in [0.0, 0.05, 0.3, 0.95] {
+        let control = Control { executor: &Three, progress: &|fraction| fraction < limit };
+        assert_eq!(Builtin.denoise(&DenoiseInput::new(&mean), &control), Err(DenoiseError::Cancelled), "at {limit}");
+    }
+    let highest = std::sync::Mutex::new(0.0f64);
+    let progress = |fraction: f64| {
+        let mut highest = highest.lock().expect("no test panics in here");
+        *highest = highest.max(fraction);
+        true
+    };
+    assert!(Builtin.denoise(&DenoiseInput::new(&mean), &Control { executor: &Serial, progress: &progress }).is_ok());
+    assert!((*highest.lock().expect("no test panics in here") - 1.0).abs() < 1e-9);
+}
