@@ -173,7 +173,7 @@ fn unit_to_fixed(v: f32) -> i64 {
 #[inline]
 fn square(v: i64) -> u64 {
     let wide = u128::from(v.unsigned_abs());
-    (wide * wide >> UNIT_BITS) as u64
+    ((wide * wide) >> UNIT_BITS) as u64
 }
 
 /// Variance of the mean of `n` samples from their mean and the mean of their squares; infinite with fewer than two. It is that of

@@ -1,0 +1,115 @@
+//! Intel Open Image Denoise, found at run time: a filter with trained weights, if the machine has it.
+//!
+//! Nothing is linked and nothing is shipped. Versions 1.4 and 2 are known; the CPU is always asked for, with the caller's
+//! number of threads.
+
+mod library;
+mod prepare;
+mod session;
+
+pub use library::{Candidate, standard_names, standard_places};
+
+use crate::denoiser::{Control, DenoiseError, DenoiseInput, Denoiser, Triples};
+use dunkelfeld_film::Plane;
+use library::Functions;
+use session::Device;
+use std::ffi::CStr;
+
+/// Intel Open Image Denoise.
+#[derive(Clone, Debug)]
+pub struct Oidn {
+    functions: Functions,
+    version: String,
+}
+
+impl Oidn {
+    /// Loads the first of the candidates that can be. A library stays loaded until the program ends.
+    ///
+    /// # Errors
+    /// [`DenoiseError::Unavailable`] with all that was tried and why it failed; [`DenoiseError::Library`] if the library
+    /// itself finds that it cannot work here.
+    pub fn load(candidates: &[Candidate]) -> Result<Self, DenoiseError> {
+        let functions = Functions::load(candidates)?;
+        let version = Device::new(&functions, 1)?.version()?;
+        Ok(Self { functions, version })
+    }
+
+    /// The library's version, as in `2.3.3`.
+    pub fn version(&self) -> &str {
+        &self.version
+    }
+}
+
+/// The image, then the features in the order in which they are made ready.
+const STEPS: [f64; 4] = [0.0, 0.3, 0.6, 1.0];
+
+impl Denoiser for Oidn {
+    fn name(&self) -> String {
+        format!("Intel Open Image Denoise {}", self.version)
+    }
+
+    /// Albedo and normal are filtered by themselves first, so that the image may trust them; a normal without an albedo is
+    /// not used, because the library has no weights for that. Pixels that are not finite are replaced by their neighbours
+    /// before the library sees them.
+    fn denoise(&self, input: &DenoiseInput<'_>, control: &Control<'_>) -> Result<Triples, DenoiseError> {
+        input.check()?;
+        let (width, height) = (input.mean.width(), input.mean.height());
+        if !(control.progress)(0.0) {
+            return Err(DenoiseError::Cancelled);
+        }
+        if width == 0 || height == 0 {
+            return Ok(input.mean.clone());
+        }
+        let device = Device::new(&self.functions, control.executor.threads().max(1))?;
+        let albedo = input.albedo.map(|plane| prepare::feature(plane, 0.0));
+        let normal = input.normal.filter(|_| albedo.is_some()).map(|plane| prepare::feature(plane, -1.0));
+        let mut done = 0;
+        let mut ready = |name: &CStr, plane: Option<Triples>| {
+            let step = done;
+            done += 1;
+            plane.map(|plane| prefiltered(&device, name, &plane, step, control)).transpose()
+        };
+        let albedo = ready(c"albedo", albedo)?;
+        let normal = ready(c"normal", normal)?;
+
+        let (mean, scale) = prepare::radiance(input.mean);
+        let mut output = Plane::new(width, height, [0.0; 3]);
+        let mut filter = device.filter()?;
+        filter.input(c"color", &mean);
+        for (name, plane) in [(c"albedo", &albedo), (c"normal", &normal)] {
+            if let Some(plane) = plane {
+                filter.input(name, plane);
+            }
+        }
+        filter.output(&mut output);
+        filter.set_bool(c"hdr", true);
+        filter.set_bool(c"cleanAux", albedo.is_some());
+        filter.set_float(c"inputScale", scale);
+        let first = if albedo.is_some() { STEPS[2] } else { 0.0 };
+        filter.run(&|fraction| (control.progress)(within(first, 1.0, fraction)))?;
+        // The library has its own idea of numbers that are too large; ours are finite.
+        let bound = |v: f32| if v.is_nan() { 0.0 } else { v.clamp(0.0, f32::MAX) };
+        output.data_mut().as_flattened_mut().iter_mut().for_each(|v| *v = bound(*v));
+        Ok(output)
+    }
+}
+
+/// A feature without its own noise.
+fn prefiltered(
+    device: &Device<'_>,
+    name: &CStr,
+    plane: &Triples,
+    step: usize,
+    control: &Control<'_>,
+) -> Result<Triples, DenoiseError> {
+    let mut output = Plane::new(plane.width(), plane.height(), [0.0; 3]);
+    let mut filter = device.filter()?;
+    filter.input(name, plane);
+    filter.output(&mut output);
+    filter.run(&|fraction| (control.progress)(within(STEPS[step], STEPS[step + 1], fraction)))?;
+    Ok(output)
+}
+
+fn within(from: f64, to: f64, fraction: f64) -> f64 {
+    from + (to - from) * fraction.clamp(0.0, 1.0)
+}
