@@ -186,6 +186,7 @@ fn whatever_the_planes_hold_the_image_is_finite() {
             normal: Some(&normal),
             normal_variance: Some(&albedo),
             depth: Some(&depth),
+            depth_variance: Some(&depth),
         };
         assert!(filtered(&input).data().iter().flatten().all(|v| v.is_finite()));
     }

@@ -110,7 +110,9 @@ impl<'a> Image<'a> {
         }
         if let Some(depth) = self.input.depth {
             let values = frame.collect(|x, y, _| finite(*depth.at(x, y)).clamp(0.0, LARGEST));
-            features.push(Feature::new(&frame, values, None, |z| TOLERANCE[2] * z, 1.0));
+            let variance = self.input.depth_variance;
+            let variance = variance.map(|plane| frame.collect(|x, y, _| finite(*plane.at(x, y)).clamp(0.0, LARGEST)));
+            features.push(Feature::new(&frame, values, variance.as_deref(), |z| TOLERANCE[2] * z, 1.0));
         }
         Patch { stride: frame.stride, rows: frame.rows, margin, color, known, features }
     }
