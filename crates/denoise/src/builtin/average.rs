@@ -9,32 +9,28 @@ use super::patch::{Image, Patch};
 use super::tiles::Tile;
 use crate::denoiser::Triples;
 
-/// Pixels are compared with those of a square of (2 * 8 + 1)^2.
+/// Pixels are compared with those up to this far away, in a circle.
 const REACH: usize = 8;
-/// Colours are compared over squares of 3 x 3 pixels.
+/// How many times its variance a squared difference of colour must be to count as one.
+const BANDWIDTH: f32 = 2.0;
+/// Colours are compared over squares of 3 x 3 pixels, of which those nearer count more: 1 2 1, 2 4 2, 1 2 1.
 const AROUND: usize = 1;
 /// The margin of a tile.
 const MARGIN: usize = REACH + AROUND;
 
-/// What is made of a pixel.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(super) struct Average {
-    /// The weighted mean, in the unit of patches.
-    pub(super) color: [f32; 3],
-    /// The share that the pixel itself has in it.
-    pub(super) own_share: f32,
-}
-
-/// The averages of a tile. `variance` is that of the mean, in the unit of patches.
-pub(super) fn averages(image: &Image<'_>, variance: &Triples, tile: &Tile) -> Vec<Average> {
+/// The averages of a tile. All is in the unit of patches; `variance` is that of the mean.
+pub(super) fn averages(image: &Image<'_>, variance: &Triples, tile: &Tile) -> Vec<[f32; 3]> {
     let patch = image.cut(tile, MARGIN);
     let variance = image.cut_plane(variance, tile, MARGIN);
     let mut work = Work::new(tile);
     let reach = REACH as isize;
     for dy in -reach..=reach {
         for dx in -reach..=reach {
-            let offset = dy * patch.stride as isize + dx;
-            work.add(&patch, &variance, offset);
+            // Fading towards the rim, so that a bright pixel leaves no square behind.
+            let nearness = 1.0 - (dx * dx + dy * dy) as f32 / ((reach + 1) * (reach + 1)) as f32;
+            if nearness > 0.0 {
+                work.add(&patch, &variance, dy * patch.stride as isize + dx, nearness);
+            }
         }
     }
     work.finish(&patch)
@@ -48,7 +44,7 @@ struct Work {
     weights: Vec<f32>,
     /// Colour distances of a row, one pixel more on either side.
     row: Vec<f32>,
-    /// Sums over three neighbours of such rows, the last three of them.
+    /// Sums over three neighbours in such rows, of the last three of them.
     triples: [Vec<f32>; 3],
     /// Distances, then weights, of a row.
     distances: Vec<f32>,
@@ -69,8 +65,8 @@ impl Work {
         }
     }
 
-    /// Adds to each pixel the one that lies `offset` further in the patch.
-    fn add(&mut self, patch: &Patch, variance: &[Vec<f32>; 3], offset: isize) {
+    /// Adds to each pixel the one that lies `offset` further in the patch, with a weight of at most `nearness`.
+    fn add(&mut self, patch: &Patch, variance: &[Vec<f32>; 3], offset: isize, nearness: f32) {
         for row in 0..self.height + 2 * AROUND {
             // The row above the tile is row 0 here.
             let p = (row + MARGIN - AROUND) * patch.stride + MARGIN - AROUND;
@@ -79,15 +75,15 @@ impl Work {
             for ((sum, left), (middle, right)) in
                 triple.iter_mut().zip(&self.row).zip(self.row[1..].iter().zip(&self.row[2..]))
             {
-                *sum = left + middle + right;
+                *sum = left + 2.0 * middle + right;
             }
             if row >= 2 * AROUND {
-                self.add_row(patch, row - 2 * AROUND, offset);
+                self.add_row(patch, row - 2 * AROUND, offset, nearness);
             }
         }
     }
 
-    fn add_row(&mut self, patch: &Patch, row: usize, offset: isize) {
+    fn add_row(&mut self, patch: &Patch, row: usize, offset: isize, nearness: f32) {
         let width = self.width;
         let p = (row + MARGIN) * patch.stride + MARGIN;
         let q = p.wrapping_add_signed(offset);
@@ -101,13 +97,12 @@ impl Work {
                 *d += (difference * difference - noise[i]) * precision[i];
             }
         }
-        let [a, b, c] = &self.triples;
-        let (a, b, c) = (&a[..width], &b[..width], &c[..width]);
+        let [above, middle, below] = [row, row + 1, row + 2].map(|r| &self.triples[r % 3][..width]);
         let known = &patch.known[q..q + width];
         for (i, d) in self.distances.iter_mut().enumerate() {
-            // Nine pixels of three channels.
-            let color = (a[i] + b[i] + c[i]) * (1.0 / 27.0);
-            *d = if offset == 0 { known[i] } else { known[i] * likeness(d.max(0.0) + color.max(0.0)) };
+            // The mask adds up to 16, for each of three channels.
+            let color = (above[i] + 2.0 * middle[i] + below[i]) * (1.0 / (48.0 * BANDWIDTH));
+            *d = if offset == 0 { known[i] } else { nearness * known[i] * likeness(d.max(0.0) + color.max(0.0)) };
         }
         let start = row * width;
         for (sum, values) in self.sums.iter_mut().zip(&patch.color) {
@@ -122,15 +117,11 @@ impl Work {
         }
     }
 
-    fn finish(self, patch: &Patch) -> Vec<Average> {
+    fn finish(self, patch: &Patch) -> Vec<[f32; 3]> {
         let average = |i: usize| {
             let p = (i / self.width + MARGIN) * patch.stride + i % self.width + MARGIN;
             let weight = self.weights[i];
-            if weight > 0.0 {
-                Average { color: [0, 1, 2].map(|c| self.sums[c][i] / weight), own_share: patch.known[p] / weight }
-            } else {
-                Average { color: [0, 1, 2].map(|c| patch.color[c][p]), own_share: 1.0 }
-            }
+            [0, 1, 2].map(|c| if weight > 0.0 { self.sums[c][i] / weight } else { patch.color[c][p] })
         };
         (0..self.width * self.height).map(average).collect()
     }

@@ -1,6 +1,7 @@
 //! The built-in filter: no weights that were learned, nothing to download.
 
 mod average;
+mod blend;
 mod noise;
 mod patch;
 mod tiles;
@@ -29,8 +30,7 @@ impl Denoiser for Builtin {
         let image = patch::Image::new(input);
         let size = image.size();
         let variance = tiles::map_tiles(size, control, (0.0, 0.1), |tile| noise::variances(&image, tile))?;
-        let averages = tiles::map_tiles(size, control, (0.1, 1.0), |tile| average::averages(&image, &variance, tile))?;
-        let back = 1.0 / image.scale();
-        Ok(averages.map(|a| a.color.map(|v| (v * back).clamp(f32::MIN, f32::MAX))))
+        let averages = tiles::map_tiles(size, control, (0.1, 0.95), |tile| average::averages(&image, &variance, tile))?;
+        tiles::map_tiles(size, control, (0.95, 1.0), |tile| blend::blended(&image, &variance, &averages, tile))
     }
 }

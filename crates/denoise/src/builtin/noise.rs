@@ -6,8 +6,8 @@
 use super::patch::{Image, Patch};
 use super::tiles::Tile;
 
-/// Variances are pooled over squares of 5 x 5 pixels.
-pub(super) const POOL_REACH: usize = 2;
+/// Variances are pooled over squares of 7 x 7 pixels.
+pub(super) const POOL_REACH: usize = 3;
 /// A difference of this share of a value is no difference: rounding, and half floats in files of others.
 const ROUNDING: f32 = 1e-4;
 

@@ -10,10 +10,10 @@ use crate::denoiser::{DenoiseInput, Triples};
 /// The largest magnitude that is reckoned with, after scaling to a mean of about 1: squares and their sums stay finite.
 const LARGEST: f32 = 1e12;
 /// Features are compared to this precision: albedo and normal as they are, depth relative to itself.
-const TOLERANCE: [f32; 3] = [0.02, 0.02, 0.005];
+const TOLERANCE: [f32; 3] = [0.04, 0.04, 0.01];
 /// How much of a feature's squared slope adds to what is tolerated: along an edge pixels hold a bit more or less of
 /// either side, and are like each other all the same.
-const SLOPE: f32 = 0.2;
+const SLOPE: f32 = 0.6;
 /// Bounds on the precision of a feature, so that the product with a difference of features stays finite.
 const SHARPEST: f32 = 1e12;
 
@@ -89,13 +89,9 @@ impl<'a> Image<'a> {
 
     /// The tile and `margin` pixels around it.
     pub(super) fn cut(&self, tile: &Tile, margin: usize) -> Patch {
+        let mut patch = self.cut_mean(tile, margin);
         let frame = Frame::new(self.size(), tile, margin);
-        let color = frame.channels(&self.mean, |v| (v * self.scale).clamp(-LARGEST, LARGEST));
-        let known = frame.collect(|x, y, inside| {
-            let finite = self.input.mean.at(x, y).iter().all(|v| v.is_finite());
-            if inside && finite { 1.0 } else { 0.0 }
-        });
-        let mut features = Vec::new();
+        let features = &mut patch.features;
         let triples =
             [(self.input.albedo, self.input.albedo_variance), (self.input.normal, self.input.normal_variance)];
         for ((values, variance), tolerance) in triples.into_iter().zip(TOLERANCE) {
@@ -114,7 +110,18 @@ impl<'a> Image<'a> {
             let variance = variance.map(|plane| frame.collect(|x, y, _| finite(*plane.at(x, y)).clamp(0.0, LARGEST)));
             features.push(Feature::new(&frame, values, variance.as_deref(), |z| TOLERANCE[2] * z, 1.0));
         }
-        Patch { stride: frame.stride, rows: frame.rows, margin, color, known, features }
+        patch
+    }
+
+    /// The same without features.
+    pub(super) fn cut_mean(&self, tile: &Tile, margin: usize) -> Patch {
+        let frame = Frame::new(self.size(), tile, margin);
+        let color = frame.channels(&self.mean, |v| (v * self.scale).clamp(-LARGEST, LARGEST));
+        let known = frame.collect(|x, y, inside| {
+            let finite = self.input.mean.at(x, y).iter().all(|v| v.is_finite());
+            if inside && finite { 1.0 } else { 0.0 }
+        });
+        Patch { stride: frame.stride, rows: frame.rows, margin, color, known, features: Vec::new() }
     }
 
     /// A plane of triples that goes with the image, cut in the same way, channel by channel.

@@ -1,0 +1,76 @@
+//! How much of the average is used, and how much of the unbiased mean is kept: by what the average gets wrong.
+//!
+//! The mean errs by its variance. What the average errs by shows in how far it lies from the mean: if it were right, it
+//! would lie as far away as the mean's noise reaches. What is more is its own fault, and the blend of the two goes by the
+//! inverse of what each gets wrong (Graybill and Deal 1959).
+
+use super::patch::Image;
+use super::tiles::Tile;
+use crate::denoiser::Triples;
+
+/// Faults of the average are looked for in squares of 5 x 5 pixels.
+const REGION_REACH: usize = 2;
+/// A region is at fault beyond this mean of squared differences, in units of the variance: from there on the average is
+/// more in error than the mean.
+const REGION_LIMIT: f32 = 2.0;
+/// A single pixel is at fault beyond this: three standard deviations.
+const PIXEL_LIMIT: f32 = 16.0;
+
+/// The blend of a tile, in the unit of the input.
+pub(super) fn blended(image: &Image<'_>, variance: &Triples, averages: &Triples, tile: &Tile) -> Vec<[f32; 3]> {
+    let patch = image.cut_mean(tile, REGION_REACH);
+    let variance = image.cut_plane(variance, tile, REGION_REACH);
+    let average = image.cut_plane(averages, tile, REGION_REACH);
+    // Squared difference and variance of each pixel, summed over the channels. Pixels whose mean is made up have no say.
+    let squares: Vec<[f32; 2]> = (0..patch.known.len())
+        .map(|p| {
+            let square = |c: usize| (average[c][p] - patch.color[c][p]).powi(2);
+            let sums = [(0..3).map(square).sum(), (0..3).map(|c| variance[c][p]).sum()];
+            if patch.known[p] > 0.0 { sums } else { [0.0; 2] }
+        })
+        .collect();
+    let back = 1.0 / image.scale();
+    let mut blend = Vec::with_capacity(tile.width * tile.height);
+    for y in 0..tile.height {
+        for x in 0..tile.width {
+            let p = (y + REGION_REACH) * patch.stride + x + REGION_REACH;
+            let mut region = [0.0f32; 2];
+            for row in y..=y + 2 * REGION_REACH {
+                for [square, noise] in &squares[row * patch.stride + x..][..=2 * REGION_REACH] {
+                    region[0] += square;
+                    region[1] += noise;
+                }
+            }
+            let share = share(squares[p], region);
+            blend.push([0, 1, 2].map(|c| {
+                let (mean, average) = (patch.color[c][p], average[c][p]);
+                ((mean + share * (average - mean)) * back).clamp(f32::MIN, f32::MAX)
+            }));
+        }
+    }
+    blend
+}
+
+/// The average's share, from squared differences and variances of a pixel and of its region.
+fn share(pixel: [f32; 2], region: [f32; 2]) -> f32 {
+    let excess = |[square, noise]: [f32; 2], limit: f32| if noise > 0.0 { square / noise - limit } else { 0.0 };
+    1.0 / (1.0 + excess(pixel, PIXEL_LIMIT).max(excess(region, REGION_LIMIT)).max(0.0))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_noise_explains_is_no_fault() {
+        assert_eq!(share([8.0, 1.0], [30.0, 20.0]), 1.0);
+        assert_eq!(share([0.0, 0.0], [0.0, 0.0]), 1.0);
+    }
+
+    #[test]
+    fn the_share_falls_with_the_fault_of_a_pixel_or_of_its_region() {
+        assert_eq!(share([10.0, 1.0], [10.0, 25.0]), 0.5);
+        assert_eq!(share([1.0, 1.0], [75.0, 25.0]), 0.5);
+        assert!(share([1e6, 1.0], [1e6, 25.0]) < 1e-4);
+    }
+}
