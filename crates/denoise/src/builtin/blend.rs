@@ -13,7 +13,7 @@ const REGION_REACH: usize = 2;
 /// A region is at fault beyond this mean of squared differences, in units of the variance: from there on the average is
 /// more in error than the mean.
 const REGION_LIMIT: f32 = 2.0;
-/// A single pixel is at fault beyond this: three standard deviations.
+/// A single pixel is at fault beyond this: four standard deviations.
 const PIXEL_LIMIT: f32 = 16.0;
 
 /// The blend of a tile, in the unit of the input.
@@ -63,14 +63,14 @@ mod tests {
 
     #[test]
     fn what_noise_explains_is_no_fault() {
-        assert_eq!(share([8.0, 1.0], [30.0, 20.0]), 1.0);
+        assert_eq!(share([PIXEL_LIMIT, 1.0], [20.0 * REGION_LIMIT, 20.0]), 1.0);
         assert_eq!(share([0.0, 0.0], [0.0, 0.0]), 1.0);
     }
 
     #[test]
     fn the_share_falls_with_the_fault_of_a_pixel_or_of_its_region() {
-        assert_eq!(share([10.0, 1.0], [10.0, 25.0]), 0.5);
-        assert_eq!(share([1.0, 1.0], [75.0, 25.0]), 0.5);
+        assert_eq!(share([PIXEL_LIMIT + 1.0, 1.0], [10.0, 25.0]), 0.5);
+        assert_eq!(share([1.0, 1.0], [25.0 * (REGION_LIMIT + 1.0), 25.0]), 0.5);
         assert!(share([1e6, 1.0], [1e6, 25.0]) < 1e-4);
     }
 }
