@@ -132,6 +132,63 @@ fn features_keep_apart_what_noise_hides() {
 }
 
 #[test]
+fn features_that_are_noisy_themselves_keep_nothing_apart() {
+    // Even ground whose albedo is a coin toss per sample, as of a mask of dots finer than a pixel.
+    let truth = Plane::new(96, 96, [0.3, 0.2, 0.1]);
+    let (mean, variance) = noisy(&truth, 10, |v| 0.3 * v);
+    let (albedo, albedo_variance) = noisy(&Plane::new(96, 96, [0.5; 3]), 11, |_| 0.12);
+    let naive = DenoiseInput { variance: Some(&variance), albedo: Some(&albedo), ..DenoiseInput::new(&mean) };
+    let told = DenoiseInput { albedo_variance: Some(&albedo_variance), ..naive };
+    let [before, naive, told] = [&mean, &filtered(&naive), &filtered(&told)].map(|image| mse(image, &truth));
+    assert!(told < 0.05 * before && told < 0.7 * naive, "before {before:.2e}, naive {naive:.2e}, told {told:.2e}");
+}
+
+#[test]
+fn detail_of_which_no_feature_knows_costs_a_tenth_at_most() {
+    // Detail of all kinds and heights, in units of the noise, of which features know nothing: bright dots, lines, waves, and
+    // pixels that are thrown dark or bright.
+    let kinds: [(&str, fn(u32, u32) -> f32); 4] = [
+        ("dots", |x, y| if x % 7 == 3 && y % 7 == 3 { 1.0 } else { 0.0 }),
+        ("lines", |x, _| if x % 9 == 0 { 1.0 } else { 0.0 }),
+        ("waves", |x, _| (0.8 * x as f32).sin()),
+        ("grains", |x, y| if Numbers(u64::from(x) << 32 | u64::from(y)).uniform() < 0.5 { 1.0 } else { 0.0 }),
+    ];
+    for (seed, height) in (20..).zip([0.5, 1.0, 2.0, 3.0, 4.0, 6.0, 10.0, 30.0, 100.0]) {
+        for (name, detail) in kinds {
+            let grey = Plane::from_fn(128, 128, |x, y| [10.0 + height * detail(x, y); 3]);
+            // One noise for all channels, as light that is white makes it.
+            let (mean, variance) = noisy(&grey.map(|v| [v[0], 0.0, 0.0]), seed, |v| if v > 0.0 { 1.0 } else { 0.0 });
+            let (mean, variance) = (mean.map(|v| [v[0]; 3]), variance.map(|v| [v[0]; 3]));
+            let image = filtered(&DenoiseInput { variance: Some(&variance), ..DenoiseInput::new(&mean) });
+            let (before, after) = (mse(&mean, &grey), mse(&image, &grey));
+            assert!(after < 1.1 * before, "{name} {height} times as high as the noise: {:.3}", after / before);
+        }
+    }
+}
+
+#[test]
+fn bright_specks_are_spread_out_and_most_of_their_light_is_kept() {
+    // One pixel in a hundred has met a rare event: it knows that from one batch of four, and the others know nothing of it.
+    let size = 160;
+    let mut numbers = Numbers(30);
+    let pairs = Plane::from_fn(size, size, |_, _| {
+        let batches =
+            [0; 4].map(|_| 0.1 + 0.02 * numbers.uniform() + if numbers.uniform() < 0.0025 { 40.0 } else { 0.0 });
+        let mean = batches.iter().sum::<f32>() / 4.0;
+        (mean, batches.iter().map(|b| (b - mean).powi(2)).sum::<f32>() / 12.0)
+    });
+    let (mean, variance) = (pairs.map(|p| [p.0; 3]), pairs.map(|p| [p.1; 3]));
+    let image = filtered(&DenoiseInput { variance: Some(&variance), ..DenoiseInput::new(&mean) });
+    let average = |plane: &Triples| plane.data().iter().map(|v| f64::from(v[0])).sum::<f64>() / f64::from(size * size);
+    let truth = Plane::new(size, size, [0.11 + 0.0025 * 40.0; 3]);
+    let gain = mse(&mean, &truth) / mse(&image, &truth);
+    assert!(gain > 30.0, "{gain:.1} times less error");
+    let (before, after) = (average(&mean), average(&image));
+    // The specks make up half of it.
+    assert!((0.75..1.05).contains(&(after / before)), "light before {before:.4}, after {after:.4}");
+}
+
+#[test]
 fn an_image_without_noise_stays_as_it_is() {
     let mut numbers = Numbers(4);
     let truth = Plane::from_fn(70, 40, |x, _| [numbers.uniform(), 0.01 * numbers.uniform(), x as f32]);

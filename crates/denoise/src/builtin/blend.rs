@@ -10,9 +10,9 @@ use crate::denoiser::Triples;
 
 /// Faults of the average are looked for in squares of 5 x 5 pixels.
 const REGION_REACH: usize = 2;
-/// A region is at fault beyond this mean of squared differences, in units of the variance: from there on the average is
-/// more in error than the mean.
-const REGION_LIMIT: f32 = 2.0;
+/// A region is at fault beyond this mean of squared differences, in units of the variance. At 2 the average is as much in
+/// error as the mean.
+const REGION_LIMIT: f32 = 1.75;
 /// A single pixel is at fault beyond this: four standard deviations.
 const PIXEL_LIMIT: f32 = 16.0;
 
