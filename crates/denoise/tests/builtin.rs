@@ -144,7 +144,7 @@ fn features_that_are_noisy_themselves_keep_nothing_apart() {
 }
 
 #[test]
-fn detail_of_which_no_feature_knows_costs_a_tenth_at_most() {
+fn detail_of_which_no_feature_knows_costs_a_twentieth_at_most() {
     // Detail of all kinds and heights, in units of the noise, of which features know nothing: bright dots, lines, waves, and
     // pixels that are thrown dark or bright.
     let kinds: [(&str, fn(u32, u32) -> f32); 4] = [
@@ -161,7 +161,8 @@ fn detail_of_which_no_feature_knows_costs_a_tenth_at_most() {
             let (mean, variance) = (mean.map(|v| [v[0]; 3]), variance.map(|v| [v[0]; 3]));
             let image = filtered(&DenoiseInput { variance: Some(&variance), ..DenoiseInput::new(&mean) });
             let (before, after) = (mse(&mean, &grey), mse(&image, &grey));
-            assert!(after < 1.1 * before, "{name} {height} times as high as the noise: {:.3}", after / before);
+
+            assert!(after < 1.05 * before, "{name} {height} times as high as the noise: {:.3}", after / before);
         }
     }
 }

@@ -12,7 +12,7 @@ use crate::denoiser::Triples;
 /// Pixels are compared with those up to this far away, in a circle.
 const REACH: usize = 8;
 /// How many times its variance a squared difference of colour must be to count as one.
-const BANDWIDTH: f32 = 2.0;
+const BANDWIDTH: f32 = 1.8;
 /// Colours are compared over squares of 3 x 3 pixels, of which those nearer count more: 1 2 1, 2 4 2, 1 2 1.
 const AROUND: usize = 1;
 /// The margin of a tile.
