@@ -26,6 +26,9 @@ const HEAD: usize = 28;
 const HAS_WEIGHTS: u32 = 1;
 const HAS_CAPS: u32 = 2;
 const HAS_TARGET: u32 = 4;
+const HAS_OBJECTS: u32 = 8;
+const HAS_MATERIALS: u32 = 16;
+const ALL_FLAGS: u32 = HAS_WEIGHTS | HAS_CAPS | HAS_TARGET | HAS_OBJECTS | HAS_MATERIALS;
 /// The longest text \[bytes\].
 const MOST_TEXT: u32 = 16 << 20;
 /// Rows that share a checksum.
@@ -47,6 +50,10 @@ pub struct Checkpoint {
     pub caps: Option<Plane<f32>>,
     /// Samples per pixel, as totals since the first, that the open round is to reach.
     pub target: Option<Plane<u32>>,
+    /// Number of the object that a pixel's centre shows, for whoever wrote it.
+    pub objects: Option<Plane<u32>>,
+    /// Number of the material that a pixel's centre shows, likewise.
+    pub materials: Option<Plane<u32>>,
     /// The sums.
     pub film: Film,
 }
@@ -66,6 +73,10 @@ pub struct CheckpointHead<'a> {
     pub caps: Option<&'a Plane<f32>>,
     /// See [`Checkpoint::target`].
     pub target: Option<&'a Plane<u32>>,
+    /// See [`Checkpoint::objects`].
+    pub objects: Option<&'a Plane<u32>>,
+    /// See [`Checkpoint::materials`].
+    pub materials: Option<&'a Plane<u32>>,
 }
 
 /// Writes a checkpoint, whole or not at all. `rows` appends the sums of the pixels of some rows; it is asked once for each
@@ -85,15 +96,18 @@ pub fn write_checkpoint(
     }
     let size = (head.width, head.height);
     let floats = [head.weights, head.caps];
+    let integers = [head.target, head.objects, head.materials];
     if floats.into_iter().flatten().any(|p| (p.width(), p.height()) != size)
-        || head.target.is_some_and(|p| (p.width(), p.height()) != size)
+        || integers.into_iter().flatten().any(|p| (p.width(), p.height()) != size)
     {
         return refuse("the planes of a checkpoint must have the size of its film");
     }
     rewrite_atomically(path, |file| {
         let flags = u32::from(head.weights.is_some()) * HAS_WEIGHTS
             + u32::from(head.caps.is_some()) * HAS_CAPS
-            + u32::from(head.target.is_some()) * HAS_TARGET;
+            + u32::from(head.target.is_some()) * HAS_TARGET
+            + u32::from(head.objects.is_some()) * HAS_OBJECTS
+            + u32::from(head.materials.is_some()) * HAS_MATERIALS;
         let mut bytes = MAGIC.to_vec();
         for v in [CHECKPOINT_VERSION, head.width, head.height, text_bytes, flags] {
             bytes.extend(v.to_le_bytes());
@@ -112,7 +126,7 @@ pub fn write_checkpoint(
             plane.data().iter().for_each(|v| bytes.extend(v.to_le_bytes()));
             put(&mut bytes)?;
         }
-        if let Some(plane) = head.target {
+        for plane in integers.into_iter().flatten() {
             plane.data().iter().for_each(|v| bytes.extend(v.to_le_bytes()));
             put(&mut bytes)?;
         }
@@ -155,7 +169,7 @@ pub fn read_checkpoint(path: &Path) -> Result<Checkpoint, InputError> {
         let problem = format!("is of version {version} of the format; this program reads version {CHECKPOINT_VERSION}");
         return Err(fault("the head", problem));
     }
-    if !is_size(width, height) || text_bytes > MOST_TEXT || flags > HAS_WEIGHTS + HAS_CAPS + HAS_TARGET {
+    if !is_size(width, height) || text_bytes > MOST_TEXT || flags > ALL_FLAGS {
         return Err(fault("the head", "holds numbers that no checkpoint has".into()));
     }
     let pixels = u64::from(width) * u64::from(height);
@@ -181,14 +195,18 @@ pub fn read_checkpoint(path: &Path) -> Result<Checkpoint, InputError> {
         }
     }
     let [weights, caps] = floats;
-    let mut target = None;
-    if flags & HAS_TARGET != 0 {
-        let words = source.words("the plan", pixels)?;
-        if words.iter().any(|&n| n > MOST_SAMPLES) {
-            return Err(fault("the plan", "asks for more samples than a pixel can have".into()));
+    let mut integers = [None, None, None];
+    let sections = [(HAS_TARGET, "the plan"), (HAS_OBJECTS, "the objects"), (HAS_MATERIALS, "the materials")];
+    for (slot, (flag, place)) in integers.iter_mut().zip(sections) {
+        if flags & flag != 0 {
+            let words = source.words(place, pixels)?;
+            if flag == HAS_TARGET && words.iter().any(|&n| n > MOST_SAMPLES) {
+                return Err(fault(place, "asks for more samples than a pixel can have".into()));
+            }
+            *slot = Some(Plane::from_vec(width, height, words).ok_or_else(misfit)?);
         }
-        target = Some(Plane::from_vec(width, height, words).ok_or_else(misfit)?);
     }
+    let [target, objects, materials] = integers;
     let mut sums = Vec::with_capacity(pixels as usize);
     for band in bands(height) {
         let place = format!("rows {} to {}", band.start, band.end - 1);
@@ -200,7 +218,7 @@ pub fn read_checkpoint(path: &Path) -> Result<Checkpoint, InputError> {
         }
     }
     let film = Film::from_sums(Plane::from_vec(width, height, sums).ok_or_else(misfit)?);
-    Ok(Checkpoint { text, weights, caps, target, film })
+    Ok(Checkpoint { text, weights, caps, target, objects, materials, film })
 }
 
 fn is_size(width: u32, height: u32) -> bool {

@@ -26,8 +26,16 @@ fn example() -> Checkpoint {
         weights: Some(Plane::from_fn(SIZE.0, SIZE.1, |x, y| 0.1 + (x * y) as f32)),
         caps: None,
         target: Some(Plane::from_fn(SIZE.0, SIZE.1, |x, y| x + 100 * y)),
+        objects: Some(Plane::from_fn(SIZE.0, SIZE.1, |_, y| y % 3)),
+        materials: None,
         film,
     }
+}
+
+/// A film without a word.
+fn bare(film: Film) -> Checkpoint {
+    let text = String::new();
+    Checkpoint { text, weights: None, caps: None, target: None, objects: None, materials: None, film }
 }
 
 fn write(path: &Path, checkpoint: &Checkpoint) {
@@ -38,6 +46,8 @@ fn write(path: &Path, checkpoint: &Checkpoint) {
         weights: checkpoint.weights.as_ref(),
         caps: checkpoint.caps.as_ref(),
         target: checkpoint.target.as_ref(),
+        objects: checkpoint.objects.as_ref(),
+        materials: checkpoint.materials.as_ref(),
     };
     let width = head.width as usize;
     let rows = |rows: std::ops::Range<u32>, out: &mut Vec<PixelSums>| {
@@ -86,17 +96,19 @@ fn a_checkpoint_comes_back_to_the_last_bit() {
     let folder = TempDir::new().expect("a temporary folder");
     let path = folder.path().join("a.film");
     let whole = example();
-    for planes in 0..8 {
+    for planes in 0..32 {
         let some = Checkpoint {
             weights: whole.weights.clone().filter(|_| planes & 1 != 0),
             caps: whole.weights.clone().filter(|_| planes & 2 != 0).map(|p| p.map(|v| 7.0 - v)),
             target: whole.target.clone().filter(|_| planes & 4 != 0),
+            objects: whole.objects.clone().filter(|_| planes & 8 != 0),
+            materials: whole.objects.clone().filter(|_| planes & 16 != 0).map(|p| p.map(|v| u32::MAX - v)),
             ..whole.clone()
         };
         write(&path, &some);
         assert_eq!(read_checkpoint(&path).expect("readable"), some);
     }
-    let tiny = Checkpoint { text: String::new(), weights: None, caps: None, target: None, film: Film::new(1, 1) };
+    let tiny = bare(Film::new(1, 1));
     write(&path, &tiny);
     assert_eq!(read_checkpoint(&path).expect("readable"), tiny);
 }
@@ -105,8 +117,8 @@ fn a_checkpoint_comes_back_to_the_last_bit() {
 fn the_length_of_a_file_follows_from_its_head() {
     let bench = Bench::new();
     let pixels = (SIZE.0 * SIZE.1) as usize;
-    // Head and text, two planes, two bands of sums; each with a checksum.
-    let expected = 28 + example().text.len() + 2 * 4 * pixels + PIXEL_BYTES * pixels + 5 * 8;
+    // Head and text, three planes, two bands of sums; each with a checksum.
+    let expected = 28 + example().text.len() + 3 * 4 * pixels + PIXEL_BYTES * pixels + 6 * 8;
     assert_eq!(bench.bytes.len(), expected);
 }
 
@@ -155,7 +167,7 @@ fn other_files_and_other_versions_are_told_apart() {
 fn a_head_that_promises_too_much_costs_no_memory() {
     let bench = Bench::new();
     for (at, value) in
-        [(12, u32::MAX), (12, 32_768), (16, 0), (16, 1 << 31), (20, u32::MAX), (20, 1 << 24), (24, 8), (24, 7)]
+        [(12, u32::MAX), (12, 32_768), (16, 0), (16, 1 << 31), (20, u32::MAX), (20, 1 << 24), (24, 32), (24, 15)]
     {
         let mut bytes = bench.bytes.clone();
         bytes[at..at + 4].copy_from_slice(&value.to_le_bytes());
@@ -172,7 +184,7 @@ fn contents_that_cannot_be_are_refused_even_with_right_checksums() {
     let plane = 4 * (SIZE.0 * SIZE.1) as usize;
     let weights = 28 + text + 8;
     let target = weights + plane + 8;
-    let sums = target + plane + 8;
+    let sums = target + 2 * (plane + 8);
 
     let mut bytes = bench.bytes.clone();
     bytes[28] = 0xff;
@@ -188,14 +200,11 @@ fn contents_that_cannot_be_are_refused_even_with_right_checksums() {
     // The last byte of the first pixel's fourth count.
     bytes[sums + 192 + 15] = 0xff;
     let band = PIXEL_BYTES * (SIZE.0 * 16) as usize;
-    seal(&mut bytes, 3, sums, sums + band);
+    seal(&mut bytes, 4, sums, sums + band);
     assert!(bench.refused(&bytes, "endless samples").problem.contains("no samples add up to"));
 
     // Bands that changed places are noticed, though each is whole: take the first for the second of the same length.
-    let tall = |height: u32| {
-        let film = Film::new(2, height);
-        Checkpoint { text: String::new(), weights: None, caps: None, target: None, film }
-    };
+    let tall = |height: u32| bare(Film::new(2, height));
     write(&bench.path, &tall(32));
     let mut bytes = fs::read(&bench.path).expect("readable");
     let band = PIXEL_BYTES * 32 + 8;
@@ -209,12 +218,23 @@ fn contents_that_cannot_be_are_refused_even_with_right_checksums() {
 fn what_is_beyond_the_format_is_not_written_and_leaves_the_old_file() {
     let bench = Bench::new();
     let weights = Plane::new(2, 2, 1.0);
-    let head = CheckpointHead { width: 3, height: 2, text: "", weights: None, caps: None, target: None };
+    let objects = Plane::new(2, 2, 1);
+    let head = CheckpointHead {
+        width: 3,
+        height: 2,
+        text: "",
+        weights: None,
+        caps: None,
+        target: None,
+        objects: None,
+        materials: None,
+    };
     let cases = [
         CheckpointHead { width: 0, ..head },
         CheckpointHead { height: 40_000, ..head },
         CheckpointHead { width: 32_768, height: 32_768, ..head },
         CheckpointHead { weights: Some(&weights), ..head },
+        CheckpointHead { objects: Some(&objects), ..head },
         head, // The rows below are too short.
     ];
     for head in cases {
