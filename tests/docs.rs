@@ -14,8 +14,8 @@ use dunkelfeld::radiometry::Rgb;
 use dunkelfeld::scene::{Effect, Material, Scene, SceneBuilder};
 use dunkelfeld::sensor::Optics;
 use dunkelfeld::{
-    Budget, Cancel, HeavySample, RenderSettings, STATS_VERSION, SensorChoice, Silent, Stage, Stats, certify, develop,
-    find_sensor, render,
+    Budget, Cancel, HeavySample, PartStats, RenderSettings, STATS_VERSION, SensorChoice, Silent, Stage, Stats, certify,
+    develop, find_sensor, render,
 };
 use serde_json::Value;
 use std::collections::BTreeSet;
@@ -294,6 +294,9 @@ fn stats(settings: &RenderSettings) -> Value {
     stats.invalid_named.push("1,2,3".into());
     let heavy = HeavySample { sample: "1,2,3".into(), luminance: 2.0, share: 0.5, lift: 0.1, dominates: false };
     stats.heaviest_samples.push(heavy);
+    if settings.has_sensor() {
+        stats.parts = Some(vec![PartStats { file: "a.film".into(), range: [0, 8], samples: 96, seconds: 0.5 }]);
+    }
     stats.finish(1.0);
     serde_json::from_str(&stats.to_json()).expect("JSON")
 }
@@ -413,6 +416,7 @@ fn links_between_the_pages_lead_somewhere() {
         "docs/job-file.md",
         "docs/materials.md",
         "docs/cameras.md",
+        "docs/checkpoints.md",
         "docs/exposure.md",
         "docs/sensor-file.md",
         "docs/statistics.md",

@@ -21,6 +21,8 @@
 //! ([`Schedule::judged`]) sets the next stretch; the other limits hold as ever. Such a pilot begins small, and grows as long as
 //! it turns out to be too small for what is to come ([`Schedule::grow_pilot`]).
 
+use serde::{Deserialize, Serialize};
+
 /// The share of the time left that a round may be expected to take.
 pub const TIME_SHARE: f64 = 0.3;
 /// After new weights the samples go to other pixels, which may cost far more than any map of tiles can foresee: the first
@@ -40,7 +42,7 @@ const LEAST_PILOT: f64 = dunkelfeld_film::BATCHES as f64;
 const LEAST_STEP: u64 = 20;
 
 /// When to stop. The first limit to be met ends the render; without any, it ends after [`Self::at_least`].
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Limits {
     /// Wall-clock seconds from the start of the command to the last file written.
     pub seconds: Option<f64>,
@@ -54,7 +56,7 @@ pub struct Limits {
 }
 
 /// What the schedule has to know about the image.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Settings {
     /// Number of pixels.
     pub pixels: u64,
@@ -66,7 +68,7 @@ pub struct Settings {
 }
 
 /// A stretch of the render.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub enum Phase {
     /// Uniform samples, which tell where more are needed.
     Pilot,
@@ -86,7 +88,7 @@ pub struct Round {
 }
 
 /// Why there are no more rounds.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum StopReason {
     /// The time is used up, but for what the closing work needs.
     Time,
@@ -108,8 +110,9 @@ pub enum Step {
     Stop(StopReason),
 }
 
-/// The state machine. Ask [`Self::next`], render, [`Self::record`], and so on until it says stop.
-#[derive(Clone, Debug)]
+/// The state machine. Ask [`Self::next`], render, [`Self::record`], and so on until it says stop. Its state can be stored: a
+/// schedule that was stored and read again goes on as if nothing had happened.
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Schedule {
     limits: Limits,
     settings: Settings,
@@ -149,6 +152,11 @@ impl Schedule {
     /// Corrects the estimate of the seconds that follow the last sample.
     pub fn set_closing_seconds(&mut self, seconds: f64) {
         self.settings.closing_seconds = sane(seconds);
+    }
+
+    /// Tells that the render was at rest since the last call: what passed meanwhile does not belong to a round.
+    pub fn wake(&mut self) {
+        self.last_round = None;
     }
 
     /// Samples recorded so far.

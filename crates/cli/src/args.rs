@@ -1,12 +1,13 @@
 //! The flags. Doc comments are the help texts; values are checked here, before any file is opened.
 
-use clap::{Args, Parser, Subcommand, ValueEnum};
+use clap::{ArgGroup, Args, Parser, Subcommand, ValueEnum};
 use dunkelfeld::adaptive::Strategy;
 use dunkelfeld::integrator::PixelSample;
 use dunkelfeld::io::quantity::Time;
 use dunkelfeld::radiometry::Seconds;
 use dunkelfeld::scene::{Effect, SceneBuilder};
 use dunkelfeld::sensor::Exposure;
+use std::ops::Range;
 use std::path::PathBuf;
 
 /// Renders what an industrial camera would see: a path tracer with a built-in EMVA 1288 sensor.
@@ -24,6 +25,9 @@ pub(crate) struct Cli {
 pub(crate) enum Command {
     /// Render a scene, expose it through a sensor, write images and statistics.
     Render(Box<RenderArgs>),
+    /// Join parts of a render, which `render --samples A..B --checkpoint FILE` made, and write images and statistics of the
+    /// whole: the same to the last bit as if one process had rendered all of it.
+    Merge(MergeArgs),
     /// Measure what accuracy costs in time, and write a report: noise against time for each strategy, time until the noise
     /// is hidden beneath the sensor's, what each effect of the scene costs and changes.
     Bench(Box<BenchArgs>),
@@ -85,6 +89,22 @@ pub(crate) struct RenderArgs {
     #[arg(long, value_name = "FILE.exr", conflicts_with_all = ["time", "spp", "noise", "allocate"])]
     pub(crate) replay: Option<PathBuf>,
 
+    /// Keep the state of the render in this file, and take it up from there if the file exists: with the same command a
+    /// render that was killed goes on, and its result is the same to the last bit as if nothing had happened. With --time,
+    /// the seconds of all runs count together. Outputs, threads and progress may change, all else must be as before. The
+    /// file stays when the render is done.
+    #[arg(long, value_name = "FILE", conflicts_with = "debug_sample")]
+    pub(crate) checkpoint: Option<PathBuf>,
+    /// Pause between two checkpoints; large ones are written more rarely, so that they take at most 2 % of one thread's
+    /// time. 0s writes at every chance [default: 30s].
+    #[arg(long, value_name = "TIME", value_parser = time, requires = "checkpoint")]
+    pub(crate) checkpoint_every: Option<f64>,
+    /// Take only the samples from A up to but without B of every pixel: a part of a render, for `merge`. With --replay, of
+    /// those that the plan has.
+    #[arg(long, value_name = "A..B", value_parser = sample_range, requires = "checkpoint",
+          conflicts_with_all = ["time", "spp", "noise", "allocate", "plan"])]
+    pub(crate) samples: Option<Range<u32>>,
+
     /// Sensor preset, a sensor file (.toml), or none for a plain image where radiance 1 is white [default: imx250].
     #[arg(long, value_name = "NAME|FILE|none")]
     pub(crate) sensor: Option<String>,
@@ -117,6 +137,34 @@ pub(crate) struct RenderArgs {
     #[arg(long, value_name = "X,Y,SAMPLE", value_parser = pixel_sample,
           conflicts_with_all = ["image", "linear", "exr", "stats", "plan", "time", "spp", "allocate"])]
     pub(crate) debug_sample: Option<PixelSample>,
+}
+
+/// Flags of `merge`.
+#[derive(Debug, Args)]
+#[command(group(ArgGroup::new("result").required(true).multiple(true).args(["image", "linear", "exr", "stats", "checkpoint"])))]
+pub(crate) struct MergeArgs {
+    /// The parts, in any order: they must be of one render and follow upon each other without overlaps and gaps. They hold
+    /// all that is needed, so neither scene nor job is.
+    #[arg(value_name = "PART", required = true)]
+    pub(crate) parts: Vec<PathBuf>,
+    /// The picture: PNG, 8 bit, gamma 2.2, clipped at saturation.
+    #[arg(short = 'o', long = "output", value_name = "FILE.png")]
+    pub(crate) image: Option<PathBuf>,
+    /// Linear grey values, 16 bit, .png or .tif (with a sensor).
+    #[arg(long, value_name = "FILE")]
+    pub(crate) linear: Option<PathBuf>,
+    /// All layers, as those of `render`.
+    #[arg(long, value_name = "FILE.exr")]
+    pub(crate) exr: Option<PathBuf>,
+    /// Statistics of the whole, and of its parts.
+    #[arg(long, value_name = "FILE.json")]
+    pub(crate) stats: Option<PathBuf>,
+    /// The whole as a part again: for another merge, or for `render --samples A..B --checkpoint FILE` with other outputs.
+    #[arg(long, value_name = "FILE")]
+    pub(crate) checkpoint: Option<PathBuf>,
+    /// Threads [default: one per core].
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = clap::value_parser!(u16).range(1..=1024))]
+    pub(crate) threads: Option<u16>,
 }
 
 /// Flags of `bench`.
@@ -303,6 +351,17 @@ fn exposure(text: &str) -> Result<ExposureChoice, String> {
     Exposure::new(Seconds(time(text)?)).map(ExposureChoice::For).map_err(|e| e.to_string())
 }
 
+fn sample_range(text: &str) -> Result<Range<u32>, String> {
+    let ends = text.split_once("..").and_then(|(a, b)| Some((a.trim().parse().ok()?, b.trim().parse().ok()?)));
+    match ends {
+        Some((first, end)) if first < end && end <= dunkelfeld::adaptive::plan::MAX_SPP => Ok(first..end),
+        _ => {
+            Err("write two whole numbers, the second one larger: 0..64 are the first 64 samples, 64..128 the next"
+                .into())
+        }
+    }
+}
+
 fn pixel_sample(text: &str) -> Result<PixelSample, String> {
     let numbers: Option<Vec<u32>> = text.split(',').map(|t| t.trim().parse().ok()).collect();
     match numbers.as_deref() {
@@ -347,6 +406,10 @@ mod tests {
         assert_eq!(pixel_sample("12, 40,7"), Ok(PixelSample { x: 12, y: 40, index: 7 }));
         for bad in ["12,40", "12,40,7,1", "a,b,c", "-1,0,0", ""] {
             assert!(pixel_sample(bad).is_err(), "{bad}");
+        }
+        assert_eq!(sample_range("64..128"), Ok(64..128));
+        for bad in ["64", "64..", "..64", "64..64", "5..4", "-1..4", "a..b", "0..4294967296", "0..1e3", "0...4", ""] {
+            assert!(sample_range(bad).is_err(), "{bad}");
         }
         assert_eq!(exposure("auto"), Ok(ExposureChoice::Auto));
         for bad in ["0ms", "-5ms", "5x", "long", ""] {

@@ -29,6 +29,7 @@ fn main() -> ExitCode {
     };
     let result = match args.command {
         args::Command::Render(a) => commands::render::run(&a, started),
+        args::Command::Merge(a) => commands::merge::run(&a, started),
         args::Command::Bench(a) => commands::bench::run(&a, started),
         args::Command::Inspect(a) => commands::inspect::run(&a),
         args::Command::Sensors(a) => commands::sensors::run(&a),

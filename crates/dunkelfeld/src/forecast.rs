@@ -3,13 +3,13 @@
 use dunkelfeld_adaptive::cost::CostMap;
 use dunkelfeld_adaptive::need::total;
 use dunkelfeld_film::Plane;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 /// The levels that are always told: total noise 41, 22, 12 and 3 % above the sensor's.
 pub const FORECAST_LEVELS: [f64; 4] = [1.0, 0.7, 0.5, 0.25];
 
 /// What it takes until 99 % of the unsaturated pixels are hidden at some k.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ForecastLevel {
     /// The level: the standard deviation of the render's noise over that of the sensor's.
     pub k: f64,
@@ -24,7 +24,7 @@ pub struct ForecastLevel {
 }
 
 /// A forecast, made once when the pilot is done.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Forecast {
     /// One entry for each level, k falling: those of [`FORECAST_LEVELS`] and the one that the render shall end at.
     pub levels: Vec<ForecastLevel>,

@@ -16,13 +16,18 @@
 #![forbid(unsafe_code)]
 
 pub mod bench;
+mod check;
+mod checkpoint;
 mod develop;
 mod error;
 mod forecast;
 mod heavy;
+mod identity;
 mod inspect;
 mod lens;
+mod look;
 mod matched;
+mod merge;
 mod noise;
 mod outputs;
 mod planner;
@@ -33,6 +38,7 @@ mod round;
 mod settings;
 mod stats;
 
+pub use checkpoint::{CheckpointSettings, DEFAULT_CHECKPOINT_SECONDS, Earlier};
 pub use develop::{Frame, Picture, SensorFrame, develop, develop_film};
 pub use error::Error;
 pub use forecast::{FORECAST_LEVELS, Forecast, ForecastLevel};
@@ -41,6 +47,7 @@ pub use inspect::{
     CameraEntry, CoverEntry, CoverLayerEntry, EffectEntry, Inspection, LightEntry, MaterialEntry, inspect,
 };
 pub use matched::Matched;
+pub use merge::{MergeSettings, Merged, merge};
 pub use noise::{Certified, certify};
 pub use outputs::{
     NO_ID, OutputPaths, SavedPlan, encode_layers, load_plan, save_exr, save_linear, save_picture, save_plan, save_text,
@@ -49,7 +56,7 @@ pub use progress::{Cancel, Progress, ProgressState, Silent, Stage};
 pub use project::{Project, ProjectResult, default_image_path, find_sensor, read_scene};
 pub use render::{Rendering, camera, render, thread_pool};
 pub use settings::{Budget, DEFAULT_PILOT_SPP, DEFAULT_SPP, MAX_PIXELS, MAX_SIDE, RenderSettings, SensorChoice};
-pub use stats::{CertificateStats, STATS_VERSION, SensorStats, Stats};
+pub use stats::{CertificateStats, PartStats, STATS_VERSION, SensorStats, Stats};
 
 pub use dunkelfeld_io::job::DEFAULT_SENSOR;
 

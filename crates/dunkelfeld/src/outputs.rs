@@ -85,8 +85,22 @@ impl OutputPaths {
     }
 }
 
+impl OutputPaths {
+    /// Finds out whether an output has the name of a file that is something else.
+    ///
+    /// # Errors
+    /// It has.
+    pub(crate) fn check_apart(&self, path: &Path, what: &str) -> Result<(), Error> {
+        if !self.all().any(|output| same_file(output, path)) {
+            return Ok(());
+        }
+        let (problem, mend) = (format!("is named for an output and for {what}"), "give each its own file".into());
+        Err(Error::Output { file: path.into(), problem, mend })
+    }
+}
+
 /// Do two names stand for one file, as `a.png` and `./a.png` do?
-fn same_file(a: &Path, b: &Path) -> bool {
+pub(crate) fn same_file(a: &Path, b: &Path) -> bool {
     let whole = |path: &Path| {
         let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
         Some((folder.canonicalize().ok()?, path.file_name()?.to_owned()))

@@ -14,6 +14,7 @@ use dunkelfeld_adaptive::pooling::Witnesses;
 use dunkelfeld_adaptive::schedule::PILOT_SHARE;
 use dunkelfeld_film::{Film, Plane};
 use dunkelfeld_integrator::Label;
+use serde::{Deserialize, Serialize};
 
 /// A pilot that waits for its size begins with so many samples per pixel: one for each batch of the film.
 pub(crate) const FIRST_LOOK: u32 = dunkelfeld_film::BATCHES as u32;
@@ -46,16 +47,42 @@ pub(crate) enum Verdict {
 pub(crate) struct Planner<'a> {
     settings: &'a RenderSettings,
     shares: Shares,
+    state: PlannerState,
+    forecast: Option<Forecast>,
+}
+
+/// How far the planning is.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub(crate) struct PlannerState {
     is_made: bool,
     /// Samples per pixel of the pilot when it was looked at before.
     seen: f64,
-    forecast: Option<Forecast>,
 }
 
 impl<'a> Planner<'a> {
     pub(crate) fn new(settings: &'a RenderSettings) -> Self {
         let shares = Shares::of(allocation::uniform(settings.width, settings.height));
-        Self { settings, shares, is_made: false, seen: 0.0, forecast: None }
+        Self { settings, shares, state: PlannerState::default(), forecast: None }
+    }
+
+    /// The planner of a render that was stored, at the place where it was.
+    pub(crate) fn resumed(
+        settings: &'a RenderSettings,
+        shares: Shares,
+        state: PlannerState,
+        forecast: Option<Forecast>,
+    ) -> Self {
+        Self { settings, shares, state, forecast }
+    }
+
+    /// How far the planning is: with shares and forecast all that [`Self::resumed`] needs.
+    pub(crate) fn state(&self) -> PlannerState {
+        self.state
+    }
+
+    /// What was foretold.
+    pub(crate) fn forecast(&self) -> Option<&Forecast> {
+        self.forecast.as_ref()
     }
 
     /// How samples are shared out from now on.
@@ -98,7 +125,7 @@ impl<'a> Planner<'a> {
         let measured = Measured::new(&eye, state.film, state.labels, Witnesses::All);
         let is_hidden = measured.certify(k).is_some_and(|c| c.certificate.is_hidden());
         let taken: u64 = state.counts.data().iter().map(|&n| u64::from(n)).sum();
-        if self.is_made {
+        if self.state.is_made {
             if is_hidden {
                 return Ok(Verdict::Hidden);
             }
@@ -121,8 +148,8 @@ impl<'a> Planner<'a> {
         // comparison of one look with another would tell of that. `as` saturates.
         let wanted = FIRST_LOOK << (wanted as u32 / FIRST_LOOK).max(1).ilog2();
         // One that has not grown since it was asked to cannot: the budget does not allow it.
-        let has_grown = spp > self.seen;
-        self.seen = spp;
+        let has_grown = spp > self.state.seen;
+        self.state.seen = spp;
         if has_grown && f64::from(wanted) > 1.01 * spp {
             return Ok(Verdict::GrowPilot(wanted));
         }
@@ -170,7 +197,7 @@ impl<'a> Planner<'a> {
         let outlook = Outlook { counts: state.counts, targets: &targets, target };
         self.forecast = Forecast::new(&outlook, pace);
         self.shares = shares;
-        self.is_made = true;
+        self.state.is_made = true;
     }
 
     /// Samples per pixel after which the image is hidden, by the strategy of the render.

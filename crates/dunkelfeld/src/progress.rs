@@ -1,6 +1,7 @@
 //! What a long render tells its caller, and how the caller tells it to stop.
 
 use crate::forecast::Forecast;
+use serde::{Deserialize, Serialize};
 use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Where a render stands.
@@ -19,7 +20,7 @@ pub struct ProgressState {
 }
 
 /// Stretches of a render.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 pub enum Stage {
     /// Reading files.
     Load,

@@ -1,12 +1,13 @@
 //! A scene or job file with everything around it: one thing to open, adjust, render and save.
 
+use crate::check::check;
 use crate::develop::{Frame, develop_film};
 use crate::error::{Error, camera_mend};
 use crate::inspect::{Inspection, camera_entry, inspect};
 use crate::lens::{DEFAULT_F_NUMBER, FilmSize, Fitted, Misfit, fit};
 use crate::outputs::{self, OutputPaths, Written};
 use crate::progress::{Cancel, Progress, ProgressState, Silent, Stage};
-use crate::render::{Rendering, check, find_camera, render_rehearsed, thread_pool};
+use crate::render::{Rendering, find_camera, render_rehearsed, thread_pool};
 use crate::settings::{Budget, RenderSettings, SensorChoice};
 use crate::stats::Stats;
 use dunkelfeld_adaptive::allocation::Strategy;
@@ -256,6 +257,9 @@ impl Project {
     /// Settings outside their range, an unknown camera, outputs that could not be written.
     pub fn render_with(&self, progress: &dyn Progress, cancel: &Cancel) -> Result<ProjectResult, Error> {
         self.outputs.check(matches!(self.settings.sensor, SensorChoice::Emva { .. }))?;
+        if let Some(keep) = &self.settings.checkpoint {
+            self.outputs.check_apart(&keep.path, "the checkpoint")?;
+        }
         let settings = self.fitted()?;
         let object_names = self.scene.object_names();
         let rehearsal = |film: &Film, labels: &Plane<Option<Label>>| {

@@ -1,19 +1,19 @@
 //! The render: pilot, plan, rounds, until the budget is met.
 
+use crate::check::check;
+use crate::checkpoint::{Course, Earlier, Keeper, Moment, Saved, State as Stored, began, film_rows};
 use crate::error::Error;
 use crate::forecast::{Forecast, Pace};
 use crate::planner::{FIRST_LOOK, Planner, State, Verdict};
 use crate::progress::{Cancel, Progress, Stage};
 use crate::round::{Reporter, RoundWork, TILE, deadline, give_up, run};
-use crate::settings::{DEFAULT_SPP, MAX_PIXELS, MAX_SIDE, RenderSettings};
-use dunkelfeld_adaptive::allocation::Strategy;
+use crate::settings::{DEFAULT_SPP, RenderSettings};
 use dunkelfeld_adaptive::cost::{CostMap, TileGrid, feared_makespan, makespan};
 use dunkelfeld_adaptive::plan;
 use dunkelfeld_adaptive::schedule::{Limits, Phase, Schedule, Settings, Step, StopReason};
 use dunkelfeld_film::{Film, Plane};
 use dunkelfeld_integrator::{ConnectionTally, Estimator, Label, PixelSample, label};
 use dunkelfeld_scene::{Camera, RayGenerator, Scene};
-use dunkelfeld_sensor::ExposureNoise;
 use rayon::prelude::*;
 use std::time::Instant;
 
@@ -49,6 +49,10 @@ pub struct Rendering {
     pub forecast: Option<Forecast>,
     /// Threads that rendered.
     pub threads: usize,
+    /// What came from a checkpoint, or from the parts of a merged render.
+    pub earlier: Earlier,
+    /// What went wrong when the checkpoint was written last; `None` if it is as it should be, or if there is none.
+    pub checkpoint_fault: Option<String>,
 }
 
 impl Rendering {
@@ -131,62 +135,24 @@ pub(crate) fn render_rehearsed(
     let camera = camera(scene, settings)?;
     let pool = thread_pool(settings.threads)?;
     let threads = pool.current_num_threads();
-    pool.install(|| Renderer::new(scene, &camera, settings, started, threads).run(progress, cancel, rehearsal))
-}
-
-pub(crate) fn check(s: &RenderSettings) -> Result<(), Error> {
-    let range = format!("1 to {MAX_SIDE}");
-    for (name, v) in [("width", s.width), ("height", s.height)] {
-        if !(1..=MAX_SIDE).contains(&v) {
-            return Err(Error::setting(name, format!("{v} is out of range"), format!("use {range}")));
+    pool.install(|| {
+        let began = Instant::now();
+        let labels = labels(scene, &camera, settings.width, settings.height);
+        let (keeper, saved) = match &settings.checkpoint {
+            Some(keep) => {
+                let (keeper, saved) = Keeper::open(keep, scene, &camera, settings, &labels, started)?;
+                (Some(keeper), saved)
+            }
+            None => (None, None),
+        };
+        let mut renderer = Renderer::new(scene, &camera, settings, started, threads, labels);
+        renderer.keeper = keeper;
+        if let Some(saved) = saved {
+            renderer.take_up(saved);
         }
-    }
-    let pixels = u64::from(s.width) * u64::from(s.height);
-    if pixels > MAX_PIXELS {
-        let problem = format!("{} x {} pixels are more than {MAX_PIXELS}", s.width, s.height);
-        return Err(Error::setting("film", problem, "render it in parts, or smaller"));
-    }
-    for (name, v) in [("time", s.budget.seconds), ("spp", s.budget.spp)] {
-        if v.is_some_and(|v| !(v.is_finite() && v > 0.0)) {
-            return Err(Error::setting(name, "the budget must be a positive number", "use 20s or 64"));
-        }
-    }
-    if let Some(k) = s.budget.noise {
-        if !(k.is_finite() && k > 0.0) {
-            return Err(Error::setting("noise", "the level must be a positive number", "use 0.7"));
-        }
-        if !s.has_sensor() {
-            let problem = "noise is hidden beneath that of a sensor, and there is none";
-            return Err(Error::setting("noise", problem, "choose a sensor, or another budget"));
-        }
-    }
-    if s.strategy == Some(Strategy::Sensor) && !s.has_sensor() {
-        let problem = "samples cannot go where a sensor would notice: there is none";
-        return Err(Error::setting("allocation", problem, "choose a sensor, or the allocation `variance`"));
-    }
-    if s.exposure_noise == ExposureNoise::Matched && !s.has_sensor() {
-        let problem = "noise is matched to that of a sensor, and there is none";
-        return Err(Error::setting("exposure noise", problem, "choose a sensor, or the exposure noise `plain`"));
-    }
-    if s.budget.spp.is_some_and(|v| v > f64::from(u32::MAX / 4)) {
-        return Err(Error::setting("spp", "more samples per pixel than can be counted", "use less than 1e9"));
-    }
-    if let Some(p) = &s.replay
-        && (p.width(), p.height()) != (s.width, s.height)
-    {
-        let problem = format!("the plan is {} x {} pixels, the film {} x {}", p.width(), p.height(), s.width, s.height);
-        return Err(Error::setting("replay", problem, "render at the size of the plan"));
-    }
-    if s.replay.as_ref().is_some_and(|p| plan::total(p) == 0) {
-        return Err(Error::setting("replay", "the plan has no samples", "use a plan of a render that took some"));
-    }
-    if let Some(most) = s.replay.as_ref().and_then(|p| p.data().iter().copied().max())
-        && most > plan::MAX_SPP
-    {
-        let problem = format!("the plan asks for {most} samples in one pixel, more than {}", plan::MAX_SPP);
-        return Err(Error::setting("replay", problem, "use a plan that a render wrote"));
-    }
-    Ok(())
+        renderer.spend(Stage::Build, began);
+        renderer.run(progress, cancel, rehearsal)
+    })
 }
 
 /// The state of a render between rounds.
@@ -206,6 +172,22 @@ struct Renderer<'a> {
     stages: Vec<(Stage, f64)>,
     invalid: Vec<PixelSample>,
     connections: ConnectionTally,
+    keeper: Option<Keeper>,
+    earlier: Earlier,
+    /// Where the rounds stand: what the checkpoint of the round under way says.
+    course: Option<Course>,
+    /// What an earlier process left: the plan of its last round, and why it ended.
+    target: Option<Plane<u32>>,
+    stopped: Option<StopReason>,
+}
+
+/// What the schedule asks for next.
+enum Next {
+    /// A round up to this plan.
+    Round(Plane<u32>),
+    /// Nothing yet: it was judged, and has to be asked again.
+    Judged,
+    Stop(StopReason),
 }
 
 impl<'a> Renderer<'a> {
@@ -215,27 +197,82 @@ impl<'a> Renderer<'a> {
         settings: &'a RenderSettings,
         started: Instant,
         threads: usize,
+        labels: Plane<Option<Label>>,
     ) -> Self {
         let (width, height) = (settings.width, settings.height);
-        let began = Instant::now();
-        let mut renderer = Self {
+        Self {
             scene,
             camera,
             settings,
             started,
             threads,
             film: Film::new(width, height),
-            counts: plan::empty(width, height),
+            counts: settings.samples_before(),
             taken: 0,
-            labels: labels(scene, camera, width, height),
+            labels,
             planner: Planner::new(settings),
             costs: CostMap::new(TileGrid::new(width, height, TILE)),
             stages: Vec::new(),
             invalid: Vec::new(),
             connections: ConnectionTally::default(),
-        };
-        renderer.spend(Stage::Build, began);
-        renderer
+            keeper: None,
+            earlier: Earlier::default(),
+            course: None,
+            target: None,
+            stopped: None,
+        }
+    }
+
+    /// Goes back to where an earlier process was when it stored this.
+    fn take_up(&mut self, saved: Saved) {
+        let Saved { state, shares, target, film } = saved;
+        let rendered = film.sample_counts();
+        self.counts.data_mut().iter_mut().zip(rendered.data()).for_each(|(count, n)| *count += n);
+        self.taken = film.total_samples();
+        self.film = film;
+        let (started, seconds) = began(self.started, state.elapsed);
+        self.started = started;
+        self.earlier = Earlier { seconds, samples: self.taken, was_complete: state.stop.is_some() };
+        self.invalid = state.invalid();
+        self.connections = state.connections();
+        if let Some(shares) = shares {
+            self.planner = Planner::resumed(self.settings, shares, state.planner, state.forecast);
+        }
+        self.stages = state.stages;
+        self.course = state.course;
+        self.course.iter_mut().for_each(|course| course.schedule.wake());
+        (self.target, self.stopped) = (target, state.stop);
+    }
+
+    /// What is stored beside film and plan.
+    fn state(&self, stop: Option<StopReason>) -> Stored {
+        Stored {
+            elapsed: 0.0,
+            stop,
+            course: self.course.clone(),
+            planner: self.planner.state(),
+            forecast: self.planner.forecast().cloned(),
+            connections: [self.connections.attempts, self.connections.arrived, self.connections.shots],
+            stages: self.stages.clone(),
+            invalid: self.invalid.iter().map(|s| [s.x, s.y, s.index]).collect(),
+        }
+    }
+
+    /// Stores a checkpoint between two rounds, the render being over for that reason or not at all; without a reason only
+    /// if it is time to, unless it must be.
+    fn keep(&self, stop: Option<StopReason>, must: bool) {
+        let Some(keeper) = &self.keeper else { return };
+        let state = self.state(stop);
+        let shares = self.course.is_some().then(|| self.planner.shares());
+        let moment = Moment { state: &state, shares, target: self.target.as_ref() };
+        let mut rows = film_rows(&self.film);
+        if must {
+            keeper.keep(moment, &mut rows);
+        } else {
+            let closing = self.course.as_ref().map_or(0.0, |c| c.closing);
+            let deadline = deadline(self.started, self.settings.budget.seconds, closing);
+            keeper.keep_if_due(moment, deadline, &mut rows);
+        }
     }
 
     fn pixels(&self) -> u64 {
@@ -243,27 +280,35 @@ impl<'a> Renderer<'a> {
     }
 
     fn run(mut self, progress: &dyn Progress, cancel: &Cancel, rehearsal: Rehearsal<'_>) -> Result<Rendering, Error> {
-        let stop = match &self.settings.replay {
-            Some(plan) => {
-                let total = plan::total(plan);
+        let stop = match (self.stopped, self.settings.given_plan()) {
+            (Some(stop), _) => stop,
+            (None, Some(plan)) => {
+                let total = self.taken + plan::total(&plan::increment(&self.counts, &plan));
                 let reporter = Reporter::new(progress, self.started, None, Some(total));
-                self.round(plan, Stage::Refine, None, cancel, &reporter);
+                reporter.resume(self.taken);
+                self.round(&plan, Stage::Refine, None, cancel, &reporter);
                 StopReason::Samples
             }
-            None => self.rounds(progress, cancel, rehearsal)?,
+            (None, None) => self.rounds(progress, cancel, rehearsal)?,
         };
+        let interrupted = cancel.is_cancelled() && !self.earlier.was_complete;
+        if !self.earlier.was_complete {
+            self.keep((!interrupted).then_some(stop), true);
+        }
         let (weights, forecast) = self.planner.into_parts();
         Ok(Rendering {
             film: self.film,
             labels: self.labels,
             stop,
-            interrupted: cancel.is_cancelled(),
+            interrupted,
             stages: self.stages,
             invalid: self.invalid,
             connections: self.connections,
             weights,
             forecast,
             threads: self.threads,
+            earlier: self.earlier,
+            checkpoint_fault: self.keeper.and_then(Keeper::fault),
         })
     }
 
@@ -274,109 +319,154 @@ impl<'a> Renderer<'a> {
         cancel: &Cancel,
         rehearse: Rehearsal<'_>,
     ) -> Result<StopReason, Error> {
+        let limits = self.limits();
+        let reporter = Reporter::new(progress, self.started, limits.seconds, limits.samples);
+        reporter.resume(self.taken);
+        let mut course = match self.course.take() {
+            Some(course) => course,
+            None => self.first_course(limits),
+        };
+        loop {
+            // A round that an earlier process left open comes first.
+            let target = match self.target.take() {
+                Some(target) => target,
+                None => match self.next_round(&mut course, limits, &reporter, rehearse)? {
+                    Next::Round(target) => target,
+                    Next::Judged => continue,
+                    Next::Stop(reason) => return Ok(reason),
+                },
+            };
+            // Beyond the samples that a preview must have, a round that would pass the deadline is cut.
+            let guard = (self.taken >= limits.at_least)
+                .then(|| deadline(self.started, limits.seconds, course.closing))
+                .flatten();
+            self.course = Some(course.clone());
+            let (before, began) = (self.taken, Instant::now());
+            let work = self.round(&target, course.stage, guard, cancel, &reporter);
+            if cancel.is_cancelled() {
+                self.target = Some(target);
+                return Ok(StopReason::Samples);
+            }
+            // With what an earlier process took of this round.
+            course.schedule.record(self.taken - course.schedule.taken(), work, began.elapsed().as_secs_f64());
+            if self.taken > before {
+                course.work_per_sample = work / (self.taken - before) as f64;
+            }
+            self.course = Some(course.clone());
+            if guard.is_some_and(|d| Instant::now() > d) && self.taken < plan::total(&target) {
+                return Ok(StopReason::Time);
+            }
+            self.keep(None, false);
+        }
+    }
+
+    /// The limits of a render that plans for itself.
+    fn limits(&self) -> Limits {
         let budget = self.settings.budget;
         let spp = budget.spp.or((budget.seconds.is_none() && budget.noise.is_none()).then_some(DEFAULT_SPP));
         let samples = spp.map(|spp| plan::total_for_mean(spp, self.pixels()).max(1));
-        let mut closing = CLOSING_PER_MEGAPIXEL * self.pixels() as f64 * 1e-6;
         let preview = (self.pixels() / PREVIEW).max(1);
-        let limits = Limits {
+        Limits {
             seconds: budget.seconds,
             samples,
             at_least: preview.min(samples.unwrap_or(u64::MAX)),
             judged: budget.noise.is_some(),
-        };
-        // Judged, the pilot begins with a look that tells how large it is to be.
-        let pilot_spp = self.settings.pilot_spp.min(if limits.judged { FIRST_LOOK } else { u32::MAX });
-        let settings = Settings { pixels: self.pixels(), pilot_spp, closing_seconds: closing };
-        let mut schedule = Schedule::new(limits, settings);
-        let reporter = Reporter::new(progress, self.started, budget.seconds, samples);
-        let mut work_per_sample = 1.0;
-        let mut rehearsed = false;
-        loop {
-            let step = schedule.next(self.started.elapsed().as_secs_f64(), work_per_sample);
-            let round = match step {
-                Step::Stop(reason) => return Ok(reason),
-                Step::Round(round) => Some(round),
-                Step::Judge => None,
-            };
-            if round.is_none_or(|round| round.replan) {
-                let began = Instant::now();
-                let state = State { film: &self.film, labels: &self.labels, counts: &self.counts };
-                let pace = Pace {
-                    elapsed: self.started.elapsed().as_secs_f64(),
-                    per_work: schedule.pace(),
-                    threads: self.threads,
-                    costs: &self.costs,
-                    closing,
-                    limits: (budget.seconds, samples),
-                };
-                let tell = |forecast: &Forecast| progress.forecast(forecast);
-                let mut verdict = None;
-                match budget.noise.filter(|_| round.is_none()) {
-                    Some(k) => verdict = Some(self.planner.judge(k, state, &pace, tell)?),
-                    None => self.planner.plan(state, &pace)?.into_iter().for_each(tell),
-                }
-                let is_pilot_done = !matches!(verdict, Some(Verdict::GrowPilot(_)));
-                let left = budget.seconds.map_or(0.0, |s| s - self.started.elapsed().as_secs_f64());
-                if !rehearsed && is_pilot_done && closing < REHEARSAL_SHARE * left {
-                    rehearsed = true;
-                    let began = Instant::now();
-                    rehearse(&self.film, &self.labels)?;
-                    closing = closing.max(CLOSING_MARGIN * began.elapsed().as_secs_f64());
-                    schedule.set_closing_seconds(closing);
-                }
-                self.spend(Stage::Plan, began);
-                match verdict {
-                    None => {}
-                    Some(Verdict::Hidden) => return Ok(StopReason::Judged),
-                    Some(Verdict::GrowPilot(spp)) => {
-                        schedule.grow_pilot(spp);
-                    }
-                    Some(Verdict::After(samples)) => {
-                        reporter.expect(samples);
-                        schedule.judged(samples);
-                    }
-                }
-            }
-            let Some(round) = round else { continue };
-            let stage = if round.phase == Phase::Pilot { Stage::Pilot } else { Stage::Refine };
-            let began = Instant::now();
-            let (samples, target) = self.target(round.samples, &schedule, limits.at_least);
-            self.spend(stage, began);
-            // Beyond the samples that a preview must have, a round that would pass the deadline is cut.
-            let guard =
-                (self.taken >= limits.at_least).then(|| deadline(self.started, budget.seconds, closing)).flatten();
-            let began = Instant::now();
-            let (taken, work) = self.round(&target, stage, guard, cancel, &reporter);
-            if cancel.is_cancelled() {
-                return Ok(StopReason::Samples);
-            }
-            schedule.record(taken, work, began.elapsed().as_secs_f64());
-            if taken > 0 {
-                work_per_sample = work / taken as f64;
-            }
-            if taken < samples && guard.is_some_and(|d| Instant::now() > d) {
-                return Ok(StopReason::Time);
-            }
         }
     }
 
+    fn first_course(&self, limits: Limits) -> Course {
+        let closing = CLOSING_PER_MEGAPIXEL * self.pixels() as f64 * 1e-6
+            + self.keeper.as_ref().map_or(0.0, Keeper::expected_seconds);
+        // Judged, the pilot begins with a look that tells how large it is to be.
+        let pilot_spp = self.settings.pilot_spp.min(if limits.judged { FIRST_LOOK } else { u32::MAX });
+        let settings = Settings { pixels: self.pixels(), pilot_spp, closing_seconds: closing };
+        let schedule = Schedule::new(limits, settings);
+        Course { schedule, stage: Stage::Pilot, work_per_sample: 1.0, closing, rehearsed: false }
+    }
+
+    /// Asks the schedule; plans or judges where that is due, and rehearses the end once the pilot is done.
+    fn next_round(
+        &mut self,
+        course: &mut Course,
+        limits: Limits,
+        reporter: &Reporter<'_>,
+        rehearse: Rehearsal<'_>,
+    ) -> Result<Next, Error> {
+        let round = match course.schedule.next(self.started.elapsed().as_secs_f64(), course.work_per_sample) {
+            Step::Stop(reason) => return Ok(Next::Stop(reason)),
+            Step::Round(round) => Some(round),
+            Step::Judge => None,
+        };
+        if round.is_none_or(|round| round.replan) {
+            let began = Instant::now();
+            let state = State { film: &self.film, labels: &self.labels, counts: &self.counts };
+            let pace = Pace {
+                elapsed: self.started.elapsed().as_secs_f64(),
+                per_work: course.schedule.pace(),
+                threads: self.threads,
+                costs: &self.costs,
+                closing: course.closing,
+                limits: (limits.seconds, limits.samples),
+            };
+            let tell = |forecast: &Forecast| reporter.sink.forecast(forecast);
+            let mut verdict = None;
+            match self.settings.budget.noise.filter(|_| round.is_none()) {
+                Some(k) => verdict = Some(self.planner.judge(k, state, &pace, tell)?),
+                None => self.planner.plan(state, &pace)?.into_iter().for_each(tell),
+            }
+            let is_pilot_done = !matches!(verdict, Some(Verdict::GrowPilot(_)));
+            let left = limits.seconds.map_or(0.0, |s| s - self.started.elapsed().as_secs_f64());
+            if !course.rehearsed && is_pilot_done && course.closing < REHEARSAL_SHARE * left {
+                self.rehearse(course, rehearse)?;
+            }
+            self.spend(Stage::Plan, began);
+            match verdict {
+                None => {}
+                Some(Verdict::Hidden) => return Ok(Next::Stop(StopReason::Judged)),
+                Some(Verdict::GrowPilot(spp)) => {
+                    course.schedule.grow_pilot(spp);
+                }
+                Some(Verdict::After(samples)) => {
+                    reporter.expect(samples);
+                    course.schedule.judged(samples);
+                }
+            }
+        }
+        let Some(round) = round else { return Ok(Next::Judged) };
+        course.stage = if round.phase == Phase::Pilot { Stage::Pilot } else { Stage::Refine };
+        let began = Instant::now();
+        let target = self.target(round.samples, &course.schedule, limits.at_least);
+        self.spend(course.stage, began);
+        Ok(Next::Round(target))
+    }
+
+    /// Writes everything as in the end, and learns how long that takes.
+    fn rehearse(&self, course: &mut Course, rehearse: Rehearsal<'_>) -> Result<(), Error> {
+        let began = Instant::now();
+        rehearse(&self.film, &self.labels)?;
+        let took = began.elapsed().as_secs_f64() + self.keeper.as_ref().map_or(0.0, Keeper::expected_seconds);
+        course.rehearsed = true;
+        course.closing = course.closing.max(CLOSING_MARGIN * took);
+        course.schedule.set_closing_seconds(course.closing);
+        Ok(())
+    }
+
     /// The plan of a round of so many samples, or of fewer if they turn out to be too much work where they go.
-    fn target(&mut self, mut samples: u64, schedule: &Schedule, at_least: u64) -> (u64, Plane<u32>) {
+    fn target(&mut self, mut samples: u64, schedule: &Schedule, at_least: u64) -> Plane<u32> {
         loop {
             let target = plan::next_round_of(&self.counts, self.planner.shares(), self.taken + samples);
             if self.settings.budget.seconds.is_none() || self.taken < at_least {
-                return (samples, target);
+                return target;
             }
             let units = self.costs.cut(&plan::increment(&self.counts, &target), self.threads);
             match schedule.trimmed(samples, feared_makespan(&units, self.threads)) {
                 Some(fewer) => samples = fewer,
-                None => return (samples, target),
+                None => return target,
             }
         }
     }
 
-    /// Renders up to a target plan; returns the samples taken and their expected work.
+    /// Renders up to a target plan; returns the expected work.
     fn round(
         &mut self,
         target: &Plane<u32>,
@@ -384,7 +474,7 @@ impl<'a> Renderer<'a> {
         deadline: Option<Instant>,
         cancel: &Cancel,
         reporter: &Reporter<'_>,
-    ) -> (u64, f64) {
+    ) -> f64 {
         let began = Instant::now();
         let increment = plan::increment(&self.counts, target);
         let units = self.costs.cut(&increment, self.threads);
@@ -396,6 +486,11 @@ impl<'a> Renderer<'a> {
             seed: self.settings.seed,
             frame: self.settings.frame,
         };
+        let state = self.state(None);
+        // A plan that was given is at hand whenever the render is taken up.
+        let plans = self.course.is_some();
+        let (shares, open) = (plans.then(|| self.planner.shares()), plans.then_some(target));
+        let moment = Moment { state: &state, shares, target: open };
         let round = RoundWork {
             estimator: &estimator,
             counts: &self.counts,
@@ -406,6 +501,7 @@ impl<'a> Renderer<'a> {
             give_up: give_up(deadline, self.settings.budget.seconds),
             cancel,
             stage,
+            keeper: self.keeper.as_ref().map(|keeper| (keeper, moment)),
         };
         let result = run(&mut self.film, &round, reporter);
         for &(tile, ..) in &result.tiles {
@@ -423,7 +519,7 @@ impl<'a> Renderer<'a> {
         self.invalid.extend(result.invalid);
         self.invalid.truncate(16);
         self.spend(stage, began);
-        (result.samples, work)
+        work
     }
 
     fn spend(&mut self, stage: Stage, began: Instant) {

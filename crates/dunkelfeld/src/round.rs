@@ -4,11 +4,13 @@
 //! them up apart, and a tile goes onto the film only when all of its units are done: whatever happens, the samples of a
 //! pixel are always the first n. Sums are exact, so it does not matter who finishes first.
 
+use crate::checkpoint::{Keeper, Moment};
 use crate::progress::{Cancel, Progress, ProgressState, Stage};
-use dunkelfeld_adaptive::cost::{CostMap, TileRect, WorkUnit};
+use dunkelfeld_adaptive::cost::{CostMap, TileGrid, TileRect, WorkUnit};
 use dunkelfeld_film::{Accumulate, Film, PixelSums, Plane};
 use dunkelfeld_integrator::{ConnectionTally, Estimator, PixelSample};
 use rayon::prelude::*;
+use std::ops::Range;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
@@ -45,6 +47,11 @@ impl<'a> Reporter<'a> {
     pub(crate) fn expect(&self, samples: f64) {
         // `as` saturates.
         self.expected.store(samples as u64, Ordering::Relaxed);
+    }
+
+    /// Counts samples of an earlier process.
+    pub(crate) fn resume(&self, samples: u64) {
+        self.taken.store(samples, Ordering::Relaxed);
     }
 
     /// Adds samples, and reports if the last report is old enough.
@@ -88,6 +95,8 @@ pub(crate) struct RoundWork<'a> {
     pub(crate) give_up: Option<Instant>,
     pub(crate) cancel: &'a Cancel,
     pub(crate) stage: Stage,
+    /// Who stores the film on the way, and what belongs to it.
+    pub(crate) keeper: Option<(&'a Keeper, Moment<'a>)>,
 }
 
 /// What a round brought.
@@ -116,9 +125,12 @@ struct Pending {
 /// Renders a round onto the film, on the threads of the current pool.
 pub(crate) fn run(film: &mut Film, work: &RoundWork<'_>, reporter: &Reporter<'_>) -> RoundResult {
     let grid = work.costs.grid();
+    let mut parts = vec![(0u32, 0u64); grid.len()];
+    work.units.iter().for_each(|u| parts[u.tile] = (u.parts, u.samples));
     let pending: Vec<Mutex<Pending>> = (0..grid.len()).map(|_| Mutex::default()).collect();
     let invalid = Mutex::new(Vec::new());
     let next = AtomicU64::new(0);
+    let film_before: &Film = film;
     // One long-lived task per thread that takes the next unit: the dearest first, as they were cut.
     (0..rayon::current_num_threads()).into_par_iter().for_each(|_| {
         loop {
@@ -139,12 +151,17 @@ pub(crate) fn run(film: &mut Film, work: &RoundWork<'_>, reporter: &Reporter<'_>
             tile.units_done += 1;
             tile.connections.add(&connections);
             tile.seconds += began.elapsed().as_secs_f64();
+            drop(tile);
+            if let Some((keeper, moment)) = work.keeper {
+                let mut rows = |rows: Range<u32>, out: &mut Vec<PixelSums>| {
+                    rows_so_far(film_before, grid, &pending, &parts, rows, out);
+                };
+                keeper.keep_if_due(moment, work.deadline, &mut rows);
+            }
         }
     });
 
     let mut result = RoundResult { invalid: invalid.into_inner().unwrap_or_default(), ..RoundResult::default() };
-    let mut parts = vec![(0u32, 0u64); grid.len()];
-    work.units.iter().for_each(|u| parts[u.tile] = (u.parts, u.samples));
     // A tile with a unit missing is left out as a whole.
     let finished: Vec<Option<Pending>> = pending
         .into_iter()
@@ -174,6 +191,36 @@ pub(crate) fn run(film: &mut Film, work: &RoundWork<'_>, reporter: &Reporter<'_>
     });
     result.invalid.sort_by_key(|s| (s.y, s.x, s.index));
     result
+}
+
+/// Some rows of the film with all tiles that are finished on them: a film that a later process can go on from.
+fn rows_so_far(
+    film: &Film,
+    grid: TileGrid,
+    pending: &[Mutex<Pending>],
+    parts: &[(u32, u64)],
+    rows: Range<u32>,
+    out: &mut Vec<PixelSums>,
+) {
+    let width = film.width() as usize;
+    let first = rows.start as usize * width;
+    out.extend(&film.pixels().data()[first..rows.end as usize * width]);
+    for (index, (tile, &(parts, _))) in pending.iter().zip(parts).enumerate() {
+        let rect = grid.rect(index);
+        if rect.y0 >= rows.end || rect.y1 <= rows.start {
+            continue;
+        }
+        let Ok(tile) = tile.lock() else { continue };
+        if parts == 0 || tile.units_done != parts {
+            continue;
+        }
+        for (slot, sums) in &tile.sums {
+            let (dx, dy) = (slot % (rect.x1 - rect.x0), slot / (rect.x1 - rect.x0));
+            if rows.contains(&(rect.y0 + dy)) {
+                out[(rect.y0 + dy) as usize * width + (rect.x0 + dx) as usize - first].merge(sums);
+            }
+        }
+    }
 }
 
 /// The sums of one unit, and the connections that it sought; `None` if it was cut short.

@@ -1,9 +1,11 @@
 //! What to render and how long: the settings of one render.
 
+use crate::checkpoint::CheckpointSettings;
 use dunkelfeld_adaptive::allocation::Strategy;
 use dunkelfeld_film::Plane;
 use dunkelfeld_scene::{Camera, Effect};
 use dunkelfeld_sensor::{Exposure, ExposureNoise, Optics, SensorModel};
+use std::ops::Range;
 
 /// Samples per pixel when no budget is given.
 pub const DEFAULT_SPP: f64 = 64.0;
@@ -74,6 +76,12 @@ pub struct RenderSettings {
     pub exposure_noise: ExposureNoise,
     /// A plan to replay: samples per pixel, instead of budget and strategy.
     pub replay: Option<Plane<u32>>,
+    /// Of the samples that the plan gives each pixel only those with an index in this range: a part of the render, which
+    /// [`merge`](crate::merge()) joins with others. Without a plan to replay, every pixel gets all of them. Neither budget nor
+    /// strategy may be set then.
+    pub samples: Option<Range<u32>>,
+    /// Where to keep a checkpoint, and to take the render up from if it exists.
+    pub checkpoint: Option<CheckpointSettings>,
     /// Effects that were left out on purpose. They mark the outputs; the scene itself must have been built without them
     /// ([`Project::open_without`](crate::Project::open_without)).
     pub without: Vec<Effect>,
@@ -82,7 +90,30 @@ pub struct RenderSettings {
 impl RenderSettings {
     /// The strategy that the render follows.
     pub fn strategy(&self) -> Strategy {
-        self.strategy.unwrap_or(Strategy::default_for(self.has_sensor()))
+        match self.samples {
+            Some(_) => Strategy::Uniform,
+            None => self.strategy.unwrap_or(Strategy::default_for(self.has_sensor())),
+        }
+    }
+
+    /// The plan of a render that does not plan for itself: one that is replayed, or a part. Samples per pixel, those that
+    /// other parts have included.
+    pub(crate) fn given_plan(&self) -> Option<Plane<u32>> {
+        match (&self.replay, &self.samples) {
+            (None, None) => None,
+            (Some(plan), None) => Some(plan.clone()),
+            (None, Some(samples)) => Some(Plane::new(self.width, self.height, samples.end)),
+            (Some(plan), Some(samples)) => Some(plan.map(|&n| n.min(samples.end))),
+        }
+    }
+
+    /// Samples per pixel that are left to other parts: a part begins where the one before it ends.
+    pub(crate) fn samples_before(&self) -> Plane<u32> {
+        let first = self.samples.as_ref().map_or(0, |s| s.start);
+        match &self.replay {
+            Some(plan) => plan.map(|&n| n.min(first)),
+            None => Plane::new(self.width, self.height, first),
+        }
     }
 
     /// Is there a sensor?
@@ -109,6 +140,8 @@ impl Default for RenderSettings {
             sensor: SensorChoice::None,
             exposure_noise: ExposureNoise::default(),
             replay: None,
+            samples: None,
+            checkpoint: None,
             without: Vec::new(),
         }
     }

@@ -62,8 +62,15 @@ pub struct Stats {
     pub mean_radiance_standard_error: [Option<f64>; 3],
     /// Seconds by stage: `load`, `build`, `pilot`, `plan`, `refine`, `expose`, `write`.
     pub seconds: BTreeMap<String, f64>,
-    /// Wall-clock seconds of the whole command, and the limit if there was one.
+    /// Wall-clock seconds of the whole command, and the limit if there was one. What earlier processes needed for a render
+    /// that was taken up from a checkpoint counts, and so do those that rendered the parts of a merged one.
     pub total_seconds: f64,
+    /// Of these, the seconds of earlier processes.
+    pub earlier_seconds: f64,
+    /// Of the samples, those that a checkpoint or the parts held.
+    pub earlier_samples: u64,
+    /// The parts that were merged, by their first samples; `None` if the render is none of parts.
+    pub parts: Option<Vec<PartStats>>,
     /// The time budget.
     pub budget_seconds: Option<f64>,
     /// Was the time budget missed by more than 2 % and 0.2 s?
@@ -74,6 +81,22 @@ pub struct Stats {
     pub forecast: Option<Vec<ForecastLevel>>,
     /// How well the render's noise is hidden beneath the sensor's; `null` without a sensor.
     pub certificate: Option<CertificateStats>,
+    /// Was all of it in a checkpoint? Then what followed missed no budget.
+    #[serde(skip)]
+    pub was_complete: bool,
+}
+
+/// A part of a merged render.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct PartStats {
+    /// Its file.
+    pub file: String,
+    /// Index of the first of its samples in every pixel, and of the first that comes after them.
+    pub range: [u32; 2],
+    /// Samples of the whole image.
+    pub samples: u64,
+    /// Seconds that rendering it took.
+    pub seconds: f64,
 }
 
 /// The certificate ([`dunkelfeld_adaptive::certificate`]): ratios are the variance of a pixel's rendered mean over the
@@ -224,11 +247,15 @@ impl Stats {
             mean_radiance_standard_error: variance.map(|v| v.is_finite().then(|| v.sqrt() / n)),
             seconds,
             total_seconds: 0.0,
+            earlier_seconds: rendering.earlier.seconds,
+            earlier_samples: rendering.earlier.samples,
+            parts: None,
             budget_seconds: settings.budget.seconds,
             budget_missed: false,
             sensor: sensor_stats(frame, settings),
             forecast: rendering.forecast.as_ref().map(|f| f.levels.clone()),
             certificate: certified(frame).map(|c| (&c.certificate).into()),
+            was_complete: rendering.earlier.was_complete,
         }
     }
 
@@ -237,16 +264,18 @@ impl Stats {
         *self.seconds.entry(stage.name().to_string()).or_insert(0.0) += seconds;
     }
 
-    /// Closes the book: the whole command took this long.
-    pub fn finish(&mut self, total_seconds: f64) {
-        self.total_seconds = total_seconds;
+    /// Closes the book: this command took so long. What earlier processes took is added.
+    pub fn finish(&mut self, seconds: f64) {
+        let total = self.earlier_seconds + seconds;
+        self.total_seconds = total;
         if let (Some(forecast), "noise", Some(c)) = (&mut self.forecast, self.stop.as_str(), &self.certificate) {
             for level in forecast.iter_mut().filter(|level| level.k == c.k) {
-                (level.actual_samples, level.actual_seconds) = (Some(self.samples as f64), Some(total_seconds));
+                (level.actual_samples, level.actual_seconds) = (Some(self.samples as f64), Some(total));
             }
         }
-        self.budget_missed =
-            self.stop != "interrupted" && self.budget_seconds.is_some_and(|b| total_seconds > b + (0.02 * b).max(0.2));
+        self.budget_missed = self.stop != "interrupted"
+            && !self.was_complete
+            && self.budget_seconds.is_some_and(|b| total > b + (0.02 * b).max(0.2));
     }
 
     /// Should the run's exit say that something is wrong with the result?

@@ -53,6 +53,16 @@ impl Optics {
         self.f_number
     }
 
+    /// The transmission tau.
+    pub fn transmission(&self) -> f64 {
+        self.transmission
+    }
+
+    /// The magnification m.
+    pub fn magnification(&self) -> f64 {
+        self.magnification
+    }
+
     /// Irradiance on the sensor under an object of the given radiance, E = pi L tau / (4 N^2 (1 + m)^2) on the axis.
     pub fn irradiance(&self, radiance: Radiance) -> Irradiance {
         let working_f_number = self.f_number * (1.0 + self.magnification);

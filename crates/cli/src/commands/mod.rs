@@ -2,5 +2,6 @@
 
 pub(crate) mod bench;
 pub(crate) mod inspect;
+pub(crate) mod merge;
 pub(crate) mod render;
 pub(crate) mod sensors;

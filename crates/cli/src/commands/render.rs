@@ -9,7 +9,10 @@ use crate::interrupt::cancel_on_interrupt;
 use crate::outcome::Outcome;
 use dunkelfeld::adaptive::allocation::Strategy;
 use dunkelfeld::sensor::ExposureNoise;
-use dunkelfeld::{Budget, Error, Progress, ProgressState, Project, RenderSettings, SensorChoice, Stage};
+use dunkelfeld::{
+    Budget, CheckpointSettings, Error, Progress, ProgressState, Project, RenderSettings, SensorChoice, Stage,
+};
+pub(crate) use report::say_flaws;
 use std::time::Instant;
 
 /// At most so many warnings, and so many hazards, are printed before a render.
@@ -37,7 +40,8 @@ pub(crate) fn run(args: &RenderArgs, started: Instant) -> Result<Outcome, Error>
     result.save(&project.outputs)?;
     drop(sink);
     report::print_report(args, &project, &result);
-    Ok(match (result.rendering.interrupted, result.stats.is_flagged()) {
+    let is_flagged = result.stats.is_flagged() || result.rendering.checkpoint_fault.is_some();
+    Ok(match (result.rendering.interrupted, is_flagged) {
         (true, _) => Outcome::Interrupted,
         (false, true) => Outcome::Flagged,
         (false, false) => Outcome::Done,
@@ -75,6 +79,15 @@ fn apply(args: &RenderArgs, project: &mut Project) -> Result<(), Error> {
             Allocate::Variance => Strategy::Variance,
             Allocate::Sensor => Strategy::Sensor,
         });
+    }
+    if let Some(path) = &args.checkpoint {
+        let seconds = args.checkpoint_every.unwrap_or(dunkelfeld::DEFAULT_CHECKPOINT_SECONDS);
+        s.checkpoint = Some(CheckpointSettings { seconds, ..CheckpointSettings::new(path) });
+    }
+    if args.samples.is_some() {
+        // What the job says of budget and strategy is for the whole.
+        (s.budget, s.strategy) = (Budget::default(), None);
+        s.samples.clone_from(&args.samples);
     }
     apply_sensor(args.sensor.as_deref(), args.exposure, s, project.optics)?;
     apply_exposure_noise(args.exposure_noise, s)?;

@@ -10,15 +10,9 @@ use std::fmt::Write;
 pub(super) fn print_report(args: &RenderArgs, project: &Project, result: &ProjectResult) {
     let s = &result.stats;
     print(&summary(project, s));
-    if s.sensor.as_ref().is_some_and(|s| s.no_light) {
-        say("warning: the image is black, so there is no automatic exposure; 1 s was used");
-    }
-    if s.invalid_samples > 0 {
-        let n = s.invalid_samples;
-        say(&format!("flagged: {n} samples were not finite, negative or out of range; they count as black"));
-        if let Some(named) = s.invalid_named.first() {
-            say(&format!("  to replay one: {}", replay_command(args, s, named)));
-        }
+    say_flaws(s);
+    if let Some(named) = s.invalid_named.first() {
+        say(&format!("  to replay one: {}", replay_command(args, s, named)));
     }
     if let Some(heavy) = s.heaviest_samples.first().filter(|h| h.dominates) {
         let (share, n) = (100.0 * heavy.share, s.dominated_pixels);
@@ -43,8 +37,22 @@ pub(super) fn print_report(args: &RenderArgs, project: &Project, result: &Projec
         let (over, all) = (seconds(s.total_seconds - limit), seconds(s.total_seconds));
         say(&format!("flagged: the time budget of {} was missed by {over}; all of it took {all}", seconds(limit)));
     }
+    if let Some(fault) = &result.rendering.checkpoint_fault {
+        say(&format!("flagged: the checkpoint is not up to date: {fault}"));
+    }
     if result.rendering.interrupted {
         say("interrupted: the image holds what was rendered so far");
+    }
+}
+
+/// What is wrong with an image, whoever made it.
+pub(crate) fn say_flaws(s: &Stats) {
+    if s.sensor.as_ref().is_some_and(|s| s.no_light) {
+        say("warning: the image is black, so there is no automatic exposure; 1 s was used");
+    }
+    if s.invalid_samples > 0 {
+        let n = s.invalid_samples;
+        say(&format!("flagged: {n} samples were not finite, negative or out of range; they count as black"));
     }
 }
 
@@ -69,6 +77,12 @@ fn summary(project: &Project, s: &Stats) -> String {
     let threads = if s.threads == 1 { "1 thread".into() } else { format!("{} threads", s.threads) };
     let rate = count(s.samples_per_second as u64);
     let _ = writeln!(text, "{} in all, {rate} samples per second on {threads}", seconds(s.total_seconds));
+    if s.was_complete {
+        let _ = writeln!(text, "all of it was in the checkpoint, which took {}", seconds(s.earlier_seconds));
+    } else if s.earlier_seconds > 0.0 {
+        let (samples, took) = (count(s.earlier_samples), seconds(s.earlier_seconds));
+        let _ = writeln!(text, "taken up from a checkpoint: {samples} samples and {took} of that came from before");
+    }
     if let Some(sensor) = &s.sensor {
         let _ = writeln!(
             text,

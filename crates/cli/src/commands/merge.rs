@@ -1,0 +1,37 @@
+//! `dunkelfeld merge`: joins parts of a render.
+
+use crate::args::MergeArgs;
+use crate::commands::render::say_flaws;
+use crate::outcome::{Outcome, print};
+use crate::words::count;
+use dunkelfeld::{Error, MergeSettings, OutputPaths};
+use std::fmt::Write;
+use std::time::Instant;
+
+pub(crate) fn run(args: &MergeArgs, started: Instant) -> Result<Outcome, Error> {
+    let outputs = OutputPaths {
+        image: args.image.clone(),
+        linear: args.linear.clone(),
+        exr: args.exr.clone(),
+        stats: args.stats.clone(),
+        plan: None,
+    };
+    let settings = MergeSettings {
+        parts: args.parts.clone(),
+        outputs,
+        checkpoint: args.checkpoint.clone(),
+        threads: args.threads.map_or(0, usize::from),
+    };
+    let merged = dunkelfeld::merge(&settings, started)?;
+    let (range, parts) = (&merged.samples, args.parts.len());
+    let words = if parts == 1 { "1 part".into() } else { format!("{parts} parts") };
+    let total = count(merged.stats.samples);
+    let mut text = format!("{words}: samples {}..{}, {total} in all\n", range.start, range.end);
+    let o = &settings.outputs;
+    for path in [&settings.checkpoint, &o.image, &o.linear, &o.exr, &o.stats].into_iter().flatten() {
+        let _ = writeln!(text, "wrote {}", path.display());
+    }
+    print(&text);
+    say_flaws(&merged.stats);
+    Ok(if merged.stats.is_flagged() { Outcome::Flagged } else { Outcome::Done })
+}

@@ -1,0 +1,442 @@
+//! Renders that outlive their process, and parts of a render: the same bits as if nothing had happened, and clear words where
+//! things do not belong together.
+//!
+//! What a killed process leaves is the checkpoint that it wrote last; here copies of it are taken while a render runs.
+//! The program itself is killed in `tests/killed.rs`. Replay: `cargo test --workspace --test checkpoints NAME`.
+
+mod support;
+
+use dunkelfeld::film::{Film, Plane};
+use dunkelfeld::geometry::{DVec3, Vec3};
+use dunkelfeld::io::checkpoint::{CheckpointHead, read_checkpoint, write_checkpoint};
+use dunkelfeld::radiometry::{Rgb, Seconds};
+use dunkelfeld::scene::shapes::{cuboid, sphere};
+use dunkelfeld::scene::{Effect, Material, Scene, SceneBuilder};
+use dunkelfeld::sensor::{Exposure, Optics};
+use dunkelfeld::{
+    Budget, Cancel, CheckpointSettings, Error, MergeSettings, Merged, OutputPaths, Progress, ProgressState,
+    RenderSettings, Rendering, SensorChoice, Silent, find_sensor, render,
+};
+use dunkelfeld_adaptive::allocation::Strategy;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::sync::Mutex;
+use std::time::{Duration, Instant};
+use support::{build, emitter, settings, square};
+use tempfile::TempDir;
+
+/// Three tiles side by side: few samples, so that whoever listens slowly is not kept for long.
+const WIDTH: u32 = 33;
+const HEIGHT: u32 = 3;
+
+fn room(light: f32) -> Scene {
+    let mut b = SceneBuilder::default();
+    let floor = b.add_material(Material { base_color: Rgb::new(0.7, 0.5, 0.3), ..Material::default() });
+    b.add_object("floor", square(0.0, 2.0, false), floor);
+    let metal = b.add_material(Material { metallic: 1.0, roughness: 0.3, ..Material::default() });
+    b.add_object("ball", sphere(Vec3::new(0.2, 0.0, 0.25), 0.2, 12, true), metal);
+    b.add_object("box", cuboid(Vec3::new(-0.5, -0.2, 0.01), Vec3::new(-0.1, 0.2, 0.3)), floor);
+    let lamp = b.add_material(emitter(light));
+    b.add_object("light", square(1.0, 0.5, true), lamp);
+    b.add_camera("camera", DVec3::new(0.3, -1.5, 0.9), DVec3::new(0.0, 0.0, 0.15), 0.7);
+    b.add_camera("other", DVec3::new(0.0, -1.5, 0.9), DVec3::new(0.0, 0.0, 0.15), 0.7);
+    build(b)
+}
+
+fn sensor(name: &str, milliseconds: f64) -> SensorChoice {
+    let optics = Optics::new(4.0, 0.9, 0.0).expect("in range");
+    let exposure = Exposure::new(Seconds(1e-3 * milliseconds)).expect("in range");
+    SensorChoice::Emva { model: Box::new(find_sensor(name).expect("a preset")), optics, exposure: Some(exposure) }
+}
+
+/// An adaptive render: a pilot and a refinement, of several rounds.
+fn adaptive() -> RenderSettings {
+    RenderSettings {
+        strategy: Some(Strategy::Sobel),
+        sensor: sensor("imx250", 5.0),
+        ..settings(WIDTH, HEIGHT, 24.0, 3)
+    }
+}
+
+/// The samples of a render that another process does.
+fn only(settings: &RenderSettings, samples: std::ops::Range<u32>) -> RenderSettings {
+    RenderSettings { samples: Some(samples), budget: Budget::default(), strategy: None, ..settings.clone() }
+}
+
+/// Joins parts into a checkpoint.
+fn merge(parts: &[PathBuf], out: &Path) -> Result<Merged, Error> {
+    let settings = MergeSettings { parts: parts.to_vec(), checkpoint: Some(out.into()), ..MergeSettings::default() };
+    dunkelfeld::merge(&settings, Instant::now())
+}
+
+/// Stores a checkpoint as often as it can.
+fn kept(path: &Path, settings: &RenderSettings) -> RenderSettings {
+    let checkpoint = CheckpointSettings { path: path.into(), seconds: 0.0 };
+    RenderSettings { checkpoint: Some(checkpoint), ..settings.clone() }
+}
+
+fn run(scene: &Scene, settings: &RenderSettings) -> Result<Rendering, Error> {
+    render(scene, settings, Instant::now(), &Silent, &Cancel::new())
+}
+
+fn film(scene: &Scene, settings: &RenderSettings) -> Film {
+    run(scene, settings).expect("a render").film
+}
+
+/// Progress is reported ten times a second. Whoever takes longer to listen, and lets a single thread render, hears of every
+/// few hundred samples, on any machine.
+fn listen_slowly() {
+    std::thread::sleep(Duration::from_millis(101));
+}
+
+/// The start of a render whose first report is due at once.
+fn a_second_ago() -> Instant {
+    Instant::now().checked_sub(Duration::from_secs(1)).unwrap_or_else(Instant::now)
+}
+
+/// Copies the checkpoint whenever the render says how far it is.
+struct Witness {
+    checkpoint: PathBuf,
+    copies: Mutex<Vec<PathBuf>>,
+}
+
+impl Progress for Witness {
+    fn update(&self, _: &ProgressState) {
+        let mut copies = self.copies.lock().expect("not poisoned");
+        let copy = self.checkpoint.with_extension(format!("{}.copy", copies.len()));
+        if fs::copy(&self.checkpoint, &copy).is_ok() {
+            copies.push(copy);
+        }
+        drop(copies);
+        listen_slowly();
+    }
+}
+
+/// Rendered samples that the copies of the checkpoint hold, and the copies.
+fn witnessed(scene: &Scene, path: PathBuf, settings: &RenderSettings) -> Vec<(u64, PathBuf)> {
+    let witness = Witness { checkpoint: path.clone(), copies: Mutex::default() };
+    let settings = RenderSettings { threads: 1, ..kept(&path, settings) };
+    render(scene, &settings, a_second_ago(), &witness, &Cancel::new()).expect("a render");
+    let copies = witness.copies.into_inner().expect("not poisoned");
+    let stored = |path: &PathBuf| read_checkpoint(path).expect("whole, whenever it is looked at").film.total_samples();
+    copies.into_iter().map(|path| (stored(&path), path)).collect()
+}
+
+/// A switch that is thrown once a render has taken so many samples.
+struct StopAt<'a>(u64, &'a Cancel);
+
+impl Progress for StopAt<'_> {
+    fn update(&self, state: &ProgressState) {
+        if state.samples >= self.0 {
+            self.1.cancel();
+        }
+        listen_slowly();
+    }
+}
+
+#[test]
+fn a_render_goes_on_from_wherever_it_was_left_and_ends_with_the_same_bits() {
+    let scene = room(8.0);
+    let folder = TempDir::new().expect("a folder");
+    let plan = Plane::from_fn(WIDTH, HEIGHT, |x, y| 3 + x * (y + 1) % 13);
+    let replayed = RenderSettings { replay: Some(plan), ..settings(WIDTH, HEIGHT, 1.0, 3) };
+    let part = only(&settings(WIDTH, HEIGHT, 1.0, 3), 6..16);
+    let by_need = RenderSettings { strategy: Some(Strategy::Sensor), ..adaptive() };
+    // More than its samples can do, so that it is judged until they are used up.
+    let budget = Budget { noise: Some(0.4), spp: Some(32.0), ..Budget::default() };
+    let judged = RenderSettings { strategy: None, budget, ..adaptive() };
+    let all = [("sobel", adaptive()), ("sensor", by_need), ("judged", judged), ("replayed", replayed), ("part", part)];
+    for (name, settings) in all {
+        let first = run(&scene, &settings).expect("a render");
+        let whole = first.film;
+        let copies = witnessed(&scene, folder.path().join(name), &settings);
+        let unfinished = copies.iter().filter(|(n, _)| (1..whole.total_samples()).contains(n)).count();
+        assert!(unfinished > 2, "{name}: too few copies of {} samples: {copies:?}", whole.total_samples());
+        for (i, (samples, copy)) in copies.iter().enumerate() {
+            let threads = 1 + i % 3;
+            let checkpoint = Some(CheckpointSettings::new(copy));
+            let again = RenderSettings { threads, checkpoint, ..settings.clone() };
+            let resumed = run(&scene, &again).expect("it goes on");
+            assert!(resumed.film == whole, "{name}: taken up at {samples} samples, on {threads} threads");
+            assert!(resumed.weights == first.weights && resumed.stop == first.stop, "{name}: at {samples} samples");
+            assert!(resumed.checkpoint_fault.is_none() && resumed.earlier.seconds > 0.0);
+            assert_eq!(resumed.earlier.samples, *samples, "{name}");
+        }
+    }
+}
+
+/// Interrupted again and again, at moments that no clock has a say in.
+#[test]
+fn a_render_that_is_interrupted_many_times_ends_with_the_same_bits() {
+    let scene = room(8.0);
+    let folder = TempDir::new().expect("a folder");
+    for strategy in [Strategy::Uniform, Strategy::Sobel, Strategy::Variance, Strategy::Sensor] {
+        let settings = RenderSettings { strategy: Some(strategy), ..adaptive() };
+        let whole = film(&scene, &settings);
+        let path = folder.path().join(format!("{strategy:?}.film"));
+        let mut interruptions = 0;
+        loop {
+            let cancel = Cancel::new();
+            let stop = StopAt(whole.total_samples() * (interruptions + 1) / 8, &cancel);
+            let settings = RenderSettings { threads: 1, ..kept(&path, &settings) };
+            let resumed = render(&scene, &settings, a_second_ago(), &stop, &cancel).expect("it goes on");
+            let stored = read_checkpoint(&path).expect("a checkpoint");
+            assert!(stored.film == resumed.film, "what is stored is what there is");
+            if !resumed.interrupted {
+                assert!(resumed.film == whole, "{strategy:?}, after {interruptions} interruptions");
+                assert!(interruptions > 2, "{strategy:?}: only {interruptions} interruptions");
+                break;
+            }
+            assert!(resumed.film.total_samples() <= whole.total_samples());
+            interruptions += 1;
+            assert!(interruptions < 20, "it never ends");
+        }
+    }
+}
+
+#[test]
+fn a_finished_render_is_there_at_once_and_stays_as_it_is() {
+    let scene = room(8.0);
+    let folder = TempDir::new().expect("a folder");
+    let path = folder.path().join("a.film");
+    let settings = kept(&path, &adaptive());
+    let first = run(&scene, &settings).expect("a render");
+    let bytes = fs::read(&path).expect("a checkpoint");
+    let again = run(&scene, &settings).expect("the same render");
+    assert!(!first.earlier.was_complete && again.earlier.was_complete);
+    assert!(first.film == again.film && first.stop == again.stop && first.weights == again.weights);
+    assert_eq!(fs::read(&path).expect("a checkpoint"), bytes);
+}
+
+/// The checkpoint with one passage of its text replaced.
+fn with_text(path: &Path, from: &str, to: &str) {
+    let stored = read_checkpoint(path).expect("a checkpoint");
+    assert!(stored.text.contains(from), "no {from} in {}", stored.text);
+    let text = stored.text.replace(from, to);
+    let head = CheckpointHead {
+        width: stored.film.width(),
+        height: stored.film.height(),
+        text: &text,
+        weights: stored.weights.as_ref(),
+        caps: stored.caps.as_ref(),
+        target: stored.target.as_ref(),
+        objects: stored.objects.as_ref(),
+        materials: stored.materials.as_ref(),
+    };
+    let width = stored.film.width() as usize;
+    let mut rows = |rows: std::ops::Range<u32>, out: &mut Vec<_>| {
+        out.extend(&stored.film.pixels().data()[rows.start as usize * width..rows.end as usize * width]);
+    };
+    write_checkpoint(path, &head, &mut rows).expect("writable");
+}
+
+/// The seconds of the text, whatever they are.
+fn set_elapsed(path: &Path, seconds: &str) {
+    let text = read_checkpoint(path).expect("a checkpoint").text;
+    let value = text.split("\"elapsed\":").nth(1).and_then(|rest| rest.split(',').next()).expect("elapsed seconds");
+    with_text(path, &format!("\"elapsed\":{value}"), &format!("\"elapsed\":{seconds}"));
+}
+
+#[test]
+fn the_time_of_all_processes_counts_against_the_budget() {
+    let scene = room(8.0);
+    let folder = TempDir::new().expect("a folder");
+    let path = folder.path().join("a.film");
+    let budget = Budget { seconds: Some(3600.0), ..Budget::default() };
+    let timed = kept(&path, &RenderSettings { budget, ..adaptive() });
+    let cancel = Cancel::new();
+    let stop = StopAt(2_000, &cancel);
+    let first = render(&scene, &timed, a_second_ago(), &stop, &cancel).expect("a render");
+    assert!(first.interrupted);
+    // As if the first process had worked for just under an hour: nothing but the open round is left to do.
+    set_elapsed(&path, "3599.9");
+    let second = run(&scene, &timed).expect("it goes on");
+    assert!(!second.interrupted && second.stop == dunkelfeld::adaptive::StopReason::Time);
+    assert_eq!(second.earlier.seconds, 3599.9);
+    // Whatever was rendered, its plan replays.
+    let replay = RenderSettings { replay: Some(second.plan()), checkpoint: None, ..timed };
+    assert!(film(&scene, &replay) == second.film);
+}
+
+#[track_caller]
+fn refused<T: std::fmt::Debug>(result: Result<T, Error>, says: &[&str]) {
+    let message = result.map(|_| ()).expect_err("must be refused").to_string();
+    for word in says {
+        assert!(message.contains(word), "\"{word}\" is not in: {message}");
+    }
+    assert!(message.contains("mend:"), "{message}");
+}
+
+#[test]
+fn a_checkpoint_of_another_render_is_refused_and_the_difference_named() {
+    let scene = room(8.0);
+    let folder = TempDir::new().expect("a folder");
+    let path = folder.path().join("a.film");
+    let small = RenderSettings { width: 12, height: 8, ..adaptive() };
+    let settings = kept(&path, &small);
+    run(&scene, &settings).expect("a render");
+    let bytes = fs::read(&path).expect("a checkpoint");
+    let base = || settings.clone();
+    let cases: [(RenderSettings, &str); 15] = [
+        (RenderSettings { seed: 4, ..base() }, "not the same seed, \"3\" there and \"4\" here"),
+        (RenderSettings { frame: 1, ..base() }, "not the same frame"),
+        (RenderSettings { width: 13, ..base() }, "not the same size, \"12 x 8\" there and \"13 x 8\" here"),
+        (RenderSettings { camera: Some("other".into()), ..base() }, "not the same camera"),
+        (RenderSettings { without: vec![Effect::ALL[0]], ..base() }, "not the same choice of effects left out"),
+        (RenderSettings { budget: Budget { spp: Some(91.0), ..Budget::default() }, ..base() }, "not the same budget"),
+        (
+            RenderSettings { budget: Budget { seconds: Some(9.0), ..Budget::default() }, ..base() },
+            "not the same budget",
+        ),
+        (RenderSettings { strategy: Some(Strategy::Uniform), ..base() }, "not the same allocation"),
+        (RenderSettings { sensor: SensorChoice::None, ..base() }, "not the same sensor or exposure"),
+        (RenderSettings { sensor: sensor("imx174", 5.0), ..base() }, "not the same sensor or exposure"),
+        (RenderSettings { sensor: sensor("imx250", 6.0), ..base() }, "not the same sensor or exposure"),
+        (RenderSettings { pilot_spp: 17, ..base() }, "not the same further settings"),
+        (RenderSettings { sobel_floor: 0.3, ..base() }, "not the same further settings"),
+        (RenderSettings { replay: Some(Plane::new(12, 8, 4)), ..base() }, "not the same plan"),
+        (only(&base(), 0..4), "the whole render there and samples 0..4 here"),
+    ];
+    for (other, says) in cases {
+        refused(run(&scene, &other), &["a.film", "another render", says]);
+    }
+    refused(run(&room(8.000_001), &settings), &["not the same scene"]);
+    assert_eq!(fs::read(&path).expect("a checkpoint"), bytes, "a refused checkpoint stays");
+
+    // Another version of the program, and one that computes otherwise under the same number.
+    with_text(&path, "\"dunkelfeld ", "\"dunkelfeld 9.");
+    refused(run(&scene, &settings), &["not the same program", "dunkelfeld 9."]);
+    fs::write(&path, &bytes).expect("writable");
+    let probes = read_checkpoint(&path).expect("a checkpoint").text;
+    let digest = probes.split("\"outcome of samples\",\"").nth(1).map(|rest| rest[..32].to_owned()).expect("a digest");
+    with_text(&path, &digest, &digest.chars().rev().collect::<String>());
+    refused(run(&scene, &settings), &["not the same outcome of samples"]);
+
+    // No checkpoint at all, a text that is none, a place where there cannot be one.
+    fs::write(&path, "precious").expect("writable");
+    refused(run(&scene, &settings), &["a.film", "cut short"]);
+    fs::write(&path, "precious".repeat(9)).expect("writable");
+    refused(run(&scene, &settings), &["a.film", "not that of a checkpoint"]);
+    fs::write(&path, &bytes).expect("writable");
+    with_text(&path, "\"identity\"", "\"identiti\"");
+    refused(run(&scene, &settings), &["a.film", "description"]);
+    refused(run(&scene, &kept(&folder.path().join("no/a.film"), &settings)), &["no/a.film", "folder"]);
+    refused(run(&scene, &kept(folder.path(), &settings)), &["is a folder"]);
+}
+
+/// The samples of a uniform render in a part of its own.
+fn part(scene: &Scene, folder: &TempDir, settings: &RenderSettings, samples: std::ops::Range<u32>) -> PathBuf {
+    let path = folder.path().join(format!("{}-{}.film", samples.start, samples.end));
+    run(scene, &kept(&path, &only(settings, samples))).expect("a part");
+    path
+}
+
+#[test]
+fn merged_parts_are_the_whole_to_the_last_bit() {
+    let scene = room(8.0);
+    let folder = TempDir::new().expect("a folder");
+    let out = folder.path().join("out.film");
+    let uniform = settings(33, 21, 24.0, 5);
+    let Rendering { film: whole, labels, .. } = run(&scene, &uniform).expect("a render");
+    let [a, b, c] = [0..7, 7..8, 8..24].map(|range| part(&scene, &folder, &uniform, range));
+
+    for parts in [[&a, &b, &c], [&c, &a, &b], [&b, &c, &a]] {
+        let merged = merge(&parts.map(PathBuf::clone), &out).expect("parts of one render");
+        assert_eq!(merged.samples, 0..24);
+        assert!(merged.rendering.film == whole && merged.rendering.labels == labels);
+        let parts = merged.stats.parts.expect("parts");
+        assert_eq!(parts.iter().map(|p| p.range).collect::<Vec<_>>(), [[0, 7], [7, 8], [8, 24]], "by their samples");
+        assert_eq!(parts.iter().map(|p| p.samples).sum::<u64>(), whole.total_samples());
+        assert_eq!(
+            (merged.stats.earlier_samples, merged.stats.samples),
+            (whole.total_samples(), whole.total_samples())
+        );
+        assert!(read_checkpoint(&out).expect("a part").film == whole);
+        // What was merged is a finished part, whoever develops it and through whatever sensor.
+        let settings = RenderSettings { sensor: sensor("imx174", 3.0), ..only(&uniform, 0..24) };
+        let again = run(&scene, &kept(&out, &settings)).expect("a finished part");
+        assert!(again.earlier.was_complete && again.film == whole);
+    }
+    // In two steps.
+    let later = folder.path().join("later.film");
+    assert_eq!(merge(&[c, b], &later).expect("neighbours").samples, 7..24);
+    merge(&[later, a], &out).expect("parts of one render");
+    assert!(read_checkpoint(&out).expect("a part").film == whole);
+}
+
+#[test]
+fn parts_of_a_plan_are_the_plan() {
+    let scene = room(8.0);
+    let folder = TempDir::new().expect("a folder");
+    let out = folder.path().join("out.film");
+    let adaptive = RenderSettings { width: 33, height: 21, ..adaptive() };
+    let whole = run(&scene, &adaptive).expect("a render");
+    let plan = whole.plan();
+    let most = plan.data().iter().copied().max().expect("pixels");
+    let replay = RenderSettings { replay: Some(plan.clone()), ..adaptive };
+    let cut = most / 2;
+    assert!(plan.data().iter().any(|&n| n < cut), "some pixels lie in the first part alone");
+    let parts = [0..5, 5..cut, cut..most].map(|range| part(&scene, &folder, &replay, range));
+    let merged = merge(&parts, &out).expect("parts of one plan");
+    assert_eq!(merged.stats.allocation, "replay");
+    assert!(read_checkpoint(&out).expect("a part").film == whole.film);
+}
+
+#[test]
+fn parts_that_do_not_belong_together_are_refused() {
+    let scene = room(8.0);
+    let folder = TempDir::new().expect("a folder");
+    let out = folder.path().join("out.film");
+    let uniform = settings(12, 8, 24.0, 5);
+    let [a, b, c, d] = [0..8, 8..16, 12..24, 20..24].map(|range| part(&scene, &folder, &uniform, range));
+    let together = |parts: &[&PathBuf]| merge(&parts.iter().map(|&p| p.clone()).collect::<Vec<_>>(), &out);
+    refused(together(&[&a, &b, &c]), &["12-24.film", "overlap", "8..16", "12..24"]);
+    refused(together(&[&a, &a]), &["0-8.film", "overlap"]);
+    refused(together(&[&d, &b, &a]), &["20-24.film", "gap", "8..16"]);
+    refused(merge(&[], &out), &["no parts"]);
+    refused(together(&[&a, &folder.path().join("nowhere.film")]), &["nowhere.film"]);
+
+    // Other renders.
+    let elsewhere = TempDir::new().expect("a folder");
+    let other = |scene: &Scene, settings: &RenderSettings| part(scene, &elsewhere, settings, 8..16);
+    refused(together(&[&a, &other(&room(9.0), &uniform)]), &["not the same scene", "0-8.film"]);
+    for (changed, says) in [
+        (RenderSettings { seed: 6, ..uniform.clone() }, "not the same seed"),
+        (RenderSettings { width: 13, ..uniform.clone() }, "not the same size"),
+        (RenderSettings { camera: Some("other".into()), ..uniform.clone() }, "not the same camera"),
+        (RenderSettings { replay: Some(Plane::new(12, 8, 99)), ..uniform.clone() }, "not the same plan"),
+        (RenderSettings { sensor: sensor("imx174", 5.0), ..uniform.clone() }, "not the same sensor, lens or exposure"),
+    ] {
+        let _ = fs::remove_file(elsewhere.path().join("8-16.film"));
+        refused(together(&[&a, &other(&scene, &changed)]), &["8-16.film", says]);
+    }
+
+    // A part must not be written over.
+    refused(merge(&[a.clone(), b.clone()], &b), &["8-16.film", "is a part"]);
+    let outputs = OutputPaths { exr: Some(a.clone()), ..OutputPaths::default() };
+    let over = MergeSettings { parts: vec![a.clone(), b.clone()], outputs, ..MergeSettings::default() };
+    refused(dunkelfeld::merge(&over, Instant::now()), &["0-8.film", "an output and for a part"]);
+
+    // A whole render, an unfinished part, one that holds more than it says.
+    let whole = folder.path().join("whole.film");
+    run(&scene, &kept(&whole, &uniform)).expect("a render");
+    refused(together(&[&whole]), &["whole.film", "not a part"]);
+    with_text(&b, "\"stop\":\"Samples\"", "\"stop\":null");
+    refused(together(&[&a, &b]), &["8-16.film", "not finished"]);
+    with_text(&a, "\"samples\":{\"start\":0,\"end\":8}", "\"samples\":{\"start\":0,\"end\":7}");
+    refused(together(&[&a]), &["0-8.film", "8 samples in a pixel"]);
+    assert!(!out.exists(), "nothing was written");
+}
+
+#[test]
+fn ranges_that_are_none_are_refused() {
+    let scene = room(8.0);
+    let base = settings(4, 4, 1.0, 0);
+    for samples in [4..4, 0..u32::MAX] {
+        refused(run(&scene, &only(&base, samples)), &["samples"]);
+    }
+    // A part has no budget, and no choice where its samples go.
+    refused(run(&scene, &RenderSettings { samples: Some(0..4), ..base.clone() }), &["samples", "budget"]);
+    let sobel = RenderSettings { strategy: Some(Strategy::Sobel), ..only(&base, 0..4) };
+    refused(run(&scene, &sobel), &["samples", "allocation"]);
+}
