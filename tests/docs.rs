@@ -395,6 +395,21 @@ fn the_effects_page_names_every_effect_and_no_other() {
     assert!(unknown.is_empty() && prices.len() >= 24, "no effects: {unknown:?} of {} prices", prices.len());
 }
 
+// --- Checkpoints -------------------------------------------------------------------------------------------------------
+
+/// The bytes of a pixel add up to what the code writes.
+#[test]
+fn the_checkpoint_page_knows_the_bytes_of_a_pixel() {
+    use dunkelfeld::io::checkpoint::{CHECKPOINT_VERSION, PIXEL_BYTES};
+    let text = page("docs/checkpoints.md");
+    assert!(text.contains(&format!("| sums | {PIXEL_BYTES} per pixel, 8 |")), "the sums have {PIXEL_BYTES} bytes");
+    assert!(text.contains(&format!("version of the format: {CHECKPOINT_VERSION} |")));
+    let pixel = text.split("A pixel:").nth(1).expect("the table of a pixel");
+    let rows = pixel.lines().filter_map(|line| line.strip_prefix("| ")).filter_map(|row| row.split(" |").next());
+    let bytes = rows.flat_map(|first| first.split(", ")).filter_map(|n| n.parse::<usize>().ok());
+    assert_eq!(bytes.sum::<usize>(), PIXEL_BYTES);
+}
+
 // --- Links -------------------------------------------------------------------------------------------------------------
 
 /// Targets of the links and pictures of a page that lie in this repository.

@@ -28,8 +28,8 @@ use std::time::{Duration, Instant};
 pub const DEFAULT_CHECKPOINT_SECONDS: f64 = 30.0;
 /// Checkpoints take at most this share of the time of one thread: those of large films become rarer.
 const MOST_TIME: f64 = 0.02;
-/// What writing is taken to need until it has been measured [s per megapixel]: 280 MB at 250 MB/s.
-const SECONDS_PER_MEGAPIXEL: f64 = 1.2;
+/// What writing is taken to need until it has been measured [s per megapixel]: 350 MB at 250 MB/s.
+const SECONDS_PER_MEGAPIXEL: f64 = 1.4;
 /// A checkpoint may take longer than the last one by this factor: none is begun that might not be done by the deadline.
 const MARGIN: f64 = 2.0;
 

@@ -9,8 +9,8 @@ use crate::progress::Stage;
 use crate::render::{Rendering, thread_pool};
 use crate::settings::RenderSettings;
 use crate::stats::{PartStats, Stats};
-use dunkelfeld_adaptive::allocation;
 use dunkelfeld_adaptive::schedule::StopReason;
+use dunkelfeld_adaptive::{allocation, plan};
 use dunkelfeld_film::{Film, Plane};
 use dunkelfeld_io::InputError;
 use dunkelfeld_io::checkpoint::{CheckpointHead, write_checkpoint};
@@ -170,7 +170,7 @@ fn join(paths: &[PathBuf]) -> Result<Joined<'_>, Error> {
             return Err(fault(format!("(samples {}..{}) is not finished", samples.start, samples.end), mend));
         }
         let most = stored.film.pixels().data().iter().map(|p| p.count()).max().unwrap_or(0);
-        if samples.is_empty() || most > samples.end - samples.start {
+        if samples.is_empty() || samples.end > plan::MAX_SPP || most > samples.end - samples.start {
             let problem = format!("has {most} samples in a pixel and claims to be {}..{}", samples.start, samples.end);
             return Err(fault(problem, "render it again"));
         }
@@ -184,33 +184,34 @@ fn join(paths: &[PathBuf]) -> Result<Joined<'_>, Error> {
                 return Err(fault(of(format!("not the same {what}")), mend));
             }
         }
-        let taken = stored.film.total_samples();
+        let (taken, part) = (stored.film.total_samples(), Part { path, samples, taken: 0, description, look });
+        // Before anything is added up: parts that do not overlap have no more samples than can be counted.
+        let meets =
+            |other: &&Part<'_>| part.samples.start < other.samples.end && other.samples.start < part.samples.end;
+        if let Some(other) = parts.iter().find(meets) {
+            return Err(misfit(&part, "overlap with", other));
+        }
         match &mut whole {
             None => whole = Some((stored.film, [objects, materials])),
             Some((film, _)) => {
                 film.merge(&stored.film).map_err(|e| fault(e.to_string(), "merge parts of one size"))?;
             }
         }
-        parts.push(Part { path, samples, taken, description, look });
+        parts.push(Part { taken, ..part });
     }
     let (film, numbers) = whole.ok_or_else(no_parts)?;
     parts.sort_by_key(|p| (p.samples.start, p.samples.end));
-    for pair in parts.windows(2) {
-        follow(&pair[0], &pair[1])?;
+    match parts.windows(2).find(|pair| pair[0].samples.end < pair[1].samples.start) {
+        Some(pair) => Err(misfit(&pair[1], "leave a gap after", &pair[0])),
+        None => Ok(Joined { parts, film, numbers }),
     }
-    Ok(Joined { parts, film, numbers })
 }
 
-/// Makes sure that one part begins where the other ends.
-fn follow(a: &Part<'_>, b: &Part<'_>) -> Result<(), Error> {
-    let problem = match a.samples.end.cmp(&b.samples.start) {
-        std::cmp::Ordering::Equal => return Ok(()),
-        std::cmp::Ordering::Greater => "overlap with",
-        std::cmp::Ordering::Less => "leave a gap after",
-    };
-    let problem = format!("samples {} {problem} samples {} of {}", b.range(), a.range(), a.path.display());
+/// What is wrong with the samples of a part beside those of another.
+fn misfit(part: &Part<'_>, problem: &str, other: &Part<'_>) -> Error {
+    let problem = format!("samples {} {problem} samples {} of {}", part.range(), other.range(), other.path.display());
     let mend = "merge parts that follow upon each other, each once";
-    Err(InputError::new(b.path, "the part", problem, mend).into())
+    InputError::new(part.path, "the part", problem, mend).into()
 }
 
 /// The state of a render that took what all parts took.
