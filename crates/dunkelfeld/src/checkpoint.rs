@@ -97,7 +97,7 @@ pub(crate) struct Course {
     /// What the current round is for.
     pub(crate) stage: Stage,
     pub(crate) work_per_sample: f64,
-    /// Seconds to keep for the end.
+    /// Seconds to keep for the end, but for the checkpoint.
     pub(crate) closing: f64,
     /// Was the end rehearsed?
     pub(crate) rehearsed: bool,
@@ -206,7 +206,7 @@ impl Keeper {
         Ok((keeper, saved))
     }
 
-    /// Seconds to keep for writing once.
+    /// Seconds that writing once takes, as far as is known.
     pub(crate) fn expected_seconds(&self) -> f64 {
         self.clock.lock().map_or(0.0, |clock| clock.took.as_secs_f64())
     }

@@ -269,7 +269,7 @@ impl<'a> Renderer<'a> {
         if must {
             keeper.keep(moment, &mut rows);
         } else {
-            let closing = self.course.as_ref().map_or(0.0, |c| c.closing);
+            let closing = self.course.as_ref().map_or(0.0, |course| self.closing(course));
             let deadline = deadline(self.started, self.settings.budget.seconds, closing);
             keeper.keep_if_due(moment, deadline, &mut rows);
         }
@@ -338,7 +338,7 @@ impl<'a> Renderer<'a> {
             };
             // Beyond the samples that a preview must have, a round that would pass the deadline is cut.
             let guard = (self.taken >= limits.at_least)
-                .then(|| deadline(self.started, limits.seconds, course.closing))
+                .then(|| deadline(self.started, limits.seconds, self.closing(&course)))
                 .flatten();
             self.course = Some(course.clone());
             let (before, began) = (self.taken, Instant::now());
@@ -375,13 +375,17 @@ impl<'a> Renderer<'a> {
     }
 
     fn first_course(&self, limits: Limits) -> Course {
-        let closing = CLOSING_PER_MEGAPIXEL * self.pixels() as f64 * 1e-6
-            + self.keeper.as_ref().map_or(0.0, Keeper::expected_seconds);
+        let closing = CLOSING_PER_MEGAPIXEL * self.pixels() as f64 * 1e-6;
         // Judged, the pilot begins with a look that tells how large it is to be.
         let pilot_spp = self.settings.pilot_spp.min(if limits.judged { FIRST_LOOK } else { u32::MAX });
         let settings = Settings { pixels: self.pixels(), pilot_spp, closing_seconds: closing };
         let schedule = Schedule::new(limits, settings);
         Course { schedule, stage: Stage::Pilot, work_per_sample: 1.0, closing, rehearsed: false }
+    }
+
+    /// Seconds to keep for the end, the last checkpoint included: by the first one it is known how long they take.
+    fn closing(&self, course: &Course) -> f64 {
+        course.closing + self.keeper.as_ref().map_or(0.0, |keeper| CLOSING_MARGIN * keeper.expected_seconds())
     }
 
     /// Asks the schedule; plans or judges where that is due, and rehearses the end once the pilot is done.
@@ -392,6 +396,8 @@ impl<'a> Renderer<'a> {
         reporter: &Reporter<'_>,
         rehearse: Rehearsal<'_>,
     ) -> Result<Next, Error> {
+        let closing = self.closing(course);
+        course.schedule.set_closing_seconds(closing);
         let round = match course.schedule.next(self.started.elapsed().as_secs_f64(), course.work_per_sample) {
             Step::Stop(reason) => return Ok(Next::Stop(reason)),
             Step::Round(round) => Some(round),
@@ -405,7 +411,7 @@ impl<'a> Renderer<'a> {
                 per_work: course.schedule.pace(),
                 threads: self.threads,
                 costs: &self.costs,
-                closing: course.closing,
+                closing,
                 limits: (limits.seconds, limits.samples),
             };
             let tell = |forecast: &Forecast| reporter.sink.forecast(forecast);
@@ -416,7 +422,7 @@ impl<'a> Renderer<'a> {
             }
             let is_pilot_done = !matches!(verdict, Some(Verdict::GrowPilot(_)));
             let left = limits.seconds.map_or(0.0, |s| s - self.started.elapsed().as_secs_f64());
-            if !course.rehearsed && is_pilot_done && course.closing < REHEARSAL_SHARE * left {
+            if !course.rehearsed && is_pilot_done && closing < REHEARSAL_SHARE * left {
                 self.rehearse(course, rehearse)?;
             }
             self.spend(Stage::Plan, began);
@@ -444,10 +450,9 @@ impl<'a> Renderer<'a> {
     fn rehearse(&self, course: &mut Course, rehearse: Rehearsal<'_>) -> Result<(), Error> {
         let began = Instant::now();
         rehearse(&self.film, &self.labels)?;
-        let took = began.elapsed().as_secs_f64() + self.keeper.as_ref().map_or(0.0, Keeper::expected_seconds);
         course.rehearsed = true;
-        course.closing = course.closing.max(CLOSING_MARGIN * took);
-        course.schedule.set_closing_seconds(course.closing);
+        course.closing = course.closing.max(CLOSING_MARGIN * began.elapsed().as_secs_f64());
+        course.schedule.set_closing_seconds(self.closing(course));
         Ok(())
     }
 
