@@ -7,9 +7,9 @@
 use assert_cmd::Command;
 use assert_cmd::assert::Assert;
 use std::fs;
-use std::io::{BufRead, BufReader};
+use std::io::{BufRead, BufReader, Lines};
 use std::path::PathBuf;
-use std::process::{Command as Process, Stdio};
+use std::process::{Child, ChildStderr, Command as Process, Stdio};
 use tempfile::TempDir;
 
 const PROGRAM: &str = env!("CARGO_BIN_EXE_dunkelfeld");
@@ -47,8 +47,8 @@ impl Bench {
         Command::new(PROGRAM).current_dir(self.folder.path()).args(line.split_whitespace()).assert()
     }
 
-    /// Runs the program, and kills it after so many lines of progress: true if it was faster than that.
-    fn kill_after(&self, line: &str, lines: usize) -> bool {
+    /// Starts the program, and returns it and its lines of progress.
+    fn start(&self, line: &str) -> (Child, Lines<BufReader<ChildStderr>>) {
         let mut child = Process::new(PROGRAM)
             .current_dir(self.folder.path())
             .args(line.split_whitespace())
@@ -58,7 +58,13 @@ impl Bench {
             .spawn()
             .expect("the program starts");
         let progress = BufReader::new(child.stderr.take().expect("a pipe"));
-        let seen = progress.lines().take(lines).count();
+        (child, progress.lines())
+    }
+
+    /// Runs the program, and kills it after so many lines of progress: true if it was faster than that.
+    fn kill_after(&self, line: &str, lines: usize) -> bool {
+        let (mut child, mut progress) = self.start(line);
+        let seen = progress.by_ref().take(lines).count();
         // SIGKILL on Unix: nothing of the program runs after it.
         child.kill().expect("it is ours");
         let status = child.wait().expect("it is ours");
@@ -110,6 +116,26 @@ fn a_render_that_is_killed_again_and_again_ends_with_the_same_files() {
         assert!(!bench.path(".a.film.partial").exists(), "{mode}: what a killed process left was not cleared away");
         let _ = fs::remove_file(bench.path("whole.film"));
     }
+}
+
+/// Ctrl-C, as `kill -INT` sends it: no checkpoint was due by then.
+#[cfg(unix)]
+#[test]
+fn an_interrupted_render_leaves_its_checkpoint_and_goes_on() {
+    let bench = Bench::new();
+    let base = "render scene.obj --width 96 --height 80 --seed 5 --spp 300 --threads 1";
+    let kept = format!("{base} --checkpoint a.film --checkpoint-every 1h -o b.png --exr b.exr");
+    let (mut child, mut progress) = bench.start(&kept);
+    assert_eq!(progress.by_ref().take(4).count(), 4, "it runs");
+    let sent = Process::new("kill").args(["-INT", &child.id().to_string()]).status().expect("there is a kill");
+    assert!(sent.success());
+    // To the end: a pipe that nobody reads would be full.
+    let _ = progress.count();
+    assert_eq!(child.wait().expect("it ends").code(), Some(130));
+    let said = bench.run(&format!("{kept} --stats b.json")).code(0);
+    assert!(stdout(&said).contains("taken up from a checkpoint"), "{}", stdout(&said));
+    bench.run(&format!("{base} -o a.png --exr a.exr")).code(0);
+    assert!(bench.read("a.exr") == bench.read("b.exr") && bench.read("a.png") == bench.read("b.png"));
 }
 
 /// How long a machine takes is not tested here, and a loaded one may miss the budget: exit code 1.
