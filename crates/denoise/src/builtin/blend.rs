@@ -12,7 +12,7 @@ use crate::denoiser::Triples;
 const REGION_REACH: usize = 2;
 /// A region is at fault beyond this mean of squared differences, in units of the variance. At 2 the average is as much in
 /// error as the mean.
-const REGION_LIMIT: f32 = 1.75;
+const REGION_LIMIT: f32 = 2.0;
 /// A single pixel is at fault beyond this: four standard deviations.
 const PIXEL_LIMIT: f32 = 16.0;
 
