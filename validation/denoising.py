@@ -105,7 +105,7 @@ def picture(images: list[np.ndarray], crop: tuple[slice, slice], zoom: int, path
     """Images side by side as PNG, gamma 2.2, each pixel enlarged."""
     row = np.concatenate([image[crop] for image in images], 1)
     eight = (np.clip(row * 1.2, 0, 1) ** (1 / 2.2) * 255 + 0.5).astype(np.uint8)
-    Image.fromarray(eight.repeat(zoom, 0).repeat(zoom, 1)).quantize(256).save(path, optimize=True)
+    Image.fromarray(eight.repeat(zoom, 0).repeat(zoom, 1)).quantize(256, kmeans=4).save(path, optimize=True)
 
 
 def main(run=denoised) -> None:
@@ -123,7 +123,7 @@ def main(run=denoised) -> None:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--reference-spp", type=int, default=256, help="at four times the size [%(default)s]")
     parser.add_argument("--reference-seeds", type=int, nargs="+", default=[11, 12, 13, 14])
-    parser.add_argument("--pictures", type=Path, help="folder for pictures side by side")
+    parser.add_argument("--pictures", type=Path, help="folder for pictures: render, denoisers in the order of the table, reference")
     args = parser.parse_args()
     args.work.mkdir(parents=True, exist_ok=True)
     denoisers = {"built-in": ("builtin", None)}
@@ -152,7 +152,7 @@ def main(run=denoised) -> None:
                         worst = min(worst, gains[0])
                 if args.pictures:
                     whole = (slice(None), slice(None))
-                    picture(shown + [truth.mean], whole, max(1, 256 // size), args.pictures / f"{scene}-{size}-{spp}.png")
+                    picture(shown + [truth.mean], whole, max(1, 256 // size), args.pictures / f"denoising-{scene}-{spp}.png")
     if worst < 1 / 1.05:
         print(f"the built-in filter makes an image worse: {worst:.3f}", file=sys.stderr)
         sys.exit(1)
