@@ -286,7 +286,7 @@ fn a_checkpoint_of_another_render_is_refused_and_the_difference_named() {
         (RenderSettings { budget: Budget { spp: Some(91.0), ..Budget::default() }, ..base() }, "not the same budget"),
         (
             RenderSettings { budget: Budget { seconds: Some(9.0), ..Budget::default() }, ..base() },
-            "not the same budget",
+            "not the same budget, \"24 samples per pixel\" there and \"9 s\" here",
         ),
         (RenderSettings { strategy: Some(Strategy::Uniform), ..base() }, "not the same allocation"),
         (RenderSettings { sensor: SensorChoice::None, ..base() }, "not the same sensor or exposure"),

@@ -1,6 +1,6 @@
 //! What a render is told from others by: whether a checkpoint may be continued, and whether parts belong together.
 
-use crate::settings::{RenderSettings, SensorChoice};
+use crate::settings::{Budget, RenderSettings, SensorChoice};
 use dunkelfeld_integrator::{Estimator, PixelSample};
 use dunkelfeld_scene::{RayGenerator, Scene, digest};
 use dunkelfeld_sensor::ExposureNoise;
@@ -28,7 +28,7 @@ impl Identity {
         put("camera", hex(camera));
         put("plan", s.replay.as_ref().map_or_else(String::new, hex));
         if s.samples.is_none() {
-            put("budget", format!("{:?}", s.budget));
+            put("budget", words(&s.budget));
             put("allocation", s.strategy().name().into());
             let sensor = match &s.sensor {
                 SensorChoice::None => "none".into(),
@@ -62,6 +62,18 @@ impl Identity {
             _ => Some(format!("only one of them knows of a {name}")),
         })
     }
+}
+
+/// A budget as one would say it. The text of a number tells it to the last bit.
+fn words(budget: &Budget) -> String {
+    let Budget { seconds, spp, noise } = budget;
+    let limits = [
+        seconds.map(|s| format!("{s} s")),
+        spp.map(|n| format!("{n} samples per pixel")),
+        noise.map(|k| format!("noise hidden at k = {k}")),
+    ];
+    let limits: Vec<String> = limits.into_iter().flatten().collect();
+    if limits.is_empty() { "the default".into() } else { limits.join(", ") }
 }
 
 fn hex(value: &impl Debug) -> String {

@@ -78,7 +78,7 @@ fn summary(project: &Project, s: &Stats) -> String {
     let rate = count(s.samples_per_second as u64);
     let _ = writeln!(text, "{} in all, {rate} samples per second on {threads}", seconds(s.total_seconds));
     if s.was_complete {
-        let _ = writeln!(text, "all of it was in the checkpoint, which took {}", seconds(s.earlier_seconds));
+        let _ = writeln!(text, "all of it was in the checkpoint; rendering it took {}", seconds(s.earlier_seconds));
     } else if s.earlier_seconds > 0.0 {
         let (samples, took) = (count(s.earlier_samples), seconds(s.earlier_seconds));
         let _ = writeln!(text, "taken up from a checkpoint: {samples} samples and {took} of that came from before");
