@@ -3,7 +3,7 @@
 //! A pixel's own variance comes from few numbers, and from the very samples that are averaged: a pixel that missed a
 //! bright event has a low mean and a low variance. So half of what is believed comes from neighbours that look alike.
 
-use super::patch::{Image, Patch};
+use super::patch::{Feature, Image, Patch};
 use super::tiles::Tile;
 
 /// Variances are pooled over squares of 7 x 7 pixels.
@@ -55,7 +55,7 @@ pub(super) fn likeness(d: f32) -> f32 {
 impl Patch {
     /// How unlike two pixels are in their features: 0 where nothing but noise may tell them apart.
     fn feature_distance(&self, p: usize, q: usize) -> f32 {
-        let term = |f: &super::patch::Feature| {
+        let term = |f: &Feature| {
             let difference = f.values[p] - f.values[q];
             (difference * difference - f.noise[p]) * f.precision[p]
         };
@@ -90,4 +90,62 @@ fn from_image(patch: &Patch, channel: usize, column: usize, row: usize) -> f32 {
         }
     }
     response * response / 36.0
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::denoiser::{DenoiseInput, Triples};
+    use dunkelfeld_film::Plane;
+
+    const TILE: Tile = Tile { x: 0, y: 0, width: 40, height: 40 };
+
+    fn estimated(mean: &Triples, variance: Option<&Triples>) -> Vec<[f32; 3]> {
+        let image = Image::new(&DenoiseInput { variance, ..DenoiseInput::new(mean) });
+        let back = image.scale().powi(-2);
+        variances(&image, &TILE).into_iter().map(|v| v.map(|v| v * back)).collect()
+    }
+
+    #[test]
+    fn slopes_and_upright_edges_are_no_noise() {
+        let mean = Plane::from_fn(40, 40, |x, y| [x as f32 + 2.0 * y as f32, if x < 11 { 1.0 } else { 9.0 }, 5.0]);
+        for (i, variance) in estimated(&mean, None).into_iter().enumerate() {
+            // In the outermost pixels the mask sees the image end.
+            if (3..37).contains(&(i % 40)) && (3..37).contains(&(i / 40)) {
+                assert!(variance.iter().all(|v| *v < 1e-3), "{variance:?} at {i}");
+            }
+        }
+    }
+
+    #[test]
+    fn noise_is_estimated_from_an_image_without_variances() {
+        // Uniform in [0, 1): variance 1/12. The mean over 1600 estimates of correlated squares is known to a few percent.
+        let mut state = 1u64;
+        let mean = Plane::from_fn(40, 40, |_, _| {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            [10.0 + (state >> 40) as f32 / (1u32 << 24) as f32; 3]
+        });
+        let estimates = estimated(&mean, None);
+        let average = estimates.iter().map(|v| f64::from(v[0])).sum::<f64>() / estimates.len() as f64;
+        assert!((average * 12.0 - 1.0).abs() < 0.2, "{average}, expected 1/12");
+    }
+
+    #[test]
+    fn a_pixel_that_missed_an_event_learns_of_it_from_its_neighbours() {
+        let mean = Plane::new(40, 40, [1.0; 3]);
+        // One in nine knows.
+        let variance = Plane::from_fn(40, 40, |x, y| [if x % 3 == 0 && y % 3 == 0 { 9.0 } else { 0.0 }; 3]);
+        for (i, v) in estimated(&mean, Some(&variance)).into_iter().enumerate() {
+            assert!(v[0] > 0.2, "{v:?} at {i}");
+        }
+    }
+
+    #[test]
+    fn likeness_falls_as_an_exponential_does() {
+        assert_eq!((likeness(0.0), likeness(8.0), likeness(1e9), likeness(f32::INFINITY)), (1.0, 0.0, 0.0, 0.0));
+        for d in [0.1f32, 0.5, 1.0, 2.0, 4.0] {
+            let (near, exact) = (likeness(d), (-d).exp());
+            assert!(near <= exact && near > exact - 0.05, "{near} for exp(-{d}) = {exact}");
+        }
+    }
 }
