@@ -31,6 +31,9 @@ pub(crate) enum Command {
     /// Measure what accuracy costs in time, and write a report: noise against time for each strategy, time until the noise
     /// is hidden beneath the sensor's, what each effect of the scene costs and changes.
     Bench(Box<BenchArgs>),
+    /// Denoise an EXR of this or another renderer: a layer beside what it holds, or a picture. The result is to be looked
+    /// at, not to be measured.
+    Denoise(DenoiseArgs),
     /// List what a scene holds, and what in it may trouble a render.
     Inspect(InspectArgs),
     /// List the sensor presets, or print the data sheet of one.
@@ -114,6 +117,15 @@ pub(crate) struct RenderArgs {
     /// What noise the exposure adds to the render's own [default: plain].
     #[arg(long, value_enum)]
     pub(crate) exposure_noise: Option<NoiseKind>,
+
+    /// What the picture is denoised with [default: off]. Nothing that is measured reads the denoised image; the EXR has
+    /// it as layer denoised beside the unbiased mean, and the picture says that it shows it.
+    #[arg(long, value_enum)]
+    pub(crate) denoise: Option<Denoise>,
+    /// Intel Open Image Denoise 1.4 or 2: the library or its folder [default: DUNKELFELD_OIDN, then where systems have it].
+    /// Without --denoise it means --denoise oidn.
+    #[arg(long, value_name = "PATH")]
+    pub(crate) oidn: Option<PathBuf>,
 
     /// Seed of everything random [default: 0].
     #[arg(long, value_name = "N", allow_negative_numbers = true)]
@@ -236,6 +248,34 @@ pub(crate) struct BenchArgs {
     pub(crate) progress: ProgressKind,
 }
 
+/// Flags of `denoise`.
+///
+/// Uses what the file has of variance, albedo, normal and depth; names are those of this program, of Blender's view layers
+/// and of Mitsuba's AOVs.
+#[derive(Debug, Args)]
+pub(crate) struct DenoiseArgs {
+    /// The image to denoise.
+    #[arg(value_name = "IN.exr")]
+    pub(crate) input: PathBuf,
+    /// An EXR with all layers of the input and denoised.R/G/B; or a PNG, 8 bit, gamma 2.2, in which radiance 1 is white, or
+    /// the bright parts of an image that was rendered for a sensor.
+    #[arg(short = 'o', long = "output", value_name = "OUT.exr|png")]
+    pub(crate) output: PathBuf,
+    /// The denoiser [default: auto].
+    #[arg(long, value_enum)]
+    pub(crate) denoise: Option<Denoise>,
+    /// Intel Open Image Denoise 1.4 or 2: the library or its folder [default: DUNKELFELD_OIDN, then where systems have it].
+    /// Without --denoise it means --denoise oidn.
+    #[arg(long, value_name = "PATH")]
+    pub(crate) oidn: Option<PathBuf>,
+    /// Threads [default: one per core].
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = clap::value_parser!(u16).range(1..=1024))]
+    pub(crate) threads: Option<u16>,
+    /// How progress is shown on standard error.
+    #[arg(long, value_enum, default_value_t = ProgressKind::Bar)]
+    pub(crate) progress: ProgressKind,
+}
+
 /// Effects on the command line: a list, or none at all.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct EffectChoice(pub(crate) Vec<Effect>);
@@ -251,6 +291,19 @@ pub(crate) enum Allocate {
     Variance,
     /// Where the sensor would notice: until the render's noise is hidden beneath its own.
     Sensor,
+}
+
+/// Denoisers on the command line.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum Denoise {
+    /// The picture shows what was rendered.
+    Off,
+    /// Intel Open Image Denoise if this machine has it, else the built-in filter.
+    Auto,
+    /// Intel Open Image Denoise.
+    Oidn,
+    /// The built-in filter: needs nothing, and trusts what is known of the noise.
+    Builtin,
 }
 
 /// The noise of an exposure on the command line.

@@ -3,6 +3,8 @@
 //! To run them: `DUNKELFELD_OIDN=/path/to/libOpenImageDenoise.so.2 cargo test --workspace --test oidn -- --nocapture`, and with
 //! `--include-ignored` for the largest image, which needs some minutes and 4 GB.
 
+#![allow(clippy::print_stdout, reason = "says which library it is, or that there is none")]
+
 use dunkelfeld_denoise::oidn::Candidate;
 use dunkelfeld_denoise::{Control, DenoiseError, DenoiseInput, Denoiser, Executor, Oidn, Serial, Triples};
 use dunkelfeld_film::Plane;

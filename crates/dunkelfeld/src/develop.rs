@@ -1,5 +1,6 @@
 //! From the film to a frame: radiance, electrons, grey values, a picture to look at.
 
+use crate::denoising::Denoised;
 use crate::error::Error;
 use crate::matched::{Matched, variance_of_means};
 use crate::noise::{Certified, Measured};
@@ -46,7 +47,7 @@ pub struct SensorFrame {
 /// A developed image.
 #[derive(Clone, Debug)]
 pub struct Frame {
-    /// The picture to look at.
+    /// The picture to look at; made from the denoised mean if there is one.
     pub picture: Picture,
     /// What the sensor recorded; `None` without a sensor.
     pub sensor: Option<SensorFrame>,
@@ -54,6 +55,25 @@ pub struct Frame {
     pub no_light: bool,
     /// Effects that the render left out on purpose.
     pub without: Vec<Effect>,
+    /// The denoised mean, if the picture shows it; everything else is made from the unbiased one.
+    pub denoised: Option<Denoised>,
+}
+
+/// Makes the picture of a frame from a denoised mean: at the frame's exposure, with all of the camera's noise if there is a
+/// sensor. The frame's grey values, and all that is known of them, stay.
+///
+/// # Errors
+/// As [`develop`].
+pub fn show_denoised(frame: &mut Frame, denoised: Denoised, settings: &RenderSettings) -> Result<(), Error> {
+    let mut settings = settings.clone();
+    if let (SensorChoice::Emva { exposure, .. }, Some(sensor)) = (&mut settings.sensor, &frame.sensor) {
+        *exposure = Some(sensor.exposure);
+    }
+    // Nothing is known of the noise that is left, so that none of the camera's can be taken back for it.
+    settings.exposure_noise = ExposureNoise::Plain;
+    frame.picture = develop(&denoised.mean, &settings)?.picture;
+    frame.denoised = Some(denoised);
+    Ok(())
 }
 
 /// Exposes a mean radiance image [W/(m^2 sr)] as the settings say, on the threads of the current pool.
@@ -86,7 +106,7 @@ fn expose(
 ) -> Result<Frame, Error> {
     let SensorChoice::Emva { model, optics, exposure } = &settings.sensor else {
         let picture = Picture::Rgb(display::linear_to_8bit(mean));
-        return Ok(Frame { picture, sensor: None, no_light: false, without: settings.without.clone() });
+        return Ok(Frame { picture, sensor: None, no_light: false, without: settings.without.clone(), denoised: None });
     };
     let mut no_light = false;
     let exposure = match exposure {
@@ -128,5 +148,5 @@ fn expose(
     let picture = Picture::Gray(display::frame_to_8bit(&values, model));
     let (model, weights) = ((**model).clone(), response.weights());
     let sensor = SensorFrame { electrons, values, exposure, model, saturated, weights, certified, matched };
-    Ok(Frame { picture, sensor: Some(sensor), no_light, without: settings.without.clone() })
+    Ok(Frame { picture, sensor: Some(sensor), no_light, without: settings.without.clone(), denoised: None })
 }

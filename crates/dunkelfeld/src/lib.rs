@@ -18,6 +18,8 @@
 pub mod bench;
 mod check;
 mod checkpoint;
+mod denoise_file;
+mod denoising;
 mod develop;
 mod error;
 mod forecast;
@@ -39,7 +41,11 @@ mod settings;
 mod stats;
 
 pub use checkpoint::{CheckpointSettings, DEFAULT_CHECKPOINT_SECONDS, Earlier};
-pub use develop::{Frame, Picture, SensorFrame, develop, develop_film};
+pub use denoise_file::{DenoisedFile, check_denoise_output, denoise_exr};
+pub use denoising::{
+    DenoiseMethod, DenoiseSettings, Denoised, OIDN_VARIABLE, PoolExecutor, denoise_film, find_denoiser,
+};
+pub use develop::{Frame, Picture, SensorFrame, develop, develop_film, show_denoised};
 pub use error::Error;
 pub use forecast::{FORECAST_LEVELS, Forecast, ForecastLevel};
 pub use heavy::HeavySample;
@@ -56,7 +62,7 @@ pub use progress::{Cancel, Progress, ProgressState, Silent, Stage};
 pub use project::{Project, ProjectResult, default_image_path, find_sensor, read_scene};
 pub use render::{Rendering, camera, render, thread_pool};
 pub use settings::{Budget, DEFAULT_PILOT_SPP, DEFAULT_SPP, MAX_PIXELS, MAX_SIDE, RenderSettings, SensorChoice};
-pub use stats::{CertificateStats, PartStats, STATS_VERSION, SensorStats, Stats};
+pub use stats::{CertificateStats, DenoiseStats, PartStats, STATS_VERSION, SensorStats, Stats};
 
 pub use dunkelfeld_io::job::DEFAULT_SENSOR;
 

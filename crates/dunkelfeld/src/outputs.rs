@@ -108,7 +108,7 @@ pub(crate) fn same_file(a: &Path, b: &Path) -> bool {
     a == b || whole(a).is_some_and(|a| Some(a) == whole(b))
 }
 
-fn extension(path: &Path) -> String {
+pub(crate) fn extension(path: &Path) -> String {
     path.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase()
 }
 
@@ -134,10 +134,22 @@ pub fn save_picture(frame: &Frame, path: &Path) -> Result<(), Error> {
         Picture::Gray(p) => File::Gray8(p),
         Picture::Rgb(p) => File::Rgb8(p),
     };
-    let left_out = left_out(&frame.without);
+    let comment = comment(frame);
     let mut text = vec![("Software", "Dunkelfeld")];
-    text.extend(left_out.as_deref().map(|words| ("Comment", words)));
+    text.extend(comment.as_deref().map(|words| ("Comment", words)));
     written(path, dunkelfeld_io::png::write_png(path, picture, &text))
+}
+
+/// What the metadata of a picture say that is not the image of the scene as it is, or not as it was rendered.
+fn comment(frame: &Frame) -> Option<String> {
+    let denoised = frame.denoised.as_ref().map(|d| denoised_by(&d.denoiser));
+    let words: Vec<String> = left_out(&frame.without).into_iter().chain(denoised).collect();
+    (!words.is_empty()).then(|| words.join("; "))
+}
+
+/// What the metadata of a denoised picture say.
+pub(crate) fn denoised_by(denoiser: &str) -> String {
+    format!("denoised by {denoiser}: to look at, not to measure")
 }
 
 /// What the metadata of an image without some effects say.
@@ -174,7 +186,8 @@ pub fn save_linear(frame: &Frame, path: &Path) -> Result<(), Error> {
 
 /// All layers of a render as an EXR's contents: `R G B`, `variance.*`, `spp.Y`, `albedo.*`, `normal.*`, `depth.Z` and
 /// their variances, `id.object`, `id.material` ([`NO_ID`] where there is nothing) and, with a sensor, `electrons.Y`; `hidden.Y` once the frame is
-/// [certified](crate::certify), and `matched.Y` (1 or 0) if its noise was to be matched.
+/// [certified](crate::certify), and `matched.Y` (1 or 0) if its noise was to be matched; `denoised.*` if the
+/// [picture shows it](crate::show_denoised).
 pub fn encode_layers(
     film: &Film,
     labels: &Plane<Option<Label>>,
@@ -203,10 +216,14 @@ pub fn encode_layers(
             layers.push_floats(Single::Matched, matched.held.map(|&held| f32::from(u8::from(held))));
         }
     }
+    if let Some(denoised) = &frame.denoised {
+        layers.push_triples(Triple::Denoised, &denoised.mean);
+    }
     layers.attributes = serde_json::json!({
         "program": format!("dunkelfeld {}", env!("CARGO_PKG_VERSION")),
         "seed": settings.seed,
         "frame": settings.frame,
+        "denoiser": frame.denoised.as_ref().map(|d| &d.denoiser),
         "exposure_seconds": frame.sensor.as_ref().map(|s| s.exposure.time().0),
         "sensor": frame.sensor.as_ref().map(|s| &s.model.spec().name),
         "exposure_noise": frame.sensor.as_ref().map(|_| settings.exposure_noise.name()),

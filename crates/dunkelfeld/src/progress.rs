@@ -34,6 +34,8 @@ pub enum Stage {
     Refine,
     /// Electrons and grey values.
     Expose,
+    /// The noise goes, from a picture that is only looked at.
+    Denoise,
     /// Writing files.
     Write,
 }
@@ -48,6 +50,7 @@ impl Stage {
             Self::Plan => "plan",
             Self::Refine => "refine",
             Self::Expose => "expose",
+            Self::Denoise => "denoise",
             Self::Write => "write",
         }
     }

@@ -1,7 +1,8 @@
 //! A scene or job file with everything around it: one thing to open, adjust, render and save.
 
 use crate::check::check;
-use crate::develop::{Frame, develop_film};
+use crate::denoising::{DenoiseMethod, DenoiseSettings, denoise_film, find_denoiser};
+use crate::develop::{Frame, develop_film, show_denoised};
 use crate::error::{Error, camera_mend};
 use crate::inspect::{Inspection, camera_entry, inspect};
 use crate::lens::{DEFAULT_F_NUMBER, FilmSize, Fitted, Misfit, fit};
@@ -9,8 +10,9 @@ use crate::outputs::{self, OutputPaths, Written};
 use crate::progress::{Cancel, Progress, ProgressState, Silent, Stage};
 use crate::render::{Rendering, find_camera, render_rehearsed, thread_pool};
 use crate::settings::{Budget, RenderSettings, SensorChoice};
-use crate::stats::Stats;
+use crate::stats::{DenoiseStats, Stats};
 use dunkelfeld_adaptive::allocation::Strategy;
+use dunkelfeld_denoise::{Builtin, Denoiser};
 use dunkelfeld_film::{Film, Plane};
 use dunkelfeld_integrator::Label;
 use dunkelfeld_io::import::{ImportOptions, Imported, load_scene};
@@ -260,13 +262,23 @@ impl Project {
         if let Some(keep) = &self.settings.checkpoint {
             self.outputs.check_apart(&keep.path, "the checkpoint")?;
         }
-        let settings = self.fitted()?;
+        let mut settings = self.fitted()?;
+        let denoiser = find_denoiser(&settings.denoise)?;
+        if denoiser.as_ref().is_some_and(|d| d.name() == Builtin.name()) {
+            // What is kept back for it is less.
+            settings.denoise.method = DenoiseMethod::Builtin;
+        }
+        let denoise = |frame: &mut Frame, film: &Film, progress: &dyn Progress| match &denoiser {
+            Some(denoiser) => denoise(frame, film, &**denoiser, &settings, self.started, progress, cancel).map(Some),
+            None => Ok(None),
+        };
         let object_names = self.scene.object_names();
         let rehearsal = |film: &Film, labels: &Plane<Option<Label>>| {
-            let frame = develop_film(film, labels, &settings)?;
+            let mut frame = develop_film(film, labels, &settings)?;
+            denoise(&mut frame, film, &Silent)?;
             Written { film, labels, frame: &frame, settings: &settings, object_names }.save(&self.outputs)
         };
-        let rendering = render_rehearsed(&self.scene, &settings, self.started, progress, cancel, &rehearsal)?;
+        let mut rendering = render_rehearsed(&self.scene, &settings, self.started, progress, cancel, &rehearsal)?;
         let began = Instant::now();
         progress.update(&ProgressState {
             stage: Stage::Expose,
@@ -275,12 +287,16 @@ impl Project {
             remaining: None,
             samples: rendering.film.total_samples(),
         });
-        let frame =
-            thread_pool(settings.threads)?.install(|| develop_film(&rendering.film, &rendering.labels, &settings))?;
+        let pool = thread_pool(settings.threads)?;
+        let mut frame = pool.install(|| develop_film(&rendering.film, &rendering.labels, &settings))?;
+        let exposed = began.elapsed().as_secs_f64();
+        let denoising = pool.install(|| denoise(&mut frame, &rendering.film, progress))?;
+        rendering.interrupted |= cancel.is_cancelled();
         let mut stats = Stats::new(&rendering, &frame, &settings);
         stats.add_seconds(Stage::Load, self.load_seconds);
         stats.add_seconds(Stage::Build, self.build_seconds);
-        stats.add_seconds(Stage::Expose, began.elapsed().as_secs_f64());
+        stats.add_seconds(Stage::Expose, exposed);
+        denoising.into_iter().for_each(|d| stats.add_denoising(d));
         stats.finish(self.started.elapsed().as_secs_f64());
         Ok(ProjectResult {
             rendering,
@@ -325,6 +341,28 @@ impl ProjectResult {
     }
 }
 
+/// Denoises what the picture shows. That there is no denoised image costs nobody the one that was rendered: it is told by
+/// the statistics.
+fn denoise(
+    frame: &mut Frame,
+    film: &Film,
+    denoiser: &dyn Denoiser,
+    settings: &RenderSettings,
+    started: Instant,
+    progress: &dyn Progress,
+    cancel: &Cancel,
+) -> Result<DenoiseStats, Error> {
+    let began = Instant::now();
+    let error = match denoise_film(film, denoiser, started, progress, cancel) {
+        Ok(denoised) => {
+            show_denoised(frame, denoised, settings)?;
+            None
+        }
+        Err(e) => Some(e.to_string()),
+    };
+    Ok(DenoiseStats { denoiser: denoiser.name(), seconds: began.elapsed().as_secs_f64(), error })
+}
+
 /// A sensor by preset name or file.
 ///
 /// # Errors
@@ -367,6 +405,15 @@ fn open_job(job: &Job, optics: Optics) -> Result<(Imported, RenderSettings, Outp
         frame: job.frame,
         sensor,
         exposure_noise: job.sensor.exposure_noise,
+        denoise: DenoiseSettings {
+            method: match job.denoise.method {
+                job::DenoiseMethod::Off => DenoiseMethod::Off,
+                job::DenoiseMethod::Auto => DenoiseMethod::Auto,
+                job::DenoiseMethod::Oidn => DenoiseMethod::Oidn,
+                job::DenoiseMethod::Builtin => DenoiseMethod::Builtin,
+            },
+            oidn: job.denoise.oidn.clone(),
+        },
         ..defaults
     };
     let o = &job.output;

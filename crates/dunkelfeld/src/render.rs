@@ -375,7 +375,8 @@ impl<'a> Renderer<'a> {
     }
 
     fn first_course(&self, limits: Limits) -> Course {
-        let closing = CLOSING_PER_MEGAPIXEL * self.pixels() as f64 * 1e-6;
+        let closing = CLOSING_PER_MEGAPIXEL * self.pixels() as f64 * 1e-6
+            + self.settings.denoise.expected_seconds(self.pixels(), self.threads);
         // Judged, the pilot begins with a look that tells how large it is to be.
         let pilot_spp = self.settings.pilot_spp.min(if limits.judged { FIRST_LOOK } else { u32::MAX });
         let settings = Settings { pixels: self.pixels(), pilot_spp, closing_seconds: closing };

@@ -1,6 +1,7 @@
 //! What to render and how long: the settings of one render.
 
 use crate::checkpoint::CheckpointSettings;
+use crate::denoising::DenoiseSettings;
 use dunkelfeld_adaptive::allocation::Strategy;
 use dunkelfeld_film::Plane;
 use dunkelfeld_scene::{Camera, Effect};
@@ -74,6 +75,8 @@ pub struct RenderSettings {
     pub sensor: SensorChoice,
     /// What noise the sensor adds to the render's own. [`ExposureNoise::Matched`] needs a sensor.
     pub exposure_noise: ExposureNoise,
+    /// What the picture is denoised with. Nothing that is measured reads it.
+    pub denoise: DenoiseSettings,
     /// A plan to replay: samples per pixel, instead of budget and strategy.
     pub replay: Option<Plane<u32>>,
     /// Of the samples that the plan gives each pixel only those with an index in this range: a part of the render, which
@@ -139,6 +142,7 @@ impl Default for RenderSettings {
             threads: 0,
             sensor: SensorChoice::None,
             exposure_noise: ExposureNoise::default(),
+            denoise: DenoiseSettings::default(),
             replay: None,
             samples: None,
             checkpoint: None,

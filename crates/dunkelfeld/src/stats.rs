@@ -60,7 +60,7 @@ pub struct Stats {
     pub mean_radiance: [f64; 3],
     /// Standard error of that mean per channel; `null` where fewer than two batches of samples exist.
     pub mean_radiance_standard_error: [Option<f64>; 3],
-    /// Seconds by stage: `load`, `build`, `pilot`, `plan`, `refine`, `expose`, `write`.
+    /// Seconds by stage: `load`, `build`, `pilot`, `plan`, `refine`, `expose`, `denoise`, `write`.
     pub seconds: BTreeMap<String, f64>,
     /// Wall-clock seconds of the whole command, and the limit if there was one. What earlier processes needed for a render
     /// that was taken up from a checkpoint counts, and so do those that rendered the parts of a merged one.
@@ -81,9 +81,22 @@ pub struct Stats {
     pub forecast: Option<Vec<ForecastLevel>>,
     /// How well the render's noise is hidden beneath the sensor's; `null` without a sensor.
     pub certificate: Option<CertificateStats>,
+    /// The denoiser, if there was to be one. No other field reads what it did.
+    pub denoise: Option<DenoiseStats>,
     /// Was all of it in a checkpoint? Then what followed missed no budget.
     #[serde(skip)]
     pub was_complete: bool,
+}
+
+/// How denoising went.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct DenoiseStats {
+    /// Name and version of the denoiser.
+    pub denoiser: String,
+    /// Seconds that it took; also those of a denoiser that did not finish.
+    pub seconds: f64,
+    /// Why there is no denoised image: the picture shows the mean as it was rendered then.
+    pub error: Option<String>,
 }
 
 /// A part of a merged render.
@@ -255,6 +268,7 @@ impl Stats {
             sensor: sensor_stats(frame, settings),
             forecast: rendering.forecast.as_ref().map(|f| f.levels.clone()),
             certificate: certified(frame).map(|c| (&c.certificate).into()),
+            denoise: None,
             was_complete: rendering.earlier.was_complete,
         }
     }
@@ -262,6 +276,12 @@ impl Stats {
     /// Notes the seconds of a stage.
     pub fn add_seconds(&mut self, stage: Stage, seconds: f64) {
         *self.seconds.entry(stage.name().to_string()).or_insert(0.0) += seconds;
+    }
+
+    /// Notes how denoising went, and its seconds.
+    pub fn add_denoising(&mut self, denoise: DenoiseStats) {
+        self.add_seconds(Stage::Denoise, denoise.seconds);
+        self.denoise = Some(denoise);
     }
 
     /// Closes the book: this command took so long. What earlier processes took is added.
@@ -280,12 +300,17 @@ impl Stats {
 
     /// Should the run's exit say that something is wrong with the result?
     pub fn is_flagged(&self) -> bool {
-        self.invalid_samples > 0 || self.budget_missed || self.budget_too_small()
+        self.invalid_samples > 0 || self.budget_missed || self.budget_too_small() || self.denoising_failed()
     }
 
     /// Did the time limit end the render before every pixel had a sample?
     pub fn budget_too_small(&self) -> bool {
         self.stop == "time" && self.pixels_without_samples > 0
+    }
+
+    /// Was the image to be denoised, and is not, though nobody interrupted it?
+    pub fn denoising_failed(&self) -> bool {
+        self.stop != "interrupted" && self.denoise.as_ref().is_some_and(|d| d.error.is_some())
     }
 
     /// As JSON text, ending in a newline.

@@ -85,6 +85,9 @@ pub struct Job {
     /// What the transport of light models.
     #[serde(default)]
     pub render: TransportSettings,
+    /// What the picture is denoised with.
+    #[serde(default)]
+    pub denoise: DenoiseSettings,
     /// Files to write.
     #[serde(default)]
     pub output: OutputSettings,
@@ -265,6 +268,32 @@ pub struct TransportSettings {
     /// Gives rough metal, glass and sheets back the light that the microfacet model loses between facets (Turquin 2019).
     /// Default false: the model of other renderers.
     pub energy_compensation: bool,
+}
+
+/// `[denoise]`
+#[derive(Clone, Debug, Default, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct DenoiseSettings {
+    /// Which denoiser. Default none.
+    pub method: DenoiseMethod,
+    /// Intel Open Image Denoise, the library or its folder, relative to the job file; by default where the environment says
+    /// and systems have it.
+    pub oidn: Option<PathBuf>,
+}
+
+/// `method` of `[denoise]`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum DenoiseMethod {
+    /// None.
+    #[default]
+    Off,
+    /// Intel Open Image Denoise if it is there, else the built-in filter.
+    Auto,
+    /// Intel Open Image Denoise.
+    Oidn,
+    /// The built-in filter.
+    Builtin,
 }
 
 /// `[output]`: paths relative to the current folder; what is absent is not written.
@@ -497,6 +526,11 @@ impl Job {
             }
             environment.image = environment.image.as_ref().map(|path| file.resolve(path));
         }
+        if job.denoise.oidn.is_some() && matches!(job.denoise.method, DenoiseMethod::Off | DenoiseMethod::Builtin) {
+            let problem = "the library is not used by this method";
+            return Err(file.error_at_key(&["denoise", "oidn"], problem, "write `method = \"oidn\"`, or remove this"));
+        }
+        job.denoise.oidn = job.denoise.oidn.as_ref().map(|path| file.resolve(path));
         for light in &mut job.lights {
             light.ies = light.ies.as_ref().map(|path| file.resolve(path));
         }

@@ -61,11 +61,12 @@ impl Triple {
     /// AOVs, Arnold's and V-Ray's habits. An empty name is a channel without layer.
     fn foreign(self) -> &'static [&'static str] {
         match self {
-            Self::Mean => &["", "combined", "beauty", "rgba", "rgb", "image", "color"],
+            // Cycles keeps the image as it was rendered beside one that it has denoised itself.
+            Self::Mean => &["noisy image", "", "combined", "beauty", "rgba", "rgb", "image", "color"],
             Self::Variance => &["variance"],
             Self::Denoised => &["denoised"],
-            Self::Albedo => &["albedo", "denoising albedo", "diffcol", "diffuse_albedo", "diffuse_reflectance"],
-            Self::Normal => &["normal", "denoising normal", "normals", "sh_normal", "nn", "n"],
+            Self::Albedo => &["denoising albedo", "albedo", "diffcol", "diffuse_albedo", "diffuse_reflectance"],
+            Self::Normal => &["denoising normal", "normal", "normals", "sh_normal", "nn", "n"],
             Self::AlbedoVariance | Self::NormalVariance => &[],
         }
     }
@@ -87,7 +88,7 @@ impl Single {
 
     fn foreign(self) -> &'static [&'static str] {
         match self {
-            Self::Depth => &["depth", "denoising depth", "dd", "z"],
+            Self::Depth => &["denoising depth", "depth", "dd.y", "dd", "z"],
             _ => &[],
         }
     }
@@ -156,12 +157,20 @@ impl ExrLayers {
         Plane::from_vec(self.width, self.height, data)
     }
 
-    /// Component and samples of the channels whose innermost layer has the name (in lower case).
+    /// Takes a layer of triples out, if it is there under our name.
+    pub fn remove_triples(&mut self, layer: Triple) {
+        let names = layer.own();
+        self.channels.retain(|(name, _)| !names.contains(&name.as_str()));
+    }
+
+    /// Component and samples of the channels whose innermost layers have the name (in lower case).
     fn foreign_channels<'a>(&'a self, layer: &'a str) -> impl Iterator<Item = (String, &'a Channel)> {
         self.channels.iter().filter_map(move |(name, channel)| {
             let (path, component) = name.rsplit_once('.').unwrap_or(("", name));
-            let innermost = path.rsplit('.').next().unwrap_or(path);
-            innermost.eq_ignore_ascii_case(layer).then(|| (component.to_ascii_uppercase(), channel))
+            let path = path.to_ascii_lowercase();
+            let rest = path.strip_suffix(layer)?;
+            let is_whole = if layer.is_empty() { rest.is_empty() } else { rest.is_empty() || rest.ends_with('.') };
+            is_whole.then(|| (component.to_ascii_uppercase(), channel))
         })
     }
 

@@ -13,6 +13,7 @@ pub mod import;
 mod import_options;
 pub mod job;
 pub mod layers;
+pub mod libraries;
 pub mod loader;
 pub mod names;
 pub mod obj;

@@ -176,6 +176,28 @@ fn layers_of_other_programs_are_found() {
     assert_eq!(first(&blender, Triple::Albedo), Some([7.5, 8.5, 9.5]));
     assert_eq!(blender.single(Single::Depth).map(|p| p.data()[0]), Some(10.5));
 
+    // Blender, one part for each pass, denoised by Cycles: the image as it was rendered counts.
+    let rgba: &[&str] = &["R", "G", "B", "A"];
+    let named = |pass: &'static str, names| (pass, (4, 3), names);
+    let parts: [(&str, (usize, usize), &[&str]); 5] = [
+        named("ViewLayer.Combined", rgba),
+        named("ViewLayer.Noisy Image", &["Noisy Image.A", "Noisy Image.R", "Noisy Image.G", "Noisy Image.B"]),
+        named("ViewLayer.Denoising Albedo", &["R", "G", "B"]),
+        named("ViewLayer.Normal", &["X", "Y", "Z", "W", "V", "U"]),
+        named("ViewLayer.Denoising Normal", &["X", "Y", "Z"]),
+    ];
+    foreign(&path, &parts);
+    let cycles = read_exr(&path).expect("readable");
+    assert_eq!(first(&cycles, Triple::Mean), Some([1.5, 2.5, 3.5]));
+    assert_eq!(first(&cycles, Triple::Albedo), rgb);
+    assert_eq!(first(&cycles, Triple::Normal), rgb);
+
+    // Mitsuba names the depth after the AOV and its type.
+    foreign(&path, &[("", (4, 3), &["R", "G", "B", "dd.y.T", "sh_normal.X", "sh_normal.Y", "sh_normal.Z"])]);
+    let mitsuba = read_exr(&path).expect("readable");
+    assert_eq!(mitsuba.single(Single::Depth).map(|p| p.data()[0]), Some(3.5));
+    assert_eq!(first(&mitsuba, Triple::Normal), Some([4.5, 5.5, 6.5]));
+
     // Mitsuba, plain RGB and AOVs.
     foreign(
         &path,

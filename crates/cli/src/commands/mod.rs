@@ -1,6 +1,7 @@
 //! One file for each command.
 
 pub(crate) mod bench;
+pub(crate) mod denoise;
 pub(crate) mod inspect;
 pub(crate) mod merge;
 pub(crate) mod render;

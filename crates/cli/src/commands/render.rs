@@ -3,16 +3,18 @@
 mod debug_sample;
 mod report;
 
-use crate::args::{Allocate, ExposureChoice, NoiseKind, RenderArgs};
+use crate::args::{Allocate, Denoise, ExposureChoice, NoiseKind, RenderArgs};
 use crate::bar::Sink;
 use crate::interrupt::cancel_on_interrupt;
 use crate::outcome::Outcome;
 use dunkelfeld::adaptive::allocation::Strategy;
 use dunkelfeld::sensor::ExposureNoise;
 use dunkelfeld::{
-    Budget, CheckpointSettings, Error, Progress, ProgressState, Project, RenderSettings, SensorChoice, Stage,
+    Budget, CheckpointSettings, DenoiseMethod, DenoiseSettings, Error, Progress, ProgressState, Project, RenderSettings,
+    SensorChoice, Stage,
 };
 pub(crate) use report::say_flaws;
+use std::path::PathBuf;
 use std::time::Instant;
 
 /// At most so many warnings, and so many hazards, are printed before a render.
@@ -91,6 +93,7 @@ fn apply(args: &RenderArgs, project: &mut Project) -> Result<(), Error> {
     }
     apply_sensor(args.sensor.as_deref(), args.exposure, s, project.optics)?;
     apply_exposure_noise(args.exposure_noise, s)?;
+    apply_denoise(args.denoise, args.oidn.as_ref(), &mut s.denoise);
     let o = &mut project.outputs;
     for (to, from) in [
         (&mut o.image, &args.image),
@@ -152,6 +155,26 @@ fn apply_exposure_noise(noise: Option<NoiseKind>, s: &mut RenderSettings) -> Res
         None => ExposureNoise::Plain,
     };
     Ok(())
+}
+
+/// Another denoiser, as the flags of any command name it. A library that is named is meant to be used.
+pub(crate) fn apply_denoise(method: Option<Denoise>, oidn: Option<&PathBuf>, s: &mut DenoiseSettings) {
+    let named = method.map(|method| match method {
+        Denoise::Off => DenoiseMethod::Off,
+        Denoise::Auto => DenoiseMethod::Auto,
+        Denoise::Oidn => DenoiseMethod::Oidn,
+        Denoise::Builtin => DenoiseMethod::Builtin,
+    });
+    if let Some(method) = named.or(oidn.map(|_| DenoiseMethod::Oidn)) {
+        s.method = method;
+        if matches!(method, DenoiseMethod::Off | DenoiseMethod::Builtin) {
+            // The job's library goes with its denoiser.
+            s.oidn = None;
+        }
+    }
+    if oidn.is_some() {
+        s.oidn = oidn.cloned();
+    }
 }
 
 /// What reading and building found; no more of it than is read.

@@ -172,7 +172,8 @@ fn open(path: &std::path::Path) -> Result<Library, String> {
     #[cfg(not(unix))]
     // SAFETY: as above.
     let opened = unsafe { Library::new(path) };
-    opened.map_err(|e| e.to_string())
+    // What the system says stands in the cause.
+    opened.map_err(|e| std::error::Error::source(&e).map_or_else(|| e.to_string(), ToString::to_string))
 }
 
 #[cfg(test)]
@@ -184,6 +185,7 @@ mod tests {
         let candidates = ["/nowhere/libA.so", "/nowhere/libB.so"].map(Candidate::new);
         let text = Functions::load(&candidates).expect_err("there is no such file").to_string();
         assert!(text.contains("/nowhere/libA.so: ") && text.contains("/nowhere/libB.so: "), "{text}");
+        assert!(!cfg!(target_os = "linux") || text.contains("No such file"), "the system's reason: {text}");
         let text = Functions::load(&[]).expect_err("nothing to try").to_string();
         assert!(text.ends_with("tried: nothing"), "{text}");
     }

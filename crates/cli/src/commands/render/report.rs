@@ -32,6 +32,11 @@ pub(super) fn print_report(args: &RenderArgs, project: &Project, result: &Projec
         let shown = if s.samples > 0 { ", their neighbours are shown there" } else { "" };
         say(&format!("{level}: {share:.1} % of pixels have no sample{shown}{mend}"));
     }
+    if let Some((denoise, why)) = s.denoise.as_ref().and_then(|d| Some((d, d.error.as_ref()?)))
+        && s.denoising_failed()
+    {
+        say(&format!("flagged: {} failed, the picture shows the image as it was rendered: {why}", denoise.denoiser));
+    }
     if s.budget_missed {
         let limit = s.budget_seconds.unwrap_or(0.0);
         let (over, all) = (seconds(s.total_seconds - limit), seconds(s.total_seconds));
@@ -42,6 +47,9 @@ pub(super) fn print_report(args: &RenderArgs, project: &Project, result: &Projec
     }
     if result.rendering.interrupted {
         say("interrupted: the image holds what was rendered so far");
+        if s.denoise.as_ref().is_some_and(|d| d.error.is_some()) {
+            say("  it is not denoised; `dunkelfeld denoise` does that to an EXR");
+        }
     }
 }
 
@@ -98,6 +106,9 @@ fn summary(project: &Project, s: &Stats) -> String {
     }
     if let Some(share) = s.sensor.as_ref().and_then(|sensor| sensor.matched) {
         let _ = writeln!(text, "{}", matched(share));
+    }
+    if let Some(d) = s.denoise.as_ref().filter(|d| d.error.is_none()) {
+        let _ = writeln!(text, "the picture is denoised by {} in {}", d.denoiser, seconds(d.seconds));
     }
     let reached = s.forecast.iter().flatten().find_map(|l| Some((l.k, l.seconds?, l.actual_seconds?)));
     if let Some((k, foretold, took)) = reached {

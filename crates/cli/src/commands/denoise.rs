@@ -1,0 +1,40 @@
+//! `dunkelfeld denoise`: an EXR in, the same with a denoised layer out, or a picture.
+
+use crate::args::{Denoise, DenoiseArgs};
+use crate::bar::Sink;
+use crate::commands::render::apply_denoise;
+use crate::interrupt::cancel_on_interrupt;
+use crate::outcome::{Outcome, print, say};
+use crate::words::seconds;
+use dunkelfeld::{DenoiseSettings, Error, check_denoise_output, denoise_exr};
+
+pub(crate) fn run(args: &DenoiseArgs) -> Result<Outcome, Error> {
+    check_denoise_output(&args.input, &args.output)?;
+    let mut settings = DenoiseSettings::default();
+    let method = args.denoise.or(args.oidn.is_none().then_some(Denoise::Auto));
+    apply_denoise(method, args.oidn.as_ref(), &mut settings);
+    let sink = Sink::new(args.progress);
+    let cancel = cancel_on_interrupt();
+    let threads = args.threads.map_or(0, usize::from);
+    let Some(file) = denoise_exr(&args.input, &settings, threads, &sink, &cancel)? else {
+        drop(sink);
+        say("interrupted: nothing was written");
+        return Ok(Outcome::Interrupted);
+    };
+    drop(sink);
+    let features = match file.features.join(", ") {
+        none if none.is_empty() => "the image alone".into(),
+        some => format!("the image and its {some}"),
+    };
+    let text = format!(
+        "{} x {} pixels, denoised by {} in {} from {features}\nwrote {}\n",
+        file.layers.width,
+        file.layers.height,
+        file.denoised.denoiser,
+        seconds(file.denoised.seconds),
+        args.output.display()
+    );
+    file.save(&args.output)?;
+    print(&text);
+    Ok(Outcome::Done)
+}

@@ -1,0 +1,282 @@
+//! Denoising: which denoiser, on which threads, and what it is given. Its image is to be looked at, and no more: nothing
+//! that is measured, exposed for measurement or certified reads it.
+
+use crate::error::Error;
+use crate::progress::{Cancel, Progress, ProgressState, Stage};
+use dunkelfeld_denoise::oidn::{Candidate, standard_names, standard_places};
+use dunkelfeld_denoise::{Builtin, Control, DenoiseError, DenoiseInput, Denoiser, Executor, Oidn};
+use dunkelfeld_film::{Film, PixelSums, Plane};
+use dunkelfeld_io::libraries::{find_libraries, libraries_beside};
+use rayon::prelude::*;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Instant;
+
+/// The variable of the environment that names Intel Open Image Denoise.
+pub const OIDN_VARIABLE: &str = "DUNKELFELD_OIDN";
+const OIDN_STEM: &str = "OpenImageDenoise";
+const THREADS_STEM: &str = "tbb";
+
+/// What a denoiser takes until it has been measured [s of one thread per megapixel]: on the safe side for machines of the
+/// last ten years.
+const OIDN_PER_MEGAPIXEL: f64 = 10.0;
+const BUILTIN_PER_MEGAPIXEL: f64 = 4.0;
+/// And whatever the size: loading the library, making its device.
+const OIDN_START: f64 = 0.3;
+
+/// Which denoiser.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum DenoiseMethod {
+    /// None.
+    #[default]
+    Off,
+    /// Intel Open Image Denoise if this machine has it, else the built-in filter.
+    Auto,
+    /// Intel Open Image Denoise.
+    Oidn,
+    /// The built-in filter.
+    Builtin,
+}
+
+impl DenoiseMethod {
+    /// All of them.
+    pub const ALL: [Self; 4] = [Self::Off, Self::Auto, Self::Oidn, Self::Builtin];
+
+    /// Its name on the command line and in jobs.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Off => "off",
+            Self::Auto => "auto",
+            Self::Oidn => "oidn",
+            Self::Builtin => "builtin",
+        }
+    }
+}
+
+/// Whether and how an image is denoised.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct DenoiseSettings {
+    /// Which denoiser.
+    pub method: DenoiseMethod,
+    /// Intel Open Image Denoise: the library or the folder that it is in. `None` looks where [`OIDN_VARIABLE`] says, then
+    /// where systems have it.
+    pub oidn: Option<PathBuf>,
+}
+
+impl DenoiseSettings {
+    /// What to keep back for denoising so many pixels \[s\], before it has been tried.
+    pub fn expected_seconds(&self, pixels: u64, threads: usize) -> f64 {
+        let (start, per_megapixel) = match self.method {
+            DenoiseMethod::Off => return 0.0,
+            DenoiseMethod::Auto | DenoiseMethod::Oidn => (OIDN_START, OIDN_PER_MEGAPIXEL),
+            DenoiseMethod::Builtin => (0.0, BUILTIN_PER_MEGAPIXEL),
+        };
+        start + per_megapixel * pixels as f64 * 1e-6 / threads.max(1) as f64
+    }
+}
+
+/// A denoised image, to be looked at.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Denoised {
+    /// Radiance [W/(m^2 sr)].
+    pub mean: Plane<[f32; 3]>,
+    /// Name and version of the denoiser.
+    pub denoiser: String,
+    /// Seconds that it took.
+    pub seconds: f64,
+}
+
+/// The denoiser of the settings, `None` if there shall be none.
+///
+/// # Errors
+/// Intel Open Image Denoise is asked for and cannot be loaded: by [`DenoiseMethod::Oidn`], or because the settings or the
+/// environment name a library that is none.
+pub fn find_denoiser(settings: &DenoiseSettings) -> Result<Option<Box<dyn Denoiser>>, Error> {
+    if let (Some(path), DenoiseMethod::Off | DenoiseMethod::Builtin) = (&settings.oidn, settings.method) {
+        let problem = format!("{} is not used: the denoiser is \"{}\"", path.display(), settings.method.name());
+        return Err(Error::setting("oidn", problem, "choose the denoiser `oidn`, or do not name the library"));
+    }
+    let named =
+        settings.oidn.clone().or_else(|| std::env::var_os(OIDN_VARIABLE).filter(|v| !v.is_empty()).map(Into::into));
+    match settings.method {
+        DenoiseMethod::Off => Ok(None),
+        DenoiseMethod::Builtin => Ok(Some(Box::new(Builtin))),
+        DenoiseMethod::Oidn | DenoiseMethod::Auto => match load_oidn(named.as_deref()) {
+            Ok(oidn) => Ok(Some(Box::new(oidn))),
+            Err(_) if settings.method == DenoiseMethod::Auto && named.is_none() => Ok(Some(Box::new(Builtin))),
+            Err(e) => {
+                let mend = format!(
+                    "install Open Image Denoise 1.4 or 2, name its library by --oidn PATH or {OIDN_VARIABLE}, or choose the denoiser `builtin`"
+                );
+                Err(Error::setting("oidn", e.to_string(), mend))
+            }
+        },
+    }
+}
+
+/// The library that is named, or else the first that the system has.
+fn load_oidn(named: Option<&Path>) -> Result<Oidn, DenoiseError> {
+    let with_threads = |library: PathBuf| {
+        // Its threads may lie beside it, under a name that the loader does not know.
+        let companions = libraries_beside(&library, THREADS_STEM);
+        Candidate { library, companions }
+    };
+    let candidates: Vec<Candidate> = match named {
+        Some(path) => match find_libraries(path, OIDN_STEM) {
+            none if none.is_empty() => {
+                let problem = format!("there is no {OIDN_STEM} library in {}", path.display());
+                return Err(DenoiseError::Unavailable(problem));
+            }
+            libraries => libraries.into_iter().map(with_threads).collect(),
+        },
+        None => {
+            let places = standard_places().iter().flat_map(|place| find_libraries(Path::new(place), OIDN_STEM));
+            // A place that is not there is no candidate.
+            let places = places.filter(|path| path.is_file()).map(with_threads);
+            standard_names().iter().map(Candidate::new).chain(places).collect()
+        }
+    };
+    Oidn::load(&candidates)
+}
+
+/// The threads of the current pool.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct PoolExecutor;
+
+impl Executor for PoolExecutor {
+    fn threads(&self) -> usize {
+        rayon::current_num_threads()
+    }
+
+    fn for_each(&self, pieces: usize, work: &(dyn Fn(usize) + Sync)) {
+        (0..pieces).into_par_iter().for_each(work);
+    }
+}
+
+/// Denoises a film on the threads of the current pool. Pixels without samples are filled from their neighbours first.
+///
+/// # Errors
+/// Those of the denoiser; [`DenoiseError::Cancelled`] soon after the switch is thrown.
+pub fn denoise_film(
+    film: &Film,
+    denoiser: &dyn Denoiser,
+    started: Instant,
+    progress: &dyn Progress,
+    cancel: &Cancel,
+) -> Result<Denoised, DenoiseError> {
+    let began = Instant::now();
+    let planes = Planes::of(film);
+    let mean = run(&planes.input(), denoiser, film.total_samples(), started, progress, cancel)?;
+    Ok(Denoised { mean, denoiser: denoiser.name(), seconds: began.elapsed().as_secs_f64() })
+}
+
+/// Runs a denoiser on the threads of the current pool and tells how far it is, about ten times a second.
+pub(crate) fn run(
+    input: &DenoiseInput<'_>,
+    denoiser: &dyn Denoiser,
+    samples: u64,
+    started: Instant,
+    progress: &dyn Progress,
+    cancel: &Cancel,
+) -> Result<Plane<[f32; 3]>, DenoiseError> {
+    let began = Instant::now();
+    let next = AtomicU64::new(0);
+    let tell = |fraction: f64| {
+        let spent = began.elapsed();
+        let (now, due) = (spent.as_millis() as u64, next.load(Ordering::Relaxed));
+        if now >= due && next.compare_exchange(due, now + 100, Ordering::Relaxed, Ordering::Relaxed).is_ok() {
+            let remaining = (fraction > 0.05).then(|| spent.as_secs_f64() * (1.0 / fraction - 1.0));
+            let elapsed = started.elapsed().as_secs_f64();
+            progress.update(&ProgressState { stage: Stage::Denoise, fraction, elapsed, remaining, samples });
+        }
+        !cancel.is_cancelled()
+    };
+    denoiser.denoise(input, &Control { executor: &PoolExecutor, progress: &tell })
+}
+
+/// What a film tells a denoiser.
+struct Planes {
+    mean: Plane<[f32; 3]>,
+    variance: Plane<[f32; 3]>,
+    albedo: Plane<[f32; 3]>,
+    albedo_variance: Plane<[f32; 3]>,
+    normal: Plane<[f32; 3]>,
+    normal_variance: Plane<[f32; 3]>,
+    depth: Plane<f32>,
+    depth_variance: Plane<f32>,
+}
+
+impl Planes {
+    fn of(film: &Film) -> Self {
+        Self {
+            mean: film.mean_without_gaps(),
+            variance: plane(film, |p| p.variance_of_mean().map(|v| v as f32)),
+            albedo: plane(film, PixelSums::mean_albedo),
+            albedo_variance: plane(film, PixelSums::variance_of_albedo),
+            normal: plane(film, PixelSums::mean_normal),
+            normal_variance: plane(film, PixelSums::variance_of_normal),
+            depth: plane(film, PixelSums::mean_depth),
+            depth_variance: plane(film, PixelSums::variance_of_depth),
+        }
+    }
+
+    fn input(&self) -> DenoiseInput<'_> {
+        DenoiseInput {
+            variance: Some(&self.variance),
+            albedo: Some(&self.albedo),
+            albedo_variance: Some(&self.albedo_variance),
+            normal: Some(&self.normal),
+            normal_variance: Some(&self.normal_variance),
+            depth: Some(&self.depth),
+            depth_variance: Some(&self.depth_variance),
+            ..DenoiseInput::new(&self.mean)
+        }
+    }
+}
+
+/// A number of each pixel, on all threads.
+fn plane<T: Send + Clone + Default>(film: &Film, of: impl Fn(&PixelSums) -> T + Sync) -> Plane<T> {
+    let mut out = Plane::new(film.width(), film.height(), T::default());
+    out.data_mut().par_iter_mut().zip(film.pixels().data()).with_min_len(4096).for_each(|(to, sums)| *to = of(sums));
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::sync::Mutex;
+
+    fn named(method: DenoiseMethod, oidn: Option<&Path>) -> DenoiseSettings {
+        DenoiseSettings { method, oidn: oidn.map(Path::to_path_buf) }
+    }
+
+    #[test]
+    fn off_is_none_and_a_library_that_is_not_used_is_an_error() {
+        assert!(find_denoiser(&named(DenoiseMethod::Off, None)).expect("nothing to find").is_none());
+        let builtin = find_denoiser(&named(DenoiseMethod::Builtin, None)).expect("always there").expect("a denoiser");
+        assert!(builtin.name().starts_with("builtin"));
+        for method in [DenoiseMethod::Off, DenoiseMethod::Builtin] {
+            let error = find_denoiser(&named(method, Some(Path::new("lib.so")))).err().expect("not used").to_string();
+            assert!(error.contains("lib.so") && error.contains(method.name()), "{error}");
+        }
+    }
+
+    #[test]
+    fn a_library_that_is_named_and_cannot_be_loaded_is_an_error_also_for_auto() {
+        let folder = std::env::temp_dir().join("dunkelfeld-no-such-folder");
+        for method in [DenoiseMethod::Auto, DenoiseMethod::Oidn] {
+            for path in [folder.join("libOpenImageDenoise.so.2"), std::env::temp_dir().join("dunkelfeld-x")] {
+                let error = find_denoiser(&named(method, Some(&path))).err().expect("nothing there").to_string();
+                assert!(error.contains(&path.display().to_string()), "{error}");
+                assert!(error.contains("mend: install") && error.contains(OIDN_VARIABLE), "{error}");
+            }
+        }
+    }
+
+    #[test]
+    fn the_pool_does_every_piece_once() {
+        let done = Mutex::new(vec![0; 100]);
+        PoolExecutor.for_each(100, &|i| done.lock().expect("not poisoned")[i] += 1);
+        assert_eq!(done.into_inner().expect("not poisoned"), [1; 100]);
+    }
+}

@@ -1,0 +1,68 @@
+//! Where a shared library may lie: what a user or an installation names, completed by a look into folders.
+
+use std::path::{Path, PathBuf};
+
+/// The libraries at a path whose file names begin with `stem` (`lib` before it or not): the path itself if it is no folder;
+/// of a folder, and of the `lib` or `bin` folder in it, those with such names, the newest version first. Empty if there
+/// are none.
+pub fn find_libraries(path: &Path, stem: &str) -> Vec<PathBuf> {
+    if !path.is_dir() {
+        return vec![path.to_path_buf()];
+    }
+    [path.to_path_buf(), path.join("lib"), path.join("bin")].iter().flat_map(|folder| named(folder, stem)).collect()
+}
+
+/// The libraries in the folder of a file whose names begin with `stem`: those that it may need beside it.
+pub fn libraries_beside(file: &Path, stem: &str) -> Vec<PathBuf> {
+    match file.parent().filter(|folder| !folder.as_os_str().is_empty()) {
+        Some(folder) => named(folder, stem),
+        None => Vec::new(),
+    }
+}
+
+/// Shared libraries of a folder, of which the name after `lib` is the stem, maybe with a version before or after the
+/// ending; by name from behind, so that a later version comes first. A folder that cannot be read has none.
+fn named(folder: &Path, stem: &str) -> Vec<PathBuf> {
+    let Ok(entries) = std::fs::read_dir(folder) else { return Vec::new() };
+    let is_library = |path: &PathBuf| {
+        let name = path.file_name().and_then(|n| n.to_str()).unwrap_or_default();
+        let name = name.strip_prefix("lib").unwrap_or(name);
+        let version = |rest: &str| rest.chars().all(|c| c.is_ascii_digit() || c == '.');
+        name.strip_prefix(stem).is_some_and(|rest| {
+            rest.strip_prefix(".so").is_some_and(version)
+                || rest.strip_suffix(".dylib").is_some_and(version)
+                || rest.strip_suffix(".dll").is_some_and(version)
+        })
+    };
+    let mut found: Vec<PathBuf> = entries.filter_map(|e| Some(e.ok()?.path())).filter(is_library).collect();
+    found.sort_unstable_by(|a, b| b.cmp(a));
+    found
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn libraries_are_known_by_name_and_a_file_stands_for_itself() {
+        let folder = tempfile::tempdir().expect("a temporary folder");
+        let lib = folder.path().join("lib");
+        std::fs::create_dir(&lib).expect("a folder");
+        for name in
+            ["libA.so.1.4.3", "libA.so.2", "libA.2.dylib", "A.dll", "libA_core.so.2", "libA.so.2.txt", "libAB.so"]
+        {
+            std::fs::write(lib.join(name), "").expect("writable");
+        }
+        let names = |paths: Vec<PathBuf>| -> Vec<String> {
+            paths.iter().filter_map(|p| Some(p.file_name()?.to_str()?.to_owned())).collect()
+        };
+        let expected = ["libA.so.2", "libA.so.1.4.3", "libA.2.dylib", "A.dll"];
+        assert_eq!(names(find_libraries(folder.path(), "A")), expected);
+        assert_eq!(names(find_libraries(&lib, "A")), expected);
+        assert_eq!(names(libraries_beside(&lib.join("libA.so.2"), "AB")), ["libAB.so"]);
+        assert!(libraries_beside(Path::new("libA.so.2"), "AB").is_empty(), "a name is left to the system");
+        let absent = folder.path().join("absent.so");
+        assert_eq!(find_libraries(&absent, "A"), std::slice::from_ref(&absent));
+        assert!(find_libraries(folder.path(), "B").is_empty());
+    }
+}
