@@ -14,8 +14,8 @@ use dunkelfeld::radiometry::Rgb;
 use dunkelfeld::scene::{Effect, Material, Scene, SceneBuilder};
 use dunkelfeld::sensor::Optics;
 use dunkelfeld::{
-    Budget, Cancel, HeavySample, PartStats, RenderSettings, STATS_VERSION, SensorChoice, Silent, Stage, Stats, certify,
-    develop, find_sensor, render,
+    Budget, Cancel, DenoiseStats, HeavySample, PartStats, RenderSettings, STATS_VERSION, SensorChoice, Silent, Stage,
+    Stats, certify, develop, find_sensor, render,
 };
 use serde_json::Value;
 use std::collections::BTreeSet;
@@ -163,11 +163,12 @@ impl Reference {
                 if table == "[environment]" && ["scale", "rotation"].contains(&key) {
                     text += "image = \"sky.hdr\"\n";
                 }
-                // And these to a finite aperture or to one kind of lens.
+                // And these to a finite aperture, to one kind of lens, or to one denoiser.
                 text += match (table, key) {
                     ("[lens]", "blades") => "focus_distance = 1\n",
                     ("[lens]", "blade_rotation") => "focus_distance = 1\nblades = 6\n",
                     ("[lens]", "field_height" | "numerical_aperture") => "projection = \"telecentric\"\n",
+                    ("[denoise]", "oidn") => "method = \"oidn\"\n",
                     _ => "",
                 };
             }
@@ -287,8 +288,22 @@ fn stats(settings: &RenderSettings) -> Value {
     let mut frame = develop(&rendering.film.mean(), settings).expect("a frame");
     certify(&mut frame, &rendering.film, &rendering.labels, settings.budget.noise);
     let mut stats = Stats::new(&rendering, &frame, settings);
-    for stage in [Stage::Load, Stage::Build, Stage::Pilot, Stage::Plan, Stage::Refine, Stage::Expose, Stage::Write] {
+    for stage in [
+        Stage::Load,
+        Stage::Build,
+        Stage::Pilot,
+        Stage::Plan,
+        Stage::Refine,
+        Stage::Expose,
+        Stage::Denoise,
+        Stage::Write,
+    ] {
         stats.add_seconds(stage, 0.0);
+    }
+    let error = settings.budget.seconds.map(|_| "no reason".into());
+    let denoise = DenoiseStats { denoiser: "builtin 1".into(), seconds: 0.1, error };
+    if settings.has_sensor() {
+        stats.add_denoising(denoise);
     }
     // A named sample shows the form of the list's entries.
     stats.invalid_named.push("1,2,3".into());
@@ -438,6 +453,7 @@ fn links_between_the_pages_lead_somewhere() {
         "docs/effects.md",
         "docs/bench.md",
         "docs/accuracy.md",
+        "docs/denoising.md",
     ]) {
         let folder = root().join(name).parent().map(Path::to_path_buf).unwrap_or_default();
         for link in local_links(&page(name)) {

@@ -158,6 +158,16 @@ impl Bsdf {
         }
     }
 
+    /// Does it show what is around rather than itself: does it scatter into single directions only, or as good as that, as a
+    /// polished metal does? For layers, not for transport.
+    #[inline]
+    pub fn shows_others(&self) -> bool {
+        match self {
+            Self::Principled(b) => b.is_polished(),
+            _ => self.is_delta(),
+        }
+    }
+
     /// Approximate share of light scattered, as a guide for denoisers: the base colour of a principled surface,
     /// brighter toward grazing angles by the reflection on top; reflection plus transmission of a clear one. Within
     /// `[0, 1]`. Not energy-exact and not for transport.

@@ -81,6 +81,9 @@ impl Default for PrincipledParams {
     }
 }
 
+/// Up to this roughness the specular lobe is as narrow as it gets.
+const POLISHED: f32 = 0.032;
+
 /// A principled surface, ready to scatter: the parameters, multiplied out once per shading point.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Principled {
@@ -248,6 +251,12 @@ impl Principled {
         }
         let (value, pdf) = self.reflect_above::<RICH>(wo, wi, choice);
         finite_sample(wi, value, pdf, lobe, 1.0)
+    }
+
+    /// Is there nothing but a specular lobe, as narrow as lobes get?
+    #[inline]
+    pub(crate) fn is_polished(&self) -> bool {
+        self.roughness <= POLISHED && !self.rich && self.diffuse_luminance == 0.0
     }
 
     /// See [`crate::Bsdf::albedo`].

@@ -1,7 +1,7 @@
 //! Denoising: what every denoiser takes and gives, and the one that does nothing.
 //!
 //! A denoised image is cosmetic. It stands beside the unbiased mean and never replaces it: no statistic, no certificate
-//! and no exposure reads it.
+//! and no grey value that is measured is made from it.
 
 // `oidn` calls a library in C; nothing else here may.
 #![deny(unsafe_code)]

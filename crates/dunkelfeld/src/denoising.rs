@@ -1,8 +1,11 @@
 //! Denoising: which denoiser, on which threads, and what it is given. Its image is to be looked at, and no more: nothing
 //! that is measured, exposed for measurement or certified reads it.
 
+use crate::develop::{Frame, show_denoised};
 use crate::error::Error;
 use crate::progress::{Cancel, Progress, ProgressState, Stage};
+use crate::settings::RenderSettings;
+use crate::stats::DenoiseStats;
 use dunkelfeld_denoise::oidn::{Candidate, standard_names, standard_places};
 use dunkelfeld_denoise::{Builtin, Control, DenoiseError, DenoiseInput, Denoiser, Executor, Oidn};
 use dunkelfeld_film::{Film, PixelSums, Plane};
@@ -170,6 +173,28 @@ pub fn denoise_film(
     Ok(Denoised { mean, denoiser: denoiser.name(), seconds: began.elapsed().as_secs_f64() })
 }
 
+/// Denoises what the picture shows. That there is no denoised image costs nobody the one that was rendered: it is told by
+/// the statistics.
+pub(crate) fn denoise_frame(
+    frame: &mut Frame,
+    film: &Film,
+    denoiser: &dyn Denoiser,
+    settings: &RenderSettings,
+    started: Instant,
+    progress: &dyn Progress,
+    cancel: &Cancel,
+) -> Result<DenoiseStats, Error> {
+    let began = Instant::now();
+    let error = match denoise_film(film, denoiser, started, progress, cancel) {
+        Ok(denoised) => {
+            show_denoised(frame, denoised, settings)?;
+            None
+        }
+        Err(e) => Some(e.to_string()),
+    };
+    Ok(DenoiseStats { denoiser: denoiser.name(), seconds: began.elapsed().as_secs_f64(), error })
+}
+
 /// Runs a denoiser on the threads of the current pool and tells how far it is, about ten times a second.
 pub(crate) fn run(
     input: &DenoiseInput<'_>,
@@ -245,6 +270,41 @@ fn plane<T: Send + Clone + Default>(film: &Film, of: impl Fn(&PixelSums) -> T + 
 mod tests {
     use super::*;
     use std::sync::Mutex;
+
+    /// Fails as a library does that has no memory left.
+    struct Failing;
+
+    impl Denoiser for Failing {
+        fn name(&self) -> String {
+            "failing".into()
+        }
+
+        fn denoise(&self, _: &DenoiseInput<'_>, _: &Control<'_>) -> Result<Plane<[f32; 3]>, DenoiseError> {
+            Err(DenoiseError::Library("out of memory".into()))
+        }
+    }
+
+    #[test]
+    fn a_denoiser_that_fails_leaves_the_picture_as_it_was() {
+        let film = Film::new(4, 3);
+        let settings = RenderSettings { width: 4, height: 3, ..RenderSettings::default() };
+        let mut frame = crate::develop(&Plane::from_fn(4, 3, |x, _| [x as f32; 3]), &settings).expect("a frame");
+        let before = frame.picture.clone();
+        let (now, silent, cancel) = (Instant::now(), crate::Silent, Cancel::new());
+        let stats = denoise_frame(&mut frame, &film, &Failing, &settings, now, &silent, &cancel).expect("no error");
+        assert_eq!((frame.picture, frame.denoised), (before, None));
+        assert_eq!((stats.denoiser.as_str(), stats.error.as_deref()), ("failing", Some("out of memory")));
+    }
+
+    #[test]
+    fn more_is_kept_back_for_more_pixels_and_fewer_threads_and_nothing_for_none() {
+        let of = |method, pixels, threads| DenoiseSettings { method, oidn: None }.expected_seconds(pixels, threads);
+        assert_eq!(of(DenoiseMethod::Off, 1 << 27, 1), 0.0);
+        for method in [DenoiseMethod::Auto, DenoiseMethod::Oidn, DenoiseMethod::Builtin] {
+            let one = of(method, 1_000_000, 2);
+            assert!(of(method, 2_000_000, 2) > one && of(method, 1_000_000, 1) > one && one > 0.5, "{method:?}");
+        }
+    }
 
     fn named(method: DenoiseMethod, oidn: Option<&Path>) -> DenoiseSettings {
         DenoiseSettings { method, oidn: oidn.map(Path::to_path_buf) }

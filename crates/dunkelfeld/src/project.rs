@@ -1,8 +1,8 @@
 //! A scene or job file with everything around it: one thing to open, adjust, render and save.
 
 use crate::check::check;
-use crate::denoising::{DenoiseMethod, DenoiseSettings, denoise_film, find_denoiser};
-use crate::develop::{Frame, develop_film, show_denoised};
+use crate::denoising::{DenoiseMethod, DenoiseSettings, denoise_frame, find_denoiser};
+use crate::develop::{Frame, develop_film};
 use crate::error::{Error, camera_mend};
 use crate::inspect::{Inspection, camera_entry, inspect};
 use crate::lens::{DEFAULT_F_NUMBER, FilmSize, Fitted, Misfit, fit};
@@ -10,9 +10,9 @@ use crate::outputs::{self, OutputPaths, Written};
 use crate::progress::{Cancel, Progress, ProgressState, Silent, Stage};
 use crate::render::{Rendering, find_camera, render_rehearsed, thread_pool};
 use crate::settings::{Budget, RenderSettings, SensorChoice};
-use crate::stats::{DenoiseStats, Stats};
+use crate::stats::Stats;
 use dunkelfeld_adaptive::allocation::Strategy;
-use dunkelfeld_denoise::{Builtin, Denoiser};
+use dunkelfeld_denoise::{Builtin, Denoiser as _};
 use dunkelfeld_film::{Film, Plane};
 use dunkelfeld_integrator::Label;
 use dunkelfeld_io::import::{ImportOptions, Imported, load_scene};
@@ -269,7 +269,9 @@ impl Project {
             settings.denoise.method = DenoiseMethod::Builtin;
         }
         let denoise = |frame: &mut Frame, film: &Film, progress: &dyn Progress| match &denoiser {
-            Some(denoiser) => denoise(frame, film, &**denoiser, &settings, self.started, progress, cancel).map(Some),
+            Some(denoiser) => {
+                denoise_frame(frame, film, &**denoiser, &settings, self.started, progress, cancel).map(Some)
+            }
             None => Ok(None),
         };
         let object_names = self.scene.object_names();
@@ -291,7 +293,9 @@ impl Project {
         let mut frame = pool.install(|| develop_film(&rendering.film, &rendering.labels, &settings))?;
         let exposed = began.elapsed().as_secs_f64();
         let denoising = pool.install(|| denoise(&mut frame, &rendering.film, progress))?;
-        rendering.interrupted |= cancel.is_cancelled();
+        if denoising.as_ref().is_some_and(|d| d.error.is_some()) {
+            rendering.interrupted |= cancel.is_cancelled();
+        }
         let mut stats = Stats::new(&rendering, &frame, &settings);
         stats.add_seconds(Stage::Load, self.load_seconds);
         stats.add_seconds(Stage::Build, self.build_seconds);
@@ -339,28 +343,6 @@ impl ProjectResult {
             None => Ok(()),
         }
     }
-}
-
-/// Denoises what the picture shows. That there is no denoised image costs nobody the one that was rendered: it is told by
-/// the statistics.
-fn denoise(
-    frame: &mut Frame,
-    film: &Film,
-    denoiser: &dyn Denoiser,
-    settings: &RenderSettings,
-    started: Instant,
-    progress: &dyn Progress,
-    cancel: &Cancel,
-) -> Result<DenoiseStats, Error> {
-    let began = Instant::now();
-    let error = match denoise_film(film, denoiser, started, progress, cancel) {
-        Ok(denoised) => {
-            show_denoised(frame, denoised, settings)?;
-            None
-        }
-        Err(e) => Some(e.to_string()),
-    };
-    Ok(DenoiseStats { denoiser: denoiser.name(), seconds: began.elapsed().as_secs_f64(), error })
 }
 
 /// A sensor by preset name or file.

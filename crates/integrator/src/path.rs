@@ -73,7 +73,7 @@ struct Path<'a, F, R> {
     asked: u32,
     /// Distance travelled \[m\].
     passed: f32,
-    /// Has the path met nothing but surfaces that scatter in single directions?
+    /// Has the path met nothing but surfaces that show others: smooth glass, mirrors?
     sees_glass: bool,
     last: Option<LastScatter>,
     sample: Sample,
@@ -200,13 +200,17 @@ impl<'a, F: Features, R: Recorder> Path<'a, F, R> {
     /// Everything at a place where light is scattered: light from lights, and a direction to go on in. False if the path ends.
     #[inline]
     fn scatters_at<V: Vertex>(&mut self, at: &V, vertex: u32) -> bool {
-        // What the camera sees, through smooth glass and in it; a path that ends there has seen the glass.
+        // What the camera sees, through smooth glass and in mirrors; a path that ends there has seen the glass.
         self.passed += at.distance();
         let is_delta = at.is_delta();
-        if !self.sample.hit || (self.sees_glass && !is_delta) {
-            let (albedo, normal) = at.look();
-            self.sample = Sample { hit: true, albedo, normal: normal.to_array(), depth: self.passed, ..self.sample };
-            self.sees_glass = is_delta;
+        if !self.sample.hit || self.sees_glass {
+            let shows_others = at.shows_others();
+            if !self.sample.hit || !shows_others {
+                let (albedo, normal) = at.look();
+                self.sample =
+                    Sample { hit: true, albedo, normal: normal.to_array(), depth: self.passed, ..self.sample };
+            }
+            self.sees_glass = shows_others;
         }
 
         // Light from lights, connected directly.

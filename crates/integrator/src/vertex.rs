@@ -41,6 +41,9 @@ pub(crate) trait Vertex {
     /// The walk that goes on in a direction.
     fn leave(&self, wi: Vec3) -> Walk;
 
+    /// Does it show what is around rather than itself, for layers?
+    fn shows_others(&self) -> bool;
+
     /// Colour and normal, for layers.
     fn look(&self) -> (Rgb, Vec3);
 
@@ -135,6 +138,11 @@ impl<F: Features> Vertex for SurfaceVertex<'_, F> {
     }
 
     #[inline]
+    fn shows_others(&self) -> bool {
+        self.shading.bsdf.shows_others()
+    }
+
+    #[inline]
     fn look(&self) -> (Rgb, Vec3) {
         (self.shading.bsdf.albedo(self.wo_local), self.shading.frame.normal)
     }
@@ -202,6 +210,11 @@ impl Vertex for MediumVertex<'_> {
     #[inline]
     fn leave(&self, wi: Vec3) -> Walk {
         self.arrived.turned(self.point, wi)
+    }
+
+    #[inline]
+    fn shows_others(&self) -> bool {
+        false
     }
 
     #[inline]

@@ -10,8 +10,8 @@ use crate::outcome::Outcome;
 use dunkelfeld::adaptive::allocation::Strategy;
 use dunkelfeld::sensor::ExposureNoise;
 use dunkelfeld::{
-    Budget, CheckpointSettings, DenoiseMethod, DenoiseSettings, Error, Progress, ProgressState, Project, RenderSettings,
-    SensorChoice, Stage,
+    Budget, CheckpointSettings, DenoiseMethod, DenoiseSettings, Error, Progress, ProgressState, Project,
+    RenderSettings, SensorChoice, Stage,
 };
 pub(crate) use report::say_flaws;
 use std::path::PathBuf;
