@@ -1,5 +1,6 @@
 //! What a render is told from others by: whether a checkpoint may be continued, and whether parts belong together.
 
+use crate::denoising::DenoiseSettings;
 use crate::settings::{Budget, RenderSettings, SensorChoice};
 use dunkelfeld_integrator::{Estimator, PixelSample};
 use dunkelfeld_scene::{RayGenerator, Scene, digest};
@@ -43,6 +44,7 @@ impl Identity {
                 view: None,
                 strategy: Some(s.strategy()),
                 exposure_noise: ExposureNoise::default(),
+                denoise: DenoiseSettings::default(),
                 ..s.clone()
             };
             put("further settings", hex(&rest));
