@@ -141,12 +141,13 @@ impl Accumulate for PixelSums {
         }
         if sample.hit {
             self.hits += 1;
-            let albedo = self.albedo.iter_mut().zip(&mut self.albedo_squares).zip(sample.albedo.to_array());
-            let normal = self.normal.iter_mut().zip(&mut self.normal_squares).zip(sample.normal);
-            for ((sum, squares), v) in albedo.chain(normal) {
-                let v = unit_to_fixed(v);
-                *sum += v;
-                *squares += square(v);
+            let albedo = sample.albedo.to_array();
+            for c in 0..3 {
+                let (a, n) = (unit_to_fixed(albedo[c]), unit_to_fixed(sample.normal[c]));
+                self.albedo[c] += a;
+                self.albedo_squares[c] += square(a);
+                self.normal[c] += n;
+                self.normal_squares[c] += square(n);
             }
             let depth = if sample.depth.is_finite() { sample.depth.clamp(0.0, DEPTH_LIMIT) } else { 0.0 };
             let depth = (f64::from(depth) * (1u64 << DEPTH_BITS) as f64) as i64;
