@@ -141,9 +141,8 @@ impl Accumulate for PixelSums {
         }
         if sample.hit {
             self.hits += 1;
-            let albedo = sample.albedo.to_array();
-            for c in 0..3 {
-                let (a, n) = (unit_to_fixed(albedo[c]), unit_to_fixed(sample.normal[c]));
+            for (c, albedo) in sample.albedo.to_array().into_iter().enumerate() {
+                let (a, n) = (unit_to_fixed(albedo), unit_to_fixed(sample.normal[c]));
                 self.albedo[c] += a;
                 self.albedo_squares[c] += square(a);
                 self.normal[c] += n;
