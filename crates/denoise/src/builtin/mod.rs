@@ -9,7 +9,7 @@ mod tiles;
 use crate::denoiser::{Control, DenoiseError, DenoiseInput, Denoiser, Triples};
 
 /// Averages pixels with others nearby that look alike in albedo, normal and depth, and whose difference in colour may be
-/// noise (`docs/denoising.md` has the whole story).
+/// noise (`docs/denoising.md` says how).
 ///
 /// Uses the variance of the mean if it is there, and estimates it from the image where it is missing or infinite. Without
 /// features it goes by colour alone. Pixels that are not finite are filled from their neighbours. The result is the same
