@@ -147,7 +147,8 @@ fn features_that_are_noisy_themselves_keep_nothing_apart() {
 fn detail_of_which_no_feature_knows_costs_a_twentieth_at_most() {
     // Detail of all kinds and heights, in units of the noise, of which features know nothing: bright dots, lines, waves, and
     // pixels that are thrown dark or bright.
-    let kinds: [(&str, fn(u32, u32) -> f32); 4] = [
+    type Detail = fn(u32, u32) -> f32;
+    let kinds: [(&str, Detail); 4] = [
         ("dots", |x, y| if x % 7 == 3 && y % 7 == 3 { 1.0 } else { 0.0 }),
         ("lines", |x, _| if x % 9 == 0 { 1.0 } else { 0.0 }),
         ("waves", |x, _| (0.8 * x as f32).sin()),
