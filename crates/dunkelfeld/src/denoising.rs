@@ -22,10 +22,10 @@ const THREADS_STEM: &str = "tbb";
 
 /// What a denoiser takes until it has been measured [s of one thread per megapixel]: on the safe side for machines of the
 /// last ten years.
-const OIDN_PER_MEGAPIXEL: f64 = 10.0;
+const OIDN_PER_MEGAPIXEL: f64 = 14.0;
 const BUILTIN_PER_MEGAPIXEL: f64 = 4.0;
 /// And whatever the size: loading the library, making its device.
-const OIDN_START: f64 = 0.3;
+const OIDN_START: f64 = 0.6;
 
 /// Which denoiser.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
