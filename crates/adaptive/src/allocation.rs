@@ -8,7 +8,7 @@ use std::str::FromStr;
 
 use dunkelfeld_film::Plane;
 
-use crate::need::{GUARD, Needs, SensorNoise};
+use crate::need::{Needs, SensorNoise};
 use crate::pooling::PixelNoise;
 use crate::sobel::{gamma_image, magnitude};
 
@@ -139,8 +139,6 @@ pub struct Pilot<'a> {
 /// Measured variances; planes of the size of the pilot.
 #[derive(Clone, Copy, Debug)]
 pub struct Measured<'a> {
-    /// Samples per pixel.
-    pub counts: &'a Plane<u32>,
     /// What is expected of a pixel's samples: in photo-electrons behind a sensor, in any linear unit without one.
     pub noise: &'a Plane<PixelNoise>,
     /// The sensor, and what each pixel needs to be hidden beneath its noise.
@@ -149,8 +147,7 @@ pub struct Measured<'a> {
     pub cost: Option<&'a Plane<f32>>,
 }
 
-/// Weights `sqrt(v / (s c))`, s being one without a sensor. The variance v holds the guard against events not yet seen. A pixel
-/// of which nothing is known weighs as much as the heaviest of the others; a saturated one nothing.
+/// Weights `sqrt(v / (s c))`, s being one without a sensor. A pixel of which nothing is known weighs as much as the heaviest of the others; a saturated one nothing.
 fn deviation(pilot: &Pilot<'_>, sensor: Option<SensorNoise>) -> Plane<f32> {
     let (width, height) = (pilot.luminance.width(), pilot.luminance.height());
     let Some(measured) = &pilot.measured else { return uniform(width, height) };
@@ -159,11 +156,9 @@ fn deviation(pilot: &Pilot<'_>, sensor: Option<SensorNoise>) -> Plane<f32> {
         .noise
         .data()
         .iter()
-        .zip(measured.counts.data())
         .enumerate()
-        .map(|(i, (noise, &n))| {
-            let event = f64::from(noise.event);
-            let v = f64::from(noise.variance) + GUARD * event * event / f64::from(n.max(1));
+        .map(|(i, noise)| {
+            let v = f64::from(noise.variance);
             let s = sensor.map_or(1.0, |sensor| sensor.variance(f64::from(noise.mean)));
             let cost = measured.cost.and_then(|c| c.data().get(i)).copied().map_or(1.0, f64::from);
             let full = saturated.and_then(|s| s.data().get(i)).copied().unwrap_or(false);
@@ -291,7 +286,7 @@ mod tests {
     const SENSOR: SensorNoise = SensorNoise { floor: 10.0, saturation: 1000.0 };
 
     fn noise(variance: f32, mean: f32) -> PixelNoise {
-        PixelNoise { variance, freedom: 147.0, mean, darkest: mean, event: 0.0 }
+        PixelNoise { variance, freedom: 147.0, mean }
     }
 
     /// Weights of four pixels, by a strategy, sensor and cost.
@@ -308,9 +303,9 @@ mod tests {
             bare: row([1.0; 4]),
             saturated: Plane::from_vec(4, 1, saturated.to_vec()).expect("four values"),
         };
-        let (counts, cost) = (Plane::new(4, 1, 8), cost.map(row));
+        let cost = cost.map(row);
         let sensor = (strategy == Strategy::Sensor).then_some((SENSOR, &needs));
-        let measured = Some(Measured { counts: &counts, noise: &noise, sensor, cost: cost.as_ref() });
+        let measured = Some(Measured { noise: &noise, sensor, cost: cost.as_ref() });
         let pilot = Pilot { luminance: &row([0.0; 4]), white: 1.0, sobel_floor: SOBEL_FLOOR, measured };
         let shares = strategy.shares(&pilot);
         assert_eq!(shares.caps.is_some(), strategy == Strategy::Sensor);
@@ -343,10 +338,7 @@ mod tests {
     }
 
     #[test]
-    fn events_weigh_as_long_as_they_may_have_been_missed_and_the_unknown_weighs_most() {
-        // 0.5 * 4^2 / 8 = 1 beside a variance of 3.
-        let pixels = [noise(4.0, 0.0), PixelNoise { event: 4.0, ..noise(3.0, 0.0) }, noise(1.0, 0.0), noise(1.0, 0.0)];
-        assert_ratios(&weights_of(Strategy::Variance, pixels, None, [false; 4]), [2.0, 2.0, 1.0, 1.0]);
+    fn the_unknown_weighs_most() {
         let pixels = [noise(4.0, 0.0), PixelNoise::UNKNOWN, noise(9.0, 0.0), noise(0.0, 0.0)];
         assert_ratios(&weights_of(Strategy::Variance, pixels, None, [false; 4]), [2.0, 3.0, 3.0, 0.0]);
         for nothing in [PixelNoise::UNKNOWN, noise(0.0, 0.0)] {

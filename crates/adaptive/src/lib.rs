@@ -62,6 +62,7 @@ pub mod need;
 pub mod plan;
 pub mod pooling;
 pub mod schedule;
+pub mod shrinkage;
 pub mod sobel;
 
 pub use allocation::{Measured, Pilot, Shares, Strategy, UnknownStrategy};

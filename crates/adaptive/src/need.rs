@@ -16,17 +16,15 @@ pub const DEFAULT_TARGET: f64 = 0.5;
 /// Pixels needier than all but this share of them get as many samples as the last of these: a render is hidden without them,
 /// and a few may need more than all others together.
 const AIMED_SHARE: f64 = 0.995;
+/// No pixel is planned less than this share of what pixels are planned on average: needs come from a pilot, which has not seen
+/// everything, and one that was taken for next to nothing must not hold up a whole render.
+const LEAST_SHARE: f64 = 1.0 / 3.0;
 /// Standard deviations of safety for a variance that is itself an estimate: one in twenty is too small after it ...
 const SAFETY: f64 = 1.645;
 /// ... unless that takes more than so much more of samples.
 const MOST_SAFETY: f64 = 3.0;
 /// A saturated pixel is one whose mean lies this many standard errors above saturation.
 const SATURATED_BY: f64 = 3.0;
-/// The guard against events not yet seen, in the variance of the mean: this times the square of event over samples. An event
-/// unseen in n samples has a probability of 0.5 / n at the middle of what may be believed, 3 / n at its end (the rule of
-/// three, Hanley and Lippman-Hand 1983).
-pub(crate) const GUARD: f64 = 0.5;
-
 /// A sensor, as far as its noise hides that of a render: photo-electrons and nothing else.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SensorNoise {
@@ -50,26 +48,25 @@ impl SensorNoise {
     }
 }
 
-/// The number of samples at which `v / n + 0.5 e^2 / n^2` has sunk to `limit`, v being the variance of one sample (with a
-/// margin for its own uncertainty) and e the event that may not have been seen. Infinite where nothing is known, or where
-/// there is noise and the limit is zero.
+/// The number of samples at which `v / n` has sunk to `limit`, v being the variance of one sample with a margin for its own
+/// uncertainty. Infinite where nothing is known, or where there is noise and the limit is zero.
 pub fn samples_for(noise: &PixelNoise, limit: f64) -> f64 {
     let factor = upper_factor(f64::from(noise.freedom), SAFETY).min(MOST_SAFETY);
-    guarded(factor * f64::from(noise.variance), f64::from(noise.event), limit)
+    samples_at(factor * f64::from(noise.variance), limit)
 }
 
-fn guarded(variance: f64, event: f64, limit: f64) -> f64 {
-    if variance <= 0.0 && event <= 0.0 {
+fn samples_at(variance: f64, limit: f64) -> f64 {
+    if variance <= 0.0 {
         return 0.0;
     }
-    let n = (variance + (variance * variance + 4.0 * GUARD * event * event * limit).sqrt()) / (2.0 * limit);
+    let n = variance / limit;
     if n.is_nan() { f64::INFINITY } else { n }
 }
 
 /// What each pixel needs to be hidden at some k.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Needs {
-    /// With the margin and the guard: what is planned. Infinite where nothing is known, zero where a pixel is saturated.
+    /// With the margin: what is planned. Infinite where nothing is known, zero where a pixel is saturated.
     pub planned: Plane<f32>,
     /// By the pooled variance alone: what the certificate asks for. A fraction of a sample where little is needed.
     pub bare: Plane<f32>,
@@ -81,8 +78,7 @@ pub struct Needs {
 ///
 /// The sensor variance is that of the neighbourhood's mean, or of the pixel's own where that is lower: no pixel gets fewer
 /// samples because its own happened to be bright, and a dark one among bright ones is judged as what it is. With
-/// [`Witnesses::Neighbours`] a pixel's own mean has no say, in its saturation neither; it is taken for as dark as the darkest
-/// pixel beside it.
+/// [`Witnesses::Neighbours`] a pixel's own mean has no say, in its saturation neither.
 ///
 /// # Panics
 /// If the planes differ in size.
@@ -109,7 +105,7 @@ pub fn needs(
         .iter()
         .zip(evidence.mean.data())
         .map(|(noise, &own)| {
-            let mean = if witnesses == Witnesses::All { own.min(noise.mean) } else { noise.darkest.min(noise.mean) };
+            let mean = if witnesses == Witnesses::All { own.min(noise.mean) } else { noise.mean };
             k * k * sensor.variance(f64::from(mean))
         })
         .collect();
@@ -119,17 +115,23 @@ pub fn needs(
         Plane::from_vec(noise.width(), noise.height(), values.collect()).unwrap_or_else(|| noise.map(|_| f32::INFINITY))
     };
     let planned = plane(&samples_for);
-    let bare = plane(&|noise, limit| guarded(f64::from(noise.variance), 0.0, limit));
+    let bare = plane(&|noise, limit| samples_at(f64::from(noise.variance), limit));
     let saturated = Plane::from_vec(noise.width(), noise.height(), saturated).unwrap_or_else(|| noise.map(|_| false));
     Needs { planned, bare, saturated }
 }
 
 impl Needs {
-    /// What is planned, but for the neediest few pixels, which get what the last of the others does. Infinite only if next to
-    /// nothing is known.
+    /// What is planned, but for the neediest few pixels, which get what the last of the others does, and for the least needy,
+    /// which get a third of the average; saturated ones get none. Infinite only if next to nothing is known.
     pub fn aimed(&self) -> Plane<f32> {
         let most = quantile_of(self.unsaturated(&self.planned), AIMED_SHARE).unwrap_or(0.0);
-        self.planned.map(|&n| n.min(most))
+        let finite = || self.unsaturated(&self.planned).map(|n| n.min(most)).filter(|n| n.is_finite());
+        let mean = finite().map(f64::from).sum::<f64>() / finite().count().max(1) as f64;
+        let least = (LEAST_SHARE * mean) as f32;
+        let mut aimed = self.planned.map(|&n| n.min(most));
+        let pixels = aimed.data_mut().iter_mut().zip(self.saturated.data());
+        pixels.filter(|(_, full)| !**full).for_each(|(n, _)| *n = n.max(least));
+        aimed
     }
 
     /// The values of those pixels that are not saturated.
@@ -182,34 +184,22 @@ mod tests {
 
     const SENSOR: SensorNoise = SensorNoise { floor: 10.0, saturation: 10_000.0 };
 
-    fn known(variance: f32, event: f32) -> PixelNoise {
-        PixelNoise { variance, freedom: 1e6, mean: 0.0, darkest: 0.0, event }
+    fn known(variance: f32) -> PixelNoise {
+        PixelNoise { variance, freedom: 1e6, mean: 0.0 }
     }
 
     #[test]
     fn the_need_is_variance_over_limit_with_a_margin() {
-        let exact = samples_for(&known(300.0, 0.0), 3.0);
+        let exact = samples_for(&known(300.0), 3.0);
         assert!((exact / 100.0 - 1.0).abs() < 0.003, "{exact}");
         // 147 degrees of freedom: 147 / 119.9 (5 % quantile of chi-squared).
-        let pooled = samples_for(&PixelNoise { freedom: 147.0, ..known(300.0, 0.0) }, 3.0);
+        let pooled = samples_for(&PixelNoise { freedom: 147.0, ..known(300.0) }, 3.0);
         assert!((pooled / 122.6 - 1.0).abs() < 0.01, "{pooled}");
-        let lone = samples_for(&PixelNoise { freedom: 3.0, ..known(300.0, 0.0) }, 3.0);
+        let lone = samples_for(&PixelNoise { freedom: 3.0, ..known(300.0) }, 3.0);
         assert_eq!(lone, 300.0, "no more than threefold");
-        assert_eq!(samples_for(&known(0.0, 0.0), 3.0), 0.0);
+        assert_eq!(samples_for(&known(0.0), 3.0), 0.0);
         assert_eq!(samples_for(&PixelNoise::UNKNOWN, 3.0), f64::INFINITY);
-        assert_eq!(samples_for(&known(1.0, 0.0), 0.0), f64::INFINITY);
-    }
-
-    #[test]
-    fn the_guard_asks_for_what_has_not_been_seen() {
-        for (variance, event, limit) in [(0.0, 100.0, 2.0), (50.0, 100.0, 2.0), (1e6, 10.0, 0.01)] {
-            let n = samples_for(&known(variance, event), limit);
-            // By the definition: at n samples the guarded variance is the limit.
-            let v = f64::from(variance) * upper_factor(1e6, SAFETY);
-            let there = v / n + 0.5 * f64::from(event).powi(2) / (n * n);
-            assert!((there / limit - 1.0).abs() < 1e-9, "{there} instead of {limit}");
-        }
-        assert_eq!(samples_for(&known(0.0, 100.0), 2.0), 50.0);
+        assert_eq!(samples_for(&known(1.0), 0.0), f64::INFINITY);
     }
 
     fn scene(mean: f32, variance: f32, width: u32) -> Evidence {
@@ -291,6 +281,22 @@ mod tests {
         assert!(needs.aimed().data().iter().all(|n| *n == 50.0), "4 of 1000 are forgiven");
         let more = Needs { planned: Plane::from_fn(100, 10, |x, _| if x < 1 { 1e9 } else { 50.0 }), ..needs };
         assert_eq!(more.aimed().data().iter().filter(|n| **n == 1e9).count(), 10);
+    }
+
+    #[test]
+    fn nobody_is_planned_less_than_a_third_of_the_average() {
+        let needs = Needs {
+            planned: Plane::from_fn(10, 10, |x, y| if x == 9 { 0.0 } else { (x * y) as f32 }),
+            bare: Plane::new(10, 10, 1.0),
+            saturated: Plane::from_fn(10, 10, |x, _| x == 9),
+        };
+        // Columns and rows of 0..9 and 0..10: 36 * 45 in 90 pixels.
+        let least = 18.0 / 3.0;
+        for ((planned, aimed), full) in
+            needs.planned.data().iter().zip(needs.aimed().data()).zip(needs.saturated.data())
+        {
+            assert_eq!(*aimed, if *full { 0.0 } else { planned.max(least) });
+        }
     }
 
     #[test]

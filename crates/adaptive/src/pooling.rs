@@ -3,7 +3,7 @@
 //! A film knows the variance of a pixel from the spread of four batches: three degrees of freedom, far too few to decide
 //! on (its 99 % quantile is 3.8 times the truth), and taken from the very samples that are averaged, so that whoever stops
 //! when it looks small stops on unlucky pixels (Kirk and Arvo 1991). So variances are pooled over 7 x 7 pixels of the same
-//! surface. What a few samples cannot have seen is guarded against by what happened nearby: see [`PixelNoise::event`].
+//! surface. What these have not seen may have been seen further off: see [`crate::shrinkage`].
 
 use dunkelfeld_film::{BATCHES, Plane};
 
@@ -11,14 +11,9 @@ use crate::evidence::{Evidence, around};
 
 /// Variances are pooled over squares of 7 x 7 pixels.
 pub const POOL_REACH: u32 = 3;
-/// Rare events are looked for in squares of 15 x 15 pixels.
-pub const EVENT_REACH: u32 = 7;
-/// A sample is a rare event if it alone makes up this share of its pixel's sum of squared deviations or more: events that
-/// come more often than about ten times in a pixel's samples are in its variance already.
-const RARE: f32 = 0.1;
 
 /// Degrees of freedom of the variance of one pixel.
-const FREEDOM: f64 = (BATCHES - 1) as f64;
+pub(crate) const FREEDOM: f64 = (BATCHES - 1) as f64;
 
 /// Whose samples may speak for a pixel.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
@@ -41,17 +36,11 @@ pub struct PixelNoise {
     pub freedom: f32,
     /// Mean over the neighbourhood \[unit\].
     pub mean: f32,
-    /// The least mean of the pixel and the eight around it, of the neighbours alone if these are the witnesses \[unit\]: where
-    /// the image is darker than the neighbourhood on average.
-    pub darkest: f32,
-    /// The largest jump above the mean of its pixel that a single rare sample made within 15 x 15 pixels \[unit\]: what may
-    /// come here too, and has not been seen.
-    pub event: f32,
 }
 
 impl PixelNoise {
     /// Nothing is known.
-    pub const UNKNOWN: Self = Self { variance: f32::INFINITY, freedom: 0.0, mean: 0.0, darkest: 0.0, event: 0.0 };
+    pub const UNKNOWN: Self = Self { variance: f32::INFINITY, freedom: 0.0, mean: 0.0 };
 
     /// Variance of the mean of n samples [unit^2], without the guard: what is certified.
     #[inline]
@@ -60,42 +49,23 @@ impl PixelNoise {
     }
 }
 
-/// The rare events of all pixels, one row: by how much the largest sample of a pixel rises above its mean, zero if it is
-/// not rare.
-pub fn events_row(evidence: &Evidence, y: u32) -> Vec<f32> {
-    (0..evidence.width())
-        .map(|x| {
-            let n = *evidence.counts.at(x, y) as f32;
-            let excess = evidence.largest.at(x, y) - evidence.mean.at(x, y);
-            // n^2 times the variance of the mean: n times that of a sample, the sum of squares.
-            let sum_of_squares = n * n * evidence.variance.at(x, y);
-            let rare = excess > 0.0 && excess.is_finite() && excess * excess >= RARE * sum_of_squares;
-            if rare { excess } else { 0.0 }
-        })
-        .collect()
-}
-
-/// The noise of the pixels of one row; `events` is the plane of all [`events_row`]s. Rows are independent of each other, so
-/// that they may be shared out among threads.
+/// The noise of the pixels of one row. Rows are independent of each other, so that they may be shared out among threads.
 ///
 /// # Panics
 /// If the planes differ in size.
-pub fn noise_row(evidence: &Evidence, events: &Plane<f32>, witnesses: Witnesses, y: u32) -> Vec<PixelNoise> {
+pub fn noise_row(evidence: &Evidence, witnesses: Witnesses, y: u32) -> Vec<PixelNoise> {
     assert!(evidence.is_consistent(), "planes differ in size");
-    assert_eq!((events.width(), events.height()), (evidence.width(), evidence.height()), "planes differ in size");
-    (0..evidence.width()).map(|x| pixel(evidence, events, witnesses, x, y)).collect()
+    (0..evidence.width()).map(|x| pixel(evidence, witnesses, x, y)).collect()
 }
 
 /// The noise of all pixels.
 pub fn noise(evidence: &Evidence, witnesses: Witnesses) -> Plane<PixelNoise> {
     let (width, height) = (evidence.width(), evidence.height());
-    let events = (0..height).flat_map(|y| events_row(evidence, y)).collect();
-    let events = Plane::from_vec(width, height, events).unwrap_or_else(|| Plane::new(width, height, 0.0));
-    let noise = (0..height).flat_map(|y| noise_row(evidence, &events, witnesses, y)).collect();
+    let noise = (0..height).flat_map(|y| noise_row(evidence, witnesses, y)).collect();
     Plane::from_vec(width, height, noise).unwrap_or_else(|| Plane::new(width, height, PixelNoise::UNKNOWN))
 }
 
-fn pixel(evidence: &Evidence, events: &Plane<f32>, witnesses: Witnesses, x: u32, y: u32) -> PixelNoise {
+fn pixel(evidence: &Evidence, witnesses: Witnesses, x: u32, y: u32) -> PixelNoise {
     let (width, height) = (evidence.width(), evidence.height());
     let own = evidence.surface.at(x, y);
     let mut pool = Pool::default();
@@ -117,17 +87,7 @@ fn pixel(evidence: &Evidence, events: &Plane<f32>, witnesses: Witnesses, x: u32,
     }
     // A pixel that is like no other and may not speak for itself: the neighbours, whatever they show.
     let pool = if pool.count == 0 { strangers } else { pool };
-    let mut event = 0.0f32;
-    for (nx, ny) in around(x, y, EVENT_REACH, width, height) {
-        let jump = *events.at(nx, ny);
-        let counts = witnesses == Witnesses::All || (nx, ny) != (x, y);
-        if jump > event && counts && own.is_like(evidence.surface.at(nx, ny)) {
-            event = jump;
-        }
-    }
-    let near = around(x, y, 1, width, height).filter(|&at| witnesses == Witnesses::All || at != (x, y));
-    let darkest = near.map(|(nx, ny)| *evidence.mean.at(nx, ny)).fold(f32::INFINITY, f32::min);
-    PixelNoise { darkest: if darkest.is_finite() { darkest } else { 0.0 }, ..pool.noise(event) }
+    pool.noise()
 }
 
 /// Variances of single samples in a neighbourhood, each with [`FREEDOM`] degrees of freedom.
@@ -147,26 +107,28 @@ impl Pool {
         self.means += mean;
     }
 
-    fn noise(&self, event: f32) -> PixelNoise {
+    fn noise(&self) -> PixelNoise {
         if self.count == 0 {
-            return PixelNoise { event, ..PixelNoise::UNKNOWN };
+            return PixelNoise::UNKNOWN;
         }
         let count = f64::from(self.count);
-        // Satterthwaite's degrees of freedom of a sum of variances. Squares of estimates are too large by 1 + 2 / FREEDOM on
-        // average; with that taken out, one pixel has FREEDOM, and m equal ones very nearly m FREEDOM.
-        let freedom = if self.squares > 0.0 {
-            (FREEDOM + 2.0) * self.sum * self.sum / self.squares - 2.0
-        } else {
-            FREEDOM * count
-        };
         PixelNoise {
             variance: (self.sum / count) as f32,
-            freedom: freedom.clamp(FREEDOM, FREEDOM * count) as f32,
+            freedom: satterthwaite(self.sum, self.squares, count) as f32,
             mean: (self.means / count) as f32,
-            darkest: 0.0,
-            event,
         }
     }
+}
+
+/// Satterthwaite's (1946) degrees of freedom of a sum of so many variances, each with [`FREEDOM`], from it and the sum of their
+/// squares. Squares of estimates are too large by 1 + 2 / FREEDOM on average; with that taken out, one pixel has FREEDOM, and m
+/// equal ones very nearly m FREEDOM.
+pub(crate) fn satterthwaite(sum: f64, squares: f64, count: f64) -> f64 {
+    let most = FREEDOM * count;
+    if squares <= 0.0 {
+        return most;
+    }
+    ((FREEDOM + 2.0) * sum * sum / squares - 2.0).min(most).max(FREEDOM)
 }
 
 /// The factor by which a variance with so many degrees of freedom is to be raised to be too small with the probability
@@ -198,7 +160,7 @@ mod tests {
     fn equal_variances_pool_to_themselves_with_all_their_freedom() {
         let noise = noise(&flat(20, 20, |_, _| 0.25), Witnesses::All);
         let middle = noise.at(10, 10);
-        assert_eq!((middle.variance, middle.mean, middle.event), (4.0, 2.0, 0.0));
+        assert_eq!((middle.variance, middle.mean), (4.0, 2.0));
         // 49 pixels of equal estimates: more than 3 each cannot be claimed.
         assert_eq!(middle.freedom, 147.0);
         assert_eq!(noise.at(0, 0).freedom, 48.0, "sixteen pixels in the corner");
@@ -243,34 +205,11 @@ mod tests {
     }
 
     #[test]
-    fn rare_events_are_expected_nearby_and_common_ones_are_not_events() {
-        let mut evidence = flat(40, 40, |_, _| 0.01);
-        // One sample of 16 is 100 above the others: it makes up nearly all of the sum of squares.
-        let at = 20 * 40 + 20;
-        evidence.largest.data_mut()[at] = 102.0;
-        evidence.mean.data_mut()[at] = 2.0 + 100.0 / 16.0;
-        evidence.variance.data_mut()[at] = 100.0 * 100.0 / 16.0 / 16.0;
-        let noise = noise(&evidence, Witnesses::All);
-        for (x, y, expected) in [(20, 20, 93.75), (27, 13, 93.75), (28, 20, 0.0), (20, 12, 0.0)] {
-            assert_eq!(noise.at(x, y).event, expected, "({x}, {y})");
-        }
-        // Half of the samples at 4, half at 0: the largest is 2 above the mean, a sixteenth of the sum of squares.
-        evidence = flat(20, 20, |_, _| 4.0 / 16.0);
-        evidence.largest = Plane::new(20, 20, 4.0);
-        assert!(super::noise(&evidence, Witnesses::All).data().iter().all(|n| n.event == 0.0));
-    }
-
-    #[test]
     fn what_is_unknown_stays_out() {
         let mut evidence = flat(9, 9, |x, _| if x % 2 == 0 { f32::INFINITY } else { 0.5 });
         assert!(noise(&evidence, Witnesses::All).data().iter().all(|n| n.variance == 8.0));
         evidence.variance = Plane::new(9, 9, f32::INFINITY);
-        assert!(
-            noise(&evidence, Witnesses::All)
-                .data()
-                .iter()
-                .all(|n| *n == PixelNoise { darkest: 2.0, ..PixelNoise::UNKNOWN })
-        );
+        assert!(noise(&evidence, Witnesses::All).data().iter().all(|n| *n == PixelNoise::UNKNOWN));
         assert!(noise(&flat(0, 0, |_, _| 0.0), Witnesses::All).data().is_empty());
     }
 

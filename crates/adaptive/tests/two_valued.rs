@@ -102,7 +102,7 @@ fn adaptive(image: &mut Image, target: f64, witnesses: Witnesses) {
         if aim <= taken + taken / 50 {
             return;
         }
-        let measured = Measured { counts: &evidence.counts, noise: &noise, sensor: Some((sensor, &needs)), cost: None };
+        let measured = Measured { noise: &noise, sensor: Some((sensor, &needs)), cost: None };
         let pilot = Pilot { luminance: &evidence.mean, white: 1.0, sobel_floor: 0.25, measured: Some(measured) };
         let shares = Strategy::Sensor.shares(&pilot);
         image.render(&plan::next_round_of(&evidence.counts, &shares, aim.min(2 * taken)));
@@ -202,7 +202,7 @@ fn bias_of_budget(witnesses: Witnesses, plans: u32, repeats: u64) -> (f64, f64) 
         for plan in 1..=plans {
             let evidence = image.evidence();
             let noise = noise(&evidence, witnesses);
-            let measured = Measured { counts: &evidence.counts, noise: &noise, sensor: None, cost: None };
+            let measured = Measured { noise: &noise, sensor: None, cost: None };
             let pilot = Pilot { luminance: &evidence.mean, white: 1.0, sobel_floor: 0.25, measured: Some(measured) };
             let shares = Strategy::Variance.shares(&pilot);
             let total = (64 * pixels) >> (plans - plan);

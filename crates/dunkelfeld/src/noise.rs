@@ -5,7 +5,8 @@ use crate::settings::SensorChoice;
 use dunkelfeld_adaptive::certificate::{Certificate, Claim, certify as certify_planes, ratios};
 use dunkelfeld_adaptive::evidence::{Evidence, surfaces};
 use dunkelfeld_adaptive::need::{DEFAULT_TARGET, Needs, SensorNoise, needs};
-use dunkelfeld_adaptive::pooling::{PixelNoise, Witnesses, events_row, noise_row};
+use dunkelfeld_adaptive::pooling::{PixelNoise, Witnesses, noise_row};
+use dunkelfeld_adaptive::shrinkage::shrunk;
 use dunkelfeld_film::{Film, PixelSums, Plane};
 use dunkelfeld_integrator::Label;
 use dunkelfeld_radiometry::{Rgb, Seconds};
@@ -84,10 +85,7 @@ pub(crate) fn pooled(evidence: &Evidence, witnesses: Witnesses) -> Plane<PixelNo
         // A sample a pixel, or none: there is nothing to pool, and no time to lose with it.
         return Plane::new(width, height, PixelNoise::UNKNOWN);
     }
-    let events: Vec<Vec<f32>> = (0..height).into_par_iter().map(|y| events_row(evidence, y)).collect();
-    let events = Plane::from_vec(width, height, events.concat()).unwrap_or_else(|| Plane::new(width, height, 0.0));
-    let rows: Vec<Vec<PixelNoise>> =
-        (0..height).into_par_iter().map(|y| noise_row(evidence, &events, witnesses, y)).collect();
+    let rows: Vec<Vec<PixelNoise>> = (0..height).into_par_iter().map(|y| noise_row(evidence, witnesses, y)).collect();
     Plane::from_vec(width, height, rows.concat()).unwrap_or_else(|| Plane::new(width, height, PixelNoise::UNKNOWN))
 }
 
@@ -109,9 +107,21 @@ pub(crate) struct Measured {
 
 impl Measured {
     pub(crate) fn new(eye: &Eye, film: &Film, labels: &Plane<Option<Label>>, witnesses: Witnesses) -> Self {
-        let evidence = eye.evidence(film, labels);
+        Self::of(eye.evidence(film, labels), eye.sensor, witnesses)
+    }
+
+    /// What a plan is made from is drawn together over wide neighbourhoods; a certificate says what was seen, where it was.
+    fn of(evidence: Evidence, sensor: Option<SensorNoise>, witnesses: Witnesses) -> Self {
         let noise = pooled(&evidence, witnesses);
-        Self { evidence, noise, sensor: eye.sensor }
+        let noise = match witnesses {
+            Witnesses::All => noise,
+            Witnesses::Neighbours => {
+                let lit =
+                    evidence.mean.data().iter().map(|&m| f64::from(m)).sum::<f64>() / noise.data().len().max(1) as f64;
+                shrunk(&evidence, &noise, sensor.map_or(lit, |s| s.floor))
+            }
+        };
+        Self { evidence, noise, sensor }
     }
 
     /// Of a film that is exposed like this.
@@ -128,8 +138,7 @@ impl Measured {
 
     /// The same film, asked of other witnesses.
     pub(crate) fn repooled(self, witnesses: Witnesses) -> Self {
-        let noise = pooled(&self.evidence, witnesses);
-        Self { noise, ..self }
+        Self::of(self.evidence, self.sensor, witnesses)
     }
 
     /// What each pixel needs to be hidden at `k`; `None` without a sensor.

@@ -185,7 +185,6 @@ impl<'a> Planner<'a> {
                 white: eye.white,
                 sobel_floor: self.settings.sobel_floor,
                 measured: measured.map(|m| allocation::Measured {
-                    counts: &m.evidence.counts,
                     noise: &m.noise,
                     sensor: m.sensor.zip(needs.as_ref()),
                     // What a sample costs is known by the clock alone, and the clock has no say in where samples go.
