@@ -286,7 +286,7 @@ mod tests {
     const SENSOR: SensorNoise = SensorNoise { floor: 10.0, saturation: 1000.0 };
 
     fn noise(variance: f32, mean: f32) -> PixelNoise {
-        PixelNoise { variance, freedom: 147.0, mean }
+        PixelNoise { variance, freedom: 147.0, mean, darkest: mean }
     }
 
     /// Weights of four pixels, by a strategy, sensor and cost.

@@ -78,7 +78,8 @@ pub struct Needs {
 ///
 /// The sensor variance is that of the neighbourhood's mean, or of the pixel's own where that is lower: no pixel gets fewer
 /// samples because its own happened to be bright, and a dark one among bright ones is judged as what it is. With
-/// [`Witnesses::Neighbours`] a pixel's own mean has no say, in its saturation neither.
+/// [`Witnesses::Neighbours`] a pixel's own mean has no say, in its saturation neither; it is taken for as dark as the darkest
+/// pixel beside it is for certain.
 ///
 /// # Panics
 /// If the planes differ in size.
@@ -105,7 +106,7 @@ pub fn needs(
         .iter()
         .zip(evidence.mean.data())
         .map(|(noise, &own)| {
-            let mean = if witnesses == Witnesses::All { own.min(noise.mean) } else { noise.mean };
+            let mean = if witnesses == Witnesses::All { own.min(noise.mean) } else { noise.darkest };
             k * k * sensor.variance(f64::from(mean))
         })
         .collect();
@@ -185,7 +186,7 @@ mod tests {
     const SENSOR: SensorNoise = SensorNoise { floor: 10.0, saturation: 10_000.0 };
 
     fn known(variance: f32) -> PixelNoise {
-        PixelNoise { variance, freedom: 1e6, mean: 0.0 }
+        PixelNoise { variance, freedom: 1e6, mean: 0.0, darkest: 0.0 }
     }
 
     #[test]

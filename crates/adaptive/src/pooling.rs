@@ -12,6 +12,9 @@ use crate::evidence::{Evidence, around};
 /// Variances are pooled over squares of 7 x 7 pixels.
 pub const POOL_REACH: u32 = 3;
 
+/// A pixel is darker than its neighbourhood if its mean is so with so many standard errors to spare.
+const DARK_BY: f32 = 2.0;
+
 /// Degrees of freedom of the variance of one pixel.
 pub(crate) const FREEDOM: f64 = (BATCHES - 1) as f64;
 
@@ -36,13 +39,16 @@ pub struct PixelNoise {
     pub freedom: f32,
     /// Mean over the neighbourhood \[unit\].
     pub mean: f32,
+    /// The least mean of the pixel and the eight around it, of the neighbours alone if these are the witnesses, each two of its own
+    /// standard errors higher, and no more than that of the neighbourhood \[unit\]: how dark the image is here for certain.
+    pub darkest: f32,
 }
 
 impl PixelNoise {
     /// Nothing is known.
-    pub const UNKNOWN: Self = Self { variance: f32::INFINITY, freedom: 0.0, mean: 0.0 };
+    pub const UNKNOWN: Self = Self { variance: f32::INFINITY, freedom: 0.0, mean: 0.0, darkest: 0.0 };
 
-    /// Variance of the mean of n samples [unit^2], without the guard: what is certified.
+    /// Variance of the mean of n samples [unit^2]: what is certified.
     #[inline]
     pub fn of_mean(&self, n: u32) -> f32 {
         if n == 0 { f32::INFINITY } else { self.variance / n as f32 }
@@ -87,7 +93,12 @@ fn pixel(evidence: &Evidence, witnesses: Witnesses, x: u32, y: u32) -> PixelNois
     }
     // A pixel that is like no other and may not speak for itself: the neighbours, whatever they show.
     let pool = if pool.count == 0 { strangers } else { pool };
-    pool.noise()
+    let noise = pool.noise();
+    let near = around(x, y, 1, width, height).filter(|&at| witnesses == Witnesses::All || at != (x, y));
+    let darkest = near
+        .map(|(nx, ny)| evidence.mean.at(nx, ny) + DARK_BY * evidence.variance.at(nx, ny).sqrt())
+        .fold(noise.mean, f32::min);
+    PixelNoise { darkest, ..noise }
 }
 
 /// Variances of single samples in a neighbourhood, each with [`FREEDOM`] degrees of freedom.
@@ -116,6 +127,7 @@ impl Pool {
             variance: (self.sum / count) as f32,
             freedom: satterthwaite(self.sum, self.squares, count) as f32,
             mean: (self.means / count) as f32,
+            darkest: 0.0,
         }
     }
 }
@@ -202,6 +214,22 @@ mod tests {
         let lone = |w| super::noise(&evidence, w).at(3, 3).variance;
         assert_eq!(lone(Witnesses::All), 400.0);
         assert!((16.0..60.0).contains(&lone(Witnesses::Neighbours)), "{}", lone(Witnesses::Neighbours));
+    }
+
+    #[test]
+    fn dark_is_what_is_so_beyond_its_own_noise() {
+        let mut evidence = flat(20, 20, |_, _| 0.25);
+        let at = |x: usize, y: usize| y * 20 + x;
+        // Known to be black, black by two standard errors of 0.5 less one, and the rest at 2.
+        (evidence.mean.data_mut()[at(5, 5)], evidence.variance.data_mut()[at(5, 5)]) = (0.0, 0.0);
+        evidence.mean.data_mut()[at(14, 14)] = 0.9;
+        let all = noise(&evidence, Witnesses::All);
+        assert_eq!(all.at(6, 6).darkest, 0.0);
+        assert_eq!(all.at(8, 8).darkest, all.at(8, 8).mean, "three pixels away");
+        assert!((all.at(14, 15).darkest - 1.9).abs() < 1e-6);
+        let others = noise(&evidence, Witnesses::Neighbours);
+        assert_eq!(others.at(6, 6).darkest, 0.0);
+        assert_eq!(others.at(5, 5).darkest, 2.0, "its neighbours know nothing of it");
     }
 
     #[test]

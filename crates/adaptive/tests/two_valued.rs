@@ -10,7 +10,8 @@
 
 use dunkelfeld_adaptive::evidence::{Evidence, Surface};
 use dunkelfeld_adaptive::need::{SensorNoise, needs, total};
-use dunkelfeld_adaptive::pooling::{Witnesses, noise};
+use dunkelfeld_adaptive::pooling::{PixelNoise, Witnesses, noise};
+use dunkelfeld_adaptive::shrinkage::shrunk;
 use dunkelfeld_adaptive::{Measured, Pilot, SamplePlan, Strategy, plan};
 use dunkelfeld_film::{BATCHES, Plane};
 
@@ -86,6 +87,12 @@ impl Image {
     }
 }
 
+/// The noise that renders plan by: neighbours are asked further than squares reach.
+fn drawn(evidence: &Evidence, witnesses: Witnesses, floor: f64) -> Plane<PixelNoise> {
+    let noise = noise(evidence, witnesses);
+    if witnesses == Witnesses::All { noise } else { shrunk(evidence, &noise, floor) }
+}
+
 /// Renders until every pixel has what it needs for a standard error of `target`: plans at doubling budgets, each number of
 /// samples fixed before they are taken.
 fn adaptive(image: &mut Image, target: f64, witnesses: Witnesses) {
@@ -95,7 +102,7 @@ fn adaptive(image: &mut Image, target: f64, witnesses: Witnesses) {
     image.render(&Plane::new(SIDE, SIDE, PILOT));
     for _ in 0..12 {
         let evidence = image.evidence();
-        let noise = noise(&evidence, witnesses);
+        let noise = drawn(&evidence, witnesses, sensor.floor);
         let needs = needs(&evidence, &noise, sensor, k, witnesses);
         let aim = total(&needs.if_aimed(&evidence.counts)) as u64;
         let taken = plan::total(&evidence.counts);
@@ -201,7 +208,7 @@ fn bias_of_budget(witnesses: Witnesses, plans: u32, repeats: u64) -> (f64, f64) 
         let pixels = u64::from(SIDE * SIDE);
         for plan in 1..=plans {
             let evidence = image.evidence();
-            let noise = noise(&evidence, witnesses);
+            let noise = drawn(&evidence, witnesses, RARE);
             let measured = Measured { noise: &noise, sensor: None, cost: None };
             let pilot = Pilot { luminance: &evidence.mean, white: 1.0, sobel_floor: 0.25, measured: Some(measured) };
             let shares = Strategy::Variance.shares(&pilot);

@@ -127,7 +127,7 @@ pub(crate) struct Saved {
 /// Reads a file and its description.
 pub(crate) fn load(path: &Path) -> Result<(Description, Checkpoint), Error> {
     let mut checkpoint = read_checkpoint(path)?;
-    let mend = "use a file that this version of the program wrote, or delete it to begin anew";
+    let mend = "use a file that this version of the program wrote, or another name to begin anew";
     let fault = |problem: String| InputError::new(path, "the description", problem, mend);
     let description: Description = serde_json::from_str(&std::mem::take(&mut checkpoint.text))
         .map_err(|e| fault(format!("is not that of a render: {e}")))?;

@@ -110,18 +110,17 @@ impl Measured {
         Self::of(eye.evidence(film, labels), eye.sensor, witnesses)
     }
 
-    /// What a plan is made from is drawn together over wide neighbourhoods; a certificate says what was seen, where it was.
     fn of(evidence: Evidence, sensor: Option<SensorNoise>, witnesses: Witnesses) -> Self {
         let noise = pooled(&evidence, witnesses);
-        let noise = match witnesses {
-            Witnesses::All => noise,
-            Witnesses::Neighbours => {
-                let lit =
-                    evidence.mean.data().iter().map(|&m| f64::from(m)).sum::<f64>() / noise.data().len().max(1) as f64;
-                shrunk(&evidence, &noise, sensor.map_or(lit, |s| s.floor))
-            }
-        };
         Self { evidence, noise, sensor }
+    }
+
+    /// The noise as plans are made from it: that of each neighbourhood, drawn towards that of wider ones. Plans share out samples
+    /// by it; forecasts and certificates go by what was seen, where it was.
+    pub(crate) fn drawn_together(&self) -> Plane<PixelNoise> {
+        let mean = self.evidence.mean.data();
+        let lit = mean.iter().map(|&m| f64::from(m)).sum::<f64>() / mean.len().max(1) as f64;
+        shrunk(&self.evidence, &self.noise, self.sensor.map_or(lit, |s| s.floor))
     }
 
     /// Of a film that is exposed like this.
@@ -143,7 +142,12 @@ impl Measured {
 
     /// What each pixel needs to be hidden at `k`; `None` without a sensor.
     pub(crate) fn needs(&self, k: f64, witnesses: Witnesses) -> Option<Needs> {
-        self.sensor.map(|sensor| needs(&self.evidence, &self.noise, sensor, k, witnesses))
+        self.needs_by(&self.noise, k, witnesses)
+    }
+
+    /// The same by other noise.
+    pub(crate) fn needs_by(&self, noise: &Plane<PixelNoise>, k: f64, witnesses: Witnesses) -> Option<Needs> {
+        self.sensor.map(|sensor| needs(&self.evidence, noise, sensor, k, witnesses))
     }
 
     /// Certifies at `k`; `None` without a sensor.

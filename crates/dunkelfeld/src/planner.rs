@@ -10,7 +10,7 @@ use crate::noise::{Eye, Measured};
 use crate::settings::RenderSettings;
 use dunkelfeld_adaptive::allocation::{self, Pilot, Shares, Strategy};
 use dunkelfeld_adaptive::need::{DEFAULT_TARGET, Needs, total};
-use dunkelfeld_adaptive::pooling::Witnesses;
+use dunkelfeld_adaptive::pooling::{PixelNoise, Witnesses};
 use dunkelfeld_adaptive::schedule::PILOT_SHARE;
 use dunkelfeld_film::{Film, Plane};
 use dunkelfeld_integrator::Label;
@@ -103,8 +103,9 @@ impl<'a> Planner<'a> {
         let mean = state.film.mean_without_gaps();
         let eye = Eye::of(&mean, &self.settings.sensor)?;
         let is_measured = eye.sensor.is_some() || self.settings.strategy().needs_noise();
-        let measured = is_measured.then(|| Measured::new(&eye, state.film, state.labels, Witnesses::Neighbours));
-        self.fix(&eye, &mean, measured.as_ref(), state, pace);
+        let look = || Sight::of(Measured::new(&eye, state.film, state.labels, Witnesses::Neighbours));
+        let sight = is_measured.then(look);
+        self.fix(&eye, &mean, sight.as_ref(), state, pace);
         Ok(self.forecast.as_ref())
     }
 
@@ -140,9 +141,8 @@ impl<'a> Planner<'a> {
         if is_hidden && is_whole {
             return Ok(Verdict::Hidden);
         }
-        let measured = measured.repooled(Witnesses::Neighbours);
-        let Some(needs) = measured.needs(k, Witnesses::Neighbours) else { return Ok(Verdict::After(f64::INFINITY)) };
-        let outlook = self.outlook(&needs, state.counts, &self.shares.weights);
+        let sight = Sight::of(measured.repooled(Witnesses::Neighbours));
+        let outlook = self.outlook(&sight, k, state.counts, &self.shares.weights);
         let wanted = (PILOT_SHARE.0 * outlook / pixels).min(GROWTH * spp).max(f64::from(self.settings.pilot_spp));
         // Powers of two in every batch, at which quasi-random points are even: other numbers of them have more noise, and a
         // comparison of one look with another would tell of that. `as` saturates.
@@ -153,27 +153,19 @@ impl<'a> Planner<'a> {
         if has_grown && f64::from(wanted) > 1.01 * spp {
             return Ok(Verdict::GrowPilot(wanted));
         }
-        self.fix(&eye, &mean, Some(&measured), state, pace);
+        self.fix(&eye, &mean, Some(&sight), state, pace);
         if let Some(forecast) = &self.forecast {
             tell(forecast);
         }
-        let needed = self.outlook(&needs, state.counts, &self.shares.weights);
+        let needed = self.outlook(&sight, k, state.counts, &self.shares.weights);
         Ok(Verdict::After(needed))
     }
 
     /// Fixes the shares for good, and makes the forecast.
-    fn fix(
-        &mut self,
-        eye: &Eye,
-        mean: &Plane<[f32; 3]>,
-        measured: Option<&Measured>,
-        state: State<'_>,
-        pace: &Pace<'_>,
-    ) {
+    fn fix(&mut self, eye: &Eye, mean: &Plane<[f32; 3]>, sight: Option<&Sight>, state: State<'_>, pace: &Pace<'_>) {
         let (strategy, target) = (self.settings.strategy(), self.settings.budget.noise);
         let spp = state.counts.data().iter().map(|&n| f64::from(n)).sum::<f64>() / state.counts.data().len() as f64;
-        let needs_at = |k| measured.and_then(|m| m.needs(k, Witnesses::Neighbours));
-        let needs = needs_at(target.unwrap_or(DEFAULT_TARGET));
+        let needs = sight.and_then(|s| s.planned(target.unwrap_or(DEFAULT_TARGET)));
         let shares = match (&needs, target, strategy) {
             // Every pixel comes nearer to its need in step with the others, so that all are hidden at the same time.
             (Some(needs), Some(_), Strategy::Sensor) => {
@@ -184,30 +176,52 @@ impl<'a> Planner<'a> {
                 luminance: &eye.image(mean),
                 white: eye.white,
                 sobel_floor: self.settings.sobel_floor,
-                measured: measured.map(|m| allocation::Measured {
-                    noise: &m.noise,
-                    sensor: m.sensor.zip(needs.as_ref()),
+                measured: sight.map(|s| allocation::Measured {
+                    noise: &s.drawn,
+                    sensor: s.measured.sensor.zip(needs.as_ref()),
                     // What a sample costs is known by the clock alone, and the clock has no say in where samples go.
                     cost: None,
                 }),
             }),
         };
-        let targets = |k| needs_at(k).map(|needs| self.targets(&needs, state.counts, &shares.weights));
+        let targets = |k| sight.and_then(|s| self.targets(s, k, state.counts, &shares.weights));
         let outlook = Outlook { counts: state.counts, targets: &targets, target };
         self.forecast = Forecast::new(&outlook, pace);
         self.shares = shares;
         self.state.is_made = true;
     }
 
-    /// Samples per pixel after which the image is hidden, by the strategy of the render.
-    fn targets(&self, needs: &Needs, counts: &Plane<u32>, weights: &Plane<f32>) -> Plane<f32> {
-        match self.settings.strategy() {
-            Strategy::Sensor => needs.if_aimed(counts),
-            Strategy::Uniform | Strategy::Sobel | Strategy::Variance => needs.if_weighted(counts, weights),
-        }
+    /// Samples per pixel after which the image is hidden at `k` by the strategy of the render, as far as what was seen tells;
+    /// `None` without a sensor.
+    fn targets(&self, sight: &Sight, k: f64, counts: &Plane<u32>, weights: &Plane<f32>) -> Option<Plane<f32>> {
+        let seen = sight.measured.needs(k, Witnesses::Neighbours)?;
+        Some(match self.settings.strategy() {
+            Strategy::Sensor => seen.if_weighted(counts, &sight.planned(k)?.aimed()),
+            Strategy::Uniform | Strategy::Sobel | Strategy::Variance => seen.if_weighted(counts, weights),
+        })
     }
 
-    fn outlook(&self, needs: &Needs, counts: &Plane<u32>, weights: &Plane<f32>) -> f64 {
-        total(&self.targets(needs, counts, weights))
+    fn outlook(&self, sight: &Sight, k: f64, counts: &Plane<u32>, weights: &Plane<f32>) -> f64 {
+        self.targets(sight, k, counts, weights).map_or(f64::INFINITY, |t| total(&t))
+    }
+}
+
+/// The noise of the pilot, by the neighbours of each pixel.
+struct Sight {
+    /// As it was seen.
+    measured: Measured,
+    /// As plans are made from it.
+    drawn: Plane<PixelNoise>,
+}
+
+impl Sight {
+    fn of(measured: Measured) -> Self {
+        let drawn = measured.drawn_together();
+        Self { measured, drawn }
+    }
+
+    /// What a plan for `k` aims at; `None` without a sensor.
+    fn planned(&self, k: f64) -> Option<Needs> {
+        self.measured.needs_by(&self.drawn, k, Witnesses::Neighbours)
     }
 }

@@ -37,7 +37,7 @@ const MOST_SIDE: u32 = 32_768;
 const MOST_PIXELS: u64 = 1 << 27;
 const CHECKSUM: u64 = 8;
 
-const MEND: &str = "use a file that `render --checkpoint` or `merge` wrote, or delete it to begin anew";
+const MEND: &str = "use a file that `render --checkpoint` or `merge` wrote, or another name to begin anew";
 
 /// What a checkpoint file holds.
 #[derive(Clone, Debug, PartialEq)]
