@@ -18,7 +18,7 @@ const PRIOR_FREEDOM: f64 = 20.0;
 /// Surroundings are the cell of this width that a pixel lies in, and the eight around it.
 const CELL: u32 = 16;
 
-/// Draws the variances of all pixels towards those of wider neighbourhoods, by [`PRIOR_FREEDOM`]. `noise` holds what the
+/// Draws the variances of all pixels towards those of wider neighbourhoods, by 20 degrees of freedom. `noise` holds what the
 /// neighbours of each pixel say ([`crate::pooling::Witnesses::Neighbours`]), and no pixel's own samples have a say here
 /// either. Variances are compared over `mean + floor`: the sensor variance of a pixel if `floor` is that of a black one.
 /// The freedom of the result counts that of the prior.
