@@ -408,10 +408,10 @@ fn sample_range(text: &str) -> Result<Range<u32>, String> {
     let ends = text.split_once("..").and_then(|(a, b)| Some((a.trim().parse().ok()?, b.trim().parse().ok()?)));
     match ends {
         Some((first, end)) if first < end && end <= dunkelfeld::adaptive::plan::MAX_SPP => Ok(first..end),
-        _ => {
-            Err("write two whole numbers, the second one larger: 0..64 are the first 64 samples, 64..128 the next"
-                .into())
-        }
+        _ => Err(format!(
+            "write two whole numbers, the second one larger and at most {}: 0..64 are the first 64 samples, 64..128 the next",
+            dunkelfeld::adaptive::plan::MAX_SPP
+        )),
     }
 }
 
