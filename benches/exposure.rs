@@ -10,7 +10,8 @@ use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_m
 use dunkelfeld_film::Plane;
 use dunkelfeld_radiometry::{Celsius, DigitalNumber, Electrons, Metres, Nanometres, Seconds};
 use dunkelfeld_sensor::{
-    DarkCurrent, Device, Exposure, FixedPattern, FrameKey, Published, QuantumEfficiency, SensorModel, SensorSpec,
+    DarkCurrent, Defects, Device, Exposure, FixedPattern, FrameKey, Published, QuantumEfficiency, SensorModel,
+    SensorSpec,
 };
 
 /// The format of an IMX250: 5.0 megapixels.
@@ -24,15 +25,17 @@ fn device() -> Option<Device> {
         derived: vec![],
         assumed: vec![],
         pixel_pitch: Metres::from_micrometres(3.45),
-        quantum_efficiency: QuantumEfficiency::new(vec![(Nanometres(545.0), 0.7)]).ok()?,
+        quantum_efficiency: QuantumEfficiency::new(vec![(Nanometres(545.0), 0.7)]).ok()?.into(),
         full_well: Electrons(10_700.0),
         dark_noise: Electrons(2.4),
+        row_noise: Electrons(0.0),
         dark_current: DarkCurrent { rate: 1.0, reference: Celsius(25.0), doubling: 7.0 },
         temperature: Celsius(25.0),
         system_gain: 0.38,
         offset: DigitalNumber(32.0),
         bit_depth: 12,
-        fixed_pattern: FixedPattern { dsnu: Electrons(1.0), prnu: 0.005 },
+        fixed_pattern: FixedPattern { dsnu: Electrons(1.0), prnu: 0.005, ..FixedPattern::default() },
+        defects: Defects::default(),
         published: Published::default(),
     };
     Some(Device::new(SensorModel::new(spec).ok()?, 1, WIDTH, HEIGHT))

@@ -157,6 +157,16 @@ impl Reference {
             if title == ROOT && !(here && key.starts_with("gain_")) && self.page == SENSOR.page {
                 text += "gain_dn_per_e = 0.38\n";
             }
+            // One curve, or those of a filter.
+            if title == ROOT && table != "[color_filter]" && key != "quantum_efficiency" && self.page == SENSOR.page {
+                text += "quantum_efficiency = [[545, 0.7]]\n";
+            }
+            // Parts have a whole.
+            for (whole, parts) in [("dsnu_e", "dsnu_"), ("prnu_percent", "prnu_")] {
+                if title == ROOT && here && key.starts_with(parts) && key != whole && self.page == SENSOR.page {
+                    text += &format!("{whole} = 4\n");
+                }
+            }
             if here {
                 text += &format!("{key} = {value}\n");
                 // These two belong to an image.
@@ -169,6 +179,7 @@ impl Reference {
                     ("[lens]", "blade_rotation") => "focus_distance = 1\nblades = 6\n",
                     ("[lens]", "field_height" | "numerical_aperture") => "projection = \"telecentric\"\n",
                     ("[denoise]", "oidn") => "method = \"oidn\"\n",
+                    ("[defects]", "hot_per_million") => "[dark_current]\ne_per_s = 1\nat_c = 25\ndoubling_k = 7\n",
                     _ => "",
                 };
             }

@@ -19,8 +19,18 @@ use rayon::prelude::*;
 pub enum Picture {
     /// One channel, as a monochrome sensor sees.
     Gray(Plane<u8>),
-    /// Three channels.
+    /// Three channels: of a colour sensor, or of no sensor at all.
     Rgb(Plane<[u8; 3]>),
+}
+
+impl Picture {
+    /// The picture of a sensor's grey values: grey, or in the colours of its filter array.
+    pub fn of(values: &Plane<u16>, model: &SensorModel) -> Self {
+        match model.spec().quantum_efficiency.filter() {
+            None => Self::Gray(display::frame_to_8bit(values, model)),
+            Some(filter) => Self::Rgb(display::mosaic_to_8bit(values, model, filter)),
+        }
+    }
 }
 
 /// What the sensor recorded.
@@ -28,7 +38,7 @@ pub enum Picture {
 pub struct SensorFrame {
     /// Expected photo-electrons per pixel.
     pub electrons: Plane<f32>,
-    /// Grey values \[DN\].
+    /// Grey values \[DN\]; behind a colour filter array the raw mosaic.
     pub values: Plane<u16>,
     /// The exposure that was used.
     pub exposure: Exposure,
@@ -36,8 +46,8 @@ pub struct SensorFrame {
     pub model: SensorModel,
     /// Share of pixels whose expected electrons fill the well or reach the end of the converter.
     pub saturated: f64,
-    /// Electrons per radiance and channel [e- m^2 sr/W].
-    pub weights: [f64; 3],
+    /// What each pixel makes of radiance.
+    pub response: Response,
     /// How well the render's noise is hidden; `None` until [`crate::certify`] has looked at the film.
     pub certified: Option<Certified>,
     /// Where noise-matched exposure holds; `None` if all of the camera's noise was drawn on purpose.
@@ -126,7 +136,7 @@ fn expose(
     let device = Device::new((**model).clone(), settings.seed, width, height);
     let key = FrameKey { seed: settings.seed, frame: settings.frame };
     let is_matched = settings.exposure_noise == ExposureNoise::Matched;
-    let measured = known.map(|(film, labels)| Measured::exposed(response.weights(), model, exposure, film, labels));
+    let measured = known.map(|(film, labels)| Measured::exposed(response, model, exposure, film, labels));
     let variance = measured.as_ref().filter(|_| is_matched).map(variance_of_means);
     let mut values = Plane::new(width, height, 0u16);
     values.data_mut().par_chunks_mut(width as usize).enumerate().try_for_each(|(y, row)| {
@@ -145,8 +155,8 @@ fn expose(
     let full = (model.saturation().0 - model.dark_electrons(exposure.time()).0) as f32;
     let saturated =
         electrons.data().iter().filter(|&&e| e >= full).count() as f64 / electrons.data().len().max(1) as f64;
-    let picture = Picture::Gray(display::frame_to_8bit(&values, model));
-    let (model, weights) = ((**model).clone(), response.weights());
-    let sensor = SensorFrame { electrons, values, exposure, model, saturated, weights, certified, matched };
+    let picture = Picture::of(&values, model);
+    let model = (**model).clone();
+    let sensor = SensorFrame { electrons, values, exposure, model, saturated, response, certified, matched };
     Ok(Frame { picture, sensor: Some(sensor), no_light, without: settings.without.clone(), denoised: None })
 }

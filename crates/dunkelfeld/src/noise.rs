@@ -3,21 +3,21 @@
 use crate::develop::{Frame, SensorFrame};
 use crate::settings::SensorChoice;
 use dunkelfeld_adaptive::certificate::{Certificate, Claim, certify as certify_planes, ratios};
-use dunkelfeld_adaptive::evidence::{Evidence, surfaces};
+use dunkelfeld_adaptive::evidence::{Evidence, Surface, surfaces};
 use dunkelfeld_adaptive::need::{DEFAULT_TARGET, Needs, SensorNoise, needs};
 use dunkelfeld_adaptive::pooling::{PixelNoise, Witnesses, noise_row};
 use dunkelfeld_adaptive::shrinkage::shrunk;
 use dunkelfeld_film::{Film, PixelSums, Plane};
 use dunkelfeld_integrator::Label;
 use dunkelfeld_radiometry::{Rgb, Seconds};
-use dunkelfeld_sensor::{Exposure, Response, SensorError, SensorModel, auto_exposure};
+use dunkelfeld_sensor::{Exposure, Response, SensorError, SensorModel, Weights, auto_exposure};
 use rayon::prelude::*;
 
 /// How radiance counts: the unit in which noise is measured.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Eye {
-    /// Electrons per radiance and channel; luminance without a sensor.
-    weights: [f64; 3],
+    /// Electrons per radiance and channel of each pixel; luminance without a sensor.
+    response: Response,
     /// Level at which it saturates, in that unit.
     pub(crate) white: f32,
     /// The sensor's own noise, if there is a sensor.
@@ -34,37 +34,36 @@ impl Eye {
         let SensorChoice::Emva { model, optics, exposure } = sensor else {
             let luminance = |r, g, b| f64::from(Rgb::new(r, g, b).luminance());
             let weights = [luminance(1.0, 0.0, 0.0), luminance(0.0, 1.0, 0.0), luminance(0.0, 0.0, 1.0)];
-            return Ok(Self { weights, white: 1.0, sensor: None });
+            return Ok(Self { response: Response::constant(Weights(weights)), white: 1.0, sensor: None });
         };
         let exposure = match exposure.map_or_else(|| auto_exposure(mean, model, optics), Ok) {
             Err(SensorError::NoLight) => Exposure::new(Seconds(1.0))?,
             other => other?,
         };
         Ok(Self {
-            weights: Response::new(model, optics, exposure).weights(),
+            response: Response::new(model, optics, exposure),
             white: model.saturation().0 as f32,
             sensor: Some(sensor_noise(model, exposure)),
         })
     }
 
-    /// The mean image in this unit.
+    /// The mean image in this unit, without the mosaic of a filter array: its edges are none of the scene's.
     pub(crate) fn image(&self, mean: &Plane<[f32; 3]>) -> Plane<f32> {
-        let [wr, wg, wb] = self.weights;
-        mean.map(|&[r, g, b]| (wr * f64::from(r) + wg * f64::from(g) + wb * f64::from(b)) as f32)
+        let weights = self.response.average();
+        mean.map(|&pixel| weights.electrons(pixel).0 as f32)
     }
 
-    /// What the film knows of every pixel, on the threads of the current pool.
-    pub(crate) fn evidence(&self, film: &Film, labels: &Plane<Option<Label>>) -> Evidence {
-        let moments = par_map(film.pixels(), |p| p.weighted_mean_and_variance(self.weights));
+    /// What the film knows of every pixel, seen through pixels of one kind, on the threads of the current pool.
+    fn evidence(&self, film: &Film, surface: &Plane<Surface>, weights: Weights) -> Evidence {
+        let moments = par_map(film.pixels(), |p| p.weighted_mean_and_variance(weights.0));
         // A film remembers the luminance of its largest sample; its colour is taken for grey.
-        let grey: f64 = self.weights.iter().sum();
-        let normals = par_map(film.pixels(), PixelSums::mean_normal);
+        let grey: f64 = weights.0.iter().sum();
         Evidence {
             counts: film.sample_counts(),
             mean: moments.map(|m| m.0 as f32),
             variance: moments.map(|m| m.1 as f32),
             largest: film.pixels().map(|p| (grey * f64::from(p.max_luminance())) as f32),
-            surface: surfaces(&labels.map(|l| l.map_or(u32::MAX, |l| l.object)), &normals),
+            surface: surface.clone(),
         }
     }
 }
@@ -103,16 +102,44 @@ pub(crate) struct Measured {
     pub(crate) evidence: Evidence,
     pub(crate) noise: Plane<PixelNoise>,
     pub(crate) sensor: Option<SensorNoise>,
+    /// Behind a filter array: the film as red, green and blue pixels everywhere would see it. Neighbours tell of each other's
+    /// noise only if they see the same, so each pixel is judged in the view of its own colour.
+    views: Vec<(Evidence, Plane<PixelNoise>)>,
+    response: Response,
 }
 
 impl Measured {
     pub(crate) fn new(eye: &Eye, film: &Film, labels: &Plane<Option<Label>>, witnesses: Witnesses) -> Self {
-        Self::of(eye.evidence(film, labels), eye.sensor, witnesses)
+        let normals = par_map(film.pixels(), PixelSums::mean_normal);
+        let surface = surfaces(&labels.map(|l| l.map_or(u32::MAX, |l| l.object)), &normals);
+        let views = eye.response.kinds().iter().map(|&weights| eye.evidence(film, &surface, weights)).collect();
+        Self::of(views, eye.response, eye.sensor, witnesses)
     }
 
-    fn of(evidence: Evidence, sensor: Option<SensorNoise>, witnesses: Witnesses) -> Self {
-        let noise = pooled(&evidence, witnesses);
-        Self { evidence, noise, sensor }
+    /// Of the views through each kind of pixel.
+    fn of(mut views: Vec<Evidence>, response: Response, sensor: Option<SensorNoise>, witnesses: Witnesses) -> Self {
+        if views.len() == 1
+            && let Some(evidence) = views.pop()
+        {
+            let noise = pooled(&evidence, witnesses);
+            return Self { evidence, noise, sensor, views: Vec::new(), response };
+        }
+        let views: Vec<_> = views
+            .into_iter()
+            .map(|evidence| {
+                let noise = pooled(&evidence, witnesses);
+                (evidence, noise)
+            })
+            .collect();
+        let evidence = Evidence {
+            counts: views[0].0.counts.clone(),
+            mean: woven(&response, |kind| &views[kind].0.mean),
+            variance: woven(&response, |kind| &views[kind].0.variance),
+            largest: woven(&response, |kind| &views[kind].0.largest),
+            surface: views[0].0.surface.clone(),
+        };
+        let noise = woven(&response, |kind| &views[kind].1);
+        Self { evidence, noise, sensor, views, response }
     }
 
     /// The noise as plans are made from it: that of each neighbourhood, drawn towards that of wider ones. Plans share out samples
@@ -120,24 +147,34 @@ impl Measured {
     pub(crate) fn drawn_together(&self) -> Plane<PixelNoise> {
         let mean = self.evidence.mean.data();
         let lit = mean.iter().map(|&m| f64::from(m)).sum::<f64>() / mean.len().max(1) as f64;
-        shrunk(&self.evidence, &self.noise, self.sensor.map_or(lit, |s| s.floor))
+        let floor = self.sensor.map_or(lit, |s| s.floor);
+        if self.views.is_empty() {
+            return shrunk(&self.evidence, &self.noise, floor);
+        }
+        let drawn: Vec<_> = self.views.iter().map(|(evidence, noise)| shrunk(evidence, noise, floor)).collect();
+        woven(&self.response, |kind| &drawn[kind])
     }
 
     /// Of a film that is exposed like this.
     pub(crate) fn exposed(
-        weights: [f64; 3],
+        response: Response,
         model: &SensorModel,
         exposure: Exposure,
         film: &Film,
         labels: &Plane<Option<Label>>,
     ) -> Self {
         let (white, sensor) = (model.saturation().0 as f32, Some(sensor_noise(model, exposure)));
-        Self::new(&Eye { weights, white, sensor }, film, labels, Witnesses::All)
+        Self::new(&Eye { response, white, sensor }, film, labels, Witnesses::All)
     }
 
     /// The same film, asked of other witnesses.
     pub(crate) fn repooled(self, witnesses: Witnesses) -> Self {
-        Self::of(self.evidence, self.sensor, witnesses)
+        let views = if self.views.is_empty() {
+            vec![self.evidence]
+        } else {
+            self.views.into_iter().map(|(evidence, _)| evidence).collect()
+        };
+        Self::of(views, self.response, self.sensor, witnesses)
     }
 
     /// What each pixel needs to be hidden at `k`; `None` without a sensor.
@@ -176,7 +213,13 @@ pub fn certify(frame: &mut Frame, film: &Film, labels: &Plane<Option<Label>>, k:
 }
 
 fn certified(frame: &SensorFrame, film: &Film, labels: &Plane<Option<Label>>, k: f64) -> Option<Certified> {
-    Measured::exposed(frame.weights, &frame.model, frame.exposure, film, labels).certify(k)
+    Measured::exposed(frame.response, &frame.model, frame.exposure, film, labels).certify(k)
+}
+
+/// Of the planes of each kind of pixel, every pixel's value from that of its own kind.
+fn woven<'a, T: Copy + 'a>(response: &Response, planes: impl Fn(usize) -> &'a Plane<T>) -> Plane<T> {
+    let (width, height) = (planes(0).width(), planes(0).height());
+    Plane::from_fn(width, height, |x, y| *planes(response.kind(x, y)).at(x, y))
 }
 
 fn par_map<T: Sync, U: Send + Clone>(plane: &Plane<T>, f: impl Fn(&T) -> U + Sync) -> Plane<U> {

@@ -12,13 +12,24 @@
 //! dark_noise_e = 5.56                         # sigma_d0
 //! gain_e_per_dn = 2.505                       # or gain_dn_per_e, the K of EMVA 1288
 //! offset_dn = 32                              # black level
+//! row_noise_e = 0.4                           # optional: the part of dark_noise_e that rows share
 //! dsnu_e = 3.7                                # optional, 0 if absent
-//! prnu_percent = 0.7                          # optional, 0 if absent
+//! dsnu_row_e = 0.5                            # optional: the parts of dsnu_e that rows and columns share
+//! dsnu_column_e = 0.8
+//! prnu_percent = 0.7                          # optional, 0 if absent; with prnu_row_percent and prnu_column_percent
 //! temperature_c = 36                          # optional, 25 if absent
 //! [dark_current]                              # optional, none if absent
 //! e_per_s = 1.47
 //! at_c = 36
 //! doubling_k = 7
+//! [color_filter]                              # optional: a colour sensor, in place of quantum_efficiency
+//! pattern = "rggb"
+//! red = [[610, 0.5]]
+//! green = [[530, 0.6]]
+//! blue = [[460, 0.55]]
+//! [defects]                                   # optional
+//! hot_per_million = 50
+//! dead_per_million = 5
 //! [published]                                 # optional, only to compare with
 //! dynamic_range_db = 63.8
 //! snr_max_db = 39.76
@@ -29,7 +40,8 @@ use std::path::Path;
 
 use dunkelfeld_radiometry::{Celsius, DigitalNumber, Electrons, Metres, Nanometres};
 use dunkelfeld_sensor::{
-    DarkCurrent, FixedPattern, PRESETS, Published, QuantumEfficiency, SensorError, SensorModel, SensorSpec,
+    BayerPattern, ColorFilter, DarkCurrent, Defects, Efficiency, FixedPattern, PRESETS, Published, QuantumEfficiency,
+    SensorError, SensorModel, SensorSpec,
 };
 use serde::Deserialize;
 use toml::Spanned;
@@ -89,9 +101,7 @@ pub fn parse_sensor(file: &TomlFile) -> Result<SensorModel, InputError> {
     let toml: SensorToml = file.parse()?;
     toml.check_names(file)?;
     let (gain, gain_span) = toml.gain(file)?;
-    let efficiency = toml.quantum_efficiency.get_ref().iter().map(|[nm, eta]| (Nanometres(*nm), *eta)).collect();
-    let at_efficiency = |e: SensorError| file.error_at(toml.quantum_efficiency.span(), e.to_string(), EFFICIENCY);
-    let quantum_efficiency = QuantumEfficiency::new(efficiency).map_err(at_efficiency)?;
+    let quantum_efficiency = toml.efficiency(file)?;
     let value = |field: &Option<Spanned<f64>>, otherwise: f64| field.as_ref().map_or(otherwise, |s| *s.get_ref());
     let temperature = Celsius(value(&toml.temperature_c, ROOM_TEMPERATURE.0));
     let dark_current = match &toml.dark_current {
@@ -111,6 +121,7 @@ pub fn parse_sensor(file: &TomlFile) -> Result<SensorModel, InputError> {
         quantum_efficiency,
         full_well: Electrons(*toml.full_well_e.get_ref()),
         dark_noise: Electrons(*toml.dark_noise_e.get_ref()),
+        row_noise: Electrons(value(&toml.row_noise_e, 0.0)),
         dark_current,
         temperature,
         system_gain: gain,
@@ -118,9 +129,18 @@ pub fn parse_sensor(file: &TomlFile) -> Result<SensorModel, InputError> {
         bit_depth: *toml.bit_depth.get_ref(),
         fixed_pattern: FixedPattern {
             dsnu: Electrons(value(&toml.dsnu_e, 0.0)),
+            dsnu_row: Electrons(value(&toml.dsnu_row_e, 0.0)),
+            dsnu_column: Electrons(value(&toml.dsnu_column_e, 0.0)),
             prnu: value(&toml.prnu_percent, 0.0) / 100.0,
+            prnu_row: value(&toml.prnu_row_percent, 0.0) / 100.0,
+            prnu_column: value(&toml.prnu_column_percent, 0.0) / 100.0,
         },
-        published: toml.published.unwrap_or_default().into(),
+        defects: toml.defects.as_ref().map_or_else(Defects::default, |d| Defects {
+            hot: value(&d.hot_per_million, 0.0) / 1e6,
+            hot_factor: value(&d.hot_dark_current_factor, Defects::default().hot_factor),
+            dead: value(&d.dead_per_million, 0.0) / 1e6,
+        }),
+        published: toml.published.as_ref().map(PublishedToml::figures).unwrap_or_default(),
     };
     SensorModel::new(spec).map_err(|e| match &e {
         SensorError::OutOfRange { field, allowed, .. } => {
@@ -137,19 +157,26 @@ pub fn parse_sensor(file: &TomlFile) -> Result<SensorModel, InputError> {
 const EFFICIENCY: &str = "write points [wavelength in nm, efficiency from 0 to 1] by ascending wavelength";
 
 /// Every key that `derived` and `assumed` may name.
-const KEYS: [&str; 13] = [
+const KEYS: [&str; 20] = [
     "bit_depth",
     "pixel_pitch_um",
     "quantum_efficiency",
     "full_well_e",
     "dark_noise_e",
+    "row_noise_e",
     "gain_e_per_dn",
     "gain_dn_per_e",
     "offset_dn",
     "dsnu_e",
+    "dsnu_row_e",
+    "dsnu_column_e",
     "prnu_percent",
+    "prnu_row_percent",
+    "prnu_column_percent",
     "temperature_c",
     "dark_current",
+    "color_filter",
+    "defects",
     "published",
 ];
 
@@ -164,16 +191,23 @@ struct SensorToml {
     assumed: Vec<Spanned<String>>,
     bit_depth: Spanned<u32>,
     pixel_pitch_um: Spanned<f64>,
-    quantum_efficiency: Spanned<Vec<[f64; 2]>>,
+    quantum_efficiency: Option<Spanned<Vec<[f64; 2]>>>,
     full_well_e: Spanned<f64>,
     dark_noise_e: Spanned<f64>,
+    row_noise_e: Option<Spanned<f64>>,
     gain_e_per_dn: Option<Spanned<f64>>,
     gain_dn_per_e: Option<Spanned<f64>>,
     offset_dn: Spanned<f64>,
     dsnu_e: Option<Spanned<f64>>,
+    dsnu_row_e: Option<Spanned<f64>>,
+    dsnu_column_e: Option<Spanned<f64>>,
     prnu_percent: Option<Spanned<f64>>,
+    prnu_row_percent: Option<Spanned<f64>>,
+    prnu_column_percent: Option<Spanned<f64>>,
     temperature_c: Option<Spanned<f64>>,
     dark_current: Option<DarkCurrentToml>,
+    color_filter: Option<ColorFilterToml>,
+    defects: Option<DefectsToml>,
     published: Option<PublishedToml>,
 }
 
@@ -185,16 +219,98 @@ struct DarkCurrentToml {
     doubling_k: Spanned<f64>,
 }
 
-#[derive(Clone, Copy, Default, Deserialize)]
+#[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-struct PublishedToml {
-    dynamic_range_db: Option<f64>,
-    snr_max_db: Option<f64>,
+struct ColorFilterToml {
+    pattern: Spanned<String>,
+    red: Spanned<Vec<[f64; 2]>>,
+    green: Spanned<Vec<[f64; 2]>>,
+    blue: Spanned<Vec<[f64; 2]>>,
+    #[serde(default = "yes")]
+    white_balance: bool,
 }
 
-impl From<PublishedToml> for Published {
-    fn from(p: PublishedToml) -> Self {
-        Self { dynamic_range_db: p.dynamic_range_db, snr_max_db: p.snr_max_db }
+fn yes() -> bool {
+    true
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct DefectsToml {
+    hot_per_million: Option<Spanned<f64>>,
+    hot_dark_current_factor: Option<Spanned<f64>>,
+    dead_per_million: Option<Spanned<f64>>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct PublishedToml {
+    quantum_efficiency_percent: Option<Spanned<f64>>,
+    dark_noise_e: Option<Spanned<f64>>,
+    threshold_e: Option<Spanned<f64>>,
+    threshold_p: Option<Spanned<f64>>,
+    saturation_e: Option<Spanned<f64>>,
+    saturation_p: Option<Spanned<f64>>,
+    dynamic_range_db: Option<Spanned<f64>>,
+    snr_max_db: Option<Spanned<f64>>,
+    dsnu_e: Option<Spanned<f64>>,
+    prnu_percent: Option<Spanned<f64>>,
+}
+
+impl PublishedToml {
+    fn figures(&self) -> Published {
+        let value = |field: &Option<Spanned<f64>>| field.as_ref().map(|s| *s.get_ref());
+        Published {
+            quantum_efficiency_percent: value(&self.quantum_efficiency_percent),
+            dark_noise_e: value(&self.dark_noise_e),
+            threshold_e: value(&self.threshold_e),
+            threshold_p: value(&self.threshold_p),
+            saturation_e: value(&self.saturation_e),
+            saturation_p: value(&self.saturation_p),
+            dynamic_range_db: value(&self.dynamic_range_db),
+            snr_max_db: value(&self.snr_max_db),
+            dsnu_e: value(&self.dsnu_e),
+            prnu_percent: value(&self.prnu_percent),
+        }
+    }
+}
+
+impl PublishedToml {
+    /// Where a figure stands in the file.
+    fn span(&self, figure: &str) -> Option<Range<usize>> {
+        let field = match figure {
+            "quantum_efficiency_percent" => &self.quantum_efficiency_percent,
+            "dark_noise_e" => &self.dark_noise_e,
+            "threshold_e" => &self.threshold_e,
+            "threshold_p" => &self.threshold_p,
+            "saturation_e" => &self.saturation_e,
+            "saturation_p" => &self.saturation_p,
+            "dynamic_range_db" => &self.dynamic_range_db,
+            "snr_max_db" => &self.snr_max_db,
+            "dsnu_e" => &self.dsnu_e,
+            "prnu_percent" => &self.prnu_percent,
+            _ => &None,
+        };
+        field.as_ref().map(Spanned::span)
+    }
+}
+
+/// Points of a file as a curve.
+fn curve(file: &TomlFile, points: &Spanned<Vec<[f64; 2]>>) -> Result<QuantumEfficiency, InputError> {
+    let values = points.get_ref().iter().map(|[nm, eta]| (Nanometres(*nm), *eta)).collect();
+    QuantumEfficiency::new(values).map_err(|e| file.error_at(points.span(), e.to_string(), EFFICIENCY))
+}
+
+impl ColorFilterToml {
+    fn filter(&self, file: &TomlFile) -> Result<ColorFilter, InputError> {
+        let name = self.pattern.get_ref().as_str();
+        let Some(pattern) = BayerPattern::ALL.into_iter().find(|p| p.name() == name) else {
+            let names = BayerPattern::ALL.map(|p| format!("\"{}\"", p.name())).join(", ");
+            let problem = format!("unknown pattern \"{name}\"");
+            return Err(file.error_at(self.pattern.span(), problem, format!("write one of {names}")));
+        };
+        let curves = [curve(file, &self.red)?, curve(file, &self.green)?, curve(file, &self.blue)?];
+        Ok(ColorFilter { pattern, curves, white_balance: self.white_balance })
     }
 }
 
@@ -208,6 +324,23 @@ impl SensorToml {
                 format!("name one of {}", KEYS.join(", ")),
             )),
             None => Ok(()),
+        }
+    }
+
+    /// One curve, or one for each colour.
+    fn efficiency(&self, file: &TomlFile) -> Result<Efficiency, InputError> {
+        match (&self.quantum_efficiency, &self.color_filter) {
+            (Some(points), None) => curve(file, points).map(Efficiency::Mono),
+            (None, Some(filter)) => filter.filter(file).map(Efficiency::Mosaic),
+            (Some(points), Some(_)) => Err(file.error_at(
+                points.span(),
+                "the colours of [color_filter] have curves of their own",
+                "remove `quantum_efficiency`, or [color_filter]",
+            )),
+            (None, None) => {
+                let mend = "add `quantum_efficiency = [[545, 0.7]]`, or a [color_filter] with a curve for each colour";
+                Err(InputError::new(file.path(), "quantum_efficiency", "the key is missing", mend))
+            }
         }
     }
 
@@ -234,6 +367,7 @@ impl SensorToml {
             "pixel_pitch" => Some(self.pixel_pitch_um.span()),
             "full_well" => Some(self.full_well_e.span()),
             "dark_noise" => Some(self.dark_noise_e.span()),
+            "row_noise" => of(&self.row_noise_e),
             "dark_current" => dark.map(|d| d.e_per_s.span()),
             "dark_current_reference" => dark.map(|d| d.at_c.span()),
             "dark_current_doubling" => dark.map(|d| d.doubling_k.span()),
@@ -242,8 +376,15 @@ impl SensorToml {
             "bit_depth" => Some(self.bit_depth.span()),
             "offset" => Some(self.offset_dn.span()),
             "dsnu" => of(&self.dsnu_e),
+            "dsnu_row" => of(&self.dsnu_row_e),
+            "dsnu_column" => of(&self.dsnu_column_e),
             "prnu" => of(&self.prnu_percent),
-            _ => None,
+            "prnu_row" => of(&self.prnu_row_percent),
+            "prnu_column" => of(&self.prnu_column_percent),
+            "hot" => self.defects.as_ref().and_then(|d| of(&d.hot_per_million)),
+            "hot_factor" => self.defects.as_ref().and_then(|d| of(&d.hot_dark_current_factor)),
+            "dead" => self.defects.as_ref().and_then(|d| of(&d.dead_per_million)),
+            figure => self.published.as_ref().and_then(|p| p.span(figure)),
         }
     }
 }

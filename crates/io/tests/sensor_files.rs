@@ -4,7 +4,7 @@ use std::path::Path;
 
 use dunkelfeld_io::sensor_file::{find_sensor, load_sensor, parse_sensor, preset, preset_names};
 use dunkelfeld_io::toml_file::TomlFile;
-use dunkelfeld_sensor::{SensorModel, data_sheet};
+use dunkelfeld_sensor::{BayerPattern, SensorModel, data_sheet};
 
 const EXAMPLE: &str = r#"name = "test"
 source = "made up"
@@ -38,7 +38,7 @@ fn every_value_arrives_in_its_unit() {
     assert_eq!(s.fixed_pattern.prnu, 0.005);
     assert_eq!(s.fixed_pattern.dsnu.0, 0.0);
     assert_eq!((s.temperature.0, s.dark_current.reference.0, s.dark_current.rate), (42.0, 35.0, 3.0));
-    assert_eq!(s.quantum_efficiency.points().len(), 2);
+    assert_eq!(s.quantum_efficiency.curves()[0].points().len(), 2);
     assert_eq!(s.derived, ["gain_e_per_dn"]);
     let reciprocal = parse(&EXAMPLE.replace("gain_e_per_dn = 4", "gain_dn_per_e = 0.25")).expect("valid");
     assert_eq!(reciprocal.spec().system_gain, 0.25);
@@ -73,6 +73,108 @@ fn a_mistake_is_shown_at_its_place() {
     }
     for key in ["name", "bit_depth", "quantum_efficiency", "full_well_e", "gain_e_per_dn", "offset_dn"] {
         let without: String = EXAMPLE.lines().filter(|l| !l.starts_with(key)).map(|l| format!("{l}\n")).collect();
+        let message = parse(&without).expect_err(key).to_string();
+        assert!(message.contains(key), "{key}: {message}");
+    }
+}
+
+/// A colour sensor with every key that a sensor can have.
+const COLOUR: &str = r#"name = "test"
+source = "made up"
+derived = ["color_filter"]
+assumed = ["row_noise_e", "defects"]
+bit_depth = 12
+pixel_pitch_um = 3.45
+full_well_e = 10_000
+dark_noise_e = 4.0
+row_noise_e = 0.5
+gain_e_per_dn = 4
+offset_dn = 60
+dsnu_e = 1.5
+dsnu_row_e = 0.3
+dsnu_column_e = 0.4
+prnu_percent = 0.5
+prnu_row_percent = 0.1
+prnu_column_percent = 0.2
+
+[dark_current]
+e_per_s = 3
+at_c = 35
+doubling_k = 7
+
+[color_filter]
+pattern = "grbg"
+red = [[610, 0.45]]
+green = [[530, 0.58], [610, 0.1]]
+blue = [[465, 0.52]]
+white_balance = false
+
+[defects]
+hot_per_million = 20
+hot_dark_current_factor = 50
+dead_per_million = 3
+
+[published]
+quantum_efficiency_percent = 58
+dsnu_e = 1.4
+"#;
+
+#[test]
+fn a_colour_sensor_with_all_its_faults_arrives() {
+    let model = parse(COLOUR).unwrap_or_else(|e| panic!("{e}\n{}", e.caret()));
+    let s = model.spec();
+    let filter = s.quantum_efficiency.filter().expect("a filter");
+    assert_eq!((filter.pattern, filter.white_balance), (BayerPattern::Grbg, false));
+    let points: Vec<usize> = filter.curves.iter().map(|c| c.points().len()).collect();
+    assert_eq!(points, [1, 2, 1]);
+    assert_eq!(s.quantum_efficiency.of_pixel(1, 0).points()[0].1, 0.45, "red is the second pixel of the first row");
+    let p = &s.fixed_pattern;
+    assert_eq!((p.dsnu.0, p.dsnu_row.0, p.dsnu_column.0), (1.5, 0.3, 0.4));
+    assert_eq!((p.prnu, p.prnu_row, p.prnu_column), (0.005, 0.001, 0.002));
+    // 1.5^2 = 0.3^2 + 0.4^2 + pixel^2, and 4^2 = 0.5^2 + pixel^2.
+    assert!((p.dsnu_pixel().0 - 2.0f64.sqrt()).abs() < 1e-12 && (p.prnu_pixel() - 20e-6f64.sqrt()).abs() < 1e-12);
+    assert!((model.pixel_dark_noise().0 - 15.75f64.sqrt()).abs() < 1e-12);
+    assert_eq!((s.row_noise.0, s.defects.hot, s.defects.hot_factor, s.defects.dead), (0.5, 20e-6, 50.0, 3e-6));
+    assert_eq!((s.published.quantum_efficiency_percent, s.published.dsnu_e), (Some(58.0), Some(1.4)));
+    let sheet = data_sheet(&model);
+    let colors: Vec<_> = sheet.channels.iter().map(|c| (c.color.map(|c| c.name()), c.wavelength.0)).collect();
+    assert_eq!(colors, [(Some("red"), 610.0), (Some("green"), 530.0), (Some("blue"), 465.0)]);
+    assert_eq!((sheet.quantum_efficiency, sheet.wavelength.0), (0.58, 530.0));
+    let default = parse(&COLOUR.replace("white_balance = false\n", "")).expect("valid");
+    assert!(default.spec().quantum_efficiency.filter().is_some_and(|f| f.white_balance));
+}
+
+/// As above: what is replaced, by what, where the caret must stand, a part of the message.
+#[test]
+fn mistakes_in_the_finer_keys_are_shown_at_their_places() {
+    let cases = [
+        ("row_noise_e = 0.5", "row_noise_e = 4.5", "4.5", "dark noise"),
+        ("dsnu_row_e = 0.3", "dsnu_row_e = 1.6", "1.6", "total"),
+        ("dsnu_column_e = 0.4", "dsnu_column_e = 1.48", "1.48", "rows leaves"),
+        ("prnu_row_percent = 0.1", "prnu_row_percent = -0.1", "-0.1", "total"),
+        ("prnu_column_percent = 0.2", "prnu_column_percent = inf", "inf", "rows leaves"),
+        ("\"grbg\"", "\"RGGB\"", "\"RGGB\"", "\"rggb\""),
+        ("red = [[610, 0.45]]", "red = []", "[]", "at least one point"),
+        ("[[465, 0.52]]", "[[465, 1.52]]", "[[465, 1.52]]", "fraction"),
+        ("full_well_e = 10_000", "full_well_e = 10_000\nquantum_efficiency = [[5e2, 0.5]]", "[[5e2, 0.5]]", "remove"),
+        ("hot_per_million = 20", "hot_per_million = 2e5", "2e5", "100 000"),
+        ("hot_dark_current_factor = 50", "hot_dark_current_factor = 0", "0", "from 1"),
+        ("dead_per_million = 3", "dead_per_million = nan", "nan", "100 000"),
+        ("e_per_s = 3", "e_per_s = 0", "20", "without a dark current"),
+        ("dsnu_e = 1.4", "dsnu_e = 0", "0", "above 0"),
+        ("white_balance = false", "balance = false", "balance", "balance"),
+    ];
+    for (from, to, marked, part) in cases {
+        let text = COLOUR.replace(from, to);
+        assert_ne!(text, COLOUR, "{from}");
+        let error = parse(&text).expect_err(to);
+        let message = error.to_string();
+        assert!(message.contains(part), "{to}: {message}");
+        let span = error.source_span.as_deref().unwrap_or_else(|| panic!("{to}: no place: {message}"));
+        assert_eq!(&span.text[span.range.clone()], marked, "{to}: {message}");
+    }
+    for key in ["pattern", "red", "green", "blue"] {
+        let without: String = COLOUR.lines().filter(|l| !l.starts_with(key)).map(|l| format!("{l}\n")).collect();
         let message = parse(&without).expect_err(key).to_string();
         assert!(message.contains(key), "{key}: {message}");
     }

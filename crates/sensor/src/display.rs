@@ -2,6 +2,8 @@
 
 use dunkelfeld_film::Plane;
 
+use crate::demosaic::demosaic;
+use crate::efficiency::ColorFilter;
 use crate::model::SensorModel;
 
 /// The exponent of the encoding: the pure power law of the paper, not the piecewise sRGB curve.
@@ -14,6 +16,21 @@ pub fn frame_to_8bit(frame: &Plane<u16>, model: &SensorModel) -> Plane<u8> {
     let table: Vec<u8> = (0..=model.max_value()).map(|y| encode((f64::from(y) - offset) / span)).collect();
     // Values beyond the sensor's range can only come from another camera's frame; they are white.
     frame.map(|&y| table.get(usize::from(y)).copied().unwrap_or(u8::MAX))
+}
+
+/// 8-bit picture of a frame behind a colour filter: the same for each channel, after it was interpolated, and scaled so that grey
+/// is grey if the filter says so ([`ColorFilter::grey_gains`]). Colours are the filter's own: none is computed from another.
+pub fn mosaic_to_8bit(frame: &Plane<u16>, model: &SensorModel, filter: &ColorFilter) -> Plane<[u8; 3]> {
+    let offset = model.spec().offset.0;
+    let span = model.saturation_value().0 - offset;
+    let gains = if filter.white_balance { filter.grey_gains() } else { [1.0; 3] };
+    let mut values = frame.data().iter();
+    let mosaic = Plane::from_fn(frame.width(), frame.height(), |x, y| {
+        let value = values.next().map_or(0.0, |&y| f64::from(y));
+        // Clipped before it is scaled: what is full in all colours is white, and not the colour of the scale.
+        (((value - offset) / span).min(1.0) * gains[filter.pattern.color_at(x, y) as usize]) as f32
+    });
+    demosaic(&mosaic, filter.pattern).map(|pixel| pixel.map(|v| encode(f64::from(v))))
 }
 
 /// 8-bit picture of radiance as it is, without a sensor: clipped at 1, gamma 2.2.
@@ -30,7 +47,10 @@ pub fn encode(linear: f64) -> u8 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::efficiency::{BayerPattern, Efficiency, QuantumEfficiency};
+    use crate::model::SensorSpec;
     use crate::model::tests::example;
+    use dunkelfeld_radiometry::Nanometres;
 
     #[test]
     fn codes_are_those_of_the_power_law() {
@@ -50,6 +70,31 @@ mod tests {
         // Offset 60, saturation 2560.
         let frame = Plane::from_vec(6, 1, vec![0, 60, 1310, 2560, 4095, u16::MAX]).expect("6 x 1");
         assert_eq!(frame_to_8bit(&frame, &model).data(), &[0, 0, 186, 255, 255, 255]);
+    }
+
+    /// Grey light on a filter whose colours see it as 2 : 4 : 1 looks grey if it is balanced, and green if not; what is full in
+    /// all colours is white either way.
+    #[test]
+    fn grey_light_looks_grey_behind_a_filter() {
+        let flat = |eta| QuantumEfficiency::new(vec![(Nanometres(550.0), eta)]).expect("a curve");
+        let filter = |white_balance| ColorFilter {
+            pattern: BayerPattern::Grbg,
+            curves: [flat(0.2), flat(0.4), flat(0.1)],
+            white_balance,
+        };
+        let spec = SensorSpec { quantum_efficiency: Efficiency::Mosaic(filter(true)), ..example() };
+        let model = SensorModel::new(spec).expect("valid");
+        // Offset 60, saturation 2560: green at half.
+        let light = [625, 1250, 312];
+        let grey = Plane::from_fn(6, 6, |x, y| 60 + light[BayerPattern::Grbg.color_at(x, y) as usize]);
+        let picture = mosaic_to_8bit(&grey, &model, &filter(true));
+        assert!(picture.data().iter().all(|p| p.iter().all(|v| v.abs_diff(186) <= 1)), "{picture:?}");
+        let green = mosaic_to_8bit(&grey, &model, &filter(false));
+        assert!(green.data().iter().all(|&[r, g, b]| g == 186 && (135..=137).contains(&r) && (98..=100).contains(&b)));
+        for balanced in [true, false] {
+            let white = mosaic_to_8bit(&Plane::new(5, 3, 4095), &model, &filter(balanced));
+            assert!(white.data().iter().all(|p| *p == [255; 3]), "{white:?}");
+        }
     }
 
     #[test]

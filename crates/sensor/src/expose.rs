@@ -9,11 +9,12 @@ use rand_distr::{Distribution, StandardNormal};
 use crate::matched::{LeftOut, left_out};
 use crate::model::{SensorError, SensorModel};
 use crate::optics::Exposure;
+use crate::pattern::{Pattern, PixelPattern};
 use crate::poisson::poisson;
 
 /// What random numbers are for; streams of different purposes are independent.
 const TEMPORAL: u64 = 0x7465_6d70;
-const PATTERN: u64 = 0x7061_7474;
+const ROWS: u64 = 0x0072_6f77;
 
 /// Which frame is taken: everything random that changes from frame to frame follows from it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -33,24 +34,28 @@ pub struct Device {
     seed: u64,
     width: u32,
     height: u32,
-    /// Per pixel: dark signal difference \[e-\] and 1 + relative difference of the response; empty if the model has none.
-    pattern: Vec<[f32; 2]>,
+    pattern: Pattern,
 }
 
 impl Device {
     /// The device of a model that the seed picks, with `width * height` pixels.
     pub fn new(model: SensorModel, seed: u64, width: u32, height: u32) -> Self {
-        let p = model.spec().fixed_pattern;
-        let count = if p.dsnu.0 > 0.0 || p.prnu > 0.0 { width as usize * height as usize } else { 0 };
-        let key = hash_u64([seed, PATTERN]);
-        let pattern = (0..count as u64)
-            .map(|pixel| {
-                let mut rng = stream(key, pixel);
-                let (dark, response): (f64, f64) = (StandardNormal.sample(&mut rng), StandardNormal.sample(&mut rng));
-                [(p.dsnu.0 * dark) as f32, (1.0 + p.prnu * response).max(0.0) as f32]
-            })
-            .collect();
+        let pattern = Pattern::draw(&model.spec().fixed_pattern, &model.spec().defects, seed, width, height);
         Self { model, seed, width, height, pattern }
+    }
+
+    /// How the pixel in column `x` and row `y` differs from that of the model; `None` outside the device.
+    pub fn pixel(&self, x: u32, y: u32) -> Option<PixelPattern> {
+        let index = y as usize * self.width as usize + x as usize;
+        let is_inside = x < self.width && y < self.height;
+        is_inside.then(|| self.pattern.pixels(index..index + 1).first().copied().unwrap_or(PixelPattern::NONE))
+    }
+
+    /// Columns and rows of the hot pixels, row by row.
+    pub fn hot_pixels(&self) -> impl Iterator<Item = (u32, u32)> + '_ {
+        let width = u64::from(self.width.max(1));
+        let all = self.pattern.hot(0..self.width as usize * self.height as usize);
+        all.iter().map(move |p| ((p % width) as u32, (p / width) as u32))
     }
 
     /// The model.
@@ -118,31 +123,53 @@ impl Device {
         };
         let readout = Readout::new(&self.model, exposure);
         let key = hash_u64([self.seed, key.seed, u64::from(key.frame), TEMPORAL]);
-        let pattern = self.pattern.get(pixels.clone()).unwrap_or(&[]);
-        let pattern = pattern.iter().copied().chain(std::iter::repeat([0.0, 1.0]));
-        if let Some(variances) = variances.get(pixels.clone()).filter(|v| !v.is_empty()) {
-            let inputs = out.iter_mut().zip(means).zip(variances).zip(pixels).zip(pattern);
-            for ((((out, &mean), &variance), pixel), [dark, response]) in inputs {
-                let mut rng = stream(key, pixel as u64);
-                let (mean, response) = (f64::from(mean), f64::from(response));
-                // The response of the pixel scales the noise of the render like its mean.
-                let variance = f64::from(variance) * response * response;
-                *out = readout.matched_pixel(mean, variance, f64::from(dark), response, &mut rng);
+        let variances = variances.get(pixels.clone()).filter(|v| !v.is_empty());
+        let pattern = self.pattern.pixels(pixels.clone());
+        // The grey value of the pixel with this place in the rows.
+        let value = |readout: &Readout, i: usize, own: PixelPattern, shared: f64| {
+            let mut rng = stream(key, (pixels.start + i) as u64);
+            let (mean, response) = (f64::from(means[i]), f64::from(own.response));
+            let dark_offset = f64::from(own.dark) + shared;
+            match variances {
+                None => readout.pixel(mean, dark_offset, response, &mut rng),
+                Some(variances) => {
+                    // The response of the pixel scales the noise of the render like its mean.
+                    let variance = f64::from(variances[i]) * response * response;
+                    readout.matched_pixel(mean, variance, dark_offset, response, &mut rng)
+                }
             }
-            return Ok(());
-        }
-        for (((out, &mean), pixel), [dark, response]) in out.iter_mut().zip(means).zip(pixels).zip(pattern) {
-            let mut rng = stream(key, pixel as u64);
-            *out = readout.pixel(f64::from(mean), f64::from(dark), f64::from(response), &mut rng);
+        };
+        let hot = Readout { dark_electrons: readout.dark_electrons * self.model.spec().defects.hot_factor, ..readout };
+        for (y, line) in (rows.start..rows.end).zip(out.chunks_mut(width.max(1))) {
+            let first = (y - rows.start) as usize * width;
+            let shared = readout.row_noise(key, y);
+            if let Some(pattern) = pattern.get(first..first + width) {
+                for ((i, out), own) in (first..).zip(line.iter_mut()).zip(pattern) {
+                    *out = value(&readout, i, *own, shared);
+                }
+            } else {
+                for (i, out) in (first..).zip(line.iter_mut()) {
+                    *out = value(&readout, i, PixelPattern::NONE, shared);
+                }
+            }
+            // A grey value is a function of its pixel, so that those of the few hot ones can be drawn anew.
+            for &pixel in self.pattern.hot(pixels.start + first..pixels.start + first + width) {
+                let i = pixel as usize - pixels.start;
+                let own = pattern.get(i).copied().unwrap_or(PixelPattern::NONE);
+                line[i - first] = value(&hot, i, own, shared);
+            }
         }
         Ok(())
     }
 }
 
 /// What all pixels of an exposure share.
+#[derive(Clone, Copy)]
 struct Readout {
     dark_electrons: f64,
+    /// That of single pixels.
     dark_noise: f64,
+    row_noise: f64,
     full_well: f64,
     system_gain: f64,
     offset: f64,
@@ -154,12 +181,22 @@ impl Readout {
         let spec = model.spec();
         Self {
             dark_electrons: model.dark_electrons(exposure.time()).0,
-            dark_noise: spec.dark_noise.0,
+            dark_noise: model.pixel_dark_noise().0,
+            row_noise: spec.row_noise.0,
             full_well: spec.full_well.0,
             system_gain: spec.system_gain,
             offset: spec.offset.0,
             max_value: f64::from(model.max_value()),
         }
+    }
+
+    /// What the pixels of a row read too much in this frame \[e-\]. `key` holds all but the row.
+    fn row_noise(&self, key: u64, row: u32) -> f64 {
+        if self.row_noise <= 0.0 {
+            return 0.0;
+        }
+        let shared: f64 = StandardNormal.sample(&mut stream(hash_u64([key, ROWS]), u64::from(row)));
+        self.row_noise * shared
     }
 
     /// The grey value of one pixel: the chain of EMVA 1288 in its order.
@@ -204,7 +241,7 @@ impl Readout {
 
 /// Random numbers of one pixel. `key` already holds everything else, so two rounds of mixing do.
 #[inline]
-fn stream(key: u64, pixel: u64) -> Pcg {
+pub(crate) fn stream(key: u64, pixel: u64) -> Pcg {
     let high = mix64(key ^ pixel);
     Pcg::new(u128::from(high) << 64 | u128::from(mix64(high)))
 }

@@ -6,6 +6,8 @@
 //! 2. [`Device::expose`]: photon and dark noise, fixed pattern, read noise, full well, gain, offset, one rounding -> DN;
 //! 3. [`display`]: DN -> the 8-bit gamma-2.2 picture, which is for looking at, never for measuring.
 //!
+//! Behind a colour filter array a frame stays a raw mosaic; only the picture has three channels.
+//!
 //! A rendered mean has noise of its own; [`Device::expose_rows_matched`] draws of the camera's noise only what is missing.
 //!
 //! Everything is a pure function: a grey value depends on (model, device seed, frame seed, frame, pixel, expected
@@ -14,18 +16,23 @@
 #![forbid(unsafe_code)]
 
 mod data_sheet;
+mod demosaic;
 pub mod display;
+mod efficiency;
 mod expose;
 mod matched;
 mod model;
 mod optics;
+mod pattern;
 mod poisson;
 mod presets;
 
-pub use data_sheet::{DataSheet, data_sheet};
+pub use data_sheet::{ChannelSheet, DataSheet, data_sheet};
+pub use efficiency::{BayerPattern, ColorFilter, Efficiency, FilterColor, QuantumEfficiency};
 pub use expose::{Device, FrameKey};
 pub use matched::{ExposureNoise, LeftOut, holds, left_out, matched_where};
-pub use model::{DarkCurrent, FixedPattern, Published, QuantumEfficiency, SensorError, SensorModel, SensorSpec};
-pub use optics::{BANDS, Exposure, MeanElectrons, Optics, Response, auto_exposure, electrons};
+pub use model::{DarkCurrent, Published, SensorError, SensorModel, SensorSpec};
+pub use optics::{BANDS, Exposure, MeanElectrons, Optics, Response, Weights, auto_exposure, electrons};
+pub use pattern::{Defects, FixedPattern, PixelPattern};
 pub use poisson::poisson;
 pub use presets::PRESETS;

@@ -85,7 +85,8 @@ pub fn matched_where(
     render_variance: &Plane<f32>,
 ) -> Plane<bool> {
     let Electrons(dark) = model.dark_electrons(exposure.time());
-    let read = model.spec().dark_noise.0.powi(2);
+    // What the pixels of a row read together cannot be left out for one of them.
+    let read = model.pixel_dark_noise().0.powi(2);
     let mut variances = render_variance.data().iter();
     electrons.map(|&e| variances.next().is_some_and(|&v| holds(f64::from(v), f64::from(e) + dark, read)))
 }

@@ -1,6 +1,9 @@
 //! What is known of a sensor, checked once, and the noise that follows from it.
 
-use dunkelfeld_radiometry::{Celsius, DigitalNumber, Electrons, Metres, Nanometres, Seconds};
+use dunkelfeld_radiometry::{Celsius, DigitalNumber, Electrons, Metres, Seconds};
+
+use crate::efficiency::Efficiency;
+use crate::pattern::{Defects, FixedPattern};
 
 /// Why a sensor, a lens or an exposure cannot be used.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -38,47 +41,6 @@ pub enum SensorError {
     NoLight,
 }
 
-/// Quantum efficiency eta over the wavelength: straight lines between points, constant beyond the ends.
-///
-/// A single point makes it the same everywhere.
-#[derive(Clone, Debug, PartialEq)]
-pub struct QuantumEfficiency(Vec<(Nanometres, f64)>);
-
-impl QuantumEfficiency {
-    /// A curve through points of ascending wavelength; efficiencies are fractions in (0, 1].
-    pub fn new(points: Vec<(Nanometres, f64)>) -> Result<Self, SensorError> {
-        if points.is_empty() {
-            return Err(SensorError::Curve("needs at least one point [wavelength in nm, efficiency]"));
-        }
-        for &(wavelength, efficiency) in &points {
-            in_range("quantum_efficiency", wavelength.0, 100.0, 20_000.0, "at wavelengths from 100 to 20 000 nm")?;
-            if !(efficiency > 0.0 && efficiency <= 1.0) {
-                let allowed = "a fraction above 0 and at most 1";
-                return Err(SensorError::OutOfRange { field: "quantum_efficiency", value: efficiency, allowed });
-            }
-        }
-        if points.windows(2).any(|w| w[0].0 >= w[1].0) {
-            return Err(SensorError::Curve("wavelengths must ascend"));
-        }
-        Ok(Self(points))
-    }
-
-    /// The efficiency at a wavelength.
-    pub fn at(&self, wavelength: Nanometres) -> f64 {
-        let after = self.0.partition_point(|p| p.0 <= wavelength);
-        match (after.checked_sub(1).and_then(|i| self.0.get(i)), self.0.get(after)) {
-            (Some(a), Some(b)) => a.1 + (b.1 - a.1) * ((wavelength - a.0) / (b.0 - a.0)),
-            (Some(only), None) | (None, Some(only)) => only.1,
-            (None, None) => 0.0,
-        }
-    }
-
-    /// The points, by ascending wavelength.
-    pub fn points(&self) -> &[(Nanometres, f64)] {
-        &self.0
-    }
-}
-
 /// Dark current mu_I: electrons that heat sets free, doubling every few degrees (EMVA 1288 release 4.0, Linear).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DarkCurrent {
@@ -90,22 +52,65 @@ pub struct DarkCurrent {
     pub doubling: f64,
 }
 
-/// What distinguishes the pixels of one device from each other in every frame: one standard deviation each.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct FixedPattern {
-    /// Dark signal non-uniformity, DSNU1288 \[e-\].
-    pub dsnu: Electrons,
-    /// Photo response non-uniformity, PRNU1288, as a fraction of the signal.
-    pub prnu: f64,
-}
-
 /// What the maker or a test report says the sensor achieves, for comparison with what the model implies.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Published {
+    /// Largest quantum efficiency \[%\].
+    pub quantum_efficiency_percent: Option<f64>,
+    /// Temporal dark noise sigma_d \[e-\].
+    pub dark_noise_e: Option<f64>,
+    /// Absolute sensitivity threshold mu_e.min \[e-\].
+    pub threshold_e: Option<f64>,
+    /// The same in photons, mu_p.min.
+    pub threshold_p: Option<f64>,
+    /// Saturation capacity mu_e.sat \[e-\].
+    pub saturation_e: Option<f64>,
+    /// The same in photons, mu_p.sat.
+    pub saturation_p: Option<f64>,
     /// Dynamic range \[dB\].
     pub dynamic_range_db: Option<f64>,
     /// Largest signal-to-noise ratio \[dB\].
     pub snr_max_db: Option<f64>,
+    /// DSNU1288 \[e-\].
+    pub dsnu_e: Option<f64>,
+    /// PRNU1288 \[%\].
+    pub prnu_percent: Option<f64>,
+}
+
+impl Published {
+    /// The figures in the order of [`Self::figures`].
+    pub const fn from_figures(figures: [Option<f64>; 10]) -> Self {
+        let [qe, dark, threshold_e, threshold_p, saturation_e, saturation_p, range, snr, dsnu_e, prnu_percent] =
+            figures;
+        Self {
+            quantum_efficiency_percent: qe,
+            dark_noise_e: dark,
+            threshold_e,
+            threshold_p,
+            saturation_e,
+            saturation_p,
+            dynamic_range_db: range,
+            snr_max_db: snr,
+            dsnu_e,
+            prnu_percent,
+        }
+    }
+
+    /// Every figure with the name of its field.
+    pub fn figures(&self) -> [(&'static str, Option<f64>); 10] {
+        [
+            ("quantum_efficiency_percent", self.quantum_efficiency_percent),
+            ("dark_noise_e", self.dark_noise_e),
+            ("threshold_e", self.threshold_e),
+            ("threshold_p", self.threshold_p),
+            ("saturation_e", self.saturation_e),
+            ("saturation_p", self.saturation_p),
+            ("dynamic_range_db", self.dynamic_range_db),
+            ("snr_max_db", self.snr_max_db),
+            ("dsnu_e", self.dsnu_e),
+            ("prnu_percent", self.prnu_percent),
+        ]
+    }
 }
 
 /// The description of a sensor, unchecked. [`SensorModel::new`] checks it.
@@ -121,12 +126,14 @@ pub struct SensorSpec {
     pub assumed: Vec<String>,
     /// Distance between pixel centres; the pixel's area is its square.
     pub pixel_pitch: Metres,
-    /// Quantum efficiency eta.
-    pub quantum_efficiency: QuantumEfficiency,
+    /// Quantum efficiency eta: of all pixels, or of each colour.
+    pub quantum_efficiency: Efficiency,
     /// Electrons at which a pixel is full (the saturation capacity mu_e.sat, where only that is published).
     pub full_well: Electrons,
-    /// Temporal dark noise without the dark current's share, sigma_d0 \[e-\].
+    /// Temporal dark noise without the dark current's share, sigma_d0 \[e-\]: all of it, that of rows included.
     pub dark_noise: Electrons,
+    /// The part of it that the pixels of a row share, drawn anew for each row and frame \[e-\].
+    pub row_noise: Electrons,
     /// Dark current.
     pub dark_current: DarkCurrent,
     /// Temperature of the sensor during the exposure.
@@ -139,6 +146,8 @@ pub struct SensorSpec {
     pub bit_depth: u32,
     /// Differences between pixels.
     pub fixed_pattern: FixedPattern,
+    /// Pixels that are not as the others.
+    pub defects: Defects,
     /// Published figures to compare with.
     pub published: Published,
 }
@@ -154,6 +163,13 @@ impl SensorModel {
         in_range("pixel_pitch", s.pixel_pitch.micrometres(), 0.1, 1000.0, "from 0.1 to 1000 um")?;
         in_range("full_well", s.full_well.0, 1.0, 1e9, "from 1 to 1e9 electrons")?;
         in_range("dark_noise", s.dark_noise.0, 0.0, s.full_well.0, "from 0 electrons to the full well")?;
+        in_range(
+            "row_noise",
+            s.row_noise.0,
+            0.0,
+            s.dark_noise.0,
+            "from 0 electrons to the dark noise, whose part it is",
+        )?;
         in_range("dark_current", s.dark_current.rate, 0.0, 1e9, "from 0 to 1e9 electrons per second")?;
         in_range("dark_current_reference", s.dark_current.reference.0, -273.15, 200.0, "from -273.15 to 200 degC")?;
         in_range("dark_current_doubling", s.dark_current.doubling, 1.0, 100.0, "from 1 to 100 K")?;
@@ -162,13 +178,27 @@ impl SensorModel {
         in_range("bit_depth", f64::from(s.bit_depth), 8.0, 16.0, "from 8 to 16")?;
         let top = f64::from(max_value(s.bit_depth));
         in_range("offset", s.offset.0, 0.0, 0.9 * top, "from 0 to 90 % of the largest grey value")?;
-        in_range("dsnu", s.fixed_pattern.dsnu.0, 0.0, s.full_well.0, "from 0 electrons to the full well")?;
-        in_range("prnu", s.fixed_pattern.prnu, 0.0, 1.0, "from 0 to 100 %")?;
+        s.fixed_pattern.check(s.full_well)?;
+        s.defects.check()?;
+        if s.defects.hot > 0.0 && s.dark_current.rate <= 0.0 {
+            let allowed = "0 without a dark current: that is what a hot pixel has more of";
+            return Err(SensorError::OutOfRange { field: "hot", value: s.defects.hot, allowed });
+        }
+        for (field, figure) in s.published.figures() {
+            if let Some(value) = figure {
+                in_range(field, value, f64::MIN_POSITIVE, 1e12, "above 0 and at most 1e12")?;
+            }
+        }
         if s.system_gain * s.full_well.0 < 1.0 {
             let allowed = "large enough that a full pixel is at least 1 DN brighter than an empty one";
             return Err(SensorError::OutOfRange { field: "system_gain", value: s.system_gain, allowed });
         }
         Ok(Self(spec))
+    }
+
+    /// Read noise of a pixel apart from what its row shares \[e-\]: the root of sigma_d0^2 less the row noise's square.
+    pub fn pixel_dark_noise(&self) -> Electrons {
+        crate::pattern::rest(self.0.dark_noise, &[self.0.row_noise])
     }
 
     /// The numbers.
@@ -232,6 +262,8 @@ pub(crate) fn in_range(
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
+    use crate::efficiency::QuantumEfficiency;
+    use dunkelfeld_radiometry::Nanometres;
 
     /// A sensor with every effect in it.
     pub(crate) fn example() -> SensorSpec {
@@ -241,15 +273,17 @@ pub(crate) mod tests {
             derived: vec![],
             assumed: vec![],
             pixel_pitch: Metres::from_micrometres(3.45),
-            quantum_efficiency: QuantumEfficiency::new(vec![(Nanometres(530.0), 0.65)]).expect("a curve"),
+            quantum_efficiency: QuantumEfficiency::new(vec![(Nanometres(530.0), 0.65)]).expect("a curve").into(),
             full_well: Electrons(10_000.0),
             dark_noise: Electrons(4.0),
+            row_noise: Electrons(0.0),
             dark_current: DarkCurrent { rate: 3.0, reference: Celsius(35.0), doubling: 7.0 },
             temperature: Celsius(42.0),
             system_gain: 0.25,
             offset: DigitalNumber(60.0),
             bit_depth: 12,
-            fixed_pattern: FixedPattern { dsnu: Electrons(1.5), prnu: 0.005 },
+            fixed_pattern: FixedPattern { dsnu: Electrons(1.5), prnu: 0.005, ..FixedPattern::default() },
+            defects: Defects::default(),
             published: Published::default(),
         }
     }
@@ -257,7 +291,7 @@ pub(crate) mod tests {
     #[test]
     fn each_number_is_checked_and_named() {
         type Change = fn(&mut SensorSpec);
-        let cases: [(&str, Change); 12] = [
+        let cases: [(&str, Change); 22] = [
             ("pixel_pitch", |s| s.pixel_pitch = Metres(0.0)),
             ("full_well", |s| s.full_well = Electrons(f64::NAN)),
             ("dark_noise", |s| s.dark_noise = Electrons(-1.0)),
@@ -270,6 +304,18 @@ pub(crate) mod tests {
             ("offset", |s| s.offset = DigitalNumber(4000.0)),
             ("dsnu", |s| s.fixed_pattern.dsnu = Electrons(-0.1)),
             ("prnu", |s| s.fixed_pattern.prnu = 1.5),
+            ("row_noise", |s| s.row_noise = Electrons(4.1)),
+            ("dsnu_row", |s| s.fixed_pattern.dsnu_row = Electrons(1.6)),
+            ("dsnu_column", |s| {
+                (s.fixed_pattern.dsnu_row, s.fixed_pattern.dsnu_column) = (Electrons(1.2), Electrons(1.0))
+            }),
+            ("prnu_row", |s| s.fixed_pattern.prnu_row = -0.001),
+            ("prnu_column", |s| s.fixed_pattern.prnu_column = 0.006),
+            ("hot", |s| s.defects.hot = 0.2),
+            ("hot", |s| (s.defects.hot, s.dark_current.rate) = (1e-5, 0.0)),
+            ("hot_factor", |s| s.defects.hot_factor = 0.5),
+            ("dead", |s| s.defects.dead = f64::NAN),
+            ("snr_max_db", |s| s.published.snr_max_db = Some(f64::INFINITY)),
         ];
         for (name, change) in cases {
             let mut spec = example();
@@ -280,21 +326,6 @@ pub(crate) mod tests {
             }
         }
         assert!(SensorModel::new(example()).is_ok());
-    }
-
-    #[test]
-    fn the_efficiency_is_interpolated_and_held_beyond_the_ends() {
-        let nm = Nanometres;
-        let curve = QuantumEfficiency::new(vec![(nm(400.0), 0.2), (nm(500.0), 0.6), (nm(700.0), 0.4)]).expect("curve");
-        for (at, expected) in
-            [(300.0, 0.2), (400.0, 0.2), (450.0, 0.4), (500.0, 0.6), (600.0, 0.5), (700.0, 0.4), (900.0, 0.4)]
-        {
-            assert!((curve.at(nm(at)) - expected).abs() < 1e-12, "at {at} nm: {}", curve.at(nm(at)));
-        }
-        for bad in [vec![], vec![(nm(500.0), 0.0)], vec![(nm(500.0), 0.5), (nm(500.0), 0.6)], vec![(nm(f64::NAN), 0.5)]]
-        {
-            assert!(QuantumEfficiency::new(bad).is_err());
-        }
     }
 
     #[test]

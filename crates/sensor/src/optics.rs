@@ -3,17 +3,19 @@
 //! A film has three channels, the sensor counts photons, and photons need wavelengths. The convention: a linear triple
 //! is a coarse spectrum of three bands, each with a representative wavelength and a third of the light. A grey triple
 //! (L, L, L) is light of radiance L, a third of it in each band; a channel of its own carries a third of its number.
-//! A monochrome sensor then responds with
+//! A pixel then responds with
 //!
 //! mu_e = A t E' sum over bands of eta(lambda_b) lambda_b / (h c) L_b / 3, where E' = pi tau / (4 N^2 (1 + m)^2)
 //!
-//! is the irradiance per radiance behind a thin lens, on its axis.
+//! is the irradiance per radiance behind a thin lens, on its axis, and eta that of the pixel's colour. What the lens takes
+//! away toward its edge is in the radiance already.
 
 use std::f64::consts::PI;
 
 use dunkelfeld_film::Plane;
 use dunkelfeld_radiometry::{Electrons, Irradiance, Nanometres, Radiance, Seconds, photon};
 
+use crate::efficiency::{BayerPattern, Efficiency, QuantumEfficiency};
 use crate::model::{SensorError, SensorModel, in_range};
 
 /// Representative wavelengths of the channels red, green and blue: about the dominant wavelengths of the Rec. 709
@@ -89,33 +91,17 @@ impl Exposure {
     }
 }
 
-/// What a pixel makes of radiance: expected electrons per unit of each channel. A linear map, because the camera is.
+/// What one pixel makes of radiance: expected electrons per W/(m^2 sr) of red, green and blue. A linear map, because the
+/// camera is.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Response {
-    weights: [f64; 3],
-}
+pub struct Weights(pub [f64; 3]);
 
-impl Response {
-    /// The response of a monochrome pixel.
-    pub fn new(model: &SensorModel, optics: &Optics, exposure: Exposure) -> Self {
-        let spec = model.spec();
-        let irradiance = optics.irradiance(Radiance(BAND_SHARE));
-        let weights = BANDS.map(|band| {
-            spec.quantum_efficiency.at(band) * photon::photons(spec.pixel_pitch, irradiance, exposure.time, band)
-        });
-        Self { weights }
-    }
-
-    /// Expected electrons per W/(m^2 sr) of red, green and blue.
-    pub fn weights(&self) -> [f64; 3] {
-        self.weights
-    }
-
+impl Weights {
     /// Expected electrons of a pixel that sees the given radiance [W/(m^2 sr) per channel].
     #[inline]
     pub fn electrons(&self, radiance: [f32; 3]) -> Electrons {
         let [r, g, b] = radiance.map(f64::from);
-        Electrons(self.weights[0] * r + self.weights[1] * g + self.weights[2] * b)
+        Electrons(self.0[0] * r + self.0[1] * g + self.0[2] * b)
     }
 
     /// The largest variance \[e-^2\] that the expected electrons can have when the channels have the given variances.
@@ -125,7 +111,69 @@ impl Response {
     #[inline]
     pub fn variance(&self, variance: [f32; 3]) -> f64 {
         let [r, g, b] = variance.map(|v| f64::from(v).sqrt());
-        (self.weights[0] * r + self.weights[1] * g + self.weights[2] * b).powi(2)
+        (self.0[0] * r + self.0[1] * g + self.0[2] * b).powi(2)
+    }
+}
+
+/// What the pixels of a sensor make of radiance, each in its place.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Response {
+    /// Of red, green and blue pixels, or three times the same.
+    weights: [Weights; 3],
+    pattern: Option<BayerPattern>,
+}
+
+impl Response {
+    /// The response of a sensor behind a lens.
+    pub fn new(model: &SensorModel, optics: &Optics, exposure: Exposure) -> Self {
+        let spec = model.spec();
+        let irradiance = optics.irradiance(Radiance(BAND_SHARE));
+        let weights = |curve: &QuantumEfficiency| {
+            let electrons = |band| curve.at(band) * photon::photons(spec.pixel_pitch, irradiance, exposure.time, band);
+            Weights(BANDS.map(electrons))
+        };
+        match &spec.quantum_efficiency {
+            Efficiency::Mono(curve) => Self::constant(weights(curve)),
+            Efficiency::Mosaic(filter) => {
+                Self { weights: [0, 1, 2].map(|c: usize| weights(&filter.curves[c])), pattern: Some(filter.pattern) }
+            }
+        }
+    }
+
+    /// Of pixels that are all alike.
+    pub const fn constant(weights: Weights) -> Self {
+        Self { weights: [weights; 3], pattern: None }
+    }
+
+    /// The weights of the pixel in column `x` and row `y`.
+    #[inline]
+    pub fn at(&self, x: u32, y: u32) -> Weights {
+        self.weights[self.kind(x, y)]
+    }
+
+    /// The weights of each kind of pixel: one, or those of red, green and blue.
+    pub fn kinds(&self) -> &[Weights] {
+        match self.pattern {
+            None => &self.weights[..1],
+            Some(_) => &self.weights,
+        }
+    }
+
+    /// Of which kind is the pixel in column `x` and row `y`?
+    #[inline]
+    pub fn kind(&self, x: u32, y: u32) -> usize {
+        self.pattern.map_or(0, |pattern| pattern.color_at(x, y) as usize)
+    }
+
+    /// The mean over the pixels: what a blurred look at a mosaic sees.
+    pub fn average(&self) -> Weights {
+        match self.pattern {
+            None => self.weights[0],
+            Some(_) => {
+                let [r, g, b] = self.weights.map(|w| w.0);
+                Weights([0, 1, 2].map(|c: usize| 0.25 * (r[c] + 2.0 * g[c] + b[c])))
+            }
+        }
     }
 }
 
@@ -140,20 +188,27 @@ pub struct MeanElectrons {
 
 /// Expected photo-electrons of every pixel of a film [W/(m^2 sr) per channel].
 pub fn electrons(radiance: &Plane<[f32; 3]>, response: &Response) -> MeanElectrons {
+    let (width, height) = (radiance.width(), radiance.height());
+    let mut plane = Plane::new(width, height, 0.0f32);
     let mut invalid = 0;
-    let plane = radiance.map(|&pixel| {
-        let valid = pixel.iter().all(|v| v.is_finite() && *v >= 0.0);
-        invalid += u64::from(!valid);
-        let electrons = if valid { response.electrons(pixel) } else { repaired(response, pixel) };
-        // A sum beyond the range of f32 saturates instead of becoming infinite.
-        (electrons.0 as f32).min(f32::MAX)
-    });
+    let rows = radiance.data().chunks(width.max(1) as usize).zip(plane.data_mut().chunks_mut(width.max(1) as usize));
+    for ((pixels, out), y) in rows.zip(0u32..) {
+        let pair = [response.at(0, y), response.at(1, y)];
+        for ((&pixel, out), x) in pixels.iter().zip(out).zip(0usize..) {
+            let weights = &pair[x & 1];
+            let valid = pixel.iter().all(|v| v.is_finite() && *v >= 0.0);
+            invalid += u64::from(!valid);
+            let electrons = if valid { weights.electrons(pixel) } else { repaired(weights, pixel) };
+            // A sum beyond the range of f32 saturates instead of becoming infinite.
+            *out = (electrons.0 as f32).min(f32::MAX);
+        }
+    }
     MeanElectrons { plane, invalid }
 }
 
 #[cold]
-fn repaired(response: &Response, pixel: [f32; 3]) -> Electrons {
-    response.electrons(pixel.map(|v| if v > 0.0 { v.min(f32::MAX) } else { 0.0 }))
+fn repaired(weights: &Weights, pixel: [f32; 3]) -> Electrons {
+    weights.electrons(pixel.map(|v| if v > 0.0 { v.min(f32::MAX) } else { 0.0 }))
 }
 
 /// The exposure time that puts the 99.5 % quantile of the image at 90 % of saturation.
@@ -212,7 +267,7 @@ mod tests {
         let e_uw_cm2 = PI * radiance * 0.9 / (4.0 * 64.0 * 1.21) * 100.0;
         let photons = |lambda_um: f64| 50.34 * 3.45 * 3.45 * 2.0 * lambda_um * e_uw_cm2;
         let expected = 0.65 * (photons(0.61) + photons(0.55) + photons(0.465)) / 3.0;
-        let got = response.electrons([3.0; 3]).0;
+        let got = response.at(0, 0).electrons([3.0; 3]).0;
         assert!((got / expected - 1.0).abs() < 5e-5, "{got} electrons, expected {expected}");
     }
 
@@ -220,8 +275,8 @@ mod tests {
     fn the_variance_bound_is_exact_for_grey_noise() {
         let response = Response::new(&model(), &lens(), Exposure::new(Seconds(1e-3)).expect("valid"));
         // Grey noise of standard deviation 0.1 moves the electrons by 0.1 times the response to grey.
-        let expected = (0.1 * response.electrons([1.0; 3]).0).powi(2);
-        assert!((response.variance([0.01; 3]) / expected - 1.0).abs() < 1e-6);
+        let expected = (0.1 * response.at(0, 0).electrons([1.0; 3]).0).powi(2);
+        assert!((response.at(0, 0).variance([0.01; 3]) / expected - 1.0).abs() < 1e-6);
     }
 
     #[test]
@@ -247,7 +302,7 @@ mod tests {
         })
         .expect("valid");
         let exposure = auto_exposure(&ramp, &cold, &lens()).expect("light");
-        let e = Response::new(&cold, &lens(), exposure).electrons([995.0; 3]).0;
+        let e = Response::new(&cold, &lens(), exposure).at(0, 0).electrons([995.0; 3]).0;
         assert!((e - 9000.0).abs() < 9000.0 * 1.1e-3, "{e} electrons");
     }
 
@@ -257,7 +312,7 @@ mod tests {
         assert_eq!(auto_exposure(&plane, &model(), &lens()), Err(SensorError::NoLight));
         plane.data_mut()[77] = [2.0; 3];
         let exposure = auto_exposure(&plane, &model(), &lens()).expect("light");
-        let photo = Response::new(&model(), &lens(), exposure).electrons([2.0; 3]).0;
+        let photo = Response::new(&model(), &lens(), exposure).at(0, 0).electrons([2.0; 3]).0;
         let all = photo + model().dark_electrons(exposure.time()).0;
         assert!((all - 9000.0).abs() < 1e-2, "{all}");
         assert_eq!(auto_exposure(&Plane::new(0, 0, [0.0; 3]), &model(), &lens()), Err(SensorError::NoLight));

@@ -5,8 +5,8 @@
 use dunkelfeld_film::Plane;
 use dunkelfeld_radiometry::{Celsius, DigitalNumber, Electrons, Metres, Nanometres, Seconds};
 use dunkelfeld_sensor::{
-    DarkCurrent, Device, Exposure, FixedPattern, FrameKey, Published, QuantumEfficiency, SensorError, SensorModel,
-    SensorSpec,
+    DarkCurrent, Defects, Device, Exposure, FixedPattern, FrameKey, Published, QuantumEfficiency, SensorError,
+    SensorModel, SensorSpec,
 };
 
 const SIZE: u32 = 256;
@@ -19,15 +19,17 @@ fn spec() -> SensorSpec {
         derived: vec![],
         assumed: vec![],
         pixel_pitch: Metres::from_micrometres(3.45),
-        quantum_efficiency: QuantumEfficiency::new(vec![(Nanometres(530.0), 0.65)]).expect("a curve"),
+        quantum_efficiency: QuantumEfficiency::new(vec![(Nanometres(530.0), 0.65)]).expect("a curve").into(),
         full_well: Electrons(20_000.0),
         dark_noise: Electrons(4.0),
+        row_noise: Electrons(0.0),
         dark_current: DarkCurrent { rate: 100.0, reference: Celsius(25.0), doubling: 7.0 },
         temperature: Celsius(25.0),
         system_gain: 0.25,
         offset: DigitalNumber(40.0),
         bit_depth: 12,
         fixed_pattern: FixedPattern::default(),
+        defects: Defects::default(),
         published: Published::default(),
     }
 }
@@ -113,7 +115,7 @@ fn correlation(a: &[f64], b: &[f64]) -> f64 {
 /// known remainder of temporal noise is taken out.
 #[test]
 fn the_fixed_pattern_has_the_spread_that_was_asked_for_and_stays() {
-    let pattern = FixedPattern { dsnu: Electrons(6.0), prnu: 0.02 };
+    let pattern = FixedPattern { dsnu: Electrons(6.0), prnu: 0.02, ..FixedPattern::default() };
     let patterned = || device(SensorSpec { fixed_pattern: pattern, ..spec() }, 7);
     let device = patterned();
     const FRAMES: u32 = 16;
@@ -140,7 +142,13 @@ fn the_fixed_pattern_has_the_spread_that_was_asked_for_and_stays() {
 
 #[test]
 fn rows_exposed_one_by_one_are_those_of_the_frame() {
-    let device = device(SensorSpec { fixed_pattern: FixedPattern { dsnu: Electrons(2.0), prnu: 0.01 }, ..spec() }, 3);
+    let device = device(
+        SensorSpec {
+            fixed_pattern: FixedPattern { dsnu: Electrons(2.0), prnu: 0.01, ..FixedPattern::default() },
+            ..spec()
+        },
+        3,
+    );
     let electrons = Plane::from_fn(SIZE, SIZE, |x, y| (x * y) as f32 * 0.1);
     let key = FrameKey { seed: 9, frame: 4 };
     let whole = device.expose(&electrons, exposure(), key).expect("sizes agree");

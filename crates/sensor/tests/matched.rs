@@ -7,8 +7,8 @@ use dunkelfeld_film::Plane;
 use dunkelfeld_radiometry::{Celsius, DigitalNumber, Electrons, Metres, Nanometres, Seconds};
 use dunkelfeld_sampling::keyed_stream;
 use dunkelfeld_sensor::{
-    DarkCurrent, Device, Exposure, FixedPattern, FrameKey, Published, QuantumEfficiency, SensorError, SensorModel,
-    SensorSpec, matched_where,
+    DarkCurrent, Defects, Device, Exposure, FixedPattern, FrameKey, Published, QuantumEfficiency, SensorError,
+    SensorModel, SensorSpec, matched_where,
 };
 use rand_distr::{Distribution, Gamma, Normal};
 
@@ -24,15 +24,17 @@ fn spec() -> SensorSpec {
         derived: vec![],
         assumed: vec![],
         pixel_pitch: Metres::from_micrometres(3.45),
-        quantum_efficiency: QuantumEfficiency::new(vec![(Nanometres(530.0), 0.65)]).expect("a curve"),
+        quantum_efficiency: QuantumEfficiency::new(vec![(Nanometres(530.0), 0.65)]).expect("a curve").into(),
         full_well: Electrons(20_000.0),
         dark_noise: Electrons(4.0),
+        row_noise: Electrons(0.0),
         dark_current: DarkCurrent { rate: 100.0, reference: Celsius(25.0), doubling: 7.0 },
         temperature: Celsius(25.0),
         system_gain: 0.25,
         offset: DigitalNumber(40.0),
         bit_depth: 12,
         fixed_pattern: FixedPattern::default(),
+        defects: Defects::default(),
         published: Published::default(),
     }
 }
@@ -137,7 +139,10 @@ fn plain_exposure_adds_the_noise_of_the_render_to_that_of_the_camera() {
 
 #[test]
 fn without_render_noise_or_knowledge_of_it_frames_are_those_of_a_plain_exposure() {
-    let patterned = SensorSpec { fixed_pattern: FixedPattern { dsnu: Electrons(3.0), prnu: 0.01 }, ..spec() };
+    let patterned = SensorSpec {
+        fixed_pattern: FixedPattern { dsnu: Electrons(3.0), prnu: 0.01, ..FixedPattern::default() },
+        ..spec()
+    };
     let device = device(patterned);
     let electrons = Plane::from_fn(SIZE, SIZE, |x, y| (x * y) as f32 * 0.3);
     let key = FrameKey { seed: 3, frame: 8 };

@@ -56,7 +56,9 @@ impl View {
         match &self.camera {
             Some((model, optics, exposure)) => {
                 let response = Response::new(model, optics, *exposure);
-                variance.map(|&v| response.variance(v) as f32)
+                Plane::from_fn(variance.width(), variance.height(), |x, y| {
+                    response.at(x, y).variance(*variance.at(x, y)) as f32
+                })
             }
             // As there: channels rise and fall together.
             None => variance.map(|v| {

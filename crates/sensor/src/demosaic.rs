@@ -1,0 +1,161 @@
+//! From a mosaic to three channels, for pictures: gradient-corrected linear interpolation.
+//!
+//! H. S. Malvar, L. He, R. Cutler, *High-quality linear interpolation for demosaicing of Bayer-patterned color images*,
+//! ICASSP 2004: a colour that a pixel lacks is the mean of those around it, corrected by how the pixel's own colour bends
+//! there, because colours mostly rise and fall together. Nothing is ever measured on the result.
+
+use dunkelfeld_film::Plane;
+
+use crate::efficiency::{BayerPattern, FilterColor};
+
+/// How far the kernels reach.
+const REACH: usize = 2;
+
+/// Red, green and blue of every pixel of a mosaic. Beyond the edge the image is mirrored in its first and last pixels, which keeps
+/// the pattern. Overshoot is not clipped.
+pub(crate) fn demosaic(mosaic: &Plane<f32>, pattern: BayerPattern) -> Plane<[f32; 3]> {
+    let (width, height) = (mosaic.width() as usize, mosaic.height() as usize);
+    let stride = width + 2 * REACH;
+    let columns: Vec<usize> = (0..stride).map(|x| mirrored(x, width)).collect();
+    let mut padded = Vec::with_capacity(stride * (height + 2 * REACH));
+    for y in 0..height + 2 * REACH {
+        let start = mirrored(y, height) * width;
+        padded.extend(columns.iter().map(|x| mosaic.data().get(start + x).copied().unwrap_or(0.0)));
+    }
+    Plane::from_fn(mosaic.width(), mosaic.height(), |x, y| {
+        let middle = (y as usize + REACH) * stride + x as usize + REACH;
+        let near = Neighbours { padded: &padded, stride, middle };
+        let own = near.own();
+        match pattern.color_at(x, y) {
+            FilterColor::Red => [own, near.green(), near.opposite()],
+            FilterColor::Blue => [near.opposite(), near.green(), own],
+            // Beside a green pixel stand the reds of its row, or the blues.
+            FilterColor::Green if pattern.color_at(x + 1, y) == FilterColor::Red => {
+                [near.beside(1, stride), own, near.beside(stride, 1)]
+            }
+            FilterColor::Green => [near.beside(stride, 1), own, near.beside(1, stride)],
+        }
+    })
+}
+
+/// The place in the image of one in the padded image.
+fn mirrored(padded: usize, size: usize) -> usize {
+    let last = size.saturating_sub(1);
+    let beyond = |excess: usize| if last == 0 { 0 } else { excess % (2 * last) };
+    let at = if padded < REACH { beyond(REACH - padded) } else { beyond(padded - REACH) };
+    if at > last { 2 * last - at } else { at }
+}
+
+/// A pixel of the padded image, and those around it.
+struct Neighbours<'a> {
+    padded: &'a [f32],
+    stride: usize,
+    middle: usize,
+}
+
+impl Neighbours<'_> {
+    fn own(&self) -> f32 {
+        self.padded[self.middle]
+    }
+
+    /// The sum of the two pixels at a distance.
+    #[inline]
+    fn pair(&self, distance: usize) -> f32 {
+        self.padded[self.middle - distance] + self.padded[self.middle + distance]
+    }
+
+    fn diagonal(&self) -> f32 {
+        self.pair(self.stride + 1) + self.pair(self.stride - 1)
+    }
+
+    /// Green at a red or blue pixel (alpha = 1/2).
+    fn green(&self) -> f32 {
+        let (near, far) = (self.pair(1) + self.pair(self.stride), self.pair(2) + self.pair(2 * self.stride));
+        (4.0 * self.own() + 2.0 * near - far) / 8.0
+    }
+
+    /// Blue at a red pixel, or red at a blue one (gamma = 3/4).
+    fn opposite(&self) -> f32 {
+        let far = self.pair(2) + self.pair(2 * self.stride);
+        (6.0 * self.own() + 2.0 * self.diagonal() - 1.5 * far) / 8.0
+    }
+
+    /// At a green pixel, the colour whose pixels stand `along` (beta = 5/8).
+    fn beside(&self, along: usize, across: usize) -> f32 {
+        let own = 5.0 * self.own() + 4.0 * self.pair(along);
+        (own - self.diagonal() - self.pair(2 * along) + 0.5 * self.pair(2 * across)) / 8.0
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn mosaic(width: u32, height: u32, pattern: BayerPattern, rgb: impl Fn(u32, u32) -> [f32; 3]) -> Plane<f32> {
+        Plane::from_fn(width, height, |x, y| rgb(x, y)[pattern.color_at(x, y) as usize])
+    }
+
+    /// Affine images come back exactly: the corrections vanish on them, and the means are symmetric. Not at the edge, where the
+    /// mirror bends them.
+    #[test]
+    fn ramps_of_any_colour_are_exact() {
+        let rgb = |x: u32, y: u32| {
+            let (x, y) = (x as f32, y as f32);
+            [1.0 + 0.5 * x - 0.25 * y, 7.0 - 0.125 * x + y, 3.0 + x + y]
+        };
+        // Channels with slopes of their own: where the corrections see only their own colour, none of them is mixed up.
+        for pattern in BayerPattern::ALL {
+            let got = demosaic(&mosaic(11, 9, pattern, rgb), pattern);
+            for (x, y) in (2..9).flat_map(|x| (2..7).map(move |y| (x, y))) {
+                let (got, expected) = (got.at(x, y), rgb(x, y));
+                let close = got.iter().zip(expected).all(|(g, e)| (g - e).abs() < 1e-4);
+                assert!(close, "{} at ({x}, {y}): {got:?}, expected {expected:?}", pattern.name());
+            }
+        }
+    }
+
+    #[test]
+    fn a_colour_without_structure_stays_as_it_is_up_to_the_edge_and_in_the_smallest_images() {
+        for pattern in BayerPattern::ALL {
+            for (width, height) in [(1, 1), (2, 1), (1, 3), (2, 2), (3, 5), (8, 8)] {
+                let got = demosaic(&mosaic(width, height, pattern, |_, _| [0.5; 3]), pattern);
+                assert!(got.data().iter().all(|v| *v == [0.5; 3]), "{width} x {height}: {got:?}");
+            }
+            let got = demosaic(&mosaic(6, 4, pattern, |_, _| [0.25, 0.5, 1.0]), pattern);
+            assert!(got.data().iter().all(|v| *v == [0.25, 0.5, 1.0]), "{}: {got:?}", pattern.name());
+        }
+        assert!(demosaic(&Plane::new(0, 0, 0.0), BayerPattern::Rggb).data().is_empty());
+    }
+
+    /// The paper's point: where colours rise and fall together, it beats the bilinear mean by several dB (5.5 on average there).
+    #[test]
+    fn fine_grey_structure_survives_better_than_bilinear() {
+        let rgb = |x: u32, y: u32| {
+            let (x, y) = (f64::from(x), f64::from(y));
+            let v = 0.5 + 0.4 * (0.035 * (x * x + 0.7 * y * y) / 6.0).sin();
+            [v as f32, (0.9 * v) as f32, (0.7 * v + 0.05) as f32]
+        };
+        let (size, pattern) = (48, BayerPattern::Rggb);
+        let raw = mosaic(size, size, pattern, rgb);
+        let ours = demosaic(&raw, pattern);
+        // Mean of the nearest pixels that have the colour.
+        let bilinear = |x: u32, y: u32, c: usize| {
+            let near = (y - 1..=y + 1).flat_map(|v| (x - 1..=x + 1).map(move |u| (u, v)));
+            let (mut sum, mut weights) = (0.0, 0.0);
+            for (u, v) in near.filter(|&(u, v)| pattern.color_at(u, v) as usize == c) {
+                let weight = 1.0 / f64::from((1 + 2 * (u.abs_diff(x) + v.abs_diff(y))).pow(2));
+                sum += weight * f64::from(*raw.at(u, v));
+                weights += weight;
+            }
+            if pattern.color_at(x, y) as usize == c { f64::from(*raw.at(x, y)) } else { sum / weights }
+        };
+        let (mut own, mut plain) = (0.0, 0.0);
+        for (x, y, c) in (2..46).flat_map(|x| (2..46).flat_map(move |y| (0..3).map(move |c| (x, y, c)))) {
+            let expected = f64::from(rgb(x, y)[c]);
+            own += (f64::from(ours.at(x, y)[c]) - expected).powi(2);
+            plain += (bilinear(x, y, c) - expected).powi(2);
+        }
+        let gain = 10.0 * (plain / own).log10();
+        assert!(gain > 4.0, "only {gain:.1} dB better than bilinear");
+    }
+}

@@ -1,0 +1,230 @@
+//! Quantum efficiency, and which pixel has which: one curve for all, or one for each colour of a filter array.
+
+use dunkelfeld_radiometry::Nanometres;
+
+use crate::model::{SensorError, in_range};
+use crate::optics::BANDS;
+
+/// Quantum efficiency eta over the wavelength: straight lines between points, constant beyond the ends.
+///
+/// A single point makes it the same everywhere.
+#[derive(Clone, Debug, PartialEq)]
+pub struct QuantumEfficiency(Vec<(Nanometres, f64)>);
+
+impl QuantumEfficiency {
+    /// A curve through points of ascending wavelength; efficiencies are fractions in (0, 1].
+    pub fn new(points: Vec<(Nanometres, f64)>) -> Result<Self, SensorError> {
+        if points.is_empty() {
+            return Err(SensorError::Curve("needs at least one point [wavelength in nm, efficiency]"));
+        }
+        for &(wavelength, efficiency) in &points {
+            in_range("quantum_efficiency", wavelength.0, 100.0, 20_000.0, "at wavelengths from 100 to 20 000 nm")?;
+            if !(efficiency > 0.0 && efficiency <= 1.0) {
+                let allowed = "a fraction above 0 and at most 1";
+                return Err(SensorError::OutOfRange { field: "quantum_efficiency", value: efficiency, allowed });
+            }
+        }
+        if points.windows(2).any(|w| w[0].0 >= w[1].0) {
+            return Err(SensorError::Curve("wavelengths must ascend"));
+        }
+        Ok(Self(points))
+    }
+
+    /// The efficiency at a wavelength.
+    pub fn at(&self, wavelength: Nanometres) -> f64 {
+        let after = self.0.partition_point(|p| p.0 <= wavelength);
+        match (after.checked_sub(1).and_then(|i| self.0.get(i)), self.0.get(after)) {
+            (Some(a), Some(b)) => a.1 + (b.1 - a.1) * ((wavelength - a.0) / (b.0 - a.0)),
+            (Some(only), None) | (None, Some(only)) => only.1,
+            (None, None) => 0.0,
+        }
+    }
+
+    /// Where it is highest, and how high. The first of several equal points.
+    pub fn peak(&self) -> (Nanometres, f64) {
+        self.0.iter().copied().fold((Nanometres(0.0), 0.0), |best, p| if p.1 > best.1 { p } else { best })
+    }
+
+    /// The points, by ascending wavelength.
+    pub fn points(&self) -> &[(Nanometres, f64)] {
+        &self.0
+    }
+}
+
+/// Colours of a filter array.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum FilterColor {
+    /// Red.
+    Red,
+    /// Green.
+    Green,
+    /// Blue.
+    Blue,
+}
+
+impl FilterColor {
+    /// All of them, in the order of the channels of a film.
+    pub const ALL: [Self; 3] = [Self::Red, Self::Green, Self::Blue];
+
+    /// Its name for files and tables.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Red => "red",
+            Self::Green => "green",
+            Self::Blue => "blue",
+        }
+    }
+}
+
+/// A Bayer pattern, named by the colours of the first two pixels of the first row and those below them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum BayerPattern {
+    /// Red, green; green, blue.
+    Rggb,
+    /// Blue, green; green, red.
+    Bggr,
+    /// Green, red; blue, green.
+    Grbg,
+    /// Green, blue; red, green.
+    Gbrg,
+}
+
+impl BayerPattern {
+    /// All of them.
+    pub const ALL: [Self; 4] = [Self::Rggb, Self::Bggr, Self::Grbg, Self::Gbrg];
+
+    /// Its name for files.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Rggb => "rggb",
+            Self::Bggr => "bggr",
+            Self::Grbg => "grbg",
+            Self::Gbrg => "gbrg",
+        }
+    }
+
+    /// The colour of the pixel in column `x` and row `y`.
+    #[inline]
+    pub const fn color_at(self, x: u32, y: u32) -> FilterColor {
+        // Where the red pixel of each square of four is.
+        let (red_x, red_y) = match self {
+            Self::Rggb => (0, 0),
+            Self::Bggr => (1, 1),
+            Self::Grbg => (1, 0),
+            Self::Gbrg => (0, 1),
+        };
+        match (x & 1 == red_x, y & 1 == red_y) {
+            (true, true) => FilterColor::Red,
+            (false, false) => FilterColor::Blue,
+            _ => FilterColor::Green,
+        }
+    }
+}
+
+/// A colour filter array over the pixels.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ColorFilter {
+    /// Which pixel has which colour.
+    pub pattern: BayerPattern,
+    /// Quantum efficiency of red, green and blue pixels, that of their filter included.
+    pub curves: [QuantumEfficiency; 3],
+    /// Are the channels of a picture scaled so that grey looks grey? Grey values and statistics never are.
+    pub white_balance: bool,
+}
+
+impl ColorFilter {
+    /// Factors by which red, green and blue have to be scaled so that a grey triple gives the same in all three: the inverse
+    /// of the electrons that each gets of it. The least factor is 1, so that what saturates everywhere stays white.
+    pub fn grey_gains(&self) -> [f64; 3] {
+        // Photons per joule rise with the wavelength; all else is common to the three.
+        let electrons = |curve: &QuantumEfficiency| BANDS.iter().map(|&band| curve.at(band) * band.0).sum::<f64>();
+        let [r, g, b] = [0, 1, 2].map(|c: usize| electrons(&self.curves[c]));
+        let most = r.max(g).max(b);
+        [most / r, most / g, most / b]
+    }
+}
+
+/// What the pixels of a sensor make of photons.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Efficiency {
+    /// All the same.
+    Mono(QuantumEfficiency),
+    /// Each by its colour.
+    Mosaic(ColorFilter),
+}
+
+impl From<QuantumEfficiency> for Efficiency {
+    fn from(curve: QuantumEfficiency) -> Self {
+        Self::Mono(curve)
+    }
+}
+
+impl Efficiency {
+    /// The different curves: one, or those of red, green and blue.
+    pub fn curves(&self) -> &[QuantumEfficiency] {
+        match self {
+            Self::Mono(curve) => std::slice::from_ref(curve),
+            Self::Mosaic(filter) => &filter.curves,
+        }
+    }
+
+    /// The curve of the pixel in column `x` and row `y`.
+    pub fn of_pixel(&self, x: u32, y: u32) -> &QuantumEfficiency {
+        match self {
+            Self::Mono(curve) => curve,
+            Self::Mosaic(filter) => &filter.curves[filter.pattern.color_at(x, y) as usize],
+        }
+    }
+
+    /// The filter array; `None` for a monochrome sensor.
+    pub fn filter(&self) -> Option<&ColorFilter> {
+        match self {
+            Self::Mono(_) => None,
+            Self::Mosaic(filter) => Some(filter),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn patterns_are_what_their_names_say() {
+        for pattern in BayerPattern::ALL {
+            let letters: String =
+                [(0, 0), (1, 0), (0, 1), (1, 1)].map(|(x, y)| &pattern.color_at(x, y).name()[..1]).concat();
+            assert_eq!(letters, pattern.name());
+            for (x, y) in [(0, 0), (5, 2), (4, 7), (9, 9)] {
+                assert_eq!(pattern.color_at(x, y), pattern.color_at(x + 2, y + 4));
+            }
+        }
+    }
+
+    #[test]
+    fn gains_undo_what_filters_do_to_grey() {
+        let nm = Nanometres;
+        // Flat curves: electrons are as the efficiencies.
+        let flat = |eta| QuantumEfficiency::new(vec![(nm(550.0), eta)]).expect("a curve");
+        let filter =
+            ColorFilter { pattern: BayerPattern::Rggb, curves: [flat(0.2), flat(0.4), flat(0.1)], white_balance: true };
+        for (got, expected) in filter.grey_gains().into_iter().zip([2.0, 1.0, 4.0]) {
+            assert!((got - expected).abs() < 1e-12, "{:?}", filter.grey_gains());
+        }
+    }
+
+    #[test]
+    fn the_efficiency_is_interpolated_and_held_beyond_the_ends() {
+        let nm = Nanometres;
+        let curve = QuantumEfficiency::new(vec![(nm(400.0), 0.2), (nm(500.0), 0.6), (nm(700.0), 0.4)]).expect("curve");
+        for (at, expected) in
+            [(300.0, 0.2), (400.0, 0.2), (450.0, 0.4), (500.0, 0.6), (600.0, 0.5), (700.0, 0.4), (900.0, 0.4)]
+        {
+            assert!((curve.at(nm(at)) - expected).abs() < 1e-12, "at {at} nm: {}", curve.at(nm(at)));
+        }
+        for bad in [vec![], vec![(nm(500.0), 0.0)], vec![(nm(500.0), 0.5), (nm(500.0), 0.6)], vec![(nm(f64::NAN), 0.5)]]
+        {
+            assert!(QuantumEfficiency::new(bad).is_err());
+        }
+    }
+}
