@@ -123,7 +123,7 @@ fn a_report_stands_alone_and_its_numbers_are_those_of_the_tables() {
 
     // The numbers: each table of the page against its file, cell by cell.
     let mut tables = 0;
-    for name in ["noise", "hidden", "stages", "effects"] {
+    for name in ["noise", "hidden", "denoised", "stages", "effects"] {
         let id = format!("table-{name}");
         let table = document.descendants().find(|n| n.attribute("id") == Some(&id)).unwrap_or_else(|| panic!("{id}"));
         let shown: Vec<&str> = table.descendants().filter_map(|n| n.attribute("value")).collect();
@@ -134,7 +134,7 @@ fn a_report_stands_alone_and_its_numbers_are_those_of_the_tables() {
         assert!(!shown.is_empty(), "{name} is empty");
         tables += 1;
     }
-    assert_eq!(tables, 4);
+    assert_eq!(tables, 5);
 
     // Every strategy at every rung, with a spread that is known; every chart as a file of its own.
     let noise = bench.table(&format!("{home}/noise.csv"));
@@ -147,7 +147,7 @@ fn a_report_stands_alone_and_its_numbers_are_those_of_the_tables() {
         }
     }
     let charts: Vec<String> = bench.names(home).into_iter().filter(|n| n.ends_with(".svg")).collect();
-    assert_eq!(charts.len(), 9, "{charts:?}");
+    assert_eq!(charts.len(), 11, "{charts:?}");
     for chart in charts {
         let text = bench.read(&format!("{home}/{chart}"));
         roxmltree::Document::parse(&text).unwrap_or_else(|e| panic!("{chart}: {e}"));
@@ -165,6 +165,51 @@ fn what_leaving_out_does_is_measured_where_it_is() {
     assert!(number("bias_mean").abs() > 10.0 * number("bias_mean_error"), "{effects:?}");
     assert!(number("sigma_p99") > 3.0 * number("sigma_p99_noise"), "{effects:?}");
     assert_eq!(effects[0]["visible"], "yes");
+}
+
+#[test]
+fn a_denoiser_is_shown_beside_what_it_was_given_and_nothing_else_reads_it() {
+    let bench = Bench::new();
+    let flags = "--effects none --strategies uniform --reference-spp 1024 --spp 4,64 --seeds 8";
+    let line = |denoise: &str, out: &str| {
+        let tiny = TINY.replace("--spp 2,4 --seeds 4", flags).replace("--width 20 --height 14", "--width 96 --height 72");
+        bench.run(&format!("{tiny} --denoise {denoise} -o {out}")).code(0);
+    };
+    line("builtin", "on");
+    line("off", "off");
+    let rows = bench.table("on/denoised.csv");
+    let number = |denoiser: &str, spp: &str, key: &str| {
+        let row = rows.iter().find(|r| r["denoiser"] == denoiser && r["spp"] == spp).expect("a row");
+        row[key].parse::<f64>().unwrap_or_else(|_| panic!("{key}: {row:?}"))
+    };
+    assert_eq!(rows.len(), 4, "{rows:?}");
+    for spp in ["4", "64"] {
+        // Renders as they are have no error but their noise, within five standard errors of the sum of both.
+        let noise = bench.table("on/noise.csv");
+        let noise = noise.iter().find(|r| r["spp"] == spp).expect("a row");
+        let [v, e] =
+            ["variance_over_sensor", "variance_over_sensor_error"].map(|k| noise[k].parse::<f64>().expect("one"));
+        let (error, of_error) = (number("off", spp, "squared_error"), number("off", spp, "squared_error_error"));
+        assert!((error - v).abs() < 5.0 * (e + of_error), "{spp}: {error} +- {of_error} against {v} +- {e}");
+        assert_eq!(number("off", spp, "error_over_off"), 1.0);
+    }
+    // Few samples gain from the filter, and what it smooths it has less of from render to render.
+    assert!(number("builtin", "4", "error_over_off") < 0.9, "{rows:?}");
+    assert!(number("builtin", "4", "noise_share") < 100.0, "{rows:?}");
+    assert!(number("builtin", "4", "seconds") > number("off", "4", "seconds"));
+    let page = bench.read("on/report.html");
+    assert!(page.contains("What a denoiser does") && page.contains("denoised by builtin"));
+    assert!(!bench.read("off/report.html").contains("What a denoiser does"));
+    assert!(!bench.names("off").contains("denoised.csv"));
+    // Everything else is what it is without one, but for the clock.
+    for name in ["noise", "hidden"] {
+        let timeless = |folder: &str| {
+            let mut rows = bench.table(&format!("{folder}/{name}.csv"));
+            rows.iter_mut().for_each(|r| r.retain(|k, _| !k.contains("seconds") && k != "over_best"));
+            rows
+        };
+        assert_eq!(timeless("on"), timeless("off"), "{name}");
+    }
 }
 
 #[test]
@@ -218,7 +263,7 @@ fn an_interrupted_bench_goes_on_and_comes_to_the_same_numbers() {
         rows.iter_mut().for_each(|row| row.retain(|key, _| !clocks.contains(&key.as_str())));
         rows
     };
-    for name in ["noise", "hidden", "effects"] {
+    for name in ["noise", "hidden", "denoised", "effects"] {
         assert_eq!(timeless("cut", name), timeless("whole", name), "{name}");
     }
 }
@@ -236,6 +281,7 @@ fn a_folder_stays_with_what_it_measured() {
         ("--spp", "2,8", "settings"),
         ("--seeds", "6", "settings"),
         ("--sensor", "imx174", "sensor"),
+        ("--denoise", "off", "list of denoisers is empty now"),
     ];
     for (flag, value, difference) in others {
         let line = tiny_but(flag, value) + " --effects none --strategies uniform -o out";
@@ -271,6 +317,10 @@ fn what_cannot_be_measured_is_refused_with_its_mend() {
         ("bench <scene>.obj --effects every-light", "looking for light"),
         ("bench <scene>.obj --strategies uniform,sobel,uniform", "strategies"),
         ("bench <scene>.obj --noise 0", "k"),
+        ("bench <scene>.obj --denoise builtin,builtin", "denoise"),
+        ("bench <scene>.obj --denoise off,builtin", "denoise"),
+        ("bench <scene>.obj --denoise builtin --oidn lib", "named and not used"),
+        ("bench <scene>.obj --oidn nosuch", "nosuch"),
         ("bench <scene>.obj --width 8 --height 8 -o taken", "in the way"),
         ("bench <scene>.obj --sensor nosuch", "nosuch"),
     ];

@@ -1,6 +1,7 @@
 //! The flags. Doc comments are the help texts; values are checked here, before any file is opened.
 
 use clap::{ArgGroup, Args, Parser, Subcommand, ValueEnum};
+use dunkelfeld::DenoiseMethod;
 use dunkelfeld::adaptive::Strategy;
 use dunkelfeld::integrator::PixelSample;
 use dunkelfeld::io::quantity::Time;
@@ -215,6 +216,13 @@ pub(crate) struct BenchArgs {
     /// The effects to leave out, one at a time, or none [default: all that the scene calls for].
     #[arg(long, value_name = "EFFECT,...|none", value_parser = effect_choice)]
     pub(crate) effects: Option<EffectChoice>,
+    /// The denoisers to compare, or off [default: builtin, and oidn where this machine has it]. What is not denoised is
+    /// always measured, and everything but the denoisers' own section is about it.
+    #[arg(long, value_name = "NAME,NAME|off", value_delimiter = ',', value_enum)]
+    pub(crate) denoise: Vec<Denoise>,
+    /// Intel Open Image Denoise 1.4 or 2: the library or its folder [default: DUNKELFELD_OIDN, then where systems have it].
+    #[arg(long, value_name = "PATH")]
+    pub(crate) oidn: Option<PathBuf>,
     /// Samples per pixel of the renders with and without an effect [default: a quarter of the ladder's top].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     pub(crate) effect_spp: Option<u32>,
@@ -304,6 +312,17 @@ pub(crate) enum Denoise {
     Oidn,
     /// The built-in filter: needs nothing, and trusts what is known of the noise.
     Builtin,
+}
+
+impl From<Denoise> for DenoiseMethod {
+    fn from(method: Denoise) -> Self {
+        match method {
+            Denoise::Off => Self::Off,
+            Denoise::Auto => Self::Auto,
+            Denoise::Oidn => Self::Oidn,
+            Denoise::Builtin => Self::Builtin,
+        }
+    }
 }
 
 /// The noise of an exposure on the command line.

@@ -1,12 +1,12 @@
 //! `dunkelfeld bench`: flags onto a project and a measurement, then what was found and where it lies.
 
-use crate::args::BenchArgs;
+use crate::args::{BenchArgs, Denoise};
 use crate::bar::Sink;
 use crate::commands::render::apply_sensor;
 use crate::interrupt::cancel_on_interrupt;
 use crate::outcome::{Outcome, print, say};
 use dunkelfeld::bench::{BenchSettings, bench, default_folder};
-use dunkelfeld::{Error, Progress, ProgressState, Project, Stage};
+use dunkelfeld::{DenoiseMethod, Error, Progress, ProgressState, Project, Stage};
 use std::time::Instant;
 
 pub(crate) fn run(args: &BenchArgs, started: Instant) -> Result<Outcome, Error> {
@@ -50,6 +50,12 @@ fn settings(args: &BenchArgs) -> BenchSettings {
     if !args.noise.is_empty() {
         settings.levels.clone_from(&args.noise);
     }
+    settings.denoisers = match args.denoise.as_slice() {
+        [] | [Denoise::Auto] => None,
+        [Denoise::Off] => Some(Vec::new()),
+        named => Some(named.iter().map(|d| DenoiseMethod::from(*d)).collect()),
+    };
+    settings.oidn.clone_from(&args.oidn);
     settings.seeds = args.seeds.unwrap_or(settings.seeds);
     settings.effect_spp = args.effect_spp.unwrap_or(settings.effect_spp);
     settings.reference_spp = args.reference_spp.unwrap_or(settings.reference_spp);

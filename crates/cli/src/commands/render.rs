@@ -159,13 +159,7 @@ fn apply_exposure_noise(noise: Option<NoiseKind>, s: &mut RenderSettings) -> Res
 
 /// Another denoiser, as the flags of any command name it. A library that is named is meant to be used.
 pub(crate) fn apply_denoise(method: Option<Denoise>, oidn: Option<&PathBuf>, s: &mut DenoiseSettings) {
-    let named = method.map(|method| match method {
-        Denoise::Off => DenoiseMethod::Off,
-        Denoise::Auto => DenoiseMethod::Auto,
-        Denoise::Oidn => DenoiseMethod::Oidn,
-        Denoise::Builtin => DenoiseMethod::Builtin,
-    });
-    if let Some(method) = named.or(oidn.map(|_| DenoiseMethod::Oidn)) {
+    if let Some(method) = method.map(DenoiseMethod::from).or(oidn.map(|_| DenoiseMethod::Oidn)) {
         s.method = method;
         if matches!(method, DenoiseMethod::Off | DenoiseMethod::Builtin) {
             // The job's library goes with its denoiser.

@@ -7,7 +7,7 @@ use super::chart::lines::{self, Axes, Mark, Series};
 use super::chart::{Chart, HOLLOW};
 use super::hidden::growth;
 use super::maps::{self, Map};
-use super::results::{Point, Results, Top, rounded};
+use super::results::{Look, OFF, Point, Results, Top, rounded, shown_strategy};
 use super::statistics::Estimate;
 use crate::error::Error;
 use dunkelfeld_adaptive::allocation::Strategy;
@@ -80,6 +80,67 @@ pub(super) fn noise(r: &Results) -> Vec<[Chart; 2]> {
         lines::draw(&format!("noise-{}-{against}", measure.key), &title, &axes, &series)
     };
     measures(r).iter().map(|m| [chart(m, true), chart(m, false)]).collect()
+}
+
+/// What denoisers do to the noise that is seen and to the error, against time, with one strategy.
+pub(super) fn denoised(r: &Results) -> Vec<Chart> {
+    let Some(strategy) = shown_strategy(&r.settings.strategies).filter(|_| !r.denoised.is_empty()) else {
+        return Vec::new();
+    };
+    let has_sensor = r.view.has_sensor();
+    let error = if has_sensor {
+        "squared error over the sensor\u{2019}s variance"
+    } else {
+        "squared error [(W/(m\u{b2} sr))\u{b2}]"
+    };
+    let measures = [
+        Measure { key: "picture", axis: "variance of the 8-bit picture [DN\u{b2}]".into(), of: |p| Some(p.picture) },
+        Measure { key: "error", axis: error.into(), of: |p| p.squared_error },
+    ];
+    let names = || [OFF].into_iter().chain(r.denoisers.iter().map(|d| d.0));
+    let chart = |measure: &Measure| {
+        let series = names().enumerate().map(|(i, name)| {
+            let points = r.denoised.iter().filter(|p| p.strategy == strategy && p.denoiser == name);
+            let marks = points.filter_map(|p| {
+                let noise = (measure.of)(p)?;
+                let hint = format!(
+                    "{name}, {} samples per pixel, {} s: {} \u{b1} {}",
+                    p.spp,
+                    rounded(p.seconds.value),
+                    rounded(noise.value),
+                    rounded(noise.error)
+                );
+                Some(Mark { x: p.seconds.value, y: noise.value, error: noise.error, hint })
+            });
+            // Left as it is, it has the colour of its strategy; the others those that no strategy has, then the hollow one's.
+            let color = [color_of(strategy), Strategy::ALL.len() + 1, HOLLOW][i.min(2)];
+            let name = if name == OFF { format!("{strategy}, not denoised") } else { name.into() };
+            Series { color, name, marks: marks.collect() }
+        });
+        let series: Vec<Series> = series.filter(|s| !s.marks.is_empty()).collect();
+        let levels = r.settings.levels.iter().filter(|_| has_sensor && measure.key == "error");
+        let levels = levels.map(|k| (k * k, format!("k = {k}"))).collect();
+        let axes = Axes { x: "time of one render, denoised [s]", y: &measure.axis, levels, slope: "1 / time" };
+        let title = format!("{} against time, with and without denoiser", measure.axis);
+        lines::draw(&format!("denoised-{}", measure.key), &title, &axes, &series)
+    };
+    measures.iter().map(chart).collect()
+}
+
+/// Variance between renders with and without denoiser, at both ends of the ladder, on one scale.
+pub(super) fn denoised_maps(r: &Results) -> Result<Vec<Map>, Error> {
+    let Some(like) = r.looks.iter().find(|l| l.denoiser == OFF) else { return Ok(Vec::new()) };
+    let map = |look: &Look| {
+        let caption =
+            format!("variance between renders, {}, {} samples per pixel", denoiser_words(look.denoiser), look.spp);
+        maps::logarithmic(&look.picture_variance, &like.picture_variance, "DN\u{b2}", caption)
+    };
+    r.looks.iter().map(map).collect()
+}
+
+/// What was done to a render, in words.
+pub(super) fn denoiser_words(denoiser: &str) -> String {
+    if denoiser == OFF { "not denoised".into() } else { format!("denoised by {denoiser}") }
 }
 
 /// The time until hidden.

@@ -1,5 +1,6 @@
 //! The measurement itself: which renders are missing, making them one by one, then the report.
 
+use super::denoised::{Filter, filters};
 use super::page;
 use super::results::{About, Results};
 use super::settings::{BenchSettings, can_be_left_out};
@@ -75,6 +76,7 @@ pub fn bench(
     // The renders' noise is what is measured; no picture shall hide it.
     project.settings.exposure_noise = ExposureNoise::Plain;
     let settings = &for_sensor(settings, project.settings.has_sensor())?;
+    let filters = filters(settings)?;
     let store = Store::open(folder, restart)?;
     let effects = effects(&project, settings);
     if settings.quick && !own_size {
@@ -87,13 +89,28 @@ pub fn bench(
     }
     let fitted = project.fitted()?;
     let threads = thread_pool(fitted.threads)?.current_num_threads();
-    let binding =
-        Manifest::new(&project.scene, &camera(&project.scene, &fitted)?, &fitted, threads, settings.summary());
+    let names: Vec<String> = filters.iter().map(Filter::name).collect();
+    let binding = Manifest::new(
+        &project.scene,
+        &camera(&project.scene, &fitted)?,
+        &fitted,
+        threads,
+        names.clone(),
+        settings.summary(),
+    );
     store.bind(&binding)?;
 
     let all = units(settings, &effects, fitted.pilot_spp);
     let reference = Unit { purpose: Purpose::Reference, spp: settings.reference_spp, index: 0 };
-    let bench = Bench { project: &project, input, fitted: &fitted, store: &store, reference, top: top(settings) };
+    let bench = Bench {
+        project: &project,
+        input,
+        fitted: &fitted,
+        store: &store,
+        filters: &filters,
+        reference,
+        top: top(settings),
+    };
     let invalid_samples = bench.make(&all, progress, cancel)?;
     progress.update(&ProgressState { stage: Stage::Write, fraction: 1.0, elapsed: 0.0, remaining: None, samples: 0 });
     let finished = [count_finished(&store, &all, fitted.seed)?, all.len()];
@@ -102,6 +119,7 @@ pub fn bench(
         threads,
         finished,
         effects: &effects,
+        denoisers: filters.iter().map(|f| f.key).zip(names).collect(),
         reference,
     };
     // Without the reference there is nothing to say.
@@ -174,6 +192,7 @@ struct Bench<'a> {
     input: &'a Path,
     fitted: &'a RenderSettings,
     store: &'a Store,
+    filters: &'a [Filter],
     reference: Unit,
     /// Samples per pixel of the top rung, whose exposing and writing are timed.
     top: u32,
@@ -275,6 +294,13 @@ impl Bench<'_> {
         }
         let stated = view.signal_variance(&rendering.film.variance()).map(|&v| f64::from(v));
         let is_reference = unit.purpose == Purpose::Reference;
+        let is_point = matches!(unit.purpose, Purpose::Point(_));
+        let mut denoised = Vec::new();
+        for filter in self.filters.iter().filter(|_| is_point) {
+            let done = thread_pool(settings.threads)?.install(|| filter.apply(&rendering.film, view, cancel))?;
+            let Some(done) = done else { return Ok(None) };
+            denoised.push(done);
+        }
         let record = Record {
             name: unit.name(),
             seed: settings.seed,
@@ -285,10 +311,12 @@ impl Bench<'_> {
             invalid_samples: rendering.film.invalid_samples(),
             seconds,
             total_seconds,
+            denoise_seconds: denoised.iter().map(|d| (d.key.to_string(), d.seconds)).collect(),
             stated_variance: Some(super::statistics::masked_mean(&stated, counts)).filter(|v| v.is_finite()),
         };
-        let keeps_counts = matches!(unit.purpose, Purpose::Point(_)) && unit.index == 0;
-        let kept = layers(view.signal(&mean), keeps_counts.then(|| rendering.plan()), is_reference.then_some(&mean));
+        let keeps_counts = is_point && unit.index == 0;
+        let kept =
+            layers(view.signal(&mean), denoised, keeps_counts.then(|| rendering.plan()), is_reference.then_some(&mean));
         self.store.keep(&record, kept)?;
         Ok(Some(record))
     }

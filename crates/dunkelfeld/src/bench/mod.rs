@@ -3,11 +3,12 @@
 //!
 //! The way of a bench: [`BenchSettings`] become a list of units (`units.rs`), each a render with a seed of its own.
 //! `measure.rs` renders them and `store.rs` keeps each one as soon as it is finished, so that an interrupted bench goes on
-//! where it was. `results.rs` reads them back and asks the pure functions of `statistics.rs`, `hidden.rs` and
-//! `ablation.rs` what they say; `tables.rs`, `figures.rs` and `page.rs` write it down.
+//! where it was; `denoised.rs` has what denoisers make of them. `results.rs` reads them back and asks the pure functions of
+//! `statistics.rs`, `hidden.rs` and `ablation.rs` what they say; `tables.rs`, `figures.rs` and `page.rs` write it down.
 
 mod ablation;
 mod chart;
+mod denoised;
 mod figures;
 mod hidden;
 mod maps;

@@ -5,7 +5,7 @@ use super::chart::{Chart, PALETTE, STYLE, escape};
 use super::figures;
 use super::hidden::{SHARE, growth};
 use super::maps::{self, Map};
-use super::results::{Results, duration, rounded};
+use super::results::{OFF, Results, duration, rounded};
 use super::statistics::POOL;
 use super::tables::{Table, tables};
 use crate::error::Error;
@@ -48,9 +48,11 @@ struct Shown {
 /// Everything that is on the page.
 struct Report<'a> {
     r: &'a Results,
-    tables: [Table; 4],
+    tables: [Table; 5],
     noise: Vec<[Chart; 2]>,
     hidden: Option<Chart>,
+    denoised: Vec<Chart>,
+    denoised_maps: Vec<Map>,
     stages: Option<Chart>,
     effects: Option<Chart>,
     samples: Vec<Map>,
@@ -67,6 +69,8 @@ impl<'a> Report<'a> {
             tables: tables(r),
             noise: if r.points.is_empty() { Vec::new() } else { figures::noise(r) },
             hidden: figures::hidden(r),
+            denoised: figures::denoised(r),
+            denoised_maps: figures::denoised_maps(r)?,
             stages: figures::stages(r),
             effects: figures::effects(r),
             samples: figures::samples(r)?,
@@ -76,7 +80,7 @@ impl<'a> Report<'a> {
     }
 
     fn charts(&self) -> impl Iterator<Item = &Chart> {
-        self.noise.iter().flatten().chain(&self.hidden).chain(&self.stages).chain(&self.effects)
+        self.noise.iter().flatten().chain(&self.hidden).chain(&self.denoised).chain(&self.stages).chain(&self.effects)
     }
 
     fn table(&self, name: &str) -> String {
@@ -92,6 +96,7 @@ impl<'a> Report<'a> {
             self.head(),
             self.noise_section(),
             self.hidden_section(),
+            self.denoised_section(),
             self.samples_section(),
             self.stages_section(),
             self.effects_section(),
@@ -236,6 +241,24 @@ impl<'a> Report<'a> {
         )
     }
 
+    fn denoised_section(&self) -> String {
+        if self.denoised.is_empty() {
+            return String::new();
+        }
+        let charts: String = self.denoised.iter().map(|c| format!("<figure>{}</figure>", c.inline())).collect();
+        let error = if self.r.view.has_sensor() { ", over the sensor\u{2019}s variance" } else { "" };
+        format!(
+            "<section><h2>What a denoiser does</h2><p>The same renders, denoised. The first chart is what the paper shows: the \
+             variance of the 8-bit picture from render to render. A denoiser smooths it away, but what it smooths wrongly is \
+             the same in every render, and no variance shows that. The second is the squared error against the truth, noise and \
+             bias together{error}: for renders as they are it is their variance. A denoised image is for looking at; no \
+             measure of hiding, certificate or photon transfer reads it.</p><div class=\"charts\">{charts}</div>\
+             <div class=\"maps\">{}</div>{}</section>",
+            self.denoised_maps.iter().map(figure).collect::<String>(),
+            self.table("denoised")
+        )
+    }
+
     fn samples_section(&self) -> String {
         if self.samples.is_empty() {
             return String::new();
@@ -370,11 +393,15 @@ impl<'a> Report<'a> {
                 ),
             ),
             ("effects", format!("{} samples per pixel, uniform", s.effect_spp)),
+            ("denoisers", list(&r.denoisers.iter().map(|d| d.1.clone()).collect::<Vec<_>>())),
             ("threads", r.threads.to_string()),
             ("program", r.program.clone()),
         ];
-        let facts: String =
-            facts.iter().map(|(name, value)| format!("<dt>{name}</dt><dd>{}</dd>", escape(value))).collect();
+        let facts: String = facts
+            .iter()
+            .filter(|(_, value)| !value.is_empty())
+            .map(|(name, value)| format!("<dt>{name}</dt><dd>{}</dd>", escape(value)))
+            .collect();
         let sensor = if r.view.has_sensor() {
             "<li>Sensor variance s = \u{3bc}<sub>e</sub> + \u{3c3}<sub>d</sub>\u{b2} + \u{3c3}<sub>q</sub>\u{b2}/K\u{b2} with \
              \u{3c3}<sub>q</sub>\u{b2} = 1/12 DN\u{b2} (EMVA 1288), at the electrons of the reference. v is the variance of the rendered \
@@ -389,6 +416,9 @@ impl<'a> Report<'a> {
              {sensor}\
              <li>\u{201c}Stated / measured\u{201d}: the variance that renders state of themselves, from four batches of samples and \
              with the channels of a pixel taken to rise and fall together, over the variance between renders.</li>\
+             <li>Squared error: (x \u{2212} a)(x \u{2212} b) over the pixels that are not saturated, where x is the image, a the \
+             reference, and b the mean of the strategy\u{2019}s renders at the top of the ladder without the one that x was made from: \
+             the noise of a and b, which are independent and unbiased, adds nothing to its expectation.</li>\
              <li>The renders are made in turns, one of each strategy and number of samples after another, so that a machine \
              that slows down slows all alike.</li>\
              <li>The finished renders lie in <code>units/</code>, a small text and an image each; what was measured can be \
@@ -420,6 +450,12 @@ fn pictures(r: &Results) -> Result<Vec<Shown>, Error> {
     }
     for top in &r.tops {
         signals.push((format!("{}, {} samples per pixel", top.strategy, top.spp), &top.signal));
+    }
+    for look in r.looks.iter().filter(|l| l.denoiser != OFF) {
+        signals.push((
+            format!("{}, {} samples per pixel, denoised by {}", look.strategy, look.spp, look.denoiser),
+            &look.signal,
+        ));
     }
     signals.push((format!("reference, {} samples per pixel", r.settings.reference_spp), &r.reference));
     let mut shown = Vec::new();

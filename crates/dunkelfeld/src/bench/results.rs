@@ -2,6 +2,7 @@
 
 use super::ablation::{Bias, bias};
 use super::chart::power_of_ten;
+use super::denoised::Truth;
 use super::hidden::{Price, price, share, worst_ratio};
 use super::settings::BenchSettings;
 use super::statistics::{Deviations, Estimate, masked_mean, mean, rank_correlation};
@@ -21,26 +22,32 @@ pub(super) struct About<'a> {
     /// Finished units, and all.
     pub(super) finished: [usize; 2],
     pub(super) effects: &'a [Effect],
+    /// Denoisers: name in tables, name with version.
+    pub(super) denoisers: Vec<(&'static str, String)>,
     pub(super) reference: Unit,
 }
 
-/// One point of the charts: a strategy at a number of samples.
+/// One point of the charts: a strategy at a number of samples, with a denoiser or without.
 #[derive(Clone, Debug)]
 pub(super) struct Point {
     pub(super) strategy: Strategy,
-    /// What was done to the image afterwards. Nothing, as long as there is no denoiser to compare.
+    /// What was done to the image afterwards; [`OFF`] if nothing.
     pub(super) denoiser: &'static str,
     /// Samples per pixel, on average.
     pub(super) spp: u32,
     /// Renders behind it.
     pub(super) seeds: usize,
-    /// Seconds of rendering of one of them.
+    /// Seconds of rendering and denoising of one of them.
     pub(super) seconds: Estimate,
     /// Mean variance between the renders: of the 8-bit picture, of the linear signal, and over the sensor's own.
     pub(super) picture: Estimate,
     pub(super) signal: Estimate,
     pub(super) ratio: Option<Estimate>,
-    /// The variance that the renders state of themselves, over the one that was measured.
+    /// Mean squared error against the truth, noise and bias: of the linear signal, over the sensor's variance if there is
+    /// one. Only where denoisers are compared, and there are renders enough at the top of the ladder.
+    pub(super) squared_error: Option<Estimate>,
+    /// The variance that the renders state of themselves, over the one that was measured; nothing knows that of an image
+    /// that was denoised.
     pub(super) stated: f64,
     /// Share of the pixels hidden at one half.
     pub(super) hidden: Option<f64>,
@@ -60,6 +67,18 @@ pub(super) struct Top {
     /// Seconds by stage: means over the renders; exposing and writing of the first.
     pub(super) stages: Vec<(String, f64)>,
     pub(super) prices: Vec<Price>,
+}
+
+/// What a denoiser makes of the renders of a point: beside one another, with and without.
+#[derive(Clone, Debug)]
+pub(super) struct Look {
+    pub(super) strategy: Strategy,
+    pub(super) denoiser: &'static str,
+    pub(super) spp: u32,
+    /// Variance between the renders, of the 8-bit picture [DN^2].
+    pub(super) picture_variance: Plane<f64>,
+    /// What the first render shows.
+    pub(super) signal: Plane<f32>,
 }
 
 /// A scene without one of its effects.
@@ -84,7 +103,13 @@ pub(super) struct Results {
     pub(super) camera: String,
     pub(super) settings: BenchSettings,
     pub(super) finished: [usize; 2],
+    /// Points of renders as they are.
     pub(super) points: Vec<Point>,
+    /// Denoisers: name in tables, name with version.
+    pub(super) denoisers: Vec<(&'static str, String)>,
+    /// With and without each of them, by strategy; empty if there are none.
+    pub(super) denoised: Vec<Point>,
+    pub(super) looks: Vec<Look>,
     pub(super) tops: Vec<Top>,
     pub(super) ablations: Vec<Ablation>,
     pub(super) reference: Plane<f32>,
@@ -119,13 +144,14 @@ impl Results {
         let highest = settings.ladder.last().copied();
         for &strategy in &settings.strategies {
             for &spp in &settings.ladder {
-                let Some((point, deviations, renders)) = reader.point(strategy, spp)? else { continue };
+                let Some((point, deviations, renders)) = reader.point(strategy, spp, OFF)? else { continue };
                 if Some(spp) == highest {
                     tops.push(reader.top(&point, &deviations, &renders)?);
                 }
                 points.push(point);
             }
         }
+        let (denoised, looks) = reader.denoised(&about.denoisers, &reference)?;
         let pilot = Unit { purpose: Purpose::Pilot, spp: render.pilot_spp, index: 0 };
         let pilot = match store.record(&pilot, base)? {
             Some(_) => Some((render.pilot_spp, store.signal(&pilot)?)),
@@ -148,6 +174,9 @@ impl Results {
             settings: settings.clone(),
             finished: about.finished,
             points,
+            denoisers: about.denoisers.clone(),
+            denoised,
+            looks,
             tops,
             ablations: reader.ablations(about.effects)?,
             unsaturated: counts.iter().filter(|c| **c).count() as f64 / counts.len().max(1) as f64,
@@ -198,6 +227,14 @@ impl Results {
     }
 }
 
+/// The denoiser of renders that are left as they are.
+pub(super) const OFF: &str = "off";
+
+/// The strategy by which denoisers are shown: the one that renders have by default if it is there.
+pub(super) fn shown_strategy(strategies: &[Strategy]) -> Option<Strategy> {
+    strategies.iter().copied().find(|s| *s == Strategy::Sensor).or(strategies.first().copied())
+}
+
 /// Three digits, as people read them.
 pub(super) fn rounded(v: f64) -> String {
     if !v.is_finite() {
@@ -244,20 +281,23 @@ impl Reader<'_> {
         Ok(found)
     }
 
-    fn signals(&self, units: &[(Unit, Record)]) -> Result<Vec<Plane<f32>>, Error> {
-        units.iter().map(|(unit, _)| self.store.signal(unit)).collect()
+    fn signals(&self, units: &[(Unit, Record)], denoiser: &str) -> Result<Vec<Plane<f32>>, Error> {
+        let signal = |unit| if denoiser == OFF { self.store.signal(unit) } else { self.store.denoised(unit, denoiser) };
+        units.iter().map(|(unit, _)| signal(unit)).collect()
     }
 
     /// A point with its spread; `None` with fewer than three renders.
-    fn point(&self, strategy: Strategy, spp: u32) -> Result<Option<Measured>, Error> {
+    fn point(&self, strategy: Strategy, spp: u32, denoiser: &'static str) -> Result<Option<Measured>, Error> {
         let units = self.finished(Purpose::Point(strategy), spp)?;
-        let signals = self.signals(&units)?;
+        let signals = self.signals(&units, denoiser)?;
         let pictures: Vec<Plane<f32>> = signals.iter().map(|p| self.view.picture(p).map(|&v| f32::from(v))).collect();
         let (Some(picture), Some(signal)) = (Deviations::of(&pictures), Deviations::of(&signals)) else {
             return Ok(None);
         };
-        let seconds: Vec<f64> = units.iter().map(|(_, r)| r.total_seconds).collect();
+        let denoising = |r: &Record| r.denoise_seconds.get(denoiser).copied().unwrap_or(0.0);
+        let seconds: Vec<f64> = units.iter().map(|(_, r)| r.total_seconds + denoising(r)).collect();
         let stated: Vec<f64> = units.iter().filter_map(|(_, r)| r.stated_variance).collect();
+        let is_off = denoiser == OFF;
         let all = vec![true; self.counts.len()];
         let linear = signal.jackknife(|v| masked_mean(v, self.counts));
         let ratio = self.s.map(|s| {
@@ -269,15 +309,16 @@ impl Reader<'_> {
         });
         let point = Point {
             strategy,
-            denoiser: "off",
+            denoiser,
             spp,
             seeds: units.len(),
             seconds: mean(&seconds),
             picture: picture.jackknife(|v| masked_mean(v, &all)),
             signal: linear,
             ratio,
-            stated: mean(&stated).value / linear.value,
-            hidden: self.s.map(|s| share(&signal.variance(), s, self.counts, 0.5)),
+            squared_error: None,
+            stated: if is_off { mean(&stated).value / linear.value } else { f64::NAN },
+            hidden: self.s.filter(|_| is_off).map(|s| share(&signal.variance(), s, self.counts, 0.5)),
         };
         Ok(Some((point, signal, signals)))
     }
@@ -304,11 +345,47 @@ impl Reader<'_> {
         })
     }
 
+    /// Points with and without each denoiser, and what they look like at both ends of the ladder.
+    fn denoised(
+        &self,
+        denoisers: &[(&'static str, String)],
+        reference: &Plane<f32>,
+    ) -> Result<(Vec<Point>, Vec<Look>), Error> {
+        let (mut points, mut looks) = (Vec::new(), Vec::new());
+        let (Some(&lowest), Some(&highest)) = (self.settings.ladder.first(), self.settings.ladder.last()) else {
+            return Ok((points, looks));
+        };
+        if denoisers.is_empty() {
+            return Ok((points, looks));
+        }
+        let shown = shown_strategy(&self.settings.strategies);
+        for &strategy in &self.settings.strategies {
+            let top = self.signals(&self.finished(Purpose::Point(strategy), highest)?, OFF)?;
+            let truth = Truth::new(reference, &top, self.counts, self.s);
+            for key in [OFF].into_iter().chain(denoisers.iter().map(|d| d.0)) {
+                for &spp in &self.settings.ladder {
+                    let Some((mut point, _, signals)) = self.point(strategy, spp, key)? else { continue };
+                    point.squared_error = truth.as_ref().map(|t| t.error(&signals, spp == highest));
+                    if Some(strategy) == shown && (spp == lowest || spp == highest) {
+                        let pictures: Vec<_> =
+                            signals.iter().map(|p| self.view.picture(p).map(|&v| f32::from(v))).collect();
+                        if let (Some(spread), Some(signal)) = (Deviations::of(&pictures), signals.into_iter().next()) {
+                            let picture_variance = spread.variance();
+                            looks.push(Look { strategy, denoiser: key, spp, picture_variance, signal });
+                        }
+                    }
+                    points.push(point);
+                }
+            }
+        }
+        Ok((points, looks))
+    }
+
     fn ablations(&self, effects: &[Effect]) -> Result<Vec<Ablation>, Error> {
         let spp = self.settings.effect_spp;
         let mut whole = self.finished(Purpose::Effects(None), spp)?;
         whole.truncate(whole.len() / 2 * 2);
-        let signals = self.signals(&whole)?;
+        let signals = self.signals(&whole, OFF)?;
         let mut found = Vec::new();
         for &effect in effects {
             let mut units = self.finished(Purpose::Effects(Some(effect)), spp)?;
@@ -319,7 +396,9 @@ impl Reader<'_> {
                 continue;
             }
             let white = self.view.white();
-            let Some(bias) = bias(&signals[..units.len()], &self.signals(&units)?, white, self.s) else { continue };
+            let Some(bias) = bias(&signals[..units.len()], &self.signals(&units, OFF)?, white, self.s) else {
+                continue;
+            };
             let seconds = |units: &[(Unit, Record)]| units.iter().map(|(_, r)| r.total_seconds).collect::<Vec<_>>();
             let (a, b) = (seconds(with), seconds(&units));
             let saved: Vec<f64> = a.iter().zip(&b).map(|(a, b)| a - b).collect();

@@ -1,10 +1,12 @@
 //! What a bench measures, and how well.
 
+use crate::denoising::DenoiseMethod;
 use crate::error::Error;
 use dunkelfeld_adaptive::allocation::Strategy;
 use dunkelfeld_adaptive::plan::MAX_SPP;
 use dunkelfeld_scene::{Effect, SceneBuilder};
 use serde::{Deserialize, Serialize};
+use std::path::PathBuf;
 
 /// Fewest renders that tell a spread and how well it is known.
 const LEAST_SEEDS: u32 = 4;
@@ -30,6 +32,11 @@ pub struct BenchSettings {
     pub reference_spp: u32,
     /// The measures of hiding k to put a price on: the render's noise is k times the sensor's.
     pub levels: Vec<f64>,
+    /// What the renders of the points are denoised with, beside being left as they are: each of `builtin` and `oidn` at most
+    /// once. `None` takes the built-in filter, and Intel Open Image Denoise where this machine has it.
+    pub denoisers: Option<Vec<DenoiseMethod>>,
+    /// Intel Open Image Denoise: the library or the folder that it is in.
+    pub oidn: Option<PathBuf>,
     /// Shrinks the film until everything takes less than a minute on this machine.
     pub quick: bool,
 }
@@ -45,6 +52,8 @@ impl Default for BenchSettings {
             effect_spp: 32,
             reference_spp: 512,
             levels: vec![1.0, 0.7, 0.5, 0.25],
+            denoisers: None,
+            oidn: None,
             quick: false,
         }
     }
@@ -98,6 +107,16 @@ impl BenchSettings {
         }
         if self.levels.iter().any(|k| !(*k > 0.0 && *k <= 10.0)) || self.levels.is_empty() {
             return Err(Error::setting("k", "a level of hiding is out of range", "use numbers above 0 and up to 10"));
+        }
+        let denoisers = self.denoisers.as_deref().unwrap_or(&[]);
+        let unfit = |m: &DenoiseMethod| matches!(m, DenoiseMethod::Off | DenoiseMethod::Auto);
+        if denoisers.iter().any(unfit) || denoisers.iter().enumerate().any(|(i, m)| denoisers[..i].contains(m)) {
+            let mend = "name builtin, oidn or both, or off alone; what is not denoised is always measured";
+            return Err(Error::setting("denoise", "there is a denoiser twice, or one that is none", mend));
+        }
+        if self.oidn.is_some() && self.denoisers.as_ref().is_some_and(|d| !d.contains(&DenoiseMethod::Oidn)) {
+            let mend = "add oidn to the denoisers, or do not name the library";
+            return Err(Error::setting("oidn", "the library is named and not used", mend));
         }
         let technique = self.effects.iter().flatten().find(|e| e.is_technique());
         if let Some(technique) = technique {
@@ -162,7 +181,7 @@ mod tests {
     #[test]
     fn what_cannot_be_measured_is_refused_by_name() {
         type Change = fn(&mut BenchSettings);
-        let cases: [(&str, Change); 13] = [
+        let cases: [(&str, Change); 16] = [
             ("spp", |s| s.ladder = vec![]),
             ("spp", |s| s.ladder = vec![0, 4]),
             ("spp", |s| s.ladder = vec![8, 4]),
@@ -174,6 +193,9 @@ mod tests {
             ("strategies", |s| s.strategies = vec![Strategy::Uniform; 2]),
             ("strategies", |s| s.strategies = vec![Strategy::Uniform, Strategy::Sobel, Strategy::Uniform]),
             ("k", |s| s.levels = vec![f64::NAN]),
+            ("denoise", |s| s.denoisers = Some(vec![DenoiseMethod::Auto])),
+            ("denoise", |s| s.denoisers = Some(vec![DenoiseMethod::Builtin; 2])),
+            ("oidn", |s| (s.oidn, s.denoisers) = (Some("lib".into()), Some(vec![]))),
             ("effects", |s| s.effects = Some(vec![Effect::Color])),
             ("effects", |s| s.effects = Some(vec![Effect::EveryLight])),
         ];

@@ -1,5 +1,6 @@
 //! What a bench has so far: a folder with one small file for each finished render, bound to what was rendered.
 
+use super::denoised::Filtered;
 use super::settings::SettingsSummary;
 use super::units::{Unit, hash_text};
 use crate::error::Error;
@@ -18,7 +19,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 /// Version of the files in the folder.
-const VERSION: u32 = 1;
+const VERSION: u32 = 2;
 /// The folder in the bench's folder, and the file that binds it.
 const FOLDER: &str = "units";
 const MANIFEST: &str = "bench.json";
@@ -40,6 +41,8 @@ pub(super) struct Manifest {
     /// Sensor, optics and exposure.
     pub(super) sensor: String,
     pub(super) pilot_spp: u32,
+    /// Names and versions.
+    pub(super) denoisers: Vec<String>,
     pub(super) settings: SettingsSummary,
 }
 
@@ -49,6 +52,7 @@ impl Manifest {
         camera: &RayGenerator,
         settings: &RenderSettings,
         threads: usize,
+        denoisers: Vec<String>,
         summary: SettingsSummary,
     ) -> Self {
         let sensor = match &settings.sensor {
@@ -68,6 +72,7 @@ impl Manifest {
             threads,
             sensor,
             pilot_spp: settings.pilot_spp,
+            denoisers,
             settings: summary,
         }
     }
@@ -83,6 +88,7 @@ impl Manifest {
                 ("number of threads", m.threads.to_string()),
                 ("sensor", m.sensor.clone()),
                 ("samples of the pilot", m.pilot_spp.to_string()),
+                ("list of denoisers", if m.denoisers.is_empty() { "empty".into() } else { m.denoisers.join(", ") }),
                 ("settings", format!("{:?}", m.settings)),
                 ("scene or the code that renders it", m.scene.clone()),
             ]
@@ -127,6 +133,8 @@ pub(super) struct Record {
     pub(super) seconds: BTreeMap<String, f64>,
     /// Seconds of the render as a whole, without exposing and writing.
     pub(super) total_seconds: f64,
+    /// Seconds that each denoiser took, by its name in tables.
+    pub(super) denoise_seconds: BTreeMap<String, f64>,
     /// Mean over the unsaturated pixels of the variance that the render states of itself, in the square of the signal's
     /// unit. Absent in the reference, from which it is only learnt what is saturated.
     pub(super) stated_variance: Option<f64>,
@@ -195,12 +203,21 @@ impl Store {
 
     /// The linear signal of a finished unit.
     pub(super) fn signal(&self, unit: &Unit) -> Result<Plane<f32>, Error> {
+        self.plane(unit, SIGNAL)
+    }
+
+    /// The same after a denoiser.
+    pub(super) fn denoised(&self, unit: &Unit, key: &str) -> Result<Plane<f32>, Error> {
+        self.plane(unit, &denoised_layer(key))
+    }
+
+    fn plane(&self, unit: &Unit, name: &str) -> Result<Plane<f32>, Error> {
         let layers = self.layers(unit)?;
-        let plane = match layers.channel(SIGNAL) {
+        let plane = match layers.channel(name) {
             Some(Channel::F32(data)) => Plane::from_vec(layers.width, layers.height, data.clone()),
             _ => None,
         };
-        plane.ok_or_else(|| self.lacks(unit, SIGNAL))
+        plane.ok_or_else(|| self.lacks(unit, name))
     }
 
     /// The mean radiance of the reference.
@@ -240,10 +257,22 @@ impl Store {
     }
 }
 
+fn denoised_layer(key: &str) -> String {
+    format!("{key}.Y")
+}
+
 /// The layers that a unit keeps.
-pub(super) fn layers(signal: Plane<f32>, counts: Option<Plane<u32>>, radiance: Option<&Plane<[f32; 3]>>) -> ExrLayers {
+pub(super) fn layers(
+    signal: Plane<f32>,
+    denoised: Vec<Filtered>,
+    counts: Option<Plane<u32>>,
+    radiance: Option<&Plane<[f32; 3]>>,
+) -> ExrLayers {
     let mut layers = ExrLayers::new(signal.width(), signal.height());
     layers.channels.push((SIGNAL.into(), Channel::F32(signal.into_vec())));
+    for d in denoised {
+        layers.channels.push((denoised_layer(d.key), Channel::F32(d.signal.into_vec())));
+    }
     if let Some(counts) = counts {
         layers.push_integers(Single::SampleCount, counts);
     }

@@ -2,7 +2,7 @@
 
 use super::chart::escape;
 use super::hidden::growth;
-use super::results::{Results, rounded};
+use super::results::{OFF, Point, Results, rounded};
 use super::statistics::Estimate;
 use std::fmt::Write;
 
@@ -140,15 +140,14 @@ fn quoted(text: &str) -> String {
 }
 
 /// All tables of a report.
-pub(super) fn tables(r: &Results) -> [Table; 4] {
-    [noise(r), hidden(r), stages(r), effects(r)]
+pub(super) fn tables(r: &Results) -> [Table; 5] {
+    [noise(r), hidden(r), denoised(r), stages(r), effects(r)]
 }
 
 fn noise(r: &Results) -> Table {
     let has_sensor = r.view.has_sensor();
     let mut columns = vec![
         column("strategy", "strategy", ""),
-        column("denoiser", "denoiser", ""),
         column("spp", "samples", "per pixel"),
         column("seeds", "renders", ""),
         estimate("seconds", "time", "s"),
@@ -161,13 +160,12 @@ fn noise(r: &Results) -> Table {
         column("stated_over_measured", "stated / measured", ""),
     ];
     if has_sensor {
-        columns.insert(7, estimate("variance_over_sensor", "over the sensor\u{2019}s, v/s", ""));
+        columns.insert(6, estimate("variance_over_sensor", "over the sensor\u{2019}s, v/s", ""));
         columns.push(column("hidden_half", "hidden at k = 0.5", "share"));
     }
     let rows = r.points.iter().map(|p| {
         let mut row = vec![
             Cell::Text(p.strategy.name().into()),
-            Cell::Text(p.denoiser.into()),
             Cell::Count(p.spp.into()),
             Cell::Count(p.seeds as u64),
             Cell::Estimate(p.seconds),
@@ -180,6 +178,42 @@ fn noise(r: &Results) -> Table {
         row
     });
     Table { name: "noise", columns, rows: rows.collect() }
+}
+
+fn denoised(r: &Results) -> Table {
+    let has_sensor = r.view.has_sensor();
+    let unit = if has_sensor { "over the sensor\u{2019}s variance" } else { "(W/(m\u{b2} sr))\u{b2}" };
+    let columns = vec![
+        column("strategy", "strategy", ""),
+        column("denoiser", "denoiser", ""),
+        column("spp", "samples", "per pixel"),
+        column("seeds", "renders", ""),
+        estimate("seconds", "time", "s"),
+        estimate("variance_picture", "variance, 8-bit picture", "DN\u{b2}"),
+        estimate("squared_error", "squared error", unit),
+        column("error_over_off", "over that without", ""),
+        column("noise_share", "of which noise", "%"),
+    ];
+    let off = |p: &Point| {
+        let same = |q: &&Point| (q.strategy, q.spp, q.denoiser) == (p.strategy, p.spp, OFF);
+        r.denoised.iter().find(same).and_then(|q| q.squared_error).map_or(f64::NAN, |e| e.value)
+    };
+    let rows = r.denoised.iter().map(|p| {
+        let error = p.squared_error.unwrap_or(Estimate { value: f64::NAN, error: f64::NAN });
+        let noise = p.ratio.unwrap_or(p.signal);
+        vec![
+            Cell::Text(p.strategy.name().into()),
+            Cell::Text(p.denoiser.into()),
+            Cell::Count(p.spp.into()),
+            Cell::Count(p.seeds as u64),
+            Cell::Estimate(p.seconds),
+            Cell::Estimate(p.picture),
+            Cell::Estimate(error),
+            Cell::Number(error.value / off(p)),
+            Cell::Number(100.0 * noise.value / error.value),
+        ]
+    });
+    Table { name: "denoised", columns, rows: rows.collect() }
 }
 
 fn hidden(r: &Results) -> Table {
