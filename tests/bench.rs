@@ -172,7 +172,8 @@ fn a_denoiser_is_shown_beside_what_it_was_given_and_nothing_else_reads_it() {
     let bench = Bench::new();
     let flags = "--effects none --strategies uniform --reference-spp 1024 --spp 4,64 --seeds 8";
     let line = |denoise: &str, out: &str| {
-        let tiny = TINY.replace("--spp 2,4 --seeds 4", flags).replace("--width 20 --height 14", "--width 96 --height 72");
+        let tiny =
+            TINY.replace("--spp 2,4 --seeds 4", flags).replace("--width 20 --height 14", "--width 96 --height 72");
         bench.run(&format!("{tiny} --denoise {denoise} -o {out}")).code(0);
     };
     line("builtin", "on");

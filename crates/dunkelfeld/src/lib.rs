@@ -36,6 +36,7 @@ mod planner;
 mod progress;
 mod project;
 mod render;
+mod report;
 mod round;
 mod settings;
 mod stats;

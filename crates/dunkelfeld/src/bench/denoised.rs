@@ -1,11 +1,12 @@
 //! Denoisers in a bench: which ones there are, what they make of a render, and how far that is from the truth.
 
 use super::settings::BenchSettings;
-use super::statistics::{Estimate, mean, mean_plane};
+use super::statistics::mean_plane;
 use super::view::View;
 use crate::denoising::{DenoiseMethod, DenoiseSettings, denoise_film, find_denoiser};
 use crate::error::Error;
 use crate::progress::{Cancel, Silent};
+use crate::report::estimate::{Estimate, mean};
 use dunkelfeld_denoise::Denoiser;
 use dunkelfeld_film::{Film, Plane};
 use std::time::Instant;

@@ -1,15 +1,16 @@
 //! The charts and maps of a report, from its results.
 
 use super::ablation::Bias;
-use super::chart::bars::{self, Bar};
-use super::chart::dots::{self, Dot, Row};
-use super::chart::lines::{self, Axes, Mark, Series};
-use super::chart::{Chart, HOLLOW};
 use super::hidden::growth;
-use super::maps::{self, Map};
-use super::results::{Look, OFF, Point, Results, Top, rounded, shown_strategy};
-use super::statistics::Estimate;
+use super::results::{Look, OFF, Point, Results, Top, shown_strategy};
 use crate::error::Error;
+use crate::report::chart::bars::{self, Bar};
+use crate::report::chart::dots::{self, Dot, Row};
+use crate::report::chart::lines::{self, Axes, Mark, Series};
+use crate::report::chart::{Chart, HOLLOW};
+use crate::report::estimate::Estimate;
+use crate::report::maps::{self, Map};
+use crate::report::words::rounded;
 use dunkelfeld_adaptive::allocation::Strategy;
 use dunkelfeld_film::Plane;
 

@@ -7,11 +7,9 @@
 //! `statistics.rs`, `hidden.rs` and `ablation.rs` what they say; `tables.rs`, `figures.rs` and `page.rs` write it down.
 
 mod ablation;
-mod chart;
 mod denoised;
 mod figures;
 mod hidden;
-mod maps;
 mod measure;
 mod page;
 mod results;

@@ -1,22 +1,20 @@
 //! The report as one page that stands alone: no script, style, font or picture from elsewhere. Beside it, its numbers as CSV
 //! and its charts as SVG.
 
-use super::chart::{Chart, PALETTE, STYLE, escape};
 use super::figures;
 use super::hidden::{SHARE, growth};
-use super::maps::{self, Map};
-use super::results::{OFF, Results, duration, rounded};
+use super::results::{OFF, Results};
 use super::statistics::POOL;
-use super::tables::{Table, tables};
+use super::tables::tables;
 use crate::error::Error;
 use crate::outputs::save_text;
+use crate::report::chart::{Chart, escape};
+use crate::report::maps::{self, Map};
+use crate::report::page::{head, map_figure, page, tiles};
+use crate::report::table::Table;
+use crate::report::words::{duration, rounded};
 use dunkelfeld_adaptive::allocation::Strategy;
 use std::path::{Path, PathBuf};
-
-const CSS: &str = include_str!("report/page.css");
-const JS: &str = include_str!("report/page.js");
-/// What a browser may load for this page: nothing but what is in it.
-const POLICY: &str = "default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src 'unsafe-inline'";
 
 /// Writes the page, the tables and the charts into a folder. Returns the files, the page first.
 pub(super) fn write(folder: &Path, results: &Results) -> Result<Vec<PathBuf>, Error> {
@@ -103,26 +101,14 @@ impl<'a> Report<'a> {
             self.pictures_section(),
             self.method_section(),
         ];
-        format!(
-            "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\"/>\n\
-             <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\"/>\n\
-             <meta http-equiv=\"Content-Security-Policy\" content=\"{POLICY}\"/>\n<title>{} \u{b7} bench</title>\n\
-             <style>\n{PALETTE}{CSS}{STYLE}</style>\n</head>\n<body>\n{}\n<script>\n{JS}</script>\n</body>\n</html>\n",
-            escape(&r.name),
-            sections.join("\n")
-        )
+        page(&format!("{} \u{b7} bench", r.name), &sections)
     }
 
     fn head(&self) -> String {
         let r = self.r;
         let [width, height] = r.size;
-        let mut text = format!(
-            "<header><div><h1>What accuracy costs: {}</h1><p>{width} \u{d7} {height} pixels \u{b7} {} \u{b7} {}</p></div>\
-             <button id=\"theme\" type=\"button\">light / dark</button></header>",
-            escape(&r.name),
-            escape(&r.camera),
-            escape(&r.program)
-        );
+        let facts = format!("{width} \u{d7} {height} pixels \u{b7} {} \u{b7} {}", r.camera, r.program);
+        let mut text = head(&format!("What accuracy costs: {}", r.name), &facts);
         let [done, all] = r.finished;
         if done < all {
             text += &format!(
@@ -130,17 +116,7 @@ impl<'a> Report<'a> {
                  shown rests on the renders that there are.</div>"
             );
         }
-        let tiles: Vec<String> = self
-            .tiles()
-            .into_iter()
-            .map(|(figure, words)| {
-                format!("<div class=\"tile\"><b>{}</b><span>{}</span></div>", escape(&figure), escape(&words))
-            })
-            .collect();
-        if !tiles.is_empty() {
-            text += &format!("<div class=\"tiles\">{}</div>", tiles.join(""));
-        }
-        text
+        text + &tiles(&self.tiles())
     }
 
     /// The findings that one wants first: a figure and what it is.
@@ -254,7 +230,7 @@ impl<'a> Report<'a> {
              bias together{error}: for renders as they are it is their variance. A denoised image is for looking at; no \
              measure of hiding, certificate or photon transfer reads it.</p><div class=\"charts\">{charts}</div>\
              <div class=\"maps\">{}</div>{}</section>",
-            self.denoised_maps.iter().map(figure).collect::<String>(),
+            self.denoised_maps.iter().map(map_figure).collect::<String>(),
             self.table("denoised")
         )
     }
@@ -269,7 +245,7 @@ impl<'a> Report<'a> {
              looks like the map of the variance sends them where they are needed, and leaves a variance that is even. Maps of the \
              variance share one scale.</p>\
              <div class=\"maps\">{}</div></section>",
-            self.samples.iter().map(figure).collect::<String>()
+            self.samples.iter().map(map_figure).collect::<String>()
         )
     }
 
@@ -305,7 +281,7 @@ impl<'a> Report<'a> {
              <div class=\"maps\">{}</div><p class=\"faint\">Without minus with, per pixel.{unit}</p></section>",
             chart.inline(),
             self.table("effects"),
-            self.biases.iter().map(figure).collect::<String>()
+            self.biases.iter().map(map_figure).collect::<String>()
         )
     }
 
@@ -425,21 +401,6 @@ impl<'a> Report<'a> {
              measured again from them.</li></ul></section>"
         )
     }
-}
-
-/// A map with its scale and its caption.
-fn figure(map: &Map) -> String {
-    format!(
-        "<figure><img src=\"{}\" alt=\"{caption}\" width=\"{}\" height=\"{}\"/><div class=\"scale\" style=\"background:{}\"></div>\
-         <div class=\"ends\"><span>{}</span><span>{}</span></div><figcaption>{caption}</figcaption></figure>",
-        map.uri,
-        map.size[0],
-        map.size[1],
-        maps::gradient(map.is_signed),
-        escape(&map.ends[0]),
-        escape(&map.ends[1]),
-        caption = escape(&map.caption)
-    )
 }
 
 /// The pictures to compare: pilot, the strategies at the top of the ladder, reference; with and without the sensor's noise.

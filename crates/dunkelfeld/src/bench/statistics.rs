@@ -1,36 +1,7 @@
 //! What renders with different seeds say: spread per pixel, means of it over the image, and how well these are known.
 
+use crate::report::estimate::Estimate;
 use dunkelfeld_film::Plane;
-use serde::Serialize;
-
-/// A number with its standard error.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub(super) struct Estimate {
-    /// The number.
-    pub(super) value: f64,
-    /// One standard error; NaN where nothing is known of it.
-    pub(super) error: f64,
-}
-
-impl Estimate {
-    pub(super) fn scaled(self, factor: f64) -> Self {
-        Self { value: self.value * factor, error: self.error * factor.abs() }
-    }
-
-    /// The product of two independent estimates, errors to first order.
-    pub(super) fn times(self, other: Self) -> Self {
-        let error = (self.value * other.error).hypot(other.value * self.error);
-        Self { value: self.value * other.value, error }
-    }
-}
-
-/// Mean and standard error of independent numbers.
-pub(super) fn mean(values: &[f64]) -> Estimate {
-    let n = values.len() as f64;
-    let value = values.iter().sum::<f64>() / n;
-    let variance = values.iter().map(|v| (v - value).powi(2)).sum::<f64>() / (n - 1.0);
-    Estimate { value, error: (variance / n).sqrt() }
-}
 
 /// The mean of planes of one size, pixel by pixel.
 pub(super) fn mean_plane(planes: &[Plane<f32>]) -> Option<Plane<f64>> {
@@ -165,6 +136,7 @@ fn ranks(values: &[f64]) -> Vec<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::report::estimate::mean;
     use dunkelfeld_sampling::keyed_stream;
     use rand_core::Rng;
 

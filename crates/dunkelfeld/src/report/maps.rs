@@ -1,6 +1,6 @@
 //! Planes of numbers as pictures: false colours that also the colour-blind can read, with the ends of their scale.
 
-use super::results::rounded;
+use super::words::rounded;
 use crate::error::Error;
 use dunkelfeld_film::Plane;
 use dunkelfeld_io::picture::Picture;
@@ -27,20 +27,20 @@ const DECADES: f64 = 4.0;
 
 /// A map, ready for the page.
 #[derive(Clone, Debug)]
-pub(super) struct Map {
+pub(crate) struct Map {
     /// The picture, as the address of an image.
-    pub(super) uri: String,
-    pub(super) size: [u32; 2],
-    pub(super) caption: String,
+    pub(crate) uri: String,
+    pub(crate) size: [u32; 2],
+    pub(crate) caption: String,
     /// What stands at the left and at the right end of the scale.
-    pub(super) ends: [String; 2],
+    pub(crate) ends: [String; 2],
     /// Does the scale go through zero?
-    pub(super) is_signed: bool,
+    pub(crate) is_signed: bool,
 }
 
 /// A map of numbers that are not negative, on a logarithmic scale that ends at the 99.9 % quantile of `like`: maps that are
 /// like the same one can be compared by their colours.
-pub(super) fn logarithmic(plane: &Plane<f64>, like: &Plane<f64>, unit: &str, caption: String) -> Result<Map, Error> {
+pub(crate) fn logarithmic(plane: &Plane<f64>, like: &Plane<f64>, unit: &str, caption: String) -> Result<Map, Error> {
     let (plane, like) = (shrunk(plane), shrunk(like));
     let mut values: Vec<f64> = like.data().iter().copied().filter(|v| v.is_finite() && *v > 0.0).collect();
     values.sort_by(f64::total_cmp);
@@ -53,7 +53,7 @@ pub(super) fn logarithmic(plane: &Plane<f64>, like: &Plane<f64>, unit: &str, cap
 }
 
 /// A map of numbers from zero, on a linear scale that ends at the 99.9 % quantile.
-pub(super) fn linear(plane: &Plane<f64>, unit: &str, caption: String) -> Result<Map, Error> {
+pub(crate) fn linear(plane: &Plane<f64>, unit: &str, caption: String) -> Result<Map, Error> {
     let plane = shrunk(plane);
     let mut values: Vec<f64> = plane.data().iter().copied().filter(|v| v.is_finite()).collect();
     values.sort_by(f64::total_cmp);
@@ -64,7 +64,7 @@ pub(super) fn linear(plane: &Plane<f64>, unit: &str, caption: String) -> Result<
 }
 
 /// A map of numbers of either sign, from `-reach` to `reach`.
-pub(super) fn signed(plane: &Plane<f64>, reach: f64, unit: &str, caption: String) -> Result<Map, Error> {
+pub(crate) fn signed(plane: &Plane<f64>, reach: f64, unit: &str, caption: String) -> Result<Map, Error> {
     let ends = [format!("\u{2212}{} {unit}", rounded(reach)), format!("+{} {unit}", rounded(reach))];
     map(&shrunk(plane), |v| color(&SIGNED, 0.5 + 0.5 * v / reach), caption, ends, true)
 }
@@ -83,7 +83,7 @@ fn map(
 
 /// A grey picture as the address of an image, cut to its middle if it is too large for a page. Never averaged: that would
 /// take away the noise which it is there to show.
-pub(super) fn grey(plane: &Plane<u8>) -> Result<(String, [u32; 2]), Error> {
+pub(crate) fn grey(plane: &Plane<u8>) -> Result<(String, [u32; 2]), Error> {
     const LARGEST: u32 = 1024;
     let size = [plane.width().min(LARGEST), plane.height().min(LARGEST)];
     let [x0, y0] = [(plane.width() - size[0]) / 2, (plane.height() - size[1]) / 2];
@@ -96,7 +96,7 @@ fn encoded(picture: Picture<'_>) -> Result<String, Error> {
 }
 
 /// A gradient for style sheets.
-pub(super) fn gradient(is_signed: bool) -> String {
+pub(crate) fn gradient(is_signed: bool) -> String {
     let stops: &[[u8; 3]] = if is_signed { &SIGNED } else { &BRIGHTER };
     let colors: Vec<String> = stops.iter().map(|[r, g, b]| format!("rgb({r},{g},{b})")).collect();
     format!("linear-gradient(90deg,{})", colors.join(","))

@@ -15,37 +15,37 @@ const NAME_HEIGHT: f64 = 14.0;
 
 /// One point.
 #[derive(Clone, Debug)]
-pub(in crate::bench) struct Mark {
-    pub(in crate::bench) x: f64,
-    pub(in crate::bench) y: f64,
+pub(crate) struct Mark {
+    pub(crate) x: f64,
+    pub(crate) y: f64,
     /// One standard error of y.
-    pub(in crate::bench) error: f64,
+    pub(crate) error: f64,
     /// What is shown when the pointer rests on it.
-    pub(in crate::bench) hint: String,
+    pub(crate) hint: String,
 }
 
 /// A line of points.
 #[derive(Clone, Debug)]
-pub(in crate::bench) struct Series {
+pub(crate) struct Series {
     /// Which of the palette's colours and shapes.
-    pub(in crate::bench) color: usize,
-    pub(in crate::bench) name: String,
-    pub(in crate::bench) marks: Vec<Mark>,
+    pub(crate) color: usize,
+    pub(crate) name: String,
+    pub(crate) marks: Vec<Mark>,
 }
 
 /// What the axes say, and what is drawn beside the points.
 #[derive(Clone, Debug)]
-pub(in crate::bench) struct Axes<'a> {
-    pub(in crate::bench) x: &'a str,
-    pub(in crate::bench) y: &'a str,
+pub(crate) struct Axes<'a> {
+    pub(crate) x: &'a str,
+    pub(crate) y: &'a str,
     /// Levels across the plane, with their names.
-    pub(in crate::bench) levels: Vec<(f64, String)>,
+    pub(crate) levels: Vec<(f64, String)>,
     /// The name of a dashed line of slope -1 through the first series.
-    pub(in crate::bench) slope: &'a str,
+    pub(crate) slope: &'a str,
 }
 
 /// Draws the chart.
-pub(in crate::bench) fn draw(name: &str, title: &str, axes: &Axes<'_>, series: &[Series]) -> Chart {
+pub(crate) fn draw(name: &str, title: &str, axes: &Axes<'_>, series: &[Series]) -> Chart {
     let mut chart = Chart::new(name, title, SIZE[0], SIZE[1]);
     let names: Vec<_> = series.iter().map(|s| (s.color, s.name.clone())).collect();
     let top = chart.legend(LEFT, &names, axes.slope) + 8.0;

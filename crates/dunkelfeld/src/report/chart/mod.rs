@@ -1,26 +1,26 @@
 //! Charts as SVG: small, by hand, the same in the page and as files of their own.
 
-pub(super) mod bars;
-pub(super) mod dots;
-pub(super) mod lines;
+pub(crate) mod bars;
+pub(crate) mod dots;
+pub(crate) mod lines;
 mod scale;
 
-pub(super) use scale::power_of_ten;
+pub(crate) use scale::power_of_ten;
 
 use std::fmt::Write;
 
 /// Colours of the page and of the charts, for light and dark surroundings.
-pub(super) const PALETTE: &str = include_str!("../report/palette.css");
+pub(crate) const PALETTE: &str = include_str!("../palette.css");
 /// What the parts of a chart look like.
-pub(super) const STYLE: &str = include_str!("../report/chart.css");
+pub(crate) const STYLE: &str = include_str!("../chart.css");
 
 /// A finished chart.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Chart {
+pub(crate) struct Chart {
     /// Name of its file, without ending.
-    pub(super) name: String,
+    pub(crate) name: String,
     /// What it shows, for those who cannot see it.
-    pub(super) title: String,
+    pub(crate) title: String,
     width: f64,
     height: f64,
     body: String,
@@ -28,12 +28,12 @@ pub(super) struct Chart {
 
 impl Chart {
     /// An empty chart with its width and height [px].
-    pub(super) fn new(name: &str, title: &str, width: f64, height: f64) -> Self {
+    pub(crate) fn new(name: &str, title: &str, width: f64, height: f64) -> Self {
         Self { name: name.into(), title: title.into(), width, height, body: String::new() }
     }
 
     /// As part of a page that has the styles.
-    pub(super) fn inline(&self) -> String {
+    pub(crate) fn inline(&self) -> String {
         format!(
             "<svg class=\"chart\" viewBox=\"0 0 {} {}\" role=\"img\" aria-label=\"{}\">{}</svg>",
             self.width,
@@ -44,7 +44,7 @@ impl Chart {
     }
 
     /// As a file of its own.
-    pub(super) fn file(&self) -> String {
+    pub(crate) fn file(&self) -> String {
         format!(
             "<svg xmlns=\"http://www.w3.org/2000/svg\" class=\"chart\" viewBox=\"0 0 {w} {h}\" width=\"{w}\" height=\"{h}\" role=\"img\">\n\
              <title>{}</title>\n<style>{PALETTE}{STYLE}</style>\n<rect class=\"paper\" width=\"{w}\" height=\"{h}\"/>\n{}</svg>\n",
@@ -146,14 +146,14 @@ impl Chart {
 /// Colours that the palette has for series.
 const COLORS: usize = 6;
 /// The series whose marks are hollow: what is there to compare with.
-pub(super) const HOLLOW: usize = 4;
+pub(crate) const HOLLOW: usize = 4;
 
 fn hint_element(hint: &str) -> String {
     if hint.is_empty() { String::new() } else { format!("<title>{}</title>", escape(hint)) }
 }
 
 /// Text as it may stand in HTML and SVG, in elements and in attributes.
-pub(super) fn escape(text: &str) -> String {
+pub(crate) fn escape(text: &str) -> String {
     let mut out = String::with_capacity(text.len());
     for c in text.chars() {
         match c {

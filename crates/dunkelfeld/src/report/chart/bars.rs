@@ -9,13 +9,13 @@ const ROW: f64 = 34.0;
 
 /// A bar with its stretches, in the order of the legend.
 #[derive(Clone, Debug)]
-pub(in crate::bench) struct Bar {
-    pub(in crate::bench) name: String,
-    pub(in crate::bench) parts: Vec<f64>,
+pub(crate) struct Bar {
+    pub(crate) name: String,
+    pub(crate) parts: Vec<f64>,
 }
 
 /// Draws the chart; `parts` are the names of the stretches.
-pub(in crate::bench) fn draw(name: &str, title: &str, axis: &str, parts: &[&str], bars: &[Bar]) -> Chart {
+pub(crate) fn draw(name: &str, title: &str, axis: &str, parts: &[&str], bars: &[Bar]) -> Chart {
     let longest = bars.iter().map(|r| r.name.chars().count()).max().unwrap_or(0) as f64;
     let left = (24.0 + 8.2 * longest).min(0.4 * WIDTH);
     let mut chart = Chart::new(name, title, WIDTH, 0.0);

@@ -11,24 +11,24 @@ const STEP: f64 = 13.0;
 
 /// A dot.
 #[derive(Clone, Debug)]
-pub(in crate::bench) struct Dot {
-    pub(in crate::bench) series: usize,
-    pub(in crate::bench) x: f64,
+pub(crate) struct Dot {
+    pub(crate) series: usize,
+    pub(crate) x: f64,
     /// One standard error; zero draws none.
-    pub(in crate::bench) error: f64,
-    pub(in crate::bench) hint: String,
+    pub(crate) error: f64,
+    pub(crate) hint: String,
 }
 
 /// A row: its name and its dots. Dots of a `spread` row stand one below the other.
 #[derive(Clone, Debug)]
-pub(in crate::bench) struct Row {
-    pub(in crate::bench) name: String,
-    pub(in crate::bench) dots: Vec<Dot>,
-    pub(in crate::bench) spread: bool,
+pub(crate) struct Row {
+    pub(crate) name: String,
+    pub(crate) dots: Vec<Dot>,
+    pub(crate) spread: bool,
 }
 
 /// Draws the chart: what the axis says, a level with its name, names of the series, rows from the top.
-pub(in crate::bench) fn draw(
+pub(crate) fn draw(
     name: &str,
     title: &str,
     axis: &str,

@@ -79,7 +79,7 @@ pub(super) fn label(v: f64) -> String {
 }
 
 /// A power of ten as it is printed.
-pub(in crate::bench) fn power_of_ten(power: i32) -> String {
+pub(crate) fn power_of_ten(power: i32) -> String {
     let raised = |c| match c {
         '-' => '\u{207b}',
         '1' => '\u{b9}',

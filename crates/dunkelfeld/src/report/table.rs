@@ -1,0 +1,187 @@
+//! Tables of a report: the same cells as CSV for programs and as HTML for people.
+
+use super::chart::escape;
+use super::estimate::Estimate;
+use super::words::rounded;
+use std::fmt::Write;
+
+/// Digits that are kept of every number, in both forms.
+const DIGITS: usize = 6;
+
+/// A cell of a table.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) enum Cell {
+    Text(String),
+    Number(f64),
+    Count(u64),
+    /// Two columns of the CSV: the number, and its standard error.
+    Estimate(Estimate),
+}
+
+/// A column: its key in the CSV, its heading, its unit.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Column {
+    pub(crate) key: &'static str,
+    pub(crate) heading: &'static str,
+    pub(crate) unit: &'static str,
+    pub(crate) is_estimate: bool,
+}
+
+/// A table with its file's name, without ending.
+#[derive(Clone, Debug)]
+pub(crate) struct Table {
+    pub(crate) name: &'static str,
+    pub(crate) columns: Vec<Column>,
+    pub(crate) rows: Vec<Vec<Cell>>,
+}
+
+pub(crate) const fn column(key: &'static str, heading: &'static str, unit: &'static str) -> Column {
+    Column { key, heading, unit, is_estimate: false }
+}
+
+pub(crate) const fn estimate(key: &'static str, heading: &'static str, unit: &'static str) -> Column {
+    Column { key, heading, unit, is_estimate: true }
+}
+
+impl Table {
+    /// As comma-separated values (RFC 4180) with a header; numbers that are not known are empty.
+    pub(crate) fn csv(&self) -> String {
+        let headers: Vec<String> = self
+            .columns
+            .iter()
+            .flat_map(|c| {
+                let error = c.is_estimate.then(|| format!("{}_error", c.key));
+                [Some(c.key.to_string()), error]
+            })
+            .flatten()
+            .collect();
+        let mut text = headers.join(",") + "\r\n";
+        for row in &self.rows {
+            let cells: Vec<String> = row
+                .iter()
+                .flat_map(|cell| match cell {
+                    Cell::Text(t) => vec![quoted(t)],
+                    Cell::Number(v) => vec![number(*v)],
+                    Cell::Count(n) => vec![n.to_string()],
+                    Cell::Estimate(e) => vec![number(e.value), number(e.error)],
+                })
+                .collect();
+            text += &(cells.join(",") + "\r\n");
+        }
+        text
+    }
+
+    /// As an HTML table. Each number is a `data` element that carries the value of the CSV.
+    pub(crate) fn html(&self) -> String {
+        let mut text = format!("<div class=\"scroll\"><table id=\"table-{}\"><thead><tr>", self.name);
+        for c in &self.columns {
+            let unit = if c.unit.is_empty() { String::new() } else { format!(" <small>{}</small>", escape(c.unit)) };
+            let _ = write!(text, "<th scope=\"col\">{}{unit}</th>", escape(c.heading));
+        }
+        text += "</tr></thead><tbody>";
+        for row in &self.rows {
+            text += "<tr>";
+            for cell in row {
+                match cell {
+                    Cell::Text(t) => {
+                        let _ = write!(text, "<td>{}</td>", escape(t));
+                    }
+                    Cell::Number(v) => {
+                        let _ = write!(text, "<td class=\"n\">{}</td>", data(*v, &rounded(*v)));
+                    }
+                    Cell::Count(n) => {
+                        let _ = write!(text, "<td class=\"n\"><data value=\"{n}\">{n}</data></td>");
+                    }
+                    Cell::Estimate(e) => {
+                        let (value, error) = shown(*e);
+                        let error = data(e.error, &error);
+                        let _ = write!(text, "<td class=\"n\">{}<i> \u{b1} {error}</i></td>", data(e.value, &value));
+                    }
+                }
+            }
+            text += "</tr>";
+        }
+        text + "</tbody></table></div>"
+    }
+}
+
+fn data(value: f64, shown: &str) -> String {
+    format!("<data value=\"{}\">{}</data>", number(value), escape(shown))
+}
+
+/// An estimate with the digits that its error leaves: two of the error, and the value to the same place.
+fn shown(e: Estimate) -> (String, String) {
+    if !(e.error > 0.0 && e.error.is_finite() && e.value.is_finite()) {
+        return (rounded(e.value), rounded(e.error));
+    }
+    let place = 1 - e.error.log10().floor() as i32;
+    match place {
+        0..=6 if e.value.abs() < 1e5 => {
+            (format!("{:.*}", place as usize, e.value), format!("{:.*}", place as usize, e.error))
+        }
+        _ => (rounded(e.value), rounded(e.error)),
+    }
+}
+
+/// A number in as many digits as both forms keep; empty if it is not known.
+fn number(v: f64) -> String {
+    if !v.is_finite() {
+        return String::new();
+    }
+    // Through its decimal form, so that what is written is exactly what was rounded.
+    let short = format!("{v:.*e}", DIGITS - 1).parse::<f64>().unwrap_or(v);
+    let plain = format!("{short}");
+    if plain.len() <= 14 { plain } else { format!("{short:e}") }
+}
+
+fn quoted(text: &str) -> String {
+    if text.contains([',', '"', '\n', '\r']) { format!("\"{}\"", text.replace('"', "\"\"")) } else { text.into() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn table() -> Table {
+        let e = |value, error| Cell::Estimate(Estimate { value, error });
+        Table {
+            name: "t",
+            columns: vec![column("name", "a <name>", ""), column("x", "x", "s"), estimate("y", "y", "DN\u{b2}")],
+            rows: vec![
+                vec![Cell::Text("a,\"b\"".into()), Cell::Number(1.0 / 3.0), e(123.4567, 0.0789)],
+                vec![Cell::Text("plain".into()), Cell::Number(f64::NAN), e(1.5e-12, f64::INFINITY)],
+                vec![Cell::Text("<&>".into()), Cell::Number(3e20), e(-7.0, 0.0)],
+            ],
+        }
+    }
+
+    #[test]
+    fn csv_and_html_hold_the_same_numbers() {
+        let table = table();
+        let csv = table.csv();
+        assert!(csv.starts_with("name,x,y,y_error\r\n\"a,\"\"b\"\"\",0.333333,123.457,0.0789\r\n"), "{csv}");
+        let html = table.html();
+        let document = roxmltree::Document::parse(&html).unwrap_or_else(|e| panic!("{e}: {html}"));
+        let shown: Vec<&str> = document.descendants().filter_map(|n| n.attribute("value")).collect();
+        let written: Vec<&str> = csv.lines().skip(1).flat_map(|line| line.rsplitn(4, ',').take(3)).collect();
+        let sorted = [shown.clone(), written].map(|mut v| {
+            v.sort_unstable();
+            v
+        });
+        assert_eq!(sorted[0], sorted[1]);
+        assert_eq!(shown.len(), 9);
+    }
+
+    #[test]
+    fn numbers_keep_six_digits_and_errors_two() {
+        assert_eq!(
+            [number(0.1), number(123_456.7), number(1e-9), number(f64::NAN)],
+            ["0.1", "123457", "0.000000001", ""]
+        );
+        assert_eq!(number(1.234_567_89e-15), "1.23457e-15");
+        let pair = |value, error| shown(Estimate { value, error });
+        assert_eq!(pair(123.4567, 0.0789), ("123.457".into(), "0.079".into()));
+        assert_eq!(pair(12345.6, 780.0).0, "12346");
+        assert_eq!(pair(2.0, f64::NAN), ("2.00".into(), "-".into()));
+    }
+}
