@@ -16,6 +16,7 @@
 #![forbid(unsafe_code)]
 
 pub mod bench;
+mod campaign;
 mod check;
 mod checkpoint;
 mod denoise_file;

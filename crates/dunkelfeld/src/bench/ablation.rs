@@ -1,6 +1,6 @@
 //! What an effect changes in the picture, and whether the camera can tell: the same samples with and without it.
 
-use super::statistics::quantile;
+use crate::campaign::statistics::quantile;
 use crate::report::estimate::{Estimate, mean};
 use dunkelfeld_film::Plane;
 

@@ -2,7 +2,7 @@
 
 use super::settings::BenchSettings;
 use super::statistics::mean_plane;
-use super::view::View;
+use crate::campaign::View;
 use crate::denoising::{DenoiseMethod, DenoiseSettings, denoise_film, find_denoiser};
 use crate::error::Error;
 use crate::progress::{Cancel, Silent};

@@ -3,7 +3,8 @@
 //! A pixel is hidden at k when the variance of its rendered mean is at most k^2 times the sensor's own variance s; a render
 //! is when 99 % of its unsaturated pixels are. The noise of a picture taken then is `sqrt(1 + k^2)` times the sensor's.
 
-use super::statistics::{Deviations, pooled, quantile};
+use super::statistics::{Deviations, pooled};
+use crate::campaign::statistics::quantile;
 use crate::report::estimate::Estimate;
 use dunkelfeld_film::Plane;
 

@@ -4,9 +4,9 @@ use super::denoised::{Filter, filters};
 use super::page;
 use super::results::{About, Results};
 use super::settings::{BenchSettings, can_be_left_out};
-use super::store::{Manifest, Record, Store, layers};
+use super::store::{Manifest, Record, Store, VERSION, layers};
 use super::units::{Purpose, Unit, units};
-use super::view::View;
+use crate::campaign::{Facts, Meter, View};
 use crate::develop::develop;
 use crate::error::Error;
 use crate::outputs::save_picture;
@@ -20,7 +20,6 @@ use dunkelfeld_scene::{Effect, Scene};
 use dunkelfeld_sensor::ExposureNoise;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-use std::sync::Mutex;
 use std::time::Instant;
 
 /// A quick bench renders for about so long \[s\]; reading, writing and the report come on top.
@@ -90,14 +89,9 @@ pub fn bench(
     let fitted = project.fitted()?;
     let threads = thread_pool(fitted.threads)?.current_num_threads();
     let names: Vec<String> = filters.iter().map(Filter::name).collect();
-    let binding = Manifest::new(
-        &project.scene,
-        &camera(&project.scene, &fitted)?,
-        &fitted,
-        threads,
-        names.clone(),
-        settings.summary(),
-    );
+    let camera = camera(&project.scene, &fitted)?;
+    let facts = Facts::new(VERSION, &project.scene, &camera, &fitted, threads, &names);
+    let binding = Manifest::new(facts, [fitted.width, fitted.height], settings.summary());
     store.bind(&binding)?;
 
     let all = units(settings, &effects, fitted.pilot_spp);
@@ -215,7 +209,7 @@ impl Bench<'_> {
             }
         }
         let total: u64 = all.iter().map(|u| self.samples(u)).sum();
-        let meter = Meter { sink: progress, began: Instant::now(), total, before: done, done: Mutex::new(done) };
+        let meter = Meter::new(progress, total, done);
         let mut view = None;
         let mut other: Option<(Effect, Scene, RenderSettings)> = None;
         for unit in missing {
@@ -237,9 +231,7 @@ impl Bench<'_> {
             };
             let Some(record) = self.render(&unit, scene, settings, &mut view, &meter, cancel)? else { break };
             invalid += record.invalid_samples;
-            if let Ok(mut done) = meter.done.lock() {
-                *done += self.samples(&unit);
-            }
+            meter.finish(self.samples(&unit));
         }
         Ok(invalid)
     }
@@ -356,27 +348,5 @@ impl Bench<'_> {
         save_picture(&frame, &self.store.picture(unit))?;
         seconds.insert(Stage::Write.name().into(), began.elapsed().as_secs_f64());
         Ok(())
-    }
-}
-
-/// Tells how far the whole bench is while its renders tell how far they are.
-struct Meter<'a> {
-    sink: &'a dyn Progress,
-    began: Instant,
-    total: u64,
-    /// Samples of units that were there before, and of all finished ones.
-    before: u64,
-    done: Mutex<u64>,
-}
-
-impl Progress for Meter<'_> {
-    fn update(&self, s: &ProgressState) {
-        let done = self.done.lock().map_or(0, |d| *d) + s.samples;
-        let elapsed = self.began.elapsed().as_secs_f64();
-        let fresh = done.saturating_sub(self.before);
-        let left = self.total.saturating_sub(done) as f64;
-        let remaining = (fresh > 0).then(|| elapsed / fresh as f64 * left);
-        let fraction = (done as f64 / self.total.max(1) as f64).min(1.0);
-        self.sink.update(&ProgressState { stage: s.stage, fraction, elapsed, remaining, samples: done });
     }
 }

@@ -18,7 +18,6 @@ mod statistics;
 mod store;
 mod tables;
 mod units;
-mod view;
 
 pub use measure::{BenchOutcome, bench, default_folder};
 pub use settings::BenchSettings;

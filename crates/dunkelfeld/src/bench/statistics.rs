@@ -76,16 +76,6 @@ pub(super) fn masked_mean(plane: &Plane<f64>, counts: &[bool]) -> f64 {
     sum / n as f64
 }
 
-/// The value that the given share of values does not exceed (linear between order statistics); NaN for none.
-pub(super) fn quantile(mut values: Vec<f64>, share: f64) -> f64 {
-    let Some(last) = values.len().checked_sub(1) else { return f64::NAN };
-    let at = share.clamp(0.0, 1.0) * last as f64;
-    let (_, low, above) = values.select_nth_unstable_by(at.floor() as usize, f64::total_cmp);
-    let low = *low;
-    let high = above.iter().copied().fold(f64::INFINITY, f64::min);
-    if at.fract() > 0.0 { low + at.fract() * (high - low) } else { low }
-}
-
 /// Side of the window that variances are pooled over.
 pub(super) const POOL: u32 = 7;
 
@@ -102,35 +92,6 @@ pub(super) fn pooled(plane: &Plane<f64>) -> Plane<f64> {
         let (from, to) = window(y, height);
         (from..to).map(|i| rows.at(x, i)).sum::<f64>() / f64::from(to - from)
     })
-}
-
-/// Spearman's rank correlation of two planes; NaN if one of them is flat. Ties share their mean rank.
-pub(super) fn rank_correlation(a: &[f64], b: &[f64]) -> f64 {
-    let (a, b) = (ranks(a), ranks(b));
-    let middle = (a.len() as f64 - 1.0) / 2.0;
-    let (mut aa, mut bb, mut ab) = (0.0, 0.0, 0.0);
-    for (x, y) in a.iter().zip(&b) {
-        let (x, y) = (x - middle, y - middle);
-        aa += x * x;
-        bb += y * y;
-        ab += x * y;
-    }
-    ab / (aa * bb).sqrt()
-}
-
-fn ranks(values: &[f64]) -> Vec<f64> {
-    let mut order: Vec<usize> = (0..values.len()).collect();
-    order.sort_by(|&i, &j| values[i].total_cmp(&values[j]));
-    let mut ranks = vec![0.0; values.len()];
-    let mut first = 0;
-    while first < order.len() {
-        let level = values[order[first]];
-        let tied = order[first..].iter().take_while(|&&i| values[i] == level).count().max(1);
-        let rank = first as f64 + (tied - 1) as f64 / 2.0;
-        order[first..first + tied].iter().for_each(|&i| ranks[i] = rank);
-        first += tied;
-    }
-    ranks
 }
 
 #[cfg(test)]
@@ -186,14 +147,6 @@ mod tests {
     }
 
     #[test]
-    fn quantiles_lie_between_order_statistics() {
-        assert_eq!(quantile(vec![3.0, 1.0, 2.0], 0.5), 2.0);
-        assert_eq!(quantile(vec![3.0, 1.0, 2.0], 1.0), 3.0);
-        assert!((quantile(vec![0.0, 10.0], 0.99) - 9.9).abs() < 1e-12);
-        assert!(quantile(vec![], 0.5).is_nan());
-    }
-
-    #[test]
     fn pooling_keeps_the_mean_of_a_large_flat_and_spreads_a_peak() {
         let flat = pooled(&Plane::new(20, 10, 3.0));
         assert!(flat.data().iter().all(|v| (v - 3.0f64).abs() < 1e-12));
@@ -202,15 +155,5 @@ mod tests {
         // At the corner the window is 4 x 4.
         let corner = pooled(&Plane::from_fn(20, 20, |x, y| if x + y == 0 { 16.0 } else { 0.0 }));
         assert!((corner.at(0, 0) - 1.0).abs() < 1e-12);
-    }
-
-    #[test]
-    fn rank_correlation_sees_order_and_nothing_else() {
-        assert_eq!(rank_correlation(&[1.0, 2.0, 3.0], &[1.0, 10.0, 1000.0]), 1.0);
-        assert_eq!(rank_correlation(&[1.0, 2.0, 3.0], &[0.3, 0.2, 0.1]), -1.0);
-        // By hand: ranks 0.5 0.5 2 3 and 0 1 2 3: 4.5 / sqrt(4.5 * 5).
-        let tied = rank_correlation(&[1.0, 1.0, 2.0, 3.0], &[1.0, 2.0, 3.0, 4.0]);
-        assert!((tied - 4.5 / (4.5f64 * 5.0).sqrt()).abs() < 1e-12);
-        assert!(rank_correlation(&[1.0, 1.0], &[1.0, 2.0]).is_nan());
     }
 }

@@ -1,6 +1,7 @@
 //! The renders of a bench, one by one: each a unit that is finished or not.
 
 use super::settings::BenchSettings;
+use crate::campaign::hash_text;
 use dunkelfeld_adaptive::allocation::Strategy;
 use dunkelfeld_sampling::hash_u64;
 use dunkelfeld_scene::Effect;
@@ -67,11 +68,6 @@ impl Unit {
         };
         hash_u64([base, purpose, u64::from(self.spp), u64::from(self.index)]) >> 11
     }
-}
-
-/// A hash of a text.
-pub(super) fn hash_text(text: &str) -> u64 {
-    text.bytes().fold(text.len() as u64, |h, b| hash_u64([h, u64::from(b)]))
 }
 
 /// All renders, in the order in which they are made: once through all points with the first seed, then with the next, so

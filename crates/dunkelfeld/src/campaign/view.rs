@@ -1,4 +1,4 @@
-//! How the bench looks at renders: as the camera sees them, at one exposure for all.
+//! How renders are looked at: as the camera sees them, at one exposure for all.
 
 use super::statistics::quantile;
 use crate::settings::SensorChoice;
@@ -11,13 +11,13 @@ use dunkelfeld_sensor::{
 
 /// The camera with its exposure; without one, luminance with white at 1 W/(m^2 sr).
 #[derive(Clone, Debug)]
-pub(super) struct View {
+pub(crate) struct View {
     camera: Option<(SensorModel, Optics, Exposure)>,
 }
 
 impl View {
     /// The exposure of the settings, or the automatic one of the reference; one second if that is black.
-    pub(super) fn new(sensor: &SensorChoice, reference: &Plane<[f32; 3]>) -> Result<Self, SensorError> {
+    pub(crate) fn new(sensor: &SensorChoice, reference: &Plane<[f32; 3]>) -> Result<Self, SensorError> {
         let SensorChoice::Emva { model, optics, exposure } = sensor else { return Ok(Self { camera: None }) };
         let exposure = match exposure {
             Some(exposure) => *exposure,
@@ -29,20 +29,20 @@ impl View {
         Ok(Self { camera: Some(((**model).clone(), *optics, exposure)) })
     }
 
-    pub(super) fn has_sensor(&self) -> bool {
+    pub(crate) fn has_sensor(&self) -> bool {
         self.camera.is_some()
     }
 
-    pub(super) fn model(&self) -> Option<&SensorModel> {
+    pub(crate) fn model(&self) -> Option<&SensorModel> {
         self.camera.as_ref().map(|c| &c.0)
     }
 
-    pub(super) fn exposure(&self) -> Option<Exposure> {
+    pub(crate) fn exposure(&self) -> Option<Exposure> {
         self.camera.as_ref().map(|c| c.2)
     }
 
     /// The linear signal: expected photo-electrons, or luminance [W/(m^2 sr)].
-    pub(super) fn signal(&self, mean: &Plane<[f32; 3]>) -> Plane<f32> {
+    pub(crate) fn signal(&self, mean: &Plane<[f32; 3]>) -> Plane<f32> {
         match &self.camera {
             Some((model, optics, exposure)) => {
                 dunkelfeld_sensor::electrons(mean, &Response::new(model, optics, *exposure)).plane
@@ -52,7 +52,7 @@ impl View {
     }
 
     /// The variance of the signal that a render states of itself, from the variances of its channels.
-    pub(super) fn signal_variance(&self, variance: &Plane<[f32; 3]>) -> Plane<f32> {
+    pub(crate) fn signal_variance(&self, variance: &Plane<[f32; 3]>) -> Plane<f32> {
         match &self.camera {
             Some((model, optics, exposure)) => {
                 let response = Response::new(model, optics, *exposure);
@@ -69,28 +69,28 @@ impl View {
     }
 
     /// The signal at which the picture is white.
-    pub(super) fn white(&self) -> f64 {
+    pub(crate) fn white(&self) -> f64 {
         self.camera.as_ref().map_or(1.0, |(model, ..)| model.saturation().0)
     }
 
     /// The sensor's own variance per pixel, s = mu_e + sigma_d^2 + sigma_q^2 / K^2 \[e-^2\].
-    pub(super) fn sensor_variance(&self, signal: &Plane<f32>) -> Option<Plane<f64>> {
+    pub(crate) fn sensor_variance(&self, signal: &Plane<f32>) -> Option<Plane<f64>> {
         let (model, _, exposure) = self.camera.as_ref()?;
         Some(signal.map(|&e| model.temporal_variance(Electrons(f64::from(e)), exposure.time())))
     }
 
     /// Grey values per electron, K \[DN/e-\].
-    pub(super) fn gain(&self) -> Option<f64> {
+    pub(crate) fn gain(&self) -> Option<f64> {
         self.model().map(|m| m.spec().system_gain)
     }
 
     /// The 8-bit picture of the expected values, without the sensor's noise: the paper's chain.
-    pub(super) fn picture(&self, signal: &Plane<f32>) -> Plane<u8> {
+    pub(crate) fn picture(&self, signal: &Plane<f32>) -> Plane<u8> {
         gamma_image(signal, self.white() as f32)
     }
 
     /// The 8-bit picture that the camera takes, noise and all; `None` without a sensor.
-    pub(super) fn exposed(&self, signal: &Plane<f32>, seed: u64) -> Option<Plane<u8>> {
+    pub(crate) fn exposed(&self, signal: &Plane<f32>, seed: u64) -> Option<Plane<u8>> {
         let (model, _, exposure) = self.camera.as_ref()?;
         let device = Device::new(model.clone(), seed, signal.width(), signal.height());
         let frame = device.expose(signal, *exposure, FrameKey { seed, frame: 0 }).ok()?;
@@ -98,19 +98,19 @@ impl View {
     }
 
     /// Steepness of the picture [DN per pixel].
-    pub(super) fn sobel(&self, signal: &Plane<f32>) -> Plane<f32> {
+    pub(crate) fn sobel(&self, signal: &Plane<f32>) -> Plane<f32> {
         magnitude(&self.picture(signal))
     }
 
     /// Which pixels of the reference are not saturated.
-    pub(super) fn unsaturated(&self, reference: &Plane<f32>) -> Vec<bool> {
+    pub(crate) fn unsaturated(&self, reference: &Plane<f32>) -> Vec<bool> {
         let white = self.white();
         reference.data().iter().map(|&e| f64::from(e) < white).collect()
     }
 }
 
 /// The exposure in words, with the level of the reference's brightest pixels.
-pub(super) fn exposure_words(view: &View, reference: &Plane<f32>) -> String {
+pub(crate) fn exposure_words(view: &View, reference: &Plane<f32>) -> String {
     let top = quantile(reference.data().iter().map(|&v| f64::from(v)).collect(), 0.995) / view.white();
     match (view.model(), view.exposure()) {
         (Some(model), Some(exposure)) => {
