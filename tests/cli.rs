@@ -426,10 +426,35 @@ fn sensors_are_listed_and_described() {
         assert!(list.contains(name), "no {name} in\n{list}");
         let sheet = stdout(&bench.run(&format!("sensors {name}")).code(0));
         for part in
-            ["source:", "quantum efficiency", "system gain K", "saturation capacity", "dynamic range", "SNR max"]
+            ["source:", "quantum efficiency", "system gain", "saturation capacity", "dynamic range", "largest SNR"]
         {
             assert!(sheet.contains(part), "no `{part}` in\n{sheet}");
         }
+    }
+    // Model, published figure and their difference stand side by side, for people and for machines.
+    let sheet = stdout(&bench.run("sensors imx900-lcg").code(0));
+    let line = sheet.lines().find(|l| l.contains("dynamic range")).expect("a line");
+    assert_eq!(
+        line.split_whitespace().collect::<Vec<_>>(),
+        ["dynamic", "range", "DR", "63.77", "dB", "63.8", "-0.03", "dB"]
+    );
+    let json: Value = serde_json::from_str(&stdout(&bench.run("sensors imx900-lcg --json").code(0))).expect("JSON");
+    let figures = json["figures"].as_array().expect("a list");
+    let range = figures.iter().find(|f| f["key"] == "dynamic_range_db").expect("a dynamic range");
+    assert!(
+        range["published"] == 63.8 && range["model"].as_f64().is_some_and(|v| (v - 63.77).abs() < 0.005),
+        "{range}"
+    );
+    assert!(figures.iter().any(|f| f["published"].is_null() && f["difference"].is_null()), "{json}");
+    let all: Value = serde_json::from_str(&stdout(&bench.run("sensors --json").code(0))).expect("JSON");
+    assert_eq!(all.as_array().map(Vec::len), Some(dunkelfeld::io::sensor_file::preset_names().count()));
+    // Behind a filter every colour has its own figures.
+    let spec = "name = \"c\"\nsource = \"s\"\nbit_depth = 12\npixel_pitch_um = 3\nfull_well_e = 1e4\ndark_noise_e = 2\n\
+        gain_e_per_dn = 3\noffset_dn = 30\n[color_filter]\npattern = \"rggb\"\nred = [[610, 0.4]]\ngreen = [[530, 0.5]]\nblue = [[460, 0.45]]\n";
+    bench.write("colour.toml", spec);
+    let sheet = stdout(&bench.run("sensors colour.toml").code(0));
+    for part in ["filter rggb", "red: quantum efficiency 40 % at 610 nm", "blue: quantum efficiency 45 % at 460 nm"] {
+        assert!(sheet.contains(part), "no `{part}` in\n{sheet}");
     }
 }
 

@@ -4,7 +4,7 @@ use clap::{ArgGroup, Args, Parser, Subcommand, ValueEnum};
 use dunkelfeld::DenoiseMethod;
 use dunkelfeld::adaptive::Strategy;
 use dunkelfeld::integrator::PixelSample;
-use dunkelfeld::io::quantity::Time;
+use dunkelfeld::io::quantity::{Length, Time};
 use dunkelfeld::radiometry::Seconds;
 use dunkelfeld::scene::{Effect, SceneBuilder};
 use dunkelfeld::sensor::Exposure;
@@ -35,6 +35,8 @@ pub(crate) enum Command {
     /// Denoise an EXR of this or another renderer: a layer beside what it holds, or a picture. The result is to be looked
     /// at, not to be measured.
     Denoise(DenoiseArgs),
+    /// Expose an EXR of this or another renderer: the frames that a camera would take of it.
+    Expose(Box<ExposeArgs>),
     /// List what a scene holds, and what in it may trouble a render.
     Inspect(InspectArgs),
     /// List the sensor presets, or print the data sheet of one.
@@ -284,6 +286,65 @@ pub(crate) struct DenoiseArgs {
     pub(crate) progress: ProgressKind,
 }
 
+/// Flags of `expose`.
+///
+/// The image holds mean radiance in W/(m^2 sr); the names of its channels may be those of this program, of Blender's view layers
+/// or of Mitsuba. The noise of a frame is a function of seed and frame number, on any number of threads; all frames of a seed
+/// come from one device.
+#[derive(Debug, Args)]
+pub(crate) struct ExposeArgs {
+    /// The image to expose.
+    #[arg(value_name = "IN.exr")]
+    pub(crate) input: PathBuf,
+    /// The picture: PNG, 8 bit, gamma 2.2, clipped at saturation; in colours behind a colour filter. Of several frames each
+    /// gets its number, as in out-0007.png [default: the input's name with .png, in this folder, unless --linear is given].
+    #[arg(short = 'o', long = "output", value_name = "FILE.png")]
+    pub(crate) image: Option<PathBuf>,
+    /// Linear grey values, 16 bit, .png or .tif; behind a colour filter the raw mosaic. Numbered like the picture.
+    #[arg(long, value_name = "FILE")]
+    pub(crate) linear: Option<PathBuf>,
+    /// Sensor preset, or a sensor file (.toml) [default: imx250].
+    #[arg(long, value_name = "NAME|FILE")]
+    pub(crate) sensor: Option<String>,
+    /// Exposure time as in 5ms, or auto: the 99.5 % quantile comes to 90 % of saturation [default: auto].
+    #[arg(long, value_name = "TIME|auto", value_parser = exposure)]
+    pub(crate) exposure: Option<ExposureChoice>,
+    /// What noise the exposure adds to the image's own [default: plain]. Matched needs a layer `variance`, and is for one frame.
+    #[arg(long, value_enum)]
+    pub(crate) exposure_noise: Option<NoiseKind>,
+    /// f-number of the lens, 0.5 to 1000 [default: 4].
+    #[arg(long, value_name = "N", allow_negative_numbers = true)]
+    pub(crate) f_number: Option<f64>,
+    /// Share of the light that passes the lens, above 0 and at most 1 [default: 0.9].
+    #[arg(long, value_name = "SHARE", allow_negative_numbers = true)]
+    pub(crate) transmission: Option<f64>,
+    /// Image size over object size, 0 (far away) to 100 [default: 0].
+    #[arg(long, value_name = "M", allow_negative_numbers = true)]
+    pub(crate) magnification: Option<f64>,
+    /// Darken the image toward its edge as a thin lens of this focal length does in front of this sensor (cos^4 of the field angle),
+    /// as in 12mm. Not for images that were rendered with it [default: none].
+    #[arg(long, value_name = "LENGTH", value_parser = length)]
+    pub(crate) vignetting: Option<f64>,
+    /// The layer that holds radiance, as in ViewLayer.Combined [default: the first under a known name].
+    #[arg(long, value_name = "NAME")]
+    pub(crate) layer: Option<String>,
+    /// How many frames.
+    #[arg(long, value_name = "N", default_value_t = 1, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..))]
+    pub(crate) frames: u32,
+    /// Seed of noise and device.
+    #[arg(long, value_name = "N", default_value_t = 0, allow_negative_numbers = true)]
+    pub(crate) seed: u64,
+    /// Number of the first frame.
+    #[arg(long, value_name = "N", default_value_t = 0, allow_negative_numbers = true)]
+    pub(crate) frame: u32,
+    /// Threads [default: one per core].
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = clap::value_parser!(u16).range(1..=1024))]
+    pub(crate) threads: Option<u16>,
+    /// How progress is shown on standard error.
+    #[arg(long, value_enum, default_value_t = ProgressKind::Bar)]
+    pub(crate) progress: ProgressKind,
+}
+
 /// Effects on the command line: a list, or none at all.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct EffectChoice(pub(crate) Vec<Effect>);
@@ -370,6 +431,14 @@ pub(crate) struct SensorsArgs {
     /// A preset or a sensor file (.toml); without it, all presets are listed.
     #[arg(value_name = "NAME|FILE")]
     pub(crate) sensor: Option<String>,
+    /// Print JSON instead of text.
+    #[arg(long)]
+    pub(crate) json: bool,
+}
+
+/// A length such as `12mm`, in metres.
+fn length(text: &str) -> Result<f64, String> {
+    text.parse::<Length>().map(f64::from).map_err(|e| e.to_string())
 }
 
 /// A time such as `5ms`, in seconds.

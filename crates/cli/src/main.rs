@@ -32,6 +32,7 @@ fn main() -> ExitCode {
         args::Command::Merge(a) => commands::merge::run(&a, started),
         args::Command::Bench(a) => commands::bench::run(&a, started),
         args::Command::Denoise(a) => commands::denoise::run(&a),
+        args::Command::Expose(a) => commands::expose::run(&a),
         args::Command::Inspect(a) => commands::inspect::run(&a),
         args::Command::Sensors(a) => commands::sensors::run(&a),
     };

@@ -8,6 +8,15 @@ pub(crate) fn seconds(s: f64) -> String {
     }
 }
 
+/// An exposure time in the unit that suits it.
+pub(crate) fn exposure_time(seconds: f64) -> String {
+    match seconds {
+        s if s < 1e-3 => format!("{:.2} us", s * 1e6),
+        s if s < 1.0 => format!("{:.3} ms", s * 1e3),
+        s => format!("{s:.3} s"),
+    }
+}
+
 /// A time that is expected: no more digits than can be trusted.
 pub(crate) fn remaining(s: f64) -> String {
     match s.max(0.0).round() as u64 {
@@ -40,6 +49,13 @@ pub(crate) fn shell<S: AsRef<str>>(words: impl IntoIterator<Item = S>) -> String
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn exposure_times_have_their_unit() {
+        for (s, words) in [(5e-3, "5.000 ms"), (1.234_56e-4, "123.46 us"), (2.0, "2.000 s")] {
+            assert_eq!(exposure_time(s), words);
+        }
+    }
 
     #[test]
     fn times_keep_the_digits_that_matter() {

@@ -140,20 +140,7 @@ impl DenoisedFile {
 
 impl Planes {
     fn of(path: &Path, layers: &ExrLayers) -> Result<Self, InputError> {
-        let Some(mean) = layers.triples(Triple::Mean) else {
-            let mut names: Vec<&str> = layers.channels.iter().map(|(name, _)| name.as_str()).collect();
-            let more = names.len().saturating_sub(MOST_NAMED);
-            names.truncate(MOST_NAMED);
-            let more = if more > 0 { format!(" and {more} more") } else { String::new() };
-            let problem = format!("is not there under any known name; the channels are {}{more}", names.join(", "));
-            let mend = "use an image with channels R, G, B, or Combined.R, Combined.G, Combined.B";
-            return Err(InputError::new(path, "the layer of radiance", problem, mend));
-        };
-        // What no sample has seen is not black.
-        let mean = match layers.integers(Single::SampleCount) {
-            Some(counts) if counts.data().contains(&0) => fill_gaps(&mean, &counts.map(|&n| n > 0)),
-            _ => mean,
-        };
+        let mean = radiance_of(path, layers, None)?;
         Ok(Self {
             mean,
             variance: layers.triples(Triple::Variance),
@@ -178,6 +165,45 @@ impl Planes {
             depth_variance: self.depth_variance.as_ref(),
         }
     }
+}
+
+/// The radiance that a file holds: in the layer of that name, or under the names that renderers use. Gaps without samples show
+/// their neighbours.
+///
+/// # Errors
+/// There is no such layer.
+pub(crate) fn radiance_of(path: &Path, layers: &ExrLayers, name: Option<&str>) -> Result<Plane<[f32; 3]>, InputError> {
+    let found = match name {
+        Some(name) => layers.triples_named(name),
+        None => layers.triples(Triple::Mean),
+    };
+    let Some(mean) = found else {
+        let mut names: Vec<&str> = layers.channels.iter().map(|(name, _)| name.as_str()).collect();
+        let more = names.len().saturating_sub(MOST_NAMED);
+        names.truncate(MOST_NAMED);
+        let more = if more > 0 { format!(" and {more} more") } else { String::new() };
+        let list = format!("the channels are {}{more}", names.join(", "));
+        return Err(match name {
+            None => {
+                let mend = "use an image with channels R, G, B, or Combined.R, Combined.G, Combined.B";
+                InputError::new(
+                    path,
+                    "the layer of radiance",
+                    format!("is not there under any known name; {list}"),
+                    mend,
+                )
+            }
+            Some(name) => {
+                let mend = "name what stands before .R, .G and .B in the names of three of them";
+                InputError::new(path, format!("the layer `{name}`"), format!("is not there; {list}"), mend)
+            }
+        });
+    };
+    // What no sample has seen is not black.
+    Ok(match layers.integers(Single::SampleCount) {
+        Some(counts) if counts.data().contains(&0) => fill_gaps(&mean, &counts.map(|&n| n > 0)),
+        _ => mean,
+    })
 }
 
 /// What brings the bright parts of an image near white.

@@ -23,6 +23,7 @@ mod denoise_file;
 mod denoising;
 mod develop;
 mod error;
+mod expose_file;
 mod forecast;
 mod heavy;
 mod identity;
@@ -49,6 +50,7 @@ pub use denoising::{
 };
 pub use develop::{Frame, Picture, SensorFrame, develop, develop_film, show_denoised};
 pub use error::Error;
+pub use expose_file::{ExposeOutputs, ExposeSettings, ExposedFile, Exposer, expose_exr};
 pub use forecast::{FORECAST_LEVELS, Forecast, ForecastLevel};
 pub use heavy::HeavySample;
 pub use inspect::{

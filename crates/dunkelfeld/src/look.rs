@@ -52,7 +52,7 @@ struct StoredSensor {
     prnu: [f64; 3],
     /// Hot, factor, dead.
     defects: [f64; 3],
-    published: [Option<f64>; 10],
+    published: [Option<f64>; 11],
     f_number: f64,
     transmission: f64,
     magnification: f64,

@@ -9,6 +9,7 @@ use dunkelfeld_io::exr::{ExrLayers, read_exr, write_exr};
 use dunkelfeld_io::layers::{Single, Triple};
 use dunkelfeld_io::picture::Picture as File;
 use dunkelfeld_scene::Effect;
+use dunkelfeld_sensor::{Exposure, SensorModel};
 use std::path::{Path, PathBuf};
 
 /// What an id layer holds where there is nothing.
@@ -130,13 +131,21 @@ pub(crate) fn written(path: &Path, result: std::io::Result<()>) -> Result<(), Er
 /// # Errors
 /// If the file cannot be written; an existing one then stays as it was.
 pub fn save_picture(frame: &Frame, path: &Path) -> Result<(), Error> {
-    let picture = match &frame.picture {
+    save_commented(&frame.picture, comment(frame).as_deref(), path)
+}
+
+/// Writes a picture of which there is nothing to say.
+pub(crate) fn save_plain_picture(picture: &Picture, path: &Path) -> Result<(), Error> {
+    save_commented(picture, None, path)
+}
+
+fn save_commented(picture: &Picture, comment: Option<&str>, path: &Path) -> Result<(), Error> {
+    let picture = match picture {
         Picture::Gray(p) => File::Gray8(p),
         Picture::Rgb(p) => File::Rgb8(p),
     };
-    let comment = comment(frame);
     let mut text = vec![("Software", "Dunkelfeld")];
-    text.extend(comment.as_deref().map(|words| ("Comment", words)));
+    text.extend(comment.map(|words| ("Comment", words)));
     written(path, dunkelfeld_io::png::write_png(path, picture, &text))
 }
 
@@ -166,20 +175,27 @@ pub fn save_linear(frame: &Frame, path: &Path) -> Result<(), Error> {
     let Some(sensor) = &frame.sensor else {
         return Err(Error::setting("linear", "there is no sensor, so there are no grey values", "choose a sensor"));
     };
-    let picture = File::Gray16(&sensor.values);
-    let mut text = format!(
-        "{}, exposure {} s, {} bit, black level {} DN",
-        sensor.model.spec().name,
-        sensor.exposure.time().0,
-        sensor.model.spec().bit_depth,
-        sensor.model.spec().offset.0
-    );
+    let mut text = values_words(&sensor.model, sensor.exposure);
     text.extend(left_out(&frame.without).iter().flat_map(|words| [", ", words]));
+    save_values(&sensor.values, &text, path)
+}
+
+/// What the metadata of linear grey values say.
+pub(crate) fn values_words(model: &SensorModel, exposure: Exposure) -> String {
+    let spec = model.spec();
+    let mosaic = spec.quantum_efficiency.filter().map_or(String::new(), |f| format!(", mosaic {}", f.pattern.name()));
+    let (name, time, bits, offset) = (&spec.name, exposure.time().0, spec.bit_depth, spec.offset.0);
+    format!("{name}, exposure {time} s, {bits} bit, black level {offset} DN{mosaic}")
+}
+
+/// Writes linear grey values with words about them as 16-bit PNG or TIFF.
+pub(crate) fn save_values(values: &Plane<u16>, words: &str, path: &Path) -> Result<(), Error> {
+    let picture = File::Gray16(values);
     written(
         path,
         match extension(path).as_str() {
-            "tif" | "tiff" => dunkelfeld_io::tiff::write_tiff(path, picture, Some(&text)),
-            _ => dunkelfeld_io::png::write_png(path, picture, &[("Software", "Dunkelfeld"), ("Description", &text)]),
+            "tif" | "tiff" => dunkelfeld_io::tiff::write_tiff(path, picture, Some(words)),
+            _ => dunkelfeld_io::png::write_png(path, picture, &[("Software", "Dunkelfeld"), ("Description", words)]),
         },
     )
 }

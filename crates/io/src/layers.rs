@@ -132,9 +132,13 @@ impl ExrLayers {
         } else {
             layer.foreign().iter().find_map(|name| self.foreign_triple(name))?
         };
-        let [r, g, b] = channels.map(floats);
-        let data = r.iter().zip(g.iter()).zip(b.iter()).map(|((r, g), b)| [*r, *g, *b]).collect();
-        Plane::from_vec(self.width, self.height, data)
+        self.assembled(channels)
+    }
+
+    /// A layer of triples by the name that stands before its components, or the innermost part of it, in upper or lower case:
+    /// `ViewLayer.Combined` or `combined`. An empty name is the channels without layer.
+    pub fn triples_named(&self, name: &str) -> Option<Plane<[f32; 3]>> {
+        self.assembled(self.foreign_triple(&name.to_ascii_lowercase())?)
     }
 
     /// A layer of single numbers, as floats.
@@ -172,6 +176,12 @@ impl ExrLayers {
             let is_whole = if layer.is_empty() { rest.is_empty() } else { rest.is_empty() || rest.ends_with('.') };
             is_whole.then(|| (component.to_ascii_uppercase(), channel))
         })
+    }
+
+    fn assembled(&self, channels: [&Channel; 3]) -> Option<Plane<[f32; 3]>> {
+        let [r, g, b] = channels.map(floats);
+        let data = r.iter().zip(g.iter()).zip(b.iter()).map(|((r, g), b)| [*r, *g, *b]).collect();
+        Plane::from_vec(self.width, self.height, data)
     }
 
     fn foreign_triple<'a>(&'a self, layer: &'a str) -> Option<[&'a Channel; 3]> {

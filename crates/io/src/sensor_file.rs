@@ -157,7 +157,7 @@ pub fn parse_sensor(file: &TomlFile) -> Result<SensorModel, InputError> {
 const EFFICIENCY: &str = "write points [wavelength in nm, efficiency from 0 to 1] by ascending wavelength";
 
 /// Every key that `derived` and `assumed` may name.
-const KEYS: [&str; 20] = [
+const KEYS: [&str; 21] = [
     "bit_depth",
     "pixel_pitch_um",
     "quantum_efficiency",
@@ -175,6 +175,7 @@ const KEYS: [&str; 20] = [
     "prnu_column_percent",
     "temperature_c",
     "dark_current",
+    "doubling_k",
     "color_filter",
     "defects",
     "published",
@@ -247,6 +248,7 @@ struct DefectsToml {
 struct PublishedToml {
     quantum_efficiency_percent: Option<Spanned<f64>>,
     dark_noise_e: Option<Spanned<f64>>,
+    gain_e_per_dn: Option<Spanned<f64>>,
     threshold_e: Option<Spanned<f64>>,
     threshold_p: Option<Spanned<f64>>,
     saturation_e: Option<Spanned<f64>>,
@@ -263,6 +265,7 @@ impl PublishedToml {
         Published {
             quantum_efficiency_percent: value(&self.quantum_efficiency_percent),
             dark_noise_e: value(&self.dark_noise_e),
+            gain_e_per_dn: value(&self.gain_e_per_dn),
             threshold_e: value(&self.threshold_e),
             threshold_p: value(&self.threshold_p),
             saturation_e: value(&self.saturation_e),
@@ -281,6 +284,7 @@ impl PublishedToml {
         let field = match figure {
             "quantum_efficiency_percent" => &self.quantum_efficiency_percent,
             "dark_noise_e" => &self.dark_noise_e,
+            "gain_e_per_dn" => &self.gain_e_per_dn,
             "threshold_e" => &self.threshold_e,
             "threshold_p" => &self.threshold_p,
             "saturation_e" => &self.saturation_e,

@@ -47,6 +47,64 @@ pub struct DataSheet {
     pub published: Published,
 }
 
+/// One figure of a data sheet beside the published one.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Figure {
+    /// Its name for files, with the unit, as in a sensor file.
+    pub key: &'static str,
+    /// What it is, in words.
+    pub name: &'static str,
+    /// Its symbol in EMVA 1288, in ASCII.
+    pub symbol: &'static str,
+    /// Its unit, in ASCII.
+    pub unit: &'static str,
+    /// What the model implies.
+    pub implied: f64,
+    /// What was published.
+    pub published: Option<f64>,
+}
+
+impl DataSheet {
+    /// All figures in the order in which data sheets give them.
+    pub fn figures(&self) -> Vec<Figure> {
+        let published = self.published.figures();
+        let [dsnu_row, dsnu_column, dsnu_pixel] = self.dsnu_parts.map(|e| e.0);
+        let [prnu_row, prnu_column, prnu_pixel] = self.prnu_parts_percent;
+        let figure = |(key, name, symbol, unit, implied)| Figure {
+            key,
+            name,
+            symbol,
+            unit,
+            implied,
+            published: published.iter().find(|(k, _)| *k == key).and_then(|(_, figure)| *figure),
+        };
+        [
+            ("quantum_efficiency_percent", "quantum efficiency", "eta", "%", 100.0 * self.quantum_efficiency),
+            ("gain_dn_per_e", "system gain", "K", "DN/e-", self.system_gain),
+            ("gain_e_per_dn", "its inverse", "1/K", "e-/DN", 1.0 / self.system_gain),
+            ("dark_noise_e", "temporal dark noise", "sigma_d", "e-", self.dark_noise.0),
+            ("row_noise_e", "row noise in it", "", "e-", self.row_noise.0),
+            ("quantisation_noise_e", "rounding noise", "sigma_q/K", "e-", self.quantisation_noise.0),
+            ("threshold_e", "sensitivity threshold", "mu_e.min", "e-", self.threshold.0),
+            ("threshold_p", "the same in photons", "mu_p.min", "p", self.threshold_photons),
+            ("saturation_e", "saturation capacity", "mu_e.sat", "e-", self.saturation.0),
+            ("saturation_p", "the same in photons", "mu_p.sat", "p", self.saturation_photons),
+            ("dynamic_range_db", "dynamic range", "DR", "dB", self.dynamic_range_db),
+            ("snr_max_db", "largest SNR", "SNR_max", "dB", self.snr_max_db),
+            ("dsnu_e", "dark non-uniformity", "DSNU", "e-", self.dsnu.0),
+            ("dsnu_row_e", "of rows", "DSNU.row", "e-", dsnu_row),
+            ("dsnu_column_e", "of columns", "DSNU.col", "e-", dsnu_column),
+            ("dsnu_pixel_e", "of pixels", "DSNU.pixel", "e-", dsnu_pixel),
+            ("prnu_percent", "response non-uniformity", "PRNU", "%", self.prnu_percent),
+            ("prnu_row_percent", "of rows", "PRNU.row", "%", prnu_row),
+            ("prnu_column_percent", "of columns", "PRNU.col", "%", prnu_column),
+            ("prnu_pixel_percent", "of pixels", "PRNU.pixel", "%", prnu_pixel),
+        ]
+        .map(figure)
+        .to_vec()
+    }
+}
+
 /// The figures that depend on the wavelength, where the quantum efficiency of one colour is highest.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ChannelSheet {
@@ -114,7 +172,18 @@ pub fn data_sheet(model: &SensorModel) -> DataSheet {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::model::SensorSpec;
     use crate::model::tests::example;
+
+    #[test]
+    fn every_published_figure_stands_beside_one_of_the_model() {
+        let numbers = std::array::from_fn(|i| Some(1.0 + i as f64));
+        let spec = SensorSpec { published: Published::from_figures(numbers), ..example() };
+        let figures = data_sheet(&SensorModel::new(spec).expect("valid")).figures();
+        let mut shown: Vec<f64> = figures.iter().filter_map(|f| f.published).collect();
+        shown.sort_by(f64::total_cmp);
+        assert_eq!(shown, numbers.map(Option::unwrap_or_default), "each once");
+    }
 
     /// At the threshold the signal-to-noise ratio of equation (21) is 1: that is its definition.
     #[test]

@@ -27,7 +27,7 @@ mod pattern;
 mod poisson;
 mod presets;
 
-pub use data_sheet::{ChannelSheet, DataSheet, data_sheet};
+pub use data_sheet::{ChannelSheet, DataSheet, Figure, data_sheet};
 pub use efficiency::{BayerPattern, ColorFilter, Efficiency, FilterColor, QuantumEfficiency};
 pub use expose::{Device, FrameKey};
 pub use matched::{ExposureNoise, LeftOut, holds, left_out, matched_where};

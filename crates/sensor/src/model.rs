@@ -59,6 +59,8 @@ pub struct Published {
     pub quantum_efficiency_percent: Option<f64>,
     /// Temporal dark noise sigma_d \[e-\].
     pub dark_noise_e: Option<f64>,
+    /// Inverse of the system gain, 1/K \[e-/DN\].
+    pub gain_e_per_dn: Option<f64>,
     /// Absolute sensitivity threshold mu_e.min \[e-\].
     pub threshold_e: Option<f64>,
     /// The same in photons, mu_p.min.
@@ -79,12 +81,13 @@ pub struct Published {
 
 impl Published {
     /// The figures in the order of [`Self::figures`].
-    pub const fn from_figures(figures: [Option<f64>; 10]) -> Self {
-        let [qe, dark, threshold_e, threshold_p, saturation_e, saturation_p, range, snr, dsnu_e, prnu_percent] =
+    pub const fn from_figures(figures: [Option<f64>; 11]) -> Self {
+        let [qe, dark, gain, threshold_e, threshold_p, saturation_e, saturation_p, range, snr, dsnu_e, prnu_percent] =
             figures;
         Self {
             quantum_efficiency_percent: qe,
             dark_noise_e: dark,
+            gain_e_per_dn: gain,
             threshold_e,
             threshold_p,
             saturation_e,
@@ -97,10 +100,11 @@ impl Published {
     }
 
     /// Every figure with the name of its field.
-    pub fn figures(&self) -> [(&'static str, Option<f64>); 10] {
+    pub fn figures(&self) -> [(&'static str, Option<f64>); 11] {
         [
             ("quantum_efficiency_percent", self.quantum_efficiency_percent),
             ("dark_noise_e", self.dark_noise_e),
+            ("gain_e_per_dn", self.gain_e_per_dn),
             ("threshold_e", self.threshold_e),
             ("threshold_p", self.threshold_p),
             ("saturation_e", self.saturation_e),

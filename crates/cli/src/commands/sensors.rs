@@ -1,20 +1,28 @@
-//! `dunkelfeld sensors`: the presets, and the data sheet that one implies.
+//! `dunkelfeld sensors`: the presets, and the data sheet that one implies beside the published one.
 
 use crate::args::SensorsArgs;
 use crate::outcome::{Outcome, print};
+use dunkelfeld::Error;
 use dunkelfeld::io::sensor_file;
-use dunkelfeld::sensor::{DataSheet, SensorModel, data_sheet};
+use dunkelfeld::sensor::{ChannelSheet, DataSheet, Figure, SensorModel, data_sheet};
+use serde_json::{Value, json};
 use std::fmt::Write;
 
-pub(crate) fn run(args: &SensorsArgs) -> Result<Outcome, dunkelfeld::Error> {
-    match &args.sensor {
-        None => print(&list()?),
-        Some(name) => print(&sheet(&dunkelfeld::find_sensor(name)?)),
-    }
+pub(crate) fn run(args: &SensorsArgs) -> Result<Outcome, Error> {
+    let text = match (&args.sensor, args.json) {
+        (None, false) => list()?,
+        (None, true) => {
+            let presets = sensor_file::preset_names().map(|name| Ok(as_json(name, &dunkelfeld::find_sensor(name)?)));
+            pretty(&Value::Array(presets.collect::<Result<_, Error>>()?))
+        }
+        (Some(name), false) => sheet(&dunkelfeld::find_sensor(name)?),
+        (Some(name), true) => pretty(&as_json(name, &dunkelfeld::find_sensor(name)?)),
+    };
+    print(&text);
     Ok(Outcome::Done)
 }
 
-fn list() -> Result<String, dunkelfeld::Error> {
+fn list() -> Result<String, Error> {
     let mut text = String::from("name                pixel      saturation  dark noise  gain        source\n");
     for name in sensor_file::preset_names() {
         let model = sensor_file::preset(name)?;
@@ -42,23 +50,102 @@ fn sheet(model: &SensorModel) -> String {
             let _ = writeln!(text, "  {what}: {}", names.join(", "));
         }
     }
-    let published = |v: Option<f64>| v.map_or(String::new(), |v| format!("   (published {v} dB)"));
-    let rows = [
-        ("pixel pitch", format!("{:.3} um", s.pixel_pitch.0 * 1e6)),
-        ("bit depth", s.bit_depth.to_string()),
-        ("quantum efficiency eta", format!("{:.1} % at {:.0} nm", d.quantum_efficiency * 100.0, d.wavelength.0)),
-        ("system gain K", format!("{:.5} DN/e- ({:.4} e-/DN)", d.system_gain, 1.0 / d.system_gain)),
-        ("dark noise sigma_d", format!("{:.3} e-", d.dark_noise.0)),
-        ("quantisation noise", format!("{:.3} e-", d.quantisation_noise.0)),
-        ("sensitivity threshold", format!("{:.2} e- = {:.2} photons", d.threshold.0, d.threshold_photons)),
-        ("saturation capacity", format!("{:.0} e- = {:.0} photons", d.saturation.0, d.saturation_photons)),
-        ("dynamic range", format!("{:.2} dB{}", d.dynamic_range_db, published(d.published.dynamic_range_db))),
-        ("SNR max", format!("{:.2} dB{}", d.snr_max_db, published(d.published.snr_max_db))),
-        ("DSNU", format!("{:.2} e-", d.dsnu.0)),
-        ("PRNU", format!("{:.2} %", d.prnu_percent)),
-    ];
-    for (name, value) in rows {
-        let _ = writeln!(text, "  {name:<24}{value}");
+    let pitch = s.pixel_pitch.0 * 1e6;
+    let _ = writeln!(text, "  pixel pitch {pitch:.3} um, {} bit, black level {} DN", s.bit_depth, s.offset.0);
+    if let Some(filter) = s.quantum_efficiency.filter() {
+        let _ = writeln!(text, "  colour filter {}", filter.pattern.name());
+    }
+    for c in &d.channels {
+        let color = c.color.map_or(String::new(), |color| format!("{}: ", color.name()));
+        let _ = writeln!(
+            text,
+            "  {color}quantum efficiency {} % at {:.0} nm, {} to {} photons",
+            digits(100.0 * c.quantum_efficiency),
+            c.wavelength.0,
+            digits(c.threshold_photons),
+            digits(c.saturation_photons)
+        );
+    }
+    let _ = writeln!(text, "\n  {:<24}{:<12}{:>16}{:>12}   difference", "figure", "symbol", "model", "published");
+    for f in d.figures() {
+        let published = f.published.map_or("-".into(), digits);
+        let (what, model) = (format!("{:<24}{:<12}", f.name, f.symbol), format!("{} {}", digits(f.implied), f.unit));
+        let line = format!("  {what}{model:>16}{published:>12}   {}", difference(&f));
+        let _ = writeln!(text, "{}", line.trim_end());
     }
     text
+}
+
+/// By how much the model is above what was published: in dB for decibels, in percent else.
+fn difference(f: &Figure) -> String {
+    match f.published {
+        None => String::new(),
+        Some(p) if f.unit == "dB" => format!("{:+.2} dB", f.implied - p),
+        Some(p) => format!("{:+.1} %", 100.0 * (f.implied / p - 1.0)),
+    }
+}
+
+/// Four digits, without zeros that say nothing.
+fn digits(v: f64) -> String {
+    if v == 0.0 {
+        return "0".into();
+    }
+    let decimals = (3 - v.abs().log10().floor() as i32).clamp(0, 8) as usize;
+    let text = format!("{v:.decimals$}");
+    if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').into() } else { text }
+}
+
+fn as_json(name: &str, model: &SensorModel) -> Value {
+    let (s, d) = (model.spec(), data_sheet(model));
+    let channel = |c: &ChannelSheet| {
+        json!({
+            "color": c.color.map(|color| color.name()),
+            "wavelength_nm": c.wavelength.0,
+            "quantum_efficiency_percent": 100.0 * c.quantum_efficiency,
+            "threshold_p": c.threshold_photons,
+            "saturation_p": c.saturation_photons,
+        })
+    };
+    let figure = |f: Figure| {
+        json!({
+            "key": f.key,
+            "name": f.name,
+            "symbol": f.symbol,
+            "unit": f.unit,
+            "model": f.implied,
+            "published": f.published,
+            "difference": f.published.map(|p| f.implied - p),
+        })
+    };
+    json!({
+        "sensor": name,
+        "name": s.name,
+        "source": s.source,
+        "derived": s.derived,
+        "assumed": s.assumed,
+        "pixel_pitch_um": s.pixel_pitch.0 * 1e6,
+        "bit_depth": s.bit_depth,
+        "offset_dn": s.offset.0,
+        "color_filter": s.quantum_efficiency.filter().map(|f| f.pattern.name()),
+        "channels": d.channels.iter().map(channel).collect::<Vec<_>>(),
+        "figures": d.figures().into_iter().map(figure).collect::<Vec<_>>(),
+    })
+}
+
+fn pretty(value: &Value) -> String {
+    format!("{value:#}\n")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_have_four_digits_that_matter() {
+        for (v, text) in
+            [(0.0, "0"), (70.0, "70"), (10700.4, "10700"), (2.634, "2.634"), (0.37965, "0.3797"), (40.294, "40.29")]
+        {
+            assert_eq!(digits(v), text);
+        }
+    }
 }

@@ -2,7 +2,7 @@
 
 use crate::args::RenderArgs;
 use crate::outcome::{print, say};
-use crate::words::{count, seconds, shell};
+use crate::words::{count, exposure_time, seconds, shell};
 use dunkelfeld::scene::Effect;
 use dunkelfeld::{CertificateStats, Project, ProjectResult, Stats};
 use std::fmt::Write;
@@ -178,13 +178,4 @@ fn replay_command(args: &RenderArgs, s: &Stats, sample: &str) -> String {
     }
     flag("--debug-sample", sample.into());
     shell(words)
-}
-
-/// An exposure time in the unit that suits it.
-fn exposure_time(seconds: f64) -> String {
-    match seconds {
-        s if s < 1e-3 => format!("{:.2} us", s * 1e6),
-        s if s < 1.0 => format!("{:.3} ms", s * 1e3),
-        s => format!("{s:.3} s"),
-    }
 }

@@ -1,0 +1,98 @@
+//! `dunkelfeld expose`: an EXR in, frames of a camera out.
+
+use crate::args::{ExposeArgs, ExposureChoice, NoiseKind};
+use crate::bar::Sink;
+use crate::interrupt::cancel_on_interrupt;
+use crate::outcome::{Outcome, print, say};
+use crate::words::{exposure_time, seconds};
+use dunkelfeld::sensor::{ExposureNoise, Optics, SensorError};
+use dunkelfeld::{DEFAULT_SENSOR, Error, ExposeOutputs, ExposeSettings, ExposedFile, expose_exr};
+use std::fmt::Write;
+
+pub(crate) fn run(args: &ExposeArgs) -> Result<Outcome, Error> {
+    let settings = settings(args)?;
+    let mut outputs = ExposeOutputs { image: args.image.clone(), linear: args.linear.clone() };
+    if outputs == ExposeOutputs::default() {
+        outputs.image = Some(dunkelfeld::default_image_path(&args.input));
+    }
+    let sink = Sink::new(args.progress);
+    let cancel = cancel_on_interrupt();
+    let exposed = expose_exr(&args.input, &settings, &outputs, &sink, &cancel)?;
+    drop(sink);
+    print(&report(&settings, &exposed));
+    if exposed.no_light {
+        say("warning: the image is black, so there is no automatic exposure; 1 s was used");
+    }
+    if exposed.frames < settings.frames {
+        say(&format!("interrupted: {} of {} frames were written", exposed.frames, settings.frames));
+        return Ok(Outcome::Interrupted);
+    }
+    if exposed.invalid > 0 {
+        let n = exposed.invalid;
+        say(&format!(
+            "flagged: the radiance of {n} pixels is negative or not a number (they count as black) or infinite (they saturate)"
+        ));
+        return Ok(Outcome::Flagged);
+    }
+    Ok(Outcome::Done)
+}
+
+fn settings(args: &ExposeArgs) -> Result<ExposeSettings, Error> {
+    let model = dunkelfeld::find_sensor(args.sensor.as_deref().unwrap_or(DEFAULT_SENSOR))?;
+    let defaults = ExposeSettings::new(model)?;
+    Ok(ExposeSettings {
+        optics: optics(args, defaults.optics)?,
+        vignetting: args.vignetting,
+        exposure: match args.exposure {
+            None | Some(ExposureChoice::Auto) => None,
+            Some(ExposureChoice::For(time)) => Some(time),
+        },
+        exposure_noise: match args.exposure_noise {
+            None | Some(NoiseKind::Plain) => ExposureNoise::Plain,
+            Some(NoiseKind::Matched) => ExposureNoise::Matched,
+        },
+        seed: args.seed,
+        first_frame: args.frame,
+        frames: args.frames,
+        layer: args.layer.clone(),
+        threads: args.threads.map_or(0, usize::from),
+        ..defaults
+    })
+}
+
+/// The lens of the flags; what they leave out is as in a render.
+fn optics(args: &ExposeArgs, defaults: Optics) -> Result<Optics, Error> {
+    let f_number = args.f_number.unwrap_or(defaults.f_number());
+    let transmission = args.transmission.unwrap_or(defaults.transmission());
+    let magnification = args.magnification.unwrap_or(defaults.magnification());
+    Optics::new(f_number, transmission, magnification).map_err(|e| match e {
+        SensorError::OutOfRange { field, value, allowed } => {
+            let flag = format!("--{}", field.replace('_', "-"));
+            Error::setting(flag, format!("{value} is out of range"), format!("write a number {allowed}"))
+        }
+        other => other.into(),
+    })
+}
+
+fn report(settings: &ExposeSettings, exposed: &ExposedFile) -> String {
+    let [width, height] = exposed.size;
+    let mut text = format!(
+        "{width} x {height} pixels, {}, exposed for {}; {:.2} % of the pixels are saturated\n",
+        settings.model.spec().name,
+        exposure_time(exposed.exposure.time().0),
+        100.0 * exposed.saturated
+    );
+    let words = if exposed.frames == 1 { "1 frame".into() } else { format!("{} frames", exposed.frames) };
+    let rate = f64::from(exposed.frames) / exposed.expose_seconds.max(1e-9);
+    let (expose, write) = (seconds(exposed.expose_seconds), seconds(exposed.write_seconds));
+    let _ = writeln!(text, "{words}, exposed in {expose} ({rate:.1} per second), written in {write}");
+    match exposed.files.as_slice() {
+        [first, .., last] if exposed.files.len() > 4 => {
+            let _ = writeln!(text, "wrote {} ... {} ({} files)", first.display(), last.display(), exposed.files.len());
+        }
+        files => files.iter().for_each(|file| {
+            let _ = writeln!(text, "wrote {}", file.display());
+        }),
+    }
+    text
+}

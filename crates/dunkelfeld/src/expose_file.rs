@@ -1,0 +1,444 @@
+//! `expose`: an EXR of ours or of another renderer becomes frames of a camera.
+
+use crate::denoise_file::radiance_of;
+use crate::develop::Picture;
+use crate::error::Error;
+use crate::lens::DEFAULT_F_NUMBER;
+use crate::noise::pooled;
+use crate::outputs::{extension, same_file, save_plain_picture, save_values, values_words, written};
+use crate::progress::{Cancel, Progress, ProgressState, Stage};
+use crate::render::thread_pool;
+use dunkelfeld_adaptive::evidence::{Evidence, surfaces};
+use dunkelfeld_adaptive::pooling::Witnesses;
+use dunkelfeld_film::Plane;
+use dunkelfeld_io::InputError;
+use dunkelfeld_io::exr::{ExrLayers, read_exr};
+use dunkelfeld_io::job::LensSettings;
+use dunkelfeld_io::layers::{Single, Triple};
+use dunkelfeld_radiometry::Seconds;
+use dunkelfeld_sensor::{
+    Device, Exposure, ExposureNoise, FrameKey, Optics, Response, SensorError, SensorModel, auto_exposure, electrons,
+};
+use rayon::prelude::*;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+/// So many frames at most wait to be written at a time.
+const MOST_WAITING: usize = 16;
+/// Digits of a frame's number in a file's name, at least.
+const DIGITS: usize = 4;
+
+/// How an image is exposed.
+#[derive(Clone, Debug)]
+pub struct ExposeSettings {
+    /// The sensor.
+    pub model: SensorModel,
+    /// The lens: how radiance becomes irradiance on its axis.
+    pub optics: Optics,
+    /// Focal length \[m\] of a lens that darkens the image with the fourth power of the cosine of the field angle, with the
+    /// image in its middle; `None` for one that does not, or an image that is darkened already.
+    pub vignetting: Option<f64>,
+    /// The exposure; `None` finds one: the 99.5 % quantile comes to 90 % of saturation.
+    pub exposure: Option<Exposure>,
+    /// What noise the sensor adds to the image's own.
+    pub exposure_noise: ExposureNoise,
+    /// Seed of the noise and of the device.
+    pub seed: u64,
+    /// Number of the first frame.
+    pub first_frame: u32,
+    /// How many frames.
+    pub frames: u32,
+    /// The layer that holds radiance; `None` looks under the names that renderers use.
+    pub layer: Option<String>,
+    /// Threads; 0 takes as many as there are cores.
+    pub threads: usize,
+}
+
+/// Which files to write. Of several frames each name gets the frame's number before its ending, as in `out-0007.png`.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct ExposeOutputs {
+    /// 8-bit gamma-2.2 PNG.
+    pub image: Option<PathBuf>,
+    /// 16-bit linear grey values, PNG or TIFF.
+    pub linear: Option<PathBuf>,
+}
+
+/// What became of it.
+#[derive(Clone, Debug)]
+pub struct ExposedFile {
+    /// Width and height \[pixels\].
+    pub size: [u32; 2],
+    /// Frames that were written; fewer than asked for if it was cancelled.
+    pub frames: u32,
+    /// The exposure that was used.
+    pub exposure: Exposure,
+    /// Was the image so dark that no automatic exposure exists?
+    pub no_light: bool,
+    /// Share of pixels whose expected electrons fill the well or reach the end of the converter.
+    pub saturated: f64,
+    /// Pixels whose radiance was negative or not a number (they count as black) or infinite (they saturate).
+    pub invalid: u64,
+    /// Seconds that the exposures took, without anything else.
+    pub expose_seconds: f64,
+    /// Seconds that pictures and files took.
+    pub write_seconds: f64,
+    /// The files, in their order.
+    pub files: Vec<PathBuf>,
+}
+
+/// An image in front of a camera: gives frames.
+#[derive(Clone, Debug)]
+pub struct Exposer {
+    device: Device,
+    exposure: Exposure,
+    seed: u64,
+    electrons: Plane<f32>,
+    /// Of the electrons [e^-2]; `None` if all of the camera's noise is to be drawn.
+    variance: Option<Plane<f32>>,
+    no_light: bool,
+    invalid: u64,
+}
+
+impl Exposer {
+    /// Puts mean radiance [W/(m^2 sr)] in front of a camera. `variance` of the mean electrons of each pixel, given their
+    /// response, is asked for if the noise is to be matched, and makes that possible.
+    ///
+    /// # Errors
+    /// A sensor whose ranges the exposure leaves, noise that nobody knows but is to be matched.
+    fn new(
+        mut radiance: Plane<[f32; 3]>,
+        settings: &ExposeSettings,
+        variance: impl FnOnce(&Response, &Plane<[f32; 3]>) -> Option<Plane<f32>>,
+    ) -> Result<Self, Error> {
+        let ExposeSettings { model, optics, .. } = settings;
+        let (width, height) = (radiance.width(), radiance.height());
+        // What the lens lets through, relative to its axis.
+        let share = settings.vignetting.map(|focal_length| {
+            let distance = focal_length * (1.0 + optics.magnification()) / model.spec().pixel_pitch.0;
+            move |x: u32, y: u32| cosine_fourth(x, y, width, height, distance)
+        });
+        if let Some(share) = &share {
+            radiance = Plane::from_fn(width, height, |x, y| {
+                let share = share(x, y);
+                radiance.at(x, y).map(|v| (f64::from(v) * share) as f32)
+            });
+        }
+        let (exposure, no_light) = match settings.exposure.map_or_else(|| auto_exposure(&radiance, model, optics), Ok) {
+            Err(SensorError::NoLight) => (Exposure::new(Seconds(1.0))?, true),
+            other => (other?, false),
+        };
+        let response = Response::new(model, optics, exposure);
+        let mean = electrons(&radiance, &response);
+        let variance = match settings.exposure_noise {
+            ExposureNoise::Plain => None,
+            ExposureNoise::Matched => variance(&response, &radiance).map(|v| match &share {
+                None => v,
+                Some(share) => {
+                    Plane::from_fn(width, height, |x, y| (f64::from(*v.at(x, y)) * share(x, y).powi(2)) as f32)
+                }
+            }),
+        };
+        let device = Device::new(model.clone(), settings.seed, width, height);
+        let (electrons, invalid) = (mean.plane, mean.invalid);
+        Ok(Self { device, exposure, seed: settings.seed, electrons, variance, no_light, invalid })
+    }
+
+    /// Reads an EXR and puts it in front of a camera.
+    ///
+    /// # Errors
+    /// A file that cannot be read or has no such layer; settings outside their range; noise that is to be matched, but that the
+    /// file does not tell of.
+    pub fn open(path: &Path, settings: &ExposeSettings) -> Result<Self, Error> {
+        check(settings)?;
+        let layers = read_exr(path)?;
+        let radiance = radiance_of(path, &layers, settings.layer.as_deref())?;
+        let variance = match settings.exposure_noise {
+            ExposureNoise::Plain => None,
+            ExposureNoise::Matched => Some(layers.triples(Triple::Variance).ok_or_else(|| {
+                let problem = "is not there, so that the noise of the render is not known";
+                InputError::new(path, "the layer `variance`", problem, "leave out --exposure-noise matched")
+            })?),
+        };
+        Self::new(radiance, settings, |response, mean| variance.map(|v| variance_of_means(&layers, response, mean, &v)))
+    }
+
+    /// Width and height \[pixels\].
+    pub fn size(&self) -> [u32; 2] {
+        [self.electrons.width(), self.electrons.height()]
+    }
+
+    /// The camera.
+    pub fn model(&self) -> &SensorModel {
+        self.device.model()
+    }
+
+    /// The exposure that was given, or found.
+    pub fn exposure(&self) -> Exposure {
+        self.exposure
+    }
+
+    /// Expected photo-electrons of each pixel.
+    pub fn electrons(&self) -> &Plane<f32> {
+        &self.electrons
+    }
+
+    /// Grey values \[DN\] of the frame with this number, on the threads of the current pool: a function of image, settings, seed
+    /// and number.
+    ///
+    /// # Errors
+    /// None, as the planes are of one size.
+    pub fn frame(&self, number: u32) -> Result<Plane<u16>, Error> {
+        let [width, height] = self.size();
+        let key = FrameKey { seed: self.seed, frame: number };
+        let mut values = Plane::new(width, height, 0u16);
+        values.data_mut().par_chunks_mut(width.max(1) as usize).enumerate().try_for_each(|(y, row)| {
+            let rows = y as u32..y as u32 + 1;
+            match &self.variance {
+                Some(v) => self.device.expose_rows_matched(&self.electrons, v, self.exposure, key, rows, row),
+                None => self.device.expose_rows(&self.electrons, self.exposure, key, rows, row),
+            }
+        })?;
+        Ok(values)
+    }
+
+    fn saturated(&self) -> f64 {
+        let model = self.model();
+        let full = (model.saturation().0 - model.dark_electrons(self.exposure.time()).0) as f32;
+        let electrons = self.electrons.data();
+        electrons.iter().filter(|&&e| e >= full).count() as f64 / electrons.len().max(1) as f64
+    }
+}
+
+/// Exposes an EXR, and writes the frames in their order; a cancelled run leaves those that it has finished. Runs on threads of
+/// its own, with the same values for any number of them.
+///
+/// # Errors
+/// As [`Exposer::open`], and files that cannot be written; those before them are.
+pub fn expose_exr(
+    input: &Path,
+    settings: &ExposeSettings,
+    outputs: &ExposeOutputs,
+    progress: &dyn Progress,
+    cancel: &Cancel,
+) -> Result<ExposedFile, Error> {
+    let started = Instant::now();
+    check(settings)?;
+    outputs.check(settings)?;
+    let pool = thread_pool(settings.threads)?;
+    let exposer = pool.install(|| Exposer::open(input, settings))?;
+    let mut done = ExposedFile {
+        size: exposer.size(),
+        frames: 0,
+        exposure: exposer.exposure,
+        no_light: exposer.no_light,
+        saturated: exposer.saturated(),
+        invalid: exposer.invalid,
+        expose_seconds: 0.0,
+        write_seconds: 0.0,
+        files: Vec::new(),
+    };
+    let numbers: Vec<u32> = (settings.first_frame..=settings.last_frame()).collect();
+    for group in numbers.chunks(pool.current_num_threads().min(MOST_WAITING)) {
+        if cancel.is_cancelled() {
+            break;
+        }
+        let elapsed = started.elapsed().as_secs_f64();
+        let share = f64::from(done.frames) / f64::from(settings.frames);
+        progress.update(&ProgressState {
+            stage: Stage::Expose,
+            fraction: share,
+            elapsed,
+            remaining: (share > 0.0).then(|| elapsed * (1.0 - share) / share),
+            samples: 0,
+        });
+        let began = Instant::now();
+        let frames: Vec<_> =
+            pool.install(|| group.iter().map(|&n| Ok((n, exposer.frame(n)?))).collect::<Result<_, Error>>())?;
+        done.expose_seconds += began.elapsed().as_secs_f64();
+        let began = Instant::now();
+        // Errors in the order of the frames, whichever thread was first.
+        let written: Vec<Result<Vec<PathBuf>, Error>> = pool
+            .install(|| frames.par_iter().map(|(n, values)| save(&exposer, settings, outputs, *n, values)).collect());
+        done.write_seconds += began.elapsed().as_secs_f64();
+        for files in written {
+            done.files.extend(files?);
+            done.frames += 1;
+        }
+    }
+    Ok(done)
+}
+
+fn save(
+    exposer: &Exposer,
+    settings: &ExposeSettings,
+    outputs: &ExposeOutputs,
+    number: u32,
+    values: &Plane<u16>,
+) -> Result<Vec<PathBuf>, Error> {
+    let mut files = Vec::new();
+    if let Some(path) = &outputs.image {
+        let path = settings.numbered(path, number);
+        save_plain_picture(&Picture::of(values, exposer.model()), &path)?;
+        files.push(path);
+    }
+    if let Some(path) = &outputs.linear {
+        let path = settings.numbered(path, number);
+        save_values(values, &values_words(exposer.model(), exposer.exposure), &path)?;
+        files.push(path);
+    }
+    Ok(files)
+}
+
+impl ExposeSettings {
+    /// One frame through a lens of f/4 and transmission 0.9 far from the object, with automatic exposure: as a render without a
+    /// job has it.
+    ///
+    /// # Errors
+    /// None.
+    pub fn new(model: SensorModel) -> Result<Self, Error> {
+        Ok(Self {
+            model,
+            optics: Optics::new(DEFAULT_F_NUMBER, LensSettings::default().transmission, 0.0)?,
+            vignetting: None,
+            exposure: None,
+            exposure_noise: ExposureNoise::default(),
+            seed: 0,
+            first_frame: 0,
+            frames: 1,
+            layer: None,
+            threads: 0,
+        })
+    }
+
+    /// Number of the last frame.
+    fn last_frame(&self) -> u32 {
+        self.first_frame.saturating_add(self.frames.saturating_sub(1))
+    }
+
+    /// The name of a frame's file: that of the output itself if there is one frame alone.
+    pub fn numbered(&self, path: &Path, number: u32) -> PathBuf {
+        if self.frames == 1 {
+            return path.to_path_buf();
+        }
+        let digits = self.last_frame().to_string().len().max(DIGITS);
+        let mut name = path.file_stem().unwrap_or_default().to_os_string();
+        name.push(format!("-{number:0digits$}"));
+        if let Some(ending) = path.extension() {
+            name.push(".");
+            name.push(ending);
+        }
+        path.with_file_name(name)
+    }
+}
+
+impl ExposeOutputs {
+    /// Finds out before the work whether its results can be written.
+    ///
+    /// # Errors
+    /// No output at all, an ending that does not fit, a folder that does not exist or cannot be written to, two outputs in one
+    /// file.
+    pub fn check(&self, settings: &ExposeSettings) -> Result<(), Error> {
+        let fault = |file: &Path, problem: String, mend: &str| {
+            Err(Error::Output { file: file.into(), problem, mend: mend.into() })
+        };
+        for (path, endings) in [(&self.image, &["png"][..]), (&self.linear, &["png", "tif", "tiff"])] {
+            let Some(path) = path else { continue };
+            if !endings.contains(&extension(path).as_str()) {
+                let problem = format!("has an ending that does not fit (\".{}\")", extension(path));
+                return fault(path, problem, &format!("end it in .{}", endings.join(" or .")));
+            }
+            let first = settings.numbered(path, settings.first_frame);
+            written(&first, dunkelfeld_io::atomic::check_writable(&first))?;
+        }
+        match (&self.image, &self.linear) {
+            (None, None) => Err(Error::setting("output", "no file is named", "name a picture, or linear grey values")),
+            (Some(image), Some(linear)) if same_file(image, linear) => {
+                fault(image, "is named for two outputs".into(), "give each its own file")
+            }
+            _ => Ok(()),
+        }
+    }
+}
+
+fn check(s: &ExposeSettings) -> Result<(), Error> {
+    if s.frames == 0 || s.first_frame.checked_add(s.frames - 1).is_none() {
+        let problem = format!("{} frames from number {} on cannot be counted", s.frames, s.first_frame);
+        return Err(Error::setting("frames", problem, "use at least 1, and numbers below 2^32"));
+    }
+    if s.vignetting.is_some_and(|f| !(1e-6..=1e3).contains(&f)) {
+        return Err(Error::setting("vignetting", "the focal length is out of range", "use 1 um to 1 km, as in 12mm"));
+    }
+    if s.exposure_noise == ExposureNoise::Matched {
+        if s.frames > 1 {
+            let problem = "frames of one image share its noise, so that matched ones would be too quiet together";
+            let mend = "render anew for each frame, or leave out --exposure-noise matched";
+            return Err(Error::setting("exposure noise", problem, mend));
+        }
+        if s.layer.is_some() {
+            let problem = "the layer `variance` tells of the noise of the mean, not of another layer's";
+            return Err(Error::setting("exposure noise", problem, "leave out --layer, or --exposure-noise matched"));
+        }
+    }
+    Ok(())
+}
+
+/// The share of light behind a thin lens that reaches a pixel, relative to the axis in the middle of the image: cos^4 of the
+/// field angle, at the pixel's centre. `distance` of the image from
+/// the lens in pixels.
+fn cosine_fourth(x: u32, y: u32, width: u32, height: u32, distance: f64) -> f64 {
+    let off = |at: u32, size: u32| (f64::from(at) + 0.5 - 0.5 * f64::from(size)) / distance;
+    let tangent_squared = off(x, width).powi(2) + off(y, height).powi(2);
+    (1.0 + tangent_squared).powi(-2)
+}
+
+/// Variance of the mean electrons of each pixel, from those of the channels, which are taken to rise and fall together. A file of
+/// ours tells which pixels show the same surface: there they are pooled, as in a render.
+fn variance_of_means(
+    layers: &ExrLayers,
+    response: &Response,
+    mean: &Plane<[f32; 3]>,
+    variance: &Plane<[f32; 3]>,
+) -> Plane<f32> {
+    let (width, height) = (mean.width(), mean.height());
+    let own = Plane::from_fn(width, height, |x, y| response.at(x, y).variance(*variance.at(x, y)) as f32);
+    let known = [layers.integers(Single::SampleCount), layers.integers(Single::ObjectId)];
+    let ([Some(counts), Some(objects)], Some(normals)) = (known, layers.triples(Triple::Normal)) else { return own };
+    let surface = surfaces(&objects, &normals);
+    let pooled: Vec<_> = response
+        .kinds()
+        .iter()
+        .map(|weights| {
+            let evidence = Evidence {
+                counts: counts.clone(),
+                mean: mean.map(|&v| weights.electrons(v).0 as f32),
+                variance: variance.map(|&v| weights.variance(v) as f32),
+                // A file does not tell, and pooling does not ask.
+                largest: Plane::new(width, height, 0.0),
+                surface: surface.clone(),
+            };
+            pooled(&evidence, Witnesses::All)
+        })
+        .collect();
+    Plane::from_fn(width, height, |x, y| {
+        // A pixel whose own variance is not known is not told by its neighbours whether it is one of them.
+        if own.at(x, y).is_finite() {
+            pooled[response.kind(x, y)].at(x, y).of_mean(*counts.at(x, y))
+        } else {
+            f32::INFINITY
+        }
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A field angle of 45 degrees has cos^4 = 1/4.
+    #[test]
+    fn the_edge_is_darker_by_the_fourth_power_of_the_cosine() {
+        assert_eq!(cosine_fourth(1, 1, 3, 3, 50.0), 1.0);
+        assert!((cosine_fourth(100, 0, 101, 1, 50.0) - 0.25).abs() < 1e-12);
+        assert!((cosine_fourth(0, 0, 101, 1, 50.0) - 0.25).abs() < 1e-12);
+        assert!((cosine_fourth(0, 100, 1, 101, 50.0) - 0.25).abs() < 1e-12);
+    }
+}

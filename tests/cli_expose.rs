@@ -1,0 +1,114 @@
+//! `dunkelfeld expose` as users of the program have it.
+//!
+//! Replay: `cargo test -p dunkelfeld-cli --test cli_expose NAME`.
+
+#[path = "support/cli.rs"]
+mod bench;
+
+use bench::{Bench, stderr, stdout};
+use dunkelfeld::io::exr::{Channel, ExrLayers, write_exr};
+use serde_json::Value;
+
+/// A grey ramp as another renderer writes it.
+fn ramp(bench: &Bench, file: &str, first: f32) {
+    let mut layers = ExrLayers::new(24, 16);
+    let samples = (0..24 * 16).map(|i| if i == 0 { first } else { i as f32 * 1e-3 });
+    layers.channels = vec![("Y".into(), Channel::F32(samples.collect()))];
+    write_exr(&bench.path(file), layers).expect("written");
+}
+
+const COLOUR: &str = "name = \"colour\"\nsource = \"made up\"\nbit_depth = 12\npixel_pitch_um = 3.45\nfull_well_e = 10000\n\
+    dark_noise_e = 3\ngain_e_per_dn = 2.5\noffset_dn = 30\n[color_filter]\npattern = \"rggb\"\n\
+    red = [[465, 0.04], [550, 0.06], [610, 0.45]]\ngreen = [[465, 0.15], [530, 0.58], [610, 0.1]]\n\
+    blue = [[465, 0.52], [550, 0.12], [610, 0.04]]\n";
+
+/// What a render writes and what `expose` makes of its EXR are the same files.
+#[test]
+fn an_image_of_our_own_is_exposed_as_its_render_was() {
+    let bench = Bench::new();
+    bench.write("colour.toml", COLOUR);
+    for (sensor, more) in [("imx174", "--exposure auto"), ("imx900-hcg", "--exposure 700us"), ("colour.toml", "")] {
+        let camera = format!("--sensor {sensor} {more} --seed 3 --frame 5");
+        let files = "-o a.png --linear a.tif --exr a.exr";
+        bench.run(&format!("render scene.gltf --width 40 --height 30 --spp 4 {camera} {files}")).code(0);
+        let run = bench.run(&format!("expose a.exr {camera} -o b.png --linear b.tif --threads 2")).code(0);
+        assert!(stdout(&run).contains("40 x 30 pixels") && stdout(&run).contains("per second"), "{}", stdout(&run));
+        assert_eq!(bench.read("a.png"), bench.read("b.png"), "{sensor}");
+        assert_eq!(bench.read("a.tif"), bench.read("b.tif"), "{sensor}");
+    }
+    // The byte of a PNG that tells its kind of pixels: grey is 0, colours are 2.
+    assert_eq!(bench.read("b.png")[25], 2, "behind a colour filter the picture has colours");
+    bench.run("expose a.exr -o grey.png").code(0);
+    assert_eq!(bench.read("grey.png")[25], 0);
+}
+
+#[test]
+fn frames_have_their_numbers_and_progress_is_told() {
+    let bench = Bench::new();
+    ramp(&bench, "ramp.exr", 0.0);
+    let run = bench.run("expose ramp.exr --frames 3 --frame 7 --linear raw.png --progress json --threads 1").code(0);
+    let text = stdout(&run);
+    assert!(text.contains("3 frames, exposed in") && text.contains("raw-0009.png"), "{text}");
+    let told: Vec<Value> = stderr(&run).lines().map(|l| serde_json::from_str(l).expect("JSON")).collect();
+    assert_eq!(told.len(), 3, "{told:?}");
+    assert!(told.iter().all(|t| t["stage"] == "expose") && told[2]["fraction"].as_f64() > Some(0.6), "{told:?}");
+    let frames: Vec<String> = bench.names().into_iter().filter(|n| n.starts_with("raw")).collect();
+    assert_eq!(frames, ["raw-0007.png", "raw-0008.png", "raw-0009.png"]);
+    assert_ne!(bench.read("raw-0007.png"), bench.read("raw-0008.png"));
+    bench.run("expose ramp.exr --frame 8 --linear one.png").code(0);
+    assert_eq!(bench.read("raw-0008.png"), bench.read("one.png"), "a frame does not depend on its company");
+    // Without an output the picture is named after the image.
+    bench.run("expose ramp.exr").code(0);
+    assert!(bench.names().contains("ramp.png"));
+}
+
+#[test]
+fn what_is_wrong_with_an_image_is_said_and_flagged() {
+    let bench = Bench::new();
+    ramp(&bench, "bad.exr", f32::NAN);
+    let run = bench.run("expose bad.exr -o a.png").code(1);
+    assert!(stderr(&run).contains("flagged: the radiance of 1 pixels"), "{}", stderr(&run));
+    let mut dark = ExrLayers::new(4, 4);
+    dark.channels = vec![("Y".into(), Channel::F32(vec![0.0; 16]))];
+    write_exr(&bench.path("dark.exr"), dark).expect("written");
+    let run = bench.run("expose dark.exr -o a.png").code(0);
+    assert!(stderr(&run).contains("no automatic exposure"), "{}", stderr(&run));
+}
+
+#[test]
+fn what_cannot_be_exposed_is_refused_and_nothing_is_written() {
+    let bench = Bench::new();
+    ramp(&bench, "ramp.exr", 0.0);
+    bench.write("text.exr", "no image");
+    bench.write("there.png", "precious");
+    let before = bench.names();
+    let cases: [(&str, &[&str]); 18] = [
+        ("nowhere.exr", &["nowhere.exr", "mend:"]),
+        ("text.exr", &["text.exr", "mend:"]),
+        ("ramp.exr --sensor imx999", &["imx999", "imx250"]),
+        ("ramp.exr --sensor none", &["none", "imx250"]),
+        ("ramp.exr --exposure 0s", &["--exposure"]),
+        ("ramp.exr --f-number 0.1", &["--f-number", "0.1", "from 0.5 to 1000", "mend:"]),
+        ("ramp.exr --transmission -1", &["--transmission", "-1", "mend:"]),
+        ("ramp.exr --magnification nan", &["--magnification", "mend:"]),
+        ("ramp.exr --vignetting 0mm", &["vignetting", "12mm", "mend:"]),
+        ("ramp.exr --vignetting wide", &["--vignetting", "12mm"]),
+        ("ramp.exr --layer Combined", &["Combined", "the channels are Y", "mend:"]),
+        ("ramp.exr --exposure-noise matched", &["`variance`", "mend:"]),
+        ("ramp.exr --exposure-noise matched --frames 2", &["share its noise", "mend:"]),
+        ("ramp.exr --frames 0", &["--frames"]),
+        ("ramp.exr --frame 4294967295 --frames 2", &["frames", "2^32", "mend:"]),
+        ("ramp.exr --linear a.exr", &["a.exr", ".tif", "mend:"]),
+        ("ramp.exr --linear there.png", &["there.png", "two outputs", "mend:"]),
+        ("ramp.exr --linear nowhere/a.png --frames 3", &["nowhere", "mend:"]),
+    ];
+    for (line, says) in cases {
+        let message = stderr(&bench.run(&format!("expose {line} -o there.png")).code(2));
+        assert!(message.starts_with("error: "), "{line}\n{message}");
+        for part in says {
+            assert!(message.contains(part), "`{line}` does not say `{part}`:\n{message}");
+        }
+    }
+    assert_eq!(bench.names(), before, "something was written");
+    assert_eq!(bench.read("there.png"), b"precious");
+}

@@ -1,0 +1,350 @@
+//! Exposing images of any renderer, and colour sensors: what the facade makes of layers, lens, mosaic and known noise.
+//!
+//! Replay: `cargo test -p dunkelfeld --test expose NAME`.
+
+mod support;
+
+use dunkelfeld::film::Plane;
+use dunkelfeld::geometry::DVec3;
+use dunkelfeld::io::exr::{Channel, ExrLayers, write_exr};
+use dunkelfeld::io::layers::{Single, Triple};
+use dunkelfeld::io::sensor_file::parse_sensor;
+use dunkelfeld::io::toml_file::TomlFile;
+use dunkelfeld::radiometry::{Electrons, Rgb, Seconds};
+use dunkelfeld::sensor::{BayerPattern, Exposure, ExposureNoise, Optics, SensorModel};
+use dunkelfeld::{
+    Cancel, ExposeOutputs, ExposeSettings, Exposer, Frame, Picture, RenderSettings, SensorChoice, Silent, develop_film,
+    expose_exr, find_sensor, render, thread_pool,
+};
+use std::path::PathBuf;
+use std::time::Instant;
+use support::{build, emitter, settings, square};
+use tempfile::TempDir;
+
+fn folder() -> TempDir {
+    TempDir::new().expect("a temporary folder")
+}
+
+/// An image of one renderer or another: channels of floats.
+fn written(folder: &TempDir, name: &str, size: (u32, u32), channels: &[(&str, Vec<f32>)]) -> PathBuf {
+    let mut layers = ExrLayers::new(size.0, size.1);
+    layers.channels = channels.iter().map(|(name, v)| ((*name).into(), Channel::F32(v.clone()))).collect();
+    layers.channels.sort_by(|a, b| a.0.cmp(&b.0));
+    let path = folder.path().join(name);
+    write_exr(&path, layers).expect("written");
+    path
+}
+
+fn exposure(seconds: f64) -> Option<Exposure> {
+    Some(Exposure::new(Seconds(seconds)).expect("in range"))
+}
+
+/// A sensor without noise to speak of, in which a third of the light comes with each band.
+fn sensor(rest: &str) -> SensorModel {
+    let text = format!(
+        "name = \"test\"\nsource = \"made up\"\nbit_depth = 16\npixel_pitch_um = 3.45\nfull_well_e = 60000\ndark_noise_e = 4\n\
+         gain_dn_per_e = 1\noffset_dn = 100\n{rest}"
+    );
+    parse_sensor(&TomlFile::from_text("test.toml", text)).unwrap_or_else(|e| panic!("{e}\n{}", e.caret()))
+}
+
+const MONO: &str = "quantum_efficiency = [[550, 0.6]]\n";
+const RED: &str = "[[465, 0.04], [550, 0.06], [610, 0.45]]";
+const GREEN: &str = "[[465, 0.15], [530, 0.58], [610, 0.1]]";
+const BLUE: &str = "[[465, 0.52], [550, 0.12], [610, 0.04]]";
+
+fn colour(pattern: BayerPattern) -> SensorModel {
+    let name = pattern.name();
+    sensor(&format!("[color_filter]\npattern = \"{name}\"\nred = {RED}\ngreen = {GREEN}\nblue = {BLUE}\n"))
+}
+
+fn exposing(model: SensorModel) -> ExposeSettings {
+    ExposeSettings { exposure: exposure(1e-3), ..ExposeSettings::new(model).expect("defaults") }
+}
+
+/// EMVA 1288's own anchor: mu_p = 50.34 A\[um^2\] t\[ms\] lambda\[um\] E\[uW/cm^2\], summed over the three bands, through the lens
+/// E = pi L tau / (4 N^2 (1 + m)^2). 1 W/m^2 is 100 uW/cm^2.
+#[test]
+fn an_image_of_another_renderer_gives_the_electrons_of_the_standard() {
+    let folder = folder();
+    let size = (6, 4);
+    let flat = |v: f32| vec![v; 24];
+    let path = written(
+        &folder,
+        "blender.exr",
+        size,
+        &[
+            ("ViewLayer.Combined.R", flat(2.0)),
+            ("ViewLayer.Combined.G", flat(1.0)),
+            ("ViewLayer.Combined.B", flat(0.5)),
+            ("ViewLayer.Emit.R", flat(7.0)),
+            ("ViewLayer.Emit.G", flat(7.0)),
+            ("ViewLayer.Emit.B", flat(7.0)),
+        ],
+    );
+    let settings = ExposeSettings { optics: Optics::new(2.8, 0.8, 0.25).expect("in range"), ..exposing(sensor(MONO)) };
+    let expected = |rgb: [f64; 3]| {
+        let irradiance = std::f64::consts::PI * 0.8 / (4.0 * 2.8 * 2.8 * 1.25 * 1.25) * 100.0;
+        let bands = [0.61, 0.55, 0.465];
+        let sum: f64 = bands.iter().zip(rgb).map(|(lambda, l)| lambda * l / 3.0).sum();
+        0.6 * 50.34 * 3.45 * 3.45 * 1.0 * irradiance * sum
+    };
+    for (layer, rgb) in
+        [(None, [2.0, 1.0, 0.5]), (Some("emit"), [7.0; 3]), (Some("ViewLayer.Combined"), [2.0, 1.0, 0.5])]
+    {
+        let settings = ExposeSettings { layer: layer.map(Into::into), ..settings.clone() };
+        let exposer = Exposer::open(&path, &settings).expect("an image");
+        assert_eq!(exposer.size(), [6, 4]);
+        for &e in exposer.electrons().data() {
+            assert!((f64::from(e) / expected(rgb) - 1.0).abs() < 1e-4, "{layer:?}: {e}, not {}", expected(rgb));
+        }
+    }
+    let missing = ExposeSettings { layer: Some("Diffuse".into()), ..settings };
+    let message = Exposer::open(&path, &missing).expect_err("no such layer").to_string();
+    assert!(
+        message.contains("Diffuse") && message.contains("ViewLayer.Emit.R") && message.contains("mend"),
+        "{message}"
+    );
+}
+
+/// A thin lens of 5 mm over 101 x 61 pixels of 3.45 um: tan^2 of the field angle from the pixel's distance to the middle.
+#[test]
+fn a_lens_that_vignettes_darkens_by_the_fourth_power_of_the_cosine() {
+    let folder = folder();
+    let size = (101, 61);
+    let path = written(&folder, "grey.exr", size, &[("Y", vec![3.0; 101 * 61])]);
+    let f = 0.4e-3;
+    let open = |vignetting, magnification| {
+        let optics = Optics::new(4.0, 0.9, magnification).expect("in range");
+        let settings = ExposeSettings { vignetting, optics, ..exposing(sensor(MONO)) };
+        Exposer::open(&path, &settings).expect("an image").electrons().clone()
+    };
+    for m in [0.0, 0.5] {
+        let (plain, dark) = (open(None, m), open(Some(f), m));
+        assert!(plain.data().iter().all(|e| e == plain.at(0, 0)), "a flat image stays flat by default");
+        for (x, y) in [(50, 30), (0, 0), (100, 60), (100, 30), (50, 0), (77, 12)] {
+            let off = f64::hypot(f64::from(x) - 50.0, f64::from(y) - 30.0) * 3.45e-6;
+            let cosine = (off / (f * (1.0 + m))).atan().cos();
+            let got = f64::from(*dark.at(x, y)) / f64::from(*plain.at(x, y));
+            assert!((got / cosine.powi(4) - 1.0).abs() < 1e-6, "({x}, {y}), m = {m}: {got}, not {}", cosine.powi(4));
+        }
+    }
+    // A long lens hardly darkens.
+    assert!(*open(Some(1.0), 0.0).at(0, 0) > 0.999_999 * *open(None, 0.0).at(0, 0));
+}
+
+#[test]
+fn frames_are_numbered_and_do_not_depend_on_threads_or_company() {
+    let folder = folder();
+    let ramp = (0..40 * 30).map(|i| i as f32 * 1e-3).collect();
+    let path = written(&folder, "ramp.exr", (40, 30), &[("R", ramp), ("G", vec![0.3; 1200]), ("B", vec![0.1; 1200])]);
+    let model = find_sensor("imx174").expect("a preset");
+    let many = ExposeSettings { seed: 5, first_frame: 9998, frames: 5, exposure: None, threads: 3, ..exposing(model) };
+    let outputs = |name: &str| ExposeOutputs {
+        image: Some(folder.path().join(format!("{name}.png"))),
+        linear: Some(folder.path().join(format!("{name}.tif"))),
+    };
+    let done = expose_exr(&path, &many, &outputs("many"), &Silent, &Cancel::new()).expect("exposed");
+    let names: Vec<_> =
+        done.files.iter().map(|f| f.file_name().expect("a name").to_string_lossy().into_owned()).collect();
+    assert_eq!(
+        (done.frames, names.len(), names[0].as_str(), names[9].as_str()),
+        (5, 10, "many-09998.png", "many-10002.tif")
+    );
+    // One of them alone, on one thread.
+    let one = ExposeSettings { first_frame: 10_000, frames: 1, threads: 1, ..many.clone() };
+    let alone = expose_exr(&path, &one, &outputs("one"), &Silent, &Cancel::new()).expect("exposed");
+    let read = |name: &str| std::fs::read(folder.path().join(name)).unwrap_or_else(|e| panic!("{name}: {e}"));
+    for ending in ["png", "tif"] {
+        assert_eq!(read(&format!("many-10000.{ending}")), read(&format!("one.{ending}")));
+        assert_ne!(read(&format!("many-10001.{ending}")), read(&format!("one.{ending}")));
+    }
+    assert_eq!(alone.exposure, done.exposure, "the automatic exposure is that of the image");
+    // In memory, from the same image.
+    let exposer = Exposer::open(&path, &many).expect("an image");
+    let frames = [1, 4].map(|n| thread_pool(n).expect("threads").install(|| exposer.frame(10_000).expect("a frame")));
+    assert_eq!(frames[0], frames[1]);
+    // A run that was cancelled before its first frame writes none.
+    let cancel = Cancel::new();
+    cancel.cancel();
+    let none = expose_exr(&path, &many, &outputs("none"), &Silent, &cancel).expect("nothing to do");
+    assert_eq!((none.frames, none.files.len()), (0, 0));
+}
+
+/// An image whose pixels scatter with a known variance around one truth: plain frames have its noise on top of the camera's, matched
+/// ones have the camera's alone. 40 000 pixels: a variance is known to 0.7 %, the bar is seven of that.
+#[test]
+fn known_noise_of_an_image_is_taken_out_of_the_cameras() {
+    const SIDE: u32 = 200;
+    let count = (SIDE * SIDE) as usize;
+    let folder = folder();
+    let model = sensor(MONO);
+    let settings = ExposeSettings { optics: Optics::new(4.0, 1.0, 0.0).expect("in range"), ..exposing(model.clone()) };
+    let flat = written(&folder, "flat.exr", (1, 1), &[("Y", vec![1.0])]);
+    let per_radiance = f64::from(*Exposer::open(&flat, &settings).expect("an image").electrons().at(0, 0));
+    // 400 electrons, the noise of the render half of the camera's as a variance.
+    let truth = 400.0 / per_radiance;
+    let time = Seconds(1e-3);
+    let camera = model.temporal_variance(Electrons(400.0), time);
+    let spread = (0.5 * camera).sqrt() / per_radiance;
+    // Twelve uniform numbers minus six are nearly normal, with a variance of one.
+    let mut state = 1u64;
+    let mut uniform = || {
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (state >> 11) as f64 / (1u64 << 53) as f64
+    };
+    let noisy: Vec<f32> =
+        (0..count).map(|_| (truth + spread * ((0..12).map(|_| uniform()).sum::<f64>() - 6.0)) as f32).collect();
+    let variance = vec![(spread * spread) as f32; count];
+    let channels: Vec<(&str, Vec<f32>)> = ["R", "G", "B"]
+        .into_iter()
+        .map(|c| (c, noisy.clone()))
+        .chain(["variance.R", "variance.G", "variance.B"].into_iter().map(|c| (c, variance.clone())))
+        .collect();
+    let path = written(&folder, "noisy.exr", (SIDE, SIDE), &channels);
+    for (exposure_noise, expected) in [(ExposureNoise::Plain, 1.5), (ExposureNoise::Matched, 1.0)] {
+        let settings = ExposeSettings { exposure_noise, seed: 3, ..settings.clone() };
+        let frame = Exposer::open(&path, &settings).expect("an image").frame(0).expect("a frame");
+        let n = count as f64;
+        let mean = frame.data().iter().map(|&y| f64::from(y)).sum::<f64>() / n;
+        let got = frame.data().iter().map(|&y| (f64::from(y) - mean).powi(2)).sum::<f64>() / (n - 1.0);
+        let ratio = (got - 1.0 / 12.0) / (camera - 1.0 / 12.0);
+        assert!((ratio / expected - 1.0).abs() < 0.05, "{exposure_noise:?}: {ratio:.3} of the camera's variance");
+        assert!((mean - 500.0).abs() < 7.0 * (got / n).sqrt(), "{exposure_noise:?}: mean {mean}");
+    }
+    // Of what is not known nothing can be taken out, and frames that share it would be too quiet.
+    let matched = ExposeSettings { exposure_noise: ExposureNoise::Matched, ..settings };
+    for (path, settings, part) in [
+        (&flat, matched.clone(), "layer `variance`"),
+        (&path, ExposeSettings { frames: 2, ..matched.clone() }, "share its noise"),
+        (&path, ExposeSettings { layer: Some(String::new()), ..matched }, "--layer"),
+    ] {
+        let message = Exposer::open(path, &settings).expect_err(part).to_string();
+        assert!(message.contains(part) && message.contains("mend"), "{message}");
+    }
+}
+
+// --- Colour ------------------------------------------------------------------------------------------------------------
+
+/// A coloured floor under a lamp.
+fn lit_floor(sensor: SensorModel, noise: ExposureNoise) -> (dunkelfeld::Rendering, RenderSettings) {
+    let mut b = dunkelfeld::scene::SceneBuilder::default();
+    let base_color = Rgb::new(0.7, 0.4, 0.2);
+    let floor = b.add_material(dunkelfeld::scene::Material { base_color, ..Default::default() });
+    b.add_object("floor", square(0.0, 2.4, false), floor);
+    let lamp = b.add_material(emitter(20.0));
+    b.add_object("lamp", square(1.2, 0.8, true), lamp);
+    b.add_camera("camera", DVec3::new(1.1, -2.0, 1.1), DVec3::new(0.0, 0.0, 0.1), 0.7);
+    let optics = Optics::new(4.0, 0.9, 0.0).expect("in range");
+    let sensor = SensorChoice::Emva { model: Box::new(sensor), optics, exposure: exposure(0.3e-3) };
+    let settings = RenderSettings { sensor, exposure_noise: noise, ..settings(30, 24, 16.0, 4) };
+    let rendering = render(&build(b), &settings, Instant::now(), &Silent, &Cancel::new()).expect("valid settings");
+    (rendering, settings)
+}
+
+fn developed(rendering: &dunkelfeld::Rendering, settings: &RenderSettings) -> Frame {
+    develop_film(&rendering.film, &rendering.labels, settings).expect("a frame")
+}
+
+/// A pixel behind a filter is exposed, certified and matched as the same pixel of a monochrome sensor with the curve of its
+/// colour: to the last bit, wherever it stands.
+#[test]
+fn every_pixel_of_a_mosaic_is_one_of_a_monochrome_sensor_of_its_colour() {
+    for (pattern, noise) in
+        BayerPattern::ALL.into_iter().zip([ExposureNoise::Plain, ExposureNoise::Matched].into_iter().cycle())
+    {
+        let (rendering, settings) = lit_floor(colour(pattern), noise);
+        let frame = developed(&rendering, &settings);
+        let mosaic = frame.sensor.as_ref().expect("a sensor");
+        assert!(matches!(&frame.picture, Picture::Rgb(p) if p.width() == 30), "the picture has colours");
+        for (color, curve) in [RED, GREEN, BLUE].into_iter().enumerate() {
+            let SensorChoice::Emva { optics, exposure, .. } = settings.sensor.clone() else { panic!("a sensor") };
+            let model = Box::new(sensor(&format!("quantum_efficiency = {curve}\n")));
+            let mono = RenderSettings { sensor: SensorChoice::Emva { model, optics, exposure }, ..settings.clone() };
+            let frame = developed(&rendering, &mono);
+            let mono = frame.sensor.as_ref().expect("a sensor");
+            let ratios = [mosaic, mono].map(|s| &s.certified.as_ref().expect("certified").ratios);
+            let held = [mosaic, mono].map(|s| s.matched.as_ref().map(|m| &m.held));
+            for (x, y) in (0..24).flat_map(|y| (0..30).map(move |x| (x, y))) {
+                if pattern.color_at(x, y) as usize != color {
+                    continue;
+                }
+                let place = format!("{} ({x}, {y}) {noise:?}", pattern.name());
+                assert_eq!(mosaic.electrons.at(x, y), mono.electrons.at(x, y), "{place}");
+                assert_eq!(mosaic.values.at(x, y), mono.values.at(x, y), "{place}");
+                assert_eq!(ratios[0].at(x, y), ratios[1].at(x, y), "{place}");
+                if let [Some(a), Some(b)] = held {
+                    assert_eq!(a.at(x, y), b.at(x, y), "{place}");
+                }
+            }
+        }
+    }
+}
+
+/// Behind a colour filter a budget of noise is met by the pixels of every colour, and samples do not follow the mosaic's edges.
+#[test]
+fn a_render_behind_a_filter_is_planned_and_certified() {
+    use dunkelfeld::Budget;
+    use dunkelfeld_adaptive::allocation::Strategy;
+    let (_, settings) = lit_floor(colour(BayerPattern::Rggb), ExposureNoise::Plain);
+    let mut b = dunkelfeld::scene::SceneBuilder::default();
+    let lamp = b.add_material(emitter(5.0));
+    b.add_object("lamp", square(0.0, 3.0, false), lamp);
+    b.add_camera("camera", DVec3::new(0.0, 0.0, 2.0), DVec3::ZERO, 0.7);
+    let scene = build(b);
+    // A flat image has no edges: the paper's method shares its samples out evenly, mosaic or not.
+    let sobel = RenderSettings {
+        strategy: Some(Strategy::Sobel),
+        budget: Budget { spp: Some(32.0), ..Budget::default() },
+        ..settings.clone()
+    };
+    let counts = render(&scene, &sobel, Instant::now(), &Silent, &Cancel::new()).expect("valid").film.sample_counts();
+    let (least, most) = (counts.data().iter().min(), counts.data().iter().max());
+    assert!(most.zip(least).is_some_and(|(most, least)| most - least <= 1), "{least:?} to {most:?} samples");
+    // And a level of noise is reached.
+    let (rendering, hidden) = {
+        let (_, settings) = lit_floor(colour(BayerPattern::Grbg), ExposureNoise::Plain);
+        let budget = Budget { noise: Some(1.0), spp: Some(4000.0), ..Budget::default() };
+        let hidden = RenderSettings { strategy: Some(Strategy::Sensor), budget, ..settings };
+        let mut b = dunkelfeld::scene::SceneBuilder::default();
+        let floor = b.add_material(dunkelfeld::scene::Material::default());
+        b.add_object("floor", square(0.0, 2.4, false), floor);
+        let lamp = b.add_material(emitter(20.0));
+        b.add_object("lamp", square(1.2, 0.8, true), lamp);
+        b.add_camera("camera", DVec3::new(1.1, -2.0, 1.1), DVec3::new(0.0, 0.0, 0.1), 0.7);
+        (render(&build(b), &hidden, Instant::now(), &Silent, &Cancel::new()).expect("valid"), hidden)
+    };
+    let frame = developed(&rendering, &hidden);
+    let certified = frame.sensor.and_then(|s| s.certified).expect("certified");
+    assert!(certified.certificate.is_hidden(), "{:?}", certified.certificate);
+}
+
+/// What a render behind a colour sensor writes can be exposed again from its EXR, noise matched: nearly as the render had it.
+#[test]
+fn layers_of_a_render_are_matched_as_the_render_was() {
+    let folder = folder();
+    let (rendering, settings) = lit_floor(colour(BayerPattern::Rggb), ExposureNoise::Matched);
+    let frame = developed(&rendering, &settings);
+    let layers = dunkelfeld::encode_layers(&rendering.film, &rendering.labels, &frame, &settings, &[]);
+    assert!(layers.triples(Triple::Variance).is_some() && layers.integers(Single::ObjectId).is_some());
+    let path = folder.path().join("layers.exr");
+    write_exr(&path, layers).expect("written");
+    let SensorChoice::Emva { model, optics, exposure } = &settings.sensor else { panic!("a sensor") };
+    let expose = |exposure_noise| {
+        let defaults = ExposeSettings::new((**model).clone()).expect("defaults");
+        let settings =
+            ExposeSettings { optics: *optics, exposure: *exposure, exposure_noise, seed: settings.seed, ..defaults };
+        Exposer::open(&path, &settings).expect("an image").frame(0).expect("a frame")
+    };
+    let own = &frame.sensor.as_ref().expect("a sensor").values;
+    // The covariance of the channels is not in the file: what is left out is a little different.
+    let distance = |other: &Plane<u16>| {
+        let off = own.data().iter().zip(other.data()).map(|(&a, &b)| (f64::from(a) - f64::from(b)).powi(2));
+        off.sum::<f64>() / own.data().len() as f64
+    };
+    let (matched, plain) = (distance(&expose(ExposureNoise::Matched)), distance(&expose(ExposureNoise::Plain)));
+    assert!(
+        matched < 0.05 * plain,
+        "mean square {matched:.2} from the render's own matched frame, {plain:.2} when plain"
+    );
+}
