@@ -18,8 +18,8 @@ use dunkelfeld_sensor::{
 const WIDTH: u32 = 2448;
 const HEIGHT: u32 = 2048;
 
-fn device() -> Option<Device> {
-    let spec = SensorSpec {
+fn spec() -> Option<SensorSpec> {
+    Some(SensorSpec {
         name: "5 megapixels".into(),
         source: "bench".into(),
         derived: vec![],
@@ -37,7 +37,23 @@ fn device() -> Option<Device> {
         fixed_pattern: FixedPattern { dsnu: Electrons(1.0), prnu: 0.005, ..FixedPattern::default() },
         defects: Defects::default(),
         published: Published::default(),
+    })
+}
+
+/// The same with patterns of rows and columns, row noise, hot and dead pixels.
+fn faulty(spec: SensorSpec) -> SensorSpec {
+    let pattern = FixedPattern {
+        dsnu_row: Electrons(0.3),
+        dsnu_column: Electrons(0.5),
+        prnu_row: 0.001,
+        prnu_column: 0.002,
+        ..spec.fixed_pattern
     };
+    let defects = Defects { hot: 1e-4, hot_factor: 100.0, dead: 1e-5 };
+    SensorSpec { fixed_pattern: pattern, defects, row_noise: Electrons(0.5), ..spec }
+}
+
+fn device(spec: SensorSpec) -> Option<Device> {
     Some(Device::new(SensorModel::new(spec).ok()?, 1, WIDTH, HEIGHT))
 }
 
@@ -53,7 +69,8 @@ fn expose(device: &Device, electrons: &Plane<f32>, exposure: Exposure, frame: u3
 }
 
 fn frames(c: &mut Criterion) {
-    let (Some(device), Ok(exposure)) = (device(), Exposure::new(Seconds(5e-3))) else { return };
+    let devices = (spec().and_then(device), spec().map(faulty).and_then(device));
+    let ((Some(device), Some(faulty)), Ok(exposure)) = (devices, Exposure::new(Seconds(5e-3))) else { return };
     let mut group = c.benchmark_group("expose 5 megapixels");
     group.throughput(Throughput::Elements(u64::from(WIDTH) * u64::from(HEIGHT)));
     group.sample_size(10).measurement_time(Duration::from_secs(3)).warm_up_time(Duration::from_millis(500));
@@ -66,17 +83,19 @@ fn frames(c: &mut Criterion) {
         ("dark, 3 e-", Plane::new(WIDTH, HEIGHT, 3.0)),
         ("dim, 30 e-", Plane::new(WIDTH, HEIGHT, 30.0)),
         ("bright, 5000 e-", Plane::new(WIDTH, HEIGHT, 5000.0)),
+        ("dark field, every fault", dark_field.clone()),
         ("dark field", dark_field),
     ];
     let mut out = vec![0u16; (WIDTH * HEIGHT) as usize];
     for (name, electrons) in &scenes {
+        let device = if name.contains("fault") { &faulty } else { &device };
         for threads in [1, 2] {
             let id = BenchmarkId::new(*name, format!("{threads} threads"));
             group.bench_with_input(id, &threads, |b, &threads| {
                 let mut frame = 0;
                 b.iter(|| {
                     frame += 1;
-                    expose(&device, electrons, exposure, frame, &mut out, threads);
+                    expose(device, electrons, exposure, frame, &mut out, threads);
                     black_box(out[0])
                 });
             });
