@@ -43,9 +43,36 @@ pub enum AnalysisError {
         /// How many it takes.
         needed: usize,
     },
-    /// The frames have no pixels.
-    #[error("the frames have no pixels")]
+    /// The frames have no pixels, or too few.
+    #[error("the frames have too few pixels")]
     Empty,
+    /// A measurement that lacks something.
+    #[error("{problem}")]
+    Unfit {
+        /// What is missing or wrong.
+        problem: String,
+        /// What to do about it.
+        mend: String,
+    },
+}
+
+impl AnalysisError {
+    pub(crate) fn unfit(problem: impl Into<String>, mend: impl Into<String>) -> Self {
+        Self::Unfit { problem: problem.into(), mend: mend.into() }
+    }
+
+    /// What to do about it.
+    pub fn mend(&self) -> &str {
+        match self {
+            Self::Length { .. } | Self::Empty => "use frames with pixels, three rows and columns at least",
+            Self::SizeMismatch(_) => "use frames of one size",
+            Self::Mask { .. } => "use a mask of the size of the frames",
+            Self::TooFewFrames { .. } => "add frames",
+            Self::TooManyFrames(_) => "use fewer frames",
+            Self::TooFewLevels { .. } => "add levels of light, evenly spread from dark to saturation",
+            Self::Unfit { mend, .. } => mend,
+        }
+    }
 }
 
 /// Grey values \[DN\] of one frame, row by row; 8-bit values are widened, not scaled.

@@ -90,6 +90,12 @@ pub struct FramePair {
     pub pixels: u64,
     /// Fraction of the values that are zero: the variance of a clipped signal is too small.
     pub at_zero: f64,
+    /// The largest value of both frames \[DN\].
+    pub largest: u16,
+    /// Fraction of the values that are the largest.
+    pub at_largest: f64,
+    /// Variance of the values over both frames, temporal and spatial together \[DN^2\].
+    pub spread: f64,
 }
 
 impl FramePair {
@@ -100,27 +106,41 @@ impl FramePair {
         if a.values().is_empty() {
             return Err(AnalysisError::Empty);
         }
-        let (mut sum, mut difference, mut second, mut fourth, mut zeros) = (0u64, 0i64, 0u64, 0u128, 0u64);
-        for (&a, &b) in a.values().iter().zip(b.values()) {
-            let d = i64::from(a) - i64::from(b);
-            let square = (d * d) as u64;
-            sum += u64::from(a) + u64::from(b);
-            difference += d;
-            second += square;
-            fourth += u128::from(square) * u128::from(square);
-            zeros += u64::from(a == 0) + u64::from(b == 0);
+        let mut all = PairSums::default();
+        let (mut zeros, mut largest, mut at_largest, mut squares) = (0u64, 0u16, 0u64, 0u64);
+        let (mut means, mut variances) = (RowSpread::default(), RowSpread::default());
+        let width = a.width() as usize;
+        for (a, b) in a.values().chunks_exact(width).zip(b.values().chunks_exact(width)) {
+            let mut row = PairSums::default();
+            for (&a, &b) in a.iter().zip(b) {
+                row.add(a, b);
+                squares += u64::from(a) * u64::from(a) + u64::from(b) * u64::from(b);
+                for y in [a, b] {
+                    zeros += u64::from(y == 0);
+                    if y > largest {
+                        (largest, at_largest) = (y, 0);
+                    }
+                    at_largest += u64::from(y == largest);
+                }
+            }
+            means.add(row.difference as f64 / width as f64);
+            variances.add(row.second as f64 / width as f64);
+            all.merge(&row);
         }
         let n = a.values().len() as f64;
-        let (second, fourth) = (second as f64 / n, fourth as f64 / n);
-        let variance = 0.5 * second - 0.5 * (difference as f64 / n).powi(2);
-        // The spread of the squared differences themselves tells how well their mean is known; no shape is assumed.
-        let variance_error = 0.5 * ((fourth - second * second).max(0.0) / n).sqrt();
+        let (second, fourth) = (all.second as f64 / n, all.fourth as f64 / n);
+        let variance = 0.5 * second - 0.5 * (all.difference as f64 / n).powi(2);
+        // The spread of the squared differences themselves tells how well their mean is known; no shape is assumed. Where
+        // whole rows flicker pixels are not independent, and the spread of the rows tells it.
+        let variance_error = 0.5 * variances.error(((fourth - second * second).max(0.0) / n).sqrt());
+        let mean_error = 0.5 * means.error((2.0 * variance.max(0.0) / n).sqrt());
+        let mean = all.sum as f64 / (2.0 * n);
         Ok(Self {
             mean: Quantity {
                 symbol: "mu_y",
                 name: "mean grey value",
-                value: sum as f64 / (2.0 * n),
-                standard_error: (variance.max(0.0) / (2.0 * n)).sqrt(),
+                value: mean,
+                standard_error: mean_error,
                 unit: "DN",
                 section: "EMVA 1288 release 4.0 Linear, mean of two frames",
             },
@@ -134,7 +154,65 @@ impl FramePair {
             },
             pixels: a.values().len() as u64,
             at_zero: zeros as f64 / (2.0 * n),
+            largest,
+            at_largest: at_largest as f64 / (2.0 * n),
+            spread: (squares as f64 / (2.0 * n) - mean * mean).max(0.0),
         })
+    }
+}
+
+/// Exact sums over a pair.
+#[derive(Default)]
+struct PairSums {
+    sum: u64,
+    difference: i64,
+    second: u64,
+    fourth: u128,
+}
+
+impl PairSums {
+    fn add(&mut self, a: u16, b: u16) {
+        let d = i64::from(a) - i64::from(b);
+        let square = (d * d) as u64;
+        self.sum += u64::from(a) + u64::from(b);
+        self.difference += d;
+        self.second += square;
+        self.fourth += u128::from(square) * u128::from(square);
+    }
+
+    fn merge(&mut self, other: &Self) {
+        self.sum += other.sum;
+        self.difference += other.difference;
+        self.second += other.second;
+        self.fourth += other.fourth;
+    }
+}
+
+/// How means over rows scatter, and what that makes of the mean over all rows.
+#[derive(Default)]
+struct RowSpread {
+    rows: f64,
+    sum: f64,
+    squares: f64,
+}
+
+impl RowSpread {
+    fn add(&mut self, v: f64) {
+        self.rows += 1.0;
+        self.sum += v;
+        self.squares += v * v;
+    }
+
+    /// The standard error of the mean: `independent`, which takes all pixels to be independent, unless rows scatter by five
+    /// of their own standard errors more than that allows.
+    fn error(&self, independent: f64) -> f64 {
+        if self.rows < 2.0 {
+            return independent;
+        }
+        let mean = self.sum / self.rows;
+        let variance = (self.squares / self.rows - mean * mean).max(0.0) / (self.rows - 1.0);
+        let limit = independent * independent * (1.0 + 5.0 * (2.0 / (self.rows - 1.0)).sqrt());
+        if variance > limit { variance.sqrt() } else { independent }
     }
 }
 

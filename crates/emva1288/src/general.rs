@@ -1,0 +1,199 @@
+//! The general module: cameras that are not linear, or whose frames were processed (EMVA 1288 release 4.0 General).
+//!
+//! Without a straight line there is neither K nor eta. What remains is the light that a pixel must receive: noise is referred
+//! to the input by the local slope of the characteristic curve, sigma_p = sigma_y / (d mu_y / d mu_p).
+
+use serde::Serialize;
+
+use crate::frame::AnalysisError;
+use crate::measurement::{AnalysisSettings, Measurement, Release};
+use crate::propagate::errors;
+use crate::quantity::Quantity;
+use crate::saturation::saturation;
+use crate::summary::{Point, Summary};
+
+/// Levels up to saturation that it takes at least.
+const LEAST_LEVELS: usize = 4;
+const SECTION: &str = "release 4.0 General";
+
+/// A level, its noise referred to the input.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct InputPoint {
+    /// Photons per pixel, mu_p.
+    pub photons: f64,
+    /// mu_y - mu_y.dark \[DN\].
+    pub signal: f64,
+    /// Local slope d mu_y / d mu_p \[DN per photon\].
+    pub slope: f64,
+    /// Noise at the input and its standard error, sigma_p \[photons\].
+    pub noise: [f64; 2],
+    /// Signal-to-noise ratio at the input, mu_p / sigma_p.
+    pub snr: f64,
+}
+
+/// What can be said of any camera.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct GeneralAnalysis {
+    /// The rules for saturation.
+    pub release: Release,
+    /// Bits per grey value.
+    pub bits: u32,
+    /// The figures.
+    pub quantities: Vec<Quantity>,
+    /// Notes on the measurement.
+    pub notes: Vec<String>,
+    /// Levels below saturation, by ascending photons.
+    pub levels: Vec<InputPoint>,
+}
+
+/// Analyses a camera of any characteristic (EMVA 1288 release 4.0, General).
+///
+/// # Errors
+/// What the measurement lacks, with what to do about it.
+pub fn analyse_general(
+    measurement: &Measurement,
+    settings: &AnalysisSettings,
+) -> Result<GeneralAnalysis, AnalysisError> {
+    let data = measurement.ordered()?;
+    let saturation = saturation(&data, settings.release)?;
+    let mut summary = Summary::new(&data, &saturation);
+    let end = summary.bright.iter().position(|p| p.photons > saturation.photons).unwrap_or(summary.bright.len());
+    summary.bright.truncate(end);
+    // One level for each amount of light: slopes are taken across them.
+    summary.bright.dedup_by(|b, a| b.photons <= a.photons);
+    if summary.bright.len() < LEAST_LEVELS {
+        return Err(AnalysisError::unfit(
+            format!("{} levels lie below saturation, {LEAST_LEVELS} are needed at least", summary.bright.len()),
+            "add levels between dark and saturation; the standard asks for 50",
+        ));
+    }
+    let slopes = slopes(&summary);
+    if let Some(i) = slopes.iter().position(|s| s.is_nan() || *s <= 0.0) {
+        return Err(AnalysisError::unfit(
+            format!(
+                "the grey values do not grow with the light near {:.4} photons",
+                summary.bright[i.saturating_sub(1)].photons
+            ),
+            "use levels whose grey values differ by more than their noise, and order them by their light",
+        ));
+    }
+    let values = figures(&summary);
+    let spread = errors(&summary, figures);
+    let rows = [
+        ("mu_p.min", "absolute sensitivity threshold, where SNR is 1", "photons"),
+        ("mu_p.sat", "saturation irradiation", "photons"),
+        ("DR", "dynamic range", "1"),
+        ("DR.dB", "dynamic range", "dB"),
+        ("SNR_max", "largest signal-to-noise ratio at the input", "1"),
+        ("SNR_max.dB", "largest signal-to-noise ratio at the input", "dB"),
+        ("sigma_p.dark", "dark noise at the input", "photons"),
+    ];
+    let mut quantities = Vec::new();
+    for ((symbol, name, unit), (value, standard_error)) in rows.into_iter().zip(values.into_iter().zip(spread)) {
+        quantities.push(Quantity { symbol, name, value, standard_error, unit, section: SECTION });
+    }
+    let levels = summary.bright.iter().zip(slopes.iter().skip(1)).map(|(p, slope)| {
+        let noise = p.variance.value.max(0.0).sqrt() / slope;
+        let error = if p.variance.value > 0.0 { 0.5 * noise * p.variance.error / p.variance.value } else { 0.0 };
+        InputPoint {
+            photons: p.photons,
+            signal: p.mean.value - summary.dark[p.dark].mean.value,
+            slope: *slope,
+            noise: [noise, error],
+            snr: if noise > 0.0 { p.photons / noise } else { 0.0 },
+        }
+    });
+    let mut notes: Vec<String> = saturation.note.into_iter().collect();
+    if data.bright.len() < 50 {
+        notes.push(format!("there are {} levels of light, the standard asks for 50", data.bright.len()));
+    }
+    Ok(GeneralAnalysis { release: settings.release, bits: data.bits, quantities, notes, levels: levels.collect() })
+}
+
+/// mu_p.min, mu_p.sat, DR, DR in dB, the largest SNR, the same in dB, dark noise at the input.
+fn figures(s: &Summary) -> [f64; 7] {
+    let slopes = slopes(s);
+    let squares: Vec<f64> =
+        s.bright.iter().zip(slopes.iter().skip(1)).map(|(p, slope)| p.variance.value / (slope * slope)).collect();
+    let dark2 = s.dark[s.bright[0].dark].variance.value / (slopes[0] * slopes[0]);
+    let least = threshold(s, dark2, &squares);
+    // The light at saturation is not moved by what is known of these pixels: no response is assumed.
+    let most = s.saturation.value;
+    let snr = s.bright.iter().zip(&squares).filter(|(_, v)| **v > 0.0).map(|(p, v)| p.photons / v.sqrt());
+    let best = snr.fold(0.0, f64::max);
+    let range = most / least;
+    [least, most, range, 20.0 * range.log10(), best, 20.0 * best.log10(), dark2.max(0.0).sqrt()]
+}
+
+/// Where the light equals its noise, mu^2 = sigma_p^2, which runs straight from the dark to the first level and on from level to
+/// level. NaN if that is nowhere.
+fn threshold(s: &Summary, dark2: f64, squares: &[f64]) -> f64 {
+    let (mut x0, mut v0) = (0.0, dark2);
+    for (p, &v) in s.bright.iter().zip(squares) {
+        if p.photons * p.photons >= v {
+            let growth = (v - v0) / (p.photons - x0);
+            return 0.5 * growth + (0.25 * growth * growth + v0 - growth * x0).max(0.0).sqrt();
+        }
+        (x0, v0) = (p.photons, v);
+    }
+    f64::NAN
+}
+
+/// Slope of the characteristic curve in the dark and at every level: of the parabola through the level and its neighbours.
+fn slopes(s: &Summary) -> Vec<f64> {
+    let at = |p: &Point| (p.photons, p.mean.value - s.dark[p.dark].mean.value);
+    let points: Vec<(f64, f64)> = std::iter::once((0.0, 0.0)).chain(s.bright.iter().map(at)).collect();
+    (0..points.len())
+        .map(|i| {
+            let m = i.clamp(1, points.len() - 2);
+            let [(x0, y0), (x1, y1), (x2, y2)] = [points[m - 1], points[m], points[m + 1]];
+            let (left, right) = ((y1 - y0) / (x1 - x0), (y2 - y1) / (x2 - x1));
+            let bend = (right - left) / (x2 - x0);
+            left + bend * (2.0 * points[i].0 - x0 - x1)
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::spatial::Estimate;
+
+    fn camera(curve: impl Fn(f64) -> f64, slope: impl Fn(f64) -> f64, dark_noise: f64) -> Summary {
+        let exact = |value| Estimate { value, error: 0.0 };
+        let at = |photons: f64| Point {
+            exposure: 1.0,
+            photons,
+            dark: 0,
+            mean: exact(5.0 + curve(photons)),
+            variance: exact((dark_noise * dark_noise + photons) * slope(photons).powi(2)),
+        };
+        Summary {
+            bright: (1..=40).map(|k| at(25.0 * f64::from(k))).collect(),
+            dark: vec![at(0.0)],
+            used: 0,
+            saturation: exact(1000.0),
+            response: exact(1.0),
+            spatial: None,
+            is_bound: false,
+        }
+    }
+
+    /// A photon counter with dark noise of 6 photons behind a parabola: slopes of a parabola are exact, and the noise at the
+    /// input is that of the counter, sqrt(36 + mu). The threshold solves mu^2 = 36 + mu: 6.5208.
+    #[test]
+    fn the_curve_of_the_camera_drops_out() {
+        let bent = camera(|x| x - 2e-4 * x * x, |x| 1.0 - 4e-4 * x, 6.0);
+        let got = figures(&bent);
+        assert!((got[0] - (0.5 + 36.25f64.sqrt())).abs() < 1e-9, "{got:?}");
+        assert!((got[4] - 1000.0 / 1036f64.sqrt()).abs() < 1e-9, "{got:?}");
+        assert!((got[6] - 6.0).abs() < 1e-9 && (got[2] - 1000.0 / got[0]).abs() < 1e-9, "{got:?}");
+    }
+
+    /// Noise of 40 photons: the light is as large beyond the first level, mu^2 = 1600 + mu, 40.503.
+    #[test]
+    fn a_threshold_beyond_the_first_level_is_found() {
+        let got = figures(&camera(|x| 0.5 * x, |_| 0.5, 40.0));
+        assert!((got[0] - (0.5 + 1600.25f64.sqrt())).abs() < 1e-9, "{got:?}");
+    }
+}

@@ -1,0 +1,138 @@
+//! Linearity: how far the mean grey values lie off a straight line (EMVA 1288 release 4.0 Linear, section 6.7).
+
+use serde::Serialize;
+
+use crate::frame::AnalysisError;
+use crate::summary::{Point, Summary};
+
+/// The regression goes from 5 to 95 % of saturation.
+const RANGE: [f64; 2] = [0.05, 0.95];
+/// Levels that it takes to speak of a deviation from two parameters.
+const LEAST_LEVELS: usize = 4;
+
+/// The line and the deviations from it.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Linearity {
+    /// Slope of the line \[DN per photon\].
+    pub slope: f64,
+    /// Its grey value, dark taken off, without light \[DN\].
+    pub offset: f64,
+    /// Linearity error LE: mean of the relative deviations' magnitudes \[%\].
+    pub error: f64,
+    /// Standard error of LE. A camera without any deviation has an LE of about 0.8 times this.
+    pub standard_error: f64,
+    /// Smallest and largest relative deviation \[%\], as release 3.1 gives them, with standard errors.
+    pub least: [f64; 2],
+    /// See [`Linearity::least`].
+    pub most: [f64; 2],
+    /// Relative deviation of every level \[%\], in the order of the levels.
+    pub deviations: Vec<f64>,
+    /// Which levels are in the range of the regression: from, and up to but without.
+    pub range: [usize; 2],
+}
+
+/// Least squares of the relative deviation: each level weighs as one over its square. `saturation` is the signal there \[DN\].
+pub(crate) fn linearity(summary: &Summary, saturation: f64) -> Result<Linearity, AnalysisError> {
+    let signal = |p: &Point| p.mean.value - summary.dark[p.dark].mean.value;
+    let first = summary.bright.iter().position(|p| signal(p) >= RANGE[0] * saturation);
+    let end = summary.bright.iter().rposition(|p| signal(p) <= RANGE[1] * saturation).map_or(0, |i| i + 1);
+    let first = first.unwrap_or(end).min(end);
+    let used = &summary.bright[first..end];
+    if used.len() < LEAST_LEVELS || used.iter().any(|p| signal(p) <= 0.0) {
+        return Err(AnalysisError::unfit(
+            format!("{} levels lie between 5 and 95 % of saturation, linearity needs {LEAST_LEVELS}", used.len()),
+            "add levels between dark and saturation; the standard asks for 50",
+        ));
+    }
+    let (mut w, mut wx, mut wy, mut wxx, mut wxy) = (0.0, 0.0, 0.0, 0.0, 0.0);
+    for p in used {
+        let (x, y) = (p.photons, signal(p));
+        let weight = 1.0 / (y * y);
+        w += weight;
+        wx += weight * x;
+        wy += weight * y;
+        wxx += weight * x * x;
+        wxy += weight * x * y;
+    }
+    let (mx, my) = (wx / w, wy / w);
+    let slope = (wxy / w - mx * my) / (wxx / w - mx * mx);
+    let offset = my - slope * mx;
+    let at = |x: f64| offset + slope * x;
+    let deviations: Vec<f64> =
+        summary.bright.iter().map(|p| 100.0 * (signal(p) - at(p.photons)) / at(p.photons)).collect();
+    let noise = |p: &Point| {
+        let error = p.mean.error.hypot(summary.dark[p.dark].mean.error);
+        100.0 * error / at(p.photons)
+    };
+    let inside = || deviations[first..end].iter().zip(used);
+    let n = used.len() as f64;
+    let ends = |a: &(&f64, &Point), b: &(&f64, &Point)| a.0.total_cmp(b.0);
+    let with_error = |found: Option<(&f64, &Point)>| found.map_or([0.0; 2], |(d, p)| [*d, noise(p)]);
+    Ok(Linearity {
+        slope,
+        offset,
+        error: inside().map(|(d, _)| d.abs()).sum::<f64>() / n,
+        standard_error: (inside().map(|(_, p)| noise(p).powi(2)).sum::<f64>() / n).sqrt(),
+        least: with_error(inside().min_by(ends)),
+        most: with_error(inside().max_by(ends)),
+        deviations,
+        range: [first, end],
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::spatial::Estimate;
+
+    fn curve(signals: &[f64]) -> Summary {
+        let exact = |value| Estimate { value, error: 0.5 };
+        let at = |photons: f64, mean: f64| Point {
+            exposure: 1.0,
+            photons,
+            dark: 0,
+            mean: exact(mean),
+            variance: exact(1.0),
+        };
+        Summary {
+            bright: signals.iter().enumerate().map(|(i, s)| at(100.0 * (i + 1) as f64, 7.0 + s)).collect(),
+            dark: vec![at(0.0, 7.0)],
+            used: 0,
+            saturation: exact(0.0),
+            response: exact(1.0),
+            spatial: None,
+            is_bound: false,
+        }
+    }
+
+    #[test]
+    fn a_straight_line_has_no_deviation_whatever_its_offset() {
+        let s = curve(&[30.0, 50.0, 70.0, 90.0, 110.0]);
+        let l = linearity(&s, 115.0).expect("levels");
+        assert!((l.slope - 0.2).abs() < 1e-12 && (l.offset - 10.0).abs() < 1e-9, "{l:?}");
+        assert!(l.error < 1e-9 && l.range == [0, 4], "{l:?}");
+    }
+
+    /// The line is the one for which both weighted normal equations hold; LE is the mean deviation from it.
+    #[test]
+    fn a_bent_curve_by_hand() {
+        let s = curve(&[10.0, 22.0, 33.0, 40.0]);
+        let l = linearity(&s, 50.0).expect("levels");
+        // Weights 1/100, 1/484, 1/1089, 1/1600.
+        let w = [1.0 / 100.0, 1.0 / 484.0, 1.0 / 1089.0, 1.0 / 1600.0];
+        let (x, y) = ([100.0, 200.0, 300.0, 400.0], [10.0, 22.0, 33.0, 40.0]);
+        // Both normal equations hold for the line found.
+        for basis in [|_: f64| 1.0, |x: f64| x] {
+            let sum: f64 = (0..4).map(|i| w[i] * basis(x[i]) * (y[i] - l.offset - l.slope * x[i])).sum();
+            assert!(sum.abs() < 1e-9, "{sum}");
+        }
+        let mean: f64 = (0..4).map(|i| (y[i] / (l.offset + l.slope * x[i]) - 1.0).abs()).sum::<f64>() * 25.0;
+        assert!((l.error - mean).abs() < 1e-9 && l.least[0] < 0.0 && l.most[0] > 0.0, "{l:?}");
+    }
+
+    #[test]
+    fn too_few_levels_are_refused() {
+        let e = linearity(&curve(&[10.0, 20.0, 30.0]), 40.0).expect_err("three");
+        assert!(e.to_string().contains("linearity needs 4"), "{e}");
+    }
+}

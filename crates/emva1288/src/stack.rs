@@ -1,0 +1,188 @@
+//! A stack of frames of one scene: its mean image, and the spatial variance that is left when the noise has been averaged.
+
+use crate::frame::{AnalysisError, Frame};
+
+/// Sums of so many 16-bit values stay below 2^32.
+const MOST_FRAMES: u32 = 65_537;
+
+/// Collects a stack frame by frame; the memory does not depend on how many there are.
+#[derive(Clone, Debug)]
+pub struct StackAccumulator {
+    width: u32,
+    height: u32,
+    frames: u32,
+    sums: Vec<u32>,
+    squares: u128,
+}
+
+impl StackAccumulator {
+    /// An empty stack of frames of the given size.
+    pub fn new(width: u32, height: u32) -> Self {
+        Self { width, height, frames: 0, sums: vec![0; width as usize * height as usize], squares: 0 }
+    }
+
+    /// Adds a frame.
+    ///
+    /// # Errors
+    /// A frame of another size, or too many.
+    pub fn add(&mut self, frame: Frame<'_>) -> Result<(), AnalysisError> {
+        frame.same_size(self.width, self.height)?;
+        if self.frames == MOST_FRAMES {
+            return Err(AnalysisError::TooManyFrames(MOST_FRAMES.into()));
+        }
+        self.frames += 1;
+        for (row, values) in
+            self.sums.chunks_mut(self.width.max(1) as usize).zip(frame.values().chunks(self.width.max(1) as usize))
+        {
+            let mut squares = 0u64;
+            for (sum, &y) in row.iter_mut().zip(values) {
+                *sum += u32::from(y);
+                squares += u64::from(y) * u64::from(y);
+            }
+            self.squares += u128::from(squares);
+        }
+        Ok(())
+    }
+
+    /// The statistics of the stack; needs at least two frames, and two rows and columns.
+    ///
+    /// # Errors
+    /// Too few frames, or too few pixels.
+    pub fn finish(self) -> Result<SpatialStack, AnalysisError> {
+        if self.frames < 2 {
+            return Err(AnalysisError::TooFewFrames { got: self.frames.into(), needed: 2 });
+        }
+        if self.width < 3 || self.height < 3 {
+            return Err(AnalysisError::Empty);
+        }
+        let pixels = self.sums.len() as f64;
+        let l = u128::from(self.frames);
+        let (mut sum, mut sum_squares) = (0u128, 0u128);
+        for &s in &self.sums {
+            sum += u128::from(s);
+            sum_squares += u128::from(s) * u128::from(s);
+        }
+        // Mean over the pixels of the unbiased variance of each: L sum(y^2) - (sum y)^2 over L (L - 1). Exact, and not
+        // negative (Cauchy and Schwarz).
+        let temporal = (l * self.squares - sum_squares) as f64 / ((l * (l - 1)) as f64 * pixels);
+        let mean = sum as f64 / (self.frames as f64 * pixels);
+        Ok(SpatialStack {
+            width: self.width,
+            height: self.height,
+            frames: self.frames,
+            sums: self.sums,
+            mean,
+            temporal_variance: temporal,
+        })
+    }
+}
+
+/// The mean image of a stack.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SpatialStack {
+    /// Width in pixels.
+    pub width: u32,
+    /// Height in pixels.
+    pub height: u32,
+    /// Number of frames L.
+    pub frames: u32,
+    /// Mean over pixels and frames \[DN\].
+    pub mean: f64,
+    /// Temporal variance of a frame, averaged over the pixels, sigma_y.stack^2 \[DN^2\].
+    pub temporal_variance: f64,
+    /// Sum over the frames for each pixel, row by row.
+    sums: Vec<u32>,
+}
+
+impl SpatialStack {
+    /// Number of pixels.
+    pub fn pixels(&self) -> usize {
+        self.sums.len()
+    }
+
+    /// The mean image \[DN\], row by row.
+    pub fn means(&self) -> impl Iterator<Item = f64> + '_ {
+        let frames = f64::from(self.frames);
+        self.sums.iter().map(move |&s| f64::from(s) / frames)
+    }
+
+    /// One row of the mean image \[DN\]; empty beyond the last.
+    pub fn row(&self, row: u32) -> impl Iterator<Item = f64> + '_ {
+        let (width, frames) = (self.width as usize, f64::from(self.frames));
+        let start = (row as usize * width).min(self.sums.len());
+        let end = (start + width).min(self.sums.len());
+        self.sums.get(start..end).unwrap_or(&[]).iter().map(move |&s| f64::from(s) / frames)
+    }
+
+    /// Sum over the frames for each pixel, row by row: exact.
+    pub fn sums(&self) -> &[u32] {
+        &self.sums
+    }
+
+    pub(crate) fn same_size(&self, other: &Self) -> Result<(), AnalysisError> {
+        if (self.width, self.height) == (other.width, other.height) {
+            Ok(())
+        } else {
+            Err(AnalysisError::SizeMismatch([self.width, self.height, other.width, other.height]))
+        }
+    }
+
+    /// Deviations of the columns' means and of the rows' means from the mean of all \[DN\].
+    pub(crate) fn profiles(&self) -> (Vec<f64>, Vec<f64>) {
+        let (width, height) = (self.width as usize, self.height as usize);
+        let (mut columns, mut rows) = (vec![0u64; width], vec![0u64; height]);
+        for (row, total) in self.sums.chunks_exact(width).zip(&mut rows) {
+            for (&s, column) in row.iter().zip(&mut columns) {
+                *column += u64::from(s);
+                *total += u64::from(s);
+            }
+        }
+        let frames = f64::from(self.frames);
+        let to = |sums: Vec<u64>, over: usize| -> Vec<f64> {
+            sums.into_iter().map(|s| s as f64 / (over as f64 * frames) - self.mean).collect()
+        };
+        (to(columns, height), to(rows, width))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_stack_by_hand() {
+        let mut stack = StackAccumulator::new(3, 3);
+        for add in [0u16, 2, 4] {
+            let values: Vec<u16> = (0..9).map(|i| 10 * (i + 1) + add).collect();
+            stack.add(Frame::new(3, 3, &values).expect("nine")).expect("same size");
+        }
+        let s = stack.finish().expect("three frames");
+        // Every pixel takes three values 2 apart: variance 4. Means are 12, 22, ..., 92.
+        assert_eq!((s.mean, s.temporal_variance), (52.0, 4.0));
+        assert_eq!(s.row(1).collect::<Vec<_>>(), [42.0, 52.0, 62.0]);
+        let (columns, rows) = s.profiles();
+        assert_eq!(columns, [-10.0, 0.0, 10.0]);
+        assert_eq!(rows, [-30.0, 0.0, 30.0]);
+    }
+
+    #[test]
+    fn the_largest_stack_does_not_overflow() {
+        let mut stack = StackAccumulator::new(3, 3);
+        for _ in 0..MOST_FRAMES {
+            stack.add(Frame::new(3, 3, &[u16::MAX; 9]).expect("nine")).expect("room for it");
+        }
+        assert!(stack.add(Frame::new(3, 3, &[0; 9]).expect("nine")).is_err());
+        let s = stack.finish().expect("frames");
+        assert_eq!((s.mean, s.temporal_variance), (65_535.0, 0.0));
+    }
+
+    #[test]
+    fn too_small_stacks_are_refused() {
+        assert!(StackAccumulator::new(3, 3).finish().is_err());
+        let mut line = StackAccumulator::new(4, 1);
+        for _ in 0..2 {
+            line.add(Frame::new(4, 1, &[1; 4]).expect("four")).expect("same size");
+        }
+        assert_eq!(line.finish(), Err(AnalysisError::Empty));
+    }
+}

@@ -1,0 +1,358 @@
+//! The measured numbers of a linear camera, and what follows from them.
+
+use crate::measurement::Ordered;
+use crate::propagate::Inputs;
+use crate::saturation::Saturation;
+use crate::spatial::{Estimate, Likeness, Spatial, Variances};
+
+/// Variance of the rounding to whole grey values, sigma_q^2 \[DN^2\].
+pub(crate) const ROUNDING: f64 = 1.0 / 12.0;
+/// Below this dark variance \[DN^2\] rounding rules, and the dark noise has only a bound (release 4.0 Linear).
+pub(crate) const LEAST_DARK_VARIANCE: f64 = 0.24;
+/// So many exposure times make the dark levels a line.
+pub(crate) const LEAST_EXPOSURES: usize = 3;
+/// Regressions for R and K end at this fraction of saturation.
+const RANGE: f64 = 0.7;
+
+/// Mean and variance of a level.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Point {
+    pub(crate) exposure: f64,
+    pub(crate) photons: f64,
+    /// Index of its dark level.
+    pub(crate) dark: usize,
+    pub(crate) mean: Estimate,
+    pub(crate) variance: Estimate,
+}
+
+/// Everything that the figures of a linear camera are computed from.
+#[derive(Clone, Debug)]
+pub(crate) struct Summary {
+    /// By ascending photons.
+    pub(crate) bright: Vec<Point>,
+    /// By ascending exposure time.
+    pub(crate) dark: Vec<Point>,
+    /// How many of the bright levels lie in 0 to 70 % of saturation.
+    pub(crate) used: usize,
+    pub(crate) saturation: Estimate,
+    /// Mean response of these pixels over that of all pixels of their kind: 1, and how well that is known.
+    pub(crate) response: Estimate,
+    /// Bright and dark, and how alike their patterns are.
+    pub(crate) spatial: Option<(Spatial, Spatial, Likeness)>,
+    /// Is the dark variance so small that it is set to [`LEAST_DARK_VARIANCE`]?
+    pub(crate) is_bound: bool,
+}
+
+/// Places of the results of [`Summary::results`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(usize)]
+pub(crate) enum Is {
+    Responsivity,
+    Gain,
+    Efficiency,
+    DarkMean,
+    /// These are squares: a root cannot be taken before errors are known.
+    DarkVariance,
+    DarkNoise2,
+    LeastElectrons,
+    LeastPhotons,
+    MostPhotons,
+    MostElectrons,
+    SnrMax,
+    SnrMaxDb,
+    Range,
+    RangeDb,
+    DarkCurrentMean,
+    DarkCurrentVariance,
+    Dsnu2,
+    DsnuPixel2,
+    DsnuRow2,
+    DsnuColumn2,
+    Prnu2,
+    PrnuPixel2,
+    PrnuRow2,
+    PrnuColumn2,
+}
+
+/// How many results there are.
+pub(crate) const RESULTS: usize = Is::PrnuColumn2 as usize + 1;
+
+impl Summary {
+    pub(crate) fn new(data: &Ordered<'_>, saturation: &Saturation) -> Self {
+        let point = |level: &crate::measurement::Level, dark| {
+            let of = |q: &crate::quantity::Quantity| Estimate { value: q.value, error: q.standard_error };
+            let (mean, variance) = (of(&level.pair.mean), of(&level.pair.variance));
+            Point { exposure: level.exposure, photons: level.photons, dark, mean, variance }
+        };
+        let dark: Vec<Point> = data.dark.iter().enumerate().map(|(i, l)| point(l, i)).collect();
+        let bright: Vec<Point> = data.bright.iter().map(|s| point(s.level, s.dark)).collect();
+        let inside = |p: &Point| p.mean.value - dark[p.dark].mean.value <= RANGE * saturation.signal;
+        let used = bright.iter().position(|p| !inside(p)).unwrap_or(bright.len());
+        let spatial = data.stacks.map(|(bright, dark)| {
+            (Spatial::of(&bright.stack), Spatial::of(&dark.stack), Likeness::of(&bright.stack, &dark.stack))
+        });
+        let mut summary = Self {
+            bright,
+            dark,
+            used,
+            saturation: Estimate { value: saturation.photons, error: saturation.error },
+            response: Estimate { value: 1.0, error: 0.0 },
+            spatial,
+            is_bound: false,
+        };
+        summary.is_bound = summary.dark_variance() < LEAST_DARK_VARIANCE;
+        summary.response.error = summary.response_error();
+        summary
+    }
+
+    /// The number of different exposure times of the dark levels.
+    pub(crate) fn exposures(&self) -> usize {
+        let mut times: Vec<f64> = self.dark.iter().map(|d| d.exposure).collect();
+        times.dedup_by(|a, b| crate::measurement::same_time(*a, *b));
+        times.len()
+    }
+
+    /// All results, in the order of [`Is`]; NaN where the measurement has nothing to say.
+    pub(crate) fn results(&self) -> [f64; RESULTS] {
+        let mut r = [f64::NAN; RESULTS];
+        let mut set = |place: Is, value: f64| r[place as usize] = value;
+        let used = &self.bright[..self.used];
+        let signal = |p: &Point| p.mean.value - self.dark[p.dark].mean.value;
+        // Release 4.0 Linear, responsivity, and equation (50), both through the origin.
+        let responsivity = through_origin(used.iter().map(|p| (p.photons, signal(p)))) * self.response.value;
+        let gain =
+            through_origin(used.iter().map(|p| (signal(p), p.variance.value - self.dark[p.dark].variance.value)));
+        let efficiency = responsivity / gain;
+        set(Is::Responsivity, responsivity);
+        set(Is::Gain, gain);
+        set(Is::Efficiency, efficiency);
+
+        let has_times = self.exposures() >= LEAST_EXPOSURES;
+        let mean_line = line(self.dark.iter().map(|d| (d.exposure, d.mean.value)));
+        let variance_line = line(self.dark.iter().map(|d| (d.exposure, d.variance.value)));
+        set(Is::DarkMean, if has_times { mean_line.1 } else { self.dark[0].mean.value });
+        let dark_variance = if self.is_bound { LEAST_DARK_VARIANCE } else { self.dark_variance() };
+        set(Is::DarkVariance, dark_variance);
+        set(Is::DarkNoise2, (dark_variance - ROUNDING) / (gain * gain));
+        if has_times {
+            set(Is::DarkCurrentMean, mean_line.0 / gain);
+            set(Is::DarkCurrentVariance, variance_line.0 / (gain * gain));
+        }
+
+        // (27), with sigma_d^2 + sigma_q^2 / K^2 = sigma_y.dark^2 / K^2.
+        let least = (dark_variance / (gain * gain) + 0.25).sqrt() + 0.5;
+        // Were the pixels brighter than others of their kind, these would saturate later.
+        let most = self.saturation.value / self.response.value;
+        let most_electrons = efficiency * most;
+        let range = most_electrons / least;
+        set(Is::LeastElectrons, least);
+        set(Is::LeastPhotons, least / efficiency);
+        set(Is::MostPhotons, most);
+        set(Is::MostElectrons, most_electrons);
+        set(Is::SnrMax, most_electrons.sqrt());
+        set(Is::SnrMaxDb, 10.0 * most_electrons.log10());
+        set(Is::Range, range);
+        set(Is::RangeDb, 20.0 * range.log10());
+
+        if let Some((bright, dark, _)) = &self.spatial {
+            let (b, d) = (bright.split(), dark.split());
+            let of = |v: Variances| [v.total, v.pixel, v.row, v.column];
+            let light = bright.mean - dark.mean;
+            let places = [
+                (Is::Dsnu2, Is::Prnu2),
+                (Is::DsnuPixel2, Is::PrnuPixel2),
+                (Is::DsnuRow2, Is::PrnuRow2),
+                (Is::DsnuColumn2, Is::PrnuColumn2),
+            ];
+            for ((dsnu, prnu), (b, d)) in places.into_iter().zip(of(b).into_iter().zip(of(d))) {
+                set(dsnu, d / (gain * gain));
+                set(prnu, (b - d) / (light * light));
+            }
+        }
+        r
+    }
+
+    /// sigma_y.dark^2 \[DN^2\]: without dark current if there are times enough to tell, else of the shortest exposure.
+    fn dark_variance(&self) -> f64 {
+        if self.exposures() >= LEAST_EXPOSURES {
+            line(self.dark.iter().map(|d| (d.exposure, d.variance.value))).1
+        } else {
+            self.dark[0].variance.value
+        }
+    }
+
+    /// The pixels of a camera are a sample of what such pixels are like: how far the mean of their responses may lie off.
+    fn response_error(&self) -> f64 {
+        let Some((bright, dark, _)) = &self.spatial else { return 0.0 };
+        let (b, d) = (bright.split(), dark.split());
+        let part = |b: f64, d: f64, n: f64| (b - d).max(0.0) / n;
+        let variance = part(b.pixel, d.pixel, bright.rows * bright.columns)
+            + part(b.row, d.row, bright.rows)
+            + part(b.column, d.column, bright.columns);
+        let light = bright.mean - dark.mean;
+        if light > 0.0 { variance.sqrt() / light } else { 0.0 }
+    }
+}
+
+impl Inputs for Summary {
+    fn count(&self) -> usize {
+        2 + 2 * (self.bright.len() + self.dark.len()) + if self.spatial.is_some() { 8 } else { 0 }
+    }
+
+    fn moved(&self, index: usize, sign: f64) -> Self {
+        let mut s = self.clone();
+        let shift = |e: &mut Estimate, by: f64| e.value += by * e.error;
+        let levels = s.bright.len() + s.dark.len();
+        match index {
+            0 => shift(&mut s.saturation, sign),
+            1 => shift(&mut s.response, sign),
+            i if i - 2 < 2 * levels => {
+                let (which, is_variance) = ((i - 2) / 2, i % 2 == 1);
+                let point = s.bright.iter_mut().chain(&mut s.dark).nth(which);
+                if let Some(p) = point {
+                    shift(if is_variance { &mut p.variance } else { &mut p.mean }, sign);
+                }
+            }
+            i => {
+                if let Some((bright, dark, like)) = &mut s.spatial {
+                    // Squares of normal numbers with correlation r are correlated by r^2: what the two images share moves
+                    // both, the rest of the bright one moves it alone.
+                    let alike = [like.residual, like.column_means, like.row_means].map(|r| r * r);
+                    let both = [
+                        (&mut bright.residual, &mut dark.residual),
+                        (&mut bright.column_means, &mut dark.column_means),
+                        (&mut bright.row_means, &mut dark.row_means),
+                    ];
+                    match i - 2 - 2 * levels {
+                        6 => shift(&mut bright.temporal, sign),
+                        7 => shift(&mut dark.temporal, sign),
+                        part => {
+                            let which = part % 3;
+                            if let Some((b, d)) = both.into_iter().nth(which) {
+                                let common = alike[which].clamp(0.0, 1.0);
+                                if part < 3 {
+                                    shift(d, sign);
+                                    shift(b, sign * common);
+                                } else {
+                                    shift(b, sign * (1.0 - common * common).sqrt());
+                                }
+                            }
+                        }
+                    }
+                }
+            }
+        }
+        s
+    }
+}
+
+/// Slope of the line through the origin that fits best, sum(x y) / sum(x x).
+fn through_origin(points: impl Iterator<Item = (f64, f64)>) -> f64 {
+    let (xx, xy) = points.fold((0.0, 0.0), |(xx, xy), (x, y)| (xx + x * x, xy + x * y));
+    xy / xx
+}
+
+/// Slope and intercept of the line that fits best.
+pub(crate) fn line(points: impl Iterator<Item = (f64, f64)> + Clone) -> (f64, f64) {
+    let (n, sx, sy) = points.clone().fold((0.0, 0.0, 0.0), |(n, sx, sy), (x, y)| (n + 1.0, sx + x, sy + y));
+    let (mx, my) = (sx / n, sy / n);
+    let (xx, xy) = points.fold((0.0, 0.0), |(xx, xy), (x, y)| (xx + (x - mx).powi(2), xy + (x - mx) * (y - my)));
+    let slope = xy / xx;
+    (slope, my - slope * mx)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lines_by_hand() {
+        assert_eq!(line([(1.0, 3.0), (2.0, 5.0), (4.0, 9.0)].into_iter()), (2.0, 1.0));
+        // (1*2 + 2*5) / (1 + 4).
+        assert_eq!(through_origin([(1.0, 2.0), (2.0, 5.0)].into_iter()), 2.4);
+    }
+
+    /// A camera whose every number is on paper: K = 0.5, eta = 0.6, dark noise 16 + 1/12 DN^2 at t = 0 with 2 e-/s.
+    fn paper(times: &[f64]) -> Summary {
+        let exact = |value| Estimate { value, error: 0.0 };
+        let dark_at = |t: f64| (20.0 + 0.5 * 2.0 * t, 4.0 + ROUNDING + 0.25 * 2.0 * t);
+        let dark: Vec<Point> = times
+            .iter()
+            .enumerate()
+            .map(|(i, &t)| {
+                let (mean, variance) = dark_at(t);
+                Point { exposure: t, photons: 0.0, dark: i, mean: exact(mean), variance: exact(variance) }
+            })
+            .collect();
+        let bright = (1..=10)
+            .map(|k| {
+                let (i, photons) = (k % times.len(), 1000.0 * k as f64);
+                let (mean, variance) = dark_at(times[i]);
+                Point {
+                    exposure: times[i],
+                    photons,
+                    dark: i,
+                    mean: exact(mean + 0.5 * 0.6 * photons),
+                    variance: exact(variance + 0.25 * 0.6 * photons),
+                }
+            })
+            .collect();
+        let saturation = exact(10_000.0);
+        let response = exact(1.0);
+        Summary { bright, dark, used: 7, saturation, response, spatial: None, is_bound: false }
+    }
+
+    #[test]
+    fn a_camera_on_paper_comes_back() {
+        let r = paper(&[1.0, 2.0, 3.0, 4.0]).results();
+        let sigma_d2 = 4.0 / 0.25;
+        let least = (sigma_d2 + ROUNDING / 0.25 + 0.25f64).sqrt() + 0.5;
+        let expected = [
+            (Is::Responsivity, 0.3),
+            (Is::Gain, 0.5),
+            (Is::Efficiency, 0.6),
+            (Is::DarkMean, 20.0),
+            (Is::DarkNoise2, sigma_d2),
+            (Is::DarkCurrentMean, 2.0),
+            (Is::DarkCurrentVariance, 2.0),
+            (Is::LeastElectrons, least),
+            (Is::LeastPhotons, least / 0.6),
+            (Is::MostElectrons, 6000.0),
+            (Is::SnrMaxDb, 10.0 * 6000f64.log10()),
+            (Is::Range, 6000.0 / least),
+        ];
+        for (which, value) in expected {
+            let got = r[which as usize];
+            assert!((got - value).abs() < 1e-9 * value.abs(), "{which:?}: {got}, expected {value}");
+        }
+    }
+
+    #[test]
+    fn two_times_make_no_line() {
+        let r = paper(&[1.0, 2.0]).results();
+        assert!(r[Is::DarkCurrentMean as usize].is_nan());
+        // The shortest exposure's: 4 + 0.5 DN^2.
+        assert!((r[Is::DarkNoise2 as usize] - 18.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn every_input_has_its_own_error() {
+        let mut s = paper(&[1.0, 2.0, 3.0]);
+        for p in s.bright.iter_mut().chain(&mut s.dark) {
+            (p.mean.error, p.variance.error) = (1.0, 1.0);
+        }
+        (s.saturation.error, s.response.error) = (1.0, 0.1);
+        for i in 0..s.count() {
+            let m = s.moved(i, 1.0);
+            let changed = s
+                .bright
+                .iter()
+                .chain(&s.dark)
+                .zip(m.bright.iter().chain(&m.dark))
+                .filter(|(a, b)| a.mean != b.mean || a.variance != b.variance)
+                .count();
+            let others = usize::from(m.saturation != s.saturation) + usize::from(m.response != s.response);
+            assert_eq!(changed + others, 1, "input {i}");
+        }
+    }
+}

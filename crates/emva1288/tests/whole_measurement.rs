@@ -1,0 +1,326 @@
+//! Whole measurements of cameras whose truth is known, written down here in a few lines: many small ones, whose errors must
+//! be the scatter of their results, and what is said of those that cannot be analysed.
+//!
+//! Seeds are fixed. Replay: `cargo test -p dunkelfeld-emva1288 --test whole_measurement NAME`.
+
+use dunkelfeld_emva1288::{
+    Analysis, AnalysisError, AnalysisSettings, Frame, FramePair, Level, Measurement, Release, StackAccumulator,
+    StackLevel, analyse, analyse_general,
+};
+use rand_distr::{Distribution, Normal, Poisson, StandardNormal};
+use rand_pcg::Pcg64;
+
+/// A camera: what EMVA 1288 assumes of one, and no more.
+#[derive(Clone, Copy)]
+struct Camera {
+    gain: f64,
+    efficiency: f64,
+    dark_noise: f64,
+    dark_current: f64,
+    offset: f64,
+    full_well: f64,
+    /// Pixel, row, column: \[e-\].
+    dsnu: [f64; 3],
+    /// Pixel, row, column: fractions.
+    prnu: [f64; 3],
+}
+
+const CAMERA: Camera = Camera {
+    gain: 0.4,
+    efficiency: 0.6,
+    dark_noise: 5.0,
+    dark_current: 40.0,
+    offset: 30.0,
+    full_well: 5000.0,
+    dsnu: [3.0, 1.0, 2.0],
+    prnu: [0.02, 0.006, 0.01],
+};
+const SIDE: usize = 40;
+const MAX: f64 = 4095.0;
+
+/// One device of the camera: its pattern.
+struct Device {
+    camera: Camera,
+    dark: Vec<f64>,
+    response: Vec<f64>,
+}
+
+impl Device {
+    fn new(camera: Camera, rng: &mut Pcg64) -> Self {
+        let mut pattern = |[pixel, row, column]: [f64; 3]| -> Vec<f64> {
+            let mut draw = |n: usize| -> Vec<f64> { (0..n).map(|_| StandardNormal.sample(rng)).collect() };
+            let (p, r, c) = (draw(SIDE * SIDE), draw(SIDE), draw(SIDE));
+            (0..SIDE * SIDE).map(|i| pixel * p[i] + row * r[i / SIDE] + column * c[i % SIDE]).collect()
+        };
+        let (dark, response) = (pattern(camera.dsnu), pattern(camera.prnu));
+        Self { camera, dark, response }
+    }
+
+    fn frame(&self, photons: f64, time: f64, rng: &mut Pcg64) -> Vec<u16> {
+        let c = &self.camera;
+        let noise = Normal::new(0.0, c.dark_noise).expect("a deviation");
+        let pixels = self.dark.iter().zip(&self.response);
+        pixels
+            .map(|(dark, response)| {
+                let mean = c.efficiency * photons * (1.0 + response) + c.dark_current * time;
+                let shot = if mean > 0.0 { Poisson::new(mean).expect("positive").sample(rng) } else { 0.0 };
+                let charge = (shot + dark + noise.sample(rng)).min(c.full_well);
+                (c.gain * charge + c.offset).round().clamp(0.0, MAX) as u16
+            })
+            .collect()
+    }
+
+    fn pair(&self, photons: f64, exposure: f64, rng: &mut Pcg64) -> Level {
+        let (a, b) = (self.frame(photons, exposure, rng), self.frame(photons, exposure, rng));
+        let view = |v| Frame::new(SIDE as u32, SIDE as u32, v).expect("square");
+        Level { exposure, photons, pair: FramePair::of(view(&a), view(&b)).expect("same size") }
+    }
+
+    fn stack(&self, photons: f64, exposure: f64, frames: usize, rng: &mut Pcg64) -> StackLevel {
+        let mut stack = StackAccumulator::new(SIDE as u32, SIDE as u32);
+        for _ in 0..frames {
+            let values = self.frame(photons, exposure, rng);
+            stack.add(Frame::new(SIDE as u32, SIDE as u32, &values).expect("square")).expect("same size");
+        }
+        StackLevel { exposure, photons, stack: stack.finish().expect("frames") }
+    }
+}
+
+/// A measurement with as many exposure times as levels.
+fn measure(camera: Camera, levels: usize, frames: usize, rng: &mut Pcg64) -> Measurement {
+    let device = Device::new(camera, rng);
+    let top = 1.25 * camera.full_well / camera.efficiency;
+    let mut all = Vec::new();
+    for k in 1..=levels {
+        let share = k as f64 / levels as f64;
+        all.push(device.pair(0.0, share, rng));
+        all.push(device.pair(top * share, share, rng));
+    }
+    let half = 0.5 * camera.full_well / camera.efficiency;
+    let stacks = vec![device.stack(0.0, 0.4, frames, rng), device.stack(half, 0.4, frames, rng)];
+    Measurement { bits: Some(12), levels: all, stacks }
+}
+
+fn truth(c: &Camera) -> Vec<(&'static str, f64)> {
+    let dark_variance = (c.gain * c.dark_noise).powi(2) + 1.0 / 12.0;
+    let least = (dark_variance / c.gain.powi(2) + 0.25).sqrt() + 0.5;
+    let total = |[p, r, c]: [f64; 3]| (p * p + r * r + c * c).sqrt();
+    vec![
+        ("K", c.gain),
+        ("R", c.gain * c.efficiency),
+        ("eta", c.efficiency),
+        ("sigma_d", c.dark_noise),
+        ("sigma_y.dark", dark_variance.sqrt()),
+        ("mu_e.min", least),
+        ("mu_p.min", least / c.efficiency),
+        ("mu_I.mean", c.dark_current),
+        ("mu_I.var", c.dark_current),
+        ("DSNU1288", total(c.dsnu)),
+        ("DSNU1288.pixel", c.dsnu[0]),
+        ("DSNU1288.row", c.dsnu[1]),
+        ("DSNU1288.col", c.dsnu[2]),
+        ("PRNU1288", 100.0 * total(c.prnu)),
+        ("PRNU1288.pixel", 100.0 * c.prnu[0]),
+        ("PRNU1288.row", 100.0 * c.prnu[1]),
+        ("PRNU1288.col", 100.0 * c.prnu[2]),
+    ]
+}
+
+fn linear(measurement: &Measurement) -> Analysis {
+    analyse(measurement, &AnalysisSettings::default()).expect("a whole measurement")
+}
+
+/// 240 small measurements, each with a device of its own. For every figure (estimate - truth) / error must have mean 0 and
+/// variance 1. The variance of n values of variance 1 is chi-squared over n - 1: for 239 degrees of freedom it lies in 0.5 to
+/// 1.75 but for 1e-10 on either side if they are normal; the mean within 0.5, 7.7 of its standard deviations. The widths also cover the
+/// curvature of ratios and roots at measurements so small: gain to 1.5 %, row parts to a fifth.
+#[test]
+fn the_errors_are_the_scatter_of_repeated_measurements() {
+    const SETS: usize = 240;
+    let mut rng = Pcg64::new(11, 1);
+    let truth = truth(&CAMERA);
+    let mut z = vec![Vec::new(); truth.len()];
+    for _ in 0..SETS {
+        let found = linear(&measure(CAMERA, 16, 6, &mut rng));
+        for ((symbol, value), z) in truth.iter().zip(&mut z) {
+            let q = found.get(symbol).unwrap_or_else(|| panic!("{symbol} is missing"));
+            z.push((q.value - value) / q.standard_error);
+        }
+    }
+    for ((symbol, _), z) in truth.iter().zip(z) {
+        let n = z.len() as f64;
+        let mean = z.iter().sum::<f64>() / n;
+        let variance = z.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / (n - 1.0);
+        println!("{symbol:>16}: mean of z {mean:+.3}, variance {variance:.3}");
+        assert!(mean.abs() < 0.5, "{symbol}: mean of z {mean:.3}");
+        assert!((0.5..1.75).contains(&variance), "{symbol}: variance of z {variance:.3}");
+    }
+}
+
+/// A large measurement: all figures within 6.5 of their errors, 8e-11 each for normal ones, and the errors small. Saturation has
+/// a truth of its own: 0.15 % of the values are at the end where the mean lies 2.968 standard deviations below it.
+#[test]
+fn a_good_measurement_finds_the_camera() {
+    let mut rng = Pcg64::new(12, 1);
+    let found = linear(&measure(CAMERA, 50, 16, &mut rng));
+    for (symbol, value) in truth(&CAMERA) {
+        let q = found.get(symbol).expect("found");
+        let z = (q.value - value) / q.standard_error;
+        println!("{q}, truth {value}, z {z:+.2}");
+        assert!(z.abs() < 6.5, "{q}, truth {value}");
+    }
+    assert!(found.get("K").is_some_and(|q| q.standard_error < 0.01 * q.value));
+    // mu + dark current at its time + 2.968 sd = full well - half a grey value (which rounds up); sd^2 = mu + noise^2 + patterns.
+    let c = CAMERA;
+    let end = c.full_well - 0.5 / c.gain;
+    let square = |p: [f64; 3]| p.iter().map(|v| v * v).sum::<f64>();
+    let mut mu = end;
+    for _ in 0..50 {
+        let dark = c.dark_current * mu / (1.25 * c.full_well);
+        mu = end - dark - 2.968 * (mu + dark + c.dark_noise.powi(2) + square(c.dsnu) + square(c.prnu) * mu * mu).sqrt();
+    }
+    let q = found.get("mu_e.sat").expect("found");
+    assert!(((q.value - mu) / q.standard_error).abs() < 6.5, "{q}, truth {mu}");
+    let [temporal, total] = found.snr(mu / c.efficiency);
+    assert!(total < temporal && (temporal - mu.sqrt()).abs() < 0.05 * temporal, "{temporal} {total}");
+    assert!(found.value("LE") < 3.0 * found.get("LE").expect("found").standard_error);
+    assert!(found.notes.is_empty() && found.bounds.is_empty(), "{:?} {:?}", found.notes, found.bounds);
+}
+
+#[test]
+fn the_other_release_takes_the_peak_of_the_variance() {
+    let mut rng = Pcg64::new(13, 1);
+    let measurement = measure(CAMERA, 50, 4, &mut rng);
+    let new = linear(&measurement);
+    let old = analyse(&measurement, &AnalysisSettings { release: Release::R31, ..Default::default() }).expect("levels");
+    let peak = old.levels.iter().max_by(|a, b| a.variance.total_cmp(&b.variance)).expect("levels");
+    assert!((old.value("mu_p.sat") - peak.photons).abs() < 1e-9);
+    assert!((old.value("mu_p.sat") / new.value("mu_p.sat") - 1.0).abs() < 0.08);
+}
+
+/// Without rows and columns that differ, their parts come out near zero or below it: zero with a bound, never NaN.
+#[test]
+fn what_is_not_there_is_zero_with_a_bound() {
+    let mut rng = Pcg64::new(14, 1);
+    let plain = Camera { dsnu: [0.0; 3], prnu: [0.0; 3], dark_current: 0.0, ..CAMERA };
+    for _ in 0..5 {
+        let found = linear(&measure(plain, 20, 8, &mut rng));
+        for q in found.quantities.iter().filter(|q| q.symbol.contains("NU")) {
+            assert!(q.value.is_finite() && q.value >= 0.0 && q.standard_error > 0.0, "{q}");
+            // The bound is a bound, and a sharp one.
+            assert!(q.value < 6.5 * q.standard_error && q.standard_error < 2.0, "{q}");
+            assert!(found.bounds.contains(&q.symbol) || q.value < 6.5 * q.standard_error, "{q}");
+        }
+    }
+}
+
+#[test]
+fn rounding_that_hides_the_dark_noise_leaves_a_bound() {
+    let mut rng = Pcg64::new(15, 1);
+    let coarse = Camera { gain: 0.02, dark_noise: 4.0, ..CAMERA };
+    let found = linear(&measure(coarse, 20, 4, &mut rng));
+    // sigma_d < 0.40 / K.
+    let expected = (0.24f64 - 1.0 / 12.0).sqrt() / found.value("K");
+    assert!((found.value("sigma_d") - expected).abs() < 1e-9 && found.value("sigma_d") > 4.0);
+    assert!(found.bounds.contains(&"sigma_d") && found.bounds.contains(&"mu_p.min"), "{:?}", found.bounds);
+    assert!(found.notes.iter().any(|n| n.contains("0.24")), "{:?}", found.notes);
+}
+
+#[test]
+fn a_pitch_gives_figures_per_area() {
+    let mut rng = Pcg64::new(16, 1);
+    let measurement = measure(CAMERA, 20, 2, &mut rng);
+    assert!(linear(&measurement).get("mu_p.sat.area").is_none());
+    let settings = AnalysisSettings { pixel_pitch: Some(2.0), ..Default::default() };
+    let found = analyse(&measurement, &settings).expect("levels");
+    assert!((4.0 * found.value("mu_p.sat.area") - found.value("mu_p.sat")).abs() < 1e-9);
+}
+
+/// The linear figures do not depend on the order in which frames were listed.
+#[test]
+fn the_order_of_the_levels_does_not_matter() {
+    let mut rng = Pcg64::new(17, 1);
+    let mut measurement = measure(CAMERA, 12, 2, &mut rng);
+    let forwards = linear(&measurement);
+    measurement.levels.reverse();
+    measurement.stacks.reverse();
+    assert_eq!(linear(&measurement), forwards);
+}
+
+/// Values behind a gamma curve: the general module finds the threshold and the range of the camera in front of it.
+#[test]
+fn the_general_module_sees_through_a_gamma_curve() {
+    let mut rng = Pcg64::new(18, 1);
+    let camera = Camera { gain: 0.75, dsnu: [0.0; 3], prnu: [0.0; 3], dark_current: 0.0, ..CAMERA };
+    let device = Device::new(camera, &mut rng);
+    let mut encoded = |photons: f64| {
+        let mut one = || -> Vec<u16> {
+            let encode = |y: u16| (4095.0 * (f64::from(y) / 4095.0).powf(1.0 / 1.5)).round() as u16;
+            device.frame(photons, 1.0, &mut rng).into_iter().map(encode).collect()
+        };
+        let (a, b) = (one(), one());
+        let view = |v| Frame::new(SIDE as u32, SIDE as u32, v).expect("square");
+        Level { exposure: 1.0, photons, pair: FramePair::of(view(&a), view(&b)).expect("same size") }
+    };
+    let top = 1.1 * camera.full_well / camera.efficiency;
+    let levels = (0..=100).map(|k| encoded(top * f64::from(k) / 100.0)).collect();
+    let measurement = Measurement { bits: Some(12), levels, stacks: Vec::new() };
+    let found = analyse_general(&measurement, &AnalysisSettings::default()).expect("levels");
+    let middle = found.levels.iter().find(|l| l.photons > 0.4 * top).expect("a level");
+    // sigma_p = sqrt(mu_e + sigma_d^2) / eta.
+    let expected = (camera.efficiency * middle.photons + camera.dark_noise.powi(2)).sqrt() / camera.efficiency;
+    assert!((middle.noise[0] / expected - 1.0).abs() < 0.15, "{middle:?}, expected {expected}");
+    let snr = found.quantities.iter().find(|q| q.symbol == "SNR_max").expect("found");
+    assert!((snr.value / camera.full_well.sqrt() - 1.0).abs() < 0.15, "{snr}");
+    // The linear module must not be asked: a linearity error of many per cent says so.
+    let linear = analyse(&measurement, &AnalysisSettings::default()).expect("levels");
+    assert!(linear.value("LE") > 3.0, "{}", linear.value("LE"));
+}
+
+type Spoil = fn(&mut Measurement);
+
+#[test]
+fn what_cannot_be_analysed_is_refused_with_a_mend() {
+    let mut rng = Pcg64::new(19, 1);
+    let whole = measure(CAMERA, 20, 2, &mut rng);
+    let cases: [(Spoil, &str, &str); 9] = [
+        (|m| m.levels.clear(), "no pair of frames with light", "blocks of two frames"),
+        (|m| m.levels.retain(|l| l.photons > 0.0), "no pair of dark frames", "without light"),
+        (|m| m.levels.retain(|l| l.photons > 0.0 || l.exposure > 0.1), "has no dark frames", "that exposure time"),
+        (|m| m.levels.retain(|l| l.exposure < 0.6), "not saturated", "more light"),
+        (|m| m.levels.retain(|l| l.photons == 0.0 || l.exposure > 0.7), "below 70 %", "50"),
+        (|m| m.stacks.retain(|s| s.photons > 0.0), "no dark stack", "16 or more"),
+        (|m| m.stacks.retain(|s| s.photons == 0.0), "none with light", "16 or more"),
+        (|m| m.stacks.push(m.stacks[1].clone()), "2 stacks of frames with light", "keep one"),
+        (|m| m.bits = Some(10), "too large for 10 bits", "right-aligned"),
+    ];
+    for (spoil, problem, mend) in cases {
+        let mut spoilt = whole.clone();
+        spoil(&mut spoilt);
+        let error = analyse(&spoilt, &AnalysisSettings::default()).expect_err(problem);
+        assert!(error.to_string().contains(problem), "{problem}: {error}");
+        assert!(error.mend().contains(mend), "{mend}: {}", error.mend());
+        assert!(matches!(error, AnalysisError::Unfit { .. }));
+    }
+    let mut bare = whole;
+    bare.stacks.clear();
+    let found = linear(&bare);
+    assert!(found.get("DSNU1288").is_none() && found.nonuniformity.is_none());
+    assert!(found.notes.iter().any(|n| n.contains("no stacks")), "{:?}", found.notes);
+}
+
+/// A stack of any number of frames is as large as one: pixels take four bytes each.
+#[test]
+fn memory_does_not_grow_with_the_number_of_frames() {
+    let size = |frames: usize| {
+        let mut stack = StackAccumulator::new(64, 48);
+        let values = [100u16; 64 * 48];
+        for _ in 0..frames {
+            stack.add(Frame::new(64, 48, &values).expect("size")).expect("same size");
+        }
+        let stack = stack.finish().expect("frames");
+        size_of_val(stack.sums()) + size_of_val(&stack)
+    };
+    assert_eq!(size(2), size(200));
+    assert!(size(2) < 64 * 48 * 4 + 200, "{}", size(2));
+}
