@@ -4,9 +4,11 @@
 
 pub mod atomic;
 pub mod checkpoint;
+pub mod emva_descriptor;
 pub mod error;
 pub mod exr;
 pub mod gltf;
+pub mod gray;
 pub mod ies;
 pub mod images;
 pub mod import;
@@ -16,6 +18,7 @@ pub mod layers;
 pub mod libraries;
 pub mod loader;
 pub mod names;
+pub mod new_folder;
 pub mod obj;
 pub mod picture;
 pub mod png;
