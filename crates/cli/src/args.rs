@@ -1,5 +1,6 @@
 //! The flags. Doc comments are the help texts; values are checked here, before any file is opened.
 
+use crate::emva_args::EmvaArgs;
 use clap::{ArgGroup, Args, Parser, Subcommand, ValueEnum};
 use dunkelfeld::DenoiseMethod;
 use dunkelfeld::adaptive::Strategy;
@@ -37,6 +38,8 @@ pub(crate) enum Command {
     Denoise(DenoiseArgs),
     /// Expose an EXR of this or another renderer: the frames that a camera would take of it.
     Expose(Box<ExposeArgs>),
+    /// Write EMVA 1288 data sets of simulated cameras, and analyse those of any camera.
+    Emva(Box<EmvaArgs>),
     /// List what a scene holds, and what in it may trouble a render.
     Inspect(InspectArgs),
     /// List the sensor presets, or print the data sheet of one.

@@ -6,6 +6,7 @@
 mod args;
 mod bar;
 mod commands;
+mod emva_args;
 mod interrupt;
 mod outcome;
 mod words;
@@ -33,6 +34,7 @@ fn main() -> ExitCode {
         args::Command::Bench(a) => commands::bench::run(&a, started),
         args::Command::Denoise(a) => commands::denoise::run(&a),
         args::Command::Expose(a) => commands::expose::run(&a),
+        args::Command::Emva(a) => commands::emva::run(&a),
         args::Command::Inspect(a) => commands::inspect::run(&a),
         args::Command::Sensors(a) => commands::sensors::run(&a),
     };

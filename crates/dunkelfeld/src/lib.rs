@@ -22,6 +22,7 @@ mod checkpoint;
 mod denoise_file;
 mod denoising;
 mod develop;
+pub mod emva;
 mod error;
 mod expose_file;
 mod forecast;

@@ -73,6 +73,16 @@ pub struct Nonuniformity {
     pub response_histogram: Option<Histogram>,
 }
 
+/// An upper bound.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Bound {
+    /// The figure.
+    pub symbol: &'static str,
+    /// What it does not exceed, in the figure's unit: the value itself where rounding hides the rest, else three standard errors
+    /// above the value.
+    pub limit: f64,
+}
+
 /// Everything that was found.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Analysis {
@@ -82,8 +92,8 @@ pub struct Analysis {
     pub bits: u32,
     /// The figures.
     pub quantities: Vec<Quantity>,
-    /// Symbols of the figures that are upper bounds only.
-    pub bounds: Vec<&'static str>,
+    /// The figures of which no more is known than that they are not larger.
+    pub bounds: Vec<Bound>,
     /// What the measurement lacks of what the standard asks for, and what was done about it.
     pub notes: Vec<String>,
     /// Levels of light, by ascending photons.
@@ -105,6 +115,11 @@ impl Analysis {
     /// The value of a figure, NaN without it.
     pub fn value(&self, symbol: &str) -> f64 {
         self.get(symbol).map_or(f64::NAN, |q| q.value)
+    }
+
+    /// The bound that is all that is known of a figure, if so.
+    pub fn bound(&self, symbol: &str) -> Option<f64> {
+        self.bounds.iter().find(|b| b.symbol == symbol).map(|b| b.limit)
     }
 
     /// Signal-to-noise ratio that the linear model has at some light (equation 21), without and with the spatial noise.
@@ -143,7 +158,7 @@ pub fn analyse(measurement: &Measurement, settings: &AnalysisSettings) -> Result
         ));
     }
     let errors = errors(&summary, Summary::results);
-    let (mut quantities, mut bounds) = figures(&results, &errors, settings, summary.is_bound);
+    let (mut quantities, bounds) = figures(&results, &errors, settings, summary.is_bound);
     for (symbol, name, [value, standard_error]) in [
         ("LE", "linearity error", [linearity.error, linearity.standard_error]),
         ("LE_min", "smallest deviation from linearity", linearity.least),
@@ -152,7 +167,6 @@ pub fn analyse(measurement: &Measurement, settings: &AnalysisSettings) -> Result
         let section = "6.7 linearity";
         quantities.push(Quantity { symbol, name, value, standard_error, unit: "%", section });
     }
-    bounds.sort_unstable();
     let levels = data.bright.iter().zip(&summary.bright).enumerate().map(|(i, (s, p))| {
         let dark = &summary.dark[p.dark];
         let signal = p.mean.value - dark.mean.value;
@@ -244,7 +258,7 @@ fn figures(
     errors: &[f64],
     settings: &AnalysisSettings,
     is_bound: bool,
-) -> (Vec<Quantity>, Vec<&'static str>) {
+) -> (Vec<Quantity>, Vec<Bound>) {
     let (mut quantities, mut bounds) = (Vec::new(), Vec::new());
     for row in &ROWS {
         let (value, error) = (results[row.is as usize], errors[row.is as usize]);
@@ -254,11 +268,11 @@ fn figures(
         let (value, standard_error) = if row.is_square { root(value, error) } else { (value, error) };
         let (value, standard_error) = (row.scale * value, row.scale * standard_error);
         let Row { symbol, name, unit, section, .. } = *row;
-        // A value that does not stand out from its error says no more than how small the thing is.
-        if row.is_square && results[row.is as usize] < 2.0 * error
-            || is_bound && ["sigma_d", "sigma_y.dark", "mu_p.min", "mu_e.min"].contains(&symbol)
-        {
-            bounds.push(symbol);
+        if is_bound && ["sigma_d", "sigma_y.dark", "mu_p.min", "mu_e.min"].contains(&symbol) {
+            bounds.push(Bound { symbol, limit: value });
+        } else if row.is_square && results[row.is as usize] < 2.0 * error {
+            // It does not stand out from its error.
+            bounds.push(Bound { symbol, limit: value + 3.0 * standard_error });
         }
         quantities.push(Quantity { symbol, name, value, standard_error, unit, section });
         let per_area = match symbol {

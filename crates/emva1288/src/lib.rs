@@ -29,7 +29,7 @@ mod stack;
 mod summary;
 mod temporal;
 
-pub use analysis::{Analysis, DarkPoint, LevelPoint, Nonuniformity, analyse};
+pub use analysis::{Analysis, Bound, DarkPoint, LevelPoint, Nonuniformity, analyse};
 pub use frame::{AnalysisError, Frame};
 pub use general::{GeneralAnalysis, InputPoint, analyse_general};
 pub use histogram::Histogram;

@@ -55,6 +55,14 @@ impl NewFolder {
         Ok(path)
     }
 
+    /// Writes a text.
+    ///
+    /// # Errors
+    /// Those of the file system.
+    pub fn write_text(&self, name: &str, text: &str) -> io::Result<()> {
+        fs::write(self.file(name)?, text)
+    }
+
     /// Puts the folder into its place.
     ///
     /// # Errors

@@ -2,6 +2,7 @@
 
 pub(crate) mod bench;
 pub(crate) mod denoise;
+pub(crate) mod emva;
 pub(crate) mod expose;
 pub(crate) mod inspect;
 pub(crate) mod merge;

@@ -3,6 +3,7 @@
 pub(crate) mod bars;
 pub(crate) mod dots;
 pub(crate) mod lines;
+pub(crate) mod plot;
 mod scale;
 
 pub(crate) use scale::power_of_ten;

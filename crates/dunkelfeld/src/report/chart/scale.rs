@@ -27,6 +27,16 @@ impl Scale {
         Self { is_log: false, low: 0.0, high: if high > 0.0 { 1.04 * high } else { 1.0 }, from, to }
     }
 
+    /// A linear axis that holds all values, of either sign, with some room at its ends.
+    pub(super) fn span(values: impl Iterator<Item = f64>, from: f64, to: f64) -> Self {
+        let usable = values.filter(|v| v.is_finite());
+        let (low, high) = usable.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| (a.min(v), b.max(v)));
+        let (low, high) = if low <= high { (low, high) } else { (0.0, 1.0) };
+        let least = 1e-9 * low.abs().max(high.abs()).max(1e-30);
+        let room = (0.05 * (high - low)).max(least);
+        Self { is_log: false, low: low - room, high: high + room, from, to }
+    }
+
     /// The place of a value, not beyond the ends of the axis.
     pub(super) fn place(&self, value: f64) -> f64 {
         let v = if self.is_log { value.max(1e-300).log10() } else { value };
@@ -45,7 +55,9 @@ impl Scale {
             let raw = (self.high - self.low) / 5.0;
             let power = 10f64.powf(raw.log10().floor());
             let step = [1.0, 2.0, 5.0, 10.0].map(|m| m * power).into_iter().find(|s| *s >= raw).unwrap_or(raw);
-            return (0..).map(|i| f64::from(i) * step).take_while(|v| *v <= self.high).collect();
+            let first = (self.low / step).ceil() as i64;
+            let ticks = (first..).map(|i| i as f64 * step).take_while(|v| *v <= self.high);
+            return ticks.take(20).collect();
         }
         let (first, last) = (self.low.floor() as i32, self.high.ceil() as i32);
         let inside = |v: &f64| (self.low..=self.high).contains(&v.log10());
@@ -106,6 +118,16 @@ mod tests {
         }
         assert_eq!(Scale::linear([7.3].into_iter(), 0.0, 1.0).ticks(), [0.0, 2.0, 4.0, 6.0]);
         assert!(!Scale::log([f64::NAN, -1.0].into_iter(), 0.0, 1.0).ticks().is_empty());
+    }
+
+    #[test]
+    fn linear_axes_of_either_sign_have_round_ticks() {
+        let ticks = |a: f64, b: f64| Scale::span([a, b].into_iter(), 0.0, 1.0).ticks();
+        assert_eq!(ticks(-1.0, 1.0), [-1.0, -0.5, 0.0, 0.5, 1.0]);
+        assert_eq!(ticks(1000.0, 1004.0), [1000.0, 1001.0, 1002.0, 1003.0, 1004.0]);
+        for odd in [(3.0, 3.0), (0.0, 0.0), (f64::NAN, 1.0), (-1e300, 1e300)] {
+            assert!(ticks(odd.0, odd.1).len() <= 20, "{odd:?}");
+        }
     }
 
     #[test]

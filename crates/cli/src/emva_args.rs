@@ -1,0 +1,182 @@
+//! The flags of `emva`.
+
+use crate::args::ProgressKind;
+use clap::{Args, Subcommand, ValueEnum};
+use dunkelfeld::io::quantity::Time;
+use dunkelfeld::sensor::FilterColor;
+use std::path::PathBuf;
+
+/// Flags of `emva`.
+#[derive(Debug, Args)]
+pub(crate) struct EmvaArgs {
+    #[command(subcommand)]
+    pub(crate) command: EmvaCommand,
+}
+
+#[derive(Debug, Subcommand)]
+pub(crate) enum EmvaCommand {
+    /// Take the frames of an EMVA 1288 measurement with a simulated camera, and write them as a data set, with the truth beside
+    /// them.
+    Dataset(DatasetArgs),
+    /// Analyse a data set, of a simulated or a real camera: print all figures with their standard errors, and write a report.
+    #[command(alias = "analyze")]
+    Analyse(AnalyseArgs),
+}
+
+/// Flags of `emva dataset`.
+///
+/// The folder appears whole or not at all. It holds `emva.txt`, the descriptor in the format of the standard's reference
+/// implementation (PyPI emva1288), the frames as PNG, and `truth.json`.
+#[derive(Debug, Args)]
+pub(crate) struct DatasetArgs {
+    /// Sensor preset or a sensor file (.toml).
+    #[arg(long, value_name = "NAME|FILE")]
+    pub(crate) sensor: String,
+    /// The folder of the data set; it must not exist yet, or be empty.
+    #[arg(short = 'o', long = "output", value_name = "DIR")]
+    pub(crate) output: PathBuf,
+    /// Levels of light, each a pair of frames, evenly spread; the last three are saturated [default: 50].
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(10..=1000))]
+    pub(crate) levels: Option<u32>,
+    /// Size of the frames in pixels [default: 640x480].
+    #[arg(long, value_name = "WxH", value_parser = size)]
+    pub(crate) size: Option<[u32; 2]>,
+    /// Wavelength of the light in nm [default: where the quantum efficiency is highest].
+    #[arg(long, value_name = "NM", value_parser = wavelength)]
+    pub(crate) wavelength: Option<f64>,
+    /// Frames in each of the stacks, in the dark and at half of saturation [default: 16].
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(3..=1000))]
+    pub(crate) spatial: Option<u32>,
+    /// What changes from level to level [default: exposure].
+    #[arg(long, value_enum)]
+    pub(crate) vary: Option<VaryChoice>,
+    /// The exposure time, or the longest of them [default: 100ms].
+    #[arg(long, value_name = "TIME", value_parser = exposure_time)]
+    pub(crate) exposure: Option<f64>,
+    /// Bits per grey value instead of the sensor's own; gain and black level change with them. 8 bits are written as 8-bit PNG.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(8..=16))]
+    pub(crate) bit_depth: Option<u32>,
+    /// Of a sensor with colour filters, the pixels that are measured: a data set has those of one colour.
+    #[arg(long, value_enum)]
+    pub(crate) color: Option<ColorChoice>,
+    /// Picks the device and its noise [default: 0].
+    #[arg(long, value_name = "N", allow_negative_numbers = true)]
+    pub(crate) seed: Option<u64>,
+    /// Threads [default: one per core]; the frames do not depend on them.
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = clap::value_parser!(u16).range(1..=1024))]
+    pub(crate) threads: Option<u16>,
+    /// How progress is shown on standard error.
+    #[arg(long, value_enum, default_value_t = ProgressKind::Bar)]
+    pub(crate) progress: ProgressKind,
+}
+
+/// Flags of `emva analyse`.
+///
+/// Reads the frames one at a time: the memory does not depend on how many there are. A data set that cannot be analysed ends with
+/// what it lacks and exit code 2; one that lacks what the standard asks for, but suffices, is analysed, and notes say what.
+#[derive(Debug, Args)]
+pub(crate) struct AnalyseArgs {
+    /// The descriptor: a text with lines `v`, `n`, `b`, `d` and `i`, as the standard's reference implementation has it.
+    #[arg(value_name = "DESCRIPTOR")]
+    pub(crate) input: PathBuf,
+    /// Whose rules decide what saturation is: 4.0, where 0.1 to 0.2 % of the values are the largest; 3.1, the peak of the variance.
+    #[arg(long, value_enum, default_value_t = ReleaseChoice::R40)]
+    pub(crate) release: ReleaseChoice,
+    /// The general module, for cameras that are not linear or that process their frames: no gain and no quantum efficiency, but
+    /// noise, threshold and range at the input.
+    #[arg(long)]
+    pub(crate) general: bool,
+    /// Distance of the pixels in um, for figures per area.
+    #[arg(long, value_name = "UM", value_parser = pitch)]
+    pub(crate) pixel_pitch: Option<f64>,
+    /// Everything that was found, and the numbers behind the plots.
+    #[arg(long, value_name = "FILE.json")]
+    pub(crate) json: Option<PathBuf>,
+    /// The report: one page with the figures and the standard's plots, that needs no other file.
+    #[arg(long, value_name = "FILE.html")]
+    pub(crate) html: Option<PathBuf>,
+    /// Threads [default: one per core].
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = clap::value_parser!(u16).range(1..=1024))]
+    pub(crate) threads: Option<u16>,
+    /// How progress is shown on standard error.
+    #[arg(long, value_enum, default_value_t = ProgressKind::Bar)]
+    pub(crate) progress: ProgressKind,
+}
+
+/// What is varied, on the command line.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum VaryChoice {
+    /// The exposure time, under constant light; tells the dark current.
+    Exposure,
+    /// The light, at one exposure time.
+    Irradiance,
+}
+
+/// Releases of the standard on the command line.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum ReleaseChoice {
+    /// Of 2021.
+    #[value(name = "4.0")]
+    R40,
+    /// Of 2016.
+    #[value(name = "3.1")]
+    R31,
+}
+
+/// Colours of filters on the command line.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum ColorChoice {
+    Red,
+    Green,
+    Blue,
+}
+
+impl From<ColorChoice> for FilterColor {
+    fn from(choice: ColorChoice) -> Self {
+        match choice {
+            ColorChoice::Red => Self::Red,
+            ColorChoice::Green => Self::Green,
+            ColorChoice::Blue => Self::Blue,
+        }
+    }
+}
+
+fn size(text: &str) -> Result<[u32; 2], String> {
+    let sides = text.split_once(['x', 'X']).and_then(|(w, h)| Some([w.parse().ok()?, h.parse().ok()?]));
+    sides
+        .filter(|sides| sides.iter().all(|s| (16..=dunkelfeld::MAX_SIDE).contains(s)))
+        .ok_or_else(|| format!("write width and height, 16 to {}, as in 640x480", dunkelfeld::MAX_SIDE))
+}
+
+fn wavelength(text: &str) -> Result<f64, String> {
+    let number = text.trim_end_matches("nm").trim().parse().ok();
+    number.filter(|v| (100.0..=20_000.0).contains(v)).ok_or("write a number from 100 to 20000, such as 545".into())
+}
+
+fn pitch(text: &str) -> Result<f64, String> {
+    let number = text.trim_end_matches("um").trim().parse().ok();
+    number.filter(|v| (0.1..=1000.0).contains(v)).ok_or("write a number from 0.1 to 1000, such as 3.45".into())
+}
+
+fn exposure_time(text: &str) -> Result<f64, String> {
+    let time = text.parse::<Time>().map(f64::from).map_err(|e| e.to_string())?;
+    if (1e-6..=1e5).contains(&time) { Ok(time) } else { Err("write a time from 1us to 100000s, such as 100ms".into()) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn values_are_checked_before_any_file_is_opened() {
+        assert_eq!(size("640x480"), Ok([640, 480]));
+        assert_eq!((wavelength("545nm"), pitch("3.45")), (Ok(545.0), Ok(3.45)));
+        assert!(exposure_time("100ms").is_ok_and(|t| (t - 0.1).abs() < 1e-12));
+        for bad in ["640", "8x8", "640x", "x480", "-1x5", "axb", "99999999x16"] {
+            assert!(size(bad).is_err(), "{bad}");
+        }
+        for bad in ["0", "nan", "inf", "-3", "green", ""] {
+            assert!(wavelength(bad).is_err() && pitch(bad).is_err() && exposure_time(bad).is_err(), "{bad}");
+        }
+    }
+}

@@ -1,0 +1,225 @@
+//! The report of an analysis: one page that stands alone.
+
+use super::figures::{self, Figure};
+use super::findings::Findings;
+use super::measurement::ReadMeasurement;
+use crate::report::chart::escape;
+use crate::report::page as frame;
+use dunkelfeld_emva1288::{Analysis, Quantity, Release};
+use std::fmt::Write;
+
+/// A value and its error with the digits that the error supports: two of its own.
+pub(super) fn digits(q: &Quantity) -> (String, String) {
+    if !(q.standard_error > 0.0 && q.standard_error.is_finite()) {
+        return (format!("{:.6}", q.value), "0".into());
+    }
+    let places = (1.0 - q.standard_error.log10().floor()).clamp(0.0, 12.0) as usize;
+    (format!("{:.places$}", q.value), format!("{:.places$}", q.standard_error))
+}
+
+/// The same, or the bound that is all that is known.
+pub(super) fn shown(q: &Quantity, bound: Option<f64>) -> (String, String) {
+    match bound {
+        Some(limit) => (format!("< {}", digits(&Quantity { value: limit, ..*q }).0), String::new()),
+        None => digits(q),
+    }
+}
+
+/// The whole page.
+pub(super) fn page(findings: &Findings, read: &ReadMeasurement) -> String {
+    let name = read.file.parent().and_then(|p| p.file_name()).or(read.file.file_name()).unwrap_or_default();
+    let name = name.to_string_lossy().into_owned();
+    let (release, bits, module) = match findings {
+        Findings::Linear(a) => (a.release, a.bits, "Linear"),
+        Findings::General(a) => (a.release, a.bits, "General"),
+    };
+    let release = match release {
+        Release::R31 => "3.1",
+        Release::R40 => "4.0",
+    };
+    let [width, height] = read.size;
+    let facts = format!(
+        "{width} \u{d7} {height} pixels \u{b7} {bits} bits \u{b7} {} frames \u{b7} rules of release {release} {module} \u{b7} Dunkelfeld {}",
+        read.frames,
+        env!("CARGO_PKG_VERSION")
+    );
+    let mut sections = vec![
+        frame::head(&format!("EMVA 1288: {name}"), &facts) + &notes(findings, read) + &frame::tiles(&tiles(findings)),
+        table(findings),
+    ];
+    match findings {
+        Findings::Linear(a) => sections.extend(linear(a)),
+        Findings::General(a) => {
+            let text = "Without a straight line there is neither K nor \u{3b7}. Noise is referred to the light by the local slope of the \
+                        characteristic curve, \u{3c3}p = \u{3c3}y / (d\u{3bc}y/d\u{3bc}p).";
+            sections.push(section("Characteristic curve and noise", text, &figures::general(a)));
+        }
+    }
+    sections.push(method(findings));
+    frame::page(&format!("{name} \u{b7} EMVA 1288"), &sections)
+}
+
+fn notes(findings: &Findings, read: &ReadMeasurement) -> String {
+    let all: Vec<String> =
+        findings.notes().iter().chain(&read.warnings).map(|n| format!("<p>{}</p>", escape(n))).collect();
+    if all.is_empty() { String::new() } else { format!("<div class=\"banner\">{}</div>", all.join("")) }
+}
+
+/// The figures that one wants first.
+fn tiles(findings: &Findings) -> Vec<(String, String)> {
+    let rows: &[(&str, f64, &str, &str)] = match findings {
+        Findings::Linear(_) => &[
+            ("eta", 100.0, "%", "quantum efficiency"),
+            ("sigma_d", 1.0, "e\u{207b}", "temporal dark noise"),
+            ("mu_e.sat", 1.0, "e\u{207b}", "saturation capacity"),
+            ("DR.dB", 1.0, "dB", "dynamic range"),
+            ("SNR_max.dB", 1.0, "dB", "largest signal-to-noise ratio"),
+            ("mu_p.min", 1.0, "photons", "absolute sensitivity threshold"),
+            ("DSNU1288", 1.0, "e\u{207b}", "dark signal nonuniformity"),
+            ("PRNU1288", 1.0, "%", "photo response nonuniformity"),
+        ],
+        Findings::General(_) => &[
+            ("DR.dB", 1.0, "dB", "dynamic range"),
+            ("SNR_max.dB", 1.0, "dB", "largest signal-to-noise ratio at the input"),
+            ("mu_p.min", 1.0, "photons", "absolute sensitivity threshold"),
+            ("mu_p.sat", 1.0, "photons", "saturation irradiation"),
+        ],
+    };
+    let find = |symbol: &str| findings.quantities().iter().find(|q| q.symbol == symbol);
+    rows.iter()
+        .filter_map(|(symbol, scale, unit, words)| {
+            let q = find(symbol)?;
+            // One digit of the error is enough up here, and four of the value.
+            let bound = findings.bound(symbol);
+            let value = scale * bound.unwrap_or(q.value);
+            let places = (3.0 - value.abs().max(1e-9).log10().floor()).clamp(0.0, 3.0) as usize;
+            let less = if bound.is_some() { "< " } else { "" };
+            Some((format!("{less}{value:.places$} {unit}"), (*words).to_owned()))
+        })
+        .collect()
+}
+
+fn table(findings: &Findings) -> String {
+    let mut rows = String::new();
+    for q in findings.quantities() {
+        let (value, error) = shown(q, findings.bound(q.symbol));
+        let error = if error.is_empty() { error } else { format!("<i> \u{b1} {error}</i>") };
+        let _ = write!(
+            rows,
+            "<tr><td>{}</td><td>{}</td><td class=\"n\"><data value=\"{}\">{}</data>{error}</td><td>{}</td><td>{}</td></tr>",
+            symbol(q.symbol),
+            escape(q.name),
+            q.value,
+            escape(&value),
+            escape(q.unit),
+            escape(q.section)
+        );
+    }
+    format!(
+        "<section><h2>Figures</h2><div class=\"scroll\"><table id=\"table-figures\"><thead><tr><th scope=\"col\">symbol</th>\
+         <th scope=\"col\">what</th><th scope=\"col\">value and standard error</th><th scope=\"col\">unit</th>\
+         <th scope=\"col\">section</th></tr></thead><tbody>{rows}</tbody></table></div></section>"
+    )
+}
+
+/// A symbol as the standard prints it: Greek letters, what follows as an index.
+fn symbol(ascii: &str) -> String {
+    let greek = [("mu_", "\u{3bc}"), ("sigma_", "\u{3c3}"), ("eta", "\u{3b7}")];
+    let letter = greek.iter().find_map(|(name, letter)| Some((letter, ascii.strip_prefix(name)?)));
+    let (base, index) = match letter {
+        Some((letter, rest)) => ((*letter).to_owned(), rest.to_owned()),
+        None => {
+            let (base, index) = ascii.split_once(['_', '.']).unwrap_or((ascii, ""));
+            match base.strip_suffix("1288") {
+                Some(word) if index.is_empty() => (word.to_owned(), "1288".to_owned()),
+                Some(word) => (word.to_owned(), format!("1288.{index}")),
+                None => (base.to_owned(), index.to_owned()),
+            }
+        }
+    };
+    let index = if index.is_empty() { index } else { format!("<sub>{}</sub>", escape(&index)) };
+    format!("<span title=\"{}\">{}{index}</span>", escape(ascii), escape(&base))
+}
+
+fn linear(a: &Analysis) -> Vec<String> {
+    let mut sections = vec![section(
+        "Sensitivity, linearity and noise",
+        "Each point is a pair of frames. Temporal noise is what differs between the two, so that neither uneven light nor the fixed \
+         pattern counts.",
+        &figures::sensitivity(a),
+    )];
+    if let Some(n) = &a.nonuniformity {
+        let [spectra, profiles, histograms] = figures::nonuniformity(n, a.value("K"));
+        let [dark, bright] = n.frames;
+        sections.push(section(
+            "Defect pixels",
+            "Normal differences between pixels make a parabola on a logarithmic axis; defects stand beside it. Responses were \
+             high-pass filtered over 5 \u{d7} 5 pixels, which takes off uneven light.",
+            &histograms,
+        ));
+        sections.push(section(
+            "Spectrograms",
+            &format!(
+                "Periods in the mean image of {dark} dark frames, and of {bright} at half of saturation with the dark taken off. White \
+                 differences between pixels have the same standard deviation at all frequencies; rows and columns that differ, or \
+                 interference, stand out."
+            ),
+            &spectra,
+        ));
+        sections.push(section("Profiles", "How the mean images run along their rows and columns.", &profiles));
+    }
+    sections
+}
+
+fn section(title: &str, text: &str, figures: &[Figure]) -> String {
+    let all: String = figures
+        .iter()
+        .map(|f| format!("<figure>{}<figcaption>{}</figcaption></figure>", f.chart.inline(), escape(&f.caption)))
+        .collect();
+    format!("<section><h2>{}</h2><p>{}</p><div class=\"charts\">{all}</div></section>", escape(title), escape(text))
+}
+
+fn method(findings: &Findings) -> String {
+    let saturation = match findings {
+        Findings::Linear(Analysis { release: Release::R31, .. }) => {
+            "Saturation is the level with the largest variance (release 3.1)."
+        }
+        _ => {
+            "Saturation is where 0.15 % of the values are the largest that occurs, between the levels by the normal integral \
+             (release 4.0 asks for 0.1 to 0.2 %)."
+        }
+    };
+    format!(
+        "<section><h2>How it was measured</h2><ul><li>{saturation}</li>\
+         <li>Standard errors are propagated from the scatter of the pixels: each measured mean and variance is moved by its own error. They \
+         are those of a repetition with another camera of the same kind.</li>\
+         <li>Behind &lt; stands an upper bound: three standard errors above a value that does not stand out from its error, or what rounding hides.</li>\
+         <li>Variances of rows, columns and pixels are those of release 4.0; a slightly negative one is reported as zero.</li></ul></section>"
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn symbols_read_as_the_standard_prints_them() {
+        let text = |s: &str| symbol(s).split_once('>').map_or(String::new(), |(_, t)| t.replace("</span>", ""));
+        assert_eq!(text("mu_p.sat"), "\u{3bc}<sub>p.sat</sub>");
+        assert_eq!(text("sigma_y.dark"), "\u{3c3}<sub>y.dark</sub>");
+        assert_eq!((text("eta"), text("K")), ("\u{3b7}".into(), "K".into()));
+        assert_eq!(text("SNR_max.dB"), "SNR<sub>max.dB</sub>");
+        assert_eq!(
+            (text("DSNU1288"), text("PRNU1288.row")),
+            ("DSNU<sub>1288</sub>".into(), "PRNU<sub>1288.row</sub>".into())
+        );
+    }
+
+    #[test]
+    fn values_have_the_digits_of_their_errors() {
+        let q =
+            |value, standard_error| Quantity { symbol: "K", name: "", value, standard_error, unit: "", section: "" };
+        assert_eq!(digits(&q(0.249_178, 0.000_43)), ("0.24918".into(), "0.00043".into()));
+        assert_eq!(digits(&q(0.0, 0.0)).1, "0");
+    }
+}

@@ -1,0 +1,153 @@
+//! Curves and points on two axes, each linear or logarithmic: what a measurement says, and what a model says of it.
+
+use super::scale::{Scale, label};
+use super::{COLORS, Chart, escape};
+use std::fmt::Write;
+
+/// Size of the chart, and the edges of its plane [px].
+const SIZE: [f64; 2] = [430.0, 330.0];
+const LEFT: f64 = 72.0;
+const RIGHT: f64 = 418.0;
+const BOTTOM: f64 = 278.0;
+
+/// What an axis says, and how it runs.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Axis<'a> {
+    pub(crate) label: &'a str,
+    pub(crate) is_log: bool,
+    /// Is zero on a linear axis whatever the values are?
+    pub(crate) has_zero: bool,
+}
+
+/// How a trace is drawn.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Style {
+    Points,
+    Line,
+    Dashed,
+}
+
+/// Points or a curve.
+#[derive(Clone, Debug)]
+pub(crate) struct Trace {
+    /// Which of the palette's colours.
+    pub(crate) color: usize,
+    pub(crate) name: String,
+    pub(crate) style: Style,
+    pub(crate) points: Vec<[f64; 2]>,
+}
+
+/// Draws the chart. Points that an axis cannot show (not finite, or not positive on a logarithmic one) are left out.
+pub(crate) fn draw(name: &str, title: &str, [x, y]: [Axis<'_>; 2], traces: &[Trace]) -> Chart {
+    let mut chart = Chart::new(name, title, SIZE[0], SIZE[1]);
+    let top = legend(&mut chart, traces) + 6.0;
+    let fits = |axis: &Axis<'_>, v: f64| v.is_finite() && (!axis.is_log || v > 0.0);
+    let points = || traces.iter().flat_map(|t| &t.points).filter(|p| fits(&x, p[0]) && fits(&y, p[1]));
+    let [xs, ys] = [(x, 0, LEFT, RIGHT), (y, 1, BOTTOM, top)].map(|(axis, i, from, to)| {
+        let values = points().map(move |p| p[i]);
+        let zero = axis.has_zero.then_some(0.0);
+        if axis.is_log { Scale::log(values, from, to) } else { Scale::span(values.chain(zero), from, to) }
+    });
+    for tick in xs.ticks() {
+        chart.line("grid", [xs.place(tick), BOTTOM], [xs.place(tick), top]);
+        chart.text("tick", [xs.place(tick), BOTTOM + 19.0], "middle", &label(tick));
+    }
+    for tick in ys.ticks() {
+        chart.line("grid", [LEFT, ys.place(tick)], [RIGHT, ys.place(tick)]);
+        chart.text("tick", [LEFT - 7.0, ys.place(tick) + 4.5], "end", &label(tick));
+    }
+    for trace in traces {
+        let usable = trace.points.iter().filter(|p| fits(&x, p[0]) && fits(&y, p[1]));
+        let places: Vec<[f64; 2]> = usable.clone().map(|p| [xs.place(p[0]), ys.place(p[1])]).collect();
+        let color = trace.color % COLORS;
+        match trace.style {
+            Style::Line => chart.path(&format!("line s{color}"), &places),
+            Style::Dashed => chart.path("line dashed", &places),
+            Style::Points => {
+                for (p, [px, py]) in usable.zip(&places) {
+                    let hint = escape(&format!("{}: {}, {}", trace.name, label(p[0]), label(p[1])));
+                    let _ = write!(
+                        chart.body,
+                        "<circle cx=\"{px:.1}\" cy=\"{py:.1}\" r=\"3.2\" class=\"mark s{color}\"><title>{hint}</title></circle>"
+                    );
+                }
+            }
+        }
+    }
+    chart.line("axis", [LEFT, BOTTOM], [RIGHT, BOTTOM]);
+    chart.line("axis", [LEFT, BOTTOM], [LEFT, top]);
+    chart.text("label", [(LEFT + RIGHT) / 2.0, BOTTOM + 43.0], "middle", x.label);
+    chart.upright("label", [14.0, (BOTTOM + top) / 2.0], y.label);
+    chart
+}
+
+/// Names of the traces with a piece of each, in rows. Returns the height.
+fn legend(chart: &mut Chart, traces: &[Trace]) -> f64 {
+    let (mut left, mut y) = (LEFT, 16.0);
+    for t in traces {
+        let length = 30.0 + 7.6 * t.name.chars().count() as f64 + 14.0;
+        if left + length > SIZE[0] && left > LEFT {
+            (left, y) = (LEFT, y + 20.0);
+        }
+        let color = t.color % COLORS;
+        let ends = [[left, y - 5.0], [left + 22.0, y - 5.0]];
+        match t.style {
+            Style::Points => {
+                let _ = write!(
+                    chart.body,
+                    "<circle cx=\"{:.1}\" cy=\"{:.1}\" r=\"4\" class=\"mark s{color}\"/>",
+                    left + 11.0,
+                    y - 5.0
+                );
+            }
+            Style::Line => chart.path(&format!("line s{color}"), &ends),
+            Style::Dashed => chart.path("line dashed", &ends),
+        }
+        chart.text("name", [left + 28.0, y], "start", &t.name);
+        left += length;
+    }
+    y + 8.0
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn axis(label: &str, is_log: bool) -> Axis<'_> {
+        Axis { label, is_log, has_zero: true }
+    }
+
+    #[test]
+    fn whatever_the_numbers_are_the_chart_stays_on_its_paper() {
+        let trace =
+            |style, points: &[[f64; 2]]| Trace { color: 9, name: "a < b".into(), style, points: points.to_vec() };
+        let odd = [[1.0, 0.0], [f64::NAN, 1.0], [2.0, f64::INFINITY], [-4.0, 1e-9], [3.0, -7.0]];
+        for is_log in [false, true] {
+            let all = [trace(Style::Points, &odd), trace(Style::Line, &[]), trace(Style::Dashed, &odd[..1])];
+            let text = draw("x", "t & u", [axis("x", is_log), axis("y", !is_log)], &all).file();
+            assert!(!text.contains("NaN") && !text.contains("inf"), "{text}");
+            let document = roxmltree::Document::parse(&text).expect("well-formed");
+            let numbers = ["x", "y", "x1", "y2", "cx", "cy"].map(|name| {
+                document.descendants().filter_map(move |n| n.attribute(name)?.parse::<f64>().ok()).collect::<Vec<_>>()
+            });
+            assert!(numbers.iter().flatten().all(|v| (0.0..=SIZE[0]).contains(v)), "{text}");
+        }
+    }
+
+    #[test]
+    fn points_lie_where_the_axes_say() {
+        let points = vec![[0.0, 10.0], [50.0, 20.0], [100.0, 30.0]];
+        let t = Trace { color: 0, name: "t".into(), style: Style::Points, points };
+        let text = draw("x", "", [axis("x", false), Axis { has_zero: false, ..axis("y", false) }], &[t]).file();
+        let document = roxmltree::Document::parse(&text).expect("well-formed");
+        let circles = document.descendants().filter(|n| n.has_tag_name("circle")).skip(1);
+        let at: Vec<[f64; 2]> = circles
+            .map(|n| ["cx", "cy"].map(|a| n.attribute(a).and_then(|v| v.parse().ok()).expect("a number")))
+            .collect();
+        assert_eq!(at.len(), 3);
+        for i in [0, 1] {
+            assert!((at[0][i] + at[2][i] - 2.0 * at[1][i]).abs() < 0.2, "{at:?}");
+        }
+        assert!(at[0][0] < at[2][0] && at[0][1] > at[2][1]);
+    }
+}
