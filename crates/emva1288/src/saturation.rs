@@ -32,10 +32,7 @@ pub(crate) fn saturation(data: &Ordered<'_>, release: Release) -> Result<Saturat
         Release::R31 => None,
     };
     let is_other = by_share.is_none() && release == Release::R40;
-    let (photons, error) = match by_share.map_or_else(|| by_peak(data), Ok) {
-        Ok(found) => found,
-        Err(e) => return Err(e),
-    };
+    let (photons, error) = by_share.map_or_else(|| by_peak(data), Ok)?;
     let note = is_other.then(|| {
         "the brightest frames do not end at one largest value: saturation is the peak of the variance, as in release 3.1"
             .to_owned()

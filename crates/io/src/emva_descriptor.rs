@@ -213,7 +213,7 @@ mod tests {
             version: Some("4.0".into()),
             format: Some(FrameFormat { bits: 12, width: 640, height: 480 }),
             blocks: vec![
-                block(2e6, 1250.123_456_789_012, &["images/a.png", "images/b.png"]),
+                block(2e6, 1_250.123_456_789_012, &["images/a.png", "images/b.png"]),
                 block(2e6, 0.0, &["images/c.png", "images/d.png", "images/e.png"]),
             ],
         };

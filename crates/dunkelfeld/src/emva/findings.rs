@@ -13,7 +13,7 @@ use std::path::Path;
 #[serde(tag = "module", rename_all = "lowercase")]
 pub enum Findings {
     /// Of a linear camera.
-    Linear(Analysis),
+    Linear(Box<Analysis>),
     /// Of any camera, at its input.
     General(GeneralAnalysis),
 }
@@ -34,7 +34,9 @@ impl Findings {
     /// What the data set lacks.
     pub fn linear(read: &ReadMeasurement, settings: &AnalysisSettings) -> Result<Self, Error> {
         let found = analyse(&read.measurement, settings);
-        found.map(Self::Linear).map_err(|e| InputError::new(&read.file, "data set", e.to_string(), e.mend()).into())
+        found
+            .map(|a| Self::Linear(Box::new(a)))
+            .map_err(|e| InputError::new(&read.file, "data set", e.to_string(), e.mend()).into())
     }
 
     /// Analyses a camera of any characteristic.

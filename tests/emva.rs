@@ -1,0 +1,256 @@
+//! EMVA 1288 from end to end: simulated cameras take a measurement, and the analyser, which shares no code with them, must find
+//! what they are.
+//!
+//! Seeds are fixed. Replay: `cargo test -p dunkelfeld --test emva NAME`.
+
+use dunkelfeld::emva::{
+    DESCRIPTOR, DatasetPlan, DatasetSettings, Findings, TRUTH, Truth, Vary, read_measurement, write_dataset,
+};
+use dunkelfeld::emva1288::{AnalysisSettings, Quantity, analyse};
+use dunkelfeld::io::sensor_file::{parse_sensor, preset};
+use dunkelfeld::io::toml_file::TomlFile;
+use dunkelfeld::radiometry::{Irradiance, Metres, Nanometres, Seconds, photon};
+use dunkelfeld::sensor::{FilterColor, SensorModel};
+use dunkelfeld::{Cancel, Silent};
+use std::path::Path;
+
+/// A camera with everything in it that the standard measures.
+const EVERYTHING: &str = r#"
+name = "everything"
+source = "made up"
+bit_depth = 12
+pixel_pitch_um = 3.45
+quantum_efficiency = [[400, 0.5], [545, 0.65], [700, 0.3]]
+full_well_e = 9000
+dark_noise_e = 4.0
+row_noise_e = 0.5
+gain_dn_per_e = 0.4
+offset_dn = 60
+dsnu_e = 3.0
+dsnu_row_e = 0.8
+dsnu_column_e = 1.2
+prnu_percent = 1.0
+prnu_row_percent = 0.3
+prnu_column_percent = 0.4
+temperature_c = 40
+[dark_current]
+e_per_s = 200
+at_c = 40
+doubling_k = 7
+"#;
+
+fn everything() -> SensorModel {
+    parse_sensor(&TomlFile::from_text("everything.toml", EVERYTHING)).expect("a sensor")
+}
+
+fn small() -> DatasetSettings {
+    DatasetSettings { width: 160, height: 120, seed: 5, ..DatasetSettings::default() }
+}
+
+/// Every figure against the truth: (estimate - truth) / error.
+fn scores<'a>(quantities: &'a [Quantity], truth: &Truth) -> Vec<(&'a Quantity, f64, f64)> {
+    let known = |q: &'a Quantity| truth.quantities.get(q.symbol).map(|&t| (q, t, (q.value - t) / q.standard_error));
+    quantities.iter().filter_map(known).collect()
+}
+
+/// Bounds of 6.5 standard errors, 8e-11 each for normal numbers; a hundred figures. Those whose truth is zero are one-sided.
+fn find(model: &SensorModel, settings: &DatasetSettings) {
+    let plan = DatasetPlan::new(model, settings).expect("a plan");
+    let truth = plan.truth();
+    let found = analyse(&plan.measure().expect("frames"), &AnalysisSettings::default()).expect("a measurement");
+    let all = scores(&found.quantities, &truth);
+    assert!(all.len() >= 23, "{} figures", all.len());
+    for (q, truth, z) in all {
+        println!("{:<40} {q}, truth {truth:.6}, z {z:+.2}", model.spec().name);
+        assert!(q.value.is_finite() && q.standard_error > 0.0, "{q}");
+        assert!(z.abs() < 6.5, "{}: {q}, truth {truth}, {z:.2} standard errors off", model.spec().name);
+    }
+    let gain = found.get("K").expect("a gain");
+    assert!(gain.standard_error < 0.005 * gain.value, "{gain}");
+}
+
+#[test]
+fn a_camera_with_everything_is_found() {
+    find(&everything(), &small());
+}
+
+#[test]
+fn cameras_of_data_sheets_are_found() {
+    for name in ["imx174", "imx900-hcg", "imx250"] {
+        find(&preset(name).expect("a preset"), &small());
+    }
+}
+
+#[test]
+fn light_may_vary_instead_of_time_and_bits_may_be_others() {
+    let settings = DatasetSettings { vary: Vary::Irradiance, exposure: Seconds(0.02), bit_depth: Some(10), ..small() };
+    let plan = DatasetPlan::new(&everything(), &settings).expect("a plan");
+    assert_eq!(plan.shots().iter().filter(|s| s.photons == 0.0).count(), 2);
+    let found = analyse(&plan.measure().expect("frames"), &AnalysisSettings::default()).expect("a measurement");
+    assert!(found.get("mu_I.mean").is_none() && found.notes.iter().any(|n| n.contains("dark current")));
+    // A quarter of the gain, and 4 electrons of dark current in 20 ms.
+    for (q, truth, z) in scores(&found.quantities, &plan.truth()) {
+        assert!(z.abs() < 6.5, "{q}, truth {truth}, {z:.2} standard errors off");
+    }
+    assert!((plan.truth().quantities["K"] - 0.1).abs() < 1e-12);
+    assert!((plan.truth().quantities["sigma_d"] - 20f64.sqrt()).abs() < 1e-9);
+}
+
+/// The pixels of one colour: the efficiency is that of their filter.
+#[test]
+fn of_a_mosaic_the_pixels_of_one_colour_are_measured() {
+    let text = EVERYTHING.replace("quantum_efficiency = [[400, 0.5], [545, 0.65], [700, 0.3]]", "") + MOSAIC;
+    let model = parse_sensor(&TomlFile::from_text("mosaic.toml", text)).expect("a sensor");
+    let refusal = DatasetPlan::new(&model, &small()).expect_err("which colour?");
+    assert!(refusal.to_string().contains("red, green or blue"), "{refusal}");
+    let settings = DatasetSettings { color: Some(FilterColor::Red), wavelength: Some(Nanometres(600.0)), ..small() };
+    let plan = DatasetPlan::new(&model, &settings).expect("a plan");
+    assert_eq!(plan.truth().quantities["eta"], 0.4);
+    let found = analyse(&plan.measure().expect("frames"), &AnalysisSettings::default()).expect("a measurement");
+    let eta = found.get("eta").expect("an efficiency");
+    assert!(((eta.value - 0.4) / eta.standard_error).abs() < 6.5, "{eta}");
+}
+
+const MOSAIC: &str = r#"
+[color_filter]
+pattern = "rggb"
+red = [[500, 0.0001], [600, 0.4]]
+green = [[450, 0.1], [540, 0.5], [650, 0.1]]
+blue = [[450, 0.45], [600, 0.05]]
+"#;
+
+/// 50.34 photons: a square micrometre, a millisecond, a micrometre of wavelength, a microwatt per square centimetre
+/// (EMVA 1288). The light of a data set is in that scale.
+#[test]
+fn photons_are_those_of_the_standard() {
+    let anchor = photon::photons(Metres(1e-6), Irradiance(1e-2), Seconds(1e-3), Nanometres(1000.0));
+    assert!((anchor - 50.34).abs() < 0.005, "{anchor}");
+    let plan = DatasetPlan::new(&everything(), &small()).expect("a plan");
+    let truth = plan.truth();
+    for shot in plan.shots().iter().filter(|s| s.photons > 0.0) {
+        let [a, t, w] = [3.45 * 3.45, shot.exposure.time().0 * 1e3, truth.wavelength_nm * 1e-3];
+        let expected = 50.34117 * a * t * w * truth.irradiance_w_m2 * 1e2;
+        assert!((shot.photons / expected - 1.0).abs() < 1e-5, "{shot:?}, expected {expected}");
+    }
+}
+
+fn written(folder: &Path, settings: &DatasetSettings, threads: usize) -> Truth {
+    let plan = DatasetPlan::new(&everything(), settings).expect("a plan");
+    let written =
+        write_dataset(&plan, folder, threads, &Silent, &Cancel::new()).expect("written").expect("not cancelled");
+    assert_eq!(written.descriptor, folder.join(DESCRIPTOR));
+    written.truth
+}
+
+/// What is written is what was taken: the analysis of the files is that of the frames, to the last bit, for 8 and 12 bits, and
+/// the files do not depend on the number of threads.
+#[test]
+fn a_data_set_survives_the_way_through_files() {
+    let home = tempfile::tempdir().expect("a temporary folder");
+    for bits in [8, 12] {
+        let settings =
+            DatasetSettings { width: 64, height: 48, levels: 20, stack: 4, bit_depth: Some(bits), ..small() };
+        let folder = home.path().join(format!("sets/{bits}"));
+        let truth = written(&folder, &settings, 2);
+        let read = read_measurement(&folder.join(DESCRIPTOR), 2, &Silent, &Cancel::new());
+        let read = read.expect("readable").expect("not cancelled");
+        assert!(read.warnings.is_empty() && read.size == [64, 48] && read.frames == 20 * 4 + 8);
+        let plan = DatasetPlan::new(&everything(), &settings).expect("a plan");
+        let close = |a: f64, b: f64| (a - b).abs() <= 1e-12 * a.abs().max(b.abs());
+        let taken = plan.measure().expect("frames");
+        assert!(
+            read.measurement
+                .levels
+                .iter()
+                .zip(&taken.levels)
+                .all(|(a, b)| a.pair == b.pair && close(a.exposure, b.exposure))
+        );
+        assert!(read.measurement.stacks.iter().zip(&taken.stacks).all(|(a, b)| a.stack == b.stack));
+        let told: serde_json::Value =
+            serde_json::from_str(&std::fs::read_to_string(folder.join(TRUTH)).expect("the truth")).expect("JSON");
+        assert_eq!(told["quantities"]["K"].as_f64(), truth.quantities.get("K").copied());
+        let again = home.path().join(format!("again-{bits}"));
+        written(&again, &settings, 1);
+        for name in ["images/b_001_0.png", DESCRIPTOR, TRUTH] {
+            assert_eq!(
+                std::fs::read(folder.join(name)).expect("there"),
+                std::fs::read(again.join(name)).expect("there")
+            );
+        }
+        let found = Findings::linear(&read, &AnalysisSettings::default()).expect("a measurement");
+        assert!(found.table().lines().any(|l| l.starts_with("eta ") && l.contains("e-/photon")), "{}", found.table());
+        let json: serde_json::Value = serde_json::from_str(&found.json()).expect("JSON");
+        assert!(json["quantities"].as_array().is_some_and(|q| q.len() > 25) && json["module"] == "linear");
+        let html = found.html(&read);
+        // Stands alone, and is well-formed but for its doctype.
+        let body = html.trim_start_matches("<!doctype html>");
+        let document = roxmltree::Document::parse(body).unwrap_or_else(|e| panic!("{e}"));
+        assert!(document.descendants().filter(|n| n.has_tag_name("svg")).count() >= 18);
+        assert!(!html.contains("NaN") && !html.contains("http://") && !html.contains("https://"));
+        let general = Findings::general(&read, &AnalysisSettings::default()).expect("a measurement");
+        assert!(general.quantities().iter().any(|q| q.symbol == "sigma_p.dark"));
+        assert!(roxmltree::Document::parse(general.html(&read).trim_start_matches("<!doctype html>")).is_ok());
+    }
+}
+
+#[test]
+fn a_cancelled_data_set_leaves_nothing_and_a_full_folder_is_not_touched() {
+    let home = tempfile::tempdir().expect("a temporary folder");
+    let settings = DatasetSettings { width: 32, height: 32, levels: 10, ..small() };
+    let plan = DatasetPlan::new(&everything(), &settings).expect("a plan");
+    let cancel = Cancel::new();
+    cancel.cancel();
+    let folder = home.path().join("set");
+    assert!(write_dataset(&plan, &folder, 1, &Silent, &cancel).expect("no error").is_none());
+    assert_eq!(std::fs::read_dir(home.path()).expect("there").count(), 0);
+    std::fs::create_dir(&folder).expect("made");
+    std::fs::write(folder.join("mine"), "x").expect("written");
+    let error = write_dataset(&plan, &folder, 1, &Silent, &Cancel::new()).expect_err("full");
+    assert!(error.to_string().contains("not empty") && error.to_string().contains("mend"), "{error}");
+    assert_eq!(std::fs::read_dir(&folder).expect("there").count(), 1);
+}
+
+#[test]
+fn files_that_do_not_fit_are_named() {
+    let home = tempfile::tempdir().expect("a temporary folder");
+    let folder = home.path().join("set");
+    written(&folder, &DatasetSettings { width: 32, height: 32, levels: 10, stack: 3, ..small() }, 1);
+    let path = folder.join(DESCRIPTOR);
+    let whole = std::fs::read_to_string(&path).expect("there");
+    for (from, to, place, problem) in [
+        ("n 12 32 32", "n 12 33 32", ".png", "the others 33 x 32"),
+        ("n 12 32 32", "n 9 32 32", ".png", "too large for 9 bits"),
+        ("images/b_001_0.png", "images/gone.png", "gone.png", ""),
+        ("images/b_001_0.png", "truth.json", "truth.json", "no PNG"),
+    ] {
+        std::fs::write(&path, whole.replace(from, to)).expect("written");
+        let error = read_measurement(&path, 1, &Silent, &Cancel::new()).expect_err(to).to_string();
+        assert!(error.contains(place) && error.contains(problem) && error.contains("mend"), "{to}: {error}");
+    }
+    // Half of the levels: nothing saturates, and the message names the descriptor.
+    let half = whole.find("i images/b_013").expect("a level");
+    let block = whole[..half].rfind("b ").expect("its block");
+    std::fs::write(&path, &whole[..block]).expect("written");
+    let read = read_measurement(&path, 1, &Silent, &Cancel::new()).expect("readable").expect("not cancelled");
+    let error = Findings::linear(&read, &AnalysisSettings::default()).expect_err("too dark").to_string();
+    assert!(error.contains(DESCRIPTOR) && error.contains("not saturated") && error.contains("more light"), "{error}");
+}
+
+#[test]
+fn settings_out_of_range_are_refused() {
+    type Change = fn(&mut DatasetSettings);
+    let cases: [(Change, &str); 6] = [
+        (|s| s.levels = 9, "levels"),
+        (|s| s.stack = 2, "frames of a stack"),
+        (|s| s.width = 8, "width"),
+        (|s| s.wavelength = Some(Nanometres(50.0)), "wavelength"),
+        (|s| s.bit_depth = Some(17), "bit depth"),
+        (|s| s.color = Some(FilterColor::Blue), "color"),
+    ];
+    for (change, what) in cases {
+        let mut settings = small();
+        change(&mut settings);
+        let error = DatasetPlan::new(&everything(), &settings).expect_err(what).to_string();
+        assert!(error.contains(what) && error.contains("mend"), "{what}: {error}");
+    }
+}
