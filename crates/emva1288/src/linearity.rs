@@ -100,6 +100,7 @@ mod tests {
             used: 0,
             saturation: exact(0.0),
             response: exact(1.0),
+            offset: exact(0.0),
             spatial: None,
             is_bound: false,
         }

@@ -37,6 +37,8 @@ pub(crate) struct Summary {
     pub(crate) saturation: Estimate,
     /// Mean response of these pixels over that of all pixels of their kind: 1, and how well that is known.
     pub(crate) response: Estimate,
+    /// Mean dark value of these pixels beyond that of all pixels of their kind \[DN\]: 0, and how well that is known.
+    pub(crate) offset: Estimate,
     /// Bright and dark, and how alike their patterns are.
     pub(crate) spatial: Option<(Spatial, Spatial, Likeness)>,
     /// Is the dark variance so small that it is set to [`LEAST_DARK_VARIANCE`]?
@@ -97,11 +99,12 @@ impl Summary {
             used,
             saturation: Estimate { value: saturation.photons, error: saturation.error },
             response: Estimate { value: 1.0, error: 0.0 },
+            offset: Estimate::default(),
             spatial,
             is_bound: false,
         };
         summary.is_bound = summary.dark_variance() < LEAST_DARK_VARIANCE;
-        summary.response.error = summary.response_error();
+        (summary.response.error, summary.offset.error) = summary.sampling_errors();
         summary
     }
 
@@ -130,7 +133,8 @@ impl Summary {
         let has_times = self.exposures() >= LEAST_EXPOSURES;
         let mean_line = line(self.dark.iter().map(|d| (d.exposure, d.mean.value)));
         let variance_line = line(self.dark.iter().map(|d| (d.exposure, d.variance.value)));
-        set(Is::DarkMean, if has_times { mean_line.1 } else { self.dark[0].mean.value });
+        let dark_mean = if has_times { mean_line.1 } else { self.dark[0].mean.value };
+        set(Is::DarkMean, dark_mean + self.offset.value);
         let dark_variance = if self.is_bound { LEAST_DARK_VARIANCE } else { self.dark_variance() };
         set(Is::DarkVariance, dark_variance);
         set(Is::DarkNoise2, (dark_variance - ROUNDING) / (gain * gain));
@@ -181,22 +185,24 @@ impl Summary {
         }
     }
 
-    /// The pixels of a camera are a sample of what such pixels are like: how far the mean of their responses may lie off.
-    fn response_error(&self) -> f64 {
-        let Some((bright, dark, _)) = &self.spatial else { return 0.0 };
+    /// The pixels of a camera are a sample of what such pixels are like: how far the mean of their responses may lie off, as a
+    /// fraction, and that of their dark values \[DN\].
+    fn sampling_errors(&self) -> (f64, f64) {
+        let Some((bright, dark, _)) = &self.spatial else { return (0.0, 0.0) };
         let (b, d) = (bright.split(), dark.split());
-        let part = |b: f64, d: f64, n: f64| (b - d).max(0.0) / n;
-        let variance = part(b.pixel, d.pixel, bright.rows * bright.columns)
-            + part(b.row, d.row, bright.rows)
-            + part(b.column, d.column, bright.columns);
+        let (m, n) = (bright.rows, bright.columns);
+        let of_mean = |pixel: f64, row: f64, column: f64| {
+            (pixel.max(0.0) / (m * n) + row.max(0.0) / m + column.max(0.0) / n).sqrt()
+        };
+        let response = of_mean(b.pixel - d.pixel, b.row - d.row, b.column - d.column);
         let light = bright.mean - dark.mean;
-        if light > 0.0 { variance.sqrt() / light } else { 0.0 }
+        (if light > 0.0 { response / light } else { 0.0 }, of_mean(d.pixel, d.row, d.column))
     }
 }
 
 impl Inputs for Summary {
     fn count(&self) -> usize {
-        2 + 2 * (self.bright.len() + self.dark.len()) + if self.spatial.is_some() { 8 } else { 0 }
+        3 + 2 * (self.bright.len() + self.dark.len()) + if self.spatial.is_some() { 8 } else { 0 }
     }
 
     fn moved(&self, index: usize, sign: f64) -> Self {
@@ -206,8 +212,9 @@ impl Inputs for Summary {
         match index {
             0 => shift(&mut s.saturation, sign),
             1 => shift(&mut s.response, sign),
-            i if i - 2 < 2 * levels => {
-                let (which, is_variance) = ((i - 2) / 2, i % 2 == 1);
+            2 => shift(&mut s.offset, sign),
+            i if i - 3 < 2 * levels => {
+                let (which, is_variance) = ((i - 3) / 2, i % 2 == 0);
                 let point = s.bright.iter_mut().chain(&mut s.dark).nth(which);
                 if let Some(p) = point {
                     shift(if is_variance { &mut p.variance } else { &mut p.mean }, sign);
@@ -223,7 +230,7 @@ impl Inputs for Summary {
                         (&mut bright.column_means, &mut dark.column_means),
                         (&mut bright.row_means, &mut dark.row_means),
                     ];
-                    match i - 2 - 2 * levels {
+                    match i - 3 - 2 * levels {
                         6 => shift(&mut bright.temporal, sign),
                         7 => shift(&mut dark.temporal, sign),
                         part => {
@@ -299,7 +306,8 @@ mod tests {
             .collect();
         let saturation = exact(10_000.0);
         let response = exact(1.0);
-        Summary { bright, dark, used: 7, saturation, response, spatial: None, is_bound: false }
+        let offset = exact(0.0);
+        Summary { bright, dark, used: 7, saturation, response, offset, spatial: None, is_bound: false }
     }
 
     #[test]
@@ -341,7 +349,7 @@ mod tests {
         for p in s.bright.iter_mut().chain(&mut s.dark) {
             (p.mean.error, p.variance.error) = (1.0, 1.0);
         }
-        (s.saturation.error, s.response.error) = (1.0, 0.1);
+        (s.saturation.error, s.response.error, s.offset.error) = (1.0, 0.1, 0.1);
         for i in 0..s.count() {
             let m = s.moved(i, 1.0);
             let changed = s
@@ -351,7 +359,8 @@ mod tests {
                 .zip(m.bright.iter().chain(&m.dark))
                 .filter(|(a, b)| a.mean != b.mean || a.variance != b.variance)
                 .count();
-            let others = usize::from(m.saturation != s.saturation) + usize::from(m.response != s.response);
+            let others = [m.saturation != s.saturation, m.response != s.response, m.offset != s.offset];
+            let others = others.into_iter().filter(|c| *c).count();
             assert_eq!(changed + others, 1, "input {i}");
         }
     }
