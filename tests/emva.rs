@@ -61,7 +61,6 @@ fn find(model: &SensorModel, settings: &DatasetSettings) {
     let all = scores(&found.quantities, &truth);
     assert!(all.len() >= 23, "{} figures", all.len());
     for (q, truth, z) in all {
-        println!("{:<40} {q}, truth {truth:.6}, z {z:+.2}", model.spec().name);
         assert!(q.value.is_finite() && q.standard_error > 0.0, "{q}");
         assert!(z.abs() < 6.5, "{}: {q}, truth {truth}, {z:.2} standard errors off", model.spec().name);
     }
