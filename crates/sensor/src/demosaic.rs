@@ -127,6 +127,27 @@ mod tests {
         assert!(demosaic(&Plane::new(0, 0, 0.0), BayerPattern::Rggb).data().is_empty());
     }
 
+    /// The same numbers from another implementation of the paper: `demosaicing_CFA_Bayer_Malvar2004` of the Python package
+    /// colour-demosaicing, on an image without any order.
+    #[test]
+    fn an_implementation_of_others_agrees() {
+        let raw = Plane::from_fn(9, 8, |x, y| ((37 * x * x + 91 * y + 13 * x * y) % 101) as f32);
+        let red = [[16.4375, 35.375, 16.0], [36.25, 11.0, 24.0625], [26.5, 45.0, 38.6875], [53.0, 47.125, 66.0625]];
+        let green = [[41.25, 16.0, 29.0625], [11.4375, 30.375, 11.0], [45.0, 39.125, 58.0625], [34.5, 53.0, 46.6875]];
+        let swapped = |v: [[f32; 3]; 4]| v.map(|[r, g, b]| [b, g, r]);
+        for (pattern, expected) in [
+            (BayerPattern::Rggb, red),
+            (BayerPattern::Bggr, swapped(red)),
+            (BayerPattern::Grbg, green),
+            (BayerPattern::Gbrg, swapped(green)),
+        ] {
+            let got = demosaic(&raw, pattern);
+            for ((x, y), expected) in [(3, 3), (4, 3), (3, 4), (4, 4)].into_iter().zip(expected) {
+                assert_eq!(*got.at(x, y), expected, "{} at ({x}, {y})", pattern.name());
+            }
+        }
+    }
+
     /// The paper's point: where colours rise and fall together, it beats the bilinear mean by several dB (5.5 on average there).
     #[test]
     fn fine_grey_structure_survives_better_than_bilinear() {
