@@ -47,13 +47,20 @@ fn small() -> DatasetSettings {
     DatasetSettings { width: 160, height: 120, seed: 5, ..DatasetSettings::default() }
 }
 
-/// Every figure against the truth: (estimate - truth) / error.
+/// Every figure against the truth: (estimate - truth) / error; of nonuniformities, which are roots, the squares.
 fn scores<'a>(quantities: &'a [Quantity], truth: &Truth) -> Vec<(&'a Quantity, f64, f64)> {
-    let known = |q: &'a Quantity| truth.quantities.get(q.symbol).map(|&t| (q, t, (q.value - t) / q.standard_error));
-    quantities.iter().filter_map(known).collect()
+    let score = |q: &Quantity, t: f64| {
+        let (value, error) = (q.value, q.standard_error);
+        if !q.symbol.contains("NU") {
+            return (value - t) / error;
+        }
+        // The error of a root is error / (2 root), or at zero the root of the error.
+        (value * value - t * t) / if value > 0.5 * error { 2.0 * value * error } else { error * error }
+    };
+    quantities.iter().filter_map(|q| truth.quantities.get(q.symbol).map(|&t| (q, t, score(q, t)))).collect()
 }
 
-/// Bounds of 6.5 standard errors, 8e-11 each for normal numbers; a hundred figures. Those whose truth is zero are one-sided.
+/// Bounds of 6.5 standard errors, 8e-11 each for normal numbers; a hundred figures.
 fn find(model: &SensorModel, settings: &DatasetSettings) {
     let plan = DatasetPlan::new(model, settings).expect("a plan");
     let truth = plan.truth();
@@ -252,4 +259,20 @@ fn settings_out_of_range_are_refused() {
         let error = DatasetPlan::new(&everything(), &settings).expect_err(what).to_string();
         assert!(error.contains(what) && error.contains("mend"), "{what}: {error}");
     }
+}
+
+/// The page names every figure that an analysis can have, and no other.
+#[test]
+fn the_page_names_every_figure_and_no_other() {
+    let page = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs/emva.md");
+    let page = std::fs::read_to_string(page).expect("docs/emva.md");
+    let (_, rest) = page.split_once("## What is found").expect("the section");
+    let rows = rest.lines().filter_map(|l| l.strip_prefix("| `")?.split_once('`').map(|(symbol, _)| symbol));
+    let named: std::collections::BTreeSet<&str> = rows.collect();
+    let settings = DatasetSettings { width: 48, height: 48, levels: 20, stack: 4, ..small() };
+    let measured = DatasetPlan::new(&everything(), &settings).expect("a plan").measure().expect("frames");
+    let rules = AnalysisSettings { pixel_pitch: Some(3.45), ..AnalysisSettings::default() };
+    let found = analyse(&measured, &rules).expect("a measurement");
+    let symbols: std::collections::BTreeSet<&str> = found.quantities.iter().map(|q| q.symbol).collect();
+    assert_eq!(named, symbols, "left the page, right the analyser");
 }

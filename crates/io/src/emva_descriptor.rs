@@ -244,6 +244,21 @@ mod tests {
         assert_eq!(read(&latin).expect("readable").0, unix);
     }
 
+    proptest::proptest! {
+        /// Lines of the right words in any order: read, or refused with a line that can be shown; what was read is read again.
+        #[test]
+        fn any_lines_are_read_or_refused(lines in proptest::collection::vec("[vnbdix#] ?[0-9a-z.,\\\\ \u{e9}-]{0,12}", 0..12)) {
+            match parse(Path::new("x"), &lines.join("\n")) {
+                Ok((descriptor, _)) => {
+                    let (mut again, warnings) = parse(Path::new("x"), &write_descriptor(&descriptor)).expect("readable");
+                    again.blocks.iter_mut().zip(&descriptor.blocks).for_each(|(a, b)| a.line = b.line);
+                    assert!(warnings.is_empty() && again == descriptor, "{descriptor:?} {again:?}");
+                }
+                Err(e) => assert!(!e.caret().is_empty() || e.place.starts_with("line ")),
+            }
+        }
+    }
+
     #[test]
     fn errors_name_the_line_and_the_mend() {
         let frames = "i a.png\ni b.png\n";

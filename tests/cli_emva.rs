@@ -1,0 +1,102 @@
+//! `dunkelfeld emva` as users of the program have it.
+//!
+//! Replay: `cargo test -p dunkelfeld-cli --test cli_emva NAME`.
+
+#[path = "support/cli.rs"]
+mod bench;
+
+use bench::{Bench, stderr, stdout};
+
+const SMALL: &str = "--size 48x40 --levels 20 --spatial 4 --seed 3 --progress none";
+
+#[test]
+fn a_data_set_is_written_and_its_figures_are_found() {
+    let bench = Bench::new();
+    let run = bench.run(&format!("emva dataset --sensor imx900-hcg -o set {SMALL}")).code(0);
+    assert!(stdout(&run).contains("88 frames of 48 x 40 pixels, 20 levels of light at 536 nm"), "{}", stdout(&run));
+    let run =
+        bench.run("emva analyse set/emva.txt --html r.html --json r.json --pixel-pitch 2.25 --progress none").code(0);
+    let table = stdout(&run);
+    for row in ["eta ", "K ", "mu_p.min.area ", "DSNU1288.row ", "LE "] {
+        assert!(table.lines().any(|l| l.starts_with(row)), "{row}: {table}");
+    }
+    // It lacks what the standard asks for, and says so.
+    assert!(stderr(&run).contains("note: there are 20 levels of light, the standard asks for 50"), "{}", stderr(&run));
+    let truth = bench.json("set/truth.json");
+    let found = bench.json("r.json");
+    let all = found["quantities"].as_array().expect("figures");
+    let gain = all.iter().find(|q| q["symbol"] == "K").expect("a gain");
+    let [value, error] = ["value", "standard_error"].map(|k| gain[k].as_f64().expect("a number"));
+    let z = (value - truth["quantities"]["K"].as_f64().expect("a number")) / error;
+    assert!(z.abs() < 6.5, "K is {z:.1} standard errors off");
+    assert!(String::from_utf8_lossy(&bench.read("r.html")).starts_with("<!doctype html>"));
+
+    // The same again, by other rules, on one thread, and by the other module.
+    let again = bench.run("emva analyse set/emva.txt --threads 1 --pixel-pitch 2.25 --progress none").code(0);
+    assert_eq!(stdout(&again), table.replace("wrote r.json\nwrote r.html\n", ""));
+    let old = bench.run("emva analyze set/emva.txt --release 3.1 --progress none").code(0);
+    assert_ne!(stdout(&old), table);
+    let general = bench.run("emva analyse set/emva.txt --general --progress none").code(0);
+    assert!(stdout(&general).contains("sigma_p.dark") && !stdout(&general).contains("eta"), "{}", stdout(&general));
+}
+
+#[test]
+fn what_cannot_be_done_ends_with_code_2_a_mend_and_nothing_written() {
+    let bench = Bench::new();
+    bench.run(&format!("emva dataset --sensor imx250 -o set {SMALL}")).code(0);
+    let whole = String::from_utf8(bench.read("set/emva.txt")).expect("text");
+    let dark: String = {
+        let end = whole.find("\nb ").expect("a level");
+        whole[..=end].to_owned()
+    };
+    bench.write("set/dark.txt", &dark);
+    bench.write("set/short.txt", &whole.replace("n 12 48 40", "n 12 48"));
+    bench.write("set/other.txt", &whole.replace("n 12 48 40", "n 12 40 48"));
+    bench.write("set/gone.txt", &whole.replace("images/b_001_0.png", "images/gone.png"));
+    let first = whole.find("\ni images/b_021").expect("a level in the middle");
+    bench.write("set/dim.txt", &whole[..whole[..first].rfind("\nb ").expect("its block") + 1]);
+    let before = bench.names();
+    let cases: &[(&str, &[&str])] = &[
+        ("dataset --sensor imx250 -o set", &["set", "not empty", "mend:"]),
+        ("dataset --sensor imx250 -o scene.bin", &["scene.bin", "in the way", "mend:"]),
+        ("dataset --sensor imx999 -o new", &["imx999", "imx250", "mend:"]),
+        ("dataset --sensor imx250 -o new --color red", &["color", "no colour filters", "mend:"]),
+        ("dataset --sensor imx250 -o new --size 640", &["--size", "640x480"]),
+        ("dataset --sensor imx250 -o new --levels 3", &["--levels", "10..=1000"]),
+        ("dataset --sensor imx250 -o new --exposure 0s", &["--exposure", "100ms"]),
+        ("dataset --sensor imx250", &["--output"]),
+        ("analyse nowhere.txt", &["nowhere.txt", "mend:"]),
+        ("analyse scene.bin", &["scene.bin", "mend:"]),
+        ("analyse set/dark.txt", &["dark.txt", "no pair of frames with light", "mend: add blocks of two frames"]),
+        (
+            "analyse set/short.txt",
+            &["short.txt", "line 2", "2 | n 12 48", "^^^^^^^", "mend: write `n BITS WIDTH HEIGHT`"],
+        ),
+        ("analyse set/other.txt", &["images", ".png", "48 x 40 pixels, the others 40 x 48", "mend:"]),
+        ("analyse set/gone.txt", &["gone.png", "mend:"]),
+        ("analyse set/dim.txt", &["dim.txt", "not saturated", "mend: add levels with more light"]),
+        ("analyse set/emva.txt --html missing/r.html", &["missing/r.html", "folder", "mend:"]),
+        ("analyse set/emva.txt --release 5.0", &["5.0", "4.0", "3.1"]),
+        ("analyse set/emva.txt --pixel-pitch 0", &["--pixel-pitch", "3.45"]),
+    ];
+    for (words, says) in cases {
+        let run = bench.run(&format!("emva {words} --progress none")).code(2);
+        for part in *says {
+            assert!(stderr(&run).contains(part), "emva {words}: `{part}` is not in\n{}", stderr(&run));
+        }
+        assert!(stdout(&run).is_empty(), "emva {words}: {}", stdout(&run));
+    }
+    assert_eq!(bench.names(), before);
+}
+
+/// Progress goes to standard error, a line each, and ends at the whole.
+#[test]
+fn progress_is_told_to_machines() {
+    let bench = Bench::new();
+    let run =
+        bench.run("emva dataset --sensor imx250 -o set --size 32x32 --levels 10 --spatial 3 --progress json").code(0);
+    let lines: Vec<serde_json::Value> = stderr(&run).lines().map(|l| serde_json::from_str(l).expect("JSON")).collect();
+    assert_eq!(lines.len(), 46);
+    let fractions = lines.iter().filter_map(|l| l["fraction"].as_f64());
+    assert!((fractions.fold(0.0, f64::max) - 1.0).abs() < 1e-12);
+}
