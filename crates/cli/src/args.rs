@@ -124,6 +124,10 @@ pub(crate) struct RenderArgs {
     #[arg(long, value_enum)]
     pub(crate) exposure_noise: Option<NoiseKind>,
 
+    /// How the lens darkens the image toward its edge [default: the job's; none].
+    #[arg(long, value_enum)]
+    pub(crate) vignetting: Option<VignettingKind>,
+
     /// What the picture is denoised with [default: off]. Nothing that is measured reads the denoised image; the EXR has
     /// it as layer denoised beside the unbiased mean, and the picture says that it shows it.
     #[arg(long, value_enum)]
@@ -324,10 +328,13 @@ pub(crate) struct ExposeArgs {
     /// Image size over object size, 0 (far away) to 100 [default: 0].
     #[arg(long, value_name = "M", allow_negative_numbers = true)]
     pub(crate) magnification: Option<f64>,
-    /// Darken the image toward its edge as a thin lens of this focal length does in front of this sensor (cos^4 of the field angle),
-    /// as in 12mm. Not for images that were rendered with it [default: none].
-    #[arg(long, value_name = "LENGTH", value_parser = length)]
-    pub(crate) vignetting: Option<f64>,
+    /// How the lens darkens the image toward its edge [default: none]. cos4 needs --focal-length, and is not for images that were
+    /// rendered with it.
+    #[arg(long, value_enum)]
+    pub(crate) vignetting: Option<VignettingKind>,
+    /// Focal length of the lens, as in 12mm: with the sensor's pixel pitch it gives the field angle of each pixel.
+    #[arg(long, value_name = "LENGTH", value_parser = length, requires = "vignetting")]
+    pub(crate) focal_length: Option<f64>,
     /// The layer that holds radiance, as in ViewLayer.Combined [default: the first under a known name].
     #[arg(long, value_name = "NAME")]
     pub(crate) layer: Option<String>,
@@ -397,6 +404,15 @@ pub(crate) enum NoiseKind {
     /// Of the camera's noise what the render does not have already, so that frames of independent renders are as noisy as
     /// the camera's. The statistics say in how many pixels that holds, the EXR layer matched.Y in which.
     Matched,
+}
+
+/// Vignetting on the command line.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum VignettingKind {
+    /// Not at all, as a lens that is corrected for it, or an image after flat-field correction.
+    None,
+    /// With the fourth power of the cosine of the field angle, as a thin lens.
+    Cos4,
 }
 
 /// How progress is shown.

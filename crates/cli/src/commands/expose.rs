@@ -1,6 +1,6 @@
 //! `dunkelfeld expose`: an EXR in, frames of a camera out.
 
-use crate::args::{ExposeArgs, ExposureChoice, NoiseKind};
+use crate::args::{ExposeArgs, ExposureChoice, NoiseKind, VignettingKind};
 use crate::bar::Sink;
 use crate::interrupt::cancel_on_interrupt;
 use crate::outcome::{Outcome, print, say};
@@ -42,7 +42,7 @@ fn settings(args: &ExposeArgs) -> Result<ExposeSettings, Error> {
     let defaults = ExposeSettings::new(model)?;
     Ok(ExposeSettings {
         optics: optics(args, defaults.optics)?,
-        vignetting: args.vignetting,
+        vignetting: vignetting(args)?,
         exposure: match args.exposure {
             None | Some(ExposureChoice::Auto) => None,
             Some(ExposureChoice::For(time)) => Some(time),
@@ -72,6 +72,18 @@ fn optics(args: &ExposeArgs, defaults: Optics) -> Result<Optics, Error> {
         }
         other => other.into(),
     })
+}
+
+/// The focal length of a lens that vignettes.
+fn vignetting(args: &ExposeArgs) -> Result<Option<f64>, Error> {
+    match (args.vignetting, args.focal_length) {
+        (None | Some(VignettingKind::None), _) => Ok(None),
+        (Some(VignettingKind::Cos4), Some(focal_length)) => Ok(Some(focal_length)),
+        (Some(VignettingKind::Cos4), None) => {
+            let problem = "field angles follow from a focal length, and there is none";
+            Err(Error::setting("--vignetting", problem, "add --focal-length 12mm"))
+        }
+    }
 }
 
 fn report(settings: &ExposeSettings, exposed: &ExposedFile) -> String {

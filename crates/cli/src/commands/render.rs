@@ -3,11 +3,12 @@
 mod debug_sample;
 mod report;
 
-use crate::args::{Allocate, Denoise, ExposureChoice, NoiseKind, RenderArgs};
+use crate::args::{Allocate, Denoise, ExposureChoice, NoiseKind, RenderArgs, VignettingKind};
 use crate::bar::Sink;
 use crate::interrupt::cancel_on_interrupt;
 use crate::outcome::Outcome;
 use dunkelfeld::adaptive::allocation::Strategy;
+use dunkelfeld::scene::Vignetting;
 use dunkelfeld::sensor::ExposureNoise;
 use dunkelfeld::{
     Budget, CheckpointSettings, DenoiseMethod, DenoiseSettings, Error, Progress, ProgressState, Project,
@@ -90,6 +91,12 @@ fn apply(args: &RenderArgs, project: &mut Project) -> Result<(), Error> {
         // What the job says of budget and strategy is for the whole.
         (s.budget, s.strategy) = (Budget::default(), None);
         s.samples.clone_from(&args.samples);
+    }
+    if let Some(vignetting) = args.vignetting {
+        project.lens.vignetting = Some(match vignetting {
+            VignettingKind::None => Vignetting::None,
+            VignettingKind::Cos4 => Vignetting::CosineFourth,
+        });
     }
     apply_sensor(args.sensor.as_deref(), args.exposure, s, project.optics)?;
     apply_exposure_noise(args.exposure_noise, s)?;
