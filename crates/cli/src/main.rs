@@ -35,6 +35,7 @@ fn main() -> ExitCode {
         args::Command::Denoise(a) => commands::denoise::run(&a),
         args::Command::Expose(a) => commands::expose::run(&a),
         args::Command::Emva(a) => commands::emva::run(&a),
+        args::Command::Ptc(a) => commands::ptc::run(&a, started),
         args::Command::Inspect(a) => commands::inspect::run(&a),
         args::Command::Sensors(a) => commands::sensors::run(&a),
     };

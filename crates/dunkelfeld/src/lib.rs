@@ -38,6 +38,7 @@ mod outputs;
 mod planner;
 mod progress;
 mod project;
+pub mod ptc;
 mod render;
 mod report;
 mod round;

@@ -70,6 +70,18 @@ impl PhotonTransfer {
         dark_value: f64,
         keep: Option<&[bool]>,
     ) -> Result<Self, AnalysisError> {
+        Self::by_bins(stack, 1.0, dark_value, keep)
+    }
+
+    /// [`PhotonTransfer::by_unit_bins`] with intervals of another width \[DN\], from zero on: for cameras with so many grey
+    /// values that few pixels share one. Means are averaged like variances, so a straight line stays one.
+    pub fn by_bins(
+        stack: &TemporalStatistics,
+        width: f64,
+        dark_value: f64,
+        keep: Option<&[bool]>,
+    ) -> Result<Self, AnalysisError> {
+        let width = if width > 0.0 && width.is_finite() { width } else { 1.0 };
         if let Some(mask) = keep
             && mask.len() != stack.mean.len()
         {
@@ -78,7 +90,7 @@ impl PhotonTransfer {
         let mut bins: BTreeMap<i64, Bin> = BTreeMap::new();
         for (i, (&mean, &variance)) in stack.mean.iter().zip(&stack.variance).enumerate() {
             if keep.and_then(|mask| mask.get(i)).copied().unwrap_or(true) {
-                bins.entry(mean.floor() as i64).or_default().add(mean, variance);
+                bins.entry((mean / width).floor() as i64).or_default().add(mean, variance);
             }
         }
         let points = bins.values().map(|bin| bin.point(stack.frames)).collect();

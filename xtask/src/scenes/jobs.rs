@@ -2,6 +2,30 @@
 
 use super::part::Cover;
 
+/// The job of the paper's experiments: the scene with the moulded cover, seen by fewer pixels.
+pub(crate) const PAPER: &str = r#"# The experiments of Kludt et al., "Noise analysis of a synthetically rendered scene in sensor-realistic image simulation":
+#
+#     dunkelfeld ptc scenes/inspection/paper.toml
+#
+# renders 50 frames with 64 samples per pixel and 50 with 2500, with seeds of their own, and as many for the sensor.
+# Written by `cargo xtask scenes`. Any value can be changed here; `ptc --help` has the flags of the experiments.
+
+scene = "inspection.glb"
+camera = "camera"
+
+[film]
+width = 128             # 200 frames take their time: all of it grows with the pixels
+height = 128
+
+[sensor]
+model = "imx250"
+exposure = "auto"       # that of the first frame with 2500 samples, for all
+
+[[material]]
+name = "pmma"
+ior = 1.49
+"#;
+
 /// The TOML of one job.
 pub(crate) fn job(stem: &str, cover: Cover) -> String {
     let what = match cover {

@@ -58,6 +58,7 @@ fn files() -> Vec<(String, Vec<u8>, String)> {
         let job = jobs::job(stem, cover).into_bytes();
         files.push((format!("{stem}.toml"), job, String::new()));
     }
+    files.push(("paper.toml".into(), jobs::PAPER.into(), String::new()));
     files
 }
 

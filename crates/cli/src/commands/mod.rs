@@ -6,5 +6,6 @@ pub(crate) mod emva;
 pub(crate) mod expose;
 pub(crate) mod inspect;
 pub(crate) mod merge;
+pub(crate) mod ptc;
 pub(crate) mod render;
 pub(crate) mod sensors;

@@ -1,0 +1,212 @@
+//! What Kludt et al. say of the noise of rendered pictures, and whether it is so here.
+
+use super::analysis::PictureSeries;
+use crate::report::words::rounded;
+use dunkelfeld_emva1288::TransferPoint;
+
+/// A rise or a fall of a curve counts from so many standard errors on: among some hundred pairs of groups chance alone shows
+/// one with a probability below 1e-4.
+const SIGNIFICANT: f64 = 5.0;
+/// Groups that a curve is looked at in for rises and falls.
+const GROUPS: usize = 24;
+/// Two images are called alike from this rank correlation on.
+const ALIKE: f64 = 0.5;
+/// Variance that the paper calls practically free of noise [DN^2].
+const QUIET: f64 = 2.0;
+/// "Almost": so much of the curve is below it.
+const ALMOST: f64 = 0.9;
+
+/// Do we find the same?
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Verdict {
+    Same,
+    /// In some of the series.
+    Partly,
+    Different,
+}
+
+impl Verdict {
+    pub(super) fn words(self) -> &'static str {
+        match self {
+            Self::Same => "the same here",
+            Self::Partly => "in part of the series",
+            Self::Different => "not so here",
+        }
+    }
+
+    fn of(all: &[bool]) -> Option<Self> {
+        let n = all.iter().filter(|v| **v).count();
+        match n {
+            _ if all.is_empty() => None,
+            0 => Some(Self::Different),
+            n if n == all.len() => Some(Self::Same),
+            _ => Some(Self::Partly),
+        }
+    }
+}
+
+/// A sentence of the paper, in our words, and what we measured.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Finding {
+    pub(super) claim: &'static str,
+    /// Where the paper says it.
+    pub(super) place: &'static str,
+    pub(super) here: String,
+    pub(super) verdict: Verdict,
+}
+
+/// All of them that the series can answer.
+pub(super) fn findings(all: &[PictureSeries]) -> Vec<Finding> {
+    let each = |f: &dyn Fn(&PictureSeries) -> String| {
+        all.iter().map(|s| format!("{}: {}", name(s), f(s))).collect::<Vec<_>>().join("; ")
+    };
+    let judged = |f: &dyn Fn(&PictureSeries) -> bool| all.iter().map(f).collect::<Vec<_>>();
+    let mean = |s: &PictureSeries| s.mean_variance[0];
+    let mut found = Vec::new();
+    let mut add = |claim, place, here: String, verdicts: &[bool]| {
+        if let Some(verdict) = Verdict::of(verdicts) {
+            found.push(Finding { claim, place, here, verdict });
+        }
+    };
+
+    let [off, on] = [false, true].map(|d| all.iter().filter(|s| s.is_denoised == d).collect::<Vec<_>>());
+    let fewer: Vec<bool> = [&off, &on].iter().flat_map(|s| s.windows(2)).map(|w| mean(w[1]) < mean(w[0])).collect();
+    add(
+        "more samples per pixel leave less temporal variance",
+        "figure 5",
+        each(&|s| format!("{} DN\u{b2}", rounded(mean(s)))),
+        &fewer,
+    );
+    let pairs: Vec<(&PictureSeries, &PictureSeries)> =
+        off.iter().filter_map(|a| Some((*a, *on.iter().find(|b| b.spp == a.spp)?))).collect();
+    let factors: Vec<String> =
+        pairs.iter().map(|(a, b)| format!("{} spp: {} times less", a.spp, rounded(mean(a) / mean(b)))).collect();
+    add(
+        "the denoiser lowers the temporal variance",
+        "figure 5",
+        factors.join("; "),
+        &pairs.iter().map(|(a, b)| mean(b) < mean(a)).collect::<Vec<_>>(),
+    );
+    let line = |s: &PictureSeries| s.curve.fit;
+    add(
+        "the photon transfer curves are not linear",
+        "figure 6",
+        each(&|s| match line(s) {
+            Some(f) => format!("R\u{b2} of a straight line {:.3}", f.r_squared),
+            None => "too few points".into(),
+        }),
+        &judged(&|s| {
+            line(s).is_some_and(|f| f.reduced_chi_squared > 1.0 + SIGNIFICANT * (2.0 / f.points as f64).sqrt())
+        }),
+    );
+    add(
+        "they are not even monotone",
+        "figure 6",
+        each(&|s| {
+            let [rise, fall] = rise_and_fall(&s.curve.points);
+            format!("rises by {} and falls by {} standard errors", rounded(rise), rounded(fall))
+        }),
+        &judged(&|s| rise_and_fall(&s.curve.points).iter().all(|v| *v > SIGNIFICANT)),
+    );
+    add(
+        "the variance is high near edges",
+        "figures 5 and 7",
+        each(&|s| format!("{} times that of the rest", rounded(s.mean_variance[1] / s.mean_variance[2]))),
+        &judged(&|s| s.mean_variance[1] > s.mean_variance[2]),
+    );
+    add(
+        "the Sobel image of one frame looks like the variance",
+        "figures 5 and 7",
+        each(&|s| {
+            let [pearson, spearman] = s.correlations;
+            format!("correlation {pearson:.2}, of ranks {spearman:.2}")
+        }),
+        &judged(&|s| s.correlations[1] >= ALIKE),
+    );
+    add(
+        "without the strong edges the variance is much lower, or even almost below 2",
+        "figure 8",
+        each(&|s| {
+            format!(
+                "{} DN\u{b2} instead of {}, {:.0} % of the curve below 2",
+                rounded(s.mean_variance[2]),
+                rounded(mean(s)),
+                100.0 * quiet(&s.filtered.points)
+            )
+        }),
+        &judged(&|s| s.mean_variance[2] < 0.5 * mean(s) || quiet(&s.filtered.points) >= ALMOST),
+    );
+    found
+}
+
+/// What a series is called.
+pub(super) fn name(s: &PictureSeries) -> String {
+    format!("{} spp{}", s.spp, if s.is_denoised { " denoised" } else { "" })
+}
+
+/// Share of the points of a curve that are below what the paper calls practically free of noise.
+fn quiet(points: &[TransferPoint]) -> f64 {
+    points.iter().filter(|p| p.variance < QUIET).count() as f64 / points.len().max(1) as f64
+}
+
+/// The largest rise and the largest fall of a curve from left to right, in standard errors, between groups of about as
+/// many pixels each.
+fn rise_and_fall(points: &[TransferPoint]) -> [f64; 2] {
+    let total: u64 = points.iter().map(|p| p.pixels).sum();
+    let per_group = (total / GROUPS as u64).max(1);
+    // Mean of the variances and its squared error, weighed by pixels.
+    let mut groups: Vec<(f64, f64)> = Vec::new();
+    let (mut n, mut sum, mut error) = (0u64, 0.0, 0.0);
+    for p in points {
+        let w = p.pixels as f64;
+        n += p.pixels;
+        sum += w * p.variance;
+        error += (w * p.variance_error).powi(2);
+        if n >= per_group {
+            groups.push((sum / n as f64, error / (n as f64).powi(2)));
+            (n, sum, error) = (0, 0.0, 0.0);
+        }
+    }
+    let mut most = [0.0f64; 2];
+    for (i, (a, a_error)) in groups.iter().enumerate() {
+        for (b, b_error) in &groups[i + 1..] {
+            let step = (b - a) / (a_error + b_error).sqrt().max(1e-12);
+            most = [most[0].max(step), most[1].max(-step)];
+        }
+    }
+    most
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn point(mean: f64, variance: f64) -> TransferPoint {
+        let (mean_error, variance_error) = (0.1, 0.1);
+        TransferPoint { mean, mean_error, variance, variance_error, degrees_of_freedom: 490.0, pixels: 10 }
+    }
+
+    #[test]
+    fn a_line_rises_and_a_hill_does_both() {
+        let line: Vec<_> = (0..100).map(|i| point(f64::from(i), f64::from(i))).collect();
+        let [rise, fall] = rise_and_fall(&line);
+        assert!(rise > 100.0 && fall == 0.0, "{rise}, {fall}");
+        let hill: Vec<_> = (0..100).map(|i| point(f64::from(i), 50.0 - f64::from(i - 50).abs())).collect();
+        assert!(rise_and_fall(&hill).iter().all(|v| *v > 50.0));
+        assert_eq!(rise_and_fall(&[]), [0.0, 0.0]);
+        // Two groups of which one has all pixels: errors are those of means.
+        let two =
+            [TransferPoint { pixels: 1000, ..point(1.0, 3.0) }, TransferPoint { pixels: 1000, ..point(2.0, 4.0) }];
+        let [rise, fall] = rise_and_fall(&two);
+        assert!((rise - 1.0 / (0.02f64).sqrt()).abs() < 1e-9 && fall == 0.0, "{rise}");
+    }
+
+    #[test]
+    fn verdicts_follow_from_all_series() {
+        assert_eq!(Verdict::of(&[]), None);
+        assert_eq!(Verdict::of(&[true, true]), Some(Verdict::Same));
+        assert_eq!(Verdict::of(&[true, false]), Some(Verdict::Partly));
+        assert_eq!(Verdict::of(&[false]), Some(Verdict::Different));
+        assert_eq!(quiet(&[point(1.0, 1.0), point(2.0, 3.0)]), 0.5);
+    }
+}
