@@ -70,13 +70,17 @@ impl PhotonTransfer {
         dark_value: f64,
         keep: Option<&[bool]>,
     ) -> Result<Self, AnalysisError> {
-        Self::by_bins(stack, 1.0, dark_value, keep)
+        Self::by_bins(stack, 0.0, 1.0, dark_value, keep)
     }
 
-    /// [`PhotonTransfer::by_unit_bins`] with intervals of another width \[DN\], from zero on: for cameras with so many grey
-    /// values that few pixels share one. Means are averaged like variances, so a straight line stays one.
+    /// [`PhotonTransfer::by_unit_bins`] with intervals of another width \[DN\], one of which begins at `origin`: for cameras
+    /// with so many grey values that few pixels share one. Means are averaged like variances, so a straight line stays one.
+    ///
+    /// Pixels that differ in their noise only should lie in the middle of one interval: an edge among them would part those
+    /// that happen to be bright, which vary more, from the others.
     pub fn by_bins(
         stack: &TemporalStatistics,
+        origin: f64,
         width: f64,
         dark_value: f64,
         keep: Option<&[bool]>,
@@ -90,7 +94,7 @@ impl PhotonTransfer {
         let mut bins: BTreeMap<i64, Bin> = BTreeMap::new();
         for (i, (&mean, &variance)) in stack.mean.iter().zip(&stack.variance).enumerate() {
             if keep.and_then(|mask| mask.get(i)).copied().unwrap_or(true) {
-                bins.entry((mean / width).floor() as i64).or_default().add(mean, variance);
+                bins.entry(((mean - origin) / width).floor() as i64).or_default().add(mean, variance);
             }
         }
         let points = bins.values().map(|bin| bin.point(stack.frames)).collect();

@@ -191,8 +191,17 @@ fn stack_of<'a>(
     stack.finish().map_err(fault)
 }
 
-fn curve(stack: &TemporalStatistics, width: f64, range: [f64; 2], keep: Option<&[bool]>) -> Result<Curve, Error> {
-    let transfer = PhotonTransfer::by_bins(stack, width, range[0], keep).map_err(fault)?;
+/// The paper's curve of 8-bit pictures.
+fn picture_curve(stack: &TemporalStatistics, keep: Option<&[bool]>) -> Result<Curve, Error> {
+    let range = [0.0, 255.0];
+    let transfer = PhotonTransfer::by_unit_bins(stack, range[0], keep).map_err(fault)?;
+    Ok(Curve { points: transfer.points().to_vec(), fit: transfer.line(range[1]).ok(), range })
+}
+
+/// A curve of linear grey values from dark to saturation. What is dark lies in the middle of an interval.
+fn linear_curve(stack: &TemporalStatistics, range: [f64; 2], keep: Option<&[bool]>) -> Result<Curve, Error> {
+    let width = linear_bin(range);
+    let transfer = PhotonTransfer::by_bins(stack, range[0] - 0.5 * width, width, range[0], keep).map_err(fault)?;
     Ok(Curve { points: transfer.points().to_vec(), fit: transfer.line(range[1]).ok(), range })
 }
 
@@ -247,8 +256,8 @@ impl Reader<'_> {
             seconds,
             sobel,
             variance,
-            curve: curve(&stack, 1.0, [0.0, 255.0], None)?,
-            filtered: curve(&stack, 1.0, [0.0, 255.0], Some(&keep))?,
+            curve: picture_curve(&stack, None)?,
+            filtered: picture_curve(&stack, Some(&keep))?,
             correlations: [correlation(&steep, &rest.variance), rank_correlation(&steep, &rest.variance)],
             mean_variance: [mean_where(&|_| true), mean_where(&|k| !k), mean_where(&|k| k)],
             linear: self.linear(&units, is_denoised, size)?,
@@ -265,7 +274,7 @@ impl Reader<'_> {
         let frames = units.iter().map(|unit| Ok(self.renders.signal(unit, is_denoised)?.map(|&e| grey(e))));
         let stack = stack_of(frames, size)?;
         let range = [offset, model.saturation_value().0];
-        curve(&stack, linear_bin(range), range, None).map(Some)
+        linear_curve(&stack, range, None).map(Some)
     }
 
     fn cameras(&self, spp: u32, model: &SensorModel, exposure: Exposure) -> Result<Option<CameraSeries>, Error> {
@@ -287,7 +296,7 @@ impl Reader<'_> {
         let range = [dark, model.saturation_value().0];
         let of = |matched: bool| {
             let stack = stack_of(units.iter().map(|unit| self.renders.values(unit, matched)), size)?;
-            curve(&stack, linear_bin(range), range, Some(&keep)).map(Some)
+            linear_curve(&stack, range, Some(&keep)).map(Some)
         };
         let held = keep.iter().filter(|k| **k).count() as f64 / keep.len().max(1) as f64;
         Ok(Some(CameraSeries { spp, frames: units.len() as u64, held, plain: of(false)?, matched: of(true)? }))
