@@ -2,15 +2,20 @@
 
 use super::analysis::{CameraSeries, Curve, PictureSeries, Results};
 use super::findings::name;
+use crate::campaign::statistics::quantile;
 use crate::error::Error;
 use crate::report::chart::Chart;
-use crate::report::chart::scatter::{self, Cloud, Line};
+use crate::report::chart::plot::{self, Axis, Style, Trace};
 use crate::report::maps::{self, Map};
+use dunkelfeld_emva1288::TransferPoint;
 
 const PICTURE_AXES: [&str; 2] = ["mean grey value [DN, 8 bit, gamma 2.2]", "temporal variance [DN\u{b2}]"];
 const LINEAR_AXES: [&str; 2] = ["mean grey value [DN, linear]", "temporal variance [DN\u{b2}]"];
 /// Fits are drawn over 0-70 % of saturation, what they were made from.
 const RANGE: f64 = 0.7;
+/// Points beyond this multiple of the height below which the given share of them is are drawn at that multiple.
+const REACH: f64 = 1.5;
+const USUAL: f64 = 0.98;
 
 /// Figure 2: the sensor's own curve.
 pub(super) fn sensor(r: &Results) -> Option<Chart> {
@@ -101,26 +106,28 @@ fn chart_with(
     curves: &[(usize, &str, &Curve)],
     last_is_truth: bool,
 ) -> Chart {
-    let clouds: Vec<Cloud> = curves
-        .iter()
-        .filter(|(_, _, curve)| !curve.points.is_empty())
-        .map(|(color, name, curve)| Cloud {
-            color: *color,
-            name: (*name).to_string(),
-            points: curve.points.iter().map(|p| [p.mean, p.variance]).collect(),
-        })
-        .collect();
+    let mut traces = Vec::new();
+    for (color, name, curve) in curves.iter().filter(|(_, _, curve)| !curve.points.is_empty()) {
+        let points = within_reach(&curve.points);
+        traces.push(Trace { color: *color, name: (*name).to_string(), style: Style::Points, points });
+    }
     let lined = if last_is_truth { &curves[curves.len().saturating_sub(1)..] } else { curves };
-    let lines: Vec<Line> = lined
-        .iter()
-        .filter_map(|(_, _, curve)| {
-            let fit = curve.fit.as_ref()?;
+    let words = if last_is_truth { "the sensor\u{2019}s line" } else { "line through 0\u{2013}70 %" };
+    for (color, _, curve) in lined {
+        if let Some(fit) = &curve.fit {
             let [dark, full] = curve.range;
             // The fit is over grey values above the dark level.
-            let (slope, to) = (fit.slope.value, dark + RANGE * (full - dark));
-            Some(Line { intercept: fit.intercept.value - slope * dark, slope, from: dark, to })
-        })
-        .collect();
-    let line = if last_is_truth { "the sensor\u{2019}s line" } else { "line through 0\u{2013}70 %" };
-    scatter::draw(name, title, axes, &clouds, &lines, line)
+            let at = |x: f64| [x, fit.intercept.value + fit.slope.value * (x - dark)];
+            let points = vec![at(dark), at(dark + RANGE * (full - dark))];
+            traces.push(Trace { color: *color, name: words.into(), style: Style::Dashed, points });
+        }
+    }
+    let axes = axes.map(|label| Axis { label, is_log: false, has_zero: true });
+    plot::draw(name, title, axes, &traces)
+}
+
+/// The points of a curve; the few that are far above all others stand at the edge of those, or the rest would lie flat.
+fn within_reach(points: &[TransferPoint]) -> Vec<[f64; 2]> {
+    let usual = quantile(points.iter().map(|p| p.variance).collect(), USUAL);
+    points.iter().map(|p| [p.mean, p.variance.min(REACH * usual)]).collect()
 }

@@ -5,7 +5,6 @@ pub(crate) mod dots;
 pub(crate) mod lines;
 pub(crate) mod plot;
 mod scale;
-pub(crate) mod scatter;
 
 pub(crate) use scale::power_of_ten;
 
@@ -118,11 +117,6 @@ impl Chart {
             hint_element(hint),
             name.trim_start_matches('<')
         );
-    }
-
-    /// A small dot of a series, one of many.
-    fn dot(&mut self, series: usize, [x, y]: [f64; 2]) {
-        let _ = write!(self.body, "<circle class=\"dot s{}\" cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"2\"/>", series % COLORS);
     }
 
     /// Names of series with their marks, in a row that wraps at the chart's right edge, and the name of the dashed line if
