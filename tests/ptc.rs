@@ -211,6 +211,45 @@ fn without_a_sensor_there_are_pictures_only() {
 }
 
 #[test]
+fn frames_that_come_as_files_have_the_slope_of_their_camera() {
+    let lab = Lab::new();
+    let scene = "<scene>.obj --width 64 --height 64 --spp 64 --exposure 2ms --exposure-noise matched --progress none";
+    for frame in 0..12 {
+        lab.run(&format!("render {scene} --frame {frame} --linear f{frame:02}.png -o x.png")).code(0);
+    }
+    let frames: String = (0..12).map(|frame| format!(" f{frame:02}.png")).collect();
+    let done = lab.run(&format!("ptc{frames} --dark 32 --saturation 4095 --progress none -o out")).code(0);
+    let said = String::from_utf8_lossy(&done.get_output().stdout).into_owned();
+    let line = said.lines().find(|l| l.starts_with("all pixels")).unwrap_or_else(|| panic!("{said}"));
+    let numbers: Vec<f64> = line.split_whitespace().filter_map(|w| w.parse().ok()).collect();
+    let (gain, error) = (numbers[0], numbers[1]);
+    // Five standard errors, and 5 % for the few pixels at edges where the render is noisier than the camera.
+    assert!((gain / 0.379_65 - 1.0).abs() < 5.0 * error / gain + 0.05, "{line}");
+    assert!(error < 0.03 * gain, "{line}");
+    let names = lab.names("out");
+    assert!(["report.html", "curves.csv", "transfer.svg", "transfer-flat.svg"].iter().all(|n| names.contains(*n)));
+    let page = lab.read("out/report.html");
+    roxmltree::Document::parse(page.strip_prefix("<!doctype html>\n").expect("a type")).expect("well-formed");
+
+    lab.run("render <scene>.obj --width 32 --height 64 --spp 1 --linear small.png -o x.png --progress none").code(0);
+    let cases = [
+        ("ptc f00.png f01.png", "2 frames"),
+        ("ptc f00.png f01.png small.png", "small.png"),
+        ("ptc f00.png f01.png nosuch.png", "nosuch.png"),
+        ("ptc f00.png f01.png <scene>.obj", "neither one scene"),
+        ("ptc f00.png f01.png f02.png --spp 4", "--spp"),
+        ("ptc f00.png f01.png f02.png --dark 5000 --saturation 4095", "saturation"),
+        ("ptc f00.png f01.png f02.png --edges 2", "edges"),
+        ("ptc <scene>.obj --dark 3", "--dark"),
+        ("ptc", "SCENE"),
+    ];
+    for (line, word) in cases {
+        let said = complaint(&lab.run(line).code(2));
+        assert!(said.contains(word) && !said.contains("panicked"), "{line}: {said}");
+    }
+}
+
+#[test]
 fn what_cannot_be_measured_is_refused_with_its_mend() {
     let lab = Lab::new();
     lab.write("taken", "a file");

@@ -271,12 +271,12 @@ pub(crate) struct BenchArgs {
 /// Flags of `ptc`.
 #[derive(Debug, Args)]
 pub(crate) struct PtcArgs {
-    /// A scene (.gltf, .glb, .obj) or a job (.toml). Its budget, strategy, denoiser and exposure noise are not used. Flags
-    /// win over the job.
-    #[arg(value_name = "SCENE|JOB.toml")]
-    pub(crate) input: PathBuf,
+    /// A scene (.gltf, .glb, .obj) or a job (.toml): its budget, strategy, denoiser and exposure noise are not used, flags
+    /// win over the job. Or three frames and more (.png, .tif, .bmp) of one camera that looks at one scene.
+    #[arg(value_name = "SCENE|JOB.toml|FRAMES", required = true)]
+    pub(crate) inputs: Vec<PathBuf>,
 
-    /// The folder of the report [default: the input's name with -ptc, in this folder].
+    /// The folder of the report [default: the (first) input's name with -ptc, in this folder].
     #[arg(short = 'o', long = "output", value_name = "DIR")]
     pub(crate) output: Option<PathBuf>,
     /// Discard the renders that the folder already holds.
@@ -302,6 +302,12 @@ pub(crate) struct PtcArgs {
     /// Only the paper's pictures, no frames of the sensor.
     #[arg(long)]
     pub(crate) pictures_only: bool,
+    /// Of frames: the grey value without light [default: 0].
+    #[arg(long, value_name = "DN", allow_negative_numbers = true)]
+    pub(crate) dark: Option<f64>,
+    /// Of frames: the grey value of saturation [default: the largest of as many bits as the frames use].
+    #[arg(long, value_name = "DN", allow_negative_numbers = true)]
+    pub(crate) saturation: Option<f64>,
 
     /// Width of the image [default: 512].
     #[arg(long, value_name = "PIXELS", allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..=i64::from(dunkelfeld::MAX_SIDE)))]

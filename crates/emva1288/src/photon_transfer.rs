@@ -92,12 +92,13 @@ impl PhotonTransfer {
             return Err(AnalysisError::Mask { got: mask.len(), pixels: stack.mean.len() });
         }
         let mut bins: BTreeMap<i64, Bin> = BTreeMap::new();
-        for (i, (&mean, &variance)) in stack.mean.iter().zip(&stack.variance).enumerate() {
-            if keep.and_then(|mask| mask.get(i)).copied().unwrap_or(true) {
-                bins.entry(((mean - origin) / width).floor() as i64).or_default().add(mean, variance);
+        for (i, ((&mean, &variance), &frames)) in stack.mean.iter().zip(&stack.variance).zip(&stack.counts).enumerate()
+        {
+            if frames > 1 && keep.and_then(|mask| mask.get(i)).copied().unwrap_or(true) {
+                bins.entry(((mean - origin) / width).floor() as i64).or_default().add(mean, variance, frames);
             }
         }
-        let points = bins.values().map(|bin| bin.point(stack.frames)).collect();
+        let points = bins.values().map(Bin::point).collect();
         let dark = TransferPoint {
             mean: dark_value,
             mean_error: 0.0,
@@ -180,39 +181,49 @@ impl PhotonTransfer {
     }
 }
 
-/// Pixels whose means fall into one interval.
+/// Pixels whose means fall into one interval. They weigh as the degrees of freedom of their variances.
 #[derive(Clone, Copy, Debug, Default)]
 struct Bin {
     pixels: u64,
+    /// Values that the means are of, and degrees of freedom of the variances.
+    values: f64,
+    freedom: f64,
     means: f64,
     variances: f64,
-    squares: f64,
+    /// Sums of squared weights, alone, with the variances and with their squares.
+    weights: [f64; 3],
 }
 
 impl Bin {
-    fn add(&mut self, mean: f64, variance: f64) {
+    fn add(&mut self, mean: f64, variance: f64, frames: u32) {
+        let weight = f64::from(frames - 1);
         self.pixels += 1;
-        self.means += mean;
-        self.variances += variance;
-        self.squares += variance * variance;
+        self.values += f64::from(frames);
+        self.freedom += weight;
+        self.means += weight * mean;
+        self.variances += weight * variance;
+        let square = weight * weight;
+        let terms = [square, square * variance, square * variance * variance];
+        self.weights.iter_mut().zip(terms).for_each(|(sum, term)| *sum += term);
     }
 
-    fn point(&self, frames: u64) -> TransferPoint {
+    fn point(&self) -> TransferPoint {
         let n = self.pixels as f64;
-        let per_pixel = (frames - 1) as f64;
-        let variance = self.variances / n;
+        let variance = self.variances / self.freedom;
         // From the spread of the pixels' variances if there are enough of them to have one, else as for normal noise.
         let spread = if self.pixels >= 8 {
-            ((self.squares / n - variance * variance).max(0.0) / (n - 1.0)).sqrt()
+            let [w, wv, wvv] = self.weights;
+            let squares = (wvv - 2.0 * variance * wv + variance * variance * w).max(0.0);
+            (squares * n / (n - 1.0)).sqrt() / self.freedom
         } else {
-            variance * (2.0 / (n * per_pixel)).sqrt()
+            variance * (2.0 / self.freedom).sqrt()
         };
         TransferPoint {
-            mean: self.means / n,
-            mean_error: (variance / (n * frames as f64)).sqrt(),
+            mean: self.means / self.freedom,
+            mean_error: (variance / self.values).sqrt(),
             variance,
             variance_error: spread,
-            degrees_of_freedom: n * per_pixel,
+            degrees_of_freedom: self.freedom,
             pixels: self.pixels,
         }
     }
@@ -303,6 +314,7 @@ mod tests {
 
     fn stack(means: &[f64], variances: &[f64], frames: u64) -> TemporalStatistics {
         TemporalStatistics {
+            counts: vec![frames as u32; means.len()],
             width: means.len() as u32,
             height: 1,
             frames,

@@ -14,41 +14,71 @@ pub struct TemporalAccumulator {
     width: u32,
     height: u32,
     frames: u64,
-    sums: Vec<(u64, u64)>,
+    sums: Vec<PixelSums>,
+}
+
+/// What is known of one pixel: how many frames it counts in, the sum of its values and of their squares.
+#[derive(Clone, Copy, Debug, Default)]
+struct PixelSums {
+    frames: u64,
+    sum: u64,
+    squares: u64,
 }
 
 impl TemporalAccumulator {
     /// An empty stack of frames of the given size.
     pub fn new(width: u32, height: u32) -> Self {
-        Self { width, height, frames: 0, sums: vec![(0, 0); width as usize * height as usize] }
+        Self { width, height, frames: 0, sums: vec![PixelSums::default(); width as usize * height as usize] }
     }
 
     /// Adds a frame.
     pub fn add(&mut self, frame: Frame<'_>) -> Result<(), AnalysisError> {
+        self.add_pixels(frame, std::iter::repeat(true))
+    }
+
+    /// Adds the pixels of a frame that `counts` says, one entry for each.
+    pub fn add_where(&mut self, frame: Frame<'_>, counts: &[bool]) -> Result<(), AnalysisError> {
+        if counts.len() != frame.values().len() {
+            return Err(AnalysisError::Mask { got: counts.len(), pixels: frame.values().len() });
+        }
+        self.add_pixels(frame, counts.iter().copied())
+    }
+
+    fn add_pixels(&mut self, frame: Frame<'_>, counts: impl Iterator<Item = bool>) -> Result<(), AnalysisError> {
         frame.same_size(self.width, self.height)?;
         if self.frames == MOST_FRAMES {
             return Err(AnalysisError::TooManyFrames(MOST_FRAMES));
         }
         self.frames += 1;
-        for ((sum, squares), &y) in self.sums.iter_mut().zip(frame.values()) {
+        let counted = self.sums.iter_mut().zip(frame.values()).zip(counts).filter(|(_, counts)| *counts);
+        for ((sums, &y), _) in counted {
             let y = u64::from(y);
-            *sum += y;
-            *squares += y * y;
+            sums.frames += 1;
+            sums.sum += y;
+            sums.squares += y * y;
         }
         Ok(())
     }
 
-    /// Mean and variance per pixel; needs at least two frames.
+    /// Mean and variance per pixel; needs at least two frames. A pixel that counts in fewer has no variance, which is NaN then.
     pub fn finish(&self) -> Result<TemporalStatistics, AnalysisError> {
         let n = self.frames;
         if n < 2 {
             return Err(AnalysisError::TooFewFrames { got: n, needed: 2 });
         }
-        let mean = self.sums.iter().map(|&(sum, _)| sum as f64 / n as f64).collect();
+        let mean = self.sums.iter().map(|p| p.sum as f64 / p.frames as f64).collect();
         // n sum(y^2) - (sum y)^2 is not negative (Cauchy and Schwarz), and exact.
-        let variance =
-            self.sums.iter().map(|&(sum, squares)| (n * squares - sum * sum) as f64 / (n * (n - 1)) as f64).collect();
-        Ok(TemporalStatistics { width: self.width, height: self.height, frames: n, mean, variance })
+        let variance = |p: &PixelSums| {
+            (p.frames * p.squares - p.sum * p.sum) as f64 / (p.frames * p.frames.saturating_sub(1)) as f64
+        };
+        Ok(TemporalStatistics {
+            width: self.width,
+            height: self.height,
+            frames: n,
+            counts: self.sums.iter().map(|p| p.frames as u32).collect(),
+            mean,
+            variance: self.sums.iter().map(variance).collect(),
+        })
     }
 }
 
@@ -61,6 +91,8 @@ pub struct TemporalStatistics {
     pub height: u32,
     /// Number of frames in the stack.
     pub frames: u64,
+    /// Number of frames that each pixel counts in.
+    pub counts: Vec<u32>,
     /// Mean per pixel \[DN\].
     pub mean: Vec<f64>,
     /// Unbiased variance per pixel \[DN^2\].
@@ -231,6 +263,23 @@ mod tests {
         assert_eq!(s.mean, [3.0, 100.0, 43_690.0]);
         // (4 + 1 + 9) / 2; 0; (2 * 21845^2 + 43690^2) / 2.
         assert_eq!(s.variance, [7.0, 0.0, 1_431_612_075.0]);
+    }
+
+    #[test]
+    fn a_stack_of_pixels_that_count_by_hand() {
+        let mut stack = TemporalAccumulator::new(3, 1);
+        for (values, counts) in
+            [([1, 7, 9], [true, true, false]), ([3, 9, 9], [true, false, false]), ([8, 4, 5], [true; 3])]
+        {
+            stack.add_where(frame(&values), &counts).expect("fits");
+        }
+        let s = stack.finish().expect("three frames");
+        assert_eq!((s.frames, s.counts), (3, vec![3, 2, 1]));
+        // 1, 3, 8; 7, 4; 5 alone.
+        assert_eq!((&s.mean[..], &s.variance[..2]), (&[4.0, 5.5, 5.0][..], &[13.0, 4.5][..]));
+        assert!(s.variance[2].is_nan());
+        let short = stack.add_where(frame(&[1, 2, 3]), &[true]);
+        assert_eq!(short, Err(AnalysisError::Mask { got: 1, pixels: 3 }));
     }
 
     #[test]

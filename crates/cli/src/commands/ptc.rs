@@ -5,27 +5,91 @@ use crate::bar::Sink;
 use crate::commands::render::{apply_denoise, apply_sensor};
 use crate::interrupt::cancel_on_interrupt;
 use crate::outcome::{Outcome, print, say};
-use dunkelfeld::ptc::{PtcSettings, ptc, ptc_folder};
+use dunkelfeld::ptc::{PtcSettings, StackSettings, ptc, ptc_folder, ptc_of_frames};
 use dunkelfeld::{Error, Progress, ProgressState, Project, Stage};
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
+/// Endings of files that are frames, not scenes.
+const FRAMES: [&str; 4] = ["png", "tif", "tiff", "bmp"];
+
 pub(crate) fn run(args: &PtcArgs, started: Instant) -> Result<Outcome, Error> {
+    let is_frame = |p: &PathBuf| FRAMES.iter().any(|e| p.extension().is_some_and(|x| x.eq_ignore_ascii_case(e)));
+    match args.inputs.as_slice() {
+        inputs if inputs.iter().all(is_frame) => of_frames(args),
+        [input] => of_scene(args, input, started),
+        _ => {
+            let problem = format!("{} inputs are neither one scene nor a stack of frames", args.inputs.len());
+            Err(Error::setting("inputs", problem, "give one scene or job, or frames (.png, .tif, .bmp) alone"))
+        }
+    }
+}
+
+/// The photon transfer of files.
+fn of_frames(args: &PtcArgs) -> Result<Outcome, Error> {
+    let scene_only = [
+        ("--frames", args.frames.is_some()),
+        ("--spp", !args.spp.is_empty()),
+        ("--denoise", args.denoise.is_some() || args.oidn.is_some()),
+        ("--pictures-only", args.pictures_only),
+        ("--sensor", args.sensor.is_some()),
+        ("--exposure", args.exposure.is_some()),
+        ("--width or --height", args.width.is_some() || args.height.is_some()),
+        ("--camera", args.camera.is_some()),
+        ("--seed", args.seed.is_some()),
+        ("--restart", args.restart),
+        ("--threads", args.threads.is_some()),
+    ];
+    if let Some((flag, _)) = scene_only.iter().find(|(_, given)| *given) {
+        let problem = "says how a scene is rendered, and these are frames";
+        return Err(Error::setting(*flag, problem, "leave it out, or give a scene"));
+    }
+    let defaults = StackSettings::default();
+    let settings = StackSettings {
+        dark: args.dark.unwrap_or(defaults.dark),
+        saturation: args.saturation,
+        edges: args.edges.unwrap_or(defaults.edges),
+    };
+    let sink = Sink::new(args.progress);
+    let stack = ptc_of_frames(&args.inputs, &settings, &sink, &cancel_on_interrupt())?;
+    drop(sink);
+    let Some(stack) = stack else {
+        say("interrupted: nothing was written");
+        return Ok(Outcome::Interrupted);
+    };
+    let first = args.inputs.first().map_or_else(PathBuf::new, Clone::clone);
+    let files = stack.write(&args.output.clone().unwrap_or_else(|| ptc_folder(&first)))?;
+    report(&stack.findings(), &files);
+    Ok(Outcome::Done)
+}
+
+/// Findings on standard output, and where the report is.
+fn report(findings: &[String], files: &[PathBuf]) {
+    let mut text = findings.iter().fold(String::new(), |text, line| text + line + "\n");
+    if let Some(page) = files.first() {
+        text += &format!("wrote {} and {} tables and charts beside it\n", page.display(), files.len() - 1);
+    }
+    print(&text);
+}
+
+fn of_scene(args: &PtcArgs, input: &Path, started: Instant) -> Result<Outcome, Error> {
+    for (flag, value) in [("--dark", args.dark), ("--saturation", args.saturation)] {
+        if value.is_some() {
+            let problem = "is for frames; a scene's sensor knows its own";
+            return Err(Error::setting(flag, problem, "leave it out, or give frames"));
+        }
+    }
     let settings = settings(args);
     settings.check()?;
     let sink = Sink::new(args.progress);
     sink.update(&ProgressState { stage: Stage::Load, fraction: 0.0, elapsed: 0.0, remaining: None, samples: 0 });
-    let mut project = Project::open_at(&args.input, started)?;
+    let mut project = Project::open_at(input, started)?;
     apply(args, &mut project)?;
-    let folder = args.output.clone().unwrap_or_else(|| ptc_folder(&args.input));
+    let folder = args.output.clone().unwrap_or_else(|| ptc_folder(input));
     let cancel = cancel_on_interrupt();
-    let outcome = ptc(project, &args.input, &settings, &folder, args.restart, &sink, &cancel)?;
+    let outcome = ptc(project, input, &settings, &folder, args.restart, &sink, &cancel)?;
     drop(sink);
-    let mut text = outcome.findings.iter().fold(String::new(), |text, line| text + line + "\n");
-    if let Some(page) = outcome.files.first() {
-        let others = outcome.files.len() - 1;
-        text += &format!("wrote {} and {others} tables and charts beside it\n", page.display());
-    }
-    print(&text);
+    report(&outcome.findings, &outcome.files);
     if outcome.invalid_samples > 0 {
         let n = outcome.invalid_samples;
         say(&format!("flagged: {n} samples were not finite, negative or out of range; they count as black"));

@@ -21,6 +21,8 @@ const LEVELS: u32 = 50;
 const LEVEL_SIDE: u32 = 128;
 /// Intervals that the linear curves are binned in over the sensor's range.
 const LINEAR_BINS: f64 = 128.0;
+/// Dark and saturated grey values of the paper's pictures [DN].
+const PICTURE: [f64; 2] = [0.0, 255.0];
 /// Fewest frames that have a spread, and of which one can be left out.
 const LEAST_FRAMES: usize = 3;
 
@@ -63,7 +65,8 @@ pub(super) struct PictureSeries {
 pub(super) struct CameraSeries {
     pub(super) spp: u32,
     pub(super) frames: u64,
-    /// Share of the pixels where matched exposure holds in most frames; the curves are of these.
+    /// Share of the pixels where matched exposure holds in most frames. The curves are of these, in the frames in which it
+    /// holds.
     pub(super) held: f64,
     pub(super) plain: Option<Curve>,
     pub(super) matched: Option<Curve>,
@@ -175,7 +178,7 @@ impl Results {
 }
 
 /// What the analyser cannot take of our own frames is a fault of the frames, not of the user.
-fn fault(e: AnalysisError) -> Error {
+pub(super) fn fault(e: AnalysisError) -> Error {
     Error::setting("frames", e.to_string(), "start anew with --restart")
 }
 
@@ -191,15 +194,18 @@ fn stack_of<'a>(
     stack.finish().map_err(fault)
 }
 
-/// The paper's curve of 8-bit pictures.
-fn picture_curve(stack: &TemporalStatistics, keep: Option<&[bool]>) -> Result<Curve, Error> {
-    let range = [0.0, 255.0];
+/// A curve of 8-bit pictures, in unit-wide intervals.
+pub(super) fn picture_curve(
+    stack: &TemporalStatistics,
+    range: [f64; 2],
+    keep: Option<&[bool]>,
+) -> Result<Curve, Error> {
     let transfer = PhotonTransfer::by_unit_bins(stack, range[0], keep).map_err(fault)?;
     Ok(Curve { points: transfer.points().to_vec(), fit: transfer.line(range[1]).ok(), range })
 }
 
 /// A curve of linear grey values from dark to saturation. What is dark lies in the middle of an interval.
-fn linear_curve(stack: &TemporalStatistics, range: [f64; 2], keep: Option<&[bool]>) -> Result<Curve, Error> {
+pub(super) fn linear_curve(stack: &TemporalStatistics, range: [f64; 2], keep: Option<&[bool]>) -> Result<Curve, Error> {
     let width = linear_bin(range);
     let transfer = PhotonTransfer::by_bins(stack, range[0] - 0.5 * width, width, range[0], keep).map_err(fault)?;
     Ok(Curve { points: transfer.points().to_vec(), fit: transfer.line(range[1]).ok(), range })
@@ -256,8 +262,8 @@ impl Reader<'_> {
             seconds,
             sobel,
             variance,
-            curve: picture_curve(&stack, None)?,
-            filtered: picture_curve(&stack, Some(&keep))?,
+            curve: picture_curve(&stack, PICTURE, None)?,
+            filtered: picture_curve(&stack, PICTURE, Some(&keep))?,
             correlations: [correlation(&steep, &rest.variance), rank_correlation(&steep, &rest.variance)],
             mean_variance: [mean_where(&|_| true), mean_where(&|k| !k), mean_where(&|k| k)],
             linear: self.linear(&units, is_denoised, size)?,
@@ -290,13 +296,17 @@ impl Reader<'_> {
             times_held.resize(held.data().len(), 0);
             times_held.iter_mut().zip(held.data()).for_each(|(n, held)| *n += usize::from(*held));
         }
-        // Where it holds in most frames: these pixels count, whether it holds in a frame or not.
         let keep: Vec<bool> = times_held.iter().map(|n| 2 * n > units.len()).collect();
         let dark = model.spec().offset.0 + model.spec().system_gain * model.dark_electrons(exposure.time()).0;
         let range = [dark, model.saturation_value().0];
         let of = |matched: bool| {
-            let stack = stack_of(units.iter().map(|unit| self.renders.values(unit, matched)), size)?;
-            linear_curve(&stack, range, Some(&keep)).map(Some)
+            let mut stack = TemporalAccumulator::new(size.0, size.1);
+            for unit in &units {
+                let (values, held) = (self.renders.values(unit, matched)?, self.renders.held(unit)?);
+                let frame = Frame::new(size.0, size.1, values.data()).map_err(fault)?;
+                stack.add_where(frame, held.data()).map_err(fault)?;
+            }
+            linear_curve(&stack.finish().map_err(fault)?, range, Some(&keep)).map(Some)
         };
         let held = keep.iter().filter(|k| **k).count() as f64 / keep.len().max(1) as f64;
         Ok(Some(CameraSeries { spp, frames: units.len() as u64, held, plain: of(false)?, matched: of(true)? }))

@@ -10,7 +10,7 @@ use crate::report::maps::{self, Map};
 use dunkelfeld_emva1288::TransferPoint;
 
 const PICTURE_AXES: [&str; 2] = ["mean grey value [DN, 8 bit, gamma 2.2]", "temporal variance [DN\u{b2}]"];
-const LINEAR_AXES: [&str; 2] = ["mean grey value [DN, linear]", "temporal variance [DN\u{b2}]"];
+pub(super) const LINEAR_AXES: [&str; 2] = ["mean grey value [DN, linear]", "temporal variance [DN\u{b2}]"];
 /// Fits are drawn over 0-70 % of saturation, what they were made from.
 const RANGE: f64 = 0.7;
 /// Points beyond this multiple of the height below which the given share of them is are drawn at that multiple.
@@ -94,7 +94,7 @@ fn file_part(s: &PictureSeries) -> String {
     format!("{}{}", s.spp, if s.is_denoised { "-denoised" } else { "" })
 }
 
-fn chart(name: &str, title: &str, axes: [&str; 2], curves: &[(usize, &str, &Curve)]) -> Chart {
+pub(super) fn chart(name: &str, title: &str, axes: [&str; 2], curves: &[(usize, &str, &Curve)]) -> Chart {
     chart_with(name, title, axes, curves, false)
 }
 

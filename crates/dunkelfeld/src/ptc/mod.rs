@@ -4,7 +4,8 @@
 //! A scene is rendered many times with different seeds. Over these frames each pixel has a mean and a variance; pixels of
 //! equal mean form a point of the photon transfer curve (EMVA 1288 release 4.0 Linear, equation 15). `units.rs` names the
 //! renders, `measure.rs` makes and keeps them, `analysis.rs` asks the analyser what they say, `findings.rs` holds that
-//! against the paper, `page.rs` writes it down.
+//! against the paper, `page.rs` writes it down. `stack.rs` does the
+//! same for frames that come as files.
 
 mod analysis;
 mod figures;
@@ -12,7 +13,9 @@ mod findings;
 mod measure;
 mod page;
 mod settings;
+mod stack;
 mod units;
 
 pub use measure::{PtcOutcome, ptc, ptc_folder};
 pub use settings::PtcSettings;
+pub use stack::{FrameStack, StackSettings, ptc_of_frames};

@@ -203,7 +203,8 @@ impl<'a> Report<'a> {
             format!(
                 "<h2>Frames of the sensor</h2><p>Now samples go where the sensor would notice, and each render is exposed. Plain exposure \
                  adds the sensor\u{2019}s noise to that of the render; matched exposure draws only what is missing. The curves are of the \
-                 pixels where matched exposure holds in most frames. There it must be the sensor\u{2019}s line.</p>\
+                 pixels where matched exposure holds in most frames, and of the frames in which it holds: there it must be the \
+                 sensor\u{2019}s line.</p>\
                  <div class=\"charts\">{}</div>",
                 charts(&self.cameras)
             )
