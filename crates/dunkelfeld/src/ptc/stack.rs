@@ -4,7 +4,7 @@ use super::analysis::{Curve, fault, linear_curve, picture_curve};
 use super::figures::{LINEAR_AXES, chart};
 use crate::campaign::statistics::{correlation, quantile, rank_correlation};
 use crate::error::Error;
-use crate::outputs::save_text;
+use crate::outputs::{save_text, written};
 use crate::progress::{Cancel, Progress, ProgressState, Stage};
 use crate::report::chart::{Chart, escape};
 use crate::report::maps;
@@ -14,6 +14,7 @@ use dunkelfeld_emva1288::{Frame, LineFit, TemporalAccumulator, TemporalStatistic
 use dunkelfeld_film::Plane;
 use dunkelfeld_io::gray::read_gray;
 use dunkelfeld_io::loader::Limits;
+use dunkelfeld_io::results::ResultsFolder;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -201,6 +202,7 @@ impl FrameStack {
                 map_figure(&sobel)
             ),
         ];
+        written(folder, ResultsFolder::open(folder).map(drop))?;
         let mut files = Vec::new();
         let mut save = |name: String, text: &str| -> Result<(), Error> {
             let path = folder.join(name);
