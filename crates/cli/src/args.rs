@@ -1,6 +1,7 @@
 //! The flags. Doc comments are the help texts; values are checked here, before any file is opened.
 
 use crate::emva_args::EmvaArgs;
+use crate::ptc_args::PtcArgs;
 use clap::{ArgGroup, Args, Parser, Subcommand, ValueEnum};
 use dunkelfeld::DenoiseMethod;
 use dunkelfeld::adaptive::Strategy;
@@ -268,73 +269,6 @@ pub(crate) struct BenchArgs {
     pub(crate) progress: ProgressKind,
 }
 
-/// Flags of `ptc`.
-#[derive(Debug, Args)]
-pub(crate) struct PtcArgs {
-    /// A scene (.gltf, .glb, .obj) or a job (.toml): its budget, strategy, denoiser and exposure noise are not used, flags
-    /// win over the job. Or three frames and more (.png, .tif, .bmp) of one camera that looks at one scene.
-    #[arg(value_name = "SCENE|JOB.toml|FRAMES", required = true)]
-    pub(crate) inputs: Vec<PathBuf>,
-
-    /// The folder of the report [default: the (first) input's name with -ptc, in this folder].
-    #[arg(short = 'o', long = "output", value_name = "DIR")]
-    pub(crate) output: Option<PathBuf>,
-    /// Discard the renders that the folder already holds.
-    #[arg(long)]
-    pub(crate) restart: bool,
-
-    /// Frames of each series; more may be added later [default: 50].
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
-    pub(crate) frames: Option<u32>,
-    /// Samples per pixel of the series, ascending [default: 64,2500].
-    #[arg(long, value_name = "N,N,...", value_delimiter = ',', value_parser = clap::value_parser!(u32).range(1..))]
-    pub(crate) spp: Vec<u32>,
-    /// What the paper's pictures are denoised with, beside being left as they are [default: auto].
-    #[arg(long, value_enum)]
-    pub(crate) denoise: Option<Denoise>,
-    /// Intel Open Image Denoise 1.4 or 2: the library or its folder [default: DUNKELFELD_OIDN, then where systems have it].
-    /// Without --denoise it means --denoise oidn.
-    #[arg(long, value_name = "PATH")]
-    pub(crate) oidn: Option<PathBuf>,
-    /// Share of the pixels, the steepest, that count as strong edges, as in 0.2 [default: 0.2].
-    #[arg(long, value_name = "SHARE", allow_negative_numbers = true)]
-    pub(crate) edges: Option<f64>,
-    /// Only the paper's pictures, no frames of the sensor.
-    #[arg(long)]
-    pub(crate) pictures_only: bool,
-    /// Of frames: the grey value without light [default: 0].
-    #[arg(long, value_name = "DN", allow_negative_numbers = true)]
-    pub(crate) dark: Option<f64>,
-    /// Of frames: the grey value of saturation [default: the largest of as many bits as the frames use].
-    #[arg(long, value_name = "DN", allow_negative_numbers = true)]
-    pub(crate) saturation: Option<f64>,
-
-    /// Width of the image [default: 512].
-    #[arg(long, value_name = "PIXELS", allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..=i64::from(dunkelfeld::MAX_SIDE)))]
-    pub(crate) width: Option<u32>,
-    /// Height of the image [default: 512].
-    #[arg(long, value_name = "PIXELS", allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..=i64::from(dunkelfeld::MAX_SIDE)))]
-    pub(crate) height: Option<u32>,
-    /// Camera by name [default: the first; a framing of the whole scene if there is none].
-    #[arg(long, value_name = "NAME")]
-    pub(crate) camera: Option<String>,
-    /// Sensor preset, a sensor file (.toml), or none [default: imx250].
-    #[arg(long, value_name = "NAME|FILE|none")]
-    pub(crate) sensor: Option<String>,
-    /// Exposure time as in 5ms, or auto: that of the first frame with the most samples, for all [default: auto].
-    #[arg(long, value_name = "TIME|auto", value_parser = exposure)]
-    pub(crate) exposure: Option<ExposureChoice>,
-    /// Seed that all others follow from [default: 0].
-    #[arg(long, value_name = "N", allow_negative_numbers = true)]
-    pub(crate) seed: Option<u64>,
-    /// Threads [default: one per core].
-    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = clap::value_parser!(u16).range(1..=1024))]
-    pub(crate) threads: Option<u16>,
-    /// How progress is shown on standard error.
-    #[arg(long, value_enum, default_value_t = ProgressKind::Bar)]
-    pub(crate) progress: ProgressKind,
-}
-
 /// Flags of `denoise`.
 ///
 /// Uses what the file has of variance, albedo, normal and depth; names are those of this program, of Blender's view layers
@@ -574,7 +508,7 @@ fn noise_level(text: &str) -> Result<f64, String> {
     }
 }
 
-fn exposure(text: &str) -> Result<ExposureChoice, String> {
+pub(crate) fn exposure(text: &str) -> Result<ExposureChoice, String> {
     if text == "auto" {
         return Ok(ExposureChoice::Auto);
     }

@@ -9,6 +9,7 @@ mod commands;
 mod emva_args;
 mod interrupt;
 mod outcome;
+mod ptc_args;
 mod words;
 
 use clap::Parser;

@@ -1,10 +1,11 @@
 //! `dunkelfeld ptc`: flags onto a project and a measurement, then what was found and where it lies.
 
-use crate::args::{Denoise, PtcArgs};
+use crate::args::Denoise;
 use crate::bar::Sink;
 use crate::commands::render::{apply_denoise, apply_sensor};
 use crate::interrupt::cancel_on_interrupt;
 use crate::outcome::{Outcome, print, say};
+use crate::ptc_args::PtcArgs;
 use dunkelfeld::ptc::{PtcSettings, StackSettings, ptc, ptc_folder, ptc_of_frames};
 use dunkelfeld::{Error, Progress, ProgressState, Project, Stage};
 use std::path::{Path, PathBuf};
