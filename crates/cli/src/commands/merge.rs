@@ -1,7 +1,7 @@
 //! `dunkelfeld merge`: joins parts of a render.
 
 use crate::args::MergeArgs;
-use crate::commands::render::say_flaws;
+use crate::commands::render::{as_seen, say_flaws};
 use crate::outcome::{Outcome, print};
 use crate::words::count;
 use dunkelfeld::{Error, MergeSettings, OutputPaths};
@@ -27,6 +27,7 @@ pub(crate) fn run(args: &MergeArgs, started: Instant) -> Result<Outcome, Error> 
     let words = if parts == 1 { "1 part".into() } else { format!("{parts} parts") };
     let total = count(merged.stats.samples);
     let mut text = format!("{words}: samples {}..{}, {total} in all\n", range.start, range.end);
+    text += &as_seen(&merged.stats);
     let o = &settings.outputs;
     for path in [&settings.checkpoint, &o.image, &o.linear, &o.exr, &o.stats].into_iter().flatten() {
         let _ = writeln!(text, "wrote {}", path.display());

@@ -14,7 +14,7 @@ use dunkelfeld::{
     Budget, CheckpointSettings, DenoiseMethod, DenoiseSettings, Error, Progress, ProgressState, Project,
     RenderSettings, SensorChoice, Stage,
 };
-pub(crate) use report::say_flaws;
+pub(crate) use report::{as_seen, say_flaws};
 use std::path::PathBuf;
 use std::time::Instant;
 

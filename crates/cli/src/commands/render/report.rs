@@ -23,16 +23,6 @@ pub(super) fn print_report(args: &RenderArgs, project: &Project, result: &Projec
             replay_command(args, s, &heavy.sample)
         ));
     }
-    if s.pixels_without_samples > 0 {
-        let [width, height] = s.size;
-        let share = 100.0 * s.pixels_without_samples as f64 / (f64::from(width) * f64::from(height));
-        let (level, mend) = match s.budget_too_small() {
-            true => ("flagged", "; give it more time"),
-            false => ("warning", ""),
-        };
-        let shown = if s.samples > 0 { ", their neighbours are shown there" } else { "" };
-        say(&format!("{level}: {share:.1} % of pixels have no sample{shown}{mend}"));
-    }
     if let Some((denoise, why)) = s.denoise.as_ref().and_then(|d| Some((d, d.error.as_ref()?)))
         && s.denoising_failed()
     {
@@ -63,6 +53,16 @@ pub(crate) fn say_flaws(s: &Stats) {
         let n = s.invalid_samples;
         say(&format!("flagged: {n} samples were not finite, negative or out of range; they count as black"));
     }
+    if s.pixels_without_samples > 0 {
+        let [width, height] = s.size;
+        let share = 100.0 * s.pixels_without_samples as f64 / (f64::from(width) * f64::from(height));
+        let (level, mend) = match s.budget_too_small() {
+            true => ("flagged", "; give it more time"),
+            false => ("warning", ""),
+        };
+        let shown = if s.samples > 0 { ", their neighbours are shown there" } else { "" };
+        say(&format!("{level}: {share:.1} % of pixels have no sample{shown}{mend}"));
+    }
 }
 
 fn summary(project: &Project, s: &Stats) -> String {
@@ -92,6 +92,26 @@ fn summary(project: &Project, s: &Stats) -> String {
         let (samples, took) = (count(s.earlier_samples), seconds(s.earlier_seconds));
         let _ = writeln!(text, "taken up from a checkpoint: {samples} samples and {took} of that came from before");
     }
+    text += &as_seen(s);
+    if let Some(d) = s.denoise.as_ref().filter(|d| d.error.is_none()) {
+        let _ = writeln!(text, "the picture is denoised by {} in {}", d.denoiser, seconds(d.seconds));
+    }
+    let reached = s.forecast.iter().flatten().find_map(|l| Some((l.k, l.seconds?, l.actual_seconds?)));
+    if let Some((k, foretold, took)) = reached {
+        let off = 100.0 * (foretold / took - 1.0);
+        let (foretold, took) = (seconds(foretold), seconds(took));
+        let _ = writeln!(text, "hidden at k = {k} after {took}; the pilot foretold {foretold} ({off:+.0} %)");
+    }
+    let o = &project.outputs;
+    for path in [&o.image, &o.linear, &o.exr, &o.plan, &o.stats].into_iter().flatten() {
+        let _ = writeln!(text, "wrote {}", path.display());
+    }
+    text
+}
+
+/// What the sensor saw, and how well the render's noise is hidden beneath its own: a line each.
+pub(crate) fn as_seen(s: &Stats) -> String {
+    let mut text = String::new();
     if let Some(sensor) = &s.sensor {
         let _ = writeln!(
             text,
@@ -107,19 +127,6 @@ fn summary(project: &Project, s: &Stats) -> String {
     }
     if let Some(share) = s.sensor.as_ref().and_then(|sensor| sensor.matched) {
         let _ = writeln!(text, "{}", matched(share));
-    }
-    if let Some(d) = s.denoise.as_ref().filter(|d| d.error.is_none()) {
-        let _ = writeln!(text, "the picture is denoised by {} in {}", d.denoiser, seconds(d.seconds));
-    }
-    let reached = s.forecast.iter().flatten().find_map(|l| Some((l.k, l.seconds?, l.actual_seconds?)));
-    if let Some((k, foretold, took)) = reached {
-        let off = 100.0 * (foretold / took - 1.0);
-        let (foretold, took) = (seconds(foretold), seconds(took));
-        let _ = writeln!(text, "hidden at k = {k} after {took}; the pilot foretold {foretold} ({off:+.0} %)");
-    }
-    let o = &project.outputs;
-    for path in [&o.image, &o.linear, &o.exr, &o.plan, &o.stats].into_iter().flatten() {
-        let _ = writeln!(text, "wrote {}", path.display());
     }
     text
 }
