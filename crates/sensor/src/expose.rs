@@ -123,43 +123,56 @@ impl Device {
         };
         let readout = Readout::new(&self.model, exposure);
         let key = hash_u64([self.seed, key.seed, u64::from(key.frame), TEMPORAL]);
-        let variances = variances.get(pixels.clone()).filter(|v| !v.is_empty());
-        let pattern = self.pattern.pixels(pixels.clone());
-        // The grey value of the pixel with this place in the rows.
-        let value = |readout: &Readout, i: usize, own: PixelPattern, shared: f64| {
-            let mut rng = stream(key, (pixels.start + i) as u64);
-            let (mean, response) = (f64::from(means[i]), f64::from(own.response));
-            let dark_offset = f64::from(own.dark) + shared;
-            match variances {
-                None => readout.pixel(mean, dark_offset, response, &mut rng),
-                Some(variances) => {
-                    // The response of the pixel scales the noise of the render like its mean.
-                    let variance = f64::from(variances[i]) * response * response;
-                    readout.matched_pixel(mean, variance, dark_offset, response, &mut rng)
-                }
-            }
-        };
-        let hot = Readout { dark_electrons: readout.dark_electrons * self.model.spec().defects.hot_factor, ..readout };
-        for (y, line) in (rows.start..rows.end).zip(out.chunks_mut(width.max(1))) {
-            let first = (y - rows.start) as usize * width;
-            let shared = readout.row_noise(key, y);
-            if let Some(pattern) = pattern.get(first..first + width) {
-                for ((i, out), own) in (first..).zip(line.iter_mut()).zip(pattern) {
-                    *out = value(&readout, i, *own, shared);
-                }
-            } else {
-                for (i, out) in (first..).zip(line.iter_mut()) {
-                    *out = value(&readout, i, PixelPattern::NONE, shared);
-                }
-            }
-            // A grey value is a function of its pixel, so that those of the few hot ones can be drawn anew.
-            for &pixel in self.pattern.hot(pixels.start + first..pixels.start + first + width) {
-                let i = pixel as usize - pixels.start;
-                let own = pattern.get(i).copied().unwrap_or(PixelPattern::NONE);
-                line[i - first] = value(&hot, i, own, shared);
-            }
+        let variances = variances.get(pixels).unwrap_or(&[]);
+        let lines = out.chunks_mut(width.max(1)).zip(means.chunks(width.max(1))).zip(rows.start..);
+        for ((line, means), y) in lines {
+            let from = (y - rows.start) as usize * width;
+            let variances = variances.get(from..from + width).unwrap_or(&[]);
+            self.expose_line(&readout, key, y, line, means, variances);
         }
         Ok(())
+    }
+
+    /// One row of a frame; `variances` of its pixels, or none.
+    fn expose_line(&self, readout: &Readout, key: u64, y: u32, line: &mut [u16], means: &[f32], variances: &[f32]) {
+        let shared = readout.row_noise(key, y);
+        let first = y as usize * self.width as usize;
+        let pixels = first..first + line.len();
+        let pattern = self.pattern.pixels(pixels.clone());
+        let matched = |readout: &Readout, pixel: usize, mean: f32, variance: f32, own: PixelPattern| {
+            let (mean, response) = (f64::from(mean), f64::from(own.response));
+            // The response of the pixel scales the noise of the render like its mean.
+            let variance = f64::from(variance) * response * response;
+            readout.matched_pixel(
+                mean,
+                variance,
+                f64::from(own.dark) + shared,
+                response,
+                &mut stream(key, pixel as u64),
+            )
+        };
+        let patterns = pattern.iter().copied().chain(std::iter::repeat(PixelPattern::NONE));
+        let inputs = line.iter_mut().zip(means).zip(pixels.clone()).zip(patterns);
+        if variances.is_empty() {
+            for (((out, &mean), pixel), own) in inputs {
+                let (dark_offset, response) = (f64::from(own.dark) + shared, f64::from(own.response));
+                let mut rng = stream(key, pixel as u64);
+                *out = readout.pixel(f64::from(mean), dark_offset, response, &mut rng);
+            }
+        } else {
+            for ((((out, &mean), pixel), own), &variance) in inputs.zip(variances) {
+                *out = matched(readout, pixel, mean, variance, own);
+            }
+        }
+        // A grey value is a function of its pixel, so that those of the few hot ones can be drawn anew. Render noise that is not
+        // known leaves nothing out.
+        let factor = self.model.spec().defects.hot_factor;
+        let hot = Readout { dark_electrons: readout.dark_electrons * factor, ..*readout };
+        for &pixel in self.pattern.hot(pixels) {
+            let i = pixel as usize - first;
+            let own = pattern.get(i).copied().unwrap_or(PixelPattern::NONE);
+            line[i] = matched(&hot, pixel as usize, means[i], variances.get(i).copied().unwrap_or(0.0), own);
+        }
     }
 }
 
