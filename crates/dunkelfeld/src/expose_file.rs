@@ -104,7 +104,7 @@ impl Exposer {
     /// response, is asked for if the noise is to be matched, and makes that possible.
     ///
     /// # Errors
-    /// A sensor whose ranges the exposure leaves, noise that nobody knows but is to be matched.
+    /// A sensor whose ranges the exposure leaves.
     fn new(
         mut radiance: Plane<[f32; 3]>,
         settings: &ExposeSettings,
