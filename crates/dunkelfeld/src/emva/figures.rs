@@ -65,13 +65,13 @@ pub(super) fn sensitivity(a: &Analysis) -> Vec<Figure> {
     let at = |k: u32| least * (most / least).powf(f64::from(k) / f64::from(STEPS));
     let model = |which: usize| (0..=STEPS).map(|k| [at(k), a.snr(at(k))[which]]).collect::<Vec<_>>();
     let measured = a.levels.iter().filter(|l| l.photons <= most).map(|l| [l.photons, l.snr]).collect();
-    let mut traces =
-        vec![trace(0, "measured", Style::Points, measured), trace(1, "linear model", Style::Line, model(0))];
+    let mut traces = vec![trace(1, "linear model", Style::Line, model(0))];
     if a.nonuniformity.is_some() {
         traces.push(trace(2, "total, with DSNU and PRNU", Style::Line, model(1)));
     }
     let ideal = [least, most].map(|p| [p, p.sqrt()]).to_vec();
     traces.push(trace(3, "ideal sensor", Style::Dashed, ideal));
+    traces.push(trace(0, "measured", Style::Points, measured));
     let snr = draw("snr", "signal-to-noise ratio", [log(PHOTONS), log("SNR")], &traces);
     let l = &a.linearity;
     let range = l.range[0]..l.range[1];
@@ -100,16 +100,25 @@ pub(super) fn sensitivity(a: &Analysis) -> Vec<Figure> {
         ),
     ];
     if a.darks.len() > 1 {
-        let dark = |name: &str, y: &str, of: fn(&dunkelfeld_emva1288::DarkPoint) -> f64| {
+        let longest = a.darks.iter().map(|d| d.exposure).fold(0.0, f64::max);
+        let dark = |name: &str, y: &str, of: fn(&dunkelfeld_emva1288::DarkPoint) -> f64, [start, slope]: [f64; 2]| {
             let points = a.darks.iter().map(|d| [1e3 * d.exposure, of(d)]).collect();
-            draw(name, name, [linear("exposure time [ms]"), free(y)], &[trace(0, "dark", Style::Points, points)])
+            let mut traces = vec![trace(0, "dark", Style::Points, points)];
+            // Without times enough there is no dark current to draw.
+            if slope.is_finite() {
+                let line = [0.0, longest].map(|t| [1e3 * t, start + slope * t]).to_vec();
+                traces.push(trace(1, "dark current", Style::Line, line));
+            }
+            draw(name, name, [linear("exposure time [ms]"), free(y)], &traces)
         };
+        let mean_line = [a.value("mu_y.dark"), gain * a.value("mu_I.mean")];
+        let variance_line = [a.value("sigma_y.dark").powi(2), gain * gain * a.value("mu_I.var")];
         figures.push(figure(
-            dark("dark-mean", "\u{3bc}y.dark [DN]", |d| d.mean[0]),
+            dark("dark-mean", "\u{3bc}y.dark [DN]", |d| d.mean[0], mean_line),
             "Dark current: the dark grey value over the exposure time.",
         ));
         figures.push(figure(
-            dark("dark-variance", "\u{3c3}y.dark\u{b2} [DN\u{b2}]", |d| d.variance[0]),
+            dark("dark-variance", "\u{3c3}y.dark\u{b2} [DN\u{b2}]", |d| d.variance[0], variance_line),
             "Dark noise: its variance over the exposure time.",
         ));
     }
