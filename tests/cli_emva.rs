@@ -72,7 +72,7 @@ fn what_cannot_be_done_ends_with_code_2_a_mend_and_nothing_written() {
             "analyse set/short.txt",
             &["short.txt", "line 2", "2 | n 12 48", "^^^^^^^", "mend: write `n BITS WIDTH HEIGHT`"],
         ),
-        ("analyse set/other.txt", &["images", ".png", "48 x 40 pixels, the others 40 x 48", "mend:"]),
+        ("analyse set/other.txt", &["images", ".png", "48 x 40 pixels, the data set 40 x 48", "mend:"]),
         ("analyse set/gone.txt", &["gone.png", "mend:"]),
         ("analyse set/dim.txt", &["dim.txt", "not saturated", "mend: add levels with more light"]),
         ("analyse set/emva.txt --html missing/r.html", &["missing/r.html", "folder", "mend:"]),

@@ -224,8 +224,9 @@ fn files_that_do_not_fit_are_named() {
     let path = folder.join(DESCRIPTOR);
     let whole = std::fs::read_to_string(&path).expect("there");
     for (from, to, place, problem) in [
-        ("n 12 32 32", "n 12 33 32", ".png", "the others 33 x 32"),
+        ("n 12 32 32", "n 12 33 32", ".png", "the data set 33 x 32"),
         ("n 12 32 32", "n 9 32 32", ".png", "too large for 9 bits"),
+        ("n 12 32 32", "n 12 4000000000 4000000000", ".png", "the data set 4000000000 x 4000000000"),
         ("images/b_001_0.png", "images/gone.png", "gone.png", ""),
         ("images/b_001_0.png", "truth.json", "truth.json", "no PNG"),
     ] {

@@ -116,14 +116,17 @@ impl Reader<'_> {
             let pair = FramePair::of(view(a.data())?, view(b.data())?).map_err(unfit)?;
             return Ok(step().then_some(Seen::Pair(Level { exposure, photons, pair })));
         }
-        let mut stack = StackAccumulator::new(width, height);
+        // Room is made for the first frame that is there, not for what the descriptor claims.
+        let mut stack: Option<StackAccumulator> = None;
         for name in &block.frames {
             let frame = self.frame(name)?;
+            let stack = stack.get_or_insert_with(|| StackAccumulator::new(width, height));
             stack.add(Frame::new(width, height, frame.data()).map_err(unfit)?).map_err(unfit)?;
             if !step() {
                 return Ok(None);
             }
         }
+        let stack = stack.unwrap_or_else(|| StackAccumulator::new(0, 0));
         let stack = stack.finish().map_err(unfit)?;
         Ok(Some(Seen::Stack(StackLevel { exposure, photons, stack })))
     }
@@ -136,7 +139,7 @@ impl Reader<'_> {
         if [width, height] != self.size {
             let [w, h] = self.size;
             return error(
-                format!("it has {width} x {height} pixels, the others {w} x {h}"),
+                format!("it has {width} x {height} pixels, the data set {w} x {h}"),
                 "use frames of one size, that of the line `n BITS WIDTH HEIGHT`",
             );
         }
