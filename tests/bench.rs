@@ -2,17 +2,16 @@
 //!
 //! Replay: `cargo test -p dunkelfeld-cli --test bench NAME`.
 
-use assert_cmd::Command;
-use assert_cmd::assert::Assert;
+#[path = "support/lab.rs"]
+mod lab;
+
 use dunkelfeld::adaptive::Strategy;
 use dunkelfeld::bench::{BenchOutcome, BenchSettings, bench};
-use dunkelfeld::{Cancel, Progress, ProgressState, Project, Silent};
+use dunkelfeld::{Cancel, Progress, Project, Silent};
+use lab::{CutAt, Lab, complaint, same_numbers, square, stands_alone};
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
-use std::path::{Path, PathBuf};
-use tempfile::TempDir;
-
-const PROGRAM: &str = env!("CARGO_BIN_EXE_dunkelfeld");
+use std::path::Path;
 
 /// A tiny bench: everything in it, nothing of it large.
 const TINY: &str = "bench <scene>.obj --quick --width 20 --height 14 --spp 2,4 --seeds 4 --progress none";
@@ -27,114 +26,37 @@ fn tiny_but(flag: &str, value: &str) -> String {
     words.join(" ")
 }
 
-/// A folder with a scene whose name does its worst to HTML: a lit floor, half hidden by a sheet that is there by chance.
-struct Bench {
-    folder: TempDir,
+/// A lit floor, half hidden by a sheet that is there by chance.
+fn lab() -> Lab {
+    let objects = square(1.0, 0.0, false) + &square(0.4, 0.3, false) + &square(0.3, 1.0, true);
+    let faces = "usemtl floor\nf 1 2 3 4\nusemtl sheet\nf 5 6 7 8\nusemtl lamp\nf 9 10 11 12\n";
+    let sheet = "newmtl sheet\nKd 0.8 0.2 0.2\nd 0.5\n";
+    let lamp = "newmtl lamp\nKd 0 0 0\nKe 3 3 3\n";
+    Lab::new(&(objects + faces), &format!("newmtl floor\nKd 0.5 0.5 0.5\n{sheet}{lamp}"))
 }
 
-impl Bench {
-    fn new() -> Self {
-        let bench = Self { folder: TempDir::new().expect("a temporary folder") };
-        let square = |half: f32, height: f32, down: bool| -> String {
-            let corners = [[-half, half], [half, half], [half, -half], [-half, -half]];
-            let corner = |i: usize| corners[if down { 3 - i } else { i }];
-            (0..4).map(|i| format!("v {} {height} {}\n", corner(i)[0], corner(i)[1])).collect()
-        };
-        let objects = square(1.0, 0.0, false) + &square(0.4, 0.3, false) + &square(0.3, 1.0, true);
-        let faces = "usemtl floor\nf 1 2 3 4\nusemtl sheet\nf 5 6 7 8\nusemtl lamp\nf 9 10 11 12\n";
-        bench.write("<scene>.obj", &format!("mtllib scene.mtl\n{objects}{faces}"));
-        let sheet = "newmtl sheet\nKd 0.8 0.2 0.2\nd 0.5\n";
-        let lamp = "newmtl lamp\nKd 0 0 0\nKe 3 3 3\n";
-        bench.write("scene.mtl", &format!("newmtl floor\nKd 0.5 0.5 0.5\n{sheet}{lamp}"));
-        bench
-    }
-
-    fn path(&self, name: &str) -> PathBuf {
-        self.folder.path().join(name)
-    }
-
-    fn write(&self, name: &str, text: &str) {
-        fs::write(self.path(name), text).expect("writable");
-    }
-
-    fn read(&self, name: &str) -> String {
-        fs::read_to_string(self.path(name)).unwrap_or_else(|e| panic!("{name}: {e}"))
-    }
-
-    /// Runs the program in the folder, with the words of a line as arguments.
-    fn run(&self, line: &str) -> Assert {
-        Command::new(PROGRAM).current_dir(self.folder.path()).args(line.split_whitespace()).assert()
-    }
-
-    fn names(&self, folder: &str) -> BTreeSet<String> {
-        let entries = fs::read_dir(self.path(folder)).expect("readable");
-        entries.map(|e| e.expect("readable").file_name().to_string_lossy().into_owned()).collect()
-    }
-
-    /// The rows of a table, by column.
-    fn table(&self, name: &str) -> Vec<BTreeMap<String, String>> {
-        let text = self.read(name);
-        let mut lines = text.lines().map(|l| l.split(',').map(str::to_owned).collect::<Vec<_>>());
-        let header = lines.next().expect("a header");
-        lines.map(|cells| header.iter().cloned().zip(cells).collect()).collect()
-    }
-
-    /// The same bench through the library.
-    fn call(&self, folder: &Path, progress: &dyn Progress, cancel: &Cancel) -> BenchOutcome {
-        let input = self.path("<scene>.obj");
-        let mut project = Project::open(&input).expect("a scene");
-        (project.settings.width, project.settings.height) = (20, 14);
-        let settings = BenchSettings { seeds: 4, ..BenchSettings::quick() }.with_ladder(vec![2, 4]);
-        bench(project, &input, &settings, folder, true, false, progress, cancel).expect("a bench")
-    }
-}
-
-fn complaint(assert: &Assert) -> String {
-    String::from_utf8_lossy(&assert.get_output().stderr).into_owned()
+/// The tiny bench through the library.
+fn call(lab: &Lab, folder: &Path, progress: &dyn Progress, cancel: &Cancel) -> BenchOutcome {
+    let input = lab.path("<scene>.obj");
+    let mut project = Project::open(&input).expect("a scene");
+    (project.settings.width, project.settings.height) = (20, 14);
+    let settings = BenchSettings { seeds: 4, ..BenchSettings::quick() }.with_ladder(vec![2, 4]);
+    bench(project, &input, &settings, folder, true, false, progress, cancel).expect("a bench")
 }
 
 #[test]
 fn a_report_stands_alone_and_its_numbers_are_those_of_the_tables() {
-    let bench = Bench::new();
+    let bench = lab();
     let done = bench.run(TINY).code(0);
     let said = String::from_utf8_lossy(&done.get_output().stdout).into_owned();
     assert!(said.contains("report.html") && said.contains("without coverage"), "{said}");
     let home = "<scene>-bench";
     let page = bench.read(&format!("{home}/report.html"));
 
-    // Well-formed, with the file's name as text and not as an element.
-    let markup = page.strip_prefix("<!doctype html>\n").expect("a document type");
-    let document = roxmltree::Document::parse(markup).unwrap_or_else(|e| panic!("{e}"));
-    assert!(!document.descendants().any(|n| n.has_tag_name("scene")));
-    // Nothing is loaded from anywhere: no links, no sources but those in the page itself.
-    for node in document.descendants() {
-        assert!(!["link", "iframe", "object", "embed", "base"].contains(&node.tag_name().name()), "{node:?}");
-        for attribute in node.attributes() {
-            let loads = ["src", "href", "srcset", "action", "poster", "data"].contains(&attribute.name());
-            assert!(!loads || attribute.value().starts_with("data:image/"), "{attribute:?}");
-        }
-    }
-    // Nor by style or script; the pictures' own letters may spell anything.
-    let parts = page.split("data:image/").enumerate();
-    let text: String = parts.map(|(i, p)| if i == 0 { p } else { p.split_once('"').map_or("", |p| p.1) }).collect();
-    for foreign in ["http:", "https:", "@import", "url(", "src=\"//", "NaN", "inf "] {
-        assert!(!text.contains(foreign), "the page has {foreign:?}");
-    }
-
-    // The numbers: each table of the page against its file, cell by cell.
-    let mut tables = 0;
+    let document = stands_alone(&page);
     for name in ["noise", "hidden", "denoised", "stages", "effects"] {
-        let id = format!("table-{name}");
-        let table = document.descendants().find(|n| n.attribute("id") == Some(&id)).unwrap_or_else(|| panic!("{id}"));
-        let shown: Vec<&str> = table.descendants().filter_map(|n| n.attribute("value")).collect();
-        let csv = bench.read(&format!("{home}/{name}.csv"));
-        let numbers = csv.lines().skip(1).flat_map(|l| l.split(','));
-        let written: Vec<&str> = numbers.filter(|c| c.is_empty() || c.parse::<f64>().is_ok()).collect();
-        assert_eq!(shown, written, "{name}");
-        assert!(!shown.is_empty(), "{name} is empty");
-        tables += 1;
+        same_numbers(&document, name, &bench.read(&format!("{home}/{name}.csv")));
     }
-    assert_eq!(tables, 5);
 
     // Every strategy at every rung, with a spread that is known; every chart as a file of its own.
     let noise = bench.table(&format!("{home}/noise.csv"));
@@ -156,7 +78,7 @@ fn a_report_stands_alone_and_its_numbers_are_those_of_the_tables() {
 
 #[test]
 fn what_leaving_out_does_is_measured_where_it_is() {
-    let bench = Bench::new();
+    let bench = lab();
     bench.run(&format!("{TINY} --effect-spp 256 --strategies uniform -o out")).code(0);
     let effects = bench.table("out/effects.csv");
     assert_eq!(effects.iter().map(|r| r["effect"].as_str()).collect::<Vec<_>>(), ["coverage"]);
@@ -169,7 +91,7 @@ fn what_leaving_out_does_is_measured_where_it_is() {
 
 #[test]
 fn a_denoiser_is_shown_beside_what_it_was_given_and_nothing_else_reads_it() {
-    let bench = Bench::new();
+    let bench = lab();
     let flags = "--effects none --strategies uniform --reference-spp 1024 --spp 4,64 --seeds 8";
     let line = |denoise: &str, out: &str| {
         let tiny =
@@ -215,7 +137,7 @@ fn a_denoiser_is_shown_beside_what_it_was_given_and_nothing_else_reads_it() {
 
 #[test]
 fn without_a_sensor_there_is_nothing_to_hide_beneath() {
-    let bench = Bench::new();
+    let bench = lab();
     bench.run(&format!("{TINY} --sensor none --effects none --strategies uniform,sobel -o out")).code(0);
     let names = bench.names("out");
     assert!(names.contains("noise.csv") && names.contains("noise-picture-time.svg"), "{names:?}");
@@ -223,27 +145,16 @@ fn without_a_sensor_there_is_nothing_to_hide_beneath() {
     assert!(!bench.table("out/noise.csv")[0].contains_key("variance_over_sensor"));
 }
 
-/// Throws the switch once a share of the bench is done.
-struct CutAt<'a>(f64, &'a Cancel);
-
-impl Progress for CutAt<'_> {
-    fn update(&self, state: &ProgressState) {
-        if state.fraction >= self.0 {
-            self.1.cancel();
-        }
-    }
-}
-
 #[test]
 fn an_interrupted_bench_goes_on_and_comes_to_the_same_numbers() {
-    let bench = Bench::new();
-    let whole = bench.call(&bench.path("whole"), &Silent, &Cancel::new());
+    let bench = lab();
+    let whole = call(&bench, &bench.path("whole"), &Silent, &Cancel::new());
     assert!(!whole.interrupted && whole.finished[0] == whole.finished[1], "{whole:?}");
 
     // Every unit reports at least once before it begins.
     let cut = bench.path("cut");
     let cancel = Cancel::new();
-    let partial = bench.call(&cut, &CutAt(0.4, &cancel), &cancel);
+    let partial = call(&bench, &cut, &CutAt(0.4, &cancel), &cancel);
     assert!(partial.interrupted && (1..partial.finished[1]).contains(&partial.finished[0]), "{partial:?}");
     let page = bench.read("cut/report.html");
     assert!(page.contains(&format!("{} of {} renders", partial.finished[0], partial.finished[1])));
@@ -252,7 +163,7 @@ fn an_interrupted_bench_goes_on_and_comes_to_the_same_numbers() {
     let stamp = |name: &str| fs::metadata(cut.join("units").join(name)).and_then(|m| m.modified()).expect("a file");
     let kept: Vec<String> = bench.names("cut/units").into_iter().collect();
     let before: Vec<_> = kept.iter().map(|name| stamp(name)).collect();
-    let rest = bench.call(&cut, &Silent, &Cancel::new());
+    let rest = call(&bench, &cut, &Silent, &Cancel::new());
     assert_eq!(rest.finished, whole.finished);
     assert_eq!(kept.iter().map(|name| stamp(name)).collect::<Vec<_>>(), before);
     assert_eq!(bench.names("cut/units"), bench.names("whole/units"));
@@ -271,7 +182,7 @@ fn an_interrupted_bench_goes_on_and_comes_to_the_same_numbers() {
 
 #[test]
 fn a_folder_stays_with_what_it_measured() {
-    let bench = Bench::new();
+    let bench = lab();
     let small = format!("{TINY} --effects none --strategies uniform -o out");
     bench.run(&small).code(0);
     let record = bench.read("out/units/uniform-2-00.json");
@@ -304,7 +215,7 @@ fn a_folder_stays_with_what_it_measured() {
 
 #[test]
 fn what_cannot_be_measured_is_refused_with_its_mend() {
-    let bench = Bench::new();
+    let bench = lab();
     bench.write("taken", "a file");
     let cases = [
         ("bench nothing.glb", "nothing.glb"),

@@ -243,6 +243,13 @@ pub(crate) struct BenchArgs {
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     pub(crate) reference_spp: Option<u32>,
 
+    #[command(flatten)]
+    pub(crate) view: ViewArgs,
+}
+
+/// How a scene is seen by a command that renders it many times.
+#[derive(Debug, Args)]
+pub(crate) struct ViewArgs {
     /// Width of the image [default: 512].
     #[arg(long, value_name = "PIXELS", allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..=i64::from(dunkelfeld::MAX_SIDE)))]
     pub(crate) width: Option<u32>,
@@ -255,7 +262,7 @@ pub(crate) struct BenchArgs {
     /// Sensor preset, a sensor file (.toml), or none [default: imx250].
     #[arg(long, value_name = "NAME|FILE|none")]
     pub(crate) sensor: Option<String>,
-    /// Exposure time as in 5ms, or auto: that of the reference, for all renders [default: auto].
+    /// Exposure time as in 5ms, or auto: that of the render with the most samples, for all of them [default: auto].
     #[arg(long, value_name = "TIME|auto", value_parser = exposure)]
     pub(crate) exposure: Option<ExposureChoice>,
     /// Seed that all others follow from [default: 0].
@@ -508,7 +515,7 @@ fn noise_level(text: &str) -> Result<f64, String> {
     }
 }
 
-pub(crate) fn exposure(text: &str) -> Result<ExposureChoice, String> {
+fn exposure(text: &str) -> Result<ExposureChoice, String> {
     if text == "auto" {
         return Ok(ExposureChoice::Auto);
     }

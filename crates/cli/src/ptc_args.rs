@@ -1,6 +1,6 @@
 //! Flags of `ptc`.
 
-use crate::args::{Denoise, ExposureChoice, ProgressKind, exposure};
+use crate::args::{Denoise, ViewArgs};
 use clap::Args;
 use std::path::PathBuf;
 
@@ -45,28 +45,6 @@ pub(crate) struct PtcArgs {
     #[arg(long, value_name = "DN", allow_negative_numbers = true)]
     pub(crate) saturation: Option<f64>,
 
-    /// Width of the image [default: 512].
-    #[arg(long, value_name = "PIXELS", allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..=i64::from(dunkelfeld::MAX_SIDE)))]
-    pub(crate) width: Option<u32>,
-    /// Height of the image [default: 512].
-    #[arg(long, value_name = "PIXELS", allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..=i64::from(dunkelfeld::MAX_SIDE)))]
-    pub(crate) height: Option<u32>,
-    /// Camera by name [default: the first; a framing of the whole scene if there is none].
-    #[arg(long, value_name = "NAME")]
-    pub(crate) camera: Option<String>,
-    /// Sensor preset, a sensor file (.toml), or none [default: imx250].
-    #[arg(long, value_name = "NAME|FILE|none")]
-    pub(crate) sensor: Option<String>,
-    /// Exposure time as in 5ms, or auto: that of the first frame with the most samples, for all [default: auto].
-    #[arg(long, value_name = "TIME|auto", value_parser = exposure)]
-    pub(crate) exposure: Option<ExposureChoice>,
-    /// Seed that all others follow from [default: 0].
-    #[arg(long, value_name = "N", allow_negative_numbers = true)]
-    pub(crate) seed: Option<u64>,
-    /// Threads [default: one per core].
-    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = clap::value_parser!(u16).range(1..=1024))]
-    pub(crate) threads: Option<u16>,
-    /// How progress is shown on standard error.
-    #[arg(long, value_enum, default_value_t = ProgressKind::Bar)]
-    pub(crate) progress: ProgressKind,
+    #[command(flatten)]
+    pub(crate) view: ViewArgs,
 }

@@ -22,7 +22,7 @@ pub(crate) const FIRST_LOOK: u32 = dunkelfeld_film::BATCHES as u32;
 const GROWTH: f64 = 4.0;
 /// No pixel counts for less than this part of the pilot's samples: one whose neighbours were silent then may be found to have
 /// noise later, and must come to its samples too.
-const LEAST_SHARE: f64 = 0.5;
+const LEAST_OF_PILOT: f64 = 0.5;
 
 /// What there is to judge by.
 #[derive(Clone, Copy)]
@@ -169,7 +169,7 @@ impl<'a> Planner<'a> {
         let shares = match (&needs, target, strategy) {
             // Every pixel comes nearer to its need in step with the others, so that all are hidden at the same time.
             (Some(needs), Some(_), Strategy::Sensor) => {
-                let least = (LEAST_SHARE * spp) as f32;
+                let least = (LEAST_OF_PILOT * spp) as f32;
                 Shares::of(needs.aimed().map(|&n| n.max(least)))
             }
             _ => strategy.shares(&Pilot {

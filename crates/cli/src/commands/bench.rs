@@ -2,7 +2,7 @@
 
 use crate::args::{BenchArgs, Denoise};
 use crate::bar::Sink;
-use crate::commands::render::apply_sensor;
+use crate::commands::render::apply_view;
 use crate::interrupt::cancel_on_interrupt;
 use crate::outcome::{Outcome, print, say};
 use dunkelfeld::bench::{BenchSettings, bench, default_folder};
@@ -12,12 +12,12 @@ use std::time::Instant;
 pub(crate) fn run(args: &BenchArgs, started: Instant) -> Result<Outcome, Error> {
     let settings = settings(args);
     settings.check()?;
-    let sink = Sink::new(args.progress);
+    let sink = Sink::new(args.view.progress);
     sink.update(&ProgressState { stage: Stage::Load, fraction: 0.0, elapsed: 0.0, remaining: None, samples: 0 });
     let mut project = Project::open_at(&args.input, started)?;
-    apply(args, &mut project)?;
+    apply_view(&args.view, &mut project)?;
     let folder = args.output.clone().unwrap_or_else(|| default_folder(&args.input));
-    let own_size = args.width.is_some() || args.height.is_some();
+    let own_size = args.view.width.is_some() || args.view.height.is_some();
     let cancel = cancel_on_interrupt();
     let outcome = bench(project, &args.input, &settings, &folder, own_size, args.restart, &sink, &cancel)?;
     drop(sink);
@@ -61,17 +61,4 @@ fn settings(args: &BenchArgs) -> BenchSettings {
     settings.reference_spp = args.reference_spp.unwrap_or(settings.reference_spp);
     settings.effects = args.effects.as_ref().map(|choice| choice.0.clone());
     settings
-}
-
-/// Flags win over what the project's file says.
-fn apply(args: &BenchArgs, project: &mut Project) -> Result<(), Error> {
-    let s = &mut project.settings;
-    s.width = args.width.unwrap_or(s.width);
-    s.height = args.height.unwrap_or(s.height);
-    s.seed = args.seed.unwrap_or(s.seed);
-    s.threads = args.threads.map_or(s.threads, usize::from);
-    if args.camera.is_some() {
-        s.camera.clone_from(&args.camera);
-    }
-    apply_sensor(args.sensor.as_deref(), args.exposure, s, project.optics)
 }

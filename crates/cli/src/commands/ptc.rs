@@ -2,7 +2,7 @@
 
 use crate::args::Denoise;
 use crate::bar::Sink;
-use crate::commands::render::{apply_denoise, apply_sensor};
+use crate::commands::render::{apply_denoise, apply_view};
 use crate::interrupt::cancel_on_interrupt;
 use crate::outcome::{Outcome, print, say};
 use crate::ptc_args::PtcArgs;
@@ -33,13 +33,13 @@ fn of_frames(args: &PtcArgs) -> Result<Outcome, Error> {
         ("--spp", !args.spp.is_empty()),
         ("--denoise", args.denoise.is_some() || args.oidn.is_some()),
         ("--pictures-only", args.pictures_only),
-        ("--sensor", args.sensor.is_some()),
-        ("--exposure", args.exposure.is_some()),
-        ("--width or --height", args.width.is_some() || args.height.is_some()),
-        ("--camera", args.camera.is_some()),
-        ("--seed", args.seed.is_some()),
+        ("--sensor", args.view.sensor.is_some()),
+        ("--exposure", args.view.exposure.is_some()),
+        ("--width or --height", args.view.width.is_some() || args.view.height.is_some()),
+        ("--camera", args.view.camera.is_some()),
+        ("--seed", args.view.seed.is_some()),
         ("--restart", args.restart),
-        ("--threads", args.threads.is_some()),
+        ("--threads", args.view.threads.is_some()),
     ];
     if let Some((flag, _)) = scene_only.iter().find(|(_, given)| *given) {
         let problem = "says how a scene is rendered, and these are frames";
@@ -51,7 +51,7 @@ fn of_frames(args: &PtcArgs) -> Result<Outcome, Error> {
         saturation: args.saturation,
         edges: args.edges.unwrap_or(defaults.edges),
     };
-    let sink = Sink::new(args.progress);
+    let sink = Sink::new(args.view.progress);
     let stack = ptc_of_frames(&args.inputs, &settings, &sink, &cancel_on_interrupt())?;
     drop(sink);
     let Some(stack) = stack else {
@@ -82,10 +82,10 @@ fn of_scene(args: &PtcArgs, input: &Path, started: Instant) -> Result<Outcome, E
     }
     let settings = settings(args);
     settings.check()?;
-    let sink = Sink::new(args.progress);
+    let sink = Sink::new(args.view.progress);
     sink.update(&ProgressState { stage: Stage::Load, fraction: 0.0, elapsed: 0.0, remaining: None, samples: 0 });
     let mut project = Project::open_at(input, started)?;
-    apply(args, &mut project)?;
+    apply_view(&args.view, &mut project)?;
     let folder = args.output.clone().unwrap_or_else(|| ptc_folder(input));
     let cancel = cancel_on_interrupt();
     let outcome = ptc(project, input, &settings, &folder, args.restart, &sink, &cancel)?;
@@ -114,17 +114,4 @@ fn settings(args: &PtcArgs) -> PtcSettings {
     let method = args.denoise.or(args.oidn.is_none().then_some(Denoise::Auto));
     apply_denoise(method, args.oidn.as_ref(), &mut settings.denoise);
     settings
-}
-
-/// Flags win over what the project's file says.
-fn apply(args: &PtcArgs, project: &mut Project) -> Result<(), Error> {
-    let s = &mut project.settings;
-    s.width = args.width.unwrap_or(s.width);
-    s.height = args.height.unwrap_or(s.height);
-    s.seed = args.seed.unwrap_or(s.seed);
-    s.threads = args.threads.map_or(s.threads, usize::from);
-    if args.camera.is_some() {
-        s.camera.clone_from(&args.camera);
-    }
-    apply_sensor(args.sensor.as_deref(), args.exposure, s, project.optics)
 }

@@ -3,7 +3,7 @@
 mod debug_sample;
 mod report;
 
-use crate::args::{Allocate, Denoise, ExposureChoice, NoiseKind, RenderArgs, VignettingKind};
+use crate::args::{Allocate, Denoise, ExposureChoice, NoiseKind, RenderArgs, ViewArgs, VignettingKind};
 use crate::bar::Sink;
 use crate::interrupt::cancel_on_interrupt;
 use crate::outcome::Outcome;
@@ -162,6 +162,19 @@ fn apply_exposure_noise(noise: Option<NoiseKind>, s: &mut RenderSettings) -> Res
         None => ExposureNoise::Plain,
     };
     Ok(())
+}
+
+/// The same for commands that render a scene many times.
+pub(crate) fn apply_view(args: &ViewArgs, project: &mut Project) -> Result<(), Error> {
+    let s = &mut project.settings;
+    s.width = args.width.unwrap_or(s.width);
+    s.height = args.height.unwrap_or(s.height);
+    s.seed = args.seed.unwrap_or(s.seed);
+    s.threads = args.threads.map_or(s.threads, usize::from);
+    if args.camera.is_some() {
+        s.camera.clone_from(&args.camera);
+    }
+    apply_sensor(args.sensor.as_deref(), args.exposure, s, project.optics)
 }
 
 /// Another denoiser, as the flags of any command name it. A library that is named is meant to be used.
