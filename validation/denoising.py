@@ -126,6 +126,8 @@ def main(run=denoised) -> None:
     parser.add_argument("--pictures", type=Path, help="folder for pictures: render, denoisers in the order of the table, reference")
     args = parser.parse_args()
     args.work.mkdir(parents=True, exist_ok=True)
+    if args.pictures:
+        args.pictures.mkdir(parents=True, exist_ok=True)
     denoisers = {"built-in": ("builtin", None)}
     denoisers |= {f"OIDN {n}": ("oidn", library) for n, library in (o.split("=", 1) for o in args.oidn)}
 

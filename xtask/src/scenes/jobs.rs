@@ -14,8 +14,8 @@ scene = "inspection.glb"
 camera = "camera"
 
 [film]
-width = 128             # 200 frames take their time: all of it grows with the pixels
-height = 128
+width = 96              # 200 frames take their time: all of it grows with the pixels
+height = 96
 
 [sensor]
 model = "imx250"
