@@ -21,7 +21,7 @@ const LEVELS: u32 = 50;
 const LEVEL_SIDE: u32 = 128;
 /// Intervals that the linear curves are binned in over the sensor's range.
 const LINEAR_BINS: f64 = 128.0;
-/// Dark and saturated grey values of the paper's pictures [DN].
+/// Dark and saturated grey values of the paper's pictures \[DN\].
 const PICTURE: [f64; 2] = [0.0, 255.0];
 /// Fewest frames that have a spread, and of which one can be left out.
 const LEAST_FRAMES: usize = 3;
@@ -32,7 +32,7 @@ pub(super) struct Curve {
     pub(super) points: Vec<TransferPoint>,
     /// `None` with too few points for a line.
     pub(super) fit: Option<LineFit>,
-    /// Dark and saturated grey values [DN].
+    /// Dark and saturated grey values \[DN\].
     pub(super) range: [f64; 2],
 }
 
@@ -47,14 +47,14 @@ pub(super) struct PictureSeries {
     /// What the first frame shows, and how steep that is [DN/pixel].
     pub(super) picture: Plane<u8>,
     pub(super) sobel: Plane<f32>,
-    /// Temporal variance [DN^2].
+    /// Temporal variance \[DN^2\].
     pub(super) variance: Plane<f64>,
     pub(super) curve: Curve,
     /// Without the steepest pixels.
     pub(super) filtered: Curve,
     /// Of the Sobel magnitude of the first frame with the variance of the *other* frames: Pearson, Spearman.
     pub(super) correlations: [f64; 2],
-    /// Mean variance: of all pixels, of the steepest, of the rest [DN^2].
+    /// Mean variance: of all pixels, of the steepest, of the rest \[DN^2\].
     pub(super) mean_variance: [f64; 3],
     /// Linear grey values instead of gamma; with a sensor.
     pub(super) linear: Option<Curve>,
@@ -313,7 +313,7 @@ impl Reader<'_> {
     }
 }
 
-/// Width of the bins of a linear curve [DN]: one at least.
+/// Width of the bins of a linear curve \[DN\]: one at least.
 fn linear_bin(range: [f64; 2]) -> f64 {
     ((range[1] - range[0]) / LINEAR_BINS).round().max(1.0)
 }

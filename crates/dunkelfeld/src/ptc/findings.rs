@@ -11,7 +11,7 @@ const SIGNIFICANT: f64 = 5.0;
 const GROUPS: usize = 24;
 /// Two images are called alike from this rank correlation on.
 const ALIKE: f64 = 0.5;
-/// Variance that the paper calls practically free of noise [DN^2].
+/// Variance that the paper calls practically free of noise \[DN^2\].
 const QUIET: f64 = 2.0;
 /// "Almost": so much of the curve is below it.
 const ALMOST: f64 = 0.9;

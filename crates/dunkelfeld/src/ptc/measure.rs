@@ -132,7 +132,7 @@ impl Renders {
         self.plane(unit, if denoised { DENOISED } else { SIGNAL })
     }
 
-    /// Grey values [DN] of plain or matched exposure.
+    /// Grey values \[DN\] of plain or matched exposure.
     pub(super) fn values(&self, unit: &Unit, matched: bool) -> Result<Plane<u16>, Error> {
         Ok(self.plane(unit, if matched { MATCHED } else { PLAIN })?.map(|&v| v as u16))
     }

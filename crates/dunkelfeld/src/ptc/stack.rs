@@ -21,9 +21,9 @@ use std::time::Instant;
 /// How frames are looked at.
 #[derive(Clone, Debug, PartialEq)]
 pub struct StackSettings {
-    /// Grey value without light [DN].
+    /// Grey value without light \[DN\].
     pub dark: f64,
-    /// Grey value of saturation [DN]; `None` takes the largest value of the fewest bits, 8 at least, that the frames fit in.
+    /// Grey value of saturation \[DN\]; `None` takes the largest value of the fewest bits, 8 at least, that the frames fit in.
     pub saturation: Option<f64>,
     /// Share of the pixels, the steepest ones, that count as strong edges, in \[0, 1).
     pub edges: f64,
@@ -46,11 +46,11 @@ pub struct FrameStack {
     pub curves: [Vec<TransferPoint>; 2],
     /// Straight lines through 0-70 % of saturation, where there are points enough.
     pub lines: [Option<LineFit>; 2],
-    /// Grey values [DN] of dark and of saturation.
+    /// Grey values \[DN\] of dark and of saturation.
     pub range: [f64; 2],
     /// Correlation of the Sobel magnitude of the first frame with the variance of the others: Pearson's, Spearman's.
     pub correlations: [f64; 2],
-    /// Mean variance [DN^2] of all pixels, of those at strong edges, of the others.
+    /// Mean variance \[DN^2\] of all pixels, of those at strong edges, of the others.
     pub mean_variance: [f64; 3],
     edges: f64,
     sobel: Plane<f32>,
