@@ -128,6 +128,31 @@ fn a_folder_stays_with_what_it_measured() {
 }
 
 #[test]
+fn what_is_in_a_folder_and_not_of_the_same_kind_stays() {
+    let lab = lab();
+    fs::create_dir_all(lab.path("precious/units")).expect("writable");
+    lab.write("precious/units/mine.txt", "mine");
+    for flags in ["", "--restart"] {
+        for command in ["ptc", "bench"] {
+            let rest = TINY.split_once(' ').map_or("", |(_, rest)| rest);
+            let line = match command {
+                "ptc" => format!("ptc {rest} {flags}"),
+                _ => format!("bench <scene>.obj --quick --width 8 --height 8 -o out {flags}"),
+            };
+            let said = complaint(&lab.run(&line.replace("-o out", "-o precious")).code(2));
+            assert!(said.contains("other files") && said.contains("mend:"), "{line}: {said}");
+        }
+    }
+    assert_eq!(lab.read("precious/units/mine.txt"), "mine");
+    // One kind of work does not take the folder of another, whoever came first.
+    lab.run(TINY).code(0);
+    let page = lab.read("out/report.html");
+    let said = complaint(&lab.run("bench <scene>.obj --quick --width 8 --height 8 --restart -o out").code(2));
+    assert!(said.contains("bench.json"), "{said}");
+    assert_eq!(lab.read("out/report.html"), page);
+}
+
+#[test]
 fn without_a_sensor_there_are_pictures_only() {
     let lab = lab();
     lab.run(&format!("{TINY} --sensor none")).code(0);

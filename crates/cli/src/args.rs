@@ -413,7 +413,7 @@ pub(crate) enum NoiseKind {
     /// All of the camera's noise, on top of what noise the render has.
     Plain,
     /// Of the camera's noise what the render does not have already, so that frames of independent renders are as noisy as
-    /// the camera's. The statistics say in how many pixels that holds, the EXR layer matched.Y in which.
+    /// the camera's. It is said in how many pixels that holds; the EXR of a render has it as layer matched.Y.
     Matched,
 }
 

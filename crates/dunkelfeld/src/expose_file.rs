@@ -18,6 +18,7 @@ use dunkelfeld_io::layers::{Single, Triple};
 use dunkelfeld_radiometry::Seconds;
 use dunkelfeld_sensor::{
     Device, Exposure, ExposureNoise, FrameKey, Optics, Response, SensorError, SensorModel, auto_exposure, electrons,
+    matched_where,
 };
 use rayon::prelude::*;
 use std::path::{Path, PathBuf};
@@ -76,6 +77,9 @@ pub struct ExposedFile {
     pub no_light: bool,
     /// Share of pixels whose expected electrons fill the well or reach the end of the converter.
     pub saturated: f64,
+    /// Share of pixels where matched exposure can hold, as far as variances tell; what single samples did, of which a render
+    /// knows, is not in the file. `None` if all of the camera's noise was drawn.
+    pub matched: Option<f64>,
     /// Pixels whose radiance was negative or not a number (they count as black) or infinite (they saturate).
     pub invalid: u64,
     /// Seconds that the exposures took, without anything else.
@@ -201,6 +205,11 @@ impl Exposer {
         Ok(values)
     }
 
+    fn matched(&self) -> Option<f64> {
+        let held = matched_where(self.model(), self.exposure, &self.electrons, self.variance.as_ref()?);
+        Some(held.data().iter().filter(|held| **held).count() as f64 / held.data().len().max(1) as f64)
+    }
+
     fn saturated(&self) -> f64 {
         let model = self.model();
         let full = (model.saturation().0 - model.dark_electrons(self.exposure.time()).0) as f32;
@@ -232,16 +241,16 @@ pub fn expose_exr(
         exposure: exposer.exposure,
         no_light: exposer.no_light,
         saturated: exposer.saturated(),
+        matched: exposer.matched(),
         invalid: exposer.invalid,
         expose_seconds: 0.0,
         write_seconds: 0.0,
         files: Vec::new(),
     };
-    let numbers: Vec<u32> = (settings.first_frame..=settings.last_frame()).collect();
-    for group in numbers.chunks(pool.current_num_threads().min(MOST_WAITING)) {
-        if cancel.is_cancelled() {
-            break;
-        }
+    let at_once = pool.current_num_threads().min(MOST_WAITING) as u32;
+    while done.frames < settings.frames && !cancel.is_cancelled() {
+        let next = settings.first_frame + done.frames;
+        let group: Vec<u32> = (next..=settings.last_frame()).take(at_once as usize).collect();
         let elapsed = started.elapsed().as_secs_f64();
         let share = f64::from(done.frames) / f64::from(settings.frames);
         progress.update(&ProgressState {

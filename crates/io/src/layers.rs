@@ -130,7 +130,9 @@ impl ExrLayers {
         let channels = if let [Some(r), Some(g), Some(b)] = own {
             [r, g, b]
         } else {
-            layer.foreign().iter().find_map(|name| self.foreign_triple(name))?
+            // X, Y and Z are the parts of a vector; as light they would be CIE's, which are no red, green and blue.
+            let is_vector = matches!(layer, Triple::Normal | Triple::NormalVariance);
+            layer.foreign().iter().find_map(|name| self.foreign_triple(name, is_vector))?
         };
         self.assembled(channels)
     }
@@ -138,7 +140,7 @@ impl ExrLayers {
     /// A layer of triples by the name that stands before its components, or the innermost part of it, in upper or lower case:
     /// `ViewLayer.Combined` or `combined`. An empty name is the channels without layer.
     pub fn triples_named(&self, name: &str) -> Option<Plane<[f32; 3]>> {
-        self.assembled(self.foreign_triple(&name.to_ascii_lowercase())?)
+        self.assembled(self.foreign_triple(&name.to_ascii_lowercase(), false)?)
     }
 
     /// A layer of single numbers, as floats.
@@ -184,10 +186,13 @@ impl ExrLayers {
         Plane::from_vec(self.width, self.height, data)
     }
 
-    fn foreign_triple<'a>(&'a self, layer: &'a str) -> Option<[&'a Channel; 3]> {
+    fn foreign_triple<'a>(&'a self, layer: &'a str, is_vector: bool) -> Option<[&'a Channel; 3]> {
         let channels: Vec<_> = self.foreign_channels(layer).collect();
         let find = |component: &str| channels.iter().find(|(c, _)| c == component).map(|(_, channel)| *channel);
-        [["R", "G", "B"], ["X", "Y", "Z"], ["RED", "GREEN", "BLUE"], ["Y", "Y", "Y"]].into_iter().find_map(|names| {
+        let mut known = [["R", "G", "B"], ["X", "Y", "Z"], ["RED", "GREEN", "BLUE"], ["Y", "Y", "Y"]].into_iter();
+        // One grey channel is light of all colours, unless it is the middle one of three others.
+        let has_xz = find("X").is_some() && find("Z").is_some();
+        known.by_ref().filter(|names| is_vector || !(has_xz && names.contains(&"Y"))).find_map(|names| {
             let [a, b, c] = names.map(find);
             Some([a?, b?, c?])
         })

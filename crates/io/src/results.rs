@@ -39,6 +39,14 @@ impl ResultsFolder {
         self.path.join(name)
     }
 
+    /// Is there nothing in it?
+    ///
+    /// # Errors
+    /// It cannot be listed.
+    pub fn is_empty(&self) -> io::Result<bool> {
+        Ok(fs::read_dir(&self.path)?.next().is_none())
+    }
+
     /// The text of a file; `None` if there is no such file.
     ///
     /// # Errors
@@ -97,11 +105,13 @@ mod tests {
         let home = tempfile::tempdir().expect("a temporary folder");
         let folder = ResultsFolder::open(&home.path().join("a/b")).expect("writable");
         assert_eq!(folder.read_text("x.json").expect("no error"), None);
+        assert!(folder.is_empty().expect("a folder"));
         folder.write_text("x.json", "{}").expect("writable");
         assert_eq!(folder.read_text("x.json").expect("readable").as_deref(), Some("{}"));
         fs::write(folder.file("x.json"), [0xff, 0xfe]).expect("writable");
         let error = folder.read_text("x.json").expect_err("not text");
         assert!(error.to_string().contains("x.json"), "{error}");
+        assert!(!folder.is_empty().expect("a folder"));
         let folder = folder.clear().expect("removable");
         assert_eq!(folder.read_text("x.json").expect("no error"), None);
     }

@@ -104,16 +104,26 @@ pub(crate) struct Kept {
 impl Kept {
     /// Opens the renders in a report's folder; `restart` discards what is there. `manifest` is the name of the file that
     /// binds it.
+    ///
+    /// # Errors
+    /// It cannot be made, or holds what is not of this kind of work: that stays as it is.
     pub(crate) fn open(home: &Path, manifest: &'static str, restart: bool) -> Result<Self, Error> {
         let path = home.join(FOLDER);
-        let folder = ResultsFolder::open(&path).and_then(|f| if restart { f.clear() } else { Ok(f) });
-        let mut opened = None;
-        written(&path, folder.map(|f| opened = Some(f)))?;
-        opened.map(|folder| Self { folder, manifest }).ok_or_else(|| Error::Output {
-            file: path,
-            problem: "cannot be opened".into(),
-            mend: "name another folder".into(),
-        })
+        let fault = |problem: String, mend: &str| Error::Output { file: path.clone(), problem, mend: mend.into() };
+        let broken = |e: std::io::Error| fault(format!("cannot be used: {e}"), "name another folder with -o");
+        let folder = ResultsFolder::open(&path).map_err(broken)?;
+        let is_ours = folder.is_empty().map_err(broken)? || folder.file(manifest).is_file();
+        if !is_ours {
+            let problem = format!("holds other files than those of such a measurement: there is no {manifest}");
+            return Err(fault(problem, "name another folder with -o"));
+        }
+        let folder = if restart { folder.clear().map_err(broken)? } else { folder };
+        Ok(Self { folder, manifest })
+    }
+
+    /// Is there a measurement of any kind in a report's folder?
+    pub(crate) fn is_there(home: &Path) -> bool {
+        home.join(FOLDER).is_dir()
     }
 
     /// What the folder is bound to; `None` if it is not yet.

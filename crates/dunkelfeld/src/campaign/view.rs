@@ -41,11 +41,18 @@ impl View {
         self.camera.as_ref().map(|c| c.2)
     }
 
-    /// The linear signal: expected photo-electrons, or luminance [W/(m^2 sr)].
+    /// The linear signal: expected photo-electrons, or luminance [W/(m^2 sr)]. Behind a colour filter array all pixels see
+    /// by the average of its colours: the mosaic of a sensor is not what noise and steepness are asked of.
     pub(crate) fn signal(&self, mean: &Plane<[f32; 3]>) -> Plane<f32> {
         match &self.camera {
             Some((model, optics, exposure)) => {
-                dunkelfeld_sensor::electrons(mean, &Response::new(model, optics, *exposure)).plane
+                let response = Response::new(model, optics, *exposure);
+                if response.kinds().len() == 1 {
+                    return dunkelfeld_sensor::electrons(mean, &response).plane;
+                }
+                let average = response.average();
+                let valid = |v: f32| if v > 0.0 { v.min(f32::MAX) } else { 0.0 };
+                mean.map(|pixel| (average.electrons(pixel.map(valid)).0 as f32).min(f32::MAX))
             }
             None => mean.map(|&[r, g, b]| Rgb::new(r, g, b).luminance()),
         }
@@ -55,10 +62,8 @@ impl View {
     pub(crate) fn signal_variance(&self, variance: &Plane<[f32; 3]>) -> Plane<f32> {
         match &self.camera {
             Some((model, optics, exposure)) => {
-                let response = Response::new(model, optics, *exposure);
-                Plane::from_fn(variance.width(), variance.height(), |x, y| {
-                    response.at(x, y).variance(*variance.at(x, y)) as f32
-                })
+                let average = Response::new(model, optics, *exposure).average();
+                variance.map(|&v| average.variance(v) as f32)
             }
             // As there: channels rise and fall together.
             None => variance.map(|v| {

@@ -60,7 +60,9 @@ pub(super) fn findings(all: &[PictureSeries]) -> Vec<Finding> {
     let each = |f: &dyn Fn(&PictureSeries) -> String| {
         all.iter().map(|s| format!("{}: {}", name(s), f(s))).collect::<Vec<_>>().join("; ")
     };
-    let judged = |f: &dyn Fn(&PictureSeries) -> bool| all.iter().map(f).collect::<Vec<_>>();
+    // A series that has no answer, because a number is not known, is not asked.
+    let judged = |f: &dyn Fn(&PictureSeries) -> Option<bool>| all.iter().filter_map(f).collect::<Vec<_>>();
+    let known = |v: f64| v.is_finite().then_some(v);
     let mean = |s: &PictureSeries| s.mean_variance[0];
     let mut found = Vec::new();
     let mut add = |claim, place, here: String, verdicts: &[bool]| {
@@ -96,7 +98,8 @@ pub(super) fn findings(all: &[PictureSeries]) -> Vec<Finding> {
             None => "too few points".into(),
         }),
         &judged(&|s| {
-            line(s).is_some_and(|f| f.reduced_chi_squared > 1.0 + SIGNIFICANT * (2.0 / f.points as f64).sqrt())
+            let f = line(s)?;
+            Some(known(f.reduced_chi_squared)? > 1.0 + SIGNIFICANT * (2.0 / f.points as f64).sqrt())
         }),
     );
     add(
@@ -106,13 +109,15 @@ pub(super) fn findings(all: &[PictureSeries]) -> Vec<Finding> {
             let [rise, fall] = rise_and_fall(&s.curve.points);
             format!("rises by {} and falls by {} standard errors", rounded(rise), rounded(fall))
         }),
-        &judged(&|s| rise_and_fall(&s.curve.points).iter().all(|v| *v > SIGNIFICANT)),
+        &judged(&|s| {
+            (s.curve.points.len() > 2).then(|| rise_and_fall(&s.curve.points).iter().all(|v| *v > SIGNIFICANT))
+        }),
     );
     add(
         "the variance is high near edges",
         "figures 5 and 7",
         each(&|s| format!("{} times that of the rest", rounded(s.mean_variance[1] / s.mean_variance[2]))),
-        &judged(&|s| s.mean_variance[1] > s.mean_variance[2]),
+        &judged(&|s| Some(known(s.mean_variance[1])? > known(s.mean_variance[2])?)),
     );
     add(
         "the Sobel image of one frame looks like the variance",
@@ -121,7 +126,7 @@ pub(super) fn findings(all: &[PictureSeries]) -> Vec<Finding> {
             let [pearson, spearman] = s.correlations;
             format!("correlation {pearson:.2}, of ranks {spearman:.2}")
         }),
-        &judged(&|s| s.correlations[1] >= ALIKE),
+        &judged(&|s| Some(known(s.correlations[1])? >= ALIKE)),
     );
     add(
         "without the strong edges the variance is much lower, or even almost below 2",
@@ -134,7 +139,10 @@ pub(super) fn findings(all: &[PictureSeries]) -> Vec<Finding> {
                 100.0 * quiet(&s.filtered.points)
             )
         }),
-        &judged(&|s| s.mean_variance[2] < 0.5 * mean(s) || quiet(&s.filtered.points) >= ALMOST),
+        &judged(&|s| {
+            let edges = known(s.mean_variance[1])?;
+            Some(edges > 0.0 && (s.mean_variance[2] < 0.5 * mean(s) || quiet(&s.filtered.points) >= ALMOST))
+        }),
     );
     found
 }

@@ -12,6 +12,7 @@ use crate::report::maps::{self, Map};
 use crate::report::page::{head, map_figure, page, tiles};
 use crate::report::table::{Cell, Table, column, estimate};
 use crate::report::words::duration;
+use dunkelfeld_emva1288::LineFit;
 use std::path::{Path, PathBuf};
 
 /// Writes the page, the tables and the charts into a folder. Returns the files, the page first.
@@ -98,7 +99,9 @@ impl<'a> Report<'a> {
         figures.push((format!("{same} of {}", findings.len()), "of what the paper says is the same here".into()));
         if let Some(sensor) = &r.sensor {
             for s in &r.cameras {
-                if let Some(fit) = s.matched.as_ref().and_then(|c| c.fit.as_ref()) {
+                // A slope that is not known better than to a tenth is no headline.
+                let is_known = |f: &&LineFit| f.slope.standard_error < 0.1 * sensor.truth;
+                if let Some(fit) = s.matched.as_ref().and_then(|c| c.fit.as_ref()).filter(is_known) {
                     figures.push((
                         format!("{:+.2} %", 100.0 * (fit.slope.value / sensor.truth - 1.0)),
                         format!(
@@ -170,8 +173,8 @@ impl<'a> Report<'a> {
         let flat: String = self.transfer.iter().map(|t| one(&t[1])).collect();
         let sensor = match (&self.sensor, &self.r.sensor) {
             (Some(chart), Some(sensor)) => format!(
-                "<h2>Figure 2: what a camera\u{2019}s curve looks like</h2><p>{}, two frames of even light at 50 levels. The line \
-                 through 0\u{2013}70 % of saturation has the slope K{}.</p><div class=\"charts\">{}</div>",
+                "<h2>Figure 2: what a camera\u{2019}s curve looks like</h2><p>{}, two frames of even light at 50 levels. Through \
+                 its dark level and 0\u{2013}70 % of saturation K{}.</p><div class=\"charts\">{}</div>",
                 escape(&sensor.name),
                 sensor.gain.as_ref().map_or_else(String::new, |k| format!(
                     " = {:.5} \u{b1} {:.5} DN/e\u{207b}; the sensor\u{2019}s data say {:.5}",

@@ -2,6 +2,7 @@
 
 use super::analysis::{Curve, fault, linear_curve, picture_curve};
 use super::figures::{LINEAR_AXES, chart};
+use crate::campaign::Kept;
 use crate::campaign::statistics::{correlation, quantile, rank_correlation};
 use crate::error::Error;
 use crate::outputs::{save_text, written};
@@ -172,13 +173,21 @@ impl FrameStack {
                 None => format!("{what}: too few grey values for a line"),
             });
         }
+        if let Some(line) = &self.lines[0]
+            && line.intercept.value < -5.0 * line.intercept.standard_error
+        {
+            lines.push(format!(
+                "no variance is below zero: is {} the grey value without light? --dark says which it is",
+                rounded(self.range[0])
+            ));
+        }
         lines
     }
 
     /// Writes a page with curves and maps, and the curve as CSV, into a folder. Returns the files, the page first.
     ///
     /// # Errors
-    /// A file that cannot be written.
+    /// A file that cannot be written, or a folder that holds the measurement of a scene.
     pub fn write(&self, folder: &Path) -> Result<Vec<PathBuf>, Error> {
         let charts = self.charts();
         let s = &self.statistics;
@@ -202,6 +211,10 @@ impl FrameStack {
                 map_figure(&sobel)
             ),
         ];
+        if Kept::is_there(folder) {
+            let problem = "holds the measurement of a scene, whose report this one would replace".into();
+            return Err(Error::Output { file: folder.into(), problem, mend: "name another folder with -o".into() });
+        }
         written(folder, ResultsFolder::open(folder).map(drop))?;
         let mut files = Vec::new();
         let mut save = |name: String, text: &str| -> Result<(), Error> {
