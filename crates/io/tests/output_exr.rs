@@ -209,6 +209,13 @@ fn layers_of_other_programs_are_found() {
     assert_eq!(first(&mitsuba, Triple::Normal), Some([6.5, 7.5, 8.5]));
     assert_eq!(mitsuba.single(Single::Depth).map(|p| p.data()[0]), Some(9.5));
 
+    // Positions, or CIE's colours: no light in red, green and blue, and Y alone is not their brightness.
+    foreign(&path, &[("", (4, 3), &["X", "Y", "Z"])]);
+    let vectors = read_exr(&path).expect("readable");
+    assert_eq!((first(&vectors, Triple::Mean), vectors.triples_named("").is_some()), (None, false));
+    foreign(&path, &[("", (4, 3), &["Y"])]);
+    assert_eq!(first(&read_exr(&path).expect("readable"), Triple::Mean), Some([0.5; 3]));
+
     // Parts with names, one of another size.
     let parts: [(&str, (usize, usize), &[&str]); 3] =
         [("beauty", (4, 3), &["R", "G", "B"]), ("albedo", (4, 3), &["R", "G", "B"]), ("thumb", (2, 2), &["R"])];
