@@ -22,6 +22,10 @@ use crate::loader::{AssetLoader, Limits};
 
 /// A descriptor is text for people: more than this is something else \[bytes\].
 const MOST_BYTES: u64 = 64 << 20;
+/// Photons per pixel in a level of light: far beyond any pixel at either end, and far from where squares are no numbers.
+const PHOTONS: std::ops::RangeInclusive<f64> = 1e-6..=1e12;
+/// The longest exposure time \[ns\].
+const MOST_NS: f64 = 1e18;
 
 /// A data set.
 #[derive(Clone, Debug, PartialEq)]
@@ -113,6 +117,9 @@ fn parse(path: &Path, text: &str) -> Result<(EmvaDescriptor, Vec<String>), Input
         let (key, rest) = line.split_once(char::is_whitespace).unwrap_or((line, ""));
         let words: Vec<&str> = rest.split_whitespace().collect();
         match key {
+            "v" if rest.trim().is_empty() => {
+                return Err(error("the release is missing".into(), "write `v RELEASE`, as in `v 4.0`"));
+            }
             "v" => descriptor.version = Some(rest.trim().to_owned()),
             "n" => {
                 let numbers: Vec<u32> = words.iter().filter_map(|w| w.parse().ok()).collect();
@@ -147,6 +154,18 @@ fn parse(path: &Path, text: &str) -> Result<(EmvaDescriptor, Vec<String>), Input
                     return Err(error("this is no block of frames".into(), mend));
                 }
                 let (exposure_ns, photons) = (numbers[0], numbers.get(1).copied().unwrap_or(0.0));
+                if photons != 0.0 && !PHOTONS.contains(&photons) {
+                    return Err(error(
+                        format!("{photons:e} photons per pixel are out of range"),
+                        "write 0 or 1e-6 to 1e12 photons, the mean number that a pixel receives in the exposure time",
+                    ));
+                }
+                if exposure_ns > MOST_NS {
+                    return Err(error(
+                        format!("an exposure time of {exposure_ns:e} ns is out of range"),
+                        "write the time in nanoseconds, 1e18 at most",
+                    ));
+                }
                 descriptor.blocks.push(FrameBlock { exposure_ns, photons, frames: Vec::new(), line: index + 1 });
             }
             "i" => {
@@ -161,6 +180,13 @@ fn parse(path: &Path, text: &str) -> Result<(EmvaDescriptor, Vec<String>), Input
                     ));
                 };
                 block.frames.push(PathBuf::from(name.replace('\\', "/")));
+            }
+            other if words.is_empty() => {
+                // The reference refuses words that stand alone, and warns of other lines that it does not know.
+                return Err(error(
+                    format!("`{other}` alone is no line of a descriptor"),
+                    "write lines `v`, `n`, `b`, `d` and `i` with their values, and comments behind `#`",
+                ));
             }
             other => warnings.push(format!(
                 "{}: line {}: `{other}` is not known and was left out",
@@ -271,6 +297,11 @@ mod tests {
             ("d ten\n".into(), "line 1", "no block"),
             ("b 1 -5\n".into(), "line 1", "no block"),
             ("d nan\n".into(), "line 1", "no block"),
+            (format!("v\n{frames}"), "line 1", "release is missing"),
+            (format!("hello\nd 1\n{frames}"), "line 1", "`hello` alone"),
+            ("v 4.0\nb 1 1e308\n".into(), "line 2", "out of range"),
+            ("b 1 1e-300\n".into(), "line 1", "out of range"),
+            ("d 1e300\n".into(), "line 1", "out of range"),
             ("i a.png\n".into(), "line 1", "belongs to no block"),
             ("d 1\ni \n".into(), "line 2", "no name"),
             ("d 1\ni a.png\n".into(), "line 1", "1 frame(s)"),
