@@ -9,6 +9,8 @@ const SIZE: [f64; 2] = [430.0, 330.0];
 const LEFT: f64 = 72.0;
 const RIGHT: f64 = 418.0;
 const BOTTOM: f64 = 278.0;
+/// Of a character, generously \[px\].
+const WIDTH: f64 = 7.6;
 
 /// What an axis says, and how it runs.
 #[derive(Clone, Copy, Debug)]
@@ -50,7 +52,13 @@ pub(crate) fn draw(name: &str, title: &str, [x, y]: [Axis<'_>; 2], traces: &[Tra
     });
     for tick in xs.ticks() {
         chart.line("grid", [xs.place(tick), BOTTOM], [xs.place(tick), top]);
-        chart.text("tick", [xs.place(tick), BOTTOM + 19.0], "middle", &label(tick));
+        let text = label(tick);
+        let end = xs.place(tick) + 0.5 * WIDTH * text.chars().count() as f64;
+        // Where the middle of the last label leaves no room for its end on the paper, its end stands at the edge.
+        match end <= SIZE[0] {
+            true => chart.text("tick", [xs.place(tick), BOTTOM + 19.0], "middle", &text),
+            false => chart.text("tick", [SIZE[0] - 1.0, BOTTOM + 19.0], "end", &text),
+        }
     }
     for tick in ys.ticks() {
         chart.line("grid", [LEFT, ys.place(tick)], [RIGHT, ys.place(tick)]);
@@ -60,7 +68,12 @@ pub(crate) fn draw(name: &str, title: &str, [x, y]: [Axis<'_>; 2], traces: &[Tra
         let usable = trace.points.iter().filter(|p| fits(&x, p[0]) && fits(&y, p[1]));
         let places: Vec<[f64; 2]> = usable.clone().map(|p| [xs.place(p[0]), ys.place(p[1])]).collect();
         let color = trace.color % COLORS;
-        match trace.style {
+        let style = match (trace.style, places.len()) {
+            // A line of one place would not be seen.
+            (Style::Line, 1) => Style::Points,
+            (style, _) => style,
+        };
+        match style {
             Style::Line => chart.path(&format!("line s{color}"), &places),
             Style::Dashed => chart.path("line dashed", &places),
             Style::Points => {
@@ -85,7 +98,7 @@ pub(crate) fn draw(name: &str, title: &str, [x, y]: [Axis<'_>; 2], traces: &[Tra
 fn legend(chart: &mut Chart, traces: &[Trace]) -> f64 {
     let (mut left, mut y) = (LEFT, 16.0);
     for t in traces {
-        let length = 30.0 + 7.6 * t.name.chars().count() as f64 + 14.0;
+        let length = 30.0 + WIDTH * t.name.chars().count() as f64 + 14.0;
         if left + length > SIZE[0] && left > LEFT {
             (left, y) = (LEFT, y + 20.0);
         }
@@ -132,6 +145,30 @@ mod tests {
             });
             assert!(numbers.iter().flatten().all(|v| (0.0..=SIZE[0]).contains(v)), "{text}");
         }
+    }
+
+    #[test]
+    fn the_last_label_is_on_the_paper_and_a_single_bar_is_seen() {
+        for most in [4e3, 3.9e3, 8e4, 1e-3, 0.25, 123_456.0] {
+            let t = Trace { color: 0, name: "t".into(), style: Style::Line, points: vec![[0.0, 0.0], [most, 1.0]] };
+            let text = draw("x", "", [axis("x", false), axis("y", false)], &[t]).file();
+            let document = roxmltree::Document::parse(&text).expect("well-formed");
+            let ticks = document.descendants().filter(|n| n.attribute("class") == Some("tick"));
+            for n in ticks {
+                let x: f64 = n.attribute("x").and_then(|v| v.parse().ok()).expect("a place");
+                let after = match n.attribute("text-anchor") {
+                    Some("end") => 0.0,
+                    _ => 0.5 * 7.6 * n.text().unwrap_or_default().chars().count() as f64,
+                };
+                assert!(x + after <= SIZE[0], "{most}: {:?} at {x}", n.text());
+            }
+        }
+        let bar = Trace { color: 0, name: "t".into(), style: Style::Line, points: vec![[0.0, 4096.0]] };
+        let text = draw("x", "", [Axis { has_zero: false, ..axis("x", false) }, axis("y", true)], &[bar]).file();
+        let document = roxmltree::Document::parse(&text).expect("well-formed");
+        let circle = document.descendants().find(|n| n.has_tag_name("circle")).expect("the bar");
+        let x: f64 = circle.attribute("cx").and_then(|v| v.parse().ok()).expect("a place");
+        assert!((x - 0.5 * (LEFT + RIGHT)).abs() < 0.2, "{x}");
     }
 
     #[test]

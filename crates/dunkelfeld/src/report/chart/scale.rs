@@ -32,8 +32,13 @@ impl Scale {
         let usable = values.filter(|v| v.is_finite());
         let (low, high) = usable.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| (a.min(v), b.max(v)));
         let (low, high) = if low <= high { (low, high) } else { (0.0, 1.0) };
-        let least = 1e-9 * low.abs().max(high.abs()).max(1e-30);
-        let room = (0.05 * (high - low)).max(least);
+        let size = low.abs().max(high.abs());
+        // Around values that are all the same the axis goes half as far as they are large, so that its labels differ.
+        let room = match high - low > 1e-6 * size {
+            true => 0.05 * (high - low),
+            false if size > 1e-30 => 0.5 * size,
+            false => 1.0,
+        };
         Self { is_log: false, low: low - room, high: high + room, from, to }
     }
 
@@ -125,6 +130,9 @@ mod tests {
         let ticks = |a: f64, b: f64| Scale::span([a, b].into_iter(), 0.0, 1.0).ticks();
         assert_eq!(ticks(-1.0, 1.0), [-1.0, -0.5, 0.0, 0.5, 1.0]);
         assert_eq!(ticks(1000.0, 1004.0), [1000.0, 1001.0, 1002.0, 1003.0, 1004.0]);
+        assert_eq!(ticks(2.0, 2.0), [1.0, 1.5, 2.0, 2.5, 3.0]);
+        assert_eq!(ticks(0.0, 0.0), [-1.0, -0.5, 0.0, 0.5, 1.0]);
+        assert_eq!(ticks(-4.0, -4.0), [-6.0, -5.0, -4.0, -3.0, -2.0]);
         for odd in [(3.0, 3.0), (0.0, 0.0), (f64::NAN, 1.0), (-1e300, 1e300)] {
             assert!(ticks(odd.0, odd.1).len() <= 20, "{odd:?}");
         }
