@@ -56,6 +56,7 @@ fn what_cannot_be_done_ends_with_code_2_a_mend_and_nothing_written() {
     let first = whole.find("\ni images/b_021").expect("a level in the middle");
     bench.write("set/dim.txt", &whole[..whole[..first].rfind("\nb ").expect("its block") + 1]);
     let before = bench.names();
+    let frame = bench.read("set/images/b_001_0.png");
     let cases: &[(&str, &[&str])] = &[
         ("dataset --sensor imx250 -o set", &["set", "not empty", "mend:"]),
         ("dataset --sensor imx250 -o scene.bin", &["scene.bin", "in the way", "mend:"]),
@@ -64,6 +65,10 @@ fn what_cannot_be_done_ends_with_code_2_a_mend_and_nothing_written() {
         ("dataset --sensor imx250 -o new --size 640", &["--size", "640x480"]),
         ("dataset --sensor imx250 -o new --levels 3", &["--levels", "10..=1000"]),
         ("dataset --sensor imx250 -o new --exposure 0s", &["--exposure", "100ms"]),
+        (
+            "dataset --sensor imx900-hcg -o new --exposure 100000s",
+            &["exposure", "100000 s the pixels fill in the dark", "mend: choose a shorter time", "1.47 dark electrons"],
+        ),
         ("dataset --sensor imx250", &["--output"]),
         ("analyse nowhere.txt", &["nowhere.txt", "mend:"]),
         ("analyse scene.bin", &["scene.bin", "mend:"]),
@@ -76,6 +81,13 @@ fn what_cannot_be_done_ends_with_code_2_a_mend_and_nothing_written() {
         ("analyse set/gone.txt", &["gone.png", "mend:"]),
         ("analyse set/dim.txt", &["dim.txt", "not saturated", "mend: add levels with more light"]),
         ("analyse set/emva.txt --html missing/r.html", &["missing/r.html", "folder", "mend:"]),
+        ("analyse set/emva.txt --html ./set/emva.txt", &["set/emva.txt", "descriptor", "mend: write to another file"]),
+        ("analyse set/emva.txt --json set/../set/emva.txt", &["emva.txt", "descriptor", "mend:"]),
+        (
+            "analyse set/emva.txt --json set/images/b_001_0.png",
+            &["b_001_0.png", "is a frame", "mend: write to another file"],
+        ),
+        ("analyse set/emva.txt --json r --html ./r", &["./r", "two outputs", "mend: give each its own file"]),
         ("analyse set/emva.txt --release 5.0", &["5.0", "4.0", "3.1"]),
         ("analyse set/emva.txt --pixel-pitch 0", &["--pixel-pitch", "3.45"]),
     ];
@@ -87,6 +99,7 @@ fn what_cannot_be_done_ends_with_code_2_a_mend_and_nothing_written() {
         assert!(stdout(&run).is_empty(), "emva {words}: {}", stdout(&run));
     }
     assert_eq!(bench.names(), before);
+    assert_eq!((bench.read("set/emva.txt"), bench.read("set/images/b_001_0.png")), (whole.into_bytes(), frame));
 }
 
 /// Progress goes to standard error, a line each, and ends at the whole.

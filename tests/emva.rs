@@ -102,6 +102,23 @@ fn light_may_vary_instead_of_time_and_bits_may_be_others() {
     assert!((plan.truth().quantities["sigma_d"] - 20f64.sqrt()).abs() < 1e-9);
 }
 
+/// More dark electrons than photo-electrons at saturation: an IMX900 that looks for a quarter of an hour.
+#[test]
+fn a_camera_whose_well_fills_with_dark_current_is_found() {
+    let model = preset("imx900-hcg").expect("a preset");
+    let settings = DatasetSettings { exposure: Seconds(1000.0), ..small() };
+    let plan = DatasetPlan::new(&model, &settings).expect("a plan");
+    let truth = plan.truth();
+    let end = truth.quantities["mu_e.sat"];
+    assert!(end < 0.5 * model.spec().full_well.0, "{end}");
+    let found = analyse(&plan.measure().expect("frames"), &AnalysisSettings::default()).expect("a measurement");
+    for (q, truth, z) in scores(&found.quantities, &truth) {
+        assert!(z.abs() < 6.5, "{q}, truth {truth}, {z:.2} standard errors off");
+    }
+    // The stack is where it was meant to be.
+    assert!(!found.notes.iter().any(|n| n.contains("bright stack")), "{:?}", found.notes);
+}
+
 /// The pixels of one colour: the efficiency is that of their filter.
 #[test]
 fn of_a_mosaic_the_pixels_of_one_colour_are_measured() {

@@ -2,25 +2,22 @@
 
 use serde::Serialize;
 
+use crate::bound::{Bound, Side};
 use crate::frame::AnalysisError;
+use crate::hidden::Hidden;
 use crate::histogram::{self, Histogram};
 use crate::linearity::{Linearity, linearity};
-use crate::measurement::{AnalysisSettings, Measurement, Ordered, Release, StackLevel};
+use crate::measurement::{AnalysisSettings, Measurement, Release, StackLevel};
 use crate::profile::{Profile, profiles};
 use crate::propagate::errors;
 use crate::quantity::Quantity;
 use crate::saturation::saturation;
+use crate::shortcomings;
 use crate::spectrum::{Spectrogram, horizontal, vertical};
 use crate::summary::{Is, Summary};
 
 /// Levels in the range of the regressions that it takes at least.
 const LEAST_LEVELS: usize = 3;
-/// What the standard asks for.
-const LEVELS: usize = 50;
-const STACK: u32 = 16;
-const EXPOSURES: usize = 6;
-/// More dark values at zero than this cut the noise off.
-const AT_ZERO: f64 = 0.005;
 
 /// One level of light, as the plots show it.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -73,16 +70,6 @@ pub struct Nonuniformity {
     pub response_histogram: Option<Histogram>,
 }
 
-/// An upper bound.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct Bound {
-    /// The figure.
-    pub symbol: &'static str,
-    /// What it does not exceed, in the figure's unit: the value itself where rounding hides the rest, else three standard errors
-    /// above the value.
-    pub limit: f64,
-}
-
 /// Everything that was found.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Analysis {
@@ -92,8 +79,10 @@ pub struct Analysis {
     pub bits: u32,
     /// The figures.
     pub quantities: Vec<Quantity>,
-    /// The figures of which no more is known than that they are not larger.
+    /// The figures of which no more is known than on which side of a number they lie.
     pub bounds: Vec<Bound>,
+    /// Between which values K \[DN/e-\] lies where rounding hides the dark variance that its regression takes off.
+    pub gain_range: Option<[f64; 2]>,
     /// What the measurement lacks of what the standard asks for, and what was done about it.
     pub notes: Vec<String>,
     /// Levels of light, by ascending photons.
@@ -118,8 +107,8 @@ impl Analysis {
     }
 
     /// The bound that is all that is known of a figure, if so.
-    pub fn bound(&self, symbol: &str) -> Option<f64> {
-        self.bounds.iter().find(|b| b.symbol == symbol).map(|b| b.limit)
+    pub fn bound(&self, symbol: &str) -> Option<Bound> {
+        self.bounds.iter().copied().find(|b| b.symbol == symbol)
     }
 
     /// Signal-to-noise ratio that the linear model has at some light (equation 21), without and with the spatial noise.
@@ -158,7 +147,8 @@ pub fn analyse(measurement: &Measurement, settings: &AnalysisSettings) -> Result
         ));
     }
     let errors = errors(&summary, Summary::results);
-    let (mut quantities, bounds) = figures(&results, &errors, settings, summary.is_bound);
+    let hidden = Hidden::of(&data, &summary);
+    let (mut quantities, bounds) = figures(&results, &errors, settings, &hidden);
     for (symbol, name, [value, standard_error]) in [
         ("LE", "linearity error", [linearity.error, linearity.standard_error]),
         ("LE_min", "smallest deviation from linearity", linearity.least),
@@ -187,12 +177,13 @@ pub fn analyse(measurement: &Measurement, settings: &AnalysisSettings) -> Result
         variance: [d.variance.value, d.variance.error],
     });
     let mut notes: Vec<String> = saturation.note.into_iter().collect();
-    notes.extend(shortcomings(&data, &summary));
+    notes.extend(shortcomings::linear(&data, &summary, &hidden));
     Ok(Analysis {
         release: settings.release,
         bits: data.bits,
         quantities,
         bounds,
+        gain_range: hidden.gains(),
         notes,
         levels: levels.collect(),
         darks: darks.collect(),
@@ -257,7 +248,7 @@ fn figures(
     results: &[f64],
     errors: &[f64],
     settings: &AnalysisSettings,
-    is_bound: bool,
+    hidden: &Hidden,
 ) -> (Vec<Quantity>, Vec<Bound>) {
     let (mut quantities, mut bounds) = (Vec::new(), Vec::new());
     for row in &ROWS {
@@ -268,12 +259,16 @@ fn figures(
         let (value, standard_error) = if row.is_square { root(value, error) } else { (value, error) };
         let (value, standard_error) = (row.scale * value, row.scale * standard_error);
         let Row { symbol, name, unit, section, .. } = *row;
-        if is_bound && ["sigma_d", "sigma_y.dark", "mu_p.min", "mu_e.min"].contains(&symbol) {
-            bounds.push(Bound { symbol, limit: value });
-        } else if row.is_square && results[row.is as usize] < 2.0 * error {
+        let shown = |result: f64| row.scale * if row.is_square { result.max(0.0).sqrt() } else { result };
+        let bound = match hidden.bound(row.is) {
+            Some((limit, side)) => Some((shown(limit), side)),
             // It does not stand out from its error.
-            bounds.push(Bound { symbol, limit: value + 3.0 * standard_error });
-        }
+            None if row.is_square && results[row.is as usize] < 2.0 * error => {
+                Some((value + 3.0 * standard_error, Side::Below))
+            }
+            None => None,
+        };
+        bounds.extend(bound.map(|(limit, side)| Bound { symbol, limit, side }));
         quantities.push(Quantity { symbol, name, value, standard_error, unit, section });
         let per_area = match symbol {
             "mu_p.min" => Some(("mu_p.min.area", "absolute sensitivity threshold per area")),
@@ -282,6 +277,7 @@ fn figures(
         };
         if let (Some((symbol, name)), Some(pitch)) = (per_area, settings.pixel_pitch) {
             let area = pitch * pitch;
+            bounds.extend(bound.map(|(limit, side)| Bound { symbol, limit: limit / area, side }));
             let (value, standard_error) = (value / area, standard_error / area);
             quantities.push(Quantity { symbol, name, value, standard_error, unit: "photons/um^2", section });
         }
@@ -308,54 +304,6 @@ fn nonuniformity(bright: &StackLevel, dark: &StackLevel) -> Nonuniformity {
         dark_histogram: histogram::dark(dark),
         response_histogram: histogram::response(bright, dark),
     }
-}
-
-/// What the measurement lacks of what the standard asks for.
-fn shortcomings(data: &Ordered<'_>, summary: &Summary) -> Vec<String> {
-    let mut notes = Vec::new();
-    if data.bright.len() < LEVELS {
-        notes.push(format!("there are {} levels of light, the standard asks for {LEVELS}", data.bright.len()));
-    }
-    if summary.is_bound {
-        notes.push(
-            "the dark variance is below 0.24 DN^2, where rounding rules: dark noise and thresholds are upper bounds; a larger \
-             gain would show them"
-                .into(),
-        );
-    }
-    let zeros = data.dark.iter().map(|d| d.pair.at_zero).fold(0.0, f64::max);
-    if zeros > AT_ZERO {
-        notes.push(format!(
-            "{:.1} % of the dark values are zero, the standard allows 0.5 %: dark noise comes out too small; raise the black level",
-            100.0 * zeros
-        ));
-    }
-    match summary.exposures() {
-        n if n < crate::summary::LEAST_EXPOSURES => {
-            notes.push(format!("{n} exposure time(s) do not tell the dark current; the standard asks for {EXPOSURES}"));
-        }
-        n if n < EXPOSURES => {
-            notes.push(format!("the dark current is from {n} exposure times, the standard asks for {EXPOSURES}"));
-        }
-        _ => {}
-    }
-    match data.stacks {
-        None => notes.push("there are no stacks of frames: nonuniformity was not measured".into()),
-        Some((bright, dark)) => {
-            let least = bright.stack.frames.min(dark.stack.frames);
-            if least < STACK {
-                notes.push(format!("a stack has {least} frames, the standard asks for {STACK}"));
-            }
-            let share = bright.photons / summary.saturation.value;
-            if !(0.4..=0.6).contains(&share) {
-                notes.push(format!(
-                    "the bright stack is at {:.0} % of saturation, the standard asks for 50 %",
-                    100.0 * share
-                ));
-            }
-        }
-    }
-    notes
 }
 
 #[cfg(test)]

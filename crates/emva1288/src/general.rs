@@ -5,12 +5,14 @@
 
 use serde::Serialize;
 
+use crate::bound::{Bound, Side};
 use crate::frame::AnalysisError;
 use crate::measurement::{AnalysisSettings, Measurement, Release};
 use crate::propagate::errors;
 use crate::quantity::Quantity;
 use crate::saturation::saturation;
-use crate::summary::{Point, Summary};
+use crate::shortcomings::{self, is_cut_off};
+use crate::summary::{LEAST_DARK_VARIANCE, Point, Summary};
 
 /// Levels up to saturation that it takes at least.
 const LEAST_LEVELS: usize = 4;
@@ -40,10 +42,19 @@ pub struct GeneralAnalysis {
     pub bits: u32,
     /// The figures.
     pub quantities: Vec<Quantity>,
+    /// The figures of which no more is known than on which side of a number they lie.
+    pub bounds: Vec<Bound>,
     /// Notes on the measurement.
     pub notes: Vec<String>,
     /// Levels below saturation, by ascending photons.
     pub levels: Vec<InputPoint>,
+}
+
+impl GeneralAnalysis {
+    /// The bound that is all that is known of a figure, if so.
+    pub fn bound(&self, symbol: &str) -> Option<Bound> {
+        self.bounds.iter().copied().find(|b| b.symbol == symbol)
+    }
 }
 
 /// Analyses a camera of any characteristic (EMVA 1288 release 4.0, General).
@@ -77,6 +88,7 @@ pub fn analyse_general(
             "use levels whose grey values differ by more than their noise, and order them by their light",
         ));
     }
+    summary.is_bound = summary.dark[summary.bright[0].dark].variance.value < LEAST_DARK_VARIANCE;
     let values = figures(&summary);
     let spread = errors(&summary, figures);
     let rows = [
@@ -89,7 +101,19 @@ pub fn analyse_general(
         ("sigma_p.dark", "dark noise at the input", "photons"),
     ];
     let mut quantities = Vec::new();
+    let mut bounds = Vec::new();
     for ((symbol, name, unit), (value, standard_error)) in rows.into_iter().zip(values.into_iter().zip(spread)) {
+        if !value.is_finite() {
+            continue;
+        }
+        // With dark values cut off at zero nothing bounds the noise.
+        let side = match symbol {
+            "mu_p.min" | "sigma_p.dark" => Some(Side::Below),
+            "DR" | "DR.dB" => Some(Side::Above),
+            _ => None,
+        };
+        let side = side.filter(|_| summary.is_bound && !is_cut_off(&data));
+        bounds.extend(side.map(|side| Bound { symbol, limit: value, side }));
         quantities.push(Quantity { symbol, name, value, standard_error, unit, section: SECTION });
     }
     let levels = summary.bright.iter().zip(slopes.iter().skip(1)).map(|(p, slope)| {
@@ -104,10 +128,12 @@ pub fn analyse_general(
         }
     });
     let mut notes: Vec<String> = saturation.note.into_iter().collect();
-    if data.bright.len() < 50 {
-        notes.push(format!("there are {} levels of light, the standard asks for 50", data.bright.len()));
+    notes.extend(shortcomings::general(&data, summary.is_bound));
+    if !values[0].is_finite() {
+        notes.push("at no level is the light as large as its noise: mu_p.min and DR were not found".into());
     }
-    Ok(GeneralAnalysis { release: settings.release, bits: data.bits, quantities, notes, levels: levels.collect() })
+    let levels = levels.collect();
+    Ok(GeneralAnalysis { release: settings.release, bits: data.bits, quantities, bounds, notes, levels })
 }
 
 /// mu_p.min, mu_p.sat, DR, DR in dB, the largest SNR, the same in dB, dark noise at the input.
@@ -115,8 +141,12 @@ fn figures(s: &Summary) -> [f64; 7] {
     let slopes = slopes(s);
     let squares: Vec<f64> =
         s.bright.iter().zip(slopes.iter().skip(1)).map(|(p, slope)| p.variance.value / (slope * slope)).collect();
-    let dark2 = s.dark[s.bright[0].dark].variance.value / (slopes[0] * slopes[0]);
-    let least = threshold(s, dark2, &squares);
+    // What rounding hides may be as large as this, in the dark and at the levels beside it.
+    let seen = |variance: f64| if s.is_bound { variance.max(LEAST_DARK_VARIANCE) } else { variance };
+    let dark2 = seen(s.dark[s.bright[0].dark].variance.value) / (slopes[0] * slopes[0]);
+    let bounded: Vec<f64> =
+        s.bright.iter().zip(slopes.iter().skip(1)).map(|(p, slope)| seen(p.variance.value) / (slope * slope)).collect();
+    let least = threshold(s, dark2, &bounded);
     // The light at saturation is not moved by what is known of these pixels: no response is assumed.
     let most = s.saturation.value;
     let snr = s.bright.iter().zip(&squares).filter(|(_, v)| **v > 0.0).map(|(p, v)| p.photons / v.sqrt());

@@ -13,8 +13,10 @@
 #![forbid(unsafe_code)]
 
 mod analysis;
+mod bound;
 mod frame;
 mod general;
+mod hidden;
 mod histogram;
 mod linearity;
 mod measurement;
@@ -23,13 +25,15 @@ mod profile;
 mod propagate;
 mod quantity;
 mod saturation;
+mod shortcomings;
 mod spatial;
 mod spectrum;
 mod stack;
 mod summary;
 mod temporal;
 
-pub use analysis::{Analysis, Bound, DarkPoint, LevelPoint, Nonuniformity, analyse};
+pub use analysis::{Analysis, DarkPoint, LevelPoint, Nonuniformity, analyse};
+pub use bound::{Bound, Side};
 pub use frame::{AnalysisError, Frame};
 pub use general::{GeneralAnalysis, InputPoint, analyse_general};
 pub use histogram::Histogram;

@@ -35,7 +35,9 @@ pub struct Linearity {
 pub(crate) fn linearity(summary: &Summary, saturation: f64) -> Result<Linearity, AnalysisError> {
     let signal = |p: &Point| p.mean.value - summary.dark[p.dark].mean.value;
     let first = summary.bright.iter().position(|p| signal(p) >= RANGE[0] * saturation);
-    let end = summary.bright.iter().rposition(|p| signal(p) <= RANGE[1] * saturation).map_or(0, |i| i + 1);
+    // Beyond saturation the signal falls again where longer exposures have more dark current.
+    let below = summary.bright.partition_point(|p| p.photons <= summary.saturation.value);
+    let end = summary.bright[..below].iter().rposition(|p| signal(p) <= RANGE[1] * saturation).map_or(0, |i| i + 1);
     let first = first.unwrap_or(end).min(end);
     let used = &summary.bright[first..end];
     if used.len() < LEAST_LEVELS || used.iter().any(|p| signal(p) <= 0.0) {
@@ -55,7 +57,15 @@ pub(crate) fn linearity(summary: &Summary, saturation: f64) -> Result<Linearity,
         wxy += weight * x * y;
     }
     let (mx, my) = (wx / w, wy / w);
-    let slope = (wxy / w - mx * my) / (wxx / w - mx * mx);
+    let width = wxx / w - mx * mx;
+    // Also false if a number is none.
+    if !(width > 1e-9 * mx * mx && width.is_finite() && mx * mx > 0.0) {
+        return Err(AnalysisError::unfit(
+            "the levels between 5 and 95 % of saturation do not differ in their light as numbers can tell",
+            "correct the numbers of photons of the levels: they must be evenly spread, in photons per pixel",
+        ));
+    }
+    let slope = (wxy / w - mx * my) / width;
     let offset = my - slope * mx;
     let at = |x: f64| offset + slope * x;
     let deviations: Vec<f64> =
@@ -98,7 +108,7 @@ mod tests {
             bright: signals.iter().enumerate().map(|(i, s)| at(100.0 * (i + 1) as f64, 7.0 + s)).collect(),
             dark: vec![at(0.0, 7.0)],
             used: 0,
-            saturation: exact(0.0),
+            saturation: exact(f64::MAX),
             response: exact(1.0),
             offset: exact(0.0),
             spatial: None,
@@ -129,6 +139,23 @@ mod tests {
         }
         let mean: f64 = (0..4).map(|i| (y[i] / (l.offset + l.slope * x[i]) - 1.0).abs()).sum::<f64>() * 25.0;
         assert!((l.error - mean).abs() < 1e-9 && l.least[0] < 0.0 && l.most[0] > 0.0, "{l:?}");
+    }
+
+    /// One level a world brighter than the others, all equally bright, or so dim that squares are zero.
+    #[test]
+    fn light_that_makes_no_line_is_refused() {
+        let spoil: [fn(&mut Summary); 4] = [
+            |s| s.bright[3].photons = 1e308,
+            |s| s.bright.iter_mut().for_each(|p| p.photons = 3.0),
+            |s| s.bright.iter_mut().for_each(|p| p.photons *= 1e-300),
+            |s| s.bright[1].photons = f64::NAN,
+        ];
+        for spoil in spoil {
+            let mut s = curve(&[10.0, 22.0, 33.0, 40.0]);
+            spoil(&mut s);
+            let e = linearity(&s, 50.0).expect_err("no line");
+            assert!(e.to_string().contains("do not differ") && e.mend().contains("photons"), "{e}");
+        }
     }
 
     #[test]

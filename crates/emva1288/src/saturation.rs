@@ -56,7 +56,9 @@ fn by_share(data: &Ordered<'_>) -> Option<(f64, f64)> {
     let normal = Normal::standard();
     let target = normal.inverse_cdf(AT_LARGEST);
     let dark_mean = data.dark[below.dark].pair.mean.value;
-    let slope = (below.level.pair.mean.value - dark_mean) / low;
+    // The light of a longer exposure comes with more dark current.
+    let dark_growth = (data.dark[above.dark].pair.mean.value - dark_mean) / (high - low);
+    let slope = (below.level.pair.mean.value - dark_mean) / low + dark_growth;
     let width = below.level.pair.spread.sqrt() / slope;
     let told = |i: usize| {
         let (s, n) = (shares[i], 2.0 * data.bright[i].level.pair.pixels as f64);

@@ -9,6 +9,8 @@ use crate::spatial::{Estimate, Likeness, Spatial, Variances};
 pub(crate) const ROUNDING: f64 = 1.0 / 12.0;
 /// Below this dark variance \[DN^2\] rounding rules, and the dark noise has only a bound (release 4.0 Linear).
 pub(crate) const LEAST_DARK_VARIANCE: f64 = 0.24;
+/// Values that jump between two neighbours have a variance of 1/4 at most, and some more by chance \[DN^2\].
+const MOST_OF_ROUNDING: f64 = 0.26;
 /// So many exposure times make the dark levels a line.
 pub(crate) const LEAST_EXPOSURES: usize = 3;
 /// Regressions for R and K end at this fraction of saturation.
@@ -103,9 +105,21 @@ impl Summary {
             spatial,
             is_bound: false,
         };
-        summary.is_bound = summary.dark_variance() < LEAST_DARK_VARIANCE;
+        // Where dark current makes all dark levels noisy, what is left of the noise without it may come out small, or even
+        // negative, by chance, and not by rounding.
+        let is_steady = summary.dark[0].variance.value < MOST_OF_ROUNDING;
+        summary.is_bound = is_steady && summary.dark_variance() < LEAST_DARK_VARIANCE;
         (summary.response.error, summary.offset.error) = summary.sampling_errors();
         summary
+    }
+
+    /// The same if the dark variances that rounding may have made were so large \[DN^2\].
+    pub(crate) fn with_dark_variance(&self, variance: f64) -> Self {
+        let mut s = self.clone();
+        for d in s.dark.iter_mut().filter(|d| d.variance.value < MOST_OF_ROUNDING) {
+            d.variance.value = variance;
+        }
+        s
     }
 
     /// The number of different exposure times of the dark levels.
@@ -144,7 +158,7 @@ impl Summary {
         }
 
         // (27), with sigma_d^2 + sigma_q^2 / K^2 = sigma_y.dark^2 / K^2.
-        let least = (dark_variance / (gain * gain) + 0.25).sqrt() + 0.5;
+        let least = (dark_variance / (gain * gain) + 0.25).max(0.0).sqrt() + 0.5;
         // Were the pixels brighter than others of their kind, these would saturate later.
         let most = self.saturation.value / self.response.value;
         let most_electrons = efficiency * most;

@@ -4,7 +4,7 @@
 //! Seeds are fixed. Replay: `cargo test -p dunkelfeld-emva1288 --test whole_measurement NAME`.
 
 use dunkelfeld_emva1288::{
-    Analysis, AnalysisError, AnalysisSettings, Frame, FramePair, Level, Measurement, Release, StackAccumulator,
+    Analysis, AnalysisError, AnalysisSettings, Frame, FramePair, Level, Measurement, Release, Side, StackAccumulator,
     StackLevel, analyse, analyse_general,
 };
 use rand_distr::{Distribution, Normal, Poisson, StandardNormal};
@@ -214,17 +214,68 @@ fn what_is_not_there_is_zero_with_a_bound() {
     }
 }
 
+/// Dark noise of 0.08 DN: all dark values are equal, and their variance lacks the 1/12 of rounding that the bright levels have. Over
+/// levels x of the regression K comes out too large by sum(x) / 12 / sum(x^2), some 8 %, and its error is 1 %.
 #[test]
-fn rounding_that_hides_the_dark_noise_leaves_a_bound() {
+fn rounding_that_hides_the_dark_noise_leaves_bounds() {
     let mut rng = Pcg64::new(15, 1);
-    let coarse = Camera { gain: 0.02, dark_noise: 4.0, ..CAMERA };
-    let found = linear(&measure(coarse, 20, 4, &mut rng));
-    // sigma_d < 0.40 / K.
-    let expected = (0.24f64 - 1.0 / 12.0).sqrt() / found.value("K");
-    assert!((found.value("sigma_d") - expected).abs() < 1e-9 && found.value("sigma_d") > 4.0);
-    assert_eq!(found.bound("sigma_d"), Some(found.value("sigma_d")));
-    assert!(found.bound("mu_p.min").is_some() && found.bound("K").is_none(), "{:?}", found.bounds);
-    assert!(found.notes.iter().any(|n| n.contains("0.24")), "{:?}", found.notes);
+    let coarse = Camera { gain: 0.02, dark_noise: 4.0, dark_current: 0.0, ..CAMERA };
+    let settings = AnalysisSettings { pixel_pitch: Some(2.0), ..Default::default() };
+    let found = analyse(&measure(coarse, 20, 4, &mut rng), &settings).expect("levels");
+    let gain = found.get("K").expect("a gain");
+    let z = |value: f64| (value - coarse.gain) / gain.standard_error;
+    assert!(z(gain.value) > 4.0, "the flaw is not there: {gain}");
+    // Without the flaw: what is taken off is 1/12, and 0.0064 of dark noise, at one end of what is said of K.
+    let [low, high] = found.gain_range.expect("K is not known to its error");
+    assert!(z(high).abs() < 6.5 && low < coarse.gain, "{low} to {high}");
+    for symbol in ["K", "eta", "mu_e.sat", "SNR_max", "DSNU1288"] {
+        let named = |n: &String| n.contains("K lies between") && n.contains(symbol);
+        assert!(found.notes.iter().any(named), "{symbol}: {:?}", found.notes);
+    }
+    assert!(found.notes.iter().any(|n| n.contains("0.24") && n.contains("sigma_d") && n.contains("DR")));
+    // The bounds hold for the camera as it is, and are what the standard's 0.24 DN^2 makes of them.
+    let truth = truth(&coarse);
+    let bound = |symbol| found.bound(symbol).unwrap_or_else(|| panic!("{symbol} has no bound: {:?}", found.bounds));
+    let most = (0.24f64 - 1.0 / 12.0).sqrt() / coarse.gain;
+    assert!((1.0..1.6).contains(&(bound("sigma_d").limit / most)), "{:?}", bound("sigma_d"));
+    for symbol in ["sigma_d", "sigma_y.dark", "mu_e.min", "mu_p.min", "DSNU1288", "DSNU1288.pixel", "DSNU1288.row"] {
+        let true_value = truth.iter().find(|t| t.0 == symbol).expect("known").1;
+        assert!(bound(symbol).side == Side::Below && bound(symbol).limit > true_value, "{:?}", bound(symbol));
+    }
+    assert!((4.0 * bound("mu_p.min.area").limit / bound("mu_p.min").limit - 1.0).abs() < 1e-12);
+    let least = truth.iter().find(|t| t.0 == "mu_p.min").expect("known").1;
+    assert!(bound("DR").side == Side::Above && bound("DR").limit < found.value("mu_p.sat") / least);
+    assert!(found.bound("K").is_none() && found.bound("eta").is_none());
+    // The same camera with a gain that shows its noise.
+    let fine = linear(&measure(Camera { gain: 0.4, ..coarse }, 20, 4, &mut rng));
+    let gain = fine.get("K").expect("a gain");
+    assert!(((gain.value - 0.4) / gain.standard_error).abs() < 6.5 && fine.gain_range.is_none(), "{gain}");
+    assert!(fine.bound("sigma_d").is_none() && fine.bound("DR").is_none());
+}
+
+/// Of any camera: what rounding hides is bounded, what is cut off at zero is not, and both are said.
+#[test]
+fn the_general_module_knows_what_rounding_and_zero_hide() {
+    let mut rng = Pcg64::new(20, 1);
+    let plain = Camera { dsnu: [0.0; 3], prnu: [0.0; 3], dark_current: 0.0, ..CAMERA };
+    let mut general =
+        |camera| analyse_general(&measure(camera, 30, 3, &mut rng), &AnalysisSettings::default()).expect("levels");
+    let coarse = Camera { gain: 0.02, dark_noise: 4.0, ..plain };
+    let found = general(coarse);
+    let truth = truth(&coarse);
+    let least = truth.iter().find(|t| t.0 == "mu_p.min").expect("known").1;
+    let bound = |symbol| found.bound(symbol).unwrap_or_else(|| panic!("{symbol} has no bound: {:?}", found.bounds));
+    assert!(bound("mu_p.min").side == Side::Below && bound("mu_p.min").limit > least, "{:?}", found.bounds);
+    assert!(bound("sigma_p.dark").limit > coarse.dark_noise / coarse.efficiency, "{:?}", found.bounds);
+    let range = coarse.full_well / coarse.efficiency / least;
+    assert!(bound("DR").side == Side::Above && bound("DR").limit < range, "{:?}, truth {range}", bound("DR"));
+    assert!(found.notes.iter().any(|n| n.contains("0.24") && n.contains("upper bounds")), "{:?}", found.notes);
+
+    let cut = general(Camera { offset: 0.0, ..plain });
+    assert!(cut.notes.iter().any(|n| n.contains("values are zero") && n.contains("mu_p.min")), "{:?}", cut.notes);
+    assert!(cut.bounds.is_empty(), "{:?}", cut.bounds);
+    let whole = general(plain);
+    assert!(whole.bounds.is_empty() && whole.notes.len() == 1, "{:?} {:?}", whole.bounds, whole.notes);
 }
 
 #[test]

@@ -8,7 +8,6 @@ use dunkelfeld::Error;
 use dunkelfeld::emva::{DatasetPlan, DatasetSettings, Findings, TRUTH, Vary, read_measurement, write_dataset};
 use dunkelfeld::emva1288::{AnalysisSettings, Release};
 use dunkelfeld::radiometry::{Nanometres, Seconds};
-use std::path::PathBuf;
 
 pub(crate) fn run(args: &EmvaArgs) -> Result<Outcome, Error> {
     match &args.command {
@@ -58,7 +57,7 @@ fn dataset(args: &DatasetArgs) -> Result<Outcome, Error> {
 }
 
 fn analyse(args: &AnalyseArgs) -> Result<Outcome, Error> {
-    Findings::check_writable(args.json.iter().chain(&args.html).map(PathBuf::as_path))?;
+    Findings::check_outputs(&args.input, args.json.as_deref(), args.html.as_deref())?;
     let release = match args.release {
         ReleaseChoice::R40 => Release::R40,
         ReleaseChoice::R31 => Release::R31,

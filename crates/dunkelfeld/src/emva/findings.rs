@@ -3,8 +3,10 @@
 use super::measurement::ReadMeasurement;
 use super::page;
 use crate::error::Error;
-use dunkelfeld_emva1288::{Analysis, AnalysisSettings, GeneralAnalysis, Quantity, analyse, analyse_general};
+use crate::outputs::{same_file, written};
+use dunkelfeld_emva1288::{Analysis, AnalysisSettings, Bound, GeneralAnalysis, Quantity, analyse, analyse_general};
 use dunkelfeld_io::InputError;
+use dunkelfeld_io::emva_descriptor::read_descriptor;
 use serde::Serialize;
 use std::path::Path;
 
@@ -19,13 +21,37 @@ pub enum Findings {
 }
 
 impl Findings {
-    /// Could files be written there? For those who want to know before frames are read.
+    /// Could the files be written there, each its own, and none in the place of the descriptor or of a frame? For those who want
+    /// to know before frames are read.
     ///
     /// # Errors
-    /// The first that could not.
-    pub fn check_writable<'a>(paths: impl IntoIterator<Item = &'a Path>) -> Result<(), Error> {
-        let check = |path| crate::outputs::written(path, dunkelfeld_io::atomic::check_writable(path));
-        paths.into_iter().try_for_each(check)
+    /// The first that could not; a descriptor that cannot be read.
+    pub fn check_outputs(input: &Path, json: Option<&Path>, html: Option<&Path>) -> Result<(), Error> {
+        let outputs: Vec<&Path> = json.into_iter().chain(html).collect();
+        if outputs.is_empty() {
+            return Ok(());
+        }
+        let fault = |path: &Path, problem: &str, mend: &str| {
+            Err(Error::Output { file: path.into(), problem: problem.into(), mend: mend.into() })
+        };
+        if let [json, html] = outputs.as_slice()
+            && same_file(json, html)
+        {
+            return fault(html, "is named for two outputs", "give each its own file");
+        }
+        for path in &outputs {
+            if same_file(path, input) {
+                return fault(path, "is the data set's descriptor", "write to another file; the input stays as it is");
+            }
+            written(path, dunkelfeld_io::atomic::check_writable(path))?;
+        }
+        let folder = input.parent().unwrap_or(Path::new(""));
+        let (descriptor, _) = read_descriptor(input)?;
+        let frames = || descriptor.blocks.iter().flat_map(|b| &b.frames);
+        match outputs.iter().find(|path| frames().any(|frame| same_file(path, &folder.join(frame)))) {
+            Some(path) => fault(path, "is a frame of the data set", "write to another file; the input stays as it is"),
+            None => Ok(()),
+        }
     }
 
     /// Analyses a linear camera.
@@ -57,10 +83,10 @@ impl Findings {
     }
 
     /// The bound that is all that is known of a figure, if so.
-    pub fn bound(&self, symbol: &str) -> Option<f64> {
+    pub fn bound(&self, symbol: &str) -> Option<Bound> {
         match self {
             Self::Linear(a) => a.bound(symbol),
-            Self::General(_) => None,
+            Self::General(a) => a.bound(symbol),
         }
     }
 

@@ -5,7 +5,7 @@ use super::findings::Findings;
 use super::measurement::ReadMeasurement;
 use crate::report::chart::escape;
 use crate::report::page as frame;
-use dunkelfeld_emva1288::{Analysis, Quantity, Release};
+use dunkelfeld_emva1288::{Analysis, Bound, Quantity, Release, Side};
 use std::fmt::Write;
 
 /// A value and its error with the digits that the error supports: two of its own.
@@ -18,10 +18,17 @@ pub(super) fn digits(q: &Quantity) -> (String, String) {
 }
 
 /// The same, or the bound that is all that is known.
-pub(super) fn shown(q: &Quantity, bound: Option<f64>) -> (String, String) {
+pub(super) fn shown(q: &Quantity, bound: Option<Bound>) -> (String, String) {
     match bound {
-        Some(limit) => (format!("< {}", digits(&Quantity { value: limit, ..*q }).0), String::new()),
+        Some(b) => (format!("{} {}", sign(&b), digits(&Quantity { value: b.limit, ..*q }).0), String::new()),
         None => digits(q),
+    }
+}
+
+fn sign(bound: &Bound) -> char {
+    match bound.side {
+        Side::Below => '<',
+        Side::Above => '>',
     }
 }
 
@@ -91,10 +98,10 @@ fn tiles(findings: &Findings) -> Vec<(String, String)> {
             let q = find(symbol)?;
             // One digit of the error is enough up here, and four of the value.
             let bound = findings.bound(symbol);
-            let value = scale * bound.unwrap_or(q.value);
+            let value = scale * bound.map_or(q.value, |b| b.limit);
             let places = (3.0 - value.abs().max(1e-9).log10().floor()).clamp(0.0, 3.0) as usize;
-            let less = if bound.is_some() { "< " } else { "" };
-            Some((format!("{less}{value:.places$} {unit}"), (*words).to_owned()))
+            let side = bound.map_or(String::new(), |b| format!("{} ", sign(&b)));
+            Some((format!("{side}{value:.places$} {unit}"), (*words).to_owned()))
         })
         .collect()
 }
@@ -195,13 +202,24 @@ fn method(findings: &Findings) -> String {
              (release 4.0 asks for 0.1 to 0.2 %)."
         }
     };
-    format!(
-        "<section><h2>How it was measured</h2><ul><li>{saturation}</li>\
-         <li>Standard errors are propagated from the scatter of the pixels: each measured mean and variance is moved by its own error. They \
-         are those of a repetition with another camera of the same kind.</li>\
-         <li>Behind &lt; stands an upper bound: three standard errors above a value that does not stand out from its error, or what rounding hides.</li>\
-         <li>Variances of rows, columns and pixels are those of release 4.0; a slightly negative one is reported as zero.</li></ul></section>"
-    )
+    let mut rules = vec![
+        saturation,
+        "Standard errors are propagated from the scatter of the pixels: each measured mean and variance is moved by its own error. They \
+         are those of a repetition with another camera of the same kind.",
+    ];
+    match findings {
+        Findings::Linear(_) => rules.extend([
+            "Behind &lt; stands an upper bound: of a root three standard errors above it, where its square does not stand out from its error; \
+             or what rounding may hide. Behind &gt; stands a lower bound, for what rounding may hide.",
+            "Variances of rows, columns and pixels are those of release 4.0; a slightly negative one is reported as zero.",
+        ]),
+        Findings::General(a) if !a.bounds.is_empty() => rules.push(
+            "Behind &lt; stands an upper bound and behind &gt; a lower one, by the largest dark noise that rounding may hide.",
+        ),
+        Findings::General(_) => {}
+    }
+    let rules: String = rules.iter().map(|rule| format!("<li>{rule}</li>")).collect();
+    format!("<section><h2>How it was measured</h2><ul>{rules}</ul></section>")
 }
 
 #[cfg(test)]

@@ -80,8 +80,8 @@ pub struct DatasetPlan {
     device: Device,
     settings: DatasetSettings,
     light: Light,
-    /// Photons of the last level.
-    most: f64,
+    /// Photo-electrons at saturation.
+    saturation: f64,
     shots: Vec<Shot>,
 }
 
@@ -107,14 +107,23 @@ impl DatasetPlan {
         let edge = Edge::of(&model);
         let current = model.dark_electrons(Seconds(1.0)).0;
         // The last two levels above the one that is just full are full as well.
-        let full = edge.full(|_| dark_at(current, s, 1.0));
+        let dark = dark_at(current, s, 1.0);
+        if !edge.has_room_for(dark) {
+            return Err(Error::setting(
+                "exposure",
+                format!("in {} s the pixels fill in the dark, with {dark:.0} electrons of dark current", s.exposure.0),
+                format!("choose a shorter time: this sensor gathers {current} dark electrons in a second"),
+            ));
+        }
+        let unfit = || Error::setting("sensor", "no light fills all of its pixels", "use a sensor with less PRNU");
+        let full = edge.full(|_| dark).ok_or_else(unfit)?;
         let most = full / efficiency * f64::from(s.levels) / f64::from(s.levels - 2);
-        let saturation = edge.saturation(|photo| dark_at(current, s, photo / (efficiency * most)));
+        let saturation = edge.saturation(|photo| dark_at(current, s, photo / (efficiency * most))).ok_or_else(unfit)?;
         let per_irradiance = photon::photons(model.spec().pixel_pitch, Irradiance(1.0), s.exposure, wavelength);
         let irradiance = Irradiance(most / per_irradiance);
         let light = Light { wavelength, efficiency, irradiance };
         let device = Device::new(model, s.seed, s.width, s.height);
-        let mut plan = Self { device, settings: s.clone(), light, most, shots: Vec::new() };
+        let mut plan = Self { device, settings: s.clone(), light, saturation, shots: Vec::new() };
         plan.lay_out(saturation / (efficiency * most))?;
         Ok(plan)
     }
@@ -178,7 +187,7 @@ impl DatasetPlan {
 
     /// What an analysis must find.
     pub fn truth(&self) -> Truth {
-        truth(self.device.model(), &self.light, &self.settings, self.most)
+        truth(self.device.model(), &self.light, &self.settings, self.saturation)
     }
 
     /// Takes the whole measurement without writing a frame.

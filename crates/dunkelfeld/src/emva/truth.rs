@@ -10,6 +10,10 @@ use std::collections::BTreeMap;
 const QUANTILE: f64 = 2.967_738;
 /// Standard deviations above the end of the scale where all pixels are at it.
 const FULL: f64 = 5.0;
+/// From the well to a light that fills it: pixels whose responses differ by a fifth are never all full.
+const MOST_DOUBLINGS: u32 = 10;
+/// To the last bit.
+const HALVINGS: u32 = 80;
 
 /// The light of a measurement.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -63,36 +67,61 @@ impl Edge {
     }
 
     /// Photo-electrons at saturation, where 0.15 % of the values are the largest. `dark` gives the dark electrons that come with
-    /// them.
-    pub(super) fn saturation(&self, dark: impl Fn(f64) -> f64) -> f64 {
+    /// them. `None` if these alone are as many.
+    pub(super) fn saturation(&self, dark: impl Fn(f64) -> f64) -> Option<f64> {
         self.photo_electrons(QUANTILE, dark)
     }
 
-    /// Photo-electrons at which practically all values are the largest.
-    pub(super) fn full(&self, dark: impl Fn(f64) -> f64) -> f64 {
+    /// Photo-electrons at which practically all values are the largest. `None` if the dark electrons alone do that, or if pixels
+    /// differ so much that no light does.
+    pub(super) fn full(&self, dark: impl Fn(f64) -> f64) -> Option<f64> {
         self.photo_electrons(-FULL, dark)
     }
 
+    /// Do so many dark electrons leave no value at the end of the scale, as dark frames must?
+    pub(super) fn has_room_for(&self, dark: f64) -> bool {
+        self.room(QUANTILE, 0.0, dark) > 0.0
+    }
+
     /// Photo-electrons whose mean lies so many standard deviations of all pixels below the end; above it for negative ones.
-    fn photo_electrons(&self, quantile: f64, dark: impl Fn(f64) -> f64) -> f64 {
-        let mut photo = self.end.max(1.0);
-        // The spread hardly depends on the light: this converges at once.
-        for _ in 0..60 {
-            let dark = dark(photo);
-            // Poisson numbers whose means differ from pixel to pixel.
-            let pattern = (self.prnu * photo).powi(2);
-            let variance = photo + dark + self.read * self.read + self.dsnu * self.dsnu + pattern;
-            let skewness = (photo + dark + 3.0 * pattern) / variance.powf(1.5);
-            // Cornish and Fisher (1938), first term: the upper tail of counts is longer.
-            let reach = quantile + (quantile * quantile - 1.0) * skewness / 6.0;
-            photo = (self.end - dark - variance.sqrt() * reach).max(1.0);
+    fn photo_electrons(&self, quantile: f64, dark: impl Fn(f64) -> f64) -> Option<f64> {
+        let room = |photo: f64| self.room(quantile, photo, dark(photo));
+        let (mut low, mut high) = (0.0, self.end.max(1.0));
+        if room(low).is_nan() || room(low) <= 0.0 {
+            return None;
         }
-        photo
+        for _ in 0..MOST_DOUBLINGS {
+            if room(high) < 0.0 {
+                break;
+            }
+            (low, high) = (high, 2.0 * high);
+        }
+        if room(high) >= 0.0 {
+            return None;
+        }
+        // Halving always converges, however much of the light comes with its own dark electrons.
+        for _ in 0..HALVINGS {
+            let middle = 0.5 * (low + high);
+            if room(middle) > 0.0 { low = middle } else { high = middle }
+        }
+        Some(0.5 * (low + high))
+    }
+
+    /// Electrons between the end and the mean of all pixels, beyond so many standard deviations.
+    fn room(&self, quantile: f64, photo: f64, dark: f64) -> f64 {
+        // Poisson numbers whose means differ from pixel to pixel.
+        let pattern = (self.prnu * photo).powi(2);
+        let variance = photo + dark + self.read * self.read + self.dsnu * self.dsnu + pattern;
+        // Cornish and Fisher (1938), first term: the upper tail of counts is longer. The skewness is the third moment over the
+        // variance to the power of 3/2; times the standard deviation it is this.
+        let skew = if variance > 0.0 { (photo + dark + 3.0 * pattern) / variance } else { 0.0 };
+        let reach = quantile * variance.sqrt() + (quantile * quantile - 1.0) * skew / 6.0;
+        self.end - photo - dark - reach
     }
 }
 
-/// The figures of the model, by the definitions of EMVA 1288 release 4.0 Linear. `most` are the photons of the last level.
-pub(super) fn truth(model: &SensorModel, light: &Light, settings: &DatasetSettings, most: f64) -> Truth {
+/// The figures of the model, by the definitions of EMVA 1288 release 4.0 Linear. `saturation` is in photo-electrons.
+pub(super) fn truth(model: &SensorModel, light: &Light, settings: &DatasetSettings, saturation: f64) -> Truth {
     let s = model.spec();
     let (gain, efficiency) = (s.system_gain, light.efficiency);
     let current = model.dark_electrons(Seconds(1.0)).0;
@@ -102,7 +131,6 @@ pub(super) fn truth(model: &SensorModel, light: &Light, settings: &DatasetSettin
     let dark_noise2 = s.dark_noise.0.powi(2) + dark;
     let dark_variance = gain * gain * dark_noise2 + 1.0 / 12.0;
     let least = (dark_variance / (gain * gain) + 0.25).sqrt() + 0.5;
-    let saturation = Edge::of(model).saturation(|photo| dark_at(current, settings, photo / (efficiency * most)));
     let pattern = &s.fixed_pattern;
     let range = saturation / least;
     let mut quantities = BTreeMap::from([
@@ -142,7 +170,8 @@ pub(super) fn truth(model: &SensorModel, light: &Light, settings: &DatasetSettin
     }
     if dark_variance < 0.24 {
         notes.push(
-            "sigma_y.dark^2 is below 0.24 DN^2: an analysis gives upper bounds for dark noise and thresholds"
+            "sigma_y.dark^2 is below 0.24 DN^2, where rounding rules: an analysis gives bounds for dark noise, thresholds and DR, and K, \
+             eta and mu_e.sat come out wrong by what rounding hides"
                 .to_owned(),
         );
     }
@@ -163,5 +192,34 @@ pub(super) fn dark_at(current: f64, settings: &DatasetSettings, share: f64) -> f
     match settings.vary {
         Vary::Exposure => current * settings.exposure.0 * share,
         Vary::Irradiance => current * settings.exposure.0,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const EDGE: Edge = Edge { end: 2000.0, read: 2.0, dsnu: 1.0, prnu: 0.005 };
+
+    /// What is found lies as many standard deviations below the end as it should, also where nine tenths of all electrons are dark.
+    #[test]
+    fn saturation_is_found_however_dark_the_light_is() {
+        for share in [0.0, 0.5, 1.0, 1.5, 9.0] {
+            let photo = EDGE.saturation(|photo| share * photo).expect("a saturation");
+            let all = photo * (1.0 + share);
+            let variance = all + 5.0 + (0.005 * photo).powi(2);
+            let z = (2000.0 - all) / variance.sqrt();
+            // Cornish and Fisher's term moves it by less than 0.04.
+            assert!((z - QUANTILE).abs() < 0.04, "{share}: {photo}, {z}");
+        }
+        let full = EDGE.full(|_| 1500.0).expect("a light");
+        assert!(full > 500.0 && full < 1000.0, "{full}");
+    }
+
+    #[test]
+    fn a_well_that_fills_in_the_dark_has_no_saturation() {
+        assert!(EDGE.saturation(|_| 2000.0).is_none() && EDGE.full(|_| 3000.0).is_none());
+        assert!(EDGE.has_room_for(1800.0) && !EDGE.has_room_for(1900.0));
+        assert!(Edge { prnu: 0.3, ..EDGE }.full(|_| 0.0).is_none());
     }
 }

@@ -1,0 +1,101 @@
+//! What a measurement lacks of what the standard asks for, in sentences that name the figures which suffer.
+
+use crate::hidden::Hidden;
+use crate::measurement::Ordered;
+use crate::summary::Summary;
+
+/// What the standard asks for.
+const LEVELS: usize = 50;
+const STACK: u32 = 16;
+const EXPOSURES: usize = 6;
+/// More dark values at zero than this cut the noise off.
+const AT_ZERO: f64 = 0.005;
+
+/// Of a linear camera.
+pub(crate) fn linear(data: &Ordered<'_>, summary: &Summary, hidden: &Hidden) -> Vec<String> {
+    let mut notes = Vec::new();
+    notes.extend(few_levels(data));
+    if summary.is_bound {
+        notes.push(rounding(data, "sigma_d, sigma_y.dark, mu_e.min and mu_p.min"));
+    }
+    if let Some([low, high]) = hidden.gains() {
+        notes.push(format!(
+            "the dark variance of levels in the regression for K is below 0.24 DN^2, so that it need not hold the 1/12 of rounding that the \
+             bright levels have: K lies between {low:.5} and {high:.5} DN/e-, whatever its standard error, and with it err eta, mu_e.sat, \
+             SNR_max, mu_I.mean, mu_I.var and DSNU1288; a larger gain would mend it"
+        ));
+    }
+    if hidden.has_dsnu() {
+        notes.push(
+            "differences between dark pixels are below what rounding shows: DSNU1288 and its parts are upper bounds, and PRNU1288 errs by \
+             what of them is hidden"
+                .into(),
+        );
+    }
+    notes.extend(cut_off(data, "sigma_d, mu_e.min and mu_p.min come out too small, K and DR too large"));
+    match summary.exposures() {
+        n if n < crate::summary::LEAST_EXPOSURES => {
+            notes.push(format!("{n} exposure time(s) do not tell the dark current; the standard asks for {EXPOSURES}"));
+        }
+        n if n < EXPOSURES => {
+            notes.push(format!("the dark current is from {n} exposure times, the standard asks for {EXPOSURES}"));
+        }
+        _ => {}
+    }
+    match data.stacks {
+        None => notes.push("there are no stacks of frames: nonuniformity was not measured".into()),
+        Some((bright, dark)) => {
+            let least = bright.stack.frames.min(dark.stack.frames);
+            if least < STACK {
+                notes.push(format!("a stack has {least} frames, the standard asks for {STACK}"));
+            }
+            let share = bright.photons / summary.saturation.value;
+            if !(0.4..=0.6).contains(&share) {
+                notes.push(format!(
+                    "the bright stack is at {:.0} % of saturation, the standard asks for 50 %",
+                    100.0 * share
+                ));
+            }
+        }
+    }
+    notes
+}
+
+/// For the general module; `is_bound` says whether rounding hides the dark noise.
+pub(crate) fn general(data: &Ordered<'_>, is_bound: bool) -> Vec<String> {
+    let mut notes: Vec<String> = few_levels(data).into_iter().collect();
+    if is_bound {
+        notes.push(rounding(data, "sigma_p.dark and mu_p.min"));
+    }
+    notes.extend(cut_off(data, "sigma_p.dark and mu_p.min come out too small, DR too large"));
+    notes
+}
+
+/// Are so many dark values zero that the lower half of the noise is missing?
+pub(crate) fn is_cut_off(data: &Ordered<'_>) -> bool {
+    at_zero(data) > AT_ZERO
+}
+
+fn at_zero(data: &Ordered<'_>) -> f64 {
+    data.dark.iter().map(|d| d.pair.at_zero).fold(0.0, f64::max)
+}
+
+fn few_levels(data: &Ordered<'_>) -> Option<String> {
+    let levels = data.bright.len();
+    (levels < LEVELS).then(|| format!("there are {levels} levels of light, the standard asks for {LEVELS}"))
+}
+
+fn rounding(data: &Ordered<'_>, figures: &str) -> String {
+    let what = match is_cut_off(data) {
+        false => format!("{figures} are upper bounds, and DR is a lower one"),
+        true => format!("it is set to that, but with dark values cut off at zero {figures} and DR are not even bounds"),
+    };
+    format!("the dark variance is below 0.24 DN^2, where rounding rules: {what}; a larger gain would show them")
+}
+
+fn cut_off(data: &Ordered<'_>, what: &str) -> Option<String> {
+    is_cut_off(data).then(|| {
+        let share = 100.0 * at_zero(data);
+        format!("{share:.1} % of the dark values are zero, the standard allows 0.5 %: {what}; raise the black level")
+    })
+}
