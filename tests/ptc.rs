@@ -153,6 +153,19 @@ fn what_is_in_a_folder_and_not_of_the_same_kind_stays() {
 }
 
 #[test]
+fn where_nothing_varies_no_statement_is_judged() {
+    let lab = lab();
+    lab.write("scene.mtl", "newmtl floor\nKd 0.5 0.5 0.5\nnewmtl lamp\nKd 0 0 0\n");
+    let done = lab.run(TINY).code(0);
+    let said = String::from_utf8_lossy(&done.get_output().stdout).into_owned();
+    assert!(!said.contains("the same here") && !said.contains("not so here"), "{said}");
+    let page = lab.read("out/report.html");
+    let document = stands_alone(&page);
+    let findings = document.descendants().find(|n| n.attribute("id") == Some("table-findings")).expect("a table");
+    assert_eq!(findings.descendants().filter(|n| n.has_tag_name("tr")).count(), 1, "the header alone");
+}
+
+#[test]
 fn without_a_sensor_there_are_pictures_only() {
     let lab = lab();
     lab.run(&format!("{TINY} --sensor none")).code(0);

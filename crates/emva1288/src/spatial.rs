@@ -131,17 +131,7 @@ fn correlation(pairs: impl Iterator<Item = (f64, f64)>) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::frame::Frame;
-    use crate::stack::StackAccumulator;
-
-    fn still(width: u32, height: u32, at: impl Fn(u32, u32) -> u16) -> SpatialStack {
-        let values: Vec<u16> = (0..width * height).map(|i| at(i % width, i / width)).collect();
-        let mut stack = StackAccumulator::new(width, height);
-        for _ in 0..2 {
-            stack.add(Frame::new(width, height, &values).expect("size")).expect("same size");
-        }
-        stack.finish().expect("two frames")
-    }
+    use crate::stack::tests::still;
 
     /// Columns 10 and 14 by turns: the variance of the columns is 4, and nothing else varies. A pattern without randomness
     /// has of each part exactly what a wave of that amplitude has, but for the terms of order 1 / N.

@@ -68,17 +68,7 @@ fn lines(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::frame::Frame;
-    use crate::stack::StackAccumulator;
-
-    fn still(width: u32, height: u32, at: impl Fn(u32, u32) -> u16) -> SpatialStack {
-        let values: Vec<u16> = (0..width * height).map(|i| at(i % width, i / width)).collect();
-        let mut stack = StackAccumulator::new(width, height);
-        for _ in 0..2 {
-            stack.add(Frame::new(width, height, &values).expect("size")).expect("same size");
-        }
-        stack.finish().expect("two frames")
-    }
+    use crate::stack::tests::still;
 
     /// Columns 100 and 104 by turns: a wave of amplitude 2 at half a cycle per pixel, power 4 times the length in one entry.
     #[test]

@@ -146,8 +146,18 @@ impl SpatialStack {
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::*;
+
+    /// Two frames that are the same.
+    pub(crate) fn still(width: u32, height: u32, at: impl Fn(u32, u32) -> u16) -> SpatialStack {
+        let values: Vec<u16> = (0..width * height).map(|i| at(i % width, i / width)).collect();
+        let mut stack = StackAccumulator::new(width, height);
+        for _ in 0..2 {
+            stack.add(Frame::new(width, height, &values).expect("size")).expect("same size");
+        }
+        stack.finish().expect("two frames")
+    }
 
     #[test]
     fn a_stack_by_hand() {

@@ -3,36 +3,26 @@
 //!
 //! Seeds are fixed; the stated rates are the chance that a correct chain had to be given another seed.
 
+mod support;
+
 use dunkelfeld_film::Plane;
-use dunkelfeld_radiometry::{Celsius, DigitalNumber, Electrons, Metres, Nanometres, Seconds};
+use dunkelfeld_radiometry::{DigitalNumber, Electrons, Seconds};
 use dunkelfeld_sensor::{
-    BayerPattern, DarkCurrent, Defects, Device, Exposure, FixedPattern, FrameKey, Published, QuantumEfficiency,
-    SensorModel, SensorSpec,
+    BayerPattern, DarkCurrent, Defects, Device, Exposure, FixedPattern, FrameKey, SensorModel, SensorSpec,
 };
 use dunkelfeld_testkit::{chi_squared, sidak, z_test};
 
 /// False-alarm rate of each test function as a whole.
 const RATE: f64 = 1e-10;
 
+/// More bits and a deeper well, so that neither ends what is looked at.
 fn spec() -> SensorSpec {
     SensorSpec {
-        name: "test".into(),
-        source: "made up".into(),
-        derived: vec![],
-        assumed: vec![],
-        pixel_pitch: Metres::from_micrometres(3.45),
-        quantum_efficiency: QuantumEfficiency::new(vec![(Nanometres(530.0), 0.65)]).expect("a curve").into(),
         full_well: Electrons(30_000.0),
-        dark_noise: Electrons(4.0),
-        row_noise: Electrons(0.0),
-        dark_current: DarkCurrent { rate: 100.0, reference: Celsius(25.0), doubling: 7.0 },
-        temperature: Celsius(25.0),
         system_gain: 0.5,
         offset: DigitalNumber(100.0),
         bit_depth: 16,
-        fixed_pattern: FixedPattern::default(),
-        defects: Defects::default(),
-        published: Published::default(),
+        ..support::spec()
     }
 }
 

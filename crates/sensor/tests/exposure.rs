@@ -2,37 +2,15 @@
 //!
 //! Seeds are fixed; the stated rates are the chance that a correct chain had to be given another seed.
 
+mod support;
+
 use dunkelfeld_film::Plane;
-use dunkelfeld_radiometry::{Celsius, DigitalNumber, Electrons, Metres, Nanometres, Seconds};
-use dunkelfeld_sensor::{
-    DarkCurrent, Defects, Device, Exposure, FixedPattern, FrameKey, Published, QuantumEfficiency, SensorError,
-    SensorModel, SensorSpec,
-};
+use dunkelfeld_radiometry::{DigitalNumber, Electrons, Seconds};
+use dunkelfeld_sensor::{DarkCurrent, Device, Exposure, FixedPattern, FrameKey, SensorError, SensorModel, SensorSpec};
+use support::spec;
 
 const SIZE: u32 = 256;
 const PIXELS: f64 = (SIZE * SIZE) as f64;
-
-fn spec() -> SensorSpec {
-    SensorSpec {
-        name: "test".into(),
-        source: "made up".into(),
-        derived: vec![],
-        assumed: vec![],
-        pixel_pitch: Metres::from_micrometres(3.45),
-        quantum_efficiency: QuantumEfficiency::new(vec![(Nanometres(530.0), 0.65)]).expect("a curve").into(),
-        full_well: Electrons(20_000.0),
-        dark_noise: Electrons(4.0),
-        row_noise: Electrons(0.0),
-        dark_current: DarkCurrent { rate: 100.0, reference: Celsius(25.0), doubling: 7.0 },
-        temperature: Celsius(25.0),
-        system_gain: 0.25,
-        offset: DigitalNumber(40.0),
-        bit_depth: 12,
-        fixed_pattern: FixedPattern::default(),
-        defects: Defects::default(),
-        published: Published::default(),
-    }
-}
 
 fn device(spec: SensorSpec, seed: u64) -> Device {
     Device::new(SensorModel::new(spec).expect("valid"), seed, SIZE, SIZE)

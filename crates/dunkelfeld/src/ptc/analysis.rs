@@ -20,7 +20,7 @@ use dunkelfeld_sensor::{Device, Exposure, FrameKey, SensorModel};
 const LEVELS: u32 = 50;
 const LEVEL_SIDE: u32 = 128;
 /// Intervals that the linear curves are binned in over the sensor's range.
-const LINEAR_BINS: f64 = 128.0;
+pub(super) const LINEAR_BINS: f64 = 128.0;
 /// Dark and saturated grey values of the paper's pictures \[DN\].
 const PICTURE: [f64; 2] = [0.0, 255.0];
 /// Fewest frames that have a spread, and of which one can be left out.

@@ -57,13 +57,14 @@ pub(super) struct Finding {
 
 /// All of them that the series can answer.
 pub(super) fn findings(all: &[PictureSeries]) -> Vec<Finding> {
+    let mean = |s: &PictureSeries| s.mean_variance[0];
     let each = |f: &dyn Fn(&PictureSeries) -> String| {
         all.iter().map(|s| format!("{}: {}", name(s), f(s))).collect::<Vec<_>>().join("; ")
     };
-    // A series that has no answer, because a number is not known, is not asked.
+    // A series that has no answer, because a number is not known or nothing varies, is not asked.
     let judged = |f: &dyn Fn(&PictureSeries) -> Option<bool>| all.iter().filter_map(f).collect::<Vec<_>>();
     let known = |v: f64| v.is_finite().then_some(v);
-    let mean = |s: &PictureSeries| s.mean_variance[0];
+    let varies = |s: &PictureSeries| mean(s) > 0.0;
     let mut found = Vec::new();
     let mut add = |claim, place, here: String, verdicts: &[bool]| {
         if let Some(verdict) = Verdict::of(verdicts) {
@@ -72,7 +73,8 @@ pub(super) fn findings(all: &[PictureSeries]) -> Vec<Finding> {
     };
 
     let [off, on] = [false, true].map(|d| all.iter().filter(|s| s.is_denoised == d).collect::<Vec<_>>());
-    let fewer: Vec<bool> = [&off, &on].iter().flat_map(|s| s.windows(2)).map(|w| mean(w[1]) < mean(w[0])).collect();
+    let steps = [&off, &on].into_iter().flat_map(|s| s.windows(2)).filter(|w| varies(w[0]));
+    let fewer: Vec<bool> = steps.map(|w| mean(w[1]) < mean(w[0])).collect();
     add(
         "more samples per pixel leave less temporal variance",
         "figure 5",
@@ -80,7 +82,7 @@ pub(super) fn findings(all: &[PictureSeries]) -> Vec<Finding> {
         &fewer,
     );
     let pairs: Vec<(&PictureSeries, &PictureSeries)> =
-        off.iter().filter_map(|a| Some((*a, *on.iter().find(|b| b.spp == a.spp)?))).collect();
+        off.iter().filter(|a| varies(a)).filter_map(|a| Some((*a, *on.iter().find(|b| b.spp == a.spp)?))).collect();
     let factors: Vec<String> =
         pairs.iter().map(|(a, b)| format!("{} spp: {} times less", a.spp, rounded(mean(a) / mean(b)))).collect();
     add(
@@ -117,7 +119,7 @@ pub(super) fn findings(all: &[PictureSeries]) -> Vec<Finding> {
         "the variance is high near edges",
         "figures 5 and 7",
         each(&|s| format!("{} times that of the rest", rounded(s.mean_variance[1] / s.mean_variance[2]))),
-        &judged(&|s| Some(known(s.mean_variance[1])? > known(s.mean_variance[2])?)),
+        &judged(&|s| Some(known(s.mean_variance[1])? > known(s.mean_variance[2]).filter(|_| varies(s))?)),
     );
     add(
         "the Sobel image of one frame looks like the variance",
@@ -140,8 +142,8 @@ pub(super) fn findings(all: &[PictureSeries]) -> Vec<Finding> {
             )
         }),
         &judged(&|s| {
-            let edges = known(s.mean_variance[1])?;
-            Some(edges > 0.0 && (s.mean_variance[2] < 0.5 * mean(s) || quiet(&s.filtered.points) >= ALMOST))
+            known(s.mean_variance[1]).filter(|_| varies(s))?;
+            Some(s.mean_variance[2] < 0.5 * mean(s) || quiet(&s.filtered.points) >= ALMOST)
         }),
     );
     found

@@ -1,7 +1,7 @@
 //! The report: the paper's figures, what the paper says of them, and what is found here. Beside it the numbers as CSV and the
 //! charts as SVG.
 
-use super::analysis::{Curve, Results};
+use super::analysis::{Curve, LINEAR_BINS, Results};
 use super::figures;
 use super::findings::{Verdict, name};
 use crate::error::Error;
@@ -96,7 +96,9 @@ impl<'a> Report<'a> {
         let mut figures = Vec::new();
         let findings = r.findings();
         let same = findings.iter().filter(|f| f.verdict == Verdict::Same).count();
-        figures.push((format!("{same} of {}", findings.len()), "of what the paper says is the same here".into()));
+        if !findings.is_empty() {
+            figures.push((format!("{same} of {}", findings.len()), "of what the paper says is the same here".into()));
+        }
         if let Some(sensor) = &r.sensor {
             for s in &r.cameras {
                 // A slope that is not known better than to a tenth is no headline.
@@ -245,10 +247,9 @@ impl<'a> Report<'a> {
              not monotone if it both rises and falls by more than five standard errors between groups of pixels.</li>\
              <li>Lines go through 0\u{2013}70 % of saturation; points weigh by the variance of their ordinate (EMVA 1288 release 4.0 \
              Linear, equations 15 and 50). R\u{b2} is weighed in the same way.</li>\
-             <li>Linear curves have intervals of {} of saturation or 1 DN, whichever is wider.</li>\
+             <li>Linear curves have intervals of 1/{LINEAR_BINS} of the range or 1 DN, whichever is wider.</li>\
              <li>The finished renders lie in <code>units/</code>; more frames, or another share of strong edges, can be had from \
-             them.</li></ul></section>",
-            "1/128"
+             them.</li></ul></section>"
         )
     }
 
