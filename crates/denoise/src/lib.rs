@@ -3,7 +3,7 @@
 //! A denoised image is cosmetic. It stands beside the unbiased mean and never replaces it: no statistic, no certificate
 //! and no grey value that is measured is made from it.
 
-// `oidn` calls a library in C; nothing else here may.
+// `oidn` calls a library in C, `builtin` enters code for wider registers; nothing else here may be unsafe.
 #![deny(unsafe_code)]
 
 mod builtin;

@@ -1,20 +1,32 @@
-//! The mean over pixels that may well be of one kind: weighted by how alike their features and their surroundings are.
+//! What pixels are, told by those that may well be of one kind: weighted by how alike their features and their
+//! surroundings are.
 //!
 //! Non-local means (Buades 2005) in the form that Rousselle et al. (2012, 2013) gave it for renders: of a squared
 //! difference of two pixels that much is taken away which their noise alone would make, and the rest is counted in units
-//! of that noise.
+//! of that noise. What stands in the end is no mean but the value at the pixel of a plane that is laid through those around
+//! (`plane`).
 
+use super::lanes::{WIDTH, each, greater, lanes, lanes_mut, lesser};
 use super::noise::likeness;
 use super::patch::{Image, Patch};
+use super::plane::Moments;
 use super::tiles::Tile;
 use crate::denoiser::Triples;
 
 /// Pixels are compared with those up to this far away, in a circle.
 const REACH: usize = 8;
 /// How many times its variance a squared difference of colour must be to count as one.
-const BANDWIDTH: f32 = 1.8;
-/// Colours are compared over squares of 3 x 3 pixels, of which those nearer count more: 1 2 1, 2 4 2, 1 2 1.
-const AROUND: usize = 1;
+const BANDWIDTH: f32 = 2.0;
+/// A pixel counts as at most this many times noisier than the one that it is compared with, so that what is very
+/// uncertain is not like everything.
+const NOISIER: f32 = 100.0;
+/// How much of a weight comes from the surroundings of both pixels: a pixel that noise threw far off is like none, but
+/// those around it are.
+const LENT: f32 = 0.15;
+/// Colours are compared over squares of 3 x 3 pixels, of which those nearer count more: 1 2 1, 2 8 2, 1 2 1.
+const MASK: f32 = 20.0;
+/// The mask looks one pixel around, and the weights of surroundings one further.
+const AROUND: usize = 2;
 /// The margin of a tile.
 const MARGIN: usize = REACH + AROUND;
 
@@ -39,112 +51,114 @@ fn averages_avx2(image: &Image<'_>, variance: &Triples, tile: &Tile) -> Vec<[f32
 // What works on pixels is inlined into both.
 #[inline(always)]
 fn averages_anywhere(image: &Image<'_>, variance: &Triples, tile: &Tile) -> Vec<[f32; 3]> {
-    let patch = image.cut(tile, MARGIN);
-    let variance = image.cut_plane(variance, tile, MARGIN);
-    let mut work = Work::new(tile);
+    // All rows are as long as the longest; nobody looks at what comes of their ends.
+    let width = (tile.width + 2 * AROUND).next_multiple_of(WIDTH);
+    let wide = Tile { width, ..*tile };
+    let patch = image.cut(&wide, MARGIN);
+    let variance = image.cut_plane(variance, &wide, MARGIN);
+    let mut moments = Moments::new(width, tile.height);
+    let mut work = Work::new(width);
     let reach = REACH as isize;
+    let corner = MARGIN * patch.stride + MARGIN;
     for dy in -reach..=reach {
         for dx in -reach..=reach {
             // Fading towards the rim, so that a bright pixel leaves no square behind.
             let nearness = 1.0 - (dx * dx + dy * dy) as f32 / ((reach + 1) * (reach + 1)) as f32;
-            if nearness > 0.0 {
-                work.add(&patch, &variance, dy * patch.stride as isize + dx, nearness);
+            if nearness <= 0.0 {
+                continue;
+            }
+            let offset = dy * patch.stride as isize + dx;
+            // Row 0 here lies two above the tile.
+            for row in 0..tile.height + 2 * AROUND {
+                let p = corner + row * patch.stride - AROUND * (patch.stride + 1);
+                work.compare_colors(row, &patch.color, &variance, p, p.wrapping_add_signed(offset));
+                if row >= 2 * AROUND {
+                    let y = row - 2 * AROUND;
+                    let p = corner + y * patch.stride;
+                    let q = p.wrapping_add_signed(offset);
+                    work.weigh(row, &patch, p, q, nearness);
+                    moments.add(y, &work.weights, dx as f32, &patch.color, q);
+                }
             }
         }
+        moments.close_line(dy as f32);
     }
-    work.finish(&patch)
+    let mut averages = Vec::with_capacity(tile.width * tile.height);
+    for y in 0..tile.height {
+        for x in 0..tile.width {
+            let p = corner + y * patch.stride + x;
+            let pixel = [0, 1, 2].map(|c| (patch.color[c][p], variance[c][p]));
+            averages.push(moments.value(x, y, pixel));
+        }
+    }
+    averages
 }
 
-/// Sums over offsets, and room for one row at a time.
+/// Room for a few rows of one offset at a time.
 struct Work {
     width: usize,
-    height: usize,
-    sums: [Vec<f32>; 3],
-    weights: Vec<f32>,
-    /// Colour distances of a row, one pixel more on either side.
-    row: Vec<f32>,
-    /// Sums over three neighbours in such rows, of the last three of them.
-    triples: [Vec<f32>; 3],
-    /// Distances, then weights, of a row.
+    /// Colour distances of a row, from two pixels left of the tile on.
     distances: Vec<f32>,
+    /// Of the last three such rows: sums over three neighbours, weighted 1 2 1 and 1 4 1.
+    outer: [Vec<f32>; 3],
+    inner: [Vec<f32>; 3],
+    /// How alike colours are, of the last three rows, from one pixel left of the tile on.
+    alike: [Vec<f32>; 3],
+    /// Distances in features, then weights, of a row.
+    weights: Vec<f32>,
 }
 
 impl Work {
-    fn new(tile: &Tile) -> Self {
-        let (width, height) = (tile.width, tile.height);
+    fn new(width: usize) -> Self {
         let zeros = |n: usize| vec![0.0f32; n];
-        Self {
-            width,
-            height,
-            sums: [0; 3].map(|_| zeros(width * height)),
-            weights: zeros(width * height),
-            row: zeros(width + 2 * AROUND),
-            triples: [0; 3].map(|_| zeros(width)),
-            distances: zeros(width),
-        }
+        let rows = |n: usize| [0; 3].map(|_| zeros(n));
+        // Sums over three at the end of a row take two more.
+        let (outer, inner, alike) = (rows(width), rows(width), rows(width + 2));
+        Self { width, distances: zeros(width + 2), outer, inner, alike, weights: zeros(width) }
     }
 
-    /// Adds to each pixel the one that lies `offset` further in the patch, with a weight of at most `nearness`.
+    /// Takes in one more row of colours; then `alike` knows the row between it and the one before the last.
     #[inline(always)]
-    fn add(&mut self, patch: &Patch, variance: &[Vec<f32>; 3], offset: isize, nearness: f32) {
-        for row in 0..self.height + 2 * AROUND {
-            // The row above the tile is row 0 here.
-            let p = (row + MARGIN - AROUND) * patch.stride + MARGIN - AROUND;
-            color_distances(&mut self.row, &patch.color, variance, p, p.wrapping_add_signed(offset));
-            let triple = &mut self.triples[row % 3];
-            for ((sum, left), (middle, right)) in
-                triple.iter_mut().zip(&self.row).zip(self.row[1..].iter().zip(&self.row[2..]))
-            {
-                *sum = left + 2.0 * middle + right;
-            }
-            if row >= 2 * AROUND {
-                self.add_row(patch, row - 2 * AROUND, offset, nearness);
-            }
-        }
+    fn compare_colors(&mut self, row: usize, color: &[Vec<f32>; 3], variance: &[Vec<f32>; 3], p: usize, q: usize) {
+        let n = self.width;
+        color_distances(lanes_mut(&mut self.distances, 0, n), color, variance, p, q);
+        let (left, middle) = (lanes(&self.distances, 0, n), lanes(&self.distances, 1, n));
+        let right = lanes(&self.distances, 2, n);
+        let inner = lanes_mut(&mut self.inner[row % 3], 0, n);
+        each!(inner, |i, _| left[i] + 4.0 * middle[i] + right[i]);
+        each!(lanes_mut(&mut self.outer[row % 3], 0, n), |i, _| left[i] + 2.0 * middle[i] + right[i]);
+        let (above, below) = (lanes(&self.outer[(row + 1) % 3], 0, n), lanes(&self.outer[row % 3], 0, n));
+        let middle = lanes(&self.inner[(row + 2) % 3], 0, n);
+        each!(lanes_mut(&mut self.alike[row % 3], 0, n), |i, _| {
+            // For each of three channels.
+            let distance = (above[i] + 2.0 * middle[i] + below[i]) * (1.0 / (3.0 * MASK * BANDWIDTH));
+            likeness(greater(distance, 0.0))
+        });
     }
 
+    /// The weights, of at most `nearness`, of the pixels from `q` on for those from `p` on.
     #[inline(always)]
-    fn add_row(&mut self, patch: &Patch, row: usize, offset: isize, nearness: f32) {
-        let width = self.width;
-        let p = (row + MARGIN) * patch.stride + MARGIN;
-        let q = p.wrapping_add_signed(offset);
-        self.distances.fill(0.0);
-        for feature in &patch.features {
-            let here = &feature.values[p..p + width];
-            let there = &feature.values[q..q + width];
-            let (noise, precision) = (&feature.noise[p..p + width], &feature.precision[p..p + width]);
-            for (i, d) in self.distances.iter_mut().enumerate() {
-                let difference = here[i] - there[i];
-                *d += (difference * difference - noise[i]) * precision[i];
-            }
+    fn weigh(&mut self, row: usize, patch: &Patch, p: usize, q: usize, nearness: f32) {
+        let n = self.width;
+        let known = lanes(&patch.known, q, n);
+        let weights = lanes_mut(&mut self.weights, 0, n);
+        if p == q {
+            each!(weights, |i, _| known[i]);
+            return;
         }
-        let [above, middle, below] = [row, row + 1, row + 2].map(|r| &self.triples[r % 3][..width]);
-        let known = &patch.known[q..q + width];
-        for (i, d) in self.distances.iter_mut().enumerate() {
-            // The mask adds up to 16, for each of three channels.
-            let color = (above[i] + 2.0 * middle[i] + below[i]) * (1.0 / (48.0 * BANDWIDTH));
-            *d = if offset == 0 { known[i] } else { nearness * known[i] * likeness(d.max(0.0) + color.max(0.0)) };
-        }
-        let start = row * width;
-        for (sum, values) in self.sums.iter_mut().zip(&patch.color) {
-            let values = &values[q..q + width];
-            let sum = &mut sum[start..start + width];
-            for i in 0..width {
-                sum[i] += self.distances[i] * values[i];
-            }
-        }
-        for (sum, weight) in self.weights[start..start + width].iter_mut().zip(&self.distances) {
-            *sum += weight;
-        }
-    }
-
-    fn finish(self, patch: &Patch) -> Vec<[f32; 3]> {
-        let average = |i: usize| {
-            let p = (i / self.width + MARGIN) * patch.stride + i % self.width + MARGIN;
-            let weight = self.weights[i];
-            [0, 1, 2].map(|c| if weight > 0.0 { self.sums[c][i] / weight } else { patch.color[c][p] })
-        };
-        (0..self.width * self.height).map(average).collect()
+        patch.feature_distances(p, q, weights);
+        let (above, middle, below) = (&self.alike[(row + 1) % 3], &self.alike[(row + 2) % 3], &self.alike[row % 3]);
+        // Nine neighbours, a b c, d e f, g h j. One by one: of slices in arrays compilers do not know the lengths.
+        let (a, b, c) = (lanes(above, 0, n), lanes(above, 1, n), lanes(above, 2, n));
+        let (d, e, f) = (lanes(middle, 0, n), lanes(middle, 1, n), lanes(middle, 2, n));
+        let (g, h, j) = (lanes(below, 0, n), lanes(below, 1, n), lanes(below, 2, n));
+        each!(weights, |i, distance| {
+            let corners = a[i] + c[i] + g[i] + j[i];
+            let sides = b[i] + d[i] + f[i] + h[i];
+            let own = e[i];
+            let around = (corners + 2.0 * sides + 4.0 * own) * (1.0 / 16.0);
+            nearness * known[i] * likeness(distance) * (own + LENT * (around - own))
+        });
     }
 }
 
@@ -154,13 +168,14 @@ fn color_distances(row: &mut [f32], color: &[Vec<f32>; 3], variance: &[Vec<f32>;
     let n = row.len();
     row.fill(0.0);
     for (color, variance) in color.iter().zip(variance) {
-        let (here, there) = (&color[p..p + n], &color[q..q + n]);
-        let (noise, noise_there) = (&variance[p..p + n], &variance[q..q + n]);
-        for (i, d) in row.iter_mut().enumerate() {
+        let (here, there) = (lanes(color, p, n), lanes(color, q, n));
+        let (noise, noise_there) = (lanes(variance, p, n), lanes(variance, q, n));
+        each!(row, |i, sum| {
             let difference = here[i] - there[i];
-            let explained = noise[i] + noise[i].min(noise_there[i]);
-            *d += (difference * difference - explained) / (noise[i] + noise_there[i]);
-        }
+            let explained = noise[i] + lesser(noise[i], noise_there[i]);
+            let unit = noise[i] + lesser(noise_there[i], NOISIER * noise[i]);
+            sum + (difference * difference - explained) / unit
+        });
     }
 }
 

@@ -2,8 +2,10 @@
 
 mod average;
 mod blend;
+mod lanes;
 mod noise;
 mod patch;
+mod plane;
 mod tiles;
 
 use crate::denoiser::{Control, DenoiseError, DenoiseInput, Denoiser, Triples};
@@ -19,7 +21,7 @@ pub struct Builtin;
 
 impl Denoiser for Builtin {
     fn name(&self) -> String {
-        "builtin 1".into()
+        "builtin 2".into()
     }
 
     fn denoise(&self, input: &DenoiseInput<'_>, control: &Control<'_>) -> Result<Triples, DenoiseError> {

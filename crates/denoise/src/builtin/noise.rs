@@ -3,42 +3,81 @@
 //! A pixel's own variance comes from few numbers, and from the very samples that are averaged: a pixel that missed a
 //! bright event has a low mean and a low variance. So half of what is believed comes from neighbours that look alike.
 
-use super::patch::{Feature, Image, Patch};
+use super::lanes::{WIDTH, each, greater, lanes, lanes_mut};
+use super::patch::{Image, Patch};
 use super::tiles::Tile;
 
 /// Variances are pooled over squares of 7 x 7 pixels.
 pub(super) const POOL_REACH: usize = 3;
+/// A pixel brighter than those around it is believed to be noisier than they are, to this part of proportion.
+const PROPORTION: f32 = 1.0;
 /// A difference of this share of a value is no difference: rounding, and half floats in files of others.
 const ROUNDING: f32 = 1e-4;
 
 /// The variance of the mean of each pixel of a tile, in the unit of patches; never zero.
+#[allow(unsafe_code, reason = "to enter what is compiled for more than every machine has")]
 pub(super) fn variances(image: &Image<'_>, tile: &Tile) -> Vec<[f32; 3]> {
+    #[cfg(target_arch = "x86_64")]
+    if is_x86_feature_detected!("avx2") {
+        // SAFETY: this machine has AVX2, as was just found.
+        return unsafe { variances_avx2(image, tile) };
+    }
+    variances_anywhere(image, tile)
+}
+
+/// The same bits with registers twice as wide: no operation is fused or reordered.
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2")]
+fn variances_avx2(image: &Image<'_>, tile: &Tile) -> Vec<[f32; 3]> {
+    variances_anywhere(image, tile)
+}
+
+// What works on pixels is inlined into both.
+#[inline(always)]
+fn variances_anywhere(image: &Image<'_>, tile: &Tile) -> Vec<[f32; 3]> {
     // The estimate from the image itself looks one pixel further.
     let margin = POOL_REACH + 1;
-    let patch = image.cut(tile, margin);
-    let own = own_variances(image, tile, &patch);
+    let width = tile.width.next_multiple_of(WIDTH);
+    let wide = Tile { width, ..*tile };
+    let patch = image.cut(&wide, margin);
+    let own = own_variances(image, &wide, &patch);
     let mut pooled = Vec::with_capacity(tile.width * tile.height);
+    let mut weights = vec![0.0; width];
+    let mut total = vec![0.0; width];
+    let mut noise = [0; 3].map(|_| vec![0.0; width]);
+    let mut squares = [0; 3].map(|_| vec![0.0; width]);
     for y in 0..tile.height {
-        for x in 0..tile.width {
-            let p = (y + margin) * patch.stride + x + margin;
-            let mut sum = [0.0; 3];
-            let mut total = 0.0;
-            for qy in y + 1..=y + 1 + 2 * POOL_REACH {
-                for qx in x + 1..=x + 1 + 2 * POOL_REACH {
-                    let q = qy * patch.stride + qx;
-                    let weight = patch.known[q] * likeness(patch.feature_distance(p, q));
-                    total += weight;
-                    for c in 0..3 {
-                        sum[c] += weight * own[q][c];
-                    }
+        let p = (y + margin) * patch.stride + margin;
+        for sum in noise.iter_mut().chain(&mut squares).chain([&mut total]) {
+            sum.fill(0.0);
+        }
+        for dy in 0..=2 * POOL_REACH {
+            for dx in 0..=2 * POOL_REACH {
+                let q = (y + 1 + dy) * patch.stride + 1 + dx;
+                let weights = lanes_mut(&mut weights, 0, width);
+                patch.feature_distances(p, q, weights);
+                let known = lanes(&patch.known, q, width);
+                each!(weights, |i, distance| known[i] * likeness(distance));
+                each!(lanes_mut(&mut total, 0, width), |i, sum| sum + weights[i]);
+                for c in 0..3 {
+                    let (own, color) = (lanes(&own[c], q, width), lanes(&patch.color[c], q, width));
+                    each!(lanes_mut(&mut noise[c], 0, width), |i, sum| sum + weights[i] * own[i]);
+                    let square = |i: usize| color[i] * color[i];
+                    each!(lanes_mut(&mut squares[c], 0, width), |i, sum| sum + weights[i] * square(i));
                 }
             }
-            let floor = |c: usize| (ROUNDING * patch.color[c][p]).powi(2).max(f32::MIN_POSITIVE);
-            pooled.push([0, 1, 2].map(|c| {
-                let around = if total > 0.0 { sum[c] / total } else { own[p][c] };
-                (0.5 * (own[p][c] + around)).max(floor(c))
-            }));
         }
+        pooled.extend((0..tile.width).map(|x| {
+            let believed = |c: usize| {
+                let (own, color) = (own[c][p + x], patch.color[c][p + x]);
+                let (noise, square) = (noise[c][x], squares[c][x]);
+                let around = if total[x] > 0.0 { noise / total[x] } else { own };
+                let in_proportion = if square > 0.0 { (noise / square * color * color).min(noise) } else { 0.0 };
+                let believed = 0.5 * (own + around.max(PROPORTION * in_proportion));
+                believed.max((ROUNDING * color).powi(2)).max(f32::MIN_POSITIVE)
+            };
+            [believed(0), believed(1), believed(2)]
+        }));
     }
     pooled
 }
@@ -46,35 +85,27 @@ pub(super) fn variances(image: &Image<'_>, tile: &Tile) -> Vec<[f32; 3]> {
 /// exp(-d), nearly, for d >= 0, and nothing at all beyond 8.
 #[inline(always)]
 pub(super) fn likeness(d: f32) -> f32 {
-    let root = (1.0 - d * 0.125).max(0.0);
+    let root = greater(1.0 - d * 0.125, 0.0);
     let square = root * root;
     let fourth = square * square;
     fourth * fourth
 }
 
-impl Patch {
-    /// How unlike two pixels are in their features: 0 where nothing but noise may tell them apart.
-    fn feature_distance(&self, p: usize, q: usize) -> f32 {
-        let term = |f: &Feature| {
-            let difference = f.values[p] - f.values[q];
-            (difference * difference - f.noise[p]) * f.precision[p]
-        };
-        self.features.iter().map(term).sum::<f32>().max(0.0)
-    }
-}
-
 /// The stated variances where there are any, and elsewhere an estimate from the image: the squared response to a mask
 /// that is blind to slopes and to straight edges along rows and columns (Immerkaer 1996).
-fn own_variances(image: &Image<'_>, tile: &Tile, patch: &Patch) -> Vec<[f32; 3]> {
+fn own_variances(image: &Image<'_>, tile: &Tile, patch: &Patch) -> [Vec<f32>; 3] {
     let (width, height) = image.size();
-    let mut own = vec![[0.0; 3]; patch.stride * patch.rows];
-    for (p, value) in own.iter_mut().enumerate() {
-        let (column, row) = (p % patch.stride, p / patch.stride);
-        let place = |start: u32, i: usize, end: u32| {
-            (i64::from(start) + i as i64 - patch.margin as i64).clamp(0, i64::from(end) - 1) as u32
-        };
-        let stated = image.stated_variance(place(tile.x, column, width), place(tile.y, row, height));
-        *value = [0, 1, 2].map(|c| stated[c].unwrap_or_else(|| from_image(patch, c, column, row)));
+    let mut own = [0; 3].map(|_| vec![0.0; patch.stride * patch.rows]);
+    let place = |start: u32, i: usize, end: u32| {
+        (i64::from(start) + i as i64 - patch.margin as i64).clamp(0, i64::from(end) - 1) as u32
+    };
+    for row in 0..patch.rows {
+        for column in 0..patch.stride {
+            let stated = image.stated_variance(place(tile.x, column, width), place(tile.y, row, height));
+            for (c, (own, stated)) in own.iter_mut().zip(stated).enumerate() {
+                own[row * patch.stride + column] = stated.unwrap_or_else(|| from_image(patch, c, column, row));
+            }
+        }
     }
     own
 }

@@ -4,16 +4,17 @@ use std::borrow::Cow;
 
 use dunkelfeld_film::{Plane, fill_gaps};
 
+use super::lanes::{each, greater, lanes};
 use super::tiles::Tile;
 use crate::denoiser::{DenoiseInput, Triples};
 
 /// The largest magnitude that is reckoned with, after scaling to a mean of about 1: squares and their sums stay finite.
 const LARGEST: f32 = 1e12;
 /// Features are compared to this precision: albedo and normal as they are, depth relative to itself.
-const TOLERANCE: [f32; 3] = [0.04, 0.04, 0.01];
+const TOLERANCE: [f32; 3] = [0.04, 0.02, 0.005];
 /// How much of a feature's squared slope adds to what is tolerated: along an edge pixels hold a bit more or less of
 /// either side, and are like each other all the same.
-const SLOPE: f32 = 0.6;
+const SLOPE: f32 = 0.4;
 /// Bounds on the precision of a feature, so that the product with a difference of features stays finite.
 const SHARPEST: f32 = 1e12;
 
@@ -27,11 +28,8 @@ pub(super) struct Image<'a> {
 
 /// One feature of a patch.
 pub(super) struct Feature {
-    /// Its values, scaled such that differences count alike in all features.
     pub(super) values: Vec<f32>,
-    /// How much of a squared difference is noise, and the inverse of what is tolerated of the rest.
-    pub(super) noise: Vec<f32>,
-    /// See `noise`.
+    /// The inverse of what is tolerated of a squared difference.
     pub(super) precision: Vec<f32>,
 }
 
@@ -49,6 +47,8 @@ pub(super) struct Patch {
     pub(super) known: Vec<f32>,
     /// Albedo, normal and depth, as far as they were given.
     pub(super) features: Vec<Feature>,
+    /// Which distance in features noise alone would make: the sum over them of noise times precision.
+    pub(super) explained: Vec<f32>,
 }
 
 impl<'a> Image<'a> {
@@ -91,7 +91,7 @@ impl<'a> Image<'a> {
     pub(super) fn cut(&self, tile: &Tile, margin: usize) -> Patch {
         let mut patch = self.cut_mean(tile, margin);
         let frame = Frame::new(self.size(), tile, margin);
-        let features = &mut patch.features;
+        let (features, explained) = (&mut patch.features, &mut patch.explained);
         let triples =
             [(self.input.albedo, self.input.albedo_variance), (self.input.normal, self.input.normal_variance)];
         for ((values, variance), tolerance) in triples.into_iter().zip(TOLERANCE) {
@@ -101,14 +101,14 @@ impl<'a> Image<'a> {
             for (c, values) in values.into_iter().enumerate() {
                 let variance = variance.as_ref().map(|v| v[c].as_slice());
                 // Three channels together weigh as much as one depth.
-                features.push(Feature::new(&frame, values, variance, |_| tolerance, 1.0 / 3.0));
+                features.push(Feature::new(&frame, values, variance, |_| tolerance, 1.0 / 3.0, explained));
             }
         }
         if let Some(depth) = self.input.depth {
-            let values = frame.collect(|x, y, _| finite(*depth.at(x, y)).clamp(0.0, LARGEST));
+            let values = frame.collect(depth, |z| finite(*z).clamp(0.0, LARGEST));
             let variance = self.input.depth_variance;
-            let variance = variance.map(|plane| frame.collect(|x, y, _| finite(*plane.at(x, y)).clamp(0.0, LARGEST)));
-            features.push(Feature::new(&frame, values, variance.as_deref(), |z| TOLERANCE[2] * z, 1.0));
+            let variance = variance.map(|plane| frame.collect(plane, |v| finite(*v).clamp(0.0, LARGEST)));
+            features.push(Feature::new(&frame, values, variance.as_deref(), |z| TOLERANCE[2] * z, 1.0, explained));
         }
         patch
     }
@@ -117,11 +117,9 @@ impl<'a> Image<'a> {
     pub(super) fn cut_mean(&self, tile: &Tile, margin: usize) -> Patch {
         let frame = Frame::new(self.size(), tile, margin);
         let color = frame.channels(&self.mean, |v| (v * self.scale).clamp(-LARGEST, LARGEST));
-        let known = frame.collect(|x, y, inside| {
-            let finite = self.input.mean.at(x, y).iter().all(|v| v.is_finite());
-            if inside && finite { 1.0 } else { 0.0 }
-        });
-        Patch { stride: frame.stride, rows: frame.rows, margin, color, known, features: Vec::new() }
+        let known = frame.marks(self.input.mean, |v| v.iter().all(|v| v.is_finite()));
+        let explained = vec![0.0; known.len()];
+        Patch { stride: frame.stride, rows: frame.rows, margin, color, known, features: Vec::new(), explained }
     }
 
     /// A plane of triples that goes with the image, cut in the same way, channel by channel.
@@ -130,16 +128,37 @@ impl<'a> Image<'a> {
     }
 }
 
+impl Patch {
+    /// How unlike the pixels from `p` on are to those from `q` on, one for one, in their features: 0 where nothing but
+    /// noise may tell them apart.
+    #[inline(always)]
+    pub(super) fn feature_distances(&self, p: usize, q: usize, distances: &mut [f32]) {
+        let n = distances.len();
+        let explained = lanes(&self.explained, p, n);
+        each!(distances, |i, _| -explained[i]);
+        for feature in &self.features {
+            let (here, there) = (lanes(&feature.values, p, n), lanes(&feature.values, q, n));
+            let precision = lanes(&feature.precision, p, n);
+            each!(distances, |i, sum| {
+                let difference = here[i] - there[i];
+                sum + difference * difference * precision[i]
+            });
+        }
+        each!(distances, |i, sum| greater(sum, 0.0));
+    }
+}
+
 impl Feature {
+    /// Adds to `explained` what noise explains of distances in this feature.
     fn new(
         frame: &Frame,
         values: Vec<f32>,
         variance: Option<&[f32]>,
         tolerance: impl Fn(f32) -> f32,
         weight: f32,
+        explained: &mut [f32],
     ) -> Self {
         let (stride, last) = (frame.stride, frame.rows - 1);
-        let mut noise = Vec::with_capacity(values.len());
         let mut precision = Vec::with_capacity(values.len());
         for y in 0..frame.rows {
             for x in 0..stride {
@@ -149,11 +168,12 @@ impl Feature {
                 let slope = SLOPE * (across * across + down * down);
                 let both = variance.map_or(0.0, |v| 2.0 * v[y * stride + x]);
                 let tolerated = tolerance(at(x, y)).powi(2).max(slope).max(both);
-                noise.push(both);
-                precision.push((weight / tolerated).min(SHARPEST));
+                let inverse = (weight / tolerated).min(SHARPEST);
+                explained[y * stride + x] += both * inverse;
+                precision.push(inverse);
             }
         }
-        Self { values, noise, precision }
+        Self { values, precision }
     }
 }
 
@@ -171,22 +191,46 @@ impl Frame {
         Self { size, corner, stride: tile.width + 2 * margin, rows: tile.height + 2 * margin }
     }
 
-    /// One number per pixel of the patch, from the coordinates of the nearest pixel of the image and whether that is it.
-    fn collect(&self, f: impl Fn(u32, u32, bool) -> f32) -> Vec<f32> {
+    /// One number per pixel of the patch, from the nearest pixel of the image.
+    fn collect<T>(&self, plane: &Plane<T>, f: impl Fn(&T) -> f32) -> Vec<f32> {
         let mut values = Vec::with_capacity(self.stride * self.rows);
+        let (width, height) = (self.size.0 as usize, i64::from(self.size.1));
+        let (first, left, right) = self.columns();
         for row in 0..self.rows as i64 {
-            for column in 0..self.stride as i64 {
-                let (x, y) = (self.corner.0 + column, self.corner.1 + row);
-                let nearest_x = x.clamp(0, i64::from(self.size.0) - 1);
-                let nearest_y = y.clamp(0, i64::from(self.size.1) - 1);
-                values.push(f(nearest_x as u32, nearest_y as u32, (x, y) == (nearest_x, nearest_y)));
-            }
+            let y = (self.corner.1 + row).clamp(0, height - 1) as usize;
+            let source = &plane.data()[y * width..][..width];
+            let inside = &source[first..first + self.stride - left - right];
+            values.extend(std::iter::repeat_n(f(&source[0]), left));
+            values.extend(inside.iter().map(&f));
+            values.extend(std::iter::repeat_n(f(&source[width - 1]), right));
         }
         values
     }
 
     fn channels(&self, plane: &Plane<[f32; 3]>, f: impl Fn(f32) -> f32) -> [Vec<f32>; 3] {
-        [0, 1, 2].map(|c| self.collect(|x, y, _| f(plane.at(x, y)[c])))
+        [0, 1, 2].map(|c| self.collect(plane, |v| f(v[c])))
+    }
+
+    /// The first column of the image that is in the patch, and how many columns of the patch lie left and right of it.
+    fn columns(&self) -> (usize, usize, usize) {
+        let (start, end) = (self.corner.0, self.corner.0 + self.stride as i64);
+        let outside = (end - i64::from(self.size.0)).max(0);
+        (start.max(0) as usize, (-start).max(0) as usize, outside as usize)
+    }
+
+    /// 1 where `known` of a pixel holds, 0 elsewhere and outside the image.
+    fn marks(&self, plane: &Plane<[f32; 3]>, known: impl Fn(&[f32; 3]) -> bool) -> Vec<f32> {
+        let mut marks = self.collect(plane, |v| if known(v) { 1.0 } else { 0.0 });
+        let (_, left, right) = self.columns();
+        for (row, marks) in marks.chunks_mut(self.stride).enumerate() {
+            if (0..i64::from(self.size.1)).contains(&(self.corner.1 + row as i64)) {
+                marks[..left].fill(0.0);
+                marks[self.stride - right..].fill(0.0);
+            } else {
+                marks.fill(0.0);
+            }
+        }
+        marks
     }
 }
 

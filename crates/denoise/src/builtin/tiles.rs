@@ -9,7 +9,7 @@ use crate::denoiser::{Control, DenoiseError};
 
 /// Edge of a tile in pixels: small enough for its surroundings to stay in the cache of a core, and for a tile to take
 /// no more than some tens of milliseconds.
-const EDGE: u32 = 64;
+const EDGE: u32 = 60;
 
 /// A rectangle of an image.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -88,7 +88,7 @@ mod tests {
     fn a_caller_that_says_no_gets_no_more_tiles() {
         let worked = AtomicUsize::new(0);
         let control = Control { progress: &|fraction| fraction < 0.5, ..Control::SILENT };
-        let result = map_tiles((640, 64), &control, (0.0, 1.0), |t| {
+        let result = map_tiles((10 * EDGE, EDGE), &control, (0.0, 1.0), |t| {
             worked.fetch_add(1, Ordering::Relaxed);
             vec![0u8; t.width * t.height]
         });

@@ -1,0 +1,164 @@
+//! A plane through the pixels around: what they say of the one in the middle if brightness changes along the image.
+//!
+//! A mean of pixels on one side of a slope, or of a highlight's flank, errs to that side. A weighted least-squares fit of
+//! value, slope across and slope down does not (local linear regression, Cleveland 1979). Slopes are held back where they
+//! are not needed: by a small penalty (Hoerl and Kennard 1970), and where noise alone would tilt the plane as much.
+
+use super::lanes::{each, lanes, lanes_mut};
+
+/// Slopes are per so many pixels: the middle of the reach.
+const UNIT: f32 = 1.0 / 5.0;
+/// Penalty on squared slopes: that of so many pixels at a distance of one unit that speak against them.
+const RIDGE: f32 = 0.3;
+/// Of a squared correction that is so many times the variance that noise gives it, half is believed.
+const DOUBT: f32 = 2.0;
+
+/// Weighted sums over the pixels around each pixel of a tile.
+pub(super) struct Moments {
+    width: usize,
+    /// Of the pixels in one row of the surroundings, row of the tile after row: weights, these times the distance across,
+    /// and times its square; then weight times colour and that times the distance, per channel.
+    line: [Vec<f32>; LINE],
+    /// The same of all rows, with the distance down: 1, u, v, uu, uv, vv; then 1, u, v per channel.
+    all: [Vec<f32>; ALL],
+}
+
+const LINE: usize = 9;
+const ALL: usize = 15;
+
+impl Moments {
+    /// Of rows of so many numbers.
+    pub(super) fn new(width: usize, height: usize) -> Self {
+        let zeros = || vec![0.0f32; width * height];
+        Self { width, line: [0; LINE].map(|_| zeros()), all: [0; ALL].map(|_| zeros()) }
+    }
+
+    /// To each pixel of a row, `weights` of pixels `across` to the right of it, whose colours start at `q`.
+    #[inline(always)]
+    pub(super) fn add(&mut self, row: usize, weights: &[f32], across: f32, color: &[Vec<f32>; 3], q: usize) {
+        let (n, start) = (self.width, row * self.width);
+        let weights = lanes(weights, 0, n);
+        let u = UNIT * across;
+        let [w, wu, wuu, red, red_u, green, green_u, blue, blue_u] = &mut self.line;
+        each!(lanes_mut(w, start, n), |i, sum| sum + weights[i]);
+        each!(lanes_mut(wu, start, n), |i, sum| sum + weights[i] * u);
+        each!(lanes_mut(wuu, start, n), |i, sum| sum + weights[i] * (u * u));
+        for (c, (sums, tilts)) in [(red, red_u), (green, green_u), (blue, blue_u)].into_iter().enumerate() {
+            let color = lanes(&color[c], q, n);
+            each!(lanes_mut(sums, start, n), |i, sum| sum + weights[i] * color[i]);
+            each!(lanes_mut(tilts, start, n), |i, sum| sum + weights[i] * color[i] * u);
+        }
+    }
+
+    /// What was added since the last call lies `down` rows below.
+    #[inline(always)]
+    pub(super) fn close_line(&mut self, down: f32) {
+        let v = UNIT * down;
+        // Which sums of a line go where, and with which power of v.
+        const WAYS: [(usize, usize, i32); ALL] = [
+            (0, 0, 0),
+            (1, 1, 0),
+            (0, 2, 1),
+            (2, 3, 0),
+            (1, 4, 1),
+            (0, 5, 2),
+            (3, 6, 0),
+            (4, 7, 0),
+            (3, 8, 1),
+            (5, 9, 0),
+            (6, 10, 0),
+            (5, 11, 1),
+            (7, 12, 0),
+            (8, 13, 0),
+            (7, 14, 1),
+        ];
+        for (from, to, power) in WAYS {
+            let factor = v.powi(power);
+            for (sum, part) in self.all[to].iter_mut().zip(&self.line[from]) {
+                *sum += factor * part;
+            }
+        }
+        for part in &mut self.line {
+            part.fill(0.0);
+        }
+    }
+
+    /// The value of the plane at a pixel, of which the colour and its variance are given per channel; that colour where
+    /// nothing was added.
+    #[inline(always)]
+    pub(super) fn value(&self, x: usize, y: usize, pixel: [(f32, f32); 3]) -> [f32; 3] {
+        let at = |k: usize| self.all[k][y * self.width + x];
+        let total = at(0);
+        if total <= 0.0 {
+            return pixel.map(|p| p.0);
+        }
+        let (u, v) = (at(1) / total, at(2) / total);
+        // Covariances of places times the total weight. The penalty keeps their matrix one that can be inverted.
+        let (uu, uv, vv) = (at(3) - u * u * total + RIDGE, at(4) - u * v * total, at(5) - v * v * total + RIDGE);
+        let determinant = uu * vv - uv * uv;
+        // The middle of the weights lies off the pixel; slopes times that distance is what the mean is off by.
+        let (du, dv) = ((vv * u - uv * v) / determinant, (uu * v - uv * u) / determinant);
+        let mut means = [0.0; 3];
+        let mut corrections = [0.0; 3];
+        let (mut square, mut noise) = (0.0, 0.0);
+        for c in 0..3 {
+            let [sum, su, sv] = [at(6 + 3 * c), at(7 + 3 * c), at(8 + 3 * c)];
+            means[c] = sum / total;
+            corrections[c] = du * (su - u * sum) + dv * (sv - v * sum);
+            square += corrections[c] * corrections[c];
+            noise += pixel[c].1 * (du * u + dv * v);
+        }
+        let believed = if square > 0.0 { square / (square + DOUBT * noise) } else { 0.0 };
+        for (mean, correction) in means.iter_mut().zip(corrections) {
+            // A plane that falls below zero, or rises to twice the mean, was laid too steep.
+            *mean -= (believed * correction).max(-mean.abs()).min(mean.abs());
+        }
+        means
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The value at a pixel that sees only those to the right of it and below, up to eight away, from what they are.
+    fn of_one_side(colour: impl Fn(f32, f32) -> f32, variance: f32) -> f32 {
+        let mut moments = Moments::new(1, 1);
+        for down in 0..=8 {
+            for across in 0..=8 {
+                let value = colour(across as f32, down as f32);
+                moments.add(0, &[1.0], across as f32, &[vec![value], vec![value], vec![value]], 0);
+            }
+            moments.close_line(down as f32);
+        }
+        moments.value(0, 0, [(colour(0.0, 0.0), variance); 3])[1]
+    }
+
+    #[test]
+    fn a_slope_seen_from_one_side_shifts_next_to_nothing() {
+        let slope = |across: f32, down: f32| 20.0 + across - 2.0 * down;
+        let value = of_one_side(slope, 1e-6);
+        // The mean is 16. Squared distances from the middle add up to 81 * 60 / 9 * UNIT^2 = 21.6 in either direction, so
+        // the penalty takes 0.3 / 21.9 of the way from there to 20 away.
+        let expected = 20.0 - 4.0 * 0.3 / 21.9;
+        assert!((value - expected).abs() < 1e-3, "{value}, expected {expected}");
+    }
+
+    #[test]
+    fn where_noise_tilts_as_much_the_mean_stays() {
+        let value = of_one_side(|across, _| 20.0 + 0.01 * across, 1e4);
+        assert!((value - 20.04).abs() < 1e-3, "{value}, expected the mean, 20.04");
+    }
+
+    #[test]
+    fn no_plane_falls_below_zero() {
+        let value = of_one_side(|across, _| 0.01 + across * across, 1e-6);
+        assert!(value >= 0.0, "{value}");
+    }
+
+    #[test]
+    fn where_nothing_was_added_the_pixel_stays() {
+        let value = Moments::new(1, 1).value(0, 0, [(1.0, 0.1), (2.0, 0.1), (3.0, 0.1)]);
+        assert_eq!(value, [1.0, 2.0, 3.0]);
+    }
+}
