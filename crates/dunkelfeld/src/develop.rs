@@ -2,7 +2,7 @@
 
 use crate::denoising::Denoised;
 use crate::error::Error;
-use crate::matched::{Matched, variance_of_means};
+use crate::matched::{Known, Matched};
 use crate::noise::{Certified, Measured};
 use crate::settings::{RenderSettings, SensorChoice};
 use dunkelfeld_adaptive::need::DEFAULT_TARGET;
@@ -137,17 +137,17 @@ fn expose(
     let key = FrameKey { seed: settings.seed, frame: settings.frame };
     let is_matched = settings.exposure_noise == ExposureNoise::Matched;
     let measured = known.map(|(film, labels)| Measured::exposed(response, model, exposure, film, labels));
-    let variance = measured.as_ref().filter(|_| is_matched).map(variance_of_means);
+    let noise = measured.as_ref().filter(|_| is_matched).map(Known::of);
     let mut values = Plane::new(width, height, 0u16);
     values.data_mut().par_chunks_mut(width as usize).enumerate().try_for_each(|(y, row)| {
         let rows = y as u32..y as u32 + 1;
-        match &variance {
-            Some(variance) => device.expose_rows_matched(&electrons, variance, exposure, key, rows, row),
+        match &noise {
+            Some(noise) => device.expose_rows_matched(&electrons, &noise.variance, exposure, key, rows, row),
             None => device.expose_rows(&electrons, exposure, key, rows, row),
         }
     })?;
-    let matched = is_matched.then(|| match (&measured, &variance) {
-        (Some(measured), Some(variance)) => Matched::new(measured, variance, &electrons, model, exposure),
+    let matched = is_matched.then(|| match (&measured, &noise) {
+        (Some(measured), Some(noise)) => Matched::new(measured, noise, &electrons, model, exposure),
         _ => Matched::nowhere(width, height),
     });
     let certified = measured.as_ref().and_then(|m| m.certify(settings.budget.noise.unwrap_or(DEFAULT_TARGET)));

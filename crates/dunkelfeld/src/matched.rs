@@ -4,9 +4,6 @@ use crate::noise::Measured;
 use dunkelfeld_film::Plane;
 use dunkelfeld_sensor::{Exposure, SensorModel, matched_where};
 
-/// A sample that lifts its pixel by more standard deviations than this is not what the pixel's variance knows of.
-const OUTLIER: f32 = 3.0;
-
 /// Where noise-matched exposure holds: there frames of independent renders have the variance of the camera's.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Matched {
@@ -14,43 +11,61 @@ pub struct Matched {
     pub held: Plane<bool>,
     /// Share of the pixels where it holds, in \[0, 1\].
     pub share: f64,
+    /// Variance of the render that was left out, as far as it could be, over that of the camera. Infinite where it is not known, and
+    /// where the pixel holds a rare sample: one that lifts it by more than one of the camera's standard deviations.
+    pub ratios: Plane<f32>,
 }
 
 impl Matched {
-    /// Judges the pixels of an exposure by their mean electrons, the variance of these as [`variance_of_means`] gives it, and
-    /// the samples they come from.
+    /// Judges the pixels of an exposure by their mean electrons and what is known of the noise of these.
     pub(crate) fn new(
         measured: &Measured,
-        variance: &Plane<f32>,
+        known: &Known,
         electrons: &Plane<f32>,
         model: &SensorModel,
         exposure: Exposure,
     ) -> Self {
-        let mut held = matched_where(model, exposure, electrons, variance);
-        let e = &measured.evidence;
-        let known = e.counts.data().iter().zip(e.mean.data()).zip(e.largest.data()).zip(variance.data());
-        for (held, (((&n, &mean), &largest), &variance)) in held.data_mut().iter_mut().zip(known) {
-            // By so much the pixel is above the mean of its other samples. A lone sample's variance is not known anyway.
-            let lift = (largest - mean) / (n.max(2) - 1) as f32;
-            *held &= lift <= OUTLIER * variance.sqrt() || lift <= f32::EPSILON * mean;
-        }
-        let count = held.data().iter().filter(|h| **h).count();
-        Self { share: count as f64 / held.data().len().max(1) as f64, held }
+        let Some(sensor) = measured.sensor else { return Self::nowhere(electrons.width(), electrons.height()) };
+        let mut held = matched_where(model, exposure, electrons, &known.variance);
+        held.data_mut().iter_mut().zip(known.is_rare.data()).for_each(|(held, rare)| *held &= !rare);
+        let mut pixels = known.variance.data().iter().zip(known.is_rare.data());
+        let ratios = measured.evidence.mean.map(|&mean| match pixels.next() {
+            Some((v, false)) => v / sensor.variance(f64::from(mean)) as f32,
+            _ => f32::INFINITY,
+        });
+        Self { share: share(&held), held, ratios }
     }
 
     /// Of an image whose noise nobody knows.
     pub(crate) fn nowhere(width: u32, height: u32) -> Self {
-        Self { held: Plane::new(width, height, false), share: 0.0 }
+        let ratios = Plane::new(width, height, f32::INFINITY);
+        Self { held: Plane::new(width, height, false), share: 0.0, ratios }
     }
 }
 
-/// Variance of the rendered mean of each pixel [e-^2], pooled over its surface. Infinite where the pixel itself has samples
-/// in fewer than two batches: its neighbours may tell how noisy its samples are, but not whether it is one of them.
-pub(crate) fn variance_of_means(measured: &Measured) -> Plane<f32> {
-    let e = &measured.evidence;
-    let mut own = e.counts.data().iter().zip(e.variance.data());
-    measured.noise.map(|noise| match own.next() {
-        Some((&n, v)) if v.is_finite() => noise.of_mean(n),
-        _ => f32::INFINITY,
-    })
+fn share(held: &Plane<bool>) -> f64 {
+    held.data().iter().filter(|h| **h).count() as f64 / held.data().len().max(1) as f64
+}
+
+/// The noise of a film's pixels, as far as it is to be made up for.
+pub(crate) struct Known {
+    /// Variance of the rendered mean of each pixel [e-^2], pooled over its surface. Infinite where the pixel itself has samples
+    /// in fewer than two batches: its neighbours may tell how noisy its samples are, but not whether it is one of them.
+    pub(crate) variance: Plane<f32>,
+    /// Does the pixel hold a rare sample ([`Matched::ratios`])? What it brings cannot be made up for where it is, and is not to be
+    /// where it is not: such pixels tell their neighbours nothing.
+    pub(crate) is_rare: Plane<bool>,
+}
+
+impl Known {
+    pub(crate) fn of(measured: &Measured) -> Self {
+        let (is_rare, noise) = measured.without_rare();
+        let e = &measured.evidence;
+        let mut own = e.counts.data().iter().zip(e.variance.data());
+        let variance = noise.map(|noise| match own.next() {
+            Some((&n, v)) if v.is_finite() => noise.of_mean(n),
+            _ => f32::INFINITY,
+        });
+        Self { variance, is_rare }
+    }
 }

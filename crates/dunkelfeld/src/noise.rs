@@ -167,6 +167,26 @@ impl Measured {
         Self::new(&Eye { response, white, sensor }, film, labels, Witnesses::All)
     }
 
+    /// Which pixels hold a sample that is rare, and the noise of the others, pooled over such alone; of those that hold one it is
+    /// what all together say. Without a sensor no sample is rare.
+    pub(crate) fn without_rare(&self) -> (Plane<bool>, Plane<PixelNoise>) {
+        let one = [(&self.evidence, &self.noise)];
+        let several: Vec<_> = self.views.iter().map(|(evidence, noise)| (evidence, noise)).collect();
+        let views = if several.is_empty() { &one[..] } else { &several };
+        let told: Vec<_> = views
+            .iter()
+            .map(|&(evidence, all)| match self.sensor {
+                None => (evidence.mean.map(|_| false), all.clone()),
+                Some(sensor) => {
+                    let rare = rare(evidence, all, sensor);
+                    let noise = pooled_without(evidence, &rare, all);
+                    (rare, noise)
+                }
+            })
+            .collect();
+        (woven(&self.response, |kind| &told[kind].0), woven(&self.response, |kind| &told[kind].1))
+    }
+
     /// The same film, asked of other witnesses.
     pub(crate) fn repooled(self, witnesses: Witnesses) -> Self {
         let views = if self.views.is_empty() {
@@ -214,6 +234,32 @@ pub fn certify(frame: &mut Frame, film: &Film, labels: &Plane<Option<Label>>, k:
 
 fn certified(frame: &SensorFrame, film: &Film, labels: &Plane<Option<Label>>, k: f64) -> Option<Certified> {
     Measured::exposed(frame.response, &frame.model, frame.exposure, film, labels).certify(k)
+}
+
+/// A sample is rare if it lifts its pixel by more of the sensor's standard deviations: so that it is seen in a single frame.
+const SEEN: f64 = 1.0;
+
+/// Which pixels hold a sample that lifts them by so much above the mean of their neighbourhood. What counts as rare does not
+/// depend on the pixel's other samples: those that are left scatter as samples do that are bounded.
+fn rare(evidence: &Evidence, noise: &Plane<PixelNoise>, sensor: SensorNoise) -> Plane<bool> {
+    let mut samples = evidence.counts.data().iter().zip(evidence.largest.data());
+    noise.map(|around| {
+        samples.next().is_some_and(|(&n, &largest)| {
+            let lift = f64::from(largest - around.mean) / f64::from(n.max(1));
+            lift > SEEN * sensor.variance(f64::from(around.mean)).sqrt()
+        })
+    })
+}
+
+/// Noise pooled over the pixels that hold no rare sample; of those that hold one, what `all` says.
+fn pooled_without(evidence: &Evidence, is_rare: &Plane<bool>, all: &Plane<PixelNoise>) -> Plane<PixelNoise> {
+    let mut others = evidence.clone();
+    let variances = others.variance.data_mut().iter_mut();
+    variances.zip(is_rare.data()).filter(|(_, rare)| **rare).for_each(|(v, _)| *v = f32::INFINITY);
+    let mut noise = pooled(&others, Witnesses::All);
+    let both = noise.data_mut().iter_mut().zip(all.data());
+    both.zip(is_rare.data()).filter(|(_, rare)| **rare).for_each(|((noise, all), _)| *noise = *all);
+    noise
 }
 
 /// Of the planes of each kind of pixel, every pixel's value from that of its own kind.

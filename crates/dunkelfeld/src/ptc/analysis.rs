@@ -9,6 +9,7 @@ use crate::campaign::{View, exposure_words};
 use crate::error::Error;
 use crate::report::words::rounded;
 use crate::settings::RenderSettings;
+use dunkelfeld_adaptive::need::DEFAULT_TARGET;
 use dunkelfeld_emva1288::{
     AnalysisError, Frame, FramePair, LineFit, PhotonTransfer, Quantity, TemporalAccumulator, TemporalStatistics,
     TransferPoint,
@@ -23,6 +24,9 @@ const LEVEL_SIDE: u32 = 128;
 pub(super) const LINEAR_BINS: f64 = 128.0;
 /// Dark and saturated grey values of the paper's pictures \[DN\].
 const PICTURE: [f64; 2] = [0.0, 255.0];
+/// Curves of the sensor's frames are of pixels where the render's noise is no more than this share of the camera's, as standard
+/// deviations: what a render strives for by default, and well within what matched exposure can make up for.
+const QUIET: f64 = DEFAULT_TARGET;
 /// Fewest frames that have a spread, and of which one can be left out.
 const LEAST_FRAMES: usize = 3;
 
@@ -65,9 +69,9 @@ pub(super) struct PictureSeries {
 pub(super) struct CameraSeries {
     pub(super) spp: u32,
     pub(super) frames: u64,
-    /// Share of the pixels where matched exposure holds in most frames. The curves are of these, in the frames in which it
-    /// holds.
-    pub(super) held: f64,
+    /// Share of the pixels that the curves are of: those whose render is quiet enough beside the camera, on average over the
+    /// frames, in the frames in which its noise is known.
+    pub(super) quiet: f64,
     pub(super) plain: Option<Curve>,
     pub(super) matched: Option<Curve>,
 }
@@ -168,7 +172,7 @@ impl Results {
                         fit.slope.standard_error,
                         100.0 * (fit.slope.value / sensor.truth - 1.0),
                         fit.r_squared,
-                        rounded(100.0 * series.held)
+                        rounded(100.0 * series.quiet)
                     ));
                 }
             }
@@ -288,28 +292,33 @@ impl Reader<'_> {
         if units.len() < LEAST_FRAMES {
             return Ok(None);
         }
-        let mut times_held: Vec<usize> = Vec::new();
+        // Frames in which the noise of a pixel is known, and its mean share of the camera's variance in these.
+        let mut known: Vec<(u32, f64)> = Vec::new();
         let mut size = (0, 0);
         for unit in &units {
-            let held = self.renders.held(unit)?;
-            size = (held.width(), held.height());
-            times_held.resize(held.data().len(), 0);
-            times_held.iter_mut().zip(held.data()).for_each(|(n, held)| *n += usize::from(*held));
+            let ratios = self.renders.ratios(unit)?;
+            size = (ratios.width(), ratios.height());
+            known.resize(ratios.data().len(), (0, 0.0));
+            for ((frames, mean), ratio) in known.iter_mut().zip(ratios.data()).filter(|(_, r)| r.is_finite()) {
+                *frames += 1;
+                *mean += (f64::from(*ratio) - *mean) / f64::from(*frames);
+            }
         }
-        let keep: Vec<bool> = times_held.iter().map(|n| 2 * n > units.len()).collect();
+        let is_quiet = |&(frames, mean): &(u32, f64)| 2 * frames as usize > units.len() && mean <= QUIET * QUIET;
+        let keep: Vec<bool> = known.iter().map(is_quiet).collect();
         let dark = model.spec().offset.0 + model.spec().system_gain * model.dark_electrons(exposure.time()).0;
         let range = [dark, model.saturation_value().0];
         let of = |matched: bool| {
             let mut stack = TemporalAccumulator::new(size.0, size.1);
             for unit in &units {
-                let (values, held) = (self.renders.values(unit, matched)?, self.renders.held(unit)?);
+                let (values, ratios) = (self.renders.values(unit, matched)?, self.renders.ratios(unit)?);
                 let frame = Frame::new(size.0, size.1, values.data()).map_err(fault)?;
-                stack.add_where(frame, held.data()).map_err(fault)?;
+                stack.add_where(frame, ratios.map(|r| r.is_finite()).data()).map_err(fault)?;
             }
             linear_curve(&stack.finish().map_err(fault)?, range, Some(&keep)).map(Some)
         };
-        let held = keep.iter().filter(|k| **k).count() as f64 / keep.len().max(1) as f64;
-        Ok(Some(CameraSeries { spp, frames: units.len() as u64, held, plain: of(false)?, matched: of(true)? }))
+        let quiet = keep.iter().filter(|k| **k).count() as f64 / keep.len().max(1) as f64;
+        Ok(Some(CameraSeries { spp, frames: units.len() as u64, quiet, plain: of(false)?, matched: of(true)? }))
     }
 }
 

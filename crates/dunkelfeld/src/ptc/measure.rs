@@ -22,15 +22,15 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 /// Version of the files in the folder.
-const VERSION: u32 = 1;
+const VERSION: u32 = 2;
 const MANIFEST: &str = "ptc.json";
 /// The layers that a render keeps: expected signal, the same denoised; grey values of plain and of matched exposure, and
-/// where the latter holds.
+/// the share of the camera's variance that the render has in the latter, infinite where that is not known.
 const SIGNAL: &str = "signal.Y";
 const DENOISED: &str = "denoised.Y";
 const PLAIN: &str = "plain.Y";
 const MATCHED: &str = "matched.Y";
-const HELD: &str = "held.Y";
+const RATIO: &str = "ratio.Y";
 
 /// What a measurement came to.
 #[derive(Clone, Debug)]
@@ -137,9 +137,9 @@ impl Renders {
         Ok(self.plane(unit, if matched { MATCHED } else { PLAIN })?.map(|&v| v as u16))
     }
 
-    /// Where matched exposure holds.
-    pub(super) fn held(&self, unit: &Unit) -> Result<Plane<bool>, Error> {
-        Ok(self.plane(unit, HELD)?.map(|&v| v > 0.5))
+    /// Variance of the render over the camera's, infinite where matched exposure does not know it.
+    pub(super) fn ratios(&self, unit: &Unit) -> Result<Plane<f32>, Error> {
+        self.plane(unit, RATIO)
     }
 
     /// Mean radiance of the reference.
@@ -298,7 +298,7 @@ impl Work<'_> {
             let Some(frame) = developed.sensor else { continue };
             push_plane(layers, layer, frame.values.map(|&v| f32::from(v)));
             if let Some(matched) = &frame.matched {
-                push_plane(layers, HELD, matched.held.map(|&held| f32::from(u8::from(held))));
+                push_plane(layers, RATIO, matched.ratios.clone());
             }
         }
         Ok(())

@@ -110,7 +110,7 @@ impl<'a> Report<'a> {
                             "error of K from noise-matched frames at {} samples per pixel (\u{b1} {:.2} %), on {:.0} % of the pixels",
                             s.spp,
                             100.0 * fit.slope.standard_error / sensor.truth,
-                            100.0 * s.held
+                            100.0 * s.quiet
                         ),
                     ));
                 }
@@ -323,7 +323,7 @@ fn lines(r: &Results) -> Table {
     }
     for s in &r.cameras {
         for (what, curve) in [("plain exposure", &s.plain), ("matched exposure", &s.matched)] {
-            rows.extend(curve.as_ref().and_then(|c| row(what, Some(s.spp), s.frames, s.held, c)));
+            rows.extend(curve.as_ref().and_then(|c| row(what, Some(s.spp), s.frames, s.quiet, c)));
         }
     }
     Table { name: "lines", columns, rows }
