@@ -51,6 +51,9 @@ fn a_lens_that_vignettes_can_be_put_before_or_after_the_render() {
     let focal_length = 30.0 * 3.45 / 0.45f64.tan();
     let render = "render scene.gltf --width 80 --height 60 --spp 16 --allocate uniform --exposure 2ms";
     bench.run(&format!("{render} -o a.png --exr a.exr --vignetting cos4")).code(0);
+    let twice = "expose a.exr --exposure 2ms --linear t.tif --vignetting cos4 --focal-length 12mm";
+    let said = stderr(&bench.run(twice).code(2));
+    assert!(said.contains("darkened") && said.contains("leave out --vignetting"), "{said}");
     bench.run(&format!("{render} -o b.png --exr b.exr --vignetting none")).code(0);
     bench.run(&format!("{render} -o c.png --exr c.exr")).code(0);
     assert_eq!(bench.read("b.exr"), bench.read("c.exr"), "there is none by default");

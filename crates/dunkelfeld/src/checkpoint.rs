@@ -193,7 +193,7 @@ impl Keeper {
             settings: settings.clone(),
             identity,
             samples: render.samples.clone(),
-            look: is_part.then(|| Look::new(render, scene.object_names())),
+            look: is_part.then(|| Look::new(render, camera.has_vignetting(), scene.object_names())),
             numbers: is_part.then(|| numbers_of(labels)),
             size: (render.width, render.height),
             started: began(started, earlier).0,

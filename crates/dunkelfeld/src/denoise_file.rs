@@ -2,7 +2,7 @@
 
 use crate::denoising::{DenoiseSettings, Denoised, find_denoiser, run};
 use crate::error::Error;
-use crate::outputs::{denoised_by, extension, same_file, save_exr, written};
+use crate::outputs::{attributes, denoised_by, extension, same_file, save_exr, set_attribute, written};
 use crate::progress::{Cancel, Progress};
 use crate::render::thread_pool;
 use dunkelfeld_denoise::{DenoiseError, DenoiseInput};
@@ -113,12 +113,8 @@ impl DenoisedFile {
     /// If the file cannot be written; an existing one then stays as it was.
     pub fn save(self, output: &Path) -> Result<(), Error> {
         check_denoise_output(&self.input, output)?;
-        let mut attributes = match serde_json::from_str(&self.layers.attributes) {
-            Ok(serde_json::Value::Object(attributes)) => attributes,
-            _ => serde_json::Map::new(),
-        };
         if extension(output) == "png" {
-            let scale = match attributes.get("sensor") {
+            let scale = match attributes(&self.layers).get("sensor") {
                 Some(serde_json::Value::String(_)) => brightness(&self.denoised.mean),
                 _ => 1.0,
             };
@@ -130,9 +126,8 @@ impl DenoisedFile {
             let text = [("Software", "Dunkelfeld"), ("Comment", comment.as_str())];
             return written(output, dunkelfeld_io::png::write_png(output, Picture::Rgb8(&picture), &text));
         }
-        attributes.insert("denoiser".into(), self.denoised.denoiser.clone().into());
         let mut layers = self.layers;
-        layers.attributes = serde_json::Value::Object(attributes).to_string();
+        set_attribute(&mut layers, "denoiser", &self.denoised.denoiser);
         layers.push_triples(Triple::Denoised, &self.denoised.mean);
         save_exr(output, layers)
     }

@@ -5,7 +5,9 @@ use crate::develop::Picture;
 use crate::error::Error;
 use crate::lens::DEFAULT_F_NUMBER;
 use crate::noise::pooled;
-use crate::outputs::{extension, same_file, save_plain_picture, save_values, values_words, written};
+use crate::outputs::{
+    VIGNETTING, attributes, extension, same_file, save_plain_picture, save_values, values_words, written,
+};
 use crate::progress::{Cancel, Progress, ProgressState, Stage};
 use crate::render::thread_pool;
 use dunkelfeld_adaptive::evidence::{Evidence, surfaces};
@@ -155,6 +157,10 @@ impl Exposer {
     pub fn open(path: &Path, settings: &ExposeSettings) -> Result<Self, Error> {
         check(settings)?;
         let layers = read_exr(path)?;
+        if settings.vignetting.is_some() && attributes(&layers).contains_key(VIGNETTING) {
+            let problem = "the lens of the render has darkened its corners already";
+            return Err(InputError::new(path, "--vignetting", problem, "leave out --vignetting").into());
+        }
         let radiance = radiance_of(path, &layers, settings.layer.as_deref())?;
         let variance = match settings.exposure_noise {
             ExposureNoise::Plain => None,

@@ -22,6 +22,8 @@ pub(crate) struct Look {
     sensor: Option<StoredSensor>,
     is_matched: bool,
     without: Vec<String>,
+    /// Does the lens darken the image towards its corners?
+    pub(crate) is_vignetted: bool,
     pub(crate) object_names: Vec<String>,
     /// Does a plan say which samples there are?
     pub(crate) is_replay: bool,
@@ -61,7 +63,7 @@ struct StoredSensor {
 }
 
 impl Look {
-    pub(crate) fn new(settings: &RenderSettings, object_names: &[String]) -> Self {
+    pub(crate) fn new(settings: &RenderSettings, is_vignetted: bool, object_names: &[String]) -> Self {
         let sensor = match &settings.sensor {
             SensorChoice::None => None,
             SensorChoice::Emva { model, optics, exposure } => Some(StoredSensor::new(model.spec(), optics, *exposure)),
@@ -72,6 +74,7 @@ impl Look {
             sensor,
             is_matched: settings.exposure_noise == ExposureNoise::Matched,
             without: settings.without.iter().map(|e| e.name().to_string()).collect(),
+            is_vignetted,
             object_names: object_names.to_vec(),
             is_replay: settings.replay.is_some(),
         }
@@ -103,6 +106,7 @@ impl Look {
         [
             (self.sensor != other.sensor, "sensor, lens or exposure"),
             (self.is_matched != other.is_matched, "exposure noise"),
+            (self.is_vignetted != other.is_vignetted, "vignetting"),
             (self != other, "names of objects, or choice of effects left out"),
         ]
         .into_iter()
@@ -272,7 +276,7 @@ mod tests {
             let exposure = Some(Exposure::new(Seconds(0.1 / 7.0)).expect("in range"));
             let sensor = SensorChoice::Emva { model: Box::new(model), optics, exposure };
             let settings = RenderSettings { sensor, seed: u64::MAX, frame: 3, ..RenderSettings::default() };
-            let text = serde_json::to_string(&Look::new(&settings, &["a".into()])).expect("plain data");
+            let text = serde_json::to_string(&Look::new(&settings, true, &["a".into()])).expect("plain data");
             let look: Look = serde_json::from_str(&text).expect("what was written");
             let back = look.settings(settings.width, settings.height).expect("a sensor");
             assert_eq!(format!("{back:?}"), format!("{settings:?}"));

@@ -250,6 +250,24 @@ pub fn encode_layers(
     layers
 }
 
+/// The attribute of images that a lens has darkened.
+pub(crate) const VIGNETTING: &str = "vignetting";
+
+/// What a file says of itself, if it is one of ours.
+pub(crate) fn attributes(layers: &ExrLayers) -> serde_json::Map<String, serde_json::Value> {
+    match serde_json::from_str(&layers.attributes) {
+        Ok(serde_json::Value::Object(attributes)) => attributes,
+        _ => serde_json::Map::new(),
+    }
+}
+
+/// Adds to what a file says of itself.
+pub(crate) fn set_attribute(layers: &mut ExrLayers, name: &str, value: &str) {
+    let mut all = attributes(layers);
+    all.insert(name.into(), value.into());
+    layers.attributes = serde_json::Value::Object(all).to_string();
+}
+
 fn plan_layers(plan: &Plane<u32>, settings: &RenderSettings) -> ExrLayers {
     let mut layers = ExrLayers::new(plan.width(), plan.height());
     layers.push_integers(Single::SampleCount, plan.clone());
@@ -269,6 +287,8 @@ pub(crate) struct Written<'a> {
     pub(crate) frame: &'a Frame,
     pub(crate) settings: &'a RenderSettings,
     pub(crate) object_names: &'a [String],
+    /// Does the lens darken the image towards its corners?
+    pub(crate) is_vignetted: bool,
 }
 
 impl Written<'_> {
@@ -281,7 +301,12 @@ impl Written<'_> {
             save_linear(self.frame, path)?;
         }
         if let Some(path) = &paths.exr {
-            save_exr(path, encode_layers(self.film, self.labels, self.frame, self.settings, self.object_names))?;
+            let names = self.object_names;
+            let mut layers = encode_layers(self.film, self.labels, self.frame, self.settings, names);
+            if self.is_vignetted {
+                set_attribute(&mut layers, VIGNETTING, "cos4");
+            }
+            save_exr(path, layers)?;
         }
         if let Some(path) = &paths.plan {
             save_plan(path, &self.film.sample_counts(), self.settings)?;

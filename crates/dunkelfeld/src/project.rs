@@ -8,7 +8,7 @@ use crate::inspect::{Inspection, camera_entry, inspect};
 use crate::lens::{DEFAULT_F_NUMBER, FilmSize, Fitted, Misfit, fit};
 use crate::outputs::{self, OutputPaths, Written};
 use crate::progress::{Cancel, Progress, ProgressState, Silent, Stage};
-use crate::render::{Rendering, find_camera, render_rehearsed, thread_pool};
+use crate::render::{Rendering, camera, find_camera, render_rehearsed, thread_pool};
 use crate::settings::{Budget, RenderSettings, SensorChoice};
 use crate::stats::Stats;
 use dunkelfeld_adaptive::allocation::Strategy;
@@ -63,6 +63,7 @@ pub struct ProjectResult {
     pub stats: Stats,
     settings: RenderSettings,
     object_names: Vec<String>,
+    is_vignetted: bool,
     started: Instant,
 }
 
@@ -275,10 +276,11 @@ impl Project {
             None => Ok(None),
         };
         let object_names = self.scene.object_names();
+        let is_vignetted = camera(&self.scene, &settings)?.has_vignetting();
         let rehearsal = |film: &Film, labels: &Plane<Option<Label>>| {
             let mut frame = develop_film(film, labels, &settings)?;
             denoise(&mut frame, film, &Silent)?;
-            Written { film, labels, frame: &frame, settings: &settings, object_names }.save(&self.outputs)
+            Written { film, labels, frame: &frame, settings: &settings, object_names, is_vignetted }.save(&self.outputs)
         };
         let mut rendering = render_rehearsed(&self.scene, &settings, self.started, progress, cancel, &rehearsal)?;
         let began = Instant::now();
@@ -308,6 +310,7 @@ impl Project {
             stats,
             settings,
             object_names: object_names.to_vec(),
+            is_vignetted,
             started: self.started,
         })
     }
@@ -334,6 +337,7 @@ impl ProjectResult {
             frame: &self.frame,
             settings: &self.settings,
             object_names: &self.object_names,
+            is_vignetted: self.is_vignetted,
         };
         written.save(paths)?;
         self.stats.add_seconds(Stage::Write, began.elapsed().as_secs_f64());

@@ -27,7 +27,7 @@
 //! Unknown keys are errors. Times, lengths, angles and powers carry their unit (`"5ms"`, `"12mm"`, `"30deg"`, `"3W"`);
 //! colours are linear Rec. 709, `[r, g, b]` or one number for all three.
 
-mod check;
+pub(crate) mod check;
 mod lens;
 mod lights;
 mod overrides;

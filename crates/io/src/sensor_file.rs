@@ -47,6 +47,7 @@ use serde::Deserialize;
 use toml::Spanned;
 
 use crate::error::InputError;
+use crate::job::check::whole;
 use crate::toml_file::TomlFile;
 
 /// Temperature of a sensor about which nothing is said.
@@ -126,7 +127,7 @@ pub fn parse_sensor(file: &TomlFile) -> Result<SensorModel, InputError> {
         temperature,
         system_gain: gain,
         offset: DigitalNumber(*toml.offset_dn.get_ref()),
-        bit_depth: *toml.bit_depth.get_ref(),
+        bit_depth: toml.bit_depth.get_ref().0,
         fixed_pattern: FixedPattern {
             dsnu: Electrons(value(&toml.dsnu_e, 0.0)),
             dsnu_row: Electrons(value(&toml.dsnu_row_e, 0.0)),
@@ -190,7 +191,7 @@ struct SensorToml {
     derived: Vec<Spanned<String>>,
     #[serde(default)]
     assumed: Vec<Spanned<String>>,
-    bit_depth: Spanned<u32>,
+    bit_depth: Spanned<BitDepth>,
     pixel_pitch_um: Spanned<f64>,
     quantum_efficiency: Option<Spanned<Vec<[f64; 2]>>>,
     full_well_e: Spanned<f64>,
@@ -210,6 +211,15 @@ struct SensorToml {
     color_filter: Option<ColorFilterToml>,
     defects: Option<DefectsToml>,
     published: Option<PublishedToml>,
+}
+
+/// Bits of a grey value.
+struct BitDepth(u32);
+
+impl<'de> Deserialize<'de> for BitDepth {
+    fn deserialize<D: serde::Deserializer<'de>>(d: D) -> Result<Self, D::Error> {
+        whole(d, 8, 16).map(Self)
+    }
 }
 
 #[derive(Deserialize)]

@@ -49,6 +49,7 @@ fn every_value_arrives_in_its_unit() {
 fn a_mistake_is_shown_at_its_place() {
     let cases = [
         ("bit_depth = 12", "bit_depth = 24", "24", "from 8 to 16"),
+        ("bit_depth = 12", "bit_depth = 12.5", "12.5", "from 8 to 16"),
         ("pixel_pitch_um = 3.45", "pixel_pitch_um = 0", "0", "0.1 to 1000 um"),
         ("full_well_e = 10_000", "full_well_e = nan", "nan", "out of range"),
         ("dark_noise_e = 4.0", "dark_noise_e = -4.0", "-4.0", "full well"),

@@ -183,7 +183,7 @@ impl Results {
 
 /// What the analyser cannot take of our own frames is a fault of the frames, not of the user.
 pub(super) fn fault(e: AnalysisError) -> Error {
-    Error::setting("frames", e.to_string(), "start anew with --restart")
+    Error::setting("frames", e.to_string(), e.mend())
 }
 
 fn stack_of<'a>(

@@ -33,7 +33,8 @@ pub(super) fn pilot_spp<'de, D: Deserializer<'de>>(d: D) -> Result<u32, D::Error
     whole(d, 1, 65_536)
 }
 
-fn whole<'de, D: Deserializer<'de>>(d: D, least: u32, most: u32) -> Result<u32, D::Error> {
+/// A whole number in a range.
+pub(crate) fn whole<'de, D: Deserializer<'de>>(d: D, least: u32, most: u32) -> Result<u32, D::Error> {
     let v = d.deserialize_any(Whole { least: least.into(), most: most.into() })?;
     u32::try_from(v).map_err(D::Error::custom)
 }
