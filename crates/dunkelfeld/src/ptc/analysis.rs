@@ -9,7 +9,6 @@ use crate::campaign::{View, exposure_words};
 use crate::error::Error;
 use crate::report::words::rounded;
 use crate::settings::RenderSettings;
-use dunkelfeld_adaptive::need::DEFAULT_TARGET;
 use dunkelfeld_emva1288::{
     AnalysisError, Frame, FramePair, LineFit, PhotonTransfer, Quantity, TemporalAccumulator, TemporalStatistics,
     TransferPoint,
@@ -25,8 +24,8 @@ pub(super) const LINEAR_BINS: f64 = 128.0;
 /// Dark and saturated grey values of the paper's pictures \[DN\].
 const PICTURE: [f64; 2] = [0.0, 255.0];
 /// Curves of the sensor's frames are of pixels where the render's noise is no more than this share of the camera's, as standard
-/// deviations: what a render strives for by default, and well within what matched exposure can make up for.
-const QUIET: f64 = DEFAULT_TARGET;
+/// deviations: well within what matched exposure can make up for, in single frames too.
+const QUIET: f64 = 0.7;
 /// Fewest frames that have a spread, and of which one can be left out.
 const LEAST_FRAMES: usize = 3;
 
