@@ -147,17 +147,13 @@ pub(crate) struct RenderArgs {
     /// Frame number: frames of one seed are independent, and come from the same device [default: 0].
     #[arg(long, value_name = "N", allow_negative_numbers = true)]
     pub(crate) frame: Option<u32>,
-    /// Threads [default: one per core].
-    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = clap::value_parser!(u16).range(1..=1024))]
-    pub(crate) threads: Option<u16>,
     /// Leave out an effect that the scene calls for, as in scattering or normal-maps: to see what it costs and whether the
     /// camera can tell. Techniques too: without every-light one light is asked at a time, for the same image with other
     /// noise. May be repeated. `inspect` lists the effects. The outputs say that it was left out.
     #[arg(long, value_name = "EFFECT", value_delimiter = ',', value_parser = effect)]
     pub(crate) without: Vec<Effect>,
-    /// How progress is shown on standard error.
-    #[arg(long, value_enum, default_value_t = ProgressKind::Bar)]
-    pub(crate) progress: ProgressKind,
+    #[command(flatten)]
+    pub(crate) run: RunArgs,
     /// Trace one sample instead of rendering, and print its path vertex by vertex. Nothing is written, so flags for outputs
     /// and budgets are refused.
     #[arg(long, value_name = "X,Y,SAMPLE", value_parser = pixel_sample,
@@ -247,6 +243,24 @@ pub(crate) struct BenchArgs {
     pub(crate) view: ViewArgs,
 }
 
+/// How a command runs, whatever it does.
+#[derive(Debug, Args)]
+pub(crate) struct RunArgs {
+    /// Threads [default: one per core].
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = clap::value_parser!(u16).range(1..=1024))]
+    pub(crate) threads: Option<u16>,
+    /// How progress is shown on standard error.
+    #[arg(long, value_enum, default_value_t = ProgressKind::Bar)]
+    pub(crate) progress: ProgressKind,
+}
+
+impl RunArgs {
+    /// The number of threads; 0 for one per core.
+    pub(crate) fn thread_count(&self) -> usize {
+        self.threads.map_or(0, usize::from)
+    }
+}
+
 /// How a scene is seen by a command that renders it many times.
 #[derive(Debug, Args)]
 pub(crate) struct ViewArgs {
@@ -268,12 +282,8 @@ pub(crate) struct ViewArgs {
     /// Seed that all others follow from [default: 0].
     #[arg(long, value_name = "N", allow_negative_numbers = true)]
     pub(crate) seed: Option<u64>,
-    /// Threads [default: one per core].
-    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = clap::value_parser!(u16).range(1..=1024))]
-    pub(crate) threads: Option<u16>,
-    /// How progress is shown on standard error.
-    #[arg(long, value_enum, default_value_t = ProgressKind::Bar)]
-    pub(crate) progress: ProgressKind,
+    #[command(flatten)]
+    pub(crate) run: RunArgs,
 }
 
 /// Flags of `denoise`.
@@ -296,12 +306,8 @@ pub(crate) struct DenoiseArgs {
     /// Without --denoise it means --denoise oidn.
     #[arg(long, value_name = "PATH")]
     pub(crate) oidn: Option<PathBuf>,
-    /// Threads [default: one per core].
-    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = clap::value_parser!(u16).range(1..=1024))]
-    pub(crate) threads: Option<u16>,
-    /// How progress is shown on standard error.
-    #[arg(long, value_enum, default_value_t = ProgressKind::Bar)]
-    pub(crate) progress: ProgressKind,
+    #[command(flatten)]
+    pub(crate) run: RunArgs,
 }
 
 /// Flags of `expose`.
@@ -358,12 +364,8 @@ pub(crate) struct ExposeArgs {
     /// Number of the first frame.
     #[arg(long, value_name = "N", default_value_t = 0, allow_negative_numbers = true)]
     pub(crate) frame: u32,
-    /// Threads [default: one per core].
-    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = clap::value_parser!(u16).range(1..=1024))]
-    pub(crate) threads: Option<u16>,
-    /// How progress is shown on standard error.
-    #[arg(long, value_enum, default_value_t = ProgressKind::Bar)]
-    pub(crate) progress: ProgressKind,
+    #[command(flatten)]
+    pub(crate) run: RunArgs,
 }
 
 /// Effects on the command line: a list, or none at all.

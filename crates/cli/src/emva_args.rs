@@ -1,6 +1,6 @@
 //! The flags of `emva`.
 
-use crate::args::ProgressKind;
+use crate::args::RunArgs;
 use clap::{Args, Subcommand, ValueEnum};
 use dunkelfeld::io::quantity::Time;
 use dunkelfeld::sensor::FilterColor;
@@ -62,12 +62,8 @@ pub(crate) struct DatasetArgs {
     /// Picks the device and its noise [default: 0].
     #[arg(long, value_name = "N", allow_negative_numbers = true)]
     pub(crate) seed: Option<u64>,
-    /// Threads [default: one per core]; the frames do not depend on them.
-    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = clap::value_parser!(u16).range(1..=1024))]
-    pub(crate) threads: Option<u16>,
-    /// How progress is shown on standard error.
-    #[arg(long, value_enum, default_value_t = ProgressKind::Bar)]
-    pub(crate) progress: ProgressKind,
+    #[command(flatten)]
+    pub(crate) run: RunArgs,
 }
 
 /// Flags of `emva analyse`.
@@ -95,12 +91,8 @@ pub(crate) struct AnalyseArgs {
     /// The report: one page with the figures and the standard's plots, that needs no other file.
     #[arg(long, value_name = "FILE.html")]
     pub(crate) html: Option<PathBuf>,
-    /// Threads [default: one per core].
-    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = clap::value_parser!(u16).range(1..=1024))]
-    pub(crate) threads: Option<u16>,
-    /// How progress is shown on standard error.
-    #[arg(long, value_enum, default_value_t = ProgressKind::Bar)]
-    pub(crate) progress: ProgressKind,
+    #[command(flatten)]
+    pub(crate) run: RunArgs,
 }
 
 /// What is varied, on the command line.

@@ -2,9 +2,10 @@
 
 use crate::args::{BenchArgs, Denoise};
 use crate::bar::Sink;
+use crate::commands::campaign::{conclude, report};
 use crate::commands::render::apply_view;
 use crate::interrupt::cancel_on_interrupt;
-use crate::outcome::{Outcome, print, say};
+use crate::outcome::Outcome;
 use dunkelfeld::bench::{BenchSettings, bench, default_folder};
 use dunkelfeld::{DenoiseMethod, Error, Progress, ProgressState, Project, Stage};
 use std::time::Instant;
@@ -12,7 +13,7 @@ use std::time::Instant;
 pub(crate) fn run(args: &BenchArgs, started: Instant) -> Result<Outcome, Error> {
     let settings = settings(args);
     settings.check()?;
-    let sink = Sink::new(args.view.progress);
+    let sink = Sink::new(args.view.run.progress);
     sink.update(&ProgressState { stage: Stage::Load, fraction: 0.0, elapsed: 0.0, remaining: None, samples: 0 });
     let mut project = Project::open_at(&args.input, started)?;
     apply_view(&args.view, &mut project)?;
@@ -21,22 +22,8 @@ pub(crate) fn run(args: &BenchArgs, started: Instant) -> Result<Outcome, Error> 
     let cancel = cancel_on_interrupt();
     let outcome = bench(project, &args.input, &settings, &folder, own_size, args.restart, &sink, &cancel)?;
     drop(sink);
-    let mut text = outcome.findings.iter().fold(String::new(), |text, line| text + line + "\n");
-    if let Some(page) = outcome.files.first() {
-        let others = outcome.files.len() - 1;
-        text += &format!("wrote {} and {others} tables and charts beside it\n", page.display());
-    }
-    print(&text);
-    if outcome.invalid_samples > 0 {
-        let n = outcome.invalid_samples;
-        say(&format!("flagged: {n} samples were not finite, negative or out of range; they count as black"));
-    }
-    let [done, all] = outcome.finished;
-    if outcome.interrupted && done < all {
-        say(&format!("interrupted: {done} of {all} renders are kept; the same command goes on from there"));
-        return Ok(Outcome::Interrupted);
-    }
-    Ok(if outcome.invalid_samples > 0 { Outcome::Flagged } else { Outcome::Done })
+    report(&outcome.findings, &outcome.files);
+    Ok(conclude(outcome.invalid_samples, outcome.finished, outcome.interrupted))
 }
 
 fn settings(args: &BenchArgs) -> BenchSettings {

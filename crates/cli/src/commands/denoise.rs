@@ -13,9 +13,9 @@ pub(crate) fn run(args: &DenoiseArgs) -> Result<Outcome, Error> {
     let mut settings = DenoiseSettings::default();
     let method = args.denoise.or(args.oidn.is_none().then_some(Denoise::Auto));
     apply_denoise(method, args.oidn.as_ref(), &mut settings);
-    let sink = Sink::new(args.progress);
+    let sink = Sink::new(args.run.progress);
     let cancel = cancel_on_interrupt();
-    let threads = args.threads.map_or(0, usize::from);
+    let threads = args.run.thread_count();
     let Some(file) = denoise_exr(&args.input, &settings, threads, &sink, &cancel)? else {
         drop(sink);
         say("interrupted: nothing was written");

@@ -33,9 +33,9 @@ fn dataset(args: &DatasetArgs) -> Result<Outcome, Error> {
         Some(VaryChoice::Exposure) | None => Vary::Exposure,
     };
     let plan = DatasetPlan::new(&model, &settings)?;
-    let sink = Sink::new(args.progress);
+    let sink = Sink::new(args.run.progress);
     let cancel = cancel_on_interrupt();
-    let threads = args.threads.map_or(0, usize::from);
+    let threads = args.run.thread_count();
     let written = write_dataset(&plan, &args.output, threads, &sink, &cancel)?;
     drop(sink);
     let Some(written) = written else {
@@ -63,9 +63,9 @@ fn analyse(args: &AnalyseArgs) -> Result<Outcome, Error> {
         ReleaseChoice::R31 => Release::R31,
     };
     let settings = AnalysisSettings { release, pixel_pitch: args.pixel_pitch };
-    let sink = Sink::new(args.progress);
+    let sink = Sink::new(args.run.progress);
     let cancel = cancel_on_interrupt();
-    let read = read_measurement(&args.input, args.threads.map_or(0, usize::from), &sink, &cancel);
+    let read = read_measurement(&args.input, args.run.thread_count(), &sink, &cancel);
     drop(sink);
     let Some(read) = read? else {
         say("interrupted: nothing was written");

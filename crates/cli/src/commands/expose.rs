@@ -15,7 +15,7 @@ pub(crate) fn run(args: &ExposeArgs) -> Result<Outcome, Error> {
     if outputs == ExposeOutputs::default() {
         outputs.image = Some(dunkelfeld::default_image_path(&args.input));
     }
-    let sink = Sink::new(args.progress);
+    let sink = Sink::new(args.run.progress);
     let cancel = cancel_on_interrupt();
     let exposed = expose_exr(&args.input, &settings, &outputs, &sink, &cancel)?;
     drop(sink);
@@ -55,7 +55,7 @@ fn settings(args: &ExposeArgs) -> Result<ExposeSettings, Error> {
         first_frame: args.frame,
         frames: args.frames,
         layer: args.layer.clone(),
-        threads: args.threads.map_or(0, usize::from),
+        threads: args.run.thread_count(),
         ..defaults
     })
 }

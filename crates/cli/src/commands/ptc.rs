@@ -2,9 +2,10 @@
 
 use crate::args::Denoise;
 use crate::bar::Sink;
+use crate::commands::campaign::{conclude, report};
 use crate::commands::render::{apply_denoise, apply_view};
 use crate::interrupt::cancel_on_interrupt;
-use crate::outcome::{Outcome, print, say};
+use crate::outcome::{Outcome, say};
 use crate::ptc_args::PtcArgs;
 use dunkelfeld::ptc::{PtcSettings, StackSettings, ptc, ptc_folder, ptc_of_frames};
 use dunkelfeld::{Error, Progress, ProgressState, Project, Stage};
@@ -39,7 +40,7 @@ fn of_frames(args: &PtcArgs) -> Result<Outcome, Error> {
         ("--camera", args.view.camera.is_some()),
         ("--seed", args.view.seed.is_some()),
         ("--restart", args.restart),
-        ("--threads", args.view.threads.is_some()),
+        ("--threads", args.view.run.threads.is_some()),
     ];
     if let Some((flag, _)) = scene_only.iter().find(|(_, given)| *given) {
         let problem = "says how a scene is rendered, and these are frames";
@@ -51,7 +52,7 @@ fn of_frames(args: &PtcArgs) -> Result<Outcome, Error> {
         saturation: args.saturation,
         edges: args.edges.unwrap_or(defaults.edges),
     };
-    let sink = Sink::new(args.view.progress);
+    let sink = Sink::new(args.view.run.progress);
     let stack = ptc_of_frames(&args.inputs, &settings, &sink, &cancel_on_interrupt())?;
     drop(sink);
     let Some(stack) = stack else {
@@ -65,14 +66,6 @@ fn of_frames(args: &PtcArgs) -> Result<Outcome, Error> {
 }
 
 /// Findings on standard output, and where the report is.
-fn report(findings: &[String], files: &[PathBuf]) {
-    let mut text = findings.iter().fold(String::new(), |text, line| text + line + "\n");
-    if let Some(page) = files.first() {
-        text += &format!("wrote {} and {} tables and charts beside it\n", page.display(), files.len() - 1);
-    }
-    print(&text);
-}
-
 fn of_scene(args: &PtcArgs, input: &Path, started: Instant) -> Result<Outcome, Error> {
     for (flag, value) in [("--dark", args.dark), ("--saturation", args.saturation)] {
         if value.is_some() {
@@ -82,7 +75,7 @@ fn of_scene(args: &PtcArgs, input: &Path, started: Instant) -> Result<Outcome, E
     }
     let settings = settings(args);
     settings.check()?;
-    let sink = Sink::new(args.view.progress);
+    let sink = Sink::new(args.view.run.progress);
     sink.update(&ProgressState { stage: Stage::Load, fraction: 0.0, elapsed: 0.0, remaining: None, samples: 0 });
     let mut project = Project::open_at(input, started)?;
     apply_view(&args.view, &mut project)?;
@@ -91,16 +84,7 @@ fn of_scene(args: &PtcArgs, input: &Path, started: Instant) -> Result<Outcome, E
     let outcome = ptc(project, input, &settings, &folder, args.restart, &sink, &cancel)?;
     drop(sink);
     report(&outcome.findings, &outcome.files);
-    if outcome.invalid_samples > 0 {
-        let n = outcome.invalid_samples;
-        say(&format!("flagged: {n} samples were not finite, negative or out of range; they count as black"));
-    }
-    let [done, all] = outcome.finished;
-    if outcome.interrupted && done < all {
-        say(&format!("interrupted: {done} of {all} renders are kept; the same command goes on from there"));
-        return Ok(Outcome::Interrupted);
-    }
-    Ok(if outcome.invalid_samples > 0 { Outcome::Flagged } else { Outcome::Done })
+    Ok(conclude(outcome.invalid_samples, outcome.finished, outcome.interrupted))
 }
 
 fn settings(args: &PtcArgs) -> PtcSettings {

@@ -22,7 +22,7 @@ use std::time::Instant;
 const MOST_NOTICES: usize = 20;
 
 pub(crate) fn run(args: &RenderArgs, started: Instant) -> Result<Outcome, Error> {
-    let sink = Sink::new(args.progress);
+    let sink = Sink::new(args.run.progress);
     let begin = |stage, fraction, samples| {
         let elapsed = started.elapsed().as_secs_f64();
         sink.update(&ProgressState { stage, fraction, elapsed, remaining: None, samples });
@@ -67,7 +67,7 @@ fn apply(args: &RenderArgs, project: &mut Project) -> Result<(), Error> {
     s.height = args.height.unwrap_or(s.height);
     s.seed = args.seed.unwrap_or(s.seed);
     s.frame = args.frame.unwrap_or(s.frame);
-    s.threads = args.threads.map_or(s.threads, usize::from);
+    s.threads = args.run.threads.map_or(s.threads, usize::from);
     if args.camera.is_some() {
         s.camera.clone_from(&args.camera);
     }
@@ -170,7 +170,7 @@ pub(crate) fn apply_view(args: &ViewArgs, project: &mut Project) -> Result<(), E
     s.width = args.width.unwrap_or(s.width);
     s.height = args.height.unwrap_or(s.height);
     s.seed = args.seed.unwrap_or(s.seed);
-    s.threads = args.threads.map_or(s.threads, usize::from);
+    s.threads = args.run.threads.map_or(s.threads, usize::from);
     if args.camera.is_some() {
         s.camera.clone_from(&args.camera);
     }

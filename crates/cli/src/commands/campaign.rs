@@ -1,0 +1,27 @@
+//! How commands end that render a scene many times and keep what is finished.
+
+use crate::outcome::{Outcome, print, say};
+use std::path::PathBuf;
+
+/// Prints what was found, and where the report is.
+pub(crate) fn report(findings: &[String], files: &[PathBuf]) {
+    let mut text = findings.iter().fold(String::new(), |text, line| text + line + "\n");
+    if let Some(page) = files.first() {
+        text += &format!("wrote {} and {} tables and charts beside it\n", page.display(), files.len() - 1);
+    }
+    print(&text);
+}
+
+/// Says what was wrong with the samples, and how many of all renders are kept if the work was interrupted.
+pub(crate) fn conclude(invalid_samples: u64, [done, all]: [usize; 2], interrupted: bool) -> Outcome {
+    if invalid_samples > 0 {
+        say(&format!(
+            "flagged: {invalid_samples} samples were not finite, negative or out of range; they count as black"
+        ));
+    }
+    if interrupted && done < all {
+        say(&format!("interrupted: {done} of {all} renders are kept; the same command goes on from there"));
+        return Outcome::Interrupted;
+    }
+    if invalid_samples > 0 { Outcome::Flagged } else { Outcome::Done }
+}
