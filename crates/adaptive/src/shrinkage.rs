@@ -20,16 +20,16 @@ const CELL: u32 = 16;
 
 /// Draws the variances of all pixels towards those of wider neighbourhoods, by 20 degrees of freedom. `noise` holds what the
 /// neighbours of each pixel say ([`crate::pooling::Witnesses::Neighbours`]), and no pixel's own samples have a say here
-/// either. Variances are compared over `mean + floor`: the sensor variance of a pixel if `floor` is that of a black one.
-/// The freedom of the result counts that of the prior.
+/// either. Variances are compared over `mean + floor`, where the mean counts up to `most`: the sensor variance of a pixel if `floor` is
+/// that of a black one, and `most` the signal at which it saturates. The freedom of the result counts that of the prior.
 ///
 /// # Panics
 /// If the planes differ in size.
-pub fn shrunk(evidence: &Evidence, noise: &Plane<PixelNoise>, floor: f64) -> Plane<PixelNoise> {
+pub fn shrunk(evidence: &Evidence, noise: &Plane<PixelNoise>, floor: f64, most: f64) -> Plane<PixelNoise> {
     assert!(evidence.is_consistent(), "planes differ in size");
     let (width, height) = (evidence.width(), evidence.height());
     assert_eq!((noise.width(), noise.height()), (width, height), "planes differ in size");
-    let scale = |mean: f32| (f64::from(mean).max(0.0) + floor).max(f64::MIN_POSITIVE);
+    let scale = |mean: f32| (f64::from(mean).clamp(0.0, most) + floor).max(f64::MIN_POSITIVE);
     let own = |i: usize| {
         let (n, variance) = (evidence.counts.data()[i], evidence.variance.data()[i]);
         let mut sums = Sums::default();
@@ -95,10 +95,13 @@ impl Kind {
     }
 }
 
-/// Variances of single samples, what they are compared with, and how much they can be trusted.
+/// Variances of single samples, what they are compared with, and how much they can be trusted. The largest variance is kept by
+/// itself: it may be so large that sums with it forget all others.
 #[derive(Clone, Copy, Default)]
 struct Sums {
     count: u32,
+    largest: f64,
+    /// Of all but the largest.
     variance: f64,
     squares: f64,
     scale: f64,
@@ -106,35 +109,42 @@ struct Sums {
 
 impl Sums {
     fn add(&mut self, variance: f64, scale: f64) {
-        self.join(&Self { count: 1, variance, squares: variance * variance, scale });
+        self.join(&Self { count: 1, largest: variance, scale, ..Self::default() });
     }
 
     fn join(&mut self, other: &Self) {
+        let smaller = self.largest.min(other.largest);
+        self.largest = self.largest.max(other.largest);
         self.count += other.count;
-        self.variance += other.variance;
-        self.squares += other.squares;
+        self.variance += other.variance + smaller;
+        self.squares += other.squares + smaller * smaller;
         self.scale += other.scale;
     }
 
-    /// These without some that are in them. What rounding leaves below zero is nothing.
-    fn without(&self, part: &Self) -> Self {
-        Self {
-            count: self.count.saturating_sub(part.count),
-            variance: (self.variance - part.variance).max(0.0),
-            squares: (self.squares - part.squares).max(0.0),
-            scale: (self.scale - part.scale).max(0.0),
+    /// These without one pixel that is among them. What rounding leaves below zero is nothing.
+    fn without(&self, one: &Self) -> Self {
+        let mut rest = *self;
+        if one.largest >= self.largest {
+            rest.largest = 0.0;
+        } else {
+            rest.variance = (self.variance - one.largest).max(0.0);
+            rest.squares = (self.squares - one.largest * one.largest).max(0.0);
         }
+        rest.count = self.count.saturating_sub(one.count);
+        rest.scale = (self.scale - one.scale).max(0.0);
+        rest
     }
 
     /// Variance over scale; `None` without pixels.
     fn ratio(&self) -> Option<f64> {
-        (self.count > 0 && self.scale > 0.0).then(|| self.variance / self.scale)
+        (self.count > 0 && self.scale > 0.0).then(|| (self.variance + self.largest) / self.scale)
     }
 
     /// The ratio, drawn towards another.
     fn towards(&self, prior: f64) -> f64 {
         let Some(ratio) = self.ratio() else { return prior };
-        let freedom = satterthwaite(self.variance, self.squares, f64::from(self.count)).max(FREEDOM);
+        let (sum, squares) = (self.variance + self.largest, self.squares + self.largest * self.largest);
+        let freedom = satterthwaite(sum, squares, f64::from(self.count)).max(FREEDOM);
         (freedom * ratio + PRIOR_FREEDOM * prior) / (freedom + PRIOR_FREEDOM)
     }
 }
@@ -156,7 +166,7 @@ mod tests {
     }
 
     fn ratios(evidence: &Evidence) -> Plane<f32> {
-        shrunk(evidence, &noise(evidence, Witnesses::Neighbours), 10.0).map(|n| n.variance / 100.0)
+        shrunk(evidence, &noise(evidence, Witnesses::Neighbours), 10.0, f64::INFINITY).map(|n| n.variance / 100.0)
     }
 
     #[test]
@@ -201,7 +211,7 @@ mod tests {
         let mut evidence = image(64, 64, |_, _| 1.0);
         evidence.mean = Plane::from_fn(64, 64, |x, _| if x < 32 { 0.0 } else { 990.0 });
         evidence.variance = Plane::from_fn(64, 64, |x, _| if x < 32 { 10.0 } else { 1000.0 } / 16.0);
-        let planned = shrunk(&evidence, &noise(&evidence, Witnesses::Neighbours), 10.0);
+        let planned = shrunk(&evidence, &noise(&evidence, Witnesses::Neighbours), 10.0, f64::INFINITY);
         assert!((planned.at(10, 30).variance - 10.0).abs() < 1e-3, "{:?}", planned.at(10, 30));
         assert!((planned.at(50, 30).variance - 1000.0).abs() < 0.1, "{:?}", planned.at(50, 30));
     }
@@ -220,14 +230,36 @@ mod tests {
     }
 
     #[test]
+    fn even_a_pixel_that_outweighs_all_others_has_no_say_in_what_is_expected_of_it() {
+        // Squares of its variance have digits for nothing else.
+        let at = 20 * 40 + 20;
+        let with = |own: f32| ratios(&image(40, 40, |x, y| if (x, y) == (20, 20) { own } else { 3.0 })).data()[at];
+        for own in [0.0, 3.0, 1e12, 1e20] {
+            assert!((with(own) / 3.0 - 1.0).abs() < 1e-4, "{own}: {}", with(own));
+        }
+    }
+
+    #[test]
+    fn saturated_pixels_are_compared_with_what_they_can_show() {
+        let mut evidence = image(40, 40, |_, _| 1.0);
+        evidence.mean = Plane::from_fn(40, 40, |x, y| if (x + y) % 7 == 0 { 1e6 } else { 90.0 });
+        let drawn = shrunk(&evidence, &noise(&evidence, Witnesses::Neighbours), 10.0, 90.0);
+        assert!(drawn.data().iter().all(|n| (n.variance / 100.0 - 1.0).abs() < 1e-4));
+    }
+
+    #[test]
     fn what_is_unknown_is_what_the_others_say() {
         let mut evidence = image(30, 30, |_, _| 2.0);
         evidence.surface.data_mut()[0] = Surface { object: 9, ..Surface::default() };
         (0..30).for_each(|x| evidence.variance.data_mut()[x] = f32::INFINITY);
         assert!(ratios(&evidence).data().iter().all(|r| (r - 2.0).abs() < 1e-3));
         evidence.variance = Plane::new(30, 30, f32::INFINITY);
-        let unknown = shrunk(&evidence, &noise(&evidence, Witnesses::Neighbours), 10.0);
+        let unknown = shrunk(&evidence, &noise(&evidence, Witnesses::Neighbours), 10.0, f64::INFINITY);
         assert!(unknown.data().iter().all(|n| n.variance == f32::INFINITY && n.freedom == 0.0));
-        assert!(shrunk(&image(0, 0, |_, _| 0.0), &Plane::new(0, 0, PixelNoise::UNKNOWN), 1.0).data().is_empty());
+        assert!(
+            shrunk(&image(0, 0, |_, _| 0.0), &Plane::new(0, 0, PixelNoise::UNKNOWN), 1.0, f64::INFINITY)
+                .data()
+                .is_empty()
+        );
     }
 }

@@ -90,7 +90,7 @@ impl Image {
 /// The noise that renders plan by: neighbours are asked further than squares reach.
 fn drawn(evidence: &Evidence, witnesses: Witnesses, floor: f64) -> Plane<PixelNoise> {
     let noise = noise(evidence, witnesses);
-    if witnesses == Witnesses::All { noise } else { shrunk(evidence, &noise, floor) }
+    if witnesses == Witnesses::All { noise } else { shrunk(evidence, &noise, floor, f64::INFINITY) }
 }
 
 /// Renders until every pixel has what it needs for a standard error of `target`: plans at doubling budgets, each number of

@@ -148,10 +148,11 @@ impl Measured {
         let mean = self.evidence.mean.data();
         let lit = mean.iter().map(|&m| f64::from(m)).sum::<f64>() / mean.len().max(1) as f64;
         let floor = self.sensor.map_or(lit, |s| s.floor);
+        let most = self.sensor.map_or(f64::INFINITY, |s| s.saturation);
         if self.views.is_empty() {
-            return shrunk(&self.evidence, &self.noise, floor);
+            return shrunk(&self.evidence, &self.noise, floor, most);
         }
-        let drawn: Vec<_> = self.views.iter().map(|(evidence, noise)| shrunk(evidence, noise, floor)).collect();
+        let drawn: Vec<_> = self.views.iter().map(|(evidence, noise)| shrunk(evidence, noise, floor, most)).collect();
         woven(&self.response, |kind| &drawn[kind])
     }
 
