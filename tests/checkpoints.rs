@@ -253,6 +253,9 @@ fn the_time_of_all_processes_counts_against_the_budget() {
     let second = run(&scene, &timed).expect("it goes on");
     assert!(!second.interrupted && second.stop == dunkelfeld::adaptive::StopReason::Time);
     assert_eq!(second.earlier.seconds, 3599.9);
+    // All of it was spent in some stage.
+    let accounted: f64 = second.stages.iter().map(|(_, seconds)| seconds).sum();
+    assert!((accounted - 3599.9).abs() < 60.0, "{accounted} s in {:?}", second.stages);
     // Whatever was rendered, its plan replays.
     let replay = RenderSettings { replay: Some(second.plan()), checkpoint: None, ..timed };
     assert!(film(&scene, &replay) == second.film);

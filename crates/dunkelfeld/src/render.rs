@@ -240,6 +240,11 @@ impl<'a> Renderer<'a> {
         }
         self.stages = state.stages;
         self.course = state.course;
+        if let (Some(_), Some(course)) = (&target, &self.course) {
+            // The round that was left open has taken what no stage that was over accounts for.
+            let accounted: f64 = self.stages.iter().map(|(_, seconds)| seconds).sum();
+            self.stages.push((course.stage, (state.elapsed - accounted).max(0.0)));
+        }
         self.course.iter_mut().for_each(|course| course.schedule.wake());
         (self.target, self.stopped) = (target, state.stop);
     }
