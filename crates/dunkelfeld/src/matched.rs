@@ -49,8 +49,9 @@ fn share(held: &Plane<bool>) -> f64 {
 
 /// The noise of a film's pixels, as far as it is to be made up for.
 pub(crate) struct Known {
-    /// Variance of the rendered mean of each pixel [e-^2], pooled over its surface. Infinite where the pixel itself has samples
-    /// in fewer than two batches: its neighbours may tell how noisy its samples are, but not whether it is one of them.
+    /// Variance of the rendered mean of each pixel [e-^2], pooled over its surface, in proportion to the camera's: what is brighter
+    /// than its neighbours is noisier. Infinite where the pixel itself has samples in fewer than two batches: its neighbours may
+    /// tell how noisy its samples are, but not whether it is one of them.
     pub(crate) variance: Plane<f32>,
     /// Does the pixel hold a rare sample ([`Matched::ratios`])? What it brings cannot be made up for where it is, and is not to be
     /// where it is not: such pixels tell their neighbours nothing.
@@ -60,10 +61,13 @@ pub(crate) struct Known {
 impl Known {
     pub(crate) fn of(measured: &Measured) -> Self {
         let (is_rare, noise) = measured.without_rare();
+        let camera = |mean: f32| measured.sensor.map_or(1.0, |s| s.variance(f64::from(mean)));
         let e = &measured.evidence;
-        let mut own = e.counts.data().iter().zip(e.variance.data());
+        let mut own = e.counts.data().iter().zip(e.variance.data()).zip(e.mean.data());
         let variance = noise.map(|noise| match own.next() {
-            Some((&n, v)) if v.is_finite() => noise.of_mean(n),
+            Some(((&n, v), &mean)) if v.is_finite() => {
+                (f64::from(noise.of_mean(n)) * camera(mean) / camera(noise.mean)) as f32
+            }
             _ => f32::INFINITY,
         });
         Self { variance, is_rare }
