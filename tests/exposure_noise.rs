@@ -241,6 +241,39 @@ fn what_a_rare_sample_brings_is_not_made_up_for_by_its_neighbours() {
     assert!(without_the_rule < 0.96, "{without_the_rule}: neighbours do not matter here");
 }
 
+/// Light without any noise, of any colour, with bright dots among dark: nothing in it is rare, behind grey pixels and a mosaic.
+#[test]
+fn what_has_no_noise_holds_no_rare_sample() {
+    let folder = tempfile::TempDir::new().expect("a folder");
+    let path = folder.path().join("colour.toml");
+    let mosaic = "name = \"colour\"\nsource = \"made up\"\nbit_depth = 12\npixel_pitch_um = 3.45\nfull_well_e = 10000\n\
+        dark_noise_e = 2\ngain_e_per_dn = 2.5\noffset_dn = 32\n[color_filter]\npattern = \"rggb\"\n\
+        red = [[465, 0.04], [550, 0.06], [610, 0.45]]\ngreen = [[465, 0.15], [530, 0.58], [610, 0.1]]\n\
+        blue = [[465, 0.52], [550, 0.12], [610, 0.04]]\n";
+    std::fs::write(&path, mosaic).expect("written");
+    let mosaic = dunkelfeld::io::sensor_file::load_sensor(&path).expect("a sensor");
+    let labels = Plane::new(16, 16, Some(Label { object: 0, material: 0 }));
+    for model in [find_sensor("imx250").expect("a preset"), mosaic] {
+        for [r, g, b] in [[1.0, 1.0, 1.0], [0.2, 0.6, 0.2], [0.0, 1.0, 0.0], [1.0, 0.0, 0.1], [0.0, 0.1, 1.0]] {
+            let mut film = Film::new(16, 16);
+            for pixel in 0..256usize {
+                let level = if pixel % 7 == 0 { 0.3 } else { 0.01 };
+                let sample = Sample { radiance: Rgb::new(r, g, b) * level, hit: true, ..Sample::MISS };
+                (0..16).for_each(|index| film.add(pixel, index, &sample));
+            }
+            let optics = Optics::new(4.0, 0.9, 0.0).expect("in range");
+            let exposure = Exposure::new(Seconds(2e-3)).expect("in range");
+            let sensor = SensorChoice::Emva { model: Box::new(model.clone()), optics, exposure: Some(exposure) };
+            let settings = RenderSettings { width: 16, height: 16, sensor, ..small() };
+            let frame = develop_film(&film, &labels, &settings).expect("a frame").sensor.expect("a sensor");
+            let matched = frame.matched.expect("matched");
+            let brightest = frame.electrons.data().iter().fold(0.0f32, |a, &b| a.max(b));
+            assert!(brightest > 100.0, "{brightest} electrons");
+            assert!(matched.share == 1.0, "{r} {g} {b}: it holds in {} of the pixels", matched.share);
+        }
+    }
+}
+
 /// The small image of the tests below.
 fn small() -> RenderSettings {
     RenderSettings { width: 40, height: 30, ..exposed(0.15) }

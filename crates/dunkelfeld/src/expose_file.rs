@@ -4,13 +4,14 @@ use crate::denoise_file::radiance_of;
 use crate::develop::Picture;
 use crate::error::Error;
 use crate::lens::DEFAULT_F_NUMBER;
-use crate::noise::pooled;
+use crate::noise::{pooled, sensor_noise, told};
 use crate::outputs::{
     VIGNETTING, attributes, extension, same_file, save_plain_picture, save_values, values_words, written,
 };
 use crate::progress::{Cancel, Progress, ProgressState, Stage};
 use crate::render::thread_pool;
 use dunkelfeld_adaptive::evidence::{Evidence, surfaces};
+use dunkelfeld_adaptive::need::SensorNoise;
 use dunkelfeld_adaptive::pooling::Witnesses;
 use dunkelfeld_film::Plane;
 use dunkelfeld_io::InputError;
@@ -114,7 +115,7 @@ impl Exposer {
     fn new(
         mut radiance: Plane<[f32; 3]>,
         settings: &ExposeSettings,
-        variance: impl FnOnce(&Response, &Plane<[f32; 3]>) -> Option<Plane<f32>>,
+        variance: impl FnOnce(&Response, SensorNoise, &Plane<[f32; 3]>) -> Option<Plane<f32>>,
     ) -> Result<Self, Error> {
         let ExposeSettings { model, optics, .. } = settings;
         let (width, height) = (radiance.width(), radiance.height());
@@ -137,12 +138,14 @@ impl Exposer {
         let mean = electrons(&radiance, &response);
         let variance = match settings.exposure_noise {
             ExposureNoise::Plain => None,
-            ExposureNoise::Matched => variance(&response, &radiance).map(|v| match &share {
-                None => v,
-                Some(share) => {
-                    Plane::from_fn(width, height, |x, y| (f64::from(*v.at(x, y)) * share(x, y).powi(2)) as f32)
-                }
-            }),
+            ExposureNoise::Matched => {
+                variance(&response, sensor_noise(model, exposure), &radiance).map(|v| match &share {
+                    None => v,
+                    Some(share) => {
+                        Plane::from_fn(width, height, |x, y| (f64::from(*v.at(x, y)) * share(x, y).powi(2)) as f32)
+                    }
+                })
+            }
         };
         let device = Device::new(model.clone(), settings.seed, width, height);
         let (electrons, invalid) = (mean.plane, mean.invalid);
@@ -169,7 +172,9 @@ impl Exposer {
                 InputError::new(path, "the layer `variance`", problem, "leave out --exposure-noise matched")
             })?),
         };
-        Self::new(radiance, settings, |response, mean| variance.map(|v| variance_of_means(&layers, response, mean, &v)))
+        Self::new(radiance, settings, |response, sensor, mean| {
+            variance.map(|v| variance_of_means(&layers, response, sensor, mean, &v))
+        })
     }
 
     /// Width and height \[pixels\].
@@ -407,10 +412,11 @@ fn cosine_fourth(x: u32, y: u32, width: u32, height: u32, distance: f64) -> f64 
 }
 
 /// Variance of the mean electrons of each pixel, from those of the channels, which are taken to rise and fall together. A file of
-/// ours tells which pixels show the same surface: there they are pooled, as in a render.
+/// ours tells which pixels show the same surface: there they are pooled as in a render, but for rare samples, which no file tells.
 fn variance_of_means(
     layers: &ExrLayers,
     response: &Response,
+    sensor: SensorNoise,
     mean: &Plane<[f32; 3]>,
     variance: &Plane<[f32; 3]>,
 ) -> Plane<f32> {
@@ -437,7 +443,8 @@ fn variance_of_means(
     Plane::from_fn(width, height, |x, y| {
         // A pixel whose own variance is not known is not told by its neighbours whether it is one of them.
         if own.at(x, y).is_finite() {
-            pooled[response.kind(x, y)].at(x, y).of_mean(*counts.at(x, y))
+            let mean = response.at(x, y).electrons(*mean.at(x, y)).0 as f32;
+            told(pooled[response.kind(x, y)].at(x, y), *counts.at(x, y), mean, Some(sensor))
         } else {
             f32::INFINITY
         }

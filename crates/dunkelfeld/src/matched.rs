@@ -1,6 +1,6 @@
 //! What noise-matched exposure has to know of a film: the variance of every pixel, and where it tells the truth.
 
-use crate::noise::Measured;
+use crate::noise::{Measured, told};
 use dunkelfeld_film::Plane;
 use dunkelfeld_sensor::{Exposure, SensorModel, matched_where};
 
@@ -61,13 +61,10 @@ pub(crate) struct Known {
 impl Known {
     pub(crate) fn of(measured: &Measured) -> Self {
         let (is_rare, noise) = measured.without_rare();
-        let camera = |mean: f32| measured.sensor.map_or(1.0, |s| s.variance(f64::from(mean)));
         let e = &measured.evidence;
         let mut own = e.counts.data().iter().zip(e.variance.data()).zip(e.mean.data());
         let variance = noise.map(|noise| match own.next() {
-            Some(((&n, v), &mean)) if v.is_finite() => {
-                (f64::from(noise.of_mean(n)) * camera(mean) / camera(noise.mean)) as f32
-            }
+            Some(((&n, v), &mean)) if v.is_finite() => told(noise, n, mean, measured.sensor),
             _ => f32::INFINITY,
         });
         Self { variance, is_rare }

@@ -56,20 +56,26 @@ impl Eye {
     /// What the film knows of every pixel, seen through pixels of one kind, on the threads of the current pool.
     fn evidence(&self, film: &Film, surface: &Plane<Surface>, weights: Weights) -> Evidence {
         let moments = par_map(film.pixels(), |p| p.weighted_mean_and_variance(weights.0));
-        // A film remembers the luminance of its largest sample; its colour is taken for grey.
-        let grey: f64 = weights.0.iter().sum();
+        // A film remembers the luminance of its largest sample; its colour is taken for that of the pixel.
+        let largest = |p: &PixelSums| {
+            let [r, g, b] = p.mean();
+            let luminance = f64::from(Rgb::new(r as f32, g as f32, b as f32).luminance());
+            let per_luminance =
+                if luminance > 0.0 { weights.electrons([r, g, b].map(|v| v as f32)).0 / luminance } else { 0.0 };
+            (per_luminance * f64::from(p.max_luminance())) as f32
+        };
         Evidence {
             counts: film.sample_counts(),
             mean: moments.map(|m| m.0 as f32),
             variance: moments.map(|m| m.1 as f32),
-            largest: film.pixels().map(|p| (grey * f64::from(p.max_luminance())) as f32),
+            largest: par_map(film.pixels(), largest),
             surface: surface.clone(),
         }
     }
 }
 
 /// The noise that a sensor adds to a frame of the given exposure.
-fn sensor_noise(model: &SensorModel, exposure: Exposure) -> SensorNoise {
+pub(crate) fn sensor_noise(model: &SensorModel, exposure: Exposure) -> SensorNoise {
     SensorNoise {
         floor: model.temporal_variance(dunkelfeld_radiometry::Electrons(0.0), exposure.time()),
         // Dark electrons fill the well, too.
@@ -237,17 +243,23 @@ fn certified(frame: &SensorFrame, film: &Film, labels: &Plane<Option<Label>>, k:
     Measured::exposed(frame.response, &frame.model, frame.exposure, film, labels).certify(k)
 }
 
-/// A sample is rare if it lifts its pixel by more of the sensor's standard deviations: so that it is seen in a single frame.
+/// A sample is rare if it lifts its pixel by more of the sensor's standard deviations, so that it is seen in a single frame ...
 const SEEN: f64 = 1.0;
 
-/// Which pixels hold a sample that lifts them by so much above the mean of their neighbourhood. What counts as rare does not
-/// depend on the pixel's other samples: those that are left scatter as samples do that are bounded.
+/// ... and, because a pixel may be brighter than those around without any noise, by half as many above its own other samples.
+const OWN: f64 = 0.5;
+
+/// Which pixels hold a sample that lifts them by so much above the mean of their neighbourhood. What counts as rare depends little
+/// on the pixel's other samples: those that are left scatter as samples do that are bounded.
 fn rare(evidence: &Evidence, noise: &Plane<PixelNoise>, sensor: SensorNoise) -> Plane<bool> {
-    let mut samples = evidence.counts.data().iter().zip(evidence.largest.data());
+    let mut samples = evidence.counts.data().iter().zip(evidence.largest.data()).zip(evidence.mean.data());
     noise.map(|around| {
-        samples.next().is_some_and(|(&n, &largest)| {
+        samples.next().is_some_and(|((&n, &largest), &own)| {
+            let seen = SEEN * sensor.variance(f64::from(around.mean)).sqrt();
             let lift = f64::from(largest - around.mean) / f64::from(n.max(1));
-            lift > SEEN * sensor.variance(f64::from(around.mean)).sqrt()
+            // Above the mean of the others; a lone sample's noise is not known anyway.
+            let lift_of_own = f64::from(largest - own) / f64::from(n.max(2) - 1);
+            lift > seen && lift_of_own > OWN * seen
         })
     })
 }
@@ -261,6 +273,13 @@ fn pooled_without(evidence: &Evidence, is_rare: &Plane<bool>, all: &Plane<PixelN
     let both = noise.data_mut().iter_mut().zip(all.data());
     both.zip(is_rare.data()).filter(|(_, rare)| **rare).for_each(|((noise, all), _)| *noise = *all);
     noise
+}
+
+/// The variance of a pixel's mean of n samples \[e-^2\], told by neighbours of its surface: in proportion to the sensor's, for what is
+/// brighter than its neighbours is noisier.
+pub(crate) fn told(noise: &PixelNoise, n: u32, own_mean: f32, sensor: Option<SensorNoise>) -> f32 {
+    let of_sensor = |mean: f32| sensor.map_or(1.0, |s| s.variance(f64::from(mean)));
+    (f64::from(noise.of_mean(n)) * of_sensor(own_mean) / of_sensor(noise.mean)) as f32
 }
 
 /// Of the planes of each kind of pixel, every pixel's value from that of its own kind.

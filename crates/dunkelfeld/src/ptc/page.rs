@@ -208,8 +208,8 @@ impl<'a> Report<'a> {
             format!(
                 "<h2>Frames of the sensor</h2><p>Now samples go where the sensor would notice, and each render is exposed. Plain exposure \
                  adds the sensor\u{2019}s noise to that of the render; matched exposure draws only what is missing. The curves are of the \
-                 pixels where matched exposure holds in most frames, and of the frames in which it holds: there it must be the \
-                 sensor\u{2019}s line.</p>\
+                 pixels whose render has at most 0.7 of the sensor\u{2019}s noise, on average over the frames, in the frames in which \
+                 they hold no rare sample (one that is to be seen by itself): there it must be the sensor\u{2019}s line.</p>\
                  <div class=\"charts\">{}</div>",
                 charts(&self.cameras)
             )

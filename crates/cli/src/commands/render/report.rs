@@ -155,7 +155,7 @@ fn matched(share: f64) -> String {
     // What is almost all is not all.
     let percent = (1000.0 * share).floor() / 10.0;
     format!(
-        "exposure noise: matched; frames are as noisy as the camera's in {percent:.1} % of pixels, elsewhere the render's noise is too large or not known"
+        "exposure noise: matched; frames are as noisy as the camera's in {percent:.1} % of pixels, elsewhere the render's noise is too large, rests on a single sample or is not known"
     )
 }
 
