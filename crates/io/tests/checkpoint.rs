@@ -4,7 +4,9 @@
 
 use dunkelfeld_film::{Accumulate, Film, PixelSums, Plane, Sample};
 use dunkelfeld_io::InputError;
-use dunkelfeld_io::checkpoint::{Checkpoint, CheckpointHead, PIXEL_BYTES, read_checkpoint, write_checkpoint};
+use dunkelfeld_io::checkpoint::{
+    CHECKPOINT_VERSION, Checkpoint, CheckpointHead, PIXEL_BYTES, read_checkpoint, write_checkpoint,
+};
 use dunkelfeld_radiometry::Rgb;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -155,9 +157,10 @@ fn other_files_and_other_versions_are_told_apart() {
     let bench = Bench::new();
     assert!(bench.refused(&b"PNG".repeat(100), "another file").problem.contains("not that of a checkpoint"));
     let mut later = bench.bytes.clone();
-    later[8] = 2;
+    later[8..12].copy_from_slice(&(CHECKPOINT_VERSION + 1).to_le_bytes());
     let error = bench.refused(&later, "a later version");
-    assert!(error.problem.contains("version 2") && error.problem.contains("version 1"), "{error}");
+    let versions = [CHECKPOINT_VERSION, CHECKPOINT_VERSION + 1].map(|v| format!("version {v}"));
+    assert!(versions.iter().all(|v| error.problem.contains(v)), "{error}");
     let missing = read_checkpoint(&bench.path.with_file_name("nowhere.film")).expect_err("there is none");
     assert!(missing.to_string().contains("nowhere.film"), "{missing}");
     assert!(read_checkpoint(bench.path.parent().expect("a folder")).is_err(), "a folder is no file");
