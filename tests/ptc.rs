@@ -198,6 +198,7 @@ fn frames_that_come_as_files_have_the_slope_of_their_camera() {
     lab.run("render <scene>.obj --width 32 --height 64 --spp 1 --linear small.png -o x.png --progress none").code(0);
     let cases = [
         ("ptc f00.png f01.png", "2 frames"),
+        ("ptc f00.png f00.png f00.png", "copies of one frame"),
         ("ptc f00.png f01.png small.png", "small.png"),
         ("ptc f00.png f01.png nosuch.png", "nosuch.png"),
         ("ptc f00.png f01.png <scene>.obj", "neither one scene"),

@@ -14,6 +14,10 @@ use dunkelfeld_scene::{RayGenerator, Scene};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
+/// What to do about a finished render that cannot be read back.
+const DAMAGED: &str =
+    "delete this file and the .json of the same name, to have it rendered again, or start anew with --restart";
+
 /// The folder of the renders in that of the report.
 const FOLDER: &str = "units";
 /// Samples along each side of the grid that a scene is known by.
@@ -169,14 +173,14 @@ impl Kept {
 
     /// The layers of a finished render.
     pub(crate) fn layers(&self, name: &str) -> Result<ExrLayers, Error> {
-        Ok(self.folder.read_layers(&format!("{name}.exr"))?)
+        let damaged = |e: InputError| InputError { mend: DAMAGED.into(), ..e };
+        Ok(self.folder.read_layers(&format!("{name}.exr")).map_err(damaged)?)
     }
 
     /// A finished render lacks a layer.
     pub(crate) fn lacks(&self, name: &str, layer: &str) -> Error {
         let file = self.folder.file(&format!("{name}.exr"));
-        let mend = "delete the folder's units, or start anew with --restart";
-        InputError::new(file, format!("layer {layer}"), "is missing", mend).into()
+        InputError::new(file, format!("layer {layer}"), "is missing", DAMAGED).into()
     }
 
     fn read_json<T: for<'a> Deserialize<'a>>(&self, name: &str) -> Result<Option<T>, Error> {

@@ -102,6 +102,10 @@ pub fn ptc_of_frames(
     }
     let (Some(all), Some(others), Some(first)) = (all, others, first) else { return Ok(None) };
     let (statistics, others) = (all.finish().map_err(fault)?, others.finish().map_err(fault)?);
+    if statistics.variance.iter().all(|v| *v == 0.0) {
+        let mend = "give frames that were taken or rendered one after another";
+        return Err(Error::setting("frames", "no pixel varies: all are copies of one frame", mend));
+    }
     let bits = (8..=16).find(|bits| u32::from(largest) < 1 << bits).unwrap_or(16);
     let saturation = settings.saturation.unwrap_or(f64::from((1u32 << bits) - 1));
     if !(settings.dark >= 0.0 && saturation > settings.dark && saturation <= 65_535.0) {
