@@ -17,22 +17,61 @@ pub(crate) struct LastScatter {
     pub(crate) passage: Option<Passage>,
 }
 
+/// Roulette on a question for light, before it is seen whether anything is in the way (Veach 1997, section 10.4). What would
+/// bring less than the path has found so far is asked with a probability in proportion, and counts for more: most rays of long
+/// paths would be sent for light that the noise of the pixel hides.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Stake {
+    /// Largest channel of what the path carries, over what it has found \[m^2 sr/W\]; 0 where every question is asked.
+    worth: f32,
+    /// A number in `[0, 1)`, for one question alone.
+    u: f32,
+}
+
+impl Stake {
+    /// No question is asked with less than this, so that none counts for much more than it is worth.
+    const LEAST: f32 = 1.0 / 16.0;
+
+    /// Every question is asked.
+    pub(crate) const NONE: Self = Self { worth: 0.0, u: 0.0 };
+
+    /// The stake of a path that carries `throughput` and has found `found` \[W/(m^2 sr)\] before this vertex.
+    #[inline]
+    pub(crate) fn new(throughput: Rgb, found: Rgb, u: impl FnOnce() -> f32) -> Self {
+        let found = found.max_channel();
+        if found > 0.0 { Self { worth: throughput.max_channel() / found, u: u() } } else { Self::NONE }
+    }
+
+    /// The probability with which a question is asked that is expected to bring `light` \[W/(m^2 sr)\] to the vertex; `None` if
+    /// it is not asked.
+    #[inline]
+    pub(crate) fn survival(&self, light: Rgb) -> Option<f32> {
+        if self.worth == 0.0 {
+            return Some(1.0);
+        }
+        let survival = (self.worth * light.max_channel()).clamp(Self::LEAST, 1.0);
+        (self.u < survival).then_some(survival)
+    }
+}
+
 /// Light that reaches a vertex straight from a light and is scattered toward the camera.
 #[inline]
-pub(crate) fn light_from<F: Features, V: Vertex>(scene: &Scene, at: &V, light: &LightSample) -> Rgb {
+pub(crate) fn light_from<F: Features, V: Vertex>(scene: &Scene, at: &V, light: &LightSample, stake: Stake) -> Rgb {
     let (scattered, pdf) = at.eval(light.direction);
     let unoccluded = scattered * light.radiance;
     if unoccluded.is_black() {
         return Rgb::BLACK;
     }
+    let share = if light.is_delta { 1.0 } else { power_heuristic(light.pdf, pdf) };
+    let expected = unoccluded * (share / light.pdf);
+    let Some(survival) = stake.survival(expected) else { return Rgb::BLACK };
     let out = at.leave(light.direction);
     let ray = scene.shadow_ray_from(out.ray.origin, light.direction, light.target.as_ref());
     let (open, left) = out.light_along::<F>(scene, &ray);
     if open == 0.0 {
         return Rgb::BLACK;
     }
-    let share = if light.is_delta { 1.0 } else { power_heuristic(light.pdf, pdf) };
-    let arriving = unoccluded * (open * share / light.pdf);
+    let arriving = expected * (open / survival);
     if F::SOLIDS { arriving * left } else { arriving }
 }
 
@@ -49,7 +88,29 @@ pub(crate) fn power_heuristic(own: f32, other: f32) -> f32 {
 
 #[cfg(test)]
 mod tests {
-    use super::power_heuristic;
+    use super::{Stake, power_heuristic};
+    use dunkelfeld_radiometry::Rgb;
+
+    #[test]
+    fn a_question_is_asked_in_proportion_to_what_it_may_bring() {
+        let survival = |throughput, found, light, u| {
+            Stake::new(Rgb::splat(throughput), Rgb::splat(found), || u).survival(Rgb::splat(light))
+        };
+        // As much as was found, or more: always. Nothing found yet: always.
+        for u in [0.0, 0.5, 0.99] {
+            assert_eq!(survival(0.5, 2.0, 4.0, u), Some(1.0));
+            assert_eq!(survival(0.5, 2.0, 400.0, u), Some(1.0));
+            assert_eq!(survival(0.5, 0.0, 1e-9, u), Some(1.0));
+        }
+        // A quarter of it: for a quarter of the numbers.
+        assert_eq!(survival(0.5, 2.0, 1.0, 0.24), Some(0.25));
+        assert_eq!(survival(0.5, 2.0, 1.0, 0.26), None);
+        // Next to nothing, or nothing as far as one can tell.
+        for light in [1e-9, 0.0] {
+            assert_eq!(survival(0.5, 2.0, light, 0.06), Some(Stake::LEAST));
+            assert_eq!(survival(0.5, 2.0, light, 0.07), None);
+        }
+    }
 
     #[test]
     fn the_shares_of_two_techniques_sum_to_one() {

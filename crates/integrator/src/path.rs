@@ -1,7 +1,7 @@
 //! A path through the scene until it ends: next-event estimation and scattering, weighed against each other.
 
 use crate::cover::{self, End, Passage};
-use crate::direct::{self, LastScatter};
+use crate::direct::{self, LastScatter, Stake};
 use crate::sets;
 use crate::trace::Recorder;
 use crate::vertex::{MediumVertex, SurfaceVertex, Vertex};
@@ -218,21 +218,27 @@ impl<'a, F: Features, R: Recorder> Path<'a, F, R> {
         }
 
         // Light from lights, connected directly.
-        let choice = self.scene.light_choice_at(self.asked);
+        let choice = self.scene.light_choice_at(self.asked, V::IN_MEDIUM);
         if !is_delta {
+            // The first vertex brings most of the light that the camera sees, and asks every question.
+            let found_before = if self.asked > 0 { self.sample.radiance } else { Rgb::BLACK };
             self.asked += 1;
             for question in 0..self.scene.light_questions(choice) {
                 let u = self.sampler.numbers(sets::light(vertex, question));
-                // Where each light is asked there is none to choose.
-                let u_choice = if choice == LightChoice::One { u.get(2) } else { 0.0 };
+                // Where each light is asked there is none to choose, but whether to ask it.
+                let (u_choice, stake) = match choice {
+                    LightChoice::One => (u.get(2), Stake::NONE),
+                    LightChoice::Each => (0.0, Stake::new(self.throughput, found_before, || u.get(2))),
+                };
                 let place = u.first_two();
                 let Some(light) = self.scene.sample_light(at.receiver(), choice, question, u_choice, place) else {
                     continue;
                 };
-                let mut found = direct::light_from::<F, _>(self.scene, at, &light);
+                let mut found = direct::light_from::<F, _>(self.scene, at, &light, stake);
                 self.recorder.direct(self.throughput * found);
                 if self.has_covers() {
-                    let connected = cover::light_from::<F, _>(self.scene, at, &light, || u.get(3), self.recorder);
+                    let connected =
+                        cover::light_from::<F, _>(self.scene, at, &light, stake, || u.get(3), self.recorder);
                     self.recorder.connected(self.throughput * connected);
                     found += connected;
                 }

@@ -67,11 +67,12 @@ fn without_every_light_the_mean_stays_and_the_choice_changes() {
 
         assert_eq!(with.effects().callers(Effect::EveryLight), [format!("{count} lights")]);
         assert!(!without.effects().has(Effect::EveryLight));
+        assert_eq!([0, 1, 2].map(|v| with.light_choice_at(v, false)), [LightChoice::Each; 3]);
         assert_eq!(
-            [0, 1, 2].map(|v| with.light_choice_at(v)),
+            [0, 1, 2].map(|v| with.light_choice_at(v, true)),
             [LightChoice::Each, LightChoice::Each, LightChoice::One]
         );
-        assert_eq!([0, 1, 2].map(|v| without.light_choice_at(v)), [LightChoice::One; 3]);
+        assert_eq!([0, 1, 2].map(|v| without.light_choice_at(v, false)), [LightChoice::One; 3]);
         assert!(without.light_choice().contains("one asked at each surface"), "{}", without.light_choice());
 
         let (each, one) = (moments(&with, 1), moments(&without, 2));

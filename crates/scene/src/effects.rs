@@ -60,7 +60,7 @@ pub enum Effect {
     ManyLights,
     /// Surfaces or lights that are not grey.
     Color,
-    /// A technique: all lights are asked at the first two surfaces of a path, as they are few.
+    /// A technique: all lights are asked at each surface of a path, as they are few.
     EveryLight,
     /// A technique: light behind clear covers is connected to, not left to chance.
     CoverConnection,

@@ -105,7 +105,7 @@ impl Scene {
             (_, 0) => "no light".into(),
             (None, 1) => "1 light, asked at every surface".into(),
             (None, n) if self.lights.asks_each() => {
-                format!("{n} lights, all asked at the first two surfaces of a path that scatter, one at each later one")
+                format!("{n} lights, all asked at each surface that scatters")
             }
             (None, n) => format!("{n} lights, one asked at each surface, chosen by what it can bring there"),
             (Some(tree), n) => {

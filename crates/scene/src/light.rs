@@ -17,10 +17,10 @@ use std::f32::consts::PI;
 /// Up to this many lights are weighed one by one at every point that asks; more stand in a tree.
 pub(crate) const WEIGHED_UP_TO: usize = 64;
 
-/// Up to this many lights are all asked where a path is young.
+/// Up to this many lights are all asked at surfaces, and in media where a path is young.
 pub(crate) const EACH_UP_TO: usize = 8;
 
-/// So many scattering vertices of a path are young.
+/// So many scattering vertices of a path are young. In a dense medium thousands may follow.
 const YOUNG: u32 = 2;
 
 /// No light: marks triangles that do not emit.
@@ -121,8 +121,8 @@ pub(crate) struct LightTable {
     pub(crate) profiles: Vec<LightProfile>,
     /// The choice among more lights than are weighed one by one.
     pub(crate) tree: Option<LightTree>,
-    /// So many scattering vertices of a path ask each light.
-    young: u32,
+    /// Is each light asked, where a path is young or at a surface?
+    asks_each: bool,
 }
 
 impl LightTable {
@@ -138,8 +138,7 @@ impl LightTable {
         }
         // A single light is always asked: there is nothing to choose.
         let asks_each = lights.len() <= if techniques.every_light { EACH_UP_TO } else { 1 };
-        let young = if asks_each { YOUNG } else { 0 };
-        let mut table = Self { lights, environment, profiles, tree: None, young };
+        let mut table = Self { lights, environment, profiles, tree: None, asks_each };
         if table.lights.len() > WEIGHED_UP_TO {
             let bounds: Vec<_> = table.lights.iter().map(|l| table.bounds(l)).collect();
             let powers: Vec<_> = table.lights.iter().map(|l| table.power(l, scene_radius).mean()).collect();
@@ -183,10 +182,10 @@ impl LightTable {
         self.environment.as_ref().map_or(Rgb::BLACK, |e| e.mean)
     }
 
-    /// Which lights the scattering vertex with this number (from 0, counted along a path) asks.
+    /// Which lights the scattering vertex with this number (from 0, counted along a path) asks, in a medium or on a surface.
     #[inline]
-    pub(crate) fn choice_at(&self, vertex: u32) -> LightChoice {
-        if vertex < self.young { LightChoice::Each } else { LightChoice::One }
+    pub(crate) fn choice_at(&self, vertex: u32, in_medium: bool) -> LightChoice {
+        if self.asks_each && !(in_medium && vertex >= YOUNG) { LightChoice::Each } else { LightChoice::One }
     }
 
     /// How many questions a vertex has.
@@ -212,9 +211,9 @@ impl LightTable {
         }
     }
 
-    /// Are there several lights that are all asked where a path is young?
+    /// Are there several lights that are all asked?
     pub(crate) fn asks_each(&self) -> bool {
-        self.young > 0 && self.lights.len() > 1
+        self.asks_each && self.lights.len() > 1
     }
 
     /// Are there so many lights that a tree chooses among them?

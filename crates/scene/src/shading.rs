@@ -197,10 +197,10 @@ impl Scene {
     pub const MOST_LIGHT_QUESTIONS: u32 = EACH_UP_TO as u32;
 
     /// Which lights the scattering vertex with this number (from 0, counted along a path) asks: each where they are at
-    /// most eight and the vertex is one of the first two (unless the technique is left out), else one.
+    /// most eight and the vertex lies on a surface or is one of the first two (unless the technique is left out), else one.
     #[inline]
-    pub fn light_choice_at(&self, vertex: u32) -> LightChoice {
-        self.lights.choice_at(vertex)
+    pub fn light_choice_at(&self, vertex: u32, in_medium: bool) -> LightChoice {
+        self.lights.choice_at(vertex, in_medium)
     }
 
     /// How many questions [`Self::sample_light`] answers at a vertex.

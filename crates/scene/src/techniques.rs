@@ -5,7 +5,7 @@
 /// Each is an [`Effect`](crate::Effect) by name, so that it can be listed and left out as effects are.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Techniques {
-    /// All lights are asked at the first two surfaces of a path where they are few; without it one is chosen at each.
+    /// All lights are asked at each surface of a path where they are few; without it one is chosen at each.
     pub every_light: bool,
     /// Light behind clear covers is connected to; without it paths find it by chance.
     pub cover_connection: bool,

@@ -36,7 +36,7 @@ mod beam;
 mod shoot;
 mod trail;
 
-use crate::direct::power_heuristic;
+use crate::direct::{Stake, power_heuristic};
 use crate::trace::Recorder;
 use crate::vertex::Vertex;
 use crate::walk::Walk;
@@ -144,12 +144,13 @@ impl End {
 }
 
 /// Light of a sample that reaches a vertex through a cover and is scattered toward the camera. `u` gives a number in `[0, 1)` that
-/// chooses among the chains that may lead there; the recorder hears of the search and, if it found light, of the connection's share.
+/// chooses among the chains that may lead there; roulette is played with the stake before the search; the recorder hears of the search and, if it found light, of the connection's share.
 #[inline(never)]
 pub(crate) fn light_from<F: Features, V: Vertex>(
     scene: &Scene,
     at: &V,
     light: &LightSample,
+    stake: Stake,
     u: impl FnOnce() -> f32,
     recorder: &mut impl Recorder,
 ) -> Rgb {
@@ -165,6 +166,11 @@ pub(crate) fn light_from<F: Features, V: Vertex>(
         return Rgb::BLACK;
     }
     let Some(way) = solver.choose(u).filter(|w| solver.may_lead_to(w.direction)) else { return Rgb::BLACK };
+    // What the plate would bring if it let all light through.
+    let density = light.pdf * way.share;
+    let (scattered, pdf) = at.eval(way.direction);
+    let expected = scattered * light.radiance * (power_heuristic(density, pdf) / density);
+    let Some(survival) = stake.survival(expected) else { return Rgb::BLACK };
     let (found, shots) = solver.connect(&way);
     let Way { stack, chain, share: probability, .. } = way;
     recorder.connection(&Search { stack, chain, probability, shots, has_arrived: found.is_some() });
@@ -184,7 +190,7 @@ pub(crate) fn light_from<F: Features, V: Vertex>(
     let density = light.pdf * way.share / found.narrowing;
     let share = power_heuristic(density, pdf * found.shot.probability);
     recorder.shares(share);
-    unoccluded * left * (open * share / density)
+    unoccluded * left * (open * share / (density * survival))
 }
 
 /// The share of a path that scattering has found through a passage, with the density `pdf` [1/sr] at its start; `straight_pdf`
