@@ -200,6 +200,8 @@ fn frames_that_come_as_files_have_the_slope_of_their_camera() {
         ("ptc f00.png f01.png", "2 frames"),
         ("ptc f00.png f00.png f00.png", "copies of one frame"),
         ("ptc f00.png f01.png small.png", "small.png"),
+        ("ptc f00.png f01.png x.png", "8 bits per value"),
+        ("ptc f00.png f01.png f02.png --saturation 90", "above 90"),
         ("ptc f00.png f01.png nosuch.png", "nosuch.png"),
         ("ptc f00.png f01.png <scene>.obj", "neither one scene"),
         ("ptc f00.png f01.png f02.png --spp 4", "--spp"),

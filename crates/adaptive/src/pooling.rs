@@ -60,8 +60,21 @@ impl PixelNoise {
 /// # Panics
 /// If the planes differ in size.
 pub fn noise_row(evidence: &Evidence, witnesses: Witnesses, y: u32) -> Vec<PixelNoise> {
+    noise_row_of_peers(evidence, witnesses, |_, _| true, y)
+}
+
+/// The same, of neighbours alone that are the pixel's peers. `is_peer` is asked with the mean of the pixel and that of the neighbour.
+///
+/// # Panics
+/// If the planes differ in size.
+pub fn noise_row_of_peers(
+    evidence: &Evidence,
+    witnesses: Witnesses,
+    is_peer: impl Fn(f32, f32) -> bool,
+    y: u32,
+) -> Vec<PixelNoise> {
     assert!(evidence.is_consistent(), "planes differ in size");
-    (0..evidence.width()).map(|x| pixel(evidence, witnesses, x, y)).collect()
+    (0..evidence.width()).map(|x| pixel(evidence, witnesses, &is_peer, x, y)).collect()
 }
 
 /// The noise of all pixels.
@@ -71,9 +84,10 @@ pub fn noise(evidence: &Evidence, witnesses: Witnesses) -> Plane<PixelNoise> {
     Plane::from_vec(width, height, noise).unwrap_or_else(|| Plane::new(width, height, PixelNoise::UNKNOWN))
 }
 
-fn pixel(evidence: &Evidence, witnesses: Witnesses, x: u32, y: u32) -> PixelNoise {
+fn pixel(evidence: &Evidence, witnesses: Witnesses, is_peer: &impl Fn(f32, f32) -> bool, x: u32, y: u32) -> PixelNoise {
     let (width, height) = (evidence.width(), evidence.height());
     let own = evidence.surface.at(x, y);
+    let own_mean = *evidence.mean.at(x, y);
     let mut pool = Pool::default();
     let mut strangers = Pool::default();
     for (nx, ny) in around(x, y, POOL_REACH, width, height) {
@@ -84,7 +98,11 @@ fn pixel(evidence: &Evidence, witnesses: Witnesses, x: u32, y: u32) -> PixelNois
         if n == 0 || !variance.is_finite() {
             continue;
         }
-        let (variance, mean) = (f64::from(n) * f64::from(variance), f64::from(*evidence.mean.at(nx, ny)));
+        let mean = *evidence.mean.at(nx, ny);
+        if !is_peer(own_mean, mean) {
+            continue;
+        }
+        let (variance, mean) = (f64::from(n) * f64::from(variance), f64::from(mean));
         if own.is_like(evidence.surface.at(nx, ny)) {
             pool.add(variance, mean);
         } else {
@@ -214,6 +232,17 @@ mod tests {
         let lone = |w| super::noise(&evidence, w).at(3, 3).variance;
         assert_eq!(lone(Witnesses::All), 400.0);
         assert!((16.0..60.0).contains(&lone(Witnesses::Neighbours)), "{}", lone(Witnesses::Neighbours));
+    }
+
+    #[test]
+    fn only_peers_speak_if_they_are_asked_alone() {
+        let mut evidence = flat(12, 8, |x, _| if x % 2 == 0 { 1.0 } else { 9.0 });
+        evidence.mean = Plane::from_fn(12, 8, |x, _| if x % 2 == 0 { 1.0 } else { 5.0 });
+        let is_peer = |own: f32, other: f32| other <= 2.0 * own && own <= 2.0 * other;
+        for y in 0..8 {
+            let noise = noise_row_of_peers(&evidence, Witnesses::All, is_peer, y);
+            assert!((0..12).all(|x| noise[x].variance == [16.0, 144.0][x % 2] && noise[x].mean == [1.0, 5.0][x % 2]));
+        }
     }
 
     #[test]

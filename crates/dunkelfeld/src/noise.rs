@@ -5,7 +5,7 @@ use crate::settings::SensorChoice;
 use dunkelfeld_adaptive::certificate::{Certificate, Claim, certify as certify_planes, ratios};
 use dunkelfeld_adaptive::evidence::{Evidence, Surface, surfaces};
 use dunkelfeld_adaptive::need::{DEFAULT_TARGET, Needs, SensorNoise, needs};
-use dunkelfeld_adaptive::pooling::{PixelNoise, Witnesses, noise_row};
+use dunkelfeld_adaptive::pooling::{PixelNoise, Witnesses, noise_row_of_peers};
 use dunkelfeld_adaptive::shrinkage::shrunk;
 use dunkelfeld_film::{Film, PixelSums, Plane};
 use dunkelfeld_integrator::Label;
@@ -85,12 +85,22 @@ pub(crate) fn sensor_noise(model: &SensorModel, exposure: Exposure) -> SensorNoi
 
 /// [`dunkelfeld_adaptive::pooling::noise`], rows shared out among the threads of the current pool.
 pub(crate) fn pooled(evidence: &Evidence, witnesses: Witnesses) -> Plane<PixelNoise> {
+    pooled_of_peers(evidence, witnesses, |_, _| true)
+}
+
+/// The same of neighbours alone that are peers: of the means of a pixel and a neighbour.
+fn pooled_of_peers(
+    evidence: &Evidence,
+    witnesses: Witnesses,
+    is_peer: impl Fn(f32, f32) -> bool + Sync,
+) -> Plane<PixelNoise> {
     let (width, height) = (evidence.width(), evidence.height());
     if evidence.variance.data().par_iter().all(|v| !v.is_finite()) {
         // A sample a pixel, or none: there is nothing to pool, and no time to lose with it.
         return Plane::new(width, height, PixelNoise::UNKNOWN);
     }
-    let rows: Vec<Vec<PixelNoise>> = (0..height).into_par_iter().map(|y| noise_row(evidence, witnesses, y)).collect();
+    let rows: Vec<Vec<PixelNoise>> =
+        (0..height).into_par_iter().map(|y| noise_row_of_peers(evidence, witnesses, &is_peer, y)).collect();
     Plane::from_vec(width, height, rows.concat()).unwrap_or_else(|| Plane::new(width, height, PixelNoise::UNKNOWN))
 }
 
@@ -186,7 +196,7 @@ impl Measured {
                 None => (evidence.mean.map(|_| false), all.clone()),
                 Some(sensor) => {
                     let rare = rare(evidence, all, sensor);
-                    let noise = pooled_without(evidence, &rare, all);
+                    let noise = pooled_without(evidence, &rare, all, sensor);
                     (rare, noise)
                 }
             })
@@ -264,12 +274,26 @@ fn rare(evidence: &Evidence, noise: &Plane<PixelNoise>, sensor: SensorNoise) -> 
     })
 }
 
-/// Noise pooled over the pixels that hold no rare sample; of those that hold one, what `all` says.
-fn pooled_without(evidence: &Evidence, is_rare: &Plane<bool>, all: &Plane<PixelNoise>) -> Plane<PixelNoise> {
+/// Pixels tell of each other's noise, in proportion to the sensor's variance, if theirs differ by no more than this factor: beside a
+/// bright surface the noise of a dark slot is neither that of the surface nor in proportion to it.
+const PEERS: f64 = 2.0;
+
+/// Noise pooled over peers that hold no rare sample; of pixels that hold one, what `all` says.
+fn pooled_without(
+    evidence: &Evidence,
+    is_rare: &Plane<bool>,
+    all: &Plane<PixelNoise>,
+    sensor: SensorNoise,
+) -> Plane<PixelNoise> {
     let mut others = evidence.clone();
     let variances = others.variance.data_mut().iter_mut();
     variances.zip(is_rare.data()).filter(|(_, rare)| **rare).for_each(|(v, _)| *v = f32::INFINITY);
-    let mut noise = pooled(&others, Witnesses::All);
+    let variance = |mean: f32| sensor.variance(f64::from(mean));
+    let is_peer = |own: f32, other: f32| {
+        let (own, other) = (variance(own), variance(other));
+        own <= PEERS * other && other <= PEERS * own
+    };
+    let mut noise = pooled_of_peers(&others, Witnesses::All, is_peer);
     let both = noise.data_mut().iter_mut().zip(all.data());
     both.zip(is_rare.data()).filter(|(_, rare)| **rare).for_each(|((noise, all), _)| *noise = *all);
     noise

@@ -110,7 +110,25 @@ impl PhotonTransfer {
         Ok(Self { dark, points })
     }
 
-    /// The dark level; for a curve from one scene it has a mean only.
+    /// The same curve with frames that were taken without light, by the same camera: all their pixels are its first point, and its
+    /// dark level.
+    #[must_use]
+    pub fn with_dark_frames(mut self, stack: &TemporalStatistics) -> Self {
+        let mut dark = Bin::default();
+        for ((&mean, &variance), &frames) in stack.mean.iter().zip(&stack.variance).zip(&stack.counts) {
+            if frames > 1 {
+                dark.add(mean, variance, frames);
+            }
+        }
+        if dark.pixels > 0 {
+            self.dark = dark.point();
+            let at = self.points.partition_point(|p| p.mean < self.dark.mean);
+            self.points.insert(at, self.dark);
+        }
+        self
+    }
+
+    /// The dark level; for a curve from one scene without dark frames it has a mean only.
     pub fn dark(&self) -> &TransferPoint {
         &self.dark
     }
@@ -124,7 +142,7 @@ impl PhotonTransfer {
     /// of saturation (equation 50), all points alike. `saturation` is the grey value of saturation \[DN\].
     ///
     /// The standard error carries the errors of the variances and of the dark level that they all share.
-    /// For curves by levels; a curve from one scene has no dark variance, use [`PhotonTransfer::line`].
+    /// For curves by levels; a curve from one scene has points of few pixels among others of many, use [`PhotonTransfer::line`].
     pub fn gain(&self, saturation: f64) -> Result<Quantity, AnalysisError> {
         let used = self.in_range(saturation, 1)?;
         let (mut xx, mut xy, mut x_sum, mut error) = (0.0, 0.0, 0.0, 0.0);
@@ -346,6 +364,25 @@ mod tests {
         assert!((fit.slope.value - 0.3).abs() < 1e-12 && (fit.intercept.value - 2.0).abs() < 1e-10, "{fit:?}");
         assert!((fit.r_squared - 1.0).abs() < 1e-12);
         assert_eq!(fit.points, 70);
+    }
+
+    #[test]
+    fn dark_frames_are_the_first_point_and_the_dark_level() {
+        // A line of slope 0.4 from (10, 1); the few points with light scatter.
+        let lit = stack(&[20.5, 30.5, 40.5], &[5.0, 9.4, 13.1], 9);
+        let dark = stack(&[9.75, 10.25, 9.75, 10.25], &[0.5, 1.5, 0.5, 1.5], 9);
+        let alone = PhotonTransfer::by_unit_bins(&lit, 10.0, None).expect("no mask");
+        let curve = alone.clone().with_dark_frames(&dark);
+        assert_eq!(curve.points().len(), 4);
+        assert_eq!(curve.points()[0], *curve.dark());
+        assert_eq!((curve.dark().mean, curve.dark().variance, curve.dark().pixels), (10.0, 1.0, 4));
+        // It holds the intercept, which the others leave open.
+        let (without, with) = (alone.line(200.0).expect("points"), curve.line(200.0).expect("points"));
+        assert!(with.intercept.standard_error < 0.1 * without.intercept.standard_error, "{with:?} {without:?}");
+        assert!(with.slope.standard_error < without.slope.standard_error);
+        assert!((with.intercept.value - 1.0).abs() < 0.1 && (with.slope.value - 0.4).abs() < 0.02, "{with:?}");
+        // Of frames that do not tell, nothing is taken.
+        assert_eq!(alone.clone().with_dark_frames(&stack(&[10.0], &[f64::NAN], 1)), alone);
     }
 
     #[test]

@@ -215,7 +215,10 @@ fn four_lights() -> SceneBuilder {
 #[test]
 fn asking_each_light_gives_the_same_mean_with_less_noise() {
     let scene = build(four_lights());
-    assert_eq!([0, 1, 2].map(|v| scene.light_choice_at(v)), [LightChoice::Each, LightChoice::Each, LightChoice::One]);
+    assert_eq!(
+        [0, 1, 2].map(|v| scene.light_choice_at(v, true)),
+        [LightChoice::Each, LightChoice::Each, LightChoice::One]
+    );
     assert_eq!((scene.light_questions(LightChoice::Each), scene.light_questions(LightChoice::One)), (4, 1));
     for at in [DVec3::ZERO, DVec3::new(0.9, 0.3, 0.1)] {
         let r = receiver(&scene, at, DVec3::Z);
@@ -249,7 +252,7 @@ fn one_of_many_lights_stands_for_all() {
         }
         b.add_object("sparks", mesh, m);
         let scene = build(b);
-        assert_eq!(scene.light_choice_at(0), LightChoice::One);
+        assert_eq!(scene.light_choice_at(0, false), LightChoice::One);
         assert_eq!(scene.light_choice().contains("tree of"), count > 64, "{}", scene.light_choice());
         for at in [DVec3::new(0.1, 0.0, 0.0), DVec3::new(1.0, -1.0, 1.0)] {
             let r = receiver(&scene, at, DVec3::Z);

@@ -204,14 +204,26 @@ pub(super) fn picture_curve(
     keep: Option<&[bool]>,
 ) -> Result<Curve, Error> {
     let transfer = PhotonTransfer::by_unit_bins(stack, range[0], keep).map_err(fault)?;
-    Ok(Curve { points: transfer.points().to_vec(), fit: transfer.line(range[1]).ok(), range })
+    Ok(curve(&transfer, range))
 }
 
 /// A curve of linear grey values from dark to saturation. What is dark lies in the middle of an interval.
 pub(super) fn linear_curve(stack: &TemporalStatistics, range: [f64; 2], keep: Option<&[bool]>) -> Result<Curve, Error> {
+    linear_transfer(stack, range, keep).map(|transfer| curve(&transfer, range))
+}
+
+fn linear_transfer(
+    stack: &TemporalStatistics,
+    range: [f64; 2],
+    keep: Option<&[bool]>,
+) -> Result<PhotonTransfer, Error> {
     let width = linear_bin(range);
-    let transfer = PhotonTransfer::by_bins(stack, range[0] - 0.5 * width, width, range[0], keep).map_err(fault)?;
-    Ok(Curve { points: transfer.points().to_vec(), fit: transfer.line(range[1]).ok(), range })
+    PhotonTransfer::by_bins(stack, range[0] - 0.5 * width, width, range[0], keep).map_err(fault)
+}
+
+/// The points, and the line through them over 0-70 % of the range.
+fn curve(transfer: &PhotonTransfer, range: [f64; 2]) -> Curve {
+    Curve { points: transfer.points().to_vec(), fit: transfer.line(range[1]).ok(), range }
 }
 
 struct Reader<'a> {
@@ -307,6 +319,7 @@ impl Reader<'_> {
         let keep: Vec<bool> = known.iter().map(is_quiet).collect();
         let dark = model.spec().offset.0 + model.spec().system_gain * model.dark_electrons(exposure.time()).0;
         let range = [dark, model.saturation_value().0];
+        let black = self.in_the_dark(&units, size, model, exposure)?;
         let of = |matched: bool| {
             let mut stack = TemporalAccumulator::new(size.0, size.1);
             for unit in &units {
@@ -314,10 +327,29 @@ impl Reader<'_> {
                 let frame = Frame::new(size.0, size.1, values.data()).map_err(fault)?;
                 stack.add_where(frame, ratios.map(|r| r.is_finite()).data()).map_err(fault)?;
             }
-            linear_curve(&stack.finish().map_err(fault)?, range, Some(&keep)).map(Some)
+            let lit = stack.finish().map_err(fault)?;
+            linear_transfer(&lit, range, Some(&keep)).map(|t| Some(curve(&t.with_dark_frames(&black), range)))
         };
         let quiet = keep.iter().filter(|k| **k).count() as f64 / keep.len().max(1) as f64;
         Ok(Some(CameraSeries { spp, frames: units.len() as u64, quiet, plain: of(false)?, matched: of(true)? }))
+    }
+
+    /// As many frames of the same device with the cap on: where a photon transfer begins.
+    fn in_the_dark(
+        &self,
+        units: &[Unit],
+        (width, height): (u32, u32),
+        model: &SensorModel,
+        exposure: Exposure,
+    ) -> Result<TemporalStatistics, Error> {
+        let nothing = Plane::new(width, height, 0.0);
+        let frames = units.iter().map(|unit| {
+            let seed = self.renders.seed(unit);
+            let device = Device::new(model.clone(), seed, width, height);
+            // Of numbers that no frame with light has.
+            Ok(device.expose(&nothing, exposure, FrameKey { seed, frame: !unit.frame })?)
+        });
+        stack_of(frames, (width, height))
     }
 }
 
@@ -344,7 +376,7 @@ fn sensor_curve(model: &SensorModel, exposure: Exposure, seed: u64) -> Result<Se
     Ok(SensorCurve {
         name: model.spec().name.clone(),
         gain: transfer.gain(range[1]).ok(),
-        curve: Curve { points: transfer.points().to_vec(), fit: transfer.line(range[1]).ok(), range },
+        curve: curve(&transfer, range),
         truth: model.spec().system_gain,
     })
 }

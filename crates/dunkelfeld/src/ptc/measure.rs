@@ -22,7 +22,7 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 /// Version of the files in the folder.
-const VERSION: u32 = 2;
+const VERSION: u32 = 3;
 const MANIFEST: &str = "ptc.json";
 /// The layers that a render keeps: expected signal, the same denoised; grey values of plain and of matched exposure, and
 /// the share of the camera's variance that the render has in the latter, infinite where that is not known.
@@ -125,6 +125,11 @@ impl Renders {
     pub(super) fn record(&self, unit: &Unit) -> Result<Option<Record>, Error> {
         let record: Option<Record> = self.store.record(&unit.name())?;
         Ok(record.filter(|r| (r.seed, r.frame) == (unit.seed(self.base), unit.frame)))
+    }
+
+    /// The seed of a render, and of the sensor that exposes it.
+    pub(super) fn seed(&self, unit: &Unit) -> u64 {
+        unit.seed(self.base)
     }
 
     /// The expected signal, rendered or denoised.

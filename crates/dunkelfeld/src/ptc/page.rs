@@ -302,28 +302,34 @@ fn lines(r: &Results) -> Table {
     ];
     let truth = r.sensor.as_ref().map_or(f64::NAN, |s| s.truth);
     let row = |what: &str, spp: Option<u32>, frames: u64, held: f64, curve: &Curve| {
-        let fit = curve.fit.as_ref()?;
-        Some(vec![
+        // A curve of too few points has no line, but a row that says so.
+        let (mut gain, mut intercept, mut quality) = (Estimate::NONE, Estimate::NONE, [f64::NAN; 2]);
+        if let Some(fit) = &curve.fit {
+            gain = Estimate { value: fit.slope.value, error: fit.slope.standard_error };
+            intercept = Estimate { value: fit.intercept.value, error: fit.intercept.standard_error };
+            quality = [fit.r_squared, fit.reduced_chi_squared];
+        }
+        vec![
             Cell::Text(what.into()),
             spp.map_or(Cell::Number(f64::NAN), |n| Cell::Count(n.into())),
             Cell::Count(frames),
             Cell::Number(100.0 * held),
-            Cell::Estimate(Estimate { value: fit.slope.value, error: fit.slope.standard_error }),
-            Cell::Number(fit.slope.value / truth),
-            Cell::Estimate(Estimate { value: fit.intercept.value, error: fit.intercept.standard_error }),
-            Cell::Number(fit.r_squared),
-            Cell::Number(fit.reduced_chi_squared),
-        ])
+            Cell::Estimate(gain),
+            Cell::Number(gain.value / truth),
+            Cell::Estimate(intercept),
+            Cell::Number(quality[0]),
+            Cell::Number(quality[1]),
+        ]
     };
     let mut rows = Vec::new();
-    rows.extend(r.sensor.as_ref().and_then(|s| row("the sensor, even light", None, 2, 1.0, &s.curve)));
+    rows.extend(r.sensor.as_ref().map(|s| row("the sensor, even light", None, 2, 1.0, &s.curve)));
     for s in &r.pictures {
         let what = if s.is_denoised { "render, denoised" } else { "render" };
-        rows.extend(s.linear.as_ref().and_then(|c| row(what, Some(s.spp), s.frames, 1.0, c)));
+        rows.extend(s.linear.as_ref().map(|c| row(what, Some(s.spp), s.frames, 1.0, c)));
     }
     for s in &r.cameras {
         for (what, curve) in [("plain exposure", &s.plain), ("matched exposure", &s.matched)] {
-            rows.extend(curve.as_ref().and_then(|c| row(what, Some(s.spp), s.frames, s.quiet, c)));
+            rows.extend(curve.as_ref().map(|c| row(what, Some(s.spp), s.frames, s.quiet, c)));
         }
     }
     Table { name: "lines", columns, rows }

@@ -13,7 +13,7 @@ use crate::report::page::{head, map_figure, page};
 use crate::report::words::rounded;
 use dunkelfeld_emva1288::{Frame, LineFit, TemporalAccumulator, TemporalStatistics, TransferPoint};
 use dunkelfeld_film::Plane;
-use dunkelfeld_io::gray::read_gray;
+use dunkelfeld_io::gray::{GrayFrame, read_gray};
 use dunkelfeld_io::loader::Limits;
 use dunkelfeld_io::results::ResultsFolder;
 use std::path::{Path, PathBuf};
@@ -76,7 +76,7 @@ pub fn ptc_of_frames(
         return Err(Error::setting("edges", problem, "use a number from 0 up to below 1, such as 0.2"));
     }
     let began = Instant::now();
-    let (mut all, mut others, mut first) = (None, None, None);
+    let (mut all, mut others, mut first, mut bits_of_first) = (None, None, None, None);
     let mut largest = 0;
     for (i, file) in files.iter().enumerate() {
         if cancel.is_cancelled() {
@@ -86,7 +86,11 @@ pub fn ptc_of_frames(
         let fraction = i as f64 / files.len() as f64;
         let remaining = (i > 0).then(|| elapsed * (1.0 / fraction - 1.0));
         progress.update(&ProgressState { stage: Stage::Load, fraction, elapsed, remaining, samples: 0 });
-        let frame = read_gray(file, &Limits::default())?.values;
+        let GrayFrame { values: frame, stored_bits } = read_gray(file, &Limits::default())?;
+        if *bits_of_first.get_or_insert(stored_bits) != stored_bits {
+            let problem = format!("{} has {stored_bits} bits per value, the frames before it have not", file.display());
+            return Err(Error::setting("frames", problem, "give frames that were all stored in the same way"));
+        }
         let (width, height) = (frame.width(), frame.height());
         largest = frame.data().iter().copied().fold(largest, u16::max);
         let view = Frame::new(width, height, frame.data()).map_err(fault)?;
@@ -115,6 +119,10 @@ pub fn ptc_of_frames(
             problem,
             "give grey values from 0 to 65535 by --dark and --saturation",
         ));
+    }
+    if f64::from(largest) > saturation {
+        let problem = format!("a frame holds {largest}, which is above {saturation}");
+        return Err(Error::setting("saturation", problem, "give the largest grey value of the camera by --saturation"));
     }
     let range = [settings.dark, saturation];
     // Steepness is that of 8 bits over the range.

@@ -12,6 +12,9 @@ pub(crate) struct Estimate {
 }
 
 impl Estimate {
+    /// Nothing is known.
+    pub(crate) const NONE: Self = Self { value: f64::NAN, error: f64::NAN };
+
     pub(crate) fn scaled(self, factor: f64) -> Self {
         Self { value: self.value * factor, error: self.error * factor.abs() }
     }
