@@ -94,7 +94,7 @@ fn truth(job: &PathBuf, options: &Options) -> Result<Truth, Error> {
     let blocks = columns * height.div_ceil(BLOCK);
 
     let mut moments = vec![(0.0f64, 0.0f64); width * height];
-    let mut full = vec![false; width * height];
+    let mut saturation = f64::INFINITY;
     let mut certified: Vec<Vec<f64>> = Vec::new();
     let (mut samples, mut forecasts) = (0u64, Vec::new());
     for seed in 0..options.seeds {
@@ -107,7 +107,7 @@ fn truth(job: &PathBuf, options: &Options) -> Result<Truth, Error> {
             forecasts.push(foretold / rendering.film.total_samples() as f64);
         }
         let Some(sensor) = frame.sensor else { continue };
-        let saturation = sensor.model.saturation().0;
+        saturation = sensor.model.saturation().0;
         if let SensorChoice::Emva { exposure, .. } = &mut settings.sensor {
             // The first render finds the exposure, so that the electrons of all can be compared.
             *exposure = Some(sensor.exposure);
@@ -120,10 +120,11 @@ fn truth(job: &PathBuf, options: &Options) -> Result<Truth, Error> {
         for (pixel, e) in electrons.enumerate() {
             moments[pixel].0 += e;
             moments[pixel].1 += e * e;
-            full[pixel] |= e > saturation;
         }
     }
     let n = options.seeds as f64;
+    // Pixels that saturate, by what all renders say together: that a rare sample takes one beyond it in one render is noise like any.
+    let full: Vec<bool> = moments.iter().map(|&(sum, _)| sum / n > saturation).collect();
     let mut measured = vec![0.0; blocks];
     for (pixel, &(sum, squares)) in moments.iter().enumerate().filter(|(pixel, _)| !full[*pixel]) {
         measured[block_of(pixel)] += (squares - sum * sum / n).max(0.0) / (n - 1.0);

@@ -72,7 +72,7 @@ fn certified(rendering: &Rendering, settings: &RenderSettings) -> (Frame, Certif
 #[test]
 fn a_render_ends_when_it_is_hidden_and_the_pilot_has_foretold_it() {
     let scene = still_life();
-    let s = settings(32, 24, noise(5.0), 3);
+    let s = settings(32, 24, noise(1.0), 3);
     let sobel = RenderSettings { strategy: Some(Strategy::Sobel), ..s.clone() };
     let uniform = RenderSettings { strategy: Some(Strategy::Uniform), ..s.clone() };
     let mut samples = Vec::new();
@@ -80,7 +80,7 @@ fn a_render_ends_when_it_is_hidden_and_the_pilot_has_foretold_it() {
         let rendering = rendered(&scene, s);
         let (_, certificate) = certified(&rendering, s);
         assert_eq!(rendering.stop, StopReason::Judged);
-        assert!(certificate.is_hidden() && certificate.k == 5.0, "{:?}: {certificate:?}", s.strategy());
+        assert!(certificate.is_hidden() && certificate.k == 1.0, "{:?}: {certificate:?}", s.strategy());
         let taken = rendering.film.total_samples() as f64;
         let foretold =
             rendering.forecast.as_ref().and_then(|f| f.target()).and_then(|l| l.samples).expect("a forecast");

@@ -30,6 +30,28 @@ impl Surface {
     }
 }
 
+/// How bright a pixel is, as far as noise is concerned: the variance that a sensor has of its own there, between bounds that
+/// the pixel's own noise leaves.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Level {
+    /// Least variance [unit^2].
+    pub least: f32,
+    /// Largest variance [unit^2].
+    pub most: f32,
+}
+
+impl Level {
+    /// A pixel that may be as bright as any.
+    pub const ANY: Self = Self { least: 0.0, most: f32::INFINITY };
+
+    /// May the noise of one pixel speak for the other? Not if the sensor's variances differ by more than a factor of two, whatever
+    /// lies between the bounds: beside a highlight the noise of a dark pixel is not the highlight's.
+    #[inline]
+    pub fn is_like(&self, other: &Self) -> bool {
+        self.least <= 2.0 * other.most && other.least <= 2.0 * self.most
+    }
+}
+
 #[inline]
 fn similar(a: &[f32; 3], b: &[f32; 3]) -> bool {
     let dot = a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
@@ -76,6 +98,8 @@ pub struct Evidence {
     pub largest: Plane<f32>,
     /// What the pixel shows.
     pub surface: Plane<Surface>,
+    /// How bright it is.
+    pub level: Plane<Level>,
 }
 
 impl Evidence {
@@ -97,6 +121,7 @@ impl Evidence {
             (self.variance.width(), self.variance.height()),
             (self.largest.width(), self.largest.height()),
             (self.surface.width(), self.surface.height()),
+            (self.level.width(), self.level.height()),
         ]
         .into_iter()
         .all(|other| other == size)
@@ -130,6 +155,19 @@ mod tests {
         assert!(surface.data().iter().all(|s| *s == Surface { object: 7, ..Surface::default() }));
         assert!(surface.at(0, 0).is_like(surface.at(2, 0)));
         assert!(surfaces(&Plane::new(0, 0, 0), &Plane::new(0, 0, [0.0; 3])).data().is_empty());
+    }
+
+    #[test]
+    fn levels_are_alike_up_to_a_factor_of_two_between_their_bounds() {
+        let level = |least, most| Level { least, most };
+        let dark = level(10.0, 12.0);
+        assert!(dark.is_like(&dark) && dark.is_like(&level(24.0, 30.0)) && level(24.0, 30.0).is_like(&dark));
+        assert!(!dark.is_like(&level(24.5, 30.0)) && !level(24.5, 30.0).is_like(&dark));
+        assert!(dark.is_like(&level(5.0, 1e6)), "it may be as dark");
+        // Saturated pixels speak for each other alone.
+        let full = level(f32::INFINITY, f32::INFINITY);
+        assert!(full.is_like(&full) && !full.is_like(&dark) && !dark.is_like(&full));
+        assert!(Level::ANY.is_like(&dark) && Level::ANY.is_like(&full) && full.is_like(&Level::ANY));
     }
 
     #[test]

@@ -3,11 +3,11 @@
 //! A film knows the variance of a pixel from the spread of four batches: three degrees of freedom, far too few to decide
 //! on (its 99 % quantile is 3.8 times the truth), and taken from the very samples that are averaged, so that whoever stops
 //! when it looks small stops on unlucky pixels (Kirk and Arvo 1991). So variances are pooled over 7 x 7 pixels of the same
-//! surface. What these have not seen may have been seen further off: see [`crate::shrinkage`].
+//! surface that are about as bright. What these have not seen may have been seen further off: see [`crate::shrinkage`].
 
 use dunkelfeld_film::{BATCHES, Plane};
 
-use crate::evidence::{Evidence, around};
+use crate::evidence::{Evidence, Level, around};
 
 /// Variances are pooled over squares of 7 x 7 pixels.
 pub const POOL_REACH: u32 = 3;
@@ -39,8 +39,9 @@ pub struct PixelNoise {
     pub freedom: f32,
     /// Mean over the neighbourhood \[unit\].
     pub mean: f32,
-    /// The least mean of the pixel and the eight around it, of the neighbours alone if these are the witnesses, each two of its own
-    /// standard errors higher, and no more than that of the neighbourhood \[unit\]: how dark the image is here for certain.
+    /// The least mean of the pixel and those of the eight around it that are about as bright, of the neighbours alone if these are the
+    /// witnesses, each two of its own standard errors higher, and no more than that of the neighbourhood \[unit\]: how dark the image
+    /// is here for certain.
     pub darkest: f32,
 }
 
@@ -60,21 +61,8 @@ impl PixelNoise {
 /// # Panics
 /// If the planes differ in size.
 pub fn noise_row(evidence: &Evidence, witnesses: Witnesses, y: u32) -> Vec<PixelNoise> {
-    noise_row_of_peers(evidence, witnesses, |_, _| true, y)
-}
-
-/// The same, of neighbours alone that are the pixel's peers. `is_peer` is asked with the mean of the pixel and that of the neighbour.
-///
-/// # Panics
-/// If the planes differ in size.
-pub fn noise_row_of_peers(
-    evidence: &Evidence,
-    witnesses: Witnesses,
-    is_peer: impl Fn(f32, f32) -> bool,
-    y: u32,
-) -> Vec<PixelNoise> {
     assert!(evidence.is_consistent(), "planes differ in size");
-    (0..evidence.width()).map(|x| pixel(evidence, witnesses, &is_peer, x, y)).collect()
+    (0..evidence.width()).map(|x| pixel(evidence, witnesses, x, y)).collect()
 }
 
 /// The noise of all pixels.
@@ -84,10 +72,26 @@ pub fn noise(evidence: &Evidence, witnesses: Witnesses) -> Plane<PixelNoise> {
     Plane::from_vec(width, height, noise).unwrap_or_else(|| Plane::new(width, height, PixelNoise::UNKNOWN))
 }
 
-fn pixel(evidence: &Evidence, witnesses: Witnesses, is_peer: &impl Fn(f32, f32) -> bool, x: u32, y: u32) -> PixelNoise {
+fn pixel(evidence: &Evidence, witnesses: Witnesses, x: u32, y: u32) -> PixelNoise {
+    if witnesses == Witnesses::All {
+        return at_level(evidence, witnesses, x, y, *evidence.level.at(x, y));
+    }
+    // Beside an edge a pixel that may not speak for itself is as bright as most around it, or as the darkest of them. It is
+    // expected to be what needs more samples.
+    let [middle, darkest] = levels_around(evidence, x, y);
+    let noise = at_level(evidence, witnesses, x, y, middle);
+    if darkest.is_like(&middle) {
+        return noise;
+    }
+    let other = at_level(evidence, witnesses, x, y, darkest);
+    let ratio = |noise: &PixelNoise, level: Level| noise.variance / (level.least + level.most);
+    if ratio(&other, darkest) > ratio(&noise, middle) { other } else { noise }
+}
+
+/// The noise of a pixel that is so bright.
+fn at_level(evidence: &Evidence, witnesses: Witnesses, x: u32, y: u32, level: Level) -> PixelNoise {
     let (width, height) = (evidence.width(), evidence.height());
     let own = evidence.surface.at(x, y);
-    let own_mean = *evidence.mean.at(x, y);
     let mut pool = Pool::default();
     let mut strangers = Pool::default();
     for (nx, ny) in around(x, y, POOL_REACH, width, height) {
@@ -98,12 +102,8 @@ fn pixel(evidence: &Evidence, witnesses: Witnesses, is_peer: &impl Fn(f32, f32) 
         if n == 0 || !variance.is_finite() {
             continue;
         }
-        let mean = *evidence.mean.at(nx, ny);
-        if !is_peer(own_mean, mean) {
-            continue;
-        }
-        let (variance, mean) = (f64::from(n) * f64::from(variance), f64::from(mean));
-        if own.is_like(evidence.surface.at(nx, ny)) {
+        let (variance, mean) = (f64::from(n) * f64::from(variance), f64::from(*evidence.mean.at(nx, ny)));
+        if own.is_like(evidence.surface.at(nx, ny)) && level.is_like(evidence.level.at(nx, ny)) {
             pool.add(variance, mean);
         } else {
             strangers.add(variance, mean);
@@ -112,11 +112,39 @@ fn pixel(evidence: &Evidence, witnesses: Witnesses, is_peer: &impl Fn(f32, f32) 
     // A pixel that is like no other and may not speak for itself: the neighbours, whatever they show.
     let pool = if pool.count == 0 { strangers } else { pool };
     let noise = pool.noise();
-    let near = around(x, y, 1, width, height).filter(|&at| witnesses == Witnesses::All || at != (x, y));
+    let near = around(x, y, 1, width, height)
+        .filter(|&at| witnesses == Witnesses::All || at != (x, y))
+        .filter(|&(nx, ny)| level.is_like(evidence.level.at(nx, ny)));
     let darkest = near
         .map(|(nx, ny)| evidence.mean.at(nx, ny) + DARK_BY * evidence.variance.at(nx, ny).sqrt())
         .fold(noise.mean, f32::min);
     PixelNoise { darkest, ..noise }
+}
+
+/// How bright a pixel may be, by those of the eight around it that show the same: the medians of the bounds of their levels, and
+/// the level of the darkest.
+fn levels_around(evidence: &Evidence, x: u32, y: u32) -> [Level; 2] {
+    let (mut least, mut most, mut count) = ([0.0; 8], [0.0; 8], 0);
+    let mut darkest = Level::ANY;
+    for (nx, ny) in around(x, y, 1, evidence.width(), evidence.height()) {
+        let shows_the_same = evidence.surface.at(x, y).is_like(evidence.surface.at(nx, ny));
+        if (nx, ny) != (x, y) && shows_the_same && evidence.variance.at(nx, ny).is_finite() {
+            let level = *evidence.level.at(nx, ny);
+            (least[count], most[count]) = (level.least, level.most);
+            count += 1;
+            if level.most < darkest.most {
+                darkest = level;
+            }
+        }
+    }
+    if count == 0 {
+        return [Level::ANY; 2];
+    }
+    let median = |values: &mut [f32]| {
+        values.sort_by(f32::total_cmp);
+        0.5 * (values[(values.len() - 1) / 2] + values[values.len() / 2])
+    };
+    [Level { least: median(&mut least[..count]), most: median(&mut most[..count]) }, darkest]
 }
 
 /// Variances of single samples in a neighbourhood, each with [`FREEDOM`] degrees of freedom.
@@ -183,6 +211,7 @@ mod tests {
             variance: Plane::from_fn(width, height, variance),
             largest: Plane::new(width, height, 2.0),
             surface: Plane::new(width, height, Surface::default()),
+            level: Plane::new(width, height, Level::ANY),
         }
     }
 
@@ -235,14 +264,30 @@ mod tests {
     }
 
     #[test]
-    fn only_peers_speak_if_they_are_asked_alone() {
-        let mut evidence = flat(12, 8, |x, _| if x % 2 == 0 { 1.0 } else { 9.0 });
-        evidence.mean = Plane::from_fn(12, 8, |x, _| if x % 2 == 0 { 1.0 } else { 5.0 });
-        let is_peer = |own: f32, other: f32| other <= 2.0 * own && own <= 2.0 * other;
-        for y in 0..8 {
-            let noise = noise_row_of_peers(&evidence, Witnesses::All, is_peer, y);
-            assert!((0..12).all(|x| noise[x].variance == [16.0, 144.0][x % 2] && noise[x].mean == [1.0, 5.0][x % 2]));
-        }
+    fn a_highlight_does_not_speak_for_the_dark_around_it() {
+        let is_bright = |x: u32, y: u32| (8..12).contains(&x) && (8..12).contains(&y);
+        let mut evidence = flat(20, 20, |x, y| if is_bright(x, y) { 100.0 } else { 1.0 });
+        let levels = |x, y| {
+            if is_bright(x, y) { Level { least: 900.0, most: 1100.0 } } else { Level { least: 9.0, most: 11.0 } }
+        };
+        evidence.level = Plane::from_fn(20, 20, levels);
+        let all = noise(&evidence, Witnesses::All);
+        assert!(
+            (0..400)
+                .all(|i| all.data()[i].variance == if is_bright(i as u32 % 20, i as u32 / 20) { 1600.0 } else { 16.0 })
+        );
+        // Neighbours alone do not know whether a pixel at the rim is one of them; further off they do.
+        let others = noise(&evidence, Witnesses::Neighbours);
+        assert_eq!((others.at(6, 10).variance, others.at(10, 10).variance), (16.0, 1600.0));
+    }
+
+    #[test]
+    fn a_pixel_that_one_sample_has_lit_still_speaks() {
+        // Its own noise says that it may be as dark as the others.
+        let mut evidence = flat(20, 20, |x, y| if (x, y) == (10, 10) { 49.0 } else { 0.0 });
+        evidence.level = Plane::new(20, 20, Level { least: 9.0, most: 11.0 });
+        evidence.level.data_mut()[10 * 20 + 10] = Level { least: 5.0, most: 500.0 };
+        assert!((noise(&evidence, Witnesses::All).at(8, 11).variance - 16.0).abs() < 1e-5);
     }
 
     #[test]

@@ -152,6 +152,7 @@ impl Sums {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::evidence::Level;
     use crate::pooling::{Witnesses, noise};
 
     /// Sixteen samples per pixel, mean 90, floor 10: variances of single samples over 100 are what is drawn together.
@@ -162,6 +163,7 @@ mod tests {
             variance: Plane::from_fn(width, height, |x, y| ratio(x, y) * 100.0 / 16.0),
             largest: Plane::new(width, height, 90.0),
             surface: Plane::new(width, height, Surface::default()),
+            level: Plane::new(width, height, Level::ANY),
         }
     }
 

@@ -4,7 +4,7 @@ use crate::denoise_file::radiance_of;
 use crate::develop::Picture;
 use crate::error::Error;
 use crate::lens::DEFAULT_F_NUMBER;
-use crate::noise::{pooled, sensor_noise, told};
+use crate::noise::{levels, pooled, sensor_noise, told};
 use crate::outputs::{
     VIGNETTING, attributes, extension, same_file, save_plain_picture, save_values, values_words, written,
 };
@@ -429,10 +429,13 @@ fn variance_of_means(
         .kinds()
         .iter()
         .map(|weights| {
+            let own = mean.map(|&v| weights.electrons(v).0 as f32);
+            let variance = variance.map(|&v| weights.variance(v) as f32);
             let evidence = Evidence {
                 counts: counts.clone(),
-                mean: mean.map(|&v| weights.electrons(v).0 as f32),
-                variance: variance.map(|&v| weights.variance(v) as f32),
+                level: levels(&own, &variance, Some(sensor)),
+                mean: own,
+                variance,
                 // A file does not tell, and pooling does not ask.
                 largest: Plane::new(width, height, 0.0),
                 surface: surface.clone(),

@@ -1,6 +1,6 @@
 //! What noise-matched exposure has to know of a film: the variance of every pixel, and where it tells the truth.
 
-use crate::noise::{Measured, told};
+use crate::noise::Measured;
 use dunkelfeld_film::Plane;
 use dunkelfeld_sensor::{Exposure, SensorModel, matched_where};
 
@@ -60,13 +60,9 @@ pub(crate) struct Known {
 
 impl Known {
     pub(crate) fn of(measured: &Measured) -> Self {
-        let (is_rare, noise) = measured.without_rare();
-        let e = &measured.evidence;
-        let mut own = e.counts.data().iter().zip(e.variance.data()).zip(e.mean.data());
-        let variance = noise.map(|noise| match own.next() {
-            Some(((&n, v), &mean)) if v.is_finite() => told(noise, n, mean, measured.sensor),
-            _ => f32::INFINITY,
-        });
+        let (is_rare, told) = measured.without_rare();
+        let mut own = measured.evidence.variance.data().iter();
+        let variance = told.map(|&told| if own.next().is_some_and(|v| v.is_finite()) { told } else { f32::INFINITY });
         Self { variance, is_rare }
     }
 }

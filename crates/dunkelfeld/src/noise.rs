@@ -3,9 +3,9 @@
 use crate::develop::{Frame, SensorFrame};
 use crate::settings::SensorChoice;
 use dunkelfeld_adaptive::certificate::{Certificate, Claim, certify as certify_planes, ratios};
-use dunkelfeld_adaptive::evidence::{Evidence, Surface, surfaces};
+use dunkelfeld_adaptive::evidence::{Evidence, Level, Surface, surfaces};
 use dunkelfeld_adaptive::need::{DEFAULT_TARGET, Needs, SensorNoise, needs};
-use dunkelfeld_adaptive::pooling::{PixelNoise, Witnesses, noise_row_of_peers};
+use dunkelfeld_adaptive::pooling::{PixelNoise, Witnesses, noise_row};
 use dunkelfeld_adaptive::shrinkage::shrunk;
 use dunkelfeld_film::{Film, PixelSums, Plane};
 use dunkelfeld_integrator::Label;
@@ -64,10 +64,12 @@ impl Eye {
                 if luminance > 0.0 { weights.electrons([r, g, b].map(|v| v as f32)).0 / luminance } else { 0.0 };
             (per_luminance * f64::from(p.max_luminance())) as f32
         };
+        let (mean, variance) = (moments.map(|m| m.0 as f32), moments.map(|m| m.1 as f32));
         Evidence {
             counts: film.sample_counts(),
-            mean: moments.map(|m| m.0 as f32),
-            variance: moments.map(|m| m.1 as f32),
+            level: levels(&mean, &variance, self.sensor),
+            mean,
+            variance,
             largest: par_map(film.pixels(), largest),
             surface: surface.clone(),
         }
@@ -83,24 +85,23 @@ pub(crate) fn sensor_noise(model: &SensorModel, exposure: Exposure) -> SensorNoi
     }
 }
 
-/// [`dunkelfeld_adaptive::pooling::noise`], rows shared out among the threads of the current pool.
-pub(crate) fn pooled(evidence: &Evidence, witnesses: Witnesses) -> Plane<PixelNoise> {
-    pooled_of_peers(evidence, witnesses, |_, _| true)
+/// How bright pixels are for a sensor; without one all are alike.
+pub(crate) fn levels(mean: &Plane<f32>, variance: &Plane<f32>, sensor: Option<SensorNoise>) -> Plane<Level> {
+    let mut variances = variance.data().iter();
+    mean.map(|&mean| match (sensor, variances.next()) {
+        (Some(sensor), Some(&variance)) if variance.is_finite() => sensor.level(mean, variance),
+        _ => Level::ANY,
+    })
 }
 
-/// The same of neighbours alone that are peers: of the means of a pixel and a neighbour.
-fn pooled_of_peers(
-    evidence: &Evidence,
-    witnesses: Witnesses,
-    is_peer: impl Fn(f32, f32) -> bool + Sync,
-) -> Plane<PixelNoise> {
+/// [`dunkelfeld_adaptive::pooling::noise`], rows shared out among the threads of the current pool.
+pub(crate) fn pooled(evidence: &Evidence, witnesses: Witnesses) -> Plane<PixelNoise> {
     let (width, height) = (evidence.width(), evidence.height());
     if evidence.variance.data().par_iter().all(|v| !v.is_finite()) {
         // A sample a pixel, or none: there is nothing to pool, and no time to lose with it.
         return Plane::new(width, height, PixelNoise::UNKNOWN);
     }
-    let rows: Vec<Vec<PixelNoise>> =
-        (0..height).into_par_iter().map(|y| noise_row_of_peers(evidence, witnesses, &is_peer, y)).collect();
+    let rows: Vec<Vec<PixelNoise>> = (0..height).into_par_iter().map(|y| noise_row(evidence, witnesses, y)).collect();
     Plane::from_vec(width, height, rows.concat()).unwrap_or_else(|| Plane::new(width, height, PixelNoise::UNKNOWN))
 }
 
@@ -153,6 +154,7 @@ impl Measured {
             variance: woven(&response, |kind| &views[kind].0.variance),
             largest: woven(&response, |kind| &views[kind].0.largest),
             surface: views[0].0.surface.clone(),
+            level: woven(&response, |kind| &views[kind].0.level),
         };
         let noise = woven(&response, |kind| &views[kind].1);
         Self { evidence, noise, sensor, views, response }
@@ -184,21 +186,21 @@ impl Measured {
         Self::new(&Eye { response, white, sensor }, film, labels, Witnesses::All)
     }
 
-    /// Which pixels hold a sample that is rare, and the noise of the others, pooled over such alone; of those that hold one it is
-    /// what all together say. Without a sensor no sample is rare.
-    pub(crate) fn without_rare(&self) -> (Plane<bool>, Plane<PixelNoise>) {
+    /// Which pixels hold a sample that is rare, and the variance of the mean of each pixel \[e-^2\], told by those of its neighbourhood
+    /// that hold none; of those that hold one it is what all together say. Without a sensor no sample is rare.
+    pub(crate) fn without_rare(&self) -> (Plane<bool>, Plane<f32>) {
         let one = [(&self.evidence, &self.noise)];
         let several: Vec<_> = self.views.iter().map(|(evidence, noise)| (evidence, noise)).collect();
         let views = if several.is_empty() { &one[..] } else { &several };
         let told: Vec<_> = views
             .iter()
-            .map(|&(evidence, all)| match self.sensor {
-                None => (evidence.mean.map(|_| false), all.clone()),
-                Some(sensor) => {
-                    let rare = rare(evidence, all, sensor);
-                    let noise = pooled_without(evidence, &rare, all, sensor);
-                    (rare, noise)
-                }
+            .map(|&(evidence, all)| {
+                let rare = match self.sensor {
+                    None => evidence.mean.map(|_| false),
+                    Some(sensor) => rare(evidence, all, sensor),
+                };
+                let variance = told_without(evidence, &rare, all, self.sensor);
+                (rare, variance)
             })
             .collect();
         (woven(&self.response, |kind| &told[kind].0), woven(&self.response, |kind| &told[kind].1))
@@ -274,36 +276,34 @@ fn rare(evidence: &Evidence, noise: &Plane<PixelNoise>, sensor: SensorNoise) -> 
     })
 }
 
-/// Pixels tell of each other's noise, in proportion to the sensor's variance, if theirs differ by no more than this factor: beside a
-/// bright surface the noise of a dark slot is neither that of the surface nor in proportion to it.
-const PEERS: f64 = 2.0;
-
-/// Noise pooled over peers that hold no rare sample; of pixels that hold one, what `all` says.
-fn pooled_without(
+/// The variance of the mean of each pixel \[e-^2\], told by neighbours that hold no rare sample; of pixels that hold one, what `all` say.
+///
+/// Variances of means are pooled, not those of samples: a sample is rare by what it does to the mean, so that the more samples
+/// a pixel has, the brighter ones are left in it.
+fn told_without(
     evidence: &Evidence,
     is_rare: &Plane<bool>,
     all: &Plane<PixelNoise>,
-    sensor: SensorNoise,
-) -> Plane<PixelNoise> {
-    let mut others = evidence.clone();
+    sensor: Option<SensorNoise>,
+) -> Plane<f32> {
+    let mut others = Evidence { counts: evidence.counts.map(|&n| n.min(1)), ..evidence.clone() };
     let variances = others.variance.data_mut().iter_mut();
     variances.zip(is_rare.data()).filter(|(_, rare)| **rare).for_each(|(v, _)| *v = f32::INFINITY);
-    let variance = |mean: f32| sensor.variance(f64::from(mean));
-    let is_peer = |own: f32, other: f32| {
-        let (own, other) = (variance(own), variance(other));
-        own <= PEERS * other && other <= PEERS * own
-    };
-    let mut noise = pooled_of_peers(&others, Witnesses::All, is_peer);
-    let both = noise.data_mut().iter_mut().zip(all.data());
-    both.zip(is_rare.data()).filter(|(_, rare)| **rare).for_each(|((noise, all), _)| *noise = *all);
-    noise
+    let noise = pooled(&others, Witnesses::All);
+    let mut pixels = is_rare.data().iter().zip(all.data()).zip(evidence.counts.data()).zip(evidence.mean.data());
+    noise.map(|noise| match pixels.next() {
+        Some((((false, _), _), &mean)) => told(noise, 1, mean, sensor),
+        Some((((true, all), &n), &mean)) => told(all, n, mean, sensor),
+        None => f32::INFINITY,
+    })
 }
 
-/// The variance of a pixel's mean of n samples \[e-^2\], told by neighbours of its surface: in proportion to the sensor's, for what is
-/// brighter than its neighbours is noisier.
+/// The variance of a pixel's mean of n samples \[e-^2\], told by neighbours of its surface, which may be half or twice as bright: in
+/// proportion to the root of the sensor's. Noise of the light that a pixel shows grows with that light; noise that strays there
+/// from elsewhere does not; most have some of both.
 pub(crate) fn told(noise: &PixelNoise, n: u32, own_mean: f32, sensor: Option<SensorNoise>) -> f32 {
     let of_sensor = |mean: f32| sensor.map_or(1.0, |s| s.variance(f64::from(mean)));
-    (f64::from(noise.of_mean(n)) * of_sensor(own_mean) / of_sensor(noise.mean)) as f32
+    (f64::from(noise.of_mean(n)) * (of_sensor(own_mean) / of_sensor(noise.mean)).sqrt()) as f32
 }
 
 /// Of the planes of each kind of pixel, every pixel's value from that of its own kind.

@@ -19,7 +19,7 @@ use serde::{Deserialize, Serialize};
 /// A pilot that waits for its size begins with so many samples per pixel: one for each batch of the film.
 pub(crate) const FIRST_LOOK: u32 = dunkelfeld_film::BATCHES as u32;
 /// It grows by this factor at most from one look to the next: what few samples say is not trusted with many.
-const GROWTH: f64 = 4.0;
+const GROWTH: f64 = 2.0;
 /// No pixel counts for less than this part of the pilot's samples: one whose neighbours were silent then may be found to have
 /// noise later, and must come to its samples too.
 const LEAST_OF_PILOT: f64 = 0.5;
@@ -164,14 +164,10 @@ impl<'a> Planner<'a> {
     /// Fixes the shares for good, and makes the forecast.
     fn fix(&mut self, eye: &Eye, mean: &Plane<[f32; 3]>, sight: Option<&Sight>, state: State<'_>, pace: &Pace<'_>) {
         let (strategy, target) = (self.settings.strategy(), self.settings.budget.noise);
-        let spp = state.counts.data().iter().map(|&n| f64::from(n)).sum::<f64>() / state.counts.data().len() as f64;
         let needs = sight.and_then(|s| s.planned(target.unwrap_or(DEFAULT_TARGET)));
         let shares = match (&needs, target, strategy) {
             // Every pixel comes nearer to its need in step with the others, so that all are hidden at the same time.
-            (Some(needs), Some(_), Strategy::Sensor) => {
-                let least = (LEAST_OF_PILOT * spp) as f32;
-                Shares::of(needs.aimed().map(|&n| n.max(least)))
-            }
+            (Some(needs), Some(_), Strategy::Sensor) => Shares::of(needs.shares(least(state.counts))),
             _ => strategy.shares(&Pilot {
                 luminance: &eye.image(mean),
                 white: eye.white,
@@ -194,16 +190,22 @@ impl<'a> Planner<'a> {
     /// Samples per pixel after which the image is hidden at `k` by the strategy of the render, as far as what was seen tells;
     /// `None` without a sensor.
     fn targets(&self, sight: &Sight, k: f64, counts: &Plane<u32>, weights: &Plane<f32>) -> Option<Plane<f32>> {
-        let seen = sight.measured.needs(k, Witnesses::Neighbours)?;
+        let needs = sight.planned(k)?;
         Some(match self.settings.strategy() {
-            Strategy::Sensor => seen.if_weighted(counts, &sight.planned(k)?.aimed()),
-            Strategy::Uniform | Strategy::Sobel | Strategy::Variance => seen.if_weighted(counts, weights),
+            Strategy::Sensor => needs.if_weighted(counts, &needs.shares(least(counts))),
+            Strategy::Uniform | Strategy::Sobel | Strategy::Variance => needs.if_weighted(counts, weights),
         })
     }
 
     fn outlook(&self, sight: &Sight, k: f64, counts: &Plane<u32>, weights: &Plane<f32>) -> f64 {
         self.targets(sight, k, counts, weights).map_or(f64::INFINITY, |t| total(&t))
     }
+}
+
+/// The fewest samples that a pixel counts for after a pilot of so many.
+fn least(counts: &Plane<u32>) -> f32 {
+    let spp = counts.data().iter().map(|&n| f64::from(n)).sum::<f64>() / counts.data().len().max(1) as f64;
+    (LEAST_OF_PILOT * spp) as f32
 }
 
 /// The noise of the pilot, by the neighbours of each pixel.
