@@ -77,10 +77,10 @@ fn pixel(evidence: &Evidence, witnesses: Witnesses, x: u32, y: u32) -> PixelNois
         return at_level(evidence, witnesses, x, y, *evidence.level.at(x, y));
     }
     // Beside an edge a pixel that may not speak for itself is as bright as most around it, or as the darkest of them. It is
-    // expected to be what needs more samples.
+    // expected to be what needs more samples; but not unsaturated where most around it are saturated.
     let [middle, darkest] = levels_around(evidence, x, y);
     let noise = at_level(evidence, witnesses, x, y, middle);
-    if darkest.is_like(&middle) {
+    if darkest.is_like(&middle) || middle.least.is_infinite() {
         return noise;
     }
     let other = at_level(evidence, witnesses, x, y, darkest);

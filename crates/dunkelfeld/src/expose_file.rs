@@ -432,7 +432,8 @@ fn variance_of_means(
             let own = mean.map(|&v| weights.electrons(v).0 as f32);
             let variance = variance.map(|&v| weights.variance(v) as f32);
             let evidence = Evidence {
-                counts: counts.clone(),
+                // Variances of means are pooled.
+                counts: counts.map(|&n| n.min(1)),
                 level: levels(&own, &variance, Some(sensor)),
                 mean: own,
                 variance,
@@ -447,7 +448,7 @@ fn variance_of_means(
         // A pixel whose own variance is not known is not told by its neighbours whether it is one of them.
         if own.at(x, y).is_finite() {
             let mean = response.at(x, y).electrons(*mean.at(x, y)).0 as f32;
-            told(pooled[response.kind(x, y)].at(x, y), *counts.at(x, y), mean, Some(sensor))
+            told(pooled[response.kind(x, y)].at(x, y), 1, mean, Some(sensor))
         } else {
             f32::INFINITY
         }

@@ -49,8 +49,8 @@ fn share(held: &Plane<bool>) -> f64 {
 
 /// The noise of a film's pixels, as far as it is to be made up for.
 pub(crate) struct Known {
-    /// Variance of the rendered mean of each pixel [e-^2], pooled over its surface, in proportion to the camera's: what is brighter
-    /// than its neighbours is noisier. Infinite where the pixel itself has samples in fewer than two batches: its neighbours may
+    /// Variance of the rendered mean of each pixel [e-^2], pooled over pixels of its surface that are about as bright, in proportion
+    /// to the root of the camera's: what is brighter than its neighbours is mostly noisier. Infinite where the pixel itself has samples in fewer than two batches: its neighbours may
     /// tell how noisy its samples are, but not whether it is one of them.
     pub(crate) variance: Plane<f32>,
     /// Does the pixel hold a rare sample ([`Matched::ratios`])? What it brings cannot be made up for where it is, and is not to be

@@ -160,8 +160,8 @@ impl Measured {
         Self { evidence, noise, sensor, views, response }
     }
 
-    /// The noise as plans are made from it: that of each neighbourhood, drawn towards that of wider ones. Plans share out samples
-    /// by it; forecasts and certificates go by what was seen, where it was.
+    /// The noise as plans are made from it: that of each neighbourhood, drawn towards that of wider ones. Plans and
+    /// forecasts go by it; certificates go by what was seen, where it was.
     pub(crate) fn drawn_together(&self) -> Plane<PixelNoise> {
         let mean = self.evidence.mean.data();
         let lit = mean.iter().map(|&m| f64::from(m)).sum::<f64>() / mean.len().max(1) as f64;
