@@ -161,7 +161,9 @@ impl Needs {
     /// wait for those that were taken for too small.
     pub fn shares(&self, least: f32) -> Plane<f32> {
         let shares = self.aimed().map(|n| n.max(least).powf(TRUST));
-        let mean = shares.data().iter().map(|&n| f64::from(n)).sum::<f64>() / shares.data().len().max(1) as f64;
+        // A need that is not known is infinite, and says nothing of the others.
+        let finite = || shares.data().iter().filter(|n| n.is_finite()).map(|&n| f64::from(n));
+        let mean = finite().sum::<f64>() / finite().count().max(1) as f64;
         shares.map(|&n| EVEN.mul_add(mean as f32, (1.0 - EVEN) * n))
     }
 
@@ -346,6 +348,10 @@ mod tests {
         assert!((0..5).all(|x| shares.at(x, 0) == shares.at(0, 9)));
         assert!((by_need(0) - 757.0f32.powf(0.6)).abs() < 0.1, "{}", by_need(0));
         assert!((by_need(9) - 8f32.powf(0.6)).abs() < 1e-3, "saturated as far as the neighbours know");
+        // One column of which nothing is known.
+        let unknown = Plane::from_fn(10, 10, |x, y| if x == 8 { f32::INFINITY } else { *needs.planned.at(x, y) });
+        let shares = Needs { planned: unknown, ..needs }.shares(8.0);
+        assert!(*shares.at(8, 0) == f32::INFINITY && (0..8).all(|x| shares.at(x, 0).is_finite()));
     }
 
     #[test]

@@ -51,10 +51,13 @@ impl Stake {
     /// it is not asked.
     #[inline]
     pub(crate) fn survival(&self, light: Rgb) -> Option<f32> {
-        if self.worth == 0.0 {
+        let part = self.worth * light.max_channel();
+        // What is not a number is asked as well, so that the film can count it.
+        let is_little = part < 1.0;
+        if self.worth == 0.0 || !is_little {
             return Some(1.0);
         }
-        let survival = (self.worth * light.max_channel()).clamp(Self::LEAST, 1.0);
+        let survival = part.max(Self::LEAST);
         (self.u < survival).then_some(survival)
     }
 }
@@ -110,6 +113,12 @@ mod tests {
         // A quarter of that: for a quarter of the numbers.
         assert_eq!(survival(0.5, 64.0, 1.0, 0.24), Some(0.25));
         assert_eq!(survival(0.5, 64.0, 1.0, 0.26), None);
+        // What is not a number is not lost.
+        for (found, light) in
+            [(64.0, f32::NAN), (1e-42, 0.0), (f32::NAN, 1.0), (f32::INFINITY, 1.0), (64.0, f32::INFINITY)]
+        {
+            assert_eq!(survival(0.5, found, light, 0.99), Some(1.0), "{found} {light}");
+        }
         // Next to nothing, or nothing as far as one can tell.
         for light in [1e-9, 0.0] {
             assert_eq!(survival(0.5, 2.0, light, 0.06), Some(Stake::LEAST));

@@ -144,7 +144,8 @@ impl End {
 }
 
 /// Light of a sample that reaches a vertex through a cover and is scattered toward the camera. `u` gives a number in `[0, 1)` that
-/// chooses among the chains that may lead there; roulette is played with the stake before the search; the recorder hears of the search and, if it found light, of the connection's share.
+/// chooses among the chains that may lead there. Roulette is played with the stake before the search; the recorder hears of the
+/// search and, if it found light, of the connection's share.
 #[inline(never)]
 pub(crate) fn light_from<F: Features, V: Vertex>(
     scene: &Scene,
