@@ -52,7 +52,8 @@ fn a_render_writes_all_outputs_well_formed() {
     let names: BTreeSet<&str> = layers.channels.iter().map(|(name, _)| name.as_str()).collect();
     let expected = "R G B variance.R variance.G variance.B spp.Y albedo.R albedo.G albedo.B normal.X normal.Y normal.Z \
                     albedo.variance.R albedo.variance.G albedo.variance.B normal.variance.X normal.variance.Y \
-                    normal.variance.Z depth.Z depth.variance.Z id.object id.material electrons.Y hidden.Y";
+                    normal.variance.Z depth.Z depth.variance.Z scatter.Y scatter.largest id.object id.material \
+                    electrons.Y hidden.Y";
     assert_eq!(names, expected.split_whitespace().collect());
     assert_eq!((layers.width, layers.height), (24, 16));
     assert!(bench.floats("a.exr", "R").iter().any(|&v| v > 0.0), "the lamp lights the floor");

@@ -344,7 +344,7 @@ fn layers_of_a_render_are_matched_as_the_render_was() {
     };
     let (matched, plain) = (distance(&expose(ExposureNoise::Matched)), distance(&expose(ExposureNoise::Plain)));
     assert!(
-        matched < 0.05 * plain,
+        matched < 0.02 * plain,
         "mean square {matched:.2} from the render's own matched frame, {plain:.2} when plain"
     );
 }

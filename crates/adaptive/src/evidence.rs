@@ -2,7 +2,7 @@
 //!
 //! Values are in any one linear unit: photo-electrons behind a sensor, luminance without one.
 
-use dunkelfeld_film::Plane;
+use dunkelfeld_film::{Plane, Scatter};
 
 /// Neighbours whose normals differ by more than this cosine (26 degrees) lie on different surfaces.
 const SIMILAR: f32 = 0.9;
@@ -94,6 +94,8 @@ pub struct Evidence {
     pub mean: Plane<f32>,
     /// Estimated variance of that mean, from the spread of the film's batches; infinite where nothing is known.
     pub variance: Plane<f32>,
+    /// How the pixel's samples scatter, in whatever unit; `None` where that is not known.
+    pub scatter: Plane<Option<Scatter>>,
     /// The largest sample.
     pub largest: Plane<f32>,
     /// What the pixel shows.
@@ -119,6 +121,7 @@ impl Evidence {
         [
             (self.mean.width(), self.mean.height()),
             (self.variance.width(), self.variance.height()),
+            (self.scatter.width(), self.scatter.height()),
             (self.largest.width(), self.largest.height()),
             (self.surface.width(), self.surface.height()),
             (self.level.width(), self.level.height()),

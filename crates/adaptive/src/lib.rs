@@ -17,7 +17,8 @@
 //!
 //! The edges stand for the variance, and the variance for what can be seen. With a sensor one can do better: measure the
 //! variance itself, in batches pooled over neighbours ([`pooling`]), ask what each pixel [`need`]s to be hidden beneath the
-//! sensor's own noise, share out the samples by that, stop when it is reached, and say how far it was ([`certificate`]).
+//! sensor's own noise, share out the samples by that, stop when it is reached, and say how far it was ([`certificate`]), by what each
+//! pixel's [`own`] samples tell.
 //!
 //! The samples of a pixel must not decide how many others join them in its mean: whoever takes more where a sample was bright
 //! dilutes the bright one, and the mean is too small (Kirk and Arvo 1991). So a plan is made once, from the pilot, and what a
@@ -59,6 +60,7 @@ pub mod certificate;
 pub mod cost;
 pub mod evidence;
 pub mod need;
+pub mod own;
 pub mod plan;
 pub mod pooling;
 pub mod schedule;

@@ -240,6 +240,7 @@ mod tests {
             counts: Plane::new(width, 16, 16),
             mean: Plane::new(width, 16, mean),
             variance: Plane::new(width, 16, variance / 16.0),
+            scatter: Plane::new(width, 16, None),
             largest: Plane::new(width, 16, mean),
             surface: Plane::new(width, 16, Surface::default()),
             level: Plane::new(width, 16, Level::ANY),

@@ -88,29 +88,39 @@ fn pixel(evidence: &Evidence, witnesses: Witnesses, x: u32, y: u32) -> PixelNois
     if ratio(&other, darkest) > ratio(&noise, middle) { other } else { noise }
 }
 
+/// The pixels around one that may speak for it if it is so bright, itself among them if it is a witness.
+pub(crate) fn witnesses_of(
+    evidence: &Evidence,
+    witnesses: Witnesses,
+    x: u32,
+    y: u32,
+    level: Level,
+) -> impl Iterator<Item = (u32, u32)> {
+    let own = evidence.surface.at(x, y);
+    around(x, y, POOL_REACH, evidence.width(), evidence.height())
+        .filter(move |&at| witnesses == Witnesses::All || at != (x, y))
+        .filter(move |&(nx, ny)| own.is_like(evidence.surface.at(nx, ny)) && level.is_like(evidence.level.at(nx, ny)))
+}
+
 /// The noise of a pixel that is so bright.
 fn at_level(evidence: &Evidence, witnesses: Witnesses, x: u32, y: u32, level: Level) -> PixelNoise {
     let (width, height) = (evidence.width(), evidence.height());
-    let own = evidence.surface.at(x, y);
-    let mut pool = Pool::default();
-    let mut strangers = Pool::default();
-    for (nx, ny) in around(x, y, POOL_REACH, width, height) {
-        if witnesses == Witnesses::Neighbours && (nx, ny) == (x, y) {
-            continue;
+    let pool_of = |places: &mut dyn Iterator<Item = (u32, u32)>| {
+        let mut pool = Pool::default();
+        for (nx, ny) in places {
+            let (n, variance) = (*evidence.counts.at(nx, ny), *evidence.variance.at(nx, ny));
+            if n > 0 && variance.is_finite() {
+                pool.add(f64::from(n) * f64::from(variance), f64::from(*evidence.mean.at(nx, ny)));
+            }
         }
-        let (n, variance) = (*evidence.counts.at(nx, ny), *evidence.variance.at(nx, ny));
-        if n == 0 || !variance.is_finite() {
-            continue;
-        }
-        let (variance, mean) = (f64::from(n) * f64::from(variance), f64::from(*evidence.mean.at(nx, ny)));
-        if own.is_like(evidence.surface.at(nx, ny)) && level.is_like(evidence.level.at(nx, ny)) {
-            pool.add(variance, mean);
-        } else {
-            strangers.add(variance, mean);
-        }
+        pool
+    };
+    let mut pool = pool_of(&mut witnesses_of(evidence, witnesses, x, y, level));
+    if pool.count == 0 {
+        // A pixel that is like no other and may not speak for itself: the neighbours, whatever they show.
+        let others = around(x, y, POOL_REACH, width, height);
+        pool = pool_of(&mut others.filter(|&at| witnesses == Witnesses::All || at != (x, y)));
     }
-    // A pixel that is like no other and may not speak for itself: the neighbours, whatever they show.
-    let pool = if pool.count == 0 { strangers } else { pool };
     let noise = pool.noise();
     let near = around(x, y, 1, width, height)
         .filter(|&at| witnesses == Witnesses::All || at != (x, y))
@@ -209,6 +219,7 @@ mod tests {
             counts: Plane::new(width, height, 16),
             mean: Plane::new(width, height, 2.0),
             variance: Plane::from_fn(width, height, variance),
+            scatter: Plane::new(width, height, None),
             largest: Plane::new(width, height, 2.0),
             surface: Plane::new(width, height, Surface::default()),
             level: Plane::new(width, height, Level::ANY),

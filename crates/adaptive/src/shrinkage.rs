@@ -161,6 +161,7 @@ mod tests {
             counts: Plane::new(width, height, 16),
             mean: Plane::new(width, height, 90.0),
             variance: Plane::from_fn(width, height, |x, y| ratio(x, y) * 100.0 / 16.0),
+            scatter: Plane::new(width, height, None),
             largest: Plane::new(width, height, 90.0),
             surface: Plane::new(width, height, Surface::default()),
             level: Plane::new(width, height, Level::ANY),

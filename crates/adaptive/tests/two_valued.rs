@@ -84,6 +84,7 @@ impl Image {
             mean: self.pixels.map(|p| p.mean() as f32),
             variance: self.pixels.map(|p| p.variance_of_mean() as f32),
             level: self.pixels.map(|p| quiet.level(p.mean() as f32, p.variance_of_mean() as f32)),
+            scatter: Plane::new(SIDE, SIDE, None),
             largest: self.pixels.map(|p| if p.mean() > 0.0 { 1.0 } else { 0.0 }),
             surface: Plane::new(SIDE, SIDE, Surface::default()),
         }

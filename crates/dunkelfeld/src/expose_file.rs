@@ -4,16 +4,17 @@ use crate::denoise_file::radiance_of;
 use crate::develop::Picture;
 use crate::error::Error;
 use crate::lens::DEFAULT_F_NUMBER;
-use crate::noise::{levels, pooled, sensor_noise, told};
+use crate::matched::Known;
+use crate::noise::{Measured, levels, per_luminance, sensor_noise};
 use crate::outputs::{
     VIGNETTING, attributes, extension, same_file, save_plain_picture, save_values, values_words, written,
 };
 use crate::progress::{Cancel, Progress, ProgressState, Stage};
 use crate::render::thread_pool;
-use dunkelfeld_adaptive::evidence::{Evidence, surfaces};
+use dunkelfeld_adaptive::evidence::{Evidence, Surface, surfaces};
 use dunkelfeld_adaptive::need::SensorNoise;
 use dunkelfeld_adaptive::pooling::Witnesses;
-use dunkelfeld_film::Plane;
+use dunkelfeld_film::{Plane, Scatter};
 use dunkelfeld_io::InputError;
 use dunkelfeld_io::exr::{ExrLayers, read_exr};
 use dunkelfeld_io::job::LensSettings;
@@ -21,7 +22,6 @@ use dunkelfeld_io::layers::{Single, Triple};
 use dunkelfeld_radiometry::Seconds;
 use dunkelfeld_sensor::{
     Device, Exposure, ExposureNoise, FrameKey, Optics, Response, SensorError, SensorModel, auto_exposure, electrons,
-    matched_where,
 };
 use rayon::prelude::*;
 use std::path::{Path, PathBuf};
@@ -80,8 +80,8 @@ pub struct ExposedFile {
     pub no_light: bool,
     /// Share of pixels whose expected electrons fill the well or reach the end of the converter.
     pub saturated: f64,
-    /// Share of pixels where matched exposure can hold, as far as variances tell; what single samples did, of which a render
-    /// knows, is not in the file. `None` if all of the camera's noise was drawn.
+    /// Share of pixels where matched exposure can hold, as far as the file tells of their noise. `None` if all of the camera's noise was
+    /// drawn.
     pub matched: Option<f64>,
     /// Pixels whose radiance was negative or not a number (they count as black) or infinite (they saturate).
     pub invalid: u64,
@@ -100,35 +100,30 @@ pub struct Exposer {
     exposure: Exposure,
     seed: u64,
     electrons: Plane<f32>,
-    /// Of the electrons [e^-2]; `None` if all of the camera's noise is to be drawn.
-    variance: Option<Plane<f32>>,
+    /// What is known of their noise; `None` if all of the camera's noise is to be drawn.
+    known: Option<Known>,
     no_light: bool,
     invalid: u64,
 }
 
 impl Exposer {
-    /// Puts mean radiance [W/(m^2 sr)] in front of a camera. `variance` of the mean electrons of each pixel, given their
-    /// response, is asked for if the noise is to be matched, and makes that possible.
+    /// Puts mean radiance [W/(m^2 sr)] in front of a camera; with its noise, if that is to be matched.
     ///
     /// # Errors
     /// A sensor whose ranges the exposure leaves.
     fn new(
         mut radiance: Plane<[f32; 3]>,
         settings: &ExposeSettings,
-        variance: impl FnOnce(&Response, SensorNoise, &Plane<[f32; 3]>) -> Option<Plane<f32>>,
+        mut noise: Option<NoiseLayers>,
     ) -> Result<Self, Error> {
         let ExposeSettings { model, optics, .. } = settings;
         let (width, height) = (radiance.width(), radiance.height());
-        // What the lens lets through, relative to its axis.
-        let share = settings.vignetting.map(|focal_length| {
+        if let Some(focal_length) = settings.vignetting {
             let distance = focal_length * (1.0 + optics.magnification()) / model.spec().pixel_pitch.0;
-            move |x: u32, y: u32| cosine_fourth(x, y, width, height, distance)
-        });
-        if let Some(share) = &share {
-            radiance = Plane::from_fn(width, height, |x, y| {
-                let share = share(x, y);
-                radiance.at(x, y).map(|v| (f64::from(v) * share) as f32)
-            });
+            // What the lens lets through, relative to its axis.
+            let share = Plane::from_fn(width, height, |x, y| cosine_fourth(x, y, width, height, distance));
+            radiance = darkened(&radiance, &share);
+            noise = noise.map(|noise| noise.darkened(&share));
         }
         let (exposure, no_light) = match settings.exposure.map_or_else(|| auto_exposure(&radiance, model, optics), Ok) {
             Err(SensorError::NoLight) => (Exposure::new(Seconds(1.0))?, true),
@@ -136,20 +131,10 @@ impl Exposer {
         };
         let response = Response::new(model, optics, exposure);
         let mean = electrons(&radiance, &response);
-        let variance = match settings.exposure_noise {
-            ExposureNoise::Plain => None,
-            ExposureNoise::Matched => {
-                variance(&response, sensor_noise(model, exposure), &radiance).map(|v| match &share {
-                    None => v,
-                    Some(share) => {
-                        Plane::from_fn(width, height, |x, y| (f64::from(*v.at(x, y)) * share(x, y).powi(2)) as f32)
-                    }
-                })
-            }
-        };
+        let known = noise.map(|noise| noise.known(response, sensor_noise(model, exposure), &radiance));
         let device = Device::new(model.clone(), settings.seed, width, height);
         let (electrons, invalid) = (mean.plane, mean.invalid);
-        Ok(Self { device, exposure, seed: settings.seed, electrons, variance, no_light, invalid })
+        Ok(Self { device, exposure, seed: settings.seed, electrons, known, no_light, invalid })
     }
 
     /// Reads an EXR and puts it in front of a camera.
@@ -165,16 +150,14 @@ impl Exposer {
             return Err(InputError::new(path, "--vignetting", problem, "leave out --vignetting").into());
         }
         let radiance = radiance_of(path, &layers, settings.layer.as_deref())?;
-        let variance = match settings.exposure_noise {
+        let noise = match settings.exposure_noise {
             ExposureNoise::Plain => None,
-            ExposureNoise::Matched => Some(layers.triples(Triple::Variance).ok_or_else(|| {
+            ExposureNoise::Matched => Some(NoiseLayers::of(&layers).ok_or_else(|| {
                 let problem = "is not there, so that the noise of the render is not known";
                 InputError::new(path, "the layer `variance`", problem, "leave out --exposure-noise matched")
             })?),
         };
-        Self::new(radiance, settings, |response, sensor, mean| {
-            variance.map(|v| variance_of_means(&layers, response, sensor, mean, &v))
-        })
+        Self::new(radiance, settings, noise)
     }
 
     /// Width and height \[pixels\].
@@ -208,8 +191,8 @@ impl Exposer {
         let mut values = Plane::new(width, height, 0u16);
         values.data_mut().par_chunks_mut(width.max(1) as usize).enumerate().try_for_each(|(y, row)| {
             let rows = y as u32..y as u32 + 1;
-            match &self.variance {
-                Some(v) => self.device.expose_rows_matched(&self.electrons, v, self.exposure, key, rows, row),
+            match &self.known {
+                Some(k) => self.device.expose_rows_matched(&self.electrons, &k.variance, self.exposure, key, rows, row),
                 None => self.device.expose_rows(&self.electrons, self.exposure, key, rows, row),
             }
         })?;
@@ -217,7 +200,7 @@ impl Exposer {
     }
 
     fn matched(&self) -> Option<f64> {
-        let held = matched_where(self.model(), self.exposure, &self.electrons, self.variance.as_ref()?);
+        let held = self.known.as_ref()?.held(&self.electrons, self.model(), self.exposure);
         Some(held.data().iter().filter(|held| **held).count() as f64 / held.data().len().max(1) as f64)
     }
 
@@ -411,48 +394,93 @@ fn cosine_fourth(x: u32, y: u32, width: u32, height: u32, distance: f64) -> f64 
     (1.0 + tangent_squared).powi(-2)
 }
 
-/// Variance of the mean electrons of each pixel, from those of the channels, which are taken to rise and fall together. A file of
-/// ours tells which pixels show the same surface: there they are pooled as in a render, but for rare samples, which no file tells.
-fn variance_of_means(
-    layers: &ExrLayers,
-    response: &Response,
-    sensor: SensorNoise,
-    mean: &Plane<[f32; 3]>,
-    variance: &Plane<[f32; 3]>,
-) -> Plane<f32> {
-    let (width, height) = (mean.width(), mean.height());
-    let own = Plane::from_fn(width, height, |x, y| response.at(x, y).variance(*variance.at(x, y)) as f32);
-    let known = [layers.integers(Single::SampleCount), layers.integers(Single::ObjectId)];
-    let ([Some(counts), Some(objects)], Some(normals)) = (known, layers.triples(Triple::Normal)) else { return own };
-    let surface = surfaces(&objects, &normals);
-    let pooled: Vec<_> = response
-        .kinds()
-        .iter()
-        .map(|weights| {
+/// The image behind a lens that lets through so much of its light.
+fn darkened(radiance: &Plane<[f32; 3]>, share: &Plane<f64>) -> Plane<[f32; 3]> {
+    let mut shares = share.data().iter();
+    radiance.map(|&pixel| {
+        let share = shares.next().copied().unwrap_or(1.0);
+        pixel.map(|v| (f64::from(v) * share) as f32)
+    })
+}
+
+/// What a file tells of the noise of its mean.
+struct NoiseLayers {
+    /// Variance of the mean, by channel.
+    variance: Plane<[f32; 3]>,
+    /// Of a file of ours: what the pixels show, and how their samples scatter.
+    pixels: Option<(Plane<u32>, Plane<Surface>, Plane<Option<Scatter>>)>,
+}
+
+impl NoiseLayers {
+    /// `None` without variances.
+    fn of(layers: &ExrLayers) -> Option<Self> {
+        let variance = layers.triples(Triple::Variance)?;
+        let whole = [layers.integers(Single::SampleCount), layers.integers(Single::ObjectId)];
+        let pixels = match (whole, layers.triples(Triple::Normal)) {
+            ([Some(counts), Some(objects)], Some(normals)) => {
+                let scatter = [Single::Scatter, Single::LargestScatter].map(|layer| layers.single(layer));
+                let scatter = match scatter {
+                    [Some(all), Some(largest)] => {
+                        let mut largest = largest.data().iter();
+                        all.map(|&all| {
+                            let largest = f64::from(*largest.next()?);
+                            let all = f64::from(all);
+                            (all.is_finite() && all >= 0.0 && (0.0..=all).contains(&largest))
+                                .then_some(Scatter { all, largest })
+                        })
+                    }
+                    _ => counts.map(|_| None),
+                };
+                Some((counts, surfaces(&objects, &normals), scatter))
+            }
+            _ => None,
+        };
+        Some(Self { variance, pixels })
+    }
+
+    fn darkened(self, share: &Plane<f64>) -> Self {
+        let squares = share.map(|s| s * s);
+        let mut square = squares.data().iter();
+        let pixels = self.pixels.map(|(counts, surface, scatter)| {
+            let scatter = scatter.map(|&scatter| {
+                let square = square.next().copied().unwrap_or(1.0);
+                scatter.map(|s| Scatter { all: square * s.all, largest: square * s.largest })
+            });
+            (counts, surface, scatter)
+        });
+        Self { variance: darkened(&self.variance, &squares), pixels }
+    }
+
+    /// What that makes known of the electrons of a sensor: as in a render if the file tells which pixels show the same surface, but
+    /// for the covariance of the channels, which are taken to rise and fall together; else each pixel's own variance counts.
+    fn known(self, response: Response, sensor: SensorNoise, mean: &Plane<[f32; 3]>) -> Known {
+        let (width, height) = (mean.width(), mean.height());
+        let Some((counts, surface, scatter)) = self.pixels else {
+            let own = |x, y| response.at(x, y).variance(*self.variance.at(x, y)) as f32;
+            return Known { variance: Plane::from_fn(width, height, own), is_rare: Plane::new(width, height, false) };
+        };
+        let views = response.kinds().iter().map(|weights| {
             let own = mean.map(|&v| weights.electrons(v).0 as f32);
-            let variance = variance.map(|&v| weights.variance(v) as f32);
-            let evidence = Evidence {
-                // Variances of means are pooled.
-                counts: counts.map(|&n| n.min(1)),
+            let variance = self.variance.map(|&v| weights.variance(v) as f32);
+            let largest = Plane::from_fn(width, height, |x, y| {
+                // From the distance of the largest sample to the mean of all.
+                let (per_luminance, luminance) = per_luminance(*weights, mean.at(x, y).map(f64::from));
+                let others = f64::from(counts.at(x, y).saturating_sub(1));
+                let off = scatter.at(x, y).map_or(0.0, |s| others * s.largest.sqrt());
+                (per_luminance * (luminance + off)) as f32
+            });
+            Evidence {
+                counts: counts.clone(),
                 level: levels(&own, &variance, Some(sensor)),
                 mean: own,
                 variance,
-                // A file does not tell, and pooling does not ask.
-                largest: Plane::new(width, height, 0.0),
+                scatter: scatter.clone(),
+                largest,
                 surface: surface.clone(),
-            };
-            pooled(&evidence, Witnesses::All)
-        })
-        .collect();
-    Plane::from_fn(width, height, |x, y| {
-        // A pixel whose own variance is not known is not told by its neighbours whether it is one of them.
-        if own.at(x, y).is_finite() {
-            let mean = response.at(x, y).electrons(*mean.at(x, y)).0 as f32;
-            told(pooled[response.kind(x, y)].at(x, y), 1, mean, Some(sensor))
-        } else {
-            f32::INFINITY
-        }
-    })
+            }
+        });
+        Known::of(&Measured::of(views.collect(), response, Some(sensor), Witnesses::All))
+    }
 }
 
 #[cfg(test)]

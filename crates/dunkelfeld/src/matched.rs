@@ -26,8 +26,7 @@ impl Matched {
         exposure: Exposure,
     ) -> Self {
         let Some(sensor) = measured.sensor else { return Self::nowhere(electrons.width(), electrons.height()) };
-        let mut held = matched_where(model, exposure, electrons, &known.variance);
-        held.data_mut().iter_mut().zip(known.is_rare.data()).for_each(|(held, rare)| *held &= !rare);
+        let held = known.held(electrons, model, exposure);
         let mut pixels = known.variance.data().iter().zip(known.is_rare.data());
         let ratios = measured.evidence.mean.map(|&mean| match pixels.next() {
             Some((v, false)) => v / sensor.variance(f64::from(mean)) as f32,
@@ -48,10 +47,10 @@ fn share(held: &Plane<bool>) -> f64 {
 }
 
 /// The noise of a film's pixels, as far as it is to be made up for.
+#[derive(Clone, Debug)]
 pub(crate) struct Known {
-    /// Variance of the rendered mean of each pixel [e-^2], pooled over pixels of its surface that are about as bright, in proportion
-    /// to the root of the camera's: what is brighter than its neighbours is mostly noisier. Infinite where the pixel itself has samples in fewer than two batches: its neighbours may
-    /// tell how noisy its samples are, but not whether it is one of them.
+    /// Variance of the rendered mean of each pixel [e-^2], by its own samples as far as they tell. Infinite where the pixel has samples in
+    /// fewer than two batches: its neighbours may tell how noisy its samples are, but not whether it is one of them.
     pub(crate) variance: Plane<f32>,
     /// Does the pixel hold a rare sample ([`Matched::ratios`])? What it brings cannot be made up for where it is, and is not to be
     /// where it is not: such pixels tell their neighbours nothing.
@@ -64,5 +63,12 @@ impl Known {
         let mut own = measured.evidence.variance.data().iter();
         let variance = told.map(|&told| if own.next().is_some_and(|v| v.is_finite()) { told } else { f32::INFINITY });
         Self { variance, is_rare }
+    }
+
+    /// Where the method holds for a sensor that sees so many electrons.
+    pub(crate) fn held(&self, electrons: &Plane<f32>, model: &SensorModel, exposure: Exposure) -> Plane<bool> {
+        let mut held = matched_where(model, exposure, electrons, &self.variance);
+        held.data_mut().iter_mut().zip(self.is_rare.data()).for_each(|(held, rare)| *held &= !rare);
+        held
     }
 }

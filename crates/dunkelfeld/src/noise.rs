@@ -5,6 +5,7 @@ use crate::settings::SensorChoice;
 use dunkelfeld_adaptive::certificate::{Certificate, Claim, certify as certify_planes, ratios};
 use dunkelfeld_adaptive::evidence::{Evidence, Level, Surface, surfaces};
 use dunkelfeld_adaptive::need::{DEFAULT_TARGET, Needs, SensorNoise, needs};
+use dunkelfeld_adaptive::own::{listeners_row, own_noise_row};
 use dunkelfeld_adaptive::pooling::{PixelNoise, Witnesses, noise_row};
 use dunkelfeld_adaptive::shrinkage::shrunk;
 use dunkelfeld_film::{Film, PixelSums, Plane};
@@ -57,23 +58,25 @@ impl Eye {
     fn evidence(&self, film: &Film, surface: &Plane<Surface>, weights: Weights) -> Evidence {
         let moments = par_map(film.pixels(), |p| p.weighted_mean_and_variance(weights.0));
         // A film remembers the luminance of its largest sample; its colour is taken for that of the pixel.
-        let largest = |p: &PixelSums| {
-            let [r, g, b] = p.mean();
-            let luminance = f64::from(Rgb::new(r as f32, g as f32, b as f32).luminance());
-            let per_luminance =
-                if luminance > 0.0 { weights.electrons([r, g, b].map(|v| v as f32)).0 / luminance } else { 0.0 };
-            (per_luminance * f64::from(p.max_luminance())) as f32
-        };
+        let largest = |p: &PixelSums| (per_luminance(weights, p.mean()).0 * f64::from(p.max_luminance())) as f32;
         let (mean, variance) = (moments.map(|m| m.0 as f32), moments.map(|m| m.1 as f32));
         Evidence {
             counts: film.sample_counts(),
             level: levels(&mean, &variance, self.sensor),
             mean,
             variance,
+            scatter: par_map(film.pixels(), PixelSums::scatter),
             largest: par_map(film.pixels(), largest),
             surface: surface.clone(),
         }
     }
+}
+
+/// Signal per luminance of light of this colour, and its luminance.
+pub(crate) fn per_luminance(weights: Weights, [r, g, b]: [f64; 3]) -> (f64, f64) {
+    let luminance = f64::from(Rgb::new(r as f32, g as f32, b as f32).luminance());
+    let signal = weights.electrons([r, g, b].map(|v| v as f32)).0;
+    (if luminance > 0.0 { signal / luminance } else { 0.0 }, luminance)
 }
 
 /// The noise that a sensor adds to a frame of the given exposure.
@@ -96,13 +99,29 @@ pub(crate) fn levels(mean: &Plane<f32>, variance: &Plane<f32>, sensor: Option<Se
 
 /// [`dunkelfeld_adaptive::pooling::noise`], rows shared out among the threads of the current pool.
 pub(crate) fn pooled(evidence: &Evidence, witnesses: Witnesses) -> Plane<PixelNoise> {
-    let (width, height) = (evidence.width(), evidence.height());
-    if evidence.variance.data().par_iter().all(|v| !v.is_finite()) {
-        // A sample a pixel, or none: there is nothing to pool, and no time to lose with it.
-        return Plane::new(width, height, PixelNoise::UNKNOWN);
+    let unknown = evidence.mean.map(|_| PixelNoise::UNKNOWN);
+    if is_unknown(evidence) { unknown } else { by_rows(unknown, |y| noise_row(evidence, witnesses, y)) }
+}
+
+/// [`dunkelfeld_adaptive::own::own_noise`], likewise.
+fn owned(evidence: &Evidence) -> Plane<PixelNoise> {
+    let unknown = evidence.mean.map(|_| PixelNoise::UNKNOWN);
+    if is_unknown(evidence) {
+        return unknown;
     }
-    let rows: Vec<Vec<PixelNoise>> = (0..height).into_par_iter().map(|y| noise_row(evidence, witnesses, y)).collect();
-    Plane::from_vec(width, height, rows.concat()).unwrap_or_else(|| Plane::new(width, height, PixelNoise::UNKNOWN))
+    let listeners = by_rows(evidence.mean.map(|_| 0), |y| listeners_row(evidence, y));
+    by_rows(unknown, |y| own_noise_row(evidence, &listeners, y))
+}
+
+/// Is there a sample a pixel, or none? Then there is nothing to pool, and no time to lose with it.
+fn is_unknown(evidence: &Evidence) -> bool {
+    evidence.variance.data().par_iter().all(|v| !v.is_finite())
+}
+
+/// A plane like another, its rows made on the threads of the current pool.
+fn by_rows<T: Clone + Send>(like: Plane<T>, row: impl Fn(u32) -> Vec<T> + Send + Sync) -> Plane<T> {
+    let rows: Vec<Vec<T>> = (0..like.height()).into_par_iter().map(row).collect();
+    Plane::from_vec(like.width(), like.height(), rows.concat()).unwrap_or(like)
 }
 
 /// A certificate together with what it rests on.
@@ -134,7 +153,12 @@ impl Measured {
     }
 
     /// Of the views through each kind of pixel.
-    fn of(mut views: Vec<Evidence>, response: Response, sensor: Option<SensorNoise>, witnesses: Witnesses) -> Self {
+    pub(crate) fn of(
+        mut views: Vec<Evidence>,
+        response: Response,
+        sensor: Option<SensorNoise>,
+        witnesses: Witnesses,
+    ) -> Self {
         if views.len() == 1
             && let Some(evidence) = views.pop()
         {
@@ -152,6 +176,7 @@ impl Measured {
             counts: views[0].0.counts.clone(),
             mean: woven(&response, |kind| &views[kind].0.mean),
             variance: woven(&response, |kind| &views[kind].0.variance),
+            scatter: woven(&response, |kind| &views[kind].0.scatter),
             largest: woven(&response, |kind| &views[kind].0.largest),
             surface: views[0].0.surface.clone(),
             level: woven(&response, |kind| &views[kind].0.level),
@@ -186,20 +211,32 @@ impl Measured {
         Self::new(&Eye { response, white, sensor }, film, labels, Witnesses::All)
     }
 
-    /// Which pixels hold a sample that is rare, and the variance of the mean of each pixel \[e-^2\], told by those of its neighbourhood
-    /// that hold none; of those that hold one it is what all together say. Without a sensor no sample is rare.
+    /// What is known of the film behind each kind of pixel.
+    fn seen(&self) -> Vec<(&Evidence, &Plane<PixelNoise>)> {
+        if self.views.is_empty() {
+            return vec![(&self.evidence, &self.noise)];
+        }
+        self.views.iter().map(|(evidence, noise)| (evidence, noise)).collect()
+    }
+
+    /// The noise of each pixel by its own samples, as far as they can tell.
+    fn owned(&self) -> Plane<PixelNoise> {
+        let owned: Vec<_> = self.seen().iter().map(|(evidence, _)| owned(evidence)).collect();
+        woven(&self.response, |kind| &owned[kind])
+    }
+
+    /// Which pixels hold a sample that is rare, and the variance of the mean of each pixel \[e-^2\], without what pixels that hold one
+    /// would tell their neighbours. Without a sensor no sample is rare.
     pub(crate) fn without_rare(&self) -> (Plane<bool>, Plane<f32>) {
-        let one = [(&self.evidence, &self.noise)];
-        let several: Vec<_> = self.views.iter().map(|(evidence, noise)| (evidence, noise)).collect();
-        let views = if several.is_empty() { &one[..] } else { &several };
-        let told: Vec<_> = views
+        let told: Vec<_> = self
+            .seen()
             .iter()
-            .map(|&(evidence, all)| {
+            .map(|&(evidence, noise)| {
                 let rare = match self.sensor {
                     None => evidence.mean.map(|_| false),
-                    Some(sensor) => rare(evidence, all, sensor),
+                    Some(sensor) => rare(evidence, noise, sensor),
                 };
-                let variance = told_without(evidence, &rare, all, self.sensor);
+                let variance = told_without(evidence, &rare);
                 (rare, variance)
             })
             .collect();
@@ -231,12 +268,13 @@ impl Measured {
         let sensor = self.sensor?;
         let (width, height) = (self.evidence.width(), self.evidence.height());
         let counts = self.evidence.counts.data();
-        let render: Vec<f32> = self.noise.data().iter().zip(counts).map(|(noise, &n)| noise.of_mean(n)).collect();
+        let noise = self.owned();
+        let render: Vec<f32> = noise.data().iter().zip(counts).map(|(noise, &n)| noise.of_mean(n)).collect();
         let saturated = |(&mean, &v): (&f32, &f32)| sensor.is_saturated(f64::from(mean), f64::from(v));
         let saturated: Vec<bool> = self.evidence.mean.data().iter().zip(&render).map(saturated).collect();
         let render = Plane::from_vec(width, height, render)?;
         let saturated = Plane::from_vec(width, height, saturated)?;
-        let freedom = self.noise.map(|n| n.freedom);
+        let freedom = noise.map(|n| n.freedom);
         let own = self.evidence.mean.map(|&mean| sensor.variance(f64::from(mean)) as f32);
         let claim = Claim { render: &render, sensor: &own, freedom: &freedom, saturated: &saturated };
         Some(Certified { certificate: certify_planes(&claim, k), ratios: ratios(&claim) })
@@ -276,34 +314,21 @@ fn rare(evidence: &Evidence, noise: &Plane<PixelNoise>, sensor: SensorNoise) -> 
     })
 }
 
-/// The variance of the mean of each pixel \[e-^2\], told by neighbours that hold no rare sample; of pixels that hold one, what `all` say.
+/// The variance of the mean of each pixel \[e-^2\] by its own samples; what any of them might have seen is told by those that hold no
+/// rare one.
 ///
-/// Variances of means are pooled, not those of samples: a sample is rare by what it does to the mean, so that the more samples
-/// a pixel has, the brighter ones are left in it.
-fn told_without(
-    evidence: &Evidence,
-    is_rare: &Plane<bool>,
-    all: &Plane<PixelNoise>,
-    sensor: Option<SensorNoise>,
-) -> Plane<f32> {
+/// There variances of means are averaged, not those of samples: a sample is rare by what it does to the mean, so that the more
+/// samples a pixel has, the brighter ones are left in it.
+fn told_without(evidence: &Evidence, is_rare: &Plane<bool>) -> Plane<f32> {
     let mut others = Evidence { counts: evidence.counts.map(|&n| n.min(1)), ..evidence.clone() };
     let variances = others.variance.data_mut().iter_mut();
     variances.zip(is_rare.data()).filter(|(_, rare)| **rare).for_each(|(v, _)| *v = f32::INFINITY);
-    let noise = pooled(&others, Witnesses::All);
-    let mut pixels = is_rare.data().iter().zip(all.data()).zip(evidence.counts.data()).zip(evidence.mean.data());
-    noise.map(|noise| match pixels.next() {
-        Some((((false, _), _), &mean)) => told(noise, 1, mean, sensor),
-        Some((((true, all), &n), &mean)) => told(all, n, mean, sensor),
-        None => f32::INFINITY,
+    let all = owned(evidence);
+    let mut pixels = is_rare.data().iter().zip(all.data()).zip(evidence.counts.data());
+    owned(&others).map(|noise| match pixels.next() {
+        Some(((true, all), &n)) => all.of_mean(n),
+        _ => noise.of_mean(1),
     })
-}
-
-/// The variance of a pixel's mean of n samples \[e-^2\], told by neighbours of its surface, which may be half or twice as bright: in
-/// proportion to the root of the sensor's. Noise of the light that a pixel shows grows with that light; noise that strays there
-/// from elsewhere does not; most have some of both.
-pub(crate) fn told(noise: &PixelNoise, n: u32, own_mean: f32, sensor: Option<SensorNoise>) -> f32 {
-    let of_sensor = |mean: f32| sensor.map_or(1.0, |s| s.variance(f64::from(mean)));
-    (f64::from(noise.of_mean(n)) * (of_sensor(own_mean) / of_sensor(noise.mean)).sqrt()) as f32
 }
 
 /// Of the planes of each kind of pixel, every pixel's value from that of its own kind.

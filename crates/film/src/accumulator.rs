@@ -20,6 +20,9 @@ const RADIANCE_LIMIT: f32 = (1u64 << 46) as f32;
 const UNIT_BITS: i32 = 32;
 const DEPTH_BITS: i32 = 24;
 const DEPTH_LIMIT: f32 = (1u64 << 31) as f32;
+/// One unit of the squares of luminance is 2^-SQUARE_BITS (W/(m^2 sr))^2: below 2^-40 W/(m^2 sr) a square loses digits, and their sum
+/// ends at 2^40, a million samples of 1000 W/(m^2 sr).
+const SQUARE_BITS: i32 = 88;
 
 /// What one camera sample brings back.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -120,6 +123,17 @@ pub struct PixelSums {
     /// The sample with the largest luminance, as one number whose order is theirs: the bit pattern of the luminance (order of
     /// bits = order of non-negative floats), then the complement of the index, so that of equal ones the first counts.
     pub heaviest_key: u64,
+    /// Squares of the luminance in units of 2^-88 (W/(m^2 sr))^2; the largest number if they are beyond it.
+    pub luminance_squares: u128,
+}
+
+/// How the luminance of a pixel's samples scatters, as if they were independent: variances of their mean [(W/(m^2 sr))^2].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Scatter {
+    /// Of all samples.
+    pub all: f64,
+    /// How much less it were without the one with the largest luminance.
+    pub largest: f64,
 }
 
 /// Things that samples can be added to.
@@ -135,7 +149,9 @@ impl Accumulate for PixelSums {
         self.counts[batch] += 1;
         if sample.is_valid() {
             self.batches[batch].add(sample.radiance);
-            self.heaviest_key = self.heaviest_key.max(heaviest_key(index, sample.radiance.luminance()));
+            let luminance = sample.radiance.luminance();
+            self.heaviest_key = self.heaviest_key.max(heaviest_key(index, luminance));
+            self.luminance_squares = self.luminance_squares.saturating_add(squared(luminance));
         } else {
             self.invalid += 1;
         }
@@ -161,6 +177,26 @@ impl Accumulate for PixelSums {
 #[inline]
 fn heaviest_key(index: u32, luminance: f32) -> u64 {
     u64::from(luminance.to_bits()) << 32 | u64::from(!index)
+}
+
+/// `v^2 * 2^88` as an integer, rounded down where bits are lost; the largest integer if it does not fit. `v` is finite and not
+/// negative.
+#[inline]
+fn squared(v: f32) -> u128 {
+    let bits = v.to_bits();
+    let exponent = (bits >> 23) as i32;
+    let mantissa = if exponent == 0 { bits & 0x7f_ffff } else { (bits & 0x7f_ffff) | 0x80_0000 };
+    let square = u128::from(mantissa) * u128::from(mantissa); // Below 2^48.
+    let shift = 2 * (exponent.max(1) - 127 - 23) + SQUARE_BITS;
+    if square == 0 || shift <= -48 {
+        0
+    } else if shift < 0 {
+        square >> -shift
+    } else if shift <= 80 {
+        square << shift
+    } else {
+        u128::MAX
+    }
 }
 
 /// `v * 2^32`, clamped to [-1, 1]: auxiliary layers are not measurements.
@@ -200,6 +236,7 @@ impl PixelSums {
         self.hits += other.hits;
         self.invalid += other.invalid;
         self.heaviest_key = self.heaviest_key.max(other.heaviest_key);
+        self.luminance_squares = self.luminance_squares.saturating_add(other.luminance_squares);
     }
 
     /// Number of samples.
@@ -265,6 +302,24 @@ impl PixelSums {
     pub fn heaviest(&self) -> Option<(u32, f32)> {
         let luminance = self.max_luminance();
         (luminance > 0.0).then_some((!(self.heaviest_key as u32), luminance))
+    }
+
+    /// How the samples' luminance scatters; `None` with fewer than two, and where their squares went out of range. In contrast to
+    /// [`Self::variance_of_mean`] it over-states the noise of quasi-random samples, but it rests on all of them instead of four batches.
+    pub fn scatter(&self) -> Option<Scatter> {
+        let count = self.count();
+        if count < 2 || self.luminance_squares == u128::MAX {
+            return None;
+        }
+        let [r, g, b] = self.mean();
+        let [wr, wg, wb] = [(1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)]
+            .map(|(r, g, b)| f64::from(Rgb::new(r, g, b).luminance()));
+        let (n, mean) = (f64::from(count), wr * r + wg * g + wb * b);
+        let mean_square = self.luminance_squares as f64 * (-f64::from(SQUARE_BITS)).exp2() / n;
+        let all = (mean_square - mean * mean).max(0.0) / (n - 1.0);
+        // Of the sum of squared deviations it brings (n - 1) / n times its squared distance from the mean of the others (Welford 1962).
+        let from_others = (f64::from(self.max_luminance()) - mean) * n / (n - 1.0);
+        Some(Scatter { all, largest: (from_others / n).powi(2).min(all) })
     }
 
     /// Mean albedo over all samples, those that met nothing counting as zero.
@@ -336,6 +391,37 @@ mod tests {
             assert!((back - f64::from(v)).abs() <= (-67f64).exp2(), "{v} came back as {back}");
         }
         assert_eq!(to_fixed(1.0), 1 << 66);
+    }
+
+    #[test]
+    fn squares_are_exact_where_they_can_be() {
+        for v in [0.0f32, 1.0, 0.1, 3.7e5, 1.5e-6, 2e-11] {
+            let (back, square) = (squared(v) as f64 * (-88f64).exp2(), f64::from(v) * f64::from(v));
+            assert!((back - square).abs() <= (-88f64).exp2(), "{v}: {back}");
+        }
+        assert_eq!((squared(1.0), squared(f32::MIN_POSITIVE), squared(3e13)), (1 << 88, 0, u128::MAX));
+    }
+
+    #[test]
+    fn scatter_is_that_of_the_samples_with_and_without_the_largest() {
+        let values = [0.5, 3.0, 7.0, 1.0, 0.0, 2.5];
+        let of = |values: &[f32]| {
+            let mut p = PixelSums::default();
+            values.iter().enumerate().for_each(|(i, &v)| p.add(i as u32, &sample(Rgb::splat(v))));
+            p
+        };
+        let direct = |values: &[f32]| {
+            let n = values.len() as f64;
+            let mean = values.iter().map(|&v| f64::from(v)).sum::<f64>() / n;
+            values.iter().map(|&v| (f64::from(v) - mean).powi(2)).sum::<f64>()
+        };
+        let scatter = of(&values).scatter().expect("six samples");
+        assert!((scatter.all - direct(&values) / 30.0).abs() < 1e-6, "{scatter:?}");
+        let without = [0.5, 3.0, 1.0, 0.0, 2.5];
+        assert!((scatter.all - scatter.largest - direct(&without) / 30.0).abs() < 1e-6, "{scatter:?}");
+        assert_eq!(of(&values[..1]).scatter(), None);
+        assert_eq!(of(&[1e13, 0.0]).scatter(), None, "out of range");
+        assert_eq!(of(&[0.0, 0.0]).scatter(), Some(Scatter { all: 0.0, largest: 0.0 }));
     }
 
     #[test]

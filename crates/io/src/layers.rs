@@ -28,6 +28,10 @@ pub enum Triple {
 pub enum Single {
     /// Samples per pixel: `spp.Y`.
     SampleCount,
+    /// Variance of the mean luminance, as of independent samples: `scatter.Y`.
+    Scatter,
+    /// How much of it the largest sample brings: `scatter.largest`.
+    LargestScatter,
     /// Length of the way to that surface from the camera \[m\]: `depth.Z`.
     Depth,
     /// Variance of the mean depth \[m^2\]: `depth.variance.Z`.
@@ -76,6 +80,8 @@ impl Single {
     fn own(self) -> &'static str {
         match self {
             Self::SampleCount => "spp.Y",
+            Self::Scatter => "scatter.Y",
+            Self::LargestScatter => "scatter.largest",
             Self::Depth => "depth.Z",
             Self::DepthVariance => "depth.variance.Z",
             Self::Electrons => "electrons.Y",

@@ -14,8 +14,8 @@ scene = "inspection.glb"
 camera = "camera"
 
 [film]
-width = 96              # 200 frames take their time: all of it grows with the pixels
-height = 96
+width = 64              # 200 frames take their time: all of it grows with the pixels
+height = 64
 
 [sensor]
 model = "imx250"

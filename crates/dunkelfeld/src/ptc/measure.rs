@@ -22,7 +22,7 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 /// Version of the files in the folder.
-const VERSION: u32 = 3;
+const VERSION: u32 = 4;
 const MANIFEST: &str = "ptc.json";
 /// The layers that a render keeps: expected signal, the same denoised; grey values of plain and of matched exposure, and
 /// the share of the camera's variance that the render has in the latter, infinite where that is not known.

@@ -3,7 +3,7 @@
 use dunkelfeld_film::{BATCHES, PixelSums, RadianceSum};
 
 /// Bytes of one pixel: little-endian, in the order of the fields of [`PixelSums`].
-pub const PIXEL_BYTES: usize = BATCHES * 3 * 16 + BATCHES * 4 + 2 * (3 * 8 + 3 * 8) + 8 + 16 + 4 + 4 + 8;
+pub const PIXEL_BYTES: usize = BATCHES * 3 * 16 + BATCHES * 4 + 2 * (3 * 8 + 3 * 8) + 8 + 16 + 4 + 4 + 8 + 16;
 
 /// No pixel of a film has more samples than this.
 pub const MOST_SAMPLES: u32 = 1 << 30;
@@ -24,6 +24,7 @@ pub(super) fn encode(sums: &PixelSums, out: &mut Vec<u8>) {
     out.extend(sums.depth_squares.to_le_bytes());
     [sums.hits, sums.invalid].iter().for_each(|v| out.extend(v.to_le_bytes()));
     out.extend(sums.heaviest_key.to_le_bytes());
+    out.extend(sums.luminance_squares.to_le_bytes());
 }
 
 /// The pixel that the bytes stand for; `None` if they are too few, or if no samples add up to it. What is returned can be
@@ -47,6 +48,7 @@ pub(super) fn decode(mut bytes: &[u8]) -> Option<PixelSums> {
     sums.hits = u32::from_le_bytes(take(from)?);
     sums.invalid = u32::from_le_bytes(take(from)?);
     sums.heaviest_key = u64::from_le_bytes(take(from)?);
+    sums.luminance_squares = u128::from_le_bytes(take(from)?);
     is_possible(&sums).then_some(sums)
 }
 
