@@ -407,8 +407,15 @@ fn darkened(radiance: &Plane<[f32; 3]>, share: &Plane<f64>) -> Plane<[f32; 3]> {
 struct NoiseLayers {
     /// Variance of the mean, by channel.
     variance: Plane<[f32; 3]>,
-    /// Of a file of ours: what the pixels show, and how their samples scatter.
-    pixels: Option<(Plane<u32>, Plane<Surface>, Plane<Option<Scatter>>)>,
+    /// What else a file of ours tells.
+    pixels: Option<PixelLayers>,
+}
+
+/// What pixels show, and what samples they have.
+struct PixelLayers {
+    counts: Plane<u32>,
+    surface: Plane<Surface>,
+    scatter: Plane<Option<Scatter>>,
 }
 
 impl NoiseLayers {
@@ -431,7 +438,7 @@ impl NoiseLayers {
                     }
                     _ => counts.map(|_| None),
                 };
-                Some((counts, surfaces(&objects, &normals), scatter))
+                Some(PixelLayers { counts, surface: surfaces(&objects, &normals), scatter })
             }
             _ => None,
         };
@@ -441,12 +448,12 @@ impl NoiseLayers {
     fn darkened(self, share: &Plane<f64>) -> Self {
         let squares = share.map(|s| s * s);
         let mut square = squares.data().iter();
-        let pixels = self.pixels.map(|(counts, surface, scatter)| {
+        let pixels = self.pixels.map(|PixelLayers { counts, surface, scatter }| {
             let scatter = scatter.map(|&scatter| {
                 let square = square.next().copied().unwrap_or(1.0);
                 scatter.map(|s| Scatter { all: square * s.all, largest: square * s.largest })
             });
-            (counts, surface, scatter)
+            PixelLayers { counts, surface, scatter }
         });
         Self { variance: darkened(&self.variance, &squares), pixels }
     }
@@ -455,7 +462,7 @@ impl NoiseLayers {
     /// for the covariance of the channels, which are taken to rise and fall together; else each pixel's own variance counts.
     fn known(self, response: Response, sensor: SensorNoise, mean: &Plane<[f32; 3]>) -> Known {
         let (width, height) = (mean.width(), mean.height());
-        let Some((counts, surface, scatter)) = self.pixels else {
+        let Some(PixelLayers { counts, surface, scatter }) = self.pixels else {
             let own = |x, y| response.at(x, y).variance(*self.variance.at(x, y)) as f32;
             return Known { variance: Plane::from_fn(width, height, own), is_rare: Plane::new(width, height, false) };
         };
