@@ -195,6 +195,11 @@ fn frames_that_come_as_files_have_the_slope_of_their_camera() {
     let page = lab.read("out/report.html");
     roxmltree::Document::parse(page.strip_prefix("<!doctype html>\n").expect("a type")).expect("well-formed");
 
+    // Dark above all light: the first frame has no steepness that could correlate with anything.
+    let done = lab.run("ptc f00.png f01.png f02.png --dark 4094 --saturation 4095 --progress none -o dark").code(0);
+    let said = String::from_utf8_lossy(&done.get_output().stdout).into_owned();
+    assert!(said.contains("nothing correlates") && !said.contains("NaN"), "{said}");
+
     lab.run("render <scene>.obj --width 32 --height 64 --spp 1 --linear small.png -o x.png --progress none").code(0);
     let cases = [
         ("ptc f00.png f01.png", "2 frames"),

@@ -172,13 +172,6 @@ impl Needs {
         plane.data().iter().zip(self.saturated.data()).filter(|(_, full)| !**full).map(|(v, _)| *v)
     }
 
-    /// Samples per pixel after which a render is hidden, if those beyond `counts` go where they are needed and no further.
-    pub fn if_aimed(&self, counts: &Plane<u32>) -> Plane<f32> {
-        let mut targets = self.aimed();
-        targets.data_mut().iter_mut().zip(counts.data()).for_each(|(n, &c)| *n = n.max(c as f32));
-        targets
-    }
-
     /// Samples per pixel after which a render is hidden, if those beyond `counts` are poured on in proportion to weights
     /// ([`crate::plan::next_round`]).
     pub fn if_weighted(&self, counts: &Plane<u32>, weights: &Plane<f32>) -> Plane<f32> {
@@ -267,7 +260,7 @@ mod tests {
         assert!(sure.saturated.data().iter().all(|s| *s) && sure.planned.data().iter().all(|n| *n == 0.0));
         let unsure = needs_of(&scene(10_070.0, 16.0 * 625.0, 16), 0.5);
         assert!(unsure.saturated.data().iter().all(|s| !s) && *unsure.planned.at(3, 3) > 0.0);
-        assert_eq!(total(&sure.if_aimed(&Plane::new(16, 16, 16))), 4096.0);
+        assert_eq!(total(&sure.aimed()), 0.0);
     }
 
     #[test]
@@ -300,7 +293,7 @@ mod tests {
         let weights = Plane::new(16, 16, 1.0);
         // 400 / 2.5 = 160 everywhere.
         assert!((total(&needs.if_weighted(&evidence.counts, &weights)) - 160.0 * 256.0).abs() < 0.1);
-        let aimed = total(&needs.if_aimed(&evidence.counts)) / 256.0;
+        let aimed = total(&needs.aimed()) / 256.0;
         assert!(aimed > 160.0 && aimed < 260.0, "{aimed}");
         // Enough already.
         assert_eq!(total(&needs.if_weighted(&Plane::new(16, 16, 200), &weights)), 200.0 * 256.0);

@@ -12,7 +12,7 @@ use dunkelfeld_adaptive::evidence::{Evidence, Surface};
 use dunkelfeld_adaptive::need::{SensorNoise, needs, total};
 use dunkelfeld_adaptive::pooling::{PixelNoise, Witnesses, noise};
 use dunkelfeld_adaptive::shrinkage::shrunk;
-use dunkelfeld_adaptive::{Measured, Pilot, SamplePlan, Strategy, plan};
+use dunkelfeld_adaptive::{Measured, Pilot, SamplePlan, Shares, Strategy, plan};
 use dunkelfeld_film::{BATCHES, Plane};
 
 const SIDE: u32 = 64;
@@ -108,7 +108,8 @@ fn adaptive(image: &mut Image, target: f64, witnesses: Witnesses) {
         let evidence = image.evidence();
         let noise = drawn(&evidence, witnesses, sensor.floor);
         let needs = needs(&evidence, &noise, sensor, k, witnesses);
-        let aim = total(&needs.if_aimed(&evidence.counts)) as u64;
+        let wanted = needs.aimed().data().iter().zip(evidence.counts.data()).map(|(&n, &c)| n.max(c as f32)).collect();
+        let aim = Plane::from_vec(SIDE, SIDE, wanted).map_or(0, |wanted| total(&wanted) as u64);
         let taken = plan::total(&evidence.counts);
         if aim <= taken + taken / 50 {
             return;
@@ -204,18 +205,41 @@ fn stopping_by_a_pixels_own_variance_is_biased() {
 /// Bright samples so rare that of seven neighbourhoods only one has such a sample in its pilot.
 const RARE: f64 = 1.0 / 5000.0;
 
-/// Relative bias of the mean, with its standard error, when a budget of 64 samples per pixel is shared out in proportion to
-/// the standard deviation, by so many plans at doubling totals from all samples so far.
-fn bias_of_budget(witnesses: Witnesses, plans: u32, repeats: u64) -> (f64, f64) {
+/// By what a budget is shared out.
+#[derive(Clone, Copy, Debug)]
+enum Rule {
+    /// The standard deviation.
+    Deviation,
+    /// What hides pixels at a level of noise, as far as a pilot knows: [`dunkelfeld_adaptive::Needs::shares`].
+    Needs,
+}
+
+/// Relative bias of the mean, with its standard error, when a budget of 64 samples per pixel is shared out by so many plans at
+/// doubling totals from all samples so far.
+fn bias_of_budget(rule: Rule, witnesses: Witnesses, plans: u32, repeats: u64) -> (f64, f64) {
     let verdict = judge(RARE, 1.0, repeats, |image| {
         image.render(&Plane::new(SIDE, SIDE, PILOT));
         let pixels = u64::from(SIDE * SIDE);
         for plan in 1..=plans {
             let evidence = image.evidence();
             let noise = drawn(&evidence, witnesses, RARE);
-            let measured = Measured { noise: &noise, sensor: None, cost: None };
-            let pilot = Pilot { luminance: &evidence.mean, white: 1.0, sobel_floor: 0.25, measured: Some(measured) };
-            let shares = Strategy::Variance.shares(&pilot);
+            let shares = match rule {
+                Rule::Deviation => {
+                    let measured = Measured { noise: &noise, sensor: None, cost: None };
+                    let luminance = &evidence.mean;
+                    Strategy::Variance.shares(&Pilot {
+                        luminance,
+                        white: 1.0,
+                        sobel_floor: 0.25,
+                        measured: Some(measured),
+                    })
+                }
+                Rule::Needs => {
+                    // A sensor on which the signal of a bright sample counts.
+                    let sensor = SensorNoise { floor: RARE, saturation: f64::INFINITY };
+                    Shares::of(needs(&evidence, &noise, sensor, 0.5, witnesses).shares(1.0))
+                }
+            };
             let total = (64 * pixels) >> (plans - plan);
             image.render(&plan::next_round_of(&evidence.counts, &shares, total));
         }
@@ -225,17 +249,30 @@ fn bias_of_budget(witnesses: Witnesses, plans: u32, repeats: u64) -> (f64, f64) 
 
 #[test]
 fn one_plan_by_the_neighbours_does_not_bias_rare_light() {
-    let (bias, standard_error) = bias_of_budget(Witnesses::Neighbours, 1, 300);
-    println!("bias {:+.3} % +- {:.3} %", 100.0 * bias, 100.0 * standard_error);
-    assert!(standard_error < 0.015 && bias.abs() < 6.0 * standard_error, "{bias:+.4} +- {standard_error:.4}");
+    for rule in [Rule::Deviation, Rule::Needs] {
+        let (bias, standard_error) = bias_of_budget(rule, Witnesses::Neighbours, 1, 300);
+        println!("{rule:?}: bias {:+.3} % +- {:.3} %", 100.0 * bias, 100.0 * standard_error);
+        assert!(
+            standard_error < 0.015 && bias.abs() < 6.0 * standard_error,
+            "{rule:?}: {bias:+.4} +- {standard_error:.4}"
+        );
+    }
 }
 
 /// The controls: a pixel that has a say in its own plan, and plans that follow plans, lose light.
 #[test]
 fn plans_by_own_samples_and_plans_after_plans_bias_rare_light() {
-    for (witnesses, plans) in [(Witnesses::All, 1), (Witnesses::All, 2), (Witnesses::Neighbours, 2)] {
-        let (bias, standard_error) = bias_of_budget(witnesses, plans, 120);
-        println!("{witnesses:?}, {plans} plans: bias {:+.3} % +- {:.3} %", 100.0 * bias, 100.0 * standard_error);
-        assert!(bias < -6.0 * standard_error, "{witnesses:?}, {plans}: {bias:+.4} +- {standard_error:.4}");
+    use Rule::{Deviation, Needs};
+    use Witnesses::{All, Neighbours};
+    for (rule, witnesses, plans) in
+        [(Deviation, All, 1), (Deviation, All, 2), (Deviation, Neighbours, 2), (Needs, All, 1)]
+    {
+        let (bias, standard_error) = bias_of_budget(rule, witnesses, plans, 120);
+        println!(
+            "{rule:?}, {witnesses:?}, {plans} plans: bias {:+.3} % +- {:.3} %",
+            100.0 * bias,
+            100.0 * standard_error
+        );
+        assert!(bias < -6.0 * standard_error, "{rule:?}, {witnesses:?}, {plans}: {bias:+.4} +- {standard_error:.4}");
     }
 }

@@ -49,7 +49,8 @@ pub struct FrameStack {
     pub lines: [Option<LineFit>; 2],
     /// Grey values \[DN\] of dark and of saturation.
     pub range: [f64; 2],
-    /// Correlation of the Sobel magnitude of the first frame with the variance of the others: Pearson's, Spearman's.
+    /// Correlation of the Sobel magnitude of the first frame with the variance of the others: Pearson's, Spearman's; not a number if
+    /// one of both is the same everywhere.
     pub correlations: [f64; 2],
     /// Mean variance \[DN^2\] of all pixels, of those at strong edges, of the others.
     pub mean_variance: [f64; 3],
@@ -166,10 +167,12 @@ impl FrameStack {
                 100.0 * self.edges,
                 rounded(self.mean_variance[2])
             ),
-            format!(
-                "the Sobel image of the first frame correlates with it by {:.2}, its ranks by {:.2}",
-                self.correlations[0], self.correlations[1]
-            ),
+            match self.correlations {
+                [by, ranks] if by.is_finite() && ranks.is_finite() => {
+                    format!("the Sobel image of the first frame correlates with it by {by:.2}, its ranks by {ranks:.2}")
+                }
+                _ => "the Sobel image of the first frame is the same in all pixels: nothing correlates with it".into(),
+            },
         ];
         for (what, line) in ["all pixels", "without strong edges"].iter().zip(&self.lines) {
             lines.push(match line {
