@@ -85,9 +85,8 @@ fn a_render_ends_when_it_is_hidden_and_the_pilot_has_foretold_it() {
         let foretold =
             rendering.forecast.as_ref().and_then(|f| f.target()).and_then(|l| l.samples).expect("a forecast");
         println!("{}: {taken} samples, foretold {foretold}", s.strategy());
-        // The pilot takes the variance of a sample for constant. Quasi-random samples of smooth light do better the more there
-        // are, so that it may foretell several times too much; much too little would be a fault.
-        assert!((0.4..8.0).contains(&(foretold / taken)), "{}: {taken}, foretold {foretold}", s.strategy());
+        // A single render is foretold to a fifth or so; twice or half would be a fault.
+        assert!((0.5..2.0).contains(&(foretold / taken)), "{}: {taken}, foretold {foretold}", s.strategy());
         samples.push(taken);
     }
     assert!(samples[0] < samples[1] && samples[0] < samples[2], "the sensor's way is the shortest: {samples:?}");
@@ -97,7 +96,7 @@ fn a_render_ends_when_it_is_hidden_and_the_pilot_has_foretold_it() {
 fn plans_by_noise_are_the_same_on_any_number_of_threads_and_replay() {
     let scene = still_life();
     for (strategy, budget) in
-        [(Strategy::Variance, spp(48.0)), (Strategy::Sensor, spp(48.0)), (Strategy::Sensor, noise(6.0))]
+        [(Strategy::Variance, spp(48.0)), (Strategy::Sensor, spp(48.0)), (Strategy::Sensor, noise(3.0))]
     {
         let with = |threads| {
             let s = RenderSettings { threads, strategy: Some(strategy), ..settings(33, 22, budget, 9) };
@@ -184,11 +183,12 @@ fn adaptive_images_of_the_open_panel_are_those_of_uniform_ones() {
 
 /// The certified variance against that over renders of 24 seeds. Each is the mean of about 800 pixels' estimates with 3 and
 /// 23 degrees of freedom; normal pixels would leave a relative error below 5 % and 2 %. Ten per cent for the whole image and
-/// 40 % for a quarter of it leave room for what is not normal; a bias of the certificate by a factor of 1.5 would show.
+/// 40 % for a quarter of it leave room for what is not normal; a bias of the certificate by a factor of 1.5 would show. A render
+/// that ends when its certificate says so ends, in so small an image, on one that is some per cent too low: 15 % there.
 #[test]
 fn what_is_certified_is_the_variance_over_seeds() {
     let scene = still_life();
-    for budget in [noise(4.0), spp(24.0)] {
+    for (budget, tolerance) in [(noise(4.0), 0.15), (spp(24.0), 0.1)] {
         let mut claimed = Vec::new();
         let mut electrons: Vec<SampleMoments> = vec![SampleMoments::default(); 32 * 24];
         let fixed = {
@@ -218,7 +218,7 @@ fn what_is_certified_is_the_variance_over_seeds() {
         };
         let whole = ratio(&|_| true);
         println!("{budget:?}: certified over measured {whole:.3}");
-        assert!((whole - 1.0).abs() < 0.1, "{budget:?}: certified is {whole} of what is measured");
+        assert!((whole - 1.0).abs() < tolerance, "{budget:?}: certified is {whole} of what is measured");
         for quarter in 0..4 {
             let part = |i: usize| (i % 32 / 16) + 2 * (i / 32 / 12) == quarter;
             let share = ratio(&part);

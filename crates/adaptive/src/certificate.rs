@@ -111,8 +111,8 @@ pub fn certify(claim: &Claim<'_>, k: f64) -> Certificate {
     let known = pixels - unknown;
     let (mean, max) =
         if known == 0 && pixels > 0 { (f64::INFINITY, f64::INFINITY) } else { (sum / known.max(1) as f64, max) };
-    // The mean's own degrees of freedom (Satterthwaite 1946). Pooled pixels share theirs with their neighbours, so each is
-    // counted with those of its own batches only.
+    // The mean's own degrees of freedom (Satterthwaite 1946). Pixels share theirs with their neighbours, so each is counted with
+    // those of its own batches only.
     let freedom = if squares > 0.0 { (BATCHES - 1) as f64 * sum * sum / squares } else { f64::INFINITY };
     let raised = mean * upper_factor(freedom, CONFIDENCE);
     let quantile = |share| f64::from(quantile_of(judged.iter().copied(), share).unwrap_or(0.0));

@@ -94,7 +94,7 @@ pub struct Evidence {
     pub mean: Plane<f32>,
     /// Estimated variance of that mean, from the spread of the film's batches; infinite where nothing is known.
     pub variance: Plane<f32>,
-    /// How the pixel's samples scatter, in whatever unit; `None` where that is not known.
+    /// How the pixel's samples scatter [unit^2], as of independent samples; `None` where that is not known.
     pub scatter: Plane<Option<Scatter>>,
     /// The largest sample.
     pub largest: Plane<f32>,

@@ -88,7 +88,7 @@ fn samples_at(variance: f64, limit: f64) -> f64 {
 pub struct Needs {
     /// With the margin: what is planned. Infinite where nothing is known, zero where a pixel is saturated.
     pub planned: Plane<f32>,
-    /// By the pooled variance alone: what the certificate asks for. A fraction of a sample where little is needed.
+    /// By the variance alone, without a margin. A fraction of a sample where little is needed.
     pub bare: Plane<f32>,
     /// Pixels that are saturated beyond doubt.
     pub saturated: Plane<bool>,

@@ -72,7 +72,8 @@ pub fn noise(evidence: &Evidence, witnesses: Witnesses) -> Plane<PixelNoise> {
     Plane::from_vec(width, height, noise).unwrap_or_else(|| Plane::new(width, height, PixelNoise::UNKNOWN))
 }
 
-fn pixel(evidence: &Evidence, witnesses: Witnesses, x: u32, y: u32) -> PixelNoise {
+/// The noise of one pixel.
+pub(crate) fn pixel(evidence: &Evidence, witnesses: Witnesses, x: u32, y: u32) -> PixelNoise {
     if witnesses == Witnesses::All {
         return at_level(evidence, witnesses, x, y, *evidence.level.at(x, y));
     }
@@ -159,7 +160,7 @@ fn levels_around(evidence: &Evidence, x: u32, y: u32) -> [Level; 2] {
 
 /// Variances of single samples in a neighbourhood, each with [`FREEDOM`] degrees of freedom.
 #[derive(Default)]
-struct Pool {
+pub(crate) struct Pool {
     count: u32,
     sum: f64,
     squares: f64,
@@ -167,14 +168,14 @@ struct Pool {
 }
 
 impl Pool {
-    fn add(&mut self, variance: f64, mean: f64) {
+    pub(crate) fn add(&mut self, variance: f64, mean: f64) {
         self.count += 1;
         self.sum += variance;
         self.squares += variance * variance;
         self.means += mean;
     }
 
-    fn noise(&self) -> PixelNoise {
+    pub(crate) fn noise(&self) -> PixelNoise {
         if self.count == 0 {
             return PixelNoise::UNKNOWN;
         }

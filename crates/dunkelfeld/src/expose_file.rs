@@ -5,7 +5,7 @@ use crate::develop::Picture;
 use crate::error::Error;
 use crate::lens::DEFAULT_F_NUMBER;
 use crate::matched::Known;
-use crate::noise::{Measured, levels, per_luminance, sensor_noise};
+use crate::noise::{Measured, levels, per_luminance, seen, sensor_noise};
 use crate::outputs::{
     VIGNETTING, attributes, extension, same_file, save_plain_picture, save_values, values_words, written,
 };
@@ -447,11 +447,11 @@ impl NoiseLayers {
 
     fn darkened(self, share: &Plane<f64>) -> Self {
         let squares = share.map(|s| s * s);
-        let mut square = squares.data().iter();
+        let mut shares = share.data().iter();
         let pixels = self.pixels.map(|PixelLayers { counts, surface, scatter }| {
             let scatter = scatter.map(|&scatter| {
-                let square = square.next().copied().unwrap_or(1.0);
-                scatter.map(|s| Scatter { all: square * s.all, largest: square * s.largest })
+                let share = shares.next().copied().unwrap_or(1.0);
+                scatter.map(|s| seen(s, share))
             });
             PixelLayers { counts, surface, scatter }
         });
@@ -481,7 +481,10 @@ impl NoiseLayers {
                 level: levels(&own, &variance, Some(sensor)),
                 mean: own,
                 variance,
-                scatter: scatter.clone(),
+                scatter: Plane::from_fn(width, height, |x, y| {
+                    let (per_luminance, _) = per_luminance(*weights, mean.at(x, y).map(f64::from));
+                    scatter.at(x, y).map(|s| seen(s, per_luminance))
+                }),
                 largest,
                 surface: surface.clone(),
             }

@@ -44,6 +44,7 @@ mod report;
 mod round;
 mod settings;
 mod stats;
+mod trend;
 
 pub use checkpoint::{CheckpointSettings, DEFAULT_CHECKPOINT_SECONDS, Earlier};
 pub use denoise_file::{DenoisedFile, check_denoise_output, denoise_exr};

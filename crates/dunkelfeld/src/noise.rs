@@ -8,7 +8,7 @@ use dunkelfeld_adaptive::need::{DEFAULT_TARGET, Needs, SensorNoise, needs};
 use dunkelfeld_adaptive::own::{listeners_row, own_noise_row};
 use dunkelfeld_adaptive::pooling::{PixelNoise, Witnesses, noise_row};
 use dunkelfeld_adaptive::shrinkage::shrunk;
-use dunkelfeld_film::{Film, PixelSums, Plane};
+use dunkelfeld_film::{Film, PixelSums, Plane, Scatter};
 use dunkelfeld_integrator::Label;
 use dunkelfeld_radiometry::{Rgb, Seconds};
 use dunkelfeld_sensor::{Exposure, Response, SensorError, SensorModel, Weights, auto_exposure};
@@ -59,13 +59,14 @@ impl Eye {
         let moments = par_map(film.pixels(), |p| p.weighted_mean_and_variance(weights.0));
         // A film remembers the luminance of its largest sample; its colour is taken for that of the pixel.
         let largest = |p: &PixelSums| (per_luminance(weights, p.mean()).0 * f64::from(p.max_luminance())) as f32;
+        let scatter = |p: &PixelSums| p.scatter().map(|s| seen(s, per_luminance(weights, p.mean()).0));
         let (mean, variance) = (moments.map(|m| m.0 as f32), moments.map(|m| m.1 as f32));
         Evidence {
             counts: film.sample_counts(),
             level: levels(&mean, &variance, self.sensor),
             mean,
             variance,
-            scatter: par_map(film.pixels(), PixelSums::scatter),
+            scatter: par_map(film.pixels(), scatter),
             largest: par_map(film.pixels(), largest),
             surface: surface.clone(),
         }
@@ -77,6 +78,12 @@ pub(crate) fn per_luminance(weights: Weights, [r, g, b]: [f64; 3]) -> (f64, f64)
     let luminance = f64::from(Rgb::new(r as f32, g as f32, b as f32).luminance());
     let signal = weights.electrons([r, g, b].map(|v| v as f32)).0;
     (if luminance > 0.0 { signal / luminance } else { 0.0 }, luminance)
+}
+
+/// Scatter of luminance as that of a signal.
+pub(crate) fn seen(scatter: Scatter, per_luminance: f64) -> Scatter {
+    let square = per_luminance * per_luminance;
+    Scatter { all: square * scatter.all, largest: square * scatter.largest }
 }
 
 /// The noise that a sensor adds to a frame of the given exposure.
@@ -220,7 +227,7 @@ impl Measured {
     }
 
     /// The noise of each pixel by its own samples, as far as they can tell.
-    fn owned(&self) -> Plane<PixelNoise> {
+    pub(crate) fn owned(&self) -> Plane<PixelNoise> {
         let owned: Vec<_> = self.seen().iter().map(|(evidence, _)| owned(evidence)).collect();
         woven(&self.response, |kind| &owned[kind])
     }
@@ -253,22 +260,21 @@ impl Measured {
         Self::of(views, self.response, self.sensor, witnesses)
     }
 
-    /// What each pixel needs to be hidden at `k`; `None` without a sensor.
-    pub(crate) fn needs(&self, k: f64, witnesses: Witnesses) -> Option<Needs> {
-        self.needs_by(&self.noise, k, witnesses)
-    }
-
-    /// The same by other noise.
+    /// What each pixel needs to be hidden at `k` by such noise; `None` without a sensor.
     pub(crate) fn needs_by(&self, noise: &Plane<PixelNoise>, k: f64, witnesses: Witnesses) -> Option<Needs> {
         self.sensor.map(|sensor| needs(&self.evidence, noise, sensor, k, witnesses))
     }
 
     /// Certifies at `k`; `None` without a sensor.
     pub(crate) fn certify(&self, k: f64) -> Option<Certified> {
+        self.certify_by(&self.owned(), k)
+    }
+
+    /// The same if the [`Self::owned`] noise is at hand.
+    pub(crate) fn certify_by(&self, noise: &Plane<PixelNoise>, k: f64) -> Option<Certified> {
         let sensor = self.sensor?;
         let (width, height) = (self.evidence.width(), self.evidence.height());
         let counts = self.evidence.counts.data();
-        let noise = self.owned();
         let render: Vec<f32> = noise.data().iter().zip(counts).map(|(noise, &n)| noise.of_mean(n)).collect();
         let saturated = |(&mean, &v): (&f32, &f32)| sensor.is_saturated(f64::from(mean), f64::from(v));
         let saturated: Vec<bool> = self.evidence.mean.data().iter().zip(&render).map(saturated).collect();
@@ -323,9 +329,13 @@ fn told_without(evidence: &Evidence, is_rare: &Plane<bool>) -> Plane<f32> {
     let mut others = Evidence { counts: evidence.counts.map(|&n| n.min(1)), ..evidence.clone() };
     let variances = others.variance.data_mut().iter_mut();
     variances.zip(is_rare.data()).filter(|(_, rare)| **rare).for_each(|(v, _)| *v = f32::INFINITY);
+    let told = owned(&others);
+    if !is_rare.data().contains(&true) {
+        return told.map(|noise| noise.of_mean(1));
+    }
     let all = owned(evidence);
     let mut pixels = is_rare.data().iter().zip(all.data()).zip(evidence.counts.data());
-    owned(&others).map(|noise| match pixels.next() {
+    told.map(|noise| match pixels.next() {
         Some(((true, all), &n)) => all.of_mean(n),
         _ => noise.of_mean(1),
     })

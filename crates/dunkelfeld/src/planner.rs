@@ -8,10 +8,10 @@ use crate::error::Error;
 use crate::forecast::{Forecast, Outlook, Pace};
 use crate::noise::{Eye, Measured};
 use crate::settings::RenderSettings;
+use crate::trend::Trend;
 use dunkelfeld_adaptive::allocation::{self, Pilot, Shares, Strategy};
 use dunkelfeld_adaptive::need::{DEFAULT_TARGET, Needs, total};
 use dunkelfeld_adaptive::pooling::{PixelNoise, Witnesses};
-use dunkelfeld_adaptive::schedule::PILOT_SHARE;
 use dunkelfeld_film::{Film, Plane};
 use dunkelfeld_integrator::Label;
 use serde::{Deserialize, Serialize};
@@ -20,6 +20,9 @@ use serde::{Deserialize, Serialize};
 pub(crate) const FIRST_LOOK: u32 = dunkelfeld_film::BATCHES as u32;
 /// It grows by this factor at most from one look to the next: what few samples say is not trusted with many.
 const GROWTH: f64 = 2.0;
+/// It ends with this share of what it says is to come, rounded down to a power of two: with less, forecasts are off by more than a
+/// fifth (`docs/accuracy.md`), and as a part of all samples is shared out evenly anyway, its samples are not lost.
+const PILOT_SHARE: f64 = 0.2;
 /// No pixel counts for less than this part of the pilot's samples: one whose neighbours were silent then may be found to have
 /// noise later, and must come to its samples too.
 const LEAST_OF_PILOT: f64 = 0.5;
@@ -57,6 +60,8 @@ pub(crate) struct PlannerState {
     is_made: bool,
     /// Samples per pixel of the pilot when it was looked at before.
     seen: f64,
+    /// What it took to be hidden, by the looks at the image so far.
+    trend: Trend,
 }
 
 impl<'a> Planner<'a> {
@@ -103,7 +108,11 @@ impl<'a> Planner<'a> {
         let mean = state.film.mean_without_gaps();
         let eye = Eye::of(&mean, &self.settings.sensor)?;
         let is_measured = eye.sensor.is_some() || self.settings.strategy().needs_noise();
-        let look = || Sight::of(Measured::new(&eye, state.film, state.labels, Witnesses::Neighbours));
+        let look = || {
+            let measured = Measured::new(&eye, state.film, state.labels, Witnesses::Neighbours);
+            let own = measured.owned();
+            Sight::of(measured, own)
+        };
         let sight = is_measured.then(look);
         self.fix(&eye, &mean, sight.as_ref(), state, pace);
         Ok(self.forecast.as_ref())
@@ -124,26 +133,28 @@ impl<'a> Planner<'a> {
         let mean = state.film.mean_without_gaps();
         let eye = Eye::of(&mean, &self.settings.sensor)?;
         let measured = Measured::new(&eye, state.film, state.labels, Witnesses::All);
-        let is_hidden = measured.certify(k).is_some_and(|c| c.certificate.is_hidden());
-        let taken: u64 = state.counts.data().iter().map(|&n| u64::from(n)).sum();
+        let own = measured.owned();
+        let is_hidden = measured.certify_by(&own, k).is_some_and(|c| c.certificate.is_hidden());
+        let needs = measured.needs_by(&own, k, Witnesses::All);
+        let spp = mean_count(state.counts);
+        let weights = &self.shares.weights;
         if self.state.is_made {
             if is_hidden {
                 return Ok(Verdict::Hidden);
             }
-            let needs = measured.needs(k, Witnesses::All);
-            let needed = needs.map_or(f64::INFINITY, |n| total(&n.if_weighted(state.counts, &self.shares.weights)));
-            return Ok(Verdict::After(needed));
+            let needed = needs.map(|n| self.state.trend.followed(n.if_weighted(state.counts, weights), state.counts));
+            return Ok(Verdict::After(needed.map_or(f64::INFINITY, |targets| total(&targets))));
         }
-        let pixels = state.counts.data().len() as f64;
-        let spp = taken as f64 / pixels;
+        let said = needs.map_or(f64::INFINITY, |n| total(&n.if_weighted(state.counts, weights)));
+        let said = said / state.counts.data().len() as f64;
+        self.state.trend.note(spp, said);
         // A pilot that is to have 20 samples has 16: see below.
         let is_whole = 2.0 * spp > f64::from(self.settings.pilot_spp);
         if is_hidden && is_whole {
             return Ok(Verdict::Hidden);
         }
-        let sight = Sight::of(measured.repooled(Witnesses::Neighbours));
-        let outlook = self.outlook(&sight, k, state.counts, &self.shares.weights);
-        let wanted = (PILOT_SHARE.0 * outlook / pixels).min(GROWTH * spp).max(f64::from(self.settings.pilot_spp));
+        let sight = Sight::of(measured.repooled(Witnesses::Neighbours), own);
+        let wanted = (PILOT_SHARE * said).min(GROWTH * spp).max(f64::from(self.settings.pilot_spp));
         // Powers of two in every batch, at which quasi-random points are even: other numbers of them have more noise, and a
         // comparison of one look with another would tell of that. `as` saturates.
         let wanted = FIRST_LOOK << (wanted as u32 / FIRST_LOOK).max(1).ilog2();
@@ -188,13 +199,14 @@ impl<'a> Planner<'a> {
     }
 
     /// Samples per pixel after which the image is hidden at `k` by the strategy of the render, as far as what was seen tells;
-    /// `None` without a sensor.
+    /// `None` without a sensor. Shares are planned by the neighbours; how much it takes is told by what is certified.
     fn targets(&self, sight: &Sight, k: f64, counts: &Plane<u32>, weights: &Plane<f32>) -> Option<Plane<f32>> {
-        let needs = sight.planned(k)?;
-        Some(match self.settings.strategy() {
-            Strategy::Sensor => needs.if_weighted(counts, &needs.shares(least(counts))),
+        let needs = sight.measured.needs_by(&sight.own, k, Witnesses::All)?;
+        let targets = match self.settings.strategy() {
+            Strategy::Sensor => needs.if_weighted(counts, &sight.planned(k)?.shares(least(counts))),
             Strategy::Uniform | Strategy::Sobel | Strategy::Variance => needs.if_weighted(counts, weights),
-        })
+        };
+        Some(self.state.trend.followed(targets, counts))
     }
 
     fn outlook(&self, sight: &Sight, k: f64, counts: &Plane<u32>, weights: &Plane<f32>) -> f64 {
@@ -204,22 +216,28 @@ impl<'a> Planner<'a> {
 
 /// The fewest samples that a pixel counts for after a pilot of so many.
 fn least(counts: &Plane<u32>) -> f32 {
-    let spp = counts.data().iter().map(|&n| f64::from(n)).sum::<f64>() / counts.data().len().max(1) as f64;
-    (LEAST_OF_PILOT * spp) as f32
+    (LEAST_OF_PILOT * mean_count(counts)) as f32
 }
 
-/// The noise of the pilot, by the neighbours of each pixel.
+/// Samples per pixel.
+fn mean_count(counts: &Plane<u32>) -> f64 {
+    counts.data().iter().map(|&n| f64::from(n)).sum::<f64>() / counts.data().len().max(1) as f64
+}
+
+/// The noise of the pilot.
 struct Sight {
-    /// As it was seen.
+    /// As it was seen by the neighbours of each pixel.
     measured: Measured,
     /// As plans are made from it.
     drawn: Plane<PixelNoise>,
+    /// As it would be certified.
+    own: Plane<PixelNoise>,
 }
 
 impl Sight {
-    fn of(measured: Measured) -> Self {
+    fn of(measured: Measured, own: Plane<PixelNoise>) -> Self {
         let drawn = measured.drawn_together();
-        Self { measured, drawn }
+        Self { measured, drawn, own }
     }
 
     /// What a plan for `k` aims at; `None` without a sensor.

@@ -20,9 +20,9 @@ const RADIANCE_LIMIT: f32 = (1u64 << 46) as f32;
 const UNIT_BITS: i32 = 32;
 const DEPTH_BITS: i32 = 24;
 const DEPTH_LIMIT: f32 = (1u64 << 31) as f32;
-/// One unit of the squares of luminance is 2^-SQUARE_BITS (W/(m^2 sr))^2: below 2^-40 W/(m^2 sr) a square loses digits, and their sum
-/// ends at 2^40, a million samples of 1000 W/(m^2 sr).
-const SQUARE_BITS: i32 = 88;
+/// One unit of the squares of luminance is 2^-SQUARE_BITS (W/(m^2 sr))^2: a luminance of 1e-15 W/(m^2 sr) keeps twenty bits of its
+/// square, and 2^32 samples of the largest valid one stay below 2^(122 + 120).
+const SQUARE_BITS: i32 = 120;
 
 /// What one camera sample brings back.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -123,8 +123,44 @@ pub struct PixelSums {
     /// The sample with the largest luminance, as one number whose order is theirs: the bit pattern of the luminance (order of
     /// bits = order of non-negative floats), then the complement of the index, so that of equal ones the first counts.
     pub heaviest_key: u64,
-    /// Squares of the luminance in units of 2^-88 (W/(m^2 sr))^2; the largest number if they are beyond it.
-    pub luminance_squares: u128,
+    /// Squares of the luminance.
+    pub luminance_squares: SquareSum,
+}
+
+/// A sum of squares of luminance in units of 2^-120 (W/(m^2 sr))^2, as a whole number of 256 bits: its lower and upper half.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct SquareSum(pub [u128; 2]);
+
+impl SquareSum {
+    /// The square of a luminance [W/(m^2 sr)] that is finite and not negative, rounded down where bits are lost.
+    #[inline]
+    fn of(luminance: f32) -> Self {
+        let bits = luminance.to_bits();
+        let exponent = (bits >> 23) as i32;
+        let mantissa = if exponent == 0 { bits & 0x7f_ffff } else { (bits & 0x7f_ffff) | 0x80_0000 };
+        let square = u128::from(mantissa) * u128::from(mantissa); // Below 2^48.
+        let shift = 2 * (exponent.max(1) - 127 - 23) + SQUARE_BITS;
+        match shift {
+            ..=-48 => Self::default(),
+            -47..0 => Self([square >> -shift, 0]),
+            0..=80 => Self([square << shift, 0]),
+            81..128 => Self([square << shift, square >> (128 - shift)]),
+            // Luminances of samples are below 2^47, so that the largest shift is 166.
+            _ => Self([0, square << (shift - 128).min(80)]),
+        }
+    }
+
+    #[inline]
+    fn merge(&mut self, other: &Self) {
+        let (lower, carry) = self.0[0].overflowing_add(other.0[0]);
+        self.0 = [lower, self.0[1].saturating_add(other.0[1]).saturating_add(u128::from(carry))];
+    }
+
+    /// The sum as a floating-point number [(W/(m^2 sr))^2].
+    pub fn to_f64(self) -> f64 {
+        let unit = (-f64::from(SQUARE_BITS)).exp2();
+        self.0[1] as f64 * (unit * 128f64.exp2()) + self.0[0] as f64 * unit
+    }
 }
 
 /// How the luminance of a pixel's samples scatters, as if they were independent: variances of their mean [(W/(m^2 sr))^2].
@@ -151,7 +187,7 @@ impl Accumulate for PixelSums {
             self.batches[batch].add(sample.radiance);
             let luminance = sample.radiance.luminance();
             self.heaviest_key = self.heaviest_key.max(heaviest_key(index, luminance));
-            self.luminance_squares = self.luminance_squares.saturating_add(squared(luminance));
+            self.luminance_squares.merge(&SquareSum::of(luminance));
         } else {
             self.invalid += 1;
         }
@@ -177,26 +213,6 @@ impl Accumulate for PixelSums {
 #[inline]
 fn heaviest_key(index: u32, luminance: f32) -> u64 {
     u64::from(luminance.to_bits()) << 32 | u64::from(!index)
-}
-
-/// `v^2 * 2^88` as an integer, rounded down where bits are lost; the largest integer if it does not fit. `v` is finite and not
-/// negative.
-#[inline]
-fn squared(v: f32) -> u128 {
-    let bits = v.to_bits();
-    let exponent = (bits >> 23) as i32;
-    let mantissa = if exponent == 0 { bits & 0x7f_ffff } else { (bits & 0x7f_ffff) | 0x80_0000 };
-    let square = u128::from(mantissa) * u128::from(mantissa); // Below 2^48.
-    let shift = 2 * (exponent.max(1) - 127 - 23) + SQUARE_BITS;
-    if square == 0 || shift <= -48 {
-        0
-    } else if shift < 0 {
-        square >> -shift
-    } else if shift <= 80 {
-        square << shift
-    } else {
-        u128::MAX
-    }
 }
 
 /// `v * 2^32`, clamped to [-1, 1]: auxiliary layers are not measurements.
@@ -236,7 +252,7 @@ impl PixelSums {
         self.hits += other.hits;
         self.invalid += other.invalid;
         self.heaviest_key = self.heaviest_key.max(other.heaviest_key);
-        self.luminance_squares = self.luminance_squares.saturating_add(other.luminance_squares);
+        self.luminance_squares.merge(&other.luminance_squares);
     }
 
     /// Number of samples.
@@ -304,18 +320,17 @@ impl PixelSums {
         (luminance > 0.0).then_some((!(self.heaviest_key as u32), luminance))
     }
 
-    /// How the samples' luminance scatters; `None` with fewer than two, and where their squares went out of range. In contrast to
-    /// [`Self::variance_of_mean`] it over-states the noise of quasi-random samples, but it rests on all of them instead of four batches.
+    /// How the samples' luminance scatters; `None` with fewer than two. In contrast to [`Self::variance_of_mean`] it over-states the noise of quasi-random samples, but it rests on all of them instead of four batches.
     pub fn scatter(&self) -> Option<Scatter> {
         let count = self.count();
-        if count < 2 || self.luminance_squares == u128::MAX {
+        if count < 2 {
             return None;
         }
         let [r, g, b] = self.mean();
         let [wr, wg, wb] = [(1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)]
             .map(|(r, g, b)| f64::from(Rgb::new(r, g, b).luminance()));
         let (n, mean) = (f64::from(count), wr * r + wg * g + wb * b);
-        let mean_square = self.luminance_squares as f64 * (-f64::from(SQUARE_BITS)).exp2() / n;
+        let mean_square = self.luminance_squares.to_f64() / n;
         let all = (mean_square - mean * mean).max(0.0) / (n - 1.0);
         // Of the sum of squared deviations it brings (n - 1) / n times its squared distance from the mean of the others (Welford 1962).
         let from_others = (f64::from(self.max_luminance()) - mean) * n / (n - 1.0);
@@ -395,11 +410,16 @@ mod tests {
 
     #[test]
     fn squares_are_exact_where_they_can_be() {
-        for v in [0.0f32, 1.0, 0.1, 3.7e5, 1.5e-6, 2e-11] {
-            let (back, square) = (squared(v) as f64 * (-88f64).exp2(), f64::from(v) * f64::from(v));
-            assert!((back - square).abs() <= (-88f64).exp2(), "{v}: {back}");
+        for v in [0.0f32, 1.0, 0.1, 3.7e5, 1.5e-6, 2e-11, 6e13, 1.3e-15, 1.0e2, 33.0] {
+            let (back, square) = (SquareSum::of(v).to_f64(), f64::from(v) * f64::from(v));
+            assert!((back - square).abs() <= 1e-15 * square + (-120f64).exp2(), "{v}: {back}");
         }
-        assert_eq!((squared(1.0), squared(f32::MIN_POSITIVE), squared(3e13)), (1 << 88, 0, u128::MAX));
+        assert_eq!(SquareSum::of(1.0).0, [1 << 120, 0]);
+        assert_eq!(SquareSum::of(f32::MIN_POSITIVE).0, [0, 0]);
+        // Halves carry.
+        let mut sum = SquareSum([u128::MAX, 7]);
+        sum.merge(&SquareSum([2, 1]));
+        assert_eq!(sum.0, [1, 9]);
     }
 
     #[test]
@@ -420,7 +440,8 @@ mod tests {
         let without = [0.5, 3.0, 1.0, 0.0, 2.5];
         assert!((scatter.all - scatter.largest - direct(&without) / 30.0).abs() < 1e-6, "{scatter:?}");
         assert_eq!(of(&values[..1]).scatter(), None);
-        assert_eq!(of(&[1e13, 0.0]).scatter(), None, "out of range");
+        let bright = of(&[1e13, 0.0]).scatter().expect("two samples");
+        assert!((bright.all / 2.5e25 - 1.0).abs() < 1e-6 && bright.largest == bright.all, "{bright:?}");
         assert_eq!(of(&[0.0, 0.0]).scatter(), Some(Scatter { all: 0.0, largest: 0.0 }));
     }
 

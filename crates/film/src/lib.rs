@@ -7,7 +7,7 @@ mod film;
 mod gaps;
 mod plane;
 
-pub use accumulator::{Accumulate, BATCHES, PixelSums, RadianceSum, Sample, Scatter};
+pub use accumulator::{Accumulate, BATCHES, PixelSums, RadianceSum, Sample, Scatter, SquareSum};
 pub use film::{Film, FilmError};
 pub use gaps::fill_gaps;
 pub use plane::Plane;

@@ -96,7 +96,7 @@ fn report(settings: &ExposeSettings, exposed: &ExposedFile) -> String {
     );
     if let Some(share) = exposed.matched {
         let percent = (1000.0 * share).floor() / 10.0;
-        let _ = writeln!(text, "noise-matched exposure can hold in {percent:.1} % of the pixels, by their variances");
+        let _ = writeln!(text, "noise-matched exposure can hold in {percent:.1} % of the pixels");
     }
     let words = if exposed.frames == 1 { "1 frame".into() } else { format!("{} frames", exposed.frames) };
     let rate = f64::from(exposed.frames) / exposed.expose_seconds.max(1e-9);

@@ -1,9 +1,9 @@
 //! A pixel's sums as bytes, and back, with a look at whether samples could have added up to them.
 
-use dunkelfeld_film::{BATCHES, PixelSums, RadianceSum};
+use dunkelfeld_film::{BATCHES, PixelSums, RadianceSum, SquareSum};
 
 /// Bytes of one pixel: little-endian, in the order of the fields of [`PixelSums`].
-pub const PIXEL_BYTES: usize = BATCHES * 3 * 16 + BATCHES * 4 + 2 * (3 * 8 + 3 * 8) + 8 + 16 + 4 + 4 + 8 + 16;
+pub const PIXEL_BYTES: usize = BATCHES * 3 * 16 + BATCHES * 4 + 2 * (3 * 8 + 3 * 8) + 8 + 16 + 4 + 4 + 8 + 32;
 
 /// No pixel of a film has more samples than this.
 pub const MOST_SAMPLES: u32 = 1 << 30;
@@ -24,7 +24,7 @@ pub(super) fn encode(sums: &PixelSums, out: &mut Vec<u8>) {
     out.extend(sums.depth_squares.to_le_bytes());
     [sums.hits, sums.invalid].iter().for_each(|v| out.extend(v.to_le_bytes()));
     out.extend(sums.heaviest_key.to_le_bytes());
-    out.extend(sums.luminance_squares.to_le_bytes());
+    sums.luminance_squares.0.iter().for_each(|v| out.extend(v.to_le_bytes()));
 }
 
 /// The pixel that the bytes stand for; `None` if they are too few, or if no samples add up to it. What is returned can be
@@ -48,7 +48,7 @@ pub(super) fn decode(mut bytes: &[u8]) -> Option<PixelSums> {
     sums.hits = u32::from_le_bytes(take(from)?);
     sums.invalid = u32::from_le_bytes(take(from)?);
     sums.heaviest_key = u64::from_le_bytes(take(from)?);
-    sums.luminance_squares = u128::from_le_bytes(take(from)?);
+    sums.luminance_squares = SquareSum([radiance(from)?, radiance(from)?]);
     is_possible(&sums).then_some(sums)
 }
 
@@ -80,6 +80,12 @@ fn is_possible(sums: &PixelSums) -> bool {
         && within(sums.depth, DEPTH)
         && sums.max_luminance().is_finite()
         && sums.max_luminance() >= 0.0
+        && {
+            // No square is larger than that of the largest sample, which is one of them but for what rounding takes.
+            let (sum, largest) = (sums.luminance_squares.to_f64(), f64::from(sums.max_luminance()).powi(2));
+            let (least, most) = (largest * (1.0 - 1e-9) - 1e-36, largest * count as f64 * (1.0 + 1e-9));
+            (least..=most).contains(&sum)
+        }
 }
 
 #[cfg(test)]
@@ -117,7 +123,7 @@ mod tests {
     #[test]
     fn what_no_samples_add_up_to_is_refused() {
         type Change = fn(&mut PixelSums);
-        let cases: [Change; 10] = [
+        let cases: [Change; 12] = [
             |p| p.counts[0] = u32::MAX,
             |p| p.hits = 18,
             |p| p.invalid = 18,
@@ -128,6 +134,8 @@ mod tests {
             |p| p.depth = i64::MAX,
             |p| p.heaviest_key = u64::from(f32::INFINITY.to_bits()) << 32,
             |p| p.batches[3].0[1] = 5 << 112,
+            |p| p.luminance_squares = SquareSum([0, 0]),
+            |p| p.luminance_squares.0[1] = u128::MAX,
         ];
         for (i, change) in cases.into_iter().enumerate() {
             let mut sums = pixel(17);
