@@ -18,41 +18,74 @@
 use dunkelfeld_film::{Plane, Scatter};
 
 use crate::evidence::Evidence;
-use crate::pooling::{PixelNoise, Pool, Witnesses, pixel, witnesses_of};
+use crate::pooling::{POOL_REACH, PixelNoise, Pool, Witnesses, pixel, witnesses_of};
 
-/// For how many pixels each pixel of a row may speak; itself is one of them if its scatter is known, and none if it is not. Rows are
-/// independent of each other.
+/// The pixels around one that may speak for it, and for which it may speak, itself among them: a bit each, row by row. None if its own
+/// scatter is not known.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Fellows(u64);
+
+/// Pixels in a row of the square around one.
+const SIDE: u32 = 2 * POOL_REACH + 1;
+
+impl Fellows {
+    fn count(self) -> u32 {
+        self.0.count_ones()
+    }
+
+    /// Their places, given that of the pixel, row by row.
+    fn places(self, x: u32, y: u32) -> impl Iterator<Item = (u32, u32)> {
+        let mut bits = self.0;
+        std::iter::from_fn(move || {
+            let bit = bits.trailing_zeros();
+            bits &= bits.wrapping_sub(1);
+            (bit < u64::BITS).then(|| (x + bit % SIDE - POOL_REACH, y + bit / SIDE - POOL_REACH))
+        })
+    }
+}
+
+/// The fellows of the pixels of one row. Rows are independent of each other.
 ///
 /// # Panics
 /// If the planes differ in size.
-pub fn listeners_row(evidence: &Evidence, y: u32) -> Vec<u32> {
+pub fn fellows_row(evidence: &Evidence, y: u32) -> Vec<Fellows> {
     assert!(evidence.is_consistent(), "planes differ in size");
-    let listeners = |x| {
-        told_by(evidence, x, y)?;
-        Some(fellows(evidence, x, y).count() as u32)
-    };
-    (0..evidence.width()).map(|x| listeners(x).unwrap_or(0)).collect()
+    (0..evidence.width()).map(|x| fellows(evidence, x, y)).collect()
 }
 
-/// The noise of the pixels of one row, by their own samples as far as they can tell, given the [`listeners_row`] of all rows; as
+fn fellows(evidence: &Evidence, x: u32, y: u32) -> Fellows {
+    if told_by(evidence, x, y).is_none() {
+        return Fellows::default();
+    }
+    let n = u64::from(*evidence.counts.at(x, y));
+    let bits = witnesses_of(evidence, Witnesses::All, x, y, *evidence.level.at(x, y))
+        .filter(|&(nx, ny)| {
+            let other = u64::from(*evidence.counts.at(nx, ny));
+            other <= 2 * n && n <= 2 * other && told_by(evidence, nx, ny).is_some()
+        })
+        .fold(0, |bits, (nx, ny)| bits | 1 << ((ny + POOL_REACH - y) * SIDE + nx + POOL_REACH - x));
+    Fellows(bits)
+}
+
+/// The noise of the pixels of one row, by their own samples as far as they can tell, given the [`fellows_row`] of all rows; as
 /// [`crate::pooling::noise_row`] has it where their scatter is not known. Rows are independent of each other.
 ///
 /// # Panics
 /// If the planes differ in size.
-pub fn own_noise_row(evidence: &Evidence, listeners: &Plane<u32>, y: u32) -> Vec<PixelNoise> {
-    assert_eq!((listeners.width(), listeners.height()), (evidence.width(), evidence.height()), "planes differ in size");
+pub fn own_noise_row(evidence: &Evidence, fellows: &Plane<Fellows>, y: u32) -> Vec<PixelNoise> {
+    assert_eq!((fellows.width(), fellows.height()), (evidence.width(), evidence.height()), "planes differ in size");
     let pooled = |x| pixel(evidence, Witnesses::All, x, y);
-    (0..evidence.width()).map(|x| own(evidence, listeners, x, y).unwrap_or_else(|| pooled(x))).collect()
+    (0..evidence.width()).map(|x| own(evidence, fellows, x, y).unwrap_or_else(|| pooled(x))).collect()
 }
 
 /// The noise of all pixels.
 pub fn own_noise(evidence: &Evidence) -> Plane<PixelNoise> {
     let (width, height) = (evidence.width(), evidence.height());
-    let listeners = (0..height).flat_map(|y| listeners_row(evidence, y)).collect();
-    let Some(listeners) = Plane::from_vec(width, height, listeners) else {
+    let fellows = (0..height).flat_map(|y| fellows_row(evidence, y)).collect();
+    let Some(fellows) = Plane::from_vec(width, height, fellows) else {
         return evidence.mean.map(|_| PixelNoise::UNKNOWN);
     };
-    let noise = (0..height).flat_map(|y| own_noise_row(evidence, &listeners, y)).collect();
+    let noise = (0..height).flat_map(|y| own_noise_row(evidence, &fellows, y)).collect();
     Plane::from_vec(width, height, noise).unwrap_or_else(|| Plane::new(width, height, PixelNoise::UNKNOWN))
 }
 
@@ -63,21 +96,13 @@ fn told_by(evidence: &Evidence, x: u32, y: u32) -> Option<(f64, Scatter)> {
     variance.is_finite().then_some((n * variance, Scatter { all: n * scatter.all, largest: n * scatter.largest }))
 }
 
-/// The pixels that may speak for one and for which it may speak, itself among them, with what they tell.
-fn fellows(evidence: &Evidence, x: u32, y: u32) -> impl Iterator<Item = ((u32, u32), (f64, Scatter))> {
-    let n = u64::from(*evidence.counts.at(x, y));
-    witnesses_of(evidence, Witnesses::All, x, y, *evidence.level.at(x, y)).filter_map(move |at| {
-        let other = u64::from(*evidence.counts.at(at.0, at.1));
-        (other <= 2 * n && n <= 2 * other).then(|| told_by(evidence, at.0, at.1)).flatten().map(|told| (at, told))
-    })
-}
-
-fn own(evidence: &Evidence, listeners: &Plane<u32>, x: u32, y: u32) -> Option<PixelNoise> {
+fn own(evidence: &Evidence, fellows: &Plane<Fellows>, x: u32, y: u32) -> Option<PixelNoise> {
     let (_, own) = told_by(evidence, x, y)?;
     let (mut pool, mut all, mut shared, mut squares) = (Pool::default(), 0.0, 0.0, 0.0);
     let mut batches = 0.0;
-    for ((nx, ny), (variance, scatter)) in fellows(evidence, x, y) {
-        let share = scatter.largest / f64::from((*listeners.at(nx, ny)).max(1));
+    for (nx, ny) in fellows.at(x, y).places(x, y) {
+        let Some((variance, scatter)) = told_by(evidence, nx, ny) else { continue };
+        let share = scatter.largest / f64::from(fellows.at(nx, ny).count().max(1));
         pool.add(variance, f64::from(*evidence.mean.at(nx, ny)));
         batches += variance;
         all += scatter.all;
@@ -111,7 +136,7 @@ mod tests {
     use crate::pooling::noise;
     use dunkelfeld_film::{Accumulate, PixelSums, Sample};
 
-    const SIDE: u32 = 32;
+    const WIDTH: u32 = 32;
 
     /// Numbers as good as random.
     struct Random(u64);
@@ -128,7 +153,7 @@ mod tests {
     /// A film whose samples are drawn pixel by pixel.
     fn film(count: u32, seed: u64, mut draw: impl FnMut(u32, u32, u32, &mut Random) -> f64) -> Plane<PixelSums> {
         let mut random = Random(seed << 32);
-        Plane::from_fn(SIDE, SIDE, |x, y| {
+        Plane::from_fn(WIDTH, WIDTH, |x, y| {
             let mut sums = PixelSums::default();
             for index in 0..count {
                 let v = draw(x, y, index, &mut random) as f32;
@@ -147,8 +172,8 @@ mod tests {
             variance: film.map(|p| p.variance_of_mean()[0] as f32),
             scatter: film.map(PixelSums::scatter),
             largest: film.map(PixelSums::max_luminance),
-            surface: Plane::new(SIDE, SIDE, Surface::default()),
-            level: Plane::new(SIDE, SIDE, Level::ANY),
+            surface: Plane::new(WIDTH, WIDTH, Surface::default()),
+            level: Plane::new(WIDTH, WIDTH, Level::ANY),
         }
     }
 
@@ -179,6 +204,28 @@ mod tests {
     }
 
     #[test]
+    fn fellows_are_mutual_and_in_their_places() {
+        let film = film(16, 4, |_, _, _, random| random.unit());
+        let mut evidence = evidence_of(&film);
+        evidence.surface =
+            Plane::from_fn(WIDTH, WIDTH, |x, _| Surface { object: u32::from(x >= 5), ..Surface::default() });
+        evidence.scatter.data_mut()[2 * 32 + 3] = None;
+        let row = |y| fellows_row(&evidence, y);
+        // In the corner of five columns: four by four pixels, one of which tells nothing.
+        let corner: Vec<(u32, u32)> = row(0)[0].places(0, 0).collect();
+        let wanted = (0..4).flat_map(|y| (0..4).map(move |x| (x, y))).filter(|&at| at != (3, 2));
+        assert_eq!(corner, wanted.collect::<Vec<_>>());
+        assert_eq!((row(2)[3], row(31)[31].count(), row(15)[20].count()), (Fellows::default(), 16, 49));
+        for y in 0..WIDTH {
+            for (x, fellows) in (0..).zip(row(y)) {
+                assert!(
+                    fellows.places(x, y).all(|(nx, ny)| row(ny)[nx as usize].places(nx, ny).any(|at| at == (x, y)))
+                );
+            }
+        }
+    }
+
+    #[test]
     fn what_nobody_saw_twice_is_shared() {
         // One sample in 4096 is lit: of 64 samples per pixel one pixel in 64 has seen one.
         let (p, n) = (1.0 / 4096.0, 64);
@@ -203,7 +250,7 @@ mod tests {
         let mut sums = [0.0; 2];
         for seed in 0..12 {
             let mut random = Random(seed << 32);
-            let film = Plane::from_fn(SIDE, SIDE, |_, y| {
+            let film = Plane::from_fn(WIDTH, WIDTH, |_, y| {
                 let mut sums = PixelSums::default();
                 for index in 0..if y % 2 == 0 { 16 } else { 256 } {
                     let v = f32::from(u8::from(random.unit() < p));
@@ -215,11 +262,11 @@ mod tests {
             });
             let own = own_noise(&evidence_of(&film));
             for (i, noise) in own.data().iter().enumerate() {
-                sums[i / SIDE as usize % 2] += f64::from(noise.variance) / (p * (1.0 - p));
+                sums[i / WIDTH as usize % 2] += f64::from(noise.variance) / (p * (1.0 - p));
             }
         }
         for sum in sums {
-            let ratio = sum / 12.0 / f64::from(SIDE * SIDE / 2);
+            let ratio = sum / 12.0 / f64::from(WIDTH * WIDTH / 2);
             assert!((0.9..1.1).contains(&ratio), "{ratio}");
         }
     }
@@ -234,11 +281,11 @@ mod tests {
                 if even { stratum + random.unit() / 16.0 } else { random.unit() }
             });
             let own = own_noise(&evidence_of(&film));
-            let mean = total(&own) / f64::from(SIDE * SIDE) / truth;
+            let mean = total(&own) / f64::from(WIDTH * WIDTH) / truth;
             // 1024 variances with three degrees of freedom: a standard error of 2.6 %.
             assert!((mean - 1.0).abs() < 0.13, "even {even}: {mean}");
             let off = own.data().iter().map(|o| (f64::from(o.variance) / truth - 1.0).powi(2)).sum::<f64>();
-            let rms = (off / f64::from(SIDE * SIDE)).sqrt();
+            let rms = (off / f64::from(WIDTH * WIDTH)).sqrt();
             assert!(rms < 0.35, "a variance by batches alone is off by 0.82: {rms}");
         }
     }
@@ -248,7 +295,7 @@ mod tests {
         let film = film(32, 9, |x, _, _, random| f64::from(x + 1) * random.unit().powi(4));
         let mut evidence = evidence_of(&film);
         // Seven by seven pixels that speak for each other, and for no one else.
-        evidence.surface = Plane::from_fn(SIDE, SIDE, |x, y| {
+        evidence.surface = Plane::from_fn(WIDTH, WIDTH, |x, y| {
             let inside = (10..14).contains(&x) && (10..14).contains(&y);
             Surface { object: u32::from(inside), ..Surface::default() }
         });
@@ -263,7 +310,7 @@ mod tests {
     fn where_scatter_is_not_known_neighbourhoods_speak() {
         let film = film(16, 3, |_, _, _, random| random.unit());
         let mut evidence = evidence_of(&film);
-        evidence.scatter = Plane::new(SIDE, SIDE, None);
+        evidence.scatter = Plane::new(WIDTH, WIDTH, None);
         assert_eq!(own_noise(&evidence), noise(&evidence, Witnesses::All));
         // Black: no noise at all, as batches have it.
         let black = evidence_of(&self::film(16, 3, |_, _, _, _| 0.0));

@@ -13,7 +13,6 @@ use crate::progress::{Cancel, Progress, ProgressState, Stage};
 use crate::render::thread_pool;
 use dunkelfeld_adaptive::evidence::{Evidence, Surface, surfaces};
 use dunkelfeld_adaptive::need::SensorNoise;
-use dunkelfeld_adaptive::pooling::Witnesses;
 use dunkelfeld_film::{Plane, Scatter};
 use dunkelfeld_io::InputError;
 use dunkelfeld_io::exr::{ExrLayers, read_exr};
@@ -489,7 +488,7 @@ impl NoiseLayers {
                 surface: surface.clone(),
             }
         });
-        Known::of(&Measured::of(views.collect(), response, Some(sensor), Witnesses::All))
+        Known::of(&Measured::of(views.collect(), response, Some(sensor)))
     }
 }
 

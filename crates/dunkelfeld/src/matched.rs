@@ -59,9 +59,11 @@ pub(crate) struct Known {
 
 impl Known {
     pub(crate) fn of(measured: &Measured) -> Self {
-        let (is_rare, told) = measured.without_rare();
+        let told = measured.without_rare();
         let mut own = measured.evidence.variance.data().iter();
-        let variance = told.map(|&told| if own.next().is_some_and(|v| v.is_finite()) { told } else { f32::INFINITY });
+        let known =
+            |told: f32, own: Option<&f32>| if own.is_some_and(|v| v.is_finite()) { told } else { f32::INFINITY };
+        let (variance, is_rare) = (told.map(|&(_, told)| known(told, own.next())), told.map(|t| t.0));
         Self { variance, is_rare }
     }
 

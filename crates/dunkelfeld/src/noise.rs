@@ -5,7 +5,7 @@ use crate::settings::SensorChoice;
 use dunkelfeld_adaptive::certificate::{Certificate, Claim, certify as certify_planes, ratios};
 use dunkelfeld_adaptive::evidence::{Evidence, Level, Surface, surfaces};
 use dunkelfeld_adaptive::need::{DEFAULT_TARGET, Needs, SensorNoise, needs};
-use dunkelfeld_adaptive::own::{listeners_row, own_noise_row};
+use dunkelfeld_adaptive::own::{Fellows, fellows_row, own_noise_row};
 use dunkelfeld_adaptive::pooling::{PixelNoise, Witnesses, noise_row};
 use dunkelfeld_adaptive::shrinkage::shrunk;
 use dunkelfeld_film::{Film, PixelSums, Plane, Scatter};
@@ -116,8 +116,8 @@ fn owned(evidence: &Evidence) -> Plane<PixelNoise> {
     if is_unknown(evidence) {
         return unknown;
     }
-    let listeners = by_rows(evidence.mean.map(|_| 0), |y| listeners_row(evidence, y));
-    by_rows(unknown, |y| own_noise_row(evidence, &listeners, y))
+    let fellows = by_rows(evidence.mean.map(|_| Fellows::default()), |y| fellows_row(evidence, y));
+    by_rows(unknown, |y| own_noise_row(evidence, &fellows, y))
 }
 
 /// Is there a sample a pixel, or none? Then there is nothing to pool, and no time to lose with it.
@@ -143,67 +143,47 @@ pub struct Certified {
 /// What is known of a film's noise beneath a sensor's.
 pub(crate) struct Measured {
     pub(crate) evidence: Evidence,
-    pub(crate) noise: Plane<PixelNoise>,
     pub(crate) sensor: Option<SensorNoise>,
     /// Behind a filter array: the film as red, green and blue pixels everywhere would see it. Neighbours tell of each other's
     /// noise only if they see the same, so each pixel is judged in the view of its own colour.
-    views: Vec<(Evidence, Plane<PixelNoise>)>,
+    views: Vec<Evidence>,
     response: Response,
 }
 
 impl Measured {
-    pub(crate) fn new(eye: &Eye, film: &Film, labels: &Plane<Option<Label>>, witnesses: Witnesses) -> Self {
+    pub(crate) fn new(eye: &Eye, film: &Film, labels: &Plane<Option<Label>>) -> Self {
         let normals = par_map(film.pixels(), PixelSums::mean_normal);
         let surface = surfaces(&labels.map(|l| l.map_or(u32::MAX, |l| l.object)), &normals);
         let views = eye.response.kinds().iter().map(|&weights| eye.evidence(film, &surface, weights)).collect();
-        Self::of(views, eye.response, eye.sensor, witnesses)
+        Self::of(views, eye.response, eye.sensor)
     }
 
     /// Of the views through each kind of pixel.
-    pub(crate) fn of(
-        mut views: Vec<Evidence>,
-        response: Response,
-        sensor: Option<SensorNoise>,
-        witnesses: Witnesses,
-    ) -> Self {
+    pub(crate) fn of(mut views: Vec<Evidence>, response: Response, sensor: Option<SensorNoise>) -> Self {
         if views.len() == 1
             && let Some(evidence) = views.pop()
         {
-            let noise = pooled(&evidence, witnesses);
-            return Self { evidence, noise, sensor, views: Vec::new(), response };
+            return Self { evidence, sensor, views, response };
         }
-        let views: Vec<_> = views
-            .into_iter()
-            .map(|evidence| {
-                let noise = pooled(&evidence, witnesses);
-                (evidence, noise)
-            })
-            .collect();
         let evidence = Evidence {
-            counts: views[0].0.counts.clone(),
-            mean: woven(&response, |kind| &views[kind].0.mean),
-            variance: woven(&response, |kind| &views[kind].0.variance),
-            scatter: woven(&response, |kind| &views[kind].0.scatter),
-            largest: woven(&response, |kind| &views[kind].0.largest),
-            surface: views[0].0.surface.clone(),
-            level: woven(&response, |kind| &views[kind].0.level),
+            counts: views[0].counts.clone(),
+            mean: woven(&response, |kind| &views[kind].mean),
+            variance: woven(&response, |kind| &views[kind].variance),
+            scatter: woven(&response, |kind| &views[kind].scatter),
+            largest: woven(&response, |kind| &views[kind].largest),
+            surface: views[0].surface.clone(),
+            level: woven(&response, |kind| &views[kind].level),
         };
-        let noise = woven(&response, |kind| &views[kind].1);
-        Self { evidence, noise, sensor, views, response }
+        Self { evidence, sensor, views, response }
     }
 
-    /// The noise as plans are made from it: that of each neighbourhood, drawn towards that of wider ones. Plans and
-    /// forecasts go by it; certificates go by what was seen, where it was.
+    /// The noise as plans are made from it: that of each pixel's neighbours, drawn towards that of wider neighbourhoods.
     pub(crate) fn drawn_together(&self) -> Plane<PixelNoise> {
         let mean = self.evidence.mean.data();
         let lit = mean.iter().map(|&m| f64::from(m)).sum::<f64>() / mean.len().max(1) as f64;
         let floor = self.sensor.map_or(lit, |s| s.floor);
         let most = self.sensor.map_or(f64::INFINITY, |s| s.saturation);
-        if self.views.is_empty() {
-            return shrunk(&self.evidence, &self.noise, floor, most);
-        }
-        let drawn: Vec<_> = self.views.iter().map(|(evidence, noise)| shrunk(evidence, noise, floor, most)).collect();
-        woven(&self.response, |kind| &drawn[kind])
+        self.by_kind(|evidence| shrunk(evidence, &pooled(evidence, Witnesses::Neighbours), floor, most))
     }
 
     /// Of a film that is exposed like this.
@@ -215,49 +195,34 @@ impl Measured {
         labels: &Plane<Option<Label>>,
     ) -> Self {
         let (white, sensor) = (model.saturation().0 as f32, Some(sensor_noise(model, exposure)));
-        Self::new(&Eye { response, white, sensor }, film, labels, Witnesses::All)
+        Self::new(&Eye { response, white, sensor }, film, labels)
     }
 
-    /// What is known of the film behind each kind of pixel.
-    fn seen(&self) -> Vec<(&Evidence, &Plane<PixelNoise>)> {
+    /// What a function makes of the film as each kind of pixel sees it, every pixel's value from the view of its own.
+    fn by_kind<T: Copy>(&self, f: impl Fn(&Evidence) -> Plane<T>) -> Plane<T> {
         if self.views.is_empty() {
-            return vec![(&self.evidence, &self.noise)];
+            return f(&self.evidence);
         }
-        self.views.iter().map(|(evidence, noise)| (evidence, noise)).collect()
+        let made: Vec<_> = self.views.iter().map(f).collect();
+        woven(&self.response, |kind| &made[kind])
     }
 
     /// The noise of each pixel by its own samples, as far as they can tell.
     pub(crate) fn owned(&self) -> Plane<PixelNoise> {
-        let owned: Vec<_> = self.seen().iter().map(|(evidence, _)| owned(evidence)).collect();
-        woven(&self.response, |kind| &owned[kind])
+        self.by_kind(owned)
     }
 
-    /// Which pixels hold a sample that is rare, and the variance of the mean of each pixel \[e-^2\], without what pixels that hold one
+    /// Of each pixel: does it hold a rare sample, and the variance of its mean \[e-^2\], without what pixels that hold one
     /// would tell their neighbours. Without a sensor no sample is rare.
-    pub(crate) fn without_rare(&self) -> (Plane<bool>, Plane<f32>) {
-        let told: Vec<_> = self
-            .seen()
-            .iter()
-            .map(|&(evidence, noise)| {
-                let rare = match self.sensor {
-                    None => evidence.mean.map(|_| false),
-                    Some(sensor) => rare(evidence, noise, sensor),
-                };
-                let variance = told_without(evidence, &rare);
-                (rare, variance)
-            })
-            .collect();
-        (woven(&self.response, |kind| &told[kind].0), woven(&self.response, |kind| &told[kind].1))
-    }
-
-    /// The same film, asked of other witnesses.
-    pub(crate) fn repooled(self, witnesses: Witnesses) -> Self {
-        let views = if self.views.is_empty() {
-            vec![self.evidence]
-        } else {
-            self.views.into_iter().map(|(evidence, _)| evidence).collect()
-        };
-        Self::of(views, self.response, self.sensor, witnesses)
+    pub(crate) fn without_rare(&self) -> Plane<(bool, f32)> {
+        self.by_kind(|evidence| {
+            let rare = match self.sensor {
+                None => evidence.mean.map(|_| false),
+                Some(sensor) => rare(evidence, &pooled(evidence, Witnesses::All), sensor),
+            };
+            let mut variances = told_without(evidence, &rare).into_vec().into_iter();
+            rare.map(|&rare| (rare, variances.next().unwrap_or(f32::INFINITY)))
+        })
     }
 
     /// What each pixel needs to be hidden at `k` by such noise; `None` without a sensor.

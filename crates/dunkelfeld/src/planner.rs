@@ -109,7 +109,7 @@ impl<'a> Planner<'a> {
         let eye = Eye::of(&mean, &self.settings.sensor)?;
         let is_measured = eye.sensor.is_some() || self.settings.strategy().needs_noise();
         let look = || {
-            let measured = Measured::new(&eye, state.film, state.labels, Witnesses::Neighbours);
+            let measured = Measured::new(&eye, state.film, state.labels);
             let own = measured.owned();
             Sight::of(measured, own)
         };
@@ -132,7 +132,7 @@ impl<'a> Planner<'a> {
     ) -> Result<Verdict, Error> {
         let mean = state.film.mean_without_gaps();
         let eye = Eye::of(&mean, &self.settings.sensor)?;
-        let measured = Measured::new(&eye, state.film, state.labels, Witnesses::All);
+        let measured = Measured::new(&eye, state.film, state.labels);
         let own = measured.owned();
         let is_hidden = measured.certify_by(&own, k).is_some_and(|c| c.certificate.is_hidden());
         let needs = measured.needs_by(&own, k, Witnesses::All);
@@ -153,7 +153,7 @@ impl<'a> Planner<'a> {
         if is_hidden && is_whole {
             return Ok(Verdict::Hidden);
         }
-        let sight = Sight::of(measured.repooled(Witnesses::Neighbours), own);
+        let sight = Sight::of(measured, own);
         let wanted = (PILOT_SHARE * said).min(GROWTH * spp).max(f64::from(self.settings.pilot_spp));
         // Powers of two in every batch, at which quasi-random points are even: other numbers of them have more noise, and a
         // comparison of one look with another would tell of that. `as` saturates.
@@ -226,9 +226,9 @@ fn mean_count(counts: &Plane<u32>) -> f64 {
 
 /// The noise of the pilot.
 struct Sight {
-    /// As it was seen by the neighbours of each pixel.
+    /// As it was seen.
     measured: Measured,
-    /// As plans are made from it.
+    /// As plans are made from it: by the neighbours of each pixel.
     drawn: Plane<PixelNoise>,
     /// As it would be certified.
     own: Plane<PixelNoise>,
