@@ -287,23 +287,18 @@ fn rare(evidence: &Evidence, noise: &Plane<PixelNoise>, sensor: SensorNoise) -> 
 
 /// The variance of the mean of each pixel \[e-^2\] by its own samples; what any of them might have seen is told by those that hold no
 /// rare one.
-///
-/// There variances of means are averaged, not those of samples: a sample is rare by what it does to the mean, so that the more
-/// samples a pixel has, the brighter ones are left in it.
 fn told_without(evidence: &Evidence, is_rare: &Plane<bool>) -> Plane<f32> {
-    let mut others = Evidence { counts: evidence.counts.map(|&n| n.min(1)), ..evidence.clone() };
+    let mut others = evidence.clone();
     let variances = others.variance.data_mut().iter_mut();
     variances.zip(is_rare.data()).filter(|(_, rare)| **rare).for_each(|(v, _)| *v = f32::INFINITY);
-    let told = owned(&others);
-    if !is_rare.data().contains(&true) {
-        return told.map(|noise| noise.of_mean(1));
+    let mut told = owned(&others);
+    if is_rare.data().contains(&true) {
+        let all = owned(evidence);
+        let pixels = told.data_mut().iter_mut().zip(all.data()).zip(is_rare.data());
+        pixels.filter(|(_, rare)| **rare).for_each(|((told, all), _)| *told = *all);
     }
-    let all = owned(evidence);
-    let mut pixels = is_rare.data().iter().zip(all.data()).zip(evidence.counts.data());
-    told.map(|noise| match pixels.next() {
-        Some(((true, all), &n)) => all.of_mean(n),
-        _ => noise.of_mean(1),
-    })
+    let mut counts = evidence.counts.data().iter();
+    told.map(|noise| noise.of_mean(counts.next().copied().unwrap_or(0)))
 }
 
 /// Of the planes of each kind of pixel, every pixel's value from that of its own kind.
