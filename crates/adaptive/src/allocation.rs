@@ -8,8 +8,8 @@ use std::str::FromStr;
 
 use dunkelfeld_film::Plane;
 
-use crate::need::{Needs, SensorNoise};
-use crate::pooling::PixelNoise;
+use crate::expected::Expected;
+use crate::need::Needs;
 use crate::sobel::{gamma_image, magnitude};
 
 /// No pixel's Sobel magnitude counts for less than this share of the image's mean magnitude. With it, the flattest
@@ -70,10 +70,10 @@ impl Strategy {
             (Self::Sobel, _) => {
                 Shares::of(sobel(&magnitude(&gamma_image(pilot.luminance, pilot.white)), pilot.sobel_floor))
             }
-            (Self::Sensor, Some(Measured { sensor: Some((sensor, needs)), .. })) => {
-                Shares { weights: deviation(pilot, Some(*sensor)), caps: Some(needs.aimed()) }
+            (Self::Variance | Self::Sensor, Some(measured)) => {
+                let needs = measured.needs.filter(|_| self == Self::Sensor);
+                Shares { weights: deviation(measured), caps: needs.map(Needs::aimed) }
             }
-            (Self::Variance | Self::Sensor, Some(_)) => Shares::of(deviation(pilot, None)),
             (Self::Uniform, _) | (Self::Variance | Self::Sensor, None) => Shares::of(uniform(width, height)),
         }
     }
@@ -139,32 +139,23 @@ pub struct Pilot<'a> {
 /// Measured variances; planes of the size of the pilot.
 #[derive(Clone, Copy, Debug)]
 pub struct Measured<'a> {
-    /// What is expected of a pixel's samples: in photo-electrons behind a sensor, in any linear unit without one.
-    pub noise: &'a Plane<PixelNoise>,
-    /// The sensor, and what each pixel needs to be hidden beneath its noise.
-    pub sensor: Option<(SensorNoise, &'a Needs)>,
+    /// What is expected of a pixel's samples: variances over those of the sensor; without one, or for [`Strategy::Variance`], over the
+    /// same everywhere.
+    pub expected: &'a Plane<Expected>,
+    /// What each pixel needs to be hidden beneath the sensor's noise.
+    pub needs: Option<&'a Needs>,
     /// Relative cost of a sample in each pixel; `None` for the same everywhere. What is not positive counts as one.
     pub cost: Option<&'a Plane<f32>>,
 }
 
-/// Weights `sqrt(v / (s c))`, s being one without a sensor. A pixel of which nothing is known weighs as much as the heaviest of the others; a saturated one nothing.
-fn deviation(pilot: &Pilot<'_>, sensor: Option<SensorNoise>) -> Plane<f32> {
-    let (width, height) = (pilot.luminance.width(), pilot.luminance.height());
-    let Some(measured) = &pilot.measured else { return uniform(width, height) };
-    let saturated = measured.sensor.filter(|_| sensor.is_some()).map(|(_, needs)| &needs.saturated);
-    let weights: Vec<f32> = measured
-        .noise
-        .data()
-        .iter()
-        .enumerate()
-        .map(|(i, noise)| {
-            let v = f64::from(noise.variance);
-            let s = sensor.map_or(1.0, |sensor| sensor.variance(f64::from(noise.mean)));
-            let cost = measured.cost.and_then(|c| c.data().get(i)).copied().map_or(1.0, f64::from);
-            let full = saturated.and_then(|s| s.data().get(i)).copied().unwrap_or(false);
-            if full { 0.0 } else { (v / (s * if cost > 0.0 { cost } else { 1.0 })).sqrt() as f32 }
-        })
-        .collect();
+/// Weights `sqrt(v / (s c))`. A pixel of which nothing is known weighs as much as the heaviest of the others.
+fn deviation(measured: &Measured<'_>) -> Plane<f32> {
+    let (width, height) = (measured.expected.width(), measured.expected.height());
+    let weights = measured.expected.data().iter().enumerate().map(|(i, expected)| {
+        let cost = measured.cost.and_then(|c| c.data().get(i)).copied().map_or(1.0, f64::from);
+        (f64::from(expected.ratio) / if cost > 0.0 { cost } else { 1.0 }).sqrt() as f32
+    });
+    let weights: Vec<f32> = weights.collect();
     let heaviest = weights.iter().copied().filter(|w| w.is_finite()).fold(0.0f32, f32::max);
     let heaviest = if heaviest > 0.0 { heaviest } else { 1.0 };
     let weights = weights.into_iter().map(|w| if w.is_finite() { w } else { heaviest }).collect();
@@ -283,29 +274,15 @@ mod tests {
         assert_eq!(Strategy::Sensor.shares(&pilot), Shares::of(uniform(32, 8)));
     }
 
-    const SENSOR: SensorNoise = SensorNoise { floor: 10.0, saturation: 1000.0 };
+    const UNKNOWN: f32 = f32::INFINITY;
 
-    fn noise(variance: f32, mean: f32) -> PixelNoise {
-        PixelNoise { variance, freedom: 147.0, mean, darkest: mean }
-    }
-
-    /// Weights of four pixels, by a strategy, sensor and cost.
-    fn weights_of(
-        strategy: Strategy,
-        noise: [PixelNoise; 4],
-        cost: Option<[f32; 4]>,
-        saturated: [bool; 4],
-    ) -> Vec<f32> {
+    /// Weights of four pixels of which so much is expected, by a strategy and cost.
+    fn weights_of(strategy: Strategy, ratios: [f32; 4], cost: Option<[f32; 4]>) -> Vec<f32> {
         let row = |v: [f32; 4]| Plane::from_vec(4, 1, v.to_vec()).expect("four values");
-        let noise = Plane::from_vec(4, 1, noise.to_vec()).expect("four values");
-        let needs = Needs {
-            planned: row([1.0, 2.0, 3.0, 4.0]),
-            bare: row([1.0; 4]),
-            saturated: Plane::from_vec(4, 1, saturated.to_vec()).expect("four values"),
-        };
+        let expected = row(ratios).map(|&ratio| Expected { ratio, saturated: ratio == 0.0 });
+        let needs = Needs { samples: row([1.0, 2.0, 3.0, 4.0]), saturated: Plane::new(4, 1, false) };
         let cost = cost.map(row);
-        let sensor = (strategy == Strategy::Sensor).then_some((SENSOR, &needs));
-        let measured = Some(Measured { noise: &noise, sensor, cost: cost.as_ref() });
+        let measured = Some(Measured { expected: &expected, needs: Some(&needs), cost: cost.as_ref() });
         let pilot = Pilot { luminance: &row([0.0; 4]), white: 1.0, sobel_floor: SOBEL_FLOOR, measured };
         let shares = strategy.shares(&pilot);
         assert_eq!(shares.caps.is_some(), strategy == Strategy::Sensor);
@@ -322,27 +299,19 @@ mod tests {
 
     #[test]
     fn neyman_goes_by_deviation_over_the_root_of_cost() {
-        let pixels = [noise(1.0, 0.0), noise(4.0, 50.0), noise(9.0, 0.0), noise(16.0, 0.0)];
-        assert_ratios(&weights_of(Strategy::Variance, pixels, None, [false; 4]), [1.0, 2.0, 3.0, 4.0]);
-        let cost = Some([1.0, 4.0, 9.0, 0.0]);
-        assert_ratios(&weights_of(Strategy::Variance, pixels, cost, [false; 4]), [1.0, 1.0, 1.0, 4.0]);
-    }
-
-    #[test]
-    fn the_sensor_forgives_what_it_cannot_see() {
-        // Sensor variances 10, 10, 40 and 90: floor, and floor plus signal.
-        let pixels = [noise(10.0, 0.0), noise(90.0, -5.0), noise(160.0, 30.0), noise(90.0, 80.0)];
-        assert_ratios(&weights_of(Strategy::Sensor, pixels, None, [false; 4]), [1.0, 3.0, 2.0, 1.0]);
-        let full = weights_of(Strategy::Sensor, pixels, None, [false, false, true, false]);
-        assert_ratios(&full, [1.0, 3.0, 0.0, 1.0]);
+        for strategy in [Strategy::Variance, Strategy::Sensor] {
+            assert_ratios(&weights_of(strategy, [1.0, 4.0, 9.0, 16.0], None), [1.0, 2.0, 3.0, 4.0]);
+            let cost = Some([1.0, 4.0, 9.0, 0.0]);
+            assert_ratios(&weights_of(strategy, [1.0, 4.0, 9.0, 16.0], cost), [1.0, 1.0, 1.0, 4.0]);
+        }
     }
 
     #[test]
     fn the_unknown_weighs_most() {
-        let pixels = [noise(4.0, 0.0), PixelNoise::UNKNOWN, noise(9.0, 0.0), noise(0.0, 0.0)];
-        assert_ratios(&weights_of(Strategy::Variance, pixels, None, [false; 4]), [2.0, 3.0, 3.0, 0.0]);
-        for nothing in [PixelNoise::UNKNOWN, noise(0.0, 0.0)] {
-            assert_ratios(&weights_of(Strategy::Variance, [nothing; 4], None, [false; 4]), [1.0; 4]);
+        let pixels = [4.0, UNKNOWN, 9.0, 0.0];
+        assert_ratios(&weights_of(Strategy::Variance, pixels, None), [2.0, 3.0, 3.0, 0.0]);
+        for nothing in [UNKNOWN, 0.0] {
+            assert_ratios(&weights_of(Strategy::Variance, [nothing; 4], None), [1.0; 4]);
         }
     }
 

@@ -28,6 +28,12 @@ impl Surface {
             && self.border == other.border
             && (self.border || similar(&self.normal, &other.normal))
     }
+
+    /// The same object with a similar normal, at a border or not.
+    #[inline]
+    pub fn is_turned_like(&self, other: &Self) -> bool {
+        self.object == other.object && similar(&self.normal, &other.normal)
+    }
 }
 
 /// How bright a pixel is, as far as noise is concerned: the variance that a sensor has of its own there, between bounds that

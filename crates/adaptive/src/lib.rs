@@ -16,13 +16,12 @@
 //! | a pilot of about 8 % of the budget, then rounds until it is used up | [`schedule::Schedule`] |
 //!
 //! The edges stand for the variance, and the variance for what can be seen. With a sensor one can do better: measure the
-//! variance itself, in batches pooled over neighbours ([`pooling`]), ask what each pixel [`need`]s to be hidden beneath the
-//! sensor's own noise, share out the samples by that, stop when it is reached, and say how far it was ([`certificate`]), by what each
-//! pixel's [`own`] samples tell.
+//! variance itself, ask what each pixel [`need`]s to be hidden beneath the sensor's own noise, share out the samples by what is to be
+//! [`expected`] of it, stop when it is reached, and say how far it was ([`certificate`]), by what each pixel's [`own`] samples tell.
 //!
 //! The samples of a pixel must not decide how many others join them in its mean: whoever takes more where a sample was bright
 //! dilutes the bright one, and the mean is too small (Kirk and Arvo 1991). So a plan is made once, from the pilot, and what a
-//! pixel gets is decided by its neighbours ([`pooling::Witnesses`]).
+//! pixel gets is decided by its neighbours alone ([`expected`]).
 //!
 //! The paper leaves open how a target time becomes a number of samples. Here the render learns what samples cost ([`cost`]), and approaches its deadline in rounds that shrink with the time
 //! left. The clock decides how many samples a round has; a hash decides which pixels have them. A plan, once written,
@@ -59,19 +58,20 @@ pub mod allocation;
 pub mod certificate;
 pub mod cost;
 pub mod evidence;
+pub mod expected;
 pub mod need;
 pub mod own;
 pub mod plan;
 pub mod pooling;
 pub mod schedule;
-pub mod shrinkage;
 pub mod sobel;
 
 pub use allocation::{Measured, Pilot, Shares, Strategy, UnknownStrategy};
 pub use certificate::{Certificate, Claim, certify};
 pub use cost::{CostMap, TileGrid, TileRect, WorkUnit};
 pub use evidence::{Evidence, Surface};
+pub use expected::Expected;
 pub use need::{Needs, SensorNoise};
 pub use plan::SamplePlan;
-pub use pooling::{PixelNoise, Witnesses};
+pub use pooling::PixelNoise;
 pub use schedule::{Limits, Phase, Round, Schedule, Settings, Step, StopReason};

@@ -7,7 +7,8 @@
 use dunkelfeld_film::Plane;
 
 use crate::evidence::{Evidence, Level};
-use crate::pooling::{PixelNoise, Witnesses, upper_factor};
+use crate::expected::Expected;
+use crate::pooling::PixelNoise;
 
 /// A render is hidden when this share of its unsaturated pixels is.
 pub const HIDDEN_SHARE: f64 = 0.99;
@@ -19,15 +20,9 @@ const AIMED_SHARE: f64 = 0.995;
 /// No pixel is planned less than this share of what pixels are planned on average: needs come from a pilot, which has not seen
 /// everything, and one that was taken for next to nothing must not hold up a whole render.
 const LEAST_SHARE: f64 = 1.0 / 3.0;
-/// How far needs that a pilot has told are trusted: the exponent of their shares. Of 0.4 to 1 it is that with the fewest samples until the
-/// image was hidden, or nearly so, on scenes with and without rare light (`docs/accuracy.md`).
-const TRUST: f32 = 0.6;
-/// The part of the samples that is shared out evenly, whatever the pilot has told.
-const EVEN: f32 = 0.3;
-/// Standard deviations of safety for a variance that is itself an estimate: one in twenty is too small after it ...
-const SAFETY: f64 = 1.645;
-/// ... unless that takes more than so much more of samples.
-const MOST_SAFETY: f64 = 3.0;
+/// How far needs that a pilot has told are trusted: the exponent of their shares. It is that with the fewest samples until the image
+/// was hidden, or nearly so, on scenes with and without rare light (`docs/accuracy.md`).
+const TRUST: f32 = 0.75;
 /// A saturated pixel is one whose mean lies this many standard errors above saturation.
 const SATURATED_BY: f64 = 3.0;
 /// Standard errors of the mean between which its level lies.
@@ -68,13 +63,8 @@ impl SensorNoise {
     }
 }
 
-/// The number of samples at which `v / n` has sunk to `limit`, v being the variance of one sample with a margin for its own
-/// uncertainty. Infinite where nothing is known, or where there is noise and the limit is zero.
-pub fn samples_for(noise: &PixelNoise, limit: f64) -> f64 {
-    let factor = upper_factor(f64::from(noise.freedom), SAFETY).min(MOST_SAFETY);
-    samples_at(factor * f64::from(noise.variance), limit)
-}
-
+/// The number of samples at which `variance / n` has sunk to `limit`. Infinite where nothing is known, or where there is noise and the
+/// limit is zero.
 fn samples_at(variance: f64, limit: f64) -> f64 {
     if variance <= 0.0 {
         return 0.0;
@@ -86,85 +76,72 @@ fn samples_at(variance: f64, limit: f64) -> f64 {
 /// What each pixel needs to be hidden at some k.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Needs {
-    /// With the margin: what is planned. Infinite where nothing is known, zero where a pixel is saturated.
-    pub planned: Plane<f32>,
-    /// By the variance alone, without a margin. A fraction of a sample where little is needed.
-    pub bare: Plane<f32>,
+    /// Samples, a fraction of one where little is needed. Infinite where nothing is known, zero where a pixel is saturated.
+    pub samples: Plane<f32>,
     /// Pixels that are saturated beyond doubt.
     pub saturated: Plane<bool>,
 }
 
-/// The needs of all pixels for being hidden at `k`, in photo-electrons throughout.
+/// What all pixels need for being hidden at `k`, by their own noise as far as it is known, in photo-electrons throughout: what a render
+/// is foretold to take.
 ///
-/// The sensor variance is that of the neighbourhood's mean, or of the pixel's own where that is lower: no pixel gets fewer
-/// samples because its own happened to be bright, and a dark one among bright ones is judged as what it is. With
-/// [`Witnesses::Neighbours`] a pixel's own mean has no say, in its saturation neither; it is taken for as dark as the darkest
-/// pixel beside it is for certain.
+/// The sensor variance is that of the neighbourhood's mean, or of the pixel's own where that is lower: no pixel needs fewer
+/// samples because its own happened to be bright, and a dark one among bright ones is judged as what it is.
 ///
 /// # Panics
 /// If the planes differ in size.
-pub fn needs(
-    evidence: &Evidence,
-    noise: &Plane<PixelNoise>,
-    sensor: SensorNoise,
-    k: f64,
-    witnesses: Witnesses,
-) -> Needs {
+pub fn needs(evidence: &Evidence, noise: &Plane<PixelNoise>, sensor: SensorNoise, k: f64) -> Needs {
     assert_eq!((noise.width(), noise.height()), (evidence.width(), evidence.height()), "planes differ in size");
-    let own_means = evidence.mean.data().iter().zip(evidence.counts.data());
-    let saturated: Vec<bool> = noise
-        .data()
-        .iter()
-        .zip(own_means)
-        .map(|(noise, (&own, &n))| {
-            let mean = if witnesses == Witnesses::All { own } else { noise.mean };
-            sensor.is_saturated(f64::from(mean), f64::from(noise.of_mean(n)))
-        })
-        .collect();
-    let limits: Vec<f64> = noise
-        .data()
-        .iter()
-        .zip(evidence.mean.data())
-        .map(|(noise, &own)| {
-            let mean = if witnesses == Witnesses::All { own.min(noise.mean) } else { noise.darkest };
-            k * k * sensor.variance(f64::from(mean))
-        })
-        .collect();
-    let plane = |samples: &dyn Fn(&PixelNoise, f64) -> f64| {
-        let pixels = noise.data().iter().zip(&limits).zip(&saturated);
-        let values = pixels.map(|((noise, &limit), &full)| if full { 0.0 } else { samples(noise, limit) as f32 });
-        Plane::from_vec(noise.width(), noise.height(), values.collect()).unwrap_or_else(|| noise.map(|_| f32::INFINITY))
+    let pixels = || noise.data().iter().zip(evidence.mean.data()).zip(evidence.counts.data());
+    let is_saturated = |((noise, &mean), &n): ((&PixelNoise, &f32), &u32)| {
+        sensor.is_saturated(f64::from(mean), f64::from(noise.of_mean(n)))
     };
-    let planned = plane(&samples_for);
-    let bare = plane(&|noise, limit| samples_at(f64::from(noise.variance), limit));
-    let saturated = Plane::from_vec(noise.width(), noise.height(), saturated).unwrap_or_else(|| noise.map(|_| false));
-    Needs { planned, bare, saturated }
+    let saturated: Vec<bool> = pixels().map(is_saturated).collect();
+    let samples = pixels().zip(&saturated).map(|(((noise, &mean), _), &full)| {
+        let limit = k * k * sensor.variance(f64::from(mean.min(noise.mean)));
+        if full { 0.0 } else { samples_at(f64::from(noise.variance), limit) as f32 }
+    });
+    let (width, height) = (noise.width(), noise.height());
+    Needs {
+        samples: Plane::from_vec(width, height, samples.collect()).unwrap_or_else(|| noise.map(|_| f32::INFINITY)),
+        saturated: Plane::from_vec(width, height, saturated).unwrap_or_else(|| noise.map(|_| false)),
+    }
 }
 
 impl Needs {
-    /// What is planned, but for the neediest few pixels, which get what the last of the others does, and for the least needy,
-    /// which get a third of the average; saturated ones get none. Infinite only if next to nothing is known.
+    /// What all pixels are expected to need for being hidden at `k`, by what their neighbours have met beneath a sensor's noise: what
+    /// plans are made from.
+    pub fn expected(expected: &Plane<Expected>, k: f64) -> Self {
+        Self {
+            samples: expected.map(|e| samples_at(f64::from(e.ratio), k * k) as f32),
+            saturated: expected.map(|e| e.saturated),
+        }
+    }
+
+    /// What is planned where a budget allows no more than needs: these, but for the neediest few pixels, which get what the last of the
+    /// others does, and for the least needy, which get a third of the average; saturated ones get none. Infinite only if next to
+    /// nothing is known.
     pub fn aimed(&self) -> Plane<f32> {
-        let most = quantile_of(self.unsaturated(&self.planned), AIMED_SHARE).unwrap_or(0.0);
-        let finite = || self.unsaturated(&self.planned).map(|n| n.min(most)).filter(|n| n.is_finite());
-        let mean = finite().map(f64::from).sum::<f64>() / finite().count().max(1) as f64;
-        let least = (LEAST_SHARE * mean) as f32;
-        let mut aimed = self.planned.map(|&n| n.min(most));
+        let mut aimed = self.capped();
+        let known = || self.unsaturated(&aimed).filter(|n| n.is_finite()).map(f64::from);
+        let least = (LEAST_SHARE * known().sum::<f64>() / known().count().max(1) as f64) as f32;
         let pixels = aimed.data_mut().iter_mut().zip(self.saturated.data());
         pixels.filter(|(_, full)| !**full).for_each(|(n, _)| *n = n.max(least));
         aimed
     }
 
-    /// How samples are shared out so that all pixels are hidden at the same time, as far as one can know before: what is
-    /// [`Self::aimed`] at, `least` samples at least, to the power of 0.6; and three tenths of the samples everywhere alike. Needs
-    /// that were known would be met in proportion. Estimated ones err by some factor to either side, and the whole image would
-    /// wait for those that were taken for too small.
+    /// How samples are shared out so that all pixels are hidden at the same time, as far as one can know before: needs, those of the
+    /// neediest few for no more than the last of the others, `least` samples at least, to the power of 3/4. Needs that were known would
+    /// be met in proportion. Estimated ones err by some factor to either side, and the whole image would wait for those that were taken
+    /// for too small.
     pub fn shares(&self, least: f32) -> Plane<f32> {
-        let shares = self.aimed().map(|n| n.max(least).powf(TRUST));
-        // A need that is not known is infinite, and says nothing of the others.
-        let finite = || shares.data().iter().filter(|n| n.is_finite()).map(|&n| f64::from(n));
-        let mean = finite().sum::<f64>() / finite().count().max(1) as f64;
-        shares.map(|&n| EVEN.mul_add(mean as f32, (1.0 - EVEN) * n))
+        self.capped().map(|n| n.max(least).powf(TRUST))
+    }
+
+    /// The needs, but for the neediest few pixels, which get what the last of the others does.
+    fn capped(&self) -> Plane<f32> {
+        let most = quantile_of(self.unsaturated(&self.samples), AIMED_SHARE).unwrap_or(0.0);
+        self.samples.map(|&n| n.min(most))
     }
 
     /// The values of those pixels that are not saturated.
@@ -176,7 +153,7 @@ impl Needs {
     /// ([`crate::plan::next_round`]).
     pub fn if_weighted(&self, counts: &Plane<u32>, weights: &Plane<f32>) -> Plane<f32> {
         // The level at which a pixel has enough; none is needed by those that have.
-        let levels = self.bare.data().iter().zip(weights.data()).zip(counts.data()).zip(self.saturated.data());
+        let levels = self.samples.data().iter().zip(weights.data()).zip(counts.data()).zip(self.saturated.data());
         let levels = levels.filter(|(_, full)| !**full).map(|(((&need, &w), &c), _)| {
             let has_enough = need <= c as f32;
             if has_enough { 0.0 } else { need / w }
@@ -205,28 +182,10 @@ pub fn quantile_of(values: impl Iterator<Item = f32>, share: f64) -> Option<f32>
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::evidence::Surface;
+    use crate::evidence::{Level, Surface};
     use crate::pooling::noise;
 
     const SENSOR: SensorNoise = SensorNoise { floor: 10.0, saturation: 10_000.0 };
-
-    fn known(variance: f32) -> PixelNoise {
-        PixelNoise { variance, freedom: 1e6, mean: 0.0, darkest: 0.0 }
-    }
-
-    #[test]
-    fn the_need_is_variance_over_limit_with_a_margin() {
-        let exact = samples_for(&known(300.0), 3.0);
-        assert!((exact / 100.0 - 1.0).abs() < 0.003, "{exact}");
-        // 147 degrees of freedom: 147 / 119.9 (5 % quantile of chi-squared).
-        let pooled = samples_for(&PixelNoise { freedom: 147.0, ..known(300.0) }, 3.0);
-        assert!((pooled / 122.6 - 1.0).abs() < 0.01, "{pooled}");
-        let lone = samples_for(&PixelNoise { freedom: 3.0, ..known(300.0) }, 3.0);
-        assert_eq!(lone, 300.0, "no more than threefold");
-        assert_eq!(samples_for(&known(0.0), 3.0), 0.0);
-        assert_eq!(samples_for(&PixelNoise::UNKNOWN, 3.0), f64::INFINITY);
-        assert_eq!(samples_for(&known(1.0), 0.0), f64::INFINITY);
-    }
 
     fn scene(mean: f32, variance: f32, width: u32) -> Evidence {
         Evidence {
@@ -241,25 +200,44 @@ mod tests {
     }
 
     fn needs_of(evidence: &Evidence, k: f64) -> Needs {
-        needs(evidence, &noise(evidence, Witnesses::All), SENSOR, k, Witnesses::All)
+        needs(evidence, &noise(evidence), SENSOR, k)
+    }
+
+    /// Needs of a plane without saturated pixels.
+    fn plain(samples: Plane<f32>) -> Needs {
+        Needs { saturated: samples.map(|_| false), samples }
+    }
+
+    #[test]
+    fn the_need_is_variance_over_limit() {
+        assert_eq!(samples_at(300.0, 3.0), 100.0);
+        assert_eq!(samples_at(0.0, 3.0), 0.0);
+        assert_eq!(samples_at(f64::INFINITY, 3.0), f64::INFINITY);
+        assert_eq!(samples_at(1.0, 0.0), f64::INFINITY);
+        assert_eq!(samples_at(0.0, 0.0), 0.0);
+        let of = |ratio| Expected { ratio, saturated: ratio == 0.0 };
+        let expected = Plane::from_vec(3, 1, vec![of(7.0), of(0.0), of(f32::INFINITY)]).expect("three");
+        let needs = Needs::expected(&expected, 0.5);
+        assert_eq!(needs.samples.data(), [28.0, 0.0, f32::INFINITY]);
+        assert_eq!(needs.saturated.data(), [false, true, false]);
     }
 
     #[test]
     fn black_pixels_are_judged_against_the_floor() {
         let needs = needs_of(&scene(0.0, 40.0, 16), 0.5);
         // v / (k^2 floor) = 40 / 2.5.
-        assert_eq!(*needs.bare.at(8, 8), 16.0);
+        assert_eq!(*needs.samples.at(8, 8), 16.0);
         let lit = needs_of(&scene(90.0, 40.0, 16), 0.5);
-        assert!((lit.bare.at(8, 8) - 1.6).abs() < 1e-6);
+        assert!((lit.samples.at(8, 8) - 1.6).abs() < 1e-6);
     }
 
     #[test]
     fn saturated_pixels_need_nothing() {
         // 3 standard errors: sqrt(16 * 625 / 16) * 3 = 75.
         let sure = needs_of(&scene(10_100.0, 16.0 * 625.0, 16), 0.5);
-        assert!(sure.saturated.data().iter().all(|s| *s) && sure.planned.data().iter().all(|n| *n == 0.0));
+        assert!(sure.saturated.data().iter().all(|s| *s) && sure.samples.data().iter().all(|n| *n == 0.0));
         let unsure = needs_of(&scene(10_070.0, 16.0 * 625.0, 16), 0.5);
-        assert!(unsure.saturated.data().iter().all(|s| !s) && *unsure.planned.at(3, 3) > 0.0);
+        assert!(unsure.saturated.data().iter().all(|s| !s) && *unsure.samples.at(3, 3) > 0.0);
         assert_eq!(total(&sure.aimed()), 0.0);
     }
 
@@ -268,22 +246,8 @@ mod tests {
         let mut evidence = scene(90.0, 40.0, 16);
         evidence.mean.data_mut()[8 * 16 + 8] = 0.0;
         let needs = needs_of(&evidence, 0.5);
-        assert!((*needs.bare.at(8, 8) - 16.0).abs() < 1e-5, "by the floor: {}", needs.bare.at(8, 8));
-        assert!(*needs.bare.at(7, 8) < 1.7, "{}", needs.bare.at(7, 8));
-    }
-
-    #[test]
-    fn by_the_neighbours_alone_a_pixel_has_no_say_in_its_need() {
-        let mut evidence = scene(50.0, 40.0, 16);
-        let strict = |e: &Evidence| {
-            let witnesses = Witnesses::Neighbours;
-            *needs(e, &noise(e, witnesses), SENSOR, 0.5, witnesses).planned.at(8, 8)
-        };
-        let before = strict(&evidence);
-        let at = 8 * 16 + 8;
-        evidence.mean.data_mut()[at] = 1e9;
-        evidence.variance.data_mut()[at] = 0.0;
-        assert_eq!(strict(&evidence), before);
+        assert!((*needs.samples.at(8, 8) - 16.0).abs() < 1e-5, "by the floor: {}", needs.samples.at(8, 8));
+        assert!(*needs.samples.at(7, 8) < 1.7, "{}", needs.samples.at(7, 8));
     }
 
     #[test]
@@ -293,58 +257,48 @@ mod tests {
         let weights = Plane::new(16, 16, 1.0);
         // 400 / 2.5 = 160 everywhere.
         assert!((total(&needs.if_weighted(&evidence.counts, &weights)) - 160.0 * 256.0).abs() < 0.1);
-        let aimed = total(&needs.aimed()) / 256.0;
-        assert!(aimed > 160.0 && aimed < 260.0, "{aimed}");
+        assert!((total(&needs.aimed()) - 160.0 * 256.0).abs() < 0.1);
         // Enough already.
         assert_eq!(total(&needs.if_weighted(&Plane::new(16, 16, 200), &weights)), 200.0 * 256.0);
     }
 
     #[test]
     fn a_few_bottomless_pixels_do_not_hold_up_the_rest() {
-        let needs = Needs {
-            planned: Plane::from_fn(100, 10, |x, y| if x == 0 && y < 4 { 1e9 } else { 50.0 }),
-            bare: Plane::new(100, 10, 50.0),
-            saturated: Plane::new(100, 10, false),
-        };
+        let needs = plain(Plane::from_fn(100, 10, |x, y| if x == 0 && y < 4 { 1e9 } else { 50.0 }));
         assert!(needs.aimed().data().iter().all(|n| *n == 50.0), "4 of 1000 are forgiven");
-        let more = Needs { planned: Plane::from_fn(100, 10, |x, _| if x < 1 { 1e9 } else { 50.0 }), ..needs };
+        assert!(needs.shares(1.0).data().iter().all(|n| *n == needs.shares(1.0).data()[0]));
+        let more = plain(Plane::from_fn(100, 10, |x, _| if x < 1 { 1e9 } else { 50.0 }));
         assert_eq!(more.aimed().data().iter().filter(|n| **n == 1e9).count(), 10);
     }
 
     #[test]
     fn nobody_is_planned_less_than_a_third_of_the_average() {
         let needs = Needs {
-            planned: Plane::from_fn(10, 10, |x, y| if x == 9 { 0.0 } else { (x * y) as f32 }),
-            bare: Plane::new(10, 10, 1.0),
+            samples: Plane::from_fn(10, 10, |x, y| if x == 9 { 0.0 } else { (x * y) as f32 }),
             saturated: Plane::from_fn(10, 10, |x, _| x == 9),
         };
         // Columns and rows of 0..9 and 0..10: 36 * 45 in 90 pixels.
         let least = 18.0 / 3.0;
-        for ((planned, aimed), full) in
-            needs.planned.data().iter().zip(needs.aimed().data()).zip(needs.saturated.data())
+        for ((samples, aimed), full) in
+            needs.samples.data().iter().zip(needs.aimed().data()).zip(needs.saturated.data())
         {
-            assert_eq!(*aimed, if *full { 0.0 } else { planned.max(least) });
+            assert_eq!(*aimed, if *full { 0.0 } else { samples.max(least) });
         }
     }
 
     #[test]
     fn shares_grow_less_than_needs_and_leave_nobody_out() {
         let needs = Needs {
-            planned: Plane::from_fn(10, 10, |x, _| if x == 9 { 0.0 } else { 40.0 * (1 << x) as f32 }),
-            bare: Plane::new(10, 10, 1.0),
+            samples: Plane::from_fn(10, 10, |x, _| if x == 9 { 0.0 } else { 40.0 * (1 << x) as f32 }),
             saturated: Plane::from_fn(10, 10, |x, _| x == 9),
         };
-        let shares = needs.shares(8.0);
-        // 40, 80, ... 10240: a third of the average of 2272 is 757, which five columns do not reach.
-        let mean = shares.data().iter().sum::<f32>() / 100.0;
-        let by_need = |x: u32| (*shares.at(x, 3) - 0.3 * mean) / 0.7;
-        assert!((by_need(8) / by_need(7) - 2f32.powf(0.6)).abs() < 1e-4);
-        assert!((0..5).all(|x| shares.at(x, 0) == shares.at(0, 9)));
-        assert!((by_need(0) - 757.0f32.powf(0.6)).abs() < 0.1, "{}", by_need(0));
-        assert!((by_need(9) - 8f32.powf(0.6)).abs() < 1e-3, "saturated as far as the neighbours know");
+        let shares = needs.shares(100.0);
+        assert!((shares.at(8, 3) / shares.at(4, 3) - 8.0).abs() < 1e-4, "sixteen times the need");
+        // 40 and 80 are less than 100.
+        assert!([0, 1, 9].iter().all(|&x| *shares.at(x, 0) == 100f32.powf(0.75)));
         // One column of which nothing is known.
-        let unknown = Plane::from_fn(10, 10, |x, y| if x == 8 { f32::INFINITY } else { *needs.planned.at(x, y) });
-        let shares = Needs { planned: unknown, ..needs }.shares(8.0);
+        let unknown = Plane::from_fn(10, 10, |x, y| if x == 8 { f32::INFINITY } else { *needs.samples.at(x, y) });
+        let shares = Needs { samples: unknown, ..needs }.shares(8.0);
         assert!(*shares.at(8, 0) == f32::INFINITY && (0..8).all(|x| shares.at(x, 0).is_finite()));
     }
 

@@ -18,7 +18,7 @@
 use dunkelfeld_film::{Plane, Scatter};
 
 use crate::evidence::Evidence;
-use crate::pooling::{POOL_REACH, PixelNoise, Pool, Witnesses, pixel, witnesses_of};
+use crate::pooling::{POOL_REACH, PixelNoise, Pool, pixel, witnesses_of};
 
 /// The pixels around one that may speak for it, and for which it may speak, itself among them: a bit each, row by row. None if its own
 /// scatter is not known.
@@ -58,7 +58,7 @@ fn fellows(evidence: &Evidence, x: u32, y: u32) -> Fellows {
         return Fellows::default();
     }
     let n = u64::from(*evidence.counts.at(x, y));
-    let bits = witnesses_of(evidence, Witnesses::All, x, y, *evidence.level.at(x, y))
+    let bits = witnesses_of(evidence, x, y)
         .filter(|&(nx, ny)| {
             let other = u64::from(*evidence.counts.at(nx, ny));
             other <= 2 * n && n <= 2 * other && told_by(evidence, nx, ny).is_some()
@@ -74,7 +74,7 @@ fn fellows(evidence: &Evidence, x: u32, y: u32) -> Fellows {
 /// If the planes differ in size.
 pub fn own_noise_row(evidence: &Evidence, fellows: &Plane<Fellows>, y: u32) -> Vec<PixelNoise> {
     assert_eq!((fellows.width(), fellows.height()), (evidence.width(), evidence.height()), "planes differ in size");
-    let pooled = |x| pixel(evidence, Witnesses::All, x, y);
+    let pooled = |x| pixel(evidence, x, y);
     (0..evidence.width()).map(|x| own(evidence, fellows, x, y).unwrap_or_else(|| pooled(x))).collect()
 }
 
@@ -121,12 +121,7 @@ fn own(evidence: &Evidence, fellows: &Plane<Fellows>, x: u32, y: u32) -> Option<
     let relative = if spread > 0.0 { spread / (body + shared).powi(2) } else { 0.0 };
     let freedom = 2.0 / (relative + 2.0 / f64::from(pooled.freedom));
     let variance = (rho * (body + shared)) as f32;
-    variance.is_finite().then_some(PixelNoise {
-        variance,
-        freedom: freedom as f32,
-        mean: pooled.mean,
-        darkest: pooled.mean,
-    })
+    variance.is_finite().then_some(PixelNoise { variance, freedom: freedom as f32, mean: pooled.mean })
 }
 
 #[cfg(test)]
@@ -187,7 +182,7 @@ mod tests {
         let is_loud = |x: u32, y: u32| x % 8 == 3 && y % 8 == 3;
         let film = film(256, 1, |x, y, _, random| if is_loud(x, y) { 10.0 } else { 1.0 } * random.unit());
         let (evidence, quiet, loud) = (evidence_of(&film), 1.0 / 12.0, 100.0 / 12.0);
-        let (own, pooled) = (own_noise(&evidence), noise(&evidence, Witnesses::All));
+        let (own, pooled) = (own_noise(&evidence), noise(&evidence));
         // In the middle of the film each neighbourhood holds all there is.
         let ratio = |noise: &Plane<PixelNoise>, wanted: bool, truth: f64| {
             let places = (8..24).flat_map(|y| (8..24).map(move |x| (x, y))).filter(|&(x, y)| is_loud(x, y) == wanted);
@@ -311,7 +306,7 @@ mod tests {
         let film = film(16, 3, |_, _, _, random| random.unit());
         let mut evidence = evidence_of(&film);
         evidence.scatter = Plane::new(WIDTH, WIDTH, None);
-        assert_eq!(own_noise(&evidence), noise(&evidence, Witnesses::All));
+        assert_eq!(own_noise(&evidence), noise(&evidence));
         // Black: no noise at all, as batches have it.
         let black = evidence_of(&self::film(16, 3, |_, _, _, _| 0.0));
         assert!(own_noise(&black).data().iter().all(|n| n.variance == 0.0));

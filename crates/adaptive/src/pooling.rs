@@ -3,31 +3,19 @@
 //! A film knows the variance of a pixel from the spread of four batches: three degrees of freedom, far too few to decide
 //! on (its 99 % quantile is 3.8 times the truth), and taken from the very samples that are averaged, so that whoever stops
 //! when it looks small stops on unlucky pixels (Kirk and Arvo 1991). So variances are pooled over 7 x 7 pixels of the same
-//! surface that are about as bright. What these have not seen may have been seen further off: see [`crate::shrinkage`].
+//! surface that are about as bright.
+//!
+//! That is the last resort where nothing is known of single samples ([`crate::own`]), and tells what a pixel's surroundings are like.
 
 use dunkelfeld_film::{BATCHES, Plane};
 
-use crate::evidence::{Evidence, Level, around};
+use crate::evidence::{Evidence, around};
 
 /// Variances are pooled over squares of 7 x 7 pixels.
 pub const POOL_REACH: u32 = 3;
 
-/// A pixel is darker than its neighbourhood if its mean is so with so many standard errors to spare.
-const DARK_BY: f32 = 2.0;
-
 /// Degrees of freedom of the variance of one pixel.
 pub(crate) const FREEDOM: f64 = (BATCHES - 1) as f64;
-
-/// Whose samples may speak for a pixel.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
-pub enum Witnesses {
-    /// The pixel and its neighbours.
-    #[default]
-    All,
-    /// Its neighbours alone. What is decided for a pixel is then independent of its own samples, and its mean unbiased
-    /// exactly, at the price of noisier decisions where the image has detail.
-    Neighbours,
-}
 
 /// What is expected of the samples of a pixel.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -39,15 +27,11 @@ pub struct PixelNoise {
     pub freedom: f32,
     /// Mean over the neighbourhood \[unit\].
     pub mean: f32,
-    /// The least mean of the pixel and those of the eight around it that are about as bright, of the neighbours alone if these are the
-    /// witnesses, each two of its own standard errors higher, and no more than that of the neighbourhood \[unit\]: how dark the image
-    /// is here for certain.
-    pub darkest: f32,
 }
 
 impl PixelNoise {
     /// Nothing is known.
-    pub const UNKNOWN: Self = Self { variance: f32::INFINITY, freedom: 0.0, mean: 0.0, darkest: 0.0 };
+    pub const UNKNOWN: Self = Self { variance: f32::INFINITY, freedom: 0.0, mean: 0.0 };
 
     /// Variance of the mean of n samples [unit^2]: what is certified.
     #[inline]
@@ -60,102 +44,36 @@ impl PixelNoise {
 ///
 /// # Panics
 /// If the planes differ in size.
-pub fn noise_row(evidence: &Evidence, witnesses: Witnesses, y: u32) -> Vec<PixelNoise> {
+pub fn noise_row(evidence: &Evidence, y: u32) -> Vec<PixelNoise> {
     assert!(evidence.is_consistent(), "planes differ in size");
-    (0..evidence.width()).map(|x| pixel(evidence, witnesses, x, y)).collect()
+    (0..evidence.width()).map(|x| pixel(evidence, x, y)).collect()
 }
 
 /// The noise of all pixels.
-pub fn noise(evidence: &Evidence, witnesses: Witnesses) -> Plane<PixelNoise> {
+pub fn noise(evidence: &Evidence) -> Plane<PixelNoise> {
     let (width, height) = (evidence.width(), evidence.height());
-    let noise = (0..height).flat_map(|y| noise_row(evidence, witnesses, y)).collect();
+    let noise = (0..height).flat_map(|y| noise_row(evidence, y)).collect();
     Plane::from_vec(width, height, noise).unwrap_or_else(|| Plane::new(width, height, PixelNoise::UNKNOWN))
 }
 
+/// The pixels around one that may speak for it, itself among them.
+pub(crate) fn witnesses_of(evidence: &Evidence, x: u32, y: u32) -> impl Iterator<Item = (u32, u32)> {
+    let (surface, level) = (evidence.surface.at(x, y), *evidence.level.at(x, y));
+    around(x, y, POOL_REACH, evidence.width(), evidence.height()).filter(move |&(nx, ny)| {
+        surface.is_like(evidence.surface.at(nx, ny)) && level.is_like(evidence.level.at(nx, ny))
+    })
+}
+
 /// The noise of one pixel.
-pub(crate) fn pixel(evidence: &Evidence, witnesses: Witnesses, x: u32, y: u32) -> PixelNoise {
-    if witnesses == Witnesses::All {
-        return at_level(evidence, witnesses, x, y, *evidence.level.at(x, y));
-    }
-    // Beside an edge a pixel that may not speak for itself is as bright as most around it, or as the darkest of them. It is
-    // expected to be what needs more samples; but not unsaturated where most around it are saturated.
-    let [middle, darkest] = levels_around(evidence, x, y);
-    let noise = at_level(evidence, witnesses, x, y, middle);
-    if darkest.is_like(&middle) || middle.least.is_infinite() {
-        return noise;
-    }
-    let other = at_level(evidence, witnesses, x, y, darkest);
-    let ratio = |noise: &PixelNoise, level: Level| noise.variance / (level.least + level.most);
-    if ratio(&other, darkest) > ratio(&noise, middle) { other } else { noise }
-}
-
-/// The pixels around one that may speak for it if it is so bright, itself among them if it is a witness.
-pub(crate) fn witnesses_of(
-    evidence: &Evidence,
-    witnesses: Witnesses,
-    x: u32,
-    y: u32,
-    level: Level,
-) -> impl Iterator<Item = (u32, u32)> {
-    let own = evidence.surface.at(x, y);
-    around(x, y, POOL_REACH, evidence.width(), evidence.height())
-        .filter(move |&at| witnesses == Witnesses::All || at != (x, y))
-        .filter(move |&(nx, ny)| own.is_like(evidence.surface.at(nx, ny)) && level.is_like(evidence.level.at(nx, ny)))
-}
-
-/// The noise of a pixel that is so bright.
-fn at_level(evidence: &Evidence, witnesses: Witnesses, x: u32, y: u32, level: Level) -> PixelNoise {
-    let (width, height) = (evidence.width(), evidence.height());
-    let pool_of = |places: &mut dyn Iterator<Item = (u32, u32)>| {
-        let mut pool = Pool::default();
-        for (nx, ny) in places {
-            let (n, variance) = (*evidence.counts.at(nx, ny), *evidence.variance.at(nx, ny));
-            if n > 0 && variance.is_finite() {
-                pool.add(f64::from(n) * f64::from(variance), f64::from(*evidence.mean.at(nx, ny)));
-            }
-        }
-        pool
-    };
-    let mut pool = pool_of(&mut witnesses_of(evidence, witnesses, x, y, level));
-    if pool.count == 0 {
-        // A pixel that is like no other and may not speak for itself: the neighbours, whatever they show.
-        let others = around(x, y, POOL_REACH, width, height);
-        pool = pool_of(&mut others.filter(|&at| witnesses == Witnesses::All || at != (x, y)));
-    }
-    let noise = pool.noise();
-    let near = around(x, y, 1, width, height)
-        .filter(|&at| witnesses == Witnesses::All || at != (x, y))
-        .filter(|&(nx, ny)| level.is_like(evidence.level.at(nx, ny)));
-    let darkest = near
-        .map(|(nx, ny)| evidence.mean.at(nx, ny) + DARK_BY * evidence.variance.at(nx, ny).sqrt())
-        .fold(noise.mean, f32::min);
-    PixelNoise { darkest, ..noise }
-}
-
-/// How bright a pixel may be, by those of the eight around it that show the same: the medians of the bounds of their levels, and
-/// the level of the darkest.
-fn levels_around(evidence: &Evidence, x: u32, y: u32) -> [Level; 2] {
-    let (mut least, mut most, mut count) = ([0.0; 8], [0.0; 8], 0);
-    let mut darkest = Level::ANY;
-    for (nx, ny) in around(x, y, 1, evidence.width(), evidence.height()) {
-        let shows_the_same = evidence.surface.at(x, y).is_like(evidence.surface.at(nx, ny));
-        if (nx, ny) != (x, y) && shows_the_same && evidence.variance.at(nx, ny).is_finite() {
-            let level = *evidence.level.at(nx, ny);
-            (least[count], most[count]) = (level.least, level.most);
-            count += 1;
-            if level.most < darkest.most {
-                darkest = level;
-            }
+pub(crate) fn pixel(evidence: &Evidence, x: u32, y: u32) -> PixelNoise {
+    let mut pool = Pool::default();
+    for (nx, ny) in witnesses_of(evidence, x, y) {
+        let (n, variance) = (*evidence.counts.at(nx, ny), *evidence.variance.at(nx, ny));
+        if n > 0 && variance.is_finite() {
+            pool.add(f64::from(n) * f64::from(variance), f64::from(*evidence.mean.at(nx, ny)));
         }
     }
-    if count == 0 {
-        return [Level::ANY; 2];
-    }
-    let median = |values: &mut [f32]| {
-        values.sort_by(f32::total_cmp);
-        0.5 * (values[(values.len() - 1) / 2] + values[values.len() / 2])
-    };
-    [Level { least: median(&mut least[..count]), most: median(&mut most[..count]) }, darkest]
+    pool.noise()
 }
 
 /// Variances of single samples in a neighbourhood, each with [`FREEDOM`] degrees of freedom.
@@ -184,7 +102,6 @@ impl Pool {
             variance: (self.sum / count) as f32,
             freedom: satterthwaite(self.sum, self.squares, count) as f32,
             mean: (self.means / count) as f32,
-            darkest: 0.0,
         }
     }
 }
@@ -212,7 +129,7 @@ pub fn upper_factor(freedom: f64, z: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::evidence::Surface;
+    use crate::evidence::{Level, Surface};
 
     /// An image of one surface.
     fn flat(width: u32, height: u32, variance: impl FnMut(u32, u32) -> f32) -> Evidence {
@@ -229,7 +146,7 @@ mod tests {
 
     #[test]
     fn equal_variances_pool_to_themselves_with_all_their_freedom() {
-        let noise = noise(&flat(20, 20, |_, _| 0.25), Witnesses::All);
+        let noise = noise(&flat(20, 20, |_, _| 0.25));
         let middle = noise.at(10, 10);
         assert_eq!((middle.variance, middle.mean), (4.0, 2.0));
         // 49 pixels of equal estimates: more than 3 each cannot be claimed.
@@ -241,38 +158,22 @@ mod tests {
 
     #[test]
     fn one_pixel_that_holds_all_the_variance_leaves_little_freedom() {
-        let noise = noise(&flat(20, 20, |x, y| if (x, y) == (10, 10) { 49.0 } else { 0.0 }), Witnesses::All);
+        let noise = noise(&flat(20, 20, |x, y| if (x, y) == (10, 10) { 49.0 } else { 0.0 }));
         let near = noise.at(8, 11);
         assert!((near.variance - 16.0).abs() < 1e-5 && (near.freedom - 3.0).abs() < 1e-5, "{near:?}");
         assert_eq!(noise.at(6, 10).variance, 0.0, "four pixels away");
     }
 
     #[test]
-    fn neighbours_alone_do_not_know_the_pixel() {
-        let evidence = flat(20, 20, |x, y| if (x, y) == (10, 10) { 49.0 } else { 1.0 });
-        let strict = noise(&evidence, Witnesses::Neighbours);
-        assert_eq!(strict.at(10, 10).variance, 16.0);
-        assert!(strict.at(9, 10).variance > 16.0);
-        // Whatever happens in a pixel, what is expected of it stays the same.
-        let mut other = evidence;
-        other.variance.data_mut()[10 * 20 + 10] = 1e6;
-        other.mean.data_mut()[10 * 20 + 10] = 77.0;
-        other.largest.data_mut()[10 * 20 + 10] = 1e6;
-        assert_eq!(noise(&other, Witnesses::Neighbours).at(10, 10), strict.at(10, 10));
-    }
-
-    #[test]
     fn only_like_surfaces_speak_for_each_other() {
         let mut evidence = flat(12, 8, |x, _| if x < 6 { 1.0 } else { 9.0 });
         evidence.surface = Plane::from_fn(12, 8, |x, _| Surface { object: u32::from(x >= 6), ..Surface::default() });
-        let noise = noise(&evidence, Witnesses::All);
+        let noise = noise(&evidence);
         assert!((0..8).all(|y| noise.at(5, y).variance == 16.0 && noise.at(6, y).variance == 144.0));
-        // A pixel without a like: by itself, or strictly by whatever is around it.
+        // A pixel without a like: by itself.
         evidence.surface.data_mut()[3 * 12 + 3] = Surface { object: 99, ..Surface::default() };
         evidence.variance.data_mut()[3 * 12 + 3] = 25.0;
-        let lone = |w| super::noise(&evidence, w).at(3, 3).variance;
-        assert_eq!(lone(Witnesses::All), 400.0);
-        assert!((16.0..60.0).contains(&lone(Witnesses::Neighbours)), "{}", lone(Witnesses::Neighbours));
+        assert_eq!(super::noise(&evidence).at(3, 3).variance, 400.0);
     }
 
     #[test]
@@ -283,14 +184,11 @@ mod tests {
             if is_bright(x, y) { Level { least: 900.0, most: 1100.0 } } else { Level { least: 9.0, most: 11.0 } }
         };
         evidence.level = Plane::from_fn(20, 20, levels);
-        let all = noise(&evidence, Witnesses::All);
+        let all = noise(&evidence);
         assert!(
             (0..400)
                 .all(|i| all.data()[i].variance == if is_bright(i as u32 % 20, i as u32 / 20) { 1600.0 } else { 16.0 })
         );
-        // Neighbours alone do not know whether a pixel at the rim is one of them; further off they do.
-        let others = noise(&evidence, Witnesses::Neighbours);
-        assert_eq!((others.at(6, 10).variance, others.at(10, 10).variance), (16.0, 1600.0));
     }
 
     #[test]
@@ -299,32 +197,16 @@ mod tests {
         let mut evidence = flat(20, 20, |x, y| if (x, y) == (10, 10) { 49.0 } else { 0.0 });
         evidence.level = Plane::new(20, 20, Level { least: 9.0, most: 11.0 });
         evidence.level.data_mut()[10 * 20 + 10] = Level { least: 5.0, most: 500.0 };
-        assert!((noise(&evidence, Witnesses::All).at(8, 11).variance - 16.0).abs() < 1e-5);
-    }
-
-    #[test]
-    fn dark_is_what_is_so_beyond_its_own_noise() {
-        let mut evidence = flat(20, 20, |_, _| 0.25);
-        let at = |x: usize, y: usize| y * 20 + x;
-        // Known to be black, black by two standard errors of 0.5 less one, and the rest at 2.
-        (evidence.mean.data_mut()[at(5, 5)], evidence.variance.data_mut()[at(5, 5)]) = (0.0, 0.0);
-        evidence.mean.data_mut()[at(14, 14)] = 0.9;
-        let all = noise(&evidence, Witnesses::All);
-        assert_eq!(all.at(6, 6).darkest, 0.0);
-        assert_eq!(all.at(8, 8).darkest, all.at(8, 8).mean, "three pixels away");
-        assert!((all.at(14, 15).darkest - 1.9).abs() < 1e-6);
-        let others = noise(&evidence, Witnesses::Neighbours);
-        assert_eq!(others.at(6, 6).darkest, 0.0);
-        assert_eq!(others.at(5, 5).darkest, 2.0, "its neighbours know nothing of it");
+        assert!((noise(&evidence).at(8, 11).variance - 16.0).abs() < 1e-5);
     }
 
     #[test]
     fn what_is_unknown_stays_out() {
         let mut evidence = flat(9, 9, |x, _| if x % 2 == 0 { f32::INFINITY } else { 0.5 });
-        assert!(noise(&evidence, Witnesses::All).data().iter().all(|n| n.variance == 8.0));
+        assert!(noise(&evidence).data().iter().all(|n| n.variance == 8.0));
         evidence.variance = Plane::new(9, 9, f32::INFINITY);
-        assert!(noise(&evidence, Witnesses::All).data().iter().all(|n| *n == PixelNoise::UNKNOWN));
-        assert!(noise(&flat(0, 0, |_, _| 0.0), Witnesses::All).data().is_empty());
+        assert!(noise(&evidence).data().iter().all(|n| *n == PixelNoise::UNKNOWN));
+        assert!(noise(&flat(0, 0, |_, _| 0.0)).data().is_empty());
     }
 
     #[test]

@@ -4,10 +4,10 @@ use crate::develop::{Frame, SensorFrame};
 use crate::settings::SensorChoice;
 use dunkelfeld_adaptive::certificate::{Certificate, Claim, certify as certify_planes, ratios};
 use dunkelfeld_adaptive::evidence::{Evidence, Level, Surface, surfaces};
+use dunkelfeld_adaptive::expected::{Expected, expected_row, told};
 use dunkelfeld_adaptive::need::{DEFAULT_TARGET, Needs, SensorNoise, needs};
 use dunkelfeld_adaptive::own::{Fellows, fellows_row, own_noise_row};
-use dunkelfeld_adaptive::pooling::{PixelNoise, Witnesses, noise_row};
-use dunkelfeld_adaptive::shrinkage::shrunk;
+use dunkelfeld_adaptive::pooling::{PixelNoise, noise_row};
 use dunkelfeld_film::{Film, PixelSums, Plane, Scatter};
 use dunkelfeld_integrator::Label;
 use dunkelfeld_radiometry::{Rgb, Seconds};
@@ -105,9 +105,9 @@ pub(crate) fn levels(mean: &Plane<f32>, variance: &Plane<f32>, sensor: Option<Se
 }
 
 /// [`dunkelfeld_adaptive::pooling::noise`], rows shared out among the threads of the current pool.
-pub(crate) fn pooled(evidence: &Evidence, witnesses: Witnesses) -> Plane<PixelNoise> {
+fn pooled(evidence: &Evidence) -> Plane<PixelNoise> {
     let unknown = evidence.mean.map(|_| PixelNoise::UNKNOWN);
-    if is_unknown(evidence) { unknown } else { by_rows(unknown, |y| noise_row(evidence, witnesses, y)) }
+    if is_unknown(evidence) { unknown } else { by_rows(unknown, |y| noise_row(evidence, y)) }
 }
 
 /// [`dunkelfeld_adaptive::own::own_noise`], likewise.
@@ -177,13 +177,13 @@ impl Measured {
         Self { evidence, sensor, views, response }
     }
 
-    /// The noise as plans are made from it: that of each pixel's neighbours, drawn towards that of wider neighbourhoods.
-    pub(crate) fn drawn_together(&self) -> Plane<PixelNoise> {
-        let mean = self.evidence.mean.data();
-        let lit = mean.iter().map(|&m| f64::from(m)).sum::<f64>() / mean.len().max(1) as f64;
-        let floor = self.sensor.map_or(lit, |s| s.floor);
-        let most = self.sensor.map_or(f64::INFINITY, |s| s.saturation);
-        self.by_kind(|evidence| shrunk(evidence, &pooled(evidence, Witnesses::Neighbours), floor, most))
+    /// What is expected of each pixel by its neighbours: what plans are made from. Judged by the sensor's noise, or alike everywhere.
+    pub(crate) fn expected(&self, sensor: Option<SensorNoise>) -> Plane<Expected> {
+        let unknown = Expected { ratio: f32::INFINITY, saturated: false };
+        self.by_kind(|evidence| {
+            let told = told(evidence, sensor);
+            by_rows(told.map(|_| unknown), |y| expected_row(&evidence.surface, &told, y))
+        })
     }
 
     /// Of a film that is exposed like this.
@@ -218,7 +218,7 @@ impl Measured {
         self.by_kind(|evidence| {
             let rare = match self.sensor {
                 None => evidence.mean.map(|_| false),
-                Some(sensor) => rare(evidence, &pooled(evidence, Witnesses::All), sensor),
+                Some(sensor) => rare(evidence, &pooled(evidence), sensor),
             };
             let mut variances = told_without(evidence, &rare).into_vec().into_iter();
             rare.map(|&rare| (rare, variances.next().unwrap_or(f32::INFINITY)))
@@ -226,8 +226,8 @@ impl Measured {
     }
 
     /// What each pixel needs to be hidden at `k` by such noise; `None` without a sensor.
-    pub(crate) fn needs_by(&self, noise: &Plane<PixelNoise>, k: f64, witnesses: Witnesses) -> Option<Needs> {
-        self.sensor.map(|sensor| needs(&self.evidence, noise, sensor, k, witnesses))
+    pub(crate) fn needs_by(&self, noise: &Plane<PixelNoise>, k: f64) -> Option<Needs> {
+        self.sensor.map(|sensor| needs(&self.evidence, noise, sensor, k))
     }
 
     /// Certifies at `k`; `None` without a sensor.

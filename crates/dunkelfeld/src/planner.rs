@@ -10,8 +10,9 @@ use crate::noise::{Eye, Measured};
 use crate::settings::RenderSettings;
 use crate::trend::Trend;
 use dunkelfeld_adaptive::allocation::{self, Pilot, Shares, Strategy};
+use dunkelfeld_adaptive::expected::Expected;
 use dunkelfeld_adaptive::need::{DEFAULT_TARGET, Needs, total};
-use dunkelfeld_adaptive::pooling::{PixelNoise, Witnesses};
+use dunkelfeld_adaptive::pooling::PixelNoise;
 use dunkelfeld_film::{Film, Plane};
 use dunkelfeld_integrator::Label;
 use serde::{Deserialize, Serialize};
@@ -21,11 +22,11 @@ pub(crate) const FIRST_LOOK: u32 = dunkelfeld_film::BATCHES as u32;
 /// It grows by this factor at most from one look to the next: what few samples say is not trusted with many.
 const GROWTH: f64 = 2.0;
 /// It ends with this share of what it says is to come, rounded down to a power of two: with less, forecasts are off by more than a
-/// fifth (`docs/accuracy.md`), and as a part of all samples is shared out evenly anyway, its samples are not lost.
+/// fifth (`docs/accuracy.md`). Its samples are everybody's even share.
 const PILOT_SHARE: f64 = 0.2;
 /// No pixel counts for less than this part of the pilot's samples: one whose neighbours were silent then may be found to have
 /// noise later, and must come to its samples too.
-const LEAST_OF_PILOT: f64 = 0.5;
+const LEAST_OF_PILOT: f64 = 0.1;
 
 /// What there is to judge by.
 #[derive(Clone, Copy)]
@@ -111,7 +112,7 @@ impl<'a> Planner<'a> {
         let look = || {
             let measured = Measured::new(&eye, state.film, state.labels);
             let own = measured.owned();
-            Sight::of(measured, own)
+            Sight::of(measured, own, self.settings.strategy())
         };
         let sight = is_measured.then(look);
         self.fix(&eye, &mean, sight.as_ref(), state, pace);
@@ -135,7 +136,7 @@ impl<'a> Planner<'a> {
         let measured = Measured::new(&eye, state.film, state.labels);
         let own = measured.owned();
         let is_hidden = measured.certify_by(&own, k).is_some_and(|c| c.certificate.is_hidden());
-        let needs = measured.needs_by(&own, k, Witnesses::All);
+        let needs = measured.needs_by(&own, k);
         let spp = mean_count(state.counts);
         let weights = &self.shares.weights;
         if self.state.is_made {
@@ -153,7 +154,6 @@ impl<'a> Planner<'a> {
         if is_hidden && is_whole {
             return Ok(Verdict::Hidden);
         }
-        let sight = Sight::of(measured, own);
         let wanted = (PILOT_SHARE * said).min(GROWTH * spp).max(f64::from(self.settings.pilot_spp));
         // Powers of two in every batch, at which quasi-random points are even: other numbers of them have more noise, and a
         // comparison of one look with another would tell of that. `as` saturates.
@@ -164,6 +164,7 @@ impl<'a> Planner<'a> {
         if has_grown && f64::from(wanted) > 1.01 * spp {
             return Ok(Verdict::GrowPilot(wanted));
         }
+        let sight = Sight::of(measured, own, self.settings.strategy());
         self.fix(&eye, &mean, Some(&sight), state, pace);
         if let Some(forecast) = &self.forecast {
             tell(forecast);
@@ -184,8 +185,8 @@ impl<'a> Planner<'a> {
                 white: eye.white,
                 sobel_floor: self.settings.sobel_floor,
                 measured: sight.map(|s| allocation::Measured {
-                    noise: &s.drawn,
-                    sensor: s.measured.sensor.zip(needs.as_ref()),
+                    expected: &s.expected,
+                    needs: needs.as_ref(),
                     // What a sample costs is known by the clock alone, and the clock has no say in where samples go.
                     cost: None,
                 }),
@@ -201,7 +202,7 @@ impl<'a> Planner<'a> {
     /// Samples per pixel after which the image is hidden at `k` by the strategy of the render, as far as what was seen tells;
     /// `None` without a sensor. Shares are planned by the neighbours; how much it takes is told by what is certified.
     fn targets(&self, sight: &Sight, k: f64, counts: &Plane<u32>, weights: &Plane<f32>) -> Option<Plane<f32>> {
-        let needs = sight.measured.needs_by(&sight.own, k, Witnesses::All)?;
+        let needs = sight.measured.needs_by(&sight.own, k)?;
         let targets = match self.settings.strategy() {
             Strategy::Sensor => needs.if_weighted(counts, &sight.planned(k)?.shares(least(counts))),
             Strategy::Uniform | Strategy::Sobel | Strategy::Variance => needs.if_weighted(counts, weights),
@@ -229,19 +230,21 @@ struct Sight {
     /// As it was seen.
     measured: Measured,
     /// As plans are made from it: by the neighbours of each pixel.
-    drawn: Plane<PixelNoise>,
+    expected: Plane<Expected>,
     /// As it would be certified.
     own: Plane<PixelNoise>,
 }
 
 impl Sight {
-    fn of(measured: Measured, own: Plane<PixelNoise>) -> Self {
-        let drawn = measured.drawn_together();
-        Self { measured, drawn, own }
+    fn of(measured: Measured, own: Plane<PixelNoise>, strategy: Strategy) -> Self {
+        // Who wants the least variance of the image's mean does not ask what the sensor sees of it.
+        let sensor = measured.sensor.filter(|_| strategy != Strategy::Variance);
+        let expected = measured.expected(sensor);
+        Self { measured, expected, own }
     }
 
     /// What a plan for `k` aims at; `None` without a sensor.
     fn planned(&self, k: f64) -> Option<Needs> {
-        self.measured.needs_by(&self.drawn, k, Witnesses::Neighbours)
+        self.measured.sensor.map(|_| Needs::expected(&self.expected, k))
     }
 }
