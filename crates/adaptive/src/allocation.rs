@@ -29,7 +29,8 @@ pub enum Strategy {
     /// image's mean that a budget buys.
     Variance,
     /// Where the camera would notice: until the render's variance is hidden beneath the sensor's everywhere, and as far as
-    /// the budget does not reach, in proportion to `sqrt(v / (s c))`: variance of a sample over sensor variance and cost.
+    /// the budget does not reach, in proportion to `sqrt(v / (s c))`: variance of a sample over sensor variance and cost. The neediest
+    /// few pixels, which are not waited for, count as the last of the others.
     Sensor,
 }
 
@@ -70,9 +71,11 @@ impl Strategy {
             (Self::Sobel, _) => {
                 Shares::of(sobel(&magnitude(&gamma_image(pilot.luminance, pilot.white)), pilot.sobel_floor))
             }
-            (Self::Variance | Self::Sensor, Some(measured)) => {
-                let needs = measured.needs.filter(|_| self == Self::Sensor);
-                Shares { weights: deviation(measured), caps: needs.map(Needs::aimed) }
+            (Self::Sensor, Some(Measured { needs: Some(needs), cost, .. })) => {
+                Shares { weights: deviation(&needs.capped(), *cost), caps: Some(needs.aimed()) }
+            }
+            (Self::Variance | Self::Sensor, Some(Measured { expected, cost, .. })) => {
+                Shares::of(deviation(&expected.map(|e| e.ratio), *cost))
             }
             (Self::Uniform, _) | (Self::Variance | Self::Sensor, None) => Shares::of(uniform(width, height)),
         }
@@ -148,12 +151,12 @@ pub struct Measured<'a> {
     pub cost: Option<&'a Plane<f32>>,
 }
 
-/// Weights `sqrt(v / (s c))`. A pixel of which nothing is known weighs as much as the heaviest of the others.
-fn deviation(measured: &Measured<'_>) -> Plane<f32> {
-    let (width, height) = (measured.expected.width(), measured.expected.height());
-    let weights = measured.expected.data().iter().enumerate().map(|(i, expected)| {
-        let cost = measured.cost.and_then(|c| c.data().get(i)).copied().map_or(1.0, f64::from);
-        (f64::from(expected.ratio) / if cost > 0.0 { cost } else { 1.0 }).sqrt() as f32
+/// Weights `sqrt(v / c)`. A pixel of which nothing is known weighs as much as the heaviest of the others.
+fn deviation(variance: &Plane<f32>, cost: Option<&Plane<f32>>) -> Plane<f32> {
+    let (width, height) = (variance.width(), variance.height());
+    let weights = variance.data().iter().enumerate().map(|(i, &variance)| {
+        let cost = cost.and_then(|c| c.data().get(i)).copied().map_or(1.0, f64::from);
+        (f64::from(variance) / if cost > 0.0 { cost } else { 1.0 }).sqrt() as f32
     });
     let weights: Vec<f32> = weights.collect();
     let heaviest = weights.iter().copied().filter(|w| w.is_finite()).fold(0.0f32, f32::max);
@@ -280,7 +283,7 @@ mod tests {
     fn weights_of(strategy: Strategy, ratios: [f32; 4], cost: Option<[f32; 4]>) -> Vec<f32> {
         let row = |v: [f32; 4]| Plane::from_vec(4, 1, v.to_vec()).expect("four values");
         let expected = row(ratios).map(|&ratio| Expected { ratio, saturated: ratio == 0.0 });
-        let needs = Needs { samples: row([1.0, 2.0, 3.0, 4.0]), saturated: Plane::new(4, 1, false) };
+        let needs = Needs::expected(&expected, 0.5);
         let cost = cost.map(row);
         let measured = Some(Measured { expected: &expected, needs: Some(&needs), cost: cost.as_ref() });
         let pilot = Pilot { luminance: &row([0.0; 4]), white: 1.0, sobel_floor: SOBEL_FLOOR, measured };

@@ -139,7 +139,7 @@ impl Needs {
     }
 
     /// The needs, but for the neediest few pixels, which get what the last of the others does.
-    fn capped(&self) -> Plane<f32> {
+    pub(crate) fn capped(&self) -> Plane<f32> {
         let most = quantile_of(self.unsaturated(&self.samples), AIMED_SHARE).unwrap_or(0.0);
         self.samples.map(|&n| n.min(most))
     }

@@ -3,7 +3,7 @@
 //! A state machine without a clock: the caller measures, this decides. Two stretches of work:
 //!
 //! 1. *Pilot*, uniform. At first nothing is known about the cost of a sample, so it starts with a few hundred and grows
-//!    fourfold at most per round, until the pilot holds about 8 % of what the budget affords (but at least 16 samples
+//!    fourfold at most per round, until the pilot holds about a fifth of what the budget affords (but at least 16 samples
 //!    per pixel where these are no more than a quarter of it).
 //! 2. *Refinement*, what remains, which begins with [`Round::replan`]: the plan is made.
 //!
@@ -35,7 +35,7 @@ const PROBE: u64 = 256;
 /// an estimate from few samples is not trusted with many.
 const GROWTH: u64 = 3;
 /// The pilot's share of the affordable samples: what it should have, and what it may have.
-pub const PILOT_SHARE: (f64, f64) = (0.08, 0.25);
+pub const PILOT_SHARE: (f64, f64) = (0.2, 0.25);
 /// Samples per pixel from which a variance is known: one for each batch of the film.
 const LEAST_PILOT: f64 = dunkelfeld_film::BATCHES as f64;
 /// Between two judgements lies at least this part of the samples taken, one in so many.

@@ -178,7 +178,7 @@ fn stretches_take_their_shares() {
         .check("shares");
     let replans: Vec<f64> = run.rounds.iter().filter(|(_, r)| r.replan).map(|(t, _)| t / 20.0).collect();
     assert_eq!(replans.len(), 1, "{replans:?}");
-    assert!((0.07..0.09).contains(&replans[0]), "pilot until {}", replans[0]);
+    assert!((0.18..0.21).contains(&replans[0]), "pilot until {}", replans[0]);
     // 98 % of 20 s at 10 M samples/s.
     assert!(run.taken > 185_000_000, "{} samples", run.taken);
     assert!(run.rounds.windows(2).all(|w| w[0].1.phase <= w[1].1.phase));
@@ -186,7 +186,7 @@ fn stretches_take_their_shares() {
 
 #[test]
 fn the_pilot_has_sixteen_samples_per_pixel_where_these_are_affordable() {
-    // 100 samples per pixel affordable: 16, not 8 %. Thirty: a quarter of them. Three: nothing to adapt.
+    // 100 samples per pixel affordable: a fifth. 70: 16, which is more. Thirty: a quarter of them. Three: nothing to adapt.
     let pilot_of = |spp: f64| {
         let pixels = 65_536;
         let per_sample = 19.0 / (pixels as f64 * spp);
@@ -197,7 +197,8 @@ fn the_pilot_has_sixteen_samples_per_pixel_where_these_are_affordable() {
         let pilot = rounds.iter().filter(|(_, r)| r.phase == Phase::Pilot).map(|(_, r)| r.samples);
         (pilot.sum::<u64>() as f64 / pixels as f64, rounds.iter().any(|(_, r)| r.replan))
     };
-    assert_eq!(pilot_of(100.0), (16.0, true));
+    assert_eq!(pilot_of(100.0), (20.0, true));
+    assert_eq!(pilot_of(70.0), (16.0, true));
     assert_eq!(pilot_of(30.0), (7.0, true));
     assert!(!pilot_of(3.0).1);
 }

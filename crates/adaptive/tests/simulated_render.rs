@@ -45,15 +45,42 @@ fn render(budget: f64, costs: &Plane<f64>, weights: &Plane<f32>) -> Result {
             current = weights.clone();
             replans += 1;
         }
-        let next = plan::next_round(&taken, &current, schedule.taken() + round.samples);
-        let increment = plan::increment(&taken, &next);
-        let units = map.cut(&increment, THREADS);
-        let work = cost::makespan(&units, THREADS);
+        let next = |samples: u64| plan::next_round(&taken, &current, schedule.taken() + samples);
+        let Dealt { samples, next, increment, units, work } = deal(&schedule, &mut map, &taken, round.samples, next);
         let took = work_off(&units, &mut map, |unit| seconds(unit, grid, &taken, &increment, costs));
-        schedule.record(round.samples, work, took);
-        work_per_sample = work / round.samples as f64;
+        schedule.record(samples, work, took);
+        work_per_sample = work / samples as f64;
         now += took + overhead;
         taken = next;
+    }
+}
+
+/// A round as it is rendered.
+struct Dealt {
+    samples: u64,
+    next: SamplePlan,
+    increment: Plane<u32>,
+    units: Vec<WorkUnit>,
+    work: f64,
+}
+
+/// A round of so many samples, or of as many as the time allows now that it is known where they go.
+fn deal(
+    schedule: &Schedule,
+    map: &mut CostMap,
+    taken: &SamplePlan,
+    mut samples: u64,
+    next: impl Fn(u64) -> SamplePlan,
+) -> Dealt {
+    loop {
+        let next = next(samples);
+        let increment = plan::increment(taken, &next);
+        let units = map.cut(&increment, THREADS);
+        let work = cost::makespan(&units, THREADS);
+        match schedule.trimmed(samples, cost::feared_makespan(&units, THREADS)) {
+            Some(fewer) => samples = fewer,
+            None => return Dealt { samples, next, increment, units, work },
+        }
     }
 }
 
@@ -155,17 +182,8 @@ fn render_until_hidden(budget: Option<f64>, costs: &Plane<f64>, need: &Plane<f32
             }
             Step::Round(round) => round,
         };
-        let mut samples = round.samples;
-        let (next, increment, units, work) = loop {
-            let next = plan::next_round_of(&taken, &shares, schedule.taken() + samples);
-            let increment = plan::increment(&taken, &next);
-            let units = map.cut(&increment, THREADS);
-            let work = cost::makespan(&units, THREADS);
-            match schedule.trimmed(samples, cost::feared_makespan(&units, THREADS)) {
-                Some(fewer) => samples = fewer,
-                None => break (next, increment, units, work),
-            }
-        };
+        let next = |samples: u64| plan::next_round_of(&taken, &shares, schedule.taken() + samples);
+        let Dealt { samples, next, increment, units, work } = deal(&schedule, &mut map, &taken, round.samples, next);
         let took = work_off(&units, &mut map, |unit| seconds(unit, grid, &taken, &increment, costs));
         schedule.record(samples, work, took);
         work_per_sample = work / samples as f64;
