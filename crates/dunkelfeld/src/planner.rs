@@ -184,8 +184,8 @@ impl<'a> Planner<'a> {
                 luminance: &eye.image(mean),
                 white: eye.white,
                 sobel_floor: self.settings.sobel_floor,
-                measured: sight.map(|s| allocation::Measured {
-                    expected: &s.expected,
+                measured: sight.and_then(|s| s.expected.as_ref()).map(|expected| allocation::Measured {
+                    expected,
                     needs: needs.as_ref(),
                     // What a sample costs is known by the clock alone, and the clock has no say in where samples go.
                     cost: None,
@@ -229,8 +229,8 @@ fn mean_count(counts: &Plane<u32>) -> f64 {
 struct Sight {
     /// As it was seen.
     measured: Measured,
-    /// As plans are made from it: by the neighbours of each pixel.
-    expected: Plane<Expected>,
+    /// As plans are made from it: by the neighbours of each pixel. None where a plan does not rest on noise.
+    expected: Option<Plane<Expected>>,
     /// As it would be certified.
     own: Plane<PixelNoise>,
 }
@@ -239,12 +239,12 @@ impl Sight {
     fn of(measured: Measured, own: Plane<PixelNoise>, strategy: Strategy) -> Self {
         // Who wants the least variance of the image's mean does not ask what the sensor sees of it.
         let sensor = measured.sensor.filter(|_| strategy != Strategy::Variance);
-        let expected = measured.expected(sensor);
+        let expected = strategy.needs_noise().then(|| measured.expected(sensor));
         Self { measured, expected, own }
     }
 
-    /// What a plan for `k` aims at; `None` without a sensor.
+    /// What a plan for `k` aims at; `None` without a sensor, and where a plan does not rest on noise.
     fn planned(&self, k: f64) -> Option<Needs> {
-        self.measured.sensor.map(|_| Needs::expected(&self.expected, k))
+        self.measured.sensor.and(self.expected.as_ref()).map(|expected| Needs::expected(expected, k))
     }
 }
