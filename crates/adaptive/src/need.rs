@@ -133,9 +133,11 @@ impl Needs {
     /// How samples are shared out so that all pixels are hidden at the same time, as far as one can know before: needs, those of the
     /// neediest few for no more than the last of the others, `least` samples at least, to the power of 3/4. Needs that were known would
     /// be met in proportion. Estimated ones err by some factor to either side, and the whole image would wait for those that were taken
-    /// for too small.
+    /// for too small. A pixel of which nothing is known gets as much as the neediest of the others.
     pub fn shares(&self, least: f32) -> Plane<f32> {
-        self.capped().map(|n| n.max(least).powf(TRUST))
+        let shares = self.capped().map(|n| n.max(least).powf(TRUST));
+        let most = shares.data().iter().copied().filter(|n| n.is_finite()).fold(0.0, f32::max);
+        shares.map(|&n| if n.is_finite() { n } else { most.max(1.0) })
     }
 
     /// The needs, but for the neediest few pixels, which get what the last of the others does.
@@ -299,7 +301,9 @@ mod tests {
         // One column of which nothing is known.
         let unknown = Plane::from_fn(10, 10, |x, y| if x == 8 { f32::INFINITY } else { *needs.samples.at(x, y) });
         let shares = Needs { samples: unknown, ..needs }.shares(8.0);
-        assert!(*shares.at(8, 0) == f32::INFINITY && (0..8).all(|x| shares.at(x, 0).is_finite()));
+        assert!(shares.at(8, 0) == shares.at(7, 0) && shares.at(7, 0) > shares.at(6, 0));
+        let nothing = plain(Plane::new(2, 1, f32::INFINITY)).shares(8.0);
+        assert_eq!(nothing.data(), [1.0, 1.0]);
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! How noisy the mean of a pixel is, by its own samples as far as they can tell: what is certified.
 //!
-//! A pooled variance ([`crate::pooling`]) is that of a neighbourhood: right for plans, which must not follow the luck of a pixel, but
-//! where noise changes from pixel to pixel it smears that of a few over all around them. The squares of a pixel's own samples do not.
+//! A pooled variance ([`crate::pooling`]) is that of a neighbourhood: where noise changes from pixel to pixel it smears that of a few
+//! over all around them. The squares of a pixel's own samples do not.
 //! They fail in two ways: they over-state the noise of quasi-random samples, which are spread more evenly than independent ones, and
 //! they know nothing of what has not happened yet. The neighbourhood tells both:
 //!

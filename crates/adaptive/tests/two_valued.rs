@@ -6,7 +6,7 @@
 //! The last tests show why: where bright samples are rare, every other way is biased.
 //!
 //! Replay: `cargo test -p dunkelfeld-adaptive --test two_valued NAME`. Seeds are fixed; the bounds are six standard errors
-//! of the simulation away from zero bias: one false alarm in 5e8, ten such checks.
+//! of the simulation away from zero bias, or further: one false alarm in 5e8 each, a dozen such checks.
 
 use dunkelfeld_adaptive::evidence::{Evidence, Surface};
 use dunkelfeld_adaptive::expected::{Expected, expected};
@@ -215,7 +215,7 @@ fn stopping_by_a_pixels_own_variance_is_biased() {
     assert!(verdict.bias.0 < -0.03 && verdict.error > 1.2, "{:+.4}, {:.3}", verdict.bias.0, verdict.error);
 }
 
-/// Bright samples so rare that of seven neighbourhoods only one has such a sample in its pilot.
+/// Bright samples so rare that of ten pixels and what is around them, 17 x 17, four have no such sample in their pilot.
 const RARE: f64 = 1.0 / 5000.0;
 
 /// By what a budget is shared out.

@@ -176,7 +176,8 @@ impl<'a> Planner<'a> {
     /// Fixes the shares for good, and makes the forecast.
     fn fix(&mut self, eye: &Eye, mean: &Plane<[f32; 3]>, sight: Option<&Sight>, state: State<'_>, pace: &Pace<'_>) {
         let (strategy, target) = (self.settings.strategy(), self.settings.budget.noise);
-        let needs = sight.and_then(|s| s.planned(target.unwrap_or(DEFAULT_TARGET)));
+        let needs =
+            sight.filter(|_| strategy == Strategy::Sensor).and_then(|s| s.planned(target.unwrap_or(DEFAULT_TARGET)));
         let shares = match (&needs, target, strategy) {
             // Every pixel comes nearer to its need in step with the others, so that all are hidden at the same time.
             (Some(needs), Some(_), Strategy::Sensor) => Shares::of(needs.shares(least(state.counts))),
