@@ -134,28 +134,13 @@ fn expected_at(surface: &Plane<Surface>, told: &Plane<Told>, weights: &Weights, 
     if anything.weight == 0.0 {
         return Expected { ratio: f32::INFINITY, saturated: false };
     }
-    let independent = [&alike, &near, &nearer].into_iter().fold(anything.noise(), Noise::narrowed).ratio;
+    // Who has met nothing where much was to be met has something to say, too.
+    let events_per_pixel = anything.events() / anything.pixels();
+    let narrowed =
+        |wider: f64, sums: &Sums| shrunk(sums.mean(), sums.events().max(events_per_pixel * sums.pixels()), wider);
+    let independent = [&alike, &near, &nearer].into_iter().fold(anything.mean(), narrowed);
     let evenness = shrunk(alike.by_batches(), alike.events(), anything.by_batches());
     Expected { ratio: (independent * evenness).min(f64::from(f32::MAX)) as f32, saturated: false }
-}
-
-/// What is expected by some neighbourhood.
-struct Noise {
-    /// Variance over what is tolerated, as of independent samples.
-    ratio: f64,
-    /// Events that a pixel meets.
-    events: f64,
-}
-
-impl Noise {
-    /// What is expected if a narrower neighbourhood has a say, too.
-    fn narrowed(self, narrower: &Sums) -> Self {
-        let pixels = narrower.pixels();
-        let (said, met) = (narrower.noise(), narrower.events());
-        // Who has met nothing where much was to be met has something to say.
-        let weight = met.max(pixels * self.events);
-        Self { ratio: shrunk(said.ratio, weight, self.ratio), events: shrunk(said.events, weight, self.events) }
-    }
 }
 
 /// A value that rests on so many events, drawn towards that of wider surroundings.
@@ -203,13 +188,9 @@ impl Sums {
         if self.weight > 0.0 { self.weight * self.weight / self.weights_squared } else { 0.0 }
     }
 
-    /// What it says by itself: the root of the mean square.
-    fn noise(&self) -> Noise {
-        if self.weight > 0.0 {
-            Noise { ratio: (self.squares / self.weight).sqrt(), events: self.events() / self.pixels() }
-        } else {
-            Noise { ratio: 0.0, events: 0.0 }
-        }
+    /// The root of the mean square.
+    fn mean(&self) -> f64 {
+        if self.weight > 0.0 { (self.squares / self.weight).sqrt() } else { 0.0 }
     }
 
     /// How many events it rests on, at least: as many equal ones would scatter as much.
