@@ -3,6 +3,7 @@
 
 use crate::develop::{Frame, show_denoised};
 use crate::error::Error;
+use crate::parallel::mean_without_gaps;
 use crate::progress::{Cancel, Progress, ProgressState, Stage};
 use crate::settings::RenderSettings;
 use crate::stats::DenoiseStats;
@@ -234,7 +235,7 @@ struct Planes {
 impl Planes {
     fn of(film: &Film) -> Self {
         Self {
-            mean: film.mean_without_gaps(),
+            mean: mean_without_gaps(film),
             variance: plane(film, |p| p.variance_of_mean().map(|v| v as f32)),
             albedo: plane(film, PixelSums::mean_albedo),
             albedo_variance: plane(film, PixelSums::variance_of_albedo),

@@ -4,6 +4,7 @@ use crate::denoising::Denoised;
 use crate::error::Error;
 use crate::matched::{Known, Matched};
 use crate::noise::{Certified, Measured};
+use crate::parallel::mean_without_gaps;
 use crate::settings::{RenderSettings, SensorChoice};
 use dunkelfeld_adaptive::need::DEFAULT_TARGET;
 use dunkelfeld_film::{Film, Plane};
@@ -106,7 +107,7 @@ pub fn develop(mean: &Plane<[f32; 3]>, settings: &RenderSettings) -> Result<Fram
 /// # Errors
 /// As [`develop`].
 pub fn develop_film(film: &Film, labels: &Plane<Option<Label>>, settings: &RenderSettings) -> Result<Frame, Error> {
-    expose(&film.mean_without_gaps(), settings, Some((film, labels)))
+    expose(&mean_without_gaps(film), settings, Some((film, labels)))
 }
 
 fn expose(

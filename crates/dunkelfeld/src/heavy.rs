@@ -3,8 +3,10 @@
 //! Such samples are not wrong, but they are where an image is noisiest and where an error of the scene or of the renderer
 //! shows first. They are named, so that they can be replayed; nothing is done about them.
 
+use crate::stats::PIECE;
 use dunkelfeld_film::{Film, PixelSums};
 use dunkelfeld_radiometry::Rgb;
+use rayon::prelude::*;
 use serde::Serialize;
 use std::cmp::Ordering;
 
@@ -43,22 +45,25 @@ struct Candidate {
     lift: f64,
 }
 
-/// Finds them. A function of the film alone, so of the samples that were taken, not of who took them.
+/// Finds them, on the threads of the current pool. A function of the film alone, so of the samples that were taken, not of who took
+/// them.
 pub(crate) fn heaviest(film: &Film) -> Heaviest {
     let pixels = film.pixels().data();
-    let mean = pixels.iter().map(luminance).sum::<f64>() / pixels.len().max(1) as f64;
+    let sums: Vec<f64> = pixels.par_chunks(PIECE).map(|piece| piece.iter().map(luminance).sum()).collect();
+    let mean = sums.iter().sum::<f64>() / pixels.len().max(1) as f64;
     let dominates = |c: &Candidate| c.share >= 0.5 && c.lift > mean;
-    let mut dominated = 0;
-    let mut worst: Vec<Candidate> = Vec::with_capacity(MOST_NAMED + 1);
-    for candidate in pixels.iter().enumerate().filter_map(|(i, p)| candidate(i, p)) {
-        dominated += u64::from(dominates(&candidate));
-        if worst.len() == MOST_NAMED && worst.last().is_some_and(|w| heavier(w, &candidate) == Ordering::Less) {
-            continue;
+    let of_piece = |(number, piece): (usize, &[PixelSums])| {
+        let (mut dominated, mut worst) = (0, Vec::with_capacity(MOST_NAMED + 1));
+        for candidate in (number * PIECE..).zip(piece).filter_map(|(i, p)| candidate(i, p)) {
+            dominated += u64::from(dominates(&candidate));
+            insert(&mut worst, candidate);
         }
-        let place = worst.partition_point(|w| heavier(w, &candidate) == Ordering::Less);
-        worst.insert(place, candidate);
-        worst.truncate(MOST_NAMED);
-    }
+        (dominated, worst)
+    };
+    let pieces: Vec<(u64, Vec<Candidate>)> = pixels.par_chunks(PIECE).enumerate().map(of_piece).collect();
+    let dominated = pieces.iter().map(|(dominated, _)| dominated).sum();
+    let mut worst = Vec::with_capacity(MOST_NAMED + 1);
+    pieces.into_iter().flat_map(|(_, worst)| worst).for_each(|candidate| insert(&mut worst, candidate));
     let width = film.width() as usize;
     let samples = worst
         .iter()
@@ -71,6 +76,16 @@ pub(crate) fn heaviest(film: &Film) -> Heaviest {
         })
         .collect();
     Heaviest { samples, dominated }
+}
+
+/// Puts a candidate in its place, if it has one.
+fn insert(worst: &mut Vec<Candidate>, candidate: Candidate) {
+    if worst.len() == MOST_NAMED && worst.last().is_some_and(|w| heavier(w, &candidate) == Ordering::Less) {
+        return;
+    }
+    let place = worst.partition_point(|w| heavier(w, &candidate) == Ordering::Less);
+    worst.insert(place, candidate);
+    worst.truncate(MOST_NAMED);
 }
 
 /// The order of the list: the larger lift first, then the earlier pixel.

@@ -35,6 +35,7 @@ mod matched;
 mod merge;
 mod noise;
 mod outputs;
+mod parallel;
 mod planner;
 mod progress;
 mod project;

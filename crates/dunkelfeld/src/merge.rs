@@ -111,7 +111,7 @@ pub fn merge(settings: &MergeSettings, started: Instant) -> Result<Merged, Error
     };
     let began = Instant::now();
     let frame = pool.install(|| develop_film(&rendering.film, &rendering.labels, &shown))?;
-    let mut stats = Stats::new(&rendering, &frame, &shown);
+    let mut stats = pool.install(|| Stats::new(&rendering, &frame, &shown));
     stats.add_seconds(Stage::Expose, began.elapsed().as_secs_f64());
     if look.is_replay {
         stats.allocation = "replay".into();

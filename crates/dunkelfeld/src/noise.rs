@@ -1,6 +1,7 @@
 //! The noise of a film as the sensor sees it: what plans are made from, and what is certified.
 
 use crate::develop::{Frame, SensorFrame};
+use crate::parallel::par_map;
 use crate::settings::SensorChoice;
 use dunkelfeld_adaptive::certificate::{Certificate, Claim, certify as certify_planes, ratios};
 use dunkelfeld_adaptive::evidence::{Evidence, Level, Surface, surfaces};
@@ -62,7 +63,7 @@ impl Eye {
         let scatter = |p: &PixelSums| p.scatter().map(|s| seen(s, per_luminance(weights, p.mean()).0));
         let (mean, variance) = (moments.map(|m| m.0 as f32), moments.map(|m| m.1 as f32));
         Evidence {
-            counts: film.sample_counts(),
+            counts: par_map(film.pixels(), PixelSums::count),
             level: levels(&mean, &variance, self.sensor),
             mean,
             variance,
@@ -305,12 +306,6 @@ fn told_without(evidence: &Evidence, is_rare: &Plane<bool>) -> Plane<f32> {
 fn woven<'a, T: Copy + 'a>(response: &Response, planes: impl Fn(usize) -> &'a Plane<T>) -> Plane<T> {
     let (width, height) = (planes(0).width(), planes(0).height());
     Plane::from_fn(width, height, |x, y| *planes(response.kind(x, y)).at(x, y))
-}
-
-fn par_map<T: Sync, U: Send + Clone>(plane: &Plane<T>, f: impl Fn(&T) -> U + Sync) -> Plane<U> {
-    let values: Vec<U> = plane.data().par_iter().map(&f).collect();
-    // The lengths agree: the plane is made of as many values as it came from.
-    Plane::from_vec(plane.width(), plane.height(), values).unwrap_or_else(|| plane.map(&f))
 }
 
 #[cfg(test)]

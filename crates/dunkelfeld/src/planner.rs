@@ -7,6 +7,7 @@
 use crate::error::Error;
 use crate::forecast::{Forecast, Outlook, Pace};
 use crate::noise::{Eye, Measured};
+use crate::parallel::mean_without_gaps;
 use crate::settings::RenderSettings;
 use crate::trend::Trend;
 use dunkelfeld_adaptive::allocation::{self, Pilot, Shares, Strategy};
@@ -106,7 +107,7 @@ impl<'a> Planner<'a> {
     /// # Errors
     /// A sensor whose ranges the exposure leaves.
     pub(crate) fn plan(&mut self, state: State<'_>, pace: &Pace<'_>) -> Result<Option<&Forecast>, Error> {
-        let mean = state.film.mean_without_gaps();
+        let mean = mean_without_gaps(state.film);
         let eye = Eye::of(&mean, &self.settings.sensor)?;
         let is_measured = eye.sensor.is_some() || self.settings.strategy().needs_noise();
         let look = || {
@@ -131,7 +132,7 @@ impl<'a> Planner<'a> {
         pace: &Pace<'_>,
         tell: impl FnOnce(&Forecast),
     ) -> Result<Verdict, Error> {
-        let mean = state.film.mean_without_gaps();
+        let mean = mean_without_gaps(state.film);
         let eye = Eye::of(&mean, &self.settings.sensor)?;
         let measured = Measured::new(&eye, state.film, state.labels);
         let own = measured.owned();

@@ -298,7 +298,7 @@ impl Project {
         if denoising.as_ref().is_some_and(|d| d.error.is_some()) {
             rendering.interrupted |= cancel.is_cancelled();
         }
-        let mut stats = Stats::new(&rendering, &frame, &settings);
+        let mut stats = pool.install(|| Stats::new(&rendering, &frame, &settings));
         stats.add_seconds(Stage::Load, self.load_seconds);
         stats.add_seconds(Stage::Build, self.build_seconds);
         stats.add_seconds(Stage::Expose, exposed);

@@ -4,6 +4,7 @@ use crate::check::check;
 use crate::checkpoint::{Course, Earlier, Keeper, Moment, Saved, State as Stored, began, film_rows};
 use crate::error::Error;
 use crate::forecast::{Forecast, Pace};
+use crate::parallel::blank_film;
 use crate::planner::{FIRST_LOOK, Planner, State, Verdict};
 use crate::progress::{Cancel, Progress, Stage};
 use crate::round::{Reporter, RoundWork, TILE, deadline, give_up, run};
@@ -18,7 +19,7 @@ use rayon::prelude::*;
 use std::time::Instant;
 
 /// What exposing, certifying and writing takes [s per megapixel], until it has been measured.
-const CLOSING_PER_MEGAPIXEL: f64 = 1.8;
+const CLOSING_PER_MEGAPIXEL: f64 = 2.4;
 /// The rehearsal of exposing and writing may take this share of the time left; in shorter renders the guess has to do.
 const REHEARSAL_SHARE: f64 = 0.05;
 /// One in so many pixels gets a sample whatever the clock says: enough to see what the image shows.
@@ -206,7 +207,7 @@ impl<'a> Renderer<'a> {
             settings,
             started,
             threads,
-            film: Film::new(width, height),
+            film: blank_film(width, height),
             counts: settings.samples_before(),
             taken: 0,
             labels,
@@ -430,6 +431,10 @@ impl<'a> Renderer<'a> {
             let left = limits.seconds.map_or(0.0, |s| s - self.started.elapsed().as_secs_f64());
             if !course.rehearsed && is_pilot_done && closing < REHEARSAL_SHARE * left {
                 self.rehearse(course, rehearse)?;
+            } else if !course.rehearsed {
+                // Certifying looks at the film as planning does: it takes as long, or a little less.
+                course.closing = course.closing.max(CLOSING_MARGIN * began.elapsed().as_secs_f64());
+                course.schedule.set_closing_seconds(self.closing(course));
             }
             self.spend(Stage::Plan, began);
             match verdict {

@@ -1,8 +1,8 @@
 //! One round of samples on all threads.
 //!
 //! A round is given as new samples per pixel. Threads take units of work (a tile, or a share of a tile's samples), add
-//! them up apart, and a tile goes onto the film only when all of its units are done: whatever happens, the samples of a
-//! pixel are always the first n. Sums are exact, so it does not matter who finishes first.
+//! them up apart, and a tile goes onto the film when all of its units are done, and not before: whatever happens, the samples
+//! of a pixel are always the first n. Sums are exact, so it does not matter who finishes first.
 
 use crate::checkpoint::{Keeper, Moment};
 use crate::progress::{Cancel, Progress, ProgressState, Stage};
@@ -115,24 +115,67 @@ pub(crate) struct RoundResult {
 /// A tile on its way: the sums of its finished units.
 #[derive(Default)]
 struct Pending {
-    /// Sums of pixels with new samples, each with its number in the tile; a pixel comes once for each unit.
-    sums: Vec<(u32, PixelSums)>,
+    /// Of the pixels with new samples, each with its number in the tile; a pixel comes once for each unit. Empty as soon as they are on
+    /// the film.
+    sums: Vec<TileSum>,
     units_done: u32,
     seconds: f64,
     connections: ConnectionTally,
 }
 
+/// Number of a pixel in its tile, and its new samples.
+type TileSum = (u32, PixelSums);
+
+/// The film while a round is under way: rows of tiles, one lock each.
+struct Canvas<'a> {
+    rows: Vec<Mutex<&'a mut [PixelSums]>>,
+    width: usize,
+    /// Tiles in a row.
+    columns: usize,
+    grid: TileGrid,
+}
+
+impl<'a> Canvas<'a> {
+    fn new(film: &'a mut Film, grid: TileGrid) -> Self {
+        let (width, columns) = (film.width() as usize, film.width().div_ceil(TILE) as usize);
+        let rows = film.pixels_mut().data_mut().chunks_mut((width * TILE as usize).max(1)).map(Mutex::new).collect();
+        Self { rows, width, columns, grid }
+    }
+
+    /// Adds the sums of a tile. False if a thread has failed that worked on its row.
+    fn add(&self, tile: usize, sums: &[TileSum]) -> bool {
+        let Ok(mut pixels) = self.rows[tile / self.columns].lock() else { return false };
+        let rect = self.grid.rect(tile);
+        let tile_width = (rect.x1 - rect.x0) as usize;
+        for (slot, sums) in sums {
+            let slot = *slot as usize;
+            pixels[slot / tile_width * self.width + rect.x0 as usize + slot % tile_width].merge(sums);
+        }
+        true
+    }
+
+    /// Copies rows of pixels with all tiles that are finished on them: a film that a later process can go on from.
+    fn copy(&self, rows: Range<u32>, out: &mut Vec<PixelSums>) {
+        for y in rows {
+            let start = (y % TILE) as usize * self.width;
+            match self.rows[(y / TILE) as usize].lock() {
+                Ok(pixels) => out.extend(&pixels[start..start + self.width]),
+                Err(failed) => out.extend(&failed.into_inner()[start..start + self.width]),
+            }
+        }
+    }
+}
+
 /// Renders a round onto the film, on the threads of the current pool.
 pub(crate) fn run(film: &mut Film, work: &RoundWork<'_>, reporter: &Reporter<'_>) -> RoundResult {
     let grid = work.costs.grid();
-    let mut parts = vec![(0u32, 0u64); grid.len()];
-    work.units.iter().for_each(|u| parts[u.tile] = (u.parts, u.samples));
+    let canvas = Canvas::new(film, grid);
     let pending: Vec<Mutex<Pending>> = (0..grid.len()).map(|_| Mutex::default()).collect();
-    let invalid = Mutex::new(Vec::new());
+    let (finished, invalid) = (Mutex::new(RoundResult::default()), Mutex::new(Vec::new()));
     let next = AtomicU64::new(0);
-    let film_before: &Film = film;
     // One long-lived task per thread that takes the next unit: the dearest first, as they were cut.
     (0..rayon::current_num_threads()).into_par_iter().for_each(|_| {
+        let mut sums = Vec::new();
         loop {
             let index = next.fetch_add(1, Ordering::Relaxed) as usize;
             let Some(unit) = work.units.get(index) else { break };
@@ -141,97 +184,50 @@ pub(crate) fn run(film: &mut Film, work: &RoundWork<'_>, reporter: &Reporter<'_>
             }
             let began = Instant::now();
             let rect = grid.rect(unit.tile);
-            let Some((sums, connections)) = render_unit(work, unit, rect, reporter, &invalid) else { break };
+            let Some(connections) = render_unit(work, unit, rect, reporter, &invalid, &mut sums) else { break };
             let Ok(mut tile) = pending[unit.tile].lock() else { break };
-            if tile.sums.is_empty() {
-                tile.sums = sums;
-            } else {
-                tile.sums.extend(sums);
-            }
             tile.units_done += 1;
             tile.connections.add(&connections);
-            tile.seconds += began.elapsed().as_secs_f64();
+            if tile.units_done < unit.parts {
+                // A tile with a unit missing is left out as a whole.
+                tile.sums.append(&mut sums);
+                tile.seconds += began.elapsed().as_secs_f64();
+            } else {
+                let earlier = std::mem::take(&mut tile.sums);
+                if !(canvas.add(unit.tile, &earlier) && canvas.add(unit.tile, &sums)) {
+                    break;
+                }
+                tile.seconds += began.elapsed().as_secs_f64();
+                let Ok(mut finished) = finished.lock() else { break };
+                finished.tiles.push((unit.tile, unit.samples, tile.seconds));
+                finished.samples += unit.samples;
+                finished.connections.add(&tile.connections);
+            }
             drop(tile);
             if let Some((keeper, moment)) = work.keeper {
-                let mut rows = |rows: Range<u32>, out: &mut Vec<PixelSums>| {
-                    rows_so_far(film_before, grid, &pending, &parts, rows, out);
-                };
+                let mut rows = |rows: Range<u32>, out: &mut Vec<PixelSums>| canvas.copy(rows, out);
                 keeper.keep_if_due(moment, work.deadline, &mut rows);
             }
         }
     });
-
-    let mut result = RoundResult { invalid: invalid.into_inner().unwrap_or_default(), ..RoundResult::default() };
-    // A tile with a unit missing is left out as a whole.
-    let finished: Vec<Option<Pending>> = pending
-        .into_iter()
-        .zip(&parts)
-        .map(|(tile, &(parts, _))| tile.into_inner().ok().filter(|t| parts > 0 && t.units_done == parts))
-        .collect();
-    for (index, (tile, (_, samples))) in finished.iter().zip(parts).enumerate() {
-        if let Some(tile) = tile {
-            result.tiles.push((index, samples, tile.seconds));
-            result.samples += samples;
-            result.connections.add(&tile.connections);
-        }
-    }
-    // Onto the film, one row of tiles a task: no two tasks touch the same pixel.
-    let width = film.width() as usize;
-    let columns = film.width().div_ceil(TILE) as usize;
-    film.pixels_mut().data_mut().par_chunks_mut(width * TILE as usize).enumerate().for_each(|(tile_row, pixels)| {
-        let tiles = finished.iter().enumerate().skip(tile_row * columns).take(columns);
-        for (index, tile) in tiles.filter_map(|(i, t)| t.as_ref().map(|t| (i, t))) {
-            let rect = grid.rect(index);
-            let tile_width = (rect.x1 - rect.x0) as usize;
-            for (slot, sums) in &tile.sums {
-                let slot = *slot as usize;
-                pixels[slot / tile_width * width + rect.x0 as usize + slot % tile_width].merge(sums);
-            }
-        }
-    });
+    let mut result = finished.into_inner().unwrap_or_default();
+    // Who finished first is nobody's business: costs are learned in the order of the tiles.
+    result.tiles.sort_by_key(|&(tile, ..)| tile);
+    result.invalid = invalid.into_inner().unwrap_or_default();
     result.invalid.sort_by_key(|s| (s.y, s.x, s.index));
     result
 }
 
-/// Some rows of the film with all tiles that are finished on them: a film that a later process can go on from.
-fn rows_so_far(
-    film: &Film,
-    grid: TileGrid,
-    pending: &[Mutex<Pending>],
-    parts: &[(u32, u64)],
-    rows: Range<u32>,
-    out: &mut Vec<PixelSums>,
-) {
-    let width = film.width() as usize;
-    let first = rows.start as usize * width;
-    out.extend(&film.pixels().data()[first..rows.end as usize * width]);
-    for (index, (tile, &(parts, _))) in pending.iter().zip(parts).enumerate() {
-        let rect = grid.rect(index);
-        if rect.y0 >= rows.end || rect.y1 <= rows.start {
-            continue;
-        }
-        let Ok(tile) = tile.lock() else { continue };
-        if parts == 0 || tile.units_done != parts {
-            continue;
-        }
-        for (slot, sums) in &tile.sums {
-            let (dx, dy) = (slot % (rect.x1 - rect.x0), slot / (rect.x1 - rect.x0));
-            if rows.contains(&(rect.y0 + dy)) {
-                out[(rect.y0 + dy) as usize * width + (rect.x0 + dx) as usize - first].merge(sums);
-            }
-        }
-    }
-}
-
-/// The sums of one unit, and the connections that it sought; `None` if it was cut short.
+/// Renders a unit into `sums`, in place of what they hold; tells the connections that it sought. `None` if it was cut short.
 fn render_unit(
     work: &RoundWork<'_>,
     unit: &WorkUnit,
     rect: TileRect,
     reporter: &Reporter<'_>,
     invalid: &Mutex<Vec<PixelSample>>,
-) -> Option<(Vec<(u32, PixelSums)>, ConnectionTally)> {
-    let mut sums = Vec::new();
+    sums: &mut Vec<TileSum>,
+) -> Option<ConnectionTally> {
+    sums.clear();
     let mut connections = ConnectionTally::default();
     let mut unreported = 0u32;
     let mut slot = 0u32;
@@ -263,7 +259,7 @@ fn render_unit(
         }
     }
     reporter.add(work.stage, u64::from(unreported));
-    Some((sums, connections))
+    Some(connections)
 }
 
 #[cold]
@@ -285,4 +281,43 @@ pub(crate) fn give_up(deadline: Option<Instant>, seconds: Option<f64>) -> Option
 pub(crate) fn deadline(started: Instant, seconds: Option<f64>, closing: f64) -> Option<Instant> {
     let left = (seconds? - closing).max(0.0);
     started.checked_add(Duration::try_from_secs_f64(left).ok()?)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use dunkelfeld_film::Sample;
+    use dunkelfeld_radiometry::Rgb;
+
+    /// A film whose last tiles are cut off by its right and lower edge: each pixel is met once, where it belongs.
+    #[test]
+    fn tiles_come_to_lie_in_their_places_and_are_copied_row_by_row() {
+        let (width, height) = (2 * TILE + 5, TILE + 3);
+        let grid = TileGrid::new(width, height, TILE);
+        let mut film = Film::new(width, height);
+        let canvas = Canvas::new(&mut film, grid);
+        let value = |x: u32, y: u32| (1 + x + 64 * y) as f32;
+        for tile in 0..grid.len() {
+            let rect = grid.rect(tile);
+            let places = (rect.y0..rect.y1).flat_map(|y| (rect.x0..rect.x1).map(move |x| (x, y)));
+            let sums: Vec<TileSum> = (0..)
+                .zip(places)
+                .map(|(slot, (x, y))| {
+                    let mut pixel = PixelSums::default();
+                    pixel.add(0, &Sample { radiance: Rgb::splat(value(x, y)), ..Sample::MISS });
+                    (slot, pixel)
+                })
+                .collect();
+            assert!(canvas.add(tile, &sums));
+        }
+        let rows = TILE - 2..height;
+        let mut copied = Vec::new();
+        canvas.copy(rows.clone(), &mut copied);
+        let start = (rows.start * width) as usize;
+        assert_eq!(copied, film.pixels().data()[start..]);
+        for (x, y) in (0..height).flat_map(|y| (0..width).map(move |x| (x, y))) {
+            let pixel = film.pixels().at(x, y);
+            assert_eq!((pixel.count(), pixel.mean()[0]), (1, f64::from(value(x, y))), "{x}, {y}");
+        }
+    }
 }

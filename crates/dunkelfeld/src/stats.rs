@@ -9,6 +9,8 @@ use crate::render::Rendering;
 use crate::settings::{RenderSettings, SensorChoice};
 use dunkelfeld_adaptive::certificate::Certificate;
 use dunkelfeld_adaptive::schedule::StopReason;
+use dunkelfeld_film::{Film, PixelSums};
+use rayon::prelude::*;
 use serde::Serialize;
 use std::collections::BTreeMap;
 
@@ -198,22 +200,68 @@ pub struct SensorStats {
     pub matched: Option<f64>,
 }
 
+/// Pixels that are gone through in one go. Sums are made of such pieces in their order, so that they are the same on any number of
+/// threads.
+pub(crate) const PIECE: usize = 1 << 14;
+
+/// What there is to say of all pixels together.
+#[derive(Clone, Copy, Default)]
+struct Totals {
+    /// Sum of the means, and of their variances.
+    mean: [f64; 3],
+    variance: [f64; 3],
+    samples: u64,
+    invalid: u64,
+    /// Fewest and most samples of a pixel.
+    range: Option<[u32; 2]>,
+    /// Pixels without samples.
+    without: u64,
+}
+
+impl Totals {
+    /// On the threads of the current pool: a large film takes seconds to read.
+    fn of(film: &Film) -> Self {
+        let pieces: Vec<Self> = film.pixels().data().par_chunks(PIECE).map(Self::of_piece).collect();
+        pieces.iter().fold(Self::default(), |all, piece| all.and(piece))
+    }
+
+    fn of_piece(pixels: &[PixelSums]) -> Self {
+        pixels.iter().fold(Self::default(), |all, p| {
+            let n = p.count();
+            all.and(&Self {
+                mean: p.mean(),
+                variance: p.variance_of_mean(),
+                samples: n.into(),
+                invalid: p.invalid.into(),
+                range: Some([n, n]),
+                without: u64::from(n == 0),
+            })
+        })
+    }
+
+    fn and(self, other: &Self) -> Self {
+        let sum = |a: [f64; 3], b: [f64; 3]| std::array::from_fn(|i| a[i] + b[i]);
+        let range = match (self.range, other.range) {
+            (Some(a), Some(b)) => Some([a[0].min(b[0]), a[1].max(b[1])]),
+            (a, b) => a.or(b),
+        };
+        Self {
+            mean: sum(self.mean, other.mean),
+            variance: sum(self.variance, other.variance),
+            samples: self.samples + other.samples,
+            invalid: self.invalid + other.invalid,
+            range,
+            without: self.without + other.without,
+        }
+    }
+}
+
 impl Stats {
     /// Gathers the statistics of a render; stages and total time are filled in as they end.
     pub fn new(rendering: &Rendering, frame: &Frame, settings: &RenderSettings) -> Self {
         let film = &rendering.film;
-        let pixels = film.pixels().data();
-        let counts = film.sample_counts();
-        let (mut sum, mut variance) = ([0f64; 3], [0f64; 3]);
-        for p in pixels {
-            for ((s, v), (m, w)) in
-                sum.iter_mut().zip(&mut variance).zip(p.mean().into_iter().zip(p.variance_of_mean()))
-            {
-                *s += m;
-                *v += w;
-            }
-        }
-        let n = pixels.len().max(1) as f64;
+        let totals = Totals::of(film);
+        let n = film.pixels().data().len().max(1) as f64;
         let samples_were_taken = |stage: &Stage| matches!(stage, Stage::Pilot | Stage::Refine);
         let rendering_seconds: f64 =
             rendering.stages.iter().filter(|(stage, _)| samples_were_taken(stage)).map(|(_, s)| s).sum();
@@ -221,7 +269,7 @@ impl Stats {
         for (stage, s) in &rendering.stages {
             *seconds.entry(stage.name().to_string()).or_insert(0.0) += s;
         }
-        let samples = film.total_samples();
+        let samples = totals.samples;
         let heavy = heaviest(film);
         Self {
             version: STATS_VERSION,
@@ -241,13 +289,10 @@ impl Stats {
             without: settings.without.iter().map(|e| e.name().to_string()).collect(),
             samples,
             mean_spp: samples as f64 / n,
-            spp_range: [
-                counts.data().iter().copied().min().unwrap_or(0),
-                counts.data().iter().copied().max().unwrap_or(0),
-            ],
-            pixels_without_samples: counts.data().iter().filter(|&&n| n == 0).count() as u64,
+            spp_range: totals.range.unwrap_or_default(),
+            pixels_without_samples: totals.without,
             samples_per_second: if rendering_seconds > 0.0 { samples as f64 / rendering_seconds } else { 0.0 },
-            invalid_samples: film.invalid_samples(),
+            invalid_samples: totals.invalid,
             invalid_named: rendering.invalid.iter().map(|s| format!("{},{},{}", s.x, s.y, s.index)).collect(),
             heaviest_samples: heavy.samples,
             dominated_pixels: heavy.dominated,
@@ -256,8 +301,8 @@ impl Stats {
                 arrived: rendering.connections.arrived,
                 shots: rendering.connections.shots,
             }),
-            mean_radiance: sum.map(|s| s / n),
-            mean_radiance_standard_error: variance.map(|v| v.is_finite().then(|| v.sqrt() / n)),
+            mean_radiance: totals.mean.map(|s| s / n),
+            mean_radiance_standard_error: totals.variance.map(|v| v.is_finite().then(|| v.sqrt() / n)),
             seconds,
             total_seconds: 0.0,
             earlier_seconds: rendering.earlier.seconds,
