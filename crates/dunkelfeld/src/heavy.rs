@@ -158,4 +158,29 @@ mod tests {
         assert_eq!(found.samples.len(), 8);
         assert_eq!(found.samples[7].sample, "3,1,2");
     }
+
+    /// A film of several pieces: the pieces' edges and the number of threads have no say.
+    #[test]
+    fn a_large_film_is_gone_through_in_pieces() {
+        let (width, height) = (160, 256);
+        assert!((width * height) as usize > 2 * PIECE);
+        let mut film = Film::new(width, height);
+        let heavy = [40_000, 3, PIECE, PIECE - 1, 2 * PIECE + 5];
+        for pixel in 0..(width * height) as usize {
+            for index in 0..8 {
+                let lift = heavy.iter().position(|&p| (p, 5) == (pixel, index)).map_or(0.0, |rank| 900.0 - rank as f32);
+                let value = 1.0 + (pixel % 7) as f32 + lift;
+                film.add(pixel, index, &Sample { radiance: Rgb::splat(value), ..Sample::MISS });
+            }
+        }
+        for threads in [1, 3] {
+            let pool = crate::render::thread_pool(threads).expect("threads");
+            let found = pool.install(|| heaviest(&film));
+            assert_eq!(found.dominated, heavy.len() as u64);
+            let first: Vec<String> = found.samples.iter().take(heavy.len()).map(|s| s.sample.clone()).collect();
+            // Each lifts its pixel a little less than the one before.
+            let name = |p: usize| format!("{},{},5", p % width as usize, p / width as usize);
+            assert_eq!(first, heavy.map(name));
+        }
+    }
 }

@@ -22,3 +22,20 @@ pub(crate) fn par_map<T: Sync, U: Send + Clone>(plane: &Plane<T>, f: impl Fn(&T)
     // The lengths agree: the plane is made of as many values as it came from.
     Plane::from_vec(plane.width(), plane.height(), values).unwrap_or_else(|| plane.map(&f))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use dunkelfeld_film::Sample;
+    use dunkelfeld_radiometry::Rgb;
+
+    #[test]
+    fn means_are_those_of_the_film() {
+        let mut film = blank_film(37, 11);
+        assert_eq!(film, Film::new(37, 11));
+        for pixel in (0..37 * 11).step_by(3) {
+            film.add(pixel, 0, &Sample { radiance: Rgb::splat(pixel as f32), ..Sample::MISS });
+        }
+        assert_eq!(mean_without_gaps(&film), film.mean_without_gaps());
+    }
+}

@@ -21,7 +21,7 @@ use std::time::Instant;
 /// What exposing, certifying and writing takes [s per megapixel], until it has been measured.
 const CLOSING_PER_MEGAPIXEL: f64 = 2.4;
 /// The rehearsal of exposing and writing may take this share of the time left; in shorter renders the guess has to do.
-const REHEARSAL_SHARE: f64 = 0.05;
+const REHEARSAL_SHARE: f64 = 0.065;
 /// One in so many pixels gets a sample whatever the clock says: enough to see what the image shows.
 const PREVIEW: u64 = 16;
 /// What is kept back beyond the rehearsed time: a slow disk, a busy machine.
@@ -432,7 +432,7 @@ impl<'a> Renderer<'a> {
             if !course.rehearsed && is_pilot_done && closing < REHEARSAL_SHARE * left {
                 self.rehearse(course, rehearse)?;
             } else if !course.rehearsed {
-                // Certifying looks at the film as planning does: it takes as long, or a little less.
+                // Most of the end is the certificate, which looks at the film as planning does: on a slow machine both take longer than thought.
                 course.closing = course.closing.max(CLOSING_MARGIN * began.elapsed().as_secs_f64());
                 course.schedule.set_closing_seconds(self.closing(course));
             }

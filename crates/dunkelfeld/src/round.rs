@@ -142,8 +142,9 @@ impl<'a> Canvas<'a> {
         Self { rows, width, columns, grid }
     }
 
-    /// Adds the sums of a tile. False if a thread has failed that worked on its row.
-    fn add(&self, tile: usize, sums: &[TileSum]) -> bool {
+    /// Adds all sums of a tile, those of all of its units together, so that nobody sees a part of them. False if a thread has failed that
+    /// worked on its row.
+    fn add<'b>(&self, tile: usize, sums: impl Iterator<Item = &'b TileSum>) -> bool {
         let Ok(mut pixels) = self.rows[tile / self.columns].lock() else { return false };
         let rect = self.grid.rect(tile);
         let tile_width = (rect.x1 - rect.x0) as usize;
@@ -154,14 +155,13 @@ impl<'a> Canvas<'a> {
         true
     }
 
-    /// Copies rows of pixels with all tiles that are finished on them: a film that a later process can go on from.
+    /// Copies rows of pixels, with tiles as they are when they are finished or as they were before: a film that a later process can go on
+    /// from. Rows on which a thread has failed are left out.
     fn copy(&self, rows: Range<u32>, out: &mut Vec<PixelSums>) {
-        for y in rows {
-            let start = (y % TILE) as usize * self.width;
-            match self.rows[(y / TILE) as usize].lock() {
-                Ok(pixels) => out.extend(&pixels[start..start + self.width]),
-                Err(failed) => out.extend(&failed.into_inner()[start..start + self.width]),
-            }
+        for band in rows.start / TILE..rows.end.div_ceil(TILE) {
+            let Ok(pixels) = self.rows[band as usize].lock() else { return };
+            let row = |y: u32| (y.clamp(rows.start, rows.end) - band * TILE) as usize * self.width;
+            out.extend(&pixels[row(band * TILE)..row((band + 1) * TILE)]);
         }
     }
 }
@@ -194,7 +194,7 @@ pub(crate) fn run(film: &mut Film, work: &RoundWork<'_>, reporter: &Reporter<'_>
                 tile.seconds += began.elapsed().as_secs_f64();
             } else {
                 let earlier = std::mem::take(&mut tile.sums);
-                if !(canvas.add(unit.tile, &earlier) && canvas.add(unit.tile, &sums)) {
+                if !canvas.add(unit.tile, earlier.iter().chain(&sums)) {
                     break;
                 }
                 tile.seconds += began.elapsed().as_secs_f64();
@@ -288,6 +288,7 @@ mod tests {
     use super::*;
     use dunkelfeld_film::Sample;
     use dunkelfeld_radiometry::Rgb;
+    use std::sync::atomic::AtomicBool;
 
     /// A film whose last tiles are cut off by its right and lower edge: each pixel is met once, where it belongs.
     #[test]
@@ -308,7 +309,7 @@ mod tests {
                     (slot, pixel)
                 })
                 .collect();
-            assert!(canvas.add(tile, &sums));
+            assert!(canvas.add(tile, sums.iter()));
         }
         let rows = TILE - 2..height;
         let mut copied = Vec::new();
@@ -319,5 +320,45 @@ mod tests {
             let pixel = film.pixels().at(x, y);
             assert_eq!((pixel.count(), pixel.mean()[0]), (1, f64::from(value(x, y))), "{x}, {y}");
         }
+    }
+    /// Tiles of two units, while somebody copies: a pixel has the samples of both or of none.
+    #[test]
+    fn nobody_sees_a_part_of_a_tile() {
+        let side = 2 * TILE;
+        let grid = TileGrid::new(side, side, TILE);
+        let mut film = Film::new(side, side);
+        let unit: Vec<TileSum> = (0..TILE * TILE)
+            .map(|slot| {
+                let mut pixel = PixelSums::default();
+                pixel.add(slot, &Sample::MISS);
+                (slot, pixel)
+            })
+            .collect();
+        let canvas = Canvas::new(&mut film, grid);
+        let (copies, is_done) = (AtomicU64::new(0), AtomicBool::new(false));
+        let mut rounds = 0;
+        let torn = std::thread::scope(|threads| {
+            let copier = threads.spawn(|| {
+                let (mut torn, mut copied) = (0, Vec::new());
+                while !is_done.load(Ordering::Relaxed) {
+                    copies.fetch_add(1, Ordering::Relaxed);
+                    copied.clear();
+                    canvas.copy(0..side, &mut copied);
+                    torn += copied.iter().filter(|p| p.count() % 2 != 0).count();
+                    let bands = copied.chunks(TILE as usize);
+                    torn += bands.filter(|row| row.iter().any(|p| p.count() != row[0].count())).count();
+                }
+                torn
+            });
+            let enough = copies.load(Ordering::Relaxed) + 200;
+            while copies.load(Ordering::Relaxed) < enough || rounds % grid.len() != 0 {
+                assert!(canvas.add(rounds % grid.len(), unit.iter().chain(&unit)));
+                rounds += 1;
+            }
+            is_done.store(true, Ordering::Relaxed);
+            copier.join()
+        });
+        assert_eq!(torn.ok(), Some(0));
+        assert!(film.pixels().data().iter().all(|p| p.count() == 2 * (rounds / grid.len()) as u32));
     }
 }

@@ -257,7 +257,7 @@ impl Totals {
 }
 
 impl Stats {
-    /// Gathers the statistics of a render; stages and total time are filled in as they end.
+    /// Gathers the statistics of a render, on the threads of the current pool; stages and total time are filled in as they end.
     pub fn new(rendering: &Rendering, frame: &Frame, settings: &RenderSettings) -> Self {
         let film = &rendering.film;
         let totals = Totals::of(film);
@@ -382,4 +382,34 @@ fn sensor_stats(frame: &Frame, settings: &RenderSettings) -> Option<SensorStats>
         exposure_noise: settings.exposure_noise.name().into(),
         matched: sensor.matched.as_ref().map(|m| m.share),
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use dunkelfeld_film::Sample;
+    use dunkelfeld_radiometry::Rgb;
+
+    #[test]
+    fn a_large_film_is_summed_up_in_pieces() {
+        let (width, height) = (150, 240);
+        assert!((width * height) as usize > 2 * PIECE);
+        let mut film = Film::new(width, height);
+        for pixel in 0..(width * height) as usize {
+            for index in 0..(pixel % 5) as u32 {
+                let value = Rgb::new((pixel % 11) as f32, (index + 1) as f32, 0.1);
+                film.add(pixel, index, &Sample { radiance: value, ..Sample::MISS });
+            }
+        }
+        let of = |threads| crate::render::thread_pool(threads).expect("threads").install(|| Totals::of(&film));
+        let (one, three) = (of(1), of(3));
+        assert_eq!((one.mean, one.samples, one.range), (three.mean, three.samples, three.range));
+        let counts = film.sample_counts();
+        let without = counts.data().iter().filter(|&&n| n == 0).count() as u64;
+        assert_eq!((one.samples, one.range, one.without), (film.total_samples(), Some([0, 4]), without));
+        for channel in 0..3 {
+            let sum: f64 = film.pixels().data().iter().map(|p| p.mean()[channel]).sum();
+            assert!((one.mean[channel] / sum - 1.0).abs() < 1e-12, "{channel}");
+        }
+    }
 }
