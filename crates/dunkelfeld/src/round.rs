@@ -130,23 +130,21 @@ type TileSum = (u32, PixelSums);
 struct Canvas<'a> {
     rows: Vec<Mutex<&'a mut [PixelSums]>>,
     width: usize,
-    /// Tiles in a row.
-    columns: usize,
     grid: TileGrid,
 }
 
 impl<'a> Canvas<'a> {
     fn new(film: &'a mut Film, grid: TileGrid) -> Self {
-        let (width, columns) = (film.width() as usize, film.width().div_ceil(TILE) as usize);
+        let width = film.width() as usize;
         let rows = film.pixels_mut().data_mut().chunks_mut((width * TILE as usize).max(1)).map(Mutex::new).collect();
-        Self { rows, width, columns, grid }
+        Self { rows, width, grid }
     }
 
     /// Adds all sums of a tile, those of all of its units together, so that nobody sees a part of them. False if a thread has failed that
     /// worked on its row.
     fn add<'b>(&self, tile: usize, sums: impl Iterator<Item = &'b TileSum>) -> bool {
-        let Ok(mut pixels) = self.rows[tile / self.columns].lock() else { return false };
         let rect = self.grid.rect(tile);
+        let Ok(mut pixels) = self.rows[(rect.y0 / TILE) as usize].lock() else { return false };
         let tile_width = (rect.x1 - rect.x0) as usize;
         for (slot, sums) in sums {
             let slot = *slot as usize;
