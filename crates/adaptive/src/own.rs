@@ -5,123 +5,199 @@
 //! They fail in two ways: they over-state the noise of quasi-random samples, which are spread more evenly than independent ones, and
 //! they know nothing of what has not happened yet. The neighbourhood tells both:
 //!
-//! v = rho (q - l + sum of l / c), rho = sum of b / sum of q
+//! v = rho (q - l) + sum of rho' l' / c', rho = sum of b / sum of q
 //!
-//! q: variance of the pixel's mean as of independent samples; l: the part of it that its largest sample brings; c: how many pixels it
-//! may speak for; b: variance by the spread of batches, honest for quasi-random samples but with three degrees of freedom; sums go over
-//! the pixels that may speak for this one, those of its neighbourhood with half to twice as many samples (how likely a sample was to
-//! be met depends on it). So all but the largest sample is a pixel's own. That one all that it may
-//! speak for might have seen, and each takes a part of it, as Good (1953) has it for species that were met once. Nothing is counted
-//! twice: over pixels with as many samples the variances add up to those of the batches, as far as rho is the same everywhere (a ratio
-//! estimator: Cochran 1977, chapter 6).
+//! q: variance of the pixel's mean as of independent samples; l: the part of it that its largest sample brings; b: variance by the
+//! spread of batches, honest for quasi-random samples but with three degrees of freedom, summed like q over a cell of 8 x 8 pixels (a
+//! ratio estimator: Cochran 1977, chapter 6). So all but the largest sample is a pixel's own. That one others might have met as well,
+//! and each of the c' among whom it is shared takes a part of it, as Good (1953) has it for species that were met once. They are the
+//! pixels of the smallest cell, 4 x 4, 8 x 8 or 16 x 16, that has met another sample as large: where such samples are common they
+//! stay near, and what stands alone in its surroundings tells of all of them.
+//!
+//! Only pixels that are alike speak for each other: that show the same surface, are about as bright, and have half to twice as many
+//! samples (how likely a sample was to be met depends on it). Cells are aligned, nothing leaves its block of 16 x 16, and nothing is counted
+//! twice: where pixels are either alike or not, certified variances of the means of a block add up to those by its batches.
 
-use dunkelfeld_film::{Plane, Scatter};
+use dunkelfeld_film::Plane;
 
 use crate::evidence::Evidence;
-use crate::pooling::{POOL_REACH, PixelNoise, Pool, pixel, witnesses_of};
+use crate::pooling::{PixelNoise, Pool, pixel};
 
-/// The pixels around one that may speak for it, and for which it may speak, itself among them: a bit each, row by row. None if its own
-/// scatter is not known.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Fellows(u64);
+/// What is certified of a pixel depends on the block of so many pixels squared that it lies in, and on nothing else where the
+/// scatter of its samples is known.
+pub const BLOCK: u32 = 16;
 
-/// Pixels in a row of the square around one.
-const SIDE: u32 = 2 * POOL_REACH + 1;
+/// Sides of the cells among whose pixels a sample may be shared: the first that has met another as large, or the last.
+const CELLS: [u32; 3] = [4, 8, BLOCK];
 
-impl Fellows {
-    fn count(self) -> u32 {
-        self.0.count_ones()
-    }
+/// Side of the cells that tell how much more evenly samples are spread than independent ones.
+const EVENNESS: u32 = 8;
 
-    /// Their places, given that of the pixel, row by row.
-    fn places(self, x: u32, y: u32) -> impl Iterator<Item = (u32, u32)> {
-        let mut bits = self.0;
-        std::iter::from_fn(move || {
-            let bit = bits.trailing_zeros();
-            bits &= bits.wrapping_sub(1);
-            (bit < u64::BITS).then(|| (x + bit % SIDE - POOL_REACH, y + bit / SIDE - POOL_REACH))
-        })
-    }
-}
-
-/// The fellows of the pixels of one row. Rows are independent of each other.
+/// The noise of the pixels of one row of blocks, row by row, by their own samples as far as they can tell; as [`crate::pooling::noise_row`]
+/// has it where their scatter is not known. Rows of blocks are independent of each other.
 ///
 /// # Panics
 /// If the planes differ in size.
-pub fn fellows_row(evidence: &Evidence, y: u32) -> Vec<Fellows> {
+pub fn own_noise_of_blocks(evidence: &Evidence, row_of_blocks: u32) -> Vec<PixelNoise> {
     assert!(evidence.is_consistent(), "planes differ in size");
-    (0..evidence.width()).map(|x| fellows(evidence, x, y)).collect()
-}
-
-fn fellows(evidence: &Evidence, x: u32, y: u32) -> Fellows {
-    if told_by(evidence, x, y).is_none() {
-        return Fellows::default();
+    let (width, top) = (evidence.width(), row_of_blocks * BLOCK);
+    let height = evidence.height().saturating_sub(top).min(BLOCK);
+    let mut noise = vec![PixelNoise::UNKNOWN; width as usize * height as usize];
+    for left in (0..width).step_by(BLOCK as usize) {
+        let block = Block::new(evidence, left, top);
+        for (row, of_block) in block.noise().chunks(block.width as usize).enumerate() {
+            let start = row * width as usize + left as usize;
+            noise[start..start + of_block.len()].copy_from_slice(of_block);
+        }
     }
-    let n = u64::from(*evidence.counts.at(x, y));
-    let bits = witnesses_of(evidence, x, y)
-        .filter(|&(nx, ny)| {
-            let other = u64::from(*evidence.counts.at(nx, ny));
-            other <= 2 * n && n <= 2 * other && told_by(evidence, nx, ny).is_some()
-        })
-        .fold(0, |bits, (nx, ny)| bits | 1 << ((ny + POOL_REACH - y) * SIDE + nx + POOL_REACH - x));
-    Fellows(bits)
-}
-
-/// The noise of the pixels of one row, by their own samples as far as they can tell, given the [`fellows_row`] of all rows; as
-/// [`crate::pooling::noise_row`] has it where their scatter is not known. Rows are independent of each other.
-///
-/// # Panics
-/// If the planes differ in size.
-pub fn own_noise_row(evidence: &Evidence, fellows: &Plane<Fellows>, y: u32) -> Vec<PixelNoise> {
-    assert_eq!((fellows.width(), fellows.height()), (evidence.width(), evidence.height()), "planes differ in size");
-    let pooled = |x| pixel(evidence, x, y);
-    (0..evidence.width()).map(|x| own(evidence, fellows, x, y).unwrap_or_else(|| pooled(x))).collect()
+    noise
 }
 
 /// The noise of all pixels.
 pub fn own_noise(evidence: &Evidence) -> Plane<PixelNoise> {
     let (width, height) = (evidence.width(), evidence.height());
-    let fellows = (0..height).flat_map(|y| fellows_row(evidence, y)).collect();
-    let Some(fellows) = Plane::from_vec(width, height, fellows) else {
-        return evidence.mean.map(|_| PixelNoise::UNKNOWN);
-    };
-    let noise = (0..height).flat_map(|y| own_noise_row(evidence, &fellows, y)).collect();
+    let noise = (0..height.div_ceil(BLOCK)).flat_map(|row| own_noise_of_blocks(evidence, row)).collect();
     Plane::from_vec(width, height, noise).unwrap_or_else(|| Plane::new(width, height, PixelNoise::UNKNOWN))
 }
 
-/// What the means of a pixel tell of the variance of one sample: by batches, and as of independent samples, all and the largest's part.
-fn told_by(evidence: &Evidence, x: u32, y: u32) -> Option<(f64, Scatter)> {
-    let (n, variance) = (f64::from(*evidence.counts.at(x, y)), f64::from(*evidence.variance.at(x, y)));
-    let scatter = (*evidence.scatter.at(x, y))?;
-    variance.is_finite().then_some((n * variance, Scatter { all: n * scatter.all, largest: n * scatter.largest }))
+/// What the samples of a pixel tell of the variance of their mean.
+#[derive(Clone, Copy)]
+struct Told {
+    /// By the spread of batches.
+    batches: f64,
+    /// As of independent samples: all of it, and the part of the largest.
+    all: f64,
+    largest: f64,
 }
 
-fn own(evidence: &Evidence, fellows: &Plane<Fellows>, x: u32, y: u32) -> Option<PixelNoise> {
-    let (_, own) = told_by(evidence, x, y)?;
-    let (mut pool, mut all, mut shared, mut squares) = (Pool::default(), 0.0, 0.0, 0.0);
-    let mut batches = 0.0;
-    for (nx, ny) in fellows.at(x, y).places(x, y) {
-        let Some((variance, scatter)) = told_by(evidence, nx, ny) else { continue };
-        let share = scatter.largest / f64::from(fellows.at(nx, ny).count().max(1));
-        pool.add(variance, f64::from(*evidence.mean.at(nx, ny)));
-        batches += variance;
-        all += scatter.all;
-        shared += share;
-        squares += share * share;
+impl Told {
+    fn by(evidence: &Evidence, x: u32, y: u32) -> Option<Self> {
+        let (batches, scatter) = (f64::from(*evidence.variance.at(x, y)), (*evidence.scatter.at(x, y))?);
+        batches.is_finite().then_some(Self { batches, all: scatter.all, largest: scatter.largest })
     }
-    let rho = batches / all;
-    if !rho.is_finite() {
-        return None;
+}
+
+/// How evenly the samples of a cell are spread: their variance by batches over that of independent ones; and its pooled noise.
+#[derive(Clone, Copy)]
+struct Evenness {
+    rho: f64,
+    pooled: PixelNoise,
+}
+
+/// What a pixel takes of the largest samples of others, and of its own.
+#[derive(Clone, Copy, Default)]
+struct Shared {
+    sum: f64,
+    squares: f64,
+}
+
+/// The pixels of a block.
+struct Block<'a> {
+    evidence: &'a Evidence,
+    left: u32,
+    top: u32,
+    width: u32,
+    height: u32,
+    /// Row by row; `None` where the scatter of a pixel is not known.
+    told: Vec<Option<Told>>,
+}
+
+impl<'a> Block<'a> {
+    fn new(evidence: &'a Evidence, left: u32, top: u32) -> Self {
+        let (width, height) = ((evidence.width() - left).min(BLOCK), (evidence.height() - top).min(BLOCK));
+        let places = (0..height).flat_map(|y| (0..width).map(move |x| (x, y)));
+        let told = places.map(|(x, y)| Told::by(evidence, left + x, top + y)).collect();
+        Self { evidence, left, top, width, height, told }
     }
-    let pooled = pool.noise();
-    let body = (own.all - own.largest).max(0.0);
+
+    /// Column and row in the image of the pixel with an index in the block.
+    fn place(&self, pixel: usize) -> (u32, u32) {
+        (self.left + pixel as u32 % self.width, self.top + pixel as u32 / self.width)
+    }
+
+    /// The pixels of a pixel's cell that may speak for it, and for which it may speak, itself among them, with what they tell.
+    fn fellows(&self, pixel: usize, cell: u32) -> impl Iterator<Item = (usize, Told)> {
+        let (x, y) = (pixel as u32 % self.width / cell * cell, pixel as u32 / self.width / cell * cell);
+        let rows = y..(y + cell).min(self.height);
+        let columns = x..(x + cell).min(self.width);
+        let others = rows.flat_map(move |y| columns.clone().map(move |x| (y * self.width + x) as usize));
+        others.filter_map(move |other| {
+            self.told[other].filter(|_| self.are_alike(pixel, other)).map(|told| (other, told))
+        })
+    }
+
+    fn are_alike(&self, one: usize, other: usize) -> bool {
+        let (e, a, b) = (self.evidence, self.place(one), self.place(other));
+        let (n, m) = (u64::from(*e.counts.at(a.0, a.1)), u64::from(*e.counts.at(b.0, b.1)));
+        n <= 2 * m
+            && m <= 2 * n
+            && e.level.at(a.0, a.1).is_like(e.level.at(b.0, b.1))
+            && e.surface.at(a.0, a.1).is_like(e.surface.at(b.0, b.1))
+    }
+
+    /// What the cell of a pixel says of the evenness of its samples; `None` where that is not known.
+    fn evenness(&self, pixel: usize) -> Option<Evenness> {
+        self.told[pixel]?;
+        let (mut pool, mut batches, mut all) = (Pool::default(), 0.0, 0.0);
+        for (fellow, told) in self.fellows(pixel, EVENNESS) {
+            let (x, y) = self.place(fellow);
+            pool.add(told.batches, f64::from(*self.evidence.mean.at(x, y)));
+            batches += told.batches;
+            all += told.all;
+        }
+        // Where nothing scatters there is nothing to take back.
+        let rho = if all > 0.0 { batches / all } else { 0.0 };
+        rho.is_finite().then(|| Evenness { rho, pooled: pool.noise() })
+    }
+
+    /// The largest samples of all pixels, shared out among those that might have met them.
+    fn shared(&self, evenness: &[Option<Evenness>]) -> Vec<Shared> {
+        let mut shared = vec![Shared::default(); self.told.len()];
+        let mut fellows = Vec::with_capacity(self.told.len());
+        for (pixel, (told, even)) in self.told.iter().zip(evenness).enumerate() {
+            let (Some(told), Some(even)) = (told, even) else { continue };
+            if told.largest <= 0.0 {
+                continue;
+            }
+            for cell in CELLS {
+                fellows.clear();
+                fellows.extend(self.fellows(pixel, cell));
+                if fellows.iter().any(|&(fellow, other)| fellow != pixel && other.largest >= told.largest) {
+                    break;
+                }
+            }
+            let share = even.rho * told.largest / fellows.len().max(1) as f64;
+            for &(fellow, _) in &fellows {
+                shared[fellow].sum += share;
+                shared[fellow].squares += share * share;
+            }
+        }
+        shared
+    }
+
+    /// The noise of its pixels, row by row.
+    fn noise(&self) -> Vec<PixelNoise> {
+        let evenness: Vec<_> = (0..self.told.len()).map(|pixel| self.evenness(pixel)).collect();
+        let shared = self.shared(&evenness);
+        let known = |i: usize, count| own(&self.told[i]?, &evenness[i]?, &shared[i], count);
+        let noise = |i| {
+            let (x, y) = self.place(i);
+            known(i, *self.evidence.counts.at(x, y)).unwrap_or_else(|| pixel(self.evidence, x, y))
+        };
+        (0..self.told.len()).map(noise).collect()
+    }
+}
+
+/// The noise of a pixel of so many samples; `None` if it is out of the range of its type.
+fn own(told: &Told, even: &Evenness, shared: &Shared, count: u32) -> Option<PixelNoise> {
+    let body = even.rho * (told.all - told.largest).max(0.0);
     // Nothing of the body weighs more than the largest sample: it is made of body / largest events at least, whose number scatters
     // as Poisson's. The same goes for what is shared, one event a pixel. A variance with f degrees of freedom scatters by 2 / f.
-    let spread = body * own.largest + squares;
-    let relative = if spread > 0.0 { spread / (body + shared).powi(2) } else { 0.0 };
-    let freedom = 2.0 / (relative + 2.0 / f64::from(pooled.freedom));
-    let variance = (rho * (body + shared)) as f32;
-    variance.is_finite().then_some(PixelNoise { variance, freedom: freedom as f32, mean: pooled.mean })
+    let spread = body * even.rho * told.largest + shared.squares;
+    let relative = if spread > 0.0 { spread / (body + shared.sum).powi(2) } else { 0.0 };
+    let freedom = 2.0 / (relative + 2.0 / f64::from(even.pooled.freedom));
+    let variance = (f64::from(count) * (body + shared.sum)) as f32;
+    variance.is_finite().then_some(PixelNoise { variance, freedom: freedom as f32, mean: even.pooled.mean })
 }
 
 #[cfg(test)]
@@ -129,7 +205,7 @@ mod tests {
     use super::*;
     use crate::evidence::{Level, Surface};
     use crate::pooling::noise;
-    use dunkelfeld_film::{Accumulate, PixelSums, Sample};
+    use dunkelfeld_film::{Accumulate, PixelSums, Sample, Scatter};
 
     const WIDTH: u32 = 32;
 
@@ -198,24 +274,57 @@ mod tests {
         assert!(ratio(&pooled, false, quiet) > 1.5 && ratio(&pooled, true, loud) < 0.3, "pooled variances are smeared");
     }
 
+    /// An image of one surface on which nothing has happened but some events, each with the whole noise of its pixel.
+    fn events(width: u32, height: u32, events: &[(u32, u32, f64)]) -> Evidence {
+        let of = |x, y| events.iter().find(|e| (e.0, e.1) == (x, y)).map_or(0.0, |e| e.2);
+        Evidence {
+            counts: Plane::new(width, height, 16),
+            mean: Plane::new(width, height, 1.0),
+            variance: Plane::from_fn(width, height, |x, y| of(x, y) as f32),
+            scatter: Plane::from_fn(width, height, |x, y| Some(Scatter { all: of(x, y), largest: of(x, y) })),
+            largest: Plane::new(width, height, 1.0),
+            surface: Plane::new(width, height, Surface::default()),
+            level: Plane::new(width, height, Level::ANY),
+        }
+    }
+
     #[test]
-    fn fellows_are_mutual_and_in_their_places() {
-        let film = film(16, 4, |_, _, _, random| random.unit());
-        let mut evidence = evidence_of(&film);
-        evidence.surface =
-            Plane::from_fn(WIDTH, WIDTH, |x, _| Surface { object: u32::from(x >= 5), ..Surface::default() });
-        evidence.scatter.data_mut()[2 * 32 + 3] = None;
-        let row = |y| fellows_row(&evidence, y);
-        // In the corner of five columns: four by four pixels, one of which tells nothing.
-        let corner: Vec<(u32, u32)> = row(0)[0].places(0, 0).collect();
-        let wanted = (0..4).flat_map(|y| (0..4).map(move |x| (x, y))).filter(|&at| at != (3, 2));
-        assert_eq!(corner, wanted.collect::<Vec<_>>());
-        assert_eq!((row(2)[3], row(31)[31].count(), row(15)[20].count()), (Fellows::default(), 16, 49));
-        for y in 0..WIDTH {
-            for (x, fellows) in (0..).zip(row(y)) {
-                assert!(
-                    fellows.places(x, y).all(|(nx, ny)| row(ny)[nx as usize].places(nx, ny).any(|at| at == (x, y)))
-                );
+    fn a_lone_event_is_shared_by_its_block() {
+        let own = own_noise(&events(40, 40, &[(17, 30, 256.0)]));
+        for y in 0..40 {
+            for x in 0..40 {
+                let inside = (16..32).contains(&x) && (16..32).contains(&y);
+                // Sixteen samples of variance 256 in one of 256 pixels.
+                assert_eq!(own.at(x, y).variance, if inside { 16.0 } else { 0.0 }, "{x} {y}");
+            }
+        }
+    }
+
+    #[test]
+    fn an_event_met_again_stays_in_the_smallest_cell_that_met_both() {
+        // Two as large in one cell of 4 x 4, a third in the same cell of 8 x 8, a larger one in its neighbour.
+        let own = own_noise(&events(16, 16, &[(0, 0, 1.0), (3, 3, 1.0), (5, 5, 1.0), (8, 8, 16.0)]));
+        let at = |x, y| f64::from(own.at(x, y).variance) / 16.0;
+        let (small, middle, all) = (2.0 / 16.0, 1.0 / 64.0, 16.0 / 256.0);
+        for (x, y, wanted) in [(1, 2, small + middle + all), (4, 4, middle + all), (9, 9, all), (15, 0, all)] {
+            assert!((at(x, y) - wanted).abs() < 1e-6, "{x} {y}: {} {wanted}", at(x, y));
+        }
+    }
+
+    #[test]
+    fn only_pixels_that_are_alike_share() {
+        let mut evidence = events(16, 16, &[(2, 2, 1.0)]);
+        evidence.surface = Plane::from_fn(16, 16, |x, _| Surface { object: u32::from(x >= 5), ..Surface::default() });
+        evidence.counts = Plane::from_fn(16, 16, |_, y| if y < 8 { 16 } else { 33 });
+        evidence.scatter.data_mut()[3] = None;
+        let own = own_noise(&evidence);
+        // Five columns of eight rows, one of which tells nothing.
+        let share = 16.0 / 39.0;
+        for y in 0..16 {
+            for x in 0..16 {
+                let wanted = if (x, y) == (3, 0) { None } else { Some(if x < 5 && y < 8 { share } else { 0.0 }) };
+                let variance = own.at(x, y).variance;
+                assert!(wanted.is_none_or(|w| (variance - w).abs() < 1e-6), "{x} {y}: {variance}");
             }
         }
     }
@@ -286,19 +395,29 @@ mod tests {
     }
 
     #[test]
-    fn sums_of_neighbourhoods_are_those_of_their_batches() {
-        let film = film(32, 9, |x, _, _, random| f64::from(x + 1) * random.unit().powi(4));
-        let mut evidence = evidence_of(&film);
-        // Seven by seven pixels that speak for each other, and for no one else.
-        evidence.surface = Plane::from_fn(WIDTH, WIDTH, |x, y| {
-            let inside = (10..14).contains(&x) && (10..14).contains(&y);
-            Surface { object: u32::from(inside), ..Surface::default() }
-        });
-        let inside = || (10..14).flat_map(|y| (10..14).map(move |x| (x, y)));
+    fn variances_of_a_block_add_up_to_those_of_its_batches() {
+        let film = film(32, 9, |x, y, _, random| f64::from(x * y + 1) * random.unit().powi(4));
+        // Blocks that the image cuts off, and a surface that ends in one.
+        let crop = |plane: &Plane<f32>| Plane::from_fn(27, 22, |x, y| *plane.at(x, y));
+        let whole = evidence_of(&film);
+        let evidence = Evidence {
+            // The same means could have come of fewer samples, or of more.
+            counts: Plane::from_fn(27, 22, |x, y| 32 + 16 * ((x + y) % 3)),
+            mean: crop(&whole.mean),
+            variance: crop(&whole.variance),
+            scatter: Plane::from_fn(27, 22, |x, y| *whole.scatter.at(x, y)),
+            largest: crop(&whole.largest),
+            surface: Plane::from_fn(27, 22, |x, _| Surface { object: u32::from(x > 20), ..Surface::default() }),
+            level: Plane::new(27, 22, Level::ANY),
+        };
         let own = own_noise(&evidence);
-        let by_own: f64 = inside().map(|(x, y)| f64::from(own.at(x, y).variance)).sum();
-        let by_batches: f64 = inside().map(|(x, y)| 32.0 * f64::from(*evidence.variance.at(x, y))).sum();
-        assert!((by_own / by_batches - 1.0).abs() < 1e-5, "{by_own} {by_batches}");
+        for (left, top) in [(0, 0), (16, 0), (0, 16), (16, 16)] {
+            let (columns, rows) = (left..(left + 16).min(27), top..(top + 16).min(22));
+            let places = || rows.clone().flat_map(|y| columns.clone().map(move |x| (x, y)));
+            let by_own: f64 = places().map(|(x, y)| f64::from(own.at(x, y).of_mean(*evidence.counts.at(x, y)))).sum();
+            let by_batches: f64 = places().map(|(x, y)| f64::from(*evidence.variance.at(x, y))).sum();
+            assert!((by_own / by_batches - 1.0).abs() < 1e-5, "{left} {top}: {by_own} {by_batches}");
+        }
     }
 
     #[test]

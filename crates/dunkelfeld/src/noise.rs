@@ -7,7 +7,7 @@ use dunkelfeld_adaptive::certificate::{Certificate, Claim, certify as certify_pl
 use dunkelfeld_adaptive::evidence::{Evidence, Level, Surface, surfaces};
 use dunkelfeld_adaptive::expected::{Expected, expected_row, told};
 use dunkelfeld_adaptive::need::{DEFAULT_TARGET, Needs, SensorNoise, needs};
-use dunkelfeld_adaptive::own::{Fellows, fellows_row, own_noise_row};
+use dunkelfeld_adaptive::own::{BLOCK, own_noise_of_blocks};
 use dunkelfeld_adaptive::pooling::{PixelNoise, noise_row};
 use dunkelfeld_film::{Film, PixelSums, Plane, Scatter};
 use dunkelfeld_integrator::Label;
@@ -114,11 +114,8 @@ fn pooled(evidence: &Evidence) -> Plane<PixelNoise> {
 /// [`dunkelfeld_adaptive::own::own_noise`], likewise.
 fn owned(evidence: &Evidence) -> Plane<PixelNoise> {
     let unknown = evidence.mean.map(|_| PixelNoise::UNKNOWN);
-    if is_unknown(evidence) {
-        return unknown;
-    }
-    let fellows = by_rows(evidence.mean.map(|_| Fellows::default()), |y| fellows_row(evidence, y));
-    by_rows(unknown, |y| own_noise_row(evidence, &fellows, y))
+    let blocks = evidence.height().div_ceil(BLOCK);
+    if is_unknown(evidence) { unknown } else { by_parts(unknown, blocks, |row| own_noise_of_blocks(evidence, row)) }
 }
 
 /// Is there a sample a pixel, or none? Then there is nothing to pool, and no time to lose with it.
@@ -128,8 +125,14 @@ fn is_unknown(evidence: &Evidence) -> bool {
 
 /// A plane like another, its rows made on the threads of the current pool.
 fn by_rows<T: Clone + Send>(like: Plane<T>, row: impl Fn(u32) -> Vec<T> + Send + Sync) -> Plane<T> {
-    let rows: Vec<Vec<T>> = (0..like.height()).into_par_iter().map(row).collect();
-    Plane::from_vec(like.width(), like.height(), rows.concat()).unwrap_or(like)
+    let height = like.height();
+    by_parts(like, height, row)
+}
+
+/// The same of parts of one or more rows each.
+fn by_parts<T: Clone + Send>(like: Plane<T>, parts: u32, part: impl Fn(u32) -> Vec<T> + Send + Sync) -> Plane<T> {
+    let parts: Vec<Vec<T>> = (0..parts).into_par_iter().map(part).collect();
+    Plane::from_vec(like.width(), like.height(), parts.concat()).unwrap_or(like)
 }
 
 /// A certificate together with what it rests on.
