@@ -319,7 +319,7 @@ fn a_render_behind_a_filter_is_planned_and_certified() {
     assert!(certified.certificate.is_hidden(), "{:?}", certified.certificate);
 }
 
-/// What a render behind a colour sensor writes can be exposed again from its EXR, noise matched: nearly as the render had it.
+/// What a render behind a colour sensor writes can be exposed again from its EXR, noise matched: but for rounding as the render had it.
 #[test]
 fn layers_of_a_render_are_matched_as_the_render_was() {
     let folder = folder();
@@ -337,14 +337,14 @@ fn layers_of_a_render_are_matched_as_the_render_was() {
         Exposer::open(&path, &settings).expect("an image").frame(0).expect("a frame")
     };
     let own = &frame.sensor.as_ref().expect("a sensor").values;
-    // The covariance of the channels is not in the file: what is left out is a little different, and some pixels by a grey value.
+    // Layers are single precision: what is left out may be a little different.
     let distance = |other: &Plane<u16>| {
         let off = own.data().iter().zip(other.data()).map(|(&a, &b)| (f64::from(a) - f64::from(b)).powi(2));
         off.sum::<f64>() / own.data().len() as f64
     };
     let (matched, plain) = (distance(&expose(ExposureNoise::Matched)), distance(&expose(ExposureNoise::Plain)));
     assert!(
-        matched < 0.05 * plain,
+        matched < 0.02 * plain,
         "mean square {matched:.2} from the render's own matched frame, {plain:.2} when plain"
     );
 }

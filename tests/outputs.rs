@@ -94,6 +94,7 @@ fn layers_hold_what_the_film_and_the_sensor_hold() {
 
     assert_eq!(layers.triples(Triple::Mean), Some(rendering.film.mean()));
     assert_eq!(layers.triples(Triple::Variance), Some(rendering.film.variance()));
+    assert_eq!(layers.triples(Triple::Covariance), Some(rendering.film.covariance()));
     assert_eq!(layers.integers(Single::SampleCount), Some(Plane::new(16, 12, 8)));
     let sensor = frame.sensor.expect("there is one");
     assert_eq!(layers.single(Single::Electrons), Some(sensor.electrons.clone()));

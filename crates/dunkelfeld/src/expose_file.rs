@@ -20,7 +20,8 @@ use dunkelfeld_io::job::LensSettings;
 use dunkelfeld_io::layers::{Single, Triple};
 use dunkelfeld_radiometry::Seconds;
 use dunkelfeld_sensor::{
-    Device, Exposure, ExposureNoise, FrameKey, Optics, Response, SensorError, SensorModel, auto_exposure, electrons,
+    Device, Exposure, ExposureNoise, FrameKey, Optics, Response, SensorError, SensorModel, Weights, auto_exposure,
+    electrons,
 };
 use rayon::prelude::*;
 use std::path::{Path, PathBuf};
@@ -406,6 +407,8 @@ fn darkened(radiance: &Plane<[f32; 3]>, share: &Plane<f64>) -> Plane<[f32; 3]> {
 struct NoiseLayers {
     /// Variance of the mean, by channel.
     variance: Plane<[f32; 3]>,
+    /// Covariance of its channels.
+    covariance: Plane<[f32; 3]>,
     /// What else a file of ours tells.
     pixels: Option<PixelLayers>,
 }
@@ -421,6 +424,8 @@ impl NoiseLayers {
     /// `None` without variances.
     fn of(layers: &ExrLayers) -> Option<Self> {
         let variance = layers.triples(Triple::Variance)?;
+        let covariance =
+            layers.triples(Triple::Covariance).unwrap_or_else(|| variance.map(|_| Weights::UNKNOWN_COVARIANCE));
         let whole = [layers.integers(Single::SampleCount), layers.integers(Single::ObjectId)];
         let pixels = match (whole, layers.triples(Triple::Normal)) {
             ([Some(counts), Some(objects)], Some(normals)) => {
@@ -441,7 +446,7 @@ impl NoiseLayers {
             }
             _ => None,
         };
-        Some(Self { variance, pixels })
+        Some(Self { variance, covariance, pixels })
     }
 
     fn darkened(self, share: &Plane<f64>) -> Self {
@@ -454,20 +459,22 @@ impl NoiseLayers {
             });
             PixelLayers { counts, surface, scatter }
         });
-        Self { variance: darkened(&self.variance, &squares), pixels }
+        let [variance, covariance] = [&self.variance, &self.covariance].map(|plane| darkened(plane, &squares));
+        Self { variance, covariance, pixels }
     }
 
-    /// What that makes known of the electrons of a sensor: as in a render if the file tells which pixels show the same surface, but
-    /// for the covariance of the channels, which are taken to rise and fall together; else each pixel's own variance counts.
+    /// What that makes known of the electrons of a sensor: as in a render if the file tells which pixels show the same
+    /// surface; else each pixel's own variance counts.
     fn known(self, response: Response, sensor: SensorNoise, mean: &Plane<[f32; 3]>) -> Known {
         let (width, height) = (mean.width(), mean.height());
         let Some(PixelLayers { counts, surface, scatter }) = self.pixels else {
-            let own = |x, y| response.at(x, y).variance(*self.variance.at(x, y)) as f32;
+            let own = |x, y| response.at(x, y).variance(*self.variance.at(x, y), *self.covariance.at(x, y)) as f32;
             return Known { variance: Plane::from_fn(width, height, own), is_rare: Plane::new(width, height, false) };
         };
         let views = response.kinds().iter().map(|weights| {
             let own = mean.map(|&v| weights.electrons(v).0 as f32);
-            let variance = self.variance.map(|&v| weights.variance(v) as f32);
+            let variance = |x, y| weights.variance(*self.variance.at(x, y), *self.covariance.at(x, y)) as f32;
+            let variance = Plane::from_fn(width, height, variance);
             let largest = Plane::from_fn(width, height, |x, y| {
                 // From the distance of the largest sample to the mean of all.
                 let (per_luminance, luminance) = per_luminance(*weights, mean.at(x, y).map(f64::from));

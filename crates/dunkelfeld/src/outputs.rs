@@ -200,7 +200,7 @@ pub(crate) fn save_values(values: &Plane<u16>, words: &str, path: &Path) -> Resu
     )
 }
 
-/// All layers of a render as an EXR's contents: `R G B`, `variance.*`, `spp.Y`, `albedo.*`, `normal.*`, `depth.Z` and
+/// All layers of a render as an EXR's contents: `R G B`, `variance.*`, `covariance.*`, `spp.Y`, `albedo.*`, `normal.*`, `depth.Z` and
 /// their variances, `scatter.*`, `id.object`, `id.material` ([`NO_ID`] where there is nothing) and, with a sensor, `electrons.Y`; `hidden.Y` once the frame is
 /// [certified](crate::certify), and `matched.Y` (1 or 0) if its noise was to be matched; `denoised.*` if the
 /// [picture shows it](crate::show_denoised).
@@ -215,6 +215,7 @@ pub fn encode_layers(
     let mut layers = plan_layers(&film.sample_counts(), settings);
     layers.push_triples(Triple::Mean, &film.mean());
     layers.push_triples(Triple::Variance, &film.variance());
+    layers.push_triples(Triple::Covariance, &film.covariance());
     let scatter = sums.map(PixelSums::scatter);
     layers.push_floats(Single::Scatter, scatter.map(|s| s.map_or(f32::INFINITY, |s| s.all as f32)));
     layers.push_floats(Single::LargestScatter, scatter.map(|s| s.map_or(f32::INFINITY, |s| s.largest as f32)));

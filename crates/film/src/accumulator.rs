@@ -278,6 +278,16 @@ impl PixelSums {
     /// `sum n_b (m_b - m)^2 / ((B - 1) n)` over the B batches that hold samples. Unbiased when samples are independent;
     /// honest when they are quasi-random within a batch. Infinite with fewer than two batches: nothing is known then.
     pub fn variance_of_mean(&self) -> [f64; 3] {
+        self.products_of_batches(|d| d.map(|d| d * d))
+    }
+
+    /// Estimated covariance of red and green, red and blue, green and blue of [`Self::mean`], likewise.
+    pub fn covariance_of_mean(&self) -> [f64; 3] {
+        self.products_of_batches(|[r, g, b]| [r * g, r * b, g * b])
+    }
+
+    /// Products of the distances of the batch means from the mean, as they tell of its variances.
+    fn products_of_batches(&self, products: impl Fn([f64; 3]) -> [f64; 3]) -> [f64; 3] {
         let used = self.counts.iter().filter(|&&n| n > 0).count();
         if used < 2 {
             return [f64::INFINITY; 3];
@@ -286,8 +296,9 @@ impl PixelSums {
         let mut spread = [0.0; 3];
         for (batch, &count) in self.batches.iter().zip(&self.counts).filter(|(_, c)| **c > 0) {
             let batch_mean = batch.to_f64().map(|s| s / f64::from(count));
+            let products = products([0, 1, 2].map(|c: usize| batch_mean[c] - mean[c]));
             for c in 0..3 {
-                spread[c] += f64::from(count) * (batch_mean[c] - mean[c]).powi(2);
+                spread[c] += f64::from(count) * products[c];
             }
         }
         spread.map(|s| s / ((used - 1) as f64 * n))
@@ -547,6 +558,14 @@ mod tests {
         let (mean, variance) = p.weighted_mean_and_variance([0.0, 2.0, 0.0]);
         assert!((mean - 2.0 * p.mean()[1]).abs() < 1e-12);
         assert!((variance / (4.0 * p.variance_of_mean()[1]) - 1.0).abs() < 1e-9);
+        // The sum of any two channels has their variances and twice their covariance; blue does not vary.
+        let [green, blue] = [p.variance_of_mean()[1], p.variance_of_mean()[2]];
+        let [rg, rb, gb] = p.covariance_of_mean();
+        assert!(
+            (rg / green + 1.0).abs() < 1e-6 && blue < 1e-14 && rb.abs().max(gb.abs()) < 1e-9 * green,
+            "{rg} {rb} {gb}"
+        );
+        assert_eq!(PixelSums::default().covariance_of_mean(), [f64::INFINITY; 3]);
     }
 
     #[test]

@@ -96,6 +96,11 @@ impl Film {
         self.pixels.map(|p| p.variance_of_mean().map(|v| v as f32))
     }
 
+    /// Covariance of the mean of red and green, red and blue, green and blue per pixel [(W/(m^2 sr))^2]; infinite where nothing is known.
+    pub fn covariance(&self) -> Plane<[f32; 3]> {
+        self.pixels.map(|p| p.covariance_of_mean().map(|v| v as f32))
+    }
+
     /// Number of samples per pixel.
     pub fn sample_counts(&self) -> Plane<u32> {
         self.pixels.map(PixelSums::count)

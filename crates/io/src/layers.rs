@@ -11,6 +11,8 @@ pub enum Triple {
     Mean,
     /// Variance of the mean: `variance.R/G/B`.
     Variance,
+    /// Covariance of the mean's channels, two by two: `covariance.RG/RB/GB`.
+    Covariance,
     /// Denoised mean: `denoised.R/G/B`.
     Denoised,
     /// Reflectance of the first surface that scatters light, behind smooth glass: `albedo.R/G/B`.
@@ -53,6 +55,7 @@ impl Triple {
         match self {
             Self::Mean => ["R", "G", "B"],
             Self::Variance => ["variance.R", "variance.G", "variance.B"],
+            Self::Covariance => ["covariance.RG", "covariance.RB", "covariance.GB"],
             Self::Denoised => ["denoised.R", "denoised.G", "denoised.B"],
             Self::Albedo => ["albedo.R", "albedo.G", "albedo.B"],
             Self::Normal => ["normal.X", "normal.Y", "normal.Z"],
@@ -71,7 +74,7 @@ impl Triple {
             Self::Denoised => &["denoised"],
             Self::Albedo => &["denoising albedo", "albedo", "diffcol", "diffuse_albedo", "diffuse_reflectance"],
             Self::Normal => &["denoising normal", "normal", "normals", "sh_normal", "nn", "n"],
-            Self::AlbedoVariance | Self::NormalVariance => &[],
+            Self::Covariance | Self::AlbedoVariance | Self::NormalVariance => &[],
         }
     }
 }

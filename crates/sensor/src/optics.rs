@@ -104,15 +104,23 @@ impl Weights {
         Electrons(self.0[0] * r + self.0[1] * g + self.0[2] * b)
     }
 
-    /// The largest variance \[e-^2\] that the expected electrons can have when the channels have the given variances.
+    /// Variance \[e-^2\] of the expected electrons when red, green and blue have the given variances, and red and green, red and
+    /// blue, green and blue the given covariances.
     ///
-    /// The channels of a rendered pixel come from the same paths and rise and fall together; their covariance is not
-    /// kept. So they are taken to be fully correlated, (sum of w sigma)^2, which is never too small.
+    /// Covariances beyond what the variances allow count as the largest that they do: [`Self::UNKNOWN_COVARIANCE`] has the channels of
+    /// a rendered pixel, which come from the same paths, rise and fall together, which is never too small.
     #[inline]
-    pub fn variance(&self, variance: [f32; 3]) -> f64 {
-        let [r, g, b] = variance.map(|v| f64::from(v).sqrt());
-        (self.0[0] * r + self.0[1] * g + self.0[2] * b).powi(2)
+    pub fn variance(&self, variance: [f32; 3], covariance: [f32; 3]) -> f64 {
+        let ([wr, wg, wb], [r, g, b]) = (self.0, variance.map(|v| f64::from(v).sqrt()));
+        let [rg, rb, gb] = [(covariance[0], r * g), (covariance[1], r * b), (covariance[2], g * b)]
+            // What is not a number becomes the limit.
+            .map(|(c, limit)| f64::from(c).min(limit).max(-limit));
+        let own = (wr * r).powi(2) + (wg * g).powi(2) + (wb * b).powi(2);
+        (own + 2.0 * (wr * wg * rg + wr * wb * rb + wg * wb * gb)).max(0.0)
     }
+
+    /// Covariances of channels of which nothing is known.
+    pub const UNKNOWN_COVARIANCE: [f32; 3] = [f32::INFINITY; 3];
 }
 
 /// What the pixels of a sensor make of radiance, each in its place.
@@ -272,11 +280,19 @@ mod tests {
     }
 
     #[test]
-    fn the_variance_bound_is_exact_for_grey_noise() {
+    fn the_variance_of_electrons_knows_how_channels_vary_together() {
         let response = Response::new(&model(), &lens(), Exposure::new(Seconds(1e-3)).expect("valid"));
         // Grey noise of standard deviation 0.1 moves the electrons by 0.1 times the response to grey.
         let expected = (0.1 * response.at(0, 0).electrons([1.0; 3]).0).powi(2);
-        assert!((response.at(0, 0).variance([0.01; 3]) / expected - 1.0).abs() < 1e-6);
+        let weights = response.at(0, 0);
+        for unknown in [Weights::UNKNOWN_COVARIANCE, [f32::NAN; 3], [0.02; 3]] {
+            assert!((weights.variance([0.01; 3], unknown) / expected - 1.0).abs() < 1e-6, "{unknown:?}");
+        }
+        // By hand: 4 * 1 + 9 * 4 + 0, and twice 2 * 3 * (-1) for red and green.
+        let weights = Weights([2.0, 3.0, 5.0]);
+        assert!((weights.variance([1.0, 4.0, 0.0], [-1.0, 0.0, 7.0]) - 28.0).abs() < 1e-9);
+        // Channels that make up for each other leave nothing, whatever a file says beyond that.
+        assert_eq!(weights.variance([9.0, 4.0, 0.0], [f32::NEG_INFINITY, 0.0, 0.0]), 0.0);
     }
 
     #[test]

@@ -6,7 +6,7 @@ use dunkelfeld_adaptive::sobel::{gamma_image, magnitude};
 use dunkelfeld_film::Plane;
 use dunkelfeld_radiometry::{Electrons, Rgb, Seconds};
 use dunkelfeld_sensor::{
-    Device, Exposure, FrameKey, Optics, Response, SensorError, SensorModel, auto_exposure, display,
+    Device, Exposure, FrameKey, Optics, Response, SensorError, SensorModel, Weights, auto_exposure, display,
 };
 
 /// The camera with its exposure; without one, luminance with white at 1 W/(m^2 sr).
@@ -58,14 +58,14 @@ impl View {
         }
     }
 
-    /// The variance of the signal that a render states of itself, from the variances of its channels.
+    /// The variance of the signal that a render states of itself, from the variances of its channels, which are taken to rise and
+    /// fall together.
     pub(crate) fn signal_variance(&self, variance: &Plane<[f32; 3]>) -> Plane<f32> {
         match &self.camera {
             Some((model, optics, exposure)) => {
                 let average = Response::new(model, optics, *exposure).average();
-                variance.map(|&v| average.variance(v) as f32)
+                variance.map(|&v| average.variance(v, Weights::UNKNOWN_COVARIANCE) as f32)
             }
-            // As there: channels rise and fall together.
             None => variance.map(|v| {
                 let [r, g, b] = v.map(f32::sqrt);
                 Rgb::new(r, g, b).luminance().powi(2)
