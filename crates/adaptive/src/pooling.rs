@@ -12,7 +12,7 @@ use dunkelfeld_film::{BATCHES, Plane};
 use crate::evidence::{Evidence, around};
 
 /// Variances are pooled over squares of 7 x 7 pixels.
-pub const POOL_REACH: u32 = 3;
+const POOL_REACH: u32 = 3;
 
 /// Degrees of freedom of the variance of one pixel.
 pub(crate) const FREEDOM: f64 = (BATCHES - 1) as f64;
@@ -57,7 +57,7 @@ pub fn noise(evidence: &Evidence) -> Plane<PixelNoise> {
 }
 
 /// The pixels around one that may speak for it, itself among them.
-pub(crate) fn witnesses_of(evidence: &Evidence, x: u32, y: u32) -> impl Iterator<Item = (u32, u32)> {
+fn witnesses_of(evidence: &Evidence, x: u32, y: u32) -> impl Iterator<Item = (u32, u32)> {
     let (surface, level) = (evidence.surface.at(x, y), *evidence.level.at(x, y));
     around(x, y, POOL_REACH, evidence.width(), evidence.height()).filter(move |&(nx, ny)| {
         surface.is_like(evidence.surface.at(nx, ny)) && level.is_like(evidence.level.at(nx, ny))

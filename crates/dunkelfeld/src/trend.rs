@@ -1,6 +1,6 @@
 //! How the samples that an image is said to take change with those that it has.
 //!
-//! What rare light a pixel has seen once is shared out among its neighbours ([`dunkelfeld_adaptive::own`]), so that few samples say of
+//! What rare light a pixel has seen once is shared out among those around that may meet it ([`dunkelfeld_adaptive::own`]), so that few samples say of
 //! more pixels than in truth that they are noisy; and quasi-random samples of smooth light do the better the more there are. Both
 //! make the samples that it takes until an image is hidden look fewer with each doubling, N(n) ~ n^-a. What it takes in the end is where that meets n:
 //! N* = (N n^a)^(1 / (1 + a)).
