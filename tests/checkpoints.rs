@@ -424,6 +424,12 @@ fn parts_that_do_not_belong_together_are_refused() {
 
     // A part must not be written over.
     refused(merge(&[a.clone(), b.clone()], &b), &["8-16.film", "is a part"]);
+    #[cfg(unix)]
+    {
+        let link = folder.path().join("link.film");
+        std::os::unix::fs::symlink(&b, &link).expect("linked");
+        refused(merge(&[a.clone(), b.clone()], &link), &["8-16.film", "is a part"]);
+    }
     let outputs = OutputPaths { exr: Some(a.clone()), ..OutputPaths::default() };
     let over = MergeSettings { parts: vec![a.clone(), b.clone()], outputs, ..MergeSettings::default() };
     refused(dunkelfeld::merge(&over, Instant::now()), &["0-8.film", "an output and for a part"]);

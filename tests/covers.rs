@@ -132,6 +132,38 @@ fn a_moulded_cover() {
     );
 }
 
+#[test]
+fn a_moulded_cover_in_optical_contact() {
+    // One refraction: the floor stands in the cover, whose upper face bulges.
+    let cover = sheet(Vec2::splat(0.08), 40, |side, x, y| {
+        let (u, v) = (x / 0.08, y / 0.08);
+        0.001 + side as f64 * (0.004 + 0.002 * (1.0 - u * u) * (1.0 - v * v))
+    });
+    compare(
+        "moulded, in contact",
+        bench(vec![("floor", square(0.0011, 0.3, false), paint()), ("cover", cover, clear(1.49))]),
+        1,
+        1024.0,
+        0.05,
+    );
+}
+
+#[test]
+fn a_cover_with_a_rounded_rim() {
+    // The light comes in where the upper face begins to fall towards the rim.
+    let cover = sheet(Vec2::splat(0.012), 48, |side, x, y| {
+        let (u, v) = (x / 0.012, y / 0.012);
+        0.001 + side as f64 * (0.001 + 0.003 * (1.0 - u.powi(6)) * (1.0 - v.powi(6)))
+    });
+    compare(
+        "rounded rim",
+        bench(vec![("floor", square(0.0, 0.3, false), paint()), ("cover", cover, clear(1.49))]),
+        1,
+        2048.0,
+        0.08,
+    );
+}
+
 /// A lens of half a metre's focal length, of 40 mm x 40 mm in 100 x 100 cells, under a light right above.
 fn under_a_lens(is_smooth: bool) -> SceneBuilder {
     let mut lens = sheet(Vec2::splat(0.02), 100, |side, x, y| {

@@ -281,6 +281,41 @@ fn every_pixel_of_a_mosaic_is_one_of_a_monochrome_sensor_of_its_colour() {
     }
 }
 
+/// A variance that is none makes nothing known: matched exposure holds in no pixel that has one, whatever else the file tells.
+#[test]
+fn variances_that_are_none_leave_nothing_out() {
+    let folder = folder();
+    let (rendering, settings) = lit_floor(colour(BayerPattern::Rggb), ExposureNoise::Matched);
+    let frame = developed(&rendering, &settings);
+    let layers = dunkelfeld::encode_layers(&rendering.film, &rendering.labels, &frame, &settings, &[]);
+    let SensorChoice::Emva { model, optics, exposure } = &settings.sensor else { panic!("a sensor") };
+    let defaults = ExposeSettings::new((**model).clone()).expect("defaults");
+    let exposing =
+        ExposeSettings { optics: *optics, exposure: *exposure, exposure_noise: ExposureNoise::Matched, ..defaults };
+    let held = |name: &str, bad: Option<f32>, covariance: f32| {
+        let mut layers = layers.clone();
+        for (channel, values) in &mut layers.channels {
+            let Channel::F32(values) = values else { continue };
+            match (bad, channel.starts_with("variance."), channel.starts_with("covariance.")) {
+                (Some(bad), true, _) => values.fill(bad),
+                (Some(_), _, true) => values.fill(covariance),
+                _ => {}
+            }
+        }
+        let path = folder.path().join(name);
+        write_exr(&path, layers).expect("written");
+        let outputs = ExposeOutputs { image: None, linear: Some(folder.path().join(format!("{name}.tif"))) };
+        let done = expose_exr(&path, &exposing, &outputs, &Silent, &Cancel::new()).expect("exposed");
+        done.matched.expect("noise was to be matched")
+    };
+    assert!(held("whole.exr", None, 0.0) > 0.5, "elsewhere it holds");
+    for (i, bad) in [f32::NAN, -1.0, f32::INFINITY, f32::NEG_INFINITY].into_iter().enumerate() {
+        for covariance in [0.0, f32::NAN, f32::NEG_INFINITY] {
+            assert_eq!(held(&format!("{i}.exr"), Some(bad), covariance), 0.0, "{bad} {covariance}");
+        }
+    }
+}
+
 /// Behind a colour filter a budget of noise is met by the pixels of every colour, and samples do not follow the mosaic's edges.
 #[test]
 fn a_render_behind_a_filter_is_planned_and_certified() {

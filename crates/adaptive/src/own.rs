@@ -341,6 +341,13 @@ mod tests {
     }
 
     #[test]
+    fn rounding_does_not_tell_equal_events_apart() {
+        let own = own_noise(&events(16, 16, &[(0, 0, 1.0), (3, 3, 1.0 + 1e-7)]));
+        let (inside, outside) = (f64::from(own.at(1, 1).variance), own.at(4, 4).variance);
+        assert!((inside - 2.0).abs() < 1e-6 && outside == 0.0, "{inside} {outside}");
+    }
+
+    #[test]
     fn only_pixels_that_are_alike_share() {
         let mut evidence = events(16, 16, &[(2, 2, 1.0)]);
         evidence.surface = Plane::from_fn(16, 16, |x, _| Surface { object: u32::from(x >= 5), ..Surface::default() });

@@ -91,7 +91,8 @@ pub(crate) struct RenderArgs {
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = samples_per_pixel)]
     pub(crate) spp: Option<f64>,
     /// Stop when the render's noise is hidden beneath the sensor's: in 99 % of the unsaturated pixels its standard deviation
-    /// is at most K times the sensor's. 0.7 makes the noise of both 22 % larger than the sensor's, 0.5 12 %, 0.25 3 %.
+    /// is at most K times the sensor's, K from 0.001 to 1000. 0.7 makes the noise of both 22 % larger than the sensor's, 0.5
+    /// 12 %, 0.25 3 %.
     #[arg(long, value_name = "K", allow_negative_numbers = true, value_parser = noise_level)]
     pub(crate) noise: Option<f64>,
     /// Where the samples go [default: sensor; sobel without a sensor].

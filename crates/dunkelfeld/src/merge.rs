@@ -121,7 +121,8 @@ pub fn merge(settings: &MergeSettings, started: Instant) -> Result<Merged, Error
     let began = Instant::now();
     let (film, labels, object_names) = (&rendering.film, &rendering.labels, &look.object_names);
     let is_vignetted = look.is_vignetted;
-    Written { film, labels, frame: &frame, settings: &shown, object_names, is_vignetted }.save(&settings.outputs)?;
+    let written = Written { film, labels, frame: &frame, settings: &shown, object_names, is_vignetted };
+    pool.install(|| written.save(&settings.outputs))?;
     stats.add_seconds(Stage::Write, began.elapsed().as_secs_f64());
     stats.finish(started.elapsed().as_secs_f64());
     if let Some(path) = &settings.outputs.stats {

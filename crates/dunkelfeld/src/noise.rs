@@ -34,9 +34,7 @@ impl Eye {
     /// A sensor whose ranges the exposure leaves.
     pub(crate) fn of(mean: &Plane<[f32; 3]>, sensor: &SensorChoice) -> Result<Self, SensorError> {
         let SensorChoice::Emva { model, optics, exposure } = sensor else {
-            let luminance = |r, g, b| f64::from(Rgb::new(r, g, b).luminance());
-            let weights = [luminance(1.0, 0.0, 0.0), luminance(0.0, 1.0, 0.0), luminance(0.0, 0.0, 1.0)];
-            return Ok(Self { response: Response::constant(Weights(weights)), white: 1.0, sensor: None });
+            return Ok(Self { response: Response::constant(Weights::luminance()), white: 1.0, sensor: None });
         };
         let exposure = match exposure.map_or_else(|| auto_exposure(mean, model, optics), Ok) {
             Err(SensorError::NoLight) => Exposure::new(Seconds(1.0))?,

@@ -2,6 +2,7 @@
 
 use crate::develop::{Frame, Picture};
 use crate::error::Error;
+use crate::parallel::par_map;
 use crate::settings::RenderSettings;
 use dunkelfeld_film::{Film, PixelSums, Plane};
 use dunkelfeld_integrator::Label;
@@ -100,11 +101,14 @@ impl OutputPaths {
     }
 }
 
-/// Do two names stand for one file, as `a.png` and `./a.png` do?
+/// Do two names stand for one file, as `a.png`, `./a.png` and a link to either do?
 pub(crate) fn same_file(a: &Path, b: &Path) -> bool {
     let whole = |path: &Path| {
+        if let Ok(file) = path.canonicalize() {
+            return Some(file);
+        }
         let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-        Some((folder.canonicalize().ok()?, path.file_name()?.to_owned()))
+        Some(folder.canonicalize().ok()?.join(path.file_name()?))
     };
     a == b || whole(a).is_some_and(|a| Some(a) == whole(b))
 }
@@ -213,18 +217,18 @@ pub fn encode_layers(
 ) -> ExrLayers {
     let sums = film.pixels();
     let mut layers = plan_layers(&film.sample_counts(), settings);
-    layers.push_triples(Triple::Mean, &film.mean());
-    layers.push_triples(Triple::Variance, &film.variance());
-    layers.push_triples(Triple::Covariance, &film.covariance());
-    let scatter = sums.map(PixelSums::scatter);
+    layers.push_triples(Triple::Mean, &par_map(sums, |p| p.mean().map(|v| v as f32)));
+    layers.push_triples(Triple::Variance, &par_map(sums, |p| p.variance_of_mean().map(|v| v as f32)));
+    layers.push_triples(Triple::Covariance, &par_map(sums, |p| p.covariance_of_mean().map(|v| v as f32)));
+    let scatter = par_map(sums, PixelSums::scatter);
     layers.push_floats(Single::Scatter, scatter.map(|s| s.map_or(f32::INFINITY, |s| s.all as f32)));
     layers.push_floats(Single::LargestScatter, scatter.map(|s| s.map_or(f32::INFINITY, |s| s.largest as f32)));
-    layers.push_triples(Triple::Albedo, &sums.map(PixelSums::mean_albedo));
-    layers.push_triples(Triple::Normal, &sums.map(PixelSums::mean_normal));
-    layers.push_floats(Single::Depth, sums.map(PixelSums::mean_depth));
-    layers.push_triples(Triple::AlbedoVariance, &sums.map(PixelSums::variance_of_albedo));
-    layers.push_triples(Triple::NormalVariance, &sums.map(PixelSums::variance_of_normal));
-    layers.push_floats(Single::DepthVariance, sums.map(PixelSums::variance_of_depth));
+    layers.push_triples(Triple::Albedo, &par_map(sums, PixelSums::mean_albedo));
+    layers.push_triples(Triple::Normal, &par_map(sums, PixelSums::mean_normal));
+    layers.push_floats(Single::Depth, par_map(sums, PixelSums::mean_depth));
+    layers.push_triples(Triple::AlbedoVariance, &par_map(sums, PixelSums::variance_of_albedo));
+    layers.push_triples(Triple::NormalVariance, &par_map(sums, PixelSums::variance_of_normal));
+    layers.push_floats(Single::DepthVariance, par_map(sums, PixelSums::variance_of_depth));
     layers.push_integers(Single::ObjectId, labels.map(|l| l.map_or(NO_ID, |l| l.object)));
     layers.push_integers(Single::MaterialId, labels.map(|l| l.map_or(NO_ID, |l| l.material)));
     if let Some(sensor) = &frame.sensor {

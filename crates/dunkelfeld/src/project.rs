@@ -339,7 +339,7 @@ impl ProjectResult {
             object_names: &self.object_names,
             is_vignetted: self.is_vignetted,
         };
-        written.save(paths)?;
+        thread_pool(self.settings.threads)?.install(|| written.save(paths))?;
         self.stats.add_seconds(Stage::Write, began.elapsed().as_secs_f64());
         self.stats.finish(self.started.elapsed().as_secs_f64());
         match &paths.stats {

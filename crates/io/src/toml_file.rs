@@ -305,9 +305,20 @@ impl Message {
         }
         if let Some((found, wanted)) = message.strip_prefix("invalid type: ").and_then(|m| m.split_once(", expected "))
         {
+            let (found, is_too_large) = match found.strip_suffix(" as i128").or(found.strip_suffix(" as u128")) {
+                Some(number) => (number, true),
+                None => (found, false),
+            };
+            let problem = if is_too_large { "is out of range" } else { "does not belong here" };
+            // Two brackets around a section that there is once make a list of what was meant for its first key.
+            let brackets = if found == "map" {
+                ", or single brackets around the name of a section that there is once"
+            } else {
+                ""
+            };
             return Self {
-                problem: format!("{found} does not belong here"),
-                mend: format!("write {}", in_words(wanted)),
+                problem: format!("{found} {problem}"),
+                mend: format!("write {}{brackets}", in_words(wanted)),
                 missing: None,
             };
         }
@@ -424,6 +435,20 @@ mod tests {
                 "string \"x\" does not belong here",
                 "write a whole number from 0 to 4294967295",
                 "\"x\"",
+            ),
+            (
+                "scene = \"a\"\n[[film]]\nwidth = 1",
+                "[[film]] 1",
+                "map does not belong here",
+                "single brackets around the name of a section",
+                "[[film]]",
+            ),
+            (
+                "scene = \"a\"\n[film]\nwidth = 99999999999999999999999",
+                "[film] width",
+                "integer `99999999999999999999999` is out of range",
+                "write a whole number from 0 to 4294967295",
+                "99999999999999999999999",
             ),
             (
                 "scene = \"a\"\n[film]\nwidth = 1\nmode = \"fats\"",

@@ -13,7 +13,7 @@
 use std::f64::consts::PI;
 
 use dunkelfeld_film::Plane;
-use dunkelfeld_radiometry::{Electrons, Irradiance, Nanometres, Radiance, Seconds, photon};
+use dunkelfeld_radiometry::{Electrons, Irradiance, Nanometres, Radiance, Rgb, Seconds, photon};
 
 use crate::efficiency::{BayerPattern, Efficiency, QuantumEfficiency};
 use crate::model::{SensorError, SensorModel, in_range};
@@ -105,18 +105,26 @@ impl Weights {
     }
 
     /// Variance \[e-^2\] of the expected electrons when red, green and blue have the given variances, and red and green, red and
-    /// blue, green and blue the given covariances.
+    /// blue, green and blue the given covariances. Infinite, which is to say unknown, if a variance is negative or not finite.
     ///
-    /// Covariances beyond what the variances allow count as the largest that they do: [`Self::UNKNOWN_COVARIANCE`] has the channels of
-    /// a rendered pixel, which come from the same paths, rise and fall together, which is never too small.
+    /// Covariances that are not finite are not known either: the channels of a rendered pixel, which come from the same paths, are then
+    /// taken to rise and fall together, which is never too small. Others count as far as the variances allow.
     #[inline]
     pub fn variance(&self, variance: [f32; 3], covariance: [f32; 3]) -> f64 {
+        if !variance.iter().all(|v| v.is_finite() && *v >= 0.0) {
+            return f64::INFINITY;
+        }
         let ([wr, wg, wb], [r, g, b]) = (self.0, variance.map(|v| f64::from(v).sqrt()));
         let [rg, rb, gb] = [(covariance[0], r * g), (covariance[1], r * b), (covariance[2], g * b)]
-            // What is not a number becomes the limit.
-            .map(|(c, limit)| f64::from(c).min(limit).max(-limit));
+            .map(|(c, limit)| if c.is_finite() { f64::from(c).clamp(-limit, limit) } else { limit });
         let own = (wr * r).powi(2) + (wg * g).powi(2) + (wb * b).powi(2);
         (own + 2.0 * (wr * wg * rg + wr * wb * rb + wg * wb * gb)).max(0.0)
+    }
+
+    /// Those of luminance, of eyes instead of a sensor: `electrons` is then the luminance of a radiance [W/(m^2 sr)].
+    pub fn luminance() -> Self {
+        let of = |r, g, b| f64::from(Rgb::new(r, g, b).luminance());
+        Self([of(1.0, 0.0, 0.0), of(0.0, 1.0, 0.0), of(0.0, 0.0, 1.0)])
     }
 
     /// Covariances of channels of which nothing is known.
@@ -285,14 +293,20 @@ mod tests {
         // Grey noise of standard deviation 0.1 moves the electrons by 0.1 times the response to grey.
         let expected = (0.1 * response.at(0, 0).electrons([1.0; 3]).0).powi(2);
         let weights = response.at(0, 0);
-        for unknown in [Weights::UNKNOWN_COVARIANCE, [f32::NAN; 3], [0.02; 3]] {
+        for unknown in [Weights::UNKNOWN_COVARIANCE, [f32::NAN; 3], [f32::NEG_INFINITY; 3], [0.02; 3]] {
             assert!((weights.variance([0.01; 3], unknown) / expected - 1.0).abs() < 1e-6, "{unknown:?}");
         }
         // By hand: 4 * 1 + 9 * 4 + 0, and twice 2 * 3 * (-1) for red and green.
         let weights = Weights([2.0, 3.0, 5.0]);
         assert!((weights.variance([1.0, 4.0, 0.0], [-1.0, 0.0, 7.0]) - 28.0).abs() < 1e-9);
         // Channels that make up for each other leave nothing, whatever a file says beyond that.
-        assert_eq!(weights.variance([9.0, 4.0, 0.0], [f32::NEG_INFINITY, 0.0, 0.0]), 0.0);
+        assert_eq!(weights.variance([9.0, 4.0, 0.0], [-7.0, 0.0, 0.0]), 0.0);
+        // Of what is no variance nothing is known, whatever its covariances.
+        for bad in [f32::NAN, -1.0, f32::INFINITY, f32::NEG_INFINITY] {
+            for covariance in [[0.0; 3], [f32::NEG_INFINITY; 3], Weights::UNKNOWN_COVARIANCE] {
+                assert_eq!(weights.variance([1.0, bad, 0.0], covariance), f64::INFINITY, "{bad} {covariance:?}");
+            }
+        }
     }
 
     #[test]

@@ -284,7 +284,7 @@ impl Bench<'_> {
         if matches!(unit.purpose, Purpose::Point(_)) && unit.spp == self.top && unit.index == 0 {
             self.close(unit, &mean, &settings, view, &mut seconds)?;
         }
-        let stated = view.signal_variance(&rendering.film.variance()).map(|&v| f64::from(v));
+        let stated = view.signal_variance(&rendering.film);
         let is_reference = unit.purpose == Purpose::Reference;
         let is_point = matches!(unit.purpose, Purpose::Point(_));
         let mut denoised = Vec::new();

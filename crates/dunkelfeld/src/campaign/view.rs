@@ -3,7 +3,7 @@
 use super::statistics::quantile;
 use crate::settings::SensorChoice;
 use dunkelfeld_adaptive::sobel::{gamma_image, magnitude};
-use dunkelfeld_film::Plane;
+use dunkelfeld_film::{Film, Plane};
 use dunkelfeld_radiometry::{Electrons, Rgb, Seconds};
 use dunkelfeld_sensor::{
     Device, Exposure, FrameKey, Optics, Response, SensorError, SensorModel, Weights, auto_exposure, display,
@@ -58,19 +58,13 @@ impl View {
         }
     }
 
-    /// The variance of the signal that a render states of itself, from the variances of its channels, which are taken to rise and
-    /// fall together.
-    pub(crate) fn signal_variance(&self, variance: &Plane<[f32; 3]>) -> Plane<f32> {
-        match &self.camera {
-            Some((model, optics, exposure)) => {
-                let average = Response::new(model, optics, *exposure).average();
-                variance.map(|&v| average.variance(v, Weights::UNKNOWN_COVARIANCE) as f32)
-            }
-            None => variance.map(|v| {
-                let [r, g, b] = v.map(f32::sqrt);
-                Rgb::new(r, g, b).luminance().powi(2)
-            }),
-        }
+    /// The variance of the signal that a render states of itself, by its batches.
+    pub(crate) fn signal_variance(&self, film: &Film) -> Plane<f64> {
+        let Weights(weights) = match &self.camera {
+            Some((model, optics, exposure)) => Response::new(model, optics, *exposure).average(),
+            None => Weights::luminance(),
+        };
+        film.pixels().map(|p| p.weighted_mean_and_variance(weights).1)
     }
 
     /// The signal at which the picture is white.
