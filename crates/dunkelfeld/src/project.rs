@@ -8,7 +8,7 @@ use crate::inspect::{Inspection, camera_entry, inspect};
 use crate::lens::{DEFAULT_F_NUMBER, FilmSize, Fitted, Misfit, fit};
 use crate::outputs::{self, OutputPaths, Written};
 use crate::progress::{Cancel, Progress, ProgressState, Silent, Stage};
-use crate::render::{Rendering, camera, find_camera, render_rehearsed, thread_pool};
+use crate::render::{EXR_PER_MEGAPIXEL, Rehearsal, Rendering, camera, find_camera, render_rehearsed, thread_pool};
 use crate::settings::{Budget, RenderSettings, SensorChoice};
 use crate::stats::Stats;
 use dunkelfeld_adaptive::allocation::Strategy;
@@ -282,7 +282,9 @@ impl Project {
             denoise(&mut frame, film, &Silent)?;
             Written { film, labels, frame: &frame, settings: &settings, object_names, is_vignetted }.save(&self.outputs)
         };
-        let mut rendering = render_rehearsed(&self.scene, &settings, self.started, progress, cancel, &rehearsal)?;
+        let more_per_megapixel = if self.outputs.exr.is_some() { EXR_PER_MEGAPIXEL } else { 0.0 };
+        let end = Rehearsal { more_per_megapixel, write: &rehearsal };
+        let mut rendering = render_rehearsed(&self.scene, &settings, self.started, progress, cancel, end)?;
         let began = Instant::now();
         progress.update(&ProgressState {
             stage: Stage::Expose,

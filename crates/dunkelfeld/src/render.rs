@@ -18,8 +18,11 @@ use dunkelfeld_scene::{Camera, RayGenerator, Scene};
 use rayon::prelude::*;
 use std::time::Instant;
 
-/// What exposing, certifying and writing takes [s per megapixel], until it has been measured.
-const CLOSING_PER_MEGAPIXEL: f64 = 2.4;
+/// What exposing and certifying, and writing an image and statistics, takes [s per megapixel] on one thread, until it has been measured.
+/// Two threads take half of it; more are not counted on.
+const CLOSING_PER_MEGAPIXEL: f64 = 4.8;
+/// The same of an EXR with all layers.
+pub(crate) const EXR_PER_MEGAPIXEL: f64 = 5.0;
 /// The rehearsal of exposing and writing may take this share of the time left; in shorter renders the guess has to do.
 const REHEARSAL_SHARE: f64 = 0.065;
 /// One in so many pixels gets a sample whatever the clock says: enough to see what the image shows.
@@ -116,11 +119,21 @@ pub fn render(
     progress: &dyn Progress,
     cancel: &Cancel,
 ) -> Result<Rendering, Error> {
-    render_rehearsed(scene, settings, started, progress, cancel, &|_, _| Ok(()))
+    let nothing = Rehearsal { more_per_megapixel: 0.0, write: &|_, _| Ok(()) };
+    render_rehearsed(scene, settings, started, progress, cancel, nothing)
 }
 
-/// Writes what there is so far, as it will be written in the end.
-pub(crate) type Rehearsal<'a> = &'a (dyn Fn(&Film, &Plane<Option<Label>>) -> Result<(), Error> + Sync);
+/// Writes outputs of a film.
+type Write<'a> = dyn Fn(&Film, &Plane<Option<Label>>) -> Result<(), Error> + Sync + 'a;
+
+/// What is known of the end before it comes.
+#[derive(Clone, Copy)]
+pub(crate) struct Rehearsal<'a> {
+    /// What it takes beyond [`CLOSING_PER_MEGAPIXEL`].
+    pub(crate) more_per_megapixel: f64,
+    /// Writes what there is so far, as it will be written in the end.
+    pub(crate) write: &'a Write<'a>,
+}
 
 /// [`render`], with a rehearsal of the end once the pilot is done, if the time allows: it leaves a first image, finds out
 /// early what cannot be written, and tells how much time to keep for the end.
@@ -330,7 +343,7 @@ impl<'a> Renderer<'a> {
         reporter.resume(self.taken);
         let mut course = match self.course.take() {
             Some(course) => course,
-            None => self.first_course(limits),
+            None => self.first_course(limits, rehearse),
         };
         loop {
             // A round that an earlier process left open comes first.
@@ -380,8 +393,9 @@ impl<'a> Renderer<'a> {
         }
     }
 
-    fn first_course(&self, limits: Limits) -> Course {
-        let closing = CLOSING_PER_MEGAPIXEL * self.pixels() as f64 * 1e-6
+    fn first_course(&self, limits: Limits, end: Rehearsal<'_>) -> Course {
+        let closing = (CLOSING_PER_MEGAPIXEL + end.more_per_megapixel) * self.pixels() as f64 * 1e-6
+            / self.threads.clamp(1, 2) as f64
             + self.settings.denoise.expected_seconds(self.pixels(), self.threads);
         // Judged, the pilot begins with a look that tells how large it is to be.
         let pilot_spp = self.settings.pilot_spp.min(if limits.judged { FIRST_LOOK } else { u32::MAX });
@@ -460,7 +474,7 @@ impl<'a> Renderer<'a> {
     /// Writes everything as in the end, and learns how long that takes.
     fn rehearse(&self, course: &mut Course, rehearse: Rehearsal<'_>) -> Result<(), Error> {
         let began = Instant::now();
-        rehearse(&self.film, &self.labels)?;
+        (rehearse.write)(&self.film, &self.labels)?;
         course.rehearsed = true;
         course.closing = course.closing.max(CLOSING_MARGIN * began.elapsed().as_secs_f64());
         course.schedule.set_closing_seconds(self.closing(course));
