@@ -281,17 +281,22 @@ fn every_pixel_of_a_mosaic_is_one_of_a_monochrome_sensor_of_its_colour() {
     }
 }
 
+/// A matched frame of a render behind a colour sensor, the layers of its EXR, and how to expose these likewise.
+fn matched_behind_a_mosaic() -> (Frame, ExrLayers, ExposeSettings) {
+    let exposure_noise = ExposureNoise::Matched;
+    let (rendering, settings) = lit_floor(colour(BayerPattern::Rggb), exposure_noise);
+    let frame = developed(&rendering, &settings);
+    let layers = dunkelfeld::encode_layers(&rendering.film, &rendering.labels, &frame, &settings, &[]);
+    let SensorChoice::Emva { model, optics, exposure } = settings.sensor else { panic!("a sensor") };
+    let defaults = ExposeSettings::new(*model).expect("defaults");
+    (frame, layers, ExposeSettings { optics, exposure, exposure_noise, seed: settings.seed, ..defaults })
+}
+
 /// A variance that is none makes nothing known: matched exposure holds in no pixel that has one, whatever else the file tells.
 #[test]
 fn variances_that_are_none_leave_nothing_out() {
     let folder = folder();
-    let (rendering, settings) = lit_floor(colour(BayerPattern::Rggb), ExposureNoise::Matched);
-    let frame = developed(&rendering, &settings);
-    let layers = dunkelfeld::encode_layers(&rendering.film, &rendering.labels, &frame, &settings, &[]);
-    let SensorChoice::Emva { model, optics, exposure } = &settings.sensor else { panic!("a sensor") };
-    let defaults = ExposeSettings::new((**model).clone()).expect("defaults");
-    let exposing =
-        ExposeSettings { optics: *optics, exposure: *exposure, exposure_noise: ExposureNoise::Matched, ..defaults };
+    let (_, layers, exposing) = matched_behind_a_mosaic();
     let held = |name: &str, bad: Option<f32>, covariance: f32| {
         let mut layers = layers.clone();
         for (channel, values) in &mut layers.channels {
@@ -358,17 +363,12 @@ fn a_render_behind_a_filter_is_planned_and_certified() {
 #[test]
 fn layers_of_a_render_are_matched_as_the_render_was() {
     let folder = folder();
-    let (rendering, settings) = lit_floor(colour(BayerPattern::Rggb), ExposureNoise::Matched);
-    let frame = developed(&rendering, &settings);
-    let layers = dunkelfeld::encode_layers(&rendering.film, &rendering.labels, &frame, &settings, &[]);
+    let (frame, layers, exposing) = matched_behind_a_mosaic();
     assert!(layers.triples(Triple::Variance).is_some() && layers.integers(Single::ObjectId).is_some());
     let path = folder.path().join("layers.exr");
     write_exr(&path, layers).expect("written");
-    let SensorChoice::Emva { model, optics, exposure } = &settings.sensor else { panic!("a sensor") };
     let expose = |exposure_noise| {
-        let defaults = ExposeSettings::new((**model).clone()).expect("defaults");
-        let settings =
-            ExposeSettings { optics: *optics, exposure: *exposure, exposure_noise, seed: settings.seed, ..defaults };
+        let settings = ExposeSettings { exposure_noise, ..exposing.clone() };
         Exposer::open(&path, &settings).expect("an image").frame(0).expect("a frame")
     };
     let own = &frame.sensor.as_ref().expect("a sensor").values;
