@@ -1,17 +1,19 @@
 //! OpenEXR files: any number of named channels in one file, byte for byte reproducible.
 
 use std::fs::File;
-use std::io::{self, BufReader, Seek, Write};
+use std::io::{self, BufReader};
 use std::path::Path;
 
-use exr::image::{AnyChannel, AnyChannels, Blocks, Encoding, FlatSamples, Image, Layer};
+use exr::image::FlatSamples;
 use exr::meta::MetaData;
-use exr::meta::attribute::{AttributeValue, LineOrder, Text};
-use exr::meta::header::LayerAttributes;
-use exr::prelude::{Compression, ReadChannels, ReadLayers, WritableImage, read};
+use exr::meta::attribute::{AttributeValue, Text};
+use exr::prelude::{ReadChannels, ReadLayers, read};
 
-use crate::atomic::write_atomically;
 use crate::error::InputError;
+
+mod strips;
+
+pub use strips::{ChannelKind, ExrHead, write_exr_rows};
 
 /// Name of the one attribute that holds everything we have to say about an image, as JSON. One, because the order of
 /// several would differ from run to run.
@@ -61,63 +63,28 @@ pub struct ExrLayers {
 
 /// Writes a file: one part, scan lines from the top, ZIP in blocks of 16 lines. The same contents give the same bytes.
 ///
-/// Takes the contents, because the encoder wants to own the samples.
+/// For images that are too large to have all samples in memory there is [`write_exr_rows`].
 ///
 /// # Errors
 /// Those of the file system; no pixels, no channels, a channel of the wrong length, a name that is empty, double, not
 /// ASCII or longer than 255 bytes. An existing file stays as it was.
 pub fn write_exr(path: &Path, layers: ExrLayers) -> io::Result<()> {
-    check(&layers)?;
-    write_atomically(path, |file| encode(file, layers))
-}
-
-fn check(layers: &ExrLayers) -> io::Result<()> {
-    let refuse = |problem: String| Err(io::Error::new(io::ErrorKind::InvalidInput, problem));
-    let pixels = layers.width as usize * layers.height as usize;
-    if pixels == 0 || layers.channels.is_empty() {
-        return refuse("an EXR needs at least one pixel and one channel".into());
-    }
-    let mut names: Vec<&str> = layers.channels.iter().map(|(name, _)| name.as_str()).collect();
-    names.sort_unstable();
-    if let Some(twice) = names.windows(2).find(|w| w[0] == w[1]) {
-        return refuse(format!("the channel `{}` is there twice", twice[0]));
-    }
+    let head = ExrHead::of(&layers, layers.height);
+    let width = layers.width as usize;
+    let pixels = width * layers.height as usize;
     for (name, channel) in &layers.channels {
-        if name.is_empty() || name.len() > 255 || !name.bytes().all(|b| (b' '..=b'~').contains(&b)) {
-            return refuse(format!("`{name}` is not a channel name: 1 to 255 printable ASCII characters"));
-        }
         if channel.len() != pixels {
-            return refuse(format!("the channel `{name}` has {} samples, the image {pixels} pixels", channel.len()));
+            let problem = format!("the channel `{name}` has {} samples, the image {pixels} pixels", channel.len());
+            return Err(io::Error::new(io::ErrorKind::InvalidInput, problem));
         }
     }
-    Ok(())
-}
-
-fn encode(file: impl Write + Seek, layers: ExrLayers) -> io::Result<()> {
-    let channels = layers.channels.into_iter().map(|(name, samples)| {
-        let samples = match samples {
-            Channel::F32(v) => FlatSamples::F32(v),
-            Channel::U32(v) => FlatSamples::U32(v),
-        };
-        AnyChannel::new(name.as_str(), samples)
-    });
-    let encoding = Encoding {
-        compression: Compression::ZIP16,
-        blocks: Blocks::ScanLines,
-        // Blocks that are compressed in parallel arrive in any order; this makes the writer sort them.
-        line_order: LineOrder::Increasing,
-    };
-    let size = (layers.width as usize, layers.height as usize);
-    let layer = Layer::new(size, LayerAttributes::default(), encoding, AnyChannels::sort(channels.collect()));
-    let mut image = Image::from_layer(layer);
-    if !layers.attributes.is_empty() {
-        let text = ascii_json(&layers.attributes);
-        let value = AttributeValue::Text(Text::from(text.as_str()));
-        image.attributes.other.insert(Text::from(ATTRIBUTE), value);
-    }
-    image.write().to_buffered(file).map_err(|e| match e {
-        exr::error::Error::Io(e) => e,
-        other => io::Error::other(other.to_string()),
+    write_exr_rows(path, &head, &mut |rows| {
+        let samples = rows.start as usize * width..rows.end as usize * width;
+        let strip = layers.channels.iter().map(|(_, channel)| match channel {
+            Channel::F32(v) => Channel::F32(v[samples.clone()].to_vec()),
+            Channel::U32(v) => Channel::U32(v[samples.clone()].to_vec()),
+        });
+        Ok(strip.collect())
     })
 }
 

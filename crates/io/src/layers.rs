@@ -127,6 +127,11 @@ impl ExrLayers {
         self.channels.push((layer.own().into(), Channel::U32(plane.into_vec())));
     }
 
+    /// The samples of all channels, in their order: a strip as [`write_exr_rows`](crate::exr::write_exr_rows) asks for it.
+    pub fn into_samples(self) -> Vec<Channel> {
+        self.channels.into_iter().map(|(_, channel)| channel).collect()
+    }
+
     /// The channel of that exact name.
     pub fn channel(&self, name: &str) -> Option<&Channel> {
         self.channels.iter().find(|(n, _)| n == name).map(|(_, channel)| channel)

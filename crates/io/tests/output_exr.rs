@@ -3,11 +3,13 @@
 use std::path::Path;
 
 use dunkelfeld_film::Plane;
-use dunkelfeld_io::exr::{Channel, ExrLayers, read_exr, write_exr};
+use dunkelfeld_io::exr::{Channel, ChannelKind, ExrHead, ExrLayers, read_exr, write_exr, write_exr_rows};
 use dunkelfeld_io::layers::{Single, Triple};
 use exr::prelude::{
-    AnyChannel, AnyChannels, Encoding, FlatSamples, Image, Layer, LayerAttributes, SmallVec, Text, WritableImage, f16,
+    AnyChannel, AnyChannels, Blocks, Compression, Encoding, FlatSamples, Image, Layer, LayerAttributes, LineOrder,
+    SmallVec, Text, WritableImage, f16,
 };
+use std::ops::Range;
 
 const W: u32 = 37;
 const H: u32 = 21;
@@ -94,6 +96,102 @@ fn two_writes_are_identical_whatever_the_order_of_the_channels() {
     }
     let [a, b, c] = files.map(|path| std::fs::read(path).expect("readable"));
     assert!(a == b && a == c, "the bytes differ");
+}
+
+/// An image of both types of samples, of those rows.
+fn rows_of(width: u32, rows: Range<u32>) -> ExrLayers {
+    let height = rows.end - rows.start;
+    let mut strip = ExrLayers::new(width, height);
+    let value = |x: u32, y: u32| ((x * 7919 + (y + rows.start) * 104_729) % 65_521) as f32 * 0.37;
+    // Not in the order of their names.
+    strip.push_integers(Single::SampleCount, Plane::from_fn(width, height, |x, y| x ^ ((y + rows.start) << 20)));
+    strip.push_triples(Triple::Mean, &Plane::from_fn(width, height, |x, y| [value(x, y), -value(x, y), f32::INFINITY]));
+    strip.push_floats(Single::Depth, Plane::from_fn(width, height, |x, y| value(y, x)));
+    strip.attributes = r#"{"scene":"Prüfling"}"#.into();
+    strip
+}
+
+/// The same image as the library's own writer encodes it.
+fn encoded_whole(layers: ExrLayers) -> Vec<u8> {
+    let list: SmallVec<[_; 4]> = layers
+        .channels
+        .into_iter()
+        .map(|(name, samples)| {
+            let samples = match samples {
+                Channel::F32(v) => FlatSamples::F32(v),
+                Channel::U32(v) => FlatSamples::U32(v),
+            };
+            AnyChannel::new(name.as_str(), samples)
+        })
+        .collect();
+    let encoding =
+        Encoding { compression: Compression::ZIP16, blocks: Blocks::ScanLines, line_order: LineOrder::Increasing };
+    let size = (layers.width as usize, layers.height as usize);
+    let layer = Layer::new(size, LayerAttributes::default(), encoding, AnyChannels::sort(list));
+    let mut image = Image::from_layer(layer);
+    let escaped = layers.attributes.replace('ü', "\\u00fc");
+    let value = exr::meta::attribute::AttributeValue::Text(Text::from(escaped.as_str()));
+    image.attributes.other.insert(Text::from("dunkelfeld"), value);
+    let mut bytes = std::io::Cursor::new(Vec::new());
+    image.write().to_buffered(&mut bytes).expect("a valid image");
+    bytes.into_inner()
+}
+
+#[test]
+fn strips_make_the_same_bytes_as_the_whole() {
+    let folder = temporary();
+    for (width, height) in [(1, 1), (17, 33), (100, 64)] {
+        let whole = folder.path().join("whole.exr");
+        write_exr(&whole, rows_of(width, 0..height)).expect("written");
+        let head = ExrHead::of(&rows_of(width, 0..0), height);
+        assert_eq!(head.channels.len(), 5);
+        assert_eq!(head.channels[0], ("spp.Y".into(), ChannelKind::U32));
+        let path = folder.path().join("strips.exr");
+        write_exr_rows(&path, &head, &mut |rows| Ok(rows_of(width, rows).into_samples())).expect("written");
+        let bytes = std::fs::read(&path).expect("readable");
+        assert!(bytes == std::fs::read(&whole).expect("readable"), "{width} x {height}: strips differ from the whole");
+        assert!(bytes == encoded_whole(rows_of(width, 0..height)), "{width} x {height}: differs from the library's");
+    }
+}
+
+#[test]
+fn a_strip_is_small_whatever_the_image() {
+    let channels: Vec<_> = (0..36).map(|i| (format!("c{i}"), ChannelKind::F32)).collect();
+    for (width, height) in [(1, 1), (512, 512), (4096, 4096), (16_384, 32_768), (65_536, 65_536)] {
+        let head = ExrHead { width, height, channels: channels.clone(), attributes: String::new() };
+        let rows = head.strip_rows();
+        let bytes = u64::from(width) * u64::from(rows) * 36 * 4;
+        assert!(rows == height || rows.is_multiple_of(16), "{rows} rows");
+        assert!(bytes <= 32 << 20 || rows == 16, "{bytes} bytes for {width} x {height}");
+        // And not needlessly many of them.
+        assert!(rows == height || bytes + u64::from(width) * 16 * 36 * 4 > 32 << 20, "{bytes} bytes");
+    }
+}
+
+#[test]
+fn a_strip_that_does_not_fit_leaves_the_target_as_it_was() {
+    let folder = temporary();
+    let path = folder.path().join("kept.exr");
+    std::fs::write(&path, b"precious").expect("written");
+    let (width, height) = (17, 33);
+    let head = ExrHead::of(&rows_of(width, 0..0), height);
+    type Spoil = fn(&mut Vec<Channel>);
+    let spoils: [(Spoil, &str); 3] = [
+        (|strip| strip.truncate(4), "4 channels"),
+        (|strip| strip.swap(0, 1), "type"),
+        (|strip| strip[1] = Channel::F32(vec![0.0; 3]), "3 samples"),
+    ];
+    for (spoil, word) in spoils {
+        let error = write_exr_rows(&path, &head, &mut |rows| {
+            let mut strip = rows_of(width, rows).into_samples();
+            spoil(&mut strip);
+            Ok(strip)
+        })
+        .expect_err("must be refused");
+        assert!(error.to_string().contains(word), "{error}");
+        assert_eq!(std::fs::read(&path).expect("readable"), b"precious");
+    }
+    assert_eq!(std::fs::read_dir(folder.path()).expect("a folder").count(), 1, "no temporary file stays");
 }
 
 #[test]

@@ -1,0 +1,275 @@
+//! Writes EXR files in strips of rows, so that no more than one strip of all channels is in memory.
+
+use std::io::{self, Seek, Write};
+use std::ops::Range;
+use std::path::Path;
+
+use exr::block::writer::ChunksWriter;
+use exr::block::{UncompressedBlock, enumerate_ordered_header_block_indices};
+use exr::meta::attribute::{
+    AttributeValue, ChannelDescription, ChannelList, IntegerBounds, LineOrder, SampleType, Text,
+};
+use exr::meta::header::{Header, ImageAttributes, LayerAttributes};
+use exr::meta::{BlockDescription, compute_chunk_count};
+use exr::prelude::{Compression, Vec2};
+
+use super::{ATTRIBUTE, Channel, ExrLayers, ascii_json};
+use crate::atomic::write_atomically;
+
+/// Lines that ZIP compresses together.
+const BLOCK_LINES: u32 = 16;
+
+/// Samples of a strip take about so many bytes at most, but a strip has at least [`BLOCK_LINES`] lines.
+const STRIP_BYTES: u64 = 32 << 20;
+
+/// The type of a channel's samples.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ChannelKind {
+    /// 32-bit floating point.
+    F32,
+    /// 32-bit unsigned integers.
+    U32,
+}
+
+impl Channel {
+    /// The type of its samples.
+    pub fn kind(&self) -> ChannelKind {
+        match self {
+            Self::F32(_) => ChannelKind::F32,
+            Self::U32(_) => ChannelKind::U32,
+        }
+    }
+}
+
+/// All of a file's contents but the samples.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ExrHead {
+    /// Width in pixels.
+    pub width: u32,
+    /// Height in pixels.
+    pub height: u32,
+    /// Names and types of the channels, in the order in which strips bring their samples.
+    pub channels: Vec<(String, ChannelKind)>,
+    /// A JSON text about the image; empty if there is none.
+    pub attributes: String,
+}
+
+impl ExrHead {
+    /// The head of an image of so many rows whose strips have the channels, the width and the attributes of this one.
+    pub fn of(strip: &ExrLayers, height: u32) -> Self {
+        let channels = strip.channels.iter().map(|(name, channel)| (name.clone(), channel.kind())).collect();
+        Self { width: strip.width, height, channels, attributes: strip.attributes.clone() }
+    }
+
+    /// Rows of a strip: as many blocks of 16 lines as have less than 32 MiB of samples in all channels, at least one block.
+    pub fn strip_rows(&self) -> u32 {
+        let line = (u64::from(self.width) * self.channels.len() as u64 * 4).max(1);
+        let blocks = (STRIP_BYTES / line / u64::from(BLOCK_LINES)).max(1);
+        u32::try_from(blocks).unwrap_or(u32::MAX).saturating_mul(BLOCK_LINES).min(self.height.max(1))
+    }
+
+    fn check(&self) -> io::Result<()> {
+        if self.width == 0 || self.height == 0 || self.channels.is_empty() {
+            return refuse("an EXR needs at least one pixel and one channel".into());
+        }
+        let mut names: Vec<&str> = self.channels.iter().map(|(name, _)| name.as_str()).collect();
+        names.sort_unstable();
+        if let Some(twice) = names.windows(2).find(|w| w[0] == w[1]) {
+            return refuse(format!("the channel `{}` is there twice", twice[0]));
+        }
+        for (name, _) in &self.channels {
+            if name.is_empty() || name.len() > 255 || !name.bytes().all(|b| (b' '..=b'~').contains(&b)) {
+                return refuse(format!("`{name}` is not a channel name: 1 to 255 printable ASCII characters"));
+            }
+        }
+        Ok(())
+    }
+
+    /// Does a strip of so many rows have the channels of the head?
+    fn check_strip(&self, strip: &[Channel], rows: u32) -> io::Result<()> {
+        let samples = self.width as usize * rows as usize;
+        if strip.len() != self.channels.len() {
+            return refuse(format!("a strip has {} channels, the image {}", strip.len(), self.channels.len()));
+        }
+        for ((name, kind), channel) in self.channels.iter().zip(strip) {
+            if channel.kind() != *kind {
+                return refuse(format!("the channel `{name}` changes its type"));
+            }
+            if channel.len() != samples {
+                return refuse(format!(
+                    "the channel `{name}` has {} samples for {samples} pixels, in a strip of {rows} rows",
+                    channel.len()
+                ));
+            }
+        }
+        Ok(())
+    }
+
+    /// The header as the format has it, and of its channels, which it sorts, their places in [`Self::channels`].
+    fn header(&self) -> (Header, Vec<usize>) {
+        let mut order: Vec<usize> = (0..self.channels.len()).collect();
+        order.sort_unstable_by_key(|&i| self.channels[i].0.as_bytes());
+        let describe = |&i: &usize| {
+            let (name, kind) = &self.channels[i];
+            let sample_type = match kind {
+                ChannelKind::F32 => SampleType::F32,
+                ChannelKind::U32 => SampleType::U32,
+            };
+            ChannelDescription::named(name.as_str(), sample_type)
+        };
+        let channels = ChannelList::new(order.iter().map(describe).collect());
+        let size = Vec2(self.width as usize, self.height as usize);
+        let mut shared_attributes = ImageAttributes::new(IntegerBounds::from_dimensions(size));
+        if !self.attributes.is_empty() {
+            let value = AttributeValue::Text(Text::from(ascii_json(&self.attributes).as_str()));
+            shared_attributes.other.insert(Text::from(ATTRIBUTE), value);
+        }
+        let (compression, blocks) = (Compression::ZIP16, BlockDescription::ScanLines);
+        let header = Header {
+            channels,
+            compression,
+            blocks,
+            // Blocks that are compressed in parallel arrive in any order; this makes the writer sort them.
+            line_order: LineOrder::Increasing,
+            layer_size: size,
+            chunk_count: compute_chunk_count(compression, size, blocks),
+            shared_attributes,
+            own_attributes: LayerAttributes::default(),
+            deep: false,
+            deep_data_version: None,
+            max_samples_per_pixel: None,
+        };
+        (header, order)
+    }
+}
+
+fn refuse<T>(problem: String) -> io::Result<T> {
+    Err(io::Error::new(io::ErrorKind::InvalidInput, problem))
+}
+
+/// Writes a file like [`write_exr`](super::write_exr), to the same bytes, without all of its samples at once.
+///
+/// `rows` is asked for consecutive strips from the top: ranges of rows, of [`ExrHead::strip_rows`] each but for the last one.
+/// It returns a channel for each one of the head, in their order, with the samples of these rows.
+///
+/// # Errors
+/// Those of the file system and of `rows`; no pixels, no channels, a channel of the wrong length or type, a name that is empty,
+/// double, not ASCII or longer than 255 bytes. An existing file stays as it was.
+pub fn write_exr_rows(
+    path: &Path,
+    head: &ExrHead,
+    rows: &mut dyn FnMut(Range<u32>) -> io::Result<Vec<Channel>>,
+) -> io::Result<()> {
+    head.check()?;
+    write_atomically(path, |file| encode(file, head, head.strip_rows(), rows))
+}
+
+/// Encodes what [`write_exr_rows`] writes, in strips of so many rows, a multiple of 16; the head has been checked.
+fn encode(
+    file: impl Write + Seek,
+    head: &ExrHead,
+    strip_rows: u32,
+    rows: &mut dyn FnMut(Range<u32>) -> io::Result<Vec<Channel>>,
+) -> io::Result<()> {
+    let (header, order) = head.header();
+    let headers = [header.clone()];
+    let mut strip: Vec<Channel> = Vec::new();
+    let mut range = 0..0;
+    let mut blocks = enumerate_ordered_header_block_indices(&headers).map(|(index, place)| {
+        let first = place.pixel_position.y() as u32;
+        if first >= range.end {
+            range = first..head.height.min(first.saturating_add(strip_rows));
+            // The former strip goes first, so that there is never more than one.
+            strip = Vec::new();
+            strip = rows(range.clone())?;
+            head.check_strip(&strip, range.end - range.start)?;
+        }
+        let mut written = Ok(());
+        let block = UncompressedBlock::from_lines(&headers[0].channels, place, |line| {
+            let start = (line.location.position.y() - range.start as usize) * head.width as usize;
+            let samples = start..start + line.location.sample_count;
+            let done = match &strip[order[line.location.channel]] {
+                Channel::F32(v) => line.write_samples_from_slice(&v[samples]),
+                Channel::U32(v) => line.write_samples_from_slice(&v[samples]),
+            };
+            if done.is_err() {
+                written = done;
+            }
+        });
+        written.map(|()| (index, block))
+    });
+    let headers = [header].into_iter().collect();
+    exr::block::write(file, headers, true, |meta, chunks| {
+        if let Some(mut compressor) = chunks.parallel_blocks_compressor(&meta) {
+            return blocks.try_for_each(|block| {
+                let (index, block) = block?;
+                compressor.add_block_to_compression_queue(index, block)
+            });
+        }
+        let mut compressor = chunks.sequential_blocks_compressor(&meta);
+        blocks.try_for_each(|block| {
+            let (index, block) = block?;
+            compressor.compress_block(index, block)
+        })
+    })
+    .map_err(|e| match e {
+        exr::error::Error::Io(e) => e,
+        other => io::Error::other(other.to_string()),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const WIDTH: u32 = 37;
+
+    fn strip(rows: &Range<u32>) -> Vec<Channel> {
+        let samples = rows.start * WIDTH..rows.end * WIDTH;
+        let values = samples.clone().map(|i| (i.wrapping_mul(2_654_435_761) >> 8) as f32).collect();
+        vec![Channel::U32(samples.map(|i| i << 7).collect()), Channel::F32(values)]
+    }
+
+    fn head(height: u32) -> ExrHead {
+        let channels = vec![("spp.Y".into(), ChannelKind::U32), ("Y".into(), ChannelKind::F32)];
+        ExrHead { width: WIDTH, height, channels, attributes: "{}".into() }
+    }
+
+    #[test]
+    fn strips_of_any_number_of_rows_make_the_same_bytes() {
+        for height in [1, 15, 16, 17, 33, 64, 100] {
+            let mut files = Vec::new();
+            for strip_rows in [16, 32, 48, 112] {
+                let (mut file, mut asked) = (io::Cursor::new(Vec::new()), Vec::new());
+                let mut rows = |rows: Range<u32>| {
+                    asked.push((rows.start, rows.end));
+                    Ok(strip(&rows))
+                };
+                encode(&mut file, &head(height), strip_rows, &mut rows).expect("written");
+                let expected: Vec<_> = (0..height.div_ceil(strip_rows))
+                    .map(|i| (i * strip_rows, height.min((i + 1) * strip_rows)))
+                    .collect();
+                assert_eq!(asked, expected, "{height} rows in strips of {strip_rows}");
+                files.push(file.into_inner());
+            }
+            assert!(files.windows(2).all(|w| w[0] == w[1]), "{height} rows");
+        }
+    }
+
+    #[test]
+    fn a_later_strip_that_fails_is_an_error() {
+        for fails_at in [0, 16, 48] {
+            let error = encode(io::Cursor::new(Vec::new()), &head(50), 16, &mut |rows| match rows.start {
+                start if start == fails_at => Err(io::Error::new(io::ErrorKind::OutOfMemory, "no more")),
+                _ => Ok(strip(&rows)),
+            })
+            .expect_err("a strip failed");
+            assert_eq!((error.kind(), error.to_string().as_str()), (io::ErrorKind::OutOfMemory, "no more"));
+            let short = encode(io::Cursor::new(Vec::new()), &head(50), 16, &mut |rows| match rows.start {
+                start if start == fails_at => Ok(strip(&(rows.start..rows.end - 1))),
+                _ => Ok(strip(&rows)),
+            });
+            assert_eq!(short.expect_err("a row is missing").kind(), io::ErrorKind::InvalidInput);
+        }
+    }
+}
