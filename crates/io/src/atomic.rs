@@ -89,6 +89,13 @@ fn writable_target(path: &Path) -> io::Result<PathBuf> {
     }
     // A link is followed, so that the file it points to is replaced and not the link itself.
     let target = fs::canonicalize(path).unwrap_or_else(|_| path.to_path_buf());
+    // A pipe or a device would be replaced by a file.
+    if let Some(what) = fs::metadata(&target).ok().as_ref().and_then(crate::input::other_kind) {
+        return Err(io::Error::new(
+            io::ErrorKind::InvalidInput,
+            format!("cannot write {}: it is {what}, not a regular file; name a regular file", path.display()),
+        ));
+    }
     // A file that is protected against writing stays protected: the rename alone would not notice.
     if fs::metadata(&target).is_ok_and(|m| m.permissions().readonly()) {
         return Err(io::Error::new(
@@ -243,6 +250,23 @@ mod tests {
         assert!(error.to_string().contains("read-only"), "{error}");
         assert_eq!(check_writable(&path).expect_err("read-only").to_string(), error.to_string());
         assert_eq!(fs::read_to_string(&path).expect("readable"), "old");
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_socket_and_a_device_are_not_replaced() {
+        let folder = tempfile::tempdir().expect("a temporary folder");
+        let (socket, link) = (folder.path().join("socket"), folder.path().join("link"));
+        let _bound = std::os::unix::net::UnixListener::bind(&socket).expect("a socket");
+        std::os::unix::fs::symlink("/dev/null", &link).expect("links work");
+        for (path, what) in [(&socket, "a socket"), (&link, "a device")] {
+            let before = fs::symlink_metadata(path).expect("present").file_type();
+            let error = write_atomically(path, |w| w.write_all(b"new")).expect_err(what);
+            assert!(error.to_string().contains(what), "{error}");
+            assert_eq!(check_writable(path).expect_err(what).to_string(), error.to_string());
+            assert_eq!(fs::symlink_metadata(path).expect("present").file_type(), before);
+        }
+        assert_eq!(names(folder.path()), ["link", "socket"]);
     }
 
     #[cfg(unix)]

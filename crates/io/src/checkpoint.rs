@@ -10,8 +10,8 @@ pub use pixel::{MOST_SAMPLES, PIXEL_BYTES};
 
 use crate::atomic::rewrite_atomically;
 use crate::error::InputError;
+use crate::input::{InputFiles, MOST_STREAMED, OpenFile, Role};
 use dunkelfeld_film::{Film, PixelSums, Plane};
-use std::fs::File;
 use std::io::{self, BufReader, Read, Write};
 use std::ops::Range;
 use std::path::Path;
@@ -151,13 +151,9 @@ pub fn write_checkpoint(
 /// The file cannot be read, is not a checkpoint, is of another version, was cut short or changed.
 pub fn read_checkpoint(path: &Path) -> Result<Checkpoint, InputError> {
     let fault = |place: &str, problem: String| InputError::new(path, place, problem, MEND);
-    let unreadable = |e: io::Error| InputError::new(path, "the file", format!("cannot be read: {e}"), "check the path");
-    let meta = std::fs::metadata(path).map_err(unreadable)?;
-    if !meta.is_file() {
-        return Err(fault("the file", "is not a file".into()));
-    }
-    let mut source =
-        Source { file: BufReader::new(File::open(path).map_err(unreadable)?), left: meta.len(), section: 0, path };
+    let file = InputFiles::new().open(path, Role::Checkpoint, MOST_STREAMED).map_err(|fault| fault.at(path))?;
+    let length = file.length();
+    let mut source = Source { file: BufReader::new(file), left: length, section: 0, path };
 
     let mut head = source.bytes("the head", HEAD as u64)?;
     let word = |at: usize| u32::from_le_bytes([head[at], head[at + 1], head[at + 2], head[at + 3]]);
@@ -177,7 +173,7 @@ pub fn read_checkpoint(path: &Path) -> Result<Checkpoint, InputError> {
     let sections = 1 + planes + bands(height).count() as u64;
     let rest = u64::from(text_bytes) + (4 * planes + PIXEL_BYTES as u64) * pixels + sections * CHECKSUM;
     if source.left != rest {
-        let (has, should) = (meta.len(), rest + HEAD as u64);
+        let (has, should) = (length, rest + HEAD as u64);
         let word = if source.left < rest { "was cut short" } else { "has more than belongs to it" };
         return Err(fault("the file", format!("{word}: it has {has} bytes instead of {should}")));
     }
@@ -237,7 +233,7 @@ fn checksum(section: u64, bytes: &[u8]) -> u64 {
 
 /// A file on its way in.
 struct Source<'a> {
-    file: BufReader<File>,
+    file: BufReader<OpenFile>,
     /// Bytes that the file still has: nothing larger is ever asked memory for.
     left: u64,
     section: u64,

@@ -18,7 +18,7 @@ use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
 use crate::error::{InputError, SourceSpan};
-use crate::loader::{AssetLoader, Limits};
+use crate::input::{InputFiles, Role};
 
 /// A descriptor is text for people: more than this is something else \[bytes\].
 const MOST_BYTES: u64 = 64 << 20;
@@ -71,8 +71,7 @@ pub struct FrameBlock {
 /// # Errors
 /// The file cannot be read or a line makes no sense; with the line.
 pub fn read_descriptor(path: &Path) -> Result<(EmvaDescriptor, Vec<String>), InputError> {
-    let limits = Limits { file_bytes: MOST_BYTES, ..Limits::default() };
-    let bytes = AssetLoader::new(path, limits).read_scene()?;
+    let bytes = InputFiles::new().read(path, Role::Descriptor, MOST_BYTES).map_err(|fault| fault.at(path))?;
     // Comments are in whatever encoding their author had; what counts is ASCII.
     let text = String::from_utf8_lossy(&bytes).trim_start_matches('\u{feff}').replace("\r\n", "\n").replace('\r', "\n");
     parse(path, &text)

@@ -1,7 +1,6 @@
 //! OpenEXR files: any number of named channels in one file, byte for byte reproducible.
 
-use std::fs::File;
-use std::io::{self, BufReader};
+use std::io::{self, BufReader, Seek as _};
 use std::path::Path;
 
 use exr::image::FlatSamples;
@@ -10,6 +9,7 @@ use exr::meta::attribute::{AttributeValue, Text};
 use exr::prelude::{ReadChannels, ReadLayers, read};
 
 use crate::error::InputError;
+use crate::input::{InputFiles, MOST_STREAMED, Role};
 
 mod strips;
 
@@ -113,16 +113,22 @@ fn ascii_json(json: &str) -> String {
 /// # Errors
 /// The file is missing, not an EXR, damaged, or uses deep data.
 pub fn read_exr(path: &Path) -> Result<ExrLayers, InputError> {
+    read_exr_recorded(path, Role::Image, &mut InputFiles::new())
+}
+
+/// [`read_exr`], and counts the file among the inputs.
+///
+/// # Errors
+/// As [`read_exr`].
+pub fn read_exr_recorded(path: &Path, role: Role, inputs: &mut InputFiles) -> Result<ExrLayers, InputError> {
     let fault = |problem: String| {
         InputError::new(path, "the file", problem, "check that it is a complete OpenEXR image without deep data")
     };
-    let size = match std::fs::metadata(path) {
-        Ok(m) if m.is_file() => m.len(),
-        Ok(_) => return Err(fault("is not a file".into())),
-        Err(e) => return Err(InputError::new(path, "the file", format!("cannot be read: {e}"), "check the path")),
-    };
-    let open = || File::open(path).map(BufReader::new).map_err(|e| fault(format!("cannot be read: {e}")));
-    let meta = MetaData::read_from_buffered(open()?, false).map_err(|e| fault(describe(&e)))?;
+    let file = inputs.open(path, role, MOST_STREAMED).map_err(|fault| fault.at(path))?;
+    let size = file.length();
+    let mut file = BufReader::new(file);
+    let meta = MetaData::read_from_buffered(&mut file, false).map_err(|e| fault(describe(&e)))?;
+    file.rewind().map_err(|e| fault(format!("cannot be read: {e}")))?;
     let promised: u64 = meta
         .headers
         .iter()
@@ -140,7 +146,7 @@ pub fn read_exr(path: &Path) -> Result<ExrLayers, InputError> {
         .all_channels()
         .all_layers()
         .all_attributes()
-        .from_buffered(open()?)
+        .from_buffered(file)
         .map_err(|e| fault(describe(&e)))?;
     collect(image).ok_or_else(|| fault("has no channel with one sample per pixel".into()))
 }

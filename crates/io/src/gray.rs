@@ -8,7 +8,8 @@ use image::{DynamicImage, ImageFormat, ImageReader};
 
 use crate::error::InputError;
 use crate::images::ImageFault;
-use crate::loader::{AssetLoader, Limits};
+use crate::input::{InputFiles, Role};
+use crate::loader::Limits;
 
 /// A frame and how it was stored.
 #[derive(Clone, Debug, PartialEq)]
@@ -24,7 +25,7 @@ pub struct GrayFrame {
 /// # Errors
 /// The file cannot be read, is no such image, or is coloured.
 pub fn read_gray(path: &Path, limits: &Limits) -> Result<GrayFrame, InputError> {
-    let bytes = AssetLoader::new(path, *limits).read_scene()?;
+    let bytes = InputFiles::new().read(path, Role::Frame, limits.file_bytes).map_err(|fault| fault.at(path))?;
     // The decoders are other people's and read any bytes: a panic in one of them must not be ours.
     let decoded = catch_unwind(AssertUnwindSafe(|| decode(&bytes, limits)))
         .unwrap_or_else(|_| Err(fault("the decoder gave up on the image", "save the frame again as 16-bit PNG")));

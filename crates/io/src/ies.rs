@@ -6,7 +6,7 @@
 
 use crate::error::{ImportWarning, InputError, SourceSpan};
 use crate::import_options::LUMENS_PER_WATT;
-use crate::loader::{AssetLoader, Limits};
+use crate::input::{InputFiles, Role};
 use crate::warnings::Warnings;
 use dunkelfeld_scene::LightProfile;
 use std::path::{Path, PathBuf};
@@ -20,8 +20,7 @@ const LARGEST: u64 = 16 << 20;
 /// # Errors
 /// If the file cannot be read, or is no IES file of type C; with line and caret.
 pub fn load_ies(path: &Path) -> Result<(LightProfile, Vec<ImportWarning>), InputError> {
-    let limits = Limits { file_bytes: LARGEST, ..Limits::default() };
-    let bytes = AssetLoader::new(path, limits).read_scene()?;
+    let bytes = InputFiles::new().read(path, Role::LightProfile, LARGEST).map_err(|fault| fault.at(path))?;
     parse_ies(path, &bytes)
 }
 

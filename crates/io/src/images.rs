@@ -1,7 +1,8 @@
 //! Decodes images of any supported format within limits, and reads environment maps.
 
 use crate::error::{ImportWarning, InputError};
-use crate::loader::{AssetLoader, Limits};
+use crate::input::{InputFiles, Role};
+use crate::loader::Limits;
 use dunkelfeld_scene::{Image, Texels};
 use exr::prelude::{ReadChannels as _, ReadLayers as _};
 use image::{DynamicImage, ImageFormat, ImageReader};
@@ -61,7 +62,7 @@ pub fn decode_image(bytes: &[u8], name: &str, limits: &Limits) -> Result<Decoded
 /// # Errors
 /// If the file cannot be read or decoded within `limits`.
 pub fn load_environment(path: &Path, limits: &Limits) -> Result<(Image, Vec<ImportWarning>), InputError> {
-    let bytes = AssetLoader::new(path, *limits).read_scene()?;
+    let bytes = InputFiles::new().read(path, Role::Environment, limits.file_bytes).map_err(|fault| fault.at(path))?;
     let name = path.file_name().unwrap_or_default().to_string_lossy();
     let decoded = decode_image(&bytes, &name, limits).map_err(|fault| fault.at(path, "environment image"))?;
     let mut warnings = Vec::new();

@@ -1,4 +1,4 @@
-//! One door for scene files: the extension chooses the reader.
+//! Scene files of all formats: the extension chooses the reader.
 
 pub use crate::import_options::{EmissiveUnit, ImportOptions, Imported, LUMENS_PER_WATT};
 

@@ -1,6 +1,7 @@
 //! What a reader of scene files is asked, and what it hands back; all readers share these.
 
 use crate::error::ImportWarning;
+use crate::input::InputFiles;
 use crate::loader::Limits;
 use dunkelfeld_scene::SceneBuilder;
 
@@ -37,4 +38,6 @@ pub struct Imported {
     pub scene: SceneBuilder,
     /// Repairs and omissions, in the order they were met.
     pub warnings: Vec<ImportWarning>,
+    /// The scene file and every file that it refers to, also those that could not be read.
+    pub inputs: InputFiles,
 }

@@ -36,6 +36,7 @@ pub use lens::{LensProjection, LensSettings};
 
 use crate::error::InputError;
 use crate::import_options::{EmissiveUnit, ImportOptions};
+use crate::input::{InputFiles, Role};
 use crate::names::suggestion;
 use crate::toml_file::TomlFile;
 use dunkelfeld_radiometry::Rgb;
@@ -102,6 +103,8 @@ pub struct Job {
     /// The text that this job was read from, for errors that are found later.
     #[serde(skip)]
     source: TomlFile,
+    #[serde(skip)]
+    inputs: InputFiles,
 }
 
 /// `[import]`
@@ -481,7 +484,11 @@ impl Job {
     /// # Errors
     /// If the file cannot be read, or says something wrong: with line and caret.
     pub fn from_file(path: &Path) -> Result<Self, InputError> {
-        Self::from_toml(TomlFile::read(path)?)
+        let mut inputs = InputFiles::new();
+        let file = TomlFile::read(path, Role::Job, &mut inputs)?;
+        let mut job = Self::from_toml(file)?;
+        job.inputs.extend(&inputs);
+        Ok(job)
     }
 
     /// Reads a job from a text; `path` stands in messages, and its folder is what input paths are relative to.
@@ -534,9 +541,28 @@ impl Job {
         for light in &mut job.lights {
             light.ies = light.ies.as_ref().map(|path| file.resolve(path));
         }
+        job.inputs = job.named_inputs();
         job.source = file;
         job.check_overrides()?;
         Ok(job)
+    }
+
+    /// The files that the job names to be read, whether they can be or not, and its own if it was read from one.
+    pub fn inputs(&self) -> &InputFiles {
+        &self.inputs
+    }
+
+    fn named_inputs(&self) -> InputFiles {
+        let mut inputs = InputFiles::new();
+        inputs.add(&self.scene, Role::Scene);
+        if let SensorChoice::File(path) = &self.sensor.model {
+            inputs.add(path, Role::Sensor);
+        }
+        if let Some(path) = self.environment.as_ref().and_then(|e| e.image.as_ref()) {
+            inputs.add(path, Role::Environment);
+        }
+        self.lights.iter().flat_map(|light| &light.ies).for_each(|path| inputs.add(path, Role::LightProfile));
+        inputs
     }
 
     /// How the scene file is to be read.

@@ -13,6 +13,7 @@ pub mod ies;
 pub mod images;
 pub mod import;
 mod import_options;
+pub mod input;
 pub mod job;
 pub mod layers;
 pub mod libraries;

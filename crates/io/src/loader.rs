@@ -1,12 +1,11 @@
 //! Reads the files a scene refers to: only inside the scene's folder, and only as much as the limits allow.
 
 use crate::error::InputError;
+use crate::input::{InputFiles, ReadFault, Role};
 use base64::Engine as _;
 use base64::alphabet;
 use base64::engine::{DecodePaddingMode, GeneralPurpose, GeneralPurposeConfig};
-use std::cell::Cell;
-use std::fs::File;
-use std::io::Read as _;
+use std::cell::{Cell, RefCell};
 use std::path::{Component, Path, PathBuf};
 
 const GIB: u64 = 1 << 30;
@@ -52,6 +51,7 @@ pub struct AssetLoader {
     folder: PathBuf,
     limits: Limits,
     bytes_read: Cell<u64>,
+    inputs: RefCell<InputFiles>,
 }
 
 impl AssetLoader {
@@ -61,7 +61,13 @@ impl AssetLoader {
             Some(parent) if !parent.as_os_str().is_empty() => parent.to_path_buf(),
             _ => PathBuf::from("."),
         };
-        Self { scene_file: scene_file.to_path_buf(), folder, limits, bytes_read: Cell::new(0) }
+        Self {
+            scene_file: scene_file.to_path_buf(),
+            folder,
+            limits,
+            bytes_read: Cell::new(0),
+            inputs: RefCell::default(),
+        }
     }
 
     /// The scene file whose references are resolved.
@@ -74,12 +80,17 @@ impl AssetLoader {
         &self.limits
     }
 
+    /// The files that were read, or were to be.
+    pub fn into_inputs(self) -> InputFiles {
+        self.inputs.into_inner()
+    }
+
     /// The scene file's own bytes.
     ///
     /// # Errors
     /// If it is missing, unreadable, not a regular file, or larger than the limits.
     pub fn read_scene(&self) -> Result<Vec<u8>, InputError> {
-        self.read(&self.scene_file, "file", &self.scene_file.display().to_string())
+        self.read(&self.scene_file, Role::Scene, "file", &self.scene_file.display().to_string())
     }
 
     /// The bytes of a file named as OBJ and MTL name them: a relative path, taken literally except that a backslash
@@ -88,9 +99,9 @@ impl AssetLoader {
     /// # Errors
     /// If the name leads outside the scene's folder (absolute, drive letter, scheme, `..`, symbolic link), or the file
     /// is missing, not a regular file, or larger than the limits.
-    pub fn load_relative(&self, name: &str) -> Result<Vec<u8>, InputError> {
+    pub fn load_relative(&self, name: &str, role: Role) -> Result<Vec<u8>, InputError> {
         let relative = self.inside(name)?;
-        self.load_inside(&relative, name)
+        self.load_inside(&relative, role, name)
     }
 
     /// The bytes behind a URI reference as glTF has them: a `data:` URI (base64 or percent-encoded), or a
@@ -98,7 +109,7 @@ impl AssetLoader {
     ///
     /// # Errors
     /// As [`load_relative`](Self::load_relative); also if a `data:` URI is malformed.
-    pub fn load_uri(&self, uri: &str) -> Result<Vec<u8>, InputError> {
+    pub fn load_uri(&self, uri: &str, role: Role) -> Result<Vec<u8>, InputError> {
         if starts_with_ignore_case(uri, "data:") {
             return self.load_data_uri(uri);
         }
@@ -113,9 +124,9 @@ impl AssetLoader {
             && let Ok(raw) = self.inside(uri)
             && self.folder.join(&raw).exists()
         {
-            return self.load_inside(&raw, uri);
+            return self.load_inside(&raw, role, uri);
         }
-        self.load_inside(&relative, uri)
+        self.load_inside(&relative, role, uri)
     }
 
     fn load_data_uri(&self, uri: &str) -> Result<Vec<u8>, InputError> {
@@ -186,14 +197,15 @@ impl AssetLoader {
         Ok(path)
     }
 
-    fn load_inside(&self, relative: &Path, shown: &str) -> Result<Vec<u8>, InputError> {
+    fn load_inside(&self, relative: &Path, role: Role, shown: &str) -> Result<Vec<u8>, InputError> {
         let path = self.folder.join(relative);
-        let missing = |e: &std::io::Error| {
-            let (problem, mend) = describe(e, &path);
-            self.refuse(shown, &problem, &mend)
+        self.inputs.borrow_mut().add(&path, role);
+        let missing = |e: std::io::Error| {
+            let (problem, mend) = ReadFault::from(e).describe(&path);
+            self.refuse(shown, &problem, mend)
         };
-        let folder = self.folder.canonicalize().map_err(|e| missing(&e))?;
-        let real = path.canonicalize().map_err(|e| missing(&e))?;
+        let folder = self.folder.canonicalize().map_err(missing)?;
+        let real = path.canonicalize().map_err(missing)?;
         if !real.starts_with(&folder) {
             return Err(self.refuse(
                 shown,
@@ -201,44 +213,42 @@ impl AssetLoader {
                 "replace the link by a copy of the file",
             ));
         }
-        self.read(&real, &format!("reference \"{shown}\""), shown)
+        self.read(&real, role, &format!("reference \"{shown}\""), shown)
     }
 
-    fn read(&self, path: &Path, place: &str, shown: &str) -> Result<Vec<u8>, InputError> {
-        let fail = |e: std::io::Error| {
-            let (problem, mend) = describe(&e, path);
-            InputError::new(&self.scene_file, place, problem, mend)
-        };
-        // A pipe or a device could block for ever or never end, and opening a pipe blocks already.
-        let kind = std::fs::metadata(path).map_err(fail)?;
-        if !kind.is_file() {
-            let what = if kind.is_dir() { "a folder" } else { "not a regular file" };
-            return Err(InputError::new(&self.scene_file, place, format!("this is {what}"), "name a regular file"));
+    fn read(&self, path: &Path, role: Role, place: &str, shown: &str) -> Result<Vec<u8>, InputError> {
+        let left = self.limits.total_bytes.saturating_sub(self.bytes_read.get());
+        let most = left.min(self.limits.file_bytes);
+        let read = self.inputs.borrow_mut().read(path, role, most);
+        match read {
+            Ok(bytes) => self.charge(bytes.len() as u64, shown).map(|()| bytes),
+            // The error says which of both limits it is.
+            Err(ReadFault::TooLarge { .. }) => Err(self.too_large(left >= self.limits.file_bytes, shown)),
+            Err(fault) => {
+                let (problem, mend) = fault.describe(path);
+                Err(InputError::new(&self.scene_file, place, problem, mend))
+            }
         }
-        let mut file = File::open(path).map_err(fail)?;
-        let size = file.metadata().map_err(fail)?.len();
-        self.charge(size, shown)?;
-        let mut bytes = Vec::with_capacity(usize::try_from(size).unwrap_or(0));
-        // The file may grow while it is read: `take` keeps what was charged.
-        file.by_ref().take(size).read_to_end(&mut bytes).map_err(fail)?;
-        Ok(bytes)
     }
 
     /// Counts `size` bytes against both limits.
     fn charge(&self, size: u64, shown: &str) -> Result<(), InputError> {
-        let mend = "split or shrink the file, or raise the import limits";
-        if size > self.limits.file_bytes {
-            let problem =
-                format!("{} is more than the {} allowed for one file", mib(size), mib(self.limits.file_bytes));
-            return Err(self.refuse(shown, &problem, mend));
-        }
         let total = self.bytes_read.get().saturating_add(size);
-        if total > self.limits.total_bytes {
-            let problem = format!("the scene's files exceed {} together", mib(self.limits.total_bytes));
-            return Err(self.refuse(shown, &problem, mend));
+        if size > self.limits.file_bytes || total > self.limits.total_bytes {
+            return Err(self.too_large(size > self.limits.file_bytes, shown));
         }
         self.bytes_read.set(total);
         Ok(())
+    }
+
+    /// A limit is exceeded: that of one file, or that of all together.
+    fn too_large(&self, is_of_one: bool, shown: &str) -> InputError {
+        let problem = if is_of_one {
+            format!("it has more than the {} allowed for one file", mib(self.limits.file_bytes))
+        } else {
+            format!("the scene's files exceed {} together", mib(self.limits.total_bytes))
+        };
+        self.refuse(shown, &problem, "split or shrink the file, or raise the import limits")
     }
 
     fn refuse(&self, reference: &str, problem: &str, mend: &str) -> InputError {
@@ -252,19 +262,6 @@ fn mib(bytes: u64) -> String {
 
 fn starts_with_ignore_case(text: &str, prefix: &str) -> bool {
     text.get(..prefix.len()).is_some_and(|head| head.eq_ignore_ascii_case(prefix))
-}
-
-fn describe(e: &std::io::Error, path: &Path) -> (String, String) {
-    let name = path.display();
-    match e.kind() {
-        std::io::ErrorKind::NotFound => {
-            (format!("there is no file {name}"), "check the name, upper and lower case included".into())
-        }
-        std::io::ErrorKind::PermissionDenied => {
-            (format!("reading {name} is not permitted"), "change the file's permissions".into())
-        }
-        _ => (format!("{name} cannot be read: {e}"), "check that it is a readable file".into()),
-    }
 }
 
 #[cfg(test)]
@@ -292,11 +289,11 @@ mod tests {
     fn files_inside_the_folder_are_read() {
         let dir = folder();
         let l = loader(&dir);
-        assert_eq!(l.load_uri("a%20b.bin").expect("escaped"), b"ab");
-        assert_eq!(l.load_uri("a b.bin").expect("plain"), b"ab");
-        assert_eq!(l.load_uri("100%25.bin").expect("a name with a percent sign"), b"raw");
-        assert_eq!(l.load_relative("sub\\c.mtl").expect("backslash"), b"c");
-        assert_eq!(l.load_relative("./sub/../sub/c.mtl").expect("dots that stay inside"), b"c");
+        assert_eq!(l.load_uri("a%20b.bin", Role::Texture).expect("escaped"), b"ab");
+        assert_eq!(l.load_uri("a b.bin", Role::Texture).expect("plain"), b"ab");
+        assert_eq!(l.load_uri("100%25.bin", Role::Texture).expect("a name with a percent sign"), b"raw");
+        assert_eq!(l.load_relative("sub\\c.mtl", Role::Texture).expect("backslash"), b"c");
+        assert_eq!(l.load_relative("./sub/../sub/c.mtl", Role::Texture).expect("dots that stay inside"), b"c");
     }
 
     #[test]
@@ -321,8 +318,8 @@ mod tests {
             &absolute,
             &file_url,
         ] {
-            assert!(l.load_uri(bad).is_err(), "{bad:?} was read as a URI");
-            assert!(l.load_relative(bad).is_err(), "{bad:?} was read as a name");
+            assert!(l.load_uri(bad, Role::Texture).is_err(), "{bad:?} was read as a URI");
+            assert!(l.load_relative(bad, Role::Texture).is_err(), "{bad:?} was read as a name");
         }
     }
 
@@ -334,21 +331,24 @@ mod tests {
         std::os::unix::fs::symlink(at("secret"), at("scene/link.bin")).expect("symlink");
         std::os::unix::fs::symlink(at("scene/sub"), at("scene/again")).expect("symlink");
         let l = loader(&dir);
-        let e = l.load_uri("link.bin").expect_err("a link that leads out");
+        let e = l.load_uri("link.bin", Role::Texture).expect_err("a link that leads out");
         assert!(e.problem.contains("symbolic link"), "{e}");
-        assert_eq!(l.load_uri("again/c.mtl").expect("a link that stays"), b"c");
+        assert_eq!(l.load_uri("again/c.mtl", Role::Texture).expect("a link that stays"), b"c");
     }
 
     #[test]
     fn data_uris_decode_with_and_without_padding() {
         let dir = folder();
         let l = loader(&dir);
-        assert_eq!(l.load_uri("data:application/octet-stream;base64,AQID/w==").expect("padded"), [1, 2, 3, 255]);
-        assert_eq!(l.load_uri("data:;base64,AQID/w").expect("bare"), [1, 2, 3, 255]);
-        assert_eq!(l.load_uri("DATA:;base64,AQ\nID").expect("with a line break"), [1, 2, 3]);
-        assert_eq!(l.load_uri("data:,a%00b").expect("percent-encoded"), b"a\0b");
-        assert!(l.load_uri("data:;base64").is_err());
-        assert!(l.load_uri("data:;base64,!!!!").is_err());
+        assert_eq!(
+            l.load_uri("data:application/octet-stream;base64,AQID/w==", Role::Texture).expect("padded"),
+            [1, 2, 3, 255]
+        );
+        assert_eq!(l.load_uri("data:;base64,AQID/w", Role::Texture).expect("bare"), [1, 2, 3, 255]);
+        assert_eq!(l.load_uri("DATA:;base64,AQ\nID", Role::Texture).expect("with a line break"), [1, 2, 3]);
+        assert_eq!(l.load_uri("data:,a%00b", Role::Texture).expect("percent-encoded"), b"a\0b");
+        assert!(l.load_uri("data:;base64", Role::Texture).is_err());
+        assert!(l.load_uri("data:;base64,!!!!", Role::Texture).is_err());
     }
 
     #[test]
@@ -356,17 +356,17 @@ mod tests {
         let dir = folder();
         let limits = Limits { file_bytes: 2, total_bytes: 5, ..Limits::default() };
         let l = AssetLoader::new(&dir.path().join("scene/scene.gltf"), limits);
-        assert!(l.load_uri("100%25.bin").is_err(), "three bytes where two are allowed");
-        assert!(l.load_uri("data:,abc").is_err(), "three bytes where two are allowed");
-        assert!(l.load_uri("a b.bin").is_ok());
-        assert!(l.load_uri("a b.bin").is_ok());
-        assert!(l.load_uri("a b.bin").is_err(), "six bytes where five are allowed");
+        assert!(l.load_uri("100%25.bin", Role::Texture).is_err(), "three bytes where two are allowed");
+        assert!(l.load_uri("data:,abc", Role::Texture).is_err(), "three bytes where two are allowed");
+        assert!(l.load_uri("a b.bin", Role::Texture).is_ok());
+        assert!(l.load_uri("a b.bin", Role::Texture).is_ok());
+        assert!(l.load_uri("a b.bin", Role::Texture).is_err(), "six bytes where five are allowed");
     }
 
     #[test]
     fn folders_are_not_files() {
         let dir = folder();
-        let e = loader(&dir).load_uri("sub").expect_err("a folder");
+        let e = loader(&dir).load_uri("sub", Role::Texture).expect_err("a folder");
         assert!(e.problem.contains("folder"), "{e}");
     }
 }

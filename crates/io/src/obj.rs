@@ -15,6 +15,7 @@ mod triangulate;
 
 use crate::error::InputError;
 use crate::import_options::{ImportOptions, Imported};
+use crate::input::Role;
 use crate::loader::AssetLoader;
 use crate::warnings::Warnings;
 use convert::{Converted, convert, default_material};
@@ -110,7 +111,7 @@ pub fn load_obj(path: &Path, options: &ImportOptions) -> Result<Imported, InputE
     }
     scene.materials = materials.list;
     scene.images = materials.textures.into_images();
-    Ok(Imported { scene, warnings: warnings.finish() })
+    Ok(Imported { scene, warnings: warnings.finish(), inputs: loader.into_inputs() })
 }
 
 /// The error for a file without a usable face; the first repairs tell why there is none.
@@ -200,7 +201,7 @@ impl Libraries {
         loader: &AssetLoader,
         warnings: &mut Warnings,
     ) -> Result<(), String> {
-        let found = load_beside(loader, "", name)?;
+        let found = load_beside(loader, "", name, Role::MaterialLibrary)?;
         let path = found.instead.as_deref().unwrap_or(name).replace('\\', "/");
         if found.instead.is_some() {
             warnings.push(place, format!("the material library \"{name}\" is not there; \"{path}\" is used"));

@@ -7,6 +7,10 @@ use std::path::{Path, PathBuf};
 use crate::atomic::write_atomically;
 use crate::error::InputError;
 use crate::exr::{ExrLayers, read_exr, write_exr};
+use crate::input::{InputFiles, ReadFault, Role};
+
+/// The longest text of a result \[bytes\].
+const MOST_TEXT: u64 = 256 << 20;
 
 /// An open folder. Names are those of files in it, and are never taken from a user's input.
 #[derive(Clone, Debug)]
@@ -53,11 +57,14 @@ impl ResultsFolder {
     /// The file is there, but cannot be read as text.
     pub fn read_text(&self, name: &str) -> Result<Option<String>, InputError> {
         let path = self.file(name);
-        match fs::read_to_string(&path) {
-            Ok(text) => Ok(Some(text)),
-            Err(e) if e.kind() == ErrorKind::NotFound => Ok(None),
-            Err(e) => Err(InputError::new(path, "the whole file", e.to_string(), "delete it, or use another folder")),
-        }
+        let fault =
+            |problem: String| InputError::new(&path, "the whole file", problem, "delete it, or use another folder");
+        let bytes = match InputFiles::new().read(&path, Role::Result, MOST_TEXT) {
+            Ok(bytes) => bytes,
+            Err(ReadFault::Missing) => return Ok(None),
+            Err(e) => return Err(fault(e.describe(&path).0)),
+        };
+        String::from_utf8(bytes).map(Some).map_err(|_| fault("is not UTF-8 text".into()))
     }
 
     /// Writes a text.

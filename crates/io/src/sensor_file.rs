@@ -47,6 +47,7 @@ use serde::Deserialize;
 use toml::Spanned;
 
 use crate::error::InputError;
+use crate::input::{InputFiles, Role};
 use crate::job::check::whole;
 use crate::toml_file::TomlFile;
 
@@ -58,12 +59,20 @@ const ROOM_TEMPERATURE: Celsius = Celsius(25.0);
 /// # Errors
 /// No such preset or file, or a file that is not a sensor.
 pub fn find_sensor(name_or_path: &str) -> Result<SensorModel, InputError> {
+    find_sensor_recorded(name_or_path, &mut InputFiles::new())
+}
+
+/// [`find_sensor`], and counts the file among the inputs.
+///
+/// # Errors
+/// As [`find_sensor`].
+pub fn find_sensor_recorded(name_or_path: &str, inputs: &mut InputFiles) -> Result<SensorModel, InputError> {
     if PRESETS.iter().any(|(name, _)| *name == name_or_path) {
         return preset(name_or_path);
     }
     let path = Path::new(name_or_path);
     // A bare word that is not a file was meant as a name.
-    if path.extension().is_none() && !path.exists() { preset(name_or_path) } else { load_sensor(path) }
+    if path.extension().is_none() && !path.exists() { preset(name_or_path) } else { load_sensor_recorded(path, inputs) }
 }
 
 /// Reads a sensor file.
@@ -71,7 +80,15 @@ pub fn find_sensor(name_or_path: &str) -> Result<SensorModel, InputError> {
 /// # Errors
 /// The file cannot be read, is not valid TOML, has unknown or missing keys or values out of range.
 pub fn load_sensor(path: &Path) -> Result<SensorModel, InputError> {
-    parse_sensor(&TomlFile::read(path)?)
+    load_sensor_recorded(path, &mut InputFiles::new())
+}
+
+/// [`load_sensor`], and counts the file among the inputs.
+///
+/// # Errors
+/// As [`load_sensor`].
+pub fn load_sensor_recorded(path: &Path, inputs: &mut InputFiles) -> Result<SensorModel, InputError> {
+    parse_sensor(&TomlFile::read(path, Role::Sensor, inputs)?)
 }
 
 /// The preset of that name.

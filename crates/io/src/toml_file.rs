@@ -26,6 +26,7 @@ use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
 use crate::error::{InputError, SourceSpan};
+use crate::input::{InputFiles, Role};
 use crate::names::nearest_names;
 
 /// Larger files are refused: nobody writes a megabyte of settings.
@@ -39,34 +40,26 @@ pub struct TomlFile {
 }
 
 impl TomlFile {
-    /// Reads a file of at most 1 MiB.
+    /// Reads a file of at most 1 MiB, and counts it among the inputs. A byte order mark at its start is left out.
     ///
     /// # Errors
-    /// The file is missing, unreadable, too large, or not UTF-8.
-    pub fn read(path: &Path) -> Result<Self, InputError> {
-        let whole = |problem: String, mend: &str| InputError::new(path, "the file", problem, mend);
-        let size = std::fs::metadata(path)
-            .map_err(|e| whole(format!("cannot be read: {e}"), "check the path and the permissions"))?;
-        if size.is_dir() {
-            return Err(whole("is a folder".into(), "name a file in it"));
-        }
-        if size.len() > LARGEST {
-            return Err(whole(
-                format!("has {} bytes, more than 1 MiB", size.len()),
-                "check that this is the right file",
-            ));
-        }
-        let bytes = std::fs::read(path)
-            .map_err(|e| whole(format!("cannot be read: {e}"), "check the path and the permissions"))?;
+    /// The file is missing, unreadable, not a regular file, too large, or not UTF-8.
+    pub fn read(path: &Path, role: Role, inputs: &mut InputFiles) -> Result<Self, InputError> {
+        let bytes = inputs.read(path, role, LARGEST).map_err(|fault| fault.at(path))?;
         let text = String::from_utf8(bytes).map_err(|e| {
-            whole(format!("is not UTF-8 text (byte {})", e.utf8_error().valid_up_to()), "save the file as UTF-8")
+            let problem = format!("is not UTF-8 text (byte {})", e.utf8_error().valid_up_to());
+            InputError::new(path, "the file", problem, "save the file as UTF-8")
         })?;
         Ok(Self::from_text(path, text))
     }
 
     /// A text that is already in memory; `path` is only for messages and for [`Self::resolve`].
     pub fn from_text(path: impl Into<PathBuf>, text: impl Into<String>) -> Self {
-        Self { path: path.into(), text: text.into() }
+        let mut text = text.into();
+        if text.starts_with('\u{feff}') {
+            text.drain(..'\u{feff}'.len_utf8());
+        }
+        Self { path: path.into(), text }
     }
 
     /// Where the text came from.
@@ -522,13 +515,27 @@ mod tests {
     }
 
     #[test]
+    fn a_byte_order_mark_is_left_out_and_moves_no_caret() {
+        let text = "\u{feff}scene = \"a\"\n[film]\nwidth = 7\n";
+        let settings: Settings = TomlFile::from_text("job.toml", text).parse().expect("good TOML");
+        assert_eq!((settings.scene.as_str(), settings.film.map(|f| *f.width.get_ref())), ("a", Some(7)));
+        assert_eq!(failure("\u{feff}scene = 1").caret(), "  |\n1 | scene = 1\n  |         ^");
+        let folder = tempfile::tempdir().expect("a temporary folder");
+        let path = folder.path().join("job.toml");
+        std::fs::write(&path, text).expect("writable");
+        let file = TomlFile::read(&path, Role::Job, &mut InputFiles::new()).expect("readable");
+        assert!(file.parse::<Settings>().is_ok());
+    }
+
+    #[test]
     fn a_file_that_cannot_be_read_says_so() {
-        let error = TomlFile::read(Path::new("no/such/job.toml")).expect_err("missing");
+        let read = |path: &Path| TomlFile::read(path, Role::Job, &mut InputFiles::new());
+        let error = read(Path::new("no/such/job.toml")).expect_err("missing");
         assert!(error.problem.contains("cannot be read"), "{error}");
         let folder = tempfile::tempdir().expect("a temporary folder");
-        assert!(TomlFile::read(folder.path()).expect_err("a folder").problem.contains("folder"));
+        assert!(read(folder.path()).expect_err("a folder").problem.contains("folder"));
         let path = folder.path().join("latin1.toml");
         std::fs::write(&path, b"name = \"\xe4\"").expect("writable");
-        assert!(TomlFile::read(&path).expect_err("Latin-1").problem.contains("UTF-8"));
+        assert!(read(&path).expect_err("Latin-1").problem.contains("UTF-8"));
     }
 }

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use serde_json::Value;
 
 /// Third-party crates that belong to certain folders only.
-const HOMES: [(&str, &[&str]); 14] = [
+const HOMES: [(&str, &[&str]); 15] = [
     ("rayon", &["dunkelfeld", "bvh"]),
     ("obvhs", &["bvh"]),
     ("clap", &["cli"]),
@@ -19,6 +19,7 @@ const HOMES: [(&str, &[&str]); 14] = [
     ("tiff", &["io"]),
     ("toml", &["io"]),
     ("tempfile", &["io"]),
+    ("rustix", &["io"]),
     ("libloading", &["denoise"]),
 ];
 

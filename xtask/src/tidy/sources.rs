@@ -7,6 +7,12 @@ const TOO_LONG: usize = 700;
 /// Folders whose crates may hold unsafe code, if each use says why it is sound.
 const MAY_BE_UNSAFE: [&str; 2] = ["crates/bvh/", "crates/denoise/"];
 
+/// The modules that open files: the door for those that are read, and the writer, which opens folders to sync them.
+const MAY_OPEN: [&str; 2] = ["crates/io/src/input.rs", "crates/io/src/atomic.rs"];
+
+/// What opens a file to read it.
+const OPENERS: [&str; 5] = ["File::open", "File::options", "OpenOptions", "fs::read(", "fs::read_to_string"];
+
 /// What was found in one file.
 #[derive(Debug, Default, PartialEq)]
 pub(crate) struct Findings {
@@ -26,6 +32,7 @@ pub(crate) fn check(name: &str, text: &str) -> Findings {
     if name.ends_with(".rs") {
         header_and_length(name, text, &mut found);
         unsafe_code(name, text, &mut found);
+        opened_files(name, text, &mut found);
     }
     found
 }
@@ -56,6 +63,23 @@ fn unsafe_code(name: &str, text: &str, found: &mut Findings) {
             found.faults.push(format!("{place}: unsafe code; only bvh and denoise may have it"));
         } else if !line.contains("fn(") && !explained(&lines, i) {
             found.faults.push(format!("{place}: unsafe without a SAFETY line that says why it is sound"));
+        }
+    }
+}
+
+/// Files are read through `InputFiles` alone, which checks, bounds and records them. Tests may do as they like.
+fn opened_files(name: &str, text: &str, found: &mut Findings) {
+    let is_source = name.starts_with("crates/") && name.contains("/src/") && !name.starts_with("crates/testkit/");
+    if !is_source || name.ends_with("_tests.rs") || MAY_OPEN.contains(&name) {
+        return;
+    }
+    let code = without_comments_and_strings(text);
+    let code = code.split("#[cfg(test)]\nmod ").next().unwrap_or_default();
+    for (i, line) in code.lines().enumerate() {
+        let imported = line.trim_start().starts_with("use std::fs::")
+            && ["read", "read_to_string"].iter().any(|function| has_word(line, function));
+        if imported || OPENERS.iter().any(|opener| line.contains(opener)) {
+            found.faults.push(format!("{name}:{}: opens a file; only {} may", i + 1, MAY_OPEN.join(" and ")));
         }
     }
 }
@@ -203,6 +227,19 @@ mod tests {
         assert!(faults("crates/denoise/src/a.rs", documented).is_empty());
         let stale = "//! X.\n// SAFETY: of something else.\n\nfn f() {\n    unsafe { g() }\n}\n";
         assert_eq!(faults("crates/bvh/src/a.rs", stale).len(), 1);
+    }
+
+    #[test]
+    fn files_are_opened_in_one_place_and_in_tests() {
+        let bare = "//! X.\nfn f() {\n    let a = std::fs::read(p);\n}\n";
+        assert_eq!(faults("crates/io/src/exr.rs", bare).len(), 1);
+        assert_eq!(faults("crates/dunkelfeld/src/a.rs", "//! X.\nuse std::fs::{read, write};\n").len(), 1);
+        assert_eq!(faults("crates/io/src/a.rs", "//! X.\nfn f() { fs::File::open(p); fs::read_dir(p); }\n").len(), 1);
+        for elsewhere in ["crates/io/src/input.rs", "crates/io/tests/a.rs", "tests/a.rs", "crates/testkit/src/a.rs"] {
+            assert!(faults(elsewhere, bare).is_empty(), "{elsewhere}");
+        }
+        let tested = "//! X.\n// File::open\n#[cfg(test)]\nmod tests {\n    fn f() { fs::read(p); }\n}\n";
+        assert!(faults("crates/io/src/exr.rs", tested).is_empty());
     }
 
     #[test]

@@ -2,6 +2,7 @@
 
 use super::schema::{Document, Preamble};
 use crate::error::{InputError, SourceSpan};
+use crate::input::Role;
 use crate::loader::AssetLoader;
 use crate::warnings::Warnings;
 use std::ops::Range;
@@ -101,8 +102,7 @@ fn split(file: &[u8], path: &Path, warnings: &mut Warnings) -> Result<Parts, Inp
         if file.is_empty() {
             return fail("file", "the file is empty".into());
         }
-        let start = if file.starts_with(b"\xef\xbb\xbf") { 3 } else { 0 };
-        return Ok(Parts { json: start..file.len(), binary: None });
+        return Ok(Parts { json: without_mark(file, 0..file.len()), binary: None });
     }
     let (Some(version), Some(length)) = (u32_at(file, 4), u32_at(file, 8)) else {
         return fail("GLB header", format!("the header needs 12 bytes, the file has {}", file.len()));
@@ -135,7 +135,7 @@ fn split(file: &[u8], path: &Path, warnings: &mut Warnings) -> Result<Parts, Inp
             return fail(&place, format!("the chunk should have {size} bytes, but {} are left", length - start));
         }
         match (number, kind) {
-            (0, CHUNK_JSON) => parts.json = start..end,
+            (0, CHUNK_JSON) => parts.json = without_mark(file, start..end),
             (0, _) => return fail(&place, "the first chunk is not JSON".into()),
             (_, CHUNK_BIN) if parts.binary.is_none() => parts.binary = Some(start..end),
             _ => {}
@@ -143,6 +143,13 @@ fn split(file: &[u8], path: &Path, warnings: &mut Warnings) -> Result<Parts, Inp
         offset = end;
     }
     Ok(parts)
+}
+
+/// JSON without the byte order mark that some programs write before it.
+fn without_mark(file: &[u8], json: Range<usize>) -> Range<usize> {
+    const MARK: &[u8] = b"\xef\xbb\xbf";
+    let is_marked = file.get(json.clone()).is_some_and(|json| json.starts_with(MARK));
+    if is_marked { json.start + MARK.len()..json.end } else { json }
 }
 
 fn parse(json: &[u8], path: &Path, objects: usize, warnings: &mut Warnings) -> Result<Document, InputError> {
@@ -246,7 +253,7 @@ fn load_buffers(
     let mut buffers = Vec::with_capacity(document.buffers.len());
     for (i, buffer) in document.buffers.iter().enumerate() {
         let data = match &buffer.uri {
-            Some(uri) => BufferData::Loaded(loader.load_uri(uri).map_err(|mut e| {
+            Some(uri) => BufferData::Loaded(loader.load_uri(uri, Role::Buffer).map_err(|mut e| {
                 e.place = format!("buffer {i}, {}", e.place);
                 e
             })?),

@@ -5,6 +5,7 @@ use super::schema;
 use crate::error::ImportWarning;
 use crate::ies::parse_ies;
 use crate::import_options::LUMENS_PER_WATT;
+use crate::input::Role;
 use crate::loader::AssetLoader;
 use crate::warnings::Warnings;
 use dunkelfeld_radiometry::Rgb;
@@ -52,7 +53,7 @@ pub(super) fn profile(
     let loaded;
     let bytes = match (&source.uri, source.buffer_view) {
         (Some(uri), _) => {
-            loaded = loader.load_uri(uri).map_err(|e| e.problem)?;
+            loaded = loader.load_uri(uri, Role::LightProfile).map_err(|e| e.problem)?;
             &loaded
         }
         (None, Some(view)) => accessors.view_bytes(view.get())?,

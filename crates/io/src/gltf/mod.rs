@@ -66,7 +66,7 @@ pub fn load_gltf(path: &Path, options: &ImportOptions) -> Result<Imported, Input
     importer.run()?;
     let mut scene = importer.scene;
     scene.images = importer.textures.into_images();
-    Ok(Imported { scene, warnings: importer.warnings.finish() })
+    Ok(Imported { scene, warnings: importer.warnings.finish(), inputs: loader.into_inputs() })
 }
 
 /// What tells baked meshes apart: mesh, skin, and the bits of the morph weights of the node.

@@ -4,6 +4,7 @@ use super::accessor::Accessors;
 use super::container::Asset;
 use super::schema::{self, TextureInfo, Whole};
 use crate::images::{decode_image, image_bytes, repair_message};
+use crate::input::Role;
 use crate::loader::{AssetLoader, Limits};
 use crate::warnings::Warnings;
 use dunkelfeld_geometry::Vec2;
@@ -144,7 +145,7 @@ impl<'a> Textures<'a> {
         let loaded;
         let bytes = match (&image.uri, image.buffer_view) {
             (Some(uri), _) => {
-                loaded = self.loader.load_uri(uri).map_err(|e| fail(e.problem))?;
+                loaded = self.loader.load_uri(uri, Role::Texture).map_err(|e| fail(e.problem))?;
                 &loaded
             }
             (None, Some(view)) => self.accessors.view_bytes(view.get()).map_err(fail)?,

@@ -3,6 +3,7 @@
 use super::bake;
 use super::mtl::Map;
 use crate::images::{decode_image, image_bytes, repair_message};
+use crate::input::Role;
 use crate::loader::AssetLoader;
 use crate::warnings::Warnings;
 use dunkelfeld_geometry::Vec2;
@@ -123,7 +124,7 @@ impl<'a> Textures<'a> {
 
     fn load(&mut self, map: &Map, folder: &str, variant: Variant, warnings: &mut Warnings) -> Option<ImageId> {
         let place = format!("image \"{}\"", map.file);
-        let bytes = match load_beside(self.loader, folder, &map.file) {
+        let bytes = match load_beside(self.loader, folder, &map.file, Role::Texture) {
             Ok(found) => {
                 if let Some(instead) = found.instead {
                     warnings.push(&place, format!("is not where it is said to be; \"{instead}\" is used"));
@@ -204,22 +205,22 @@ pub(super) struct Found {
 ///
 /// # Errors
 /// What kept the first of these from being read.
-pub(super) fn load_beside(loader: &AssetLoader, folder: &str, name: &str) -> Result<Found, String> {
+pub(super) fn load_beside(loader: &AssetLoader, folder: &str, name: &str, role: Role) -> Result<Found, String> {
     let first = join(folder, name);
-    let problem = match loader.load_relative(&first) {
+    let problem = match loader.load_relative(&first, role) {
         Ok(bytes) => return Ok(Found { bytes, instead: None }),
         Err(e) => e.problem,
     };
     // From its own folder or from the scene's: both are usual, so the second needs no remark.
     if first != name
-        && let Ok(bytes) = loader.load_relative(name)
+        && let Ok(bytes) = loader.load_relative(name, role)
     {
         return Ok(Found { bytes, instead: None });
     }
     let bare = name.rsplit(['/', '\\']).next().unwrap_or(name);
     if bare != name {
         for candidate in [join(folder, bare), bare.to_string()] {
-            if let Ok(bytes) = loader.load_relative(&candidate) {
+            if let Ok(bytes) = loader.load_relative(&candidate, role) {
                 return Ok(Found { bytes, instead: Some(candidate) });
             }
         }

@@ -321,6 +321,27 @@ fn attributes_of_the_wrong_length_are_left_out() {
     assert!(warns(&imported, &["NORMAL", "3 elements for 4"]));
 }
 
+/// Some programs on Windows write a byte order mark before JSON.
+#[test]
+fn a_byte_order_mark_before_the_json_is_left_out_in_gltf_and_glb() {
+    const MARK: &[u8] = b"\xef\xbb\xbf ";
+    let asset = square();
+    let plain = asset.load().expect("readable").scene;
+    let gltf = [MARK, &asset.gltf()].concat();
+    let mut glb = asset.glb();
+    glb.splice(20..20, MARK.iter().copied());
+    for at in [8, 12] {
+        let length = u32::from_le_bytes(glb[at..at + 4].try_into().expect("four bytes")) + MARK.len() as u32;
+        glb[at..at + 4].copy_from_slice(&length.to_le_bytes());
+    }
+    assert!(plain.instances.len() == 1 && glb[20..].starts_with(MARK));
+    for (bytes, name) in [(gltf, "asset.gltf"), (glb, "asset.glb")] {
+        let imported = load_bytes(&bytes, name, &ImportOptions::default()).unwrap_or_else(|e| panic!("{name}: {e}"));
+        assert_eq!(imported.scene.instances.len(), plain.instances.len(), "{name}");
+        assert!(imported.warnings.is_empty(), "{name}: {:?}", imported.warnings);
+    }
+}
+
 #[test]
 fn glb_and_gltf_are_told_apart_by_their_bytes() {
     let a = square();
