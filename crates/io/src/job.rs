@@ -37,6 +37,7 @@ pub use lens::{LensProjection, LensSettings};
 use crate::error::InputError;
 use crate::import_options::{EmissiveUnit, ImportOptions};
 use crate::input::{InputFiles, Role};
+use crate::loader::Limits;
 use crate::names::suggestion;
 use crate::toml_file::TomlFile;
 use dunkelfeld_radiometry::Rgb;
@@ -115,6 +116,10 @@ pub struct ImportSettings {
     /// always W/(m^2 sr).
     #[serde(default, deserialize_with = "check::emissive_unit")]
     pub emissive_unit: EmissiveUnit,
+    /// Most memory \[B\] that all images of the scene and of the environment may take together once they are decoded; written
+    /// as `"2GiB"`. By default 1 GiB, see [`Limits`].
+    #[serde(default, deserialize_with = "check::memory")]
+    pub texture_memory: Option<u64>,
 }
 
 /// `[film]`
@@ -567,7 +572,12 @@ impl Job {
 
     /// How the scene file is to be read.
     pub fn import_options(&self) -> ImportOptions {
-        ImportOptions { emissive_unit: self.import.emissive_unit, ..ImportOptions::default() }
+        let mut limits = Limits::default();
+        if let Some(bytes) = self.import.texture_memory {
+            limits.total_image_bytes = bytes;
+            limits.image_bytes = bytes.max(limits.image_bytes);
+        }
+        ImportOptions { limits, emissive_unit: self.import.emissive_unit, ..ImportOptions::default() }
     }
 
     /// An error about a key of `[lens]` that is found only where lens, film and scene meet.

@@ -22,9 +22,11 @@ pub struct Limits {
     pub json_objects: usize,
     /// Texels along one side of an image; default 32 768.
     pub image_side: u32,
-    /// Bytes of one decoded image; default 2 GiB.
+    /// Bytes of one image while it is decoded, channels that are not kept included; default 1 GiB.
     pub image_bytes: u64,
-    /// Bytes of all decoded images of a scene together; default 4 GiB.
+    /// Bytes of the texels that all images of a scene store together, converted ones and the environment's included; default
+    /// 1 GiB: 21 images of 4096 x 4096 with three channels of 8 bits, more than inspection scenes have, and little enough
+    /// for any machine that renders.
     pub total_image_bytes: u64,
     /// Bytes of all meshes and instances of a scene together; default 8 GiB.
     pub geometry_bytes: u64,
@@ -37,10 +39,17 @@ impl Default for Limits {
             total_bytes: 8 * GIB,
             json_objects: 4_000_000,
             image_side: 32_768,
-            image_bytes: 2 * GIB,
-            total_image_bytes: 4 * GIB,
+            image_bytes: GIB,
+            total_image_bytes: GIB,
             geometry_bytes: 8 * GIB,
         }
+    }
+}
+
+impl Limits {
+    /// For reading the header of an image: the size in memory is for the account of all images to judge.
+    pub(crate) fn of_header(&self) -> Self {
+        Self { image_bytes: u64::MAX, ..*self }
     }
 }
 

@@ -14,10 +14,12 @@ mod textures;
 mod triangulate;
 
 use crate::error::InputError;
+use crate::image_store::ImageStore;
 use crate::import_options::{ImportOptions, Imported};
 use crate::input::Role;
 use crate::loader::AssetLoader;
 use crate::warnings::Warnings;
+use assemble::Assembly;
 use convert::{Converted, convert, default_material};
 use dunkelfeld_geometry::{DAffine3, Mesh};
 use dunkelfeld_scene::{Instance, Material, MeshPart, SceneBuilder, Surface, Volume};
@@ -90,7 +92,9 @@ pub fn load_obj(path: &Path, options: &ImportOptions) -> Result<Imported, InputE
     }
 
     let libraries = Libraries::load(&parsed, &loader, &mut warnings);
-    let mut materials = Materials::new(&parsed, libraries, Textures::new(&loader));
+    measure_images(path, options, &parsed, &libraries, &assembly)?;
+    let store = ImageStore::decoding(&options.limits);
+    let mut materials = Materials::new(&parsed, &libraries, Textures::new(&loader, store));
     let mut scene = SceneBuilder {
         name: path.file_stem().unwrap_or_default().to_string_lossy().into_owned(),
         ..SceneBuilder::default()
@@ -110,8 +114,27 @@ pub fn load_obj(path: &Path, options: &ImportOptions) -> Result<Imported, InputE
         last_object = Some(part.object);
     }
     scene.materials = materials.list;
-    scene.images = materials.textures.into_images();
+    scene.images = materials.textures.store.into_images();
     Ok(Imported { scene, warnings: warnings.finish(), inputs: loader.into_inputs() })
+}
+
+/// Sums up the images of all materials in use from their headers, before any is decoded.
+fn measure_images(
+    path: &Path,
+    options: &ImportOptions,
+    parsed: &Parsed,
+    libraries: &Libraries,
+    assembly: &Assembly,
+) -> Result<(), InputError> {
+    // Files are read again when they are decoded, and what is wrong with them is said then.
+    let loader = AssetLoader::new(path, options.limits);
+    let mut ignored = Warnings::new(path);
+    let textures = Textures::new(&loader, ImageStore::measuring(&options.limits));
+    let mut materials = Materials::new(parsed, libraries, textures);
+    for part in &assembly.parts {
+        materials.find(part.material, part.closed, &mut ignored);
+    }
+    materials.textures.store.check(path)
 }
 
 /// The error for a file without a usable face; the first repairs tell why there is none.
@@ -252,7 +275,7 @@ fn loosely(name: &str) -> String {
 /// The scene's materials, converted when first used.
 struct Materials<'a> {
     parsed: &'a Parsed,
-    libraries: Libraries,
+    libraries: &'a Libraries,
     textures: Textures<'a>,
     list: Vec<Material>,
     /// From the OBJ's material and "is a solid" to the scene's material.
@@ -262,7 +285,7 @@ struct Materials<'a> {
 }
 
 impl<'a> Materials<'a> {
-    fn new(parsed: &'a Parsed, libraries: Libraries, textures: Textures<'a>) -> Self {
+    fn new(parsed: &'a Parsed, libraries: &'a Libraries, textures: Textures<'a>) -> Self {
         Self { parsed, libraries, textures, list: Vec::new(), known: HashMap::new(), refracts: HashMap::new() }
     }
 

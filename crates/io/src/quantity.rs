@@ -28,6 +28,16 @@ const ANGLE: &[Unit] =
 const PER_LENGTH: &[Unit] =
     &[(&["/um", "/µm", "/μm"], 1e6), (&["/mm"], 1e3), (&["/cm"], 1e2), (&["/m"], 1.0), (&["/km"], 1e-3)];
 const POWER: &[Unit] = &[(&["uW", "µW", "μW"], 1e-6), (&["mW"], 1e-3), (&["W"], 1.0), (&["kW"], 1e3)];
+const MEMORY: &[Unit] = &[
+    (&["B"], 1.0),
+    (&["kB"], 1e3),
+    (&["MB"], 1e6),
+    (&["GB"], 1e9),
+    (&["KiB"], 1024.0),
+    (&["MiB"], 1_048_576.0),
+    (&["GiB"], 1_073_741_824.0),
+    (&["TiB"], 1_099_511_627_776.0),
+];
 
 /// A quantity that cannot be read; the message says what is wrong and how to write it.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -114,6 +124,10 @@ quantity!(
 quantity!(
     /// A power \[W\]: `uW`, `mW`, `W`, `kW`, or a plain number of watts.
     Power, POWER, "a power", "W", "1.5W", plain: true
+);
+quantity!(
+    /// An amount of memory \[B\]: `B`, `kB`, `MB`, `GB`, `KiB`, `MiB`, `GiB`, `TiB`; never a plain number.
+    Memory, MEMORY, "an amount of memory", "B", "2GiB", plain: false
 );
 
 /// Sums the `number unit` pairs of `text`; one sign in front counts for all.
@@ -205,6 +219,7 @@ mod tests {
         assert_eq!("550nm".parse::<Length>().expect("a length").0, 550.0 * 1e-9);
         assert_eq!("0.5/mm".parse::<PerLength>().expect("a coefficient").0, 500.0);
         assert_eq!("20 /cm".parse::<PerLength>().expect("a coefficient").0, 2000.0);
+        assert_eq!("1.5GiB".parse::<Memory>().expect("an amount").0, 1.5 * (1u64 << 30) as f64);
         assert_eq!("1.5kW".parse::<Power>().expect("a power").0, 1500.0);
     }
 

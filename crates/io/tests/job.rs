@@ -518,3 +518,15 @@ fn energy_compensation_is_asked_for_and_off_otherwise() {
     assert!(changed("[render]\nenergy_compensation = true").energy_compensation);
     assert_eq!(refusal(&with("[render]\nenergy_compensation = 1")).place, "[render] energy_compensation");
 }
+
+#[test]
+fn the_memory_of_textures_is_an_amount_with_its_unit() {
+    let read = |value: &str| Job::from_text("job.toml", format!("scene = \"a.glb\"\nimport.texture_memory = {value}"));
+    let limits = read("\"2GiB\"").expect("an amount").import_options().limits;
+    assert_eq!((limits.total_image_bytes, limits.image_bytes), (2 << 30, 2 << 30));
+    assert_eq!(read("\"500 kB\"").expect("an amount").import_options().limits.total_image_bytes, 500_000);
+    for (value, words) in [("2", "lacks a unit"), ("\"0B\"", "out of range"), ("\"1e9 TiB\"", "out of range")] {
+        let e = read(value).expect_err(value);
+        assert!(e.place.contains("texture_memory") && e.to_string().contains(words), "{value}: {e}");
+    }
+}

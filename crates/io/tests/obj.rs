@@ -2,6 +2,7 @@
 
 use dunkelfeld_geometry::{DVec3, Mesh, Vec2, Vec3};
 use dunkelfeld_io::import::{ImportOptions, Imported};
+use dunkelfeld_io::loader::Limits;
 use dunkelfeld_io::obj::load_obj;
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_scene::{AlphaMode, ColorEncoding, Material, Surface, Wrap};
@@ -9,13 +10,17 @@ use std::path::Path;
 
 /// Loads `a.obj` from a folder with the given files.
 fn load_with(files: &[(&str, &[u8])]) -> Result<Imported, dunkelfeld_io::InputError> {
+    load_within(files, Limits::default())
+}
+
+fn load_within(files: &[(&str, &[u8])], limits: Limits) -> Result<Imported, dunkelfeld_io::InputError> {
     let folder = tempfile::tempdir().expect("a temporary folder");
     for (name, bytes) in files {
         let path = folder.path().join(name);
         std::fs::create_dir_all(path.parent().expect("in the folder")).expect("writable");
         std::fs::write(path, bytes).expect("writable");
     }
-    load_obj(&folder.path().join("a.obj"), &ImportOptions::default())
+    load_obj(&folder.path().join("a.obj"), &ImportOptions { limits, ..ImportOptions::default() })
 }
 
 fn load(obj: &str) -> Imported {
@@ -350,6 +355,28 @@ fn maps_are_found_converted_and_shared() {
     assert!(warned(&imported, "\"gone.png\"") && warned(&imported, "\"broken.png\""), "{:?}", imported.warnings);
     let mesh = the_mesh(&imported);
     assert_eq!(mesh.tangents.len(), mesh.positions.len());
+}
+
+/// One file by two names, as colour and as numbers; a second file of the same bytes. What is made of it counts apart: of a
+/// grey image of 8 bits normals of 3 x 16 bits, and roughness of 16 bits.
+#[test]
+fn files_that_hold_the_same_are_kept_once_and_count_against_the_budget() {
+    let obj = format!("mtllib m.mtl\n{CUBE}\nusemtl m\n{CUBE_FACES}");
+    let mtl = b"newmtl m\nmap_Kd a.png\nmap_Pm ./a.png\nmap_Ks b.png\nmap_Bump a.png\nmap_Ns a.png\n";
+    let mut grey = Vec::new();
+    let mut encoder = png::Encoder::new(&mut grey, 4, 4);
+    encoder.set_color(png::ColorType::Grayscale);
+    encoder.write_header().and_then(|mut w| w.write_image_data(&[9; 16])).expect("in memory");
+    let files: &[(&str, &[u8])] = &[("a.obj", obj.as_bytes()), ("m.mtl", mtl), ("a.png", &grey), ("b.png", &grey)];
+    let within = |total_image_bytes| load_within(files, Limits { total_image_bytes, ..Limits::default() });
+    let sum = 16 * (1 + 6 + 2);
+    let imported = within(sum).unwrap_or_else(|e| panic!("{e}"));
+    assert_eq!(imported.scene.images.iter().map(|i| i.texels.bytes() as u64).sum::<u64>(), sum);
+    let m = &imported.scene.materials[0];
+    assert_eq!(m.base_color_texture.expect("map_Kd").image, m.metallic_texture.expect("map_Pm").texture.image);
+    assert_eq!(imported.scene.images.len(), 3);
+    let e = within(sum - 1).expect_err("beyond the budget");
+    assert!(e.problem.contains("3 images of the scene need") && e.place.contains(".png"), "{e}");
 }
 
 #[test]

@@ -35,11 +35,10 @@ pub(crate) fn check_indices(builder: &SceneBuilder) -> Result<(), BuildError> {
         check(&|| "the environment".into(), "image", image.0 as usize, builder.images.len())?;
     }
     for image in &builder.images {
-        if image.width == 0 || image.height == 0 || image.texel_count() != image.width as usize * image.height as usize
-        {
+        if image.width == 0 || image.height == 0 || image.texels.len() != image.width as usize * image.height as usize {
             return Err(BuildError::BadValue {
                 place: format!("image \"{}\"", image.name),
-                problem: format!("{} texels do not fill {} x {}", image.texel_count(), image.width, image.height),
+                problem: format!("{} texels do not fill {} x {}", image.texels.len(), image.width, image.height),
             });
         }
     }
@@ -114,18 +113,23 @@ fn is_radiance(v: Rgb) -> bool {
 /// Texels that are not finite or negative count as zero: one of them would spoil every pixel that sees it.
 pub(crate) fn repair_texels(images: &mut [Image], report: &mut BuildReport) {
     for image in images {
-        let Texels::RgbF32(texels) = &mut image.texels else { continue };
-        let usable = |v: f32| v.is_finite() && v >= 0.0;
-        let mut count = 0u64;
-        for texel in texels.iter_mut().filter(|t| !t.iter().all(|v| usable(*v))) {
-            count += 1;
-            *texel = texel.map(|v| if usable(v) { v } else { 0.0 });
-        }
+        let count = match &mut image.texels {
+            Texels::RgbF32(texels) => blacken(texels),
+            Texels::GrayF32(texels) => blacken(texels),
+            _ => continue,
+        };
         if count > 0 {
             let place = format!("image \"{}\"", image.name);
             report.note(place, format!("has {count} texels that are negative or not finite; they count as black"));
         }
     }
+}
+
+/// Sets values that are no radiance to zero, and counts the texels that had any.
+fn blacken<const N: usize>(texels: &mut [[f32; N]]) -> usize {
+    let usable = |v: f32| v.is_finite() && v >= 0.0;
+    let broken = texels.iter_mut().filter(|t| !t.iter().all(|v| usable(*v)));
+    broken.map(|texel| *texel = texel.map(|v| if usable(v) { v } else { 0.0 })).count()
 }
 
 pub(crate) fn mesh_place(index: usize, name: &str) -> String {

@@ -1,7 +1,7 @@
 //! A number that tells one scene from another: for checkpoints, which must not be continued with another scene.
 
 use crate::scene::Scene;
-use crate::texture::{Image, Texels};
+use crate::texture::{Channel, Image, rgba, with_texels};
 use dunkelfeld_geometry::Mesh;
 use std::fmt::{Debug, Write};
 use twox_hash::XxHash3_128;
@@ -18,7 +18,7 @@ pub fn digest(value: &impl Debug) -> u128 {
 
 impl Scene {
     /// A number that changes with every bit of the scene that a sample could depend on, and not with the files that it came
-    /// from. Meshes and images are read as they lie in memory, all else by what it says of itself.
+    /// from. Meshes are read as they lie in memory, images by their values, all else by what it says of itself.
     pub fn fingerprint(&self) -> u128 {
         // No `..`: whoever adds a field decides whether it counts.
         let Self {
@@ -111,11 +111,14 @@ impl Hash {
         // The name is only for messages.
         let Image { name: _, width, height, texels } = image;
         self.text(&(width, height));
-        match texels {
-            Texels::Rgba8(texels) => texels.iter().for_each(|t| self.bytes(t)),
-            Texels::Rgba16(texels) => texels.iter().flatten().for_each(|v| self.bytes(&v.to_le_bytes())),
-            Texels::RgbF32(texels) => self.floats(texels.iter().copied()),
+        if texels.is_float() {
+            self.count(texels.len());
         }
+        let channels = if texels.is_float() { 3 } else { 4 };
+        // By value: channels that are not stored count as what they stand for.
+        with_texels!(texels, t => t.iter().for_each(|t| {
+            rgba(*t).iter().take(channels).for_each(|v| self.bytes(v.le_bytes().as_ref()));
+        }));
     }
 
     fn finish(mut self) -> u128 {
@@ -135,7 +138,7 @@ impl Write for Hash {
 mod tests {
     use super::*;
     use crate::shapes::{cuboid, sphere};
-    use crate::{Material, SceneBuilder};
+    use crate::{Material, SceneBuilder, Texels};
     use dunkelfeld_geometry::{DVec3, Vec3};
     use dunkelfeld_radiometry::Rgb;
 
@@ -170,6 +173,24 @@ mod tests {
         for (i, change) in changes.into_iter().enumerate() {
             assert_ne!(fingerprint(change), same, "change {i}");
         }
+    }
+
+    /// Grey is three equal channels, and alpha that is not stored is opaque: checkpoints are for the values.
+    #[test]
+    fn images_count_by_their_values() {
+        let with =
+            |texels: Texels| fingerprint(|b| b.images.push(Image { name: "a".into(), width: 2, height: 1, texels }));
+        let stored = with(Texels::Rgba8(vec![[7, 7, 7, 255], [200, 200, 200, 255]]));
+        assert_eq!(with(Texels::Gray8(vec![[7], [200]])), stored);
+        assert_eq!(with(Texels::GrayAlpha8(vec![[7, 255], [200, 255]])), stored);
+        assert_eq!(with(Texels::Rgb8(vec![[7; 3], [200; 3]])), stored);
+        assert_ne!(with(Texels::Gray8(vec![[7], [201]])), stored);
+        assert_ne!(with(Texels::GrayAlpha8(vec![[7, 255], [200, 254]])), stored);
+        assert_ne!(with(Texels::Gray16(vec![[7], [200]])), stored);
+        let deep = with(Texels::Rgba16(vec![[7, 8, 9, 65535], [1, 2, 3, 65535]]));
+        assert_eq!(with(Texels::Rgb16(vec![[7, 8, 9], [1, 2, 3]])), deep);
+        let float = with(Texels::RgbF32(vec![[0.5; 3], [2.0; 3]]));
+        assert_eq!(with(Texels::GrayF32(vec![[0.5], [2.0]])), float);
     }
 
     #[test]

@@ -171,7 +171,7 @@ impl Scene {
                 + (m.tangents.len() + m.colors.len()) * 16
                 + (m.uvs[0].len() + m.uvs[1].len()) * 8
         };
-        let image_bytes: usize = self.images.iter().map(Image::bytes).sum();
+        let image_bytes: usize = self.images.iter().map(|i| i.texels.bytes()).sum();
         let meshes: usize = self.meshes.iter().map(mesh_bytes).sum();
         SceneSummary {
             placed_triangles: self.parts.iter().map(|p| self.meshes[p.mesh as usize].triangles.len() as u64).sum(),

@@ -19,15 +19,161 @@ pub struct Image {
     pub texels: Texels,
 }
 
-/// Texel storage.
+/// Texel storage: 1 (grey), 2 (grey, alpha), 3 (red, green, blue) or 4 channels (red, green, blue, alpha) of 8 or 16 bits,
+/// or grey or three channels of linear floating point (HDR, EXR).
+///
+/// Integers stand for their value over the largest one. Grey stands for three equal channels; alpha that is not stored is 1.
+/// So images of the same values are the same image, whatever channels they store.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Texels {
-    /// Four bytes a texel, red green blue alpha.
+    /// 8-bit grey.
+    Gray8(Vec<[u8; 1]>),
+    /// 8-bit grey and alpha.
+    GrayAlpha8(Vec<[u8; 2]>),
+    /// 8-bit red, green, blue.
+    Rgb8(Vec<[u8; 3]>),
+    /// 8-bit red, green, blue, alpha.
     Rgba8(Vec<[u8; 4]>),
-    /// Four 16-bit values a texel.
+    /// 16-bit grey.
+    Gray16(Vec<[u16; 1]>),
+    /// 16-bit grey and alpha.
+    GrayAlpha16(Vec<[u16; 2]>),
+    /// 16-bit red, green, blue.
+    Rgb16(Vec<[u16; 3]>),
+    /// 16-bit red, green, blue, alpha.
     Rgba16(Vec<[u16; 4]>),
-    /// Linear floating point, three channels (HDR, EXR).
+    /// Linear floating-point grey.
+    GrayF32(Vec<[f32; 1]>),
+    /// Linear floating-point red, green, blue.
     RgbF32(Vec<[f32; 3]>),
+}
+
+/// The one place that lists the formats: runs `$body` with `$t` bound to the vector of channel arrays, of any format.
+macro_rules! with_texels {
+    ($texels:expr, $t:ident => $body:expr) => {
+        match $texels {
+            $crate::texture::Texels::Gray8($t) => $body,
+            $crate::texture::Texels::GrayAlpha8($t) => $body,
+            $crate::texture::Texels::Rgb8($t) => $body,
+            $crate::texture::Texels::Rgba8($t) => $body,
+            $crate::texture::Texels::Gray16($t) => $body,
+            $crate::texture::Texels::GrayAlpha16($t) => $body,
+            $crate::texture::Texels::Rgb16($t) => $body,
+            $crate::texture::Texels::Rgba16($t) => $body,
+            $crate::texture::Texels::GrayF32($t) => $body,
+            $crate::texture::Texels::RgbF32($t) => $body,
+        }
+    };
+}
+pub(crate) use with_texels;
+
+/// A value of one channel.
+pub(crate) trait Channel: Copy {
+    /// Little-endian bytes of the value.
+    type Bytes: AsRef<[u8]>;
+    /// Alpha of what covers fully.
+    const OPAQUE: Self;
+    /// The value over the largest one of its type, by division; floating point as it is.
+    fn unit(self) -> f32;
+    fn le_bytes(self) -> Self::Bytes;
+}
+
+impl Channel for u8 {
+    type Bytes = [u8; 1];
+    const OPAQUE: Self = Self::MAX;
+
+    #[inline]
+    fn unit(self) -> f32 {
+        f32::from(self) / 255.0
+    }
+
+    fn le_bytes(self) -> [u8; 1] {
+        [self]
+    }
+}
+
+impl Channel for u16 {
+    type Bytes = [u8; 2];
+    const OPAQUE: Self = Self::MAX;
+
+    #[inline]
+    fn unit(self) -> f32 {
+        f32::from(self) / 65535.0
+    }
+
+    fn le_bytes(self) -> [u8; 2] {
+        self.to_le_bytes()
+    }
+}
+
+impl Channel for f32 {
+    type Bytes = [u8; 4];
+    const OPAQUE: Self = 1.0;
+
+    #[inline]
+    fn unit(self) -> f32 {
+        self
+    }
+
+    fn le_bytes(self) -> [u8; 4] {
+        self.to_bits().to_le_bytes()
+    }
+}
+
+/// Red, green, blue, alpha of a texel of 1 to 4 channels.
+#[inline]
+pub(crate) fn rgba<T: Channel, const N: usize>(texel: [T; N]) -> [T; 4] {
+    match *texel.as_slice() {
+        [v] => [v, v, v, T::OPAQUE],
+        [v, a] => [v, v, v, a],
+        [r, g, b] => [r, g, b, T::OPAQUE],
+        [r, g, b, a, ..] => [r, g, b, a],
+        [] => [T::OPAQUE; 4],
+    }
+}
+
+impl Texels {
+    /// Number of texels.
+    pub fn len(&self) -> usize {
+        with_texels!(self, t => t.len())
+    }
+
+    /// Are there none?
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Bytes of the texels.
+    pub fn bytes(&self) -> usize {
+        with_texels!(self, t => size_of_val(t.as_slice()))
+    }
+
+    /// Channels that are stored: 1 to 4.
+    pub fn channels(&self) -> usize {
+        fn count<T, const N: usize>(_: &[[T; N]]) -> usize {
+            N
+        }
+        with_texels!(self, t => count(t))
+    }
+
+    /// Bytes of a channel's value: 1, 2, or 4 for floating point.
+    pub fn value_bytes(&self) -> usize {
+        fn size<T, const N: usize>(_: &[[T; N]]) -> usize {
+            size_of::<T>()
+        }
+        with_texels!(self, t => size(t))
+    }
+
+    /// Are the values floating-point numbers, without bounds?
+    pub fn is_float(&self) -> bool {
+        matches!(self, Self::GrayF32(_) | Self::RgbF32(_))
+    }
+
+    /// Red, green, blue and alpha of texel `i` as stored (not decoded from sRGB), integers over their largest value; `None`
+    /// beyond the last texel.
+    pub fn get(&self, i: usize) -> Option<[f32; 4]> {
+        with_texels!(self, t => t.get(i).map(|t| rgba(*t).map(Channel::unit)))
+    }
 }
 
 /// How stored colour values map to linear light.

@@ -1,6 +1,6 @@
 //! Looking up textures: coordinates to linear values.
 
-use crate::texture::{ColorEncoding, Filter, Image, Texels, Texture, Wrap};
+use crate::texture::{Channel, ColorEncoding, Filter, Image, Texture, Wrap, rgba, with_texels};
 use dunkelfeld_geometry::Vec2;
 use std::sync::LazyLock;
 
@@ -13,50 +13,68 @@ pub(crate) fn srgb_to_linear(v: f32) -> f32 {
     if v <= 0.04045 { v / 12.92 } else { ((v + 0.055) / 1.055).powf(2.4) }
 }
 
+/// A channel's value as light: what textures are looked up in.
+trait Linear: Channel {
+    /// Of colour, by its encoding; floating point is linear always.
+    fn color(self, encoding: ColorEncoding) -> f32;
+    /// Of alpha.
+    fn alpha(self) -> f32;
+}
+
+impl Linear for u8 {
+    #[inline]
+    fn color(self, encoding: ColorEncoding) -> f32 {
+        match encoding {
+            ColorEncoding::Srgb => SRGB_TO_LINEAR[usize::from(self)],
+            ColorEncoding::Linear => self.alpha(),
+        }
+    }
+
+    #[inline]
+    fn alpha(self) -> f32 {
+        f32::from(self) * (1.0 / 255.0)
+    }
+}
+
+impl Linear for u16 {
+    #[inline]
+    fn color(self, encoding: ColorEncoding) -> f32 {
+        match encoding {
+            ColorEncoding::Srgb => srgb_to_linear(self.alpha()),
+            ColorEncoding::Linear => self.alpha(),
+        }
+    }
+
+    #[inline]
+    fn alpha(self) -> f32 {
+        f32::from(self) * (1.0 / 65535.0)
+    }
+}
+
+impl Linear for f32 {
+    #[inline]
+    fn color(self, _: ColorEncoding) -> f32 {
+        self
+    }
+
+    #[inline]
+    fn alpha(self) -> f32 {
+        self
+    }
+}
+
+/// The linear value of a texel: red, green, blue, alpha.
+#[inline]
+fn linear<T: Linear, const N: usize>(texel: [T; N], encoding: ColorEncoding) -> [f32; 4] {
+    let [r, g, b, a] = rgba(texel);
+    [r.color(encoding), g.color(encoding), b.color(encoding), a.alpha()]
+}
+
 impl Image {
     /// The linear value of one texel: red, green, blue, alpha.
-    #[inline]
     fn texel(&self, x: u32, y: u32, encoding: ColorEncoding) -> [f32; 4] {
         let i = y as usize * self.width as usize + x as usize;
-        match &self.texels {
-            Texels::Rgba8(t) => {
-                let [r, g, b, a] = t[i];
-                let color = |v: u8| match encoding {
-                    ColorEncoding::Srgb => SRGB_TO_LINEAR[v as usize],
-                    ColorEncoding::Linear => f32::from(v) * (1.0 / 255.0),
-                };
-                [color(r), color(g), color(b), f32::from(a) * (1.0 / 255.0)]
-            }
-            Texels::Rgba16(t) => {
-                let [r, g, b, a] = t[i].map(|v| f32::from(v) * (1.0 / 65535.0));
-                match encoding {
-                    ColorEncoding::Srgb => [srgb_to_linear(r), srgb_to_linear(g), srgb_to_linear(b), a],
-                    ColorEncoding::Linear => [r, g, b, a],
-                }
-            }
-            Texels::RgbF32(t) => {
-                let [r, g, b] = t[i];
-                [r, g, b, 1.0]
-            }
-        }
-    }
-
-    /// Number of texels stored.
-    pub(crate) fn texel_count(&self) -> usize {
-        match &self.texels {
-            Texels::Rgba8(t) => t.len(),
-            Texels::Rgba16(t) => t.len(),
-            Texels::RgbF32(t) => t.len(),
-        }
-    }
-
-    /// Bytes of texels held.
-    pub(crate) fn bytes(&self) -> usize {
-        match &self.texels {
-            Texels::Rgba8(t) => size_of_val(t.as_slice()),
-            Texels::Rgba16(t) => size_of_val(t.as_slice()),
-            Texels::RgbF32(t) => size_of_val(t.as_slice()),
-        }
+        with_texels!(&self.texels, t => linear(t[i], encoding))
     }
 
     /// Mean linear value over all texels.
@@ -96,20 +114,24 @@ impl Texture {
         let texels = uv * Vec2::new(image.width as f32, image.height as f32);
         // Of coordinates near the end of f32, too, nothing is left once they are counted in texels.
         let Vec2 { x, y } = if texels.is_finite() { texels } else { Vec2::ZERO };
+        // The format is asked for once a lookup, and what follows is compiled for each.
+        with_texels!(&image.texels, t => self.filtered(t, [image.width, image.height], [x, y]))
+    }
+
+    /// The linear value at coordinates counted in texels, which must be finite.
+    #[inline]
+    fn filtered<T: Linear, const N: usize>(&self, texels: &[[T; N]], size: [u32; 2], [x, y]: [f32; 2]) -> [f32; 4] {
+        let [width, height] = size;
+        let texel = |x: u32, y: u32| linear(texels[y as usize * width as usize + x as usize], self.encoding);
         match self.filter {
-            Filter::Nearest => image.texel(
-                wrap(x.floor(), image.width, self.wrap[0]),
-                wrap(y.floor(), image.height, self.wrap[1]),
-                self.encoding,
-            ),
+            Filter::Nearest => texel(wrap(x.floor(), width, self.wrap[0]), wrap(y.floor(), height, self.wrap[1])),
             Filter::Linear => {
                 let (fx, fy) = (x - 0.5, y - 0.5);
                 let (x0, y0) = (fx.floor(), fy.floor());
                 let (ax, ay) = (fx - x0, fy - y0);
-                let xs = [x0, x0 + 1.0].map(|v| wrap(v, image.width, self.wrap[0]));
-                let ys = [y0, y0 + 1.0].map(|v| wrap(v, image.height, self.wrap[1]));
-                let [a, b, c, d] =
-                    [(0, 0), (1, 0), (0, 1), (1, 1)].map(|(i, j)| image.texel(xs[i], ys[j], self.encoding));
+                let xs = [x0, x0 + 1.0].map(|v| wrap(v, width, self.wrap[0]));
+                let ys = [y0, y0 + 1.0].map(|v| wrap(v, height, self.wrap[1]));
+                let [a, b, c, d] = [(0, 0), (1, 0), (0, 1), (1, 1)].map(|(i, j)| texel(xs[i], ys[j]));
                 std::array::from_fn(|k| {
                     let top = a[k] + ax * (b[k] - a[k]);
                     let bottom = c[k] + ax * (d[k] - c[k]);
@@ -139,7 +161,7 @@ fn wrap(coordinate: f32, size: u32, mode: Wrap) -> u32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::texture::{ImageId, TextureTransform};
+    use crate::texture::{ImageId, Texels, TextureTransform};
 
     fn ramp() -> Vec<Image> {
         let texels = Texels::Rgba8(vec![[0, 10, 0, 255], [255, 20, 0, 255], [0, 30, 255, 0], [255, 40, 255, 0]]);

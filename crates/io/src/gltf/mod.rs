@@ -20,6 +20,7 @@ pub(crate) mod tangents;
 mod texture;
 
 use crate::error::InputError;
+use crate::image_store::ImageStore;
 use crate::import_options::{ImportOptions, Imported};
 use crate::loader::AssetLoader;
 use crate::warnings::Warnings;
@@ -28,8 +29,8 @@ use container::Asset;
 use deform::{Deformation, Pose};
 use dunkelfeld_geometry::{DAffine3, DQuat, DVec3, Mesh};
 use dunkelfeld_scene::{Camera, Instance, MeshPart, PunctualKind, PunctualLight, SceneBuilder};
-use nodes::{is_invertible, node_place};
-use std::collections::BTreeMap;
+use nodes::{Hierarchy, is_invertible, node_place};
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 use texture::Textures;
 
@@ -47,11 +48,13 @@ pub fn load_gltf(path: &Path, options: &ImportOptions) -> Result<Imported, Input
     let loader = AssetLoader::new(path, options.limits);
     let asset = Asset::load(&loader, &mut warnings)?;
     let accessors = Accessors::new(&asset);
+    let hierarchy = nodes::resolve(&asset.document, options.scene, path, &mut warnings)?;
+    measure_images(path, options, &asset, &accessors, &hierarchy.shown)?;
     let mut importer = Importer {
         path,
         asset: &asset,
         accessors: &accessors,
-        textures: Textures::new(&asset, &accessors, &loader),
+        textures: Textures::new(&asset, &accessors, &loader, ImageStore::decoding(&options.limits)),
         loader: &loader,
         options,
         warnings,
@@ -63,10 +66,36 @@ pub fn load_gltf(path: &Path, options: &ImportOptions) -> Result<Imported, Input
         geometry_bytes: 0,
         first_fault: None,
     };
-    importer.run()?;
+    importer.run(&hierarchy)?;
     let mut scene = importer.scene;
-    scene.images = importer.textures.into_images();
+    scene.images = importer.textures.store.into_images();
     Ok(Imported { scene, warnings: importer.warnings.finish(), inputs: loader.into_inputs() })
+}
+
+/// Sums up the images of all materials in use from their headers, before any is decoded.
+fn measure_images(
+    path: &Path,
+    options: &ImportOptions,
+    asset: &Asset,
+    accessors: &Accessors<'_>,
+    shown: &[usize],
+) -> Result<(), InputError> {
+    let document = &asset.document;
+    // Files are read again when they are decoded, and what is wrong with them is said then.
+    let loader = AssetLoader::new(path, options.limits);
+    let mut ignored = Warnings::new(path);
+    let mut textures = Textures::new(asset, accessors, &loader, ImageStore::measuring(&options.limits));
+    let meshes: BTreeSet<usize> =
+        shown.iter().filter_map(|n| document.nodes.get(*n)?.mesh.map(|mesh| mesh.get())).collect();
+    let primitives = meshes.iter().filter_map(|m| document.meshes.get(*m)).flat_map(|mesh| &mesh.primitives);
+    let materials: BTreeSet<usize> = primitives.filter_map(|p| p.material.map(|m| m.get())).collect();
+    for (i, source) in materials.iter().filter_map(|i| Some((*i, document.materials.get(*i)?))) {
+        let name = name(&[source.name.as_deref()], "material", i);
+        let place = format!("material {i} \"{name}\"");
+        let mut reader = reader::Reader { place, textures: &mut textures, warnings: &mut ignored };
+        material::convert(source, name, options.emissive_unit, &mut reader);
+    }
+    textures.store.check(path)
 }
 
 /// What tells baked meshes apart: mesh, skin, and the bits of the morph weights of the node.
@@ -93,10 +122,8 @@ struct Importer<'a> {
 }
 
 impl Importer<'_> {
-    fn run(&mut self) -> Result<(), InputError> {
-        let document = &self.asset.document;
+    fn run(&mut self, hierarchy: &Hierarchy) -> Result<(), InputError> {
         self.scene.name = self.path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-        let hierarchy = nodes::resolve(document, self.options.scene, self.path, &mut self.warnings)?;
         for index in &hierarchy.shown {
             self.node(*index, &hierarchy.to_world)?;
         }

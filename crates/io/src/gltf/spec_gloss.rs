@@ -2,6 +2,7 @@
 
 use super::reader::Reader;
 use super::schema::SpecularGlossiness;
+use crate::images::ImageHeader;
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_scene::{ChannelTexture, ColorEncoding, Image, Material, Texels, Texture};
 
@@ -33,8 +34,10 @@ pub(super) fn convert(source: &SpecularGlossiness, material: &mut Material, read
         material.roughness = 1.0 - factors.glossiness;
         return;
     };
-    if bake(&factors, diffuse, specular, template, material, reader).is_none() {
-        reader.warn("the converted specular-glossiness textures exceed the memory allowed; the factors alone are used");
+    if let Err(problem) = bake(&factors, diffuse, specular, template, material, reader) {
+        reader.warn(format!(
+            "the specular-glossiness textures cannot be converted, the factors alone are used: {problem}"
+        ));
         let m = factors.convert(Rgb::WHITE, Rgb::WHITE, 1.0);
         (material.base_color, material.metallic, material.roughness) = (m.base_color, m.metallic, m.roughness);
         material.alpha = factors.alpha;
@@ -97,12 +100,49 @@ fn bake(
     template: Texture,
     material: &mut Material,
     reader: &mut Reader<'_, '_>,
-) -> Option<()> {
-    let image = |texture: Option<Texture>| texture.map(|t| reader.textures.image(t.image));
+) -> Result<(), String> {
+    let store = &reader.textures.store;
+    let image = |texture: Option<Texture>| texture.and_then(|t| store.image(t.image));
     let (diffuse, specular) = (image(diffuse), image(specular));
-    let size = |f: fn(&Image) -> u32| diffuse.iter().chain(&specular).map(|i| f(i)).max();
-    let (width, height) = (size(|i| i.width)?, size(|i| i.height)?);
-    let texels = usize::try_from(u64::from(width) * u64::from(height)).ok()?;
+    let size = |f: fn(&Image) -> u32| diffuse.iter().chain(&specular).map(|i| f(i)).max().unwrap_or(1);
+    let (width, height) = (size(|i| i.width), size(|i| i.height));
+    let name = |what: &str| format!("{} ({what} from specular-glossiness)", material.name);
+    let names = [name("base colour"), name("metallic and roughness")];
+    let (color, surface) = if store.measures() {
+        let header = ImageHeader { width, height, channels: 4, value_bytes: 1 };
+        let surface = ImageHeader { channels: 3, ..header };
+        let store = &mut reader.textures.store;
+        (store.add_measured(&header, &names[0])?, store.add_measured(&surface, &names[1])?)
+    } else {
+        let (colors, surfaces) = converted(factors, diffuse, specular, width, height);
+        let [color, surface] = names;
+        let store = &mut reader.textures.store;
+        let mut add = |name: String, texels| {
+            let place = name.clone();
+            store.add(Image { name, width, height, texels }, &place)
+        };
+        (add(color, Texels::Rgba8(colors))?, add(surface, Texels::Rgb8(surfaces))?)
+    };
+    let surface = Texture { image: surface, encoding: ColorEncoding::Linear, ..template };
+    material.base_color = Rgb::WHITE;
+    material.base_color_texture = Some(Texture { image: color, encoding: ColorEncoding::Srgb, ..template });
+    material.alpha = factors.alpha;
+    material.metallic = 1.0;
+    material.roughness = 1.0;
+    material.metallic_texture = Some(ChannelTexture { texture: surface, channel: 2 });
+    material.roughness_texture = Some(ChannelTexture { texture: surface, channel: 1 });
+    Ok(())
+}
+
+/// Texels of base colour with alpha, and of roughness (green) and metallic (blue).
+fn converted(
+    factors: &Factors,
+    diffuse: Option<&Image>,
+    specular: Option<&Image>,
+    width: u32,
+    height: u32,
+) -> (Vec<[u8; 4]>, Vec<[u8; 3]>) {
+    let texels = width as usize * height as usize;
     let (mut colors, mut surfaces) = (Vec::with_capacity(texels), Vec::with_capacity(texels));
     for y in 0..height {
         for x in 0..width {
@@ -112,36 +152,18 @@ fn bake(
             let m = factors.convert(Rgb::new(dr, dg, db), Rgb::new(sr, sg, sb), glossiness);
             let [r, g, b] = m.base_color.to_array().map(|v| byte(linear_to_srgb(v)));
             colors.push([r, g, b, byte(alpha)]);
-            surfaces.push([255, byte(m.roughness), byte(m.metallic), 255]);
+            surfaces.push([255, byte(m.roughness), byte(m.metallic)]);
         }
     }
-    let name = |what: &str| format!("{} ({what} from specular-glossiness)", material.name);
-    let color = Image { name: name("base colour"), width, height, texels: Texels::Rgba8(colors) };
-    let surface = Image { name: name("metallic and roughness"), width, height, texels: Texels::Rgba8(surfaces) };
-    let color = reader.textures.push(color)?;
-    let surface = reader.textures.push(surface)?;
-    let surface = Texture { image: surface, encoding: ColorEncoding::Linear, ..template };
-    material.base_color = Rgb::WHITE;
-    material.base_color_texture = Some(Texture { image: color, encoding: ColorEncoding::Srgb, ..template });
-    material.alpha = factors.alpha;
-    material.metallic = 1.0;
-    material.roughness = 1.0;
-    material.metallic_texture = Some(ChannelTexture { texture: surface, channel: 2 });
-    material.roughness_texture = Some(ChannelTexture { texture: surface, channel: 1 });
-    Some(())
+    (colors, surfaces)
 }
 
 /// A texel in linear light, addressed on a grid of `width * height`.
 fn texel(image: &Image, x: u32, y: u32, width: u32, height: u32) -> [f32; 4] {
     let scaled = |v: u32, from: u32, to: u32| (u64::from(v) * u64::from(to) / u64::from(from)) as usize;
     let i = scaled(y, height, image.height) * image.width as usize + scaled(x, width, image.width);
-    let decode = |[r, g, b, a]: [f32; 4]| [srgb_to_linear(r), srgb_to_linear(g), srgb_to_linear(b), a];
-    match &image.texels {
-        Texels::Rgba8(t) => t.get(i).map(|t| decode(t.map(|v| f32::from(v) / 255.0))),
-        Texels::Rgba16(t) => t.get(i).map(|t| decode(t.map(|v| f32::from(v) / 65535.0))),
-        Texels::RgbF32(t) => t.get(i).map(|[r, g, b]| [*r, *g, *b, 1.0]),
-    }
-    .unwrap_or([1.0; 4])
+    let Some([r, g, b, a]) = image.texels.get(i) else { return [1.0; 4] };
+    if image.texels.is_float() { [r, g, b, a] } else { [srgb_to_linear(r), srgb_to_linear(g), srgb_to_linear(b), a] }
 }
 
 fn byte(v: f32) -> u8 {

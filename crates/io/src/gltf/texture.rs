@@ -1,51 +1,37 @@
-//! Texture references: sampler, encoding, coordinates; images are decoded once, when first used.
+//! Texture references: sampler, encoding, coordinates; images of the same content are decoded once.
 
 use super::accessor::Accessors;
 use super::container::Asset;
 use super::schema::{self, TextureInfo, Whole};
-use crate::images::{decode_image, image_bytes, repair_message};
+use crate::image_store::{Content, ImageStore};
 use crate::input::Role;
-use crate::loader::{AssetLoader, Limits};
+use crate::loader::AssetLoader;
 use crate::warnings::Warnings;
 use dunkelfeld_geometry::Vec2;
 use dunkelfeld_scene::{ColorEncoding, Filter, Image, ImageId, Texture, TextureTransform, Wrap};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashMap};
 
 /// The images of one asset.
 pub(super) struct Textures<'a> {
     asset: &'a Asset,
     accessors: &'a Accessors<'a>,
     loader: &'a AssetLoader,
-    images: Vec<Image>,
+    /// The images themselves.
+    pub(super) store: ImageStore,
     /// By index in the file; `None` for one that cannot be read.
     known: BTreeMap<usize, Option<ImageId>>,
-    bytes: u64,
+    /// By what the encoded image holds; what is wrong with it if it cannot be read.
+    by_content: HashMap<Content, Result<ImageId, String>>,
 }
 
 impl<'a> Textures<'a> {
-    pub(super) fn new(asset: &'a Asset, accessors: &'a Accessors<'a>, loader: &'a AssetLoader) -> Self {
-        Self { asset, accessors, loader, images: Vec::new(), known: BTreeMap::new(), bytes: 0 }
-    }
-
-    /// All images decoded so far, as [`ImageId`] counts them.
-    pub(super) fn into_images(self) -> Vec<Image> {
-        self.images
-    }
-
-    pub(super) fn image(&self, id: ImageId) -> &Image {
-        &self.images[id.0 as usize]
-    }
-
-    /// Adds an image that was made here; `None` if it exceeds the limits.
-    pub(super) fn push(&mut self, image: Image) -> Option<ImageId> {
-        let bytes = self.bytes.saturating_add(image_bytes(&image));
-        if bytes > self.loader.limits().total_image_bytes {
-            return None;
-        }
-        self.bytes = bytes;
-        let id = ImageId(u32::try_from(self.images.len()).ok()?);
-        self.images.push(image);
-        Some(id)
+    pub(super) fn new(
+        asset: &'a Asset,
+        accessors: &'a Accessors<'a>,
+        loader: &'a AssetLoader,
+        store: ImageStore,
+    ) -> Self {
+        Self { asset, accessors, loader, store, known: BTreeMap::new(), by_content: HashMap::new() }
     }
 
     /// Resolves a reference. What cannot be used is left out with a warning, so that the factor alone remains.
@@ -151,16 +137,31 @@ impl<'a> Textures<'a> {
             (None, Some(view)) => self.accessors.view_bytes(view.get()).map_err(fail)?,
             (None, None) => return Err(fail("it has neither a URI nor a buffer view".into())),
         };
-        let limits = *self.loader.limits();
-        let left = limits.total_image_bytes.saturating_sub(self.bytes);
-        let limits = Limits { image_bytes: limits.image_bytes.min(left), ..limits };
-        let decoded = decode_image(bytes, uri.unwrap_or(name), &limits).map_err(|f| fail(f.problem))?;
-        if decoded.repaired > 0 {
-            warnings.push(&place, repair_message(decoded.repaired));
+        let content = Content::of(bytes, uri.unwrap_or(name));
+        if let Some(known) = self.by_content.get(&content) {
+            return known.clone().map_err(fail);
         }
-        let decoded = Image { name: name.to_owned(), ..decoded.image };
-        self.push(decoded).ok_or_else(|| fail("the images together exceed the memory allowed".into()))
+        let read = read(&mut self.store, bytes, uri.unwrap_or(name), name, &place, warnings);
+        self.by_content.insert(content, read.clone());
+        read.map_err(fail)
     }
+}
+
+/// Measures or decodes an image, as the store does.
+fn read(
+    store: &mut ImageStore,
+    bytes: &[u8],
+    file_name: &str,
+    name: &str,
+    place: &str,
+    warnings: &mut Warnings,
+) -> Result<ImageId, String> {
+    if store.measures() {
+        let header = store.header(bytes, file_name)?;
+        return store.add_measured(&header, place);
+    }
+    let decoded = store.decode(bytes, file_name, place, warnings)?;
+    store.add(Image { name: name.to_owned(), ..decoded }, place)
 }
 
 fn convert_transform(t: &schema::TextureTransform) -> TextureTransform {

@@ -1,7 +1,7 @@
 //! Readers for the fields of a job that refuse values out of range; the TOML layer adds line and caret to what they say.
 
 use crate::import_options::EmissiveUnit;
-use crate::quantity::{Angle, Length, PerLength, Power, Time};
+use crate::quantity::{Angle, Length, Memory, PerLength, Power, Time};
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_scene::{Distortion, Vignetting};
 use dunkelfeld_sensor::ExposureNoise;
@@ -266,6 +266,15 @@ pub(super) fn emissive_unit<'de, D: Deserializer<'de>>(d: D) -> Result<EmissiveU
         "W/(m2 sr)" | "W/(m^2 sr)" => Ok(EmissiveUnit::WattPerSteradianSquareMetre),
         other => Err(D::Error::custom(format!("unknown unit \"{other}\"; write \"nit\" or \"W/(m2 sr)\""))),
     }
+}
+
+/// An amount of memory [B].
+pub(super) fn memory<'de, D: Deserializer<'de>>(d: D) -> Result<Option<u64>, D::Error> {
+    let Memory(v) = Memory::deserialize(d)?;
+    if (1.0..=1e15).contains(&v) {
+        return Ok(Some(v as u64));
+    }
+    Err(D::Error::custom(format!("{v} B is out of range; write an amount from 1 B to 900 TiB, such as \"2GiB\"")))
 }
 
 /// A whole number in a range.

@@ -3,7 +3,6 @@
 use super::{AlphaKind, EnvironmentSettings, Job, MaterialOverride};
 use crate::error::{ImportWarning, InputError};
 use crate::images::load_environment;
-use crate::loader::Limits;
 use crate::names::suggestion;
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_scene::{
@@ -72,7 +71,8 @@ impl Job {
         let source = match (&settings.radiance, &settings.image) {
             (Some(radiance), _) => EnvironmentSource::Constant(*radiance),
             (None, Some(path)) => {
-                let (image, repaired) = load_environment(path, &Limits::default()).map_err(|e| {
+                let limits = self.import_options().limits;
+                let (image, repaired) = load_environment(path, &limits, &scene.images).map_err(|e| {
                     let problem = format!("{}: {}", path.display(), e.problem);
                     self.source.error_at_key(&["environment", "image"], problem, e.mend)
                 })?;

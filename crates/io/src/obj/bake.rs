@@ -40,14 +40,13 @@ pub(super) fn normals_of_heights(image: &Image, channel: Option<u8>, strength: f
         // The surface rises to the right and downwards; green points up in the image.
         let (nx, ny) = (-relief * right, relief * down);
         let scale = 1.0 / (nx * nx + ny * ny + 1.0).sqrt();
-        [nx * scale, ny * scale, scale, 1.0].map(|v| to_u16(0.5 * v + 0.5))
+        [nx * scale, ny * scale, scale].map(|v| to_u16(0.5 * v + 0.5))
     });
-    let texels = texels.map(|[r, g, b, _]| [r, g, b, u16::MAX]).collect();
     Image {
         name: format!("{} (normals)", image.name),
         width: image.width,
         height: image.height,
-        texels: Texels::Rgba16(texels),
+        texels: Texels::Rgb16(texels.collect()),
     }
 }
 
@@ -67,45 +66,40 @@ pub(super) fn looks_like_normals(image: &Image) -> bool {
     10 * unit >= 9 * seen && 2 * coloured >= seen
 }
 
-/// A roughness map from a map of exponents: `factor` is the exponent of white.
+/// A roughness map, of one channel, from a map of exponents: `factor` is the exponent of white.
 pub(super) fn roughness_of_exponents(image: &Image, channel: u8, factor: f32) -> Image {
-    let value = |t: [f32; 4]| roughness_of_exponent(factor * t[usize::from(channel.min(3))]);
-    convert(image, "roughness", |t| [value(t), value(t), value(t), 1.0])
+    convert(image, "roughness", 1, |t| [roughness_of_exponent(factor * t[usize::from(channel.min(3))]); 4])
 }
 
 /// `base + gain * value` in red, green and blue.
 pub(super) fn adjusted(image: &Image, base: f32, gain: f32) -> Image {
-    convert(image, "adjusted", |[r, g, b, a]| [base + gain * r, base + gain * g, base + gain * b, a])
+    let f = |[r, g, b, a]: [f32; 4]| [base + gain * r, base + gain * g, base + gain * b, a];
+    convert(image, "adjusted", image.texels.channels(), f)
 }
 
 /// Does any texel cover less than fully?
 pub(super) fn has_alpha(image: &Image) -> bool {
-    match &image.texels {
-        Texels::Rgba8(t) => t.iter().any(|t| t[3] < u8::MAX),
-        Texels::Rgba16(t) => t.iter().any(|t| t[3] < u16::MAX),
-        Texels::RgbF32(_) => false,
-    }
+    let covered = |i: usize| image.texels.get(i).is_none_or(|t| t[3] == 1.0);
+    matches!(image.texels.channels(), 2 | 4) && !(0..image.texels.len()).all(covered)
 }
 
-fn convert(image: &Image, what: &str, f: impl Fn([f32; 4]) -> [f32; 4]) -> Image {
-    let count = image.width as usize * image.height as usize;
-    let texels = match &image.texels {
-        Texels::RgbF32(t) => {
-            Texels::RgbF32(t.iter().map(|[r, g, b]| f([*r, *g, *b, 1.0])).map(|[r, g, b, _]| [r, g, b]).collect())
-        }
-        _ => Texels::Rgba16((0..count).map(|i| f(texel(image, i)).map(to_u16)).collect()),
+/// An image of `channels` channels: of floating point if `image` is, else of 16 bits.
+fn convert(image: &Image, what: &str, channels: usize, f: impl Fn([f32; 4]) -> [f32; 4]) -> Image {
+    let values = (0..image.width as usize * image.height as usize).map(|i| f(texel(image, i)));
+    let texels = match (image.texels.is_float(), channels) {
+        (true, 1) => Texels::GrayF32(values.map(|[v, ..]| [v]).collect()),
+        (true, _) => Texels::RgbF32(values.map(|[r, g, b, _]| [r, g, b]).collect()),
+        (false, 1) => Texels::Gray16(values.map(|[v, ..]| [to_u16(v)]).collect()),
+        (false, 2) => Texels::GrayAlpha16(values.map(|[v, _, _, a]| [v, a].map(to_u16)).collect()),
+        (false, 3) => Texels::Rgb16(values.map(|[r, g, b, _]| [r, g, b].map(to_u16)).collect()),
+        (false, _) => Texels::Rgba16(values.map(|t| t.map(to_u16)).collect()),
     };
     Image { name: format!("{} ({what})", image.name), width: image.width, height: image.height, texels }
 }
 
 /// A texel as stored, integers scaled to \[0, 1\]; opaque white if the image is shorter than it claims.
 fn texel(image: &Image, i: usize) -> [f32; 4] {
-    match &image.texels {
-        Texels::Rgba8(t) => t.get(i).map(|t| t.map(|v| f32::from(v) / 255.0)),
-        Texels::Rgba16(t) => t.get(i).map(|t| t.map(|v| f32::from(v) / 65535.0)),
-        Texels::RgbF32(t) => t.get(i).map(|[r, g, b]| [*r, *g, *b, 1.0]),
-    }
-    .unwrap_or([1.0; 4])
+    image.texels.get(i).unwrap_or([1.0; 4])
 }
 
 /// Rounds; the cast saturates, so values outside \[0, 1\] (and NaN) are safe.

@@ -2,12 +2,13 @@
 
 use super::bake;
 use super::mtl::Map;
-use crate::images::{decode_image, image_bytes, repair_message};
+use crate::image_store::{Content, ImageStore};
+use crate::images::ImageHeader;
 use crate::input::Role;
 use crate::loader::AssetLoader;
 use crate::warnings::Warnings;
 use dunkelfeld_geometry::Vec2;
-use dunkelfeld_scene::{ChannelTexture, ColorEncoding, Image, ImageId, Texels, Texture, TextureTransform, Wrap};
+use dunkelfeld_scene::{ChannelTexture, ColorEncoding, ImageId, Texture, TextureTransform, Wrap};
 use std::collections::HashMap;
 
 /// What is made of an image file. Factors are kept as bits, to serve as keys.
@@ -22,21 +23,17 @@ enum Variant {
 /// The images of one scene while it is read.
 pub(super) struct Textures<'a> {
     loader: &'a AssetLoader,
-    /// Those in use, in order of first use.
-    images: Vec<Image>,
-    /// By name as resolved; `None` if it cannot be used, which has then been told.
+    /// The images themselves.
+    pub(super) store: ImageStore,
+    /// By name as resolved; `None` if it cannot be used, of which there has been a warning.
     known: HashMap<(String, Variant), Option<ImageId>>,
-    bytes: u64,
+    /// By what the file holds; what is wrong with it if it cannot be used.
+    by_content: HashMap<(Content, Variant), Result<ImageId, String>>,
 }
 
 impl<'a> Textures<'a> {
-    pub(super) fn new(loader: &'a AssetLoader) -> Self {
-        Self { loader, images: Vec::new(), known: HashMap::new(), bytes: 0 }
-    }
-
-    /// The images, for the scene.
-    pub(super) fn into_images(self) -> Vec<Image> {
-        self.images
+    pub(super) fn new(loader: &'a AssetLoader, store: ImageStore) -> Self {
+        Self { loader, store, known: HashMap::new(), by_content: HashMap::new() }
     }
 
     /// A map of colours: sRGB unless `-colorspace` says otherwise.
@@ -55,7 +52,7 @@ impl<'a> Textures<'a> {
     /// A map of coverage: the channel of `-imfchan`, else alpha where the image has any, else red.
     pub(super) fn coverage(&mut self, map: &Map, folder: &str, warnings: &mut Warnings) -> Option<ChannelTexture> {
         let mut found = self.scalar(map, folder, warnings)?;
-        let image = self.images.get(found.texture.image.0 as usize);
+        let image = self.store.image(found.texture.image);
         if map.channel.is_none() && image.is_some_and(bake::has_alpha) {
             found.channel = 3;
         }
@@ -77,7 +74,7 @@ impl<'a> Textures<'a> {
             clamp: map.clamp,
         };
         let image = self.find(map, folder, variant, warnings)?;
-        let converted = self.images.get(image.0 as usize).is_some_and(|i| i.name.ends_with("(normals)"));
+        let converted = self.store.image(image).is_some_and(|i| i.name.ends_with("(normals)"));
         // A normal map in a bump map's place: the strength then scales its slopes.
         Some((self.texture(map, image, false), if converted { 1.0 } else { map.bump }))
     }
@@ -98,7 +95,7 @@ impl<'a> Textures<'a> {
     /// A texture with the map's options. OBJ looks up `scale * uv + offset` with v upwards; ours points down:
     /// 1 - (s (1 - v) + o) = s v + (1 - s - o).
     fn texture(&self, map: &Map, image: ImageId, srgb: bool) -> Texture {
-        let float = self.images.get(image.0 as usize).is_some_and(|i| matches!(i.texels, Texels::RgbF32(_)));
+        let float = self.store.image(image).is_some_and(|i| i.texels.is_float());
         let encoding = if srgb && !float { ColorEncoding::Srgb } else { ColorEncoding::Linear };
         let mut texture = Texture::new(image, encoding);
         if map.clamp {
@@ -136,25 +133,43 @@ impl<'a> Textures<'a> {
                 return None;
             }
         };
-        let limits = self.loader.limits();
-        let decoded = match decode_image(&bytes, &map.file, limits) {
-            Ok(decoded) => decoded,
-            Err(fault) => {
-                warnings.push(&place, format!("{}; the map is left out", fault.problem));
-                return None;
-            }
+        let content = Content::of(&bytes, &map.file);
+        let made = match self.by_content.get(&(content, variant)) {
+            Some(known) => known.clone(),
+            None => self.make(&bytes, content, map, variant, &place, warnings),
         };
-        drop(bytes);
-        if decoded.repaired > 0 {
-            warnings.push(&place, repair_message(decoded.repaired));
+        self.by_content.insert((content, variant), made.clone());
+        made.map_err(|problem| warnings.push(&place, format!("{problem}; the map is left out"))).ok()
+    }
+
+    /// Decodes an image and makes of it what is wanted, or measures that.
+    fn make(
+        &mut self,
+        bytes: &[u8],
+        content: Content,
+        map: &Map,
+        variant: Variant,
+        place: &str,
+        warnings: &mut Warnings,
+    ) -> Result<ImageId, String> {
+        if self.store.measures() {
+            let header = measured(&self.store.header(bytes, &map.file)?, variant);
+            return self.store.add_measured(&header, place);
         }
-        let raw = decoded.image;
+        let raw = self.store.decode(bytes, &map.file, place, warnings)?;
         let image = match variant {
             Variant::AsStored => raw,
             Variant::Adjusted { base, gain } => bake::adjusted(&raw, f32::from_bits(base), f32::from_bits(gain)),
             Variant::NormalsOfHeights { .. } if bake::looks_like_normals(&raw) => {
-                warnings.push(&place, "is named as a bump map but holds normals; it is used as a normal map");
-                raw
+                warnings.push(place, "is named as a bump map but holds normals; it is used as a normal map");
+                // The same image as that of a normal map.
+                let as_stored = (content, Variant::AsStored);
+                if let Some(known) = self.by_content.get(&as_stored) {
+                    return known.clone();
+                }
+                let made = self.store.add(raw, place);
+                self.by_content.insert(as_stored, made.clone());
+                return made;
             }
             Variant::NormalsOfHeights { channel, strength, clamp } => {
                 bake::normals_of_heights(&raw, channel, f32::from_bits(strength), clamp)
@@ -163,15 +178,21 @@ impl<'a> Textures<'a> {
                 bake::roughness_of_exponents(&raw, channel, f32::from_bits(factor))
             }
         };
-        let bytes = image_bytes(&image);
-        if self.bytes.saturating_add(bytes) > limits.total_image_bytes {
-            let most = limits.total_image_bytes >> 20;
-            warnings.push(&place, format!("all images together would exceed {most} MiB; the map is left out"));
-            return None;
+        self.store.add(image, place)
+    }
+}
+
+/// What is stored of an image with this header; the larger of both where only the texels can say.
+fn measured(header: &ImageHeader, variant: Variant) -> ImageHeader {
+    let value_bytes = if header.value_bytes == 4 { 4 } else { 2 };
+    match variant {
+        Variant::AsStored => *header,
+        Variant::Adjusted { .. } => ImageHeader { value_bytes, ..*header },
+        Variant::RoughnessOfExponents { .. } => ImageHeader { channels: 1, value_bytes, ..*header },
+        Variant::NormalsOfHeights { .. } => {
+            let normals = ImageHeader { channels: 3, value_bytes: 2, ..*header };
+            if header.bytes() > normals.bytes() { *header } else { normals }
         }
-        self.bytes += bytes;
-        self.images.push(image);
-        Some(ImageId((self.images.len() - 1) as u32))
     }
 }
 

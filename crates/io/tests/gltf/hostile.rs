@@ -329,3 +329,81 @@ fn damaged_files_never_panic() {
     // Both must happen, or the damage is too small or too large to test anything.
     assert!(loaded > 100 && refused > 100, "{loaded} loaded, {refused} refused");
 }
+
+fn png(image: image::DynamicImage) -> Vec<u8> {
+    let mut bytes = std::io::Cursor::new(Vec::new());
+    image.write_to(&mut bytes, image::ImageFormat::Png).expect("encode");
+    bytes.into_inner()
+}
+
+/// A square with a material for each image.
+fn with_images(images: &[Vec<u8>]) -> Asset {
+    let mut a = square();
+    let primitive = a.json["meshes"][0]["primitives"][0].clone();
+    let parts: Vec<Value> = (0..images.len())
+        .map(|i| {
+            let mut primitive = primitive.clone();
+            primitive["material"] = i.into();
+            primitive
+        })
+        .collect();
+    a.json["meshes"][0]["primitives"] = parts.into();
+    let views: Vec<usize> = images.iter().map(|bytes| a.view(bytes)).collect();
+    let list = |f: &dyn Fn(usize) -> Value| -> Value { (0..images.len()).map(f).collect() };
+    a.json["images"] = list(&|i| json!({"bufferView": views[i], "name": format!("map {i}")}));
+    a.json["textures"] = list(&|i| json!({"source": i}));
+    a.json["materials"] = list(&|i| json!({"pbrMetallicRoughness": {"baseColorTexture": {"index": i}}}));
+    a
+}
+
+fn budget(total_image_bytes: u64) -> ImportOptions {
+    ImportOptions { limits: Limits { total_image_bytes, ..Limits::default() }, ..ImportOptions::default() }
+}
+
+/// Small files that decode to much: 3 x 512 x 512 x 3 B are 2.25 MiB. The second image is no image beyond its header, so the
+/// error must come before anything is decoded.
+#[test]
+fn images_together_have_a_budget_that_is_checked_on_their_headers() {
+    let grey = |v: u8| png(image::RgbImage::from_pixel(512, 512, image::Rgb([v; 3])).into());
+    let cut = grey(2)[..64].to_vec();
+    let a = with_images(&[grey(1), cut, grey(3)]);
+    let e = load_bytes(&a.gltf(), "a.gltf", &budget(2 << 20)).expect_err("beyond the budget");
+    for words in ["3 images", "2.2 MiB", "2.0 MiB are allowed", "512 x 512, 3 channels of 8 bits"] {
+        assert!(e.problem.contains(words), "{words}: {e}");
+    }
+    assert!(e.place.contains("image 2 \"map 2\"") && e.mend.contains("texture_memory"), "{e}");
+    let imported = load_bytes(&a.gltf(), "a.gltf", &budget(9 << 18)).expect("exactly the sum");
+    assert_eq!(imported.scene.images.len(), 2);
+    assert!(warns(&imported, &["map 1", "left out"]), "{:?}", imported.warnings);
+}
+
+#[test]
+fn converted_images_count_too() {
+    // Source: 64 x 64 x 3 B; colour with alpha and surface of it: 4 B and 3 B.
+    let mut a = with_images(&[png(image::RgbImage::new(64, 64).into())]);
+    a.json["materials"][0] =
+        json!({"extensions": {"KHR_materials_pbrSpecularGlossiness": {"diffuseTexture": {"index": 0}}}});
+    let sum = 64 * 64 * (3 + 4 + 3);
+    let imported = load_bytes(&a.gltf(), "a.gltf", &budget(sum)).expect("fits");
+    assert_eq!(imported.scene.images.iter().map(|i| i.texels.bytes() as u64).sum::<u64>(), sum);
+    let e = load_bytes(&a.gltf(), "a.gltf", &budget(sum - 1)).expect_err("beyond the budget");
+    assert!(e.problem.contains("3 images"), "{e}");
+}
+
+/// By buffer view, by equal bytes in another one, by file, by another spelling of it, in another encoding.
+#[test]
+fn images_of_the_same_content_are_decoded_once() {
+    let folder = tempfile::tempdir().expect("temporary folder");
+    let bytes = png(image::GrayImage::from_pixel(8, 8, image::Luma([7])).into());
+    std::fs::write(folder.path().join("a b.png"), &bytes).expect("write");
+    let mut a = with_images(&vec![bytes; 4]);
+    a.json["images"][1] = a.json["images"][0].clone();
+    a.json["images"][2] = json!({"uri": "a b.png"});
+    a.json["images"][3] = json!({"uri": "./a%20b.png"});
+    a.json["materials"][3] = json!({"normalTexture": {"index": 3}});
+    let path = folder.path().join("a.gltf");
+    std::fs::write(&path, a.gltf()).expect("write");
+    let imported = load_scene(&path, &budget(64)).expect("one image of 64 B");
+    assert_eq!(imported.scene.images.len(), 1);
+    assert_eq!(imported.scene.images[0].texels, dunkelfeld_scene::Texels::Gray8(vec![[7]; 64]));
+}
