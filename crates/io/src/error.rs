@@ -1,5 +1,6 @@
 //! What is said about input that cannot be used, or only after repair.
 
+use crate::visible::{visible_columns, visible_line};
 use std::path::PathBuf;
 
 /// A place in a text, with the text, so that a message can show line and caret.
@@ -12,8 +13,16 @@ pub struct SourceSpan {
 }
 
 /// Input that cannot be used: which file, where in it, what is wrong, and how to mend it.
+///
+/// Shown, characters that a terminal would obey are spelled out.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("{}: {place}: {problem}\n  mend: {mend}", file.display())]
+#[error(
+    "{}: {}: {}\n  mend: {}",
+    visible_line(&file.to_string_lossy()),
+    visible_line(place),
+    visible_line(problem),
+    visible_line(mend)
+)]
 pub struct InputError {
     /// The file.
     pub file: PathBuf,
@@ -49,7 +58,7 @@ impl InputError {
         let end = floor_char_boundary(&span.text, span.range.end.clamp(start, line_end));
         let width = span.text[start..end].chars().count().max(1);
         let gutter = number.to_string();
-        let line = span.text[line_start..line_end].trim_end_matches('\r');
+        let line = visible_columns(span.text[line_start..line_end].trim_end_matches('\r'));
         format!(
             "{pad} |\n{gutter} | {line}\n{pad} | {space}{carets}",
             pad = " ".repeat(gutter.len()),
@@ -67,7 +76,7 @@ fn floor_char_boundary(text: &str, index: usize) -> usize {
     i
 }
 
-/// Something that was repaired or left out while reading.
+/// Something that was repaired or left out while reading. Shown, characters that a terminal would obey are spelled out.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ImportWarning {
     /// Where: file and place.
@@ -78,7 +87,7 @@ pub struct ImportWarning {
 
 impl std::fmt::Display for ImportWarning {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "{}: {}", self.place, self.message)
+        write!(f, "{}: {}", visible_line(&self.place), visible_line(&self.message))
     }
 }
 
@@ -93,6 +102,18 @@ mod tests {
         let mut e = InputError::new("job.toml", "[film] width", "not a number", "write a whole number");
         e.source_span = Some(Box::new(SourceSpan { text, range }));
         assert_eq!(e.caret(), "  |\n2 | width = \"wide\"\n  |         ^^^^^^");
+    }
+
+    #[test]
+    fn nothing_that_a_terminal_obeys_is_shown() {
+        let bad = "\u{1b}[2J\n\u{202e}";
+        let mut e = InputError::new(bad, bad, bad, bad);
+        e.source_span = Some(Box::new(SourceSpan { text: "x = \"\u{1b}[2J\" # \u{9b}".into(), range: 4..9 }));
+        let warning = ImportWarning { place: bad.into(), message: bad.into() };
+        for shown in [e.to_string().replace("\n  mend: ", ""), e.caret().replace('\n', ""), warning.to_string()] {
+            assert!(!shown.contains(|c: char| c.is_control() || c == '\u{202e}'), "{shown:?}");
+        }
+        assert_eq!(e.caret().lines().nth(1), Some("1 | x = \"\u{fffd}[2J\" # \u{fffd}"));
     }
 
     #[test]

@@ -40,7 +40,7 @@ use crate::input::{InputFiles, Role};
 use crate::loader::Limits;
 use crate::names::suggestion;
 use crate::toml_file::TomlFile;
-use dunkelfeld_radiometry::Rgb;
+use dunkelfeld_radiometry::{Number, Rgb, Seconds};
 use dunkelfeld_scene::SceneBuilder;
 use dunkelfeld_sensor::ExposureNoise;
 use serde::Deserialize;
@@ -260,11 +260,13 @@ impl<'de> Deserialize<'de> for Exposure {
             Written::Text(text) => f64::from(text.parse::<crate::quantity::Time>().map_err(D::Error::custom)?),
             Written::Seconds(v) => v,
         };
-        if seconds > 0.0 && seconds <= 1e6 {
+        // What the sensor takes: also a number so small that its digits are lost is refused here, where the line is known.
+        if dunkelfeld_sensor::Exposure::new(Seconds(seconds)).is_ok() {
             return Ok(Self::Seconds(seconds));
         }
         Err(D::Error::custom(format!(
-            "{seconds} s is out of range; write a time above zero such as \"5ms\", or \"auto\""
+            "{} s is out of range; write a time above zero such as \"5ms\", or \"auto\"",
+            Number(seconds)
         )))
     }
 }
@@ -578,6 +580,16 @@ impl Job {
             limits.image_bytes = bytes.max(limits.image_bytes);
         }
         ImportOptions { limits, emissive_unit: self.import.emissive_unit, ..ImportOptions::default() }
+    }
+
+    /// An error of reading [`Job::scene`]: if there is no such file to read at all, the job's line is at fault.
+    pub fn scene_error(&self, error: InputError) -> InputError {
+        if error.file != self.scene || !["file", "file name"].contains(&error.place.as_str()) {
+            return error;
+        }
+        let name = self.scene.display().to_string();
+        let problem = if error.problem.contains(&name) { error.problem } else { format!("{name}: {}", error.problem) };
+        self.source.error_at_key(&["scene"], problem, error.mend)
     }
 
     /// An error about a key of `[lens]` that is found only where lens, film and scene meet.

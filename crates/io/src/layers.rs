@@ -169,12 +169,19 @@ impl ExrLayers {
     pub fn integers(&self, layer: Single) -> Option<Plane<u32>> {
         let data = match self.channel(layer.own())? {
             Channel::U32(v) => v.clone(),
-            Channel::F32(v) => v
-                .iter()
-                .map(|&f| (f >= 0.0 && f < u32::MAX as f32 && f.fract() == 0.0).then_some(f as u32))
-                .collect::<Option<_>>()?,
+            Channel::F32(v) => v.iter().map(|&f| is_count(f).then_some(f as u32)).collect::<Option<_>>()?,
         };
         Plane::from_vec(self.width, self.height, data)
+    }
+
+    /// What keeps a layer from being one of whole numbers: how many values, column and row of the first, and that value.
+    /// `None` if the layer is not there, or is one.
+    pub fn singles_that_are_no_counts(&self, layer: Single) -> Option<(usize, [u32; 2], f32)> {
+        let Channel::F32(values) = self.channel(layer.own())? else { return None };
+        let mut wrong = values.iter().enumerate().filter(|(_, v)| !is_count(**v));
+        let (first, value) = wrong.next()?;
+        let width = self.width.max(1) as usize;
+        Some((1 + wrong.count(), [(first % width) as u32, (first / width) as u32], *value))
     }
 
     /// Takes a layer of triples out, if it is there under our name.
@@ -218,4 +225,9 @@ fn floats(channel: &Channel) -> std::borrow::Cow<'_, [f32]> {
         Channel::F32(v) => v.into(),
         Channel::U32(v) => v.iter().map(|&u| u as f32).collect::<Vec<_>>().into(),
     }
+}
+
+/// A whole number of zero or more that fits 32 bits.
+fn is_count(v: f32) -> bool {
+    v >= 0.0 && v < u32::MAX as f32 && v.fract() == 0.0
 }

@@ -30,6 +30,7 @@ pub mod sensor_file;
 mod texel_budget;
 pub mod tiff;
 pub mod toml_file;
+pub mod visible;
 mod warnings;
 
 pub use error::{ImportWarning, InputError, SourceSpan};

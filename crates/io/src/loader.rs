@@ -61,6 +61,7 @@ pub struct AssetLoader {
     limits: Limits,
     bytes_read: Cell<u64>,
     inputs: RefCell<InputFiles>,
+    remarks: RefCell<Vec<(String, String)>>,
 }
 
 impl AssetLoader {
@@ -76,6 +77,7 @@ impl AssetLoader {
             limits,
             bytes_read: Cell::new(0),
             inputs: RefCell::default(),
+            remarks: RefCell::default(),
         }
     }
 
@@ -109,8 +111,7 @@ impl AssetLoader {
     /// If the name leads outside the scene's folder (absolute, drive letter, scheme, `..`, symbolic link), or the file
     /// is missing, not a regular file, or larger than the limits.
     pub fn load_relative(&self, name: &str, role: Role) -> Result<Vec<u8>, InputError> {
-        let relative = self.inside(name)?;
-        self.load_inside(&relative, role, name)
+        self.load_first(&[name], role, name)
     }
 
     /// The bytes behind a URI reference as glTF has them: a `data:` URI (base64 or percent-encoded), or a
@@ -126,16 +127,34 @@ impl AssetLoader {
         let decoded = decoded.map_err(|_| {
             self.refuse(uri, "the URI does not decode to UTF-8", "percent-encode the file name as UTF-8, or rename it")
         })?;
-        let relative = self.inside(&decoded)?;
         // Some exporters write names raw, so that a '%' in them is no escape.
-        if decoded != uri
-            && !self.folder.join(&relative).exists()
-            && let Ok(raw) = self.inside(uri)
-            && self.folder.join(&raw).exists()
-        {
-            return self.load_inside(&raw, role, uri);
+        self.load_first(&[&decoded, uri], role, uri)
+    }
+
+    /// Reads the first of the names that is there: each as it is, then without spaces around it, which some exporters leave.
+    fn load_first(&self, names: &[&str], role: Role, shown: &str) -> Result<Vec<u8>, InputError> {
+        let Some((first, _)) = names.split_first() else {
+            return Err(self.refuse(shown, "it is empty", "name a file"));
+        };
+        let as_it_is = self.inside(first)?;
+        let exists = |path: &PathBuf| self.folder.join(path).exists();
+        if !exists(&as_it_is) {
+            if let Some(found) = names.iter().filter_map(|name| self.inside(name).ok()).find(exists) {
+                return self.load_inside(&found, role, shown);
+            }
+            let trimmed = names.iter().map(|name| name.trim()).filter(|name| !names.contains(name));
+            if let Some(found) = trimmed.filter_map(|name| self.inside(name).ok()).find(exists) {
+                let message = format!("there is no such file; \"{}\" is used", found.display());
+                self.remarks.borrow_mut().push((format!("reference \"{shown}\""), message));
+                return self.load_inside(&found, role, shown);
+            }
         }
-        self.load_inside(&relative, role, uri)
+        self.load_inside(&as_it_is, role, shown)
+    }
+
+    /// Takes what was remarked about references since this was asked last: place and message.
+    pub(crate) fn take_remarks(&self) -> Vec<(String, String)> {
+        self.remarks.take()
     }
 
     fn load_data_uri(&self, uri: &str) -> Result<Vec<u8>, InputError> {
@@ -175,8 +194,8 @@ impl AssetLoader {
                 "copy the file into the scene's folder and refer to it by a relative path",
             )
         };
-        let slashes = name.trim().replace('\\', "/");
-        if slashes.is_empty() || slashes.contains('\0') {
+        let slashes = name.replace('\\', "/");
+        if slashes.trim().is_empty() || slashes.contains('\0') {
             return Err(self.refuse(name, "the reference to a file is empty", "name the file"));
         }
         if slashes.starts_with('/') {
@@ -303,6 +322,32 @@ mod tests {
         assert_eq!(l.load_uri("100%25.bin", Role::Texture).expect("a name with a percent sign"), b"raw");
         assert_eq!(l.load_relative("sub\\c.mtl", Role::Texture).expect("backslash"), b"c");
         assert_eq!(l.load_relative("./sub/../sub/c.mtl", Role::Texture).expect("dots that stay inside"), b"c");
+    }
+
+    #[test]
+    fn spaces_around_a_name_belong_to_it_unless_only_the_bare_name_is_there() {
+        let dir = folder();
+        let write = |name: &str, text: &str| std::fs::write(dir.path().join("scene").join(name), text).expect("write");
+        write(" both.png", "spaced");
+        write("both.png", "bare");
+        write(" own.png", "own");
+        write("bare.png", "bare");
+        let l = loader(&dir);
+        for (uri, bytes) in
+            [(" both.png", "spaced"), ("%20both.png", "spaced"), ("both.png", "bare"), (" own.png", "own")]
+        {
+            assert_eq!(l.load_uri(uri, Role::Texture).expect(uri), bytes.as_bytes(), "{uri:?}");
+        }
+        assert_eq!(l.load_relative(" both.png", Role::Texture).expect("a name"), b"spaced");
+        assert!(l.take_remarks().is_empty());
+        for uri in [" bare.png", "%20bare.png ", "bare.png\t"] {
+            assert_eq!(l.load_uri(uri, Role::Texture).expect(uri), b"bare");
+            let remarks = l.take_remarks();
+            assert!(remarks.len() == 1 && remarks[0].1.contains("\"bare.png\" is used"), "{remarks:?}");
+        }
+        for bad in [" ", "\t", " /etc/passwd", " ../secret", "C:/x "] {
+            assert!(l.load_uri(bad, Role::Texture).is_err(), "{bad:?}");
+        }
     }
 
     #[test]

@@ -113,6 +113,7 @@ pub fn load_obj(path: &Path, options: &ImportOptions) -> Result<Imported, InputE
         }
         last_object = Some(part.object);
     }
+    loader.take_remarks().into_iter().for_each(|(place, message)| warnings.push(place, message));
     scene.materials = materials.list;
     scene.images = materials.textures.store.into_images();
     Ok(Imported { scene, warnings: warnings.finish(), inputs: loader.into_inputs() })
@@ -141,13 +142,26 @@ fn measure_images(
 fn nothing_to_see(path: &Path, parsed: &Parsed, warnings: Warnings) -> InputError {
     let mut problem = match (parsed.positions.len(), parsed.faces.len()) {
         (0, 0) => "holds no vertices and no faces".to_string(),
+        (n, 0) if parsed.dropped_faces > 0 => {
+            format!("holds {n} vertices and {}, of which none can be used", faces(parsed.dropped_faces))
+        }
         (n, 0) => format!("holds {n} vertices but no face"),
-        (_, n) => format!("holds {n} faces, of which none can be used"),
+        (_, n) => format!("holds {}, of which none can be used", faces(n + parsed.dropped_faces)),
     };
     for warning in warnings.finish().iter().take(2) {
         problem.push_str(&format!("; {warning}"));
     }
-    InputError::new(path, "the file", problem, "export a polygon mesh (`f` statements)")
+    let has_faces = parsed.dropped_faces + parsed.faces.len() > 0;
+    let mend = if has_faces {
+        "correct the faces (`f` statements), or export the mesh again"
+    } else {
+        "export a polygon mesh (`f` statements)"
+    };
+    InputError::new(path, "the file", problem, mend)
+}
+
+fn faces(n: usize) -> String {
+    if n == 1 { "1 face".into() } else { format!("{n} faces") }
 }
 
 fn mesh_bytes(mesh: &Mesh) -> u64 {

@@ -7,6 +7,7 @@
 use std::fmt;
 use std::str::FromStr;
 
+use dunkelfeld_radiometry::Number;
 use serde::Deserialize;
 use serde::de::{self, Deserializer, Visitor};
 
@@ -66,7 +67,7 @@ macro_rules! quantity {
 
         impl fmt::Display for $name {
             fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-                write!(f, "{} {}", self.0, $si)
+                write!(f, "{} {}", Number(self.0), $si)
             }
         }
 
@@ -78,7 +79,7 @@ macro_rules! quantity {
                         if $plain {
                             return Ok($name(v));
                         }
-                        Err(E::custom(format!(concat!("{} lacks a unit; write ", $what, " as \"", $example, "\""), v)))
+                        Err(E::custom(format!(concat!("{} lacks a unit; write ", $what, " as \"", $example, "\""), Number(v))))
                     }
                 }
                 impl Visitor<'_> for Reader {

@@ -21,6 +21,7 @@ use std::fmt::Display;
 use std::ops::{Range, RangeInclusive};
 use std::path::{Path, PathBuf};
 
+use dunkelfeld_radiometry::Number;
 use serde::de::DeserializeOwned;
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
@@ -154,7 +155,7 @@ impl TomlFile {
         }
         Err(self.error_at(
             value.span(),
-            format!("{} is not a positive number", value.get_ref()),
+            format!("{} is not a positive number", Number(v)),
             "write a finite value above zero",
         ))
     }
@@ -170,7 +171,7 @@ impl TomlFile {
         }
         Err(self.error_at(
             value.span(),
-            format!("{} is negative or not a number", value.get_ref()),
+            format!("{} is negative or not a number", Number(v)),
             "write a finite value of zero or more",
         ))
     }

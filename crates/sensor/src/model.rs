@@ -1,6 +1,6 @@
 //! What is known of a sensor, checked once, and the noise that follows from it.
 
-use dunkelfeld_radiometry::{Celsius, DigitalNumber, Electrons, Metres, Seconds};
+use dunkelfeld_radiometry::{Celsius, DigitalNumber, Electrons, Metres, Number, Seconds};
 
 use crate::efficiency::Efficiency;
 use crate::pattern::{Defects, FixedPattern};
@@ -9,7 +9,7 @@ use crate::pattern::{Defects, FixedPattern};
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum SensorError {
     /// A number is not finite or lies outside its range.
-    #[error("{field} is {value}, it must be {allowed}")]
+    #[error("{field} is {}, it must be {allowed}", Number(*value))]
     OutOfRange {
         /// Which quantity, by the name of its field.
         field: &'static str,

@@ -1,16 +1,19 @@
 //! The outermost layer of a glTF asset: the GLB container or bare JSON, versions, extensions, buffers.
 
-use super::schema::{Document, Preamble};
+use super::schema::{Accessor, Document, Preamble};
 use crate::error::{InputError, SourceSpan};
 use crate::input::Role;
 use crate::loader::AssetLoader;
 use crate::warnings::Warnings;
+use std::collections::BTreeSet;
 use std::ops::Range;
 use std::path::Path;
 
 const GLB_MAGIC: &[u8; 4] = b"glTF";
 const CHUNK_JSON: u32 = 0x4E4F_534A;
 const CHUNK_BIN: u32 = 0x004E_4942;
+/// Header of the file, and header of the first chunk.
+const LEAST_GLB: usize = 12 + 8;
 
 /// Extensions that are honoured.
 const SUPPORTED: &[&str] = &[
@@ -112,7 +115,14 @@ fn split(file: &[u8], path: &Path, warnings: &mut Warnings) -> Result<Parts, Inp
     }
     let length = length as usize;
     if length > file.len() {
-        return fail("GLB header", format!("the file should have {length} bytes, but has {}", file.len()));
+        return fail(
+            "GLB header",
+            format!("the header says that the file has {length} bytes, but it has {}: it is cut short", file.len()),
+        );
+    }
+    if length < LEAST_GLB {
+        let problem = format!("the header says that the file has {length} bytes, too few for header and JSON chunk");
+        return fail("GLB header", problem);
     }
     if length < file.len() {
         warnings.push("GLB header", format!("{} bytes after the end are ignored", file.len() - length));
@@ -123,9 +133,6 @@ fn split(file: &[u8], path: &Path, warnings: &mut Warnings) -> Result<Parts, Inp
     for number in 0.. {
         let place = format!("GLB chunk {number}");
         if offset + 8 > length {
-            if number == 0 {
-                return fail(&place, "there is no JSON chunk".into());
-            }
             break;
         }
         let (Some(size), Some(kind)) = (u32_at(file, offset), u32_at(file, offset + 4)) else { break };
@@ -136,7 +143,10 @@ fn split(file: &[u8], path: &Path, warnings: &mut Warnings) -> Result<Parts, Inp
         }
         match (number, kind) {
             (0, CHUNK_JSON) => parts.json = without_mark(file, start..end),
-            (0, _) => return fail(&place, "the first chunk is not JSON".into()),
+            (0, other) => {
+                let name = other.to_le_bytes().escape_ascii().to_string();
+                return fail(&place, format!("the first chunk has the type \"{name}\", where \"JSON\" belongs"));
+            }
             (_, CHUNK_BIN) if parts.binary.is_none() => parts.binary = Some(start..end),
             _ => {}
         }
@@ -170,6 +180,13 @@ fn parse(json: &[u8], path: &Path, objects: usize, warnings: &mut Warnings) -> R
         Default::default()
     });
     let version = asset.version.unwrap_or_else(|| "2.0".into());
+    if !version.starts_with(|c: char| c.is_ascii_digit()) {
+        let problem = match version.trim() {
+            "" => "the version is an empty text".to_string(),
+            other => format!("\"{other}\" is no version"),
+        };
+        return Err(InputError::new(path, "asset.version", problem, "write \"2.0\", or export the scene as glTF 2.0"));
+    }
     if version.split('.').next() != Some("2") {
         return Err(old_version(path, "asset.version", &version));
     }
@@ -250,13 +267,20 @@ fn load_buffers(
     loader: &AssetLoader,
     warnings: &mut Warnings,
 ) -> Result<Vec<BufferData>, InputError> {
+    let used = used_buffers(document);
     let mut buffers = Vec::with_capacity(document.buffers.len());
     for (i, buffer) in document.buffers.iter().enumerate() {
         let data = match &buffer.uri {
-            Some(uri) => BufferData::Loaded(loader.load_uri(uri, Role::Buffer).map_err(|mut e| {
-                e.place = format!("buffer {i}, {}", e.place);
-                e
-            })?),
+            Some(uri) => match loader.load_uri(uri, Role::Buffer) {
+                Ok(bytes) => BufferData::Loaded(bytes),
+                Err(e) if !used.contains(&i) => {
+                    let message = format!("{}; nothing uses the buffer, which is left out", e.problem);
+                    warnings.push(format!("buffer {i}, {}", e.place), message);
+                    buffers.push(BufferData::Absent);
+                    continue;
+                }
+                Err(e) => return Err(InputError { place: format!("buffer {i}, {}", e.place), ..e }),
+            },
             None => match binary.take().filter(|_| i == 0) {
                 Some(range) => BufferData::Embedded(range),
                 None => BufferData::Absent,
@@ -274,4 +298,16 @@ fn load_buffers(
         buffers.push(data);
     }
     Ok(buffers)
+}
+
+/// Buffers that an accessor, an image or a light profile reads.
+fn used_buffers(document: &Document) -> BTreeSet<usize> {
+    let sparse = |a: &Accessor| a.sparse.as_ref().map(|s| [s.indices.buffer_view, s.values.buffer_view]);
+    let accessors = document.accessors.iter();
+    let of_accessors = accessors.flat_map(|a| a.buffer_view.into_iter().chain(sparse(a).into_iter().flatten()));
+    let of_images = document.images.iter().filter_map(|i| i.buffer_view);
+    let profiles = document.extensions.profiles.as_ref().map_or(&[][..], |p| &p.lights);
+    let of_profiles = profiles.iter().filter_map(|p| p.buffer_view);
+    let views = of_accessors.chain(of_images).chain(of_profiles);
+    views.filter_map(|v| document.buffer_views.get(v.get())).map(|view| view.buffer.get()).collect()
 }

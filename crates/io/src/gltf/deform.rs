@@ -57,6 +57,13 @@ pub(super) fn deform(
     place: &str,
     warnings: &mut Warnings,
 ) {
+    let (targets, weights) = (primitive.targets.len(), deformation.weights.len());
+    if weights > 0 && weights != targets {
+        let consequence =
+            if weights > targets { "the last ones are ignored" } else { "the last targets have weight 0" };
+        warnings.push(place, format!("there are {weights} weights for {targets} morph targets; {consequence}"));
+    }
+    warn_half_skins(primitive, place, warnings);
     for (i, (target, weight)) in primitive.targets.iter().zip(deformation.weights).enumerate() {
         if *weight != 0.0
             && let Err(e) = morph(mesh, accessors, target, *weight as f32)
@@ -68,6 +75,17 @@ pub(super) fn deform(
         && let Err(e) = skin(mesh, accessors, primitive, pose)
     {
         warnings.push(place, format!("the skin cannot be used, the mesh stays in its bind pose: {e}"));
+    }
+}
+
+/// Warns of joints without weights and weights without joints, neither of which moves a vertex.
+fn warn_half_skins(primitive: &schema::Primitive, place: &str, warnings: &mut Warnings) {
+    for (one, other) in [("JOINTS_", "WEIGHTS_"), ("WEIGHTS_", "JOINTS_")] {
+        for set in primitive.attributes.keys().filter_map(|name| name.strip_prefix(one)) {
+            if !primitive.attributes.contains_key(&format!("{other}{set}")) {
+                warnings.push(place, format!("it has {one}{set} without {other}{set}; this set moves no vertex"));
+            }
+        }
     }
 }
 

@@ -67,6 +67,7 @@ pub fn load_gltf(path: &Path, options: &ImportOptions) -> Result<Imported, Input
         first_fault: None,
     };
     importer.run(&hierarchy)?;
+    loader.take_remarks().into_iter().for_each(|(place, message)| importer.warnings.push(place, message));
     let mut scene = importer.scene;
     scene.images = importer.textures.store.into_images();
     Ok(Imported { scene, warnings: importer.warnings.finish(), inputs: loader.into_inputs() })
@@ -262,7 +263,9 @@ impl Importer<'_> {
             }
         }
         if flattened > 0 {
-            self.warnings.push(place, "its transform flattens the mesh (scale 0) or is not finite; it is left out");
+            let fault = "its transform flattens the mesh (scale 0) or is not finite";
+            self.warnings.push(place, format!("{fault}; it is left out"));
+            self.first_fault.get_or_insert((place.to_owned(), fault.into()));
         }
         Ok(())
     }
@@ -364,6 +367,7 @@ impl Importer<'_> {
         if !mesh.tangents.is_empty() || (directional.is_none() && material.anisotropy == 0.0) {
             return;
         }
+        let is_anisotropic = material.anisotropy != 0.0;
         let set = directional.map_or(0, |t| usize::from(t.uv_set));
         let uv = mesh.uvs.get(set).map(Vec::as_slice).unwrap_or_default();
         let uv: Vec<_> = match directional {
@@ -374,6 +378,9 @@ impl Importer<'_> {
             self.warnings.push(place, "it has no tangents and none can be computed without texture coordinates");
         } else if !tangents::generate(mesh, &uv) {
             self.warnings.push(place, "it has no tangents and none can be computed: too many triangles share a vertex");
+        } else if is_anisotropic {
+            let message = format!("it has no TANGENT; its anisotropy takes its direction from TEXCOORD_{set}");
+            self.warnings.push(place, message);
         }
     }
 

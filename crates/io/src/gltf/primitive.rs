@@ -5,6 +5,7 @@ use super::deform::{Deformation, deform};
 use super::schema;
 use crate::warnings::Warnings;
 use dunkelfeld_geometry::{Mesh, Vec2, Vec3, Vec4};
+use std::cell::Cell;
 
 /// Reads a primitive in its default pose. `Ok(None)` means that there is nothing to show (points, lines); an error says
 /// why the data cannot be used.
@@ -35,15 +36,20 @@ pub(super) fn read_primitive(
         }
     })?;
     let positions: Vec<Vec3> = positions.into_iter().map(Vec3::from_array).collect();
+    let outside = Cell::new(0);
     let mut reader = Attributes { accessors, primitive, count: positions.len(), place, warnings };
     let mut mesh = Mesh {
         normals: reader.read::<3, _>("NORMAL", Stored::Quantized, Vec3::from_array),
         tangents: reader.read::<4, _>("TANGENT", Stored::Quantized, Vec4::from_array),
         uvs: ["TEXCOORD_0", "TEXCOORD_1"].map(|name| reader.read::<2, _>(name, Stored::Quantized, finite_uv)),
-        colors: reader.read::<4, _>("COLOR_0", Stored::Normalized, color),
+        colors: reader.read::<4, _>("COLOR_0", Stored::Normalized, |rgba| color(rgba, &outside)),
         triangles: Vec::new(),
         positions,
     };
+    if outside.get() > 0 {
+        let (n, all) = (outside.get(), mesh.colors.len());
+        warnings.push(place, format!("COLOR_0 is outside [0, 1] at {n} of {all} vertices and is clamped there"));
+    }
     mesh.triangles = triangles(accessors, primitive, mode, mesh.positions.len(), place, warnings)?;
     if mesh.normals.is_empty() {
         // Tangents without normals mean nothing (glTF 2.0, section 3.7.2.1).
@@ -107,7 +113,11 @@ fn finite_uv(uv: [f32; 2]) -> Vec2 {
     Vec2::from_array(uv.map(|v| if v.is_finite() { v } else { 0.0 }))
 }
 
-fn color(rgba: [f32; 4]) -> Vec4 {
+/// A vertex colour; counts those that were outside the range or not numbers.
+fn color(rgba: [f32; 4], outside: &Cell<usize>) -> Vec4 {
+    // A quantised one may be off by a rounding.
+    let is_within = rgba.iter().all(|v| (-1e-6..=1.0 + 1e-6).contains(v));
+    outside.set(outside.get() + usize::from(!is_within));
     Vec4::from_array(rgba.map(|v| if v.is_nan() { 1.0 } else { v.clamp(0.0, 1.0) }))
 }
 

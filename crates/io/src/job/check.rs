@@ -2,7 +2,7 @@
 
 use crate::import_options::EmissiveUnit;
 use crate::quantity::{Angle, Length, Memory, PerLength, Power, Time};
-use dunkelfeld_radiometry::Rgb;
+use dunkelfeld_radiometry::{Number, Rgb};
 use dunkelfeld_scene::{Distortion, Vignetting};
 use dunkelfeld_sensor::ExposureNoise;
 use serde::Deserialize;
@@ -17,11 +17,11 @@ pub(super) fn pixels<'de, D: Deserializer<'de>>(d: D) -> Result<Option<u32>, D::
 
 /// Samples per pixel on average, as `--spp` takes them.
 pub(super) fn spp<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f64>, D::Error> {
-    let v = d.deserialize_any(Number)?;
+    let v = d.deserialize_any(AnyNumber)?;
     if v > 0.0 && v <= 1e9 {
         return Ok(Some(v));
     }
-    Err(D::Error::custom(format!("{v} is out of range; write a number above zero and up to 1e9, such as 64")))
+    Err(D::Error::custom(format!("{} is out of range; write a number above zero and up to 1e9, such as 64", Number(v))))
 }
 
 /// Below a thousandth no sensor tells any more; above a thousand nothing is asked for.
@@ -88,7 +88,7 @@ pub(super) fn focus_distance<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f
     if v >= 1e-6 {
         return Ok(Some(v));
     }
-    Err(D::Error::custom(format!("{v} m is out of range; write a distance such as \"300mm\", or \"inf\"")))
+    Err(D::Error::custom(format!("{} m is out of range; write a distance such as \"300mm\", or \"inf\"", Number(v))))
 }
 
 /// A size on a sensor or of a field [m].
@@ -97,7 +97,7 @@ pub(super) fn positive_length<'de, D: Deserializer<'de>>(d: D) -> Result<Option<
     if (1e-9..=1000.0).contains(&v) {
         return Ok(Some(v));
     }
-    Err(D::Error::custom(format!("{v} m is out of range; write a length such as \"3.45um\" or \"40mm\"")))
+    Err(D::Error::custom(format!("{} m is out of range; write a length such as \"3.45um\" or \"40mm\"", Number(v))))
 }
 
 /// Coefficients in the order of OpenCV. Beyond a million nothing is left of an image.
@@ -140,7 +140,7 @@ pub(super) fn vignetting<'de, D: Deserializer<'de>>(d: D) -> Result<Option<Vigne
 }
 
 fn real<'de, D: Deserializer<'de>>(d: D, least: f64, most: f64) -> Result<f64, D::Error> {
-    let v = d.deserialize_any(Number)?;
+    let v = d.deserialize_any(AnyNumber)?;
     in_range(v, least, most)
 }
 
@@ -148,7 +148,7 @@ fn in_range<E: Error>(v: f64, least: f64, most: f64) -> Result<f64, E> {
     if (least..=most).contains(&v) {
         return Ok(v);
     }
-    Err(E::custom(format!("{v} is out of range; write a number from {least} to {most}")))
+    Err(E::custom(format!("{} is out of range; write a number from {least} to {most}", Number(v))))
 }
 
 /// A time budget: whole nanoseconds, at most a year.
@@ -157,7 +157,7 @@ pub(super) fn duration<'de, D: Deserializer<'de>>(d: D) -> Result<Option<Duratio
     if v > 0.0 && v <= 3.2e7 {
         return Ok(Some(Duration::from_secs_f64(v)));
     }
-    Err(D::Error::custom(format!("{v} s is out of range; write a time above zero, such as \"20s\"")))
+    Err(D::Error::custom(format!("{} s is out of range; write a time above zero, such as \"20s\"", Number(v))))
 }
 
 /// An angle [rad] in degrees, as it was written: without the digits that only rounding makes.
@@ -189,7 +189,7 @@ pub(super) fn focal_length<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f64
     if (1e-6..=100.0).contains(&v) {
         return Ok(Some(v));
     }
-    Err(D::Error::custom(format!("{v} m is out of range; write a focal length such as \"12mm\"")))
+    Err(D::Error::custom(format!("{} m is out of range; write a focal length such as \"12mm\"", Number(v))))
 }
 
 /// A distance [m] above zero; `inf` is one.
@@ -199,7 +199,7 @@ pub(super) fn distance<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f32>, D
     if v > 1e-30 {
         return Ok(Some(v as f32));
     }
-    Err(D::Error::custom(format!("{v} m is not a distance above zero; write one such as \"2mm\"")))
+    Err(D::Error::custom(format!("{} m is not a distance above zero; write one such as \"2mm\"", Number(v))))
 }
 
 /// A power [W].
@@ -208,7 +208,7 @@ pub(super) fn power<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f64>, D::E
     if (0.0..=1e12).contains(&v) {
         return Ok(Some(v));
     }
-    Err(D::Error::custom(format!("{v} W is out of range; write a power of zero or more, such as \"1.5W\"")))
+    Err(D::Error::custom(format!("{} W is out of range; write a power of zero or more, such as \"1.5W\"", Number(v))))
 }
 
 /// A colour with channels from 0 to 1.
@@ -274,7 +274,10 @@ pub(super) fn memory<'de, D: Deserializer<'de>>(d: D) -> Result<Option<u64>, D::
     if (1.0..=1e15).contains(&v) {
         return Ok(Some(v as u64));
     }
-    Err(D::Error::custom(format!("{v} B is out of range; write an amount from 1 B to 900 TiB, such as \"2GiB\"")))
+    Err(D::Error::custom(format!(
+        "{} B is out of range; write an amount from 1 B to 900 TiB, such as \"2GiB\"",
+        Number(v)
+    )))
 }
 
 /// A whole number in a range.
@@ -326,9 +329,9 @@ impl Visitor<'_> for LengthOrInf {
 }
 
 /// Whole or real: TOML tells `1` and `1.0` apart, people do not.
-struct Number;
+struct AnyNumber;
 
-impl Visitor<'_> for Number {
+impl Visitor<'_> for AnyNumber {
     type Value = f64;
 
     fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -418,6 +421,6 @@ struct Real(f64);
 
 impl<'de> Deserialize<'de> for Real {
     fn deserialize<D: Deserializer<'de>>(d: D) -> Result<Self, D::Error> {
-        d.deserialize_any(Number).map(Real)
+        d.deserialize_any(AnyNumber).map(Real)
     }
 }

@@ -25,6 +25,8 @@ pub(super) struct Parsed {
     pub corners: Vec<Corner>,
     /// The faces.
     pub faces: Vec<Face>,
+    /// Faces that cannot be used and are not in the list.
+    pub dropped_faces: usize,
     /// Names of objects and groups; the first is that of faces before any name.
     pub objects: Vec<String>,
     /// Material names in order of first use, as written; the first, empty one is "none".
@@ -193,6 +195,7 @@ impl<'a> Reader<'a> {
             match self.corner(line, word) {
                 Some(corner) => self.parsed.corners.push(corner),
                 None => {
+                    self.parsed.dropped_faces += 1;
                     self.parsed.corners.truncate(first);
                     return;
                 }
@@ -201,6 +204,7 @@ impl<'a> Reader<'a> {
         let count = self.parsed.corners.len() - first;
         if count < 3 {
             self.tally.add(line, "the face has fewer than three corners and is dropped");
+            self.parsed.dropped_faces += 1;
             self.parsed.corners.truncate(first);
             return;
         }
@@ -255,11 +259,13 @@ impl<'a> Reader<'a> {
         let Self { mut parsed, tally, .. } = self;
         let (positions, texcoords, normals) = (parsed.positions.len(), parsed.texcoords.len(), parsed.normals.len());
         let corners = &mut parsed.corners;
+        let dropped = &mut parsed.dropped_faces;
         parsed.faces.retain(|face| {
             let range = face.first as usize..(face.first + face.count) as usize;
             for corner in corners.get_mut(range).unwrap_or_default() {
                 if corner.position as usize >= positions {
                     tally.add(face.line, "the face has an index that names no vertex and is dropped");
+                    *dropped += 1;
                     return false;
                 }
                 if corner.texcoord != NONE && corner.texcoord as usize >= texcoords {

@@ -3,4 +3,5 @@
 mod hostile;
 mod materials;
 mod meshes;
+mod said;
 mod support;
