@@ -143,10 +143,10 @@ pub(crate) struct RenderArgs {
     pub(crate) oidn: Option<PathBuf>,
 
     /// Seed of everything random [default: 0].
-    #[arg(long, value_name = "N", allow_negative_numbers = true)]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = whole::<u64>)]
     pub(crate) seed: Option<u64>,
     /// Frame number: frames of one seed are independent, and come from the same device [default: 0].
-    #[arg(long, value_name = "N", allow_negative_numbers = true)]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = whole::<u32>)]
     pub(crate) frame: Option<u32>,
     /// Leave out an effect that the scene calls for, as in scattering or normal-maps: to see what it costs and whether the
     /// camera can tell. Techniques too: without every-light one light is asked at a time, for the same image with other
@@ -281,7 +281,7 @@ pub(crate) struct ViewArgs {
     #[arg(long, value_name = "TIME|auto", value_parser = exposure)]
     pub(crate) exposure: Option<ExposureChoice>,
     /// Seed that all others follow from [default: 0].
-    #[arg(long, value_name = "N", allow_negative_numbers = true)]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = whole::<u64>)]
     pub(crate) seed: Option<u64>,
     #[command(flatten)]
     pub(crate) run: RunArgs,
@@ -360,10 +360,10 @@ pub(crate) struct ExposeArgs {
     #[arg(long, value_name = "N", default_value_t = 1, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..))]
     pub(crate) frames: u32,
     /// Seed of noise and device.
-    #[arg(long, value_name = "N", default_value_t = 0, allow_negative_numbers = true)]
+    #[arg(long, value_name = "N", default_value_t = 0, allow_negative_numbers = true, value_parser = whole::<u64>)]
     pub(crate) seed: u64,
     /// Number of the first frame.
-    #[arg(long, value_name = "N", default_value_t = 0, allow_negative_numbers = true)]
+    #[arg(long, value_name = "N", default_value_t = 0, allow_negative_numbers = true, value_parser = whole::<u32>)]
     pub(crate) frame: u32,
     #[command(flatten)]
     pub(crate) run: RunArgs,
@@ -479,6 +479,13 @@ fn time(text: &str) -> Result<f64, String> {
     text.parse::<Time>().map(f64::from).map_err(|e| e.to_string())
 }
 
+/// A whole number of the whole range of its type.
+pub(crate) fn whole<T: TryFrom<u64>>(text: &str) -> Result<T, String> {
+    let most = u64::MAX >> (64 - 8 * size_of::<T>());
+    let value = text.parse::<u64>().ok().and_then(|n| T::try_from(n).ok());
+    value.ok_or_else(|| format!("write a whole number from 0 to {most}"))
+}
+
 fn time_limit(text: &str) -> Result<f64, String> {
     match time(text)? {
         t if t > 0.0 && t.is_finite() => Ok(t),
@@ -568,6 +575,10 @@ mod tests {
         assert_eq!(time_limit("2min"), Ok(120.0));
         for bad in ["0s", "-1s", "20x", "soon", "nan s", "inf", ""] {
             assert!(time_limit(bad).is_err(), "{bad}");
+        }
+        assert_eq!((whole::<u64>("18446744073709551615"), whole::<u32>("7")), (Ok(u64::MAX), Ok(7)));
+        for bad in ["-1", "1.5", "x", "", "4294967296"] {
+            assert_eq!(whole::<u32>(bad), Err("write a whole number from 0 to 4294967295".into()), "{bad}");
         }
         assert_eq!(samples_per_pixel("0.5"), Ok(0.5));
         for bad in ["0", "-1", "nan", "inf", "1e10", "many", ""] {

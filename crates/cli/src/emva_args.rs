@@ -60,7 +60,7 @@ pub(crate) struct DatasetArgs {
     #[arg(long, value_enum)]
     pub(crate) color: Option<ColorChoice>,
     /// Picks the device and its noise [default: 0].
-    #[arg(long, value_name = "N", allow_negative_numbers = true)]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = crate::args::whole::<u64>)]
     pub(crate) seed: Option<u64>,
     #[command(flatten)]
     pub(crate) run: RunArgs,

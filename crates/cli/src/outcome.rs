@@ -1,5 +1,6 @@
 //! How a command ended, and how it speaks: results to standard output, everything else to standard error.
 
+use dunkelfeld::io::visible::visible;
 use std::io::Write;
 use std::process::ExitCode;
 
@@ -43,12 +44,13 @@ pub(crate) fn print_error(error: &dunkelfeld::Error) {
     say(&lines.into_iter().filter(|line| !line.is_empty()).collect::<Vec<_>>().join("\n"));
 }
 
-/// Prints to standard output; a reader that has gone (a closed pipe) is no error.
+/// Prints to standard output, names of any file spelled so that a terminal shows them; a reader that has gone (a closed
+/// pipe) is no error.
 pub(crate) fn print(text: &str) {
-    let _ = std::io::stdout().lock().write_all(text.as_bytes());
+    let _ = std::io::stdout().lock().write_all(visible(text).as_bytes());
 }
 
 /// Prints a line to standard error; nobody reading is no error either (`eprintln!` would panic).
 pub(crate) fn say(line: &str) {
-    let _ = std::io::stderr().lock().write_all(format!("{line}\n").as_bytes());
+    let _ = std::io::stderr().lock().write_all(format!("{}\n", visible(line)).as_bytes());
 }

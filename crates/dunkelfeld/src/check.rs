@@ -17,7 +17,11 @@ pub(crate) fn check(s: &RenderSettings) -> Result<(), Error> {
     let pixels = u64::from(s.width) * u64::from(s.height);
     if pixels > MAX_PIXELS {
         let problem = format!("{} x {} pixels are more than {MAX_PIXELS}", s.width, s.height);
-        return Err(Error::setting("film", problem, "render it in parts, or smaller"));
+        return Err(Error::setting(
+            "film",
+            problem,
+            "make it smaller: every part of a render (`--samples`) has all of its pixels, too",
+        ));
     }
     for (name, v) in [("time", s.budget.seconds), ("spp", s.budget.spp)] {
         if v.is_some_and(|v| !(v.is_finite() && v > 0.0)) {

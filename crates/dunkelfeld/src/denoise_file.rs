@@ -30,6 +30,9 @@ pub struct DenoisedFile {
     pub denoised: Denoised,
     /// What the denoiser was given beside the mean: `variance`, `albedo`, `normal`, `depth`.
     pub features: Vec<&'static str>,
+    /// Pixels whose radiance was negative, infinite or not a number: of what a denoiser makes of them and of those around them
+    /// nothing is known.
+    pub invalid: u64,
     input: PathBuf,
 }
 
@@ -66,6 +69,8 @@ pub fn denoise_exr(
     };
     let mut layers = read_exr(path)?;
     let planes = Planes::of(path, &layers)?;
+    let is_radiance = |v: &f32| v.is_finite() && *v >= 0.0;
+    let invalid = planes.mean.data().iter().filter(|v| !v.iter().all(is_radiance)).count() as u64;
     let features = [
         ("variance", planes.variance.is_some()),
         ("albedo", planes.albedo.is_some()),
@@ -85,7 +90,7 @@ pub fn denoise_exr(
     };
     layers.remove_triples(Triple::Denoised);
     let denoised = Denoised { mean, denoiser: denoiser.name(), seconds: began.elapsed().as_secs_f64() };
-    Ok(Some(DenoisedFile { layers, denoised, features, input: path.to_path_buf() }))
+    Ok(Some(DenoisedFile { layers, denoised, features, invalid, input: path.to_path_buf() }))
 }
 
 /// Finds out before the work whether its result can be written: the ending, the folder, and that it is not the input.

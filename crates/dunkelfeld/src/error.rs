@@ -1,24 +1,25 @@
 //! What can go wrong between a file and a frame.
 
 use dunkelfeld_io::InputError;
+use dunkelfeld_io::visible::visible_line;
 use dunkelfeld_scene::{BuildError, CameraError};
 use dunkelfeld_sensor::SensorError;
 use std::path::PathBuf;
 
-/// Everything that ends a render without a picture.
+/// Everything that ends a render without a picture. Shown, names are spelled so that a terminal does not obey them.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
     /// A file that cannot be used.
     #[error(transparent)]
     Input(#[from] InputError),
     /// A scene that makes no sense.
-    #[error("the scene cannot be built: {0}")]
+    #[error("the scene cannot be built: {}", visible_line(&.0.to_string()))]
     Build(#[from] BuildError),
     /// A camera that has no rays for this film.
     #[error("{0}\n  mend: {mend}", mend = camera_mend(.0))]
     Camera(#[from] CameraError),
     /// A setting outside its range.
-    #[error("{what}: {problem}\n  mend: {mend}")]
+    #[error("{}: {}\n  mend: {}", visible_line(what), visible_line(problem), visible_line(mend))]
     Setting {
         /// Which setting.
         what: String,
@@ -31,7 +32,12 @@ pub enum Error {
     #[error("the sensor cannot be used: {0}")]
     Sensor(#[from] SensorError),
     /// A file that could not be written.
-    #[error("{}: {problem}\n  mend: {mend}", file.display())]
+    #[error(
+        "{}: {}\n  mend: {}",
+        visible_line(&file.to_string_lossy()),
+        visible_line(problem),
+        visible_line(mend)
+    )]
     Output {
         /// The file.
         file: PathBuf,

@@ -9,6 +9,7 @@ use dunkelfeld_integrator::Label;
 use dunkelfeld_io::exr::{ExrLayers, read_exr, write_exr};
 use dunkelfeld_io::layers::{Single, Triple};
 use dunkelfeld_io::picture::Picture as File;
+use dunkelfeld_radiometry::Number;
 use dunkelfeld_scene::Effect;
 use dunkelfeld_sensor::{Exposure, SensorModel};
 use std::path::{Path, PathBuf};
@@ -363,13 +364,18 @@ pub fn load_plan(path: &Path) -> Result<SavedPlan, Error> {
     }
     let layers = read_exr(path)?;
     let Attributes { seed, frame } = serde_json::from_str(&layers.attributes).unwrap_or_default();
-    match layers.integers(Single::SampleCount) {
-        Some(samples) => Ok(SavedPlan { samples, seed, frame }),
-        None => {
-            let problem = "is missing: there is no sample plan in this file";
-            let mend = "use an EXR that --exr or --plan wrote";
-            Err(dunkelfeld_io::InputError::new(path, "layer spp.Y", problem, mend).into())
-        }
+    let fault = |problem: String| {
+        let mend = "use an EXR that --exr or --plan wrote";
+        Err(dunkelfeld_io::InputError::new(path, "layer spp.Y", problem, mend).into())
+    };
+    match (layers.integers(Single::SampleCount), layers.singles_that_are_no_counts(Single::SampleCount)) {
+        (Some(samples), _) => Ok(SavedPlan { samples, seed, frame }),
+        (None, None) => fault("is missing: there is no sample plan in this file".into()),
+        (None, Some((pixels, [x, y], value))) => fault(format!(
+            "holds no numbers of samples: {pixels} of its values are negative, fractional, too large or not a number, the \
+             first is {} at pixel {x}, {y}",
+            Number(f64::from(value))
+        )),
     }
 }
 

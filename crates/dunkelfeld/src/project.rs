@@ -18,7 +18,7 @@ use dunkelfeld_integrator::Label;
 use dunkelfeld_io::import::{ImportOptions, Imported, load_scene};
 use dunkelfeld_io::job::{self, FilmSettings, Job, LensSettings};
 use dunkelfeld_io::{ImportWarning, InputError};
-use dunkelfeld_scene::{BuildReport, CameraError, Distortion, Effect, Projection, Scene, framing_camera};
+use dunkelfeld_scene::{BuildError, BuildReport, CameraError, Distortion, Effect, Projection, Scene, framing_camera};
 use dunkelfeld_sensor::{Exposure, Optics, SensorModel};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -125,7 +125,8 @@ impl Project {
         settings.without = left_out;
         let load_seconds = began.elapsed().as_secs_f64();
         let began = Instant::now();
-        let (scene, report) = imported.scene.build()?;
+        let file = job.as_ref().map_or(path, |job| job.scene.as_path());
+        let (scene, report) = imported.scene.build().map_err(|e| build_error(e, file))?;
         Ok(Self {
             scene,
             own_pitch: pitch_of(&settings.sensor),
@@ -366,8 +367,27 @@ fn pitch_of(sensor: &SensorChoice) -> Option<f64> {
     }
 }
 
+/// A scene that cannot be built, with its file where the file is at fault.
+fn build_error(error: BuildError, file: &Path) -> Error {
+    match error {
+        BuildError::NothingLeft { ref lost } => {
+            let problem = format!("no triangle is left, so that there is nothing to see: {lost}");
+            InputError::new(file, "the scene", problem, "export the scene again with triangles that have an area")
+                .into()
+        }
+        BuildError::TooLarge { ref place, ref radius } => {
+            let problem = format!(
+                "the scene reaches {radius} from its middle, where squared distances leave the range of numbers, \
+                 and this object farthest"
+            );
+            InputError::new(file, place, problem, "remove the object, or export with the right unit of length").into()
+        }
+        other => other.into(),
+    }
+}
+
 fn open_job(job: &Job, optics: Optics) -> Result<(Imported, RenderSettings, OutputPaths), Error> {
-    let mut imported = load_scene(&job.scene, &job.import_options())?;
+    let mut imported = load_scene(&job.scene, &job.import_options()).map_err(|e| job.scene_error(e))?;
     job.camera_index(&imported.scene)?;
     imported.warnings.extend(job.apply_overrides(&mut imported.scene)?);
     let defaults = RenderSettings::default();

@@ -1,6 +1,6 @@
 //! From a builder to a scene: check, clean, place, light, index.
 
-use crate::builder::{Instance, MeshPart, SceneBuilder};
+use crate::builder::{EnvironmentSource, Instance, MeshPart, SceneBuilder};
 use crate::check::{check_indices, check_values, drop_unusable_attributes, mesh_place, repair_texels};
 use crate::cover::Covers;
 use crate::delta_light::DeltaLight;
@@ -62,6 +62,22 @@ pub enum BuildError {
         /// What calls for it.
         place: String,
     },
+    /// Every triangle was dropped, and there is no environment that could be seen instead.
+    #[error("no triangle is left: {lost}")]
+    NothingLeft {
+        /// What was dropped, from where and why.
+        lost: String,
+    },
+    /// The scene is so large that its light cannot be computed.
+    #[error(
+        "{place} makes the scene reach {radius} from its middle, where squared distances leave the range of numbers; look for a stray object or a wrong unit"
+    )]
+    TooLarge {
+        /// The object that reaches farthest.
+        place: String,
+        /// Radius of the scene, with its unit.
+        radius: String,
+    },
     /// The hierarchy could not be built.
     #[error("the bounding volume hierarchy cannot be built: {0}")]
     Hierarchy(String),
@@ -74,25 +90,29 @@ impl SceneBuilder {
     /// instance; the report says so. It also names hazards: open or inside-out solids, a scene without light.
     ///
     /// # Errors
-    /// Indices that point nowhere, and values that have no meaning.
+    /// Indices that point nowhere, values that have no meaning, a scene whose triangles were all dropped and that has no
+    /// environment, a scene beyond 1e18 m.
     pub fn build(mut self) -> Result<(Scene, BuildReport), BuildError> {
         check_indices(&self)?;
         check_values(&self)?;
         let mut effects = Effects::of(&self);
         let mut report = BuildReport::default();
         repair_texels(&mut self.images, &mut report);
+        let had_triangles = self.shows_triangles();
         let closed = self.clean_meshes(&mut report);
         let placed = self.valid_instances(&mut report);
         let bounds = world_bounds(&placed, &self.meshes);
+        if bounds.is_none() && had_triangles && !self.has_background() {
+            return Err(BuildError::NothingLeft { lost: losses(&report) });
+        }
         let world_origin = bounds.map_or(DVec3::ZERO, |[lo, hi]| 0.5 * (lo + hi));
-        let radius = bounds.map_or(0.0, |[lo, hi]| (0.5 * (hi - lo).length()) as f32);
+        let reach = bounds.map_or(0.0, |[lo, hi]| 0.5 * (hi - lo).length());
+        let radius = reach as f32;
         if radius > LARGEST_RADIUS {
-            report.hazard(
-                "scene",
-                format!(
-                    "reaches {radius:.1e} m from its middle, where squared distances leave the range of numbers: light will be missing; look for a stray object or a wrong unit"
-                ),
-            );
+            return Err(BuildError::TooLarge {
+                place: farthest(&placed, &self.meshes),
+                radius: format!("{reach:.1e} m"),
+            });
         }
         let to_render = DAffine3::from_translation(-world_origin);
 
@@ -183,6 +203,20 @@ impl SceneBuilder {
         Ok((scene, report))
     }
 
+    /// Is any object made of triangles?
+    fn shows_triangles(&self) -> bool {
+        let mut meshes = self.instances.iter().flat_map(|i| &i.meshes);
+        meshes.any(|&m| !self.meshes[m].mesh.triangles.is_empty())
+    }
+
+    /// Is there light behind everything, to be seen where there is no object?
+    fn has_background(&self) -> bool {
+        self.environment.as_ref().is_some_and(|e| match e.source {
+            EnvironmentSource::Constant(radiance) => !radiance.is_black(),
+            EnvironmentSource::Image { scale, .. } => !scale.is_black(),
+        })
+    }
+
     /// Drops what cannot be traced and reports it; reports solids that are open or inside out.
     ///
     /// Says of each mesh whether it is known to enclose a volume.
@@ -260,6 +294,26 @@ impl SceneBuilder {
         }
         valid
     }
+}
+
+/// At most so many losses are named in an error.
+const MOST_LOSSES: usize = 3;
+
+/// What was dropped, as the report has it.
+fn losses(report: &BuildReport) -> String {
+    let all: Vec<String> = report.findings.iter().map(|f| format!("{} {}", f.place, f.message)).collect();
+    let more = if all.len() > MOST_LOSSES { format!("; and {} more", all.len() - MOST_LOSSES) } else { String::new() };
+    all.iter().take(MOST_LOSSES).cloned().collect::<Vec<_>>().join("; ") + &more
+}
+
+/// The object with the corner that lies farthest out.
+fn farthest(placed: &[(u32, Instance, Transform)], meshes: &[MeshPart]) -> String {
+    let reach = |(_, instance, transform): &(u32, Instance, Transform)| {
+        let corners = instance.meshes.iter().flat_map(|&m| used_positions(&meshes[m].mesh));
+        corners.map(|p| transform.to_world().transform_point3(p.as_dvec3()).abs().max_element()).fold(0.0, f64::max)
+    };
+    let object = placed.iter().max_by(|a, b| reach(a).total_cmp(&reach(b)));
+    object.map_or_else(|| "the scene".into(), |(_, instance, _)| format!("object \"{}\"", instance.name))
 }
 
 /// What was taken out of a mesh, in words.

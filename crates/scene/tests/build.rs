@@ -68,16 +68,17 @@ fn transforms_that_flatten_or_are_no_numbers_leave_their_object_out() {
     assert_eq!(scene.bounds().map(|b| b[1]), Some(DVec3::new(0.5, 0.5, 0.0)));
 }
 
+/// It was a hazard once, and rendered black or with light missing.
 #[test]
-fn a_scene_beyond_the_range_of_numbers_is_called_a_hazard() {
+fn a_scene_beyond_the_range_of_numbers_is_refused() {
     let mut b = square();
     let far = DAffine3::from_translation(DVec3::new(1e25, 0.0, 0.0));
     b.instances.push(Instance { name: "far".into(), meshes: vec![0], to_world: far });
     let light = b.add_material(Material { emission: Rgb::WHITE, ..Material::default() });
     b.add_object("light", cuboid(Vec3::ZERO, Vec3::ONE), light);
-    let (scene, report) = b.build().expect("it can be built");
-    assert!(report.hazards().any(|f| f.message.contains("stray object")), "{report:?}");
-    assert!(scene.intersect(&Ray::new(Vec3::ZERO, Vec3::X)).is_none());
+    let e = b.build().expect_err("too large");
+    assert!(matches!(&e, BuildError::TooLarge { place, .. } if place == "object \"far\""), "{e}");
+    assert!(e.to_string().contains("stray object"), "{e}");
 }
 
 #[test]
@@ -191,6 +192,26 @@ fn attributes_that_do_not_fit_are_ignored_with_a_note() {
     let hit = scene.intersect(&Ray::new(Vec3::Z, Vec3::NEG_Z)).expect("the square is there");
     assert_eq!(scene.shade(&hit, Vec3::Z, 0.5, &mut None).frame.normal, Vec3::Z);
     assert_eq!(scene.coverage(&hit), 1.0);
+}
+
+/// Not a black image without a word; with light all around there is something to see.
+#[test]
+fn a_scene_that_loses_every_triangle_is_an_error() {
+    let flat = || {
+        let mut b = square();
+        b.meshes[0].mesh.positions.iter_mut().for_each(|p| p.y = 0.0);
+        b
+    };
+    let e = flat().build().expect_err("nothing is left");
+    assert!(matches!(e, BuildError::NothingLeft { .. }) && e.to_string().contains("2 without area"), "{e}");
+    let with = |radiance| {
+        let source = EnvironmentSource::Constant(Rgb::splat(radiance));
+        SceneBuilder { environment: Some(Environment { source, rotation: 0.0 }), ..flat() }.build()
+    };
+    assert!(with(1.0).is_ok() && with(0.0).is_err());
+    let mut unused = flat();
+    unused.instances.clear();
+    assert!(unused.build().is_ok(), "nothing was to be seen");
 }
 
 #[test]

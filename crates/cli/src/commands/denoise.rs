@@ -34,7 +34,15 @@ pub(crate) fn run(args: &DenoiseArgs) -> Result<Outcome, Error> {
         seconds(file.denoised.seconds),
         args.output.display()
     );
+    let invalid = file.invalid;
     file.save(&args.output)?;
     print(&text);
+    if invalid > 0 {
+        say(&format!(
+            "flagged: the radiance of {invalid} pixels is negative, infinite or not a number; the denoised image is not to be \
+             trusted there and around"
+        ));
+        return Ok(Outcome::Flagged);
+    }
     Ok(Outcome::Done)
 }

@@ -5,6 +5,7 @@ use crate::bar::Sink;
 use crate::interrupt::cancel_on_interrupt;
 use crate::outcome::{Outcome, print, say};
 use crate::words::{exposure_time, seconds};
+use dunkelfeld::radiometry::Number;
 use dunkelfeld::sensor::{ExposureNoise, Optics, SensorError};
 use dunkelfeld::{DEFAULT_SENSOR, Error, ExposeOutputs, ExposeSettings, ExposedFile, expose_exr};
 use std::fmt::Write;
@@ -68,7 +69,7 @@ fn optics(args: &ExposeArgs, defaults: Optics) -> Result<Optics, Error> {
     Optics::new(f_number, transmission, magnification).map_err(|e| match e {
         SensorError::OutOfRange { field, value, allowed } => {
             let flag = format!("--{}", field.replace('_', "-"));
-            Error::setting(flag, format!("{value} is out of range"), format!("write a number {allowed}"))
+            Error::setting(flag, format!("{} is out of range", Number(value)), format!("write a number {allowed}"))
         }
         other => other.into(),
     })

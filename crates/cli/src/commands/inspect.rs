@@ -2,6 +2,7 @@
 
 use crate::args::InspectArgs;
 use crate::outcome::{Outcome, print};
+use dunkelfeld::io::visible::{visible_json, visible_line};
 use dunkelfeld::{CoverEntry, EffectEntry, Error, Inspection, Project};
 use std::fmt::Write;
 
@@ -10,7 +11,8 @@ pub(crate) fn run(args: &InspectArgs) -> Result<Outcome, Error> {
     let inspection = project.inspect();
     if args.json {
         // Plain data with string keys: serialisation cannot fail.
-        print(&(serde_json::to_string_pretty(&inspection).unwrap_or_default() + "\n"));
+        let json = serde_json::to_string_pretty(&inspection).unwrap_or_default();
+        print(&format!("{}\n", visible_json(&json)));
     } else {
         print(&text(&inspection));
     }
@@ -104,7 +106,7 @@ fn section(text: &mut String, heading: &str, lines: impl Iterator<Item = String>
     if lines.peek().is_some() {
         let _ = writeln!(text, "{heading}");
         for line in lines {
-            let _ = writeln!(text, "  {line}");
+            let _ = writeln!(text, "  {}", visible_line(&line));
         }
     }
 }

@@ -126,7 +126,10 @@ impl<'a> Report<'a> {
         let k = r.headline_level();
         let prices = || r.tops.iter().filter_map(|t| Some((t.strategy, t.prices.iter().find(|p| p.k == k)?)));
         let best = prices().min_by(|a, b| a.1.seconds.value.total_cmp(&b.1.seconds.value));
-        if let Some((strategy, price)) = best {
+        if !r.has_light() {
+            tiles.push(("no light".into(), "the image is black: there is no noise to hide or to compare".into()));
+        }
+        if let Some((strategy, price)) = best.filter(|(_, price)| price.seconds.value > 0.0) {
             tiles.push((
                 duration(price.seconds.value),
                 format!(

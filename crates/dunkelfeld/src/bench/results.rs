@@ -192,13 +192,16 @@ impl Results {
     /// What was found, in a few lines of plain text.
     pub(super) fn findings(&self) -> Vec<String> {
         let mut lines = Vec::new();
+        if !self.has_light() {
+            lines.push("no light: the image is black, so that there is no noise to hide or to compare".into());
+        }
         let best = |k: f64| {
             let at = self.tops.iter().filter_map(|t| t.prices.iter().find(|p| p.k == k).map(|p| p.seconds.value));
             at.fold(f64::INFINITY, f64::min)
         };
         let k = self.headline_level();
         for top in &self.tops {
-            if let Some(price) = top.prices.iter().find(|p| p.k == k) {
+            if let Some(price) = top.prices.iter().find(|p| p.k == k && p.seconds.value > 0.0) {
                 lines.push(format!(
                     "{}: hidden at k = {k} after about {} samples per pixel, {} ({:.1} x the best)",
                     top.strategy,
@@ -220,6 +223,11 @@ impl Results {
             }
         }
         lines
+    }
+
+    /// Is any pixel of the reference lit?
+    pub(super) fn has_light(&self) -> bool {
+        self.reference.data().iter().any(|v| *v > 0.0)
     }
 
     /// The level of hiding that the headlines speak of: one half if it is among those that were asked for.

@@ -49,7 +49,10 @@ impl PtcSettings {
     /// A setting outside its range, with its mend.
     pub fn check(&self) -> Result<(), Error> {
         if !(LEAST_FRAMES..=MOST_FRAMES).contains(&self.frames) {
-            let problem = format!("{} frames do not tell how much a pixel varies", self.frames);
+            let problem = match self.frames {
+                n if n < LEAST_FRAMES => format!("{n} frames are too few to measure how much a pixel varies"),
+                n => format!("{n} frames are more than are measured"),
+            };
             return Err(Error::setting("frames", problem, format!("use {LEAST_FRAMES} to {MOST_FRAMES}")));
         }
         let s = &self.spp;
