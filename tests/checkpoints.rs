@@ -231,10 +231,7 @@ fn with_text(path: &Path, from: &str, to: &str) {
         objects: stored.objects.as_ref(),
         materials: stored.materials.as_ref(),
     };
-    let width = stored.film.width() as usize;
-    let mut rows = |rows: std::ops::Range<u32>, out: &mut Vec<_>| {
-        out.extend(&stored.film.pixels().data()[rows.start as usize * width..rows.end as usize * width]);
-    };
+    let mut rows = |rows: std::ops::Range<u32>, out: &mut Vec<_>| stored.film.read_rows(rows, out);
     write_checkpoint(path, &head, &mut rows).expect("writable");
 }
 

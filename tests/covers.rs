@@ -55,7 +55,7 @@ fn bench(objects: Vec<(&str, Mesh, Material)>) -> SceneBuilder {
 fn moments(builder: SceneBuilder, spp: f64, seed: u64, twice: f64) -> [SampleMoments; 2] {
     let film = film(&build(builder), &settings(16, 16, spp, seed));
     assert_eq!(film.invalid_samples(), 0, "samples that are not finite or negative");
-    let mean = |factor: f64| film.pixels().data().iter().map(|p| p.mean()[1] * factor).collect();
+    let mean = |factor: f64| film.sums().data().iter().map(|p| p.mean()[1] * factor).collect();
     [mean(1.0), mean(1.0 + twice)]
 }
 

@@ -34,9 +34,9 @@ fn glass(roughness: f32) -> Material {
 
 /// Mean albedo, normal and depth of a film, and the largest variance of an albedo's mean.
 fn layers(film: &Film) -> ([f32; 3], [f32; 3], f32, f32) {
-    let n = film.pixels().data().len() as f32;
+    let n = film.pixels() as f32;
     let (mut albedo, mut normal, mut depth, mut variance) = ([0.0; 3], [0.0; 3], 0.0, 0f32);
-    for p in film.pixels().data() {
+    for p in film.sums().data() {
         for c in 0..3 {
             albedo[c] += p.mean_albedo()[c] / n;
             normal[c] += p.mean_normal()[c] / n;

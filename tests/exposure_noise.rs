@@ -184,7 +184,7 @@ fn what_a_rare_sample_brings_is_not_made_up_for_by_its_neighbours() {
     const SAMPLES: u32 = 64;
     let settings = RenderSettings { width: 64, height: 48, ..exposed(1.0) };
     let pixels = 64 * 48;
-    let labels = Plane::new(64, 48, Some(Label { object: 0, material: 0 }));
+    let labels = Plane::new(64, 48, Some(Label::new(0, 0)));
     let SensorChoice::Emva { model, exposure: Some(exposure), .. } = &settings.sensor else { panic!("a sensor") };
     let mean = 400.0;
     let per_radiance = {
@@ -209,7 +209,7 @@ fn what_a_rare_sample_brings_is_not_made_up_for_by_its_neighbours() {
                 let [even, event] = [0, 1].map(|i| hash_u64([key[0], key[1], key[2], i]) as f64 * 0.5f64.powi(64));
                 let electrons = mean + spread * (even - 0.5) + if event < chance { rare } else { 0.0 };
                 let radiance = Rgb::splat((electrons / per_radiance) as f32);
-                film.add(pixel, index, &Sample { radiance, hit: true, ..Sample::MISS });
+                film.add(pixel, index, &Sample { radiance, hit: true, ..Sample::MISS }).expect("memory");
             }
         }
         let settings = RenderSettings { frame, ..settings.clone() };
@@ -251,14 +251,14 @@ fn what_has_no_noise_holds_no_rare_sample() {
         blue = [[465, 0.52], [550, 0.12], [610, 0.04]]\n";
     std::fs::write(&path, mosaic).expect("written");
     let mosaic = dunkelfeld::io::sensor_file::load_sensor(&path).expect("a sensor");
-    let labels = Plane::new(16, 16, Some(Label { object: 0, material: 0 }));
+    let labels = Plane::new(16, 16, Some(Label::new(0, 0)));
     for model in [find_sensor("imx250").expect("a preset"), mosaic] {
         for [r, g, b] in [[1.0, 1.0, 1.0], [0.2, 0.6, 0.2], [0.0, 1.0, 0.0], [1.0, 0.0, 0.1], [0.0, 0.1, 1.0]] {
             let mut film = Film::new(16, 16);
             for pixel in 0..256usize {
                 let level = if pixel % 7 == 0 { 2.0 } else { 0.1 };
                 let sample = Sample { radiance: Rgb::new(r, g, b) * level, hit: true, ..Sample::MISS };
-                (0..16).for_each(|index| film.add(pixel, index, &sample));
+                (0..16).for_each(|index| film.add(pixel, index, &sample).expect("memory"));
             }
             let optics = Optics::new(4.0, 0.9, 0.0).expect("in range");
             let exposure = Exposure::new(Seconds(2e-3)).expect("in range");

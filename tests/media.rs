@@ -42,14 +42,14 @@ fn cube(half: f32) -> Mesh {
 fn channel_moments(scene: &Scene, spp: f64, seed: u64, channel: usize) -> SampleMoments {
     let film = film(scene, &settings(16, 16, spp, seed));
     assert_eq!(film.invalid_samples(), 0, "samples that are not finite or negative");
-    film.pixels().data().iter().map(|p| p.mean()[channel]).collect()
+    film.sums().data().iter().map(|p| p.mean()[channel]).collect()
 }
 
 /// Holds one channel to `expected`: the first look is `film`, the later ones are rendered.
 fn judge(scene: &Scene, film: &Film, spp: f64, channel: usize, [expected, sure]: [f64; 2], what: &str) {
     let claim = Claim { expected, tolerance: 5e-6 * expected, sure: sure * expected };
     claim.assert(what, |look| match look {
-        0 => film.pixels().data().iter().map(|p| p.mean()[channel]).collect::<SampleMoments>().into(),
+        0 => film.sums().data().iter().map(|p| p.mean()[channel]).collect::<SampleMoments>().into(),
         _ => channel_moments(scene, spp * f64::from(1 << (2 * look)), 11 + u64::from(look), channel).into(),
     });
 }
@@ -332,7 +332,7 @@ fn a_lens_that_stands_half_in_a_body_sees_both_sides_of_its_face() {
         ..camera_at_origin()
     });
     let film = film(&build(b), &settings(16, 16, 4.0, 3));
-    for (i, p) in film.pixels().data().iter().enumerate() {
+    for (i, p) in film.sums().data().iter().enumerate() {
         let expected = if i % 16 < 8 { 1.0 } else { (-1f64).exp() };
         assert!((p.mean()[1] - expected).abs() < 1e-5, "pixel {i}: {}", p.mean()[1]);
     }

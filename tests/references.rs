@@ -85,7 +85,7 @@ fn ours(name: &str) -> Result<ImageEstimate, String> {
         if film.invalid_samples() > 0 {
             return Err(format!("{} samples are not finite or negative", film.invalid_samples()));
         }
-        for (pixel, sums) in moments.iter_mut().zip(film.pixels().data()) {
+        for (pixel, sums) in moments.iter_mut().zip(film.sums().data()) {
             pixel.iter_mut().zip(sums.mean()).for_each(|(m, v)| m.push(v));
         }
     }

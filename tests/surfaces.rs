@@ -437,7 +437,7 @@ fn layers_and_labels_say_what_is_seen() {
         let s = settings(30, 30, 16.0, 9);
         let r = render(&scene, &s, Instant::now(), &Silent, &Cancel::new()).expect("valid");
         // Pixels are 0.1 m wide at a distance of 2 m.
-        for (k, (label, sums)) in r.labels.data().iter().zip(r.film.pixels().data()).enumerate() {
+        for (k, (label, sums)) in r.labels.data().iter().zip(r.film.sums().data()).enumerate() {
             let (x, y) = (f64::from(k as u32 % 30) * 0.1 - 1.45, 1.45 - f64::from(k as u32 / 30) * 0.1);
             // At the height z a pixel shows the point (x, y) times 1 - z/2 in perspective.
             let shrink = |z: f64| if orthographic { 1.0 } else { 1.0 - z / 2.0 };
@@ -450,7 +450,7 @@ fn layers_and_labels_say_what_is_seen() {
             let floor = [1.0, 0.0, -1.0].map(|m| inside(0.0, 0.0, 1.0, m));
             // Centres decide labels; layers are means over the pixel, so those that an edge crosses are left out.
             let expected = if panel[1] { Some((1, 1)) } else { floor[1].then_some((0, 0)) };
-            assert_eq!(label.map(|l| (l.object, l.material)), expected, "pixel {k}, orthographic {orthographic}");
+            assert_eq!(label.map(|l| (l.object(), l.material())), expected, "pixel {k}, orthographic {orthographic}");
             if panel[0] != panel[2] || floor[0] != floor[2] {
                 continue;
             }
@@ -506,7 +506,7 @@ fn a_kilometre_from_the_origin_looks_the_same() {
         let [a, b] = [(&near, 1), (&far, 2)].map(|(scene, seed)| film(scene, &settings(24, 16, 256.0, seed)));
         assert_eq!(a.invalid_samples() + b.invalid_samples(), 0);
         let (mut difference, mut variance) = (0.0, 0.0);
-        for (p, q) in a.pixels().data().iter().zip(b.pixels().data()) {
+        for (p, q) in a.sums().data().iter().zip(b.sums().data()) {
             difference += p.mean()[1] - q.mean()[1];
             variance += p.variance_of_mean()[1] + q.variance_of_mean()[1];
         }

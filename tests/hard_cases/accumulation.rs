@@ -61,8 +61,8 @@ fn films_merge_to_the_same_bits_in_any_order_and_grouping() {
         for i in 0..5_000u32 {
             let s = sample(radiance(i.wrapping_add(pixel as u32 * 77_777)).0 * 1.1);
             let part = (i as usize * i as usize / 7 + pixel) % PARTS;
-            parts[part].add(pixel, i, &s);
-            whole.add(pixel, i, &s);
+            parts[part].add(pixel, i, &s).expect("memory");
+            whole.add(pixel, i, &s).expect("memory");
         }
     }
     let merged = |order: &[usize]| {

@@ -52,7 +52,7 @@ fn regions(scene: &Scene, first_seed: u64, what: &str) -> Vec<SampleMoments> {
     for seed in 0..SEEDS {
         let film = healthy_film(scene, &settings(w, h, 64.0, first_seed + seed), what);
         let mut sums = vec![0.0; moments.len() - 1];
-        for (k, p) in film.pixels().data().iter().enumerate() {
+        for (k, p) in film.sums().data().iter().enumerate() {
             let (x, y) = (k as u32 % w, k as u32 / w);
             sums[(y / REGION * (w / REGION) + x / REGION) as usize] += p.mean()[1];
         }

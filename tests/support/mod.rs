@@ -68,7 +68,7 @@ pub(crate) fn film(scene: &Scene, settings: &RenderSettings) -> Film {
 /// Moments of the pixel means of a film whose pixels all have the same expectation: green channel.
 pub(crate) fn pixel_moments(film: &Film) -> SampleMoments {
     let mut moments = SampleMoments::default();
-    for p in film.pixels().data() {
+    for p in film.sums().data() {
         moments.push(p.mean()[1]);
     }
     moments
@@ -82,6 +82,6 @@ pub(crate) fn must_be(scene: &Scene, spp: f64, seed: u64, channel: usize, expect
     claim.assert(what, |look| {
         let film = film(scene, &settings(16, 16, spp * f64::from(1 << (2 * look)), seed + 1000 * u64::from(look)));
         assert_eq!(film.invalid_samples(), 0, "{what}: samples that are not finite or negative");
-        film.pixels().data().iter().map(|p| p.mean()[channel]).collect::<SampleMoments>().into()
+        film.sums().data().iter().map(|p| p.mean()[channel]).collect::<SampleMoments>().into()
     });
 }

@@ -6,7 +6,7 @@
 
 use dunkelfeld_film::{BATCHES, Plane};
 
-use crate::need::{HIDDEN_SHARE, quantile_of};
+use crate::need::{HIDDEN_SHARE, quantile_in};
 use crate::pooling::upper_factor;
 
 /// Standard normal quantile of the one-sided confidence of 95 %.
@@ -79,11 +79,11 @@ pub fn ratios(claim: &Claim<'_>) -> Plane<f32> {
     ratios
 }
 
-/// Certifies a render at `k`.
+/// Certifies a render at `k`. Returns the [`ratios`], too.
 ///
 /// # Panics
 /// If the planes differ in size.
-pub fn certify(claim: &Claim<'_>, k: f64) -> Certificate {
+pub fn certify(claim: &Claim<'_>, k: f64) -> (Certificate, Plane<f32>) {
     let ratios = ratios(claim);
     let limit = k * k;
     let (mut pixels, mut saturated, mut unknown, mut hidden, mut surely) = (0u64, 0u64, 0u64, 0u64, 0u64);
@@ -115,8 +115,8 @@ pub fn certify(claim: &Claim<'_>, k: f64) -> Certificate {
     // those of its own batches only.
     let freedom = if squares > 0.0 { (BATCHES - 1) as f64 * sum * sum / squares } else { f64::INFINITY };
     let raised = mean * upper_factor(freedom, CONFIDENCE);
-    let quantile = |share| f64::from(quantile_of(judged.iter().copied(), share).unwrap_or(0.0));
-    Certificate {
+    let mut quantile = |share| f64::from(quantile_in(&mut judged, share).unwrap_or(0.0));
+    let certificate = Certificate {
         k,
         hidden: share(hidden),
         hidden_surely: share(surely),
@@ -128,7 +128,8 @@ pub fn certify(claim: &Claim<'_>, k: f64) -> Certificate {
         pixels,
         saturated,
         unknown,
-    }
+    };
+    (certificate, ratios)
 }
 
 fn check(claim: &Claim<'_>) {
@@ -165,7 +166,7 @@ mod tests {
 
         fn certify(&self, k: f64) -> Certificate {
             let (render, sensor, freedom) = (&self.render, &self.sensor, &self.freedom);
-            certify(&Claim { render, sensor, freedom, saturated: &self.saturated }, k)
+            certify(&Claim { render, sensor, freedom, saturated: &self.saturated }, k).0
         }
     }
 

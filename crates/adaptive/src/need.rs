@@ -6,7 +6,7 @@
 
 use dunkelfeld_film::Plane;
 
-use crate::evidence::{Evidence, Level};
+use crate::evidence::Level;
 use crate::expected::Expected;
 use crate::pooling::PixelNoise;
 
@@ -88,11 +88,18 @@ pub struct Needs {
 /// The sensor variance is that of the neighbourhood's mean, or of the pixel's own where that is lower: no pixel needs fewer
 /// samples because its own happened to be bright, and a dark one among bright ones is judged as what it is.
 ///
+/// `mean` and `counts` are the mean electrons and the samples of each pixel.
+///
 /// # Panics
 /// If the planes differ in size.
-pub fn needs(evidence: &Evidence, noise: &Plane<PixelNoise>, sensor: SensorNoise, k: f64) -> Needs {
-    assert_eq!((noise.width(), noise.height()), (evidence.width(), evidence.height()), "planes differ in size");
-    let pixels = || noise.data().iter().zip(evidence.mean.data()).zip(evidence.counts.data());
+pub fn needs(mean: &Plane<f32>, counts: &Plane<u32>, noise: &Plane<PixelNoise>, sensor: SensorNoise, k: f64) -> Needs {
+    let size = (noise.width(), noise.height());
+    assert_eq!(
+        (size, size),
+        ((mean.width(), mean.height()), (counts.width(), counts.height())),
+        "planes differ in size"
+    );
+    let pixels = || noise.data().iter().zip(mean.data()).zip(counts.data());
     let is_saturated = |((noise, &mean), &n): ((&PixelNoise, &f32), &u32)| {
         sensor.is_saturated(f64::from(mean), f64::from(noise.of_mean(n)))
     };
@@ -175,7 +182,11 @@ pub fn total(targets: &Plane<f32>) -> f64 {
 /// The smallest value that at least the given share of all values does not exceed; `None` without values. Values that are
 /// not numbers count as infinite.
 pub fn quantile_of(values: impl Iterator<Item = f32>, share: f64) -> Option<f32> {
-    let mut values: Vec<f32> = values.map(|v| if v.is_nan() { f32::INFINITY } else { v }).collect();
+    quantile_in(&mut values.map(|v| if v.is_nan() { f32::INFINITY } else { v }).collect::<Vec<f32>>(), share)
+}
+
+/// The same of values that are numbers; changes their order.
+pub(crate) fn quantile_in(values: &mut [f32], share: f64) -> Option<f32> {
     let rank = (share * values.len() as f64).ceil() as usize;
     let index = rank.saturating_sub(1).min(values.len().checked_sub(1)?);
     Some(*values.select_nth_unstable_by(index, f32::total_cmp).1)
@@ -184,7 +195,7 @@ pub fn quantile_of(values: impl Iterator<Item = f32>, share: f64) -> Option<f32>
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::evidence::{Level, Surface};
+    use crate::evidence::{Evidence, Level, Surface};
     use crate::pooling::noise;
 
     const SENSOR: SensorNoise = SensorNoise { floor: 10.0, saturation: 10_000.0 };
@@ -202,7 +213,7 @@ mod tests {
     }
 
     fn needs_of(evidence: &Evidence, k: f64) -> Needs {
-        needs(evidence, &noise(evidence), SENSOR, k)
+        needs(&evidence.mean, &evidence.counts, &noise(evidence), SENSOR, k)
     }
 
     /// Needs of a plane without saturated pixels.

@@ -306,6 +306,5 @@ fn part(samples: &Option<Range<u32>>) -> String {
 
 /// The sums of some rows of a film.
 pub(crate) fn film_rows(film: &Film) -> impl FnMut(Range<u32>, &mut Vec<PixelSums>) + '_ {
-    let width = film.width() as usize;
-    move |rows, out| out.extend(&film.pixels().data()[rows.start as usize * width..rows.end as usize * width])
+    |rows, out| film.read_rows(rows, out)
 }

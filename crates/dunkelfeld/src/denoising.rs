@@ -3,13 +3,13 @@
 
 use crate::develop::{Frame, show_denoised};
 use crate::error::Error;
-use crate::parallel::mean_without_gaps;
+use crate::parallel::{map_film, mean_without_gaps};
 use crate::progress::{Cancel, Progress, ProgressState, Stage};
 use crate::settings::RenderSettings;
 use crate::stats::DenoiseStats;
 use dunkelfeld_denoise::oidn::{Candidate, standard_names, standard_places};
 use dunkelfeld_denoise::{Builtin, Control, DenoiseError, DenoiseInput, Denoiser, Executor, Oidn};
-use dunkelfeld_film::{Film, PixelSums, Plane};
+use dunkelfeld_film::{Film, FilmLayers, PixelSums, Plane};
 use dunkelfeld_io::libraries::{find_libraries, libraries_beside};
 use rayon::prelude::*;
 use std::path::{Path, PathBuf};
@@ -224,6 +224,11 @@ pub(crate) fn run(
 struct Planes {
     mean: Plane<[f32; 3]>,
     variance: Plane<[f32; 3]>,
+    /// `None` of a film without these layers.
+    auxiliary: Option<Auxiliary>,
+}
+
+struct Auxiliary {
     albedo: Plane<[f32; 3]>,
     albedo_variance: Plane<[f32; 3]>,
     normal: Plane<[f32; 3]>,
@@ -236,35 +241,30 @@ impl Planes {
     fn of(film: &Film) -> Self {
         Self {
             mean: mean_without_gaps(film),
-            variance: plane(film, |p| p.variance_of_mean().map(|v| v as f32)),
-            albedo: plane(film, PixelSums::mean_albedo),
-            albedo_variance: plane(film, PixelSums::variance_of_albedo),
-            normal: plane(film, PixelSums::mean_normal),
-            normal_variance: plane(film, PixelSums::variance_of_normal),
-            depth: plane(film, PixelSums::mean_depth),
-            depth_variance: plane(film, PixelSums::variance_of_depth),
+            variance: map_film(film, |p| p.variance_of_mean().map(|v| v as f32)),
+            auxiliary: (film.layers() == FilmLayers::All).then(|| Auxiliary {
+                albedo: map_film(film, PixelSums::mean_albedo),
+                albedo_variance: map_film(film, PixelSums::variance_of_albedo),
+                normal: map_film(film, PixelSums::mean_normal),
+                normal_variance: map_film(film, PixelSums::variance_of_normal),
+                depth: map_film(film, PixelSums::mean_depth),
+                depth_variance: map_film(film, PixelSums::variance_of_depth),
+            }),
         }
     }
 
     fn input(&self) -> DenoiseInput<'_> {
         DenoiseInput {
             variance: Some(&self.variance),
-            albedo: Some(&self.albedo),
-            albedo_variance: Some(&self.albedo_variance),
-            normal: Some(&self.normal),
-            normal_variance: Some(&self.normal_variance),
-            depth: Some(&self.depth),
-            depth_variance: Some(&self.depth_variance),
+            albedo: self.auxiliary.as_ref().map(|a| &a.albedo),
+            albedo_variance: self.auxiliary.as_ref().map(|a| &a.albedo_variance),
+            normal: self.auxiliary.as_ref().map(|a| &a.normal),
+            normal_variance: self.auxiliary.as_ref().map(|a| &a.normal_variance),
+            depth: self.auxiliary.as_ref().map(|a| &a.depth),
+            depth_variance: self.auxiliary.as_ref().map(|a| &a.depth_variance),
             ..DenoiseInput::new(&self.mean)
         }
     }
-}
-
-/// A number of each pixel, on all threads.
-fn plane<T: Send + Clone + Default>(film: &Film, of: impl Fn(&PixelSums) -> T + Sync) -> Plane<T> {
-    let mut out = Plane::new(film.width(), film.height(), T::default());
-    out.data_mut().par_iter_mut().zip(film.pixels().data()).with_min_len(4096).for_each(|(to, sums)| *to = of(sums));
-    out
 }
 
 #[cfg(test)]

@@ -14,6 +14,7 @@ use dunkelfeld_sensor::{
     Device, Exposure, ExposureNoise, FrameKey, Response, SensorError, SensorModel, auto_exposure, display,
 };
 use rayon::prelude::*;
+use std::borrow::Cow;
 
 /// An 8-bit picture, gamma 2.2, clipped at saturation.
 #[derive(Clone, Debug, PartialEq)]
@@ -98,7 +99,7 @@ pub fn show_denoised(frame: &mut Frame, denoised: Denoised, settings: &RenderSet
 /// # Errors
 /// A sensor whose ranges the exposure leaves.
 pub fn develop(mean: &Plane<[f32; 3]>, settings: &RenderSettings) -> Result<Frame, Error> {
-    expose(mean, settings, None)
+    expose(Cow::Borrowed(mean), settings, None)
 }
 
 /// [`develop`] of a rendered film, with noise as [`RenderSettings::exposure_noise`] says, and certified
@@ -107,22 +108,22 @@ pub fn develop(mean: &Plane<[f32; 3]>, settings: &RenderSettings) -> Result<Fram
 /// # Errors
 /// As [`develop`].
 pub fn develop_film(film: &Film, labels: &Plane<Option<Label>>, settings: &RenderSettings) -> Result<Frame, Error> {
-    expose(&mean_without_gaps(film), settings, Some((film, labels)))
+    expose(Cow::Owned(mean_without_gaps(film)), settings, Some((film, labels)))
 }
 
 fn expose(
-    mean: &Plane<[f32; 3]>,
+    mean: Cow<'_, Plane<[f32; 3]>>,
     settings: &RenderSettings,
     known: Option<(&Film, &Plane<Option<Label>>)>,
 ) -> Result<Frame, Error> {
     let SensorChoice::Emva { model, optics, exposure } = &settings.sensor else {
-        let picture = Picture::Rgb(display::linear_to_8bit(mean));
+        let picture = Picture::Rgb(display::linear_to_8bit(&mean));
         return Ok(Frame { picture, sensor: None, no_light: false, without: settings.without.clone(), denoised: None });
     };
     let mut no_light = false;
     let exposure = match exposure {
         Some(exposure) => *exposure,
-        None => match auto_exposure(mean, model, optics) {
+        None => match auto_exposure(&mean, model, optics) {
             Ok(exposure) => exposure,
             Err(SensorError::NoLight) => {
                 no_light = true;
@@ -132,8 +133,10 @@ fn expose(
         },
     };
     let response = Response::new(model, optics, exposure);
-    let electrons = dunkelfeld_sensor::electrons(mean, &response).plane;
+    let electrons = dunkelfeld_sensor::electrons(&mean, &response).plane;
     let (width, height) = (mean.width(), mean.height());
+    // The analysis of the noise needs the memory.
+    drop(mean);
     let device = Device::new((**model).clone(), settings.seed, width, height);
     let key = FrameKey { seed: settings.seed, frame: settings.frame };
     let is_matched = settings.exposure_noise == ExposureNoise::Matched;

@@ -46,6 +46,14 @@ pub enum Error {
         /// What to do about it.
         mend: String,
     },
+    /// There is not enough memory.
+    #[error("{what}: there is not enough memory\n  mend: {mend}")]
+    Memory {
+        /// What it was asked for.
+        what: String,
+        /// What to do about it.
+        mend: String,
+    },
     /// The threads could not be started.
     #[error("the worker threads could not be started: {0}")]
     Threads(String),
@@ -55,6 +63,12 @@ impl Error {
     /// A setting outside its range.
     pub fn setting(what: impl Into<String>, problem: impl Into<String>, mend: impl Into<String>) -> Self {
         Self::Setting { what: what.into(), problem: problem.into(), mend: mend.into() }
+    }
+
+    /// The film does not fit into memory.
+    pub(crate) fn film_memory() -> Self {
+        let mend = "render fewer pixels, fewer layers (no --exr, no denoiser), or end other programs";
+        Self::Memory { what: "the film".into(), mend: mend.into() }
     }
 
     /// The line of the input file with a caret under the fault; empty where there is none.

@@ -24,6 +24,7 @@ use dunkelfeld_sensor::{
     electrons,
 };
 use rayon::prelude::*;
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -471,31 +472,36 @@ impl NoiseLayers {
             let own = |x, y| response.at(x, y).variance(*self.variance.at(x, y), *self.covariance.at(x, y)) as f32;
             return Known { variance: Plane::from_fn(width, height, own), is_rare: Plane::new(width, height, false) };
         };
-        let views = response.kinds().iter().map(|weights| {
-            let own = mean.map(|&v| weights.electrons(v).0 as f32);
-            let variance = |x, y| weights.variance(*self.variance.at(x, y), *self.covariance.at(x, y)) as f32;
-            let variance = Plane::from_fn(width, height, variance);
-            let largest = Plane::from_fn(width, height, |x, y| {
+        let view = |weights: &Weights, rows: &Range<u32>| {
+            let (top, rows) = (rows.start, rows.len() as u32);
+            let own = Plane::from_fn(width, rows, |x, y| weights.electrons(*mean.at(x, top + y)).0 as f32);
+            let variance = Plane::from_fn(width, rows, |x, y| {
+                weights.variance(*self.variance.at(x, top + y), *self.covariance.at(x, top + y)) as f32
+            });
+            let largest = Plane::from_fn(width, rows, |x, y| {
                 // From the distance of the largest sample to the mean of all.
+                let (x, y) = (x, top + y);
                 let (per_luminance, luminance) = per_luminance(*weights, mean.at(x, y).map(f64::from));
                 let others = f64::from(counts.at(x, y).saturating_sub(1));
                 let off = scatter.at(x, y).map_or(0.0, |s| others * s.largest.sqrt());
                 (per_luminance * (luminance + off)) as f32
             });
             Evidence {
-                counts: counts.clone(),
+                counts: Plane::from_fn(width, rows, |x, y| *counts.at(x, top + y)),
                 level: levels(&own, &variance, Some(sensor)),
                 mean: own,
                 variance,
-                scatter: Plane::from_fn(width, height, |x, y| {
-                    let (per_luminance, _) = per_luminance(*weights, mean.at(x, y).map(f64::from));
-                    scatter.at(x, y).map(|s| seen(s, per_luminance))
+                scatter: Plane::from_fn(width, rows, |x, y| {
+                    let (per_luminance, _) = per_luminance(*weights, mean.at(x, top + y).map(f64::from));
+                    scatter.at(x, top + y).map(|s| seen(s, per_luminance))
                 }),
                 largest,
-                surface: surface.clone(),
+                surface: Plane::from_fn(width, rows, |x, y| *surface.at(x, top + y)),
             }
-        });
-        Known::of(&Measured::of(views.collect(), response, Some(sensor)))
+        };
+        let views = |rows: Range<u32>| response.kinds().iter().map(|weights| view(weights, &rows)).collect();
+        let own = Plane::from_fn(width, height, |x, y| response.at(x, y).electrons(*mean.at(x, y)).0 as f32);
+        Known::of(&Measured::of(own, counts.clone(), views, response, Some(sensor)))
     }
 }
 

@@ -3,10 +3,9 @@
 //! Such samples are not wrong, but they are where an image is noisiest and where an error of the scene or of the renderer
 //! shows first. They are named, so that they can be replayed; nothing is done about them.
 
-use crate::stats::PIECE;
+use crate::parallel::map_tile_rows;
 use dunkelfeld_film::{Film, PixelSums};
 use dunkelfeld_radiometry::Rgb;
-use rayon::prelude::*;
 use serde::Serialize;
 use std::cmp::Ordering;
 
@@ -48,19 +47,18 @@ struct Candidate {
 /// Finds them, on the threads of the current pool. A function of the film alone, so of the samples that were taken, not of who took
 /// them.
 pub(crate) fn heaviest(film: &Film) -> Heaviest {
-    let pixels = film.pixels().data();
-    let sums: Vec<f64> = pixels.par_chunks(PIECE).map(|piece| piece.iter().map(luminance).sum()).collect();
-    let mean = sums.iter().sum::<f64>() / pixels.len().max(1) as f64;
+    let sums: Vec<f64> = map_tile_rows(film, |_, sums| sums.iter().map(luminance).sum());
+    let mean = sums.iter().sum::<f64>() / film.pixels().max(1) as f64;
     let dominates = |c: &Candidate| c.share >= 0.5 && c.lift > mean;
-    let of_piece = |(number, piece): (usize, &[PixelSums])| {
+    let of_piece = |first: usize, sums: &[PixelSums]| {
         let (mut dominated, mut worst) = (0, Vec::with_capacity(MOST_NAMED + 1));
-        for candidate in (number * PIECE..).zip(piece).filter_map(|(i, p)| candidate(i, p)) {
+        for candidate in (first..).zip(sums).filter_map(|(i, p)| candidate(i, p)) {
             dominated += u64::from(dominates(&candidate));
             insert(&mut worst, candidate);
         }
         (dominated, worst)
     };
-    let pieces: Vec<(u64, Vec<Candidate>)> = pixels.par_chunks(PIECE).enumerate().map(of_piece).collect();
+    let pieces: Vec<(u64, Vec<Candidate>)> = map_tile_rows(film, of_piece);
     let dominated = pieces.iter().map(|(dominated, _)| dominated).sum();
     let mut worst = Vec::with_capacity(MOST_NAMED + 1);
     pieces.into_iter().flat_map(|(_, worst)| worst).for_each(|candidate| insert(&mut worst, candidate));
@@ -127,7 +125,7 @@ mod tests {
         for pixel in 0..12 {
             for index in 0..16 {
                 let value = bright.iter().find(|b| (b.0, b.1) == (pixel, index)).map_or(1.0, |b| b.2);
-                film.add(pixel, index, &Sample { radiance: Rgb::splat(value), ..Sample::MISS });
+                film.add(pixel, index, &Sample { radiance: Rgb::splat(value), ..Sample::MISS }).expect("memory");
             }
         }
         film
@@ -163,14 +161,14 @@ mod tests {
     #[test]
     fn a_large_film_is_gone_through_in_pieces() {
         let (width, height) = (160, 256);
-        assert!((width * height) as usize > 2 * PIECE);
         let mut film = Film::new(width, height);
-        let heavy = [40_000, 3, PIECE, PIECE - 1, 2 * PIECE + 5];
+        let piece = (width * Film::TILE) as usize;
+        let heavy = [40_000, 3, piece, piece - 1, 2 * piece + 5];
         for pixel in 0..(width * height) as usize {
             for index in 0..8 {
                 let lift = heavy.iter().position(|&p| (p, 5) == (pixel, index)).map_or(0.0, |rank| 900.0 - rank as f32);
                 let value = 1.0 + (pixel % 7) as f32 + lift;
-                film.add(pixel, index, &Sample { radiance: Rgb::splat(value), ..Sample::MISS });
+                film.add(pixel, index, &Sample { radiance: Rgb::splat(value), ..Sample::MISS }).expect("memory");
             }
         }
         for threads in [1, 3] {

@@ -214,14 +214,14 @@ impl StoredSensor {
 
 /// Labels as two planes of numbers: objects and materials, [`NO_ID`] where there is nothing.
 pub(crate) fn numbers_of(labels: &Plane<Option<Label>>) -> [Plane<u32>; 2] {
-    [labels.map(|l| l.map_or(NO_ID, |l| l.object)), labels.map(|l| l.map_or(NO_ID, |l| l.material))]
+    [labels.map(|l| l.map_or(NO_ID, |l| l.object())), labels.map(|l| l.map_or(NO_ID, |l| l.material()))]
 }
 
 /// The labels that the numbers stand for; planes of one size.
 pub(crate) fn labels_of(objects: &Plane<u32>, materials: &Plane<u32>) -> Plane<Option<Label>> {
     Plane::from_fn(objects.width(), objects.height(), |x, y| {
         let (object, material) = (*objects.at(x, y), *materials.at(x, y));
-        (object != NO_ID).then_some(Label { object, material })
+        (object != NO_ID).then(|| Label::new(object, material))
     })
 }
 
@@ -285,7 +285,7 @@ mod tests {
 
     #[test]
     fn labels_come_back() {
-        let labels = Plane::from_fn(3, 2, |x, y| (x != y).then_some(Label { object: x, material: 7 * y }));
+        let labels = Plane::from_fn(3, 2, |x, y| (x != y).then(|| Label::new(x, 7 * y)));
         let [objects, materials] = numbers_of(&labels);
         assert_eq!(labels_of(&objects, &materials), labels);
     }

@@ -19,7 +19,7 @@ pub struct Matched {
 impl Matched {
     /// Judges the pixels of an exposure by their mean electrons and what is known of the noise of these.
     pub(crate) fn new(
-        measured: &Measured,
+        measured: &Measured<'_>,
         known: &Known,
         electrons: &Plane<f32>,
         model: &SensorModel,
@@ -28,7 +28,7 @@ impl Matched {
         let Some(sensor) = measured.sensor else { return Self::nowhere(electrons.width(), electrons.height()) };
         let held = known.held(electrons, model, exposure);
         let mut pixels = known.variance.data().iter().zip(known.is_rare.data());
-        let ratios = measured.evidence.mean.map(|&mean| match pixels.next() {
+        let ratios = measured.mean.map(|&mean| match pixels.next() {
             Some((v, false)) => v / sensor.variance(f64::from(mean)) as f32,
             _ => f32::INFINITY,
         });
@@ -58,13 +58,9 @@ pub(crate) struct Known {
 }
 
 impl Known {
-    pub(crate) fn of(measured: &Measured) -> Self {
+    pub(crate) fn of(measured: &Measured<'_>) -> Self {
         let told = measured.without_rare();
-        let mut own = measured.evidence.variance.data().iter();
-        let known =
-            |told: f32, own: Option<&f32>| if own.is_some_and(|v| v.is_finite()) { told } else { f32::INFINITY };
-        let (variance, is_rare) = (told.map(|&(_, told)| known(told, own.next())), told.map(|t| t.0));
-        Self { variance, is_rare }
+        Self { variance: told.map(|t| t.1), is_rare: told.map(|t| t.0) }
     }
 
     /// Where the method holds for a sensor that sees so many electrons.

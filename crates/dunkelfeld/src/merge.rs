@@ -171,7 +171,7 @@ fn join(paths: &[PathBuf]) -> Result<Joined<'_>, Error> {
             let mend = "render it to its end, with the command that began it";
             return Err(fault(format!("(samples {}..{}) is not finished", samples.start, samples.end), mend));
         }
-        let most = stored.film.pixels().data().iter().map(|p| p.count()).max().unwrap_or(0);
+        let most = stored.film.sample_counts().data().iter().copied().max().unwrap_or(0);
         if samples.is_empty() || samples.end > plan::MAX_SPP || most > samples.end - samples.start {
             let problem = format!("has {most} samples in a pixel and claims to be {}..{}", samples.start, samples.end);
             return Err(fault(problem, "render it again"));

@@ -1,9 +1,9 @@
 //! The noise of a film as the sensor sees it: what plans are made from, and what is certified.
 
 use crate::develop::{Frame, SensorFrame};
-use crate::parallel::par_map;
+use crate::parallel::map_tile_rows;
 use crate::settings::SensorChoice;
-use dunkelfeld_adaptive::certificate::{Certificate, Claim, certify as certify_planes, ratios};
+use dunkelfeld_adaptive::certificate::{Certificate, Claim, certify as certify_planes};
 use dunkelfeld_adaptive::evidence::{Evidence, Level, Surface, surfaces};
 use dunkelfeld_adaptive::expected::{Expected, expected_row, told};
 use dunkelfeld_adaptive::need::{DEFAULT_TARGET, Needs, SensorNoise, needs};
@@ -14,6 +14,7 @@ use dunkelfeld_integrator::Label;
 use dunkelfeld_radiometry::{Rgb, Seconds};
 use dunkelfeld_sensor::{Exposure, Response, SensorError, SensorModel, Weights, auto_exposure};
 use rayon::prelude::*;
+use std::ops::Range;
 
 /// How radiance counts: the unit in which noise is measured.
 #[derive(Clone, Copy, Debug)]
@@ -53,21 +54,24 @@ impl Eye {
         mean.map(|&pixel| weights.electrons(pixel).0 as f32)
     }
 
-    /// What the film knows of every pixel, seen through pixels of one kind, on the threads of the current pool.
-    fn evidence(&self, film: &Film, surface: &Plane<Surface>, weights: Weights) -> Evidence {
-        let moments = par_map(film.pixels(), |p| p.weighted_mean_and_variance(weights.0));
-        // A film remembers the luminance of its largest sample; its colour is taken for that of the pixel.
-        let largest = |p: &PixelSums| (per_luminance(weights, p.mean()).0 * f64::from(p.max_luminance())) as f32;
-        let scatter = |p: &PixelSums| p.scatter().map(|s| seen(s, per_luminance(weights, p.mean()).0));
+    /// Estimates of some rows of pixels from their sums, seen through pixels of one kind.
+    fn evidence(&self, sums: &Plane<PixelSums>, surface: &Plane<Surface>, weights: Weights) -> Evidence {
+        let moments = sums.map(|p| p.weighted_mean_and_variance(weights.0));
+        // A film holds the luminance of its largest sample; its colour is taken for that of the pixel.
+        let per_luminance = sums.map(|p| per_luminance(weights, p.mean()).0);
+        let both = || sums.data().iter().zip(per_luminance.data());
+        let largest = both().map(|(p, &factor)| (factor * f64::from(p.max_luminance())) as f32).collect();
+        let scatter = both().map(|(p, &factor)| p.scatter().map(|s| seen(s, factor))).collect();
         let (mean, variance) = (moments.map(|m| m.0 as f32), moments.map(|m| m.1 as f32));
+        let (width, height) = (sums.width(), sums.height());
         Evidence {
-            counts: par_map(film.pixels(), PixelSums::count),
+            counts: sums.map(PixelSums::count),
             level: levels(&mean, &variance, self.sensor),
+            scatter: Plane::from_vec(width, height, scatter).unwrap_or_else(|| mean.map(|_| None)),
+            largest: Plane::from_vec(width, height, largest).unwrap_or_else(|| mean.map(|_| 0.0)),
+            surface: surface.clone(),
             mean,
             variance,
-            scatter: par_map(film.pixels(), scatter),
-            largest: par_map(film.pixels(), largest),
-            surface: surface.clone(),
         }
     }
 }
@@ -105,33 +109,26 @@ pub(crate) fn levels(mean: &Plane<f32>, variance: &Plane<f32>, sensor: Option<Se
 
 /// [`dunkelfeld_adaptive::pooling::noise`], rows shared out among the threads of the current pool.
 fn pooled(evidence: &Evidence) -> Plane<PixelNoise> {
-    let unknown = evidence.mean.map(|_| PixelNoise::UNKNOWN);
-    if is_unknown(evidence) { unknown } else { by_rows(unknown, |y| noise_row(evidence, y)) }
+    let rows: Vec<_> = (0..evidence.height()).into_par_iter().map(|y| noise_row(evidence, y)).collect();
+    let unknown = |_: &f32| PixelNoise::UNKNOWN;
+    Plane::from_vec(evidence.width(), evidence.height(), rows.concat()).unwrap_or_else(|| evidence.mean.map(unknown))
 }
 
-/// [`dunkelfeld_adaptive::own::own_noise`], likewise.
-fn owned(evidence: &Evidence) -> Plane<PixelNoise> {
-    let unknown = evidence.mean.map(|_| PixelNoise::UNKNOWN);
-    let blocks = evidence.height().div_ceil(BLOCK);
-    if is_unknown(evidence) { unknown } else { by_parts(unknown, blocks, |row| own_noise_of_blocks(evidence, row)) }
+/// [`dunkelfeld_adaptive::own::own_noise`] of some rows of an image that begin and end with a row of blocks, likewise.
+fn owned(evidence: &Evidence, rows: Range<u32>) -> Vec<PixelNoise> {
+    if evidence.variance.data().iter().all(|v| !v.is_finite()) {
+        // A sample a pixel, or none: there is nothing to pool.
+        return vec![PixelNoise::UNKNOWN; rows.len() * evidence.width() as usize];
+    }
+    let blocks = rows.start / BLOCK..rows.end.div_ceil(BLOCK);
+    blocks.into_par_iter().map(|row| own_noise_of_blocks(evidence, row)).collect::<Vec<_>>().concat()
 }
 
-/// Is there a sample a pixel, or none? Then there is nothing to pool, and no time to lose with it.
-fn is_unknown(evidence: &Evidence) -> bool {
-    evidence.variance.data().par_iter().all(|v| !v.is_finite())
-}
-
-/// A plane like another, its rows made on the threads of the current pool.
-fn by_rows<T: Clone + Send>(like: Plane<T>, row: impl Fn(u32) -> Vec<T> + Send + Sync) -> Plane<T> {
-    let height = like.height();
-    by_parts(like, height, row)
-}
-
-/// The same of parts of one or more rows each.
-fn by_parts<T: Clone + Send>(like: Plane<T>, parts: u32, part: impl Fn(u32) -> Vec<T> + Send + Sync) -> Plane<T> {
-    let parts: Vec<Vec<T>> = (0..parts).into_par_iter().map(part).collect();
-    Plane::from_vec(like.width(), like.height(), parts.concat()).unwrap_or(like)
-}
+/// Rows that are analysed at once. Estimates of an image take ten times the memory of what is made of them.
+const BAND: u32 = 64;
+/// Rows above and below that have a say: whole blocks, and more than the reach of any neighbourhood.
+const HALO: u32 = BLOCK;
+const _: () = assert!(BAND.is_multiple_of(BLOCK) && HALO >= 8 && HALO.is_multiple_of(BLOCK));
 
 /// A certificate together with what it rests on.
 #[derive(Clone, Debug, PartialEq)]
@@ -142,49 +139,70 @@ pub struct Certified {
     pub ratios: Plane<f32>,
 }
 
-/// What is known of a film's noise beneath a sensor's.
-pub(crate) struct Measured {
-    pub(crate) evidence: Evidence,
+/// Estimates of some rows of an image, as pixels of each kind see them.
+type Views<'a> = Box<dyn Fn(Range<u32>) -> Vec<Evidence> + Send + Sync + 'a>;
+
+/// What is known of a film's noise beneath a sensor's. The estimates behind it are made band by band, each time that they are
+/// needed: those of a whole image would take more memory than its film.
+pub(crate) struct Measured<'a> {
+    /// Mean signal of each pixel, as its kind sees it.
+    pub(crate) mean: Plane<f32>,
+    /// Samples per pixel.
+    pub(crate) counts: Plane<u32>,
     pub(crate) sensor: Option<SensorNoise>,
-    /// Behind a filter array: the film as red, green and blue pixels everywhere would see it. Neighbours tell of each other's
-    /// noise only if they see the same, so each pixel is judged in the view of its own colour.
-    views: Vec<Evidence>,
+    /// Behind a filter array there are several views: the film as red, green and blue pixels everywhere would see it. Neighbours are
+    /// asked only for noise of what they see alike, so each pixel is judged in the view of its own colour.
+    views: Views<'a>,
     response: Response,
 }
 
-impl Measured {
-    pub(crate) fn new(eye: &Eye, film: &Film, labels: &Plane<Option<Label>>) -> Self {
-        let normals = par_map(film.pixels(), PixelSums::mean_normal);
-        let surface = surfaces(&labels.map(|l| l.map_or(u32::MAX, |l| l.object)), &normals);
-        let views = eye.response.kinds().iter().map(|&weights| eye.evidence(film, &surface, weights)).collect();
-        Self::of(views, eye.response, eye.sensor)
+impl<'a> Measured<'a> {
+    pub(crate) fn new(eye: &Eye, film: &'a Film, labels: &'a Plane<Option<Label>>) -> Self {
+        let (eye, width) = (*eye, film.width());
+        let signal = |first: usize, sums: &[PixelSums]| -> Vec<(f32, u32)> {
+            let place = |pixel: usize| (pixel as u32 % width, (pixel / width as usize) as u32);
+            let of_pixel = |(pixel, p): (usize, &PixelSums)| {
+                let (x, y) = place(pixel);
+                (p.weighted_mean_and_variance(eye.response.at(x, y).0).0 as f32, p.count())
+            };
+            (first..).zip(sums).map(of_pixel).collect()
+        };
+        let signals = map_tile_rows(film, signal);
+        let mut pixels = signals.iter().flatten();
+        let mut counts = Plane::new(width, film.height(), 0);
+        let mean = Plane::from_fn(width, film.height(), |_, _| pixels.next().map_or(0.0, |p| p.0));
+        counts.data_mut().iter_mut().zip(signals.iter().flatten()).for_each(|(count, p)| *count = p.1);
+        let views = move |rows: Range<u32>| {
+            let mut sums = Vec::new();
+            film.read_rows(rows.clone(), &mut sums);
+            let empty = || Plane::new(width, rows.len() as u32, PixelSums::default());
+            let sums = Plane::from_vec(width, rows.len() as u32, sums).unwrap_or_else(empty);
+            let object = |x, y| labels.at(x, rows.start + y).map_or(u32::MAX, |l| l.object());
+            let objects = Plane::from_fn(width, sums.height(), object);
+            let surface = surfaces(&objects, &sums.map(PixelSums::mean_normal));
+            eye.response.kinds().iter().map(|&weights| eye.evidence(&sums, &surface, weights)).collect()
+        };
+        Self { mean, counts, sensor: eye.sensor, views: Box::new(views), response: eye.response }
     }
 
-    /// Of the views through each kind of pixel.
-    pub(crate) fn of(mut views: Vec<Evidence>, response: Response, sensor: Option<SensorNoise>) -> Self {
-        if views.len() == 1
-            && let Some(evidence) = views.pop()
-        {
-            return Self { evidence, sensor, views, response };
-        }
-        let evidence = Evidence {
-            counts: views[0].counts.clone(),
-            mean: woven(&response, |kind| &views[kind].mean),
-            variance: woven(&response, |kind| &views[kind].variance),
-            scatter: woven(&response, |kind| &views[kind].scatter),
-            largest: woven(&response, |kind| &views[kind].largest),
-            surface: views[0].surface.clone(),
-            level: woven(&response, |kind| &views[kind].level),
-        };
-        Self { evidence, sensor, views, response }
+    /// Of estimates from elsewhere: the mean signal as each pixel sees it, the numbers of samples, and the views of some rows through
+    /// each kind of pixel.
+    pub(crate) fn of(
+        mean: Plane<f32>,
+        counts: Plane<u32>,
+        views: impl Fn(Range<u32>) -> Vec<Evidence> + Send + Sync + 'a,
+        response: Response,
+        sensor: Option<SensorNoise>,
+    ) -> Self {
+        Self { mean, counts, sensor, views: Box::new(views), response }
     }
 
     /// What is expected of each pixel by its neighbours: what plans are made from. Judged by the sensor's noise, or alike everywhere.
     pub(crate) fn expected(&self, sensor: Option<SensorNoise>) -> Plane<Expected> {
         let unknown = Expected { ratio: f32::INFINITY, saturated: false };
-        self.by_kind(|evidence| {
+        self.by_bands(unknown, |evidence, rows| {
             let told = told(evidence, sensor);
-            by_rows(told.map(|_| unknown), |y| expected_row(&evidence.surface, &told, y))
+            rows.into_par_iter().map(|y| expected_row(&evidence.surface, &told, y)).collect::<Vec<_>>().concat()
         })
     }
 
@@ -193,43 +211,65 @@ impl Measured {
         response: Response,
         model: &SensorModel,
         exposure: Exposure,
-        film: &Film,
-        labels: &Plane<Option<Label>>,
+        film: &'a Film,
+        labels: &'a Plane<Option<Label>>,
     ) -> Self {
         let (white, sensor) = (model.saturation().0 as f32, Some(sensor_noise(model, exposure)));
         Self::new(&Eye { response, white, sensor }, film, labels)
     }
 
-    /// What a function makes of the film as each kind of pixel sees it, every pixel's value from the view of its own.
-    fn by_kind<T: Copy>(&self, f: impl Fn(&Evidence) -> Plane<T>) -> Plane<T> {
-        if self.views.is_empty() {
-            return f(&self.evidence);
-        }
-        let made: Vec<_> = self.views.iter().map(f).collect();
-        woven(&self.response, |kind| &made[kind])
+    /// A plane made band by band, from the estimates of a band with what lies around it and the rows of these that are asked for. Each
+    /// pixel has the value from the view of its own kind.
+    fn by_bands<T: Copy + Send + Sync>(
+        &self,
+        unknown: T,
+        f: impl Fn(&Evidence, Range<u32>) -> Vec<T> + Send + Sync,
+    ) -> Plane<T> {
+        let (width, height) = (self.mean.width(), self.mean.height());
+        let mut out = Plane::new(width, height, unknown);
+        let pixels = (width as usize * BAND as usize).max(1);
+        out.data_mut().par_chunks_mut(pixels).zip((0..height).into_par_iter().step_by(BAND as usize)).for_each(
+            |(out, top)| {
+                let around = top.saturating_sub(HALO)..(top + BAND + HALO).min(height);
+                let rows = top - around.start..(top + BAND).min(height) - around.start;
+                let views = (self.views)(around);
+                let made: Vec<Vec<T>> = views.iter().map(|evidence| f(evidence, rows.clone())).collect();
+                for (i, value) in out.iter_mut().enumerate() {
+                    let (x, y) = (i as u32 % width, top + i as u32 / width);
+                    let kind = if made.len() == 1 { 0 } else { self.response.kind(x, y) };
+                    *value = made[kind][i];
+                }
+            },
+        );
+        out
     }
 
     /// The noise of each pixel by its own samples, as far as they can tell.
     pub(crate) fn owned(&self) -> Plane<PixelNoise> {
-        self.by_kind(owned)
+        self.by_bands(PixelNoise::UNKNOWN, owned)
     }
 
     /// Of each pixel: does it hold a rare sample, and the variance of its mean \[e-^2\], without what pixels that hold one
-    /// would tell their neighbours. Without a sensor no sample is rare.
+    /// would tell their neighbours. Without a sensor no sample is rare. The variance is infinite where the pixel has samples in fewer than
+    /// two batches: its neighbours tell how noisy its samples are, but not whether it is one of them.
     pub(crate) fn without_rare(&self) -> Plane<(bool, f32)> {
-        self.by_kind(|evidence| {
+        self.by_bands((false, f32::INFINITY), |evidence, rows| {
             let rare = match self.sensor {
                 None => evidence.mean.map(|_| false),
                 Some(sensor) => rare(evidence, &pooled(evidence), sensor),
             };
-            let mut variances = told_without(evidence, &rare).into_vec().into_iter();
-            rare.map(|&rare| (rare, variances.next().unwrap_or(f32::INFINITY)))
+            let width = evidence.width() as usize;
+            let pixels = rows.start as usize * width..rows.end as usize * width;
+            let own = &evidence.variance.data()[pixels.clone()];
+            let told = told_without(evidence, &rare, rows);
+            let known = |(&own, told): (&f32, f32)| if own.is_finite() { told } else { f32::INFINITY };
+            rare.data()[pixels].iter().copied().zip(own.iter().zip(told).map(known)).collect()
         })
     }
 
     /// What each pixel needs to be hidden at `k` by such noise; `None` without a sensor.
     pub(crate) fn needs_by(&self, noise: &Plane<PixelNoise>, k: f64) -> Option<Needs> {
-        self.sensor.map(|sensor| needs(&self.evidence, noise, sensor, k))
+        self.sensor.map(|sensor| needs(&self.mean, &self.counts, noise, sensor, k))
     }
 
     /// Certifies at `k`; `None` without a sensor.
@@ -240,17 +280,18 @@ impl Measured {
     /// The same if the [`Self::owned`] noise is at hand.
     pub(crate) fn certify_by(&self, noise: &Plane<PixelNoise>, k: f64) -> Option<Certified> {
         let sensor = self.sensor?;
-        let (width, height) = (self.evidence.width(), self.evidence.height());
-        let counts = self.evidence.counts.data();
+        let (width, height) = (self.mean.width(), self.mean.height());
+        let counts = self.counts.data();
         let render: Vec<f32> = noise.data().iter().zip(counts).map(|(noise, &n)| noise.of_mean(n)).collect();
         let saturated = |(&mean, &v): (&f32, &f32)| sensor.is_saturated(f64::from(mean), f64::from(v));
-        let saturated: Vec<bool> = self.evidence.mean.data().iter().zip(&render).map(saturated).collect();
+        let saturated: Vec<bool> = self.mean.data().iter().zip(&render).map(saturated).collect();
         let render = Plane::from_vec(width, height, render)?;
         let saturated = Plane::from_vec(width, height, saturated)?;
         let freedom = noise.map(|n| n.freedom);
-        let own = self.evidence.mean.map(|&mean| sensor.variance(f64::from(mean)) as f32);
+        let own = self.mean.map(|&mean| sensor.variance(f64::from(mean)) as f32);
         let claim = Claim { render: &render, sensor: &own, freedom: &freedom, saturated: &saturated };
-        Some(Certified { certificate: certify_planes(&claim, k), ratios: ratios(&claim) })
+        let (certificate, ratios) = certify_planes(&claim, k);
+        Some(Certified { certificate, ratios })
     }
 }
 
@@ -287,26 +328,21 @@ fn rare(evidence: &Evidence, noise: &Plane<PixelNoise>, sensor: SensorNoise) -> 
     })
 }
 
-/// The variance of the mean of each pixel \[e-^2\] by its own samples; what any of them might have seen is told by those that hold no
-/// rare one.
-fn told_without(evidence: &Evidence, is_rare: &Plane<bool>) -> Plane<f32> {
+/// The variance of the mean of each pixel of some rows \[e-^2\] by its own samples; what any of them might have seen is told by those
+/// that hold no rare one.
+fn told_without(evidence: &Evidence, is_rare: &Plane<bool>, rows: Range<u32>) -> Vec<f32> {
     let mut others = evidence.clone();
     let variances = others.variance.data_mut().iter_mut();
     variances.zip(is_rare.data()).filter(|(_, rare)| **rare).for_each(|(v, _)| *v = f32::INFINITY);
-    let mut told = owned(&others);
-    if is_rare.data().contains(&true) {
-        let all = owned(evidence);
-        let pixels = told.data_mut().iter_mut().zip(all.data()).zip(is_rare.data());
-        pixels.filter(|(_, rare)| **rare).for_each(|((told, all), _)| *told = *all);
+    let width = evidence.width() as usize;
+    let pixels = rows.start as usize * width..rows.end as usize * width;
+    let is_rare = &is_rare.data()[pixels.clone()];
+    let mut told = owned(&others, rows.clone());
+    if is_rare.contains(&true) {
+        let all = owned(evidence, rows);
+        told.iter_mut().zip(all).zip(is_rare).filter(|(_, rare)| **rare).for_each(|((told, all), _)| *told = all);
     }
-    let mut counts = evidence.counts.data().iter();
-    told.map(|noise| noise.of_mean(counts.next().copied().unwrap_or(0)))
-}
-
-/// Of the planes of each kind of pixel, every pixel's value from that of its own kind.
-fn woven<'a, T: Copy + 'a>(response: &Response, planes: impl Fn(usize) -> &'a Plane<T>) -> Plane<T> {
-    let (width, height) = (planes(0).width(), planes(0).height());
-    Plane::from_fn(width, height, |x, y| *planes(response.kind(x, y)).at(x, y))
+    told.iter().zip(&evidence.counts.data()[pixels]).map(|(noise, &n)| noise.of_mean(n)).collect()
 }
 
 #[cfg(test)]
@@ -327,12 +363,13 @@ mod tests {
                 state = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
                 let value = (mix64(state) >> 40) as f32 / (1u32 << 24) as f32;
                 let radiance = if pixel % 2 == 0 { Rgb::new(0.0, value, 0.0) } else { Rgb::new(0.0, 0.0, value) };
-                film.add(pixel, index, &Sample { radiance, ..Sample::MISS });
+                film.add(pixel, index, &Sample { radiance, ..Sample::MISS }).expect("memory");
             }
         }
         let response = Response::constant(Weights([1000.0; 3]));
         let sensor = Some(SensorNoise { floor: 10.0, saturation: 1e5 });
-        let measured = Measured::new(&Eye { response, white: 1e5, sensor }, &film, &Plane::new(width, height, None));
+        let labels = Plane::new(width, height, None);
+        let measured = Measured::new(&Eye { response, white: 1e5, sensor }, &film, &labels);
         let own = measured.owned();
         for colour in 0..2 {
             let noise: Vec<f64> = own.data().iter().skip(colour).step_by(2).map(|n| f64::from(n.variance)).collect();

@@ -2,16 +2,17 @@
 
 use crate::develop::{Frame, Picture};
 use crate::error::Error;
-use crate::parallel::par_map;
 use crate::settings::RenderSettings;
-use dunkelfeld_film::{Film, PixelSums, Plane};
+use dunkelfeld_film::{Film, FilmLayers, PixelSums, Plane};
 use dunkelfeld_integrator::Label;
-use dunkelfeld_io::exr::{ExrLayers, read_exr, write_exr};
+use dunkelfeld_io::exr::{ExrHead, ExrLayers, read_exr, write_exr, write_exr_rows};
 use dunkelfeld_io::layers::{Single, Triple};
 use dunkelfeld_io::picture::Picture as File;
 use dunkelfeld_radiometry::Number;
 use dunkelfeld_scene::Effect;
 use dunkelfeld_sensor::{Exposure, SensorModel};
+use rayon::prelude::*;
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 /// What an id layer holds where there is nothing.
@@ -208,7 +209,8 @@ pub(crate) fn save_values(values: &Plane<u16>, words: &str, path: &Path) -> Resu
 /// All layers of a render as an EXR's contents: `R G B`, `variance.*`, `covariance.*`, `spp.Y`, `albedo.*`, `normal.*`, `depth.Z` and
 /// their variances, `scatter.*`, `id.object`, `id.material` ([`NO_ID`] where there is nothing) and, with a sensor, `electrons.Y`; `hidden.Y` once the frame is
 /// [certified](crate::certify), and `matched.Y` (1 or 0) if its noise was to be matched; `denoised.*` if the
-/// [picture shows it](crate::show_denoised).
+/// [picture shows it](crate::show_denoised). Of a film without all layers ([`FilmLayers::Image`]) albedo, depth and the variances of auxiliary
+/// layers are left out.
 pub fn encode_layers(
     film: &Film,
     labels: &Plane<Option<Label>>,
@@ -216,35 +218,14 @@ pub fn encode_layers(
     settings: &RenderSettings,
     names: &[String],
 ) -> ExrLayers {
-    let sums = film.pixels();
-    let mut layers = plan_layers(&film.sample_counts(), settings);
-    layers.push_triples(Triple::Mean, &par_map(sums, |p| p.mean().map(|v| v as f32)));
-    layers.push_triples(Triple::Variance, &par_map(sums, |p| p.variance_of_mean().map(|v| v as f32)));
-    layers.push_triples(Triple::Covariance, &par_map(sums, |p| p.covariance_of_mean().map(|v| v as f32)));
-    let scatter = par_map(sums, PixelSums::scatter);
-    layers.push_floats(Single::Scatter, scatter.map(|s| s.map_or(f32::INFINITY, |s| s.all as f32)));
-    layers.push_floats(Single::LargestScatter, scatter.map(|s| s.map_or(f32::INFINITY, |s| s.largest as f32)));
-    layers.push_triples(Triple::Albedo, &par_map(sums, PixelSums::mean_albedo));
-    layers.push_triples(Triple::Normal, &par_map(sums, PixelSums::mean_normal));
-    layers.push_floats(Single::Depth, par_map(sums, PixelSums::mean_depth));
-    layers.push_triples(Triple::AlbedoVariance, &par_map(sums, PixelSums::variance_of_albedo));
-    layers.push_triples(Triple::NormalVariance, &par_map(sums, PixelSums::variance_of_normal));
-    layers.push_floats(Single::DepthVariance, par_map(sums, PixelSums::variance_of_depth));
-    layers.push_integers(Single::ObjectId, labels.map(|l| l.map_or(NO_ID, |l| l.object)));
-    layers.push_integers(Single::MaterialId, labels.map(|l| l.map_or(NO_ID, |l| l.material)));
-    if let Some(sensor) = &frame.sensor {
-        layers.push_floats(Single::Electrons, sensor.electrons.clone());
-        if let Some(certified) = &sensor.certified {
-            layers.push_floats(Single::Hidden, certified.ratios.clone());
-        }
-        if let Some(matched) = &sensor.matched {
-            layers.push_floats(Single::Matched, matched.held.map(|&held| f32::from(u8::from(held))));
-        }
-    }
-    if let Some(denoised) = &frame.denoised {
-        layers.push_triples(Triple::Denoised, &denoised.mean);
-    }
-    layers.attributes = serde_json::json!({
+    let mut layers = layers_of_rows(film, labels, frame, 0..film.height());
+    layers.attributes = layer_attributes(frame, settings, names);
+    layers
+}
+
+/// What an EXR with all layers says of itself.
+fn layer_attributes(frame: &Frame, settings: &RenderSettings, names: &[String]) -> String {
+    serde_json::json!({
         "program": format!("dunkelfeld {}", env!("CARGO_PKG_VERSION")),
         "seed": settings.seed,
         "frame": settings.frame,
@@ -255,8 +236,84 @@ pub fn encode_layers(
         "objects": names,
         "without": settings.without.iter().map(|e| e.name()).collect::<Vec<_>>(),
     })
-    .to_string();
-    layers
+    .to_string()
+}
+
+/// The layers of some rows of pixels, without attributes. The names of the channels are the same for all rows. Runs on the threads of
+/// the current pool.
+fn layers_of_rows(film: &Film, labels: &Plane<Option<Label>>, frame: &Frame, rows: Range<u32>) -> ExrLayers {
+    let bands = rows.clone().step_by(Film::TILE as usize).map(|y| y..(y + Film::TILE).min(rows.end));
+    let bands: Vec<ExrLayers> = bands
+        .collect::<Vec<_>>()
+        .into_par_iter()
+        .map(|band| {
+            let mut sums = Vec::new();
+            film.read_rows(band.clone(), &mut sums);
+            layers_of_band(film.layers(), &sums, labels, frame, band)
+        })
+        .collect();
+    let mut bands = bands.into_iter();
+    let mut all = bands.next().unwrap_or_else(|| ExrLayers::new(film.width(), 0));
+    for band in bands {
+        all.append_rows(band);
+    }
+    all
+}
+
+/// The same of a few rows of pixels that have these sums.
+fn layers_of_band(
+    layers: FilmLayers,
+    sums: &[PixelSums],
+    labels: &Plane<Option<Label>>,
+    frame: &Frame,
+    rows: Range<u32>,
+) -> ExrLayers {
+    let (width, height) = (labels.width(), rows.len() as u32);
+    let pixels = rows.start as usize * width as usize..rows.end as usize * width as usize;
+    let mut out = ExrLayers::new(width, height);
+    let triples = |f: &dyn Fn(&PixelSums) -> [f32; 3]| plane(width, height, sums.iter().map(f), [0.0; 3]);
+    let floats = |f: &dyn Fn(&PixelSums) -> f32| plane(width, height, sums.iter().map(f), 0.0);
+    out.push_integers(Single::SampleCount, plane(width, height, sums.iter().map(PixelSums::count), 0));
+    out.push_triples(Triple::Mean, &triples(&|p| p.mean().map(|v| v as f32)));
+    out.push_triples(Triple::Variance, &triples(&|p| p.variance_of_mean().map(|v| v as f32)));
+    out.push_triples(Triple::Covariance, &triples(&|p| p.covariance_of_mean().map(|v| v as f32)));
+    out.push_floats(Single::Scatter, floats(&|p| p.scatter().map_or(f32::INFINITY, |s| s.all as f32)));
+    out.push_floats(Single::LargestScatter, floats(&|p| p.scatter().map_or(f32::INFINITY, |s| s.largest as f32)));
+    out.push_triples(Triple::Normal, &triples(&PixelSums::mean_normal));
+    if layers == FilmLayers::All {
+        out.push_triples(Triple::Albedo, &triples(&PixelSums::mean_albedo));
+        out.push_floats(Single::Depth, floats(&PixelSums::mean_depth));
+        out.push_triples(Triple::AlbedoVariance, &triples(&PixelSums::variance_of_albedo));
+        out.push_triples(Triple::NormalVariance, &triples(&PixelSums::variance_of_normal));
+        out.push_floats(Single::DepthVariance, floats(&PixelSums::variance_of_depth));
+    }
+    let labels = &labels.data()[pixels.clone()];
+    let ids =
+        |f: &dyn Fn(&Label) -> u32| plane(width, height, labels.iter().map(|l| l.as_ref().map_or(NO_ID, f)), NO_ID);
+    out.push_integers(Single::ObjectId, ids(&Label::object));
+    out.push_integers(Single::MaterialId, ids(&Label::material));
+    if let Some(sensor) = &frame.sensor {
+        let electrons = sensor.electrons.data()[pixels.clone()].iter().copied();
+        out.push_floats(Single::Electrons, plane(width, height, electrons, 0.0));
+        if let Some(certified) = &sensor.certified {
+            let ratios = certified.ratios.data()[pixels.clone()].iter().copied();
+            out.push_floats(Single::Hidden, plane(width, height, ratios, 0.0));
+        }
+        if let Some(matched) = &sensor.matched {
+            let held = matched.held.data()[pixels.clone()].iter().map(|&held| f32::from(u8::from(held)));
+            out.push_floats(Single::Matched, plane(width, height, held, 0.0));
+        }
+    }
+    if let Some(denoised) = &frame.denoised {
+        let mean = denoised.mean.data()[pixels].iter().copied();
+        out.push_triples(Triple::Denoised, &plane(width, height, mean, [0.0; 3]));
+    }
+    out
+}
+
+/// A plane of as many values as it has pixels.
+fn plane<T: Clone>(width: u32, height: u32, values: impl Iterator<Item = T>, missing: T) -> Plane<T> {
+    Plane::from_vec(width, height, values.collect()).unwrap_or_else(|| Plane::new(width, height, missing))
 }
 
 /// The attribute of images that a lens has darkened.
@@ -310,17 +367,24 @@ impl Written<'_> {
             save_linear(self.frame, path)?;
         }
         if let Some(path) = &paths.exr {
-            let names = self.object_names;
-            let mut layers = encode_layers(self.film, self.labels, self.frame, self.settings, names);
-            if self.is_vignetted {
-                set_attribute(&mut layers, VIGNETTING, "cos4");
-            }
-            save_exr(path, layers)?;
+            written(path, self.write_layers(path))?;
         }
         if let Some(path) = &paths.plan {
             save_plan(path, &self.film.sample_counts(), self.settings)?;
         }
         Ok(())
+    }
+
+    /// Writes all layers, in strips: those of a whole image would take more memory than its film.
+    fn write_layers(&self, path: &Path) -> std::io::Result<()> {
+        let mut first = layers_of_rows(self.film, self.labels, self.frame, 0..self.film.height().min(1));
+        first.attributes = layer_attributes(self.frame, self.settings, self.object_names);
+        if self.is_vignetted {
+            set_attribute(&mut first, VIGNETTING, "cos4");
+        }
+        write_exr_rows(path, &ExrHead::of(&first, self.film.height()), &mut |rows| {
+            Ok(layers_of_rows(self.film, self.labels, self.frame, rows).into_samples())
+        })
     }
 }
 

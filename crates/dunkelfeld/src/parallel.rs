@@ -1,26 +1,36 @@
 //! Planes of a film, made on the threads of the current pool: a large film takes seconds to read.
 
-use dunkelfeld_film::{Film, PixelSums, Plane, fill_gaps};
+use dunkelfeld_film::{Film, PixelSums, Plane, TileRow, fill_gaps};
 use rayon::prelude::*;
 
-/// A film without samples.
-pub(crate) fn blank_film(width: u32, height: u32) -> Film {
-    let sums = rayon::iter::repeat_n(PixelSums::default(), width as usize * height as usize).collect();
-    Plane::from_vec(width, height, sums).map_or_else(|| Film::new(width, height), Film::from_sums)
+/// [`Film::map`].
+pub(crate) fn map_film<T: Send + Clone + Default>(film: &Film, f: impl Fn(&PixelSums) -> T + Sync) -> Plane<T> {
+    let mut out = Plane::new(film.width(), film.height(), T::default());
+    let pixels = (film.width() as usize * Film::TILE as usize).max(1);
+    out.data_mut().par_chunks_mut(pixels).zip(film.tile_rows()).for_each_init(Vec::new, |sums, (to, row)| {
+        sums.clear();
+        row.read_rows(0..row.height(), sums);
+        to.iter_mut().zip(sums).for_each(|(to, sums)| *to = f(sums));
+    });
+    out
+}
+
+/// A value for each row of tiles of a film, in their order, from the number of its first pixel and the sums of its pixels.
+pub(crate) fn map_tile_rows<T: Send>(film: &Film, f: impl Fn(usize, &[PixelSums]) -> T + Sync) -> Vec<T> {
+    let pixels = film.width() as usize * Film::TILE as usize;
+    let of_row = |sums: &mut Vec<PixelSums>, (number, row): (usize, &TileRow)| {
+        sums.clear();
+        row.read_rows(0..row.height(), sums);
+        f(number * pixels, sums)
+    };
+    film.tile_rows().par_iter().enumerate().map_init(Vec::new, of_row).collect()
 }
 
 /// [`Film::mean_without_gaps`].
 pub(crate) fn mean_without_gaps(film: &Film) -> Plane<[f32; 3]> {
-    let known = par_map(film.pixels(), |p| p.count() > 0);
-    let mean = par_map(film.pixels(), |p| p.mean().map(|v| v as f32));
+    let known = map_film(film, |p| p.count() > 0);
+    let mean = map_film(film, |p| p.mean().map(|v| v as f32));
     if known.data().contains(&false) { fill_gaps(&mean, &known) } else { mean }
-}
-
-/// [`Plane::map`].
-pub(crate) fn par_map<T: Sync, U: Send + Clone>(plane: &Plane<T>, f: impl Fn(&T) -> U + Sync) -> Plane<U> {
-    let values: Vec<U> = plane.data().par_iter().map(&f).collect();
-    // The lengths agree: the plane is made of as many values as it came from.
-    Plane::from_vec(plane.width(), plane.height(), values).unwrap_or_else(|| plane.map(&f))
 }
 
 #[cfg(test)]
@@ -31,11 +41,15 @@ mod tests {
 
     #[test]
     fn means_are_those_of_the_film() {
-        let mut film = blank_film(37, 11);
-        assert_eq!(film, Film::new(37, 11));
-        for pixel in (0..37 * 11).step_by(3) {
-            film.add(pixel, 0, &Sample { radiance: Rgb::splat(pixel as f32), ..Sample::MISS });
+        let mut film = Film::new(37, 41);
+        for pixel in (0..37 * 41).step_by(3) {
+            film.add(pixel, 0, &Sample { radiance: Rgb::splat(pixel as f32), ..Sample::MISS }).expect("memory");
         }
+        let first_red = |first, sums: &[PixelSums]| (first, sums.len(), sums[1].mean()[0]);
+        assert_eq!(
+            map_tile_rows(&film, first_red),
+            [(0, 592, 0.0), (592, 592, 593.0 * f64::from(u8::from(593 % 3 == 0))), (1184, 333, 1185.0)]
+        );
         assert_eq!(mean_without_gaps(&film), film.mean_without_gaps());
     }
 }

@@ -175,7 +175,7 @@ impl<'a> Planner<'a> {
     }
 
     /// Fixes the shares for good, and makes the forecast.
-    fn fix(&mut self, eye: &Eye, mean: &Plane<[f32; 3]>, sight: Option<&Sight>, state: State<'_>, pace: &Pace<'_>) {
+    fn fix(&mut self, eye: &Eye, mean: &Plane<[f32; 3]>, sight: Option<&Sight<'_>>, state: State<'_>, pace: &Pace<'_>) {
         let (strategy, target) = (self.settings.strategy(), self.settings.budget.noise);
         let needs =
             sight.filter(|_| strategy == Strategy::Sensor).and_then(|s| s.planned(target.unwrap_or(DEFAULT_TARGET)));
@@ -203,7 +203,7 @@ impl<'a> Planner<'a> {
 
     /// Samples per pixel after which the image is hidden at `k` by the strategy of the render, as far as what was seen tells;
     /// `None` without a sensor. Shares are planned by the neighbours; how much it takes is told by what is certified.
-    fn targets(&self, sight: &Sight, k: f64, counts: &Plane<u32>, weights: &Plane<f32>) -> Option<Plane<f32>> {
+    fn targets(&self, sight: &Sight<'_>, k: f64, counts: &Plane<u32>, weights: &Plane<f32>) -> Option<Plane<f32>> {
         let needs = sight.measured.needs_by(&sight.own, k)?;
         let targets = match self.settings.strategy() {
             Strategy::Sensor => needs.if_weighted(counts, &sight.planned(k)?.shares(least(counts))),
@@ -212,7 +212,7 @@ impl<'a> Planner<'a> {
         Some(self.state.trend.followed(targets, counts))
     }
 
-    fn outlook(&self, sight: &Sight, k: f64, counts: &Plane<u32>, weights: &Plane<f32>) -> f64 {
+    fn outlook(&self, sight: &Sight<'_>, k: f64, counts: &Plane<u32>, weights: &Plane<f32>) -> f64 {
         self.targets(sight, k, counts, weights).map_or(f64::INFINITY, |t| total(&t))
     }
 }
@@ -228,17 +228,17 @@ fn mean_count(counts: &Plane<u32>) -> f64 {
 }
 
 /// The noise of the pilot.
-struct Sight {
+struct Sight<'a> {
     /// As it was seen.
-    measured: Measured,
+    measured: Measured<'a>,
     /// As plans are made from it: by the neighbours of each pixel. None where a plan does not rest on noise.
     expected: Option<Plane<Expected>>,
     /// As it would be certified.
     own: Plane<PixelNoise>,
 }
 
-impl Sight {
-    fn of(measured: Measured, own: Plane<PixelNoise>, strategy: Strategy) -> Self {
+impl<'a> Sight<'a> {
+    fn of(measured: Measured<'a>, own: Plane<PixelNoise>, strategy: Strategy) -> Self {
         // Who wants the least variance of the image's mean does not ask what the sensor sees of it.
         let sensor = measured.sensor.filter(|_| strategy != Strategy::Variance);
         let expected = strategy.needs_noise().then(|| measured.expected(sensor));

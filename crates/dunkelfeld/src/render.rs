@@ -4,7 +4,6 @@ use crate::check::check;
 use crate::checkpoint::{Course, Earlier, Keeper, Moment, Saved, State as Stored, began, film_rows};
 use crate::error::Error;
 use crate::forecast::{Forecast, Pace};
-use crate::parallel::blank_film;
 use crate::planner::{FIRST_LOOK, Planner, State, Verdict};
 use crate::progress::{Cancel, Progress, Stage};
 use crate::round::{Reporter, RoundWork, TILE, deadline, give_up, run};
@@ -220,7 +219,7 @@ impl<'a> Renderer<'a> {
             settings,
             started,
             threads,
-            film: blank_film(width, height),
+            film: Film::with_layers(width, height, settings.film_layers()),
             counts: settings.samples_before(),
             taken: 0,
             labels,
@@ -305,7 +304,7 @@ impl<'a> Renderer<'a> {
                 let total = self.taken + plan::total(&plan::increment(&self.counts, &plan));
                 let reporter = Reporter::new(progress, self.started, None, Some(total));
                 reporter.resume(self.taken);
-                self.round(&plan, Stage::Refine, None, cancel, &reporter);
+                self.round(&plan, Stage::Refine, None, cancel, &reporter)?;
                 StopReason::Samples
             }
             (None, None) => self.rounds(progress, cancel, rehearsal)?,
@@ -361,7 +360,7 @@ impl<'a> Renderer<'a> {
                 .flatten();
             self.course = Some(course.clone());
             let (before, began) = (self.taken, Instant::now());
-            let work = self.round(&target, course.stage, guard, cancel, &reporter);
+            let work = self.round(&target, course.stage, guard, cancel, &reporter)?;
             if cancel.is_cancelled() {
                 self.target = Some(target);
                 return Ok(StopReason::Samples);
@@ -504,7 +503,7 @@ impl<'a> Renderer<'a> {
         deadline: Option<Instant>,
         cancel: &Cancel,
         reporter: &Reporter<'_>,
-    ) -> f64 {
+    ) -> Result<f64, Error> {
         let began = Instant::now();
         let increment = plan::increment(&self.counts, target);
         let units = self.costs.cut(&increment, self.threads);
@@ -549,7 +548,10 @@ impl<'a> Renderer<'a> {
         self.invalid.extend(result.invalid);
         self.invalid.truncate(16);
         self.spend(stage, began);
-        work
+        if result.out_of_memory {
+            return Err(Error::film_memory());
+        }
+        Ok(work)
     }
 
     fn spend(&mut self, stage: Stage, began: Instant) {
@@ -562,7 +564,9 @@ impl<'a> Renderer<'a> {
 }
 
 fn labels(scene: &Scene, camera: &RayGenerator, width: u32, height: u32) -> Plane<Option<Label>> {
-    let rows: Vec<Vec<Option<Label>>> =
-        (0..height).into_par_iter().map(|y| (0..width).map(|x| label(scene, camera, x, y)).collect()).collect();
-    Plane::from_vec(width, height, rows.concat()).unwrap_or_else(|| Plane::new(width, height, None))
+    let mut labels = Plane::new(width, height, None);
+    labels.data_mut().par_chunks_mut((width as usize).max(1)).enumerate().for_each(|(y, row)| {
+        (0..).zip(row).for_each(|(x, to)| *to = label(scene, camera, x, y as u32));
+    });
+    labels
 }

@@ -7,16 +7,16 @@
 use crate::checkpoint::{Keeper, Moment};
 use crate::progress::{Cancel, Progress, ProgressState, Stage};
 use dunkelfeld_adaptive::cost::{CostMap, TileGrid, TileRect, WorkUnit};
-use dunkelfeld_film::{Accumulate, Film, PixelSums, Plane};
+use dunkelfeld_film::{Accumulate, Film, PixelSums, Plane, TileRow};
 use dunkelfeld_integrator::{ConnectionTally, Estimator, PixelSample};
 use rayon::prelude::*;
 use std::ops::Range;
 use std::sync::Mutex;
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
 /// Pixels along the side of a tile.
-pub(crate) const TILE: u32 = 16;
+pub(crate) const TILE: u32 = Film::TILE;
 /// At most so many invalid samples are remembered by name.
 const MOST_NAMED: usize = 16;
 /// Samples between two looks at the clock and the switch.
@@ -110,6 +110,8 @@ pub(crate) struct RoundResult {
     pub(crate) invalid: Vec<PixelSample>,
     /// Connections through covers, of all samples that reached the film.
     pub(crate) connections: ConnectionTally,
+    /// Did the memory not suffice? The round ended early then.
+    pub(crate) out_of_memory: bool,
 }
 
 /// A tile on its way: the sums of its finished units.
@@ -128,38 +130,40 @@ type TileSum = (u32, PixelSums);
 
 /// The film while a round is under way: rows of tiles, one lock each.
 struct Canvas<'a> {
-    rows: Vec<Mutex<&'a mut [PixelSums]>>,
-    width: usize,
+    rows: Vec<Mutex<&'a mut TileRow>>,
     grid: TileGrid,
+}
+
+/// Why a tile could not be added to the film.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum CanvasFault {
+    /// A thread that held the lock of its row has failed.
+    Poisoned,
+    /// There is not enough memory for its sums.
+    OutOfMemory,
 }
 
 impl<'a> Canvas<'a> {
     fn new(film: &'a mut Film, grid: TileGrid) -> Self {
-        let width = film.width() as usize;
-        let rows = film.pixels_mut().data_mut().chunks_mut((width * TILE as usize).max(1)).map(Mutex::new).collect();
-        Self { rows, width, grid }
+        Self { rows: film.tile_rows_mut().iter_mut().map(Mutex::new).collect(), grid }
     }
 
-    /// Adds all sums of a tile, those of all of its units together, so that nobody sees a part of them. False if a thread has failed that
-    /// worked on its row.
-    fn add<'b>(&self, tile: usize, sums: impl Iterator<Item = &'b TileSum>) -> bool {
+    /// Adds all sums of a tile, those of all of its units together, so that a copy holds all of them or none.
+    fn add<'b>(&self, tile: usize, sums: impl Iterator<Item = &'b TileSum>) -> Result<(), CanvasFault> {
         let rect = self.grid.rect(tile);
-        let Ok(mut pixels) = self.rows[(rect.y0 / TILE) as usize].lock() else { return false };
-        let tile_width = (rect.x1 - rect.x0) as usize;
-        for (slot, sums) in sums {
-            let slot = *slot as usize;
-            pixels[slot / tile_width * self.width + rect.x0 as usize + slot % tile_width].merge(sums);
-        }
-        true
+        let mut row = self.rows[(rect.y0 / TILE) as usize].lock().map_err(|_| CanvasFault::Poisoned)?;
+        let width = rect.x1 - rect.x0;
+        let sums = sums.map(|(slot, sums)| ((slot % width, slot / width), sums));
+        row.add((rect.x0 / TILE) as usize, sums).map_err(|_| CanvasFault::OutOfMemory)
     }
 
     /// Copies rows of pixels, with tiles as they are when they are finished or as they were before: a film that a later process can go on
     /// from. Rows on which a thread has failed are left out.
     fn copy(&self, rows: Range<u32>, out: &mut Vec<PixelSums>) {
         for band in rows.start / TILE..rows.end.div_ceil(TILE) {
-            let Ok(pixels) = self.rows[band as usize].lock() else { return };
-            let row = |y: u32| (y.clamp(rows.start, rows.end) - band * TILE) as usize * self.width;
-            out.extend(&pixels[row(band * TILE)..row((band + 1) * TILE)]);
+            let Ok(row) = self.rows[band as usize].lock() else { return };
+            let within = |y: u32| y.clamp(rows.start, rows.end) - band * TILE;
+            row.read_rows(within(band * TILE)..within((band + 1) * TILE), out);
         }
     }
 }
@@ -170,14 +174,15 @@ pub(crate) fn run(film: &mut Film, work: &RoundWork<'_>, reporter: &Reporter<'_>
     let canvas = Canvas::new(film, grid);
     let pending: Vec<Mutex<Pending>> = (0..grid.len()).map(|_| Mutex::default()).collect();
     let (finished, invalid) = (Mutex::new(RoundResult::default()), Mutex::new(Vec::new()));
-    let next = AtomicU64::new(0);
+    let (next, out_of_memory) = (AtomicU64::new(0), AtomicBool::new(false));
     // One long-lived task per thread that takes the next unit: the dearest first, as they were cut.
     (0..rayon::current_num_threads()).into_par_iter().for_each(|_| {
         let mut sums = Vec::new();
         loop {
             let index = next.fetch_add(1, Ordering::Relaxed) as usize;
             let Some(unit) = work.units.get(index) else { break };
-            if work.cancel.is_cancelled() || work.deadline.is_some_and(|d| Instant::now() > d) {
+            let is_over = work.cancel.is_cancelled() || out_of_memory.load(Ordering::Relaxed);
+            if is_over || work.deadline.is_some_and(|d| Instant::now() > d) {
                 break;
             }
             let began = Instant::now();
@@ -192,7 +197,8 @@ pub(crate) fn run(film: &mut Film, work: &RoundWork<'_>, reporter: &Reporter<'_>
                 tile.seconds += began.elapsed().as_secs_f64();
             } else {
                 let earlier = std::mem::take(&mut tile.sums);
-                if !canvas.add(unit.tile, earlier.iter().chain(&sums)) {
+                if let Err(fault) = canvas.add(unit.tile, earlier.iter().chain(&sums)) {
+                    out_of_memory.fetch_or(fault == CanvasFault::OutOfMemory, Ordering::Relaxed);
                     break;
                 }
                 tile.seconds += began.elapsed().as_secs_f64();
@@ -211,6 +217,7 @@ pub(crate) fn run(film: &mut Film, work: &RoundWork<'_>, reporter: &Reporter<'_>
     let mut result = finished.into_inner().unwrap_or_default();
     // Who finished first is nobody's business: costs are learned in the order of the tiles.
     result.tiles.sort_by_key(|&(tile, ..)| tile);
+    result.out_of_memory = out_of_memory.into_inner();
     result.invalid = invalid.into_inner().unwrap_or_default();
     result.invalid.sort_by_key(|s| (s.y, s.x, s.index));
     result
@@ -286,7 +293,6 @@ mod tests {
     use super::*;
     use dunkelfeld_film::Sample;
     use dunkelfeld_radiometry::Rgb;
-    use std::sync::atomic::AtomicBool;
 
     /// A film whose last tiles are cut off by its right and lower edge: each pixel is met once, where it belongs.
     #[test]
@@ -307,15 +313,16 @@ mod tests {
                     (slot, pixel)
                 })
                 .collect();
-            assert!(canvas.add(tile, sums.iter()));
+            canvas.add(tile, sums.iter()).expect("memory");
         }
         let rows = TILE - 2..height;
         let mut copied = Vec::new();
         canvas.copy(rows.clone(), &mut copied);
-        let start = (rows.start * width) as usize;
-        assert_eq!(copied, film.pixels().data()[start..]);
+        let mut read = Vec::new();
+        film.read_rows(rows, &mut read);
+        assert_eq!(copied, read);
         for (x, y) in (0..height).flat_map(|y| (0..width).map(move |x| (x, y))) {
-            let pixel = film.pixels().at(x, y);
+            let pixel = film.pixel(x, y);
             assert_eq!((pixel.count(), pixel.mean()[0]), (1, f64::from(value(x, y))), "{x}, {y}");
         }
     }
@@ -350,13 +357,13 @@ mod tests {
             });
             let enough = copies.load(Ordering::Relaxed) + 200;
             while copies.load(Ordering::Relaxed) < enough || rounds % grid.len() != 0 {
-                assert!(canvas.add(rounds % grid.len(), unit.iter().chain(&unit)));
+                canvas.add(rounds % grid.len(), unit.iter().chain(&unit)).expect("memory");
                 rounds += 1;
             }
             is_done.store(true, Ordering::Relaxed);
             copier.join()
         });
         assert_eq!(torn.ok(), Some(0));
-        assert!(film.pixels().data().iter().all(|p| p.count() == 2 * (rounds / grid.len()) as u32));
+        assert!(film.sample_counts().data().iter().all(|&n| n == 2 * (rounds / grid.len()) as u32));
     }
 }

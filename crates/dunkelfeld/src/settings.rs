@@ -3,7 +3,7 @@
 use crate::checkpoint::CheckpointSettings;
 use crate::denoising::DenoiseSettings;
 use dunkelfeld_adaptive::allocation::Strategy;
-use dunkelfeld_film::Plane;
+use dunkelfeld_film::{FilmLayers, Plane};
 use dunkelfeld_scene::{Camera, Effect};
 use dunkelfeld_sensor::{Exposure, ExposureNoise, Optics, SensorModel};
 use std::ops::Range;
@@ -85,6 +85,9 @@ pub struct RenderSettings {
     pub samples: Option<Range<u32>>,
     /// Where to keep a checkpoint, and to take the render up from if it exists.
     pub checkpoint: Option<CheckpointSettings>,
+    /// The layers that the film keeps sums for. [`FilmLayers::Image`] needs less memory and allows neither auxiliary layers in an EXR
+    /// nor denoisers that use them. A render with a checkpoint keeps all: it may be asked for them later.
+    pub layers: FilmLayers,
     /// Effects that were left out on purpose. They mark the outputs; the scene itself must have been built without them
     /// ([`Project::open_without`](crate::Project::open_without)).
     pub without: Vec<Effect>,
@@ -119,6 +122,11 @@ impl RenderSettings {
         }
     }
 
+    /// The layers of the film, as [`Self::layers`] has it.
+    pub(crate) fn film_layers(&self) -> FilmLayers {
+        if self.checkpoint.is_some() { FilmLayers::All } else { self.layers }
+    }
+
     /// Is there a sensor?
     pub fn has_sensor(&self) -> bool {
         matches!(self.sensor, SensorChoice::Emva { .. })
@@ -146,6 +154,7 @@ impl Default for RenderSettings {
             replay: None,
             samples: None,
             checkpoint: None,
+            layers: FilmLayers::default(),
             without: Vec::new(),
         }
     }

@@ -4,13 +4,13 @@ use crate::develop::Frame;
 use crate::forecast::ForecastLevel;
 use crate::heavy::{HeavySample, heaviest};
 use crate::noise::Certified;
+use crate::parallel::map_tile_rows;
 use crate::progress::Stage;
 use crate::render::Rendering;
 use crate::settings::{RenderSettings, SensorChoice};
 use dunkelfeld_adaptive::certificate::Certificate;
 use dunkelfeld_adaptive::schedule::StopReason;
 use dunkelfeld_film::{Film, PixelSums};
-use rayon::prelude::*;
 use serde::Serialize;
 use std::collections::BTreeMap;
 
@@ -200,10 +200,6 @@ pub struct SensorStats {
     pub matched: Option<f64>,
 }
 
-/// Pixels that are gone through in one go. Sums are made of such pieces in their order, so that they are the same on any number of
-/// threads.
-pub(crate) const PIECE: usize = 1 << 14;
-
 /// What there is to say of all pixels together.
 #[derive(Clone, Copy, Default)]
 struct Totals {
@@ -219,9 +215,10 @@ struct Totals {
 }
 
 impl Totals {
-    /// On the threads of the current pool: a large film takes seconds to read.
+    /// On the threads of the current pool: a large film takes seconds to read. Rows of tiles are summed up in their order, so that the
+    /// sums are the same on any number of threads.
     fn of(film: &Film) -> Self {
-        let pieces: Vec<Self> = film.pixels().data().par_chunks(PIECE).map(Self::of_piece).collect();
+        let pieces = map_tile_rows(film, |_, sums| Self::of_piece(sums));
         pieces.iter().fold(Self::default(), |all, piece| all.and(piece))
     }
 
@@ -261,7 +258,7 @@ impl Stats {
     pub fn new(rendering: &Rendering, frame: &Frame, settings: &RenderSettings) -> Self {
         let film = &rendering.film;
         let totals = Totals::of(film);
-        let n = film.pixels().data().len().max(1) as f64;
+        let n = film.pixels().max(1) as f64;
         let samples_were_taken = |stage: &Stage| matches!(stage, Stage::Pilot | Stage::Refine);
         let rendering_seconds: f64 =
             rendering.stages.iter().filter(|(stage, _)| samples_were_taken(stage)).map(|(_, s)| s).sum();
@@ -393,12 +390,11 @@ mod tests {
     #[test]
     fn a_large_film_is_summed_up_in_pieces() {
         let (width, height) = (150, 240);
-        assert!((width * height) as usize > 2 * PIECE);
         let mut film = Film::new(width, height);
         for pixel in 0..(width * height) as usize {
             for index in 0..(pixel % 5) as u32 {
                 let value = Rgb::new((pixel % 11) as f32, (index + 1) as f32, 0.1);
-                film.add(pixel, index, &Sample { radiance: value, ..Sample::MISS });
+                film.add(pixel, index, &Sample { radiance: value, ..Sample::MISS }).expect("memory");
             }
         }
         let of = |threads| crate::render::thread_pool(threads).expect("threads").install(|| Totals::of(&film));
@@ -408,7 +404,7 @@ mod tests {
         let without = counts.data().iter().filter(|&&n| n == 0).count() as u64;
         assert_eq!((one.samples, one.range, one.without), (film.total_samples(), Some([0, 4]), without));
         for channel in 0..3 {
-            let sum: f64 = film.pixels().data().iter().map(|p| p.mean()[channel]).sum();
+            let sum: f64 = film.map(|p| p.mean()[channel]).data().iter().sum();
             assert!((one.mean[channel] / sum - 1.0).abs() < 1e-12, "{channel}");
         }
     }

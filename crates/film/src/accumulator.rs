@@ -2,9 +2,10 @@
 //!
 //! Sample sets must be additive to the last bit: [0, 64) plus [64, 128) equals [0, 128), in any order, on any number of
 //! threads. Floating-point addition is not associative, integer addition is. So radiance is summed in 128-bit fixed
-//! point: one unit is 2^-66 W/(m^2 sr) (1.4e-20), the range ends at 2^62 W/(m^2 sr) (4.6e18). A sample is rounded once,
-//! to that unit; nothing else is lost, however many samples follow. What lies beyond the range is not clamped in
-//! silence: it is counted as invalid, like a sample that is not finite.
+//! point: one unit is 2^-59 W/(m^2 sr) (1.7e-18), and a sum ends at 2^69 W/(m^2 sr). A sample is rounded once, to that
+//! unit; nothing else is lost, however many samples follow. The unit is far below anything that a camera can see: behind
+//! f/4, a pixel of 3.45 um collects about 1e6 electrons per second from 1 W/(m^2 sr), so that a unit is one electron in 18 000 years.
+//! A sample beyond the range of 2^46 W/(m^2 sr) is not clamped in silence: it is counted as invalid, like one that is not finite.
 
 use dunkelfeld_radiometry::Rgb;
 
@@ -13,16 +14,16 @@ use dunkelfeld_radiometry::Rgb;
 pub const BATCHES: usize = 4;
 
 /// One unit of the fixed-point radiance is 2^-RADIANCE_BITS W/(m^2 sr).
-const RADIANCE_BITS: i32 = 66;
-/// Samples at or above this radiance are invalid: 2^46 W/(m^2 sr); 65 536 of them still fit into a sum of 2^62.
+const RADIANCE_BITS: i32 = 59;
+/// Samples at or above this radiance are invalid: 2^46 W/(m^2 sr); 8 million of them still fit into a sum.
 const RADIANCE_LIMIT: f32 = (1u64 << 46) as f32;
-/// One unit of the auxiliary sums (albedo, normal) is 2^-32; of depth 2^-24 m.
-const UNIT_BITS: i32 = 32;
+/// One unit of the auxiliary sums (albedo, normal) and of their squares is 2^-30; of depth 2^-24 m.
+const UNIT_BITS: i32 = 30;
 const DEPTH_BITS: i32 = 24;
 const DEPTH_LIMIT: f32 = (1u64 << 31) as f32;
-/// One unit of the squares of luminance is 2^-SQUARE_BITS (W/(m^2 sr))^2: a luminance of 1e-15 W/(m^2 sr) keeps twenty bits of its
-/// square, and 2^32 samples of the largest valid one stay below 2^(122 + 120).
-const SQUARE_BITS: i32 = 120;
+/// One unit of the squares of luminance is 2^-SQUARE_BITS (W/(m^2 sr))^2: a luminance of 1e-14 W/(m^2 sr) keeps nearly twenty bits of its
+/// square, and 2^32 samples of the largest valid one stay below 2^(124 + 112).
+const SQUARE_BITS: i32 = 112;
 
 /// What one camera sample brings back.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -77,7 +78,7 @@ impl RadianceSum {
     }
 }
 
-/// `v * 2^66` as an integer, rounded to nearest even where bits are lost. `v` is finite and in `[0, 2^46)`.
+/// `v * 2^59` as an integer, rounded to nearest even where bits are lost. `v` is finite and in `[0, 2^46)`.
 #[inline]
 fn to_fixed(v: f32) -> u128 {
     let bits = v.to_bits();
@@ -104,15 +105,15 @@ pub struct PixelSums {
     pub batches: [RadianceSum; BATCHES],
     /// Number of samples per batch, invalid ones included.
     pub counts: [u32; BATCHES],
-    /// Albedo in units of 2^-32.
+    /// Albedo in units of 2^-30.
     pub albedo: [i64; 3],
-    /// Normal in units of 2^-32.
+    /// Normal in units of 2^-30.
     pub normal: [i64; 3],
     /// Depth in units of 2^-24 m, over the samples that hit.
     pub depth: i64,
-    /// Squares of the albedo in units of 2^-32.
+    /// Squares of the albedo in units of 2^-30.
     pub albedo_squares: [u64; 3],
-    /// Squares of the normal in units of 2^-32.
+    /// Squares of the normal in units of 2^-30.
     pub normal_squares: [u64; 3],
     /// Squares of the depth in units of 2^-48 m^2, over the samples that hit.
     pub depth_squares: u128,
@@ -127,7 +128,7 @@ pub struct PixelSums {
     pub luminance_squares: SquareSum,
 }
 
-/// A sum of squares of luminance in units of 2^-120 (W/(m^2 sr))^2, as a whole number of 256 bits: its lower and upper half.
+/// A sum of squares of luminance in units of 2^-112 (W/(m^2 sr))^2, as a whole number of 256 bits: its lower and upper half.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct SquareSum(pub [u128; 2]);
 
@@ -145,7 +146,7 @@ impl SquareSum {
             -47..0 => Self([square >> -shift, 0]),
             0..=80 => Self([square << shift, 0]),
             81..128 => Self([square << shift, square >> (128 - shift)]),
-            // Luminances of samples are below 2^47, so that the largest shift is 166.
+            // Luminances of samples are below 2^47, so that the largest shift is 158.
             _ => Self([0, square << (shift - 128).min(80)]),
         }
     }
@@ -215,17 +216,17 @@ fn heaviest_key(index: u32, luminance: f32) -> u64 {
     u64::from(luminance.to_bits()) << 32 | u64::from(!index)
 }
 
-/// `v * 2^32`, clamped to [-1, 1]: auxiliary layers are not measurements.
+/// `v * 2^30`, rounded to nearest and clamped to [-1, 1]: auxiliary layers are not measurements.
 #[inline]
 fn unit_to_fixed(v: f32) -> i64 {
-    if v.is_nan() { 0 } else { (f64::from(v.clamp(-1.0, 1.0)) * (1u64 << UNIT_BITS) as f64) as i64 }
+    if v.is_nan() { 0 } else { (f64::from(v.clamp(-1.0, 1.0)) * (1u64 << UNIT_BITS) as f64).round() as i64 }
 }
 
-/// The square of such a number, in its unit: at most 2^32, so that 2^31 of them still fit.
+/// The square of such a number, in its unit and rounded to nearest: at most 2^30, so that 2^33 of them still fit.
 #[inline]
 fn square(v: i64) -> u64 {
-    let wide = u128::from(v.unsigned_abs());
-    ((wide * wide) >> UNIT_BITS) as u64
+    let v = v.unsigned_abs();
+    (v * v + (1 << (UNIT_BITS - 1))) >> UNIT_BITS
 }
 
 /// Variance of the mean of `n` samples from their mean and the mean of their squares; infinite with fewer than two. It is that of
@@ -413,19 +414,19 @@ mod tests {
     #[test]
     fn fixed_point_is_exact_where_it_can_be_and_rounds_once_elsewhere() {
         for v in [0.0, 1.0, 0.1, 1e-6, 3.7e12, 1.5e-9, f32::MIN_POSITIVE, 1e-40] {
-            let back = to_fixed(v) as f64 * (-66f64).exp2();
-            assert!((back - f64::from(v)).abs() <= (-67f64).exp2(), "{v} came back as {back}");
+            let back = to_fixed(v) as f64 * (-59f64).exp2();
+            assert!((back - f64::from(v)).abs() <= (-60f64).exp2(), "{v} came back as {back}");
         }
-        assert_eq!(to_fixed(1.0), 1 << 66);
+        assert_eq!(to_fixed(1.0), 1 << 59);
     }
 
     #[test]
     fn squares_are_exact_where_they_can_be() {
         for v in [0.0f32, 1.0, 0.1, 3.7e5, 1.5e-6, 2e-11, 6e13, 1.3e-15, 1.0e2, 33.0] {
             let (back, square) = (SquareSum::of(v).to_f64(), f64::from(v) * f64::from(v));
-            assert!((back - square).abs() <= 1e-15 * square + (-120f64).exp2(), "{v}: {back}");
+            assert!((back - square).abs() <= 1e-15 * square + (-112f64).exp2(), "{v}: {back}");
         }
-        assert_eq!(SquareSum::of(1.0).0, [1 << 120, 0]);
+        assert_eq!(SquareSum::of(1.0).0, [1 << 112, 0]);
         assert_eq!(SquareSum::of(f32::MIN_POSITIVE).0, [0, 0]);
         // Halves carry.
         let mut sum = SquareSum([u128::MAX, 7]);

@@ -2,13 +2,42 @@
 
 use crate::accumulator::{Accumulate, PixelSums, Sample};
 use crate::gaps::fill_gaps;
+use crate::packed::{Pages, TILE_SIDE, Tile};
 use crate::plane::Plane;
+use std::ops::Range;
+
+/// Which layers the sums of a film allow.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum FilmLayers {
+    /// Radiance with its variance, numbers of samples, and the mean normal, which noise analysis needs. Albedo, depth, hits and
+    /// the variances of all auxiliary layers are zero.
+    Image,
+    /// Everything that [`PixelSums`] has.
+    #[default]
+    All,
+}
+
+/// There is not enough memory for the sums.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct OutOfMemory;
+
+impl std::fmt::Display for OutOfMemory {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str("there is not enough memory for the film")
+    }
+}
+
+impl std::error::Error for OutOfMemory {}
 
 /// Why two films could not be joined.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FilmError {
     /// The films differ in size: width and height of both.
     SizeMismatch([u32; 4]),
+    /// The films differ in their layers.
+    LayerMismatch,
+    /// The sums do not fit into memory.
+    OutOfMemory,
 }
 
 impl std::fmt::Display for FilmError {
@@ -17,104 +46,310 @@ impl std::fmt::Display for FilmError {
             Self::SizeMismatch([w, h, ow, oh]) => {
                 write!(f, "the films differ in size: {w} x {h} and {ow} x {oh} pixels")
             }
+            Self::LayerMismatch => f.write_str("the films differ in their layers"),
+            Self::OutOfMemory => OutOfMemory.fmt(f),
         }
     }
 }
 
 impl std::error::Error for FilmError {}
 
+impl From<OutOfMemory> for FilmError {
+    fn from(_: OutOfMemory) -> Self {
+        Self::OutOfMemory
+    }
+}
+
 /// An image's worth of exact sums. Films of disjoint sample sets merge to the film of their union, to the last bit.
-#[derive(Clone, Debug, PartialEq)]
+///
+/// The sums are stored packed, in rows of tiles of [`Film::TILE`] pixels squared: memory follows the size of the numbers.
+#[derive(Clone)]
 pub struct Film {
-    pixels: Plane<PixelSums>,
+    width: u32,
+    height: u32,
+    layers: FilmLayers,
+    rows: Vec<TileRow>,
+}
+
+/// The sums of [`Film::TILE`] rows of pixels; fewer at the lower edge of a film.
+#[derive(Clone)]
+pub struct TileRow {
+    width: u32,
+    height: u32,
+    layers: FilmLayers,
+    tiles: Vec<Tile>,
+    pages: Pages,
 }
 
 impl Film {
-    /// An empty film.
+    /// Pixels along the side of a tile.
+    pub const TILE: u32 = TILE_SIDE;
+
+    /// An empty film with all layers.
     pub fn new(width: u32, height: u32) -> Self {
-        Self { pixels: Plane::new(width, height, PixelSums::default()) }
+        Self::with_layers(width, height, FilmLayers::All)
     }
 
-    /// A film from sums.
-    pub fn from_sums(pixels: Plane<PixelSums>) -> Self {
-        Self { pixels }
+    /// An empty film with these layers.
+    pub fn with_layers(width: u32, height: u32, layers: FilmLayers) -> Self {
+        let row = |top: u32| TileRow {
+            width,
+            height: (height - top).min(TILE_SIDE),
+            layers,
+            tiles: vec![Tile::default(); width.div_ceil(TILE_SIDE) as usize],
+            pages: Pages::default(),
+        };
+        let rows = if width == 0 { Vec::new() } else { (0..height).step_by(TILE_SIDE as usize).map(row).collect() };
+        Self { width, height, layers, rows }
     }
 
     /// Width in pixels.
     pub fn width(&self) -> u32 {
-        self.pixels.width()
+        self.width
     }
 
     /// Height in pixels.
     pub fn height(&self) -> u32 {
-        self.pixels.height()
+        self.height
     }
 
-    /// The sums of all pixels.
-    pub fn pixels(&self) -> &Plane<PixelSums> {
-        &self.pixels
+    /// Number of pixels.
+    pub fn pixels(&self) -> usize {
+        self.width as usize * self.height as usize
     }
 
-    /// The sums of all pixels, to be added to.
-    pub fn pixels_mut(&mut self) -> &mut Plane<PixelSums> {
-        &mut self.pixels
+    /// The layers that its sums allow.
+    pub fn layers(&self) -> FilmLayers {
+        self.layers
     }
 
-    /// Adds sample number `index` of the pixel with linear index `pixel`.
+    /// Bytes of memory that it occupies now.
+    pub fn bytes(&self) -> u64 {
+        size_of::<Self>() as u64 + self.rows.iter().map(|row| row.bytes() as u64).sum::<u64>()
+    }
+
+    /// The rows of tiles, from the top.
+    pub fn tile_rows(&self) -> &[TileRow] {
+        &self.rows
+    }
+
+    /// The rows of tiles, from the top, to be added to; each may be given to a thread of its own.
+    pub fn tile_rows_mut(&mut self) -> &mut [TileRow] {
+        &mut self.rows
+    }
+
+    /// The sums of the pixel at (x, y).
     ///
     /// # Panics
     /// Outside the film.
-    #[inline]
-    pub fn add(&mut self, pixel: usize, index: u32, sample: &Sample) {
-        self.pixels.data_mut()[pixel].add(index, sample);
+    pub fn pixel(&self, x: u32, y: u32) -> PixelSums {
+        assert!(x < self.width && y < self.height, "({x}, {y}) is outside {} x {}", self.width, self.height);
+        let row = &self.rows[(y / TILE_SIDE) as usize];
+        row.tiles[(x / TILE_SIDE) as usize].pixel(&row.pages, self.layers, slot(x % TILE_SIDE, y % TILE_SIDE))
     }
 
-    /// Adds all samples of `other`; the caller vouches that the sample sets are disjoint.
-    pub fn merge(&mut self, other: &Self) -> Result<(), FilmError> {
-        if (self.width(), self.height()) != (other.width(), other.height()) {
-            return Err(FilmError::SizeMismatch([self.width(), self.height(), other.width(), other.height()]));
+    /// The sums of all pixels, unpacked: for small films.
+    pub fn sums(&self) -> Plane<PixelSums> {
+        self.map(|sums| *sums)
+    }
+
+    /// Appends the sums of some rows of pixels.
+    ///
+    /// # Panics
+    /// Outside the film.
+    pub fn read_rows(&self, rows: Range<u32>, out: &mut Vec<PixelSums>) {
+        let mut y = rows.start;
+        while y < rows.end {
+            let top = y / TILE_SIDE * TILE_SIDE;
+            let end = rows.end.min(top + TILE_SIDE);
+            match self.rows.get((top / TILE_SIDE) as usize) {
+                Some(row) => row.read_rows(y - top..end - top, out),
+                None => assert_eq!(self.width, 0, "row {y} is outside the film"),
+            }
+            y = end;
         }
-        for (a, b) in self.pixels.data_mut().iter_mut().zip(other.pixels.data()) {
-            a.merge(b);
+    }
+
+    /// Adds sums to those of whole rows of pixels, from row `first` on.
+    ///
+    /// # Errors
+    /// There is not enough memory. Some of the sums may have been added.
+    ///
+    /// # Panics
+    /// Outside the film, or if there is a part of a row.
+    pub fn add_rows(&mut self, first: u32, sums: &[PixelSums]) -> Result<(), OutOfMemory> {
+        let width = self.width as usize;
+        assert!(width == 0 || sums.len().is_multiple_of(width), "{} sums are no whole rows", sums.len());
+        for (y, row) in (first..).zip(sums.chunks(width.max(1))) {
+            let band = &mut self.rows[(y / TILE_SIDE) as usize];
+            for (tile, sums) in row.chunks(TILE_SIDE as usize).enumerate() {
+                band.add(tile, (0..).map(|x| (x, y % TILE_SIDE)).zip(sums))?;
+            }
         }
         Ok(())
     }
 
+    /// Adds sample number `index` of the pixel with linear index `pixel`. Many samples are added faster to [`PixelSums`] first.
+    ///
+    /// # Errors
+    /// There is not enough memory.
+    ///
+    /// # Panics
+    /// Outside the film.
+    pub fn add(&mut self, pixel: usize, index: u32, sample: &Sample) -> Result<(), OutOfMemory> {
+        let mut sums = PixelSums::default();
+        sums.add(index, sample);
+        let (x, y) = (pixel % self.width as usize, pixel / self.width as usize);
+        let (tile, x) = (x / TILE_SIDE as usize, x as u32 % TILE_SIDE);
+        let (row, y) = (y / TILE_SIDE as usize, y as u32 % TILE_SIDE);
+        self.rows[row].add(tile, std::iter::once(((x, y), &sums)))
+    }
+
+    /// Adds all samples of `other`; the caller vouches that the sample sets are disjoint.
+    ///
+    /// # Errors
+    /// The films differ in size or layers, or there is not enough memory.
+    pub fn merge(&mut self, other: &Self) -> Result<(), FilmError> {
+        if (self.width, self.height) != (other.width, other.height) {
+            return Err(FilmError::SizeMismatch([self.width, self.height, other.width, other.height]));
+        }
+        if self.layers != other.layers {
+            return Err(FilmError::LayerMismatch);
+        }
+        let mut sums = Vec::new();
+        for (to, from) in self.rows.iter_mut().zip(&other.rows) {
+            for (tile, packed) in from.tiles.iter().enumerate().filter(|(_, packed)| !packed.is_empty()) {
+                packed.unpack(&from.pages, from.layers, &mut sums);
+                to.tiles[tile].add(&mut to.pages, to.layers, sums.iter().enumerate())?;
+            }
+        }
+        Ok(())
+    }
+
+    /// A plane with a value for the sums of each pixel.
+    pub fn map<T>(&self, mut f: impl FnMut(&PixelSums) -> T) -> Plane<T> {
+        let mut values = Vec::with_capacity(self.pixels());
+        let mut sums = Vec::new();
+        for row in &self.rows {
+            sums.clear();
+            row.read_rows(0..row.height, &mut sums);
+            values.extend(sums.iter().map(&mut f));
+        }
+        Plane::of_pixels(self.width, self.height, values)
+    }
+
     /// Mean radiance per pixel and channel [W/(m^2 sr)].
     pub fn mean(&self) -> Plane<[f32; 3]> {
-        self.pixels.map(|p| p.mean().map(|v| v as f32))
+        self.map(|p| p.mean().map(|v| v as f32))
     }
 
     /// [`Self::mean`] for a picture to look at: pixels without samples show the mean of their neighbours ([`fill_gaps`]).
     pub fn mean_without_gaps(&self) -> Plane<[f32; 3]> {
-        let known = self.pixels.map(|p| p.count() > 0);
+        let known = self.map(|p| p.count() > 0);
         if known.data().contains(&false) { fill_gaps(&self.mean(), &known) } else { self.mean() }
     }
 
     /// Variance of the mean per pixel and channel [(W/(m^2 sr))^2]; infinite where nothing is known.
     pub fn variance(&self) -> Plane<[f32; 3]> {
-        self.pixels.map(|p| p.variance_of_mean().map(|v| v as f32))
+        self.map(|p| p.variance_of_mean().map(|v| v as f32))
     }
 
     /// Covariance of the mean of red and green, red and blue, green and blue per pixel [(W/(m^2 sr))^2]; infinite where nothing is known.
     pub fn covariance(&self) -> Plane<[f32; 3]> {
-        self.pixels.map(|p| p.covariance_of_mean().map(|v| v as f32))
+        self.map(|p| p.covariance_of_mean().map(|v| v as f32))
     }
 
     /// Number of samples per pixel.
     pub fn sample_counts(&self) -> Plane<u32> {
-        self.pixels.map(PixelSums::count)
+        self.map(PixelSums::count)
     }
 
     /// Number of samples of the whole film.
     pub fn total_samples(&self) -> u64 {
-        self.pixels.data().iter().map(|p| u64::from(p.count())).sum()
+        self.sample_counts().data().iter().map(|&n| u64::from(n)).sum()
     }
 
     /// Number of samples that were not finite, negative or out of range.
     pub fn invalid_samples(&self) -> u64 {
-        self.pixels.data().iter().map(|p| u64::from(p.invalid)).sum()
+        self.map(|p| u64::from(p.invalid)).data().iter().sum()
     }
+}
+
+impl TileRow {
+    /// Number of rows of pixels.
+    pub fn height(&self) -> u32 {
+        self.height
+    }
+
+    /// Adds sums to those of some pixels of a tile, each with its column and row in the tile.
+    ///
+    /// # Errors
+    /// There is not enough memory. Some of the sums may have been added.
+    ///
+    /// # Panics
+    /// A tile that there is not, or a pixel outside of it.
+    pub fn add<'a>(
+        &mut self,
+        tile: usize,
+        sums: impl Iterator<Item = ((u32, u32), &'a PixelSums)>,
+    ) -> Result<(), OutOfMemory> {
+        let (width, height) = (self.width - TILE_SIDE * tile as u32, self.height);
+        let sums = sums.map(|((x, y), sums)| {
+            assert!(x < width.min(TILE_SIDE) && y < height, "({x}, {y}) is outside the tile");
+            (slot(x, y), sums)
+        });
+        self.tiles[tile].add(&mut self.pages, self.layers, sums)
+    }
+
+    /// Appends the sums of some of its rows of pixels, counted from its first.
+    ///
+    /// # Panics
+    /// Outside of it.
+    pub fn read_rows(&self, rows: Range<u32>, out: &mut Vec<PixelSums>) {
+        assert!(rows.end <= self.height, "row {} is outside a row of {} pixels", rows.end, self.height);
+        let (start, width) = (out.len(), self.width as usize);
+        out.resize(start + rows.len() * width, PixelSums::default());
+        let mut sums = Vec::new();
+        for (tile, packed) in self.tiles.iter().enumerate().filter(|(_, packed)| !packed.is_empty()) {
+            packed.unpack(&self.pages, self.layers, &mut sums);
+            let left = tile * TILE_SIDE as usize;
+            let columns = left..(left + TILE_SIDE as usize).min(width);
+            for (row, y) in rows.clone().enumerate() {
+                let to = start + row * width;
+                let from = slot(0, y);
+                out[to + columns.start..to + columns.end].copy_from_slice(&sums[from..from + columns.len()]);
+            }
+        }
+    }
+
+    fn bytes(&self) -> usize {
+        size_of::<Self>() + self.pages.bytes() + self.tiles.iter().map(Tile::bytes).sum::<usize>()
+    }
+}
+
+/// Two films are equal if their sums are, however they are stored.
+impl PartialEq for Film {
+    fn eq(&self, other: &Self) -> bool {
+        let rows = |film: &Self, y| {
+            let mut sums = Vec::new();
+            film.read_rows(y..y + 1, &mut sums);
+            sums
+        };
+        (self.width, self.height, self.layers) == (other.width, other.height, other.layers)
+            && (0..self.height).all(|y| rows(self, y) == rows(other, y))
+    }
+}
+
+impl std::fmt::Debug for Film {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "Film({} x {}, {:?}, {} bytes)", self.width, self.height, self.layers, self.bytes())
+    }
+}
+
+/// Number of a pixel in its tile.
+#[inline]
+fn slot(x: u32, y: u32) -> usize {
+    (y * TILE_SIDE + x) as usize
 }
 
 #[cfg(test)]
@@ -123,19 +358,67 @@ mod tests {
     use dunkelfeld_radiometry::Rgb;
 
     #[test]
-    fn films_of_different_sizes_do_not_merge() {
+    fn films_of_different_sizes_or_layers_do_not_merge() {
         let error = Film::new(4, 3).merge(&Film::new(3, 4)).expect_err("sizes differ");
         assert_eq!(error, FilmError::SizeMismatch([4, 3, 3, 4]));
+        let error = Film::new(4, 3).merge(&Film::with_layers(4, 3, FilmLayers::Image)).expect_err("layers differ");
+        assert_eq!(error, FilmError::LayerMismatch);
     }
 
     #[test]
     fn long_and_tiny_films_work() {
-        for (w, h) in [(1, 1), (16_384, 1), (1, 16_384)] {
+        for (w, h) in [(1, 1), (16_384, 1), (1, 16_384), (17, 33)] {
             let mut film = Film::new(w, h);
             let last = (w * h - 1) as usize;
-            film.add(last, 0, &Sample { radiance: Rgb::WHITE, ..Sample::MISS });
+            film.add(last, 0, &Sample { radiance: Rgb::WHITE, ..Sample::MISS }).expect("memory");
             assert_eq!(film.mean().data()[last], [1.0; 3]);
             assert_eq!(film.total_samples(), 1);
+            assert_eq!(film.pixel(w - 1, h - 1).count(), 1);
         }
+        for (w, h) in [(0, 0), (0, 5), (5, 0)] {
+            let film = Film::new(w, h);
+            assert!(film.mean().data().is_empty());
+            film.read_rows(0..h, &mut Vec::new());
+        }
+    }
+
+    /// Films that tiles do not divide: rows that were added come back, and merged films are those of all samples.
+    #[test]
+    fn rows_and_merged_films_hold_the_sums_of_their_pixels() {
+        let (width, height) = (37, 21);
+        let sums = |pixel: u32, indices: Range<u32>| {
+            let mut sums = PixelSums::default();
+            for index in indices {
+                let radiance = Rgb::new(pixel as f32, index as f32, 0.1);
+                sums.add(
+                    index,
+                    &Sample { radiance, albedo: Rgb::splat(0.25), hit: !pixel.is_multiple_of(3), ..Sample::MISS },
+                );
+            }
+            sums
+        };
+        let film = |indices: Range<u32>| {
+            let mut film = Film::new(width, height);
+            let all: Vec<_> =
+                (0..width * height).map(|pixel| sums(pixel, indices.start..indices.end + pixel % 2)).collect();
+            film.add_rows(0, &all[..(5 * width) as usize]).expect("memory");
+            film.add_rows(5, &all[(5 * width) as usize..]).expect("memory");
+            (film, all)
+        };
+        let ((mut a, of_a), (b, of_b)) = (film(0..3), film(4..9));
+        let mut read = Vec::new();
+        a.read_rows(7..19, &mut read);
+        assert_eq!(read, of_a[(7 * width) as usize..(19 * width) as usize]);
+        assert_eq!(a.pixel(36, 20), of_a[36 + 20 * 37]);
+        a.merge(&b).expect("alike");
+        let mut both = of_a;
+        both.iter_mut().zip(&of_b).for_each(|(a, b)| a.merge(b));
+        let mut read = Vec::new();
+        a.read_rows(0..height, &mut read);
+        assert_eq!(read, both);
+        let mut whole = Film::new(width, height);
+        whole.add_rows(0, &both).expect("memory");
+        assert_eq!(whole, a);
+        assert_ne!(whole, b);
     }
 }

@@ -3,11 +3,14 @@
 #![forbid(unsafe_code)]
 
 mod accumulator;
+mod columns;
 mod film;
+mod footprint;
 mod gaps;
+mod packed;
 mod plane;
 
 pub use accumulator::{Accumulate, BATCHES, PixelSums, RadianceSum, Sample, Scatter, SquareSum};
-pub use film::{Film, FilmError};
+pub use film::{Film, FilmError, FilmLayers, OutOfMemory, TileRow};
 pub use gaps::fill_gaps;
 pub use plane::Plane;

@@ -21,6 +21,12 @@ impl<T> Plane<T> {
         (data.len() == width as usize * height as usize).then_some(Self { width, height, data })
     }
 
+    /// A plane from one value for each pixel.
+    pub(crate) fn of_pixels(width: u32, height: u32, data: Vec<T>) -> Self {
+        debug_assert_eq!(data.len(), width as usize * height as usize);
+        Self { width, height, data }
+    }
+
     /// A plane whose value at each (x, y) is given by a function.
     pub fn from_fn(width: u32, height: u32, mut f: impl FnMut(u32, u32) -> T) -> Self {
         let mut data = Vec::with_capacity(width as usize * height as usize);

@@ -3,14 +3,31 @@
 use crate::vertex::{SurfaceVertex, Vertex};
 use crate::walk::Walk;
 use dunkelfeld_scene::{Everything, RayGenerator, Scene};
+use std::num::NonZeroU32;
 
-/// Object and material that a pixel's centre shows.
+/// Object and material that a pixel's centre shows. An `Option` of it takes 8 bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Label {
+    /// Index of the object plus one.
+    object: NonZeroU32,
+    material: u32,
+}
+
+impl Label {
+    /// Of indices that are counted from 0; that of the object is below `u32::MAX`.
+    pub fn new(object: u32, material: u32) -> Self {
+        Self { object: NonZeroU32::MIN.saturating_add(object), material }
+    }
+
     /// Index of the object in the scene, counted from 0.
-    pub object: u32,
+    pub fn object(&self) -> u32 {
+        self.object.get() - 1
+    }
+
     /// Index of the material.
-    pub material: u32,
+    pub fn material(&self) -> u32 {
+        self.material
+    }
 }
 
 /// The label of pixel (x, y), or `None` if its centre shows nothing. A surface that covers less than half is looked through,
@@ -27,7 +44,7 @@ pub fn label(scene: &Scene, camera: &RayGenerator, x: u32, y: u32) -> Option<Lab
             continue;
         }
         let (object, material) = scene.ids(&met.hit);
-        let here = Label { object, material };
+        let here = Label::new(object, material);
         let at = SurfaceVertex::<Everything>::new(scene, walk, met, 0.5, &mut bsdf);
         let Some(passed) = at.delta(0.5) else { return Some(here) };
         glass = glass.or(Some(here));

@@ -95,11 +95,11 @@ fn labels_look_through_what_covers_less_than_half() {
     // The veil stands between camera and room and covers 0.3 of it: no pixel is labelled with it.
     let (scene, camera) = room();
     let labels: Vec<Option<Label>> = (0..SIZE * SIZE).map(|k| label(&scene, &camera, k % SIZE, k / SIZE)).collect();
-    let count = |object| labels.iter().flatten().filter(|l| l.object == object).count();
+    let count = |object| labels.iter().flatten().filter(|l| l.object() == object).count();
     let names = ["floor", "ball", "box", "veil", "light"];
     assert_eq!(scene.object_names(), names);
     assert!(count(0) > 20 && count(1) > 5 && count(2) > 5 && count(3) == 0, "{labels:?}");
-    assert!(labels.iter().flatten().all(|l| l.object == l.material), "each object has its own material");
+    assert!(labels.iter().flatten().all(|l| l.object() == l.material()), "each object has its own material");
 }
 
 #[test]

@@ -18,7 +18,7 @@ use std::path::Path;
 use twox_hash::XxHash3_64;
 
 /// Version of the format.
-pub const CHECKPOINT_VERSION: u32 = 3;
+pub const CHECKPOINT_VERSION: u32 = 4;
 /// The first bytes: not text, and broken by programs that change line ends, as in PNG.
 const MAGIC: [u8; 8] = *b"\x89DFC\r\n\x1a\n";
 /// Magic, version, width, height, length of the text, flags.
@@ -203,17 +203,22 @@ pub fn read_checkpoint(path: &Path) -> Result<Checkpoint, InputError> {
         }
     }
     let [target, objects, materials] = integers;
-    let mut sums = Vec::with_capacity(pixels as usize);
+    let mut film = Film::new(width, height);
+    let mut sums = Vec::new();
     for band in bands(height) {
         let place = format!("rows {} to {}", band.start, band.end - 1);
         let bytes = source.bytes(&place, band.len() as u64 * u64::from(width) * PIXEL_BYTES as u64)?;
         source.check(&place, &bytes)?;
+        sums.clear();
         for pixel in bytes.chunks_exact(PIXEL_BYTES) {
             let impossible = || fault(&place, "holds sums that no samples add up to".into());
             sums.push(pixel::decode(pixel).ok_or_else(impossible)?);
         }
+        film.add_rows(band.start, &sums).map_err(|e| {
+            let mend = "make its film smaller, or free some memory";
+            InputError::new(path, &place, format!("cannot be held: {e}"), mend)
+        })?;
     }
-    let film = Film::from_sums(Plane::from_vec(width, height, sums).ok_or_else(misfit)?);
     Ok(Checkpoint { text, weights, caps, target, objects, materials, film })
 }
 

@@ -132,6 +132,18 @@ impl ExrLayers {
         self.channels.into_iter().map(|(_, channel)| channel).collect()
     }
 
+    /// Adds the rows of another image with the same width and channels below its own. Channels that it does not have are left out.
+    pub fn append_rows(&mut self, below: Self) {
+        self.height += below.height;
+        for ((_, own), (_, other)) in self.channels.iter_mut().zip(below.channels) {
+            match (own, other) {
+                (Channel::F32(own), Channel::F32(other)) => own.extend(other),
+                (Channel::U32(own), Channel::U32(other)) => own.extend(other),
+                (Channel::F32(_), Channel::U32(_)) | (Channel::U32(_), Channel::F32(_)) => {}
+            }
+        }
+    }
+
     /// The channel of that exact name.
     pub fn channel(&self, name: &str) -> Option<&Channel> {
         self.channels.iter().find(|(n, _)| n == name).map(|(_, channel)| channel)

@@ -17,11 +17,13 @@ const SIZE: (u32, u32) = (1, 18);
 
 fn example() -> Checkpoint {
     let mut film = Film::new(SIZE.0, SIZE.1);
-    for (i, pixel) in film.pixels_mut().data_mut().iter_mut().enumerate() {
-        for index in 0..i as u32 {
+    for row in 0..SIZE.1 {
+        let mut pixel = PixelSums::default();
+        for index in 0..row {
             let radiance = Rgb::new(0.1 * index as f32, 1e-7, 3e9);
             pixel.add(index, &Sample { radiance, hit: index % 2 == 0, depth: 2.5, ..Sample::MISS });
         }
+        film.add_rows(row, &[pixel]).expect("memory");
     }
     Checkpoint {
         text: "{\"seed\":7,\"of\":\"Gr\u{fc}n\"}".into(),
@@ -51,10 +53,7 @@ fn write(path: &Path, checkpoint: &Checkpoint) {
         objects: checkpoint.objects.as_ref(),
         materials: checkpoint.materials.as_ref(),
     };
-    let width = head.width as usize;
-    let rows = |rows: std::ops::Range<u32>, out: &mut Vec<PixelSums>| {
-        out.extend(&checkpoint.film.pixels().data()[rows.start as usize * width..rows.end as usize * width]);
-    };
+    let rows = |rows: std::ops::Range<u32>, out: &mut Vec<PixelSums>| checkpoint.film.read_rows(rows, out);
     write_checkpoint(path, &head, &mut { rows }).expect("writable");
 }
 

@@ -8,6 +8,7 @@ use crate::bar::Sink;
 use crate::interrupt::cancel_on_interrupt;
 use crate::outcome::Outcome;
 use dunkelfeld::adaptive::allocation::Strategy;
+use dunkelfeld::film::FilmLayers;
 use dunkelfeld::scene::Vignetting;
 use dunkelfeld::sensor::ExposureNoise;
 use dunkelfeld::{
@@ -112,6 +113,10 @@ fn apply(args: &RenderArgs, project: &mut Project) -> Result<(), Error> {
         if from.is_some() {
             to.clone_from(from);
         }
+    }
+    if o.exr.is_none() && s.denoise.method == DenoiseMethod::Off {
+        // No output has other layers.
+        s.layers = FilmLayers::Image;
     }
     o.image.get_or_insert_with(|| dunkelfeld::default_image_path(&args.input));
     Ok(())

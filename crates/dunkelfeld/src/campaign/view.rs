@@ -64,7 +64,7 @@ impl View {
             Some((model, optics, exposure)) => Response::new(model, optics, *exposure).average(),
             None => Weights::luminance(),
         };
-        film.pixels().map(|p| p.weighted_mean_and_variance(weights).1)
+        film.map(|p| p.weighted_mean_and_variance(weights).1)
     }
 
     /// The signal at which the picture is white.

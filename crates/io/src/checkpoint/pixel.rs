@@ -8,12 +8,14 @@ pub const PIXEL_BYTES: usize = BATCHES * 3 * 16 + BATCHES * 4 + 2 * (3 * 8 + 3 *
 /// No pixel of a film has more samples than this.
 pub const MOST_SAMPLES: u32 = 1 << 30;
 
-/// The largest auxiliary sum that a sample adds: one, in units of 2^-32.
-const UNIT: i64 = 1 << 32;
+/// The largest auxiliary sum that a sample adds: one, in units of 2^-30.
+const UNIT: i64 = 1 << 30;
 /// The largest depth that a sample adds: 2^31 m, in units of 2^-24 m.
 const DEPTH: i64 = 1 << 55;
-/// The radiance of a sample is below 2^46 W/(m^2 sr), in units of 2^-66.
-const RADIANCE: u128 = 1 << 112;
+/// The radiance of a sample is below 2^46 W/(m^2 sr), in units of 2^-59.
+const RADIANCE: u128 = 1 << 105;
+/// Squares of luminance are rounded down to this unit [(W/(m^2 sr))^2].
+const SQUARE_UNIT: f64 = 1.0 / (1u128 << 112) as f64;
 
 /// Appends the bytes of a pixel.
 pub(super) fn encode(sums: &PixelSums, out: &mut Vec<u8>) {
@@ -75,7 +77,7 @@ fn is_possible(sums: &PixelSums) -> bool {
     };
     sums.batches.iter().zip(&sums.counts).all(lit)
         && sums.albedo.iter().chain(&sums.normal).all(|&v| within(v, UNIT))
-        && sums.albedo_squares.iter().chain(&sums.normal_squares).all(|&v| v <= u64::from(sums.hits) << 32)
+        && sums.albedo_squares.iter().chain(&sums.normal_squares).all(|&v| v <= u64::from(sums.hits) << 30)
         && sums.depth >= 0
         && within(sums.depth, DEPTH)
         && sums.max_luminance().is_finite()
@@ -83,7 +85,7 @@ fn is_possible(sums: &PixelSums) -> bool {
         && {
             // No square is larger than that of the largest sample, which is one of them but for what rounding takes.
             let (sum, largest) = (sums.luminance_squares.to_f64(), f64::from(sums.max_luminance()).powi(2));
-            let (least, most) = (largest * (1.0 - 1e-9) - 1e-36, largest * count as f64 * (1.0 + 1e-9));
+            let (least, most) = (largest * (1.0 - 1e-9) - SQUARE_UNIT, largest * count as f64 * (1.0 + 1e-9));
             (least..=most).contains(&sum)
         }
 }
@@ -128,12 +130,12 @@ mod tests {
             |p| p.hits = 18,
             |p| p.invalid = 18,
             |p| p.albedo[1] = i64::MIN,
-            |p| p.normal[2] = 18 << 32,
-            |p| p.normal_squares[0] = 18 << 32,
+            |p| p.normal[2] = 18 << 30,
+            |p| p.normal_squares[0] = 18 << 30,
             |p| p.depth = -1,
             |p| p.depth = i64::MAX,
             |p| p.heaviest_key = u64::from(f32::INFINITY.to_bits()) << 32,
-            |p| p.batches[3].0[1] = 5 << 112,
+            |p| p.batches[3].0[1] = 5 << 105,
             |p| p.luminance_squares = SquareSum([0, 0]),
             |p| p.luminance_squares.0[1] = u128::MAX,
         ];

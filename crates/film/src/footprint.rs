@@ -1,0 +1,79 @@
+//! How much memory a film will need, before there is one.
+
+use crate::film::{Film, FilmLayers};
+use crate::packed::TILE_SIDE;
+
+/// What is assumed of an image: a radiance of 4 W/(m^2 sr) in the brightest pixel of a tile, and a depth of 4 m.
+const RADIANCE: f64 = 4.0;
+const DEPTH: f64 = 4.0;
+/// Bytes of a tile beside its pages: widths, bases and numbers of pages.
+const TILE_OVERHEAD: u64 = 1024;
+/// Bytes of a row of tiles that are ready for pages to come.
+const ROW_OVERHEAD: u64 = 1 << 14;
+
+impl Film {
+    /// Bytes that a film is expected to occupy once its pixels have `mean_spp` samples on average.
+    ///
+    /// An estimate: pixels are taken to have up to twice the mean, a radiance of up to 4 W/(m^2 sr) and no neighbours with the
+    /// same sums. Brighter images need up to 2 bytes more per pixel for each factor of 16, uniform regions less.
+    pub fn expected_bytes(width: u32, height: u32, layers: FilmLayers, mean_spp: f64) -> u64 {
+        let samples = (2.0 * mean_spp).clamp(1.0, f64::from(1u32 << 30));
+        let bytes = |largest: f64| (largest.log2().max(0.0) / 8.0).ceil() as u64;
+        let unit = |bits: i32| f64::from(bits).exp2();
+        let radiance = 12 * bytes(RADIANCE * samples / 4.0 * unit(59));
+        let counts = bytes(samples / 4.0) + 3;
+        let heaviest = 4 + bytes(samples);
+        let squares = bytes(RADIANCE * RADIANCE * samples * unit(112));
+        let units = 3 * bytes(2.0 * samples * unit(30));
+        let image = radiance + counts + heaviest + squares + units;
+        let depth = bytes(DEPTH * samples * unit(24)) + bytes(DEPTH * DEPTH * samples * unit(48)) + bytes(samples);
+        let per_pixel = match layers {
+            FilmLayers::Image => image,
+            FilmLayers::All => image + 3 * units + depth,
+        };
+        let tiles = u64::from(width.div_ceil(TILE_SIDE)) * u64::from(height.div_ceil(TILE_SIDE));
+        let rows = u64::from(height.div_ceil(TILE_SIDE));
+        tiles * (per_pixel * u64::from(TILE_SIDE * TILE_SIDE) + TILE_OVERHEAD) + rows * ROW_OVERHEAD
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::accumulator::{Accumulate, PixelSums, Sample};
+    use dunkelfeld_radiometry::Rgb;
+
+    /// Noise without two pixels that are alike: the film needs what was expected, not more, and not much less.
+    #[test]
+    fn films_need_what_was_expected() {
+        for (layers, spp) in
+            [(FilmLayers::Image, 8u32), (FilmLayers::All, 8), (FilmLayers::Image, 64), (FilmLayers::All, 300)]
+        {
+            let (width, height) = (96, 64);
+            let mut film = Film::with_layers(width, height, layers);
+            let mut state = 1u32;
+            let mut random = || {
+                state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+                (state >> 8) as f32 / (1u32 << 24) as f32
+            };
+            for y in 0..height {
+                let row: Vec<PixelSums> = (0..width)
+                    .map(|_| {
+                        let mut sums = PixelSums::default();
+                        for index in 0..spp {
+                            let radiance = Rgb::splat(2.0 * random());
+                            let normal = [random(), -random(), random()];
+                            let albedo = Rgb::new(random(), random(), random());
+                            sums.add(index, &Sample { radiance, albedo, normal, depth: random(), hit: random() > 0.3 });
+                        }
+                        sums
+                    })
+                    .collect();
+                film.add_rows(y, &row).expect("memory");
+            }
+            let expected = Film::expected_bytes(width, height, layers, f64::from(spp));
+            let ratio = film.bytes() as f64 / expected as f64;
+            assert!((0.7..=1.0).contains(&ratio), "{layers:?}, {spp}: {} of {expected} bytes", film.bytes());
+        }
+    }
+}

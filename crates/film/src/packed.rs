@@ -1,0 +1,304 @@
+//! Tiles of sums in as few bytes as their numbers need.
+//!
+//! A tile has 16 x 16 pixels and one column for each number of a pixel ([`crate::columns`]). A column is stored as the
+//! difference from a base value (frame of reference), in as many bytes as the largest difference of the tile needs. The bytes of one
+//! significance of all pixels lie together in a page. A column that is the same in all pixels needs no page; one that
+//! outgrows its bytes gets another page, and those that it has stay where they are. So nothing is rounded, nothing has a
+//! limit, and memory follows the size of the numbers: the radiance of a pixel, which a sum without limits keeps in 16
+//! bytes, usually needs seven or eight.
+
+use crate::accumulator::PixelSums;
+use crate::columns::{COLUMNS, get, set};
+use crate::film::{FilmLayers, OutOfMemory};
+
+/// Pixels along the side of a tile.
+pub(crate) const TILE_SIDE: u32 = 16;
+const PIXELS: usize = (TILE_SIDE * TILE_SIDE) as usize;
+/// Bytes of one significance of all pixels of a tile.
+type Page = [u8; PIXELS];
+/// Pages that are allocated at once.
+const CHUNK: usize = 64;
+/// Updates of fewer pixels of a tile are made pixel by pixel.
+const FEW_PIXELS: usize = 24;
+
+/// The memory of the pages of some tiles. Pages never move, so that growing tiles leave no holes of odd sizes.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Pages {
+    chunks: Vec<Vec<Page>>,
+    used: usize,
+    free: Vec<u32>,
+}
+
+impl Pages {
+    fn take(&mut self) -> Result<u32, OutOfMemory> {
+        if let Some(page) = self.free.pop() {
+            return Ok(page);
+        }
+        if self.used == CHUNK * self.chunks.len() {
+            let mut chunk = Vec::new();
+            chunk.try_reserve_exact(CHUNK).map_err(|_| OutOfMemory)?;
+            chunk.resize(CHUNK, [0; PIXELS]);
+            self.chunks.try_reserve(1).map_err(|_| OutOfMemory)?;
+            self.chunks.push(chunk);
+        }
+        let page = u32::try_from(self.used).map_err(|_| OutOfMemory)?;
+        self.used += 1;
+        Ok(page)
+    }
+
+    #[inline]
+    fn get(&self, page: u32) -> &Page {
+        &self.chunks[page as usize / CHUNK][page as usize % CHUNK]
+    }
+
+    #[inline]
+    fn get_mut(&mut self, page: u32) -> &mut Page {
+        &mut self.chunks[page as usize / CHUNK][page as usize % CHUNK]
+    }
+
+    /// Bytes of memory, those included that are ready for pages to come.
+    pub(crate) fn bytes(&self) -> usize {
+        self.chunks.len() * CHUNK * PIXELS + 4 * self.free.capacity()
+    }
+}
+
+/// The sums of a tile's pixels. Its pages belong to the [`Pages`] that it is always used with.
+#[derive(Clone, Debug)]
+pub(crate) struct Tile {
+    /// Bytes of each column.
+    widths: [u8; COLUMNS],
+    /// Columns whose base is not zero, one bit each, and these bases in their order.
+    has_base: u64,
+    bases: Vec<u128>,
+    /// The pages of all columns in their order, from the least significant.
+    pages: Vec<u32>,
+}
+
+impl Default for Tile {
+    fn default() -> Self {
+        Self { widths: [0; COLUMNS], has_base: 0, bases: Vec::new(), pages: Vec::new() }
+    }
+}
+
+impl Tile {
+    /// Has no pixel any samples? The signed columns of a tile with samples have a base.
+    pub(crate) fn is_empty(&self) -> bool {
+        self.has_base == 0 && self.pages.is_empty()
+    }
+
+    /// Bytes of memory beside the pages.
+    pub(crate) fn bytes(&self) -> usize {
+        size_of::<Self>() + 16 * self.bases.capacity() + 4 * self.pages.capacity()
+    }
+
+    /// Adds sums to those of some pixels, each with its number in the tile.
+    pub(crate) fn add<'a>(
+        &mut self,
+        pages: &mut Pages,
+        layers: FilmLayers,
+        sums: impl Iterator<Item = (usize, &'a PixelSums)>,
+    ) -> Result<(), OutOfMemory> {
+        let mut sums = sums.peekable();
+        let mut few = 0;
+        while few < FEW_PIXELS
+            && let Some((slot, sums_of_pixel)) = sums.peek()
+        {
+            let mut pixel = self.pixel(pages, layers, *slot);
+            pixel.merge(sums_of_pixel);
+            if !self.replace(pages, layers, *slot, &pixel) {
+                break;
+            }
+            sums.next();
+            few += 1;
+        }
+        if sums.peek().is_none() {
+            return Ok(());
+        }
+        let mut all = Vec::new();
+        self.unpack(pages, layers, &mut all);
+        sums.for_each(|(slot, of_pixel)| all[slot].merge(of_pixel));
+        self.pack(pages, layers, &all)
+    }
+
+    /// The sums of one pixel.
+    pub(crate) fn pixel(&self, pages: &Pages, layers: FilmLayers, slot: usize) -> PixelSums {
+        if self.is_empty() {
+            return PixelSums::default();
+        }
+        let mut sums = PixelSums::default();
+        let (mut own, mut bases) = (self.pages.iter(), self.bases.iter());
+        for column in 0..layers.columns() {
+            let mut value = self.base(column, &mut bases);
+            for shift in 0..self.widths[column] {
+                let byte = own.next().map_or(0, |&page| pages.get(page)[slot]);
+                value = value.wrapping_add(u128::from(byte) << (8 * shift));
+            }
+            set(&mut sums, column, value);
+        }
+        sums
+    }
+
+    /// Stores one pixel where its columns have room for it; false, with nothing changed, where they have not.
+    fn replace(&self, pages: &mut Pages, layers: FilmLayers, slot: usize, sums: &PixelSums) -> bool {
+        let mut values = [0u128; COLUMNS];
+        let mut bases = self.bases.iter();
+        for (column, value) in values.iter_mut().enumerate().take(layers.columns()) {
+            *value = get(sums, column).wrapping_sub(self.base(column, &mut bases));
+            if bytes_of(*value) > self.widths[column] {
+                return false;
+            }
+        }
+        let mut own = self.pages.iter();
+        for (column, value) in values.iter().enumerate().take(layers.columns()) {
+            for shift in 0..self.widths[column] {
+                if let Some(&page) = own.next() {
+                    pages.get_mut(page)[slot] = (value >> (8 * shift)) as u8;
+                }
+            }
+        }
+        true
+    }
+
+    #[inline]
+    fn base(&self, column: usize, bases: &mut std::slice::Iter<'_, u128>) -> u128 {
+        if self.has_base >> column & 1 == 0 { 0 } else { bases.next().copied().unwrap_or(0) }
+    }
+
+    /// Replaces `out` by the sums of all pixels, row by row.
+    pub(crate) fn unpack(&self, pages: &Pages, layers: FilmLayers, out: &mut Vec<PixelSums>) {
+        out.clear();
+        out.resize(PIXELS, PixelSums::default());
+        if self.is_empty() {
+            return;
+        }
+        let (mut own, mut bases) = (self.pages.iter(), self.bases.iter());
+        for column in 0..layers.columns() {
+            let base = self.base(column, &mut bases);
+            // Halves of 64 bits, which the compiler can widen many bytes to at once.
+            let mut halves = [[0u64; PIXELS]; 2];
+            for shift in 0..self.widths[column] {
+                let Some(&page) = own.next() else { break };
+                let half = &mut halves[usize::from(shift / 8)];
+                half.iter_mut().zip(pages.get(page)).for_each(|(v, &byte)| *v |= u64::from(byte) << (8 * (shift % 8)));
+            }
+            for ((sums, &low), &high) in out.iter_mut().zip(&halves[0]).zip(&halves[1]) {
+                set(sums, column, (u128::from(high) << 64 | u128::from(low)).wrapping_add(base));
+            }
+        }
+    }
+
+    /// Stores the sums of all pixels in place of what it holds.
+    fn pack(&mut self, pages: &mut Pages, layers: FilmLayers, sums: &[PixelSums]) -> Result<(), OutOfMemory> {
+        let mut packed = Self::default();
+        let mut own = std::mem::take(&mut self.pages).into_iter();
+        packed.pages.try_reserve_exact(own.len()).map_err(|_| OutOfMemory)?;
+        for column in 0..layers.columns() {
+            let mut numbers = [0u128; PIXELS];
+            numbers.iter_mut().zip(sums).for_each(|(number, sums)| *number = get(sums, column));
+            let bounds = |(low, high): (u128, u128), &number: &u128| (low.min(number), high.max(number));
+            let (low, high) = numbers.iter().fold((u128::MAX, 0), bounds);
+            // A base costs as much as a sixteenth of a page.
+            let base = if bytes_of(high - low) < bytes_of(high) { low } else { 0 };
+            if base != 0 {
+                packed.has_base |= 1 << column;
+                packed.bases.push(base);
+            }
+            let width = bytes_of(high - base);
+            packed.widths[column] = width;
+            let mut halves = [[0u64; PIXELS]; 2];
+            for (slot, number) in numbers.iter().enumerate() {
+                let value = number - base;
+                (halves[0][slot], halves[1][slot]) = (value as u64, (value >> 64) as u64);
+            }
+            for shift in 0..width {
+                let page = match own.next() {
+                    Some(page) => page,
+                    None => pages.take()?,
+                };
+                let half = &halves[usize::from(shift / 8)];
+                let bytes = pages.get_mut(page).iter_mut().zip(half);
+                bytes.for_each(|(byte, v)| *byte = (v >> (8 * (shift % 8))) as u8);
+                packed.pages.push(page);
+            }
+        }
+        packed.pages.shrink_to_fit();
+        packed.bases.shrink_to_fit();
+        pages.free.extend(own);
+        *self = packed;
+        Ok(())
+    }
+}
+
+/// Bytes that a number needs.
+#[inline]
+fn bytes_of(value: u128) -> u8 {
+    (128 - value.leading_zeros()).div_ceil(8) as u8
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::accumulator::{Accumulate, Sample};
+    use crate::columns::stored;
+    use dunkelfeld_radiometry::Rgb;
+
+    fn pixel(seed: u32, samples: u32) -> PixelSums {
+        let mut sums = PixelSums::default();
+        for index in 0..samples {
+            let h = (seed ^ index.wrapping_mul(0x9e37_79b9)).wrapping_mul(0x85eb_ca6b) >> 8;
+            let value = h as f32 * 10f32.powi((h % 17) as i32 - 12);
+            let normal = [0.6, -0.8, (h % 100) as f32 / 100.0];
+            let albedo = Rgb::new(0.5, (h % 7) as f32 / 7.0, 1.0);
+            sums.add(
+                index,
+                &Sample { radiance: Rgb::splat(value), albedo, normal, depth: 1.5, hit: !h.is_multiple_of(3) },
+            );
+        }
+        sums
+    }
+
+    /// Updates of few and of many pixels, with sums that grow over twenty orders of magnitude.
+    #[test]
+    fn a_tile_holds_what_was_added_to_it_and_reuses_its_pages() {
+        for layers in [FilmLayers::All, FilmLayers::Image] {
+            let (mut tile, mut pages, mut truth) =
+                (Tile::default(), Pages::default(), vec![PixelSums::default(); PIXELS]);
+            for round in 0..40u32 {
+                let step = [1, 3, 100, 256][round as usize % 4];
+                let updates: Vec<(usize, PixelSums)> = (0..PIXELS)
+                    .skip(round as usize % 5)
+                    .step_by(step)
+                    .map(|slot| (slot, pixel(round * 1000 + slot as u32, round % 6)))
+                    .collect();
+                updates.iter().for_each(|(slot, sums)| truth[*slot].merge(sums));
+                tile.add(&mut pages, layers, updates.iter().map(|(slot, sums)| (*slot, sums))).expect("memory");
+                let mut all = Vec::new();
+                tile.unpack(&pages, layers, &mut all);
+                for slot in 0..PIXELS {
+                    assert_eq!(all[slot], stored(&truth[slot], layers), "round {round}, pixel {slot}");
+                    assert_eq!(tile.pixel(&pages, layers, slot), all[slot]);
+                }
+                let mut distinct = tile.pages.clone();
+                distinct.extend(&pages.free);
+                distinct.sort_unstable();
+                distinct.dedup();
+                assert_eq!(distinct.len(), pages.used, "a page is used once or free");
+            }
+        }
+    }
+
+    #[test]
+    fn columns_that_are_alike_need_no_pages() {
+        let (mut tile, mut pages) = (Tile::default(), Pages::default());
+        let sums = pixel(7, 64);
+        tile.add(&mut pages, FilmLayers::All, (0..PIXELS).map(|slot| (slot, &sums))).expect("memory");
+        assert!(tile.pages.is_empty() && !tile.is_empty());
+        assert_eq!(tile.pixel(&pages, FilmLayers::All, 200), sums);
+    }
+
+    #[test]
+    fn numbers_need_as_many_bytes_as_they_have() {
+        let widths = [0, 1, 255, 256, u128::from(u64::MAX), 1 << 64, u128::MAX].map(bytes_of);
+        assert_eq!(widths, [0, 1, 1, 2, 8, 9, 16]);
+    }
+}
