@@ -14,8 +14,8 @@ use dunkelfeld::radiometry::Rgb;
 use dunkelfeld::scene::{Effect, Material, Scene, SceneBuilder};
 use dunkelfeld::sensor::Optics;
 use dunkelfeld::{
-    Budget, Cancel, DenoiseStats, HeavySample, PartStats, RenderSettings, STATS_VERSION, SensorChoice, Silent, Stage,
-    Stats, certify, develop, find_sensor, render,
+    Budget, Cancel, DenoiseStats, HeavySample, MemoryAccount, MemoryItem, MemoryStats, PartStats, RenderSettings,
+    STATS_VERSION, SensorChoice, Silent, Stage, Stats, certify, develop, find_sensor, render,
 };
 use serde_json::Value;
 use std::collections::BTreeSet;
@@ -321,6 +321,12 @@ fn stats(settings: &RenderSettings) -> Value {
     let heavy = HeavySample { sample: "1,2,3".into(), luminance: 2.0, share: 0.5, lift: 0.1, dominates: false };
     stats.heaviest_samples.push(heavy);
     if settings.has_sensor() {
+        let item = MemoryItem { name: "film".into(), bytes: vec![7, 8] };
+        let phases = vec!["render".into(), "write".into()];
+        let mut memory = MemoryStats::new(MemoryAccount { phases, items: vec![item], peak_bytes: 8 });
+        // As on a system that counts it, and on one that does not.
+        memory.measured_bytes = settings.budget.seconds.map(|_| 7);
+        stats.memory = Some(memory);
         stats.parts = Some(vec![PartStats { file: "a.film".into(), range: [0, 8], samples: 96, seconds: 0.5 }]);
     }
     stats.finish(1.0);

@@ -1,6 +1,7 @@
 //! The flags. Doc comments are the help texts; values are checked here, before any file is opened.
 
 use crate::emva_args::EmvaArgs;
+use crate::memory_args::MemoryArgs;
 use crate::ptc_args::PtcArgs;
 use clap::{ArgGroup, Args, Parser, Subcommand, ValueEnum};
 use dunkelfeld::DenoiseMethod;
@@ -154,6 +155,8 @@ pub(crate) struct RenderArgs {
     #[arg(long, value_name = "EFFECT", value_delimiter = ',', value_parser = effect)]
     pub(crate) without: Vec<Effect>,
     #[command(flatten)]
+    pub(crate) memory: MemoryArgs,
+    #[command(flatten)]
     pub(crate) run: RunArgs,
     /// Trace one sample instead of rendering, and print its path vertex by vertex. Nothing is written, so flags for outputs
     /// and budgets are refused.
@@ -188,6 +191,8 @@ pub(crate) struct MergeArgs {
     /// Threads [default: one per core].
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub(crate) threads: Option<u16>,
+    #[command(flatten)]
+    pub(crate) memory: MemoryArgs,
 }
 
 /// Flags of `bench`.
@@ -284,6 +289,8 @@ pub(crate) struct ViewArgs {
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = whole::<u64>)]
     pub(crate) seed: Option<u64>,
     #[command(flatten)]
+    pub(crate) memory: MemoryArgs,
+    #[command(flatten)]
     pub(crate) run: RunArgs,
 }
 
@@ -307,6 +314,8 @@ pub(crate) struct DenoiseArgs {
     /// Without --denoise it means --denoise oidn.
     #[arg(long, value_name = "PATH")]
     pub(crate) oidn: Option<PathBuf>,
+    #[command(flatten)]
+    pub(crate) memory: MemoryArgs,
     #[command(flatten)]
     pub(crate) run: RunArgs,
 }
@@ -365,6 +374,8 @@ pub(crate) struct ExposeArgs {
     /// Number of the first frame.
     #[arg(long, value_name = "N", default_value_t = 0, allow_negative_numbers = true, value_parser = whole::<u32>)]
     pub(crate) frame: u32,
+    #[command(flatten)]
+    pub(crate) memory: MemoryArgs,
     #[command(flatten)]
     pub(crate) run: RunArgs,
 }

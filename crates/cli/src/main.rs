@@ -8,6 +8,7 @@ mod bar;
 mod commands;
 mod emva_args;
 mod interrupt;
+mod memory_args;
 mod outcome;
 mod ptc_args;
 mod words;

@@ -1,14 +1,16 @@
 //! `denoise`: an EXR of ours or of another renderer gets a denoised layer beside what it holds, or becomes a picture.
 
-use crate::denoising::{DenoiseSettings, Denoised, find_denoiser, run};
+use crate::denoising::{DenoiseMethod, DenoiseSettings, Denoised, find_denoiser, run};
 use crate::error::Error;
+use crate::memory::denoise_account;
 use crate::outputs::{attributes, denoised_by, extension, same_file, save_exr, set_attribute, written};
 use crate::progress::{Cancel, Progress};
-use crate::render::thread_pool;
-use dunkelfeld_denoise::{DenoiseError, DenoiseInput};
+use crate::render::{thread_count, thread_pool};
+use dunkelfeld_denoise::{Builtin, DenoiseError, DenoiseInput, Denoiser as _};
 use dunkelfeld_film::{Plane, fill_gaps};
 use dunkelfeld_io::InputError;
-use dunkelfeld_io::exr::{ExrLayers, read_exr};
+use dunkelfeld_io::exr::{ExrLayers, ExrSize, read_exr_if};
+use dunkelfeld_io::input::{InputFiles, Role};
 use dunkelfeld_io::layers::{Single, Triple};
 use dunkelfeld_io::picture::Picture;
 use dunkelfeld_radiometry::Rgb;
@@ -48,7 +50,8 @@ struct Planes {
     depth_variance: Option<Plane<f32>>,
 }
 
-/// Denoises an EXR; `None` if it was cancelled. `threads` of 0 takes as many as there are cores.
+/// Denoises an EXR; `None` if it was cancelled. `threads` of 0 takes as many as there are cores; `memory_limit` is the most memory \[bytes\]
+/// that it may need.
 ///
 /// # Errors
 /// A file that cannot be read or holds no radiance, a denoiser that is not to be had or fails.
@@ -56,6 +59,7 @@ pub fn denoise_exr(
     path: &Path,
     settings: &DenoiseSettings,
     threads: usize,
+    memory_limit: Option<u64>,
     progress: &dyn Progress,
     cancel: &Cancel,
 ) -> Result<Option<DenoisedFile>, Error> {
@@ -67,7 +71,13 @@ pub fn denoise_exr(
             "choose another than `off`",
         ));
     };
-    let mut layers = read_exr(path)?;
+    let agree = |size: ExrSize| {
+        let method = if denoiser.name() == Builtin.name() { DenoiseMethod::Builtin } else { DenoiseMethod::Oidn };
+        let account = denoise_account((size.width, size.height), size.bytes, method, thread_count(threads));
+        let mend = "denoise a smaller image, one with fewer layers, or with the denoiser `builtin`";
+        account.check(memory_limit, 0, mend)
+    };
+    let mut layers = read_exr_if(path, Role::Image, &mut InputFiles::new(), agree)?;
     let planes = Planes::of(path, &layers)?;
     let is_radiance = |v: &f32| v.is_finite() && *v >= 0.0;
     let invalid = planes.mean.data().iter().filter(|v| !v.iter().all(is_radiance)).count() as u64;

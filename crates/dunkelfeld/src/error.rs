@@ -54,6 +54,16 @@ pub enum Error {
         /// What to do about it.
         mend: String,
     },
+    /// A run that needs more memory than it may take, or than there is.
+    #[error("{problem}\n{account}\n  mend: {mend}")]
+    MemoryNeeded {
+        /// How much, and of what there is less.
+        problem: String,
+        /// The account, as a table.
+        account: String,
+        /// What to do about it.
+        mend: String,
+    },
     /// The threads could not be started.
     #[error("the worker threads could not be started: {0}")]
     Threads(String),

@@ -5,17 +5,19 @@ use crate::develop::Picture;
 use crate::error::Error;
 use crate::lens::DEFAULT_F_NUMBER;
 use crate::matched::Known;
+use crate::memory::expose_account;
 use crate::noise::{Measured, levels, per_luminance, seen, sensor_noise};
 use crate::outputs::{
     VIGNETTING, attributes, extension, same_file, save_plain_picture, save_values, values_words, written,
 };
 use crate::progress::{Cancel, Progress, ProgressState, Stage};
-use crate::render::thread_pool;
+use crate::render::{thread_count, thread_pool};
 use dunkelfeld_adaptive::evidence::{Evidence, Surface, surfaces};
 use dunkelfeld_adaptive::need::SensorNoise;
 use dunkelfeld_film::{Plane, Scatter};
 use dunkelfeld_io::InputError;
-use dunkelfeld_io::exr::{ExrLayers, read_exr};
+use dunkelfeld_io::exr::{ExrLayers, ExrSize, read_exr_if};
+use dunkelfeld_io::input::{InputFiles, Role};
 use dunkelfeld_io::job::LensSettings;
 use dunkelfeld_io::layers::{Single, Triple};
 use dunkelfeld_radiometry::Seconds;
@@ -29,7 +31,7 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 /// So many frames at most wait to be written at a time.
-const MOST_WAITING: usize = 16;
+pub(crate) const MOST_WAITING: usize = 16;
 /// Digits of a frame's number in a file's name, at least.
 const DIGITS: usize = 4;
 
@@ -57,6 +59,8 @@ pub struct ExposeSettings {
     pub layer: Option<String>,
     /// Threads; 0 takes as many as there are cores.
     pub threads: usize,
+    /// The most memory \[bytes\] that the exposure may need.
+    pub memory_limit: Option<u64>,
 }
 
 /// Which files to write. Of several frames each name gets the frame's number before its ending, as in `out-0007.png`.
@@ -145,7 +149,14 @@ impl Exposer {
     /// file does not tell of.
     pub fn open(path: &Path, settings: &ExposeSettings) -> Result<Self, Error> {
         check(settings)?;
-        let layers = read_exr(path)?;
+        let is_matched = settings.exposure_noise == ExposureNoise::Matched;
+        let agree = |size: ExrSize| {
+            let threads = thread_count(settings.threads);
+            let account = expose_account((size.width, size.height), size.bytes, is_matched, threads);
+            let mend = "expose a smaller image, one with fewer layers, or on fewer --threads";
+            account.check(settings.memory_limit, 0, mend)
+        };
+        let layers = read_exr_if(path, Role::Image, &mut InputFiles::new(), agree)?;
         if settings.vignetting.is_some() && attributes(&layers).contains_key(VIGNETTING) {
             let problem = "the lens of the render has darkened its corners already";
             return Err(InputError::new(path, "--vignetting", problem, "leave out --vignetting").into());
@@ -311,6 +322,7 @@ impl ExposeSettings {
             frames: 1,
             layer: None,
             threads: 0,
+            memory_limit: None,
         })
     }
 

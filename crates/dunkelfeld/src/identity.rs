@@ -41,6 +41,7 @@ impl Identity {
                 threads: 0,
                 replay: None,
                 checkpoint: None,
+                memory_limit: None,
                 view: None,
                 strategy: Some(s.strategy()),
                 exposure_noise: ExposureNoise::default(),

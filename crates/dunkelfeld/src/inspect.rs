@@ -1,5 +1,6 @@
 //! What a scene holds, and what in it may trouble a render.
 
+use crate::memory::MemoryAccount;
 use dunkelfeld_radiometry::photon::lumens;
 use dunkelfeld_scene::{
     AlphaMode, BuildReport, Camera, CoverStack, Effect, Effects, Opening, Projection, Scene, SceneSummary, Surface,
@@ -88,6 +89,10 @@ pub struct Inspection {
     pub instanced_parts: usize,
     /// Bytes of geometry, hierarchy and images.
     pub memory_bytes: u64,
+    /// Of these, bytes of images.
+    pub texture_bytes: u64,
+    /// What a render by the settings will need in memory; `None` for a scene without settings.
+    pub memory: Option<MemoryAccount>,
     /// Lowest and highest corner in world space \[m\].
     pub bounds: Option<[[f64; 3]; 2]>,
     /// The cameras.
@@ -114,8 +119,8 @@ pub struct Inspection {
 
 /// Lists a built scene.
 pub fn inspect(scene: &Scene, report: &BuildReport) -> Inspection {
-    let SceneSummary { placed_triangles, stored_triangles, objects, instanced_parts, memory_bytes, bounds } =
-        scene.summary();
+    let summary = scene.summary();
+    let SceneSummary { placed_triangles, stored_triangles, objects, instanced_parts, .. } = summary;
     let mut triangles = vec![0u64; scene.materials().len()];
     for part in scene.part_inventory() {
         triangles[part.material as usize] += part.triangles as u64;
@@ -151,8 +156,10 @@ pub fn inspect(scene: &Scene, report: &BuildReport) -> Inspection {
         placed_triangles,
         stored_triangles,
         instanced_parts,
-        memory_bytes,
-        bounds,
+        memory_bytes: summary.memory_bytes,
+        texture_bytes: summary.texture_bytes,
+        memory: None,
+        bounds: summary.bounds,
         cameras: scene.cameras().iter().map(camera_entry).collect(),
         lights,
         light_choice: scene.light_choice(),

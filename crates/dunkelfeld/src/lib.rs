@@ -32,6 +32,7 @@ mod inspect;
 mod lens;
 mod look;
 mod matched;
+mod memory;
 mod merge;
 mod noise;
 mod outputs;
@@ -61,6 +62,7 @@ pub use inspect::{
     CameraEntry, CoverEntry, CoverLayerEntry, EffectEntry, Inspection, LightEntry, MaterialEntry, inspect,
 };
 pub use matched::Matched;
+pub use memory::{MemoryAccount, MemoryItem, MemoryStats};
 pub use merge::{MergeSettings, Merged, merge};
 pub use noise::{Certified, certify};
 pub use outputs::{

@@ -4,16 +4,17 @@ use crate::checkpoint::{Description, Earlier, State, film_rows, load, text_of};
 use crate::develop::{Frame, develop_film};
 use crate::error::Error;
 use crate::look::{Look, labels_of};
+use crate::memory::{MemoryAccount, MemoryStats, merge_account};
 use crate::outputs::{self, OutputPaths, Written, same_file, written};
 use crate::progress::Stage;
-use crate::render::{Rendering, thread_pool};
+use crate::render::{Rendering, thread_count, thread_pool};
 use crate::settings::RenderSettings;
 use crate::stats::{PartStats, Stats};
 use dunkelfeld_adaptive::schedule::StopReason;
 use dunkelfeld_adaptive::{allocation, plan};
 use dunkelfeld_film::{Film, Plane};
 use dunkelfeld_io::InputError;
-use dunkelfeld_io::checkpoint::{CheckpointHead, write_checkpoint};
+use dunkelfeld_io::checkpoint::{CheckpointHead, checkpoint_size, write_checkpoint};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -32,6 +33,8 @@ pub struct MergeSettings {
     pub checkpoint: Option<PathBuf>,
     /// Threads; 0 takes as many as there are cores.
     pub threads: usize,
+    /// The most memory \[bytes\] that the merge may need.
+    pub memory_limit: Option<u64>,
 }
 
 /// What a merge brought together.
@@ -79,6 +82,7 @@ struct Joined<'a> {
 pub fn merge(settings: &MergeSettings, started: Instant) -> Result<Merged, Error> {
     let began = Instant::now();
     check_outputs(settings)?;
+    let account = check_memory(settings)?;
     let Joined { parts, film, numbers: [objects, materials] } = join(&settings.parts)?;
     let (Some(first), Some(last)) = (parts.first(), parts.last()) else { return Err(no_parts()) };
     let samples = first.samples.start..last.samples.end;
@@ -116,6 +120,7 @@ pub fn merge(settings: &MergeSettings, started: Instant) -> Result<Merged, Error
     if look.is_replay {
         stats.allocation = "replay".into();
     }
+    stats.memory = account.map(MemoryStats::new);
     stats.parts = Some(parts.iter().map(statistics).collect());
 
     let began = Instant::now();
@@ -148,6 +153,14 @@ fn check_outputs(settings: &MergeSettings) -> Result<(), Error> {
         written(path, dunkelfeld_io::atomic::check_writable(path))?;
     }
     Ok(())
+}
+
+/// What the merge needs, if the first part says its size. A file that is none is found out when it is read.
+fn check_memory(settings: &MergeSettings) -> Result<Option<MemoryAccount>, Error> {
+    let Some(size) = settings.parts.first().and_then(|part| checkpoint_size(part)) else { return Ok(None) };
+    let account = merge_account(size, &settings.outputs, thread_count(settings.threads));
+    account.check(settings.memory_limit, 0, "merge on a machine with more memory")?;
+    Ok(Some(account))
 }
 
 fn no_parts() -> Error {

@@ -6,14 +6,17 @@ use crate::develop::{Frame, develop_film};
 use crate::error::{Error, camera_mend};
 use crate::inspect::{Inspection, camera_entry, inspect};
 use crate::lens::{DEFAULT_F_NUMBER, FilmSize, Fitted, Misfit, fit};
+use crate::memory::{MemoryAccount, MemoryStats, RenderNeeds, render_account};
 use crate::outputs::{self, OutputPaths, Written};
 use crate::progress::{Cancel, Progress, ProgressState, Silent, Stage};
-use crate::render::{EXR_PER_MEGAPIXEL, Rehearsal, Rendering, camera, find_camera, render_rehearsed, thread_pool};
+use crate::render::{
+    EXR_PER_MEGAPIXEL, Rehearsal, Rendering, camera, find_camera, render_rehearsed, thread_count, thread_pool,
+};
 use crate::settings::{Budget, RenderSettings, SensorChoice};
 use crate::stats::Stats;
 use dunkelfeld_adaptive::allocation::Strategy;
 use dunkelfeld_denoise::{Builtin, Denoiser as _};
-use dunkelfeld_film::{Film, Plane};
+use dunkelfeld_film::{Film, FilmLayers, Plane};
 use dunkelfeld_integrator::Label;
 use dunkelfeld_io::import::{ImportOptions, Imported, load_scene};
 use dunkelfeld_io::job::{self, FilmSettings, Job, LensSettings};
@@ -162,6 +165,7 @@ impl Project {
             }
             Err(e) => inspection.hazards.push(e.to_string().replace("\n  mend: ", "; ")),
         }
+        inspection.memory = Some(self.memory());
         inspection.warnings = self.warnings.iter().map(ToString::to_string).collect();
         inspection
     }
@@ -211,6 +215,13 @@ impl Project {
         Ok(settings)
     }
 
+    /// Leaves sums out of the film that neither the outputs nor the denoiser need ([`RenderSettings::layers`]): call it once both are
+    /// decided, if nothing else will be asked of the film.
+    pub fn keep_needed_layers(&mut self) {
+        let are_needed = self.outputs.exr.is_some() || self.settings.denoise.method != DenoiseMethod::Off;
+        self.settings.layers = if are_needed { FilmLayers::All } else { FilmLayers::Image };
+    }
+
     /// Renders on another number of pixels what the film shows now: pixels grow as their number shrinks.
     pub(crate) fn resize_keeping_view(&mut self, width: u32, height: u32) {
         let before = self.film_size();
@@ -226,6 +237,24 @@ impl Project {
         self.film = other.film.clone();
         self.optics = other.optics;
         self.own_pitch = other.own_pitch;
+    }
+
+    /// What a render by the settings as they are now will need in memory.
+    pub fn memory(&self) -> MemoryAccount {
+        self.account(&self.settings).1
+    }
+
+    fn account(&self, settings: &RenderSettings) -> (u64, MemoryAccount) {
+        let threads = thread_count(settings.threads);
+        render_account(RenderNeeds { scene: &self.scene.summary(), settings, outputs: &self.outputs, threads })
+    }
+
+    /// The account of a render that may begin.
+    pub(crate) fn checked_account(&self, settings: &RenderSettings) -> Result<MemoryAccount, Error> {
+        let (held, account) = self.account(settings);
+        let mend = "render fewer pixels (--width, --height), without --exr or a denoiser, or with smaller textures";
+        account.check(settings.memory_limit, held, mend)?;
+        Ok(account)
     }
 
     fn film_size(&self) -> FilmSize {
@@ -270,6 +299,7 @@ impl Project {
             // What is kept back for it is less.
             settings.denoise.method = DenoiseMethod::Builtin;
         }
+        let account = self.checked_account(&settings)?;
         let denoise = |frame: &mut Frame, film: &Film, progress: &dyn Progress| match &denoiser {
             Some(denoiser) => {
                 denoise_frame(frame, film, &**denoiser, &settings, self.started, progress, cancel).map(Some)
@@ -302,6 +332,7 @@ impl Project {
             rendering.interrupted |= cancel.is_cancelled();
         }
         let mut stats = pool.install(|| Stats::new(&rendering, &frame, &settings));
+        stats.memory = Some(MemoryStats::new(account));
         stats.add_seconds(Stage::Load, self.load_seconds);
         stats.add_seconds(Stage::Build, self.build_seconds);
         stats.add_seconds(Stage::Expose, exposed);
@@ -401,6 +432,7 @@ fn open_job(job: &Job, optics: Optics) -> Result<(Imported, RenderSettings, Outp
             spp: job.budget.spp,
             noise: job.budget.noise,
         },
+        memory_limit: job.budget.memory,
         strategy: job.allocate.strategy.map(|strategy| match strategy {
             job::AllocateStrategy::Uniform => Strategy::Uniform,
             job::AllocateStrategy::Sobel => Strategy::Sobel,

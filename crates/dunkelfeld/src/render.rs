@@ -74,6 +74,11 @@ pub fn thread_pool(threads: usize) -> Result<rayon::ThreadPool, Error> {
         .map_err(|e| Error::Threads(e.to_string()))
 }
 
+/// The number of threads of [`thread_pool`].
+pub(crate) fn thread_count(threads: usize) -> usize {
+    if threads > 0 { threads } else { std::thread::available_parallelism().map_or(1, usize::from) }
+}
+
 /// Binds the camera that the settings show or name to the film.
 ///
 /// # Errors

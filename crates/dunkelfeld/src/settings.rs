@@ -15,7 +15,8 @@ pub const DEFAULT_PILOT_SPP: u32 = 16;
 /// Largest width and height of a film.
 pub const MAX_SIDE: u32 = 32_768;
 
-/// Largest number of pixels of a film: at about 350 bytes each it holds 47 GB of sums.
+/// Largest number of pixels of a film. A render of so many needs tens of gigabytes: [`MemoryAccount`](crate::MemoryAccount) says how many
+/// before it begins.
 pub const MAX_PIXELS: u64 = 1 << 27;
 
 /// When a render ends: the first limit that is met. Without any, [`DEFAULT_SPP`] samples per pixel.
@@ -83,6 +84,8 @@ pub struct RenderSettings {
     /// [`merge`](crate::merge()) joins with others. Without a plan to replay, every pixel gets all of them. Neither budget nor
     /// strategy may be set then.
     pub samples: Option<Range<u32>>,
+    /// The most memory \[bytes\] that the run may need: a render whose [account](crate::MemoryAccount) is beyond it does not begin.
+    pub memory_limit: Option<u64>,
     /// Where to keep a checkpoint, and to take the render up from if it exists.
     pub checkpoint: Option<CheckpointSettings>,
     /// The layers that the film keeps sums for. [`FilmLayers::Image`] needs less memory and allows neither auxiliary layers in an EXR
@@ -153,6 +156,7 @@ impl Default for RenderSettings {
             denoise: DenoiseSettings::default(),
             replay: None,
             samples: None,
+            memory_limit: None,
             checkpoint: None,
             layers: FilmLayers::default(),
             without: Vec::new(),

@@ -3,6 +3,7 @@
 use crate::develop::Frame;
 use crate::forecast::ForecastLevel;
 use crate::heavy::{HeavySample, heaviest};
+use crate::memory::MemoryStats;
 use crate::noise::Certified;
 use crate::parallel::map_tile_rows;
 use crate::progress::Stage;
@@ -85,6 +86,8 @@ pub struct Stats {
     pub certificate: Option<CertificateStats>,
     /// The denoiser, if there was to be one. No other field reads what it did.
     pub denoise: Option<DenoiseStats>,
+    /// The account of memory, and what was measured; `None` if the render was not one of a [project](crate::Project) or a merge.
+    pub memory: Option<MemoryStats>,
     /// Was all of it in a checkpoint? Then what followed missed no budget.
     #[serde(skip)]
     pub was_complete: bool,
@@ -311,6 +314,7 @@ impl Stats {
             forecast: rendering.forecast.as_ref().map(|f| f.levels.clone()),
             certificate: certified(frame).map(|c| (&c.certificate).into()),
             denoise: None,
+            memory: None,
             was_complete: rendering.earlier.was_complete,
         }
     }
@@ -328,6 +332,9 @@ impl Stats {
 
     /// Closes the book: this command took so long. What earlier processes took is added.
     pub fn finish(&mut self, seconds: f64) {
+        if let Some(memory) = &mut self.memory {
+            memory.measure();
+        }
         let total = self.earlier_seconds + seconds;
         self.total_seconds = total;
         if let (Some(forecast), "noise", Some(c)) = (&mut self.forecast, self.stop.as_str(), &self.certificate) {

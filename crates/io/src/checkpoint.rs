@@ -5,8 +5,10 @@
 //! head, every section has a checksum, and sums that no samples add up to are refused.
 
 mod pixel;
+mod size;
 
 pub use pixel::{MOST_SAMPLES, PIXEL_BYTES};
+pub use size::checkpoint_size;
 
 use crate::atomic::rewrite_atomically;
 use crate::error::InputError;

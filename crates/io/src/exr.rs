@@ -10,6 +10,7 @@ use exr::prelude::{ReadChannels, ReadLayers, read};
 
 use crate::error::InputError;
 use crate::input::{InputFiles, MOST_STREAMED, Role};
+use crate::process::can_reserve;
 
 mod strips;
 
@@ -121,6 +122,30 @@ pub fn read_exr(path: &Path) -> Result<ExrLayers, InputError> {
 /// # Errors
 /// As [`read_exr`].
 pub fn read_exr_recorded(path: &Path, role: Role, inputs: &mut InputFiles) -> Result<ExrLayers, InputError> {
+    read_exr_if(path, role, inputs, |_| Ok(()))
+}
+
+/// The size of an image, before its samples are read.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ExrSize {
+    /// Width of the first part in pixels.
+    pub width: u32,
+    /// Height of the first part in pixels.
+    pub height: u32,
+    /// Bytes that the samples of all channels take in memory.
+    pub bytes: u64,
+}
+
+/// [`read_exr_recorded`], if the size of the image is agreed to before memory is asked for its samples.
+///
+/// # Errors
+/// As [`read_exr`], and those of `agree`.
+pub fn read_exr_if<E: From<InputError>>(
+    path: &Path,
+    role: Role,
+    inputs: &mut InputFiles,
+    agree: impl FnOnce(ExrSize) -> Result<(), E>,
+) -> Result<ExrLayers, E> {
     let fault = |problem: String| {
         InputError::new(path, "the file", problem, "check that it is a complete OpenEXR image without deep data")
     };
@@ -129,6 +154,7 @@ pub fn read_exr_recorded(path: &Path, role: Role, inputs: &mut InputFiles) -> Re
     let mut file = BufReader::new(file);
     let meta = MetaData::read_from_buffered(&mut file, false).map_err(|e| fault(describe(&e)))?;
     file.rewind().map_err(|e| fault(format!("cannot be read: {e}")))?;
+    let size_in_memory = size_of_all(&meta);
     let promised: u64 = meta
         .headers
         .iter()
@@ -138,7 +164,15 @@ pub fn read_exr_recorded(path: &Path, role: Role, inputs: &mut InputFiles) -> Re
         })
         .fold(0, u64::saturating_add);
     if promised > size.saturating_mul(MOST_SHRUNK) {
-        return Err(fault(format!("promises {promised} bytes of samples in a file of {size} bytes")));
+        return Err(fault(format!("promises {promised} bytes of samples in a file of {size} bytes")).into());
+    }
+    agree(size_in_memory)?;
+    // The decoder collects them, half precision is widened: twice is the most at a time.
+    let bytes = size_in_memory.bytes;
+    if !can_reserve(bytes.saturating_mul(2)) {
+        let problem = format!("has samples of {} MB, for which there is not enough memory", bytes.div_ceil(1_000_000));
+        let mend = "use a smaller image or one with fewer channels, or end other programs";
+        return Err(InputError::new(path, "the file", problem, mend).into());
     }
     let image = read()
         .no_deep_data()
@@ -148,7 +182,16 @@ pub fn read_exr_recorded(path: &Path, role: Role, inputs: &mut InputFiles) -> Re
         .all_attributes()
         .from_buffered(file)
         .map_err(|e| fault(describe(&e)))?;
-    collect(image).ok_or_else(|| fault("has no channel with one sample per pixel".into()))
+    collect(image).ok_or_else(|| fault("has no channel with one sample per pixel".into()).into())
+}
+
+/// Width and height of the first part, and bytes of all samples as they are held.
+fn size_of_all(meta: &MetaData) -> ExrSize {
+    let of = |h: &exr::meta::header::Header| (h.layer_size.0 as u64).saturating_mul(h.layer_size.1 as u64);
+    let bytes = meta.headers.iter().map(|h| of(h).saturating_mul(4 * h.channels.list.len() as u64));
+    let first = meta.headers.first().map_or((0, 0), |h| (h.layer_size.0, h.layer_size.1));
+    let side = |v: usize| u32::try_from(v).unwrap_or(u32::MAX);
+    ExrSize { width: side(first.0), height: side(first.1), bytes: bytes.fold(0, u64::saturating_add) }
 }
 
 fn describe(error: &exr::error::Error) -> String {

@@ -48,6 +48,8 @@ pub enum Role {
     Result,
     /// A shared library that is loaded.
     Library,
+    /// A file in which the system reports about the process.
+    Report,
 }
 
 impl Role {
@@ -70,6 +72,7 @@ impl Role {
             Self::Frame => "a frame",
             Self::Result => "a result",
             Self::Library => "the denoiser's library",
+            Self::Report => "a report of the system",
         }
     }
 }

@@ -157,6 +157,9 @@ pub struct BudgetSettings {
     /// The k at which 99 % of the unsaturated pixels shall be hidden beneath the sensor's noise.
     #[serde(deserialize_with = "check::noise")]
     pub noise: Option<f64>,
+    /// The most memory \[bytes\] that the run may need: `"6GB"`. Beyond it the run does not begin.
+    #[serde(deserialize_with = "check::memory")]
+    pub memory: Option<u64>,
 }
 
 /// `[allocate]`

@@ -24,6 +24,7 @@ pub mod new_folder;
 pub mod obj;
 pub mod picture;
 pub mod png;
+pub mod process;
 pub mod quantity;
 pub mod results;
 pub mod sensor_file;

@@ -1,8 +1,8 @@
-//! Numbers with units as people write them: `5ms`, `2min 30s`, `12mm`, `30deg`, `1.5W`, `0.5/mm`.
+//! Numbers with units as people write them: `5ms`, `2min 30s`, `12mm`, `30deg`, `1.5W`, `0.5/mm`, `6GB`.
 //!
 //! Job files, sensor files and command-line flags share these types. Values are held in SI units. A time, a length or a
 //! power may also be written as a plain number in seconds, metres or watts; an angle needs its unit, because both degrees
-//! and radians are common.
+//! and radians are common, and so does a size of memory, because nobody counts bytes.
 
 use std::fmt;
 use std::str::FromStr;
@@ -131,6 +131,13 @@ quantity!(
     Memory, MEMORY, "an amount of memory", "B", "2GiB", plain: false
 );
 
+impl Memory {
+    /// As a whole number of bytes; `None` below one, and beyond what numbers can hold.
+    pub fn whole(self) -> Option<u64> {
+        (self.0 >= 1.0 && self.0 < 1.8e19).then_some(self.0 as u64)
+    }
+}
+
 /// Sums the `number unit` pairs of `text`; one sign in front counts for all.
 fn parse(text: &str, units: &[Unit], what: &str, example: &str, plain: bool) -> Result<f64, QuantityError> {
     let fail = |problem: String| Err(QuantityError(format!("{problem}; write {what} as \"{example}\"")));
@@ -221,6 +228,12 @@ mod tests {
         assert_eq!("0.5/mm".parse::<PerLength>().expect("a coefficient").0, 500.0);
         assert_eq!("20 /cm".parse::<PerLength>().expect("a coefficient").0, 2000.0);
         assert_eq!("1.5GiB".parse::<Memory>().expect("an amount").0, 1.5 * (1u64 << 30) as f64);
+        assert_eq!("512MiB".parse::<Memory>().expect("an amount").whole(), Some(512 << 20));
+        assert_eq!("1.5 GB".parse::<Memory>().expect("an amount").whole(), Some(1_500_000_000));
+        for size in ["0GB", "-6GB", "0.5B", "1e300GB"] {
+            assert_eq!(size.parse::<Memory>().expect("an amount").whole(), None, "{size}");
+        }
+        assert!("6".parse::<Memory>().expect_err("no unit").to_string().contains("lacks a unit"));
         assert_eq!("1.5kW".parse::<Power>().expect("a power").0, 1500.0);
     }
 

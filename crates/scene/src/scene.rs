@@ -80,7 +80,7 @@ pub(crate) struct Part {
 }
 
 /// What a scene is made of, in numbers.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct SceneSummary {
     /// Triangles as placed: a mesh used n times counts n times.
     pub placed_triangles: u64,
@@ -92,6 +92,8 @@ pub struct SceneSummary {
     pub instanced_parts: usize,
     /// Bytes held by geometry, the hierarchy and images.
     pub memory_bytes: u64,
+    /// Of these, bytes of images.
+    pub texture_bytes: u64,
     /// Lowest and highest corner in world space \[m\].
     pub bounds: Option<[[f64; 3]; 2]>,
 }
@@ -180,6 +182,7 @@ impl Scene {
             instanced_parts: self.parts.iter().filter(|p| p.transform.is_some()).count(),
             memory_bytes: (self.bvh.memory_bytes() + meshes + image_bytes + self.facets.len() * size_of::<Facet>())
                 as u64,
+            texture_bytes: image_bytes as u64,
             bounds: self.bounds.map(|b| b.map(|v| v.to_array())),
         }
     }

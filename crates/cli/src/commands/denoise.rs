@@ -16,7 +16,7 @@ pub(crate) fn run(args: &DenoiseArgs) -> Result<Outcome, Error> {
     let sink = Sink::new(args.run.progress);
     let cancel = cancel_on_interrupt();
     let threads = args.run.thread_count();
-    let Some(file) = denoise_exr(&args.input, &settings, threads, &sink, &cancel)? else {
+    let Some(file) = denoise_exr(&args.input, &settings, threads, args.memory.memory, &sink, &cancel)? else {
         drop(sink);
         say("interrupted: nothing was written");
         return Ok(Outcome::Interrupted);

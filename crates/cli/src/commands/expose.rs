@@ -57,6 +57,7 @@ fn settings(args: &ExposeArgs) -> Result<ExposeSettings, Error> {
         frames: args.frames,
         layer: args.layer.clone(),
         threads: args.run.thread_count(),
+        memory_limit: args.memory.memory,
         ..defaults
     })
 }

@@ -7,7 +7,8 @@ use dunkelfeld::{CoverEntry, EffectEntry, Error, Inspection, Project};
 use std::fmt::Write;
 
 pub(crate) fn run(args: &InspectArgs) -> Result<Outcome, Error> {
-    let project = Project::open(&args.input)?;
+    let mut project = Project::open(&args.input)?;
+    project.keep_needed_layers();
     let inspection = project.inspect();
     if args.json {
         // Plain data with string keys: serialisation cannot fail.
@@ -23,13 +24,18 @@ fn text(i: &Inspection) -> String {
     let mut t = String::new();
     let _ = writeln!(
         t,
-        "{} objects, {} triangles placed, {} stored, {} parts instanced, {:.1} MB",
+        "{} objects, {} triangles placed, {} stored, {} parts instanced, {:.1} MB, {:.1} MB of it textures",
         i.objects,
         i.placed_triangles,
         i.stored_triangles,
         i.instanced_parts,
-        i.memory_bytes as f64 * 1e-6
+        i.memory_bytes as f64 * 1e-6,
+        i.texture_bytes as f64 * 1e-6
     );
+    if let Some(memory) = &i.memory {
+        let _ =
+            writeln!(t, "memory of a render, at most {:.0} MB\n{}", memory.peak_bytes as f64 * 1e-6, memory.table());
+    }
     match i.bounds {
         Some([lo, hi]) => {
             let size: Vec<String> = (0..3).map(|k| format!("{:.4}", hi[k] - lo[k])).collect();

@@ -21,6 +21,7 @@ pub(crate) fn run(args: &MergeArgs, started: Instant) -> Result<Outcome, Error> 
         outputs,
         checkpoint: args.checkpoint.clone(),
         threads: args.threads.map_or(0, usize::from),
+        memory_limit: args.memory.memory,
     };
     let merged = dunkelfeld::merge(&settings, started)?;
     let (range, parts) = (&merged.samples, args.parts.len());

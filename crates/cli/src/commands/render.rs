@@ -8,7 +8,6 @@ use crate::bar::Sink;
 use crate::interrupt::cancel_on_interrupt;
 use crate::outcome::Outcome;
 use dunkelfeld::adaptive::allocation::Strategy;
-use dunkelfeld::film::FilmLayers;
 use dunkelfeld::scene::Vignetting;
 use dunkelfeld::sensor::ExposureNoise;
 use dunkelfeld::{
@@ -69,6 +68,7 @@ fn apply(args: &RenderArgs, project: &mut Project) -> Result<(), Error> {
     s.seed = args.seed.unwrap_or(s.seed);
     s.frame = args.frame.unwrap_or(s.frame);
     s.threads = args.run.threads.map_or(s.threads, usize::from);
+    s.memory_limit = args.memory.memory.or(s.memory_limit);
     if args.camera.is_some() {
         s.camera.clone_from(&args.camera);
     }
@@ -114,11 +114,8 @@ fn apply(args: &RenderArgs, project: &mut Project) -> Result<(), Error> {
             to.clone_from(from);
         }
     }
-    if o.exr.is_none() && s.denoise.method == DenoiseMethod::Off {
-        // No output has other layers.
-        s.layers = FilmLayers::Image;
-    }
     o.image.get_or_insert_with(|| dunkelfeld::default_image_path(&args.input));
+    project.keep_needed_layers();
     Ok(())
 }
 
@@ -176,6 +173,7 @@ pub(crate) fn apply_view(args: &ViewArgs, project: &mut Project) -> Result<(), E
     s.height = args.height.unwrap_or(s.height);
     s.seed = args.seed.unwrap_or(s.seed);
     s.threads = args.run.threads.map_or(s.threads, usize::from);
+    s.memory_limit = args.memory.memory.or(s.memory_limit);
     if args.camera.is_some() {
         s.camera.clone_from(&args.camera);
     }

@@ -87,6 +87,7 @@ pub fn bench(
         project.resize_keeping_view(size[0], size[1]);
     }
     let fitted = project.fitted()?;
+    project.checked_account(&fitted)?;
     let threads = thread_pool(fitted.threads)?.current_num_threads();
     let names: Vec<String> = filters.iter().map(Filter::name).collect();
     let camera = camera(&project.scene, &fitted)?;

@@ -74,6 +74,7 @@ pub fn ptc(
     settings.check()?;
     project.settings.replay = None;
     let fitted = project.fitted()?;
+    project.checked_account(&fitted)?;
     let denoiser = find_denoiser(&settings.denoise)?;
     let store = Kept::open(folder, MANIFEST, restart)?;
     let threads = thread_pool(fitted.threads)?.current_num_threads();

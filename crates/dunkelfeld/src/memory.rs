@@ -1,0 +1,169 @@
+//! The account of a run's memory: computed before the run works, and compared with a limit and with what the system has.
+
+mod needs;
+
+pub(crate) use needs::{RenderNeeds, denoise_account, expose_account, merge_account, render_account};
+
+use crate::error::Error;
+use dunkelfeld_io::process::{can_reserve, peak_memory};
+use serde::Serialize;
+use std::fmt::Write;
+
+/// One thing that takes memory.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct MemoryItem {
+    /// Its name, as in `film`.
+    pub name: String,
+    /// Bytes that it takes in each phase.
+    pub bytes: Vec<u64>,
+}
+
+/// What a run needs, by item and phase. Of textures and scene it states what they take; all else is computed from the number of pixels
+/// and threads (`docs/memory.md`).
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct MemoryAccount {
+    /// Names of the phases of the run, in their order.
+    pub phases: Vec<String>,
+    /// The items, each with as many numbers as there are phases.
+    pub items: Vec<MemoryItem>,
+    /// Bytes of all items in the phase that needs most.
+    pub peak_bytes: u64,
+}
+
+/// The account of a run beside what it took: a field of the statistics.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct MemoryStats {
+    /// What was expected.
+    #[serde(flatten)]
+    pub account: MemoryAccount,
+    /// Peak resident set of the process \[bytes\]; `None` where the system does not say.
+    pub measured_bytes: Option<u64>,
+}
+
+impl MemoryAccount {
+    pub(crate) fn new(phases: &[&str]) -> Self {
+        Self { phases: phases.iter().map(ToString::to_string).collect(), items: Vec::new(), peak_bytes: 0 }
+    }
+
+    /// Adds an item that takes so many bytes in each phase; one that takes nothing is left out.
+    pub(crate) fn add(&mut self, name: &str, bytes: &[u64]) {
+        if bytes.iter().any(|&b| b > 0) {
+            self.items.push(MemoryItem { name: name.into(), bytes: bytes.to_vec() });
+        }
+        self.peak_bytes = self.sums().into_iter().max().unwrap_or(0);
+    }
+
+    /// Bytes of all items in each phase.
+    pub fn sums(&self) -> Vec<u64> {
+        let of = |phase| {
+            let bytes = self.items.iter().filter_map(|item| item.bytes.get(phase));
+            bytes.fold(0, |sum: u64, &bytes| sum.saturating_add(bytes))
+        };
+        (0..self.phases.len()).map(of).collect()
+    }
+
+    /// As a table, a line for each item: megabytes (10^6 bytes) in each phase, and the sums.
+    pub fn table(&self) -> String {
+        let width = self.items.iter().map(|item| item.name.len()).max().unwrap_or(0).max(14);
+        let mut text = format!("  {:<width$}", "memory [MB]");
+        for phase in &self.phases {
+            let _ = write!(text, "{phase:>10}");
+        }
+        let mut line = |name: &str, bytes: &[u64]| {
+            let _ = write!(text, "\n  {name:<width$}");
+            for &bytes in bytes {
+                let _ = write!(text, "{:>10}", megabytes(bytes));
+            }
+        };
+        self.items.iter().for_each(|item| line(&item.name, &item.bytes));
+        line("sum", &self.sums());
+        text
+    }
+
+    /// Finds out whether the run may begin: whether its peak is within the limit, if there is one, and whether the system has as much beyond
+    /// `held`, which the process holds already. The peak is reserved at once, and given back.
+    ///
+    /// # Errors
+    /// It is more than the limit, or more than there is.
+    pub(crate) fn check(&self, limit: Option<u64>, held: u64, mend: &str) -> Result<(), Error> {
+        let refuse = |problem: String| {
+            let more = if limit.is_some() { ", or raise --memory" } else { ", or end other programs" };
+            Err(Error::MemoryNeeded { problem, account: self.table(), mend: format!("{mend}{more}") })
+        };
+        let peak = self.peak_bytes;
+        if let Some(limit) = limit.filter(|&limit| peak > limit) {
+            return refuse(format!(
+                "the run needs {} MB of memory, more than --memory allows ({} MB)",
+                megabytes(peak),
+                megabytes(limit)
+            ));
+        }
+        if !can_reserve(peak.saturating_sub(held)) {
+            return refuse(format!("the run needs {} MB of memory, which this system does not have", megabytes(peak)));
+        }
+        Ok(())
+    }
+}
+
+impl MemoryStats {
+    /// Of a run with this account, and what the process took until now.
+    pub fn new(account: MemoryAccount) -> Self {
+        Self { account, measured_bytes: peak_memory() }
+    }
+
+    /// Measures anew.
+    pub(crate) fn measure(&mut self) {
+        self.measured_bytes = peak_memory();
+    }
+}
+
+fn megabytes(bytes: u64) -> String {
+    let megabytes = bytes as f64 * 1e-6;
+    if megabytes < 100.0 { format!("{megabytes:.1}") } else { format!("{megabytes:.0}") }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn account() -> MemoryAccount {
+        let mut account = MemoryAccount::new(&["render", "write"]);
+        account.add("film", &[100_000_000, 100_000_000]);
+        account.add("plan", &[7_000_000, 0]);
+        account.add("nothing", &[0, 0]);
+        account.add("files", &[0, 5_500_000]);
+        account
+    }
+
+    #[test]
+    fn the_peak_is_that_of_the_phase_that_needs_most() {
+        let account = account();
+        assert_eq!(account.sums(), [107_000_000, 105_500_000]);
+        assert_eq!(account.peak_bytes, 107_000_000);
+        let names: Vec<&str> = account.items.iter().map(|item| item.name.as_str()).collect();
+        assert_eq!(names, ["film", "plan", "files"]);
+        let table = account.table();
+        let rows: Vec<Vec<&str>> = table.lines().map(|line| line.split_whitespace().collect()).collect();
+        assert_eq!(rows[0], ["memory", "[MB]", "render", "write"]);
+        assert_eq!((rows[1].as_slice(), rows[4].as_slice()), (&["film", "100", "100"][..], &["sum", "107", "106"][..]));
+        assert!(table.lines().all(|line| line.len() == table.lines().next().map_or(0, str::len)), "{table}");
+    }
+
+    #[test]
+    fn a_run_above_its_limit_or_beyond_all_memory_is_refused_with_its_account() {
+        let account = account();
+        account.check(None, 0, "-").expect("every machine has that");
+        account.check(Some(107_000_000), 0, "-").expect("as much as it needs");
+        let error = account.check(Some(106_999_999), 0, "use fewer pixels").expect_err("a byte too much").to_string();
+        for part in ["107 MB", "--memory", "film", "sum", "mend: use fewer pixels"] {
+            assert!(error.contains(part), "{part}: {error}");
+        }
+        let mut vast = MemoryAccount::new(&["render"]);
+        vast.add("film", &[u64::MAX]);
+        vast.add("more", &[u64::MAX]);
+        let error = vast.check(None, 0, "use fewer pixels").expect_err("no machine has that").to_string();
+        assert!(error.contains("does not have") && error.contains("film"), "{error}");
+        // What is held is not asked for again.
+        vast.check(None, u64::MAX, "-").expect("nothing is left to ask for");
+    }
+}
