@@ -33,7 +33,9 @@ impl Film {
         };
         let tiles = u64::from(width.div_ceil(TILE_SIDE)) * u64::from(height.div_ceil(TILE_SIDE));
         let rows = u64::from(height.div_ceil(TILE_SIDE));
-        tiles * (per_pixel * u64::from(TILE_SIDE * TILE_SIDE) + TILE_OVERHEAD) + rows * ROW_OVERHEAD
+        tiles
+            .saturating_mul(per_pixel * u64::from(TILE_SIDE * TILE_SIDE) + TILE_OVERHEAD)
+            .saturating_add(rows * ROW_OVERHEAD)
     }
 }
 

@@ -245,7 +245,7 @@ fn mean_of(plan: &Plane<u32>) -> f64 {
     plan.data().iter().map(|&n| f64::from(n)).sum::<f64>() / plan.data().len().max(1) as f64
 }
 
-const _: () = assert!(size_of::<Option<Label>>() == 12);
+const _: () = assert!(size_of::<Option<Label>>() == 8);
 
 #[cfg(test)]
 mod tests {
