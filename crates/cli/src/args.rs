@@ -58,7 +58,8 @@ pub(crate) struct RenderArgs {
     #[arg(value_name = "SCENE|JOB.toml")]
     pub(crate) input: PathBuf,
 
-    /// The picture: PNG, 8 bit, gamma 2.2, clipped at saturation [default: the input's name with .png, in this folder].
+    /// The picture: PNG, 8 bit, gamma 2.2, clipped at saturation [default: the input's name with .png, in this folder,
+    /// or with .render.png where that is an input].
     #[arg(short = 'o', long = "output", value_name = "FILE.png")]
     pub(crate) image: Option<PathBuf>,
     /// Linear grey values, 16 bit, .png or .tif (with a sensor).

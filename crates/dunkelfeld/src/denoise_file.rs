@@ -2,8 +2,9 @@
 
 use crate::denoising::{DenoiseMethod, DenoiseSettings, Denoised, find_denoiser, run};
 use crate::error::Error;
+use crate::guard::check_outputs;
 use crate::memory::denoise_account;
-use crate::outputs::{attributes, denoised_by, extension, same_file, save_exr, set_attribute, written};
+use crate::outputs::{attributes, denoised_by, extension, save_exr, set_attribute, written};
 use crate::progress::{Cancel, Progress};
 use crate::render::{thread_count, thread_pool};
 use dunkelfeld_denoise::{Builtin, DenoiseError, DenoiseInput, Denoiser as _};
@@ -15,7 +16,7 @@ use dunkelfeld_io::layers::{Single, Triple};
 use dunkelfeld_io::picture::Picture;
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_sensor::display::linear_to_8bit;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::time::Instant;
 
 /// Names of channels that a message lists at most.
@@ -35,7 +36,7 @@ pub struct DenoisedFile {
     /// Pixels whose radiance was negative, infinite or not a number: of what a denoiser makes of them and of those around them
     /// nothing is known.
     pub invalid: u64,
-    input: PathBuf,
+    inputs: InputFiles,
 }
 
 /// What a file tells a denoiser.
@@ -71,13 +72,15 @@ pub fn denoise_exr(
             "choose another than `off`",
         ));
     };
+    let mut inputs = InputFiles::new();
+    settings.add_library_to(&mut inputs);
     let agree = |size: ExrSize| {
         let method = if denoiser.name() == Builtin.name() { DenoiseMethod::Builtin } else { DenoiseMethod::Oidn };
         let account = denoise_account((size.width, size.height), size.bytes, method, thread_count(threads));
         let mend = "denoise a smaller image, one with fewer layers, or with the denoiser `builtin`";
         account.check(memory_limit, 0, mend)
     };
-    let mut layers = read_exr_if(path, Role::Image, &mut InputFiles::new(), agree)?;
+    let mut layers = read_exr_if(path, Role::Image, &mut inputs, agree)?;
     let planes = Planes::of(path, &layers)?;
     let is_radiance = |v: &f32| v.is_finite() && *v >= 0.0;
     let invalid = planes.mean.data().iter().filter(|v| !v.iter().all(is_radiance)).count() as u64;
@@ -100,22 +103,28 @@ pub fn denoise_exr(
     };
     layers.remove_triples(Triple::Denoised);
     let denoised = Denoised { mean, denoiser: denoiser.name(), seconds: began.elapsed().as_secs_f64() };
-    Ok(Some(DenoisedFile { layers, denoised, features, invalid, input: path.to_path_buf() }))
+    Ok(Some(DenoisedFile { layers, denoised, features, invalid, inputs }))
 }
 
-/// Finds out before the work whether its result can be written: the ending, the folder, and that it is not the input.
+/// Finds out before the work whether its result can be written: the ending, the folder, and that it is neither the input nor
+/// the library of the settings.
 ///
 /// # Errors
 /// What is wrong with the name.
-pub fn check_denoise_output(input: &Path, output: &Path) -> Result<(), Error> {
+pub fn check_denoise_output(input: &Path, output: &Path, settings: &DenoiseSettings) -> Result<(), Error> {
+    let mut inputs = InputFiles::new();
+    inputs.add(input, Role::Image);
+    settings.add_library_to(&mut inputs);
+    check_output(output, &inputs)
+}
+
+fn check_output(output: &Path, inputs: &InputFiles) -> Result<(), Error> {
     let fault = |problem: String, mend: &str| Err(Error::Output { file: output.into(), problem, mend: mend.into() });
     if !["exr", "png"].contains(&extension(output).as_str()) {
         let problem = format!("has an ending that does not fit (\".{}\")", extension(output));
         return fault(problem, "end it in .exr for all layers, or in .png for a picture");
     }
-    if same_file(input, output) {
-        return fault("is the input itself".into(), "write to another file; the input stays as it is");
-    }
+    check_outputs(&[("the denoised image", output)], inputs)?;
     written(output, dunkelfeld_io::atomic::check_writable(output))
 }
 
@@ -127,7 +136,7 @@ impl DenoisedFile {
     /// # Errors
     /// If the file cannot be written; an existing one then stays as it was.
     pub fn save(self, output: &Path) -> Result<(), Error> {
-        check_denoise_output(&self.input, output)?;
+        check_output(output, &self.inputs)?;
         if extension(output) == "png" {
             let scale = match attributes(&self.layers).get("sensor") {
                 Some(serde_json::Value::String(_)) => brightness(&self.denoised.mean),

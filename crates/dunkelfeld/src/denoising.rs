@@ -10,6 +10,7 @@ use crate::stats::DenoiseStats;
 use dunkelfeld_denoise::oidn::{Candidate, standard_names, standard_places};
 use dunkelfeld_denoise::{Builtin, Control, DenoiseError, DenoiseInput, Denoiser, Executor, Oidn};
 use dunkelfeld_film::{Film, FilmLayers, PixelSums, Plane};
+use dunkelfeld_io::input::{InputFiles, Role};
 use dunkelfeld_io::libraries::{find_libraries, libraries_beside};
 use rayon::prelude::*;
 use std::path::{Path, PathBuf};
@@ -68,6 +69,13 @@ pub struct DenoiseSettings {
 }
 
 impl DenoiseSettings {
+    /// Counts the library among the inputs of a run, if a file is named.
+    pub(crate) fn add_library_to(&self, inputs: &mut InputFiles) {
+        if let Some(path) = self.oidn.as_deref().filter(|path| path.is_file()) {
+            inputs.add(path, Role::Library);
+        }
+    }
+
     /// What to keep back for denoising so many pixels \[s\], before it has been tried.
     pub fn expected_seconds(&self, pixels: u64, threads: usize) -> f64 {
         let (start, per_megapixel) = match self.method {

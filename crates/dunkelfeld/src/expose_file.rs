@@ -3,13 +3,12 @@
 use crate::denoise_file::radiance_of;
 use crate::develop::Picture;
 use crate::error::Error;
+use crate::guard::{DefaultPath, Output, check_outputs, free_file};
 use crate::lens::DEFAULT_F_NUMBER;
 use crate::matched::Known;
 use crate::memory::expose_account;
 use crate::noise::{Measured, levels, per_luminance, seen, sensor_noise};
-use crate::outputs::{
-    VIGNETTING, attributes, extension, same_file, save_plain_picture, save_values, values_words, written,
-};
+use crate::outputs::{VIGNETTING, attributes, extension, save_plain_picture, save_values, values_words, written};
 use crate::progress::{Cancel, Progress, ProgressState, Stage};
 use crate::render::{thread_count, thread_pool};
 use dunkelfeld_adaptive::evidence::{Evidence, Surface, surfaces};
@@ -17,7 +16,7 @@ use dunkelfeld_adaptive::need::SensorNoise;
 use dunkelfeld_film::{Plane, Scatter};
 use dunkelfeld_io::InputError;
 use dunkelfeld_io::exr::{ExrLayers, ExrSize, read_exr_if};
-use dunkelfeld_io::input::{InputFiles, Role};
+use dunkelfeld_io::input::{InputFiles, Role, files_in};
 use dunkelfeld_io::job::LensSettings;
 use dunkelfeld_io::layers::{Single, Triple};
 use dunkelfeld_radiometry::Seconds;
@@ -61,6 +60,8 @@ pub struct ExposeSettings {
     pub threads: usize,
     /// The most memory \[bytes\] that the exposure may need.
     pub memory_limit: Option<u64>,
+    /// The files that the settings were read from, such as a sensor file: no output takes the place of one.
+    pub inputs: InputFiles,
 }
 
 /// Which files to write. Of several frames each name gets the frame's number before its ending, as in `out-0007.png`.
@@ -238,7 +239,7 @@ pub fn expose_exr(
 ) -> Result<ExposedFile, Error> {
     let started = Instant::now();
     check(settings)?;
-    outputs.check(settings)?;
+    outputs.check(input, settings)?;
     let pool = thread_pool(settings.threads)?;
     let exposer = pool.install(|| Exposer::open(input, settings))?;
     let mut done = ExposedFile {
@@ -323,12 +324,31 @@ impl ExposeSettings {
             layer: None,
             threads: 0,
             memory_limit: None,
+            inputs: InputFiles::new(),
         })
     }
 
     /// Number of the last frame.
     fn last_frame(&self) -> u32 {
         self.first_frame.saturating_add(self.frames.saturating_sub(1))
+    }
+
+    /// The files that have the names of frames already, and the first frame's name.
+    fn frames_of(&self, path: &Path) -> Vec<PathBuf> {
+        let first = self.numbered(path, self.first_frame);
+        let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        let is_frame = |file: &PathBuf| {
+            let number = file.file_stem().and_then(|stem| stem.to_str()?.rsplit_once('-')?.1.parse::<u32>().ok());
+            number.is_some_and(|number| {
+                (self.first_frame..=self.last_frame()).contains(&number)
+                    && self.numbered(path, number).file_name() == file.file_name()
+            })
+        };
+        let mut files: Vec<PathBuf> = files_in(folder).into_iter().filter(is_frame).collect();
+        if !files.iter().any(|file| file.file_name() == first.file_name()) {
+            files.push(first);
+        }
+        files
     }
 
     /// The name of a frame's file: that of the output itself if there is one frame alone.
@@ -352,8 +372,8 @@ impl ExposeOutputs {
     ///
     /// # Errors
     /// No output at all, an ending that does not fit, a folder that does not exist or cannot be written to, two outputs in one
-    /// file.
-    pub fn check(&self, settings: &ExposeSettings) -> Result<(), Error> {
+    /// file, a frame in the place of an input.
+    pub fn check(&self, input: &Path, settings: &ExposeSettings) -> Result<(), Error> {
         let fault = |file: &Path, problem: String, mend: &str| {
             Err(Error::Output { file: file.into(), problem, mend: mend.into() })
         };
@@ -366,13 +386,42 @@ impl ExposeOutputs {
             let first = settings.numbered(path, settings.first_frame);
             written(&first, dunkelfeld_io::atomic::check_writable(&first))?;
         }
-        match (&self.image, &self.linear) {
-            (None, None) => Err(Error::setting("output", "no file is named", "name a picture, or linear grey values")),
-            (Some(image), Some(linear)) if same_file(image, linear) => {
-                fault(image, "is named for two outputs".into(), "give each its own file")
-            }
-            _ => Ok(()),
+        if self.named().next().is_none() {
+            return Err(Error::setting("output", "no file is named", "name a picture, or linear grey values"));
         }
+        self.check_apart(input, settings)
+    }
+
+    fn named(&self) -> impl Iterator<Item = Output<'_>> {
+        let paths = [("the image", &self.image), ("the linear image", &self.linear)];
+        paths.into_iter().filter_map(|(what, path)| Some((what, path.as_deref()?)))
+    }
+
+    /// No frame may take the place of an input or of another output.
+    fn check_apart(&self, input: &Path, settings: &ExposeSettings) -> Result<(), Error> {
+        let mut inputs = settings.inputs.clone();
+        inputs.add(input, Role::Image);
+        let outputs: Vec<Output<'_>> = self.named().collect();
+        if settings.frames == 1 {
+            return check_outputs(&outputs, &inputs);
+        }
+        // Two names that differ give frames that differ.
+        check_outputs(&outputs, &InputFiles::new())?;
+        // However many frames there will be, only those whose names are taken can be other files.
+        let frames: Vec<_> = outputs.iter().map(|&(what, path)| (what, settings.frames_of(path))).collect();
+        let frames: Vec<Output<'_>> =
+            frames.iter().flat_map(|(what, files)| files.iter().map(move |file| (*what, file.as_path()))).collect();
+        check_outputs(&frames, &inputs)
+    }
+
+    /// Names the image after the input, or otherwise where a frame would take the place of an input.
+    pub fn set_default_image(&mut self, input: &Path, settings: &ExposeSettings) -> DefaultPath {
+        let usual = PathBuf::from(input.file_stem().unwrap_or_else(|| "render".as_ref())).with_extension("png");
+        let chosen = free_file(usual, "exposed", |path| {
+            Self { image: Some(path.to_path_buf()), linear: None }.check_apart(input, settings)
+        });
+        self.image = Some(chosen.path.clone());
+        chosen
     }
 }
 

@@ -26,6 +26,7 @@ pub mod emva;
 mod error;
 mod expose_file;
 mod forecast;
+mod guard;
 mod heavy;
 mod identity;
 mod inspect;
@@ -57,6 +58,7 @@ pub use develop::{Frame, Picture, SensorFrame, develop, develop_film, show_denoi
 pub use error::Error;
 pub use expose_file::{ExposeOutputs, ExposeSettings, ExposedFile, Exposer, expose_exr};
 pub use forecast::{FORECAST_LEVELS, Forecast, ForecastLevel};
+pub use guard::DefaultPath;
 pub use heavy::HeavySample;
 pub use inspect::{
     CameraEntry, CoverEntry, CoverLayerEntry, EffectEntry, Inspection, LightEntry, MaterialEntry, inspect,
@@ -66,10 +68,11 @@ pub use memory::{MemoryAccount, MemoryItem, MemoryStats};
 pub use merge::{MergeSettings, Merged, merge};
 pub use noise::{Certified, certify};
 pub use outputs::{
-    NO_ID, OutputPaths, SavedPlan, encode_layers, load_plan, save_exr, save_linear, save_picture, save_plan, save_text,
+    NO_ID, OutputPaths, SavedPlan, encode_layers, load_plan, load_plan_recorded, save_exr, save_linear, save_picture,
+    save_plan, save_text,
 };
 pub use progress::{Cancel, Progress, ProgressState, Silent, Stage};
-pub use project::{Project, ProjectResult, default_image_path, find_sensor, read_scene};
+pub use project::{Project, ProjectResult, find_sensor, find_sensor_recorded, read_scene};
 pub use render::{Rendering, camera, render, thread_pool};
 pub use settings::{Budget, DEFAULT_PILOT_SPP, DEFAULT_SPP, MAX_PIXELS, MAX_SIDE, RenderSettings, SensorChoice};
 pub use stats::{CertificateStats, DenoiseStats, PartStats, STATS_VERSION, SensorStats, Stats};

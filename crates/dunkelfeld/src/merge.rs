@@ -5,7 +5,7 @@ use crate::develop::{Frame, develop_film};
 use crate::error::Error;
 use crate::look::{Look, labels_of};
 use crate::memory::{MemoryAccount, MemoryStats, merge_account};
-use crate::outputs::{self, OutputPaths, Written, same_file, written};
+use crate::outputs::{self, OutputPaths, Written, written};
 use crate::progress::Stage;
 use crate::render::{Rendering, thread_count, thread_pool};
 use crate::settings::RenderSettings;
@@ -15,6 +15,7 @@ use dunkelfeld_adaptive::{allocation, plan};
 use dunkelfeld_film::{Film, Plane};
 use dunkelfeld_io::InputError;
 use dunkelfeld_io::checkpoint::{CheckpointHead, checkpoint_size, write_checkpoint};
+use dunkelfeld_io::input::{InputFiles, Role};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -139,17 +140,11 @@ pub fn merge(settings: &MergeSettings, started: Instant) -> Result<Merged, Error
 /// What can be said of the outputs before the parts are read.
 fn check_outputs(settings: &MergeSettings) -> Result<(), Error> {
     let outputs = &settings.outputs;
-    for part in &settings.parts {
-        outputs.check_apart(part, "a part")?;
-        if settings.checkpoint.as_ref().is_some_and(|path| same_file(path, part)) {
-            let (problem, mend) = ("is a part and the checkpoint of the whole", "give the whole its own file");
-            return Err(Error::Output { file: part.clone(), problem: problem.into(), mend: mend.into() });
-        }
-    }
+    let mut inputs = InputFiles::new();
+    settings.parts.iter().for_each(|part| inputs.add(part, Role::Part));
     // Whether there is a sensor is not known yet.
-    outputs.check(true)?;
+    outputs.check_beside(true, settings.checkpoint.as_deref(), &inputs)?;
     if let Some(path) = &settings.checkpoint {
-        outputs.check_apart(path, "the checkpoint")?;
         written(path, dunkelfeld_io::atomic::check_writable(path))?;
     }
     Ok(())

@@ -2,10 +2,12 @@
 
 use crate::develop::{Frame, Picture};
 use crate::error::Error;
+use crate::guard::{Output, check_outputs};
 use crate::settings::RenderSettings;
 use dunkelfeld_film::{Film, FilmLayers, PixelSums, Plane};
 use dunkelfeld_integrator::Label;
-use dunkelfeld_io::exr::{ExrHead, ExrLayers, read_exr, write_exr, write_exr_rows};
+use dunkelfeld_io::exr::{ExrHead, ExrLayers, read_exr_recorded, write_exr, write_exr_rows};
+use dunkelfeld_io::input::{InputFiles, Role};
 use dunkelfeld_io::layers::{Single, Triple};
 use dunkelfeld_io::picture::Picture as File;
 use dunkelfeld_radiometry::Number;
@@ -38,12 +40,34 @@ impl OutputPaths {
         [&self.image, &self.linear, &self.exr, &self.stats, &self.plan].into_iter().flatten()
     }
 
+    /// The outputs, each with its name in messages.
+    pub(crate) fn named(&self) -> Vec<Output<'_>> {
+        let paths = [
+            ("the image", &self.image),
+            ("the linear image", &self.linear),
+            ("the EXR", &self.exr),
+            ("the statistics", &self.stats),
+            ("the plan", &self.plan),
+        ];
+        paths.into_iter().filter_map(|(what, path)| Some((what, path.as_deref()?))).collect()
+    }
+
     /// Finds out before the render what would fail after it: folders that do not exist or cannot be written to, names that
     /// cannot be, two outputs in one file.
     ///
     /// # Errors
     /// The first fault found, with its mend.
     pub fn check(&self, has_sensor: bool) -> Result<(), Error> {
+        self.check_beside(has_sensor, None, &InputFiles::new())
+    }
+
+    /// [`check`](Self::check), and that no output takes the place of an input or of the checkpoint that is written as well.
+    pub(crate) fn check_beside(
+        &self,
+        has_sensor: bool,
+        checkpoint: Option<&Path>,
+        inputs: &InputFiles,
+    ) -> Result<(), Error> {
         for path in self.all() {
             let fault = |problem: &str, mend: &str| Error::Output {
                 file: path.clone(),
@@ -57,10 +81,10 @@ impl OutputPaths {
             if !folder.is_dir() {
                 return Err(fault("cannot be written: its folder does not exist", "create the folder first"));
             }
-            if self.all().filter(|p| same_file(p, path)).count() > 1 {
-                return Err(fault("is named for two outputs", "give each its own file"));
-            }
         }
+        let mut outputs = self.named();
+        outputs.extend(checkpoint.map(|path| ("the checkpoint", path)));
+        check_outputs(&outputs, &InputFiles::new())?;
         let wrong = |path: &Option<PathBuf>, allowed: &[&str]| {
             path.as_ref().filter(|p| !allowed.contains(&extension(p).as_str())).map(|p| Error::Output {
                 file: p.clone(),
@@ -78,6 +102,7 @@ impl OutputPaths {
         if let Some(fault) = faults.into_iter().flatten().next() {
             return Err(fault);
         }
+        check_outputs(&outputs, inputs)?;
         if let (Some(path), false) = (&self.linear, has_sensor) {
             return Err(Error::Output {
                 file: path.clone(),
@@ -87,32 +112,6 @@ impl OutputPaths {
         }
         self.all().try_for_each(|path| written(path, dunkelfeld_io::atomic::check_writable(path)))
     }
-}
-
-impl OutputPaths {
-    /// Finds out whether an output has the name of a file that is something else.
-    ///
-    /// # Errors
-    /// It has.
-    pub(crate) fn check_apart(&self, path: &Path, what: &str) -> Result<(), Error> {
-        if !self.all().any(|output| same_file(output, path)) {
-            return Ok(());
-        }
-        let (problem, mend) = (format!("is named for an output and for {what}"), "give each its own file".into());
-        Err(Error::Output { file: path.into(), problem, mend })
-    }
-}
-
-/// Do two names stand for one file, as `a.png`, `./a.png` and a link to either do?
-pub(crate) fn same_file(a: &Path, b: &Path) -> bool {
-    let whole = |path: &Path| {
-        if let Ok(file) = path.canonicalize() {
-            return Some(file);
-        }
-        let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-        Some(folder.canonicalize().ok()?.join(path.file_name()?))
-    };
-    a == b || whole(a).is_some_and(|a| Some(a) == whole(b))
 }
 
 pub(crate) fn extension(path: &Path) -> String {
@@ -420,13 +419,21 @@ pub struct SavedPlan {
 /// # Errors
 /// A file that is no EXR, or has no layer `spp.Y`.
 pub fn load_plan(path: &Path) -> Result<SavedPlan, Error> {
+    load_plan_recorded(path, &mut InputFiles::new())
+}
+
+/// [`load_plan`], and counts the file among the inputs of a run.
+///
+/// # Errors
+/// As [`load_plan`].
+pub fn load_plan_recorded(path: &Path, inputs: &mut InputFiles) -> Result<SavedPlan, Error> {
     /// Of all that is written, what a replay needs.
     #[derive(Default, serde::Deserialize)]
     struct Attributes {
         seed: Option<u64>,
         frame: Option<u32>,
     }
-    let layers = read_exr(path)?;
+    let layers = read_exr_recorded(path, Role::Plan, inputs)?;
     let Attributes { seed, frame } = serde_json::from_str(&layers.attributes).unwrap_or_default();
     let fault = |problem: String| {
         let mend = "use an EXR that --exr or --plan wrote";

@@ -4,6 +4,7 @@ use crate::check::check;
 use crate::denoising::{DenoiseMethod, DenoiseSettings, denoise_frame, find_denoiser};
 use crate::develop::{Frame, develop_film};
 use crate::error::{Error, camera_mend};
+use crate::guard::{DefaultPath, check_outputs, free_file};
 use crate::inspect::{Inspection, camera_entry, inspect};
 use crate::lens::{DEFAULT_F_NUMBER, FilmSize, Fitted, Misfit, fit};
 use crate::memory::{MemoryAccount, MemoryStats, RenderNeeds, render_account};
@@ -19,6 +20,7 @@ use dunkelfeld_denoise::{Builtin, Denoiser as _};
 use dunkelfeld_film::{Film, FilmLayers, Plane};
 use dunkelfeld_integrator::Label;
 use dunkelfeld_io::import::{ImportOptions, Imported, load_scene};
+use dunkelfeld_io::input::InputFiles;
 use dunkelfeld_io::job::{self, FilmSettings, Job, LensSettings};
 use dunkelfeld_io::{ImportWarning, InputError};
 use dunkelfeld_scene::{BuildError, BuildReport, CameraError, Distortion, Effect, Projection, Scene, framing_camera};
@@ -46,6 +48,8 @@ pub struct Project {
     pub lens: LensSettings,
     /// The size of the film on the sensor, as far as the job tells it. Width and height are those of the settings.
     pub film: FilmSettings,
+    /// The files that were read for it, or were to be: no output takes the place of one. Count what is read later.
+    pub inputs: InputFiles,
     /// For errors that are found later.
     job: Option<Box<Job>>,
     /// Pixel pitch [m] of the job's own sensor, which the lens keeps when another command leaves the sensor out.
@@ -68,6 +72,9 @@ pub struct ProjectResult {
     object_names: Vec<String>,
     is_vignetted: bool,
     started: Instant,
+    inputs: InputFiles,
+    /// The outputs that were checked before the render.
+    checked: OutputPaths,
 }
 
 impl Project {
@@ -99,14 +106,16 @@ impl Project {
         let lens = job.as_ref().map(|job| job.lens.clone()).unwrap_or_default();
         let f_number = lens.f_number.unwrap_or(DEFAULT_F_NUMBER);
         let optics = Optics::new(f_number, lens.transmission, lens.magnification.unwrap_or(0.0))?;
+        let mut inputs = job.as_ref().map(|job| job.inputs().clone()).unwrap_or_default();
         let (mut imported, mut settings, outputs) = match &job {
-            Some(job) => open_job(job, optics)?,
+            Some(job) => open_job(job, optics, &mut inputs)?,
             None => {
-                let sensor = sensor_of(&job::SensorSettings::default(), optics)?;
+                let sensor = sensor_of(&job::SensorSettings::default(), optics, &mut inputs)?;
                 let settings = RenderSettings { sensor, ..RenderSettings::default() };
                 (load_scene(path, &ImportOptions::default())?, settings, OutputPaths::default())
             }
         };
+        inputs.extend(&imported.inputs);
         let mut left_out: Vec<Effect> = Vec::new();
         for &effect in without {
             // Named twice is left out once.
@@ -140,10 +149,26 @@ impl Project {
             optics,
             lens,
             film: job.as_ref().map(|job| job.film.clone()).unwrap_or_default(),
+            inputs,
             job: job.map(Box::new),
             started,
             load_seconds,
             build_seconds: began.elapsed().as_secs_f64(),
+        })
+    }
+
+    /// The picture's name when none is given: that of the opened file `input` with `.png`, in the current folder; another one
+    /// where an input or another output of the project has it.
+    pub fn default_image_path(&self, input: &Path) -> DefaultPath {
+        let usual = PathBuf::from(input.file_stem().unwrap_or_else(|| "render".as_ref())).with_extension("png");
+        let others = OutputPaths { image: None, ..self.outputs.clone() };
+        let checkpoint = self.settings.checkpoint.as_ref().map(|keep| ("the checkpoint", keep.path.as_path()));
+        free_file(usual, "render", |path| {
+            let image = ("the image", path);
+            check_outputs(&[image], &self.inputs)?;
+            // Faults among the others are not for the image to avoid.
+            let mut others = others.named().into_iter().chain(checkpoint);
+            others.try_for_each(|other| check_outputs(&[other, image], &InputFiles::new()))
         })
     }
 
@@ -289,10 +314,10 @@ impl Project {
     /// # Errors
     /// Settings outside their range, an unknown camera, outputs that could not be written.
     pub fn render_with(&self, progress: &dyn Progress, cancel: &Cancel) -> Result<ProjectResult, Error> {
-        self.outputs.check(matches!(self.settings.sensor, SensorChoice::Emva { .. }))?;
-        if let Some(keep) = &self.settings.checkpoint {
-            self.outputs.check_apart(&keep.path, "the checkpoint")?;
-        }
+        let mut inputs = self.inputs.clone();
+        self.settings.denoise.add_library_to(&mut inputs);
+        let checkpoint = self.settings.checkpoint.as_ref().map(|keep| keep.path.as_path());
+        self.outputs.check_beside(self.settings.has_sensor(), checkpoint, &inputs)?;
         let mut settings = self.fitted()?;
         let denoiser = find_denoiser(&settings.denoise)?;
         if denoiser.as_ref().is_some_and(|d| d.name() == Builtin.name()) {
@@ -346,6 +371,8 @@ impl Project {
             object_names: object_names.to_vec(),
             is_vignetted,
             started: self.started,
+            inputs,
+            checked: self.outputs.clone(),
         })
     }
 }
@@ -354,17 +381,24 @@ impl ProjectResult {
     /// Writes the 8-bit picture as PNG.
     ///
     /// # Errors
-    /// If it cannot be written.
+    /// If it is an input of the render, or cannot be written.
     pub fn save_image(&self, path: impl AsRef<Path>) -> Result<(), Error> {
+        if self.checked.image.as_deref() != Some(path.as_ref()) {
+            check_outputs(&[("the image", path.as_ref())], &self.inputs)?;
+        }
         outputs::save_picture(&self.frame, path.as_ref())
     }
 
     /// Writes all outputs that are named, the statistics last: they tell how long all of it took.
     ///
     /// # Errors
-    /// The first file that cannot be written; those before it are.
+    /// An output that is an input of the render; else the first file that cannot be written, and those before it are.
     pub fn save(&mut self, paths: &OutputPaths) -> Result<(), Error> {
         let began = Instant::now();
+        // What was checked before the render is not refused after it.
+        if *paths != self.checked {
+            check_outputs(&paths.named(), &self.inputs)?;
+        }
         let written = Written {
             film: &self.rendering.film,
             labels: &self.rendering.labels,
@@ -389,6 +423,14 @@ impl ProjectResult {
 /// There is neither, or the file is not a sensor.
 pub fn find_sensor(name_or_path: &str) -> Result<SensorModel, Error> {
     Ok(dunkelfeld_io::sensor_file::find_sensor(name_or_path)?)
+}
+
+/// [`find_sensor`], and counts the file among the inputs of a run.
+///
+/// # Errors
+/// As [`find_sensor`].
+pub fn find_sensor_recorded(name_or_path: &str, inputs: &mut InputFiles) -> Result<SensorModel, Error> {
+    Ok(dunkelfeld_io::sensor_file::find_sensor_recorded(name_or_path, inputs)?)
 }
 
 fn pitch_of(sensor: &SensorChoice) -> Option<f64> {
@@ -417,12 +459,16 @@ fn build_error(error: BuildError, file: &Path) -> Error {
     }
 }
 
-fn open_job(job: &Job, optics: Optics) -> Result<(Imported, RenderSettings, OutputPaths), Error> {
+fn open_job(
+    job: &Job,
+    optics: Optics,
+    inputs: &mut InputFiles,
+) -> Result<(Imported, RenderSettings, OutputPaths), Error> {
     let mut imported = load_scene(&job.scene, &job.import_options()).map_err(|e| job.scene_error(e))?;
     job.camera_index(&imported.scene)?;
     imported.warnings.extend(job.apply_overrides(&mut imported.scene)?);
     let defaults = RenderSettings::default();
-    let sensor = sensor_of(&job.sensor, optics)?;
+    let sensor = sensor_of(&job.sensor, optics, inputs)?;
     let settings = RenderSettings {
         width: job.film.width.unwrap_or(defaults.width),
         height: job.film.height.unwrap_or(defaults.height),
@@ -467,22 +513,17 @@ fn open_job(job: &Job, optics: Optics) -> Result<(Imported, RenderSettings, Outp
     Ok((imported, settings, outputs))
 }
 
-fn sensor_of(sensor: &job::SensorSettings, optics: Optics) -> Result<SensorChoice, Error> {
+fn sensor_of(sensor: &job::SensorSettings, optics: Optics, inputs: &mut InputFiles) -> Result<SensorChoice, Error> {
     let model = match &sensor.model {
         job::SensorChoice::None => return Ok(SensorChoice::None),
         job::SensorChoice::Preset(name) => dunkelfeld_io::sensor_file::preset(name)?,
-        job::SensorChoice::File(path) => dunkelfeld_io::sensor_file::load_sensor(path)?,
+        job::SensorChoice::File(path) => dunkelfeld_io::sensor_file::load_sensor_recorded(path, inputs)?,
     };
     let exposure = match sensor.exposure {
         job::Exposure::Auto => None,
         job::Exposure::Seconds(s) => Some(Exposure::new(dunkelfeld_radiometry::Seconds(s))?),
     };
     Ok(SensorChoice::Emva { model: Box::new(model), optics, exposure })
-}
-
-/// The picture's name when none is given: that of the input with `.png`, in the current folder.
-pub fn default_image_path(input: &Path) -> PathBuf {
-    PathBuf::from(input.file_stem().unwrap_or_else(|| "render".as_ref())).with_extension("png")
 }
 
 /// Reads a scene file without building it, for programs that want to change it first.

@@ -90,6 +90,15 @@ pub struct FileIdentity {
     id: Option<(u64, u64)>,
 }
 
+/// One of the things that a file is known by.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum FileKey<'a> {
+    /// A path: as it was named, or resolved.
+    Path(&'a Path),
+    /// Device and inode.
+    Inode(u64, u64),
+}
+
 impl FileIdentity {
     /// The identity of what has the name now, or would have it.
     pub fn of(path: &Path) -> Self {
@@ -107,12 +116,16 @@ impl FileIdentity {
         &self.named
     }
 
+    /// What the file is known by: two identities that share a key are of one file.
+    pub fn keys(&self) -> impl Iterator<Item = FileKey<'_>> {
+        let paths = [Some(&self.named), self.place.as_ref(), self.target.as_ref()];
+        let id = self.id.map(|(device, inode)| FileKey::Inode(device, inode));
+        paths.into_iter().flatten().map(|path| FileKey::Path(path)).chain(id)
+    }
+
     /// Are both the same file?
     pub fn is_same(&self, other: &Self) -> bool {
-        let paths = |of: &Self| [of.place.clone(), of.target.clone()];
-        self.named == other.named
-            || (self.id.is_some() && self.id == other.id)
-            || paths(self).iter().flatten().any(|path| paths(other).iter().flatten().any(|p| p == path))
+        self.keys().any(|key| other.keys().any(|k| k == key))
     }
 
     /// Is the file, or the link that stands for it, in a folder or one within it? `folder` is canonical.
@@ -193,7 +206,7 @@ impl InputFiles {
         }
         let mut folders = vec![folder.to_path_buf()];
         while let Some(folder) = folders.pop() {
-            for entry in std::fs::read_dir(folder).ok()?.flatten() {
+            for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
                 match entry.file_type() {
                     Ok(kind) if kind.is_dir() => folders.push(entry.path()),
                     Ok(_) => {
@@ -289,32 +302,35 @@ impl From<io::Error> for ReadFault {
 }
 
 impl ReadFault {
-    /// What is wrong with the file, and what to do about it; both without a full stop.
-    pub fn describe(&self, path: &Path) -> (String, &'static str) {
-        let name = path.display();
+    /// What is wrong with the file, to follow its name: `is a folder, not a regular file`; without a full stop.
+    pub fn problem(&self) -> String {
         match self {
-            Self::Missing => {
-                (format!("cannot be read: there is no file {name}"), "check the name, upper and lower case included")
-            }
-            Self::NotPermitted => {
-                (format!("cannot be read: no permission to read {name}"), "change the file's permissions")
-            }
-            Self::NotRegular(what) => (format!("{name} is {what}, not a regular file"), "name a regular file"),
-            Self::Replaced => (format!("{name} was replaced while it was opened"), "run the command again"),
-            Self::TooLarge { most } => {
-                (format!("{name} has more than the {} allowed", in_units(*most)), "check that this is the right file")
-            }
-            Self::NoMemory => {
-                (format!("there is not enough memory to read {name}"), "free memory, or use a smaller file")
-            }
-            Self::Failed(e) => (format!("cannot be read: {name}: {e}"), "check that it is a readable file"),
+            Self::Missing => "cannot be read: there is no file of this name".into(),
+            Self::NotPermitted => "cannot be read: its permissions forbid it".into(),
+            Self::NotRegular(what) => format!("is {what}, not a regular file"),
+            Self::Replaced => "was replaced while it was opened".into(),
+            Self::TooLarge { most } => format!("has more than the {} allowed", in_units(*most)),
+            Self::NoMemory => "needs more memory than there is".into(),
+            Self::Failed(e) => format!("cannot be read: {e}"),
+        }
+    }
+
+    /// What the user can do about it, without a full stop.
+    pub fn mend(&self) -> &'static str {
+        match self {
+            Self::Missing => "check the name, upper and lower case included",
+            Self::NotPermitted => "change the file's permissions",
+            Self::NotRegular(_) => "name a regular file",
+            Self::Replaced => "run the command again",
+            Self::TooLarge { .. } => "check that this is the right file",
+            Self::NoMemory => "free memory, or use a smaller file",
+            Self::Failed(_) => "check that it is a readable file",
         }
     }
 
     /// The fault as an error of `file` itself.
     pub fn at(&self, file: &Path) -> InputError {
-        let (problem, mend) = self.describe(file);
-        InputError::new(file, "the file", problem, mend)
+        InputError::new(file, "the file", self.problem(), self.mend())
     }
 }
 
@@ -435,7 +451,7 @@ mod tests {
     }
 
     fn problem(path: &Path, most: u64) -> String {
-        read(path, most).expect_err("refused").describe(path).0
+        read(path, most).expect_err("refused").problem()
     }
 
     #[test]

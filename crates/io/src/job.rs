@@ -497,7 +497,8 @@ impl Job {
         let mut inputs = InputFiles::new();
         let file = TomlFile::read(path, Role::Job, &mut inputs)?;
         let mut job = Self::from_toml(file)?;
-        job.inputs.extend(&inputs);
+        inputs.extend(&job.inputs);
+        job.inputs = inputs;
         Ok(job)
     }
 

@@ -229,8 +229,8 @@ impl AssetLoader {
         let path = self.folder.join(relative);
         self.inputs.borrow_mut().add(&path, role);
         let missing = |e: std::io::Error| {
-            let (problem, mend) = ReadFault::from(e).describe(&path);
-            self.refuse(shown, &problem, mend)
+            let fault = ReadFault::from(e);
+            self.refuse(shown, &format!("{} {}", path.display(), fault.problem()), fault.mend())
         };
         let folder = self.folder.canonicalize().map_err(missing)?;
         let real = path.canonicalize().map_err(missing)?;
@@ -253,8 +253,11 @@ impl AssetLoader {
             // The error says which of both limits it is.
             Err(ReadFault::TooLarge { .. }) => Err(self.too_large(left >= self.limits.file_bytes, shown)),
             Err(fault) => {
-                let (problem, mend) = fault.describe(path);
-                Err(InputError::new(&self.scene_file, place, problem, mend))
+                let problem = match path == self.scene_file {
+                    true => fault.problem(),
+                    false => format!("{} {}", path.display(), fault.problem()),
+                };
+                Err(InputError::new(&self.scene_file, place, problem, fault.mend()))
             }
         }
     }

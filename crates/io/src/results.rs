@@ -62,7 +62,7 @@ impl ResultsFolder {
         let bytes = match InputFiles::new().read(&path, Role::Result, MOST_TEXT) {
             Ok(bytes) => bytes,
             Err(ReadFault::Missing) => return Ok(None),
-            Err(e) => return Err(fault(e.describe(&path).0)),
+            Err(e) => return Err(fault(e.problem())),
         };
         String::from_utf8(bytes).map(Some).map_err(|_| fault("is not UTF-8 text".into()))
     }

@@ -2,7 +2,7 @@
 
 use crate::args::{BenchArgs, Denoise};
 use crate::bar::Sink;
-use crate::commands::campaign::{conclude, report};
+use crate::commands::campaign::{conclude, noted, report};
 use crate::commands::render::apply_view;
 use crate::interrupt::cancel_on_interrupt;
 use crate::outcome::Outcome;
@@ -17,7 +17,7 @@ pub(crate) fn run(args: &BenchArgs, started: Instant) -> Result<Outcome, Error> 
     sink.update(&ProgressState { stage: Stage::Load, fraction: 0.0, elapsed: 0.0, remaining: None, samples: 0 });
     let mut project = Project::open_at(&args.input, started)?;
     apply_view(&args.view, &mut project)?;
-    let folder = args.output.clone().unwrap_or_else(|| default_folder(&args.input));
+    let folder = args.output.clone().unwrap_or_else(|| noted(default_folder(&args.input, &project.inputs)));
     let own_size = args.view.width.is_some() || args.view.height.is_some();
     let cancel = cancel_on_interrupt();
     let outcome = bench(project, &args.input, &settings, &folder, own_size, args.restart, &sink, &cancel)?;

@@ -1,6 +1,7 @@
 //! How commands end that render a scene many times and keep what is finished.
 
 use crate::outcome::{Outcome, print, say};
+use dunkelfeld::DefaultPath;
 use std::path::PathBuf;
 
 /// Prints what was found, and where the report is.
@@ -10,6 +11,14 @@ pub(crate) fn report(findings: &[String], files: &[PathBuf]) {
         text += &format!("wrote {} and {} tables and charts beside it\n", page.display(), files.len() - 1);
     }
     print(&text);
+}
+
+/// The folder of the results when none was named, with a note if it is not the usual one.
+pub(crate) fn noted(folder: DefaultPath) -> PathBuf {
+    if let Some(reason) = folder.reason {
+        say(&format!("note: {reason}"));
+    }
+    folder.path
 }
 
 /// Says what was wrong with the samples, and how many of all renders are kept if the work was interrupted.

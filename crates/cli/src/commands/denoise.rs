@@ -9,10 +9,10 @@ use crate::words::seconds;
 use dunkelfeld::{DenoiseSettings, Error, check_denoise_output, denoise_exr};
 
 pub(crate) fn run(args: &DenoiseArgs) -> Result<Outcome, Error> {
-    check_denoise_output(&args.input, &args.output)?;
     let mut settings = DenoiseSettings::default();
     let method = args.denoise.or(args.oidn.is_none().then_some(Denoise::Auto));
     apply_denoise(method, args.oidn.as_ref(), &mut settings);
+    check_denoise_output(&args.input, &args.output, &settings)?;
     let sink = Sink::new(args.run.progress);
     let cancel = cancel_on_interrupt();
     let threads = args.run.thread_count();

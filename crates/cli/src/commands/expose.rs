@@ -5,6 +5,7 @@ use crate::bar::Sink;
 use crate::interrupt::cancel_on_interrupt;
 use crate::outcome::{Outcome, print, say};
 use crate::words::{exposure_time, seconds};
+use dunkelfeld::io::input::InputFiles;
 use dunkelfeld::radiometry::Number;
 use dunkelfeld::sensor::{ExposureNoise, Optics, SensorError};
 use dunkelfeld::{DEFAULT_SENSOR, Error, ExposeOutputs, ExposeSettings, ExposedFile, expose_exr};
@@ -13,8 +14,10 @@ use std::fmt::Write;
 pub(crate) fn run(args: &ExposeArgs) -> Result<Outcome, Error> {
     let settings = settings(args)?;
     let mut outputs = ExposeOutputs { image: args.image.clone(), linear: args.linear.clone() };
-    if outputs == ExposeOutputs::default() {
-        outputs.image = Some(dunkelfeld::default_image_path(&args.input));
+    if outputs == ExposeOutputs::default()
+        && let Some(reason) = outputs.set_default_image(&args.input, &settings).reason
+    {
+        say(&format!("note: {reason}"));
     }
     let sink = Sink::new(args.run.progress);
     let cancel = cancel_on_interrupt();
@@ -39,7 +42,9 @@ pub(crate) fn run(args: &ExposeArgs) -> Result<Outcome, Error> {
 }
 
 fn settings(args: &ExposeArgs) -> Result<ExposeSettings, Error> {
-    let model = dunkelfeld::find_sensor(args.sensor.as_deref().unwrap_or(DEFAULT_SENSOR))?;
+    let mut inputs = InputFiles::new();
+    let name = args.sensor.as_deref().unwrap_or(DEFAULT_SENSOR);
+    let model = dunkelfeld::find_sensor_recorded(name, &mut inputs)?;
     let defaults = ExposeSettings::new(model)?;
     Ok(ExposeSettings {
         optics: optics(args, defaults.optics)?,
@@ -58,6 +63,7 @@ fn settings(args: &ExposeArgs) -> Result<ExposeSettings, Error> {
         layer: args.layer.clone(),
         threads: args.run.thread_count(),
         memory_limit: args.memory.memory,
+        inputs,
         ..defaults
     })
 }

@@ -2,7 +2,7 @@
 
 use crate::args::Denoise;
 use crate::bar::Sink;
-use crate::commands::campaign::{conclude, report};
+use crate::commands::campaign::{conclude, noted, report};
 use crate::commands::render::{apply_denoise, apply_view};
 use crate::interrupt::cancel_on_interrupt;
 use crate::outcome::{Outcome, say};
@@ -60,7 +60,8 @@ fn of_frames(args: &PtcArgs) -> Result<Outcome, Error> {
         return Ok(Outcome::Interrupted);
     };
     let first = args.inputs.first().map_or_else(PathBuf::new, Clone::clone);
-    let files = stack.write(&args.output.clone().unwrap_or_else(|| ptc_folder(&first)))?;
+    let folder = args.output.clone().unwrap_or_else(|| noted(ptc_folder(&first, &stack.inputs)));
+    let files = stack.write(&folder)?;
     report(&stack.findings(), &files);
     Ok(Outcome::Done)
 }
@@ -79,7 +80,7 @@ fn of_scene(args: &PtcArgs, input: &Path, started: Instant) -> Result<Outcome, E
     sink.update(&ProgressState { stage: Stage::Load, fraction: 0.0, elapsed: 0.0, remaining: None, samples: 0 });
     let mut project = Project::open_at(input, started)?;
     apply_view(&args.view, &mut project)?;
-    let folder = args.output.clone().unwrap_or_else(|| ptc_folder(input));
+    let folder = args.output.clone().unwrap_or_else(|| noted(ptc_folder(input, &project.inputs)));
     let cancel = cancel_on_interrupt();
     let outcome = ptc(project, input, &settings, &folder, args.restart, &sink, &cancel)?;
     drop(sink);

@@ -8,10 +8,11 @@ use crate::bar::Sink;
 use crate::interrupt::cancel_on_interrupt;
 use crate::outcome::Outcome;
 use dunkelfeld::adaptive::allocation::Strategy;
+use dunkelfeld::io::input::InputFiles;
 use dunkelfeld::scene::Vignetting;
 use dunkelfeld::sensor::ExposureNoise;
 use dunkelfeld::{
-    Budget, CheckpointSettings, DenoiseMethod, DenoiseSettings, Error, Progress, ProgressState, Project,
+    Budget, CheckpointSettings, DefaultPath, DenoiseMethod, DenoiseSettings, Error, Progress, ProgressState, Project,
     RenderSettings, SensorChoice, Stage,
 };
 pub(crate) use report::{as_seen, say_flaws};
@@ -29,12 +30,15 @@ pub(crate) fn run(args: &RenderArgs, started: Instant) -> Result<Outcome, Error>
     };
     begin(Stage::Load, 0.0, 0);
     let mut project = Project::open_without(&args.input, started, &args.without)?;
-    apply(args, &mut project)?;
+    let default_name = apply(args, &mut project)?;
     for line in notices(&project) {
         sink.say(&line);
     }
     if let Some(sample) = args.debug_sample {
         return debug_sample::run(&project, sample);
+    }
+    if let Some(reason) = default_name {
+        sink.say(&format!("note: {reason}"));
     }
 
     let cancel = cancel_on_interrupt();
@@ -51,11 +55,11 @@ pub(crate) fn run(args: &RenderArgs, started: Instant) -> Result<Outcome, Error>
     })
 }
 
-/// Flags win over what the project's file says.
-fn apply(args: &RenderArgs, project: &mut Project) -> Result<(), Error> {
+/// Flags win over what the project's file says. Gives the reason if the image has not its usual name.
+fn apply(args: &RenderArgs, project: &mut Project) -> Result<Option<String>, Error> {
     let s = &mut project.settings;
     if let Some(path) = &args.replay {
-        let plan = dunkelfeld::load_plan(path)?;
+        let plan = dunkelfeld::load_plan_recorded(path, &mut project.inputs)?;
         (s.width, s.height) = (plan.samples.width(), plan.samples.height());
         s.seed = plan.seed.unwrap_or(s.seed);
         s.frame = plan.frame.unwrap_or(s.frame);
@@ -99,7 +103,7 @@ fn apply(args: &RenderArgs, project: &mut Project) -> Result<(), Error> {
             VignettingKind::Cos4 => Vignetting::CosineFourth,
         });
     }
-    apply_sensor(args.sensor.as_deref(), args.exposure, s, project.optics)?;
+    apply_sensor(args.sensor.as_deref(), args.exposure, s, project.optics, &mut project.inputs)?;
     apply_exposure_noise(args.exposure_noise, s)?;
     apply_denoise(args.denoise, args.oidn.as_ref(), &mut s.denoise);
     let o = &mut project.outputs;
@@ -114,9 +118,14 @@ fn apply(args: &RenderArgs, project: &mut Project) -> Result<(), Error> {
             to.clone_from(from);
         }
     }
-    o.image.get_or_insert_with(|| dunkelfeld::default_image_path(&args.input));
     project.keep_needed_layers();
-    Ok(())
+    let o = &mut project.outputs;
+    if o.image.is_some() {
+        return Ok(None);
+    }
+    let DefaultPath { path, reason } = project.default_image_path(&args.input);
+    project.outputs.image = Some(path);
+    Ok(reason)
 }
 
 /// Another sensor or exposure, as the flags of any command name them.
@@ -125,6 +134,7 @@ pub(crate) fn apply_sensor(
     exposure: Option<ExposureChoice>,
     s: &mut RenderSettings,
     optics: dunkelfeld::sensor::Optics,
+    inputs: &mut InputFiles,
 ) -> Result<(), Error> {
     s.sensor = match (sensor, std::mem::replace(&mut s.sensor, SensorChoice::None)) {
         (None, chosen) => chosen,
@@ -132,7 +142,7 @@ pub(crate) fn apply_sensor(
         (Some(name), chosen) => {
             // Another sensor in the same camera: the exposure stays.
             let exposure = if let SensorChoice::Emva { exposure, .. } = chosen { exposure } else { None };
-            SensorChoice::Emva { model: Box::new(dunkelfeld::find_sensor(name)?), optics, exposure }
+            SensorChoice::Emva { model: Box::new(dunkelfeld::find_sensor_recorded(name, inputs)?), optics, exposure }
         }
     };
     match (exposure, &mut s.sensor) {
@@ -177,7 +187,7 @@ pub(crate) fn apply_view(args: &ViewArgs, project: &mut Project) -> Result<(), E
     if args.camera.is_some() {
         s.camera.clone_from(&args.camera);
     }
-    apply_sensor(args.sensor.as_deref(), args.exposure, s, project.optics)
+    apply_sensor(args.sensor.as_deref(), args.exposure, s, project.optics, &mut project.inputs)
 }
 
 /// Another denoiser, as the flags of any command name it. A library that is named is meant to be used.

@@ -9,6 +9,7 @@ use super::units::{Purpose, Unit, units};
 use crate::campaign::{Facts, Meter, View};
 use crate::develop::develop;
 use crate::error::Error;
+use crate::guard::{DefaultPath, check_folder, free_folder};
 use crate::outputs::save_picture;
 use crate::progress::{Cancel, Progress, ProgressState, Stage};
 use crate::project::Project;
@@ -16,6 +17,7 @@ use crate::render::{camera, render, thread_pool};
 use crate::settings::{Budget, RenderSettings, SensorChoice};
 use dunkelfeld_adaptive::allocation::Strategy;
 use dunkelfeld_film::Plane;
+use dunkelfeld_io::input::InputFiles;
 use dunkelfeld_scene::{Effect, Scene};
 use dunkelfeld_sensor::ExposureNoise;
 use std::collections::BTreeMap;
@@ -44,11 +46,12 @@ pub struct BenchOutcome {
     pub invalid_samples: u64,
 }
 
-/// The folder of a bench when none is named: that of the input with `-bench`, in the current folder.
-pub fn default_folder(input: &Path) -> PathBuf {
+/// The folder of a bench when none is named: that of the input with `-bench`, in the current folder; with a number as well where
+/// an input lies in it.
+pub fn default_folder(input: &Path, inputs: &InputFiles) -> DefaultPath {
     let mut name = input.file_stem().unwrap_or_else(|| "scene".as_ref()).to_os_string();
     name.push("-bench");
-    PathBuf::from(name)
+    free_folder(PathBuf::from(name), inputs)
 }
 
 /// Measures what accuracy costs in time, and writes the report into `folder`.
@@ -59,7 +62,7 @@ pub fn default_folder(input: &Path) -> PathBuf {
 /// bench must not choose its own; `restart` discards what the folder holds.
 ///
 /// # Errors
-/// Settings outside their range, a folder that cannot be written to or holds the results of another bench.
+/// Settings outside their range, a folder that cannot be written to or holds an input or the results of another bench.
 #[allow(clippy::too_many_arguments, reason = "each is a thing of its own, and there is one caller")]
 pub fn bench(
     mut project: Project,
@@ -72,6 +75,7 @@ pub fn bench(
     cancel: &Cancel,
 ) -> Result<BenchOutcome, Error> {
     settings.check()?;
+    check_folder(folder, &project.inputs)?;
     // The renders' noise is what is measured; no picture shall hide it.
     project.settings.exposure_noise = ExposureNoise::Plain;
     let settings = &for_sensor(settings, project.settings.has_sensor())?;

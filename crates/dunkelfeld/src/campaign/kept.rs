@@ -19,7 +19,7 @@ const DAMAGED: &str =
     "delete this file and the .json of the same name, to have it rendered again, or start anew with --restart";
 
 /// The folder of the renders in that of the report.
-const FOLDER: &str = "units";
+pub(crate) const UNITS: &str = "units";
 /// Samples along each side of the grid that a scene is known by.
 const PROBES: u32 = 64;
 
@@ -112,7 +112,7 @@ impl Kept {
     /// # Errors
     /// It cannot be made, or holds what is not of this kind of work: that stays as it is.
     pub(crate) fn open(home: &Path, manifest: &'static str, restart: bool) -> Result<Self, Error> {
-        let path = home.join(FOLDER);
+        let path = home.join(UNITS);
         let fault = |problem: String, mend: &str| Error::Output { file: path.clone(), problem, mend: mend.into() };
         let broken = |e: std::io::Error| fault(format!("cannot be used: {e}"), "name another folder with -o");
         let folder = ResultsFolder::open(&path).map_err(broken)?;
@@ -127,7 +127,7 @@ impl Kept {
 
     /// Is there a measurement of any kind in a report's folder?
     pub(crate) fn is_there(home: &Path) -> bool {
-        home.join(FOLDER).is_dir()
+        home.join(UNITS).is_dir()
     }
 
     /// What the folder is bound to; `None` if it is not yet.

@@ -6,6 +6,6 @@ mod meter;
 pub(crate) mod statistics;
 mod view;
 
-pub(crate) use kept::{Facts, Kept, hash_text, plane_of, push_plane};
+pub(crate) use kept::{Facts, Kept, UNITS, hash_text, plane_of, push_plane};
 pub(crate) use meter::Meter;
 pub(crate) use view::{View, exposure_words};

@@ -3,10 +3,12 @@
 use super::measurement::ReadMeasurement;
 use super::page;
 use crate::error::Error;
-use crate::outputs::{same_file, written};
+use crate::guard::{Output, check_outputs};
+use crate::outputs::written;
 use dunkelfeld_emva1288::{Analysis, AnalysisSettings, Bound, GeneralAnalysis, Quantity, analyse, analyse_general};
 use dunkelfeld_io::InputError;
 use dunkelfeld_io::emva_descriptor::read_descriptor;
+use dunkelfeld_io::input::{InputFiles, Role};
 use serde::Serialize;
 use std::path::Path;
 
@@ -27,31 +29,22 @@ impl Findings {
     /// # Errors
     /// The first that could not; a descriptor that cannot be read.
     pub fn check_outputs(input: &Path, json: Option<&Path>, html: Option<&Path>) -> Result<(), Error> {
-        let outputs: Vec<&Path> = json.into_iter().chain(html).collect();
+        let paths = [("the figures as JSON", json), ("the report", html)];
+        let outputs: Vec<Output<'_>> = paths.into_iter().filter_map(|(what, path)| Some((what, path?))).collect();
         if outputs.is_empty() {
             return Ok(());
         }
-        let fault = |path: &Path, problem: &str, mend: &str| {
-            Err(Error::Output { file: path.into(), problem: problem.into(), mend: mend.into() })
-        };
-        if let [json, html] = outputs.as_slice()
-            && same_file(json, html)
-        {
-            return fault(html, "is named for two outputs", "give each its own file");
-        }
-        for path in &outputs {
-            if same_file(path, input) {
-                return fault(path, "is the data set's descriptor", "write to another file; the input stays as it is");
-            }
+        let mut inputs = InputFiles::new();
+        inputs.add(input, Role::Descriptor);
+        check_outputs(&outputs, &inputs)?;
+        for (_, path) in &outputs {
             written(path, dunkelfeld_io::atomic::check_writable(path))?;
         }
         let folder = input.parent().unwrap_or(Path::new(""));
         let (descriptor, _) = read_descriptor(input)?;
-        let frames = || descriptor.blocks.iter().flat_map(|b| &b.frames);
-        match outputs.iter().find(|path| frames().any(|frame| same_file(path, &folder.join(frame)))) {
-            Some(path) => fault(path, "is a frame of the data set", "write to another file; the input stays as it is"),
-            None => Ok(()),
-        }
+        let frames = descriptor.blocks.iter().flat_map(|b| &b.frames);
+        frames.for_each(|frame| inputs.add(&folder.join(frame), Role::Frame));
+        check_outputs(&outputs, &inputs)
     }
 
     /// Analyses a linear camera.

@@ -8,6 +8,7 @@ use crate::campaign::{Facts, Kept, Meter, View, plane_of, push_plane};
 use crate::denoising::{denoise_film, find_denoiser};
 use crate::develop::develop_film;
 use crate::error::Error;
+use crate::guard::{DefaultPath, check_folder, free_folder};
 use crate::progress::{Cancel, Progress, ProgressState, Silent, Stage};
 use crate::project::Project;
 use crate::render::{Rendering, camera, render, thread_pool};
@@ -15,6 +16,7 @@ use crate::settings::{Budget, RenderSettings, SensorChoice};
 use dunkelfeld_denoise::Denoiser;
 use dunkelfeld_film::Plane;
 use dunkelfeld_io::exr::ExrLayers;
+use dunkelfeld_io::input::InputFiles;
 use dunkelfeld_io::layers::Triple;
 use dunkelfeld_sensor::ExposureNoise;
 use serde::{Deserialize, Serialize};
@@ -47,11 +49,12 @@ pub struct PtcOutcome {
     pub invalid_samples: u64,
 }
 
-/// The folder of a measurement when none is named: that of the input with `-ptc`, in the current folder.
-pub fn ptc_folder(input: &Path) -> PathBuf {
+/// The folder of a measurement when none is named: that of the input with `-ptc`, in the current folder; with a number as well
+/// where an input lies in it.
+pub fn ptc_folder(input: &Path, inputs: &InputFiles) -> DefaultPath {
     let mut name = input.file_stem().unwrap_or_else(|| "scene".as_ref()).to_os_string();
     name.push("-ptc");
-    PathBuf::from(name)
+    free_folder(PathBuf::from(name), inputs)
 }
 
 /// Measures the photon transfer of a scene, and writes the report into `folder`.
@@ -72,6 +75,9 @@ pub fn ptc(
     cancel: &Cancel,
 ) -> Result<PtcOutcome, Error> {
     settings.check()?;
+    let mut inputs = project.inputs.clone();
+    settings.denoise.add_library_to(&mut inputs);
+    check_folder(folder, &inputs)?;
     project.settings.replay = None;
     let fitted = project.fitted()?;
     project.checked_account(&fitted)?;

@@ -5,6 +5,7 @@ use super::figures::{LINEAR_AXES, chart};
 use crate::campaign::Kept;
 use crate::campaign::statistics::{correlation, quantile, rank_correlation};
 use crate::error::Error;
+use crate::guard::check_folder;
 use crate::outputs::{save_text, written};
 use crate::progress::{Cancel, Progress, ProgressState, Stage};
 use crate::report::chart::{Chart, escape};
@@ -14,6 +15,7 @@ use crate::report::words::rounded;
 use dunkelfeld_emva1288::{Frame, LineFit, TemporalAccumulator, TemporalStatistics, TransferPoint};
 use dunkelfeld_film::Plane;
 use dunkelfeld_io::gray::{GrayFrame, read_gray};
+use dunkelfeld_io::input::{InputFiles, Role};
 use dunkelfeld_io::loader::Limits;
 use dunkelfeld_io::results::ResultsFolder;
 use std::path::{Path, PathBuf};
@@ -54,6 +56,8 @@ pub struct FrameStack {
     pub correlations: [f64; 2],
     /// Mean variance \[DN^2\] of all pixels, of those at strong edges, of the others.
     pub mean_variance: [f64; 3],
+    /// The frames: no file of the report takes the place of one.
+    pub inputs: InputFiles,
     edges: f64,
     sobel: Plane<f32>,
 }
@@ -76,6 +80,8 @@ pub fn ptc_of_frames(
         let problem = format!("{} is no share of the pixels that leaves some", settings.edges);
         return Err(Error::setting("edges", problem, "use a number from 0 up to below 1, such as 0.2"));
     }
+    let mut inputs = InputFiles::new();
+    files.iter().for_each(|file| inputs.add(file, Role::Frame));
     let began = Instant::now();
     let (mut all, mut others, mut first, mut bits_of_first) = (None, None, None, None);
     let mut largest = 0;
@@ -148,6 +154,7 @@ pub fn ptc_of_frames(
         curves: [whole.points, flat.points],
         lines: [whole.fit, flat.fit],
         range,
+        inputs,
         edges: settings.edges,
         sobel,
         statistics,
@@ -204,6 +211,7 @@ impl FrameStack {
     /// # Errors
     /// A file that cannot be written, or a folder that holds the measurement of a scene.
     pub fn write(&self, folder: &Path) -> Result<Vec<PathBuf>, Error> {
+        check_folder(folder, &self.inputs)?;
         let charts = self.charts();
         let s = &self.statistics;
         let plane = Plane::from_vec(s.width, s.height, s.variance.clone()).unwrap_or_else(|| Plane::new(1, 1, 0.0));

@@ -1,0 +1,178 @@
+//! Keeps the files that a run writes apart from those that it reads, and from each other.
+//!
+//! Readers record what they open in an [`InputFiles`]; every command compares its outputs with it before its work begins. Two
+//! names are one file if paths, resolved paths, or device and inode agree.
+
+use crate::error::Error;
+use dunkelfeld_io::input::{FileIdentity, FileKey, InputFile, InputFiles};
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+
+/// So many other names are tried at most.
+const MOST_TRIED: u32 = 1000;
+
+/// An output: which one, as in `the image`, and its path.
+pub(crate) type Output<'a> = (&'static str, &'a Path);
+
+/// Finds out whether an output has the place of an input or of another output.
+///
+/// # Errors
+/// The first that has.
+pub(crate) fn check_outputs(outputs: &[Output<'_>], inputs: &InputFiles) -> Result<(), Error> {
+    let files: Vec<_> = outputs.iter().map(|&(what, path)| (what, FileIdentity::of(path))).collect();
+    let mut known: HashMap<FileKey<'_>, &'static str> = HashMap::new();
+    for (what, file) in &files {
+        if let Some(input) = inputs.find(file) {
+            return Err(replaces(what, file.path(), input));
+        }
+        if let Some(other) = file.keys().find_map(|key| known.get(&key)) {
+            return Err(Error::Output {
+                file: file.path().into(),
+                problem: format!("is named for two outputs, {other} and {what}"),
+                mend: "give each its own file".into(),
+            });
+        }
+        file.keys().for_each(|key| {
+            known.insert(key, what);
+        });
+    }
+    Ok(())
+}
+
+fn replaces(what: &str, path: &Path, input: &InputFile) -> Error {
+    let role = input.role.name();
+    let [path_as_named, input_as_named] = [path, input.identity.path()].map(|p| p.strip_prefix(".").unwrap_or(p));
+    let is_other = path_as_named != input_as_named;
+    let as_named = if is_other { format!(" as {}", input_as_named.display()) } else { String::new() };
+    Error::Output {
+        file: path.into(),
+        problem: format!("is {role} that this run reads{as_named}, and is named for {what}"),
+        mend: "write to another file; the input stays as it is".into(),
+    }
+}
+
+/// Finds out whether an input lies in a folder of results, or has another name in it.
+///
+/// # Errors
+/// One does.
+pub(crate) fn check_folder(folder: &Path, inputs: &InputFiles) -> Result<(), Error> {
+    match found_in(folder, inputs) {
+        None => Ok(()),
+        Some(input) => Err(Error::Output {
+            file: folder.into(),
+            problem: format!("holds {}, {} that this run reads", input.identity.path().display(), input.role.name()),
+            mend: "name another folder with -o".into(),
+        }),
+    }
+}
+
+/// The renders of a campaign may lie behind a link.
+fn found_in<'a>(folder: &Path, inputs: &'a InputFiles) -> Option<&'a InputFile> {
+    let named = inputs.find(&FileIdentity::of(folder));
+    named.or_else(|| inputs.find_within(folder)).or_else(|| inputs.find_within(&folder.join(crate::campaign::UNITS)))
+}
+
+/// The name of an output that the user did not name.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct DefaultPath {
+    /// The path.
+    pub path: PathBuf,
+    /// Why it is not the usual one, as a sentence; `None` if it is.
+    pub reason: Option<String>,
+}
+
+/// The usual name of a file, or the next one that is neither an input nor another output: `a.png`, `a.render.png`,
+/// `a.render.2.png`. `check` finds out whether a name can be used.
+pub(crate) fn free_file(usual: PathBuf, word: &str, check: impl Fn(&Path) -> Result<(), Error>) -> DefaultPath {
+    let other = |number: u32| {
+        let mut name = usual.file_stem().unwrap_or_default().to_os_string();
+        name.push(if number == 1 { format!(".{word}") } else { format!(".{word}.{number}") });
+        if let Some(ending) = usual.extension() {
+            name.push(".");
+            name.push(ending);
+        }
+        usual.with_file_name(name)
+    };
+    first_free(usual.clone(), other, check)
+}
+
+/// The usual name of a folder of results, or the next one in which no input lies: `a-bench`, `a-bench-2`.
+pub(crate) fn free_folder(usual: PathBuf, inputs: &InputFiles) -> DefaultPath {
+    let other = |number: u32| {
+        let mut name = usual.clone().into_os_string();
+        name.push(format!("-{}", number + 1));
+        PathBuf::from(name)
+    };
+    first_free(usual.clone(), other, |folder| check_folder(folder, inputs))
+}
+
+fn first_free(
+    usual: PathBuf,
+    other: impl Fn(u32) -> PathBuf,
+    check: impl Fn(&Path) -> Result<(), Error>,
+) -> DefaultPath {
+    let problem = match check(&usual) {
+        Err(Error::Output { problem, .. }) => problem,
+        // Any other fault is reported when the output is checked as a whole.
+        Ok(()) | Err(_) => return DefaultPath { path: usual, reason: None },
+    };
+    // Where so many names are taken the usual one is refused later.
+    let path = (1..=MOST_TRIED).map(other).find(|path| check(path).is_ok()).unwrap_or_else(|| usual.clone());
+    let reason = format!("{} {problem}; {} is written instead", usual.display(), path.display());
+    DefaultPath { path, reason: Some(reason) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use dunkelfeld_io::input::Role;
+
+    #[test]
+    fn default_names_avoid_inputs_in_a_fixed_order() {
+        let at = |name: &str| PathBuf::from("no/such/folder").join(name);
+        let mut inputs = InputFiles::new();
+        let choose = |inputs: &InputFiles| {
+            free_file(at("a.png"), "render", |path| check_outputs(&[("the image", path)], inputs))
+        };
+        assert_eq!(choose(&inputs), DefaultPath { path: at("a.png"), reason: None });
+        inputs.add(&at("a.png"), Role::Texture);
+        let chosen = choose(&inputs);
+        assert_eq!(chosen.path, at("a.render.png"));
+        let reason = chosen.reason.expect("a reason");
+        assert!(
+            reason.contains("a.png is a texture") && reason.ends_with("a.render.png is written instead"),
+            "{reason}"
+        );
+        inputs.add(&at("a.render.png"), Role::Texture);
+        assert_eq!(choose(&inputs).path, at("a.render.2.png"));
+        inputs.add(&at("a.render.2.png"), Role::Texture);
+        assert_eq!(choose(&inputs).path, at("a.render.3.png"));
+    }
+
+    #[test]
+    fn an_output_is_no_input_and_no_other_output() {
+        let mut inputs = InputFiles::new();
+        inputs.add(Path::new("x/a.png"), Role::Texture);
+        let [a, b, c] = ["x/a.png", "x/b.png", "x/c.png"].map(Path::new);
+        check_outputs(&[("the image", b), ("the EXR", c)], &inputs).expect("apart");
+        let message = |outputs: &[Output<'_>]| check_outputs(outputs, &inputs).expect_err("not apart").to_string();
+        let replaced = message(&[("the image", b), ("the EXR", a)]);
+        assert!(
+            replaced.contains("a texture") && replaced.contains("the EXR") && replaced.contains("mend:"),
+            "{replaced}"
+        );
+        let twice = message(&[("the image", b), ("the EXR", b)]);
+        assert!(twice.contains("two outputs, the image and the EXR"), "{twice}");
+    }
+
+    #[test]
+    fn a_folder_of_results_holds_no_input() {
+        let home = std::env::current_dir().expect("a folder");
+        let mut inputs = InputFiles::new();
+        inputs.add(&home.join("scene.gltf"), Role::Scene);
+        assert!(check_folder(&home, &inputs).is_err());
+        assert!(check_folder(&home.join("no-such-folder"), &inputs).is_ok());
+        let chosen = free_folder(home.join("no-such-folder"), &inputs);
+        assert_eq!((chosen.path, chosen.reason), (home.join("no-such-folder"), None));
+    }
+}
