@@ -71,7 +71,7 @@ fn merge(parts: &[PathBuf], out: &Path) -> Result<Merged, Error> {
 
 /// Stores a checkpoint as often as it can.
 fn kept(path: &Path, settings: &RenderSettings) -> RenderSettings {
-    let checkpoint = CheckpointSettings { path: path.into(), seconds: 0.0 };
+    let checkpoint = CheckpointSettings { seconds: 0.0, ..CheckpointSettings::new(path) };
     RenderSettings { checkpoint: Some(checkpoint), ..settings.clone() }
 }
 

@@ -15,6 +15,7 @@ mod words;
 
 use clap::Parser;
 use outcome::Outcome;
+use std::io::Write;
 use std::process::ExitCode;
 use std::time::Instant;
 
@@ -25,9 +26,12 @@ fn main() -> ExitCode {
         Ok(args) => args,
         Err(e) => {
             // Help and version are no errors; everything else is bad usage.
-            let code = if e.use_stderr() { Outcome::BadInput } else { Outcome::Done };
-            let _ = e.print();
-            return code.into();
+            let result = e.print();
+            if e.use_stderr() {
+                return Outcome::BadInput.into();
+            }
+            outcome::printed(result.and_then(|()| std::io::stdout().flush()));
+            return end(Ok(Outcome::Done));
         }
     };
     let result = match args.command {
@@ -41,7 +45,12 @@ fn main() -> ExitCode {
         args::Command::Inspect(a) => commands::inspect::run(&a),
         args::Command::Sensors(a) => commands::sensors::run(&a),
     };
-    match result {
+    end(result)
+}
+
+/// The exit code of a command, and what to say of its errors.
+fn end(result: Result<Outcome, dunkelfeld::Error>) -> ExitCode {
+    match result.and_then(|outcome| outcome::output_failure().map_or(Ok(outcome), Err)) {
         Ok(outcome) => outcome.into(),
         Err(e) => {
             outcome::print_error(&e);

@@ -1,8 +1,9 @@
 //! How a command ended, and how it speaks: results to standard output, everything else to standard error.
 
 use dunkelfeld::io::visible::visible;
-use std::io::Write;
+use std::io::{ErrorKind, Write};
 use std::process::ExitCode;
+use std::sync::OnceLock;
 
 /// How a command ended; the exit code says it to other programs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -44,10 +45,34 @@ pub(crate) fn print_error(error: &dunkelfeld::Error) {
     say(&lines.into_iter().filter(|line| !line.is_empty()).collect::<Vec<_>>().join("\n"));
 }
 
-/// Prints to standard output, names of any file spelled so that a terminal shows them; a reader that has gone (a closed
-/// pipe) is no error.
+/// What went wrong when standard output was written first.
+static FAILURE: OnceLock<std::io::Error> = OnceLock::new();
+
+/// Prints to standard output, names of any file spelled so that a terminal shows them. What goes wrong is remembered for the end of the command ([`output_failure`]).
 pub(crate) fn print(text: &str) {
-    let _ = std::io::stdout().lock().write_all(visible(text).as_bytes());
+    let mut out = std::io::stdout().lock();
+    printed(out.write_all(visible(text).as_bytes()).and_then(|()| out.flush()));
+}
+
+/// Remembers what came of printing to standard output. A reader that has gone (a closed pipe, EPIPE) is no failure: the rest
+/// is dropped, and the command ends as it would have.
+pub(crate) fn printed(result: std::io::Result<()>) {
+    match result {
+        Err(e) if e.kind() != ErrorKind::BrokenPipe => {
+            let _ = FAILURE.set(e);
+        }
+        _ => {}
+    }
+}
+
+/// The error of a command whose standard output could not be written; `None` if all of it was.
+pub(crate) fn output_failure() -> Option<dunkelfeld::Error> {
+    let failure = FAILURE.get()?;
+    Some(dunkelfeld::Error::Output {
+        file: "standard output".into(),
+        problem: format!("cannot be written: {failure}"),
+        mend: "redirect it to a file on a disk with room; files that the command names are written".into(),
+    })
 }
 
 /// Prints a line to standard error; nobody reading is no error either (`eprintln!` would panic).

@@ -17,11 +17,12 @@ use dunkelfeld_film::{Film, PixelSums, Plane};
 use dunkelfeld_integrator::{ConnectionTally, Label, PixelSample};
 use dunkelfeld_io::InputError;
 use dunkelfeld_io::checkpoint::{Checkpoint, CheckpointHead, read_checkpoint, write_checkpoint};
+use dunkelfeld_io::lock::TargetLock;
 use dunkelfeld_scene::{RayGenerator, Scene};
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
-use std::sync::Mutex;
+use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 /// Seconds between two checkpoints, if nothing else is said.
@@ -40,13 +41,30 @@ pub struct CheckpointSettings {
     pub path: PathBuf,
     /// Seconds between two checkpoints at least.
     pub seconds: f64,
+    /// The lock of the file, if it was taken already ([`Self::lock`]); a render takes it otherwise, until it ends.
+    pub lock: Option<Arc<TargetLock>>,
 }
 
 impl CheckpointSettings {
     /// A checkpoint every [`DEFAULT_CHECKPOINT_SECONDS`].
     pub fn new(path: impl Into<PathBuf>) -> Self {
-        Self { path: path.into(), seconds: DEFAULT_CHECKPOINT_SECONDS }
+        Self { path: path.into(), seconds: DEFAULT_CHECKPOINT_SECONDS, lock: None }
     }
+
+    /// Takes the lock of the file, so that no other process writes it as long as these settings or a copy of them exist.
+    ///
+    /// # Errors
+    /// Another process has it, or the file cannot be written.
+    pub fn lock(&mut self) -> Result<(), Error> {
+        self.lock = Some(Arc::new(lock(&self.path)?));
+        Ok(())
+    }
+}
+
+/// Takes the lock of a checkpoint that is to be written.
+pub(crate) fn lock(path: &Path) -> Result<TargetLock, Error> {
+    crate::outputs::written(path, dunkelfeld_io::atomic::check_writable(path))?;
+    Ok(TargetLock::acquire(path)?)
 }
 
 /// What earlier processes contributed to a render that was taken up from a checkpoint, or the parts to one that was merged.
@@ -170,10 +188,10 @@ pub(crate) struct Moment<'a> {
 pub(crate) type Rows<'a> = &'a mut dyn FnMut(Range<u32>, &mut Vec<PixelSums>);
 
 impl Keeper {
-    /// Opens the checkpoint of a render that began at `started`: what is stored in it, if it exists.
+    /// Locks and opens the checkpoint of a render that began at `started`: what is stored in it, if it exists.
     ///
     /// # Errors
-    /// A file that cannot be read or written, or that belongs to another render.
+    /// A file that cannot be read or written, that another process writes, or that belongs to another render.
     pub(crate) fn open(
         settings: &CheckpointSettings,
         scene: &Scene,
@@ -182,15 +200,18 @@ impl Keeper {
         labels: &Plane<Option<Label>>,
         started: Instant,
     ) -> Result<(Self, Option<Saved>), Error> {
+        let mut settings = settings.clone();
+        if settings.lock.is_none() {
+            settings.lock()?;
+        }
         let path = &settings.path;
         let identity = Identity::new(scene, camera, render);
-        crate::outputs::written(path, dunkelfeld_io::atomic::check_writable(path))?;
         let saved = path.exists().then(|| stored(path, &identity, render)).transpose()?;
         let earlier = saved.as_ref().map_or(0.0, |s| s.state.elapsed);
         let pixels = f64::from(render.width) * f64::from(render.height);
         let is_part = render.samples.is_some();
         let keeper = Self {
-            settings: settings.clone(),
+            settings,
             identity,
             samples: render.samples.clone(),
             look: is_part.then(|| Look::new(render, camera.has_vignetting(), scene.object_names())),

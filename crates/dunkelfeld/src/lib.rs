@@ -38,6 +38,7 @@ mod merge;
 mod noise;
 mod outputs;
 mod parallel;
+mod pass;
 mod planner;
 mod progress;
 mod project;

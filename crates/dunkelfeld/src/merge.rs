@@ -1,6 +1,6 @@
 //! Joins the parts of a render that several processes shared, and develops what they are together.
 
-use crate::checkpoint::{Description, Earlier, State, film_rows, load, text_of};
+use crate::checkpoint::{Description, Earlier, State, film_rows, load, lock, text_of};
 use crate::develop::{Frame, develop_film};
 use crate::error::Error;
 use crate::look::{Look, labels_of};
@@ -84,6 +84,7 @@ pub fn merge(settings: &MergeSettings, started: Instant) -> Result<Merged, Error
     let began = Instant::now();
     check_outputs(settings)?;
     let account = check_memory(settings)?;
+    let _lock = settings.checkpoint.as_deref().map(lock).transpose()?;
     let Joined { parts, film, numbers: [objects, materials] } = join(&settings.parts)?;
     let (Some(first), Some(last)) = (parts.first(), parts.last()) else { return Err(no_parts()) };
     let samples = first.samples.start..last.samples.end;

@@ -4,11 +4,12 @@ use crate::check::check;
 use crate::checkpoint::{Course, Earlier, Keeper, Moment, Saved, State as Stored, began, film_rows};
 use crate::error::Error;
 use crate::forecast::{Forecast, Pace};
+use crate::pass::Stride;
 use crate::planner::{FIRST_LOOK, Planner, State, Verdict};
 use crate::progress::{Cancel, Progress, Stage};
 use crate::round::{Reporter, RoundWork, TILE, deadline, give_up, run};
 use crate::settings::{DEFAULT_SPP, RenderSettings};
-use dunkelfeld_adaptive::cost::{CostMap, TileGrid, feared_makespan, makespan};
+use dunkelfeld_adaptive::cost::{CostMap, TileGrid, WorkUnit, feared_makespan, makespan};
 use dunkelfeld_adaptive::plan;
 use dunkelfeld_adaptive::schedule::{Limits, Phase, Schedule, Settings, Step, StopReason};
 use dunkelfeld_film::{Film, Plane};
@@ -187,6 +188,7 @@ struct Renderer<'a> {
     labels: Plane<Option<Label>>,
     planner: Planner<'a>,
     costs: CostMap,
+    stride: Stride,
     stages: Vec<(Stage, f64)>,
     invalid: Vec<PixelSample>,
     connections: ConnectionTally,
@@ -230,6 +232,7 @@ impl<'a> Renderer<'a> {
             labels,
             planner: Planner::new(settings),
             costs: CostMap::new(TileGrid::new(width, height, TILE)),
+            stride: Stride::default(),
             stages: Vec::new(),
             invalid: Vec::new(),
             connections: ConnectionTally::default(),
@@ -500,7 +503,11 @@ impl<'a> Renderer<'a> {
         }
     }
 
-    /// Renders up to a target plan; returns the expected work.
+    /// Renders up to a target plan, in passes; returns the expected work.
+    ///
+    /// A tile goes onto the film, and into checkpoints, when all of its samples of a pass are done. So a pass has no more
+    /// samples of a pixel than the [`Stride`], however large the round is. The sums are exact: passes change no bit of the
+    /// result.
     fn round(
         &mut self,
         target: &Plane<u32>,
@@ -509,10 +516,34 @@ impl<'a> Renderer<'a> {
         cancel: &Cancel,
         reporter: &Reporter<'_>,
     ) -> Result<f64, Error> {
-        let began = Instant::now();
-        let increment = plan::increment(&self.counts, target);
-        let units = self.costs.cut(&increment, self.threads);
+        let mut left = plan::increment(&self.counts, target);
+        let units = self.costs.cut(&left, self.threads);
         let work = makespan(&units, self.threads);
+        let mut units = Some(units).filter(|_| left.data().iter().all(|&n| n <= self.stride.samples()));
+        loop {
+            let increment = left.map(|&n| n.min(self.stride.samples()));
+            let asked = plan::total(&increment);
+            let units = units.take().unwrap_or_else(|| self.costs.cut(&increment, self.threads));
+            let taken =
+                self.pass(Pass { target, increment: &increment, units: &units, deadline, stage }, cancel, reporter)?;
+            // What is left out was cut off, by the clock or from outside.
+            if taken < asked || asked == 0 {
+                return Ok(work);
+            }
+            left = plan::increment(&self.counts, target);
+            if left.data().iter().all(|&n| n == 0) {
+                return Ok(work);
+            }
+        }
+    }
+
+    /// Renders a pass of a round; returns the samples that reached the film.
+    ///
+    /// # Errors
+    /// The film has not got enough memory.
+    fn pass(&mut self, pass: Pass<'_>, cancel: &Cancel, reporter: &Reporter<'_>) -> Result<u64, Error> {
+        let Pass { target, increment, units, deadline, stage } = pass;
+        let began = Instant::now();
         let estimator = Estimator {
             scene: self.scene,
             camera: self.camera,
@@ -528,8 +559,8 @@ impl<'a> Renderer<'a> {
         let round = RoundWork {
             estimator: &estimator,
             counts: &self.counts,
-            increment: &increment,
-            units: &units,
+            increment,
+            units,
             costs: &self.costs,
             deadline,
             give_up: give_up(deadline, self.settings.budget.seconds),
@@ -551,12 +582,16 @@ impl<'a> Renderer<'a> {
         self.costs.record(&result.tiles);
         self.connections.add(&result.connections);
         self.invalid.extend(result.invalid);
+        // How a round was cut into passes is the clock's business, and shows nowhere.
+        self.invalid.sort_by_key(|s| (s.y, s.x, s.index));
         self.invalid.truncate(16);
         self.spend(stage, began);
+        let dearest = result.tiles.iter().map(|&(.., seconds)| seconds).fold(0.0, f64::max);
+        self.stride.measured(dearest.min(began.elapsed().as_secs_f64()));
         if result.out_of_memory {
             return Err(Error::film_memory());
         }
-        Ok(work)
+        Ok(result.samples)
     }
 
     fn spend(&mut self, stage: Stage, began: Instant) {
@@ -566,6 +601,18 @@ impl<'a> Renderer<'a> {
             _ => self.stages.push((stage, seconds)),
         }
     }
+}
+
+/// A part of a round.
+#[derive(Clone, Copy)]
+struct Pass<'a> {
+    /// The plan of the round.
+    target: &'a Plane<u32>,
+    /// New samples per pixel.
+    increment: &'a Plane<u32>,
+    units: &'a [WorkUnit],
+    deadline: Option<Instant>,
+    stage: Stage,
 }
 
 fn labels(scene: &Scene, camera: &RayGenerator, width: u32, height: u32) -> Plane<Option<Label>> {

@@ -191,7 +191,8 @@ pub(crate) fn run(film: &mut Film, work: &RoundWork<'_>, reporter: &Reporter<'_>
             let Ok(mut tile) = pending[unit.tile].lock() else { break };
             tile.units_done += 1;
             tile.connections.add(&connections);
-            if tile.units_done < unit.parts {
+            let is_finished = tile.units_done == unit.parts;
+            if !is_finished {
                 // A tile with a unit missing is left out as a whole.
                 tile.sums.append(&mut sums);
                 tile.seconds += began.elapsed().as_secs_f64();
@@ -208,7 +209,8 @@ pub(crate) fn run(film: &mut Film, work: &RoundWork<'_>, reporter: &Reporter<'_>
                 finished.connections.add(&tile.connections);
             }
             drop(tile);
-            if let Some((keeper, moment)) = work.keeper {
+            // Only a finished tile makes a difference to the film.
+            if let Some((keeper, moment)) = work.keeper.filter(|_| is_finished) {
                 let mut rows = |rows: Range<u32>, out: &mut Vec<PixelSums>| canvas.copy(rows, out);
                 keeper.keep_if_due(moment, work.deadline, &mut rows);
             }

@@ -1,66 +1,87 @@
 //! Files that appear whole or not at all: a temporary file in the same folder, synced, then renamed over the target.
 
 use std::fs;
-use std::io::{self, BufWriter, Write};
+use std::io::{self, BufWriter, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
 use tempfile::NamedTempFile;
 
+use crate::faults::{self, Operation, retry};
+use crate::partial::{folder_of, new_file, sync_folder};
+
 /// Writes a file so that readers see either the old contents or the whole new ones, also across a crash.
 ///
-/// `fill` writes the contents through a buffer. The bytes go to a hidden file in the target's own folder (a rename is
-/// atomic only within one file system), are synced to the disk, and are then renamed to `path`. If anything fails the
-/// hidden file is removed and an existing target stays as it was.
+/// `fill` writes the contents through a buffer. The bytes go to a hidden file of its own name in the target's folder (a
+/// rename is atomic only within one file system), are synced to the disk, and are then renamed to `path`. If anything fails
+/// the hidden file is removed and an existing target stays as it was; only if the very last step fails, the folder's own way
+/// to the disk, the target is the new file. What processes left that were killed while they wrote the same target is
+/// removed.
 ///
 /// # Errors
-/// The error of `fill` unchanged in kind, or that of the file system; the message names `path` and, for a missing or
-/// read-only folder, says what to do about it.
+/// The error of `fill` unchanged in kind, or that of the file system; the message names `path` and the cause, and says what
+/// to do about it.
 pub fn write_atomically<F>(path: &Path, fill: F) -> io::Result<()>
 where
-    F: FnOnce(&mut BufWriter<&mut fs::File>) -> io::Result<()>,
-{
-    write_through(path, |target| temporary_in(folder_of(target)), fill)
-}
-
-/// [`write_atomically`] for a file that is written again and again, maybe until the process is killed: its temporary file
-/// has one name, so that what a killed process left behind is replaced by the next one and does not pile up.
-///
-/// # Errors
-/// As [`write_atomically`].
-pub fn rewrite_atomically<F>(path: &Path, fill: F) -> io::Result<()>
-where
-    F: FnOnce(&mut BufWriter<&mut fs::File>) -> io::Result<()>,
-{
-    let temporary = |target: &Path| {
-        let mut name = std::ffi::OsString::from(".");
-        name.push(target.file_name().unwrap_or_default());
-        let mut left_behind = name.clone();
-        left_behind.push(".partial");
-        let _ = fs::remove_file(folder_of(target).join(left_behind));
-        builder().prefix(&name).rand_bytes(0).tempfile_in(folder_of(target))
-    };
-    write_through(path, temporary, fill)
-}
-
-fn write_through<F>(path: &Path, temporary: impl FnOnce(&Path) -> io::Result<NamedTempFile>, fill: F) -> io::Result<()>
-where
-    F: FnOnce(&mut BufWriter<&mut fs::File>) -> io::Result<()>,
+    F: FnOnce(&mut BufWriter<PartialFile>) -> io::Result<()>,
 {
     let target = writable_target(path)?;
-    let folder = folder_of(&target);
-    let mut temporary = temporary(&target).map_err(|e| explain(path, folder, &e))?;
-    {
-        let mut writer = BufWriter::new(temporary.as_file_mut());
-        fill(&mut writer).and_then(|()| writer.flush()).map_err(|e| explain(path, folder, &e))?;
+    let write = || {
+        let mut writer = BufWriter::new(PartialFile { file: new_file(&target)? });
+        let result = fill(&mut writer).and_then(|()| writer.flush());
+        // What is still in the buffer after a fault is not written.
+        let (partial, _) = writer.into_parts();
+        result.and_then(|()| partial.finish(&target))
+    };
+    write().map_err(|e| explain(path, folder_of(&target), &e))
+}
+
+/// A file that is being written under a name of its own. Writes are whole or fail: signals and short writes are seen to.
+#[derive(Debug)]
+pub struct PartialFile {
+    file: NamedTempFile,
+}
+
+impl PartialFile {
+    /// Puts the file in the target's place.
+    fn finish(self, target: &Path) -> io::Result<()> {
+        if let Ok(existing) = fs::metadata(target) {
+            // Best effort: some file systems keep no permissions.
+            let _ = self.file.as_file().set_permissions(existing.permissions());
+        }
+        retry(Operation::Sync, || self.file.as_file().sync_all())?;
+        let mut path = Some(self.file);
+        retry(Operation::Rename, || match path.take().map(|file| file.persist(target)) {
+            Some(Err(e)) => {
+                path = Some(e.file);
+                Err(e.error)
+            }
+            _ => Ok(()),
+        })?;
+        sync_folder(folder_of(target))
     }
-    if let Ok(existing) = fs::metadata(&target) {
-        // Best effort: some file systems keep no permissions.
-        let _ = temporary.as_file().set_permissions(existing.permissions());
+}
+
+impl Write for PartialFile {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        let mut left = bytes;
+        while !left.is_empty() {
+            match retry(Operation::Write, || self.file.as_file_mut().write(&left[..faults::most(left.len())]))? {
+                0 => return Err(io::ErrorKind::WriteZero.into()),
+                written => left = left.get(written..).unwrap_or_default(),
+            }
+        }
+        Ok(bytes.len())
     }
-    temporary.as_file().sync_all().map_err(|e| explain(path, folder, &e))?;
-    temporary.persist(&target).map_err(|e| explain(path, folder, &e.error))?;
-    sync_folder(folder);
-    Ok(())
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.file.as_file_mut().flush()
+    }
+}
+
+impl Seek for PartialFile {
+    fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
+        retry(Operation::Seek, || self.file.as_file_mut().seek(to))
+    }
 }
 
 /// Would [`write_atomically`] succeed now, but for a full disk? For those who want to know before hours of work.
@@ -70,7 +91,7 @@ where
 pub fn check_writable(path: &Path) -> io::Result<()> {
     let target = writable_target(path)?;
     let folder = folder_of(&target);
-    temporary_in(folder).map(drop).map_err(|e| explain(path, folder, &e))
+    new_file(&target).map(drop).map_err(|e| explain(path, folder, &e))
 }
 
 /// The file that `path` stands for, if it can be one.
@@ -109,38 +130,13 @@ fn writable_target(path: &Path) -> io::Result<PathBuf> {
     Ok(target)
 }
 
-fn folder_of(target: &Path) -> &Path {
-    target.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."))
-}
-
-/// A hidden temporary file with the permissions that a new file gets (tempfile's own default is private to the user).
-fn temporary_in(folder: &Path) -> io::Result<NamedTempFile> {
-    builder().prefix(".dunkelfeld-").tempfile_in(folder)
-}
-
-fn builder<'a, 'b>() -> tempfile::Builder<'a, 'b> {
-    let mut builder = tempfile::Builder::new();
-    builder.suffix(".partial");
-    #[cfg(unix)]
-    {
-        use std::os::unix::fs::PermissionsExt;
-        builder.permissions(fs::Permissions::from_mode(0o666));
-    }
-    builder
-}
-
-/// The rename itself lives in the folder: without this a power cut may forget it. Not every system can sync a folder.
-fn sync_folder(folder: &Path) {
-    #[cfg(unix)]
-    if let Ok(handle) = fs::File::open(folder) {
-        let _ = handle.sync_all();
-    }
-    #[cfg(not(unix))]
-    let _ = folder;
-}
-
 fn explain(path: &Path, folder: &Path, error: &io::Error) -> io::Error {
-    let hint = match error.kind() {
+    io::Error::new(error.kind(), format!("cannot write {}: {}", path.display(), cause(folder, error)))
+}
+
+/// Why something in a folder cannot be written, and what to do about it.
+pub(crate) fn cause(folder: &Path, error: &io::Error) -> String {
+    match error.kind() {
         io::ErrorKind::NotFound if !folder.exists() => {
             format!("the folder {} does not exist; create it or write elsewhere", folder.display())
         }
@@ -149,9 +145,16 @@ fn explain(path: &Path, folder: &Path, error: &io::Error) -> io::Error {
             format!("no permission to write in {}; change it or write elsewhere", folder.display())
         }
         io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => "the disk is full; free some space".to_string(),
-        _ => error.to_string(),
-    };
-    io::Error::new(error.kind(), format!("cannot write {}: {hint}", path.display()))
+        io::ErrorKind::FileTooLarge => {
+            format!("{error}; the file system or `ulimit -f` limits the size of files; raise the limit or write elsewhere")
+        }
+        io::ErrorKind::CrossesDevices => {
+            format!("{error}; the file is a mount point of its own; name a file beside it or in another folder")
+        }
+        // What an encoder says of its data.
+        _ if error.raw_os_error().is_none() => error.to_string(),
+        _ => format!("{error}; check the disk {} is on, or write elsewhere", folder.display()),
+    }
 }
 
 #[cfg(test)]
@@ -195,16 +198,19 @@ mod tests {
     }
 
     #[test]
-    fn a_file_that_is_rewritten_clears_away_what_a_killed_process_left() {
+    fn a_file_that_is_written_again_clears_away_what_a_killed_process_left() {
         let folder = tempfile::tempdir().expect("a temporary folder");
         let path = folder.path().join("a.film");
-        fs::write(folder.path().join(".a.film.partial"), "half of it").expect("writable");
+        fs::write(folder.path().join(".a.film.01234567-abcd1234.partial"), "half of it").expect("writable");
+        check_writable(&path).expect("a new file");
+        assert!(names(folder.path()).is_empty());
         for text in ["first", "second"] {
-            rewrite_atomically(&path, |w| w.write_all(text.as_bytes())).expect("writable");
+            fs::write(folder.path().join(".a.film.01234567-abcd1234.partial"), "half of it").expect("writable");
+            write_atomically(&path, |w| w.write_all(text.as_bytes())).expect("writable");
             assert_eq!(fs::read_to_string(&path).expect("readable"), text);
             assert_eq!(names(folder.path()), ["a.film"]);
         }
-        rewrite_atomically(&path, |_| Err(io::Error::other("stumbled"))).expect_err("the writer fails");
+        write_atomically(&path, |_| Err(io::Error::other("stumbled"))).expect_err("the writer fails");
         assert_eq!(fs::read_to_string(&path).expect("readable"), "second");
         assert_eq!(names(folder.path()), ["a.film"]);
     }

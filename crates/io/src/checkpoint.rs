@@ -10,7 +10,7 @@ mod size;
 pub use pixel::{MOST_SAMPLES, PIXEL_BYTES};
 pub use size::checkpoint_size;
 
-use crate::atomic::rewrite_atomically;
+use crate::atomic::write_atomically;
 use crate::error::InputError;
 use crate::input::{InputFiles, MOST_STREAMED, OpenFile, Role};
 use dunkelfeld_film::{Film, PixelSums, Plane};
@@ -104,7 +104,7 @@ pub fn write_checkpoint(
     {
         return refuse("the planes of a checkpoint must have the size of its film");
     }
-    rewrite_atomically(path, |file| {
+    write_atomically(path, |file| {
         let flags = u32::from(head.weights.is_some()) * HAS_WEIGHTS
             + u32::from(head.caps.is_some()) * HAS_CAPS
             + u32::from(head.target.is_some()) * HAS_TARGET

@@ -1,46 +1,53 @@
 //! A folder that appears whole or not at all: filled under a hidden name beside its place, then renamed.
 
 use std::fs;
-use std::io::{self, ErrorKind};
+use std::io::{self, ErrorKind, Write};
 use std::path::{Path, PathBuf};
 
 use tempfile::TempDir;
 
-/// A folder that is being filled. Dropped before it is finished, it leaves nothing behind.
+use crate::atomic::{cause, write_atomically};
+use crate::error::InputError;
+use crate::faults::{Operation, retry};
+use crate::lock::TargetLock;
+use crate::partial::{folder_of, new_folder, sync_folder};
+
+/// A folder that is being filled. Dropped before it is finished, it leaves nothing behind. Its place is locked meanwhile.
 #[derive(Debug)]
 pub struct NewFolder {
     target: PathBuf,
     partial: TempDir,
+    _lock: TargetLock,
 }
 
 impl NewFolder {
-    /// Starts a folder at `target`, whose parents are made. A folder that is there must be empty.
+    /// Starts a folder at `target`, whose parents are made. A folder that is there must be empty. What processes left that
+    /// were killed while they filled the same folder is removed.
     ///
     /// # Errors
-    /// The place is taken, or cannot be written to.
-    pub fn start(target: &Path) -> io::Result<Self> {
+    /// The place is taken, cannot be written to, or another process is filling it.
+    pub fn start(target: &Path) -> Result<Self, InputError> {
+        let fault = |problem: String| {
+            let mend = "name a folder that does not exist yet, on a disk with room";
+            InputError::new(target, "the new folder", problem, mend)
+        };
         match fs::read_dir(target) {
             Ok(mut entries) => {
                 if entries.next().is_some() {
-                    return Err(io::Error::new(ErrorKind::AlreadyExists, "the folder is not empty"));
+                    return Err(fault("the folder is not empty".into()));
                 }
             }
             Err(e) if e.kind() == ErrorKind::NotFound => {}
-            Err(e) if e.kind() == ErrorKind::NotADirectory => {
-                return Err(io::Error::new(e.kind(), "a file is in the way"));
-            }
-            Err(e) => return Err(e),
+            Err(e) if e.kind() == ErrorKind::NotADirectory => return Err(fault("a file is in the way".into())),
+            Err(e) => return Err(fault(format!("cannot be read: {e}"))),
         }
-        let parent = target.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-        fs::create_dir_all(parent)?;
-        let mut builder = tempfile::Builder::new();
-        builder.prefix(".dunkelfeld-").suffix(".partial");
-        #[cfg(unix)]
-        {
-            use std::os::unix::fs::PermissionsExt;
-            builder.permissions(fs::Permissions::from_mode(0o777));
-        }
-        Ok(Self { target: target.to_path_buf(), partial: builder.tempdir_in(parent)? })
+        // A link to an empty folder stands for it.
+        let place = fs::canonicalize(target).unwrap_or_else(|_| target.to_path_buf());
+        let cannot = |e: io::Error| fault(format!("cannot be made: {}", cause(folder_of(&place), &e)));
+        fs::create_dir_all(folder_of(&place)).map_err(cannot)?;
+        let lock = TargetLock::acquire(&place)?;
+        let partial = new_folder(&place).map_err(cannot)?;
+        Ok(Self { target: place, partial, _lock: lock })
     }
 
     /// Where the file of this name is while the folder is being filled; its own folder is made.
@@ -50,7 +57,7 @@ impl NewFolder {
     pub fn file(&self, name: &str) -> io::Result<PathBuf> {
         let path = self.partial.path().join(name);
         if let Some(parent) = path.parent() {
-            fs::create_dir_all(parent)?;
+            retry(Operation::Create, || fs::create_dir_all(parent)).map_err(|e| self.explain(&e))?;
         }
         Ok(path)
     }
@@ -60,24 +67,42 @@ impl NewFolder {
     /// # Errors
     /// Those of the file system.
     pub fn write_text(&self, name: &str, text: &str) -> io::Result<()> {
-        fs::write(self.file(name)?, text)
+        write_atomically(&self.file(name)?, |w| w.write_all(text.as_bytes()))
     }
 
-    /// Puts the folder into its place.
+    /// Puts the folder into its place, once all of it is on the disk.
     ///
     /// # Errors
-    /// Those of the file system; nothing is left behind.
+    /// Those of the file system; nothing is left behind. Only if the very last step fails, the way of the folder's name to
+    /// the disk, the folder is in its place.
     pub fn finish(self) -> io::Result<()> {
-        // An empty folder may be in the place; it was so when this one was started.
-        match fs::remove_dir(&self.target) {
-            Err(e) if e.kind() != ErrorKind::NotFound => return Err(e),
-            _ => {}
-        }
-        fs::rename(self.partial.path(), &self.target)?;
+        sync_all_folders(self.partial.path()).map_err(|e| self.explain(&e))?;
+        // An empty folder may be in the place; on Unix it is replaced, elsewhere it must be gone.
+        #[cfg(not(unix))]
+        let _ = fs::remove_dir(&self.target);
+        retry(Operation::Rename, || fs::rename(self.partial.path(), &self.target))
+            .map_err(|e| self.explain(&e))?;
         // The name is gone, and with it what would be cleared away.
-        let _ = self.partial.keep();
-        Ok(())
+        let Self { target, partial, _lock } = self;
+        let _ = partial.keep();
+        let folder = folder_of(&target);
+        sync_folder(folder).map_err(|e| io::Error::new(e.kind(), cause(folder, &e)))
     }
+
+    fn explain(&self, error: &io::Error) -> io::Error {
+        io::Error::new(error.kind(), cause(folder_of(&self.target), error))
+    }
+}
+
+/// The names in a folder and in those in it to the disk. The files are there already.
+fn sync_all_folders(folder: &Path) -> io::Result<()> {
+    for entry in fs::read_dir(folder)? {
+        let entry = entry?;
+        if entry.file_type()?.is_dir() {
+            sync_all_folders(&entry.path())?;
+        }
+    }
+    sync_folder(folder)
 }
 
 #[cfg(test)]

@@ -4,33 +4,34 @@ use std::fs;
 use std::io::{self, ErrorKind, Write};
 use std::path::{Path, PathBuf};
 
-use crate::atomic::write_atomically;
+use crate::atomic::{cause, write_atomically};
 use crate::error::InputError;
 use crate::exr::{ExrLayers, read_exr, write_exr};
+use crate::faults::{Operation, retry};
 use crate::input::{InputFiles, ReadFault, Role};
+use crate::lock::TargetLock;
+use crate::partial::folder_of;
 
 /// The longest text of a result \[bytes\].
 const MOST_TEXT: u64 = 256 << 20;
 
-/// An open folder. Names are those of files in it, and are never taken from a user's input.
-#[derive(Clone, Debug)]
+/// An open folder, locked against other processes that would write it. Names are those of files in it, and are never taken
+/// from a user's input.
+#[derive(Debug)]
 pub struct ResultsFolder {
     path: PathBuf,
+    _lock: TargetLock,
 }
 
 impl ResultsFolder {
     /// Opens a folder, and makes it (with its parents) if there is none.
     ///
     /// # Errors
-    /// It cannot be made, or something else has its name.
-    pub fn open(path: &Path) -> io::Result<Self> {
-        fs::create_dir_all(path).map_err(|e| match e.kind() {
-            ErrorKind::AlreadyExists | ErrorKind::NotADirectory => {
-                io::Error::new(e.kind(), "a file is in the way; name a folder")
-            }
-            _ => e,
-        })?;
-        Ok(Self { path: path.to_path_buf() })
+    /// It cannot be made, something else has its name, or another process writes it.
+    pub fn open(path: &Path) -> Result<Self, InputError> {
+        let problem = |e: io::Error| format!("cannot be made: {}", cause(folder_of(path), &e));
+        make(path).map_err(|e| InputError::new(path, "the folder", problem(e), "name another folder"))?;
+        Ok(Self { path: path.to_path_buf(), _lock: TargetLock::acquire(path)? })
     }
 
     /// The folder.
@@ -98,9 +99,18 @@ impl ResultsFolder {
     pub fn clear(self) -> io::Result<Self> {
         match fs::remove_dir_all(&self.path) {
             Err(e) if e.kind() != ErrorKind::NotFound => Err(e),
-            _ => Self::open(&self.path),
+            _ => make(&self.path).map(|()| self),
         }
     }
+}
+
+fn make(path: &Path) -> io::Result<()> {
+    retry(Operation::Create, || fs::create_dir_all(path)).map_err(|e| match e.kind() {
+        ErrorKind::AlreadyExists | ErrorKind::NotADirectory => {
+            io::Error::new(e.kind(), "a file is in the way; name a folder")
+        }
+        _ => e,
+    })
 }
 
 #[cfg(test)]

@@ -16,7 +16,7 @@ use dunkelfeld::{
     RenderSettings, SensorChoice, Stage,
 };
 pub(crate) use report::{as_seen, say_flaws};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 /// At most so many warnings, and so many hazards, are printed before a render.
@@ -28,8 +28,11 @@ pub(crate) fn run(args: &RenderArgs, started: Instant) -> Result<Outcome, Error>
         let elapsed = started.elapsed().as_secs_f64();
         sink.update(&ProgressState { stage, fraction, elapsed, remaining: None, samples });
     };
+    // Before anything is loaded: another process may be at work on it.
+    let checkpoint = args.checkpoint.as_ref().map(|path| checkpoint(args, path)).transpose()?;
     begin(Stage::Load, 0.0, 0);
     let mut project = Project::open_without(&args.input, started, &args.without)?;
+    project.settings.checkpoint = checkpoint;
     let default_name = apply(args, &mut project)?;
     for line in notices(&project) {
         sink.say(&line);
@@ -53,6 +56,14 @@ pub(crate) fn run(args: &RenderArgs, started: Instant) -> Result<Outcome, Error>
         (false, true) => Outcome::Flagged,
         (false, false) => Outcome::Done,
     })
+}
+
+/// The checkpoint that flags name, locked.
+fn checkpoint(args: &RenderArgs, path: &Path) -> Result<CheckpointSettings, Error> {
+    let mut checkpoint = CheckpointSettings::new(path);
+    checkpoint.seconds = args.checkpoint_every.unwrap_or(checkpoint.seconds);
+    checkpoint.lock()?;
+    Ok(checkpoint)
 }
 
 /// Flags win over what the project's file says. Gives the reason if the image has not its usual name.
@@ -87,10 +98,6 @@ fn apply(args: &RenderArgs, project: &mut Project) -> Result<Option<String>, Err
             Allocate::Variance => Strategy::Variance,
             Allocate::Sensor => Strategy::Sensor,
         });
-    }
-    if let Some(path) = &args.checkpoint {
-        let seconds = args.checkpoint_every.unwrap_or(dunkelfeld::DEFAULT_CHECKPOINT_SECONDS);
-        s.checkpoint = Some(CheckpointSettings { seconds, ..CheckpointSettings::new(path) });
     }
     if args.samples.is_some() {
         // What the job says of budget and strategy is for the whole.

@@ -106,16 +106,16 @@ pub(crate) struct Kept {
 }
 
 impl Kept {
-    /// Opens the renders in a report's folder; `restart` discards what is there. `manifest` is the name of the file that
+    /// Opens the renders in a report's folder, and locks them against other processes; `restart` discards what is there. `manifest` is the name of the file that
     /// binds it.
     ///
     /// # Errors
-    /// It cannot be made, or holds what is not of this kind of work: that stays as it is.
+    /// It cannot be made, another process writes it, or it holds what is not of this kind of work: that stays as it is.
     pub(crate) fn open(home: &Path, manifest: &'static str, restart: bool) -> Result<Self, Error> {
         let path = home.join(UNITS);
         let fault = |problem: String, mend: &str| Error::Output { file: path.clone(), problem, mend: mend.into() };
         let broken = |e: std::io::Error| fault(format!("cannot be used: {e}"), "name another folder with -o");
-        let folder = ResultsFolder::open(&path).map_err(broken)?;
+        let folder = ResultsFolder::open(&path)?;
         let is_ours = folder.is_empty().map_err(broken)? || folder.file(manifest).is_file();
         if !is_ours {
             let problem = format!("holds other files than those of such a measurement: there is no {manifest}");

@@ -35,7 +35,7 @@ pub struct WrittenDataset {
 /// on how many there are. `None` if it was cancelled: nothing is left then.
 ///
 /// # Errors
-/// The folder is not empty or cannot be written.
+/// The folder is not empty, cannot be written, or another process fills it.
 pub fn write_dataset(
     plan: &DatasetPlan,
     folder: &Path,
@@ -49,7 +49,7 @@ pub fn write_dataset(
         problem: e.to_string(),
         mend: "name a folder that does not exist yet, on a disk with room".into(),
     };
-    let begun = NewFolder::start(folder).map_err(output)?;
+    let begun = NewFolder::start(folder)?;
     let narrow = plan.device().model().spec().bit_depth <= 8;
     let frames: Vec<(usize, u32)> =
         plan.shots().iter().enumerate().flat_map(|(i, s)| (0..s.frames).map(move |k| (i, k))).collect();

@@ -238,7 +238,7 @@ impl FrameStack {
             let problem = "holds the measurement of a scene, whose report this one would replace".into();
             return Err(Error::Output { file: folder.into(), problem, mend: "name another folder with -o".into() });
         }
-        written(folder, ResultsFolder::open(folder).map(drop))?;
+        let _locked = ResultsFolder::open(folder)?;
         let mut files = Vec::new();
         let mut save = |name: String, text: &str| -> Result<(), Error> {
             let path = folder.join(name);
