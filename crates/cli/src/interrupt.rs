@@ -8,8 +8,15 @@ use std::time::{Duration, Instant};
 /// Signals within this time of the first belong to it: some senders signal the process and then its whole group.
 const ONE_GESTURE: Duration = Duration::from_millis(500);
 
+/// Lets writes beyond the limit of the process on the size of files (`ulimit -f`) fail, as on a full disk, instead of the
+/// signal SIGXFSZ end the process in the middle of a file.
+pub(crate) fn survive_file_size_limit() {
+    #[cfg(unix)]
+    let _ = signal_hook::flag::register(signal_hook::consts::SIGXFSZ, Arc::default());
+}
+
 /// A switch that the first interrupt throws. A later one ends the process at once: files that are finished stay, an
-/// unfinished one leaves its old version and at most a hidden temporary file.
+/// unfinished one leaves its old version and at most a hidden partial file, which the next writer of that file removes.
 pub(crate) fn cancel_on_interrupt() -> Arc<Cancel> {
     let cancel = Arc::new(Cancel::new());
     let switch = Arc::clone(&cancel);

@@ -22,6 +22,7 @@ use std::time::Instant;
 fn main() -> ExitCode {
     // The budget counts from here: loading and building are part of the price.
     let started = Instant::now();
+    interrupt::survive_file_size_limit();
     let args = match args::Cli::try_parse() {
         Ok(args) => args,
         Err(e) => {

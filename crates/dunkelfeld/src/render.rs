@@ -516,24 +516,23 @@ impl<'a> Renderer<'a> {
         cancel: &Cancel,
         reporter: &Reporter<'_>,
     ) -> Result<f64, Error> {
-        let mut left = plan::increment(&self.counts, target);
-        let units = self.costs.cut(&left, self.threads);
+        let mut increment = plan::increment(&self.counts, target);
+        let mut units = self.costs.cut(&increment, self.threads);
         let work = makespan(&units, self.threads);
-        let mut units = Some(units).filter(|_| left.data().iter().all(|&n| n <= self.stride.samples()));
         loop {
-            let increment = left.map(|&n| n.min(self.stride.samples()));
-            let asked = plan::total(&increment);
-            let units = units.take().unwrap_or_else(|| self.costs.cut(&increment, self.threads));
-            let taken =
-                self.pass(Pass { target, increment: &increment, units: &units, deadline, stage }, cancel, reporter)?;
+            let most = self.stride.samples();
+            let is_last = increment.data().iter().all(|&n| n <= most);
+            if !is_last {
+                increment.data_mut().iter_mut().for_each(|n| *n = (*n).min(most));
+                units = self.costs.cut(&increment, self.threads);
+            }
+            let pass = Pass { target, increment: &increment, units: &units, deadline, stage };
             // What is left out was cut off, by the clock or from outside.
-            if taken < asked || asked == 0 {
+            if self.pass(pass, cancel, reporter)? < plan::total(&increment) || is_last {
                 return Ok(work);
             }
-            left = plan::increment(&self.counts, target);
-            if left.data().iter().all(|&n| n == 0) {
-                return Ok(work);
-            }
+            increment = plan::increment(&self.counts, target);
+            units = self.costs.cut(&increment, self.threads);
         }
     }
 

@@ -146,7 +146,9 @@ pub(crate) fn cause(folder: &Path, error: &io::Error) -> String {
         }
         io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => "the disk is full; free some space".to_string(),
         io::ErrorKind::FileTooLarge => {
-            format!("{error}; the file system or `ulimit -f` limits the size of files; raise the limit or write elsewhere")
+            format!(
+                "{error}; the file system or `ulimit -f` limits the size of files; raise the limit or write elsewhere"
+            )
         }
         io::ErrorKind::CrossesDevices => {
             format!("{error}; the file is a mount point of its own; name a file beside it or in another folder")

@@ -7,9 +7,9 @@ pub mod checkpoint;
 pub mod emva_descriptor;
 pub mod error;
 pub mod exr;
-mod faults;
 #[cfg(test)]
 mod fault_tests;
+mod faults;
 pub mod gltf;
 pub mod gray;
 pub mod ies;

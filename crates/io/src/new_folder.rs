@@ -80,8 +80,7 @@ impl NewFolder {
         // An empty folder may be in the place; on Unix it is replaced, elsewhere it must be gone.
         #[cfg(not(unix))]
         let _ = fs::remove_dir(&self.target);
-        retry(Operation::Rename, || fs::rename(self.partial.path(), &self.target))
-            .map_err(|e| self.explain(&e))?;
+        retry(Operation::Rename, || fs::rename(self.partial.path(), &self.target)).map_err(|e| self.explain(&e))?;
         // The name is gone, and with it what would be cleared away.
         let Self { target, partial, _lock } = self;
         let _ = partial.keep();

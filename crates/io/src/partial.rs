@@ -180,8 +180,11 @@ mod tests {
     fn what_a_process_holds_stays_and_what_nobody_holds_goes() {
         let folder = tempfile::tempdir().expect("a temporary folder");
         let path = |name: &str| folder.path().join(name);
-        let (held, left, other) =
-            (path(".a.00000000-aaaaaaaa.partial"), path(".a.00000000-bbbbbbbb.partial"), path(".b.00000000-cccccccc.partial"));
+        let (held, left, other) = (
+            path(".a.00000000-aaaaaaaa.partial"),
+            path(".a.00000000-bbbbbbbb.partial"),
+            path(".b.00000000-cccccccc.partial"),
+        );
         for file in [&held, &left, &other] {
             fs::write(file, "half of it").expect("writable");
         }

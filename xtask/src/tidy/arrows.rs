@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use serde_json::Value;
 
 /// Third-party crates that belong to certain folders only.
-const HOMES: [(&str, &[&str]); 15] = [
+const HOMES: [(&str, &[&str]); 16] = [
     ("rayon", &["dunkelfeld", "bvh"]),
     ("obvhs", &["bvh"]),
     ("clap", &["cli"]),
@@ -18,8 +18,9 @@ const HOMES: [(&str, &[&str]); 15] = [
     ("png", &["io"]),
     ("tiff", &["io"]),
     ("toml", &["io"]),
-    ("tempfile", &["io"]),
     ("rustix", &["io"]),
+    ("signal-hook", &["cli"]),
+    ("tempfile", &["io"]),
     ("libloading", &["denoise"]),
 ];
 
