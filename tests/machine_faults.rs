@@ -30,7 +30,7 @@ fn standard_output_that_cannot_be_written_is_an_error() {
     let lab = lab();
     lab.run(&format!("{SMALL} -o a.png --exr a.exr")).code(0);
     lab.run("render <scene>.obj --width 32 --height 32 --samples 0..4 --progress none --checkpoint p.film").code(0);
-    let set = "emva dataset --sensor imx250 -o set --size 16x16 --levels 10 --spatial 2 --progress none";
+    let set = "emva dataset --sensor imx250 -o set --size 16x16 --levels 10 --spatial 3 --progress none";
     let lines = [
         "sensors",
         "sensors --json",
