@@ -6,7 +6,7 @@ use crate::campaign::Kept;
 use crate::campaign::statistics::{correlation, quantile, rank_correlation};
 use crate::error::Error;
 use crate::guard::check_folder;
-use crate::outputs::{save_text, written};
+use crate::outputs::save_text;
 use crate::progress::{Cancel, Progress, ProgressState, Stage};
 use crate::report::chart::{Chart, escape};
 use crate::report::maps;
