@@ -6,12 +6,13 @@ use std::path::Path;
 use exr::image::FlatSamples;
 use exr::meta::MetaData;
 use exr::meta::attribute::{AttributeValue, Text};
-use exr::prelude::{ReadChannels, ReadLayers, read};
+use exr::prelude::{ReadChannels, read};
 
 use crate::error::InputError;
 use crate::input::{InputFiles, MOST_STREAMED, Role};
 use crate::process::can_reserve;
 
+pub(crate) mod blocks;
 mod strips;
 
 pub use strips::{ChannelKind, ExrHead, write_exr_rows};
@@ -152,7 +153,7 @@ pub fn read_exr_if<E: From<InputError>>(
     let file = inputs.open(path, role, MOST_STREAMED).map_err(|fault| fault.at(path))?;
     let size = file.length();
     let mut file = BufReader::new(file);
-    let meta = MetaData::read_from_buffered(&mut file, false).map_err(|e| fault(describe(&e)))?;
+    let meta = blocks::guard(|| MetaData::read_from_buffered(&mut file, false)).map_err(|e| fault(describe(&e)))?;
     file.rewind().map_err(|e| fault(format!("cannot be read: {e}")))?;
     let size_in_memory = size_of_all(&meta);
     let promised: u64 = meta
@@ -174,14 +175,8 @@ pub fn read_exr_if<E: From<InputError>>(
         let mend = "use a smaller image or one with fewer channels, or end other programs";
         return Err(InputError::new(path, "the file", problem, mend).into());
     }
-    let image = read()
-        .no_deep_data()
-        .largest_resolution_level()
-        .all_channels()
-        .all_layers()
-        .all_attributes()
-        .from_buffered(file)
-        .map_err(|e| fault(describe(&e)))?;
+    let layers = read().no_deep_data().largest_resolution_level().all_channels().all_layers();
+    let image = blocks::decode(file, &layers).map_err(|e| fault(describe(&e)))?;
     collect(image).ok_or_else(|| fault("has no channel with one sample per pixel".into()).into())
 }
 

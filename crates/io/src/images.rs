@@ -1,12 +1,13 @@
 //! Decodes images of any supported format within limits, and reads environment maps.
 
 use crate::error::{ImportWarning, InputError};
+use crate::exr::blocks;
 use crate::input::{InputFiles, Role};
 use crate::loader::Limits;
 use crate::texel_budget::TexelBudget;
 use bytemuck::Pod;
 use dunkelfeld_scene::{Image, Texels};
-use exr::prelude::{AnyChannel, ChannelDescription, FlatSamples, ReadChannels as _, ReadLayers as _};
+use exr::prelude::{AnyChannel, ChannelDescription, FlatSamples, ReadChannels as _};
 use image::{ColorType, ImageDecoder, ImageFormat, ImageReader};
 use std::io::Cursor;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -293,15 +294,8 @@ fn allocate<T: Copy>(texel: T, count: usize) -> Result<Vec<T>, ImageFault> {
 }
 
 fn decode_exr(bytes: &[u8], colors: &Colors, count: usize) -> Result<Texels, ImageFault> {
-    let image = exr::prelude::read()
-        .no_deep_data()
-        .largest_resolution_level()
-        .all_channels()
-        .first_valid_layer()
-        .all_attributes()
-        .non_parallel()
-        .from_buffered(Cursor::new(bytes))
-        .map_err(broken_exr)?;
+    let layers = exr::prelude::read().no_deep_data().largest_resolution_level().all_channels().first_valid_layer();
+    let image = blocks::decode(Cursor::new(bytes), &layers).map_err(broken_exr)?;
     let channels = image.layer_data.channel_data.list;
     let values = |i: usize| {
         let missing = || ImageFault::new("the EXR's channels are not those of its header", "save the image again");

@@ -363,3 +363,70 @@ fn damaged_files_do_not_panic() {
         assert!(read_exr(&path).is_err(), "cut after {i} of {} bytes", whole.len());
     }
 }
+
+/// One part with the channel `Y`, 16 x 16 samples of half precision in one chunk. Gives the file and where the chunk's data
+/// begin, which go on to the end of the file behind their length.
+fn one_chunk(path: &Path, compression: Compression) -> (Vec<u8>, usize) {
+    let samples = (0..16 * 16).map(|i| f16::from_f32(1.0 + (i % 16) as f32)).collect();
+    let channels = AnyChannels::sort(SmallVec::from_vec(vec![AnyChannel::new("Y", FlatSamples::F16(samples))]));
+    let encoding = Encoding { compression, blocks: Blocks::ScanLines, line_order: LineOrder::Increasing };
+    let layer = Layer::new((16, 16), LayerAttributes::default(), encoding, channels);
+    Image::from_layer(layer).write().to_file(path).expect("written");
+    read_exr(path).unwrap_or_else(|e| panic!("{compression:?}: {e}"));
+    let file = std::fs::read(path).expect("there");
+    let ends = |start: &usize| file[start - 4..*start] == ((file.len() - start) as u32).to_le_bytes();
+    let start = (4..file.len()).rev().find(ends).expect("a chunk at the end");
+    (file, start)
+}
+
+/// Found by fuzzing: the decoder of B44 leaves the range of its numbers, which panics where overflow is checked, and on the
+/// threads of the library such a panic ended the process.
+#[test]
+fn blocks_that_make_the_decoder_panic_are_refused_or_read() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let path = folder.path().join("b44.exr");
+    let (file, start) = one_chunk(&path, Compression::B44);
+    for (byte, kept) in (0..=255).map(|byte| (Some(byte), file.len())).chain((start..file.len()).map(|n| (None, n))) {
+        let mut changed = file[..kept].to_vec();
+        changed[start - 4..start].copy_from_slice(&((kept - start) as u32).to_le_bytes());
+        if let Some(byte) = byte {
+            changed[start..].fill(byte);
+        }
+        std::fs::write(&path, &changed).expect("written");
+        match read_exr(&path) {
+            Ok(layers) => assert_eq!(layers.channels[0].1.len(), 16 * 16),
+            Err(error) => assert!(error.to_string().contains("b44.exr"), "{byte:?}, {kept}: {error}"),
+        }
+    }
+}
+
+/// Found by fuzzing: a block of DWA states the sizes of its sections, and the decoder asked for that much memory at once.
+#[test]
+fn blocks_that_promise_more_than_the_image_are_refused() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let path = folder.path().join("dwa.exr");
+    for compression in [Compression::DWAA(None), Compression::DWAB(None)] {
+        let (file, start) = one_chunk(&path, compression);
+        for field in 1..10 {
+            for size in [1 << 20, 1 << 53, u64::MAX / 2, u64::MAX] {
+                let mut changed = file.clone();
+                changed[start + 8 * field..][..8].copy_from_slice(&size.to_le_bytes());
+                std::fs::write(&path, &changed).expect("written");
+                let error = read_exr(&path).expect_err("a size beyond the image").to_string();
+                assert!(error.contains("dwa.exr"), "{field}, {size}: {error}");
+                let limits = dunkelfeld_io::loader::Limits::default();
+                assert!(dunkelfeld_io::images::decode_image(&changed, "dwa.exr", &limits).is_err(), "{field}, {size}");
+            }
+        }
+    }
+}
+
+#[test]
+fn images_of_many_blocks_come_back_in_their_order() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let path = folder.path().join("tall.exr");
+    let mut layers = ExrLayers::new(3, 5000);
+    layers.push_integers(Single::SampleCount, Plane::from_fn(3, 5000, |x, y| 3 * y + x));
+    write_exr(&path, layers.clone()).expect("written");
+    assert_eq!(read_exr(&path).expect("readable"), layers);
+}
