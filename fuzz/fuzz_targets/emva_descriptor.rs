@@ -2,14 +2,13 @@
 //! every refusal can show its line.
 #![no_main]
 
-use dunkelfeld_fuzz::Scratch;
+use dunkelfeld_fuzz::{Scratch, target};
 use dunkelfeld_io::emva_descriptor::{read_descriptor, write_descriptor};
-use libfuzzer_sys::fuzz_target;
 use std::sync::LazyLock;
 
 static SCRATCH: LazyLock<Scratch> = LazyLock::new(Scratch::new);
 
-fuzz_target!(|data: &[u8]| {
+target!(|data| {
     match read_descriptor(&SCRATCH.write("emva.txt", data)) {
         Ok((descriptor, _)) => {
             let text = write_descriptor(&descriptor);
@@ -17,7 +16,7 @@ fuzz_target!(|data: &[u8]| {
             assert!(again.is_ok_and(|(a, w)| w.is_empty() && a.blocks.len() == descriptor.blocks.len()), "{text}");
         }
         Err(e) => {
-            let _ = (e.to_string(), e.caret());
+            drop((e.to_string(), e.caret()));
         }
     }
 });

@@ -1,13 +1,15 @@
-//! Any bytes as a glTF file, binary or JSON: read or refused, never a panic, a hang, or much memory.
+//! Any bytes as a glTF file, binary or JSON: read and built, or refused, never a panic, a hang, or much memory.
 #![no_main]
 
-use dunkelfeld_fuzz::{Scratch, options};
-use libfuzzer_sys::fuzz_target;
+use dunkelfeld_fuzz::{Scratch, build, options, target};
 use std::sync::LazyLock;
 
 static SCRATCH: LazyLock<Scratch> = LazyLock::new(Scratch::new);
 
-fuzz_target!(|data: &[u8]| {
+target!(|data| {
     let path = SCRATCH.write("scene.glb", data);
-    let _ = dunkelfeld_io::gltf::load_gltf(&path, &options());
+    match dunkelfeld_io::gltf::load_gltf(&path, &options()) {
+        Ok(imported) => build(imported),
+        Err(e) => drop((e.to_string(), e.caret())),
+    }
 });

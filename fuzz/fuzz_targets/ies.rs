@@ -2,18 +2,18 @@
 //! its line.
 #![no_main]
 
+use dunkelfeld_fuzz::target;
 use dunkelfeld_io::ies::parse_ies;
-use libfuzzer_sys::fuzz_target;
 use std::path::Path;
 
-fuzz_target!(|data: &[u8]| {
+target!(|data| {
     match parse_ies(Path::new("lamp.ies"), data) {
         Ok((profile, _)) => {
             // Of f32 intensities up to its largest number the sum may leave its range.
             assert!(!profile.power().is_nan() && profile.peak().is_finite() && profile.reach().is_finite());
         }
         Err(e) => {
-            let _ = (e.to_string(), e.caret());
+            drop((e.to_string(), e.caret()));
         }
     }
 });

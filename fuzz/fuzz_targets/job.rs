@@ -1,18 +1,17 @@
 //! Any bytes as a job; one that can be read changes a small scene, and every refusal can show its line.
 #![no_main]
 
-use dunkelfeld_fuzz::Scratch;
+use dunkelfeld_fuzz::{Scratch, target};
 use dunkelfeld_io::InputError;
 use dunkelfeld_io::job::Job;
 use dunkelfeld_scene::{Material, PunctualKind, PunctualLight, SceneBuilder, shapes};
-use libfuzzer_sys::fuzz_target;
 use std::sync::LazyLock;
 
 static SCRATCH: LazyLock<Scratch> = LazyLock::new(Scratch::new);
 
-fuzz_target!(|data: &[u8]| {
+target!(|data| {
     if let Err(e) = change(data) {
-        let _ = (e.to_string(), e.caret());
+        drop((e.to_string(), e.caret()));
     }
 });
 

@@ -264,7 +264,8 @@ impl Source<'_> {
         let stored = self.bytes(place, CHECKSUM)?;
         let right = checksum(self.section, bytes).to_le_bytes();
         self.section += 1;
-        if stored == right {
+        // A fuzzer cannot find checksums; without them it reaches what stands behind.
+        if stored == right || cfg!(fuzzing) {
             return Ok(());
         }
         Err(InputError::new(self.path, place, "was damaged: its checksum is another", MEND))
