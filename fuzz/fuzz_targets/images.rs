@@ -14,15 +14,14 @@ target!(|data| {
         Ok(decoded) => {
             let image = decoded.image;
             assert!(image.width.max(image.height) <= limits.image_side);
-            let texels = match &image.texels {
-                Texels::Rgba8(texels) => texels.len(),
-                Texels::Rgba16(texels) => texels.len(),
-                Texels::RgbF32(texels) => {
-                    assert!(texels.iter().flatten().all(|v| v.is_finite() && *v >= 0.0));
-                    texels.len()
-                }
-            };
-            assert_eq!(texels as u64, u64::from(image.width) * u64::from(image.height));
+            let finite = |v: &f32| v.is_finite() && *v >= 0.0;
+            match &image.texels {
+                Texels::GrayF32(texels) => assert!(texels.iter().flatten().all(finite)),
+                Texels::RgbF32(texels) => assert!(texels.iter().flatten().all(finite)),
+                _ => {}
+            }
+            assert_eq!(image.texels.len() as u64, u64::from(image.width) * u64::from(image.height));
+            assert!(image.texels.bytes() as u64 <= limits.image_bytes);
         }
         Err(fault) => assert!(!fault.problem.is_empty()),
     }

@@ -57,8 +57,7 @@ pub(crate) fn run(arguments: &[&str]) -> Result<(), String> {
     thread::scope(|scope| {
         for _ in 0..plan.jobs {
             scope.spawn(|| {
-                loop {
-                    let Some(target) = queue.lock().ok().and_then(|mut q| q.pop_front()) else { break };
+                while let Some(target) = queue.lock().ok().and_then(|mut q| q.pop_front()) {
                     let place = Place { fuzz: &fuzz, home: &home, binary: binaries.join(&target), target: &target };
                     let report = if plan.minimise { place.minimise() } else { place.run(plan.seconds) };
                     match &report {
