@@ -27,7 +27,6 @@ target!(|data| {
 
 fn write(path: &Path, checkpoint: &Checkpoint) {
     let film = &checkpoint.film;
-    let width = film.width() as usize;
     let head = CheckpointHead {
         width: film.width(),
         height: film.height(),
@@ -38,8 +37,5 @@ fn write(path: &Path, checkpoint: &Checkpoint) {
         objects: checkpoint.objects.as_ref(),
         materials: checkpoint.materials.as_ref(),
     };
-    write_checkpoint(path, &head, &mut |rows, out| {
-        out.extend(&film.pixels().data()[rows.start as usize * width..rows.end as usize * width]);
-    })
-    .expect("what was read can be written");
+    write_checkpoint(path, &head, &mut |rows, out| film.read_rows(rows, out)).expect("what was read can be written");
 }

@@ -22,22 +22,93 @@ pub enum Container {
 
 /// Names of keys and values of the format, for mutations.
 pub const WORDS: &[&str] = &[
-    "SCALAR", "VEC2", "VEC3", "VEC4", "MAT2", "MAT3", "MAT4", "POSITION", "NORMAL", "TANGENT", "TEXCOORD_0",
-    "TEXCOORD_1", "TEXCOORD_9", "COLOR_0", "COLOR_1", "JOINTS_0", "JOINTS_1", "WEIGHTS_0", "WEIGHTS_1", "indices",
-    "targets", "weights", "mode", "sparse", "byteOffset", "byteStride", "byteLength", "bufferView", "count",
-    "normalized", "componentType", "matrix", "translation", "rotation", "scale", "children", "mesh", "skin", "camera",
-    "inverseBindMatrices", "perspective", "orthographic", "point", "spot", "directional", "OPAQUE", "MASK", "BLEND",
-    "uri", "data:,", "data:;base64,AAAA", "scene.bin", "%", "..", "extensions", "KHR_texture_transform",
-    "EXT_mesh_gpu_instancing", "TRANSLATION", "ROTATION", "SCALE", "KHR_node_visibility", "visible",
-    "KHR_materials_unlit", "extensionsRequired", "texCoord", "name", "2.0",
+    "SCALAR",
+    "VEC2",
+    "VEC3",
+    "VEC4",
+    "MAT2",
+    "MAT3",
+    "MAT4",
+    "POSITION",
+    "NORMAL",
+    "TANGENT",
+    "TEXCOORD_0",
+    "TEXCOORD_1",
+    "TEXCOORD_9",
+    "COLOR_0",
+    "COLOR_1",
+    "JOINTS_0",
+    "JOINTS_1",
+    "WEIGHTS_0",
+    "WEIGHTS_1",
+    "indices",
+    "targets",
+    "weights",
+    "mode",
+    "sparse",
+    "byteOffset",
+    "byteStride",
+    "byteLength",
+    "bufferView",
+    "count",
+    "normalized",
+    "componentType",
+    "matrix",
+    "translation",
+    "rotation",
+    "scale",
+    "children",
+    "mesh",
+    "skin",
+    "camera",
+    "inverseBindMatrices",
+    "perspective",
+    "orthographic",
+    "point",
+    "spot",
+    "directional",
+    "OPAQUE",
+    "MASK",
+    "BLEND",
+    "uri",
+    "data:,",
+    "data:;base64,AAAA",
+    "scene.bin",
+    "%",
+    "..",
+    "extensions",
+    "KHR_texture_transform",
+    "EXT_mesh_gpu_instancing",
+    "TRANSLATION",
+    "ROTATION",
+    "SCALE",
+    "KHR_node_visibility",
+    "visible",
+    "KHR_materials_unlit",
+    "extensionsRequired",
+    "texCoord",
+    "name",
+    "2.0",
 ];
 
 const EXTENSIONS: &[&str] = &[
-    "EXT_lights_ies", "EXT_mesh_gpu_instancing", "KHR_lights_punctual", "KHR_materials_anisotropy",
-    "KHR_materials_clearcoat", "KHR_materials_diffuse_transmission", "KHR_materials_emissive_strength",
-    "KHR_materials_ior", "KHR_materials_pbrSpecularGlossiness", "KHR_materials_sheen", "KHR_materials_specular",
-    "KHR_materials_transmission", "KHR_materials_volume", "KHR_materials_volume_scatter", "KHR_mesh_quantization",
-    "KHR_node_visibility", "KHR_texture_transform",
+    "EXT_lights_ies",
+    "EXT_mesh_gpu_instancing",
+    "KHR_lights_punctual",
+    "KHR_materials_anisotropy",
+    "KHR_materials_clearcoat",
+    "KHR_materials_diffuse_transmission",
+    "KHR_materials_emissive_strength",
+    "KHR_materials_ior",
+    "KHR_materials_pbrSpecularGlossiness",
+    "KHR_materials_sheen",
+    "KHR_materials_specular",
+    "KHR_materials_transmission",
+    "KHR_materials_volume",
+    "KHR_materials_volume_scatter",
+    "KHR_mesh_quantization",
+    "KHR_node_visibility",
+    "KHR_texture_transform",
 ];
 
 const BYTE: u32 = 5121;
@@ -138,9 +209,9 @@ const SQUARE_INDICES: [u16; 6] = [0, 1, 2, 0, 2, 3];
 
 /// PNG of 1 x 1 texels.
 const PNG: &[u8] = &[
-    0x89, b'P', b'N', b'G', 0x0d, 0x0a, 0x1a, 0x0a, 0, 0, 0, 13, b'I', b'H', b'D', b'R', 0, 0, 0, 1, 0, 0, 0, 1, 8, 2, 0,
-    0, 0, 0x90, 0x77, 0x53, 0xde, 0, 0, 0, 12, b'I', b'D', b'A', b'T', 0x08, 0xd7, 0x63, 0xf8, 0xcf, 0xc0, 0, 0, 3, 1, 1,
-    0, 0x18, 0xdd, 0x8d, 0xb0, 0, 0, 0, 0, b'I', b'E', b'N', b'D', 0xae, 0x42, 0x60, 0x82,
+    0x89, b'P', b'N', b'G', 0x0d, 0x0a, 0x1a, 0x0a, 0, 0, 0, 13, b'I', b'H', b'D', b'R', 0, 0, 0, 1, 0, 0, 0, 1, 8, 2,
+    0, 0, 0, 0x90, 0x77, 0x53, 0xde, 0, 0, 0, 12, b'I', b'D', b'A', b'T', 0x08, 0xd7, 0x63, 0xf8, 0xcf, 0xc0, 0, 0, 3,
+    1, 1, 0, 0x18, 0xdd, 0x8d, 0xb0, 0, 0, 0, 0, b'I', b'E', b'N', b'D', 0xae, 0x42, 0x60, 0x82,
 ];
 
 const IES: &[u8] = b"IESNA:LM-63-2002\nTILT=NONE\n1 1000 1 3 2 1 2 0 0 0\n1 1 10\n0 45 90\n0 90\n5 4 3\n5 4 2\n";
@@ -248,16 +319,12 @@ fn deformed() -> Asset {
 /// Closed cubes of every material, one in another.
 fn solids() -> Asset {
     let mut m = Maker::default();
-    let corners: Vec<f32> =
-        (0..8).flat_map(|i| [i & 1, i >> 1 & 1, i >> 2 & 1].map(|v| v as f32 - 0.5)).collect();
+    let corners: Vec<f32> = (0..8).flat_map(|i| [i & 1, i >> 1 & 1, i >> 2 & 1].map(|v| v as f32 - 0.5)).collect();
     let position = m.floats("VEC3", &corners);
-    let faces = [
-        0u16, 2, 3, 0, 3, 1, 4, 5, 7, 4, 7, 6, 0, 1, 5, 0, 5, 4, 2, 6, 7, 2, 7, 3, 0, 4, 6, 0, 6, 2, 1, 3, 7, 1, 7, 5,
-    ];
+    let faces =
+        [0u16, 2, 3, 0, 3, 1, 4, 5, 7, 4, 7, 6, 0, 1, 5, 0, 5, 4, 2, 6, 7, 2, 7, 3, 0, 4, 6, 0, 6, 2, 1, 3, 7, 1, 7, 5];
     let indices = m.shorts("SCALAR", &faces);
-    let cube = |material: u32| {
-        json!({"primitives": [{"attributes": {"POSITION": position}, "indices": indices, "material": material}]})
-    };
+    let cube = |material: u32| json!({"primitives": [{"attributes": {"POSITION": position}, "indices": indices, "material": material}]});
     m.finish(json!({
         "scenes": [{"nodes": [0, 1, 2, 3, 4, 5]}],
         "nodes": [
