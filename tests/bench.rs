@@ -7,6 +7,7 @@ mod lab;
 
 use dunkelfeld::adaptive::Strategy;
 use dunkelfeld::bench::{BenchOutcome, BenchSettings, bench};
+use dunkelfeld::io::exr::{Channel, read_exr, write_exr};
 use dunkelfeld::{Cancel, Progress, Project, Silent};
 use lab::{CutAt, Lab, complaint, same_numbers, square, stands_alone};
 use std::collections::{BTreeMap, BTreeSet};
@@ -253,4 +254,20 @@ fn what_cannot_be_measured_is_refused_with_its_mend() {
     fs::remove_file(bench.path("out/units/uniform-2-00.exr")).expect("there");
     let said = complaint(&bench.run(&small).code(2));
     assert!(said.contains("uniform-2-00.exr"), "{said}");
+    // An image of another size, which statistics over renders would be wrong with.
+    for name in ["uniform-2-00", "reference-16"] {
+        bench.run(&format!("{small} --restart")).code(0);
+        let path = bench.path(&format!("out/units/{name}.exr"));
+        let mut image = read_exr(&path).unwrap_or_else(|e| panic!("{e}"));
+        image.height -= 1;
+        for (_, channel) in &mut image.channels {
+            match channel {
+                Channel::F32(samples) => samples.truncate(20 * 13),
+                Channel::U32(samples) => samples.truncate(20 * 13),
+            }
+        }
+        write_exr(&path, image).expect("written");
+        let said = complaint(&bench.run(&small).code(2));
+        assert!(said.contains(name) && said.contains("20 x 13") && said.contains("mend:"), "{said}");
+    }
 }

@@ -76,7 +76,9 @@ impl Store {
     /// # Errors
     /// It is bound to something else.
     pub(super) fn bind(&self, manifest: &Manifest) -> Result<(), Error> {
-        self.0.bind(manifest, |m: &Manifest| &m.facts)
+        self.0.bind(manifest, |m: &Manifest| &m.facts)?;
+        self.0.expect_size(manifest.size);
+        Ok(())
     }
 
     /// The record of a unit, if it is finished.

@@ -13,6 +13,7 @@ use dunkelfeld_sampling::hash_u64;
 use dunkelfeld_scene::{RayGenerator, Scene};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
 
 /// What to do about a finished render that cannot be read back.
 const DAMAGED: &str =
@@ -103,6 +104,8 @@ pub(crate) fn hash_text(text: &str) -> u64 {
 pub(crate) struct Kept {
     folder: ResultsFolder,
     manifest: &'static str,
+    /// Width and height of the renders, once they are known.
+    size: OnceLock<[u32; 2]>,
 }
 
 impl Kept {
@@ -122,7 +125,7 @@ impl Kept {
             return Err(fault(problem, "name another folder with -o"));
         }
         let folder = if restart { folder.clear().map_err(broken)? } else { folder };
-        Ok(Self { folder, manifest })
+        Ok(Self { folder, manifest, size: OnceLock::new() })
     }
 
     /// Is there a measurement of any kind in a report's folder?
@@ -171,10 +174,29 @@ impl Kept {
         self.folder.file(name)
     }
 
+    /// All renders of the folder have this width and height; images of another size are damaged from now on.
+    pub(crate) fn expect_size(&self, size: [u32; 2]) {
+        self.size.get_or_init(|| size);
+    }
+
     /// The layers of a finished render.
+    ///
+    /// # Errors
+    /// The image is not there, is no EXR, or has another size than the renders of the folder.
     pub(crate) fn layers(&self, name: &str) -> Result<ExrLayers, Error> {
+        let image = format!("{name}.exr");
         let damaged = |e: InputError| InputError { mend: DAMAGED.into(), ..e };
-        Ok(self.folder.read_layers(&format!("{name}.exr")).map_err(damaged)?)
+        let layers = self.folder.read_layers(&image).map_err(damaged)?;
+        match self.size.get() {
+            Some(&[width, height]) if (layers.width, layers.height) != (width, height) => {
+                let problem = format!(
+                    "has {} x {} pixels, the renders of this folder {width} x {height}",
+                    layers.width, layers.height
+                );
+                Err(InputError::new(self.folder.file(&image), "the whole file", problem, DAMAGED).into())
+            }
+            _ => Ok(layers),
+        }
     }
 
     /// A finished render lacks a layer.

@@ -90,6 +90,7 @@ pub fn ptc(
     let mut facts = Facts::new(VERSION, &project.scene, &rays, &fitted, threads, &names);
     facts.add("number of samples of the last series", reference(settings).spp);
     store.bind(&facts, |facts| facts)?;
+    store.expect_size([fitted.width, fitted.height]);
 
     let with_camera = settings.camera && fitted.has_sensor();
     let all = units(settings, with_camera);
