@@ -427,9 +427,13 @@ fn parts_that_do_not_belong_together_are_refused() {
         std::os::unix::fs::symlink(&b, &link).expect("linked");
         refused(merge(&[a.clone(), b.clone()], &link), &["8-16.film", "is a part"]);
     }
-    let outputs = OutputPaths { exr: Some(a.clone()), ..OutputPaths::default() };
-    let over = MergeSettings { parts: vec![a.clone(), b.clone()], outputs, ..MergeSettings::default() };
-    refused(dunkelfeld::merge(&over, Instant::now()), &["0-8.film", "an output and for a part"]);
+    let image = folder.path().join("part.exr");
+    fs::hard_link(&a, &image).expect("linked");
+    for (exr, says) in [(&a, "does not fit"), (&image, "is a part that this run reads as")] {
+        let outputs = OutputPaths { exr: Some(exr.clone()), ..OutputPaths::default() };
+        let over = MergeSettings { parts: vec![a.clone(), b.clone()], outputs, ..MergeSettings::default() };
+        refused(dunkelfeld::merge(&over, Instant::now()), &[&exr.display().to_string(), says]);
+    }
 
     // A whole render, an unfinished part, one that holds more than it says.
     let whole = folder.path().join("whole.film");

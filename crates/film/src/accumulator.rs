@@ -7,6 +7,7 @@
 //! f/4, a pixel of 3.45 um collects about 1e6 electrons per second from 1 W/(m^2 sr), so that a unit is one electron in 18 000 years.
 //! A sample beyond the range of 2^46 W/(m^2 sr) is not clamped in silence: it is counted as invalid, like one that is not finite.
 
+use crate::square_sum::SquareSum;
 use dunkelfeld_radiometry::Rgb;
 
 /// Samples fall into this many independently scrambled batches (sample index modulo `BATCHES`); the spread of the batch
@@ -21,9 +22,6 @@ const RADIANCE_LIMIT: f32 = (1u64 << 46) as f32;
 const UNIT_BITS: i32 = 30;
 const DEPTH_BITS: i32 = 24;
 const DEPTH_LIMIT: f32 = (1u64 << 31) as f32;
-/// One unit of the squares of luminance is 2^-SQUARE_BITS (W/(m^2 sr))^2: a luminance of 1e-14 W/(m^2 sr) keeps nearly twenty bits of its
-/// square, and 2^32 samples of the largest valid one stay below 2^(124 + 112).
-const SQUARE_BITS: i32 = 112;
 
 /// What one camera sample brings back.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -126,42 +124,6 @@ pub struct PixelSums {
     pub heaviest_key: u64,
     /// Squares of the luminance.
     pub luminance_squares: SquareSum,
-}
-
-/// A sum of squares of luminance in units of 2^-112 (W/(m^2 sr))^2, as a whole number of 256 bits: its lower and upper half.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct SquareSum(pub [u128; 2]);
-
-impl SquareSum {
-    /// The square of a luminance [W/(m^2 sr)] that is finite and not negative, rounded down where bits are lost.
-    #[inline]
-    fn of(luminance: f32) -> Self {
-        let bits = luminance.to_bits();
-        let exponent = (bits >> 23) as i32;
-        let mantissa = if exponent == 0 { bits & 0x7f_ffff } else { (bits & 0x7f_ffff) | 0x80_0000 };
-        let square = u128::from(mantissa) * u128::from(mantissa); // Below 2^48.
-        let shift = 2 * (exponent.max(1) - 127 - 23) + SQUARE_BITS;
-        match shift {
-            ..=-48 => Self::default(),
-            -47..0 => Self([square >> -shift, 0]),
-            0..=80 => Self([square << shift, 0]),
-            81..128 => Self([square << shift, square >> (128 - shift)]),
-            // Luminances of samples are below 2^47, so that the largest shift is 158.
-            _ => Self([0, square << (shift - 128).min(80)]),
-        }
-    }
-
-    #[inline]
-    fn merge(&mut self, other: &Self) {
-        let (lower, carry) = self.0[0].overflowing_add(other.0[0]);
-        self.0 = [lower, self.0[1].saturating_add(other.0[1]).saturating_add(u128::from(carry))];
-    }
-
-    /// The sum as a floating-point number [(W/(m^2 sr))^2].
-    pub fn to_f64(self) -> f64 {
-        let unit = (-f64::from(SQUARE_BITS)).exp2();
-        self.0[1] as f64 * (unit * 128f64.exp2()) + self.0[0] as f64 * unit
-    }
 }
 
 /// How the luminance of a pixel's samples scatters, as if they were independent: variances of their mean [(W/(m^2 sr))^2].
@@ -418,20 +380,6 @@ mod tests {
             assert!((back - f64::from(v)).abs() <= (-60f64).exp2(), "{v} came back as {back}");
         }
         assert_eq!(to_fixed(1.0), 1 << 59);
-    }
-
-    #[test]
-    fn squares_are_exact_where_they_can_be() {
-        for v in [0.0f32, 1.0, 0.1, 3.7e5, 1.5e-6, 2e-11, 6e13, 1.3e-15, 1.0e2, 33.0] {
-            let (back, square) = (SquareSum::of(v).to_f64(), f64::from(v) * f64::from(v));
-            assert!((back - square).abs() <= 1e-15 * square + (-112f64).exp2(), "{v}: {back}");
-        }
-        assert_eq!(SquareSum::of(1.0).0, [1 << 112, 0]);
-        assert_eq!(SquareSum::of(f32::MIN_POSITIVE).0, [0, 0]);
-        // Halves carry.
-        let mut sum = SquareSum([u128::MAX, 7]);
-        sum.merge(&SquareSum([2, 1]));
-        assert_eq!(sum.0, [1, 9]);
     }
 
     #[test]

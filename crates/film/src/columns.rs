@@ -96,7 +96,8 @@ pub(crate) fn stored(sums: &PixelSums, layers: FilmLayers) -> PixelSums {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::accumulator::{Accumulate, RadianceSum, Sample, SquareSum};
+    use crate::accumulator::{Accumulate, RadianceSum, Sample};
+    use crate::square_sum::SquareSum;
     use dunkelfeld_radiometry::Rgb;
 
     #[test]

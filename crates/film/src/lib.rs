@@ -9,8 +9,10 @@ mod footprint;
 mod gaps;
 mod packed;
 mod plane;
+mod square_sum;
 
-pub use accumulator::{Accumulate, BATCHES, PixelSums, RadianceSum, Sample, Scatter, SquareSum};
+pub use accumulator::{Accumulate, BATCHES, PixelSums, RadianceSum, Sample, Scatter};
 pub use film::{Film, FilmError, FilmLayers, OutOfMemory, TileRow};
 pub use gaps::fill_gaps;
 pub use plane::Plane;
+pub use square_sum::SquareSum;

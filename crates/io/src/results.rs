@@ -29,7 +29,7 @@ impl ResultsFolder {
     /// # Errors
     /// It cannot be made, something else has its name, or another process writes it.
     pub fn open(path: &Path) -> Result<Self, InputError> {
-        let problem = |e: io::Error| format!("cannot be made: {}", cause(folder_of(path), &e));
+        let problem = |e: io::Error| format!("cannot be made: {e}");
         make(path).map_err(|e| InputError::new(path, "the folder", problem(e), "name another folder"))?;
         Ok(Self { path: path.to_path_buf(), _lock: TargetLock::acquire(path)? })
     }
@@ -109,7 +109,7 @@ fn make(path: &Path) -> io::Result<()> {
         ErrorKind::AlreadyExists | ErrorKind::NotADirectory => {
             io::Error::new(e.kind(), "a file is in the way; name a folder")
         }
-        _ => e,
+        kind => io::Error::new(kind, cause(folder_of(path), &e)),
     })
 }
 
