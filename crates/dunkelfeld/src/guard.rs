@@ -175,4 +175,23 @@ mod tests {
         let chosen = free_folder(home.join("no-such-folder"), &inputs);
         assert_eq!((chosen.path, chosen.reason), (home.join("no-such-folder"), None));
     }
+
+    #[cfg(unix)]
+    #[test]
+    fn links_that_lead_to_no_file_yet_stand_for_what_they_lead_to() {
+        let home = tempfile::tempdir().expect("a folder");
+        let [image, link, chain] = ["a.png", "b.png", "c.png"].map(|name| home.path().join(name));
+        std::os::unix::fs::symlink("a.png", &link).expect("linked");
+        std::os::unix::fs::symlink(&link, &chain).expect("linked");
+        let circle = home.path().join("circle");
+        std::os::unix::fs::symlink("circle", &circle).expect("linked");
+        for other in [&link, &chain] {
+            let outputs = [("the image", image.as_path()), ("the EXR", other.as_path())];
+            assert!(check_outputs(&outputs, &InputFiles::new()).is_err(), "{}", other.display());
+            let mut inputs = InputFiles::new();
+            inputs.add(other, Role::Texture);
+            assert!(check_outputs(&outputs[..1], &inputs).is_err(), "{}", other.display());
+        }
+        check_outputs(&[("the image", &image), ("the EXR", &circle)], &InputFiles::new()).expect("apart");
+    }
 }

@@ -84,6 +84,8 @@ impl OutputPaths {
         }
         let mut outputs = self.named();
         outputs.extend(checkpoint.map(|path| ("the checkpoint", path)));
+        let lock = checkpoint.map(dunkelfeld_io::lock::lock_path);
+        outputs.extend(lock.as_deref().map(|path| ("the lock of the checkpoint", path)));
         check_outputs(&outputs, &InputFiles::new())?;
         let wrong = |path: &Option<PathBuf>, allowed: &[&str]| {
             path.as_ref().filter(|p| !allowed.contains(&extension(p).as_str())).map(|p| Error::Output {

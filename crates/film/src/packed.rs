@@ -187,43 +187,53 @@ impl Tile {
         }
     }
 
-    /// Stores the sums of all pixels in place of what it holds.
+    /// Stores the sums of all pixels in place of what it holds. Without enough memory nothing changes.
     fn pack(&mut self, pages: &mut Pages, layers: FilmLayers, sums: &[PixelSums]) -> Result<(), OutOfMemory> {
-        let mut packed = Self::default();
-        let mut own = std::mem::take(&mut self.pages).into_iter();
-        packed.pages.try_reserve_exact(own.len()).map_err(|_| OutOfMemory)?;
-        for column in 0..layers.columns() {
+        let numbers = |column: usize| {
             let mut numbers = [0u128; PIXELS];
             numbers.iter_mut().zip(sums).for_each(|(number, sums)| *number = get(sums, column));
+            numbers
+        };
+        let mut packed = Self::default();
+        let mut bases = [0u128; COLUMNS];
+        for (column, base) in bases.iter_mut().enumerate().take(layers.columns()) {
             let bounds = |(low, high): (u128, u128), &number: &u128| (low.min(number), high.max(number));
-            let (low, high) = numbers.iter().fold((u128::MAX, 0), bounds);
+            let (low, high) = numbers(column).iter().fold((u128::MAX, 0), bounds);
             // A base costs as much as a sixteenth of a page.
-            let base = if bytes_of(high - low) < bytes_of(high) { low } else { 0 };
-            if base != 0 {
-                packed.has_base |= 1 << column;
-                packed.bases.push(base);
+            if bytes_of(high - low) < bytes_of(high) {
+                *base = low;
+                packed.has_base |= u64::from(low != 0) << column;
             }
-            let width = bytes_of(high - base);
-            packed.widths[column] = width;
+            packed.widths[column] = bytes_of(high - *base);
+        }
+        let needed: usize = packed.widths.iter().map(|&width| usize::from(width)).sum();
+        packed.bases.try_reserve_exact(packed.has_base.count_ones() as usize).map_err(|_| OutOfMemory)?;
+        packed.bases.extend(bases.iter().filter(|&&base| base != 0));
+        packed.pages.try_reserve_exact(needed).map_err(|_| OutOfMemory)?;
+        packed.pages.extend(self.pages.iter().take(needed));
+        while packed.pages.len() < needed {
+            match pages.take() {
+                Ok(page) => packed.pages.push(page),
+                Err(e) => {
+                    pages.free.extend(packed.pages.drain(self.pages.len()..));
+                    return Err(e);
+                }
+            }
+        }
+        pages.free.extend(self.pages.iter().skip(needed));
+        let mut own = packed.pages.iter();
+        for (column, base) in bases.into_iter().enumerate().take(layers.columns()) {
             let mut halves = [[0u64; PIXELS]; 2];
-            for (slot, number) in numbers.iter().enumerate() {
+            for (slot, number) in numbers(column).iter().enumerate() {
                 let value = number - base;
                 (halves[0][slot], halves[1][slot]) = (value as u64, (value >> 64) as u64);
             }
-            for shift in 0..width {
-                let page = match own.next() {
-                    Some(page) => page,
-                    None => pages.take()?,
-                };
+            for (shift, &page) in (0..packed.widths[column]).zip(&mut own) {
                 let half = &halves[usize::from(shift / 8)];
                 let bytes = pages.get_mut(page).iter_mut().zip(half);
                 bytes.for_each(|(byte, v)| *byte = (v >> (8 * (shift % 8))) as u8);
-                packed.pages.push(page);
             }
         }
-        packed.pages.shrink_to_fit();
-        packed.bases.shrink_to_fit();
-        pages.free.extend(own);
         *self = packed;
         Ok(())
     }

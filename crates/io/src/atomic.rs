@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use tempfile::NamedTempFile;
 
 use crate::faults::{self, Operation, retry};
-use crate::partial::{folder_of, new_file, sync_folder};
+use crate::partial::{folder_of, new_file, resolved, sync_folder};
 
 /// Writes a file so that readers see either the old contents or the whole new ones, also across a crash.
 ///
@@ -109,7 +109,7 @@ fn writable_target(path: &Path) -> io::Result<PathBuf> {
         ));
     }
     // A link is followed, so that the file it points to is replaced and not the link itself.
-    let target = fs::canonicalize(path).unwrap_or_else(|_| path.to_path_buf());
+    let target = resolved(path);
     // A pipe or a device would be replaced by a file.
     if let Some(what) = fs::metadata(&target).ok().as_ref().and_then(crate::input::other_kind) {
         return Err(io::Error::new(

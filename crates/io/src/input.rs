@@ -6,6 +6,7 @@
 //! output takes its place later.
 
 use crate::error::InputError;
+use crate::partial::resolved;
 use std::fs::{File, Metadata, OpenOptions};
 use std::io::{self, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
@@ -108,7 +109,7 @@ impl FileIdentity {
     fn with_metadata(path: &Path, metadata: Option<&Metadata>) -> Self {
         let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
         let place = folder.canonicalize().ok().zip(path.file_name()).map(|(folder, name)| folder.join(name));
-        Self { named: path.to_path_buf(), place, target: path.canonicalize().ok(), id: metadata.and_then(id_of) }
+        Self { named: path.to_path_buf(), place, target: Some(resolved(path)), id: metadata.and_then(id_of) }
     }
 
     /// The path as it was named.

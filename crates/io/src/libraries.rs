@@ -1,13 +1,19 @@
 //! Where a shared library may lie: what a user or an installation names, completed by a look into folders.
 
+use crate::input::other_kind;
 use std::path::{Path, PathBuf};
 
 /// The libraries at a path whose file names begin with `stem` (`lib` before it or not): the path itself if it is no folder;
 /// of a folder, and of the `lib` or `bin` folder in it, those with such names, the newest version first. Empty if there
-/// are none.
+/// are none, or if the path is a pipe, a socket or a device.
 pub fn find_libraries(path: &Path, stem: &str) -> Vec<PathBuf> {
-    if !path.is_dir() {
-        return vec![path.to_path_buf()];
+    match std::fs::metadata(path) {
+        // The system's loader would wait for a named pipe.
+        Ok(meta) if !meta.is_dir() && other_kind(&meta).is_some() => return Vec::new(),
+        // A bare name is looked for in the system's folders alone.
+        Ok(meta) if meta.is_file() && path.parent() == Some(Path::new("")) => return vec![Path::new(".").join(path)],
+        Ok(meta) if meta.is_dir() => {}
+        _ => return vec![path.to_path_buf()],
     }
     [path.to_path_buf(), path.join("lib"), path.join("bin")].iter().flat_map(|folder| named(folder, stem)).collect()
 }
@@ -64,5 +70,11 @@ mod tests {
         let absent = folder.path().join("absent.so");
         assert_eq!(find_libraries(&absent, "A"), std::slice::from_ref(&absent));
         assert!(find_libraries(folder.path(), "B").is_empty());
+        #[cfg(unix)]
+        {
+            let socket = folder.path().join("libA.so.3");
+            let _listener = std::os::unix::net::UnixListener::bind(&socket).expect("a socket");
+            assert!(find_libraries(&socket, "A").is_empty(), "the loader does not open what is no regular file");
+        }
     }
 }

@@ -11,7 +11,7 @@
 use crate::atomic::cause;
 use crate::error::InputError;
 use crate::faults::{Operation, retry};
-use crate::partial::{folder_of, is_at};
+use crate::partial::{folder_of, is_at, resolved};
 use serde::{Deserialize, Serialize};
 use std::ffi::OsString;
 use std::fs::{self, File, OpenOptions, TryLockError};
@@ -82,7 +82,7 @@ impl TargetLock {
     /// Another process holds it, or this one already: who, and since when. The lock file cannot be written, or is something
     /// else.
     pub fn acquire(target: &Path) -> Result<Self, InputError> {
-        let target = whole(target);
+        let target = resolved(target);
         let path = lock_path(&target);
         for attempt in 0..ATTEMPTS {
             if attempt > 0 {
@@ -118,18 +118,6 @@ pub fn lock_path(target: &Path) -> PathBuf {
     let mut name = target.file_name().map_or_else(OsString::new, OsString::from);
     name.push(".lock");
     folder_of(target).join(name)
-}
-
-/// The name of a target without links, also of one that does not exist yet.
-fn whole(target: &Path) -> PathBuf {
-    if let Ok(path) = target.canonicalize() {
-        return path;
-    }
-    let folder = folder_of(target).canonicalize();
-    match (folder, target.file_name()) {
-        (Ok(folder), Some(name)) => folder.join(name),
-        _ => target.to_path_buf(),
-    }
 }
 
 fn refusal(target: &Path, path: &Path, holder: Option<&LockHolder>) -> InputError {

@@ -14,8 +14,9 @@ use tempfile::{Builder, NamedTempFile, TempDir};
 use twox_hash::XxHash3_64;
 
 const SUFFIX: &str = ".partial";
-/// Random characters in a name.
+/// Random characters in a name, and digits of the process.
 const RANDOM: usize = 8;
+const PROCESS_DIGITS: usize = 8;
 /// File names have 255 bytes at most. A longer target is abbreviated by a checksum.
 const MOST_NAME: usize = 200;
 /// How often a partial file is made anew that others took for a leftover before it was locked.
@@ -24,6 +25,41 @@ const ATTEMPTS: usize = 32;
 /// The folder that a file lies in.
 pub(crate) fn folder_of(target: &Path) -> &Path {
     target.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."))
+}
+
+/// The path that a name stands for. Links are followed, also those that lead to a file that does not exist yet.
+pub(crate) fn resolved(path: &Path) -> PathBuf {
+    /// As many as Linux follows.
+    const MOST_LINKS: usize = 40;
+    let mut path = path.to_path_buf();
+    for _ in 0..MOST_LINKS {
+        if let Ok(whole) = path.canonicalize() {
+            return whole;
+        }
+        match fs::read_link(&path) {
+            Ok(link) => path = folder_of(&path).join(link),
+            Err(_) => break,
+        }
+    }
+    match (folder_of(&path).canonicalize(), path.file_name()) {
+        (Ok(folder), Some(name)) => folder.join(name),
+        _ => path,
+    }
+}
+
+/// Is a name that of a partial file or folder, of whatever target?
+pub(crate) fn is_partial(name: &OsStr) -> bool {
+    let bytes = name.as_encoded_bytes();
+    let random = PROCESS_DIGITS + 1 + RANDOM;
+    let Some(target) = bytes.len().checked_sub(random + SUFFIX.len()) else { return false };
+    let (prefix, _) = bytes.split_at(target);
+    // Names are cut before ASCII characters.
+    std::str::from_utf8(prefix).is_ok_and(|prefix| {
+        prefix.len() > 2
+            && prefix.starts_with('.')
+            && prefix.ends_with('.')
+            && process_in(name, OsStr::new(prefix)).is_some()
+    })
 }
 
 /// What the names of all partial files of a target begin with.
@@ -52,7 +88,7 @@ fn process_in<'a>(name: &'a OsStr, prefix: &OsStr) -> Option<&'a str> {
     let middle = std::str::from_utf8(rest.strip_suffix(SUFFIX.as_bytes())?).ok()?;
     let (process, random) = middle.split_once('-')?;
     let is_random = random.len() == RANDOM && random.bytes().all(|b| b.is_ascii_alphanumeric());
-    let is_process = process.len() == 8 && process.bytes().all(|b| b.is_ascii_hexdigit());
+    let is_process = process.len() == PROCESS_DIGITS && process.bytes().all(|b| b.is_ascii_hexdigit());
     (is_random && is_process).then_some(process)
 }
 

@@ -10,7 +10,7 @@ use crate::exr::{ExrLayers, read_exr, write_exr};
 use crate::faults::{Operation, retry};
 use crate::input::{InputFiles, ReadFault, Role};
 use crate::lock::TargetLock;
-use crate::partial::folder_of;
+use crate::partial::{folder_of, is_partial};
 
 /// The longest text of a result \[bytes\].
 const MOST_TEXT: u64 = 256 << 20;
@@ -44,12 +44,17 @@ impl ResultsFolder {
         self.path.join(name)
     }
 
-    /// Is there nothing in it?
+    /// Is there nothing in it but partial files of processes that were killed? The next write of their target removes them.
     ///
     /// # Errors
     /// It cannot be listed.
     pub fn is_empty(&self) -> io::Result<bool> {
-        Ok(fs::read_dir(&self.path)?.next().is_none())
+        for entry in fs::read_dir(&self.path)? {
+            if !is_partial(&entry?.file_name()) {
+                return Ok(false);
+            }
+        }
+        Ok(true)
     }
 
     /// The text of a file; `None` if there is no such file.
@@ -140,5 +145,23 @@ mod tests {
         fs::write(&path, "x").expect("writable");
         let error = ResultsFolder::open(&path).expect_err("a file");
         assert!(error.to_string().contains("in the way"), "{error}");
+    }
+
+    /// A process was killed while it wrote its first file.
+    #[test]
+    fn a_folder_with_a_partial_file_alone_is_empty() {
+        let home = tempfile::tempdir().expect("a temporary folder");
+        let folder = ResultsFolder::open(&home.path().join("a")).expect("writable");
+        fs::write(folder.file(".x.json.91be2f9a-FnAfuOcr.partial"), "{").expect("writable");
+        assert!(folder.is_empty().expect("a folder"));
+        folder.write_text("x.json", "{}").expect("writable");
+        assert_eq!(fs::read_dir(folder.path()).expect("a folder").count(), 1, "the leftover is removed");
+        for other in [".partial", ".x.partial", "x.json.91be2f9a-FnAfuOcr.partial", "\u{e4}.91be2f9a-FnAfuOcr.partial"]
+        {
+            let folder = folder.path().join("b");
+            let folder = ResultsFolder::open(&folder).expect("writable").clear().expect("removable");
+            fs::write(folder.file(other), "").expect("writable");
+            assert!(!folder.is_empty().expect("a folder"), "{other}");
+        }
     }
 }
