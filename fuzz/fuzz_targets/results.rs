@@ -37,7 +37,7 @@ static FINISHED: LazyLock<Finished> = LazyLock::new(|| {
 /// More mutations than this are not made of one input.
 const MOST: usize = 6;
 
-target!(|data| {
+target!(init: LazyLock::force(&FINISHED), |data| {
     let mut u = Unstructured::new(data);
     let finished = &*FINISHED;
     let mut changed = Vec::new();

@@ -25,11 +25,15 @@ static HEAP: Cap<System> = Cap::new(System, MOST_HEAP);
 /// The last panic of any thread, until a run has ended.
 static LAST_PANIC: Mutex<String> = Mutex::new(String::new());
 
-/// A fuzz target over bytes: `target!(|data| ...)`.
+/// A fuzz target over bytes: `target!(|data| ...)`, or `target!(init: expression, |data| ...)` with work before the first
+/// input, which no time limit of an input counts.
 #[macro_export]
 macro_rules! target {
     (|$data:ident| $body:expr) => {
-        libfuzzer_sys::fuzz_target!(init: $crate::start(), |$data: &[u8]| -> () {
+        $crate::target!(init: (), |$data| $body);
+    };
+    (init: $init:expr, |$data:ident| $body:expr) => {
+        libfuzzer_sys::fuzz_target!(init: { $crate::start(); $init; }, |$data: &[u8]| -> () {
             $crate::guard(|| {
                 $body;
             })

@@ -31,6 +31,13 @@ impl NewFolder {
             let mend = "name a folder that does not exist yet, on a disk with room";
             InputError::new(target, "the new folder", problem, mend)
         };
+        // A link to an empty folder stands for it.
+        let place = fs::canonicalize(target).unwrap_or_else(|_| target.to_path_buf());
+        let cannot = |e: io::Error| fault(format!("cannot be made: {}", cause(folder_of(&place), &e)));
+        fs::create_dir_all(folder_of(&place)).map_err(cannot)?;
+        // Locked before it is looked at: a process that was killed with its work done leaves its lock file, which goes with
+        // the lock of whoever comes next, also if that one finds the folder complete.
+        let lock = TargetLock::acquire(&place)?;
         match fs::read_dir(target) {
             Ok(mut entries) => {
                 if entries.next().is_some() {
@@ -41,11 +48,6 @@ impl NewFolder {
             Err(e) if e.kind() == ErrorKind::NotADirectory => return Err(fault("a file is in the way".into())),
             Err(e) => return Err(fault(format!("cannot be read: {e}"))),
         }
-        // A link to an empty folder stands for it.
-        let place = fs::canonicalize(target).unwrap_or_else(|_| target.to_path_buf());
-        let cannot = |e: io::Error| fault(format!("cannot be made: {}", cause(folder_of(&place), &e)));
-        fs::create_dir_all(folder_of(&place)).map_err(cannot)?;
-        let lock = TargetLock::acquire(&place)?;
         let partial = new_folder(&place).map_err(cannot)?;
         Ok(Self { target: place, partial, _lock: lock })
     }
@@ -127,7 +129,10 @@ mod tests {
         begun.finish().expect("finished");
         assert_eq!(names(&home.path().join("a")), ["set"]);
         assert_eq!(fs::read_to_string(target.join("images/x.png")).expect("there"), "x");
+        // A process that was killed at the very end left its lock file.
+        fs::write(home.path().join("a/set.lock"), "").expect("written");
         assert!(NewFolder::start(&target).expect_err("full").to_string().contains("not empty"));
+        assert_eq!(names(&home.path().join("a")), ["set"]);
         let file = home.path().join("file");
         fs::write(&file, "x").expect("written");
         assert!(NewFolder::start(&file).expect_err("a file").to_string().contains("in the way"));

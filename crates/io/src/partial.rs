@@ -49,17 +49,17 @@ pub(crate) fn resolved(path: &Path) -> PathBuf {
 
 /// Is a name that of a partial file or folder, of whatever target?
 pub(crate) fn is_partial(name: &OsStr) -> bool {
-    let bytes = name.as_encoded_bytes();
+    partial_of(name).is_some()
+}
+
+/// The digits of the process in the name of a partial file or folder of any target; `None` if the name is no such name.
+fn partial_of(name: &OsStr) -> Option<&str> {
     let random = PROCESS_DIGITS + 1 + RANDOM;
-    let Some(target) = bytes.len().checked_sub(random + SUFFIX.len()) else { return false };
-    let (prefix, _) = bytes.split_at(target);
+    let target = name.len().checked_sub(random + SUFFIX.len())?;
     // Names are cut before ASCII characters.
-    std::str::from_utf8(prefix).is_ok_and(|prefix| {
-        prefix.len() > 2
-            && prefix.starts_with('.')
-            && prefix.ends_with('.')
-            && process_in(name, OsStr::new(prefix)).is_some()
-    })
+    let prefix = std::str::from_utf8(&name.as_encoded_bytes()[..target]).ok()?;
+    let is_prefix = prefix.len() > 2 && prefix.starts_with('.') && prefix.ends_with('.');
+    is_prefix.then(|| process_in(name, OsStr::new(prefix)))?
 }
 
 /// What the names of all partial files of a target begin with.
@@ -137,11 +137,24 @@ pub(crate) fn new_folder(target: &Path) -> io::Result<TempDir> {
 fn remove_leftovers(target: &Path) {
     // Those of this process are being written; some network file systems do not keep its locks apart.
     let own = own_digits();
-    for path in partials(target, |process, kind| process != own && kind.is_file()) {
-        let Ok(file) = OpenOptions::new().read(true).write(true).open(&path) else { continue };
-        if file.try_lock().is_ok() && is_at(&file, &path) {
-            let _ = fs::remove_file(&path);
+    partials(target, |process, kind| process != own && kind.is_file()).iter().for_each(|path| remove_unheld(path));
+}
+
+/// Removes the partial files of all targets in a folder that no process holds.
+pub(crate) fn remove_leftovers_in(folder: &Path) {
+    let Ok(entries) = fs::read_dir(folder) else { return };
+    for entry in entries.flatten() {
+        let is_file = entry.file_type().is_ok_and(|kind| kind.is_file());
+        if is_file && partial_of(&entry.file_name()).is_some_and(|process| process != own_digits()) {
+            remove_unheld(&entry.path());
         }
+    }
+}
+
+fn remove_unheld(path: &Path) {
+    let Ok(file) = OpenOptions::new().read(true).write(true).open(path) else { return };
+    if file.try_lock().is_ok() && is_at(&file, path) {
+        let _ = fs::remove_file(path);
     }
 }
 

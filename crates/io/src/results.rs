@@ -10,7 +10,7 @@ use crate::exr::{ExrLayers, read_exr, write_exr};
 use crate::faults::{Operation, retry};
 use crate::input::{InputFiles, ReadFault, Role};
 use crate::lock::TargetLock;
-use crate::partial::{folder_of, is_partial};
+use crate::partial::{folder_of, is_partial, remove_leftovers_in};
 
 /// The longest text of a result \[bytes\].
 const MOST_TEXT: u64 = 256 << 20;
@@ -24,14 +24,17 @@ pub struct ResultsFolder {
 }
 
 impl ResultsFolder {
-    /// Opens a folder, and makes it (with its parents) if there is none.
+    /// Opens a folder, and makes it (with its parents) if there is none. Partial files of processes that were killed are
+    /// removed.
     ///
     /// # Errors
     /// It cannot be made, something else has its name, or another process writes it.
     pub fn open(path: &Path) -> Result<Self, InputError> {
         let problem = |e: io::Error| format!("cannot be made: {e}");
         make(path).map_err(|e| InputError::new(path, "the folder", problem(e), "name another folder"))?;
-        Ok(Self { path: path.to_path_buf(), _lock: TargetLock::acquire(path)? })
+        let lock = TargetLock::acquire(path)?;
+        remove_leftovers_in(path);
+        Ok(Self { path: path.to_path_buf(), _lock: lock })
     }
 
     /// The folder.
@@ -44,7 +47,7 @@ impl ResultsFolder {
         self.path.join(name)
     }
 
-    /// Is there nothing in it but partial files of processes that were killed? The next write of their target removes them.
+    /// Is there nothing in it but partial files?
     ///
     /// # Errors
     /// It cannot be listed.
