@@ -106,6 +106,8 @@ fn the_statistics_hold_the_account_and_what_was_measured() {
         assert!(measured > most(&memory, "film") / 2, "{memory}");
         assert!(measured < 2 * expected, "{memory}");
     }
+    let film = memory["film_bytes"].as_u64().expect("a number of bytes");
+    assert!(film > 0 && film <= most(&memory, "film") && film <= 192 * 700 * 500, "{memory}");
 }
 
 #[test]

@@ -323,10 +323,10 @@ fn stats(settings: &RenderSettings) -> Value {
     if settings.has_sensor() {
         let item = MemoryItem { name: "film".into(), bytes: vec![7, 8] };
         let phases = vec!["render".into(), "write".into()];
-        let mut memory = MemoryStats::new(MemoryAccount { phases, items: vec![item], peak_bytes: 8 });
+        let account = MemoryAccount { phases, items: vec![item], peak_bytes: 8 };
         // As on a system that counts it, and on one that does not.
-        memory.measured_bytes = settings.budget.seconds.map(|_| 7);
-        stats.memory = Some(memory);
+        let measured_bytes = settings.budget.seconds.map(|_| 7);
+        stats.memory = Some(MemoryStats { account, measured_bytes, film_bytes: 7 });
         stats.parts = Some(vec![PartStats { file: "a.film".into(), range: [0, 8], samples: 96, seconds: 0.5 }]);
     }
     stats.finish(1.0);

@@ -49,48 +49,43 @@ impl Certificate {
     }
 }
 
-/// What is certified: planes of one size.
+/// The variances of a pixel.
 #[derive(Clone, Copy, Debug)]
-pub struct Claim<'a> {
+pub struct Claim {
     /// Variance of the rendered mean, v_r [e-^2]; infinite where it is not known.
-    pub render: &'a Plane<f32>,
+    pub render: f32,
     /// Variance of the sensor, s [e-^2], above zero.
-    pub sensor: &'a Plane<f32>,
-    /// Degrees of freedom of each v_r.
-    pub freedom: &'a Plane<f32>,
-    /// Pixels that are saturated.
-    pub saturated: &'a Plane<bool>,
+    pub sensor: f32,
+    /// Degrees of freedom of v_r.
+    pub freedom: f32,
+    /// Is the pixel saturated?
+    pub saturated: bool,
 }
 
-/// The ratio v_r / s of every pixel; infinite where v_r is not known.
-///
-/// # Panics
-/// If the planes differ in size.
-pub fn ratios(claim: &Claim<'_>) -> Plane<f32> {
-    check(claim);
-    let mut ratios = claim.render.clone();
-    ratios.data_mut().iter_mut().zip(claim.sensor.data()).for_each(|(v, s)| {
+impl Claim {
+    /// The ratio v_r / s; infinite where v_r is not known.
+    fn ratio(&self) -> f32 {
         // Without noise it is hidden beneath nothing, too.
-        *v = if *v == 0.0 { 0.0 } else { *v / *s };
-        if v.is_nan() {
-            *v = f32::INFINITY;
-        }
-    });
-    ratios
+        let ratio = if self.render == 0.0 { 0.0 } else { self.render / self.sensor };
+        if ratio.is_nan() { f32::INFINITY } else { ratio }
+    }
 }
 
-/// Certifies a render at `k`. Returns the [`ratios`], too.
+/// Certifies a render at `k` by the variances of its pixels, row by row. Returns the ratio v_r / s of every pixel, too, infinite
+/// where v_r is not known.
 ///
 /// # Panics
-/// If the planes differ in size.
-pub fn certify(claim: &Claim<'_>, k: f64) -> (Certificate, Plane<f32>) {
-    let ratios = ratios(claim);
+/// If there are more or fewer pixels than the size has.
+pub fn certify([width, height]: [u32; 2], claims: impl Iterator<Item = Claim>, k: f64) -> (Certificate, Plane<f32>) {
+    let mut ratios = Vec::with_capacity(width as usize * height as usize);
     let limit = k * k;
     let (mut pixels, mut saturated, mut unknown, mut hidden, mut surely) = (0u64, 0u64, 0u64, 0u64, 0u64);
     let (mut sum, mut squares, mut max) = (0.0, 0.0, 0.0f64);
-    let mut judged = Vec::with_capacity(ratios.data().len());
-    for ((&ratio, &freedom), &full) in ratios.data().iter().zip(claim.freedom.data()).zip(claim.saturated.data()) {
-        if full {
+    let mut judged = Vec::with_capacity(ratios.capacity());
+    for claim in claims {
+        let ratio = claim.ratio();
+        ratios.push(ratio);
+        if claim.saturated {
             saturated += 1;
             continue;
         }
@@ -102,7 +97,7 @@ pub fn certify(claim: &Claim<'_>, k: f64) -> (Certificate, Plane<f32>) {
         }
         let ratio = f64::from(ratio);
         hidden += u64::from(ratio <= limit);
-        surely += u64::from(ratio == 0.0 || ratio * upper_factor(f64::from(freedom), CONFIDENCE) <= limit);
+        surely += u64::from(ratio == 0.0 || ratio * upper_factor(f64::from(claim.freedom), CONFIDENCE) <= limit);
         sum += ratio;
         squares += ratio * ratio;
         max = max.max(ratio);
@@ -129,17 +124,7 @@ pub fn certify(claim: &Claim<'_>, k: f64) -> (Certificate, Plane<f32>) {
         saturated,
         unknown,
     };
-    (certificate, ratios)
-}
-
-fn check(claim: &Claim<'_>) {
-    let size = (claim.render.width(), claim.render.height());
-    let others = [
-        (claim.sensor.width(), claim.sensor.height()),
-        (claim.freedom.width(), claim.freedom.height()),
-        (claim.saturated.width(), claim.saturated.height()),
-    ];
-    assert!(others.into_iter().all(|other| other == size), "planes differ in size");
+    (certificate, Plane::of_pixels(width, height, ratios))
 }
 
 #[cfg(test)]
@@ -164,9 +149,15 @@ mod tests {
             }
         }
 
+        fn ratios(&self, k: f64) -> (Certificate, Plane<f32>) {
+            let variances = self.render.data().iter().zip(self.sensor.data());
+            let others = self.freedom.data().iter().zip(self.saturated.data());
+            let claim = |((&render, &sensor), (&freedom, &saturated))| Claim { render, sensor, freedom, saturated };
+            certify([100, 100], variances.zip(others).map(claim), k)
+        }
+
         fn certify(&self, k: f64) -> Certificate {
-            let (render, sensor, freedom) = (&self.render, &self.sensor, &self.freedom);
-            certify(&Claim { render, sensor, freedom, saturated: &self.saturated }, k).0
+            self.ratios(k).0
         }
     }
 
@@ -228,9 +219,7 @@ mod tests {
 
     #[test]
     fn ratios_are_what_they_say() {
-        let planes = Planes::of(|i| i as f32);
-        let (render, sensor, freedom) = (&planes.render, &planes.sensor, &planes.freedom);
-        let r = ratios(&Claim { render, sensor, freedom, saturated: &planes.saturated });
-        assert!((r.at(17, 3) - 317.0).abs() < 1e-3);
+        let (_, ratios) = Planes::of(|i| i as f32).ratios(0.5);
+        assert!((ratios.at(17, 3) - 317.0).abs() < 1e-3);
     }
 }

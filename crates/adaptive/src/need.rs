@@ -142,9 +142,11 @@ impl Needs {
     /// be met in proportion. Estimated ones err by some factor to either side, and the whole image would wait for those that were taken
     /// for too small. A pixel of which nothing is known gets as much as the neediest of the others.
     pub fn shares(&self, least: f32) -> Plane<f32> {
-        let shares = self.capped().map(|n| n.max(least).powf(TRUST));
+        let mut shares = self.capped();
+        shares.data_mut().iter_mut().for_each(|n| *n = n.max(least).powf(TRUST));
         let most = shares.data().iter().copied().filter(|n| n.is_finite()).fold(0.0, f32::max);
-        shares.map(|&n| if n.is_finite() { n } else { most.max(1.0) })
+        shares.data_mut().iter_mut().filter(|n| !n.is_finite()).for_each(|n| *n = most.max(1.0));
+        shares
     }
 
     /// The needs, but for the neediest few pixels, which get what the last of the others does.

@@ -154,6 +154,8 @@ fn expose(
         (Some(measured), Some(noise)) => Matched::new(measured, noise, &electrons, model, exposure),
         _ => Matched::nowhere(width, height),
     });
+    // So does the certificate.
+    drop((device, noise));
     let certified = measured.as_ref().and_then(|m| m.certify(settings.budget.noise.unwrap_or(DEFAULT_TARGET)));
     // By what they expect: a full well may end below the largest grey value, and noise reaches it or not.
     let full = (model.saturation().0 - model.dark_electrons(exposure.time()).0) as f32;

@@ -5,6 +5,7 @@ mod needs;
 pub(crate) use needs::{RenderNeeds, denoise_account, expose_account, merge_account, render_account};
 
 use crate::error::Error;
+use dunkelfeld_film::Film;
 use dunkelfeld_io::process::{can_reserve, peak_memory};
 use serde::Serialize;
 use std::fmt::Write;
@@ -38,6 +39,8 @@ pub struct MemoryStats {
     pub account: MemoryAccount,
     /// Peak resident set of the process \[bytes\]; `None` where the system does not say.
     pub measured_bytes: Option<u64>,
+    /// What the film occupies at the end \[bytes\].
+    pub film_bytes: u64,
 }
 
 impl MemoryAccount {
@@ -106,9 +109,9 @@ impl MemoryAccount {
 }
 
 impl MemoryStats {
-    /// Of a run with this account, and what the process took until now.
-    pub fn new(account: MemoryAccount) -> Self {
-        Self { account, measured_bytes: peak_memory() }
+    /// Of a run with this account and film, and what the process took until now.
+    pub(crate) fn new(account: MemoryAccount, film: &Film) -> Self {
+        Self { account, measured_bytes: peak_memory(), film_bytes: film.bytes() }
     }
 
     /// Measures anew.

@@ -122,7 +122,7 @@ pub fn merge(settings: &MergeSettings, started: Instant) -> Result<Merged, Error
     if look.is_replay {
         stats.allocation = "replay".into();
     }
-    stats.memory = account.map(MemoryStats::new);
+    stats.memory = account.map(|account| MemoryStats::new(account, &rendering.film));
     stats.parts = Some(parts.iter().map(statistics).collect());
 
     let began = Instant::now();

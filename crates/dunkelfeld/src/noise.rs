@@ -3,8 +3,8 @@
 use crate::develop::{Frame, SensorFrame};
 use crate::parallel::map_tile_rows;
 use crate::settings::SensorChoice;
-use dunkelfeld_adaptive::certificate::{Certificate, Claim, certify as certify_planes};
-use dunkelfeld_adaptive::evidence::{Evidence, Level, Surface, surfaces};
+use dunkelfeld_adaptive::certificate::{Certificate, Claim, certify as certify_pixels};
+use dunkelfeld_adaptive::evidence::{Evidence, Level, surfaces};
 use dunkelfeld_adaptive::expected::{Expected, expected_row, told};
 use dunkelfeld_adaptive::need::{DEFAULT_TARGET, Needs, SensorNoise, needs};
 use dunkelfeld_adaptive::own::{BLOCK, own_noise_of_blocks};
@@ -54,24 +54,61 @@ impl Eye {
         mean.map(|&pixel| weights.electrons(pixel).0 as f32)
     }
 
-    /// Estimates of some rows of pixels from their sums, seen through pixels of one kind.
-    fn evidence(&self, sums: &Plane<PixelSums>, surface: &Plane<Surface>, weights: Weights) -> Evidence {
-        let moments = sums.map(|p| p.weighted_mean_and_variance(weights.0));
+    /// Estimates of some rows of pixels of a film, as pixels of each kind see them. The sums of few rows are unpacked at a time.
+    fn evidence(&self, film: &Film, labels: &Plane<Option<Label>>, rows: Range<u32>) -> Vec<Evidence> {
+        let (width, height, kinds) = (film.width(), rows.len() as u32, self.response.kinds());
+        let pixels = width as usize * rows.len();
+        let (mut counts, mut normals) = (Vec::with_capacity(pixels), Vec::with_capacity(pixels));
+        let mut seen: Vec<Vec<Seen>> = kinds.iter().map(|_| Vec::with_capacity(pixels)).collect();
+        let mut sums = Vec::new();
+        for top in rows.clone().step_by(Film::TILE as usize) {
+            sums.clear();
+            film.read_rows(top..(top + Film::TILE).min(rows.end), &mut sums);
+            counts.extend(sums.iter().map(PixelSums::count));
+            normals.extend(sums.iter().map(PixelSums::mean_normal));
+            for (seen, &weights) in seen.iter_mut().zip(kinds) {
+                seen.extend(sums.iter().map(|p| Seen::of(p, weights)));
+            }
+        }
+        let objects =
+            Plane::from_fn(width, height, |x, y| labels.at(x, rows.start + y).map_or(u32::MAX, |l| l.object()));
+        let surface = surfaces(&objects, &Plane::of_pixels(width, height, normals));
+        let counts = Plane::of_pixels(width, height, counts);
+        let of_kind = |seen: Vec<Seen>| {
+            let seen = Plane::of_pixels(width, height, seen);
+            let (mean, variance) = (seen.map(|s| s.mean), seen.map(|s| s.variance));
+            Evidence {
+                counts: counts.clone(),
+                level: levels(&mean, &variance, self.sensor),
+                scatter: seen.map(|s| s.scatter),
+                largest: seen.map(|s| s.largest),
+                surface: surface.clone(),
+                mean,
+                variance,
+            }
+        };
+        seen.into_iter().map(of_kind).collect()
+    }
+}
+
+/// A pixel as one kind of pixel of the sensor sees it.
+struct Seen {
+    mean: f32,
+    variance: f32,
+    largest: f32,
+    scatter: Option<Scatter>,
+}
+
+impl Seen {
+    fn of(sums: &PixelSums, weights: Weights) -> Self {
+        let (mean, variance) = sums.weighted_mean_and_variance(weights.0);
         // A film holds the luminance of its largest sample; its colour is taken for that of the pixel.
-        let per_luminance = sums.map(|p| per_luminance(weights, p.mean()).0);
-        let both = || sums.data().iter().zip(per_luminance.data());
-        let largest = both().map(|(p, &factor)| (factor * f64::from(p.max_luminance())) as f32).collect();
-        let scatter = both().map(|(p, &factor)| p.scatter().map(|s| seen(s, factor))).collect();
-        let (mean, variance) = (moments.map(|m| m.0 as f32), moments.map(|m| m.1 as f32));
-        let (width, height) = (sums.width(), sums.height());
-        Evidence {
-            counts: sums.map(PixelSums::count),
-            level: levels(&mean, &variance, self.sensor),
-            scatter: Plane::from_vec(width, height, scatter).unwrap_or_else(|| mean.map(|_| None)),
-            largest: Plane::from_vec(width, height, largest).unwrap_or_else(|| mean.map(|_| 0.0)),
-            surface: surface.clone(),
-            mean,
-            variance,
+        let (factor, _) = per_luminance(weights, sums.mean());
+        Self {
+            mean: mean as f32,
+            variance: variance as f32,
+            largest: (factor * f64::from(sums.max_luminance())) as f32,
+            scatter: sums.scatter().map(|s| seen(s, factor)),
         }
     }
 }
@@ -172,16 +209,7 @@ impl<'a> Measured<'a> {
         let mut counts = Plane::new(width, film.height(), 0);
         let mean = Plane::from_fn(width, film.height(), |_, _| pixels.next().map_or(0.0, |p| p.0));
         counts.data_mut().iter_mut().zip(signals.iter().flatten()).for_each(|(count, p)| *count = p.1);
-        let views = move |rows: Range<u32>| {
-            let mut sums = Vec::new();
-            film.read_rows(rows.clone(), &mut sums);
-            let empty = || Plane::new(width, rows.len() as u32, PixelSums::default());
-            let sums = Plane::from_vec(width, rows.len() as u32, sums).unwrap_or_else(empty);
-            let object = |x, y| labels.at(x, rows.start + y).map_or(u32::MAX, |l| l.object());
-            let objects = Plane::from_fn(width, sums.height(), object);
-            let surface = surfaces(&objects, &sums.map(PixelSums::mean_normal));
-            eye.response.kinds().iter().map(|&weights| eye.evidence(&sums, &surface, weights)).collect()
-        };
+        let views = move |rows: Range<u32>| eye.evidence(film, labels, rows);
         Self { mean, counts, sensor: eye.sensor, views: Box::new(views), response: eye.response }
     }
 
@@ -280,17 +308,17 @@ impl<'a> Measured<'a> {
     /// The same if the [`Self::owned`] noise is at hand.
     pub(crate) fn certify_by(&self, noise: &Plane<PixelNoise>, k: f64) -> Option<Certified> {
         let sensor = self.sensor?;
-        let (width, height) = (self.mean.width(), self.mean.height());
-        let counts = self.counts.data();
-        let render: Vec<f32> = noise.data().iter().zip(counts).map(|(noise, &n)| noise.of_mean(n)).collect();
-        let saturated = |(&mean, &v): (&f32, &f32)| sensor.is_saturated(f64::from(mean), f64::from(v));
-        let saturated: Vec<bool> = self.mean.data().iter().zip(&render).map(saturated).collect();
-        let render = Plane::from_vec(width, height, render)?;
-        let saturated = Plane::from_vec(width, height, saturated)?;
-        let freedom = noise.map(|n| n.freedom);
-        let own = self.mean.map(|&mean| sensor.variance(f64::from(mean)) as f32);
-        let claim = Claim { render: &render, sensor: &own, freedom: &freedom, saturated: &saturated };
-        let (certificate, ratios) = certify_planes(&claim, k);
+        let pixels = noise.data().iter().zip(self.counts.data()).zip(self.mean.data());
+        let claims = pixels.map(|((noise, &n), &mean)| {
+            let render = noise.of_mean(n);
+            Claim {
+                render,
+                sensor: sensor.variance(f64::from(mean)) as f32,
+                freedom: noise.freedom,
+                saturated: sensor.is_saturated(f64::from(mean), f64::from(render)),
+            }
+        });
+        let (certificate, ratios) = certify_pixels([self.mean.width(), self.mean.height()], claims, k);
         Some(Certified { certificate, ratios })
     }
 }

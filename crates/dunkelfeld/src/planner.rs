@@ -107,8 +107,7 @@ impl<'a> Planner<'a> {
     /// # Errors
     /// A sensor whose ranges the exposure leaves.
     pub(crate) fn plan(&mut self, state: State<'_>, pace: &Pace<'_>) -> Result<Option<&Forecast>, Error> {
-        let mean = mean_without_gaps(state.film);
-        let eye = Eye::of(&mean, &self.settings.sensor)?;
+        let (eye, image) = self.exposed(state.film)?;
         let is_measured = eye.sensor.is_some() || self.settings.strategy().needs_noise();
         let look = || {
             let measured = Measured::new(&eye, state.film, state.labels);
@@ -116,8 +115,16 @@ impl<'a> Planner<'a> {
             Sight::of(measured, own, self.settings.strategy())
         };
         let sight = is_measured.then(look);
-        self.fix(&eye, &mean, sight.as_ref(), state, pace);
+        self.fix(&eye, image, sight.as_ref(), state, pace);
         Ok(self.forecast.as_ref())
+    }
+
+    /// The unit of noise at the exposure of the image so far, and the image in that unit.
+    fn exposed(&self, film: &Film) -> Result<(Eye, Plane<f32>), Error> {
+        let mean = mean_without_gaps(film);
+        let eye = Eye::of(&mean, &self.settings.sensor)?;
+        let image = eye.image(&mean);
+        Ok((eye, image))
     }
 
     /// Judges the image by the level of noise that the render shall end at. Makes the plan once the pilot suffices, and tells
@@ -132,8 +139,7 @@ impl<'a> Planner<'a> {
         pace: &Pace<'_>,
         tell: impl FnOnce(&Forecast),
     ) -> Result<Verdict, Error> {
-        let mean = mean_without_gaps(state.film);
-        let eye = Eye::of(&mean, &self.settings.sensor)?;
+        let (eye, image) = self.exposed(state.film)?;
         let measured = Measured::new(&eye, state.film, state.labels);
         let own = measured.owned();
         let is_hidden = measured.certify_by(&own, k).is_some_and(|c| c.certificate.is_hidden());
@@ -166,7 +172,7 @@ impl<'a> Planner<'a> {
             return Ok(Verdict::GrowPilot(wanted));
         }
         let sight = Sight::of(measured, own, self.settings.strategy());
-        self.fix(&eye, &mean, Some(&sight), state, pace);
+        self.fix(&eye, image, Some(&sight), state, pace);
         if let Some(forecast) = &self.forecast {
             tell(forecast);
         }
@@ -175,7 +181,7 @@ impl<'a> Planner<'a> {
     }
 
     /// Fixes the shares for good, and makes the forecast.
-    fn fix(&mut self, eye: &Eye, mean: &Plane<[f32; 3]>, sight: Option<&Sight<'_>>, state: State<'_>, pace: &Pace<'_>) {
+    fn fix(&mut self, eye: &Eye, image: Plane<f32>, sight: Option<&Sight<'_>>, state: State<'_>, pace: &Pace<'_>) {
         let (strategy, target) = (self.settings.strategy(), self.settings.budget.noise);
         let needs =
             sight.filter(|_| strategy == Strategy::Sensor).and_then(|s| s.planned(target.unwrap_or(DEFAULT_TARGET)));
@@ -183,7 +189,7 @@ impl<'a> Planner<'a> {
             // Every pixel comes nearer to its need in step with the others, so that all are hidden at the same time.
             (Some(needs), Some(_), Strategy::Sensor) => Shares::of(needs.shares(least(state.counts))),
             _ => strategy.shares(&Pilot {
-                luminance: &eye.image(mean),
+                luminance: &image,
                 white: eye.white,
                 sobel_floor: self.settings.sobel_floor,
                 measured: sight.and_then(|s| s.expected.as_ref()).map(|expected| allocation::Measured {
@@ -194,6 +200,8 @@ impl<'a> Planner<'a> {
                 }),
             }),
         };
+        // The forecast needs the memory.
+        drop((needs, image));
         let targets = |k| sight.and_then(|s| self.targets(s, k, state.counts, &shares.weights));
         let outlook = Outlook { counts: state.counts, targets: &targets, target };
         self.forecast = Forecast::new(&outlook, pace);

@@ -357,7 +357,7 @@ impl Project {
             rendering.interrupted |= cancel.is_cancelled();
         }
         let mut stats = pool.install(|| Stats::new(&rendering, &frame, &settings));
-        stats.memory = Some(MemoryStats::new(account));
+        stats.memory = Some(MemoryStats::new(account, &rendering.film));
         stats.add_seconds(Stage::Load, self.load_seconds);
         stats.add_seconds(Stage::Build, self.build_seconds);
         stats.add_seconds(Stage::Expose, exposed);

@@ -48,7 +48,7 @@ impl Trend {
 
     /// Samples per pixel that an image takes if a look at `counts` says it takes `targets`, and the trend goes on. Nothing changes
     /// where these are not known.
-    pub(crate) fn followed(&self, targets: Plane<f32>, counts: &Plane<u32>) -> Plane<f32> {
+    pub(crate) fn followed(&self, mut targets: Plane<f32>, counts: &Plane<u32>) -> Plane<f32> {
         let pixels = targets.data().len().max(1) as f64;
         let needed = targets.data().iter().map(|&n| f64::from(n)).sum::<f64>() / pixels;
         let taken = counts.data().iter().map(|&n| f64::from(n)).sum::<f64>() / pixels;
@@ -57,8 +57,8 @@ impl Trend {
         }
         let a = self.slope();
         let factor = ((needed * taken.powf(a)).powf(1.0 / (1.0 + a)) / needed) as f32;
-        let mut counts = counts.data().iter();
-        targets.map(|&n| (factor * n).max(counts.next().map_or(0.0, |&c| c as f32)))
+        targets.data_mut().iter_mut().zip(counts.data()).for_each(|(n, &c)| *n = (factor * *n).max(c as f32));
+        targets
     }
 }
 

@@ -2,26 +2,22 @@
 //!
 //! Sample sets must be additive to the last bit: [0, 64) plus [64, 128) equals [0, 128), in any order, on any number of
 //! threads. Floating-point addition is not associative, integer addition is. So radiance is summed in 128-bit fixed
-//! point: one unit is 2^-59 W/(m^2 sr) (1.7e-18), and a sum ends at 2^69 W/(m^2 sr). A sample is rounded once, to that
+//! point: one unit is 2^-50 W/(m^2 sr) (8.9e-16), and a sum ends at 2^78 W/(m^2 sr). A sample is rounded once, to that
 //! unit; nothing else is lost, however many samples follow. The unit is far below anything that a camera can see: behind
-//! f/4, a pixel of 3.45 um collects about 1e6 electrons per second from 1 W/(m^2 sr), so that a unit is one electron in 18 000 years.
+//! f/4, a pixel of 3.45 um collects about 1e6 electrons per second from 1 W/(m^2 sr), so that a unit is one electron in 36 years.
 //! A sample beyond the range of 2^46 W/(m^2 sr) is not clamped in silence: it is counted as invalid, like one that is not finite.
 
 use crate::square_sum::SquareSum;
+use crate::units::{DEPTH_BITS, DEPTH_LIMIT_BITS, RADIANCE_BITS, RADIANCE_LIMIT_BITS, UNIT_BITS, UNIT_SQUARE_BITS};
 use dunkelfeld_radiometry::Rgb;
 
 /// Samples fall into this many independently scrambled batches (sample index modulo `BATCHES`); the spread of the batch
 /// means tells the variance of their mean, which the spread of correlated quasi-Monte Carlo samples would not.
 pub const BATCHES: usize = 4;
 
-/// One unit of the fixed-point radiance is 2^-RADIANCE_BITS W/(m^2 sr).
-const RADIANCE_BITS: i32 = 59;
-/// Samples at or above this radiance are invalid: 2^46 W/(m^2 sr); 8 million of them still fit into a sum.
-const RADIANCE_LIMIT: f32 = (1u64 << 46) as f32;
-/// One unit of the auxiliary sums (albedo, normal) and of their squares is 2^-30; of depth 2^-24 m.
-const UNIT_BITS: i32 = 30;
-const DEPTH_BITS: i32 = 24;
-const DEPTH_LIMIT: f32 = (1u64 << 31) as f32;
+/// Samples at or above this radiance are invalid; four thousand million of them still fit into a sum.
+const RADIANCE_LIMIT: f32 = (1u64 << RADIANCE_LIMIT_BITS) as f32;
+const DEPTH_LIMIT: f32 = (1u64 << DEPTH_LIMIT_BITS) as f32;
 
 /// What one camera sample brings back.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -76,7 +72,7 @@ impl RadianceSum {
     }
 }
 
-/// `v * 2^59` as an integer, rounded to nearest even where bits are lost. `v` is finite and in `[0, 2^46)`.
+/// `v * 2^50` as an integer, rounded to nearest even where bits are lost. `v` is finite and in `[0, 2^46)`.
 #[inline]
 fn to_fixed(v: f32) -> u128 {
     let bits = v.to_bits();
@@ -103,9 +99,9 @@ pub struct PixelSums {
     pub batches: [RadianceSum; BATCHES],
     /// Number of samples per batch, invalid ones included.
     pub counts: [u32; BATCHES],
-    /// Albedo in units of 2^-30.
+    /// Albedo in units of 2^-24.
     pub albedo: [i64; 3],
-    /// Normal in units of 2^-30.
+    /// Normal in units of 2^-24.
     pub normal: [i64; 3],
     /// Depth in units of 2^-24 m, over the samples that hit.
     pub depth: i64,
@@ -178,17 +174,18 @@ fn heaviest_key(index: u32, luminance: f32) -> u64 {
     u64::from(luminance.to_bits()) << 32 | u64::from(!index)
 }
 
-/// `v * 2^30`, rounded to nearest and clamped to [-1, 1]: auxiliary layers are not measurements.
+/// `v * 2^24`, rounded to nearest and clamped to [-1, 1]: auxiliary layers are not measurements.
 #[inline]
 fn unit_to_fixed(v: f32) -> i64 {
     if v.is_nan() { 0 } else { (f64::from(v.clamp(-1.0, 1.0)) * (1u64 << UNIT_BITS) as f64).round() as i64 }
 }
 
-/// The square of such a number, in its unit and rounded to nearest: at most 2^30, so that 2^33 of them still fit.
+/// The square of such a number in units of 2^-30, rounded to nearest: at most 2^30, so that 2^33 of them still fit.
 #[inline]
 fn square(v: i64) -> u64 {
+    const LOST: i32 = 2 * UNIT_BITS - UNIT_SQUARE_BITS;
     let v = v.unsigned_abs();
-    (v * v + (1 << (UNIT_BITS - 1))) >> UNIT_BITS
+    (v * v + (1 << (LOST - 1))) >> LOST
 }
 
 /// Variance of the mean of `n` samples from their mean and the mean of their squares; infinite with fewer than two. It is that of
@@ -351,8 +348,12 @@ impl PixelSums {
 
     fn variance_of_unit(&self, sums: &[i64; 3], squares: &[u64; 3]) -> [f32; 3] {
         let count = self.count();
-        let scale = (-f64::from(UNIT_BITS)).exp2() / f64::from(count.max(1));
-        std::array::from_fn(|c| variance_of_mean(sums[c] as f64 * scale, squares[c] as f64 * scale, count))
+        let mean = |sum: f64, bits: i32| sum * (-f64::from(bits)).exp2() / f64::from(count.max(1));
+        let variance = |c: usize| {
+            let (mean, mean_square) = (mean(sums[c] as f64, UNIT_BITS), mean(squares[c] as f64, UNIT_SQUARE_BITS));
+            variance_of_mean(mean, mean_square, count)
+        };
+        std::array::from_fn(variance)
     }
 }
 
@@ -376,10 +377,10 @@ mod tests {
     #[test]
     fn fixed_point_is_exact_where_it_can_be_and_rounds_once_elsewhere() {
         for v in [0.0, 1.0, 0.1, 1e-6, 3.7e12, 1.5e-9, f32::MIN_POSITIVE, 1e-40] {
-            let back = to_fixed(v) as f64 * (-59f64).exp2();
-            assert!((back - f64::from(v)).abs() <= (-60f64).exp2(), "{v} came back as {back}");
+            let back = to_fixed(v) as f64 * (-50f64).exp2();
+            assert!((back - f64::from(v)).abs() <= (-51f64).exp2(), "{v} came back as {back}");
         }
-        assert_eq!(to_fixed(1.0), 1 << 59);
+        assert_eq!(to_fixed(1.0), 1 << 50);
     }
 
     #[test]
@@ -429,7 +430,9 @@ mod tests {
         for i in 0..10_000_000 {
             p.add(i, &sample(Rgb::new(16_777_215.0, 0.1, 1e-9)));
         }
-        let expected = [16_777_215.0, f64::from(0.1f32), f64::from(1e-9f32)];
+        // The dark channel is rounded once, to a unit.
+        let rounded = (f64::from(1e-9f32) * 50f64.exp2()).round() * (-50f64).exp2();
+        let expected = [16_777_215.0, f64::from(0.1f32), rounded];
         for (m, e) in p.mean().into_iter().zip(expected) {
             assert!((m - e).abs() <= 1e-9 * e, "mean {m}, expected {e}");
         }

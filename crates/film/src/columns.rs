@@ -1,11 +1,12 @@
 //! The columns of a packed tile: each holds one number of every pixel.
 //!
 //! All numbers are unsigned. Signed sums keep their order: the sign bit is flipped, so that the smallest becomes zero. Numbers
-//! that are alike in neighbouring pixels or follow from others are stored as differences: the samples of a batch as those of
-//! the first batch minus its own, the hits as misses.
+//! that follow from others are stored as differences: the samples of a batch from its share of all samples, the hits as
+//! misses, the squares of z as what those of x and y leave.
 
 use crate::accumulator::{BATCHES, PixelSums};
 use crate::film::FilmLayers;
+use crate::units::UNIT_SQUARE_BITS;
 
 /// Columns of a film with all layers.
 pub(crate) const COLUMNS: usize = 36;
@@ -29,20 +30,21 @@ impl FilmLayers {
 pub(crate) fn get(sums: &PixelSums, column: usize) -> u128 {
     match column {
         0..RADIANCE => sums.batches[column / 3].0[column % 3],
-        12 => sums.counts[0].into(),
-        13..16 => ordered_difference(sums.counts[0], sums.counts[column - 12]),
+        12 => sums.counts.iter().map(|&count| u128::from(count)).sum(),
+        13..16 => ordered_difference(share(sums, column - 12), sums.counts[column - 12].into()),
         16 => sums.invalid.into(),
         17 => (sums.heaviest_key >> 32).into(),
         // The index of the sample plus one; zero without samples.
         18 => (!(sums.heaviest_key as u32)).wrapping_add(1).into(),
         19..21 => sums.luminance_squares.0[column - 19],
         21..24 => ordered(sums.normal[column - 21]),
-        24..27 => sums.normal_squares[column - 24].into(),
-        27..30 => ordered(sums.albedo[column - 27]),
-        30..33 => sums.albedo_squares[column - 30].into(),
-        33 => ordered(sums.depth),
-        34 => sums.depth_squares,
-        _ => ordered_difference(sums.count(), sums.hits),
+        24 => ordered_difference(sums.count().into(), sums.hits.into()),
+        25..27 => sums.normal_squares[column - 25].into(),
+        27 => ordered_difference(rest_of_normals(sums), sums.normal_squares[2]),
+        28..31 => ordered(sums.albedo[column - 28]),
+        31..34 => sums.albedo_squares[column - 31].into(),
+        34 => ordered(sums.depth),
+        _ => sums.depth_squares,
     }
 }
 
@@ -51,19 +53,25 @@ pub(crate) fn get(sums: &PixelSums, column: usize) -> u128 {
 pub(crate) fn set(sums: &mut PixelSums, column: usize, value: u128) {
     match column {
         0..RADIANCE => sums.batches[column / 3].0[column % 3] = value,
+        // The first batch has all samples until the other batches have theirs.
         12 => sums.counts[0] = value as u32,
-        13..16 => sums.counts[column - 12] = undo_difference(sums.counts[0], value),
+        13..16 => {
+            let count = undo_difference(share(sums, column - 12), value) as u32;
+            sums.counts[column - 12] = count;
+            sums.counts[0] = sums.counts[0].wrapping_sub(count);
+        }
         16 => sums.invalid = value as u32,
         17 => sums.heaviest_key = u64::from(value as u32) << 32,
         18 => sums.heaviest_key |= u64::from(!(value as u32).wrapping_sub(1)),
         19..21 => sums.luminance_squares.0[column - 19] = value,
         21..24 => sums.normal[column - 21] = signed(value),
-        24..27 => sums.normal_squares[column - 24] = value as u64,
-        27..30 => sums.albedo[column - 27] = signed(value),
-        30..33 => sums.albedo_squares[column - 30] = value as u64,
-        33 => sums.depth = signed(value),
-        34 => sums.depth_squares = value,
-        _ => sums.hits = undo_difference(sums.count(), value),
+        24 => sums.hits = undo_difference(sums.count().into(), value) as u32,
+        25..27 => sums.normal_squares[column - 25] = value as u64,
+        27 => sums.normal_squares[2] = undo_difference(rest_of_normals(sums), value),
+        28..31 => sums.albedo[column - 28] = signed(value),
+        31..34 => sums.albedo_squares[column - 31] = value as u64,
+        34 => sums.depth = signed(value),
+        _ => sums.depth_squares = value,
     }
 }
 
@@ -77,12 +85,37 @@ fn signed(v: u128) -> i64 {
     (v as u64 ^ SIGN) as i64
 }
 
-fn ordered_difference(whole: u32, part: u32) -> u128 {
-    ordered(i64::from(whole) - i64::from(part))
+fn ordered_difference(whole: u64, part: u64) -> u128 {
+    ordered(whole.wrapping_sub(part) as i64)
 }
 
-fn undo_difference(whole: u32, difference: u128) -> u32 {
-    (i64::from(whole) - signed(difference)) as u32
+fn undo_difference(whole: u64, difference: u128) -> u64 {
+    whole.wrapping_sub(signed(difference) as u64)
+}
+
+/// How many of a pixel's samples a batch has if they are the first ones.
+fn share(sums: &PixelSums, batch: usize) -> u64 {
+    let all: u64 = sums.counts.iter().map(|&count| u64::from(count)).sum();
+    (all + (BATCHES - 1 - batch) as u64) / BATCHES as u64
+}
+
+/// What the squares of x and y leave for that of z where all normals have length one.
+fn rest_of_normals(sums: &PixelSums) -> u64 {
+    let [x, y, _] = sums.normal_squares;
+    (u64::from(sums.hits) << UNIT_SQUARE_BITS).wrapping_sub(x).wrapping_sub(y)
+}
+
+/// The column that a column may be stored as the difference from: an earlier one that is often nearly the same. Green and blue
+/// have red, the batches' red has that of the first batch.
+#[inline]
+pub(crate) fn reference(column: usize) -> Option<usize> {
+    match column {
+        3 | 6 | 9 => Some(0),
+        0..RADIANCE if column % 3 > 0 => Some(column - column % 3),
+        29 | 30 => Some(28),
+        32 | 33 => Some(31),
+        _ => None,
+    }
 }
 
 /// What a film with these layers gives back of some sums.

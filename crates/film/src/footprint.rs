@@ -2,9 +2,10 @@
 
 use crate::film::{Film, FilmLayers};
 use crate::packed::TILE_SIDE;
+use crate::units::{DEPTH_BITS, RADIANCE_BITS, SQUARE_BITS, UNIT_BITS, UNIT_SQUARE_BITS};
 
-/// What is assumed of an image: a radiance of 4 W/(m^2 sr) in the brightest pixel of a tile, and a depth of 4 m.
-const RADIANCE: f64 = 4.0;
+/// Assumptions on the average tile of an image: a radiance of 1 W/(m^2 sr) in its brightest pixel, and a depth of 4 m.
+const RADIANCE: f64 = 1.0;
 const DEPTH: f64 = 4.0;
 /// Bytes of a tile beside its pages: widths, bases and numbers of pages.
 const TILE_OVERHEAD: u64 = 1024;
@@ -14,22 +15,27 @@ const ROW_OVERHEAD: u64 = 1 << 14;
 impl Film {
     /// Bytes that a film is expected to occupy once its pixels have `mean_spp` samples on average.
     ///
-    /// An estimate: pixels are taken to have up to twice the mean, a radiance of up to 4 W/(m^2 sr) and no neighbours with the
-    /// same sums. Brighter images need up to 2 bytes more per pixel for each factor of 16, uniform regions less.
+    /// An estimate: pixels are taken to have up to twice the mean, a radiance of up to 1 W/(m^2 sr), saturated colours and no
+    /// neighbours with the same sums. Brighter images need up to 12 bytes more per pixel for each factor of 256, gray and
+    /// uniform regions less.
     pub fn expected_bytes(width: u32, height: u32, layers: FilmLayers, mean_spp: f64) -> u64 {
         let samples = (2.0 * mean_spp).clamp(1.0, f64::from(1u32 << 30));
         let bytes = |largest: f64| (largest.log2().max(0.0) / 8.0).ceil() as u64;
         let unit = |bits: i32| f64::from(bits).exp2();
-        let radiance = 12 * bytes(RADIANCE * samples / 4.0 * unit(59));
-        let counts = bytes(samples / 4.0) + 3;
+        let radiance = 12 * bytes(RADIANCE * samples / 4.0 * unit(RADIANCE_BITS));
+        let counts = bytes(samples);
         let heaviest = 4 + bytes(samples);
-        let squares = bytes(RADIANCE * RADIANCE * samples * unit(112));
-        let units = 3 * bytes(2.0 * samples * unit(30));
+        let squares = bytes(RADIANCE * RADIANCE * samples * unit(SQUARE_BITS));
+        let units = 3 * bytes(2.0 * samples * unit(UNIT_BITS));
+        let unit_squares = 3 * bytes(samples * unit(UNIT_SQUARE_BITS));
         let image = radiance + counts + heaviest + squares + units;
-        let depth = bytes(DEPTH * samples * unit(24)) + bytes(DEPTH * DEPTH * samples * unit(48)) + bytes(samples);
+        let depth = bytes(DEPTH * samples * unit(DEPTH_BITS))
+            + bytes(DEPTH * DEPTH * samples * unit(2 * DEPTH_BITS))
+            + bytes(samples);
         let per_pixel = match layers {
             FilmLayers::Image => image,
-            FilmLayers::All => image + 3 * units + depth,
+            // Normals of length one leave no more for the squares of z than what is rounded.
+            FilmLayers::All => image + units + unit_squares + unit_squares * 2 / 3 + bytes(samples) + depth,
         };
         let tiles = u64::from(width.div_ceil(TILE_SIDE)) * u64::from(height.div_ceil(TILE_SIDE));
         let rows = u64::from(height.div_ceil(TILE_SIDE));
@@ -45,11 +51,12 @@ mod tests {
     use crate::accumulator::{Accumulate, PixelSums, Sample};
     use dunkelfeld_radiometry::Rgb;
 
-    /// Noise without two pixels that are alike: the film needs what was expected, not more, and not much less.
+    /// Coloured noise without two pixels that are alike: the film needs what was expected, not more, and not much less; at most
+    /// 128 bytes per pixel without the layers that only auxiliary outputs need, 192 with all.
     #[test]
     fn films_need_what_was_expected() {
         for (layers, spp) in
-            [(FilmLayers::Image, 8u32), (FilmLayers::All, 8), (FilmLayers::Image, 64), (FilmLayers::All, 300)]
+            [(FilmLayers::Image, 8u32), (FilmLayers::All, 8), (FilmLayers::Image, 250), (FilmLayers::All, 250)]
         {
             let (width, height) = (96, 64);
             let mut film = Film::with_layers(width, height, layers);
@@ -63,8 +70,10 @@ mod tests {
                     .map(|_| {
                         let mut sums = PixelSums::default();
                         for index in 0..spp {
-                            let radiance = Rgb::splat(2.0 * random());
-                            let normal = [random(), -random(), random()];
+                            let radiance = Rgb::new(random(), random(), random());
+                            let normal = [random(), -random(), random() + 0.1];
+                            let length = normal.iter().map(|v| v * v).sum::<f32>().sqrt();
+                            let normal = normal.map(|v| v / length);
                             let albedo = Rgb::new(random(), random(), random());
                             sums.add(index, &Sample { radiance, albedo, normal, depth: random(), hit: random() > 0.3 });
                         }
@@ -76,6 +85,9 @@ mod tests {
             let expected = Film::expected_bytes(width, height, layers, f64::from(spp));
             let ratio = film.bytes() as f64 / expected as f64;
             assert!((0.7..=1.0).contains(&ratio), "{layers:?}, {spp}: {} of {expected} bytes", film.bytes());
+            let per_pixel = film.bytes() as f64 / f64::from(width * height);
+            let most = if layers == FilmLayers::Image { 128.0 } else { 192.0 };
+            assert!(per_pixel <= most, "{layers:?}, {spp}: {per_pixel} bytes per pixel");
         }
     }
 }

@@ -10,6 +10,7 @@ mod gaps;
 mod packed;
 mod plane;
 mod square_sum;
+pub mod units;
 
 pub use accumulator::{Accumulate, BATCHES, PixelSums, RadianceSum, Sample, Scatter};
 pub use film::{Film, FilmError, FilmLayers, OutOfMemory, TileRow};

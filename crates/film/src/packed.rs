@@ -1,14 +1,15 @@
 //! Tiles of sums in as few bytes as their numbers need.
 //!
 //! A tile has 16 x 16 pixels and one column for each number of a pixel ([`crate::columns`]). A column is stored as the
-//! difference from a base value (frame of reference), in as many bytes as the largest difference of the tile needs. The bytes of one
-//! significance of all pixels lie together in a page. A column that is the same in all pixels needs no page; one that
-//! outgrows its bytes gets another page, and those that it has stay where they are. So nothing is rounded, nothing has a
-//! limit, and memory follows the size of the numbers: the radiance of a pixel, which a sum without limits keeps in 16
-//! bytes, usually needs seven or eight.
+//! difference from a base value (frame of reference), in as many bytes as the largest difference of the tile needs. The
+//! colour channels are stored as differences from red in tiles where that needs fewer bytes: those of gray surfaces under white
+//! light. The bytes of one significance of all pixels lie together in a page. A column that is the same in all pixels needs
+//! no page; one that outgrows its bytes gets another page, and those that it has stay where they are. Nothing is rounded,
+//! no sum has a limit, and memory follows the size of the numbers: a sum of radiance without limits has 16 bytes, and
+//! usually needs six or seven.
 
 use crate::accumulator::PixelSums;
-use crate::columns::{COLUMNS, get, set};
+use crate::columns::{COLUMNS, get, reference, set};
 use crate::film::{FilmLayers, OutOfMemory};
 
 /// Pixels along the side of a tile.
@@ -70,13 +71,15 @@ pub(crate) struct Tile {
     /// Columns whose base is not zero, one bit each, and these bases in their order.
     has_base: u64,
     bases: Vec<u128>,
+    /// Columns that are differences from their [`reference`], one bit each.
+    has_reference: u64,
     /// The pages of all columns in their order, from the least significant.
     pages: Vec<u32>,
 }
 
 impl Default for Tile {
     fn default() -> Self {
-        Self { widths: [0; COLUMNS], has_base: 0, bases: Vec::new(), pages: Vec::new() }
+        Self { widths: [0; COLUMNS], has_base: 0, bases: Vec::new(), has_reference: 0, pages: Vec::new() }
     }
 }
 
@@ -133,7 +136,8 @@ impl Tile {
                 let byte = own.next().map_or(0, |&page| pages.get(page)[slot]);
                 value = value.wrapping_add(u128::from(byte) << (8 * shift));
             }
-            set(&mut sums, column, value);
+            let reference = self.reference(column).map(|r| get(&sums, r));
+            set(&mut sums, column, undo_difference(reference, value));
         }
         sums
     }
@@ -143,7 +147,8 @@ impl Tile {
         let mut values = [0u128; COLUMNS];
         let mut bases = self.bases.iter();
         for (column, value) in values.iter_mut().enumerate().take(layers.columns()) {
-            *value = get(sums, column).wrapping_sub(self.base(column, &mut bases));
+            let number = difference(self.reference(column).map(|r| get(sums, r)), get(sums, column));
+            *value = number.wrapping_sub(self.base(column, &mut bases));
             if bytes_of(*value) > self.widths[column] {
                 return false;
             }
@@ -164,6 +169,12 @@ impl Tile {
         if self.has_base >> column & 1 == 0 { 0 } else { bases.next().copied().unwrap_or(0) }
     }
 
+    /// The column that a column is stored as the difference from.
+    #[inline]
+    fn reference(&self, column: usize) -> Option<usize> {
+        if self.has_reference >> column & 1 == 0 { None } else { reference(column) }
+    }
+
     /// Replaces `out` by the sums of all pixels, row by row.
     pub(crate) fn unpack(&self, pages: &Pages, layers: FilmLayers, out: &mut Vec<PixelSums>) {
         out.clear();
@@ -181,24 +192,39 @@ impl Tile {
                 let half = &mut halves[usize::from(shift / 8)];
                 half.iter_mut().zip(pages.get(page)).for_each(|(v, &byte)| *v |= u64::from(byte) << (8 * (shift % 8)));
             }
+            let reference = self.reference(column);
             for ((sums, &low), &high) in out.iter_mut().zip(&halves[0]).zip(&halves[1]) {
-                set(sums, column, (u128::from(high) << 64 | u128::from(low)).wrapping_add(base));
+                let value = (u128::from(high) << 64 | u128::from(low)).wrapping_add(base);
+                set(sums, column, undo_difference(reference.map(|r| get(sums, r)), value));
             }
         }
     }
 
     /// Stores the sums of all pixels in place of what it holds. Without enough memory nothing changes.
     fn pack(&mut self, pages: &mut Pages, layers: FilmLayers, sums: &[PixelSums]) -> Result<(), OutOfMemory> {
-        let numbers = |column: usize| {
+        let numbers = |column: usize, reference: Option<usize>| {
             let mut numbers = [0u128; PIXELS];
-            numbers.iter_mut().zip(sums).for_each(|(number, sums)| *number = get(sums, column));
+            let of = |sums: &PixelSums| difference(reference.map(|r| get(sums, r)), get(sums, column));
+            numbers.iter_mut().zip(sums).for_each(|(number, sums)| *number = of(sums));
             numbers
+        };
+        let range = |column: usize, reference: Option<usize>| {
+            let bounds = |(low, high): (u128, u128), &number: &u128| (low.min(number), high.max(number));
+            numbers(column, reference).iter().fold((u128::MAX, 0), bounds)
         };
         let mut packed = Self::default();
         let mut bases = [0u128; COLUMNS];
         for (column, base) in bases.iter_mut().enumerate().take(layers.columns()) {
-            let bounds = |(low, high): (u128, u128), &number: &u128| (low.min(number), high.max(number));
-            let (low, high) = numbers(column).iter().fold((u128::MAX, 0), bounds);
+            let (mut low, mut high) = range(column, None);
+            if let Some(reference) = reference(column)
+                && high != low
+            {
+                let differences = range(column, Some(reference));
+                if bytes_of(differences.1 - differences.0) < bytes_of(high - low) {
+                    (low, high) = differences;
+                    packed.has_reference |= 1 << column;
+                }
+            }
             // A base costs as much as a sixteenth of a page.
             if bytes_of(high - low) < bytes_of(high) {
                 *base = low;
@@ -224,7 +250,7 @@ impl Tile {
         let mut own = packed.pages.iter();
         for (column, base) in bases.into_iter().enumerate().take(layers.columns()) {
             let mut halves = [[0u64; PIXELS]; 2];
-            for (slot, number) in numbers(column).iter().enumerate() {
+            for (slot, number) in numbers(column, packed.reference(column)).iter().enumerate() {
                 let value = number - base;
                 (halves[0][slot], halves[1][slot]) = (value as u64, (value >> 64) as u64);
             }
@@ -237,6 +263,21 @@ impl Tile {
         *self = packed;
         Ok(())
     }
+}
+
+const SIGN: u128 = 1 << 127;
+
+/// The signed difference of a number from that of a reference, in the order of unsigned numbers: zero is 2^127. Without a
+/// reference, the number. Differences beyond 127 bits wrap around, and come back all the same.
+#[inline]
+fn difference(reference: Option<u128>, number: u128) -> u128 {
+    reference.map_or(number, |reference| number.wrapping_sub(reference) ^ SIGN)
+}
+
+/// Undoes [`difference`].
+#[inline]
+fn undo_difference(reference: Option<u128>, difference: u128) -> u128 {
+    reference.map_or(difference, |reference| (difference ^ SIGN).wrapping_add(reference))
 }
 
 /// Bytes that a number needs.
@@ -304,6 +345,37 @@ mod tests {
         tile.add(&mut pages, FilmLayers::All, (0..PIXELS).map(|slot| (slot, &sums))).expect("memory");
         assert!(tile.pages.is_empty() && !tile.is_empty());
         assert_eq!(tile.pixel(&pages, FilmLayers::All, 200), sums);
+    }
+
+    /// Noise in red alone, in gray and in colours: green and blue take pages where they differ from red.
+    #[test]
+    fn gray_pixels_need_a_third_of_the_pages_of_coloured_ones() {
+        let radiance_pages = |weights: [Rgb; 3]| {
+            let (mut tile, mut pages) = (Tile::default(), Pages::default());
+            let noise = |h: u32| (h.wrapping_mul(0x85eb_ca6b) >> 8) as f32 * 2f32.powi(-24);
+            let all: Vec<PixelSums> = (0..PIXELS as u32)
+                .map(|slot| {
+                    let mut sums = PixelSums::default();
+                    for index in 0..4 {
+                        let h = [3, 5, 7].map(|c| noise((12 * slot + 3 * index + c).wrapping_mul(0x9e37_79b9)));
+                        let radiance = weights[0] * h[0] + weights[1] * h[1] + weights[2] * h[2];
+                        sums.add(index, &Sample { radiance, ..Sample::MISS });
+                    }
+                    sums
+                })
+                .collect();
+            tile.add(&mut pages, FilmLayers::Image, all.iter().enumerate()).expect("memory");
+            let mut back = Vec::new();
+            tile.unpack(&pages, FilmLayers::Image, &mut back);
+            assert_eq!(back, all);
+            (0..PIXELS).for_each(|slot| assert_eq!(tile.pixel(&pages, FilmLayers::Image, slot), all[slot]));
+            tile.widths[..12].iter().map(|&width| usize::from(width)).sum::<usize>()
+        };
+        let (red, green, blue) = (Rgb::new(1.0, 0.0, 0.0), Rgb::new(0.0, 1.0, 0.0), Rgb::new(0.0, 0.0, 1.0));
+        let coloured = radiance_pages([red, green, blue]);
+        assert_eq!(coloured, 12 * 7);
+        assert_eq!(radiance_pages([red, red, red]), coloured / 3);
+        assert_eq!(radiance_pages([Rgb::splat(1.0), Rgb::BLACK, Rgb::BLACK]), coloured / 3);
     }
 
     #[test]

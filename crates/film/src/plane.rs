@@ -21,9 +21,12 @@ impl<T> Plane<T> {
         (data.len() == width as usize * height as usize).then_some(Self { width, height, data })
     }
 
-    /// A plane from one value for each pixel.
-    pub(crate) fn of_pixels(width: u32, height: u32, data: Vec<T>) -> Self {
-        debug_assert_eq!(data.len(), width as usize * height as usize);
+    /// A plane from one value for each pixel, row by row.
+    ///
+    /// # Panics
+    /// If there are more or fewer values than pixels.
+    pub fn of_pixels(width: u32, height: u32, data: Vec<T>) -> Self {
+        assert_eq!(data.len(), width as usize * height as usize);
         Self { width, height, data }
     }
 

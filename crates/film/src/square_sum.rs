@@ -1,10 +1,8 @@
 //! Exact sums of squares of luminance.
 
-/// One unit of the squares of luminance is 2^-SQUARE_BITS (W/(m^2 sr))^2: a luminance of 1e-14 W/(m^2 sr) keeps nearly twenty bits of its
-/// square, and 2^32 samples of the largest valid one stay below 2^(124 + 112).
-const SQUARE_BITS: i32 = 112;
+use crate::units::SQUARE_BITS;
 
-/// A sum of squares of luminance in units of 2^-112 (W/(m^2 sr))^2, as a whole number of 256 bits: its lower and upper half.
+/// A sum of squares of luminance in units of 2^-80 (W/(m^2 sr))^2, as a whole number of 256 bits: its lower and upper half.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct SquareSum(pub [u128; 2]);
 
@@ -22,7 +20,7 @@ impl SquareSum {
             -47..0 => Self([square >> -shift, 0]),
             0..=80 => Self([square << shift, 0]),
             81..128 => Self([square << shift, square >> (128 - shift)]),
-            // Luminances of samples are below 2^47, so that the largest shift is 158.
+            // Luminances of samples are below 2^47, so that the largest shift is 126.
             _ => Self([0, square << (shift - 128).min(80)]),
         }
     }
@@ -49,9 +47,9 @@ mod tests {
     fn squares_are_exact_where_they_can_be() {
         for v in [0.0f32, 1.0, 0.1, 3.7e5, 1.5e-6, 2e-11, 6e13, 1.3e-15, 1.0e2, 33.0] {
             let (back, square) = (SquareSum::of(v).to_f64(), f64::from(v) * f64::from(v));
-            assert!((back - square).abs() <= 1e-15 * square + (-112f64).exp2(), "{v}: {back}");
+            assert!((back - square).abs() <= 1e-15 * square + (-80f64).exp2(), "{v}: {back}");
         }
-        assert_eq!(SquareSum::of(1.0).0, [1 << 112, 0]);
+        assert_eq!(SquareSum::of(1.0).0, [1 << 80, 0]);
         assert_eq!(SquareSum::of(f32::MIN_POSITIVE).0, [0, 0]);
         // Halves carry.
         let mut sum = SquareSum([u128::MAX, 7]);

@@ -20,7 +20,7 @@ use std::path::Path;
 use twox_hash::XxHash3_64;
 
 /// Version of the format.
-pub const CHECKPOINT_VERSION: u32 = 4;
+pub const CHECKPOINT_VERSION: u32 = 5;
 /// The first bytes: not text, and broken by programs that change line ends, as in PNG.
 const MAGIC: [u8; 8] = *b"\x89DFC\r\n\x1a\n";
 /// Magic, version, width, height, length of the text, flags.

@@ -160,8 +160,8 @@ pub fn read_exr_if<E: From<InputError>>(
         .headers
         .iter()
         .map(|h| {
-            let samples = h.layer_size.0 as u64 * h.layer_size.1 as u64;
-            h.channels.list.iter().map(|c| samples.saturating_mul(c.sample_type.bytes_per_sample() as u64)).sum::<u64>()
+            let samples = (h.layer_size.0 as u64).saturating_mul(h.layer_size.1 as u64);
+            samples.saturating_mul(h.channels.bytes_per_pixel as u64)
         })
         .fold(0, u64::saturating_add);
     if promised > size.saturating_mul(MOST_SHRUNK) {

@@ -7,7 +7,7 @@ use dunkelfeld_io::exr::{Channel, ChannelKind, ExrHead, ExrLayers, read_exr, wri
 use dunkelfeld_io::layers::{Single, Triple};
 use exr::prelude::{
     AnyChannel, AnyChannels, Blocks, Compression, Encoding, FlatSamples, Image, Layer, LayerAttributes, LineOrder,
-    SmallVec, Text, WritableImage, f16,
+    SmallVec, Text, Vec2, WritableImage, f16,
 };
 use std::ops::Range;
 
@@ -417,6 +417,57 @@ fn blocks_that_promise_more_than_the_image_are_refused() {
                 let limits = dunkelfeld_io::loader::Limits::default();
                 assert!(dunkelfeld_io::images::decode_image(&changed, "dwa.exr", &limits).is_err(), "{field}, {size}");
             }
+        }
+    }
+}
+
+/// Found by fuzzing: the bytes that a header promises for many channels of the largest size left the range of 64 bits.
+#[test]
+fn images_of_the_largest_size_with_many_channels_are_refused() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let path = folder.path().join("vast.exr");
+    for channels in [1, 4, 8, 60] {
+        let channel = |i| AnyChannel::new(format!("c{i}").as_str(), FlatSamples::F32(vec![0.0; 4]));
+        let channels = AnyChannels::sort((0..channels).map(channel).collect());
+        let layer = Layer::new((2, 2), LayerAttributes::default(), Encoding::FAST_LOSSLESS, channels);
+        Image::from_layer(layer).write().to_file(&path).expect("written");
+        let mut file = std::fs::read(&path).expect("there");
+        let name = b"dataWindow\0box2i\0";
+        let at = file.windows(name.len()).position(|w| w == name).expect("a window") + name.len() + 4;
+        for corner in [8, 12] {
+            file[at + corner..][..4].copy_from_slice(&(i32::MAX / 2 - 2).to_le_bytes());
+        }
+        std::fs::write(&path, &file).expect("written");
+        let error = read_exr(&path).expect_err("too large").to_string();
+        assert!(error.contains("vast.exr") && error.contains("promises"), "{error}");
+    }
+}
+
+/// Found by fuzzing: tiles far larger than the image, for which the decoder took memory as they stand.
+#[test]
+fn tiles_that_are_far_larger_than_the_image_are_refused() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let path = folder.path().join("tiles.exr");
+    let samples = FlatSamples::F32((0..16 * 16).map(|i| i as f32).collect());
+    let channels = AnyChannels::sort(SmallVec::from_vec(vec![AnyChannel::new("Y", samples)]));
+    let compression = Compression::ZIP16;
+    // An image of one tile, which the header then calls larger.
+    for (tile, is_read) in [(16, true), (1 << 18, true), (1 << 20, false), (1 << 29, false)] {
+        let encoding = Encoding { compression, blocks: Blocks::Tiles(Vec2(16, 16)), line_order: LineOrder::Increasing };
+        let layer = Layer::new((16, 16), LayerAttributes::default(), encoding, channels.clone());
+        Image::from_layer(layer).write().to_file(&path).expect("written");
+        let mut file = std::fs::read(&path).expect("there");
+        let name = b"tiledesc\0";
+        let at = file.windows(name.len()).position(|w| w == name).expect("tiles") + name.len() + 4;
+        let size = (tile as u32).to_le_bytes();
+        file[at + 4..][..4].copy_from_slice(&size);
+        std::fs::write(&path, &file).expect("written");
+        let read = read_exr(&path);
+        if is_read {
+            assert_eq!(read.expect("tiles of up to 16 MiB are read").channels[0].1.len(), 16 * 16, "{tile}");
+        } else {
+            let error = read.expect_err("a tile beyond the image").to_string();
+            assert!(error.contains("tiles of") && error.contains("tiles.exr"), "{tile}: {error}");
         }
     }
 }

@@ -22,9 +22,13 @@ const EXR_MOST: u64 = 3 * (32 << 20);
 const EXR_CHANNELS: u64 = 3 * 36 * 4;
 /// Rows of an image whose noise a thread estimates at once, those of its surroundings included.
 const NOISE_ROWS: u64 = 96;
-/// Bytes per pixel of these rows: sums, and estimates as each kind of pixel of the sensor sees them.
-const NOISE_SUMS: u64 = size_of::<PixelSums>() as u64;
-const NOISE_ESTIMATES: u64 = 100;
+/// Bytes per pixel of these rows: what all kinds of pixels of the sensor share, and estimates as each kind sees them. Of few rows
+/// there are the sums.
+const NOISE_SHARED: u64 = 40;
+const NOISE_ESTIMATES: u64 = 120;
+/// Kinds of pixels of a sensor behind a colour filter array.
+const MOST_KINDS: u64 = 3;
+const SUMS: u64 = size_of::<PixelSums>() as u64;
 /// Samples per pixel that are assumed where the clock or the noise ends the render.
 const UNKNOWN_SPP: f64 = 4096.0;
 
@@ -40,16 +44,18 @@ mod per_pixel {
     pub(super) const CHECKPOINT: u64 = 8;
     /// The mean (12), which pixels have samples (1), and a copy where gaps are filled (12).
     pub(super) const MEAN: u64 = 25;
-    /// Signal and counts (8), while they are collected (8), each pixel's noise by its own samples (12) and while it is put together (12).
-    pub(super) const NOISE: u64 = 40;
-    /// What neighbours let expect (16), needs (10), shares (16), targets of the forecast (16).
-    pub(super) const PLAN: u64 = 58;
+    /// Signal and counts (8), each pixel's noise by its own samples (12).
+    pub(super) const NOISE: u64 = 20;
+    /// The image as the sensor sees it (4), what neighbours let expect (8), ...
+    pub(super) const EXPECTED: u64 = 12;
+    /// ... needs by both (10), shares, levels and targets of the forecast (12).
+    pub(super) const PLAN: u64 = 22;
     /// Shares without measured noise: luminance and gradients.
-    pub(super) const SOBEL: u64 = 24;
-    /// Variances, degrees of freedom and saturation that are certified (13), their ratios (4), quantiles (8).
-    pub(super) const CERTIFICATE: u64 = 25;
-    /// Rare samples and the variances that are matched (26).
-    pub(super) const MATCHED: u64 = 26;
+    pub(super) const SOBEL: u64 = 28;
+    /// Ratios (4), and their quantiles (4).
+    pub(super) const CERTIFICATE: u64 = 8;
+    /// Rare samples and variances that are matched, while they are found.
+    pub(super) const MATCHED: u64 = 13;
     /// Electrons (4) and grey values (2), the picture (3).
     pub(super) const FRAME: u64 = 9;
     /// Defects and fixed pattern of the device.
@@ -93,7 +99,8 @@ pub(crate) fn render_account(needs: RenderNeeds<'_>) -> (u64, MemoryAccount) {
     let (width, height) = (settings.width, settings.height);
     let px = pixels(width, height);
     let planes = |bytes: u64| px.saturating_mul(bytes);
-    let plans = settings.given_spp().is_none();
+    // Until all pixels have the samples of the pilot there is no plan.
+    let plans = settings.given_spp().is_none() && settings.expected_spp() > f64::from(settings.pilot_spp);
     let has_sensor = settings.has_sensor();
     let is_measured = has_sensor || settings.strategy().needs_noise();
     let is_matched = settings.exposure_noise == ExposureNoise::Matched;
@@ -112,26 +119,32 @@ pub(crate) fn render_account(needs: RenderNeeds<'_>) -> (u64, MemoryAccount) {
     let tiles = 2 * TILE_PIXELS * (size_of::<PixelSums>() as u64 + 8) * threads as u64;
     account.add("rounds", &[planes(per_pixel::ROUND).saturating_add(tiles), 0, 0, 0, 0]);
     if settings.checkpoint.is_some() {
-        let rows = 2 * u64::from(width) * u64::from(crate::round::TILE) * NOISE_SUMS;
+        let rows = 2 * u64::from(width) * u64::from(crate::round::TILE) * SUMS;
         account.add("checkpoint", &[planes(per_pixel::CHECKPOINT).saturating_add(rows), 0, 0, 0, 0]);
     }
-    let bands = noise_bands(width, height, &settings.sensor, threads);
+    let kinds = match &settings.sensor {
+        SensorChoice::Emva { model, .. } if model.spec().quantum_efficiency.filter().is_some() => MOST_KINDS,
+        _ => 1,
+    };
+    let bands = noise_bands(width, height, kinds, threads);
     if plans {
         let noise = if is_measured {
-            planes(per_pixel::NOISE + per_pixel::PLAN).saturating_add(bands)
+            let before = planes(per_pixel::NOISE + per_pixel::EXPECTED);
+            before.saturating_add(bands.max(planes(per_pixel::PLAN)))
         } else {
             planes(per_pixel::SOBEL)
         };
-        account.add("noise and plan", &[0, planes(per_pixel::MEAN).saturating_add(noise), 0, 0, 0]);
+        // The mean is gone by then.
+        account.add("noise and plan", &[0, planes(per_pixel::MEAN).max(noise), 0, 0, 0]);
     }
     let frame = planes(per_pixel::FRAME);
     if has_sensor {
         let matched = if is_matched { per_pixel::MATCHED } else { 0 };
-        // The mean is gone before the noise is looked at.
-        let judged = per_pixel::NOISE + per_pixel::CERTIFICATE + matched;
-        let judged = planes(judged).saturating_add(bands);
+        // The mean is gone before the noise is estimated, the device before it is certified.
+        let noise = planes(per_pixel::NOISE + matched);
+        let judged = noise.saturating_add(bands.max(planes(per_pixel::CERTIFICATE)));
         account.add("certificate", &[0, 0, judged, planes(4), planes(4)]);
-        account.add("exposure", &[0, 0, planes(per_pixel::FRAME + per_pixel::DEVICE), frame, frame]);
+        account.add("exposure", &[0, 0, frame, frame, frame]);
     } else {
         account.add("exposure", &[0, 0, planes(per_pixel::MEAN + per_pixel::FRAME), frame, frame]);
     }
@@ -155,9 +168,9 @@ pub(crate) fn merge_account((width, height): (u32, u32), outputs: &OutputPaths, 
     account.add("film", &[film.saturating_mul(2), film, film]);
     // Numbers of objects and materials, of the whole and of a part with its bytes; then labels and weights with them.
     account.add("planes", &[planes(24), planes(24), planes(24)]);
-    let bands = noise_bands(width, height, &SensorChoice::None, threads);
+    let bands = noise_bands(width, height, MOST_KINDS, threads);
     let judged = per_pixel::NOISE + per_pixel::CERTIFICATE + per_pixel::MATCHED + per_pixel::DEVICE;
-    account.add("certificate", &[0, planes(judged).saturating_add(3 * bands), planes(4)]);
+    account.add("certificate", &[0, planes(judged).saturating_add(bands), planes(4)]);
     account.add("exposure", &[0, planes(per_pixel::FRAME), planes(per_pixel::FRAME)]);
     let exr = if outputs.exr.is_some() { exr_bytes(px) } else { 0 };
     account.add("files", &[0, 0, planes(per_pixel::PICTURE).saturating_add(exr)]);
@@ -214,13 +227,10 @@ fn denoiser_bytes(px: u64, method: DenoiseMethod) -> u64 {
 }
 
 /// Rows whose noise is estimated at once.
-fn noise_bands(width: u32, height: u32, sensor: &SensorChoice, threads: usize) -> u64 {
-    let kinds = match sensor {
-        SensorChoice::Emva { model, .. } if model.spec().quantum_efficiency.filter().is_some() => 3,
-        _ => 1,
-    };
+fn noise_bands(width: u32, height: u32, kinds: u64, threads: usize) -> u64 {
     let rows = u64::from(height).min(NOISE_ROWS.saturating_mul(threads as u64));
-    u64::from(width) * rows * (NOISE_SUMS + kinds * NOISE_ESTIMATES)
+    let sums = u64::from(Film::TILE) * SUMS * threads as u64;
+    u64::from(width) * (rows * (NOISE_SHARED + kinds * NOISE_ESTIMATES) + sums)
 }
 
 impl RenderSettings {

@@ -1,5 +1,8 @@
 //! A pixel's sums as bytes, and back, with a look at whether samples could have added up to them.
 
+use dunkelfeld_film::units::{
+    DEPTH_BITS, DEPTH_LIMIT_BITS, RADIANCE_BITS, RADIANCE_LIMIT_BITS, SQUARE_BITS, UNIT_BITS, UNIT_SQUARE_BITS,
+};
 use dunkelfeld_film::{BATCHES, PixelSums, RadianceSum, SquareSum};
 
 /// Bytes of one pixel: little-endian, in the order of the fields of [`PixelSums`].
@@ -8,14 +11,15 @@ pub const PIXEL_BYTES: usize = BATCHES * 3 * 16 + BATCHES * 4 + 2 * (3 * 8 + 3 *
 /// No pixel of a film has more samples than this.
 pub const MOST_SAMPLES: u32 = 1 << 30;
 
-/// The largest auxiliary sum that a sample adds: one, in units of 2^-30.
-const UNIT: i64 = 1 << 30;
-/// The largest depth that a sample adds: 2^31 m, in units of 2^-24 m.
-const DEPTH: i64 = 1 << 55;
-/// The radiance of a sample is below 2^46 W/(m^2 sr), in units of 2^-59.
-const RADIANCE: u128 = 1 << 105;
+/// The largest sums of albedo or normal, and of their squares, that a sample adds.
+const UNIT: i64 = 1 << UNIT_BITS;
+const UNIT_SQUARE: u64 = 1 << UNIT_SQUARE_BITS;
+/// The largest depth that a sample adds.
+const DEPTH: i64 = 1 << (DEPTH_LIMIT_BITS + DEPTH_BITS);
+/// The radiance of a sample is below this.
+const RADIANCE: u128 = 1 << (RADIANCE_LIMIT_BITS + RADIANCE_BITS);
 /// Squares of luminance are rounded down to this unit [(W/(m^2 sr))^2].
-const SQUARE_UNIT: f64 = 1.0 / (1u128 << 112) as f64;
+const SQUARE_UNIT: f64 = 1.0 / (1u128 << SQUARE_BITS) as f64;
 
 /// Appends the bytes of a pixel.
 pub(super) fn encode(sums: &PixelSums, out: &mut Vec<u8>) {
@@ -77,7 +81,7 @@ fn is_possible(sums: &PixelSums) -> bool {
     };
     sums.batches.iter().zip(&sums.counts).all(lit)
         && sums.albedo.iter().chain(&sums.normal).all(|&v| within(v, UNIT))
-        && sums.albedo_squares.iter().chain(&sums.normal_squares).all(|&v| v <= u64::from(sums.hits) << 30)
+        && sums.albedo_squares.iter().chain(&sums.normal_squares).all(|&v| v <= u64::from(sums.hits) * UNIT_SQUARE)
         && sums.depth >= 0
         && within(sums.depth, DEPTH)
         && sums.max_luminance().is_finite()

@@ -10,11 +10,17 @@ use exr::block::reader::ChunksReader as _;
 use exr::error::{Error, Result};
 use exr::image::Image;
 use exr::image::read::image::{LayersReader as _, ReadLayers};
-use exr::meta::MetaData;
+use exr::meta::header::Header;
+use exr::meta::{BlockDescription, MetaData};
 use exr::prelude::Compression;
+
+use crate::process::can_reserve;
 
 /// Sizes at the beginning of a block of DWA, after its version: 64 bits each.
 const DWA_SIZES: usize = 9;
+
+/// Tiles of so many bytes are read, also if the image is smaller.
+const LARGEST_TILE: u64 = 16 << 20;
 
 /// Blocks that a thread decodes between two starts of threads.
 const BLOCKS_PER_THREAD: usize = 8;
@@ -31,6 +37,7 @@ pub(crate) fn decode<'s, L: ReadLayers<'s>>(file: impl Read + Seek, layers: &'s 
         let reader = exr::block::read(file, false)?;
         let first = reader.headers().first().ok_or(Error::Invalid("no parts".into()))?;
         let attributes = first.shared_attributes.clone();
+        reader.headers().iter().try_for_each(check_largest_block)?;
         let mut collector = layers.create_layers_reader(reader.headers())?;
         let mut chunks = reader.filter_chunks(false, |meta, tile, block| collector.filter_block(meta, tile, block))?;
         let meta = chunks.meta_data().clone();
@@ -49,6 +56,25 @@ pub(crate) fn decode<'s, L: ReadLayers<'s>>(file: impl Read + Seek, layers: &'s 
         }
         Ok(Image { attributes, layer_data: collector.into_layers() })
     })
+}
+
+/// Before it reads a block, the decoder takes memory for as many bytes as the header allows and the block states.
+fn check_largest_block(header: &Header) -> Result<()> {
+    let bytes_of = |(width, height): (usize, usize)| {
+        (width as u64).saturating_mul(height as u64).saturating_mul(header.channels.bytes_per_pixel as u64)
+    };
+    let image = bytes_of((header.layer_size.0, header.layer_size.1));
+    let block = match header.blocks {
+        BlockDescription::Tiles(tiles) => bytes_of((tiles.tile_size.0, tiles.tile_size.1)),
+        BlockDescription::ScanLines => bytes_of((header.layer_size.0, header.compression.scan_lines_per_block())),
+    };
+    if matches!(header.blocks, BlockDescription::Tiles(_)) && block > image.max(LARGEST_TILE) {
+        return Err(Error::Invalid(format!("tiles of {block} bytes in an image of {image} bytes").into()));
+    }
+    if !can_reserve(block) {
+        return Err(Error::Invalid(format!("blocks of {block} bytes, for which there is not enough memory").into()));
+    }
+    Ok(())
 }
 
 /// A block of the DWA compressions begins with the sizes of its sections, for which the decoder asks memory as they stand.
