@@ -63,7 +63,7 @@ fn what_cannot_be_done_ends_with_code_2_a_mend_and_nothing_written() {
         ("dataset --sensor imx999 -o new", &["imx999", "imx250", "mend:"]),
         ("dataset --sensor imx250 -o new --color red", &["color", "no colour filters", "mend:"]),
         ("dataset --sensor imx250 -o new --size 640", &["--size", "640x480"]),
-        ("dataset --sensor imx250 -o new --levels 3", &["--levels", "10..=1000"]),
+        ("dataset --sensor imx250 -o new --levels 3", &["--levels", "from 10 to 1000"]),
         ("dataset --sensor imx250 -o new --exposure 0s", &["--exposure", "100ms"]),
         (
             "dataset --sensor imx900-hcg -o new --exposure 100000s",

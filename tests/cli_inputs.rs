@@ -124,7 +124,7 @@ fn an_output_that_is_an_input_is_refused_by_every_path_to_it() {
         ("render panel.toml --checkpoint bulb.ies -o x.png", &["a light profile", "the checkpoint"]),
         ("render panel.toml --checkpoint panel.toml -o x.png", &["the job", "the checkpoint"]),
         ("render scene.gltf --replay plan.exr --exr plan.exr -o x.png", &["plan.exr", "the plan to replay", "the EXR"]),
-        ("render scene.gltf --replay plan.exr --plan plan.exr -o x.png", &["the plan to replay", "named for the plan"]),
+        ("render scene.gltf --replay plan.exr --plan plan.exr -o x.png", &["the plan to replay", "is also the plan"]),
         ("render scene.gltf --sensor sensor.toml --checkpoint sensor.toml -o x.png", &["the sensor file"]),
         ("render scene.obj --checkpoint scene.mtl -o x.png", &["a material library", "the checkpoint"]),
         ("render scene.gltf --exr x.exr --checkpoint ./x.exr -o x.png", &["x.exr", "two outputs"]),

@@ -131,6 +131,22 @@ fn an_image_with_pixels_that_are_no_radiance_is_denoised_and_flagged() {
     let run = bench.run("denoise bad.exr --denoise builtin -o out.exr").code(1);
     assert!(stderr(&run).contains("flagged: the radiance of 3 pixels is negative, infinite or not a number"));
     assert!(bench.path("out.exr").exists());
+    // Variances that are none.
+    let mut layers = read_exr(&bench.path("a.exr")).expect("an EXR");
+    for (name, channel) in &mut layers.channels {
+        if let ("variance.G", Channel::F32(values)) = (name.as_str(), channel) {
+            (values[3], values[20], values[40]) = (f32::NAN, f32::INFINITY, -1.0);
+        }
+    }
+    write_exr(&bench.path("bad.exr"), layers).expect("written");
+    for line in [
+        "denoise bad.exr --denoise builtin -o out.exr",
+        "expose bad.exr --sensor imx250 --exposure-noise matched -o out.png",
+    ] {
+        let said = stderr(&bench.run(line).code(1));
+        assert!(said.contains("flagged: the variance of 2 pixels is negative or not a number"), "{line}: {said}");
+    }
+    bench.run("expose bad.exr --sensor imx250 -o plain.png").code(0);
 }
 
 #[test]
@@ -138,9 +154,11 @@ fn messages_name_the_cause_and_what_helps() {
     let bench = Bench::new();
     bench.write("short.toml", "scene = \"scene.gltf\"\n[sensor]\nexposure = 1e-308\n");
     bench.write("gone.toml", "seed = 1\nscene = \"nowhere.glb\"\n");
+    fs::write(bench.path("image.glb"), b"\x89PNG\r\n\x1a\n").expect("writable");
+    bench.write("noending", "");
     bench.write("kind.toml", "scene = \"scene.bin\"\n");
     bench.write("far.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n");
-    let cases: [(&str, &[&str]); 10] = [
+    let cases: [(&str, &[&str]); 16] = [
         ("render scene.gltf --width 32768 --height 32768", &["film", "make it smaller", "has all of its pixels"]),
         ("render short.toml", &["short.toml", "[sensor] exposure", "1e-308 s is out of range", "3 | exposure", "5ms"]),
         ("render scene.gltf --exposure 1e-308s", &["--exposure", "exposure is 1e-308"]),
@@ -150,6 +168,12 @@ fn messages_name_the_cause_and_what_helps() {
         ("ptc scene.gltf --frames 1000000000", &["1000000000 frames are more than are measured"]),
         ("ptc scene.gltf --frames 2", &["2 frames are too few to measure"]),
         ("ptc scene.gltf --seed -1", &["--seed", "write a whole number from 0 to 18446744073709551615"]),
+        ("render scene.gltf --width 0", &["--width", "write a whole number from 1 to 32768"]),
+        ("bench scene.gltf --seeds 0", &["--seeds", "write a whole number from 1 to 4294967295"]),
+        ("render image.glb", &["image.glb", "GLB header", "begins with \"\\x89PNG\" instead of \"glTF\"", "mend:"]),
+        ("render noending", &["noending", "has no ending that names a scene format"]),
+        ("render scene.gltf -o noending", &["noending", "has no ending that says what to write", "end it in .png"]),
+        ("render scene.gltf --memory 1XB", &["--memory", "TB"]),
         ("render scene.gltf --frame -1", &["--frame", "write a whole number from 0 to 4294967295"]),
     ];
     for (line, says) in cases {

@@ -3,13 +3,15 @@
 use crate::emva_args::EmvaArgs;
 use crate::memory_args::MemoryArgs;
 use crate::ptc_args::PtcArgs;
+use crate::values::{
+    effect, effect_choice, exposure, length, noise_level, pixel_sample, sample_range, samples_per_pixel, strategy,
+    time, time_limit, whole, within,
+};
 use clap::{ArgGroup, Args, Parser, Subcommand, ValueEnum};
 use dunkelfeld::DenoiseMethod;
 use dunkelfeld::adaptive::Strategy;
 use dunkelfeld::integrator::PixelSample;
-use dunkelfeld::io::quantity::{Length, Time};
-use dunkelfeld::radiometry::Seconds;
-use dunkelfeld::scene::{Effect, SceneBuilder};
+use dunkelfeld::scene::Effect;
 use dunkelfeld::sensor::Exposure;
 use std::ops::Range;
 use std::path::PathBuf;
@@ -77,10 +79,10 @@ pub(crate) struct RenderArgs {
     pub(crate) plan: Option<PathBuf>,
 
     /// Width of the image [default: 512].
-    #[arg(long, value_name = "PIXELS", allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..=i64::from(dunkelfeld::MAX_SIDE)))]
+    #[arg(long, value_name = "PIXELS", allow_negative_numbers = true, value_parser = within(1..=dunkelfeld::MAX_SIDE))]
     pub(crate) width: Option<u32>,
     /// Height of the image [default: 512].
-    #[arg(long, value_name = "PIXELS", allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..=i64::from(dunkelfeld::MAX_SIDE)))]
+    #[arg(long, value_name = "PIXELS", allow_negative_numbers = true, value_parser = within(1..=dunkelfeld::MAX_SIDE))]
     pub(crate) height: Option<u32>,
     /// Camera by name [default: the first; a framing of the whole scene if there is none].
     #[arg(long, value_name = "NAME")]
@@ -190,7 +192,7 @@ pub(crate) struct MergeArgs {
     #[arg(long, value_name = "FILE")]
     pub(crate) checkpoint: Option<PathBuf>,
     /// Threads [default: one per core].
-    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = clap::value_parser!(u16).range(1..=1024))]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = within(1..=1024u16))]
     pub(crate) threads: Option<u16>,
     #[command(flatten)]
     pub(crate) memory: MemoryArgs,
@@ -218,10 +220,10 @@ pub(crate) struct BenchArgs {
     pub(crate) restart: bool,
 
     /// The ladder: samples per pixel, ascending [default: 4,8,16,32,64,128; with --quick 4,8,16,32].
-    #[arg(long, value_name = "N,N,...", value_delimiter = ',', value_parser = clap::value_parser!(u32).range(1..))]
+    #[arg(long, value_name = "N,N,...", value_delimiter = ',', value_parser = within(1..=u32::MAX))]
     pub(crate) spp: Vec<u32>,
     /// Independent renders of each point, an even number from 4 on [default: 8].
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    #[arg(long, value_name = "N", value_parser = within(1..=u32::MAX))]
     pub(crate) seeds: Option<u32>,
     /// The strategies to compare [default: all].
     #[arg(long, value_name = "NAME,NAME,...", value_delimiter = ',', value_parser = strategy)]
@@ -240,10 +242,10 @@ pub(crate) struct BenchArgs {
     #[arg(long, value_name = "PATH")]
     pub(crate) oidn: Option<PathBuf>,
     /// Samples per pixel of the renders with and without an effect [default: a quarter of the ladder's top].
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    #[arg(long, value_name = "N", value_parser = within(1..=u32::MAX))]
     pub(crate) effect_spp: Option<u32>,
     /// Samples per pixel of the reference [default: four times the ladder's top].
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    #[arg(long, value_name = "N", value_parser = within(1..=u32::MAX))]
     pub(crate) reference_spp: Option<u32>,
 
     #[command(flatten)]
@@ -254,7 +256,7 @@ pub(crate) struct BenchArgs {
 #[derive(Debug, Args)]
 pub(crate) struct RunArgs {
     /// Threads [default: one per core].
-    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = clap::value_parser!(u16).range(1..=1024))]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = within(1..=1024u16))]
     pub(crate) threads: Option<u16>,
     /// How progress is shown on standard error.
     #[arg(long, value_enum, default_value_t = ProgressKind::Bar)]
@@ -272,10 +274,10 @@ impl RunArgs {
 #[derive(Debug, Args)]
 pub(crate) struct ViewArgs {
     /// Width of the image [default: 512].
-    #[arg(long, value_name = "PIXELS", allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..=i64::from(dunkelfeld::MAX_SIDE)))]
+    #[arg(long, value_name = "PIXELS", allow_negative_numbers = true, value_parser = within(1..=dunkelfeld::MAX_SIDE))]
     pub(crate) width: Option<u32>,
     /// Height of the image [default: 512].
-    #[arg(long, value_name = "PIXELS", allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..=i64::from(dunkelfeld::MAX_SIDE)))]
+    #[arg(long, value_name = "PIXELS", allow_negative_numbers = true, value_parser = within(1..=dunkelfeld::MAX_SIDE))]
     pub(crate) height: Option<u32>,
     /// Camera by name [default: the first; a framing of the whole scene if there is none].
     #[arg(long, value_name = "NAME")]
@@ -367,7 +369,7 @@ pub(crate) struct ExposeArgs {
     #[arg(long, value_name = "NAME")]
     pub(crate) layer: Option<String>,
     /// How many frames.
-    #[arg(long, value_name = "N", default_value_t = 1, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..))]
+    #[arg(long, value_name = "N", default_value_t = 1, allow_negative_numbers = true, value_parser = within(1..=u32::MAX))]
     pub(crate) frames: u32,
     /// Seed of noise and device.
     #[arg(long, value_name = "N", default_value_t = 0, allow_negative_numbers = true, value_parser = whole::<u64>)]
@@ -481,88 +483,6 @@ pub(crate) struct SensorsArgs {
     pub(crate) json: bool,
 }
 
-/// A length such as `12mm`, in metres.
-fn length(text: &str) -> Result<f64, String> {
-    text.parse::<Length>().map(f64::from).map_err(|e| e.to_string())
-}
-
-/// A time such as `5ms`, in seconds.
-fn time(text: &str) -> Result<f64, String> {
-    text.parse::<Time>().map(f64::from).map_err(|e| e.to_string())
-}
-
-/// A whole number of the whole range of its type.
-pub(crate) fn whole<T: TryFrom<u64>>(text: &str) -> Result<T, String> {
-    let most = u64::MAX >> (64 - 8 * size_of::<T>());
-    let value = text.parse::<u64>().ok().and_then(|n| T::try_from(n).ok());
-    value.ok_or_else(|| format!("write a whole number from 0 to {most}"))
-}
-
-fn time_limit(text: &str) -> Result<f64, String> {
-    match time(text)? {
-        t if t > 0.0 && t.is_finite() => Ok(t),
-        _ => Err("write a time above zero, such as 20s".into()),
-    }
-}
-
-fn effect(name: &str) -> Result<Effect, String> {
-    Effect::ALL.into_iter().find(|e| e.name() == name).ok_or_else(|| {
-        // An empty scene can lose whatever any scene can.
-        let can_go = |e: &&Effect| SceneBuilder::default().leave_out(**e);
-        let names: Vec<&str> = Effect::ALL.iter().filter(can_go).map(|e| e.name()).collect();
-        format!("write one of {}", names.join(", "))
-    })
-}
-
-fn effect_choice(text: &str) -> Result<EffectChoice, String> {
-    let names = text.split(',').filter(|_| text != "none");
-    names.map(effect).collect::<Result<_, _>>().map(EffectChoice)
-}
-
-fn strategy(name: &str) -> Result<Strategy, String> {
-    name.parse().map_err(|e: dunkelfeld::adaptive::UnknownStrategy| e.to_string())
-}
-
-fn samples_per_pixel(text: &str) -> Result<f64, String> {
-    match text.parse::<f64>() {
-        Ok(n) if n > 0.0 && n <= 1e9 => Ok(n),
-        _ => Err("write a number above zero and up to 1e9, such as 64".into()),
-    }
-}
-
-fn noise_level(text: &str) -> Result<f64, String> {
-    match text.parse::<f64>() {
-        Ok(k) if (1e-3..=1e3).contains(&k) => Ok(k),
-        _ => Err("write a number from 0.001 to 1000, such as 0.7".into()),
-    }
-}
-
-fn exposure(text: &str) -> Result<ExposureChoice, String> {
-    if text == "auto" {
-        return Ok(ExposureChoice::Auto);
-    }
-    Exposure::new(Seconds(time(text)?)).map(ExposureChoice::For).map_err(|e| e.to_string())
-}
-
-fn sample_range(text: &str) -> Result<Range<u32>, String> {
-    let ends = text.split_once("..").and_then(|(a, b)| Some((a.trim().parse().ok()?, b.trim().parse().ok()?)));
-    match ends {
-        Some((first, end)) if first < end && end <= dunkelfeld::adaptive::plan::MAX_SPP => Ok(first..end),
-        _ => Err(format!(
-            "write two whole numbers, the second one larger and at most {}: 0..64 are the first 64 samples, 64..128 the next",
-            dunkelfeld::adaptive::plan::MAX_SPP
-        )),
-    }
-}
-
-fn pixel_sample(text: &str) -> Result<PixelSample, String> {
-    let numbers: Option<Vec<u32>> = text.split(',').map(|t| t.trim().parse().ok()).collect();
-    match numbers.as_deref() {
-        Some(&[x, y, index]) => Ok(PixelSample { x, y, index }),
-        _ => Err("write column, row and number of the sample, as in 12,40,7".into()),
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -571,46 +491,5 @@ mod tests {
     #[test]
     fn the_flags_do_not_contradict_each_other() {
         Cli::command().debug_assert();
-    }
-
-    #[test]
-    fn what_can_be_left_out_is_what_is_listed() {
-        let list = effect("foo").expect_err("no effect has this name");
-        for e in Effect::ALL {
-            let listed = list.replace("write one of ", "").split(", ").any(|name| name == e.name());
-            assert_eq!(listed, SceneBuilder::default().leave_out(e), "{}: {list}", e.name());
-        }
-    }
-
-    #[test]
-    fn values_are_checked_before_any_file_is_opened() {
-        assert_eq!(time_limit("2min"), Ok(120.0));
-        for bad in ["0s", "-1s", "20x", "soon", "nan s", "inf", ""] {
-            assert!(time_limit(bad).is_err(), "{bad}");
-        }
-        assert_eq!((whole::<u64>("18446744073709551615"), whole::<u32>("7")), (Ok(u64::MAX), Ok(7)));
-        for bad in ["-1", "1.5", "x", "", "4294967296"] {
-            assert_eq!(whole::<u32>(bad), Err("write a whole number from 0 to 4294967295".into()), "{bad}");
-        }
-        assert_eq!(samples_per_pixel("0.5"), Ok(0.5));
-        for bad in ["0", "-1", "nan", "inf", "1e10", "many", ""] {
-            assert!(samples_per_pixel(bad).is_err(), "{bad}");
-        }
-        assert_eq!(noise_level("0.7"), Ok(0.7));
-        for bad in ["0", "-1", "nan", "inf", "1e9", "low", ""] {
-            assert!(noise_level(bad).is_err(), "{bad}");
-        }
-        assert_eq!(pixel_sample("12, 40,7"), Ok(PixelSample { x: 12, y: 40, index: 7 }));
-        for bad in ["12,40", "12,40,7,1", "a,b,c", "-1,0,0", ""] {
-            assert!(pixel_sample(bad).is_err(), "{bad}");
-        }
-        assert_eq!(sample_range("64..128"), Ok(64..128));
-        for bad in ["64", "64..", "..64", "64..64", "5..4", "-1..4", "a..b", "0..4294967296", "0..1e3", "0...4", ""] {
-            assert!(sample_range(bad).is_err(), "{bad}");
-        }
-        assert_eq!(exposure("auto"), Ok(ExposureChoice::Auto));
-        for bad in ["0ms", "-5ms", "5x", "long", ""] {
-            assert!(exposure(bad).is_err(), "{bad}");
-        }
     }
 }

@@ -1,6 +1,7 @@
 //! The flags of `emva`.
 
 use crate::args::RunArgs;
+use crate::values::{whole, within};
 use clap::{Args, Subcommand, ValueEnum};
 use dunkelfeld::io::quantity::Time;
 use dunkelfeld::sensor::FilterColor;
@@ -36,7 +37,7 @@ pub(crate) struct DatasetArgs {
     #[arg(short = 'o', long = "output", value_name = "DIR")]
     pub(crate) output: PathBuf,
     /// Levels of light, each a pair of frames, evenly spread; the last three are saturated [default: 50].
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(10..=1000))]
+    #[arg(long, value_name = "N", value_parser = within(10..=1000u32))]
     pub(crate) levels: Option<u32>,
     /// Size of the frames in pixels [default: 640x480].
     #[arg(long, value_name = "WxH", value_parser = size)]
@@ -45,7 +46,7 @@ pub(crate) struct DatasetArgs {
     #[arg(long, value_name = "NM", value_parser = wavelength)]
     pub(crate) wavelength: Option<f64>,
     /// Frames in each of the stacks, in the dark and at half of saturation [default: 16].
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(3..=1000))]
+    #[arg(long, value_name = "N", value_parser = within(3..=1000u32))]
     pub(crate) spatial: Option<u32>,
     /// What changes from level to level [default: exposure].
     #[arg(long, value_enum)]
@@ -54,13 +55,13 @@ pub(crate) struct DatasetArgs {
     #[arg(long, value_name = "TIME", value_parser = exposure_time)]
     pub(crate) exposure: Option<f64>,
     /// Bits per grey value instead of the sensor's own; gain and black level change with them. 8 bits are written as 8-bit PNG.
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(8..=16))]
+    #[arg(long, value_name = "N", value_parser = within(8..=16u32))]
     pub(crate) bit_depth: Option<u32>,
     /// Of a sensor with colour filters, the pixels that are measured: a data set has those of one colour.
     #[arg(long, value_enum)]
     pub(crate) color: Option<ColorChoice>,
     /// Picks the device and its noise [default: 0].
-    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = crate::args::whole::<u64>)]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = whole::<u64>)]
     pub(crate) seed: Option<u64>,
     #[command(flatten)]
     pub(crate) run: RunArgs,

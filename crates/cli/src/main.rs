@@ -11,6 +11,7 @@ mod interrupt;
 mod memory_args;
 mod outcome;
 mod ptc_args;
+mod values;
 mod words;
 
 use clap::Parser;

@@ -1,6 +1,7 @@
 //! Flags of `ptc`.
 
 use crate::args::{Denoise, ViewArgs};
+use crate::values::within;
 use clap::Args;
 use std::path::PathBuf;
 
@@ -20,10 +21,10 @@ pub(crate) struct PtcArgs {
     pub(crate) restart: bool,
 
     /// Frames of each series; more may be added later [default: 50].
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    #[arg(long, value_name = "N", value_parser = within(1..=u32::MAX))]
     pub(crate) frames: Option<u32>,
     /// Samples per pixel of the series, ascending [default: 64,2500].
-    #[arg(long, value_name = "N,N,...", value_delimiter = ',', value_parser = clap::value_parser!(u32).range(1..))]
+    #[arg(long, value_name = "N,N,...", value_delimiter = ',', value_parser = within(1..=u32::MAX))]
     pub(crate) spp: Vec<u32>,
     /// What the paper's pictures are denoised with, beside being left as they are [default: auto].
     #[arg(long, value_enum)]

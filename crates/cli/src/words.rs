@@ -46,6 +46,18 @@ pub(crate) fn shell<S: AsRef<str>>(words: impl IntoIterator<Item = S>) -> String
     quoted.collect::<Vec<_>>().join(" ")
 }
 
+/// A number of things: `1 object`, `2 objects`.
+pub(crate) fn counted(n: u64, thing: &str) -> String {
+    format!("{n} {thing}{}", if n == 1 { "" } else { "s" })
+}
+
+/// The line about pixels of a file whose variance is no variance.
+pub(crate) fn flagged_variances(pixels: u64) -> String {
+    format!(
+        "flagged: the variance of {pixels} pixels is negative or not a number; the noise of these pixels counts as unknown"
+    )
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -4,7 +4,7 @@ use crate::denoising::{DenoiseMethod, DenoiseSettings, Denoised, find_denoiser, 
 use crate::error::Error;
 use crate::guard::check_outputs;
 use crate::memory::denoise_account;
-use crate::outputs::{attributes, denoised_by, extension, save_exr, set_attribute, written};
+use crate::outputs::{attributes, denoised_by, extension, misfit, save_exr, set_attribute, written};
 use crate::progress::{Cancel, Progress};
 use crate::render::{thread_count, thread_pool};
 use dunkelfeld_denoise::{Builtin, DenoiseError, DenoiseInput, Denoiser as _};
@@ -36,6 +36,8 @@ pub struct DenoisedFile {
     /// Pixels whose radiance was negative, infinite or not a number: of what a denoiser makes of them and of those around them
     /// nothing is known.
     pub invalid: u64,
+    /// Pixels whose variance was negative or not a number: it counts as unknown.
+    pub invalid_variances: u64,
     inputs: InputFiles,
 }
 
@@ -84,6 +86,7 @@ pub fn denoise_exr(
     let planes = Planes::of(path, &layers)?;
     let is_radiance = |v: &f32| v.is_finite() && *v >= 0.0;
     let invalid = planes.mean.data().iter().filter(|v| !v.iter().all(is_radiance)).count() as u64;
+    let invalid_variances = planes.variance.as_ref().map_or(0, invalid_variances_of);
     let features = [
         ("variance", planes.variance.is_some()),
         ("albedo", planes.albedo.is_some()),
@@ -103,7 +106,7 @@ pub fn denoise_exr(
     };
     layers.remove_triples(Triple::Denoised);
     let denoised = Denoised { mean, denoiser: denoiser.name(), seconds: began.elapsed().as_secs_f64() };
-    Ok(Some(DenoisedFile { layers, denoised, features, invalid, inputs }))
+    Ok(Some(DenoisedFile { layers, denoised, features, invalid, invalid_variances, inputs }))
 }
 
 /// Finds out before the work whether its result can be written: the ending, the folder, and that it is neither the input nor
@@ -121,7 +124,7 @@ pub fn check_denoise_output(input: &Path, output: &Path, settings: &DenoiseSetti
 fn check_output(output: &Path, inputs: &InputFiles) -> Result<(), Error> {
     let fault = |problem: String, mend: &str| Err(Error::Output { file: output.into(), problem, mend: mend.into() });
     if !["exr", "png"].contains(&extension(output).as_str()) {
-        let problem = format!("has an ending that does not fit (\".{}\")", extension(output));
+        let problem = misfit(output);
         return fault(problem, "end it in .exr for all layers, or in .png for a picture");
     }
     check_outputs(&[("the denoised image", output)], inputs)?;
@@ -184,6 +187,11 @@ impl Planes {
             depth_variance: self.depth_variance.as_ref(),
         }
     }
+}
+
+/// Pixels with a variance that is negative or not a number.
+pub(crate) fn invalid_variances_of(variance: &Plane<[f32; 3]>) -> u64 {
+    variance.data().iter().filter(|v| v.iter().any(|v| v.is_nan() || *v < 0.0)).count() as u64
 }
 
 /// The radiance that a file holds: in the layer of that name, or under the names that renderers use. Gaps without samples show

@@ -1,6 +1,6 @@
 //! `expose`: an EXR of ours or of another renderer becomes frames of a camera.
 
-use crate::denoise_file::radiance_of;
+use crate::denoise_file::{invalid_variances_of, radiance_of};
 use crate::develop::Picture;
 use crate::error::Error;
 use crate::guard::{DefaultPath, Output, check_outputs, free_file};
@@ -8,7 +8,9 @@ use crate::lens::DEFAULT_F_NUMBER;
 use crate::matched::Known;
 use crate::memory::expose_account;
 use crate::noise::{Measured, levels, per_luminance, seen, sensor_noise};
-use crate::outputs::{VIGNETTING, attributes, extension, save_plain_picture, save_values, values_words, written};
+use crate::outputs::{
+    VIGNETTING, attributes, extension, misfit, save_plain_picture, save_values, values_words, written,
+};
 use crate::progress::{Cancel, Progress, ProgressState, Stage};
 use crate::render::{thread_count, thread_pool};
 use dunkelfeld_adaptive::evidence::{Evidence, Surface, surfaces};
@@ -91,6 +93,8 @@ pub struct ExposedFile {
     pub matched: Option<f64>,
     /// Pixels whose radiance was negative or not a number (they count as black) or infinite (they saturate).
     pub invalid: u64,
+    /// Pixels whose variance was negative or not a number, where it was asked for: it counts as unknown.
+    pub invalid_variances: u64,
     /// Seconds that the exposures took, without anything else.
     pub expose_seconds: f64,
     /// Seconds that pictures and files took.
@@ -110,6 +114,7 @@ pub struct Exposer {
     known: Option<Known>,
     no_light: bool,
     invalid: u64,
+    invalid_variances: u64,
 }
 
 impl Exposer {
@@ -137,10 +142,11 @@ impl Exposer {
         };
         let response = Response::new(model, optics, exposure);
         let mean = electrons(&radiance, &response);
+        let invalid_variances = noise.as_ref().map_or(0, |noise| invalid_variances_of(&noise.variance));
         let known = noise.map(|noise| noise.known(response, sensor_noise(model, exposure), &radiance));
         let device = Device::new(model.clone(), settings.seed, width, height);
         let (electrons, invalid) = (mean.plane, mean.invalid);
-        Ok(Self { device, exposure, seed: settings.seed, electrons, known, no_light, invalid })
+        Ok(Self { device, exposure, seed: settings.seed, electrons, known, no_light, invalid, invalid_variances })
     }
 
     /// Reads an EXR and puts it in front of a camera.
@@ -250,6 +256,7 @@ pub fn expose_exr(
         saturated: exposer.saturated(),
         matched: exposer.matched(),
         invalid: exposer.invalid,
+        invalid_variances: exposer.invalid_variances,
         expose_seconds: 0.0,
         write_seconds: 0.0,
         files: Vec::new(),
@@ -380,7 +387,7 @@ impl ExposeOutputs {
         for (path, endings) in [(&self.image, &["png"][..]), (&self.linear, &["png", "tif", "tiff"])] {
             let Some(path) = path else { continue };
             if !endings.contains(&extension(path).as_str()) {
-                let problem = format!("has an ending that does not fit (\".{}\")", extension(path));
+                let problem = misfit(path);
                 return fault(path, problem, &format!("end it in .{}", endings.join(" or .")));
             }
             let first = settings.numbered(path, settings.first_frame);

@@ -4,10 +4,14 @@
 //! names are one file if paths, resolved paths, or device and inode agree.
 
 use crate::error::Error;
-use dunkelfeld_io::input::{FileIdentity, FileKey, InputFile, InputFiles};
+use crate::report::page::is_page;
+use dunkelfeld_io::input::{FileIdentity, FileKey, InputFile, InputFiles, ReadFault, Role};
 use std::collections::HashMap;
+use std::io::Read;
 use std::path::{Path, PathBuf};
 
+/// The page of a report, in a folder of results.
+const REPORT: &str = "report.html";
 /// So many other names are tried at most.
 const MOST_TRIED: u32 = 1000;
 
@@ -46,23 +50,44 @@ fn replaces(what: &str, path: &Path, input: &InputFile) -> Error {
     let as_named = if is_other { format!(" as {}", input_as_named.display()) } else { String::new() };
     Error::Output {
         file: path.into(),
-        problem: format!("is {role} that this run reads{as_named}, and is named for {what}"),
+        problem: format!("is {role} that this run reads{as_named}, and is also {what}"),
         mend: "write to another file; the input stays as it is".into(),
     }
 }
 
-/// Finds out whether an input lies in a folder of results, or has another name in it.
+/// Finds out whether an input lies in a folder of results, or has another name in it, and whether the page of a report would
+/// replace one that is none of this program.
 ///
 /// # Errors
-/// One does.
+/// An input does, or the page would.
 pub(crate) fn check_folder(folder: &Path, inputs: &InputFiles) -> Result<(), Error> {
+    let report = folder.join(REPORT);
     match found_in(folder, inputs) {
+        None if folder.is_dir() && is_foreign(&report) => Err(Error::Output {
+            file: report,
+            problem: "is there already, and is no report of this program".into(),
+            mend: "name another folder with -o".into(),
+        }),
         None => Ok(()),
         Some(input) => Err(Error::Output {
             file: folder.into(),
             problem: format!("holds {}, {} that this run reads", input.identity.path().display(), input.role.name()),
             mend: "name another folder with -o".into(),
         }),
+    }
+}
+
+/// Is there a file that is no report of this program?
+fn is_foreign(report: &Path) -> bool {
+    /// The head of a page is shorter.
+    const HEAD: u64 = 1024;
+    match InputFiles::new().open(report, Role::Result, u64::MAX) {
+        Err(ReadFault::Missing) => false,
+        Err(_) => true,
+        Ok(file) => {
+            let mut head = Vec::new();
+            file.take(HEAD).read_to_end(&mut head).is_err() || !is_page(&String::from_utf8_lossy(&head))
+        }
     }
 }
 
@@ -172,6 +197,17 @@ mod tests {
         inputs.add(&home.join("scene.gltf"), Role::Scene);
         assert!(check_folder(&home, &inputs).is_err());
         assert!(check_folder(&home.join("no-such-folder"), &inputs).is_ok());
+        let results = tempfile::tempdir().expect("a temporary folder");
+        let page = results.path().join(REPORT);
+        let check = |text: &str| {
+            std::fs::write(&page, text).expect("writable");
+            check_folder(results.path(), &inputs)
+        };
+        check(&crate::report::page::page("photon transfer", &[])).expect("a report of ours");
+        for foreign in ["", "<html><head></head></html>"] {
+            let message = check(foreign).expect_err("a page of somebody else").to_string();
+            assert!(message.contains(REPORT) && message.contains("mend:"), "{message}");
+        }
         let chosen = free_folder(home.join("no-such-folder"), &inputs);
         assert_eq!((chosen.path, chosen.reason), (home.join("no-such-folder"), None));
     }

@@ -90,7 +90,7 @@ impl OutputPaths {
         let wrong = |path: &Option<PathBuf>, allowed: &[&str]| {
             path.as_ref().filter(|p| !allowed.contains(&extension(p).as_str())).map(|p| Error::Output {
                 file: p.clone(),
-                problem: format!("has an ending that does not fit (\".{}\")", extension(p)),
+                problem: misfit(p),
                 mend: format!("end it in .{}", allowed.join(" or .")),
             })
         };
@@ -120,6 +120,14 @@ pub(crate) fn extension(path: &Path) -> String {
     path.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase()
 }
 
+/// The problem of a file name whose ending does not fit.
+pub(crate) fn misfit(path: &Path) -> String {
+    match extension(path).as_str() {
+        "" => "has no ending that says what to write".into(),
+        ending => format!("has an ending that does not fit (\".{ending}\")"),
+    }
+}
+
 pub(crate) fn written(path: &Path, result: std::io::Result<()>) -> Result<(), Error> {
     result.map_err(|e| {
         // The file is named once, by our own error.
@@ -128,7 +136,7 @@ pub(crate) fn written(path: &Path, result: std::io::Result<()>) -> Result<(), Er
         Error::Output {
             file: path.into(),
             problem: format!("cannot be written: {reason}"),
-            mend: "check the path, the permissions and the space on the disk".into(),
+            mend: "name a regular file in a folder that can be written to, on a disk with room".into(),
         }
     })
 }

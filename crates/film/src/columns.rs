@@ -111,7 +111,7 @@ fn rest_of_normals(sums: &PixelSums) -> u64 {
 pub(crate) fn reference(column: usize) -> Option<usize> {
     match column {
         3 | 6 | 9 => Some(0),
-        0..RADIANCE if column % 3 > 0 => Some(column - column % 3),
+        0..RADIANCE if !column.is_multiple_of(3) => Some(column - column % 3),
         29 | 30 => Some(28),
         32 | 33 => Some(31),
         _ => None,

@@ -17,7 +17,10 @@ pub fn load_scene(path: &Path, options: &ImportOptions) -> Result<Imported, Inpu
         _ => Err(InputError::new(
             path,
             "file name",
-            format!("\".{extension}\" is not a scene format that can be read"),
+            match extension.as_str() {
+                "" => "has no ending that names a scene format".into(),
+                other => format!("\".{other}\" is not a scene format that can be read"),
+            },
             "use glTF 2.0 (.gltf, .glb) or Wavefront OBJ (.obj)",
         )),
     }

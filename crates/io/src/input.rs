@@ -13,6 +13,8 @@ use std::path::{Path, PathBuf};
 
 /// The largest file that is read in pieces, a checkpoint or a render \[bytes\]: more than the largest film takes.
 pub const MOST_STREAMED: u64 = 64 << 30;
+/// Folders of results have folders of results in them, and these none.
+const RESULT_DEPTH: u32 = 1;
 
 /// What a file is read as.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -200,16 +202,18 @@ impl InputFiles {
         named.or_else(|| self.find_among(&folder))
     }
 
-    /// The first of which something in a folder is another name. Links to folders are not followed.
+    /// The first of which something in a folder of results, or in a folder in it, is another name: no command writes deeper.
+    /// Links to folders are not followed.
     fn find_among(&self, folder: &Path) -> Option<&InputFile> {
         if self.files.is_empty() {
             return None;
         }
-        let mut folders = vec![folder.to_path_buf()];
-        while let Some(folder) = folders.pop() {
+        let mut folders = vec![(folder.to_path_buf(), 0)];
+        while let Some((folder, depth)) = folders.pop() {
             for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
                 match entry.file_type() {
-                    Ok(kind) if kind.is_dir() => folders.push(entry.path()),
+                    Ok(kind) if kind.is_dir() && depth < RESULT_DEPTH => folders.push((entry.path(), depth + 1)),
+                    Ok(kind) if kind.is_dir() => {}
                     Ok(_) => {
                         if let Some(found) = self.find(&FileIdentity::of(&entry.path())) {
                             return Some(found);

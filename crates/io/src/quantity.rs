@@ -34,6 +34,7 @@ const MEMORY: &[Unit] = &[
     (&["kB"], 1e3),
     (&["MB"], 1e6),
     (&["GB"], 1e9),
+    (&["TB"], 1e12),
     (&["KiB"], 1024.0),
     (&["MiB"], 1_048_576.0),
     (&["GiB"], 1_073_741_824.0),
@@ -127,7 +128,7 @@ quantity!(
     Power, POWER, "a power", "W", "1.5W", plain: true
 );
 quantity!(
-    /// An amount of memory \[B\]: `B`, `kB`, `MB`, `GB`, `KiB`, `MiB`, `GiB`, `TiB`; never a plain number.
+    /// An amount of memory \[B\]: `B`, `kB`, `MB`, `GB`, `TB`, `KiB`, `MiB`, `GiB`, `TiB`; never a plain number.
     Memory, MEMORY, "an amount of memory", "B", "2GiB", plain: false
 );
 

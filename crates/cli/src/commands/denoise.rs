@@ -5,7 +5,7 @@ use crate::bar::Sink;
 use crate::commands::render::apply_denoise;
 use crate::interrupt::cancel_on_interrupt;
 use crate::outcome::{Outcome, print, say};
-use crate::words::seconds;
+use crate::words::{flagged_variances, seconds};
 use dunkelfeld::{DenoiseSettings, Error, check_denoise_output, denoise_exr};
 
 pub(crate) fn run(args: &DenoiseArgs) -> Result<Outcome, Error> {
@@ -34,7 +34,7 @@ pub(crate) fn run(args: &DenoiseArgs) -> Result<Outcome, Error> {
         seconds(file.denoised.seconds),
         args.output.display()
     );
-    let invalid = file.invalid;
+    let (invalid, invalid_variances) = (file.invalid, file.invalid_variances);
     file.save(&args.output)?;
     print(&text);
     if invalid > 0 {
@@ -42,7 +42,9 @@ pub(crate) fn run(args: &DenoiseArgs) -> Result<Outcome, Error> {
             "flagged: the radiance of {invalid} pixels is negative, infinite or not a number; the denoised image is not to be \
              trusted there and around"
         ));
-        return Ok(Outcome::Flagged);
     }
-    Ok(Outcome::Done)
+    if invalid_variances > 0 {
+        say(&flagged_variances(invalid_variances));
+    }
+    Ok(if invalid + invalid_variances > 0 { Outcome::Flagged } else { Outcome::Done })
 }

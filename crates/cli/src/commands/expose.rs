@@ -4,7 +4,7 @@ use crate::args::{ExposeArgs, ExposureChoice, NoiseKind, VignettingKind};
 use crate::bar::Sink;
 use crate::interrupt::cancel_on_interrupt;
 use crate::outcome::{Outcome, print, say};
-use crate::words::{exposure_time, seconds};
+use crate::words::{exposure_time, flagged_variances, seconds};
 use dunkelfeld::io::input::InputFiles;
 use dunkelfeld::radiometry::Number;
 use dunkelfeld::sensor::{ExposureNoise, Optics, SensorError};
@@ -36,9 +36,11 @@ pub(crate) fn run(args: &ExposeArgs) -> Result<Outcome, Error> {
         say(&format!(
             "flagged: the radiance of {n} pixels is negative or not a number (they count as black) or infinite (they saturate)"
         ));
-        return Ok(Outcome::Flagged);
     }
-    Ok(Outcome::Done)
+    if exposed.invalid_variances > 0 {
+        say(&flagged_variances(exposed.invalid_variances));
+    }
+    Ok(if exposed.invalid + exposed.invalid_variances > 0 { Outcome::Flagged } else { Outcome::Done })
 }
 
 fn settings(args: &ExposeArgs) -> Result<ExposeSettings, Error> {

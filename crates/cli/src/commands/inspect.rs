@@ -2,6 +2,7 @@
 
 use crate::args::InspectArgs;
 use crate::outcome::{Outcome, print};
+use crate::words::counted;
 use dunkelfeld::io::visible::{visible_json, visible_line};
 use dunkelfeld::{CoverEntry, EffectEntry, Error, Inspection, Project};
 use std::fmt::Write;
@@ -24,11 +25,11 @@ fn text(i: &Inspection) -> String {
     let mut t = String::new();
     let _ = writeln!(
         t,
-        "{} objects, {} triangles placed, {} stored, {} parts instanced, {:.1} MB, {:.1} MB of it textures",
-        i.objects,
-        i.placed_triangles,
+        "{}, {} placed, {} stored, {} instanced, {:.1} MB, {:.1} MB of it textures",
+        counted(i.objects as u64, "object"),
+        counted(i.placed_triangles, "triangle"),
         i.stored_triangles,
-        i.instanced_parts,
+        counted(i.instanced_parts as u64, "part"),
         i.memory_bytes as f64 * 1e-6,
         i.texture_bytes as f64 * 1e-6
     );

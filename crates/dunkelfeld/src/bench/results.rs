@@ -202,12 +202,14 @@ impl Results {
         let k = self.headline_level();
         for top in &self.tops {
             if let Some(price) = top.prices.iter().find(|p| p.k == k && p.seconds.value > 0.0) {
+                let over_best = price.seconds.value / best(k);
+                let compared =
+                    if over_best.is_finite() { format!(" ({over_best:.1} x the best)") } else { String::new() };
                 lines.push(format!(
-                    "{}: hidden at k = {k} after about {} samples per pixel, {} ({:.1} x the best)",
+                    "{}: hidden at k = {k} after about {} samples per pixel, {}{compared}",
                     top.strategy,
                     rounded(price.spp.value),
                     duration(price.seconds.value),
-                    price.seconds.value / best(k)
                 ));
             }
         }

@@ -8,10 +8,20 @@ const JS: &str = include_str!("page.js");
 /// What a browser may load for this page: nothing but what is in it.
 const POLICY: &str = "default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src 'unsafe-inline'";
 
+/// How the pages of this program say that they are: with the version behind it.
+const GENERATOR: &str = "dunkelfeld ";
+const VERSION: &str = env!("CARGO_PKG_VERSION");
+
+/// Does a file begin as a page of this program does?
+pub(crate) fn is_page(head: &str) -> bool {
+    head.contains(&format!("<meta name=\"generator\" content=\"{GENERATOR}"))
+}
+
 /// A page of sections, which are HTML already; the title is text.
 pub(crate) fn page(title: &str, sections: &[String]) -> String {
     format!(
         "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\"/>\n\
+         <meta name=\"generator\" content=\"{GENERATOR}{VERSION}\"/>\n\
          <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\"/>\n\
          <meta http-equiv=\"Content-Security-Policy\" content=\"{POLICY}\"/>\n<title>{}</title>\n\
          <style>\n{PALETTE}{CSS}{STYLE}</style>\n</head>\n<body>\n{}\n<script>\n{JS}</script>\n</body>\n</html>\n",

@@ -105,6 +105,12 @@ fn split(file: &[u8], path: &Path, warnings: &mut Warnings) -> Result<Parts, Inp
         if file.is_empty() {
             return fail("file", "the file is empty".into());
         }
+        let json = without_mark(file, 0..file.len());
+        let is_object = file[json].trim_ascii_start().starts_with(b"{");
+        if !is_object && path.extension().is_some_and(|e| e.eq_ignore_ascii_case("glb")) {
+            let start = file[..file.len().min(4)].escape_ascii();
+            return fail("GLB header", format!("the file begins with \"{start}\" instead of \"glTF\""));
+        }
         return Ok(Parts { json: without_mark(file, 0..file.len()), binary: None });
     }
     let (Some(version), Some(length)) = (u32_at(file, 4), u32_at(file, 8)) else {

@@ -1,0 +1,156 @@
+//! The values of flags: read from their text, and checked before any file is opened. An error says what to write instead.
+
+use crate::args::{EffectChoice, ExposureChoice};
+use dunkelfeld::adaptive::Strategy;
+use dunkelfeld::integrator::PixelSample;
+use dunkelfeld::io::quantity::{Length, Time};
+use dunkelfeld::radiometry::Seconds;
+use dunkelfeld::scene::{Effect, SceneBuilder};
+use dunkelfeld::sensor::Exposure;
+use std::fmt::Display;
+use std::ops::{Range, RangeInclusive};
+
+/// A length such as `12mm`, in metres.
+pub(crate) fn length(text: &str) -> Result<f64, String> {
+    text.parse::<Length>().map(f64::from).map_err(|e| e.to_string())
+}
+
+/// A time such as `5ms`, in seconds.
+pub(crate) fn time(text: &str) -> Result<f64, String> {
+    text.parse::<Time>().map(f64::from).map_err(|e| e.to_string())
+}
+
+/// A whole number of the whole range of its type.
+pub(crate) fn whole<T: TryFrom<u64>>(text: &str) -> Result<T, String> {
+    let most = u64::MAX >> (64 - 8 * size_of::<T>());
+    let value = text.parse::<u64>().ok().and_then(|n| T::try_from(n).ok());
+    value.ok_or_else(|| format!("write a whole number from 0 to {most}"))
+}
+
+/// Reads whole numbers from the first to the last of a range.
+pub(crate) fn within<T>(range: RangeInclusive<T>) -> impl Fn(&str) -> Result<T, String> + Clone + Send + Sync + 'static
+where
+    T: Copy + PartialOrd + TryFrom<u64> + Display + Send + Sync + 'static,
+{
+    move |text| {
+        let value = text.parse::<u64>().ok().and_then(|n| T::try_from(n).ok());
+        let error = || format!("write a whole number from {} to {}", range.start(), range.end());
+        value.filter(|value| range.contains(value)).ok_or_else(error)
+    }
+}
+
+pub(crate) fn time_limit(text: &str) -> Result<f64, String> {
+    match time(text)? {
+        t if t > 0.0 && t.is_finite() => Ok(t),
+        _ => Err("write a time above zero, such as 20s".into()),
+    }
+}
+
+pub(crate) fn effect(name: &str) -> Result<Effect, String> {
+    Effect::ALL.into_iter().find(|e| e.name() == name).ok_or_else(|| {
+        // An empty scene can lose whatever any scene can.
+        let can_go = |e: &&Effect| SceneBuilder::default().leave_out(**e);
+        let names: Vec<&str> = Effect::ALL.iter().filter(can_go).map(|e| e.name()).collect();
+        format!("write one of {}", names.join(", "))
+    })
+}
+
+pub(crate) fn effect_choice(text: &str) -> Result<EffectChoice, String> {
+    let names = text.split(',').filter(|_| text != "none");
+    names.map(effect).collect::<Result<_, _>>().map(EffectChoice)
+}
+
+pub(crate) fn strategy(name: &str) -> Result<Strategy, String> {
+    name.parse().map_err(|e: dunkelfeld::adaptive::UnknownStrategy| e.to_string())
+}
+
+pub(crate) fn samples_per_pixel(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(n) if n > 0.0 && n <= 1e9 => Ok(n),
+        _ => Err("write a number above zero and up to 1e9, such as 64".into()),
+    }
+}
+
+pub(crate) fn noise_level(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(k) if (1e-3..=1e3).contains(&k) => Ok(k),
+        _ => Err("write a number from 0.001 to 1000, such as 0.7".into()),
+    }
+}
+
+pub(crate) fn exposure(text: &str) -> Result<ExposureChoice, String> {
+    if text == "auto" {
+        return Ok(ExposureChoice::Auto);
+    }
+    Exposure::new(Seconds(time(text)?)).map(ExposureChoice::For).map_err(|e| e.to_string())
+}
+
+pub(crate) fn sample_range(text: &str) -> Result<Range<u32>, String> {
+    let ends = text.split_once("..").and_then(|(a, b)| Some((a.trim().parse().ok()?, b.trim().parse().ok()?)));
+    match ends {
+        Some((first, end)) if first < end && end <= dunkelfeld::adaptive::plan::MAX_SPP => Ok(first..end),
+        _ => Err(format!(
+            "write two whole numbers, the second one larger and at most {}: 0..64 are the first 64 samples, 64..128 the next",
+            dunkelfeld::adaptive::plan::MAX_SPP
+        )),
+    }
+}
+
+pub(crate) fn pixel_sample(text: &str) -> Result<PixelSample, String> {
+    let numbers: Option<Vec<u32>> = text.split(',').map(|t| t.trim().parse().ok()).collect();
+    match numbers.as_deref() {
+        Some(&[x, y, index]) => Ok(PixelSample { x, y, index }),
+        _ => Err("write column, row and number of the sample, as in 12,40,7".into()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_can_be_left_out_is_what_is_listed() {
+        let list = effect("foo").expect_err("no effect has this name");
+        for e in Effect::ALL {
+            let listed = list.replace("write one of ", "").split(", ").any(|name| name == e.name());
+            assert_eq!(listed, SceneBuilder::default().leave_out(e), "{}: {list}", e.name());
+        }
+    }
+
+    #[test]
+    fn values_are_checked_before_any_file_is_opened() {
+        assert_eq!(time_limit("2min"), Ok(120.0));
+        for bad in ["0s", "-1s", "20x", "soon", "nan s", "inf", ""] {
+            assert!(time_limit(bad).is_err(), "{bad}");
+        }
+        assert_eq!((whole::<u64>("18446744073709551615"), whole::<u32>("7")), (Ok(u64::MAX), Ok(7)));
+        for bad in ["-1", "1.5", "x", "", "4294967296"] {
+            assert_eq!(whole::<u32>(bad), Err("write a whole number from 0 to 4294967295".into()), "{bad}");
+        }
+        let side = within(1..=32_768u32);
+        assert_eq!((side("1"), side("32768")), (Ok(1), Ok(32_768)));
+        for bad in ["0", "32769", "-3", "1.0", "", "99999999999999999999"] {
+            assert_eq!(side(bad), Err("write a whole number from 1 to 32768".into()), "{bad}");
+        }
+        assert_eq!(samples_per_pixel("0.5"), Ok(0.5));
+        for bad in ["0", "-1", "nan", "inf", "1e10", "many", ""] {
+            assert!(samples_per_pixel(bad).is_err(), "{bad}");
+        }
+        assert_eq!(noise_level("0.7"), Ok(0.7));
+        for bad in ["0", "-1", "nan", "inf", "1e9", "low", ""] {
+            assert!(noise_level(bad).is_err(), "{bad}");
+        }
+        assert_eq!(pixel_sample("12, 40,7"), Ok(PixelSample { x: 12, y: 40, index: 7 }));
+        for bad in ["12,40", "12,40,7,1", "a,b,c", "-1,0,0", ""] {
+            assert!(pixel_sample(bad).is_err(), "{bad}");
+        }
+        assert_eq!(sample_range("64..128"), Ok(64..128));
+        for bad in ["64", "64..", "..64", "64..64", "5..4", "-1..4", "a..b", "0..4294967296", "0..1e3", "0...4", ""] {
+            assert!(sample_range(bad).is_err(), "{bad}");
+        }
+        assert_eq!(exposure("auto"), Ok(ExposureChoice::Auto));
+        for bad in ["0ms", "-5ms", "5x", "long", ""] {
+            assert!(exposure(bad).is_err(), "{bad}");
+        }
+    }
+}
