@@ -3,13 +3,13 @@
 
 use crate::develop::{Frame, show_denoised};
 use crate::error::Error;
-use crate::parallel::{map_film, mean_without_gaps};
+use crate::parallel::{map_film, map_film_to, mean_without_gaps};
 use crate::progress::{Cancel, Progress, ProgressState, Stage};
 use crate::settings::RenderSettings;
 use crate::stats::DenoiseStats;
 use dunkelfeld_denoise::oidn::{Candidate, standard_names, standard_places};
 use dunkelfeld_denoise::{Builtin, Control, DenoiseError, DenoiseInput, Denoiser, Executor, Oidn};
-use dunkelfeld_film::{Film, FilmLayers, PixelSums, Plane};
+use dunkelfeld_film::{Film, FilmLayers, Plane};
 use dunkelfeld_io::input::{InputFiles, Role};
 use dunkelfeld_io::libraries::{find_libraries, libraries_beside};
 use rayon::prelude::*;
@@ -247,17 +247,17 @@ struct Auxiliary {
 
 impl Planes {
     fn of(film: &Film) -> Self {
+        let auxiliary = || {
+            let [albedo, albedo_variance, normal, normal_variance] = map_film_to(film, |p| {
+                [p.mean_albedo(), p.variance_of_albedo(), p.mean_normal(), p.variance_of_normal()]
+            });
+            let [depth, depth_variance] = map_film_to(film, |p| [p.mean_depth(), p.variance_of_depth()]);
+            Auxiliary { albedo, albedo_variance, normal, normal_variance, depth, depth_variance }
+        };
         Self {
             mean: mean_without_gaps(film),
             variance: map_film(film, |p| p.variance_of_mean().map(|v| v as f32)),
-            auxiliary: (film.layers() == FilmLayers::All).then(|| Auxiliary {
-                albedo: map_film(film, PixelSums::mean_albedo),
-                albedo_variance: map_film(film, PixelSums::variance_of_albedo),
-                normal: map_film(film, PixelSums::mean_normal),
-                normal_variance: map_film(film, PixelSums::variance_of_normal),
-                depth: map_film(film, PixelSums::mean_depth),
-                depth_variance: map_film(film, PixelSums::variance_of_depth),
-            }),
+            auxiliary: (film.layers() == FilmLayers::All).then(auxiliary),
         }
     }
 

@@ -2,17 +2,32 @@
 
 use dunkelfeld_film::{Film, PixelSums, Plane, TileRow, fill_gaps};
 use rayon::prelude::*;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 /// [`Film::map`].
 pub(crate) fn map_film<T: Send + Clone + Default>(film: &Film, f: impl Fn(&PixelSums) -> T + Sync) -> Plane<T> {
-    let mut out = Plane::new(film.width(), film.height(), T::default());
+    let [plane] = map_film_to(film, |sums| [f(sums)]);
+    plane
+}
+
+/// Several planes with values for the sums of each pixel, which are unpacked once.
+pub(crate) fn map_film_to<T: Send + Clone + Default, const N: usize>(
+    film: &Film,
+    f: impl Fn(&PixelSums) -> [T; N] + Sync,
+) -> [Plane<T>; N] {
+    let mut planes = [(); N].map(|()| Plane::new(film.width(), film.height(), T::default()));
     let pixels = (film.width() as usize * Film::TILE as usize).max(1);
-    out.data_mut().par_chunks_mut(pixels).zip(film.tile_rows()).for_each_init(Vec::new, |sums, (to, row)| {
+    let mut chunks = planes.each_mut().map(|plane| plane.data_mut().chunks_mut(pixels));
+    let rows: Vec<_> =
+        film.tile_rows().iter().map(|row| (row, chunks.each_mut().map(|c| c.next().unwrap_or_default()))).collect();
+    rows.into_par_iter().for_each_init(Vec::new, |sums, (row, mut to)| {
         sums.clear();
         row.read_rows(0..row.height(), sums);
-        to.iter_mut().zip(sums).for_each(|(to, sums)| *to = f(sums));
+        for (pixel, sums) in sums.iter().enumerate() {
+            to.iter_mut().zip(f(sums)).for_each(|(to, value)| to[pixel] = value);
+        }
     });
-    out
+    planes
 }
 
 /// A value for each row of tiles of a film, in their order, from the number of its first pixel and the sums of its pixels.
@@ -28,9 +43,14 @@ pub(crate) fn map_tile_rows<T: Send>(film: &Film, f: impl Fn(usize, &[PixelSums]
 
 /// [`Film::mean_without_gaps`].
 pub(crate) fn mean_without_gaps(film: &Film) -> Plane<[f32; 3]> {
-    let known = map_film(film, |p| p.count() > 0);
-    let mean = map_film(film, |p| p.mean().map(|v| v as f32));
-    if known.data().contains(&false) { fill_gaps(&mean, &known) } else { mean }
+    let has_gaps = AtomicBool::new(false);
+    let mean = map_film(film, |p| {
+        if p.count() == 0 {
+            has_gaps.store(true, Ordering::Relaxed);
+        }
+        p.mean().map(|v| v as f32)
+    });
+    if has_gaps.into_inner() { fill_gaps(&mean, &map_film(film, |p| p.count() > 0)) } else { mean }
 }
 
 #[cfg(test)]
