@@ -123,7 +123,7 @@ fn measure(options: &Options) -> Result<bool, String> {
     callgrind::require_valgrind()?;
     let own = std::env::current_exe().map_err(|e| format!("the bench does not find itself: {e}"))?;
     if !EFFECTS {
-        return Err("this is the build without effects; mend: run the bench without --features plain-only".into());
+        return Err("this is the build without effects; help: run the bench without --features plain-only".into());
     }
     let bare = build_plain_only()?;
     must_refuse_effects(&bare)?;

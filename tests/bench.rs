@@ -199,7 +199,7 @@ fn a_folder_stays_with_what_it_measured() {
     for (flag, value, difference) in others {
         let line = tiny_but(flag, value) + " --effects none --strategies uniform -o out";
         let said = complaint(&bench.run(&line).code(2));
-        assert!(said.contains(difference) && said.contains("mend:") && said.contains("--restart"), "{line}: {said}");
+        assert!(said.contains(difference) && said.contains("help:") && said.contains("--restart"), "{line}: {said}");
     }
     let mtl = bench.read("scene.mtl");
     bench.write("scene.mtl", &mtl.replace("Kd 0.5", "Kd 0.6"));
@@ -215,7 +215,7 @@ fn a_folder_stays_with_what_it_measured() {
 }
 
 #[test]
-fn what_cannot_be_measured_is_refused_with_its_mend() {
+fn what_cannot_be_measured_is_refused_with_help() {
     let bench = lab();
     bench.write("taken", "a file");
     let cases = [
@@ -248,8 +248,8 @@ fn what_cannot_be_measured_is_refused_with_its_mend() {
     bench.run(&small).code(0);
     bench.write("out/units/uniform-2-00.json", "{ \"name\": 3");
     let said = complaint(&bench.run(&small).code(2));
-    assert!(said.contains("uniform-2-00.json") && said.contains("mend:"), "{said}");
-    // A record without its image is mended in the same way.
+    assert!(said.contains("uniform-2-00.json") && said.contains("help:"), "{said}");
+    // A record without its image is repaired in the same way.
     bench.run(&format!("{small} --restart")).code(0);
     fs::remove_file(bench.path("out/units/uniform-2-00.exr")).expect("there");
     let said = complaint(&bench.run(&small).code(2));
@@ -268,6 +268,6 @@ fn what_cannot_be_measured_is_refused_with_its_mend() {
         }
         write_exr(&path, image).expect("written");
         let said = complaint(&bench.run(&small).code(2));
-        assert!(said.contains(name) && said.contains("20 x 13") && said.contains("mend:"), "{said}");
+        assert!(said.contains(name) && said.contains("20 x 13") && said.contains("help:"), "{said}");
     }
 }

@@ -272,7 +272,7 @@ fn refused<T: std::fmt::Debug>(result: Result<T, Error>, says: &[&str]) {
     for word in says {
         assert!(message.contains(word), "\"{word}\" is not in: {message}");
     }
-    assert!(message.contains("mend:"), "{message}");
+    assert!(message.contains("help:"), "{message}");
 }
 
 #[test]

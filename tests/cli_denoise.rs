@@ -168,7 +168,7 @@ fn a_job_names_its_denoiser_and_flags_win() {
     assert!(bench.json("a.json")["denoise"].is_null() && !says(&bench, "a.png", "denoised"));
     bench.write("oidn.toml", &format!("{job}method = \"oidn\"\noidn = \"nowhere/libX.so\"\n"));
     let error = stderr(&bench.run("render oidn.toml -o b.png").code(2));
-    assert!(error.contains("nowhere/libX.so") && error.contains("mend:"), "{error}");
+    assert!(error.contains("nowhere/libX.so") && error.contains("help:"), "{error}");
     bench.run("render oidn.toml -o b.png --denoise builtin").code(0);
     bench.write("contradiction.toml", &format!("{job}oidn = \"libX.so\"\n"));
     let error = stderr(&bench.run("render contradiction.toml -o b.png").code(2));
@@ -185,19 +185,19 @@ fn what_cannot_be_denoised_is_refused_before_anything_is_written() {
     foreign(&bench, "depth.exr", &[("Z", |_, n| n), ("mist.V", |_, n| n)]);
     let before = bench.names();
     let cases: &[(&str, &[&str])] = &[
-        ("denoise nowhere.exr -o x.exr", &["nowhere.exr", "mend:"]),
-        ("denoise notes.exr -o x.exr", &["notes.exr", "mend:"]),
-        ("denoise depth.exr -o x.exr", &["depth.exr", "radiance", "Z, mist.V", "Combined.R", "mend:"]),
-        ("denoise good.exr -o x.tif", &["x.tif", ".tif", "mend: end it in .exr"]),
-        ("denoise good.exr -o ./good.exr", &["good.exr", "is the input", "mend:"]),
-        ("denoise good.exr -o missing/x.exr", &["missing/x.exr", "mend:"]),
-        ("denoise good.exr -o x.exr --denoise off", &["mend: choose another than `off`"]),
-        ("denoise good.exr -o x.exr --denoise builtin --oidn lib.so", &["lib.so is not used", "mend:"]),
-        ("denoise good.exr -o x.exr --oidn nowhere/lib.so", &["nowhere/lib.so", "builtin", "mend: install"]),
-        ("denoise good.exr -o x.exr --oidn empty", &["no OpenImageDenoise library in empty", "mend:"]),
-        ("denoise good.exr -o x.exr --denoise auto --oidn there.txt", &["there.txt", "mend:"]),
+        ("denoise nowhere.exr -o x.exr", &["nowhere.exr", "help:"]),
+        ("denoise notes.exr -o x.exr", &["notes.exr", "help:"]),
+        ("denoise depth.exr -o x.exr", &["depth.exr", "radiance", "Z, mist.V", "Combined.R", "help:"]),
+        ("denoise good.exr -o x.tif", &["x.tif", ".tif", "help: end it in .exr"]),
+        ("denoise good.exr -o ./good.exr", &["good.exr", "is the input", "help:"]),
+        ("denoise good.exr -o missing/x.exr", &["missing/x.exr", "help:"]),
+        ("denoise good.exr -o x.exr --denoise off", &["help: choose another than `off`"]),
+        ("denoise good.exr -o x.exr --denoise builtin --oidn lib.so", &["lib.so is not used", "help:"]),
+        ("denoise good.exr -o x.exr --oidn nowhere/lib.so", &["nowhere/lib.so", "builtin", "help: install"]),
+        ("denoise good.exr -o x.exr --oidn empty", &["no OpenImageDenoise library in empty", "help:"]),
+        ("denoise good.exr -o x.exr --denoise auto --oidn there.txt", &["there.txt", "help:"]),
         ("denoise good.exr", &["--output"]),
-        ("render scene.gltf --oidn nowhere/lib.so -o x.png", &["nowhere/lib.so", "mend:"]),
+        ("render scene.gltf --oidn nowhere/lib.so -o x.png", &["nowhere/lib.so", "help:"]),
         ("render scene.gltf --denoise magic -o x.png", &["magic", "builtin"]),
     ];
     for (line, texts) in cases {

@@ -41,7 +41,7 @@ fn a_data_set_is_written_and_its_figures_are_found() {
 }
 
 #[test]
-fn what_cannot_be_done_ends_with_code_2_a_mend_and_nothing_written() {
+fn what_cannot_be_done_ends_with_code_2_help_and_nothing_written() {
     let bench = Bench::new();
     bench.run(&format!("emva dataset --sensor imx250 -o set {SMALL}")).code(0);
     let whole = String::from_utf8(bench.read("set/emva.txt")).expect("text");
@@ -58,36 +58,36 @@ fn what_cannot_be_done_ends_with_code_2_a_mend_and_nothing_written() {
     let before = bench.names();
     let frame = bench.read("set/images/b_001_0.png");
     let cases: &[(&str, &[&str])] = &[
-        ("dataset --sensor imx250 -o set", &["set", "not empty", "mend:"]),
-        ("dataset --sensor imx250 -o scene.bin", &["scene.bin", "in the way", "mend:"]),
-        ("dataset --sensor imx999 -o new", &["imx999", "imx250", "mend:"]),
-        ("dataset --sensor imx250 -o new --color red", &["color", "no colour filters", "mend:"]),
+        ("dataset --sensor imx250 -o set", &["set", "not empty", "help:"]),
+        ("dataset --sensor imx250 -o scene.bin", &["scene.bin", "in the way", "help:"]),
+        ("dataset --sensor imx999 -o new", &["imx999", "imx250", "help:"]),
+        ("dataset --sensor imx250 -o new --color red", &["color", "no colour filters", "help:"]),
         ("dataset --sensor imx250 -o new --size 640", &["--size", "640x480"]),
         ("dataset --sensor imx250 -o new --levels 3", &["--levels", "from 10 to 1000"]),
         ("dataset --sensor imx250 -o new --exposure 0s", &["--exposure", "100ms"]),
         (
             "dataset --sensor imx900-hcg -o new --exposure 100000s",
-            &["exposure", "100000 s the pixels fill in the dark", "mend: choose a shorter time", "1.47 dark electrons"],
+            &["exposure", "100000 s the pixels fill in the dark", "help: choose a shorter time", "1.47 dark electrons"],
         ),
         ("dataset --sensor imx250", &["--output"]),
-        ("analyse nowhere.txt", &["nowhere.txt", "mend:"]),
-        ("analyse scene.bin", &["scene.bin", "mend:"]),
-        ("analyse set/dark.txt", &["dark.txt", "no pair of frames with light", "mend: add blocks of two frames"]),
+        ("analyse nowhere.txt", &["nowhere.txt", "help:"]),
+        ("analyse scene.bin", &["scene.bin", "help:"]),
+        ("analyse set/dark.txt", &["dark.txt", "no pair of frames with light", "help: add blocks of two frames"]),
         (
             "analyse set/short.txt",
-            &["short.txt", "line 2", "2 | n 12 48", "^^^^^^^", "mend: write `n BITS WIDTH HEIGHT`"],
+            &["short.txt", "line 2", "2 | n 12 48", "^^^^^^^", "help: write `n BITS WIDTH HEIGHT`"],
         ),
-        ("analyse set/other.txt", &["images", ".png", "48 x 40 pixels, the data set 40 x 48", "mend:"]),
-        ("analyse set/gone.txt", &["gone.png", "mend:"]),
-        ("analyse set/dim.txt", &["dim.txt", "not saturated", "mend: add levels with more light"]),
-        ("analyse set/emva.txt --html missing/r.html", &["missing/r.html", "folder", "mend:"]),
-        ("analyse set/emva.txt --html ./set/emva.txt", &["set/emva.txt", "descriptor", "mend: write to another file"]),
-        ("analyse set/emva.txt --json set/../set/emva.txt", &["emva.txt", "descriptor", "mend:"]),
+        ("analyse set/other.txt", &["images", ".png", "48 x 40 pixels, the data set 40 x 48", "help:"]),
+        ("analyse set/gone.txt", &["gone.png", "help:"]),
+        ("analyse set/dim.txt", &["dim.txt", "not saturated", "help: add levels with more light"]),
+        ("analyse set/emva.txt --html missing/r.html", &["missing/r.html", "folder", "help:"]),
+        ("analyse set/emva.txt --html ./set/emva.txt", &["set/emva.txt", "descriptor", "help: write to another file"]),
+        ("analyse set/emva.txt --json set/../set/emva.txt", &["emva.txt", "descriptor", "help:"]),
         (
             "analyse set/emva.txt --json set/images/b_001_0.png",
-            &["b_001_0.png", "is a frame", "mend: write to another file"],
+            &["b_001_0.png", "is a frame", "help: write to another file"],
         ),
-        ("analyse set/emva.txt --json r --html ./r", &["./r", "two outputs", "mend: give each its own file"]),
+        ("analyse set/emva.txt --json r --html ./r", &["./r", "two outputs", "help: give each its own file"]),
         ("analyse set/emva.txt --release 5.0", &["5.0", "4.0", "3.1"]),
         ("analyse set/emva.txt --pixel-pitch 0", &["--pixel-pitch", "3.45"]),
     ];

@@ -68,7 +68,7 @@ fn refused(bench: &Bench, cases: &[(&str, &[&str])]) {
     let before = contents(bench);
     for (line, says) in cases {
         let message = stderr(&run(bench, line).code(2));
-        assert!(message.contains("error: ") && message.contains("mend:"), "{line}\n{message}");
+        assert!(message.contains("error: ") && message.contains("help:"), "{line}\n{message}");
         for part in *says {
             assert!(message.contains(part), "`{line}` does not say `{part}`:\n{message}");
         }
@@ -274,13 +274,13 @@ fn what_is_no_regular_file_or_too_large_is_refused_wherever_a_file_is_read() {
         fs::File::create(at("large")).and_then(|f| f.set_len(65 << 30)).expect("a sparse file");
     }
     let kinds: [(&str, &[&str]); 7] = [
-        ("pipe", &["a named pipe", "mend: name a regular file"]),
-        ("zero", &["a device", "mend: name a regular file"]),
-        ("folder", &["a folder", "mend: name a regular file"]),
-        ("socket", &["a socket", "mend: name a regular file"]),
-        ("empty", &["mend:"]),
-        ("large", &["more than the", "mend:"]),
-        ("missing", &["there is no file", "mend: check the name"]),
+        ("pipe", &["a named pipe", "help: name a regular file"]),
+        ("zero", &["a device", "help: name a regular file"]),
+        ("folder", &["a folder", "help: name a regular file"]),
+        ("socket", &["a socket", "help: name a regular file"]),
+        ("empty", &["help:"]),
+        ("large", &["more than the", "help:"]),
+        ("missing", &["there is no file", "help: check the name"]),
     ];
     let good = ["panel.gltf", "env.exr", "bulb.ies", "sensor.toml"];
     for (kind, says) in kinds {

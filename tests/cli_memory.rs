@@ -71,7 +71,7 @@ fn a_render_beyond_its_limit_does_not_begin() {
         "ptc scene.gltf --memory 1MB --frames 4 --spp 1,2 -o report",
     ] {
         let said = stderr(&bench.run(line).code(2));
-        for part in ["more than the limit", "memory [MB]", "film", "sum", "mend:"] {
+        for part in ["more than the limit", "memory [MB]", "film", "sum", "help:"] {
             assert!(said.contains(part), "{line}: {part}: {said}");
         }
     }
@@ -122,7 +122,7 @@ fn commands_that_read_images_are_held_to_the_limit_too() {
         "merge part.film -o b.png --memory 10MB",
     ] {
         let said = stderr(&bench.run(line).code(2));
-        for part in ["more than the limit", "memory [MB]", "sum", "mend:"] {
+        for part in ["more than the limit", "memory [MB]", "sum", "help:"] {
             assert!(said.contains(part), "{line}: {part}: {said}");
         }
         assert_eq!(bench.names(), before, "{line}");
@@ -152,7 +152,7 @@ mod bounded {
         let before = bench.names();
         let line = "render scene.gltf --width 4096 --height 4096 --spp 1 --threads 2";
         let said = stderr(&run_within(&bench, 1_000_000, line).code(2));
-        for part in ["which this system does not have", "memory [MB]", "film", "sum", "mend:"] {
+        for part in ["which this system does not have", "memory [MB]", "film", "sum", "help:"] {
             assert!(said.contains(part), "{part}: {said}");
         }
         assert_eq!(bench.names(), before);
@@ -180,7 +180,7 @@ mod bounded {
             "render scene.gltf --replay large.exr --threads 2",
         ] {
             let said = stderr(&run_within(&bench, 250_000, line).code(2));
-            assert!(said.contains("memory") && said.contains("mend:"), "{line}: {said}");
+            assert!(said.contains("memory") && said.contains("help:"), "{line}: {said}");
         }
     }
 }

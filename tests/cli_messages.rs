@@ -37,7 +37,7 @@ fn floor_alone(bench: &Bench, name: &str, corners: [[f32; 3]; 4]) {
 fn a_scene_without_a_triangle_that_is_left_is_refused() {
     let bench = Bench::new();
     floor_alone(&bench, "line", [[0.0; 3], [1.0, 0.0, 0.0], [2.0, 0.0, 0.0], [3.0, 0.0, 0.0]]);
-    let says = ["line.gltf", "no triangle is left", "dropped 2 triangles: 2 without area", "mend:"];
+    let says = ["line.gltf", "no triangle is left", "dropped 2 triangles: 2 without area", "help:"];
     for command in ["render", "inspect", "bench"] {
         refused(&bench, &format!("{command} line.gltf"), &says);
     }
@@ -50,7 +50,7 @@ fn a_scene_without_a_triangle_that_is_left_is_refused() {
     for (name, far) in [("e20", 1e20), ("e30", 1e30), ("e38", 1e38)] {
         floor_alone(&bench, name, [[0.0; 3], [far, 0.0, 0.0], [far, 0.0, far], [0.0, 0.0, far]]);
         let file = format!("{name}.gltf");
-        refused(&bench, &format!("render {file}"), &[&file, "object \"floor\"", "leave the range of numbers", "mend:"]);
+        refused(&bench, &format!("render {file}"), &[&file, "object \"floor\"", "leave the range of numbers", "help:"]);
     }
 }
 
@@ -106,7 +106,7 @@ fn a_plan_with_values_that_are_no_counts_is_not_called_missing() {
         bad.channels.sort_by(|a, b| a.0.cmp(&b.0));
         write_exr(&bench.path("bad.exr"), bad).expect("written");
         let says =
-            ["bad.exr", "spp.Y", "holds no numbers of samples: 2 of its values", "at pixel 3, 1", shown, "mend:"];
+            ["bad.exr", "spp.Y", "holds no numbers of samples: 2 of its values", "at pixel 3, 1", shown, "help:"];
         refused(&bench, "render scene.gltf --replay bad.exr", &says);
     }
     let mut none = plan.clone();
@@ -162,15 +162,15 @@ fn messages_name_the_cause_and_what_helps() {
         ("render scene.gltf --width 32768 --height 32768", &["film", "make it smaller", "has all of its pixels"]),
         ("render short.toml", &["short.toml", "[sensor] exposure", "1e-308 s is out of range", "3 | exposure", "5ms"]),
         ("render scene.gltf --exposure 1e-308s", &["--exposure", "exposure is 1e-308"]),
-        ("render gone.toml", &["gone.toml", "scene", "nowhere.glb", "2 | scene = \"nowhere.glb\"", "^^^", "mend:"]),
-        ("inspect kind.toml", &["kind.toml", "scene.bin", "not a scene format", "1 | scene", "mend:"]),
+        ("render gone.toml", &["gone.toml", "scene", "nowhere.glb", "2 | scene = \"nowhere.glb\"", "^^^", "help:"]),
+        ("inspect kind.toml", &["kind.toml", "scene.bin", "not a scene format", "1 | scene", "help:"]),
         ("inspect far.obj", &["3 vertices and 1 face, of which none can be used", "names no vertex", "line 4"]),
         ("ptc scene.gltf --frames 1000000000", &["1000000000 frames are more than are measured"]),
         ("ptc scene.gltf --frames 2", &["2 frames are too few to measure"]),
         ("ptc scene.gltf --seed -1", &["--seed", "write a whole number from 0 to 18446744073709551615"]),
         ("render scene.gltf --width 0", &["--width", "write a whole number from 1 to 32768"]),
         ("bench scene.gltf --seeds 0", &["--seeds", "write a whole number from 1 to 4294967295"]),
-        ("render image.glb", &["image.glb", "GLB header", "begins with \"\\x89PNG\" instead of \"glTF\"", "mend:"]),
+        ("render image.glb", &["image.glb", "GLB header", "begins with \"\\x89PNG\" instead of \"glTF\"", "help:"]),
         ("render noending", &["noending", "has no ending that names a scene format"]),
         ("render scene.gltf -o noending", &["noending", "has no ending that says what to write", "end it in .png"]),
         ("render scene.gltf --memory 1XB", &["--memory", "TB"]),

@@ -1,4 +1,4 @@
-//! What the program refuses: with exit code 2, a message that names place and mend, and nothing written.
+//! What the program refuses: with exit code 2, a message that names place and help, and nothing written.
 //!
 //! Replay: `cargo test -p dunkelfeld-cli --test cli_refusals NAME`.
 
@@ -34,45 +34,45 @@ fn bad_input_ends_with_code_2_names_the_place_and_leaves_everything_as_it_was() 
     // Arguments after `render`, and what the message must say.
     let render: &[(&str, &[&str])] = &[
         // Files that are not what they should be.
-        ("nowhere.glb", &["nowhere.glb", "mend:"]),
-        ("no.toml", &["nowhere.glb", "mend:"]),
-        ("notes.txt", &["notes.txt", "mend:"]),
-        (".", &["mend:"]),
-        ("broken.gltf", &["broken.gltf", "mend:"]),
-        ("no-scene.toml", &["no-scene.toml", "scene", "mend:"]),
+        ("nowhere.glb", &["nowhere.glb", "help:"]),
+        ("no.toml", &["nowhere.glb", "help:"]),
+        ("notes.txt", &["notes.txt", "help:"]),
+        (".", &["help:"]),
+        ("broken.gltf", &["broken.gltf", "help:"]),
+        ("no-scene.toml", &["no-scene.toml", "scene", "help:"]),
         ("unknown-key.toml", &["unknown-key.toml", "[film] widht", "did you mean `width`", "3 | widht = 3", "| ^^^^^"]),
         ("bad-camera.toml", &["bad-camera.toml", "frnt", "front", "^^^^^^"]),
         // Values that cannot be, each with what could be.
-        ("seed.toml", &["seed", "`-1` is out of range", "mend: write a whole number from 0"]),
-        ("frame.toml", &["frame", "`5000000000` is out of range", "mend: write a whole number from 0 to 4294967295"]),
-        ("angle.toml", &["[lens] vertical_fov", "30 lacks a unit", "mend: write an angle as \"30deg\""]),
-        ("wide.toml", &["[lens] vertical_fov", "179deg is out of range", "178deg", "mend:"]),
-        ("pilot.toml", &["[allocate] pilot_spp", "`1.5`", "mend: write a whole number from 1 to 65536"]),
-        ("exposed.toml", &["[sensor] exposure", "no sensor", "mend:", "4 | exposure = \"5ms\""]),
-        ("matched.toml", &["[sensor] exposure_noise", "no sensor", "mend:", "4 | exposure_noise = \"matched\""]),
+        ("seed.toml", &["seed", "`-1` is out of range", "help: write a whole number from 0"]),
+        ("frame.toml", &["frame", "`5000000000` is out of range", "help: write a whole number from 0 to 4294967295"]),
+        ("angle.toml", &["[lens] vertical_fov", "30 lacks a unit", "help: write an angle as \"30deg\""]),
+        ("wide.toml", &["[lens] vertical_fov", "179deg is out of range", "178deg", "help:"]),
+        ("pilot.toml", &["[allocate] pilot_spp", "`1.5`", "help: write a whole number from 1 to 65536"]),
+        ("exposed.toml", &["[sensor] exposure", "no sensor", "help:", "4 | exposure = \"5ms\""]),
+        ("matched.toml", &["[sensor] exposure_noise", "no sensor", "help:", "4 | exposure_noise = \"matched\""]),
         // Names that do not exist.
-        ("scene.gltf --camera nobody", &["nobody", "front", "far", "mend:"]),
-        ("scene.gltf --sensor imx999", &["imx999", "imx250", "mend:"]),
-        ("scene.gltf --sensor nowhere.toml", &["nowhere.toml", "mend:"]),
-        ("scene.gltf --sensor bad-sensor.toml", &["bad-sensor.toml", "mend:"]),
+        ("scene.gltf --camera nobody", &["nobody", "front", "far", "help:"]),
+        ("scene.gltf --sensor imx999", &["imx999", "imx250", "help:"]),
+        ("scene.gltf --sensor nowhere.toml", &["nowhere.toml", "help:"]),
+        ("scene.gltf --sensor bad-sensor.toml", &["bad-sensor.toml", "help:"]),
         // Outputs that cannot be.
-        ("scene.gltf -o missing/a.png", &["missing/a.png", "folder", "mend:"]),
-        ("scene.gltf -o folder.png", &["folder.png", "is a folder", "mend:"]),
+        ("scene.gltf -o missing/a.png", &["missing/a.png", "folder", "help:"]),
+        ("scene.gltf -o folder.png", &["folder.png", "is a folder", "help:"]),
         ("scene.gltf -o a.jpg", &["a.jpg", ".png"]),
         ("scene.gltf --exr a.png", &["a.png", ".exr"]),
         ("scene.gltf --linear a.exr", &["a.exr", ".tif"]),
         ("scene.gltf --stats scene.gltf", &["scene.gltf", ".json"]),
-        ("scene.gltf -o there.png/a.png", &["there.png/a.png", "mend:"]),
-        ("scene.gltf --exr a.exr --plan a.exr", &["a.exr", "two outputs", "mend:"]),
-        ("scene.gltf --exr a.exr --plan ./a.exr", &["a.exr", "two outputs", "mend:"]),
-        ("scene.gltf --linear a.tif --sensor none", &["a.tif", "sensor", "mend:"]),
-        ("scene.gltf --exposure 5ms --sensor none", &["--exposure", "--sensor", "mend:"]),
-        ("scene.gltf --exposure-noise matched --sensor none", &["--exposure-noise", "--sensor", "mend:"]),
+        ("scene.gltf -o there.png/a.png", &["there.png/a.png", "help:"]),
+        ("scene.gltf --exr a.exr --plan a.exr", &["a.exr", "two outputs", "help:"]),
+        ("scene.gltf --exr a.exr --plan ./a.exr", &["a.exr", "two outputs", "help:"]),
+        ("scene.gltf --linear a.tif --sensor none", &["a.tif", "sensor", "help:"]),
+        ("scene.gltf --exposure 5ms --sensor none", &["--exposure", "--sensor", "help:"]),
+        ("scene.gltf --exposure-noise matched --sensor none", &["--exposure-noise", "--sensor", "help:"]),
         ("scene.gltf --exposure-noise loud", &["loud", "plain", "matched"]),
         // Replays.
-        ("scene.gltf --replay plan.exr --width 9", &["8 x 8", "9 x 8", "mend:"]),
-        ("scene.gltf --replay nowhere.exr", &["nowhere.exr", "mend:"]),
-        ("scene.gltf --replay there.exr", &["there.exr", "mend:"]),
+        ("scene.gltf --replay plan.exr --width 9", &["8 x 8", "9 x 8", "help:"]),
+        ("scene.gltf --replay nowhere.exr", &["nowhere.exr", "help:"]),
+        ("scene.gltf --replay there.exr", &["there.exr", "help:"]),
         ("scene.gltf --replay plan.exr --spp 4", &["--replay", "--spp"]),
         // Flags.
         ("scene.gltf --no-such-flag", &["--no-such-flag"]),
@@ -91,8 +91,8 @@ fn bad_input_ends_with_code_2_names_the_place_and_leaves_everything_as_it_was() 
         ("scene.gltf --seed x", &["--seed"]),
         ("scene.gltf --allocate best", &["best", "uniform", "sobel", "variance", "sensor"]),
         ("scene.gltf --noise quiet", &["--noise", "0.7"]),
-        ("scene.gltf --noise 1 --sensor none", &["noise", "sensor", "mend"]),
-        ("scene.gltf --allocate sensor --sensor none", &["allocation", "variance", "mend"]),
+        ("scene.gltf --noise 1 --sensor none", &["noise", "sensor", "help"]),
+        ("scene.gltf --allocate sensor --sensor none", &["allocation", "variance", "help"]),
         ("scene.gltf --progress loud", &["loud", "json"]),
         ("scene.gltf --debug-sample 1,2", &["--debug-sample", "12,40,7"]),
         ("scene.gltf --debug-sample 0,0,0", &["--debug-sample", "--output"]),
@@ -118,7 +118,7 @@ fn bad_input_ends_with_code_2_names_the_place_and_leaves_everything_as_it_was() 
     assert!(message.contains("every-light") && message.contains("cover-connection"), "{message}");
     assert!(!["nesting", "many-lights", "color,"].iter().any(|name| message.contains(name)), "{message}");
     for (line, says) in [
-        ("render scene.gltf --debug-sample 512,0,0", "mend: name a pixel"),
+        ("render scene.gltf --debug-sample 512,0,0", "help: name a pixel"),
         ("inspect nowhere.glb", "nowhere.glb"),
         ("inspect broken.gltf", "broken.gltf"),
         ("sensors imx999", "imx250"),

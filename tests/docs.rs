@@ -194,7 +194,7 @@ impl Reference {
     /// Keys that the code knows in a table, from what it says about one that it cannot know.
     fn known_keys(&self, table: &str) -> BTreeSet<String> {
         let error = self.try_value(table, "qqqqqqqqqqqq", "1").expect_err("an unknown key");
-        let list = error.mend.split("known keys: ").nth(1).unwrap_or_else(|| panic!("{table}: {error}"));
+        let list = error.help.split("known keys: ").nth(1).unwrap_or_else(|| panic!("{table}: {error}"));
         list.split(", ").map(str::to_owned).collect()
     }
 

@@ -229,7 +229,7 @@ fn a_cancelled_data_set_leaves_nothing_and_a_full_folder_is_not_touched() {
     std::fs::create_dir(&folder).expect("made");
     std::fs::write(folder.join("mine"), "x").expect("written");
     let error = write_dataset(&plan, &folder, 1, &Silent, &Cancel::new()).expect_err("full");
-    assert!(error.to_string().contains("not empty") && error.to_string().contains("mend"), "{error}");
+    assert!(error.to_string().contains("not empty") && error.to_string().contains("help"), "{error}");
     assert_eq!(std::fs::read_dir(&folder).expect("there").count(), 1);
 }
 
@@ -249,7 +249,7 @@ fn files_that_do_not_fit_are_named() {
     ] {
         std::fs::write(&path, whole.replace(from, to)).expect("written");
         let error = read_measurement(&path, 1, &Silent, &Cancel::new()).expect_err(to).to_string();
-        assert!(error.contains(place) && error.contains(problem) && error.contains("mend"), "{to}: {error}");
+        assert!(error.contains(place) && error.contains(problem) && error.contains("help"), "{to}: {error}");
     }
     // Half of the levels: nothing saturates, and the message names the descriptor.
     let half = whole.find("i images/b_013").expect("a level");
@@ -275,7 +275,7 @@ fn settings_out_of_range_are_refused() {
         let mut settings = small();
         change(&mut settings);
         let error = DatasetPlan::new(&everything(), &settings).expect_err(what).to_string();
-        assert!(error.contains(what) && error.contains("mend"), "{what}: {error}");
+        assert!(error.contains(what) && error.contains("help"), "{what}: {error}");
     }
 }
 

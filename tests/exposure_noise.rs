@@ -363,6 +363,6 @@ fn noise_cannot_be_matched_to_a_sensor_that_is_not_there() {
     let settings = RenderSettings { sensor: SensorChoice::None, ..small() };
     let refused = render(&shadow(), &settings, Instant::now(), &Silent, &Cancel::new()).expect_err("no sensor");
     let said = refused.to_string();
-    assert!(["exposure noise", "sensor", "mend", "plain"].iter().all(|word| said.contains(word)), "{said}");
+    assert!(["exposure noise", "sensor", "help", "plain"].iter().all(|word| said.contains(word)), "{said}");
     assert!(render(&shadow(), &plain(&settings), Instant::now(), &Silent, &Cancel::new()).is_ok());
 }

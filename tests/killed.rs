@@ -189,23 +189,23 @@ fn parts_of_several_processes_merge_to_the_whole() {
 
     bench.write("text.film", "not a film");
     for (line, says) in [
-        ("merge a.film c.film -o x.png", &["c.film", "gap", "0..10", "11..24", "mend:"][..]),
-        ("merge a.film b.film a.film -o x.png", &["a.film", "overlap", "0..10", "mend:"]),
-        ("merge a.film nowhere.film -o x.png", &["nowhere.film", "mend:"]),
-        ("merge a.film text.film -o x.png", &["text.film", "mend:"]),
-        ("merge a.film b.film -o nowhere/x.png", &["nowhere/x.png", "mend:"]),
-        ("merge a.film b.film -o x.film", &["x.film", ".png", "mend:"]),
-        ("merge a.film b.film --checkpoint b.film", &["b.film", "is a part", "mend:"]),
+        ("merge a.film c.film -o x.png", &["c.film", "gap", "0..10", "11..24", "help:"][..]),
+        ("merge a.film b.film a.film -o x.png", &["a.film", "overlap", "0..10", "help:"]),
+        ("merge a.film nowhere.film -o x.png", &["nowhere.film", "help:"]),
+        ("merge a.film text.film -o x.png", &["text.film", "help:"]),
+        ("merge a.film b.film -o nowhere/x.png", &["nowhere/x.png", "help:"]),
+        ("merge a.film b.film -o x.film", &["x.film", ".png", "help:"]),
+        ("merge a.film b.film --checkpoint b.film", &["b.film", "is a part", "help:"]),
         ("merge -o x.png", &["PART"]),
         ("merge a.film", &["--output"]),
-        ("render scene.obj --seed 6 --width 40 --height 30 --samples 0..10 --checkpoint a.film", &["seed", "mend:"]),
+        ("render scene.obj --seed 6 --width 40 --height 30 --samples 0..10 --checkpoint a.film", &["seed", "help:"]),
         ("render scene.obj --samples 0..10", &["--checkpoint"]),
         ("render scene.obj --samples 10..10 --checkpoint x.film", &["--samples", "0..64"]),
         ("render scene.obj --samples 0..10 --spp 3 --checkpoint x.film", &["--samples", "--spp"]),
         ("render scene.obj --checkpoint-every 5s", &["--checkpoint"]),
-        ("render scene.obj --checkpoint x.png -o x.png", &["x.png", "checkpoint", "mend:"]),
-        ("render scene.obj --checkpoint nowhere/x.film", &["nowhere/x.film", "mend:"]),
-        ("render scene.obj --checkpoint text.film", &["text.film", "mend:"]),
+        ("render scene.obj --checkpoint x.png -o x.png", &["x.png", "checkpoint", "help:"]),
+        ("render scene.obj --checkpoint nowhere/x.film", &["nowhere/x.film", "help:"]),
+        ("render scene.obj --checkpoint text.film", &["text.film", "help:"]),
     ] {
         let message = stderr(&bench.run(line).code(2));
         for word in says {

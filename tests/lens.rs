@@ -182,7 +182,7 @@ fn faults_that_only_film_and_scene_show_have_a_line_and_a_caret() {
     let bench = Bench::new();
     let fault = |job: &str| {
         let error = bench.open(job).fitted().map(|_| ()).expect_err(job);
-        assert!(error.caret().contains('^') && error.to_string().contains("mend"), "{error}\n{}", error.caret());
+        assert!(error.caret().contains('^') && error.to_string().contains("help"), "{error}\n{}", error.caret());
         error.to_string()
     };
     let folds = "[film]\nheight = 2000\nwidth = 3000\n[lens]\nfocal_length = \"8mm\"\ndistortion = [-0.9, 0.0, 0, 0]";

@@ -56,7 +56,7 @@ fn standard_output_that_cannot_be_written_is_an_error() {
             Command::new(PROGRAM).current_dir(lab.path(".")).args(words).stdout(full).output().expect("it starts");
         let said = String::from_utf8_lossy(&run.stderr);
         assert_eq!(run.status.code(), Some(2), "{line}: {said}");
-        assert!(said.contains("standard output") && said.contains("mend:"), "{line}: {said}");
+        assert!(said.contains("standard output") && said.contains("help:"), "{line}: {said}");
     }
     assert!(lab.path("b.png").exists() && lab.path("m.png").exists() && lab.path("set/truth.json").exists());
 
@@ -84,7 +84,7 @@ fn a_limit_on_the_size_of_files_is_an_error_and_no_torn_file() {
     let run = Command::new("sh").current_dir(lab.path(".")).args(["-c", &line, PROGRAM]).output().expect("a shell");
     let said = String::from_utf8_lossy(&run.stderr);
     assert_eq!(run.status.code(), Some(2), "{:?}: {said}", run.status);
-    for words in ["big.exr", "limit", "mend:"] {
+    for words in ["big.exr", "limit", "help:"] {
         assert!(said.contains(words), "{words}: {said}");
     }
     assert_eq!(lab.read("big.exr"), "old");
@@ -127,7 +127,7 @@ fn a_checkpoint_in_use_is_refused_and_says_who_has_it() {
         "render no-such-scene.obj --progress none -o b.png --checkpoint ./a.film",
     ] {
         let said = complaint(&lab.run(line).code(2));
-        for words in ["a.film", "in use", &process, "since", "mend:"] {
+        for words in ["a.film", "in use", &process, "since", "help:"] {
             assert!(said.contains(words), "{line}: {words} is not in {said}");
         }
     }
@@ -160,7 +160,7 @@ fn a_measurement_in_use_is_refused() {
         "ptc <scene>.obj --width 20 --height 14 --progress none -o out",
     ] {
         let said = complaint(&lab.run(line).code(2));
-        assert!(said.contains("out/units") && said.contains("in use") && said.contains("mend:"), "{line}: {said}");
+        assert!(said.contains("out/units") && said.contains("in use") && said.contains("help:"), "{line}: {said}");
     }
     first.kill().expect("it is ours");
     first.wait().expect("it is ours");

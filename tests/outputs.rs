@@ -175,7 +175,7 @@ fn outputs_that_cannot_be_are_refused_before_the_render() {
         (OutputPaths { image: Some("".into()), ..fine.clone() }, "file"),
     ] {
         let error = paths.check(true).expect_err(says).to_string();
-        assert!(error.contains(says) && error.contains("mend:"), "{error}");
+        assert!(error.contains(says) && error.contains("help:"), "{error}");
     }
     let error = fine.check(false).expect_err("no sensor, no grey values").to_string();
     assert!(error.contains("sensor"), "{error}");

@@ -117,7 +117,7 @@ fn a_folder_stays_with_what_it_measured() {
     ];
     for (from, to, difference) in others {
         let said = complaint(&lab.run(&TINY.replace(from, to)).code(2));
-        assert!(said.contains(difference) && said.contains("mend:") && said.contains("--restart"), "{to}: {said}");
+        assert!(said.contains(difference) && said.contains("help:") && said.contains("--restart"), "{to}: {said}");
     }
     assert_eq!(lab.read("out/units/paper-4-0000.json"), record);
     // Another share of edges needs no new renders.
@@ -140,7 +140,7 @@ fn what_is_in_a_folder_and_not_of_the_same_kind_stays() {
                 _ => format!("bench <scene>.obj --quick --width 8 --height 8 -o out {flags}"),
             };
             let said = complaint(&lab.run(&line.replace("-o out", "-o precious")).code(2));
-            assert!(said.contains("other files") && said.contains("mend:"), "{line}: {said}");
+            assert!(said.contains("other files") && said.contains("help:"), "{line}: {said}");
         }
     }
     assert_eq!(lab.read("precious/units/mine.txt"), "mine");
@@ -222,7 +222,7 @@ fn frames_that_come_as_files_have_the_slope_of_their_camera() {
 }
 
 #[test]
-fn what_cannot_be_measured_is_refused_with_its_mend() {
+fn what_cannot_be_measured_is_refused_with_help() {
     let lab = lab();
     lab.write("taken", "a file");
     let cases = [

@@ -21,13 +21,13 @@ pub(crate) struct Price {
     pub(crate) image: String,
 }
 
-/// Fails with a mend where valgrind cannot be started.
+/// Fails with help where valgrind cannot be started.
 pub(crate) fn require_valgrind() -> Result<(), String> {
     match Command::new("valgrind").arg("--version").stdout(Stdio::null()).stderr(Stdio::null()).status() {
         Ok(status) if status.success() => Ok(()),
-        Ok(status) => Err(format!("valgrind does not run ({status}); mend: install it anew")),
+        Ok(status) => Err(format!("valgrind does not run ({status}); help: install it anew")),
         Err(e) => Err(format!(
-            "valgrind cannot be started ({e}), and without it instructions cannot be counted; mend: install it, as in \
+            "valgrind cannot be started ({e}), and without it instructions cannot be counted; help: install it, as in \
              `apt-get install valgrind`"
         )),
     }

@@ -55,7 +55,7 @@ pub(crate) fn markdown(what: &str, rows: &[Row]) -> String {
 pub(crate) fn replaced(page: &str, tables: &str) -> Result<String, String> {
     let parts = page.split_once(BEGIN).and_then(|(head, rest)| Some((head, rest.split_once(END)?.1)));
     let (head, tail) = parts.ok_or_else(|| {
-        format!("there is no place for the table; mend: write the lines\n{BEGIN}\n{END}\nwhere it shall stand")
+        format!("there is no place for the table; help: write the lines\n{BEGIN}\n{END}\nwhere it shall stand")
     })?;
     Ok(format!("{head}{BEGIN}\n\n{}\n\n{END}{tail}", tables.trim()))
 }

@@ -36,12 +36,12 @@ impl From<Outcome> for ExitCode {
     }
 }
 
-/// Prints an error: what is wrong, the line of the file that it points into, how to mend it.
+/// Prints an error: what is wrong, the line of the file that it points into, how to correct it.
 pub(crate) fn print_error(error: &dunkelfeld::Error) {
     let text = format!("error: {error}");
-    let (problem, mend) = text.split_at(text.find("\n  mend: ").unwrap_or(text.len()));
+    let (problem, help) = text.split_at(text.find("\n  help: ").unwrap_or(text.len()));
     let caret = error.caret();
-    let lines = [problem, &caret, mend.trim_start_matches('\n')];
+    let lines = [problem, &caret, help.trim_start_matches('\n')];
     say(&lines.into_iter().filter(|line| !line.is_empty()).collect::<Vec<_>>().join("\n"));
 }
 
@@ -71,7 +71,7 @@ pub(crate) fn output_failure() -> Option<dunkelfeld::Error> {
     Some(dunkelfeld::Error::Output {
         file: "standard output".into(),
         problem: format!("cannot be written: {failure}"),
-        mend: "redirect it to a file on a disk with room; files that the command names are written".into(),
+        help: "redirect it to a file on a disk with room; files that the command names are written".into(),
     })
 }
 

@@ -6,7 +6,7 @@ use dunkelfeld_adaptive::allocation::Strategy;
 use dunkelfeld_adaptive::plan;
 use dunkelfeld_sensor::ExposureNoise;
 
-/// Refuses what cannot be rendered, with a mend.
+/// Refuses what cannot be rendered, with help.
 pub(crate) fn check(s: &RenderSettings) -> Result<(), Error> {
     let range = format!("1 to {MAX_SIDE}");
     for (name, v) in [("width", s.width), ("height", s.height)] {

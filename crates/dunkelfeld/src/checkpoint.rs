@@ -145,8 +145,8 @@ pub(crate) struct Saved {
 /// Reads a file and its description.
 pub(crate) fn load(path: &Path) -> Result<(Description, Checkpoint), Error> {
     let mut checkpoint = read_checkpoint(path)?;
-    let mend = "use a file that this version of the program wrote, or another name to begin anew";
-    let fault = |problem: String| InputError::new(path, "the description", problem, mend);
+    let help = "use a file that this version of the program wrote, or another name to begin anew";
+    let fault = |problem: String| InputError::new(path, "the description", problem, help);
     let description: Description = serde_json::from_str(&std::mem::take(&mut checkpoint.text))
         .map_err(|e| fault(format!("is not that of a render: {e}")))?;
     let course = description.state.course.as_ref();
@@ -302,13 +302,13 @@ fn stored(path: &Path, identity: &Identity, render: &RenderSettings) -> Result<S
     };
     if let Some(difference) = other {
         let problem = format!("is the checkpoint of another render: {difference}");
-        let mend = "render the same as before, name another checkpoint, or delete this one to begin anew";
-        return Err(InputError::new(path, "the description", problem, mend).into());
+        let help = "render the same as before, name another checkpoint, or delete this one to begin anew";
+        return Err(InputError::new(path, "the description", problem, help).into());
     }
     let Checkpoint { weights, caps, target, film, .. } = stored;
     if (film.width(), film.height()) != (render.width, render.height) {
-        let (problem, mend) = ("does not have the size that the description says", "delete it to begin anew");
-        return Err(InputError::new(path, "the film", problem, mend).into());
+        let (problem, help) = ("does not have the size that the description says", "delete it to begin anew");
+        return Err(InputError::new(path, "the film", problem, help).into());
     }
     let shares = weights.map(|weights| Shares { weights, caps });
     Ok(Saved { state: description.state, shares, target, film })

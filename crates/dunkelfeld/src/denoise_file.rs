@@ -79,8 +79,8 @@ pub fn denoise_exr(
     let agree = |size: ExrSize| {
         let method = if denoiser.name() == Builtin.name() { DenoiseMethod::Builtin } else { DenoiseMethod::Oidn };
         let account = denoise_account((size.width, size.height), size.bytes, method, thread_count(threads));
-        let mend = "denoise a smaller image, one with fewer layers, or with the denoiser `builtin`";
-        account.check(memory_limit, 0, mend)
+        let help = "denoise a smaller image, one with fewer layers, or with the denoiser `builtin`";
+        account.check(memory_limit, 0, help)
     };
     let mut layers = read_exr_if(path, Role::Image, &mut inputs, agree)?;
     let planes = Planes::of(path, &layers)?;
@@ -100,8 +100,8 @@ pub fn denoise_exr(
         Ok(mean) => mean,
         Err(DenoiseError::Cancelled) if cancel.is_cancelled() => return Ok(None),
         Err(e) => {
-            let mend = "choose another denoiser, or a smaller image";
-            return Err(Error::setting(denoiser.name(), e.to_string(), mend));
+            let help = "choose another denoiser, or a smaller image";
+            return Err(Error::setting(denoiser.name(), e.to_string(), help));
         }
     };
     layers.remove_triples(Triple::Denoised);
@@ -122,7 +122,7 @@ pub fn check_denoise_output(input: &Path, output: &Path, settings: &DenoiseSetti
 }
 
 fn check_output(output: &Path, inputs: &InputFiles) -> Result<(), Error> {
-    let fault = |problem: String, mend: &str| Err(Error::Output { file: output.into(), problem, mend: mend.into() });
+    let fault = |problem: String, help: &str| Err(Error::Output { file: output.into(), problem, help: help.into() });
     if !["exr", "png"].contains(&extension(output).as_str()) {
         let problem = misfit(output);
         return fault(problem, "end it in .exr for all layers, or in .png for a picture");
@@ -212,17 +212,17 @@ pub(crate) fn radiance_of(path: &Path, layers: &ExrLayers, name: Option<&str>) -
         let list = format!("the channels are {}{more}", names.join(", "));
         return Err(match name {
             None => {
-                let mend = "use an image with channels R, G, B, or Combined.R, Combined.G, Combined.B";
+                let help = "use an image with channels R, G, B, or Combined.R, Combined.G, Combined.B";
                 InputError::new(
                     path,
                     "the layer of radiance",
                     format!("is not there under any known name; {list}"),
-                    mend,
+                    help,
                 )
             }
             Some(name) => {
-                let mend = "name what stands before .R, .G and .B in the names of three of them";
-                InputError::new(path, format!("the layer `{name}`"), format!("is not there; {list}"), mend)
+                let help = "name what stands before .R, .G and .B in the names of three of them";
+                InputError::new(path, format!("the layer `{name}`"), format!("is not there; {list}"), help)
             }
         });
     };

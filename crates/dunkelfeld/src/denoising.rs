@@ -117,10 +117,10 @@ pub fn find_denoiser(settings: &DenoiseSettings) -> Result<Option<Box<dyn Denois
             Ok(oidn) => Ok(Some(Box::new(oidn))),
             Err(_) if settings.method == DenoiseMethod::Auto && named.is_none() => Ok(Some(Box::new(Builtin))),
             Err(e) => {
-                let mend = format!(
+                let help = format!(
                     "install Open Image Denoise 1.4 or 2, name its library by --oidn PATH or {OIDN_VARIABLE}, or choose the denoiser `builtin`"
                 );
-                Err(Error::setting("oidn", e.to_string(), mend))
+                Err(Error::setting("oidn", e.to_string(), help))
             }
         },
     }
@@ -337,7 +337,7 @@ mod tests {
             for path in [folder.join("libOpenImageDenoise.so.2"), std::env::temp_dir().join("dunkelfeld-x")] {
                 let error = find_denoiser(&named(method, Some(&path))).err().expect("nothing there").to_string();
                 assert!(error.contains(&path.display().to_string()), "{error}");
-                assert!(error.contains("mend: install") && error.contains(OIDN_VARIABLE), "{error}");
+                assert!(error.contains("help: install") && error.contains(OIDN_VARIABLE), "{error}");
             }
         }
     }

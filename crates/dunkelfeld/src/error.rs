@@ -16,27 +16,27 @@ pub enum Error {
     #[error("the scene cannot be built: {}", visible_line(&.0.to_string()))]
     Build(#[from] BuildError),
     /// A camera that has no rays for this film.
-    #[error("{0}\n  mend: {mend}", mend = camera_mend(.0))]
+    #[error("{0}\n  help: {help}", help = camera_help(.0))]
     Camera(#[from] CameraError),
     /// A setting outside its range.
-    #[error("{}: {}\n  mend: {}", visible_line(what), visible_line(problem), visible_line(mend))]
+    #[error("{}: {}\n  help: {}", visible_line(what), visible_line(problem), visible_line(help))]
     Setting {
         /// Which setting.
         what: String,
         /// What is wrong.
         problem: String,
         /// What to do about it.
-        mend: String,
+        help: String,
     },
     /// A sensor that cannot expose this.
     #[error("the sensor cannot be used: {0}")]
     Sensor(#[from] SensorError),
     /// A file that could not be written.
     #[error(
-        "{}: {}\n  mend: {}",
+        "{}: {}\n  help: {}",
         visible_line(&file.to_string_lossy()),
         visible_line(problem),
-        visible_line(mend)
+        visible_line(help)
     )]
     Output {
         /// The file.
@@ -44,25 +44,25 @@ pub enum Error {
         /// What went wrong.
         problem: String,
         /// What to do about it.
-        mend: String,
+        help: String,
     },
     /// There is not enough memory.
-    #[error("{what}: there is not enough memory\n  mend: {mend}")]
+    #[error("{what}: there is not enough memory\n  help: {help}")]
     Memory {
         /// What it was asked for.
         what: String,
         /// What to do about it.
-        mend: String,
+        help: String,
     },
     /// A run that needs more memory than it may take, or than there is.
-    #[error("{problem}\n{account}\n  mend: {mend}")]
+    #[error("{problem}\n{account}\n  help: {help}")]
     MemoryNeeded {
         /// How much, and of what there is less.
         problem: String,
         /// The account, as a table.
         account: String,
         /// What to do about it.
-        mend: String,
+        help: String,
     },
     /// The threads could not be started.
     #[error("the worker threads could not be started: {0}")]
@@ -71,14 +71,14 @@ pub enum Error {
 
 impl Error {
     /// A setting outside its range.
-    pub fn setting(what: impl Into<String>, problem: impl Into<String>, mend: impl Into<String>) -> Self {
-        Self::Setting { what: what.into(), problem: problem.into(), mend: mend.into() }
+    pub fn setting(what: impl Into<String>, problem: impl Into<String>, help: impl Into<String>) -> Self {
+        Self::Setting { what: what.into(), problem: problem.into(), help: help.into() }
     }
 
     /// The film does not fit into memory.
     pub(crate) fn film_memory() -> Self {
-        let mend = "render fewer pixels, fewer layers (no --exr, no denoiser), or end other programs";
-        Self::Memory { what: "the film".into(), mend: mend.into() }
+        let help = "render fewer pixels, fewer layers (no --exr, no denoiser), or end other programs";
+        Self::Memory { what: "the film".into(), help: help.into() }
     }
 
     /// The line of the input file with a caret under the fault; empty where there is none.
@@ -91,7 +91,7 @@ impl Error {
 }
 
 /// What to do about a camera that cannot be used.
-pub(crate) fn camera_mend(error: &CameraError) -> &'static str {
+pub(crate) fn camera_help(error: &CameraError) -> &'static str {
     match error {
         CameraError::Value { .. } => "change the value",
         CameraError::NotInvertible { .. } => {

@@ -160,8 +160,8 @@ impl Exposer {
         let agree = |size: ExrSize| {
             let threads = thread_count(settings.threads);
             let account = expose_account((size.width, size.height), size.bytes, is_matched, threads);
-            let mend = "expose a smaller image, one with fewer layers, or on fewer --threads";
-            account.check(settings.memory_limit, 0, mend)
+            let help = "expose a smaller image, one with fewer layers, or on fewer --threads";
+            account.check(settings.memory_limit, 0, help)
         };
         let layers = read_exr_if(path, Role::Image, &mut InputFiles::new(), agree)?;
         if settings.vignetting.is_some() && attributes(&layers).contains_key(VIGNETTING) {
@@ -381,8 +381,8 @@ impl ExposeOutputs {
     /// No output at all, an ending that does not fit, a folder that does not exist or cannot be written to, two outputs in one
     /// file, a frame in the place of an input.
     pub fn check(&self, input: &Path, settings: &ExposeSettings) -> Result<(), Error> {
-        let fault = |file: &Path, problem: String, mend: &str| {
-            Err(Error::Output { file: file.into(), problem, mend: mend.into() })
+        let fault = |file: &Path, problem: String, help: &str| {
+            Err(Error::Output { file: file.into(), problem, help: help.into() })
         };
         for (path, endings) in [(&self.image, &["png"][..]), (&self.linear, &["png", "tif", "tiff"])] {
             let Some(path) = path else { continue };
@@ -443,8 +443,8 @@ fn check(s: &ExposeSettings) -> Result<(), Error> {
     if s.exposure_noise == ExposureNoise::Matched {
         if s.frames > 1 {
             let problem = "frames of one image share its noise, so that matched ones would be too quiet together";
-            let mend = "render anew for each frame, or leave out --exposure-noise matched";
-            return Err(Error::setting("exposure noise", problem, mend));
+            let help = "render anew for each frame, or leave out --exposure-noise matched";
+            return Err(Error::setting("exposure noise", problem, help));
         }
         if s.layer.is_some() {
             let problem = "the layer `variance` tells of the noise of the mean, not of another layer's";

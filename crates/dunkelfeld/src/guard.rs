@@ -33,7 +33,7 @@ pub(crate) fn check_outputs(outputs: &[Output<'_>], inputs: &InputFiles) -> Resu
             return Err(Error::Output {
                 file: file.path().into(),
                 problem: format!("is named for two outputs, {other} and {what}"),
-                mend: "give each its own file".into(),
+                help: "give each its own file".into(),
             });
         }
         file.keys().for_each(|key| {
@@ -51,7 +51,7 @@ fn replaces(what: &str, path: &Path, input: &InputFile) -> Error {
     Error::Output {
         file: path.into(),
         problem: format!("is {role} that this run reads{as_named}, and is also {what}"),
-        mend: "write to another file; the input stays as it is".into(),
+        help: "write to another file; the input stays as it is".into(),
     }
 }
 
@@ -66,13 +66,13 @@ pub(crate) fn check_folder(folder: &Path, inputs: &InputFiles) -> Result<(), Err
         None if folder.is_dir() && is_foreign(&report) => Err(Error::Output {
             file: report,
             problem: "is there already, and is no report of this program".into(),
-            mend: "name another folder with -o".into(),
+            help: "name another folder with -o".into(),
         }),
         None => Ok(()),
         Some(input) => Err(Error::Output {
             file: folder.into(),
             problem: format!("holds {}, {} that this run reads", input.identity.path().display(), input.role.name()),
-            mend: "name another folder with -o".into(),
+            help: "name another folder with -o".into(),
         }),
     }
 }
@@ -183,7 +183,7 @@ mod tests {
         let message = |outputs: &[Output<'_>]| check_outputs(outputs, &inputs).expect_err("not apart").to_string();
         let replaced = message(&[("the image", b), ("the EXR", a)]);
         assert!(
-            replaced.contains("a texture") && replaced.contains("the EXR") && replaced.contains("mend:"),
+            replaced.contains("a texture") && replaced.contains("the EXR") && replaced.contains("help:"),
             "{replaced}"
         );
         let twice = message(&[("the image", b), ("the EXR", b)]);
@@ -206,7 +206,7 @@ mod tests {
         check(&crate::report::page::page("photon transfer", &[])).expect("a report of ours");
         for foreign in ["", "<html><head></head></html>"] {
             let message = check(foreign).expect_err("a page of somebody else").to_string();
-            assert!(message.contains(REPORT) && message.contains("mend:"), "{message}");
+            assert!(message.contains(REPORT) && message.contains("help:"), "{message}");
         }
         let chosen = free_folder(home.join("no-such-folder"), &inputs);
         assert_eq!((chosen.path, chosen.reason), (home.join("no-such-folder"), None));

@@ -28,17 +28,17 @@ pub(crate) struct Fitted {
     pub(crate) magnification: f64,
 }
 
-/// A key of `[lens]` that asks for what cannot be: the key, the problem, the mend.
+/// A key of `[lens]` that asks for what cannot be: the key, the problem, the help.
 #[derive(Clone, Debug)]
 pub(crate) struct Misfit {
     pub(crate) key: &'static str,
     pub(crate) problem: String,
-    pub(crate) mend: &'static str,
+    pub(crate) help: &'static str,
 }
 
 impl Misfit {
-    fn new(key: &'static str, problem: impl Into<String>, mend: &'static str) -> Self {
-        Self { key, problem: problem.into(), mend }
+    fn new(key: &'static str, problem: impl Into<String>, help: &'static str) -> Self {
+        Self { key, problem: problem.into(), help }
     }
 
     fn no_size(key: &'static str) -> Self {

@@ -88,10 +88,10 @@ impl MemoryAccount {
     ///
     /// # Errors
     /// It is more than the limit, or more than there is.
-    pub(crate) fn check(&self, limit: Option<u64>, held: u64, mend: &str) -> Result<(), Error> {
+    pub(crate) fn check(&self, limit: Option<u64>, held: u64, help: &str) -> Result<(), Error> {
         let refuse = |problem: String| {
             let more = if limit.is_some() { ", or raise the limit" } else { ", or end other programs" };
-            Err(Error::MemoryNeeded { problem, account: self.table(), mend: format!("{mend}{more}") })
+            Err(Error::MemoryNeeded { problem, account: self.table(), help: format!("{help}{more}") })
         };
         let peak = self.peak_bytes;
         if let Some(limit) = limit.filter(|&limit| peak > limit) {
@@ -158,7 +158,7 @@ mod tests {
         account.check(None, 0, "-").expect("every machine has that");
         account.check(Some(107_000_000), 0, "-").expect("as much as it needs");
         let error = account.check(Some(106_999_999), 0, "use fewer pixels").expect_err("a byte too much").to_string();
-        for part in ["107 MB", "--memory", "[budget]", "film", "sum", "mend: use fewer pixels"] {
+        for part in ["107 MB", "--memory", "[budget]", "film", "sum", "help: use fewer pixels"] {
             assert!(error.contains(part), "{part}: {error}");
         }
         let mut vast = MemoryAccount::new(&["render"]);

@@ -169,7 +169,7 @@ fn join(paths: &[PathBuf]) -> Result<Joined<'_>, Error> {
     let mut whole: Option<(Film, [Plane<u32>; 2])> = None;
     for path in paths {
         let (description, stored) = load(path)?;
-        let fault = |problem: String, mend: &str| Error::from(InputError::new(path, "the part", problem, mend));
+        let fault = |problem: String, help: &str| Error::from(InputError::new(path, "the part", problem, help));
         let planes = stored.objects.zip(stored.materials);
         let (Some(samples), Some(look), Some((objects, materials))) =
             (description.samples.clone(), description.look.clone(), planes)
@@ -177,8 +177,8 @@ fn join(paths: &[PathBuf]) -> Result<Joined<'_>, Error> {
             return Err(fault("is a whole render, not a part".into(), "merge files of `render --samples A..B`"));
         };
         if description.state.stop.is_none() {
-            let mend = "render it to its end, with the command that began it";
-            return Err(fault(format!("(samples {}..{}) is not finished", samples.start, samples.end), mend));
+            let help = "render it to its end, with the command that began it";
+            return Err(fault(format!("(samples {}..{}) is not finished", samples.start, samples.end), help));
         }
         let most = stored.film.sample_counts().data().iter().copied().max().unwrap_or(0);
         if samples.is_empty() || samples.end > plan::MAX_SPP || most > samples.end - samples.start {
@@ -186,13 +186,13 @@ fn join(paths: &[PathBuf]) -> Result<Joined<'_>, Error> {
             return Err(fault(problem, "render it again"));
         }
         if let Some(first) = parts.first() {
-            let mend = "merge parts of one scene with the same settings";
+            let help = "merge parts of one scene with the same settings";
             let of = |difference| format!("is of another render than {}: {difference}", first.path.display());
             if let Some(difference) = first.description.identity.difference(&description.identity) {
-                return Err(fault(of(difference), mend));
+                return Err(fault(of(difference), help));
             }
             if let Some(what) = first.look.difference(&look) {
-                return Err(fault(of(format!("not the same {what}")), mend));
+                return Err(fault(of(format!("not the same {what}")), help));
             }
         }
         let (taken, part) = (stored.film.total_samples(), Part { path, samples, taken: 0, description, look });
@@ -221,8 +221,8 @@ fn join(paths: &[PathBuf]) -> Result<Joined<'_>, Error> {
 /// What is wrong with the samples of a part beside those of another.
 fn misfit(part: &Part<'_>, problem: &str, other: &Part<'_>) -> Error {
     let problem = format!("samples {} {problem} samples {} of {}", part.range(), other.range(), other.path.display());
-    let mend = "merge parts that follow upon each other, each once";
-    InputError::new(part.path, "the part", problem, mend).into()
+    let help = "merge parts that follow upon each other, each once";
+    InputError::new(part.path, "the part", problem, help).into()
 }
 
 /// The state of a render that took what all parts took.

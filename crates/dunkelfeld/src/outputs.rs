@@ -56,7 +56,7 @@ impl OutputPaths {
     /// cannot be, two outputs in one file.
     ///
     /// # Errors
-    /// The first fault found, with its mend.
+    /// The first fault found, with help.
     pub fn check(&self, has_sensor: bool) -> Result<(), Error> {
         self.check_beside(has_sensor, None, &InputFiles::new())
     }
@@ -69,10 +69,10 @@ impl OutputPaths {
         inputs: &InputFiles,
     ) -> Result<(), Error> {
         for path in self.all() {
-            let fault = |problem: &str, mend: &str| Error::Output {
+            let fault = |problem: &str, help: &str| Error::Output {
                 file: path.clone(),
                 problem: problem.into(),
-                mend: mend.into(),
+                help: help.into(),
             };
             if path.file_name().is_none() || path.is_dir() {
                 return Err(fault("is a folder, not a file", "name a file in it"));
@@ -91,7 +91,7 @@ impl OutputPaths {
             path.as_ref().filter(|p| !allowed.contains(&extension(p).as_str())).map(|p| Error::Output {
                 file: p.clone(),
                 problem: misfit(p),
-                mend: format!("end it in .{}", allowed.join(" or .")),
+                help: format!("end it in .{}", allowed.join(" or .")),
             })
         };
         let faults = [
@@ -109,7 +109,7 @@ impl OutputPaths {
             return Err(Error::Output {
                 file: path.clone(),
                 problem: "linear grey values come from a sensor, and there is none".into(),
-                mend: "choose a sensor, or write an EXR for linear radiance".into(),
+                help: "choose a sensor, or write an EXR for linear radiance".into(),
             });
         }
         self.all().try_for_each(|path| written(path, dunkelfeld_io::atomic::check_writable(path)))
@@ -136,7 +136,7 @@ pub(crate) fn written(path: &Path, result: std::io::Result<()>) -> Result<(), Er
         Error::Output {
             file: path.into(),
             problem: format!("cannot be written: {reason}"),
-            mend: "name a regular file in a folder that can be written to, on a disk with room".into(),
+            help: "name a regular file in a folder that can be written to, on a disk with room".into(),
         }
     })
 }
@@ -446,8 +446,8 @@ pub fn load_plan_recorded(path: &Path, inputs: &mut InputFiles) -> Result<SavedP
     let layers = read_exr_recorded(path, Role::Plan, inputs)?;
     let Attributes { seed, frame } = serde_json::from_str(&layers.attributes).unwrap_or_default();
     let fault = |problem: String| {
-        let mend = "use an EXR that --exr or --plan wrote";
-        Err(dunkelfeld_io::InputError::new(path, "layer spp.Y", problem, mend).into())
+        let help = "use an EXR that --exr or --plan wrote";
+        Err(dunkelfeld_io::InputError::new(path, "layer spp.Y", problem, help).into())
     };
     match (layers.integers(Single::SampleCount), layers.singles_that_are_no_counts(Single::SampleCount)) {
         (Some(samples), _) => Ok(SavedPlan { samples, seed, frame }),

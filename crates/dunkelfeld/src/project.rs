@@ -3,7 +3,7 @@
 use crate::check::check;
 use crate::denoising::{DenoiseMethod, DenoiseSettings, denoise_frame, find_denoiser};
 use crate::develop::{Frame, develop_film};
-use crate::error::{Error, camera_mend};
+use crate::error::{Error, camera_help};
 use crate::guard::{DefaultPath, check_outputs, free_file};
 use crate::inspect::{Inspection, camera_entry, inspect};
 use crate::lens::{DEFAULT_F_NUMBER, FilmSize, Fitted, Misfit, fit};
@@ -81,7 +81,7 @@ impl Project {
     /// Opens a scene (`.gltf`, `.glb`, `.obj`) or a job (`.toml`). The time budget starts now.
     ///
     /// # Errors
-    /// A file that cannot be used: the error names file, place and mend.
+    /// A file that cannot be used: the error names file, place and help.
     pub fn open(path: impl AsRef<Path>) -> Result<Self, Error> {
         Self::open_at(path.as_ref(), Instant::now())
     }
@@ -188,7 +188,7 @@ impl Project {
                     inspection.call(Effect::Distortion, "lens");
                 }
             }
-            Err(e) => inspection.hazards.push(e.to_string().replace("\n  mend: ", "; ")),
+            Err(e) => inspection.hazards.push(e.to_string().replace("\n  help: ", "; ")),
         }
         inspection.memory = Some(self.memory());
         inspection.warnings = self.warnings.iter().map(ToString::to_string).collect();
@@ -226,7 +226,7 @@ impl Project {
         if let Err(e) = self.scene.ray_generator(&view, settings.width, settings.height) {
             return Err(match &self.job {
                 Some(job) if matches!(e, CameraError::NotInvertible { .. }) && self.lens.distortion.is_some() => {
-                    job.lens_error("distortion", e.to_string(), camera_mend(&e)).into()
+                    job.lens_error("distortion", e.to_string(), camera_help(&e)).into()
                 }
                 _ => e.into(),
             });
@@ -277,8 +277,8 @@ impl Project {
     /// The account of a render that may begin.
     pub(crate) fn checked_account(&self, settings: &RenderSettings) -> Result<MemoryAccount, Error> {
         let (held, account) = self.account(settings);
-        let mend = "render fewer pixels (--width, --height), without --exr or a denoiser, or with smaller textures";
-        account.check(settings.memory_limit, held, mend)?;
+        let help = "render fewer pixels (--width, --height), without --exr or a denoiser, or with smaller textures";
+        account.check(settings.memory_limit, held, help)?;
         Ok(account)
     }
 
@@ -296,8 +296,8 @@ impl Project {
 
     fn misfit(&self, misfit: Misfit) -> Error {
         match &self.job {
-            Some(job) => job.lens_error(misfit.key, misfit.problem, misfit.mend).into(),
-            None => Error::setting(format!("lens {}", misfit.key), misfit.problem, misfit.mend),
+            Some(job) => job.lens_error(misfit.key, misfit.problem, misfit.help).into(),
+            None => Error::setting(format!("lens {}", misfit.key), misfit.problem, misfit.help),
         }
     }
 

@@ -52,17 +52,17 @@ pub enum AnalysisError {
         /// What is missing or wrong.
         problem: String,
         /// What to do about it.
-        mend: String,
+        help: String,
     },
 }
 
 impl AnalysisError {
-    pub(crate) fn unfit(problem: impl Into<String>, mend: impl Into<String>) -> Self {
-        Self::Unfit { problem: problem.into(), mend: mend.into() }
+    pub(crate) fn unfit(problem: impl Into<String>, help: impl Into<String>) -> Self {
+        Self::Unfit { problem: problem.into(), help: help.into() }
     }
 
     /// What to do about it.
-    pub fn mend(&self) -> &str {
+    pub fn help(&self) -> &str {
         match self {
             Self::Length { .. } | Self::Empty => "use frames with pixels, three rows and columns at least",
             Self::SizeMismatch(_) => "use frames of one size",
@@ -70,7 +70,7 @@ impl AnalysisError {
             Self::TooFewFrames { .. } => "add frames",
             Self::TooManyFrames(_) => "use fewer frames",
             Self::TooFewLevels { .. } => "add levels of light, evenly spread from dark to saturation",
-            Self::Unfit { mend, .. } => mend,
+            Self::Unfit { help, .. } => help,
         }
     }
 }

@@ -154,7 +154,7 @@ mod tests {
             let mut s = curve(&[10.0, 22.0, 33.0, 40.0]);
             spoil(&mut s);
             let e = linearity(&s, 50.0).expect_err("no line");
-            assert!(e.to_string().contains("do not differ") && e.mend().contains("photons"), "{e}");
+            assert!(e.to_string().contains("do not differ") && e.help().contains("photons"), "{e}");
         }
     }
 

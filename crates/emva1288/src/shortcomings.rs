@@ -22,7 +22,7 @@ pub(crate) fn linear(data: &Ordered<'_>, summary: &Summary, hidden: &Hidden) -> 
         notes.push(format!(
             "the dark variance of levels in the regression for K is below 0.24 DN^2, so that it need not hold the 1/12 of rounding that the \
              bright levels have: K lies between {low:.5} and {high:.5} DN/e-, whatever its standard error, and with it err eta, mu_e.sat, \
-             SNR_max, mu_I.mean, mu_I.var and DSNU1288; a larger gain would mend it"
+             SNR_max, mu_I.mean, mu_I.var and DSNU1288; a larger gain would help it"
         ));
     }
     if hidden.has_dsnu() {

@@ -332,7 +332,7 @@ fn the_general_module_sees_through_a_gamma_curve() {
 type Spoil = fn(&mut Measurement);
 
 #[test]
-fn what_cannot_be_analysed_is_refused_with_a_mend() {
+fn what_cannot_be_analysed_is_refused_with_help() {
     let mut rng = Pcg64::new(19, 1);
     let whole = measure(CAMERA, 20, 2, &mut rng);
     let cases: [(Spoil, &str, &str); 9] = [
@@ -346,12 +346,12 @@ fn what_cannot_be_analysed_is_refused_with_a_mend() {
         (|m| m.stacks.push(m.stacks[1].clone()), "2 stacks of frames with light", "keep one"),
         (|m| m.bits = Some(10), "too large for 10 bits", "right-aligned"),
     ];
-    for (spoil, problem, mend) in cases {
+    for (spoil, problem, help) in cases {
         let mut spoilt = whole.clone();
         spoil(&mut spoilt);
         let error = analyse(&spoilt, &AnalysisSettings::default()).expect_err(problem);
         assert!(error.to_string().contains(problem), "{problem}: {error}");
-        assert!(error.mend().contains(mend), "{mend}: {}", error.mend());
+        assert!(error.help().contains(help), "{help}: {}", error.help());
         assert!(matches!(error, AnalysisError::Unfit { .. }));
     }
     let mut bare = whole;

@@ -39,7 +39,7 @@ const MOST_SIDE: u32 = 32_768;
 const MOST_PIXELS: u64 = 1 << 27;
 const CHECKSUM: u64 = 8;
 
-const MEND: &str = "use a file that `render --checkpoint` or `merge` wrote, or another name to begin anew";
+const HELP: &str = "use a file that `render --checkpoint` or `merge` wrote, or another name to begin anew";
 
 /// What a checkpoint file holds.
 #[derive(Clone, Debug, PartialEq)]
@@ -152,7 +152,7 @@ pub fn write_checkpoint(
 /// # Errors
 /// The file cannot be read, is not a checkpoint, is of another version, was cut short or changed.
 pub fn read_checkpoint(path: &Path) -> Result<Checkpoint, InputError> {
-    let fault = |place: &str, problem: String| InputError::new(path, place, problem, MEND);
+    let fault = |place: &str, problem: String| InputError::new(path, place, problem, HELP);
     let file = InputFiles::new().open(path, Role::Checkpoint, MOST_STREAMED).map_err(|fault| fault.at(path))?;
     let length = file.length();
     let mut source = Source { file: BufReader::new(file), left: length, section: 0, path };
@@ -217,8 +217,8 @@ pub fn read_checkpoint(path: &Path) -> Result<Checkpoint, InputError> {
             sums.push(pixel::decode(pixel).ok_or_else(impossible)?);
         }
         film.add_rows(band.start, &sums).map_err(|e| {
-            let mend = "make its film smaller, or free some memory";
-            InputError::new(path, &place, format!("cannot be held: {e}"), mend)
+            let help = "make its film smaller, or free some memory";
+            InputError::new(path, &place, format!("cannot be held: {e}"), help)
         })?;
     }
     Ok(Checkpoint { text, weights, caps, target, objects, materials, film })
@@ -249,7 +249,7 @@ struct Source<'a> {
 
 impl Source<'_> {
     fn bytes(&mut self, place: &str, count: u64) -> Result<Vec<u8>, InputError> {
-        let fault = |problem: String| InputError::new(self.path, place, problem, MEND);
+        let fault = |problem: String| InputError::new(self.path, place, problem, HELP);
         if count > self.left {
             return Err(fault("is not there: the file was cut short".into()));
         }
@@ -268,7 +268,7 @@ impl Source<'_> {
         if stored == right || cfg!(fuzzing) {
             return Ok(());
         }
-        Err(InputError::new(self.path, place, "was damaged: its checksum is another", MEND))
+        Err(InputError::new(self.path, place, "was damaged: its checksum is another", HELP))
     }
 
     fn words(&mut self, place: &str, count: u64) -> Result<Vec<u32>, InputError> {

@@ -109,9 +109,9 @@ fn parse(path: &Path, text: &str) -> Result<(EmvaDescriptor, Vec<String>), Input
         if line.is_empty() || line.starts_with('#') {
             continue;
         }
-        let error = |problem: String, mend: &str| InputError {
+        let error = |problem: String, help: &str| InputError {
             source_span: Some(Box::new(SourceSpan { text: text.to_owned(), range: begin..begin + line.len() })),
-            ..InputError::new(path, format!("line {}", index + 1), problem, mend)
+            ..InputError::new(path, format!("line {}", index + 1), problem, help)
         };
         let (key, rest) = line.split_once(char::is_whitespace).unwrap_or((line, ""));
         let words: Vec<&str> = rest.split_whitespace().collect();
@@ -145,12 +145,12 @@ fn parse(path: &Path, text: &str) -> Result<(EmvaDescriptor, Vec<String>), Input
                 let number = |w: &&str| w.replace(',', ".").parse::<f64>().ok().filter(|v| v.is_finite() && *v >= 0.0);
                 let numbers: Vec<f64> = words.iter().filter_map(number).collect();
                 if numbers.len() != expected || words.len() != expected {
-                    let mend = if key == "b" {
+                    let help = if key == "b" {
                         "write `b EXPOSURE_NS PHOTONS`, as in `b 2000000 1250.5`"
                     } else {
                         "write `d EXPOSURE_NS`, as in `d 2000000`"
                     };
-                    return Err(error("this is no block of frames".into(), mend));
+                    return Err(error("this is no block of frames".into(), help));
                 }
                 let (exposure_ns, photons) = (numbers[0], numbers.get(1).copied().unwrap_or(0.0));
                 if photons != 0.0 && !PHOTONS.contains(&photons) {
@@ -195,7 +195,7 @@ fn parse(path: &Path, text: &str) -> Result<(EmvaDescriptor, Vec<String>), Input
         }
     }
     let fail =
-        |line: usize, problem: String, mend: &str| Err(InputError::new(path, format!("line {line}"), problem, mend));
+        |line: usize, problem: String, help: &str| Err(InputError::new(path, format!("line {line}"), problem, help));
     let mut seen: Vec<(f64, f64, bool, usize)> = Vec::new();
     for block in &descriptor.blocks {
         if block.frames.len() < 2 {
@@ -285,7 +285,7 @@ mod tests {
     }
 
     #[test]
-    fn errors_name_the_line_and_the_mend() {
+    fn errors_name_the_line_and_help() {
         let frames = "i a.png\ni b.png\n";
         for (text, place, problem) in [
             (String::new(), "line 1", "no frames"),
@@ -308,7 +308,7 @@ mod tests {
         ] {
             let e = read(text.as_bytes()).expect_err(&text);
             assert_eq!(e.place, place, "{text:?}: {e}");
-            assert!(e.problem.contains(problem) && !e.mend.is_empty(), "{text:?}: {e}");
+            assert!(e.problem.contains(problem) && !e.help.is_empty(), "{text:?}: {e}");
         }
         let e = read(b"v 4.0\nn 12 640\n").expect_err("a short line");
         assert!(e.caret().contains("2 | n 12 640\n  | ^^^^^^^^"), "{}", e.caret());

@@ -12,16 +12,16 @@ pub struct SourceSpan {
     pub range: std::ops::Range<usize>,
 }
 
-/// Input that cannot be used: which file, where in it, what is wrong, and how to mend it.
+/// Input that cannot be used: which file, where in it, what is wrong, and how to correct it.
 ///
 /// Shown, characters that a terminal would obey are spelled out.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
-    "{}: {}: {}\n  mend: {}",
+    "{}: {}: {}\n  help: {}",
     visible_line(&file.to_string_lossy()),
     visible_line(place),
     visible_line(problem),
-    visible_line(mend)
+    visible_line(help)
 )]
 pub struct InputError {
     /// The file.
@@ -31,7 +31,7 @@ pub struct InputError {
     /// What is wrong, without a full stop.
     pub problem: String,
     /// What the user can do about it, without a full stop.
-    pub mend: String,
+    pub help: String,
     /// The text around the place, for files that are text.
     pub source_span: Option<Box<SourceSpan>>,
 }
@@ -42,9 +42,9 @@ impl InputError {
         file: impl Into<PathBuf>,
         place: impl Into<String>,
         problem: impl Into<String>,
-        mend: impl Into<String>,
+        help: impl Into<String>,
     ) -> Self {
-        Self { file: file.into(), place: place.into(), problem: problem.into(), mend: mend.into(), source_span: None }
+        Self { file: file.into(), place: place.into(), problem: problem.into(), help: help.into(), source_span: None }
     }
 
     /// The line with the offending part and a caret under it, in the manner of compilers; empty without a span.
@@ -110,7 +110,7 @@ mod tests {
         let mut e = InputError::new(bad, bad, bad, bad);
         e.source_span = Some(Box::new(SourceSpan { text: "x = \"\u{1b}[2J\" # \u{9b}".into(), range: 4..9 }));
         let warning = ImportWarning { place: bad.into(), message: bad.into() };
-        for shown in [e.to_string().replace("\n  mend: ", ""), e.caret().replace('\n', ""), warning.to_string()] {
+        for shown in [e.to_string().replace("\n  help: ", ""), e.caret().replace('\n', ""), warning.to_string()] {
             assert!(!shown.contains(|c: char| c.is_control() || c == '\u{202e}'), "{shown:?}");
         }
         assert_eq!(e.caret().lines().nth(1), Some("1 | x = \"\u{fffd}[2J\" # \u{fffd}"));

@@ -172,8 +172,8 @@ pub fn read_exr_if<E: From<InputError>>(
     let bytes = size_in_memory.bytes;
     if !can_reserve(bytes.saturating_mul(2)) {
         let problem = format!("has samples of {} MB, for which there is not enough memory", bytes.div_ceil(1_000_000));
-        let mend = "use a smaller image or one with fewer channels, or end other programs";
-        return Err(InputError::new(path, "the file", problem, mend).into());
+        let help = "use a smaller image or one with fewer channels, or end other programs";
+        return Err(InputError::new(path, "the file", problem, help).into());
     }
     let layers = read().no_deep_data().largest_resolution_level().all_channels().all_layers();
     let image = blocks::decode(file, &layers).map_err(|e| fault(describe(&e)))?;

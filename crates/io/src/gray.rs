@@ -32,8 +32,8 @@ pub fn read_gray(path: &Path, limits: &Limits) -> Result<GrayFrame, InputError> 
     decoded.map_err(|f| f.at(path, "frame"))
 }
 
-fn fault(problem: impl Into<String>, mend: impl Into<String>) -> ImageFault {
-    ImageFault { problem: problem.into(), mend: mend.into() }
+fn fault(problem: impl Into<String>, help: impl Into<String>) -> ImageFault {
+    ImageFault { problem: problem.into(), help: help.into() }
 }
 
 const READABLE: &str = "save the frame as grey PNG or TIFF with 8 or 16 bits, right-aligned";
@@ -112,7 +112,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_frame_is_refused_with_a_mend() {
+    fn what_is_no_frame_is_refused_with_help() {
         let folder = tempfile::tempdir().expect("a temporary folder");
         let at = |name: &str| folder.path().join(name);
         write_png(&at("c.png"), Picture::Rgb8(&Plane::new(2, 2, [1, 2, 3])), &[]).expect("written");

@@ -93,8 +93,8 @@ impl Reader<'_> {
             }
             start = end;
         }
-        let (problem, mend) = ("there is no line that begins with TILT=", "name an IES file (ANSI/IES LM-63)");
-        Err(InputError::new(&self.path, "the file", problem, mend))
+        let (problem, help) = ("there is no line that begins with TILT=", "name an IES file (ANSI/IES LM-63)");
+        Err(InputError::new(&self.path, "the file", problem, help))
     }
 
     /// The numbers after the tilt.
@@ -229,8 +229,8 @@ impl Reader<'_> {
         format!("line {}", self.text[..self.last.start].matches('\n').count() + 1)
     }
 
-    fn error(&self, problem: impl Into<String>, mend: &str) -> InputError {
-        let mut error = InputError::new(&self.path, self.place(), problem, mend);
+    fn error(&self, problem: impl Into<String>, help: &str) -> InputError {
+        let mut error = InputError::new(&self.path, self.place(), problem, help);
         error.source_span = Some(Box::new(SourceSpan { text: self.text.to_owned(), range: self.last.clone() }));
         error
     }
@@ -419,7 +419,7 @@ mod tests {
             assert_ne!(text, good, "{old}");
             let e = refused(&text);
             assert!(e.place == line && e.problem.contains(word), "{new}: {e}");
-            assert!(!e.mend.is_empty() && (line == "the file" || e.caret().contains('^')));
+            assert!(!e.help.is_empty() && (line == "the file" || e.caret().contains('^')));
         }
         let e = refused(&file("0 45", "3 2", "1 1 1 1 1 1"));
         assert!(e.place == "line 8" && e.problem.contains("from 0 to 45"), "{e}");

@@ -25,23 +25,23 @@ pub struct Decoded {
     pub repaired: usize,
 }
 
-/// Why an image could not be decoded: what is wrong, and the mend.
+/// Why an image could not be decoded: what is wrong, and the help.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ImageFault {
     /// What is wrong, without a full stop.
     pub problem: String,
     /// What the user can do about it, without a full stop.
-    pub mend: String,
+    pub help: String,
 }
 
 impl ImageFault {
-    fn new(problem: impl Into<String>, mend: impl Into<String>) -> Self {
-        Self { problem: problem.into(), mend: mend.into() }
+    fn new(problem: impl Into<String>, help: impl Into<String>) -> Self {
+        Self { problem: problem.into(), help: help.into() }
     }
 
     /// The fault as an error of `file` at `place`.
     pub fn at(self, file: &Path, place: impl Into<String>) -> InputError {
-        InputError::new(file, place, self.problem, self.mend)
+        InputError::new(file, place, self.problem, self.help)
     }
 }
 
@@ -530,7 +530,7 @@ mod tests {
                 for bytes in [&file[..length], &flipped] {
                     match decode_image(bytes, "a.png", &limits) {
                         Ok(decoded) => assert!(decoded.image.width > 0 && decoded.image.texels.bytes() <= 1 << 24),
-                        Err(fault) => assert!(!fault.problem.is_empty() && !fault.mend.is_empty()),
+                        Err(fault) => assert!(!fault.problem.is_empty() && !fault.help.is_empty()),
                     }
                 }
             }

@@ -8,7 +8,7 @@ use std::path::Path;
 /// Reads a scene file; the extension chooses the reader (`.gltf`, `.glb`, `.obj`).
 ///
 /// # Errors
-/// If the extension is none of these, or the file cannot be used: the error names file, place and mend.
+/// If the extension is none of these, or the file cannot be used: the error names file, place and help.
 pub fn load_scene(path: &Path, options: &ImportOptions) -> Result<Imported, InputError> {
     let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase();
     match extension.as_str() {

@@ -321,7 +321,7 @@ impl ReadFault {
     }
 
     /// What the user can do about it, without a full stop.
-    pub fn mend(&self) -> &'static str {
+    pub fn help(&self) -> &'static str {
         match self {
             Self::Missing => "check the name, upper and lower case included",
             Self::NotPermitted => "change the file's permissions",
@@ -335,7 +335,7 @@ impl ReadFault {
 
     /// The fault as an error of `file` itself.
     pub fn at(&self, file: &Path) -> InputError {
-        InputError::new(file, "the file", self.problem(), self.mend())
+        InputError::new(file, "the file", self.problem(), self.help())
     }
 }
 

@@ -521,7 +521,7 @@ impl Job {
         }
         lens::check_film(&job.film)
             .and_then(|()| lens::check_lens(&job.lens, &job.film, &job.sensor.model))
-            .map_err(|(key, problem, mend)| file.error_at_key(&key, problem, mend))?;
+            .map_err(|(key, problem, help)| file.error_at_key(&key, problem, help))?;
         for key in ["exposure", "exposure_noise"].map(|key| ["sensor", key]) {
             if job.sensor.model == SensorChoice::None && file.has_key(&key) {
                 let problem = "there is no sensor to expose";
@@ -593,12 +593,12 @@ impl Job {
         }
         let name = self.scene.display().to_string();
         let problem = if error.problem.contains(&name) { error.problem } else { format!("{name}: {}", error.problem) };
-        self.source.error_at_key(&["scene"], problem, error.mend)
+        self.source.error_at_key(&["scene"], problem, error.help)
     }
 
     /// An error about a key of `[lens]` that is found only where lens, film and scene meet.
-    pub fn lens_error(&self, key: &str, problem: impl Into<String>, mend: impl Into<String>) -> InputError {
-        self.source.error_at_key(&["lens", key], problem, mend)
+    pub fn lens_error(&self, key: &str, problem: impl Into<String>, help: impl Into<String>) -> InputError {
+        self.source.error_at_key(&["lens", key], problem, help)
     }
 
     /// Index of the camera that the job names; `None` if it names none.

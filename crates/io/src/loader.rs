@@ -230,7 +230,7 @@ impl AssetLoader {
         self.inputs.borrow_mut().add(&path, role);
         let missing = |e: std::io::Error| {
             let fault = ReadFault::from(e);
-            self.refuse(shown, &format!("{} {}", path.display(), fault.problem()), fault.mend())
+            self.refuse(shown, &format!("{} {}", path.display(), fault.problem()), fault.help())
         };
         let folder = self.folder.canonicalize().map_err(missing)?;
         let real = path.canonicalize().map_err(missing)?;
@@ -257,7 +257,7 @@ impl AssetLoader {
                     true => fault.problem(),
                     false => format!("{} {}", path.display(), fault.problem()),
                 };
-                Err(InputError::new(&self.scene_file, place, problem, fault.mend()))
+                Err(InputError::new(&self.scene_file, place, problem, fault.help()))
             }
         }
     }
@@ -282,8 +282,8 @@ impl AssetLoader {
         self.refuse(shown, &problem, "split or shrink the file, or raise the import limits")
     }
 
-    fn refuse(&self, reference: &str, problem: &str, mend: &str) -> InputError {
-        InputError::new(&self.scene_file, format!("reference \"{reference}\""), problem, mend)
+    fn refuse(&self, reference: &str, problem: &str, help: &str) -> InputError {
+        InputError::new(&self.scene_file, format!("reference \"{reference}\""), problem, help)
     }
 }
 

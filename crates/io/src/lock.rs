@@ -122,7 +122,7 @@ pub fn lock_path(target: &Path) -> PathBuf {
 
 fn refusal(target: &Path, path: &Path, holder: Option<&LockHolder>) -> InputError {
     let lock = path.display();
-    let (problem, mend) = match holder {
+    let (problem, help) = match holder {
         Some(holder) if holder.by_file => (
             format!("is in use: {holder}"),
             format!("wait until it ends, or use another name; if that process has ended, delete {lock}"),
@@ -133,11 +133,11 @@ fn refusal(target: &Path, path: &Path, holder: Option<&LockHolder>) -> InputErro
             format!("wait until it ends, or use another name; if there is no such process, delete {lock}"),
         ),
     };
-    InputError::new(target, format!("the lock {lock}"), problem, mend)
+    InputError::new(target, format!("the lock {lock}"), problem, help)
 }
 
 fn attempt_at(path: &Path) -> Result<Attempt, InputError> {
-    let fault = |problem: String, mend: &str| InputError::new(path, "the lock file", problem, mend);
+    let fault = |problem: String, help: &str| InputError::new(path, "the lock file", problem, help);
     let cannot = |e: io::Error| {
         let problem = format!("cannot be written: {}", cause(folder_of(path), &e));
         fault(problem, "check the permissions of the folder and the space on the disk")
@@ -296,7 +296,7 @@ mod tests {
         let lock = TargetLock::acquire(&target).expect("free");
         let message = TargetLock::acquire(&target).expect_err("held").to_string();
         let process = format!("process {} on host", std::process::id());
-        for words in ["a.film", "a.film.lock", &process, "dunkelfeld", "since 2", "Z", "mend: wait"] {
+        for words in ["a.film", "a.film.lock", &process, "dunkelfeld", "since 2", "Z", "help: wait"] {
             assert!(message.contains(words), "{words} is not in {message}");
         }
         drop(lock);
@@ -337,7 +337,7 @@ mod tests {
         for content in ["mine", "lock file of something else", &"x".repeat(10_000)] {
             fs::write(&path, content).expect("writable");
             let message = TargetLock::acquire(&target).expect_err("not ours").to_string();
-            assert!(message.contains("in the way") && message.contains("mend:"), "{message}");
+            assert!(message.contains("in the way") && message.contains("help:"), "{message}");
             assert_eq!(fs::read_to_string(&path).expect("there"), content);
         }
         fs::remove_file(&path).expect("there");

@@ -28,7 +28,7 @@ pub fn nearest_names<'a>(name: &str, known: impl IntoIterator<Item = &'a str>) -
     scored.into_iter().map(|(_, candidate)| candidate).collect()
 }
 
-/// A sentence for the mend of an error: the nearest of the known names, or all of them if there are few.
+/// A sentence for the help of an error: the nearest of the known names, or all of them if there are few.
 pub fn suggestion(name: &str, what: &str, known: &[&str]) -> String {
     let quoted = |names: &[&str]| names.iter().map(|n| format!("\"{n}\"")).collect::<Vec<_>>().join(", ");
     let near = nearest_names(name, known.iter().copied());

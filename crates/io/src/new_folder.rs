@@ -28,8 +28,8 @@ impl NewFolder {
     /// The place is taken, cannot be written to, or another process is filling it.
     pub fn start(target: &Path) -> Result<Self, InputError> {
         let fault = |problem: String| {
-            let mend = "name a folder that does not exist yet, on a disk with room";
-            InputError::new(target, "the new folder", problem, mend)
+            let help = "name a folder that does not exist yet, on a disk with room";
+            InputError::new(target, "the new folder", problem, help)
         };
         // A link to an empty folder stands for it.
         let place = fs::canonicalize(target).unwrap_or_else(|_| target.to_path_buf());

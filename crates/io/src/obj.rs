@@ -62,7 +62,7 @@ use textures::{Textures, load_beside};
 pub fn load_obj(path: &Path, options: &ImportOptions) -> Result<Imported, InputError> {
     let loader = AssetLoader::new(path, options.limits);
     let bytes = loader.read_scene()?;
-    let refuse = |problem: &str, mend: &str| InputError::new(path, "the file", problem, mend);
+    let refuse = |problem: &str, help: &str| InputError::new(path, "the file", problem, help);
     let Some((source, note)) = text::decode(bytes) else {
         return Err(refuse("holds binary data and is no OBJ text", "export the scene as Wavefront OBJ or glTF"));
     };
@@ -152,12 +152,12 @@ fn nothing_to_see(path: &Path, parsed: &Parsed, warnings: Warnings) -> InputErro
         problem.push_str(&format!("; {warning}"));
     }
     let has_faces = parsed.dropped_faces + parsed.faces.len() > 0;
-    let mend = if has_faces {
+    let help = if has_faces {
         "correct the faces (`f` statements), or export the mesh again"
     } else {
         "export a polygon mesh (`f` statements)"
     };
-    InputError::new(path, "the file", problem, mend)
+    InputError::new(path, "the file", problem, help)
 }
 
 fn faces(n: usize) -> String {

@@ -100,8 +100,8 @@ pub fn preset(name: &str) -> Result<SensorModel, InputError> {
         Some((_, text)) => parse_sensor(&TomlFile::from_text(format!("{name}.toml"), *text)),
         None => {
             let known: Vec<&str> = preset_names().collect();
-            let mend = format!("name a sensor file (*.toml) or one of {}", known.join(", "));
-            Err(InputError::new(name, "the sensor", "there is no preset of that name", mend))
+            let help = format!("name a sensor file (*.toml) or one of {}", known.join(", "));
+            Err(InputError::new(name, "the sensor", "there is no preset of that name", help))
         }
     }
 }
@@ -162,10 +162,10 @@ pub fn parse_sensor(file: &TomlFile) -> Result<SensorModel, InputError> {
     };
     SensorModel::new(spec).map_err(|e| match &e {
         SensorError::OutOfRange { field, allowed, .. } => {
-            let mend = format!("write a value {allowed}");
+            let help = format!("write a value {allowed}");
             match toml.span(field, &gain_span) {
-                Some(span) => file.error_at(span, "the value is out of range", mend),
-                None => InputError::new(file.path(), *field, e.to_string(), mend),
+                Some(span) => file.error_at(span, "the value is out of range", help),
+                None => InputError::new(file.path(), *field, e.to_string(), help),
             }
         }
         other => InputError::new(file.path(), "the sensor", other.to_string(), "see the format of sensor files"),
@@ -369,8 +369,8 @@ impl SensorToml {
                 "remove `quantum_efficiency`, or [color_filter]",
             )),
             (None, None) => {
-                let mend = "add `quantum_efficiency = [[545, 0.7]]`, or a [color_filter] with a curve for each colour";
-                Err(InputError::new(file.path(), "quantum_efficiency", "the key is missing", mend))
+                let help = "add `quantum_efficiency = [[545, 0.7]]`, or a [color_filter] with a curve for each colour";
+                Err(InputError::new(file.path(), "quantum_efficiency", "the key is missing", help))
             }
         }
     }
@@ -384,8 +384,8 @@ impl SensorToml {
                 Err(file.error_at(second.span(), "the gain is given twice", "keep one of gain_e_per_dn, gain_dn_per_e"))
             }
             (None, None) => {
-                let mend = "add `gain_e_per_dn = ...` or `gain_dn_per_e = ...`";
-                Err(InputError::new(file.path(), "the sensor", "the gain is missing", mend))
+                let help = "add `gain_e_per_dn = ...` or `gain_dn_per_e = ...`";
+                Err(InputError::new(file.path(), "the sensor", "the gain is missing", help))
             }
         }
     }

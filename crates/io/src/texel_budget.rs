@@ -51,9 +51,9 @@ impl TexelBudget {
             ),
         };
         let gib = self.bytes.div_ceil(1 << 30);
-        let mend =
+        let help =
             format!("make the images smaller, or allow more in a job: `texture_memory = \"{gib}GiB\"` in [import]");
-        Err(InputError::new(file, place, problem, mend))
+        Err(InputError::new(file, place, problem, help))
     }
 }
 

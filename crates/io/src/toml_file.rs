@@ -1,4 +1,4 @@
-//! TOML files into typed data, with errors that show line, caret and mend: job and sensor files stand on this.
+//! TOML files into typed data, with errors that show line, caret and help: job and sensor files stand on this.
 //!
 //! ```
 //! use dunkelfeld_io::toml_file::TomlFile;
@@ -85,7 +85,7 @@ impl TomlFile {
             let message = Message::from_serde(e.message());
             // An empty span stands for the file as a whole: the root table has no header.
             let span = e.span().filter(|range| !range.is_empty() || message.missing.is_none());
-            let error = span.map(|range| self.error_at(range, &message.problem, &message.mend));
+            let error = span.map(|range| self.error_at(range, &message.problem, &message.help));
             match (error, message.missing) {
                 (Some(error), None) => error,
                 // Only a key that is missing from a table has a header to point at.
@@ -97,25 +97,25 @@ impl TomlFile {
                     &self.path,
                     missing.unwrap_or_else(|| "the file".into()),
                     message.problem,
-                    message.mend,
+                    message.help,
                 ),
             }
         })
     }
 
     /// An error about the part of the text at `range` (from [`Spanned::span`]); the place is the path of the key.
-    pub fn error_at(&self, range: Range<usize>, problem: impl Into<String>, mend: impl Into<String>) -> InputError {
-        let mut error = InputError::new(&self.path, self.place(&range), problem, mend);
+    pub fn error_at(&self, range: Range<usize>, problem: impl Into<String>, help: impl Into<String>) -> InputError {
+        let mut error = InputError::new(&self.path, self.place(&range), problem, help);
         error.source_span = Some(Box::new(SourceSpan { text: self.text.clone(), range }));
         error
     }
 
     /// An error about the value of a key: its path, with positions in arrays as numbers from 0 (`["light", "2", "name"]`).
     /// A path that leads nowhere gives an error without a caret.
-    pub fn error_at_key(&self, path: &[&str], problem: impl Into<String>, mend: impl Into<String>) -> InputError {
+    pub fn error_at_key(&self, path: &[&str], problem: impl Into<String>, help: impl Into<String>) -> InputError {
         match DeTable::parse(&self.text).ok().and_then(|root| span_of(root.get_ref(), path)) {
-            Some(range) => self.error_at(range, problem, mend),
-            None => InputError::new(&self.path, path.join(", "), problem, mend),
+            Some(range) => self.error_at(range, problem, help),
+            None => InputError::new(&self.path, path.join(", "), problem, help),
         }
     }
 
@@ -273,10 +273,10 @@ fn join_place(table: &str, key: &str) -> String {
     format!("[{}] {key}", table.trim_matches(['[', ']']))
 }
 
-/// What serde and toml report, reworded as a problem and a mend.
+/// What serde and toml report, reworded as a problem and help.
 struct Message {
     problem: String,
-    mend: String,
+    help: String,
     /// The key that is missing, if one is.
     missing: Option<String>,
 }
@@ -293,7 +293,7 @@ impl Message {
         if let Some(key) = message.strip_prefix("missing field ").map(|k| k.trim_matches('`').to_string()) {
             return Self {
                 problem: format!("the key `{key}` is missing"),
-                mend: format!("add `{key} = ...`"),
+                help: format!("add `{key} = ...`"),
                 missing: Some(key),
             };
         }
@@ -312,7 +312,7 @@ impl Message {
             };
             return Self {
                 problem: format!("{found} {problem}"),
-                mend: format!("write {}{brackets}", in_words(wanted)),
+                help: format!("write {}{brackets}", in_words(wanted)),
                 missing: None,
             };
         }
@@ -320,15 +320,15 @@ impl Message {
         {
             return Self {
                 problem: format!("{found} is out of range"),
-                mend: format!("write {}", in_words(wanted)),
+                help: format!("write {}", in_words(wanted)),
                 missing: None,
             };
         }
-        // Messages of our own value types carry their mend after a semicolon.
-        if let Some((problem, mend)) = message.split_once("; ") {
-            return Self { problem: problem.into(), mend: mend.into(), missing: None };
+        // Messages of our own value types carry their help after a semicolon.
+        if let Some((problem, help)) = message.split_once("; ") {
+            return Self { problem: problem.into(), help: help.into(), missing: None };
         }
-        Self { problem: message, mend: "correct the TOML there".into(), missing: None }
+        Self { problem: message, help: "correct the TOML there".into(), missing: None }
     }
 
     /// From "`name`, expected `a` or `b`", "`name`, expected one of `a`, `b`" and "`name`, there are no fields".
@@ -337,11 +337,11 @@ impl Message {
         let name = ticked.next().unwrap_or_default();
         let known: Vec<&str> = ticked.collect();
         let list = if known.is_empty() { "none".to_string() } else { known.join(", ") };
-        let mend = match nearest_names(name, known.iter().copied()).first() {
+        let help = match nearest_names(name, known.iter().copied()).first() {
             Some(near) => format!("did you mean `{near}`? known {what}s: {list}"),
             None => format!("known {what}s: {list}"),
         };
-        Self { problem: format!("unknown {what} `{name}`"), mend, missing: None }
+        Self { problem: format!("unknown {what} `{name}`"), help, missing: None }
     }
 }
 
@@ -407,8 +407,8 @@ mod tests {
     }
 
     #[test]
-    fn errors_name_place_problem_and_mend_and_point_at_them() {
-        for (text, place, problem, mend, marked) in [
+    fn errors_name_place_problem_and_help_and_point_at_them() {
+        for (text, place, problem, help, marked) in [
             (
                 "scene = \"a\"\nfilms = 1",
                 "films",
@@ -470,7 +470,7 @@ mod tests {
             let error = failure(text);
             assert_eq!(error.place, place, "{error}");
             assert!(error.problem.contains(problem), "{error}");
-            assert!(error.mend.contains(mend), "{error}");
+            assert!(error.help.contains(help), "{error}");
             let span = error.source_span.as_deref().expect("a span");
             assert_eq!(&span.text[span.range.clone()], marked, "{error}");
         }

@@ -81,7 +81,7 @@ impl Bench {
     #[track_caller]
     fn refused(&self, bytes: &[u8], what: &str) -> InputError {
         let error = self.read(bytes).map(|_| ()).expect_err(what);
-        assert!(error.file == self.path && !error.problem.is_empty() && !error.mend.is_empty(), "{what}: {error}");
+        assert!(error.file == self.path && !error.problem.is_empty() && !error.help.is_empty(), "{what}: {error}");
         error
     }
 }

@@ -45,7 +45,7 @@ fn read(path: &Path) -> Outcome {
                 Outcome::Loaded(triangles, imported.warnings.len())
             }
             Ok(Err(error)) => {
-                let silent = [&error.place, &error.problem, &error.mend].iter().any(|part| part.trim().is_empty());
+                let silent = [&error.place, &error.problem, &error.help].iter().any(|part| part.trim().is_empty());
                 let message = error.to_string();
                 if silent {
                     Outcome::Broke(format!("an error that says too little: {message}"))

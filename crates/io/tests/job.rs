@@ -111,8 +111,8 @@ fn a_job_that_says_the_least_gets_the_documented_defaults() {
 }
 
 #[test]
-fn faults_are_refused_with_place_mend_and_caret() {
-    for (text, place, problem, mend, marked) in [
+fn faults_are_refused_with_place_help_and_caret() {
+    for (text, place, problem, help, marked) in [
         ("[film]\nwidht = 3", "[film] widht", "unknown key `widht`", "did you mean `width`?", "widht"),
         ("[film]\nwidth = 0", "[film] width", "0 is out of range", "from 1 to 32768", "0"),
         ("[film]\nheight = 40000", "[film] height", "out of range", "from 1 to 32768", "40000"),
@@ -192,16 +192,16 @@ fn faults_are_refused_with_place_mend_and_caret() {
         let error = refusal(&with(text));
         assert_eq!(error.place, place, "{error}\n{}", error.caret());
         assert!(error.problem.contains(problem), "{error}");
-        assert!(error.mend.contains(mend), "{error}");
+        assert!(error.help.contains(help), "{error}");
         let span = error.source_span.as_deref().expect("a span");
         assert_eq!(&span.text[span.range.clone()], marked, "{error}\n{}", error.caret());
     }
-    for (key, value, mend) in
+    for (key, value, help) in
         [("seed", "-1", "from 0 to 9223372036854775807"), ("frame", "5000000000", "to 4294967295")]
     {
         let error = refusal(&format!("{key} = {value}\nscene = \"a.glb\""));
         assert!(error.problem.contains(value) && error.problem.contains("out of range"), "{error}");
-        assert!(error.place == key && error.mend.contains(mend), "{error}");
+        assert!(error.place == key && error.help.contains(help), "{error}");
     }
     assert_eq!(refusal("seed = 1").place, "scene");
     assert_eq!(refusal("scene = \"\"").problem, "the scene's path is empty");
@@ -267,7 +267,7 @@ fn lenses_that_contradict_themselves_are_refused_where_they_do() {
     ] {
         let error = refusal(&with(&format!("[lens]\n{lens}")));
         assert_eq!(error.place, format!("[lens] {key}"), "{error}");
-        assert!(error.problem.contains(problem) && error.caret().contains('^') && !error.mend.is_empty(), "{error}");
+        assert!(error.problem.contains(problem) && error.caret().contains('^') && !error.help.is_empty(), "{error}");
     }
     let error = refusal(&with("[film]\npixel_pitch = \"5um\"\nsensor_height = \"7mm\""));
     assert!(error.place == "[film] sensor_height" && error.problem.contains("only one of"), "{error}");
@@ -436,29 +436,29 @@ fn punctual_lights_take_what_fits_their_kind() {
     assert_eq!(scene.lights[1].kind, PunctualKind::Spot { intensity: Rgb::splat(5.0), inner: 0.5, outer: 0.5 });
     assert_eq!(scene.lights[2].kind, PunctualKind::Directional { irradiance: Rgb::new(1.0, 0.0, 0.0) });
     assert_eq!(changed("[[light]]\nname = \"s*\"\nenabled = false").lights.len(), 1);
-    for (text, key, mend) in [
+    for (text, key, help) in [
         ("[[light]]\nname = \"sun\"\npower = 1", "power", "`irradiance`"),
         ("[[light]]\nname = \"bulb\"\nradiance = 1", "radiance", "`intensity`"),
         ("[[light]]\nname = \"spot\"\nirradiance = 1", "irradiance", "`intensity`"),
         ("[[light]]\nname = \"left\"\nintensity = 1", "intensity", "`radiance`"),
     ] {
         let error = unfit(text);
-        assert!(error.place.ends_with(key) && error.mend.contains(mend), "{error}");
+        assert!(error.place.ends_with(key) && error.help.contains(help), "{error}");
     }
 }
 
 #[test]
 fn names_that_stand_for_nothing_are_refused_with_the_nearest() {
     let error = unfit("[[material]]\nname = \"pmna\"");
-    assert_eq!((error.place.as_str(), error.mend.as_str()), ("[[material]] 1, name", "did you mean \"pmma\"?"));
+    assert_eq!((error.place.as_str(), error.help.as_str()), ("[[material]] 1, name", "did you mean \"pmma\"?"));
     assert!(error.caret().contains("3 | name = \"pmna\""), "{}", error.caret());
     let error = unfit("[[light]]\nname = \"bulbs\"\nenabled = false");
-    assert_eq!((error.place.as_str(), error.mend.as_str()), ("[[light]] 1, name", "did you mean \"bulb\"?"));
+    assert_eq!((error.place.as_str(), error.help.as_str()), ("[[light]] 1, name", "did you mean \"bulb\"?"));
     let error = unfit("[[material]]\nname = \"pmma\"\nattenuation_color = 0.5");
-    assert!(error.place.contains("attenuation_color") && error.mend.contains("solid = true"), "{error}");
+    assert!(error.place.contains("attenuation_color") && error.help.contains("solid = true"), "{error}");
     let job = job("scene = \"a.glb\"\ncamera = \"abvoe\"");
     let error = job.camera_index(&scene()).expect_err("no such camera");
-    assert_eq!((error.place.as_str(), error.mend.as_str()), ("camera", "did you mean \"above\"?"));
+    assert_eq!((error.place.as_str(), error.help.as_str()), ("camera", "did you mean \"above\"?"));
 }
 
 #[test]

@@ -115,7 +115,7 @@ fn files_without_a_visible_face_are_refused_with_the_reason() {
     ] {
         let error = load_with(&[("a.obj", obj.as_bytes())]).expect_err(obj);
         assert!(error.problem.contains(part), "{error}");
-        assert!(!error.mend.is_empty());
+        assert!(!error.help.is_empty());
     }
     assert!(load_with(&[("a.obj", b"\0\0\0\x01binary")]).expect_err("binary").problem.contains("binary"));
     assert!(load_obj(Path::new("no/such.obj"), &ImportOptions::default()).is_err());

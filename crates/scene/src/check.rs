@@ -1,4 +1,4 @@
-//! What is checked before a scene is compiled, and what is mended on the way.
+//! What is checked before a scene is compiled, and what is repaired on the way.
 
 use crate::builder::{EnvironmentSource, MeshPart, PunctualKind, SceneBuilder};
 use crate::camera::check_camera;

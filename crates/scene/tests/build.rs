@@ -1,4 +1,4 @@
-//! What a builder may hold that no scene can be made of, and what is mended: never a panic.
+//! What a builder may hold that no scene can be made of, and what is repaired: never a panic.
 
 use dunkelfeld_geometry::{DAffine3, DVec3, Mesh, Ray, Vec2, Vec3, Vec4};
 use dunkelfeld_radiometry::Rgb;
@@ -182,7 +182,7 @@ fn attributes_that_do_not_fit_are_ignored_with_a_note() {
     mesh.uvs[1] = vec![Vec2::ZERO; 9];
     mesh.colors = vec![Vec4::new(f32::NAN, 1.0, 1.0, 1.0); 4];
     mesh.triangles.push([0, 1, 77]);
-    let (scene, report) = b.build().expect("mended");
+    let (scene, report) = b.build().expect("repaired");
     for what in
         ["3 normals", "1 tangents", "9 texture coordinates", "colours that are not finite", "beyond the vertices"]
     {
@@ -221,7 +221,7 @@ fn texels_that_are_no_light_count_as_black() {
     b.images.push(Image { name: "broken".into(), width: 2, height: 1, texels });
     let texture = Texture::new(ImageId(0), ColorEncoding::Linear);
     b.materials[0] = Material { emission: Rgb::WHITE, emission_texture: Some(texture), ..Material::default() };
-    let (scene, report) = b.build().expect("mended");
+    let (scene, report) = b.build().expect("repaired");
     assert!(report.findings.iter().any(|f| f.message.contains("2 texels")), "{report:?}");
     for x in [-0.25, 0.0, 0.25] {
         let hit = scene.intersect(&Ray::new(Vec3::new(x, 0.1, 1.0), Vec3::NEG_Z)).expect("the square is there");

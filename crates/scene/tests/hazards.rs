@@ -44,7 +44,7 @@ fn hazards(b: SceneBuilder) -> Vec<String> {
     report.hazards().map(|f| format!("{}: {}", f.place, f.message)).collect()
 }
 
-/// One hazard, about the object, with the words and with a mend.
+/// One hazard, about the object, with the words and with help.
 #[track_caller]
 fn says(b: SceneBuilder, about: &str, words: &[&str]) {
     let found = hazards(b);

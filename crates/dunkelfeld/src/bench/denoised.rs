@@ -61,8 +61,8 @@ impl Filter {
             Ok(done) => Ok(Some(Filtered { key: self.key, signal: view.signal(&done.mean), seconds: done.seconds })),
             Err(_) if cancel.is_cancelled() => Ok(None),
             Err(e) => {
-                let mend = "leave it out with --denoise; the renders that are finished are kept";
-                Err(Error::setting("denoise", format!("{}: {e}", self.name()), mend))
+                let help = "leave it out with --denoise; the renders that are finished are kept";
+                Err(Error::setting("denoise", format!("{}: {e}", self.name()), help))
             }
         }
     }

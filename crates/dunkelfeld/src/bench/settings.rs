@@ -78,7 +78,7 @@ impl BenchSettings {
     /// Refuses what cannot be measured.
     ///
     /// # Errors
-    /// A setting outside its range, with its mend.
+    /// A setting outside its range, with help.
     pub fn check(&self) -> Result<(), Error> {
         let rungs = &self.ladder;
         if rungs.is_empty() || rungs.len() > MOST_RUNGS || rungs[0] == 0 || rungs.windows(2).any(|w| w[0] >= w[1]) {
@@ -95,10 +95,10 @@ impl BenchSettings {
             return Err(Error::setting("spp", problem, "use less than 1e9, a quarter of that on the ladder"));
         }
         if !(LEAST_SEEDS..=MOST_SEEDS).contains(&self.seeds) || self.seeds % 2 == 1 {
-            let mend = format!(
+            let help = format!(
                 "use an even number from {LEAST_SEEDS} to {MOST_SEEDS}: half against half tells the noise of a bias"
             );
-            return Err(Error::setting("seeds", format!("{} renders per point cannot be compared", self.seeds), mend));
+            return Err(Error::setting("seeds", format!("{} renders per point cannot be compared", self.seeds), help));
         }
         let strategies = &self.strategies;
         let repeated = strategies.iter().enumerate().any(|(i, s)| strategies[..i].contains(s));
@@ -111,12 +111,12 @@ impl BenchSettings {
         let denoisers = self.denoisers.as_deref().unwrap_or(&[]);
         let unfit = |m: &DenoiseMethod| matches!(m, DenoiseMethod::Off | DenoiseMethod::Auto);
         if denoisers.iter().any(unfit) || denoisers.iter().enumerate().any(|(i, m)| denoisers[..i].contains(m)) {
-            let mend = "name builtin, oidn or both, or off alone; what is not denoised is always measured";
-            return Err(Error::setting("denoise", "there is a denoiser twice, or one that is none", mend));
+            let help = "name builtin, oidn or both, or off alone; what is not denoised is always measured";
+            return Err(Error::setting("denoise", "there is a denoiser twice, or one that is none", help));
         }
         if self.oidn.is_some() && self.denoisers.as_ref().is_some_and(|d| !d.contains(&DenoiseMethod::Oidn)) {
-            let mend = "add oidn to the denoisers, or do not name the library";
-            return Err(Error::setting("oidn", "the library is named and not used", mend));
+            let help = "add oidn to the denoisers, or do not name the library";
+            return Err(Error::setting("oidn", "the library is named and not used", help));
         }
         let technique = self.effects.iter().flatten().find(|e| e.is_technique());
         if let Some(technique) = technique {
@@ -124,8 +124,8 @@ impl BenchSettings {
                 "{} is a way of looking for light: without it the noise differs, not the image",
                 technique.name()
             );
-            let mend = "leave out an effect of the scene; `dunkelfeld render --without` takes techniques too";
-            return Err(Error::setting("effects", problem, mend));
+            let help = "leave out an effect of the scene; `dunkelfeld render --without` takes techniques too";
+            return Err(Error::setting("effects", problem, help));
         }
         let fixed = self.effects.iter().flatten().find(|e| !can_be_left_out(**e));
         if let Some(effect) = fixed {

@@ -116,7 +116,7 @@ impl Kept {
     /// It cannot be made, another process writes it, or it holds what is not of this kind of work: that stays as it is.
     pub(crate) fn open(home: &Path, manifest: &'static str, restart: bool) -> Result<Self, Error> {
         let path = home.join(UNITS);
-        let fault = |problem: String, mend: &str| Error::Output { file: path.clone(), problem, mend: mend.into() };
+        let fault = |problem: String, help: &str| Error::Output { file: path.clone(), problem, help: help.into() };
         let broken = |e: std::io::Error| fault(format!("cannot be used: {e}"), "name another folder with -o");
         let folder = ResultsFolder::open(&path)?;
         let is_ours = folder.is_empty().map_err(broken)? || folder.file(manifest).is_file();
@@ -151,8 +151,8 @@ impl Kept {
             None => Ok(()),
             Some(difference) => {
                 let problem = format!("holds the results of another run: the {difference}");
-                let mend = "name another folder with -o, or discard these results with --restart";
-                Err(InputError::new(self.folder.file(self.manifest), "the whole file", problem, mend).into())
+                let help = "name another folder with -o, or discard these results with --restart";
+                Err(InputError::new(self.folder.file(self.manifest), "the whole file", problem, help).into())
             }
         }
     }
@@ -185,7 +185,7 @@ impl Kept {
     /// The image is not there, is no EXR, or has another size than the renders of the folder.
     pub(crate) fn layers(&self, name: &str) -> Result<ExrLayers, Error> {
         let image = format!("{name}.exr");
-        let damaged = |e: InputError| InputError { mend: DAMAGED.into(), ..e };
+        let damaged = |e: InputError| InputError { help: DAMAGED.into(), ..e };
         let layers = self.folder.read_layers(&image).map_err(damaged)?;
         match self.size.get() {
             Some(&[width, height]) if (layers.width, layers.height) != (width, height) => {
@@ -210,8 +210,8 @@ impl Kept {
         let parsed = serde_json::from_str(&text);
         parsed.map(Some).map_err(|e| {
             let place = format!("line {}", e.line());
-            let mend = "delete this file to measure it again, or start anew with --restart";
-            InputError::new(self.folder.file(name), place, e.to_string(), mend).into()
+            let help = "delete this file to measure it again, or start anew with --restart";
+            InputError::new(self.folder.file(name), place, e.to_string(), help).into()
         })
     }
 

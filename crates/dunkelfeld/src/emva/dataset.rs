@@ -47,7 +47,7 @@ pub fn write_dataset(
     let output = |e: std::io::Error| Error::Output {
         file: folder.to_path_buf(),
         problem: e.to_string(),
-        mend: "name a folder that does not exist yet, on a disk with room".into(),
+        help: "name a folder that does not exist yet, on a disk with room".into(),
     };
     let begun = NewFolder::start(folder)?;
     let narrow = plan.device().model().spec().bit_depth <= 8;

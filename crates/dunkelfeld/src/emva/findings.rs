@@ -55,7 +55,7 @@ impl Findings {
         let found = analyse(&read.measurement, settings);
         found
             .map(|a| Self::Linear(Box::new(a)))
-            .map_err(|e| InputError::new(&read.file, "data set", e.to_string(), e.mend()).into())
+            .map_err(|e| InputError::new(&read.file, "data set", e.to_string(), e.help()).into())
     }
 
     /// Analyses a camera of any characteristic.
@@ -64,7 +64,7 @@ impl Findings {
     /// What the data set lacks.
     pub fn general(read: &ReadMeasurement, settings: &AnalysisSettings) -> Result<Self, Error> {
         let found = analyse_general(&read.measurement, settings);
-        found.map(Self::General).map_err(|e| InputError::new(&read.file, "data set", e.to_string(), e.mend()).into())
+        found.map(Self::General).map_err(|e| InputError::new(&read.file, "data set", e.to_string(), e.help()).into())
     }
 
     /// The figures.

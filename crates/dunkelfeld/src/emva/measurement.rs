@@ -83,8 +83,8 @@ fn size_of_frames(path: &Path, descriptor: &EmvaDescriptor) -> Result<[u32; 2], 
     }
     let first = descriptor.blocks.iter().flat_map(|b| &b.frames).next();
     let Some(first) = first else {
-        let mend = "list the frames of each block with lines `i PATH`";
-        return Err(InputError::new(path, "data set", "there are no frames in it", mend).into());
+        let help = "list the frames of each block with lines `i PATH`";
+        return Err(InputError::new(path, "data set", "there are no frames in it", help).into());
     };
     let frame = read_gray(&path.parent().unwrap_or(Path::new("")).join(first), &Limits::default())?;
     Ok([frame.values.width(), frame.values.height()])
@@ -104,7 +104,7 @@ impl Reader<'_> {
         let (exposure, photons) = (1e-9 * block.exposure_ns, block.photons);
         let [width, height] = self.size;
         let unfit = |e: AnalysisError| {
-            Error::from(InputError::new(self.path, format!("block in line {}", block.line), e.to_string(), e.mend()))
+            Error::from(InputError::new(self.path, format!("block in line {}", block.line), e.to_string(), e.help()))
         };
         if let [first, second] = block.frames.as_slice() {
             let a = self.frame(first)?;
@@ -135,7 +135,7 @@ impl Reader<'_> {
         let path = self.folder.join(name);
         let frame = read_gray(&path, &Limits::default())?;
         let (width, height) = (frame.values.width(), frame.values.height());
-        let error = |problem: String, mend: &str| Err(InputError::new(&path, "frame", problem, mend).into());
+        let error = |problem: String, help: &str| Err(InputError::new(&path, "frame", problem, help).into());
         if [width, height] != self.size {
             let [w, h] = self.size;
             return error(

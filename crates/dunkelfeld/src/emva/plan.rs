@@ -237,8 +237,8 @@ fn prepared(model: &SensorModel, s: &DatasetSettings) -> Result<SensorModel, Err
             spec.quantum_efficiency = Efficiency::Mono(filter.curves[color as usize].clone());
         }
         (Some(_), None) => {
-            let mend = "name the pixels: red, green or blue (a data set has the pixels of one colour)";
-            return Err(Error::setting("sensor", "it has colour filters", mend));
+            let help = "name the pixels: red, green or blue (a data set has the pixels of one colour)";
+            return Err(Error::setting("sensor", "it has colour filters", help));
         }
         (None, Some(_)) => {
             return Err(Error::setting("color", "the sensor has no colour filters", "leave the colour out"));

@@ -182,7 +182,7 @@ impl Results {
 
 /// What the analyser cannot take of our own frames is a fault of the frames, not of the user.
 pub(super) fn fault(e: AnalysisError) -> Error {
-    Error::setting("frames", e.to_string(), e.mend())
+    Error::setting("frames", e.to_string(), e.help())
 }
 
 fn stack_of<'a>(

@@ -291,8 +291,8 @@ impl Work<'_> {
             Ok(done) => Ok(Some((view.signal(&done.mean), done.seconds))),
             Err(_) if cancel.is_cancelled() => Ok(None),
             Err(e) => {
-                let mend = "choose another denoiser with --denoise; the renders that are finished are kept";
-                Err(Error::setting("denoise", format!("{}: {e}", denoiser.name()), mend))
+                let help = "choose another denoiser with --denoise; the renders that are finished are kept";
+                Err(Error::setting("denoise", format!("{}: {e}", denoiser.name()), help))
             }
         }
     }

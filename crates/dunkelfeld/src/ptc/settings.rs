@@ -46,7 +46,7 @@ impl PtcSettings {
     /// Refuses what cannot be measured.
     ///
     /// # Errors
-    /// A setting outside its range, with its mend.
+    /// A setting outside its range, with help.
     pub fn check(&self) -> Result<(), Error> {
         if !(LEAST_FRAMES..=MOST_FRAMES).contains(&self.frames) {
             let problem = match self.frames {
@@ -58,8 +58,8 @@ impl PtcSettings {
         let s = &self.spp;
         let in_order = s.windows(2).all(|w| w[0] < w[1]);
         if s.is_empty() || s.len() > MOST_SERIES || s[0] == 0 || !in_order || s[s.len() - 1] > MAX_SPP {
-            let mend = format!("give 1 to {MOST_SERIES} ascending numbers below 1e9, as in 64,2500");
-            return Err(Error::setting("spp", format!("{s:?} are no samples per pixel of series"), mend));
+            let help = format!("give 1 to {MOST_SERIES} ascending numbers below 1e9, as in 64,2500");
+            return Err(Error::setting("spp", format!("{s:?} are no samples per pixel of series"), help));
         }
         if !(0.0..1.0).contains(&self.edges) {
             let problem = format!("{} is no share of the pixels that leaves some", self.edges);

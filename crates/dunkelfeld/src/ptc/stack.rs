@@ -104,8 +104,8 @@ pub fn ptc_of_frames(
         for stack in [&mut all, &mut others].into_iter().take(if i == 0 { 1 } else { 2 }) {
             let stack = stack.get_or_insert_with(|| TemporalAccumulator::new(width, height));
             let wrong = |e: dunkelfeld_emva1288::AnalysisError| {
-                let mend = "give frames of one camera, of one size";
-                Error::setting("frames", format!("{}: {e}", file.display()), mend)
+                let help = "give frames of one camera, of one size";
+                Error::setting("frames", format!("{}: {e}", file.display()), help)
             };
             stack.add(view).map_err(wrong)?;
         }
@@ -114,8 +114,8 @@ pub fn ptc_of_frames(
     let (Some(all), Some(others), Some(first)) = (all, others, first) else { return Ok(None) };
     let (statistics, others) = (all.finish().map_err(fault)?, others.finish().map_err(fault)?);
     if statistics.variance.iter().all(|v| *v == 0.0) {
-        let mend = "give frames that were taken or rendered one after another";
-        return Err(Error::setting("frames", "no pixel varies: all are copies of one frame", mend));
+        let help = "give frames that were taken or rendered one after another";
+        return Err(Error::setting("frames", "no pixel varies: all are copies of one frame", help));
     }
     let bits = (8..=16).find(|bits| u32::from(largest) < 1 << bits).unwrap_or(16);
     let saturation = settings.saturation.unwrap_or(f64::from((1u32 << bits) - 1));
@@ -236,7 +236,7 @@ impl FrameStack {
         ];
         if Kept::is_there(folder) {
             let problem = "holds the measurement of a scene, whose report this one would replace".into();
-            return Err(Error::Output { file: folder.into(), problem, mend: "name another folder with -o".into() });
+            return Err(Error::Output { file: folder.into(), problem, help: "name another folder with -o".into() });
         }
         let _locked = ResultsFolder::open(folder)?;
         let mut files = Vec::new();

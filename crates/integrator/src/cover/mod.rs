@@ -4,7 +4,7 @@
 //! one direction that the cover bends into a small light. Here the direction is found. A *chain* is a row of smooth
 //! interfaces of one stack of covers between a receiver x and a point y of a light, each transmitting or reflecting in a
 //! given order; seen from x it is one direction. It is sought by shooting: a ray is sent from x in the direction that the
-//! chain would have if the stack were a plate of parallel layers, followed through the real mesh, and its direction mended
+//! chain would have if the stack were a plate of parallel layers, followed through the real mesh, and its direction corrected
 //! by Newton's method until it arrives at y: on the mesh as it was met first (`trail.rs`), then through the mesh itself. The
 //! derivative, and with it the area at y per solid angle at x, is that of the
 //! bundle of rays about it (Igehy 1999), so the estimate is that of manifold next-event estimation (Hanika, Droske and
@@ -244,7 +244,7 @@ struct Connection {
     /// First direction.
     direction: Vec3,
     shot: Shot,
-    /// The step \[rad\] that would mend the direction: about how far it is from the solution.
+    /// The step \[rad\] that would correct the direction: about how far it is from the solution.
     step: f64,
     /// Solid angle at the receiver through the chain over that of the straight line [sr/sr].
     narrowing: f32,
@@ -255,7 +255,7 @@ struct Connection {
 struct Aim {
     /// By how much it misses, as a share of the straight distance, or as an angle.
     error: f64,
-    /// The step \[rad\] that would mend it, along the unit vectors across the first direction.
+    /// The step \[rad\] that would correct it, along the unit vectors across the first direction.
     step: [f64; 2],
 }
 
@@ -429,7 +429,7 @@ impl<'a, F: Features> Solver<'a, F> {
         Some((shot, aim))
     }
 
-    /// How well a ray that leaves the cover hits the light; `None` if that is behind it, or no step mends the miss.
+    /// How well a ray that leaves the cover hits the light; `None` if that is behind it, or no step corrects the miss.
     fn aim(&self, place: DVec3, leaving: DVec3, beam: &Beam) -> Option<Aim> {
         let (miss, scale, spread) = match self.end.target {
             Target::Point(point) => {

@@ -248,7 +248,7 @@ fn check_extensions(document: &Document, path: &Path, warnings: &mut Warnings) -
             path,
             "extensionsRequired",
             format!("the file requires the extension {name}, which is not supported"),
-            mend_for(name),
+            help_for(name),
         ));
     }
     for name in document.extensions_used.iter().filter(|n| !known(n)) {
@@ -257,7 +257,7 @@ fn check_extensions(document: &Document, path: &Path, warnings: &mut Warnings) -
     Ok(())
 }
 
-fn mend_for(extension: &str) -> &'static str {
+fn help_for(extension: &str) -> &'static str {
     match extension {
         "KHR_draco_mesh_compression" => "export again without Draco mesh compression",
         "EXT_meshopt_compression" | "KHR_meshopt_compression" => "export again without meshopt compression",

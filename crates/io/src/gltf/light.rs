@@ -83,16 +83,16 @@ fn cone(spot: Option<&schema::Spot>, place: &str, warnings: &mut Warnings) -> (f
     let mut inner = angle(spot.and_then(|s| s.inner_cone_angle), 0.0);
     if !(outer > 0.0 && outer <= FRAC_PI_2) {
         // pi/2 as a decimal may round to just above it.
-        let mended = if outer > FRAC_PI_2 { FRAC_PI_2 } else { FRAC_PI_4 };
-        if outer - mended > 1e-6 || outer <= 0.0 {
-            warnings.push(place, format!("outerConeAngle {outer} is outside (0, pi/2] and becomes {mended}"));
+        let repaired = if outer > FRAC_PI_2 { FRAC_PI_2 } else { FRAC_PI_4 };
+        if outer - repaired > 1e-6 || outer <= 0.0 {
+            warnings.push(place, format!("outerConeAngle {outer} is outside (0, pi/2] and becomes {repaired}"));
         }
-        outer = mended;
+        outer = repaired;
     }
     if !(0.0..=outer).contains(&inner) {
-        let mended = inner.clamp(0.0, outer);
-        warnings.push(place, format!("innerConeAngle {inner} is outside [0, {outer}] and becomes {mended}"));
-        inner = mended;
+        let repaired = inner.clamp(0.0, outer);
+        warnings.push(place, format!("innerConeAngle {inner} is outside [0, {outer}] and becomes {repaired}"));
+        inner = repaired;
     }
     (inner, outer)
 }

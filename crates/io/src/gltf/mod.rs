@@ -130,8 +130,8 @@ impl Importer<'_> {
         }
         if self.scene.instances.is_empty() {
             if let Some((place, fault)) = self.first_fault.take() {
-                let mend = "export the file again: its data does not fit its description";
-                return Err(InputError::new(self.path, place, format!("{fault}; no mesh is left to show"), mend));
+                let help = "export the file again: its data does not fit its description";
+                return Err(InputError::new(self.path, place, format!("{fault}; no mesh is left to show"), help));
             }
             self.warnings.push("scene", "there is no mesh to show");
         }

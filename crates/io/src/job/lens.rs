@@ -87,7 +87,7 @@ pub enum LensProjection {
     Telecentric,
 }
 
-/// Something that a job's lens or film cannot mean: table and key, problem, mend.
+/// Something that a job's lens or film cannot mean: table and key, problem, help.
 pub(super) type Fault = ([&'static str; 2], &'static str, &'static str);
 
 /// Does a film say its size on the sensor in one way at most?
@@ -109,10 +109,10 @@ pub(super) fn check_film(film: &FilmSettings) -> Result<(), Fault> {
 
 /// Do the settings of a lens go together? Only what can be told without the scene.
 pub(super) fn check_lens(lens: &LensSettings, film: &FilmSettings, sensor: &SensorChoice) -> Result<(), Fault> {
-    let fault = |key, problem, mend| Err((["lens", key], problem, mend));
+    let fault = |key, problem, help| Err((["lens", key], problem, help));
     let has_size =
         *sensor != SensorChoice::None || film.pixel_pitch.or(film.sensor_width).or(film.sensor_height).is_some();
-    let size_mend = "name another [sensor] model than \"none\", or write [film] pixel_pitch = \"3.45um\"";
+    let size_help = "name another [sensor] model than \"none\", or write [film] pixel_pitch = \"3.45um\"";
     let telecentric = lens.projection == Some(LensProjection::Telecentric);
     if lens.vertical_fov.is_some() && lens.focal_length.is_some() {
         let problem = "`vertical_fov` and `focal_length` both set the field of view";
@@ -157,7 +157,7 @@ pub(super) fn check_lens(lens: &LensSettings, film: &FilmSettings, sensor: &Sens
             lens.magnification.is_some() || (lens.focus_distance.is_some() && lens.numerical_aperture.is_none());
         if needs_size && !has_size {
             let key = if lens.magnification.is_some() { "magnification" } else { "focus_distance" };
-            return fault(key, "without a sensor the size of the film is not known", size_mend);
+            return fault(key, "without a sensor the size of the film is not known", size_help);
         }
         return Ok(());
     }
@@ -170,11 +170,11 @@ pub(super) fn check_lens(lens: &LensSettings, film: &FilmSettings, sensor: &Sens
         }
     }
     if lens.focal_length.is_some() && !has_size {
-        return fault("focal_length", "without a sensor a focal length gives no field of view", size_mend);
+        return fault("focal_length", "without a sensor a focal length gives no field of view", size_help);
     }
     let Some(focus) = lens.focus_distance else { return Ok(()) };
     if !has_size {
-        return fault("focus_distance", "without a sensor the size of the film is not known", size_mend);
+        return fault("focus_distance", "without a sensor the size of the film is not known", size_help);
     }
     if lens.focal_length.is_some_and(|f| f >= focus) {
         let problem = "a lens is sharp only beyond its focal length";

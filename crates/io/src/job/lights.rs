@@ -33,7 +33,7 @@ impl Job {
             }
             return Ok(());
         }
-        for (key, given, mend) in [
+        for (key, given, help) in [
             ("ies", change.ies.is_some(), "name a point or spot light"),
             ("intensity", change.intensity.is_some(), "give `radiance` or `power`"),
             ("irradiance", change.irradiance.is_some(), "give `radiance` or `power`"),
@@ -41,7 +41,7 @@ impl Job {
             if given {
                 let what = if key == "ies" { "profile" } else { key };
                 let problem = format!("\"{}\" is no light without extent, so it has no {what}", change.name);
-                return Err(self.light_error(i, key, problem, mend));
+                return Err(self.light_error(i, key, problem, help));
             }
         }
         let surfaces = emitting_surfaces(&change.name, scene).ok_or_else(|| {
@@ -75,7 +75,7 @@ impl Job {
     ) -> Result<(), InputError> {
         let (profile, found) = load_ies(path).map_err(|e| {
             let problem = format!("{}, {}: {}", path.display(), e.place, e.problem);
-            self.light_error(i, "ies", problem, e.mend)
+            self.light_error(i, "ies", problem, e.help)
         })?;
         warnings.extend(found);
         for light in scene.lights.iter_mut().filter(|l| matches(&change.name, &l.name)) {
@@ -202,9 +202,9 @@ impl Job {
         i: usize,
         key: &str,
         problem: impl Into<String>,
-        mend: impl Into<String>,
+        help: impl Into<String>,
     ) -> InputError {
-        self.source.error_at_key(&["light", &i.to_string(), key], problem, mend)
+        self.source.error_at_key(&["light", &i.to_string(), key], problem, help)
     }
 }
 

@@ -35,8 +35,8 @@ impl Job {
             let given = |keys: &[(&'static str, bool)]| keys.iter().find(|(_, given)| *given).map(|(key, _)| *key);
             if let (Some(first), Some(second)) = (given(&by_color), given(&outright)) {
                 let problem = format!("`{first}` and `{second}` both say what happens to light inside the solid");
-                let mend = "describe the medium by `attenuation_color`, `attenuation_distance` and `scattering_albedo`, or by `absorption` and `scattering`";
-                return Err(self.source.error_at_key(&["material", &i.to_string(), second], problem, mend));
+                let help = "describe the medium by `attenuation_color`, `attenuation_distance` and `scattering_albedo`, or by `absorption` and `scattering`";
+                return Err(self.source.error_at_key(&["material", &i.to_string(), second], problem, help));
             }
         }
         Ok(())
@@ -74,7 +74,7 @@ impl Job {
                 let limits = self.import_options().limits;
                 let (image, repaired) = load_environment(path, &limits, &scene.images).map_err(|e| {
                     let problem = format!("{}: {}", path.display(), e.problem);
-                    self.source.error_at_key(&["environment", "image"], problem, e.mend)
+                    self.source.error_at_key(&["environment", "image"], problem, e.help)
                 })?;
                 warnings.extend(repaired);
                 scene.images.push(image);
@@ -109,8 +109,8 @@ impl Job {
         }
         let known = unique(scene.materials.iter().map(|m| m.name.as_str()));
         let problem = format!("the scene has no material named \"{}\"", change.name);
-        let mend = suggestion(&change.name, "materials", &known);
-        Err(self.source.error_at_key(&["material", &i.to_string(), "name"], problem, mend))
+        let help = suggestion(&change.name, "materials", &known);
+        Err(self.source.error_at_key(&["material", &i.to_string(), "name"], problem, help))
     }
 }
 

@@ -237,7 +237,7 @@ fn a_truncated_glb_is_refused_at_every_length() {
     let glb = rich().glb();
     for length in (0..glb.len()).step_by(7) {
         let e = load_bytes(&glb[..length], "a.glb", &strict_options()).expect_err("cut short");
-        assert!(!e.problem.is_empty() && !e.mend.is_empty(), "{length} bytes: {e}");
+        assert!(!e.problem.is_empty() && !e.help.is_empty(), "{length} bytes: {e}");
     }
 }
 
@@ -371,7 +371,7 @@ fn images_together_have_a_budget_that_is_checked_on_their_headers() {
     for words in ["3 images", "2.2 MiB", "2.0 MiB are allowed", "512 x 512, 3 channels of 8 bits"] {
         assert!(e.problem.contains(words), "{words}: {e}");
     }
-    assert!(e.place.contains("image 2 \"map 2\"") && e.mend.contains("texture_memory"), "{e}");
+    assert!(e.place.contains("image 2 \"map 2\"") && e.help.contains("texture_memory"), "{e}");
     let imported = load_bytes(&a.gltf(), "a.gltf", &budget(9 << 18)).expect("exactly the sum");
     assert_eq!(imported.scene.images.len(), 2);
     assert!(warns(&imported, &["map 1", "left out"]), "{:?}", imported.warnings);

@@ -133,7 +133,7 @@ fn the_png_stands_in_for_a_ktx2_image() {
     assert!(warns(&imported, &["KHR_texture_basisu"]));
     a.json["extensionsRequired"] = json!(["KHR_texture_basisu"]);
     let e = a.load().expect_err("required");
-    assert!(e.problem.contains("KHR_texture_basisu") && e.mend.contains("PNG"), "{e}");
+    assert!(e.problem.contains("KHR_texture_basisu") && e.help.contains("PNG"), "{e}");
 }
 
 #[test]
@@ -374,6 +374,6 @@ fn extensions_that_are_not_supported_are_named() {
     {
         a.json["extensionsRequired"] = json!([name]);
         let e = a.load().expect_err("required and not supported");
-        assert!(e.problem.contains(name) && e.mend.contains(word), "{e}");
+        assert!(e.problem.contains(name) && e.help.contains(word), "{e}");
     }
 }

@@ -35,7 +35,7 @@ fn each_fault_of_a_glb_header_has_its_name() {
     ];
     for (glb, words) in cases {
         let text = problem(&glb);
-        assert!(text.contains(words) && text.contains("mend:"), "{words}: {text}");
+        assert!(text.contains(words) && text.contains("help:"), "{words}: {text}");
         assert!(!text.contains("no JSON chunk"), "{text}");
     }
 }

@@ -56,12 +56,12 @@ pub(crate) fn say_flaws(s: &Stats) {
     if s.pixels_without_samples > 0 {
         let [width, height] = s.size;
         let share = 100.0 * s.pixels_without_samples as f64 / (f64::from(width) * f64::from(height));
-        let (level, mend) = match s.budget_too_small() {
+        let (level, help) = match s.budget_too_small() {
             true => ("flagged", "; give it more time"),
             false => ("warning", ""),
         };
         let shown = if s.samples > 0 { ", their neighbours are shown there" } else { "" };
-        say(&format!("{level}: {share:.1} % of pixels have no sample{shown}{mend}"));
+        say(&format!("{level}: {share:.1} % of pixels have no sample{shown}{help}"));
     }
 }
 
