@@ -156,13 +156,23 @@ fn messages_name_the_cause_and_what_helps() {
     bench.write("gone.toml", "seed = 1\nscene = \"nowhere.glb\"\n");
     fs::write(bench.path("image.glb"), b"\x89PNG\r\n\x1a\n").expect("writable");
     bench.write("noending", "");
+    for (name, model) in [("model.toml", "imx251"), ("file.toml", "no-sensor.toml")] {
+        bench.write(name, &format!("scene = \"scene.gltf\"\n[sensor]\nmodel = \"{model}\"\n"));
+    }
+    let words = [0x4654_6c67u32, 2, 20, 0, 0x4e4f_534a].map(u32::to_le_bytes);
+    fs::write(bench.path("empty.glb"), words.concat()).expect("writable");
     bench.write("kind.toml", "scene = \"scene.bin\"\n");
     bench.write("far.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n");
-    let cases: [(&str, &[&str]); 16] = [
+    let cases: [(&str, &[&str]); 21] = [
         ("render scene.gltf --width 32768 --height 32768", &["film", "make it smaller", "has all of its pixels"]),
         ("render short.toml", &["short.toml", "[sensor] exposure", "1e-308 s is out of range", "3 | exposure", "5ms"]),
         ("render scene.gltf --exposure 1e-308s", &["--exposure", "exposure is 1e-308"]),
         ("render gone.toml", &["gone.toml", "scene", "nowhere.glb", "2 | scene = \"nowhere.glb\"", "^^^", "help:"]),
+        ("render model.toml", &["model.toml", "[sensor] model", "imx251", "no preset", "3 | model = ", "^^^", "help:"]),
+        ("render file.toml", &["file.toml", "[sensor] model", "no-sensor.toml", "3 | model = ", "help:"]),
+        ("render scene.gltf --checkpoint c --checkpoint-every=-1s", &["--checkpoint-every", "zero or more", "30s"]),
+        ("render empty.glb", &["empty.glb", "GLB chunk 0", "the JSON chunk is empty"]),
+        ("bench scene.gltf -o scene.gltf", &["scene.gltf", "is the scene that this run reads, not a folder"]),
         ("inspect kind.toml", &["kind.toml", "scene.bin", "not a scene format", "1 | scene", "help:"]),
         ("inspect far.obj", &["3 vertices and 1 face, of which none can be used", "names no vertex", "line 4"]),
         ("ptc scene.gltf --frames 1000000000", &["1000000000 frames are more than are measured"]),

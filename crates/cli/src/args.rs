@@ -4,8 +4,8 @@ use crate::emva_args::EmvaArgs;
 use crate::memory_args::MemoryArgs;
 use crate::ptc_args::PtcArgs;
 use crate::values::{
-    effect, effect_choice, exposure, length, noise_level, pixel_sample, sample_range, samples_per_pixel, strategy,
-    time, time_limit, whole, within,
+    effect, effect_choice, exposure, length, noise_level, pause, pixel_sample, sample_range, samples_per_pixel,
+    strategy, time_limit, whole, within,
 };
 use clap::{ArgGroup, Args, Parser, Subcommand, ValueEnum};
 use dunkelfeld::DenoiseMethod;
@@ -115,7 +115,7 @@ pub(crate) struct RenderArgs {
     pub(crate) checkpoint: Option<PathBuf>,
     /// Pause between two checkpoints; large ones are written more rarely, so that they take at most 2 % of one thread's
     /// time. 0s writes at every chance [default: 30s].
-    #[arg(long, value_name = "TIME", value_parser = time, requires = "checkpoint")]
+    #[arg(long, value_name = "TIME", value_parser = pause, requires = "checkpoint")]
     pub(crate) checkpoint_every: Option<f64>,
     /// Take only the samples from A up to but without B of every pixel: a part of a render, for `merge`. With --replay, of
     /// those that the plan has.

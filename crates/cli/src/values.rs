@@ -39,6 +39,14 @@ where
     }
 }
 
+/// A time of zero or more, in seconds.
+pub(crate) fn pause(text: &str) -> Result<f64, String> {
+    match time(text)? {
+        t if t >= 0.0 && t.is_finite() => Ok(t),
+        _ => Err("write a time of zero or more, such as 30s".into()),
+    }
+}
+
 pub(crate) fn time_limit(text: &str) -> Result<f64, String> {
     match time(text)? {
         t if t > 0.0 && t.is_finite() => Ok(t),
@@ -122,6 +130,10 @@ mod tests {
         assert_eq!(time_limit("2min"), Ok(120.0));
         for bad in ["0s", "-1s", "20x", "soon", "nan s", "inf", ""] {
             assert!(time_limit(bad).is_err(), "{bad}");
+        }
+        assert_eq!((pause("0s"), pause("2min")), (Ok(0.0), Ok(120.0)));
+        for bad in ["-1s", "inf", "nan s", "30", ""] {
+            assert!(pause(bad).is_err(), "{bad}");
         }
         assert_eq!((whole::<u64>("18446744073709551615"), whole::<u32>("7")), (Ok(u64::MAX), Ok(7)));
         for bad in ["-1", "1.5", "x", "", "4294967296"] {

@@ -53,9 +53,8 @@ pub(crate) fn counted(n: u64, thing: &str) -> String {
 
 /// The line about pixels of a file whose variance is no variance.
 pub(crate) fn flagged_variances(pixels: u64) -> String {
-    format!(
-        "flagged: the variance of {pixels} pixels is negative or not a number; the noise of these pixels counts as unknown"
-    )
+    let pixels = counted(pixels, "pixel");
+    format!("flagged: the variance of {pixels} is negative or not a number; the noise there counts as unknown")
 }
 
 #[cfg(test)]

@@ -69,6 +69,11 @@ pub(crate) fn check_folder(folder: &Path, inputs: &InputFiles) -> Result<(), Err
             help: "name another folder with -o".into(),
         }),
         None => Ok(()),
+        Some(input) if !folder.is_dir() => Err(Error::Output {
+            file: folder.into(),
+            problem: format!("is {} that this run reads, not a folder", input.role.name()),
+            help: "name another folder with -o".into(),
+        }),
         Some(input) => Err(Error::Output {
             file: folder.into(),
             problem: format!("holds {}, {} that this run reads", input.identity.path().display(), input.role.name()),

@@ -468,7 +468,10 @@ fn open_job(
     job.camera_index(&imported.scene)?;
     imported.warnings.extend(job.apply_overrides(&mut imported.scene)?);
     let defaults = RenderSettings::default();
-    let sensor = sensor_of(&job.sensor, optics, inputs)?;
+    let sensor = sensor_of(&job.sensor, optics, inputs).map_err(|e| match e {
+        Error::Input(e) => job.sensor_error(e).into(),
+        e => e,
+    })?;
     let settings = RenderSettings {
         width: job.film.width.unwrap_or(defaults.width),
         height: job.film.height.unwrap_or(defaults.height),

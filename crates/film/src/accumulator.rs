@@ -2,9 +2,9 @@
 //!
 //! Sample sets must be additive to the last bit: [0, 64) plus [64, 128) equals [0, 128), in any order, on any number of
 //! threads. Floating-point addition is not associative, integer addition is. So radiance is summed in 128-bit fixed
-//! point: one unit is 2^-50 W/(m^2 sr) (8.9e-16), and a sum ends at 2^78 W/(m^2 sr). A sample is rounded once, to that
+//! point: one unit is 2^-48 W/(m^2 sr) (3.6e-15), and a sum ends at 2^80 W/(m^2 sr). A sample is rounded once, to that
 //! unit; nothing else is lost, however many samples follow. The unit is far below anything that a camera can see: behind
-//! f/4, a pixel of 3.45 um collects about 1e6 electrons per second from 1 W/(m^2 sr), so that a unit is one electron in 36 years.
+//! f/4, a pixel of 3.45 um collects about 1e6 electrons per second from 1 W/(m^2 sr), so that a unit is one electron in 9 years.
 //! A sample beyond the range of 2^46 W/(m^2 sr) is not clamped in silence: it is counted as invalid, like one that is not finite.
 
 use crate::square_sum::SquareSum;
@@ -72,7 +72,7 @@ impl RadianceSum {
     }
 }
 
-/// `v * 2^50` as an integer, rounded to nearest even where bits are lost. `v` is finite and in `[0, 2^46)`.
+/// `v * 2^48` as an integer, rounded to nearest even where bits are lost. `v` is finite and in `[0, 2^46)`.
 #[inline]
 fn to_fixed(v: f32) -> u128 {
     let bits = v.to_bits();
@@ -377,10 +377,10 @@ mod tests {
     #[test]
     fn fixed_point_is_exact_where_it_can_be_and_rounds_once_elsewhere() {
         for v in [0.0, 1.0, 0.1, 1e-6, 3.7e12, 1.5e-9, f32::MIN_POSITIVE, 1e-40] {
-            let back = to_fixed(v) as f64 * (-50f64).exp2();
-            assert!((back - f64::from(v)).abs() <= (-51f64).exp2(), "{v} came back as {back}");
+            let back = to_fixed(v) as f64 * (-48f64).exp2();
+            assert!((back - f64::from(v)).abs() <= (-49f64).exp2(), "{v} came back as {back}");
         }
-        assert_eq!(to_fixed(1.0), 1 << 50);
+        assert_eq!(to_fixed(1.0), 1 << 48);
     }
 
     #[test]
@@ -431,7 +431,7 @@ mod tests {
             p.add(i, &sample(Rgb::new(16_777_215.0, 0.1, 1e-9)));
         }
         // The dark channel is rounded once, to a unit.
-        let rounded = (f64::from(1e-9f32) * 50f64.exp2()).round() * (-50f64).exp2();
+        let rounded = (f64::from(1e-9f32) * 48f64.exp2()).round() * (-48f64).exp2();
         let expected = [16_777_215.0, f64::from(0.1f32), rounded];
         for (m, e) in p.mean().into_iter().zip(expected) {
             assert!((m - e).abs() <= 1e-9 * e, "mean {m}, expected {e}");

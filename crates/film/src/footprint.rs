@@ -56,7 +56,7 @@ mod tests {
     #[test]
     fn films_need_what_was_expected() {
         for (layers, spp) in
-            [(FilmLayers::Image, 8u32), (FilmLayers::All, 8), (FilmLayers::Image, 250), (FilmLayers::All, 250)]
+            [(FilmLayers::Image, 8u32), (FilmLayers::All, 8), (FilmLayers::Image, 500), (FilmLayers::All, 500)]
         {
             let (width, height) = (96, 64);
             let mut film = Film::with_layers(width, height, layers);

@@ -373,8 +373,8 @@ mod tests {
         };
         let (red, green, blue) = (Rgb::new(1.0, 0.0, 0.0), Rgb::new(0.0, 1.0, 0.0), Rgb::new(0.0, 0.0, 1.0));
         let coloured = radiance_pages([red, green, blue]);
-        assert_eq!(coloured, 12 * 7);
-        assert_eq!(radiance_pages([red, red, red]), coloured / 3);
+        assert_eq!(coloured, 12 * 6);
+        assert_eq!(radiance_pages([red, Rgb::BLACK, Rgb::BLACK]), coloured / 3);
         assert_eq!(radiance_pages([Rgb::splat(1.0), Rgb::BLACK, Rgb::BLACK]), coloured / 3);
     }
 

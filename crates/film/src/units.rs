@@ -1,7 +1,7 @@
 //! Units and limits of the sums, as powers of two.
 
 /// One unit of a sum of radiances is 2^-RADIANCE_BITS W/(m^2 sr).
-pub const RADIANCE_BITS: i32 = 50;
+pub const RADIANCE_BITS: i32 = 48;
 /// Samples with a radiance of 2^RADIANCE_LIMIT_BITS W/(m^2 sr) or more are invalid.
 pub const RADIANCE_LIMIT_BITS: i32 = 46;
 /// One unit of the sums of albedo and normal is 2^-UNIT_BITS, as fine as a 32-bit float below one.

@@ -596,6 +596,16 @@ impl Job {
         self.source.error_at_key(&["scene"], problem, error.help)
     }
 
+    /// An error of reading the sensor that `[sensor] model` names: if there is no such preset or file to read at all, the job's line is
+    /// at fault.
+    pub fn sensor_error(&self, error: InputError) -> InputError {
+        if !["file", "the file", "the sensor"].contains(&error.place.as_str()) {
+            return error;
+        }
+        let problem = format!("{}: {}", error.file.display(), error.problem);
+        self.source.error_at_key(&["sensor", "model"], problem, error.help)
+    }
+
     /// An error about a key of `[lens]` that is found only where lens, film and scene meet.
     pub fn lens_error(&self, key: &str, problem: impl Into<String>, help: impl Into<String>) -> InputError {
         self.source.error_at_key(&["lens", key], problem, help)

@@ -143,9 +143,9 @@ fn nothing_to_see(path: &Path, parsed: &Parsed, warnings: Warnings) -> InputErro
     let mut problem = match (parsed.positions.len(), parsed.faces.len()) {
         (0, 0) => "holds no vertices and no faces".to_string(),
         (n, 0) if parsed.dropped_faces > 0 => {
-            format!("holds {n} vertices and {}, of which none can be used", faces(parsed.dropped_faces))
+            format!("holds {} and {}, of which none can be used", vertices(n), faces(parsed.dropped_faces))
         }
-        (n, 0) => format!("holds {n} vertices but no face"),
+        (n, 0) => format!("holds {} but no face", vertices(n)),
         (_, n) => format!("holds {}, of which none can be used", faces(n + parsed.dropped_faces)),
     };
     for warning in warnings.finish().iter().take(2) {
@@ -158,6 +158,10 @@ fn nothing_to_see(path: &Path, parsed: &Parsed, warnings: Warnings) -> InputErro
         "export a polygon mesh (`f` statements)"
     };
     InputError::new(path, "the file", problem, help)
+}
+
+fn vertices(n: usize) -> String {
+    if n == 1 { "1 vertex".into() } else { format!("{n} vertices") }
 }
 
 fn faces(n: usize) -> String {

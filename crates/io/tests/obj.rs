@@ -109,7 +109,7 @@ fn files_without_a_visible_face_are_refused_with_the_reason() {
     for (obj, part) in [
         ("", "no vertices"),
         ("\n\n#\n", "no vertices"),
-        ("v 0 0 0\np 1", "1 vertices but no face"),
+        ("v 0 0 0\np 1", "1 vertex but no face"),
         ("f 1 2 3", "no vertex"),
         ("v 0 0 0\nv 0 0 0\nv 0 0 0\nf 1 2 3", "none can be used"),
     ] {

@@ -5,7 +5,7 @@ use crate::bar::Sink;
 use crate::commands::render::apply_denoise;
 use crate::interrupt::cancel_on_interrupt;
 use crate::outcome::{Outcome, print, say};
-use crate::words::{flagged_variances, seconds};
+use crate::words::{counted, flagged_variances, seconds};
 use dunkelfeld::{DenoiseSettings, Error, check_denoise_output, denoise_exr};
 
 pub(crate) fn run(args: &DenoiseArgs) -> Result<Outcome, Error> {
@@ -39,8 +39,9 @@ pub(crate) fn run(args: &DenoiseArgs) -> Result<Outcome, Error> {
     print(&text);
     if invalid > 0 {
         say(&format!(
-            "flagged: the radiance of {invalid} pixels is negative, infinite or not a number; the denoised image is not to be \
-             trusted there and around"
+            "flagged: the radiance of {} is negative, infinite or not a number; the denoised image is not to be \
+             trusted there and around",
+            counted(invalid, "pixel")
         ));
     }
     if invalid_variances > 0 {

@@ -4,7 +4,7 @@ use crate::args::{ExposeArgs, ExposureChoice, NoiseKind, VignettingKind};
 use crate::bar::Sink;
 use crate::interrupt::cancel_on_interrupt;
 use crate::outcome::{Outcome, print, say};
-use crate::words::{exposure_time, flagged_variances, seconds};
+use crate::words::{counted, exposure_time, flagged_variances, seconds};
 use dunkelfeld::io::input::InputFiles;
 use dunkelfeld::radiometry::Number;
 use dunkelfeld::sensor::{ExposureNoise, Optics, SensorError};
@@ -32,9 +32,9 @@ pub(crate) fn run(args: &ExposeArgs) -> Result<Outcome, Error> {
         return Ok(Outcome::Interrupted);
     }
     if exposed.invalid > 0 {
-        let n = exposed.invalid;
         say(&format!(
-            "flagged: the radiance of {n} pixels is negative or not a number (they count as black) or infinite (they saturate)"
+            "flagged: the radiance of {} is negative or not a number (they count as black) or infinite (they saturate)",
+            counted(exposed.invalid, "pixel")
         ));
     }
     if exposed.invalid_variances > 0 {

@@ -85,15 +85,15 @@ pub(super) struct Functions {
 impl Functions {
     /// Loads the first candidate that is there and of a known generation.
     pub(super) fn load(candidates: &[Candidate]) -> Result<Self, DenoiseError> {
-        let mut tried = String::new();
+        let mut tried = Vec::new();
         for candidate in candidates {
             match Self::load_one(candidate) {
                 Ok(functions) => return Ok(functions),
-                Err(reason) => tried += &format!("\n  {}: {reason}", candidate.library.display()),
+                Err(reason) => tried.push(format!("{}: {reason}", candidate.library.display())),
             }
         }
-        let tried = if tried.is_empty() { " nothing" } else { &tried };
-        Err(DenoiseError::Unavailable(format!("Intel Open Image Denoise cannot be loaded; tried:{tried}")))
+        let tried = if tried.is_empty() { "nothing".into() } else { tried.join("; ") };
+        Err(DenoiseError::Unavailable(format!("Intel Open Image Denoise cannot be loaded; tried: {tried}")))
     }
 
     fn load_one(candidate: &Candidate) -> Result<Self, String> {

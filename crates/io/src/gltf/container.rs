@@ -148,6 +148,7 @@ fn split(file: &[u8], path: &Path, warnings: &mut Warnings) -> Result<Parts, Inp
             return fail(&place, format!("the chunk should have {size} bytes, but {} are left", length - start));
         }
         match (number, kind) {
+            (0, CHUNK_JSON) if size == 0 => return fail(&place, "the JSON chunk is empty".into()),
             (0, CHUNK_JSON) => parts.json = without_mark(file, start..end),
             (0, other) => {
                 let name = other.to_le_bytes().escape_ascii().to_string();
@@ -181,11 +182,11 @@ fn parse(json: &[u8], path: &Path, objects: usize, warnings: &mut Warnings) -> R
     }
     let syntax = |e: serde_json::Error| syntax_error(json, path, &e);
     let preamble: Preamble = serde_json::from_slice(json).map_err(syntax)?;
-    let asset = preamble.asset.unwrap_or_else(|| {
-        warnings.push("asset", "the asset's version is missing; it is read as glTF 2.0");
-        Default::default()
+    let asset = preamble.asset.unwrap_or_default();
+    let version = asset.version.unwrap_or_else(|| {
+        warnings.push("asset.version", "the version is missing; the file is read as glTF 2.0");
+        "2.0".into()
     });
-    let version = asset.version.unwrap_or_else(|| "2.0".into());
     if !version.starts_with(|c: char| c.is_ascii_digit()) {
         let problem = match version.trim() {
             "" => "the version is an empty text".to_string(),
