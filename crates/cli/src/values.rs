@@ -132,7 +132,7 @@ mod tests {
             assert!(time_limit(bad).is_err(), "{bad}");
         }
         assert_eq!((pause("0s"), pause("2min")), (Ok(0.0), Ok(120.0)));
-        for bad in ["-1s", "inf", "nan s", "30", ""] {
+        for bad in ["-1s", "inf", "nan s", "x", ""] {
             assert!(pause(bad).is_err(), "{bad}");
         }
         assert_eq!((whole::<u64>("18446744073709551615"), whole::<u32>("7")), (Ok(u64::MAX), Ok(7)));
