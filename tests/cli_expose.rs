@@ -112,7 +112,7 @@ fn what_is_wrong_with_an_image_is_said_and_flagged() {
     let bench = Bench::new();
     ramp(&bench, "bad.exr", f32::NAN);
     let run = bench.run("expose bad.exr -o a.png").code(1);
-    assert!(stderr(&run).contains("flagged: the radiance of 1 pixels"), "{}", stderr(&run));
+    assert!(stderr(&run).contains("flagged: the radiance of 1 pixel"), "{}", stderr(&run));
     let mut dark = ExrLayers::new(4, 4);
     dark.channels = vec![("Y".into(), Channel::F32(vec![0.0; 16]))];
     write_exr(&bench.path("dark.exr"), dark).expect("written");
