@@ -4,8 +4,8 @@ use crate::film::{Film, FilmLayers};
 use crate::packed::TILE_SIDE;
 use crate::units::{DEPTH_BITS, RADIANCE_BITS, SQUARE_BITS, UNIT_BITS, UNIT_SQUARE_BITS};
 
-/// Assumptions on the average tile of an image: a radiance of 1 W/(m^2 sr) in its brightest pixel, and a depth of 4 m.
-const RADIANCE: f64 = 1.0;
+/// Assumptions on the average tile of an image: a radiance of 4 W/(m^2 sr) in its brightest pixel, and a depth of 4 m.
+const RADIANCE: f64 = 4.0;
 const DEPTH: f64 = 4.0;
 /// Bytes of a tile beside its pages: widths, bases and numbers of pages.
 const TILE_OVERHEAD: u64 = 1024;
@@ -15,7 +15,7 @@ const ROW_OVERHEAD: u64 = 1 << 14;
 impl Film {
     /// Bytes that a film is expected to occupy once its pixels have `mean_spp` samples on average.
     ///
-    /// An estimate: pixels are taken to have up to twice the mean, a radiance of up to 1 W/(m^2 sr), saturated colours and no
+    /// An estimate: pixels are taken to have up to twice the mean, a radiance of up to 4 W/(m^2 sr), saturated colours and no
     /// neighbours with the same sums. Brighter images need up to 12 bytes more per pixel for each factor of 256, gray and
     /// uniform regions less.
     pub fn expected_bytes(width: u32, height: u32, layers: FilmLayers, mean_spp: f64) -> u64 {
@@ -55,9 +55,14 @@ mod tests {
     /// 128 bytes per pixel without the layers that only auxiliary outputs need, 192 with all.
     #[test]
     fn films_need_what_was_expected() {
-        for (layers, spp) in
-            [(FilmLayers::Image, 8u32), (FilmLayers::All, 8), (FilmLayers::Image, 500), (FilmLayers::All, 500)]
-        {
+        for (layers, spp) in [
+            (FilmLayers::Image, 8u32),
+            (FilmLayers::All, 8),
+            (FilmLayers::Image, 64),
+            (FilmLayers::All, 300),
+            (FilmLayers::Image, 500),
+            (FilmLayers::All, 500),
+        ] {
             let (width, height) = (96, 64);
             let mut film = Film::with_layers(width, height, layers);
             let mut state = 1u32;
