@@ -6,9 +6,9 @@
 mod lab;
 
 use dunkelfeld::adaptive::Strategy;
-use dunkelfeld::bench::{BenchOutcome, BenchSettings, bench};
 use dunkelfeld::io::exr::{Channel, read_exr, write_exr};
 use dunkelfeld::{Cancel, Progress, Project, Silent};
+use dunkelfeld_studies::bench::{BenchOutcome, BenchSettings, bench};
 use lab::{CutAt, Lab, complaint, same_numbers, square, stands_alone};
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;

@@ -3,15 +3,15 @@
 //!
 //! Seeds are fixed. Replay: `cargo test -p dunkelfeld --test emva NAME`.
 
-use dunkelfeld::emva::{
-    DESCRIPTOR, DatasetPlan, DatasetSettings, Findings, TRUTH, Truth, Vary, read_measurement, write_dataset,
-};
-use dunkelfeld::emva1288::{AnalysisSettings, Quantity, analyse};
 use dunkelfeld::io::sensor_file::{parse_sensor, preset};
 use dunkelfeld::io::toml_file::TomlFile;
 use dunkelfeld::radiometry::{Irradiance, Metres, Nanometres, Seconds, photon};
 use dunkelfeld::sensor::{FilterColor, SensorModel};
 use dunkelfeld::{Cancel, Silent};
+use dunkelfeld_studies::emva::{
+    DESCRIPTOR, DatasetPlan, DatasetSettings, Findings, TRUTH, Truth, Vary, read_measurement, write_dataset,
+};
+use dunkelfeld_studies::emva1288::{AnalysisSettings, Quantity, analyse};
 use std::path::Path;
 
 /// A camera with everything in it that the standard measures.

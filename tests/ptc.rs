@@ -5,8 +5,8 @@
 #[path = "support/lab.rs"]
 mod lab;
 
-use dunkelfeld::ptc::{PtcOutcome, PtcSettings, ptc};
 use dunkelfeld::{Cancel, DenoiseMethod, DenoiseSettings, Progress, Project, Silent};
+use dunkelfeld_studies::photon_transfer::{PtcOutcome, PtcSettings, ptc};
 use lab::{CutAt, Lab, complaint, same_numbers, square, stands_alone};
 use std::fs;
 use std::path::Path;

@@ -3,7 +3,7 @@
 //! Each mutation chooses a file of the finished bench; the folder is as it was before the next input.
 #![no_main]
 
-use dunkelfeld::bench::{BenchSettings, bench};
+use dunkelfeld_studies::bench::{BenchSettings, bench};
 use dunkelfeld::io::exr::{Channel, ExrLayers, read_exr, write_exr};
 use dunkelfeld::{Cancel, Project, Silent};
 use dunkelfeld_fuzz::bases::{Container, assets};

@@ -1,15 +1,14 @@
 //! The flags. Doc comments are the help texts; values are checked here, before any file is opened.
 
-use crate::emva_args::EmvaArgs;
 use crate::memory_args::MemoryArgs;
-use crate::ptc_args::PtcArgs;
+#[cfg(feature = "studies")]
+use crate::studies::{BenchArgs, EmvaArgs, PtcArgs};
 use crate::values::{
-    effect, effect_choice, exposure, length, noise_level, pause, pixel_sample, sample_range, samples_per_pixel,
-    strategy, time_limit, whole, within,
+    effect, exposure, length, noise_level, pause, pixel_sample, sample_range, samples_per_pixel, time_limit, whole,
+    within,
 };
 use clap::{ArgGroup, Args, Parser, Subcommand, ValueEnum};
 use dunkelfeld::DenoiseMethod;
-use dunkelfeld::adaptive::Strategy;
 use dunkelfeld::integrator::PixelSample;
 use dunkelfeld::scene::Effect;
 use dunkelfeld::sensor::Exposure;
@@ -36,6 +35,7 @@ pub(crate) enum Command {
     Merge(MergeArgs),
     /// Measure what accuracy costs in time, and write a report: noise against time for each strategy, time until the noise
     /// is hidden beneath the sensor's, what each effect of the scene costs and changes.
+    #[cfg(feature = "studies")]
     Bench(Box<BenchArgs>),
     /// Denoise an EXR of this or another renderer: a layer beside what it holds, or a picture. The result is to be looked
     /// at, not to be measured.
@@ -43,9 +43,11 @@ pub(crate) enum Command {
     /// Expose an EXR of this or another renderer: the frames that a camera would take of it.
     Expose(Box<ExposeArgs>),
     /// Write EMVA 1288 data sets of simulated cameras, and analyse those of any camera.
+    #[cfg(feature = "studies")]
     Emva(Box<EmvaArgs>),
     /// Measure the photon transfer of a scene's frames: the experiments of Kludt et al., and the camera's own curve from
     /// noise-matched frames. Writes a report.
+    #[cfg(feature = "studies")]
     Ptc(Box<PtcArgs>),
     /// List what a scene holds, and what in it may trouble a render.
     Inspect(InspectArgs),
@@ -198,60 +200,6 @@ pub(crate) struct MergeArgs {
     pub(crate) memory: MemoryArgs,
 }
 
-/// Flags of `bench`.
-///
-/// Renders the scene many times with different seeds and compares. The folder gets `report.html`, which stands alone, its
-/// numbers as CSV, its charts as SVG, and in `units/` every finished render: a bench that was interrupted goes on from there
-/// when the same command is given again.
-#[derive(Debug, Args)]
-pub(crate) struct BenchArgs {
-    /// A scene (.gltf, .glb, .obj) or a job (.toml). Its budget and strategy are not used. Flags win over the job.
-    #[arg(value_name = "SCENE|JOB.toml")]
-    pub(crate) input: PathBuf,
-
-    /// The folder of the report [default: the input's name with -bench, in this folder].
-    #[arg(short = 'o', long = "output", value_name = "DIR")]
-    pub(crate) output: Option<PathBuf>,
-    /// Less than a minute in all: a short ladder, and unless it is given a film as large as this machine can do.
-    #[arg(long)]
-    pub(crate) quick: bool,
-    /// Discard the renders that the folder already holds.
-    #[arg(long)]
-    pub(crate) restart: bool,
-
-    /// The ladder: samples per pixel, ascending [default: 4,8,16,32,64,128; with --quick 4,8,16,32].
-    #[arg(long, value_name = "N,N,...", value_delimiter = ',', value_parser = within(1..=u32::MAX))]
-    pub(crate) spp: Vec<u32>,
-    /// Independent renders of each point, an even number from 4 on [default: 8].
-    #[arg(long, value_name = "N", value_parser = within(1..=u32::MAX))]
-    pub(crate) seeds: Option<u32>,
-    /// The strategies to compare [default: all].
-    #[arg(long, value_name = "NAME,NAME,...", value_delimiter = ',', value_parser = strategy)]
-    pub(crate) strategies: Vec<Strategy>,
-    /// The levels of hiding k to put a price on [default: 1,0.7,0.5,0.25].
-    #[arg(long, value_name = "K,K,...", value_delimiter = ',')]
-    pub(crate) noise: Vec<f64>,
-    /// The effects to leave out, one at a time, or none [default: all that the scene calls for].
-    #[arg(long, value_name = "EFFECT,...|none", value_parser = effect_choice)]
-    pub(crate) effects: Option<EffectChoice>,
-    /// The denoisers to compare, or off [default: builtin, and oidn where this machine has it]. What is not denoised is
-    /// always measured, and everything but the denoisers' own section is about it.
-    #[arg(long, value_name = "NAME,NAME|off", value_delimiter = ',', value_enum)]
-    pub(crate) denoise: Vec<Denoise>,
-    /// Intel Open Image Denoise 1.4 or 2: the library or its folder [default: DUNKELFELD_OIDN, then where systems have it].
-    #[arg(long, value_name = "PATH")]
-    pub(crate) oidn: Option<PathBuf>,
-    /// Samples per pixel of the renders with and without an effect [default: a quarter of the ladder's top].
-    #[arg(long, value_name = "N", value_parser = within(1..=u32::MAX))]
-    pub(crate) effect_spp: Option<u32>,
-    /// Samples per pixel of the reference [default: four times the ladder's top].
-    #[arg(long, value_name = "N", value_parser = within(1..=u32::MAX))]
-    pub(crate) reference_spp: Option<u32>,
-
-    #[command(flatten)]
-    pub(crate) view: ViewArgs,
-}
-
 /// How a command runs, whatever it does.
 #[derive(Debug, Args)]
 pub(crate) struct RunArgs {
@@ -382,10 +330,6 @@ pub(crate) struct ExposeArgs {
     #[command(flatten)]
     pub(crate) run: RunArgs,
 }
-
-/// Effects on the command line: a list, or none at all.
-#[derive(Clone, Debug, PartialEq)]
-pub(crate) struct EffectChoice(pub(crate) Vec<Effect>);
 
 /// Strategies on the command line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]

@@ -6,11 +6,11 @@
 mod args;
 mod bar;
 mod commands;
-mod emva_args;
 mod interrupt;
 mod memory_args;
 mod outcome;
-mod ptc_args;
+#[cfg(feature = "studies")]
+mod studies;
 mod values;
 mod words;
 
@@ -39,11 +39,14 @@ fn main() -> ExitCode {
     let result = match args.command {
         args::Command::Render(a) => commands::render::run(&a, started),
         args::Command::Merge(a) => commands::merge::run(&a, started),
-        args::Command::Bench(a) => commands::bench::run(&a, started),
+        #[cfg(feature = "studies")]
+        args::Command::Bench(a) => studies::run_bench(&a, started),
         args::Command::Denoise(a) => commands::denoise::run(&a),
         args::Command::Expose(a) => commands::expose::run(&a),
-        args::Command::Emva(a) => commands::emva::run(&a),
-        args::Command::Ptc(a) => commands::ptc::run(&a, started),
+        #[cfg(feature = "studies")]
+        args::Command::Emva(a) => studies::run_emva(&a),
+        #[cfg(feature = "studies")]
+        args::Command::Ptc(a) => studies::run_photon_transfer(&a, started),
         args::Command::Inspect(a) => commands::inspect::run(&a),
         args::Command::Sensors(a) => commands::sensors::run(&a),
     };

@@ -1,7 +1,6 @@
 //! The values of flags: read from their text, and checked before any file is opened. An error says what to write instead.
 
-use crate::args::{EffectChoice, ExposureChoice};
-use dunkelfeld::adaptive::Strategy;
+use crate::args::ExposureChoice;
 use dunkelfeld::integrator::PixelSample;
 use dunkelfeld::io::quantity::{Length, Time};
 use dunkelfeld::radiometry::Seconds;
@@ -61,15 +60,6 @@ pub(crate) fn effect(name: &str) -> Result<Effect, String> {
         let names: Vec<&str> = Effect::ALL.iter().filter(can_go).map(|e| e.name()).collect();
         format!("write one of {}", names.join(", "))
     })
-}
-
-pub(crate) fn effect_choice(text: &str) -> Result<EffectChoice, String> {
-    let names = text.split(',').filter(|_| text != "none");
-    names.map(effect).collect::<Result<_, _>>().map(EffectChoice)
-}
-
-pub(crate) fn strategy(name: &str) -> Result<Strategy, String> {
-    name.parse().map_err(|e: dunkelfeld::adaptive::UnknownStrategy| e.to_string())
 }
 
 pub(crate) fn samples_per_pixel(text: &str) -> Result<f64, String> {

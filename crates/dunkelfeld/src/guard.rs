@@ -3,26 +3,22 @@
 //! Readers record what they open in an [`InputFiles`]; every command compares its outputs with it before its work begins. Two
 //! names are one file if paths, resolved paths, or device and inode agree.
 
-use crate::error::Error;
-use crate::report::page::is_page;
-use dunkelfeld_io::input::{FileIdentity, FileKey, InputFile, InputFiles, ReadFault, Role};
+use dunkelfeld_io::input::{FileIdentity, FileKey, InputFile, InputFiles};
+use dunkelfeld_render::Error;
 use std::collections::HashMap;
-use std::io::Read;
 use std::path::{Path, PathBuf};
 
-/// The page of a report, in a folder of results.
-const REPORT: &str = "report.html";
 /// So many other names are tried at most.
 const MOST_TRIED: u32 = 1000;
 
 /// An output: which one, as in `the image`, and its path.
-pub(crate) type Output<'a> = (&'static str, &'a Path);
+pub type Output<'a> = (&'static str, &'a Path);
 
 /// Finds out whether an output has the place of an input or of another output.
 ///
 /// # Errors
 /// The first that has.
-pub(crate) fn check_outputs(outputs: &[Output<'_>], inputs: &InputFiles) -> Result<(), Error> {
+pub fn check_outputs(outputs: &[Output<'_>], inputs: &InputFiles) -> Result<(), Error> {
     let files: Vec<_> = outputs.iter().map(|&(what, path)| (what, FileIdentity::of(path))).collect();
     let mut known: HashMap<FileKey<'_>, &'static str> = HashMap::new();
     for (what, file) in &files {
@@ -55,53 +51,6 @@ fn replaces(what: &str, path: &Path, input: &InputFile) -> Error {
     }
 }
 
-/// Finds out whether an input lies in a folder of results, or has another name in it, and whether the page of a report would
-/// replace one that is none of this program.
-///
-/// # Errors
-/// An input does, or the page would.
-pub(crate) fn check_folder(folder: &Path, inputs: &InputFiles) -> Result<(), Error> {
-    let report = folder.join(REPORT);
-    match found_in(folder, inputs) {
-        None if folder.is_dir() && is_foreign(&report) => Err(Error::Output {
-            file: report,
-            problem: "is there already, and is no report of this program".into(),
-            help: "name another folder with -o".into(),
-        }),
-        None => Ok(()),
-        Some(input) if !folder.is_dir() => Err(Error::Output {
-            file: folder.into(),
-            problem: format!("is {} that this run reads, not a folder", input.role.name()),
-            help: "name another folder with -o".into(),
-        }),
-        Some(input) => Err(Error::Output {
-            file: folder.into(),
-            problem: format!("holds {}, {} that this run reads", input.identity.path().display(), input.role.name()),
-            help: "name another folder with -o".into(),
-        }),
-    }
-}
-
-/// Is there a file that is no report of this program?
-fn is_foreign(report: &Path) -> bool {
-    /// The head of a page is shorter.
-    const HEAD: u64 = 1024;
-    match InputFiles::new().open(report, Role::Result, u64::MAX) {
-        Err(ReadFault::Missing) => false,
-        Err(_) => true,
-        Ok(file) => {
-            let mut head = Vec::new();
-            file.take(HEAD).read_to_end(&mut head).is_err() || !is_page(&String::from_utf8_lossy(&head))
-        }
-    }
-}
-
-/// The renders of a campaign may lie behind a link.
-fn found_in<'a>(folder: &Path, inputs: &'a InputFiles) -> Option<&'a InputFile> {
-    let named = inputs.find(&FileIdentity::of(folder));
-    named.or_else(|| inputs.find_within(folder)).or_else(|| inputs.find_within(&folder.join(crate::campaign::UNITS)))
-}
-
 /// The name of an output that the user did not name.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct DefaultPath {
@@ -113,7 +62,7 @@ pub struct DefaultPath {
 
 /// The usual name of a file, or the next one that is neither an input nor another output: `a.png`, `a.render.png`,
 /// `a.render.2.png`. `check` finds out whether a name can be used.
-pub(crate) fn free_file(usual: PathBuf, word: &str, check: impl Fn(&Path) -> Result<(), Error>) -> DefaultPath {
+pub fn free_file(usual: PathBuf, word: &str, check: impl Fn(&Path) -> Result<(), Error>) -> DefaultPath {
     let other = |number: u32| {
         let mut name = usual.file_stem().unwrap_or_default().to_os_string();
         name.push(if number == 1 { format!(".{word}") } else { format!(".{word}.{number}") });
@@ -126,17 +75,8 @@ pub(crate) fn free_file(usual: PathBuf, word: &str, check: impl Fn(&Path) -> Res
     first_free(usual.clone(), other, check)
 }
 
-/// The usual name of a folder of results, or the next one in which no input lies: `a-bench`, `a-bench-2`.
-pub(crate) fn free_folder(usual: PathBuf, inputs: &InputFiles) -> DefaultPath {
-    let other = |number: u32| {
-        let mut name = usual.clone().into_os_string();
-        name.push(format!("-{}", number + 1));
-        PathBuf::from(name)
-    };
-    first_free(usual.clone(), other, |folder| check_folder(folder, inputs))
-}
-
-fn first_free(
+/// The usual name, or the first of those that `other` numbers from 1 which `check` allows.
+pub fn first_free(
     usual: PathBuf,
     other: impl Fn(u32) -> PathBuf,
     check: impl Fn(&Path) -> Result<(), Error>,
@@ -193,28 +133,6 @@ mod tests {
         );
         let twice = message(&[("the image", b), ("the EXR", b)]);
         assert!(twice.contains("two outputs, the image and the EXR"), "{twice}");
-    }
-
-    #[test]
-    fn a_folder_of_results_holds_no_input() {
-        let home = std::env::current_dir().expect("a folder");
-        let mut inputs = InputFiles::new();
-        inputs.add(&home.join("scene.gltf"), Role::Scene);
-        assert!(check_folder(&home, &inputs).is_err());
-        assert!(check_folder(&home.join("no-such-folder"), &inputs).is_ok());
-        let results = tempfile::tempdir().expect("a temporary folder");
-        let page = results.path().join(REPORT);
-        let check = |text: &str| {
-            std::fs::write(&page, text).expect("writable");
-            check_folder(results.path(), &inputs)
-        };
-        check(&crate::report::page::page("photon transfer", &[])).expect("a report of ours");
-        for foreign in ["", "<html><head></head></html>"] {
-            let message = check(foreign).expect_err("a page of somebody else").to_string();
-            assert!(message.contains(REPORT) && message.contains("help:"), "{message}");
-        }
-        let chosen = free_folder(home.join("no-such-folder"), &inputs);
-        assert_eq!((chosen.path, chosen.reason), (home.join("no-such-folder"), None));
     }
 
     #[cfg(unix)]

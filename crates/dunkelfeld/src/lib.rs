@@ -15,81 +15,58 @@
 
 #![forbid(unsafe_code)]
 
-pub mod bench;
-mod campaign;
-mod check;
-mod checkpoint;
-mod denoise_file;
+mod camera_fit;
+mod commands;
 mod denoising;
-mod develop;
-pub mod emva;
-mod error;
-mod expose_file;
-mod forecast;
-mod guard;
-mod heavy;
-mod identity;
+mod frame;
+pub mod guard;
 mod inspect;
-mod lens;
-mod look;
-mod matched;
 mod memory;
-mod merge;
-mod noise;
+mod noise_compensation;
+mod outliers;
 mod outputs;
-mod parallel;
-mod pass;
-mod planner;
-mod progress;
 mod project;
-pub mod ptc;
-mod render;
-mod report;
-mod round;
-mod settings;
 mod stats;
-mod trend;
 
-pub use checkpoint::{CheckpointSettings, DEFAULT_CHECKPOINT_SECONDS, Earlier};
-pub use denoise_file::{DenoisedFile, check_denoise_output, denoise_exr};
-pub use denoising::{
-    DenoiseMethod, DenoiseSettings, Denoised, OIDN_VARIABLE, PoolExecutor, denoise_film, find_denoiser,
-};
-pub use develop::{Frame, Picture, SensorFrame, develop, develop_film, show_denoised};
-pub use error::Error;
-pub use expose_file::{ExposeOutputs, ExposeSettings, ExposedFile, Exposer, expose_exr};
-pub use forecast::{FORECAST_LEVELS, Forecast, ForecastLevel};
+pub use commands::denoise::{DenoisedFile, check_denoise_output, denoise_exr};
+pub use commands::expose::{ExposeOutputs, ExposeSettings, ExposedFile, Exposer, expose_exr};
+pub use commands::merge::{MergeSettings, Merged, merge};
+pub use denoising::{Denoised, PoolExecutor, denoise_film, find_denoiser};
+pub use frame::{Frame, Picture, SensorFrame, certify, develop, develop_film, show_denoised};
 pub use guard::DefaultPath;
-pub use heavy::HeavySample;
 pub use inspect::{
     CameraEntry, CoverEntry, CoverLayerEntry, EffectEntry, Inspection, LightEntry, MaterialEntry, inspect,
 };
-pub use matched::Matched;
 pub use memory::{MemoryAccount, MemoryItem, MemoryStats};
-pub use merge::{MergeSettings, Merged, merge};
-pub use noise::{Certified, certify};
+pub use noise_compensation::Matched;
+pub use outliers::HeavySample;
 pub use outputs::{
-    NO_ID, OutputPaths, SavedPlan, encode_layers, load_plan, load_plan_recorded, save_exr, save_linear, save_picture,
+    OutputPaths, SavedPlan, encode_layers, load_plan, load_plan_recorded, save_exr, save_linear, save_picture,
     save_plan, save_text,
 };
-pub use progress::{Cancel, Progress, ProgressState, Silent, Stage};
 pub use project::{Project, ProjectResult, find_sensor, find_sensor_recorded, read_scene};
-pub use render::{Rendering, camera, render, thread_pool};
-pub use settings::{Budget, DEFAULT_PILOT_SPP, DEFAULT_SPP, MAX_PIXELS, MAX_SIDE, RenderSettings, SensorChoice};
 pub use stats::{CertificateStats, DenoiseStats, PartStats, STATS_VERSION, SensorStats, Stats};
 
+pub use dunkelfeld_film::NO_ID;
 pub use dunkelfeld_io::job::DEFAULT_SENSOR;
+pub use dunkelfeld_render::film_noise::Certified;
+pub use dunkelfeld_render::{
+    Budget, Cancel, CheckpointSettings, DEFAULT_CHECKPOINT_SECONDS, DEFAULT_PILOT_SPP, DEFAULT_SPP, DenoiseMethod,
+    DenoiseSettings, Earlier, Error, FORECAST_LEVELS, Forecast, ForecastLevel, MAX_PIXELS, MAX_SIDE, OIDN_VARIABLE,
+    Progress, ProgressState, RenderSettings, Rendering, SensorChoice, Silent, Stage, camera, render, thread_pool,
+    written,
+};
 
 pub use dunkelfeld_adaptive as adaptive;
 pub use dunkelfeld_bsdf as bsdf;
 pub use dunkelfeld_bvh as bvh;
 pub use dunkelfeld_denoise as denoise;
-pub use dunkelfeld_emva1288 as emva1288;
 pub use dunkelfeld_film as film;
 pub use dunkelfeld_geometry as geometry;
 pub use dunkelfeld_integrator as integrator;
 pub use dunkelfeld_io as io;
 pub use dunkelfeld_radiometry as radiometry;
+pub use dunkelfeld_render as engine;
 pub use dunkelfeld_sampling as sampling;
 pub use dunkelfeld_scene as scene;
 pub use dunkelfeld_sensor as sensor;

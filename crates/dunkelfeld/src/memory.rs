@@ -4,9 +4,9 @@ mod needs;
 
 pub(crate) use needs::{RenderNeeds, denoise_account, expose_account, merge_account, render_account};
 
-use crate::error::Error;
 use dunkelfeld_film::Film;
 use dunkelfeld_io::process::{can_reserve, peak_memory};
+use dunkelfeld_render::Error;
 use serde::Serialize;
 use std::fmt::Write;
 

@@ -1,24 +1,21 @@
 //! From results to files: pictures, raw values, layers, the plan.
 
-use crate::develop::{Frame, Picture};
-use crate::error::Error;
+use crate::frame::{Frame, Picture};
 use crate::guard::{Output, check_outputs};
-use crate::settings::RenderSettings;
-use dunkelfeld_film::{Film, FilmLayers, PixelSums, Plane};
+use dunkelfeld_film::{Film, FilmLayers, NO_ID, PixelSums, Plane};
 use dunkelfeld_integrator::Label;
 use dunkelfeld_io::exr::{ExrHead, ExrLayers, read_exr_recorded, write_exr, write_exr_rows};
 use dunkelfeld_io::input::{InputFiles, Role};
 use dunkelfeld_io::layers::{Single, Triple};
 use dunkelfeld_io::picture::Picture as File;
 use dunkelfeld_radiometry::Number;
+use dunkelfeld_render::RenderSettings;
+use dunkelfeld_render::{Error, written};
 use dunkelfeld_scene::Effect;
 use dunkelfeld_sensor::{Exposure, SensorModel};
 use rayon::prelude::*;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
-
-/// What an id layer holds where there is nothing.
-pub const NO_ID: u32 = u32::MAX;
 
 /// Which files to write; what is absent is not written.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -126,19 +123,6 @@ pub(crate) fn misfit(path: &Path) -> String {
         "" => "has no ending that says what to write".into(),
         ending => format!("has an ending that does not fit (\".{ending}\")"),
     }
-}
-
-pub(crate) fn written(path: &Path, result: std::io::Result<()>) -> Result<(), Error> {
-    result.map_err(|e| {
-        // The file is named once, by our own error.
-        let said = e.to_string();
-        let reason = said.strip_prefix(&format!("cannot write {}: ", path.display())).unwrap_or(&said);
-        Error::Output {
-            file: path.into(),
-            problem: format!("cannot be written: {reason}"),
-            help: "name a regular file in a folder that can be written to, on a disk with room".into(),
-        }
-    })
 }
 
 /// Writes the 8-bit picture of a frame as PNG.

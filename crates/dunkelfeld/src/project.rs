@@ -1,19 +1,12 @@
 //! A scene or job file with everything around it: one thing to open, adjust, render and save.
 
-use crate::check::check;
-use crate::denoising::{DenoiseMethod, DenoiseSettings, denoise_frame, find_denoiser};
-use crate::develop::{Frame, develop_film};
-use crate::error::{Error, camera_help};
+use crate::camera_fit::{DEFAULT_F_NUMBER, FilmSize, Fitted, Misfit, fit};
+use crate::denoising::{denoise_frame, find_denoiser};
+use crate::frame::{Frame, develop_film};
 use crate::guard::{DefaultPath, check_outputs, free_file};
 use crate::inspect::{Inspection, camera_entry, inspect};
-use crate::lens::{DEFAULT_F_NUMBER, FilmSize, Fitted, Misfit, fit};
 use crate::memory::{MemoryAccount, MemoryStats, RenderNeeds, render_account};
 use crate::outputs::{self, OutputPaths, Written};
-use crate::progress::{Cancel, Progress, ProgressState, Silent, Stage};
-use crate::render::{
-    EXR_PER_MEGAPIXEL, Rehearsal, Rendering, camera, find_camera, render_rehearsed, thread_count, thread_pool,
-};
-use crate::settings::{Budget, RenderSettings, SensorChoice};
 use crate::stats::Stats;
 use dunkelfeld_adaptive::allocation::Strategy;
 use dunkelfeld_denoise::{Builtin, Denoiser as _};
@@ -23,6 +16,13 @@ use dunkelfeld_io::import::{ImportOptions, Imported, load_scene};
 use dunkelfeld_io::input::InputFiles;
 use dunkelfeld_io::job::{self, FilmSettings, Job, LensSettings};
 use dunkelfeld_io::{ImportWarning, InputError};
+use dunkelfeld_render::{Budget, RenderSettings, SensorChoice};
+use dunkelfeld_render::{Cancel, Progress, ProgressState, Silent, Stage};
+use dunkelfeld_render::{DenoiseMethod, DenoiseSettings, validate};
+use dunkelfeld_render::{
+    EXR_PER_MEGAPIXEL, Rehearsal, Rendering, camera, find_camera, render_rehearsed, thread_count, thread_pool,
+};
+use dunkelfeld_render::{Error, camera_help};
 use dunkelfeld_scene::{BuildError, BuildReport, CameraError, Distortion, Effect, Projection, Scene, framing_camera};
 use dunkelfeld_sensor::{Exposure, Optics, SensorModel};
 use std::path::{Path, PathBuf};
@@ -204,7 +204,7 @@ impl Project {
     /// Settings outside their range, an unknown camera, a lens that does not fit it, a distortion that cannot be undone
     /// over the film.
     pub fn fitted(&self) -> Result<RenderSettings, Error> {
-        check(&self.settings)?;
+        validate(&self.settings)?;
         let mut settings = self.settings.clone();
         if settings.view.is_some() {
             return Ok(settings);
@@ -248,7 +248,7 @@ impl Project {
     }
 
     /// Renders on another number of pixels what the film shows now: pixels grow as their number shrinks.
-    pub(crate) fn resize_keeping_view(&mut self, width: u32, height: u32) {
+    pub fn resize_keeping_view(&mut self, width: u32, height: u32) {
         let before = self.film_size();
         let growth = f64::from(before.width) / f64::from(width.max(1));
         self.film.pixel_pitch = before.pitch.map(|pitch| pitch * growth);
@@ -256,7 +256,7 @@ impl Project {
     }
 
     /// Takes everything that is set, but for the scene itself, from another project.
-    pub(crate) fn take_settings_of(&mut self, other: &Self) {
+    pub fn take_settings_of(&mut self, other: &Self) {
         self.settings = other.settings.clone();
         self.lens = other.lens.clone();
         self.film = other.film.clone();
@@ -275,7 +275,7 @@ impl Project {
     }
 
     /// The account of a render that may begin.
-    pub(crate) fn checked_account(&self, settings: &RenderSettings) -> Result<MemoryAccount, Error> {
+    pub fn checked_account(&self, settings: &RenderSettings) -> Result<MemoryAccount, Error> {
         let (held, account) = self.account(settings);
         let help = "render fewer pixels (--width, --height), without --exr or a denoiser, or with smaller textures";
         account.check(settings.memory_limit, held, help)?;

@@ -1,17 +1,17 @@
 //! What a render achieved, as data: the `--stats` file.
 
-use crate::develop::Frame;
-use crate::forecast::ForecastLevel;
-use crate::heavy::{HeavySample, heaviest};
+use crate::frame::Frame;
 use crate::memory::MemoryStats;
-use crate::noise::Certified;
-use crate::parallel::map_tile_rows;
-use crate::progress::Stage;
-use crate::render::Rendering;
-use crate::settings::{RenderSettings, SensorChoice};
+use crate::outliers::{HeavySample, heaviest};
 use dunkelfeld_adaptive::certificate::Certificate;
 use dunkelfeld_adaptive::schedule::StopReason;
 use dunkelfeld_film::{Film, PixelSums};
+use dunkelfeld_render::ForecastLevel;
+use dunkelfeld_render::Rendering;
+use dunkelfeld_render::Stage;
+use dunkelfeld_render::film_noise::Certified;
+use dunkelfeld_render::parallel::map_tile_rows;
+use dunkelfeld_render::{RenderSettings, SensorChoice};
 use serde::Serialize;
 use std::collections::BTreeMap;
 
@@ -404,7 +404,7 @@ mod tests {
                 film.add(pixel, index, &Sample { radiance: value, ..Sample::MISS }).expect("memory");
             }
         }
-        let of = |threads| crate::render::thread_pool(threads).expect("threads").install(|| Totals::of(&film));
+        let of = |threads| dunkelfeld_render::thread_pool(threads).expect("threads").install(|| Totals::of(&film));
         let (one, three) = (of(1), of(3));
         assert_eq!((one.mean, one.samples, one.range), (three.mean, three.samples, three.range));
         let counts = film.sample_counts();

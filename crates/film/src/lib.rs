@@ -12,6 +12,9 @@ mod plane;
 mod square_sum;
 pub mod units;
 
+/// Value of an id layer in pixels without an object or material.
+pub const NO_ID: u32 = u32::MAX;
+
 pub use accumulator::{Accumulate, BATCHES, PixelSums, RadianceSum, Sample, Scatter};
 pub use film::{Film, FilmError, FilmLayers, OutOfMemory, TileRow};
 pub use gaps::fill_gaps;

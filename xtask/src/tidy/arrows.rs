@@ -6,7 +6,7 @@ use serde_json::Value;
 
 /// Third-party crates that belong to certain folders only.
 const HOMES: [(&str, &[&str]); 16] = [
-    ("rayon", &["dunkelfeld", "bvh"]),
+    ("rayon", &["render", "dunkelfeld", "studies", "bvh"]),
     ("obvhs", &["bvh"]),
     ("clap", &["cli"]),
     ("ctrlc", &["cli"]),
@@ -205,7 +205,7 @@ mod tests {
     #[test]
     fn third_party_crates_stay_at_home() {
         let faults = with(package("geometry", &["rayon"]));
-        assert_eq!(faults, ["crates/geometry: uses rayon, which belongs in dunkelfeld, bvh only"]);
+        assert_eq!(faults, ["crates/geometry: uses rayon, which belongs in render, dunkelfeld, studies, bvh only"]);
         assert_eq!(with(package("dunkelfeld", &["png", "clap"])).len(), 2);
     }
 

@@ -2,11 +2,11 @@
 //! at the same time; `docs/memory.md` compares them with measurements.
 
 use super::MemoryAccount;
-use crate::denoising::DenoiseMethod;
 use crate::outputs::OutputPaths;
-use crate::settings::{DEFAULT_SPP, RenderSettings, SensorChoice};
-use dunkelfeld_film::{Film, FilmLayers, PixelSums, Plane};
+use dunkelfeld_film::{Film, FilmLayers, PixelSums};
 use dunkelfeld_integrator::Label;
+use dunkelfeld_render::{DenoiseMethod, UNKNOWN_SPP};
+use dunkelfeld_render::{RenderSettings, SensorChoice};
 use dunkelfeld_scene::SceneSummary;
 use dunkelfeld_sensor::ExposureNoise;
 
@@ -15,7 +15,7 @@ const PROGRAM: u64 = 24_000_000;
 /// A thread: what it touches of its stack, and what its allocator keeps.
 const THREAD: u64 = 2 << 20;
 /// Pixels of a tile; a thread has two tiles in work.
-const TILE_PIXELS: u64 = (crate::round::TILE * crate::round::TILE) as u64;
+const TILE_PIXELS: u64 = (dunkelfeld_render::TILE * dunkelfeld_render::TILE) as u64;
 /// A strip of an EXR, its blocks on the way to the file, and what they are made from: so many bytes at most, ...
 const EXR_MOST: u64 = 3 * (32 << 20);
 /// ... and of a small image so many per pixel: 36 channels.
@@ -29,8 +29,6 @@ const NOISE_ESTIMATES: u64 = 120;
 /// Kinds of pixels of a sensor behind a colour filter array.
 const MOST_KINDS: u64 = 3;
 const SUMS: u64 = size_of::<PixelSums>() as u64;
-/// Samples per pixel that are assumed where the clock or the noise ends the render.
-const UNKNOWN_SPP: f64 = 4096.0;
 
 /// Bytes per pixel of planes, each on a line of its own.
 mod per_pixel {
@@ -119,7 +117,7 @@ pub(crate) fn render_account(needs: RenderNeeds<'_>) -> (u64, MemoryAccount) {
     let tiles = 2 * TILE_PIXELS * (size_of::<PixelSums>() as u64 + 8) * threads as u64;
     account.add("rounds", &[planes(per_pixel::ROUND).saturating_add(tiles), 0, 0, 0, 0]);
     if settings.checkpoint.is_some() {
-        let rows = 2 * u64::from(width) * u64::from(crate::round::TILE) * SUMS;
+        let rows = 2 * u64::from(width) * u64::from(dunkelfeld_render::TILE) * SUMS;
         account.add("checkpoint", &[planes(per_pixel::CHECKPOINT).saturating_add(rows), 0, 0, 0, 0]);
     }
     let kinds = match &settings.sensor {
@@ -189,7 +187,7 @@ pub(crate) fn expose_account(size: (u32, u32), channel_bytes: u64, is_matched: b
     let noise = if is_matched { 160 } else { 0 };
     account.add("radiance", &[0, planes(12 + noise)]);
     let frames = per_pixel::FRAME + per_pixel::PICTURE;
-    let at_once = (threads as u64).clamp(1, crate::expose_file::MOST_WAITING as u64);
+    let at_once = (threads as u64).clamp(1, crate::commands::expose::MOST_WAITING as u64);
     account.add("exposure", &[0, planes(4 + per_pixel::DEVICE)]);
     account.add("frames", &[0, planes(frames).saturating_mul(at_once)]);
     account.add("threads", &[THREAD * threads as u64; 2]);
@@ -231,28 +229,6 @@ fn noise_bands(width: u32, height: u32, kinds: u64, threads: usize) -> u64 {
     let rows = u64::from(height).min(NOISE_ROWS.saturating_mul(threads as u64));
     let sums = u64::from(Film::TILE) * SUMS * threads as u64;
     u64::from(width) * (rows * (NOISE_SHARED + kinds * NOISE_ESTIMATES) + sums)
-}
-
-impl RenderSettings {
-    /// Samples per pixel of a render that does not plan for itself.
-    fn given_spp(&self) -> Option<f64> {
-        match (&self.replay, &self.samples) {
-            (Some(plan), _) => Some(mean_of(plan)),
-            (None, Some(samples)) => Some(f64::from(samples.end.saturating_sub(samples.start))),
-            (None, None) => None,
-        }
-    }
-
-    /// Samples per pixel that a film is made for.
-    fn expected_spp(&self) -> f64 {
-        let budget = self.budget;
-        let open = budget.seconds.is_some() || budget.noise.is_some();
-        self.given_spp().or(budget.spp).unwrap_or(if open { UNKNOWN_SPP } else { DEFAULT_SPP })
-    }
-}
-
-fn mean_of(plan: &Plane<u32>) -> f64 {
-    plan.data().iter().map(|&n| f64::from(n)).sum::<f64>() / plan.data().len().max(1) as f64
 }
 
 const _: () = assert!(size_of::<Option<Label>>() == 8);
@@ -311,19 +287,5 @@ mod tests {
         ] {
             assert!(account.peak_bytes > 1 << 62, "{}", account.table());
         }
-    }
-
-    #[test]
-    fn samples_are_those_of_the_budget_or_of_the_plan() {
-        let spp = |change: fn(&mut RenderSettings)| {
-            let mut settings = RenderSettings { width: 2, height: 1, ..RenderSettings::default() };
-            change(&mut settings);
-            settings.expected_spp()
-        };
-        assert_eq!(spp(|_| {}), DEFAULT_SPP);
-        assert_eq!(spp(|s| s.budget.spp = Some(7.0)), 7.0);
-        assert_eq!(spp(|s| s.budget.seconds = Some(7.0)), UNKNOWN_SPP);
-        assert_eq!(spp(|s| s.samples = Some(8..24)), 16.0);
-        assert_eq!(spp(|s| s.replay = Plane::from_vec(2, 1, vec![3, 6])), 4.5);
     }
 }

@@ -1,0 +1,75 @@
+//! Flags of `bench`.
+
+use crate::args::{Denoise, ViewArgs};
+use crate::values::{effect, within};
+use clap::Args;
+use dunkelfeld::adaptive::Strategy;
+use dunkelfeld::scene::Effect;
+use std::path::PathBuf;
+
+/// Flags of `bench`.
+///
+/// Renders the scene many times with different seeds and compares. The folder gets `report.html`, which stands alone, its
+/// numbers as CSV, its charts as SVG, and in `units/` every finished render: a bench that was interrupted goes on from there
+/// when the same command is given again.
+#[derive(Debug, Args)]
+pub(crate) struct BenchArgs {
+    /// A scene (.gltf, .glb, .obj) or a job (.toml). Its budget and strategy are not used. Flags win over the job.
+    #[arg(value_name = "SCENE|JOB.toml")]
+    pub(crate) input: PathBuf,
+
+    /// The folder of the report [default: the input's name with -bench, in this folder].
+    #[arg(short = 'o', long = "output", value_name = "DIR")]
+    pub(crate) output: Option<PathBuf>,
+    /// Less than a minute in all: a short ladder, and unless it is given a film as large as this machine can do.
+    #[arg(long)]
+    pub(crate) quick: bool,
+    /// Discard the renders that the folder already holds.
+    #[arg(long)]
+    pub(crate) restart: bool,
+
+    /// The ladder: samples per pixel, ascending [default: 4,8,16,32,64,128; with --quick 4,8,16,32].
+    #[arg(long, value_name = "N,N,...", value_delimiter = ',', value_parser = within(1..=u32::MAX))]
+    pub(crate) spp: Vec<u32>,
+    /// Independent renders of each point, an even number from 4 on [default: 8].
+    #[arg(long, value_name = "N", value_parser = within(1..=u32::MAX))]
+    pub(crate) seeds: Option<u32>,
+    /// The strategies to compare [default: all].
+    #[arg(long, value_name = "NAME,NAME,...", value_delimiter = ',', value_parser = strategy)]
+    pub(crate) strategies: Vec<Strategy>,
+    /// The levels of hiding k to put a price on [default: 1,0.7,0.5,0.25].
+    #[arg(long, value_name = "K,K,...", value_delimiter = ',')]
+    pub(crate) noise: Vec<f64>,
+    /// The effects to leave out, one at a time, or none [default: all that the scene calls for].
+    #[arg(long, value_name = "EFFECT,...|none", value_parser = effect_choice)]
+    pub(crate) effects: Option<EffectChoice>,
+    /// The denoisers to compare, or off [default: builtin, and oidn where this machine has it]. What is not denoised is
+    /// always measured, and everything but the denoisers' own section is about it.
+    #[arg(long, value_name = "NAME,NAME|off", value_delimiter = ',', value_enum)]
+    pub(crate) denoise: Vec<Denoise>,
+    /// Intel Open Image Denoise 1.4 or 2: the library or its folder [default: DUNKELFELD_OIDN, then where systems have it].
+    #[arg(long, value_name = "PATH")]
+    pub(crate) oidn: Option<PathBuf>,
+    /// Samples per pixel of the renders with and without an effect [default: a quarter of the ladder's top].
+    #[arg(long, value_name = "N", value_parser = within(1..=u32::MAX))]
+    pub(crate) effect_spp: Option<u32>,
+    /// Samples per pixel of the reference [default: four times the ladder's top].
+    #[arg(long, value_name = "N", value_parser = within(1..=u32::MAX))]
+    pub(crate) reference_spp: Option<u32>,
+
+    #[command(flatten)]
+    pub(crate) view: ViewArgs,
+}
+
+/// Effects on the command line: a list, or none at all.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct EffectChoice(pub(crate) Vec<Effect>);
+
+fn effect_choice(text: &str) -> Result<EffectChoice, String> {
+    let names = text.split(',').filter(|_| text != "none");
+    names.map(effect).collect::<Result<_, _>>().map(EffectChoice)
+}
+
+fn strategy(name: &str) -> Result<Strategy, String> {
+    name.parse().map_err(|e: dunkelfeld::adaptive::UnknownStrategy| e.to_string())
+}

@@ -1,0 +1,90 @@
+//! `dunkelfeld emva`: data sets out, figures in.
+
+use super::emva_args::{AnalyseArgs, DatasetArgs, EmvaArgs, EmvaCommand, ReleaseChoice, VaryChoice};
+use crate::bar::Sink;
+use crate::interrupt::cancel_on_interrupt;
+use crate::outcome::{Outcome, print, say};
+use dunkelfeld::Error;
+use dunkelfeld::radiometry::{Nanometres, Seconds};
+use dunkelfeld_studies::emva::{DatasetPlan, DatasetSettings, Findings, TRUTH, Vary, read_measurement, write_dataset};
+use dunkelfeld_studies::emva1288::{AnalysisSettings, Release};
+
+pub(crate) fn run(args: &EmvaArgs) -> Result<Outcome, Error> {
+    match &args.command {
+        EmvaCommand::Dataset(args) => dataset(args),
+        EmvaCommand::Analyse(args) => analyse(args),
+    }
+}
+
+fn dataset(args: &DatasetArgs) -> Result<Outcome, Error> {
+    let model = dunkelfeld::find_sensor(&args.sensor)?;
+    let mut settings = DatasetSettings { wavelength: args.wavelength.map(Nanometres), ..DatasetSettings::default() };
+    settings.levels = args.levels.unwrap_or(settings.levels);
+    settings.stack = args.spatial.unwrap_or(settings.stack);
+    settings.seed = args.seed.unwrap_or(settings.seed);
+    settings.bit_depth = args.bit_depth;
+    settings.color = args.color.map(Into::into);
+    settings.exposure = args.exposure.map_or(settings.exposure, Seconds);
+    if let Some([width, height]) = args.size {
+        (settings.width, settings.height) = (width, height);
+    }
+    settings.vary = match args.vary {
+        Some(VaryChoice::Irradiance) => Vary::Irradiance,
+        Some(VaryChoice::Exposure) | None => Vary::Exposure,
+    };
+    let plan = DatasetPlan::new(&model, &settings)?;
+    let sink = Sink::new(args.run.progress);
+    let cancel = cancel_on_interrupt();
+    let threads = args.run.thread_count();
+    let written = write_dataset(&plan, &args.output, threads, &sink, &cancel)?;
+    drop(sink);
+    let Some(written) = written else {
+        say("interrupted: nothing was written");
+        return Ok(Outcome::Interrupted);
+    };
+    print(&format!(
+        "{}\n{} frames of {} x {} pixels, {} levels of light at {} nm\nwrote {} and {}\n",
+        model.spec().name,
+        written.frames,
+        settings.width,
+        settings.height,
+        settings.levels,
+        written.truth.wavelength_nm,
+        written.descriptor.display(),
+        args.output.join(TRUTH).display()
+    ));
+    Ok(Outcome::Done)
+}
+
+fn analyse(args: &AnalyseArgs) -> Result<Outcome, Error> {
+    Findings::check_outputs(&args.input, args.json.as_deref(), args.html.as_deref())?;
+    let release = match args.release {
+        ReleaseChoice::R40 => Release::R40,
+        ReleaseChoice::R31 => Release::R31,
+    };
+    let settings = AnalysisSettings { release, pixel_pitch: args.pixel_pitch };
+    let sink = Sink::new(args.run.progress);
+    let cancel = cancel_on_interrupt();
+    let read = read_measurement(&args.input, args.run.thread_count(), &sink, &cancel);
+    drop(sink);
+    let Some(read) = read? else {
+        say("interrupted: nothing was written");
+        return Ok(Outcome::Interrupted);
+    };
+    let findings =
+        if args.general { Findings::general(&read, &settings)? } else { Findings::linear(&read, &settings)? };
+    for line in read.warnings.iter().chain(findings.notes()) {
+        say(&format!("note: {line}"));
+    }
+    let mut text = findings.table();
+    if let Some(path) = &args.json {
+        findings.save_json(path)?;
+        text += &format!("wrote {}\n", path.display());
+    }
+    if let Some(path) = &args.html {
+        findings.save_html(&read, path)?;
+        text += &format!("wrote {}\n", path.display());
+    }
+    print(&text);
+    Ok(Outcome::Done)
+}

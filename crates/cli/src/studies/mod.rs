@@ -1,0 +1,16 @@
+//! The commands of the feature `studies`: `bench`, `ptc` and `emva`.
+
+mod bench;
+mod bench_args;
+mod emva;
+mod emva_args;
+mod photon_transfer;
+mod photon_transfer_args;
+mod series;
+
+pub(crate) use bench::run as run_bench;
+pub(crate) use bench_args::BenchArgs;
+pub(crate) use emva::run as run_emva;
+pub(crate) use emva_args::EmvaArgs;
+pub(crate) use photon_transfer::run as run_photon_transfer;
+pub(crate) use photon_transfer_args::PtcArgs;

@@ -1,0 +1,102 @@
+//! `dunkelfeld ptc`: flags onto a project and a measurement, then what was found and where it lies.
+
+use super::photon_transfer_args::PtcArgs;
+use super::series::{conclude, noted, report};
+use crate::args::Denoise;
+use crate::bar::Sink;
+use crate::commands::render::{apply_denoise, apply_view};
+use crate::interrupt::cancel_on_interrupt;
+use crate::outcome::{Outcome, say};
+use dunkelfeld::{Error, Progress, ProgressState, Project, Stage};
+use dunkelfeld_studies::photon_transfer::{PtcSettings, StackSettings, ptc, ptc_folder, ptc_of_frames};
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+/// Endings of files that are frames, not scenes.
+const FRAMES: [&str; 4] = ["png", "tif", "tiff", "bmp"];
+
+pub(crate) fn run(args: &PtcArgs, started: Instant) -> Result<Outcome, Error> {
+    let is_frame = |p: &PathBuf| FRAMES.iter().any(|e| p.extension().is_some_and(|x| x.eq_ignore_ascii_case(e)));
+    match args.inputs.as_slice() {
+        inputs if inputs.iter().all(is_frame) => of_frames(args),
+        [input] => of_scene(args, input, started),
+        _ => {
+            let problem = format!("{} inputs are neither one scene nor a stack of frames", args.inputs.len());
+            Err(Error::setting("inputs", problem, "give one scene or job, or frames (.png, .tif, .bmp) alone"))
+        }
+    }
+}
+
+/// The photon transfer of files.
+fn of_frames(args: &PtcArgs) -> Result<Outcome, Error> {
+    let scene_only = [
+        ("--frames", args.frames.is_some()),
+        ("--spp", !args.spp.is_empty()),
+        ("--denoise", args.denoise.is_some() || args.oidn.is_some()),
+        ("--pictures-only", args.pictures_only),
+        ("--sensor", args.view.sensor.is_some()),
+        ("--exposure", args.view.exposure.is_some()),
+        ("--width or --height", args.view.width.is_some() || args.view.height.is_some()),
+        ("--camera", args.view.camera.is_some()),
+        ("--seed", args.view.seed.is_some()),
+        ("--restart", args.restart),
+        ("--threads", args.view.run.threads.is_some()),
+    ];
+    if let Some((flag, _)) = scene_only.iter().find(|(_, given)| *given) {
+        let problem = "says how a scene is rendered, and these are frames";
+        return Err(Error::setting(*flag, problem, "leave it out, or give a scene"));
+    }
+    let defaults = StackSettings::default();
+    let settings = StackSettings {
+        dark: args.dark.unwrap_or(defaults.dark),
+        saturation: args.saturation,
+        edges: args.edges.unwrap_or(defaults.edges),
+    };
+    let sink = Sink::new(args.view.run.progress);
+    let stack = ptc_of_frames(&args.inputs, &settings, &sink, &cancel_on_interrupt())?;
+    drop(sink);
+    let Some(stack) = stack else {
+        say("interrupted: nothing was written");
+        return Ok(Outcome::Interrupted);
+    };
+    let first = args.inputs.first().map_or_else(PathBuf::new, Clone::clone);
+    let folder = args.output.clone().unwrap_or_else(|| noted(ptc_folder(&first, &stack.inputs)));
+    let files = stack.write(&folder)?;
+    report(&stack.findings(), &files);
+    Ok(Outcome::Done)
+}
+
+/// Findings on standard output, and where the report is.
+fn of_scene(args: &PtcArgs, input: &Path, started: Instant) -> Result<Outcome, Error> {
+    for (flag, value) in [("--dark", args.dark), ("--saturation", args.saturation)] {
+        if value.is_some() {
+            let problem = "is for frames; a scene's sensor knows its own";
+            return Err(Error::setting(flag, problem, "leave it out, or give frames"));
+        }
+    }
+    let settings = settings(args);
+    settings.check()?;
+    let sink = Sink::new(args.view.run.progress);
+    sink.update(&ProgressState { stage: Stage::Load, fraction: 0.0, elapsed: 0.0, remaining: None, samples: 0 });
+    let mut project = Project::open_at(input, started)?;
+    apply_view(&args.view, &mut project)?;
+    let folder = args.output.clone().unwrap_or_else(|| noted(ptc_folder(input, &project.inputs)));
+    let cancel = cancel_on_interrupt();
+    let outcome = ptc(project, input, &settings, &folder, args.restart, &sink, &cancel)?;
+    drop(sink);
+    report(&outcome.findings, &outcome.files);
+    Ok(conclude(outcome.invalid_samples, outcome.finished, outcome.interrupted))
+}
+
+fn settings(args: &PtcArgs) -> PtcSettings {
+    let mut settings = PtcSettings::default();
+    settings.frames = args.frames.unwrap_or(settings.frames);
+    if !args.spp.is_empty() {
+        settings.spp.clone_from(&args.spp);
+    }
+    settings.edges = args.edges.unwrap_or(settings.edges);
+    settings.camera = !args.pictures_only;
+    let method = args.denoise.or(args.oidn.is_none().then_some(Denoise::Auto));
+    apply_denoise(method, args.oidn.as_ref(), &mut settings.denoise);
+    settings
+}

@@ -1,0 +1,246 @@
+//! `denoise`: an EXR of ours or of another renderer gets a denoised layer beside what it holds, or becomes a picture.
+
+use crate::denoising::{Denoised, find_denoiser, run};
+use crate::guard::check_outputs;
+use crate::memory::denoise_account;
+use crate::outputs::{attributes, denoised_by, extension, misfit, save_exr, set_attribute};
+use dunkelfeld_denoise::{Builtin, DenoiseError, DenoiseInput, Denoiser as _};
+use dunkelfeld_film::{Plane, fill_gaps};
+use dunkelfeld_io::InputError;
+use dunkelfeld_io::exr::{ExrLayers, ExrSize, read_exr_if};
+use dunkelfeld_io::input::{InputFiles, Role};
+use dunkelfeld_io::layers::{Single, Triple};
+use dunkelfeld_io::picture::Picture;
+use dunkelfeld_radiometry::Rgb;
+use dunkelfeld_render::Error;
+use dunkelfeld_render::{Cancel, DenoiseMethod, DenoiseSettings, Progress, written};
+use dunkelfeld_render::{thread_count, thread_pool};
+use dunkelfeld_sensor::display::linear_to_8bit;
+use std::path::Path;
+use std::time::Instant;
+
+/// Names of channels that a message lists at most.
+const MOST_NAMED: usize = 12;
+/// This quantile of the luminance comes to this share of white in a picture of radiances that a sensor was to expose.
+const BRIGHT: (f64, f32) = (0.995, 0.9);
+
+/// An EXR, and its denoised image.
+#[derive(Clone, Debug)]
+pub struct DenoisedFile {
+    /// What the file held, without an older denoised layer.
+    pub layers: ExrLayers,
+    /// The denoised image.
+    pub denoised: Denoised,
+    /// What the denoiser was given beside the mean: `variance`, `albedo`, `normal`, `depth`.
+    pub features: Vec<&'static str>,
+    /// Pixels whose radiance was negative, infinite or not a number: of what a denoiser makes of them and of those around them
+    /// nothing is known.
+    pub invalid: u64,
+    /// Pixels whose variance was negative or not a number: it counts as unknown.
+    pub invalid_variances: u64,
+    inputs: InputFiles,
+}
+
+/// What a file tells a denoiser.
+struct Planes {
+    mean: Plane<[f32; 3]>,
+    variance: Option<Plane<[f32; 3]>>,
+    albedo: Option<Plane<[f32; 3]>>,
+    albedo_variance: Option<Plane<[f32; 3]>>,
+    normal: Option<Plane<[f32; 3]>>,
+    normal_variance: Option<Plane<[f32; 3]>>,
+    depth: Option<Plane<f32>>,
+    depth_variance: Option<Plane<f32>>,
+}
+
+/// Denoises an EXR; `None` if it was cancelled. `threads` of 0 takes as many as there are cores; `memory_limit` is the most memory \[bytes\]
+/// that it may need.
+///
+/// # Errors
+/// A file that cannot be read or holds no radiance, a denoiser that is not to be had or fails.
+pub fn denoise_exr(
+    path: &Path,
+    settings: &DenoiseSettings,
+    threads: usize,
+    memory_limit: Option<u64>,
+    progress: &dyn Progress,
+    cancel: &Cancel,
+) -> Result<Option<DenoisedFile>, Error> {
+    let started = Instant::now();
+    let Some(denoiser) = find_denoiser(settings)? else {
+        return Err(Error::setting(
+            "denoise",
+            "there is nothing to do without a denoiser",
+            "choose another than `off`",
+        ));
+    };
+    let mut inputs = InputFiles::new();
+    settings.add_library_to(&mut inputs);
+    let agree = |size: ExrSize| {
+        let method = if denoiser.name() == Builtin.name() { DenoiseMethod::Builtin } else { DenoiseMethod::Oidn };
+        let account = denoise_account((size.width, size.height), size.bytes, method, thread_count(threads));
+        let help = "denoise a smaller image, one with fewer layers, or with the denoiser `builtin`";
+        account.check(memory_limit, 0, help)
+    };
+    let mut layers = read_exr_if(path, Role::Image, &mut inputs, agree)?;
+    let planes = Planes::of(path, &layers)?;
+    let is_radiance = |v: &f32| v.is_finite() && *v >= 0.0;
+    let invalid = planes.mean.data().iter().filter(|v| !v.iter().all(is_radiance)).count() as u64;
+    let invalid_variances = planes.variance.as_ref().map_or(0, invalid_variances_of);
+    let features = [
+        ("variance", planes.variance.is_some()),
+        ("albedo", planes.albedo.is_some()),
+        ("normal", planes.normal.is_some()),
+        ("depth", planes.depth.is_some()),
+    ];
+    let features = features.into_iter().filter_map(|(name, there)| there.then_some(name)).collect();
+    let began = Instant::now();
+    let pool = thread_pool(threads)?;
+    let mean = match pool.install(|| run(&planes.input(), &*denoiser, 0, started, progress, cancel)) {
+        Ok(mean) => mean,
+        Err(DenoiseError::Cancelled) if cancel.is_cancelled() => return Ok(None),
+        Err(e) => {
+            let help = "choose another denoiser, or a smaller image";
+            return Err(Error::setting(denoiser.name(), e.to_string(), help));
+        }
+    };
+    layers.remove_triples(Triple::Denoised);
+    let denoised = Denoised { mean, denoiser: denoiser.name(), seconds: began.elapsed().as_secs_f64() };
+    Ok(Some(DenoisedFile { layers, denoised, features, invalid, invalid_variances, inputs }))
+}
+
+/// Finds out before the work whether its result can be written: the ending, the folder, and that it is neither the input nor
+/// the library of the settings.
+///
+/// # Errors
+/// What is wrong with the name.
+pub fn check_denoise_output(input: &Path, output: &Path, settings: &DenoiseSettings) -> Result<(), Error> {
+    let mut inputs = InputFiles::new();
+    inputs.add(input, Role::Image);
+    settings.add_library_to(&mut inputs);
+    check_output(output, &inputs)
+}
+
+fn check_output(output: &Path, inputs: &InputFiles) -> Result<(), Error> {
+    let fault = |problem: String, help: &str| Err(Error::Output { file: output.into(), problem, help: help.into() });
+    if !["exr", "png"].contains(&extension(output).as_str()) {
+        let problem = misfit(output);
+        return fault(problem, "end it in .exr for all layers, or in .png for a picture");
+    }
+    check_outputs(&[("the denoised image", output)], inputs)?;
+    written(output, dunkelfeld_io::atomic::check_writable(output))
+}
+
+impl DenoisedFile {
+    /// Writes it: as EXR with all layers of the input and `denoised.R/G/B`, or as 8-bit PNG with gamma 2.2. Radiance 1 is white in
+    /// the picture, as other programs have it; of a render behind a sensor, whose radiances have a unit, the bright parts are
+    /// brought near white instead.
+    ///
+    /// # Errors
+    /// If the file cannot be written; an existing one then stays as it was.
+    pub fn save(self, output: &Path) -> Result<(), Error> {
+        check_output(output, &self.inputs)?;
+        if extension(output) == "png" {
+            let scale = match attributes(&self.layers).get("sensor") {
+                Some(serde_json::Value::String(_)) => brightness(&self.denoised.mean),
+                _ => 1.0,
+            };
+            let picture = linear_to_8bit(&self.denoised.mean.map(|v| v.map(|v| v * scale)));
+            let mut comment = denoised_by(&self.denoised.denoiser);
+            if scale != 1.0 {
+                comment += &format!("; white is a radiance of {:e} W/(m^2 sr)", 1.0 / scale);
+            }
+            let text = [("Software", "Dunkelfeld"), ("Comment", comment.as_str())];
+            return written(output, dunkelfeld_io::png::write_png(output, Picture::Rgb8(&picture), &text));
+        }
+        let mut layers = self.layers;
+        set_attribute(&mut layers, "denoiser", &self.denoised.denoiser);
+        layers.push_triples(Triple::Denoised, &self.denoised.mean);
+        save_exr(output, layers)
+    }
+}
+
+impl Planes {
+    fn of(path: &Path, layers: &ExrLayers) -> Result<Self, InputError> {
+        let mean = radiance_of(path, layers, None)?;
+        Ok(Self {
+            mean,
+            variance: layers.triples(Triple::Variance),
+            albedo: layers.triples(Triple::Albedo),
+            albedo_variance: layers.triples(Triple::AlbedoVariance),
+            normal: layers.triples(Triple::Normal),
+            normal_variance: layers.triples(Triple::NormalVariance),
+            depth: layers.single(Single::Depth),
+            depth_variance: layers.single(Single::DepthVariance),
+        })
+    }
+
+    fn input(&self) -> DenoiseInput<'_> {
+        DenoiseInput {
+            mean: &self.mean,
+            variance: self.variance.as_ref(),
+            albedo: self.albedo.as_ref(),
+            albedo_variance: self.albedo_variance.as_ref(),
+            normal: self.normal.as_ref(),
+            normal_variance: self.normal_variance.as_ref(),
+            depth: self.depth.as_ref(),
+            depth_variance: self.depth_variance.as_ref(),
+        }
+    }
+}
+
+/// Pixels with a variance that is negative or not a number.
+pub(crate) fn invalid_variances_of(variance: &Plane<[f32; 3]>) -> u64 {
+    variance.data().iter().filter(|v| v.iter().any(|v| v.is_nan() || *v < 0.0)).count() as u64
+}
+
+/// The radiance that a file holds: in the layer of that name, or under the names that renderers use. Gaps without samples show
+/// their neighbours.
+///
+/// # Errors
+/// There is no such layer.
+pub(crate) fn radiance_of(path: &Path, layers: &ExrLayers, name: Option<&str>) -> Result<Plane<[f32; 3]>, InputError> {
+    let found = match name {
+        Some(name) => layers.triples_named(name),
+        None => layers.triples(Triple::Mean),
+    };
+    let Some(mean) = found else {
+        let mut names: Vec<&str> = layers.channels.iter().map(|(name, _)| name.as_str()).collect();
+        let more = names.len().saturating_sub(MOST_NAMED);
+        names.truncate(MOST_NAMED);
+        let more = if more > 0 { format!(" and {more} more") } else { String::new() };
+        let list = format!("the channels are {}{more}", names.join(", "));
+        return Err(match name {
+            None => {
+                let help = "use an image with channels R, G, B, or Combined.R, Combined.G, Combined.B";
+                InputError::new(
+                    path,
+                    "the layer of radiance",
+                    format!("is not there under any known name; {list}"),
+                    help,
+                )
+            }
+            Some(name) => {
+                let help = "name what stands before .R, .G and .B in the names of three of them";
+                InputError::new(path, format!("the layer `{name}`"), format!("is not there; {list}"), help)
+            }
+        });
+    };
+    // What no sample has seen is not black.
+    Ok(match layers.integers(Single::SampleCount) {
+        Some(counts) if counts.data().contains(&0) => fill_gaps(&mean, &counts.map(|&n| n > 0)),
+        _ => mean,
+    })
+}
+
+/// What brings the bright parts of an image near white.
+fn brightness(mean: &Plane<[f32; 3]>) -> f32 {
+    let mut values: Vec<f32> = mean.data().iter().map(|&[r, g, b]| Rgb::new(r, g, b).luminance()).collect();
+    if values.is_empty() {
+        return 1.0;
+    }
+    let at = ((values.len() - 1) as f64 * BRIGHT.0) as usize;
+    let (_, bright, _) = values.select_nth_unstable_by(at, f32::total_cmp);
+    let scale = BRIGHT.1 / *bright;
+    if *bright > 0.0 && scale.is_normal() { scale } else { 1.0 }
+}

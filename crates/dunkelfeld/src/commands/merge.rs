@@ -1,0 +1,118 @@
+//! Joins the parts of a render that several processes shared, and develops what they are together.
+
+use crate::frame::{Frame, develop_film};
+use crate::memory::{MemoryAccount, MemoryStats, merge_account};
+use crate::outputs::{self, OutputPaths, Written};
+use crate::stats::{PartStats, Stats};
+use dunkelfeld_io::checkpoint::checkpoint_size;
+use dunkelfeld_io::input::{InputFiles, Role};
+use dunkelfeld_render::{
+    Error, JoinedParts, PartSummary, RenderSettings, Rendering, Stage, lock, thread_count, thread_pool, written,
+};
+use std::ops::Range;
+use std::path::PathBuf;
+use std::time::Instant;
+
+/// What a merge reads and writes.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct MergeSettings {
+    /// The parts, in any order.
+    pub parts: Vec<PathBuf>,
+    /// Pictures, layers and statistics of the whole.
+    pub outputs: OutputPaths,
+    /// A checkpoint of the whole: a part again, for another merge or to be rendered on.
+    pub checkpoint: Option<PathBuf>,
+    /// Threads; 0 takes as many as there are cores.
+    pub threads: usize,
+    /// The most memory \[bytes\] that the merge may need.
+    pub memory_limit: Option<u64>,
+}
+
+/// What a merge brought together.
+#[derive(Debug)]
+pub struct Merged {
+    /// Of every pixel these samples.
+    pub samples: Range<u32>,
+    /// The film, as if one process had rendered it.
+    pub rendering: Rendering,
+    /// The exposed frame.
+    pub frame: Frame,
+    /// What was achieved, and by which parts.
+    pub stats: Stats,
+}
+
+/// Joins parts of one render ([`RenderSettings::samples`]), in any order, and writes the outputs that are named: bit by bit
+/// those of one process that rendered all of their samples. Neither scene nor job is needed; `started` is when the command
+/// began.
+///
+/// # Errors
+/// Files that are no finished parts, parts of different renders, samples that come twice or are missing in between, outputs
+/// that cannot be written or are parts themselves.
+pub fn merge(settings: &MergeSettings, started: Instant) -> Result<Merged, Error> {
+    let began = Instant::now();
+    check_outputs(settings)?;
+    let account = check_memory(settings)?;
+    let _lock = settings.checkpoint.as_deref().map(lock).transpose()?;
+    let joined = JoinedParts::read(&settings.parts)?;
+    let shown = RenderSettings { threads: settings.threads, ..joined.settings()? };
+    settings.outputs.check(shown.has_sensor())?;
+    if let Some(path) = &settings.checkpoint {
+        joined.write_checkpoint(path)?;
+    }
+    let samples = joined.samples();
+    let parts: Vec<PartStats> = joined.parts().iter().map(statistics).collect();
+    let (object_names, is_vignetted, is_replay) =
+        (joined.object_names().to_vec(), joined.is_vignetted(), joined.is_replay());
+    let pool = thread_pool(settings.threads)?;
+    let rendering = joined.into_rendering(began.elapsed().as_secs_f64(), pool.current_num_threads());
+    let began = Instant::now();
+    let frame = pool.install(|| develop_film(&rendering.film, &rendering.labels, &shown))?;
+    let mut stats = pool.install(|| Stats::new(&rendering, &frame, &shown));
+    stats.add_seconds(Stage::Expose, began.elapsed().as_secs_f64());
+    if is_replay {
+        stats.allocation = "replay".into();
+    }
+    stats.memory = account.map(|account| MemoryStats::new(account, &rendering.film));
+    stats.parts = Some(parts);
+
+    let began = Instant::now();
+    let (film, labels, object_names) = (&rendering.film, &rendering.labels, &object_names);
+    let written = Written { film, labels, frame: &frame, settings: &shown, object_names, is_vignetted };
+    pool.install(|| written.save(&settings.outputs))?;
+    stats.add_seconds(Stage::Write, began.elapsed().as_secs_f64());
+    stats.finish(started.elapsed().as_secs_f64());
+    if let Some(path) = &settings.outputs.stats {
+        outputs::save_text(path, &stats.to_json())?;
+    }
+    Ok(Merged { samples, rendering, frame, stats })
+}
+
+/// What can be said of the outputs before the parts are read.
+fn check_outputs(settings: &MergeSettings) -> Result<(), Error> {
+    let outputs = &settings.outputs;
+    let mut inputs = InputFiles::new();
+    settings.parts.iter().for_each(|part| inputs.add(part, Role::Part));
+    // Whether there is a sensor is not known yet.
+    outputs.check_beside(true, settings.checkpoint.as_deref(), &inputs)?;
+    if let Some(path) = &settings.checkpoint {
+        written(path, dunkelfeld_io::atomic::check_writable(path))?;
+    }
+    Ok(())
+}
+
+/// What the merge needs, if the first part says its size. A file that is none is found out when it is read.
+fn check_memory(settings: &MergeSettings) -> Result<Option<MemoryAccount>, Error> {
+    let Some(size) = settings.parts.first().and_then(|part| checkpoint_size(part)) else { return Ok(None) };
+    let account = merge_account(size, &settings.outputs, thread_count(settings.threads));
+    account.check(settings.memory_limit, 0, "merge on a machine with more memory")?;
+    Ok(Some(account))
+}
+
+fn statistics(part: &PartSummary) -> PartStats {
+    PartStats {
+        file: part.path.display().to_string(),
+        range: [part.samples.start, part.samples.end],
+        samples: part.taken,
+        seconds: part.seconds,
+    }
+}

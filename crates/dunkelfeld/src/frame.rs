@@ -1,0 +1,180 @@
+//! From the film to a frame: radiance, electrons, grey values, a picture to look at.
+
+use crate::denoising::Denoised;
+use crate::noise_compensation::{Known, Matched};
+use dunkelfeld_adaptive::need::DEFAULT_TARGET;
+use dunkelfeld_film::{Film, Plane};
+use dunkelfeld_integrator::Label;
+use dunkelfeld_render::Error;
+use dunkelfeld_render::film_noise::{Certified, Measured};
+use dunkelfeld_render::parallel::mean_without_gaps;
+use dunkelfeld_render::{RenderSettings, SensorChoice};
+use dunkelfeld_scene::Effect;
+use dunkelfeld_sensor::{
+    Device, Exposure, ExposureNoise, FrameKey, Response, SensorError, SensorModel, auto_exposure, display,
+};
+use rayon::prelude::*;
+use std::borrow::Cow;
+
+/// An 8-bit picture, gamma 2.2, clipped at saturation.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Picture {
+    /// One channel, as a monochrome sensor sees.
+    Gray(Plane<u8>),
+    /// Three channels: of a colour sensor, or of no sensor at all.
+    Rgb(Plane<[u8; 3]>),
+}
+
+impl Picture {
+    /// The picture of a sensor's grey values: grey, or in the colours of its filter array.
+    pub fn of(values: &Plane<u16>, model: &SensorModel) -> Self {
+        match model.spec().quantum_efficiency.filter() {
+            None => Self::Gray(display::frame_to_8bit(values, model)),
+            Some(filter) => Self::Rgb(display::mosaic_to_8bit(values, model, filter)),
+        }
+    }
+}
+
+/// What the sensor recorded.
+#[derive(Clone, Debug)]
+pub struct SensorFrame {
+    /// Expected photo-electrons per pixel.
+    pub electrons: Plane<f32>,
+    /// Grey values \[DN\]; behind a colour filter array the raw mosaic.
+    pub values: Plane<u16>,
+    /// The exposure that was used.
+    pub exposure: Exposure,
+    /// The sensor.
+    pub model: SensorModel,
+    /// Share of pixels whose expected electrons fill the well or reach the end of the converter.
+    pub saturated: f64,
+    /// What each pixel makes of radiance.
+    pub response: Response,
+    /// How well the render's noise is hidden; `None` until [`crate::certify`] has looked at the film.
+    pub certified: Option<Certified>,
+    /// Where noise-matched exposure holds; `None` if all of the camera's noise was drawn on purpose.
+    pub matched: Option<Matched>,
+}
+
+/// A developed image.
+#[derive(Clone, Debug)]
+pub struct Frame {
+    /// The picture to look at; made from the denoised mean if there is one.
+    pub picture: Picture,
+    /// What the sensor recorded; `None` without a sensor.
+    pub sensor: Option<SensorFrame>,
+    /// Was the image so dark that no automatic exposure exists? The longest one was used then.
+    pub no_light: bool,
+    /// Effects that the render left out on purpose.
+    pub without: Vec<Effect>,
+    /// The denoised mean, if the picture shows it; everything else is made from the unbiased one.
+    pub denoised: Option<Denoised>,
+}
+
+/// Makes the picture of a frame from a denoised mean: at the frame's exposure, with all of the camera's noise if there is a
+/// sensor. The frame's grey values, and all that is known of them, stay.
+///
+/// # Errors
+/// As [`develop`].
+pub fn show_denoised(frame: &mut Frame, denoised: Denoised, settings: &RenderSettings) -> Result<(), Error> {
+    let mut settings = settings.clone();
+    if let (SensorChoice::Emva { exposure, .. }, Some(sensor)) = (&mut settings.sensor, &frame.sensor) {
+        *exposure = Some(sensor.exposure);
+    }
+    // Nothing is known of the noise that is left, so that none of the camera's can be taken back for it.
+    settings.exposure_noise = ExposureNoise::Plain;
+    frame.picture = develop(&denoised.mean, &settings)?.picture;
+    frame.denoised = Some(denoised);
+    Ok(())
+}
+
+/// Exposes a mean radiance image [W/(m^2 sr)] as the settings say, on the threads of the current pool.
+///
+/// The noise is a function of (device seed = seed, seed, frame, pixel): other frames of the same seed come from the same
+/// device. Automatic exposure of a black image, which has none, takes 1 s and says so.
+///
+/// A mean alone does not tell how noisy it is: all of the camera's noise is drawn, and noise-matched exposure
+/// ([`RenderSettings::exposure_noise`]) holds nowhere. [`develop_film`] knows more.
+///
+/// # Errors
+/// A sensor whose ranges the exposure leaves.
+pub fn develop(mean: &Plane<[f32; 3]>, settings: &RenderSettings) -> Result<Frame, Error> {
+    expose(Cow::Borrowed(mean), settings, None)
+}
+
+/// [`develop`] of a rendered film, with noise as [`RenderSettings::exposure_noise`] says, and certified
+/// ([`crate::certify`]) at the level of the budget. Pixels without samples show their neighbours.
+///
+/// # Errors
+/// As [`develop`].
+pub fn develop_film(film: &Film, labels: &Plane<Option<Label>>, settings: &RenderSettings) -> Result<Frame, Error> {
+    expose(Cow::Owned(mean_without_gaps(film)), settings, Some((film, labels)))
+}
+
+fn expose(
+    mean: Cow<'_, Plane<[f32; 3]>>,
+    settings: &RenderSettings,
+    known: Option<(&Film, &Plane<Option<Label>>)>,
+) -> Result<Frame, Error> {
+    let SensorChoice::Emva { model, optics, exposure } = &settings.sensor else {
+        let picture = Picture::Rgb(display::linear_to_8bit(&mean));
+        return Ok(Frame { picture, sensor: None, no_light: false, without: settings.without.clone(), denoised: None });
+    };
+    let mut no_light = false;
+    let exposure = match exposure {
+        Some(exposure) => *exposure,
+        None => match auto_exposure(&mean, model, optics) {
+            Ok(exposure) => exposure,
+            Err(SensorError::NoLight) => {
+                no_light = true;
+                Exposure::new(dunkelfeld_radiometry::Seconds(1.0))?
+            }
+            Err(e) => return Err(e.into()),
+        },
+    };
+    let response = Response::new(model, optics, exposure);
+    let electrons = dunkelfeld_sensor::electrons(&mean, &response).plane;
+    let (width, height) = (mean.width(), mean.height());
+    // The analysis of the noise needs the memory.
+    drop(mean);
+    let device = Device::new((**model).clone(), settings.seed, width, height);
+    let key = FrameKey { seed: settings.seed, frame: settings.frame };
+    let is_matched = settings.exposure_noise == ExposureNoise::Matched;
+    let measured = known.map(|(film, labels)| Measured::exposed(response, model, exposure, film, labels));
+    let noise = measured.as_ref().filter(|_| is_matched).map(Known::of);
+    let mut values = Plane::new(width, height, 0u16);
+    values.data_mut().par_chunks_mut(width as usize).enumerate().try_for_each(|(y, row)| {
+        let rows = y as u32..y as u32 + 1;
+        match &noise {
+            Some(noise) => device.expose_rows_matched(&electrons, &noise.variance, exposure, key, rows, row),
+            None => device.expose_rows(&electrons, exposure, key, rows, row),
+        }
+    })?;
+    let matched = is_matched.then(|| match (&measured, &noise) {
+        (Some(measured), Some(noise)) => Matched::new(measured, noise, &electrons, model, exposure),
+        _ => Matched::nowhere(width, height),
+    });
+    // So does the certificate.
+    drop((device, noise));
+    let certified = measured.as_ref().and_then(|m| m.certify(settings.budget.noise.unwrap_or(DEFAULT_TARGET)));
+    // By what they expect: a full well may end below the largest grey value, and noise reaches it or not.
+    let full = (model.saturation().0 - model.dark_electrons(exposure.time()).0) as f32;
+    let saturated =
+        electrons.data().iter().filter(|&&e| e >= full).count() as f64 / electrons.data().len().max(1) as f64;
+    let picture = Picture::of(&values, model);
+    let model = (**model).clone();
+    let sensor = SensorFrame { electrons, values, exposure, model, saturated, response, certified, matched };
+    Ok(Frame { picture, sensor: Some(sensor), no_light, without: settings.without.clone(), denoised: None })
+}
+
+/// Certifies a frame: how well the noise of the film that it was exposed from is hidden beneath the sensor's, at `k` or, if
+/// that is `None`, at [`DEFAULT_TARGET`]. Without a sensor nothing happens. Runs on the threads of the current pool.
+pub fn certify(frame: &mut Frame, film: &Film, labels: &Plane<Option<Label>>, k: Option<f64>) {
+    if let Some(sensor) = &mut frame.sensor {
+        sensor.certified = certified(sensor, film, labels, k.unwrap_or(DEFAULT_TARGET));
+    }
+}
+
+fn certified(frame: &SensorFrame, film: &Film, labels: &Plane<Option<Label>>, k: f64) -> Option<Certified> {
+    Measured::exposed(frame.response, &frame.model, frame.exposure, film, labels).certify(k)
+}

@@ -1,0 +1,184 @@
+//! The heaviest samples of an image: single paths that lift their pixel far above what its other samples say.
+//!
+//! Such samples are not wrong, but they are where an image is noisiest and where an error of the scene or of the renderer
+//! shows first. They are named, so that they can be replayed; nothing is done about them.
+
+use dunkelfeld_film::{Film, PixelSums};
+use dunkelfeld_radiometry::Rgb;
+use dunkelfeld_render::parallel::map_tile_rows;
+use serde::Serialize;
+use std::cmp::Ordering;
+
+/// At most so many are named.
+const MOST_NAMED: usize = 8;
+/// A pixel with fewer samples says nothing about one of them.
+const FEWEST_SAMPLES: u32 = 8;
+
+/// A sample that weighs heavily in its pixel.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct HeavySample {
+    /// Its name as `x,y,sample`: what `--debug-sample` takes.
+    pub sample: String,
+    /// Its luminance [W/(m^2 sr)].
+    pub luminance: f64,
+    /// Its share of the light of its pixel, in (0, 1].
+    pub share: f64,
+    /// By how much it lifts the pixel above the mean of the other samples [W/(m^2 sr)].
+    pub lift: f64,
+    /// Does it make up half of its pixel or more, and lift it by more than the mean luminance of the image?
+    pub dominates: bool,
+}
+
+/// The heaviest samples, and how many pixels are dominated by one.
+pub(crate) struct Heaviest {
+    pub(crate) samples: Vec<HeavySample>,
+    pub(crate) dominated: u64,
+}
+
+/// A pixel with the lift and the share of its heaviest sample.
+struct Candidate {
+    pixel: usize,
+    index: u32,
+    luminance: f64,
+    share: f64,
+    lift: f64,
+}
+
+/// Finds them, on the threads of the current pool. A function of the film alone, so of the samples that were taken, not of who took
+/// them.
+pub(crate) fn heaviest(film: &Film) -> Heaviest {
+    let sums: Vec<f64> = map_tile_rows(film, |_, sums| sums.iter().map(luminance).sum());
+    let mean = sums.iter().sum::<f64>() / film.pixels().max(1) as f64;
+    let dominates = |c: &Candidate| c.share >= 0.5 && c.lift > mean;
+    let of_piece = |first: usize, sums: &[PixelSums]| {
+        let (mut dominated, mut worst) = (0, Vec::with_capacity(MOST_NAMED + 1));
+        for candidate in (first..).zip(sums).filter_map(|(i, p)| candidate(i, p)) {
+            dominated += u64::from(dominates(&candidate));
+            insert(&mut worst, candidate);
+        }
+        (dominated, worst)
+    };
+    let pieces: Vec<(u64, Vec<Candidate>)> = map_tile_rows(film, of_piece);
+    let dominated = pieces.iter().map(|(dominated, _)| dominated).sum();
+    let mut worst = Vec::with_capacity(MOST_NAMED + 1);
+    pieces.into_iter().flat_map(|(_, worst)| worst).for_each(|candidate| insert(&mut worst, candidate));
+    let width = film.width() as usize;
+    let samples = worst
+        .iter()
+        .map(|c| HeavySample {
+            sample: format!("{},{},{}", c.pixel % width, c.pixel / width, c.index),
+            luminance: c.luminance,
+            share: c.share,
+            lift: c.lift,
+            dominates: dominates(c),
+        })
+        .collect();
+    Heaviest { samples, dominated }
+}
+
+/// Puts a candidate in its place, if it has one.
+fn insert(worst: &mut Vec<Candidate>, candidate: Candidate) {
+    if worst.len() == MOST_NAMED && worst.last().is_some_and(|w| heavier(w, &candidate) == Ordering::Less) {
+        return;
+    }
+    let place = worst.partition_point(|w| heavier(w, &candidate) == Ordering::Less);
+    worst.insert(place, candidate);
+    worst.truncate(MOST_NAMED);
+}
+
+/// The order of the list: the larger lift first, then the earlier pixel.
+fn heavier(a: &Candidate, b: &Candidate) -> Ordering {
+    b.lift.total_cmp(&a.lift).then(a.pixel.cmp(&b.pixel))
+}
+
+fn candidate(pixel: usize, sums: &PixelSums) -> Option<Candidate> {
+    let n = sums.count();
+    let (index, heaviest) = sums.heaviest().filter(|_| n >= FEWEST_SAMPLES)?;
+    let (n, heaviest) = (f64::from(n), f64::from(heaviest));
+    let total = luminance(sums) * n;
+    let lift = (heaviest - (total - heaviest) / (n - 1.0)) / n;
+    // A pixel whose samples are all alike has no heavy one; what the rounding of luminances leaves is none either.
+    (lift > 1e-6 * heaviest).then_some(Candidate {
+        pixel,
+        index,
+        luminance: heaviest,
+        share: (heaviest / total).min(1.0),
+        lift,
+    })
+}
+
+fn luminance(sums: &PixelSums) -> f64 {
+    let [r, g, b] = sums.mean();
+    // The weights of `Rgb::luminance`, in f64.
+    let [wr, wg, wb] =
+        [Rgb::new(1.0, 0.0, 0.0), Rgb::new(0.0, 1.0, 0.0), Rgb::new(0.0, 0.0, 1.0)].map(|c| f64::from(c.luminance()));
+    wr * r + wg * g + wb * b
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use dunkelfeld_film::Sample;
+
+    fn film(bright: &[(usize, u32, f32)]) -> Film {
+        let mut film = Film::new(4, 3);
+        for pixel in 0..12 {
+            for index in 0..16 {
+                let value = bright.iter().find(|b| (b.0, b.1) == (pixel, index)).map_or(1.0, |b| b.2);
+                film.add(pixel, index, &Sample { radiance: Rgb::splat(value), ..Sample::MISS }).expect("memory");
+            }
+        }
+        film
+    }
+
+    #[test]
+    fn an_even_image_has_no_heavy_samples() {
+        let found = heaviest(&film(&[]));
+        assert!(found.samples.is_empty() && found.dominated == 0);
+    }
+
+    #[test]
+    fn they_come_in_order_with_share_and_lift() {
+        let found = heaviest(&film(&[(5, 3, 201.0), (7, 15, 31.0), (0, 0, 9.0)]));
+        let names: Vec<&str> = found.samples.iter().map(|s| s.sample.as_str()).collect();
+        assert_eq!(names, ["1,1,3", "3,1,15", "0,0,0"]);
+        let first = &found.samples[0];
+        assert!((first.share - 201.0 / 216.0).abs() < 1e-6 && (first.lift - 200.0 / 16.0).abs() < 1e-4, "{first:?}");
+        // The image's mean is (12 * 16 + 238) / 192 = 2.24: only the first lifts its pixel by more and is half of it.
+        assert_eq!(found.samples.iter().map(|s| s.dominates).collect::<Vec<_>>(), [true, false, false]);
+        assert_eq!(found.dominated, 1);
+    }
+
+    #[test]
+    fn eight_at_most_and_ties_go_to_the_first_pixels() {
+        let all: Vec<(usize, u32, f32)> = (0..12).rev().map(|p| (p, 2, 50.0)).collect();
+        let found = heaviest(&film(&all));
+        assert_eq!(found.samples.len(), 8);
+        assert_eq!(found.samples[7].sample, "3,1,2");
+    }
+
+    /// A film of several pieces: the pieces' edges and the number of threads have no say.
+    #[test]
+    fn a_large_film_is_gone_through_in_pieces() {
+        let (width, height) = (160, 256);
+        let mut film = Film::new(width, height);
+        let piece = (width * Film::TILE) as usize;
+        let heavy = [40_000, 3, piece, piece - 1, 2 * piece + 5];
+        for pixel in 0..(width * height) as usize {
+            for index in 0..8 {
+                let lift = heavy.iter().position(|&p| (p, 5) == (pixel, index)).map_or(0.0, |rank| 900.0 - rank as f32);
+                let value = 1.0 + (pixel % 7) as f32 + lift;
+                film.add(pixel, index, &Sample { radiance: Rgb::splat(value), ..Sample::MISS }).expect("memory");
+            }
+        }
+        for threads in [1, 3] {
+            let pool = dunkelfeld_render::thread_pool(threads).expect("threads");
+            let found = pool.install(|| heaviest(&film));
+            assert_eq!(found.dominated, heavy.len() as u64);
+            let first: Vec<String> = found.samples.iter().take(heavy.len()).map(|s| s.sample.clone()).collect();
+            // Each lifts its pixel a little less than the one before.
+            let name = |p: usize| format!("{},{},5", p % width as usize, p / width as usize);
+            assert_eq!(first, heavy.map(name));
+        }
+    }
+}

@@ -1,0 +1,306 @@
+//! Checkpoints: what a render needs to outlive its process.
+//!
+//! A sample is a pure function of its name and the sums of a film are exact, so the film, the plan and the state of schedule
+//! and planner are all that a later process needs to end with the same bits. Before it goes on, it makes sure that it renders
+//! the same: everything that samples and plan depend on is in the [`Identity`] that the file carries.
+
+pub(crate) mod exposure_recipe;
+pub(crate) mod render_key;
+
+use crate::checkpoint::exposure_recipe::{ExposureRecipe, numbers_of};
+use crate::checkpoint::render_key::Identity;
+use crate::error::Error;
+use crate::plan::PlannerState;
+use crate::plan::forecast::Forecast;
+use crate::progress::Stage;
+use crate::settings::{CheckpointSettings, RenderSettings};
+use dunkelfeld_adaptive::allocation::Shares;
+use dunkelfeld_adaptive::schedule::{Schedule, StopReason};
+use dunkelfeld_film::{Film, PixelSums, Plane};
+use dunkelfeld_integrator::{ConnectionTally, Label, PixelSample};
+use dunkelfeld_io::InputError;
+use dunkelfeld_io::checkpoint::{Checkpoint, CheckpointHead, read_checkpoint, write_checkpoint};
+use dunkelfeld_io::lock::TargetLock;
+use dunkelfeld_scene::{RayGenerator, Scene};
+use serde::{Deserialize, Serialize};
+use std::ops::Range;
+use std::path::Path;
+use std::sync::Mutex;
+use std::time::{Duration, Instant};
+
+/// Checkpoints take at most this share of the time of one thread: those of large films become rarer.
+const MOST_TIME: f64 = 0.02;
+/// What writing is taken to need until it has been measured [s per megapixel]: 350 MB at 250 MB/s.
+const SECONDS_PER_MEGAPIXEL: f64 = 1.4;
+/// A checkpoint may take longer than the last one by this factor: none is begun that might not be done by the deadline.
+const MARGIN: f64 = 2.0;
+
+/// Takes the lock of a checkpoint that is to be written.
+pub fn lock(path: &Path) -> Result<TargetLock, Error> {
+    crate::error::written(path, dunkelfeld_io::atomic::check_writable(path))?;
+    Ok(TargetLock::acquire(path)?)
+}
+
+/// What earlier processes contributed to a render that was taken up from a checkpoint, or the parts to one that was merged.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Earlier {
+    /// Seconds that they worked.
+    pub seconds: f64,
+    /// Samples that they took.
+    pub samples: u64,
+    /// Was the render complete already?
+    pub was_complete: bool,
+}
+
+/// The text of a checkpoint file.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub(crate) struct Description {
+    pub(crate) identity: Identity,
+    /// Of every pixel these samples, if the film is a part.
+    pub(crate) samples: Option<Range<u32>>,
+    /// How a part is to be looked at in the end.
+    #[serde(rename = "look")]
+    pub(crate) recipe: Option<ExposureRecipe>,
+    pub(crate) state: State,
+}
+
+/// How far a render is.
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+pub(crate) struct State {
+    /// Seconds of all processes that worked on it.
+    pub(crate) elapsed: f64,
+    /// Why it ended; nothing while it has not.
+    pub(crate) stop: Option<StopReason>,
+    /// The course of a render that plans for itself.
+    pub(crate) course: Option<Course>,
+    pub(crate) planner: PlannerState,
+    pub(crate) forecast: Option<Forecast>,
+    pub(crate) stages: Vec<(Stage, f64)>,
+    /// Connections through covers that were sought, those that arrived, and the rays sent for them, up to the open round.
+    pub(crate) connections: [u64; 3],
+    /// Column, row and index of the first invalid samples.
+    pub(crate) invalid: Vec<[u32; 3]>,
+}
+
+/// The decisions of a render that plans for itself: with the film, its shares and the [`PlannerState`] all that the next one
+/// rests on. Whatever else comes to have a say in where samples go must be in here, or in [`State`].
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub(crate) struct Course {
+    pub(crate) schedule: Schedule,
+    /// What the current round is for.
+    pub(crate) stage: Stage,
+    pub(crate) work_per_sample: f64,
+    /// Seconds to keep for the end, but for the checkpoint.
+    pub(crate) closing: f64,
+    /// Was the end rehearsed?
+    pub(crate) rehearsed: bool,
+}
+
+impl State {
+    /// The tally of connections; no number of a file makes it overflow.
+    pub(crate) fn connections(&self) -> ConnectionTally {
+        let [attempts, arrived, shots] = self.connections.map(|n| n.min(u64::MAX >> 8));
+        ConnectionTally { attempts, arrived, shots }
+    }
+
+    /// The first invalid samples.
+    pub(crate) fn invalid(&self) -> Vec<PixelSample> {
+        self.invalid.iter().map(|&[x, y, index]| PixelSample { x, y, index }).collect()
+    }
+}
+
+/// A render that was stored.
+pub(crate) struct Saved {
+    pub(crate) state: State,
+    pub(crate) shares: Option<Shares>,
+    pub(crate) target: Option<Plane<u32>>,
+    pub(crate) film: Film,
+}
+
+/// Reads a file and its description.
+pub(crate) fn load(path: &Path) -> Result<(Description, Checkpoint), Error> {
+    let mut checkpoint = read_checkpoint(path)?;
+    let help = "use a file that this version of the program wrote, or another name to begin anew";
+    let fault = |problem: String| InputError::new(path, "the description", problem, help);
+    let description: Description = serde_json::from_str(&std::mem::take(&mut checkpoint.text))
+        .map_err(|e| fault(format!("is not that of a render: {e}")))?;
+    let course = description.state.course.as_ref();
+    if course.is_some_and(|c| c.schedule.taken() > checkpoint.film.total_samples()) {
+        return Err(fault("counts more samples than the film has".into()).into());
+    }
+    Ok((description, checkpoint))
+}
+
+/// Keeps the checkpoint of a running render.
+pub(crate) struct Keeper {
+    settings: CheckpointSettings,
+    identity: Identity,
+    samples: Option<Range<u32>>,
+    /// What a merge needs of a part.
+    recipe: Option<ExposureRecipe>,
+    numbers: Option<[Plane<u32>; 2]>,
+    size: (u32, u32),
+    started: Instant,
+    clock: Mutex<Clock>,
+}
+
+struct Clock {
+    /// When the last checkpoint was finished, and how long it took.
+    last: Instant,
+    took: Duration,
+    fault: Option<String>,
+}
+
+/// What goes into the file beside the sums.
+#[derive(Clone, Copy)]
+pub(crate) struct Moment<'a> {
+    pub(crate) state: &'a State,
+    pub(crate) shares: Option<&'a Shares>,
+    pub(crate) target: Option<&'a Plane<u32>>,
+}
+
+/// Appends the sums of some rows.
+pub(crate) type Rows<'a> = &'a mut dyn FnMut(Range<u32>, &mut Vec<PixelSums>);
+
+impl Keeper {
+    /// Locks and opens the checkpoint of a render that began at `started`: what is stored in it, if it exists.
+    ///
+    /// # Errors
+    /// A file that cannot be read or written, that another process writes, or that belongs to another render.
+    pub(crate) fn open(
+        settings: &CheckpointSettings,
+        scene: &Scene,
+        camera: &RayGenerator,
+        render: &RenderSettings,
+        labels: &Plane<Option<Label>>,
+        started: Instant,
+    ) -> Result<(Self, Option<Saved>), Error> {
+        let mut settings = settings.clone();
+        if settings.lock.is_none() {
+            settings.lock()?;
+        }
+        let path = &settings.path;
+        let identity = Identity::new(scene, camera, render);
+        let saved = path.exists().then(|| stored(path, &identity, render)).transpose()?;
+        let earlier = saved.as_ref().map_or(0.0, |s| s.state.elapsed);
+        let pixels = f64::from(render.width) * f64::from(render.height);
+        let is_part = render.samples.is_some();
+        let keeper = Self {
+            settings,
+            identity,
+            samples: render.samples.clone(),
+            recipe: is_part.then(|| ExposureRecipe::new(render, camera.has_vignetting(), scene.object_names())),
+            numbers: is_part.then(|| numbers_of(labels)),
+            size: (render.width, render.height),
+            started: began(started, earlier).0,
+            clock: Mutex::new(Clock {
+                last: Instant::now(),
+                took: Duration::from_secs_f64(SECONDS_PER_MEGAPIXEL * 1e-6 * pixels),
+                fault: None,
+            }),
+        };
+        Ok((keeper, saved))
+    }
+
+    /// Seconds that writing once takes, as far as is known.
+    pub(crate) fn expected_seconds(&self) -> f64 {
+        self.clock.lock().map_or(0.0, |clock| clock.took.as_secs_f64())
+    }
+
+    /// Stores this moment if enough time has passed since the last one, it will be done by the deadline, and nobody else is
+    /// about to.
+    pub(crate) fn keep_if_due(&self, moment: Moment<'_>, deadline: Option<Instant>, rows: Rows<'_>) {
+        let Ok(mut clock) = self.clock.try_lock() else { return };
+        let is_due =
+            clock.last.elapsed().as_secs_f64() >= self.settings.seconds.max(clock.took.as_secs_f64() / MOST_TIME);
+        let is_in_time = deadline.is_none_or(|d| Instant::now() + clock.took.mul_f64(MARGIN) < d);
+        // Whoever asks for no pause at all, as tests do, gets one at every chance.
+        if (is_due || self.settings.seconds == 0.0) && is_in_time {
+            self.write(&mut clock, moment, rows);
+        }
+    }
+
+    /// Stores this moment.
+    pub(crate) fn keep(&self, moment: Moment<'_>, rows: Rows<'_>) {
+        if let Ok(mut clock) = self.clock.lock() {
+            self.write(&mut clock, moment, rows);
+        }
+    }
+
+    /// What went wrong when a checkpoint was written last; nothing if it is as it should be.
+    pub(crate) fn fault(self) -> Option<String> {
+        self.clock.into_inner().ok().and_then(|c| c.fault)
+    }
+
+    /// A checkpoint that cannot be written does not end the render: the last one stays, and what went wrong is remembered.
+    fn write(&self, clock: &mut Clock, moment: Moment<'_>, rows: Rows<'_>) {
+        let began = Instant::now();
+        let description = Description {
+            identity: self.identity.clone(),
+            samples: self.samples.clone(),
+            recipe: self.recipe.clone(),
+            state: State { elapsed: self.started.elapsed().as_secs_f64(), ..moment.state.clone() },
+        };
+        let (width, height) = self.size;
+        let [objects, materials] = self.numbers.as_ref().map_or([None, None], |[o, m]| [Some(o), Some(m)]);
+        let result = text_of(&description).and_then(|text| {
+            let head = CheckpointHead {
+                width,
+                height,
+                text: &text,
+                weights: moment.shares.map(|s| &s.weights),
+                caps: moment.shares.and_then(|s| s.caps.as_ref()),
+                target: moment.target,
+                objects,
+                materials,
+            };
+            write_checkpoint(&self.settings.path, &head, rows)
+        });
+        clock.fault = result.err().map(|e| e.to_string());
+        clock.took = began.elapsed();
+        clock.last = Instant::now();
+    }
+}
+
+/// A description as the file has it.
+pub(crate) fn text_of(description: &Description) -> std::io::Result<String> {
+    serde_json::to_string(description).map_err(std::io::Error::other)
+}
+
+/// What the file holds, if it is of this render.
+fn stored(path: &Path, identity: &Identity, render: &RenderSettings) -> Result<Saved, Error> {
+    let (description, stored) = load(path)?;
+    let other = if description.samples != render.samples {
+        Some(format!("not the same part, {} there and {} here", part(&description.samples), part(&render.samples)))
+    } else {
+        description.identity.difference(identity)
+    };
+    if let Some(difference) = other {
+        let problem = format!("is the checkpoint of another render: {difference}");
+        let help = "render the same as before, name another checkpoint, or delete this one to begin anew";
+        return Err(InputError::new(path, "the description", problem, help).into());
+    }
+    let Checkpoint { weights, caps, target, film, .. } = stored;
+    if (film.width(), film.height()) != (render.width, render.height) {
+        let (problem, help) = ("does not have the size that the description says", "delete it to begin anew");
+        return Err(InputError::new(path, "the film", problem, help).into());
+    }
+    let shares = weights.map(|weights| Shares { weights, caps });
+    Ok(Saved { state: description.state, shares, target, film })
+}
+
+/// When a render would have begun without its pauses, and the seconds by which that lies before `started`. A clock that does
+/// not reach back so far leaves earlier processes out.
+pub(crate) fn began(started: Instant, earlier: f64) -> (Instant, f64) {
+    let before = Duration::try_from_secs_f64(earlier).ok().and_then(|d| started.checked_sub(d));
+    before.map_or((started, 0.0), |before| (before, earlier))
+}
+
+fn part(samples: &Option<Range<u32>>) -> String {
+    samples.as_ref().map_or_else(|| "the whole render".into(), |s| format!("samples {}..{}", s.start, s.end))
+}
+
+/// The sums of some rows of a film.
+pub(crate) fn film_rows(film: &Film) -> impl FnMut(Range<u32>, &mut Vec<PixelSums>) + '_ {
+    |rows, out| film.read_rows(rows, out)
+}

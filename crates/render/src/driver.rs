@@ -1,0 +1,623 @@
+//! The render: pilot, plan, rounds, until the budget is met.
+
+use crate::checkpoint::{Course, Earlier, Keeper, Moment, Saved, State as Stored, began, film_rows};
+use crate::error::Error;
+use crate::plan::forecast::{Forecast, Pace};
+use crate::plan::{FIRST_LOOK, Planner, State, Verdict};
+use crate::progress::{Cancel, Progress, Stage};
+use crate::round::pass::Stride;
+use crate::round::{Reporter, RoundWork, TILE, deadline, give_up, run};
+use crate::settings::{DEFAULT_SPP, RenderSettings};
+use crate::validate::validate;
+use dunkelfeld_adaptive::cost::{CostMap, TileGrid, WorkUnit, feared_makespan, makespan};
+use dunkelfeld_adaptive::plan;
+use dunkelfeld_adaptive::schedule::{Limits, Phase, Schedule, Settings, Step, StopReason};
+use dunkelfeld_film::{Film, Plane};
+use dunkelfeld_integrator::{ConnectionTally, Estimator, Label, PixelSample, label};
+use dunkelfeld_scene::{Camera, RayGenerator, Scene};
+use rayon::prelude::*;
+use std::time::Instant;
+
+/// What exposing and certifying, and writing an image and statistics, takes [s per megapixel] on one thread, until it has been measured.
+/// Two threads take half of it; more are not counted on.
+const CLOSING_PER_MEGAPIXEL: f64 = 4.8;
+/// The same of an EXR with all layers.
+pub const EXR_PER_MEGAPIXEL: f64 = 5.0;
+/// The rehearsal of exposing and writing may take this share of the time left; in shorter renders the guess has to do.
+const REHEARSAL_SHARE: f64 = 0.065;
+/// One in so many pixels gets a sample whatever the clock says: enough to see what the image shows.
+const PREVIEW: u64 = 16;
+/// What is kept back beyond the rehearsed time: a slow disk, a busy machine.
+const CLOSING_MARGIN: f64 = 1.15;
+
+/// A finished (or interrupted) render: statistics of every pixel, and how they came about.
+#[derive(Debug)]
+pub struct Rendering {
+    /// Exact sums per pixel.
+    pub film: Film,
+    /// What each pixel's centre shows.
+    pub labels: Plane<Option<Label>>,
+    /// Why it ended.
+    pub stop: StopReason,
+    /// Was it cancelled from outside?
+    pub interrupted: bool,
+    /// Seconds spent in each stage, in order.
+    pub stages: Vec<(Stage, f64)>,
+    /// The first samples that were not finite, negative or out of range.
+    pub invalid: Vec<PixelSample>,
+    /// Connections through clear covers.
+    pub connections: ConnectionTally,
+    /// Weights of the last plan, for looking at; mean one.
+    pub weights: Plane<f32>,
+    /// What the pilot foretold, behind a sensor.
+    pub forecast: Option<Forecast>,
+    /// Threads that rendered.
+    pub threads: usize,
+    /// What came from a checkpoint, or from the parts of a merged render.
+    pub earlier: Earlier,
+    /// What went wrong when the checkpoint was written last; `None` if it is as it should be, or if there is none.
+    pub checkpoint_fault: Option<String>,
+}
+
+impl Rendering {
+    /// The plan that was rendered: samples per pixel. Replaying it gives the same film, bit by bit.
+    pub fn plan(&self) -> Plane<u32> {
+        self.film.sample_counts()
+    }
+}
+
+/// A pool of worker threads; 0 takes as many as there are cores.
+pub fn thread_pool(threads: usize) -> Result<rayon::ThreadPool, Error> {
+    rayon::ThreadPoolBuilder::new()
+        .num_threads(threads)
+        .thread_name(|i| format!("dunkelfeld-{i}"))
+        .build()
+        .map_err(|e| Error::Threads(e.to_string()))
+}
+
+/// The number of threads of [`thread_pool`].
+pub fn thread_count(threads: usize) -> usize {
+    if threads > 0 { threads } else { std::thread::available_parallelism().map_or(1, usize::from) }
+}
+
+/// Binds the camera that the settings show or name to the film.
+///
+/// # Errors
+/// A camera that the scene does not have, or one without rays for this film.
+pub fn camera(scene: &Scene, settings: &RenderSettings) -> Result<RayGenerator, Error> {
+    let camera = match &settings.view {
+        Some(view) => view.clone(),
+        None => find_camera(scene, settings)?,
+    };
+    Ok(scene.ray_generator(&camera, settings.width, settings.height)?)
+}
+
+/// The camera of the scene that the settings name.
+pub fn find_camera(scene: &Scene, settings: &RenderSettings) -> Result<Camera, Error> {
+    let aspect = settings.width as f32 / settings.height as f32;
+    scene.camera(settings.camera.as_deref(), aspect).ok_or_else(|| {
+        let names: Vec<&str> = scene.cameras().iter().map(|c| c.name.as_str()).collect();
+        let known = if names.is_empty() { "the scene has none".into() } else { names.join(", ") };
+        let name = settings.camera.clone().unwrap_or_default();
+        Error::setting(
+            "camera",
+            format!("there is no camera \"{name}\""),
+            format!(
+                "cameras: {known}; leave it out for {}",
+                if names.is_empty() { "a view of the whole scene" } else { "the first" }
+            ),
+        )
+    })
+}
+
+/// Renders a scene within a budget that began at `started`.
+///
+/// Same scene, settings and sample plan: same film, bit by bit, on any number of threads. With a time limit the clock
+/// decides how many samples there are, never which pixel gets them.
+///
+/// # Errors
+/// Settings outside their range, an unknown camera, a replayed plan of another size.
+pub fn render(
+    scene: &Scene,
+    settings: &RenderSettings,
+    started: Instant,
+    progress: &dyn Progress,
+    cancel: &Cancel,
+) -> Result<Rendering, Error> {
+    let nothing = Rehearsal { more_per_megapixel: 0.0, write: &|_, _| Ok(()) };
+    render_rehearsed(scene, settings, started, progress, cancel, nothing)
+}
+
+/// Writes outputs of a film.
+type Write<'a> = dyn Fn(&Film, &Plane<Option<Label>>) -> Result<(), Error> + Sync + 'a;
+
+/// What is known of the end before it comes.
+#[derive(Clone, Copy)]
+pub struct Rehearsal<'a> {
+    /// What it takes beyond [`CLOSING_PER_MEGAPIXEL`].
+    pub more_per_megapixel: f64,
+    /// Writes what there is so far, as it will be written in the end.
+    pub write: &'a Write<'a>,
+}
+
+/// [`render`], with a rehearsal of the end once the pilot is done, if the time allows: it leaves a first image, finds out
+/// early what cannot be written, and tells how much time to keep for the end.
+pub fn render_rehearsed(
+    scene: &Scene,
+    settings: &RenderSettings,
+    started: Instant,
+    progress: &dyn Progress,
+    cancel: &Cancel,
+    rehearsal: Rehearsal<'_>,
+) -> Result<Rendering, Error> {
+    validate(settings)?;
+    let camera = camera(scene, settings)?;
+    let pool = thread_pool(settings.threads)?;
+    let threads = pool.current_num_threads();
+    pool.install(|| {
+        let began = Instant::now();
+        let labels = labels(scene, &camera, settings.width, settings.height);
+        let (keeper, saved) = match &settings.checkpoint {
+            Some(keep) => {
+                let (keeper, saved) = Keeper::open(keep, scene, &camera, settings, &labels, started)?;
+                (Some(keeper), saved)
+            }
+            None => (None, None),
+        };
+        let mut renderer = Renderer::new(scene, &camera, settings, started, threads, labels);
+        renderer.keeper = keeper;
+        if let Some(saved) = saved {
+            renderer.take_up(saved);
+        }
+        renderer.spend(Stage::Build, began);
+        renderer.run(progress, cancel, rehearsal)
+    })
+}
+
+/// The state of a render between rounds.
+struct Renderer<'a> {
+    scene: &'a Scene,
+    camera: &'a RayGenerator,
+    settings: &'a RenderSettings,
+    started: Instant,
+    threads: usize,
+    film: Film,
+    /// Samples per pixel, and of the whole film: what the film knows too, without going through all of it.
+    counts: Plane<u32>,
+    taken: u64,
+    labels: Plane<Option<Label>>,
+    planner: Planner<'a>,
+    costs: CostMap,
+    stride: Stride,
+    stages: Vec<(Stage, f64)>,
+    invalid: Vec<PixelSample>,
+    connections: ConnectionTally,
+    keeper: Option<Keeper>,
+    earlier: Earlier,
+    /// Where the rounds stand: what the checkpoint of the round under way says.
+    course: Option<Course>,
+    /// What an earlier process left: the plan of its last round, and why it ended.
+    target: Option<Plane<u32>>,
+    stopped: Option<StopReason>,
+}
+
+/// What the schedule asks for next.
+enum Next {
+    /// A round up to this plan.
+    Round(Plane<u32>),
+    /// Nothing yet: it was judged, and has to be asked again.
+    Judged,
+    Stop(StopReason),
+}
+
+impl<'a> Renderer<'a> {
+    fn new(
+        scene: &'a Scene,
+        camera: &'a RayGenerator,
+        settings: &'a RenderSettings,
+        started: Instant,
+        threads: usize,
+        labels: Plane<Option<Label>>,
+    ) -> Self {
+        let (width, height) = (settings.width, settings.height);
+        Self {
+            scene,
+            camera,
+            settings,
+            started,
+            threads,
+            film: Film::with_layers(width, height, settings.film_layers()),
+            counts: settings.samples_before(),
+            taken: 0,
+            labels,
+            planner: Planner::new(settings),
+            costs: CostMap::new(TileGrid::new(width, height, TILE)),
+            stride: Stride::default(),
+            stages: Vec::new(),
+            invalid: Vec::new(),
+            connections: ConnectionTally::default(),
+            keeper: None,
+            earlier: Earlier::default(),
+            course: None,
+            target: None,
+            stopped: None,
+        }
+    }
+
+    /// Goes back to where an earlier process was when it stored this.
+    fn take_up(&mut self, saved: Saved) {
+        let Saved { state, shares, target, film } = saved;
+        let rendered = film.sample_counts();
+        self.counts.data_mut().iter_mut().zip(rendered.data()).for_each(|(count, n)| *count += n);
+        self.taken = film.total_samples();
+        self.film = film;
+        let (started, seconds) = began(self.started, state.elapsed);
+        self.started = started;
+        self.earlier = Earlier { seconds, samples: self.taken, was_complete: state.stop.is_some() };
+        self.invalid = state.invalid();
+        self.connections = state.connections();
+        if let Some(shares) = shares {
+            self.planner = Planner::resumed(self.settings, shares, state.planner, state.forecast);
+        }
+        self.stages = state.stages;
+        self.course = state.course;
+        if let (Some(_), Some(course)) = (&target, &self.course) {
+            // The round that was left open has taken what no stage that was over accounts for.
+            let accounted: f64 = self.stages.iter().map(|(_, seconds)| seconds).sum();
+            self.stages.push((course.stage, (state.elapsed - accounted).max(0.0)));
+        }
+        self.course.iter_mut().for_each(|course| course.schedule.wake());
+        (self.target, self.stopped) = (target, state.stop);
+    }
+
+    /// What is stored beside film and plan.
+    fn state(&self, stop: Option<StopReason>) -> Stored {
+        Stored {
+            elapsed: 0.0,
+            stop,
+            course: self.course.clone(),
+            planner: self.planner.state(),
+            forecast: self.planner.forecast().cloned(),
+            connections: [self.connections.attempts, self.connections.arrived, self.connections.shots],
+            stages: self.stages.clone(),
+            invalid: self.invalid.iter().map(|s| [s.x, s.y, s.index]).collect(),
+        }
+    }
+
+    /// Stores a checkpoint between two rounds, the render being over for that reason or not at all; without a reason only
+    /// if it is time to, unless it must be.
+    fn keep(&self, stop: Option<StopReason>, must: bool) {
+        let Some(keeper) = &self.keeper else { return };
+        let state = self.state(stop);
+        let shares = self.course.is_some().then(|| self.planner.shares());
+        let moment = Moment { state: &state, shares, target: self.target.as_ref() };
+        let mut rows = film_rows(&self.film);
+        if must {
+            keeper.keep(moment, &mut rows);
+        } else {
+            let closing = self.course.as_ref().map_or(0.0, |course| self.closing(course));
+            let deadline = deadline(self.started, self.settings.budget.seconds, closing);
+            keeper.keep_if_due(moment, deadline, &mut rows);
+        }
+    }
+
+    fn pixels(&self) -> u64 {
+        u64::from(self.settings.width) * u64::from(self.settings.height)
+    }
+
+    fn run(mut self, progress: &dyn Progress, cancel: &Cancel, rehearsal: Rehearsal<'_>) -> Result<Rendering, Error> {
+        let stop = match (self.stopped, self.settings.given_plan()) {
+            (Some(stop), _) => stop,
+            (None, Some(plan)) => {
+                let total = self.taken + plan::total(&plan::increment(&self.counts, &plan));
+                let reporter = Reporter::new(progress, self.started, None, Some(total));
+                reporter.resume(self.taken);
+                self.round(&plan, Stage::Refine, None, cancel, &reporter)?;
+                StopReason::Samples
+            }
+            (None, None) => self.rounds(progress, cancel, rehearsal)?,
+        };
+        let interrupted = cancel.is_cancelled() && !self.earlier.was_complete;
+        if !self.earlier.was_complete {
+            self.keep((!interrupted).then_some(stop), true);
+        }
+        let (weights, forecast) = self.planner.into_parts();
+        Ok(Rendering {
+            film: self.film,
+            labels: self.labels,
+            stop,
+            interrupted,
+            stages: self.stages,
+            invalid: self.invalid,
+            connections: self.connections,
+            weights,
+            forecast,
+            threads: self.threads,
+            earlier: self.earlier,
+            checkpoint_fault: self.keeper.and_then(Keeper::fault),
+        })
+    }
+
+    /// Pilot and refinements, until the schedule says stop.
+    fn rounds(
+        &mut self,
+        progress: &dyn Progress,
+        cancel: &Cancel,
+        rehearse: Rehearsal<'_>,
+    ) -> Result<StopReason, Error> {
+        let limits = self.limits();
+        let reporter = Reporter::new(progress, self.started, limits.seconds, limits.samples);
+        reporter.resume(self.taken);
+        let mut course = match self.course.take() {
+            Some(course) => course,
+            None => self.first_course(limits, rehearse),
+        };
+        loop {
+            // A round that an earlier process left open comes first.
+            let target = match self.target.take() {
+                Some(target) => target,
+                None => match self.next_round(&mut course, limits, &reporter, rehearse)? {
+                    Next::Round(target) => target,
+                    Next::Judged => continue,
+                    Next::Stop(reason) => return Ok(reason),
+                },
+            };
+            // Beyond the samples that a preview must have, a round that would pass the deadline is cut.
+            let guard = (self.taken >= limits.at_least)
+                .then(|| deadline(self.started, limits.seconds, self.closing(&course)))
+                .flatten();
+            self.course = Some(course.clone());
+            let (before, began) = (self.taken, Instant::now());
+            let work = self.round(&target, course.stage, guard, cancel, &reporter)?;
+            if cancel.is_cancelled() {
+                self.target = Some(target);
+                return Ok(StopReason::Samples);
+            }
+            // With what an earlier process took of this round.
+            course.schedule.record(self.taken - course.schedule.taken(), work, began.elapsed().as_secs_f64());
+            if self.taken > before {
+                course.work_per_sample = work / (self.taken - before) as f64;
+            }
+            self.course = Some(course.clone());
+            if guard.is_some_and(|d| Instant::now() > d) && self.taken < plan::total(&target) {
+                return Ok(StopReason::Time);
+            }
+            self.keep(None, false);
+        }
+    }
+
+    /// The limits of a render that plans for itself.
+    fn limits(&self) -> Limits {
+        let budget = self.settings.budget;
+        let spp = budget.spp.or((budget.seconds.is_none() && budget.noise.is_none()).then_some(DEFAULT_SPP));
+        let samples = spp.map(|spp| plan::total_for_mean(spp, self.pixels()).max(1));
+        let preview = (self.pixels() / PREVIEW).max(1);
+        Limits {
+            seconds: budget.seconds,
+            samples,
+            at_least: preview.min(samples.unwrap_or(u64::MAX)),
+            judged: budget.noise.is_some(),
+        }
+    }
+
+    fn first_course(&self, limits: Limits, end: Rehearsal<'_>) -> Course {
+        let closing = (CLOSING_PER_MEGAPIXEL + end.more_per_megapixel) * self.pixels() as f64 * 1e-6
+            / self.threads.clamp(1, 2) as f64
+            + self.settings.denoise.expected_seconds(self.pixels(), self.threads);
+        // Judged, the pilot begins with a look that tells how large it is to be.
+        let pilot_spp = self.settings.pilot_spp.min(if limits.judged { FIRST_LOOK } else { u32::MAX });
+        let settings = Settings { pixels: self.pixels(), pilot_spp, closing_seconds: closing };
+        let schedule = Schedule::new(limits, settings);
+        Course { schedule, stage: Stage::Pilot, work_per_sample: 1.0, closing, rehearsed: false }
+    }
+
+    /// Seconds to keep for the end, the last checkpoint included: by the first one it is known how long they take.
+    fn closing(&self, course: &Course) -> f64 {
+        course.closing + self.keeper.as_ref().map_or(0.0, |keeper| CLOSING_MARGIN * keeper.expected_seconds())
+    }
+
+    /// Asks the schedule; plans or judges where that is due, and rehearses the end once the pilot is done.
+    fn next_round(
+        &mut self,
+        course: &mut Course,
+        limits: Limits,
+        reporter: &Reporter<'_>,
+        rehearse: Rehearsal<'_>,
+    ) -> Result<Next, Error> {
+        let closing = self.closing(course);
+        course.schedule.set_closing_seconds(closing);
+        let round = match course.schedule.next(self.started.elapsed().as_secs_f64(), course.work_per_sample) {
+            Step::Stop(reason) => return Ok(Next::Stop(reason)),
+            Step::Round(round) => Some(round),
+            Step::Judge => None,
+        };
+        if round.is_none_or(|round| round.replan) {
+            let began = Instant::now();
+            let state = State { film: &self.film, labels: &self.labels, counts: &self.counts };
+            let pace = Pace {
+                elapsed: self.started.elapsed().as_secs_f64(),
+                per_work: course.schedule.pace(),
+                threads: self.threads,
+                costs: &self.costs,
+                closing,
+                limits: (limits.seconds, limits.samples),
+            };
+            let tell = |forecast: &Forecast| reporter.sink.forecast(forecast);
+            let mut verdict = None;
+            match self.settings.budget.noise.filter(|_| round.is_none()) {
+                Some(k) => verdict = Some(self.planner.judge(k, state, &pace, tell)?),
+                None => self.planner.plan(state, &pace)?.into_iter().for_each(tell),
+            }
+            let is_pilot_done = !matches!(verdict, Some(Verdict::GrowPilot(_)));
+            let left = limits.seconds.map_or(0.0, |s| s - self.started.elapsed().as_secs_f64());
+            if !course.rehearsed && is_pilot_done && closing < REHEARSAL_SHARE * left {
+                self.rehearse(course, rehearse)?;
+            } else if !course.rehearsed {
+                // Most of the end is the certificate, which looks at the film as planning does: on a slow machine both take longer than thought.
+                course.closing = course.closing.max(CLOSING_MARGIN * began.elapsed().as_secs_f64());
+                course.schedule.set_closing_seconds(self.closing(course));
+            }
+            self.spend(Stage::Plan, began);
+            match verdict {
+                None => {}
+                Some(Verdict::Hidden) => return Ok(Next::Stop(StopReason::Judged)),
+                Some(Verdict::GrowPilot(spp)) => {
+                    course.schedule.grow_pilot(spp);
+                }
+                Some(Verdict::After(samples)) => {
+                    reporter.expect(samples);
+                    course.schedule.judged(samples);
+                }
+            }
+        }
+        let Some(round) = round else { return Ok(Next::Judged) };
+        course.stage = if round.phase == Phase::Pilot { Stage::Pilot } else { Stage::Refine };
+        let began = Instant::now();
+        let target = self.target(round.samples, &course.schedule, limits.at_least);
+        self.spend(course.stage, began);
+        Ok(Next::Round(target))
+    }
+
+    /// Writes everything as in the end, and learns how long that takes.
+    fn rehearse(&self, course: &mut Course, rehearse: Rehearsal<'_>) -> Result<(), Error> {
+        let began = Instant::now();
+        (rehearse.write)(&self.film, &self.labels)?;
+        course.rehearsed = true;
+        course.closing = course.closing.max(CLOSING_MARGIN * began.elapsed().as_secs_f64());
+        course.schedule.set_closing_seconds(self.closing(course));
+        Ok(())
+    }
+
+    /// The plan of a round of so many samples, or of fewer if they turn out to be too much work where they go.
+    fn target(&mut self, mut samples: u64, schedule: &Schedule, at_least: u64) -> Plane<u32> {
+        loop {
+            let target = plan::next_round_of(&self.counts, self.planner.shares(), self.taken + samples);
+            if self.settings.budget.seconds.is_none() || self.taken < at_least {
+                return target;
+            }
+            let units = self.costs.cut(&plan::increment(&self.counts, &target), self.threads);
+            match schedule.trimmed(samples, feared_makespan(&units, self.threads)) {
+                Some(fewer) => samples = fewer,
+                None => return target,
+            }
+        }
+    }
+
+    /// Renders up to a target plan, in passes; returns the expected work.
+    ///
+    /// A tile goes onto the film, and into checkpoints, when all of its samples of a pass are done. So a pass has no more
+    /// samples of a pixel than the [`Stride`], however large the round is. The sums are exact: passes change no bit of the
+    /// result.
+    fn round(
+        &mut self,
+        target: &Plane<u32>,
+        stage: Stage,
+        deadline: Option<Instant>,
+        cancel: &Cancel,
+        reporter: &Reporter<'_>,
+    ) -> Result<f64, Error> {
+        let mut increment = plan::increment(&self.counts, target);
+        let mut units = self.costs.cut(&increment, self.threads);
+        let work = makespan(&units, self.threads);
+        loop {
+            let most = self.stride.samples();
+            let is_last = increment.data().iter().all(|&n| n <= most);
+            if !is_last {
+                increment.data_mut().iter_mut().for_each(|n| *n = (*n).min(most));
+                units = self.costs.cut(&increment, self.threads);
+            }
+            let pass = Pass { target, increment: &increment, units: &units, deadline, stage };
+            // What is left out was cut off, by the clock or from outside.
+            if self.pass(pass, cancel, reporter)? < plan::total(&increment) || is_last {
+                return Ok(work);
+            }
+            increment = plan::increment(&self.counts, target);
+            units = self.costs.cut(&increment, self.threads);
+        }
+    }
+
+    /// Renders a pass of a round; returns the samples that reached the film.
+    ///
+    /// # Errors
+    /// The film has not got enough memory.
+    fn pass(&mut self, pass: Pass<'_>, cancel: &Cancel, reporter: &Reporter<'_>) -> Result<u64, Error> {
+        let Pass { target, increment, units, deadline, stage } = pass;
+        let began = Instant::now();
+        let estimator = Estimator {
+            scene: self.scene,
+            camera: self.camera,
+            width: self.settings.width,
+            seed: self.settings.seed,
+            frame: self.settings.frame,
+        };
+        let state = self.state(None);
+        // A plan that was given is at hand whenever the render is taken up.
+        let plans = self.course.is_some();
+        let (shares, open) = (plans.then(|| self.planner.shares()), plans.then_some(target));
+        let moment = Moment { state: &state, shares, target: open };
+        let round = RoundWork {
+            estimator: &estimator,
+            counts: &self.counts,
+            increment,
+            units,
+            costs: &self.costs,
+            deadline,
+            give_up: give_up(deadline, self.settings.budget.seconds),
+            cancel,
+            stage,
+            keeper: self.keeper.as_ref().map(|keeper| (keeper, moment)),
+        };
+        let result = run(&mut self.film, &round, reporter);
+        for &(tile, ..) in &result.tiles {
+            let rect = self.costs.grid().rect(tile);
+            let width = self.settings.width as usize;
+            for y in rect.y0 as usize..rect.y1 as usize {
+                let row = y * width + rect.x0 as usize..y * width + rect.x1 as usize;
+                let added = &increment.data()[row.clone()];
+                self.counts.data_mut()[row].iter_mut().zip(added).for_each(|(count, added)| *count += added);
+            }
+        }
+        self.taken += result.samples;
+        self.costs.record(&result.tiles);
+        self.connections.add(&result.connections);
+        self.invalid.extend(result.invalid);
+        // How a round was cut into passes is the clock's business, and shows nowhere.
+        self.invalid.sort_by_key(|s| (s.y, s.x, s.index));
+        self.invalid.truncate(16);
+        self.spend(stage, began);
+        let dearest = result.tiles.iter().map(|&(.., seconds)| seconds).fold(0.0, f64::max);
+        self.stride.measured(dearest.min(began.elapsed().as_secs_f64()));
+        if result.out_of_memory {
+            return Err(Error::film_memory());
+        }
+        Ok(result.samples)
+    }
+
+    fn spend(&mut self, stage: Stage, began: Instant) {
+        let seconds = began.elapsed().as_secs_f64();
+        match self.stages.last_mut() {
+            Some((last, total)) if *last == stage => *total += seconds,
+            _ => self.stages.push((stage, seconds)),
+        }
+    }
+}
+
+/// A part of a round.
+#[derive(Clone, Copy)]
+struct Pass<'a> {
+    /// The plan of the round.
+    target: &'a Plane<u32>,
+    /// New samples per pixel.
+    increment: &'a Plane<u32>,
+    units: &'a [WorkUnit],
+    deadline: Option<Instant>,
+    stage: Stage,
+}
+
+fn labels(scene: &Scene, camera: &RayGenerator, width: u32, height: u32) -> Plane<Option<Label>> {
+    let mut labels = Plane::new(width, height, None);
+    labels.data_mut().par_chunks_mut((width as usize).max(1)).enumerate().for_each(|(y, row)| {
+        (0..).zip(row).for_each(|(x, to)| *to = label(scene, camera, x, y as u32));
+    });
+    labels
+}

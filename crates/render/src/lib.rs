@@ -1,0 +1,35 @@
+//! The engine: pilot, sample plan and rounds within a budget, on the threads of one pool, with checkpoints that later processes
+//! continue.
+//!
+//! [`render()`] takes a compiled scene and [`RenderSettings`] and returns a [`Rendering`]: exact sums per pixel, ids and the course of
+//! the render. It writes no file but its checkpoint. [`film_noise`] states how noisy a film is for a sensor; plans, noise-matched
+//! exposure and certificates are made from it.
+
+#![forbid(unsafe_code)]
+
+mod checkpoint;
+mod driver;
+mod error;
+pub mod film_noise;
+mod merge;
+pub mod parallel;
+mod plan;
+mod progress;
+mod round;
+mod settings;
+mod validate;
+
+pub use checkpoint::{Earlier, lock};
+pub use driver::{
+    EXR_PER_MEGAPIXEL, Rehearsal, Rendering, camera, find_camera, render, render_rehearsed, thread_count, thread_pool,
+};
+pub use error::{Error, camera_help, written};
+pub use merge::{JoinedParts, PartSummary};
+pub use plan::forecast::{FORECAST_LEVELS, Forecast, ForecastLevel};
+pub use progress::{Cancel, Progress, ProgressState, Silent, Stage};
+pub use round::TILE;
+pub use settings::{
+    Budget, CheckpointSettings, DEFAULT_CHECKPOINT_SECONDS, DEFAULT_PILOT_SPP, DEFAULT_SPP, DenoiseMethod,
+    DenoiseSettings, MAX_PIXELS, MAX_SIDE, OIDN_VARIABLE, RenderSettings, SensorChoice, UNKNOWN_SPP,
+};
+pub use validate::validate;

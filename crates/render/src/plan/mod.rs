@@ -1,0 +1,263 @@
+//! Where the samples of a render go, and when it is good enough: decided from its film, between rounds.
+//!
+//! The plan is made once, from a uniform pilot, and a pixel's neighbours alone decide what it gets. Its mean is therefore
+//! unbiased: the number of its samples does not depend on them, but for the common level that all pixels share. What comes
+//! after the pilot only tells how far that level has to rise.
+
+pub(crate) mod extrapolation;
+pub(crate) mod forecast;
+
+use crate::error::Error;
+use crate::film_noise::{Eye, Measured};
+use crate::parallel::mean_without_gaps;
+use crate::plan::extrapolation::Trend;
+use crate::plan::forecast::{Forecast, Outlook, Pace};
+use crate::settings::RenderSettings;
+use dunkelfeld_adaptive::allocation::{self, Pilot, Shares, Strategy};
+use dunkelfeld_adaptive::expected::Expected;
+use dunkelfeld_adaptive::need::{DEFAULT_TARGET, Needs, total};
+use dunkelfeld_adaptive::pooling::PixelNoise;
+use dunkelfeld_film::{Film, Plane};
+use dunkelfeld_integrator::Label;
+use serde::{Deserialize, Serialize};
+
+/// A pilot that waits for its size begins with so many samples per pixel: one for each batch of the film.
+pub(crate) const FIRST_LOOK: u32 = dunkelfeld_film::BATCHES as u32;
+/// It grows by this factor at most from one look to the next: what few samples say is not trusted with many.
+const GROWTH: f64 = 2.0;
+/// It ends with this share of what it says is to come, rounded down to a power of two: with less, forecasts are off by more than a
+/// fifth (`docs/accuracy.md`). Its samples are everybody's even share.
+const PILOT_SHARE: f64 = 0.2;
+/// No pixel counts for less than this part of the pilot's samples: one whose neighbours were silent then may be found to have
+/// noise later, and must come to its samples too.
+const LEAST_OF_PILOT: f64 = 0.1;
+
+/// What there is to judge by.
+#[derive(Clone, Copy)]
+pub(crate) struct State<'a> {
+    pub(crate) film: &'a Film,
+    pub(crate) labels: &'a Plane<Option<Label>>,
+    pub(crate) counts: &'a Plane<u32>,
+}
+
+/// A judgement of the image.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Verdict {
+    /// It is good enough.
+    Hidden,
+    /// The pilot should have so many samples per pixel before a plan is made.
+    GrowPilot(u32),
+    /// It will be good enough after so many samples of the whole image, as far as can be told.
+    After(f64),
+}
+
+/// The plan of a render in the making.
+pub(crate) struct Planner<'a> {
+    settings: &'a RenderSettings,
+    shares: Shares,
+    state: PlannerState,
+    forecast: Option<Forecast>,
+}
+
+/// How far the planning is.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub(crate) struct PlannerState {
+    is_made: bool,
+    /// Samples per pixel of the pilot when it was looked at before.
+    seen: f64,
+    /// What it took to be hidden, by the looks at the image so far.
+    trend: Trend,
+}
+
+impl<'a> Planner<'a> {
+    pub(crate) fn new(settings: &'a RenderSettings) -> Self {
+        let shares = Shares::of(allocation::uniform(settings.width, settings.height));
+        Self { settings, shares, state: PlannerState::default(), forecast: None }
+    }
+
+    /// The planner of a render that was stored, at the place where it was.
+    pub(crate) fn resumed(
+        settings: &'a RenderSettings,
+        shares: Shares,
+        state: PlannerState,
+        forecast: Option<Forecast>,
+    ) -> Self {
+        Self { settings, shares, state, forecast }
+    }
+
+    /// How far the planning is: with shares and forecast all that [`Self::resumed`] needs.
+    pub(crate) fn state(&self) -> PlannerState {
+        self.state
+    }
+
+    /// What was foretold.
+    pub(crate) fn forecast(&self) -> Option<&Forecast> {
+        self.forecast.as_ref()
+    }
+
+    /// How samples are shared out from now on.
+    pub(crate) fn shares(&self) -> &Shares {
+        &self.shares
+    }
+
+    /// The weights of the plan, and what was foretold.
+    pub(crate) fn into_parts(self) -> (Plane<f32>, Option<Forecast>) {
+        (self.shares.weights, self.forecast)
+    }
+
+    /// Makes the plan from the pilot. Returns a forecast, behind a sensor.
+    ///
+    /// # Errors
+    /// A sensor whose ranges the exposure leaves.
+    pub(crate) fn plan(&mut self, state: State<'_>, pace: &Pace<'_>) -> Result<Option<&Forecast>, Error> {
+        let (eye, image) = self.exposed(state.film)?;
+        let is_measured = eye.sensor.is_some() || self.settings.strategy().needs_noise();
+        let look = || {
+            let measured = Measured::new(&eye, state.film, state.labels);
+            let own = measured.owned();
+            Sight::of(measured, own, self.settings.strategy())
+        };
+        let sight = is_measured.then(look);
+        self.fix(&eye, image, sight.as_ref(), state, pace);
+        Ok(self.forecast.as_ref())
+    }
+
+    /// The unit of noise at the exposure of the image so far, and the image in that unit.
+    fn exposed(&self, film: &Film) -> Result<(Eye, Plane<f32>), Error> {
+        let mean = mean_without_gaps(film);
+        let eye = Eye::of(&mean, &self.settings.sensor)?;
+        let image = eye.image(&mean);
+        Ok((eye, image))
+    }
+
+    /// Judges the image by the level of noise that the render shall end at. Makes the plan once the pilot suffices, and tells
+    /// then what is to be expected.
+    ///
+    /// # Errors
+    /// A sensor whose ranges the exposure leaves.
+    pub(crate) fn judge(
+        &mut self,
+        k: f64,
+        state: State<'_>,
+        pace: &Pace<'_>,
+        tell: impl FnOnce(&Forecast),
+    ) -> Result<Verdict, Error> {
+        let (eye, image) = self.exposed(state.film)?;
+        let measured = Measured::new(&eye, state.film, state.labels);
+        let own = measured.owned();
+        let is_hidden = measured.certify_by(&own, k).is_some_and(|c| c.certificate.is_hidden());
+        let needs = measured.needs_by(&own, k);
+        let spp = mean_count(state.counts);
+        let weights = &self.shares.weights;
+        if self.state.is_made {
+            if is_hidden {
+                return Ok(Verdict::Hidden);
+            }
+            let needed = needs.map(|n| self.state.trend.followed(n.if_weighted(state.counts, weights), state.counts));
+            return Ok(Verdict::After(needed.map_or(f64::INFINITY, |targets| total(&targets))));
+        }
+        let said = needs.map_or(f64::INFINITY, |n| total(&n.if_weighted(state.counts, weights)));
+        let said = said / state.counts.data().len() as f64;
+        self.state.trend.note(spp, said);
+        // A pilot that is to have 20 samples has 16: see below.
+        let is_whole = 2.0 * spp > f64::from(self.settings.pilot_spp);
+        if is_hidden && is_whole {
+            return Ok(Verdict::Hidden);
+        }
+        let wanted = (PILOT_SHARE * said).min(GROWTH * spp).max(f64::from(self.settings.pilot_spp));
+        // Powers of two in every batch, at which quasi-random points are even: other numbers of them have more noise, and a
+        // comparison of one look with another would tell of that. `as` saturates.
+        let wanted = FIRST_LOOK << (wanted as u32 / FIRST_LOOK).max(1).ilog2();
+        // One that has not grown since it was asked to cannot: the budget does not allow it.
+        let has_grown = spp > self.state.seen;
+        self.state.seen = spp;
+        if has_grown && f64::from(wanted) > 1.01 * spp {
+            return Ok(Verdict::GrowPilot(wanted));
+        }
+        let sight = Sight::of(measured, own, self.settings.strategy());
+        self.fix(&eye, image, Some(&sight), state, pace);
+        if let Some(forecast) = &self.forecast {
+            tell(forecast);
+        }
+        let needed = self.outlook(&sight, k, state.counts, &self.shares.weights);
+        Ok(Verdict::After(needed))
+    }
+
+    /// Fixes the shares for good, and makes the forecast.
+    fn fix(&mut self, eye: &Eye, image: Plane<f32>, sight: Option<&Sight<'_>>, state: State<'_>, pace: &Pace<'_>) {
+        let (strategy, target) = (self.settings.strategy(), self.settings.budget.noise);
+        let needs =
+            sight.filter(|_| strategy == Strategy::Sensor).and_then(|s| s.planned(target.unwrap_or(DEFAULT_TARGET)));
+        let shares = match (&needs, target, strategy) {
+            // Every pixel comes nearer to its need in step with the others, so that all are hidden at the same time.
+            (Some(needs), Some(_), Strategy::Sensor) => Shares::of(needs.shares(least(state.counts))),
+            _ => strategy.shares(&Pilot {
+                luminance: &image,
+                white: eye.white,
+                sobel_floor: self.settings.sobel_floor,
+                measured: sight.and_then(|s| s.expected.as_ref()).map(|expected| allocation::Measured {
+                    expected,
+                    needs: needs.as_ref(),
+                    // What a sample costs is known by the clock alone, and the clock has no say in where samples go.
+                    cost: None,
+                }),
+            }),
+        };
+        // The forecast needs the memory.
+        drop((needs, image));
+        let targets = |k| sight.and_then(|s| self.targets(s, k, state.counts, &shares.weights));
+        let outlook = Outlook { counts: state.counts, targets: &targets, target };
+        self.forecast = Forecast::new(&outlook, pace);
+        self.shares = shares;
+        self.state.is_made = true;
+    }
+
+    /// Samples per pixel after which the image is hidden at `k` by the strategy of the render, as far as what was seen tells;
+    /// `None` without a sensor. Shares are planned by the neighbours; how much it takes is told by what is certified.
+    fn targets(&self, sight: &Sight<'_>, k: f64, counts: &Plane<u32>, weights: &Plane<f32>) -> Option<Plane<f32>> {
+        let needs = sight.measured.needs_by(&sight.own, k)?;
+        let targets = match self.settings.strategy() {
+            Strategy::Sensor => needs.if_weighted(counts, &sight.planned(k)?.shares(least(counts))),
+            Strategy::Uniform | Strategy::Sobel | Strategy::Variance => needs.if_weighted(counts, weights),
+        };
+        Some(self.state.trend.followed(targets, counts))
+    }
+
+    fn outlook(&self, sight: &Sight<'_>, k: f64, counts: &Plane<u32>, weights: &Plane<f32>) -> f64 {
+        self.targets(sight, k, counts, weights).map_or(f64::INFINITY, |t| total(&t))
+    }
+}
+
+/// The fewest samples that a pixel counts for after a pilot of so many.
+fn least(counts: &Plane<u32>) -> f32 {
+    (LEAST_OF_PILOT * mean_count(counts)) as f32
+}
+
+/// Samples per pixel.
+fn mean_count(counts: &Plane<u32>) -> f64 {
+    counts.data().iter().map(|&n| f64::from(n)).sum::<f64>() / counts.data().len().max(1) as f64
+}
+
+/// The noise of the pilot.
+struct Sight<'a> {
+    /// As it was seen.
+    measured: Measured<'a>,
+    /// As plans are made from it: by the neighbours of each pixel. None where a plan does not rest on noise.
+    expected: Option<Plane<Expected>>,
+    /// As it would be certified.
+    own: Plane<PixelNoise>,
+}
+
+impl<'a> Sight<'a> {
+    fn of(measured: Measured<'a>, own: Plane<PixelNoise>, strategy: Strategy) -> Self {
+        // Who wants the least variance of the image's mean does not ask what the sensor sees of it.
+        let sensor = measured.sensor.filter(|_| strategy != Strategy::Variance);
+        let expected = strategy.needs_noise().then(|| measured.expected(sensor));
+        Self { measured, expected, own }
+    }
+
+    /// What a plan for `k` aims at; `None` without a sensor, and where a plan does not rest on noise.
+    fn planned(&self, k: f64) -> Option<Needs> {
+        self.measured.sensor.and(self.expected.as_ref()).map(|expected| Needs::expected(expected, k))
+    }
+}

@@ -1,0 +1,373 @@
+//! One round of samples on all threads.
+//!
+//! A round is given as new samples per pixel. Threads take units of work (a tile, or a share of a tile's samples), add
+//! them up apart, and a tile goes onto the film when all of its units are done, and not before: whatever happens, the samples
+//! of a pixel are always the first n. Sums are exact, so it does not matter who finishes first.
+
+pub(crate) mod pass;
+
+use crate::checkpoint::{Keeper, Moment};
+use crate::progress::{Cancel, Progress, ProgressState, Stage};
+use dunkelfeld_adaptive::cost::{CostMap, TileGrid, TileRect, WorkUnit};
+use dunkelfeld_film::{Accumulate, Film, PixelSums, Plane, TileRow};
+use dunkelfeld_integrator::{ConnectionTally, Estimator, PixelSample};
+use rayon::prelude::*;
+use std::ops::Range;
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::time::{Duration, Instant};
+
+/// Pixels along the side of a tile.
+pub const TILE: u32 = Film::TILE;
+/// At most so many invalid samples are remembered by name.
+const MOST_NAMED: usize = 16;
+/// Samples between two looks at the clock and the switch.
+const CHECK_EVERY: u32 = 64;
+/// Pause between two reports of progress.
+const REPORT_EVERY_MS: u64 = 100;
+
+/// Where progress reports go, and what they are measured against.
+pub(crate) struct Reporter<'a> {
+    pub(crate) sink: &'a dyn Progress,
+    pub(crate) started: Instant,
+    /// Limits that progress is a fraction of: seconds and samples.
+    pub(crate) seconds: Option<f64>,
+    pub(crate) samples: Option<u64>,
+    /// Samples after which the image is expected to be good enough; zero as long as nobody expects that.
+    expected: AtomicU64,
+    taken: AtomicU64,
+    last_report_ms: AtomicU64,
+}
+
+impl<'a> Reporter<'a> {
+    pub(crate) fn new(sink: &'a dyn Progress, started: Instant, seconds: Option<f64>, samples: Option<u64>) -> Self {
+        let zero = || AtomicU64::new(0);
+        Self { sink, started, seconds, samples, expected: zero(), taken: zero(), last_report_ms: zero() }
+    }
+
+    /// The image is expected to be good enough after so many samples.
+    pub(crate) fn expect(&self, samples: f64) {
+        // `as` saturates.
+        self.expected.store(samples as u64, Ordering::Relaxed);
+    }
+
+    /// Counts samples of an earlier process.
+    pub(crate) fn resume(&self, samples: u64) {
+        self.taken.store(samples, Ordering::Relaxed);
+    }
+
+    /// Adds samples, and reports if the last report is old enough.
+    fn add(&self, stage: Stage, samples: u64) {
+        self.taken.fetch_add(samples, Ordering::Relaxed);
+        let now = self.started.elapsed().as_millis() as u64;
+        let last = self.last_report_ms.load(Ordering::Relaxed);
+        let due = now >= last + REPORT_EVERY_MS
+            && self.last_report_ms.compare_exchange(last, now, Ordering::Relaxed, Ordering::Relaxed).is_ok();
+        if due {
+            self.report(stage);
+        }
+    }
+
+    /// Reports now.
+    pub(crate) fn report(&self, stage: Stage) {
+        let elapsed = self.started.elapsed().as_secs_f64();
+        let taken = self.taken.load(Ordering::Relaxed);
+        let by_time = self.seconds.map_or(0.0, |s| if s > 0.0 { elapsed / s } else { 1.0 });
+        let by_samples = self.samples.map_or(0.0, |n| if n > 0 { taken as f64 / n as f64 } else { 1.0 });
+        let expected = self.expected.load(Ordering::Relaxed);
+        let by_noise = if expected > 0 { taken as f64 / expected as f64 } else { 0.0 };
+        let fraction = by_time.max(by_samples).max(by_noise).clamp(0.0, 1.0);
+        let remaining = (fraction > 0.0).then(|| elapsed * (1.0 - fraction) / fraction);
+        self.sink.update(&ProgressState { stage, fraction, elapsed, remaining, samples: taken });
+    }
+}
+
+/// What a round needs.
+pub(crate) struct RoundWork<'a> {
+    pub(crate) estimator: &'a Estimator<'a>,
+    /// Samples that each pixel has, and that it is to get.
+    pub(crate) counts: &'a Plane<u32>,
+    pub(crate) increment: &'a Plane<u32>,
+    pub(crate) units: &'a [WorkUnit],
+    pub(crate) costs: &'a CostMap,
+    /// Units that have not begun by now are left out.
+    pub(crate) deadline: Option<Instant>,
+    /// Units that are not done by now are given up, and their tiles' samples of this round with them: it takes a pixel that
+    /// costs more than any map could foresee.
+    pub(crate) give_up: Option<Instant>,
+    pub(crate) cancel: &'a Cancel,
+    pub(crate) stage: Stage,
+    /// Who stores the film on the way, and what belongs to it.
+    pub(crate) keeper: Option<(&'a Keeper, Moment<'a>)>,
+}
+
+/// What a round brought.
+#[derive(Debug, Default)]
+pub(crate) struct RoundResult {
+    /// Per tile that was finished: index, samples, thread seconds.
+    pub(crate) tiles: Vec<(usize, u64, f64)>,
+    /// Samples that reached the film.
+    pub(crate) samples: u64,
+    /// The first invalid samples, by pixel and index.
+    pub(crate) invalid: Vec<PixelSample>,
+    /// Connections through covers, of all samples that reached the film.
+    pub(crate) connections: ConnectionTally,
+    /// Did the memory not suffice? The round ended early then.
+    pub(crate) out_of_memory: bool,
+}
+
+/// A tile on its way: the sums of its finished units.
+#[derive(Default)]
+struct Pending {
+    /// Of the pixels with new samples, each with its number in the tile; a pixel comes once for each unit. Empty as soon as they are on
+    /// the film.
+    sums: Vec<TileSum>,
+    units_done: u32,
+    seconds: f64,
+    connections: ConnectionTally,
+}
+
+/// Number of a pixel in its tile, and its new samples.
+type TileSum = (u32, PixelSums);
+
+/// The film while a round is under way: rows of tiles, one lock each.
+struct Canvas<'a> {
+    rows: Vec<Mutex<&'a mut TileRow>>,
+    grid: TileGrid,
+}
+
+/// Why a tile could not be added to the film.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum CanvasFault {
+    /// A thread that held the lock of its row has failed.
+    Poisoned,
+    /// There is not enough memory for its sums.
+    OutOfMemory,
+}
+
+impl<'a> Canvas<'a> {
+    fn new(film: &'a mut Film, grid: TileGrid) -> Self {
+        Self { rows: film.tile_rows_mut().iter_mut().map(Mutex::new).collect(), grid }
+    }
+
+    /// Adds all sums of a tile, those of all of its units together, so that a copy holds all of them or none.
+    fn add<'b>(&self, tile: usize, sums: impl Iterator<Item = &'b TileSum>) -> Result<(), CanvasFault> {
+        let rect = self.grid.rect(tile);
+        let mut row = self.rows[(rect.y0 / TILE) as usize].lock().map_err(|_| CanvasFault::Poisoned)?;
+        let width = rect.x1 - rect.x0;
+        let sums = sums.map(|(slot, sums)| ((slot % width, slot / width), sums));
+        row.add((rect.x0 / TILE) as usize, sums).map_err(|_| CanvasFault::OutOfMemory)
+    }
+
+    /// Copies rows of pixels, with tiles as they are when they are finished or as they were before: a film that a later process can go on
+    /// from. Rows on which a thread has failed are left out.
+    fn copy(&self, rows: Range<u32>, out: &mut Vec<PixelSums>) {
+        for band in rows.start / TILE..rows.end.div_ceil(TILE) {
+            let Ok(row) = self.rows[band as usize].lock() else { return };
+            let within = |y: u32| y.clamp(rows.start, rows.end) - band * TILE;
+            row.read_rows(within(band * TILE)..within((band + 1) * TILE), out);
+        }
+    }
+}
+
+/// Renders a round onto the film, on the threads of the current pool.
+pub(crate) fn run(film: &mut Film, work: &RoundWork<'_>, reporter: &Reporter<'_>) -> RoundResult {
+    let grid = work.costs.grid();
+    let canvas = Canvas::new(film, grid);
+    let pending: Vec<Mutex<Pending>> = (0..grid.len()).map(|_| Mutex::default()).collect();
+    let (finished, invalid) = (Mutex::new(RoundResult::default()), Mutex::new(Vec::new()));
+    let (next, out_of_memory) = (AtomicU64::new(0), AtomicBool::new(false));
+    // One long-lived task per thread that takes the next unit: the dearest first, as they were cut.
+    (0..rayon::current_num_threads()).into_par_iter().for_each(|_| {
+        let mut sums = Vec::new();
+        loop {
+            let index = next.fetch_add(1, Ordering::Relaxed) as usize;
+            let Some(unit) = work.units.get(index) else { break };
+            let is_over = work.cancel.is_cancelled() || out_of_memory.load(Ordering::Relaxed);
+            if is_over || work.deadline.is_some_and(|d| Instant::now() > d) {
+                break;
+            }
+            let began = Instant::now();
+            let rect = grid.rect(unit.tile);
+            let Some(connections) = render_unit(work, unit, rect, reporter, &invalid, &mut sums) else { break };
+            let Ok(mut tile) = pending[unit.tile].lock() else { break };
+            tile.units_done += 1;
+            tile.connections.add(&connections);
+            let is_finished = tile.units_done == unit.parts;
+            if !is_finished {
+                // A tile with a unit missing is left out as a whole.
+                tile.sums.append(&mut sums);
+                tile.seconds += began.elapsed().as_secs_f64();
+            } else {
+                let earlier = std::mem::take(&mut tile.sums);
+                if let Err(fault) = canvas.add(unit.tile, earlier.iter().chain(&sums)) {
+                    out_of_memory.fetch_or(fault == CanvasFault::OutOfMemory, Ordering::Relaxed);
+                    break;
+                }
+                tile.seconds += began.elapsed().as_secs_f64();
+                let Ok(mut finished) = finished.lock() else { break };
+                finished.tiles.push((unit.tile, unit.samples, tile.seconds));
+                finished.samples += unit.samples;
+                finished.connections.add(&tile.connections);
+            }
+            drop(tile);
+            // Only a finished tile makes a difference to the film.
+            if let Some((keeper, moment)) = work.keeper.filter(|_| is_finished) {
+                let mut rows = |rows: Range<u32>, out: &mut Vec<PixelSums>| canvas.copy(rows, out);
+                keeper.keep_if_due(moment, work.deadline, &mut rows);
+            }
+        }
+    });
+    let mut result = finished.into_inner().unwrap_or_default();
+    // Who finished first is nobody's business: costs are learned in the order of the tiles.
+    result.tiles.sort_by_key(|&(tile, ..)| tile);
+    result.out_of_memory = out_of_memory.into_inner();
+    result.invalid = invalid.into_inner().unwrap_or_default();
+    result.invalid.sort_by_key(|s| (s.y, s.x, s.index));
+    result
+}
+
+/// Renders a unit into `sums`, in place of what they hold; tells the connections that it sought. `None` if it was cut short.
+fn render_unit(
+    work: &RoundWork<'_>,
+    unit: &WorkUnit,
+    rect: TileRect,
+    reporter: &Reporter<'_>,
+    invalid: &Mutex<Vec<PixelSample>>,
+    sums: &mut Vec<TileSum>,
+) -> Option<ConnectionTally> {
+    sums.clear();
+    let mut connections = ConnectionTally::default();
+    let mut unreported = 0u32;
+    let mut slot = 0u32;
+    for y in rect.y0..rect.y1 {
+        for x in rect.x0..rect.x1 {
+            let indices = unit.range(*work.counts.at(x, y), *work.increment.at(x, y));
+            let has_samples = !indices.is_empty();
+            let mut pixel = PixelSums::default();
+            for index in indices {
+                let at = PixelSample { x, y, index };
+                let sample = work.estimator.sample_counting(at, &mut connections);
+                if !sample.is_valid() {
+                    name_invalid(invalid, at);
+                }
+                pixel.add(index, &sample);
+                unreported += 1;
+                if unreported == CHECK_EVERY {
+                    reporter.add(work.stage, u64::from(unreported));
+                    unreported = 0;
+                    if work.cancel.is_cancelled() || work.give_up.is_some_and(|d| Instant::now() > d) {
+                        return None;
+                    }
+                }
+            }
+            if has_samples {
+                sums.push((slot, pixel));
+            }
+            slot += 1;
+        }
+    }
+    reporter.add(work.stage, u64::from(unreported));
+    Some(connections)
+}
+
+#[cold]
+fn name_invalid(invalid: &Mutex<Vec<PixelSample>>, at: PixelSample) {
+    if let Ok(mut list) = invalid.lock()
+        && list.len() < MOST_NAMED
+    {
+        list.push(at);
+    }
+}
+
+/// The moment at which units are given up: half the tolerated overrun past the deadline.
+pub(crate) fn give_up(deadline: Option<Instant>, seconds: Option<f64>) -> Option<Instant> {
+    let grace = (0.01 * seconds?).max(0.1);
+    deadline?.checked_add(Duration::try_from_secs_f64(grace).ok()?)
+}
+
+/// The moment at which units are no longer begun.
+pub(crate) fn deadline(started: Instant, seconds: Option<f64>, closing: f64) -> Option<Instant> {
+    let left = (seconds? - closing).max(0.0);
+    started.checked_add(Duration::try_from_secs_f64(left).ok()?)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use dunkelfeld_film::Sample;
+    use dunkelfeld_radiometry::Rgb;
+
+    /// A film whose last tiles are cut off by its right and lower edge: each pixel is met once, where it belongs.
+    #[test]
+    fn tiles_come_to_lie_in_their_places_and_are_copied_row_by_row() {
+        let (width, height) = (2 * TILE + 5, TILE + 3);
+        let grid = TileGrid::new(width, height, TILE);
+        let mut film = Film::new(width, height);
+        let canvas = Canvas::new(&mut film, grid);
+        let value = |x: u32, y: u32| (1 + x + 64 * y) as f32;
+        for tile in 0..grid.len() {
+            let rect = grid.rect(tile);
+            let places = (rect.y0..rect.y1).flat_map(|y| (rect.x0..rect.x1).map(move |x| (x, y)));
+            let sums: Vec<TileSum> = (0..)
+                .zip(places)
+                .map(|(slot, (x, y))| {
+                    let mut pixel = PixelSums::default();
+                    pixel.add(0, &Sample { radiance: Rgb::splat(value(x, y)), ..Sample::MISS });
+                    (slot, pixel)
+                })
+                .collect();
+            canvas.add(tile, sums.iter()).expect("memory");
+        }
+        let rows = TILE - 2..height;
+        let mut copied = Vec::new();
+        canvas.copy(rows.clone(), &mut copied);
+        let mut read = Vec::new();
+        film.read_rows(rows, &mut read);
+        assert_eq!(copied, read);
+        for (x, y) in (0..height).flat_map(|y| (0..width).map(move |x| (x, y))) {
+            let pixel = film.pixel(x, y);
+            assert_eq!((pixel.count(), pixel.mean()[0]), (1, f64::from(value(x, y))), "{x}, {y}");
+        }
+    }
+    /// Tiles of two units, while somebody copies: a pixel has the samples of both or of none.
+    #[test]
+    fn nobody_sees_a_part_of_a_tile() {
+        let side = 2 * TILE;
+        let grid = TileGrid::new(side, side, TILE);
+        let mut film = Film::new(side, side);
+        let unit: Vec<TileSum> = (0..TILE * TILE)
+            .map(|slot| {
+                let mut pixel = PixelSums::default();
+                pixel.add(slot, &Sample::MISS);
+                (slot, pixel)
+            })
+            .collect();
+        let canvas = Canvas::new(&mut film, grid);
+        let (copies, is_done) = (AtomicU64::new(0), AtomicBool::new(false));
+        let mut rounds = 0;
+        let torn = std::thread::scope(|threads| {
+            let copier = threads.spawn(|| {
+                let (mut torn, mut copied) = (0, Vec::new());
+                while !is_done.load(Ordering::Relaxed) {
+                    copies.fetch_add(1, Ordering::Relaxed);
+                    copied.clear();
+                    canvas.copy(0..side, &mut copied);
+                    torn += copied.iter().filter(|p| p.count() % 2 != 0).count();
+                    let bands = copied.chunks(TILE as usize);
+                    torn += bands.filter(|row| row.iter().any(|p| p.count() != row[0].count())).count();
+                }
+                torn
+            });
+            let enough = copies.load(Ordering::Relaxed) + 200;
+            while copies.load(Ordering::Relaxed) < enough || rounds % grid.len() != 0 {
+                canvas.add(rounds % grid.len(), unit.iter().chain(&unit)).expect("memory");
+                rounds += 1;
+            }
+            is_done.store(true, Ordering::Relaxed);
+            copier.join()
+        });
+        assert_eq!(torn.ok(), Some(0));
+        assert!(film.sample_counts().data().iter().all(|&n| n == 2 * (rounds / grid.len()) as u32));
+    }
+}

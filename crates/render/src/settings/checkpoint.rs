@@ -1,0 +1,36 @@
+//! Where a render writes its checkpoint, and how often.
+
+use crate::checkpoint::lock;
+use crate::error::Error;
+use dunkelfeld_io::lock::TargetLock;
+use std::path::PathBuf;
+use std::sync::Arc;
+
+/// Seconds between two checkpoints, if nothing else is said.
+pub const DEFAULT_CHECKPOINT_SECONDS: f64 = 30.0;
+/// Where a render leaves its state while it runs.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CheckpointSettings {
+    /// The file. If it exists, the render is taken up where the file leaves it.
+    pub path: PathBuf,
+    /// Seconds between two checkpoints at least.
+    pub seconds: f64,
+    /// The lock of the file, if it was taken already ([`Self::lock`]); a render takes it otherwise, until it ends.
+    pub lock: Option<Arc<TargetLock>>,
+}
+
+impl CheckpointSettings {
+    /// A checkpoint every [`DEFAULT_CHECKPOINT_SECONDS`].
+    pub fn new(path: impl Into<PathBuf>) -> Self {
+        Self { path: path.into(), seconds: DEFAULT_CHECKPOINT_SECONDS, lock: None }
+    }
+
+    /// Takes the lock of the file, so that no other process writes it as long as these settings or a copy of them exist.
+    ///
+    /// # Errors
+    /// Another process has it, or the file cannot be written.
+    pub fn lock(&mut self) -> Result<(), Error> {
+        self.lock = Some(Arc::new(lock(&self.path)?));
+        Ok(())
+    }
+}

@@ -1,0 +1,77 @@
+//! Settings outside their range, found before a render begins.
+
+use crate::error::Error;
+use crate::settings::{Budget, MAX_PIXELS, MAX_SIDE, RenderSettings};
+use dunkelfeld_adaptive::allocation::Strategy;
+use dunkelfeld_adaptive::plan;
+use dunkelfeld_sensor::ExposureNoise;
+
+/// Refuses what cannot be rendered, with help.
+pub fn validate(s: &RenderSettings) -> Result<(), Error> {
+    let range = format!("1 to {MAX_SIDE}");
+    for (name, v) in [("width", s.width), ("height", s.height)] {
+        if !(1..=MAX_SIDE).contains(&v) {
+            return Err(Error::setting(name, format!("{v} is out of range"), format!("use {range}")));
+        }
+    }
+    let pixels = u64::from(s.width) * u64::from(s.height);
+    if pixels > MAX_PIXELS {
+        let problem = format!("{} x {} pixels are more than {MAX_PIXELS}", s.width, s.height);
+        return Err(Error::setting(
+            "film",
+            problem,
+            "make it smaller: every part of a render (`--samples`) has all of its pixels, too",
+        ));
+    }
+    for (name, v) in [("time", s.budget.seconds), ("spp", s.budget.spp)] {
+        if v.is_some_and(|v| !(v.is_finite() && v > 0.0)) {
+            return Err(Error::setting(name, "the budget must be a positive number", "use 20s or 64"));
+        }
+    }
+    if let Some(k) = s.budget.noise {
+        if !(k.is_finite() && k > 0.0) {
+            return Err(Error::setting("noise", "the level must be a positive number", "use 0.7"));
+        }
+        if !s.has_sensor() {
+            let problem = "noise is hidden beneath that of a sensor, and there is none";
+            return Err(Error::setting("noise", problem, "choose a sensor, or another budget"));
+        }
+    }
+    if s.strategy == Some(Strategy::Sensor) && !s.has_sensor() {
+        let problem = "samples cannot go where a sensor would notice: there is none";
+        return Err(Error::setting("allocation", problem, "choose a sensor, or the allocation `variance`"));
+    }
+    if s.exposure_noise == ExposureNoise::Matched && !s.has_sensor() {
+        let problem = "noise is matched to that of a sensor, and there is none";
+        return Err(Error::setting("exposure noise", problem, "choose a sensor, or the exposure noise `plain`"));
+    }
+    if let Some(samples) = &s.samples {
+        if samples.is_empty() || samples.end > plan::MAX_SPP {
+            let problem = format!("{}..{} are no samples", samples.start, samples.end);
+            return Err(Error::setting("samples", problem, "use 0..64 for the first 64 of every pixel"));
+        }
+        if s.budget != Budget::default() || s.strategy.is_some_and(|s| s != Strategy::Uniform) {
+            let problem = "a part has its samples, whatever a budget or an allocation says";
+            return Err(Error::setting("samples", problem, "leave budget and allocation out, or the samples"));
+        }
+    }
+    if s.budget.spp.is_some_and(|v| v > f64::from(u32::MAX / 4)) {
+        return Err(Error::setting("spp", "more samples per pixel than can be counted", "use less than 1e9"));
+    }
+    if let Some(p) = &s.replay
+        && (p.width(), p.height()) != (s.width, s.height)
+    {
+        let problem = format!("the plan is {} x {} pixels, the film {} x {}", p.width(), p.height(), s.width, s.height);
+        return Err(Error::setting("replay", problem, "render at the size of the plan"));
+    }
+    if s.replay.as_ref().is_some_and(|p| plan::total(p) == 0) {
+        return Err(Error::setting("replay", "the plan has no samples", "use a plan of a render that took some"));
+    }
+    if let Some(most) = s.replay.as_ref().and_then(|p| p.data().iter().copied().max())
+        && most > plan::MAX_SPP
+    {
+        let problem = format!("the plan asks for {most} samples in one pixel, more than {}", plan::MAX_SPP);
+        return Err(Error::setting("replay", problem, "use a plan that a render wrote"));
+    }
+    Ok(())
+}

@@ -1,0 +1,358 @@
+//! The measurement itself: which renders are missing, making them one by one, then the report.
+
+use super::denoised::{Filter, filters};
+use super::page;
+use super::results::{About, Results};
+use super::runs::{Purpose, Unit, units};
+use super::settings::{BenchSettings, can_be_left_out};
+use super::store::{Manifest, Record, Store, VERSION, layers};
+use crate::folder::{check_folder, free_folder};
+use crate::series::{Facts, Meter, View};
+use dunkelfeld::DefaultPath;
+use dunkelfeld::Error;
+use dunkelfeld::Project;
+use dunkelfeld::develop;
+use dunkelfeld::save_picture;
+use dunkelfeld::{Budget, RenderSettings, SensorChoice};
+use dunkelfeld::{Cancel, Progress, ProgressState, Stage};
+use dunkelfeld::{camera, render, thread_pool};
+use dunkelfeld_adaptive::allocation::Strategy;
+use dunkelfeld_film::Plane;
+use dunkelfeld_io::input::InputFiles;
+use dunkelfeld_scene::{Effect, Scene};
+use dunkelfeld_sensor::ExposureNoise;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+/// A quick bench renders for about so long \[s\]; reading, writing and the report come on top.
+const QUICK_SECONDS: f64 = 30.0;
+/// Longest and shortest long side of a quick bench's film \[pixels\].
+const QUICK_SIDES: [u32; 2] = [32, 256];
+/// Long side of the film, and samples per pixel, by which a quick bench learns the speed.
+const TRIAL: (u32, u32) = (64, 8);
+
+/// What a bench came to.
+#[derive(Clone, Debug)]
+pub struct BenchOutcome {
+    /// The files of the report, the page first.
+    pub files: Vec<PathBuf>,
+    /// The findings in a few lines of plain text.
+    pub findings: Vec<String>,
+    /// Renders that are finished, and that the bench wants.
+    pub finished: [usize; 2],
+    /// Was it cancelled from outside? What is finished is kept; the same call goes on from there.
+    pub interrupted: bool,
+    /// Samples that were not finite, negative or out of range, in all renders.
+    pub invalid_samples: u64,
+}
+
+/// The folder of a bench when none is named: that of the input with `-bench`, in the current folder; with a number as well where
+/// an input lies in it.
+pub fn default_folder(input: &Path, inputs: &InputFiles) -> DefaultPath {
+    let mut name = input.file_stem().unwrap_or_else(|| "scene".as_ref()).to_os_string();
+    name.push("-bench");
+    free_folder(PathBuf::from(name), inputs)
+}
+
+/// Measures what accuracy costs in time, and writes the report into `folder`.
+///
+/// `project` is the opened `input` with everything set that is not measured; its budget, strategy and exposure
+/// noise are not used. Renders
+/// that the folder already holds are not made again. `own_size` says that the film's size was asked for, so that a quick
+/// bench must not choose its own; `restart` discards what the folder holds.
+///
+/// # Errors
+/// Settings outside their range, a folder that cannot be written to or holds an input or the results of another bench.
+#[allow(clippy::too_many_arguments, reason = "each is a thing of its own, and there is one caller")]
+pub fn bench(
+    mut project: Project,
+    input: &Path,
+    settings: &BenchSettings,
+    folder: &Path,
+    own_size: bool,
+    restart: bool,
+    progress: &dyn Progress,
+    cancel: &Cancel,
+) -> Result<BenchOutcome, Error> {
+    settings.check()?;
+    check_folder(folder, &project.inputs)?;
+    // The renders' noise is what is measured; no picture shall hide it.
+    project.settings.exposure_noise = ExposureNoise::Plain;
+    let settings = &for_sensor(settings, project.settings.has_sensor())?;
+    let filters = filters(settings)?;
+    let store = Store::open(folder, restart)?;
+    let effects = effects(&project, settings);
+    if settings.quick && !own_size {
+        // A bench that goes on keeps the film that it began with.
+        let size = match store.manifest()?.filter(|m| m.settings.quick) {
+            Some(there) => there.size,
+            None => quick_size(&project, settings, effects.len(), cancel)?,
+        };
+        project.resize_keeping_view(size[0], size[1]);
+    }
+    let fitted = project.fitted()?;
+    project.checked_account(&fitted)?;
+    let threads = thread_pool(fitted.threads)?.current_num_threads();
+    let names: Vec<String> = filters.iter().map(Filter::name).collect();
+    let camera = camera(&project.scene, &fitted)?;
+    let facts = Facts::new(VERSION, &project.scene, &camera, &fitted, threads, &names);
+    let binding = Manifest::new(facts, [fitted.width, fitted.height], settings.summary());
+    store.bind(&binding)?;
+
+    let all = units(settings, &effects, fitted.pilot_spp);
+    let reference = Unit { purpose: Purpose::Reference, spp: settings.reference_spp, index: 0 };
+    let bench = Bench {
+        project: &project,
+        input,
+        fitted: &fitted,
+        store: &store,
+        filters: &filters,
+        reference,
+        top: top(settings),
+    };
+    let invalid_samples = bench.make(&all, progress, cancel)?;
+    progress.update(&ProgressState { stage: Stage::Write, fraction: 1.0, elapsed: 0.0, remaining: None, samples: 0 });
+    let finished = [count_finished(&store, &all, fitted.seed)?, all.len()];
+    let about = About {
+        name: input.file_name().unwrap_or_default().to_string_lossy().into_owned(),
+        threads,
+        finished,
+        effects: &effects,
+        denoisers: filters.iter().map(|f| f.key).zip(names).collect(),
+        reference,
+    };
+    // Without the reference there is nothing to say.
+    let (files, findings) = match Results::gather(&store, settings, &fitted, &about)? {
+        Some(results) => (page::write(folder, &results)?, results.findings()),
+        None => (Vec::new(), Vec::new()),
+    };
+    Ok(BenchOutcome { files, findings, finished, interrupted: cancel.is_cancelled(), invalid_samples })
+}
+
+/// Without a sensor there is nothing that the strategy `sensor` could go by: of all strategies it is left out, by name refused.
+fn for_sensor(settings: &BenchSettings, has_sensor: bool) -> Result<BenchSettings, Error> {
+    let mut settings = settings.clone();
+    if !has_sensor && settings.strategies == Strategy::ALL {
+        settings.strategies.retain(|s| *s != Strategy::Sensor);
+    }
+    if !has_sensor && settings.strategies.contains(&Strategy::Sensor) {
+        let problem = "samples cannot go where a sensor would notice: there is none";
+        return Err(Error::setting("strategies", problem, "choose a sensor, or leave out the strategy `sensor`"));
+    }
+    Ok(settings)
+}
+
+fn count_finished(store: &Store, all: &[Unit], base_seed: u64) -> Result<usize, Error> {
+    let mut n = 0;
+    for unit in all {
+        n += usize::from(store.record(unit, base_seed)?.is_some());
+    }
+    Ok(n)
+}
+
+fn top(settings: &BenchSettings) -> u32 {
+    settings.ladder.last().copied().unwrap_or(1)
+}
+
+/// The effects to leave out: those that were named, or all that the scene calls for; in either case only such as can be.
+fn effects(project: &Project, settings: &BenchSettings) -> Vec<Effect> {
+    let called: Vec<String> = project.inspect().effects.into_iter().filter(|e| e.on).map(|e| e.name).collect();
+    let is_called = |e: &Effect| called.iter().any(|name| name == e.name());
+    let wanted = |e: &Effect| settings.effects.as_ref().is_none_or(|list| list.contains(e));
+    Effect::ALL.into_iter().filter(|e| can_be_left_out(*e) && is_called(e) && wanted(e)).collect()
+}
+
+/// The film of a quick bench: as large as this machine can do in the time.
+fn quick_size(project: &Project, settings: &BenchSettings, effects: usize, cancel: &Cancel) -> Result<[u32; 2], Error> {
+    let (width, height) = (project.settings.width, project.settings.height);
+    let long = width.max(height);
+    let sized = |side: u32| {
+        let scale = f64::from(side.min(long)) / f64::from(long);
+        [width, height].map(|v| ((f64::from(v) * scale).round() as u32).max(1))
+    };
+    let mut trial = project.fitted()?;
+    let [w, h] = sized(TRIAL.0);
+    (trial.width, trial.height) = (w, h);
+    trial.budget = Budget { spp: Some(f64::from(TRIAL.1)), ..Budget::default() };
+    let began = Instant::now();
+    let rendering = render(&project.scene, &trial, began, &dunkelfeld::Silent, cancel)?;
+    let rate = rendering.film.total_samples() as f64 / began.elapsed().as_secs_f64().max(1e-6);
+    let ladder: f64 = settings.ladder.iter().map(|&n| f64::from(n)).sum::<f64>() * settings.strategies.len() as f64;
+    let ablation = if effects > 0 { (effects + 1) as f64 * f64::from(settings.effect_spp) } else { 0.0 };
+    let per_pixel = (ladder + ablation) * f64::from(settings.seeds) + f64::from(settings.reference_spp);
+    let pixels = QUICK_SECONDS * rate / per_pixel;
+    let side = (pixels * f64::from(long).powi(2) / (f64::from(width) * f64::from(height))).sqrt();
+    Ok(sized((side as u32).clamp(QUICK_SIDES[0], QUICK_SIDES[1])))
+}
+
+/// A bench that is being made.
+struct Bench<'a> {
+    project: &'a Project,
+    input: &'a Path,
+    fitted: &'a RenderSettings,
+    store: &'a Store,
+    filters: &'a [Filter],
+    reference: Unit,
+    /// Samples per pixel of the top rung, whose exposing and writing are timed.
+    top: u32,
+}
+
+impl Bench<'_> {
+    /// Makes what is missing. Returns the number of invalid samples of all renders.
+    fn make(&self, all: &[Unit], progress: &dyn Progress, cancel: &Cancel) -> Result<u64, Error> {
+        let base = self.fitted.seed;
+        let mut invalid = 0;
+        let mut missing = Vec::new();
+        let mut done = 0;
+        for unit in all {
+            match self.store.record(unit, base)? {
+                Some(record) => {
+                    invalid += record.invalid_samples;
+                    done += self.samples(unit);
+                }
+                None => missing.push(*unit),
+            }
+        }
+        let total: u64 = all.iter().map(|u| self.samples(u)).sum();
+        let meter = Meter::new(progress, total, done);
+        let mut view = None;
+        let mut other: Option<(Effect, Scene, RenderSettings)> = None;
+        for unit in missing {
+            // Also a unit that is over before anybody asks shows up.
+            let begun = ProgressState { stage: Stage::Pilot, fraction: 0.0, elapsed: 0.0, remaining: None, samples: 0 };
+            meter.update(&begun);
+            if cancel.is_cancelled() {
+                break;
+            }
+            let (scene, settings) = match unit.without() {
+                None => (&self.project.scene, self.fitted),
+                Some(effect) => {
+                    if other.as_ref().is_none_or(|(e, ..)| *e != effect) {
+                        let (scene, settings) = self.without(effect)?;
+                        other = Some((effect, scene, settings));
+                    }
+                    other.as_ref().map_or((&self.project.scene, self.fitted), |(_, scene, settings)| (scene, settings))
+                }
+            };
+            let Some(record) = self.render(&unit, scene, settings, &mut view, &meter, cancel)? else { break };
+            invalid += record.invalid_samples;
+            meter.finish(self.samples(&unit));
+        }
+        Ok(invalid)
+    }
+
+    fn samples(&self, unit: &Unit) -> u64 {
+        u64::from(unit.spp) * u64::from(self.fitted.width) * u64::from(self.fitted.height)
+    }
+
+    /// The scene without an effect, and the settings that go with it.
+    fn without(&self, effect: Effect) -> Result<(Scene, RenderSettings), Error> {
+        let mut other = Project::open_without(self.input, Instant::now(), &[effect])?;
+        other.take_settings_of(self.project);
+        other.settings.without = vec![effect];
+        let settings = other.fitted()?;
+        Ok((other.scene, settings))
+    }
+
+    /// Makes one unit and keeps it; `None` if it was interrupted.
+    fn render(
+        &self,
+        unit: &Unit,
+        scene: &Scene,
+        settings: &RenderSettings,
+        view: &mut Option<(View, Vec<bool>)>,
+        meter: &Meter<'_>,
+        cancel: &Cancel,
+    ) -> Result<Option<Record>, Error> {
+        let settings = RenderSettings {
+            budget: Budget { spp: Some(f64::from(unit.spp)), ..Budget::default() },
+            strategy: Some(unit.strategy()),
+            seed: unit.seed(self.fitted.seed),
+            replay: None,
+            ..settings.clone()
+        };
+        let began = Instant::now();
+        let rendering = render(scene, &settings, began, meter, cancel)?;
+        let total_seconds = began.elapsed().as_secs_f64();
+        if rendering.interrupted {
+            return Ok(None);
+        }
+        let mut seconds = BTreeMap::new();
+        for (stage, s) in &rendering.stages {
+            *seconds.entry(stage.name().to_string()).or_insert(0.0) += s;
+        }
+        let mean = rendering.film.mean();
+        if view.is_none() {
+            *view = Some(self.view(unit, &mean)?);
+        }
+        let Some((view, counts)) = view.as_ref() else { return Ok(None) };
+        if matches!(unit.purpose, Purpose::Point(_)) && unit.spp == self.top && unit.index == 0 {
+            self.close(unit, &mean, &settings, view, &mut seconds)?;
+        }
+        let stated = view.signal_variance(&rendering.film);
+        let is_reference = unit.purpose == Purpose::Reference;
+        let is_point = matches!(unit.purpose, Purpose::Point(_));
+        let mut denoised = Vec::new();
+        for filter in self.filters.iter().filter(|_| is_point) {
+            let done = thread_pool(settings.threads)?.install(|| filter.apply(&rendering.film, view, cancel))?;
+            let Some(done) = done else { return Ok(None) };
+            denoised.push(done);
+        }
+        let record = Record {
+            name: unit.name(),
+            seed: settings.seed,
+            allocation: unit.strategy().name().into(),
+            without: unit.without().map(|e| e.name().into()),
+            spp: unit.spp,
+            samples: rendering.film.total_samples(),
+            invalid_samples: rendering.film.invalid_samples(),
+            seconds,
+            total_seconds,
+            denoise_seconds: denoised.iter().map(|d| (d.key.to_string(), d.seconds)).collect(),
+            stated_variance: Some(super::statistics::masked_mean(&stated, counts)).filter(|v| v.is_finite()),
+        };
+        let keeps_counts = is_point && unit.index == 0;
+        let kept =
+            layers(view.signal(&mean), denoised, keeps_counts.then(|| rendering.plan()), is_reference.then_some(&mean));
+        self.store.keep(&record, kept)?;
+        Ok(Some(record))
+    }
+
+    /// How all units are seen, and which pixels are not saturated. The reference, which is the first of them, tells.
+    fn view(&self, unit: &Unit, mean: &Plane<[f32; 3]>) -> Result<(View, Vec<bool>), Error> {
+        let kept;
+        let reference = match unit.purpose {
+            Purpose::Reference => mean,
+            _ => {
+                kept = self.store.radiance(&self.reference)?;
+                &kept
+            }
+        };
+        let view = View::new(&self.fitted.sensor, reference)?;
+        let counts = view.unsaturated(&view.signal(reference));
+        Ok((view, counts))
+    }
+
+    /// Exposes and writes a picture as `render` would, to see how long that takes.
+    fn close(
+        &self,
+        unit: &Unit,
+        mean: &Plane<[f32; 3]>,
+        settings: &RenderSettings,
+        view: &View,
+        seconds: &mut BTreeMap<String, f64>,
+    ) -> Result<(), Error> {
+        let mut settings = settings.clone();
+        if let SensorChoice::Emva { exposure, .. } = &mut settings.sensor {
+            *exposure = view.exposure();
+        }
+        let began = Instant::now();
+        let frame = thread_pool(settings.threads)?.install(|| develop(mean, &settings))?;
+        seconds.insert(Stage::Expose.name().into(), began.elapsed().as_secs_f64());
+        let began = Instant::now();
+        save_picture(&frame, &self.store.picture(unit))?;
+        seconds.insert(Stage::Write.name().into(), began.elapsed().as_secs_f64());
+        Ok(())
+    }
+}

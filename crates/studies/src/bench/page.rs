@@ -1,0 +1,444 @@
+//! The report as one page that stands alone: no script, style, font or picture from elsewhere. Beside it, its numbers as CSV
+//! and its charts as SVG.
+
+use super::figures;
+use super::hidden::{SHARE, growth};
+use super::results::{OFF, Results};
+use super::statistics::POOL;
+use super::tables::tables;
+use crate::report::chart::{Chart, escape};
+use crate::report::maps::{self, Map};
+use crate::report::page::{head, map_figure, page, tiles};
+use crate::report::table::Table;
+use crate::report::words::{duration, rounded};
+use dunkelfeld::Error;
+use dunkelfeld::save_text;
+use dunkelfeld_adaptive::allocation::Strategy;
+use std::path::{Path, PathBuf};
+
+/// Writes the page, the tables and the charts into a folder. Returns the files, the page first.
+pub(super) fn write(folder: &Path, results: &Results) -> Result<Vec<PathBuf>, Error> {
+    let report = Report::of(results)?;
+    let mut files = Vec::new();
+    let mut save = |name: String, text: &str| -> Result<(), Error> {
+        let path = folder.join(name);
+        save_text(&path, text)?;
+        files.push(path);
+        Ok(())
+    };
+    save("report.html".into(), &report.html())?;
+    for table in report.tables.iter().filter(|t| !t.rows.is_empty()) {
+        save(format!("{}.csv", table.name), &table.csv())?;
+    }
+    for chart in report.charts() {
+        save(format!("{}.svg", chart.name), &chart.file())?;
+    }
+    Ok(files)
+}
+
+/// A picture to compare: its name and its image.
+struct Shown {
+    name: String,
+    uri: String,
+    size: [u32; 2],
+}
+
+/// Everything that is on the page.
+struct Report<'a> {
+    r: &'a Results,
+    tables: [Table; 5],
+    noise: Vec<[Chart; 2]>,
+    hidden: Option<Chart>,
+    denoised: Vec<Chart>,
+    denoised_maps: Vec<Map>,
+    stages: Option<Chart>,
+    effects: Option<Chart>,
+    samples: Vec<Map>,
+    biases: Vec<Map>,
+    pictures: Vec<Shown>,
+}
+
+impl<'a> Report<'a> {
+    fn of(r: &'a Results) -> Result<Self, Error> {
+        let biases =
+            r.ablations.iter().map(|a| figures::bias(r, a.effect.name(), &a.bias)).collect::<Result<_, _>>()?;
+        Ok(Self {
+            r,
+            tables: tables(r),
+            noise: if r.points.is_empty() { Vec::new() } else { figures::noise(r) },
+            hidden: figures::hidden(r),
+            denoised: figures::denoised(r),
+            denoised_maps: figures::denoised_maps(r)?,
+            stages: figures::stages(r),
+            effects: figures::effects(r),
+            samples: figures::samples(r)?,
+            biases,
+            pictures: pictures(r)?,
+        })
+    }
+
+    fn charts(&self) -> impl Iterator<Item = &Chart> {
+        self.noise.iter().flatten().chain(&self.hidden).chain(&self.denoised).chain(&self.stages).chain(&self.effects)
+    }
+
+    fn table(&self, name: &str) -> String {
+        let table = self.tables.iter().find(|t| t.name == name && !t.rows.is_empty());
+        table.map_or_else(String::new, |t| {
+            format!("{}<p class=\"faint\">The same numbers in <code>{}.csv</code>.</p>", t.html(), t.name)
+        })
+    }
+
+    fn html(&self) -> String {
+        let r = self.r;
+        let sections = [
+            self.head(),
+            self.noise_section(),
+            self.hidden_section(),
+            self.denoised_section(),
+            self.samples_section(),
+            self.stages_section(),
+            self.effects_section(),
+            self.pictures_section(),
+            self.method_section(),
+        ];
+        page(&format!("{} \u{b7} bench", r.name), &sections)
+    }
+
+    fn head(&self) -> String {
+        let r = self.r;
+        let [width, height] = r.size;
+        let facts = format!("{width} \u{d7} {height} pixels \u{b7} {} \u{b7} {}", r.camera, r.program);
+        let mut text = head(&format!("What accuracy costs: {}", r.name), &facts);
+        let [done, all] = r.finished;
+        if done < all {
+            text += &format!(
+                "<div class=\"banner\">Not finished: {done} of {all} renders. The same command goes on from here; what is \
+                 shown rests on the renders that there are.</div>"
+            );
+        }
+        text + &tiles(&self.tiles())
+    }
+
+    /// The findings that one wants first: a figure and what it is.
+    fn tiles(&self) -> Vec<(String, String)> {
+        let r = self.r;
+        let mut tiles = Vec::new();
+        let k = r.headline_level();
+        let prices = || r.tops.iter().filter_map(|t| Some((t.strategy, t.prices.iter().find(|p| p.k == k)?)));
+        let best = prices().min_by(|a, b| a.1.seconds.value.total_cmp(&b.1.seconds.value));
+        if !r.has_light() {
+            tiles.push(("no light".into(), "the image is black: there is no noise to hide or to compare".into()));
+        }
+        if let Some((strategy, price)) = best.filter(|(_, price)| price.seconds.value > 0.0) {
+            tiles.push((
+                duration(price.seconds.value),
+                format!(
+                    "until the render\u{2019}s noise is hidden at k = {k} with {strategy}: {} samples per pixel",
+                    rounded(price.spp.value)
+                ),
+            ));
+            if let Some((_, plain)) = prices().find(|(s, _)| *s == Strategy::Uniform && strategy != Strategy::Uniform) {
+                tiles.push((
+                    format!("{} \u{d7}", rounded(plain.seconds.value / price.seconds.value)),
+                    format!(
+                        "less time than with the same number of samples everywhere; {} \u{d7} fewer samples",
+                        rounded(plain.spp.value / price.spp.value)
+                    ),
+                ));
+            }
+        }
+        let judged = r.ablations.iter().filter_map(|a| a.bias.verdict);
+        let seen = judged.clone().filter(|v| *v == super::ablation::Verdict::Visible).count();
+        if judged.clone().count() > 0 {
+            tiles.push((
+                format!("{seen} of {}", judged.count()),
+                "effects that the scene calls for and this camera can tell in a single frame".into(),
+            ));
+        }
+        let top = r.settings.ladder.last().copied();
+        let stated: Vec<f64> = r.points.iter().filter(|p| Some(p.spp) == top).map(|p| p.stated).collect();
+        let (low, high) = stated.iter().fold((f64::INFINITY, 0.0f64), |(a, b), v| (a.min(*v), b.max(*v)));
+        if low <= high {
+            let range = if stated.len() == 1 { format!("{low:.2}") } else { format!("{low:.2} to {high:.2}") };
+            tiles.push((range, "the variance that a render states of itself, over the one between renders".into()));
+        }
+        tiles
+    }
+
+    fn noise_section(&self) -> String {
+        if self.noise.is_empty() {
+            return String::new();
+        }
+        let charts: Vec<String> = self
+            .noise
+            .iter()
+            .map(|[time, samples]| {
+                format!(
+                    "<figure><div class=\"against-time\">{}</div><div class=\"against-samples\">{}</div></figure>",
+                    time.inline(),
+                    samples.inline()
+                )
+            })
+            .collect();
+        let linear = if self.r.view.has_sensor() {
+            "The second is the variance of the expected photo-electrons over the unsaturated pixels, which is what a \
+             measurement must be made on. The third divides each pixel\u{2019}s by the sensor\u{2019}s own variance; the dotted \
+             levels are k\u{b2}."
+        } else {
+            "The second is the variance of the luminance, without gamma and clipping."
+        };
+        format!(
+            "<section><h2>Noise against time</h2><p>Each point is {} renders with seeds of their own. Their variance from \
+             render to render, pixel by pixel, is averaged over the image. The first chart is of the 8-bit pictures with \
+             gamma 2.2, as in the paper. {linear} Lower and further left is better; the dashed line falls as one over the \
+             quantity along the axis, as the variance of a mean does.</p>\
+             <input class=\"choice\" type=\"radio\" name=\"axis\" id=\"by-time\" checked=\"checked\"/><label for=\"by-time\">against time</label>\
+             <input class=\"choice\" type=\"radio\" name=\"axis\" id=\"by-samples\"/><label for=\"by-samples\">against samples</label>\
+             <div class=\"charts\">{}</div><p class=\"faint\">Bars are one standard error, from leaving out one render at a time. \
+             Light that is found very rarely may be missing from all renders of a point: then its noise is too, and the bar \
+             does not know. Time depends on the machine and on what else it does; samples do not.</p>{}</section>",
+            self.r.seeds,
+            charts.join(""),
+            self.table("noise")
+        )
+    }
+
+    fn hidden_section(&self) -> String {
+        let Some(chart) = &self.hidden else { return String::new() };
+        let k = self.r.headline_level();
+        format!(
+            "<section><h2>Time until hidden</h2><p>A pixel is hidden at k when the variance of its rendered value is at most \
+             k\u{b2} times the sensor\u{2019}s own; the render is when {:.0} % of its unsaturated pixels are. A picture taken then is \
+             noisier than the sensor alone by the factor \u{221a}(1 + k\u{b2}): {:.1} % at k = {k}.</p>\
+             <figure class=\"wide\">{}<figcaption>Time of rendering until hidden, by k and strategy; bars are one standard \
+             error. From the variance between the renders at the top of the ladder, pooled over {POOL} \u{d7} {POOL} pixels, taking \
+             that it falls as one over the samples: a figure far beyond the ladder is a forecast.</figcaption></figure>{}</section>",
+            100.0 * SHARE,
+            100.0 * growth(k),
+            chart.inline(),
+            self.table("hidden")
+        )
+    }
+
+    fn denoised_section(&self) -> String {
+        if self.denoised.is_empty() {
+            return String::new();
+        }
+        let charts: String = self.denoised.iter().map(|c| format!("<figure>{}</figure>", c.inline())).collect();
+        let error = if self.r.view.has_sensor() { ", over the sensor\u{2019}s variance" } else { "" };
+        format!(
+            "<section><h2>What a denoiser does</h2><p>The same renders, denoised. The first chart is what the paper shows: the \
+             variance of the 8-bit picture from render to render. A denoiser smooths it away, but what it smooths wrongly is \
+             the same in every render, and no variance shows that. The second is the squared error against the truth, noise and \
+             bias together{error}: for renders as they are it is their variance. A denoised image is for looking at; no \
+             measure of hiding, certificate or photon transfer reads it.</p><div class=\"charts\">{charts}</div>\
+             <div class=\"maps\">{}</div>{}</section>",
+            self.denoised_maps.iter().map(map_figure).collect::<String>(),
+            self.table("denoised")
+        )
+    }
+
+    fn samples_section(&self) -> String {
+        if self.samples.is_empty() {
+            return String::new();
+        }
+        format!(
+            "<section><h2>Where the noise is, where the samples went</h2><p>The variance map shows which pixels differ from \
+             render to render. The paper proposes to send samples where the pilot image is steep; a map of samples that \
+             looks like the map of the variance sends them where they are needed, and leaves a variance that is even. Maps of the \
+             variance share one scale.</p>\
+             <div class=\"maps\">{}</div></section>",
+            self.samples.iter().map(map_figure).collect::<String>()
+        )
+    }
+
+    fn stages_section(&self) -> String {
+        let Some(chart) = &self.stages else { return String::new() };
+        format!(
+            "<section><h2>Where the time went</h2><p>Stages of a render at the top of the ladder: means over the renders; \
+             exposing and writing were timed once, on the first. Reading the scene is not part of it.</p>\
+             <figure class=\"wide\">{}</figure>{}</section>",
+            chart.inline(),
+            self.table("stages")
+        )
+    }
+
+    fn effects_section(&self) -> String {
+        let Some(chart) = &self.effects else { return String::new() };
+        let spp = self.r.settings.effect_spp;
+        let (verdict, unit) = if self.r.view.has_sensor() {
+            (
+                "This camera can tell if at least 1 % of the pixels are off by more than one standard deviation of its own \
+                 noise in a single frame, and by more than twice what chance alone would show.",
+                " Blue pixels are darker without the effect, orange ones brighter.",
+            )
+        } else {
+            ("", " Blue pixels are darker without the effect, orange ones brighter.")
+        };
+        format!(
+            "<section><h2>What each effect costs and changes</h2><p>The scene was rendered without each of the effects that it \
+             calls for, with the same {spp} samples per pixel everywhere, the same seeds and the same exposure as with all of \
+             them. {verdict}</p><figure class=\"wide\">{}<figcaption>The bias is the mean difference over the renders; it holds \
+             noise of its own. The hollow mark is what 99 % of the pixels would stay below if there were no bias: from the same \
+             differences, with alternating signs.</figcaption></figure>{}\
+             <div class=\"maps\">{}</div><p class=\"faint\">Without minus with, per pixel.{unit}</p></section>",
+            chart.inline(),
+            self.table("effects"),
+            self.biases.iter().map(map_figure).collect::<String>()
+        )
+    }
+
+    fn pictures_section(&self) -> String {
+        let (Some(first), Some(last)) = (self.pictures.first(), self.pictures.last()) else { return String::new() };
+        let select = |label: &str, shows: &str, chosen: &str| {
+            let options: Vec<String> = self
+                .pictures
+                .iter()
+                .enumerate()
+                .map(|(i, p)| {
+                    let selected = if p.name == chosen { " selected=\"selected\"" } else { "" };
+                    format!("<option value=\"picture-{i}\"{selected}>{}</option>", escape(&p.name))
+                })
+                .collect();
+            format!(
+                "<label><small>{label}</small> <select data-shows=\"{shows}\">{}</select></label>",
+                options.join("")
+            )
+        };
+        let [width, height] = first.size;
+        let blank = "data:image/gif;base64,R0lGODlhAQABAAAAACwAAAAAAQABAAA=";
+        let img =
+            |id: &str| format!("<img id=\"{id}\" src=\"{blank}\" alt=\"\" width=\"{width}\" height=\"{height}\"/>");
+        let gallery: Vec<String> = self
+            .pictures
+            .iter()
+            .enumerate()
+            .map(|(i, p)| {
+                format!(
+                    "<figure><img id=\"picture-{i}\" src=\"{}\" alt=\"{name}\" width=\"{}\" height=\"{}\"/><figcaption>{name}</figcaption></figure>",
+                    p.uri,
+                    p.size[0],
+                    p.size[1],
+                    name = escape(&p.name)
+                )
+            })
+            .collect();
+        let noise = if self.r.view.has_sensor() {
+            " \u{201c}As exposed\u{201d} has the sensor\u{2019}s noise as well: where the render\u{2019}s noise is hidden, such pictures \
+             can no longer be told apart."
+        } else {
+            ""
+        };
+        format!(
+            "<section><h2>Side by side</h2><p>Drag the edge to compare. Pictures are 8 bit, gamma 2.2, white at \
+             saturation.{noise}</p><div class=\"slider\"><div class=\"stage\">{}<div class=\"over\">{}</div>\
+             <div class=\"edge\"></div><input type=\"range\" min=\"0\" max=\"100\" value=\"50\" step=\"0.5\" aria-label=\"edge between the pictures\"/></div>\
+             <div class=\"picks\">{}{}</div></div><details><summary>All pictures</summary><div class=\"maps\">{}</div></details></section>",
+            img("shown-right"),
+            img("shown-left"),
+            select("left", "shown-left", &first.name),
+            select("right", "shown-right", &last.name),
+            gallery.join("")
+        )
+    }
+
+    fn method_section(&self) -> String {
+        let r = self.r;
+        let s = &r.settings;
+        let list = |v: &[String]| v.join(", ");
+        let rungs: Vec<String> = s.ladder.iter().map(ToString::to_string).collect();
+        let strategies: Vec<String> = s.strategies.iter().map(ToString::to_string).collect();
+        let facts = [
+            ("input", r.name.clone()),
+            (
+                "film",
+                format!(
+                    "{} \u{d7} {} pixels{}",
+                    r.size[0],
+                    r.size[1],
+                    if s.quick { ", chosen so that the bench is quick" } else { "" }
+                ),
+            ),
+            ("camera", r.camera.clone()),
+            ("strategies", list(&strategies)),
+            ("ladder", format!("{} samples per pixel on average", list(&rungs))),
+            ("renders per point", format!("{}, seeds derived from {}", r.seeds, r.seed)),
+            (
+                "reference",
+                format!(
+                    "{} samples per pixel, uniform; {:.2} % of its pixels are not saturated",
+                    s.reference_spp,
+                    100.0 * r.unsaturated
+                ),
+            ),
+            ("effects", format!("{} samples per pixel, uniform", s.effect_spp)),
+            ("denoisers", list(&r.denoisers.iter().map(|d| d.1.clone()).collect::<Vec<_>>())),
+            ("threads", r.threads.to_string()),
+            ("program", r.program.clone()),
+        ];
+        let facts: String = facts
+            .iter()
+            .filter(|(_, value)| !value.is_empty())
+            .map(|(name, value)| format!("<dt>{name}</dt><dd>{}</dd>", escape(value)))
+            .collect();
+        let sensor = if r.view.has_sensor() {
+            "<li>Sensor variance s = \u{3bc}<sub>e</sub> + \u{3c3}<sub>d</sub>\u{b2} + \u{3c3}<sub>q</sub>\u{b2}/K\u{b2} with \
+             \u{3c3}<sub>q</sub>\u{b2} = 1/12 DN\u{b2} (EMVA 1288), at the electrons of the reference. v is the variance of the rendered \
+             electrons, before any sensor noise is added.</li><li>All renders are seen at one exposure, that of the reference.</li>"
+        } else {
+            ""
+        };
+        format!(
+            "<section><h2>How it was measured</h2><dl>{facts}</dl><ul>\
+             <li>Renders of one point differ in nothing but their seed. The variance between them has (renders \u{2212} 1) degrees \
+             of freedom per pixel; the strategy\u{2019}s own decisions, which follow from each render\u{2019}s own pilot, are part of it.</li>\
+             {sensor}\
+             <li>\u{201c}Stated / measured\u{201d}: the variance that renders state of themselves, from four batches of samples and \
+             with the channels of a pixel taken to rise and fall together, over the variance between renders.</li>\
+             <li>Squared error: (x \u{2212} a)(x \u{2212} b) over the pixels that are not saturated, where x is the image, a the \
+             reference, and b the mean of the strategy\u{2019}s renders at the top of the ladder without the one that x was made from: \
+             the noise of a and b, which are independent and unbiased, adds nothing to its expectation.</li>\
+             <li>The renders are made in turns, one of each strategy and number of samples after another, so that a machine \
+             that slows down slows all alike.</li>\
+             <li>The finished renders lie in <code>units/</code>, a small text and an image each; what was measured can be \
+             measured again from them.</li></ul></section>"
+        )
+    }
+}
+
+/// The pictures to compare: pilot, the strategies at the top of the ladder, reference; with and without the sensor's noise.
+fn pictures(r: &Results) -> Result<Vec<Shown>, Error> {
+    let mut signals = Vec::new();
+    if let Some((spp, pilot)) = &r.pilot {
+        signals.push((format!("pilot, {spp} samples per pixel"), pilot));
+    }
+    for top in &r.tops {
+        signals.push((format!("{}, {} samples per pixel", top.strategy, top.spp), &top.signal));
+    }
+    for look in r.looks.iter().filter(|l| l.denoiser != OFF) {
+        signals.push((
+            format!("{}, {} samples per pixel, denoised by {}", look.strategy, look.spp, look.denoiser),
+            &look.signal,
+        ));
+    }
+    signals.push((format!("reference, {} samples per pixel", r.settings.reference_spp), &r.reference));
+    let mut shown = Vec::new();
+    // One seed for all: what differs between two pictures is what was rendered, not the sensor's dice.
+    for (name, signal) in &signals {
+        if let Some(picture) = r.view.exposed(signal, r.seed) {
+            let (uri, size) = maps::grey(&picture)?;
+            shown.push(Shown { name: format!("{name}, as exposed"), uri, size });
+        }
+    }
+    for (name, signal) in &signals {
+        let (uri, size) = maps::grey(&r.view.picture(signal))?;
+        shown.push(Shown { name: name.clone(), uri, size });
+    }
+    // The plain pilot first and the plain reference last: the widest comparison is the first that is seen.
+    let exposed = shown.len() - signals.len();
+    shown.rotate_left(exposed);
+    let plain = signals.len();
+    let reference = shown.remove(plain - 1);
+    shown.push(reference);
+    Ok(shown)
+}

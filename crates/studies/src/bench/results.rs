@@ -1,0 +1,411 @@
+//! What the finished units say, read back from the folder: everything that the report shows, as plain data.
+
+use super::ablation::{Bias, bias};
+use super::denoised::Truth;
+use super::hidden::{Price, price, share, worst_ratio};
+use super::runs::{Purpose, Unit};
+use super::settings::BenchSettings;
+use super::statistics::{Deviations, masked_mean};
+use super::store::{Record, Store};
+use crate::report::estimate::{Estimate, mean};
+use crate::report::words::{duration, rounded};
+use crate::series::statistics::rank_correlation;
+use crate::series::{View, exposure_words};
+use dunkelfeld::Error;
+use dunkelfeld::RenderSettings;
+use dunkelfeld_adaptive::allocation::Strategy;
+use dunkelfeld_film::Plane;
+use dunkelfeld_scene::Effect;
+
+/// What is known of a bench beside its settings and units.
+pub(super) struct About<'a> {
+    pub(super) name: String,
+    pub(super) threads: usize,
+    /// Finished units, and all.
+    pub(super) finished: [usize; 2],
+    pub(super) effects: &'a [Effect],
+    /// Denoisers: name in tables, name with version.
+    pub(super) denoisers: Vec<(&'static str, String)>,
+    pub(super) reference: Unit,
+}
+
+/// One point of the charts: a strategy at a number of samples, with a denoiser or without.
+#[derive(Clone, Debug)]
+pub(super) struct Point {
+    pub(super) strategy: Strategy,
+    /// What was done to the image afterwards; [`OFF`] if nothing.
+    pub(super) denoiser: &'static str,
+    /// Samples per pixel, on average.
+    pub(super) spp: u32,
+    /// Renders behind it.
+    pub(super) seeds: usize,
+    /// Seconds of rendering and denoising of one of them.
+    pub(super) seconds: Estimate,
+    /// Mean variance between the renders: of the 8-bit picture, of the linear signal, and over the sensor's own.
+    pub(super) picture: Estimate,
+    pub(super) signal: Estimate,
+    pub(super) ratio: Option<Estimate>,
+    /// Mean squared error against the truth, noise and bias: of the linear signal, over the sensor's variance if there is
+    /// one. Only where denoisers are compared, and there are renders enough at the top of the ladder.
+    pub(super) squared_error: Option<Estimate>,
+    /// The variance that the renders state of themselves, over the one that was measured; nothing knows that of an image
+    /// that was denoised.
+    pub(super) stated: f64,
+    /// Share of the pixels hidden at one half.
+    pub(super) hidden: Option<f64>,
+}
+
+/// What is known of a strategy at the top of the ladder.
+#[derive(Clone, Debug)]
+pub(super) struct Top {
+    pub(super) strategy: Strategy,
+    pub(super) spp: u32,
+    /// Samples per pixel of the first render.
+    pub(super) counts: Plane<u32>,
+    /// Variance between the renders, of the 8-bit picture [DN^2].
+    pub(super) picture_variance: Plane<f64>,
+    /// What the first render shows.
+    pub(super) signal: Plane<f32>,
+    /// Seconds by stage: means over the renders; exposing and writing of the first.
+    pub(super) stages: Vec<(String, f64)>,
+    pub(super) prices: Vec<Price>,
+}
+
+/// What a denoiser makes of the renders of a point: beside one another, with and without.
+#[derive(Clone, Debug)]
+pub(super) struct Look {
+    pub(super) strategy: Strategy,
+    pub(super) denoiser: &'static str,
+    pub(super) spp: u32,
+    /// Variance between the renders, of the 8-bit picture [DN^2].
+    pub(super) picture_variance: Plane<f64>,
+    /// What the first render shows.
+    pub(super) signal: Plane<f32>,
+}
+
+/// A scene without one of its effects.
+#[derive(Clone, Debug)]
+pub(super) struct Ablation {
+    pub(super) effect: Effect,
+    /// Seconds that leaving it out saves, and that a render with everything takes.
+    pub(super) saved: Estimate,
+    pub(super) whole: Estimate,
+    pub(super) bias: Bias,
+    pub(super) seeds: usize,
+}
+
+/// Everything that the report shows.
+pub(super) struct Results {
+    pub(super) name: String,
+    pub(super) program: String,
+    pub(super) size: [u32; 2],
+    pub(super) seed: u64,
+    pub(super) seeds: u32,
+    pub(super) threads: usize,
+    pub(super) camera: String,
+    pub(super) settings: BenchSettings,
+    pub(super) finished: [usize; 2],
+    /// Points of renders as they are.
+    pub(super) points: Vec<Point>,
+    /// Denoisers: name in tables, name with version.
+    pub(super) denoisers: Vec<(&'static str, String)>,
+    /// With and without each of them, by strategy; empty if there are none.
+    pub(super) denoised: Vec<Point>,
+    pub(super) looks: Vec<Look>,
+    pub(super) tops: Vec<Top>,
+    pub(super) ablations: Vec<Ablation>,
+    pub(super) reference: Plane<f32>,
+    pub(super) pilot: Option<(u32, Plane<f32>)>,
+    /// Sobel magnitude of the pilot, and its rank correlation with the variance of the uniform picture.
+    pub(super) sobel: Option<(Plane<f32>, f64)>,
+    pub(super) unsaturated: f64,
+    pub(super) view: View,
+}
+
+impl Results {
+    /// Reads back what is finished; `None` as long as there is no reference.
+    pub(super) fn gather(
+        store: &Store,
+        settings: &BenchSettings,
+        render: &RenderSettings,
+        about: &About<'_>,
+    ) -> Result<Option<Self>, Error> {
+        let base = render.seed;
+        if store.record(&about.reference, base)?.is_none() {
+            return Ok(None);
+        }
+        let radiance = store.radiance(&about.reference)?;
+        let view = View::new(&render.sensor, &radiance)?;
+        let reference = view.signal(&radiance);
+        let counts = view.unsaturated(&reference);
+        let s = view.sensor_variance(&reference);
+        let reader = Reader { store, base, settings, view: &view, counts: &counts, s: s.as_ref() };
+
+        let mut points = Vec::new();
+        let mut tops = Vec::new();
+        let highest = settings.ladder.last().copied();
+        for &strategy in &settings.strategies {
+            for &spp in &settings.ladder {
+                let Some((point, deviations, renders)) = reader.point(strategy, spp, OFF)? else { continue };
+                if Some(spp) == highest {
+                    tops.push(reader.top(&point, &deviations, &renders)?);
+                }
+                points.push(point);
+            }
+        }
+        let (denoised, looks) = reader.denoised(&about.denoisers, &reference)?;
+        let pilot = Unit { purpose: Purpose::Pilot, spp: render.pilot_spp, index: 0 };
+        let pilot = match store.record(&pilot, base)? {
+            Some(_) => Some((render.pilot_spp, store.signal(&pilot)?)),
+            None => None,
+        };
+        let sobel = pilot.as_ref().map(|(_, pilot)| {
+            let sobel = view.sobel(pilot);
+            let steep: Vec<f64> = sobel.data().iter().map(|&v| f64::from(v)).collect();
+            let plain = tops.iter().find(|t: &&Top| t.strategy == Strategy::Uniform);
+            (sobel, plain.map_or(f64::NAN, |t| rank_correlation(&steep, t.picture_variance.data())))
+        });
+        Ok(Some(Self {
+            name: about.name.clone(),
+            program: format!("dunkelfeld {}", env!("CARGO_PKG_VERSION")),
+            size: [render.width, render.height],
+            seed: base,
+            seeds: settings.seeds,
+            threads: about.threads,
+            camera: exposure_words(&view, &reference),
+            settings: settings.clone(),
+            finished: about.finished,
+            points,
+            denoisers: about.denoisers.clone(),
+            denoised,
+            looks,
+            tops,
+            ablations: reader.ablations(about.effects)?,
+            unsaturated: counts.iter().filter(|c| **c).count() as f64 / counts.len().max(1) as f64,
+            reference,
+            pilot,
+            sobel,
+            view,
+        }))
+    }
+
+    /// What was found, in a few lines of plain text.
+    pub(super) fn findings(&self) -> Vec<String> {
+        let mut lines = Vec::new();
+        if !self.has_light() {
+            lines.push("no light: the image is black, so that there is no noise to hide or to compare".into());
+        }
+        let best = |k: f64| {
+            let at = self.tops.iter().filter_map(|t| t.prices.iter().find(|p| p.k == k).map(|p| p.seconds.value));
+            at.fold(f64::INFINITY, f64::min)
+        };
+        let k = self.headline_level();
+        for top in &self.tops {
+            if let Some(price) = top.prices.iter().find(|p| p.k == k && p.seconds.value > 0.0) {
+                let over_best = price.seconds.value / best(k);
+                let compared =
+                    if over_best.is_finite() { format!(" ({over_best:.1} x the best)") } else { String::new() };
+                lines.push(format!(
+                    "{}: hidden at k = {k} after about {} samples per pixel, {}{compared}",
+                    top.strategy,
+                    rounded(price.spp.value),
+                    duration(price.seconds.value),
+                ));
+            }
+        }
+        for a in &self.ablations {
+            if let Some(verdict) = a.bias.verdict {
+                lines.push(format!(
+                    "without {}: {:+.0} % of the time; can this camera tell? {} (99 % of pixels within {} sigma)",
+                    a.effect.name(),
+                    -100.0 * a.saved.value / a.whole.value,
+                    verdict.words(),
+                    rounded(a.bias.p99_sigma)
+                ));
+            }
+        }
+        lines
+    }
+
+    /// Is any pixel of the reference lit?
+    pub(super) fn has_light(&self) -> bool {
+        self.reference.data().iter().any(|v| *v > 0.0)
+    }
+
+    /// The level of hiding that the headlines speak of: one half if it is among those that were asked for.
+    pub(super) fn headline_level(&self) -> f64 {
+        let levels = &self.settings.levels;
+        levels.iter().copied().find(|k| *k == 0.5).or(levels.first().copied()).unwrap_or(0.5)
+    }
+}
+
+/// The denoiser of renders that are left as they are.
+pub(super) const OFF: &str = "off";
+
+/// The strategy by which denoisers are shown: the one that renders have by default if it is there.
+pub(super) fn shown_strategy(strategies: &[Strategy]) -> Option<Strategy> {
+    strategies.iter().copied().find(|s| *s == Strategy::Sensor).or(strategies.first().copied())
+}
+
+/// A point with the spread and the signals of its renders.
+type Measured = (Point, Deviations, Vec<Plane<f32>>);
+
+/// Reads units of a folder.
+struct Reader<'a> {
+    store: &'a Store,
+    base: u64,
+    settings: &'a BenchSettings,
+    view: &'a View,
+    counts: &'a [bool],
+    s: Option<&'a Plane<f64>>,
+}
+
+impl Reader<'_> {
+    fn finished(&self, purpose: Purpose, spp: u32) -> Result<Vec<(Unit, Record)>, Error> {
+        let mut found = Vec::new();
+        for index in 0..self.settings.seeds {
+            let unit = Unit { purpose, spp, index };
+            if let Some(record) = self.store.record(&unit, self.base)? {
+                found.push((unit, record));
+            }
+        }
+        Ok(found)
+    }
+
+    fn signals(&self, units: &[(Unit, Record)], denoiser: &str) -> Result<Vec<Plane<f32>>, Error> {
+        let signal = |unit| if denoiser == OFF { self.store.signal(unit) } else { self.store.denoised(unit, denoiser) };
+        units.iter().map(|(unit, _)| signal(unit)).collect()
+    }
+
+    /// A point with its spread; `None` with fewer than three renders.
+    fn point(&self, strategy: Strategy, spp: u32, denoiser: &'static str) -> Result<Option<Measured>, Error> {
+        let units = self.finished(Purpose::Point(strategy), spp)?;
+        let signals = self.signals(&units, denoiser)?;
+        let pictures: Vec<Plane<f32>> = signals.iter().map(|p| self.view.picture(p).map(|&v| f32::from(v))).collect();
+        let (Some(picture), Some(signal)) = (Deviations::of(&pictures), Deviations::of(&signals)) else {
+            return Ok(None);
+        };
+        let denoising = |r: &Record| r.denoise_seconds.get(denoiser).copied().unwrap_or(0.0);
+        let seconds: Vec<f64> = units.iter().map(|(_, r)| r.total_seconds + denoising(r)).collect();
+        let stated: Vec<f64> = units.iter().filter_map(|(_, r)| r.stated_variance).collect();
+        let is_off = denoiser == OFF;
+        let all = vec![true; self.counts.len()];
+        let linear = signal.jackknife(|v| masked_mean(v, self.counts));
+        let ratio = self.s.map(|s| {
+            signal.jackknife(|v| {
+                let mut v = v.clone();
+                v.data_mut().iter_mut().zip(s.data()).for_each(|(v, s)| *v /= s);
+                masked_mean(&v, self.counts)
+            })
+        });
+        let point = Point {
+            strategy,
+            denoiser,
+            spp,
+            seeds: units.len(),
+            seconds: mean(&seconds),
+            picture: picture.jackknife(|v| masked_mean(v, &all)),
+            signal: linear,
+            ratio,
+            squared_error: None,
+            stated: if is_off { mean(&stated).value / linear.value } else { f64::NAN },
+            hidden: self.s.filter(|_| is_off).map(|s| share(&signal.variance(), s, self.counts, 0.5)),
+        };
+        Ok(Some((point, signal, signals)))
+    }
+
+    fn top(&self, point: &Point, deviations: &Deviations, signals: &[Plane<f32>]) -> Result<Top, Error> {
+        let units = self.finished(Purpose::Point(point.strategy), point.spp)?;
+        let pictures: Vec<Plane<f32>> = signals.iter().map(|p| self.view.picture(p).map(|&v| f32::from(v))).collect();
+        let variance = Deviations::of(&pictures).map(|d| d.variance());
+        let first = Unit { purpose: Purpose::Point(point.strategy), spp: point.spp, index: 0 };
+        let counts = self.store.sample_counts(&first)?;
+        let worst = self.s.map(|s| worst_ratio(deviations, s, self.counts));
+        let prices = worst.map_or(Vec::new(), |worst| {
+            let levels = self.settings.levels.iter();
+            levels.map(|&k| price(k, worst, f64::from(point.spp), point.seconds)).collect()
+        });
+        Ok(Top {
+            strategy: point.strategy,
+            spp: point.spp,
+            counts,
+            picture_variance: variance.unwrap_or_else(|| deviations.variance()),
+            signal: self.store.signal(&first)?,
+            stages: stages(&units),
+            prices,
+        })
+    }
+
+    /// Points with and without each denoiser, and what they look like at both ends of the ladder.
+    fn denoised(
+        &self,
+        denoisers: &[(&'static str, String)],
+        reference: &Plane<f32>,
+    ) -> Result<(Vec<Point>, Vec<Look>), Error> {
+        let (mut points, mut looks) = (Vec::new(), Vec::new());
+        let (Some(&lowest), Some(&highest)) = (self.settings.ladder.first(), self.settings.ladder.last()) else {
+            return Ok((points, looks));
+        };
+        if denoisers.is_empty() {
+            return Ok((points, looks));
+        }
+        let shown = shown_strategy(&self.settings.strategies);
+        for &strategy in &self.settings.strategies {
+            let top = self.signals(&self.finished(Purpose::Point(strategy), highest)?, OFF)?;
+            let truth = Truth::new(reference, &top, self.counts, self.s);
+            for key in [OFF].into_iter().chain(denoisers.iter().map(|d| d.0)) {
+                for &spp in &self.settings.ladder {
+                    let Some((mut point, _, signals)) = self.point(strategy, spp, key)? else { continue };
+                    point.squared_error = truth.as_ref().map(|t| t.error(&signals, spp == highest));
+                    if Some(strategy) == shown && (spp == lowest || spp == highest) {
+                        let pictures: Vec<_> =
+                            signals.iter().map(|p| self.view.picture(p).map(|&v| f32::from(v))).collect();
+                        if let (Some(spread), Some(signal)) = (Deviations::of(&pictures), signals.into_iter().next()) {
+                            let picture_variance = spread.variance();
+                            looks.push(Look { strategy, denoiser: key, spp, picture_variance, signal });
+                        }
+                    }
+                    points.push(point);
+                }
+            }
+        }
+        Ok((points, looks))
+    }
+
+    fn ablations(&self, effects: &[Effect]) -> Result<Vec<Ablation>, Error> {
+        let spp = self.settings.effect_spp;
+        let mut whole = self.finished(Purpose::Effects(None), spp)?;
+        whole.truncate(whole.len() / 2 * 2);
+        let signals = self.signals(&whole, OFF)?;
+        let mut found = Vec::new();
+        for &effect in effects {
+            let mut units = self.finished(Purpose::Effects(Some(effect)), spp)?;
+            units.truncate(whole.len().min(units.len()) / 2 * 2);
+            let with = &whole[..units.len()];
+            // Two seeds tell a difference, but not how well it is known.
+            if units.len() < 4 || units.iter().zip(with).any(|(a, b)| a.0.index != b.0.index) {
+                continue;
+            }
+            let white = self.view.white();
+            let Some(bias) = bias(&signals[..units.len()], &self.signals(&units, OFF)?, white, self.s) else {
+                continue;
+            };
+            let seconds = |units: &[(Unit, Record)]| units.iter().map(|(_, r)| r.total_seconds).collect::<Vec<_>>();
+            let (a, b) = (seconds(with), seconds(&units));
+            let saved: Vec<f64> = a.iter().zip(&b).map(|(a, b)| a - b).collect();
+            found.push(Ablation { effect, saved: mean(&saved), whole: mean(&a), bias, seeds: units.len() });
+        }
+        Ok(found)
+    }
+}
+
+/// Mean seconds by stage, in the order in which a render goes through them; a stage that was timed only once counts once.
+fn stages(units: &[(Unit, Record)]) -> Vec<(String, f64)> {
+    ["pilot", "plan", "refine", "expose", "write"]
+        .into_iter()
+        .filter_map(|stage| {
+            let all: Vec<f64> = units.iter().filter_map(|(_, r)| r.seconds.get(stage).copied()).collect();
+            (!all.is_empty()).then(|| (stage.to_string(), mean(&all).value))
+        })
+        .collect()
+}

@@ -1,0 +1,120 @@
+//! The renders of a bench, one by one: each a unit that is finished or not.
+
+use super::settings::BenchSettings;
+use crate::series::hash_text;
+use dunkelfeld_adaptive::allocation::Strategy;
+use dunkelfeld_sampling::hash_u64;
+use dunkelfeld_scene::Effect;
+
+/// What a render is for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Purpose {
+    /// Many uniform samples: exposure, sensor noise, saturation, and the picture to compare with.
+    Reference,
+    /// What a strategy sees when it decides.
+    Pilot,
+    /// One of the renders of a point of the ladder.
+    Point(Strategy),
+    /// One of the renders without an effect, or with all of them: same seed, same samples.
+    Effects(Option<Effect>),
+}
+
+/// One render.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Unit {
+    pub(super) purpose: Purpose,
+    /// Mean samples per pixel.
+    pub(super) spp: u32,
+    /// Which of the renders that differ in nothing but their seed.
+    pub(super) index: u32,
+}
+
+impl Unit {
+    /// The name of its files, without ending.
+    pub(super) fn name(&self) -> String {
+        let Self { spp, index, .. } = self;
+        match self.purpose {
+            Purpose::Reference => format!("reference-{spp}"),
+            Purpose::Pilot => format!("pilot-{spp}"),
+            Purpose::Point(strategy) => format!("{strategy}-{spp}-{index:02}"),
+            Purpose::Effects(None) => format!("effects-all-{spp}-{index:02}"),
+            Purpose::Effects(Some(effect)) => format!("effects-without-{}-{spp}-{index:02}", effect.name()),
+        }
+    }
+
+    pub(super) fn strategy(&self) -> Strategy {
+        match self.purpose {
+            Purpose::Point(strategy) => strategy,
+            _ => Strategy::Uniform,
+        }
+    }
+
+    pub(super) fn without(&self) -> Option<Effect> {
+        match self.purpose {
+            Purpose::Effects(effect) => effect,
+            _ => None,
+        }
+    }
+
+    /// The seed of its render. Renders of one point, of different points and of different purposes are independent;
+    /// those with and without an effect share theirs, so that what both find by chance drops out of the difference.
+    /// Below 2^53, so that every reader of JSON reads it exactly.
+    pub(super) fn seed(&self, base: u64) -> u64 {
+        let purpose = match self.purpose {
+            Purpose::Reference => hash_text("reference"),
+            Purpose::Pilot => hash_text("pilot"),
+            Purpose::Point(strategy) => hash_text(strategy.name()),
+            Purpose::Effects(_) => hash_text("effects"),
+        };
+        hash_u64([base, purpose, u64::from(self.spp), u64::from(self.index)]) >> 11
+    }
+}
+
+/// All renders, in the order in which they are made: once through all points with the first seed, then with the next, so
+/// that an interrupted bench has something of everything and a machine that slows down slows all alike.
+pub(super) fn units(settings: &BenchSettings, effects: &[Effect], pilot_spp: u32) -> Vec<Unit> {
+    let once = |purpose, spp| Unit { purpose, spp, index: 0 };
+    let mut units = vec![once(Purpose::Reference, settings.reference_spp), once(Purpose::Pilot, pilot_spp)];
+    for index in 0..settings.seeds {
+        for &spp in &settings.ladder {
+            units.extend(settings.strategies.iter().map(|&s| Unit { purpose: Purpose::Point(s), spp, index }));
+        }
+    }
+    if !effects.is_empty() {
+        let spp = settings.effect_spp;
+        for purpose in [None].into_iter().chain(effects.iter().copied().map(Some)).map(Purpose::Effects) {
+            units.extend((0..settings.seeds).map(|index| Unit { purpose, spp, index }));
+        }
+    }
+    units
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::collections::BTreeSet;
+
+    #[test]
+    fn every_unit_has_its_own_name_and_only_effects_share_seeds() {
+        let settings = BenchSettings::default();
+        let effects = [Effect::Clearcoat, Effect::Scattering];
+        let all = units(&settings, &effects, 16);
+        let points = settings.ladder.len() * settings.strategies.len() * 8;
+        assert_eq!(all.len(), 2 + points + 3 * 8);
+        let names: BTreeSet<String> = all.iter().map(Unit::name).collect();
+        assert_eq!(names.len(), all.len());
+        let seeds: BTreeSet<u64> = all.iter().map(|u| u.seed(5)).collect();
+        assert_eq!(seeds.len(), 2 + points + 8);
+        assert!(seeds.iter().all(|s| *s < 1 << 53));
+        assert_ne!(all[0].seed(5), all[0].seed(6));
+    }
+
+    #[test]
+    fn the_first_units_show_every_point_once() {
+        let settings = BenchSettings::default();
+        let pass = settings.ladder.len() * settings.strategies.len();
+        let all = units(&settings, &[], 16);
+        assert!(all[2..2 + pass].iter().all(|u| u.index == 0));
+        assert_eq!(all.last().map(|u| u.index), Some(settings.seeds - 1));
+    }
+}

@@ -1,0 +1,211 @@
+//! What a bench measures, and how well.
+
+use dunkelfeld::DenoiseMethod;
+use dunkelfeld::Error;
+use dunkelfeld_adaptive::allocation::Strategy;
+use dunkelfeld_adaptive::plan::MAX_SPP;
+use dunkelfeld_scene::{Effect, SceneBuilder};
+use serde::{Deserialize, Serialize};
+use std::path::PathBuf;
+
+/// Fewest renders that tell a spread and how well it is known.
+const LEAST_SEEDS: u32 = 4;
+/// Most renders of one point.
+const MOST_SEEDS: u32 = 1024;
+/// Rungs of the ladder, at most.
+const MOST_RUNGS: usize = 24;
+
+/// What a bench measures, and how well.
+#[derive(Clone, Debug, PartialEq)]
+pub struct BenchSettings {
+    /// Mean samples per pixel of the points, ascending; each a power of two or not, as the user likes.
+    pub ladder: Vec<u32>,
+    /// Independent renders of each point: even, 4 to 1024. The time until the noise is hidden wants at least 8.
+    pub seeds: u32,
+    /// The strategies to compare.
+    pub strategies: Vec<Strategy>,
+    /// The effects to leave out, one at a time; `None` takes all that the scene calls for.
+    pub effects: Option<Vec<Effect>>,
+    /// Samples per pixel of the renders with and without an effect.
+    pub effect_spp: u32,
+    /// Samples per pixel of the reference, which tells the exposure, the sensor's noise and what is saturated.
+    pub reference_spp: u32,
+    /// The measures of hiding k to put a price on: the render's noise is k times the sensor's.
+    pub levels: Vec<f64>,
+    /// What the renders of the points are denoised with, beside being left as they are: each of `builtin` and `oidn` at most
+    /// once. `None` takes the built-in filter, and Intel Open Image Denoise where this machine has it.
+    pub denoisers: Option<Vec<DenoiseMethod>>,
+    /// Intel Open Image Denoise: the library or the folder that it is in.
+    pub oidn: Option<PathBuf>,
+    /// Shrinks the film until everything takes less than a minute on this machine.
+    pub quick: bool,
+}
+
+impl Default for BenchSettings {
+    /// 4 to 128 samples per pixel, 8 renders each, all strategies, all effects.
+    fn default() -> Self {
+        Self {
+            ladder: vec![4, 8, 16, 32, 64, 128],
+            seeds: 8,
+            strategies: Strategy::ALL.to_vec(),
+            effects: None,
+            effect_spp: 32,
+            reference_spp: 512,
+            levels: vec![1.0, 0.7, 0.5, 0.25],
+            denoisers: None,
+            oidn: None,
+            quick: false,
+        }
+    }
+}
+
+impl BenchSettings {
+    /// Less than a minute: 4 to 32 samples per pixel on a film as large as this machine can do.
+    pub fn quick() -> Self {
+        Self { ladder: vec![4, 8, 16, 32], effect_spp: 8, reference_spp: 128, quick: true, ..Self::default() }
+    }
+
+    /// Another ladder, with the reference and the effects at samples per pixel that fit it.
+    #[must_use]
+    pub fn with_ladder(mut self, ladder: Vec<u32>) -> Self {
+        let top = ladder.iter().copied().max().unwrap_or(1);
+        self.effect_spp = top.div_ceil(4);
+        self.reference_spp = top.saturating_mul(4);
+        self.ladder = ladder;
+        self
+    }
+
+    /// Refuses what cannot be measured.
+    ///
+    /// # Errors
+    /// A setting outside its range, with help.
+    pub fn check(&self) -> Result<(), Error> {
+        let rungs = &self.ladder;
+        if rungs.is_empty() || rungs.len() > MOST_RUNGS || rungs[0] == 0 || rungs.windows(2).any(|w| w[0] >= w[1]) {
+            let problem = format!("{rungs:?} is no ladder of samples per pixel");
+            return Err(Error::setting(
+                "spp",
+                problem,
+                format!("give 1 to {MOST_RUNGS} ascending numbers, as in 4,8,16"),
+            ));
+        }
+        let top = rungs.iter().chain([&self.effect_spp, &self.reference_spp]).copied().max().unwrap_or(0);
+        if top > MAX_SPP {
+            let problem = format!("{top} samples per pixel are more than can be counted");
+            return Err(Error::setting("spp", problem, "use less than 1e9, a quarter of that on the ladder"));
+        }
+        if !(LEAST_SEEDS..=MOST_SEEDS).contains(&self.seeds) || self.seeds % 2 == 1 {
+            let help = format!(
+                "use an even number from {LEAST_SEEDS} to {MOST_SEEDS}: half against half tells the noise of a bias"
+            );
+            return Err(Error::setting("seeds", format!("{} renders per point cannot be compared", self.seeds), help));
+        }
+        let strategies = &self.strategies;
+        let repeated = strategies.iter().enumerate().any(|(i, s)| strategies[..i].contains(s));
+        if strategies.is_empty() || repeated {
+            return Err(Error::setting("strategies", "there is none, or one twice", "name each strategy once"));
+        }
+        if self.levels.iter().any(|k| !(*k > 0.0 && *k <= 10.0)) || self.levels.is_empty() {
+            return Err(Error::setting("k", "a level of hiding is out of range", "use numbers above 0 and up to 10"));
+        }
+        let denoisers = self.denoisers.as_deref().unwrap_or(&[]);
+        let unfit = |m: &DenoiseMethod| matches!(m, DenoiseMethod::Off | DenoiseMethod::Auto);
+        if denoisers.iter().any(unfit) || denoisers.iter().enumerate().any(|(i, m)| denoisers[..i].contains(m)) {
+            let help = "name builtin, oidn or both, or off alone; what is not denoised is always measured";
+            return Err(Error::setting("denoise", "there is a denoiser twice, or one that is none", help));
+        }
+        if self.oidn.is_some() && self.denoisers.as_ref().is_some_and(|d| !d.contains(&DenoiseMethod::Oidn)) {
+            let help = "add oidn to the denoisers, or do not name the library";
+            return Err(Error::setting("oidn", "the library is named and not used", help));
+        }
+        let technique = self.effects.iter().flatten().find(|e| e.is_technique());
+        if let Some(technique) = technique {
+            let problem = format!(
+                "{} is a way of looking for light: without it the noise differs, not the image",
+                technique.name()
+            );
+            let help = "leave out an effect of the scene; `dunkelfeld render --without` takes techniques too";
+            return Err(Error::setting("effects", problem, help));
+        }
+        let fixed = self.effects.iter().flatten().find(|e| !can_be_left_out(**e));
+        if let Some(effect) = fixed {
+            let problem = format!("{} cannot be left out", effect.name());
+            return Err(Error::setting(
+                "effects",
+                problem,
+                "leave out another effect; `dunkelfeld inspect` lists them",
+            ));
+        }
+        Ok(())
+    }
+
+    /// What makes the results of two benches comparable, for the fingerprint of the folder.
+    pub(super) fn summary(&self) -> SettingsSummary {
+        SettingsSummary {
+            ladder: self.ladder.clone(),
+            seeds: self.seeds,
+            effect_spp: self.effect_spp,
+            reference_spp: self.reference_spp,
+            quick: self.quick,
+        }
+    }
+}
+
+/// The settings that a results folder is bound to. Strategies, effects and levels may change: they choose among units.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(super) struct SettingsSummary {
+    pub(super) ladder: Vec<u32>,
+    pub(super) seeds: u32,
+    pub(super) effect_spp: u32,
+    pub(super) reference_spp: u32,
+    pub(super) quick: bool,
+}
+
+/// Is the effect a part of scenes that can be taken away? A technique is none: it has no bias to show.
+pub(super) fn can_be_left_out(effect: Effect) -> bool {
+    !effect.is_technique() && SceneBuilder::default().leave_out(effect)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_shipped_can_be_measured() {
+        for settings in [BenchSettings::default(), BenchSettings::quick()] {
+            settings.check().expect("in range");
+            assert!(settings.reference_spp >= 4 * settings.ladder[settings.ladder.len() - 1]);
+        }
+    }
+
+    #[test]
+    fn what_cannot_be_measured_is_refused_by_name() {
+        type Change = fn(&mut BenchSettings);
+        let cases: [(&str, Change); 16] = [
+            ("spp", |s| s.ladder = vec![]),
+            ("spp", |s| s.ladder = vec![0, 4]),
+            ("spp", |s| s.ladder = vec![8, 4]),
+            ("spp", |s| s.ladder = vec![4, 4]),
+            ("spp", |s| s.ladder = vec![4, u32::MAX]),
+            ("seeds", |s| s.seeds = 2),
+            ("seeds", |s| s.seeds = 7),
+            ("strategies", |s| s.strategies.clear()),
+            ("strategies", |s| s.strategies = vec![Strategy::Uniform; 2]),
+            ("strategies", |s| s.strategies = vec![Strategy::Uniform, Strategy::Sobel, Strategy::Uniform]),
+            ("k", |s| s.levels = vec![f64::NAN]),
+            ("denoise", |s| s.denoisers = Some(vec![DenoiseMethod::Auto])),
+            ("denoise", |s| s.denoisers = Some(vec![DenoiseMethod::Builtin; 2])),
+            ("oidn", |s| (s.oidn, s.denoisers) = (Some("lib".into()), Some(vec![]))),
+            ("effects", |s| s.effects = Some(vec![Effect::Color])),
+            ("effects", |s| s.effects = Some(vec![Effect::EveryLight])),
+        ];
+        for (name, change) in cases {
+            let mut settings = BenchSettings::default();
+            change(&mut settings);
+            match settings.check() {
+                Err(Error::Setting { what, .. }) => assert_eq!(what, name),
+                other => panic!("{name}: {other:?}"),
+            }
+        }
+    }
+}

@@ -1,0 +1,151 @@
+//! What a bench has so far: a folder with one small file for each finished render, bound to what was rendered.
+
+use super::denoised::Filtered;
+use super::runs::Unit;
+use super::settings::SettingsSummary;
+use crate::series::{Facts, Kept, plane_of, push_plane};
+use dunkelfeld::Error;
+use dunkelfeld_film::Plane;
+use dunkelfeld_io::exr::ExrLayers;
+use dunkelfeld_io::layers::{Single, Triple};
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use std::path::Path;
+
+/// Version of the files in the folder.
+pub(super) const VERSION: u32 = 2;
+/// The file that binds the folder.
+const MANIFEST: &str = "bench.json";
+/// The layer that holds the linear signal of a unit.
+const SIGNAL: &str = "signal.Y";
+
+/// What the folder's units are of. Two benches whose facts are equal may share them.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(super) struct Manifest {
+    facts: Facts,
+    pub(super) size: [u32; 2],
+    pub(super) settings: SettingsSummary,
+}
+
+impl Manifest {
+    pub(super) fn new(mut facts: Facts, size: [u32; 2], settings: SettingsSummary) -> Self {
+        facts.add("list of settings", format!("{settings:?}"));
+        Self { facts, size, settings }
+    }
+}
+
+/// The small file of a finished unit.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(super) struct Record {
+    pub(super) name: String,
+    pub(super) seed: u64,
+    pub(super) allocation: String,
+    pub(super) without: Option<String>,
+    /// Samples per pixel that were asked for, and what there is.
+    pub(super) spp: u32,
+    pub(super) samples: u64,
+    pub(super) invalid_samples: u64,
+    /// Seconds by stage; `expose` and `write` where they were measured.
+    pub(super) seconds: BTreeMap<String, f64>,
+    /// Seconds of the render as a whole, without exposing and writing.
+    pub(super) total_seconds: f64,
+    /// Seconds that each denoiser took, by its name in tables.
+    pub(super) denoise_seconds: BTreeMap<String, f64>,
+    /// Mean over the unsaturated pixels of the variance that the render states of itself, in the square of the signal's
+    /// unit. Absent in the reference, from which it is only learnt what is saturated.
+    pub(super) stated_variance: Option<f64>,
+}
+
+/// The folder of the units.
+#[derive(Debug)]
+pub(super) struct Store(Kept);
+
+impl Store {
+    /// Opens the units of a bench's folder; `restart` discards what is there.
+    pub(super) fn open(home: &Path, restart: bool) -> Result<Self, Error> {
+        Ok(Self(Kept::open(home, MANIFEST, restart)?))
+    }
+
+    /// What the units are of; `None` if there are none yet.
+    pub(super) fn manifest(&self) -> Result<Option<Manifest>, Error> {
+        self.0.manifest()
+    }
+
+    /// Binds the folder.
+    ///
+    /// # Errors
+    /// It is bound to something else.
+    pub(super) fn bind(&self, manifest: &Manifest) -> Result<(), Error> {
+        self.0.bind(manifest, |m: &Manifest| &m.facts)?;
+        self.0.expect_size(manifest.size);
+        Ok(())
+    }
+
+    /// The record of a unit, if it is finished.
+    pub(super) fn record(&self, unit: &Unit, base_seed: u64) -> Result<Option<Record>, Error> {
+        let record: Option<Record> = self.0.record(&unit.name())?;
+        Ok(record.filter(|r| r.seed == unit.seed(base_seed)))
+    }
+
+    /// Keeps a finished unit.
+    pub(super) fn keep(&self, record: &Record, layers: ExrLayers) -> Result<(), Error> {
+        self.0.keep(&record.name, record, layers)
+    }
+
+    /// Where the picture of a unit is written, to see how long that takes.
+    pub(super) fn picture(&self, unit: &Unit) -> std::path::PathBuf {
+        self.0.file(&format!("{}.png", unit.name()))
+    }
+
+    /// The linear signal of a finished unit.
+    pub(super) fn signal(&self, unit: &Unit) -> Result<Plane<f32>, Error> {
+        self.plane(unit, SIGNAL)
+    }
+
+    /// The same after a denoiser.
+    pub(super) fn denoised(&self, unit: &Unit, key: &str) -> Result<Plane<f32>, Error> {
+        self.plane(unit, &denoised_layer(key))
+    }
+
+    fn plane(&self, unit: &Unit, name: &str) -> Result<Plane<f32>, Error> {
+        let layers = self.0.layers(&unit.name())?;
+        plane_of(&layers, name).ok_or_else(|| self.0.lacks(&unit.name(), name))
+    }
+
+    /// The mean radiance of the reference.
+    pub(super) fn radiance(&self, unit: &Unit) -> Result<Plane<[f32; 3]>, Error> {
+        let name = unit.name();
+        self.0.layers(&name)?.triples(Triple::Mean).ok_or_else(|| self.0.lacks(&name, "R G B"))
+    }
+
+    /// The samples per pixel of a unit that keeps them.
+    pub(super) fn sample_counts(&self, unit: &Unit) -> Result<Plane<u32>, Error> {
+        let name = unit.name();
+        self.0.layers(&name)?.integers(Single::SampleCount).ok_or_else(|| self.0.lacks(&name, "spp.Y"))
+    }
+}
+
+/// The layers that a unit keeps.
+pub(super) fn layers(
+    signal: Plane<f32>,
+    denoised: Vec<Filtered>,
+    counts: Option<Plane<u32>>,
+    radiance: Option<&Plane<[f32; 3]>>,
+) -> ExrLayers {
+    let mut layers = ExrLayers::new(signal.width(), signal.height());
+    push_plane(&mut layers, SIGNAL, signal);
+    for d in denoised {
+        push_plane(&mut layers, &denoised_layer(d.key), d.signal);
+    }
+    if let Some(counts) = counts {
+        layers.push_integers(Single::SampleCount, counts);
+    }
+    if let Some(radiance) = radiance {
+        layers.push_triples(Triple::Mean, radiance);
+    }
+    layers
+}
+
+fn denoised_layer(key: &str) -> String {
+    format!("{key}.Y")
+}

@@ -1,0 +1,110 @@
+//! Writes a data set: every frame as an image, the descriptor, the truth; the folder appears whole or not at all.
+
+use super::plan::{DatasetPlan, Shot};
+use super::truth::Truth;
+use dunkelfeld::Error;
+use dunkelfeld::thread_pool;
+use dunkelfeld::{Cancel, Progress, ProgressState, Stage};
+use dunkelfeld_film::Plane;
+use dunkelfeld_io::emva_descriptor::{EmvaDescriptor, FrameBlock, FrameFormat, write_descriptor};
+use dunkelfeld_io::new_folder::NewFolder;
+use dunkelfeld_io::picture::Picture;
+use dunkelfeld_io::png::write_png;
+use rayon::prelude::*;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU32, Ordering};
+use std::time::Instant;
+
+/// Name of the descriptor in the folder of a data set.
+pub const DESCRIPTOR: &str = "emva.txt";
+/// Name of the file with the truth.
+pub const TRUTH: &str = "truth.json";
+
+/// What was written.
+#[derive(Clone, Debug, PartialEq)]
+pub struct WrittenDataset {
+    /// The descriptor.
+    pub descriptor: PathBuf,
+    /// Number of frames.
+    pub frames: u32,
+    /// What an analysis must find.
+    pub truth: Truth,
+}
+
+/// Takes all frames of a plan and writes them into a new folder, on so many threads (0: one per core). The frames do not depend
+/// on how many there are. `None` if it was cancelled: nothing is left then.
+///
+/// # Errors
+/// The folder is not empty, cannot be written, or another process fills it.
+pub fn write_dataset(
+    plan: &DatasetPlan,
+    folder: &Path,
+    threads: usize,
+    progress: &dyn Progress,
+    cancel: &Cancel,
+) -> Result<Option<WrittenDataset>, Error> {
+    let started = Instant::now();
+    let output = |e: std::io::Error| Error::Output {
+        file: folder.to_path_buf(),
+        problem: e.to_string(),
+        help: "name a folder that does not exist yet, on a disk with room".into(),
+    };
+    let begun = NewFolder::start(folder)?;
+    let narrow = plan.device().model().spec().bit_depth <= 8;
+    let frames: Vec<(usize, u32)> =
+        plan.shots().iter().enumerate().flat_map(|(i, s)| (0..s.frames).map(move |k| (i, k))).collect();
+    let done = AtomicU32::new(0);
+    let take = |&(index, number): &(usize, u32)| -> Result<(), Error> {
+        if cancel.is_cancelled() {
+            return Ok(());
+        }
+        let Some(shot) = plan.shots().get(index) else { return Ok(()) };
+        let values = plan.frame(shot, number)?;
+        let path = begun.file(&frame_name(shot, index, number)).map_err(output)?;
+        if narrow {
+            let values: Plane<u8> = values.map(|&v| v.min(255) as u8);
+            write_png(&path, Picture::Gray8(&values), &[]).map_err(output)?;
+        } else {
+            write_png(&path, Picture::Gray16(&values), &[]).map_err(output)?;
+        }
+        let count = done.fetch_add(1, Ordering::Relaxed) + 1;
+        let fraction = f64::from(count) / frames.len() as f64;
+        let elapsed = started.elapsed().as_secs_f64();
+        let remaining = Some(elapsed * (1.0 - fraction) / fraction);
+        progress.update(&ProgressState { stage: Stage::Expose, fraction, elapsed, remaining, samples: 0 });
+        Ok(())
+    };
+    thread_pool(threads)?.install(|| frames.par_iter().try_for_each(take))?;
+    if cancel.is_cancelled() {
+        return Ok(None);
+    }
+    let truth = plan.truth();
+    begun.write_text(DESCRIPTOR, &write_descriptor(&descriptor(plan))).map_err(output)?;
+    // Plain data with string keys: serialisation cannot fail.
+    let text = serde_json::to_string_pretty(&truth).unwrap_or_default() + "\n";
+    begun.write_text(TRUTH, &text).map_err(output)?;
+    begun.finish().map_err(output)?;
+    Ok(Some(WrittenDataset { descriptor: folder.join(DESCRIPTOR), frames: frames.len() as u32, truth }))
+}
+
+fn descriptor(plan: &DatasetPlan) -> EmvaDescriptor {
+    let bits = plan.device().model().spec().bit_depth;
+    let settings = plan.settings();
+    let block = |(index, shot): (usize, &Shot)| FrameBlock {
+        exposure_ns: (shot.exposure.time().0 * 1e9).round(),
+        photons: shot.photons,
+        frames: (0..shot.frames).map(|k| PathBuf::from(frame_name(shot, index, k))).collect(),
+        line: 0,
+    };
+    EmvaDescriptor {
+        version: Some("4.0".into()),
+        format: Some(FrameFormat { bits, width: settings.width, height: settings.height }),
+        blocks: plan.shots().iter().enumerate().map(block).collect(),
+    }
+}
+
+/// `images/b_012_0.png`: bright or dark, number of the shot, number of the frame.
+fn frame_name(shot: &Shot, index: usize, number: u32) -> String {
+    let kind = if shot.photons > 0.0 { 'b' } else { 'd' };
+    format!("images/{kind}_{index:03}_{number}.png")
+}

@@ -1,0 +1,95 @@
+//! Keeps the folder of a study apart from the files that it reads, and from reports of other programs.
+
+use crate::report::page::is_page;
+use crate::series::UNITS;
+use dunkelfeld::Error;
+use dunkelfeld::guard::{DefaultPath, first_free};
+use dunkelfeld_io::input::{FileIdentity, InputFile, InputFiles, ReadFault, Role};
+use std::io::Read;
+use std::path::{Path, PathBuf};
+
+/// The page of a report, in a folder of results.
+const REPORT: &str = "report.html";
+/// Finds out whether an input lies in a folder of results, or has another name in it, and whether the page of a report would
+/// replace one that is none of this program.
+///
+/// # Errors
+/// An input does, or the page would.
+pub(crate) fn check_folder(folder: &Path, inputs: &InputFiles) -> Result<(), Error> {
+    let report = folder.join(REPORT);
+    match found_in(folder, inputs) {
+        None if folder.is_dir() && is_foreign(&report) => Err(Error::Output {
+            file: report,
+            problem: "is there already, and is no report of this program".into(),
+            help: "name another folder with -o".into(),
+        }),
+        None => Ok(()),
+        Some(input) if !folder.is_dir() => Err(Error::Output {
+            file: folder.into(),
+            problem: format!("is {} that this run reads, not a folder", input.role.name()),
+            help: "name another folder with -o".into(),
+        }),
+        Some(input) => Err(Error::Output {
+            file: folder.into(),
+            problem: format!("holds {}, {} that this run reads", input.identity.path().display(), input.role.name()),
+            help: "name another folder with -o".into(),
+        }),
+    }
+}
+
+/// Is there a file that is no report of this program?
+fn is_foreign(report: &Path) -> bool {
+    /// The head of a page is shorter.
+    const HEAD: u64 = 1024;
+    match InputFiles::new().open(report, Role::Result, u64::MAX) {
+        Err(ReadFault::Missing) => false,
+        Err(_) => true,
+        Ok(file) => {
+            let mut head = Vec::new();
+            file.take(HEAD).read_to_end(&mut head).is_err() || !is_page(&String::from_utf8_lossy(&head))
+        }
+    }
+}
+
+/// The renders of a campaign may lie behind a link.
+fn found_in<'a>(folder: &Path, inputs: &'a InputFiles) -> Option<&'a InputFile> {
+    let named = inputs.find(&FileIdentity::of(folder));
+    named.or_else(|| inputs.find_within(folder)).or_else(|| inputs.find_within(&folder.join(UNITS)))
+}
+
+/// The usual name of a folder of results, or the next one in which no input lies: `a-bench`, `a-bench-2`.
+pub(crate) fn free_folder(usual: PathBuf, inputs: &InputFiles) -> DefaultPath {
+    let other = |number: u32| {
+        let mut name = usual.clone().into_os_string();
+        name.push(format!("-{}", number + 1));
+        PathBuf::from(name)
+    };
+    first_free(usual.clone(), other, |folder| check_folder(folder, inputs))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_folder_of_results_holds_no_input() {
+        let home = std::env::current_dir().expect("a folder");
+        let mut inputs = InputFiles::new();
+        inputs.add(&home.join("scene.gltf"), Role::Scene);
+        assert!(check_folder(&home, &inputs).is_err());
+        assert!(check_folder(&home.join("no-such-folder"), &inputs).is_ok());
+        let results = tempfile::tempdir().expect("a temporary folder");
+        let page = results.path().join(REPORT);
+        let check = |text: &str| {
+            std::fs::write(&page, text).expect("writable");
+            check_folder(results.path(), &inputs)
+        };
+        check(&crate::report::page::page("photon transfer", &[])).expect("a report of ours");
+        for foreign in ["", "<html><head></head></html>"] {
+            let message = check(foreign).expect_err("a page of somebody else").to_string();
+            assert!(message.contains(REPORT) && message.contains("help:"), "{message}");
+        }
+        let chosen = free_folder(home.join("no-such-folder"), &inputs);
+        assert_eq!((chosen.path, chosen.reason), (home.join("no-such-folder"), None));
+    }
+}

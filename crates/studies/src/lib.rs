@@ -1,0 +1,15 @@
+//! Studies: series of renders, or of frames, with an answer and a report of one page.
+//!
+//! [`bench`] measures noise against time for every allocation strategy and the cost of each effect. [`photon_transfer`] evaluates frames as a photon
+//! transfer curve. [`emva`] plans, writes and analyses EMVA 1288 data sets. Nothing below uses this crate.
+
+#![forbid(unsafe_code)]
+
+pub mod bench;
+pub mod emva;
+mod folder;
+pub mod photon_transfer;
+mod report;
+mod series;
+
+pub use dunkelfeld_emva1288 as emva1288;

@@ -1,0 +1,320 @@
+//! The measurement itself: which renders are missing, making them one by one, then the report.
+
+use super::analysis::Results;
+use super::page;
+use super::runs::{Series, Unit, reference, units};
+use super::settings::PtcSettings;
+use crate::folder::{check_folder, free_folder};
+use crate::series::{Facts, Kept, Meter, View, plane_of, push_plane};
+use dunkelfeld::DefaultPath;
+use dunkelfeld::Error;
+use dunkelfeld::Project;
+use dunkelfeld::develop_film;
+use dunkelfeld::{Budget, RenderSettings, SensorChoice};
+use dunkelfeld::{Cancel, Progress, ProgressState, Silent, Stage};
+use dunkelfeld::{Rendering, camera, render, thread_pool};
+use dunkelfeld::{denoise_film, find_denoiser};
+use dunkelfeld_denoise::Denoiser;
+use dunkelfeld_film::Plane;
+use dunkelfeld_io::exr::ExrLayers;
+use dunkelfeld_io::input::InputFiles;
+use dunkelfeld_io::layers::Triple;
+use dunkelfeld_sensor::ExposureNoise;
+use serde::{Deserialize, Serialize};
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+/// Version of the files in the folder.
+const VERSION: u32 = 4;
+const MANIFEST: &str = "ptc.json";
+/// The layers that a render keeps: expected signal, the same denoised; grey values of plain and of matched exposure, and
+/// the share of the camera's variance that the render has in the latter, infinite where that is not known.
+const SIGNAL: &str = "signal.Y";
+const DENOISED: &str = "denoised.Y";
+const PLAIN: &str = "plain.Y";
+const MATCHED: &str = "matched.Y";
+const RATIO: &str = "ratio.Y";
+
+/// What a measurement came to.
+#[derive(Clone, Debug)]
+pub struct PtcOutcome {
+    /// The files of the report, the page first; none as long as there are too few frames for one.
+    pub files: Vec<PathBuf>,
+    /// The findings in a few lines of plain text.
+    pub findings: Vec<String>,
+    /// Renders that are finished, and that are wanted.
+    pub finished: [usize; 2],
+    /// Was it cancelled from outside? What is finished is kept; the same call goes on from there.
+    pub interrupted: bool,
+    /// Samples that were not finite, negative or out of range, in all renders.
+    pub invalid_samples: u64,
+}
+
+/// The folder of a measurement when none is named: that of the input with `-ptc`, in the current folder; with a number as well
+/// where an input lies in it.
+pub fn ptc_folder(input: &Path, inputs: &InputFiles) -> DefaultPath {
+    let mut name = input.file_stem().unwrap_or_else(|| "scene".as_ref()).to_os_string();
+    name.push("-ptc");
+    free_folder(PathBuf::from(name), inputs)
+}
+
+/// Measures the photon transfer of a scene, and writes the report into `folder`.
+///
+/// `project` is the opened `input` with everything set that is not measured; its budget, strategy, denoiser and exposure noise
+/// are not used. Renders that the folder already holds are not made again; `restart` discards them.
+///
+/// # Errors
+/// Settings outside their range, a denoiser that cannot be had, a folder that cannot be written to or holds the results of
+/// another measurement.
+pub fn ptc(
+    mut project: Project,
+    input: &Path,
+    settings: &PtcSettings,
+    folder: &Path,
+    restart: bool,
+    progress: &dyn Progress,
+    cancel: &Cancel,
+) -> Result<PtcOutcome, Error> {
+    settings.check()?;
+    let mut inputs = project.inputs.clone();
+    settings.denoise.add_library_to(&mut inputs);
+    check_folder(folder, &inputs)?;
+    project.settings.replay = None;
+    let fitted = project.fitted()?;
+    project.checked_account(&fitted)?;
+    let denoiser = find_denoiser(&settings.denoise)?;
+    let store = Kept::open(folder, MANIFEST, restart)?;
+    let threads = thread_pool(fitted.threads)?.current_num_threads();
+    let names: Vec<String> = denoiser.iter().map(|d| d.name()).collect();
+    let rays = camera(&project.scene, &fitted)?;
+    // More frames may join, other series and the camera too; what the first render shows is what all are seen like.
+    let mut facts = Facts::new(VERSION, &project.scene, &rays, &fitted, threads, &names);
+    facts.add("number of samples of the last series", reference(settings).spp);
+    store.bind(&facts, |facts| facts)?;
+    store.expect_size([fitted.width, fitted.height]);
+
+    let with_camera = settings.camera && fitted.has_sensor();
+    let all = units(settings, with_camera);
+    let work = Work { project: &project, fitted: &fitted, folder: Renders { store, base: fitted.seed }, denoiser };
+    let invalid_samples = work.make(&all, settings, progress, cancel)?;
+    progress.update(&ProgressState { stage: Stage::Write, fraction: 1.0, elapsed: 0.0, remaining: None, samples: 0 });
+    let mut done = 0;
+    for unit in &all {
+        done += usize::from(work.folder.record(unit)?.is_some());
+    }
+    let finished = [done, all.len()];
+    let denoiser = names.into_iter().next();
+    let name = input.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    let (files, findings) = match Results::gather(&work.folder, settings, &fitted, name, denoiser, finished)? {
+        Some(results) => (page::write(folder, &results)?, results.lines()),
+        None => (Vec::new(), Vec::new()),
+    };
+    Ok(PtcOutcome { files, findings, finished, interrupted: cancel.is_cancelled(), invalid_samples })
+}
+
+/// The small file of a finished render.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(super) struct Record {
+    seed: u64,
+    frame: u32,
+    pub(super) samples: u64,
+    invalid_samples: u64,
+    /// Seconds of rendering and of denoising.
+    pub(super) seconds: f64,
+    pub(super) denoise_seconds: Option<f64>,
+}
+
+/// The finished renders.
+pub(super) struct Renders {
+    store: Kept,
+    base: u64,
+}
+
+impl Renders {
+    pub(super) fn record(&self, unit: &Unit) -> Result<Option<Record>, Error> {
+        let record: Option<Record> = self.store.record(&unit.name())?;
+        Ok(record.filter(|r| (r.seed, r.frame) == (unit.seed(self.base), unit.frame)))
+    }
+
+    /// The seed of a render, and of the sensor that exposes it.
+    pub(super) fn seed(&self, unit: &Unit) -> u64 {
+        unit.seed(self.base)
+    }
+
+    /// The expected signal, rendered or denoised.
+    pub(super) fn signal(&self, unit: &Unit, denoised: bool) -> Result<Plane<f32>, Error> {
+        self.plane(unit, if denoised { DENOISED } else { SIGNAL })
+    }
+
+    /// Grey values \[DN\] of plain or matched exposure.
+    pub(super) fn values(&self, unit: &Unit, matched: bool) -> Result<Plane<u16>, Error> {
+        Ok(self.plane(unit, if matched { MATCHED } else { PLAIN })?.map(|&v| v as u16))
+    }
+
+    /// Variance of the render over the camera's, infinite where matched exposure does not know it.
+    pub(super) fn ratios(&self, unit: &Unit) -> Result<Plane<f32>, Error> {
+        self.plane(unit, RATIO)
+    }
+
+    /// Mean radiance of the reference.
+    pub(super) fn radiance(&self, unit: &Unit) -> Result<Plane<[f32; 3]>, Error> {
+        let name = unit.name();
+        self.store.layers(&name)?.triples(Triple::Mean).ok_or_else(|| self.store.lacks(&name, "R G B"))
+    }
+
+    fn plane(&self, unit: &Unit, layer: &str) -> Result<Plane<f32>, Error> {
+        let name = unit.name();
+        plane_of(&self.store.layers(&name)?, layer).ok_or_else(|| self.store.lacks(&name, layer))
+    }
+}
+
+struct Work<'a> {
+    project: &'a Project,
+    fitted: &'a RenderSettings,
+    folder: Renders,
+    denoiser: Option<Box<dyn Denoiser>>,
+}
+
+impl Work<'_> {
+    /// Makes what is missing. Returns the number of invalid samples of all renders.
+    fn make(
+        &self,
+        all: &[Unit],
+        settings: &PtcSettings,
+        progress: &dyn Progress,
+        cancel: &Cancel,
+    ) -> Result<u64, Error> {
+        let (mut invalid, mut done, mut missing) = (0, 0, Vec::new());
+        for unit in all {
+            match self.folder.record(unit)? {
+                Some(record) => {
+                    invalid += record.invalid_samples;
+                    done += self.samples(unit);
+                }
+                None => missing.push(*unit),
+            }
+        }
+        let meter = Meter::new(progress, all.iter().map(|u| self.samples(u)).sum(), done);
+        let first = reference(settings);
+        let mut view = match self.folder.record(&first)? {
+            Some(_) => Some(View::new(&self.fitted.sensor, &self.folder.radiance(&first)?)?),
+            None => None,
+        };
+        for unit in missing {
+            // Also a render that is over before anybody asks shows up.
+            let begun = ProgressState { stage: Stage::Pilot, fraction: 0.0, elapsed: 0.0, remaining: None, samples: 0 };
+            meter.update(&begun);
+            if cancel.is_cancelled() {
+                break;
+            }
+            let Some(record) = self.render(&unit, unit == first, &mut view, &meter, cancel)? else { break };
+            invalid += record.invalid_samples;
+            meter.finish(self.samples(&unit));
+        }
+        Ok(invalid)
+    }
+
+    fn samples(&self, unit: &Unit) -> u64 {
+        u64::from(unit.spp) * u64::from(self.fitted.width) * u64::from(self.fitted.height)
+    }
+
+    /// Makes one render and keeps it; `None` if it was interrupted.
+    fn render(
+        &self,
+        unit: &Unit,
+        is_reference: bool,
+        view: &mut Option<View>,
+        meter: &Meter<'_>,
+        cancel: &Cancel,
+    ) -> Result<Option<Record>, Error> {
+        let mut settings = RenderSettings {
+            budget: Budget { spp: Some(f64::from(unit.spp)), ..Budget::default() },
+            strategy: Some(unit.strategy()),
+            seed: unit.seed(self.fitted.seed),
+            frame: unit.frame,
+            ..self.fitted.clone()
+        };
+        // All frames are taken with the exposure of the first.
+        if let (SensorChoice::Emva { exposure, .. }, Some(view)) = (&mut settings.sensor, &*view) {
+            *exposure = view.exposure();
+        }
+        let began = Instant::now();
+        let rendering = render(&self.project.scene, &settings, began, meter, cancel)?;
+        let seconds = began.elapsed().as_secs_f64();
+        if rendering.interrupted {
+            return Ok(None);
+        }
+        let mean = rendering.film.mean();
+        if view.is_none() {
+            *view = Some(View::new(&self.fitted.sensor, &mean)?);
+        }
+        let Some(view) = view.as_ref() else { return Ok(None) };
+        let mut layers = ExrLayers::new(self.fitted.width, self.fitted.height);
+        let mut denoise_seconds = None;
+        match unit.series {
+            Series::Paper => {
+                push_plane(&mut layers, SIGNAL, view.signal(&mean));
+                if let Some(denoiser) = &self.denoiser {
+                    let Some((signal, taken)) = self.denoised(&rendering, &**denoiser, view, cancel)? else {
+                        return Ok(None);
+                    };
+                    push_plane(&mut layers, DENOISED, signal);
+                    denoise_seconds = Some(taken);
+                }
+                if is_reference {
+                    layers.push_triples(Triple::Mean, &mean);
+                }
+            }
+            Series::Camera => self.exposures(&rendering, settings.clone(), &mut layers)?,
+        }
+        let record = Record {
+            seed: settings.seed,
+            frame: unit.frame,
+            samples: rendering.film.total_samples(),
+            invalid_samples: rendering.film.invalid_samples(),
+            seconds,
+            denoise_seconds,
+        };
+        self.folder.store.keep(&unit.name(), &record, layers)?;
+        Ok(Some(record))
+    }
+
+    /// The denoised signal, and how long it took; `None` if it was cancelled.
+    fn denoised(
+        &self,
+        rendering: &Rendering,
+        denoiser: &dyn Denoiser,
+        view: &View,
+        cancel: &Cancel,
+    ) -> Result<Option<(Plane<f32>, f64)>, Error> {
+        let run = || denoise_film(&rendering.film, denoiser, Instant::now(), &Silent, cancel);
+        match thread_pool(self.fitted.threads)?.install(run) {
+            Ok(done) => Ok(Some((view.signal(&done.mean), done.seconds))),
+            Err(_) if cancel.is_cancelled() => Ok(None),
+            Err(e) => {
+                let help = "choose another denoiser with --denoise; the renders that are finished are kept";
+                Err(Error::setting("denoise", format!("{}: {e}", denoiser.name()), help))
+            }
+        }
+    }
+
+    /// The frames that the sensor takes of a render.
+    fn exposures(
+        &self,
+        rendering: &Rendering,
+        mut settings: RenderSettings,
+        layers: &mut ExrLayers,
+    ) -> Result<(), Error> {
+        for (layer, noise) in [(PLAIN, ExposureNoise::Plain), (MATCHED, ExposureNoise::Matched)] {
+            settings.exposure_noise = noise;
+            let developed = thread_pool(settings.threads)?
+                .install(|| develop_film(&rendering.film, &rendering.labels, &settings))?;
+            let Some(frame) = developed.sensor else { continue };
+            push_plane(layers, layer, frame.values.map(|&v| f32::from(v)));
+            if let Some(matched) = &frame.matched {
+                push_plane(layers, RATIO, matched.ratios.clone());
+            }
+        }
+        Ok(())
+    }
+}

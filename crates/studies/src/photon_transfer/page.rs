@@ -1,0 +1,378 @@
+//! The report: the paper's figures, what the paper says of them, and what is found here. Beside it the numbers as CSV and the
+//! charts as SVG.
+
+use super::analysis::{Curve, LINEAR_BINS, Results};
+use super::figures;
+use super::findings::{Verdict, name};
+use crate::report::chart::{Chart, escape};
+use crate::report::estimate::Estimate;
+use crate::report::maps::{self, Map};
+use crate::report::page::{head, map_figure, page, tiles};
+use crate::report::table::{Cell, Table, column, estimate};
+use crate::report::words::duration;
+use dunkelfeld::Error;
+use dunkelfeld::save_text;
+use dunkelfeld_emva1288::LineFit;
+use std::path::{Path, PathBuf};
+
+/// Writes the page, the tables and the charts into a folder. Returns the files, the page first.
+pub(super) fn write(folder: &Path, results: &Results) -> Result<Vec<PathBuf>, Error> {
+    let report = Report::of(results)?;
+    let mut files = Vec::new();
+    let mut save = |name: String, text: &str| -> Result<(), Error> {
+        let path = folder.join(name);
+        save_text(&path, text)?;
+        files.push(path);
+        Ok(())
+    };
+    save("report.html".into(), &report.html()?)?;
+    for table in [&report.series, &report.lines, &report.curves].into_iter().filter(|t| !t.rows.is_empty()) {
+        save(format!("{}.csv", table.name), &table.csv())?;
+    }
+    let pairs = report.transfer.iter().flatten();
+    for chart in report.sensor.iter().chain(pairs).chain(&report.linear).chain(&report.cameras) {
+        save(format!("{}.svg", chart.name), &chart.file())?;
+    }
+    Ok(files)
+}
+
+/// Everything that is on the page.
+struct Report<'a> {
+    r: &'a Results,
+    sensor: Option<Chart>,
+    transfer: Vec<[Chart; 2]>,
+    linear: Vec<Chart>,
+    cameras: Vec<Chart>,
+    maps: Vec<[Map; 2]>,
+    series: Table,
+    lines: Table,
+    curves: Table,
+}
+
+impl<'a> Report<'a> {
+    fn of(r: &'a Results) -> Result<Self, Error> {
+        Ok(Self {
+            r,
+            sensor: figures::sensor(r),
+            transfer: figures::transfer(r),
+            linear: figures::linear(r),
+            cameras: figures::cameras(r),
+            maps: figures::maps(r)?,
+            series: series(r),
+            lines: lines(r),
+            curves: curves(r),
+        })
+    }
+
+    fn html(&self) -> Result<String, Error> {
+        let sections = [
+            self.head(),
+            self.findings_section(),
+            self.pictures_section()?,
+            self.maps_section(),
+            self.transfer_section(),
+            self.camera_section(),
+            self.method_section(),
+        ];
+        Ok(page(&format!("{} \u{b7} photon transfer", self.r.name), &sections))
+    }
+
+    fn head(&self) -> String {
+        let r = self.r;
+        let [width, height] = r.size;
+        let facts = format!(
+            "{width} \u{d7} {height} pixels \u{b7} {} \u{b7} dunkelfeld {}",
+            r.camera,
+            env!("CARGO_PKG_VERSION")
+        );
+        let mut text = head(&format!("Photon transfer: {}", r.name), &facts);
+        let [done, all] = r.finished;
+        if done < all {
+            text += &format!(
+                "<div class=\"banner\">Not finished: {done} of {all} renders. The same command goes on from here; what is \
+                 shown rests on the frames that there are.</div>"
+            );
+        }
+        let mut figures = Vec::new();
+        let findings = r.findings();
+        let same = findings.iter().filter(|f| f.verdict == Verdict::Same).count();
+        if !findings.is_empty() {
+            figures.push((format!("{same} of {}", findings.len()), "of what the paper says is the same here".into()));
+        }
+        if let Some(sensor) = &r.sensor {
+            for s in &r.cameras {
+                // A slope that is not known better than to a tenth is no headline.
+                let is_known = |f: &&LineFit| f.slope.standard_error < 0.1 * sensor.truth;
+                if let Some(fit) = s.matched.as_ref().and_then(|c| c.fit.as_ref()).filter(is_known) {
+                    figures.push((
+                        format!("{:+.2} %", 100.0 * (fit.slope.value / sensor.truth - 1.0)),
+                        format!(
+                            "error of K from noise-matched frames at {} samples per pixel (\u{b1} {:.2} %), on {:.0} % of the pixels",
+                            s.spp,
+                            100.0 * fit.slope.standard_error / sensor.truth,
+                            100.0 * s.quiet
+                        ),
+                    ));
+                }
+            }
+        }
+        text + &tiles(&figures)
+    }
+
+    fn findings_section(&self) -> String {
+        let rows: String = self
+            .r
+            .findings()
+            .iter()
+            .map(|f| {
+                format!(
+                    "<tr><td class=\"wrap\">{}<br/><small>{}</small></td><td class=\"wrap\">{}</td><td>{}</td></tr>",
+                    escape(f.claim),
+                    escape(f.place),
+                    escape(&f.here),
+                    escape(f.verdict.words())
+                )
+            })
+            .collect();
+        format!(
+            "<section><h2>What the paper says, and what is found here</h2><p>Kludt et al., \u{201c}Noise analysis of a \
+             synthetically rendered scene in sensor-realistic image simulation\u{201d}. Pictures are 8 bit, gamma 2.2, without \
+             the noise of a sensor; over frames with different seeds each pixel has a mean and a variance.</p>\
+             <div class=\"scroll\"><table id=\"table-findings\"><thead><tr><th scope=\"col\">the paper</th>\
+             <th scope=\"col\">measured here</th><th scope=\"col\">the same?</th></tr></thead><tbody>{rows}</tbody></table></div>{}</section>",
+            self.table(&self.series)
+        )
+    }
+
+    fn pictures_section(&self) -> Result<String, Error> {
+        let mut shown = String::new();
+        for s in &self.r.pictures {
+            let (uri, [width, height]) = maps::grey(&s.picture)?;
+            let caption = escape(&format!("{}, {} a frame", name(s), duration(s.seconds)));
+            shown += &format!(
+                "<figure><img src=\"{uri}\" alt=\"{caption}\" width=\"{width}\" height=\"{height}\"/><figcaption>{caption}</figcaption></figure>"
+            );
+        }
+        Ok(format!(
+            "<section class=\"pairs\"><h2>Figure 3: pictures</h2><p>The first frame of each series.</p><div class=\"maps\">{shown}</div></section>"
+        ))
+    }
+
+    fn maps_section(&self) -> String {
+        let variance: String = self.maps.iter().map(|m| map_figure(&m[0])).collect();
+        let sobel: String = self.maps.iter().map(|m| map_figure(&m[1])).collect();
+        format!(
+            "<section class=\"pairs\"><h2>Figure 5: where the variance is</h2><p>Variance of the pictures over the frames. Each map has its own \
+             scale.</p><div class=\"maps\">{variance}</div><h2>Figure 7: where one frame is steep</h2><p>Sobel magnitude of the \
+             first frame of each series. The correlations above are with the variance of the other frames, so that the noise of \
+             this one is not on both sides.</p><div class=\"maps\">{sobel}</div></section>"
+        )
+    }
+
+    fn transfer_section(&self) -> String {
+        let one = |c: &Chart| format!("<figure>{}</figure>", c.inline());
+        let all: String = self.transfer.iter().map(|t| one(&t[0])).collect();
+        let flat: String = self.transfer.iter().map(|t| one(&t[1])).collect();
+        let sensor = match (&self.sensor, &self.r.sensor) {
+            (Some(chart), Some(sensor)) => format!(
+                "<h2>Figure 2: what a camera\u{2019}s curve looks like</h2><p>{}, two frames of even light at 50 levels. Through \
+                 its dark level and 0\u{2013}70 % of saturation K{}.</p><div class=\"charts\">{}</div>",
+                escape(&sensor.name),
+                sensor.gain.as_ref().map_or_else(String::new, |k| format!(
+                    " = {:.5} \u{b1} {:.5} DN/e\u{207b}; the sensor\u{2019}s data say {:.5}",
+                    k.value, k.standard_error, sensor.truth
+                )),
+                one(chart)
+            ),
+            _ => String::new(),
+        };
+        format!(
+            "<section class=\"pairs\"><h2>Figure 6: photon transfer of the pictures</h2><p>Pixels whose mean falls into the same interval of one \
+             grey value form a point; its height is their mean variance. A camera\u{2019}s curve is a straight line before gamma, and \
+             falls gently after it.</p><div class=\"charts\">{all}</div>\
+             <h2>Figure 8: the same without strong edges</h2><p>Without the {:.0} % of the pixels that are steepest in the first frame \
+             of the series.</p><div class=\"charts\">{flat}</div>{sensor}</section>",
+            100.0 * self.r.settings.edges
+        )
+    }
+
+    fn camera_section(&self) -> String {
+        if self.linear.is_empty() && self.cameras.is_empty() {
+            return String::new();
+        }
+        let charts =
+            |list: &[Chart]| -> String { list.iter().map(|c| format!("<figure>{}</figure>", c.inline())).collect() };
+        let cameras = if self.cameras.is_empty() {
+            String::new()
+        } else {
+            format!(
+                "<h2>Frames of the sensor</h2><p>Now samples go where the sensor would notice, and each render is exposed. Plain exposure \
+                 adds the sensor\u{2019}s noise to that of the render; matched exposure draws only what is missing. The curves are of the \
+                 pixels whose render has at most 0.7 of the sensor\u{2019}s noise, on average over the frames, in the frames in which \
+                 they hold no rare sample (one that is to be seen by itself): there it must be the sensor\u{2019}s line.</p>\
+                 <div class=\"charts\">{}</div>",
+                charts(&self.cameras)
+            )
+        };
+        format!(
+            "<section class=\"pairs\"><h2>The same on linear grey values</h2><p>Gamma bends every curve; these are of the expected grey values of the \
+             sensor, before any noise of its own. Noise of a render is no straight line here either.</p>\
+             <div class=\"charts\">{}</div>{cameras}{}</section>",
+            charts(&self.linear),
+            self.table(&self.lines)
+        )
+    }
+
+    fn method_section(&self) -> String {
+        let r = self.r;
+        let spp: Vec<String> = r.settings.spp.iter().map(ToString::to_string).collect();
+        let frames: Vec<String> = r.pictures.iter().map(|s| format!("{}: {}", name(s), s.frames)).collect();
+        let facts = [
+            ("input", r.name.clone()),
+            ("film", format!("{} \u{d7} {} pixels", r.size[0], r.size[1])),
+            ("camera", r.camera.clone()),
+            ("series", format!("{} samples per pixel", spp.join(", "))),
+            ("frames", frames.join("; ")),
+            ("denoiser", r.denoiser.clone().unwrap_or_else(|| "none".into())),
+            ("strong edges", format!("the steepest {:.0} % of the pixels", 100.0 * r.settings.edges)),
+            ("seed", r.seed.to_string()),
+        ];
+        let facts: String =
+            facts.iter().map(|(name, value)| format!("<dt>{name}</dt><dd>{}</dd>", escape(value))).collect();
+        format!(
+            "<section><h2>How it was measured</h2><dl>{facts}</dl><ul>\
+             <li>Series of pictures have the same number of samples in each pixel. They are seen at one exposure, that of the first \
+             frame with the most samples; white is saturation.</li>\
+             <li>A curve is called not linear if the points differ from the straight line by more than their standard errors allow, \
+             not monotone if it both rises and falls by more than five standard errors between groups of pixels.</li>\
+             <li>Lines go through 0\u{2013}70 % of saturation; points weigh by the variance of their ordinate (EMVA 1288 release 4.0 \
+             Linear, equations 15 and 50). R\u{b2} is weighed in the same way.</li>\
+             <li>Linear curves have intervals of 1/{LINEAR_BINS} of the range or 1 DN, whichever is wider.</li>\
+             <li>The finished renders lie in <code>units/</code>; more frames, or another share of strong edges, can be had from \
+             them.</li></ul></section>"
+        )
+    }
+
+    fn table(&self, table: &Table) -> String {
+        if table.rows.is_empty() {
+            return String::new();
+        }
+        format!("{}<p class=\"faint\">The same numbers in <code>{}.csv</code>.</p>", table.html(), table.name)
+    }
+}
+
+/// The series of pictures in numbers.
+fn series(r: &Results) -> Table {
+    let columns = vec![
+        column("spp", "samples", "per pixel"),
+        column("denoised", "denoised", ""),
+        column("frames", "frames", ""),
+        column("seconds", "time of a frame", "s"),
+        column("variance", "mean variance", "DN\u{b2}"),
+        column("variance_edges", "at strong edges", "DN\u{b2}"),
+        column("variance_flat", "elsewhere", "DN\u{b2}"),
+        column("pearson", "correlation with Sobel", ""),
+        column("spearman", "of ranks", ""),
+    ];
+    let rows = r.pictures.iter().map(|s| {
+        let mut row = vec![
+            Cell::Count(s.spp.into()),
+            Cell::Text(if s.is_denoised { "yes" } else { "no" }.into()),
+            Cell::Count(s.frames),
+            Cell::Number(s.seconds),
+        ];
+        row.extend(s.mean_variance.into_iter().chain(s.correlations).map(Cell::Number));
+        row
+    });
+    Table { name: "series", columns, rows: rows.collect() }
+}
+
+/// Straight lines through curves of linear grey values.
+fn lines(r: &Results) -> Table {
+    let columns = vec![
+        column("curve", "curve", ""),
+        column("spp", "samples", "per pixel"),
+        column("frames", "frames", ""),
+        column("pixels", "pixels", "%"),
+        estimate("gain", "slope K", "DN/e\u{207b}"),
+        column("gain_over_truth", "over the sensor\u{2019}s", ""),
+        estimate("intercept", "variance without light", "DN\u{b2}"),
+        column("r_squared", "R\u{b2}", ""),
+        column("reduced_chi_squared", "\u{3c7}\u{b2} per degree of freedom", ""),
+    ];
+    let truth = r.sensor.as_ref().map_or(f64::NAN, |s| s.truth);
+    let row = |what: &str, spp: Option<u32>, frames: u64, held: f64, curve: &Curve| {
+        // A curve of too few points has no line, but a row that says so.
+        let (mut gain, mut intercept, mut quality) = (Estimate::NONE, Estimate::NONE, [f64::NAN; 2]);
+        if let Some(fit) = &curve.fit {
+            gain = Estimate { value: fit.slope.value, error: fit.slope.standard_error };
+            intercept = Estimate { value: fit.intercept.value, error: fit.intercept.standard_error };
+            quality = [fit.r_squared, fit.reduced_chi_squared];
+        }
+        vec![
+            Cell::Text(what.into()),
+            spp.map_or(Cell::Number(f64::NAN), |n| Cell::Count(n.into())),
+            Cell::Count(frames),
+            Cell::Number(100.0 * held),
+            Cell::Estimate(gain),
+            Cell::Number(gain.value / truth),
+            Cell::Estimate(intercept),
+            Cell::Number(quality[0]),
+            Cell::Number(quality[1]),
+        ]
+    };
+    let mut rows = Vec::new();
+    rows.extend(r.sensor.as_ref().map(|s| row("the sensor, even light", None, 2, 1.0, &s.curve)));
+    for s in &r.pictures {
+        let what = if s.is_denoised { "render, denoised" } else { "render" };
+        rows.extend(s.linear.as_ref().map(|c| row(what, Some(s.spp), s.frames, 1.0, c)));
+    }
+    for s in &r.cameras {
+        for (what, curve) in [("plain exposure", &s.plain), ("matched exposure", &s.matched)] {
+            rows.extend(curve.as_ref().map(|c| row(what, Some(s.spp), s.frames, s.quiet, c)));
+        }
+    }
+    Table { name: "lines", columns, rows }
+}
+
+/// Every point of every curve.
+fn curves(r: &Results) -> Table {
+    let columns = vec![
+        column("curve", "curve", ""),
+        column("spp", "samples", "per pixel"),
+        column("mean", "mean", "DN"),
+        estimate("variance", "variance", "DN\u{b2}"),
+        column("pixels", "pixels", ""),
+    ];
+    let mut rows = Vec::new();
+    let mut add = |what: String, spp: Option<u32>, curve: &Curve| {
+        rows.extend(curve.points.iter().map(|p| {
+            vec![
+                Cell::Text(what.clone()),
+                spp.map_or(Cell::Number(f64::NAN), |n| Cell::Count(n.into())),
+                Cell::Number(p.mean),
+                Cell::Estimate(Estimate { value: p.variance, error: p.variance_error }),
+                Cell::Count(p.pixels),
+            ]
+        }));
+    };
+    if let Some(sensor) = &r.sensor {
+        add("sensor".into(), None, &sensor.curve);
+    }
+    for s in &r.pictures {
+        let suffix = if s.is_denoised { ", denoised" } else { "" };
+        add(format!("picture{suffix}"), Some(s.spp), &s.curve);
+        add(format!("picture without strong edges{suffix}"), Some(s.spp), &s.filtered);
+        if let Some(linear) = &s.linear {
+            add(format!("linear{suffix}"), Some(s.spp), linear);
+        }
+    }
+    for s in &r.cameras {
+        for (what, curve) in [("plain", &s.plain), ("matched", &s.matched)] {
+            if let Some(curve) = curve {
+                add(format!("{what} exposure"), Some(s.spp), curve);
+            }
+        }
+    }
+    Table { name: "curves", columns, rows }
+}

@@ -1,0 +1,94 @@
+//! The renders behind a photon transfer, one by one.
+
+use super::settings::PtcSettings;
+use crate::series::hash_text;
+use dunkelfeld_adaptive::allocation::Strategy;
+use dunkelfeld_sampling::hash_u64;
+
+/// Which series a render belongs to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Series {
+    /// The paper's: the same samples in each pixel, seen as pictures without the sensor's noise.
+    Paper,
+    /// The camera's: samples where the sensor would notice, exposed.
+    Camera,
+}
+
+/// One render.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Unit {
+    pub(super) series: Series,
+    /// Mean samples per pixel.
+    pub(super) spp: u32,
+    pub(super) frame: u32,
+}
+
+impl Unit {
+    /// The name of its files, without ending.
+    pub(super) fn name(&self) -> String {
+        let series = match self.series {
+            Series::Paper => "paper",
+            Series::Camera => "camera",
+        };
+        format!("{series}-{}-{:04}", self.spp, self.frame)
+    }
+
+    pub(super) fn strategy(&self) -> Strategy {
+        match self.series {
+            Series::Paper => Strategy::Uniform,
+            Series::Camera => Strategy::Sensor,
+        }
+    }
+
+    /// The seed of its render; its frames differ by their number, so that all of a series come from one device. Below
+    /// 2^53, so that every reader of JSON reads it exactly.
+    pub(super) fn seed(&self, base: u64) -> u64 {
+        let series = match self.series {
+            Series::Paper => hash_text("paper"),
+            Series::Camera => hash_text("camera"),
+        };
+        hash_u64([base, series, u64::from(self.spp)]) >> 11
+    }
+}
+
+/// The render that all others are seen like: the first, with the most samples.
+pub(super) fn reference(settings: &PtcSettings) -> Unit {
+    Unit { series: Series::Paper, spp: settings.spp.last().copied().unwrap_or(1), frame: 0 }
+}
+
+/// All renders, in the order in which they are made: the reference, then frame by frame through all series, so that an
+/// interrupted measurement has something of each.
+pub(super) fn units(settings: &PtcSettings, with_camera: bool) -> Vec<Unit> {
+    let first = reference(settings);
+    let mut units = vec![first];
+    for frame in 0..settings.frames {
+        for &spp in &settings.spp {
+            units.push(Unit { series: Series::Paper, spp, frame });
+            if with_camera {
+                units.push(Unit { series: Series::Camera, spp, frame });
+            }
+        }
+    }
+    let mut is_first = true;
+    units.retain(|u| *u != first || std::mem::replace(&mut is_first, false));
+    units
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::collections::BTreeSet;
+
+    #[test]
+    fn every_render_is_made_once_and_has_random_numbers_of_its_own() {
+        let settings = PtcSettings { frames: 5, spp: vec![4, 16], ..PtcSettings::default() };
+        let all = units(&settings, true);
+        assert_eq!(all.len(), 5 * 2 * 2);
+        assert_eq!(all[0], reference(&settings));
+        assert_eq!(all.iter().map(Unit::name).collect::<BTreeSet<_>>().len(), all.len());
+        let keys: BTreeSet<_> = all.iter().map(|u| (u.seed(3), u.frame)).collect();
+        assert_eq!(keys.len(), all.len());
+        assert!(all.iter().all(|u| u.seed(3) < 1 << 53));
+        assert!(units(&settings, false).iter().all(|u| u.series == Series::Paper));
+    }
+}

@@ -1,0 +1,271 @@
+//! Photon transfer of frames that come as files: of a camera that looks at one scene, or of another renderer.
+
+use super::analysis::{Curve, fault, linear_curve, picture_curve};
+use super::figures::{LINEAR_AXES, chart};
+use crate::folder::check_folder;
+use crate::report::chart::{Chart, escape};
+use crate::report::maps;
+use crate::report::page::{head, map_figure, page};
+use crate::report::words::rounded;
+use crate::series::Kept;
+use crate::series::statistics::{correlation, quantile, rank_correlation};
+use dunkelfeld::Error;
+use dunkelfeld::save_text;
+use dunkelfeld::{Cancel, Progress, ProgressState, Stage};
+use dunkelfeld_emva1288::{Frame, LineFit, TemporalAccumulator, TemporalStatistics, TransferPoint};
+use dunkelfeld_film::Plane;
+use dunkelfeld_io::gray::{GrayFrame, read_gray};
+use dunkelfeld_io::input::{InputFiles, Role};
+use dunkelfeld_io::loader::Limits;
+use dunkelfeld_io::results::ResultsFolder;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+/// How frames are looked at.
+#[derive(Clone, Debug, PartialEq)]
+pub struct StackSettings {
+    /// Grey value without light \[DN\].
+    pub dark: f64,
+    /// Grey value of saturation \[DN\]; `None` takes the largest value of the fewest bits, 8 at least, that the frames fit in.
+    pub saturation: Option<f64>,
+    /// Share of the pixels, the steepest ones, that count as strong edges, in \[0, 1).
+    pub edges: f64,
+}
+
+impl Default for StackSettings {
+    /// Dark is 0, saturation follows from the frames; strong edges are the steepest fifth.
+    fn default() -> Self {
+        Self { dark: 0.0, saturation: None, edges: 0.2 }
+    }
+}
+
+/// The photon transfer of a stack of frames.
+#[derive(Clone, Debug)]
+pub struct FrameStack {
+    /// Mean and variance of every pixel.
+    pub statistics: TemporalStatistics,
+    /// The curve: pixels of like mean, all of them, and without strong edges. Intervals are 1 DN wide for 8-bit frames, 1/128 of
+    /// the range for others.
+    pub curves: [Vec<TransferPoint>; 2],
+    /// Straight lines through 0-70 % of saturation, where there are points enough.
+    pub lines: [Option<LineFit>; 2],
+    /// Grey values \[DN\] of dark and of saturation.
+    pub range: [f64; 2],
+    /// Correlation of the Sobel magnitude of the first frame with the variance of the others: Pearson's, Spearman's; not a number if
+    /// one of both is the same everywhere.
+    pub correlations: [f64; 2],
+    /// Mean variance \[DN^2\] of all pixels, of those at strong edges, of the others.
+    pub mean_variance: [f64; 3],
+    /// The frames: no file of the report takes the place of one.
+    pub inputs: InputFiles,
+    edges: f64,
+    sobel: Plane<f32>,
+}
+
+/// Reads frames of one size, one at a time, and takes their photon transfer; `None` if it was cancelled.
+///
+/// # Errors
+/// Fewer than three frames, a file that is no frame of grey values, frames that differ in size, settings out of range.
+pub fn ptc_of_frames(
+    files: &[PathBuf],
+    settings: &StackSettings,
+    progress: &dyn Progress,
+    cancel: &Cancel,
+) -> Result<Option<FrameStack>, Error> {
+    if files.len() < 3 {
+        let problem = format!("{} frames do not tell how much a pixel varies, and how well that is known", files.len());
+        return Err(Error::setting("frames", problem, "give three frames of the same scene or more"));
+    }
+    if !(0.0..1.0).contains(&settings.edges) {
+        let problem = format!("{} is no share of the pixels that leaves some", settings.edges);
+        return Err(Error::setting("edges", problem, "use a number from 0 up to below 1, such as 0.2"));
+    }
+    let mut inputs = InputFiles::new();
+    files.iter().for_each(|file| inputs.add(file, Role::Frame));
+    let began = Instant::now();
+    let (mut all, mut others, mut first, mut bits_of_first) = (None, None, None, None);
+    let mut largest = 0;
+    for (i, file) in files.iter().enumerate() {
+        if cancel.is_cancelled() {
+            return Ok(None);
+        }
+        let elapsed = began.elapsed().as_secs_f64();
+        let fraction = i as f64 / files.len() as f64;
+        let remaining = (i > 0).then(|| elapsed * (1.0 / fraction - 1.0));
+        progress.update(&ProgressState { stage: Stage::Load, fraction, elapsed, remaining, samples: 0 });
+        let GrayFrame { values: frame, stored_bits } = read_gray(file, &Limits::default())?;
+        if *bits_of_first.get_or_insert(stored_bits) != stored_bits {
+            let problem = format!("{} has {stored_bits} bits per value, the frames before it have not", file.display());
+            return Err(Error::setting("frames", problem, "give frames that were all stored in the same way"));
+        }
+        let (width, height) = (frame.width(), frame.height());
+        largest = frame.data().iter().copied().fold(largest, u16::max);
+        let view = Frame::new(width, height, frame.data()).map_err(fault)?;
+        for stack in [&mut all, &mut others].into_iter().take(if i == 0 { 1 } else { 2 }) {
+            let stack = stack.get_or_insert_with(|| TemporalAccumulator::new(width, height));
+            let wrong = |e: dunkelfeld_emva1288::AnalysisError| {
+                let help = "give frames of one camera, of one size";
+                Error::setting("frames", format!("{}: {e}", file.display()), help)
+            };
+            stack.add(view).map_err(wrong)?;
+        }
+        first.get_or_insert(frame);
+    }
+    let (Some(all), Some(others), Some(first)) = (all, others, first) else { return Ok(None) };
+    let (statistics, others) = (all.finish().map_err(fault)?, others.finish().map_err(fault)?);
+    if statistics.variance.iter().all(|v| *v == 0.0) {
+        let help = "give frames that were taken or rendered one after another";
+        return Err(Error::setting("frames", "no pixel varies: all are copies of one frame", help));
+    }
+    let bits = (8..=16).find(|bits| u32::from(largest) < 1 << bits).unwrap_or(16);
+    let saturation = settings.saturation.unwrap_or(f64::from((1u32 << bits) - 1));
+    if !(settings.dark >= 0.0 && saturation > settings.dark && saturation <= 65_535.0) {
+        let problem = format!("{} is no grey value of saturation above the dark one, {}", saturation, settings.dark);
+        return Err(Error::setting(
+            "saturation",
+            problem,
+            "give grey values from 0 to 65535 by --dark and --saturation",
+        ));
+    }
+    if f64::from(largest) > saturation {
+        let problem = format!("a frame holds {largest}, which is above {saturation}");
+        return Err(Error::setting("saturation", problem, "give the largest grey value of the camera by --saturation"));
+    }
+    let range = [settings.dark, saturation];
+    // Steepness is that of 8 bits over the range.
+    let scale = 255.0 / (range[1] - range[0]);
+    let eight = first.map(|&y| ((f64::from(y) - range[0]) * scale).clamp(0.0, 255.0).round() as u8);
+    let sobel = dunkelfeld_adaptive::sobel::magnitude(&eight);
+    let steep: Vec<f64> = sobel.data().iter().map(|&v| f64::from(v)).collect();
+    let limit = quantile(steep.clone(), 1.0 - settings.edges);
+    let keep: Vec<bool> = steep.iter().map(|s| *s <= limit).collect();
+    let curve = |keep: Option<&[bool]>| -> Result<Curve, Error> {
+        if bits == 8 { picture_curve(&statistics, range, keep) } else { linear_curve(&statistics, range, keep) }
+    };
+    let (whole, flat) = (curve(None)?, curve(Some(&keep))?);
+    let mean = |wanted: &dyn Fn(bool) -> bool| {
+        let chosen = statistics.variance.iter().zip(&keep).filter(|(_, k)| wanted(**k)).map(|(v, _)| *v);
+        let (sum, n) = chosen.fold((0.0, 0.0), |(sum, n), v| (sum + v, n + 1.0));
+        sum / n
+    };
+    Ok(Some(FrameStack {
+        mean_variance: [mean(&|_| true), mean(&|k| !k), mean(&|k| k)],
+        correlations: [correlation(&steep, &others.variance), rank_correlation(&steep, &others.variance)],
+        curves: [whole.points, flat.points],
+        lines: [whole.fit, flat.fit],
+        range,
+        inputs,
+        edges: settings.edges,
+        sobel,
+        statistics,
+    }))
+}
+
+impl FrameStack {
+    /// What was found, in a few lines of plain text.
+    pub fn findings(&self) -> Vec<String> {
+        let s = &self.statistics;
+        let mut lines = vec![
+            format!("{} frames of {} x {} pixels", s.frames, s.width, s.height),
+            format!(
+                "temporal variance {} DN^2 on average; {} at the steepest {:.0} % of the pixels, {} elsewhere",
+                rounded(self.mean_variance[0]),
+                rounded(self.mean_variance[1]),
+                100.0 * self.edges,
+                rounded(self.mean_variance[2])
+            ),
+            match self.correlations {
+                [by, ranks] if by.is_finite() && ranks.is_finite() => {
+                    format!("the Sobel image of the first frame correlates with it by {by:.2}, its ranks by {ranks:.2}")
+                }
+                _ => "the Sobel image of the first frame is the same in all pixels: nothing correlates with it".into(),
+            },
+        ];
+        for (what, line) in ["all pixels", "without strong edges"].iter().zip(&self.lines) {
+            lines.push(match line {
+                Some(f) => format!(
+                    "{what}: K = {:.5} +- {:.5} DN/e-, variance without light {} +- {} DN^2, R^2 = {:.5}, chi^2 per degree of freedom {}",
+                    f.slope.value,
+                    f.slope.standard_error,
+                    rounded(f.intercept.value),
+                    rounded(f.intercept.standard_error),
+                    f.r_squared,
+                    rounded(f.reduced_chi_squared)
+                ),
+                None => format!("{what}: too few grey values for a line"),
+            });
+        }
+        if let Some(line) = &self.lines[0]
+            && line.intercept.value < -5.0 * line.intercept.standard_error
+        {
+            lines.push(format!(
+                "no variance is below zero: is {} the grey value without light? --dark says which it is",
+                rounded(self.range[0])
+            ));
+        }
+        lines
+    }
+
+    /// Writes a page with curves and maps, and the curve as CSV, into a folder. Returns the files, the page first.
+    ///
+    /// # Errors
+    /// A file that cannot be written, or a folder that holds the measurement of a scene.
+    pub fn write(&self, folder: &Path) -> Result<Vec<PathBuf>, Error> {
+        check_folder(folder, &self.inputs)?;
+        let charts = self.charts();
+        let s = &self.statistics;
+        let plane = Plane::from_vec(s.width, s.height, s.variance.clone()).unwrap_or_else(|| Plane::new(1, 1, 0.0));
+        let variance = maps::logarithmic(&plane, &plane, "DN\u{b2}", format!("variance over {} frames", s.frames))?;
+        let sobel = self.sobel.map(|&v| f64::from(v));
+        let sobel = maps::linear(&sobel, "of 255 per pixel", "Sobel magnitude of the first frame".into())?;
+        let list: String = self.findings().iter().map(|line| format!("<li>{}</li>", escape(line))).collect();
+        let figures: String = charts.iter().map(|c| format!("<figure>{}</figure>", c.inline())).collect();
+        let sections = [
+            head("Photon transfer of frames", &format!("dunkelfeld {}", env!("CARGO_PKG_VERSION"))),
+            format!("<section><ul>{list}</ul></section>"),
+            format!(
+                "<section class=\"pairs\"><h2>Photon transfer</h2><p>Pixels of like mean form a point; its height is their mean \
+                 variance. For a linear camera it is a straight line of slope K (EMVA 1288 release 4.0 Linear, equation 15).</p>\
+                 <div class=\"charts\">{figures}</div></section>"
+            ),
+            format!(
+                "<section class=\"pairs\"><h2>Where the variance is</h2><div class=\"maps\">{}{}</div></section>",
+                map_figure(&variance),
+                map_figure(&sobel)
+            ),
+        ];
+        if Kept::is_there(folder) {
+            let problem = "holds the measurement of a scene, whose report this one would replace".into();
+            return Err(Error::Output { file: folder.into(), problem, help: "name another folder with -o".into() });
+        }
+        let _locked = ResultsFolder::open(folder)?;
+        let mut files = Vec::new();
+        let mut save = |name: String, text: &str| -> Result<(), Error> {
+            let path = folder.join(name);
+            save_text(&path, text)?;
+            files.push(path);
+            Ok(())
+        };
+        save("report.html".into(), &page("photon transfer of frames", &sections))?;
+        let mut csv = String::from("pixels_of,mean,mean_error,variance,variance_error,pixels\r\n");
+        for (what, curve) in ["all", "without strong edges"].iter().zip(&self.curves) {
+            for p in curve {
+                csv +=
+                    &format!("{what},{},{},{},{},{}\r\n", p.mean, p.mean_error, p.variance, p.variance_error, p.pixels);
+            }
+        }
+        save("curves.csv".into(), &csv)?;
+        for chart in &charts {
+            save(format!("{}.svg", chart.name), &chart.file())?;
+        }
+        Ok(files)
+    }
+
+    fn charts(&self) -> [Chart; 2] {
+        let one = |i: usize, name: &str, words: &str| {
+            let curve = Curve { points: self.curves[i].clone(), fit: self.lines[i], range: self.range };
+            chart(name, &format!("photon transfer, {words}"), LINEAR_AXES, &[(i, words, &curve)])
+        };
+        [one(0, "transfer", "all pixels"), one(1, "transfer-flat", "without strong edges")]
+    }
+}

@@ -1,0 +1,11 @@
+//! Many renders as one long piece of work: each is kept in a folder as soon as it is finished, so that what was interrupted
+//! goes on where it was; all tell one progress; all are seen alike.
+
+mod camera_view;
+mod progress;
+pub(crate) mod statistics;
+mod store;
+
+pub(crate) use camera_view::{View, exposure_words};
+pub(crate) use progress::Meter;
+pub(crate) use store::{Facts, Kept, UNITS, hash_text, plane_of, push_plane};

@@ -1,0 +1,236 @@
+//! What a long piece of work has so far: a folder with a small record and an image for each finished render, bound to what is
+//! rendered.
+
+use dunkelfeld::Error;
+use dunkelfeld::written;
+use dunkelfeld::{RenderSettings, SensorChoice};
+use dunkelfeld_film::Plane;
+use dunkelfeld_integrator::{Estimator, PixelSample};
+use dunkelfeld_io::InputError;
+use dunkelfeld_io::exr::{Channel, ExrLayers};
+use dunkelfeld_io::results::ResultsFolder;
+use dunkelfeld_sampling::hash_u64;
+use dunkelfeld_scene::{RayGenerator, Scene};
+use serde::{Deserialize, Serialize};
+use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
+
+/// What to do about a finished render that cannot be read back.
+const DAMAGED: &str =
+    "delete this file and the .json of the same name, to have it rendered again, or start anew with --restart";
+
+/// The folder of the renders in that of the report.
+pub(crate) const UNITS: &str = "units";
+/// Samples along each side of the grid that a scene is known by.
+const PROBES: u32 = 64;
+
+/// What a folder's renders are of, in words and numbers: a name and a value each. Works whose facts are equal may share them.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub(crate) struct Facts(Vec<(String, String)>);
+
+impl Facts {
+    /// The facts of any work: version of the folder, program, scene, film, seed, threads, sensor, denoisers.
+    pub(crate) fn new(
+        version: u32,
+        scene: &Scene,
+        camera: &RayGenerator,
+        settings: &RenderSettings,
+        threads: usize,
+        denoisers: &[String],
+    ) -> Self {
+        let sensor = match &settings.sensor {
+            SensorChoice::None => "none".into(),
+            // The name for people, a hash for all its numbers.
+            SensorChoice::Emva { model, optics, exposure } => {
+                let numbers = hash_text(&format!("{model:?} {optics:?} {exposure:?}"));
+                format!("{}, {numbers:016x}", model.spec().name)
+            }
+        };
+        let denoisers = if denoisers.is_empty() { "empty".into() } else { denoisers.join(", ") };
+        let mut facts = Self(Vec::new());
+        facts.add("version of the folder", version);
+        facts.add("program", concat!("dunkelfeld ", env!("CARGO_PKG_VERSION")));
+        facts.add("film", format!("{} x {}", settings.width, settings.height));
+        facts.add("seed", settings.seed);
+        facts.add("number of threads", threads);
+        facts.add("sensor", sensor);
+        facts.add("samples of the pilot", settings.pilot_spp);
+        facts.add("list of denoisers", denoisers);
+        facts.add("scene or the code that renders it", format!("{:016x}", fingerprint(scene, camera, settings)));
+        facts
+    }
+
+    /// A further one.
+    pub(crate) fn add(&mut self, name: &str, value: impl ToString) {
+        self.0.push((name.into(), value.to_string()));
+    }
+
+    /// The first difference to earlier facts, in words.
+    pub(crate) fn difference(&self, then: &Self) -> Option<String> {
+        let differing = self.0.iter().zip(&then.0).find(|(a, b)| a != b);
+        match differing {
+            Some(((what, now), (_, then))) => Some(format!("{what} is {now} now and was {then}")),
+            None => (self.0.len() != then.0.len()).then(|| "list of what it is bound to has changed".into()),
+        }
+    }
+}
+
+/// A number that changes with everything an image depends on: what the scene is made of, and the first sample of a grid of
+/// pixels to the last bit.
+fn fingerprint(scene: &Scene, camera: &RayGenerator, settings: &RenderSettings) -> u64 {
+    let estimator = Estimator { scene, camera, width: settings.width, seed: 0, frame: settings.frame };
+    let summary = scene.summary();
+    let lights: Vec<_> = scene.light_inventory().into_iter().map(|l| (l.name, l.kind, l.power.to_array())).collect();
+    let mut hash = hash_text(&format!("{summary:?} {:?} {lights:?}", scene.materials()));
+    for i in 0..PROBES * PROBES {
+        let place = |cell: u32, side: u32| (u64::from(cell) * u64::from(side) / u64::from(PROBES)) as u32;
+        let at = PixelSample { x: place(i % PROBES, settings.width), y: place(i / PROBES, settings.height), index: i };
+        let sample = estimator.sample(at);
+        for v in sample.radiance.to_array() {
+            hash = hash_u64([hash, u64::from(v.to_bits())]);
+        }
+        hash = hash_u64([hash, u64::from(sample.depth.to_bits())]);
+    }
+    hash
+}
+
+/// A hash of a text.
+pub(crate) fn hash_text(text: &str) -> u64 {
+    text.bytes().fold(text.len() as u64, |h, b| hash_u64([h, u64::from(b)]))
+}
+
+/// The folder of the finished renders.
+#[derive(Debug)]
+pub(crate) struct Kept {
+    folder: ResultsFolder,
+    manifest: &'static str,
+    /// Width and height of the renders, once they are known.
+    size: OnceLock<[u32; 2]>,
+}
+
+impl Kept {
+    /// Opens the renders in a report's folder, and locks them against other processes; `restart` discards what is there. `manifest` is the name of the file that
+    /// binds it.
+    ///
+    /// # Errors
+    /// It cannot be made, another process writes it, or it holds what is not of this kind of work: that stays as it is.
+    pub(crate) fn open(home: &Path, manifest: &'static str, restart: bool) -> Result<Self, Error> {
+        let path = home.join(UNITS);
+        let fault = |problem: String, help: &str| Error::Output { file: path.clone(), problem, help: help.into() };
+        let broken = |e: std::io::Error| fault(format!("cannot be used: {e}"), "name another folder with -o");
+        let folder = ResultsFolder::open(&path)?;
+        let is_ours = folder.is_empty().map_err(broken)? || folder.file(manifest).is_file();
+        if !is_ours {
+            let problem = format!("holds other files than those of such a measurement: there is no {manifest}");
+            return Err(fault(problem, "name another folder with -o"));
+        }
+        let folder = if restart { folder.clear().map_err(broken)? } else { folder };
+        Ok(Self { folder, manifest, size: OnceLock::new() })
+    }
+
+    /// Is there a measurement of any kind in a report's folder?
+    pub(crate) fn is_there(home: &Path) -> bool {
+        home.join(UNITS).is_dir()
+    }
+
+    /// What the folder is bound to; `None` if it is not yet.
+    pub(crate) fn manifest<M: for<'a> Deserialize<'a>>(&self) -> Result<Option<M>, Error> {
+        self.read_json(self.manifest)
+    }
+
+    /// Binds the folder. `facts` are those of the manifest, also of one that is there already.
+    ///
+    /// # Errors
+    /// It is bound to something else.
+    pub(crate) fn bind<M>(&self, manifest: &M, facts: impl Fn(&M) -> &Facts) -> Result<(), Error>
+    where
+        M: Serialize + for<'a> Deserialize<'a>,
+    {
+        let Some(there) = self.manifest::<M>()? else { return self.write_json(self.manifest, manifest) };
+        match facts(manifest).difference(facts(&there)) {
+            None => Ok(()),
+            Some(difference) => {
+                let problem = format!("holds the results of another run: the {difference}");
+                let help = "name another folder with -o, or discard these results with --restart";
+                Err(InputError::new(self.folder.file(self.manifest), "the whole file", problem, help).into())
+            }
+        }
+    }
+
+    /// The record of a render, if it is finished.
+    pub(crate) fn record<R: for<'a> Deserialize<'a>>(&self, name: &str) -> Result<Option<R>, Error> {
+        self.read_json(&format!("{name}.json"))
+    }
+
+    /// Keeps a finished render: the image first, then the record, which says that it is finished.
+    pub(crate) fn keep<R: Serialize>(&self, name: &str, record: &R, layers: ExrLayers) -> Result<(), Error> {
+        let image = format!("{name}.exr");
+        written(&self.folder.file(&image), self.folder.write_layers(&image, layers))?;
+        self.write_json(&format!("{name}.json"), record)
+    }
+
+    /// A file of the folder.
+    pub(crate) fn file(&self, name: &str) -> PathBuf {
+        self.folder.file(name)
+    }
+
+    /// All renders of the folder have this width and height; images of another size are damaged from now on.
+    pub(crate) fn expect_size(&self, size: [u32; 2]) {
+        self.size.get_or_init(|| size);
+    }
+
+    /// The layers of a finished render.
+    ///
+    /// # Errors
+    /// The image is not there, is no EXR, or has another size than the renders of the folder.
+    pub(crate) fn layers(&self, name: &str) -> Result<ExrLayers, Error> {
+        let image = format!("{name}.exr");
+        let damaged = |e: InputError| InputError { help: DAMAGED.into(), ..e };
+        let layers = self.folder.read_layers(&image).map_err(damaged)?;
+        match self.size.get() {
+            Some(&[width, height]) if (layers.width, layers.height) != (width, height) => {
+                let problem = format!(
+                    "has {} x {} pixels, the renders of this folder {width} x {height}",
+                    layers.width, layers.height
+                );
+                Err(InputError::new(self.folder.file(&image), "the whole file", problem, DAMAGED).into())
+            }
+            _ => Ok(layers),
+        }
+    }
+
+    /// A finished render lacks a layer.
+    pub(crate) fn lacks(&self, name: &str, layer: &str) -> Error {
+        let file = self.folder.file(&format!("{name}.exr"));
+        InputError::new(file, format!("layer {layer}"), "is missing", DAMAGED).into()
+    }
+
+    fn read_json<T: for<'a> Deserialize<'a>>(&self, name: &str) -> Result<Option<T>, Error> {
+        let Some(text) = self.folder.read_text(name)? else { return Ok(None) };
+        let parsed = serde_json::from_str(&text);
+        parsed.map(Some).map_err(|e| {
+            let place = format!("line {}", e.line());
+            let help = "delete this file to measure it again, or start anew with --restart";
+            InputError::new(self.folder.file(name), place, e.to_string(), help).into()
+        })
+    }
+
+    fn write_json<T: Serialize>(&self, name: &str, value: &T) -> Result<(), Error> {
+        // Plain data with string keys: serialisation cannot fail.
+        let text = serde_json::to_string_pretty(value).unwrap_or_default() + "\n";
+        written(&self.folder.file(name), self.folder.write_text(name, &text))
+    }
+}
+
+/// Adds a plane under a name of its own.
+pub(crate) fn push_plane(layers: &mut ExrLayers, name: &str, plane: Plane<f32>) {
+    layers.channels.push((name.into(), Channel::F32(plane.into_vec())));
+}
+
+/// The plane under a name, if it is there.
+pub(crate) fn plane_of(layers: &ExrLayers, name: &str) -> Option<Plane<f32>> {
+    match layers.channel(name) {
+        Some(Channel::F32(data)) => Plane::from_vec(layers.width, layers.height, data.clone()),
+        _ => None,
+    }
+}
