@@ -17,7 +17,7 @@ use dunkelfeld::{
     Budget, Cancel, CheckpointSettings, Error, MergeSettings, Merged, OutputPaths, Progress, ProgressState,
     RenderSettings, Rendering, SensorChoice, Silent, find_sensor, render,
 };
-use dunkelfeld_adaptive::allocation::Strategy;
+use dunkelfeld_adaptive::weights::Strategy;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;

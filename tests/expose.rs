@@ -325,7 +325,7 @@ fn variances_that_are_none_leave_nothing_out() {
 #[test]
 fn a_render_behind_a_filter_is_planned_and_certified() {
     use dunkelfeld::Budget;
-    use dunkelfeld_adaptive::allocation::Strategy;
+    use dunkelfeld_adaptive::weights::Strategy;
     let (_, settings) = lit_floor(colour(BayerPattern::Rggb), ExposureNoise::Plain);
     let mut b = dunkelfeld::scene::SceneBuilder::default();
     let lamp = b.add_material(emitter(5.0));

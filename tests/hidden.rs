@@ -6,7 +6,7 @@
 
 mod support;
 
-use dunkelfeld::adaptive::schedule::StopReason;
+use dunkelfeld::adaptive::budget::StopReason;
 use dunkelfeld::adaptive::{Certificate, Strategy};
 use dunkelfeld::film::{Film, Plane};
 use dunkelfeld::geometry::{DVec3, Vec3};
@@ -79,7 +79,7 @@ fn a_render_ends_when_it_is_hidden_and_the_pilot_has_foretold_it() {
     for s in [&s, &sobel, &uniform] {
         let rendering = rendered(&scene, s);
         let (_, certificate) = certified(&rendering, s);
-        assert_eq!(rendering.stop, StopReason::Judged);
+        assert_eq!(rendering.stop, StopReason::NoiseTarget);
         assert!(certificate.is_hidden() && certificate.k == 1.0, "{:?}: {certificate:?}", s.strategy());
         let taken = rendering.film.total_samples() as f64;
         let foretold =
@@ -236,7 +236,7 @@ fn a_black_scene_is_hidden_at_once_and_silly_levels_are_refused() {
     let scene = build(b);
     let s = settings(8, 8, noise(0.01), 0);
     let rendering = rendered(&scene, &s);
-    assert_eq!((rendering.stop, rendering.film.total_samples()), (StopReason::Judged, 8 * 8 * 16));
+    assert_eq!((rendering.stop, rendering.film.total_samples()), (StopReason::NoiseTarget, 8 * 8 * 16));
     let film: &Film = &rendering.film;
     assert!(film.mean().data().iter().all(|p| *p == [0.0; 3]));
     let refused = |s: RenderSettings| {

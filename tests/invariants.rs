@@ -12,7 +12,7 @@ use dunkelfeld::radiometry::Rgb;
 use dunkelfeld::scene::shapes::{cuboid, sphere};
 use dunkelfeld::scene::{FeatureSet, Material, Scene, SceneBuilder, Surface, Volume};
 use dunkelfeld::{Budget, Cancel, RenderSettings, Silent, render};
-use dunkelfeld_adaptive::allocation::Strategy;
+use dunkelfeld_adaptive::weights::Strategy;
 use std::time::Instant;
 use support::{build, emitter, settings, square};
 

@@ -16,7 +16,7 @@ use dunkelfeld::{
     Budget, Cancel, DEFAULT_SENSOR, NO_ID, OutputPaths, Picture, Progress, ProgressState, Project, RenderSettings,
     SensorChoice, Silent, develop, encode_layers, load_plan, render, save_plan,
 };
-use dunkelfeld_adaptive::allocation::Strategy;
+use dunkelfeld_adaptive::weights::Strategy;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;

@@ -9,13 +9,13 @@ use std::sync::LazyLock;
 static SCRATCH: LazyLock<Scratch> = LazyLock::new(Scratch::new);
 
 /// Larger images are not written again.
-const MOST_PIXELS: usize = 4096;
+const MAX_PIXELS: usize = 4096;
 
 target!(|data| {
     match read_exr(&SCRATCH.write("in.exr", data)) {
         Ok(layers) => {
             ask(&layers);
-            if layers.width as usize * layers.height as usize <= MOST_PIXELS {
+            if layers.width as usize * layers.height as usize <= MAX_PIXELS {
                 write_again(&layers);
             }
         }

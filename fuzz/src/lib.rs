@@ -17,10 +17,10 @@ use tempfile::TempDir;
 
 /// Heap of a fuzzer, input and caches included \[bytes\]. An allocation beyond it fails, which ends the process unless the
 /// code asked with `try_reserve`: libFuzzer sees memory only once it was written to.
-const MOST_HEAP: usize = 512 << 20;
+const MAX_HEAP: usize = 512 << 20;
 
 #[global_allocator]
-static HEAP: Cap<System> = Cap::new(System, MOST_HEAP);
+static HEAP: Cap<System> = Cap::new(System, MAX_HEAP);
 
 /// The last panic of any thread, until a run has ended.
 static LAST_PANIC: Mutex<String> = Mutex::new(String::new());

@@ -6,7 +6,7 @@ use serde_json::{Number, Value};
 /// More mutations than this are not made of one input.
 const MOST: usize = 24;
 /// A document does not grow beyond this many values.
-const MOST_VALUES: usize = 4000;
+const MAX_VALUES: usize = 4000;
 
 /// Numbers at the edges of types and ranges.
 const EXTREMES: &[f64] = &[
@@ -70,9 +70,9 @@ pub fn mutate_value(u: &mut Unstructured<'_>, root: &mut Value, words: &[&str]) 
         1 => *nth(root, place) = i64::from(u.arbitrary::<i8>()?).into(),
         2 => *nth(root, place) = (*u.choose(words)?).into(),
         3 => remove(root, place, other),
-        4 | 5 if values < MOST_VALUES => {
+        4 | 5 if values < MAX_VALUES => {
             let copy = nth(root, other).clone();
-            if count(&copy) + values < MOST_VALUES {
+            if count(&copy) + values < MAX_VALUES {
                 match nth(root, place) {
                     Value::Array(list) if operation == 5 => list.push(copy),
                     Value::Object(map) if operation == 5 => drop(map.insert((*u.choose(words)?).into(), copy)),
@@ -100,7 +100,7 @@ pub fn mutate_value(u: &mut Unstructured<'_>, root: &mut Value, words: &[&str]) 
         9 => *nth(root, place) = number(f64::from(f32::from_bits(u.arbitrary()?))),
         _ => {
             let (first, second) = (nth(root, place).clone(), nth(root, other).clone());
-            if count(&first) + count(&second) + values < MOST_VALUES {
+            if count(&first) + count(&second) + values < MAX_VALUES {
                 *nth(root, place) = second;
                 let left = count(root);
                 *nth(root, other % left) = first;

@@ -12,7 +12,7 @@
 use crate::common::{build, emitter, film, settings, square};
 use crate::support::spot;
 use dunkelfeld::RenderSettings;
-use dunkelfeld::adaptive::allocation::Strategy;
+use dunkelfeld::adaptive::weights::Strategy;
 use dunkelfeld::film::{Accumulate, Film, PixelSums, Sample};
 use dunkelfeld::geometry::DVec3;
 use dunkelfeld::radiometry::Rgb;

@@ -6,7 +6,7 @@ use dunkelfeld::geometry::{DVec3, Vec3};
 use dunkelfeld::radiometry::Rgb;
 use dunkelfeld::scene::{Camera, Material, Projection, Scene, SceneBuilder, look_at};
 use dunkelfeld::{Budget, Cancel, RenderSettings, Silent, render};
-use dunkelfeld_adaptive::allocation::Strategy;
+use dunkelfeld_adaptive::weights::Strategy;
 use dunkelfeld_testkit::{Claim, SampleMoments};
 use std::time::Instant;
 

@@ -15,10 +15,10 @@ const COVERAGE: &str = "--cfg fuzzing -Cpasses=sancov-module -Cllvm-args=-saniti
 /// Flags that find faults of unsafe code; the stable compiler takes them with `RUSTC_BOOTSTRAP`.
 const ADDRESS_SANITIZER: &str = " -Zsanitizer=address";
 /// Memory of a process \[MiB\]; the targets bound their heap to less.
-const MOST_MEMORY: u32 = 2048;
+const MAX_MEMORY: u32 = 2048;
 /// Seconds of wall-clock time that one input may take. Most inputs take milliseconds, so that only a loop without an end
 /// takes as long, on a busy machine too.
-const MOST_SECONDS: u32 = 60;
+const MAX_SECONDS: u32 = 60;
 /// Larger files of a corpus of scenes are no seeds \[bytes\].
 const LARGEST_SEED: u64 = 32 << 10;
 /// The variable that names a folder with files of other programs, as for the tests.
@@ -208,8 +208,8 @@ impl Place<'_> {
         let path = logs.join(format!("{}.log", self.target));
         let fault = |e: std::io::Error| format!("{}: {e}", path.display());
         fs::create_dir_all(&logs).map_err(fault)?;
-        command.arg(format!("-rss_limit_mb={MOST_MEMORY}")).arg(format!("-timeout={MOST_SECONDS}"));
-        command.arg(format!("-report_slow_units={MOST_SECONDS}"));
+        command.arg(format!("-rss_limit_mb={MAX_MEMORY}")).arg(format!("-timeout={MAX_SECONDS}"));
+        command.arg(format!("-report_slow_units={MAX_SECONDS}"));
         command.arg("-print_final_stats=1").env("RUST_BACKTRACE", "1");
         // Leaks are no faults of a reader that keeps tables; decoders' thread pools end later than the run.
         command.env("ASAN_OPTIONS", "detect_leaks=0:allocator_may_return_null=1");

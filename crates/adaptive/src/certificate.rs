@@ -6,8 +6,8 @@
 
 use dunkelfeld_film::{BATCHES, Plane};
 
-use crate::need::{HIDDEN_SHARE, quantile_in};
-use crate::pooling::upper_factor;
+use crate::required_samples::{HIDDEN_SHARE, quantile_in};
+use crate::variance::pooled::upper_factor;
 
 /// Standard normal quantile of the one-sided confidence of 95 %.
 const CONFIDENCE: f64 = 1.645;
@@ -81,7 +81,7 @@ pub fn certify([width, height]: [u32; 2], claims: impl Iterator<Item = Claim>, k
     let limit = k * k;
     let (mut pixels, mut saturated, mut unknown, mut hidden, mut surely) = (0u64, 0u64, 0u64, 0u64, 0u64);
     let (mut sum, mut squares, mut max) = (0.0, 0.0, 0.0f64);
-    let mut judged = Vec::with_capacity(ratios.capacity());
+    let mut stop_on_noise = Vec::with_capacity(ratios.capacity());
     for claim in claims {
         let ratio = claim.ratio();
         ratios.push(ratio);
@@ -90,7 +90,7 @@ pub fn certify([width, height]: [u32; 2], claims: impl Iterator<Item = Claim>, k
             continue;
         }
         pixels += 1;
-        judged.push(ratio);
+        stop_on_noise.push(ratio);
         if !ratio.is_finite() {
             unknown += 1;
             continue;
@@ -110,7 +110,7 @@ pub fn certify([width, height]: [u32; 2], claims: impl Iterator<Item = Claim>, k
     // those of its own batches only.
     let freedom = if squares > 0.0 { (BATCHES - 1) as f64 * sum * sum / squares } else { f64::INFINITY };
     let raised = mean * upper_factor(freedom, CONFIDENCE);
-    let mut quantile = |share| f64::from(quantile_in(&mut judged, share).unwrap_or(0.0));
+    let mut quantile = |share| f64::from(quantile_in(&mut stop_on_noise, share).unwrap_or(0.0));
     let certificate = Certificate {
         k,
         hidden: share(hidden),

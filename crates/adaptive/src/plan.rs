@@ -11,7 +11,7 @@
 
 use dunkelfeld_film::{BATCHES, Plane};
 
-use crate::allocation::Shares;
+use crate::weights::Shares;
 
 /// Samples per pixel, as totals since the first sample. Sample indices of a pixel run from zero to this number.
 pub type SamplePlan = Plane<u32>;

@@ -1,8 +1,8 @@
 //! Schedule, plan and cost map together, on a simulated machine with two threads and an image whose pixels cost very
 //! different amounts. Nothing here looks at a real clock.
 
-use dunkelfeld_adaptive::cost::{self, CostMap, TileGrid, WorkUnit};
-use dunkelfeld_adaptive::{Limits, SamplePlan, Schedule, Settings, Shares, Step, StopReason, allocation, plan};
+use dunkelfeld_adaptive::tile_cost::{self, CostMap, TileGrid, WorkUnit};
+use dunkelfeld_adaptive::{Limits, SamplePlan, Schedule, Settings, Shares, Step, StopReason, plan, weights};
 use dunkelfeld_film::Plane;
 
 const THREADS: usize = 2;
@@ -30,7 +30,7 @@ fn render(budget: f64, costs: &Plane<f64>, weights: &Plane<f32>) -> Result {
     let grid = TileGrid::new(SIDE, SIDE, 16);
     let mut map = CostMap::new(grid);
     let mut taken = plan::empty(SIDE, SIDE);
-    let mut current = allocation::uniform(SIDE, SIDE);
+    let mut current = weights::uniform(SIDE, SIDE);
     let (mut now, mut work_per_sample, mut replans) = (0.0, 1.0, 0);
     loop {
         let round = match schedule.next(now, work_per_sample) {
@@ -38,7 +38,7 @@ fn render(budget: f64, costs: &Plane<f64>, weights: &Plane<f32>) -> Result {
                 assert_eq!(reason, StopReason::Time);
                 return Result { end: now + closing, taken, replans };
             }
-            Step::Judge => panic!("nobody judges here"),
+            Step::CheckNoise => panic!("nobody judges here"),
             Step::Round(round) => round,
         };
         if round.replan {
@@ -76,8 +76,8 @@ fn deal(
         let next = next(samples);
         let increment = plan::increment(taken, &next);
         let units = map.cut(&increment, THREADS);
-        let work = cost::makespan(&units, THREADS);
-        match schedule.trimmed(samples, cost::feared_makespan(&units, THREADS)) {
+        let work = tile_cost::makespan(&units, THREADS);
+        match schedule.trimmed(samples, tile_cost::feared_makespan(&units, THREADS)) {
             Some(fewer) => samples = fewer,
             None => return Dealt { samples, next, increment, units, work },
         }
@@ -146,7 +146,7 @@ fn a_heavy_tail_of_pixel_costs_is_no_trouble() {
         0.3e-6 * u.powf(-1.0 / 1.2)
     });
     for budget in [0.3, 1.0, 5.0, 60.0] {
-        let result = render(budget, &costs, &allocation::uniform(SIDE, SIDE));
+        let result = render(budget, &costs, &weights::uniform(SIDE, SIDE));
         assert_in_time(budget, result.end, "heavy tail");
         let counts = result.taken.data().iter();
         let (least, most) = (counts.clone().min(), counts.max());
@@ -159,24 +159,24 @@ fn a_heavy_tail_of_pixel_costs_is_no_trouble() {
 fn render_until_hidden(budget: Option<f64>, costs: &Plane<f64>, need: &Plane<f32>) -> (StopReason, Result) {
     let closing = budget.map_or(0.0, |b| (0.02 * b).min(0.1));
     let pixels = u64::from(SIDE * SIDE);
-    let limits = Limits { seconds: budget, judged: true, ..Limits::default() };
+    let limits = Limits { seconds: budget, stop_on_noise: true, ..Limits::default() };
     let mut schedule = Schedule::new(limits, Settings { pixels, pilot_spp: 16, closing_seconds: closing });
     let grid = TileGrid::new(SIDE, SIDE, 16);
     let mut map = CostMap::new(grid);
     let mut taken = plan::empty(SIDE, SIDE);
-    let mut shares = Shares::of(allocation::uniform(SIDE, SIDE));
+    let mut shares = Shares::from_weights(weights::uniform(SIDE, SIDE));
     let (mut now, mut work_per_sample, mut replans) = (0.0, 1.0, 0);
     let reason = loop {
         let round = match schedule.next(now, work_per_sample) {
             Step::Stop(reason) => break reason,
-            Step::Judge => {
+            Step::CheckNoise => {
                 replans += 1;
                 let short = need.data().iter().zip(taken.data()).filter(|(need, n)| **need > **n as f32).count();
                 if short * 100 <= need.data().len() {
-                    break StopReason::Judged;
+                    break StopReason::NoiseTarget;
                 }
                 let target = |(&need, &n): (&f32, &u32)| f64::from(need).max(f64::from(n));
-                schedule.judged(need.data().iter().zip(taken.data()).map(target).sum());
+                schedule.stop_on_noise(need.data().iter().zip(taken.data()).map(target).sum());
                 shares = Shares { weights: need.map(|n| n.sqrt()), caps: Some(need.clone()) };
                 now += 2e-3;
                 continue;
@@ -209,8 +209,8 @@ fn a_pixel_that_is_dear_and_needy_does_not_hold_up_a_render_that_waits_for_it() 
     }
     // With time enough it ends by itself, and nobody has much more than needed.
     let (reason, result) = render_until_hidden(Some(3600.0), &costs, &need);
-    assert!(reason == StopReason::Judged && result.end < 400.0, "{reason:?} after {} s", result.end);
-    assert_eq!(render_until_hidden(None, &costs, &need).0, StopReason::Judged);
+    assert!(reason == StopReason::NoiseTarget && result.end < 400.0, "{reason:?} after {} s", result.end);
+    assert_eq!(render_until_hidden(None, &costs, &need).0, StopReason::NoiseTarget);
     let spent: f64 = result.taken.data().iter().map(|&n| f64::from(n)).sum();
     let needed: f64 = need.data().iter().map(|&n| f64::from(n)).sum();
     assert!(spent < 1.1 * needed, "{spent} samples where {needed} do");

@@ -8,11 +8,11 @@
 //! Replay: `cargo test -p dunkelfeld-adaptive --test two_valued NAME`. Seeds are fixed; the bounds are six standard errors
 //! of the simulation away from zero bias, or further: one false alarm in 5e8 each, a dozen such checks.
 
-use dunkelfeld_adaptive::evidence::{Evidence, Surface};
-use dunkelfeld_adaptive::expected::{Expected, expected};
-use dunkelfeld_adaptive::need::{Needs, SensorNoise, total};
-use dunkelfeld_adaptive::own::own_noise;
-use dunkelfeld_adaptive::{Measured, Pilot, SamplePlan, Shares, Strategy, plan};
+use dunkelfeld_adaptive::required_samples::{RequiredSamples, SensorNoise, total};
+use dunkelfeld_adaptive::variance::inputs::{NoiseInputs, PixelFeatures};
+use dunkelfeld_adaptive::variance::neighbours::{PredictedNoise, expected};
+use dunkelfeld_adaptive::variance::pixel::pixel_noise;
+use dunkelfeld_adaptive::{MeasuredNoise, Pilot, SamplePlan, Shares, Strategy, plan};
 use dunkelfeld_film::{BATCHES, Plane, Scatter};
 
 const SIDE: u32 = 64;
@@ -86,17 +86,17 @@ impl Image {
         }
     }
 
-    fn evidence(&self) -> Evidence {
+    fn evidence(&self) -> NoiseInputs {
         // Which pixels may speak for each other hangs on their means as much as it can: on a sensor without noise in the dark.
         let quiet = SensorNoise { floor: 1e-3, saturation: f64::INFINITY };
-        Evidence {
+        NoiseInputs {
             counts: self.pixels.map(Pixel::count),
             mean: self.pixels.map(|p| p.mean() as f32),
             variance: self.pixels.map(|p| p.variance_of_mean() as f32),
             level: self.pixels.map(|p| quiet.level(p.mean() as f32, p.variance_of_mean() as f32)),
             scatter: self.pixels.map(Pixel::scatter),
             largest: self.pixels.map(|p| if p.mean() > 0.0 { 1.0 } else { 0.0 }),
-            surface: Plane::new(SIDE, SIDE, Surface::default()),
+            surface: Plane::new(SIDE, SIDE, PixelFeatures::default()),
         }
     }
 }
@@ -111,11 +111,11 @@ enum Witnesses {
 }
 
 /// The noise to plan by, over what is tolerated.
-fn told(evidence: &Evidence, witnesses: Witnesses, sensor: Option<SensorNoise>) -> Plane<Expected> {
+fn told(evidence: &NoiseInputs, witnesses: Witnesses, sensor: Option<SensorNoise>) -> Plane<PredictedNoise> {
     match witnesses {
         Witnesses::Neighbours => expected(evidence, sensor),
         // Judged alike everywhere, so that a bright sample does not excuse itself.
-        Witnesses::Own => own_noise(evidence).map(|noise| Expected { ratio: noise.variance, saturated: false }),
+        Witnesses::Own => pixel_noise(evidence).map(|noise| PredictedNoise { ratio: noise.variance, saturated: false }),
     }
 }
 
@@ -129,14 +129,20 @@ fn adaptive(image: &mut Image, target: f64) {
     for _ in 0..12 {
         let evidence = image.evidence();
         let expected = told(&evidence, Witnesses::Neighbours, Some(sensor));
-        let needs = Needs::expected(&expected, k);
-        let wanted = needs.aimed().data().iter().zip(evidence.counts.data()).map(|(&n, &c)| n.max(c as f32)).collect();
+        let required_samples = RequiredSamples::expected(&expected, k);
+        let wanted = required_samples
+            .capped_targets()
+            .data()
+            .iter()
+            .zip(evidence.counts.data())
+            .map(|(&n, &c)| n.max(c as f32))
+            .collect();
         let aim = Plane::from_vec(SIDE, SIDE, wanted).map_or(0, |wanted| total(&wanted) as u64);
         let taken = plan::total(&evidence.counts);
         if aim <= taken + taken / 50 {
             return;
         }
-        let measured = Measured { expected: &expected, needs: Some(&needs), cost: None };
+        let measured = MeasuredNoise { expected: &expected, required_samples: Some(&required_samples), cost: None };
         let pilot = Pilot { luminance: &evidence.mean, white: 1.0, sobel_floor: 0.25, measured: Some(measured) };
         let shares = Strategy::Sensor.shares(&pilot);
         image.render(&plan::next_round_of(&evidence.counts, &shares, aim.min(2 * taken)));
@@ -223,7 +229,7 @@ const RARE: f64 = 1.0 / 5000.0;
 enum Rule {
     /// The standard deviation.
     Deviation,
-    /// What hides pixels at a level of noise, as far as a pilot knows: [`dunkelfeld_adaptive::Needs::shares`].
+    /// What hides pixels at a level of noise, as far as a pilot knows: [`dunkelfeld_adaptive::RequiredSamples::shares`].
     ForNoise,
 }
 
@@ -238,7 +244,7 @@ fn bias_of_budget(rule: Rule, witnesses: Witnesses, plans: u32, repeats: u64) ->
             let shares = match rule {
                 Rule::Deviation => {
                     let expected = told(&evidence, witnesses, None);
-                    let measured = Measured { expected: &expected, needs: None, cost: None };
+                    let measured = MeasuredNoise { expected: &expected, required_samples: None, cost: None };
                     let luminance = &evidence.mean;
                     Strategy::Variance.shares(&Pilot {
                         luminance,
@@ -250,7 +256,9 @@ fn bias_of_budget(rule: Rule, witnesses: Witnesses, plans: u32, repeats: u64) ->
                 Rule::ForNoise => {
                     // A sensor on which the signal of a bright sample counts.
                     let sensor = SensorNoise { floor: RARE, saturation: f64::INFINITY };
-                    Shares::of(Needs::expected(&told(&evidence, witnesses, Some(sensor)), 0.5).shares(1e-3))
+                    Shares::from_weights(
+                        RequiredSamples::expected(&told(&evidence, witnesses, Some(sensor)), 0.5).shares(1e-3),
+                    )
                 }
             };
             let total = (64 * pixels) >> (plans - plan);

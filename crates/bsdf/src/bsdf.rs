@@ -161,7 +161,7 @@ impl Bsdf {
     /// Does it show what is around rather than itself: does it scatter into single directions only, or as good as that, as a
     /// polished metal does? For layers, not for transport.
     #[inline]
-    pub fn shows_others(&self) -> bool {
+    pub fn is_see_through(&self) -> bool {
         match self {
             Self::Principled(b) => b.is_polished(),
             _ => self.is_delta(),

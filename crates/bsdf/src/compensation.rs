@@ -27,7 +27,7 @@ pub fn reflected_once(ggx: &Ggx, wo: LocalDir) -> f32 {
         return ISOTROPIC.at([t, s]);
     }
     let (short, long) = (ax.min(ay), ax.max(ay));
-    let stretch = (1.0 - (short / long).sqrt()) / (1.0 - LEAST_ASPECT);
+    let stretch = (1.0 - (short / long).sqrt()) / (1.0 - MIN_ASPECT);
     let (x, y, sin2) = (ax * wo.0.x, ay * wo.0.y, wo.sin2_theta());
     let toward = if sin2 > 0.0 { ((x * x + y * y) / sin2).sqrt() } else { long };
     ANISOTROPIC.at([t, s, stretch, (toward - short) / (long - short)])
@@ -70,7 +70,7 @@ static ISOTROPIC: LazyLock<Table<2>> = LazyLock::new(|| {
 static ANISOTROPIC: LazyLock<Table<4>> = LazyLock::new(|| {
     Table::new([16, 16, 10, 6], |[t, s, stretch, toward]| {
         let (wo, alpha) = from_coordinates(t, s);
-        let aspect = 1.0 - stretch * (1.0 - LEAST_ASPECT);
+        let aspect = 1.0 - stretch * (1.0 - MIN_ASPECT);
         let (short, long) = (alpha * aspect, alpha / aspect);
         let slope = short + toward * (long - short);
         let cos2 = if long > short { (slope * slope - short * short) / (long * long - short * short) } else { 1.0 };
@@ -89,7 +89,7 @@ static CLEAR: LazyLock<Table<3>> = LazyLock::new(|| {
 });
 
 /// Square root of the least ratio of slopes that the table of anisotropic surfaces holds (Burley 2012: `1 - 0.9`).
-const LEAST_ASPECT: f32 = 0.316_227_77;
+const MIN_ASPECT: f32 = 0.316_227_77;
 
 /// The integral of a lobe without colour over all directions: reflection only, or both sides of a boundary.
 fn directional_albedo(ggx: &Ggx, wo: LocalDir, eta: Option<f32>) -> f32 {

@@ -18,7 +18,7 @@ use obvhs::BvhBuildParams;
 use obvhs::bvh2::reinsertion::ReinsertionOptimizer;
 use obvhs::ploc::{PlocBuilder, PlocSearchDistance, SortPrecision};
 
-use crate::lanes::WIDTH;
+use crate::simd8::WIDTH;
 use crate::tree::{LEAF, MAX_DEPTH, NONE, Node, Tree};
 
 /// What a leaf costs, in units of one node. A packet of eight triangles takes about a fifth longer than eight boxes.

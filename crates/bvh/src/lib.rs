@@ -21,11 +21,11 @@
 #![cfg_attr(test, allow(clippy::unwrap_used))]
 
 mod build;
-mod lanes;
-mod packet;
 mod scene;
+mod simd8;
 mod traverse;
 mod tree;
+mod triangle_block;
 mod validate;
 
 pub use scene::{Bvh, BvhError, BvhInstance, Hit, MeshTriangles};

@@ -4,10 +4,10 @@ use dunkelfeld_geometry::{Aabb, Ray, Transform, geometric_normal};
 use glam::Vec3;
 
 use crate::build::build_tree;
-use crate::lanes::WIDTH;
-use crate::packet::Packet;
+use crate::simd8::WIDTH;
 use crate::traverse::Kernel;
 use crate::tree::{Node, Tree};
+use crate::triangle_block::Packet;
 
 /// The triangles of a mesh, in its object space \[m\].
 #[derive(Clone, Copy, Debug)]

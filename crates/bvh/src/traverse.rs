@@ -2,10 +2,10 @@
 
 use dunkelfeld_geometry::Ray;
 
-use crate::lanes::{Lanes, Portable};
-use crate::packet::{ALL, Packet, PacketHit, ShearLanes};
 use crate::scene::{Bvh, Hit, MeshTree};
+use crate::simd8::{Lanes, Portable};
 use crate::tree::Leaves;
+use crate::triangle_block::{ALL, Packet, PacketHit, ShearLanes};
 
 /// Which code walks the tree. Found out once, when the tree is built.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -86,25 +86,25 @@ impl Kernel {
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2")]
 fn each_hit_avx2(bvh: &Bvh, ray: &Ray, found: &mut impl FnMut(Hit)) {
-    each_hit::<crate::lanes::Avx2>(bvh, ray, found);
+    each_hit::<crate::simd8::Avx2>(bvh, ray, found);
 }
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2")]
 fn blocked_avx2(bvh: &Bvh, ray: &Ray, porous: &mut impl FnMut(Hit)) -> bool {
-    blocked::<crate::lanes::Avx2>(bvh, ray, porous)
+    blocked::<crate::simd8::Avx2>(bvh, ray, porous)
 }
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2")]
 fn closest_hit_avx2(bvh: &Bvh, ray: &Ray) -> Option<Hit> {
-    closest_hit::<crate::lanes::Avx2>(bvh, ray)
+    closest_hit::<crate::simd8::Avx2>(bvh, ray)
 }
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2")]
 fn occluded_avx2(bvh: &Bvh, ray: &Ray) -> bool {
-    occluded::<crate::lanes::Avx2>(bvh, ray)
+    occluded::<crate::simd8::Avx2>(bvh, ray)
 }
 
 #[inline(always)]

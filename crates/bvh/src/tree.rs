@@ -7,7 +7,7 @@ use std::mem::MaybeUninit;
 use dunkelfeld_geometry::triangle::UNIT_ROUNDOFF;
 use dunkelfeld_geometry::{Aabb, Ray, Vec3};
 
-use crate::lanes::{Eight, Lanes, WIDTH};
+use crate::simd8::{Eight, Lanes, WIDTH};
 
 /// Set in a child word that stands for a leaf; the other bits are the leaf's payload.
 pub(crate) const LEAF: u32 = 1 << 31;

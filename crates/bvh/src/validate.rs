@@ -2,8 +2,8 @@
 
 use dunkelfeld_geometry::Aabb;
 
-use crate::lanes::WIDTH;
 use crate::scene::{Bvh, MeshTree};
+use crate::simd8::WIDTH;
 use crate::tree::{LEAF, MAX_DEPTH, NONE, Tree};
 
 /// Every invariant of both levels, or the first that is broken.

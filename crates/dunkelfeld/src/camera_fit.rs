@@ -1,7 +1,7 @@
 //! Where lens, film and sensor meet: the lens of a job, fitted to a camera, gives its rays and the sensor's irradiance.
 
 use dunkelfeld_io::job::{LensProjection, LensSettings};
-use dunkelfeld_scene::lens::{telecentric_aperture, telecentric_f_number};
+use dunkelfeld_scene::camera::lens::{telecentric_aperture, telecentric_f_number};
 use dunkelfeld_scene::{Aperture, Blades, Camera, Opening, Projection, ThinLens, Vignetting};
 
 /// f-number of a lens that says nothing about its aperture.

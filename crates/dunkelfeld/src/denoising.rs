@@ -109,7 +109,7 @@ pub fn denoise_film(
     cancel: &Cancel,
 ) -> Result<Denoised, DenoiseError> {
     let began = Instant::now();
-    let planes = Planes::of(film);
+    let planes = Planes::from_film(film);
     let mean = run(&planes.input(), denoiser, film.total_samples(), started, progress, cancel)?;
     Ok(Denoised { mean, denoiser: denoiser.name(), seconds: began.elapsed().as_secs_f64() })
 }
@@ -178,7 +178,7 @@ struct Auxiliary {
 }
 
 impl Planes {
-    fn of(film: &Film) -> Self {
+    fn from_film(film: &Film) -> Self {
         let auxiliary = || {
             let [albedo, albedo_variance, normal, normal_variance] = map_film_to(film, |p| {
                 [p.mean_albedo(), p.variance_of_albedo(), p.mean_normal(), p.variance_of_normal()]

@@ -1,12 +1,12 @@
 //! From the film to a frame: radiance, electrons, grey values, a picture to look at.
 
 use crate::denoising::Denoised;
-use crate::noise_compensation::{Known, Matched};
-use dunkelfeld_adaptive::need::DEFAULT_TARGET;
+use crate::noise_compensation::{CompensationInputs, Matched};
+use dunkelfeld_adaptive::required_samples::DEFAULT_TARGET;
 use dunkelfeld_film::{Film, Plane};
 use dunkelfeld_integrator::Label;
 use dunkelfeld_render::Error;
-use dunkelfeld_render::film_noise::{Certified, Measured};
+use dunkelfeld_render::film_noise::{Certified, FilmNoise};
 use dunkelfeld_render::parallel::mean_without_gaps;
 use dunkelfeld_render::{RenderSettings, SensorChoice};
 use dunkelfeld_scene::Effect;
@@ -27,7 +27,7 @@ pub enum Picture {
 
 impl Picture {
     /// The picture of a sensor's grey values: grey, or in the colours of its filter array.
-    pub fn of(values: &Plane<u16>, model: &SensorModel) -> Self {
+    pub fn from_values(values: &Plane<u16>, model: &SensorModel) -> Self {
         match model.spec().quantum_efficiency.filter() {
             None => Self::Gray(display::frame_to_8bit(values, model)),
             Some(filter) => Self::Rgb(display::mosaic_to_8bit(values, model, filter)),
@@ -140,8 +140,8 @@ fn expose(
     let device = Device::new((**model).clone(), settings.seed, width, height);
     let key = FrameKey { seed: settings.seed, frame: settings.frame };
     let is_matched = settings.exposure_noise == ExposureNoise::Matched;
-    let measured = known.map(|(film, labels)| Measured::exposed(response, model, exposure, film, labels));
-    let noise = measured.as_ref().filter(|_| is_matched).map(Known::of);
+    let measured = known.map(|(film, labels)| FilmNoise::exposed(response, model, exposure, film, labels));
+    let noise = measured.as_ref().filter(|_| is_matched).map(CompensationInputs::from_noise);
     let mut values = Plane::new(width, height, 0u16);
     values.data_mut().par_chunks_mut(width as usize).enumerate().try_for_each(|(y, row)| {
         let rows = y as u32..y as u32 + 1;
@@ -161,7 +161,7 @@ fn expose(
     let full = (model.saturation().0 - model.dark_electrons(exposure.time()).0) as f32;
     let saturated =
         electrons.data().iter().filter(|&&e| e >= full).count() as f64 / electrons.data().len().max(1) as f64;
-    let picture = Picture::of(&values, model);
+    let picture = Picture::from_values(&values, model);
     let model = (**model).clone();
     let sensor = SensorFrame { electrons, values, exposure, model, saturated, response, certified, matched };
     Ok(Frame { picture, sensor: Some(sensor), no_light, without: settings.without.clone(), denoised: None })
@@ -176,5 +176,5 @@ pub fn certify(frame: &mut Frame, film: &Film, labels: &Plane<Option<Label>>, k:
 }
 
 fn certified(frame: &SensorFrame, film: &Film, labels: &Plane<Option<Label>>, k: f64) -> Option<Certified> {
-    Measured::exposed(frame.response, &frame.model, frame.exposure, film, labels).certify(k)
+    FilmNoise::exposed(frame.response, &frame.model, frame.exposure, film, labels).certify(k)
 }

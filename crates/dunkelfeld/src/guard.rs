@@ -9,7 +9,7 @@ use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
 /// So many other names are tried at most.
-const MOST_TRIED: u32 = 1000;
+const MAX_TRIED: u32 = 1000;
 
 /// An output: which one, as in `the image`, and its path.
 pub type Output<'a> = (&'static str, &'a Path);
@@ -19,7 +19,7 @@ pub type Output<'a> = (&'static str, &'a Path);
 /// # Errors
 /// The first that has.
 pub fn check_outputs(outputs: &[Output<'_>], inputs: &InputFiles) -> Result<(), Error> {
-    let files: Vec<_> = outputs.iter().map(|&(what, path)| (what, FileIdentity::of(path))).collect();
+    let files: Vec<_> = outputs.iter().map(|&(what, path)| (what, FileIdentity::from_path(path))).collect();
     let mut known: HashMap<FileKey<'_>, &'static str> = HashMap::new();
     for (what, file) in &files {
         if let Some(input) = inputs.find(file) {
@@ -87,7 +87,7 @@ pub fn first_free(
         Ok(()) | Err(_) => return DefaultPath { path: usual, reason: None },
     };
     // Where so many names are taken the usual one is refused later.
-    let path = (1..=MOST_TRIED).map(other).find(|path| check(path).is_ok()).unwrap_or_else(|| usual.clone());
+    let path = (1..=MAX_TRIED).map(other).find(|path| check(path).is_ok()).unwrap_or_else(|| usual.clone());
     let reason = format!("{} {problem}; {} is written instead", usual.display(), path.display());
     DefaultPath { path, reason: Some(reason) }
 }

@@ -52,8 +52,8 @@ pub use dunkelfeld_io::job::DEFAULT_SENSOR;
 pub use dunkelfeld_render::film_noise::Certified;
 pub use dunkelfeld_render::{
     Budget, Cancel, CheckpointSettings, DEFAULT_CHECKPOINT_SECONDS, DEFAULT_PILOT_SPP, DEFAULT_SPP, DenoiseMethod,
-    DenoiseSettings, Earlier, Error, FORECAST_LEVELS, Forecast, ForecastLevel, MAX_PIXELS, MAX_SIDE, OIDN_VARIABLE,
-    Progress, ProgressState, RenderSettings, Rendering, SensorChoice, Silent, Stage, camera, render, thread_pool,
+    DenoiseSettings, Error, FORECAST_LEVELS, Forecast, ForecastLevel, MAX_PIXELS, MAX_SIDE, OIDN_VARIABLE, Progress,
+    ProgressState, RenderSettings, Rendering, ResumedWork, SensorChoice, Silent, Stage, camera, render, thread_pool,
     written,
 };
 

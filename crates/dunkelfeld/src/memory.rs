@@ -1,8 +1,8 @@
 //! The account of a run's memory: computed before the run works, and compared with a limit and with what the system has.
 
-mod needs;
+mod estimate;
 
-pub(crate) use needs::{RenderNeeds, denoise_account, expose_account, merge_account, render_account};
+pub(crate) use estimate::{RenderNeeds, denoise_account, expose_account, merge_account, render_account};
 
 use dunkelfeld_film::Film;
 use dunkelfeld_io::process::{can_reserve, peak_memory};

@@ -1,7 +1,7 @@
 //! What noise-matched exposure has to know of a film: the variance of every pixel, and where it tells the truth.
 
 use dunkelfeld_film::Plane;
-use dunkelfeld_render::film_noise::Measured;
+use dunkelfeld_render::film_noise::FilmNoise;
 use dunkelfeld_sensor::{Exposure, SensorModel, matched_where};
 
 /// Where noise-matched exposure holds: there frames of independent renders have the variance of the camera's.
@@ -19,8 +19,8 @@ pub struct Matched {
 impl Matched {
     /// Judges the pixels of an exposure by their mean electrons and what is known of the noise of these.
     pub(crate) fn new(
-        measured: &Measured<'_>,
-        known: &Known,
+        measured: &FilmNoise<'_>,
+        known: &CompensationInputs,
         electrons: &Plane<f32>,
         model: &SensorModel,
         exposure: Exposure,
@@ -48,7 +48,7 @@ fn share(held: &Plane<bool>) -> f64 {
 
 /// The noise of a film's pixels, as far as it is to be made up for.
 #[derive(Clone, Debug)]
-pub(crate) struct Known {
+pub(crate) struct CompensationInputs {
     /// Variance of the rendered mean of each pixel [e-^2], by its own samples as far as they tell. Infinite where the pixel has samples in
     /// fewer than two batches: its neighbours may tell how noisy its samples are, but not whether it is one of them.
     pub(crate) variance: Plane<f32>,
@@ -57,9 +57,9 @@ pub(crate) struct Known {
     pub(crate) is_rare: Plane<bool>,
 }
 
-impl Known {
-    pub(crate) fn of(measured: &Measured<'_>) -> Self {
-        let told = measured.without_rare();
+impl CompensationInputs {
+    pub(crate) fn from_noise(measured: &FilmNoise<'_>) -> Self {
+        let told = measured.without_outliers();
         Self { variance: told.map(|t| t.1), is_rare: told.map(|t| t.0) }
     }
 

@@ -10,9 +10,9 @@ use serde::Serialize;
 use std::cmp::Ordering;
 
 /// At most so many are named.
-const MOST_NAMED: usize = 8;
+const MAX_LISTED: usize = 8;
 /// A pixel with fewer samples says nothing about one of them.
-const FEWEST_SAMPLES: u32 = 8;
+const MIN_SAMPLES: u32 = 8;
 
 /// A sample that weighs heavily in its pixel.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -51,7 +51,7 @@ pub(crate) fn heaviest(film: &Film) -> Heaviest {
     let mean = sums.iter().sum::<f64>() / film.pixels().max(1) as f64;
     let dominates = |c: &Candidate| c.share >= 0.5 && c.lift > mean;
     let of_piece = |first: usize, sums: &[PixelSums]| {
-        let (mut dominated, mut worst) = (0, Vec::with_capacity(MOST_NAMED + 1));
+        let (mut dominated, mut worst) = (0, Vec::with_capacity(MAX_LISTED + 1));
         for candidate in (first..).zip(sums).filter_map(|(i, p)| candidate(i, p)) {
             dominated += u64::from(dominates(&candidate));
             insert(&mut worst, candidate);
@@ -60,7 +60,7 @@ pub(crate) fn heaviest(film: &Film) -> Heaviest {
     };
     let pieces: Vec<(u64, Vec<Candidate>)> = map_tile_rows(film, of_piece);
     let dominated = pieces.iter().map(|(dominated, _)| dominated).sum();
-    let mut worst = Vec::with_capacity(MOST_NAMED + 1);
+    let mut worst = Vec::with_capacity(MAX_LISTED + 1);
     pieces.into_iter().flat_map(|(_, worst)| worst).for_each(|candidate| insert(&mut worst, candidate));
     let width = film.width() as usize;
     let samples = worst
@@ -78,12 +78,12 @@ pub(crate) fn heaviest(film: &Film) -> Heaviest {
 
 /// Puts a candidate in its place, if it has one.
 fn insert(worst: &mut Vec<Candidate>, candidate: Candidate) {
-    if worst.len() == MOST_NAMED && worst.last().is_some_and(|w| heavier(w, &candidate) == Ordering::Less) {
+    if worst.len() == MAX_LISTED && worst.last().is_some_and(|w| heavier(w, &candidate) == Ordering::Less) {
         return;
     }
     let place = worst.partition_point(|w| heavier(w, &candidate) == Ordering::Less);
     worst.insert(place, candidate);
-    worst.truncate(MOST_NAMED);
+    worst.truncate(MAX_LISTED);
 }
 
 /// The order of the list: the larger lift first, then the earlier pixel.
@@ -93,7 +93,7 @@ fn heavier(a: &Candidate, b: &Candidate) -> Ordering {
 
 fn candidate(pixel: usize, sums: &PixelSums) -> Option<Candidate> {
     let n = sums.count();
-    let (index, heaviest) = sums.heaviest().filter(|_| n >= FEWEST_SAMPLES)?;
+    let (index, heaviest) = sums.heaviest().filter(|_| n >= MIN_SAMPLES)?;
     let (n, heaviest) = (f64::from(n), f64::from(heaviest));
     let total = luminance(sums) * n;
     let lift = (heaviest - (total - heaviest) / (n - 1.0)) / n;

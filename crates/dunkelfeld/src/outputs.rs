@@ -375,7 +375,7 @@ impl Written<'_> {
         if self.is_vignetted {
             set_attribute(&mut first, VIGNETTING, "cos4");
         }
-        write_exr_rows(path, &ExrHead::of(&first, self.film.height()), &mut |rows| {
+        write_exr_rows(path, &ExrHead::from_strip(&first, self.film.height()), &mut |rows| {
             Ok(layers_of_rows(self.film, self.labels, self.frame, rows).into_samples())
         })
     }

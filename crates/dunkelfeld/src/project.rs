@@ -8,7 +8,7 @@ use crate::inspect::{Inspection, camera_entry, inspect};
 use crate::memory::{MemoryAccount, MemoryStats, RenderNeeds, render_account};
 use crate::outputs::{self, OutputPaths, Written};
 use crate::stats::Stats;
-use dunkelfeld_adaptive::allocation::Strategy;
+use dunkelfeld_adaptive::weights::Strategy;
 use dunkelfeld_denoise::{Builtin, Denoiser as _};
 use dunkelfeld_film::{Film, FilmLayers, Plane};
 use dunkelfeld_integrator::Label;
@@ -20,7 +20,7 @@ use dunkelfeld_render::{Budget, RenderSettings, SensorChoice};
 use dunkelfeld_render::{Cancel, Progress, ProgressState, Silent, Stage};
 use dunkelfeld_render::{DenoiseMethod, DenoiseSettings, validate};
 use dunkelfeld_render::{
-    EXR_PER_MEGAPIXEL, Rehearsal, Rendering, camera, find_camera, render_rehearsed, thread_count, thread_pool,
+    EXR_PER_MEGAPIXEL, OutputDryRun, Rendering, camera, find_camera, render_with_dry_run, thread_count, thread_pool,
 };
 use dunkelfeld_render::{Error, camera_help};
 use dunkelfeld_scene::{BuildError, BuildReport, CameraError, Distortion, Effect, Projection, Scene, framing_camera};
@@ -339,8 +339,8 @@ impl Project {
             Written { film, labels, frame: &frame, settings: &settings, object_names, is_vignetted }.save(&self.outputs)
         };
         let more_per_megapixel = if self.outputs.exr.is_some() { EXR_PER_MEGAPIXEL } else { 0.0 };
-        let end = Rehearsal { more_per_megapixel, write: &rehearsal };
-        let mut rendering = render_rehearsed(&self.scene, &settings, self.started, progress, cancel, end)?;
+        let end = OutputDryRun { more_per_megapixel, write: &rehearsal };
+        let mut rendering = render_with_dry_run(&self.scene, &settings, self.started, progress, cancel, end)?;
         let began = Instant::now();
         progress.update(&ProgressState {
             stage: Stage::Expose,

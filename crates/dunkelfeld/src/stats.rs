@@ -3,8 +3,8 @@
 use crate::frame::Frame;
 use crate::memory::MemoryStats;
 use crate::outliers::{HeavySample, heaviest};
+use dunkelfeld_adaptive::budget::StopReason;
 use dunkelfeld_adaptive::certificate::Certificate;
-use dunkelfeld_adaptive::schedule::StopReason;
 use dunkelfeld_film::{Film, PixelSums};
 use dunkelfeld_render::ForecastLevel;
 use dunkelfeld_render::Rendering;
@@ -220,7 +220,7 @@ struct Totals {
 impl Totals {
     /// On the threads of the current pool: a large film takes seconds to read. Rows of tiles are summed up in their order, so that the
     /// sums are the same on any number of threads.
-    fn of(film: &Film) -> Self {
+    fn from_film(film: &Film) -> Self {
         let pieces = map_tile_rows(film, |_, sums| Self::of_piece(sums));
         pieces.iter().fold(Self::default(), |all, piece| all.and(piece))
     }
@@ -260,7 +260,7 @@ impl Stats {
     /// Gathers the statistics of a render, on the threads of the current pool; stages and total time are filled in as they end.
     pub fn new(rendering: &Rendering, frame: &Frame, settings: &RenderSettings) -> Self {
         let film = &rendering.film;
-        let totals = Totals::of(film);
+        let totals = Totals::from_film(film);
         let n = film.pixels().max(1) as f64;
         let samples_were_taken = |stage: &Stage| matches!(stage, Stage::Pilot | Stage::Refine);
         let rendering_seconds: f64 =
@@ -283,7 +283,7 @@ impl Stats {
                 (true, _) => "interrupted",
                 (false, StopReason::Time) => "time",
                 (false, StopReason::Samples) => "samples",
-                (false, StopReason::Judged) => "noise",
+                (false, StopReason::NoiseTarget) => "noise",
             }
             .into(),
             without: settings.without.iter().map(|e| e.name().to_string()).collect(),
@@ -404,7 +404,8 @@ mod tests {
                 film.add(pixel, index, &Sample { radiance: value, ..Sample::MISS }).expect("memory");
             }
         }
-        let of = |threads| dunkelfeld_render::thread_pool(threads).expect("threads").install(|| Totals::of(&film));
+        let of =
+            |threads| dunkelfeld_render::thread_pool(threads).expect("threads").install(|| Totals::from_film(&film));
         let (one, three) = (of(1), of(3));
         assert_eq!((one.mean, one.samples, one.range), (three.mean, three.samples, three.range));
         let counts = film.sample_counts();

@@ -17,7 +17,7 @@ use crate::spectrum::{Spectrogram, horizontal, vertical};
 use crate::summary::{Is, Summary};
 
 /// Levels in the range of the regressions that it takes at least.
-const LEAST_LEVELS: usize = 3;
+const MIN_LEVELS: usize = 3;
 
 /// One level of light, as the plots show it.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -132,9 +132,9 @@ pub fn analyse(measurement: &Measurement, settings: &AnalysisSettings) -> Result
     let data = measurement.ordered()?;
     let saturation = saturation(&data, settings.release)?;
     let summary = Summary::new(&data, &saturation);
-    if summary.used < LEAST_LEVELS {
+    if summary.used < MIN_LEVELS {
         return Err(AnalysisError::unfit(
-            format!("{} levels lie below 70 % of saturation, {LEAST_LEVELS} are needed at least", summary.used),
+            format!("{} levels lie below 70 % of saturation, {MIN_LEVELS} are needed at least", summary.used),
             "add levels between dark and saturation; the standard asks for 50",
         ));
     }
@@ -147,7 +147,7 @@ pub fn analyse(measurement: &Measurement, settings: &AnalysisSettings) -> Result
         ));
     }
     let errors = errors(&summary, Summary::results);
-    let hidden = Hidden::of(&data, &summary);
+    let hidden = Hidden::new(&data, &summary);
     let (mut quantities, bounds) = figures(&results, &errors, settings, &hidden);
     for (symbol, name, [value, standard_error]) in [
         ("LE", "linearity error", [linearity.error, linearity.standard_error]),

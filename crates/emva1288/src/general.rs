@@ -12,10 +12,10 @@ use crate::propagate::errors;
 use crate::quantity::Quantity;
 use crate::saturation::saturation;
 use crate::shortcomings::{self, is_cut_off};
-use crate::summary::{LEAST_DARK_VARIANCE, Point, Summary};
+use crate::summary::{MIN_DARK_VARIANCE, Point, Summary};
 
 /// Levels up to saturation that it takes at least.
-const LEAST_LEVELS: usize = 4;
+const MIN_LEVELS: usize = 4;
 const SECTION: &str = "release 4.0 General";
 
 /// A level, its noise referred to the input.
@@ -72,9 +72,9 @@ pub fn analyse_general(
     summary.bright.truncate(end);
     // One level for each amount of light: slopes are taken across them.
     summary.bright.dedup_by(|b, a| b.photons <= a.photons);
-    if summary.bright.len() < LEAST_LEVELS {
+    if summary.bright.len() < MIN_LEVELS {
         return Err(AnalysisError::unfit(
-            format!("{} levels lie below saturation, {LEAST_LEVELS} are needed at least", summary.bright.len()),
+            format!("{} levels lie below saturation, {MIN_LEVELS} are needed at least", summary.bright.len()),
             "add levels between dark and saturation; the standard asks for 50",
         ));
     }
@@ -88,7 +88,7 @@ pub fn analyse_general(
             "use levels whose grey values differ by more than their noise, and order them by their light",
         ));
     }
-    summary.is_bound = summary.dark[summary.bright[0].dark].variance.value < LEAST_DARK_VARIANCE;
+    summary.is_bound = summary.dark[summary.bright[0].dark].variance.value < MIN_DARK_VARIANCE;
     let values = figures(&summary);
     let spread = errors(&summary, figures);
     let rows = [
@@ -142,7 +142,7 @@ fn figures(s: &Summary) -> [f64; 7] {
     let squares: Vec<f64> =
         s.bright.iter().zip(slopes.iter().skip(1)).map(|(p, slope)| p.variance.value / (slope * slope)).collect();
     // What rounding hides may be as large as this, in the dark and at the levels beside it.
-    let seen = |variance: f64| if s.is_bound { variance.max(LEAST_DARK_VARIANCE) } else { variance };
+    let seen = |variance: f64| if s.is_bound { variance.max(MIN_DARK_VARIANCE) } else { variance };
     let dark2 = seen(s.dark[s.bright[0].dark].variance.value) / (slopes[0] * slopes[0]);
     let bounded: Vec<f64> =
         s.bright.iter().zip(slopes.iter().skip(1)).map(|(p, slope)| seen(p.variance.value) / (slope * slope)).collect();

@@ -7,7 +7,7 @@
 use crate::bound::Side;
 use crate::measurement::Ordered;
 use crate::shortcomings::is_cut_off;
-use crate::summary::{Is, LEAST_DARK_VARIANCE, RESULTS, ROUNDING, Summary};
+use crate::summary::{Is, MIN_DARK_VARIANCE, RESULTS, ROUNDING, Summary};
 
 /// The results with the least and the largest dark variance that may lie behind the rounding; `None` where it hides nothing.
 #[derive(Clone, Debug)]
@@ -21,15 +21,15 @@ pub(crate) struct Hidden {
 }
 
 impl Hidden {
-    pub(crate) fn of(data: &Ordered<'_>, summary: &Summary) -> Self {
-        let is_low = |variance: f64| variance < LEAST_DARK_VARIANCE;
-        let ends = || [ROUNDING, LEAST_DARK_VARIANCE].map(|v| summary.with_dark_variance(v).results());
+    pub(crate) fn new(data: &Ordered<'_>, summary: &Summary) -> Self {
+        let is_low = |variance: f64| variance < MIN_DARK_VARIANCE;
+        let ends = || [ROUNDING, MIN_DARK_VARIANCE].map(|v| summary.with_dark_variance(v).results());
         let spoils_gain = summary.bright[..summary.used].iter().any(|p| is_low(summary.dark[p.dark].variance.value));
         let ranges = (summary.is_bound || spoils_gain).then(ends);
         let total = summary.spatial.as_ref().map(|(_, dark, _)| dark.temporal.value + dark.split().total.max(0.0));
-        let least_gain = |r: &[[f64; RESULTS]; 2]| r[0][Is::Gain as usize].min(r[1][Is::Gain as usize]);
+        let min_gain = |r: &[[f64; RESULTS]; 2]| r[0][Is::Gain as usize].min(r[1][Is::Gain as usize]);
         let dsnu2 = match (&ranges, total) {
-            (Some(r), Some(total)) if is_low(total) => Some((LEAST_DARK_VARIANCE - ROUNDING) / least_gain(r).powi(2)),
+            (Some(r), Some(total)) if is_low(total) => Some((MIN_DARK_VARIANCE - ROUNDING) / min_gain(r).powi(2)),
             _ => None,
         };
         Self {

@@ -7,7 +7,7 @@ use statrs::distribution::{Continuous, ContinuousCDF, Normal};
 use crate::stack::SpatialStack;
 
 /// Bins at most.
-const MOST_BINS: i64 = 256;
+const MAX_BINS: i64 = 256;
 /// Side of the box that the high-pass filter takes off, in pixels.
 const BOX: usize = 5;
 
@@ -53,13 +53,13 @@ impl Histogram {
     }
 
     /// Of integers, `scale` of which make one unit.
-    fn of(values: &[i64], scale: f64, unit: &'static str) -> Option<Self> {
+    fn from_values(values: &[i64], scale: f64, unit: &'static str) -> Option<Self> {
         let (&least, &most) = (values.iter().min()?, values.iter().max()?);
         let n = values.len() as f64;
         let mean = values.iter().map(|&v| v as f64).sum::<f64>() / n;
         let deviation = (values.iter().map(|&v| (v as f64 - mean).powi(2)).sum::<f64>() / n).sqrt() / scale;
         // Bins hold a whole number of integers, so that none is favoured.
-        let width = (most - least) / MOST_BINS + 1;
+        let width = (most - least) / MAX_BINS + 1;
         let mut counts = vec![0u64; ((most - least) / width + 1) as usize];
         for v in values {
             if let Some(count) = counts.get_mut(((v - least) / width) as usize) {
@@ -95,7 +95,7 @@ impl Histogram {
 /// Of the dark pixels \[DN\].
 pub(crate) fn dark(stack: &SpatialStack) -> Option<Histogram> {
     let values: Vec<i64> = stack.sums().iter().map(|&s| i64::from(s)).collect();
-    Histogram::of(&values, f64::from(stack.frames), "DN")
+    Histogram::from_values(&values, f64::from(stack.frames), "DN")
 }
 
 /// Of the response of the pixels \[%\]: bright minus dark, without what is smooth over [`BOX`] x [`BOX`] pixels, which may be
@@ -136,7 +136,7 @@ pub(crate) fn response(bright: &SpatialStack, dark: &SpatialStack) -> Option<His
     if percent <= 0.0 {
         return None;
     }
-    Histogram::of(&values, (lb * ld * cells) as f64 * percent, "%")
+    Histogram::from_values(&values, (lb * ld * cells) as f64 * percent, "%")
 }
 
 #[cfg(test)]
@@ -175,7 +175,7 @@ mod tests {
     fn wide_ranges_get_wider_bins_and_lose_no_pixel() {
         let values: Vec<u16> = (0..400).map(|i| (i * 163 % 60_000) as u16).collect();
         let h = dark(&still(20, &values)).expect("pixels");
-        assert!(h.counts.len() <= MOST_BINS as usize + 1);
+        assert!(h.counts.len() <= MAX_BINS as usize + 1);
         assert_eq!(h.counts.iter().sum::<u64>(), 400);
     }
 

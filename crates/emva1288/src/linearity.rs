@@ -8,7 +8,7 @@ use crate::summary::{Point, Summary};
 /// The regression goes from 5 to 95 % of saturation.
 const RANGE: [f64; 2] = [0.05, 0.95];
 /// Levels that it takes to speak of a deviation from two parameters.
-const LEAST_LEVELS: usize = 4;
+const MIN_LEVELS: usize = 4;
 
 /// The line and the deviations from it.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -40,9 +40,9 @@ pub(crate) fn linearity(summary: &Summary, saturation: f64) -> Result<Linearity,
     let end = summary.bright[..below].iter().rposition(|p| signal(p) <= RANGE[1] * saturation).map_or(0, |i| i + 1);
     let first = first.unwrap_or(end).min(end);
     let used = &summary.bright[first..end];
-    if used.len() < LEAST_LEVELS || used.iter().any(|p| signal(p) <= 0.0) {
+    if used.len() < MIN_LEVELS || used.iter().any(|p| signal(p) <= 0.0) {
         return Err(AnalysisError::unfit(
-            format!("{} levels lie between 5 and 95 % of saturation, linearity needs {LEAST_LEVELS}", used.len()),
+            format!("{} levels lie between 5 and 95 % of saturation, linearity needs {MIN_LEVELS}", used.len()),
             "add levels between dark and saturation; the standard asks for 50",
         ));
     }

@@ -8,7 +8,7 @@ use crate::measurement::{Ordered, Release};
 /// Release 4.0 allows 0.1 to 0.2 % of the values to be the largest; the middle of it is aimed at.
 pub(crate) const AT_LARGEST: f64 = 0.0015;
 /// Fewer values than this tell nothing of a share.
-const LEAST_COUNT: f64 = 10.0;
+const MIN_COUNT: f64 = 10.0;
 
 /// The saturation point.
 #[derive(Clone, Debug, PartialEq)]
@@ -62,7 +62,7 @@ fn by_share(data: &Ordered<'_>) -> Option<(f64, f64)> {
     let width = below.level.pair.spread.sqrt() / slope;
     let told = |i: usize| {
         let (s, n) = (shares[i], 2.0 * data.bright[i].level.pair.pixels as f64);
-        (s * n >= LEAST_COUNT && s <= 0.5).then(|| {
+        (s * n >= MIN_COUNT && s <= 0.5).then(|| {
             let z = normal.inverse_cdf(s);
             let counting = (s * (1.0 - s) / (0.5 * n)).sqrt() / normal.pdf(z);
             // The width changes from level to level, by about half of what the light does.

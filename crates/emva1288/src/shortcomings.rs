@@ -34,7 +34,7 @@ pub(crate) fn linear(data: &Ordered<'_>, summary: &Summary, hidden: &Hidden) -> 
     }
     notes.extend(cut_off(data, "sigma_d, mu_e.min and mu_p.min come out too small, K and DR too large"));
     match summary.exposures() {
-        n if n < crate::summary::LEAST_EXPOSURES => {
+        n if n < crate::summary::MIN_EXPOSURES => {
             notes.push(format!("{n} exposure time(s) do not tell the dark current; the standard asks for {EXPOSURES}"));
         }
         n if n < EXPOSURES => {

@@ -46,7 +46,7 @@ pub(crate) struct Likeness {
 }
 
 impl Spatial {
-    pub(crate) fn of(stack: &SpatialStack) -> Self {
+    pub(crate) fn from_stacks(stack: &SpatialStack) -> Self {
         let (m, n) = (f64::from(stack.height), f64::from(stack.width));
         let (columns, rows) = stack.profiles();
         let (mut second, mut fourth) = (0.0, 0.0);
@@ -101,7 +101,7 @@ impl Spatial {
 
 impl Likeness {
     /// Of two stacks of one size.
-    pub(crate) fn of(a: &SpatialStack, b: &SpatialStack) -> Self {
+    pub(crate) fn from_stacks(a: &SpatialStack, b: &SpatialStack) -> Self {
         let ((a_columns, a_rows), (b_columns, b_rows)) = (a.profiles(), b.profiles());
         Self {
             residual: correlation(residuals(a, &a_columns, &a_rows).zip(residuals(b, &b_columns, &b_rows))),
@@ -137,7 +137,7 @@ mod tests {
     /// has of each part exactly what a wave of that amplitude has, but for the terms of order 1 / N.
     #[test]
     fn pure_columns_are_columns() {
-        let v = Spatial::of(&still(40, 30, |x, _| 10 + 4 * (x as u16 % 2))).split();
+        let v = Spatial::from_stacks(&still(40, 30, |x, _| 10 + 4 * (x as u16 % 2))).split();
         let total = 4.0 * 1200.0 / 1199.0;
         assert!((v.total - total).abs() < 1e-9, "{v:?}");
         assert!((v.column - 4.0).abs() < 0.15, "{v:?}");
@@ -176,8 +176,8 @@ mod tests {
         let a = still(50, 40, |x, y| hash(x, y, 1));
         let b = still(50, 40, |x, y| 2 * hash(x, y, 1) + 5);
         let c = still(50, 40, |x, y| hash(x, y, 77));
-        let same = Likeness::of(&a, &b);
+        let same = Likeness::from_stacks(&a, &b);
         assert!((same.residual - 1.0).abs() < 1e-9 && (same.row_means - 1.0).abs() < 1e-9, "{same:?}");
-        assert!(Likeness::of(&a, &c).residual.abs() < 0.15);
+        assert!(Likeness::from_stacks(&a, &c).residual.abs() < 0.15);
     }
 }

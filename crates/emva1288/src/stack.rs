@@ -3,7 +3,7 @@
 use crate::frame::{AnalysisError, Frame};
 
 /// Sums of so many 16-bit values stay below 2^32.
-const MOST_FRAMES: u32 = 65_537;
+const MAX_FRAMES: u32 = 65_537;
 
 /// Collects a stack frame by frame; the memory does not depend on how many there are.
 #[derive(Clone, Debug)]
@@ -27,8 +27,8 @@ impl StackAccumulator {
     /// A frame of another size, or too many.
     pub fn add(&mut self, frame: Frame<'_>) -> Result<(), AnalysisError> {
         frame.same_size(self.width, self.height)?;
-        if self.frames == MOST_FRAMES {
-            return Err(AnalysisError::TooManyFrames(MOST_FRAMES.into()));
+        if self.frames == MAX_FRAMES {
+            return Err(AnalysisError::TooManyFrames(MAX_FRAMES.into()));
         }
         self.frames += 1;
         for (row, values) in
@@ -178,7 +178,7 @@ pub(crate) mod tests {
     #[test]
     fn the_largest_stack_does_not_overflow() {
         let mut stack = StackAccumulator::new(3, 3);
-        for _ in 0..MOST_FRAMES {
+        for _ in 0..MAX_FRAMES {
             stack.add(Frame::new(3, 3, &[u16::MAX; 9]).expect("nine")).expect("room for it");
         }
         assert!(stack.add(Frame::new(3, 3, &[0; 9]).expect("nine")).is_err());

@@ -8,11 +8,11 @@ use crate::spatial::{Estimate, Likeness, Spatial, Variances};
 /// Variance of the rounding to whole grey values, sigma_q^2 \[DN^2\].
 pub(crate) const ROUNDING: f64 = 1.0 / 12.0;
 /// Below this dark variance \[DN^2\] rounding rules, and the dark noise has only a bound (release 4.0 Linear).
-pub(crate) const LEAST_DARK_VARIANCE: f64 = 0.24;
+pub(crate) const MIN_DARK_VARIANCE: f64 = 0.24;
 /// Values that jump between two neighbours have a variance of 1/4 at most, and some more by chance \[DN^2\].
-const MOST_OF_ROUNDING: f64 = 0.26;
+const MAX_ROUNDING_SHARE: f64 = 0.26;
 /// So many exposure times make the dark levels a line.
-pub(crate) const LEAST_EXPOSURES: usize = 3;
+pub(crate) const MIN_EXPOSURES: usize = 3;
 /// Regressions for R and K end at this fraction of saturation.
 const RANGE: f64 = 0.7;
 
@@ -43,7 +43,7 @@ pub(crate) struct Summary {
     pub(crate) offset: Estimate,
     /// Bright and dark, and how alike their patterns are.
     pub(crate) spatial: Option<(Spatial, Spatial, Likeness)>,
-    /// Is the dark variance so small that it is set to [`LEAST_DARK_VARIANCE`]?
+    /// Is the dark variance so small that it is set to [`MIN_DARK_VARIANCE`]?
     pub(crate) is_bound: bool,
 }
 
@@ -93,7 +93,11 @@ impl Summary {
         let inside = |p: &Point| p.mean.value - dark[p.dark].mean.value <= RANGE * saturation.signal;
         let used = bright.iter().position(|p| !inside(p)).unwrap_or(bright.len());
         let spatial = data.stacks.map(|(bright, dark)| {
-            (Spatial::of(&bright.stack), Spatial::of(&dark.stack), Likeness::of(&bright.stack, &dark.stack))
+            (
+                Spatial::from_stacks(&bright.stack),
+                Spatial::from_stacks(&dark.stack),
+                Likeness::from_stacks(&bright.stack, &dark.stack),
+            )
         });
         let mut summary = Self {
             bright,
@@ -107,8 +111,8 @@ impl Summary {
         };
         // Where dark current makes all dark levels noisy, what is left of the noise without it may come out small, or even
         // negative, by chance, and not by rounding.
-        let is_steady = summary.dark[0].variance.value < MOST_OF_ROUNDING;
-        summary.is_bound = is_steady && summary.dark_variance() < LEAST_DARK_VARIANCE;
+        let is_steady = summary.dark[0].variance.value < MAX_ROUNDING_SHARE;
+        summary.is_bound = is_steady && summary.dark_variance() < MIN_DARK_VARIANCE;
         (summary.response.error, summary.offset.error) = summary.sampling_errors();
         summary
     }
@@ -116,7 +120,7 @@ impl Summary {
     /// The same if the dark variances that rounding may have made were so large \[DN^2\].
     pub(crate) fn with_dark_variance(&self, variance: f64) -> Self {
         let mut s = self.clone();
-        for d in s.dark.iter_mut().filter(|d| d.variance.value < MOST_OF_ROUNDING) {
+        for d in s.dark.iter_mut().filter(|d| d.variance.value < MAX_ROUNDING_SHARE) {
             d.variance.value = variance;
         }
         s
@@ -144,12 +148,12 @@ impl Summary {
         set(Is::Gain, gain);
         set(Is::Efficiency, efficiency);
 
-        let has_times = self.exposures() >= LEAST_EXPOSURES;
+        let has_times = self.exposures() >= MIN_EXPOSURES;
         let mean_line = line(self.dark.iter().map(|d| (d.exposure, d.mean.value)));
         let variance_line = line(self.dark.iter().map(|d| (d.exposure, d.variance.value)));
         let dark_mean = if has_times { mean_line.1 } else { self.dark[0].mean.value };
         set(Is::DarkMean, dark_mean + self.offset.value);
-        let dark_variance = if self.is_bound { LEAST_DARK_VARIANCE } else { self.dark_variance() };
+        let dark_variance = if self.is_bound { MIN_DARK_VARIANCE } else { self.dark_variance() };
         set(Is::DarkVariance, dark_variance);
         set(Is::DarkNoise2, (dark_variance - ROUNDING) / (gain * gain));
         if has_times {
@@ -161,14 +165,14 @@ impl Summary {
         let least = (dark_variance / (gain * gain) + 0.25).max(0.0).sqrt() + 0.5;
         // Were the pixels brighter than others of their kind, these would saturate later.
         let most = self.saturation.value / self.response.value;
-        let most_electrons = efficiency * most;
-        let range = most_electrons / least;
+        let max_electrons = efficiency * most;
+        let range = max_electrons / least;
         set(Is::LeastElectrons, least);
         set(Is::LeastPhotons, least / efficiency);
         set(Is::MostPhotons, most);
-        set(Is::MostElectrons, most_electrons);
-        set(Is::SnrMax, most_electrons.sqrt());
-        set(Is::SnrMaxDb, 10.0 * most_electrons.log10());
+        set(Is::MostElectrons, max_electrons);
+        set(Is::SnrMax, max_electrons.sqrt());
+        set(Is::SnrMaxDb, 10.0 * max_electrons.log10());
         set(Is::Range, range);
         set(Is::RangeDb, 20.0 * range.log10());
 
@@ -192,7 +196,7 @@ impl Summary {
 
     /// sigma_y.dark^2 \[DN^2\]: without dark current if there are times enough to tell, else of the shortest exposure.
     fn dark_variance(&self) -> f64 {
-        if self.exposures() >= LEAST_EXPOSURES {
+        if self.exposures() >= MIN_EXPOSURES {
             line(self.dark.iter().map(|d| (d.exposure, d.variance.value))).1
         } else {
             self.dark[0].variance.value

@@ -6,7 +6,7 @@ use crate::frame::{AnalysisError, Frame};
 use crate::quantity::Quantity;
 
 /// Sums of 65 535 squares of 16-bit values, times their number, stay below 2^64.
-const MOST_FRAMES: u64 = 65_535;
+const MAX_FRAMES: u64 = 65_535;
 
 /// Collects a stack of frames one by one, so that the stack need not be in memory.
 #[derive(Clone, Debug)]
@@ -46,8 +46,8 @@ impl TemporalAccumulator {
 
     fn add_pixels(&mut self, frame: Frame<'_>, counts: impl Iterator<Item = bool>) -> Result<(), AnalysisError> {
         frame.same_size(self.width, self.height)?;
-        if self.frames == MOST_FRAMES {
-            return Err(AnalysisError::TooManyFrames(MOST_FRAMES));
+        if self.frames == MAX_FRAMES {
+            return Err(AnalysisError::TooManyFrames(MAX_FRAMES));
         }
         self.frames += 1;
         let counted = self.sums.iter_mut().zip(frame.values()).zip(counts).filter(|(_, counts)| *counts);
@@ -101,7 +101,7 @@ pub struct TemporalStatistics {
 
 impl TemporalStatistics {
     /// Statistics of a stack that is in memory.
-    pub fn of(frames: &[Frame<'_>]) -> Result<Self, AnalysisError> {
+    pub fn from_frames(frames: &[Frame<'_>]) -> Result<Self, AnalysisError> {
         let first = frames.first().ok_or(AnalysisError::TooFewFrames { got: 0, needed: 2 })?;
         let mut stack = TemporalAccumulator::new(first.width(), first.height());
         frames.iter().try_for_each(|frame| stack.add(*frame))?;
@@ -133,7 +133,7 @@ pub struct FramePair {
 impl FramePair {
     /// mu_y = mean((a + b) / 2) and sigma_y^2 = mean((a - b)^2) / 2 - (mean a - mean b)^2 / 2
     /// (EMVA 1288 release 4.0, Linear).
-    pub fn of(a: Frame<'_>, b: Frame<'_>) -> Result<Self, AnalysisError> {
+    pub fn from_frames(a: Frame<'_>, b: Frame<'_>) -> Result<Self, AnalysisError> {
         b.same_size(a.width(), a.height())?;
         if a.values().is_empty() {
             return Err(AnalysisError::Empty);
@@ -258,8 +258,9 @@ mod tests {
 
     #[test]
     fn a_stack_by_hand() {
-        let s = TemporalStatistics::of(&[frame(&[1, 100, 65_535]), frame(&[2, 100, 0]), frame(&[6, 100, 65_535])])
-            .expect("three frames");
+        let s =
+            TemporalStatistics::from_frames(&[frame(&[1, 100, 65_535]), frame(&[2, 100, 0]), frame(&[6, 100, 65_535])])
+                .expect("three frames");
         assert_eq!(s.mean, [3.0, 100.0, 43_690.0]);
         // (4 + 1 + 9) / 2; 0; (2 * 21845^2 + 43690^2) / 2.
         assert_eq!(s.variance, [7.0, 0.0, 1_431_612_075.0]);
@@ -284,7 +285,7 @@ mod tests {
 
     #[test]
     fn a_pair_by_hand() {
-        let p = FramePair::of(frame(&[10, 12, 14, 0]), frame(&[12, 12, 10, 2])).expect("two frames");
+        let p = FramePair::from_frames(frame(&[10, 12, 14, 0]), frame(&[12, 12, 10, 2])).expect("two frames");
         assert_eq!(p.mean.value, 9.0);
         // Differences -2, 0, 4, -2: mean square 6, mean 0.
         assert_eq!(p.variance.value, 3.0);
@@ -297,28 +298,28 @@ mod tests {
     fn a_drift_of_the_light_between_the_frames_does_not_count_as_noise() {
         let a: Vec<u16> = (0..1000).map(|i| 100 + i % 7).collect();
         let b: Vec<u16> = a.iter().map(|v| v + 50).collect();
-        let pair = FramePair::of(frame(&a), frame(&b)).expect("two frames");
+        let pair = FramePair::from_frames(frame(&a), frame(&b)).expect("two frames");
         assert_eq!(pair.variance.value, 0.0);
     }
 
     #[test]
     fn the_largest_stack_does_not_overflow() {
         let mut stack = TemporalAccumulator::new(1, 1);
-        for _ in 0..MOST_FRAMES {
+        for _ in 0..MAX_FRAMES {
             stack.add(frame(&[u16::MAX])).expect("room for it");
         }
         let s = stack.finish().expect("enough");
         assert_eq!((s.mean[0], s.variance[0]), (65_535.0, 0.0));
-        assert_eq!(stack.add(frame(&[0])), Err(AnalysisError::TooManyFrames(MOST_FRAMES)));
+        assert_eq!(stack.add(frame(&[0])), Err(AnalysisError::TooManyFrames(MAX_FRAMES)));
     }
 
     #[test]
     fn unfit_frames_are_refused() {
         assert!(matches!(Frame::new(2, 2, &[0; 3]), Err(AnalysisError::Length { got: 3, .. })));
-        let too_few = TemporalStatistics::of(&[frame(&[1])]);
+        let too_few = TemporalStatistics::from_frames(&[frame(&[1])]);
         assert_eq!(too_few, Err(AnalysisError::TooFewFrames { got: 1, needed: 2 }));
-        let differ = FramePair::of(frame(&[1]), frame(&[1, 2]));
+        let differ = FramePair::from_frames(frame(&[1]), frame(&[1, 2]));
         assert_eq!(differ, Err(AnalysisError::SizeMismatch([1, 1, 2, 1])));
-        assert_eq!(FramePair::of(frame(&[]), frame(&[])), Err(AnalysisError::Empty));
+        assert_eq!(FramePair::from_frames(frame(&[]), frame(&[])), Err(AnalysisError::Empty));
     }
 }

@@ -30,7 +30,7 @@ fn pair(mu: f64, side: u32, rng: &mut Pcg64) -> FramePair {
     let mut one = || frame(std::iter::repeat_n(mu, n), rng);
     let (a, b) = (one(), one());
     let view = |values| Frame::new(side, side, values).expect("square");
-    FramePair::of(view(&a), view(&b)).expect("same size")
+    FramePair::from_frames(view(&a), view(&b)).expect("same size")
 }
 
 fn levels(count: u32, side: u32, rng: &mut Pcg64) -> PhotonTransfer {

@@ -73,7 +73,7 @@ impl Device {
     fn pair(&self, photons: f64, exposure: f64, rng: &mut Pcg64) -> Level {
         let (a, b) = (self.frame(photons, exposure, rng), self.frame(photons, exposure, rng));
         let view = |v| Frame::new(SIDE as u32, SIDE as u32, v).expect("square");
-        Level { exposure, photons, pair: FramePair::of(view(&a), view(&b)).expect("same size") }
+        Level { exposure, photons, pair: FramePair::from_frames(view(&a), view(&b)).expect("same size") }
     }
 
     fn stack(&self, photons: f64, exposure: f64, frames: usize, rng: &mut Pcg64) -> StackLevel {
@@ -312,7 +312,7 @@ fn the_general_module_sees_through_a_gamma_curve() {
         };
         let (a, b) = (one(), one());
         let view = |v| Frame::new(SIDE as u32, SIDE as u32, v).expect("square");
-        Level { exposure: 1.0, photons, pair: FramePair::of(view(&a), view(&b)).expect("same size") }
+        Level { exposure: 1.0, photons, pair: FramePair::from_frames(view(&a), view(&b)).expect("same size") }
     };
     let top = 1.1 * camera.full_well / camera.efficiency;
     let levels = (0..=100).map(|k| encoded(top * f64::from(k) / 100.0)).collect();

@@ -146,7 +146,7 @@ impl Accumulate for PixelSums {
             self.batches[batch].add(sample.radiance);
             let luminance = sample.radiance.luminance();
             self.heaviest_key = self.heaviest_key.max(heaviest_key(index, luminance));
-            self.luminance_squares.merge(&SquareSum::of(luminance));
+            self.luminance_squares.merge(&SquareSum::from_luminance(luminance));
         } else {
             self.invalid += 1;
         }

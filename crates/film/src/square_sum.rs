@@ -9,7 +9,7 @@ pub struct SquareSum(pub [u128; 2]);
 impl SquareSum {
     /// The square of a luminance [W/(m^2 sr)] that is finite and not negative, rounded down where bits are lost.
     #[inline]
-    pub(crate) fn of(luminance: f32) -> Self {
+    pub(crate) fn from_luminance(luminance: f32) -> Self {
         let bits = luminance.to_bits();
         let exponent = (bits >> 23) as i32;
         let mantissa = if exponent == 0 { bits & 0x7f_ffff } else { (bits & 0x7f_ffff) | 0x80_0000 };
@@ -46,11 +46,11 @@ mod tests {
     #[test]
     fn squares_are_exact_where_they_can_be() {
         for v in [0.0f32, 1.0, 0.1, 3.7e5, 1.5e-6, 2e-11, 6e13, 1.3e-15, 1.0e2, 33.0] {
-            let (back, square) = (SquareSum::of(v).to_f64(), f64::from(v) * f64::from(v));
+            let (back, square) = (SquareSum::from_luminance(v).to_f64(), f64::from(v) * f64::from(v));
             assert!((back - square).abs() <= 1e-15 * square + (-80f64).exp2(), "{v}: {back}");
         }
-        assert_eq!(SquareSum::of(1.0).0, [1 << 80, 0]);
-        assert_eq!(SquareSum::of(f32::MIN_POSITIVE).0, [0, 0]);
+        assert_eq!(SquareSum::from_luminance(1.0).0, [1 << 80, 0]);
+        assert_eq!(SquareSum::from_luminance(f32::MIN_POSITIVE).0, [0, 0]);
         // Halves carry.
         let mut sum = SquareSum([u128::MAX, 7]);
         sum.merge(&SquareSum([2, 1]));

@@ -1,6 +1,6 @@
 //! The health of a mesh: what is wrong with its triangles, and whether it encloses a volume.
 //!
-//! [`clean`] takes out what a ray can never meet or meets twice. [`MeshHealth::of`] says what remains: a mesh of glass
+//! [`clean`] takes out what a ray can never meet or meets twice. [`MeshHealth::from_mesh`] says what remains: a mesh of glass
 //! must be closed and wound outward, or refraction has no inside. Vertices count as one if their positions are equal,
 //! whatever their normals and texture coordinates. Both run in hashed linear time.
 
@@ -102,7 +102,7 @@ pub struct MeshHealth {
 
 impl MeshHealth {
     /// Looks at a mesh.
-    pub fn of(mesh: &Mesh) -> Self {
+    pub fn from_mesh(mesh: &Mesh) -> Self {
         let sound = |t: &&[u32; 3]| corners_of(&mesh.positions, t).is_some_and(|c| c.iter().all(|c| c.is_finite()));
         let corners_of = |t: &[u32; 3]| t.map(|i| mesh.positions[i as usize]);
         let bounds = Aabb::from_points(mesh.triangles.iter().filter(sound).flat_map(corners_of));
@@ -219,36 +219,36 @@ mod tests {
 
     #[test]
     fn a_cube_of_split_vertices_is_closed_and_has_its_volume() {
-        let health = MeshHealth::of(&cube());
+        let health = MeshHealth::from_mesh(&cube());
         assert!(health.is_closed() && !health.is_inside_out(), "{health:?}");
         assert_eq!((health.triangles, health.vertices), (12, 8));
         assert!((health.signed_volume - 1.0).abs() < 1e-12 && (health.area - 6.0).abs() < 1e-12);
 
         let mut inverted = cube();
         turn_inside_out(&mut inverted);
-        assert!(MeshHealth::of(&inverted).is_inside_out());
+        assert!(MeshHealth::from_mesh(&inverted).is_inside_out());
 
         let mut far = cube();
         far.positions.iter_mut().for_each(|p| *p += Vec3::new(1000.0, -1000.0, 0.0));
-        assert!((MeshHealth::of(&far).signed_volume - 1.0).abs() < 1e-9);
+        assert!((MeshHealth::from_mesh(&far).signed_volume - 1.0).abs() < 1e-9);
     }
 
     #[test]
     fn holes_flipped_triangles_and_fins_are_told_apart() {
         let mut open = cube();
         open.triangles.pop();
-        let h = MeshHealth::of(&open);
+        let h = MeshHealth::from_mesh(&open);
         assert_eq!((h.open_edges, h.inconsistent_edges, h.non_manifold_edges), (3, 0, 0));
         let mut flipped = cube();
         flipped.triangles[5].swap(0, 1);
-        let h = MeshHealth::of(&flipped);
+        let h = MeshHealth::from_mesh(&flipped);
         assert_eq!((h.open_edges, h.inconsistent_edges, h.non_manifold_edges), (0, 3, 0));
         let mut fin = cube();
         fin.positions.push(Vec3::splat(9.0));
         fin.triangles.push([0, 1, 24]);
-        let h = MeshHealth::of(&fin);
+        let h = MeshHealth::from_mesh(&fin);
         assert_eq!((h.open_edges, h.non_manifold_edges), (2, 1));
-        assert!(!MeshHealth::of(&Mesh::default()).is_closed());
+        assert!(!MeshHealth::from_mesh(&Mesh::default()).is_closed());
     }
 
     #[test]
@@ -294,7 +294,7 @@ mod tests {
         let mut mesh = cube();
         mesh.positions.push(Vec3::NAN);
         mesh.triangles.extend([[0, 1, 24], [0, 1, 7777]]);
-        assert!(MeshHealth::of(&mesh).is_closed());
-        assert!(!MeshHealth::of(&mesh).bounds.is_empty());
+        assert!(MeshHealth::from_mesh(&mesh).is_closed());
+        assert!(!MeshHealth::from_mesh(&mesh).bounds.is_empty());
     }
 }

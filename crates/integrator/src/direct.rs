@@ -1,27 +1,27 @@
 //! Next-event estimation: light that reaches a vertex straight from a light.
 
-use crate::cover::Passage;
+use crate::mnee::SpecularPrefix;
 use crate::vertex::Vertex;
 use dunkelfeld_radiometry::Rgb;
-use dunkelfeld_scene::{Features, LightChoice, LightReceiver, LightSample, Scene};
+use dunkelfeld_scene::{Features, LightChoice, LightSample, LightSampleContext, Scene};
 
 /// The last place where light sampling and scattering both could have found a light.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct LastScatter {
-    pub(crate) receiver: LightReceiver,
+    pub(crate) receiver: LightSampleContext,
     /// Which lights were asked.
     pub(crate) choice: LightChoice,
     /// Density of the direction that was taken [1/sr].
     pub(crate) pdf: f32,
     /// The covers passed since then, in scenes that have some.
-    pub(crate) passage: Option<Passage>,
+    pub(crate) passage: Option<SpecularPrefix>,
 }
 
 /// Roulette on a question for light, before it is seen whether anything is in the way (Veach 1997, section 10.4). What would
 /// bring next to nothing beside what the path has found so far is asked with a probability in proportion, and counts for more:
 /// most rays of long paths would be sent for it.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Stake {
+pub(crate) struct ShadowRoulette {
     /// Largest channel of what the path carries, over the part of what it has found below which roulette is played
     /// \[m^2 sr/W\]; 0 where every question is asked.
     worth: f32,
@@ -29,7 +29,7 @@ pub(crate) struct Stake {
     u: f32,
 }
 
-impl Stake {
+impl ShadowRoulette {
     /// Roulette is played for less than this part of what was found, f. It adds no more than (f / 32)^2 / 4 to the variance of a
     /// sample, which is little also where light is smooth; below f itself it would more than double the noise of matt rooms.
     const LITTLE: f32 = 1.0 / 32.0;
@@ -64,7 +64,12 @@ impl Stake {
 
 /// Light that reaches a vertex straight from a light and is scattered toward the camera.
 #[inline]
-pub(crate) fn light_from<F: Features, V: Vertex>(scene: &Scene, at: &V, light: &LightSample, stake: Stake) -> Rgb {
+pub(crate) fn light_from<F: Features, V: Vertex>(
+    scene: &Scene,
+    at: &V,
+    light: &LightSample,
+    roulette: ShadowRoulette,
+) -> Rgb {
     let (scattered, pdf) = at.eval(light.direction);
     let unoccluded = scattered * light.radiance;
     if unoccluded.is_black() {
@@ -72,7 +77,7 @@ pub(crate) fn light_from<F: Features, V: Vertex>(scene: &Scene, at: &V, light: &
     }
     let share = if light.is_delta { 1.0 } else { power_heuristic(light.pdf, pdf) };
     let expected = unoccluded * (share / light.pdf);
-    let Some(survival) = stake.survival(expected) else { return Rgb::BLACK };
+    let Some(survival) = roulette.survival(expected) else { return Rgb::BLACK };
     let out = at.leave(light.direction);
     let ray = scene.shadow_ray_from(out.ray.origin, light.direction, light.target.as_ref());
     let (open, left) = out.light_along::<F>(scene, &ray);
@@ -96,13 +101,13 @@ pub(crate) fn power_heuristic(own: f32, other: f32) -> f32 {
 
 #[cfg(test)]
 mod tests {
-    use super::{Stake, power_heuristic};
+    use super::{ShadowRoulette, power_heuristic};
     use dunkelfeld_radiometry::Rgb;
 
     #[test]
     fn a_question_is_asked_in_proportion_to_what_it_may_bring() {
         let survival = |throughput, found, light, u| {
-            Stake::new(Rgb::splat(throughput), Rgb::splat(found), || u).survival(Rgb::splat(light))
+            ShadowRoulette::new(Rgb::splat(throughput), Rgb::splat(found), || u).survival(Rgb::splat(light))
         };
         // A 32nd of what was found, or more: always. Nothing found yet: always.
         for u in [0.0, 0.5, 0.99] {
@@ -121,7 +126,7 @@ mod tests {
         }
         // Next to nothing, or nothing as far as one can tell.
         for light in [1e-9, 0.0] {
-            assert_eq!(survival(0.5, 2.0, light, 0.06), Some(Stake::LEAST));
+            assert_eq!(survival(0.5, 2.0, light, 0.06), Some(ShadowRoulette::LEAST));
             assert_eq!(survival(0.5, 2.0, light, 0.07), None);
         }
     }

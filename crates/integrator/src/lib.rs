@@ -1,20 +1,20 @@
 //! From a camera sample to radiance: unidirectional path tracing with next-event estimation.
 //!
-//! [`estimate`] is the whole estimator on one page; `path` follows a ray through the scene.
+//! [`estimator`] is the whole estimator on one page; `path` follows a ray through the scene.
 
 #![forbid(unsafe_code)]
 
-mod cover;
+mod dimensions;
 mod direct;
-pub mod estimate;
-mod kernel;
-mod labels;
+mod dispatch;
+pub mod estimator;
+mod mnee;
 mod path;
-mod sets;
-mod trace;
+mod pixel_ids;
+mod ray_state;
+mod recorder;
 mod vertex;
-mod walk;
 
-pub use estimate::{Estimator, PixelSample};
-pub use labels::{Label, label};
-pub use trace::{ConnectionTally, PathTrace, TraceConnection, TraceScattering, TraceVertex};
+pub use estimator::{Estimator, PixelSample};
+pub use pixel_ids::{Label, label};
+pub use recorder::{ConnectionTally, PathTrace, TraceConnection, TraceScattering, TraceVertex};

@@ -1,11 +1,11 @@
 //! A path through the scene until it ends: next-event estimation and scattering, weighed against each other.
 
-use crate::cover::{self, End, Passage};
-use crate::direct::{self, LastScatter, Stake};
-use crate::sets;
-use crate::trace::Recorder;
+use crate::dimensions;
+use crate::direct::{self, LastScatter, ShadowRoulette};
+use crate::mnee::{self, End, SpecularPrefix};
+use crate::ray_state::{RayState, SurfaceHit};
+use crate::recorder::Recorder;
 use crate::vertex::{MediumVertex, SurfaceVertex, Vertex};
-use crate::walk::{Meeting, Walk};
 use dunkelfeld_bsdf::Lobe;
 use dunkelfeld_film::Sample;
 use dunkelfeld_geometry::Ray;
@@ -40,7 +40,7 @@ pub(crate) fn follow<F: Features>(scene: &Scene, ray: Ray, sampler: &Sampler, re
         // What a vertex has for itself alone, where it has.
         let (mut interface, mut bsdf) = (None, None);
         // The next surface on the way. Beyond the last one there may be light from infinitely far away.
-        let Some(met) = path.walk.ahead::<F>(scene, &mut interface) else {
+        let Some(met) = path.walk.intersect_next::<F>(scene, &mut interface) else {
             path.sees_environment();
             break;
         };
@@ -65,7 +65,7 @@ struct Path<'a, F, R> {
     scene: &'a Scene,
     sampler: &'a Sampler,
     recorder: &'a mut R,
-    walk: Walk,
+    walk: RayState,
     /// Weight of what is still to be found.
     throughput: Rgb,
     /// What refraction did to radiance (the factor eta^2) and roulette must not mistake for loss.
@@ -91,7 +91,7 @@ impl<'a, F: Features, R: Recorder> Path<'a, F, R> {
             scene,
             sampler,
             recorder,
-            walk: Walk::from_camera::<F>(scene, ray),
+            walk: RayState::from_camera::<F>(scene, ray),
             throughput: Rgb::WHITE,
             eta_scale: 1.0,
             bounces: 0,
@@ -139,7 +139,7 @@ impl<'a, F: Features, R: Recorder> Path<'a, F, R> {
                 let other = other(self.scene, &l);
                 match l.passage.filter(|p| F::SOLIDS && !p.is_direct()) {
                     None => direct::power_heuristic(l.pdf, other),
-                    Some(p) => cover::share_of_scattering::<F>(self.scene, &l.receiver, &p, end(), l.pdf, other),
+                    Some(p) => mnee::share_of_scattering::<F>(self.scene, &l.receiver, &p, end(), l.pdf, other),
                 }
             }
         };
@@ -159,7 +159,7 @@ impl<'a, F: Features, R: Recorder> Path<'a, F, R> {
         }
         let medium = self.walk.medium(self.scene)?;
         let event = if medium.scatters() {
-            let [_, u_distance, u_channel, u_digits] = self.sampler.get_4d(sets::kind(vertex));
+            let [_, u_distance, u_channel, u_digits] = self.sampler.get_4d(dimensions::kind(vertex));
             medium.sample(self.throughput, distance, [u_distance, u_channel, u_digits])
         } else {
             MediumEvent::Pass { weight: medium.transmittance(distance) }
@@ -181,13 +181,13 @@ impl<'a, F: Features, R: Recorder> Path<'a, F, R> {
     /// Does the path meet the surface? Then a number in `[0, 1)` that is still to be used, for surfaces that are one of two
     /// things at random; else it goes on as if nothing were there.
     #[inline]
-    fn meets(&mut self, vertex: u32, met: &Meeting<'_>) -> Option<f32> {
+    fn meets(&mut self, vertex: u32, met: &SurfaceHit<'_>) -> Option<f32> {
         let tint = if F::MEDIA { met.open_tint() } else { None };
         let mut u_kind = 0.0;
         if let Some(tint) = tint {
             self.throughput *= tint;
-        } else if F::CHANCE && self.scene.is_chance(&met.hit) {
-            u_kind = self.sampler.get_1d(sets::kind(vertex));
+        } else if F::STOCHASTIC && self.scene.is_chance(&met.hit) {
+            u_kind = self.sampler.get_1d(dimensions::kind(vertex));
             let coverage = self.scene.coverage(&met.hit);
             if u_kind < coverage {
                 return Some(u_kind / coverage);
@@ -197,7 +197,7 @@ impl<'a, F: Features, R: Recorder> Path<'a, F, R> {
         }
         // No vertex: what the path could have been lit by before it can be still.
         self.passed += met.hit.distance;
-        self.walk = self.walk.straight_on::<F>(met);
+        self.walk = self.walk.pass_through::<F>(met);
         None
     }
 
@@ -208,13 +208,13 @@ impl<'a, F: Features, R: Recorder> Path<'a, F, R> {
         self.passed += at.distance();
         let is_delta = at.is_delta();
         if !self.sample.hit || self.sees_glass {
-            let shows_others = at.shows_others();
-            if !self.sample.hit || !shows_others {
+            let is_see_through = at.is_see_through();
+            if !self.sample.hit || !is_see_through {
                 let (albedo, normal) = at.look();
                 self.sample =
                     Sample { hit: true, albedo, normal: normal.to_array(), depth: self.passed, ..self.sample };
             }
-            self.sees_glass = shows_others;
+            self.sees_glass = is_see_through;
         }
 
         // Light from lights, connected directly.
@@ -224,21 +224,21 @@ impl<'a, F: Features, R: Recorder> Path<'a, F, R> {
             let found_before = if self.asked > 0 { self.sample.radiance } else { Rgb::BLACK };
             self.asked += 1;
             for question in 0..self.scene.light_questions(choice) {
-                let u = self.sampler.numbers(sets::light(vertex, question));
+                let u = self.sampler.numbers(dimensions::light(vertex, question));
                 // Where each light is asked there is none to choose, but whether to ask it.
-                let (u_choice, stake) = match choice {
-                    LightChoice::One => (u.get(2), Stake::NONE),
-                    LightChoice::Each => (0.0, Stake::new(self.throughput, found_before, || u.get(2))),
+                let (u_choice, roulette) = match choice {
+                    LightChoice::One => (u.get(2), ShadowRoulette::NONE),
+                    LightChoice::Each => (0.0, ShadowRoulette::new(self.throughput, found_before, || u.get(2))),
                 };
                 let place = u.first_two();
                 let Some(light) = self.scene.sample_light(at.receiver(), choice, question, u_choice, place) else {
                     continue;
                 };
-                let mut found = direct::light_from::<F, _>(self.scene, at, &light, stake);
+                let mut found = direct::light_from::<F, _>(self.scene, at, &light, roulette);
                 self.recorder.direct(self.throughput * found);
                 if self.has_covers() {
                     let connected =
-                        cover::light_from::<F, _>(self.scene, at, &light, stake, || u.get(3), self.recorder);
+                        mnee::light_from::<F, _>(self.scene, at, &light, roulette, || u.get(3), self.recorder);
                     self.recorder.connected(self.throughput * connected);
                     found += connected;
                 }
@@ -247,7 +247,7 @@ impl<'a, F: Features, R: Recorder> Path<'a, F, R> {
         }
 
         // A direction to go on in.
-        let [u_x, u_y, u_lobe, u_roulette] = self.sampler.get_4d(sets::scatter(vertex));
+        let [u_x, u_y, u_lobe, u_roulette] = self.sampler.get_4d(dimensions::scatter(vertex));
         let Some(scattered) = at.sample([u_x, u_y, u_lobe]) else { return false };
         self.throughput *= scattered.weight;
         self.eta_scale *= scattered.eta * scattered.eta;
@@ -262,7 +262,7 @@ impl<'a, F: Features, R: Recorder> Path<'a, F, R> {
 
         self.walk = at.leave(scattered.wi);
         if !scattered.lobe.contains(Lobe::DELTA) {
-            let passage = self.has_covers().then(|| Passage::from(self.walk));
+            let passage = self.has_covers().then(|| SpecularPrefix::from(self.walk));
             self.last = Some(LastScatter { receiver: *at.receiver(), choice, pdf: scattered.pdf, passage });
         } else if self.has_covers() {
             let is_reflection = scattered.lobe.contains(Lobe::REFLECTION);

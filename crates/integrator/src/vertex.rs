@@ -1,10 +1,10 @@
 //! A place where a path is scattered, on a surface or in a medium, as the path sees it.
 
-use crate::walk::{Meeting, Walk};
+use crate::ray_state::{RayState, SurfaceHit};
 use dunkelfeld_bsdf::{Bsdf, BsdfSample, Lobe};
 use dunkelfeld_geometry::{LocalDir, Vec3};
 use dunkelfeld_radiometry::Rgb;
-use dunkelfeld_scene::{Features, LightReceiver, Medium, Scene, ShadingPoint, SurfacePoint};
+use dunkelfeld_scene::{Features, LightSampleContext, Medium, Scene, ShadingPoint, SurfacePoint};
 use std::marker::PhantomData;
 
 /// A direction to go on in.
@@ -27,7 +27,7 @@ pub(crate) trait Vertex {
     const IN_MEDIUM: bool;
 
     /// The place as lights see it.
-    fn receiver(&self) -> &LightReceiver;
+    fn receiver(&self) -> &LightSampleContext;
 
     /// Does it scatter into single directions only? Then no light can be connected to it.
     fn is_delta(&self) -> bool;
@@ -39,10 +39,10 @@ pub(crate) trait Vertex {
     fn sample(&self, u: [f32; 3]) -> Option<Scattering>;
 
     /// The walk that goes on in a direction.
-    fn leave(&self, wi: Vec3) -> Walk;
+    fn leave(&self, wi: Vec3) -> RayState;
 
     /// Does it show what is around rather than itself, for layers?
-    fn shows_others(&self) -> bool;
+    fn is_see_through(&self) -> bool;
 
     /// Colour and normal, for layers.
     fn look(&self) -> (Rgb, Vec3);
@@ -56,12 +56,12 @@ pub(crate) trait Vertex {
 
 /// A point on a surface.
 pub(crate) struct SurfaceVertex<'a, F> {
-    pub(crate) met: Meeting<'a>,
+    pub(crate) met: SurfaceHit<'a>,
     pub(crate) shading: ShadingPoint<'a>,
     /// Direction toward the camera.
     pub(crate) wo: Vec3,
     wo_local: LocalDir,
-    arrived: Walk,
+    arrived: RayState,
     features: PhantomData<F>,
 }
 
@@ -71,8 +71,8 @@ impl<'a, F: Features> SurfaceVertex<'a, F> {
     #[inline]
     pub(crate) fn new(
         scene: &'a Scene,
-        arrived: Walk,
-        met: Meeting<'a>,
+        arrived: RayState,
+        met: SurfaceHit<'a>,
         u_kind: f32,
         own: &'a mut Option<Bsdf>,
     ) -> Self {
@@ -102,7 +102,7 @@ impl<F: Features> Vertex for SurfaceVertex<'_, F> {
     const IN_MEDIUM: bool = false;
 
     #[inline]
-    fn receiver(&self) -> &LightReceiver {
+    fn receiver(&self) -> &LightSampleContext {
         &self.shading.receiver
     }
 
@@ -133,13 +133,13 @@ impl<F: Features> Vertex for SurfaceVertex<'_, F> {
     }
 
     #[inline]
-    fn leave(&self, wi: Vec3) -> Walk {
+    fn leave(&self, wi: Vec3) -> RayState {
         self.arrived.leave::<F>(&self.met, &self.shading, self.wo, wi)
     }
 
     #[inline]
-    fn shows_others(&self) -> bool {
-        self.shading.bsdf.shows_others()
+    fn is_see_through(&self) -> bool {
+        self.shading.bsdf.is_see_through()
     }
 
     #[inline]
@@ -165,18 +165,18 @@ pub(crate) struct MediumVertex<'a> {
     pub(crate) point: Vec3,
     /// Direction toward the camera.
     wo: Vec3,
-    receiver: LightReceiver,
+    receiver: LightSampleContext,
     distance: f32,
-    arrived: Walk,
+    arrived: RayState,
 }
 
 impl<'a> MediumVertex<'a> {
     /// A place on a walk through a medium, after a distance \[m\].
     #[inline]
-    pub(crate) fn new(medium: &'a Medium, arrived: Walk, distance: f32) -> Self {
+    pub(crate) fn new(medium: &'a Medium, arrived: RayState, distance: f32) -> Self {
         let point = arrived.ray.at(distance);
         // As lights see it: without a surface, open to all sides.
-        let receiver = LightReceiver { point, normal: Vec3::ZERO, both_sides: true };
+        let receiver = LightSampleContext { point, normal: Vec3::ZERO, both_sides: true };
         Self { medium, point, wo: -arrived.ray.direction, receiver, distance, arrived }
     }
 }
@@ -185,7 +185,7 @@ impl Vertex for MediumVertex<'_> {
     const IN_MEDIUM: bool = true;
 
     #[inline]
-    fn receiver(&self) -> &LightReceiver {
+    fn receiver(&self) -> &LightSampleContext {
         &self.receiver
     }
 
@@ -208,12 +208,12 @@ impl Vertex for MediumVertex<'_> {
     }
 
     #[inline]
-    fn leave(&self, wi: Vec3) -> Walk {
+    fn leave(&self, wi: Vec3) -> RayState {
         self.arrived.turned(self.point, wi)
     }
 
     #[inline]
-    fn shows_others(&self) -> bool {
+    fn is_see_through(&self) -> bool {
         false
     }
 

@@ -7,12 +7,12 @@
 mod pixel;
 mod size;
 
-pub use pixel::{MOST_SAMPLES, PIXEL_BYTES};
+pub use pixel::{MAX_SAMPLES, PIXEL_BYTES};
 pub use size::checkpoint_size;
 
 use crate::atomic::write_atomically;
 use crate::error::InputError;
-use crate::input::{InputFiles, MOST_STREAMED, OpenFile, Role};
+use crate::input::{InputFiles, MAX_STREAMED, OpenFile, Role};
 use dunkelfeld_film::{Film, PixelSums, Plane};
 use std::io::{self, BufReader, Read, Write};
 use std::ops::Range;
@@ -32,11 +32,11 @@ const HAS_OBJECTS: u32 = 8;
 const HAS_MATERIALS: u32 = 16;
 const ALL_FLAGS: u32 = HAS_WEIGHTS | HAS_CAPS | HAS_TARGET | HAS_OBJECTS | HAS_MATERIALS;
 /// The longest text \[bytes\].
-const MOST_TEXT: u32 = 16 << 20;
+const MAX_TEXT: u32 = 16 << 20;
 /// Rows that share a checksum.
 const BAND: u32 = 16;
-const MOST_SIDE: u32 = 32_768;
-const MOST_PIXELS: u64 = 1 << 27;
+const MAX_SIDE: u32 = 32_768;
+const MAX_PIXELS: u64 = 1 << 27;
 const CHECKSUM: u64 = 8;
 
 const HELP: &str = "use a file that `render --checkpoint` or `merge` wrote, or another name to begin anew";
@@ -93,7 +93,7 @@ pub fn write_checkpoint(
 ) -> io::Result<()> {
     let refuse = |problem: &str| Err(io::Error::new(io::ErrorKind::InvalidInput, problem.to_string()));
     let text_bytes = u32::try_from(head.text.len()).unwrap_or(u32::MAX);
-    if !is_size(head.width, head.height) || text_bytes > MOST_TEXT {
+    if !is_size(head.width, head.height) || text_bytes > MAX_TEXT {
         return refuse("the film or its description is beyond the limits of a checkpoint");
     }
     let size = (head.width, head.height);
@@ -153,7 +153,7 @@ pub fn write_checkpoint(
 /// The file cannot be read, is not a checkpoint, is of another version, was cut short or changed.
 pub fn read_checkpoint(path: &Path) -> Result<Checkpoint, InputError> {
     let fault = |place: &str, problem: String| InputError::new(path, place, problem, HELP);
-    let file = InputFiles::new().open(path, Role::Checkpoint, MOST_STREAMED).map_err(|fault| fault.at(path))?;
+    let file = InputFiles::new().open(path, Role::Checkpoint, MAX_STREAMED).map_err(|fault| fault.at(path))?;
     let length = file.length();
     let mut source = Source { file: BufReader::new(file), left: length, section: 0, path };
 
@@ -167,7 +167,7 @@ pub fn read_checkpoint(path: &Path) -> Result<Checkpoint, InputError> {
         let problem = format!("is of version {version} of the format; this program reads version {CHECKPOINT_VERSION}");
         return Err(fault("the head", problem));
     }
-    if !is_size(width, height) || text_bytes > MOST_TEXT || flags > ALL_FLAGS {
+    if !is_size(width, height) || text_bytes > MAX_TEXT || flags > ALL_FLAGS {
         return Err(fault("the head", "holds numbers that no checkpoint has".into()));
     }
     let pixels = u64::from(width) * u64::from(height);
@@ -198,7 +198,7 @@ pub fn read_checkpoint(path: &Path) -> Result<Checkpoint, InputError> {
     for (slot, (flag, place)) in integers.iter_mut().zip(sections) {
         if flags & flag != 0 {
             let words = source.words(place, pixels)?;
-            if flag == HAS_TARGET && words.iter().any(|&n| n > MOST_SAMPLES) {
+            if flag == HAS_TARGET && words.iter().any(|&n| n > MAX_SAMPLES) {
                 return Err(fault(place, "asks for more samples than a pixel can have".into()));
             }
             *slot = Some(Plane::from_vec(width, height, words).ok_or_else(misfit)?);
@@ -225,8 +225,8 @@ pub fn read_checkpoint(path: &Path) -> Result<Checkpoint, InputError> {
 }
 
 fn is_size(width: u32, height: u32) -> bool {
-    let side = 1..=MOST_SIDE;
-    side.contains(&width) && side.contains(&height) && u64::from(width) * u64::from(height) <= MOST_PIXELS
+    let side = 1..=MAX_SIDE;
+    side.contains(&width) && side.contains(&height) && u64::from(width) * u64::from(height) <= MAX_PIXELS
 }
 
 fn bands(height: u32) -> impl Iterator<Item = Range<u32>> {

@@ -21,11 +21,11 @@ use crate::error::{InputError, SourceSpan};
 use crate::input::{InputFiles, Role};
 
 /// A descriptor is text for people: more than this is something else \[bytes\].
-const MOST_BYTES: u64 = 64 << 20;
+const MAX_BYTES: u64 = 64 << 20;
 /// Photons per pixel in a level of light: far beyond any pixel at either end, and far from where squares are no numbers.
 const PHOTONS: std::ops::RangeInclusive<f64> = 1e-6..=1e12;
 /// The longest exposure time \[ns\].
-const MOST_NS: f64 = 1e18;
+const MAX_NS: f64 = 1e18;
 
 /// A data set.
 #[derive(Clone, Debug, PartialEq)]
@@ -71,7 +71,7 @@ pub struct FrameBlock {
 /// # Errors
 /// The file cannot be read or a line makes no sense; with the line.
 pub fn read_descriptor(path: &Path) -> Result<(EmvaDescriptor, Vec<String>), InputError> {
-    let bytes = InputFiles::new().read(path, Role::Descriptor, MOST_BYTES).map_err(|fault| fault.at(path))?;
+    let bytes = InputFiles::new().read(path, Role::Descriptor, MAX_BYTES).map_err(|fault| fault.at(path))?;
     // Comments are in whatever encoding their author had; what counts is ASCII.
     let text = String::from_utf8_lossy(&bytes).trim_start_matches('\u{feff}').replace("\r\n", "\n").replace('\r', "\n");
     parse(path, &text)
@@ -159,7 +159,7 @@ fn parse(path: &Path, text: &str) -> Result<(EmvaDescriptor, Vec<String>), Input
                         "write 0 or 1e-6 to 1e12 photons, the mean number that a pixel receives in the exposure time",
                     ));
                 }
-                if exposure_ns > MOST_NS {
+                if exposure_ns > MAX_NS {
                     return Err(error(
                         format!("an exposure time of {exposure_ns:e} ns is out of range"),
                         "write the time in nanoseconds, 1e18 at most",

@@ -9,7 +9,7 @@ use exr::meta::attribute::{AttributeValue, Text};
 use exr::prelude::{ReadChannels, read};
 
 use crate::error::InputError;
-use crate::input::{InputFiles, MOST_STREAMED, Role};
+use crate::input::{InputFiles, MAX_STREAMED, Role};
 use crate::process::can_reserve;
 
 pub(crate) mod blocks;
@@ -22,7 +22,7 @@ pub use strips::{ChannelKind, ExrHead, write_exr_rows};
 const ATTRIBUTE: &str = "dunkelfeld";
 
 /// No compression of the format shrinks data further than deflate's 1032 : 1; a header that promises more lies.
-const MOST_SHRUNK: u64 = 1100;
+const MAX_SHRINK: u64 = 1100;
 
 /// The samples of one channel, row by row.
 #[derive(Clone, Debug, PartialEq)]
@@ -71,7 +71,7 @@ pub struct ExrLayers {
 /// Those of the file system; no pixels, no channels, a channel of the wrong length, a name that is empty, double, not
 /// ASCII or longer than 255 bytes. An existing file stays as it was.
 pub fn write_exr(path: &Path, layers: ExrLayers) -> io::Result<()> {
-    let head = ExrHead::of(&layers, layers.height);
+    let head = ExrHead::from_strip(&layers, layers.height);
     let width = layers.width as usize;
     let pixels = width * layers.height as usize;
     for (name, channel) in &layers.channels {
@@ -150,7 +150,7 @@ pub fn read_exr_if<E: From<InputError>>(
     let fault = |problem: String| {
         InputError::new(path, "the file", problem, "check that it is a complete OpenEXR image without deep data")
     };
-    let file = inputs.open(path, role, MOST_STREAMED).map_err(|fault| fault.at(path))?;
+    let file = inputs.open(path, role, MAX_STREAMED).map_err(|fault| fault.at(path))?;
     let size = file.length();
     let mut file = BufReader::new(file);
     let meta = blocks::guard(|| MetaData::read_from_buffered(&mut file, false)).map_err(|e| fault(describe(&e)))?;
@@ -164,7 +164,7 @@ pub fn read_exr_if<E: From<InputError>>(
             samples.saturating_mul(h.channels.bytes_per_pixel as u64)
         })
         .fold(0, u64::saturating_add);
-    if promised > size.saturating_mul(MOST_SHRUNK) {
+    if promised > size.saturating_mul(MAX_SHRINK) {
         return Err(fault(format!("promises {promised} bytes of samples in a file of {size} bytes")).into());
     }
     agree(size_in_memory)?;

@@ -125,7 +125,7 @@ impl Reader<'_> {
         self.number("the input watts")?;
         let vertical = self.angles(rows, "vertical", 0.0..=180.0)?;
         let horizontal = self.angles(columns, "horizontal", 0.0..=360.0)?;
-        let around = Symmetry::of(&horizontal).ok_or_else(|| {
+        let around = Symmetry::from_angles(&horizontal).ok_or_else(|| {
             let (first, last) = (horizontal.first().unwrap_or(&0.0), horizontal.last().unwrap_or(&0.0));
             self.error(
                 format!("horizontal angles from {first} to {last} describe no symmetry"),
@@ -252,7 +252,7 @@ enum Symmetry {
 }
 
 impl Symmetry {
-    fn of(horizontal: &[f64]) -> Option<Self> {
+    fn from_angles(horizontal: &[f64]) -> Option<Self> {
         match (horizontal, horizontal.first().copied()?, horizontal.last().copied()?) {
             ([_], ..) => Some(Self::Axis),
             (_, 0.0, 90.0) => Some(Self::Quadrant),

@@ -20,7 +20,7 @@ pub(crate) struct Content {
 }
 
 impl Content {
-    pub(crate) fn of(bytes: &[u8], file_name: &str) -> Self {
+    pub(crate) fn from_bytes(bytes: &[u8], file_name: &str) -> Self {
         let is_tga = Path::new(file_name).extension().is_some_and(|e| e.eq_ignore_ascii_case("tga"));
         Self { hash: XxHash3_128::oneshot(bytes), length: bytes.len(), is_tga }
     }

@@ -12,7 +12,7 @@ use std::io::{self, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
 /// The largest file that is read in pieces, a checkpoint or a render \[bytes\]: more than the largest film takes.
-pub const MOST_STREAMED: u64 = 64 << 30;
+pub const MAX_STREAMED: u64 = 64 << 30;
 /// Folders of results have folders of results in them, and these none.
 const RESULT_DEPTH: u32 = 1;
 
@@ -104,7 +104,7 @@ pub enum FileKey<'a> {
 
 impl FileIdentity {
     /// The identity of what has the name now, or would have it.
-    pub fn of(path: &Path) -> Self {
+    pub fn from_path(path: &Path) -> Self {
         Self::with_metadata(path, std::fs::metadata(path).ok().as_ref())
     }
 
@@ -171,7 +171,7 @@ impl InputFiles {
 
     /// Counts a file that something refers to, whether it can be read or not.
     pub fn add(&mut self, path: &Path, role: Role) {
-        self.push(InputFile { role, identity: FileIdentity::of(path) });
+        self.push(InputFile { role, identity: FileIdentity::from_path(path) });
     }
 
     /// Counts the files of another list.
@@ -215,7 +215,7 @@ impl InputFiles {
                     Ok(kind) if kind.is_dir() && depth < RESULT_DEPTH => folders.push((entry.path(), depth + 1)),
                     Ok(kind) if kind.is_dir() => {}
                     Ok(_) => {
-                        if let Some(found) = self.find(&FileIdentity::of(&entry.path())) {
+                        if let Some(found) = self.find(&FileIdentity::from_path(&entry.path())) {
                             return Some(found);
                         }
                     }
@@ -235,7 +235,7 @@ impl InputFiles {
         let metadata = opened.as_ref().ok().map(|(_, metadata)| metadata);
         let identity = match metadata {
             Some(metadata) => FileIdentity::with_metadata(path, Some(metadata)),
-            None => FileIdentity::of(path),
+            None => FileIdentity::from_path(path),
         };
         self.push(InputFile { role, identity });
         let (file, metadata) = opened?;
@@ -470,7 +470,7 @@ mod tests {
         File::create(&sparse).and_then(|f| f.set_len(1 << 40)).expect("a sparse file");
         assert!(problem(&sparse, 3 << 30).contains("more than the 3 GiB"));
         let mut inputs = InputFiles::new();
-        assert!(inputs.open(&sparse, Role::Checkpoint, MOST_STREAMED).is_err());
+        assert!(inputs.open(&sparse, Role::Checkpoint, MAX_STREAMED).is_err());
         assert_eq!(inputs.iter().count(), 1, "what is refused counts too");
     }
 
@@ -510,7 +510,7 @@ mod tests {
         let mut inputs = InputFiles::new();
         inputs.add(&at("a.png"), Role::Texture);
         inputs.add(&at("missing.png"), Role::Texture);
-        let finds = |name: &str| inputs.find(&FileIdentity::of(&at(name))).is_some();
+        let finds = |name: &str| inputs.find(&FileIdentity::from_path(&at(name))).is_some();
         for same in ["a.png", "./a.png", "sub/../a.png", "missing.png", "sub/../missing.png"] {
             assert!(finds(same), "{same}");
         }
@@ -575,7 +575,7 @@ mod tests {
             symlink(at("a.png"), at("link.png")).expect("links work");
             symlink(folder.path(), at("sub/up")).expect("links work");
             std::fs::hard_link(at("a.png"), at("deep/hard.png")).expect("hard links work");
-            let same = |a: &str, b: &str| FileIdentity::of(&at(a)).is_same(&FileIdentity::of(&at(b)));
+            let same = |a: &str, b: &str| FileIdentity::from_path(&at(a)).is_same(&FileIdentity::from_path(&at(b)));
             for name in ["link.png", "sub/up/a.png", "deep/hard.png"] {
                 assert!(same("a.png", name) && same(name, "a.png"), "{name}");
             }

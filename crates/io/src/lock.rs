@@ -20,7 +20,7 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime};
 
 /// No lock file has more bytes.
-const MOST_BYTES: u64 = 4096;
+const MAX_BYTES: u64 = 4096;
 /// How often a lock file is opened anew that was removed or not written yet when it was looked at.
 const ATTEMPTS: u32 = 50;
 /// The pause between two attempts: who locks a file writes into it at once.
@@ -214,7 +214,7 @@ fn locked(file: &File) -> Result<(), TryLockError> {
 fn read(file: &mut File) -> io::Result<Option<LockHolder>> {
     let mut text = String::new();
     file.seek(SeekFrom::Start(0))?;
-    file.take(MOST_BYTES + 1).read_to_string(&mut text)?;
+    file.take(MAX_BYTES + 1).read_to_string(&mut text)?;
     if text.is_empty() {
         return Ok(None);
     }

@@ -18,7 +18,7 @@ const SUFFIX: &str = ".partial";
 const RANDOM: usize = 8;
 const PROCESS_DIGITS: usize = 8;
 /// File names have 255 bytes at most. A longer target is abbreviated by a checksum.
-const MOST_NAME: usize = 200;
+const MAX_NAME: usize = 200;
 /// How often a partial file is made anew that others took for a leftover before it was locked.
 const ATTEMPTS: usize = 32;
 
@@ -30,9 +30,9 @@ pub(crate) fn folder_of(target: &Path) -> &Path {
 /// The path that a name stands for. Links are followed, also those that lead to a file that does not exist yet.
 pub(crate) fn resolved(path: &Path) -> PathBuf {
     /// As many as Linux follows.
-    const MOST_LINKS: usize = 40;
+    const MAX_LINKS: usize = 40;
     let mut path = path.to_path_buf();
-    for _ in 0..MOST_LINKS {
+    for _ in 0..MAX_LINKS {
         if let Ok(whole) = path.canonicalize() {
             return whole;
         }
@@ -66,7 +66,7 @@ fn partial_of(name: &OsStr) -> Option<&str> {
 fn prefix(target: &Path) -> OsString {
     let name = target.file_name().unwrap_or_default();
     let mut prefix = OsString::from(".");
-    if name.len() > MOST_NAME {
+    if name.len() > MAX_NAME {
         prefix.push(format!("{:016x}", XxHash3_64::oneshot(name.as_encoded_bytes())));
     } else {
         prefix.push(name);

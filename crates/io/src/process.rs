@@ -4,11 +4,11 @@ use crate::input::{InputFiles, Role};
 use std::path::Path;
 
 /// The longest status of a process \[bytes\]; it has some two thousand.
-const MOST_STATUS: u64 = 1 << 16;
+const MAX_STATUS: u64 = 1 << 16;
 
 /// The most memory that this process has had in use so far \[bytes\]: its peak resident set. `None` where the system does not say.
 pub fn peak_memory() -> Option<u64> {
-    let status = InputFiles::new().read(Path::new("/proc/self/status"), Role::Report, MOST_STATUS).ok()?;
+    let status = InputFiles::new().read(Path::new("/proc/self/status"), Role::Report, MAX_STATUS).ok()?;
     peak_of(&String::from_utf8_lossy(&status))
 }
 

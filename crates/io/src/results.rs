@@ -13,7 +13,7 @@ use crate::lock::TargetLock;
 use crate::partial::{folder_of, is_partial, remove_leftovers_in};
 
 /// The longest text of a result \[bytes\].
-const MOST_TEXT: u64 = 256 << 20;
+const MAX_TEXT: u64 = 256 << 20;
 
 /// An open folder, locked against other processes that would write it. Names are those of files in it, and are never taken
 /// from a user's input.
@@ -68,7 +68,7 @@ impl ResultsFolder {
         let path = self.file(name);
         let fault =
             |problem: String| InputError::new(&path, "the whole file", problem, "delete it, or use another folder");
-        let bytes = match InputFiles::new().read(&path, Role::Result, MOST_TEXT) {
+        let bytes = match InputFiles::new().read(&path, Role::Result, MAX_TEXT) {
             Ok(bytes) => bytes,
             Err(ReadFault::Missing) => return Ok(None),
             Err(e) => return Err(fault(e.problem())),

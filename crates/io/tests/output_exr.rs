@@ -143,7 +143,7 @@ fn strips_make_the_same_bytes_as_the_whole() {
     for (width, height) in [(1, 1), (17, 33), (100, 64)] {
         let whole = folder.path().join("whole.exr");
         write_exr(&whole, rows_of(width, 0..height)).expect("written");
-        let head = ExrHead::of(&rows_of(width, 0..0), height);
+        let head = ExrHead::from_strip(&rows_of(width, 0..0), height);
         assert_eq!(head.channels.len(), 5);
         assert_eq!(head.channels[0], ("spp.Y".into(), ChannelKind::U32));
         let path = folder.path().join("strips.exr");
@@ -174,7 +174,7 @@ fn a_strip_that_does_not_fit_leaves_the_target_as_it_was() {
     let path = folder.path().join("kept.exr");
     std::fs::write(&path, b"precious").expect("written");
     let (width, height) = (17, 33);
-    let head = ExrHead::of(&rows_of(width, 0..0), height);
+    let head = ExrHead::from_strip(&rows_of(width, 0..0), height);
     type Spoil = fn(&mut Vec<Channel>);
     let spoils: [(Spoil, &str); 3] = [
         (|strip| strip.truncate(4), "4 channels"),

@@ -1,17 +1,19 @@
 //! The render: pilot, plan, rounds, until the budget is met.
 
-use crate::checkpoint::{Course, Earlier, Keeper, Moment, Saved, State as Stored, began, film_rows};
+use crate::checkpoint::{
+    AdaptiveState, CheckpointWriter, Restored, ResumedWork, Snapshot, State as Stored, began, film_rows,
+};
 use crate::error::Error;
-use crate::plan::forecast::{Forecast, Pace};
-use crate::plan::{FIRST_LOOK, Planner, State, Verdict};
+use crate::plan::forecast::{Forecast, Throughput};
+use crate::plan::{FIRST_LOOK, NoiseVerdict, Planner, State};
 use crate::progress::{Cancel, Progress, Stage};
 use crate::round::pass::Stride;
-use crate::round::{Reporter, RoundWork, TILE, deadline, give_up, run};
+use crate::round::{ProgressReporter, RoundWork, TILE, abort_at, deadline, run};
 use crate::settings::{DEFAULT_SPP, RenderSettings};
 use crate::validate::validate;
-use dunkelfeld_adaptive::cost::{CostMap, TileGrid, WorkUnit, feared_makespan, makespan};
+use dunkelfeld_adaptive::budget::{Limits, Phase, Schedule, Settings, Step, StopReason};
 use dunkelfeld_adaptive::plan;
-use dunkelfeld_adaptive::schedule::{Limits, Phase, Schedule, Settings, Step, StopReason};
+use dunkelfeld_adaptive::tile_cost::{CostMap, TileGrid, WorkUnit, feared_makespan, makespan};
 use dunkelfeld_film::{Film, Plane};
 use dunkelfeld_integrator::{ConnectionTally, Estimator, Label, PixelSample, label};
 use dunkelfeld_scene::{Camera, RayGenerator, Scene};
@@ -54,7 +56,7 @@ pub struct Rendering {
     /// Threads that rendered.
     pub threads: usize,
     /// What came from a checkpoint, or from the parts of a merged render.
-    pub earlier: Earlier,
+    pub earlier: ResumedWork,
     /// What went wrong when the checkpoint was written last; `None` if it is as it should be, or if there is none.
     pub checkpoint_fault: Option<String>,
 }
@@ -124,8 +126,8 @@ pub fn render(
     progress: &dyn Progress,
     cancel: &Cancel,
 ) -> Result<Rendering, Error> {
-    let nothing = Rehearsal { more_per_megapixel: 0.0, write: &|_, _| Ok(()) };
-    render_rehearsed(scene, settings, started, progress, cancel, nothing)
+    let nothing = OutputDryRun { more_per_megapixel: 0.0, write: &|_, _| Ok(()) };
+    render_with_dry_run(scene, settings, started, progress, cancel, nothing)
 }
 
 /// Writes outputs of a film.
@@ -133,7 +135,7 @@ type Write<'a> = dyn Fn(&Film, &Plane<Option<Label>>) -> Result<(), Error> + Syn
 
 /// What is known of the end before it comes.
 #[derive(Clone, Copy)]
-pub struct Rehearsal<'a> {
+pub struct OutputDryRun<'a> {
     /// What it takes beyond [`CLOSING_PER_MEGAPIXEL`].
     pub more_per_megapixel: f64,
     /// Writes what there is so far, as it will be written in the end.
@@ -142,13 +144,13 @@ pub struct Rehearsal<'a> {
 
 /// [`render`], with a rehearsal of the end once the pilot is done, if the time allows: it leaves a first image, finds out
 /// early what cannot be written, and tells how much time to keep for the end.
-pub fn render_rehearsed(
+pub fn render_with_dry_run(
     scene: &Scene,
     settings: &RenderSettings,
     started: Instant,
     progress: &dyn Progress,
     cancel: &Cancel,
-    rehearsal: Rehearsal<'_>,
+    rehearsal: OutputDryRun<'_>,
 ) -> Result<Rendering, Error> {
     validate(settings)?;
     let camera = camera(scene, settings)?;
@@ -157,17 +159,17 @@ pub fn render_rehearsed(
     pool.install(|| {
         let began = Instant::now();
         let labels = labels(scene, &camera, settings.width, settings.height);
-        let (keeper, saved) = match &settings.checkpoint {
+        let (writer, saved) = match &settings.checkpoint {
             Some(keep) => {
-                let (keeper, saved) = Keeper::open(keep, scene, &camera, settings, &labels, started)?;
-                (Some(keeper), saved)
+                let (writer, saved) = CheckpointWriter::open(keep, scene, &camera, settings, &labels, started)?;
+                (Some(writer), saved)
             }
             None => (None, None),
         };
         let mut renderer = Renderer::new(scene, &camera, settings, started, threads, labels);
-        renderer.keeper = keeper;
+        renderer.writer = writer;
         if let Some(saved) = saved {
-            renderer.take_up(saved);
+            renderer.restore(saved);
         }
         renderer.spend(Stage::Build, began);
         renderer.run(progress, cancel, rehearsal)
@@ -192,10 +194,10 @@ struct Renderer<'a> {
     stages: Vec<(Stage, f64)>,
     invalid: Vec<PixelSample>,
     connections: ConnectionTally,
-    keeper: Option<Keeper>,
-    earlier: Earlier,
+    writer: Option<CheckpointWriter>,
+    earlier: ResumedWork,
     /// Where the rounds stand: what the checkpoint of the round under way says.
-    course: Option<Course>,
+    course: Option<AdaptiveState>,
     /// What an earlier process left: the plan of its last round, and why it ended.
     target: Option<Plane<u32>>,
     stopped: Option<StopReason>,
@@ -206,7 +208,7 @@ enum Next {
     /// A round up to this plan.
     Round(Plane<u32>),
     /// Nothing yet: it was judged, and has to be asked again.
-    Judged,
+    NoiseTarget,
     Stop(StopReason),
 }
 
@@ -236,8 +238,8 @@ impl<'a> Renderer<'a> {
             stages: Vec::new(),
             invalid: Vec::new(),
             connections: ConnectionTally::default(),
-            keeper: None,
-            earlier: Earlier::default(),
+            writer: None,
+            earlier: ResumedWork::default(),
             course: None,
             target: None,
             stopped: None,
@@ -245,15 +247,15 @@ impl<'a> Renderer<'a> {
     }
 
     /// Goes back to where an earlier process was when it stored this.
-    fn take_up(&mut self, saved: Saved) {
-        let Saved { state, shares, target, film } = saved;
+    fn restore(&mut self, saved: Restored) {
+        let Restored { state, shares, target, film } = saved;
         let rendered = film.sample_counts();
         self.counts.data_mut().iter_mut().zip(rendered.data()).for_each(|(count, n)| *count += n);
         self.taken = film.total_samples();
         self.film = film;
         let (started, seconds) = began(self.started, state.elapsed);
         self.started = started;
-        self.earlier = Earlier { seconds, samples: self.taken, was_complete: state.stop.is_some() };
+        self.earlier = ResumedWork { seconds, samples: self.taken, was_complete: state.stop.is_some() };
         self.invalid = state.invalid();
         self.connections = state.connections();
         if let Some(shares) = shares {
@@ -287,17 +289,17 @@ impl<'a> Renderer<'a> {
     /// Stores a checkpoint between two rounds, the render being over for that reason or not at all; without a reason only
     /// if it is time to, unless it must be.
     fn keep(&self, stop: Option<StopReason>, must: bool) {
-        let Some(keeper) = &self.keeper else { return };
+        let Some(writer) = &self.writer else { return };
         let state = self.state(stop);
         let shares = self.course.is_some().then(|| self.planner.shares());
-        let moment = Moment { state: &state, shares, target: self.target.as_ref() };
+        let snapshot = Snapshot { state: &state, shares, target: self.target.as_ref() };
         let mut rows = film_rows(&self.film);
         if must {
-            keeper.keep(moment, &mut rows);
+            writer.keep(snapshot, &mut rows);
         } else {
             let closing = self.course.as_ref().map_or(0.0, |course| self.closing(course));
             let deadline = deadline(self.started, self.settings.budget.seconds, closing);
-            keeper.keep_if_due(moment, deadline, &mut rows);
+            writer.keep_if_due(snapshot, deadline, &mut rows);
         }
     }
 
@@ -305,12 +307,17 @@ impl<'a> Renderer<'a> {
         u64::from(self.settings.width) * u64::from(self.settings.height)
     }
 
-    fn run(mut self, progress: &dyn Progress, cancel: &Cancel, rehearsal: Rehearsal<'_>) -> Result<Rendering, Error> {
+    fn run(
+        mut self,
+        progress: &dyn Progress,
+        cancel: &Cancel,
+        rehearsal: OutputDryRun<'_>,
+    ) -> Result<Rendering, Error> {
         let stop = match (self.stopped, self.settings.given_plan()) {
             (Some(stop), _) => stop,
             (None, Some(plan)) => {
                 let total = self.taken + plan::total(&plan::increment(&self.counts, &plan));
-                let reporter = Reporter::new(progress, self.started, None, Some(total));
+                let reporter = ProgressReporter::new(progress, self.started, None, Some(total));
                 reporter.resume(self.taken);
                 self.round(&plan, Stage::Refine, None, cancel, &reporter)?;
                 StopReason::Samples
@@ -334,7 +341,7 @@ impl<'a> Renderer<'a> {
             forecast,
             threads: self.threads,
             earlier: self.earlier,
-            checkpoint_fault: self.keeper.and_then(Keeper::fault),
+            checkpoint_fault: self.writer.and_then(CheckpointWriter::fault),
         })
     }
 
@@ -343,10 +350,10 @@ impl<'a> Renderer<'a> {
         &mut self,
         progress: &dyn Progress,
         cancel: &Cancel,
-        rehearse: Rehearsal<'_>,
+        rehearse: OutputDryRun<'_>,
     ) -> Result<StopReason, Error> {
         let limits = self.limits();
-        let reporter = Reporter::new(progress, self.started, limits.seconds, limits.samples);
+        let reporter = ProgressReporter::new(progress, self.started, limits.seconds, limits.samples);
         reporter.resume(self.taken);
         let mut course = match self.course.take() {
             Some(course) => course,
@@ -358,7 +365,7 @@ impl<'a> Renderer<'a> {
                 Some(target) => target,
                 None => match self.next_round(&mut course, limits, &reporter, rehearse)? {
                     Next::Round(target) => target,
-                    Next::Judged => continue,
+                    Next::NoiseTarget => continue,
                     Next::Stop(reason) => return Ok(reason),
                 },
             };
@@ -396,45 +403,45 @@ impl<'a> Renderer<'a> {
             seconds: budget.seconds,
             samples,
             at_least: preview.min(samples.unwrap_or(u64::MAX)),
-            judged: budget.noise.is_some(),
+            stop_on_noise: budget.noise.is_some(),
         }
     }
 
-    fn first_course(&self, limits: Limits, end: Rehearsal<'_>) -> Course {
+    fn first_course(&self, limits: Limits, end: OutputDryRun<'_>) -> AdaptiveState {
         let closing = (CLOSING_PER_MEGAPIXEL + end.more_per_megapixel) * self.pixels() as f64 * 1e-6
             / self.threads.clamp(1, 2) as f64
             + self.settings.denoise.expected_seconds(self.pixels(), self.threads);
         // Judged, the pilot begins with a look that tells how large it is to be.
-        let pilot_spp = self.settings.pilot_spp.min(if limits.judged { FIRST_LOOK } else { u32::MAX });
+        let pilot_spp = self.settings.pilot_spp.min(if limits.stop_on_noise { FIRST_LOOK } else { u32::MAX });
         let settings = Settings { pixels: self.pixels(), pilot_spp, closing_seconds: closing };
         let schedule = Schedule::new(limits, settings);
-        Course { schedule, stage: Stage::Pilot, work_per_sample: 1.0, closing, rehearsed: false }
+        AdaptiveState { schedule, stage: Stage::Pilot, work_per_sample: 1.0, closing, rehearsed: false }
     }
 
     /// Seconds to keep for the end, the last checkpoint included: by the first one it is known how long they take.
-    fn closing(&self, course: &Course) -> f64 {
-        course.closing + self.keeper.as_ref().map_or(0.0, |keeper| CLOSING_MARGIN * keeper.expected_seconds())
+    fn closing(&self, course: &AdaptiveState) -> f64 {
+        course.closing + self.writer.as_ref().map_or(0.0, |writer| CLOSING_MARGIN * writer.expected_seconds())
     }
 
     /// Asks the schedule; plans or judges where that is due, and rehearses the end once the pilot is done.
     fn next_round(
         &mut self,
-        course: &mut Course,
+        course: &mut AdaptiveState,
         limits: Limits,
-        reporter: &Reporter<'_>,
-        rehearse: Rehearsal<'_>,
+        reporter: &ProgressReporter<'_>,
+        rehearse: OutputDryRun<'_>,
     ) -> Result<Next, Error> {
         let closing = self.closing(course);
         course.schedule.set_closing_seconds(closing);
         let round = match course.schedule.next(self.started.elapsed().as_secs_f64(), course.work_per_sample) {
             Step::Stop(reason) => return Ok(Next::Stop(reason)),
             Step::Round(round) => Some(round),
-            Step::Judge => None,
+            Step::CheckNoise => None,
         };
         if round.is_none_or(|round| round.replan) {
             let began = Instant::now();
             let state = State { film: &self.film, labels: &self.labels, counts: &self.counts };
-            let pace = Pace {
+            let pace = Throughput {
                 elapsed: self.started.elapsed().as_secs_f64(),
                 per_work: course.schedule.pace(),
                 threads: self.threads,
@@ -448,7 +455,7 @@ impl<'a> Renderer<'a> {
                 Some(k) => verdict = Some(self.planner.judge(k, state, &pace, tell)?),
                 None => self.planner.plan(state, &pace)?.into_iter().for_each(tell),
             }
-            let is_pilot_done = !matches!(verdict, Some(Verdict::GrowPilot(_)));
+            let is_pilot_done = !matches!(verdict, Some(NoiseVerdict::GrowPilot(_)));
             let left = limits.seconds.map_or(0.0, |s| s - self.started.elapsed().as_secs_f64());
             if !course.rehearsed && is_pilot_done && closing < REHEARSAL_SHARE * left {
                 self.rehearse(course, rehearse)?;
@@ -460,17 +467,17 @@ impl<'a> Renderer<'a> {
             self.spend(Stage::Plan, began);
             match verdict {
                 None => {}
-                Some(Verdict::Hidden) => return Ok(Next::Stop(StopReason::Judged)),
-                Some(Verdict::GrowPilot(spp)) => {
+                Some(NoiseVerdict::Hidden) => return Ok(Next::Stop(StopReason::NoiseTarget)),
+                Some(NoiseVerdict::GrowPilot(spp)) => {
                     course.schedule.grow_pilot(spp);
                 }
-                Some(Verdict::After(samples)) => {
+                Some(NoiseVerdict::After(samples)) => {
                     reporter.expect(samples);
-                    course.schedule.judged(samples);
+                    course.schedule.stop_on_noise(samples);
                 }
             }
         }
-        let Some(round) = round else { return Ok(Next::Judged) };
+        let Some(round) = round else { return Ok(Next::NoiseTarget) };
         course.stage = if round.phase == Phase::Pilot { Stage::Pilot } else { Stage::Refine };
         let began = Instant::now();
         let target = self.target(round.samples, &course.schedule, limits.at_least);
@@ -479,7 +486,7 @@ impl<'a> Renderer<'a> {
     }
 
     /// Writes everything as in the end, and learns how long that takes.
-    fn rehearse(&self, course: &mut Course, rehearse: Rehearsal<'_>) -> Result<(), Error> {
+    fn rehearse(&self, course: &mut AdaptiveState, rehearse: OutputDryRun<'_>) -> Result<(), Error> {
         let began = Instant::now();
         (rehearse.write)(&self.film, &self.labels)?;
         course.rehearsed = true;
@@ -514,7 +521,7 @@ impl<'a> Renderer<'a> {
         stage: Stage,
         deadline: Option<Instant>,
         cancel: &Cancel,
-        reporter: &Reporter<'_>,
+        reporter: &ProgressReporter<'_>,
     ) -> Result<f64, Error> {
         let mut increment = plan::increment(&self.counts, target);
         let mut units = self.costs.cut(&increment, self.threads);
@@ -540,7 +547,7 @@ impl<'a> Renderer<'a> {
     ///
     /// # Errors
     /// The film has not got enough memory.
-    fn pass(&mut self, pass: Pass<'_>, cancel: &Cancel, reporter: &Reporter<'_>) -> Result<u64, Error> {
+    fn pass(&mut self, pass: Pass<'_>, cancel: &Cancel, reporter: &ProgressReporter<'_>) -> Result<u64, Error> {
         let Pass { target, increment, units, deadline, stage } = pass;
         let began = Instant::now();
         let estimator = Estimator {
@@ -554,7 +561,7 @@ impl<'a> Renderer<'a> {
         // A plan that was given is at hand whenever the render is taken up.
         let plans = self.course.is_some();
         let (shares, open) = (plans.then(|| self.planner.shares()), plans.then_some(target));
-        let moment = Moment { state: &state, shares, target: open };
+        let snapshot = Snapshot { state: &state, shares, target: open };
         let round = RoundWork {
             estimator: &estimator,
             counts: &self.counts,
@@ -562,10 +569,10 @@ impl<'a> Renderer<'a> {
             units,
             costs: &self.costs,
             deadline,
-            give_up: give_up(deadline, self.settings.budget.seconds),
+            abort_at: abort_at(deadline, self.settings.budget.seconds),
             cancel,
             stage,
-            keeper: self.keeper.as_ref().map(|keeper| (keeper, moment)),
+            writer: self.writer.as_ref().map(|writer| (writer, snapshot)),
         };
         let result = run(&mut self.film, &round, reporter);
         for &(tile, ..) in &result.tiles {

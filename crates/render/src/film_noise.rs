@@ -3,11 +3,11 @@
 use crate::parallel::map_tile_rows;
 use crate::settings::SensorChoice;
 use dunkelfeld_adaptive::certificate::{Certificate, Claim, certify as certify_pixels};
-use dunkelfeld_adaptive::evidence::{Evidence, Level, surfaces};
-use dunkelfeld_adaptive::expected::{Expected, expected_row, told};
-use dunkelfeld_adaptive::need::{Needs, SensorNoise, needs};
-use dunkelfeld_adaptive::own::{BLOCK, own_noise_of_blocks};
-use dunkelfeld_adaptive::pooling::{PixelNoise, noise_row};
+use dunkelfeld_adaptive::required_samples::{RequiredSamples, SensorNoise, required_samples};
+use dunkelfeld_adaptive::variance::inputs::{NoiseInputs, SensorVarianceRange, pixel_features};
+use dunkelfeld_adaptive::variance::neighbours::{PredictedNoise, predicted_noise_row, told};
+use dunkelfeld_adaptive::variance::pixel::{BLOCK, pixel_noise_of_blocks};
+use dunkelfeld_adaptive::variance::pooled::{PixelNoise, noise_row};
 use dunkelfeld_film::{Film, PixelSums, Plane, Scatter};
 use dunkelfeld_integrator::Label;
 use dunkelfeld_radiometry::{Rgb, Seconds};
@@ -17,7 +17,7 @@ use std::ops::Range;
 
 /// How radiance counts: the unit in which noise is measured.
 #[derive(Clone, Copy, Debug)]
-pub struct Eye {
+pub struct SignalModel {
     /// Electrons per radiance and channel of each pixel; luminance without a sensor.
     response: Response,
     /// Level at which it saturates, in that unit.
@@ -26,13 +26,13 @@ pub struct Eye {
     pub sensor: Option<SensorNoise>,
 }
 
-impl Eye {
+impl SignalModel {
     /// The sensor at its exposure, or the luminance of an image without one. A black image, which has no automatic
     /// exposure, is exposed for 1 s, as [`crate::develop`] does.
     ///
     /// # Errors
     /// A sensor whose ranges the exposure leaves.
-    pub fn of(mean: &Plane<[f32; 3]>, sensor: &SensorChoice) -> Result<Self, SensorError> {
+    pub fn new(mean: &Plane<[f32; 3]>, sensor: &SensorChoice) -> Result<Self, SensorError> {
         let SensorChoice::Emva { model, optics, exposure } = sensor else {
             return Ok(Self { response: Response::constant(Weights::luminance()), white: 1.0, sensor: None });
         };
@@ -54,7 +54,7 @@ impl Eye {
     }
 
     /// Estimates of some rows of pixels of a film, as pixels of each kind see them. The sums of few rows are unpacked at a time.
-    fn evidence(&self, film: &Film, labels: &Plane<Option<Label>>, rows: Range<u32>) -> Vec<Evidence> {
+    fn evidence(&self, film: &Film, labels: &Plane<Option<Label>>, rows: Range<u32>) -> Vec<NoiseInputs> {
         let (width, height, kinds) = (film.width(), rows.len() as u32, self.response.kinds());
         let pixels = width as usize * rows.len();
         let (mut counts, mut normals) = (Vec::with_capacity(pixels), Vec::with_capacity(pixels));
@@ -66,17 +66,17 @@ impl Eye {
             counts.extend(sums.iter().map(PixelSums::count));
             normals.extend(sums.iter().map(PixelSums::mean_normal));
             for (seen, &weights) in seen.iter_mut().zip(kinds) {
-                seen.extend(sums.iter().map(|p| Seen::of(p, weights)));
+                seen.extend(sums.iter().map(|p| Seen::from_sums(p, weights)));
             }
         }
         let objects =
             Plane::from_fn(width, height, |x, y| labels.at(x, rows.start + y).map_or(u32::MAX, |l| l.object()));
-        let surface = surfaces(&objects, &Plane::of_pixels(width, height, normals));
+        let surface = pixel_features(&objects, &Plane::of_pixels(width, height, normals));
         let counts = Plane::of_pixels(width, height, counts);
         let of_kind = |seen: Vec<Seen>| {
             let seen = Plane::of_pixels(width, height, seen);
             let (mean, variance) = (seen.map(|s| s.mean), seen.map(|s| s.variance));
-            Evidence {
+            NoiseInputs {
                 counts: counts.clone(),
                 level: levels(&mean, &variance, self.sensor),
                 scatter: seen.map(|s| s.scatter),
@@ -99,7 +99,7 @@ struct Seen {
 }
 
 impl Seen {
-    fn of(sums: &PixelSums, weights: Weights) -> Self {
+    fn from_sums(sums: &PixelSums, weights: Weights) -> Self {
         let (mean, variance) = sums.weighted_mean_and_variance(weights.0);
         // A film holds the luminance of its largest sample; its colour is taken for that of the pixel.
         let (factor, _) = per_luminance(weights, sums.mean());
@@ -135,29 +135,29 @@ pub fn sensor_noise(model: &SensorModel, exposure: Exposure) -> SensorNoise {
 }
 
 /// How bright pixels are for a sensor; without one all are alike.
-pub fn levels(mean: &Plane<f32>, variance: &Plane<f32>, sensor: Option<SensorNoise>) -> Plane<Level> {
+pub fn levels(mean: &Plane<f32>, variance: &Plane<f32>, sensor: Option<SensorNoise>) -> Plane<SensorVarianceRange> {
     let mut variances = variance.data().iter();
     mean.map(|&mean| match (sensor, variances.next()) {
         (Some(sensor), Some(&variance)) if variance.is_finite() => sensor.level(mean, variance),
-        _ => Level::ANY,
+        _ => SensorVarianceRange::ANY,
     })
 }
 
-/// [`dunkelfeld_adaptive::pooling::noise`], rows shared out among the threads of the current pool.
-fn pooled(evidence: &Evidence) -> Plane<PixelNoise> {
+/// [`dunkelfeld_adaptive::variance::pooled::noise`], rows shared out among the threads of the current pool.
+fn pooled(evidence: &NoiseInputs) -> Plane<PixelNoise> {
     let rows: Vec<_> = (0..evidence.height()).into_par_iter().map(|y| noise_row(evidence, y)).collect();
     let unknown = |_: &f32| PixelNoise::UNKNOWN;
     Plane::from_vec(evidence.width(), evidence.height(), rows.concat()).unwrap_or_else(|| evidence.mean.map(unknown))
 }
 
-/// [`dunkelfeld_adaptive::own::own_noise`] of some rows of an image that begin and end with a row of blocks, likewise.
-fn owned(evidence: &Evidence, rows: Range<u32>) -> Vec<PixelNoise> {
+/// [`dunkelfeld_adaptive::variance::pixel::pixel_noise`] of some rows of an image that begin and end with a row of blocks, likewise.
+fn owned(evidence: &NoiseInputs, rows: Range<u32>) -> Vec<PixelNoise> {
     if evidence.variance.data().iter().all(|v| !v.is_finite()) {
         // A sample a pixel, or none: there is nothing to pool.
         return vec![PixelNoise::UNKNOWN; rows.len() * evidence.width() as usize];
     }
     let blocks = rows.start / BLOCK..rows.end.div_ceil(BLOCK);
-    blocks.into_par_iter().map(|row| own_noise_of_blocks(evidence, row)).collect::<Vec<_>>().concat()
+    blocks.into_par_iter().map(|row| pixel_noise_of_blocks(evidence, row)).collect::<Vec<_>>().concat()
 }
 
 /// Rows that are analysed at once. Estimates of an image take ten times the memory of what is made of them.
@@ -176,11 +176,11 @@ pub struct Certified {
 }
 
 /// Estimates of some rows of an image, as pixels of each kind see them.
-type Views<'a> = Box<dyn Fn(Range<u32>) -> Vec<Evidence> + Send + Sync + 'a>;
+type Views<'a> = Box<dyn Fn(Range<u32>) -> Vec<NoiseInputs> + Send + Sync + 'a>;
 
 /// What is known of a film's noise beneath a sensor's. The estimates behind it are made band by band, each time that they are
 /// needed: those of a whole image would take more memory than its film.
-pub struct Measured<'a> {
+pub struct FilmNoise<'a> {
     /// Mean signal of each pixel, as its kind sees it.
     pub mean: Plane<f32>,
     /// Samples per pixel.
@@ -193,9 +193,9 @@ pub struct Measured<'a> {
     response: Response,
 }
 
-impl<'a> Measured<'a> {
+impl<'a> FilmNoise<'a> {
     /// Of a film, in the unit of `eye`.
-    pub fn new(eye: &Eye, film: &'a Film, labels: &'a Plane<Option<Label>>) -> Self {
+    pub fn new(eye: &SignalModel, film: &'a Film, labels: &'a Plane<Option<Label>>) -> Self {
         let (eye, width) = (*eye, film.width());
         let signal = |first: usize, sums: &[PixelSums]| -> Vec<(f32, u32)> {
             let place = |pixel: usize| (pixel as u32 % width, (pixel / width as usize) as u32);
@@ -216,10 +216,10 @@ impl<'a> Measured<'a> {
 
     /// Of estimates from elsewhere: the mean signal as each pixel sees it, the numbers of samples, and the views of some rows through
     /// each kind of pixel.
-    pub fn of(
+    pub fn from_estimates(
         mean: Plane<f32>,
         counts: Plane<u32>,
-        views: impl Fn(Range<u32>) -> Vec<Evidence> + Send + Sync + 'a,
+        views: impl Fn(Range<u32>) -> Vec<NoiseInputs> + Send + Sync + 'a,
         response: Response,
         sensor: Option<SensorNoise>,
     ) -> Self {
@@ -227,11 +227,11 @@ impl<'a> Measured<'a> {
     }
 
     /// What is expected of each pixel by its neighbours: what plans are made from. Judged by the sensor's noise, or alike everywhere.
-    pub fn expected(&self, sensor: Option<SensorNoise>) -> Plane<Expected> {
-        let unknown = Expected { ratio: f32::INFINITY, saturated: false };
+    pub fn expected(&self, sensor: Option<SensorNoise>) -> Plane<PredictedNoise> {
+        let unknown = PredictedNoise { ratio: f32::INFINITY, saturated: false };
         self.by_bands(unknown, |evidence, rows| {
             let told = told(evidence, sensor);
-            rows.into_par_iter().map(|y| expected_row(&evidence.surface, &told, y)).collect::<Vec<_>>().concat()
+            rows.into_par_iter().map(|y| predicted_noise_row(&evidence.surface, &told, y)).collect::<Vec<_>>().concat()
         })
     }
 
@@ -244,7 +244,7 @@ impl<'a> Measured<'a> {
         labels: &'a Plane<Option<Label>>,
     ) -> Self {
         let (white, sensor) = (model.saturation().0 as f32, Some(sensor_noise(model, exposure)));
-        Self::new(&Eye { response, white, sensor }, film, labels)
+        Self::new(&SignalModel { response, white, sensor }, film, labels)
     }
 
     /// A plane made band by band, from the estimates of a band with what lies around it and the rows of these that are asked for. Each
@@ -252,7 +252,7 @@ impl<'a> Measured<'a> {
     fn by_bands<T: Copy + Send + Sync>(
         &self,
         unknown: T,
-        f: impl Fn(&Evidence, Range<u32>) -> Vec<T> + Send + Sync,
+        f: impl Fn(&NoiseInputs, Range<u32>) -> Vec<T> + Send + Sync,
     ) -> Plane<T> {
         let (width, height) = (self.mean.width(), self.mean.height());
         let mut out = Plane::new(width, height, unknown);
@@ -281,24 +281,24 @@ impl<'a> Measured<'a> {
     /// Of each pixel: does it hold a rare sample, and the variance of its mean \[e-^2\], without what pixels that hold one
     /// would tell their neighbours. Without a sensor no sample is rare. The variance is infinite where the pixel has samples in fewer than
     /// two batches: its neighbours tell how noisy its samples are, but not whether it is one of them.
-    pub fn without_rare(&self) -> Plane<(bool, f32)> {
+    pub fn without_outliers(&self) -> Plane<(bool, f32)> {
         self.by_bands((false, f32::INFINITY), |evidence, rows| {
-            let rare = match self.sensor {
+            let outliers = match self.sensor {
                 None => evidence.mean.map(|_| false),
-                Some(sensor) => rare(evidence, &pooled(evidence), sensor),
+                Some(sensor) => outliers(evidence, &pooled(evidence), sensor),
             };
             let width = evidence.width() as usize;
             let pixels = rows.start as usize * width..rows.end as usize * width;
             let own = &evidence.variance.data()[pixels.clone()];
-            let told = told_without(evidence, &rare, rows);
+            let told = variance_without_outliers(evidence, &outliers, rows);
             let known = |(&own, told): (&f32, f32)| if own.is_finite() { told } else { f32::INFINITY };
-            rare.data()[pixels].iter().copied().zip(own.iter().zip(told).map(known)).collect()
+            outliers.data()[pixels].iter().copied().zip(own.iter().zip(told).map(known)).collect()
         })
     }
 
     /// What each pixel needs to be hidden at `k` by such noise; `None` without a sensor.
-    pub fn needs_by(&self, noise: &Plane<PixelNoise>, k: f64) -> Option<Needs> {
-        self.sensor.map(|sensor| needs(&self.mean, &self.counts, noise, sensor, k))
+    pub fn needs_by(&self, noise: &Plane<PixelNoise>, k: f64) -> Option<RequiredSamples> {
+        self.sensor.map(|sensor| required_samples(&self.mean, &self.counts, noise, sensor, k))
     }
 
     /// Certifies at `k`; `None` without a sensor.
@@ -332,7 +332,7 @@ const OWN: f64 = 0.5;
 
 /// Which pixels hold a sample that lifts them by so much above the mean of their neighbourhood. What counts as rare depends little
 /// on the pixel's other samples: those that are left scatter as samples do that are bounded.
-fn rare(evidence: &Evidence, noise: &Plane<PixelNoise>, sensor: SensorNoise) -> Plane<bool> {
+fn outliers(evidence: &NoiseInputs, noise: &Plane<PixelNoise>, sensor: SensorNoise) -> Plane<bool> {
     let mut samples = evidence.counts.data().iter().zip(evidence.largest.data()).zip(evidence.mean.data());
     noise.map(|around| {
         samples.next().is_some_and(|((&n, &largest), &own)| {
@@ -347,17 +347,21 @@ fn rare(evidence: &Evidence, noise: &Plane<PixelNoise>, sensor: SensorNoise) -> 
 
 /// The variance of the mean of each pixel of some rows \[e-^2\] by its own samples; what any of them might have seen is told by those
 /// that hold no rare one.
-fn told_without(evidence: &Evidence, is_rare: &Plane<bool>, rows: Range<u32>) -> Vec<f32> {
+fn variance_without_outliers(evidence: &NoiseInputs, is_rare: &Plane<bool>, rows: Range<u32>) -> Vec<f32> {
     let mut others = evidence.clone();
     let variances = others.variance.data_mut().iter_mut();
-    variances.zip(is_rare.data()).filter(|(_, rare)| **rare).for_each(|(v, _)| *v = f32::INFINITY);
+    variances.zip(is_rare.data()).filter(|(_, outliers)| **outliers).for_each(|(v, _)| *v = f32::INFINITY);
     let width = evidence.width() as usize;
     let pixels = rows.start as usize * width..rows.end as usize * width;
     let is_rare = &is_rare.data()[pixels.clone()];
     let mut told = owned(&others, rows.clone());
     if is_rare.contains(&true) {
         let all = owned(evidence, rows);
-        told.iter_mut().zip(all).zip(is_rare).filter(|(_, rare)| **rare).for_each(|((told, all), _)| *told = all);
+        told.iter_mut()
+            .zip(all)
+            .zip(is_rare)
+            .filter(|(_, outliers)| **outliers)
+            .for_each(|((told, all), _)| *told = all);
     }
     told.iter().zip(&evidence.counts.data()[pixels]).map(|(noise, &n)| noise.of_mean(n)).collect()
 }
@@ -386,7 +390,7 @@ mod tests {
         let response = Response::constant(Weights([1000.0; 3]));
         let sensor = Some(SensorNoise { floor: 10.0, saturation: 1e5 });
         let labels = Plane::new(width, height, None);
-        let measured = Measured::new(&Eye { response, white: 1e5, sensor }, &film, &labels);
+        let measured = FilmNoise::new(&SignalModel { response, white: 1e5, sensor }, &film, &labels);
         let own = measured.owned();
         for colour in 0..2 {
             let noise: Vec<f64> = own.data().iter().skip(colour).step_by(2).map(|n| f64::from(n.variance)).collect();

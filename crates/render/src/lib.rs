@@ -19,9 +19,10 @@ mod round;
 mod settings;
 mod validate;
 
-pub use checkpoint::{Earlier, lock};
+pub use checkpoint::{ResumedWork, lock};
 pub use driver::{
-    EXR_PER_MEGAPIXEL, Rehearsal, Rendering, camera, find_camera, render, render_rehearsed, thread_count, thread_pool,
+    EXR_PER_MEGAPIXEL, OutputDryRun, Rendering, camera, find_camera, render, render_with_dry_run, thread_count,
+    thread_pool,
 };
 pub use error::{Error, camera_help, written};
 pub use merge::{JoinedParts, PartSummary};

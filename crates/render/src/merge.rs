@@ -1,13 +1,13 @@
 //! Joins the parts of a render that several processes shared.
 
 use crate::checkpoint::exposure_recipe::{ExposureRecipe, labels_of};
-use crate::checkpoint::{Description, Earlier, State, film_rows, load, text_of};
+use crate::checkpoint::{Description, ResumedWork, State, film_rows, load, text_of};
 use crate::driver::Rendering;
 use crate::error::{Error, written};
 use crate::progress::Stage;
 use crate::settings::RenderSettings;
-use dunkelfeld_adaptive::schedule::StopReason;
-use dunkelfeld_adaptive::{allocation, plan};
+use dunkelfeld_adaptive::budget::StopReason;
+use dunkelfeld_adaptive::{plan, weights};
 use dunkelfeld_film::{Film, Plane};
 use dunkelfeld_io::InputError;
 use dunkelfeld_io::checkpoint::{CheckpointHead, write_checkpoint};
@@ -15,7 +15,7 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 /// At most so many invalid samples are remembered by name.
-const MOST_NAMED: usize = 16;
+const MAX_LISTED: usize = 16;
 
 /// A part without its film.
 struct Part<'a> {
@@ -146,10 +146,10 @@ impl JoinedParts {
             interrupted: false,
             invalid: state.invalid(),
             connections: state.connections(),
-            weights: allocation::uniform(film.width(), film.height()),
+            weights: weights::uniform(film.width(), film.height()),
             forecast: None,
             threads,
-            earlier: Earlier { seconds: state.elapsed, samples: film.total_samples(), was_complete: true },
+            earlier: ResumedWork { seconds: state.elapsed, samples: film.total_samples(), was_complete: true },
             checkpoint_fault: None,
             stages: state.stages,
             film,
@@ -243,6 +243,6 @@ fn together(parts: &[Part<'_>]) -> State {
         all.invalid.extend(&state.invalid);
     }
     all.invalid.sort_by_key(|&[x, y, index]| (y, x, index));
-    all.invalid.truncate(MOST_NAMED);
+    all.invalid.truncate(MAX_LISTED);
     all
 }

@@ -6,7 +6,7 @@ mod denoise;
 pub use checkpoint::{CheckpointSettings, DEFAULT_CHECKPOINT_SECONDS};
 pub use denoise::{DenoiseMethod, DenoiseSettings, OIDN_VARIABLE};
 
-use dunkelfeld_adaptive::allocation::Strategy;
+use dunkelfeld_adaptive::weights::Strategy;
 use dunkelfeld_film::{FilmLayers, Plane};
 use dunkelfeld_scene::{Camera, Effect};
 use dunkelfeld_sensor::{Exposure, ExposureNoise, Optics, SensorModel};
@@ -170,7 +170,7 @@ impl Default for RenderSettings {
             budget: Budget::default(),
             strategy: None,
             pilot_spp: DEFAULT_PILOT_SPP,
-            sobel_floor: dunkelfeld_adaptive::allocation::SOBEL_FLOOR,
+            sobel_floor: dunkelfeld_adaptive::weights::SOBEL_FLOOR,
             seed: 0,
             frame: 0,
             threads: 0,

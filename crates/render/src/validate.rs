@@ -2,8 +2,8 @@
 
 use crate::error::Error;
 use crate::settings::{Budget, MAX_PIXELS, MAX_SIDE, RenderSettings};
-use dunkelfeld_adaptive::allocation::Strategy;
 use dunkelfeld_adaptive::plan;
+use dunkelfeld_adaptive::weights::Strategy;
 use dunkelfeld_sensor::ExposureNoise;
 
 /// Refuses what cannot be rendered, with help.

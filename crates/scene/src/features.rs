@@ -7,9 +7,9 @@
 /// Constants that a kernel is compiled with.
 pub trait Features: 'static {
     /// Surfaces that vary from place to place or have a direction: textures, vertex colours, normal maps, anisotropy.
-    const DETAIL: bool;
+    const TEXTURED: bool;
     /// Chance decides what a surface is: coverage, or a sheet that is partly clear.
-    const CHANCE: bool;
+    const STOCHASTIC: bool;
     /// Solids that light enters, and what they absorb.
     const SOLIDS: bool;
     /// Media that scatter, solids that touch or overlap, faces that light passes straight on, a camera inside a solid.
@@ -18,26 +18,26 @@ pub trait Features: 'static {
 
 /// A set of features as a type.
 #[derive(Clone, Copy, Debug)]
-pub struct With<const DETAIL: bool, const CHANCE: bool, const SOLIDS: bool, const MEDIA: bool>;
+pub struct KernelFeatures<const TEXTURED: bool, const STOCHASTIC: bool, const SOLIDS: bool, const MEDIA: bool>;
 
-impl<const DETAIL: bool, const CHANCE: bool, const SOLIDS: bool, const MEDIA: bool> Features
-    for With<DETAIL, CHANCE, SOLIDS, MEDIA>
+impl<const TEXTURED: bool, const STOCHASTIC: bool, const SOLIDS: bool, const MEDIA: bool> Features
+    for KernelFeatures<TEXTURED, STOCHASTIC, SOLIDS, MEDIA>
 {
-    const DETAIL: bool = DETAIL;
-    const CHANCE: bool = CHANCE;
+    const TEXTURED: bool = TEXTURED;
+    const STOCHASTIC: bool = STOCHASTIC;
     const SOLIDS: bool = SOLIDS;
     const MEDIA: bool = MEDIA;
 }
 
 /// All features: right for every scene.
-pub type Everything = With<true, true, true, true>;
+pub type AllFeatures = KernelFeatures<true, true, true, true>;
 
 /// The features that a scene calls for.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct FeatureSet {
-    /// See [`Features::DETAIL`].
+    /// See [`Features::TEXTURED`].
     pub detail: bool,
-    /// See [`Features::CHANCE`].
+    /// See [`Features::STOCHASTIC`].
     pub chance: bool,
     /// See [`Features::SOLIDS`].
     pub solids: bool,

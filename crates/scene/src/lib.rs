@@ -6,64 +6,43 @@
 
 #![forbid(unsafe_code)]
 
-mod builder;
+pub mod build;
 pub mod camera;
-mod check;
-mod compile;
-pub mod cover;
-mod delta_light;
-pub mod distortion;
-pub mod effects;
-mod environment;
-mod facet;
+pub mod covers;
 pub mod features;
-mod fingerprint;
-mod hazards;
-pub mod interior;
-pub mod intersect;
-mod inventory;
-mod leave_out;
-pub mod lens;
+mod geometry;
 pub mod light;
-mod light_tree;
-mod material;
-pub mod medium;
-pub mod nesting;
-mod normal_differential;
-mod profile;
-pub mod report;
+pub mod material;
+pub mod media;
+pub mod query;
+pub mod sampling_options;
 mod scene;
-pub mod shading;
 pub mod shapes;
-mod surface;
-pub mod techniques;
-mod texture;
-mod texture_eval;
 
 pub use dunkelfeld_bsdf::EFFECTS;
 
-pub use builder::{
+pub use build::builder::{
     Camera, Environment, EnvironmentSource, Instance, MeshPart, Projection, PunctualKind, PunctualLight, SceneBuilder,
 };
+pub use build::compile::BuildError;
+pub use build::effects::{Effect, Effects, kernel_words};
+pub use build::fingerprint::digest;
+pub use build::report::{BuildReport, Finding, Severity};
+pub use camera::distortion::Distortion;
+pub use camera::lens::{Aperture, Blades, Lens, Opening, ThinLens, Vignetting};
 pub use camera::{CameraError, CameraRay, RayGenerator, framing_camera, look_at};
-pub use compile::BuildError;
-pub use cover::{Candidate, Chain, CoverStack, Crossing, Seed, Target};
-pub use distortion::Distortion;
-pub use effects::{Effect, Effects, kernel_words};
-pub use features::{Everything, FeatureSet, Features, With};
-pub use fingerprint::digest;
-pub use interior::Interior;
-pub use intersect::SurfacePoint;
-pub use inventory::{LightInfo, PartInfo};
-pub use lens::{Aperture, Blades, Lens, Opening, ThinLens, Vignetting};
-pub use light::{LightChoice, LightReceiver, LightSample, LightTarget};
+pub use covers::{Candidate, Chain, CoverStack, Crossing, Seed, Target};
+pub use features::{AllFeatures, FeatureSet, Features, KernelFeatures};
+pub use geometry::normal_differential::NormalDifferential;
+pub use light::luminaire::{LightProfile, ProfileError};
+pub use light::summary::{LightInfo, PartInfo};
+pub use light::{LightChoice, LightSample, LightSampleContext, LightTarget};
+pub use material::texture::{ColorEncoding, Filter, Image, ImageId, Texels, Texture, TextureTransform, Wrap};
 pub use material::{AlphaMode, ChannelTexture, Material, Surface, Volume};
-pub use medium::{Medium, MediumEvent};
-pub use nesting::{Boundary, Interface};
-pub use normal_differential::NormalDifferential;
-pub use profile::{LightProfile, ProfileError};
-pub use report::{BuildReport, Finding, Severity};
+pub use media::medium::{Medium, MediumEvent};
+pub use media::medium_stack::Interior;
+pub use media::nested_dielectrics::{Boundary, Interface};
+pub use query::intersect::SurfacePoint;
+pub use query::shading::ShadingPoint;
+pub use sampling_options::Techniques;
 pub use scene::{Scene, SceneSummary};
-pub use shading::ShadingPoint;
-pub use techniques::Techniques;
-pub use texture::{ColorEncoding, Filter, Image, ImageId, Texels, Texture, TextureTransform, Wrap};

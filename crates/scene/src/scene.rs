@@ -1,16 +1,16 @@
 //! The compiled scene: what rays are traced against.
 
-use crate::builder::Camera;
+use crate::build::builder::Camera;
+use crate::build::effects::Effects;
 use crate::camera::{CameraError, RayGenerator, framing_camera};
-use crate::cover::Covers;
-use crate::effects::Effects;
-use crate::facet::Facet;
+use crate::covers::Covers;
 use crate::features::FeatureSet;
+use crate::geometry::triangle_data::Facet;
 use crate::light::LightTable;
 use crate::material::Material;
-use crate::nesting::Solid;
-use crate::surface::CompiledMaterial;
-use crate::texture::Image;
+use crate::material::texture::Image;
+use crate::media::nested_dielectrics::Solid;
+use crate::query::surface::CompiledMaterial;
 use dunkelfeld_bvh::Bvh;
 use dunkelfeld_geometry::{DVec3, Mesh, Transform, Vec3};
 

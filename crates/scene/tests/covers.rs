@@ -269,7 +269,7 @@ fn a_pile_too_high_for_one_stack_is_more_than_one() {
     let scene = scene(sheets);
     let interfaces: Vec<usize> = scene.covers().iter().map(|s| s.interfaces().len()).collect();
     assert_eq!(interfaces.iter().sum::<usize>(), 40);
-    assert!(interfaces.iter().all(|&n| n <= dunkelfeld_scene::cover::MOST_INTERFACES));
+    assert!(interfaces.iter().all(|&n| n <= dunkelfeld_scene::covers::MAX_INTERFACES));
 }
 
 /// Follows a chain through the real scene by Snell's law in f64: the word that it spells, and the distance at which it
@@ -410,7 +410,7 @@ fn chains_leave_the_layer_of_the_receiver_for_that_of_the_light() {
     assert_eq!(words(0.0055, Target::Point(at(0.2))), ["TT", "TRRT", "TRRRRT"]);
     assert_eq!(words(0.2, Target::Point(at(0.0055))), ["TT", "TRRT", "TRRRRT"]);
     let all = words(0.0, Target::Point(at(0.2)));
-    assert_eq!(all.len(), dunkelfeld_scene::cover::MOST_CHAINS);
+    assert_eq!(all.len(), dunkelfeld_scene::covers::MAX_CHAINS);
     assert_eq!(all[0], "TTTT");
     assert_eq!(words(0.0, Target::Direction(Vec3::Z)), all);
     assert_eq!(words(0.0, Target::Direction(Vec3::NEG_Z)), [""; 0], "away from the covers");

@@ -3,7 +3,7 @@
 //! Replay: `cargo test -p dunkelfeld-scene --test distortion NAME`.
 
 use dunkelfeld_geometry::DVec3;
-use dunkelfeld_scene::distortion::Undistorter;
+use dunkelfeld_scene::camera::distortion::Undistorter;
 use dunkelfeld_scene::{Camera, CameraError, Distortion, Lens, Projection, RayGenerator};
 
 /// A camera of OpenCV's: 640 x 480 pixels, fx = fy = 800, and the optical axis at (cx, cy) = (319.5, 239.5), which is the

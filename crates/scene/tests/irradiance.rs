@@ -8,8 +8,8 @@ use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_sampling::Sampler;
 use dunkelfeld_scene::shapes::rectangle;
 use dunkelfeld_scene::{
-    Environment, EnvironmentSource, LightChoice, LightProfile, LightReceiver, Material, PunctualKind, PunctualLight,
-    Scene, SceneBuilder,
+    Environment, EnvironmentSource, LightChoice, LightProfile, LightSampleContext, Material, PunctualKind,
+    PunctualLight, Scene, SceneBuilder,
 };
 use dunkelfeld_testkit::{SampleMoments, welch_test, z_test};
 use std::f64::consts::PI;
@@ -24,12 +24,12 @@ fn build(builder: SceneBuilder) -> Scene {
     builder.build().expect("the scene is valid").0
 }
 
-fn receiver(scene: &Scene, at: DVec3, normal: DVec3) -> LightReceiver {
-    LightReceiver { point: (at - scene.world_origin()).as_vec3(), normal: normal.as_vec3(), both_sides: false }
+fn receiver(scene: &Scene, at: DVec3, normal: DVec3) -> LightSampleContext {
+    LightSampleContext { point: (at - scene.world_origin()).as_vec3(), normal: normal.as_vec3(), both_sides: false }
 }
 
 /// Irradiance [W/m^2] that one set of answers estimates, in the green channel.
-fn answer(scene: &Scene, r: &LightReceiver, choice: LightChoice, pixel: u32, index: u32) -> f64 {
+fn answer(scene: &Scene, r: &LightSampleContext, choice: LightChoice, pixel: u32, index: u32) -> f64 {
     let ask = |question| {
         let [a, b, c, _] = Sampler::new(5, 0, pixel, index).get_4d(question);
         let s = scene.sample_light(r, choice, question, c, [a, b])?;
@@ -39,13 +39,13 @@ fn answer(scene: &Scene, r: &LightReceiver, choice: LightChoice, pixel: u32, ind
 }
 
 /// Means over `count` samples each, in 16 independent runs.
-fn runs(scene: &Scene, r: &LightReceiver, choice: LightChoice, count: u32) -> SampleMoments {
+fn runs(scene: &Scene, r: &LightSampleContext, choice: LightChoice, count: u32) -> SampleMoments {
     let run = |pixel| (0..count).map(|i| answer(scene, r, choice, pixel, i)).sum::<f64>() / f64::from(count);
     (0..16).map(run).collect()
 }
 
 /// The mean is what it should be within its standard error and the rounding of single precision.
-fn check(scene: &Scene, r: &LightReceiver, count: u32, expected: f64, what: &str) {
+fn check(scene: &Scene, r: &LightSampleContext, count: u32, expected: f64, what: &str) {
     let m = runs(scene, r, LightChoice::One, count);
     let error = m.standard_error().hypot(1e-6 * expected);
     z_test(m.mean(), error, expected).assert(RATE, &format!("{what}: {} instead of {expected}", m.mean()));

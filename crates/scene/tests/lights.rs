@@ -8,7 +8,7 @@ use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_sampling::Sampler;
 use dunkelfeld_scene::shapes::{cuboid, rectangle, sphere};
 use dunkelfeld_scene::{
-    AlphaMode, ColorEncoding, Environment, EnvironmentSource, Filter, Image, ImageId, LightChoice, LightReceiver,
+    AlphaMode, ColorEncoding, Environment, EnvironmentSource, Filter, Image, ImageId, LightChoice, LightSampleContext,
     Material, PunctualKind, PunctualLight, Scene, SceneBuilder, Texels, Texture,
 };
 use dunkelfeld_testkit::{
@@ -34,19 +34,19 @@ fn panel(center: Vec3, u: Vec3, v: Vec3) -> Mesh {
 }
 
 /// A receiver at a place in world space.
-fn receiver(scene: &Scene, at: DVec3, normal: Vec3, both_sides: bool) -> LightReceiver {
-    LightReceiver { point: (at - scene.world_origin()).as_vec3(), normal, both_sides }
+fn receiver(scene: &Scene, at: DVec3, normal: Vec3, both_sides: bool) -> LightSampleContext {
+    LightSampleContext { point: (at - scene.world_origin()).as_vec3(), normal, both_sides }
 }
 
 /// The density [1/sr] with which light sampling must give direction `d`: that of the light met first, as a path that
 /// scattered there would weigh it, plus that of the environment, which is drawn whether it is hidden or not.
-fn density(scene: &Scene, receiver: &LightReceiver, d: Vec3) -> f32 {
+fn density(scene: &Scene, receiver: &LightSampleContext, d: Vec3) -> f32 {
     let met = scene.intersect(&Ray::new(receiver.point, d)).filter(|hit| !scene.emitted(hit, -d).is_black());
     met.map_or(0.0, |hit| scene.light_pdf(receiver, ONE, &hit)) + scene.environment_pdf(receiver, ONE, d)
 }
 
 /// The direction of one sample, after a look whether scattering would find the same density there.
-fn draw(scene: &Scene, receiver: &LightReceiver, index: u32, agreed: &mut u32) -> Option<Vec3> {
+fn draw(scene: &Scene, receiver: &LightSampleContext, index: u32, agreed: &mut u32) -> Option<Vec3> {
     let [a, b, c, _] = Sampler::new(3, 0, 0, index).get_4d(1);
     let s = scene.sample_light(receiver, ONE, 0, a, [b, c])?;
     assert!((s.direction.length() - 1.0).abs() < 1e-5 && s.pdf > 0.0 && s.pdf.is_finite() && !s.is_delta);
@@ -70,7 +70,7 @@ fn assert_agreement(name: &str, agreed: u32, drawn: u32) {
 }
 
 /// Histogram of sampled directions against the density, cell by cell over the sphere; and sample by sample.
-fn check(name: &str, scene: &Scene, receiver: &LightReceiver) {
+fn check(name: &str, scene: &Scene, receiver: &LightSampleContext) {
     let (mut index, mut drawn, mut agreed) = (0, 0, 0);
     let sample = || {
         index += 1;
@@ -89,7 +89,7 @@ fn check(name: &str, scene: &Scene, receiver: &LightReceiver) {
 
 /// The share of draws that give a direction against the integral of the density, estimated by directions uniform over the
 /// sphere; and sample by sample. For densities too ragged for cubature.
-fn check_total(name: &str, scene: &Scene, receiver: &LightReceiver) {
+fn check_total(name: &str, scene: &Scene, receiver: &LightSampleContext) {
     let (mut drawn, mut agreed) = (0, 0);
     let shares: SampleMoments = (0..40_000)
         .map(|i| {
@@ -237,7 +237,7 @@ fn instanced_lights_under_mirroring_and_uneven_scales() {
 }
 
 /// Irradiance [W/m^2] at a receiver that nothing hides from its lights, by light sampling alone.
-fn irradiance(scene: &Scene, receiver: &LightReceiver, pixel: u32) -> f64 {
+fn irradiance(scene: &Scene, receiver: &LightSampleContext, pixel: u32) -> f64 {
     let n = 4096;
     let estimate = |i| {
         let [a, b, c, _] = Sampler::new(11, 0, pixel, i).get_4d(0);

@@ -53,7 +53,7 @@ fn is_foreign(report: &Path) -> bool {
 
 /// The renders of a campaign may lie behind a link.
 fn found_in<'a>(folder: &Path, inputs: &'a InputFiles) -> Option<&'a InputFile> {
-    let named = inputs.find(&FileIdentity::of(folder));
+    let named = inputs.find(&FileIdentity::from_path(folder));
     named.or_else(|| inputs.find_within(folder)).or_else(|| inputs.find_within(&folder.join(UNITS)))
 }
 

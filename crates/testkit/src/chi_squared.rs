@@ -4,7 +4,7 @@ use crate::Outcome;
 use statrs::distribution::{ChiSquared, ContinuousCDF};
 
 /// Least expected count of a cell that is judged by itself; smaller ones are pooled (Cochran 1952).
-const LEAST_EXPECTED: f64 = 5.0;
+const MIN_EXPECTED: f64 = 5.0;
 
 /// Do counts follow their expectations (Pearson 1900)?
 ///
@@ -32,7 +32,7 @@ pub fn chi_squared(observed: &[u64], expected: &[f64]) -> Outcome {
         }
     };
     for &i in &order {
-        if expected[i] < LEAST_EXPECTED || (pool_expected > 0.0 && pool_expected < LEAST_EXPECTED) {
+        if expected[i] < MIN_EXPECTED || (pool_expected > 0.0 && pool_expected < MIN_EXPECTED) {
             pool_observed += observed[i];
             pool_expected += expected[i];
             pooled += 1;

@@ -96,13 +96,13 @@ fn cover_line(cover: &CoverEntry) -> String {
 }
 
 /// At most so many callers of an effect are named.
-const MOST_CALLERS: usize = 4;
+const MAX_CALLERS: usize = 4;
 
 fn effect_line(effect: &EffectEntry) -> String {
     let callers = &effect.called_for_by;
-    let mut words = callers.iter().take(MOST_CALLERS).cloned().collect::<Vec<_>>().join(", ");
-    if callers.len() > MOST_CALLERS {
-        let _ = write!(words, " and {} more", callers.len() - MOST_CALLERS);
+    let mut words = callers.iter().take(MAX_CALLERS).cloned().collect::<Vec<_>>().join(", ");
+    if callers.len() > MAX_CALLERS {
+        let _ = write!(words, " and {} more", callers.len() - MAX_CALLERS);
     }
     format!("{:<28} {words}", effect.name)
 }

@@ -7,7 +7,7 @@ use crate::args::{Allocate, Denoise, ExposureChoice, NoiseKind, RenderArgs, View
 use crate::bar::Sink;
 use crate::interrupt::cancel_on_interrupt;
 use crate::outcome::Outcome;
-use dunkelfeld::adaptive::allocation::Strategy;
+use dunkelfeld::adaptive::weights::Strategy;
 use dunkelfeld::io::input::InputFiles;
 use dunkelfeld::scene::Vignetting;
 use dunkelfeld::sensor::ExposureNoise;
@@ -20,7 +20,7 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 /// At most so many warnings, and so many hazards, are printed before a render.
-const MOST_NOTICES: usize = 20;
+const MAX_NOTICES: usize = 20;
 
 pub(crate) fn run(args: &RenderArgs, started: Instant) -> Result<Outcome, Error> {
     let sink = Sink::new(args.run.progress);
@@ -219,9 +219,9 @@ fn notices(project: &Project) -> Vec<String> {
 }
 
 fn shortened(mut lines: Vec<String>) -> Vec<String> {
-    let more = lines.len().saturating_sub(MOST_NOTICES);
+    let more = lines.len().saturating_sub(MAX_NOTICES);
     if more > 0 {
-        lines.truncate(MOST_NOTICES);
+        lines.truncate(MAX_NOTICES);
         lines.push(format!("... and {more} more; `dunkelfeld inspect` lists them all"));
     }
     lines
@@ -234,9 +234,9 @@ mod tests {
     #[test]
     fn long_lists_are_cut_and_say_so() {
         let lines = |n: usize| (0..n).map(|i| i.to_string()).collect::<Vec<_>>();
-        assert_eq!(shortened(lines(MOST_NOTICES)), lines(MOST_NOTICES));
-        let cut = shortened(lines(MOST_NOTICES + 3));
-        assert_eq!(cut.len(), MOST_NOTICES + 1);
-        assert!(cut[MOST_NOTICES].contains("and 3 more"), "{cut:?}");
+        assert_eq!(shortened(lines(MAX_NOTICES)), lines(MAX_NOTICES));
+        let cut = shortened(lines(MAX_NOTICES + 3));
+        assert_eq!(cut.len(), MAX_NOTICES + 1);
+        assert!(cut[MAX_NOTICES].contains("and 3 more"), "{cut:?}");
     }
 }

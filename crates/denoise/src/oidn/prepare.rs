@@ -10,7 +10,7 @@ const BRIGHTEST: f32 = 65_504.0;
 const QUANTILE: f64 = 0.995;
 const WHITE: f32 = 0.9;
 /// So many pixels are enough to find a quantile of.
-const MOST_LOOKED_AT: usize = 1 << 20;
+const MAX_EXAMINED: usize = 1 << 20;
 
 /// The radiance that the library sees, and what it is to multiply it with. What is not finite is replaced by the
 /// neighbours' mean, what is negative by zero.
@@ -44,7 +44,7 @@ fn finite(mean: &Triples) -> Cow<'_, Triples> {
 /// What brings the bright parts of an image near one. The library's own exposure follows the mean of logarithms, which in
 /// dark images differs from seed to seed.
 fn input_scale(mean: &Plane<[f32; 3]>) -> f32 {
-    let step = mean.data().len().div_ceil(MOST_LOOKED_AT).max(1);
+    let step = mean.data().len().div_ceil(MAX_EXAMINED).max(1);
     let luminance = |[r, g, b]: [f32; 3]| 0.2126 * r.max(0.0) + 0.7152 * g.max(0.0) + 0.0722 * b.max(0.0);
     let mut values: Vec<f32> = mean.data().iter().step_by(step).map(|&v| luminance(v)).collect();
     if values.is_empty() {

@@ -20,7 +20,7 @@ use std::path::Path;
 use std::time::Instant;
 
 /// Names of channels that a message lists at most.
-const MOST_NAMED: usize = 12;
+const MAX_LISTED: usize = 12;
 /// This quantile of the luminance comes to this share of white in a picture of radiances that a sensor was to expose.
 const BRIGHT: (f64, f32) = (0.995, 0.9);
 
@@ -83,7 +83,7 @@ pub fn denoise_exr(
         account.check(memory_limit, 0, help)
     };
     let mut layers = read_exr_if(path, Role::Image, &mut inputs, agree)?;
-    let planes = Planes::of(path, &layers)?;
+    let planes = Planes::from_layers(path, &layers)?;
     let is_radiance = |v: &f32| v.is_finite() && *v >= 0.0;
     let invalid = planes.mean.data().iter().filter(|v| !v.iter().all(is_radiance)).count() as u64;
     let invalid_variances = planes.variance.as_ref().map_or(0, invalid_variances_of);
@@ -161,7 +161,7 @@ impl DenoisedFile {
 }
 
 impl Planes {
-    fn of(path: &Path, layers: &ExrLayers) -> Result<Self, InputError> {
+    fn from_layers(path: &Path, layers: &ExrLayers) -> Result<Self, InputError> {
         let mean = radiance_of(path, layers, None)?;
         Ok(Self {
             mean,
@@ -206,8 +206,8 @@ pub(crate) fn radiance_of(path: &Path, layers: &ExrLayers, name: Option<&str>) -
     };
     let Some(mean) = found else {
         let mut names: Vec<&str> = layers.channels.iter().map(|(name, _)| name.as_str()).collect();
-        let more = names.len().saturating_sub(MOST_NAMED);
-        names.truncate(MOST_NAMED);
+        let more = names.len().saturating_sub(MAX_LISTED);
+        names.truncate(MAX_LISTED);
         let more = if more > 0 { format!(" and {more} more") } else { String::new() };
         let list = format!("the channels are {}{more}", names.join(", "));
         return Err(match name {

@@ -5,10 +5,10 @@ use crate::commands::denoise::{invalid_variances_of, radiance_of};
 use crate::frame::Picture;
 use crate::guard::{DefaultPath, Output, check_outputs, free_file};
 use crate::memory::expose_account;
-use crate::noise_compensation::Known;
+use crate::noise_compensation::CompensationInputs;
 use crate::outputs::{VIGNETTING, attributes, extension, misfit, save_plain_picture, save_values, values_words};
-use dunkelfeld_adaptive::evidence::{Evidence, Surface, surfaces};
-use dunkelfeld_adaptive::need::SensorNoise;
+use dunkelfeld_adaptive::required_samples::SensorNoise;
+use dunkelfeld_adaptive::variance::inputs::{NoiseInputs, PixelFeatures, pixel_features};
 use dunkelfeld_film::{Plane, Scatter};
 use dunkelfeld_io::InputError;
 use dunkelfeld_io::exr::{ExrLayers, ExrSize, read_exr_if};
@@ -17,7 +17,7 @@ use dunkelfeld_io::job::LensSettings;
 use dunkelfeld_io::layers::{Single, Triple};
 use dunkelfeld_radiometry::Seconds;
 use dunkelfeld_render::Error;
-use dunkelfeld_render::film_noise::{Measured, levels, per_luminance, seen, sensor_noise};
+use dunkelfeld_render::film_noise::{FilmNoise, levels, per_luminance, seen, sensor_noise};
 use dunkelfeld_render::{Cancel, Progress, ProgressState, Stage, written};
 use dunkelfeld_render::{thread_count, thread_pool};
 use dunkelfeld_sensor::{
@@ -30,7 +30,7 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 /// So many frames at most wait to be written at a time.
-pub(crate) const MOST_WAITING: usize = 16;
+pub(crate) const MAX_WAITING: usize = 16;
 /// Digits of a frame's number in a file's name, at least.
 const DIGITS: usize = 4;
 
@@ -109,7 +109,7 @@ pub struct Exposer {
     seed: u64,
     electrons: Plane<f32>,
     /// What is known of their noise; `None` if all of the camera's noise is to be drawn.
-    known: Option<Known>,
+    known: Option<CompensationInputs>,
     no_light: bool,
     invalid: u64,
     invalid_variances: u64,
@@ -169,7 +169,7 @@ impl Exposer {
         let radiance = radiance_of(path, &layers, settings.layer.as_deref())?;
         let noise = match settings.exposure_noise {
             ExposureNoise::Plain => None,
-            ExposureNoise::Matched => Some(NoiseLayers::of(&layers).ok_or_else(|| {
+            ExposureNoise::Matched => Some(NoiseLayers::from_layers(&layers).ok_or_else(|| {
                 let problem = "is not there, so that the noise of the render is not known";
                 InputError::new(path, "the layer `variance`", problem, "leave out --exposure-noise matched")
             })?),
@@ -259,7 +259,7 @@ pub fn expose_exr(
         write_seconds: 0.0,
         files: Vec::new(),
     };
-    let at_once = pool.current_num_threads().min(MOST_WAITING) as u32;
+    let at_once = pool.current_num_threads().min(MAX_WAITING) as u32;
     while done.frames < settings.frames && !cancel.is_cancelled() {
         let next = settings.first_frame + done.frames;
         let group: Vec<u32> = (next..=settings.last_frame()).take(at_once as usize).collect();
@@ -299,7 +299,7 @@ fn save(
     let mut files = Vec::new();
     if let Some(path) = &outputs.image {
         let path = settings.numbered(path, number);
-        save_plain_picture(&Picture::of(values, exposer.model()), &path)?;
+        save_plain_picture(&Picture::from_values(values, exposer.model()), &path)?;
         files.push(path);
     }
     if let Some(path) = &outputs.linear {
@@ -483,13 +483,13 @@ struct NoiseLayers {
 /// What pixels show, and what samples they have.
 struct PixelLayers {
     counts: Plane<u32>,
-    surface: Plane<Surface>,
+    surface: Plane<PixelFeatures>,
     scatter: Plane<Option<Scatter>>,
 }
 
 impl NoiseLayers {
     /// `None` without variances.
-    fn of(layers: &ExrLayers) -> Option<Self> {
+    fn from_layers(layers: &ExrLayers) -> Option<Self> {
         let variance = layers.triples(Triple::Variance)?;
         let covariance =
             layers.triples(Triple::Covariance).unwrap_or_else(|| variance.map(|_| Weights::UNKNOWN_COVARIANCE));
@@ -509,7 +509,7 @@ impl NoiseLayers {
                     }
                     _ => counts.map(|_| None),
                 };
-                Some(PixelLayers { counts, surface: surfaces(&objects, &normals), scatter })
+                Some(PixelLayers { counts, surface: pixel_features(&objects, &normals), scatter })
             }
             _ => None,
         };
@@ -532,11 +532,14 @@ impl NoiseLayers {
 
     /// What that makes known of the electrons of a sensor: as in a render if the file tells which pixels show the same
     /// surface; else each pixel's own variance counts.
-    fn known(self, response: Response, sensor: SensorNoise, mean: &Plane<[f32; 3]>) -> Known {
+    fn known(self, response: Response, sensor: SensorNoise, mean: &Plane<[f32; 3]>) -> CompensationInputs {
         let (width, height) = (mean.width(), mean.height());
         let Some(PixelLayers { counts, surface, scatter }) = self.pixels else {
             let own = |x, y| response.at(x, y).variance(*self.variance.at(x, y), *self.covariance.at(x, y)) as f32;
-            return Known { variance: Plane::from_fn(width, height, own), is_rare: Plane::new(width, height, false) };
+            return CompensationInputs {
+                variance: Plane::from_fn(width, height, own),
+                is_rare: Plane::new(width, height, false),
+            };
         };
         let view = |weights: &Weights, rows: &Range<u32>| {
             let (top, rows) = (rows.start, rows.len() as u32);
@@ -552,7 +555,7 @@ impl NoiseLayers {
                 let off = scatter.at(x, y).map_or(0.0, |s| others * s.largest.sqrt());
                 (per_luminance * (luminance + off)) as f32
             });
-            Evidence {
+            NoiseInputs {
                 counts: Plane::from_fn(width, rows, |x, y| *counts.at(x, top + y)),
                 level: levels(&own, &variance, Some(sensor)),
                 mean: own,
@@ -567,7 +570,7 @@ impl NoiseLayers {
         };
         let views = |rows: Range<u32>| response.kinds().iter().map(|weights| view(weights, &rows)).collect();
         let own = Plane::from_fn(width, height, |x, y| response.at(x, y).electrons(*mean.at(x, y)).0 as f32);
-        Known::of(&Measured::of(own, counts.clone(), views, response, Some(sensor)))
+        CompensationInputs::from_noise(&FilmNoise::from_estimates(own, counts.clone(), views, response, Some(sensor)))
     }
 }
 

@@ -9,7 +9,7 @@ use dunkelfeld_film::{BATCHES, PixelSums, RadianceSum, SquareSum};
 pub const PIXEL_BYTES: usize = BATCHES * 3 * 16 + BATCHES * 4 + 2 * (3 * 8 + 3 * 8) + 8 + 16 + 4 + 4 + 8 + 32;
 
 /// No pixel of a film has more samples than this.
-pub const MOST_SAMPLES: u32 = 1 << 30;
+pub const MAX_SAMPLES: u32 = 1 << 30;
 
 /// The largest sums of albedo or normal, and of their squares, that a sample adds.
 const UNIT: i64 = 1 << UNIT_BITS;
@@ -70,7 +70,7 @@ fn take<const N: usize>(from: &mut &[u8]) -> Option<[u8; N]> {
 
 fn is_possible(sums: &PixelSums) -> bool {
     let count: u64 = sums.counts.iter().map(|&n| u64::from(n)).sum();
-    if count > u64::from(MOST_SAMPLES) || u64::from(sums.hits) > count || u64::from(sums.invalid) > count {
+    if count > u64::from(MAX_SAMPLES) || u64::from(sums.hits) > count || u64::from(sums.invalid) > count {
         return false;
     }
     let hits = i64::from(sums.hits);

@@ -56,7 +56,7 @@ pub struct ExrHead {
 
 impl ExrHead {
     /// The head of an image of so many rows whose strips have the channels, the width and the attributes of this one.
-    pub fn of(strip: &ExrLayers, height: u32) -> Self {
+    pub fn from_strip(strip: &ExrLayers, height: u32) -> Self {
         let channels = strip.channels.iter().map(|(name, channel)| (name.clone(), channel.kind())).collect();
         Self { width: strip.width, height, channels, attributes: strip.attributes.clone() }
     }

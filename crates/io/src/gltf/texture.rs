@@ -137,7 +137,7 @@ impl<'a> Textures<'a> {
             (None, Some(view)) => self.accessors.view_bytes(view.get()).map_err(fail)?,
             (None, None) => return Err(fail("it has neither a URI nor a buffer view".into())),
         };
-        let content = Content::of(bytes, uri.unwrap_or(name));
+        let content = Content::from_bytes(bytes, uri.unwrap_or(name));
         if let Some(known) = self.by_content.get(&content) {
             return known.clone().map_err(fail);
         }

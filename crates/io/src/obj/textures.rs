@@ -133,7 +133,7 @@ impl<'a> Textures<'a> {
                 return None;
             }
         };
-        let content = Content::of(&bytes, &map.file);
+        let content = Content::from_bytes(&bytes, &map.file);
         let made = match self.by_content.get(&(content, variant)) {
             Some(known) => known.clone(),
             None => self.make(&bytes, content, map, variant, &place, warnings),

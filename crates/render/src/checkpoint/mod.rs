@@ -2,20 +2,20 @@
 //!
 //! A sample is a pure function of its name and the sums of a film are exact, so the film, the plan and the state of schedule
 //! and planner are all that a later process needs to end with the same bits. Before it goes on, it makes sure that it renders
-//! the same: everything that samples and plan depend on is in the [`Identity`] that the file carries.
+//! the same: everything that samples and plan depend on is in the [`RenderKey`] that the file carries.
 
 pub(crate) mod exposure_recipe;
 pub(crate) mod render_key;
 
 use crate::checkpoint::exposure_recipe::{ExposureRecipe, numbers_of};
-use crate::checkpoint::render_key::Identity;
+use crate::checkpoint::render_key::RenderKey;
 use crate::error::Error;
 use crate::plan::PlannerState;
 use crate::plan::forecast::Forecast;
 use crate::progress::Stage;
 use crate::settings::{CheckpointSettings, RenderSettings};
-use dunkelfeld_adaptive::allocation::Shares;
-use dunkelfeld_adaptive::schedule::{Schedule, StopReason};
+use dunkelfeld_adaptive::budget::{Schedule, StopReason};
+use dunkelfeld_adaptive::weights::Shares;
 use dunkelfeld_film::{Film, PixelSums, Plane};
 use dunkelfeld_integrator::{ConnectionTally, Label, PixelSample};
 use dunkelfeld_io::InputError;
@@ -29,7 +29,7 @@ use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
 /// Checkpoints take at most this share of the time of one thread: those of large films become rarer.
-const MOST_TIME: f64 = 0.02;
+const MAX_TIME: f64 = 0.02;
 /// What writing is taken to need until it has been measured [s per megapixel]: 350 MB at 250 MB/s.
 const SECONDS_PER_MEGAPIXEL: f64 = 1.4;
 /// A checkpoint may take longer than the last one by this factor: none is begun that might not be done by the deadline.
@@ -43,7 +43,7 @@ pub fn lock(path: &Path) -> Result<TargetLock, Error> {
 
 /// What earlier processes contributed to a render that was taken up from a checkpoint, or the parts to one that was merged.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Earlier {
+pub struct ResumedWork {
     /// Seconds that they worked.
     pub seconds: f64,
     /// Samples that they took.
@@ -55,7 +55,7 @@ pub struct Earlier {
 /// The text of a checkpoint file.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(crate) struct Description {
-    pub(crate) identity: Identity,
+    pub(crate) identity: RenderKey,
     /// Of every pixel these samples, if the film is a part.
     pub(crate) samples: Option<Range<u32>>,
     /// How a part is to be looked at in the end.
@@ -72,7 +72,7 @@ pub(crate) struct State {
     /// Why it ended; nothing while it has not.
     pub(crate) stop: Option<StopReason>,
     /// The course of a render that plans for itself.
-    pub(crate) course: Option<Course>,
+    pub(crate) course: Option<AdaptiveState>,
     pub(crate) planner: PlannerState,
     pub(crate) forecast: Option<Forecast>,
     pub(crate) stages: Vec<(Stage, f64)>,
@@ -85,7 +85,7 @@ pub(crate) struct State {
 /// The decisions of a render that plans for itself: with the film, its shares and the [`PlannerState`] all that the next one
 /// rests on. Whatever else comes to have a say in where samples go must be in here, or in [`State`].
 #[derive(Clone, Debug, Serialize, Deserialize)]
-pub(crate) struct Course {
+pub(crate) struct AdaptiveState {
     pub(crate) schedule: Schedule,
     /// What the current round is for.
     pub(crate) stage: Stage,
@@ -110,7 +110,7 @@ impl State {
 }
 
 /// A render that was stored.
-pub(crate) struct Saved {
+pub(crate) struct Restored {
     pub(crate) state: State,
     pub(crate) shares: Option<Shares>,
     pub(crate) target: Option<Plane<u32>>,
@@ -132,9 +132,9 @@ pub(crate) fn load(path: &Path) -> Result<(Description, Checkpoint), Error> {
 }
 
 /// Keeps the checkpoint of a running render.
-pub(crate) struct Keeper {
+pub(crate) struct CheckpointWriter {
     settings: CheckpointSettings,
-    identity: Identity,
+    identity: RenderKey,
     samples: Option<Range<u32>>,
     /// What a merge needs of a part.
     recipe: Option<ExposureRecipe>,
@@ -153,7 +153,7 @@ struct Clock {
 
 /// What goes into the file beside the sums.
 #[derive(Clone, Copy)]
-pub(crate) struct Moment<'a> {
+pub(crate) struct Snapshot<'a> {
     pub(crate) state: &'a State,
     pub(crate) shares: Option<&'a Shares>,
     pub(crate) target: Option<&'a Plane<u32>>,
@@ -162,7 +162,7 @@ pub(crate) struct Moment<'a> {
 /// Appends the sums of some rows.
 pub(crate) type Rows<'a> = &'a mut dyn FnMut(Range<u32>, &mut Vec<PixelSums>);
 
-impl Keeper {
+impl CheckpointWriter {
     /// Locks and opens the checkpoint of a render that began at `started`: what is stored in it, if it exists.
     ///
     /// # Errors
@@ -174,18 +174,18 @@ impl Keeper {
         render: &RenderSettings,
         labels: &Plane<Option<Label>>,
         started: Instant,
-    ) -> Result<(Self, Option<Saved>), Error> {
+    ) -> Result<(Self, Option<Restored>), Error> {
         let mut settings = settings.clone();
         if settings.lock.is_none() {
             settings.lock()?;
         }
         let path = &settings.path;
-        let identity = Identity::new(scene, camera, render);
+        let identity = RenderKey::new(scene, camera, render);
         let saved = path.exists().then(|| stored(path, &identity, render)).transpose()?;
         let earlier = saved.as_ref().map_or(0.0, |s| s.state.elapsed);
         let pixels = f64::from(render.width) * f64::from(render.height);
         let is_part = render.samples.is_some();
-        let keeper = Self {
+        let writer = Self {
             settings,
             identity,
             samples: render.samples.clone(),
@@ -199,7 +199,7 @@ impl Keeper {
                 fault: None,
             }),
         };
-        Ok((keeper, saved))
+        Ok((writer, saved))
     }
 
     /// Seconds that writing once takes, as far as is known.
@@ -209,21 +209,21 @@ impl Keeper {
 
     /// Stores this moment if enough time has passed since the last one, it will be done by the deadline, and nobody else is
     /// about to.
-    pub(crate) fn keep_if_due(&self, moment: Moment<'_>, deadline: Option<Instant>, rows: Rows<'_>) {
+    pub(crate) fn keep_if_due(&self, snapshot: Snapshot<'_>, deadline: Option<Instant>, rows: Rows<'_>) {
         let Ok(mut clock) = self.clock.try_lock() else { return };
         let is_due =
-            clock.last.elapsed().as_secs_f64() >= self.settings.seconds.max(clock.took.as_secs_f64() / MOST_TIME);
+            clock.last.elapsed().as_secs_f64() >= self.settings.seconds.max(clock.took.as_secs_f64() / MAX_TIME);
         let is_in_time = deadline.is_none_or(|d| Instant::now() + clock.took.mul_f64(MARGIN) < d);
         // Whoever asks for no pause at all, as tests do, gets one at every chance.
         if (is_due || self.settings.seconds == 0.0) && is_in_time {
-            self.write(&mut clock, moment, rows);
+            self.write(&mut clock, snapshot, rows);
         }
     }
 
     /// Stores this moment.
-    pub(crate) fn keep(&self, moment: Moment<'_>, rows: Rows<'_>) {
+    pub(crate) fn keep(&self, snapshot: Snapshot<'_>, rows: Rows<'_>) {
         if let Ok(mut clock) = self.clock.lock() {
-            self.write(&mut clock, moment, rows);
+            self.write(&mut clock, snapshot, rows);
         }
     }
 
@@ -233,13 +233,13 @@ impl Keeper {
     }
 
     /// A checkpoint that cannot be written does not end the render: the last one stays, and what went wrong is remembered.
-    fn write(&self, clock: &mut Clock, moment: Moment<'_>, rows: Rows<'_>) {
+    fn write(&self, clock: &mut Clock, snapshot: Snapshot<'_>, rows: Rows<'_>) {
         let began = Instant::now();
         let description = Description {
             identity: self.identity.clone(),
             samples: self.samples.clone(),
             recipe: self.recipe.clone(),
-            state: State { elapsed: self.started.elapsed().as_secs_f64(), ..moment.state.clone() },
+            state: State { elapsed: self.started.elapsed().as_secs_f64(), ..snapshot.state.clone() },
         };
         let (width, height) = self.size;
         let [objects, materials] = self.numbers.as_ref().map_or([None, None], |[o, m]| [Some(o), Some(m)]);
@@ -248,9 +248,9 @@ impl Keeper {
                 width,
                 height,
                 text: &text,
-                weights: moment.shares.map(|s| &s.weights),
-                caps: moment.shares.and_then(|s| s.caps.as_ref()),
-                target: moment.target,
+                weights: snapshot.shares.map(|s| &s.weights),
+                caps: snapshot.shares.and_then(|s| s.caps.as_ref()),
+                target: snapshot.target,
                 objects,
                 materials,
             };
@@ -268,7 +268,7 @@ pub(crate) fn text_of(description: &Description) -> std::io::Result<String> {
 }
 
 /// What the file holds, if it is of this render.
-fn stored(path: &Path, identity: &Identity, render: &RenderSettings) -> Result<Saved, Error> {
+fn stored(path: &Path, identity: &RenderKey, render: &RenderSettings) -> Result<Restored, Error> {
     let (description, stored) = load(path)?;
     let other = if description.samples != render.samples {
         Some(format!("not the same part, {} there and {} here", part(&description.samples), part(&render.samples)))
@@ -286,7 +286,7 @@ fn stored(path: &Path, identity: &Identity, render: &RenderSettings) -> Result<S
         return Err(InputError::new(path, "the film", problem, help).into());
     }
     let shares = weights.map(|weights| Shares { weights, caps });
-    Ok(Saved { state: description.state, shares, target, film })
+    Ok(Restored { state: description.state, shares, target, film })
 }
 
 /// When a render would have begun without its pauses, and the seconds by which that lies before `started`. A clock that does

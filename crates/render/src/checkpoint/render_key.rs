@@ -13,9 +13,9 @@ const PROBES: u64 = 64;
 
 /// Everything that the samples and the plan of a render depend on, by name: as it is where it is short, else its XXH3.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub(crate) struct Identity(Vec<(String, String)>);
+pub(crate) struct RenderKey(Vec<(String, String)>);
 
-impl Identity {
+impl RenderKey {
     pub(crate) fn new(scene: &Scene, camera: &RayGenerator, settings: &RenderSettings) -> Self {
         let s = settings;
         let mut all = Vec::new();

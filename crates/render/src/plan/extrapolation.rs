@@ -1,6 +1,6 @@
 //! How the samples that an image is said to take change with those that it has.
 //!
-//! What rare light a pixel has seen once is shared out among those around that may meet it ([`dunkelfeld_adaptive::own`]), so that few samples say of
+//! What rare light a pixel has seen once is shared out among those around that may meet it ([`dunkelfeld_adaptive::variance::pixel`]), so that few samples say of
 //! more pixels than in truth that they are noisy; and quasi-random samples of smooth light do the better the more there are. Both
 //! make the samples that it takes until an image is hidden look fewer with each doubling, N(n) ~ n^-a. What it takes in the end is where that meets n:
 //! N* = (N n^a)^(1 / (1 + a)).
@@ -13,7 +13,7 @@ const LOOKS: usize = 3;
 /// With fewer samples per pixel the first looks see little but their own error.
 const LEAST: f64 = 8.0;
 /// The part of the slope over these looks that is believed to go on.
-const GOES_ON: f64 = 0.75;
+const SLOPE_DAMPING: f64 = 0.75;
 /// The slope of a pilot that was looked at once.
 const USUAL: f64 = 1.0 / 3.0;
 /// No slope is believed to be steeper: twice the samples, half of what it was said to take.
@@ -21,12 +21,12 @@ const STEEPEST: f64 = 1.0;
 
 /// What it was said to take, look by look.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub(crate) struct Trend {
+pub(crate) struct ConvergenceFit {
     /// Samples per pixel that there were, and that it takes, the last ones first; zeros where there was no look.
     looks: [(f64, f64); LOOKS],
 }
 
-impl Trend {
+impl ConvergenceFit {
     /// Remembers a look at `spp` samples per pixel that said it takes `needed`; one that could not say is none.
     pub(crate) fn note(&mut self, spp: f64, needed: f64) {
         if spp >= LEAST && spp > self.looks[0].0 && needed > 0.0 && needed.is_finite() {
@@ -43,12 +43,12 @@ impl Trend {
             return USUAL;
         }
         let slope = (first.1 / last.1).ln() / (last.0 / first.0).ln();
-        (GOES_ON * slope).clamp(0.0, STEEPEST)
+        (SLOPE_DAMPING * slope).clamp(0.0, STEEPEST)
     }
 
     /// Samples per pixel that an image takes if a look at `counts` says it takes `targets`, and the trend goes on. Nothing changes
     /// where these are not known.
-    pub(crate) fn followed(&self, mut targets: Plane<f32>, counts: &Plane<u32>) -> Plane<f32> {
+    pub(crate) fn extrapolate(&self, mut targets: Plane<f32>, counts: &Plane<u32>) -> Plane<f32> {
         let pixels = targets.data().len().max(1) as f64;
         let needed = targets.data().iter().map(|&n| f64::from(n)).sum::<f64>() / pixels;
         let taken = counts.data().iter().map(|&n| f64::from(n)).sum::<f64>() / pixels;
@@ -66,14 +66,14 @@ impl Trend {
 mod tests {
     use super::*;
 
-    fn after(looks: &[(f64, f64)]) -> Trend {
-        let mut trend = Trend::default();
+    fn after(looks: &[(f64, f64)]) -> ConvergenceFit {
+        let mut trend = ConvergenceFit::default();
         looks.iter().for_each(|&(spp, needed)| trend.note(spp, needed));
         trend
     }
 
-    fn foretold(trend: &Trend, spp: u32, needed: f32) -> f32 {
-        trend.followed(Plane::new(3, 2, needed), &Plane::new(3, 2, spp)).data()[4]
+    fn foretold(trend: &ConvergenceFit, spp: u32, needed: f32) -> f32 {
+        trend.extrapolate(Plane::new(3, 2, needed), &Plane::new(3, 2, spp)).data()[4]
     }
 
     #[test]
@@ -98,24 +98,24 @@ mod tests {
 
     #[test]
     fn a_single_look_is_followed_by_the_usual_slope_and_what_is_not_known_stays() {
-        let usual = foretold(&Trend::default(), 16, 1600.0);
+        let usual = foretold(&ConvergenceFit::default(), 16, 1600.0);
         assert!((f64::from(usual) / 1600.0 - (1.0f64 / 100.0).powf(0.25)).abs() < 1e-5, "{usual}");
         assert_eq!(after(&[(16.0, 1600.0)]), after(&[(16.0, 1600.0), (16.0, 90.0), (32.0, f64::INFINITY)]));
-        assert_eq!(foretold(&Trend::default(), 16, f32::INFINITY), f32::INFINITY);
-        assert_eq!(foretold(&Trend::default(), 64, 50.0), 50.0, "enough already");
+        assert_eq!(foretold(&ConvergenceFit::default(), 16, f32::INFINITY), f32::INFINITY);
+        assert_eq!(foretold(&ConvergenceFit::default(), 64, 50.0), 50.0, "enough already");
     }
 
     #[test]
     fn no_pixel_is_foretold_less_than_it_has() {
         let targets = Plane::from_vec(2, 1, vec![1000.0, 40.0]).expect("two");
         let counts = Plane::from_vec(2, 1, vec![10, 39]).expect("two");
-        assert_eq!(Trend::default().followed(targets, &counts).data()[1], 39.0);
+        assert_eq!(ConvergenceFit::default().extrapolate(targets, &counts).data()[1], 39.0);
     }
 
     #[test]
     fn it_can_be_stored() {
         let trend = after(&[(8.0, 1600.0), (16.0, 1300.5)]);
         let text = serde_json::to_string(&trend).expect("numbers");
-        assert_eq!(serde_json::from_str::<Trend>(&text).expect("the same"), trend);
+        assert_eq!(serde_json::from_str::<ConvergenceFit>(&text).expect("the same"), trend);
     }
 }

@@ -1,7 +1,7 @@
 //! What a render is going to take, told from its pilot: samples and seconds until its noise is hidden at several k.
 
-use dunkelfeld_adaptive::cost::CostMap;
-use dunkelfeld_adaptive::need::total;
+use dunkelfeld_adaptive::required_samples::total;
+use dunkelfeld_adaptive::tile_cost::CostMap;
 use dunkelfeld_film::Plane;
 use serde::{Deserialize, Serialize};
 
@@ -39,7 +39,7 @@ pub struct Forecast {
 }
 
 /// How fast the machine is, for a forecast.
-pub(crate) struct Pace<'a> {
+pub(crate) struct Throughput<'a> {
     /// Seconds since the start, now.
     pub(crate) elapsed: f64,
     /// Seconds of a unit of work on all threads, work being in samples of mean cost on one; `None` if not known.
@@ -53,7 +53,7 @@ pub(crate) struct Pace<'a> {
 }
 
 /// What is foretold.
-pub(crate) struct Outlook<'a> {
+pub(crate) struct ForecastInput<'a> {
     /// Samples per pixel so far.
     pub(crate) counts: &'a Plane<u32>,
     /// Samples per pixel until the image is hidden at k; `None` without a sensor.
@@ -64,8 +64,8 @@ pub(crate) struct Outlook<'a> {
 
 impl Forecast {
     /// A forecast from what the pilot has measured; `None` without a sensor.
-    pub(crate) fn new(outlook: &Outlook<'_>, pace: &Pace<'_>) -> Option<Self> {
-        let Outlook { counts, target, .. } = *outlook;
+    pub(crate) fn new(outlook: &ForecastInput<'_>, pace: &Throughput<'_>) -> Option<Self> {
+        let ForecastInput { counts, target, .. } = *outlook;
         let mut levels: Vec<f64> = FORECAST_LEVELS.into_iter().chain(target).collect();
         levels.sort_by(|a, b| b.total_cmp(a));
         levels.dedup();

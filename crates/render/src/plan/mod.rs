@@ -8,15 +8,15 @@ pub(crate) mod extrapolation;
 pub(crate) mod forecast;
 
 use crate::error::Error;
-use crate::film_noise::{Eye, Measured};
+use crate::film_noise::{FilmNoise, SignalModel};
 use crate::parallel::mean_without_gaps;
-use crate::plan::extrapolation::Trend;
-use crate::plan::forecast::{Forecast, Outlook, Pace};
+use crate::plan::extrapolation::ConvergenceFit;
+use crate::plan::forecast::{Forecast, ForecastInput, Throughput};
 use crate::settings::RenderSettings;
-use dunkelfeld_adaptive::allocation::{self, Pilot, Shares, Strategy};
-use dunkelfeld_adaptive::expected::Expected;
-use dunkelfeld_adaptive::need::{DEFAULT_TARGET, Needs, total};
-use dunkelfeld_adaptive::pooling::PixelNoise;
+use dunkelfeld_adaptive::required_samples::{DEFAULT_TARGET, RequiredSamples, total};
+use dunkelfeld_adaptive::variance::neighbours::PredictedNoise;
+use dunkelfeld_adaptive::variance::pooled::PixelNoise;
+use dunkelfeld_adaptive::weights::{self, Pilot, Shares, Strategy};
 use dunkelfeld_film::{Film, Plane};
 use dunkelfeld_integrator::Label;
 use serde::{Deserialize, Serialize};
@@ -30,7 +30,7 @@ const GROWTH: f64 = 2.0;
 const PILOT_SHARE: f64 = 0.2;
 /// No pixel counts for less than this part of the pilot's samples: one whose neighbours were silent then may be found to have
 /// noise later, and must come to its samples too.
-const LEAST_OF_PILOT: f64 = 0.1;
+const MIN_PILOT_SHARE: f64 = 0.1;
 
 /// What there is to judge by.
 #[derive(Clone, Copy)]
@@ -42,7 +42,7 @@ pub(crate) struct State<'a> {
 
 /// A judgement of the image.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) enum Verdict {
+pub(crate) enum NoiseVerdict {
     /// It is good enough.
     Hidden,
     /// The pilot should have so many samples per pixel before a plan is made.
@@ -66,12 +66,12 @@ pub(crate) struct PlannerState {
     /// Samples per pixel of the pilot when it was looked at before.
     seen: f64,
     /// What it took to be hidden, by the looks at the image so far.
-    trend: Trend,
+    trend: ConvergenceFit,
 }
 
 impl<'a> Planner<'a> {
     pub(crate) fn new(settings: &'a RenderSettings) -> Self {
-        let shares = Shares::of(allocation::uniform(settings.width, settings.height));
+        let shares = Shares::from_weights(weights::uniform(settings.width, settings.height));
         Self { settings, shares, state: PlannerState::default(), forecast: None }
     }
 
@@ -109,13 +109,13 @@ impl<'a> Planner<'a> {
     ///
     /// # Errors
     /// A sensor whose ranges the exposure leaves.
-    pub(crate) fn plan(&mut self, state: State<'_>, pace: &Pace<'_>) -> Result<Option<&Forecast>, Error> {
+    pub(crate) fn plan(&mut self, state: State<'_>, pace: &Throughput<'_>) -> Result<Option<&Forecast>, Error> {
         let (eye, image) = self.exposed(state.film)?;
         let is_measured = eye.sensor.is_some() || self.settings.strategy().needs_noise();
         let look = || {
-            let measured = Measured::new(&eye, state.film, state.labels);
+            let measured = FilmNoise::new(&eye, state.film, state.labels);
             let own = measured.owned();
-            Sight::of(measured, own, self.settings.strategy())
+            PilotNoise::new(measured, own, self.settings.strategy())
         };
         let sight = is_measured.then(look);
         self.fix(&eye, image, sight.as_ref(), state, pace);
@@ -123,9 +123,9 @@ impl<'a> Planner<'a> {
     }
 
     /// The unit of noise at the exposure of the image so far, and the image in that unit.
-    fn exposed(&self, film: &Film) -> Result<(Eye, Plane<f32>), Error> {
+    fn exposed(&self, film: &Film) -> Result<(SignalModel, Plane<f32>), Error> {
         let mean = mean_without_gaps(film);
-        let eye = Eye::of(&mean, &self.settings.sensor)?;
+        let eye = SignalModel::new(&mean, &self.settings.sensor)?;
         let image = eye.image(&mean);
         Ok((eye, image))
     }
@@ -139,30 +139,31 @@ impl<'a> Planner<'a> {
         &mut self,
         k: f64,
         state: State<'_>,
-        pace: &Pace<'_>,
+        pace: &Throughput<'_>,
         tell: impl FnOnce(&Forecast),
-    ) -> Result<Verdict, Error> {
+    ) -> Result<NoiseVerdict, Error> {
         let (eye, image) = self.exposed(state.film)?;
-        let measured = Measured::new(&eye, state.film, state.labels);
+        let measured = FilmNoise::new(&eye, state.film, state.labels);
         let own = measured.owned();
         let is_hidden = measured.certify_by(&own, k).is_some_and(|c| c.certificate.is_hidden());
-        let needs = measured.needs_by(&own, k);
+        let required_samples = measured.needs_by(&own, k);
         let spp = mean_count(state.counts);
         let weights = &self.shares.weights;
         if self.state.is_made {
             if is_hidden {
-                return Ok(Verdict::Hidden);
+                return Ok(NoiseVerdict::Hidden);
             }
-            let needed = needs.map(|n| self.state.trend.followed(n.if_weighted(state.counts, weights), state.counts));
-            return Ok(Verdict::After(needed.map_or(f64::INFINITY, |targets| total(&targets))));
+            let needed = required_samples
+                .map(|n| self.state.trend.extrapolate(n.if_weighted(state.counts, weights), state.counts));
+            return Ok(NoiseVerdict::After(needed.map_or(f64::INFINITY, |targets| total(&targets))));
         }
-        let said = needs.map_or(f64::INFINITY, |n| total(&n.if_weighted(state.counts, weights)));
+        let said = required_samples.map_or(f64::INFINITY, |n| total(&n.if_weighted(state.counts, weights)));
         let said = said / state.counts.data().len() as f64;
         self.state.trend.note(spp, said);
         // A pilot that is to have 20 samples has 16: see below.
         let is_whole = 2.0 * spp > f64::from(self.settings.pilot_spp);
         if is_hidden && is_whole {
-            return Ok(Verdict::Hidden);
+            return Ok(NoiseVerdict::Hidden);
         }
         let wanted = (PILOT_SHARE * said).min(GROWTH * spp).max(f64::from(self.settings.pilot_spp));
         // Powers of two in every batch, at which quasi-random points are even: other numbers of them have more noise, and a
@@ -172,41 +173,50 @@ impl<'a> Planner<'a> {
         let has_grown = spp > self.state.seen;
         self.state.seen = spp;
         if has_grown && f64::from(wanted) > 1.01 * spp {
-            return Ok(Verdict::GrowPilot(wanted));
+            return Ok(NoiseVerdict::GrowPilot(wanted));
         }
-        let sight = Sight::of(measured, own, self.settings.strategy());
+        let sight = PilotNoise::new(measured, own, self.settings.strategy());
         self.fix(&eye, image, Some(&sight), state, pace);
         if let Some(forecast) = &self.forecast {
             tell(forecast);
         }
         let needed = self.outlook(&sight, k, state.counts, &self.shares.weights);
-        Ok(Verdict::After(needed))
+        Ok(NoiseVerdict::After(needed))
     }
 
     /// Fixes the shares for good, and makes the forecast.
-    fn fix(&mut self, eye: &Eye, image: Plane<f32>, sight: Option<&Sight<'_>>, state: State<'_>, pace: &Pace<'_>) {
+    fn fix(
+        &mut self,
+        eye: &SignalModel,
+        image: Plane<f32>,
+        sight: Option<&PilotNoise<'_>>,
+        state: State<'_>,
+        pace: &Throughput<'_>,
+    ) {
         let (strategy, target) = (self.settings.strategy(), self.settings.budget.noise);
-        let needs =
+        let required_samples =
             sight.filter(|_| strategy == Strategy::Sensor).and_then(|s| s.planned(target.unwrap_or(DEFAULT_TARGET)));
-        let shares = match (&needs, target, strategy) {
+        let shares = match (&required_samples, target, strategy) {
             // Every pixel comes nearer to its need in step with the others, so that all are hidden at the same time.
-            (Some(needs), Some(_), Strategy::Sensor) => Shares::of(needs.shares(least(state.counts))),
+            (Some(required_samples), Some(_), Strategy::Sensor) => {
+                Shares::from_weights(required_samples.shares(least(state.counts)))
+            }
             _ => strategy.shares(&Pilot {
                 luminance: &image,
                 white: eye.white,
                 sobel_floor: self.settings.sobel_floor,
-                measured: sight.and_then(|s| s.expected.as_ref()).map(|expected| allocation::Measured {
+                measured: sight.and_then(|s| s.expected.as_ref()).map(|expected| weights::MeasuredNoise {
                     expected,
-                    needs: needs.as_ref(),
+                    required_samples: required_samples.as_ref(),
                     // What a sample costs is known by the clock alone, and the clock has no say in where samples go.
                     cost: None,
                 }),
             }),
         };
         // The forecast needs the memory.
-        drop((needs, image));
+        drop((required_samples, image));
         let targets = |k| sight.and_then(|s| self.targets(s, k, state.counts, &shares.weights));
-        let outlook = Outlook { counts: state.counts, targets: &targets, target };
+        let outlook = ForecastInput { counts: state.counts, targets: &targets, target };
         self.forecast = Forecast::new(&outlook, pace);
         self.shares = shares;
         self.state.is_made = true;
@@ -214,23 +224,23 @@ impl<'a> Planner<'a> {
 
     /// Samples per pixel after which the image is hidden at `k` by the strategy of the render, as far as what was seen tells;
     /// `None` without a sensor. Shares are planned by the neighbours; how much it takes is told by what is certified.
-    fn targets(&self, sight: &Sight<'_>, k: f64, counts: &Plane<u32>, weights: &Plane<f32>) -> Option<Plane<f32>> {
-        let needs = sight.measured.needs_by(&sight.own, k)?;
+    fn targets(&self, sight: &PilotNoise<'_>, k: f64, counts: &Plane<u32>, weights: &Plane<f32>) -> Option<Plane<f32>> {
+        let required_samples = sight.measured.needs_by(&sight.own, k)?;
         let targets = match self.settings.strategy() {
-            Strategy::Sensor => needs.if_weighted(counts, &sight.planned(k)?.shares(least(counts))),
-            Strategy::Uniform | Strategy::Sobel | Strategy::Variance => needs.if_weighted(counts, weights),
+            Strategy::Sensor => required_samples.if_weighted(counts, &sight.planned(k)?.shares(least(counts))),
+            Strategy::Uniform | Strategy::Sobel | Strategy::Variance => required_samples.if_weighted(counts, weights),
         };
-        Some(self.state.trend.followed(targets, counts))
+        Some(self.state.trend.extrapolate(targets, counts))
     }
 
-    fn outlook(&self, sight: &Sight<'_>, k: f64, counts: &Plane<u32>, weights: &Plane<f32>) -> f64 {
+    fn outlook(&self, sight: &PilotNoise<'_>, k: f64, counts: &Plane<u32>, weights: &Plane<f32>) -> f64 {
         self.targets(sight, k, counts, weights).map_or(f64::INFINITY, |t| total(&t))
     }
 }
 
 /// The fewest samples that a pixel counts for after a pilot of so many.
 fn least(counts: &Plane<u32>) -> f32 {
-    (LEAST_OF_PILOT * mean_count(counts)) as f32
+    (MIN_PILOT_SHARE * mean_count(counts)) as f32
 }
 
 /// Samples per pixel.
@@ -239,17 +249,17 @@ fn mean_count(counts: &Plane<u32>) -> f64 {
 }
 
 /// The noise of the pilot.
-struct Sight<'a> {
+struct PilotNoise<'a> {
     /// As it was seen.
-    measured: Measured<'a>,
+    measured: FilmNoise<'a>,
     /// As plans are made from it: by the neighbours of each pixel. None where a plan does not rest on noise.
-    expected: Option<Plane<Expected>>,
+    expected: Option<Plane<PredictedNoise>>,
     /// As it would be certified.
     own: Plane<PixelNoise>,
 }
 
-impl<'a> Sight<'a> {
-    fn of(measured: Measured<'a>, own: Plane<PixelNoise>, strategy: Strategy) -> Self {
+impl<'a> PilotNoise<'a> {
+    fn new(measured: FilmNoise<'a>, own: Plane<PixelNoise>, strategy: Strategy) -> Self {
         // Who wants the least variance of the image's mean does not ask what the sensor sees of it.
         let sensor = measured.sensor.filter(|_| strategy != Strategy::Variance);
         let expected = strategy.needs_noise().then(|| measured.expected(sensor));
@@ -257,7 +267,7 @@ impl<'a> Sight<'a> {
     }
 
     /// What a plan for `k` aims at; `None` without a sensor, and where a plan does not rest on noise.
-    fn planned(&self, k: f64) -> Option<Needs> {
-        self.measured.sensor.and(self.expected.as_ref()).map(|expected| Needs::expected(expected, k))
+    fn planned(&self, k: f64) -> Option<RequiredSamples> {
+        self.measured.sensor.and(self.expected.as_ref()).map(|expected| RequiredSamples::expected(expected, k))
     }
 }

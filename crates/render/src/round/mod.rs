@@ -6,9 +6,9 @@
 
 pub(crate) mod pass;
 
-use crate::checkpoint::{Keeper, Moment};
+use crate::checkpoint::{CheckpointWriter, Snapshot};
 use crate::progress::{Cancel, Progress, ProgressState, Stage};
-use dunkelfeld_adaptive::cost::{CostMap, TileGrid, TileRect, WorkUnit};
+use dunkelfeld_adaptive::tile_cost::{CostMap, TileGrid, TileRect, WorkUnit};
 use dunkelfeld_film::{Accumulate, Film, PixelSums, Plane, TileRow};
 use dunkelfeld_integrator::{ConnectionTally, Estimator, PixelSample};
 use rayon::prelude::*;
@@ -20,14 +20,14 @@ use std::time::{Duration, Instant};
 /// Pixels along the side of a tile.
 pub const TILE: u32 = Film::TILE;
 /// At most so many invalid samples are remembered by name.
-const MOST_NAMED: usize = 16;
+const MAX_LISTED: usize = 16;
 /// Samples between two looks at the clock and the switch.
 const CHECK_EVERY: u32 = 64;
 /// Pause between two reports of progress.
 const REPORT_EVERY_MS: u64 = 100;
 
 /// Where progress reports go, and what they are measured against.
-pub(crate) struct Reporter<'a> {
+pub(crate) struct ProgressReporter<'a> {
     pub(crate) sink: &'a dyn Progress,
     pub(crate) started: Instant,
     /// Limits that progress is a fraction of: seconds and samples.
@@ -39,7 +39,7 @@ pub(crate) struct Reporter<'a> {
     last_report_ms: AtomicU64,
 }
 
-impl<'a> Reporter<'a> {
+impl<'a> ProgressReporter<'a> {
     pub(crate) fn new(sink: &'a dyn Progress, started: Instant, seconds: Option<f64>, samples: Option<u64>) -> Self {
         let zero = || AtomicU64::new(0);
         Self { sink, started, seconds, samples, expected: zero(), taken: zero(), last_report_ms: zero() }
@@ -94,11 +94,11 @@ pub(crate) struct RoundWork<'a> {
     pub(crate) deadline: Option<Instant>,
     /// Units that are not done by now are given up, and their tiles' samples of this round with them: it takes a pixel that
     /// costs more than any map could foresee.
-    pub(crate) give_up: Option<Instant>,
+    pub(crate) abort_at: Option<Instant>,
     pub(crate) cancel: &'a Cancel,
     pub(crate) stage: Stage,
     /// Who stores the film on the way, and what belongs to it.
-    pub(crate) keeper: Option<(&'a Keeper, Moment<'a>)>,
+    pub(crate) writer: Option<(&'a CheckpointWriter, Snapshot<'a>)>,
 }
 
 /// What a round brought.
@@ -118,7 +118,7 @@ pub(crate) struct RoundResult {
 
 /// A tile on its way: the sums of its finished units.
 #[derive(Default)]
-struct Pending {
+struct PartialTile {
     /// Of the pixels with new samples, each with its number in the tile; a pixel comes once for each unit. Empty as soon as they are on
     /// the film.
     sums: Vec<TileSum>,
@@ -131,7 +131,7 @@ struct Pending {
 type TileSum = (u32, PixelSums);
 
 /// The film while a round is under way: rows of tiles, one lock each.
-struct Canvas<'a> {
+struct TileWriter<'a> {
     rows: Vec<Mutex<&'a mut TileRow>>,
     grid: TileGrid,
 }
@@ -145,7 +145,7 @@ enum CanvasFault {
     OutOfMemory,
 }
 
-impl<'a> Canvas<'a> {
+impl<'a> TileWriter<'a> {
     fn new(film: &'a mut Film, grid: TileGrid) -> Self {
         Self { rows: film.tile_rows_mut().iter_mut().map(Mutex::new).collect(), grid }
     }
@@ -171,10 +171,10 @@ impl<'a> Canvas<'a> {
 }
 
 /// Renders a round onto the film, on the threads of the current pool.
-pub(crate) fn run(film: &mut Film, work: &RoundWork<'_>, reporter: &Reporter<'_>) -> RoundResult {
+pub(crate) fn run(film: &mut Film, work: &RoundWork<'_>, reporter: &ProgressReporter<'_>) -> RoundResult {
     let grid = work.costs.grid();
-    let canvas = Canvas::new(film, grid);
-    let pending: Vec<Mutex<Pending>> = (0..grid.len()).map(|_| Mutex::default()).collect();
+    let canvas = TileWriter::new(film, grid);
+    let pending: Vec<Mutex<PartialTile>> = (0..grid.len()).map(|_| Mutex::default()).collect();
     let (finished, invalid) = (Mutex::new(RoundResult::default()), Mutex::new(Vec::new()));
     let (next, out_of_memory) = (AtomicU64::new(0), AtomicBool::new(false));
     // One long-lived task per thread that takes the next unit: the dearest first, as they were cut.
@@ -212,9 +212,9 @@ pub(crate) fn run(film: &mut Film, work: &RoundWork<'_>, reporter: &Reporter<'_>
             }
             drop(tile);
             // Only a finished tile makes a difference to the film.
-            if let Some((keeper, moment)) = work.keeper.filter(|_| is_finished) {
+            if let Some((writer, snapshot)) = work.writer.filter(|_| is_finished) {
                 let mut rows = |rows: Range<u32>, out: &mut Vec<PixelSums>| canvas.copy(rows, out);
-                keeper.keep_if_due(moment, work.deadline, &mut rows);
+                writer.keep_if_due(snapshot, work.deadline, &mut rows);
             }
         }
     });
@@ -232,7 +232,7 @@ fn render_unit(
     work: &RoundWork<'_>,
     unit: &WorkUnit,
     rect: TileRect,
-    reporter: &Reporter<'_>,
+    reporter: &ProgressReporter<'_>,
     invalid: &Mutex<Vec<PixelSample>>,
     sums: &mut Vec<TileSum>,
 ) -> Option<ConnectionTally> {
@@ -256,7 +256,7 @@ fn render_unit(
                 if unreported == CHECK_EVERY {
                     reporter.add(work.stage, u64::from(unreported));
                     unreported = 0;
-                    if work.cancel.is_cancelled() || work.give_up.is_some_and(|d| Instant::now() > d) {
+                    if work.cancel.is_cancelled() || work.abort_at.is_some_and(|d| Instant::now() > d) {
                         return None;
                     }
                 }
@@ -274,14 +274,14 @@ fn render_unit(
 #[cold]
 fn name_invalid(invalid: &Mutex<Vec<PixelSample>>, at: PixelSample) {
     if let Ok(mut list) = invalid.lock()
-        && list.len() < MOST_NAMED
+        && list.len() < MAX_LISTED
     {
         list.push(at);
     }
 }
 
 /// The moment at which units are given up: half the tolerated overrun past the deadline.
-pub(crate) fn give_up(deadline: Option<Instant>, seconds: Option<f64>) -> Option<Instant> {
+pub(crate) fn abort_at(deadline: Option<Instant>, seconds: Option<f64>) -> Option<Instant> {
     let grace = (0.01 * seconds?).max(0.1);
     deadline?.checked_add(Duration::try_from_secs_f64(grace).ok()?)
 }
@@ -304,7 +304,7 @@ mod tests {
         let (width, height) = (2 * TILE + 5, TILE + 3);
         let grid = TileGrid::new(width, height, TILE);
         let mut film = Film::new(width, height);
-        let canvas = Canvas::new(&mut film, grid);
+        let canvas = TileWriter::new(&mut film, grid);
         let value = |x: u32, y: u32| (1 + x + 64 * y) as f32;
         for tile in 0..grid.len() {
             let rect = grid.rect(tile);
@@ -343,7 +343,7 @@ mod tests {
                 (slot, pixel)
             })
             .collect();
-        let canvas = Canvas::new(&mut film, grid);
+        let canvas = TileWriter::new(&mut film, grid);
         let (copies, is_done) = (AtomicU64::new(0), AtomicBool::new(false));
         let mut rounds = 0;
         let torn = std::thread::scope(|threads| {

@@ -11,7 +11,7 @@ use crate::report::estimate::Estimate;
 use crate::report::maps::{self, Map};
 use crate::report::words::rounded;
 use dunkelfeld::Error;
-use dunkelfeld_adaptive::allocation::Strategy;
+use dunkelfeld_adaptive::weights::Strategy;
 use dunkelfeld_film::Plane;
 
 /// Maps of a bias end at so many standard deviations of the sensor.

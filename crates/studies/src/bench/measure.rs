@@ -16,7 +16,7 @@ use dunkelfeld::save_picture;
 use dunkelfeld::{Budget, RenderSettings, SensorChoice};
 use dunkelfeld::{Cancel, Progress, ProgressState, Stage};
 use dunkelfeld::{camera, render, thread_pool};
-use dunkelfeld_adaptive::allocation::Strategy;
+use dunkelfeld_adaptive::weights::Strategy;
 use dunkelfeld_film::Plane;
 use dunkelfeld_io::input::InputFiles;
 use dunkelfeld_scene::{Effect, Scene};

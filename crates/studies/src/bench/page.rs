@@ -13,12 +13,12 @@ use crate::report::table::Table;
 use crate::report::words::{duration, rounded};
 use dunkelfeld::Error;
 use dunkelfeld::save_text;
-use dunkelfeld_adaptive::allocation::Strategy;
+use dunkelfeld_adaptive::weights::Strategy;
 use std::path::{Path, PathBuf};
 
 /// Writes the page, the tables and the charts into a folder. Returns the files, the page first.
 pub(super) fn write(folder: &Path, results: &Results) -> Result<Vec<PathBuf>, Error> {
-    let report = Report::of(results)?;
+    let report = Report::new(results)?;
     let mut files = Vec::new();
     let mut save = |name: String, text: &str| -> Result<(), Error> {
         let path = folder.join(name);
@@ -59,7 +59,7 @@ struct Report<'a> {
 }
 
 impl<'a> Report<'a> {
-    fn of(r: &'a Results) -> Result<Self, Error> {
+    fn new(r: &'a Results) -> Result<Self, Error> {
         let biases =
             r.ablations.iter().map(|a| figures::bias(r, a.effect.name(), &a.bias)).collect::<Result<_, _>>()?;
         Ok(Self {

@@ -13,7 +13,7 @@ use crate::series::statistics::rank_correlation;
 use crate::series::{View, exposure_words};
 use dunkelfeld::Error;
 use dunkelfeld::RenderSettings;
-use dunkelfeld_adaptive::allocation::Strategy;
+use dunkelfeld_adaptive::weights::Strategy;
 use dunkelfeld_film::Plane;
 use dunkelfeld_scene::Effect;
 

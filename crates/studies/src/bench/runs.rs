@@ -2,7 +2,7 @@
 
 use super::settings::BenchSettings;
 use crate::series::hash_text;
-use dunkelfeld_adaptive::allocation::Strategy;
+use dunkelfeld_adaptive::weights::Strategy;
 use dunkelfeld_sampling::hash_u64;
 use dunkelfeld_scene::Effect;
 

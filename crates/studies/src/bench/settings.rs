@@ -2,18 +2,18 @@
 
 use dunkelfeld::DenoiseMethod;
 use dunkelfeld::Error;
-use dunkelfeld_adaptive::allocation::Strategy;
 use dunkelfeld_adaptive::plan::MAX_SPP;
+use dunkelfeld_adaptive::weights::Strategy;
 use dunkelfeld_scene::{Effect, SceneBuilder};
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
 /// Fewest renders that tell a spread and how well it is known.
-const LEAST_SEEDS: u32 = 4;
+const MIN_SEEDS: u32 = 4;
 /// Most renders of one point.
-const MOST_SEEDS: u32 = 1024;
+const MAX_SEEDS: u32 = 1024;
 /// Rungs of the ladder, at most.
-const MOST_RUNGS: usize = 24;
+const MAX_RUNGS: usize = 24;
 
 /// What a bench measures, and how well.
 #[derive(Clone, Debug, PartialEq)]
@@ -81,12 +81,12 @@ impl BenchSettings {
     /// A setting outside its range, with help.
     pub fn check(&self) -> Result<(), Error> {
         let rungs = &self.ladder;
-        if rungs.is_empty() || rungs.len() > MOST_RUNGS || rungs[0] == 0 || rungs.windows(2).any(|w| w[0] >= w[1]) {
+        if rungs.is_empty() || rungs.len() > MAX_RUNGS || rungs[0] == 0 || rungs.windows(2).any(|w| w[0] >= w[1]) {
             let problem = format!("{rungs:?} is no ladder of samples per pixel");
             return Err(Error::setting(
                 "spp",
                 problem,
-                format!("give 1 to {MOST_RUNGS} ascending numbers, as in 4,8,16"),
+                format!("give 1 to {MAX_RUNGS} ascending numbers, as in 4,8,16"),
             ));
         }
         let top = rungs.iter().chain([&self.effect_spp, &self.reference_spp]).copied().max().unwrap_or(0);
@@ -94,9 +94,9 @@ impl BenchSettings {
             let problem = format!("{top} samples per pixel are more than can be counted");
             return Err(Error::setting("spp", problem, "use less than 1e9, a quarter of that on the ladder"));
         }
-        if !(LEAST_SEEDS..=MOST_SEEDS).contains(&self.seeds) || self.seeds % 2 == 1 {
+        if !(MIN_SEEDS..=MAX_SEEDS).contains(&self.seeds) || self.seeds % 2 == 1 {
             let help = format!(
-                "use an even number from {LEAST_SEEDS} to {MOST_SEEDS}: half against half tells the noise of a bias"
+                "use an even number from {MIN_SEEDS} to {MAX_SEEDS}: half against half tells the noise of a bias"
             );
             return Err(Error::setting("seeds", format!("{} renders per point cannot be compared", self.seeds), help));
         }

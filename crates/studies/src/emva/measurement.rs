@@ -113,7 +113,7 @@ impl Reader<'_> {
             }
             let b = self.frame(second)?;
             let view = |p| Frame::new(width, height, p).map_err(unfit);
-            let pair = FramePair::of(view(a.data())?, view(b.data())?).map_err(unfit)?;
+            let pair = FramePair::from_frames(view(a.data())?, view(b.data())?).map_err(unfit)?;
             return Ok(step().then_some(Seen::Pair(Level { exposure, photons, pair })));
         }
         // Room is made for the first frame that is there, not for what the descriptor claims.

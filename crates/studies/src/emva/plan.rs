@@ -204,7 +204,7 @@ impl DatasetPlan {
             if shot.frames == 2 {
                 let (a, b) = (self.frame(shot, 0)?, self.frame(shot, 1)?);
                 let view = |p| Frame::new(width, height, p).map_err(fits);
-                let pair = FramePair::of(view(a.data())?, view(b.data())?).map_err(fits)?;
+                let pair = FramePair::from_frames(view(a.data())?, view(b.data())?).map_err(fits)?;
                 measurement.levels.push(Level { exposure, photons, pair });
             } else {
                 let mut stack = StackAccumulator::new(width, height);

@@ -11,7 +11,7 @@ const QUANTILE: f64 = 2.967_738;
 /// Standard deviations above the end of the scale where all pixels are at it.
 const FULL: f64 = 5.0;
 /// From the well to a light that fills it: pixels whose responses differ by a fifth are never all full.
-const MOST_DOUBLINGS: u32 = 10;
+const MAX_DOUBLINGS: u32 = 10;
 /// To the last bit.
 const HALVINGS: u32 = 80;
 
@@ -90,7 +90,7 @@ impl Edge {
         if room(low).is_nan() || room(low) <= 0.0 {
             return None;
         }
-        for _ in 0..MOST_DOUBLINGS {
+        for _ in 0..MAX_DOUBLINGS {
             if room(high) < 0.0 {
                 break;
             }

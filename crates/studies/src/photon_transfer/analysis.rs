@@ -27,7 +27,7 @@ const PICTURE: [f64; 2] = [0.0, 255.0];
 /// deviations: well within what matched exposure can make up for, in single frames too.
 const QUIET: f64 = 0.7;
 /// Fewest frames that have a spread, and of which one can be left out.
-const LEAST_FRAMES: usize = 3;
+const MIN_FRAMES: usize = 3;
 
 /// A photon transfer curve with the straight line through 0-70 % of its range.
 #[derive(Clone, Debug)]
@@ -246,7 +246,7 @@ impl Reader<'_> {
 
     fn pictures(&self, spp: u32, is_denoised: bool) -> Result<Option<PictureSeries>, Error> {
         let units = self.finished(Series::Paper, spp)?;
-        let (Some((first, others)), true) = (units.split_first(), units.len() >= LEAST_FRAMES) else { return Ok(None) };
+        let (Some((first, others)), true) = (units.split_first(), units.len() >= MIN_FRAMES) else { return Ok(None) };
         let signal = |unit: &Unit| self.renders.signal(unit, is_denoised);
         let picture = self.view.picture(&signal(first)?);
         let size = (picture.width(), picture.height());
@@ -300,7 +300,7 @@ impl Reader<'_> {
 
     fn cameras(&self, spp: u32, model: &SensorModel, exposure: Exposure) -> Result<Option<CameraSeries>, Error> {
         let units = self.finished(Series::Camera, spp)?;
-        if units.len() < LEAST_FRAMES {
+        if units.len() < MIN_FRAMES {
             return Ok(None);
         }
         // Frames in which the noise of a pixel is known, and its mean share of the camera's variance in these.
@@ -367,7 +367,7 @@ fn sensor_curve(model: &SensorModel, exposure: Exposure, seed: u64) -> Result<Se
         let take = |frame| device.expose(&light, exposure, FrameKey { seed, frame });
         let (a, b) = (take(2 * level)?, take(2 * level + 1)?);
         let frame = |p| Frame::new(LEVEL_SIDE, LEVEL_SIDE, p).map_err(fault);
-        FramePair::of(frame(a.data())?, frame(b.data())?).map_err(fault)
+        FramePair::from_frames(frame(a.data())?, frame(b.data())?).map_err(fault)
     };
     let dark = pair(0)?;
     let levels = (1..=LEVELS).map(pair).collect::<Result<Vec<_>, _>>()?;

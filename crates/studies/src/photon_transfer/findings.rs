@@ -34,7 +34,7 @@ impl Verdict {
         }
     }
 
-    fn of(all: &[bool]) -> Option<Self> {
+    fn from_outcomes(all: &[bool]) -> Option<Self> {
         let n = all.iter().filter(|v| **v).count();
         match n {
             _ if all.is_empty() => None,
@@ -67,7 +67,7 @@ pub(super) fn findings(all: &[PictureSeries]) -> Vec<Finding> {
     let varies = |s: &PictureSeries| mean(s) > 0.0;
     let mut found = Vec::new();
     let mut add = |claim, place, here: String, verdicts: &[bool]| {
-        if let Some(verdict) = Verdict::of(verdicts) {
+        if let Some(verdict) = Verdict::from_outcomes(verdicts) {
             found.push(Finding { claim, place, here, verdict });
         }
     };
@@ -213,10 +213,10 @@ mod tests {
 
     #[test]
     fn verdicts_follow_from_all_series() {
-        assert_eq!(Verdict::of(&[]), None);
-        assert_eq!(Verdict::of(&[true, true]), Some(Verdict::Same));
-        assert_eq!(Verdict::of(&[true, false]), Some(Verdict::Partly));
-        assert_eq!(Verdict::of(&[false]), Some(Verdict::Different));
+        assert_eq!(Verdict::from_outcomes(&[]), None);
+        assert_eq!(Verdict::from_outcomes(&[true, true]), Some(Verdict::Same));
+        assert_eq!(Verdict::from_outcomes(&[true, false]), Some(Verdict::Partly));
+        assert_eq!(Verdict::from_outcomes(&[false]), Some(Verdict::Different));
         assert_eq!(quiet(&[point(1.0, 1.0), point(2.0, 3.0)]), 0.5);
     }
 }

@@ -17,7 +17,7 @@ use std::path::{Path, PathBuf};
 
 /// Writes the page, the tables and the charts into a folder. Returns the files, the page first.
 pub(super) fn write(folder: &Path, results: &Results) -> Result<Vec<PathBuf>, Error> {
-    let report = Report::of(results)?;
+    let report = Report::new(results)?;
     let mut files = Vec::new();
     let mut save = |name: String, text: &str| -> Result<(), Error> {
         let path = folder.join(name);
@@ -50,7 +50,7 @@ struct Report<'a> {
 }
 
 impl<'a> Report<'a> {
-    fn of(r: &'a Results) -> Result<Self, Error> {
+    fn new(r: &'a Results) -> Result<Self, Error> {
         Ok(Self {
             r,
             sensor: figures::sensor(r),

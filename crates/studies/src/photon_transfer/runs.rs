@@ -2,7 +2,7 @@
 
 use super::settings::PtcSettings;
 use crate::series::hash_text;
-use dunkelfeld_adaptive::allocation::Strategy;
+use dunkelfeld_adaptive::weights::Strategy;
 use dunkelfeld_sampling::hash_u64;
 
 /// Which series a render belongs to.

@@ -8,10 +8,10 @@ use dunkelfeld_adaptive::plan::MAX_SPP;
 const PAPER_FRAMES: u32 = 50;
 const PAPER_SPP: [u32; 2] = [64, 2500];
 /// Fewest frames that tell a variance and how well it is known.
-const LEAST_FRAMES: u32 = 4;
-const MOST_FRAMES: u32 = 10_000;
+const MIN_FRAMES: u32 = 4;
+const MAX_FRAMES: u32 = 10_000;
 /// Series of samples per pixel, at most.
-const MOST_SERIES: usize = 8;
+const MAX_SERIES: usize = 8;
 
 /// What the photon transfer of a scene is measured from.
 #[derive(Clone, Debug, PartialEq)]
@@ -48,17 +48,17 @@ impl PtcSettings {
     /// # Errors
     /// A setting outside its range, with help.
     pub fn check(&self) -> Result<(), Error> {
-        if !(LEAST_FRAMES..=MOST_FRAMES).contains(&self.frames) {
+        if !(MIN_FRAMES..=MAX_FRAMES).contains(&self.frames) {
             let problem = match self.frames {
-                n if n < LEAST_FRAMES => format!("{n} frames are too few to measure how much a pixel varies"),
+                n if n < MIN_FRAMES => format!("{n} frames are too few to measure how much a pixel varies"),
                 n => format!("{n} frames are more than are measured"),
             };
-            return Err(Error::setting("frames", problem, format!("use {LEAST_FRAMES} to {MOST_FRAMES}")));
+            return Err(Error::setting("frames", problem, format!("use {MIN_FRAMES} to {MAX_FRAMES}")));
         }
         let s = &self.spp;
         let in_order = s.windows(2).all(|w| w[0] < w[1]);
-        if s.is_empty() || s.len() > MOST_SERIES || s[0] == 0 || !in_order || s[s.len() - 1] > MAX_SPP {
-            let help = format!("give 1 to {MOST_SERIES} ascending numbers below 1e9, as in 64,2500");
+        if s.is_empty() || s.len() > MAX_SERIES || s[0] == 0 || !in_order || s[s.len() - 1] > MAX_SPP {
+            let help = format!("give 1 to {MAX_SERIES} ascending numbers below 1e9, as in 64,2500");
             return Err(Error::setting("spp", format!("{s:?} are no samples per pixel of series"), help));
         }
         if !(0.0..1.0).contains(&self.edges) {

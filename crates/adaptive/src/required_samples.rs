@@ -1,0 +1,345 @@
+//! How many samples a pixel needs until its noise is hidden beneath the sensor's.
+//!
+//! A pixel of mean signal mu has the sensor variance `s = mu + sigma_d^2 + sigma_q^2 / K^2` [e-^2] (EMVA 1288), black ones
+//! only the floor of it. It is *hidden at k* when the variance of its rendered mean is at most `k^2 s`: the noise of both
+//! together is then at most `sqrt(1 + k^2)` times the sensor's.
+
+use dunkelfeld_film::Plane;
+
+use crate::variance::inputs::SensorVarianceRange;
+use crate::variance::neighbours::PredictedNoise;
+use crate::variance::pooled::PixelNoise;
+
+/// A render is hidden when this share of its unsaturated pixels is.
+pub const HIDDEN_SHARE: f64 = 0.99;
+/// What the `sensor` strategy aims at when nobody says at what: the noise then grows by 12 %.
+pub const DEFAULT_TARGET: f64 = 0.5;
+/// Pixels needier than all but this share of them get as many samples as the last of these: a render is hidden without them,
+/// and a few may need more than all others together.
+const AIMED_SHARE: f64 = 0.995;
+/// No pixel is planned less than this share of what pixels are planned on average: needs come from a pilot, which has not seen
+/// everything, and one that was taken for next to nothing must not hold up a whole render.
+const MIN_SHARE: f64 = 1.0 / 3.0;
+/// How far needs that a pilot has told are trusted: the exponent of their shares. It is that with the fewest samples until the image
+/// was hidden, or nearly so, on scenes with and without rare light (`docs/accuracy.md`).
+const TARGET_EXPONENT: f32 = 0.75;
+/// A saturated pixel is one whose mean lies this many standard errors above saturation.
+const SATURATED_BY: f64 = 3.0;
+/// Standard errors of the mean between which its level lies.
+const LEVEL_BY: f64 = 2.0;
+
+/// A sensor, as far as its noise hides that of a render: photo-electrons and nothing else.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SensorNoise {
+    /// Variance of a black pixel, `sigma_d^2 + sigma_q^2 / K^2` [e-^2].
+    pub floor: f64,
+    /// Photo-electrons at which a pixel saturates [e-].
+    pub saturation: f64,
+}
+
+impl SensorNoise {
+    /// The temporal variance of a pixel with so many photo-electrons [e-^2].
+    #[inline]
+    pub fn variance(&self, electrons: f64) -> f64 {
+        electrons.max(0.0) + self.floor
+    }
+
+    /// Between which variances the sensor's lies, if the mean is known with the given variance: two standard errors to both sides.
+    /// Infinite for a pixel that is saturated beyond doubt.
+    #[inline]
+    pub fn level(&self, electrons: f32, variance_of_mean: f32) -> SensorVarianceRange {
+        let (mean, variance) = (f64::from(electrons), f64::from(variance_of_mean));
+        if self.is_saturated(mean, variance) {
+            return SensorVarianceRange { least: f32::INFINITY, most: f32::INFINITY };
+        }
+        let off = LEVEL_BY * variance.sqrt();
+        SensorVarianceRange { least: self.variance(mean - off) as f32, most: self.variance(mean + off) as f32 }
+    }
+
+    /// Is a pixel saturated beyond doubt, whose mean has the given variance?
+    #[inline]
+    pub fn is_saturated(&self, electrons: f64, variance_of_mean: f64) -> bool {
+        electrons - SATURATED_BY * variance_of_mean.sqrt() > self.saturation
+    }
+}
+
+/// The number of samples at which `variance / n` has sunk to `limit`. Infinite where nothing is known, or where there is noise and the
+/// limit is zero.
+fn samples_at(variance: f64, limit: f64) -> f64 {
+    if variance <= 0.0 {
+        return 0.0;
+    }
+    let n = variance / limit;
+    if n.is_nan() { f64::INFINITY } else { n }
+}
+
+/// What each pixel needs to be hidden at some k.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RequiredSamples {
+    /// Samples, a fraction of one where little is needed. Infinite where nothing is known, zero where a pixel is saturated.
+    pub samples: Plane<f32>,
+    /// Pixels that are saturated beyond doubt.
+    pub saturated: Plane<bool>,
+}
+
+/// What all pixels need for being hidden at `k`, by their own noise as far as it is known, in photo-electrons throughout: what a render
+/// is foretold to take.
+///
+/// The sensor variance is that of the neighbourhood's mean, or of the pixel's own where that is lower: no pixel needs fewer
+/// samples because its own happened to be bright, and a dark one among bright ones is judged as what it is.
+///
+/// `mean` and `counts` are the mean electrons and the samples of each pixel.
+///
+/// # Panics
+/// If the planes differ in size.
+pub fn required_samples(
+    mean: &Plane<f32>,
+    counts: &Plane<u32>,
+    noise: &Plane<PixelNoise>,
+    sensor: SensorNoise,
+    k: f64,
+) -> RequiredSamples {
+    let size = (noise.width(), noise.height());
+    assert_eq!(
+        (size, size),
+        ((mean.width(), mean.height()), (counts.width(), counts.height())),
+        "planes differ in size"
+    );
+    let pixels = || noise.data().iter().zip(mean.data()).zip(counts.data());
+    let is_saturated = |((noise, &mean), &n): ((&PixelNoise, &f32), &u32)| {
+        sensor.is_saturated(f64::from(mean), f64::from(noise.of_mean(n)))
+    };
+    let saturated: Vec<bool> = pixels().map(is_saturated).collect();
+    let samples = pixels().zip(&saturated).map(|(((noise, &mean), _), &full)| {
+        let limit = k * k * sensor.variance(f64::from(mean.min(noise.mean)));
+        if full { 0.0 } else { samples_at(f64::from(noise.variance), limit) as f32 }
+    });
+    let (width, height) = (noise.width(), noise.height());
+    RequiredSamples {
+        samples: Plane::from_vec(width, height, samples.collect()).unwrap_or_else(|| noise.map(|_| f32::INFINITY)),
+        saturated: Plane::from_vec(width, height, saturated).unwrap_or_else(|| noise.map(|_| false)),
+    }
+}
+
+impl RequiredSamples {
+    /// What all pixels are expected to need for being hidden at `k`, by what their neighbours have met beneath a sensor's noise: what
+    /// plans are made from.
+    pub fn expected(expected: &Plane<PredictedNoise>, k: f64) -> Self {
+        Self {
+            samples: expected.map(|e| samples_at(f64::from(e.ratio), k * k) as f32),
+            saturated: expected.map(|e| e.saturated),
+        }
+    }
+
+    /// What is planned where a budget allows no more than needs: these, but for the neediest few pixels, which get what the last of the
+    /// others does, and for the least needy, which get a third of the average; saturated ones get none. Infinite only if next to
+    /// nothing is known.
+    pub fn capped_targets(&self) -> Plane<f32> {
+        let mut capped_targets = self.capped();
+        let known = || self.unsaturated(&capped_targets).filter(|n| n.is_finite()).map(f64::from);
+        let least = (MIN_SHARE * known().sum::<f64>() / known().count().max(1) as f64) as f32;
+        let pixels = capped_targets.data_mut().iter_mut().zip(self.saturated.data());
+        pixels.filter(|(_, full)| !**full).for_each(|(n, _)| *n = n.max(least));
+        capped_targets
+    }
+
+    /// How samples are shared out so that all pixels are hidden at the same time, as far as one can know before: needs, those of the
+    /// neediest few for no more than the last of the others, `least` samples at least, to the power of 3/4. Needs that were known would
+    /// be met in proportion. Estimated ones err by some factor to either side, and the whole image would wait for those that were taken
+    /// for too small. A pixel of which nothing is known gets as much as the neediest of the others.
+    pub fn shares(&self, least: f32) -> Plane<f32> {
+        let mut shares = self.capped();
+        shares.data_mut().iter_mut().for_each(|n| *n = n.max(least).powf(TARGET_EXPONENT));
+        let most = shares.data().iter().copied().filter(|n| n.is_finite()).fold(0.0, f32::max);
+        shares.data_mut().iter_mut().filter(|n| !n.is_finite()).for_each(|n| *n = most.max(1.0));
+        shares
+    }
+
+    /// The needs, but for the neediest few pixels, which get what the last of the others does.
+    pub(crate) fn capped(&self) -> Plane<f32> {
+        let most = quantile_of(self.unsaturated(&self.samples), AIMED_SHARE).unwrap_or(0.0);
+        self.samples.map(|&n| n.min(most))
+    }
+
+    /// The values of those pixels that are not saturated.
+    fn unsaturated<'a>(&'a self, plane: &'a Plane<f32>) -> impl Iterator<Item = f32> + 'a {
+        plane.data().iter().zip(self.saturated.data()).filter(|(_, full)| !**full).map(|(v, _)| *v)
+    }
+
+    /// Samples per pixel after which a render is hidden, if those beyond `counts` are poured on in proportion to weights
+    /// ([`crate::plan::next_round`]).
+    pub fn if_weighted(&self, counts: &Plane<u32>, weights: &Plane<f32>) -> Plane<f32> {
+        // The level at which a pixel has enough; none is needed by those that have.
+        let levels = self.samples.data().iter().zip(weights.data()).zip(counts.data()).zip(self.saturated.data());
+        let levels = levels.filter(|(_, full)| !**full).map(|(((&need, &w), &c), _)| {
+            let has_enough = need <= c as f32;
+            if has_enough { 0.0 } else { need / w }
+        });
+        let level = quantile_of(levels, HIDDEN_SHARE).unwrap_or(0.0);
+        let mut targets = weights.map(|&w| if level > 0.0 { level * w } else { 0.0 });
+        targets.data_mut().iter_mut().zip(counts.data()).for_each(|(n, &c)| *n = n.max(c as f32));
+        targets
+    }
+}
+
+/// Samples of all pixels together; infinite if that is what one needs.
+pub fn total(targets: &Plane<f32>) -> f64 {
+    targets.data().iter().map(|&n| f64::from(n)).sum()
+}
+
+/// The smallest value that at least the given share of all values does not exceed; `None` without values. Values that are
+/// not numbers count as infinite.
+pub fn quantile_of(values: impl Iterator<Item = f32>, share: f64) -> Option<f32> {
+    quantile_in(&mut values.map(|v| if v.is_nan() { f32::INFINITY } else { v }).collect::<Vec<f32>>(), share)
+}
+
+/// The same of values that are numbers; changes their order.
+pub(crate) fn quantile_in(values: &mut [f32], share: f64) -> Option<f32> {
+    let rank = (share * values.len() as f64).ceil() as usize;
+    let index = rank.saturating_sub(1).min(values.len().checked_sub(1)?);
+    Some(*values.select_nth_unstable_by(index, f32::total_cmp).1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::variance::inputs::{NoiseInputs, PixelFeatures, SensorVarianceRange};
+    use crate::variance::pooled::noise;
+
+    const SENSOR: SensorNoise = SensorNoise { floor: 10.0, saturation: 10_000.0 };
+
+    fn scene(mean: f32, variance: f32, width: u32) -> NoiseInputs {
+        NoiseInputs {
+            counts: Plane::new(width, 16, 16),
+            mean: Plane::new(width, 16, mean),
+            variance: Plane::new(width, 16, variance / 16.0),
+            scatter: Plane::new(width, 16, None),
+            largest: Plane::new(width, 16, mean),
+            surface: Plane::new(width, 16, PixelFeatures::default()),
+            level: Plane::new(width, 16, SensorVarianceRange::ANY),
+        }
+    }
+
+    fn needs_of(evidence: &NoiseInputs, k: f64) -> RequiredSamples {
+        required_samples(&evidence.mean, &evidence.counts, &noise(evidence), SENSOR, k)
+    }
+
+    /// Needs of a plane without saturated pixels.
+    fn plain(samples: Plane<f32>) -> RequiredSamples {
+        RequiredSamples { saturated: samples.map(|_| false), samples }
+    }
+
+    #[test]
+    fn the_need_is_variance_over_limit() {
+        assert_eq!(samples_at(300.0, 3.0), 100.0);
+        assert_eq!(samples_at(0.0, 3.0), 0.0);
+        assert_eq!(samples_at(f64::INFINITY, 3.0), f64::INFINITY);
+        assert_eq!(samples_at(1.0, 0.0), f64::INFINITY);
+        assert_eq!(samples_at(0.0, 0.0), 0.0);
+        let of = |ratio| PredictedNoise { ratio, saturated: ratio == 0.0 };
+        let expected = Plane::from_vec(3, 1, vec![of(7.0), of(0.0), of(f32::INFINITY)]).expect("three");
+        let required_samples = RequiredSamples::expected(&expected, 0.5);
+        assert_eq!(required_samples.samples.data(), [28.0, 0.0, f32::INFINITY]);
+        assert_eq!(required_samples.saturated.data(), [false, true, false]);
+    }
+
+    #[test]
+    fn black_pixels_are_judged_against_the_floor() {
+        let required_samples = needs_of(&scene(0.0, 40.0, 16), 0.5);
+        // v / (k^2 floor) = 40 / 2.5.
+        assert_eq!(*required_samples.samples.at(8, 8), 16.0);
+        let lit = needs_of(&scene(90.0, 40.0, 16), 0.5);
+        assert!((lit.samples.at(8, 8) - 1.6).abs() < 1e-6);
+    }
+
+    #[test]
+    fn saturated_pixels_need_nothing() {
+        // 3 standard errors: sqrt(16 * 625 / 16) * 3 = 75.
+        let sure = needs_of(&scene(10_100.0, 16.0 * 625.0, 16), 0.5);
+        assert!(sure.saturated.data().iter().all(|s| *s) && sure.samples.data().iter().all(|n| *n == 0.0));
+        let unsure = needs_of(&scene(10_070.0, 16.0 * 625.0, 16), 0.5);
+        assert!(unsure.saturated.data().iter().all(|s| !s) && *unsure.samples.at(3, 3) > 0.0);
+        assert_eq!(total(&sure.capped_targets()), 0.0);
+    }
+
+    #[test]
+    fn a_dark_pixel_among_bright_ones_is_judged_as_dark() {
+        let mut evidence = scene(90.0, 40.0, 16);
+        evidence.mean.data_mut()[8 * 16 + 8] = 0.0;
+        let required_samples = needs_of(&evidence, 0.5);
+        assert!(
+            (*required_samples.samples.at(8, 8) - 16.0).abs() < 1e-5,
+            "by the floor: {}",
+            required_samples.samples.at(8, 8)
+        );
+        assert!(*required_samples.samples.at(7, 8) < 1.7, "{}", required_samples.samples.at(7, 8));
+    }
+
+    #[test]
+    fn totals_follow_from_needs() {
+        let evidence = scene(0.0, 400.0, 16);
+        let required_samples = needs_of(&evidence, 0.5);
+        let weights = Plane::new(16, 16, 1.0);
+        // 400 / 2.5 = 160 everywhere.
+        assert!((total(&required_samples.if_weighted(&evidence.counts, &weights)) - 160.0 * 256.0).abs() < 0.1);
+        assert!((total(&required_samples.capped_targets()) - 160.0 * 256.0).abs() < 0.1);
+        // Enough already.
+        assert_eq!(total(&required_samples.if_weighted(&Plane::new(16, 16, 200), &weights)), 200.0 * 256.0);
+    }
+
+    #[test]
+    fn a_few_bottomless_pixels_do_not_hold_up_the_rest() {
+        let required_samples = plain(Plane::from_fn(100, 10, |x, y| if x == 0 && y < 4 { 1e9 } else { 50.0 }));
+        assert!(required_samples.capped_targets().data().iter().all(|n| *n == 50.0), "4 of 1000 are forgiven");
+        assert!(required_samples.shares(1.0).data().iter().all(|n| *n == required_samples.shares(1.0).data()[0]));
+        let more = plain(Plane::from_fn(100, 10, |x, _| if x < 1 { 1e9 } else { 50.0 }));
+        assert_eq!(more.capped_targets().data().iter().filter(|n| **n == 1e9).count(), 10);
+    }
+
+    #[test]
+    fn nobody_is_planned_less_than_a_third_of_the_average() {
+        let required_samples = RequiredSamples {
+            samples: Plane::from_fn(10, 10, |x, y| if x == 9 { 0.0 } else { (x * y) as f32 }),
+            saturated: Plane::from_fn(10, 10, |x, _| x == 9),
+        };
+        // Columns and rows of 0..9 and 0..10: 36 * 45 in 90 pixels.
+        let least = 18.0 / 3.0;
+        for ((samples, capped_targets), full) in required_samples
+            .samples
+            .data()
+            .iter()
+            .zip(required_samples.capped_targets().data())
+            .zip(required_samples.saturated.data())
+        {
+            assert_eq!(*capped_targets, if *full { 0.0 } else { samples.max(least) });
+        }
+    }
+
+    #[test]
+    fn shares_grow_less_than_needs_and_leave_nobody_out() {
+        let required_samples = RequiredSamples {
+            samples: Plane::from_fn(10, 10, |x, _| if x == 9 { 0.0 } else { 40.0 * (1 << x) as f32 }),
+            saturated: Plane::from_fn(10, 10, |x, _| x == 9),
+        };
+        let shares = required_samples.shares(100.0);
+        assert!((shares.at(8, 3) / shares.at(4, 3) - 8.0).abs() < 1e-4, "sixteen times the need");
+        // 40 and 80 are less than 100.
+        assert!([0, 1, 9].iter().all(|&x| *shares.at(x, 0) == 100f32.powf(0.75)));
+        // One column of which nothing is known.
+        let unknown =
+            Plane::from_fn(10, 10, |x, y| if x == 8 { f32::INFINITY } else { *required_samples.samples.at(x, y) });
+        let shares = RequiredSamples { samples: unknown, ..required_samples }.shares(8.0);
+        assert!(shares.at(8, 0) == shares.at(7, 0) && shares.at(7, 0) > shares.at(6, 0));
+        let nothing = plain(Plane::new(2, 1, f32::INFINITY)).shares(8.0);
+        assert_eq!(nothing.data(), [1.0, 1.0]);
+    }
+
+    #[test]
+    fn quantiles_are_values_that_occur() {
+        let of = |v: &[f32], p| quantile_of(v.iter().copied(), p);
+        assert_eq!(of(&[], 0.5), None);
+        assert_eq!(of(&[3.0], 0.99), Some(3.0));
+        assert_eq!(of(&[4.0, 1.0, 3.0, 2.0], 0.5), Some(2.0));
+        assert_eq!(of(&[4.0, 1.0, f32::NAN, 2.0], 0.99), Some(f32::INFINITY));
+    }
+}

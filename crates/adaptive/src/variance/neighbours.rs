@@ -1,0 +1,365 @@
+//! What is expected of a pixel by what its neighbours have met: what plans are made from.
+//!
+//! Whoever decides by a pixel's own samples how many more it gets biases its mean ([`crate`]). So its neighbours are asked, near ones
+//! and far ones. Where light is rare, a short pilot has met it in few places: the nearest neighbours know little, and what they say is
+//! drawn towards what wider surroundings say (shrinkage by a conjugate prior: Lindley and Smith 1972), the more so the fewer events it
+//! rests on: those that it has met, or those that it should have met if it were like the wider ones. Where the pilot has seen enough,
+//! the nearest speak for themselves.
+//!
+//! What is averaged is v / s, the variance of a sample over what is tolerated there, and its square: an image waits for the pixels whose
+//! need was taken for too small, so that of neighbours that differ the needier ones count for more. v is told by the squares of the
+//! samples, which are known far better than the spread of four batches; by how much these over-state the noise of quasi-random samples
+//! is told by the batches of wider surroundings, which are many.
+
+use dunkelfeld_film::Plane;
+
+use crate::required_samples::SensorNoise;
+use crate::variance::inputs::{NoiseInputs, PixelFeatures};
+
+/// Surroundings, the nearest first: standard deviation of a Gaussian, and how far it reaches, in pixels. Pixels of the two nearest show
+/// the same surface, those of the widest the same object, or anything.
+const SCALES: [(f64, u32); 3] = [(1.0, 3), (2.0, 4), (4.0, REACH)];
+const REACH: u32 = 8;
+/// Distances along an axis.
+const DISTANCES: usize = REACH as usize + 1;
+/// Events that the word of wider surroundings is worth.
+const PRIOR: f64 = 8.0;
+/// More events than this are as good as certainty.
+const MAX_EVENTS: f64 = 1e9;
+
+/// What a pixel has to tell its neighbours: variances of one sample, over what is tolerated there.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum NeighbourNoise {
+    /// Nothing: it has too few samples.
+    Nothing,
+    /// It is saturated beyond doubt.
+    Saturated,
+    /// How noisy it is.
+    Noise {
+        /// As of independent samples.
+        all: f32,
+        /// The part of it that its largest sample brings.
+        largest: f32,
+        /// By the spread of batches.
+        batches: f32,
+    },
+}
+
+/// What is expected of a pixel.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PredictedNoise {
+    /// Variance of one sample over what is tolerated. Infinite where nothing is known, 0 where the pixel is saturated.
+    pub ratio: f32,
+    /// All its neighbours are saturated beyond doubt.
+    pub saturated: bool,
+}
+
+/// What each pixel has to tell. Tolerated is what the sensor has of noise itself; without one, the same everywhere.
+///
+/// # Panics
+/// If the planes differ in size.
+pub fn told(evidence: &NoiseInputs, sensor: Option<SensorNoise>) -> Plane<NeighbourNoise> {
+    assert!(evidence.is_consistent(), "planes differ in size");
+    Plane::from_fn(evidence.width(), evidence.height(), |x, y| {
+        let (n, variance) = (f64::from(*evidence.counts.at(x, y)), *evidence.variance.at(x, y));
+        if !variance.is_finite() {
+            return NeighbourNoise::Nothing;
+        }
+        let (mean, variance) = (f64::from(*evidence.mean.at(x, y)), f64::from(variance));
+        if sensor.is_some_and(|s| s.is_saturated(mean, variance)) {
+            return NeighbourNoise::Saturated;
+        }
+        let over = n / sensor.map_or(1.0, |s| s.variance(mean));
+        // Where nothing is known of single samples, all may come from one.
+        let (all, largest) = evidence.scatter.at(x, y).map_or((variance, variance), |s| (s.all, s.largest));
+        let value = |v: f64| (over * v).min(f64::from(f32::MAX)) as f32;
+        NeighbourNoise::Noise { all: value(all), largest: value(largest), batches: value(variance) }
+    })
+}
+
+/// What is expected of the pixels of one row. Rows are independent of each other.
+///
+/// # Panics
+/// If the planes differ in size.
+pub fn predicted_noise_row(
+    surface: &Plane<PixelFeatures>,
+    told: &Plane<NeighbourNoise>,
+    y: u32,
+) -> Vec<PredictedNoise> {
+    assert_eq!((surface.width(), surface.height()), (told.width(), told.height()), "planes differ in size");
+    let weights = Weights::new();
+    (0..told.width()).map(|x| expected_at(surface, told, &weights, x, y)).collect()
+}
+
+/// What is expected of all pixels.
+pub fn expected(evidence: &NoiseInputs, sensor: Option<SensorNoise>) -> Plane<PredictedNoise> {
+    let told = told(evidence, sensor);
+    let rows = (0..told.height()).flat_map(|y| predicted_noise_row(&evidence.surface, &told, y)).collect();
+    let unknown = PredictedNoise { ratio: f32::INFINITY, saturated: false };
+    Plane::from_vec(told.width(), told.height(), rows).unwrap_or_else(|| told.map(|_| unknown))
+}
+
+fn expected_at(
+    surface: &Plane<PixelFeatures>,
+    told: &Plane<NeighbourNoise>,
+    weights: &Weights,
+    x: u32,
+    y: u32,
+) -> PredictedNoise {
+    let own = surface.at(x, y);
+    let (mut near, mut nearer) = (Sums::default(), Sums::default());
+    let (mut alike, mut anything) = (Sums::default(), Sums::default());
+    // Of the eight around: how many there are, and how many are saturated.
+    let (mut around, mut saturated) = (0, 0);
+    let columns = x.saturating_sub(REACH)..(x + REACH + 1).min(told.width());
+    for ny in y.saturating_sub(REACH)..(y + REACH + 1).min(told.height()) {
+        for nx in columns.clone().filter(|&nx| (nx, ny) != (x, y)) {
+            let (dx, dy) = (nx.abs_diff(x), ny.abs_diff(y));
+            let other = told.at(nx, ny);
+            if dx.max(dy) <= 1 {
+                around += 1;
+                saturated += u32::from(*other == NeighbourNoise::Saturated);
+            }
+            let noise = match *other {
+                NeighbourNoise::Nothing => continue,
+                NeighbourNoise::Saturated => [0.0; 3],
+                NeighbourNoise::Noise { all, largest, batches } => [all, largest, batches].map(f64::from),
+            };
+            let weight = |scale: usize| weights.0[scale][dy as usize][dx as usize];
+            let seen = surface.at(nx, ny);
+            anything.add(noise, weight(2));
+            if seen.object != own.object {
+                continue;
+            }
+            alike.add(noise, weight(2));
+            if dx.max(dy) <= SCALES[1].1 && own.is_turned_like(seen) {
+                near.add(noise, weight(1));
+                nearer.add(noise, weight(0));
+            }
+        }
+    }
+    if around > 0 && saturated == around {
+        return PredictedNoise { ratio: 0.0, saturated: true };
+    }
+    if anything.weight == 0.0 {
+        return PredictedNoise { ratio: f32::INFINITY, saturated: false };
+    }
+    // Who has met nothing where much was to be met has something to say, too.
+    let events_per_pixel = anything.events() / anything.pixels();
+    let narrowed =
+        |wider: f64, sums: &Sums| shrunk(sums.mean(), sums.events().max(events_per_pixel * sums.pixels()), wider);
+    let independent = [&alike, &near, &nearer].into_iter().fold(anything.mean(), narrowed);
+    let evenness = shrunk(alike.by_batches(), alike.events(), anything.by_batches());
+    PredictedNoise { ratio: (independent * evenness).min(f64::from(f32::MAX)) as f32, saturated: false }
+}
+
+/// A value that rests on so many events, drawn towards that of wider surroundings.
+fn shrunk(value: f64, events: f64, wider: f64) -> f64 {
+    (events * value + PRIOR * wider) / (events + PRIOR)
+}
+
+/// Weights by distance along either axis, for each of the scales; zero beyond their reach.
+struct Weights([[[f64; DISTANCES]; DISTANCES]; 3]);
+
+impl Weights {
+    fn new() -> Self {
+        Self(SCALES.map(|(deviation, reach)| {
+            let along = |d: usize| if d > reach as usize { 0.0 } else { (-0.5 * (d as f64 / deviation).powi(2)).exp() };
+            std::array::from_fn(|dy| std::array::from_fn(|dx| along(dx) * along(dy)))
+        }))
+    }
+}
+
+/// Weighted sums over a neighbourhood.
+#[derive(Default)]
+struct Sums {
+    weight: f64,
+    weights_squared: f64,
+    all: f64,
+    squares: f64,
+    /// Of what events bring, squared: what the sum of all scatters by, if no event brings more than the largest of its pixel.
+    scatter: f64,
+    batches: f64,
+}
+
+impl Sums {
+    #[inline]
+    fn add(&mut self, [all, largest, batches]: [f64; 3], weight: f64) {
+        self.weight += weight;
+        self.weights_squared += weight * weight;
+        self.all += weight * all;
+        self.squares += weight * all * all;
+        self.scatter += weight * weight * all * largest;
+        self.batches += weight * batches;
+    }
+
+    /// Pixels of equal weight that would average as well (Kish 1965).
+    fn pixels(&self) -> f64 {
+        if self.weight > 0.0 { self.weight * self.weight / self.weights_squared } else { 0.0 }
+    }
+
+    /// The root of the mean square.
+    fn mean(&self) -> f64 {
+        if self.weight > 0.0 { (self.squares / self.weight).sqrt() } else { 0.0 }
+    }
+
+    /// How many events it rests on, at least: as many equal ones would scatter as much.
+    fn events(&self) -> f64 {
+        if self.all > 0.0 { (self.all * (self.all / self.scatter)).min(MAX_EVENTS) } else { 0.0 }
+    }
+
+    /// The noise by batches, over that of independent samples.
+    fn by_batches(&self) -> f64 {
+        if self.all > 0.0 { self.batches / self.all } else { 1.0 }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::variance::inputs::SensorVarianceRange;
+    use dunkelfeld_film::Scatter;
+
+    const SIDE: u32 = 40;
+
+    /// Sixteen samples per pixel and many events in each, without signal: variances of single samples by their squares; batches say a
+    /// quarter of that.
+    fn image(mut variance: impl FnMut(u32, u32) -> f64) -> NoiseInputs {
+        let scatter = Plane::from_fn(SIDE, SIDE, |x, y| {
+            let all = variance(x, y) / 16.0;
+            Some(Scatter { all, largest: all / 1000.0 })
+        });
+        NoiseInputs {
+            counts: Plane::new(SIDE, SIDE, 16),
+            mean: Plane::new(SIDE, SIDE, 0.0),
+            variance: scatter.map(|s| s.map_or(0.0, |s| 0.25 * s.all as f32)),
+            scatter,
+            largest: Plane::new(SIDE, SIDE, 0.0),
+            surface: Plane::new(SIDE, SIDE, PixelFeatures::default()),
+            level: Plane::new(SIDE, SIDE, SensorVarianceRange::ANY),
+        }
+    }
+
+    fn ratio(evidence: &NoiseInputs, x: u32, y: u32) -> f32 {
+        expected(evidence, None).at(x, y).ratio
+    }
+
+    #[test]
+    fn where_all_agree_that_is_expected_as_batches_have_it() {
+        let expected = expected(&image(|_, _| 12.0), None);
+        assert!(expected.data().iter().all(|e| (e.ratio - 3.0).abs() < 1e-4 && !e.saturated));
+    }
+
+    #[test]
+    fn a_pixel_has_no_say_in_what_is_expected_of_it() {
+        let of = |own: f64| image(|x, y| if (x, y) == (20, 20) { own } else { f64::from(1 + (7 * x + 3 * y) % 5) });
+        let before = ratio(&of(1.0), 20, 20);
+        for own in [0.0, 3.0, 1e12, 1e30] {
+            let mut evidence = of(own);
+            evidence.mean.data_mut()[(20 * SIDE + 20) as usize] = own as f32;
+            assert_eq!(ratio(&evidence, 20, 20), before, "{own}");
+            assert!(own < 5.0 || ratio(&evidence, 21, 20) > before);
+        }
+    }
+
+    #[test]
+    fn neighbours_that_have_seen_enough_speak_for_themselves() {
+        let halves = image(|x, _| if x < 20 { 1.0 } else { 100.0 });
+        assert!((ratio(&halves, 14, 20) / 0.25 - 1.0).abs() < 0.05, "{}", ratio(&halves, 14, 20));
+        assert!((ratio(&halves, 25, 20) / 25.0 - 1.0).abs() < 0.05, "{}", ratio(&halves, 25, 20));
+    }
+
+    #[test]
+    fn one_event_is_taken_for_its_surroundings() {
+        // One pixel has met one event that is all its noise; the rest is quiet.
+        let mut evidence = image(|x, y| if (x, y) == (20, 20) { 1e4 } else { 0.0 });
+        evidence.scatter.data_mut()[(20 * SIDE + 20) as usize] = Some(Scatter { all: 625.0, largest: 625.0 });
+        evidence.variance.data_mut()[(20 * SIDE + 20) as usize] = 625.0;
+        let at = |x| ratio(&evidence, x, 20);
+        // Root of the mean square over the widest surroundings: 1e4 / sqrt(2 pi 16) in their middle.
+        let widest = 1e4 / (2.0 * std::f32::consts::PI * 16.0).sqrt();
+        assert!(at(21) > widest && at(21) < 2.0 * widest, "{}", at(21));
+        assert!(at(25) > 0.2 * widest && at(25) < widest, "{}", at(25));
+        assert_eq!(at(29), 0.0, "out of reach");
+    }
+
+    #[test]
+    fn other_objects_speak_only_where_nobody_else_knows() {
+        let mut evidence = image(|x, _| if x < 20 { 1.0 } else { 400.0 });
+        evidence.surface =
+            Plane::from_fn(SIDE, SIDE, |x, _| PixelFeatures { object: u32::from(x >= 20), ..PixelFeatures::default() });
+        assert!((ratio(&evidence, 19, 20) / 0.25 - 1.0).abs() < 0.05, "{}", ratio(&evidence, 19, 20));
+        // A pixel that is like no other: what is around it.
+        evidence.surface.data_mut()[(20 * SIDE + 5) as usize] =
+            PixelFeatures { object: 99, ..PixelFeatures::default() };
+        assert!((ratio(&evidence, 5, 20) / 0.25 - 1.0).abs() < 1e-4);
+        // Faces of one object that are turned another way count less than the same face.
+        let turned = Plane::from_fn(SIDE, SIDE, |x, _| PixelFeatures {
+            normal: if x < 20 { [0.0, 0.0, 1.0] } else { [1.0, 0.0, 0.0] },
+            ..PixelFeatures::default()
+        });
+        evidence.surface = turned;
+        assert!((ratio(&evidence, 19, 20) / 0.25 - 1.0).abs() < 0.1, "{}", ratio(&evidence, 19, 20));
+    }
+
+    #[test]
+    fn noise_is_judged_by_what_the_sensor_has_and_saturated_pixels_need_nothing() {
+        let sensor = SensorNoise { floor: 10.0, saturation: 1000.0 };
+        let mut evidence = image(|x, _| if x < 20 { 40.0 } else { 400.0 });
+        evidence.mean = Plane::from_fn(SIDE, SIDE, |x, _| if x < 20 { 0.0 } else { 90.0 });
+        let all = expected(&evidence, Some(sensor));
+        assert!(
+            all.data().iter().all(|e| (e.ratio - 1.0).abs() < 1e-4),
+            "40 over 10 and 400 over 100, in batches a quarter"
+        );
+        // A lit square and a lone saturated pixel, with noise that would drown the others'.
+        let is_full = |x: u32, y: u32| (10..16).contains(&x) && (10..16).contains(&y) || (x, y) == (30, 30);
+        let at = |x: u32, y: u32| (y * SIDE + x) as usize;
+        for (x, y) in (0..SIDE).flat_map(|y| (0..SIDE).map(move |x| (x, y))).filter(|&(x, y)| is_full(x, y)) {
+            evidence.mean.data_mut()[at(x, y)] = 1e6;
+            evidence.scatter.data_mut()[at(x, y)] = Some(Scatter { all: 1e9, largest: 1e9 });
+        }
+        let some = expected(&evidence, Some(sensor));
+        for (x, y) in (0..SIDE).flat_map(|y| (0..SIDE).map(move |x| (x, y))) {
+            let inside = (11..15).contains(&x) && (11..15).contains(&y);
+            let expected = some.at(x, y);
+            assert_eq!(expected.saturated, inside, "{x}, {y}");
+            assert!(
+                if inside { expected.ratio == 0.0 } else { expected.ratio > 0.3 && expected.ratio < 1.0001 },
+                "{x}, {y}: {expected:?}"
+            );
+        }
+        assert!((some.at(30, 5).ratio - 1.0).abs() < 1e-4 && some.at(30, 31).ratio > 0.9);
+        // One pixel of a saturated image that is in doubt does not send samples to those around it.
+        evidence.mean = Plane::from_fn(SIDE, SIDE, |x, y| if (x, y) == (20, 20) { 90.0 } else { 1e6 });
+        let doubt = expected(&evidence, Some(sensor));
+        assert!(doubt.at(20, 20).saturated && doubt.at(21, 20).ratio < 0.4 && doubt.at(23, 20).ratio < 0.1);
+    }
+
+    #[test]
+    fn neighbours_that_have_met_nothing_where_much_was_to_be_met_have_a_say() {
+        // A part before a black background: a pixel of noise has a thousand events.
+        let part = image(|x, _| if x < 20 { 0.0 } else { 100.0 });
+        assert!(ratio(&part, 16, 20) < 0.01 * 25.0, "{}", ratio(&part, 16, 20));
+        assert!(ratio(&part, 21, 20) > 0.7 * 25.0, "{}", ratio(&part, 21, 20));
+        // One event in forty pixels: that seven by seven have met none means little.
+        let mut rare = image(|x, y| if x >= 17 && (x + 6 * y) % 40 == 0 { 100.0 } else { 0.0 });
+        rare.scatter.data_mut().iter_mut().flatten().for_each(|s| s.largest = s.all);
+        assert!(ratio(&rare, 13, 20) > 0.3 * ratio(&rare, 27, 20), "{} {}", ratio(&rare, 13, 20), ratio(&rare, 27, 20));
+    }
+
+    #[test]
+    fn what_is_unknown_stays_out() {
+        let mut evidence = image(|_, _| 8.0);
+        (0..SIDE).for_each(|x| evidence.variance.data_mut()[x as usize] = f32::INFINITY);
+        assert!(expected(&evidence, None).data().iter().all(|e| (e.ratio - 2.0).abs() < 1e-4));
+        // Without squares, batches alone.
+        evidence.scatter = Plane::new(SIDE, SIDE, None);
+        assert!(expected(&evidence, None).data().iter().all(|e| (e.ratio - 2.0).abs() < 1e-4));
+        evidence.variance = Plane::new(SIDE, SIDE, f32::INFINITY);
+        assert!(expected(&evidence, None).data().iter().all(|e| e.ratio == f32::INFINITY));
+        // Lamps that leave the range of numbers.
+        let blinding = expected(&image(|x, _| if x < 20 { 1e38 } else { 0.0 }), None);
+        assert!(blinding.data().iter().all(|e| e.ratio.is_finite()));
+    }
+}

@@ -1,0 +1,492 @@
+//! How noisy the mean of a pixel is, by its own samples as far as they can tell: what is certified.
+//!
+//! A pooled variance ([`crate::variance::pooled`]) is that of a neighbourhood: where noise changes from pixel to pixel it smears that of a few
+//! over all around them. The squares of a pixel's own samples do not.
+//! They fail in two ways: they over-state the noise of quasi-random samples, which are spread more evenly than independent ones, and
+//! they know nothing of what has not happened yet. The pixels around tell both:
+//!
+//! v = rho (q - l) + sum of rho' l' / c', rho = sum of b / sum of q
+//!
+//! q: variance of the pixel's mean as of independent samples; l: the part of it that its largest sample brings; b: variance by the
+//! spread of batches, honest for quasi-random samples but with three degrees of freedom, summed like q over a cell of 8 x 8 pixels (a
+//! ratio estimator: Cochran 1977, chapter 6). So all but the largest sample is a pixel's own. That one others might have met as well,
+//! and each of the c' among whom it is shared takes a part of it, as Good (1953) has it for species that were met once. They are the
+//! pixels of the smallest cell, 4 x 4, 8 x 8 or 16 x 16, that has met another sample as large: where such samples are common they
+//! stay near, and what stands alone in its surroundings tells of all of them.
+//!
+//! Only pixels that are alike speak for each other: that show the same surface, are about as bright, and have half to twice as many
+//! samples (how likely a sample was to be met depends on it, and they take parts in inverse proportion to their numbers). Cells are aligned,
+//! nothing leaves its block of 16 x 16, and nothing is counted twice: where pixels fall into groups that are alike, certified variances of
+//! the means of a block add up to those by its batches.
+
+use dunkelfeld_film::{Plane, Scatter};
+
+use crate::variance::inputs::NoiseInputs;
+use crate::variance::pooled::{PixelNoise, Pool, pixel};
+
+/// What is certified of a pixel depends on the block of so many pixels squared that it lies in, and on nothing else where the
+/// scatter of its samples is known.
+pub const BLOCK: u32 = 16;
+
+/// Sides of the cells among whose pixels a sample may be shared: the first that has met another as large, or the last.
+const CELLS: [u32; 3] = [4, 8, BLOCK];
+
+/// How large a deviation is taken for as large, of the other: what single precision rounds does not decide who shares.
+const AS_LARGE: f64 = 1.0 - 1e-5;
+
+/// Side of the cells that tell how much more evenly samples are spread than independent ones.
+const EVENNESS: u32 = 8;
+
+/// The noise of the pixels of one row of blocks, row by row, by their own samples as far as they can tell; as [`crate::variance::pooled::noise_row`]
+/// has it where their scatter is not known. Rows of blocks are independent of each other.
+///
+/// # Panics
+/// If the planes differ in size.
+pub fn pixel_noise_of_blocks(evidence: &NoiseInputs, row_of_blocks: u32) -> Vec<PixelNoise> {
+    assert!(evidence.is_consistent(), "planes differ in size");
+    let (width, top) = (evidence.width(), row_of_blocks.saturating_mul(BLOCK));
+    let height = evidence.height().saturating_sub(top).min(BLOCK);
+    let mut noise = vec![PixelNoise::UNKNOWN; width as usize * height as usize];
+    if height == 0 {
+        return noise;
+    }
+    for left in (0..width).step_by(BLOCK as usize) {
+        let block = Block::new(evidence, left, top);
+        for (row, of_block) in block.noise().chunks(block.width as usize).enumerate() {
+            let start = row * width as usize + left as usize;
+            noise[start..start + of_block.len()].copy_from_slice(of_block);
+        }
+    }
+    noise
+}
+
+/// The noise of all pixels.
+pub fn pixel_noise(evidence: &NoiseInputs) -> Plane<PixelNoise> {
+    let (width, height) = (evidence.width(), evidence.height());
+    let noise = (0..height.div_ceil(BLOCK)).flat_map(|row| pixel_noise_of_blocks(evidence, row)).collect();
+    Plane::from_vec(width, height, noise).unwrap_or_else(|| Plane::new(width, height, PixelNoise::UNKNOWN))
+}
+
+/// What the samples of a pixel tell of the variance of their mean.
+#[derive(Clone, Copy)]
+struct NeighbourNoise {
+    /// How many they are.
+    count: f64,
+    /// By the spread of batches.
+    batches: f64,
+    /// As of independent samples: all of it, and the part of the largest.
+    all: f64,
+    largest: f64,
+}
+
+impl NeighbourNoise {
+    fn by(evidence: &NoiseInputs, x: u32, y: u32) -> Option<Self> {
+        let (batches, Scatter { all, largest }) =
+            (f64::from(*evidence.variance.at(x, y)), (*evidence.scatter.at(x, y))?);
+        let is_known = batches.is_finite() && all.is_finite() && largest.is_finite() && largest >= 0.0;
+        is_known.then_some(Self { count: f64::from(*evidence.counts.at(x, y)), batches, all, largest })
+    }
+
+    /// How far the largest sample lies from the mean, squared: what it brings does not depend on how many others there are.
+    fn deviation(&self) -> f64 {
+        self.count * self.count * self.largest
+    }
+}
+
+/// How evenly the samples of a cell are spread: their variance by batches over that of independent ones; its degrees of freedom, and
+/// the mean of the cell.
+#[derive(Clone, Copy)]
+struct Evenness {
+    rho: f64,
+    freedom: f32,
+    mean: f32,
+}
+
+/// What a pixel takes of the largest samples of others, and of its own.
+#[derive(Clone, Copy, Default)]
+struct Shared {
+    sum: f64,
+    squares: f64,
+}
+
+/// The pixels of a block.
+struct Block<'a> {
+    evidence: &'a NoiseInputs,
+    left: u32,
+    top: u32,
+    width: u32,
+    height: u32,
+    /// Row by row; `None` where the scatter of a pixel or the variance by its batches is not known.
+    told: Vec<Option<NeighbourNoise>>,
+}
+
+impl<'a> Block<'a> {
+    fn new(evidence: &'a NoiseInputs, left: u32, top: u32) -> Self {
+        let (width, height) = ((evidence.width() - left).min(BLOCK), (evidence.height() - top).min(BLOCK));
+        let places = (0..height).flat_map(|y| (0..width).map(move |x| (x, y)));
+        let told = places.map(|(x, y)| NeighbourNoise::by(evidence, left + x, top + y)).collect();
+        Self { evidence, left, top, width, height, told }
+    }
+
+    /// Column and row in the image of the pixel with an index in the block.
+    fn place(&self, pixel: usize) -> (u32, u32) {
+        (self.left + pixel as u32 % self.width, self.top + pixel as u32 / self.width)
+    }
+
+    /// The pixels of a pixel's cell that may speak for it, and for which it may speak, itself among them, with what they tell.
+    fn fellows(&self, pixel: usize, cell: u32) -> impl Iterator<Item = (usize, NeighbourNoise)> {
+        let (x, y) = (pixel as u32 % self.width / cell * cell, pixel as u32 / self.width / cell * cell);
+        let rows = y..(y + cell).min(self.height);
+        let columns = x..(x + cell).min(self.width);
+        let others = rows.flat_map(move |y| columns.clone().map(move |x| (y * self.width + x) as usize));
+        others.filter_map(move |other| {
+            let may_speak = other == pixel || self.are_alike(pixel, other);
+            self.told[other].filter(|_| may_speak).map(|told| (other, told))
+        })
+    }
+
+    fn are_alike(&self, one: usize, other: usize) -> bool {
+        let (e, a, b) = (self.evidence, self.place(one), self.place(other));
+        let (n, m) = (u64::from(*e.counts.at(a.0, a.1)), u64::from(*e.counts.at(b.0, b.1)));
+        n <= 2 * m
+            && m <= 2 * n
+            && e.level.at(a.0, a.1).is_like(e.level.at(b.0, b.1))
+            && e.surface.at(a.0, a.1).is_like(e.surface.at(b.0, b.1))
+    }
+
+    /// What the cell of a pixel says of the evenness of its samples; `None` where that is not known.
+    fn evenness(&self, pixel: usize) -> Option<Evenness> {
+        self.told[pixel]?;
+        let (mut pool, mut batches, mut all) = (Pool::default(), 0.0, 0.0);
+        for (fellow, told) in self.fellows(pixel, EVENNESS) {
+            let (x, y) = self.place(fellow);
+            pool.add(told.batches, f64::from(*self.evidence.mean.at(x, y)));
+            batches += told.batches;
+            all += told.all;
+        }
+        // Where nothing scatters there is nothing to take back.
+        let rho = if batches == 0.0 { 0.0 } else { batches / all };
+        let PixelNoise { freedom, mean, .. } = pool.noise();
+        rho.is_finite().then_some(Evenness { rho, freedom, mean })
+    }
+
+    /// The largest samples of all pixels, shared out among those that might have met them.
+    fn shared(&self, evenness: &[Option<Evenness>]) -> Vec<Shared> {
+        let mut shared = vec![Shared::default(); self.told.len()];
+        let mut fellows = Vec::with_capacity(self.told.len());
+        for (pixel, (told, even)) in self.told.iter().zip(evenness).enumerate() {
+            let (Some(told), Some(even)) = (told, even) else { continue };
+            if told.largest <= 0.0 {
+                continue;
+            }
+            for cell in CELLS {
+                fellows.clear();
+                fellows.extend(self.fellows(pixel, cell));
+                if fellows
+                    .iter()
+                    .any(|&(fellow, other)| fellow != pixel && other.deviation() >= AS_LARGE * told.deviation())
+                {
+                    break;
+                }
+            }
+            // Alike in their samples, pixels differ in the variance of their means by how many they have.
+            let parts: f64 = fellows.iter().map(|(_, other)| other.count.recip()).sum();
+            for (fellow, other) in &fellows {
+                let share = even.rho * told.largest / (other.count * parts);
+                shared[*fellow].sum += share;
+                shared[*fellow].squares += share * share;
+            }
+        }
+        shared
+    }
+
+    /// The noise of its pixels, row by row.
+    fn noise(&self) -> Vec<PixelNoise> {
+        let evenness: Vec<_> = (0..self.told.len()).map(|pixel| self.evenness(pixel)).collect();
+        let shared = self.shared(&evenness);
+        let known = |i: usize, count| own(&self.told[i]?, &evenness[i]?, &shared[i], count);
+        let noise = |i| {
+            let (x, y) = self.place(i);
+            known(i, *self.evidence.counts.at(x, y)).unwrap_or_else(|| pixel(self.evidence, x, y))
+        };
+        (0..self.told.len()).map(noise).collect()
+    }
+}
+
+/// The noise of a pixel of so many samples; `None` if it is out of the range of its type.
+fn own(told: &NeighbourNoise, even: &Evenness, shared: &Shared, count: u32) -> Option<PixelNoise> {
+    let body = even.rho * (told.all - told.largest).max(0.0);
+    // Nothing of the body weighs more than the largest sample: it is made of body / largest events at least, whose number scatters
+    // as Poisson's. The same goes for what is shared, one event a pixel. A variance with f degrees of freedom scatters by 2 / f.
+    let spread = body * even.rho * told.largest + shared.squares;
+    let relative = if spread > 0.0 { spread / (body + shared.sum).powi(2) } else { 0.0 };
+    let freedom = 2.0 / (relative + 2.0 / f64::from(even.freedom));
+    let variance = (f64::from(count) * (body + shared.sum)) as f32;
+    variance.is_finite().then_some(PixelNoise { variance, freedom: freedom as f32, mean: even.mean })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::variance::inputs::{PixelFeatures, SensorVarianceRange};
+    use crate::variance::pooled::noise;
+    use dunkelfeld_film::{Accumulate, PixelSums, Sample};
+
+    const WIDTH: u32 = 32;
+
+    /// Numbers as good as random.
+    struct Random(u64);
+
+    impl Random {
+        fn unit(&mut self) -> f64 {
+            self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+            let z = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+            let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+            ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
+        }
+    }
+
+    /// A film whose samples are drawn pixel by pixel, so many in each.
+    fn film(
+        count: impl Fn(u32, u32) -> u32,
+        seed: u64,
+        mut draw: impl FnMut(u32, u32, u32, &mut Random) -> f64,
+    ) -> Plane<PixelSums> {
+        let mut random = Random(seed << 32);
+        Plane::from_fn(WIDTH, WIDTH, |x, y| {
+            let mut sums = PixelSums::default();
+            for index in 0..count(x, y) {
+                let v = draw(x, y, index, &mut random) as f32;
+                let mut sample = Sample::MISS;
+                (sample.radiance.r, sample.radiance.g, sample.radiance.b) = (v, v, v);
+                sums.add(index, &sample);
+            }
+            sums
+        })
+    }
+
+    fn evidence_of(film: &Plane<PixelSums>) -> NoiseInputs {
+        NoiseInputs {
+            counts: film.map(PixelSums::count),
+            mean: film.map(|p| p.mean()[0] as f32),
+            variance: film.map(|p| p.variance_of_mean()[0] as f32),
+            scatter: film.map(PixelSums::scatter),
+            largest: film.map(PixelSums::max_luminance),
+            surface: Plane::new(WIDTH, WIDTH, PixelFeatures::default()),
+            level: Plane::new(WIDTH, WIDTH, SensorVarianceRange::ANY),
+        }
+    }
+
+    fn total(noise: &Plane<PixelNoise>) -> f64 {
+        noise.data().iter().map(|n| f64::from(n.variance)).sum()
+    }
+
+    #[test]
+    fn noise_stays_in_the_pixel_that_has_it() {
+        // One pixel in 64 has a hundred times the variance of the others.
+        let is_loud = |x: u32, y: u32| x % 8 == 3 && y % 8 == 3;
+        let film = film(|_, _| 256, 1, |x, y, _, random| if is_loud(x, y) { 10.0 } else { 1.0 } * random.unit());
+        let (evidence, quiet, loud) = (evidence_of(&film), 1.0 / 12.0, 100.0 / 12.0);
+        let (own, pooled) = (pixel_noise(&evidence), noise(&evidence));
+        // In the middle of the film each cell, and each neighbourhood, holds all there is.
+        let ratio = |noise: &Plane<PixelNoise>, wanted: bool, truth: f64| {
+            let places = (8..24).flat_map(|y| (8..24).map(move |x| (x, y))).filter(|&(x, y)| is_loud(x, y) == wanted);
+            let (sum, count) =
+                places.fold((0.0, 0.0), |(s, c), (x, y)| (s + f64::from(noise.at(x, y).variance), c + 1.0));
+            sum / count / truth
+        };
+        // Ratios of cells have the freedom of the batches of one loud pixel, on average over four.
+        for (wanted, truth) in [(false, quiet), (true, loud)] {
+            let ratio = ratio(&own, wanted, truth);
+            assert!((0.6..1.6).contains(&ratio), "loud {wanted}: {ratio}");
+        }
+        assert!(ratio(&pooled, false, quiet) > 1.5 && ratio(&pooled, true, loud) < 0.3, "pooled variances are smeared");
+    }
+
+    /// An image of one surface on which nothing has happened but some events, each with the whole noise of its pixel.
+    fn events(width: u32, height: u32, events: &[(u32, u32, f64)]) -> NoiseInputs {
+        let of = |x, y| events.iter().find(|e| (e.0, e.1) == (x, y)).map_or(0.0, |e| e.2);
+        NoiseInputs {
+            counts: Plane::new(width, height, 16),
+            mean: Plane::new(width, height, 1.0),
+            variance: Plane::from_fn(width, height, |x, y| of(x, y) as f32),
+            scatter: Plane::from_fn(width, height, |x, y| Some(Scatter { all: of(x, y), largest: of(x, y) })),
+            largest: Plane::new(width, height, 1.0),
+            surface: Plane::new(width, height, PixelFeatures::default()),
+            level: Plane::new(width, height, SensorVarianceRange::ANY),
+        }
+    }
+
+    #[test]
+    fn a_lone_event_is_shared_by_its_block() {
+        let own = pixel_noise(&events(40, 40, &[(17, 30, 256.0)]));
+        for y in 0..40 {
+            for x in 0..40 {
+                let inside = (16..32).contains(&x) && (16..32).contains(&y);
+                // Sixteen samples of variance 256 in one of 256 pixels.
+                assert_eq!(own.at(x, y).variance, if inside { 16.0 } else { 0.0 }, "{x} {y}");
+            }
+        }
+    }
+
+    #[test]
+    fn an_event_met_again_stays_in_the_smallest_cell_that_met_both() {
+        // Two as large in one cell of 4 x 4, a third in the same cell of 8 x 8, a larger one in its neighbour.
+        let own = pixel_noise(&events(16, 16, &[(0, 0, 1.0), (3, 3, 1.0), (5, 5, 1.0), (8, 8, 16.0)]));
+        let at = |x, y| f64::from(own.at(x, y).variance) / 16.0;
+        let (small, middle, all) = (2.0 / 16.0, 1.0 / 64.0, 16.0 / 256.0);
+        for (x, y, wanted) in [(1, 2, small + middle + all), (4, 4, middle + all), (9, 9, all), (15, 0, all)] {
+            assert!((at(x, y) - wanted).abs() < 1e-6, "{x} {y}: {} {wanted}", at(x, y));
+        }
+    }
+
+    #[test]
+    fn rounding_does_not_tell_equal_events_apart() {
+        let own = pixel_noise(&events(16, 16, &[(0, 0, 1.0), (3, 3, 1.0 + 1e-7)]));
+        let (inside, outside) = (f64::from(own.at(1, 1).variance), own.at(4, 4).variance);
+        assert!((inside - 2.0).abs() < 1e-6 && outside == 0.0, "{inside} {outside}");
+    }
+
+    #[test]
+    fn only_pixels_that_are_alike_share() {
+        let mut evidence = events(16, 16, &[(2, 2, 1.0)]);
+        evidence.surface =
+            Plane::from_fn(16, 16, |x, _| PixelFeatures { object: u32::from(x >= 5), ..PixelFeatures::default() });
+        evidence.counts = Plane::from_fn(16, 16, |_, y| if y < 8 { 16 } else { 33 });
+        evidence.scatter.data_mut()[3] = None;
+        let own = pixel_noise(&evidence);
+        // Five columns of eight rows, one of which tells nothing.
+        let share = 16.0 / 39.0;
+        for y in 0..16 {
+            for x in 0..16 {
+                let wanted = if (x, y) == (3, 0) { None } else { Some(if x < 5 && y < 8 { share } else { 0.0 }) };
+                let variance = own.at(x, y).variance;
+                assert!(wanted.is_none_or(|w| (variance - w).abs() < 1e-6), "{x} {y}: {variance}");
+            }
+        }
+    }
+
+    #[test]
+    fn what_nobody_saw_twice_is_shared() {
+        // One sample in 4096 is lit: of 64 samples per pixel one pixel in 64 has seen one.
+        let (p, n) = (1.0 / 4096.0, 64);
+        let mut sum = 0.0;
+        for seed in 0..20 {
+            let film = film(|_, _| n, seed, |_, _, _, random| f64::from(u8::from(random.unit() < p)));
+            let own = pixel_noise(&evidence_of(&film));
+            let dark = own.data().iter().zip(film.data()).filter(|(_, p)| p.max_luminance() == 0.0);
+            let (total, count) =
+                dark.fold((0.0, 0.0), |(sum, count), (o, _)| (sum + f64::from(o.variance), count + 1.0));
+            sum += total / count;
+        }
+        // The dark ones know nothing of it by themselves.
+        let mean = sum / 20.0 / p;
+        assert!((0.7..1.3).contains(&mean), "{mean}");
+    }
+
+    /// Certified over true variance where one sample in so many is lit: on average over the even rows of an image and over the odd
+    /// ones, which have their own numbers of samples.
+    fn certified_by_row(lit: u32, counts: [u32; 2]) -> [f64; 2] {
+        const SEEDS: u32 = 12;
+        let (p, mut sums) = (f64::from(lit).recip(), [0.0; 2]);
+        for seed in 0..SEEDS {
+            let film = film(|_, y| counts[y as usize % 2], seed.into(), |_, _, _, r| f64::from(u8::from(r.unit() < p)));
+            for (i, noise) in pixel_noise(&evidence_of(&film)).data().iter().enumerate() {
+                sums[i / WIDTH as usize % 2] += f64::from(noise.variance) / (p * (1.0 - p));
+            }
+        }
+        sums.map(|sum| sum / f64::from(SEEDS * WIDTH * WIDTH / 2))
+    }
+
+    #[test]
+    fn pixels_with_sixteen_times_as_many_samples_do_not_share() {
+        for ratio in certified_by_row(64, [16, 256]) {
+            assert!((0.9..1.1).contains(&ratio), "{ratio}");
+        }
+    }
+
+    /// Those with twice as many do, and the mean of more samples is the less noisy.
+    #[test]
+    fn pixels_with_twice_as_many_samples_share_in_proportion() {
+        for ratio in certified_by_row(512, [32, 64]) {
+            // Some thousand events: a standard error of 3 %.
+            assert!((0.85..1.15).contains(&ratio), "{ratio}");
+        }
+    }
+
+    #[test]
+    fn it_is_right_on_average_for_independent_and_for_even_samples() {
+        // Independent samples; and samples of which each batch holds one from every part of the range.
+        let n = 64;
+        for (even, truth) in [(false, 1.0 / 12.0), (true, 1.0 / 12.0 / 256.0)] {
+            let film = film(
+                |_, _| n,
+                5,
+                |_, _, index, random| {
+                    let stratum = f64::from(index / 4) / 16.0;
+                    if even { stratum + random.unit() / 16.0 } else { random.unit() }
+                },
+            );
+            let own = pixel_noise(&evidence_of(&film));
+            let mean = total(&own) / f64::from(WIDTH * WIDTH) / truth;
+            // 1024 variances with three degrees of freedom: a standard error of 2.6 %.
+            assert!((mean - 1.0).abs() < 0.13, "even {even}: {mean}");
+            let off = own.data().iter().map(|o| (f64::from(o.variance) / truth - 1.0).powi(2)).sum::<f64>();
+            let rms = (off / f64::from(WIDTH * WIDTH)).sqrt();
+            assert!(rms < 0.35, "a variance by batches alone is off by 0.82: {rms}");
+        }
+    }
+
+    #[test]
+    fn variances_of_a_block_add_up_to_those_of_its_batches() {
+        let film = film(|_, _| 32, 9, |x, y, _, random| f64::from(x * y + 1) * random.unit().powi(4));
+        // Blocks that the image cuts off, and a surface that ends in one.
+        let crop = |plane: &Plane<f32>| Plane::from_fn(27, 22, |x, y| *plane.at(x, y));
+        let whole = evidence_of(&film);
+        let evidence = NoiseInputs {
+            // The same means could have come of fewer samples, or of more.
+            counts: Plane::from_fn(27, 22, |x, y| 32 + 16 * ((x + y) % 3)),
+            mean: crop(&whole.mean),
+            variance: crop(&whole.variance),
+            scatter: Plane::from_fn(27, 22, |x, y| *whole.scatter.at(x, y)),
+            largest: crop(&whole.largest),
+            surface: Plane::from_fn(27, 22, |x, _| PixelFeatures {
+                object: u32::from(x > 20),
+                ..PixelFeatures::default()
+            }),
+            level: Plane::new(27, 22, SensorVarianceRange::ANY),
+        };
+        let own = pixel_noise(&evidence);
+        for (left, top) in [(0, 0), (16, 0), (0, 16), (16, 16)] {
+            let (columns, rows) = (left..(left + 16).min(27), top..(top + 16).min(22));
+            let places = || rows.clone().flat_map(|y| columns.clone().map(move |x| (x, y)));
+            let by_own: f64 = places().map(|(x, y)| f64::from(own.at(x, y).of_mean(*evidence.counts.at(x, y)))).sum();
+            let by_batches: f64 = places().map(|(x, y)| f64::from(*evidence.variance.at(x, y))).sum();
+            assert!((by_own / by_batches - 1.0).abs() < 1e-5, "{left} {top}: {by_own} {by_batches}");
+        }
+    }
+
+    #[test]
+    fn where_scatter_is_not_known_neighbourhoods_speak() {
+        let film = film(|_, _| 16, 3, |_, _, _, random| random.unit());
+        let mut evidence = evidence_of(&film);
+        evidence.scatter = Plane::new(WIDTH, WIDTH, None);
+        assert_eq!(pixel_noise(&evidence), noise(&evidence));
+        // Black: no noise at all, as batches have it.
+        let black = evidence_of(&self::film(|_, _| 16, 3, |_, _, _, _| 0.0));
+        assert!(pixel_noise(&black).data().iter().all(|n| n.variance == 0.0));
+        // A sample a pixel: nothing is known.
+        let one = evidence_of(&self::film(|_, _| 1, 3, |_, _, _, random| random.unit()));
+        assert!(pixel_noise(&one).data().iter().all(|n| *n == PixelNoise::UNKNOWN));
+    }
+
+    #[test]
+    fn freedom_is_that_of_few_events_where_there_are_few() {
+        let even = pixel_noise(&evidence_of(&film(|_, _| 256, 2, |_, _, _, random| random.unit())));
+        assert!(even.at(16, 16).freedom > 40.0, "{:?}", even.at(16, 16));
+        let rare =
+            pixel_noise(&evidence_of(&film(|_, _| 64, 2, |_, _, _, random| f64::from(u8::from(random.unit() < 1e-3)))));
+        let noisy = || rare.data().iter().filter(|n| n.variance > 0.0);
+        assert!(noisy().count() > 100 && noisy().all(|n| n.freedom < 40.0));
+    }
+}

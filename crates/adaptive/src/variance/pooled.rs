@@ -1,0 +1,226 @@
+//! How noisy a pixel is, asked of its neighbourhood.
+//!
+//! A film knows the variance of a pixel from the spread of four batches: three degrees of freedom, far too few to decide
+//! on (its 99 % quantile is 3.8 times the truth), and taken from the very samples that are averaged, so that whoever stops
+//! when it looks small stops on unlucky pixels (Kirk and Arvo 1991). So variances are pooled over 7 x 7 pixels of the same
+//! surface that are about as bright.
+//!
+//! That is the last resort where nothing is known of single samples ([`crate::variance::pixel`]), and tells what a pixel's surroundings are like.
+
+use dunkelfeld_film::{BATCHES, Plane};
+
+use crate::variance::inputs::{NoiseInputs, around};
+
+/// Variances are pooled over squares of 7 x 7 pixels.
+const POOL_REACH: u32 = 3;
+
+/// Degrees of freedom of the variance of one pixel.
+pub(crate) const FREEDOM: f64 = (BATCHES - 1) as f64;
+
+/// What is expected of the samples of a pixel.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PixelNoise {
+    /// Variance of one sample [unit^2]; infinite where nothing is known. For quasi-random samples: the number of samples
+    /// times the variance of their mean, which falls as they become more.
+    pub variance: f32,
+    /// Degrees of freedom of that variance, after Satterthwaite (1946); 0 where nothing is known.
+    pub freedom: f32,
+    /// Mean over the neighbourhood \[unit\].
+    pub mean: f32,
+}
+
+impl PixelNoise {
+    /// Nothing is known.
+    pub const UNKNOWN: Self = Self { variance: f32::INFINITY, freedom: 0.0, mean: 0.0 };
+
+    /// Variance of the mean of n samples [unit^2]: what is certified.
+    #[inline]
+    pub fn of_mean(&self, n: u32) -> f32 {
+        if n == 0 { f32::INFINITY } else { self.variance / n as f32 }
+    }
+}
+
+/// The noise of the pixels of one row. Rows are independent of each other, so that they may be shared out among threads.
+///
+/// # Panics
+/// If the planes differ in size.
+pub fn noise_row(evidence: &NoiseInputs, y: u32) -> Vec<PixelNoise> {
+    assert!(evidence.is_consistent(), "planes differ in size");
+    (0..evidence.width()).map(|x| pixel(evidence, x, y)).collect()
+}
+
+/// The noise of all pixels.
+pub fn noise(evidence: &NoiseInputs) -> Plane<PixelNoise> {
+    let (width, height) = (evidence.width(), evidence.height());
+    let noise = (0..height).flat_map(|y| noise_row(evidence, y)).collect();
+    Plane::from_vec(width, height, noise).unwrap_or_else(|| Plane::new(width, height, PixelNoise::UNKNOWN))
+}
+
+/// The pixels around one that may speak for it, itself among them.
+fn witnesses_of(evidence: &NoiseInputs, x: u32, y: u32) -> impl Iterator<Item = (u32, u32)> {
+    let (surface, level) = (evidence.surface.at(x, y), *evidence.level.at(x, y));
+    around(x, y, POOL_REACH, evidence.width(), evidence.height()).filter(move |&(nx, ny)| {
+        surface.is_like(evidence.surface.at(nx, ny)) && level.is_like(evidence.level.at(nx, ny))
+    })
+}
+
+/// The noise of one pixel.
+pub(crate) fn pixel(evidence: &NoiseInputs, x: u32, y: u32) -> PixelNoise {
+    let mut pool = Pool::default();
+    for (nx, ny) in witnesses_of(evidence, x, y) {
+        let (n, variance) = (*evidence.counts.at(nx, ny), *evidence.variance.at(nx, ny));
+        if n > 0 && variance.is_finite() {
+            pool.add(f64::from(n) * f64::from(variance), f64::from(*evidence.mean.at(nx, ny)));
+        }
+    }
+    pool.noise()
+}
+
+/// Variances of single samples in a neighbourhood, each with [`FREEDOM`] degrees of freedom.
+#[derive(Default)]
+pub(crate) struct Pool {
+    count: u32,
+    sum: f64,
+    squares: f64,
+    means: f64,
+}
+
+impl Pool {
+    pub(crate) fn add(&mut self, variance: f64, mean: f64) {
+        self.count += 1;
+        self.sum += variance;
+        self.squares += variance * variance;
+        self.means += mean;
+    }
+
+    pub(crate) fn noise(&self) -> PixelNoise {
+        if self.count == 0 {
+            return PixelNoise::UNKNOWN;
+        }
+        let count = f64::from(self.count);
+        PixelNoise {
+            variance: (self.sum / count) as f32,
+            freedom: satterthwaite(self.sum, self.squares, count) as f32,
+            mean: (self.means / count) as f32,
+        }
+    }
+}
+
+/// Satterthwaite's (1946) degrees of freedom of a sum of so many variances, each with [`FREEDOM`], from it and the sum of their
+/// squares. Squares of estimates are too large by 1 + 2 / FREEDOM on average; with that taken out, one pixel has FREEDOM, and m
+/// equal ones very nearly m FREEDOM.
+pub(crate) fn satterthwaite(sum: f64, squares: f64, count: f64) -> f64 {
+    let most = FREEDOM * count;
+    if squares <= 0.0 {
+        return most;
+    }
+    ((FREEDOM + 2.0) * sum * sum / squares - 2.0).min(most).max(FREEDOM)
+}
+
+/// The factor by which a variance with so many degrees of freedom is to be raised to be too small with the probability
+/// that lies beyond `z` standard deviations only: freedom over a quantile of chi-squared, by the cubes of Wilson and
+/// Hilferty (1931). Infinite where they say nothing.
+pub fn upper_factor(freedom: f64, z: f64) -> f64 {
+    let a = 2.0 / (9.0 * freedom);
+    let root = 1.0 - a - z * a.sqrt();
+    if root > 0.0 { root.powi(-3) } else { f64::INFINITY }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::variance::inputs::{PixelFeatures, SensorVarianceRange};
+
+    /// An image of one surface.
+    fn flat(width: u32, height: u32, variance: impl FnMut(u32, u32) -> f32) -> NoiseInputs {
+        NoiseInputs {
+            counts: Plane::new(width, height, 16),
+            mean: Plane::new(width, height, 2.0),
+            variance: Plane::from_fn(width, height, variance),
+            scatter: Plane::new(width, height, None),
+            largest: Plane::new(width, height, 2.0),
+            surface: Plane::new(width, height, PixelFeatures::default()),
+            level: Plane::new(width, height, SensorVarianceRange::ANY),
+        }
+    }
+
+    #[test]
+    fn equal_variances_pool_to_themselves_with_all_their_freedom() {
+        let noise = noise(&flat(20, 20, |_, _| 0.25));
+        let middle = noise.at(10, 10);
+        assert_eq!((middle.variance, middle.mean), (4.0, 2.0));
+        // 49 pixels of equal estimates: more than 3 each cannot be claimed.
+        assert_eq!(middle.freedom, 147.0);
+        assert_eq!(noise.at(0, 0).freedom, 48.0, "sixteen pixels in the corner");
+        assert_eq!(middle.of_mean(64), 0.0625);
+        assert_eq!(middle.of_mean(0), f32::INFINITY);
+    }
+
+    #[test]
+    fn one_pixel_that_holds_all_the_variance_leaves_little_freedom() {
+        let noise = noise(&flat(20, 20, |x, y| if (x, y) == (10, 10) { 49.0 } else { 0.0 }));
+        let near = noise.at(8, 11);
+        assert!((near.variance - 16.0).abs() < 1e-5 && (near.freedom - 3.0).abs() < 1e-5, "{near:?}");
+        assert_eq!(noise.at(6, 10).variance, 0.0, "four pixels away");
+    }
+
+    #[test]
+    fn only_like_surfaces_speak_for_each_other() {
+        let mut evidence = flat(12, 8, |x, _| if x < 6 { 1.0 } else { 9.0 });
+        evidence.surface =
+            Plane::from_fn(12, 8, |x, _| PixelFeatures { object: u32::from(x >= 6), ..PixelFeatures::default() });
+        let noise = noise(&evidence);
+        assert!((0..8).all(|y| noise.at(5, y).variance == 16.0 && noise.at(6, y).variance == 144.0));
+        // A pixel without a like: by itself.
+        evidence.surface.data_mut()[3 * 12 + 3] = PixelFeatures { object: 99, ..PixelFeatures::default() };
+        evidence.variance.data_mut()[3 * 12 + 3] = 25.0;
+        assert_eq!(super::noise(&evidence).at(3, 3).variance, 400.0);
+    }
+
+    #[test]
+    fn a_highlight_does_not_speak_for_the_dark_around_it() {
+        let is_bright = |x: u32, y: u32| (8..12).contains(&x) && (8..12).contains(&y);
+        let mut evidence = flat(20, 20, |x, y| if is_bright(x, y) { 100.0 } else { 1.0 });
+        let levels = |x, y| {
+            if is_bright(x, y) {
+                SensorVarianceRange { least: 900.0, most: 1100.0 }
+            } else {
+                SensorVarianceRange { least: 9.0, most: 11.0 }
+            }
+        };
+        evidence.level = Plane::from_fn(20, 20, levels);
+        let all = noise(&evidence);
+        assert!(
+            (0..400)
+                .all(|i| all.data()[i].variance == if is_bright(i as u32 % 20, i as u32 / 20) { 1600.0 } else { 16.0 })
+        );
+    }
+
+    #[test]
+    fn a_pixel_that_one_sample_has_lit_still_speaks() {
+        // Its own noise says that it may be as dark as the others.
+        let mut evidence = flat(20, 20, |x, y| if (x, y) == (10, 10) { 49.0 } else { 0.0 });
+        evidence.level = Plane::new(20, 20, SensorVarianceRange { least: 9.0, most: 11.0 });
+        evidence.level.data_mut()[10 * 20 + 10] = SensorVarianceRange { least: 5.0, most: 500.0 };
+        assert!((noise(&evidence).at(8, 11).variance - 16.0).abs() < 1e-5);
+    }
+
+    #[test]
+    fn what_is_unknown_stays_out() {
+        let mut evidence = flat(9, 9, |x, _| if x % 2 == 0 { f32::INFINITY } else { 0.5 });
+        assert!(noise(&evidence).data().iter().all(|n| n.variance == 8.0));
+        evidence.variance = Plane::new(9, 9, f32::INFINITY);
+        assert!(noise(&evidence).data().iter().all(|n| *n == PixelNoise::UNKNOWN));
+        assert!(noise(&flat(0, 0, |_, _| 0.0)).data().is_empty());
+    }
+
+    #[test]
+    fn upper_factors_agree_with_tables() {
+        // Chi-squared tables: 5 % quantiles of 3, 10 and 147 degrees are 0.352, 3.940 and 119.9; z = 1.645.
+        for (freedom, quantile) in [(3.0, 0.352), (10.0, 3.940), (147.0, 119.9)] {
+            let factor = upper_factor(freedom, 1.645);
+            assert!((factor * quantile / freedom - 1.0).abs() < 0.08, "{freedom}: {factor}");
+        }
+        assert_eq!(upper_factor(0.1, 3.0), f64::INFINITY);
+    }
+}

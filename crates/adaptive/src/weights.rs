@@ -1,0 +1,327 @@
+//! How the samples are shared out: relative weights per pixel, mean one, and what each pixel needs.
+//!
+//! Each strategy is a pure function of planes. A strategy says how *unequal* pixels are; how many samples there are to
+//! share is the business of [`crate::plan`], and how many the clock allows that of [`crate::budget`].
+
+use std::fmt;
+use std::str::FromStr;
+
+use dunkelfeld_film::Plane;
+
+use crate::required_samples::RequiredSamples;
+use crate::sobel::{gamma_image, magnitude};
+use crate::variance::neighbours::PredictedNoise;
+
+/// No pixel's Sobel magnitude counts for less than this share of the image's mean magnitude. With it, the flattest
+/// pixel gets at least `FLOOR / (1 + FLOOR)`, a fifth, of the average.
+pub const SOBEL_FLOOR: f32 = 0.25;
+/// Nor for less than half a grey level per pixel [DN/pixel], below which eight bits show their own rounding, not an edge.
+pub const SOBEL_RESOLUTION: f32 = 0.5;
+
+/// A way to share samples among pixels.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Strategy {
+    /// The same number everywhere.
+    Uniform,
+    /// In proportion to the Sobel magnitude of the pilot image, above a floor (Kludt et al.).
+    Sobel,
+    /// In proportion to the standard deviation of a sample over the root of its cost (Neyman 1934): the least variance of the
+    /// image's mean that a budget buys.
+    Variance,
+    /// Where the camera would notice: until the render's variance is hidden beneath the sensor's everywhere, and as far as
+    /// the budget does not reach, in proportion to `sqrt(v / (s c))`: variance of a sample over sensor variance and cost. The neediest
+    /// few pixels, which are not waited for, count as the last of the others.
+    Sensor,
+}
+
+impl Strategy {
+    /// All strategies, in the order in which they are documented.
+    pub const ALL: [Self; 4] = [Self::Uniform, Self::Sobel, Self::Variance, Self::Sensor];
+
+    /// The strategy where none is named: [`Self::Sensor`] behind a sensor; without one the founding paper's.
+    pub const fn default_for(has_sensor: bool) -> Self {
+        if has_sensor { Self::Sensor } else { Self::Sobel }
+    }
+
+    /// The name on the command line and in job files.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Uniform => "uniform",
+            Self::Sobel => "sobel",
+            Self::Variance => "variance",
+            Self::Sensor => "sensor",
+        }
+    }
+
+    /// Does the strategy look at a pilot, so that new data may change its mind?
+    pub const fn needs_pilot(self) -> bool {
+        !matches!(self, Self::Uniform)
+    }
+
+    /// Does it rest on measured variances ([`Pilot::measured`])?
+    pub const fn needs_noise(self) -> bool {
+        matches!(self, Self::Variance | Self::Sensor)
+    }
+
+    /// The shares of all pixels. What a strategy has no data for, it does as the next simpler one would: `sensor` without a
+    /// sensor as `variance`, `variance` without variances as `uniform`.
+    pub fn shares(self, pilot: &Pilot<'_>) -> Shares {
+        let (width, height) = (pilot.luminance.width(), pilot.luminance.height());
+        match (self, &pilot.measured) {
+            (Self::Sobel, _) => {
+                Shares::from_weights(sobel(&magnitude(&gamma_image(pilot.luminance, pilot.white)), pilot.sobel_floor))
+            }
+            (Self::Sensor, Some(MeasuredNoise { required_samples: Some(required_samples), cost, .. })) => Shares {
+                weights: deviation(&required_samples.capped(), *cost),
+                caps: Some(required_samples.capped_targets()),
+            },
+            (Self::Variance | Self::Sensor, Some(MeasuredNoise { expected, cost, .. })) => {
+                Shares::from_weights(deviation(&expected.map(|e| e.ratio), *cost))
+            }
+            (Self::Uniform, _) | (Self::Variance | Self::Sensor, None) => Shares::from_weights(uniform(width, height)),
+        }
+    }
+}
+
+/// How a budget is shared out: in proportion to weights, up to caps. Once all are met, in proportion to the caps.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Shares {
+    /// Relative weights, none negative, with mean one (to within rounding).
+    pub weights: Plane<f32>,
+    /// Samples at which a pixel has what it needs; without them there is no such number.
+    pub caps: Option<Plane<f32>>,
+}
+
+impl Shares {
+    /// Shares by weights alone.
+    pub fn from_weights(weights: Plane<f32>) -> Self {
+        Self { weights, caps: None }
+    }
+}
+
+impl fmt::Display for Strategy {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+/// A strategy name that does not exist.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct UnknownStrategy(pub String);
+
+impl fmt::Display for UnknownStrategy {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let names = Strategy::ALL.map(Strategy::name).join(", ");
+        write!(f, "there is no allocation `{}`; there are {names}", self.0)
+    }
+}
+
+impl std::error::Error for UnknownStrategy {}
+
+impl FromStr for Strategy {
+    type Err = UnknownStrategy;
+
+    fn from_str(name: &str) -> Result<Self, UnknownStrategy> {
+        Self::ALL.into_iter().find(|s| s.name() == name).ok_or_else(|| UnknownStrategy(name.to_owned()))
+    }
+}
+
+/// What is known of the image when the samples are shared out: means over all samples taken so far.
+#[derive(Clone, Copy, Debug)]
+pub struct Pilot<'a> {
+    /// Mean luminance per pixel, in any linear unit.
+    pub luminance: &'a Plane<f32>,
+    /// The level, in that unit, at which the camera saturates.
+    pub white: f32,
+    /// Weight of a region without edges, relative to the mean Sobel magnitude; [`SOBEL_FLOOR`] by default, and for
+    /// what is not from 0 to 1.
+    pub sobel_floor: f32,
+    /// Variances, for the strategies that need them.
+    pub measured: Option<MeasuredNoise<'a>>,
+}
+
+/// Measured variances; planes of the size of the pilot.
+#[derive(Clone, Copy, Debug)]
+pub struct MeasuredNoise<'a> {
+    /// What is expected of a pixel's samples: variances over those of the sensor; without one, or for [`Strategy::Variance`], over the
+    /// same everywhere.
+    pub expected: &'a Plane<PredictedNoise>,
+    /// What each pixel needs to be hidden beneath the sensor's noise.
+    pub required_samples: Option<&'a RequiredSamples>,
+    /// Relative cost of a sample in each pixel; `None` for the same everywhere. What is not positive counts as one.
+    pub cost: Option<&'a Plane<f32>>,
+}
+
+/// Weights `sqrt(v / c)`. A pixel of which nothing is known weighs as much as the heaviest of the others.
+fn deviation(variance: &Plane<f32>, cost: Option<&Plane<f32>>) -> Plane<f32> {
+    let (width, height) = (variance.width(), variance.height());
+    let weights = variance.data().iter().enumerate().map(|(i, &variance)| {
+        let cost = cost.and_then(|c| c.data().get(i)).copied().map_or(1.0, f64::from);
+        (f64::from(variance) / if cost > 0.0 { cost } else { 1.0 }).sqrt() as f32
+    });
+    let weights: Vec<f32> = weights.collect();
+    let heaviest = weights.iter().copied().filter(|w| w.is_finite()).fold(0.0f32, f32::max);
+    let heaviest = if heaviest > 0.0 { heaviest } else { 1.0 };
+    let weights = weights.into_iter().map(|w| if w.is_finite() { w } else { heaviest }).collect();
+    match Plane::from_vec(width, height, weights) {
+        Some(weights) if weights.data().iter().any(|&w| w > 0.0) => normalised(weights),
+        _ => uniform(width, height),
+    }
+}
+
+/// Equal weights.
+pub fn uniform(width: u32, height: u32) -> Plane<f32> {
+    Plane::new(width, height, 1.0)
+}
+
+/// Weights in proportion to the Sobel magnitude [DN/pixel], above [`SOBEL_RESOLUTION`] and `floor` times the mean
+/// magnitude, with mean one. An image without edges gives equal weights. Magnitudes that are not finite count as the floor;
+/// a `floor` that is not from 0 to 1 counts as [`SOBEL_FLOOR`].
+pub fn sobel(magnitude: &Plane<f32>, floor: f32) -> Plane<f32> {
+    let known = |m: f32| if m.is_finite() { m } else { 0.0 };
+    let mean = mean(magnitude.data().iter().map(|&m| known(m)));
+    let share = if (0.0..=1.0).contains(&floor) { floor } else { SOBEL_FLOOR };
+    let floor = SOBEL_RESOLUTION.max(share * mean);
+    normalised(magnitude.map(|&m| known(m).max(floor)))
+}
+
+/// Scales positive weights to mean one.
+fn normalised(mut weights: Plane<f32>) -> Plane<f32> {
+    let mean = mean(weights.data().iter().copied());
+    weights.data_mut().iter_mut().for_each(|w| *w /= mean);
+    weights
+}
+
+/// The mean, summed in f64 in the order of the values; zero for none.
+fn mean(values: impl ExactSizeIterator<Item = f32>) -> f32 {
+    let count = values.len().max(1) as f64;
+    (values.map(f64::from).sum::<f64>() / count) as f32
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn assert_mean_one(weights: &Plane<f32>) {
+        let m = mean(weights.data().iter().copied());
+        assert!((m - 1.0).abs() < 1e-5, "mean {m}");
+        assert!(weights.data().iter().all(|w| *w > 0.0 && w.is_finite()));
+    }
+
+    #[test]
+    fn names_go_there_and_back() {
+        for strategy in Strategy::ALL {
+            assert_eq!(strategy.name().parse(), Ok(strategy));
+        }
+        let error = "neyman".parse::<Strategy>().expect_err("no such strategy");
+        assert_eq!(error.to_string(), "there is no allocation `neyman`; there are uniform, sobel, variance, sensor");
+    }
+
+    #[test]
+    fn weights_are_proportional_to_the_magnitude_above_the_floor() {
+        // Mean 25, so the floor is 6.25: above it the ratios are those of the magnitudes, below it all are equal.
+        let plane = Plane::from_vec(4, 1, vec![0.0, 5.0, 35.0, 60.0]).expect("four values");
+        let weights = sobel(&plane, SOBEL_FLOOR);
+        assert_mean_one(&weights);
+        let w = weights.data();
+        assert!((w[3] / w[2] - 60.0 / 35.0).abs() < 1e-5);
+        assert!((w[3] / w[1] - 60.0 / 6.25).abs() < 1e-4);
+        assert_eq!(w[0], w[1]);
+    }
+
+    #[test]
+    fn nobody_gets_less_than_a_fifth() {
+        // One steep pixel among ever more flat ones.
+        for n in [2, 10, 1000, 100_000] {
+            let weights = sobel(&Plane::from_fn(n, 1, |x, _| if x == 0 { 127.5 } else { 0.0 }), SOBEL_FLOOR);
+            assert_mean_one(&weights);
+            let least = weights.data().iter().copied().fold(f32::INFINITY, f32::min);
+            assert!(least >= SOBEL_FLOOR / (1.0 + SOBEL_FLOOR) - 1e-5, "{n} pixels: {least}");
+        }
+    }
+
+    #[test]
+    fn an_image_without_edges_is_sampled_uniformly() {
+        for level in [0.0, 0.3] {
+            assert!(sobel(&Plane::new(7, 5, level), SOBEL_FLOOR).data().iter().all(|&w| (w - 1.0).abs() < 1e-6));
+        }
+        assert!(sobel(&Plane::new(0, 0, 0.0), SOBEL_FLOOR).data().is_empty());
+    }
+
+    #[test]
+    fn values_that_are_no_numbers_do_not_spread() {
+        let weights =
+            sobel(&Plane::from_vec(3, 1, vec![f32::NAN, 10.0, f32::INFINITY]).expect("three values"), SOBEL_FLOOR);
+        assert_mean_one(&weights);
+        assert!(weights.data()[1] > weights.data()[0]);
+    }
+
+    #[test]
+    fn a_floor_that_is_no_share_counts_as_the_default() {
+        let plane = Plane::from_vec(4, 1, vec![0.0, 5.0, 35.0, 60.0]).expect("four values");
+        for floor in [f32::NAN, f32::INFINITY, -0.5, 1.5] {
+            assert_eq!(sobel(&plane, floor).data(), sobel(&plane, SOBEL_FLOOR).data(), "floor {floor}");
+        }
+    }
+
+    #[test]
+    fn the_sobel_strategy_sends_samples_to_the_edge() {
+        let luminance = Plane::from_fn(32, 8, |x, _| if x < 16 { 0.1 } else { 0.9 });
+        let pilot = Pilot { luminance: &luminance, white: 1.0, sobel_floor: SOBEL_FLOOR, measured: None };
+        let Shares { weights, caps } = Strategy::Sobel.shares(&pilot);
+        assert_mean_one(&weights);
+        assert!(*weights.at(15, 4) > 5.0 && *weights.at(16, 4) > 5.0);
+        assert!(*weights.at(3, 4) < 0.5);
+        assert_eq!(caps, None);
+        assert_eq!(Strategy::Uniform.shares(&pilot), Shares::from_weights(uniform(32, 8)));
+        // Nothing has been measured.
+        assert_eq!(Strategy::Sensor.shares(&pilot), Shares::from_weights(uniform(32, 8)));
+    }
+
+    const UNKNOWN: f32 = f32::INFINITY;
+
+    /// Weights of four pixels of which so much is expected, by a strategy and cost.
+    fn weights_of(strategy: Strategy, ratios: [f32; 4], cost: Option<[f32; 4]>) -> Vec<f32> {
+        let row = |v: [f32; 4]| Plane::from_vec(4, 1, v.to_vec()).expect("four values");
+        let expected = row(ratios).map(|&ratio| PredictedNoise { ratio, saturated: ratio == 0.0 });
+        let required_samples = RequiredSamples::expected(&expected, 0.5);
+        let cost = cost.map(row);
+        let measured =
+            Some(MeasuredNoise { expected: &expected, required_samples: Some(&required_samples), cost: cost.as_ref() });
+        let pilot = Pilot { luminance: &row([0.0; 4]), white: 1.0, sobel_floor: SOBEL_FLOOR, measured };
+        let shares = strategy.shares(&pilot);
+        assert_eq!(shares.caps.is_some(), strategy == Strategy::Sensor);
+        let m = mean(shares.weights.data().iter().copied());
+        assert!((m - 1.0).abs() < 1e-5, "mean {m}");
+        shares.weights.into_vec()
+    }
+
+    fn assert_ratios(weights: &[f32], expected: [f32; 4]) {
+        for (w, e) in weights.iter().zip(expected) {
+            assert!((w / weights[0] - e / expected[0]).abs() < 1e-4, "{weights:?} are not as {expected:?}");
+        }
+    }
+
+    #[test]
+    fn neyman_goes_by_deviation_over_the_root_of_cost() {
+        for strategy in [Strategy::Variance, Strategy::Sensor] {
+            assert_ratios(&weights_of(strategy, [1.0, 4.0, 9.0, 16.0], None), [1.0, 2.0, 3.0, 4.0]);
+            let cost = Some([1.0, 4.0, 9.0, 0.0]);
+            assert_ratios(&weights_of(strategy, [1.0, 4.0, 9.0, 16.0], cost), [1.0, 1.0, 1.0, 4.0]);
+        }
+    }
+
+    #[test]
+    fn the_unknown_weighs_most() {
+        let pixels = [4.0, UNKNOWN, 9.0, 0.0];
+        assert_ratios(&weights_of(Strategy::Variance, pixels, None), [2.0, 3.0, 3.0, 0.0]);
+        for nothing in [UNKNOWN, 0.0] {
+            assert_ratios(&weights_of(Strategy::Variance, [nothing; 4], None), [1.0; 4]);
+        }
+    }
+
+    #[test]
+    fn the_default_is_the_sensors_where_there_is_one() {
+        assert_eq!([true, false].map(Strategy::default_for), [Strategy::Sensor, Strategy::Sobel]);
+    }
+}

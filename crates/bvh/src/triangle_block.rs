@@ -1,0 +1,218 @@
+//! Leaves: up to eight triangles, tested at once.
+//!
+//! The test is `dunkelfeld_geometry::triangle::intersect_triangle`, lane by lane, with the same operations in the same
+//! order; the two agree to the bit.
+
+use dunkelfeld_geometry::Ray;
+use dunkelfeld_geometry::triangle::{RayShear, T_ERROR, edge_functions_f64, plane_distance_f64};
+use glam::Vec3;
+
+use crate::simd8::{Eight, Lanes, WIDTH};
+
+/// Up to eight triangles, coordinate by coordinate. Free lanes hold NaN, which nothing hits.
+#[derive(Clone, Debug)]
+#[repr(C, align(64))]
+pub(crate) struct Packet {
+    /// `corners[axis][corner][lane]`: a ray picks its axes once and then reads 96 bytes in a row for each.
+    corners: [[Eight; 3]; 3],
+    /// The triangles' numbers in their mesh.
+    triangles: [u32; WIDTH],
+}
+
+/// The number in free lanes.
+const FREE: u32 = u32::MAX >> 1;
+/// Set in the number of a triangle that lets some light through.
+const POROUS: u32 = 1 << 31;
+/// All lanes.
+pub(crate) const ALL: u32 = (1 << WIDTH) - 1;
+
+/// A hit in a packet.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct PacketHit {
+    pub(crate) t: f32,
+    pub(crate) b1: f32,
+    pub(crate) b2: f32,
+    pub(crate) triangle: u32,
+}
+
+impl Packet {
+    /// A packet of at most eight triangles: their numbers and corners.
+    pub(crate) fn new(triangles: impl Iterator<Item = (u32, [Vec3; 3])>) -> Self {
+        let mut packet = Self { corners: [[[f32::NAN; WIDTH]; 3]; 3], triangles: [FREE; WIDTH] };
+        for (lane, (number, corners)) in triangles.take(WIDTH).enumerate() {
+            packet.triangles[lane] = number;
+            for (c, corner) in corners.iter().enumerate() {
+                for axis in 0..3 {
+                    packet.corners[axis][c][lane] = corner[axis];
+                }
+            }
+        }
+        packet
+    }
+
+    /// The triangles in it: number and corners.
+    pub(crate) fn triangles(&self) -> impl Iterator<Item = (u32, [Vec3; 3])> {
+        (0..WIDTH)
+            .filter(|&lane| self.triangles[lane] != FREE)
+            .map(|lane| (self.triangles[lane] & !POROUS, self.corners(lane)))
+    }
+
+    /// Marks the triangles that let some light through.
+    pub(crate) fn mark_porous(&mut self, is_porous: &impl Fn(u32) -> bool) {
+        for number in self.triangles.iter_mut().filter(|n| **n != FREE) {
+            let plain = *number & !POROUS;
+            *number = if is_porous(plain) { plain | POROUS } else { plain };
+        }
+    }
+
+    /// The lanes of triangles that let some light through.
+    #[inline(always)]
+    pub(crate) fn porous(&self) -> u32 {
+        (0..WIDTH).fold(0, |mask, lane| mask | (self.triangles[lane] >> 31) << lane)
+    }
+
+    fn corners(&self, lane: usize) -> [Vec3; 3] {
+        [0, 1, 2].map(|c| Vec3::from_array([0, 1, 2].map(|axis| self.corners[axis][c][lane])))
+    }
+}
+
+/// What the packet test needs to know of a ray, in every lane.
+#[derive(Clone, Copy)]
+pub(crate) struct ShearLanes<L: Lanes> {
+    axes: [usize; 3],
+    origin: [L::F; 3],
+    shear: [L::F; 3],
+}
+
+impl<L: Lanes> ShearLanes<L> {
+    #[inline(always)]
+    pub(crate) fn new(ray: &Ray) -> Self {
+        let s = RayShear::new(ray);
+        Self {
+            axes: s.axes,
+            origin: [L::splat(s.origin[0]), L::splat(s.origin[1]), L::splat(s.origin[2])],
+            shear: [L::splat(s.shear[0]), L::splat(s.shear[1]), L::splat(s.shear[2])],
+        }
+    }
+
+    /// One corner of all triangles in the ray's sheared coordinates (z not yet scaled).
+    // A function and not a closure, here and below: only functions can be told to inline, and what is not inlined into
+    // the function that enables AVX2 is compiled without it.
+    #[inline(always)]
+    fn sheared(&self, packet: &Packet, corner: usize) -> (L::F, L::F, L::F) {
+        let [kx, ky, kz] = self.axes;
+        let z = L::sub(L::load(&packet.corners[kz][corner]), self.origin[2]);
+        let x = L::sub(L::load(&packet.corners[kx][corner]), self.origin[0]);
+        let y = L::sub(L::load(&packet.corners[ky][corner]), self.origin[1]);
+        (L::sub(x, L::mul(self.shear[0], z)), L::sub(y, L::mul(self.shear[1], z)), z)
+    }
+
+    /// The nearest hit with `0 < t < t_max` among the lanes asked for, if any; of equal ones the first lane's.
+    #[inline(always)]
+    pub(crate) fn intersect(&self, packet: &Packet, ray: &Ray, t_max: f32, lanes: u32) -> Option<PacketHit> {
+        let (ax, ay, az) = self.sheared(packet, 0);
+        let (bx, by, bz) = self.sheared(packet, 1);
+        let (cx, cy, cz) = self.sheared(packet, 2);
+        let mut u = L::sub(L::mul(cx, by), L::mul(cy, bx));
+        let mut v = L::sub(L::mul(ax, cy), L::mul(ay, cx));
+        let mut w = L::sub(L::mul(bx, ay), L::mul(by, ax));
+
+        let mut candidates = inside::<L>(u, v, w) & lanes;
+        if candidates == 0 {
+            return None;
+        }
+        let undecided = candidates & L::eq(L::min(L::min(L::abs(u), L::abs(v)), L::abs(w)), L::splat(0.0));
+        if undecided != 0 {
+            [u, v, w] = exact_edges::<L>(undecided, [ax, bx, cx], [ay, by, cy], [u, v, w]);
+            candidates &= inside::<L>(u, v, w);
+            if candidates == 0 {
+                return None;
+            }
+        }
+
+        let inv_det = L::div(L::splat(1.0), L::add(L::add(u, v), w));
+        let sz = self.shear[2];
+        let (az, bz, cz) = (L::mul(sz, az), L::mul(sz, bz), L::mul(sz, cz));
+        let t = L::mul(L::add(L::add(L::mul(u, az), L::mul(v, bz)), L::mul(w, cz)), inv_det);
+        let (mx, my, mz) = (largest::<L>(ax, bx, cx), largest::<L>(ay, by, cy), largest::<L>(az, bz, cz));
+        let spread = L::mul(L::add(L::mul(mx, my), L::mul(L::add(mx, my), mz)), mz);
+        let t_error = L::mul(L::mul(L::splat(T_ERROR), spread), L::abs(inv_det));
+        candidates &= L::le(L::neg(t_error), t) & L::lt(t, L::splat(t_max));
+        if candidates == 0 {
+            return None;
+        }
+        // Of the ray's own end: what is nearer than the best hit so far need not be known better than that hit.
+        let ends = L::le(t, t_error) | L::le(L::sub(L::splat(ray.t_max), t_error), t);
+        let near = candidates & ends;
+        let mut ts = L::store(t);
+        if near != 0 {
+            decide_near(packet, ray, near, &mut ts);
+        }
+
+        let (mut best, mut t) = (FREE, t_max);
+        while candidates != 0 {
+            let lane = candidates.trailing_zeros();
+            candidates &= candidates - 1;
+            let lane_t = ts[lane as usize];
+            if lane_t > 0.0 && lane_t < t {
+                (best, t) = (lane, lane_t);
+            }
+        }
+        if best == FREE {
+            return None;
+        }
+        let lane = best as usize;
+        let (b1, b2) = (L::store(L::mul(v, inv_det))[lane], L::store(L::mul(w, inv_det))[lane]);
+        Some(PacketHit { t, b1, b2, triangle: packet.triangles[lane] & !POROUS })
+    }
+}
+
+/// Lanes whose edge functions do not disagree in sign.
+#[inline(always)]
+fn inside<L: Lanes>(u: L::F, v: L::F, w: L::F) -> u32 {
+    let zero = L::splat(0.0);
+    L::le(zero, L::min(L::min(u, v), w)) | L::le(L::max(L::max(u, v), w), zero)
+}
+
+#[inline(always)]
+fn largest<L: Lanes>(a: L::F, b: L::F, c: L::F) -> L::F {
+    L::max(L::max(L::abs(a), L::abs(b)), L::abs(c))
+}
+
+/// Distances within their own error of zero or of the ray's end, again in f64.
+#[inline(never)]
+fn decide_near(packet: &Packet, ray: &Ray, lanes: u32, t: &mut Eight) {
+    let mut rest = lanes;
+    while rest != 0 {
+        let lane = rest.trailing_zeros() as usize;
+        rest &= rest - 1;
+        t[lane] = plane_distance_f64(ray, &packet.corners(lane));
+    }
+}
+
+/// Edge functions with those of the given lanes done again in f64. Rare, so out of line.
+#[cold]
+#[inline(never)]
+fn exact_lanes(lanes: u32, x: [Eight; 3], y: [Eight; 3], e: &mut [Eight; 3]) {
+    let mut rest = lanes;
+    while rest != 0 {
+        let i = rest.trailing_zeros() as usize;
+        rest &= rest - 1;
+        let exact = edge_functions_f64([x[0][i], x[1][i], x[2][i]], [y[0][i], y[1][i], y[2][i]]);
+        for (row, value) in e.iter_mut().zip(exact) {
+            row[i] = value;
+        }
+    }
+}
+
+#[inline(always)]
+fn exact_edges<L: Lanes>(lanes: u32, x: [L::F; 3], y: [L::F; 3], e: [L::F; 3]) -> [L::F; 3] {
+    let [x0, x1, x2] = x;
+    let [y0, y1, y2] = y;
+    let [e0, e1, e2] = e;
+    let mut edges = [L::store(e0), L::store(e1), L::store(e2)];
+    let x = [L::store(x0), L::store(x1), L::store(x2)];
+    let y = [L::store(y0), L::store(y1), L::store(y2)];
+    exact_lanes(lanes, x, y, &mut edges);
+    [L::load(&edges[0]), L::load(&edges[1]), L::load(&edges[2])]
+}

@@ -1,0 +1,291 @@
+//! Bytes that commands need: by their pixels, layers and threads. Numbers of bytes per pixel are those of the planes that the code holds
+//! at the same time; `docs/memory.md` compares them with measurements.
+
+use super::MemoryAccount;
+use crate::outputs::OutputPaths;
+use dunkelfeld_film::{Film, FilmLayers, PixelSums};
+use dunkelfeld_integrator::Label;
+use dunkelfeld_render::{DenoiseMethod, UNKNOWN_SPP};
+use dunkelfeld_render::{RenderSettings, SensorChoice};
+use dunkelfeld_scene::SceneSummary;
+use dunkelfeld_sensor::ExposureNoise;
+
+/// The program itself, its libraries and small things.
+const PROGRAM: u64 = 24_000_000;
+/// A thread: what it touches of its stack, and what its allocator keeps.
+const THREAD: u64 = 2 << 20;
+/// Pixels of a tile; a thread has two tiles in work.
+const TILE_PIXELS: u64 = (dunkelfeld_render::TILE * dunkelfeld_render::TILE) as u64;
+/// A strip of an EXR, its blocks on the way to the file, and what they are made from: so many bytes at most, ...
+const EXR_MOST: u64 = 3 * (32 << 20);
+/// ... and of a small image so many per pixel: 36 channels.
+const EXR_CHANNELS: u64 = 3 * 36 * 4;
+/// Rows of an image whose noise a thread estimates at once, those of its surroundings included.
+const NOISE_ROWS: u64 = 96;
+/// Bytes per pixel of these rows: what all kinds of pixels of the sensor share, and estimates as each kind sees them. Of few rows
+/// there are the sums.
+const NOISE_SHARED: u64 = 40;
+const NOISE_ESTIMATES: u64 = 120;
+/// Kinds of pixels of a sensor behind a colour filter array.
+const MAX_KINDS: u64 = 3;
+const SUMS: u64 = size_of::<PixelSums>() as u64;
+
+/// Bytes per pixel of planes, each on a line of its own.
+mod per_pixel {
+    /// What each pixel's centre shows (8); samples so far (4); weights (4); samples at which a pixel has enough (4).
+    pub(super) const KEPT: u64 = 20;
+    /// The plan of a round and its increments (8), work units (1).
+    pub(super) const ROUND: u64 = 9;
+    /// A plan that is replayed: as it was read, in the settings of the render, and cut to its samples.
+    pub(super) const REPLAY: u64 = 12;
+    /// What a checkpoint adds: object and material numbers (8).
+    pub(super) const CHECKPOINT: u64 = 8;
+    /// The mean (12), which pixels have samples (1), and a copy where gaps are filled (12).
+    pub(super) const MEAN: u64 = 25;
+    /// Signal and counts (8), each pixel's noise by its own samples (12).
+    pub(super) const NOISE: u64 = 20;
+    /// The image as the sensor sees it (4), what neighbours let expect (8), ...
+    pub(super) const EXPECTED: u64 = 12;
+    /// ... needs by both (10), shares, levels and targets of the forecast (12).
+    pub(super) const PLAN: u64 = 22;
+    /// Shares without measured noise: luminance and gradients.
+    pub(super) const SOBEL: u64 = 28;
+    /// Ratios (4), and their quantiles (4).
+    pub(super) const CERTIFICATE: u64 = 8;
+    /// Rare samples and variances that are matched, while they are found.
+    pub(super) const MATCHED: u64 = 13;
+    /// Electrons (4) and grey values (2), the picture (3).
+    pub(super) const FRAME: u64 = 9;
+    /// Defects and fixed pattern of the device.
+    pub(super) const DEVICE: u64 = 8;
+    /// What a denoiser is shown of a film: mean, albedo, normal with variances (72), depth with variance (8).
+    pub(super) const FEATURES: u64 = 80;
+    /// The built-in filter: variances, averages and result (36), one of them twice while tiles are put together (12).
+    pub(super) const BUILTIN: u64 = 48;
+    /// Intel Open Image Denoise: the image and its features, before and after they are filtered themselves, and the result (72), ...
+    pub(super) const OIDN: u64 = 72;
+    /// ... and buffers of its own: an estimate, ...
+    pub(super) const OIDN_BUFFERS: u64 = 600;
+    /// A picture or grey values as bytes of a file, raw and compressed.
+    pub(super) const PICTURE: u64 = 8;
+}
+/// ... which do not grow beyond this: it works in tiles then.
+const OIDN_MOST: u64 = 3_200_000_000;
+
+/// What writing an EXR takes, strip by strip.
+fn exr_bytes(px: u64) -> u64 {
+    px.saturating_mul(EXR_CHANNELS).min(EXR_MOST)
+}
+
+fn pixels(width: u32, height: u32) -> u64 {
+    u64::from(width) * u64::from(height)
+}
+
+/// Everything that the memory of a render depends on.
+#[derive(Clone, Copy)]
+pub(crate) struct RenderNeeds<'a> {
+    pub(crate) scene: &'a SceneSummary,
+    pub(crate) settings: &'a RenderSettings,
+    pub(crate) outputs: &'a OutputPaths,
+    pub(crate) threads: usize,
+}
+
+/// What a render needs. [`MemoryAccount::check`] may be told that scene and textures are held already: they are the first of the numbers
+/// that are returned.
+pub(crate) fn render_account(required_samples: RenderNeeds<'_>) -> (u64, MemoryAccount) {
+    let RenderNeeds { scene, settings, outputs, threads } = required_samples;
+    let (width, height) = (settings.width, settings.height);
+    let px = pixels(width, height);
+    let planes = |bytes: u64| px.saturating_mul(bytes);
+    // Until all pixels have the samples of the pilot there is no plan.
+    let plans = settings.given_spp().is_none() && settings.expected_spp() > f64::from(settings.pilot_spp);
+    let has_sensor = settings.has_sensor();
+    let is_measured = has_sensor || settings.strategy().needs_noise();
+    let is_matched = settings.exposure_noise == ExposureNoise::Matched;
+
+    let mut account = MemoryAccount::new(&["render", "plan", "expose", "denoise", "write"]);
+    let always = |bytes: u64| [bytes; 5];
+    let geometry = scene.memory_bytes.saturating_sub(scene.texture_bytes);
+    account.add("program", &always(PROGRAM));
+    account.add("scene", &always(geometry));
+    account.add("textures", &always(scene.texture_bytes));
+    account.add("film", &always(Film::expected_bytes(width, height, settings.film_layers(), settings.expected_spp())));
+    account.add("planes", &always(planes(per_pixel::KEPT)));
+    if settings.replay.is_some() || settings.samples.is_some() {
+        account.add("plan", &always(planes(per_pixel::REPLAY)));
+    }
+    let tiles = 2 * TILE_PIXELS * (size_of::<PixelSums>() as u64 + 8) * threads as u64;
+    account.add("rounds", &[planes(per_pixel::ROUND).saturating_add(tiles), 0, 0, 0, 0]);
+    if settings.checkpoint.is_some() {
+        let rows = 2 * u64::from(width) * u64::from(dunkelfeld_render::TILE) * SUMS;
+        account.add("checkpoint", &[planes(per_pixel::CHECKPOINT).saturating_add(rows), 0, 0, 0, 0]);
+    }
+    let kinds = match &settings.sensor {
+        SensorChoice::Emva { model, .. } if model.spec().quantum_efficiency.filter().is_some() => MAX_KINDS,
+        _ => 1,
+    };
+    let bands = noise_bands(width, height, kinds, threads);
+    if plans {
+        let noise = if is_measured {
+            let before = planes(per_pixel::NOISE + per_pixel::EXPECTED);
+            before.saturating_add(bands.max(planes(per_pixel::PLAN)))
+        } else {
+            planes(per_pixel::SOBEL)
+        };
+        // The mean is gone by then.
+        account.add("noise and plan", &[0, planes(per_pixel::MEAN).max(noise), 0, 0, 0]);
+    }
+    let frame = planes(per_pixel::FRAME);
+    if has_sensor {
+        let matched = if is_matched { per_pixel::MATCHED } else { 0 };
+        // The mean is gone before the noise is estimated, the device before it is certified.
+        let noise = planes(per_pixel::NOISE + matched);
+        let stop_on_noise = noise.saturating_add(bands.max(planes(per_pixel::CERTIFICATE)));
+        account.add("certificate", &[0, 0, stop_on_noise, planes(4), planes(4)]);
+        account.add("exposure", &[0, 0, frame, frame, frame]);
+    } else {
+        account.add("exposure", &[0, 0, planes(per_pixel::MEAN + per_pixel::FRAME), frame, frame]);
+    }
+    let denoiser = denoiser_bytes(px, settings.denoise.method);
+    if denoiser > 0 {
+        account.add("denoiser", &[0, 0, 0, planes(per_pixel::FEATURES).saturating_add(denoiser), planes(12)]);
+    }
+    let exr = if outputs.exr.is_some() || outputs.plan.is_some() { exr_bytes(px) } else { 0 };
+    account.add("files", &[0, 0, 0, 0, planes(per_pixel::PICTURE).saturating_add(exr)]);
+    account.add("threads", &always(THREAD * threads as u64));
+    (PROGRAM + scene.memory_bytes, account)
+}
+
+/// What a merge of parts of that size needs.
+pub(crate) fn merge_account((width, height): (u32, u32), outputs: &OutputPaths, threads: usize) -> MemoryAccount {
+    let px = pixels(width, height);
+    let planes = |bytes: u64| px.saturating_mul(bytes);
+    let mut account = MemoryAccount::new(&["read", "expose", "write"]);
+    account.add("program", &[PROGRAM; 3]);
+    let film = Film::expected_bytes(width, height, FilmLayers::All, UNKNOWN_SPP);
+    account.add("film", &[film.saturating_mul(2), film, film]);
+    // Numbers of objects and materials, of the whole and of a part with its bytes; then labels and weights with them.
+    account.add("planes", &[planes(24), planes(24), planes(24)]);
+    let bands = noise_bands(width, height, MAX_KINDS, threads);
+    let stop_on_noise = per_pixel::NOISE + per_pixel::CERTIFICATE + per_pixel::MATCHED + per_pixel::DEVICE;
+    account.add("certificate", &[0, planes(stop_on_noise).saturating_add(bands), planes(4)]);
+    account.add("exposure", &[0, planes(per_pixel::FRAME), planes(per_pixel::FRAME)]);
+    let exr = if outputs.exr.is_some() { exr_bytes(px) } else { 0 };
+    account.add("files", &[0, 0, planes(per_pixel::PICTURE).saturating_add(exr)]);
+    account.add("threads", &[THREAD * threads as u64; 3]);
+    account
+}
+
+/// What exposing an image needs whose channels take so many bytes.
+pub(crate) fn expose_account(size: (u32, u32), channel_bytes: u64, is_matched: bool, threads: usize) -> MemoryAccount {
+    let px = pixels(size.0, size.1);
+    let planes = |bytes: u64| px.saturating_mul(bytes);
+    let mut account = MemoryAccount::new(&["read", "expose"]);
+    account.add("program", &[PROGRAM; 2]);
+    account.add("layers", &[channel_bytes.saturating_mul(2), channel_bytes]);
+    // Radiance (12), and with its noise: variances and estimates.
+    let noise = if is_matched { 160 } else { 0 };
+    account.add("radiance", &[0, planes(12 + noise)]);
+    let frames = per_pixel::FRAME + per_pixel::PICTURE;
+    let at_once = (threads as u64).clamp(1, crate::commands::expose::MAX_WAITING as u64);
+    account.add("exposure", &[0, planes(4 + per_pixel::DEVICE)]);
+    account.add("frames", &[0, planes(frames).saturating_mul(at_once)]);
+    account.add("threads", &[THREAD * threads as u64; 2]);
+    account
+}
+
+/// What denoising an image needs whose channels take so many bytes.
+pub(crate) fn denoise_account(
+    size: (u32, u32),
+    channel_bytes: u64,
+    method: DenoiseMethod,
+    threads: usize,
+) -> MemoryAccount {
+    let px = pixels(size.0, size.1);
+    let mut account = MemoryAccount::new(&["read", "denoise", "write"]);
+    account.add("program", &[PROGRAM; 3]);
+    account.add("layers", &[channel_bytes.saturating_mul(2), channel_bytes, channel_bytes]);
+    let features = px.saturating_mul(per_pixel::FEATURES);
+    account.add("denoiser", &[0, features.saturating_add(denoiser_bytes(px, method)), px.saturating_mul(24)]);
+    account.add("files", &[0, 0, exr_bytes(px)]);
+    account.add("threads", &[THREAD * threads as u64; 3]);
+    account
+}
+
+/// Planes and buffers of a denoiser, without the features that it is shown.
+fn denoiser_bytes(px: u64, method: DenoiseMethod) -> u64 {
+    match method {
+        DenoiseMethod::Off => 0,
+        DenoiseMethod::Builtin => px.saturating_mul(per_pixel::BUILTIN),
+        DenoiseMethod::Auto | DenoiseMethod::Oidn => {
+            let buffers = px.saturating_mul(per_pixel::OIDN_BUFFERS).min(OIDN_MOST);
+            px.saturating_mul(per_pixel::OIDN).saturating_add(buffers)
+        }
+    }
+}
+
+/// Rows whose noise is estimated at once.
+fn noise_bands(width: u32, height: u32, kinds: u64, threads: usize) -> u64 {
+    let rows = u64::from(height).min(NOISE_ROWS.saturating_mul(threads as u64));
+    let sums = u64::from(Film::TILE) * SUMS * threads as u64;
+    u64::from(width) * (rows * (NOISE_SHARED + kinds * NOISE_ESTIMATES) + sums)
+}
+
+const _: () = assert!(size_of::<Option<Label>>() == 8);
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::path::PathBuf;
+
+    fn account_of(settings: &RenderSettings, outputs: &OutputPaths) -> MemoryAccount {
+        let scene = SceneSummary { memory_bytes: 5_000_000, texture_bytes: 3_000_000, ..SceneSummary::default() };
+        render_account(RenderNeeds { scene: &scene, settings, outputs, threads: 2 }).1
+    }
+
+    fn with(change: impl FnOnce(&mut RenderSettings, &mut OutputPaths)) -> MemoryAccount {
+        let (mut settings, mut outputs) = (RenderSettings::default(), OutputPaths::default());
+        change(&mut settings, &mut outputs);
+        account_of(&settings, &outputs)
+    }
+
+    fn bytes(account: &MemoryAccount, name: &str) -> u64 {
+        account.items.iter().filter(|i| i.name == name).map(|i| i.bytes.iter().max().copied().unwrap_or(0)).sum()
+    }
+
+    #[test]
+    fn more_of_anything_needs_more() {
+        let plain = with(|_, _| {});
+        assert_eq!((bytes(&plain, "scene"), bytes(&plain, "textures")), (2_000_000, 3_000_000));
+        let larger = with(|s, _| s.width *= 2);
+        // But for what does not depend on pixels.
+        let fixed = PROGRAM + 5_000_000 + 2 * THREAD;
+        assert!(larger.peak_bytes - fixed > (plain.peak_bytes - fixed) * 19 / 10, "{}", larger.table());
+        assert!(with(|s, _| s.denoise.method = DenoiseMethod::Builtin).peak_bytes > plain.peak_bytes);
+        assert!(
+            with(|s, _| s.denoise.method = DenoiseMethod::Oidn).peak_bytes
+                > with(|s, _| s.denoise.method = DenoiseMethod::Builtin).peak_bytes
+        );
+        let exr = with(|_, o| o.exr = Some(PathBuf::from("a.exr")));
+        assert!(bytes(&exr, "files") > bytes(&plain, "files"));
+        let part = with(|s, _| s.samples = Some(0..8));
+        assert!(bytes(&part, "plan") > 0 && bytes(&part, "noise and plan") == 0, "{}", part.table());
+    }
+
+    #[test]
+    fn the_largest_film_is_accounted_for_without_overflow() {
+        let vast = with(|s, o| {
+            (s.width, s.height) = (u32::MAX, u32::MAX);
+            s.denoise.method = DenoiseMethod::Oidn;
+            o.exr = Some(PathBuf::from("a.exr"));
+        });
+        assert!(vast.peak_bytes > 1 << 62);
+        for account in [
+            merge_account((u32::MAX, u32::MAX), &OutputPaths::default(), 64),
+            expose_account((u32::MAX, u32::MAX), u64::MAX, true, 64),
+            denoise_account((u32::MAX, u32::MAX), u64::MAX, DenoiseMethod::Oidn, 64),
+        ] {
+            assert!(account.peak_bytes > 1 << 62, "{}", account.table());
+        }
+    }
+}

@@ -1,0 +1,92 @@
+//! A chain of smooth interfaces, followed from the receiver through the real mesh.
+
+use super::linearized_chain::{LinearizedChain, SpecularVertex};
+use super::ray_differential::RayDifferential;
+use crate::ray_state::RayState;
+use crate::vertex::{SurfaceVertex, Vertex};
+use dunkelfeld_bsdf::Lobe;
+use dunkelfeld_radiometry::Rgb;
+use dunkelfeld_scene::{Chain, Features, Scene};
+
+/// The largest number below one: of two events it is never that of the first.
+const ALMOST_ONE: f32 = 1.0 - f32::EPSILON / 2.0;
+/// Surfaces that a leg may pass as if they were not there.
+const MAX_PASSED: u32 = 64;
+
+/// A chain as it was found, up to its last interface.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct TracedChain {
+    /// The leg to the light.
+    pub(super) walk: RayState,
+    /// The rays about it.
+    pub(super) beam: RayDifferential,
+    /// What comes through: Fresnel's share of each event, the change of radiance by refraction, tints, absorption, and what
+    /// partly covering surfaces leave open.
+    pub(super) weight: Rgb,
+    /// The probability with which scattering takes the same way.
+    pub(super) probability: f32,
+}
+
+/// Follows a chain through the interfaces of a stack; `None` if it does not exist: something else is in the way, an interface
+/// is missed, or light is reflected totally where it should be transmitted. The trail tells afterwards what was met.
+pub(super) fn shoot<F: Features>(
+    scene: &Scene,
+    start: RayState,
+    stack: u16,
+    chain: Chain,
+    trail: &mut LinearizedChain,
+) -> Option<TracedChain> {
+    trail.clear();
+    let mut beam = RayDifferential::from_point(start.ray.direction);
+    let (mut walk, mut weight, mut probability) = (start, Rgb::WHITE, 1.0);
+    let (mut event, mut passed) = (0, 0);
+    while event < chain.events() {
+        let (mut interface, mut bsdf) = (None, None);
+        let met = walk.intersect_next::<F>(scene, &mut interface)?;
+        weight *= walk.transmittance::<F>(scene, met.hit.distance);
+        let direction = walk.ray.direction.as_dvec3();
+        beam.travel(direction, f64::from(met.hit.distance), met.hit.normal.as_dvec3());
+        let is_cover = scene.cover_of(&met.hit) == Some(stack);
+        let open = match met.open_tint() {
+            Some(tint) => {
+                weight *= tint;
+                1.0
+            }
+            None if is_cover => 0.0,
+            None => 1.0 - scene.coverage(&met.hit),
+        };
+        if open > 0.0 {
+            weight *= open;
+            probability *= open;
+            passed += 1;
+            if passed > MAX_PASSED {
+                return None;
+            }
+            walk = walk.pass_through::<F>(&met);
+            continue;
+        }
+        if !is_cover {
+            return None;
+        }
+        let at = SurfaceVertex::<F>::new(scene, walk, met, 0.0, &mut bsdf);
+        let is_reflection = chain.is_reflection(event);
+        let scattered = at.delta(if is_reflection { 0.0 } else { ALMOST_ONE })?;
+        if scattered.lobe.contains(Lobe::REFLECTION) != is_reflection {
+            return None;
+        }
+        let (normal, differential) = scene.normal_differential(&at.met.hit, at.wo);
+        let (normal, eta) = (normal.as_dvec3(), f64::from(scattered.eta));
+        if is_reflection {
+            beam.reflect(direction, normal, differential.as_ref());
+        } else {
+            beam.refract((direction, scattered.wi.as_dvec3()), normal, eta, differential.as_ref());
+        }
+        let (point, flat) = (at.met.hit.point.as_dvec3(), at.met.hit.normal.as_dvec3());
+        trail.note(SpecularVertex { point, flat, normal, differential, eta: (!is_reflection).then_some(eta) });
+        weight *= scattered.weight * scattered.pdf;
+        probability *= scattered.pdf;
+        walk = at.leave(scattered.wi);
+        event += 1;
+    }
+    Some(TracedChain { walk, beam, weight, probability })
+}

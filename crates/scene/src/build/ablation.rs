@@ -1,0 +1,227 @@
+//! Scenes without an effect: the description is changed before it is compiled, so that leaving out costs nothing.
+
+use crate::build::builder::{PunctualKind, SceneBuilder};
+use crate::build::effects::{Effect, SMOOTH_ROUGHNESS};
+use crate::material::texture::{Image, Texture};
+use crate::material::{AlphaMode, ChannelTexture, Material, Surface, Volume};
+use crate::media::medium::Medium;
+use dunkelfeld_radiometry::Rgb;
+
+impl SceneBuilder {
+    /// Changes the scene so that it no longer calls for an effect, and light does the simplest thing instead:
+    ///
+    /// | left out | instead |
+    /// |---|---|
+    /// | textures | their means |
+    /// | vertex colours, normal maps, interpolated normals | white, flat, flat |
+    /// | coverage | the surface is there |
+    /// | thin sheets, refraction | light goes straight on, without reflection; tint and absorption stay |
+    /// | absorption, scattering | the other one of the two stays |
+    /// | diffuse transmission, anisotropy, sheen, clear coats, energy compensation | none |
+    /// | finite apertures, distortion | a pinhole, an ideal image |
+    /// | environment, punctual lights, light profiles | dark |
+    /// | every light | one is asked, chosen by what it can bring: other noise, the same expected image |
+    /// | the connection through covers | light behind a cover is found by chance: more noise, the same expected image |
+    ///
+    /// False if it cannot be left out: nesting, the choice among many lights and colour are not parts that can be taken away.
+    pub fn leave_out(&mut self, effect: Effect) -> bool {
+        match effect {
+            Effect::Nesting | Effect::ManyLights | Effect::Color => return false,
+            Effect::VertexColors => self.meshes.iter_mut().for_each(|m| m.mesh.colors.clear()),
+            Effect::SmoothNormals => self.meshes.iter_mut().for_each(|m| m.mesh.normals.clear()),
+            Effect::EnergyCompensation => self.energy_compensation = false,
+            Effect::FiniteAperture => self.cameras.iter_mut().for_each(|c| c.lens.aperture = None),
+            Effect::Distortion => self.cameras.iter_mut().for_each(|c| c.lens.distortion = Default::default()),
+            Effect::Environment => self.environment = None,
+            Effect::PunctualLights => self.lights.retain(|l| matches!(l.kind, PunctualKind::Profile { .. })),
+            Effect::LightProfiles => self.lights.retain(|l| !matches!(l.kind, PunctualKind::Profile { .. })),
+            Effect::Textures => self.materials.iter_mut().for_each(|m| flatten(m, &self.images)),
+            Effect::EveryLight => self.techniques.every_light = false,
+            Effect::CoverConnection => self.techniques.cover_connection = false,
+            Effect::NormalMaps
+            | Effect::Coverage
+            | Effect::ThinSheets
+            | Effect::DiffuseTransmission
+            | Effect::SmoothRefraction
+            | Effect::RoughRefraction
+            | Effect::Absorption
+            | Effect::Scattering
+            | Effect::Anisotropy
+            | Effect::Sheen
+            | Effect::Clearcoat => self.materials.iter_mut().for_each(|m| simplify(m, effect)),
+        }
+        true
+    }
+}
+
+/// Takes an effect out of a material.
+fn simplify(m: &mut Material, effect: Effect) {
+    let is_smooth = m.roughness < SMOOTH_ROUGHNESS && m.roughness_texture.is_none();
+    let volume = |m: &mut Material, to: &dyn Fn(Medium, Volume) -> Volume| {
+        if let Surface::Solid(v) = &mut m.surface {
+            *v = to(Medium::new(v), *v);
+        }
+    };
+    // The coefficients outright, with no attenuation to add to them.
+    let stated = |v: Volume| Volume { attenuation_distance: f32::INFINITY, scattering_albedo: Rgb::BLACK, ..v };
+    match effect {
+        Effect::NormalMaps => m.normal_texture = None,
+        Effect::Coverage => m.alpha_mode = AlphaMode::Opaque,
+        Effect::DiffuseTransmission => m.diffuse_transmission = 0.0,
+        Effect::Absorption => {
+            volume(m, &|medium, v| Volume { absorption: Rgb::BLACK, scattering: medium.scattering, ..stated(v) })
+        }
+        Effect::Scattering => {
+            volume(m, &|medium, v| Volume { absorption: medium.absorption, scattering: Rgb::BLACK, ..stated(v) })
+        }
+        Effect::Anisotropy => (m.anisotropy, m.anisotropy_texture) = (0.0, None),
+        Effect::Sheen => m.sheen_color = Rgb::BLACK,
+        Effect::Clearcoat => m.clearcoat = 0.0,
+        Effect::ThinSheets if m.surface == Surface::Thin && m.transmission > 0.0 => go_straight(m),
+        Effect::SmoothRefraction if is_refracting(m) && is_smooth => go_straight(m),
+        Effect::RoughRefraction if is_refracting(m) && !is_smooth => go_straight(m),
+        _ => {}
+    }
+}
+
+fn is_refracting(m: &Material) -> bool {
+    m.transmission > 0.0 && matches!(m.surface, Surface::Solid(_))
+}
+
+/// Light passes as if nothing were in its way but tint and medium.
+fn go_straight(m: &mut Material) {
+    m.ior = 1.0;
+    (m.roughness, m.roughness_texture) = (0.0, None);
+}
+
+/// Every texture but the normal map becomes its mean.
+fn flatten(m: &mut Material, images: &[Image]) {
+    let mean = |t: &Texture| images.get(t.image.0 as usize).map_or([1.0; 4], |i| i.mean(t.encoding));
+    let color = |factor: &mut Rgb, texture: &mut Option<Texture>| {
+        if let Some(t) = texture.take() {
+            let [r, g, b, _] = mean(&t);
+            *factor *= Rgb::new(r, g, b);
+        }
+    };
+    let channel = |factor: &mut f32, texture: &mut Option<ChannelTexture>| {
+        if let Some(t) = texture.take() {
+            *factor *= mean(&t.texture)[usize::from(t.channel & 3)];
+        }
+    };
+    if let Some(t) = &m.base_color_texture {
+        m.alpha *= mean(t)[3];
+    }
+    color(&mut m.base_color, &mut m.base_color_texture);
+    color(&mut m.emission, &mut m.emission_texture);
+    color(&mut m.specular_color, &mut m.specular_color_texture);
+    color(&mut m.sheen_color, &mut m.sheen_color_texture);
+    channel(&mut m.alpha, &mut m.alpha_texture);
+    channel(&mut m.metallic, &mut m.metallic_texture);
+    channel(&mut m.roughness, &mut m.roughness_texture);
+    channel(&mut m.specular, &mut m.specular_texture);
+    channel(&mut m.transmission, &mut m.transmission_texture);
+    channel(&mut m.clearcoat, &mut m.clearcoat_texture);
+    channel(&mut m.clearcoat_roughness, &mut m.clearcoat_roughness_texture);
+    if let Some(t) = m.anisotropy_texture.take() {
+        m.anisotropy *= mean(&t)[2];
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::build::effects::Effects;
+    use crate::material::texture::{ColorEncoding, ImageId};
+    use dunkelfeld_geometry::{Mesh, Vec3, Vec4};
+
+    /// A scene that calls for every effect that can be left out; techniques are called for by built scenes only.
+    fn everything() -> SceneBuilder {
+        let mut scene = SceneBuilder { energy_compensation: true, ..SceneBuilder::default() };
+        let texels = crate::Texels::Rgba8(vec![[10, 20, 30, 128]]);
+        scene.images.push(Image { name: "dot".into(), width: 1, height: 1, texels });
+        let texture = Texture::new(ImageId(0), ColorEncoding::Srgb);
+        let volume = Volume {
+            attenuation_color: Rgb::new(0.5, 0.6, 0.7),
+            attenuation_distance: 0.1,
+            scattering_albedo: Rgb::splat(0.5),
+            ..Volume::default()
+        };
+        let rich = Material {
+            name: "rich".into(),
+            base_color_texture: Some(texture),
+            normal_texture: Some(texture),
+            alpha_mode: AlphaMode::Blend,
+            diffuse_transmission: 0.2,
+            anisotropy: 0.5,
+            sheen_color: Rgb::splat(0.1),
+            clearcoat: 1.0,
+            ..Material::default()
+        };
+        let clear = |roughness, surface| Material { transmission: 1.0, roughness, surface, ..Material::default() };
+        let materials =
+            [rich, clear(0.0, Surface::Thin), clear(0.0, Surface::Solid(volume)), clear(0.3, Surface::Solid(volume))];
+        for material in materials {
+            let index = scene.add_material(material);
+            let mesh = Mesh { normals: vec![Vec3::Z], colors: vec![Vec4::ONE], ..Mesh::default() };
+            scene.add_object("body", mesh, index);
+        }
+        scene.environment =
+            Some(crate::Environment { source: crate::EnvironmentSource::Constant(Rgb::WHITE), rotation: 0.0 });
+        let light = |kind| crate::PunctualLight {
+            name: "lamp".into(),
+            to_world: dunkelfeld_geometry::DAffine3::IDENTITY,
+            kind,
+        };
+        scene.lights.push(light(PunctualKind::Point { intensity: Rgb::WHITE }));
+        scene.lights.push(light(PunctualKind::Profile { profile: 0, scale: Rgb::WHITE }));
+        let mut camera = crate::Camera::default();
+        camera.lens.aperture =
+            Some(crate::Aperture { opening: crate::Opening::Radius(0.01), focus_distance: 1.0, blades: None });
+        camera.lens.distortion = crate::Distortion { radial: [0.1, 0.0, 0.0, 0.0, 0.0, 0.0], ..Default::default() };
+        scene.cameras.push(camera);
+        scene
+    }
+
+    #[test]
+    fn what_is_left_out_is_no_longer_called_for_and_all_else_is() {
+        let before = Effects::from_scene(&everything());
+        for effect in Effect::ALL.into_iter().filter(|e| !e.is_technique()) {
+            let mut scene = everything();
+            if !scene.leave_out(effect) {
+                continue;
+            }
+            assert!(before.has(effect), "the scene of this test lacks {}", effect.name());
+            let after = Effects::from_scene(&scene);
+            assert!(!after.has(effect), "{} is still called for by {:?}", effect.name(), after.callers(effect));
+            for other in Effect::ALL.into_iter().filter(|&o| o != effect && o != Effect::Color && before.has(o)) {
+                assert!(after.has(other), "{} went with {}", other.name(), effect.name());
+            }
+        }
+    }
+
+    #[test]
+    fn textures_become_their_means() {
+        let mut scene = everything();
+        assert!(scene.leave_out(Effect::Textures));
+        let m = &scene.materials[0];
+        assert!((m.alpha - 128.0 / 255.0).abs() < 1e-6);
+        let linear = |byte: f32| ((byte / 255.0 + 0.055) / 1.055).powf(2.4);
+        assert!((m.base_color.b / Material::default().base_color.b - linear(30.0)).abs() < 1e-5);
+        assert!(m.normal_texture.is_some(), "normal maps are an effect of their own");
+    }
+
+    #[test]
+    fn the_medium_that_stays_is_as_it_was() {
+        let of = |scene: &SceneBuilder| match &scene.materials[2].surface {
+            Surface::Solid(v) => Medium::new(v),
+            Surface::Thin => panic!("the third material of this test is a solid"),
+        };
+        let before = of(&everything());
+        let mut scene = everything();
+        assert!(scene.leave_out(Effect::Absorption));
+        assert_eq!((of(&scene).scattering, of(&scene).absorption), (before.scattering, Rgb::BLACK));
+        let mut scene = everything();
+        assert!(scene.leave_out(Effect::Scattering));
+        assert_eq!((of(&scene).scattering, of(&scene).absorption), (Rgb::BLACK, before.absorption));
+    }
+}

@@ -1,0 +1,202 @@
+//! The scene as plain data: what importers fill and programs write by hand.
+
+use crate::camera::lens::Lens;
+use crate::camera::look_at;
+use crate::light::luminaire::LightProfile;
+use crate::material::Material;
+use crate::material::texture::{Image, ImageId};
+use crate::sampling_options::Techniques;
+use dunkelfeld_geometry::{DAffine3, DVec3, Mesh};
+use dunkelfeld_radiometry::Rgb;
+
+/// A scene before it is compiled. Indices (`usize`) refer to the vectors of this struct.
+///
+/// World space is right-handed, in metres. Transforms are f64, so that a scene far from the origin loses nothing: the
+/// compiled scene recentres itself.
+#[derive(Clone, Debug, Default)]
+pub struct SceneBuilder {
+    /// Name for messages.
+    pub name: String,
+    /// Decoded images.
+    pub images: Vec<Image>,
+    /// Materials.
+    pub materials: Vec<Material>,
+    /// Meshes, one material each. A mesh that is used n times is stored once.
+    pub meshes: Vec<MeshPart>,
+    /// Placements of meshes.
+    pub instances: Vec<Instance>,
+    /// Lights without extent.
+    pub lights: Vec<PunctualLight>,
+    /// Measured distributions of such lights.
+    pub profiles: Vec<LightProfile>,
+    /// Cameras; the first is the default.
+    pub cameras: Vec<Camera>,
+    /// Light from infinitely far away.
+    pub environment: Option<Environment>,
+    /// Are rough surfaces given back the energy that their model loses between facets? Off by default; see
+    /// [`dunkelfeld_bsdf::compensation`].
+    pub energy_compensation: bool,
+    /// Ways of looking for light that may be used; all by default.
+    pub techniques: Techniques,
+}
+
+/// A mesh and its material.
+#[derive(Clone, Debug, Default)]
+pub struct MeshPart {
+    /// Name, for reports.
+    pub name: String,
+    /// The triangles.
+    pub mesh: Mesh,
+    /// Index into [`SceneBuilder::materials`].
+    pub material: usize,
+}
+
+/// One placement of an object in the world.
+#[derive(Clone, Debug)]
+pub struct Instance {
+    /// Name of the object (the node), for labels and overrides. All parts of one node share an object id.
+    pub name: String,
+    /// Indices into [`SceneBuilder::meshes`]: the parts of this object.
+    pub meshes: Vec<usize>,
+    /// Object to world; may mirror and scale unevenly, must be invertible.
+    pub to_world: DAffine3,
+}
+
+/// A light without extent, at the origin of its own space and shining along -z.
+#[derive(Clone, Debug)]
+pub struct PunctualLight {
+    /// Name, for overrides and reports.
+    pub name: String,
+    /// Light to world; only position and directions count, of all but profiles only that of -z.
+    pub to_world: DAffine3,
+    /// What kind of light, and how strong.
+    pub kind: PunctualKind,
+}
+
+/// Kinds of punctual lights (KHR_lights_punctual, EXT_lights_ies).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum PunctualKind {
+    /// Shines equally in all directions.
+    Point {
+        /// Radiant intensity [W/sr].
+        intensity: Rgb,
+    },
+    /// A cone with a soft edge: full inside `inner`, none outside `outer`, smooth between (KHR_lights_punctual).
+    Spot {
+        /// Radiant intensity on the axis [W/sr].
+        intensity: Rgb,
+        /// Half-angle of the full cone \[rad\], in \[0, outer\].
+        inner: f32,
+        /// Half-angle of the edge \[rad\], in (0, pi/2].
+        outer: f32,
+    },
+    /// Parallel light from infinitely far away.
+    Directional {
+        /// Irradiance on a surface that faces the light [W/m^2].
+        irradiance: Rgb,
+    },
+    /// A point that shines as was measured.
+    Profile {
+        /// Index into [`SceneBuilder::profiles`].
+        profile: usize,
+        /// Multiplies the profile's intensity.
+        scale: Rgb,
+    },
+}
+
+/// Light from all directions, from infinitely far away.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Environment {
+    /// Where the radiance comes from.
+    pub source: EnvironmentSource,
+    /// Rotation about the world's +y axis \[rad\].
+    pub rotation: f32,
+}
+
+/// Radiance of the environment.
+#[derive(Clone, Debug, PartialEq)]
+pub enum EnvironmentSource {
+    /// The same radiance [W/(m^2 sr)] from everywhere.
+    Constant(Rgb),
+    /// An equirectangular image: +y up, the image's centre column looks along -z.
+    Image {
+        /// The image, linear.
+        image: ImageId,
+        /// Multiplies the image to give radiance [W/(m^2 sr)].
+        scale: Rgb,
+    },
+}
+
+/// A camera: it looks along its own -z axis with +y up (glTF).
+#[derive(Clone, Debug, Default)]
+pub struct Camera {
+    /// Name, for `--camera`.
+    pub name: String,
+    /// Camera to world. Scale is ignored.
+    pub to_world: DAffine3,
+    /// The projection.
+    pub projection: Projection,
+    /// Width over height that the camera was made for, if it says so.
+    pub aspect: Option<f32>,
+    /// The lens; the default is a pinhole.
+    pub lens: Lens,
+}
+
+/// How a camera maps the world to its film.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Projection {
+    /// All chief rays meet in the camera's position: a pinhole, or the middle of a thin lens.
+    Perspective {
+        /// Full vertical field of view \[rad\] of a film around the axis, without distortion: the film lies
+        /// `1 / (2 tan(fov / 2))` of its height behind the lens.
+        vertical_fov: f32,
+    },
+    /// Parallel chief rays: orthographic, or a telecentric lens if the aperture is finite. Rays start on the plane
+    /// through the camera's position.
+    Orthographic {
+        /// Half of the film's width in the world \[m\].
+        half_width: f32,
+        /// Half of the film's height in the world \[m\].
+        half_height: f32,
+    },
+}
+
+impl Default for Projection {
+    /// A perspective of 40 degrees.
+    fn default() -> Self {
+        Self::Perspective { vertical_fov: 40f32.to_radians() }
+    }
+}
+
+impl SceneBuilder {
+    /// Adds a material; returns its index.
+    pub fn add_material(&mut self, material: Material) -> usize {
+        self.materials.push(material);
+        self.materials.len() - 1
+    }
+
+    /// Adds a mesh placed once, where it is, as an object of its own; returns the object's index.
+    pub fn add_object(&mut self, name: &str, mesh: Mesh, material: usize) -> usize {
+        self.meshes.push(MeshPart { name: name.into(), mesh, material });
+        self.instances.push(Instance {
+            name: name.into(),
+            meshes: vec![self.meshes.len() - 1],
+            to_world: DAffine3::IDENTITY,
+        });
+        self.instances.len() - 1
+    }
+
+    /// Adds a perspective camera at `eye` that looks at `target` with world +y up; returns its index.
+    ///
+    /// `vertical_fov` is the full angle \[rad\].
+    pub fn add_camera(&mut self, name: &str, eye: DVec3, target: DVec3, vertical_fov: f32) -> usize {
+        let to_world = look_at(eye, target, DVec3::Y);
+        self.cameras.push(Camera {
+            name: name.into(),
+            to_world,
+            projection: Projection::Perspective { vertical_fov },
+            ..Camera::default()
+        });
+        self.cameras.len() - 1
+    }
+}

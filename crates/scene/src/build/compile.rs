@@ -1,0 +1,575 @@
+//! From a builder to a scene: check, clean, place, light, index.
+
+use crate::build::builder::{EnvironmentSource, Instance, MeshPart, SceneBuilder};
+use crate::build::effects::{Effect, Effects};
+use crate::build::report::BuildReport;
+use crate::build::validate::{check_indices, check_values, drop_unusable_attributes, mesh_place, repair_texels};
+use crate::covers::Covers;
+use crate::features::FeatureSet;
+use crate::geometry::triangle_data::Facet;
+use crate::light::delta::DeltaLight;
+use crate::light::environment::EnvironmentLight;
+use crate::light::{AreaLight, AreaShape, Light, LightTable, NO_LIGHT};
+use crate::material::texture::Image;
+use crate::material::{Material, Surface};
+use crate::media::medium::Medium;
+use crate::media::nested_dielectrics::{NO_SOLID, Solid, SolidPart, Solids, rank_solids};
+use crate::query::surface::{CompiledMaterial, mean_emission};
+use crate::scene::{Part, Placement, Scene};
+use dunkelfeld_bsdf::EFFECTS;
+use dunkelfeld_bvh::{Bvh, BvhInstance, MeshTriangles};
+use dunkelfeld_geometry::health::{MeshHealth, Repairs, clean};
+use dunkelfeld_geometry::shape::{RectangleSampler, rectangle_from_triangles};
+use dunkelfeld_geometry::{DAffine3, DMat3, DVec3, Mesh, Transform, Vec3, geometric_normal, triangle_area};
+
+/// Meshes used more than once are moved to render space all the same while their copies hold no more triangles than this:
+/// one flat hierarchy is faster, and this much is nothing.
+const BAKE_COPIES_UP_TO: usize = 16_384;
+
+/// Beyond this radius [m] the square of a distance, and with it the irradiance, may leave the range of f32.
+const LARGEST_RADIUS: f32 = 1e18;
+
+/// Why a scene cannot be built.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum BuildError {
+    /// An index points to nothing.
+    #[error("{place} refers to {what} {index}, but there are only {count}")]
+    BadIndex {
+        /// Who refers.
+        place: String,
+        /// To what kind of thing.
+        what: &'static str,
+        /// The index.
+        index: usize,
+        /// How many there are.
+        count: usize,
+    },
+    /// A value is not finite or outside its range.
+    #[error("{place}: {problem}")]
+    BadValue {
+        /// Who has it.
+        place: String,
+        /// What is wrong, and which range is right.
+        problem: String,
+    },
+    /// The scene calls for an effect in a build that has none.
+    #[error(
+        "{place} calls for {effect}, which this build lacks: it was made with the feature plain-only, for measurements"
+    )]
+    PlainOnly {
+        /// The effect's name, or that of the group it belongs to.
+        effect: String,
+        /// What calls for it.
+        place: String,
+    },
+    /// Every triangle was dropped, and there is no environment that could be seen instead.
+    #[error("no triangle is left: {lost}")]
+    NothingLeft {
+        /// What was dropped, from where and why.
+        lost: String,
+    },
+    /// The scene is so large that its light cannot be computed.
+    #[error(
+        "{place} makes the scene reach {radius} from its middle, where squared distances leave the range of numbers; look for a stray object or a wrong unit"
+    )]
+    TooLarge {
+        /// The object that reaches farthest.
+        place: String,
+        /// Radius of the scene, with its unit.
+        radius: String,
+    },
+    /// The hierarchy could not be built.
+    #[error("the bounding volume hierarchy cannot be built: {0}")]
+    Hierarchy(String),
+}
+
+impl SceneBuilder {
+    /// Compiles the scene.
+    ///
+    /// Triangles that are degenerate, not finite or doubled are dropped, transforms that cannot be inverted drop their
+    /// instance; the report says so. It also names hazards: open or inside-out solids, a scene without light.
+    ///
+    /// # Errors
+    /// Indices that point nowhere, values that have no meaning, a scene whose triangles were all dropped and that has no
+    /// environment, a scene beyond 1e18 m.
+    pub fn build(mut self) -> Result<(Scene, BuildReport), BuildError> {
+        check_indices(&self)?;
+        check_values(&self)?;
+        let mut effects = Effects::from_scene(&self);
+        let mut report = BuildReport::default();
+        repair_texels(&mut self.images, &mut report);
+        let had_triangles = self.shows_triangles();
+        let closed = self.clean_meshes(&mut report);
+        let placed = self.valid_instances(&mut report);
+        let bounds = world_bounds(&placed, &self.meshes);
+        if bounds.is_none() && had_triangles && !self.has_background() {
+            return Err(BuildError::NothingLeft { lost: losses(&report) });
+        }
+        let world_origin = bounds.map_or(DVec3::ZERO, |[lo, hi]| 0.5 * (lo + hi));
+        let reach = bounds.map_or(0.0, |[lo, hi]| 0.5 * (hi - lo).length());
+        let radius = reach as f32;
+        if radius > LARGEST_RADIUS {
+            return Err(BuildError::TooLarge {
+                place: farthest(&placed, &self.meshes),
+                radius: format!("{reach:.1e} m"),
+            });
+        }
+        let to_render = DAffine3::from_translation(-world_origin);
+
+        let mut geometry = Placed::default();
+        geometry.place(&placed, std::mem::take(&mut self.meshes), &to_render);
+
+        let mut is_painted = vec![false; self.materials.len()];
+        for part in &geometry.parts {
+            is_painted[part.material as usize] |= !geometry.meshes[part.mesh as usize].colors.is_empty();
+        }
+        let compiled: Vec<CompiledMaterial> = self
+            .materials
+            .iter()
+            .zip(is_painted)
+            .map(|(m, is_painted)| CompiledMaterial::new(m, is_painted, self.energy_compensation))
+            .collect();
+        let solids = geometry.solids(&self.materials, &compiled, &closed);
+        let mut lights = geometry.area_lights(&self.materials, &compiled, &self.images);
+        for light in &self.lights {
+            lights.push(Light::Delta(DeltaLight::new(light, &to_render)));
+        }
+        let environment = self.environment.as_ref().map(|e| EnvironmentLight::new(e, &self.images));
+        let lights = LightTable::new(lights, environment, std::mem::take(&mut self.profiles), radius, self.techniques);
+        if lights.lights.iter().all(|l| lights.power(l, radius.max(1.0)).is_black()) {
+            report.hazard(
+                "scene",
+                "there is no light: no emissive material, no punctual light, no environment; the image will be black; add a light or an emissive material to the scene, or `[environment]` with `radiance = 1` to a job",
+            );
+        }
+        self.report_unfindable_light(&geometry.parts, &compiled, &mut report);
+        let has_coverage = geometry.parts.iter().any(|p| compiled[p.material as usize].has_coverage);
+        let mut features = geometry
+            .parts
+            .iter()
+            .map(|p| compiled[p.material as usize].features())
+            .fold(FeatureSet::default(), FeatureSet::union);
+        // Shadow rays stop neither at partly covering surfaces nor at clear faces, where these may be open to light.
+        let is_open = |c: &CompiledMaterial| c.clear_tint.is_some();
+        let has_open_faces =
+            geometry.parts.iter().any(|p| is_open(&compiled[p.material as usize]) && solids.is_open(p.solid));
+        let scatters = solids.list.iter().any(|s| s.medium.scatters());
+        if solids.has_nesting {
+            effects.call(Effect::Nesting, "solids that touch or overlap".into());
+        }
+        if lights.has_tree() {
+            effects.call(Effect::ManyLights, format!("{} lights", lights.lights.len()));
+        }
+        if lights.asks_each() {
+            effects.call(Effect::EveryLight, format!("{} lights", lights.lights.len()));
+        }
+        features.media = scatters || has_open_faces || solids.has_nesting;
+        if !EFFECTS && let Some((effect, place)) = effects.beyond_plain(features) {
+            return Err(BuildError::PlainOnly { effect, place });
+        }
+        let bvh = geometry.hierarchy(&|part| {
+            let compiled = &compiled[part.material as usize];
+            compiled.has_coverage || (has_open_faces && is_open(compiled))
+        })?;
+        let mut scene = Scene {
+            world_origin,
+            bounds,
+            bvh,
+            placements: geometry.placements,
+            facets: geometry.facets,
+            parts: geometry.parts,
+            meshes: geometry.meshes,
+            object_names: self.instances.iter().map(|i| i.name.clone()).collect(),
+            punctual_names: self.lights.iter().map(|l| l.name.clone()).collect(),
+            materials: self.materials,
+            compiled,
+            images: self.images,
+            lights,
+            cameras: self.cameras,
+            radius,
+            has_coverage,
+            has_open_faces,
+            solids: solids.list,
+            solid_bounds: solids.bounds,
+            has_nesting: solids.has_nesting,
+            covers: Covers::default(),
+            features,
+            effects,
+        };
+        if self.techniques.cover_connection {
+            scene.find_covers();
+        }
+        crate::build::lints::look(&scene, &mut report);
+        Ok((scene, report))
+    }
+
+    /// Is any object made of triangles?
+    fn shows_triangles(&self) -> bool {
+        let mut meshes = self.instances.iter().flat_map(|i| &i.meshes);
+        meshes.any(|&m| !self.meshes[m].mesh.triangles.is_empty())
+    }
+
+    /// Is there light behind everything, to be seen where there is no object?
+    fn has_background(&self) -> bool {
+        self.environment.as_ref().is_some_and(|e| match e.source {
+            EnvironmentSource::Constant(radiance) => !radiance.is_black(),
+            EnvironmentSource::Image { scale, .. } => !scale.is_black(),
+        })
+    }
+
+    /// Drops what cannot be traced and reports it; reports solids that are open or inside out.
+    ///
+    /// Says of each mesh whether it is known to enclose a volume.
+    fn clean_meshes(&mut self, report: &mut BuildReport) -> Vec<bool> {
+        let mut closed = vec![false; self.meshes.len()];
+        for (index, part) in self.meshes.iter_mut().enumerate() {
+            let place = mesh_place(index, &part.name);
+            drop_unusable_attributes(part, &place, report);
+            let repairs = clean(&mut part.mesh);
+            if repairs.total() > 0 {
+                report.note(&place, describe(&repairs));
+            }
+            if let Some(message) = crate::build::lints::lost_digits(&part.mesh) {
+                report.hazard(&place, message);
+            }
+            let material = &self.materials[part.material];
+            if material.transmission > 0.0 && material.metallic >= 1.0 && material.metallic_texture.is_none() {
+                report.hazard(
+                    &place,
+                    format!("material \"{}\" is metal (metallic 1, glTF's default), so its transmission has no effect; set metallic to 0", material.name),
+                );
+                continue;
+            }
+            let passes = material.transmission > 0.0 || material.diffuse_transmission > 0.0;
+            if !matches!(material.surface, Surface::Solid(_)) || !passes {
+                continue;
+            }
+            let health = MeshHealth::from_mesh(&part.mesh);
+            closed[index] = health.is_closed();
+            if !health.is_closed() {
+                report.hazard(
+                    &place,
+                    format!(
+                        "is the boundary of a clear solid (material \"{}\") but not closed: {} open, {} wrongly wound and {} non-manifold edges; light inside gets lost or is attenuated wrongly; close the mesh, or give the material thickness 0 to make it a sheet",
+                        material.name, health.open_edges, health.inconsistent_edges, health.non_manifold_edges
+                    ),
+                );
+            } else if health.is_inside_out() {
+                report.hazard(
+                    &place,
+                    format!(
+                        "is a clear solid (material \"{}\") turned inside out: its normals point inward; flip them",
+                        material.name
+                    ),
+                );
+            }
+        }
+        closed
+    }
+
+    /// Light without extent that passes a smooth clear surface arrives from one direction that neither scattering nor a
+    /// straight connection can find: it is missing from the image, and that must be said.
+    fn report_unfindable_light(&self, parts: &[Part], compiled: &[CompiledMaterial], report: &mut BuildReport) {
+        let Some(light) = self.lights.first() else { return };
+        let clear = parts.iter().map(|p| p.material as usize).find(|&m| compiled[m].is_smooth_clear);
+        if let Some(material) = clear {
+            report.hazard(
+                format!("light \"{}\"", light.name),
+                format!(
+                    "has no extent, and material \"{}\" is clear and smooth: light that passes it cannot be found, its shadow is black; use an emissive surface for the light, or give the material some roughness",
+                    self.materials[material].name
+                ),
+            );
+        }
+    }
+
+    /// The instances whose transform can be inverted, each with its position in the list.
+    fn valid_instances(&self, report: &mut BuildReport) -> Vec<(u32, Instance, Transform)> {
+        let mut valid = Vec::with_capacity(self.instances.len());
+        for (object, instance) in self.instances.iter().enumerate() {
+            match Transform::new(instance.to_world) {
+                Ok(t) => valid.push((object as u32, instance.clone(), t)),
+                Err(e) => report.note(format!("object \"{}\"", instance.name), format!("{e}; the object is left out")),
+            }
+        }
+        valid
+    }
+}
+
+/// At most so many losses are named in an error.
+const MAX_LOSSES: usize = 3;
+
+/// What was dropped, as the report has it.
+fn losses(report: &BuildReport) -> String {
+    let all: Vec<String> = report.findings.iter().map(|f| format!("{} {}", f.place, f.message)).collect();
+    let more = if all.len() > MAX_LOSSES { format!("; and {} more", all.len() - MAX_LOSSES) } else { String::new() };
+    all.iter().take(MAX_LOSSES).cloned().collect::<Vec<_>>().join("; ") + &more
+}
+
+/// The object with the corner that lies farthest out.
+fn farthest(placed: &[(u32, Instance, Transform)], meshes: &[MeshPart]) -> String {
+    let reach = |(_, instance, transform): &(u32, Instance, Transform)| {
+        let corners = instance.meshes.iter().flat_map(|&m| used_positions(&meshes[m].mesh));
+        corners.map(|p| transform.to_world().transform_point3(p.as_dvec3()).abs().max_element()).fold(0.0, f64::max)
+    };
+    let object = placed.iter().max_by(|a, b| reach(a).total_cmp(&reach(b)));
+    object.map_or_else(|| "the scene".into(), |(_, instance, _)| format!("object \"{}\"", instance.name))
+}
+
+/// What was taken out of a mesh, in words.
+fn describe(r: &Repairs) -> String {
+    let reasons = [
+        (r.out_of_range, "with indices beyond the vertices"),
+        (r.non_finite, "with corners that are not finite"),
+        (r.zero_area, "without area"),
+        (r.duplicates, "that repeat another"),
+        (r.opposite_duplicates, "that repeat another from the other side"),
+    ];
+    let parts: Vec<String> = reasons.iter().filter(|(n, _)| *n > 0).map(|(n, why)| format!("{n} {why}")).collect();
+    format!("dropped {} triangles: {}", r.total(), parts.join(", "))
+}
+
+/// Corners of the box around everything, in world space and f64.
+fn world_bounds(placed: &[(u32, Instance, Transform)], meshes: &[MeshPart]) -> Option<[DVec3; 2]> {
+    let mut bounds: Option<[DVec3; 2]> = None;
+    for (_, instance, transform) in placed {
+        for p in instance.meshes.iter().flat_map(|&m| used_positions(&meshes[m].mesh)) {
+            let q = transform.to_world().transform_point3(p.as_dvec3());
+            let [lo, hi] = bounds.get_or_insert([q, q]);
+            (*lo, *hi) = (lo.min(q), hi.max(q));
+        }
+    }
+    bounds
+}
+
+fn used_positions(mesh: &Mesh) -> impl Iterator<Item = Vec3> + '_ {
+    mesh.triangles.iter().flatten().map(|&i| mesh.positions[i as usize])
+}
+
+/// Geometry as it is placed: the baked mesh in pieces, and what stays instanced.
+#[derive(Default)]
+struct Placed {
+    meshes: Vec<Mesh>,
+    parts: Vec<Part>,
+    placements: Vec<Placement>,
+    /// See [`Scene::facets`].
+    facets: Vec<Facet>,
+    /// Number of facets of the baked mesh.
+    baked: usize,
+    /// Transform of each placement but the baked one.
+    transforms: Vec<Transform>,
+    /// For each part the mesh of the builder that it shows.
+    sources: Vec<usize>,
+}
+
+impl Placed {
+    fn place(&mut self, placed: &[(u32, Instance, Transform)], meshes: Vec<MeshPart>, to_render: &DAffine3) {
+        let mut uses = vec![0usize; meshes.len()];
+        for &m in placed.iter().flat_map(|(_, i, _)| &i.meshes) {
+            uses[m] += 1;
+        }
+        let bakes = |m: usize| uses[m] == 1 || uses[m] * meshes[m].mesh.triangles.len() <= BAKE_COPIES_UP_TO;
+        // Baked parts come first, so that their triangles are numbered without gaps.
+        let baked_any = (0..meshes.len()).any(|m| uses[m] > 0 && bakes(m) && !meshes[m].mesh.triangles.is_empty());
+        if baked_any {
+            self.placements.push(Placement::Baked);
+            self.transforms.push(Transform::IDENTITY);
+        }
+        let all = || placed.iter().flat_map(|(object, i, t)| i.meshes.iter().map(move |&m| (*object, m, t)));
+        let mut stored = vec![u32::MAX; meshes.len()];
+        for (object, m, transform) in all().filter(|(_, m, _)| bakes(*m)) {
+            let mesh = bake(&meshes[m].mesh, &(*to_render * *transform.to_world()));
+            let part = self.parts.len() as u32;
+            let first_facet = self.facets.len() as u32;
+            self.facets.extend(Facet::of_mesh(&mesh, part));
+            self.parts.push(Part {
+                mesh: self.meshes.len() as u32,
+                material: meshes[m].material as u32,
+                object,
+                transform: None,
+                first_facet,
+                solid: NO_SOLID,
+                lights: Vec::new(),
+            });
+            self.meshes.push(mesh);
+            self.sources.push(m);
+        }
+        self.baked = self.facets.len();
+        let mut first_facets = vec![0; meshes.len()];
+        for (object, m, transform) in all().filter(|(_, m, _)| !bakes(*m)) {
+            // Invertible in world space and moved: still invertible.
+            let Ok(transform) = Transform::new(*to_render * *transform.to_world()) else { continue };
+            if stored[m] == u32::MAX {
+                stored[m] = self.meshes.len() as u32;
+                self.meshes.push(meshes[m].mesh.clone());
+                first_facets[m] = self.facets.len() as u32;
+                self.facets.extend(Facet::of_mesh(&meshes[m].mesh, u32::MAX));
+            }
+            self.placements.push(Placement::Part(self.parts.len() as u32));
+            self.transforms.push(transform);
+            self.sources.push(m);
+            self.parts.push(Part {
+                mesh: stored[m],
+                material: meshes[m].material as u32,
+                object,
+                transform: Some(Box::new(transform)),
+                first_facet: first_facets[m],
+                solid: NO_SOLID,
+                lights: Vec::new(),
+            });
+        }
+    }
+
+    /// Finds the solids, ranks them, and marks the parts that bound them.
+    fn solids(&mut self, materials: &[Material], compiled: &[CompiledMaterial], closed: &[bool]) -> Solids {
+        let bounds = |part: &Part| {
+            let mesh = &self.meshes[part.mesh as usize];
+            let to_render = |p: Vec3| part.transform.as_ref().map_or(p, |t| t.point(p));
+            used_positions(mesh).map(to_render).fold(None, |b: Option<[Vec3; 2]>, p| {
+                let [lo, hi] = b.unwrap_or([p, p]);
+                Some([lo.min(p), hi.max(p)])
+            })
+        };
+        let mut found = Vec::new();
+        for (index, part) in self.parts.iter().enumerate() {
+            let material = &materials[part.material as usize];
+            let Surface::Solid(volume) = &material.surface else { continue };
+            let Some(bounds) = bounds(part).filter(|_| compiled[part.material as usize].is_solid) else { continue };
+            let solid = Solid { material: part.material, ior: material.ior, medium: Medium::new(volume) };
+            let is_closed = closed[self.sources[index]];
+            found.push(SolidPart { part: index, bounds, is_closed, priority: volume.priority, solid });
+        }
+        rank_solids(found, &mut self.parts)
+    }
+
+    /// The hierarchy over everything; parts that cover partly let light through.
+    fn hierarchy(&self, covers_partly: &dyn Fn(&Part) -> bool) -> Result<Bvh, BuildError> {
+        let mut positions = Vec::new();
+        let mut triangles = Vec::with_capacity(self.baked);
+        for part in self.parts.iter().filter(|p| p.transform.is_none()) {
+            let mesh = &self.meshes[part.mesh as usize];
+            let base = positions.len() as u32;
+            positions.extend_from_slice(&mesh.positions);
+            triangles.extend(mesh.triangles.iter().map(|t| t.map(|i| base + i)));
+        }
+        let mut sources = Vec::new();
+        let mut source_of_mesh = vec![u32::MAX; self.meshes.len()];
+        let mut instances = Vec::with_capacity(self.placements.len());
+        for (placement, transform) in self.placements.iter().zip(&self.transforms) {
+            match placement {
+                Placement::Baked => {
+                    instances.push(BvhInstance { mesh: sources.len() as u32, to_world: None });
+                    sources.push(MeshTriangles { positions: &positions, triangles: &triangles });
+                }
+                Placement::Part(part) => {
+                    let mesh = self.parts[*part as usize].mesh as usize;
+                    if source_of_mesh[mesh] == u32::MAX {
+                        source_of_mesh[mesh] = sources.len() as u32;
+                        let m = &self.meshes[mesh];
+                        sources.push(MeshTriangles { positions: &m.positions, triangles: &m.triangles });
+                    }
+                    instances.push(BvhInstance { mesh: source_of_mesh[mesh], to_world: Some(*transform) });
+                }
+            }
+        }
+        let mut bvh = Bvh::build(&sources, &instances).map_err(|e| BuildError::Hierarchy(e.to_string()))?;
+        if self.parts.iter().any(covers_partly) {
+            // A mesh that several parts share is porous if one of them is: asking for coverage is right for all.
+            let mut porous_mesh = vec![false; sources.len()];
+            for part in self.parts.iter().filter(|p| p.transform.is_some() && covers_partly(p)) {
+                porous_mesh[source_of_mesh[part.mesh as usize] as usize] = true;
+            }
+            let baked = self.placements.iter().any(|p| matches!(p, Placement::Baked)).then_some(0);
+            bvh.mark_porous(|mesh, triangle| {
+                if Some(mesh) == baked {
+                    covers_partly(&self.parts[self.facets[triangle as usize].part as usize])
+                } else {
+                    porous_mesh[mesh as usize]
+                }
+            });
+        }
+        Ok(bvh)
+    }
+
+    /// One light for each emitting triangle, or for each two in a row that form a rectangle. Marks the triangles.
+    fn area_lights(&mut self, materials: &[Material], compiled: &[CompiledMaterial], images: &[Image]) -> Vec<Light> {
+        let mut lights = Vec::new();
+        for (part_index, part) in self.parts.iter_mut().enumerate() {
+            let material = &materials[part.material as usize];
+            if material.emission.is_black() && !material.unlit {
+                continue;
+            }
+            let mesh = &self.meshes[part.mesh as usize];
+            let mean_radiance = mean_emission(material, images);
+            part.lights = vec![NO_LIGHT; mesh.triangles.len()];
+            let to_render = |p: Vec3| part.transform.as_ref().map_or(p, |t| t.point(p));
+            let corners = |t: usize| mesh.corners(t).map(to_render);
+            let normal = |t: usize| {
+                let n = geometric_normal(&mesh.corners(t));
+                part.transform.as_ref().map_or(n, |tr| tr.normal(n))
+            };
+            let mut t = 0;
+            while t < mesh.triangles.len() {
+                let here = corners(t);
+                let next = (t + 1 < mesh.triangles.len()).then(|| corners(t + 1));
+                let n = normal(t);
+                let pair = next
+                    .and_then(|next| rectangle_from_triangles(here, next).map(|r| (r, next)))
+                    .filter(|_| normal(t + 1).dot(n) > 0.0);
+                let (shape, center, area, second) = match pair {
+                    Some((rectangle, next)) => {
+                        let area = triangle_area(&here) + triangle_area(&next);
+                        let center = rectangle.corner + 0.5 * (rectangle.edge_u + rectangle.edge_v);
+                        (AreaShape::Rectangle(RectangleSampler::new(&rectangle)), center, area, t as u32 + 1)
+                    }
+                    None => {
+                        let center = (here[0] + here[1] + here[2]) / 3.0;
+                        (AreaShape::Triangle(here), center, triangle_area(&here), u32::MAX)
+                    }
+                };
+                let reach = |c: &[Vec3; 3]| c.iter().map(|v| v.distance(center)).fold(0.0, f32::max);
+                let radius = next.filter(|_| second != u32::MAX).map_or(0.0, |next| reach(&next)).max(reach(&here));
+                part.lights[t] = lights.len() as u32;
+                if second != u32::MAX {
+                    part.lights[t + 1] = lights.len() as u32;
+                }
+                lights.push(Light::Area(AreaLight {
+                    shape,
+                    normal: n,
+                    center,
+                    radius,
+                    area,
+                    two_sided: material.double_sided || material.unlit,
+                    part: part_index as u32,
+                    triangles: [t as u32, second],
+                    mean_radiance,
+                    shines_unevenly: compiled[part.material as usize].shines_unevenly,
+                }));
+                t += if second == u32::MAX { 1 } else { 2 };
+            }
+        }
+        lights
+    }
+}
+
+/// A mesh moved to render space; a mirroring transform turns the winding, so that fronts stay fronts.
+fn bake(mesh: &Mesh, to_render: &DAffine3) -> Mesh {
+    let mirrored = to_render.matrix3.determinant() < 0.0;
+    // Not normalised one by one: between the corners of a triangle an uneven scale must turn them as it does in an instance,
+    // where they are interpolated first. A common factor keeps them in range.
+    let in_range = |m: DMat3| m * (1.0 / m.x_axis.length().max(m.y_axis.length()).max(m.z_axis.length()));
+    let (linear, normal_matrix) = (in_range(to_render.matrix3), in_range(to_render.matrix3.inverse().transpose()));
+    let direction = |m: &DMat3, v: Vec3| (*m * v.as_dvec3()).as_vec3();
+    Mesh {
+        positions: mesh.positions.iter().map(|p| to_render.transform_point3(p.as_dvec3()).as_vec3()).collect(),
+        triangles: mesh.triangles.iter().map(|&[a, b, c]| if mirrored { [a, c, b] } else { [a, b, c] }).collect(),
+        normals: mesh.normals.iter().map(|&n| direction(&normal_matrix, n)).collect(),
+        tangents: mesh
+            .tangents
+            .iter()
+            .map(|t| direction(&linear, t.truncate()).extend(if mirrored { -t.w } else { t.w }))
+            .collect(),
+        uvs: mesh.uvs.clone(),
+        colors: mesh.colors.clone(),
+    }
+}

@@ -1,0 +1,347 @@
+//! Which effects of light a scene calls for, and what in it calls for them; beside them the techniques that its light calls for.
+//!
+//! Only what a scene calls for is simulated, so a user must be able to see what that is: an effect that nobody meant to have
+//! (a normal map, a metal that is slightly clear) costs time and changes the image.
+
+use crate::build::builder::{EnvironmentSource, MeshPart, PunctualKind, SceneBuilder};
+use crate::features::FeatureSet;
+use crate::material::{AlphaMode, Material, Surface};
+use crate::media::medium::Medium;
+
+/// Below this perceptual roughness a clear surface refracts and reflects in single directions.
+pub(crate) const SMOOTH_ROUGHNESS: f32 = 0.01;
+
+/// Something that light does only in some scenes, or a technique that only some scenes call for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Effect {
+    /// Images on surfaces, other than normal maps.
+    Textures,
+    /// Colours of vertices.
+    VertexColors,
+    /// Normal maps.
+    NormalMaps,
+    /// Normals interpolated between vertices.
+    SmoothNormals,
+    /// Surfaces that are there with some probability, or cut out.
+    Coverage,
+    /// Clear sheets without thickness.
+    ThinSheets,
+    /// Light scattered through to the other side of a surface.
+    DiffuseTransmission,
+    /// Solids with a smooth clear surface.
+    SmoothRefraction,
+    /// Solids with a rough clear surface.
+    RoughRefraction,
+    /// Solids that touch, overlap or lie in one another.
+    Nesting,
+    /// Solids that absorb.
+    Absorption,
+    /// Solids that scatter.
+    Scattering,
+    /// Highlights stretched along a direction.
+    Anisotropy,
+    /// The sheen of cloth.
+    Sheen,
+    /// Clear coats.
+    Clearcoat,
+    /// Multiple scattering between the facets of rough surfaces.
+    EnergyCompensation,
+    /// Lenses with a finite aperture.
+    FiniteAperture,
+    /// Lenses that distort.
+    Distortion,
+    /// Light from infinitely far away, from all around.
+    Environment,
+    /// Lights without extent.
+    PunctualLights,
+    /// Lights with a measured profile.
+    LightProfiles,
+    /// So many lights that a tree chooses among them.
+    ManyLights,
+    /// Surfaces or lights that are not grey.
+    Color,
+    /// A technique: all lights are asked at each surface of a path, as they are few.
+    EveryLight,
+    /// A technique: light behind clear covers is connected to, not left to chance.
+    CoverConnection,
+}
+
+impl Effect {
+    /// All effects, in the order in which they are listed.
+    pub const ALL: [Self; 25] = [
+        Self::Textures,
+        Self::VertexColors,
+        Self::NormalMaps,
+        Self::SmoothNormals,
+        Self::Coverage,
+        Self::ThinSheets,
+        Self::DiffuseTransmission,
+        Self::SmoothRefraction,
+        Self::RoughRefraction,
+        Self::Nesting,
+        Self::Absorption,
+        Self::Scattering,
+        Self::Anisotropy,
+        Self::Sheen,
+        Self::Clearcoat,
+        Self::EnergyCompensation,
+        Self::FiniteAperture,
+        Self::Distortion,
+        Self::Environment,
+        Self::PunctualLights,
+        Self::LightProfiles,
+        Self::ManyLights,
+        Self::Color,
+        Self::EveryLight,
+        Self::CoverConnection,
+    ];
+
+    /// Its name, as in `smooth-refraction`.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Textures => "textures",
+            Self::VertexColors => "vertex-colors",
+            Self::NormalMaps => "normal-maps",
+            Self::SmoothNormals => "smooth-normals",
+            Self::Coverage => "coverage",
+            Self::ThinSheets => "thin-sheets",
+            Self::DiffuseTransmission => "diffuse-transmission",
+            Self::SmoothRefraction => "smooth-refraction",
+            Self::RoughRefraction => "rough-refraction",
+            Self::Nesting => "nesting",
+            Self::Absorption => "absorption",
+            Self::Scattering => "scattering",
+            Self::Anisotropy => "anisotropy",
+            Self::Sheen => "sheen",
+            Self::Clearcoat => "clearcoat",
+            Self::EnergyCompensation => "energy-compensation",
+            Self::FiniteAperture => "finite-aperture",
+            Self::Distortion => "distortion",
+            Self::Environment => "environment",
+            Self::PunctualLights => "punctual-lights",
+            Self::LightProfiles => "light-profiles",
+            Self::ManyLights => "many-lights",
+            Self::Color => "color",
+            Self::EveryLight => "every-light",
+            Self::CoverConnection => "cover-connection",
+        }
+    }
+
+    /// Is it a way of looking for light? Left out, it changes the noise of the image, and not what is expected of it.
+    pub fn is_technique(self) -> bool {
+        matches!(self, Self::EveryLight | Self::CoverConnection)
+    }
+}
+
+/// The effects that a scene calls for, each with what calls for it.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Effects {
+    callers: Vec<(Effect, Vec<String>)>,
+}
+
+impl Effects {
+    /// Reads a scene's description. What only a built scene can tell (nesting, how many lights
+    /// there are, covers) is added by it.
+    pub(crate) fn from_scene(scene: &SceneBuilder) -> Self {
+        let mut effects = Self::default();
+        let mut used = vec![false; scene.materials.len()];
+        for part in scene.instances.iter().flat_map(|i| &i.meshes).filter_map(|&m| scene.meshes.get(m)) {
+            if let Some(used) = used.get_mut(part.material) {
+                *used = true;
+            }
+            effects.call_from_mesh(part);
+        }
+        for (material, _) in scene.materials.iter().zip(used).filter(|(_, used)| *used) {
+            effects.call_from_material(material);
+            let rough = material.roughness > 0.0 || material.roughness_texture.is_some();
+            if scene.energy_compensation && rough && !material.unlit {
+                effects.call(Effect::EnergyCompensation, material_place(material));
+            }
+        }
+        for light in &scene.lights {
+            let place = format!("light \"{}\"", light.name);
+            let (effect, color) = match light.kind {
+                PunctualKind::Point { intensity } | PunctualKind::Spot { intensity, .. } => {
+                    (Effect::PunctualLights, intensity)
+                }
+                PunctualKind::Directional { irradiance } => (Effect::PunctualLights, irradiance),
+                PunctualKind::Profile { scale, .. } => (Effect::LightProfiles, scale),
+            };
+            if !is_grey(color) {
+                effects.call(Effect::Color, place.clone());
+            }
+            effects.call(effect, place);
+        }
+        if let Some(environment) = &scene.environment {
+            let (what, is_colored) = match &environment.source {
+                EnvironmentSource::Constant(radiance) => ("constant", !is_grey(*radiance)),
+                EnvironmentSource::Image { .. } => ("an image", true),
+            };
+            effects.call(Effect::Environment, format!("environment ({what})"));
+            if is_colored {
+                effects.call(Effect::Color, "environment".into());
+            }
+        }
+        for camera in &scene.cameras {
+            let place = || format!("camera \"{}\"", camera.name);
+            if camera.lens.aperture.is_some() {
+                effects.call(Effect::FiniteAperture, place());
+            }
+            if !camera.lens.distortion.is_none() {
+                effects.call(Effect::Distortion, place());
+            }
+        }
+        effects
+    }
+
+    fn call_from_mesh(&mut self, part: &MeshPart) {
+        let place = || format!("mesh \"{}\"", part.name);
+        if !part.mesh.colors.is_empty() {
+            self.call(Effect::VertexColors, place());
+            self.call(Effect::Color, place());
+        }
+        if !part.mesh.normals.is_empty() {
+            self.call(Effect::SmoothNormals, place());
+        }
+    }
+
+    fn call_from_material(&mut self, m: &Material) {
+        let transmits = m.transmission > 0.0 && (m.metallic < 1.0 || m.metallic_texture.is_some());
+        let medium = match &m.surface {
+            Surface::Solid(volume) if transmits => Some(Medium::new(volume)),
+            _ => None,
+        };
+        let is_textured = m.textures().count() > usize::from(m.normal_texture.is_some());
+        // An interface between equal indices of refraction neither bends light nor reflects it.
+        let bends = transmits && m.ior != 1.0;
+        let is_smooth = m.roughness < SMOOTH_ROUGHNESS && m.roughness_texture.is_none();
+        let colors = [m.base_color, m.emission, m.specular_color, m.sheen_color];
+        let is_colored = is_textured
+            || colors.iter().any(|c| !is_grey(*c))
+            || medium.as_ref().is_some_and(|v| !is_grey(v.absorption) || !is_grey(v.scattering));
+        let calls = [
+            (Effect::Textures, is_textured),
+            (Effect::NormalMaps, m.normal_texture.is_some()),
+            (Effect::Coverage, m.alpha_mode != AlphaMode::Opaque),
+            (Effect::ThinSheets, bends && medium.is_none()),
+            (Effect::DiffuseTransmission, m.diffuse_transmission > 0.0),
+            (Effect::SmoothRefraction, bends && medium.is_some() && is_smooth),
+            (Effect::RoughRefraction, bends && medium.is_some() && !is_smooth),
+            (Effect::Absorption, medium.as_ref().is_some_and(|v| !v.absorption.is_black())),
+            (Effect::Scattering, medium.as_ref().is_some_and(Medium::scatters)),
+            (Effect::Anisotropy, m.anisotropy != 0.0),
+            (Effect::Sheen, !m.sheen_color.is_black()),
+            (Effect::Clearcoat, m.clearcoat > 0.0),
+            (Effect::Color, is_colored),
+        ];
+        for (effect, _) in calls.into_iter().filter(|(_, is_called_for)| *is_called_for) {
+            self.call(effect, material_place(m));
+        }
+    }
+
+    /// Notes that something calls for an effect.
+    pub(crate) fn call(&mut self, effect: Effect, place: String) {
+        match self.callers.iter_mut().find(|(e, _)| *e == effect) {
+            Some((_, places)) if places.contains(&place) => {}
+            Some((_, places)) => places.push(place),
+            None => self.callers.push((effect, vec![place])),
+        }
+    }
+
+    /// What calls for an effect; empty if nothing does.
+    pub fn callers(&self, effect: Effect) -> &[String] {
+        self.callers.iter().find(|(e, _)| *e == effect).map_or(&[], |(_, places)| places)
+    }
+
+    /// The first effect that a build without effects cannot do, and what calls for it. Of colour there is nothing to leave
+    /// out, as all three channels are always there, and techniques are no effects.
+    pub(crate) fn beyond_plain(&self, features: FeatureSet) -> Option<(String, String)> {
+        let is_beyond = |e: Effect| !e.is_technique() && e != Effect::Color;
+        let named =
+            self.callers.iter().find(|(e, _)| is_beyond(*e)).map(|(e, places)| (e.name().into(), places.join(", ")));
+        named.or_else(|| (features != FeatureSet::default()).then(|| (kernel_words(features), "the scene".into())))
+    }
+
+    /// Does the scene call for it?
+    pub fn has(&self, effect: Effect) -> bool {
+        !self.callers(effect).is_empty()
+    }
+}
+
+/// What a set of kernel features is for, in words.
+pub fn kernel_words(features: FeatureSet) -> String {
+    let words: Vec<&str> = [
+        (features.detail, "detail"),
+        (features.chance, "chance"),
+        (features.solids, "solids"),
+        (features.media, "media"),
+    ]
+    .into_iter()
+    .filter_map(|(on, word)| on.then_some(word))
+    .collect();
+    if words.is_empty() { "plain".into() } else { words.join(" + ") }
+}
+
+pub(crate) fn material_place(m: &Material) -> String {
+    format!("material \"{}\"", m.name)
+}
+
+fn is_grey(c: dunkelfeld_radiometry::Rgb) -> bool {
+    c.r == c.g && c.g == c.b
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::material::Volume;
+    use dunkelfeld_geometry::Mesh;
+    use dunkelfeld_radiometry::Rgb;
+
+    fn scene(material: Material) -> SceneBuilder {
+        let mut scene = SceneBuilder::default();
+        let index = scene.add_material(material);
+        scene.add_object("body", Mesh::default(), index);
+        scene
+    }
+
+    #[test]
+    fn a_grey_matt_scene_calls_for_nothing() {
+        let effects = Effects::from_scene(&scene(Material { name: "paint".into(), ..Material::default() }));
+        for effect in Effect::ALL {
+            assert!(!effects.has(effect), "{} is called for by {:?}", effect.name(), effects.callers(effect));
+        }
+    }
+
+    #[test]
+    fn what_a_material_has_is_called_for_by_its_name() {
+        let volume = Volume { scattering: Rgb::splat(100.0), absorption: Rgb::new(1.0, 2.0, 3.0), ..Volume::default() };
+        let frosted = Material {
+            name: "frosted".into(),
+            transmission: 1.0,
+            roughness: 0.3,
+            surface: Surface::Solid(volume),
+            alpha_mode: AlphaMode::Blend,
+            ..Material::default()
+        };
+        let effects = Effects::from_scene(&scene(frosted));
+        let called: Vec<Effect> = Effect::ALL.into_iter().filter(|&e| effects.has(e)).collect();
+        let wanted = [Effect::Coverage, Effect::RoughRefraction, Effect::Absorption, Effect::Scattering, Effect::Color];
+        assert_eq!(called, wanted);
+        assert_eq!(effects.callers(Effect::Scattering), ["material \"frosted\""]);
+    }
+
+    #[test]
+    fn a_material_that_nothing_wears_calls_for_nothing() {
+        let mut scene = scene(Material::default());
+        scene.add_material(Material { transmission: 1.0, ..Material::default() });
+        assert_eq!(Effects::from_scene(&scene), Effects::default());
+    }
+
+    #[test]
+    fn names_are_told_apart() {
+        let mut names: Vec<&str> = Effect::ALL.iter().map(|e| e.name()).collect();
+        names.sort_unstable();
+        names.dedup();
+        assert_eq!(names.len(), Effect::ALL.len());
+    }
+}

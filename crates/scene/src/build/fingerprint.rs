@@ -1,0 +1,201 @@
+//! A number that tells one scene from another: for checkpoints, which must not be continued with another scene.
+
+use crate::material::texture::{Channel, Image, rgba, with_texels};
+use crate::scene::Scene;
+use dunkelfeld_geometry::Mesh;
+use std::fmt::{Debug, Write};
+use twox_hash::XxHash3_128;
+
+/// Bytes that are gathered before they are hashed.
+const CHUNK: usize = 1 << 16;
+
+/// The XXH3 of everything that a value says of itself (`Debug`). The text of a number tells it to the last bit.
+pub fn digest(value: &impl Debug) -> u128 {
+    let mut hash = Hash::default();
+    hash.text(value);
+    hash.finish()
+}
+
+impl Scene {
+    /// A number that changes with every bit of the scene that a sample could depend on, and not with the files that it came
+    /// from. Meshes are read as they lie in memory, images by their values, all else by what it says of itself.
+    pub fn fingerprint(&self) -> u128 {
+        // No `..`: whoever adds a field decides whether it counts.
+        let Self {
+            world_origin,
+            bounds,
+            // Follow from the meshes.
+            bvh: _,
+            facets: _,
+            placements,
+            parts,
+            meshes,
+            object_names,
+            punctual_names,
+            materials,
+            compiled,
+            images,
+            lights,
+            cameras,
+            radius,
+            has_coverage,
+            has_open_faces,
+            solids,
+            solid_bounds,
+            has_nesting,
+            covers,
+            features,
+            effects,
+        } = self;
+        let mut hash = Hash::default();
+        hash.text(&(world_origin, bounds, placements, parts, object_names, punctual_names));
+        hash.text(&(materials, compiled, lights, cameras, radius, has_coverage, has_open_faces));
+        hash.text(&(solids, solid_bounds, has_nesting, covers, features, effects));
+        meshes.iter().for_each(|mesh| hash.mesh(mesh));
+        images.iter().for_each(|image| hash.image(image));
+        hash.finish()
+    }
+}
+
+struct Hash {
+    state: XxHash3_128,
+    waiting: Vec<u8>,
+}
+
+impl Default for Hash {
+    fn default() -> Self {
+        Self { state: XxHash3_128::new(), waiting: Vec::with_capacity(2 * CHUNK) }
+    }
+}
+
+impl Hash {
+    fn bytes(&mut self, bytes: &[u8]) {
+        self.waiting.extend_from_slice(bytes);
+        if self.waiting.len() >= CHUNK {
+            self.flush();
+        }
+    }
+
+    fn flush(&mut self) {
+        self.state.write(&self.waiting);
+        self.waiting.clear();
+    }
+
+    fn text(&mut self, value: &impl Debug) {
+        // Writing into it does not fail.
+        let _ = write!(self, "{value:?}");
+    }
+
+    /// How many come next: lists of different lengths must not look alike.
+    fn count(&mut self, n: usize) {
+        self.bytes(&(n as u64).to_le_bytes());
+    }
+
+    fn floats<const N: usize>(&mut self, values: impl ExactSizeIterator<Item = [f32; N]>) {
+        self.count(values.len());
+        values.flatten().for_each(|v| self.bytes(&v.to_bits().to_le_bytes()));
+    }
+
+    fn mesh(&mut self, mesh: &Mesh) {
+        let Mesh { positions, triangles, normals, tangents, uvs, colors } = mesh;
+        self.floats(positions.iter().map(|v| v.to_array()));
+        self.count(triangles.len());
+        triangles.iter().flatten().for_each(|i| self.bytes(&i.to_le_bytes()));
+        self.floats(normals.iter().map(|v| v.to_array()));
+        self.floats(tangents.iter().map(|v| v.to_array()));
+        uvs.iter().for_each(|set| self.floats(set.iter().map(|v| v.to_array())));
+        self.floats(colors.iter().map(|v| v.to_array()));
+    }
+
+    fn image(&mut self, image: &Image) {
+        // The name is only for messages.
+        let Image { name: _, width, height, texels } = image;
+        self.text(&(width, height));
+        if texels.is_float() {
+            self.count(texels.len());
+        }
+        let channels = if texels.is_float() { 3 } else { 4 };
+        // By value: channels that are not stored count as what they stand for.
+        with_texels!(texels, t => t.iter().for_each(|t| {
+            rgba(*t).iter().take(channels).for_each(|v| self.bytes(v.le_bytes().as_ref()));
+        }));
+    }
+
+    fn finish(mut self) -> u128 {
+        self.flush();
+        self.state.finish_128()
+    }
+}
+
+impl Write for Hash {
+    fn write_str(&mut self, text: &str) -> std::fmt::Result {
+        self.bytes(text.as_bytes());
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::shapes::{cuboid, sphere};
+    use crate::{Material, SceneBuilder, Texels};
+    use dunkelfeld_geometry::{DVec3, Vec3};
+    use dunkelfeld_radiometry::Rgb;
+
+    fn builder() -> SceneBuilder {
+        let mut b = SceneBuilder::default();
+        let grey = b.add_material(Material { base_color: Rgb::splat(0.5), ..Material::default() });
+        b.add_object("box", cuboid(Vec3::ZERO, Vec3::ONE), grey);
+        b.add_object("ball", sphere(Vec3::new(3.0, 0.0, 0.0), 1.0, 8, true), grey);
+        b.add_camera("camera", DVec3::new(0.0, -5.0, 0.0), DVec3::ZERO, 0.7);
+        b
+    }
+
+    fn fingerprint(change: impl FnOnce(&mut SceneBuilder)) -> u128 {
+        let mut b = builder();
+        change(&mut b);
+        b.build().expect("a scene").0.fingerprint()
+    }
+
+    #[test]
+    fn the_last_bit_of_a_scene_counts_and_building_it_again_does_not() {
+        let same = fingerprint(|_| {});
+        assert_eq!(fingerprint(|_| {}), same);
+        type Change = fn(&mut SceneBuilder);
+        let changes: [Change; 4] = [
+            |b| b.meshes[1].mesh.positions[3].x = b.meshes[1].mesh.positions[3].x.next_up(),
+            |b| b.materials[0].roughness = b.materials[0].roughness.next_down(),
+            |b| b.cameras[0].name.push('s'),
+            |b| {
+                b.add_object("other", cuboid(Vec3::splat(7.0), Vec3::splat(8.0)), 0);
+            },
+        ];
+        for (i, change) in changes.into_iter().enumerate() {
+            assert_ne!(fingerprint(change), same, "change {i}");
+        }
+    }
+
+    /// Grey is three equal channels, and alpha that is not stored is opaque: checkpoints are for the values.
+    #[test]
+    fn images_count_by_their_values() {
+        let with =
+            |texels: Texels| fingerprint(|b| b.images.push(Image { name: "a".into(), width: 2, height: 1, texels }));
+        let stored = with(Texels::Rgba8(vec![[7, 7, 7, 255], [200, 200, 200, 255]]));
+        assert_eq!(with(Texels::Gray8(vec![[7], [200]])), stored);
+        assert_eq!(with(Texels::GrayAlpha8(vec![[7, 255], [200, 255]])), stored);
+        assert_eq!(with(Texels::Rgb8(vec![[7; 3], [200; 3]])), stored);
+        assert_ne!(with(Texels::Gray8(vec![[7], [201]])), stored);
+        assert_ne!(with(Texels::GrayAlpha8(vec![[7, 255], [200, 254]])), stored);
+        assert_ne!(with(Texels::Gray16(vec![[7], [200]])), stored);
+        let deep = with(Texels::Rgba16(vec![[7, 8, 9, 65535], [1, 2, 3, 65535]]));
+        assert_eq!(with(Texels::Rgb16(vec![[7, 8, 9], [1, 2, 3]])), deep);
+        let float = with(Texels::RgbF32(vec![[0.5; 3], [2.0; 3]]));
+        assert_eq!(with(Texels::GrayF32(vec![[0.5], [2.0]])), float);
+    }
+
+    #[test]
+    fn a_digest_is_that_of_the_text() {
+        assert_eq!(digest(&(1, "a")), XxHash3_128::oneshot(b"(1, \"a\")"));
+        assert_ne!(digest(&0.1f32), digest(&0.1f32.next_up()));
+    }
+}

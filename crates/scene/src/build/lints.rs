@@ -1,0 +1,249 @@
+//! What in a compiled scene may make its image other than meant, found before a ray is traced: sizes that f32 cannot hold,
+//! faces that lie in each other, attributes that disagree with the surface, indices of refraction no one has seen.
+//!
+//! Every finding names its object and says what to do. What the renderer handles by itself, such as needles of triangles or
+//! solids that touch each other, is not reported.
+
+mod attributes;
+mod contact;
+
+use crate::build::report::BuildReport;
+use crate::scene::{Part, Scene};
+use dunkelfeld_geometry::{Aabb, Mesh, Vec3};
+
+/// An object whose size is known to less than this many steps of its coordinates is reported.
+const MIN_STEPS: f32 = 1e3;
+/// A solid thinner than so many steps is reported: its absorption is known to a few percent.
+const MIN_STEPS_THROUGH: f32 = 32.0;
+/// An emitter smaller than this part of the scene is a hazard where sharp reflections could show it.
+const TINY_EMITTER: f32 = 1e-4;
+/// Below this roughness a reflection is too sharp for light sampling.
+const SHARP: f32 = 0.05;
+/// At most so many corners of a solid are asked for the solids that they lie in.
+const MAX_CORNERS: usize = 48;
+/// At most so many solids are asked: each is held against all others.
+const MAX_SOLIDS: usize = 1000;
+/// At most so many findings of one kind are reported one by one.
+const MAX_PER_KIND: usize = 20;
+
+/// Looks at a compiled scene.
+pub(crate) fn look(scene: &Scene, report: &mut BuildReport) {
+    let boxes: Vec<Aabb> = scene.parts.iter().map(|p| bounds(scene, p)).collect();
+    sizes(scene, &boxes, report);
+    attributes::look(scene, report);
+    materials(scene, report);
+    tiny_emitters(scene, &boxes, report);
+    contact::look(scene, report);
+    overlaps(scene, &boxes, report);
+    cameras(scene, report);
+}
+
+/// Why a mesh has lost digits before it came here, if it has: its vertices lie far from their own origin.
+pub(crate) fn lost_digits(mesh: &Mesh) -> Option<String> {
+    let bounds = Aabb::from_points(mesh.triangles.iter().flatten().map(|&i| mesh.positions[i as usize]));
+    if bounds.is_empty() {
+        return None;
+    }
+    let (step, size) = (step(&bounds), bounds.size().max_element());
+    (step * MIN_STEPS > size).then(|| {
+        format!(
+            "is {} large, but its vertices lie {} from their own origin, where coordinates go in steps of {}: its shape was rounded by {:.1} % of its size when it was written; export it around its own origin and place it by its transform",
+            meters(size), meters(bounds.center().length()), meters(step), 100.0 * step / size
+        )
+    })
+}
+
+/// The distance between neighbouring f32 numbers at the largest coordinate of a box: the step of its coordinates \[m\].
+fn step(bounds: &Aabb) -> f32 {
+    let largest = bounds.min.abs().max(bounds.max.abs()).max_element();
+    largest.next_up() - largest
+}
+
+/// Corners of a part's triangles in render space.
+fn corners<'a>(scene: &'a Scene, part: &'a Part) -> impl Iterator<Item = [Vec3; 3]> + 'a {
+    let mesh = &scene.meshes[part.mesh as usize];
+    let to_render = move |p: Vec3| part.transform.as_ref().map_or(p, |t| t.point(p));
+    (0..mesh.triangles.len()).map(move |t| mesh.corners(t).map(to_render))
+}
+
+fn bounds(scene: &Scene, part: &Part) -> Aabb {
+    let own = Aabb::from_points(corners_in_place(scene, part));
+    part.transform.as_ref().map_or(own, |t| own.transformed(t))
+}
+
+/// Corners in the space of the mesh.
+fn corners_in_place<'a>(scene: &'a Scene, part: &Part) -> impl Iterator<Item = Vec3> + 'a {
+    let mesh = &scene.meshes[part.mesh as usize];
+    mesh.triangles.iter().flatten().map(|&i| mesh.positions[i as usize])
+}
+
+/// `object "lid"`.
+fn place(scene: &Scene, part: &Part) -> String {
+    let name = scene.object_names.get(part.object as usize).map_or("", String::as_str);
+    if name.is_empty() { format!("object {}", part.object) } else { format!("object \"{name}\"") }
+}
+
+/// Reports findings of one kind: the first ones one by one, the others by their number.
+fn push(report: &mut BuildReport, findings: Vec<(String, String)>) {
+    let more = findings.len().saturating_sub(MAX_PER_KIND);
+    for (place, message) in findings.into_iter().take(MAX_PER_KIND) {
+        report.hazard(place, message);
+    }
+    if more > 0 {
+        report.hazard("scene", format!("{more} more objects are like the one before"));
+    }
+}
+
+/// A length in words.
+fn meters(v: f32) -> String {
+    match v.abs() {
+        a if a == 0.0 || (1e-2..1e4).contains(&a) => format!("{v:.3} m"),
+        _ => format!("{v:.1e} m"),
+    }
+}
+
+/// Objects that are small against the step of their coordinates, solids that are thin against it, and triangles whose height
+/// is rounding noise.
+fn sizes(scene: &Scene, boxes: &[Aabb], report: &mut BuildReport) {
+    let (mut small, mut thin, mut needles) = (Vec::new(), Vec::new(), Vec::new());
+    for (part, bounds) in scene.parts.iter().zip(boxes).filter(|(_, b)| !b.is_empty()) {
+        let (step, size) = (step(bounds), bounds.size().max_element());
+        if step * MIN_STEPS > size {
+            let far = bounds.center().length();
+            small.push((
+                place(scene, part),
+                format!(
+                    "is {} large and lies {} from the middle of the scene, where coordinates go in steps of {}: its shape is rounded by {:.1} % of its size; leave out what makes the scene so large, or model it around the object",
+                    meters(size), meters(far), meters(step), 100.0 * step / size
+                ),
+            ));
+            continue;
+        }
+        let (mut area, mut volume, mut noisy) = (0.0f64, 0.0f64, 0usize);
+        let middle = bounds.center();
+        for [a, b, c] in corners(scene, part).map(|c| c.map(|p| (p - middle).as_dvec3())) {
+            let twice = (b - a).cross(c - a).length();
+            let longest2 = (b - a).length_squared().max((c - a).length_squared()).max((c - b).length_squared());
+            (area, volume) = (area + 0.5 * twice, volume + a.dot(b.cross(c)) / 6.0);
+            // Height times longest edge is twice the area.
+            noisy += usize::from(twice < 4.0 * f64::from(step) * longest2.sqrt());
+        }
+        // A plate of area A on both sides together has the volume A d / 2.
+        let thickness = (2.0 * volume.abs() / area) as f32;
+        let is_solid = scene.compiled[part.material as usize].is_solid;
+        if is_solid && thickness > 0.0 && thickness < MIN_STEPS_THROUGH * step {
+            thin.push((
+                place(scene, part),
+                format!(
+                    "is a solid {} thick where coordinates go in steps of {}: what it absorbs is known to {:.0} % only; give its material thickness 0 to make it a sheet, or model it nearer to the middle of the scene",
+                    meters(thickness), meters(step), 100.0 * step / thickness
+                ),
+            ));
+        }
+        if noisy > 0 {
+            needles.push((
+                place(scene, part),
+                format!(
+                    "has {noisy} triangles less than 4 steps of their coordinates ({}) high: the direction in which they face is rounding noise; remesh the object, or export it in double precision around its own origin",
+                    meters(step)
+                ),
+            ));
+        }
+    }
+    [small, thin, needles].into_iter().for_each(|findings| push(report, findings));
+}
+
+/// Indices of refraction that are not those of a clear material.
+fn materials(scene: &Scene, report: &mut BuildReport) {
+    let mut used = vec![false; scene.materials.len()];
+    scene.parts.iter().for_each(|p| used[p.material as usize] = true);
+    for (m, compiled) in scene.materials.iter().zip(&scene.compiled).zip(used).filter(|(_, u)| *u).map(|(m, _)| m) {
+        let place = || format!("material \"{}\"", m.name);
+        let (ior, clear) = (m.ior, compiled.both_sides);
+        if ior < 1.0 && clear {
+            report.hazard(place(), format!("has an index of refraction of {ior}, as if the surroundings were the denser medium; if that is not meant, give the inverse, {:.4}", 1.0 / ior));
+        } else if ior > 4.1 && m.metallic < 1.0 {
+            report.hazard(place(), format!("has an index of refraction of {ior}; clear materials have 1 to 4.1 (germanium), and from 1000 on the number is cut off; for a metal set metallic to 1"));
+        } else if compiled.is_solid && ior != 1.0 && (ior - 1.0).abs() < dunkelfeld_bsdf::dielectric::MATCHED_INDEX {
+            report.hazard(place(), format!("has an index of refraction of {ior}, too near to 1 to be told from it: it neither reflects nor refracts; use 1, or differ by 0.001 at least"));
+        }
+    }
+}
+
+/// Emitters that are too small for a scattered ray to find, where there are reflections so sharp that only such a ray could.
+fn tiny_emitters(scene: &Scene, boxes: &[Aabb], report: &mut BuildReport) {
+    let sharp = scene.parts.iter().map(|p| p.material as usize).find(|&m| {
+        let material = &scene.materials[m];
+        scene.compiled[m].is_smooth_clear || (material.metallic > 0.5 && material.roughness < SHARP)
+    });
+    let Some(sharp) = sharp else { return };
+    let emitters = scene.parts.iter().zip(boxes).filter(|(p, _)| scene.compiled[p.material as usize].emits);
+    let tiny = emitters.filter(|(_, b)| !b.is_empty() && b.size().max_element() < TINY_EMITTER * scene.radius);
+    let findings = tiny.map(|(part, b)| {
+        (
+            place(scene, part),
+            format!(
+                "shines and is only {} large in a scene of {}: where material \"{}\" reflects or refracts it sharply, few samples find it and those that do are bright specks; make it larger and dimmer",
+                meters(b.size().max_element()), meters(2.0 * scene.radius), scene.materials[sharp].name
+            ),
+        )
+    });
+    push(report, findings.collect());
+}
+
+/// Solids that lie partly in one another.
+fn overlaps(scene: &Scene, boxes: &[Aabb], report: &mut BuildReport) {
+    if !scene.has_nesting() {
+        return;
+    }
+    let mut seen = std::collections::HashSet::new();
+    let mut findings = Vec::new();
+    let solids = || scene.parts.iter().zip(boxes).filter(|(p, _)| scene.compiled[p.material as usize].is_solid);
+    for (part, b) in solids().take(MAX_SOLIDS) {
+        let others: Vec<&Part> = solids()
+            .filter(|(o, ob)| o.solid != part.solid && b.min.cmplt(ob.max).all() && ob.min.cmplt(b.max).all())
+            .map(|(o, _)| o)
+            .collect();
+        if others.is_empty() {
+            continue;
+        }
+        let triangles: Vec<[Vec3; 3]> = corners(scene, part).collect();
+        let every = triangles.len().div_ceil(MAX_CORNERS / 2).max(1);
+        // A corner, and the middle of an edge: of two bars that cross only edges enter each other.
+        let asked: Vec<Vec3> =
+            triangles.iter().step_by(every).flat_map(|[p, q, _]| [*p, 0.5 * (*p + *q)]).take(MAX_CORNERS).collect();
+        let interiors: Vec<_> = asked.iter().map(|&p| scene.interior_at(p)).collect();
+        for other in others {
+            let inside = interiors.iter().filter(|i| i.ranks().contains(&other.solid)).count();
+            let pair = (part.solid.min(other.solid), part.solid.max(other.solid));
+            if inside == 0 || inside == asked.len() || !seen.insert(pair) {
+                continue;
+            }
+            let top = if part.solid > other.solid { part } else { other };
+            findings.push((
+                place(scene, part),
+                format!(
+                    "overlaps {}: both are solids, and where both are, {} is; if that is not meant, move them apart or set the `priority` of their materials",
+                    place(scene, other), place(scene, top)
+                ),
+            ));
+        }
+    }
+    push(report, findings);
+}
+
+/// Cameras that stand inside a solid.
+fn cameras(scene: &Scene, report: &mut BuildReport) {
+    for camera in &scene.cameras {
+        let eye = (camera.to_world.translation - scene.world_origin).as_vec3();
+        if let Some(material) = scene.material_inside(&scene.interior_at(eye)) {
+            report.hazard(
+                format!("camera \"{}\"", camera.name),
+                format!(
+                    "stands inside a solid of material \"{}\" and sees everything through it; move it out if that is not meant",
+                    scene.materials[material as usize].name
+                ),
+            );
+        }
+    }
+}

@@ -1,0 +1,227 @@
+//! Faces of different objects that lie in one plane, or so near to each other that rounding decides.
+
+use super::{corners, meters, place, push};
+use crate::build::report::BuildReport;
+use crate::scene::{Part, Scene};
+use dunkelfeld_geometry::{Vec2, Vec3, geometric_normal};
+use std::collections::{BTreeMap, HashMap};
+
+/// Faces within so many steps of the scene's coordinates lie in each other.
+const SAME: f32 = 4.0;
+/// A gap below so many steps is one that rounding moves by percents.
+const NARROW: f32 = 64.0;
+/// Normals count as one direction if they agree to one in so many.
+const DIRECTIONS: f32 = 1e4;
+/// At most so many triangles are looked at, and so many planes are kept: enough for what people place by hand.
+const MAX_TRIANGLES: usize = 4_000_000;
+const MAX_PLANES: usize = 400_000;
+/// At most so many parts are kept of a plane: of a ceiling of ten thousand lamps some stand for all.
+const MAX_FACES: usize = 256;
+/// At most so many triangles of a part in a plane are compared with others one by one.
+const MAX_TRIANGLES_OF_FACE: usize = 512;
+/// At most so many pairs of triangles are compared in all, a fraction of a second; what is left then is not looked at.
+const MAX_COMPARISONS: usize = 1 << 22;
+
+/// A plane up to its side, in steps of direction and of distance.
+type PlaneKey = [i32; 4];
+
+/// What of one part lies in one plane.
+struct Face {
+    part: usize,
+    /// Does it face along the plane's normal?
+    along: bool,
+    offset: f32,
+    /// Lowest and highest of the two coordinates that tell places in the plane apart best.
+    low: [f32; 2],
+    high: [f32; 2],
+    /// The triangles in the same coordinates, at most [`MAX_TRIANGLES_OF_FACE`] of them.
+    triangles: Vec<[Vec2; 3]>,
+}
+
+pub(super) fn look(scene: &Scene, report: &mut BuildReport) {
+    let step = scene.radius.next_up() - scene.radius;
+    if !(step > 0.0 && step.is_finite()) {
+        return;
+    }
+    // Ordered, so that what is found first is the same in every run.
+    let mut planes: BTreeMap<PlaneKey, Vec<Face>> = BTreeMap::new();
+    let mut looked_at = 0;
+    for (index, part) in scene.parts.iter().enumerate() {
+        looked_at += scene.meshes[part.mesh as usize].triangles.len();
+        if looked_at > MAX_TRIANGLES {
+            break;
+        }
+        for triangle in corners(scene, part) {
+            if planes.len() < MAX_PLANES {
+                add(&mut planes, index, triangle, NARROW * step);
+            }
+        }
+    }
+    let mut found: HashMap<(usize, usize), String> = HashMap::new();
+    let mut order = Vec::new();
+    let mut comparisons = MAX_COMPARISONS;
+    for faces in planes.values().filter(|f| f.len() > 1) {
+        for (i, a) in faces.iter().enumerate() {
+            for b in &faces[i + 1..] {
+                let gap = (a.offset - b.offset).abs();
+                if gap > NARROW * step || !boxes_overlap(a, b, SAME * step) {
+                    continue;
+                }
+                let pair = (a.part.min(b.part), a.part.max(b.part));
+                if found.contains_key(&pair) {
+                    continue;
+                }
+                if let Some(message) = judge(scene, a, b, gap, step)
+                    && overlap(a, b, SAME * step, &mut comparisons)
+                {
+                    found.insert(pair, message);
+                    order.push(pair);
+                }
+            }
+        }
+    }
+    order.sort_unstable();
+    let finding = |pair| found.remove(&pair).map(|m| (place(scene, &scene.parts[pair.0]), m));
+    push(report, order.into_iter().filter_map(finding).collect());
+}
+
+/// Enters a triangle under its plane, and under the next one, so that two planes that are near are met under one key.
+fn add(planes: &mut BTreeMap<PlaneKey, Vec<Face>>, part: usize, triangle: [Vec3; 3], width: f32) {
+    let n = geometric_normal(&triangle);
+    if n == Vec3::ZERO {
+        return;
+    }
+    // A plane has two normals; the one whose first component that is not small is positive stands for both.
+    let leading = [n.x, n.y, n.z].into_iter().find(|c| c.abs() > 0.01).unwrap_or(1.0);
+    let along = leading > 0.0;
+    let m = if along { n } else { -n };
+    let offset = (m.as_dvec3().dot(triangle[0].as_dvec3())) as f32;
+    let direction = (m * DIRECTIONS).round();
+    // Seen along the coordinate axis that the plane faces most, which is one for all that share its key; a frame made from
+    // the normal could turn over with the sign of a zero.
+    let steps = direction.abs().to_array();
+    let k = if steps[0] >= steps[1].max(steps[2]) { 0 } else { 1 + usize::from(steps[1] < steps[2]) };
+    let flat = triangle.map(|p| Vec2::new(p[(k + 1) % 3], p[(k + 2) % 3]));
+    let bound = |f: fn(f32, f32) -> f32, k: usize| f(f(flat[0][k], flat[1][k]), flat[2][k]);
+    let (low, high) = ([bound(f32::min, 0), bound(f32::min, 1)], [bound(f32::max, 0), bound(f32::max, 1)]);
+    // Cells are two gaps wide and lie at every gap: whatever is within a gap shares one.
+    let cell = (offset / width).floor();
+    for shift in [0.0, 1.0] {
+        let key = [direction.x as i32, direction.y as i32, direction.z as i32, (cell + shift) as i32];
+        let faces = planes.entry(key).or_default();
+        let same = |f: &&mut Face| f.part == part && f.along == along && (f.offset - offset).abs() < 1e-3 * width;
+        let has_room = faces.len() < MAX_FACES;
+        match faces.iter_mut().find(same) {
+            Some(face) => {
+                for k in 0..2 {
+                    (face.low[k], face.high[k]) = (face.low[k].min(low[k]), face.high[k].max(high[k]));
+                }
+                if face.triangles.len() < MAX_TRIANGLES_OF_FACE {
+                    face.triangles.push(flat);
+                }
+            }
+            None if has_room => faces.push(Face { part, along, offset, low, high, triangles: vec![flat] }),
+            None => {}
+        }
+    }
+}
+
+/// Do the boxes around two faces share an area? It tells most pairs apart.
+fn boxes_overlap(a: &Face, b: &Face, least: f32) -> bool {
+    (0..2).all(|k| a.high[k].min(b.high[k]) - a.low[k].max(b.low[k]) > least)
+}
+
+/// Do two faces share an area? A frame and what it frames need their triangles for an answer. Takes what it needs off
+/// `comparisons`; without any left the answer is no.
+fn overlap(a: &Face, b: &Face, least: f32, comparisons: &mut usize) -> bool {
+    a.triangles.iter().any(|s| {
+        let Some(left) = comparisons.checked_sub(b.triangles.len()) else { return false };
+        *comparisons = left;
+        b.triangles.iter().any(|t| share_area(s, t, least))
+    })
+}
+
+/// Do two triangles overlap by more than `least` along every direction across one of their edges? (Two convex shapes are
+/// apart exactly if they are along one of these: the separating axis theorem.)
+fn share_area(s: &[Vec2; 3], t: &[Vec2; 3], least: f32) -> bool {
+    let extent = |corners: &[Vec2; 3], axis: Vec2| {
+        let [a, b, c] = corners.map(|p| p.dot(axis));
+        [a.min(b).min(c), a.max(b).max(c)]
+    };
+    [s, t].into_iter().all(|shape| {
+        (0..3).all(|k| {
+            let axis = (shape[(k + 1) % 3] - shape[k]).perp().normalize_or_zero();
+            let ([s0, s1], [t0, t1]) = (extent(s, axis), extent(t, axis));
+            s1.min(t1) - s0.max(t0) > least
+        })
+    })
+}
+
+/// What two faces that lie in each other mean, if it is worth a word.
+fn judge(scene: &Scene, a: &Face, b: &Face, gap: f32, step: f32) -> Option<String> {
+    let parts = [&scene.parts[a.part], &scene.parts[b.part]];
+    let [pa, pb] = parts;
+    if pa.object == pb.object && pa.material == pb.material {
+        return None;
+    }
+    let is = |f: &dyn Fn(&Part) -> bool| parts.map(f);
+    let solid = is(&|p| scene.compiled[p.material as usize].is_solid);
+    let emits = is(&|p| scene.compiled[p.material as usize].emits);
+    // The finding stands under the first of the two.
+    let other = place(scene, &scene.parts[a.part.max(b.part)]);
+    if gap > SAME * step {
+        // A narrow gap matters where light goes through it.
+        return (solid[0] || solid[1]).then(|| {
+            format!(
+                "has a face {} from one of {other}, where coordinates go in steps of {}: the gap is known to {:.0} %; make it wider, or let the faces coincide",
+                meters(gap), meters(step), 100.0 * step / gap
+            )
+        });
+    }
+    match (solid, emits) {
+        // Solids that touch are one interface.
+        ([true, true], _) => None,
+        ([true, false] | [false, true], _) => Some(format!(
+            "touches {other}, and one of them is a clear solid: light passes between them as if they were glued; leave a gap of some {} if there is air between them",
+            meters(200.0 * step)
+        )),
+        (_, [true, true]) => Some(format!(
+            "and {other} both shine from the same place: light sampling counts both, the camera sees one; delete one of them"
+        )),
+        (_, [true, false] | [false, true]) => Some(format!(
+            "lies in a face of {other}, and one of them shines: which of the two is seen is decided by rounding; move the emitter off the surface"
+        )),
+        // Opposite faces in contact hide each other; faces on the same side fight over who is seen.
+        _ if a.along == b.along => Some(format!(
+            "lies in a face of {other}: which of the two is seen is decided by rounding; delete one of them or move them apart by more than {}",
+            meters(SAME * step)
+        )),
+        _ => None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn face(triangles: &[[[f32; 2]; 3]]) -> Face {
+        let triangles = triangles.iter().map(|t| t.map(Vec2::from)).collect();
+        Face { part: 0, along: true, offset: 0.0, low: [0.0; 2], high: [1.0; 2], triangles }
+    }
+
+    #[test]
+    fn faces_overlap_where_their_triangles_do_and_not_their_boxes() {
+        let lower = face(&[[[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]]);
+        let upper = face(&[[[1.0, 1.0], [0.0, 1.0], [1.0, 0.0]]]);
+        let middle = face(&[[[0.4, 0.4], [0.6, 0.4], [0.5, 0.7]]]);
+        let mut plenty = MAX_COMPARISONS;
+        assert!(boxes_overlap(&lower, &upper, 1e-6));
+        assert!(!overlap(&lower, &upper, 1e-6, &mut plenty), "they share an edge");
+        assert!(overlap(&lower, &middle, 1e-6, &mut plenty) && overlap(&middle, &upper, 1e-6, &mut plenty));
+        let thin = face(&[[[0.5, 0.5], [0.5, 0.5], [0.5, 0.5]]]);
+        assert!(!overlap(&lower, &thin, 1e-6, &mut plenty), "nothing has no area");
+        assert_eq!(plenty, MAX_COMPARISONS - 4);
+        let mut none = 0;
+        assert!(!overlap(&lower, &middle, 1e-6, &mut none), "no effort is left");
+    }
+}

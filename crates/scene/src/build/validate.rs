@@ -1,0 +1,168 @@
+//! What is checked before a scene is compiled, and what is repaired on the way.
+
+use crate::build::builder::{EnvironmentSource, MeshPart, PunctualKind, SceneBuilder};
+use crate::build::compile::BuildError;
+use crate::build::report::BuildReport;
+use crate::camera::check_camera;
+use crate::material::Material;
+use crate::material::texture::{Image, Texels};
+use dunkelfeld_radiometry::Rgb;
+
+/// Does every index point to something, and does every image hold its texels?
+pub(crate) fn check_indices(builder: &SceneBuilder) -> Result<(), BuildError> {
+    let check = |place: &dyn Fn() -> String, what: &'static str, index: usize, count: usize| {
+        if index < count { Ok(()) } else { Err(BuildError::BadIndex { place: place(), what, index, count }) }
+    };
+    for (i, m) in builder.meshes.iter().enumerate() {
+        check(&|| mesh_place(i, &m.name), "material", m.material, builder.materials.len())?;
+    }
+    for instance in &builder.instances {
+        for &mesh in &instance.meshes {
+            check(&|| format!("object \"{}\"", instance.name), "mesh", mesh, builder.meshes.len())?;
+        }
+    }
+    for m in &builder.materials {
+        for texture in m.textures() {
+            check(&|| format!("material \"{}\"", m.name), "image", texture.image.0 as usize, builder.images.len())?;
+        }
+    }
+    for light in &builder.lights {
+        if let PunctualKind::Profile { profile, .. } = light.kind {
+            check(&|| format!("light \"{}\"", light.name), "profile", profile, builder.profiles.len())?;
+        }
+    }
+    if let Some(EnvironmentSource::Image { image, .. }) = builder.environment.as_ref().map(|e| &e.source) {
+        check(&|| "the environment".into(), "image", image.0 as usize, builder.images.len())?;
+    }
+    for image in &builder.images {
+        if image.width == 0 || image.height == 0 || image.texels.len() != image.width as usize * image.height as usize {
+            return Err(BuildError::BadValue {
+                place: format!("image \"{}\"", image.name),
+                problem: format!("{} texels do not fill {} x {}", image.texels.len(), image.width, image.height),
+            });
+        }
+    }
+    Ok(())
+}
+
+/// Are the numbers of materials, lights and cameras such as can be computed with?
+pub(crate) fn check_values(builder: &SceneBuilder) -> Result<(), BuildError> {
+    builder.materials.iter().try_for_each(check_material)?;
+    for light in &builder.lights {
+        let place = || format!("light \"{}\"", light.name);
+        let (PunctualKind::Point { intensity: strength }
+        | PunctualKind::Spot { intensity: strength, .. }
+        | PunctualKind::Directional { irradiance: strength }
+        | PunctualKind::Profile { scale: strength, .. }) = light.kind;
+        require(is_radiance(strength), place, "its strength must be finite and not negative")?;
+        require(light.to_world.is_finite(), place, "its transform must be finite")?;
+        if let PunctualKind::Spot { inner, outer, .. } = light.kind {
+            require(inner.is_finite() && outer.is_finite(), place, "its cone must be finite")?;
+        }
+    }
+    for camera in &builder.cameras {
+        check_camera(camera).map_err(|problem| BuildError::BadValue {
+            place: format!("camera \"{}\"", camera.name),
+            problem: problem.into(),
+        })?;
+    }
+    if let Some(environment) = &builder.environment {
+        let place = || "the environment".to_string();
+        let (EnvironmentSource::Constant(strength) | EnvironmentSource::Image { scale: strength, .. }) =
+            environment.source;
+        require(is_radiance(strength), place, "its radiance must be finite and not negative")?;
+        require(environment.rotation.is_finite(), place, "its rotation must be finite")?;
+    }
+    Ok(())
+}
+
+fn check_material(m: &Material) -> Result<(), BuildError> {
+    let place = || format!("material \"{}\"", m.name);
+    require(is_radiance(m.emission), place, "the emission must be finite and not negative")?;
+    let colors = [m.base_color, m.specular_color, m.sheen_color, m.diffuse_transmission_color];
+    require(colors.iter().all(|c| c.is_finite()), place, "colours must be finite")?;
+    require(!m.unlit || is_radiance(m.base_color), place, "an unlit colour must not be negative")?;
+    require(m.ior.is_finite() && m.ior > 0.0, place, "the index of refraction must be finite and above 0")?;
+    let factors = [
+        m.alpha,
+        m.metallic,
+        m.roughness,
+        m.normal_scale,
+        m.specular,
+        m.transmission,
+        m.diffuse_transmission,
+        m.clearcoat,
+        m.clearcoat_roughness,
+        m.sheen_roughness,
+        m.anisotropy,
+        m.anisotropy_rotation,
+        m.specular_tint,
+    ];
+    require(factors.iter().all(|v| v.is_finite()), place, "factors must be finite")
+}
+
+fn require(fits: bool, place: impl Fn() -> String, problem: &str) -> Result<(), BuildError> {
+    if fits { Ok(()) } else { Err(BuildError::BadValue { place: place(), problem: problem.into() }) }
+}
+
+/// Finite, and negative in no channel.
+fn is_radiance(v: Rgb) -> bool {
+    v.is_finite() && v.to_array().iter().all(|c| *c >= 0.0)
+}
+
+/// Texels that are not finite or negative count as zero: one of them would spoil every pixel that sees it.
+pub(crate) fn repair_texels(images: &mut [Image], report: &mut BuildReport) {
+    for image in images {
+        let count = match &mut image.texels {
+            Texels::RgbF32(texels) => blacken(texels),
+            Texels::GrayF32(texels) => blacken(texels),
+            _ => continue,
+        };
+        if count > 0 {
+            let place = format!("image \"{}\"", image.name);
+            report.note(place, format!("has {count} texels that are negative or not finite; they count as black"));
+        }
+    }
+}
+
+/// Sets values that are no radiance to zero, and counts the texels that had any.
+fn blacken<const N: usize>(texels: &mut [[f32; N]]) -> usize {
+    let usable = |v: f32| v.is_finite() && v >= 0.0;
+    let broken = texels.iter_mut().filter(|t| !t.iter().all(|v| usable(*v)));
+    broken.map(|texel| *texel = texel.map(|v| if usable(v) { v } else { 0.0 })).count()
+}
+
+pub(crate) fn mesh_place(index: usize, name: &str) -> String {
+    if name.is_empty() { format!("mesh {index}") } else { format!("mesh \"{name}\"") }
+}
+
+/// Attributes that are not as long as the positions would be read out of range, and colours that are no numbers would
+/// spoil what they colour: they are dropped.
+pub(crate) fn drop_unusable_attributes(part: &mut MeshPart, place: &str, report: &mut BuildReport) {
+    let n = part.mesh.positions.len();
+    let mut drop = |len: usize, name: &str| {
+        let wrong = len != 0 && len != n;
+        if wrong {
+            report.note(place, format!("has {len} {name} for {n} positions; they are ignored"));
+        }
+        wrong
+    };
+    if drop(part.mesh.normals.len(), "normals") {
+        part.mesh.normals.clear();
+    }
+    if drop(part.mesh.tangents.len(), "tangents") {
+        part.mesh.tangents.clear();
+    }
+    if drop(part.mesh.colors.len(), "vertex colours") {
+        part.mesh.colors.clear();
+    }
+    for set in 0..2 {
+        if drop(part.mesh.uvs[set].len(), "texture coordinates") {
+            part.mesh.uvs[set].clear();
+        }
+    } // Values outside [0, 1] are clamped where they are used; a NaN would pass every clamp.
+    if part.mesh.colors.iter().any(|c| !c.is_finite()) {
+        report.note(place, "has vertex colours that are not finite; they are ignored");
+        part.mesh.colors.clear();
+    }
+}

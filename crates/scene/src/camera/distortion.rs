@@ -1,0 +1,270 @@
+//! Lens distortion after OpenCV: the forward model, where it can be undone, and its inverse for the ray generator.
+
+/// OpenCV's lens distortion: radial and tangential terms (Brown 1971), the radial ones as a fraction of polynomials.
+///
+/// It maps the direction `(x, y, 1)` in the camera frame of OpenCV (x right, y *down*, z forward) to the place on a film
+/// at unit distance where it is seen. With r^2 = x^2 + y^2 and
+/// g = (1 + k1 r^2 + k2 r^4 + k3 r^6) / (1 + k4 r^2 + k5 r^4 + k6 r^6) that place is
+///
+/// x' = x g + 2 p1 x y + p2 (r^2 + 2 x^2), y' = y g + p1 (r^2 + 2 y^2) + 2 p2 x y.
+#[derive(Clone, Copy, Debug, PartialEq, Default)]
+pub struct Distortion {
+    /// k1 to k6: the first three above the fraction line, the others below.
+    pub radial: [f64; 6],
+    /// p1 and p2.
+    pub tangential: [f64; 2],
+}
+
+/// Where a distortion folds back: from here on, two directions fall onto one place of the film.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Fold {
+    /// Tangent of the field angle.
+    pub radius: f64,
+    /// Distance from the principal point on a film at unit distance; no point farther out is reached from inside.
+    pub film_radius: f64,
+}
+
+impl Distortion {
+    /// No distortion.
+    pub const NONE: Self = Self { radial: [0.0; 6], tangential: [0.0; 2] };
+
+    /// The coefficients in the order in which OpenCV gives them: k1, k2, p1, p2, then k3, then k4, k5, k6.
+    ///
+    /// `None` unless there are 4, 5 or 8 of them.
+    pub fn from_opencv(coefficients: &[f64]) -> Option<Self> {
+        let (&[k1, k2, p1, p2], rest) = coefficients.split_first_chunk::<4>()?;
+        let [k3, k4, k5, k6] = match *rest {
+            [] => [0.0; 4],
+            [k3] => [k3, 0.0, 0.0, 0.0],
+            [k3, k4, k5, k6] => [k3, k4, k5, k6],
+            _ => return None,
+        };
+        Some(Self { radial: [k1, k2, k3, k4, k5, k6], tangential: [p1, p2] })
+    }
+
+    /// Does it leave every direction where it is?
+    pub fn is_none(&self) -> bool {
+        *self == Self::NONE
+    }
+
+    /// Are all coefficients finite?
+    pub fn is_finite(&self) -> bool {
+        self.radial.iter().chain(&self.tangential).all(|v| v.is_finite())
+    }
+
+    /// Where the direction `(x, y, 1)` is seen; x to the right and y down, in units of the distance to the film.
+    #[inline]
+    pub fn forward(&self, x: [f64; 2]) -> [f64; 2] {
+        self.image(x).place
+    }
+
+    fn image(&self, [x, y]: [f64; 2]) -> Image {
+        let [k1, k2, k3, k4, k5, k6] = self.radial;
+        let [p1, p2] = self.tangential;
+        let s = x * x + y * y;
+        let above = 1.0 + s * (k1 + s * (k2 + s * k3));
+        let below = 1.0 + s * (k4 + s * (k5 + s * k6));
+        let g = above / below;
+        // dg/ds.
+        let slope = (k1 + s * (2.0 * k2 + s * 3.0 * k3) - g * (k4 + s * (2.0 * k5 + s * 3.0 * k6))) / below;
+        Image {
+            place: [
+                x * g + 2.0 * p1 * x * y + p2 * (s + 2.0 * x * x),
+                y * g + p1 * (s + 2.0 * y * y) + 2.0 * p2 * x * y,
+            ],
+            xx: g + 2.0 * x * x * slope + 2.0 * p1 * y + 6.0 * p2 * x,
+            xy: 2.0 * x * y * slope + 2.0 * p1 * x + 2.0 * p2 * y,
+            yy: g + 2.0 * y * y * slope + 6.0 * p1 * y + 2.0 * p2 * x,
+            below,
+        }
+    }
+}
+
+/// A distorted place and the derivatives there. Their matrix is symmetric: the model is the gradient of a potential.
+struct Image {
+    place: [f64; 2],
+    xx: f64,
+    xy: f64,
+    yy: f64,
+    /// The radial fraction's denominator.
+    below: f64,
+}
+
+impl Image {
+    fn determinant(&self) -> f64 {
+        self.xx * self.yy - self.xy * self.xy
+    }
+
+    /// Is the potential convex here, on this side of any pole?
+    fn is_regular(&self) -> bool {
+        self.below > 0.0 && self.xx + self.yy > 0.0 && self.determinant() > 0.0
+    }
+}
+
+/// Steps of the march outward over the radius of the film.
+const STEPS: f64 = 512.0;
+/// Directions in which a distortion that is not symmetric is followed.
+const SPOKES: u32 = 64;
+/// Beyond this field angle's tangent (89.9 degrees) no perspective film reaches.
+const WIDEST: f64 = 573.0;
+/// Entries of the table that Newton's method starts from.
+const ENTRIES: usize = 128;
+/// Newton steps at most; two or three do.
+const MAX_STEPS: u32 = 32;
+/// Least share of a Newton step that is tried.
+const SHORTEST: f64 = 1.0 / 1024.0;
+/// Residual, relative to the film's radius, at which a place counts as found: far beneath f32.
+const CLOSE: f64 = 1e-13;
+
+/// The inverse of a distortion over a film: from places on the film back to directions.
+///
+/// The matrix of the model's derivatives is symmetric. On a disc of directions where it is positive definite
+/// everywhere the model is the gradient of a strictly convex function, so no two directions of the disc fall onto one
+/// place, and a Newton descent that never climbs finds the direction of every place.
+#[derive(Clone, Debug)]
+pub struct Undistorter {
+    model: Distortion,
+    /// Radius of the disc of directions.
+    radius: f64,
+    /// Radius on the film that the disc is known to cover.
+    film_radius: f64,
+    /// Quotient of radii, direction over film, at equal steps of the film radius.
+    quotients: [f64; ENTRIES + 1],
+}
+
+impl Undistorter {
+    /// Prepares the inverse for all places of a film at unit distance that lie within `film_radius` of its principal
+    /// point.
+    ///
+    /// # Errors
+    /// Where the model folds back, runs into a pole or ends before it has covered the film.
+    pub fn new(model: Distortion, film_radius: f64) -> Result<Self, Fold> {
+        let spokes = if model.tangential == [0.0; 2] { 1 } else { SPOKES };
+        let directions: Vec<[f64; 2]> = (0..spokes)
+            .map(|i| {
+                let (sin, cos) = (std::f64::consts::TAU * f64::from(i) / f64::from(spokes)).sin_cos();
+                [cos, sin]
+            })
+            .collect();
+        let mut step = film_radius / STEPS;
+        // Pairs of film radius (in the least favourable direction) and radius. A fold between two steps that neither
+        // of them shows is so shallow that it moves places by less than f32 can tell.
+        let mut march = vec![[0.0, 0.0]];
+        let mut covered = [0.0, 0.0];
+        while covered[0] < film_radius {
+            let radius = covered[1] + step;
+            let mut least = f64::INFINITY;
+            for [cos, sin] in &directions {
+                let image = model.image([radius * cos, radius * sin]);
+                let place = image.place[0].hypot(image.place[1]);
+                if !image.is_regular() || !place.is_finite() || radius > WIDEST {
+                    return Err(Fold { radius: covered[1], film_radius: covered[0] });
+                }
+                least = least.min(place);
+            }
+            covered = [least, radius];
+            march.push(covered);
+            // A film that the model only creeps up to is followed in growing steps.
+            step *= 1.001;
+        }
+        let mut at = 1;
+        let quotients = std::array::from_fn(|i| {
+            let wanted = film_radius * i as f64 / ENTRIES as f64;
+            while at + 1 < march.len() && march[at][0] < wanted {
+                at += 1;
+            }
+            let ([f0, r0], [f1, r1]) = (march[at - 1], march[at]);
+            let share = if f1 > f0 { (wanted - f0) / (f1 - f0) } else { 1.0 };
+            // On the axis the model is the identity.
+            if i == 0 { 1.0 } else { (r0 + (r1 - r0) * share) / wanted }
+        });
+        Ok(Self { model, radius: covered[1], film_radius, quotients })
+    }
+
+    /// The model.
+    pub fn model(&self) -> &Distortion {
+        &self.model
+    }
+
+    /// Is the direction `(x, y, 1)` among those for which the model is known to be one to one? All that fall onto the
+    /// film are.
+    pub fn holds(&self, [x, y]: [f64; 2]) -> bool {
+        x * x + y * y <= self.radius * self.radius
+    }
+
+    /// The direction `(x, y, 1)` that is seen at a place on the film, to 1e-13 of the film's radius.
+    ///
+    /// For a place beyond the film radius, where there may be none, the nearest that the descent comes to.
+    pub fn inverse(&self, place: [f64; 2]) -> [f64; 2] {
+        let mut at = self.start(place);
+        let residual = |at: [f64; 2]| {
+            let image = self.model.image(at);
+            let gap = [image.place[0] - place[0], image.place[1] - place[1]];
+            (gap[0].hypot(gap[1]), gap, image)
+        };
+        let (mut size, mut gap, mut image) = residual(at);
+        let mut share = 1.0;
+        for _ in 0..MAX_STEPS {
+            if size <= CLOSE * self.film_radius || share < SHORTEST {
+                break;
+            }
+            let determinant = image.determinant();
+            let step = [
+                (image.yy * gap[0] - image.xy * gap[1]) / determinant,
+                (image.xx * gap[1] - image.xy * gap[0]) / determinant,
+            ];
+            let next = self.confined([at[0] - share * step[0], at[1] - share * step[1]]);
+            let (next_size, next_gap, next_image) = residual(next);
+            // A step that does not come closer was too long; written so that not-a-number is no progress either.
+            if next_size < size {
+                (at, size, gap, image, share) = (next, next_size, next_gap, next_image, 1.0);
+            } else {
+                share *= 0.5;
+            }
+        }
+        at
+    }
+
+    /// Where the search for a place begins: the radial part undone by the table.
+    fn start(&self, [x, y]: [f64; 2]) -> [f64; 2] {
+        let t = ENTRIES as f64 * (x.hypot(y) / self.film_radius).min(1.0);
+        let i = (t as usize).min(ENTRIES - 1);
+        let (a, b) = (self.quotients[i], self.quotients[i + 1]);
+        let quotient = a + (b - a) * (t - i as f64);
+        self.confined([x * quotient, y * quotient])
+    }
+
+    /// A direction pulled back into the disc.
+    fn confined(&self, [x, y]: [f64; 2]) -> [f64; 2] {
+        let shrink = self.radius / x.hypot(y).max(self.radius);
+        [x * shrink, y * shrink]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Pure barrel distortion x' = x (1 - r^2 / 3) folds at r = 1, where its derivative 1 - r^2 vanishes, at 2/3.
+    #[test]
+    fn the_fold_of_a_cubic_is_found_where_its_derivative_vanishes() {
+        let cubic = Distortion { radial: [-1.0 / 3.0, 0.0, 0.0, 0.0, 0.0, 0.0], tangential: [0.0; 2] };
+        let fold = Undistorter::new(cubic, 0.7).expect_err("beyond the fold");
+        assert!((fold.radius - 1.0).abs() < 0.01 && (fold.film_radius - 2.0 / 3.0).abs() < 1e-4, "{fold:?}");
+        assert!(Undistorter::new(cubic, 0.66).is_ok());
+        // x' = x / (1 + r^2) has its largest value 1/2 at r = 1; x' = x / (1 - r^2) a pole there, but covers any film.
+        let fraction = |k4: f64| Distortion { radial: [0.0, 0.0, 0.0, k4, 0.0, 0.0], tangential: [0.0; 2] };
+        assert!(Undistorter::new(fraction(1.0), 0.499).is_ok() && Undistorter::new(fraction(1.0), 0.501).is_err());
+        assert!(Undistorter::new(fraction(-1.0), 5.0).is_ok());
+    }
+
+    #[test]
+    fn coefficients_come_in_the_order_of_opencv() {
+        let eight = Distortion::from_opencv(&[1.0, 2.0, 7.0, 8.0, 3.0, 4.0, 5.0, 6.0]).expect("eight");
+        assert_eq!((eight.radial, eight.tangential), ([1.0, 2.0, 3.0, 4.0, 5.0, 6.0], [7.0, 8.0]));
+        assert_eq!(Distortion::from_opencv(&[0.0; 5]), Some(Distortion::NONE));
+        for wrong in [0, 3, 6, 7, 9, 12, 14] {
+            assert_eq!(Distortion::from_opencv(&vec![0.0; wrong]), None, "{wrong}");
+        }
+    }
+}

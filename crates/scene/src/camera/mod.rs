@@ -1,0 +1,380 @@
+//! Cameras that make rays: from a point on the film, through the lens, to a ray in render space; and back, from a point
+//! of the world to the film.
+
+pub mod distortion;
+pub mod lens;
+
+use crate::build::builder::{Camera, Projection};
+use crate::camera::distortion::Undistorter;
+use crate::camera::lens::{Aperture, Opening, Vignetting};
+use dunkelfeld_bsdf::EFFECTS;
+use dunkelfeld_geometry::{DAffine3, DMat3, DVec3, Ray};
+
+/// Why a camera cannot be bound to a film.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum CameraError {
+    /// A value that is not finite, out of range, or does not go with the others.
+    #[error("camera \"{camera}\": {problem}")]
+    Value {
+        /// The camera.
+        camera: String,
+        /// What is wrong, and what is right.
+        problem: &'static str,
+    },
+    /// Distortion that maps two directions to one place, or reaches no direction at all, within the film.
+    #[error(
+        "camera \"{camera}\": its lens distortion is not invertible over the film: it folds back, or ends, {pixels:.1} \
+         pixels from the principal point, {degrees:.2} degrees off the axis, as at pixel ({x:.1}, {y:.1}), but the film \
+         reaches {reach:.1} pixels"
+    )]
+    NotInvertible {
+        /// The camera.
+        camera: String,
+        /// A place on the film, on the way to its farthest corner, beyond which there are no rays \[pixels\].
+        x: f64,
+        /// See `x`.
+        y: f64,
+        /// The distance of that place from the principal point \[pixels\].
+        pixels: f64,
+        /// The field angle there.
+        degrees: f64,
+        /// The distance of the film's farthest corner from the principal point \[pixels\].
+        reach: f64,
+    },
+}
+
+/// A ray of a camera, with what the lens does to its light.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CameraRay {
+    /// The ray in render space.
+    pub ray: Ray,
+    /// Share of the radiance that counts: below one where the lens vignettes.
+    pub weight: f32,
+    /// Distance \[m\] from the camera to the ray's start. Not zero where the camera stands outside the scene: the ray
+    /// then starts close to it, so that a camera a kilometre away is as exact as a near one.
+    pub start: f32,
+}
+
+/// Rays start no farther from the middle of the scene than this many of its radii.
+const CLEARANCE: f64 = 1.5;
+
+/// A camera bound to a film of a certain size.
+///
+/// Rays are f32 and made in f64. Places on the film are in pixels from its top left corner, x to the right and y down;
+/// the middle of the first pixel is at (0.5, 0.5).
+#[derive(Clone, Debug)]
+pub struct RayGenerator {
+    /// The camera's position in render space.
+    origin: DVec3,
+    /// To the right, up, and backward, in world space.
+    axes: DMat3,
+    /// Half extents of the film: at unit distance for a perspective, in metres for parallel rays.
+    half: [f64; 2],
+    /// Half of the film's extents \[pixels\].
+    half_pixels: [f64; 2],
+    /// Where the optical axis meets the film, in these halves: one is the middle.
+    center: [f64; 2],
+    parallel: bool,
+    darkens: bool,
+    aperture: Option<Aperture>,
+    undistorter: Option<Box<Undistorter>>,
+    world_origin: DVec3,
+    clearance: f64,
+}
+
+impl RayGenerator {
+    /// Binds a camera to a film of `width * height` pixels.
+    ///
+    /// Rays start in render space: world space moved by `-world_origin`, where the scene lies within `radius` \[m\]
+    /// around the origin. The vertical extent is the camera's; the horizontal one follows from square pixels. An
+    /// orthographic camera keeps its larger extent in view.
+    ///
+    /// # Errors
+    /// Values without meaning, and a distortion that cannot be undone over the film.
+    pub fn new(
+        camera: &Camera,
+        width: u32,
+        height: u32,
+        world_origin: DVec3,
+        radius: f32,
+    ) -> Result<Self, CameraError> {
+        check_camera(camera).map_err(|problem| CameraError::Value { camera: camera.name.clone(), problem })?;
+        let m = camera.to_world.matrix3;
+        let back = axis(m.z_axis, DVec3::Z);
+        let right = axis(m.y_axis.cross(back), axis(back.any_orthonormal_vector(), DVec3::X));
+        let half_pixels = [0.5 * f64::from(width), 0.5 * f64::from(height)];
+        let aspect = f64::from(width) / f64::from(height);
+        let (half_height, parallel) = match camera.projection {
+            Projection::Perspective { vertical_fov } => ((0.5 * f64::from(vertical_fov)).tan(), false),
+            Projection::Orthographic { half_width, half_height } => {
+                (f64::from(half_height).max(f64::from(half_width) / aspect), true)
+            }
+        };
+        let [dx, dy] = camera.lens.principal_point;
+        let mut generator = Self {
+            origin: camera.to_world.translation - world_origin,
+            axes: DMat3::from_cols(right, back.cross(right), back),
+            half: [half_height * aspect, half_height],
+            half_pixels,
+            center: [1.0 + dx / half_pixels[0], 1.0 + dy / half_pixels[1]],
+            parallel,
+            darkens: camera.lens.vignetting == Vignetting::CosineFourth && !parallel,
+            aperture: camera.lens.aperture,
+            undistorter: None,
+            world_origin,
+            clearance: CLEARANCE * f64::from(radius),
+        };
+        if !camera.lens.distortion.is_none() {
+            generator.undistorter = Some(Box::new(generator.undo(camera)?));
+        }
+        Ok(generator)
+    }
+
+    /// The inverse of the camera's distortion over the film.
+    fn undo(&self, camera: &Camera) -> Result<Undistorter, CameraError> {
+        let far = |k: usize| if self.center[k] > 1.0 { 0.0 } else { 2.0 };
+        let corner = [far(0) - self.center[0], far(1) - self.center[1]];
+        let film_radius = (corner[0] * self.half[0]).hypot(corner[1] * self.half[1]);
+        Undistorter::new(camera.lens.distortion, film_radius).map_err(|fold| {
+            let share = fold.film_radius / film_radius;
+            let along = [corner[0] * self.half_pixels[0], corner[1] * self.half_pixels[1]];
+            let reach = along[0].hypot(along[1]);
+            CameraError::NotInvertible {
+                camera: camera.name.clone(),
+                x: self.center[0] * self.half_pixels[0] + share * along[0],
+                y: self.center[1] * self.half_pixels[1] + share * along[1],
+                pixels: share * reach,
+                degrees: fold.radius.atan().to_degrees(),
+                reach,
+            }
+        })
+    }
+
+    /// The chief ray through the film point (x, y), in pixels from the top left corner: the ray of a pinhole, or the one
+    /// through the middle of the lens.
+    #[inline]
+    pub fn ray(&self, x: f32, y: f32) -> Ray {
+        self.camera_ray(x, y, None).ray
+    }
+
+    /// Does a ray need two numbers for its place on the lens?
+    #[inline]
+    pub fn has_aperture(&self) -> bool {
+        EFFECTS && self.aperture.is_some()
+    }
+
+    /// Does the lens distort?
+    pub fn has_distortion(&self) -> bool {
+        self.undistorter.is_some()
+    }
+
+    /// Do rays differ in weight?
+    pub fn has_vignetting(&self) -> bool {
+        self.darkens
+    }
+
+    /// The ray through the film point (x, y), in pixels from the top left corner, and through the point of the aperture
+    /// that two uniform numbers choose; without them, or without a finite aperture, the chief ray.
+    #[inline]
+    pub fn camera_ray(&self, x: f32, y: f32, lens: Option<[f32; 2]>) -> CameraRay {
+        let [right, up] = self.seen(f64::from(x), f64::from(y));
+        let chief = self.axes * DVec3::new(right, up, if self.parallel { 0.0 } else { -1.0 });
+        let (from, direction) = match (&self.aperture, lens) {
+            (Some(aperture), Some(u)) if EFFECTS => self.through_lens(aperture, u, chief),
+            _ if self.parallel => (self.origin + chief, -self.axes.z_axis),
+            _ => (self.origin, chief.normalize()),
+        };
+        // The scene lies within its radius of the origin: up to there, the way is free.
+        let start = (-from.dot(direction) - self.clearance).max(0.0);
+        let weight = if self.darkens {
+            // The fourth power of the cosine.
+            let secant_squared = 1.0 + right * right + up * up;
+            1.0 / (secant_squared * secant_squared)
+        } else {
+            1.0
+        };
+        let ray = Ray::new((from + start * direction).as_vec3(), direction.as_vec3());
+        CameraRay { ray, weight: weight as f32, start: start as f32 }
+    }
+
+    /// Start and direction of the ray through a point of the aperture: it meets the chief ray in the plane that is sharp.
+    #[inline]
+    fn through_lens(&self, aperture: &Aperture, u: [f32; 2], chief: DVec3) -> (DVec3, DVec3) {
+        let [right, up] = aperture.sample(u);
+        let point = self.axes.x_axis * right + self.axes.y_axis * up;
+        let distance = aperture.focus_distance;
+        match aperture.opening {
+            Opening::Radius(_) => (self.origin + point, (chief - point / distance).normalize()),
+            Opening::NumericalAperture(_) => {
+                // Uniform in the sines, as the sine condition wants it: the aperture lies in the focal plane behind.
+                let cosine = (1.0 - point.length_squared()).max(0.0).sqrt();
+                let direction = point - self.axes.z_axis * cosine;
+                (self.origin + chief - point * (distance / cosine), direction)
+            }
+        }
+    }
+
+    /// What the film point (x, y) sees: the place (right, up) on a film at unit distance without distortion, or in
+    /// metres for parallel rays.
+    #[inline]
+    fn seen(&self, x: f64, y: f64) -> [f64; 2] {
+        let right = (x / self.half_pixels[0] - self.center[0]) * self.half[0];
+        let up = (self.center[1] - y / self.half_pixels[1]) * self.half[1];
+        match &self.undistorter {
+            Some(undistorter) if EFFECTS => {
+                // OpenCV counts downward.
+                let [x, y] = undistorter.inverse([right, -up]);
+                [x, -y]
+            }
+            _ => [right, up],
+        }
+    }
+
+    /// Where a point of world space is seen on the film: pixels from the top left corner, x to the right and y down,
+    /// along its chief ray. The place may lie outside the film.
+    ///
+    /// `None` for points that the camera cannot see: behind it, or at field angles for which its distortion is not known
+    /// to be one to one. All that falls onto the film is within them.
+    pub fn project(&self, world: DVec3) -> Option<[f64; 2]> {
+        let local = self.axes.transpose() * (world - self.world_origin - self.origin);
+        let depth = -local.z;
+        if depth.is_nan() || depth <= 0.0 {
+            return None;
+        }
+        let distance = if self.parallel { 1.0 } else { depth };
+        let mut place = [local.x / distance, -local.y / distance];
+        if let Some(undistorter) = &self.undistorter {
+            if !undistorter.holds(place) {
+                return None;
+            }
+            place = undistorter.model().forward(place);
+        }
+        Some([0, 1].map(|k| (place[k] / self.half[k] + self.center[k]) * self.half_pixels[k]))
+    }
+
+    /// The viewing direction, along the optical axis.
+    pub fn forward(&self) -> DVec3 {
+        -self.axes.z_axis
+    }
+}
+
+/// Are the numbers of a camera such as can be computed with? Says what is wrong and what is right.
+pub(crate) fn check_camera(camera: &Camera) -> Result<(), &'static str> {
+    let require = |fits: bool, problem| if fits { Ok(()) } else { Err(problem) };
+    require(camera.to_world.is_finite(), "its transform must be finite")?;
+    let parallel = match camera.projection {
+        Projection::Perspective { vertical_fov } => {
+            let fits = vertical_fov > 0.0 && vertical_fov < std::f32::consts::PI;
+            require(fits, "its field of view must lie between 0 and 180 degrees (0 and pi radians)")?;
+            false
+        }
+        Projection::Orthographic { half_width, half_height } => {
+            let fits = |v: f32| v > 0.0 && v.is_finite();
+            require(fits(half_width) && fits(half_height), "its size must be finite and above 0")?;
+            true
+        }
+    };
+    let lens = &camera.lens;
+    require(lens.principal_point.iter().all(|v| v.abs() <= 1e6), "its principal point must lie within 1e6 pixels")?;
+    require(lens.distortion.is_finite(), "its distortion must be finite")?;
+    require(!parallel || lens.distortion.is_none(), "distortion needs a perspective: its model is one of directions")?;
+    let Some(aperture) = &lens.aperture else { return Ok(()) };
+    require(aperture.focus_distance > 0.0, "its focus distance must be above 0")?;
+    match aperture.opening {
+        Opening::Radius(radius) => {
+            require(!parallel, "parallel rays need a numerical aperture instead of a radius")?;
+            require(radius > 0.0 && radius.is_finite(), "its aperture must be finite and above 0")?;
+        }
+        Opening::NumericalAperture(sine) => {
+            require(parallel, "a numerical aperture needs parallel rays; a perspective has a radius")?;
+            require(aperture.focus_distance.is_finite(), "parallel rays need a finite focus distance")?;
+            require(sine > 0.0 && sine < 1.0, "its numerical aperture must lie between 0 and 1")?;
+        }
+    }
+    let Some(blades) = &aperture.blades else { return Ok(()) };
+    require((3..=1024).contains(&blades.count), "its aperture needs 3 to 1024 blades, or none for a circle")?;
+    require(blades.rotation.is_finite(), "the rotation of its aperture must be finite")
+}
+
+/// The camera-to-world transform of a camera at `eye` that looks at `target`. `up` need not be orthogonal to the view; if
+/// it is parallel to it, some other direction is up.
+pub fn look_at(eye: DVec3, target: DVec3, up: DVec3) -> DAffine3 {
+    let back = axis(eye - target, DVec3::Z);
+    let right = axis(up.cross(back), back.any_orthonormal_vector());
+    DAffine3 { matrix3: DMat3::from_cols(right, back.cross(right), back), translation: eye }
+}
+
+/// `v` at unit length, or the fall-back where that is impossible.
+fn axis(v: DVec3, fallback: DVec3) -> DVec3 {
+    v.try_normalize().unwrap_or(fallback)
+}
+
+/// A camera that sees the whole scene: obliquely from above, with a little margin.
+///
+/// `vertical_fov` is the full angle \[rad\]. `bounds` are the scene's corners in world space; without any the camera looks at the origin from 1 m.
+pub fn framing_camera(bounds: Option<[DVec3; 2]>, aspect: f32, vertical_fov: f64) -> Camera {
+    let [lo, hi] = bounds.unwrap_or([DVec3::splat(-0.25), DVec3::splat(0.25)]);
+    let center = 0.5 * (lo + hi);
+    let radius = (0.5 * (hi - lo).length()).max(f64::MIN_POSITIVE.sqrt());
+    let half = 0.5 * vertical_fov;
+    let narrow = (half.tan() * f64::from(aspect).min(1.0)).atan();
+    let distance = 1.02 * radius / narrow.sin();
+    let back = DVec3::new(0.45, 0.5, 0.75).normalize();
+    Camera {
+        name: "framing".into(),
+        to_world: look_at(center + back * distance, center, DVec3::Y),
+        projection: Projection::Perspective { vertical_fov: vertical_fov as f32 },
+        ..Camera::default()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use dunkelfeld_geometry::Vec3;
+
+    fn camera(projection: Projection) -> Camera {
+        let to_world = DAffine3::from_translation(DVec3::new(1000.0, 2.0, 3.0));
+        Camera { name: "c".into(), to_world, projection, ..Camera::default() }
+    }
+
+    #[test]
+    fn the_film_centre_looks_along_minus_z_and_corners_span_the_field() {
+        let c = camera(Projection::Perspective { vertical_fov: 1.0 });
+        let g = RayGenerator::new(&c, 200, 100, DVec3::new(1000.0, 0.0, 0.0), 5.0).expect("valid");
+        let r = g.ray(100.0, 50.0);
+        assert!((r.direction - Vec3::NEG_Z).length() < 1e-6);
+        assert_eq!(r.origin, Vec3::new(0.0, 2.0, 3.0));
+        let top = g.ray(100.0, 0.0).direction;
+        assert!((top.y.atan2(-top.z) - 0.5).abs() < 1e-6, "top edge at half the field, +y up");
+        let right = g.ray(200.0, 50.0).direction;
+        assert!((right.x / -right.z - 2.0 * 0.5f32.tan()).abs() < 1e-5, "square pixels, +x to the right");
+    }
+
+    #[test]
+    fn parallel_rays_are_parallel_and_start_on_the_film() {
+        let c = camera(Projection::Orthographic { half_width: 2.0, half_height: 1.0 });
+        let g = RayGenerator::new(&c, 100, 100, DVec3::ZERO, 1e4).expect("valid");
+        let (a, b) = (g.ray(0.0, 0.0), g.ray(100.0, 100.0));
+        assert_eq!(a.direction, b.direction);
+        assert!((b.origin - a.origin - Vec3::new(4.0, -4.0, 0.0)).length() < 1e-3);
+    }
+
+    #[test]
+    fn framing_sees_every_corner() {
+        let (lo, hi) = (DVec3::new(5.0, -1.0, 2.0), DVec3::new(6.0, 4.0, 2.5));
+        for aspect in [0.5f32, 1.0, 2.0] {
+            let c = framing_camera(Some([lo, hi]), aspect, 40f64.to_radians());
+            let inverse = c.to_world.inverse();
+            for i in 0..8 {
+                let p = DVec3::new([lo.x, hi.x][i & 1], [lo.y, hi.y][(i >> 1) & 1], [lo.z, hi.z][i >> 2]);
+                let q = inverse.transform_point3(p);
+                let t = 20f64.to_radians().tan();
+                assert!(
+                    q.z < 0.0 && (q.y / q.z).abs() < t && (q.x / q.z).abs() < t * f64::from(aspect),
+                    "{p} at {aspect}"
+                );
+            }
+        }
+    }
+}

@@ -1,0 +1,184 @@
+//! Chains of smooth interfaces as words: what happens at each, from the receiver to the light.
+
+/// What light does at the interfaces between two points: at each it is transmitted or reflected.
+///
+/// Events stand in the order in which they are met on the way from the receiver to the light. A path that is followed from
+/// the receiver spells its word event by event with [`Self::then`].
+#[derive(Clone, Copy, PartialEq, Eq, Hash)]
+pub struct Chain(u16);
+
+/// Reflections on the way: none, one double pass, two.
+const MAX_REFLECTIONS: u32 = 4;
+
+impl Chain {
+    /// The longest chain.
+    pub const MAX_EVENTS: u32 = 14;
+
+    /// Nothing yet.
+    pub const EMPTY: Self = Self(1);
+
+    /// The chain with one event more at its end; `None` if it would be too long.
+    #[inline]
+    pub fn then(self, is_reflection: bool) -> Option<Self> {
+        (self.events() < Self::MAX_EVENTS).then(|| {
+            // The highest bit is a mark, behind which the events stand, the first one in the lowest bit.
+            let mark = 1 << self.events();
+            Self((self.0 & !mark) | (mark << 1) | if is_reflection { mark } else { 0 })
+        })
+    }
+
+    /// Number of events.
+    #[inline]
+    pub fn events(self) -> u32 {
+        15 - self.0.leading_zeros()
+    }
+
+    /// Is the event of this number (from 0, at the receiver) a reflection? False beyond the end.
+    #[inline]
+    pub fn is_reflection(self, event: u32) -> bool {
+        event < self.events() && self.0 >> event & 1 == 1
+    }
+
+    /// Number of double passes: half the number of reflections.
+    #[inline]
+    pub fn order(self) -> u32 {
+        (self.0.count_ones() - 1) / 2
+    }
+
+    /// The same chain from the light to the receiver.
+    pub fn reversed(self) -> Self {
+        let events = self.events();
+        (0..events).rev().fold(Self::EMPTY, |word, e| word.then(self.is_reflection(e)).unwrap_or(word))
+    }
+
+    /// All chains up to order 2 that lead through `interfaces` interfaces in a row, in ascending order; none if there are
+    /// none, or too many.
+    ///
+    /// Each starts before the first interface and ends when it has passed the last one; it turns back an even number of
+    /// times. No interface beyond these takes part.
+    pub(crate) fn through(interfaces: u32) -> Vec<Self> {
+        let mut found = Vec::new();
+        if interfaces > 0 {
+            walk(interfaces, 0, true, Self::EMPTY, 0, &mut found);
+        }
+        found.sort_by_key(|c| (c.order(), c.events(), c.0));
+        found
+    }
+
+    /// The chain's events one by one, in a row of `interfaces` interfaces: the number of each interface (from 0, at the
+    /// receiver), whether it is a reflection, and whether it is met on the way forward.
+    #[inline]
+    pub(crate) fn steps(self) -> impl Iterator<Item = Step> {
+        let mut forward = true;
+        let mut next = 0u32;
+        (0..self.events()).map(move |event| {
+            let is_reflection = self.is_reflection(event);
+            let step = Step { interface: next, is_reflection, forward };
+            forward ^= is_reflection;
+            next = if forward { next + 1 } else { next.wrapping_sub(1) };
+            step
+        })
+    }
+}
+
+/// One event of a chain, in its place.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Step {
+    pub(crate) interface: u32,
+    pub(crate) is_reflection: bool,
+    /// Is the interface met from the receiver's side?
+    pub(crate) forward: bool,
+}
+
+impl std::fmt::Debug for Chain {
+    /// `TRRT`.
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        (0..self.events()).try_for_each(|e| f.write_str(if self.is_reflection(e) { "R" } else { "T" }))
+    }
+}
+
+/// Goes on from the meeting of interface `next` in all ways that can come to an end.
+fn walk(interfaces: u32, next: u32, forward: bool, word: Chain, reflections: u32, found: &mut Vec<Chain>) {
+    let Some(transmitted) = word.then(false) else { return };
+    if forward {
+        if next + 1 == interfaces {
+            found.push(transmitted);
+        } else {
+            walk(interfaces, next + 1, true, transmitted, reflections, found);
+        }
+    } else if next > 0 {
+        walk(interfaces, next - 1, false, transmitted, reflections, found);
+    }
+    let Some(reflected) = word.then(true).filter(|_| reflections < MAX_REFLECTIONS) else { return };
+    if !forward {
+        walk(interfaces, next + 1, true, reflected, reflections + 1, found);
+    } else if next > 0 {
+        walk(interfaces, next - 1, false, reflected, reflections + 1, found);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn words(interfaces: u32) -> Vec<String> {
+        Chain::through(interfaces).iter().map(|c| format!("{c:?}")).collect()
+    }
+
+    #[test]
+    fn one_interface_is_passed_and_two_have_three_orders() {
+        assert_eq!(words(0), [""; 0]);
+        assert_eq!(words(1), ["T"]);
+        assert_eq!(words(2), ["TT", "TRRT", "TRRRRT"]);
+    }
+
+    #[test]
+    fn between_three_interfaces_every_pair_reflects() {
+        // Order 1: the pairs (0, 1), (1, 2) and (0, 2). Order 2: each sequence down at j, up at i, down at l, up at k with
+        // i < j, i < l, k < l: eight of them.
+        assert_eq!(words(3)[..4], ["TTT", "TRRTT", "TTRRT", "TTRTRTT"]);
+        assert_eq!(words(3).len(), 1 + 3 + 8);
+        assert_eq!(Chain::through(4).iter().filter(|c| c.order() == 1).count(), 6);
+        // 31, but for the one of 16 events.
+        assert_eq!(Chain::through(4).iter().filter(|c| c.order() == 2).count(), 30);
+    }
+
+    #[test]
+    fn long_rows_have_what_fits() {
+        assert_eq!(words(14), ["T".repeat(14)]);
+        assert_eq!(words(15), [""; 0]);
+        assert!(Chain::through(10).iter().all(|c| c.events() <= Chain::MAX_EVENTS && c.order() <= 2));
+    }
+
+    #[test]
+    fn words_are_spelled_read_and_reversed() {
+        for chain in Chain::through(4) {
+            let spelled = (0..chain.events()).try_fold(Chain::EMPTY, |c, e| c.then(chain.is_reflection(e)));
+            assert_eq!(spelled, Some(chain));
+            assert_eq!(chain.reversed().reversed(), chain);
+            assert!(Chain::through(4).contains(&chain.reversed()), "{chain:?}: light goes both ways");
+            assert!(!chain.is_reflection(chain.events()) && !chain.is_reflection(200));
+        }
+        let asymmetric = Chain::through(3)[1];
+        assert_eq!(
+            (format!("{asymmetric:?}"), format!("{:?}", asymmetric.reversed())),
+            ("TRRTT".into(), "TTRRT".into())
+        );
+        let full = (0..14).try_fold(Chain::EMPTY, |c, _| c.then(true));
+        assert!(full.is_some_and(|c| c.events() == 14 && c.then(false).is_none()));
+    }
+
+    #[test]
+    fn steps_walk_from_the_receiver_to_the_light() {
+        for interfaces in 1..=5 {
+            for chain in Chain::through(interfaces) {
+                let steps: Vec<Step> = chain.steps().collect();
+                assert_eq!(steps.len(), chain.events() as usize);
+                assert!(steps.iter().all(|s| s.interface < interfaces), "{chain:?}: {steps:?}");
+                let last = steps[steps.len() - 1];
+                assert!(last.forward && !last.is_reflection && last.interface + 1 == interfaces);
+                assert!(steps[0].interface == 0 && steps[0].forward);
+            }
+        }
+    }
+}

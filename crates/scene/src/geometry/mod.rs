@@ -1,0 +1,2 @@
+pub(crate) mod normal_differential;
+pub(crate) mod triangle_data;

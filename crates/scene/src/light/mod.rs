@@ -1,0 +1,475 @@
+//! Lights: which one to ask, where on it to look, and how likely that was.
+//!
+//! A question goes to one light or to each of them. Where one is chosen among few, each is weighed by an estimate of the
+//! irradiance it can send to the asking point; among many the choice is that of a tree. Densities include the choice.
+
+pub(crate) mod delta;
+pub(crate) mod environment;
+pub mod luminaire;
+pub mod summary;
+pub(crate) mod tree;
+
+use crate::light::delta::DeltaLight;
+use crate::light::environment::EnvironmentLight;
+use crate::light::luminaire::LightProfile;
+use crate::light::tree::{EmissionCone, LightBounds, LightTree};
+use crate::sampling_options::Techniques;
+use dunkelfeld_bsdf::EFFECTS;
+use dunkelfeld_geometry::shape::{RectangleSampler, ShapeSample, pdf_triangle, sample_triangle};
+use dunkelfeld_geometry::{Aabb, Vec3};
+use dunkelfeld_radiometry::Rgb;
+use std::f32::consts::PI;
+
+/// Up to this many lights are weighed one by one at every point that asks; more stand in a tree.
+pub(crate) const WEIGHED_UP_TO: usize = 64;
+
+/// Up to this many lights are all asked at surfaces, and in media where a path is young.
+pub(crate) const EACH_UP_TO: usize = 8;
+
+/// So many scattering vertices of a path are young. In a dense medium thousands may follow.
+const YOUNG: u32 = 2;
+
+/// No light: marks triangles that do not emit.
+pub(crate) const NO_LIGHT: u32 = u32::MAX;
+
+/// The point that asks for light.
+#[derive(Clone, Copy, Debug)]
+pub struct LightSampleContext {
+    /// Position in render space.
+    pub point: Vec3,
+    /// Geometric normal on the side of the viewer; zero in a medium, which has none.
+    pub normal: Vec3,
+    /// Can light from behind the surface be scattered too?
+    pub both_sides: bool,
+}
+
+/// Which lights a vertex asks.
+///
+/// Each question is a sampling technique of its own, that draws one direction. Of [`Self::Each`] a path that scatters
+/// into a light competes with the question to that light alone: points on other lights are not what the others draw
+/// (multi-sample combination, Veach 1997, section 9.2).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum LightChoice {
+    /// One, chosen by what it can bring.
+    One,
+    /// Each, once.
+    Each,
+}
+
+/// Shape of an area light in render space; planar, with unit normal on the emitting (front) side.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum AreaShape {
+    /// Two triangles that form a rectangle.
+    Rectangle(RectangleSampler),
+    /// A single triangle.
+    Triangle([Vec3; 3]),
+}
+
+/// One emitting triangle or rectangle.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct AreaLight {
+    pub(crate) shape: AreaShape,
+    /// Unit normal of the front.
+    pub(crate) normal: Vec3,
+    pub(crate) center: Vec3,
+    /// Half the diameter: the light lies inside this distance from its centre.
+    pub(crate) radius: f32,
+    pub(crate) area: f32,
+    pub(crate) two_sided: bool,
+    /// The part it belongs to, and its one or two triangles (the second may be `u32::MAX`).
+    pub(crate) part: u32,
+    pub(crate) triangles: [u32; 2],
+    /// Mean radiance over the surface [W/(m^2 sr)].
+    pub(crate) mean_radiance: Rgb,
+    /// See [`CompiledMaterial::shines_unevenly`](crate::query::surface::CompiledMaterial).
+    pub(crate) shines_unevenly: bool,
+}
+
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Light {
+    Area(AreaLight),
+    Delta(DeltaLight),
+    Environment,
+}
+
+/// A direction toward a light, as next-event estimation needs it.
+#[derive(Clone, Copy, Debug)]
+pub struct LightSample {
+    /// Unit direction toward the light.
+    pub direction: Vec3,
+    /// The point on the light, with the light's normal there; `None` when infinitely far.
+    pub target: Option<LightTarget>,
+    /// Radiance arriving unoccluded [W/(m^2 sr)]; for lights without extent the irradiance on a facing surface [W/m^2].
+    pub radiance: Rgb,
+    /// Density [1/sr]; for lights without extent the probability of having chosen the light.
+    pub pdf: f32,
+    /// A light without extent: scattering cannot find it, so there is nothing to weigh it against.
+    pub is_delta: bool,
+}
+
+/// The end of a shadow ray.
+#[derive(Clone, Copy, Debug)]
+pub struct LightTarget {
+    /// Point on the light.
+    pub point: Vec3,
+    /// Unit normal of the light's surface, zero for points without a surface.
+    pub normal: Vec3,
+    /// Part and triangle on which the point lies, where the radiance has to be looked up there; `None` where it is the same
+    /// everywhere, and for lights without a surface.
+    pub(crate) surface: Option<(u32, u32)>,
+}
+
+/// All lights of a scene, and how to choose among them.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct LightTable {
+    pub(crate) lights: Vec<Light>,
+    pub(crate) environment: Option<EnvironmentLight>,
+    pub(crate) profiles: Vec<LightProfile>,
+    /// The choice among more lights than are weighed one by one.
+    pub(crate) tree: Option<LightTree>,
+    /// Is each light asked, where a path is young or at a surface?
+    asks_each: bool,
+}
+
+impl LightTable {
+    pub(crate) fn new(
+        mut lights: Vec<Light>,
+        environment: Option<EnvironmentLight>,
+        profiles: Vec<LightProfile>,
+        scene_radius: f32,
+        techniques: Techniques,
+    ) -> Self {
+        if environment.as_ref().is_some_and(|e| !e.mean.is_black()) {
+            lights.push(Light::Environment);
+        }
+        // A single light is always asked: there is nothing to choose.
+        let asks_each = lights.len() <= if techniques.every_light { EACH_UP_TO } else { 1 };
+        let mut table = Self { lights, environment, profiles, tree: None, asks_each };
+        if table.lights.len() > WEIGHED_UP_TO {
+            let bounds: Vec<_> = table.lights.iter().map(|l| table.bounds(l)).collect();
+            let powers: Vec<_> = table.lights.iter().map(|l| table.power(l, scene_radius).mean()).collect();
+            table.tree = Some(LightTree::new(&bounds, &powers));
+        }
+        table
+    }
+
+    /// Emitted power \[W\]; of light from infinitely far away, over the scene's cross-section.
+    pub(crate) fn power(&self, light: &Light, scene_radius: f32) -> Rgb {
+        match light {
+            Light::Area(a) => a.power(),
+            Light::Delta(d) => d.power(scene_radius, &self.profiles),
+            Light::Environment => self.environment_mean() * (PI * PI * scene_radius * scene_radius),
+        }
+    }
+
+    /// What a tree must know of a light; `None` for one infinitely far away.
+    fn bounds(&self, light: &Light) -> Option<LightBounds> {
+        let at = |position: Vec3, axis: Vec3, angle: f32, peak: Rgb| LightBounds {
+            bounds: Aabb::from_points([position]),
+            cone: EmissionCone::beam(axis, angle),
+            peak: peak.mean(),
+        };
+        match light {
+            Light::Area(a) => Some(a.bounds()),
+            Light::Delta(DeltaLight::Point { position, intensity }) => Some(at(*position, Vec3::Z, PI, *intensity)),
+            Light::Delta(DeltaLight::Spot { position, axis, intensity, cos_outer, .. }) => {
+                Some(at(*position, *axis, cos_outer.clamp(-1.0, 1.0).acos(), *intensity))
+            }
+            Light::Delta(DeltaLight::Profile { position, axes, scale, profile }) => {
+                let profile = self.profiles.get(*profile as usize);
+                let (reach, peak) = profile.map_or((PI, 0.0), |p| (p.reach(), p.peak()));
+                Some(at(*position, -axes[2], reach, *scale * peak))
+            }
+            Light::Delta(DeltaLight::Directional { .. }) | Light::Environment => None,
+        }
+    }
+
+    fn environment_mean(&self) -> Rgb {
+        self.environment.as_ref().map_or(Rgb::BLACK, |e| e.mean)
+    }
+
+    /// Which lights the scattering vertex with this number (from 0, counted along a path) asks, in a medium or on a surface.
+    #[inline]
+    pub(crate) fn choice_at(&self, vertex: u32, in_medium: bool) -> LightChoice {
+        if self.asks_each && !(in_medium && vertex >= YOUNG) { LightChoice::Each } else { LightChoice::One }
+    }
+
+    /// How many questions a vertex has.
+    #[inline]
+    pub(crate) fn questions(&self, choice: LightChoice) -> usize {
+        match choice {
+            LightChoice::One => self.lights.len().min(1),
+            LightChoice::Each => self.lights.len(),
+        }
+    }
+
+    /// An estimate, up to a constant, of the irradiance that a light can send to the receiver; zero if it can send none.
+    #[inline(always)]
+    fn weight(&self, light: &Light, receiver: &LightSampleContext) -> f32 {
+        match light {
+            Light::Area(a) => a.weight(receiver),
+            _ if !EFFECTS => 0.0,
+            Light::Delta(d) => {
+                let arriving = d.arriving_at(receiver.point, &self.profiles);
+                if receiver.faces(arriving.direction) { arriving.irradiance.mean() } else { 0.0 }
+            }
+            Light::Environment => PI * self.environment_mean().mean(),
+        }
+    }
+
+    /// Are there several lights that are all asked?
+    pub(crate) fn asks_each(&self) -> bool {
+        self.asks_each && self.lights.len() > 1
+    }
+
+    /// Are there so many lights that a tree chooses among them?
+    pub(crate) fn has_tree(&self) -> bool {
+        self.tree.is_some()
+    }
+
+    /// Chooses a light: its index and probability.
+    #[inline(always)]
+    fn choose(&self, receiver: &LightSampleContext, u: f32) -> Option<(usize, f32)> {
+        match &self.tree {
+            // For a copy of the receiver: most scenes have no tree (`CONVENTIONS.md`).
+            Some(tree) if EFFECTS => {
+                let receiver = *receiver;
+                tree.choose(&receiver, u)
+            }
+            // No larger an array is cleared than there are lights, nearly.
+            _ if self.lights.len() <= 8 => self.choose_weighed::<8>(receiver, u),
+            _ => self.choose_weighed::<WEIGHED_UP_TO>(receiver, u),
+        }
+    }
+
+    /// Chooses among at most N lights by weight.
+    #[inline(always)]
+    fn choose_weighed<const N: usize>(&self, receiver: &LightSampleContext, u: f32) -> Option<(usize, f32)> {
+        let mut weights = [0f32; N];
+        let mut total = 0.0;
+        for (w, light) in weights.iter_mut().zip(&self.lights) {
+            *w = self.weight(light, receiver);
+            total += *w;
+        }
+        if !(total > 0.0 && total.is_finite()) {
+            return None;
+        }
+        let mut rest = u * total;
+        let mut last = None;
+        for (i, &w) in weights.iter().enumerate().filter(|(_, w)| **w > 0.0) {
+            last = Some((i, w / total));
+            if rest < w {
+                break;
+            }
+            rest -= w;
+        }
+        last
+    }
+
+    /// The probability with which [`Self::choose`] chooses a light.
+    #[inline]
+    fn probability(&self, receiver: &LightSampleContext, index: usize) -> f32 {
+        if EFFECTS && let Some(tree) = &self.tree {
+            return tree.probability(receiver, index);
+        }
+        let mut total = 0.0;
+        let mut own = 0.0;
+        for (i, light) in self.lights.iter().enumerate() {
+            let w = self.weight(light, receiver);
+            total += w;
+            if i == index {
+                own = w;
+            }
+        }
+        if total > 0.0 && total.is_finite() { own / total } else { 0.0 }
+    }
+
+    /// The probability that a question goes to a light.
+    #[inline]
+    fn share(&self, receiver: &LightSampleContext, choice: LightChoice, index: usize) -> f32 {
+        match choice {
+            LightChoice::One => self.probability(receiver, index),
+            LightChoice::Each => 1.0,
+        }
+    }
+
+    /// A direction toward a light, for question `question` of [`Self::questions`]. `None`: that light (or, if one is to be
+    /// chosen, any) cannot be seen from here.
+    #[inline(always)]
+    pub(crate) fn sample(
+        &self,
+        receiver: &LightSampleContext,
+        choice: LightChoice,
+        question: usize,
+        u_choice: f32,
+        u: [f32; 2],
+    ) -> Option<LightSample> {
+        match choice {
+            LightChoice::Each => self.sample_light(receiver, question, 1.0, u),
+            LightChoice::One => {
+                let (index, probability) = self.choose(receiver, u_choice)?;
+                self.sample_light(receiver, index, probability, u)
+            }
+        }
+    }
+
+    /// A direction toward one light, which was chosen with the given probability.
+    // Always: one copy for all kernels would be called, and its answer copied, at every question.
+    #[inline(always)]
+    fn sample_light(
+        &self,
+        receiver: &LightSampleContext,
+        index: usize,
+        chosen: f32,
+        u: [f32; 2],
+    ) -> Option<LightSample> {
+        match self.lights.get(index)? {
+            Light::Area(a) => {
+                let s = a.sample(receiver, u)?;
+                let to_light = s.point - receiver.point;
+                let distance = to_light.length();
+                let direction = to_light / distance;
+                let cos_light = -direction.dot(a.normal);
+                let pdf = s.pdf * chosen;
+                if !(distance > 0.0 && pdf > 0.0 && pdf.is_finite()) || (cos_light <= 0.0 && !a.two_sided) {
+                    return None;
+                }
+                let surface = a.shines_unevenly.then_some((a.part, a.triangles[0]));
+                let target = LightTarget { point: s.point, normal: a.normal, surface };
+                Some(LightSample { direction, target: Some(target), radiance: a.mean_radiance, pdf, is_delta: false })
+            }
+            _ if EFFECTS => {
+                // Not handed on as it is: the answer above would then lie in memory as this one does.
+                let found = self.sample_immaterial(*receiver, index, chosen, u)?;
+                Some(found)
+            }
+            _ => None,
+        }
+    }
+
+    /// [`Self::sample_light`] of lights without a surface: apart, as most have one.
+    // The receiver by value, as what is seldom called takes it (`CONVENTIONS.md`).
+    #[inline(never)]
+    fn sample_immaterial(
+        &self,
+        receiver: LightSampleContext,
+        index: usize,
+        chosen: f32,
+        u: [f32; 2],
+    ) -> Option<LightSample> {
+        match self.lights.get(index)? {
+            Light::Area(_) => None,
+            Light::Delta(d) => {
+                let arriving = d.arriving_at(receiver.point, &self.profiles);
+                let target = arriving.position.map(|point| LightTarget { point, normal: Vec3::ZERO, surface: None });
+                let reaches = !arriving.irradiance.is_black() && receiver.faces(arriving.direction);
+                reaches.then_some(LightSample {
+                    direction: arriving.direction,
+                    target,
+                    radiance: arriving.irradiance,
+                    pdf: chosen,
+                    is_delta: true,
+                })
+            }
+            Light::Environment => {
+                let (direction, radiance, pdf) = self.environment.as_ref()?.sample(&receiver, u);
+                let pdf = pdf * chosen;
+                (pdf > 0.0 && pdf.is_finite()).then_some(LightSample {
+                    direction,
+                    target: None,
+                    radiance,
+                    pdf,
+                    is_delta: false,
+                })
+            }
+        }
+    }
+
+    /// The density [1/sr] with which [`Self::sample`] would have found `point` on area light `index`.
+    #[inline]
+    pub(crate) fn pdf_area(&self, receiver: &LightSampleContext, choice: LightChoice, index: u32, point: Vec3) -> f32 {
+        match self.lights.get(index as usize) {
+            Some(Light::Area(a)) => a.pdf(receiver, point) * self.share(receiver, choice, index as usize),
+            _ => 0.0,
+        }
+    }
+
+    /// The density [1/sr] with which [`Self::sample`] would have found the environment in a direction.
+    #[inline]
+    pub(crate) fn pdf_environment(&self, receiver: &LightSampleContext, choice: LightChoice, direction: Vec3) -> f32 {
+        // The environment, if it shines, is the last light.
+        match (&self.environment, self.lights.last()) {
+            (Some(e), Some(Light::Environment)) if EFFECTS => {
+                e.pdf(receiver, direction) * self.share(receiver, choice, self.lights.len() - 1)
+            }
+            _ => 0.0,
+        }
+    }
+}
+
+impl LightSampleContext {
+    /// Can light from a direction be scattered to the viewer at all?
+    #[inline]
+    pub fn faces(&self, direction: Vec3) -> bool {
+        self.both_sides || direction.dot(self.normal) > 0.0
+    }
+}
+
+impl AreaLight {
+    /// Can light of this emitter arrive? Not behind a one-sided one, which is planar, nor from below a surface that
+    /// scatters light from above only.
+    #[inline]
+    fn reaches(&self, receiver: &LightSampleContext) -> bool {
+        let to_light = self.center - receiver.point;
+        (self.two_sided || self.normal.dot(to_light) < 0.0)
+            && (receiver.both_sides || to_light.dot(receiver.normal) > -self.radius)
+    }
+
+    /// See [`LightTable::weight`]. The cosine at the light is that of its middle and a little more: its ends see others.
+    #[inline(always)]
+    fn weight(&self, receiver: &LightSampleContext) -> f32 {
+        if !self.reaches(receiver) {
+            return 0.0;
+        }
+        let to_light = self.center - receiver.point;
+        let d2 = to_light.length_squared();
+        let r2 = self.radius * self.radius;
+        let cos_light = (self.normal.dot(to_light).abs() / d2.sqrt().max(f32::MIN_POSITIVE) + 0.2).min(1.0);
+        self.mean_radiance.mean() * self.area * cos_light / (d2 + 0.5 * r2)
+    }
+
+    #[inline]
+    fn sample(&self, receiver: &LightSampleContext, u: [f32; 2]) -> Option<ShapeSample> {
+        match &self.shape {
+            _ if !self.reaches(receiver) => None,
+            AreaShape::Rectangle(r) => r.sample(receiver.point, u),
+            AreaShape::Triangle(t) => sample_triangle(t, receiver.point, u),
+        }
+    }
+
+    #[inline]
+    fn pdf(&self, receiver: &LightSampleContext, point: Vec3) -> f32 {
+        match &self.shape {
+            _ if !self.reaches(receiver) => 0.0,
+            AreaShape::Rectangle(r) => r.pdf(receiver.point, point),
+            AreaShape::Triangle(t) => pdf_triangle(t, receiver.point, point),
+        }
+    }
+
+    /// Emitted power \[W\]: a Lambertian emitter sends pi L per area and side.
+    pub(crate) fn power(&self) -> Rgb {
+        self.mean_radiance * (PI * self.area * if self.two_sided { 2.0 } else { 1.0 })
+    }
+
+    fn bounds(&self) -> LightBounds {
+        let bounds = match &self.shape {
+            AreaShape::Rectangle(r) => {
+                let r = r.rectangle();
+                Aabb::from_points([r.point(0.0, 0.0), r.point(1.0, 0.0), r.point(0.0, 1.0), r.point(1.0, 1.0)])
+            }
+            AreaShape::Triangle(t) => Aabb::from_points(*t),
+        };
+        let cone = EmissionCone::surface(self.normal, self.two_sided);
+        LightBounds { bounds, cone, peak: self.mean_radiance.mean() * self.area }
+    }
+}

@@ -1,0 +1,140 @@
+//! What a scene holds, for people: its lights and how strong they are, its parts and how many triangles they have.
+
+use crate::light::delta::DeltaLight;
+use crate::light::{Light, NO_LIGHT};
+use crate::scene::Scene;
+use dunkelfeld_radiometry::Rgb;
+
+/// A light as a person would count it: all emitting triangles of an object together.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LightInfo {
+    /// Object or light that shines.
+    pub name: String,
+    /// `area (2 rectangles, 3 triangles)`, `point`, `spot`, `directional`, `profile lamp.ies`, `environment`.
+    pub kind: String,
+    /// Emitted power \[W\] per channel; for light from infinity, over the scene's cross-section.
+    pub power: Rgb,
+    /// Mean radiance [W/(m^2 sr)] of area lights and the environment.
+    pub radiance: Option<Rgb>,
+}
+
+/// A mesh of an object.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PartInfo {
+    /// The object.
+    pub object: String,
+    /// Index of the material.
+    pub material: u32,
+    /// Number of triangles.
+    pub triangles: usize,
+    /// Is the mesh shared and placed by a transform?
+    pub instanced: bool,
+}
+
+impl Scene {
+    /// The lights. Punctual lights come under the names that the builder gave them.
+    pub fn light_inventory(&self) -> Vec<LightInfo> {
+        let mut list: Vec<LightInfo> = Vec::new();
+        for part in &self.parts {
+            let mut seen = NO_LIGHT;
+            let (mut power, mut rectangles, mut triangles) = (Rgb::BLACK, 0, 0);
+            for &index in part.lights.iter().filter(|&&l| l != NO_LIGHT) {
+                if index == seen {
+                    continue;
+                }
+                seen = index;
+                if let Some(Light::Area(a)) = self.lights.lights.get(index as usize) {
+                    power += a.power();
+                    if a.triangles[1] == u32::MAX { triangles += 1 } else { rectangles += 1 }
+                }
+            }
+            if rectangles + triangles > 0 {
+                let counted = |n: i32, what: &str| match n {
+                    0 => None,
+                    1 => Some(format!("1 {what}")),
+                    n => Some(format!("{n} {what}s")),
+                };
+                let shapes: Vec<String> =
+                    [counted(rectangles, "rectangle"), counted(triangles, "triangle")].into_iter().flatten().collect();
+                let name = self.object_names.get(part.object as usize).cloned().unwrap_or_default();
+                let radiance =
+                    crate::query::surface::mean_emission(&self.materials[part.material as usize], &self.images);
+                list.push(LightInfo {
+                    name,
+                    kind: format!("area ({})", shapes.join(", ")),
+                    power,
+                    radiance: Some(radiance),
+                });
+            }
+        }
+        let mut names = self.punctual_names.iter();
+        for light in &self.lights.lights {
+            match light {
+                Light::Area(_) => {}
+                Light::Delta(d) => {
+                    let kind = match d {
+                        DeltaLight::Point { .. } => "point".into(),
+                        DeltaLight::Spot { .. } => "spot".into(),
+                        DeltaLight::Directional { .. } => "directional".into(),
+                        DeltaLight::Profile { profile, .. } => {
+                            let name = self.lights.profiles.get(*profile as usize).map_or("", |p| p.name());
+                            format!("profile {name}")
+                        }
+                    };
+                    let name = names.next().cloned().unwrap_or_default();
+                    let power = self.lights.power(light, self.radius);
+                    list.push(LightInfo { name, kind, power, radiance: None });
+                }
+                Light::Environment => {
+                    list.push(LightInfo {
+                        name: "environment".into(),
+                        kind: "environment".into(),
+                        power: self.lights.power(light, self.radius),
+                        radiance: self.lights.environment.as_ref().map(|e| e.mean),
+                    });
+                }
+            }
+        }
+        list
+    }
+
+    /// How light is looked for, in words: how many lights there are, each emitting triangle or rectangle counted, and how
+    /// one is chosen.
+    pub fn light_choice(&self) -> String {
+        let count = self.lights.lights.len();
+        match (&self.lights.tree, count) {
+            (_, 0) => "no light".into(),
+            (None, 1) => "1 light, asked at every surface".into(),
+            (None, n) if self.lights.asks_each() => {
+                format!("{n} lights, all asked at each surface that scatters")
+            }
+            (None, n) => format!("{n} lights, one asked at each surface, chosen by what it can bring there"),
+            (Some(tree), n) => {
+                let beside = match tree.infinite() {
+                    0 => String::new(),
+                    n => format!(", {n} infinitely far away beside it"),
+                };
+                format!(
+                    "{n} lights, one asked at each surface, chosen by a tree of {} of depth {}{beside}",
+                    tree.leaves(),
+                    tree.depth()
+                )
+            }
+        }
+    }
+
+    /// The parts, in the order of their objects.
+    pub fn part_inventory(&self) -> Vec<PartInfo> {
+        let mut list: Vec<(u32, PartInfo)> = self
+            .parts
+            .iter()
+            .map(|p| {
+                let object = self.object_names.get(p.object as usize).cloned().unwrap_or_default();
+                let triangles = self.meshes[p.mesh as usize].triangles.len();
+                (p.object, PartInfo { object, material: p.material, triangles, instanced: p.transform.is_some() })
+            })
+            .collect();
+        list.sort_by_key(|(object, _)| *object);
+        list.into_iter().map(|(_, info)| info).collect()
+    }
+}

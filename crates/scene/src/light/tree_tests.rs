@@ -1,0 +1,307 @@
+//! The light tree: it draws what it says, says what it draws, and forgets no light that can be seen.
+//!
+//! False-alarm rate of each statistical check: 1e-10. Replay: `cargo test -p dunkelfeld-scene light_tree NAME`.
+
+use super::*;
+use crate::light::delta::DeltaLight;
+use dunkelfeld_radiometry::Rgb;
+use dunkelfeld_sampling::Sampler;
+use dunkelfeld_sampling::warp::sample_sphere;
+use dunkelfeld_testkit::{SampleMoments, chi_squared, student_t_test, z_test};
+
+const RATE: f64 = 1e-10;
+
+/// Four uniform numbers; the same for the same arguments.
+fn uniform(stream: u32, index: u32) -> [f32; 4] {
+    Sampler::new(17, stream, index / 64, index % 64).get_4d(0)
+}
+
+fn place(u: [f32; 4], size: f32) -> Vec3 {
+    size * (Vec3::new(u[0], u[1], u[2]) - 0.5)
+}
+
+/// A light as a test judges it: a point, a spot with a hard edge, or a small square.
+#[derive(Clone, Copy)]
+enum Lamp {
+    Point(Vec3, f32),
+    Spot(Vec3, Vec3, f32, f32),
+    Square { center: Vec3, normal: Vec3, edges: [Vec3; 2], radiance: f32, two_sided: bool },
+}
+
+impl Lamp {
+    fn bounds(&self) -> LightBounds {
+        match *self {
+            Self::Point(p, peak) => {
+                LightBounds { bounds: Aabb::from_points([p]), cone: EmissionCone::beam(Vec3::Z, PI), peak }
+            }
+            Self::Spot(p, axis, angle, peak) => {
+                LightBounds { bounds: Aabb::from_points([p]), cone: EmissionCone::beam(axis, angle), peak }
+            }
+            Self::Square { center, normal, edges: [u, v], radiance, two_sided } => {
+                let corners = [(-0.5, -0.5), (0.5, -0.5), (-0.5, 0.5), (0.5, 0.5)];
+                let area = u.cross(v).length();
+                LightBounds {
+                    bounds: Aabb::from_points(corners.map(|(a, b)| center + a * u + b * v)),
+                    cone: EmissionCone::surface(normal, two_sided),
+                    peak: radiance * area,
+                }
+            }
+        }
+    }
+
+    /// Irradiance at a receiver; of a square, what its middle would bring.
+    fn irradiance(&self, r: &LightSampleContext) -> f64 {
+        let facing = |d: Vec3| match (r.normal == Vec3::ZERO, r.both_sides) {
+            (true, _) => 1.0,
+            (false, true) => d.dot(r.normal).abs(),
+            (false, false) => d.dot(r.normal).max(0.0),
+        };
+        let delta = |light: DeltaLight| {
+            let a = light.arriving_at(r.point, &[]);
+            f64::from(a.irradiance.g * facing(a.direction))
+        };
+        match *self {
+            Self::Point(position, peak) => delta(DeltaLight::Point { position, intensity: Rgb::splat(peak) }),
+            Self::Spot(position, axis, angle, peak) => delta(DeltaLight::Spot {
+                position,
+                axis,
+                intensity: Rgb::splat(peak),
+                cos_inner: angle.cos(),
+                cos_outer: angle.cos(),
+            }),
+            Self::Square { center, normal, edges: [u, v], radiance, two_sided } => {
+                let to_light = center - r.point;
+                let d = to_light.normalize();
+                let cos = -d.dot(normal);
+                let cos = if two_sided { cos.abs() } else { cos.max(0.0) };
+                f64::from(radiance * u.cross(v).length() * cos * facing(d) / to_light.length_squared())
+            }
+        }
+    }
+}
+
+/// Lights of all kinds in a few clusters.
+fn lamps(count: u32) -> Vec<Lamp> {
+    (0..count)
+        .map(|i| {
+            let (a, b) = (uniform(1, i), uniform(2, i));
+            let middle = place(uniform(3, i % 7), 4.0);
+            let at = middle + place(a, 0.6);
+            let axis = sample_sphere([b[0], b[1]]);
+            let strength = (4.0 * b[2]).exp();
+            match i % 4 {
+                0 => Lamp::Point(at, strength),
+                1 => Lamp::Spot(at, axis, 0.1 + 1.4 * b[3], strength),
+                k => {
+                    let u = axis.any_orthonormal_vector();
+                    let edges = [0.1 * u, 0.2 * b[3] * axis.cross(u)];
+                    Lamp::Square { center: at, normal: axis, edges, radiance: 30.0 * strength, two_sided: k == 3 }
+                }
+            }
+        })
+        .collect()
+}
+
+fn tree(lamps: &[Lamp]) -> LightTree {
+    let bounds: Vec<_> = lamps.iter().map(|l| Some(l.bounds())).collect();
+    LightTree::new(&bounds, &vec![1.0; lamps.len()])
+}
+
+/// Points between, in and beside the lights: facing anything, seeing both sides, in a medium.
+fn receivers(count: u32) -> impl Iterator<Item = LightSampleContext> {
+    (0..count).map(|i| {
+        let (a, b) = (uniform(4, i), uniform(5, i));
+        let normal = if i % 5 == 4 { Vec3::ZERO } else { sample_sphere([b[0], b[1]]) };
+        LightSampleContext { point: place(a, [0.5, 5.0, 40.0][i as usize % 3]), normal, both_sides: i % 5 > 2 }
+    })
+}
+
+fn sum(tree: &LightTree, r: &LightSampleContext, lights: usize) -> f64 {
+    (0..lights).map(|i| f64::from(tree.probability(r, i))).sum()
+}
+
+#[test]
+fn draws_follow_the_probabilities() {
+    const N: u32 = 100_000;
+    let lamps = lamps(300);
+    let tree = tree(&lamps);
+    for (k, r) in receivers(10).enumerate() {
+        // The last entry counts draws of nothing: a way down may end where no light can be seen.
+        let mut observed = vec![0u64; lamps.len() + 1];
+        for i in 0..N {
+            let drawn = tree.choose(&r, uniform(6 + k as u32, i)[0]);
+            if let Some((light, probability)) = drawn {
+                assert_eq!(probability.to_bits(), tree.probability(&r, light).to_bits(), "light {light}");
+            }
+            observed[drawn.map_or(lamps.len(), |(light, _)| light)] += 1;
+        }
+        let mut expected: Vec<f64> =
+            (0..lamps.len()).map(|i| f64::from(N) * f64::from(tree.probability(&r, i))).collect();
+        let nothing = f64::from(N) - expected.iter().sum::<f64>();
+        assert!(nothing > -1.0, "the probabilities exceed one by {}", -nothing / f64::from(N));
+        if nothing < 1.0 {
+            assert_eq!(observed.pop(), Some(0), "receiver {k}");
+        } else {
+            expected.push(nothing);
+        }
+        chi_squared(&observed, &expected).assert(RATE, &format!("receiver {k}: {r:?}"));
+    }
+}
+
+#[test]
+fn probabilities_sum_to_one_where_every_light_can_be_seen_and_never_to_more() {
+    let all = lamps(1000);
+    let tree_of_all = tree(&all);
+    let points: Vec<Lamp> = all.iter().filter(|l| matches!(l, Lamp::Point(..))).copied().collect();
+    let tree_of_points = tree(&points);
+    for r in receivers(60) {
+        let total = sum(&tree_of_all, &r, all.len());
+        assert!(total < 1.0 + 1e-4, "{total} at {r:?}");
+        let seen = LightSampleContext { both_sides: true, ..r };
+        let total = sum(&tree_of_points, &seen, points.len());
+        assert!((total - 1.0).abs() < 1e-4, "{total} at {seen:?}");
+    }
+}
+
+#[test]
+fn no_light_that_can_be_seen_is_left_without_a_chance() {
+    let lamps = lamps(1000);
+    let tree = tree(&lamps);
+    for r in receivers(200) {
+        for (i, lamp) in lamps.iter().enumerate().filter(|(_, l)| l.irradiance(&r) > 0.0) {
+            assert!(tree.probability(&r, i) > 0.0, "light {i} brings {} to {r:?}", lamp.irradiance(&r));
+        }
+    }
+    // A receiver in the plane of a light but for a hair, and lights that look past it but for a hair.
+    let square = |height: f32| Lamp::Square {
+        center: Vec3::new(1.0, 0.0, height),
+        normal: -Vec3::Z,
+        edges: [0.1 * Vec3::X, 0.1 * Vec3::Y],
+        radiance: 1.0,
+        two_sided: false,
+    };
+    let lamps: Vec<Lamp> = [1e-9, 1e-7, 1e-5, 1e-3].map(square).into_iter().collect();
+    let tree = self::tree(&lamps);
+    let r = LightSampleContext { point: Vec3::ZERO, normal: Vec3::Z, both_sides: false };
+    assert!((0..lamps.len()).all(|i| tree.probability(&r, i) > 0.0));
+}
+
+#[test]
+fn the_mean_is_the_sum_over_all_lights() {
+    const DRAWS: u32 = 4096;
+    let lamps = lamps(1000);
+    let tree = tree(&lamps);
+    for (k, r) in receivers(12).enumerate() {
+        let exact: f64 = lamps.iter().map(|l| l.irradiance(&r)).sum();
+        let estimate = |run: u32| {
+            let draw = |i| match tree.choose(&r, uniform(100 + k as u32, run * DRAWS + i)[0]) {
+                Some((light, probability)) => lamps[light].irradiance(&r) / f64::from(probability),
+                None => 0.0,
+            };
+            (0..DRAWS).map(draw).sum::<f64>() / f64::from(DRAWS)
+        };
+        let m: SampleMoments = (0..24).map(estimate).collect();
+        student_t_test(&m, exact).assert(RATE, &format!("receiver {k}: {r:?}"));
+    }
+}
+
+#[test]
+fn ten_thousand_lights_are_chosen_better_than_by_power() {
+    const DRAWS: u32 = 20_000;
+    let lamps = lamps(10_000);
+    let tree = tree(&lamps);
+    assert_eq!(tree.leaves(), 10_000);
+    assert!(tree.depth() < 40, "depth {}", tree.depth());
+    let by_power = Distribution1D::new(lamps.iter().map(|l| f64::from(l.bounds().peak)));
+    let mut gains = SampleMoments::default();
+    for r in receivers(12).filter(|r| r.point.length() < 3.0) {
+        let exact: f64 = lamps.iter().map(|l| l.irradiance(&r)).sum();
+        let moments = |draw: &dyn Fn(f32) -> f64| (0..DRAWS).map(|i| draw(uniform(7, i)[0])).collect::<SampleMoments>();
+        let tree_moments =
+            moments(&|u| tree.choose(&r, u).map_or(0.0, |(light, p)| lamps[light].irradiance(&r) / f64::from(p)));
+        let power_moments = moments(&|u| {
+            let choice = by_power.sample_discrete(u);
+            lamps[choice.index].irradiance(&r) / f64::from(choice.probability)
+        });
+        z_test(tree_moments.mean(), tree_moments.standard_error(), exact).assert(RATE, "mean");
+        gains.push((power_moments.variance() / tree_moments.variance()).ln());
+    }
+    // Half of these lights are spots with hard edges or face away, all mixed in one cloud: little that a bound could tell.
+    assert!(gains.mean() > 3f64.ln(), "variance falls by {} only", gains.mean().exp());
+}
+
+#[test]
+fn lights_that_face_away_cost_nothing() {
+    // Two walls of panels back to back: from either side only one of them can be drawn.
+    let wall = |x: f32, normal: Vec3| {
+        (0..100u32).map(move |i| Lamp::Square {
+            center: Vec3::new(x, (i % 10) as f32 * 0.1, (i / 10) as f32 * 0.1),
+            normal,
+            edges: [0.1 * Vec3::Y, 0.1 * Vec3::Z],
+            radiance: 1.0,
+            two_sided: false,
+        })
+    };
+    let lamps: Vec<Lamp> = wall(0.01, Vec3::X).chain(wall(-0.01, -Vec3::X)).collect();
+    let tree = tree(&lamps);
+    let r = LightSampleContext { point: Vec3::new(3.0, 0.5, 0.5), normal: -Vec3::X, both_sides: true };
+    let share: f64 = (100..200).map(|i| f64::from(tree.probability(&r, i))).sum();
+    assert_eq!(share, 0.0);
+    assert!((sum(&tree, &r, 200) - 1.0).abs() < 1e-5);
+    // Nor do lights below the horizon of a surface that scatters light from above only.
+    let up = LightSampleContext { point: Vec3::new(0.5, 0.5, 3.0), normal: Vec3::Z, both_sides: false };
+    assert_eq!(tree.choose(&up, 0.5), None);
+}
+
+#[test]
+fn lights_in_one_place_make_a_shallow_tree() {
+    for count in [1, 2, 3, 1000] {
+        let lamps = vec![Lamp::Point(Vec3::ONE, 2.0); count];
+        let tree = tree(&lamps);
+        assert!(f64::from(tree.depth()) < (count as f64).log2() + 1.0 && tree.leaves() == count);
+        let r = LightSampleContext { point: Vec3::ZERO, normal: Vec3::Z, both_sides: true };
+        assert!((sum(&tree, &r, count) - 1.0).abs() < 1e-5);
+        // At the very place nothing overflows.
+        let there = LightSampleContext { point: Vec3::ONE, ..r };
+        assert!((sum(&tree, &there, count) - 1.0).abs() < 1e-5);
+    }
+    // A row in which each light is twice as far as the one before: the heuristic would cut off one at a time.
+    let row: Vec<Lamp> = (0..120).map(|i| Lamp::Point(Vec3::X * 2f32.powi(i - 60), 1.0)).collect();
+    assert!(tree(&row).depth() <= 64);
+}
+
+#[test]
+fn light_from_infinity_keeps_its_share_and_the_dark_has_none() {
+    let mut bounds: Vec<Option<LightBounds>> = lamps(100).iter().map(|l| Some(l.bounds())).collect();
+    bounds.extend([None, None]);
+    bounds[3].as_mut().unwrap().peak = 0.0;
+    let mut power = vec![1.0; 102];
+    (power[100], power[101]) = (40.0, 10.0);
+    let tree = LightTree::new(&bounds, &power);
+    for r in receivers(20) {
+        // 50 W of 149 W.
+        let [a, b] = [100, 101].map(|i| tree.probability(&r, i));
+        assert!((a / b - 4.0).abs() < 1e-4 && (a + b - 50.0 / 149.0).abs() < 1e-5, "{a} and {b}");
+        assert_eq!(tree.probability(&r, 3), 0.0);
+        for i in 0..1000 {
+            if let Some((light, p)) = tree.choose(&r, uniform(9, i)[0]) {
+                assert_eq!(p.to_bits(), tree.probability(&r, light).to_bits());
+            }
+        }
+    }
+    // Alone it has all.
+    let tree = LightTree::new(&[None, None], &[1.0, 3.0]);
+    let r = LightSampleContext { point: Vec3::ZERO, normal: Vec3::Z, both_sides: false };
+    assert!((sum(&tree, &r, 2) - 1.0).abs() < 1e-6 && tree.choose(&r, 0.9).is_some());
+    // And where there is none nothing is drawn.
+    assert_eq!(LightTree::new(&[], &[]).choose(&r, 0.5), None);
+}
+
+#[test]
+fn receivers_that_are_no_place_draw_nothing() {
+    let tree = tree(&lamps(100));
+    for point in [Vec3::NAN, Vec3::splat(f32::INFINITY), Vec3::splat(3e38)] {
+        let r = LightSampleContext { point, normal: Vec3::Z, both_sides: true };
+        assert!(tree.choose(&r, 0.3).is_none_or(|(_, p)| p > 0.0 && p <= 1.0));
+    }
+}

@@ -1,0 +1,222 @@
+//! Looking up textures: coordinates to linear values.
+
+use crate::material::texture::{Channel, ColorEncoding, Filter, Image, Texture, Wrap, rgba, with_texels};
+use dunkelfeld_geometry::Vec2;
+use std::sync::LazyLock;
+
+/// sRGB byte to linear value (IEC 61966-2-1).
+static SRGB_TO_LINEAR: LazyLock<[f32; 256]> =
+    LazyLock::new(|| std::array::from_fn(|i| srgb_to_linear(i as f32 / 255.0)));
+
+/// The sRGB transfer curve (IEC 61966-2-1), encoded to linear.
+pub(crate) fn srgb_to_linear(v: f32) -> f32 {
+    if v <= 0.04045 { v / 12.92 } else { ((v + 0.055) / 1.055).powf(2.4) }
+}
+
+/// A channel's value as light: what textures are looked up in.
+trait Linear: Channel {
+    /// Of colour, by its encoding; floating point is linear always.
+    fn color(self, encoding: ColorEncoding) -> f32;
+    /// Of alpha.
+    fn alpha(self) -> f32;
+}
+
+impl Linear for u8 {
+    #[inline]
+    fn color(self, encoding: ColorEncoding) -> f32 {
+        match encoding {
+            ColorEncoding::Srgb => SRGB_TO_LINEAR[usize::from(self)],
+            ColorEncoding::Linear => self.alpha(),
+        }
+    }
+
+    #[inline]
+    fn alpha(self) -> f32 {
+        f32::from(self) * (1.0 / 255.0)
+    }
+}
+
+impl Linear for u16 {
+    #[inline]
+    fn color(self, encoding: ColorEncoding) -> f32 {
+        match encoding {
+            ColorEncoding::Srgb => srgb_to_linear(self.alpha()),
+            ColorEncoding::Linear => self.alpha(),
+        }
+    }
+
+    #[inline]
+    fn alpha(self) -> f32 {
+        f32::from(self) * (1.0 / 65535.0)
+    }
+}
+
+impl Linear for f32 {
+    #[inline]
+    fn color(self, _: ColorEncoding) -> f32 {
+        self
+    }
+
+    #[inline]
+    fn alpha(self) -> f32 {
+        self
+    }
+}
+
+/// The linear value of a texel: red, green, blue, alpha.
+#[inline]
+fn linear<T: Linear, const N: usize>(texel: [T; N], encoding: ColorEncoding) -> [f32; 4] {
+    let [r, g, b, a] = rgba(texel);
+    [r.color(encoding), g.color(encoding), b.color(encoding), a.alpha()]
+}
+
+impl Image {
+    /// The linear value of one texel: red, green, blue, alpha.
+    fn texel(&self, x: u32, y: u32, encoding: ColorEncoding) -> [f32; 4] {
+        let i = y as usize * self.width as usize + x as usize;
+        with_texels!(&self.texels, t => linear(t[i], encoding))
+    }
+
+    /// Mean linear value over all texels.
+    pub(crate) fn mean(&self, encoding: ColorEncoding) -> [f32; 4] {
+        let mut sum = [0f64; 4];
+        for y in 0..self.height {
+            for x in 0..self.width {
+                for (s, v) in sum.iter_mut().zip(self.texel(x, y, encoding)) {
+                    *s += f64::from(v);
+                }
+            }
+        }
+        let n = f64::from(self.width) * f64::from(self.height);
+        sum.map(|s| (s / n) as f32)
+    }
+
+    /// Linear value at the given texel coordinates, nearest; used where an image is tabulated.
+    pub(crate) fn linear_texel(&self, x: u32, y: u32) -> [f32; 4] {
+        self.texel(x.min(self.width - 1), y.min(self.height - 1), ColorEncoding::Linear)
+    }
+}
+
+impl Texture {
+    /// The linear value (red, green, blue, alpha) at texture coordinates `uv`. Coordinates that are not finite, or not
+    /// when counted in texels, count as zero.
+    pub(crate) fn eval(&self, images: &[Image], uv: Vec2) -> [f32; 4] {
+        let image = &images[self.image.0 as usize];
+        let t = &self.transform;
+        let uv = if *t == Default::default() {
+            uv
+        } else {
+            let (sin, cos) = t.rotation.sin_cos();
+            let s = uv * t.scale;
+            // KHR_texture_transform: the matrix [[cos, sin], [-sin, cos]] acts on (u, v), v pointing down.
+            Vec2::new(cos * s.x + sin * s.y, cos * s.y - sin * s.x) + t.offset
+        };
+        let texels = uv * Vec2::new(image.width as f32, image.height as f32);
+        // Of coordinates near the end of f32, too, nothing is left once they are counted in texels.
+        let Vec2 { x, y } = if texels.is_finite() { texels } else { Vec2::ZERO };
+        // The format is asked for once a lookup, and what follows is compiled for each.
+        with_texels!(&image.texels, t => self.filtered(t, [image.width, image.height], [x, y]))
+    }
+
+    /// The linear value at coordinates counted in texels, which must be finite.
+    #[inline]
+    fn filtered<T: Linear, const N: usize>(&self, texels: &[[T; N]], size: [u32; 2], [x, y]: [f32; 2]) -> [f32; 4] {
+        let [width, height] = size;
+        let texel = |x: u32, y: u32| linear(texels[y as usize * width as usize + x as usize], self.encoding);
+        match self.filter {
+            Filter::Nearest => texel(wrap(x.floor(), width, self.wrap[0]), wrap(y.floor(), height, self.wrap[1])),
+            Filter::Linear => {
+                let (fx, fy) = (x - 0.5, y - 0.5);
+                let (x0, y0) = (fx.floor(), fy.floor());
+                let (ax, ay) = (fx - x0, fy - y0);
+                let xs = [x0, x0 + 1.0].map(|v| wrap(v, width, self.wrap[0]));
+                let ys = [y0, y0 + 1.0].map(|v| wrap(v, height, self.wrap[1]));
+                let [a, b, c, d] = [(0, 0), (1, 0), (0, 1), (1, 1)].map(|(i, j)| texel(xs[i], ys[j]));
+                std::array::from_fn(|k| {
+                    let top = a[k] + ax * (b[k] - a[k]);
+                    let bottom = c[k] + ax * (d[k] - c[k]);
+                    top + ay * (bottom - top)
+                })
+            }
+        }
+    }
+}
+
+/// Folds an integral texel coordinate into `[0, size)`.
+#[inline]
+fn wrap(coordinate: f32, size: u32, mode: Wrap) -> u32 {
+    let n = size as f32;
+    let folded = match mode {
+        Wrap::Clamp => coordinate,
+        Wrap::Repeat => coordinate - (coordinate / n).floor() * n,
+        Wrap::Mirror => {
+            let m = coordinate - (coordinate / (2.0 * n)).floor() * 2.0 * n;
+            if m >= n { 2.0 * n - 1.0 - m } else { m }
+        }
+    };
+    // The float-to-integer cast saturates; the minimum guards the rounding of huge coordinates.
+    (folded.max(0.0) as u32).min(size - 1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::material::texture::{ImageId, Texels, TextureTransform};
+
+    fn ramp() -> Vec<Image> {
+        let texels = Texels::Rgba8(vec![[0, 10, 0, 255], [255, 20, 0, 255], [0, 30, 255, 0], [255, 40, 255, 0]]);
+        vec![Image { name: "ramp".into(), width: 2, height: 2, texels }]
+    }
+
+    fn texture() -> Texture {
+        Texture::new(ImageId(0), ColorEncoding::Linear)
+    }
+
+    #[test]
+    fn texel_centres_are_exact_and_the_middle_is_the_mean() {
+        let images = ramp();
+        let t = texture();
+        assert_eq!(t.eval(&images, Vec2::new(0.25, 0.25))[0], 0.0);
+        assert_eq!(t.eval(&images, Vec2::new(0.75, 0.25))[0], 1.0);
+        let middle = t.eval(&images, Vec2::new(0.5, 0.5));
+        assert!((middle[0] - 0.5).abs() < 1e-6 && (middle[3] - 0.5).abs() < 1e-6);
+        assert!((middle[1] - 25.0 / 255.0).abs() < 1e-6);
+    }
+
+    #[test]
+    fn wrapping_modes_differ_where_they_should() {
+        let images = ramp();
+        let at = |wrap, u| {
+            Texture { wrap: [wrap; 2], filter: Filter::Nearest, ..texture() }.eval(&images, Vec2::new(u, 0.1))[0]
+        };
+        assert_eq!([at(Wrap::Repeat, 1.1), at(Wrap::Clamp, 1.1), at(Wrap::Mirror, 1.1)], [0.0, 1.0, 1.0]);
+        assert_eq!([at(Wrap::Repeat, -0.1), at(Wrap::Clamp, -0.1), at(Wrap::Mirror, -0.1)], [1.0, 0.0, 0.0]);
+        for u in [f32::NAN, f32::INFINITY, 1e30, -1e30, f32::MAX, f32::MIN] {
+            for wrap in [Wrap::Repeat, Wrap::Clamp, Wrap::Mirror] {
+                for filter in [Filter::Nearest, Filter::Linear] {
+                    let t = Texture { wrap: [wrap; 2], filter, ..texture() };
+                    let value = t.eval(&images, Vec2::new(u, 0.1));
+                    assert!(value.iter().all(|v| (0.0..=1.0).contains(v)), "{value:?} at {u}, {wrap:?}, {filter:?}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn srgb_is_decoded_and_alpha_is_not() {
+        let images =
+            vec![Image { name: "g".into(), width: 1, height: 1, texels: Texels::Rgba8(vec![[188, 0, 0, 188]]) }];
+        let v = Texture::new(ImageId(0), ColorEncoding::Srgb).eval(&images, Vec2::ZERO);
+        assert!((v[0] - 0.502_886).abs() < 1e-4 && (v[3] - 188.0 / 255.0).abs() < 1e-6);
+    }
+
+    #[test]
+    fn a_quarter_turn_maps_u_to_minus_v() {
+        // KHR_texture_transform: rotation is counter-clockwise with v pointing down.
+        let images = ramp();
+        let transform = TextureTransform { rotation: std::f32::consts::FRAC_PI_2, ..Default::default() };
+        let t = Texture { transform, filter: Filter::Nearest, ..texture() };
+        // (0.25, 0.75) -> (0.75, -0.25) = (0.75, 0.75) after wrapping.
+        assert_eq!(t.eval(&images, Vec2::new(0.25, 0.75))[1], 40.0 / 255.0);
+    }
+}

@@ -1,0 +1,462 @@
+//! Where a ray crosses from one solid into another: faces that coincide count as one interface, overlaps go by rank.
+//!
+//! A path carries the set of solids that its ray starts in (an [`Interior`]), and every change of place changes it by the
+//! faces that were crossed on the way. Which ones that are is decided by the exact sides of start and end of each step,
+//! with the arithmetic by which the hierarchy decides whether a hit lies before or behind a ray's origin. So a face that
+//! lies in the rounding error of another, and that a ray leaving the surface steps over, is crossed as well: no face is
+//! missed and none counts twice, in whatever order a file lists them, and no distance had to be called small.
+//!
+//! The solid of highest rank fills a place (Schmidt and Budge 2002). A face that does not change which one that is does
+//! not exist for light.
+
+use crate::Interior;
+use crate::media::medium::Medium;
+use crate::query::intersect::SurfacePoint;
+use crate::scene::{Part, Scene};
+use dunkelfeld_geometry::triangle::plane_distance_f64;
+use dunkelfeld_geometry::{Ray, Vec3};
+use dunkelfeld_radiometry::Rgb;
+use std::collections::HashMap;
+
+/// No solid: marks parts that bound nothing.
+pub(crate) const NO_SOLID: u32 = u32::MAX;
+
+/// Faces that may coincide at one place; more than these are passed over.
+const MAX_FACES: usize = 16;
+
+/// Generic directions, none near an axis or a diagonal, for asking from where a point can be left.
+const WAYS_OUT: [Vec3; 3] = [
+    Vec3::new(0.267_261_24, 0.534_522_5, 0.801_783_7),
+    Vec3::new(-0.811_107_1, 0.324_442_84, 0.486_664_27),
+    Vec3::new(0.123_091_49, -0.861_640_4, -0.492_365_96),
+];
+
+/// A body that light can enter. Its index in the scene is its rank.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Solid {
+    /// The material that says what fills it.
+    pub(crate) material: u32,
+    pub(crate) ior: f32,
+    pub(crate) medium: Medium,
+}
+
+/// What a face between two places means for light.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Boundary {
+    /// Nothing but a tint: the same solid lies on both sides, or a clear face parts solids of the same index.
+    Open {
+        /// Factor on what passes; white where no solid ends.
+        tint: Rgb,
+    },
+    /// An interface of this index of refraction, on the inside of the surface over the outside.
+    Between {
+        /// Inside over outside.
+        eta: f32,
+    },
+    /// The surface bounds no solid.
+    Surface,
+}
+
+/// A face that a ray meets, with all that coincide with it.
+#[derive(Clone, Copy, Debug)]
+pub struct Interface {
+    /// The surface whose material counts, at the place of the hit.
+    pub surface: SurfacePoint,
+    /// What it means for light.
+    pub boundary: Boundary,
+    near: Interior,
+    far: Interior,
+    /// Does the ray run along the surface's normal?
+    outward: bool,
+}
+
+impl Interface {
+    /// The solids around the start of a ray that leaves the surface in a direction.
+    #[inline]
+    pub fn beyond(&self, direction: Vec3) -> Interior {
+        if (direction.dot(self.surface.normal) > 0.0) == self.outward { self.far } else { self.near }
+    }
+
+    /// The solids on the far side.
+    #[inline]
+    pub fn far(&self) -> Interior {
+        self.far
+    }
+}
+
+/// One face of those that coincide.
+#[derive(Clone, Copy)]
+struct Face {
+    point: SurfacePoint,
+    solid: u32,
+    /// Does the ray enter the solid through it?
+    enters: bool,
+}
+
+impl Scene {
+    /// The medium that fills a place.
+    #[inline]
+    pub fn medium(&self, inside: &Interior) -> Option<&Medium> {
+        Some(&self.solids.get(inside.top()? as usize)?.medium)
+    }
+
+    /// Index of the material whose solid fills a place.
+    pub fn material_inside(&self, inside: &Interior) -> Option<u32> {
+        Some(self.solids.get(inside.top()? as usize)?.material)
+    }
+
+    /// Could two solids touch or overlap?
+    pub fn has_nesting(&self) -> bool {
+        self.has_nesting
+    }
+
+    /// Could light pass the face of a solid straight on, because the index of refraction is the same on both sides?
+    pub fn has_open_faces(&self) -> bool {
+        self.has_open_faces
+    }
+
+    /// Does any medium scatter?
+    pub fn has_scattering(&self) -> bool {
+        self.solids.iter().any(|s| s.medium.scatters())
+    }
+
+    /// The index of refraction of what fills a place; 1 outside of solids.
+    #[inline]
+    fn index_of(&self, inside: &Interior) -> f32 {
+        inside.top().and_then(|s| self.solids.get(s as usize)).map_or(1.0, |s| s.ior)
+    }
+
+    /// Does a point of render space lie where solids are? Else it is outside of all of them.
+    #[inline]
+    pub fn may_be_inside(&self, point: Vec3) -> bool {
+        self.solid_bounds.is_some_and(|[lo, hi]| point.cmpge(lo).all() && point.cmple(hi).all())
+    }
+
+    /// The solids that a point lies in, in render space.
+    ///
+    /// For each solid the faces that a ray from the point to the outside crosses are counted, outward and inward ones against
+    /// each other; of three rays in fixed directions the middle result holds.
+    pub fn interior_at(&self, point: Vec3) -> Interior {
+        let mut interior = Interior::OUTSIDE;
+        if !self.may_be_inside(point) {
+            return interior;
+        }
+        let mut counts: Vec<(u32, [i32; 3])> = Vec::new();
+        for (way, direction) in WAYS_OUT.into_iter().enumerate() {
+            self.bvh.each_hit(&Ray::new(point, direction), |hit| {
+                let p = self.surface_point(&hit);
+                let solid = self.parts[p.part as usize].solid;
+                if solid == NO_SOLID {
+                    return;
+                }
+                let out = if direction.dot(p.normal) > 0.0 { 1 } else { -1 };
+                match counts.iter_mut().find(|(s, _)| *s == solid) {
+                    Some((_, count)) => count[way] += out,
+                    None => {
+                        let mut count = [0; 3];
+                        count[way] = out;
+                        counts.push((solid, count));
+                    }
+                }
+            });
+        }
+        for (solid, mut count) in counts {
+            count.sort_unstable();
+            (0..count[1]).for_each(|_| interior.enter(solid));
+        }
+        interior
+    }
+
+    /// What a ray that starts `inside` meets at a hit on it.
+    #[inline]
+    pub fn interface(&self, ray: &Ray, hit: &SurfacePoint, inside: &Interior) -> Interface {
+        if self.has_nesting { self.shared_interface(ray, hit, inside) } else { self.lone_interface(ray, hit, inside) }
+    }
+
+    /// The same, where other faces may lie in the same place.
+    fn shared_interface(&self, ray: &Ray, hit: &SurfacePoint, inside: &Interior) -> Interface {
+        let part = &self.parts[hit.part as usize];
+        let outward = ray.direction.dot(hit.normal) > 0.0;
+        let pass = |surface: &SurfacePoint, boundary| Interface {
+            surface: *surface,
+            boundary,
+            near: *inside,
+            far: *inside,
+            outward: ray.direction.dot(surface.normal) > 0.0,
+        };
+        if part.solid == NO_SOLID {
+            return pass(hit, Boundary::Surface);
+        }
+        let mut faces = [Face { point: *hit, solid: part.solid, enters: !outward }; MAX_FACES];
+        let mut count = 1;
+        // Far enough around the hit that no face of the same place lies outside, whatever the rounding of distances: which
+        // of them count is decided by their sides.
+        let cos = ray.direction.dot(hit.normal).abs().max(1e-3);
+        let reach = 16.0 * f32::EPSILON * (self.radius + hit.distance) / cos;
+        let start = (hit.distance - reach).max(0.0);
+        let probe = Ray::with_end(ray.at(start), ray.direction, hit.distance - start + reach);
+        self.bvh.each_hit(&probe, |other| {
+            let point = self.surface_point(&other);
+            let same = point.part == hit.part && point.triangle == hit.triangle;
+            if !same && count < MAX_FACES {
+                let enters = ray.direction.dot(point.normal) < 0.0;
+                faces[count] = Face { point, solid: self.parts[point.part as usize].solid, enters };
+                count += 1;
+            }
+        });
+        let faces = &faces[..count];
+        let sides = self.sides(ray, hit, faces, inside);
+        let Some(face) = self.governing(ray, hit, faces, inside, &sides.1) else {
+            return self.assemble(ray, hit, inside, sides);
+        };
+        if face.solid == NO_SOLID {
+            return pass(&face.point, Boundary::Surface);
+        }
+        // The hit's own place and error, the other face's material and normal.
+        let surface = SurfacePoint { point: hit.point, error: hit.error, distance: hit.distance, ..face.point };
+        let sides = self.sides(ray, &surface, faces, inside);
+        self.assemble(ray, &surface, inside, sides)
+    }
+
+    /// The face whose material counts, if it is not the first: an opaque one that touches the solid, else that of the solid
+    /// of higher rank.
+    fn governing<'a>(
+        &self,
+        ray: &Ray,
+        hit: &SurfacePoint,
+        faces: &'a [Face],
+        inside: &Interior,
+        far: &Interior,
+    ) -> Option<&'a Face> {
+        let opaque = |f: &&Face| {
+            let compiled = &self.compiled[self.parts[f.point.part as usize].material as usize];
+            f.solid == NO_SOLID && !compiled.both_sides && !compiled.has_coverage
+        };
+        let end = hit.leave(ray.direction);
+        if let Some(face) = faces.iter().filter(opaque).find(|f| self.crosses(ray, end, &f.point, true)) {
+            return Some(face);
+        }
+        let governs = inside.top().max(far.top())?;
+        if faces[0].solid == governs { None } else { faces.iter().find(|f| f.solid == governs) }
+    }
+
+    /// The solids around the two places where a ray may leave a surface: on this side, and on the far one.
+    fn sides(&self, ray: &Ray, surface: &SurfacePoint, faces: &[Face], inside: &Interior) -> (Interior, Interior) {
+        let side = |end: Vec3, onward: bool| {
+            let mut interior = *inside;
+            for (i, face) in faces.iter().enumerate().filter(|(_, f)| f.solid != NO_SOLID) {
+                // An edge is met with both its triangles: one face of a solid is crossed in one direction once.
+                let again = |f: &Face| {
+                    f.solid == face.solid && f.enters == face.enters && self.crosses(ray, end, &f.point, onward)
+                };
+                if self.crosses(ray, end, &face.point, onward) && !faces[..i].iter().any(again) {
+                    if face.enters {
+                        interior.enter(face.solid);
+                    } else {
+                        interior.leave(face.solid);
+                    }
+                }
+            }
+            interior
+        };
+        (side(surface.leave(-ray.direction), false), side(surface.leave(ray.direction), true))
+    }
+
+    fn assemble(&self, ray: &Ray, surface: &SurfacePoint, inside: &Interior, sides: (Interior, Interior)) -> Interface {
+        let (near, far) = sides;
+        let outward = ray.direction.dot(surface.normal) > 0.0;
+        let boundary = if inside.top() == far.top() {
+            Boundary::Open { tint: Rgb::WHITE }
+        } else {
+            let (before, after) = (self.index_of(inside), self.index_of(&far));
+            let clear = self.compiled[self.parts[surface.part as usize].material as usize].clear_tint;
+            match clear.filter(|_| before == after) {
+                Some(tint) => Boundary::Open { tint },
+                None => Boundary::Between { eta: if outward { before / after } else { after / before } },
+            }
+        };
+        Interface { surface: *surface, boundary, near, far, outward }
+    }
+
+    /// Does the step from a ray's origin to `end` cross the plane of a face, seen along the ray? A ray that goes on from
+    /// `end` meets the face only if it lies strictly before it, one that turns back only if it lies strictly behind.
+    fn crosses(&self, ray: &Ray, end: Vec3, face: &SurfacePoint, onward: bool) -> bool {
+        let part = &self.parts[face.part as usize];
+        let corners = self.meshes[part.mesh as usize].corners(face.triangle as usize);
+        let ahead_of = |origin: Vec3| {
+            let ray = Ray::new(origin, ray.direction);
+            let local = part.transform.as_ref().map_or(ray, |t| t.unit_ray(&ray).0);
+            plane_distance_f64(&local, &corners)
+        };
+        let ahead = ahead_of(end);
+        ahead_of(ray.origin) > 0.0 && if onward { ahead <= 0.0 } else { ahead < 0.0 }
+    }
+
+    /// The same, where no two solids touch: each face has air on its outside.
+    #[inline]
+    fn lone_interface(&self, ray: &Ray, hit: &SurfacePoint, inside: &Interior) -> Interface {
+        let part = &self.parts[hit.part as usize];
+        let outward = ray.direction.dot(hit.normal) > 0.0;
+        let (near, far, boundary) = if part.solid == NO_SOLID {
+            (*inside, *inside, Boundary::Surface)
+        } else {
+            let mut within = Interior::OUTSIDE;
+            within.enter(part.solid);
+            let boundary = match self.compiled[part.material as usize].clear_tint {
+                Some(tint) if self.solids[part.solid as usize].ior == 1.0 => Boundary::Open { tint },
+                _ => Boundary::Between { eta: self.solids[part.solid as usize].ior },
+            };
+            if outward { (within, Interior::OUTSIDE, boundary) } else { (Interior::OUTSIDE, within, boundary) }
+        };
+        Interface { surface: *hit, boundary, near, far, outward }
+    }
+
+    /// Share of light that comes through from a ray's end to its origin: media take their part, faces that are open to light
+    /// let it pass, any other surface that covers fully stops it.
+    ///
+    /// `ray` ends before the light's own surface; `inside` are the solids around its origin.
+    pub fn light_through(&self, ray: &Ray, inside: &Interior) -> Rgb {
+        let (mut open, mut bounded) = (1.0, false);
+        let blocked = self.bvh.blocked(ray, |hit| {
+            let p = self.surface_point(&hit);
+            let material = self.parts[p.part as usize].material as usize;
+            if self.compiled[material].clear_tint.is_some() {
+                bounded = true;
+            } else {
+                open *= 1.0 - self.coverage(&p);
+            }
+        });
+        if blocked || open == 0.0 {
+            return Rgb::BLACK;
+        }
+        if !bounded {
+            return self.medium(inside).map_or(Rgb::WHITE, |m| m.transmittance(ray.t_max)) * open;
+        }
+        self.march(ray, inside)
+    }
+
+    /// The same, face by face.
+    fn march(&self, ray: &Ray, inside: &Interior) -> Rgb {
+        let end = ray.t_max.is_finite().then(|| ray.at(ray.t_max));
+        let (mut ray, mut inside, mut through) = (*ray, *inside, Rgb::WHITE);
+        loop {
+            let hit = self.intersect(&ray);
+            let distance = hit.as_ref().map_or(ray.t_max, |h| h.distance);
+            if let Some(medium) = self.medium(&inside) {
+                through *= medium.transmittance(distance);
+            }
+            let Some(hit) = hit.filter(|_| !through.is_black()) else { return through };
+            let interface = self.interface(&ray, &hit, &inside);
+            let origin = match interface.boundary {
+                Boundary::Open { tint } => {
+                    through *= tint;
+                    inside = interface.far;
+                    interface.surface.leave(ray.direction)
+                }
+                Boundary::Between { .. } => return Rgb::BLACK,
+                Boundary::Surface => {
+                    through *= 1.0 - self.coverage(&interface.surface);
+                    interface.surface.leave(ray.direction)
+                }
+            };
+            ray = match end {
+                None => Ray::new(origin, ray.direction),
+                Some(end) => {
+                    let way = end - origin;
+                    let distance = way.length();
+                    // Beyond the end already, by rounding: nothing is left in between.
+                    let is_ahead = way.dot(ray.direction) > 0.0;
+                    if !is_ahead {
+                        return through;
+                    }
+                    Ray::with_end(origin, way / distance, distance * (1.0 - 2.0 * f32::EPSILON))
+                }
+            };
+        }
+    }
+}
+
+/// What the compiler needs to know of a part to find the solids.
+pub(crate) struct SolidPart {
+    pub(crate) part: usize,
+    /// Corners of its box in render space.
+    pub(crate) bounds: [Vec3; 2],
+    /// Does its mesh enclose a volume by itself?
+    pub(crate) is_closed: bool,
+    pub(crate) priority: i32,
+    pub(crate) solid: Solid,
+}
+
+/// The solids of a scene, by rank, and what there is to know of them all.
+#[derive(Default)]
+pub(crate) struct Solids {
+    pub(crate) list: Vec<Solid>,
+    /// Box around all of them.
+    pub(crate) bounds: Option<[Vec3; 2]>,
+    /// Could two of them touch or overlap?
+    pub(crate) has_nesting: bool,
+}
+
+impl Solids {
+    /// Could a face of a solid part places of the same index of refraction?
+    pub(crate) fn is_open(&self, solid: u32) -> bool {
+        self.has_nesting || self.list.get(solid as usize).is_some_and(|s| s.ior == 1.0)
+    }
+}
+
+/// Ranks the solids and tells each part which one it bounds. Parts of one object that are not closed by themselves bound one
+/// solid together, filled by the material of the first.
+pub(crate) fn rank_solids(found: Vec<SolidPart>, parts: &mut [Part]) -> Solids {
+    struct Body {
+        parts: Vec<usize>,
+        bounds: [Vec3; 2],
+        priority: i32,
+        solid: Solid,
+    }
+    let mut bodies: Vec<Body> = Vec::new();
+    let mut shared: HashMap<u32, usize> = HashMap::new();
+    for f in found {
+        let object = parts[f.part].object;
+        let own = Body { parts: vec![f.part], bounds: f.bounds, priority: f.priority, solid: f.solid };
+        match shared.get(&object).filter(|_| !f.is_closed) {
+            Some(&body) => {
+                let body = &mut bodies[body];
+                body.parts.push(f.part);
+                body.bounds = [body.bounds[0].min(f.bounds[0]), body.bounds[1].max(f.bounds[1])];
+            }
+            None => {
+                if !f.is_closed {
+                    shared.insert(object, bodies.len());
+                }
+                bodies.push(own);
+            }
+        }
+    }
+    // Of equal priority the smaller wins: what lies inside another has the smaller box.
+    let size = |b: &Body| {
+        let extent = (b.bounds[1] - b.bounds[0]).as_dvec3();
+        extent.x * extent.y * extent.z
+    };
+    bodies.sort_by(|a, b| a.priority.cmp(&b.priority).then(size(b).total_cmp(&size(a))));
+    let mut solids = Solids { has_nesting: any_meet(bodies.iter().map(|b| b.bounds).collect()), ..Solids::default() };
+    for (rank, body) in (0u32..).zip(&bodies) {
+        body.parts.iter().for_each(|&p| parts[p].solid = rank);
+        let [lo, hi] = solids.bounds.get_or_insert(body.bounds);
+        (*lo, *hi) = (lo.min(body.bounds[0]), hi.max(body.bounds[1]));
+        solids.list.push(body.solid);
+    }
+    solids
+}
+
+/// Do any two boxes touch or overlap, rounding of their corners included?
+fn any_meet(mut boxes: Vec<[Vec3; 2]>) -> bool {
+    for b in &mut boxes {
+        let rounding = b[0].abs().max(b[1].abs()) * (8.0 * f32::EPSILON);
+        *b = [b[0] - rounding, b[1] + rounding];
+    }
+    boxes.sort_by(|a, b| a[0].x.total_cmp(&b[0].x));
+    (0..boxes.len()).any(|i| {
+        let [lo, hi] = boxes[i];
+        boxes[i + 1..].iter().take_while(|b| b[0].x <= hi.x).any(|b| b[0].cmple(hi).all() && lo.cmple(b[1]).all())
+    })
+}

@@ -1,0 +1,180 @@
+//! Rays against the scene: what they meet, what they may pass.
+
+use crate::features::{AllFeatures, Features};
+use crate::light::LightTarget;
+use crate::query::surface::{self, TexturePoint};
+use crate::scene::{Placement, Scene};
+use dunkelfeld_bsdf::EFFECTS;
+use dunkelfeld_bvh::Hit;
+use dunkelfeld_geometry::{Ray, Vec2, Vec3, Vec4, hit_point, offset_ray_origin};
+use dunkelfeld_radiometry::Rgb;
+
+/// A point on a surface, with what is needed to leave it again.
+#[derive(Clone, Copy, Debug)]
+pub struct SurfacePoint {
+    /// Position in render space.
+    pub point: Vec3,
+    /// Bound of the position's rounding error, per axis.
+    pub error: Vec3,
+    /// Unit geometric normal, on the side the winding says.
+    pub normal: Vec3,
+    /// Ray parameter of the hit \[m\].
+    pub distance: f32,
+    pub(crate) part: u32,
+    pub(crate) material: u32,
+    pub(crate) triangle: u32,
+    /// Has the triangle interpolated normals?
+    pub(crate) is_smooth: bool,
+    pub(crate) barycentrics: [f32; 3],
+}
+
+impl SurfacePoint {
+    /// Where a ray in the given direction starts, so that it does not meet this surface again.
+    #[inline]
+    pub fn leave(&self, direction: Vec3) -> Vec3 {
+        offset_ray_origin(self.point, self.error, self.normal, direction)
+    }
+}
+
+impl Scene {
+    /// The nearest surface along a ray, covered or not.
+    #[inline]
+    pub fn intersect(&self, ray: &Ray) -> Option<SurfacePoint> {
+        self.bvh.closest_hit(ray).map(|hit| self.surface_point(&hit))
+    }
+
+    #[inline(always)]
+    pub(crate) fn surface_point(&self, hit: &Hit) -> SurfacePoint {
+        let Hit { b1, b2, .. } = *hit;
+        let (part_index, facet_index) = match self.placements[hit.instance as usize] {
+            Placement::Baked => (self.facets[hit.triangle as usize].part, hit.triangle),
+            Placement::Part(part) => (part, self.parts[part as usize].first_facet + hit.triangle),
+        };
+        let (part, facet) = (&self.parts[part_index as usize], &self.facets[facet_index as usize]);
+        let (mut point, mut error) = hit_point(&facet.corners, b1, b2);
+        let mut normal = facet.normal;
+        if let Some(transform) = &part.transform {
+            (point, error) = transform.point_with_error(point, error);
+            normal = transform.normal(normal);
+        }
+        SurfacePoint {
+            point,
+            error,
+            normal,
+            distance: hit.t,
+            part: part_index,
+            material: part.material,
+            triangle: facet_index - part.first_facet,
+            is_smooth: facet.is_smooth,
+            barycentrics: [1.0 - b1 - b2, b1, b2],
+        }
+    }
+
+    /// Texture coordinates and vertex colour at a point.
+    #[inline]
+    pub(crate) fn texture_point(&self, p: &SurfacePoint) -> TexturePoint {
+        let mesh = &self.meshes[self.parts[p.part as usize].mesh as usize];
+        let vertices = mesh.triangles[p.triangle as usize].map(|i| i as usize);
+        let uvs = [0, 1].map(|set| {
+            let uv = &mesh.uvs[set];
+            if uv.is_empty() { Vec2::ZERO } else { mix(&p.barycentrics, vertices.map(|v| uv[v])) }
+        });
+        let color =
+            if mesh.colors.is_empty() { Vec4::ONE } else { mix(&p.barycentrics, vertices.map(|v| mesh.colors[v])) };
+        TexturePoint { uvs, color }
+    }
+
+    /// Does chance decide what the surface is at a point: whether it is there, or which of two things it is?
+    #[inline]
+    pub fn is_chance(&self, p: &SurfacePoint) -> bool {
+        let compiled = &self.compiled[p.material as usize];
+        compiled.has_coverage || compiled.is_mixture
+    }
+
+    /// The probability that light meets the surface at a point, in \[0, 1\].
+    #[inline]
+    pub fn coverage(&self, p: &SurfacePoint) -> f32 {
+        let compiled = &self.compiled[p.material as usize];
+        if !compiled.has_coverage {
+            return 1.0;
+        }
+        compiled.coverage(&self.materials[p.material as usize], &self.images, || self.texture_point(p))
+    }
+
+    /// Radiance [W/(m^2 sr)] that the surface itself emits toward the unit direction `toward`.
+    #[inline(always)]
+    pub fn emitted(&self, p: &SurfacePoint, toward: Vec3) -> Rgb {
+        if self.compiled[p.material as usize].emits { self.emitted_by_light(*p, toward) } else { Rgb::BLACK }
+    }
+
+    // The point by value, as what is seldom called takes it (`CONVENTIONS.md`).
+    fn emitted_by_light(&self, p: SurfacePoint, toward: Vec3) -> Rgb {
+        let material = &self.materials[p.material as usize];
+        if !(material.double_sided || material.unlit) && toward.dot(p.normal) <= 0.0 {
+            return Rgb::BLACK;
+        }
+        if !(EFFECTS && material.emission_texture.is_some() || material.unlit) {
+            return material.emission;
+        }
+        surface::emission(material, &self.images, &self.texture_point(&p))
+    }
+
+    /// Share of light that a segment lets through: 0 behind a surface that covers fully, else the product of what partly
+    /// covering surfaces leave open.
+    #[inline]
+    pub fn transmittance(&self, ray: &Ray) -> f32 {
+        self.transmittance_with::<AllFeatures>(ray)
+    }
+
+    /// [`Self::transmittance`] in a scene that calls for no more than `F`.
+    #[inline]
+    pub fn transmittance_with<F: Features>(&self, ray: &Ray) -> f32 {
+        if !F::STOCHASTIC || !self.has_coverage {
+            return f32::from(u8::from(!self.bvh.occluded(ray)));
+        }
+        let mut open = 1.0;
+        let blocked = self.bvh.blocked(ray, |hit| open *= 1.0 - self.coverage(&self.surface_point(&hit)));
+        if blocked { 0.0 } else { open }
+    }
+
+    /// The shadow ray from a point on a surface to a light: both ends are moved off their surfaces.
+    #[inline]
+    pub fn shadow_ray(&self, from: &SurfacePoint, direction: Vec3, target: Option<&LightTarget>) -> Ray {
+        self.shadow_ray_from(from.leave(direction), direction, target)
+    }
+
+    /// The shadow ray from a point in space to a light: its far end is moved off the light's surface.
+    #[inline(always)]
+    pub fn shadow_ray_from(&self, origin: Vec3, direction: Vec3, target: Option<&LightTarget>) -> Ray {
+        match target {
+            None => Ray::new(origin, direction),
+            Some(t) => {
+                // The light's surface is planar; its points carry the rounding error of an interpolated point, and the
+                // end of the ray that of its direction, which on a way along the surface is what meets it too early.
+                let error = (t.point.abs() + t.point.distance(origin)) * (4.0 * f32::EPSILON);
+                let end = if t.normal == Vec3::ZERO {
+                    t.point
+                } else {
+                    offset_ray_origin(t.point, error, t.normal, -direction)
+                };
+                let way = end - origin;
+                let distance = way.length();
+                if distance > 0.0 {
+                    // A relative cut of two units of rounding keeps the end out; it is 1e-7 of the way, never a length.
+                    Ray::with_end(origin, way / distance, distance * (1.0 - 2.0 * f32::EPSILON))
+                } else {
+                    Ray::with_end(origin, direction, 0.0)
+                }
+            }
+        }
+    }
+}
+
+/// The barycentric mean of three values.
+#[inline]
+pub(crate) fn mix<T>(b: &[f32; 3], [v0, v1, v2]: [T; 3]) -> T
+where
+    T: std::ops::Mul<f32, Output = T> + std::ops::Add<Output = T>,
+{
+    v0 * b[0] + v1 * b[1] + v2 * b[2]
+}

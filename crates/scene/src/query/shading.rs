@@ -1,0 +1,335 @@
+//! From a point on a surface to a frame and a BSDF.
+
+use crate::features::{AllFeatures, Features};
+use crate::light::{EACH_UP_TO, LightChoice, LightSample, LightSampleContext, NO_LIGHT};
+use crate::query::intersect::{SurfacePoint, mix};
+use crate::query::surface::{self, TexturePoint};
+use crate::scene::Scene;
+use dunkelfeld_bsdf::{Bsdf, EFFECTS};
+use dunkelfeld_geometry::{Frame, LocalDir, Vec2, Vec3};
+use dunkelfeld_radiometry::Rgb;
+
+/// Everything scattering needs to know about a point.
+#[derive(Clone, Debug)]
+pub struct ShadingPoint<'a> {
+    /// Shading frame: +z on the outside of solids, on the viewer's side of everything else.
+    pub frame: Frame,
+    /// How the surface scatters.
+    pub bsdf: &'a Bsdf,
+    /// Index of the material.
+    pub material: u32,
+    /// Is the surface the boundary of a solid that light can enter?
+    pub is_solid: bool,
+    /// The point as lights see it.
+    pub receiver: LightSampleContext,
+    /// Does the frame's normal lie on the side of the geometric one?
+    along: bool,
+    /// May it be another than that, but for its sign?
+    is_bent: bool,
+}
+
+impl ShadingPoint<'_> {
+    /// A world direction in the local frame, if it lies on the side of the surface that the frame says it does.
+    #[inline]
+    pub fn local_direction(&self, geometric_normal: Vec3, world: Vec3) -> Option<LocalDir> {
+        let local = self.frame.to_local(world);
+        // Along the surface's own normal both cosines are the same number.
+        (!self.is_bent || self.consistent(geometric_normal, world, local)).then_some(local)
+    }
+
+    /// Does a direction lie on the side of the surface that the local frame says it does? Interpolated normals can disagree
+    /// with the surface; light must not leak through it.
+    #[inline]
+    pub fn consistent(&self, geometric_normal: Vec3, world: Vec3, local: LocalDir) -> bool {
+        if !EFFECTS {
+            return true;
+        }
+        let above = geometric_normal.dot(world) > 0.0;
+        (local.cos_theta() > 0.0) == (above == self.along)
+    }
+}
+
+impl Scene {
+    /// Frame and BSDF at a point seen from direction `wo` (unit, away from the surface). `u` in `[0, 1)` is used by
+    /// materials that are one of two things at random. A BSDF that is only this point's is put in `own`.
+    #[inline]
+    pub fn shade<'a>(&'a self, p: &SurfacePoint, wo: Vec3, u: f32, own: &'a mut Option<Bsdf>) -> ShadingPoint<'a> {
+        self.shade_with::<AllFeatures>(p, wo, u, own)
+    }
+
+    /// [`Self::shade`] in a scene that calls for no more than `F`.
+    #[inline]
+    pub fn shade_with<'a, F: Features>(
+        &'a self,
+        p: &SurfacePoint,
+        wo: Vec3,
+        u: f32,
+        own: &'a mut Option<Bsdf>,
+    ) -> ShadingPoint<'a> {
+        self.shade_as::<F>(p, wo, u, None, own)
+    }
+
+    /// [`Self::shade`] for a face between two solids: `eta` is the index of refraction on the inside of the surface over
+    /// that on its outside.
+    pub fn shade_between<'a>(
+        &'a self,
+        p: &SurfacePoint,
+        wo: Vec3,
+        u: f32,
+        eta: f32,
+        own: &'a mut Option<Bsdf>,
+    ) -> ShadingPoint<'a> {
+        self.shade_as::<AllFeatures>(p, wo, u, Some(eta), own)
+    }
+
+    #[inline(always)]
+    fn shade_as<'a, F: Features>(
+        &'a self,
+        p: &SurfacePoint,
+        wo: Vec3,
+        u: f32,
+        eta: Option<f32>,
+        own: &'a mut Option<Bsdf>,
+    ) -> ShadingPoint<'a> {
+        let compiled = &self.compiled[p.material as usize];
+        let between = eta.filter(|eta| *eta != self.materials[p.material as usize].ior);
+        // Only what is smooth or has a map can be bent away from the surface.
+        let mut is_bent = EFFECTS && p.is_smooth;
+        let normal = if is_bent { self.shading_normal(*p) } else { p.normal };
+        let (mut frame, bsdf) = if F::TEXTURED && (compiled.varies || compiled.needs_tangent || between.is_some()) {
+            let material = &self.materials[p.material as usize];
+            let at = self.texture_point(p);
+            is_bent |= compiled.needs_tangent;
+            let frame = if compiled.needs_tangent {
+                self.tangent_frame(p, normal, material, &at)
+            } else {
+                Frame::from_normal(normal)
+            };
+            let bsdf = match between {
+                Some(eta) => own.insert(compiled.bsdf_between(material, eta, &self.images, &at, u)),
+                None => compiled.bsdf(material, &self.images, &at, u, own),
+            };
+            (frame, bsdf)
+        } else {
+            (Frame::from_normal(normal), compiled.constant_bsdf(u))
+        };
+        // A viewer above the surface but below the interpolated normal sees the surface itself.
+        if is_bent && (frame.normal.dot(wo) > 0.0) != (p.normal.dot(wo) > 0.0) {
+            frame = Frame::from_normal_tangent(p.normal, frame.tangent);
+        }
+        let mut along = !is_bent || p.normal.dot(frame.normal) > 0.0;
+        let facing = if p.normal.dot(wo) < 0.0 { -p.normal } else { p.normal };
+        if !(EFFECTS && compiled.is_solid) && frame.normal.dot(wo) < 0.0 {
+            frame = Frame { tangent: frame.tangent, bitangent: -frame.bitangent, normal: -frame.normal };
+            along = !along;
+        }
+        let receiver = LightSampleContext { point: p.point, normal: facing, both_sides: compiled.both_sides };
+        let is_solid = compiled.is_solid;
+        ShadingPoint { frame, bsdf, material: p.material, is_solid, receiver, along, is_bent }
+    }
+
+    /// The interpolated unit normal, on the side of the geometric one; that itself where a mesh has none or they cancel.
+    // The point by value, as what is seldom called takes it (`CONVENTIONS.md`).
+    pub(crate) fn shading_normal(&self, p: SurfacePoint) -> Vec3 {
+        let part = &self.parts[p.part as usize];
+        let facet = &self.facets[(part.first_facet + p.triangle) as usize];
+        if !facet.is_smooth {
+            return p.normal;
+        }
+        let mixed = mix(&p.barycentrics, facet.normals);
+        match part.transform.as_ref().map_or(mixed, |t| t.normal(mixed)).try_normalize() {
+            Some(n) if n.dot(p.normal) < 0.0 => -n,
+            Some(n) => n,
+            None => p.normal,
+        }
+    }
+
+    /// The frame around the shading normal with the surface's own tangent, and with the normal map.
+    fn tangent_frame(&self, p: &SurfacePoint, normal: Vec3, material: &crate::Material, at: &TexturePoint) -> Frame {
+        let part = &self.parts[p.part as usize];
+        let mesh = &self.meshes[part.mesh as usize];
+        let vertices = mesh.triangles[p.triangle as usize].map(|i| i as usize);
+        let to_render_vector = |v: Vec3| part.transform.as_ref().map_or(v, |t| t.vector(v));
+        let (tangent, handedness) = if mesh.tangents.is_empty() {
+            let set = material.normal_texture.or(material.anisotropy_texture).map_or(0, |t| usize::from(t.uv_set & 1));
+            let (t, w) = uv_tangent(&mesh.corners(p.triangle as usize), vertices, &mesh.uvs[set]);
+            (to_render_vector(t), w)
+        } else {
+            let t = mix(&p.barycentrics, vertices.map(|v| mesh.tangents[v].truncate()));
+            (to_render_vector(t), mesh.tangents[vertices[0]].w)
+        };
+        let mut frame = Frame::from_normal_tangent(normal, tangent);
+        // The bitangent of a mirrored instance keeps the handedness of its own space.
+        let mirrored = part.transform.as_ref().is_some_and(|t| t.swaps_handedness());
+        let handedness = if mirrored { -handedness } else { handedness };
+        if let Some(texture) = &material.normal_texture {
+            let [x, y, z, _] = texture.eval(&self.images, at.uvs[usize::from(texture.uv_set & 1)]);
+            let scale = material.normal_scale;
+            let map = Vec3::new((2.0 * x - 1.0) * scale, (2.0 * y - 1.0) * scale, 2.0 * z - 1.0);
+            let bent = frame.tangent * map.x + frame.bitangent * (handedness * map.y) + frame.normal * map.z;
+            if let Some(n) = bent.try_normalize()
+                && n.dot(p.normal) > 0.0
+            {
+                frame = Frame::from_normal_tangent(n, frame.tangent);
+            }
+        }
+        if material.anisotropy != 0.0 {
+            let (sin, cos) = surface::anisotropy(material, &self.images, at).1.sin_cos();
+            let axis = frame.tangent * cos + frame.bitangent * (handedness * sin);
+            frame = Frame::from_normal_tangent(frame.normal, axis);
+        }
+        frame
+    }
+
+    /// Absorption coefficient [1/m] inside the solid of a material.
+    #[inline]
+    pub fn absorption(&self, material: u32) -> Rgb {
+        self.compiled[material as usize].absorption
+    }
+
+    /// Object and material of a point, as indices.
+    pub fn ids(&self, p: &SurfacePoint) -> (u32, u32) {
+        let part = &self.parts[p.part as usize];
+        (part.object, part.material)
+    }
+
+    /// No vertex has more questions for light than this.
+    pub const MAX_LIGHT_SAMPLES: u32 = EACH_UP_TO as u32;
+
+    /// Which lights the scattering vertex with this number (from 0, counted along a path) asks: each where they are at
+    /// most eight and the vertex lies on a surface or is one of the first two (unless the technique is left out), else one.
+    #[inline]
+    pub fn light_choice_at(&self, vertex: u32, in_medium: bool) -> LightChoice {
+        self.lights.choice_at(vertex, in_medium)
+    }
+
+    /// How many questions [`Self::sample_light`] answers at a vertex.
+    #[inline]
+    pub fn light_questions(&self, choice: LightChoice) -> u32 {
+        self.lights.questions(choice) as u32
+    }
+
+    /// The answer to a question for light: a direction toward the light that `question` (below [`Self::light_questions`])
+    /// or chance names, with the radiance that arrives if nothing is in the way. The answers are to be added up.
+    // Always inlined: of the numbers that it is given a choice needs two or three, and those that it does not need are then
+    // never worked out.
+    #[inline(always)]
+    pub fn sample_light(
+        &self,
+        receiver: &LightSampleContext,
+        choice: LightChoice,
+        question: u32,
+        u_choice: f32,
+        u: [f32; 2],
+    ) -> Option<LightSample> {
+        let mut sample = self.lights.sample(receiver, choice, question as usize, u_choice, u)?;
+        if let Some(target) = &sample.target
+            && let Some((part, triangle)) = target.surface
+        {
+            sample.radiance = self.radiance_at(part, triangle, target.point, -sample.direction);
+        }
+        Some(sample)
+    }
+
+    /// Radiance [W/(m^2 sr)] of a place on a light that does not shine evenly.
+    #[inline(never)]
+    fn radiance_at(&self, part: u32, triangle: u32, point: Vec3, toward: Vec3) -> Rgb {
+        let p = self.locate(part, triangle, point);
+        self.emitted(&p, toward) * self.coverage(&p)
+    }
+
+    /// The surface point of a light at a position: on the given triangle or, if that does not contain it, on the other
+    /// triangle of the light's rectangle.
+    fn locate(&self, part_index: u32, triangle: u32, point: Vec3) -> SurfacePoint {
+        let part = &self.parts[part_index as usize];
+        let mesh = &self.meshes[part.mesh as usize];
+        let to_render = |p: Vec3| part.transform.as_ref().map_or(p, |t| t.point(p));
+        let light = part.lights.get(triangle as usize).copied().unwrap_or(NO_LIGHT);
+        let candidates = match self.lights.lights.get(light as usize) {
+            Some(crate::light::Light::Area(a)) => a.triangles,
+            _ => [triangle, u32::MAX],
+        };
+        let inside = |t: u32| {
+            let b = barycentrics(mesh.corners(t as usize).map(to_render), point);
+            (b[0].min(b[1]).min(b[2]), b, t)
+        };
+        let mut best = inside(candidates[0]);
+        if candidates[1] != u32::MAX {
+            let other = inside(candidates[1]);
+            if other.0 > best.0 {
+                best = other;
+            }
+        }
+        let (_, b, t) = best;
+        let normal = to_render_normal_of(part, mesh, t);
+        SurfacePoint {
+            point,
+            error: Vec3::ZERO,
+            normal,
+            distance: 0.0,
+            part: part_index,
+            material: part.material,
+            triangle: t,
+            is_smooth: self.facets[(part.first_facet + t) as usize].is_smooth,
+            barycentrics: b,
+        }
+    }
+
+    /// The density [1/sr] with which [`Self::sample_light`] would have found a point on a surface; 0 if it does not emit.
+    #[inline]
+    pub fn light_pdf(&self, receiver: &LightSampleContext, choice: LightChoice, p: &SurfacePoint) -> f32 {
+        match self.parts[p.part as usize].lights.get(p.triangle as usize) {
+            Some(&light) if light != NO_LIGHT => self.lights.pdf_area(receiver, choice, light, p.point),
+            _ => 0.0,
+        }
+    }
+
+    /// Radiance [W/(m^2 sr)] from infinitely far away, along a direction.
+    #[inline]
+    pub fn environment_radiance(&self, direction: Vec3) -> Rgb {
+        if EFFECTS {
+            self.lights.environment.as_ref().map_or(Rgb::BLACK, |e| e.radiance(direction))
+        } else {
+            Rgb::BLACK
+        }
+    }
+
+    /// The density [1/sr] with which [`Self::sample_light`] would have chosen the environment in a direction.
+    #[inline]
+    pub fn environment_pdf(&self, receiver: &LightSampleContext, choice: LightChoice, direction: Vec3) -> f32 {
+        self.lights.pdf_environment(receiver, choice, direction)
+    }
+}
+
+fn to_render_normal_of(part: &crate::scene::Part, mesh: &dunkelfeld_geometry::Mesh, triangle: u32) -> Vec3 {
+    let n = dunkelfeld_geometry::geometric_normal(&mesh.corners(triangle as usize));
+    part.transform.as_ref().map_or(n, |t| t.normal(n))
+}
+
+/// Barycentric coordinates of a point in (or near) a triangle's plane, by projected areas in f64.
+fn barycentrics(corners: [Vec3; 3], point: Vec3) -> [f32; 3] {
+    let [a, b, c] = corners.map(|v| v.as_dvec3());
+    let p = point.as_dvec3();
+    let n = (b - a).cross(c - a);
+    let inverse = 1.0 / n.length_squared();
+    let b1 = (c - a).cross(a - p).dot(n) * inverse;
+    let b2 = (a - p).cross(b - a).dot(n) * inverse;
+    [(1.0 - b1 - b2) as f32, b1 as f32, b2 as f32]
+}
+
+/// The direction in which u grows, from the texture coordinates of a triangle, and the sign of the bitangent: v grows
+/// against it where the image is not mirrored, as v points down and the bitangent up (glTF). Zero and 1 if the coordinates
+/// are degenerate or missing.
+fn uv_tangent(corners: &[Vec3; 3], vertices: [usize; 3], uvs: &[Vec2]) -> (Vec3, f32) {
+    if uvs.is_empty() {
+        return (Vec3::ZERO, 1.0);
+    }
+    let [t0, t1, t2] = vertices.map(|v| uvs[v]);
+    let (e1, e2) = (corners[1] - corners[0], corners[2] - corners[0]);
+    let (d1, d2) = (t1 - t0, t2 - t0);
+    let determinant = d1.x * d2.y - d2.x * d1.y;
+    if determinant == 0.0 || !determinant.is_finite() {
+        return (Vec3::ZERO, 1.0);
+    }
+    ((e1 * d2.y - e2 * d1.y) * determinant.signum(), -determinant.signum())
+}

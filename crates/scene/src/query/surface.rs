@@ -1,0 +1,349 @@
+//! From a material and a place on a mesh to the numbers of a BSDF.
+//!
+//! | material | BSDF |
+//! |---|---|
+//! | `unlit` | absorber that emits its base colour |
+//! | `transmission` 1, metallic 0, solid | dielectric, smooth where roughness is 0; half of the base colour's density at each face |
+//! | `transmission` 1, metallic 0, thin | thin sheet, tinted by the base colour |
+//! | `transmission` t, solid | principled with `spec_trans` = t |
+//! | `transmission` t, thin | thin sheet with probability t (1 - metallic), else principled |
+//! | `diffuse_transmission` d, `transmission` 0 or the rest of a thin sheet | translucent: principled, with the share d of its diffuse light passed on |
+//! | everything else | principled |
+//!
+//! `docs/materials.md` has the same table for users, and where each parameter comes from.
+
+use crate::build::effects::SMOOTH_ROUGHNESS;
+use crate::features::FeatureSet;
+use crate::material::texture::{Image, Texture};
+use crate::material::{AlphaMode, ChannelTexture, Material, Surface};
+use crate::media::medium::Medium;
+use dunkelfeld_bsdf::{Bsdf, Dielectric, EFFECTS, Principled, PrincipledParams, ThinSheet, Translucent};
+use dunkelfeld_geometry::{Vec2, Vec4};
+use dunkelfeld_radiometry::Rgb;
+
+/// What a material needs to know about a place on a mesh.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct TexturePoint {
+    pub(crate) uvs: [Vec2; 2],
+    pub(crate) color: Vec4,
+}
+
+impl TexturePoint {
+    /// A place of a surface that is the same everywhere.
+    pub(crate) const ANYWHERE: Self = Self { uvs: [Vec2::ZERO; 2], color: Vec4::ONE };
+}
+
+/// A material with everything worked out that does not depend on the place.
+#[derive(Clone, Debug)]
+pub(crate) struct CompiledMaterial {
+    /// The BSDF of a material that is the same everywhere.
+    constant: Option<Constant>,
+    /// Absorption coefficient of the solid [1/m], zero if it is none.
+    pub(crate) absorption: Rgb,
+    /// Does light cross the surface into or out of a solid?
+    pub(crate) is_solid: bool,
+    /// Does light pass it in one direction only (or may it, at some place)?
+    pub(crate) is_smooth_clear: bool,
+    /// Is the surface one of two things at random?
+    pub(crate) is_mixture: bool,
+    /// Is light from behind scattered to the front (anything that transmits)?
+    pub(crate) both_sides: bool,
+    /// Does coverage have to be asked for?
+    pub(crate) has_coverage: bool,
+    /// Coverage, where it is the same everywhere.
+    constant_coverage: Option<f32>,
+    /// Does the surface look different from place to place?
+    pub(crate) varies: bool,
+    /// Does the frame need a tangent: a normal map or a direction of roughness?
+    pub(crate) needs_tangent: bool,
+    pub(crate) emits: bool,
+    /// Does what is emitted, or the share of the surface that emits, have to be looked up at each place?
+    pub(crate) shines_unevenly: bool,
+    /// Of the face of a clear solid, the same everywhere: the factor on light that passes it where the index of refraction
+    /// is the same on both sides.
+    pub(crate) clear_tint: Option<Rgb>,
+    energy_compensation: bool,
+}
+
+#[derive(Clone, Copy, Debug)]
+enum Constant {
+    One(Bsdf),
+    /// The first with the given probability, else the second.
+    Either(f32, Bsdf, Bsdf),
+}
+
+impl Constant {
+    #[inline]
+    fn compensated_if(self, on: bool) -> Self {
+        match self {
+            Self::One(b) if on => Self::One(b.with_energy_compensation()),
+            Self::Either(p, a, b) if on => Self::Either(p, a.with_energy_compensation(), b.with_energy_compensation()),
+            same => same,
+        }
+    }
+}
+
+impl CompiledMaterial {
+    /// `is_painted`: some mesh of this material has vertex colours.
+    pub(crate) fn new(m: &Material, is_painted: bool, energy_compensation: bool) -> Self {
+        // A metallic texture may take the metal away (glTF's default factor is 1).
+        let transmits = m.transmission > 0.0 && (m.metallic < 1.0 || m.metallic_texture.is_some());
+        let diffuses = m.diffuse_transmission > 0.0 && (m.metallic < 1.0 || m.metallic_texture.is_some());
+        let is_solid = matches!(m.surface, Surface::Solid(_)) && (transmits || diffuses);
+        let absorption = match &m.surface {
+            Surface::Solid(v) if is_solid => Medium::new(v).absorption,
+            _ => Rgb::BLACK,
+        };
+        let textured = [
+            m.base_color_texture,
+            m.specular_color_texture,
+            m.sheen_color_texture,
+            m.anisotropy_texture,
+            m.diffuse_transmission_color_texture,
+        ]
+        .iter()
+        .any(Option::is_some)
+            || [
+                m.metallic_texture,
+                m.roughness_texture,
+                m.specular_texture,
+                m.transmission_texture,
+                m.diffuse_transmission_texture,
+                m.clearcoat_texture,
+                m.clearcoat_roughness_texture,
+            ]
+            .iter()
+            .any(Option::is_some);
+        let has_coverage = match m.alpha_mode {
+            AlphaMode::Opaque => false,
+            AlphaMode::Mask { .. } | AlphaMode::Blend => true,
+        };
+        let emits = m.unlit || !m.emission.is_black();
+        let varies = textured || is_painted;
+        let constant =
+            (!varies).then(|| scatter(m, m.ior, &[], &TexturePoint::ANYWHERE).compensated_if(energy_compensation));
+        let fades = is_painted || m.alpha_texture.is_some() || m.base_color_texture.is_some();
+        let constant_coverage = (!fades).then(|| coverage(m, &[], &TexturePoint::ANYWHERE));
+        let needs_tangent = m.normal_texture.is_some() || m.anisotropy != 0.0;
+        let is_mixture = transmits && matches!(m.surface, Surface::Thin);
+        let sharp = m.roughness < SMOOTH_ROUGHNESS || m.roughness_texture.is_some();
+        let is_smooth_clear = transmits && sharp && (!is_solid || m.transmission >= 1.0);
+        let is_clear = is_solid && m.transmission >= 1.0 && m.metallic <= 0.0 && !has_coverage && !emits;
+        let clear_textures =
+            [m.base_color_texture.is_some(), m.transmission_texture.is_some(), m.metallic_texture.is_some()];
+        let clear_tint = (is_clear && !is_painted && !clear_textures.contains(&true))
+            .then(|| m.base_color.map(|c| c.clamp(0.0, 1.0).sqrt()));
+        Self {
+            clear_tint,
+            constant,
+            absorption,
+            is_solid,
+            is_smooth_clear,
+            is_mixture,
+            both_sides: transmits || diffuses,
+            has_coverage,
+            constant_coverage,
+            varies,
+            needs_tangent,
+            emits,
+            shines_unevenly: m.unlit || EFFECTS && (m.emission_texture.is_some() || has_coverage),
+            energy_compensation,
+        }
+    }
+
+    /// What a kernel must be able to do to render the material.
+    pub(crate) fn features(&self) -> FeatureSet {
+        FeatureSet {
+            detail: self.varies || self.needs_tangent,
+            chance: self.has_coverage || self.is_mixture,
+            solids: self.is_solid,
+            media: false,
+        }
+    }
+
+    /// The probability that light meets the surface; `at` is asked for only where that varies.
+    #[inline]
+    pub(crate) fn coverage(&self, m: &Material, images: &[Image], at: impl FnOnce() -> TexturePoint) -> f32 {
+        self.constant_coverage.unwrap_or_else(|| coverage(m, images, &at()))
+    }
+
+    /// The BSDF at a place, put in `own` if it is only this place's. `u` in `[0, 1)` chooses between the two of a partly
+    /// transmitting thin sheet.
+    #[inline]
+    pub(crate) fn bsdf<'a>(
+        &'a self,
+        m: &Material,
+        images: &[Image],
+        at: &TexturePoint,
+        u: f32,
+        own: &'a mut Option<Bsdf>,
+    ) -> &'a Bsdf {
+        match &self.constant {
+            Some(constant) => constant.pick(u),
+            None => own.insert(*scatter(m, m.ior, images, at).compensated_if(self.energy_compensation).pick(u)),
+        }
+    }
+
+    /// The BSDF at a place where the index of refraction inside over outside is not the material's own.
+    pub(crate) fn bsdf_between(&self, m: &Material, eta: f32, images: &[Image], at: &TexturePoint, u: f32) -> Bsdf {
+        *scatter(m, eta, images, at).compensated_if(self.energy_compensation).pick(u)
+    }
+
+    /// The BSDF of a material that is the same everywhere; an absorber if it is not.
+    #[inline]
+    pub(crate) fn constant_bsdf(&self, u: f32) -> &Bsdf {
+        self.constant.as_ref().map_or(&Bsdf::Absorber, |c| c.pick(u))
+    }
+}
+
+impl Constant {
+    #[inline]
+    fn pick(&self, u: f32) -> &Bsdf {
+        match self {
+            Self::One(b) => b,
+            Self::Either(_, a, _) if !EFFECTS => a,
+            Self::Either(p, a, _) if u < *p => a,
+            Self::Either(_, _, b) => b,
+        }
+    }
+}
+
+/// `factor * texture`, one channel.
+#[inline]
+fn channel(factor: f32, texture: &Option<ChannelTexture>, images: &[Image], at: &TexturePoint) -> f32 {
+    match texture {
+        None => factor,
+        Some(t) => {
+            factor * t.texture.eval(images, at.uvs[usize::from(t.texture.uv_set & 1)])[usize::from(t.channel & 3)]
+        }
+    }
+}
+
+/// `factor * texture`, colour.
+#[inline]
+fn color(factor: Rgb, texture: &Option<Texture>, images: &[Image], at: &TexturePoint) -> Rgb {
+    match texture {
+        None => factor,
+        Some(t) => {
+            let [r, g, b, _] = t.eval(images, at.uvs[usize::from(t.uv_set & 1)]);
+            factor * Rgb::new(r, g, b)
+        }
+    }
+}
+
+/// Base colour at a place.
+#[inline]
+fn base_color(m: &Material, images: &[Image], at: &TexturePoint) -> Rgb {
+    color(m.base_color, &m.base_color_texture, images, at) * Rgb::new(at.color.x, at.color.y, at.color.z)
+}
+
+/// The probability that light meets the surface at a place.
+pub(crate) fn coverage(m: &Material, images: &[Image], at: &TexturePoint) -> f32 {
+    let mut alpha = channel(m.alpha, &m.alpha_texture, images, at) * at.color.w;
+    if let Some(t) = &m.base_color_texture {
+        alpha *= t.eval(images, at.uvs[usize::from(t.uv_set & 1)])[3];
+    }
+    match m.alpha_mode {
+        AlphaMode::Opaque => 1.0,
+        AlphaMode::Mask { cutoff } => f32::from(u8::from(alpha >= cutoff)),
+        AlphaMode::Blend => alpha.clamp(0.0, 1.0),
+    }
+}
+
+/// Emitted radiance [W/(m^2 sr)] of the emitting side at a place.
+pub(crate) fn emission(m: &Material, images: &[Image], at: &TexturePoint) -> Rgb {
+    let emitted = color(m.emission, &m.emission_texture, images, at);
+    if m.unlit { emitted + base_color(m, images, at) } else { emitted }
+}
+
+/// Mean emitted radiance over all places, for choosing lights.
+pub(crate) fn mean_emission(m: &Material, images: &[Image]) -> Rgb {
+    let mean = |t: &Option<Texture>| match t {
+        None => Rgb::WHITE,
+        Some(t) => {
+            let [r, g, b, _] = images[t.image.0 as usize].mean(t.encoding);
+            Rgb::new(r, g, b)
+        }
+    };
+    let emitted = m.emission * mean(&m.emission_texture);
+    if m.unlit { emitted + m.base_color * mean(&m.base_color_texture) } else { emitted }
+}
+
+/// What the surface does with light; `eta` is the index of refraction inside over outside.
+fn scatter(m: &Material, eta: f32, images: &[Image], at: &TexturePoint) -> Constant {
+    if m.unlit {
+        return Constant::One(Bsdf::Absorber);
+    }
+    let base = base_color(m, images, at);
+    let metallic = channel(m.metallic, &m.metallic_texture, images, at).clamp(0.0, 1.0);
+    let roughness = channel(m.roughness, &m.roughness_texture, images, at).clamp(0.0, 1.0);
+    let transmission = channel(m.transmission, &m.transmission_texture, images, at).clamp(0.0, 1.0);
+    let specular = channel(m.specular, &m.specular_texture, images, at);
+    let specular_color = color(m.specular_color, &m.specular_color_texture, images, at);
+    let clear = transmission * (1.0 - metallic);
+    let alpha = if roughness < SMOOTH_ROUGHNESS { 0.0 } else { roughness * roughness };
+    let solid = matches!(m.surface, Surface::Solid(_));
+    if solid && clear >= 1.0 {
+        return Constant::One(Bsdf::Dielectric(Dielectric::new(
+            eta,
+            alpha,
+            Rgb::WHITE,
+            base.map(|c| c.max(0.0).sqrt()),
+        )));
+    }
+    let sheen_color = color(m.sheen_color, &m.sheen_color_texture, images, at);
+    let clearcoat = channel(m.clearcoat, &m.clearcoat_texture, images, at);
+    let coat_roughness = channel(m.clearcoat_roughness, &m.clearcoat_roughness_texture, images, at);
+    let passed = channel(m.diffuse_transmission, &m.diffuse_transmission_texture, images, at).clamp(0.0, 1.0);
+    let principled = |metallic: f32, spec_trans: f32| {
+        let surface = Principled::new(&PrincipledParams {
+            base_color: base,
+            metallic,
+            roughness,
+            anisotropic: anisotropy(m, images, at).0,
+            eta,
+            specular_factor: specular,
+            specular_color,
+            spec_tint: m.specular_tint,
+            spec_trans,
+            sheen: 1.0,
+            sheen_color,
+            sheen_tint: 0.0,
+            // Burley's coat of strength 1 reflects a quarter of a lacquer of index 1.5, which is what glTF means by 1.
+            clearcoat: 4.0 * clearcoat,
+            // Burley's coat has GGX-like alpha from 0.1 (satin) to 0.001 (gloss).
+            clearcoat_gloss: ((0.1 - coat_roughness * coat_roughness) / 0.099).clamp(0.0, 1.0),
+        });
+        if passed > 0.0 && spec_trans <= 0.0 {
+            let tint = color(m.diffuse_transmission_color, &m.diffuse_transmission_color_texture, images, at);
+            Bsdf::Translucent(Translucent::new(surface, passed, tint * (passed * (1.0 - metallic))))
+        } else {
+            Bsdf::Principled(surface)
+        }
+    };
+    if solid {
+        return Constant::One(principled(metallic, transmission));
+    }
+    if clear <= 0.0 {
+        return Constant::One(principled(metallic, 0.0));
+    }
+    let sheet = Bsdf::ThinSheet(ThinSheet::new(eta, alpha, specular_color * specular.min(1.0), base));
+    if clear >= 1.0 {
+        return Constant::One(sheet);
+    }
+    // What is left when the sheet is taken out: all of the metal, and the opaque share of the rest.
+    Constant::Either(clear, sheet, principled(metallic / (1.0 - clear), 0.0))
+}
+
+/// Strength of the anisotropy and the rotation of its axis from the tangent [rad] (KHR_materials_anisotropy: the texture's
+/// red and green are a direction, blue scales the strength).
+pub(crate) fn anisotropy(m: &Material, images: &[Image], at: &TexturePoint) -> (f32, f32) {
+    match &m.anisotropy_texture {
+        None => (m.anisotropy, m.anisotropy_rotation),
+        Some(t) => {
+            let [r, g, b, _] = t.eval(images, at.uvs[usize::from(t.uv_set & 1)]);
+            let (x, y) = (2.0 * r - 1.0, 2.0 * g - 1.0);
+            (m.anisotropy * b, m.anisotropy_rotation + if x == 0.0 && y == 0.0 { 0.0 } else { y.atan2(x) })
+        }
+    }
+}
