@@ -18,10 +18,9 @@
 
 #![allow(clippy::print_stdout, clippy::print_stderr, reason = "an example talks to its reader")]
 
-use dunkelfeld::{Budget, Cancel, Error, Project, SensorChoice, Silent, certify, develop, render};
+use dunkelfeld::{Budget, Error, Project, SensorChoice, Session, certify, develop, render};
 use std::path::PathBuf;
 use std::process::ExitCode;
-use std::time::Instant;
 
 const BLOCK: usize = 16;
 const WITHIN: std::ops::RangeInclusive<f64> = 0.8..=1.2;
@@ -128,12 +127,12 @@ fn truth(job: &PathBuf, options: &Options) -> Result<Truth, Error> {
     let (mut samples, mut forecasts) = (0u64, Vec::new());
     for seed in 0..options.seeds {
         settings.seed = seed;
-        let rendering = render(&project.scene, &settings, Instant::now(), &Silent, &Cancel::new())?;
-        let mut frame = develop(&rendering.film.mean(), &settings)?;
-        certify(&mut frame, &rendering.film, &rendering.labels, options.budget.noise);
-        samples += rendering.film.total_samples();
+        let rendering = render(&project.scene, &settings, &Session::new(settings.threads)?)?;
+        let mut frame = develop(&rendering.film.sums.mean(), &settings)?;
+        certify(&mut frame, &rendering.film, options.budget.noise);
+        samples += rendering.film.sums.total_samples();
         if let Some(foretold) = rendering.forecast.as_ref().and_then(|f| f.target()).and_then(|l| l.samples) {
-            forecasts.push(foretold / rendering.film.total_samples() as f64);
+            forecasts.push(foretold / rendering.film.sums.total_samples() as f64);
         }
         let Some(sensor) = frame.sensor else { continue };
         saturation = sensor.model.saturation().0;

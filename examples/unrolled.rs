@@ -8,7 +8,7 @@ use dunkelfeld::radiometry::Rgb;
 use dunkelfeld::scene::{Material, SceneBuilder, Surface, Volume, shapes};
 use dunkelfeld::sensor::Optics;
 use dunkelfeld::{
-    Budget, Cancel, Progress, ProgressState, RenderSettings, SensorChoice, develop_film, render, thread_pool,
+    Budget, Cancel, Progress, ProgressState, RenderSettings, SensorChoice, Session, develop_film, render,
 };
 use std::time::Instant;
 
@@ -77,12 +77,17 @@ fn main() -> Result<(), dunkelfeld::Error> {
 
     // The switch could be thrown from any thread: a signal handler, a user interface.
     let cancel = Cancel::new();
-    let rendering = render(&scene, &settings, started, &Tenths(0.into()), &cancel)?;
-    println!("{} samples, {} of them invalid", rendering.film.total_samples(), rendering.film.invalid_samples());
+    let progress = Tenths(0.into());
+    let session = Session::new(settings.threads)?.with_start(started).with_progress(&progress).with_cancel(&cancel);
+    let rendering = render(&scene, &settings, &session)?;
+    println!(
+        "{} samples, {} of them invalid",
+        rendering.film.sums.total_samples(),
+        rendering.film.sums.invalid_samples()
+    );
 
     // The film holds exact sums; what the sensor makes of them is another step.
-    let frame =
-        thread_pool(settings.threads)?.install(|| develop_film(&rendering.film, &rendering.labels, &settings))?;
+    let frame = session.install(|| develop_film(&rendering.film, &settings))?;
     if let Some(sensor) = &frame.sensor {
         let brightest = sensor.electrons.data().iter().copied().fold(0.0, f32::max);
         println!(

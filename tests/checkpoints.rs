@@ -15,7 +15,7 @@ use dunkelfeld::scene::{Effect, Material, Scene, SceneBuilder};
 use dunkelfeld::sensor::{Exposure, Optics};
 use dunkelfeld::{
     Budget, Cancel, CheckpointSettings, Error, MergeSettings, Merged, OutputPaths, Progress, ProgressState,
-    RenderSettings, Rendering, SensorChoice, Silent, find_sensor, render,
+    RenderSettings, Rendering, SensorChoice, Session, find_sensor, render,
 };
 use dunkelfeld_adaptive::weights::Strategy;
 use std::fs;
@@ -76,11 +76,11 @@ fn kept(path: &Path, settings: &RenderSettings) -> RenderSettings {
 }
 
 fn run(scene: &Scene, settings: &RenderSettings) -> Result<Rendering, Error> {
-    render(scene, settings, Instant::now(), &Silent, &Cancel::new())
+    render(scene, settings, &Session::new(settings.threads).expect("threads"))
 }
 
 fn film(scene: &Scene, settings: &RenderSettings) -> Film {
-    run(scene, settings).expect("a render").film
+    run(scene, settings).expect("a render").film.sums
 }
 
 /// Progress is reported ten times a second. Whoever takes longer to listen, and lets a single thread render, hears of every
@@ -116,7 +116,12 @@ impl Progress for Witness {
 fn witnessed(scene: &Scene, path: PathBuf, settings: &RenderSettings, threads: usize) -> Vec<(u64, PathBuf)> {
     let witness = Witness { checkpoint: path.clone(), copies: Mutex::default() };
     let settings = RenderSettings { threads, ..kept(&path, settings) };
-    render(scene, &settings, a_second_ago(), &witness, &Cancel::new()).expect("a render");
+    render(
+        scene,
+        &settings,
+        &Session::new(settings.threads).expect("threads").with_start(a_second_ago()).with_progress(&witness),
+    )
+    .expect("a render");
     let copies = witness.copies.into_inner().expect("not poisoned");
     let stored = |path: &PathBuf| read_checkpoint(path).expect("whole, whenever it is looked at").film.total_samples();
     copies.into_iter().map(|path| (stored(&path), path)).collect()
@@ -153,19 +158,19 @@ fn a_render_goes_on_from_wherever_it_was_left_and_ends_with_the_same_bits() {
         let first = run(&scene, settings).expect("a render");
         let whole = first.film;
         let copies = witnessed(&scene, folder.path().join(&name), settings, threads);
-        let unfinished = copies.iter().filter(|(n, _)| (1..whole.total_samples()).contains(n)).count();
+        let unfinished = copies.iter().filter(|(n, _)| (1..whole.sums.total_samples()).contains(n)).count();
         // While one thread writes, others may do all that is left.
         assert!(
             threads > 1 || unfinished > 2,
             "{name}: too few copies of {} samples: {copies:?}",
-            whole.total_samples()
+            whole.sums.total_samples()
         );
         for (i, (samples, copy)) in copies.iter().enumerate() {
             let threads = 1 + i % 3;
             let checkpoint = Some(CheckpointSettings::new(copy));
             let again = RenderSettings { threads, checkpoint, ..settings.clone() };
             let resumed = run(&scene, &again).expect("it goes on");
-            assert!(resumed.film == whole, "{name}: taken up at {samples} samples, on {threads} threads");
+            assert!(resumed.film.sums == whole.sums, "{name}: taken up at {samples} samples, on {threads} threads");
             assert!(resumed.weights == first.weights && resumed.stop == first.stop, "{name}: at {samples} samples");
             assert!(resumed.checkpoint_fault.is_none() && resumed.earlier.seconds > 0.0);
             assert_eq!(resumed.earlier.samples, *samples, "{name}");
@@ -187,15 +192,24 @@ fn a_render_that_is_interrupted_many_times_ends_with_the_same_bits() {
             let cancel = Cancel::new();
             let stop = StopAt(whole.total_samples() * (interruptions + 1) / 8, &cancel);
             let settings = RenderSettings { threads: 1, ..kept(&path, &settings) };
-            let resumed = render(&scene, &settings, a_second_ago(), &stop, &cancel).expect("it goes on");
+            let resumed = render(
+                &scene,
+                &settings,
+                &Session::new(settings.threads)
+                    .expect("threads")
+                    .with_start(a_second_ago())
+                    .with_progress(&stop)
+                    .with_cancel(&cancel),
+            )
+            .expect("it goes on");
             let stored = read_checkpoint(&path).expect("a checkpoint");
-            assert!(stored.film == resumed.film, "what is stored is what there is");
+            assert!(stored.film == resumed.film.sums, "what is stored is what there is");
             if !resumed.interrupted {
-                assert!(resumed.film == whole, "{strategy:?}, after {interruptions} interruptions");
+                assert!(resumed.film.sums == whole, "{strategy:?}, after {interruptions} interruptions");
                 assert!(interruptions > 2, "{strategy:?}: only {interruptions} interruptions");
                 break;
             }
-            assert!(resumed.film.total_samples() <= whole.total_samples());
+            assert!(resumed.film.sums.total_samples() <= whole.total_samples());
             interruptions += 1;
             assert!(interruptions < 20, "it never ends");
         }
@@ -251,7 +265,16 @@ fn the_time_of_all_processes_counts_against_the_budget() {
     let timed = kept(&path, &RenderSettings { budget, ..adaptive() });
     let cancel = Cancel::new();
     let stop = StopAt(2_000, &cancel);
-    let first = render(&scene, &timed, a_second_ago(), &stop, &cancel).expect("a render");
+    let first = render(
+        &scene,
+        &timed,
+        &Session::new(timed.threads)
+            .expect("threads")
+            .with_start(a_second_ago())
+            .with_progress(&stop)
+            .with_cancel(&cancel),
+    )
+    .expect("a render");
     assert!(first.interrupted);
     // As if the first process had worked for just under an hour: nothing but the open round is left to do.
     set_elapsed(&path, "3599.9");
@@ -263,7 +286,7 @@ fn the_time_of_all_processes_counts_against_the_budget() {
     assert!((accounted - 3599.9).abs() < 60.0, "{accounted} s in {:?}", second.stages);
     // Whatever was rendered, its plan replays.
     let replay = RenderSettings { replay: Some(second.plan()), checkpoint: None, ..timed };
-    assert!(film(&scene, &replay) == second.film);
+    assert!(film(&scene, &replay) == second.film.sums);
 }
 
 #[track_caller]
@@ -345,21 +368,21 @@ fn merged_parts_are_the_whole_to_the_last_bit() {
     let folder = TempDir::new().expect("a folder");
     let out = folder.path().join("out.film");
     let uniform = settings(33, 21, 24.0, 5);
-    let Rendering { film: whole, labels, .. } = run(&scene, &uniform).expect("a render");
+    let Rendering { film: whole, .. } = run(&scene, &uniform).expect("a render");
     let [a, b, c] = [0..7, 7..8, 8..24].map(|range| part(&scene, &folder, &uniform, range));
 
     for parts in [[&a, &b, &c], [&c, &a, &b], [&b, &c, &a]] {
         let merged = merge(&parts.map(PathBuf::clone), &out).expect("parts of one render");
         assert_eq!(merged.samples, 0..24);
-        assert!(merged.rendering.film == whole && merged.rendering.labels == labels);
+        assert!(merged.rendering.film == whole);
         let parts = merged.stats.parts.expect("parts");
         assert_eq!(parts.iter().map(|p| p.range).collect::<Vec<_>>(), [[0, 7], [7, 8], [8, 24]], "by their samples");
-        assert_eq!(parts.iter().map(|p| p.samples).sum::<u64>(), whole.total_samples());
+        assert_eq!(parts.iter().map(|p| p.samples).sum::<u64>(), whole.sums.total_samples());
         assert_eq!(
             (merged.stats.earlier_samples, merged.stats.samples),
-            (whole.total_samples(), whole.total_samples())
+            (whole.sums.total_samples(), whole.sums.total_samples())
         );
-        assert!(read_checkpoint(&out).expect("a part").film == whole);
+        assert!(read_checkpoint(&out).expect("a part").film == whole.sums);
         // What was merged is a finished part, whoever develops it and through whatever sensor.
         let settings = RenderSettings { sensor: sensor("imx174", 3.0), ..only(&uniform, 0..24) };
         let again = run(&scene, &kept(&out, &settings)).expect("a finished part");
@@ -369,7 +392,7 @@ fn merged_parts_are_the_whole_to_the_last_bit() {
     let later = folder.path().join("later.film");
     assert_eq!(merge(&[c, b], &later).expect("neighbours").samples, 7..24);
     merge(&[later, a], &out).expect("parts of one render");
-    assert!(read_checkpoint(&out).expect("a part").film == whole);
+    assert!(read_checkpoint(&out).expect("a part").film == whole.sums);
 }
 
 #[test]
@@ -387,7 +410,7 @@ fn parts_of_a_plan_are_the_plan() {
     let parts = [0..5, 5..cut, cut..most].map(|range| part(&scene, &folder, &replay, range));
     let merged = merge(&parts, &out).expect("parts of one plan");
     assert_eq!(merged.stats.allocation, "replay");
-    assert!(read_checkpoint(&out).expect("a part").film == whole.film);
+    assert!(read_checkpoint(&out).expect("a part").film == whole.film.sums);
 }
 
 #[test]

@@ -9,9 +9,8 @@ use dunkelfeld::geometry::{DVec3, Vec3};
 use dunkelfeld::radiometry::Rgb;
 use dunkelfeld::scene::{Material, Scene, SceneBuilder, Surface, Volume, shapes};
 use dunkelfeld::{
-    Cancel, DenoiseMethod, DenoiseSettings, Progress, ProgressState, Project, Silent, Stage, denoise_film,
+    Cancel, DenoiseMethod, DenoiseSettings, Progress, ProgressState, Project, Session, Stage, denoise_film,
 };
-use std::time::Instant;
 use support::{build, emitter, film, settings, spot_camera, square};
 
 /// A red floor with its normal along +z, seen through, or by way of, something else. A lamp outside of what is seen.
@@ -130,9 +129,8 @@ fn a_film_is_denoised_the_same_on_any_number_of_threads() {
     let settings = DenoiseSettings { method: DenoiseMethod::Builtin, oidn: None };
     let denoiser = dunkelfeld::find_denoiser(&settings).expect("always there").expect("a denoiser");
     let on = |threads| {
-        let pool = dunkelfeld::thread_pool(threads).expect("threads");
-        let run = || denoise_film(&film, &*denoiser, Instant::now(), &Silent, &Cancel::new());
-        pool.install(run).expect("denoised").mean
+        let session = Session::new(threads).expect("threads");
+        session.install(|| denoise_film(&film, &*denoiser, &session)).expect("denoised").mean
     };
     let one = on(1);
     assert_eq!(one, on(3));

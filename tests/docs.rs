@@ -14,13 +14,12 @@ use dunkelfeld::radiometry::Rgb;
 use dunkelfeld::scene::{Effect, Material, Scene, SceneBuilder};
 use dunkelfeld::sensor::Optics;
 use dunkelfeld::{
-    Budget, Cancel, DenoiseStats, HeavySample, MemoryAccount, MemoryItem, MemoryStats, PartStats, RenderSettings,
-    STATS_VERSION, SensorChoice, Silent, Stage, Stats, certify, develop, find_sensor, render,
+    Budget, DenoiseStats, HeavySample, MemoryAccount, MemoryItem, MemoryStats, PartStats, RenderSettings,
+    STATS_VERSION, SensorChoice, Session, Stage, Stats, certify, develop, find_sensor, render,
 };
 use serde_json::Value;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
-use std::time::Instant;
 use support::{build, emitter, settings, spot_camera, square};
 
 // --- Pages -------------------------------------------------------------------------------------------------------------
@@ -295,9 +294,10 @@ fn lamp() -> Scene {
 }
 
 fn stats(settings: &RenderSettings) -> Value {
-    let rendering = render(&lamp(), settings, Instant::now(), &Silent, &Cancel::new()).expect("valid settings");
-    let mut frame = develop(&rendering.film.mean(), settings).expect("a frame");
-    certify(&mut frame, &rendering.film, &rendering.labels, settings.budget.noise);
+    let rendering =
+        render(&lamp(), settings, &Session::new(settings.threads).expect("threads")).expect("valid settings");
+    let mut frame = develop(&rendering.film.sums.mean(), settings).expect("a frame");
+    certify(&mut frame, &rendering.film, settings.budget.noise);
     let mut stats = Stats::new(&rendering, &frame, settings);
     for stage in [
         Stage::Load,

@@ -7,7 +7,7 @@ use dunkelfeld::io::sensor_file::{parse_sensor, preset};
 use dunkelfeld::io::toml_file::TomlFile;
 use dunkelfeld::radiometry::{Irradiance, Metres, Nanometres, Seconds, photon};
 use dunkelfeld::sensor::{FilterColor, SensorModel};
-use dunkelfeld::{Cancel, Silent};
+use dunkelfeld::{Cancel, Session};
 use dunkelfeld_studies::emva::{
     DESCRIPTOR, DatasetPlan, DatasetSettings, Findings, TRUTH, Truth, Vary, read_measurement, write_dataset,
 };
@@ -159,8 +159,9 @@ fn photons_are_those_of_the_standard() {
 
 fn written(folder: &Path, settings: &DatasetSettings, threads: usize) -> Truth {
     let plan = DatasetPlan::new(&everything(), settings).expect("a plan");
-    let written =
-        write_dataset(&plan, folder, threads, &Silent, &Cancel::new()).expect("written").expect("not cancelled");
+    let written = write_dataset(&plan, folder, &Session::new(threads).expect("threads"))
+        .expect("written")
+        .expect("not cancelled");
     assert_eq!(written.descriptor, folder.join(DESCRIPTOR));
     written.truth
 }
@@ -175,7 +176,7 @@ fn a_data_set_survives_the_way_through_files() {
             DatasetSettings { width: 64, height: 48, levels: 20, stack: 4, bit_depth: Some(bits), ..small() };
         let folder = home.path().join(format!("sets/{bits}"));
         let truth = written(&folder, &settings, 2);
-        let read = read_measurement(&folder.join(DESCRIPTOR), 2, &Silent, &Cancel::new());
+        let read = read_measurement(&folder.join(DESCRIPTOR), &Session::new(2).expect("threads"));
         let read = read.expect("readable").expect("not cancelled");
         assert!(read.warnings.is_empty() && read.size == [64, 48] && read.frames == 20 * 4 + 8);
         let plan = DatasetPlan::new(&everything(), &settings).expect("a plan");
@@ -224,11 +225,15 @@ fn a_cancelled_data_set_leaves_nothing_and_a_full_folder_is_not_touched() {
     let cancel = Cancel::new();
     cancel.cancel();
     let folder = home.path().join("set");
-    assert!(write_dataset(&plan, &folder, 1, &Silent, &cancel).expect("no error").is_none());
+    assert!(
+        write_dataset(&plan, &folder, &Session::new(1).expect("threads").with_cancel(&cancel))
+            .expect("no error")
+            .is_none()
+    );
     assert_eq!(std::fs::read_dir(home.path()).expect("there").count(), 0);
     std::fs::create_dir(&folder).expect("made");
     std::fs::write(folder.join("mine"), "x").expect("written");
-    let error = write_dataset(&plan, &folder, 1, &Silent, &Cancel::new()).expect_err("full");
+    let error = write_dataset(&plan, &folder, &Session::new(1).expect("threads")).expect_err("full");
     assert!(error.to_string().contains("not empty") && error.to_string().contains("help"), "{error}");
     assert_eq!(std::fs::read_dir(&folder).expect("there").count(), 1);
 }
@@ -248,14 +253,14 @@ fn files_that_do_not_fit_are_named() {
         ("images/b_001_0.png", "truth.json", "truth.json", "no PNG"),
     ] {
         std::fs::write(&path, whole.replace(from, to)).expect("written");
-        let error = read_measurement(&path, 1, &Silent, &Cancel::new()).expect_err(to).to_string();
+        let error = read_measurement(&path, &Session::new(1).expect("threads")).expect_err(to).to_string();
         assert!(error.contains(place) && error.contains(problem) && error.contains("help"), "{to}: {error}");
     }
     // Half of the levels: nothing saturates, and the message names the descriptor.
     let half = whole.find("i images/b_013").expect("a level");
     let block = whole[..half].rfind("b ").expect("its block");
     std::fs::write(&path, &whole[..block]).expect("written");
-    let read = read_measurement(&path, 1, &Silent, &Cancel::new()).expect("readable").expect("not cancelled");
+    let read = read_measurement(&path, &Session::new(1).expect("threads")).expect("readable").expect("not cancelled");
     let error = Findings::linear(&read, &AnalysisSettings::default()).expect_err("too dark").to_string();
     assert!(error.contains(DESCRIPTOR) && error.contains("not saturated") && error.contains("more light"), "{error}");
 }

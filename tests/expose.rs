@@ -13,11 +13,10 @@ use dunkelfeld::io::toml_file::TomlFile;
 use dunkelfeld::radiometry::{Electrons, Rgb, Seconds};
 use dunkelfeld::sensor::{BayerPattern, Exposure, ExposureNoise, Optics, SensorModel};
 use dunkelfeld::{
-    Cancel, ExposeOutputs, ExposeSettings, Exposer, Frame, Picture, RenderSettings, SensorChoice, Silent, develop_film,
-    expose_exr, find_sensor, render, thread_pool,
+    Cancel, ExposeOutputs, ExposeSettings, Exposer, Frame, Picture, RenderSettings, SensorChoice, Session,
+    develop_film, expose_exr, find_sensor, render,
 };
 use std::path::PathBuf;
-use std::time::Instant;
 use support::{build, emitter, settings, square};
 use tempfile::TempDir;
 
@@ -144,7 +143,8 @@ fn frames_are_numbered_and_do_not_depend_on_threads_or_company() {
         image: Some(folder.path().join(format!("{name}.png"))),
         linear: Some(folder.path().join(format!("{name}.tif"))),
     };
-    let done = expose_exr(&path, &many, &outputs("many"), &Silent, &Cancel::new()).expect("exposed");
+    let done =
+        expose_exr(&path, &many, &outputs("many"), &Session::new(many.threads).expect("threads")).expect("exposed");
     let names: Vec<_> =
         done.files.iter().map(|f| f.file_name().expect("a name").to_string_lossy().into_owned()).collect();
     assert_eq!(
@@ -153,7 +153,8 @@ fn frames_are_numbered_and_do_not_depend_on_threads_or_company() {
     );
     // One of them alone, on one thread.
     let one = ExposeSettings { first_frame: 10_000, frames: 1, threads: 1, ..many.clone() };
-    let alone = expose_exr(&path, &one, &outputs("one"), &Silent, &Cancel::new()).expect("exposed");
+    let alone =
+        expose_exr(&path, &one, &outputs("one"), &Session::new(one.threads).expect("threads")).expect("exposed");
     let read = |name: &str| std::fs::read(folder.path().join(name)).unwrap_or_else(|e| panic!("{name}: {e}"));
     for ending in ["png", "tif"] {
         assert_eq!(read(&format!("many-10000.{ending}")), read(&format!("one.{ending}")));
@@ -162,12 +163,13 @@ fn frames_are_numbered_and_do_not_depend_on_threads_or_company() {
     assert_eq!(alone.exposure, done.exposure, "the automatic exposure is that of the image");
     // In memory, from the same image.
     let exposer = Exposer::open(&path, &many).expect("an image");
-    let frames = [1, 4].map(|n| thread_pool(n).expect("threads").install(|| exposer.frame(10_000).expect("a frame")));
+    let frames = [1, 4].map(|n| Session::new(n).expect("threads").install(|| exposer.frame(10_000).expect("a frame")));
     assert_eq!(frames[0], frames[1]);
     // A run that was cancelled before its first frame writes none.
     let cancel = Cancel::new();
     cancel.cancel();
-    let none = expose_exr(&path, &many, &outputs("none"), &Silent, &cancel).expect("nothing to do");
+    let none = expose_exr(&path, &many, &outputs("none"), &Session::new(1).expect("threads").with_cancel(&cancel))
+        .expect("nothing to do");
     assert_eq!((none.frames, none.files.len()), (0, 0));
 }
 
@@ -238,12 +240,13 @@ fn lit_floor(sensor: SensorModel, noise: ExposureNoise) -> (dunkelfeld::Renderin
     let optics = Optics::new(4.0, 0.9, 0.0).expect("in range");
     let sensor = SensorChoice::Emva { model: Box::new(sensor), optics, exposure: exposure(0.3e-3) };
     let settings = RenderSettings { sensor, exposure_noise: noise, ..settings(30, 24, 16.0, 4) };
-    let rendering = render(&build(b), &settings, Instant::now(), &Silent, &Cancel::new()).expect("valid settings");
+    let rendering =
+        render(&build(b), &settings, &Session::new(settings.threads).expect("threads")).expect("valid settings");
     (rendering, settings)
 }
 
 fn developed(rendering: &dunkelfeld::Rendering, settings: &RenderSettings) -> Frame {
-    develop_film(&rendering.film, &rendering.labels, settings).expect("a frame")
+    develop_film(&rendering.film, settings).expect("a frame")
 }
 
 /// A pixel behind a filter is exposed, certified and matched as the same pixel of a monochrome sensor with the curve of its
@@ -286,7 +289,7 @@ fn matched_behind_a_mosaic() -> (Frame, ExrLayers, ExposeSettings) {
     let exposure_noise = ExposureNoise::Matched;
     let (rendering, settings) = lit_floor(colour(BayerPattern::Rggb), exposure_noise);
     let frame = developed(&rendering, &settings);
-    let layers = dunkelfeld::encode_layers(&rendering.film, &rendering.labels, &frame, &settings, &[]);
+    let layers = dunkelfeld::encode_layers(&rendering.film, &frame, &settings);
     let SensorChoice::Emva { model, optics, exposure } = settings.sensor else { panic!("a sensor") };
     let defaults = ExposeSettings::new(*model).expect("defaults");
     (frame, layers, ExposeSettings { optics, exposure, exposure_noise, seed: settings.seed, ..defaults })
@@ -310,7 +313,7 @@ fn variances_that_are_none_leave_nothing_out() {
         let path = folder.path().join(name);
         write_exr(&path, layers).expect("written");
         let outputs = ExposeOutputs { image: None, linear: Some(folder.path().join(format!("{name}.tif"))) };
-        let done = expose_exr(&path, &exposing, &outputs, &Silent, &Cancel::new()).expect("exposed");
+        let done = expose_exr(&path, &exposing, &outputs, &Session::new(0).expect("threads")).expect("exposed");
         done.matched.expect("noise was to be matched")
     };
     assert!(held("whole.exr", None, 0.0) > 0.5, "elsewhere it holds");
@@ -338,7 +341,11 @@ fn a_render_behind_a_filter_is_planned_and_certified() {
         budget: Budget { spp: Some(32.0), ..Budget::default() },
         ..settings.clone()
     };
-    let counts = render(&scene, &sobel, Instant::now(), &Silent, &Cancel::new()).expect("valid").film.sample_counts();
+    let counts = render(&scene, &sobel, &Session::new(sobel.threads).expect("threads"))
+        .expect("valid")
+        .film
+        .sums
+        .sample_counts();
     let (least, most) = (counts.data().iter().min(), counts.data().iter().max());
     assert!(most.zip(least).is_some_and(|(most, least)| most - least <= 1), "{least:?} to {most:?} samples");
     // And a level of noise is reached.
@@ -352,7 +359,7 @@ fn a_render_behind_a_filter_is_planned_and_certified() {
         let lamp = b.add_material(emitter(20.0));
         b.add_object("lamp", square(1.2, 0.8, true), lamp);
         b.add_camera("camera", DVec3::new(1.1, -2.0, 1.1), DVec3::new(0.0, 0.0, 0.1), 0.7);
-        (render(&build(b), &hidden, Instant::now(), &Silent, &Cancel::new()).expect("valid"), hidden)
+        (render(&build(b), &hidden, &Session::new(hidden.threads).expect("threads")).expect("valid"), hidden)
     };
     let frame = developed(&rendering, &hidden);
     let certified = frame.sensor.and_then(|s| s.certified).expect("certified");

@@ -14,11 +14,10 @@ use dunkelfeld::scene::shapes::cuboid;
 use dunkelfeld::scene::{Material, Scene, SceneBuilder};
 use dunkelfeld::sensor::{Device, Exposure, ExposureNoise, FrameKey, Optics};
 use dunkelfeld::{
-    Cancel, Frame, RenderSettings, Rendering, SensorChoice, Silent, certify, develop, develop_film, encode_layers,
-    find_sensor, render,
+    Frame, RenderSettings, RenderedFilm, Rendering, SensorChoice, Session, certify, develop, develop_film,
+    encode_layers, find_sensor, render,
 };
 use dunkelfeld_sampling::hash_u64;
-use std::time::Instant;
 use support::{build, emitter, settings, square};
 
 const SIDE: u32 = 96;
@@ -50,11 +49,11 @@ fn exposed(ms: f64) -> RenderSettings {
 }
 
 fn rendered(scene: &Scene, settings: &RenderSettings) -> Rendering {
-    render(scene, settings, Instant::now(), &Silent, &Cancel::new()).expect("valid settings")
+    render(scene, settings, &Session::new(settings.threads).expect("threads")).expect("valid settings")
 }
 
 fn developed(rendering: &Rendering, settings: &RenderSettings) -> Frame {
-    develop_film(&rendering.film, &rendering.labels, settings).expect("a frame")
+    develop_film(&rendering.film, settings).expect("a frame")
 }
 
 /// Variance of the render over that of the camera, as certified.
@@ -184,7 +183,7 @@ fn what_a_rare_sample_brings_is_not_made_up_for_by_its_neighbours() {
     const SAMPLES: u32 = 64;
     let settings = RenderSettings { width: 64, height: 48, ..exposed(1.0) };
     let pixels = 64 * 48;
-    let labels = Plane::new(64, 48, Some(Label::new(0, 0)));
+    let ids = Plane::new(64, 48, Some(Label::new(0, 0)));
     let SensorChoice::Emva { model, exposure: Some(exposure), .. } = &settings.sensor else { panic!("a sensor") };
     let mean = 400.0;
     let per_radiance = {
@@ -213,7 +212,7 @@ fn what_a_rare_sample_brings_is_not_made_up_for_by_its_neighbours() {
             }
         }
         let settings = RenderSettings { frame, ..settings.clone() };
-        let sensor = develop_film(&film, &labels, &settings).expect("a frame").sensor.expect("a sensor");
+        let sensor = develop_film(&film_of(film, &ids), &settings).expect("a frame").sensor.expect("a sensor");
         let ratios = &sensor.certified.as_ref().expect("certified").ratios;
         let mut others = Plane::new(64, 48, 0u16);
         let variance = ratios.map(|r| r * camera as f32);
@@ -251,7 +250,7 @@ fn what_has_no_noise_holds_no_rare_sample() {
         blue = [[465, 0.52], [550, 0.12], [610, 0.04]]\n";
     std::fs::write(&path, mosaic).expect("written");
     let mosaic = dunkelfeld::io::sensor_file::load_sensor(&path).expect("a sensor");
-    let labels = Plane::new(16, 16, Some(Label::new(0, 0)));
+    let ids = Plane::new(16, 16, Some(Label::new(0, 0)));
     for model in [find_sensor("imx250").expect("a preset"), mosaic] {
         for [r, g, b] in [[1.0, 1.0, 1.0], [0.2, 0.6, 0.2], [0.0, 1.0, 0.0], [1.0, 0.0, 0.1], [0.0, 0.1, 1.0]] {
             let mut film = Film::new(16, 16);
@@ -264,13 +263,18 @@ fn what_has_no_noise_holds_no_rare_sample() {
             let exposure = Exposure::new(Seconds(2e-3)).expect("in range");
             let sensor = SensorChoice::Emva { model: Box::new(model.clone()), optics, exposure: Some(exposure) };
             let settings = RenderSettings { width: 16, height: 16, sensor, ..small() };
-            let frame = develop_film(&film, &labels, &settings).expect("a frame").sensor.expect("a sensor");
+            let frame = develop_film(&film_of(film, &ids), &settings).expect("a frame").sensor.expect("a sensor");
             let matched = frame.matched.expect("matched");
             let brightest = frame.electrons.data().iter().fold(0.0f32, |a, &b| a.max(b));
             assert!(brightest > 300.0, "{r} {g} {b}: {brightest} electrons");
             assert!(matched.share == 1.0, "{r} {g} {b}: it holds in {} of the pixels", matched.share);
         }
     }
+}
+
+/// A film that shows the objects of these ids.
+fn film_of(sums: Film, ids: &Plane<Option<Label>>) -> RenderedFilm {
+    RenderedFilm { ids: ids.clone(), ..RenderedFilm::without_ids(sums) }
 }
 
 /// The small image of the tests below.
@@ -293,10 +297,10 @@ fn matched_frames_depend_on_the_film_alone_and_say_where_they_hold() {
     let rendering = rendered(&scene, &settings);
     let frame = developed(&rendering, &settings);
     let one = RenderSettings { threads: 1, ..settings.clone() };
-    let again = dunkelfeld::thread_pool(1).expect("a thread").install(|| developed(&rendered(&scene, &one), &one));
+    let again = Session::new(1).expect("a thread").install(|| developed(&rendered(&scene, &one), &one));
     assert_eq!(values(&frame), values(&again));
 
-    let layers = |frame: &Frame, settings| encode_layers(&rendering.film, &rendering.labels, frame, settings, &[]);
+    let layers = |frame: &Frame, settings| encode_layers(&rendering.film, frame, settings);
     let matched = frame.sensor.as_ref().and_then(|s| s.matched.as_ref()).expect("matched");
     let with = layers(&frame, &settings);
     let layer = with.single(Single::Matched).expect("a layer");
@@ -317,8 +321,8 @@ fn matched_frames_depend_on_the_film_alone_and_say_where_they_hold() {
         without.channels.iter().collect::<Vec<_>>()
     });
     // And as one that is certified by itself.
-    let mut alone = develop(&rendering.film.mean(), &plain(&settings)).expect("a frame");
-    certify(&mut alone, &rendering.film, &rendering.labels, None);
+    let mut alone = develop(&rendering.film.sums.mean(), &plain(&settings)).expect("a frame");
+    certify(&mut alone, &rendering.film, None);
     assert_eq!((values(&alone), &alone.sensor.as_ref().expect("a sensor").certified), (values(&other), &b.certified));
 }
 
@@ -351,7 +355,7 @@ fn a_pixel_whose_variance_is_not_known_is_exposed_as_ever_and_does_not_count() {
     assert!(known > 200 && changed > 40, "{known} held, {changed} other grey values");
 
     // Of a mean alone nothing is known.
-    let mean = rendering.film.mean_without_gaps();
+    let mean = rendering.film.sums.mean_without_gaps();
     let vague = develop(&mean, &settings).expect("a frame").sensor.expect("a sensor");
     assert_eq!(&vague.values, values(&other));
     let matched = vague.matched.expect("it was to be matched");
@@ -361,8 +365,9 @@ fn a_pixel_whose_variance_is_not_known_is_exposed_as_ever_and_does_not_count() {
 #[test]
 fn noise_cannot_be_matched_to_a_sensor_that_is_not_there() {
     let settings = RenderSettings { sensor: SensorChoice::None, ..small() };
-    let refused = render(&shadow(), &settings, Instant::now(), &Silent, &Cancel::new()).expect_err("no sensor");
+    let refused =
+        render(&shadow(), &settings, &Session::new(settings.threads).expect("threads")).expect_err("no sensor");
     let said = refused.to_string();
     assert!(["exposure noise", "sensor", "help", "plain"].iter().all(|word| said.contains(word)), "{said}");
-    assert!(render(&shadow(), &plain(&settings), Instant::now(), &Silent, &Cancel::new()).is_ok());
+    assert!(render(&shadow(), &plain(&settings), &Session::new(plain(&settings).threads).expect("threads")).is_ok());
 }

@@ -15,13 +15,12 @@ use dunkelfeld::scene::shapes::{cuboid, sphere};
 use dunkelfeld::scene::{Material, Scene, SceneBuilder};
 use dunkelfeld::sensor::Optics;
 use dunkelfeld::{
-    Budget, Cancel, Forecast, Frame, Progress, ProgressState, Project, RenderSettings, Rendering, SensorChoice, Silent,
+    Budget, Forecast, Frame, Progress, ProgressState, Project, RenderSettings, Rendering, SensorChoice, Session,
     certify, develop, find_sensor, render,
 };
 use dunkelfeld_testkit::{ImageEstimate, ImageTest, SampleMoments};
 use std::path::Path;
 use std::sync::Mutex;
-use std::time::Instant;
 use support::{RATE, build, emitter, square};
 
 fn sensor() -> SensorChoice {
@@ -59,12 +58,12 @@ fn noise(k: f64) -> Budget {
 }
 
 fn rendered(scene: &Scene, settings: &RenderSettings) -> Rendering {
-    render(scene, settings, Instant::now(), &Silent, &Cancel::new()).expect("valid settings")
+    render(scene, settings, &Session::new(settings.threads).expect("threads")).expect("valid settings")
 }
 
 fn certified(rendering: &Rendering, settings: &RenderSettings) -> (Frame, Certificate) {
-    let mut frame = develop(&rendering.film.mean(), settings).expect("a frame");
-    certify(&mut frame, &rendering.film, &rendering.labels, settings.budget.noise);
+    let mut frame = develop(&rendering.film.sums.mean(), settings).expect("a frame");
+    certify(&mut frame, &rendering.film, settings.budget.noise);
     let certificate = frame.sensor.as_ref().and_then(|s| s.certified.as_ref()).expect("behind a sensor").certificate;
     (frame, certificate)
 }
@@ -81,7 +80,7 @@ fn a_render_ends_when_it_is_hidden_and_the_pilot_has_foretold_it() {
         let (_, certificate) = certified(&rendering, s);
         assert_eq!(rendering.stop, StopReason::NoiseTarget);
         assert!(certificate.is_hidden() && certificate.k == 1.0, "{:?}: {certificate:?}", s.strategy());
-        let taken = rendering.film.total_samples() as f64;
+        let taken = rendering.film.sums.total_samples() as f64;
         let foretold =
             rendering.forecast.as_ref().and_then(|f| f.target()).and_then(|l| l.samples).expect("a forecast");
         println!("{}: {taken} samples, foretold {foretold}", s.strategy());
@@ -104,7 +103,7 @@ fn plans_by_noise_are_the_same_on_any_number_of_threads_and_replay() {
         };
         let film = with(1);
         assert!(film == with(3), "{strategy} {budget:?}");
-        let plan = film.sample_counts();
+        let plan = film.sums.sample_counts();
         assert!(plan.data().iter().any(|&n| n != plan.data()[0]), "{strategy} adapts");
         let replay = RenderSettings { replay: Some(plan), threads: 2, ..settings(33, 22, Budget::default(), 9) };
         assert!(rendered(&scene, &replay).film == film, "{strategy} replays");
@@ -123,7 +122,8 @@ fn a_forecast_comes_once_and_before_the_end() {
     }
     let watch = Watch::default();
     let s = settings(24, 16, noise(3.0), 1);
-    let rendering = render(&still_life(), &s, Instant::now(), &watch, &Cancel::new()).expect("valid");
+    let rendering =
+        render(&still_life(), &s, &Session::new(s.threads).expect("threads").with_progress(&watch)).expect("valid");
     let told = watch.0.into_inner().expect("no panic");
     assert_eq!(told.len(), 1);
     assert_eq!(rendering.forecast.as_ref(), told.first());
@@ -135,8 +135,9 @@ fn a_forecast_comes_once_and_before_the_end() {
 /// The mean over renders of many seeds, with its variance: what two ways of rendering must agree on.
 fn over_seeds(project: &Project, settings: &RenderSettings, seeds: std::ops::Range<u64>) -> ImageEstimate {
     let count = seeds.end - seeds.start;
-    let films: Vec<Plane<[f32; 3]>> =
-        seeds.map(|seed| rendered(&project.scene, &RenderSettings { seed, ..settings.clone() }).film.mean()).collect();
+    let films: Vec<Plane<[f32; 3]>> = seeds
+        .map(|seed| rendered(&project.scene, &RenderSettings { seed, ..settings.clone() }).film.sums.mean())
+        .collect();
     let (width, height) = (settings.width as usize, settings.height as usize);
     let mut image = ImageEstimate { width, height, freedom: (count - 1) as f64, ..ImageEstimate::default() };
     for pixel in 0..width * height {
@@ -194,7 +195,7 @@ fn what_is_certified_is_the_variance_over_seeds() {
         let fixed = {
             // One exposure for all, so that electrons compare.
             let s = settings(32, 24, spp(64.0), 77);
-            develop(&rendered(&scene, &s).film.mean(), &s).expect("a frame").sensor.expect("a sensor").exposure
+            develop(&rendered(&scene, &s).film.sums.mean(), &s).expect("a frame").sensor.expect("a sensor").exposure
         };
         for seed in 0..24 {
             let mut s = settings(32, 24, budget, seed);
@@ -236,11 +237,11 @@ fn a_black_scene_is_hidden_at_once_and_silly_levels_are_refused() {
     let scene = build(b);
     let s = settings(8, 8, noise(0.01), 0);
     let rendering = rendered(&scene, &s);
-    assert_eq!((rendering.stop, rendering.film.total_samples()), (StopReason::NoiseTarget, 8 * 8 * 16));
-    let film: &Film = &rendering.film;
+    assert_eq!((rendering.stop, rendering.film.sums.total_samples()), (StopReason::NoiseTarget, 8 * 8 * 16));
+    let film: &Film = &rendering.film.sums;
     assert!(film.mean().data().iter().all(|p| *p == [0.0; 3]));
     let refused = |s: RenderSettings| {
-        render(&scene, &s, Instant::now(), &Silent, &Cancel::new()).expect_err("refused").to_string()
+        render(&scene, &s, &Session::new(s.threads).expect("threads")).expect_err("refused").to_string()
     };
     for k in [0.0, -1.0, f64::NAN, f64::INFINITY] {
         assert!(refused(settings(8, 8, noise(k), 0)).contains("noise"));

@@ -11,9 +11,8 @@ use dunkelfeld::integrator::{Estimator, PixelSample};
 use dunkelfeld::radiometry::Rgb;
 use dunkelfeld::scene::shapes::{cuboid, sphere};
 use dunkelfeld::scene::{FeatureSet, Material, Scene, SceneBuilder, Surface, Volume};
-use dunkelfeld::{Budget, Cancel, RenderSettings, Silent, render};
+use dunkelfeld::{Budget, Cancel, RenderSettings, Session, render};
 use dunkelfeld_adaptive::weights::Strategy;
-use std::time::Instant;
 use support::{build, emitter, settings, square};
 
 /// A room in miniature: floor, glass ball, metal box, one light; enough for every kind of decision.
@@ -126,7 +125,7 @@ fn a_timed_render_replays_to_the_same_bits() {
         strategy: Some(Strategy::Sobel),
         ..settings(64, 48, 1.0, 3)
     };
-    let run = |s: &RenderSettings| render(&scene, s, Instant::now(), &Silent, &Cancel::new()).expect("valid");
+    let run = |s: &RenderSettings| render(&scene, s, &Session::new(s.threads).expect("threads")).expect("valid");
     let first = run(&timed);
     let plan = first.plan();
     assert!(plan.data().iter().all(|&n| n > 0) && plan.data().iter().any(|&n| n != plan.data()[0]), "the plan adapts");
@@ -155,9 +154,9 @@ fn invalid_samples_are_counted_and_named() {
     let light = b.add_material(Material { emission: Rgb::splat(f32::MAX), ..emitter(1.0) });
     b.add_object("light", square(0.0, 1.0, false), light);
     b.add_camera("camera", DVec3::Z, DVec3::ZERO, 0.5);
-    let r = render(&build(b), &settings(8, 8, 4.0, 0), Instant::now(), &Silent, &Cancel::new()).expect("valid");
-    assert_eq!(r.film.invalid_samples(), 8 * 8 * 4);
-    assert!(!r.invalid.is_empty() && r.film.mean().data().iter().all(|p| *p == [0.0; 3]));
+    let r = render(&build(b), &settings(8, 8, 4.0, 0), &Session::new(0).expect("threads")).expect("valid");
+    assert_eq!(r.film.sums.invalid_samples(), 8 * 8 * 4);
+    assert!(!r.invalid.is_empty() && r.film.sums.mean().data().iter().all(|p| *p == [0.0; 3]));
 }
 
 #[test]
@@ -166,6 +165,7 @@ fn a_cancelled_render_keeps_what_it_has() {
     let cancel = Cancel::new();
     cancel.cancel();
     let s = settings(16, 16, 64.0, 0);
-    let r = render(&scene, &s, Instant::now(), &Silent, &cancel).expect("still an image");
-    assert!(r.interrupted && r.film.total_samples() == 0);
+    let r =
+        render(&scene, &s, &Session::new(s.threads).expect("threads").with_cancel(&cancel)).expect("still an image");
+    assert!(r.interrupted && r.film.sums.total_samples() == 0);
 }

@@ -14,13 +14,12 @@ use dunkelfeld::scene::shapes::cuboid;
 use dunkelfeld::scene::{Material, Scene, SceneBuilder, Surface, Volume};
 use dunkelfeld::{
     Budget, Cancel, DEFAULT_SENSOR, NO_ID, OutputPaths, Picture, Progress, ProgressState, Project, RenderSettings,
-    SensorChoice, Silent, develop, encode_layers, load_plan, render, save_plan,
+    SensorChoice, Session, develop, encode_layers, load_plan, render, save_plan,
 };
 use dunkelfeld_adaptive::weights::Strategy;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
-use std::time::Instant;
 use support::{build, emitter, settings, spot_camera, square};
 use tempfile::TempDir;
 
@@ -52,9 +51,9 @@ fn layers_and_labels_look_through_smooth_glass() {
     spot_camera(&mut b, DVec3::new(0.0, 0.0, 2.0), DVec3::ZERO, 0.25);
     let scene = build(b);
     let s = settings(8, 8, 64.0, 3);
-    let rendering = render(&scene, &s, Instant::now(), &Silent, &Cancel::new()).expect("valid");
-    let frame = develop(&rendering.film.mean(), &s).expect("exposed");
-    let layers = encode_layers(&rendering.film, &rendering.labels, &frame, &s, scene.object_names());
+    let rendering = render(&scene, &s, &Session::new(s.threads).expect("threads")).expect("valid");
+    let frame = develop(&rendering.film.sums.mean(), &s).expect("exposed");
+    let layers = encode_layers(&rendering.film, &frame, &s);
     let names = scene.object_names();
     for id in layers.integers(Single::ObjectId).expect("ids").data() {
         assert_eq!(names[*id as usize], "floor");
@@ -88,13 +87,13 @@ fn scene_file(folder: &TempDir) -> PathBuf {
 fn layers_hold_what_the_film_and_the_sensor_hold() {
     let scene = floor_and_void();
     let s = with_sensor(settings(16, 12, 8.0, 3));
-    let rendering = render(&scene, &s, Instant::now(), &Silent, &Cancel::new()).expect("valid");
-    let frame = develop(&rendering.film.mean(), &s).expect("exposed");
-    let layers = encode_layers(&rendering.film, &rendering.labels, &frame, &s, scene.object_names());
+    let rendering = render(&scene, &s, &Session::new(s.threads).expect("threads")).expect("valid");
+    let frame = develop(&rendering.film.sums.mean(), &s).expect("exposed");
+    let layers = encode_layers(&rendering.film, &frame, &s);
 
-    assert_eq!(layers.triples(Triple::Mean), Some(rendering.film.mean()));
-    assert_eq!(layers.triples(Triple::Variance), Some(rendering.film.variance()));
-    assert_eq!(layers.triples(Triple::Covariance), Some(rendering.film.covariance()));
+    assert_eq!(layers.triples(Triple::Mean), Some(rendering.film.sums.mean()));
+    assert_eq!(layers.triples(Triple::Variance), Some(rendering.film.sums.variance()));
+    assert_eq!(layers.triples(Triple::Covariance), Some(rendering.film.sums.covariance()));
     assert_eq!(layers.integers(Single::SampleCount), Some(Plane::new(16, 12, 8)));
     let sensor = frame.sensor.expect("there is one");
     assert_eq!(layers.single(Single::Electrons), Some(sensor.electrons.clone()));
@@ -203,7 +202,7 @@ fn a_project_is_opened_adjusted_rendered_and_saved() {
     assert_eq!(String::from_utf8(read("a.json")).expect("text"), result.stats.to_json());
     let stats = &result.stats;
     assert_eq!((stats.samples, stats.size, stats.stop.as_str()), (480, [12, 10], "samples"));
-    let mean = result.rendering.film.mean();
+    let mean = result.rendering.film.sums.mean();
     let average = mean.data().iter().map(|p| f64::from(p[1])).sum::<f64>() / 120.0;
     assert!(average > 0.0 && (stats.mean_radiance[1] / average - 1.0).abs() < 1e-5, "{average}");
     // A replay by the library is the same film.
@@ -248,10 +247,11 @@ fn a_render_that_is_cancelled_from_its_progress_keeps_samples_that_can_be_replay
     // An hour's budget: only the switch can end it.
     let s =
         RenderSettings { budget: Budget { seconds: Some(3600.0), ..Budget::default() }, ..settings(32, 32, 1.0, 8) };
-    let cut = render(&scene, &s, Instant::now(), &watch, &cancel).expect("valid");
-    assert!(cut.interrupted && cut.film.total_samples() > 0);
+    let cut = render(&scene, &s, &Session::new(s.threads).expect("threads").with_progress(&watch).with_cancel(&cancel))
+        .expect("valid");
+    assert!(cut.interrupted && cut.film.sums.total_samples() > 0);
     let replay = RenderSettings { replay: Some(cut.plan()), budget: Budget::default(), threads: 3, ..s };
-    let again = render(&scene, &replay, Instant::now(), &Silent, &Cancel::new()).expect("valid");
+    let again = render(&scene, &replay, &Session::new(replay.threads).expect("threads")).expect("valid");
     assert!(again.film == cut.film && !again.interrupted);
     let seen = watch.seen.into_inner().expect("no panic");
     assert!(seen.iter().all(|s| (0.0..=1.0).contains(&s.fraction) && s.remaining.is_none_or(|r| r >= 0.0)), "{seen:?}");

@@ -5,7 +5,7 @@
 #[path = "support/lab.rs"]
 mod lab;
 
-use dunkelfeld::{Cancel, DenoiseMethod, DenoiseSettings, Progress, Project, Silent};
+use dunkelfeld::{Cancel, DenoiseMethod, DenoiseSettings, Progress, Project, Session, Silent};
 use dunkelfeld_studies::photon_transfer::{PtcOutcome, PtcSettings, ptc};
 use lab::{CutAt, Lab, complaint, same_numbers, square, stands_alone};
 use std::fs;
@@ -29,7 +29,8 @@ fn call(lab: &Lab, folder: &Path, frames: u32, progress: &dyn Progress, cancel: 
     (project.settings.width, project.settings.height) = (24, 16);
     let denoise = DenoiseSettings { method: DenoiseMethod::Builtin, oidn: None };
     let settings = PtcSettings { frames, spp: vec![4, 16], denoise, ..PtcSettings::default() };
-    ptc(project, &input, &settings, folder, false, progress, cancel).expect("a measurement")
+    let session = Session::new(0).expect("threads").with_progress(progress).with_cancel(cancel);
+    ptc(project, &input, &settings, folder, false, &session).expect("a measurement")
 }
 
 #[test]

@@ -15,10 +15,9 @@ use dunkelfeld::scene::{
     AlphaMode, ChannelTexture, ColorEncoding, Environment, EnvironmentSource, Filter, Image, ImageId, Material,
     PunctualKind, PunctualLight, Scene, SceneBuilder, Surface, Texels, Texture, Volume,
 };
-use dunkelfeld::{Cancel, Silent, render};
+use dunkelfeld::{Session, render};
 use dunkelfeld_testkit::{SampleMoments, welch_test, z_test};
 use std::f64::consts::PI;
-use std::time::Instant;
 use support::{RATE, black, build, emitter, film, pixel_moments, settings, spot_camera, square};
 
 /// Renders a 16 x 16 image and compares its mean with the expectation.
@@ -391,10 +390,10 @@ fn glass_whose_metal_is_painted_away_is_glass() {
 #[test]
 fn an_empty_scene_is_black_and_nothing_is_labelled() {
     let scene = build(SceneBuilder::default());
-    let r = render(&scene, &settings(8, 4, 4.0, 0), Instant::now(), &Silent, &Cancel::new()).expect("valid");
-    assert_eq!(r.film.total_samples(), 8 * 4 * 4);
-    assert!(r.film.mean().data().iter().all(|p| *p == [0.0; 3]));
-    assert!(r.labels.data().iter().all(Option::is_none));
+    let r = render(&scene, &settings(8, 4, 4.0, 0), &Session::new(0).expect("threads")).expect("valid");
+    assert_eq!(r.film.sums.total_samples(), 8 * 4 * 4);
+    assert!(r.film.sums.mean().data().iter().all(|p| *p == [0.0; 3]));
+    assert!(r.film.ids.data().iter().all(Option::is_none));
 }
 
 #[test]
@@ -435,9 +434,9 @@ fn layers_and_labels_say_what_is_seen() {
     for orthographic in [true, false] {
         let scene = scene(orthographic);
         let s = settings(30, 30, 16.0, 9);
-        let r = render(&scene, &s, Instant::now(), &Silent, &Cancel::new()).expect("valid");
+        let r = render(&scene, &s, &Session::new(s.threads).expect("threads")).expect("valid");
         // Pixels are 0.1 m wide at a distance of 2 m.
-        for (k, (label, sums)) in r.labels.data().iter().zip(r.film.sums().data()).enumerate() {
+        for (k, (label, sums)) in r.film.ids.data().iter().zip(r.film.sums.sums().data()).enumerate() {
             let (x, y) = (f64::from(k as u32 % 30) * 0.1 - 1.45, 1.45 - f64::from(k as u32 / 30) * 0.1);
             // At the height z a pixel shows the point (x, y) times 1 - z/2 in perspective.
             let shrink = |z: f64| if orthographic { 1.0 } else { 1.0 - z / 2.0 };

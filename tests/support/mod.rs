@@ -5,10 +5,9 @@ use dunkelfeld::film::Film;
 use dunkelfeld::geometry::{DVec3, Vec3};
 use dunkelfeld::radiometry::Rgb;
 use dunkelfeld::scene::{Camera, Material, Projection, Scene, SceneBuilder, look_at};
-use dunkelfeld::{Budget, Cancel, RenderSettings, Silent, render};
+use dunkelfeld::{Budget, RenderSettings, Session, render};
 use dunkelfeld_adaptive::weights::Strategy;
 use dunkelfeld_testkit::{Claim, SampleMoments};
-use std::time::Instant;
 
 /// False-alarm rate of one statistical check that is not a `Claim`. The suite makes fewer than 500 of them: 5e-7 in all.
 pub(crate) const RATE: f64 = 1e-9;
@@ -62,7 +61,10 @@ pub(crate) fn settings(width: u32, height: u32, spp: f64, seed: u64) -> RenderSe
 
 /// The film of a uniform render.
 pub(crate) fn film(scene: &Scene, settings: &RenderSettings) -> Film {
-    render(scene, settings, Instant::now(), &Silent, &Cancel::new()).expect("the settings are valid").film
+    render(scene, settings, &Session::new(settings.threads).expect("threads"))
+        .expect("the settings are valid")
+        .film
+        .sums
 }
 
 /// Moments of the pixel means of a film whose pixels all have the same expectation: green channel.

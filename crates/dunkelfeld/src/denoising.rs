@@ -9,8 +9,8 @@ use dunkelfeld_film::{Film, FilmLayers, Plane};
 use dunkelfeld_io::libraries::{find_libraries, libraries_beside};
 use dunkelfeld_render::Error;
 use dunkelfeld_render::parallel::{map_film, map_film_to, mean_without_gaps};
-use dunkelfeld_render::{Cancel, Progress, ProgressState, Stage};
 use dunkelfeld_render::{DenoiseMethod, DenoiseSettings, OIDN_VARIABLE, RenderSettings};
+use dunkelfeld_render::{ProgressState, Session, Stage};
 use rayon::prelude::*;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -101,16 +101,10 @@ impl Executor for PoolExecutor {
 ///
 /// # Errors
 /// Those of the denoiser; [`DenoiseError::Cancelled`] soon after the switch is thrown.
-pub fn denoise_film(
-    film: &Film,
-    denoiser: &dyn Denoiser,
-    started: Instant,
-    progress: &dyn Progress,
-    cancel: &Cancel,
-) -> Result<Denoised, DenoiseError> {
+pub fn denoise_film(film: &Film, denoiser: &dyn Denoiser, session: &Session<'_>) -> Result<Denoised, DenoiseError> {
     let began = Instant::now();
     let planes = Planes::from_film(film);
-    let mean = run(&planes.input(), denoiser, film.total_samples(), started, progress, cancel)?;
+    let mean = run(&planes.input(), denoiser, film.total_samples(), session)?;
     Ok(Denoised { mean, denoiser: denoiser.name(), seconds: began.elapsed().as_secs_f64() })
 }
 
@@ -121,12 +115,10 @@ pub(crate) fn denoise_frame(
     film: &Film,
     denoiser: &dyn Denoiser,
     settings: &RenderSettings,
-    started: Instant,
-    progress: &dyn Progress,
-    cancel: &Cancel,
+    session: &Session<'_>,
 ) -> Result<DenoiseStats, Error> {
     let began = Instant::now();
-    let error = match denoise_film(film, denoiser, started, progress, cancel) {
+    let error = match denoise_film(film, denoiser, session) {
         Ok(denoised) => {
             show_denoised(frame, denoised, settings)?;
             None
@@ -141,9 +133,7 @@ pub(crate) fn run(
     input: &DenoiseInput<'_>,
     denoiser: &dyn Denoiser,
     samples: u64,
-    started: Instant,
-    progress: &dyn Progress,
-    cancel: &Cancel,
+    session: &Session<'_>,
 ) -> Result<Plane<[f32; 3]>, DenoiseError> {
     let began = Instant::now();
     let next = AtomicU64::new(0);
@@ -152,10 +142,10 @@ pub(crate) fn run(
         let (now, due) = (spent.as_millis() as u64, next.load(Ordering::Relaxed));
         if now >= due && next.compare_exchange(due, now + 100, Ordering::Relaxed, Ordering::Relaxed).is_ok() {
             let remaining = (fraction > 0.05).then(|| spent.as_secs_f64() * (1.0 / fraction - 1.0));
-            let elapsed = started.elapsed().as_secs_f64();
-            progress.update(&ProgressState { stage: Stage::Denoise, fraction, elapsed, remaining, samples });
+            let elapsed = session.elapsed();
+            session.progress().update(&ProgressState { stage: Stage::Denoise, fraction, elapsed, remaining, samples });
         }
-        !cancel.is_cancelled()
+        !session.is_cancelled()
     };
     denoiser.denoise(input, &Control { executor: &PoolExecutor, progress: &tell })
 }
@@ -231,8 +221,8 @@ mod tests {
         let settings = RenderSettings { width: 4, height: 3, ..RenderSettings::default() };
         let mut frame = crate::develop(&Plane::from_fn(4, 3, |x, _| [x as f32; 3]), &settings).expect("a frame");
         let before = frame.picture.clone();
-        let (now, silent, cancel) = (Instant::now(), crate::Silent, Cancel::new());
-        let stats = denoise_frame(&mut frame, &film, &Failing, &settings, now, &silent, &cancel).expect("no error");
+        let session = Session::new(1).expect("threads");
+        let stats = denoise_frame(&mut frame, &film, &Failing, &settings, &session).expect("no error");
         assert_eq!((frame.picture, frame.denoised), (before, None));
         assert_eq!((stats.denoiser.as_str(), stats.error.as_deref()), ("failing", Some("out of memory")));
     }

@@ -3,9 +3,9 @@
 use crate::denoising::Denoised;
 use crate::noise_compensation::{CompensationInputs, Matched};
 use dunkelfeld_adaptive::required_samples::DEFAULT_TARGET;
-use dunkelfeld_film::{Film, Plane};
-use dunkelfeld_integrator::Label;
+use dunkelfeld_film::Plane;
 use dunkelfeld_render::Error;
+use dunkelfeld_render::RenderedFilm;
 use dunkelfeld_render::film_noise::{Certified, FilmNoise};
 use dunkelfeld_render::parallel::mean_without_gaps;
 use dunkelfeld_render::{RenderSettings, SensorChoice};
@@ -107,14 +107,14 @@ pub fn develop(mean: &Plane<[f32; 3]>, settings: &RenderSettings) -> Result<Fram
 ///
 /// # Errors
 /// As [`develop`].
-pub fn develop_film(film: &Film, labels: &Plane<Option<Label>>, settings: &RenderSettings) -> Result<Frame, Error> {
-    expose(Cow::Owned(mean_without_gaps(film)), settings, Some((film, labels)))
+pub fn develop_film(film: &RenderedFilm, settings: &RenderSettings) -> Result<Frame, Error> {
+    expose(Cow::Owned(mean_without_gaps(&film.sums)), settings, Some(film))
 }
 
 fn expose(
     mean: Cow<'_, Plane<[f32; 3]>>,
     settings: &RenderSettings,
-    known: Option<(&Film, &Plane<Option<Label>>)>,
+    film: Option<&RenderedFilm>,
 ) -> Result<Frame, Error> {
     let SensorChoice::Emva { model, optics, exposure } = &settings.sensor else {
         let picture = Picture::Rgb(display::linear_to_8bit(&mean));
@@ -140,7 +140,7 @@ fn expose(
     let device = Device::new((**model).clone(), settings.seed, width, height);
     let key = FrameKey { seed: settings.seed, frame: settings.frame };
     let is_matched = settings.exposure_noise == ExposureNoise::Matched;
-    let measured = known.map(|(film, labels)| FilmNoise::exposed(response, model, exposure, film, labels));
+    let measured = film.map(|film| FilmNoise::exposed(response, model, exposure, film));
     let noise = measured.as_ref().filter(|_| is_matched).map(CompensationInputs::from_noise);
     let mut values = Plane::new(width, height, 0u16);
     values.data_mut().par_chunks_mut(width as usize).enumerate().try_for_each(|(y, row)| {
@@ -169,12 +169,12 @@ fn expose(
 
 /// Certifies a frame: how well the noise of the film that it was exposed from is hidden beneath the sensor's, at `k` or, if
 /// that is `None`, at [`DEFAULT_TARGET`]. Without a sensor nothing happens. Runs on the threads of the current pool.
-pub fn certify(frame: &mut Frame, film: &Film, labels: &Plane<Option<Label>>, k: Option<f64>) {
+pub fn certify(frame: &mut Frame, film: &RenderedFilm, k: Option<f64>) {
     if let Some(sensor) = &mut frame.sensor {
-        sensor.certified = certified(sensor, film, labels, k.unwrap_or(DEFAULT_TARGET));
+        sensor.certified = certified(sensor, film, k.unwrap_or(DEFAULT_TARGET));
     }
 }
 
-fn certified(frame: &SensorFrame, film: &Film, labels: &Plane<Option<Label>>, k: f64) -> Option<Certified> {
-    FilmNoise::exposed(frame.response, &frame.model, frame.exposure, film, labels).certify(k)
+fn certified(frame: &SensorFrame, film: &RenderedFilm, k: f64) -> Option<Certified> {
+    FilmNoise::exposed(frame.response, &frame.model, frame.exposure, film).certify(k)
 }

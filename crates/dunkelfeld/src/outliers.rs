@@ -172,7 +172,7 @@ mod tests {
             }
         }
         for threads in [1, 3] {
-            let pool = dunkelfeld_render::thread_pool(threads).expect("threads");
+            let pool = dunkelfeld_render::Session::new(threads).expect("threads");
             let found = pool.install(|| heaviest(&film));
             assert_eq!(found.dominated, heavy.len() as u64);
             let first: Vec<String> = found.samples.iter().take(heavy.len()).map(|s| s.sample.clone()).collect();

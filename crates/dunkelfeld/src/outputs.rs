@@ -10,6 +10,7 @@ use dunkelfeld_io::layers::{Single, Triple};
 use dunkelfeld_io::picture::Picture as File;
 use dunkelfeld_radiometry::Number;
 use dunkelfeld_render::RenderSettings;
+use dunkelfeld_render::RenderedFilm;
 use dunkelfeld_render::{Error, written};
 use dunkelfeld_scene::Effect;
 use dunkelfeld_sensor::{Exposure, SensorModel};
@@ -204,15 +205,9 @@ pub(crate) fn save_values(values: &Plane<u16>, words: &str, path: &Path) -> Resu
 /// [certified](crate::certify), and `matched.Y` (1 or 0) if its noise was to be matched; `denoised.*` if the
 /// [picture shows it](crate::show_denoised). Of a film without all layers ([`FilmLayers::Image`]) albedo, depth and the variances of auxiliary
 /// layers are left out.
-pub fn encode_layers(
-    film: &Film,
-    labels: &Plane<Option<Label>>,
-    frame: &Frame,
-    settings: &RenderSettings,
-    names: &[String],
-) -> ExrLayers {
-    let mut layers = layers_of_rows(film, labels, frame, 0..film.height());
-    layers.attributes = layer_attributes(frame, settings, names);
+pub fn encode_layers(film: &RenderedFilm, frame: &Frame, settings: &RenderSettings) -> ExrLayers {
+    let mut layers = layers_of_rows(film, frame, 0..film.sums.height());
+    layers.attributes = layer_attributes(frame, settings, &film.object_names);
     layers
 }
 
@@ -234,19 +229,19 @@ fn layer_attributes(frame: &Frame, settings: &RenderSettings, names: &[String]) 
 
 /// The layers of some rows of pixels, without attributes. The names of the channels are the same for all rows. Runs on the threads of
 /// the current pool.
-fn layers_of_rows(film: &Film, labels: &Plane<Option<Label>>, frame: &Frame, rows: Range<u32>) -> ExrLayers {
+fn layers_of_rows(film: &RenderedFilm, frame: &Frame, rows: Range<u32>) -> ExrLayers {
     let bands = rows.clone().step_by(Film::TILE as usize).map(|y| y..(y + Film::TILE).min(rows.end));
     let bands: Vec<ExrLayers> = bands
         .collect::<Vec<_>>()
         .into_par_iter()
         .map(|band| {
             let mut sums = Vec::new();
-            film.read_rows(band.clone(), &mut sums);
-            layers_of_band(film.layers(), &sums, labels, frame, band)
+            film.sums.read_rows(band.clone(), &mut sums);
+            layers_of_band(film.sums.layers(), &sums, &film.ids, frame, band)
         })
         .collect();
     let mut bands = bands.into_iter();
-    let mut all = bands.next().unwrap_or_else(|| ExrLayers::new(film.width(), 0));
+    let mut all = bands.next().unwrap_or_else(|| ExrLayers::new(film.sums.width(), 0));
     for band in bands {
         all.append_rows(band);
     }
@@ -341,11 +336,9 @@ fn plan_layers(plan: &Plane<u32>, settings: &RenderSettings) -> ExrLayers {
 
 /// Everything that is written but for the statistics.
 pub(crate) struct Written<'a> {
-    pub(crate) film: &'a Film,
-    pub(crate) labels: &'a Plane<Option<Label>>,
+    pub(crate) film: &'a RenderedFilm,
     pub(crate) frame: &'a Frame,
     pub(crate) settings: &'a RenderSettings,
-    pub(crate) object_names: &'a [String],
     /// Does the lens darken the image towards its corners?
     pub(crate) is_vignetted: bool,
 }
@@ -363,20 +356,20 @@ impl Written<'_> {
             written(path, self.write_layers(path))?;
         }
         if let Some(path) = &paths.plan {
-            save_plan(path, &self.film.sample_counts(), self.settings)?;
+            save_plan(path, &self.film.sums.sample_counts(), self.settings)?;
         }
         Ok(())
     }
 
     /// Writes all layers, in strips: those of a whole image would take more memory than its film.
     fn write_layers(&self, path: &Path) -> std::io::Result<()> {
-        let mut first = layers_of_rows(self.film, self.labels, self.frame, 0..self.film.height().min(1));
-        first.attributes = layer_attributes(self.frame, self.settings, self.object_names);
+        let mut first = layers_of_rows(self.film, self.frame, 0..self.film.sums.height().min(1));
+        first.attributes = layer_attributes(self.frame, self.settings, &self.film.object_names);
         if self.is_vignetted {
             set_attribute(&mut first, VIGNETTING, "cos4");
         }
-        write_exr_rows(path, &ExrHead::from_strip(&first, self.film.height()), &mut |rows| {
-            Ok(layers_of_rows(self.film, self.labels, self.frame, rows).into_samples())
+        write_exr_rows(path, &ExrHead::from_strip(&first, self.film.sums.height()), &mut |rows| {
+            Ok(layers_of_rows(self.film, self.frame, rows).into_samples())
         })
     }
 }

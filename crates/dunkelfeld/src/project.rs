@@ -10,17 +10,17 @@ use crate::outputs::{self, OutputPaths, Written};
 use crate::stats::Stats;
 use dunkelfeld_adaptive::weights::Strategy;
 use dunkelfeld_denoise::{Builtin, Denoiser as _};
-use dunkelfeld_film::{Film, FilmLayers, Plane};
-use dunkelfeld_integrator::Label;
+use dunkelfeld_film::{Film, FilmLayers};
 use dunkelfeld_io::import::{ImportOptions, Imported, load_scene};
 use dunkelfeld_io::input::InputFiles;
 use dunkelfeld_io::job::{self, FilmSettings, Job, LensSettings};
 use dunkelfeld_io::{ImportWarning, InputError};
 use dunkelfeld_render::{Budget, RenderSettings, SensorChoice};
-use dunkelfeld_render::{Cancel, Progress, ProgressState, Silent, Stage};
+use dunkelfeld_render::{Cancel, Progress, Silent, Stage};
 use dunkelfeld_render::{DenoiseMethod, DenoiseSettings, validate};
 use dunkelfeld_render::{
-    EXR_PER_MEGAPIXEL, OutputDryRun, Rendering, camera, find_camera, render_with_dry_run, thread_count, thread_pool,
+    EXR_PER_MEGAPIXEL, OutputDryRun, RenderedFilm, Rendering, Session, camera, find_camera, render_with_dry_run,
+    thread_count,
 };
 use dunkelfeld_render::{Error, camera_help};
 use dunkelfeld_scene::{BuildError, BuildReport, CameraError, Distortion, Effect, Projection, Scene, framing_camera};
@@ -69,9 +69,8 @@ pub struct ProjectResult {
     /// What was achieved. Complete once everything is written, see [`ProjectResult::save`].
     pub stats: Stats,
     settings: RenderSettings,
-    object_names: Vec<String>,
     is_vignetted: bool,
-    started: Instant,
+    session: Session<'static>,
     inputs: InputFiles,
     /// The outputs that were checked before the render.
     checked: OutputPaths,
@@ -314,6 +313,8 @@ impl Project {
     /// # Errors
     /// Settings outside their range, an unknown camera, outputs that could not be written.
     pub fn render_with(&self, progress: &dyn Progress, cancel: &Cancel) -> Result<ProjectResult, Error> {
+        let quiet = Session::new(self.settings.threads)?.with_start(self.started);
+        let session = quiet.clone().with_progress(progress).with_cancel(cancel);
         let mut inputs = self.inputs.clone();
         self.settings.denoise.add_library_to(&mut inputs);
         let checkpoint = self.settings.checkpoint.as_ref().map(|keep| keep.path.as_path());
@@ -325,52 +326,42 @@ impl Project {
             settings.denoise.method = DenoiseMethod::Builtin;
         }
         let account = self.checked_account(&settings)?;
-        let denoise = |frame: &mut Frame, film: &Film, progress: &dyn Progress| match &denoiser {
-            Some(denoiser) => {
-                denoise_frame(frame, film, &**denoiser, &settings, self.started, progress, cancel).map(Some)
-            }
+        let denoise = |frame: &mut Frame, film: &Film, session: &Session<'_>| match &denoiser {
+            Some(denoiser) => denoise_frame(frame, film, &**denoiser, &settings, session).map(Some),
             None => Ok(None),
         };
-        let object_names = self.scene.object_names();
         let is_vignetted = camera(&self.scene, &settings)?.has_vignetting();
-        let rehearsal = |film: &Film, labels: &Plane<Option<Label>>| {
-            let mut frame = develop_film(film, labels, &settings)?;
-            denoise(&mut frame, film, &Silent)?;
-            Written { film, labels, frame: &frame, settings: &settings, object_names, is_vignetted }.save(&self.outputs)
+        let silent = quiet.clone().with_cancel(cancel);
+        let dry_run = |film: &RenderedFilm| {
+            let mut frame = develop_film(film, &settings)?;
+            denoise(&mut frame, &film.sums, &silent)?;
+            Written { film, frame: &frame, settings: &settings, is_vignetted }.save(&self.outputs)
         };
         let more_per_megapixel = if self.outputs.exr.is_some() { EXR_PER_MEGAPIXEL } else { 0.0 };
-        let end = OutputDryRun { more_per_megapixel, write: &rehearsal };
-        let mut rendering = render_with_dry_run(&self.scene, &settings, self.started, progress, cancel, end)?;
+        let end = OutputDryRun { more_per_megapixel, write: &dry_run };
+        let mut rendering = render_with_dry_run(&self.scene, &settings, &session, end)?;
         let began = Instant::now();
-        progress.update(&ProgressState {
-            stage: Stage::Expose,
-            fraction: 1.0,
-            elapsed: self.started.elapsed().as_secs_f64(),
-            remaining: None,
-            samples: rendering.film.total_samples(),
-        });
-        let pool = thread_pool(settings.threads)?;
-        let mut frame = pool.install(|| develop_film(&rendering.film, &rendering.labels, &settings))?;
+        session.begin(Stage::Expose, 1.0, rendering.film.sums.total_samples());
+        let mut frame = session.install(|| develop_film(&rendering.film, &settings))?;
         let exposed = began.elapsed().as_secs_f64();
-        let denoising = pool.install(|| denoise(&mut frame, &rendering.film, progress))?;
+        let denoising = session.install(|| denoise(&mut frame, &rendering.film.sums, &session))?;
         if denoising.as_ref().is_some_and(|d| d.error.is_some()) {
             rendering.interrupted |= cancel.is_cancelled();
         }
-        let mut stats = pool.install(|| Stats::new(&rendering, &frame, &settings));
-        stats.memory = Some(MemoryStats::new(account, &rendering.film));
+        let mut stats = session.install(|| Stats::new(&rendering, &frame, &settings));
+        stats.memory = Some(MemoryStats::new(account, &rendering.film.sums));
         stats.add_seconds(Stage::Load, self.load_seconds);
         stats.add_seconds(Stage::Build, self.build_seconds);
         stats.add_seconds(Stage::Expose, exposed);
         denoising.into_iter().for_each(|d| stats.add_denoising(d));
-        stats.finish(self.started.elapsed().as_secs_f64());
+        stats.finish(session.elapsed());
         Ok(ProjectResult {
             rendering,
             frame,
             stats,
             settings,
-            object_names: object_names.to_vec(),
             is_vignetted,
-            started: self.started,
+            session: quiet,
             inputs,
             checked: self.outputs.clone(),
         })
@@ -401,15 +392,13 @@ impl ProjectResult {
         }
         let written = Written {
             film: &self.rendering.film,
-            labels: &self.rendering.labels,
             frame: &self.frame,
             settings: &self.settings,
-            object_names: &self.object_names,
             is_vignetted: self.is_vignetted,
         };
-        thread_pool(self.settings.threads)?.install(|| written.save(paths))?;
+        self.session.install(|| written.save(paths))?;
         self.stats.add_seconds(Stage::Write, began.elapsed().as_secs_f64());
-        self.stats.finish(self.started.elapsed().as_secs_f64());
+        self.stats.finish(self.session.elapsed());
         match &paths.stats {
             Some(path) => outputs::save_text(path, &self.stats.to_json()),
             None => Ok(()),

@@ -259,7 +259,7 @@ impl Totals {
 impl Stats {
     /// Gathers the statistics of a render, on the threads of the current pool; stages and total time are filled in as they end.
     pub fn new(rendering: &Rendering, frame: &Frame, settings: &RenderSettings) -> Self {
-        let film = &rendering.film;
+        let film = &rendering.film.sums;
         let totals = Totals::from_film(film);
         let n = film.pixels().max(1) as f64;
         let samples_were_taken = |stage: &Stage| matches!(stage, Stage::Pilot | Stage::Refine);
@@ -405,7 +405,7 @@ mod tests {
             }
         }
         let of =
-            |threads| dunkelfeld_render::thread_pool(threads).expect("threads").install(|| Totals::from_film(&film));
+            |threads| dunkelfeld_render::Session::new(threads).expect("threads").install(|| Totals::from_film(&film));
         let (one, three) = (of(1), of(3));
         assert_eq!((one.mean, one.samples, one.range), (three.mean, three.samples, three.range));
         let counts = film.sample_counts();

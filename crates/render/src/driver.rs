@@ -6,9 +6,11 @@ use crate::checkpoint::{
 use crate::error::Error;
 use crate::plan::forecast::{Forecast, Throughput};
 use crate::plan::{FIRST_LOOK, NoiseVerdict, Planner, State};
-use crate::progress::{Cancel, Progress, Stage};
+use crate::progress::Stage;
+use crate::rendered_film::RenderedFilm;
 use crate::round::pass::Stride;
 use crate::round::{ProgressReporter, RoundWork, TILE, abort_at, deadline, run};
+use crate::session::Session;
 use crate::settings::{DEFAULT_SPP, RenderSettings};
 use crate::validate::validate;
 use dunkelfeld_adaptive::budget::{Limits, Phase, Schedule, Settings, Step, StopReason};
@@ -35,10 +37,8 @@ const CLOSING_MARGIN: f64 = 1.15;
 /// A finished (or interrupted) render: statistics of every pixel, and how they came about.
 #[derive(Debug)]
 pub struct Rendering {
-    /// Exact sums per pixel.
-    pub film: Film,
-    /// What each pixel's centre shows.
-    pub labels: Plane<Option<Label>>,
+    /// Exact sums per pixel, ids and names.
+    pub film: RenderedFilm,
     /// Why it ended.
     pub stop: StopReason,
     /// Was it cancelled from outside?
@@ -64,20 +64,11 @@ pub struct Rendering {
 impl Rendering {
     /// The plan that was rendered: samples per pixel. Replaying it gives the same film, bit by bit.
     pub fn plan(&self) -> Plane<u32> {
-        self.film.sample_counts()
+        self.film.sums.sample_counts()
     }
 }
 
-/// A pool of worker threads; 0 takes as many as there are cores.
-pub fn thread_pool(threads: usize) -> Result<rayon::ThreadPool, Error> {
-    rayon::ThreadPoolBuilder::new()
-        .num_threads(threads)
-        .thread_name(|i| format!("dunkelfeld-{i}"))
-        .build()
-        .map_err(|e| Error::Threads(e.to_string()))
-}
-
-/// The number of threads of [`thread_pool`].
+/// The number of threads that 0 stands for, or the number itself.
 pub fn thread_count(threads: usize) -> usize {
     if threads > 0 { threads } else { std::thread::available_parallelism().map_or(1, usize::from) }
 }
@@ -112,26 +103,20 @@ pub fn find_camera(scene: &Scene, settings: &RenderSettings) -> Result<Camera, E
     })
 }
 
-/// Renders a scene within a budget that began at `started`.
+/// Renders a scene within a budget that began with the clock of the session, on its threads.
 ///
 /// Same scene, settings and sample plan: same film, bit by bit, on any number of threads. With a time limit the clock
 /// decides how many samples there are, never which pixel gets them.
 ///
 /// # Errors
 /// Settings outside their range, an unknown camera, a replayed plan of another size.
-pub fn render(
-    scene: &Scene,
-    settings: &RenderSettings,
-    started: Instant,
-    progress: &dyn Progress,
-    cancel: &Cancel,
-) -> Result<Rendering, Error> {
-    let nothing = OutputDryRun { more_per_megapixel: 0.0, write: &|_, _| Ok(()) };
-    render_with_dry_run(scene, settings, started, progress, cancel, nothing)
+pub fn render(scene: &Scene, settings: &RenderSettings, session: &Session<'_>) -> Result<Rendering, Error> {
+    let nothing = OutputDryRun { more_per_megapixel: 0.0, write: &|_| Ok(()) };
+    render_with_dry_run(scene, settings, session, nothing)
 }
 
 /// Writes outputs of a film.
-type Write<'a> = dyn Fn(&Film, &Plane<Option<Label>>) -> Result<(), Error> + Sync + 'a;
+type Write<'a> = dyn Fn(&RenderedFilm) -> Result<(), Error> + Sync + 'a;
 
 /// What is known of the end before it comes.
 #[derive(Clone, Copy)]
@@ -147,32 +132,31 @@ pub struct OutputDryRun<'a> {
 pub fn render_with_dry_run(
     scene: &Scene,
     settings: &RenderSettings,
-    started: Instant,
-    progress: &dyn Progress,
-    cancel: &Cancel,
+    session: &Session<'_>,
     rehearsal: OutputDryRun<'_>,
 ) -> Result<Rendering, Error> {
     validate(settings)?;
     let camera = camera(scene, settings)?;
-    let pool = thread_pool(settings.threads)?;
-    let threads = pool.current_num_threads();
-    pool.install(|| {
+    session.install(|| {
         let began = Instant::now();
-        let labels = labels(scene, &camera, settings.width, settings.height);
+        let sums = Film::with_layers(settings.width, settings.height, settings.film_layers());
+        let ids = pixel_ids(scene, &camera, settings.width, settings.height);
+        let film = RenderedFilm { sums, ids, object_names: scene.object_names().to_vec() };
         let (writer, saved) = match &settings.checkpoint {
             Some(keep) => {
-                let (writer, saved) = CheckpointWriter::open(keep, scene, &camera, settings, &labels, started)?;
+                let (writer, saved) =
+                    CheckpointWriter::open(keep, scene, &camera, settings, &film.ids, session.started())?;
                 (Some(writer), saved)
             }
             None => (None, None),
         };
-        let mut renderer = Renderer::new(scene, &camera, settings, started, threads, labels);
+        let mut renderer = Renderer::new(scene, &camera, settings, session, film);
         renderer.writer = writer;
         if let Some(saved) = saved {
             renderer.restore(saved);
         }
         renderer.spend(Stage::Build, began);
-        renderer.run(progress, cancel, rehearsal)
+        renderer.run(rehearsal)
     })
 }
 
@@ -181,13 +165,13 @@ struct Renderer<'a> {
     scene: &'a Scene,
     camera: &'a RayGenerator,
     settings: &'a RenderSettings,
+    session: &'a Session<'a>,
+    /// The start of the clock, moved back by the time of earlier processes.
     started: Instant,
-    threads: usize,
-    film: Film,
+    film: RenderedFilm,
     /// Samples per pixel, and of the whole film: what the film knows too, without going through all of it.
     counts: Plane<u32>,
     taken: u64,
-    labels: Plane<Option<Label>>,
     planner: Planner<'a>,
     costs: CostMap,
     stride: Stride,
@@ -217,21 +201,19 @@ impl<'a> Renderer<'a> {
         scene: &'a Scene,
         camera: &'a RayGenerator,
         settings: &'a RenderSettings,
-        started: Instant,
-        threads: usize,
-        labels: Plane<Option<Label>>,
+        session: &'a Session<'a>,
+        film: RenderedFilm,
     ) -> Self {
         let (width, height) = (settings.width, settings.height);
         Self {
             scene,
             camera,
             settings,
-            started,
-            threads,
-            film: Film::with_layers(width, height, settings.film_layers()),
+            session,
+            started: session.started(),
+            film,
             counts: settings.samples_before(),
             taken: 0,
-            labels,
             planner: Planner::new(settings),
             costs: CostMap::new(TileGrid::new(width, height, TILE)),
             stride: Stride::default(),
@@ -252,7 +234,7 @@ impl<'a> Renderer<'a> {
         let rendered = film.sample_counts();
         self.counts.data_mut().iter_mut().zip(rendered.data()).for_each(|(count, n)| *count += n);
         self.taken = film.total_samples();
-        self.film = film;
+        self.film.sums = film;
         let (started, seconds) = began(self.started, state.elapsed);
         self.started = started;
         self.earlier = ResumedWork { seconds, samples: self.taken, was_complete: state.stop.is_some() };
@@ -293,7 +275,7 @@ impl<'a> Renderer<'a> {
         let state = self.state(stop);
         let shares = self.course.is_some().then(|| self.planner.shares());
         let snapshot = Snapshot { state: &state, shares, target: self.target.as_ref() };
-        let mut rows = film_rows(&self.film);
+        let mut rows = film_rows(&self.film.sums);
         if must {
             writer.keep(snapshot, &mut rows);
         } else {
@@ -307,31 +289,25 @@ impl<'a> Renderer<'a> {
         u64::from(self.settings.width) * u64::from(self.settings.height)
     }
 
-    fn run(
-        mut self,
-        progress: &dyn Progress,
-        cancel: &Cancel,
-        rehearsal: OutputDryRun<'_>,
-    ) -> Result<Rendering, Error> {
+    fn run(mut self, rehearsal: OutputDryRun<'_>) -> Result<Rendering, Error> {
         let stop = match (self.stopped, self.settings.given_plan()) {
             (Some(stop), _) => stop,
             (None, Some(plan)) => {
                 let total = self.taken + plan::total(&plan::increment(&self.counts, &plan));
-                let reporter = ProgressReporter::new(progress, self.started, None, Some(total));
+                let reporter = ProgressReporter::new(self.session.progress(), self.started, None, Some(total));
                 reporter.resume(self.taken);
-                self.round(&plan, Stage::Refine, None, cancel, &reporter)?;
+                self.round(&plan, Stage::Refine, None, &reporter)?;
                 StopReason::Samples
             }
-            (None, None) => self.rounds(progress, cancel, rehearsal)?,
+            (None, None) => self.rounds(rehearsal)?,
         };
-        let interrupted = cancel.is_cancelled() && !self.earlier.was_complete;
+        let interrupted = self.session.is_cancelled() && !self.earlier.was_complete;
         if !self.earlier.was_complete {
             self.keep((!interrupted).then_some(stop), true);
         }
         let (weights, forecast) = self.planner.into_parts();
         Ok(Rendering {
             film: self.film,
-            labels: self.labels,
             stop,
             interrupted,
             stages: self.stages,
@@ -339,21 +315,16 @@ impl<'a> Renderer<'a> {
             connections: self.connections,
             weights,
             forecast,
-            threads: self.threads,
+            threads: self.session.threads(),
             earlier: self.earlier,
             checkpoint_fault: self.writer.and_then(CheckpointWriter::fault),
         })
     }
 
     /// Pilot and refinements, until the schedule says stop.
-    fn rounds(
-        &mut self,
-        progress: &dyn Progress,
-        cancel: &Cancel,
-        rehearse: OutputDryRun<'_>,
-    ) -> Result<StopReason, Error> {
+    fn rounds(&mut self, rehearse: OutputDryRun<'_>) -> Result<StopReason, Error> {
         let limits = self.limits();
-        let reporter = ProgressReporter::new(progress, self.started, limits.seconds, limits.samples);
+        let reporter = ProgressReporter::new(self.session.progress(), self.started, limits.seconds, limits.samples);
         reporter.resume(self.taken);
         let mut course = match self.course.take() {
             Some(course) => course,
@@ -375,8 +346,8 @@ impl<'a> Renderer<'a> {
                 .flatten();
             self.course = Some(course.clone());
             let (before, began) = (self.taken, Instant::now());
-            let work = self.round(&target, course.stage, guard, cancel, &reporter)?;
-            if cancel.is_cancelled() {
+            let work = self.round(&target, course.stage, guard, &reporter)?;
+            if self.session.is_cancelled() {
                 self.target = Some(target);
                 return Ok(StopReason::Samples);
             }
@@ -409,8 +380,8 @@ impl<'a> Renderer<'a> {
 
     fn first_course(&self, limits: Limits, end: OutputDryRun<'_>) -> AdaptiveState {
         let closing = (CLOSING_PER_MEGAPIXEL + end.more_per_megapixel) * self.pixels() as f64 * 1e-6
-            / self.threads.clamp(1, 2) as f64
-            + self.settings.denoise.expected_seconds(self.pixels(), self.threads);
+            / self.session.threads().clamp(1, 2) as f64
+            + self.settings.denoise.expected_seconds(self.pixels(), self.session.threads());
         // Judged, the pilot begins with a look that tells how large it is to be.
         let pilot_spp = self.settings.pilot_spp.min(if limits.stop_on_noise { FIRST_LOOK } else { u32::MAX });
         let settings = Settings { pixels: self.pixels(), pilot_spp, closing_seconds: closing };
@@ -440,11 +411,11 @@ impl<'a> Renderer<'a> {
         };
         if round.is_none_or(|round| round.replan) {
             let began = Instant::now();
-            let state = State { film: &self.film, labels: &self.labels, counts: &self.counts };
+            let state = State { film: &self.film, counts: &self.counts };
             let pace = Throughput {
                 elapsed: self.started.elapsed().as_secs_f64(),
                 per_work: course.schedule.pace(),
-                threads: self.threads,
+                threads: self.session.threads(),
                 costs: &self.costs,
                 closing,
                 limits: (limits.seconds, limits.samples),
@@ -488,7 +459,7 @@ impl<'a> Renderer<'a> {
     /// Writes everything as in the end, and learns how long that takes.
     fn rehearse(&self, course: &mut AdaptiveState, rehearse: OutputDryRun<'_>) -> Result<(), Error> {
         let began = Instant::now();
-        (rehearse.write)(&self.film, &self.labels)?;
+        (rehearse.write)(&self.film)?;
         course.rehearsed = true;
         course.closing = course.closing.max(CLOSING_MARGIN * began.elapsed().as_secs_f64());
         course.schedule.set_closing_seconds(self.closing(course));
@@ -502,8 +473,8 @@ impl<'a> Renderer<'a> {
             if self.settings.budget.seconds.is_none() || self.taken < at_least {
                 return target;
             }
-            let units = self.costs.cut(&plan::increment(&self.counts, &target), self.threads);
-            match schedule.trimmed(samples, feared_makespan(&units, self.threads)) {
+            let units = self.costs.cut(&plan::increment(&self.counts, &target), self.session.threads());
+            match schedule.trimmed(samples, feared_makespan(&units, self.session.threads())) {
                 Some(fewer) => samples = fewer,
                 None => return target,
             }
@@ -520,26 +491,25 @@ impl<'a> Renderer<'a> {
         target: &Plane<u32>,
         stage: Stage,
         deadline: Option<Instant>,
-        cancel: &Cancel,
         reporter: &ProgressReporter<'_>,
     ) -> Result<f64, Error> {
         let mut increment = plan::increment(&self.counts, target);
-        let mut units = self.costs.cut(&increment, self.threads);
-        let work = makespan(&units, self.threads);
+        let mut units = self.costs.cut(&increment, self.session.threads());
+        let work = makespan(&units, self.session.threads());
         loop {
             let most = self.stride.samples();
             let is_last = increment.data().iter().all(|&n| n <= most);
             if !is_last {
                 increment.data_mut().iter_mut().for_each(|n| *n = (*n).min(most));
-                units = self.costs.cut(&increment, self.threads);
+                units = self.costs.cut(&increment, self.session.threads());
             }
             let pass = Pass { target, increment: &increment, units: &units, deadline, stage };
             // What is left out was cut off, by the clock or from outside.
-            if self.pass(pass, cancel, reporter)? < plan::total(&increment) || is_last {
+            if self.pass(pass, reporter)? < plan::total(&increment) || is_last {
                 return Ok(work);
             }
             increment = plan::increment(&self.counts, target);
-            units = self.costs.cut(&increment, self.threads);
+            units = self.costs.cut(&increment, self.session.threads());
         }
     }
 
@@ -547,7 +517,7 @@ impl<'a> Renderer<'a> {
     ///
     /// # Errors
     /// The film has not got enough memory.
-    fn pass(&mut self, pass: Pass<'_>, cancel: &Cancel, reporter: &ProgressReporter<'_>) -> Result<u64, Error> {
+    fn pass(&mut self, pass: Pass<'_>, reporter: &ProgressReporter<'_>) -> Result<u64, Error> {
         let Pass { target, increment, units, deadline, stage } = pass;
         let began = Instant::now();
         let estimator = Estimator {
@@ -570,11 +540,11 @@ impl<'a> Renderer<'a> {
             costs: &self.costs,
             deadline,
             abort_at: abort_at(deadline, self.settings.budget.seconds),
-            cancel,
+            cancel: self.session.cancel(),
             stage,
             writer: self.writer.as_ref().map(|writer| (writer, snapshot)),
         };
-        let result = run(&mut self.film, &round, reporter);
+        let result = run(&mut self.film.sums, &round, reporter);
         for &(tile, ..) in &result.tiles {
             let rect = self.costs.grid().rect(tile);
             let width = self.settings.width as usize;
@@ -621,7 +591,7 @@ struct Pass<'a> {
     stage: Stage,
 }
 
-fn labels(scene: &Scene, camera: &RayGenerator, width: u32, height: u32) -> Plane<Option<Label>> {
+fn pixel_ids(scene: &Scene, camera: &RayGenerator, width: u32, height: u32) -> Plane<Option<Label>> {
     let mut labels = Plane::new(width, height, None);
     labels.data_mut().par_chunks_mut((width as usize).max(1)).enumerate().for_each(|(y, row)| {
         (0..).zip(row).for_each(|(x, to)| *to = label(scene, camera, x, y as u32));

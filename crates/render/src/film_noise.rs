@@ -1,6 +1,7 @@
 //! The noise of a film as the sensor sees it: what plans are made from, and what is certified.
 
 use crate::parallel::map_tile_rows;
+use crate::rendered_film::RenderedFilm;
 use crate::settings::SensorChoice;
 use dunkelfeld_adaptive::certificate::{Certificate, Claim, certify as certify_pixels};
 use dunkelfeld_adaptive::required_samples::{RequiredSamples, SensorNoise, required_samples};
@@ -9,7 +10,6 @@ use dunkelfeld_adaptive::variance::neighbours::{PredictedNoise, predicted_noise_
 use dunkelfeld_adaptive::variance::pixel::{BLOCK, pixel_noise_of_blocks};
 use dunkelfeld_adaptive::variance::pooled::{PixelNoise, noise_row};
 use dunkelfeld_film::{Film, PixelSums, Plane, Scatter};
-use dunkelfeld_integrator::Label;
 use dunkelfeld_radiometry::{Rgb, Seconds};
 use dunkelfeld_sensor::{Exposure, Response, SensorError, SensorModel, Weights, auto_exposure};
 use rayon::prelude::*;
@@ -54,15 +54,15 @@ impl SignalModel {
     }
 
     /// Estimates of some rows of pixels of a film, as pixels of each kind see them. The sums of few rows are unpacked at a time.
-    fn evidence(&self, film: &Film, labels: &Plane<Option<Label>>, rows: Range<u32>) -> Vec<NoiseInputs> {
-        let (width, height, kinds) = (film.width(), rows.len() as u32, self.response.kinds());
+    fn evidence(&self, film: &RenderedFilm, rows: Range<u32>) -> Vec<NoiseInputs> {
+        let (width, height, kinds) = (film.sums.width(), rows.len() as u32, self.response.kinds());
         let pixels = width as usize * rows.len();
         let (mut counts, mut normals) = (Vec::with_capacity(pixels), Vec::with_capacity(pixels));
         let mut seen: Vec<Vec<Seen>> = kinds.iter().map(|_| Vec::with_capacity(pixels)).collect();
         let mut sums = Vec::new();
         for top in rows.clone().step_by(Film::TILE as usize) {
             sums.clear();
-            film.read_rows(top..(top + Film::TILE).min(rows.end), &mut sums);
+            film.sums.read_rows(top..(top + Film::TILE).min(rows.end), &mut sums);
             counts.extend(sums.iter().map(PixelSums::count));
             normals.extend(sums.iter().map(PixelSums::mean_normal));
             for (seen, &weights) in seen.iter_mut().zip(kinds) {
@@ -70,7 +70,7 @@ impl SignalModel {
             }
         }
         let objects =
-            Plane::from_fn(width, height, |x, y| labels.at(x, rows.start + y).map_or(u32::MAX, |l| l.object()));
+            Plane::from_fn(width, height, |x, y| film.ids.at(x, rows.start + y).map_or(u32::MAX, |l| l.object()));
         let surface = pixel_features(&objects, &Plane::of_pixels(width, height, normals));
         let counts = Plane::of_pixels(width, height, counts);
         let of_kind = |seen: Vec<Seen>| {
@@ -195,8 +195,8 @@ pub struct FilmNoise<'a> {
 
 impl<'a> FilmNoise<'a> {
     /// Of a film, in the unit of `eye`.
-    pub fn new(eye: &SignalModel, film: &'a Film, labels: &'a Plane<Option<Label>>) -> Self {
-        let (eye, width) = (*eye, film.width());
+    pub fn new(eye: &SignalModel, film: &'a RenderedFilm) -> Self {
+        let (eye, width) = (*eye, film.sums.width());
         let signal = |first: usize, sums: &[PixelSums]| -> Vec<(f32, u32)> {
             let place = |pixel: usize| (pixel as u32 % width, (pixel / width as usize) as u32);
             let of_pixel = |(pixel, p): (usize, &PixelSums)| {
@@ -205,12 +205,12 @@ impl<'a> FilmNoise<'a> {
             };
             (first..).zip(sums).map(of_pixel).collect()
         };
-        let signals = map_tile_rows(film, signal);
+        let signals = map_tile_rows(&film.sums, signal);
         let mut pixels = signals.iter().flatten();
-        let mut counts = Plane::new(width, film.height(), 0);
-        let mean = Plane::from_fn(width, film.height(), |_, _| pixels.next().map_or(0.0, |p| p.0));
+        let mut counts = Plane::new(width, film.sums.height(), 0);
+        let mean = Plane::from_fn(width, film.sums.height(), |_, _| pixels.next().map_or(0.0, |p| p.0));
         counts.data_mut().iter_mut().zip(signals.iter().flatten()).for_each(|(count, p)| *count = p.1);
-        let views = move |rows: Range<u32>| eye.evidence(film, labels, rows);
+        let views = move |rows: Range<u32>| eye.evidence(film, rows);
         Self { mean, counts, sensor: eye.sensor, views: Box::new(views), response: eye.response }
     }
 
@@ -236,15 +236,9 @@ impl<'a> FilmNoise<'a> {
     }
 
     /// Of a film that is exposed like this.
-    pub fn exposed(
-        response: Response,
-        model: &SensorModel,
-        exposure: Exposure,
-        film: &'a Film,
-        labels: &'a Plane<Option<Label>>,
-    ) -> Self {
+    pub fn exposed(response: Response, model: &SensorModel, exposure: Exposure, film: &'a RenderedFilm) -> Self {
         let (white, sensor) = (model.saturation().0 as f32, Some(sensor_noise(model, exposure)));
-        Self::new(&SignalModel { response, white, sensor }, film, labels)
+        Self::new(&SignalModel { response, white, sensor }, film)
     }
 
     /// A plane made band by band, from the estimates of a band with what lies around it and the rows of these that are asked for. Each
@@ -389,8 +383,8 @@ mod tests {
         }
         let response = Response::constant(Weights([1000.0; 3]));
         let sensor = Some(SensorNoise { floor: 10.0, saturation: 1e5 });
-        let labels = Plane::new(width, height, None);
-        let measured = FilmNoise::new(&SignalModel { response, white: 1e5, sensor }, &film, &labels);
+        let film = RenderedFilm::without_ids(film);
+        let measured = FilmNoise::new(&SignalModel { response, white: 1e5, sensor }, &film);
         let own = measured.owned();
         for colour in 0..2 {
             let noise: Vec<f64> = own.data().iter().skip(colour).step_by(2).map(|n| f64::from(n.variance)).collect();

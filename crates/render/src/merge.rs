@@ -5,6 +5,7 @@ use crate::checkpoint::{Description, ResumedWork, State, film_rows, load, text_o
 use crate::driver::Rendering;
 use crate::error::{Error, written};
 use crate::progress::Stage;
+use crate::rendered_film::RenderedFilm;
 use crate::settings::RenderSettings;
 use dunkelfeld_adaptive::budget::StopReason;
 use dunkelfeld_adaptive::{plan, weights};
@@ -109,11 +110,6 @@ impl JoinedParts {
         self.recipe.is_replay
     }
 
-    /// Names of the objects, by id.
-    pub fn object_names(&self) -> &[String] {
-        &self.recipe.object_names
-    }
-
     /// Writes a checkpoint of the whole: a part again, which can be merged or rendered further.
     ///
     /// # Errors
@@ -138,10 +134,9 @@ impl JoinedParts {
 
     /// The finished render. `load_seconds` is the time that reading took; `threads` will work on it further.
     pub fn into_rendering(self, load_seconds: f64, threads: usize) -> Rendering {
-        let Self { film, ids: [objects, materials], description: Description { mut state, .. }, .. } = self;
+        let Self { film, ids: [objects, materials], description: Description { mut state, .. }, recipe, .. } = self;
         state.stages.push((Stage::Load, load_seconds));
         Rendering {
-            labels: labels_of(&objects, &materials),
             stop: StopReason::Samples,
             interrupted: false,
             invalid: state.invalid(),
@@ -152,7 +147,7 @@ impl JoinedParts {
             earlier: ResumedWork { seconds: state.elapsed, samples: film.total_samples(), was_complete: true },
             checkpoint_fault: None,
             stages: state.stages,
-            film,
+            film: RenderedFilm { sums: film, ids: labels_of(&objects, &materials), object_names: recipe.object_names },
         }
     }
 }

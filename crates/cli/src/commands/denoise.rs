@@ -6,7 +6,7 @@ use crate::commands::render::apply_denoise;
 use crate::interrupt::cancel_on_interrupt;
 use crate::outcome::{Outcome, print, say};
 use crate::words::{counted, flagged_variances, seconds};
-use dunkelfeld::{DenoiseSettings, Error, check_denoise_output, denoise_exr};
+use dunkelfeld::{DenoiseSettings, Error, Session, check_denoise_output, denoise_exr};
 
 pub(crate) fn run(args: &DenoiseArgs) -> Result<Outcome, Error> {
     let mut settings = DenoiseSettings::default();
@@ -15,8 +15,8 @@ pub(crate) fn run(args: &DenoiseArgs) -> Result<Outcome, Error> {
     check_denoise_output(&args.input, &args.output, &settings)?;
     let sink = Sink::new(args.run.progress);
     let cancel = cancel_on_interrupt();
-    let threads = args.run.thread_count();
-    let Some(file) = denoise_exr(&args.input, &settings, threads, args.memory.memory, &sink, &cancel)? else {
+    let session = Session::new(args.run.thread_count())?.with_progress(&sink).with_cancel(&cancel);
+    let Some(file) = denoise_exr(&args.input, &settings, args.memory.memory, &session)? else {
         drop(sink);
         say("interrupted: nothing was written");
         return Ok(Outcome::Interrupted);

@@ -8,7 +8,7 @@ use crate::words::{counted, exposure_time, flagged_variances, seconds};
 use dunkelfeld::io::input::InputFiles;
 use dunkelfeld::radiometry::Number;
 use dunkelfeld::sensor::{ExposureNoise, Optics, SensorError};
-use dunkelfeld::{DEFAULT_SENSOR, Error, ExposeOutputs, ExposeSettings, ExposedFile, expose_exr};
+use dunkelfeld::{DEFAULT_SENSOR, Error, ExposeOutputs, ExposeSettings, ExposedFile, Session, expose_exr};
 use std::fmt::Write;
 
 pub(crate) fn run(args: &ExposeArgs) -> Result<Outcome, Error> {
@@ -21,7 +21,8 @@ pub(crate) fn run(args: &ExposeArgs) -> Result<Outcome, Error> {
     }
     let sink = Sink::new(args.run.progress);
     let cancel = cancel_on_interrupt();
-    let exposed = expose_exr(&args.input, &settings, &outputs, &sink, &cancel)?;
+    let session = Session::new(args.run.thread_count())?.with_progress(&sink).with_cancel(&cancel);
+    let exposed = expose_exr(&args.input, &settings, &outputs, &session)?;
     drop(sink);
     print(&report(&settings, &exposed));
     if exposed.no_light {

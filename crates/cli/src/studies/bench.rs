@@ -7,7 +7,7 @@ use crate::bar::Sink;
 use crate::commands::render::apply_view;
 use crate::interrupt::cancel_on_interrupt;
 use crate::outcome::Outcome;
-use dunkelfeld::{DenoiseMethod, Error, Progress, ProgressState, Project, Stage};
+use dunkelfeld::{DenoiseMethod, Error, Progress, ProgressState, Project, Session, Stage};
 use dunkelfeld_studies::bench::{BenchSettings, bench, default_folder};
 use std::time::Instant;
 
@@ -21,7 +21,8 @@ pub(crate) fn run(args: &BenchArgs, started: Instant) -> Result<Outcome, Error> 
     let folder = args.output.clone().unwrap_or_else(|| noted(default_folder(&args.input, &project.inputs)));
     let own_size = args.view.width.is_some() || args.view.height.is_some();
     let cancel = cancel_on_interrupt();
-    let outcome = bench(project, &args.input, &settings, &folder, own_size, args.restart, &sink, &cancel)?;
+    let session = Session::new(project.settings.threads)?.with_progress(&sink).with_cancel(&cancel);
+    let outcome = bench(project, &args.input, &settings, &folder, own_size, args.restart, &session)?;
     drop(sink);
     report(&outcome.findings, &outcome.files);
     Ok(conclude(outcome.invalid_samples, outcome.finished, outcome.interrupted))

@@ -4,8 +4,8 @@ use super::emva_args::{AnalyseArgs, DatasetArgs, EmvaArgs, EmvaCommand, ReleaseC
 use crate::bar::Sink;
 use crate::interrupt::cancel_on_interrupt;
 use crate::outcome::{Outcome, print, say};
-use dunkelfeld::Error;
 use dunkelfeld::radiometry::{Nanometres, Seconds};
+use dunkelfeld::{Error, Session};
 use dunkelfeld_studies::emva::{DatasetPlan, DatasetSettings, Findings, TRUTH, Vary, read_measurement, write_dataset};
 use dunkelfeld_studies::emva1288::{AnalysisSettings, Release};
 
@@ -35,8 +35,8 @@ fn dataset(args: &DatasetArgs) -> Result<Outcome, Error> {
     let plan = DatasetPlan::new(&model, &settings)?;
     let sink = Sink::new(args.run.progress);
     let cancel = cancel_on_interrupt();
-    let threads = args.run.thread_count();
-    let written = write_dataset(&plan, &args.output, threads, &sink, &cancel)?;
+    let session = Session::new(args.run.thread_count())?.with_progress(&sink).with_cancel(&cancel);
+    let written = write_dataset(&plan, &args.output, &session)?;
     drop(sink);
     let Some(written) = written else {
         say("interrupted: nothing was written");
@@ -65,7 +65,8 @@ fn analyse(args: &AnalyseArgs) -> Result<Outcome, Error> {
     let settings = AnalysisSettings { release, pixel_pitch: args.pixel_pitch };
     let sink = Sink::new(args.run.progress);
     let cancel = cancel_on_interrupt();
-    let read = read_measurement(&args.input, args.run.thread_count(), &sink, &cancel);
+    let session = Session::new(args.run.thread_count())?.with_progress(&sink).with_cancel(&cancel);
+    let read = read_measurement(&args.input, &session);
     drop(sink);
     let Some(read) = read? else {
         say("interrupted: nothing was written");

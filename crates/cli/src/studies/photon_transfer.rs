@@ -7,7 +7,7 @@ use crate::bar::Sink;
 use crate::commands::render::{apply_denoise, apply_view};
 use crate::interrupt::cancel_on_interrupt;
 use crate::outcome::{Outcome, say};
-use dunkelfeld::{Error, Progress, ProgressState, Project, Stage};
+use dunkelfeld::{Error, Progress, ProgressState, Project, Session, Stage};
 use dunkelfeld_studies::photon_transfer::{PtcSettings, StackSettings, ptc, ptc_folder, ptc_of_frames};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -53,7 +53,9 @@ fn of_frames(args: &PtcArgs) -> Result<Outcome, Error> {
         edges: args.edges.unwrap_or(defaults.edges),
     };
     let sink = Sink::new(args.view.run.progress);
-    let stack = ptc_of_frames(&args.inputs, &settings, &sink, &cancel_on_interrupt())?;
+    let cancel = cancel_on_interrupt();
+    let session = Session::new(1)?.with_progress(&sink).with_cancel(&cancel);
+    let stack = ptc_of_frames(&args.inputs, &settings, &session)?;
     drop(sink);
     let Some(stack) = stack else {
         say("interrupted: nothing was written");
@@ -82,7 +84,8 @@ fn of_scene(args: &PtcArgs, input: &Path, started: Instant) -> Result<Outcome, E
     apply_view(&args.view, &mut project)?;
     let folder = args.output.clone().unwrap_or_else(|| noted(ptc_folder(input, &project.inputs)));
     let cancel = cancel_on_interrupt();
-    let outcome = ptc(project, input, &settings, &folder, args.restart, &sink, &cancel)?;
+    let session = Session::new(project.settings.threads)?.with_progress(&sink).with_cancel(&cancel);
+    let outcome = ptc(project, input, &settings, &folder, args.restart, &session)?;
     drop(sink);
     report(&outcome.findings, &outcome.files);
     Ok(conclude(outcome.invalid_samples, outcome.finished, outcome.interrupted))

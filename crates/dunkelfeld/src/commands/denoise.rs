@@ -13,8 +13,8 @@ use dunkelfeld_io::layers::{Single, Triple};
 use dunkelfeld_io::picture::Picture;
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_render::Error;
-use dunkelfeld_render::{Cancel, DenoiseMethod, DenoiseSettings, Progress, written};
-use dunkelfeld_render::{thread_count, thread_pool};
+use dunkelfeld_render::Session;
+use dunkelfeld_render::{DenoiseMethod, DenoiseSettings, written};
 use dunkelfeld_sensor::display::linear_to_8bit;
 use std::path::Path;
 use std::time::Instant;
@@ -61,12 +61,9 @@ struct Planes {
 pub fn denoise_exr(
     path: &Path,
     settings: &DenoiseSettings,
-    threads: usize,
     memory_limit: Option<u64>,
-    progress: &dyn Progress,
-    cancel: &Cancel,
+    session: &Session<'_>,
 ) -> Result<Option<DenoisedFile>, Error> {
-    let started = Instant::now();
     let Some(denoiser) = find_denoiser(settings)? else {
         return Err(Error::setting(
             "denoise",
@@ -78,7 +75,7 @@ pub fn denoise_exr(
     settings.add_library_to(&mut inputs);
     let agree = |size: ExrSize| {
         let method = if denoiser.name() == Builtin.name() { DenoiseMethod::Builtin } else { DenoiseMethod::Oidn };
-        let account = denoise_account((size.width, size.height), size.bytes, method, thread_count(threads));
+        let account = denoise_account((size.width, size.height), size.bytes, method, session.threads());
         let help = "denoise a smaller image, one with fewer layers, or with the denoiser `builtin`";
         account.check(memory_limit, 0, help)
     };
@@ -95,10 +92,9 @@ pub fn denoise_exr(
     ];
     let features = features.into_iter().filter_map(|(name, there)| there.then_some(name)).collect();
     let began = Instant::now();
-    let pool = thread_pool(threads)?;
-    let mean = match pool.install(|| run(&planes.input(), &*denoiser, 0, started, progress, cancel)) {
+    let mean = match session.install(|| run(&planes.input(), &*denoiser, 0, session)) {
         Ok(mean) => mean,
-        Err(DenoiseError::Cancelled) if cancel.is_cancelled() => return Ok(None),
+        Err(DenoiseError::Cancelled) if session.is_cancelled() => return Ok(None),
         Err(e) => {
             let help = "choose another denoiser, or a smaller image";
             return Err(Error::setting(denoiser.name(), e.to_string(), help));

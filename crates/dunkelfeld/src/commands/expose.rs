@@ -18,8 +18,8 @@ use dunkelfeld_io::layers::{Single, Triple};
 use dunkelfeld_radiometry::Seconds;
 use dunkelfeld_render::Error;
 use dunkelfeld_render::film_noise::{FilmNoise, levels, per_luminance, seen, sensor_noise};
-use dunkelfeld_render::{Cancel, Progress, ProgressState, Stage, written};
-use dunkelfeld_render::{thread_count, thread_pool};
+use dunkelfeld_render::{Session, thread_count};
+use dunkelfeld_render::{Stage, written};
 use dunkelfeld_sensor::{
     Device, Exposure, ExposureNoise, FrameKey, Optics, Response, SensorError, SensorModel, Weights, auto_exposure,
     electrons,
@@ -238,14 +238,11 @@ pub fn expose_exr(
     input: &Path,
     settings: &ExposeSettings,
     outputs: &ExposeOutputs,
-    progress: &dyn Progress,
-    cancel: &Cancel,
+    session: &Session<'_>,
 ) -> Result<ExposedFile, Error> {
-    let started = Instant::now();
     check(settings)?;
     outputs.check(input, settings)?;
-    let pool = thread_pool(settings.threads)?;
-    let exposer = pool.install(|| Exposer::open(input, settings))?;
+    let exposer = session.install(|| Exposer::open(input, settings))?;
     let mut done = ExposedFile {
         size: exposer.size(),
         frames: 0,
@@ -259,26 +256,18 @@ pub fn expose_exr(
         write_seconds: 0.0,
         files: Vec::new(),
     };
-    let at_once = pool.current_num_threads().min(MAX_WAITING) as u32;
-    while done.frames < settings.frames && !cancel.is_cancelled() {
+    let at_once = session.threads().min(MAX_WAITING) as u32;
+    while done.frames < settings.frames && !session.is_cancelled() {
         let next = settings.first_frame + done.frames;
         let group: Vec<u32> = (next..=settings.last_frame()).take(at_once as usize).collect();
-        let elapsed = started.elapsed().as_secs_f64();
-        let share = f64::from(done.frames) / f64::from(settings.frames);
-        progress.update(&ProgressState {
-            stage: Stage::Expose,
-            fraction: share,
-            elapsed,
-            remaining: (share > 0.0).then(|| elapsed * (1.0 - share) / share),
-            samples: 0,
-        });
+        session.report_share(Stage::Expose, f64::from(done.frames) / f64::from(settings.frames));
         let began = Instant::now();
         let frames: Vec<_> =
-            pool.install(|| group.iter().map(|&n| Ok((n, exposer.frame(n)?))).collect::<Result<_, Error>>())?;
+            session.install(|| group.iter().map(|&n| Ok((n, exposer.frame(n)?))).collect::<Result<_, Error>>())?;
         done.expose_seconds += began.elapsed().as_secs_f64();
         let began = Instant::now();
         // Errors in the order of the frames, whichever thread was first.
-        let written: Vec<Result<Vec<PathBuf>, Error>> = pool
+        let written: Vec<Result<Vec<PathBuf>, Error>> = session
             .install(|| frames.par_iter().map(|(n, values)| save(&exposer, settings, outputs, *n, values)).collect());
         done.write_seconds += began.elapsed().as_secs_f64();
         for files in written {

@@ -7,7 +7,7 @@ use crate::stats::{PartStats, Stats};
 use dunkelfeld_io::checkpoint::checkpoint_size;
 use dunkelfeld_io::input::{InputFiles, Role};
 use dunkelfeld_render::{
-    Error, JoinedParts, PartSummary, RenderSettings, Rendering, Stage, lock, thread_count, thread_pool, written,
+    Error, JoinedParts, PartSummary, RenderSettings, Rendering, Session, Stage, lock, thread_count, written,
 };
 use std::ops::Range;
 use std::path::PathBuf;
@@ -61,26 +61,24 @@ pub fn merge(settings: &MergeSettings, started: Instant) -> Result<Merged, Error
     }
     let samples = joined.samples();
     let parts: Vec<PartStats> = joined.parts().iter().map(statistics).collect();
-    let (object_names, is_vignetted, is_replay) =
-        (joined.object_names().to_vec(), joined.is_vignetted(), joined.is_replay());
-    let pool = thread_pool(settings.threads)?;
-    let rendering = joined.into_rendering(began.elapsed().as_secs_f64(), pool.current_num_threads());
+    let (is_vignetted, is_replay) = (joined.is_vignetted(), joined.is_replay());
+    let session = Session::new(settings.threads)?.with_start(started);
+    let rendering = joined.into_rendering(began.elapsed().as_secs_f64(), session.threads());
     let began = Instant::now();
-    let frame = pool.install(|| develop_film(&rendering.film, &rendering.labels, &shown))?;
-    let mut stats = pool.install(|| Stats::new(&rendering, &frame, &shown));
+    let frame = session.install(|| develop_film(&rendering.film, &shown))?;
+    let mut stats = session.install(|| Stats::new(&rendering, &frame, &shown));
     stats.add_seconds(Stage::Expose, began.elapsed().as_secs_f64());
     if is_replay {
         stats.allocation = "replay".into();
     }
-    stats.memory = account.map(|account| MemoryStats::new(account, &rendering.film));
+    stats.memory = account.map(|account| MemoryStats::new(account, &rendering.film.sums));
     stats.parts = Some(parts);
 
     let began = Instant::now();
-    let (film, labels, object_names) = (&rendering.film, &rendering.labels, &object_names);
-    let written = Written { film, labels, frame: &frame, settings: &shown, object_names, is_vignetted };
-    pool.install(|| written.save(&settings.outputs))?;
+    let written = Written { film: &rendering.film, frame: &frame, settings: &shown, is_vignetted };
+    session.install(|| written.save(&settings.outputs))?;
     stats.add_seconds(Stage::Write, began.elapsed().as_secs_f64());
-    stats.finish(started.elapsed().as_secs_f64());
+    stats.finish(session.elapsed());
     if let Some(path) = &settings.outputs.stats {
         outputs::save_text(path, &stats.to_json())?;
     }

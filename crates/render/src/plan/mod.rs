@@ -12,13 +12,13 @@ use crate::film_noise::{FilmNoise, SignalModel};
 use crate::parallel::mean_without_gaps;
 use crate::plan::extrapolation::ConvergenceFit;
 use crate::plan::forecast::{Forecast, ForecastInput, Throughput};
+use crate::rendered_film::RenderedFilm;
 use crate::settings::RenderSettings;
 use dunkelfeld_adaptive::required_samples::{DEFAULT_TARGET, RequiredSamples, total};
 use dunkelfeld_adaptive::variance::neighbours::PredictedNoise;
 use dunkelfeld_adaptive::variance::pooled::PixelNoise;
 use dunkelfeld_adaptive::weights::{self, Pilot, Shares, Strategy};
 use dunkelfeld_film::{Film, Plane};
-use dunkelfeld_integrator::Label;
 use serde::{Deserialize, Serialize};
 
 /// A pilot that waits for its size begins with so many samples per pixel: one for each batch of the film.
@@ -35,8 +35,7 @@ const MIN_PILOT_SHARE: f64 = 0.1;
 /// What there is to judge by.
 #[derive(Clone, Copy)]
 pub(crate) struct State<'a> {
-    pub(crate) film: &'a Film,
-    pub(crate) labels: &'a Plane<Option<Label>>,
+    pub(crate) film: &'a RenderedFilm,
     pub(crate) counts: &'a Plane<u32>,
 }
 
@@ -110,10 +109,10 @@ impl<'a> Planner<'a> {
     /// # Errors
     /// A sensor whose ranges the exposure leaves.
     pub(crate) fn plan(&mut self, state: State<'_>, pace: &Throughput<'_>) -> Result<Option<&Forecast>, Error> {
-        let (eye, image) = self.exposed(state.film)?;
+        let (eye, image) = self.exposed(&state.film.sums)?;
         let is_measured = eye.sensor.is_some() || self.settings.strategy().needs_noise();
         let look = || {
-            let measured = FilmNoise::new(&eye, state.film, state.labels);
+            let measured = FilmNoise::new(&eye, state.film);
             let own = measured.owned();
             PilotNoise::new(measured, own, self.settings.strategy())
         };
@@ -142,8 +141,8 @@ impl<'a> Planner<'a> {
         pace: &Throughput<'_>,
         tell: impl FnOnce(&Forecast),
     ) -> Result<NoiseVerdict, Error> {
-        let (eye, image) = self.exposed(state.film)?;
-        let measured = FilmNoise::new(&eye, state.film, state.labels);
+        let (eye, image) = self.exposed(&state.film.sums)?;
+        let measured = FilmNoise::new(&eye, state.film);
         let own = measured.owned();
         let is_hidden = measured.certify_by(&own, k).is_some_and(|c| c.certificate.is_hidden());
         let required_samples = measured.needs_by(&own, k);

@@ -5,11 +5,10 @@ use super::statistics::mean_plane;
 use crate::report::estimate::{Estimate, mean};
 use crate::series::View;
 use dunkelfeld::Error;
-use dunkelfeld::{Cancel, Silent};
 use dunkelfeld::{DenoiseMethod, DenoiseSettings, denoise_film, find_denoiser};
+use dunkelfeld::{Session, Silent};
 use dunkelfeld_denoise::Denoiser;
 use dunkelfeld_film::{Film, Plane};
-use std::time::Instant;
 
 /// A denoiser under its name in files and tables, `builtin` or `oidn`.
 pub(super) struct Filter {
@@ -56,10 +55,10 @@ impl Filter {
     ///
     /// # Errors
     /// Those of the denoiser, as a setting that cannot be used.
-    pub(super) fn apply(&self, film: &Film, view: &View, cancel: &Cancel) -> Result<Option<Filtered>, Error> {
-        match denoise_film(film, &*self.denoiser, Instant::now(), &Silent, cancel) {
+    pub(super) fn apply(&self, film: &Film, view: &View, session: &Session<'_>) -> Result<Option<Filtered>, Error> {
+        match denoise_film(film, &*self.denoiser, &session.clone().with_progress(&Silent)) {
             Ok(done) => Ok(Some(Filtered { key: self.key, signal: view.signal(&done.mean), seconds: done.seconds })),
-            Err(_) if cancel.is_cancelled() => Ok(None),
+            Err(_) if session.is_cancelled() => Ok(None),
             Err(e) => {
                 let help = "leave it out with --denoise; the renders that are finished are kept";
                 Err(Error::setting("denoise", format!("{}: {e}", self.name()), help))

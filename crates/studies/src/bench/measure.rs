@@ -14,8 +14,8 @@ use dunkelfeld::Project;
 use dunkelfeld::develop;
 use dunkelfeld::save_picture;
 use dunkelfeld::{Budget, RenderSettings, SensorChoice};
-use dunkelfeld::{Cancel, Progress, ProgressState, Stage};
-use dunkelfeld::{camera, render, thread_pool};
+use dunkelfeld::{Progress, ProgressState, Stage};
+use dunkelfeld::{Session, camera, render};
 use dunkelfeld_adaptive::weights::Strategy;
 use dunkelfeld_film::Plane;
 use dunkelfeld_io::input::InputFiles;
@@ -64,7 +64,6 @@ pub fn default_folder(input: &Path, inputs: &InputFiles) -> DefaultPath {
 ///
 /// # Errors
 /// Settings outside their range, a folder that cannot be written to or holds an input or the results of another bench.
-#[allow(clippy::too_many_arguments, reason = "each is a thing of its own, and there is one caller")]
 pub fn bench(
     mut project: Project,
     input: &Path,
@@ -72,8 +71,7 @@ pub fn bench(
     folder: &Path,
     own_size: bool,
     restart: bool,
-    progress: &dyn Progress,
-    cancel: &Cancel,
+    session: &Session<'_>,
 ) -> Result<BenchOutcome, Error> {
     settings.check()?;
     check_folder(folder, &project.inputs)?;
@@ -87,13 +85,13 @@ pub fn bench(
         // A bench that goes on keeps the film that it began with.
         let size = match store.manifest()?.filter(|m| m.settings.quick) {
             Some(there) => there.size,
-            None => quick_size(&project, settings, effects.len(), cancel)?,
+            None => quick_size(&project, settings, effects.len(), session)?,
         };
         project.resize_keeping_view(size[0], size[1]);
     }
     let fitted = project.fitted()?;
     project.checked_account(&fitted)?;
-    let threads = thread_pool(fitted.threads)?.current_num_threads();
+    let threads = session.threads();
     let names: Vec<String> = filters.iter().map(Filter::name).collect();
     let camera = camera(&project.scene, &fitted)?;
     let facts = Facts::new(VERSION, &project.scene, &camera, &fitted, threads, &names);
@@ -111,8 +109,8 @@ pub fn bench(
         reference,
         top: top(settings),
     };
-    let invalid_samples = bench.make(&all, progress, cancel)?;
-    progress.update(&ProgressState { stage: Stage::Write, fraction: 1.0, elapsed: 0.0, remaining: None, samples: 0 });
+    let invalid_samples = bench.make(&all, session)?;
+    session.begin(Stage::Write, 1.0, 0);
     let finished = [count_finished(&store, &all, fitted.seed)?, all.len()];
     let about = About {
         name: input.file_name().unwrap_or_default().to_string_lossy().into_owned(),
@@ -127,7 +125,7 @@ pub fn bench(
         Some(results) => (page::write(folder, &results)?, results.findings()),
         None => (Vec::new(), Vec::new()),
     };
-    Ok(BenchOutcome { files, findings, finished, interrupted: cancel.is_cancelled(), invalid_samples })
+    Ok(BenchOutcome { files, findings, finished, interrupted: session.is_cancelled(), invalid_samples })
 }
 
 /// Without a sensor there is nothing that the strategy `sensor` could go by: of all strategies it is left out, by name refused.
@@ -164,7 +162,12 @@ fn effects(project: &Project, settings: &BenchSettings) -> Vec<Effect> {
 }
 
 /// The film of a quick bench: as large as this machine can do in the time.
-fn quick_size(project: &Project, settings: &BenchSettings, effects: usize, cancel: &Cancel) -> Result<[u32; 2], Error> {
+fn quick_size(
+    project: &Project,
+    settings: &BenchSettings,
+    effects: usize,
+    session: &Session<'_>,
+) -> Result<[u32; 2], Error> {
     let (width, height) = (project.settings.width, project.settings.height);
     let long = width.max(height);
     let sized = |side: u32| {
@@ -176,8 +179,9 @@ fn quick_size(project: &Project, settings: &BenchSettings, effects: usize, cance
     (trial.width, trial.height) = (w, h);
     trial.budget = Budget { spp: Some(f64::from(TRIAL.1)), ..Budget::default() };
     let began = Instant::now();
-    let rendering = render(&project.scene, &trial, began, &dunkelfeld::Silent, cancel)?;
-    let rate = rendering.film.total_samples() as f64 / began.elapsed().as_secs_f64().max(1e-6);
+    let rendering =
+        render(&project.scene, &trial, &session.clone().with_start(began).with_progress(&dunkelfeld::Silent))?;
+    let rate = rendering.film.sums.total_samples() as f64 / began.elapsed().as_secs_f64().max(1e-6);
     let ladder: f64 = settings.ladder.iter().map(|&n| f64::from(n)).sum::<f64>() * settings.strategies.len() as f64;
     let ablation = if effects > 0 { (effects + 1) as f64 * f64::from(settings.effect_spp) } else { 0.0 };
     let per_pixel = (ladder + ablation) * f64::from(settings.seeds) + f64::from(settings.reference_spp);
@@ -200,7 +204,7 @@ struct Bench<'a> {
 
 impl Bench<'_> {
     /// Makes what is missing. Returns the number of invalid samples of all renders.
-    fn make(&self, all: &[Unit], progress: &dyn Progress, cancel: &Cancel) -> Result<u64, Error> {
+    fn make(&self, all: &[Unit], session: &Session<'_>) -> Result<u64, Error> {
         let base = self.fitted.seed;
         let mut invalid = 0;
         let mut missing = Vec::new();
@@ -215,14 +219,15 @@ impl Bench<'_> {
             }
         }
         let total: u64 = all.iter().map(|u| self.samples(u)).sum();
-        let meter = Meter::new(progress, total, done);
+        let meter = Meter::new(session.progress(), total, done);
+        let metered = session.clone().with_progress(&meter);
         let mut view = None;
         let mut other: Option<(Effect, Scene, RenderSettings)> = None;
         for unit in missing {
             // Also a unit that is over before anybody asks shows up.
             let begun = ProgressState { stage: Stage::Pilot, fraction: 0.0, elapsed: 0.0, remaining: None, samples: 0 };
             meter.update(&begun);
-            if cancel.is_cancelled() {
+            if session.is_cancelled() {
                 break;
             }
             let (scene, settings) = match unit.without() {
@@ -235,7 +240,7 @@ impl Bench<'_> {
                     other.as_ref().map_or((&self.project.scene, self.fitted), |(_, scene, settings)| (scene, settings))
                 }
             };
-            let Some(record) = self.render(&unit, scene, settings, &mut view, &meter, cancel)? else { break };
+            let Some(record) = self.render(&unit, scene, settings, &mut view, &metered)? else { break };
             invalid += record.invalid_samples;
             meter.finish(self.samples(&unit));
         }
@@ -262,8 +267,7 @@ impl Bench<'_> {
         scene: &Scene,
         settings: &RenderSettings,
         view: &mut Option<(View, Vec<bool>)>,
-        meter: &Meter<'_>,
-        cancel: &Cancel,
+        session: &Session<'_>,
     ) -> Result<Option<Record>, Error> {
         let settings = RenderSettings {
             budget: Budget { spp: Some(f64::from(unit.spp)), ..Budget::default() },
@@ -273,7 +277,7 @@ impl Bench<'_> {
             ..settings.clone()
         };
         let began = Instant::now();
-        let rendering = render(scene, &settings, began, meter, cancel)?;
+        let rendering = render(scene, &settings, &session.clone().with_start(began))?;
         let total_seconds = began.elapsed().as_secs_f64();
         if rendering.interrupted {
             return Ok(None);
@@ -282,20 +286,20 @@ impl Bench<'_> {
         for (stage, s) in &rendering.stages {
             *seconds.entry(stage.name().to_string()).or_insert(0.0) += s;
         }
-        let mean = rendering.film.mean();
+        let mean = rendering.film.sums.mean();
         if view.is_none() {
             *view = Some(self.view(unit, &mean)?);
         }
         let Some((view, counts)) = view.as_ref() else { return Ok(None) };
         if matches!(unit.purpose, Purpose::Point(_)) && unit.spp == self.top && unit.index == 0 {
-            self.close(unit, &mean, &settings, view, &mut seconds)?;
+            self.close(unit, &mean, &settings, view, &mut seconds, session)?;
         }
-        let stated = view.signal_variance(&rendering.film);
+        let stated = view.signal_variance(&rendering.film.sums);
         let is_reference = unit.purpose == Purpose::Reference;
         let is_point = matches!(unit.purpose, Purpose::Point(_));
         let mut denoised = Vec::new();
         for filter in self.filters.iter().filter(|_| is_point) {
-            let done = thread_pool(settings.threads)?.install(|| filter.apply(&rendering.film, view, cancel))?;
+            let done = session.install(|| filter.apply(&rendering.film.sums, view, session))?;
             let Some(done) = done else { return Ok(None) };
             denoised.push(done);
         }
@@ -305,8 +309,8 @@ impl Bench<'_> {
             allocation: unit.strategy().name().into(),
             without: unit.without().map(|e| e.name().into()),
             spp: unit.spp,
-            samples: rendering.film.total_samples(),
-            invalid_samples: rendering.film.invalid_samples(),
+            samples: rendering.film.sums.total_samples(),
+            invalid_samples: rendering.film.sums.invalid_samples(),
             seconds,
             total_seconds,
             denoise_seconds: denoised.iter().map(|d| (d.key.to_string(), d.seconds)).collect(),
@@ -342,13 +346,14 @@ impl Bench<'_> {
         settings: &RenderSettings,
         view: &View,
         seconds: &mut BTreeMap<String, f64>,
+        session: &Session<'_>,
     ) -> Result<(), Error> {
         let mut settings = settings.clone();
         if let SensorChoice::Emva { exposure, .. } = &mut settings.sensor {
             *exposure = view.exposure();
         }
         let began = Instant::now();
-        let frame = thread_pool(settings.threads)?.install(|| develop(mean, &settings))?;
+        let frame = session.install(|| develop(mean, &settings))?;
         seconds.insert(Stage::Expose.name().into(), began.elapsed().as_secs_f64());
         let began = Instant::now();
         save_picture(&frame, &self.store.picture(unit))?;

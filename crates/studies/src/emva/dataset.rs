@@ -3,8 +3,8 @@
 use super::plan::{DatasetPlan, Shot};
 use super::truth::Truth;
 use dunkelfeld::Error;
-use dunkelfeld::thread_pool;
-use dunkelfeld::{Cancel, Progress, ProgressState, Stage};
+use dunkelfeld::Session;
+use dunkelfeld::Stage;
 use dunkelfeld_film::Plane;
 use dunkelfeld_io::emva_descriptor::{EmvaDescriptor, FrameBlock, FrameFormat, write_descriptor};
 use dunkelfeld_io::new_folder::NewFolder;
@@ -13,7 +13,6 @@ use dunkelfeld_io::png::write_png;
 use rayon::prelude::*;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU32, Ordering};
-use std::time::Instant;
 
 /// Name of the descriptor in the folder of a data set.
 pub const DESCRIPTOR: &str = "emva.txt";
@@ -39,11 +38,8 @@ pub struct WrittenDataset {
 pub fn write_dataset(
     plan: &DatasetPlan,
     folder: &Path,
-    threads: usize,
-    progress: &dyn Progress,
-    cancel: &Cancel,
+    session: &Session<'_>,
 ) -> Result<Option<WrittenDataset>, Error> {
-    let started = Instant::now();
     let output = |e: std::io::Error| Error::Output {
         file: folder.to_path_buf(),
         problem: e.to_string(),
@@ -55,7 +51,7 @@ pub fn write_dataset(
         plan.shots().iter().enumerate().flat_map(|(i, s)| (0..s.frames).map(move |k| (i, k))).collect();
     let done = AtomicU32::new(0);
     let take = |&(index, number): &(usize, u32)| -> Result<(), Error> {
-        if cancel.is_cancelled() {
+        if session.is_cancelled() {
             return Ok(());
         }
         let Some(shot) = plan.shots().get(index) else { return Ok(()) };
@@ -68,14 +64,11 @@ pub fn write_dataset(
             write_png(&path, Picture::Gray16(&values), &[]).map_err(output)?;
         }
         let count = done.fetch_add(1, Ordering::Relaxed) + 1;
-        let fraction = f64::from(count) / frames.len() as f64;
-        let elapsed = started.elapsed().as_secs_f64();
-        let remaining = Some(elapsed * (1.0 - fraction) / fraction);
-        progress.update(&ProgressState { stage: Stage::Expose, fraction, elapsed, remaining, samples: 0 });
+        session.report_share(Stage::Expose, f64::from(count) / frames.len() as f64);
         Ok(())
     };
-    thread_pool(threads)?.install(|| frames.par_iter().try_for_each(take))?;
-    if cancel.is_cancelled() {
+    session.install(|| frames.par_iter().try_for_each(take))?;
+    if session.is_cancelled() {
         return Ok(None);
     }
     let truth = plan.truth();

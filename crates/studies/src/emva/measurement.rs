@@ -1,8 +1,8 @@
 //! Reads a data set frame by frame: what a frame shows is kept, the frame is not.
 
 use dunkelfeld::Error;
-use dunkelfeld::thread_pool;
-use dunkelfeld::{Cancel, Progress, ProgressState, Stage};
+use dunkelfeld::Session;
+use dunkelfeld::Stage;
 use dunkelfeld_emva1288::{AnalysisError, Frame, FramePair, Level, Measurement, StackAccumulator, StackLevel};
 use dunkelfeld_film::Plane;
 use dunkelfeld_io::InputError;
@@ -12,7 +12,6 @@ use dunkelfeld_io::loader::Limits;
 use rayon::prelude::*;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
-use std::time::Instant;
 
 /// A data set, reduced to what its frames show.
 #[derive(Clone, Debug)]
@@ -40,13 +39,7 @@ enum Seen {
 ///
 /// # Errors
 /// A file that cannot be read, frames that differ in size from each other or from the descriptor.
-pub fn read_measurement(
-    path: &Path,
-    threads: usize,
-    progress: &dyn Progress,
-    cancel: &Cancel,
-) -> Result<Option<ReadMeasurement>, Error> {
-    let started = Instant::now();
+pub fn read_measurement(path: &Path, session: &Session<'_>) -> Result<Option<ReadMeasurement>, Error> {
     let (descriptor, warnings) = read_descriptor(path)?;
     let folder = path.parent().unwrap_or(Path::new("")).to_path_buf();
     let reader =
@@ -56,15 +49,13 @@ pub fn read_measurement(
     let see = |block: &FrameBlock| -> Result<Option<Seen>, Error> {
         let step = || {
             let fraction = (done.fetch_add(1, Ordering::Relaxed) + 1) as f64 / frames.max(1) as f64;
-            let elapsed = started.elapsed().as_secs_f64();
-            let remaining = Some(elapsed * (1.0 - fraction) / fraction);
-            progress.update(&ProgressState { stage: Stage::Load, fraction, elapsed, remaining, samples: 0 });
-            !cancel.is_cancelled()
+            session.report_share(Stage::Load, fraction);
+            !session.is_cancelled()
         };
         reader.see(block, step)
     };
     let seen: Vec<Option<Seen>> =
-        thread_pool(threads)?.install(|| descriptor.blocks.par_iter().map(see).collect::<Result<_, _>>())?;
+        session.install(|| descriptor.blocks.par_iter().map(see).collect::<Result<_, _>>())?;
     let mut measurement = Measurement { bits: reader.bits, ..Measurement::default() };
     for seen in seen {
         match seen {

@@ -11,8 +11,8 @@ use dunkelfeld::Error;
 use dunkelfeld::Project;
 use dunkelfeld::develop_film;
 use dunkelfeld::{Budget, RenderSettings, SensorChoice};
-use dunkelfeld::{Cancel, Progress, ProgressState, Silent, Stage};
-use dunkelfeld::{Rendering, camera, render, thread_pool};
+use dunkelfeld::{Progress, ProgressState, Silent, Stage};
+use dunkelfeld::{Rendering, Session, camera, render};
 use dunkelfeld::{denoise_film, find_denoiser};
 use dunkelfeld_denoise::Denoiser;
 use dunkelfeld_film::Plane;
@@ -72,8 +72,7 @@ pub fn ptc(
     settings: &PtcSettings,
     folder: &Path,
     restart: bool,
-    progress: &dyn Progress,
-    cancel: &Cancel,
+    session: &Session<'_>,
 ) -> Result<PtcOutcome, Error> {
     settings.check()?;
     let mut inputs = project.inputs.clone();
@@ -84,7 +83,7 @@ pub fn ptc(
     project.checked_account(&fitted)?;
     let denoiser = find_denoiser(&settings.denoise)?;
     let store = Kept::open(folder, MANIFEST, restart)?;
-    let threads = thread_pool(fitted.threads)?.current_num_threads();
+    let threads = session.threads();
     let names: Vec<String> = denoiser.iter().map(|d| d.name()).collect();
     let rays = camera(&project.scene, &fitted)?;
     // More frames may join, other series and the camera too; what the first render shows is what all are seen like.
@@ -96,8 +95,8 @@ pub fn ptc(
     let with_camera = settings.camera && fitted.has_sensor();
     let all = units(settings, with_camera);
     let work = Work { project: &project, fitted: &fitted, folder: Renders { store, base: fitted.seed }, denoiser };
-    let invalid_samples = work.make(&all, settings, progress, cancel)?;
-    progress.update(&ProgressState { stage: Stage::Write, fraction: 1.0, elapsed: 0.0, remaining: None, samples: 0 });
+    let invalid_samples = work.make(&all, settings, session)?;
+    session.begin(Stage::Write, 1.0, 0);
     let mut done = 0;
     for unit in &all {
         done += usize::from(work.folder.record(unit)?.is_some());
@@ -109,7 +108,7 @@ pub fn ptc(
         Some(results) => (page::write(folder, &results)?, results.lines()),
         None => (Vec::new(), Vec::new()),
     };
-    Ok(PtcOutcome { files, findings, finished, interrupted: cancel.is_cancelled(), invalid_samples })
+    Ok(PtcOutcome { files, findings, finished, interrupted: session.is_cancelled(), invalid_samples })
 }
 
 /// The small file of a finished render.
@@ -177,13 +176,7 @@ struct Work<'a> {
 
 impl Work<'_> {
     /// Makes what is missing. Returns the number of invalid samples of all renders.
-    fn make(
-        &self,
-        all: &[Unit],
-        settings: &PtcSettings,
-        progress: &dyn Progress,
-        cancel: &Cancel,
-    ) -> Result<u64, Error> {
+    fn make(&self, all: &[Unit], settings: &PtcSettings, session: &Session<'_>) -> Result<u64, Error> {
         let (mut invalid, mut done, mut missing) = (0, 0, Vec::new());
         for unit in all {
             match self.folder.record(unit)? {
@@ -194,7 +187,8 @@ impl Work<'_> {
                 None => missing.push(*unit),
             }
         }
-        let meter = Meter::new(progress, all.iter().map(|u| self.samples(u)).sum(), done);
+        let meter = Meter::new(session.progress(), all.iter().map(|u| self.samples(u)).sum(), done);
+        let metered = session.clone().with_progress(&meter);
         let first = reference(settings);
         let mut view = match self.folder.record(&first)? {
             Some(_) => Some(View::new(&self.fitted.sensor, &self.folder.radiance(&first)?)?),
@@ -204,10 +198,10 @@ impl Work<'_> {
             // Also a render that is over before anybody asks shows up.
             let begun = ProgressState { stage: Stage::Pilot, fraction: 0.0, elapsed: 0.0, remaining: None, samples: 0 };
             meter.update(&begun);
-            if cancel.is_cancelled() {
+            if session.is_cancelled() {
                 break;
             }
-            let Some(record) = self.render(&unit, unit == first, &mut view, &meter, cancel)? else { break };
+            let Some(record) = self.render(&unit, unit == first, &mut view, &metered)? else { break };
             invalid += record.invalid_samples;
             meter.finish(self.samples(&unit));
         }
@@ -224,8 +218,7 @@ impl Work<'_> {
         unit: &Unit,
         is_reference: bool,
         view: &mut Option<View>,
-        meter: &Meter<'_>,
-        cancel: &Cancel,
+        session: &Session<'_>,
     ) -> Result<Option<Record>, Error> {
         let mut settings = RenderSettings {
             budget: Budget { spp: Some(f64::from(unit.spp)), ..Budget::default() },
@@ -239,12 +232,12 @@ impl Work<'_> {
             *exposure = view.exposure();
         }
         let began = Instant::now();
-        let rendering = render(&self.project.scene, &settings, began, meter, cancel)?;
+        let rendering = render(&self.project.scene, &settings, &session.clone().with_start(began))?;
         let seconds = began.elapsed().as_secs_f64();
         if rendering.interrupted {
             return Ok(None);
         }
-        let mean = rendering.film.mean();
+        let mean = rendering.film.sums.mean();
         if view.is_none() {
             *view = Some(View::new(&self.fitted.sensor, &mean)?);
         }
@@ -255,7 +248,7 @@ impl Work<'_> {
             Series::Paper => {
                 push_plane(&mut layers, SIGNAL, view.signal(&mean));
                 if let Some(denoiser) = &self.denoiser {
-                    let Some((signal, taken)) = self.denoised(&rendering, &**denoiser, view, cancel)? else {
+                    let Some((signal, taken)) = self.denoised(&rendering, &**denoiser, view, session)? else {
                         return Ok(None);
                     };
                     push_plane(&mut layers, DENOISED, signal);
@@ -265,13 +258,13 @@ impl Work<'_> {
                     layers.push_triples(Triple::Mean, &mean);
                 }
             }
-            Series::Camera => self.exposures(&rendering, settings.clone(), &mut layers)?,
+            Series::Camera => self.exposures(&rendering, settings.clone(), &mut layers, session)?,
         }
         let record = Record {
             seed: settings.seed,
             frame: unit.frame,
-            samples: rendering.film.total_samples(),
-            invalid_samples: rendering.film.invalid_samples(),
+            samples: rendering.film.sums.total_samples(),
+            invalid_samples: rendering.film.sums.invalid_samples(),
             seconds,
             denoise_seconds,
         };
@@ -285,12 +278,12 @@ impl Work<'_> {
         rendering: &Rendering,
         denoiser: &dyn Denoiser,
         view: &View,
-        cancel: &Cancel,
+        session: &Session<'_>,
     ) -> Result<Option<(Plane<f32>, f64)>, Error> {
-        let run = || denoise_film(&rendering.film, denoiser, Instant::now(), &Silent, cancel);
-        match thread_pool(self.fitted.threads)?.install(run) {
+        let run = || denoise_film(&rendering.film.sums, denoiser, &session.clone().with_progress(&Silent));
+        match session.install(run) {
             Ok(done) => Ok(Some((view.signal(&done.mean), done.seconds))),
-            Err(_) if cancel.is_cancelled() => Ok(None),
+            Err(_) if session.is_cancelled() => Ok(None),
             Err(e) => {
                 let help = "choose another denoiser with --denoise; the renders that are finished are kept";
                 Err(Error::setting("denoise", format!("{}: {e}", denoiser.name()), help))
@@ -304,11 +297,11 @@ impl Work<'_> {
         rendering: &Rendering,
         mut settings: RenderSettings,
         layers: &mut ExrLayers,
+        session: &Session<'_>,
     ) -> Result<(), Error> {
         for (layer, noise) in [(PLAIN, ExposureNoise::Plain), (MATCHED, ExposureNoise::Matched)] {
             settings.exposure_noise = noise;
-            let developed = thread_pool(settings.threads)?
-                .install(|| develop_film(&rendering.film, &rendering.labels, &settings))?;
+            let developed = session.install(|| develop_film(&rendering.film, &settings))?;
             let Some(frame) = developed.sensor else { continue };
             push_plane(layers, layer, frame.values.map(|&v| f32::from(v)));
             if let Some(matched) = &frame.matched {

@@ -11,7 +11,7 @@ use crate::series::Kept;
 use crate::series::statistics::{correlation, quantile, rank_correlation};
 use dunkelfeld::Error;
 use dunkelfeld::save_text;
-use dunkelfeld::{Cancel, Progress, ProgressState, Stage};
+use dunkelfeld::{Session, Stage};
 use dunkelfeld_emva1288::{Frame, LineFit, TemporalAccumulator, TemporalStatistics, TransferPoint};
 use dunkelfeld_film::Plane;
 use dunkelfeld_io::gray::{GrayFrame, read_gray};
@@ -19,7 +19,6 @@ use dunkelfeld_io::input::{InputFiles, Role};
 use dunkelfeld_io::loader::Limits;
 use dunkelfeld_io::results::ResultsFolder;
 use std::path::{Path, PathBuf};
-use std::time::Instant;
 
 /// How frames are looked at.
 #[derive(Clone, Debug, PartialEq)]
@@ -69,8 +68,7 @@ pub struct FrameStack {
 pub fn ptc_of_frames(
     files: &[PathBuf],
     settings: &StackSettings,
-    progress: &dyn Progress,
-    cancel: &Cancel,
+    session: &Session<'_>,
 ) -> Result<Option<FrameStack>, Error> {
     if files.len() < 3 {
         let problem = format!("{} frames do not tell how much a pixel varies, and how well that is known", files.len());
@@ -82,17 +80,13 @@ pub fn ptc_of_frames(
     }
     let mut inputs = InputFiles::new();
     files.iter().for_each(|file| inputs.add(file, Role::Frame));
-    let began = Instant::now();
     let (mut all, mut others, mut first, mut bits_of_first) = (None, None, None, None);
     let mut largest = 0;
     for (i, file) in files.iter().enumerate() {
-        if cancel.is_cancelled() {
+        if session.is_cancelled() {
             return Ok(None);
         }
-        let elapsed = began.elapsed().as_secs_f64();
-        let fraction = i as f64 / files.len() as f64;
-        let remaining = (i > 0).then(|| elapsed * (1.0 / fraction - 1.0));
-        progress.update(&ProgressState { stage: Stage::Load, fraction, elapsed, remaining, samples: 0 });
+        session.report_share(Stage::Load, i as f64 / files.len() as f64);
         let GrayFrame { values: frame, stored_bits } = read_gray(file, &Limits::default())?;
         if *bits_of_first.get_or_insert(stored_bits) != stored_bits {
             let problem = format!("{} has {stored_bits} bits per value, the frames before it have not", file.display());

@@ -1,0 +1,112 @@
+//! A run: its clock, its progress, its switch to cancel, and its threads.
+
+use crate::error::Error;
+use crate::progress::{Cancel, Progress, ProgressState, Silent, Stage};
+use rayon::ThreadPool;
+use std::sync::Arc;
+use std::time::Instant;
+
+static SILENT: Silent = Silent;
+static NEVER: Cancel = Cancel::new();
+
+/// What all stages of a run share: the instant from which a time budget counts, the sink of its progress, the switch that
+/// cancels it, and one pool of threads. A copy shares the pool.
+#[derive(Clone)]
+pub struct Session<'a> {
+    started: Instant,
+    progress: &'a dyn Progress,
+    cancel: &'a Cancel,
+    pool: Arc<ThreadPool>,
+}
+
+impl Session<'static> {
+    /// A session that starts now, reports nothing and is not cancelled. With 0 threads it has as many as there are cores.
+    ///
+    /// # Errors
+    /// The threads cannot be started.
+    pub fn new(threads: usize) -> Result<Self, Error> {
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(threads)
+            .thread_name(|i| format!("dunkelfeld-{i}"))
+            .build()
+            .map_err(|e| Error::Threads(e.to_string()))?;
+        Ok(Self { started: Instant::now(), progress: &SILENT, cancel: &NEVER, pool: Arc::new(pool) })
+    }
+}
+
+impl<'a> Session<'a> {
+    /// The same session with a clock that started at `started`.
+    pub fn with_start(self, started: Instant) -> Self {
+        Self { started, ..self }
+    }
+
+    /// The same session, which reports to `progress`.
+    pub fn with_progress<'b>(self, progress: &'b dyn Progress) -> Session<'b>
+    where
+        'a: 'b,
+    {
+        Session { started: self.started, progress, cancel: self.cancel, pool: self.pool }
+    }
+
+    /// The same session, which `cancel` ends.
+    pub fn with_cancel<'b>(self, cancel: &'b Cancel) -> Session<'b>
+    where
+        'a: 'b,
+    {
+        Session { started: self.started, progress: self.progress, cancel, pool: self.pool }
+    }
+
+    /// When the clock started.
+    pub fn started(&self) -> Instant {
+        self.started
+    }
+
+    /// Seconds since the start.
+    pub fn elapsed(&self) -> f64 {
+        self.started.elapsed().as_secs_f64()
+    }
+
+    /// The sink of the progress.
+    pub fn progress(&self) -> &'a dyn Progress {
+        self.progress
+    }
+
+    /// The switch that cancels the session.
+    pub fn cancel(&self) -> &'a Cancel {
+        self.cancel
+    }
+
+    /// Is the session cancelled?
+    pub fn is_cancelled(&self) -> bool {
+        self.cancel.is_cancelled()
+    }
+
+    /// Number of threads.
+    pub fn threads(&self) -> usize {
+        self.pool.current_num_threads()
+    }
+
+    /// Runs `work` on the threads of the session.
+    pub fn install<R: Send>(&self, work: impl FnOnce() -> R + Send) -> R {
+        self.pool.install(work)
+    }
+
+    /// Reports that `stage` begins, after so many samples.
+    pub fn begin(&self, stage: Stage, fraction: f64, samples: u64) {
+        self.progress.update(&ProgressState { stage, fraction, elapsed: self.elapsed(), remaining: None, samples });
+    }
+
+    /// Reports a share of work whose duration grows in proportion with it.
+    pub fn report_share(&self, stage: Stage, fraction: f64) {
+        let elapsed = self.elapsed();
+        let remaining = (fraction > 0.0).then(|| elapsed * (1.0 - fraction) / fraction);
+        self.progress.update(&ProgressState { stage, fraction, elapsed, remaining, samples: 0 });
+    }
+}
+
+impl std::fmt::Debug for Session<'_> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let mut text = f.debug_struct("Session");
+        text.field("threads", &self.threads()).field("is_cancelled", &self.is_cancelled()).finish_non_exhaustive()
+    }
+}
