@@ -3,13 +3,13 @@
 use crate::build::builder::Camera;
 use crate::build::effects::Effects;
 use crate::camera::{CameraError, RayGenerator, framing_camera};
-use crate::covers::Covers;
+use crate::covers::scene_covers::Covers;
 use crate::features::FeatureSet;
 use crate::geometry::triangle_data::Facet;
 use crate::light::LightTable;
 use crate::material::Material;
 use crate::material::texture::Image;
-use crate::media::nested_dielectrics::Solid;
+use crate::media::solid::Solid;
 use crate::query::surface::CompiledMaterial;
 use dunkelfeld_bvh::Bvh;
 use dunkelfeld_geometry::{DVec3, Mesh, Transform, Vec3};

@@ -2,8 +2,11 @@
 
 use dunkelfeld_radiometry::Nanometres;
 
-use crate::model::{SensorError, in_range};
-use crate::optics::BANDS;
+use crate::error::{SensorError, in_range};
+
+/// Representative wavelengths of the channels red, green and blue: about the dominant wavelengths of the Rec. 709
+/// primaries, which lie at 611, 549 and 464 nm.
+pub const BANDS: [Nanometres; 3] = [Nanometres(610.0), Nanometres(550.0), Nanometres(465.0)];
 
 /// Quantum efficiency eta over the wavelength: straight lines between points, constant beyond the ends.
 ///

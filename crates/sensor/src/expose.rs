@@ -3,14 +3,16 @@
 use std::ops::Range;
 
 use dunkelfeld_film::Plane;
-use dunkelfeld_sampling::{Pcg, hash_u64, mix64};
+use dunkelfeld_sampling::{Pcg, hash_u64};
 use rand_distr::{Distribution, StandardNormal};
 
+use crate::error::SensorError;
 use crate::matched::{LeftOut, left_out};
-use crate::model::{SensorError, SensorModel};
+use crate::model::SensorModel;
 use crate::optics::Exposure;
 use crate::pattern::{Pattern, PixelPattern};
 use crate::poisson::poisson;
+use crate::random::stream;
 
 /// What random numbers are for; streams of different purposes are independent.
 const TEMPORAL: u64 = 0x7465_6d70;
@@ -250,11 +252,4 @@ impl Readout {
         // The one rounding. The cast truncates, and the value is not negative, so adding one half rounds to nearest.
         (value + 0.5) as u16
     }
-}
-
-/// Random numbers of one pixel. `key` already holds everything else, so two rounds of mixing do.
-#[inline]
-pub(crate) fn stream(key: u64, pixel: u64) -> Pcg {
-    let high = mix64(key ^ pixel);
-    Pcg::new(u128::from(high) << 64 | u128::from(mix64(high)))
 }

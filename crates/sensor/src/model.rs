@@ -1,45 +1,10 @@
 //! What is known of a sensor, checked once, and the noise that follows from it.
 
-use dunkelfeld_radiometry::{Celsius, DigitalNumber, Electrons, Metres, Number, Seconds};
+use dunkelfeld_radiometry::{Celsius, DigitalNumber, Electrons, Metres, Seconds};
 
 use crate::efficiency::Efficiency;
+use crate::error::{SensorError, in_range};
 use crate::pattern::{Defects, FixedPattern};
-
-/// Why a sensor, a lens or an exposure cannot be used.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum SensorError {
-    /// A number is not finite or lies outside its range.
-    #[error("{field} is {}, it must be {allowed}", Number(*value))]
-    OutOfRange {
-        /// Which quantity, by the name of its field.
-        field: &'static str,
-        /// What it was.
-        value: f64,
-        /// What it may be, in words.
-        allowed: &'static str,
-    },
-    /// The quantum efficiency is not a curve.
-    #[error("quantum_efficiency: {0}")]
-    Curve(&'static str),
-    /// A plane does not have the size of the device.
-    #[error("the device has {0} x {1} pixels, the plane {2} x {3}")]
-    Size(u32, u32, u32, u32),
-    /// The rows asked for do not fit the plane, or the buffer does not fit the rows.
-    #[error("rows {start}..{end} of {height} do not fit a buffer of {buffer} pixels")]
-    Rows {
-        /// First row.
-        start: u32,
-        /// One past the last row.
-        end: u32,
-        /// Rows of the plane.
-        height: u32,
-        /// Length of the buffer.
-        buffer: usize,
-    },
-    /// No pixel receives light: no exposure time makes a picture of it.
-    #[error("no pixel receives any light, so there is no exposure time to choose")]
-    NoLight,
-}
 
 /// Dark current mu_I: electrons that heat sets free, doubling every few degrees (EMVA 1288 release 4.0, Linear).
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -251,16 +216,6 @@ impl SensorModel {
 
 fn max_value(bits: u32) -> u16 {
     u16::MAX >> (16 - bits.clamp(1, 16))
-}
-
-pub(crate) fn in_range(
-    field: &'static str,
-    value: f64,
-    low: f64,
-    high: f64,
-    allowed: &'static str,
-) -> Result<(), SensorError> {
-    if (low..=high).contains(&value) { Ok(()) } else { Err(SensorError::OutOfRange { field, value, allowed }) }
 }
 
 #[cfg(test)]

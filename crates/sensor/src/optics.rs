@@ -13,14 +13,11 @@
 use std::f64::consts::PI;
 
 use dunkelfeld_film::Plane;
-use dunkelfeld_radiometry::{Electrons, Irradiance, Nanometres, Radiance, Rgb, Seconds, photon};
+use dunkelfeld_radiometry::{Electrons, Irradiance, Radiance, Rgb, Seconds, photon};
 
-use crate::efficiency::{BayerPattern, Efficiency, QuantumEfficiency};
-use crate::model::{SensorError, SensorModel, in_range};
-
-/// Representative wavelengths of the channels red, green and blue: about the dominant wavelengths of the Rec. 709
-/// primaries, which lie at 611, 549 and 464 nm.
-pub const BANDS: [Nanometres; 3] = [Nanometres(610.0), Nanometres(550.0), Nanometres(465.0)];
+use crate::efficiency::{BANDS, BayerPattern, Efficiency, QuantumEfficiency};
+use crate::error::{SensorError, in_range};
+use crate::model::SensorModel;
 
 /// The share of a grey triple's radiance that each band carries.
 const BAND_SHARE: f64 = 1.0 / 3.0;

@@ -8,8 +8,8 @@ use dunkelfeld_sampling::hash_u64;
 use rand_core::Rng as _;
 use rand_distr::{Distribution, StandardNormal};
 
-use crate::expose::stream;
-use crate::model::{SensorError, in_range};
+use crate::error::{SensorError, in_range};
+use crate::random::stream;
 
 /// What random numbers are for; streams of different purposes are independent.
 const PATTERN: u64 = 0x7061_7474;

@@ -4,7 +4,7 @@ use crate::build::builder::{EnvironmentSource, Instance, MeshPart, SceneBuilder}
 use crate::build::effects::{Effect, Effects};
 use crate::build::report::BuildReport;
 use crate::build::validate::{check_indices, check_values, drop_unusable_attributes, mesh_place, repair_texels};
-use crate::covers::Covers;
+use crate::covers::scene_covers::Covers;
 use crate::features::FeatureSet;
 use crate::geometry::triangle_data::Facet;
 use crate::light::delta::DeltaLight;
@@ -13,7 +13,8 @@ use crate::light::{AreaLight, AreaShape, Light, LightTable, NO_LIGHT};
 use crate::material::texture::Image;
 use crate::material::{Material, Surface};
 use crate::media::medium::Medium;
-use crate::media::nested_dielectrics::{NO_SOLID, Solid, SolidPart, Solids, rank_solids};
+use crate::media::nested_dielectrics::{NO_SOLID, SolidPart, Solids, rank_solids};
+use crate::media::solid::Solid;
 use crate::query::surface::{CompiledMaterial, mean_emission};
 use crate::scene::{Part, Placement, Scene};
 use dunkelfeld_bsdf::EFFECTS;

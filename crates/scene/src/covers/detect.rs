@@ -5,6 +5,7 @@
 //! most of the surface faces: the principal eigenvector of `sum A n n^T`. Holes, engravings, ribs and rims need no care:
 //! whether a chain of refractions exists is decided by tracing it.
 
+use super::scene_covers::{Covers, NO_COVER};
 use super::slab_face::{self, Facing, Triangle};
 use super::stack::{CoverInterface, CoverLayer, CoverStack, MAX_INTERFACES, Touching};
 use crate::build::effects::SMOOTH_ROUGHNESS;
@@ -31,17 +32,6 @@ const MAX_SUNK: f64 = 0.25;
 const CONTACT: f64 = 16.0;
 /// So many sheets are looked at, the largest ones; each is held against all stacks.
 const MAX_SHEETS: usize = 4096;
-
-/// The covers of a scene.
-#[derive(Clone, Debug, Default)]
-pub(crate) struct Covers {
-    pub(crate) stacks: Vec<CoverStack>,
-    /// For each part the stack that it belongs to, [`NO_COVER`] if to none; empty without any stack.
-    pub(crate) of_part: Vec<u16>,
-}
-
-/// Marks parts that are no cover.
-pub(crate) const NO_COVER: u16 = u16::MAX;
 
 /// A solid that is a cover.
 struct Sheet {

@@ -9,11 +9,11 @@ mod chain;
 mod detect;
 mod layer_crossing;
 pub mod planar_layers;
+pub(crate) mod scene_covers;
 mod slab_face;
 mod stack;
 
 pub use chain::Chain;
-pub(crate) use detect::Covers;
 use detect::find;
 pub use layer_crossing::{Candidate, Crossing, Seed};
 pub use stack::{CoverInterface, CoverLayer, CoverStack, MAX_CHAINS, MAX_INTERFACES, Target};
@@ -41,6 +41,6 @@ impl Scene {
     /// Index of the stack that a surface belongs to with a smooth clear part, its rim included.
     #[inline]
     pub fn cover_of(&self, p: &SurfacePoint) -> Option<u16> {
-        self.covers.of_part.get(p.part as usize).copied().filter(|&c| c != detect::NO_COVER)
+        self.covers.of_part.get(p.part as usize).copied().filter(|&c| c != scene_covers::NO_COVER)
     }
 }

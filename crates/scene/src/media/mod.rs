@@ -3,3 +3,4 @@
 pub mod medium;
 pub mod medium_stack;
 pub mod nested_dielectrics;
+pub(crate) mod solid;

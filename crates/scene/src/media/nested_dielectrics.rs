@@ -11,6 +11,7 @@
 
 use crate::Interior;
 use crate::media::medium::Medium;
+use crate::media::solid::Solid;
 use crate::query::intersect::SurfacePoint;
 use crate::scene::{Part, Scene};
 use dunkelfeld_geometry::triangle::plane_distance_f64;
@@ -30,15 +31,6 @@ const WAYS_OUT: [Vec3; 3] = [
     Vec3::new(-0.811_107_1, 0.324_442_84, 0.486_664_27),
     Vec3::new(0.123_091_49, -0.861_640_4, -0.492_365_96),
 ];
-
-/// A body that light can enter. Its index in the scene is its rank.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Solid {
-    /// The material that says what fills it.
-    pub(crate) material: u32,
-    pub(crate) ior: f32,
-    pub(crate) medium: Medium,
-}
 
 /// What a face between two places means for light.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -1,7 +1,7 @@
 //! What the finished renders say, read back from the folder: everything that the report shows, as plain data.
 
 use super::findings::{Finding, findings};
-use super::measure::Renders;
+use super::renders::Renders;
 use super::runs::{Series, Unit, reference};
 use super::settings::PtcSettings;
 use crate::report::words::rounded;
@@ -265,7 +265,7 @@ impl Reader<'_> {
         let mut seconds = 0.0;
         for unit in &units {
             let record = self.renders.record(unit)?;
-            let of = |r: &super::measure::Record| r.seconds + r.denoise_seconds.filter(|_| is_denoised).unwrap_or(0.0);
+            let of = |r: &super::renders::Record| r.seconds + r.denoise_seconds.filter(|_| is_denoised).unwrap_or(0.0);
             seconds += record.as_ref().map_or(0.0, of) / units.len() as f64;
         }
         let variance = Plane::from_vec(size.0, size.1, stack.variance.clone());

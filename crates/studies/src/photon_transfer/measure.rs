@@ -2,10 +2,11 @@
 
 use super::analysis::Results;
 use super::page;
+use super::renders::{DENOISED, MANIFEST, MATCHED, PLAIN, RATIO, Record, Renders, SIGNAL, VERSION};
 use super::runs::{Series, Unit, reference, units};
 use super::settings::PtcSettings;
 use crate::folder::{check_folder, free_folder};
-use crate::series::{Facts, Kept, Meter, View, plane_of, push_plane};
+use crate::series::{Facts, Kept, Meter, View, push_plane};
 use dunkelfeld::DefaultPath;
 use dunkelfeld::Error;
 use dunkelfeld::Project;
@@ -20,20 +21,8 @@ use dunkelfeld_io::exr::ExrLayers;
 use dunkelfeld_io::input::InputFiles;
 use dunkelfeld_io::layers::Triple;
 use dunkelfeld_sensor::ExposureNoise;
-use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
-
-/// Version of the files in the folder.
-const VERSION: u32 = 4;
-const MANIFEST: &str = "ptc.json";
-/// The layers that a render keeps: expected signal, the same denoised; grey values of plain and of matched exposure, and
-/// the share of the camera's variance that the render has in the latter, infinite where that is not known.
-const SIGNAL: &str = "signal.Y";
-const DENOISED: &str = "denoised.Y";
-const PLAIN: &str = "plain.Y";
-const MATCHED: &str = "matched.Y";
-const RATIO: &str = "ratio.Y";
 
 /// What a measurement came to.
 #[derive(Clone, Debug)]
@@ -109,62 +98,6 @@ pub fn ptc(
         None => (Vec::new(), Vec::new()),
     };
     Ok(PtcOutcome { files, findings, finished, interrupted: session.is_cancelled(), invalid_samples })
-}
-
-/// The small file of a finished render.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub(super) struct Record {
-    seed: u64,
-    frame: u32,
-    pub(super) samples: u64,
-    invalid_samples: u64,
-    /// Seconds of rendering and of denoising.
-    pub(super) seconds: f64,
-    pub(super) denoise_seconds: Option<f64>,
-}
-
-/// The finished renders.
-pub(super) struct Renders {
-    store: Kept,
-    base: u64,
-}
-
-impl Renders {
-    pub(super) fn record(&self, unit: &Unit) -> Result<Option<Record>, Error> {
-        let record: Option<Record> = self.store.record(&unit.name())?;
-        Ok(record.filter(|r| (r.seed, r.frame) == (unit.seed(self.base), unit.frame)))
-    }
-
-    /// The seed of a render, and of the sensor that exposes it.
-    pub(super) fn seed(&self, unit: &Unit) -> u64 {
-        unit.seed(self.base)
-    }
-
-    /// The expected signal, rendered or denoised.
-    pub(super) fn signal(&self, unit: &Unit, denoised: bool) -> Result<Plane<f32>, Error> {
-        self.plane(unit, if denoised { DENOISED } else { SIGNAL })
-    }
-
-    /// Grey values \[DN\] of plain or matched exposure.
-    pub(super) fn values(&self, unit: &Unit, matched: bool) -> Result<Plane<u16>, Error> {
-        Ok(self.plane(unit, if matched { MATCHED } else { PLAIN })?.map(|&v| v as u16))
-    }
-
-    /// Variance of the render over the camera's, infinite where matched exposure does not know it.
-    pub(super) fn ratios(&self, unit: &Unit) -> Result<Plane<f32>, Error> {
-        self.plane(unit, RATIO)
-    }
-
-    /// Mean radiance of the reference.
-    pub(super) fn radiance(&self, unit: &Unit) -> Result<Plane<[f32; 3]>, Error> {
-        let name = unit.name();
-        self.store.layers(&name)?.triples(Triple::Mean).ok_or_else(|| self.store.lacks(&name, "R G B"))
-    }
-
-    fn plane(&self, unit: &Unit, layer: &str) -> Result<Plane<f32>, Error> {
-        let name = unit.name();
-        plane_of(&self.store.layers(&name)?, layer).ok_or_else(|| self.store.lacks(&name, layer))
-    }
 }
 
 struct Work<'a> {

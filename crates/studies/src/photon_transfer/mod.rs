@@ -12,6 +12,7 @@ mod figures;
 mod findings;
 mod measure;
 mod page;
+mod renders;
 mod runs;
 mod settings;
 mod stack;
