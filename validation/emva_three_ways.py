@@ -149,7 +149,7 @@ def main() -> None:
     parser.add_argument("--levels", type=int, default=50)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--csv", type=Path, default=Path(__file__).with_name("emva_three_ways.csv"))
-    parser.add_argument("--readme", action="store_true", help="write the tables into README.md")
+    parser.add_argument("--readme", action="store_true", help="write the tables into docs/research")
     args = parser.parse_args()
 
     rows, anchors = [], []

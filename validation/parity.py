@@ -197,7 +197,7 @@ def main() -> int:
     parser.add_argument("--only", nargs="*", metavar="CASE", help="regular expressions that match names of cases, or group/name")
     parser.add_argument("--again", action="store_true", help="render ours anew")
     parser.add_argument("--maps", action="store_true", help="write pictures of both and of the scores to the work folder")
-    parser.add_argument("--readme", action="store_true", help="put the table into README.md")
+    parser.add_argument("--readme", action="store_true", help="write the tables into docs/research")
     parser.add_argument("--write-references", action="store_true", help="write tests/references")
     arguments = parser.parse_args()
 

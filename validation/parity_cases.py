@@ -1,4 +1,4 @@
-"""The cases of `parity.py`: what is rendered by both renderers, grouped as the table in README.md shows them."""
+"""The cases of `parity.py`: what is rendered by both renderers, grouped as in the table of docs/research/parity.md."""
 
 from __future__ import annotations
 

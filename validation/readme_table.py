@@ -1,14 +1,15 @@
-"""Puts what a script found into README.md."""
+"""Writes the tables of the scripts into the pages of docs/research."""
 
 import re
 from pathlib import Path
 
 
 def into_readme(text: str, name: str) -> None:
-    """Replaces what stands between the marks `<!-- NAME -->` and `<!-- end of NAME -->`."""
-    readme = Path(__file__).with_name("README.md")
+    """Replaces the text between the marks `<!-- NAME -->` and `<!-- end of NAME -->` in the one page that has them."""
+    folder = Path(__file__).parent.with_name("docs") / "research"
     marks = rf"(<!-- {re.escape(name)} -->\n).*?(<!-- end of {re.escape(name)} -->)"
-    new, count = re.subn(marks, lambda m: f"{m[1]}\n{text}\n{m[2]}", readme.read_text(), flags=re.DOTALL)
-    if count != 1:
-        raise SystemExit(f"{readme}: the marks of \"{name}\" are missing")
-    readme.write_text(new)
+    pages = [page for page in sorted(folder.glob("*.md")) if re.search(marks, page.read_text(), flags=re.DOTALL)]
+    if len(pages) != 1:
+        raise SystemExit(f"{folder}: {len(pages)} pages have the marks of \"{name}\"; exactly one must have them")
+    new = re.sub(marks, lambda m: f"{m[1]}\n{text}\n{m[2]}", pages[0].read_text(), flags=re.DOTALL)
+    pages[0].write_text(new)

@@ -275,7 +275,7 @@ def main() -> int:
     parser.add_argument("--spp", type=int, default=64, help="samples per pixel of a render, a multiple of 4")
     parser.add_argument("--renders", type=int, default=8, help="independent renders of each renderer, at least 8")
     parser.add_argument("--work", type=Path, default=root / "out" / "validation" / "hidden")
-    parser.add_argument("--readme", action="store_true", help="put the tables into README.md")
+    parser.add_argument("--readme", action="store_true", help="write the tables into docs/research")
     parser.add_argument("--only", choices=SCENES, nargs="*", default=SCENES)
     arguments = parser.parse_args()
     if arguments.renders < 8 or arguments.spp < 4 or arguments.spp % 4:

@@ -69,7 +69,7 @@ def main() -> int:
     parser.add_argument("--dunkelfeld", type=Path, required=True, help="our renderer")
     parser.add_argument("--size", type=int, default=128)
     parser.add_argument("--spp", type=int, default=1024)
-    parser.add_argument("--readme", action="store_true", help="put the table into README.md")
+    parser.add_argument("--readme", action="store_true", help="write the tables into docs/research")
     parser.add_argument("--only", choices=SCENES, nargs="*", default=SCENES)
     arguments = parser.parse_args()
     lines = [
