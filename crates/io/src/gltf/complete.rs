@@ -52,9 +52,14 @@ pub(super) fn complete(document: &mut Map<String, Value>) -> UnknownCodes {
             }
         });
     }
-    // Names that are not shown, which may be anything.
+    // Names that are not shown and extensions that are not read may be anything.
     for path in ["accessors/*", "bufferViews/*", "buffers/*", "samplers/*", "textures/*"] {
         each(document, path, &mut |object, _| drop(object.remove("name")));
+    }
+    for path in
+        ["accessors/*", "asset", "buffers/*", "cameras/*", "images/*", "meshes/*", "samplers/*", "scenes/*", "skins/*"]
+    {
+        each(document, path, &mut |object, _| drop(object.remove("extensions")));
     }
     unknown_codes(document)
 }

@@ -84,8 +84,13 @@ fn typed<T: DeserializeOwned>(value: Value, above: &[Step]) -> Result<T, TypeFau
             Segment::Map { key } => Some(Step::Member(key.clone())),
             Segment::Enum { .. } | Segment::Unknown => None,
         });
-        TypeFault { steps: above.iter().cloned().chain(below).collect(), problem: e.inner().to_string() }
+        TypeFault { steps: above.iter().cloned().chain(below).collect(), problem: plain(&e.inner().to_string()) }
     })
+}
+
+/// The crate's words for a place where an index belongs are hard to understand.
+fn plain(problem: &str) -> String {
+    problem.replace("index into child of root", "an index: a whole number that is not negative")
 }
 
 fn untyped<T: DeserializeOwned + Default>(

@@ -26,7 +26,9 @@ const UNREAD: &[&str] = &[
     "copyright",
     "extras",
     "generator",
+    "max",
     "mimeType",
+    "min",
     "minFilter",
     "occlusionTexture",
     "skeleton",
@@ -91,7 +93,7 @@ const READ_EXTENSIONS: &[&str] = &[
 /// Syntax and arrays in the place of objects, with line and column.
 pub(super) fn read(json: &[u8]) -> Result<Map<String, Value>, serde_json::Error> {
     let mut deserializer = serde_json::Deserializer::from_slice(json);
-    let value = Lenient { is_object: true, ..Lenient::default() }.deserialize(&mut deserializer)?;
+    let value = deserializer.deserialize_map(Lenient { is_object: true, ..Lenient::default() })?;
     deserializer.end()?;
     match value {
         Value::Object(map) => Ok(map),
@@ -106,7 +108,7 @@ fn is_texture(key: &str) -> bool {
 /// What the place of a value demands.
 #[derive(Clone, Copy, Default)]
 struct Lenient {
-    /// Only an object fits.
+    /// An object, or something that `gltf::json` refuses or skips, but no array.
     is_object: bool,
     /// Whole numbers are indices.
     holds_index: bool,
@@ -139,7 +141,7 @@ impl<'de> DeserializeSeed<'de> for Lenient {
     type Value = Value;
 
     fn deserialize<D: Deserializer<'de>>(self, deserializer: D) -> Result<Value, D::Error> {
-        if self.is_object { deserializer.deserialize_map(self) } else { deserializer.deserialize_any(self) }
+        deserializer.deserialize_any(self)
     }
 }
 
@@ -163,7 +165,8 @@ impl<'de> Visitor<'de> for Lenient {
     }
 
     fn visit_f64<E: Error>(self, value: f64) -> Result<Value, E> {
-        if value.is_sign_positive() && value.fract() == 0.0 && value <= LARGEST_WHOLE {
+        let is_natural = value.fract() == 0.0 && (0.0..=LARGEST_WHOLE).contains(&value);
+        if is_natural && (self.holds_index || value.is_sign_positive()) {
             return Ok(self.index(value as u64));
         }
         Number::from_f64(value).map(Value::Number).ok_or_else(|| E::invalid_value(Unexpected::Float(value), &self))
@@ -173,8 +176,8 @@ impl<'de> Visitor<'de> for Lenient {
         Ok(Value::String(value.to_owned()))
     }
 
-    fn visit_unit<E: Error>(self) -> Result<Value, E> {
-        if self.is_object { Err(E::invalid_type(Unexpected::Unit, &self)) } else { Ok(Value::Null) }
+    fn visit_unit<E>(self) -> Result<Value, E> {
+        Ok(Value::Null)
     }
 
     fn visit_seq<A: SeqAccess<'de>>(self, mut list: A) -> Result<Value, A::Error> {
@@ -201,7 +204,7 @@ impl<'de> Visitor<'de> for Lenient {
                 }
                 continue;
             }
-            let value = members.next_value_seed(Nullable(self.member(&key)))?;
+            let value = members.next_value_seed(self.member(&key))?;
             if value.is_null() {
                 continue;
             }
@@ -215,32 +218,5 @@ impl<'de> Visitor<'de> for Lenient {
             map.insert(key, value);
         }
         Ok(Value::Object(map))
-    }
-}
-
-/// A member, which may be `null` whatever its place demands.
-struct Nullable(Lenient);
-
-impl<'de> DeserializeSeed<'de> for Nullable {
-    type Value = Value;
-
-    fn deserialize<D: Deserializer<'de>>(self, deserializer: D) -> Result<Value, D::Error> {
-        if self.0.is_object { deserializer.deserialize_option(self) } else { self.0.deserialize(deserializer) }
-    }
-}
-
-impl<'de> Visitor<'de> for Nullable {
-    type Value = Value;
-
-    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        self.0.expecting(f)
-    }
-
-    fn visit_none<E>(self) -> Result<Value, E> {
-        Ok(Value::Null)
-    }
-
-    fn visit_some<D: Deserializer<'de>>(self, deserializer: D) -> Result<Value, D::Error> {
-        self.0.deserialize(deserializer)
     }
 }
