@@ -1,64 +1,49 @@
 //! Reads accessors: every offset, count and component type is checked against the bytes that are really there.
 
+use super::complete::{ACCESSOR_COMPONENT, ACCESSOR_TYPE, SPARSE_COMPONENT};
 use super::container::Asset;
-use super::schema::{self, Whole};
 use crate::warnings::Warnings;
+use gltf::json::accessor::{ComponentType, Type, VALID_ACCESSOR_TYPES, sparse::Sparse};
+use gltf::json::validation::{Checked, USize64};
+use gltf::json::{Accessor, Index, buffer};
 use std::cell::Cell;
 
-/// Component types by their OpenGL codes (glTF 2.0, section 3.6.2.2).
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Component {
-    I8,
-    U8,
-    I16,
-    U16,
-    U32,
-    F32,
+/// The value at the start of `bytes`; normalised integers by the rules of glTF 2.0, section 3.6.2.2.
+fn read_f32(component: ComponentType, bytes: &[u8], normalized: bool) -> Option<f32> {
+    let signed = |v: f32, max: f32| if normalized { (v / max).max(-1.0) } else { v };
+    let unsigned = |v: f32, max: f32| if normalized { v / max } else { v };
+    Some(match component {
+        ComponentType::I8 => signed(f32::from(i8::from_le_bytes(*bytes.first_chunk()?)), 127.0),
+        ComponentType::U8 => unsigned(f32::from(*bytes.first()?), 255.0),
+        ComponentType::I16 => signed(f32::from(i16::from_le_bytes(*bytes.first_chunk()?)), 32767.0),
+        ComponentType::U16 => unsigned(f32::from(u16::from_le_bytes(*bytes.first_chunk()?)), 65535.0),
+        ComponentType::U32 => u32::from_le_bytes(*bytes.first_chunk()?) as f32,
+        ComponentType::F32 => f32::from_le_bytes(*bytes.first_chunk()?),
+    })
 }
 
-impl Component {
-    fn from_code(code: Whole) -> Result<Self, String> {
-        Ok(match code.0 {
-            5120 => Self::I8,
-            5121 => Self::U8,
-            5122 => Self::I16,
-            5123 => Self::U16,
-            5125 => Self::U32,
-            5126 => Self::F32,
-            other => return Err(format!("component type {other} does not exist")),
-        })
+fn read_u32(component: ComponentType, bytes: &[u8]) -> Option<u32> {
+    match component {
+        ComponentType::U8 => bytes.first().map(|b| u32::from(*b)),
+        ComponentType::U16 => bytes.first_chunk().map(|b| u32::from(u16::from_le_bytes(*b))),
+        ComponentType::U32 => bytes.first_chunk().map(|b| u32::from_le_bytes(*b)),
+        ComponentType::I8 | ComponentType::I16 | ComponentType::F32 => None,
     }
+}
 
-    fn size(self) -> usize {
-        match self {
-            Self::I8 | Self::U8 => 1,
-            Self::I16 | Self::U16 => 2,
-            Self::U32 | Self::F32 => 4,
-        }
-    }
+/// The name of an accessor's type: `VEC3`.
+fn name_of(kind: Type) -> &'static str {
+    // The variants are numbered from 1, in the order of the names.
+    VALID_ACCESSOR_TYPES.get((kind as usize).wrapping_sub(1)).copied().unwrap_or_default()
+}
 
-    /// The value at the start of `bytes`; normalised integers by the rules of glTF 2.0, section 3.6.2.2.
-    fn read_f32(self, bytes: &[u8], normalized: bool) -> Option<f32> {
-        let signed = |v: f32, max: f32| if normalized { (v / max).max(-1.0) } else { v };
-        let unsigned = |v: f32, max: f32| if normalized { v / max } else { v };
-        Some(match self {
-            Self::I8 => signed(f32::from(i8::from_le_bytes(*bytes.first_chunk()?)), 127.0),
-            Self::U8 => unsigned(f32::from(*bytes.first()?), 255.0),
-            Self::I16 => signed(f32::from(i16::from_le_bytes(*bytes.first_chunk()?)), 32767.0),
-            Self::U16 => unsigned(f32::from(u16::from_le_bytes(*bytes.first_chunk()?)), 65535.0),
-            Self::U32 => u32::from_le_bytes(*bytes.first_chunk()?) as f32,
-            Self::F32 => f32::from_le_bytes(*bytes.first_chunk()?),
-        })
-    }
+/// As an index or a count; what exceeds the address space is out of every range.
+fn whole(value: USize64) -> usize {
+    usize::try_from(value.0).unwrap_or(usize::MAX)
+}
 
-    fn read_u32(self, bytes: &[u8]) -> Option<u32> {
-        match self {
-            Self::U8 => bytes.first().map(|b| u32::from(*b)),
-            Self::U16 => bytes.first_chunk().map(|b| u32::from(u16::from_le_bytes(*b))),
-            Self::U32 => bytes.first_chunk().map(|b| u32::from_le_bytes(*b)),
-            Self::I8 | Self::I16 | Self::F32 => None,
-        }
-    }
+fn offset(value: Option<USize64>) -> usize {
+    value.map_or(0, whole)
 }
 
 /// Reads accessors of one asset. Messages of its errors say what is wrong, without the place.
@@ -75,7 +60,8 @@ struct View<'a> {
     /// From the first element on; empty if the accessor has no data of its own.
     bytes: &'a [u8],
     stride: usize,
-    component: Component,
+    component: ComponentType,
+    kind: Type,
     components: usize,
     normalized: bool,
     count: usize,
@@ -102,16 +88,16 @@ impl<'a> Accessors<'a> {
     /// The bytes of a buffer view.
     pub(super) fn view_bytes(&self, index: usize) -> Result<&'a [u8], String> {
         let view = self.buffer_view(index)?;
-        let bytes = self.asset.buffer(view.buffer.get()).ok_or_else(|| {
-            if view.extensions.meshopt.is_some() {
+        let bytes = self.asset.buffer(view.buffer.value()).ok_or_else(|| {
+            if view.extensions.as_ref().is_some_and(|e| e.others.contains_key("EXT_meshopt_compression")) {
                 format!("buffer view {index} is compressed by EXT_meshopt_compression, which is not supported")
-            } else if view.buffer.get() < self.asset.document.buffers.len() {
-                format!("buffer {} has no data", view.buffer.0)
+            } else if self.asset.document.root.get(view.buffer).is_some() {
+                format!("buffer {} has no data", view.buffer)
             } else {
-                format!("buffer {} does not exist", view.buffer.0)
+                format!("buffer {} does not exist", view.buffer)
             }
         })?;
-        let (start, length) = (view.byte_offset.get(), view.byte_length.get());
+        let (start, length) = (offset(view.byte_offset), whole(view.byte_length));
         start.checked_add(length).and_then(|end| bytes.get(start..end)).ok_or_else(|| {
             format!("buffer view {index} (offset {start}, length {length}) exceeds its buffer of {} bytes", bytes.len())
         })
@@ -119,7 +105,7 @@ impl<'a> Accessors<'a> {
 
     /// The element count of an accessor, unchecked against its data.
     pub(super) fn count(&self, index: usize) -> Option<usize> {
-        self.asset.document.accessors.get(index).map(|a| a.count.get())
+        self.asset.document.root.accessors.get(index).map(|a| whole(a.count))
     }
 
     /// Reads vectors of `N` floats. Accessors with fewer components are refused, except that three-component colours
@@ -129,20 +115,20 @@ impl<'a> Accessors<'a> {
         let view = self.resolve(index, accessor)?;
         let fits = view.components == N || (N == 4 && view.components == 3 && stored == Stored::Normalized);
         if !fits {
-            return Err(format!("accessor {index} is {}, where {N} components belong", accessor.kind));
+            return Err(format!("accessor {index} is {}, where {N} components belong", name_of(view.kind)));
         }
         let allowed = match view.component {
-            Component::F32 => true,
-            Component::U32 => false,
+            ComponentType::F32 => true,
+            ComponentType::U32 => false,
             _ => stored == Stored::Quantized || (stored == Stored::Normalized && view.normalized),
         };
         if !allowed {
-            return Err(format!("accessor {index} has the component type {}", accessor.component_type.0));
+            return Err(format!("accessor {index} has the component type {}", view.component.as_gl_enum()));
         }
         let element = |bytes: &[u8]| -> Option<[f32; N]> {
             let mut value = [1.0; N];
             for (i, v) in value.iter_mut().take(view.components).enumerate() {
-                *v = view.component.read_f32(bytes.get(i * view.component.size()..)?, view.normalized)?;
+                *v = read_f32(view.component, bytes.get(i * view.component.size()..)?, view.normalized)?;
             }
             Some(value)
         };
@@ -154,15 +140,15 @@ impl<'a> Accessors<'a> {
         let accessor = self.accessor(index)?;
         let view = self.resolve(index, accessor)?;
         if view.components != N {
-            return Err(format!("accessor {index} is {}, where {N} components belong", accessor.kind));
+            return Err(format!("accessor {index} is {}, where {N} components belong", name_of(view.kind)));
         }
-        if !matches!(view.component, Component::U8 | Component::U16 | Component::U32) {
+        if !matches!(view.component, ComponentType::U8 | ComponentType::U16 | ComponentType::U32) {
             return Err(format!("accessor {index} holds no unsigned whole numbers"));
         }
         let element = |bytes: &[u8]| -> Option<[u32; N]> {
             let mut value = [0; N];
             for (i, v) in value.iter_mut().enumerate() {
-                *v = view.component.read_u32(bytes.get(i * view.component.size()..)?)?;
+                *v = read_u32(view.component, bytes.get(i * view.component.size()..)?)?;
             }
             Some(value)
         };
@@ -174,7 +160,7 @@ impl<'a> Accessors<'a> {
         &self,
         index: usize,
         view: &View<'_>,
-        sparse: Option<&schema::Sparse>,
+        sparse: Option<&Sparse>,
         zero: T,
         element: impl Fn(&[u8]) -> Option<T>,
     ) -> Result<Vec<T>, String> {
@@ -200,58 +186,64 @@ impl<'a> Accessors<'a> {
     /// Warns where alignment breaks the rules; the data is read all the same.
     pub(super) fn warn_alignment(&self, index: usize, warnings: &mut Warnings) {
         let Ok(accessor) = self.accessor(index) else { return };
-        let Ok(component) = Component::from_code(accessor.component_type) else { return };
-        let Some(view) = accessor.buffer_view.and_then(|v| self.asset.document.buffer_views.get(v.get())) else {
-            return;
-        };
-        let size = component.size() as u64;
+        let Checked::Valid(component) = accessor.component_type else { return };
+        let Some(view) = accessor.buffer_view.and_then(|v| self.asset.document.root.get(v)) else { return };
+        let size = component.0.size();
         let stride = view.byte_stride.map_or(0, |s| s.0);
-        if !(accessor.byte_offset.0.wrapping_add(view.byte_offset.0)).is_multiple_of(size)
+        if !(offset(accessor.byte_offset).wrapping_add(offset(view.byte_offset))).is_multiple_of(size)
             || !stride.is_multiple_of(size)
         {
             warnings.push(format!("accessor {index}"), "the data is not aligned to its component size");
         }
     }
 
-    fn accessor(&self, index: usize) -> Result<&'a schema::Accessor, String> {
-        self.asset.document.accessors.get(index).ok_or_else(|| format!("accessor {index} does not exist"))
+    fn accessor(&self, index: usize) -> Result<&'a Accessor, String> {
+        self.asset.document.root.accessors.get(index).ok_or_else(|| format!("accessor {index} does not exist"))
     }
 
-    fn buffer_view(&self, index: usize) -> Result<&'a schema::BufferView, String> {
-        self.asset.document.buffer_views.get(index).ok_or_else(|| format!("buffer view {index} does not exist"))
+    fn buffer_view(&self, index: usize) -> Result<&'a buffer::View, String> {
+        self.asset.document.root.buffer_views.get(index).ok_or_else(|| format!("buffer view {index} does not exist"))
     }
 
-    fn resolve(&self, index: usize, accessor: &schema::Accessor) -> Result<View<'a>, String> {
-        let component = Component::from_code(accessor.component_type).map_err(|e| format!("accessor {index}: {e}"))?;
-        let components = match accessor.kind.as_str() {
-            "SCALAR" => 1,
-            "VEC2" => 2,
-            "VEC3" => 3,
-            "VEC4" => 4,
-            // Columns of small components are padded to 4 bytes; only float matrices are of use here.
-            "MAT4" if component == Component::F32 => 16,
-            other => return Err(format!("accessor {index} has the type \"{other}\"")),
+    fn resolve(&self, index: usize, accessor: &Accessor) -> Result<View<'a>, String> {
+        let unknown = &self.asset.document.unknown;
+        let Checked::Valid(component) = accessor.component_type else {
+            let code = unknown.get(ACCESSOR_COMPONENT, &[index]);
+            return Err(format!("accessor {index}: component type {code} does not exist"));
         };
+        let component = component.0;
+        let kind = match accessor.type_ {
+            Checked::Valid(kind @ (Type::Scalar | Type::Vec2 | Type::Vec3 | Type::Vec4)) => kind,
+            // Columns of small components are padded to 4 bytes; only float matrices are of use here.
+            Checked::Valid(kind @ Type::Mat4) if component == ComponentType::F32 => kind,
+            Checked::Valid(other) => return Err(format!("accessor {index} has the type \"{}\"", name_of(other))),
+            Checked::Invalid => {
+                let name = unknown.get(ACCESSOR_TYPE, &[index]);
+                return Err(format!("accessor {index} has the type \"{name}\""));
+            }
+        };
+        let components = kind.multiplicity();
         let size = component.size() * components;
-        let count = accessor.count.get();
+        let count = whole(accessor.count);
         if count == 0 {
             return Err(format!("accessor {index} is empty"));
         }
         self.spend(accessor.count.0.saturating_mul(size as u64))?;
-        let view = View { bytes: &[], stride: size, component, components, normalized: accessor.normalized, count };
+        let normalized = accessor.normalized;
+        let view = View { bytes: &[], stride: size, component, kind, components, normalized, count };
         let Some(buffer_view) = accessor.buffer_view else {
             if accessor.count.0 > self.most_zeros {
                 return Err(format!("accessor {index} has {count} elements but no data"));
             }
             return Ok(view);
         };
-        let bytes = self.view_bytes(buffer_view.get())?;
-        let stride = match self.buffer_view(buffer_view.get())?.byte_stride.map(Whole::get) {
+        let bytes = self.view_bytes(buffer_view.value())?;
+        let stride = match self.buffer_view(buffer_view.value())?.byte_stride.map(|s| s.0) {
             None | Some(0) => size,
             Some(stride) if stride >= size => stride,
             Some(stride) => return Err(format!("accessor {index}: stride {stride} is less than the element's {size}")),
         };
-        let offset = accessor.byte_offset.get();
+        let offset = offset(accessor.byte_offset);
         let end = (count - 1).checked_mul(stride).and_then(|n| n.checked_add(size)).and_then(|n| n.checked_add(offset));
         if end.is_none_or(|end| end > bytes.len()) {
             return Err(format!(
@@ -267,27 +259,31 @@ impl<'a> Accessors<'a> {
     fn for_sparse(
         &self,
         index: usize,
-        sparse: &schema::Sparse,
+        sparse: &Sparse,
         count: usize,
         size: usize,
         mut set: impl FnMut(usize, &[u8]),
     ) -> Result<(), String> {
         let fail = |what: String| Err(format!("accessor {index}, sparse: {what}"));
-        let n = sparse.count.get();
-        let component = Component::from_code(sparse.indices.component_type)?;
+        let n = whole(sparse.count);
+        let Checked::Valid(component) = sparse.indices.component_type else {
+            let code = self.asset.document.unknown.get(SPARSE_COMPONENT, &[index]);
+            return fail(format!("its indices have the component type {code}, where 5121, 5123 or 5125 belong"));
+        };
+        let component = component.0;
         if n > count {
             return fail(format!("{n} of {count} elements are replaced"));
         }
-        let slice = |view: Whole, offset: Whole, size: usize| {
-            let bytes = self.view_bytes(view.get())?;
-            let end = n.checked_mul(size).and_then(|length| length.checked_add(offset.get()));
-            end.and_then(|end| bytes.get(offset.get()..end))
-                .ok_or_else(|| format!("accessor {index}, sparse: {n} elements exceed buffer view {}", view.0))
+        let slice = |view: Index<buffer::View>, offset: USize64, size: usize| {
+            let bytes = self.view_bytes(view.value())?;
+            let end = n.checked_mul(size).and_then(|length| length.checked_add(whole(offset)));
+            end.and_then(|end| bytes.get(whole(offset)..end))
+                .ok_or_else(|| format!("accessor {index}, sparse: {n} elements exceed buffer view {view}"))
         };
         let indices = slice(sparse.indices.buffer_view, sparse.indices.byte_offset, component.size())?;
         let values = slice(sparse.values.buffer_view, sparse.values.byte_offset, size)?;
         for (i, value) in indices.chunks_exact(component.size()).zip(values.chunks_exact(size)) {
-            match component.read_u32(i) {
+            match read_u32(component, i) {
                 Some(i) if (i as usize) < count => set(i as usize, value),
                 Some(i) => return fail(format!("index {i} is out of range of {count} elements")),
                 None => return fail("the indices are no unsigned whole numbers".into()),

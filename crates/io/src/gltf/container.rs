@@ -1,19 +1,23 @@
-//! The outermost layer of a glTF asset: the GLB container or bare JSON, versions, extensions, buffers.
+//! The outermost layer of a glTF asset: the GLB container or bare JSON, extensions, buffers.
 
-use super::schema::{Accessor, Document, Preamble};
-use crate::error::{InputError, SourceSpan};
+use super::document::{Document, old_version};
+use super::guard::guarded;
+use crate::error::InputError;
 use crate::input::Role;
 use crate::loader::AssetLoader;
 use crate::warnings::Warnings;
+use gltf::binary::{ChunkType, Error as GlbError, Glb};
+use gltf::json::accessor::sparse::Sparse;
+use std::borrow::Cow;
 use std::collections::BTreeSet;
 use std::ops::Range;
 use std::path::Path;
 
 const GLB_MAGIC: &[u8; 4] = b"glTF";
-const CHUNK_JSON: u32 = 0x4E4F_534A;
-const CHUNK_BIN: u32 = 0x004E_4942;
-/// Header of the file, and header of the first chunk.
-const LEAST_GLB: usize = 12 + 8;
+/// Header of the file.
+const FILE_HEADER: usize = 12;
+/// Header of a chunk: its length and its type.
+const CHUNK_HEADER: usize = 8;
 
 /// Extensions that are honoured.
 const SUPPORTED: &[&str] = &[
@@ -62,11 +66,12 @@ enum BufferData {
 impl Asset {
     /// Reads container, JSON and buffers.
     pub(super) fn load(loader: &AssetLoader, warnings: &mut Warnings) -> Result<Self, InputError> {
-        let file = loader.read_scene()?;
+        let mut file = loader.read_scene()?;
         let path = loader.scene_file();
-        let parts = split(&file, path, warnings)?;
+        let parts = guarded(path, "GLB header", || split(&mut file, path, warnings))?;
         let json = file.get(parts.json).unwrap_or_default();
-        let document = parse(json, path, loader.limits().json_objects, warnings)?;
+        let objects = loader.limits().json_objects;
+        let document = guarded(path, "JSON", || Document::read(json, path, objects, warnings))?;
         check_extensions(&document, path, warnings)?;
         let buffers = load_buffers(&document, parts.binary, loader, warnings)?;
         Ok(Self { document, file, buffers })
@@ -96,70 +101,108 @@ fn u32_at(bytes: &[u8], offset: usize) -> Option<u32> {
     bytes.get(offset..)?.first_chunk().map(|b| u32::from_le_bytes(*b))
 }
 
-/// Finds JSON and binary chunk; bare JSON is all JSON.
-fn split(file: &[u8], path: &Path, warnings: &mut Warnings) -> Result<Parts, InputError> {
-    let fail = |place: &str, problem: String| {
-        Err(InputError::new(path, place, problem, "export or copy the file again: it is damaged or cut short"))
-    };
+fn damaged(path: &Path, place: impl Into<String>, problem: impl Into<String>) -> InputError {
+    InputError::new(path, place, problem, "export or copy the file again: it is damaged or cut short")
+}
+
+/// Finds JSON and binary chunk; bare JSON is all JSON. A GLB with other chunks loses them.
+fn split(file: &mut Vec<u8>, path: &Path, warnings: &mut Warnings) -> Result<Parts, InputError> {
     if !file.starts_with(GLB_MAGIC) {
-        if file.is_empty() {
-            return fail("file", "the file is empty".into());
-        }
-        let json = without_mark(file, 0..file.len());
-        let is_object = file[json].trim_ascii_start().starts_with(b"{");
-        if !is_object && path.extension().is_some_and(|e| e.eq_ignore_ascii_case("glb")) {
-            let start = file[..file.len().min(4)].escape_ascii();
-            return fail("GLB header", format!("the file begins with \"{start}\" instead of \"glTF\""));
-        }
-        return Ok(Parts { json: without_mark(file, 0..file.len()), binary: None });
+        return bare_json(file, path);
     }
+    check_header(file, path, warnings)?;
+    if let Cow::Owned(kept) = without_other_chunks(file) {
+        *file = kept;
+    }
+    let glb = Glb::from_slice(file).map_err(|e| glb_error(&e, file, path))?;
+    let start = FILE_HEADER + CHUNK_HEADER;
+    let json = start..start + glb.json.len();
+    if json.is_empty() {
+        return Err(damaged(path, "GLB chunk 0", "the JSON chunk is empty"));
+    }
+    let binary = glb.bin.map(|bin| json.end + CHUNK_HEADER..json.end + CHUNK_HEADER + bin.len());
+    Ok(Parts { json: without_mark(file, json), binary })
+}
+
+fn bare_json(file: &[u8], path: &Path) -> Result<Parts, InputError> {
+    if file.is_empty() {
+        return Err(damaged(path, "file", "the file is empty"));
+    }
+    let json = without_mark(file, 0..file.len());
+    let is_object = file.get(json.clone()).is_some_and(|json| json.trim_ascii_start().starts_with(b"{"));
+    if !is_object && path.extension().is_some_and(|e| e.eq_ignore_ascii_case("glb")) {
+        let start = file[..file.len().min(4)].escape_ascii();
+        return Err(damaged(path, "GLB header", format!("the file begins with \"{start}\" instead of \"glTF\"")));
+    }
+    Ok(Parts { json, binary: None })
+}
+
+/// Checks version and length, on which `Glb::from_slice` relies, and cuts off bytes after the end.
+fn check_header(file: &mut Vec<u8>, path: &Path, warnings: &mut Warnings) -> Result<(), InputError> {
+    let fail = |problem: String| Err(damaged(path, "GLB header", problem));
     let (Some(version), Some(length)) = (u32_at(file, 4), u32_at(file, 8)) else {
-        return fail("GLB header", format!("the header needs 12 bytes, the file has {}", file.len()));
+        return fail(format!("the header needs 12 bytes, the file has {}", file.len()));
     };
     if version != 2 {
         return Err(old_version(path, "GLB header", &version.to_string()));
     }
-    let length = length as usize;
-    if length > file.len() {
-        return fail(
-            "GLB header",
-            format!("the header says that the file has {length} bytes, but it has {}: it is cut short", file.len()),
-        );
+    let (length, present) = (length as usize, file.len());
+    if length > present {
+        return fail(format!(
+            "the header says that the file has {length} bytes, but it has {present}: it is cut short"
+        ));
     }
-    if length < LEAST_GLB {
-        let problem = format!("the header says that the file has {length} bytes, too few for header and JSON chunk");
-        return fail("GLB header", problem);
+    if length < FILE_HEADER + CHUNK_HEADER {
+        return fail(format!("the header says that the file has {length} bytes, too few for header and JSON chunk"));
     }
-    if length < file.len() {
-        warnings.push("GLB header", format!("{} bytes after the end are ignored", file.len() - length));
+    if length < present {
+        warnings.push("GLB header", format!("{} bytes after the end are ignored", present - length));
+        file.truncate(length);
     }
-    let file = &file[..length];
-    let mut parts = Parts { json: 0..0, binary: None };
-    let mut offset = 12;
-    for number in 0.. {
-        let place = format!("GLB chunk {number}");
-        if offset + 8 > length {
-            break;
+    Ok(())
+}
+
+/// The file without chunks beyond the first that are not the first binary one, and without a rest that is too short for
+/// a chunk: the format has programs ignore them, `Glb::from_slice` refuses them.
+fn without_other_chunks(file: &[u8]) -> Cow<'_, [u8]> {
+    let chunk_end = |start: usize| Some(start + CHUNK_HEADER + u32_at(file, start)? as usize);
+    let is_binary = |start: usize| file.get(start + 4..start + 8) == Some(b"BIN\0");
+    let Some(json_end) = chunk_end(FILE_HEADER).filter(|end| *end < file.len()) else { return file.into() };
+    if is_binary(json_end) {
+        return file.into();
+    }
+    let mut start = json_end;
+    while file.len() - start >= CHUNK_HEADER && !is_binary(start) {
+        match chunk_end(start).filter(|end| *end <= file.len()) {
+            Some(end) => start = end,
+            None => return file.into(),
         }
-        let (Some(size), Some(kind)) = (u32_at(file, offset), u32_at(file, offset + 4)) else { break };
-        let start = offset + 8;
-        let end = start + size as usize;
-        if end > length {
-            return fail(&place, format!("the chunk should have {size} bytes, but {} are left", length - start));
-        }
-        match (number, kind) {
-            (0, CHUNK_JSON) if size == 0 => return fail(&place, "the JSON chunk is empty".into()),
-            (0, CHUNK_JSON) => parts.json = without_mark(file, start..end),
-            (0, other) => {
-                let name = other.to_le_bytes().escape_ascii().to_string();
-                return fail(&place, format!("the first chunk has the type \"{name}\", where \"JSON\" belongs"));
-            }
-            (_, CHUNK_BIN) if parts.binary.is_none() => parts.binary = Some(start..end),
-            _ => {}
-        }
-        offset = end;
     }
-    Ok(parts)
+    let binary = if is_binary(start) { &file[start..] } else { &[] };
+    let mut kept = [&file[..json_end], binary].concat();
+    let length = kept.len() as u32;
+    if let Some(field) = kept.get_mut(8..FILE_HEADER) {
+        field.copy_from_slice(&length.to_le_bytes());
+    }
+    kept.into()
+}
+
+/// The crate's error about a container whose header is sound.
+fn glb_error(e: &gltf::Error, file: &[u8], path: &Path) -> InputError {
+    let first = |kind: [u8; 4]| {
+        let name = kind.escape_ascii();
+        damaged(path, "GLB chunk 0", format!("the first chunk has the type \"{name}\", where \"JSON\" belongs"))
+    };
+    match e {
+        gltf::Error::Binary(GlbError::ChunkLength { ty, length, length_read }) => {
+            let number = if matches!(ty, ChunkType::Json) { 0 } else { 1 };
+            let problem = format!("the chunk should have {length} bytes, but {length_read} are left");
+            damaged(path, format!("GLB chunk {number}"), problem)
+        }
+        gltf::Error::Binary(GlbError::UnknownChunkType(kind)) if file.get(16..20) == Some(kind) => first(*kind),
+        gltf::Error::Binary(GlbError::ChunkType(ChunkType::Bin)) => first(*b"BIN\0"),
+        other => damaged(path, "GLB chunk 1", format!("the chunks after the JSON cannot be read: {other}")),
+    }
 }
 
 /// JSON without the byte order mark that some programs write before it.
@@ -169,82 +212,9 @@ fn without_mark(file: &[u8], json: Range<usize>) -> Range<usize> {
     if is_marked { json.start + MARK.len()..json.end } else { json }
 }
 
-fn parse(json: &[u8], path: &Path, objects: usize, warnings: &mut Warnings) -> Result<Document, InputError> {
-    // A parsed object needs some hundred bytes where "{}," has three.
-    let count = json.iter().filter(|b| **b == b'{').count();
-    if count > objects {
-        return Err(InputError::new(
-            path,
-            "JSON",
-            format!("the file has {count} objects, more than the {objects} allowed"),
-            "merge meshes and nodes on export, or raise the import limits",
-        ));
-    }
-    let syntax = |e: serde_json::Error| syntax_error(json, path, &e);
-    let preamble: Preamble = serde_json::from_slice(json).map_err(syntax)?;
-    let asset = preamble.asset.unwrap_or_default();
-    let version = asset.version.unwrap_or_else(|| {
-        warnings.push("asset.version", "the version is missing; the file is read as glTF 2.0");
-        "2.0".into()
-    });
-    if !version.starts_with(|c: char| c.is_ascii_digit()) {
-        let problem = match version.trim() {
-            "" => "the version is an empty text".to_string(),
-            other => format!("\"{other}\" is no version"),
-        };
-        return Err(InputError::new(path, "asset.version", problem, "write \"2.0\", or export the scene as glTF 2.0"));
-    }
-    if version.split('.').next() != Some("2") {
-        return Err(old_version(path, "asset.version", &version));
-    }
-    if let Some(least) = asset.min_version.filter(|v| v != "2.0") {
-        return Err(InputError::new(
-            path,
-            "asset.minVersion",
-            format!("the file needs glTF {least}, this program reads 2.0"),
-            "export as glTF 2.0",
-        ));
-    }
-    serde_json::from_slice(json).map_err(syntax)
-}
-
-fn old_version(path: &Path, place: &str, version: &str) -> InputError {
-    InputError::new(
-        path,
-        place,
-        format!("this is glTF version {version}, but only 2.0 is read"),
-        "export the scene as glTF 2.0",
-    )
-}
-
-/// Turns the parser's line and column into a span; of a one-line file only the surroundings are kept.
-fn syntax_error(json: &[u8], path: &Path, e: &serde_json::Error) -> InputError {
-    let text = e.to_string();
-    let problem = text.split(" at line ").next().unwrap_or(&text).to_owned();
-    let line_number = e.line().max(1);
-    let mut error = InputError::new(
-        path,
-        format!("JSON, line {line_number}, column {}", e.column()),
-        problem,
-        "correct the JSON, or export the file again",
-    );
-    let line = json.split(|b| *b == b'\n').nth(line_number - 1).unwrap_or_default();
-    let column = e.column().saturating_sub(1).min(line.len());
-    // Long lines, of data URIs above all, would bury the message.
-    let (from, to) = (column.saturating_sub(60), (column + 60).min(line.len()));
-    let before = String::from_utf8_lossy(&line[from..column]).into_owned();
-    let after = String::from_utf8_lossy(&line[column..to]).into_owned();
-    // Empty lines in front make the caret's line number right; beyond reason they are left out.
-    let padding = if line_number <= 100_000 { "\n".repeat(line_number - 1) } else { String::new() };
-    let start = padding.len() + before.len();
-    error.source_span =
-        Some(Box::new(SourceSpan { text: format!("{padding}{before}{after}"), range: start..start + 1 }));
-    error
-}
-
 fn check_extensions(document: &Document, path: &Path, warnings: &mut Warnings) -> Result<(), InputError> {
     let known = |name: &str| SUPPORTED.contains(&name) || WITHOUT_EFFECT.contains(&name);
-    if let Some(name) = document.extensions_required.iter().find(|n| !known(n)) {
+    if let Some(name) = document.root.extensions_required.iter().find(|n| !known(n)) {
         return Err(InputError::new(
             path,
             "extensionsRequired",
@@ -252,7 +222,7 @@ fn check_extensions(document: &Document, path: &Path, warnings: &mut Warnings) -
             help_for(name),
         ));
     }
-    for name in document.extensions_used.iter().filter(|n| !known(n)) {
+    for name in document.root.extensions_used.iter().filter(|n| !known(n)) {
         warnings.push("extensionsUsed", format!("the extension {name} is not supported and is ignored"));
     }
     Ok(())
@@ -275,8 +245,8 @@ fn load_buffers(
     warnings: &mut Warnings,
 ) -> Result<Vec<BufferData>, InputError> {
     let used = used_buffers(document);
-    let mut buffers = Vec::with_capacity(document.buffers.len());
-    for (i, buffer) in document.buffers.iter().enumerate() {
+    let mut buffers = Vec::with_capacity(document.root.buffers.len());
+    for (i, buffer) in document.root.buffers.iter().enumerate() {
         let data = match &buffer.uri {
             Some(uri) => match loader.load_uri(uri, Role::Buffer) {
                 Ok(bytes) => BufferData::Loaded(bytes),
@@ -309,12 +279,14 @@ fn load_buffers(
 
 /// Buffers that an accessor, an image or a light profile reads.
 fn used_buffers(document: &Document) -> BTreeSet<usize> {
-    let sparse = |a: &Accessor| a.sparse.as_ref().map(|s| [s.indices.buffer_view, s.values.buffer_view]);
-    let accessors = document.accessors.iter();
-    let of_accessors = accessors.flat_map(|a| a.buffer_view.into_iter().chain(sparse(a).into_iter().flatten()));
-    let of_images = document.images.iter().filter_map(|i| i.buffer_view);
-    let profiles = document.extensions.profiles.as_ref().map_or(&[][..], |p| &p.lights);
-    let of_profiles = profiles.iter().filter_map(|p| p.buffer_view);
+    let root = &document.root;
+    let sparse = |s: &Sparse| [s.indices.buffer_view, s.values.buffer_view];
+    let of_accessors = root
+        .accessors
+        .iter()
+        .flat_map(|a| a.buffer_view.into_iter().chain(a.sparse.as_ref().map(sparse).into_iter().flatten()));
+    let of_images = root.images.iter().filter_map(|i| i.buffer_view);
+    let of_profiles = document.profiles.iter().filter_map(|p| p.buffer_view);
     let views = of_accessors.chain(of_images).chain(of_profiles);
-    views.filter_map(|v| document.buffer_views.get(v.get())).map(|view| view.buffer.get()).collect()
+    views.filter_map(|view| root.get(view)).map(|view| view.buffer.value()).collect()
 }

@@ -1,15 +1,18 @@
 //! The default pose: morph targets at their default weights, skins at their joints' rest position.
 
 use super::accessor::{Accessors, Stored};
-use super::schema;
+use super::primitive::attribute;
 use crate::warnings::Warnings;
 use dunkelfeld_geometry::{DAffine3, DMat3, DVec3, Mesh, Vec3};
+use gltf::json::mesh::{MorphTarget, Primitive, Semantic};
+use gltf::json::validation::Checked;
+use gltf::json::{Accessor, Index, Skin};
 
 /// What deforms a mesh.
 #[derive(Clone, Copy, Default)]
 pub(super) struct Deformation<'a> {
     /// Weight of each morph target.
-    pub(super) weights: &'a [f64],
+    pub(super) weights: &'a [f32],
     /// The skin's joints.
     pub(super) skin: Option<&'a Pose>,
 }
@@ -25,17 +28,17 @@ pub(super) struct Pose {
 
 impl Pose {
     /// The joint matrices (glTF 2.0, section 3.7.3): global transform of the joint times its inverse bind matrix.
-    pub(super) fn new(accessors: &Accessors<'_>, skin: &schema::Skin, to_world: &[DAffine3]) -> Result<Self, String> {
+    pub(super) fn new(accessors: &Accessors<'_>, skin: &Skin, to_world: &[DAffine3]) -> Result<Self, String> {
         let count = skin.joints.len();
         let binds = match skin.inverse_bind_matrices {
             None => vec![DAffine3::IDENTITY; count],
-            Some(index) => accessors.vectors::<16>(index.get(), Stored::Float)?.iter().map(affine).collect(),
+            Some(index) => accessors.vectors::<16>(index.value(), Stored::Float)?.iter().map(affine).collect(),
         };
         if binds.len() < count {
             return Err(format!("there are {} inverse bind matrices for {count} joints", binds.len()));
         }
         let globals: Result<Vec<_>, String> = (skin.joints.iter())
-            .map(|j| to_world.get(j.get()).copied().ok_or_else(|| format!("its joint {} does not exist", j.0)))
+            .map(|j| to_world.get(j.value()).copied().ok_or_else(|| format!("its joint {j} does not exist")))
             .collect();
         let globals = globals?;
         let origin = globals.first().ok_or("it has no joints")?.translation;
@@ -52,21 +55,22 @@ impl Pose {
 pub(super) fn deform(
     mesh: &mut Mesh,
     accessors: &Accessors<'_>,
-    primitive: &schema::Primitive,
+    primitive: &Primitive,
     deformation: &Deformation<'_>,
     place: &str,
     warnings: &mut Warnings,
 ) {
-    let (targets, weights) = (primitive.targets.len(), deformation.weights.len());
+    let morph_targets = primitive.targets.as_deref().unwrap_or_default();
+    let (targets, weights) = (morph_targets.len(), deformation.weights.len());
     if weights > 0 && weights != targets {
         let consequence =
             if weights > targets { "the last ones are ignored" } else { "the last targets have weight 0" };
         warnings.push(place, format!("there are {weights} weights for {targets} morph targets; {consequence}"));
     }
     warn_half_skins(primitive, place, warnings);
-    for (i, (target, weight)) in primitive.targets.iter().zip(deformation.weights).enumerate() {
+    for (i, (target, weight)) in morph_targets.iter().zip(deformation.weights).enumerate() {
         if *weight != 0.0
-            && let Err(e) = morph(mesh, accessors, target, *weight as f32)
+            && let Err(e) = morph(mesh, accessors, target, *weight)
         {
             warnings.push(place, format!("morph target {i} cannot be used and is left out: {e}"));
         }
@@ -79,32 +83,32 @@ pub(super) fn deform(
 }
 
 /// Warns of joints without weights and weights without joints, neither of which moves a vertex.
-fn warn_half_skins(primitive: &schema::Primitive, place: &str, warnings: &mut Warnings) {
-    for (one, other) in [("JOINTS_", "WEIGHTS_"), ("WEIGHTS_", "JOINTS_")] {
-        for set in primitive.attributes.keys().filter_map(|name| name.strip_prefix(one)) {
-            if !primitive.attributes.contains_key(&format!("{other}{set}")) {
-                warnings.push(place, format!("it has {one}{set} without {other}{set}; this set moves no vertex"));
-            }
+fn warn_half_skins(primitive: &Primitive, place: &str, warnings: &mut Warnings) {
+    for semantic in primitive.attributes.keys() {
+        let other = match semantic {
+            Checked::Valid(Semantic::Joints(set)) => Checked::Valid(Semantic::Weights(*set)),
+            Checked::Valid(Semantic::Weights(set)) => Checked::Valid(Semantic::Joints(*set)),
+            _ => continue,
+        };
+        if !primitive.attributes.contains_key(&other) {
+            let (one, other) = (semantic.to_string(), other.to_string());
+            warnings.push(place, format!("it has {one} without {other}; this set moves no vertex"));
         }
     }
 }
 
 /// Adds `weight` times the displacements of one target.
-fn morph(
-    mesh: &mut Mesh,
-    accessors: &Accessors<'_>,
-    target: &std::collections::BTreeMap<String, schema::Whole>,
-    weight: f32,
-) -> Result<(), String> {
+fn morph(mesh: &mut Mesh, accessors: &Accessors<'_>, target: &MorphTarget, weight: f32) -> Result<(), String> {
     let vertices = mesh.positions.len();
-    let read = |name: &str| -> Result<Option<Vec<[f32; 3]>>, String> {
-        let Some(index) = target.get(name) else { return Ok(None) };
-        match accessors.count(index.get()) {
+    let read = |name: &str, index: Option<Index<Accessor>>| -> Result<Option<Vec<[f32; 3]>>, String> {
+        let Some(index) = index else { return Ok(None) };
+        match accessors.count(index.value()) {
             Some(n) if n != vertices => Err(format!("its {name} has {n} elements for {vertices} vertices")),
-            _ => accessors.vectors::<3>(index.get(), Stored::Quantized).map(Some),
+            _ => accessors.vectors::<3>(index.value(), Stored::Quantized).map(Some),
         }
     };
-    let (positions, normals, tangents) = (read("POSITION")?, read("NORMAL")?, read("TANGENT")?);
+    let (positions, normals, tangents) =
+        (read("POSITION", target.positions)?, read("NORMAL", target.normals)?, read("TANGENT", target.tangents)?);
     let moved = |deltas: Option<Vec<[f32; 3]>>| deltas.into_iter().flatten().map(move |d| weight * Vec3::from_array(d));
     mesh.positions.iter_mut().zip(moved(positions)).for_each(|(p, d)| *p += d);
     mesh.normals.iter_mut().zip(moved(normals)).for_each(|(n, d)| *n += d);
@@ -113,11 +117,11 @@ fn morph(
 }
 
 /// Linear blend skinning (Magnenat-Thalmann et al., 1988) with any number of joint sets.
-fn skin(mesh: &mut Mesh, accessors: &Accessors<'_>, primitive: &schema::Primitive, pose: &Pose) -> Result<(), String> {
+fn skin(mesh: &mut Mesh, accessors: &Accessors<'_>, primitive: &Primitive, pose: &Pose) -> Result<(), String> {
     let mut sets = Vec::new();
     for i in 0.. {
-        let attribute = |name: &str| primitive.attributes.get(&format!("{name}_{i}")).map(|a| a.get());
-        let (Some(joints), Some(weights)) = (attribute("JOINTS"), attribute("WEIGHTS")) else { break };
+        let joints = attribute(primitive, Semantic::Joints(i));
+        let (Some(joints), Some(weights)) = (joints, attribute(primitive, Semantic::Weights(i))) else { break };
         for index in [joints, weights] {
             if accessors.count(index) != Some(mesh.positions.len()) {
                 return Err(format!("accessor {index} has not one element per vertex"));

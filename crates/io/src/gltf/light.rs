@@ -1,7 +1,7 @@
 //! Punctual lights, their profiles, and cameras of glTF.
 
 use super::accessor::Accessors;
-use super::schema;
+use super::extensions;
 use crate::error::ImportWarning;
 use crate::ies::parse_ies;
 use crate::import_options::LUMENS_PER_WATT;
@@ -10,14 +10,17 @@ use crate::loader::AssetLoader;
 use crate::warnings::Warnings;
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_scene::{LightProfile, Projection, PunctualKind};
+use gltf::json::camera::Type as CameraType;
+use gltf::json::extensions::scene::khr_lights_punctual::{Light, Spot, Type};
+use gltf::json::validation::Checked;
 use std::f32::consts::{FRAC_PI_2, FRAC_PI_4, PI};
 use std::path::PathBuf;
 
 /// Converts a light of KHR_lights_punctual: candela to W/sr and lux to W/m^2, both by [`LUMENS_PER_WATT`]. `None`, after
-/// a warning, for one that cannot be used.
-pub(super) fn light(source: &schema::Light, place: &str, warnings: &mut Warnings) -> Option<PunctualKind> {
-    let color = Rgb::from_array(source.color.unwrap_or([1.0; 3]).map(|v| v as f32));
-    let strength = color * (source.intensity.unwrap_or(1.0) as f32) * (1.0 / LUMENS_PER_WATT);
+/// a warning, for one that cannot be used. `code` is its type as the file has it, if the extension has no such type.
+pub(super) fn light(source: &Light, code: &str, place: &str, warnings: &mut Warnings) -> Option<PunctualKind> {
+    let color = Rgb::from_array(source.color);
+    let strength = color * source.intensity * (1.0 / LUMENS_PER_WATT);
     if !strength.is_finite() || strength.to_array().iter().any(|v| *v < 0.0) {
         warnings.push(place, "its colour or intensity is negative or not finite; the light is left out");
         return None;
@@ -25,15 +28,15 @@ pub(super) fn light(source: &schema::Light, place: &str, warnings: &mut Warnings
     if source.range.is_some() {
         warnings.push(place, "its range is ignored: light does not end");
     }
-    match source.kind.as_deref() {
-        Some("point") => Some(PunctualKind::Point { intensity: strength }),
-        Some("directional") => Some(PunctualKind::Directional { irradiance: strength }),
-        Some("spot") => {
+    match source.type_ {
+        Checked::Valid(Type::Point) => Some(PunctualKind::Point { intensity: strength }),
+        Checked::Valid(Type::Directional) => Some(PunctualKind::Directional { irradiance: strength }),
+        Checked::Valid(Type::Spot) => {
             let (inner, outer) = cone(source.spot.as_ref(), place, warnings);
             Some(PunctualKind::Spot { intensity: strength, inner, outer })
         }
-        other => {
-            let kind = other.unwrap_or("(none)");
+        Checked::Invalid => {
+            let kind = if code.is_empty() { "(none)" } else { code };
             warnings.push(place, format!("the light type {kind} does not exist; the light is left out"));
             None
         }
@@ -45,7 +48,7 @@ pub(super) fn light(source: &schema::Light, place: &str, warnings: &mut Warnings
 /// # Errors
 /// What keeps it from being used, in words.
 pub(super) fn profile(
-    source: &schema::Profile,
+    source: &extensions::Profile,
     index: usize,
     accessors: &Accessors<'_>,
     loader: &AssetLoader,
@@ -56,7 +59,7 @@ pub(super) fn profile(
             loaded = loader.load_uri(uri, Role::LightProfile).map_err(|e| e.problem)?;
             &loaded
         }
-        (None, Some(view)) => accessors.view_bytes(view.get())?,
+        (None, Some(view)) => accessors.view_bytes(view.value())?,
         (None, None) => return Err("it has neither a URI nor a buffer view".into()),
     };
     let file = source.uri.as_deref().filter(|uri| !uri.starts_with("data:"));
@@ -66,9 +69,12 @@ pub(super) fn profile(
 }
 
 /// The factor that a node puts on its profile. `None`, after a warning, if it cannot be used.
-pub(super) fn profile_scale(source: &schema::ProfileReference, place: &str, warnings: &mut Warnings) -> Option<Rgb> {
-    let color = Rgb::from_array(source.color.unwrap_or([1.0; 3]).map(|v| v as f32));
-    let scale = color * source.multiplier.unwrap_or(1.0) as f32;
+pub(super) fn profile_scale(
+    source: &extensions::ProfileReference,
+    place: &str,
+    warnings: &mut Warnings,
+) -> Option<Rgb> {
+    let scale = Rgb::from_array(source.color) * source.multiplier;
     let fits = scale.is_finite() && scale.to_array().iter().all(|v| *v >= 0.0);
     if !fits {
         warnings.push(place, "the colour or multiplier of its light profile is negative or not finite; it is left out");
@@ -77,10 +83,8 @@ pub(super) fn profile_scale(source: &schema::ProfileReference, place: &str, warn
 }
 
 /// Inner and outer half-angle [rad], with 0 <= inner <= outer and 0 < outer <= pi/2.
-fn cone(spot: Option<&schema::Spot>, place: &str, warnings: &mut Warnings) -> (f32, f32) {
-    let angle = |v: Option<f64>, default: f32| v.map_or(default, |v| v as f32);
-    let mut outer = angle(spot.and_then(|s| s.outer_cone_angle), FRAC_PI_4);
-    let mut inner = angle(spot.and_then(|s| s.inner_cone_angle), 0.0);
+fn cone(spot: Option<&Spot>, place: &str, warnings: &mut Warnings) -> (f32, f32) {
+    let (mut inner, mut outer) = spot.map_or((0.0, FRAC_PI_4), |s| (s.inner_cone_angle, s.outer_cone_angle));
     if !(outer > 0.0 && outer <= FRAC_PI_2) {
         // pi/2 as a decimal may round to just above it.
         let repaired = if outer > FRAC_PI_2 { FRAC_PI_2 } else { FRAC_PI_4 };
@@ -99,18 +103,19 @@ fn cone(spot: Option<&schema::Spot>, place: &str, warnings: &mut Warnings) -> (f
 
 /// Converts a camera to projection and aspect ratio. `None`, after a warning, for one that cannot be used.
 pub(super) fn camera(
-    source: &schema::Camera,
+    source: &gltf::json::Camera,
     place: &str,
     warnings: &mut Warnings,
 ) -> Option<(Projection, Option<f32>)> {
-    let positive = |v: Option<f64>| v.map(|v| v as f32).filter(|v| v.is_finite() && *v > 0.0);
+    let positive = |v: f32| Some(v).filter(|v| v.is_finite() && *v > 0.0);
+    let is_orthographic = matches!(source.type_, Checked::Valid(CameraType::Orthographic));
     let converted = match (&source.perspective, &source.orthographic) {
-        (Some(p), _) if source.kind.as_deref() != Some("orthographic") => positive(p.yfov)
+        (Some(p), _) if !is_orthographic => positive(p.yfov)
             .filter(|fov| *fov < PI)
-            .map(|vertical_fov| (Projection::Perspective { vertical_fov }, positive(p.aspect_ratio))),
+            .map(|vertical_fov| (Projection::Perspective { vertical_fov }, p.aspect_ratio.and_then(positive))),
         (_, Some(o)) => {
             // Negative magnifications are used by some exporters for what a rotation should do.
-            let size = |v: Option<f64>| positive(v.map(f64::abs));
+            let size = |v: f32| positive(v.abs());
             size(o.xmag).zip(size(o.ymag)).map(|(half_width, half_height)| {
                 (Projection::Orthographic { half_width, half_height }, Some(half_width / half_height))
             })

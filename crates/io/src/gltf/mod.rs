@@ -1,23 +1,29 @@
 //! glTF 2.0 (.gltf and .glb): from the JSON and its buffers to a [`SceneBuilder`].
 //!
-//! The JSON is read strictly by types of our own and every offset, count and index is checked before it is followed, so
-//! that a hostile file ends in an error and not in a panic. What a viewer could still show is shown, with a warning.
+//! The crate `gltf` reads the container and types the JSON. It is relaxed before (`lenient`, `complete`), what it does not
+//! type is read beside it (`extensions`), and every offset, count and index is checked before it is followed, so that a
+//! hostile file ends in an error and not in a panic. What a viewer could still show is shown, with a warning.
 //!
-//! `container` (GLB, JSON, buffers) -> `nodes` (hierarchy) -> `accessor`, `primitive`, `deform`, `tangents` (meshes),
-//! `material`, `spec_gloss`, `texture` (surfaces), `light` (lights and cameras).
+//! `container` (GLB, buffers), `document` (JSON) -> `nodes` (hierarchy) -> `accessor`, `primitive`, `deform`, `tangents`
+//! (meshes), `material`, `spec_gloss`, `texture` (surfaces), `light` (lights and cameras). `validate` explains refusals.
 
 mod accessor;
+mod complete;
 mod container;
 mod deform;
+mod document;
+mod extensions;
+mod guard;
+mod lenient;
 mod light;
 mod material;
 mod nodes;
 mod primitive;
 mod reader;
-mod schema;
 mod spec_gloss;
 pub(crate) mod tangents;
 mod texture;
+mod validate;
 
 use crate::error::InputError;
 use crate::image_store::ImageStore;
@@ -25,10 +31,15 @@ use crate::import_options::{ImportOptions, Imported};
 use crate::loader::AssetLoader;
 use crate::warnings::Warnings;
 use accessor::{Accessors, Stored};
+use complete::{LIGHT_TYPE, PRIMITIVE_MODE};
 use container::Asset;
 use deform::{Deformation, Pose};
 use dunkelfeld_geometry::{DAffine3, DQuat, DVec3, Mesh};
 use dunkelfeld_scene::{Camera, Instance, MeshPart, PunctualKind, PunctualLight, SceneBuilder};
+use extensions::{Instancing, ProfileReference};
+use gltf::json::Index;
+use gltf::json::extensions::scene::khr_lights_punctual::Light;
+use lenient::ABSENT;
 use nodes::{Hierarchy, is_invertible, node_place};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -81,26 +92,24 @@ fn measure_images(
     accessors: &Accessors<'_>,
     shown: &[usize],
 ) -> Result<(), InputError> {
-    let document = &asset.document;
+    let (document, root) = (&asset.document, &asset.document.root);
     // Files are read again when they are decoded, and what is wrong with them is said then.
     let loader = AssetLoader::new(path, options.limits);
     let mut ignored = Warnings::new(path);
     let mut textures = Textures::new(asset, accessors, &loader, ImageStore::measuring(&options.limits));
     let meshes: BTreeSet<usize> =
-        shown.iter().filter_map(|n| document.nodes.get(*n)?.mesh.map(|mesh| mesh.get())).collect();
-    let primitives = meshes.iter().filter_map(|m| document.meshes.get(*m)).flat_map(|mesh| &mesh.primitives);
-    let materials: BTreeSet<usize> = primitives.filter_map(|p| p.material.map(|m| m.get())).collect();
-    for (i, source) in materials.iter().filter_map(|i| Some((*i, document.materials.get(*i)?))) {
-        let name = name(&[source.name.as_deref()], "material", i);
-        let place = format!("material {i} \"{name}\"");
-        let mut reader = reader::Reader { place, textures: &mut textures, warnings: &mut ignored };
-        material::convert(source, name, options.emissive_unit, &mut reader);
+        shown.iter().filter_map(|n| root.nodes.get(*n)?.mesh.map(|mesh| mesh.value())).collect();
+    let primitives = meshes.iter().filter_map(|m| root.meshes.get(*m)).flat_map(|mesh| &mesh.primitives);
+    let materials: BTreeSet<usize> = primitives.filter_map(|p| p.material.map(|m| m.value())).collect();
+    for source in materials.into_iter().filter_map(|i| material::Source::new(document, i)) {
+        let mut reader = reader::Reader { place: source.place(), textures: &mut textures, warnings: &mut ignored };
+        material::convert(&source, options.emissive_unit, &mut reader);
     }
     textures.store.check(path)
 }
 
 /// What tells baked meshes apart: mesh, skin, and the bits of the morph weights of the node.
-type MeshKey = (usize, Option<usize>, Option<Vec<u64>>);
+type MeshKey = (usize, Option<usize>, Option<Vec<u32>>);
 
 struct Importer<'a> {
     path: &'a Path,
@@ -130,7 +139,11 @@ impl Importer<'_> {
         }
         if self.scene.instances.is_empty() {
             if let Some((place, fault)) = self.first_fault.take() {
-                let help = "export the file again: its data does not fit its description";
+                let mut help = String::from("export the file again: its data does not fit its description");
+                let findings = validate::findings(&self.asset.document.root);
+                if !findings.is_empty() {
+                    help = format!("{help} ({})", findings.join("; "));
+                }
                 return Err(InputError::new(self.path, place, format!("{fault}; no mesh is left to show"), help));
             }
             self.warnings.push("scene", "there is no mesh to show");
@@ -140,20 +153,21 @@ impl Importer<'_> {
 
     fn node(&mut self, index: usize, to_world: &[DAffine3]) -> Result<(), InputError> {
         let document = &self.asset.document;
-        let node = &document.nodes[index];
+        let node = &document.root.nodes[index];
         let place = node_place(document, index);
         let transform = to_world[index];
-        let light = node.extensions.light.as_ref().and_then(|l| l.light).map(|l| l.get());
-        let profile = node.extensions.profile.as_ref();
+        let light = node.extensions.as_ref().and_then(|e| e.khr_lights_punctual.as_ref()).map(|l| l.light.value());
+        let light = light.filter(|l| *l != ABSENT as usize);
+        let profile = document.nodes.get(index).and_then(|n| n.profile.as_ref());
         let placeable = transform.is_finite();
         if !placeable && (node.mesh.is_some() || node.camera.is_some() || light.is_some() || profile.is_some()) {
             self.warnings.push(&place, "its transform is not finite; what it carries is left out");
             return Ok(());
         }
         if let Some(mesh) = node.mesh {
-            self.instance(index, mesh.get(), to_world, &place)?;
+            self.instance(index, mesh.value(), to_world, &place)?;
         }
-        if let Some(camera) = node.camera.map(|c| c.get()) {
+        if let Some(camera) = node.camera.map(|c| c.value()) {
             self.camera(camera, node.name.as_deref(), transform, &place);
         }
         if let Some(light) = light {
@@ -166,7 +180,7 @@ impl Importer<'_> {
     }
 
     fn camera(&mut self, index: usize, node_name: Option<&str>, to_world: DAffine3, place: &str) {
-        let Some(source) = self.asset.document.cameras.get(index) else {
+        let Some(source) = self.asset.document.root.cameras.get(index) else {
             return self.warnings.push(place, format!("its camera {index} does not exist"));
         };
         let name = name(&[node_name, source.name.as_deref()], "camera", index);
@@ -180,7 +194,8 @@ impl Importer<'_> {
     }
 
     fn light(&mut self, index: usize, node_name: Option<&str>, to_world: DAffine3, place: &str) {
-        let lights = self.asset.document.extensions.lights.as_ref().map_or(&[][..], |l| &l.lights);
+        let document = &self.asset.document;
+        let lights: &[Light] = document.root.as_ref();
         let Some(source) = lights.get(index) else {
             return self.warnings.push(place, format!("its light {index} does not exist"));
         };
@@ -189,21 +204,16 @@ impl Importer<'_> {
             return self.warnings.push(place, "its scale is 0; the light is left out");
         }
         let place = format!("light {index} \"{name}\"");
-        if let Some(kind) = light::light(source, &place, &mut self.warnings) {
+        let code = document.unknown.get(LIGHT_TYPE, &[index]);
+        if let Some(kind) = light::light(source, code, &place, &mut self.warnings) {
             self.scene.lights.push(PunctualLight { name, to_world, kind });
         }
     }
 
     /// A measured light (EXT_lights_ies).
-    fn profile(
-        &mut self,
-        reference: &schema::ProfileReference,
-        node_name: Option<&str>,
-        to_world: DAffine3,
-        place: &str,
-    ) {
-        let profiles = self.asset.document.extensions.profiles.as_ref().map_or(&[][..], |p| &p.lights);
-        let index = reference.light.map(|l| l.get());
+    fn profile(&mut self, reference: &ProfileReference, node_name: Option<&str>, to_world: DAffine3, place: &str) {
+        let profiles = &self.asset.document.profiles;
+        let index = reference.light.map(|l| l.value());
         let Some((index, source)) = index.and_then(|i| Some((i, profiles.get(i)?))) else {
             return self.warnings.push(place, "its light profile does not exist");
         };
@@ -234,16 +244,16 @@ impl Importer<'_> {
     /// Places a mesh, once or as often as EXT_mesh_gpu_instancing says.
     fn instance(&mut self, node: usize, mesh: usize, to_world: &[DAffine3], place: &str) -> Result<(), InputError> {
         let document = &self.asset.document;
-        let source = &document.nodes[node];
-        let Some(mesh_source) = document.meshes.get(mesh) else {
+        let source = &document.root.nodes[node];
+        let Some(mesh_source) = document.root.meshes.get(mesh) else {
             self.warnings.push(place, format!("its mesh {mesh} does not exist"));
             return Ok(());
         };
-        let skin = source.skin.map(|s| s.get()).filter(|s| self.prepare_pose(*s, to_world));
+        let skin = source.skin.map(|s| s.value()).filter(|s| self.prepare_pose(*s, to_world));
         // A skinned mesh is where its joints are; its node's transform does not count (glTF 2.0, section 3.7.3).
         let origin = skin.and_then(|s| self.poses.get(&s)?.as_ref().map(|p| p.origin));
         let transform = origin.map_or(to_world[node], DAffine3::from_translation);
-        let placements = match &source.extensions.instancing {
+        let placements = match document.nodes.get(node).and_then(|n| n.instancing.as_ref()) {
             Some(instancing) => self.placements(instancing, place),
             None => vec![DAffine3::IDENTITY],
         };
@@ -271,8 +281,8 @@ impl Importer<'_> {
     }
 
     /// The transforms of EXT_mesh_gpu_instancing, relative to the node.
-    fn placements(&mut self, source: &schema::Instancing, place: &str) -> Vec<DAffine3> {
-        let attribute = |name: &str| source.attributes.get(name).map(|a| a.get());
+    fn placements(&mut self, source: &Instancing, place: &str) -> Vec<DAffine3> {
+        let attribute = |name: &str| source.attributes.get(name).map(Index::value);
         let read = || -> Result<Vec<DAffine3>, String> {
             let three = |name| attribute(name).map(|a| self.accessors.vectors::<3>(a, Stored::Float)).transpose();
             let (translations, scales) = (three("TRANSLATION")?, three("SCALE")?);
@@ -310,7 +320,7 @@ impl Importer<'_> {
         if let Some(pose) = self.poses.get(&index) {
             return pose.is_some();
         }
-        let pose = match self.asset.document.skins.get(index) {
+        let pose = match self.asset.document.root.skins.get(index) {
             Some(skin) => Pose::new(self.accessors, skin, to_world),
             None => Err("it does not exist".into()),
         };
@@ -321,21 +331,24 @@ impl Importer<'_> {
     }
 
     /// The parts of a mesh in its default pose, read when first asked for.
-    fn mesh(&mut self, index: usize, skin: Option<usize>, weights: Option<&[f64]>) -> Result<Vec<usize>, InputError> {
+    fn mesh(&mut self, index: usize, skin: Option<usize>, weights: Option<&[f32]>) -> Result<Vec<usize>, InputError> {
         let key = (index, skin, weights.map(|w| w.iter().map(|v| v.to_bits()).collect()));
         if let Some(parts) = self.meshes.get(&key) {
             return Ok(parts.clone());
         }
-        let source = &self.asset.document.meshes[index];
+        let document = &self.asset.document;
+        let source = &document.root.meshes[index];
         let mesh_name = name(&[source.name.as_deref()], "mesh", index);
         let weights = weights.or(source.weights.as_deref()).unwrap_or_default();
         let mut parts = Vec::new();
         for (i, primitive) in source.primitives.iter().enumerate() {
             let place = format!("mesh {index} \"{mesh_name}\", primitive {i}");
-            let material = self.material(primitive.material.map(|m| m.get()), &place);
+            let material = self.material(primitive.material.map(|m| m.value()), &place);
             let pose = skin.and_then(|s| self.poses.get(&s)).and_then(Option::as_ref);
             let deformation = Deformation { weights, skin: pose };
-            let read = primitive::read_primitive(self.accessors, primitive, &deformation, &place, &mut self.warnings);
+            let code = document.unknown.get(PRIMITIVE_MODE, &[index, i]);
+            let read =
+                primitive::read_primitive(self.accessors, primitive, code, &deformation, &place, &mut self.warnings);
             let mut mesh = match read {
                 Ok(Some(mesh)) => mesh,
                 Ok(None) => continue,
@@ -386,9 +399,9 @@ impl Importer<'_> {
 
     /// The scene's index of a material of the file.
     fn material(&mut self, index: Option<usize>, place: &str) -> usize {
-        let materials = &self.asset.document.materials;
+        let document = &self.asset.document;
         let index = index.filter(|i| {
-            let exists = *i < materials.len();
+            let exists = *i < document.root.materials.len();
             if !exists {
                 self.warnings.push(place, format!("its material {i} does not exist; the default takes its place"));
             }
@@ -397,14 +410,12 @@ impl Importer<'_> {
         if let Some(known) = self.materials.get(&index) {
             return *known;
         }
-        let material = match index {
+        let material = match index.and_then(|i| material::Source::new(document, i)) {
             None => material::default_material(),
-            Some(i) => {
-                let source = &materials[i];
-                let name = name(&[source.name.as_deref()], "material", i);
-                let place = format!("material {i} \"{name}\"");
+            Some(source) => {
+                let place = source.place();
                 let mut reader = reader::Reader { place, textures: &mut self.textures, warnings: &mut self.warnings };
-                material::convert(source, name, self.options.emissive_unit, &mut reader)
+                material::convert(&source, self.options.emissive_unit, &mut reader)
             }
         };
         let id = self.scene.materials.len();

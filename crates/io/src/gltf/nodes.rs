@@ -1,9 +1,11 @@
 //! The node hierarchy: global transforms in f64, and the nodes that the chosen scene shows.
 
-use super::schema::{Document, Node};
+use super::document::Document;
+use super::extensions::Transform;
 use crate::error::InputError;
 use crate::warnings::Warnings;
 use dunkelfeld_geometry::{DAffine3, DMat3, DQuat, DVec3};
+use gltf::json::Index;
 use std::path::Path;
 
 /// Where every node is, and which are shown.
@@ -16,7 +18,7 @@ pub(super) struct Hierarchy {
 
 /// A node for messages.
 pub(super) fn node_place(document: &Document, index: usize) -> String {
-    match document.nodes.get(index).and_then(|n| n.name.as_deref()) {
+    match document.root.nodes.get(index).and_then(|n| n.name.as_deref()) {
         Some(name) => format!("node {index} \"{name}\""),
         None => format!("node {index}"),
     }
@@ -30,11 +32,11 @@ pub(super) fn resolve(
     path: &Path,
     warnings: &mut Warnings,
 ) -> Result<Hierarchy, InputError> {
-    let nodes = &document.nodes;
+    let nodes = &document.root.nodes;
     let mut parent = vec![None; nodes.len()];
     let mut children = vec![Vec::new(); nodes.len()];
     for (i, node) in nodes.iter().enumerate() {
-        for child in node.children.iter().map(|c| c.get()) {
+        for child in node.children.iter().flatten().map(Index::value) {
             match parent.get_mut(child) {
                 None => warnings.push(node_place(document, i), format!("its child {child} does not exist")),
                 Some(slot @ None) => {
@@ -48,7 +50,9 @@ pub(super) fn resolve(
             }
         }
     }
-    let local: Vec<_> = nodes.iter().enumerate().map(|(i, n)| local(n, document, i, warnings)).collect();
+    let mut local: Vec<_> =
+        document.transforms.iter().enumerate().map(|(i, t)| local(t, document, i, warnings)).collect();
+    local.resize(nodes.len(), DAffine3::IDENTITY);
     let mut to_world = vec![DAffine3::IDENTITY; nodes.len()];
     let mut visited = vec![false; nodes.len()];
     // Every node has at most one parent, so what no root reaches lies on or below a cycle.
@@ -75,7 +79,7 @@ pub(super) fn resolve(
     let mut shown = Vec::new();
     let mut seen = vec![false; nodes.len()];
     while let Some(i) = stack.pop() {
-        let hidden = nodes[i].extensions.visibility.as_ref().is_some_and(|v| v.visible == Some(false));
+        let hidden = document.nodes.get(i).is_some_and(|n| !n.visibility.visible);
         if hidden || std::mem::replace(&mut seen[i], true) {
             continue;
         }
@@ -93,7 +97,8 @@ fn scene_roots(
     path: &Path,
     warnings: &mut Warnings,
 ) -> Result<Vec<usize>, InputError> {
-    let count = document.scenes.len();
+    let root = &document.root;
+    let count = root.scenes.len();
     if let Some(wanted) = wanted.filter(|w| *w >= count) {
         return Err(InputError::new(
             path,
@@ -102,22 +107,22 @@ fn scene_roots(
             "ask for a scene that exists (the first is 0), or for none",
         ));
     }
-    let default = document.scene.map(|s| s.get());
+    let default = root.scene.map(|s| s.value());
     if let Some(missing) = default.filter(|d| *d >= count && wanted.is_none()) {
         warnings.push("scene", format!("the default scene {missing} does not exist"));
     }
     let index = wanted.or(default.filter(|d| *d < count)).unwrap_or(0);
-    if wanted.is_none() && document.scene.is_none() && count > 1 {
+    if wanted.is_none() && root.scene.is_none() && count > 1 {
         warnings.push("scenes", format!("the file has {count} scenes and no default; the first is shown"));
     }
-    let Some(scene) = document.scenes.get(index) else {
+    let Some(scene) = root.scenes.get(index) else {
         let mut roots: Vec<usize> = (0..parent.len()).filter(|i| parent[*i].is_none()).collect();
         if roots.is_empty() {
             roots.extend((!parent.is_empty()).then_some(0));
         }
         return Ok(roots);
     };
-    let (roots, missing): (Vec<_>, Vec<_>) = scene.nodes.iter().map(|n| n.get()).partition(|n| *n < parent.len());
+    let (roots, missing): (Vec<_>, Vec<_>) = scene.nodes.iter().map(Index::value).partition(|n| *n < parent.len());
     for node in missing {
         warnings.push(format!("scene {index}"), format!("its node {node} does not exist"));
     }
@@ -125,7 +130,7 @@ fn scene_roots(
 }
 
 /// A node's own transform: its matrix, or translation * rotation * scale (glTF 2.0, section 3.5.3).
-fn local(node: &Node, document: &Document, index: usize, warnings: &mut Warnings) -> DAffine3 {
+fn local(node: &Transform, document: &Document, index: usize, warnings: &mut Warnings) -> DAffine3 {
     if let Some(m) = &node.matrix {
         if [m[3], m[7], m[11]] != [0.0; 3] || m[15] != 1.0 {
             warnings.push(node_place(document, index), "its matrix is not affine; the last row is taken as 0 0 0 1");

@@ -2,34 +2,33 @@
 
 use super::accessor::{Accessors, Stored};
 use super::deform::{Deformation, deform};
-use super::schema;
 use crate::warnings::Warnings;
 use dunkelfeld_geometry::{Mesh, Vec2, Vec3, Vec4};
+use gltf::json::Index;
+use gltf::json::mesh::{Mode, Primitive, Semantic};
+use gltf::json::validation::Checked;
 use std::cell::Cell;
 
 /// Reads a primitive in its default pose. `Ok(None)` means that there is nothing to show (points, lines); an error says
-/// why the data cannot be used.
+/// why the data cannot be used. `code` is the primitive's mode as the file has it, if the format has no such mode.
 pub(super) fn read_primitive(
     accessors: &Accessors<'_>,
-    primitive: &schema::Primitive,
+    primitive: &Primitive,
+    code: &str,
     deformation: &Deformation<'_>,
     place: &str,
     warnings: &mut Warnings,
 ) -> Result<Option<Mesh>, String> {
-    let mode = primitive.mode.map_or(4, |m| m.0);
-    match mode {
-        4..=6 => {}
-        0..=3 => {
-            let what = if mode == 0 { "points" } else { "lines" };
-            warnings.push(place, format!("{what} have no surface and are left out"));
-            return Ok(None);
-        }
-        other => return Err(format!("the primitive mode {other} does not exist")),
+    let Checked::Valid(mode) = primitive.mode else { return Err(format!("the primitive mode {code} does not exist")) };
+    if !matches!(mode, Mode::Triangles | Mode::TriangleStrip | Mode::TriangleFan) {
+        let what = if mode == Mode::Points { "points" } else { "lines" };
+        warnings.push(place, format!("{what} have no surface and are left out"));
+        return Ok(None);
     }
-    let position = primitive.attributes.get("POSITION").ok_or("it has no POSITION")?.get();
+    let position = attribute(primitive, Semantic::Positions).ok_or("it has no POSITION")?;
     accessors.warn_alignment(position, warnings);
     let positions = accessors.vectors::<3>(position, Stored::Quantized).map_err(|e| {
-        if primitive.extensions.draco.is_some() {
+        if primitive.extensions.as_ref().is_some_and(|e| e.others.contains_key("KHR_draco_mesh_compression")) {
             format!("{e} (its data is compressed by KHR_draco_mesh_compression, which is not supported)")
         } else {
             e
@@ -39,10 +38,10 @@ pub(super) fn read_primitive(
     let outside = Cell::new(0);
     let mut reader = Attributes { accessors, primitive, count: positions.len(), place, warnings };
     let mut mesh = Mesh {
-        normals: reader.read::<3, _>("NORMAL", Stored::Quantized, Vec3::from_array),
-        tangents: reader.read::<4, _>("TANGENT", Stored::Quantized, Vec4::from_array),
-        uvs: ["TEXCOORD_0", "TEXCOORD_1"].map(|name| reader.read::<2, _>(name, Stored::Quantized, finite_uv)),
-        colors: reader.read::<4, _>("COLOR_0", Stored::Normalized, |rgba| color(rgba, &outside)),
+        normals: reader.read::<3, _>(Semantic::Normals, Stored::Quantized, Vec3::from_array),
+        tangents: reader.read::<4, _>(Semantic::Tangents, Stored::Quantized, Vec4::from_array),
+        uvs: [0, 1].map(|set| reader.read::<2, _>(Semantic::TexCoords(set), Stored::Quantized, finite_uv)),
+        colors: reader.read::<4, _>(Semantic::Colors(0), Stored::Normalized, |rgba| color(rgba, &outside)),
         triangles: Vec::new(),
         positions,
     };
@@ -71,6 +70,11 @@ pub(super) fn read_primitive(
     Ok(Some(mesh))
 }
 
+/// The accessor of an attribute.
+pub(super) fn attribute(primitive: &Primitive, semantic: Semantic) -> Option<usize> {
+    primitive.attributes.get(&Checked::Valid(semantic)).map(Index::value)
+}
+
 /// Bytes that a mesh occupies.
 pub(super) fn mesh_bytes(mesh: &Mesh) -> u64 {
     let vectors = 12 * (mesh.positions.len() + mesh.triangles.len() + mesh.normals.len());
@@ -80,7 +84,7 @@ pub(super) fn mesh_bytes(mesh: &Mesh) -> u64 {
 
 struct Attributes<'r, 'a> {
     accessors: &'r Accessors<'a>,
-    primitive: &'r schema::Primitive,
+    primitive: &'r Primitive,
     count: usize,
     place: &'r str,
     warnings: &'r mut Warnings,
@@ -88,9 +92,14 @@ struct Attributes<'r, 'a> {
 
 impl Attributes<'_, '_> {
     /// An optional attribute; one that cannot be used is left out with a warning.
-    fn read<const N: usize, T>(&mut self, name: &str, stored: Stored, convert: impl Fn([f32; N]) -> T) -> Vec<T> {
-        let Some(index) = self.primitive.attributes.get(name) else { return Vec::new() };
-        let index = index.get();
+    fn read<const N: usize, T>(
+        &mut self,
+        semantic: Semantic,
+        stored: Stored,
+        convert: impl Fn([f32; N]) -> T,
+    ) -> Vec<T> {
+        let name = semantic.to_string();
+        let Some(index) = attribute(self.primitive, semantic) else { return Vec::new() };
         // Compare first: a wrong count may be a huge one.
         let values = match self.accessors.count(index) {
             Some(n) if n != self.count => Err(format!("it has {n} elements for {} vertices", self.count)),
@@ -125,25 +134,24 @@ fn color(rgba: [f32; 4], outside: &Cell<usize>) -> Vec4 {
 /// are left out.
 fn triangles(
     accessors: &Accessors<'_>,
-    primitive: &schema::Primitive,
-    mode: u64,
+    primitive: &Primitive,
+    mode: Mode,
     vertices: usize,
     place: &str,
     warnings: &mut Warnings,
 ) -> Result<Vec<[u32; 3]>, String> {
     let indices: Vec<u32> = match primitive.indices {
-        Some(index) => accessors.whole::<1>(index.get())?.into_iter().map(|[i]| i).collect(),
+        Some(index) => accessors.whole::<1>(index.value())?.into_iter().map(|[i]| i).collect(),
         None => (0..u32::try_from(vertices).map_err(|_| "it has more than 2^32 vertices")?).collect(),
     };
     let list: Vec<[u32; 3]> = match mode {
-        4 => {
-            let (triangles, rest) = indices.as_chunks::<3>();
-            if !rest.is_empty() {
-                warnings.push(place, format!("{} indices beyond whole triangles are ignored", rest.len()));
+        Mode::TriangleFan => match indices.split_first() {
+            Some((hub, rim)) => {
+                rim.windows(2).filter_map(|w| if let [a, b] = w { Some([*a, *b, *hub]) } else { None }).collect()
             }
-            triangles.to_vec()
-        }
-        5 => (indices.windows(3).enumerate())
+            None => Vec::new(),
+        },
+        Mode::TriangleStrip => (indices.windows(3).enumerate())
             .filter_map(|(i, w)| match (i % 2, w) {
                 (0, [a, b, c]) => Some([*a, *b, *c]),
                 (_, [a, b, c]) => Some([*a, *c, *b]),
@@ -151,12 +159,13 @@ fn triangles(
             })
             .filter(|[a, b, c]| a != b && b != c && c != a)
             .collect(),
-        _ => match indices.split_first() {
-            Some((hub, rim)) => {
-                rim.windows(2).filter_map(|w| if let [a, b] = w { Some([*a, *b, *hub]) } else { None }).collect()
+        _ => {
+            let (triangles, rest) = indices.as_chunks::<3>();
+            if !rest.is_empty() {
+                warnings.push(place, format!("{} indices beyond whole triangles are ignored", rest.len()));
             }
-            None => Vec::new(),
-        },
+            triangles.to_vec()
+        }
     };
     if list.is_empty() {
         return Err("it has too few vertices for a triangle".into());

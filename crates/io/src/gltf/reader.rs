@@ -1,10 +1,10 @@
 //! Reads the values of a glTF material and brings them into their ranges.
 
-use super::schema::TextureInfo;
 use super::texture::Textures;
 use crate::warnings::Warnings;
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_scene::{ChannelTexture, ColorEncoding, Texture};
+use gltf::json::texture::Info;
 
 /// Reads the values of one material and puts them into their ranges, with warnings.
 pub(super) struct Reader<'r, 'a> {
@@ -18,24 +18,22 @@ impl Reader<'_, '_> {
         self.warnings.push(&self.place, message);
     }
 
-    pub(super) fn texture(&mut self, info: Option<&TextureInfo>, encoding: ColorEncoding) -> Option<Texture> {
+    pub(super) fn texture(&mut self, info: Option<&Info>, encoding: ColorEncoding) -> Option<Texture> {
         self.textures.resolve(info, encoding, &self.place, self.warnings)
     }
 
     /// A texture whose numbers are read from one channel (0 is red).
-    pub(super) fn channel(&mut self, info: Option<&TextureInfo>, channel: u8) -> Option<ChannelTexture> {
+    pub(super) fn channel(&mut self, info: Option<&Info>, channel: u8) -> Option<ChannelTexture> {
         Some(ChannelTexture { texture: self.texture(info, ColorEncoding::Linear)?, channel })
     }
 
     /// A factor in [0, 1].
-    pub(super) fn unit(&mut self, name: &str, value: Option<f64>, default: f32) -> f32 {
-        self.within(name, value, default, 0.0, 1.0)
+    pub(super) fn unit(&mut self, name: &str, value: f32) -> f32 {
+        self.within(name, value, 0.0, 1.0)
     }
 
     /// A factor in [low, high].
-    pub(super) fn within(&mut self, name: &str, value: Option<f64>, default: f32, low: f32, high: f32) -> f32 {
-        let Some(value) = value else { return default };
-        let value = value as f32;
+    pub(super) fn within(&mut self, name: &str, value: f32, low: f32, high: f32) -> f32 {
         let inside = value.clamp(low, high);
         if inside != value {
             self.warn(format!("{name} {value} is outside [{low}, {high}] and becomes {inside}"));
@@ -43,13 +41,8 @@ impl Reader<'_, '_> {
         inside
     }
 
-    pub(super) fn color_in_unit(&mut self, name: &str, value: [f32; 3]) -> Rgb {
-        self.color(name, Some(value.map(f64::from)), 1.0, 1.0)
-    }
-
     /// A colour whose channels lie in [0, high].
-    pub(super) fn color(&mut self, name: &str, value: Option<[f64; 3]>, default: f32, high: f32) -> Rgb {
-        let [r, g, b] = value.unwrap_or([f64::from(default); 3]);
-        Rgb::from_array([r, g, b].map(|v| self.within(name, Some(v), default, 0.0, high)))
+    pub(super) fn color(&mut self, name: &str, value: [f32; 3], high: f32) -> Rgb {
+        Rgb::from_array(value.map(|v| self.within(name, v, 0.0, high)))
     }
 }

@@ -1,22 +1,22 @@
 //! KHR_materials_pbrSpecularGlossiness as metallic-roughness, by the conversion that Khronos gives with the extension.
 
 use super::reader::Reader;
-use super::schema::SpecularGlossiness;
 use crate::images::ImageHeader;
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_scene::{ChannelTexture, ColorEncoding, Image, Material, Texels, Texture};
+use gltf::json::extensions::material::PbrSpecularGlossiness;
 
 /// Reflectance at normal incidence of the dielectric behind metallic-roughness (ior 1.5).
 const DIELECTRIC: f32 = 0.04;
 
 /// Fills base colour, alpha, metallic and roughness of `material`. Textures are converted texel by texel into new images.
-pub(super) fn convert(source: &SpecularGlossiness, material: &mut Material, reader: &mut Reader<'_, '_>) {
-    let [r, g, b, alpha] = source.diffuse_factor.unwrap_or([1.0; 4]).map(|v| v as f32);
+pub(super) fn convert(source: &PbrSpecularGlossiness, material: &mut Material, reader: &mut Reader<'_, '_>) {
+    let [r, g, b, alpha] = source.diffuse_factor.0;
     let factors = Factors {
-        diffuse: reader.color_in_unit("diffuseFactor", [r, g, b]),
-        alpha: reader.unit("diffuseFactor (alpha)", Some(f64::from(alpha)), 1.0),
-        specular: reader.color_in_unit("specularFactor", source.specular_factor.unwrap_or([1.0; 3]).map(|v| v as f32)),
-        glossiness: reader.unit("glossinessFactor", source.glossiness_factor, 1.0),
+        diffuse: reader.color("diffuseFactor", [r, g, b], 1.0),
+        alpha: reader.unit("diffuseFactor (alpha)", alpha),
+        specular: reader.color("specularFactor", source.specular_factor.0, 1.0),
+        glossiness: reader.unit("glossinessFactor", source.glossiness_factor.0),
     };
     let diffuse = reader.texture(source.diffuse_texture.as_ref(), ColorEncoding::Srgb);
     let mut specular = reader.texture(source.specular_glossiness_texture.as_ref(), ColorEncoding::Srgb);

@@ -1,14 +1,18 @@
 //! Texture references: sampler, encoding, coordinates; images of the same content are decoded once.
 
 use super::accessor::Accessors;
+use super::complete::{WRAP_S, WRAP_T};
 use super::container::Asset;
-use super::schema::{self, TextureInfo, Whole};
+use super::lenient::ABSENT;
 use crate::image_store::{Content, ImageStore};
 use crate::input::Role;
 use crate::loader::AssetLoader;
 use crate::warnings::Warnings;
 use dunkelfeld_geometry::Vec2;
 use dunkelfeld_scene::{ColorEncoding, Filter, Image, ImageId, Texture, TextureTransform, Wrap};
+use gltf::json::extensions::texture::TextureTransform as JsonTransform;
+use gltf::json::texture::{Info, MagFilter, Sampler, WrappingMode};
+use gltf::json::validation::Checked;
 use std::collections::{BTreeMap, HashMap};
 
 /// The images of one asset.
@@ -37,7 +41,7 @@ impl<'a> Textures<'a> {
     /// Resolves a reference. What cannot be used is left out with a warning, so that the factor alone remains.
     pub(super) fn resolve(
         &mut self,
-        info: Option<&TextureInfo>,
+        info: Option<&Info>,
         encoding: ColorEncoding,
         place: &str,
         warnings: &mut Warnings,
@@ -51,62 +55,70 @@ impl<'a> Textures<'a> {
 
     fn try_resolve(
         &mut self,
-        info: &TextureInfo,
+        info: &Info,
         encoding: ColorEncoding,
         place: &str,
         warnings: &mut Warnings,
     ) -> Result<Option<Texture>, String> {
-        let index = info.index.ok_or("it has no index")?.get();
         let document = &self.asset.document;
-        let texture = document.textures.get(index).ok_or_else(|| format!("texture {index} does not exist"))?;
-        let transform = info.extensions.transform.as_ref();
-        let uv_set = transform.and_then(|t| t.tex_coord).unwrap_or(info.tex_coord).0;
+        if info.index.value() == ABSENT as usize {
+            return Err("it has no index".into());
+        }
+        let texture = document.root.get(info.index).ok_or_else(|| format!("texture {} does not exist", info.index))?;
+        let transform = info.extensions.as_ref().and_then(|e| e.texture_transform.as_ref());
+        let uv_set = transform.and_then(|t| t.tex_coord).unwrap_or(info.tex_coord);
         let uv_set = u8::try_from(uv_set)
             .ok()
             .filter(|s| *s < 2)
             .ok_or_else(|| format!("it uses texture coordinate set {uv_set}, but only sets 0 and 1 are read"))?;
-        let Some(image) = self.source(texture, warnings)? else { return Ok(None) };
+        let Some(image) = self.source(info.index.value(), warnings)? else { return Ok(None) };
         let sampler = match texture.sampler {
-            None => schema::Sampler::default(),
-            Some(s) => document.samplers.get(s.get()).cloned().unwrap_or_else(|| {
-                warnings.push(place, format!("sampler {} does not exist; the default takes its place", s.0));
-                schema::Sampler::default()
+            None => Sampler::default(),
+            Some(s) => document.root.get(s).cloned().unwrap_or_else(|| {
+                warnings.push(place, format!("sampler {s} does not exist; the default takes its place"));
+                Sampler::default()
             }),
         };
-        let mut wrap = |code: Option<Whole>| match code.map(|c| c.0) {
-            None | Some(10497) => Wrap::Repeat,
-            Some(33071) => Wrap::Clamp,
-            Some(33648) => Wrap::Mirror,
-            Some(other) => {
-                warnings.push(place, format!("wrap mode {other} does not exist; the texture repeats"));
+        let mut wrap = |mode: Checked<WrappingMode>, kind| match mode {
+            Checked::Valid(WrappingMode::Repeat) => Wrap::Repeat,
+            Checked::Valid(WrappingMode::ClampToEdge) => Wrap::Clamp,
+            Checked::Valid(WrappingMode::MirroredRepeat) => Wrap::Mirror,
+            Checked::Invalid => {
+                let code = texture.sampler.map_or("", |s| document.unknown.get(kind, &[s.value()]));
+                warnings.push(place, format!("wrap mode {code} does not exist; the texture repeats"));
                 Wrap::Repeat
             }
         };
+        let is_nearest = matches!(sampler.mag_filter, Some(Checked::Valid(MagFilter::Nearest)));
         Ok(Some(Texture {
             image,
             encoding,
-            wrap: [wrap(sampler.wrap_s), wrap(sampler.wrap_t)],
-            filter: if sampler.mag_filter == Some(Whole(9728)) { Filter::Nearest } else { Filter::Linear },
+            wrap: [wrap(sampler.wrap_s, WRAP_S), wrap(sampler.wrap_t, WRAP_T)],
+            filter: if is_nearest { Filter::Nearest } else { Filter::Linear },
             uv_set,
             transform: transform.map_or_else(TextureTransform::default, convert_transform),
         }))
     }
 
     /// The first image of a texture that can be read: its plain source, else the WebP one.
-    fn source(&mut self, texture: &schema::Texture, warnings: &mut Warnings) -> Result<Option<ImageId>, String> {
-        let webp = texture.extensions.webp.as_ref().and_then(|t| t.source);
-        let candidates = [texture.source, webp];
+    fn source(&mut self, index: usize, warnings: &mut Warnings) -> Result<Option<ImageId>, String> {
+        let document = &self.asset.document;
+        let texture = document.root.textures.get(index);
+        let plain = texture.map(|t| t.source).filter(|s| s.value() != ABSENT as usize);
+        let candidates = [plain, document.textures.get(index).and_then(|t| t.webp.source)];
+        let extensions = texture.and_then(|t| t.extensions.as_ref());
+        let has_basisu = extensions.is_some_and(|e| e.others.contains_key("KHR_texture_basisu"));
         let mut any = false;
         for index in candidates.into_iter().flatten() {
             any = true;
-            if let Some(id) = self.load(index.get(), warnings) {
+            if let Some(id) = self.load(index.value(), warnings) {
                 return Ok(Some(id));
             }
         }
-        match (any, &texture.extensions.basisu) {
+        match (any, has_basisu) {
             (true, _) => Ok(None),
-            (false, Some(_)) => Err("it has only a KTX2 image (KHR_texture_basisu), which cannot be read".into()),
-            (false, None) => Err("it has no image".into()),
+            (false, true) => Err("it has only a KTX2 image (KHR_texture_basisu), which cannot be read".into()),
+            (false, false) => Err("it has no image".into()),
         }
     }
 
@@ -121,7 +133,7 @@ impl<'a> Textures<'a> {
 
     fn decode(&mut self, index: usize, warnings: &mut Warnings) -> Result<ImageId, (String, String)> {
         let number = format!("image {index}");
-        let Some(image) = self.asset.document.images.get(index) else {
+        let Some(image) = self.asset.document.root.images.get(index) else {
             return Err((number, "the image does not exist; its textures are left out".into()));
         };
         let uri = image.uri.as_deref().filter(|u| !u.get(..5).is_some_and(|s| s.eq_ignore_ascii_case("data:")));
@@ -134,7 +146,7 @@ impl<'a> Textures<'a> {
                 loaded = self.loader.load_uri(uri, Role::Texture).map_err(|e| fail(e.problem))?;
                 &loaded
             }
-            (None, Some(view)) => self.accessors.view_bytes(view.get()).map_err(fail)?,
+            (None, Some(view)) => self.accessors.view_bytes(view.value()).map_err(fail)?,
             (None, None) => return Err(fail("it has neither a URI nor a buffer view".into())),
         };
         let content = Content::from_bytes(bytes, uri.unwrap_or(name));
@@ -164,14 +176,12 @@ fn read(
     store.add(Image { name: name.to_owned(), ..decoded }, place)
 }
 
-fn convert_transform(t: &schema::TextureTransform) -> TextureTransform {
-    let vector = |v: Option<[f64; 2]>, default: Vec2| {
-        v.map(|[x, y]| Vec2::new(x as f32, y as f32)).filter(|v| v.is_finite()).unwrap_or(default)
-    };
+fn convert_transform(t: &JsonTransform) -> TextureTransform {
+    let vector = |v: [f32; 2], default: Vec2| Some(Vec2::from_array(v)).filter(|v| v.is_finite()).unwrap_or(default);
     TextureTransform {
-        offset: vector(t.offset, Vec2::ZERO),
-        rotation: t.rotation.map(|r| r as f32).filter(|r| r.is_finite()).unwrap_or(0.0),
-        scale: vector(t.scale, Vec2::ONE),
+        offset: vector(t.offset.0, Vec2::ZERO),
+        rotation: Some(t.rotation.0).filter(|r| r.is_finite()).unwrap_or(0.0),
+        scale: vector(t.scale.0, Vec2::ONE),
     }
 }
 

@@ -3,5 +3,6 @@
 mod hostile;
 mod materials;
 mod meshes;
+mod relaxed;
 mod said;
 mod support;

@@ -1,0 +1,125 @@
+//! Extensions that `gltf::json` has no types for, read from the raw JSON that it hands on, and node transforms in f64.
+
+use gltf::json::extensions::texture::TextureTransform;
+use gltf::json::{Accessor, Image, Index, buffer::View, texture::Info};
+use serde::Deserialize;
+use std::collections::BTreeMap;
+
+/// A node's transform as the file has it: `gltf::json` rounds it to f32.
+#[derive(Clone, Debug, Default, Deserialize)]
+#[serde(default)]
+pub(super) struct Transform {
+    pub(super) matrix: Option<[f64; 16]>,
+    pub(super) translation: Option<[f64; 3]>,
+    pub(super) rotation: Option<[f64; 4]>,
+    pub(super) scale: Option<[f64; 3]>,
+}
+
+/// Declares structs that read camelCase JSON objects and take defaults for what is absent.
+macro_rules! extensions {
+    ($($(#[$meta:meta])* struct $name:ident { $($(#[$field_meta:meta])* $field:ident: $type:ty = $default:expr,)* })*) => {$(
+        $(#[$meta])*
+        #[derive(Clone, Debug, Deserialize)]
+        #[serde(default, rename_all = "camelCase")]
+        pub(super) struct $name { $($(#[$field_meta])* pub(super) $field: $type,)* }
+
+        impl Default for $name {
+            fn default() -> Self {
+                Self { $($field: $default,)* }
+            }
+        }
+    )*};
+}
+
+extensions! {
+    struct OfDocument {
+        #[serde(rename = "EXT_lights_ies")]
+        profiles: Profiles = Profiles::default(),
+    }
+
+    struct Profiles { lights: Vec<Profile> = Vec::new(), }
+
+    struct Profile {
+        name: Option<String> = None,
+        uri: Option<String> = None,
+        buffer_view: Option<Index<View>> = None,
+    }
+
+    struct OfNode {
+        #[serde(rename = "EXT_lights_ies")]
+        profile: Option<ProfileReference> = None,
+        #[serde(rename = "EXT_mesh_gpu_instancing")]
+        instancing: Option<Instancing> = None,
+        #[serde(rename = "KHR_node_visibility")]
+        visibility: Visibility = Visibility::default(),
+    }
+
+    struct ProfileReference {
+        light: Option<Index<Profile>> = None,
+        multiplier: f32 = 1.0,
+        color: [f32; 3] = [1.0; 3],
+    }
+
+    struct Instancing { attributes: BTreeMap<String, Index<Accessor>> = BTreeMap::new(), }
+
+    struct Visibility { visible: bool = true, }
+
+    struct OfTexture {
+        #[serde(rename = "EXT_texture_webp")]
+        webp: TextureSource = TextureSource::default(),
+    }
+
+    struct TextureSource { source: Option<Index<Image>> = None, }
+
+    struct OfNormalTexture {
+        #[serde(rename = "KHR_texture_transform")]
+        transform: Option<TextureTransform> = None,
+    }
+
+    struct OfMaterial {
+        #[serde(rename = "KHR_materials_anisotropy")]
+        anisotropy: Option<Anisotropy> = None,
+        #[serde(rename = "KHR_materials_clearcoat")]
+        clearcoat: Option<Clearcoat> = None,
+        #[serde(rename = "KHR_materials_diffuse_transmission")]
+        diffuse_transmission: Option<DiffuseTransmission> = None,
+        #[serde(rename = "KHR_materials_sheen")]
+        sheen: Option<Sheen> = None,
+        #[serde(rename = "KHR_materials_volume_scatter")]
+        volume_scatter: Option<VolumeScatter> = None,
+    }
+
+    struct Anisotropy {
+        anisotropy_strength: f32 = 0.0,
+        anisotropy_rotation: f32 = 0.0,
+        anisotropy_texture: Option<Info> = None,
+    }
+
+    struct Clearcoat {
+        clearcoat_factor: f32 = 0.0,
+        clearcoat_texture: Option<Info> = None,
+        clearcoat_roughness_factor: f32 = 0.0,
+        clearcoat_roughness_texture: Option<Info> = None,
+        clearcoat_normal_texture: Option<Info> = None,
+    }
+
+    struct DiffuseTransmission {
+        diffuse_transmission_factor: f32 = 0.0,
+        diffuse_transmission_texture: Option<Info> = None,
+        diffuse_transmission_color_factor: [f32; 3] = [1.0; 3],
+        diffuse_transmission_color_texture: Option<Info> = None,
+    }
+
+    struct Sheen {
+        sheen_color_factor: [f32; 3] = [0.0; 3],
+        sheen_color_texture: Option<Info> = None,
+        sheen_roughness_factor: f32 = 0.0,
+    }
+
+    /// The draft calls the colour `multiscatterColor` in its schema and `scatterAlbedo` in an earlier text.
+    struct VolumeScatter {
+        multiscatter_color: Option<[f32; 3]> = None,
+        scatter_albedo: Option<[f32; 3]> = None,
+        scatter_anisotropy: f32 = 0.0,
+    }
+}
