@@ -1,6 +1,6 @@
 //! From parsed faces to meshes: triangles, vertices shared where all their attributes agree, normals where none are given.
 
-use super::parse::{Corner, Face, NONE, Parsed};
+use super::read::{Corner, Face, NONE, Parsed};
 use super::tally::Tally;
 use super::triangulate::{Outcome, Triangulator, newell_normal};
 use dunkelfeld_geometry::{DVec3, Mesh, Vec2, Vec3, Vec4};
