@@ -281,3 +281,96 @@ impl BufRead for Cleaner<'_> {
         self.done += amount;
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn cleaned(source: &str) -> (String, Found, Vec<String>) {
+        let mut tally = Tally::default();
+        let mut cleaner = Cleaner::new(source, u64::MAX, &mut tally);
+        let mut text = String::new();
+        cleaner.read_to_string(&mut text).expect("in memory");
+        let found = cleaner.finish();
+        let mut warnings = crate::warnings::Warnings::new(std::path::Path::new("a.obj"));
+        tally.report("", &mut warnings);
+        (text, found, warnings.finish().iter().map(ToString::to_string).collect())
+    }
+
+    #[test]
+    fn the_register_comes_first_and_the_entries_for_none_last() {
+        let lines = "v 0 0 0\nv 1 0 0\r\nv 0 1 0\nvt 0.5 0.5\nf 1/1 2/1 -1/-1";
+        let (text, found, warnings) = cleaned(lines);
+        assert_eq!(text, format!("f 1/1/ 2/2/ 3/2/\n{lines}\nvt 0 0\n"));
+        assert_eq!((found.total, found.faces.len(), found.dropped_faces), ([3, 1, 0], 1, 0));
+        assert!(warnings.is_empty(), "{warnings:?}");
+        let (text, _, _) = cleaned(&"v 0 0 0\n".repeat(600));
+        let register: Vec<usize> =
+            text.lines().filter(|l| l.starts_with('f')).map(|l| l.matches(' ').count()).collect();
+        assert_eq!(register, [256, 256, 88]);
+    }
+
+    #[test]
+    fn lines_that_need_no_cleaning_are_lent() {
+        let mut tally = Tally::default();
+        let source = "vn 0 0 1\nv 1 2 3\n";
+        let mut cleaner = Cleaner::new(source, u64::MAX, &mut tally);
+        let mut lent = 0;
+        while !cleaner.fill_buf().expect("in memory").is_empty() {
+            lent += usize::from(matches!(cleaner.chunk, Cow::Borrowed(line) if source.contains(line)));
+            let all = cleaner.chunk.len();
+            cleaner.consume(all);
+        }
+        assert_eq!(lent, 2);
+    }
+
+    #[test]
+    fn what_tobj_refuses_or_misreads_is_rewritten() {
+        let start = "v 0 0 0\nv 1 0 0\nv 0 1 0\n";
+        for (line, expected) in [
+            ("f 1 2 3 # c", "f 1// 2// 3//"),
+            ("f 1 \\\n 2 3 \\\n", "f 1   2 3  "),
+            ("fo 1 2 3", "f 1// 2// 3//"),
+            ("f 1/1 2 3", "f 1// 2// 3//"),
+            ("v 1 2 3 4", "v 1.0 2.0 3.0"),
+            ("v 1,5 2 1e3", "v 1.5 2.0 1000.0"),
+            ("v 1.#QNAN 2 3", "v NaN NaN NaN"),
+            ("vt 0.5", "vt 0.5 0.0"),
+            ("vn 0 0 0", "vn 0.0 0.0 0.0"),
+            ("l 1 2", ""),
+            ("f 1 2 9", ""),
+            ("g a b", ""),
+        ] {
+            let (text, _, _) = cleaned(&format!("{start}{line}\n"));
+            let body = text.split_once(start).map(|(_, body)| body.split("\nvt 0 0\n").next().unwrap_or(body));
+            let body = body.map(|b| b.split("\nvn 0 0 0\n").next().unwrap_or(b).trim_matches('\n'));
+            assert_eq!(body, Some(expected), "{line}");
+        }
+        let (text, _, _) = cleaned("v 0 0 0\nv 1 0 0 1 0.5 0\n");
+        assert!(text.contains("v 0 0 0 inf inf inf\nv 1 0 0 1 0.5 0\n"), "{text}");
+    }
+
+    #[test]
+    fn faults_beyond_the_end_of_the_file_are_reported_last() {
+        let (_, found, warnings) = cleaned("v 0 0 0\nf 1 1 9\nf 1 1 x\nf 1 1/7 1\n");
+        assert_eq!(found.dropped_faces, 2);
+        assert_eq!(
+            warnings,
+            [
+                "a.obj: lines 3, 2: the face has an index that names no vertex and is dropped",
+                "a.obj: line 4: an index names no texture coordinate and is ignored"
+            ]
+        );
+    }
+
+    #[test]
+    fn the_limit_stops_the_text_before_tobj_allocates() {
+        let mut tally = Tally::default();
+        let source = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
+        for (most, too_large) in [(48, false), (47, true)] {
+            let mut cleaner = Cleaner::new(source, most, &mut tally);
+            let outcome = cleaner.read_to_string(&mut String::new());
+            assert_eq!((outcome.is_err(), cleaner.finish().too_large), (too_large, too_large));
+        }
+    }
+}

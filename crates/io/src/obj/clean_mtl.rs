@@ -194,3 +194,37 @@ fn xyz_to_rgb([x, y, z]: [f32; 3]) -> [f32; 3] {
         0.055_630_08 * x - 0.203_976_96 * y + 1.056_971_5 * z,
     ]
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_tobj_refuses_or_breaks_down_at_is_rewritten() {
+        for (statement, expected) in [
+            ("Kd 0.5", "Kd 0.5 0.5 0.5\n"),
+            ("Kd 0.1 0.2 0.3 # c", "Kd 0.1 0.2 0.3\n"),
+            ("Kd", ""),
+            ("KS 1 2 -1", "Ks 1.0 1.0 0.0\n"),
+            ("Ka", ""),
+            ("\tNs\t1e3", "Ns 1e3\n"),
+            ("Ns 96,5", "Ns 96.5\n"),
+            ("Ns", ""),
+            ("Ni 1.#QNAN", ""),
+            ("d -halo 0.5", "d 0.5\n"),
+            ("d 0.5\nTr 0.75", "d 0.5\n"),
+            ("Tr 0.75", "d 0.25\n"),
+            ("illum 2.0", "illum 2\n"),
+            ("illum x", "illum 255\n"),
+            ("PR 0.5", "pr 0.5\n"),
+            ("map_Kd", ""),
+            ("map_kd -s 1 2 a b.png", "map_Kd -s 1 2 a b.png\n"),
+            ("map_Kn n.png", "norm n.png\n"),
+            ("foo 1", ""),
+        ] {
+            let text = clean(&format!("newmtl m\n{statement}\n"), &mut Tally::default());
+            assert_eq!(text.strip_prefix("newmtl m\n"), Some(expected), "{statement}");
+        }
+        assert_eq!(clean("Kd 1 1 1\nnewmtl\n", &mut Tally::default()), format!("newmtl {NAMELESS}\n"));
+    }
+}

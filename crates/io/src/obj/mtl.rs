@@ -159,4 +159,17 @@ mod tests {
         );
         assert_eq!(read("newmtl a\nKd -1 2 0.5").0[0].diffuse, Some([0.0, 1.0, 0.5]));
     }
+
+    #[test]
+    fn materials_keep_their_order_and_may_have_no_name_or_the_same() {
+        let (materials, _) = read("newmtl b\nPr 0.1\nnewmtl\nPr 0.2\nnewmtl b\nPr 0.3\npr 0.4\nPR x");
+        let list: Vec<_> = materials.iter().map(|m| (m.name.as_str(), m.roughness)).collect();
+        assert_eq!(list, [("b", Some(0.1)), ("", Some(0.2)), ("b", Some(0.4))]);
+    }
+
+    #[test]
+    fn a_model_that_is_no_number_withdraws_the_one_before() {
+        assert_eq!(read("newmtl a\nillum 7\nillum x").0[0].illumination, None);
+        assert_eq!(read("newmtl a\nillum x\nillum 7").0[0].illumination, Some(7));
+    }
 }

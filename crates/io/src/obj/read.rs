@@ -180,3 +180,47 @@ fn scale_colors(colors: &mut [[f32; 3]], tally: &mut Tally) {
         *color = color.map(|v| if v.is_finite() { (v * scale).min(1.0) } else { 1.0 });
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn parsed(source: &str) -> Parsed {
+        read(source, u64::MAX, &mut Tally::default()).unwrap_or_else(|e| panic!("{e:?}\n{source}"))
+    }
+
+    #[test]
+    fn indices_are_those_of_the_file_and_unused_entries_stay() {
+        let p = parsed("v 9 9 9\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 7 7\nvt 1 0.5\nvn 0 0 2\nvn 0 3 0\nf 4/2/2 2 3//1\n");
+        assert_eq!((p.positions.len(), p.positions[0]), (4, [9.0; 3]));
+        assert_eq!((p.texcoords[1], p.normals[1]), ([1.0, 0.5], [0.0, 1.0, 0.0]));
+        let corners: Vec<[u32; 3]> = p.corners.iter().map(|c| [c.position, c.texcoord, c.normal]).collect();
+        assert_eq!(corners, [[3, 1, 1], [1, NONE, NONE], [2, NONE, 0]]);
+    }
+
+    /// More entries than one line of the register holds, and fewer than a polygon's corners.
+    #[test]
+    fn polygons_stay_whole_beside_registers_of_any_length() {
+        for n in [1, 2, 3, 4, 255, 256, 257, 259, 600] {
+            let vertices: String = (0..n).map(|i| format!("v {i} 0 0\n")).collect();
+            let p = parsed(&format!("{vertices}f 1 1 1 1 1\nf {n} 1 {n}\nf -1 -1 -1 -1\n"));
+            let ranges: Vec<(u32, u32)> = p.faces.iter().map(|f| (f.first, f.count)).collect();
+            assert_eq!(ranges, [(0, 5), (5, 3), (8, 4)], "{n} vertices");
+            assert_eq!((p.positions.len(), p.corners.len()), (n, 12));
+            assert_eq!(p.corners[5].position as usize, n - 1);
+        }
+    }
+
+    #[test]
+    fn coordinates_keep_all_digits() {
+        let p = parsed("v 5000000.123456789 0 0\nv 0 1e-20 0\nv 0 0 4.9e-1\nf 1 2 3\n");
+        assert_eq!(p.positions, [[5000000.123456789, 0.0, 0.0], [0.0, 1e-20, 0.0], [0.0, 0.0, 0.49]]);
+    }
+
+    #[test]
+    fn a_text_without_vertices_has_no_faces() {
+        let p = parsed("vt 0 0\nvn 0 0 1\nf 1 2 3\no a\n");
+        assert!(p.faces.is_empty() && p.positions.is_empty());
+        assert_eq!((p.dropped_faces, p.objects.len()), (1, 2));
+    }
+}
