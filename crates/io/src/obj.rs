@@ -7,6 +7,7 @@ mod assemble;
 mod bake;
 mod clean;
 mod clean_mtl;
+mod closed;
 mod convert;
 mod groups;
 mod map;
