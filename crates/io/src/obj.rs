@@ -5,9 +5,16 @@
 
 mod assemble;
 mod bake;
+mod clean;
+mod clean_mtl;
+mod closed;
 mod convert;
+mod groups;
+mod map;
 mod mtl;
-mod parse;
+mod plain;
+mod read;
+mod repair;
 mod tally;
 mod text;
 mod textures;
@@ -24,7 +31,7 @@ use convert::{Converted, convert, default_material};
 use dunkelfeld_geometry::{DAffine3, Mesh};
 use dunkelfeld_scene::{Instance, Material, MeshPart, SceneBuilder, Surface, Volume};
 use mtl::Mtl;
-use parse::Parsed;
+use read::{Parsed, Refused};
 use std::collections::HashMap;
 use std::path::Path;
 use tally::Tally;
@@ -75,7 +82,23 @@ pub fn load_obj(path: &Path, options: &ImportOptions) -> Result<Imported, InputE
     if let Some(note) = note {
         tally.note(note);
     }
-    let parsed = parse::parse(&source, &mut tally);
+    let too_large = || {
+        let most = options.limits.geometry_bytes >> 20;
+        let problem = format!("its meshes need more than {most} MiB");
+        refuse(&problem, "reduce the meshes, or raise the import limits")
+    };
+    let parsed = read::read(&source, options.limits.geometry_bytes, &mut tally).map_err(|refused| match refused {
+        Refused::TooLarge => too_large(),
+        Refused::Line(line, reason) => {
+            let problem = format!("cannot be read as an OBJ statement: {reason}");
+            InputError::new(
+                path,
+                format!("line {line}"),
+                problem,
+                "correct or delete the line, or export the mesh again",
+            )
+        }
+    })?;
     drop(source);
     let assembly = assemble::assemble(&parsed, &mut tally);
     tally.report("", &mut warnings);
@@ -84,11 +107,7 @@ pub fn load_obj(path: &Path, options: &ImportOptions) -> Result<Imported, InputE
     }
     let bytes: u64 = assembly.parts.iter().map(|p| mesh_bytes(&p.mesh)).sum();
     if bytes > options.limits.geometry_bytes {
-        let most = options.limits.geometry_bytes >> 20;
-        return Err(refuse(
-            &format!("its meshes need more than {most} MiB"),
-            "reduce the meshes, or raise the import limits",
-        ));
+        return Err(too_large());
     }
 
     let libraries = Libraries::load(&parsed, &loader, &mut warnings);
@@ -253,7 +272,7 @@ impl Libraries {
             tally.note(note);
         }
         let folder = path.rsplit_once('/').map_or("", |(folder, _)| folder);
-        for material in mtl::parse(&source, &mut tally) {
+        for material in mtl::read(&source, &mut tally)? {
             let id = self.materials.len();
             // Of materials with the same name the first counts.
             self.exact.entry(material.name.clone()).or_insert(id);

@@ -404,6 +404,44 @@ fn files_outside_the_folder_are_not_read() {
     assert!(warned(&imported, "secret.mtl"));
 }
 
+/// Faults for which `tobj` alone refuses the whole file, or breaks down.
+#[test]
+fn small_faults_cost_no_more_than_their_statement() {
+    let start = "mtllib m.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl\tm\nf 1 2 3\n";
+    for fault in [
+        "f 1 2 4",
+        "f 1/2 2 3",
+        "f 1 2 3 # c",
+        "v 1 2",
+        "v 1 2 3 0",
+        "v 1 2 3 4 5",
+        "vt",
+        "vn 1 2",
+        "v 1.#QNAN 0 0",
+        "usemtl",
+        "f a b c",
+        "f",
+    ] {
+        let obj = format!("{start}{fault}\n");
+        let imported =
+            load_with(&[("a.obj", obj.as_bytes()), ("m.mtl", b"newmtl m\nKd 0.5\nKa\nKs 1 x\nillum\nnewmtl\n")]);
+        let imported = imported.unwrap_or_else(|e| panic!("{e}\n{fault}"));
+        assert_eq!(imported.scene.meshes[0].mesh.triangles[0], [0, 1, 2], "{fault}");
+        let m = &imported.scene.materials[0];
+        assert_eq!((m.name.as_str(), m.base_color), ("m", Rgb::splat(0.5)), "{fault}: {:?}", imported.warnings);
+    }
+}
+
+/// Three vertices and a triangle are 48 bytes.
+#[test]
+fn meshes_beyond_the_limit_are_refused() {
+    let obj: &[(&str, &[u8])] = &[("a.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")];
+    let within = |geometry_bytes| load_within(obj, Limits { geometry_bytes, ..Limits::default() });
+    assert_eq!(within(48).map(|i| i.scene.meshes.len()), Ok(1));
+    let e = within(47).expect_err("beyond the limit");
+    assert!(e.problem.contains("meshes need more than") && e.help.contains("import limits"), "{e}");
+}
+
 /// A line of a megabyte, and a polygon that ear clipping would chew on for hours.
 #[test]
 fn huge_lines_neither_hang_nor_hide_the_rest() {

@@ -1,6 +1,7 @@
 //! From parsed faces to meshes: triangles, vertices shared where all their attributes agree, normals where none are given.
 
-use super::parse::{Corner, Face, NONE, Parsed};
+use super::closed::Places;
+use super::read::{Corner, Face, NONE, Parsed};
 use super::tally::Tally;
 use super::triangulate::{Outcome, Triangulator, newell_normal};
 use dunkelfeld_geometry::{DVec3, Mesh, Vec2, Vec3, Vec4};
@@ -40,14 +41,19 @@ pub(super) fn assemble(parsed: &Parsed, tally: &mut Tally) -> Assembly {
     let key = |t: &Triangle| parsed.faces.get(t.face as usize).map_or((0, 0), |f| (f.object, f.material));
     // Stable, so triangles keep the file's order within a part.
     triangles.sort_by_key(key);
-    let welded = weld(&parsed.positions);
+    let places = Places::new(&parsed.positions);
+    let is_closed = |triangles: &[Triangle]| {
+        let position = |c: u32| parsed.corners[c as usize].position;
+        places.are_closed(triangles.iter().map(|t| t.corners.map(position)))
+    };
+    let mut recent = vec![Recent::default(); parsed.positions.len()];
     let mut parts = Vec::new();
     for object in triangles.chunk_by(|a, b| key(a).0 == key(b).0) {
-        let object_closed = is_closed(parsed, object, &welded);
+        let object_closed = is_closed(object);
         for part in object.chunk_by(|a, b| key(a) == key(b)) {
             let (object_id, material) = part.first().map_or((0, 0), key);
-            let mesh = build_mesh(parsed, part, &smooth, origin, tally);
-            let closed = object_closed || (part.len() < object.len() && is_closed(parsed, part, &welded));
+            let mesh = build_mesh(parsed, part, &smooth, origin, (&mut recent, parts.len() as u32 + 1), tally);
+            let closed = object_closed || (part.len() < object.len() && is_closed(part));
             parts.push(Part { object: object_id, material, mesh, closed });
         }
     }
@@ -146,20 +152,33 @@ fn has_normal(parsed: &Parsed, corner: &Corner) -> bool {
 }
 
 /// Where a vertex's normal comes from; part of what makes two corners the same vertex.
-#[derive(Clone, Copy, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Default, PartialEq, Eq, Hash)]
 enum NormalSource {
     File(u32),
     Group(u32),
     Face(u32),
     /// No corner of the mesh has one: the mesh is flat.
+    #[default]
     Flat,
 }
 
+/// The vertex that was last used of a position: at most corners it is the one that is wanted.
+#[derive(Clone, Copy, Default)]
+struct Recent {
+    /// Number of the part it belongs to; 0 is none.
+    part: u32,
+    texcoord: u32,
+    source: NormalSource,
+    vertex: u32,
+}
+
+/// Builds the mesh of one part; `number` counts the parts from 1.
 fn build_mesh(
     parsed: &Parsed,
     triangles: &[Triangle],
     smooth: &SmoothNormals,
     origin: DVec3,
+    (recent, number): (&mut [Recent], u32),
     tally: &mut Tally,
 ) -> Mesh {
     let all_corners = || triangles.iter().flat_map(|t| t.corners.map(|c| (&parsed.corners[c as usize], t.face)));
@@ -189,7 +208,11 @@ fn build_mesh(
             if with_uv && corner.texcoord == NONE {
                 tally.add(face.line, "a corner lacks the texture coordinate that others have; 0 is used");
             }
-            *vertices.entry((corner.position, corner.texcoord, source)).or_insert_with(|| {
+            let last = &mut recent[corner.position as usize];
+            if (last.part, last.texcoord, last.source) == (number, corner.texcoord, source) {
+                return last.vertex;
+            }
+            let vertex = *vertices.entry((corner.position, corner.texcoord, source)).or_insert_with(|| {
                 let place = DVec3::from_array(parsed.positions[corner.position as usize]) - origin;
                 mesh.positions.push(place.as_vec3());
                 if !flat {
@@ -205,7 +228,9 @@ fn build_mesh(
                     mesh.colors.push(Vec4::new(r, g, b, 1.0));
                 }
                 (mesh.positions.len() - 1) as u32
-            })
+            });
+            *last = Recent { part: number, texcoord: corner.texcoord, source, vertex };
+            vertex
         });
         mesh.triangles.push(indices);
     }
@@ -219,25 +244,4 @@ fn build_mesh(
 /// The sRGB transfer function's inverse (IEC 61966-2-1).
 fn srgb_to_linear(v: f32) -> f32 {
     if v <= 0.04045 { v / 12.92 } else { ((v + 0.055) / 1.055).powf(2.4) }
-}
-
-/// For each position the first one at the same place: many exporters write a vertex once per face.
-fn weld(positions: &[[f64; 3]]) -> Vec<u32> {
-    let mut first: HashMap<[u64; 3], u32> = HashMap::with_capacity(positions.len());
-    let places = positions.iter().enumerate();
-    // Adding zero makes -0 and +0 the same bits.
-    places.map(|(i, p)| *first.entry(p.map(|v| (v + 0.0).to_bits())).or_insert(i as u32)).collect()
-}
-
-/// Does every edge run as often one way as the other? Then the surface has no border.
-fn is_closed(parsed: &Parsed, triangles: &[Triangle], welded: &[u32]) -> bool {
-    let mut edges: HashMap<(u32, u32), i32> = HashMap::with_capacity(triangles.len() * 3 / 2);
-    for triangle in triangles {
-        let [a, b, c] = triangle.corners.map(|c| welded[parsed.corners[c as usize].position as usize]);
-        for (from, to) in [(a, b), (b, c), (c, a)] {
-            let (key, way) = if from < to { ((from, to), 1) } else { ((to, from), -1) };
-            *edges.entry(key).or_default() += way;
-        }
-    }
-    !edges.is_empty() && edges.values().all(|balance| *balance == 0)
 }

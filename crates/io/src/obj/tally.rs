@@ -49,6 +49,18 @@ impl Tally {
         }
     }
 
+    /// Notes the faults of another tally after the own ones.
+    pub(super) fn append(&mut self, later: Self) {
+        for kind in later.kinds {
+            // Counts that have no line follow those that have.
+            let unlisted = kind.count.saturating_sub(kind.lines.len());
+            kind.lines.iter().for_each(|line| self.add(*line, &kind.message));
+            if let Some(own) = self.kinds.iter_mut().find(|k| k.message == kind.message) {
+                own.count += unlisted;
+            }
+        }
+    }
+
     fn overflow(&mut self) {
         if let Some(last) = self.kinds.last_mut() {
             last.count += 1;

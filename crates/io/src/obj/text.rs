@@ -1,12 +1,19 @@
 //! From the bytes of an OBJ or MTL file to numbered logical lines: encodings, line ends, continuations, loose numbers.
 
 use std::borrow::Cow;
+use std::iter::Zip;
+use std::ops::RangeFrom;
+use std::str::SplitInclusive;
 
 /// Decodes a text of unknown encoding; the note says what was assumed if it was not UTF-8.
 ///
 /// A byte-order mark decides first (UTF-8, UTF-16); bytes that are not UTF-8 are taken as Latin-1, where every byte means
-/// something. `None` if the bytes are no text at all.
+/// something. Lines then end with `\n` or `\r\n`. `None` if the bytes are no text at all.
 pub(super) fn decode(bytes: Vec<u8>) -> Option<(String, Option<&'static str>)> {
+    characters(bytes).map(|(text, note)| (end_lines(text), note))
+}
+
+fn characters(bytes: Vec<u8>) -> Option<(String, Option<&'static str>)> {
     let utf16 = |bytes: &[u8], unit: fn([u8; 2]) -> u16| {
         let units = bytes.chunks_exact(2).map(|pair| unit([pair[0], pair[1]]));
         char::decode_utf16(units).map(|c| c.unwrap_or(char::REPLACEMENT_CHARACTER)).collect::<String>()
@@ -37,44 +44,57 @@ pub(super) fn decode(bytes: Vec<u8>) -> Option<(String, Option<&'static str>)> {
     }
 }
 
-/// The logical lines of a text with the number (from 1) of their first physical line. Lines end with `\n`, `\r\n` or `\r`;
-/// a backslash at the end of a line joins the next one to it, except in comments, where it is ornament.
-pub(super) fn lines(text: &str) -> impl Iterator<Item = (u32, Cow<'_, str>)> {
-    let mut rest = Some(text);
-    let mut number = 0;
-    std::iter::from_fn(move || {
-        let mut next = || {
-            let text = rest.filter(|t| !t.is_empty())?;
-            number += 1;
-            let (line, tail) = match text.find(['\n', '\r']) {
-                Some(end) => {
-                    let tail = &text[end..];
-                    (&text[..end], tail.strip_prefix("\r\n").unwrap_or(&tail[1..]))
-                }
-                None => (text, ""),
-            };
-            rest = Some(tail);
-            Some((number, line))
-        };
-        let (first, line) = next()?;
-        let continued = |line: &str| line.trim_end().ends_with('\\') && !line.trim_start().starts_with('#');
-        if !continued(line) {
-            return Some((first, Cow::Borrowed(line)));
+/// Ends all lines with `\n` or `\r\n`: a `\r` alone, as old systems write it, becomes `\n`. Works in place.
+fn end_lines(mut text: String) -> String {
+    if !text.contains('\r') {
+        return text;
+    }
+    let mut bytes = std::mem::take(&mut text).into_bytes();
+    for i in 0..bytes.len() {
+        if bytes[i] == b'\r' && bytes.get(i + 1) != Some(&b'\n') {
+            bytes[i] = b'\n';
+        }
+    }
+    // One ASCII character for another leaves the text valid.
+    String::from_utf8(bytes).unwrap_or_default()
+}
+
+/// The logical lines of a decoded text with the number (from 1) of their first physical line, and with their line ends. A
+/// backslash at the end of a line joins the next one to it, except in comments, where it is ornament.
+pub(super) fn lines(text: &str) -> Lines<'_> {
+    Lines { physical: (1..).zip(text.split_inclusive('\n')) }
+}
+
+/// The iterator of [`lines`].
+pub(super) struct Lines<'a> {
+    physical: Zip<RangeFrom<u32>, SplitInclusive<'a, char>>,
+}
+
+impl<'a> Iterator for Lines<'a> {
+    type Item = (u32, Cow<'a, str>);
+
+    fn next(&mut self) -> Option<Self::Item> {
+        let (first, mut last) = self.physical.next()?;
+        if !is_continued(last) {
+            return Some((first, Cow::Borrowed(last)));
         }
         let mut joined = String::new();
-        let mut last = line;
-        while continued(last) {
+        while is_continued(last) {
             let end = last.trim_end();
             joined.push_str(&end[..end.len() - 1]);
             joined.push(' ');
-            match next() {
+            match self.physical.next() {
                 Some((_, line)) => last = line,
                 None => return Some((first, Cow::Owned(joined))),
             }
         }
         joined.push_str(last);
         Some((first, Cow::Owned(joined)))
-    })
+    }
+}
+
+fn is_continued(line: &str) -> bool {
+    line.trim_end().ends_with('\\') && !line.trim_start().starts_with('#')
 }
 
 /// Splits a line into its first word and the trimmed rest.
@@ -122,7 +142,8 @@ mod tests {
     use super::*;
 
     fn collect(text: &str) -> Vec<(u32, String)> {
-        lines(text).map(|(n, l)| (n, l.into_owned())).collect()
+        let text = end_lines(text.to_string());
+        lines(&text).map(|(n, l)| (n, l.trim_end_matches(['\r', '\n']).to_string())).collect()
     }
 
     #[test]

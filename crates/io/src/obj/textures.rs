@@ -1,7 +1,7 @@
 //! Finds, decodes and converts the images that MTL maps name; each is kept once.
 
 use super::bake;
-use super::mtl::Map;
+use super::map::Map;
 use crate::image_store::{Content, ImageStore};
 use crate::images::ImageHeader;
 use crate::input::Role;
