@@ -7,6 +7,7 @@ use std::fmt;
 use std::str::FromStr;
 
 use dunkelfeld_film::Plane;
+use serde::{Deserialize, Serialize};
 
 use crate::required_samples::RequiredSamples;
 use crate::sobel::{gamma_image, magnitude};
@@ -19,7 +20,8 @@ pub const SOBEL_FLOOR: f32 = 0.25;
 pub const SOBEL_RESOLUTION: f32 = 0.5;
 
 /// A way to share samples among pixels.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum Strategy {
     /// The same number everywhere.
     Uniform,

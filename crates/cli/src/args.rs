@@ -1,5 +1,6 @@
 //! The flags. Doc comments are the help texts; values are checked here, before any file is opened.
 
+use crate::choices::{denoisers, exposure_noises, strategies, vignettings};
 use crate::memory_args::MemoryArgs;
 #[cfg(feature = "studies")]
 use crate::studies::{BenchArgs, EmvaArgs, PtcArgs};
@@ -9,9 +10,10 @@ use crate::values::{
 };
 use clap::{ArgGroup, Args, Parser, Subcommand, ValueEnum};
 use dunkelfeld::DenoiseMethod;
+use dunkelfeld::adaptive::Strategy;
 use dunkelfeld::integrator::PixelSample;
-use dunkelfeld::scene::Effect;
-use dunkelfeld::sensor::Exposure;
+use dunkelfeld::scene::{Effect, Vignetting};
+use dunkelfeld::sensor::{Exposure, ExposureNoise};
 use std::ops::Range;
 use std::path::PathBuf;
 
@@ -102,8 +104,8 @@ pub(crate) struct RenderArgs {
     #[arg(long, value_name = "K", allow_negative_numbers = true, value_parser = noise_level)]
     pub(crate) noise: Option<f64>,
     /// Where the samples go [default: sensor; sobel without a sensor].
-    #[arg(long, value_enum)]
-    pub(crate) allocate: Option<Allocate>,
+    #[arg(long, value_parser = strategies())]
+    pub(crate) allocate: Option<Strategy>,
     /// Render exactly the samples of an earlier render: an EXR that --exr or --plan wrote. Size, seed and frame are those
     /// of the file, unless they are given.
     #[arg(long, value_name = "FILE.exr", conflicts_with_all = ["time", "spp", "noise", "allocate"])]
@@ -132,17 +134,17 @@ pub(crate) struct RenderArgs {
     #[arg(long, value_name = "TIME|auto", value_parser = exposure)]
     pub(crate) exposure: Option<ExposureChoice>,
     /// What noise the exposure adds to the render's own [default: plain].
-    #[arg(long, value_enum)]
-    pub(crate) exposure_noise: Option<NoiseKind>,
+    #[arg(long, value_parser = exposure_noises())]
+    pub(crate) exposure_noise: Option<ExposureNoise>,
 
     /// How the lens darkens the image toward its edge [default: the job's; none].
-    #[arg(long, value_enum)]
-    pub(crate) vignetting: Option<VignettingKind>,
+    #[arg(long, value_parser = vignettings())]
+    pub(crate) vignetting: Option<Vignetting>,
 
     /// What the picture is denoised with [default: off]. Nothing that is measured reads the denoised image; the EXR has
     /// it as layer denoised beside the unbiased mean, and the picture says that it shows it.
-    #[arg(long, value_enum)]
-    pub(crate) denoise: Option<Denoise>,
+    #[arg(long, value_parser = denoisers())]
+    pub(crate) denoise: Option<DenoiseMethod>,
     /// Intel Open Image Denoise 1.4 or 2: the library or its folder [default: DUNKELFELD_OIDN, then where systems have it].
     /// Without --denoise it means --denoise oidn.
     #[arg(long, value_name = "PATH")]
@@ -259,8 +261,8 @@ pub(crate) struct DenoiseArgs {
     #[arg(short = 'o', long = "output", value_name = "OUT.exr|png")]
     pub(crate) output: PathBuf,
     /// The denoiser [default: auto].
-    #[arg(long, value_enum)]
-    pub(crate) denoise: Option<Denoise>,
+    #[arg(long, value_parser = denoisers())]
+    pub(crate) denoise: Option<DenoiseMethod>,
     /// Intel Open Image Denoise 1.4 or 2: the library or its folder [default: DUNKELFELD_OIDN, then where systems have it].
     /// Without --denoise it means --denoise oidn.
     #[arg(long, value_name = "PATH")]
@@ -295,8 +297,8 @@ pub(crate) struct ExposeArgs {
     #[arg(long, value_name = "TIME|auto", value_parser = exposure)]
     pub(crate) exposure: Option<ExposureChoice>,
     /// What noise the exposure adds to the image's own [default: plain]. Matched needs a layer `variance`, and is for one frame.
-    #[arg(long, value_enum)]
-    pub(crate) exposure_noise: Option<NoiseKind>,
+    #[arg(long, value_parser = exposure_noises())]
+    pub(crate) exposure_noise: Option<ExposureNoise>,
     /// f-number of the lens, 0.5 to 1000 [default: 4].
     #[arg(long, value_name = "N", allow_negative_numbers = true)]
     pub(crate) f_number: Option<f64>,
@@ -308,8 +310,8 @@ pub(crate) struct ExposeArgs {
     pub(crate) magnification: Option<f64>,
     /// How the lens darkens the image toward its edge [default: none]. cos4 needs --focal-length, and is not for images that were
     /// rendered with it.
-    #[arg(long, value_enum)]
-    pub(crate) vignetting: Option<VignettingKind>,
+    #[arg(long, value_parser = vignettings())]
+    pub(crate) vignetting: Option<Vignetting>,
     /// Focal length of the lens, as in 12mm: with the sensor's pixel pitch it gives the field angle of each pixel.
     #[arg(long, value_name = "LENGTH", value_parser = length, requires = "vignetting")]
     pub(crate) focal_length: Option<f64>,
@@ -329,62 +331,6 @@ pub(crate) struct ExposeArgs {
     pub(crate) memory: MemoryArgs,
     #[command(flatten)]
     pub(crate) run: RunArgs,
-}
-
-/// Strategies on the command line.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub(crate) enum Allocate {
-    /// The same number everywhere.
-    Uniform,
-    /// In proportion to the Sobel magnitude of a pilot image (Kludt et al.).
-    Sobel,
-    /// In proportion to the measured standard deviation of a sample (Neyman).
-    Variance,
-    /// Where the sensor would notice: until the render's noise is hidden beneath its own.
-    Sensor,
-}
-
-/// Denoisers on the command line.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub(crate) enum Denoise {
-    /// The picture shows what was rendered.
-    Off,
-    /// Intel Open Image Denoise if this machine has it, else the built-in filter.
-    Auto,
-    /// Intel Open Image Denoise.
-    Oidn,
-    /// The built-in filter: needs nothing, and trusts what is known of the noise.
-    Builtin,
-}
-
-impl From<Denoise> for DenoiseMethod {
-    fn from(method: Denoise) -> Self {
-        match method {
-            Denoise::Off => Self::Off,
-            Denoise::Auto => Self::Auto,
-            Denoise::Oidn => Self::Oidn,
-            Denoise::Builtin => Self::Builtin,
-        }
-    }
-}
-
-/// The noise of an exposure on the command line.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub(crate) enum NoiseKind {
-    /// All of the camera's noise, on top of what noise the render has.
-    Plain,
-    /// Of the camera's noise what the render does not have already, so that frames of independent renders are as noisy as
-    /// the camera's. It is said in how many pixels that holds; the EXR of a render has it as layer matched.Y.
-    Matched,
-}
-
-/// Vignetting on the command line.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub(crate) enum VignettingKind {
-    /// Not at all, as a lens that is corrected for it, or an image after flat-field correction.
-    None,
-    /// With the fourth power of the cosine of the field angle, as a thin lens.
-    Cos4,
 }
 
 /// How progress is shown.

@@ -5,6 +5,7 @@
 
 mod args;
 mod bar;
+mod choices;
 mod commands;
 mod interrupt;
 mod memory_args;

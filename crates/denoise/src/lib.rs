@@ -10,8 +10,10 @@ mod builtin;
 mod denoiser;
 mod off;
 pub mod oidn;
+mod settings;
 
 pub use builtin::Builtin;
 pub use denoiser::{Control, DenoiseError, DenoiseInput, Denoiser, Executor, Serial, Triples};
 pub use off::Off;
 pub use oidn::Oidn;
+pub use settings::{DenoiseMethod, DenoiseSettings, OIDN_VARIABLE};

@@ -8,7 +8,6 @@ use crate::inspect::{Inspection, camera_entry, inspect};
 use crate::memory::{MemoryAccount, MemoryStats, RenderNeeds, render_account};
 use crate::outputs::{self, OutputPaths, Written};
 use crate::stats::Stats;
-use dunkelfeld_adaptive::weights::Strategy;
 use dunkelfeld_denoise::{Builtin, Denoiser as _};
 use dunkelfeld_film::{Film, FilmLayers};
 use dunkelfeld_io::import::{ImportOptions, Imported, load_scene};
@@ -17,7 +16,7 @@ use dunkelfeld_io::job::{self, FilmSettings, Job, LensSettings};
 use dunkelfeld_io::{ImportWarning, InputError};
 use dunkelfeld_render::{Budget, RenderSettings, SensorChoice};
 use dunkelfeld_render::{Cancel, Progress, Silent, Stage};
-use dunkelfeld_render::{DenoiseMethod, DenoiseSettings, validate};
+use dunkelfeld_render::{DenoiseMethod, validate};
 use dunkelfeld_render::{
     EXR_PER_MEGAPIXEL, OutputDryRun, RenderedFilm, Rendering, Session, camera, find_camera, render_with_dry_run,
     thread_count,
@@ -316,7 +315,7 @@ impl Project {
         let quiet = Session::new(self.settings.threads)?.with_start(self.started);
         let session = quiet.clone().with_progress(progress).with_cancel(cancel);
         let mut inputs = self.inputs.clone();
-        self.settings.denoise.add_library_to(&mut inputs);
+        inputs.add_library(self.settings.denoise.oidn.as_deref());
         let checkpoint = self.settings.checkpoint.as_ref().map(|keep| keep.path.as_path());
         self.outputs.check_beside(self.settings.has_sensor(), checkpoint, &inputs)?;
         let mut settings = self.fitted()?;
@@ -471,27 +470,14 @@ fn open_job(
             noise: job.budget.noise,
         },
         memory_limit: job.budget.memory,
-        strategy: job.allocate.strategy.map(|strategy| match strategy {
-            job::AllocateStrategy::Uniform => Strategy::Uniform,
-            job::AllocateStrategy::Sobel => Strategy::Sobel,
-            job::AllocateStrategy::Variance => Strategy::Variance,
-            job::AllocateStrategy::Sensor => Strategy::Sensor,
-        }),
+        strategy: job.allocate.strategy,
         pilot_spp: job.allocate.pilot_spp,
         sobel_floor: job.allocate.floor as f32,
         seed: job.seed,
         frame: job.frame,
         sensor,
         exposure_noise: job.sensor.exposure_noise,
-        denoise: DenoiseSettings {
-            method: match job.denoise.method {
-                job::DenoiseMethod::Off => DenoiseMethod::Off,
-                job::DenoiseMethod::Auto => DenoiseMethod::Auto,
-                job::DenoiseMethod::Oidn => DenoiseMethod::Oidn,
-                job::DenoiseMethod::Builtin => DenoiseMethod::Builtin,
-            },
-            oidn: job.denoise.oidn.clone(),
-        },
+        denoise: job.denoise.clone(),
         ..defaults
     };
     let o = &job.output;

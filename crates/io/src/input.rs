@@ -164,6 +164,13 @@ pub struct InputFiles {
 }
 
 impl InputFiles {
+    /// Counts a library among the inputs, if the path is one of a file.
+    pub fn add_library(&mut self, path: Option<&Path>) {
+        if let Some(path) = path.filter(|path| path.is_file()) {
+            self.add(path, Role::Library);
+        }
+    }
+
     /// None so far.
     pub fn new() -> Self {
         Self::default()

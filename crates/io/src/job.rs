@@ -40,6 +40,8 @@ use crate::input::{InputFiles, Role};
 use crate::loader::Limits;
 use crate::names::suggestion;
 use crate::toml_file::TomlFile;
+use dunkelfeld_adaptive::Strategy;
+use dunkelfeld_denoise::{DenoiseMethod, DenoiseSettings};
 use dunkelfeld_radiometry::{Number, Rgb, Seconds};
 use dunkelfeld_scene::SceneBuilder;
 use dunkelfeld_sensor::ExposureNoise;
@@ -167,7 +169,7 @@ pub struct BudgetSettings {
 #[serde(deny_unknown_fields, default)]
 pub struct AllocateSettings {
     /// `"uniform"`, `"sobel"`, `"variance"` or `"sensor"`. By default `"sensor"` with a sensor, `"sobel"` without.
-    pub strategy: Option<AllocateStrategy>,
+    pub strategy: Option<Strategy>,
     /// Samples per pixel of the uniform pilot that the plan is made from. Default 16.
     #[serde(deserialize_with = "check::pilot_spp")]
     pub pilot_spp: u32,
@@ -183,20 +185,6 @@ impl Default for AllocateSettings {
     }
 }
 
-/// How samples are spread over the pixels.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum AllocateStrategy {
-    /// The same number everywhere.
-    Uniform,
-    /// More where the Sobel magnitude of a pilot image is high.
-    Sobel,
-    /// More where the measured variance is high.
-    Variance,
-    /// More where the sensor would see it.
-    Sensor,
-}
-
 /// `[sensor]`
 #[derive(Clone, Debug, Default, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -207,7 +195,6 @@ pub struct SensorSettings {
     /// Exposure time (`"5ms"`), or `"auto"` (default): the 99.5 % quantile at 90 % of saturation.
     pub exposure: Exposure,
     /// `"plain"` (default): all of the camera's noise; `"matched"`: of it only what the render does not have already.
-    #[serde(deserialize_with = "check::exposure_noise")]
     pub exposure_noise: ExposureNoise,
 }
 
@@ -281,32 +268,6 @@ pub struct TransportSettings {
     /// Gives rough metal, glass and sheets back the light that the microfacet model loses between facets (Turquin 2019).
     /// Default false: the model of other renderers.
     pub energy_compensation: bool,
-}
-
-/// `[denoise]`
-#[derive(Clone, Debug, Default, PartialEq, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct DenoiseSettings {
-    /// Which denoiser. Default none.
-    pub method: DenoiseMethod,
-    /// Intel Open Image Denoise, the library or its folder, relative to the job file; by default where the environment says
-    /// and systems have it.
-    pub oidn: Option<PathBuf>,
-}
-
-/// `method` of `[denoise]`.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum DenoiseMethod {
-    /// None.
-    #[default]
-    Off,
-    /// Intel Open Image Denoise if it is there, else the built-in filter.
-    Auto,
-    /// Intel Open Image Denoise.
-    Oidn,
-    /// The built-in filter.
-    Builtin,
 }
 
 /// `[output]`: paths relative to the current folder; what is absent is not written.

@@ -3,7 +3,7 @@
 use dunkelfeld_geometry::{DAffine3, DVec3, Mesh, Vec3};
 use dunkelfeld_io::InputError;
 use dunkelfeld_io::import::EmissiveUnit;
-use dunkelfeld_io::job::{AllocateStrategy, Exposure, Job, LensProjection, LensSettings, SensorChoice};
+use dunkelfeld_io::job::{Exposure, Job, LensProjection, LensSettings, SensorChoice};
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_scene::{
     AlphaMode, Camera, Distortion, EnvironmentSource, Instance, Material, Medium, MeshPart, Projection, PunctualKind,
@@ -83,7 +83,7 @@ fn a_job_that_says_everything() {
     assert_eq!((job.budget.time, job.budget.spp), (Some(Duration::from_secs(120)), Some(64.0)));
     assert_eq!(
         (job.allocate.strategy, job.allocate.pilot_spp, job.allocate.floor),
-        (Some(AllocateStrategy::Sobel), 8, 0.5)
+        (Some(dunkelfeld_adaptive::Strategy::Sobel), 8, 0.5)
     );
     assert_eq!(job.sensor.model, SensorChoice::File(PathBuf::from("jobs/sensors/mine.toml")));
     assert_eq!((job.sensor.exposure, job.sensor.exposure_noise), (Exposure::Seconds(0.005), ExposureNoise::Matched));

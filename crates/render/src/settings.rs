@@ -1,10 +1,9 @@
 //! What to render and how long: the settings of one render.
 
 mod checkpoint;
-mod denoise;
 
 pub use checkpoint::{CheckpointSettings, DEFAULT_CHECKPOINT_SECONDS};
-pub use denoise::{DenoiseMethod, DenoiseSettings, OIDN_VARIABLE};
+pub use dunkelfeld_denoise::{DenoiseMethod, DenoiseSettings, OIDN_VARIABLE};
 
 use dunkelfeld_adaptive::weights::Strategy;
 use dunkelfeld_film::{FilmLayers, Plane};

@@ -26,7 +26,8 @@ const HOLDS_UP_TO: f64 = 0.8;
 const MARGIN: f64 = 2.0;
 
 /// What noise is drawn when a rendered image is exposed.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum ExposureNoise {
     /// All of the camera's, on top of what the render has: right for images without noise of their own.
     #[default]

@@ -1,16 +1,16 @@
 //! `dunkelfeld denoise`: an EXR in, the same with a denoised layer out, or a picture.
 
-use crate::args::{Denoise, DenoiseArgs};
+use crate::args::DenoiseArgs;
 use crate::bar::Sink;
 use crate::commands::render::apply_denoise;
 use crate::interrupt::cancel_on_interrupt;
 use crate::outcome::{Outcome, print, say};
 use crate::words::{counted, flagged_variances, seconds};
-use dunkelfeld::{DenoiseSettings, Error, Session, check_denoise_output, denoise_exr};
+use dunkelfeld::{DenoiseMethod, DenoiseSettings, Error, Session, check_denoise_output, denoise_exr};
 
 pub(crate) fn run(args: &DenoiseArgs) -> Result<Outcome, Error> {
     let mut settings = DenoiseSettings::default();
-    let method = args.denoise.or(args.oidn.is_none().then_some(Denoise::Auto));
+    let method = args.denoise.or(args.oidn.is_none().then_some(DenoiseMethod::Auto));
     apply_denoise(method, args.oidn.as_ref(), &mut settings);
     check_denoise_output(&args.input, &args.output, &settings)?;
     let sink = Sink::new(args.run.progress);

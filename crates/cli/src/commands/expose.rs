@@ -1,13 +1,14 @@
 //! `dunkelfeld expose`: an EXR in, frames of a camera out.
 
-use crate::args::{ExposeArgs, ExposureChoice, NoiseKind, VignettingKind};
+use crate::args::{ExposeArgs, ExposureChoice};
 use crate::bar::Sink;
 use crate::interrupt::cancel_on_interrupt;
 use crate::outcome::{Outcome, print, say};
 use crate::words::{counted, exposure_time, flagged_variances, seconds};
 use dunkelfeld::io::input::InputFiles;
 use dunkelfeld::radiometry::Number;
-use dunkelfeld::sensor::{ExposureNoise, Optics, SensorError};
+use dunkelfeld::scene::Vignetting;
+use dunkelfeld::sensor::{Optics, SensorError};
 use dunkelfeld::{DEFAULT_SENSOR, Error, ExposeOutputs, ExposeSettings, ExposedFile, Session, expose_exr};
 use std::fmt::Write;
 
@@ -56,10 +57,7 @@ fn settings(args: &ExposeArgs) -> Result<ExposeSettings, Error> {
             None | Some(ExposureChoice::Auto) => None,
             Some(ExposureChoice::For(time)) => Some(time),
         },
-        exposure_noise: match args.exposure_noise {
-            None | Some(NoiseKind::Plain) => ExposureNoise::Plain,
-            Some(NoiseKind::Matched) => ExposureNoise::Matched,
-        },
+        exposure_noise: args.exposure_noise.unwrap_or_default(),
         seed: args.seed,
         first_frame: args.frame,
         frames: args.frames,
@@ -88,9 +86,9 @@ fn optics(args: &ExposeArgs, defaults: Optics) -> Result<Optics, Error> {
 /// The focal length of a lens that vignettes.
 fn vignetting(args: &ExposeArgs) -> Result<Option<f64>, Error> {
     match (args.vignetting, args.focal_length) {
-        (None | Some(VignettingKind::None), _) => Ok(None),
-        (Some(VignettingKind::Cos4), Some(focal_length)) => Ok(Some(focal_length)),
-        (Some(VignettingKind::Cos4), None) => {
+        (None | Some(Vignetting::None), _) => Ok(None),
+        (Some(Vignetting::CosineFourth), Some(focal_length)) => Ok(Some(focal_length)),
+        (Some(Vignetting::CosineFourth), None) => {
             let problem = "field angles follow from a focal length, and there is none";
             Err(Error::setting("--vignetting", problem, "add --focal-length 12mm"))
         }

@@ -3,13 +3,11 @@
 mod debug_sample;
 mod report;
 
-use crate::args::{Allocate, Denoise, ExposureChoice, NoiseKind, RenderArgs, ViewArgs, VignettingKind};
+use crate::args::{ExposureChoice, RenderArgs, ViewArgs};
 use crate::bar::Sink;
 use crate::interrupt::cancel_on_interrupt;
 use crate::outcome::Outcome;
-use dunkelfeld::adaptive::weights::Strategy;
 use dunkelfeld::io::input::InputFiles;
-use dunkelfeld::scene::Vignetting;
 use dunkelfeld::sensor::ExposureNoise;
 use dunkelfeld::{
     Budget, CheckpointSettings, DefaultPath, DenoiseMethod, DenoiseSettings, Error, Progress, ProgressState, Project,
@@ -91,25 +89,13 @@ fn apply(args: &RenderArgs, project: &mut Project) -> Result<Option<String>, Err
         // A limit on the command line replaces those of the job.
         s.budget = Budget { seconds: args.time, spp: args.spp, noise: args.noise };
     }
-    if let Some(strategy) = args.allocate {
-        s.strategy = Some(match strategy {
-            Allocate::Uniform => Strategy::Uniform,
-            Allocate::Sobel => Strategy::Sobel,
-            Allocate::Variance => Strategy::Variance,
-            Allocate::Sensor => Strategy::Sensor,
-        });
-    }
+    s.strategy = args.allocate.or(s.strategy);
     if args.samples.is_some() {
         // What the job says of budget and strategy is for the whole.
         (s.budget, s.strategy) = (Budget::default(), None);
         s.samples.clone_from(&args.samples);
     }
-    if let Some(vignetting) = args.vignetting {
-        project.lens.vignetting = Some(match vignetting {
-            VignettingKind::None => Vignetting::None,
-            VignettingKind::Cos4 => Vignetting::CosineFourth,
-        });
-    }
+    project.lens.vignetting = args.vignetting.or(project.lens.vignetting);
     apply_sensor(args.sensor.as_deref(), args.exposure, s, project.optics, &mut project.inputs)?;
     apply_exposure_noise(args.exposure_noise, s)?;
     apply_denoise(args.denoise, args.oidn.as_ref(), &mut s.denoise);
@@ -169,17 +155,13 @@ pub(crate) fn apply_sensor(
 }
 
 /// What noise is added. With the sensor its noise goes, too, also if a job says how.
-fn apply_exposure_noise(noise: Option<NoiseKind>, s: &mut RenderSettings) -> Result<(), Error> {
+fn apply_exposure_noise(noise: Option<ExposureNoise>, s: &mut RenderSettings) -> Result<(), Error> {
     if noise.is_some() && !s.has_sensor() {
         let problem = "there is no sensor that adds noise";
         return Err(Error::setting("--exposure-noise", problem, "add --sensor NAME, or leave it out"));
     }
-    s.exposure_noise = match noise {
-        Some(NoiseKind::Plain) => ExposureNoise::Plain,
-        Some(NoiseKind::Matched) => ExposureNoise::Matched,
-        None if s.has_sensor() => s.exposure_noise,
-        None => ExposureNoise::Plain,
-    };
+    let of_job = if s.has_sensor() { s.exposure_noise } else { ExposureNoise::Plain };
+    s.exposure_noise = noise.unwrap_or(of_job);
     Ok(())
 }
 
@@ -198,8 +180,8 @@ pub(crate) fn apply_view(args: &ViewArgs, project: &mut Project) -> Result<(), E
 }
 
 /// Another denoiser, as the flags of any command name it. A library that is named is meant to be used.
-pub(crate) fn apply_denoise(method: Option<Denoise>, oidn: Option<&PathBuf>, s: &mut DenoiseSettings) {
-    if let Some(method) = method.map(DenoiseMethod::from).or(oidn.map(|_| DenoiseMethod::Oidn)) {
+pub(crate) fn apply_denoise(method: Option<DenoiseMethod>, oidn: Option<&PathBuf>, s: &mut DenoiseSettings) {
+    if let Some(method) = method.or(oidn.map(|_| DenoiseMethod::Oidn)) {
         s.method = method;
         if matches!(method, DenoiseMethod::Off | DenoiseMethod::Builtin) {
             // The job's library goes with its denoiser.

@@ -2,7 +2,6 @@
 
 use super::bench_args::BenchArgs;
 use super::series::{conclude, noted, report};
-use crate::args::Denoise;
 use crate::bar::Sink;
 use crate::commands::render::apply_view;
 use crate::interrupt::cancel_on_interrupt;
@@ -40,9 +39,9 @@ fn settings(args: &BenchArgs) -> BenchSettings {
         settings.levels.clone_from(&args.noise);
     }
     settings.denoisers = match args.denoise.as_slice() {
-        [] | [Denoise::Auto] => None,
-        [Denoise::Off] => Some(Vec::new()),
-        named => Some(named.iter().map(|d| DenoiseMethod::from(*d)).collect()),
+        [] | [DenoiseMethod::Auto] => None,
+        [DenoiseMethod::Off] => Some(Vec::new()),
+        named => Some(named.to_vec()),
     };
     settings.oidn.clone_from(&args.oidn);
     settings.seeds = args.seeds.unwrap_or(settings.seeds);

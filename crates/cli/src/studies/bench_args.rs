@@ -1,8 +1,10 @@
 //! Flags of `bench`.
 
-use crate::args::{Denoise, ViewArgs};
+use crate::args::ViewArgs;
+use crate::choices::denoisers;
 use crate::values::{effect, within};
 use clap::Args;
+use dunkelfeld::DenoiseMethod;
 use dunkelfeld::adaptive::Strategy;
 use dunkelfeld::scene::Effect;
 use std::path::PathBuf;
@@ -45,8 +47,8 @@ pub(crate) struct BenchArgs {
     pub(crate) effects: Option<EffectChoice>,
     /// The denoisers to compare, or off [default: builtin, and oidn where this machine has it]. What is not denoised is
     /// always measured, and everything but the denoisers' own section is about it.
-    #[arg(long, value_name = "NAME,NAME|off", value_delimiter = ',', value_enum)]
-    pub(crate) denoise: Vec<Denoise>,
+    #[arg(long, value_name = "NAME,NAME|off", value_delimiter = ',', value_parser = denoisers())]
+    pub(crate) denoise: Vec<DenoiseMethod>,
     /// Intel Open Image Denoise 1.4 or 2: the library or its folder [default: DUNKELFELD_OIDN, then where systems have it].
     #[arg(long, value_name = "PATH")]
     pub(crate) oidn: Option<PathBuf>,

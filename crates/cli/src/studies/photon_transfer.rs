@@ -2,12 +2,11 @@
 
 use super::photon_transfer_args::PtcArgs;
 use super::series::{conclude, noted, report};
-use crate::args::Denoise;
 use crate::bar::Sink;
 use crate::commands::render::{apply_denoise, apply_view};
 use crate::interrupt::cancel_on_interrupt;
 use crate::outcome::{Outcome, say};
-use dunkelfeld::{Error, Progress, ProgressState, Project, Session, Stage};
+use dunkelfeld::{DenoiseMethod, Error, Progress, ProgressState, Project, Session, Stage};
 use dunkelfeld_studies::photon_transfer::{PtcSettings, StackSettings, ptc, ptc_folder, ptc_of_frames};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -99,7 +98,7 @@ fn settings(args: &PtcArgs) -> PtcSettings {
     }
     settings.edges = args.edges.unwrap_or(settings.edges);
     settings.camera = !args.pictures_only;
-    let method = args.denoise.or(args.oidn.is_none().then_some(Denoise::Auto));
+    let method = args.denoise.or(args.oidn.is_none().then_some(DenoiseMethod::Auto));
     apply_denoise(method, args.oidn.as_ref(), &mut settings.denoise);
     settings
 }

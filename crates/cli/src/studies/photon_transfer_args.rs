@@ -1,8 +1,10 @@
 //! Flags of `ptc`.
 
-use crate::args::{Denoise, ViewArgs};
+use crate::args::ViewArgs;
+use crate::choices::denoisers;
 use crate::values::within;
 use clap::Args;
+use dunkelfeld::DenoiseMethod;
 use std::path::PathBuf;
 
 /// Flags of `ptc`.
@@ -27,8 +29,8 @@ pub(crate) struct PtcArgs {
     #[arg(long, value_name = "N,N,...", value_delimiter = ',', value_parser = within(1..=u32::MAX))]
     pub(crate) spp: Vec<u32>,
     /// What the paper's pictures are denoised with, beside being left as they are [default: auto].
-    #[arg(long, value_enum)]
-    pub(crate) denoise: Option<Denoise>,
+    #[arg(long, value_parser = denoisers())]
+    pub(crate) denoise: Option<DenoiseMethod>,
     /// Intel Open Image Denoise 1.4 or 2: the library or its folder [default: DUNKELFELD_OIDN, then where systems have it].
     /// Without --denoise it means --denoise oidn.
     #[arg(long, value_name = "PATH")]

@@ -72,7 +72,7 @@ pub fn denoise_exr(
         ));
     };
     let mut inputs = InputFiles::new();
-    settings.add_library_to(&mut inputs);
+    inputs.add_library(settings.oidn.as_deref());
     let agree = |size: ExrSize| {
         let method = if denoiser.name() == Builtin.name() { DenoiseMethod::Builtin } else { DenoiseMethod::Oidn };
         let account = denoise_account((size.width, size.height), size.bytes, method, session.threads());
@@ -113,7 +113,7 @@ pub fn denoise_exr(
 pub fn check_denoise_output(input: &Path, output: &Path, settings: &DenoiseSettings) -> Result<(), Error> {
     let mut inputs = InputFiles::new();
     inputs.add(input, Role::Image);
-    settings.add_library_to(&mut inputs);
+    inputs.add_library(settings.oidn.as_deref());
     check_output(output, &inputs)
 }
 

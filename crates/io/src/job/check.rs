@@ -4,7 +4,6 @@ use crate::import_options::EmissiveUnit;
 use crate::quantity::{Angle, Length, Memory, PerLength, Power, Time};
 use dunkelfeld_radiometry::{Number, Rgb};
 use dunkelfeld_scene::{Distortion, Vignetting};
-use dunkelfeld_sensor::ExposureNoise;
 use serde::Deserialize;
 use serde::de::{Deserializer, Error, SeqAccess, Visitor};
 use std::fmt;
@@ -122,13 +121,6 @@ pub(super) fn principal_point<'de, D: Deserializer<'de>>(d: D) -> Result<Option<
 fn numbers<'de, D: Deserializer<'de>>(d: D) -> Result<Vec<f64>, D::Error> {
     let values = Vec::<Real>::deserialize(d)?;
     values.into_iter().map(|Real(v)| in_range(v, -1e6, 1e6)).collect()
-}
-
-pub(super) fn exposure_noise<'de, D: Deserializer<'de>>(d: D) -> Result<ExposureNoise, D::Error> {
-    let text = String::deserialize(d)?;
-    let known = [ExposureNoise::Plain, ExposureNoise::Matched];
-    let named = known.into_iter().find(|noise| noise.name() == text);
-    named.ok_or_else(|| D::Error::custom(format!("\"{text}\" is no kind of noise; write \"plain\" or \"matched\"")))
 }
 
 pub(super) fn vignetting<'de, D: Deserializer<'de>>(d: D) -> Result<Option<Vignetting>, D::Error> {

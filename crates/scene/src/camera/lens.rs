@@ -61,6 +61,16 @@ pub enum Vignetting {
     CosineFourth,
 }
 
+impl Vignetting {
+    /// The name on the command line and in job files.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::None => "none",
+            Self::CosineFourth => "cos4",
+        }
+    }
+}
+
 impl Aperture {
     /// A point of the aperture for two uniform numbers, uniform by area: in metres on the pupil of a perspective, in
     /// direction sines for a telecentric lens, to the right and up.

@@ -65,7 +65,7 @@ pub fn ptc(
 ) -> Result<PtcOutcome, Error> {
     settings.check()?;
     let mut inputs = project.inputs.clone();
-    settings.denoise.add_library_to(&mut inputs);
+    inputs.add_library(settings.denoise.oidn.as_deref());
     check_folder(folder, &inputs)?;
     project.settings.replay = None;
     let fitted = project.fitted()?;

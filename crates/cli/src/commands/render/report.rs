@@ -3,7 +3,6 @@
 use crate::args::RenderArgs;
 use crate::outcome::{print, say};
 use crate::words::{count, exposure_time, seconds, shell};
-use clap::ValueEnum;
 use dunkelfeld::scene::Effect;
 use dunkelfeld::{CertificateStats, Project, ProjectResult, Stats};
 use std::fmt::Write;
@@ -180,7 +179,7 @@ fn replay_command(args: &RenderArgs, s: &Stats, sample: &str) -> String {
         flag("--sensor", sensor.clone());
     }
     if let Some(vignetting) = args.vignetting {
-        flag("--vignetting", vignetting.to_possible_value().map_or_else(String::new, |v| v.get_name().into()));
+        flag("--vignetting", vignetting.name().into());
     }
     flag("--seed", s.seed.to_string());
     flag("--frame", s.frame.to_string());

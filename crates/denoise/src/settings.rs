@@ -1,6 +1,6 @@
 //! Whether and how the picture of a render is denoised.
 
-use dunkelfeld_io::input::{InputFiles, Role};
+use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
 /// The variable of the environment that names Intel Open Image Denoise.
@@ -14,7 +14,8 @@ const BUILTIN_PER_MEGAPIXEL: f64 = 4.0;
 const OIDN_START: f64 = 0.6;
 
 /// Which denoiser.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum DenoiseMethod {
     /// None.
     #[default]
@@ -43,7 +44,8 @@ impl DenoiseMethod {
 }
 
 /// Whether and how an image is denoised.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
 pub struct DenoiseSettings {
     /// Which denoiser.
     pub method: DenoiseMethod,
@@ -53,13 +55,6 @@ pub struct DenoiseSettings {
 }
 
 impl DenoiseSettings {
-    /// Counts the library among the inputs of a run, if a file is named.
-    pub fn add_library_to(&self, inputs: &mut InputFiles) {
-        if let Some(path) = self.oidn.as_deref().filter(|path| path.is_file()) {
-            inputs.add(path, Role::Library);
-        }
-    }
-
     /// What to keep back for denoising so many pixels \[s\], before it has been tried.
     pub fn expected_seconds(&self, pixels: u64, threads: usize) -> f64 {
         let (start, per_megapixel) = match self.method {

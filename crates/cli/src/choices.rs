@@ -1,0 +1,61 @@
+//! Flags with a closed set of values: each value with its name and its help.
+
+use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
+use dunkelfeld::DenoiseMethod;
+use dunkelfeld::adaptive::Strategy;
+use dunkelfeld::scene::Vignetting;
+use dunkelfeld::sensor::ExposureNoise;
+
+/// Reads one of the values by its name. Clap has refused every other text before `default` could be the result.
+fn one_of<T>(all: Vec<(&'static str, T, &'static str)>, default: T) -> impl TypedValueParser<Value = T>
+where
+    T: Copy + Send + Sync + 'static,
+{
+    let names: Vec<_> = all.iter().map(|(name, _, help)| PossibleValue::new(*name).help(*help)).collect();
+    PossibleValuesParser::new(names)
+        .map(move |name| all.iter().find(|(known, ..)| *known == name).map_or(default, |(_, value, _)| *value))
+}
+
+/// Strategies of `--allocate`.
+pub(crate) fn strategies() -> impl TypedValueParser<Value = Strategy> {
+    let help = |strategy| match strategy {
+        Strategy::Uniform => "The same number everywhere",
+        Strategy::Sobel => "In proportion to the Sobel magnitude of a pilot image (Kludt et al.)",
+        Strategy::Variance => "In proportion to the measured standard deviation of a sample (Neyman)",
+        Strategy::Sensor => "Where the sensor would notice: until the render's noise is hidden beneath its own",
+    };
+    one_of(Strategy::ALL.map(|s| (s.name(), s, help(s))).to_vec(), Strategy::Uniform)
+}
+
+/// Denoisers of `--denoise`.
+pub(crate) fn denoisers() -> impl TypedValueParser<Value = DenoiseMethod> {
+    let help = |method| match method {
+        DenoiseMethod::Off => "The picture shows what was rendered",
+        DenoiseMethod::Auto => "Intel Open Image Denoise if this machine has it, else the built-in filter",
+        DenoiseMethod::Oidn => "Intel Open Image Denoise",
+        DenoiseMethod::Builtin => "The built-in filter: needs nothing, and trusts what is known of the noise",
+    };
+    one_of(DenoiseMethod::ALL.map(|m| (m.name(), m, help(m))).to_vec(), DenoiseMethod::Off)
+}
+
+/// The noise of an exposure, for `--exposure-noise`.
+pub(crate) fn exposure_noises() -> impl TypedValueParser<Value = ExposureNoise> {
+    let help = |noise| match noise {
+        ExposureNoise::Plain => "All of the camera's noise, on top of what noise the render has",
+        ExposureNoise::Matched => {
+            "Of the camera's noise what the render does not have already, so that frames of independent renders are as              noisy as the camera's. It is said in how many pixels that holds; the EXR of a render has it as layer matched.Y"
+        }
+    };
+    let all = [ExposureNoise::Plain, ExposureNoise::Matched];
+    one_of(all.map(|n| (n.name(), n, help(n))).to_vec(), ExposureNoise::Plain)
+}
+
+/// Vignetting, for `--vignetting`.
+pub(crate) fn vignettings() -> impl TypedValueParser<Value = Vignetting> {
+    let help = |vignetting| match vignetting {
+        Vignetting::None => "Not at all, as a lens that is corrected for it, or an image after flat-field correction",
+        Vignetting::CosineFourth => "With the fourth power of the cosine of the field angle, as a thin lens",
+    };
+    let all = [Vignetting::None, Vignetting::CosineFourth];
+    one_of(all.map(|v| (v.name(), v, help(v))).to_vec(), Vignetting::None)
+}
