@@ -143,7 +143,7 @@ fn faults_are_refused_with_place_help_and_caret() {
             "model",
             "\"matched\"",
         ),
-        ("[sensor]\nexposure_noise = \"real\"", "[sensor] exposure_noise", "no kind of noise", "matched", "\"real\""),
+        ("[sensor]\nexposure_noise = \"real\"", "[sensor] exposure_noise", "unknown value", "matched", "\"real\""),
         ("[lens]\nf_number = nan", "[lens] f_number", "out of range", "0.5 to 1000", "nan"),
         ("[lens]\ntransmission = 0", "[lens] transmission", "out of range", "", "0"),
         ("[lens]\nnumerical_aperture = 1", "[lens] numerical_aperture", "out of range", "0.000001 to 0.999", "1"),
