@@ -121,7 +121,7 @@ type Write<'a> = dyn Fn(&RenderedFilm) -> Result<(), Error> + Sync + 'a;
 /// What is known of the end before it comes.
 #[derive(Clone, Copy)]
 pub struct OutputDryRun<'a> {
-    /// What it takes beyond [`CLOSING_PER_MEGAPIXEL`].
+    /// What it takes beyond the 4.8 s that are assumed for an image.
     pub more_per_megapixel: f64,
     /// Writes what there is so far, as it will be written in the end.
     pub write: &'a Write<'a>,

@@ -28,7 +28,7 @@ pub struct SignalModel {
 
 impl SignalModel {
     /// The sensor at its exposure, or the luminance of an image without one. A black image, which has no automatic
-    /// exposure, is exposed for 1 s, as [`crate::develop`] does.
+    /// exposure, is exposed for 1 s, as `dunkelfeld::develop` does.
     ///
     /// # Errors
     /// A sensor whose ranges the exposure leaves.

@@ -21,7 +21,7 @@ pub const UNKNOWN_SPP: f64 = 4096.0;
 /// Largest width and height of a film.
 pub const MAX_SIDE: u32 = 32_768;
 
-/// Largest number of pixels of a film. A render of so many needs tens of gigabytes: [`MemoryAccount`](crate::MemoryAccount) says how many
+/// Largest number of pixels of a film. A render of so many needs tens of gigabytes: `dunkelfeld::MemoryAccount` says how many
 /// before it begins.
 pub const MAX_PIXELS: u64 = 1 << 27;
 
@@ -87,10 +87,10 @@ pub struct RenderSettings {
     /// A plan to replay: samples per pixel, instead of budget and strategy.
     pub replay: Option<Plane<u32>>,
     /// Of the samples that the plan gives each pixel only those with an index in this range: a part of the render, which
-    /// [`merge`](crate::merge()) joins with others. Without a plan to replay, every pixel gets all of them. Neither budget nor
+    /// [`JoinedParts`](crate::JoinedParts) joins with others. Without a plan to replay, every pixel gets all of them. Neither budget nor
     /// strategy may be set then.
     pub samples: Option<Range<u32>>,
-    /// The most memory \[bytes\] that the run may need: a render whose [account](crate::MemoryAccount) is beyond it does not begin.
+    /// The most memory \[bytes\] that the run may need: a render whose account (`dunkelfeld::MemoryAccount`) is beyond it does not begin.
     pub memory_limit: Option<u64>,
     /// Where to keep a checkpoint, and to take the render up from if it exists.
     pub checkpoint: Option<CheckpointSettings>,
@@ -98,7 +98,7 @@ pub struct RenderSettings {
     /// nor denoisers that use them. A render with a checkpoint keeps all: it may be asked for them later.
     pub layers: FilmLayers,
     /// Effects that were left out on purpose. They mark the outputs; the scene itself must have been built without them
-    /// ([`Project::open_without`](crate::Project::open_without)).
+    /// (`dunkelfeld::Project::open_without`).
     pub without: Vec<Effect>,
 }
 
