@@ -3,12 +3,12 @@
 //! Each mutation chooses a file of the finished bench; the folder is as it was before the next input.
 #![no_main]
 
-use dunkelfeld_studies::bench::{BenchSettings, bench};
 use dunkelfeld::io::exr::{Channel, ExrLayers, read_exr, write_exr};
-use dunkelfeld::{Cancel, Project, Silent};
+use dunkelfeld::{Project, Session};
 use dunkelfeld_fuzz::bases::{Container, assets};
 use dunkelfeld_fuzz::tree::{extreme_number, mutate_value};
 use dunkelfeld_fuzz::{Scratch, target};
+use dunkelfeld_studies::bench::{BenchSettings, bench};
 use libfuzzer_sys::arbitrary::{Result, Unstructured};
 use std::path::{Path, PathBuf};
 use std::sync::LazyLock;
@@ -64,7 +64,7 @@ fn report(scratch: &Scratch) -> std::result::Result<(), dunkelfeld::Error> {
     (project.settings.width, project.settings.height, project.settings.threads) = (4, 3, 1);
     let quick = BenchSettings { seeds: 4, reference_spp: 4, effects: Some(Vec::new()), ..BenchSettings::quick() };
     let settings = BenchSettings { denoisers: Some(Vec::new()), ..quick.with_ladder(vec![2, 4]) };
-    bench(project, &input, &settings, &scratch.path("bench"), true, false, &Silent, &Cancel::default()).map(drop)
+    bench(project, &input, &settings, &scratch.path("bench"), true, false, &Session::new(1)?).map(drop)
 }
 
 fn change(u: &mut Unstructured<'_>, path: &Path) -> Result<()> {
