@@ -79,8 +79,8 @@ pub fn holds(render_variance: f64, poisson_mean: f64, read_variance: f64) -> boo
         && render_variance <= MOST * (darker + read_variance)
 }
 
-/// A plane that is true for pixels at which the method is valid, from the mean electrons of an exposure and their variance \[e-^2\]. The
-/// fixed pattern of a device is not considered.
+/// A plane that is true for pixels at which the method is valid, from the mean electrons of an exposure and their
+/// variance \[e-^2\]. The fixed pattern of a device is not considered.
 pub fn matched_where(
     model: &SensorModel,
     exposure: Exposure,
