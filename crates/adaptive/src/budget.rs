@@ -293,7 +293,7 @@ impl Schedule {
         self.limits.seconds.map(|s| s - margin(s) - self.settings.closing_seconds - self.now)
     }
 
-    /// The least time left [s] for another round. With less, its overhead is too large.
+    /// The least time left \[s\] for another round. With less, its overhead is too large.
     fn too_short(&self) -> f64 {
         let budget = self.limits.seconds.unwrap_or(0.0);
         (2.0 * self.overhead).max((0.01 * budget).min(0.5))

@@ -330,7 +330,7 @@ fn progress_follows_the_nearer_limit() {
 
 /// Runs a render that checks its noise. The image reaches the noise target after `enough` samples, and each check
 /// forecasts `says * enough`. Returns the sample counts of the checks, the reason of the stop and the time at the end
-/// [s].
+/// \[s\].
 fn stop_on_noise(limits: Limits, enough: u64, says: f64, per_sample: f64) -> (Vec<u64>, StopReason, f64) {
     let limits = Limits { stop_on_noise: true, ..limits };
     let mut schedule = Schedule::new(limits, Settings { pixels: 1000, pilot_spp: 16, closing_seconds: 0.01 });

@@ -146,7 +146,7 @@ impl RequiredSamples {
     }
 
     /// The shares of samples with which all pixels should be hidden at the same time. A share is the required samples,
-    /// capped at the quantile of [`Self::capped`] and at least `least`, to the power of 3/4. Exactly known requirements
+    /// capped for the few pixels that need most and at least `least`, to the power of 3/4. Exactly known requirements
     /// would be shared in proportion. Estimates err by some factor to either side, and the whole image would wait for
     /// the pixels whose requirement was underestimated. A pixel of unknown variance gets as much as the largest of the
     /// others.

@@ -8,7 +8,7 @@ use dunkelfeld_film::Plane;
 
 use crate::efficiency::{BayerPattern, FilterColor};
 
-/// Reach of the kernels [pixels].
+/// Reach of the kernels \[pixels\].
 const REACH: usize = 2;
 
 /// Red, green and blue of every pixel of a mosaic. Beyond the edge the image is mirrored at its first and last pixels,

@@ -24,7 +24,7 @@ const SCALES: [(f64, u32); 3] = [(1.0, 3), (2.0, 4), (4.0, REACH)];
 const REACH: u32 = 8;
 /// Distances along an axis.
 const DISTANCES: usize = REACH as usize + 1;
-/// Weight of the estimate of the wider neighbourhood [events].
+/// Weight of the estimate of the wider neighbourhood \[events\].
 const PRIOR: f64 = 8.0;
 /// Upper bound of the number of events. From it on the uncertainty is negligible.
 const MAX_EVENTS: f64 = 1e9;

@@ -27,7 +27,7 @@ use dunkelfeld_film::{Plane, Scatter};
 use crate::variance::inputs::NoiseInputs;
 use crate::variance::pooled::{PixelNoise, Pool, pixel};
 
-/// Side of a block [pixels]. If the scatter of its samples is known, the certified variance of a pixel depends on its
+/// Side of a block \[pixels\]. If the scatter of its samples is known, the certified variance of a pixel depends on its
 /// block alone.
 pub const BLOCK: u32 = 16;
 
