@@ -1,19 +1,19 @@
-//! The schedule against machines that are steady, drifting, stalling or lopsided, all of them simulated: no test here
-//! looks at a real clock.
+//! Tests of the schedule on machines that are steady, drift, stall or have uneven costs. All machines are simulated: no
+//! test here reads a real clock.
 
 use super::*;
 
-/// A machine on which rounds take the time that a model says.
+/// A simulated machine on which a model gives the time of each round.
 struct Machine<'a> {
     budget: f64,
     pixels: u64,
-    /// True seconds after the last sample; the schedule is told the same.
+    /// True seconds after the last sample. The schedule gets the same value.
     closing: f64,
     /// Seconds between rounds.
     overhead: f64,
-    /// Measured seconds are off by up to this share.
+    /// Relative error of the measured seconds, at most this share.
     clock_noise: f64,
-    /// Wall-clock seconds of a round with so many samples that begins at such a time.
+    /// Wall-clock seconds of a round, as a function of its number of samples and its start time.
     cost: &'a mut dyn FnMut(u64, f64) -> f64,
 }
 
@@ -23,7 +23,7 @@ struct Run {
     rounds: Vec<(f64, Round)>,
 }
 
-/// A small generator for the models; the schedule itself is free of randomness.
+/// A small generator for the models. The schedule itself uses no random numbers.
 struct Noise(u64);
 
 impl Noise {
@@ -107,7 +107,7 @@ fn a_machine_that_slows_down_threefold_at_any_moment_does_not_overrun() {
     for budget in BUDGETS {
         for percent in 0..100 {
             let turn = budget * f64::from(percent) / 100.0;
-            // Work runs at full pace until the turn, at a third of it after.
+            // Work runs at full pace until the turn, and at a third of it afterwards.
             let mut cost = |n: u64, now: f64| {
                 let work = n as f64 * 1e-6;
                 let fast = (turn - now).clamp(0.0, work);
@@ -134,8 +134,8 @@ fn drift_in_either_direction_is_followed() {
 
 #[test]
 fn stalls_are_absorbed() {
-    // A pause of a tenth of the budget, begun at any moment of the first seven tenths. A round that starts with 30 % of
-    // the time left may take 9 % and then stall: it still ends.
+    // A pause of a tenth of the budget begins at any moment of the first seven tenths. A round that starts with 30 % of
+    // the time left may take 9 % and then stall. It still ends in time.
     for budget in BUDGETS {
         for percent in 0..70 {
             let stall = budget * f64::from(percent) / 100.0;
@@ -156,12 +156,12 @@ fn one_pixel_a_thousand_times_dearer_does_not_matter() {
     for budget in BUDGETS {
         for pixels in [64u64, 4096, 262_144] {
             let mut noise = Noise(3);
-            // Whole passes hit the pixel once each, a part of a pass by chance.
+            // Whole passes take one sample of the pixel each. A part of a pass takes one by chance.
             let mut cost = |n: u64, _| {
                 let passes = n as f64 / pixels as f64;
                 let hits = passes.floor() + f64::from(noise.unit() < passes.fract());
                 let sample = 0.5e-6;
-                // Two threads, one of which may have to finish the dear sample alone.
+                // Of the two threads, one may have to finish the expensive sample alone.
                 (n as f64 * sample + hits * 1000.0 * sample) / 2.0 + if hits > 0.0 { 500.0 * sample } else { 0.0 }
             };
             let closing = closing_for(budget);
@@ -186,7 +186,8 @@ fn stretches_take_their_shares() {
 
 #[test]
 fn the_pilot_has_sixteen_samples_per_pixel_where_these_are_affordable() {
-    // 100 samples per pixel affordable: a fifth. 70: 16, which is more. Thirty: a quarter of them. Three: nothing to adapt.
+    // With 100 affordable samples per pixel the pilot is a fifth of them. With 70 it is 16, which is more than a fifth.
+    // With 30 it is a quarter of them. With three the render cannot adapt.
     let pilot_of = |spp: f64| {
         let pixels = 65_536;
         let per_sample = 19.0 / (pixels as f64 * spp);
@@ -203,7 +204,7 @@ fn the_pilot_has_sixteen_samples_per_pixel_where_these_are_affordable() {
     assert!(!pilot_of(3.0).1);
 }
 
-/// All rounds of a schedule limited by samples alone, on a machine that takes `seconds` for each.
+/// All rounds of a schedule that only a number of samples limits, on a machine that takes `seconds` for each round.
 fn untimed(samples: u64, pixels: u64, seconds: f64) -> Vec<Round> {
     let limits = Limits { samples: Some(samples), ..Limits::default() };
     let mut schedule = Schedule::new(limits, Settings { pixels, pilot_spp: 16, closing_seconds: 1.0 });
@@ -220,7 +221,7 @@ fn untimed(samples: u64, pixels: u64, seconds: f64) -> Vec<Round> {
 #[test]
 fn without_a_time_limit_no_clock_has_a_say() {
     let rounds = untimed(6400, 100, 1e-3);
-    // One sample per pixel first, then at most fourfold what there is: an interruption finds an image.
+    // One sample per pixel first, then at most four times the samples so far. So an interrupted render has an image.
     let expected = [
         (100, Phase::Pilot, false),
         (300, Phase::Pilot, false),
@@ -233,7 +234,7 @@ fn without_a_time_limit_no_clock_has_a_say() {
     for (samples, pixels) in [(1, 100), (100, 100), (399, 100), (401, 100), (1_000_003, 77), (u64::MAX, 12)] {
         assert_eq!(untimed(samples, pixels, 1.0), untimed(samples, pixels, 1e-9));
     }
-    // Three samples per pixel: nothing to adapt, all is pilot.
+    // Three samples per pixel: the render cannot adapt, and all samples belong to the pilot.
     assert!(untimed(300, 100, 1.0).iter().all(|r| r.phase == Phase::Pilot));
     assert!(untimed(0, 100, 1.0).is_empty());
 }
@@ -270,7 +271,7 @@ fn expected_work_steers_the_size_of_a_round() {
         Settings { pixels: 1000, pilot_spp: 16, closing_seconds: 0.0 },
     );
     schedule.next(0.0, 1.0);
-    // A million samples already, so that growth is no bound; one microsecond per unit of work.
+    // A million samples already, so that growth is no bound. A unit of work takes one microsecond.
     schedule.record(1_000_000_000, 1e6, 1.0);
     let samples = |step| if let Step::Round(r) = step { r.samples } else { 0 };
     let cheap = samples(schedule.clone().next(1.0, 0.1));
@@ -327,8 +328,9 @@ fn progress_follows_the_nearer_limit() {
     assert_eq!(schedule.progress(99.0), 1.0);
 }
 
-/// A judged render whose image is good enough after `enough` samples; each judgement says `says` of them. Returns the
-/// samples at which it was judged, and how it ended.
+/// Runs a render that checks its noise. The image reaches the noise target after `enough` samples, and each check
+/// forecasts `says * enough`. Returns the sample counts of the checks, the reason of the stop and the time at the end
+/// \[s\].
 fn stop_on_noise(limits: Limits, enough: u64, says: f64, per_sample: f64) -> (Vec<u64>, StopReason, f64) {
     let limits = Limits { stop_on_noise: true, ..limits };
     let mut schedule = Schedule::new(limits, Settings { pixels: 1000, pilot_spp: 16, closing_seconds: 0.01 });
@@ -357,13 +359,14 @@ fn stop_on_noise(limits: Limits, enough: u64, says: f64, per_sample: f64) -> (Ve
 fn a_judged_render_is_looked_at_after_the_pilot_when_it_has_doubled_and_when_it_should_do() {
     let (looks, reason, _) = stop_on_noise(Limits::default(), 100_000, 1.0, 1e-6);
     assert_eq!((looks, reason), (vec![16_000, 32_000, 64_000], StopReason::NoiseTarget));
-    // A forecast that is too low costs small steps, but not many; one that is no number costs doublings at most.
+    // A forecast that is too low causes small steps, but few of them. A forecast that is no number causes at most
+    // doublings.
     let (looks, reason, _) = stop_on_noise(Limits::default(), 100_000, 0.9, 1e-6);
     assert!(looks.len() <= 6 && reason == StopReason::NoiseTarget, "{looks:?}");
     for odd in [f64::NAN, f64::INFINITY, -1.0] {
         assert_eq!(stop_on_noise(Limits::default(), 100_000, odd, 1e-6).1, StopReason::NoiseTarget);
     }
-    // And no clock has a say.
+    // No clock has an influence.
     assert_eq!(
         stop_on_noise(Limits::default(), 77_777, 1.0, 1e-9).0,
         stop_on_noise(Limits::default(), 77_777, 1.0, 1.0).0
@@ -383,17 +386,18 @@ fn the_other_limits_hold_for_a_judged_render_too() {
             reason == StopReason::Time && now < budget + tolerance(budget) && now > 0.9 * budget,
             "{budget}: {now}"
         );
-        // Good enough after a tenth of the budget: over by then, but for one doubling at most.
+        // The target is reached after a tenth of the budget. The render then ends, after at most one doubling.
         let enough = (budget * 1e5) as u64;
         let (looks, reason, now) = stop_on_noise(time, enough, 1.0, 1e-6);
         assert!(reason == StopReason::NoiseTarget && now < 0.15 * budget + 0.02, "{budget}: {now} after {looks:?}");
     }
-    // Too little for a pilot worth the name: nobody is asked.
+    // Too few samples for a useful pilot: the schedule requests no check.
     let (looks, reason, _) = stop_on_noise(Limits { samples: Some(3000), ..Limits::default() }, 1, 1.0, 1e-6);
     assert_eq!((looks.len(), reason), (0, StopReason::Samples));
 }
 
-/// A pilot of fewer samples than batches knows no variance: a plan made from it would prefer nothing, once and for all.
+/// A pilot of fewer samples than batches has no variance. A plan made from it would prefer no pixel, for the whole
+/// render.
 #[test]
 fn a_pilot_knows_its_variance_also_where_the_machine_seems_slow_at_first() {
     for budget in [0.02, 0.05, 0.1, 0.2, 0.4] {
@@ -405,7 +409,7 @@ fn a_pilot_knows_its_variance_also_where_the_machine_seems_slow_at_first() {
                 assert!(schedule.taken() >= 4000, "{budget}: planned after {} samples", schedule.taken());
             }
             pilot += if round.phase == Phase::Pilot { round.samples } else { 0 };
-            // Five times as slow as later while the caches are cold.
+            // The pace is five times slower at first, while the caches are cold.
             let took = round.samples as f64 * if schedule.taken() < 1000 { 5e-6 } else { 1e-6 };
             schedule.record(round.samples, round.samples as f64, took);
             now += took;
@@ -436,7 +440,8 @@ fn a_pilot_grows_until_it_is_large_enough_and_never_beyond_its_share() {
     let (looks, mut schedule) = run(1_000_000, &[16, 64]);
     assert_eq!(looks, [4000, 16_000, 64_000, 128_000, 256_000, 512_000]);
     assert!(!schedule.grow_pilot(1000), "the pilot is over");
-    // A quarter of a hundred samples per pixel, in full sets of batches; asking for what there is asks for nothing.
+    // A quarter of a hundred samples per pixel, in full sets of batches. A call with the present number changes
+    // nothing.
     assert_eq!(run(100_000, &[16, 500]).0[..3], [4000, 16_000, 24_000]);
     assert_eq!(run(100_000, &[4, 500]).0[..2], [4000, 8000]);
 }

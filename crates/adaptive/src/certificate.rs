@@ -1,8 +1,8 @@
-//! The certificate: how well a render's noise is hidden beneath the sensor's, and how sure that is.
+//! The certificate: the shares and quantiles of hidden noise of a render, with confidence bounds.
 //!
-//! For each pixel the ratio `v_r / s`: the variance of its rendered mean over the temporal variance of the sensor at that
-//! mean (EMVA 1288), both in electrons squared. A pixel is *hidden at k* when its ratio is at most `k^2`. Saturated pixels
-//! are left out: what they hold beyond saturation nobody sees.
+//! Each pixel has the ratio `v_r / s`: the variance of its rendered mean over the temporal variance of the sensor at
+//! that mean (EMVA 1288), both in electrons squared. A pixel is *hidden at k* if its ratio is at most `k^2`. Saturated
+//! pixels are left out: differences above saturation are not visible.
 
 use dunkelfeld_film::{BATCHES, Plane};
 
@@ -12,17 +12,16 @@ use crate::variance::pooled::upper_factor;
 /// Standard normal quantile of the one-sided confidence of 95 %.
 const CONFIDENCE: f64 = 1.645;
 
-/// How well a render's noise is hidden. Ratios are `v_r / s`, over the pixels that are judged: those not saturated. A ratio
-/// that is not known counts as infinite in the quantiles; mean and maximum are those of the known ones, infinite if there are
-/// only others.
+/// Statistics of the ratios `v_r / s` over the pixels that are not saturated. An unknown ratio counts as infinite in
+/// the quantiles. Mean and maximum are those of the known ratios, infinite if all are unknown.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Certificate {
-    /// What was certified.
+    /// The level k of the certificate.
     pub k: f64,
-    /// Share of the judged pixels whose ratio is at most `k^2`, in \[0, 1\]; 1 if none is judged.
+    /// Share of the counted pixels whose ratio is at most `k^2`, in \[0, 1\]; 1 if none is counted.
     pub hidden: f64,
-    /// Share of those whose ratio is at most `k^2` even at the upper end of its own confidence interval (one-sided, 95 %,
-    /// from its degrees of freedom).
+    /// Share of the counted pixels whose ratio is at most `k^2` even at the upper end of its own confidence interval
+    /// (one-sided, 95 %, from its degrees of freedom).
     pub hidden_surely: f64,
     /// Mean ratio.
     pub mean: f64,
@@ -34,16 +33,16 @@ pub struct Certificate {
     pub p99: f64,
     /// Largest ratio.
     pub max: f64,
-    /// Pixels judged, those of unknown variance included: they are not hidden, and have no ratio.
+    /// Number of counted pixels, including those of unknown variance: these have no ratio and are not hidden.
     pub pixels: u64,
     /// Pixels left out because they are saturated beyond doubt.
     pub saturated: u64,
-    /// Pixels of which no variance is known.
+    /// Pixels of unknown variance.
     pub unknown: u64,
 }
 
 impl Certificate {
-    /// Is the render hidden at its k: [`HIDDEN_SHARE`] of the pixels that are not saturated?
+    /// Returns whether the render is hidden at its k: at least [`HIDDEN_SHARE`] of the unsaturated pixels are.
     pub fn is_hidden(&self) -> bool {
         self.hidden >= HIDDEN_SHARE
     }
@@ -52,27 +51,27 @@ impl Certificate {
 /// The variances of a pixel.
 #[derive(Clone, Copy, Debug)]
 pub struct Claim {
-    /// Variance of the rendered mean, v_r [e-^2]; infinite where it is not known.
+    /// Variance of the rendered mean, v_r [e-^2]. Infinite if it is unknown.
     pub render: f32,
     /// Variance of the sensor, s [e-^2], above zero.
     pub sensor: f32,
     /// Degrees of freedom of v_r.
     pub freedom: f32,
-    /// Is the pixel saturated?
+    /// The pixel is saturated.
     pub saturated: bool,
 }
 
 impl Claim {
-    /// The ratio v_r / s; infinite where v_r is not known.
+    /// The ratio v_r / s. Infinite if v_r is unknown.
     fn ratio(&self) -> f32 {
-        // Without noise it is hidden beneath nothing, too.
+        // Zero variance is hidden even by a sensor without noise.
         let ratio = if self.render == 0.0 { 0.0 } else { self.render / self.sensor };
         if ratio.is_nan() { f32::INFINITY } else { ratio }
     }
 }
 
-/// Certifies a render at `k` by the variances of its pixels, row by row. Returns the ratio v_r / s of every pixel, too, infinite
-/// where v_r is not known.
+/// Certifies a render at `k` from the variances of its pixels, row by row. Also returns the ratio v_r / s of every
+/// pixel, infinite if v_r is unknown.
 ///
 /// # Panics
 /// If there are more or fewer pixels than the size has.
@@ -106,8 +105,8 @@ pub fn certify([width, height]: [u32; 2], claims: impl Iterator<Item = Claim>, k
     let known = pixels - unknown;
     let (mean, max) =
         if known == 0 && pixels > 0 { (f64::INFINITY, f64::INFINITY) } else { (sum / known.max(1) as f64, max) };
-    // The mean's own degrees of freedom (Satterthwaite 1946). Pixels share theirs with their neighbours, so each is counted with
-    // those of its own batches only.
+    // The degrees of freedom of the mean (Satterthwaite 1946). Pixels share their degrees of freedom with their
+    // neighbours, so each counts with those of its own batches only.
     let freedom = if squares > 0.0 { (BATCHES - 1) as f64 * sum * sum / squares } else { f64::INFINITY };
     let raised = mean * upper_factor(freedom, CONFIDENCE);
     let mut quantile = |share| f64::from(quantile_in(&mut stop_on_noise, share).unwrap_or(0.0));
@@ -139,7 +138,7 @@ mod tests {
     }
 
     impl Planes {
-        /// 100 x 100 pixels of which each has the ratio that a function of its number gives.
+        /// 100 x 100 pixels. A function of the pixel number gives the ratio.
         fn of(ratio: impl Fn(u32) -> f32) -> Self {
             Self {
                 render: Plane::from_fn(100, 100, |x, y| 20.0 * ratio(y * 100 + x)),

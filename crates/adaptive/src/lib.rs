@@ -1,10 +1,11 @@
-//! Where the samples go, and how many there may be: pure functions on planes. No clock, no threads, no rendering.
+//! The allocation of samples to pixels and the number of samples: pure functions on planes, without clock, threads or
+//! rendering.
 //!
 //! The founding paper (C. Kludt, F. Seiler, V. Eichinger, J. Meyer, I. Effenberger, T. Längle, J. Beyerer: *Noise
-//! analysis of a synthetically rendered scene in sensor-realistic image simulation*) renders a scene fifty times and
-//! finds that the temporal variance of its pixels is high where the image has edges. Measuring that variance costs fifty
-//! renderings; the edges can be had from one. So it proposes to filter one rendering with a Sobel operator, to set the
-//! samples of each pixel accordingly, and to let the time that is available decide their average. Step by step:
+//! analysis of a synthetically rendered scene in sensor-realistic image simulation*) renders a scene fifty times. It
+//! finds that the temporal variance of the pixels is high at the edges of the image. Measuring the variance costs fifty
+//! renderings, finding the edges costs one. So the paper proposes to filter one rendering with a Sobel operator and to
+//! set the samples of each pixel accordingly. The available time decides their average. The steps are:
 //!
 //! | step | here |
 //! |---|---|
@@ -13,19 +14,22 @@
 //! | Sobel magnitude | [`sobel::magnitude`] |
 //! | weights above a floor, mean one | [`weights::Strategy`] |
 //! | whole samples per pixel whose average meets the budget | [`plan::next_round_of`] |
-//! | a pilot (the paper's has about 8 % of the budget; a fifth knows more, and is less than most pixels get anyway), then rounds until it is used up | [`budget::Schedule`] |
+//! | a pilot, then rounds until the budget is used up (the pilot of the paper has about 8 % of the budget; a fifth gives better estimates, and is less than most pixels get anyway) | [`budget::Schedule`] |
 //!
-//! The edges stand for the variance, and the variance for what can be seen. With a sensor one can do better: measure the
-//! variance itself, ask what each pixel [`required_samples`]s to be hidden beneath the sensor's own noise, share out the samples by what is to be
-//! [`variance::neighbours`] of it, stop when it is reached, and say how far it was ([`certificate`]), by what each pixel's [`variance::pixel`] samples tell.
+//! The edges are a proxy of the variance, and the variance is a proxy of visible noise. With a sensor, the render uses
+//! the variance itself. The module [`required_samples`] computes the samples that each pixel needs until its noise is
+//! hidden by that of the sensor. The samples are distributed by predictions from the neighbours of a pixel
+//! ([`variance::neighbours`]). The render stops when the target is reached. The [`certificate`] states the level that
+//! was reached, from the samples of each pixel and of its cell ([`variance::pixel`]).
 //!
-//! The samples of a pixel must not decide how many others join them in its mean: whoever takes more where a sample was bright
-//! dilutes the bright one, and the mean is too small (Kirk and Arvo 1991). So a plan is made once, from the pilot, and what a
-//! pixel gets is decided by its neighbours alone ([`variance::neighbours`]).
+//! The samples of a pixel must not decide how many others join them in its mean. If a pixel with a bright sample gets
+//! more samples, these dilute the bright one, and the mean is too small (Kirk and Arvo 1991). So a plan is made once,
+//! from the pilot, and the samples of a pixel depend on its neighbours alone ([`variance::neighbours`]).
 //!
-//! The paper leaves open how a target time becomes a number of samples. Here the render learns what samples cost ([`tile_cost`]), and approaches its deadline in rounds that shrink with the time
-//! left. The clock decides how many samples a round has; a hash decides which pixels have them. A plan, once written,
-//! can therefore be replayed to the same bits on any machine.
+//! The paper leaves open how a target time becomes a number of samples. Here the render measures the cost of samples
+//! ([`tile_cost`]) and approaches its deadline in rounds that shrink with the time left. The clock decides the number
+//! of samples of a round, and a hash decides which pixels get them. So a written plan can be replayed to the same bits
+//! on any machine.
 //!
 //! ```
 //! use dunkelfeld_adaptive::{weights, plan, budget};

@@ -1,13 +1,13 @@
-//! From weights to whole samples: how many each pixel shall have taken.
+//! Conversion of weights to whole samples: the total number of samples of each pixel.
 //!
-//! A plan only ever grows. Between rounds the budget is poured onto the pixels like water onto uneven ground: a pixel
-//! that already has more than its share stays as it is, the others share the rest in proportion to their weights.
+//! A plan only grows. A round raises a common level L. A pixel that already has more samples than `L` times its weight
+//! stays as it is. The others share the rest in proportion to their weights.
 //!
-//! Shares are real numbers, samples are not. The rounding walks the image in serpentine order and hands what is left
-//! over to the next pixel (one-dimensional error diffusion with a perturbed threshold, Ulichney 1987): totals are exact,
-//! every run of pixels gets its due to within a few samples, and the hashed threshold keeps patterns away. A round may
-//! therefore have any number of samples, even fewer than there are pixels; which pixels get them is decided by a hash,
-//! never by a clock.
+//! Shares are real numbers, samples are whole ones. The rounding visits the pixels in serpentine order and adds the
+//! rest to the next pixel (one-dimensional error diffusion with a perturbed threshold, Ulichney 1987). So totals are
+//! exact, every run of pixels gets its share to within a few samples, and the hashed threshold prevents patterns. A
+//! round may therefore have any number of samples, even fewer than there are pixels. A hash decides which pixels get
+//! them, never a clock.
 
 use dunkelfeld_film::{BATCHES, Plane};
 
@@ -19,8 +19,8 @@ pub type SamplePlan = Plane<u32>;
 /// No pixel gets more samples than this.
 pub const MAX_SPP: u32 = 1 << 30;
 
-/// From this share on, a pixel's samples are rounded to full sets of film batches: a few per cent there, and the batch
-/// means stay equally weighted.
+/// From this share on, the samples of a pixel are rounded to full sets of film batches. The rounding is then a few per
+/// cent, and the batch means stay equally weighted.
 const COARSE_FROM: f64 = 8.0 * BATCHES as f64;
 
 /// A plan without samples.
@@ -33,15 +33,16 @@ pub fn total(plan: &SamplePlan) -> u64 {
     plan.data().iter().map(|&n| u64::from(n)).sum()
 }
 
-/// The number of samples whose mean over `pixels` is nearest to `spp`. Zero for what is not a positive number.
+/// The number of samples whose mean over `pixels` is nearest to `spp`. Zero if `spp` is not a positive number.
 pub fn total_for_mean(spp: f64, pixels: u64) -> u64 {
     // `as` saturates, and turns NaN into zero.
     (spp * pixels as f64).round() as u64
 }
 
-/// The plan of a round: `target_total` samples in all, shared in proportion to `weights`, at least `current` everywhere.
+/// The plan of a round: `target_total` samples in all, shared in proportion to `weights`, at least `current`
+/// everywhere.
 ///
-/// Equals `current` if that holds `target_total` samples or more. Weights are relative; those that are negative or not
+/// Equals `current` if that holds `target_total` samples or more. Weights are relative. Those that are negative or not
 /// finite count as zero, and if none is positive all are equal. The total is met exactly unless every pixel that may
 /// grow has [`MAX_SPP`]. The result is a pure function of the arguments.
 ///
@@ -62,7 +63,7 @@ pub fn next_round(current: &SamplePlan, weights: &Plane<f32>, target_total: u64)
     plan
 }
 
-/// The plan of a round that is shared out by a strategy: in proportion to the weights until a pixel has its cap; where the
+/// The plan of a round by the shares of a strategy: in proportion to the weights until a pixel has its cap. If the
 /// total is more than all caps, in proportion to the caps. Otherwise as [`next_round`].
 ///
 /// # Panics
@@ -77,20 +78,21 @@ pub fn next_round_of(current: &SamplePlan, shares: &Shares, target_total: u64) -
     let cap = |i: usize| f64::from(caps.data()[i]).clamp(0.0, f64::from(MAX_SPP));
     let weights = Weights::new(&shares.weights);
     let floor = |i: usize| f64::from(current.data()[i]);
-    // What pixels get at a water level: up to their caps, never less than they have. It grows with the level.
+    // The sum of the samples at a level: each pixel up to its cap, never less than it has. It grows with the level.
     let filled =
         |level: f64| -> f64 { (0..caps.data().len()).map(|i| (level * weights.at(i)).min(cap(i)).max(floor(i))).sum() };
     let target = target_total as f64;
     if filled(f64::MAX) < target {
         return next_round(current, caps, target_total);
     }
-    // Caps only ever raise the level.
+    // Caps only raise the level.
     let mut low = water_level(current.data(), &weights, target_total);
     let mut high = low.max(1e-9);
     while filled(high) < target {
         (low, high) = (high, 2.0 * high);
     }
-    // Within a quarter of a sample: the rounding sees to the rest. Halving ends at the resolution of the numbers.
+    // The search ends within a quarter of a sample, since the rounding corrects the rest. Otherwise it ends at the
+    // resolution of f64.
     while filled(high) - target > 0.25 {
         let middle = 0.5 * (low + high);
         if middle <= low || middle >= high {
@@ -108,7 +110,7 @@ pub fn next_round_of(current: &SamplePlan, shares: &Shares, target_total: u64) -
     plan
 }
 
-/// The samples that `plan` asks for beyond `current`.
+/// The samples of `plan` beyond `current`.
 ///
 /// # Panics
 /// If the planes differ in size.
@@ -119,7 +121,7 @@ pub fn increment(current: &SamplePlan, plan: &SamplePlan) -> Plane<u32> {
     more
 }
 
-/// Weights as they may be used: none negative, none without a value, and all equal where nobody has a claim.
+/// Valid weights: none negative, all finite, and all equal if none is positive.
 struct Weights(Vec<f32>);
 
 impl Weights {
@@ -140,16 +142,16 @@ impl Weights {
 
 /// The level L for which `sum max(current_i, L w_i) = total`.
 ///
-/// Starts with every pixel under water and takes out those that rise above it. Each pass lowers the level, so a pixel
-/// once out stays out, and the loop ends when a pass takes out none.
+/// Starts with every pixel in the sum and removes those whose current samples exceed their share. Each pass lowers the
+/// level, so a removed pixel stays out. The loop ends when a pass removes none.
 fn water_level(current: &[u32], weights: &Weights, total: u64) -> f64 {
     let mut level = f64::INFINITY;
     loop {
         let (mut dry, mut weight) = (0u64, 0.0);
         for (&c, &w) in current.iter().zip(&weights.0) {
             let w = f64::from(w);
-            // A zero weight is always dry; `inf * 0` is NaN, and NaN is not greater either. Without branches: which pixels
-            // are wet is as good as random.
+            // A pixel of zero weight is never in the sum: `inf * 0` is NaN, and the comparison with NaN is false. The
+            // loop has no branches, since the result of the comparison is not predictable.
             let is_wet = level * w > f64::from(c);
             weight += if is_wet { w } else { 0.0 };
             dry += if is_wet { 0 } else { u64::from(c) };
@@ -162,7 +164,7 @@ fn water_level(current: &[u32], weights: &Weights, total: u64) -> f64 {
     }
 }
 
-/// Rounds the shares to samples, in serpentine order, what is left over going to the next pixel.
+/// Rounds the shares to samples in serpentine order. The remainder of a pixel goes to the next one.
 fn round_shares(current: &SamplePlan, share: impl Fn(usize) -> f64, seed: u64) -> SamplePlan {
     let (width, height) = (current.width() as usize, current.height() as usize);
     let mut plan = current.clone();
@@ -184,7 +186,7 @@ fn round_shares(current: &SamplePlan, share: impl Fn(usize) -> f64, seed: u64) -
                 samples[i] = low; // Nothing to round: flat plans stay flat.
                 continue;
             }
-            // The walk starts at a random phase, or the first pixels would always come off worst.
+            // The carry starts at a random value. Otherwise the first pixels would always get too few samples.
             let due = wanted + carry.unwrap_or_else(|| (hashed_unit(seed, u64::MAX) - 0.5) * f64::from(quantum));
             // With any threshold in [0, 1) the carry stays within a quantum on either side.
             let threshold = f64::from(low) + f64::from(high - low) * hashed_unit(seed, i as u64);
@@ -196,7 +198,7 @@ fn round_shares(current: &SamplePlan, share: impl Fn(usize) -> f64, seed: u64) -
     plan
 }
 
-/// Adds or takes back the last few samples, so that the total is exact; starts at a hashed pixel.
+/// Adds or removes the last few samples, so that the total is exact. It starts at a hashed pixel.
 fn hand_out_rest(plan: &mut SamplePlan, current: &SamplePlan, weights: &Weights, target_total: u64) {
     let mut sum = total(plan);
     let pixels = plan.data().len();
@@ -207,7 +209,7 @@ fn hand_out_rest(plan: &mut SamplePlan, current: &SamplePlan, weights: &Weights,
         for step in 0..pixels {
             let i = (start + step) % pixels;
             if sum < target_total && weights.at(i) > 0.0 && samples[i] < MAX_SPP {
-                // More than a pixel's due only when there are more samples than pixels to give them to.
+                // More than one sample per pixel only if more samples than pixels are left.
                 let gift = ((target_total - sum) / pixels as u64).clamp(1, u64::from(MAX_SPP - samples[i]));
                 samples[i] += gift as u32;
                 sum += gift;
@@ -225,7 +227,7 @@ fn hand_out_rest(plan: &mut SamplePlan, current: &SamplePlan, weights: &Weights,
     }
 }
 
-/// A number in [0, 1) that depends on nothing but its arguments; `seed` is a mixed number.
+/// A number in [0, 1) that depends on nothing but its arguments. `seed` is a mixed number.
 fn hashed_unit(seed: u64, index: u64) -> f64 {
     (mix(seed ^ index) >> 11) as f64 * (1.0 / (1u64 << 53) as f64)
 }
@@ -297,7 +299,7 @@ mod tests {
             assert!(next.data().iter().zip(plan.data()).all(|(n, c)| n >= c));
             plan = next;
         }
-        // Enough has been poured to drown the pilot: rounds end where one round would have.
+        // The level is above the pilot everywhere: the rounds end with the plan of a single round.
         let direct = next_round(&pilot, &weights, 1200 * 400);
         for (&a, &b) in plan.data().iter().zip(direct.data()) {
             assert!(a.abs_diff(b) <= 9, "{a} in rounds, {b} at once");
@@ -321,13 +323,14 @@ mod tests {
     fn caps_hold_until_all_have_theirs() {
         let shares = capped(&[1.0, 2.0, 4.0, 1.0], &[100.0, 10.0, 30.0, 5.0]);
         let of = |total| next_round_of(&Plane::new(4, 1, 2), &shares, total).into_vec();
-        // Levels 3, 7, 60 and 100: the second and fourth pixel are full early. Rounding moves a sample, or a set of batches.
+        // Levels 3, 7, 60 and 100: the second and fourth pixel reach their caps early. Rounding moves a sample, or a
+        // set of batches.
         for expected in [[3, 6, 12, 3], [7, 10, 28, 5], [60, 10, 30, 5], [100, 10, 30, 5]] {
             let plan = of(expected.iter().map(|&n| u64::from(n)).sum());
             let off = |(n, e): (&u32, u32)| n.abs_diff(e) > if e >= 32 { 4 } else { 1 };
             assert!(!plan.iter().zip(expected).any(off), "{plan:?} instead of {expected:?}");
         }
-        // Twice what all need: in proportion to the needs, to within a set of batches.
+        // Twice the sum of all caps: in proportion to the caps, to within a set of batches.
         let twice = of(290);
         assert_eq!(twice.iter().sum::<u32>(), 290);
         for (n, cap) in twice.iter().zip([100.0, 10.0, 30.0, 5.0]) {
@@ -379,7 +382,8 @@ mod tests {
 
     #[test]
     fn small_rounds_are_spread_over_the_whole_image() {
-        // 64 rounds of a fiftieth of a sample per pixel: every quarter of the image gets its quarter, every time.
+        // 64 rounds of a fiftieth of a sample per pixel: every quarter of the image gets a quarter of the samples each
+        // time.
         let (width, height) = (64, 64);
         let weights = Plane::new(width, height, 1.0);
         let mut plan = Plane::new(width, height, 16);
@@ -398,9 +402,10 @@ mod tests {
 
     #[test]
     fn rounding_favours_no_pixel() {
-        // Over many seeds (the seed is the total) each pixel of a plan with mean 1/2 is chosen half of the time. 16 384
-        // decisions per column; the dearest kind is four samples with probability 1/8, variance 1.75, and neighbours in
-        // the walk take from each other: 7 sigma is a false alarm below 2e-10 over 64 columns.
+        // Over many seeds (the seed is the total) each pixel of a plan with mean 1/2 is chosen half of the time. There
+        // are 16 384 decisions per column. The largest variance, 1.75, is that of four samples with probability 1/8.
+        // Neighbours in the serpentine order have negative correlation. A bound of 7 sigma has a false-alarm rate below
+        // 2e-10 over 64 columns.
         let mut hits = [0u32; 64];
         for extra in 0..256 {
             let plan = next_round(

@@ -1,8 +1,8 @@
-//! How many samples a pixel needs until its noise is hidden beneath the sensor's.
+//! The number of samples that a pixel needs until its render variance is hidden by the sensor variance.
 //!
-//! A pixel of mean signal mu has the sensor variance `s = mu + sigma_d^2 + sigma_q^2 / K^2` [e-^2] (EMVA 1288), black ones
-//! only the floor of it. It is *hidden at k* when the variance of its rendered mean is at most `k^2 s`: the noise of both
-//! together is then at most `sqrt(1 + k^2)` times the sensor's.
+//! A pixel of mean signal mu has the sensor variance `s = mu + sigma_d^2 + sigma_q^2 / K^2` [e-^2] (EMVA 1288). A black
+//! pixel has only the floor of it. A pixel is *hidden at k* if the variance of its rendered mean is at most `k^2 s`.
+//! The noise of both together is then at most `sqrt(1 + k^2)` times that of the sensor.
 
 use dunkelfeld_film::Plane;
 
@@ -10,25 +10,25 @@ use crate::variance::inputs::SensorVarianceRange;
 use crate::variance::neighbours::PredictedNoise;
 use crate::variance::pooled::PixelNoise;
 
-/// A render is hidden when this share of its unsaturated pixels is.
+/// A render is hidden if at least this share of its unsaturated pixels is hidden.
 pub const HIDDEN_SHARE: f64 = 0.99;
-/// What the `sensor` strategy aims at when nobody says at what: the noise then grows by 12 %.
+/// Default target k of the `sensor` strategy. At it the total noise is 12 % above that of the sensor.
 pub const DEFAULT_TARGET: f64 = 0.5;
-/// Pixels needier than all but this share of them get as many samples as the last of these: a render is hidden without them,
-/// and a few may need more than all others together.
+/// The required samples are capped at this quantile over the unsaturated pixels. A render is hidden without the pixels
+/// above it, and these few pixels may need more samples than all others together.
 const AIMED_SHARE: f64 = 0.995;
-/// No pixel is planned less than this share of what pixels are planned on average: needs come from a pilot, which has not seen
-/// everything, and one that was taken for next to nothing must not hold up a whole render.
+/// Each unsaturated pixel gets at least this share of the mean number of planned samples. Required samples come from a
+/// pilot, which has not sampled all events. A pixel whose requirement is underestimated must not delay a whole render.
 const MIN_SHARE: f64 = 1.0 / 3.0;
-/// How far needs that a pilot has told are trusted: the exponent of their shares. It is that with the fewest samples until the image
-/// was hidden, or nearly so, on scenes with and without rare light (`docs/accuracy.md`).
+/// Exponent of the shares, which accounts for the error of estimates from a pilot. Of the exponents tried it had the
+/// fewest samples until the image was hidden, or nearly so, on scenes with and without rare light (`docs/accuracy.md`).
 const TARGET_EXPONENT: f32 = 0.75;
-/// A saturated pixel is one whose mean lies this many standard errors above saturation.
+/// A pixel is saturated if its mean lies more than this many standard errors above saturation.
 const SATURATED_BY: f64 = 3.0;
-/// Standard errors of the mean between which its level lies.
+/// Half width of the interval of the mean in which its sensor variance is taken [standard errors].
 const LEVEL_BY: f64 = 2.0;
 
-/// A sensor, as far as its noise hides that of a render: photo-electrons and nothing else.
+/// The noise parameters of a sensor that decide whether it hides the noise of a render, in photo-electrons.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SensorNoise {
     /// Variance of a black pixel, `sigma_d^2 + sigma_q^2 / K^2` [e-^2].
@@ -38,14 +38,14 @@ pub struct SensorNoise {
 }
 
 impl SensorNoise {
-    /// The temporal variance of a pixel with so many photo-electrons [e-^2].
+    /// The temporal variance of a pixel with this number of photo-electrons [e-^2].
     #[inline]
     pub fn variance(&self, electrons: f64) -> f64 {
         electrons.max(0.0) + self.floor
     }
 
-    /// Between which variances the sensor's lies, if the mean is known with the given variance: two standard errors to both sides.
-    /// Infinite for a pixel that is saturated beyond doubt.
+    /// The range of the sensor variance for a mean with the given variance: two standard errors to both sides. Infinite
+    /// for a pixel that is saturated beyond doubt.
     #[inline]
     pub fn level(&self, electrons: f32, variance_of_mean: f32) -> SensorVarianceRange {
         let (mean, variance) = (f64::from(electrons), f64::from(variance_of_mean));
@@ -56,15 +56,15 @@ impl SensorNoise {
         SensorVarianceRange { least: self.variance(mean - off) as f32, most: self.variance(mean + off) as f32 }
     }
 
-    /// Is a pixel saturated beyond doubt, whose mean has the given variance?
+    /// Returns whether a pixel is saturated beyond doubt, if its mean has the given variance.
     #[inline]
     pub fn is_saturated(&self, electrons: f64, variance_of_mean: f64) -> bool {
         electrons - SATURATED_BY * variance_of_mean.sqrt() > self.saturation
     }
 }
 
-/// The number of samples at which `variance / n` has sunk to `limit`. Infinite where nothing is known, or where there is noise and the
-/// limit is zero.
+/// The number of samples at which `variance / n` is `limit`. Infinite if the variance is unknown, or if there is noise
+/// and the limit is zero.
 fn samples_at(variance: f64, limit: f64) -> f64 {
     if variance <= 0.0 {
         return 0.0;
@@ -73,23 +73,24 @@ fn samples_at(variance: f64, limit: f64) -> f64 {
     if n.is_nan() { f64::INFINITY } else { n }
 }
 
-/// What each pixel needs to be hidden at some k.
+/// The samples that each pixel needs to be hidden at some k.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RequiredSamples {
-    /// Samples, a fraction of one where little is needed. Infinite where nothing is known, zero where a pixel is saturated.
+    /// Required samples per pixel, a fraction of one for little noise. Infinite if the variance is unknown, zero if the
+    /// pixel is saturated.
     pub samples: Plane<f32>,
     /// Pixels that are saturated beyond doubt.
     pub saturated: Plane<bool>,
 }
 
-/// What all pixels need for being hidden at `k`, by their own noise as far as it is known, in photo-electrons throughout: what a render
-/// is foretold to take.
+/// The required samples of all pixels to be hidden at `k`, from the measured variance of each pixel, in photo-electrons
+/// throughout. The forecast of a render uses them.
 ///
-/// The sensor variance is that of the neighbourhood's mean, or of the pixel's own where that is lower: no pixel needs fewer
-/// samples because its own happened to be bright, and a dark one among bright ones is judged as what it is.
+/// The sensor variance is that of the mean of the neighbourhood, or that of the pixel's own mean if it is lower. So no
+/// pixel needs fewer samples because its own samples happened to be bright, and a dark pixel among bright ones is
+/// compared with its own low sensor variance.
 ///
 /// `mean` and `counts` are the mean electrons and the samples of each pixel.
-///
 /// # Panics
 /// If the planes differ in size.
 pub fn required_samples(
@@ -122,8 +123,8 @@ pub fn required_samples(
 }
 
 impl RequiredSamples {
-    /// What all pixels are expected to need for being hidden at `k`, by what their neighbours have met beneath a sensor's noise: what
-    /// plans are made from.
+    /// The predicted required samples of all pixels to be hidden at `k`, from the noise of their neighbours relative to
+    /// the sensor variance. Plans are made from them.
     pub fn expected(expected: &Plane<PredictedNoise>, k: f64) -> Self {
         Self {
             samples: expected.map(|e| samples_at(f64::from(e.ratio), k * k) as f32),
@@ -131,9 +132,10 @@ impl RequiredSamples {
         }
     }
 
-    /// What is planned where a budget allows no more than needs: these, but for the neediest few pixels, which get what the last of the
-    /// others does, and for the least needy, which get a third of the average; saturated ones get none. Infinite only if next to
-    /// nothing is known.
+    /// The target samples of each pixel, if the budget allows no more than these. They are the required samples with
+    /// two bounds. The few pixels that need most are capped at the quantile of the others. Each pixel gets at least a
+    /// third of the mean, and saturated pixels get none. Values are infinite only if the variance of almost all pixels
+    /// is unknown.
     pub fn capped_targets(&self) -> Plane<f32> {
         let mut capped_targets = self.capped();
         let known = || self.unsaturated(&capped_targets).filter(|n| n.is_finite()).map(f64::from);
@@ -143,10 +145,11 @@ impl RequiredSamples {
         capped_targets
     }
 
-    /// How samples are shared out so that all pixels are hidden at the same time, as far as one can know before: needs, those of the
-    /// neediest few for no more than the last of the others, `least` samples at least, to the power of 3/4. Needs that were known would
-    /// be met in proportion. Estimated ones err by some factor to either side, and the whole image would wait for those that were taken
-    /// for too small. A pixel of which nothing is known gets as much as the neediest of the others.
+    /// The shares of samples with which all pixels should be hidden at the same time. A share is the required samples,
+    /// capped for the few pixels that need most and at least `least`, to the power of 3/4. Exactly known requirements
+    /// would be shared in proportion. Estimates err by some factor to either side, and the whole image would wait for
+    /// the pixels whose requirement was underestimated. A pixel of unknown variance gets as much as the largest of the
+    /// others.
     pub fn shares(&self, least: f32) -> Plane<f32> {
         let mut shares = self.capped();
         shares.data_mut().iter_mut().for_each(|n| *n = n.max(least).powf(TARGET_EXPONENT));
@@ -155,21 +158,21 @@ impl RequiredSamples {
         shares
     }
 
-    /// The needs, but for the neediest few pixels, which get what the last of the others does.
+    /// The required samples, with the few pixels that need most capped at the quantile of the others.
     pub(crate) fn capped(&self) -> Plane<f32> {
         let most = quantile_of(self.unsaturated(&self.samples), AIMED_SHARE).unwrap_or(0.0);
         self.samples.map(|&n| n.min(most))
     }
 
-    /// The values of those pixels that are not saturated.
+    /// The values of the pixels that are not saturated.
     fn unsaturated<'a>(&'a self, plane: &'a Plane<f32>) -> impl Iterator<Item = f32> + 'a {
         plane.data().iter().zip(self.saturated.data()).filter(|(_, full)| !**full).map(|(v, _)| *v)
     }
 
-    /// Samples per pixel after which a render is hidden, if those beyond `counts` are poured on in proportion to weights
-    /// ([`crate::plan::next_round`]).
+    /// Samples per pixel after which a render is hidden, if the samples beyond `counts` are distributed in proportion
+    /// to weights ([`crate::plan::next_round`]).
     pub fn if_weighted(&self, counts: &Plane<u32>, weights: &Plane<f32>) -> Plane<f32> {
-        // The level at which a pixel has enough; none is needed by those that have.
+        // The level at which a pixel has its required samples. Pixels that have them already need no level.
         let levels = self.samples.data().iter().zip(weights.data()).zip(counts.data()).zip(self.saturated.data());
         let levels = levels.filter(|(_, full)| !**full).map(|(((&need, &w), &c), _)| {
             let has_enough = need <= c as f32;
@@ -182,18 +185,17 @@ impl RequiredSamples {
     }
 }
 
-/// Samples of all pixels together; infinite if that is what one needs.
+/// Sum of the samples of all pixels. Infinite if the value of a pixel is infinite.
 pub fn total(targets: &Plane<f32>) -> f64 {
     targets.data().iter().map(|&n| f64::from(n)).sum()
 }
 
-/// The smallest value that at least the given share of all values does not exceed; `None` without values. Values that are
-/// not numbers count as infinite.
+/// The smallest value that is not below the given share of all values. `None` without values. NaN counts as infinite.
 pub fn quantile_of(values: impl Iterator<Item = f32>, share: f64) -> Option<f32> {
     quantile_in(&mut values.map(|v| if v.is_nan() { f32::INFINITY } else { v }).collect::<Vec<f32>>(), share)
 }
 
-/// The same of values that are numbers; changes their order.
+/// The same for values without NaN. It changes their order.
 pub(crate) fn quantile_in(values: &mut [f32], share: f64) -> Option<f32> {
     let rank = (share * values.len() as f64).ceil() as usize;
     let index = rank.saturating_sub(1).min(values.len().checked_sub(1)?);
@@ -224,7 +226,7 @@ mod tests {
         required_samples(&evidence.mean, &evidence.counts, &noise(evidence), SENSOR, k)
     }
 
-    /// Needs of a plane without saturated pixels.
+    /// Required samples of a plane without saturated pixels.
     fn plain(samples: Plane<f32>) -> RequiredSamples {
         RequiredSamples { saturated: samples.map(|_| false), samples }
     }
@@ -283,7 +285,7 @@ mod tests {
         // 400 / 2.5 = 160 everywhere.
         assert!((total(&required_samples.if_weighted(&evidence.counts, &weights)) - 160.0 * 256.0).abs() < 0.1);
         assert!((total(&required_samples.capped_targets()) - 160.0 * 256.0).abs() < 0.1);
-        // Enough already.
+        // All pixels have their required samples already.
         assert_eq!(total(&required_samples.if_weighted(&Plane::new(16, 16, 200), &weights)), 200.0 * 256.0);
     }
 
@@ -325,7 +327,7 @@ mod tests {
         assert!((shares.at(8, 3) / shares.at(4, 3) - 8.0).abs() < 1e-4, "sixteen times the need");
         // 40 and 80 are less than 100.
         assert!([0, 1, 9].iter().all(|&x| *shares.at(x, 0) == 100f32.powf(0.75)));
-        // One column of which nothing is known.
+        // One column of unknown variance.
         let unknown =
             Plane::from_fn(10, 10, |x, y| if x == 8 { f32::INFINITY } else { *required_samples.samples.at(x, y) });
         let shares = RequiredSamples { samples: unknown, ..required_samples }.shares(8.0);

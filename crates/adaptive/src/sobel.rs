@@ -1,16 +1,16 @@
-//! The pilot image as a camera monitor would show it, and how steep it is: the guide of the founding paper.
+//! The 8-bit gamma-encoded pilot image and its Sobel magnitude: the allocation of the founding paper.
 //!
-//! Kludt et al. found that the temporal variance of a rendered image and the Sobel magnitude of a single rendering look
-//! alike, and that the latter costs one rendering where the former costs fifty. Their chain is followed here step by
-//! step: clip at white, gamma 2.2, eight bits, Sobel.
+//! Kludt et al. found that the temporal variance of a rendered image resembles the Sobel magnitude of a single
+//! rendering. The magnitude costs one rendering, the variance fifty. This module follows their steps: clip at white,
+//! gamma 2.2, eight bits, Sobel.
 
 use dunkelfeld_film::Plane;
 
 /// The 8-bit image of a linear plane: `round(255 (v / white)^(1/2.2))`, clipped to \[0, 255\].
 ///
 /// `linear` and `white` share any unit (radiance, electrons, DN). The curve is the plain power of the paper, not the
-/// piecewise sRGB one. NaN and negative values become 0. A `white` that is not a positive number turns every pixel
-/// black, since nothing can be said about its brightness.
+/// piecewise sRGB one. NaN and negative values become 0. If `white` is not a positive number, the brightness is
+/// undefined and every pixel becomes black.
 pub fn gamma_image(linear: &Plane<f32>, white: f32) -> Plane<u8> {
     let scale = if white > 0.0 && white.is_finite() { 1.0 / f64::from(white) } else { 0.0 };
     // A NaN passes through the clamp and is cast to zero; infinity times a zero scale is such a NaN.
@@ -19,10 +19,11 @@ pub fn gamma_image(linear: &Plane<f32>, white: f32) -> Plane<u8> {
 
 /// Sobel gradient magnitude [DN per pixel] of an 8-bit image.
 ///
-/// The kernels are Sobel and Feldman's (1968) `[-1 0 1] x [1 2 1]^T` and its transpose, divided by eight, so that a ramp
-/// that climbs one DN per pixel has magnitude one and a step of 255 DN has magnitude 127.5 on both of its sides. At a
-/// border the difference is that of the two pixels beyond, and the outermost row or column is repeated in the smoothing across
-/// it. So nowhere has a pixel a say in its own magnitude: samples shared out by it do not depend on the pixel's own.
+/// The kernels are those of Sobel and Feldman (1968), `[-1 0 1] x [1 2 1]^T` and its transpose, divided by eight. So a
+/// ramp that climbs one DN per pixel has magnitude one, and a step of 255 DN has magnitude 127.5 on both of its sides.
+/// At a border, the difference is that of the two pixels beside the border pixel, and the smoothing across it repeats
+/// the outermost row or column. So the magnitude of a pixel does not depend on its own value, and neither does its
+/// number of samples.
 pub fn magnitude(image: &Plane<u8>) -> Plane<f32> {
     let (width, height) = (image.width(), image.height());
     Plane::from_fn(width, height, |x, y| {
@@ -37,8 +38,8 @@ pub fn magnitude(image: &Plane<u8>) -> Plane<f32> {
     })
 }
 
-/// The two places whose difference is taken at `x`: those around it, or the next two at a border; never `x` itself where there
-/// are three.
+/// The two coordinates whose difference is taken at `x`: those beside it, or the next two at a border. Never `x` itself
+/// if there are three.
 fn beside(x: u32, size: u32) -> (u32, u32) {
     match x {
         0 => (1.min(size - 1), 2.min(size - 1)),
@@ -55,7 +56,7 @@ mod tests {
     fn gamma_clips_at_white_and_rounds_to_eight_bits() {
         let linear = vec![0.0, 2.0, 1.0, 7.0, -1.0, f32::NAN, f32::INFINITY, f32::NEG_INFINITY];
         let plane = Plane::from_vec(8, 1, linear).expect("eight values");
-        // 255 * 0.5^(1/2.2) = 186.08: the well-known middle of a gamma-2.2 monitor.
+        // 255 * 0.5^(1/2.2) = 186.08: half of white in a gamma-2.2 encoding.
         assert_eq!(gamma_image(&plane, 2.0).data(), [0, 255, 186, 255, 0, 0, 255, 0]);
     }
 

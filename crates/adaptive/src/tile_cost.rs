@@ -1,14 +1,14 @@
-//! What a sample costs where: relative costs per tile, learned from measured times, and work cut to even pieces by them.
+//! Relative costs of a sample per tile, estimated from measured times, and the division of a round into units of even
+//! cost.
 //!
-//! Costs are *relative*: one is the mean cost of a sample over the image. How many seconds one unit takes right now is
-//! the business of [`crate::budget`]; keeping the two apart lets a machine that slows down change the pace without
-//! spoiling the map.
+//! Costs are *relative*: one is the mean cost of a sample over the image. [`crate::budget`] estimates the seconds of
+//! one unit. With the two apart, a machine that slows down changes the pace but not the map.
 
 use std::ops::Range;
 
 use dunkelfeld_film::Plane;
 
-/// An image cut into square tiles, row by row from the top left; those at the right and bottom may be smaller.
+/// An image divided into square tiles, row by row from the top left. Those at the right and bottom may be smaller.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct TileGrid {
     width: u32,
@@ -19,13 +19,13 @@ pub struct TileGrid {
 /// A rectangle of pixels: `x0 <= x < x1`, `y0 <= y < y1`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct TileRect {
-    /// Left edge, inside.
+    /// Left edge, inclusive.
     pub x0: u32,
-    /// Top edge, inside.
+    /// Top edge, inclusive.
     pub y0: u32,
-    /// Right edge, outside.
+    /// Right edge, exclusive.
     pub x1: u32,
-    /// Bottom edge, outside.
+    /// Bottom edge, exclusive.
     pub y1: u32,
 }
 
@@ -51,7 +51,7 @@ impl TileGrid {
         self.columns() * self.height.div_ceil(self.tile) as usize
     }
 
-    /// Has the image no pixels?
+    /// Returns whether the image has no pixels.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
@@ -73,13 +73,13 @@ impl TileGrid {
 #[derive(Clone, Debug, PartialEq)]
 pub struct CostMap {
     grid: TileGrid,
-    /// Per tile, the older rounds discounted.
+    /// Observations per tile, with older rounds discounted.
     observed: Vec<Observed>,
-    /// Per tile: samples that its busiest pixel got in the round that was cut last.
+    /// Per tile: samples of its busiest pixel in the round that was divided last.
     busiest: Vec<u32>,
 }
 
-/// What was observed of a tile.
+/// Observations of a tile.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct Observed {
     cost: f64,
@@ -88,15 +88,15 @@ struct Observed {
     busiest: f64,
 }
 
-/// So many samples at mean cost are imagined in each tile beside the real ones: a tile of which little is known is
-/// taken for an average one.
+/// Each tile has this many imaginary samples at mean cost beside the real ones. So a tile with few observations counts
+/// as an average one.
 const PRIOR_SAMPLES: f64 = 16.0;
 
-/// At least so many old samples count in full beside new ones.
+/// At least this many old samples count in full beside new ones.
 const MIN_KEPT: f64 = 64.0;
 
 impl CostMap {
-    /// A map that knows nothing yet: every tile costs one.
+    /// A map without observations: every tile has cost one.
     pub fn new(grid: TileGrid) -> Self {
         Self { observed: vec![Observed::default(); grid.len()], busiest: vec![0; grid.len()], grid }
     }
@@ -106,23 +106,23 @@ impl CostMap {
         self.grid
     }
 
-    /// Relative cost of one sample in tile number `index`; one for a tile that does not exist.
+    /// Relative cost of one sample in tile number `index`. One for a tile that does not exist.
     pub fn per_sample(&self, index: usize) -> f64 {
         let o = self.observed.get(index).copied().unwrap_or_default();
         (PRIOR_SAMPLES + o.cost) / (PRIOR_SAMPLES + o.samples)
     }
 
-    /// By how much the samples of a tile may be dearer than before because its busiest pixel gets more of them: all of what
-    /// was observed may have been the cost of that pixel.
+    /// The factor by which the samples of a tile may cost more than before because its busiest pixel gets more of them.
+    /// In the worst case the whole observed cost came from that pixel.
     fn concentrated(&self, tile: usize, samples: u64, most: u32) -> f64 {
         let o = self.observed[tile];
         let before = (o.busiest + 1.0) / (o.samples + self.grid.rect(tile).pixels() as f64);
-        // One sample more or less says nothing.
+        // A difference of one sample is not significant.
         let now = f64::from(most.saturating_sub(1)) / samples as f64;
         (now / before).max(1.0)
     }
 
-    /// Learns from a round: for each tile that took part its index, samples and thread seconds.
+    /// Updates the map from a round: index, samples and thread seconds of each tile that took part.
     ///
     /// Only the ratios between tiles of the same round are used. Entries that are not positive and finite are ignored.
     pub fn record(&mut self, round: &[(usize, u64, f64)]) {
@@ -135,8 +135,8 @@ impl CostMap {
         let scale = expected / seconds;
         for (tile, samples, seconds) in used {
             let (busiest, o) = (f64::from(self.busiest[tile]), &mut self.observed[tile]);
-            // What is old counts no more than a quarter of what is new: the samples of a tile move from pixel to pixel, and what they cost
-            // next is more like what they cost last. A handful of new ones does not make forget everything.
+            // Old samples count at most a quarter of the new ones. The samples of a tile move from pixel to pixel, and
+            // their next cost resembles their last cost. A few new samples do not replace all old ones.
             let keep = ((0.25 * samples as f64).max(MIN_KEPT) / o.samples.max(1.0)).min(1.0);
             o.cost = o.cost * keep + seconds * scale;
             o.samples = o.samples * keep + samples as f64;
@@ -144,12 +144,14 @@ impl CostMap {
         }
     }
 
-    /// Cuts the new samples of a round (see [`crate::plan::increment`]) into units of work for `threads` threads, the
-    /// dearest first, so that whoever is free takes the next (longest processing time first, Graham 1969).
+    /// Divides the new samples of a round (see [`crate::plan::increment`]) into units of work for `threads` threads.
+    /// The most expensive come first, so that each free thread takes the next (longest processing time first, Graham
+    /// 1969).
     ///
-    /// A tile that would hold up the end is cut into parts, each with a share of the samples of *every* pixel in it: a
-    /// pixel with very many samples is spread over several threads too. Tiles without new samples give no unit. A tile whose
-    /// busiest pixel gets a larger part of its samples than ever is taken to be as much dearer, until it has been measured.
+    /// A tile that would delay the end is divided into parts, each with a share of the samples of *every* pixel in it.
+    /// So a pixel with very many samples is spread over several threads too. Tiles without new samples give no unit. If
+    /// the busiest pixel of a tile gets a larger share of its samples than before, the tile counts as more expensive by
+    /// that factor until it has been measured.
     ///
     /// # Panics
     /// If the plane's size is not that of the grid.
@@ -169,7 +171,7 @@ impl CostMap {
         let largest = whole / (threads.max(1) * UNITS_PER_THREAD) as f64;
         let mut units = Vec::with_capacity(tiles.len());
         for (tile, samples, most, cost, factor) in tiles {
-            // No more parts than the busiest pixel has samples: beyond that, parts would be empty.
+            // No more parts than samples of the busiest pixel: further parts would be empty.
             let parts = ((factor * cost / largest).ceil() as u32).clamp(1, most);
             let cost = cost / f64::from(parts);
             let unit = |part| WorkUnit { tile, part, parts, samples, cost, feared: factor * cost };
@@ -181,11 +183,11 @@ impl CostMap {
     }
 }
 
-/// Pieces per thread that a round is cut into at least, where it can be cut: the last one to finish is then late by a
-/// few per cent at most.
+/// Least number of units per thread in a round, if it can be divided. The last thread then finishes late by a few per
+/// cent at most.
 const UNITS_PER_THREAD: usize = 24;
 
-/// New samples in a rectangle: their number, and that of the pixel with the most.
+/// New samples in a rectangle: their sum, and the largest number of a pixel.
 fn count(increment: &Plane<u32>, rect: TileRect) -> (u64, u32) {
     let width = increment.width() as usize;
     let rows = (rect.y0..rect.y1).map(|y| {
@@ -195,20 +197,21 @@ fn count(increment: &Plane<u32>, rect: TileRect) -> (u64, u32) {
     rows.flatten().fold((0, 0), |(sum, most), &n| (sum + u64::from(n), most.max(n)))
 }
 
-/// A piece of a round that one thread does in one go.
+/// A unit of work of a round, which one thread does without interruption.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct WorkUnit {
     /// The tile's number in its grid.
     pub tile: usize,
-    /// Which part of the tile's samples.
+    /// The number of this part of the tile's samples.
     pub part: u32,
-    /// How many parts there are.
+    /// The number of parts of the tile.
     pub parts: u32,
     /// New samples of the whole tile, all parts together.
     pub samples: u64,
     /// Expected cost of this part, in samples of mean cost.
     pub cost: f64,
-    /// What it may cost if its busiest pixel is what made its tile dear; never less than [`Self::cost`].
+    /// Cost of this part in the worst case, in which the busiest pixel causes the whole cost of its tile. Never less
+    /// than [`Self::cost`].
     pub feared: f64,
 }
 
@@ -221,12 +224,12 @@ impl WorkUnit {
     }
 }
 
-/// The time, in samples of mean cost, until all units are done if each free thread takes the next.
+/// The time until all units are done if each free thread takes the next, in samples of mean cost.
 pub fn makespan(units: &[WorkUnit], threads: usize) -> f64 {
     span(units, threads, |unit| unit.cost)
 }
 
-/// The same if units cost what is feared of them.
+/// The same with the worst-case cost of the units.
 pub fn feared_makespan(units: &[WorkUnit], threads: usize) -> f64 {
     span(units, threads, |unit| unit.feared)
 }
@@ -266,7 +269,7 @@ mod tests {
 
     #[test]
     fn relative_costs_are_learned_whatever_the_pace() {
-        // Tile 1 costs four times tile 0. The machine halves its speed between rounds; the ratio must not notice.
+        // Tile 1 costs four times tile 0. The machine halves its speed between rounds. The ratio must not change.
         let mut map = CostMap::new(TileGrid::new(32, 16, 16));
         for pace in [1e-6, 1e-6, 2e-6, 8e-6] {
             map.record(&[(0, 100_000, 100_000.0 * pace), (1, 100_000, 400_000.0 * pace)]);
@@ -295,7 +298,7 @@ mod tests {
         assert!((cost_of(&map.cut(&even, 1)) / 20_480.0 - 1.0).abs() < 1e-9, "nothing is said of an even round");
         map.record(&[(0, 10_240, 1.0), (1, 10_240, 1.0)]);
         let one = Plane::from_fn(32, 16, |x, y| if (x, y) == (20, 3) { 1000 } else { 0 });
-        // It had a 256th of the samples.
+        // The pixel had a 256th of the samples.
         let feared = cost_of(&map.cut(&one, 1));
         assert!((feared / 256_000.0 - 1.0).abs() < 0.05, "{feared}");
         for _ in 0..3 {
@@ -337,7 +340,7 @@ mod tests {
 
     #[test]
     fn units_hold_the_whole_round_dearest_first_and_end_together() {
-        // One pixel with a hundred times the samples of all others together, in a tile that is dear as well.
+        // One pixel with a hundred times the samples of all others together, in a tile that is expensive as well.
         let grid = TileGrid::new(128, 128, 16);
         let mut map = CostMap::new(grid);
         map.record(&(0..grid.len()).map(|i| (i, 256, if i == 9 { 1e-2 } else { 1e-4 })).collect::<Vec<_>>());

@@ -1,7 +1,8 @@
-//! How the samples are shared out: relative weights per pixel, mean one, and what each pixel needs.
+//! The allocation of samples to pixels: relative weights per pixel with mean one, and the samples that each pixel
+//! needs.
 //!
-//! Each strategy is a pure function of planes. A strategy says how *unequal* pixels are; how many samples there are to
-//! share is the business of [`crate::plan`], and how many the clock allows that of [`crate::budget`].
+//! Each strategy is a pure function of planes. A strategy sets the *ratios* between pixels. [`crate::plan`] sets the
+//! number of samples to distribute, and [`crate::budget`] the number that the clock allows.
 
 use std::fmt;
 use std::str::FromStr;
@@ -13,13 +14,14 @@ use crate::required_samples::RequiredSamples;
 use crate::sobel::{gamma_image, magnitude};
 use crate::variance::neighbours::PredictedNoise;
 
-/// No pixel's Sobel magnitude counts for less than this share of the image's mean magnitude. With it, the flattest
+/// Lower bound of the Sobel magnitude of a pixel, as a share of the mean magnitude of the image. With it, the flattest
 /// pixel gets at least `FLOOR / (1 + FLOOR)`, a fifth, of the average.
 pub const SOBEL_FLOOR: f32 = 0.25;
-/// Nor for less than half a grey level per pixel [DN/pixel], below which eight bits show their own rounding, not an edge.
+/// Lower bound of the Sobel magnitude, half a grey level per pixel [DN/pixel]. Below it, differences come from 8-bit
+/// rounding and not from an edge.
 pub const SOBEL_RESOLUTION: f32 = 0.5;
 
-/// A way to share samples among pixels.
+/// A strategy that distributes samples over pixels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Strategy {
@@ -27,12 +29,13 @@ pub enum Strategy {
     Uniform,
     /// In proportion to the Sobel magnitude of the pilot image, above a floor (Kludt et al.).
     Sobel,
-    /// In proportion to the standard deviation of a sample over the root of its cost (Neyman 1934): the least variance of the
-    /// image's mean that a budget buys.
+    /// In proportion to the standard deviation of a sample over the square root of its cost (Neyman 1934). For a given
+    /// budget, this has the least variance of the image mean.
     Variance,
-    /// Where the camera would notice: until the render's variance is hidden beneath the sensor's everywhere, and as far as
-    /// the budget does not reach, in proportion to `sqrt(v / (s c))`: variance of a sample over sensor variance and cost. The neediest
-    /// few pixels, which are not waited for, count as the last of the others.
+    /// By the noise of the sensor, until the render variance of all pixels is hidden by the sensor variance. If the
+    /// budget does not suffice, in proportion to `sqrt(v / (s c))`: v is the variance of a sample, s the sensor
+    /// variance and c the cost. The few pixels that need most count as the largest of the others, since a render does
+    /// not wait for them.
     Sensor,
 }
 
@@ -40,7 +43,7 @@ impl Strategy {
     /// All strategies, in the order in which they are documented.
     pub const ALL: [Self; 4] = [Self::Uniform, Self::Sobel, Self::Variance, Self::Sensor];
 
-    /// The strategy where none is named: [`Self::Sensor`] behind a sensor; without one the founding paper's.
+    /// The default strategy: [`Self::Sensor`] with a sensor, otherwise that of the founding paper.
     pub const fn default_for(has_sensor: bool) -> Self {
         if has_sensor { Self::Sensor } else { Self::Sobel }
     }
@@ -55,18 +58,18 @@ impl Strategy {
         }
     }
 
-    /// Does the strategy look at a pilot, so that new data may change its mind?
+    /// Returns whether the strategy uses a pilot, so that new data may change the shares.
     pub const fn needs_pilot(self) -> bool {
         !matches!(self, Self::Uniform)
     }
 
-    /// Does it rest on measured variances ([`Pilot::measured`])?
+    /// Returns whether the strategy uses measured variances ([`Pilot::measured`]).
     pub const fn needs_noise(self) -> bool {
         matches!(self, Self::Variance | Self::Sensor)
     }
 
-    /// The shares of all pixels. What a strategy has no data for, it does as the next simpler one would: `sensor` without a
-    /// sensor as `variance`, `variance` without variances as `uniform`.
+    /// The shares of all pixels. A strategy without its data falls back to the next simpler one: `sensor` without a
+    /// sensor to `variance`, and `variance` without variances to `uniform`.
     pub fn shares(self, pilot: &Pilot<'_>) -> Shares {
         let (width, height) = (pilot.luminance.width(), pilot.luminance.height());
         match (self, &pilot.measured) {
@@ -85,17 +88,17 @@ impl Strategy {
     }
 }
 
-/// How a budget is shared out: in proportion to weights, up to caps. Once all are met, in proportion to the caps.
+/// Shares of a budget: in proportion to weights, up to caps. Once all caps are met, in proportion to the caps.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Shares {
     /// Relative weights, none negative, with mean one (to within rounding).
     pub weights: Plane<f32>,
-    /// Samples at which a pixel has what it needs; without them there is no such number.
+    /// Samples at which a pixel has its required number. `None` without such numbers.
     pub caps: Option<Plane<f32>>,
 }
 
 impl Shares {
-    /// Shares by weights alone.
+    /// Shares from weights alone.
     pub fn from_weights(weights: Plane<f32>) -> Self {
         Self { weights, caps: None }
     }
@@ -128,33 +131,34 @@ impl FromStr for Strategy {
     }
 }
 
-/// What is known of the image when the samples are shared out: means over all samples taken so far.
+/// Statistics of the image when the samples are distributed: means over all samples so far.
 #[derive(Clone, Copy, Debug)]
 pub struct Pilot<'a> {
     /// Mean luminance per pixel, in any linear unit.
     pub luminance: &'a Plane<f32>,
-    /// The level, in that unit, at which the camera saturates.
+    /// The level at which the camera saturates, in the unit of `luminance`.
     pub white: f32,
-    /// Weight of a region without edges, relative to the mean Sobel magnitude; [`SOBEL_FLOOR`] by default, and for
-    /// what is not from 0 to 1.
+    /// Weight of a region without edges, relative to the mean Sobel magnitude. [`SOBEL_FLOOR`] is the default, and
+    /// replaces values that are not from 0 to 1.
     pub sobel_floor: f32,
     /// Variances, for the strategies that need them.
     pub measured: Option<MeasuredNoise<'a>>,
 }
 
-/// Measured variances; planes of the size of the pilot.
+/// Measured variances. The planes have the size of the pilot.
 #[derive(Clone, Copy, Debug)]
 pub struct MeasuredNoise<'a> {
-    /// What is expected of a pixel's samples: variances over those of the sensor; without one, or for [`Strategy::Variance`], over the
-    /// same everywhere.
+    /// Predicted variance of a sample of each pixel over the sensor variance. Without a sensor, or for
+    /// [`Strategy::Variance`], the divisor is the same everywhere.
     pub expected: &'a Plane<PredictedNoise>,
-    /// What each pixel needs to be hidden beneath the sensor's noise.
+    /// Samples that each pixel needs until its noise is hidden by that of the sensor.
     pub required_samples: Option<&'a RequiredSamples>,
-    /// Relative cost of a sample in each pixel; `None` for the same everywhere. What is not positive counts as one.
+    /// Relative cost of a sample in each pixel. `None` if it is the same everywhere. A value that is not positive
+    /// counts as one.
     pub cost: Option<&'a Plane<f32>>,
 }
 
-/// Weights `sqrt(v / c)`. A pixel of which nothing is known weighs as much as the heaviest of the others.
+/// Weights `sqrt(v / c)`. A pixel of unknown variance has the largest weight of the others.
 fn deviation(variance: &Plane<f32>, cost: Option<&Plane<f32>>) -> Plane<f32> {
     let (width, height) = (variance.width(), variance.height());
     let weights = variance.data().iter().enumerate().map(|(i, &variance)| {
@@ -176,9 +180,9 @@ pub fn uniform(width: u32, height: u32) -> Plane<f32> {
     Plane::new(width, height, 1.0)
 }
 
-/// Weights in proportion to the Sobel magnitude [DN/pixel], above [`SOBEL_RESOLUTION`] and `floor` times the mean
-/// magnitude, with mean one. An image without edges gives equal weights. Magnitudes that are not finite count as the floor;
-/// a `floor` that is not from 0 to 1 counts as [`SOBEL_FLOOR`].
+/// Weights in proportion to the Sobel magnitude [DN/pixel], with mean one. Magnitudes have two lower bounds:
+/// [`SOBEL_RESOLUTION`], and `floor` times the mean magnitude. An image without edges has equal weights. Magnitudes
+/// that are not finite count as the floor. A `floor` that is not from 0 to 1 counts as [`SOBEL_FLOOR`].
 pub fn sobel(magnitude: &Plane<f32>, floor: f32) -> Plane<f32> {
     let known = |m: f32| if m.is_finite() { m } else { 0.0 };
     let mean = mean(magnitude.data().iter().map(|&m| known(m)));
@@ -194,7 +198,7 @@ fn normalised(mut weights: Plane<f32>) -> Plane<f32> {
     weights
 }
 
-/// The mean, summed in f64 in the order of the values; zero for none.
+/// The mean, summed in f64 in the order of the values. Zero without values.
 fn mean(values: impl ExactSizeIterator<Item = f32>) -> f32 {
     let count = values.len().max(1) as f64;
     (values.map(f64::from).sum::<f64>() / count) as f32
@@ -221,7 +225,8 @@ mod tests {
 
     #[test]
     fn weights_are_proportional_to_the_magnitude_above_the_floor() {
-        // Mean 25, so the floor is 6.25: above it the ratios are those of the magnitudes, below it all are equal.
+        // The mean is 25, so the floor is 6.25. Above it the ratios are those of the magnitudes, below it all are
+        // equal.
         let plane = Plane::from_vec(4, 1, vec![0.0, 5.0, 35.0, 60.0]).expect("four values");
         let weights = sobel(&plane, SOBEL_FLOOR);
         assert_mean_one(&weights);
@@ -233,7 +238,7 @@ mod tests {
 
     #[test]
     fn nobody_gets_less_than_a_fifth() {
-        // One steep pixel among ever more flat ones.
+        // One steep pixel among a growing number of flat ones.
         for n in [2, 10, 1000, 100_000] {
             let weights = sobel(&Plane::from_fn(n, 1, |x, _| if x == 0 { 127.5 } else { 0.0 }), SOBEL_FLOOR);
             assert_mean_one(&weights);
@@ -276,13 +281,13 @@ mod tests {
         assert!(*weights.at(3, 4) < 0.5);
         assert_eq!(caps, None);
         assert_eq!(Strategy::Uniform.shares(&pilot), Shares::from_weights(uniform(32, 8)));
-        // Nothing has been measured.
+        // Without measured noise.
         assert_eq!(Strategy::Sensor.shares(&pilot), Shares::from_weights(uniform(32, 8)));
     }
 
     const UNKNOWN: f32 = f32::INFINITY;
 
-    /// Weights of four pixels of which so much is expected, by a strategy and cost.
+    /// Weights of four pixels with the given predicted noise, strategy and cost.
     fn weights_of(strategy: Strategy, ratios: [f32; 4], cost: Option<[f32; 4]>) -> Vec<f32> {
         let row = |v: [f32; 4]| Plane::from_vec(4, 1, v.to_vec()).expect("four values");
         let expected = row(ratios).map(|&ratio| PredictedNoise { ratio, saturated: ratio == 0.0 });

@@ -1,5 +1,5 @@
-//! Schedule, plan and cost map together, on a simulated machine with two threads and an image whose pixels cost very
-//! different amounts. Nothing here looks at a real clock.
+//! Tests of schedule, plan and cost map together, on a simulated machine with two threads and an image whose pixels
+//! have very different costs. No test here reads a real clock.
 
 use dunkelfeld_adaptive::tile_cost::{self, CostMap, TileGrid, WorkUnit};
 use dunkelfeld_adaptive::{Limits, SamplePlan, Schedule, Settings, Shares, Step, StopReason, plan, weights};
@@ -8,7 +8,7 @@ use dunkelfeld_film::Plane;
 const THREADS: usize = 2;
 const SIDE: u32 = 64;
 
-/// Seconds that a unit takes, pixel by pixel.
+/// Seconds of a unit, summed over its pixels.
 fn seconds(unit: &WorkUnit, grid: TileGrid, taken: &SamplePlan, increment: &Plane<u32>, costs: &Plane<f64>) -> f64 {
     let rect = grid.rect(unit.tile);
     let pixels = (rect.y0..rect.y1).flat_map(|y| (rect.x0..rect.x1).map(move |x| (x, y)));
@@ -21,7 +21,7 @@ struct Result {
     replans: usize,
 }
 
-/// Renders an image with the given seconds per sample for each pixel, and Sobel weights that are given from outside.
+/// Renders an image with the given seconds per sample and the given Sobel weights of each pixel.
 fn render(budget: f64, costs: &Plane<f64>, weights: &Plane<f32>) -> Result {
     let (closing, overhead) = ((0.02 * budget).min(0.1), 5e-4);
     let pixels = u64::from(SIDE * SIDE);
@@ -55,7 +55,7 @@ fn render(budget: f64, costs: &Plane<f64>, weights: &Plane<f32>) -> Result {
     }
 }
 
-/// A round as it is rendered.
+/// A round after its samples were distributed.
 struct Dealt {
     samples: u64,
     next: SamplePlan,
@@ -64,7 +64,7 @@ struct Dealt {
     work: f64,
 }
 
-/// A round of so many samples, or of as many as the time allows now that it is known where they go.
+/// A round of the given number of samples, or of the number that fits the time once their pixels are known.
 fn deal(
     schedule: &Schedule,
     map: &mut CostMap,
@@ -84,8 +84,8 @@ fn deal(
     }
 }
 
-/// Each free thread takes the next unit and finds out what it really costs; the map learns it. Returns the seconds until all
-/// are done.
+/// Each free thread takes the next unit and measures its cost, which updates the map. Returns the seconds until all
+/// units are done.
 fn work_off(units: &[WorkUnit], map: &mut CostMap, cost_of: impl Fn(&WorkUnit) -> f64) -> f64 {
     let mut busy = [0.0f64; THREADS];
     let mut tiles = vec![(0u64, 0.0); map.grid().len()];
@@ -107,7 +107,7 @@ fn assert_in_time(budget: f64, end: f64, what: &str) {
 
 #[test]
 fn one_dear_pixel_that_also_gets_most_samples_does_not_hold_up_the_end() {
-    // A thousand times dearer than the rest, and the plan sends it fifty times more samples.
+    // One pixel costs a thousand times the rest per sample, and the plan gives it fifty times more samples.
     let costs = Plane::from_fn(SIDE, SIDE, |x, y| if (x, y) == (21, 37) { 1e-3 } else { 1e-6 });
     let weights = Plane::from_fn(SIDE, SIDE, |x, y| if (x, y) == (21, 37) { 50.0 } else { 1.0 });
     for budget in [0.3, 1.0, 5.0, 20.0, 300.0] {
@@ -116,7 +116,8 @@ fn one_dear_pixel_that_also_gets_most_samples_does_not_hold_up_the_end() {
         if budget >= 1.0 {
             let (dear, other) = (*result.taken.at(21, 37), *result.taken.at(5, 5));
             let ratio = f64::from(dear) / f64::from(other);
-            // By the plan the others have 8 % of the time. They got a fifth of it from the pilot; all that was left goes to the pixel.
+            // By the plan the other pixels would have 8 % of the time. They had a fifth of it in the pilot. All
+            // remaining time goes to the pixel.
             assert!((18.0..60.0).contains(&ratio), "{budget} s: {dear} samples against {other}");
             assert_eq!(result.replans, 1);
         }
@@ -125,7 +126,7 @@ fn one_dear_pixel_that_also_gets_most_samples_does_not_hold_up_the_end() {
 
 #[test]
 fn costs_that_follow_the_weights_are_foreseen() {
-    // Edges are dear and get the samples: the mean cost rises at the first replanning, and differs from tile to tile.
+    // Edges are expensive and get the samples: the mean cost rises at the plan, and differs from tile to tile.
     let steep = |x: u32, y: u32| (x / 8 + y / 16).is_multiple_of(3);
     let costs = Plane::from_fn(SIDE, SIDE, |x, y| if steep(x, y) { 8e-6 } else { 0.5e-6 });
     let weights = Plane::from_fn(SIDE, SIDE, |x, y| if steep(x, y) { 6.0 } else { 0.3 });
@@ -137,7 +138,7 @@ fn costs_that_follow_the_weights_are_foreseen() {
 
 #[test]
 fn a_heavy_tail_of_pixel_costs_is_no_trouble() {
-    // Pareto-distributed with exponent 1.2: the mean hangs on few pixels.
+    // Pareto-distributed with exponent 1.2: few pixels dominate the mean.
     let costs = Plane::from_fn(SIDE, SIDE, |x, y| {
         let mut h = u64::from(y * SIDE + x + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
         h ^= h >> 29;
@@ -154,8 +155,8 @@ fn a_heavy_tail_of_pixel_costs_is_no_trouble() {
     }
 }
 
-/// As [`render`], but behind a sensor: each pixel needs a number of samples, and the render ends when 99 % have theirs or the
-/// time is up.
+/// As [`render`], but with a sensor: each pixel needs a number of samples. The render ends when 99 % of the pixels have
+/// theirs or the time is up.
 fn render_until_hidden(budget: Option<f64>, costs: &Plane<f64>, need: &Plane<f32>) -> (StopReason, Result) {
     let closing = budget.map_or(0.0, |b| (0.02 * b).min(0.1));
     let pixels = u64::from(SIDE * SIDE);
@@ -196,7 +197,8 @@ fn render_until_hidden(budget: Option<f64>, costs: &Plane<f64>, need: &Plane<f32
 
 #[test]
 fn a_pixel_that_is_dear_and_needy_does_not_hold_up_a_render_that_waits_for_it() {
-    // A thousand times dearer than the rest, and needier by the same factor: more work than all others together.
+    // One pixel costs a thousand times the rest per sample, and needs more samples by the same factor: more work than
+    // all others together.
     let costs = Plane::from_fn(SIDE, SIDE, |x, y| if (x, y) == (21, 37) { 1e-3 } else { 1e-6 });
     let need = Plane::from_fn(SIDE, SIDE, |x, y| if (x, y) == (21, 37) { 1e5 } else { 100.0 + x as f32 });
     for budget in [1.0, 5.0, 20.0, 60.0] {
@@ -207,7 +209,7 @@ fn a_pixel_that_is_dear_and_needy_does_not_hold_up_a_render_that_waits_for_it() 
             assert!(result.end <= budget, "{budget} s: {} s", result.end);
         }
     }
-    // With time enough it ends by itself, and nobody has much more than needed.
+    // With enough time the render ends by itself, and no pixel has many more samples than it needs.
     let (reason, result) = render_until_hidden(Some(3600.0), &costs, &need);
     assert!(reason == StopReason::NoiseTarget && result.end < 400.0, "{reason:?} after {} s", result.end);
     assert_eq!(render_until_hidden(None, &costs, &need).0, StopReason::NoiseTarget);

@@ -1,12 +1,12 @@
-//! Does deciding by the samples bias what they say? The hardest case: pixels of two values, dark and now and then bright.
-//! Whoever stops when such a pixel looks quiet stops before the bright sample (Kirk and Arvo 1991).
+//! Tests of the bias of allocation by samples. The hardest case is pixels of two values, mostly dark and rarely bright.
+//! A pixel that stops at a low measured variance stops before its bright sample (Kirk and Arvo 1991).
 //!
-//! The whole of planning runs here without a renderer: a pilot, what is expected by its neighbours, needs, plans at doubling budgets. The
-//! target is a standard error, put in as a sensor of constant noise. What renders do is simpler: one plan, from a pilot.
-//! The last tests show why: where bright samples are rare, every other way is biased.
+//! The whole planning runs here without a renderer: a pilot, predictions from neighbours, required samples, plans at
+//! doubling budgets. The target is a standard error, which a sensor of constant noise represents. Renders are simpler:
+//! one plan, from a pilot. The last tests show the reason: if bright samples are rare, every other method is biased.
 //!
-//! Replay: `cargo test -p dunkelfeld-adaptive --test two_valued NAME`. Seeds are fixed; the bounds are six standard errors
-//! of the simulation away from zero bias, or further: one false alarm in 5e8 each, a dozen such checks.
+//! Replay: `cargo test -p dunkelfeld-adaptive --test two_valued NAME`. Seeds are fixed. The bounds are at least six
+//! standard errors of the simulation away from zero bias: one false alarm in 5e8 each, for a dozen checks.
 
 use dunkelfeld_adaptive::required_samples::{RequiredSamples, SensorNoise, total};
 use dunkelfeld_adaptive::variance::inputs::{NoiseInputs, PixelFeatures};
@@ -18,7 +18,7 @@ use dunkelfeld_film::{BATCHES, Plane, Scatter};
 const SIDE: u32 = 64;
 const PILOT: u32 = 16;
 
-/// A pixel's samples so far: sums and counts of its batches, and whether one was bright.
+/// The samples of a pixel so far: sums and counts of its batches, and whether a sample was bright.
 #[derive(Clone, Copy, Default)]
 struct Pixel {
     sums: [f64; BATCHES],
@@ -34,7 +34,7 @@ impl Pixel {
         self.sums.iter().sum::<f64>() / f64::from(self.count().max(1))
     }
 
-    /// Of ones and zeros.
+    /// Scatter of samples that are zero or one.
     fn scatter(&self) -> Option<Scatter> {
         let (n, mean) = (f64::from(self.count()), self.mean());
         let all = mean * (1.0 - mean) / (n - 1.0);
@@ -44,7 +44,7 @@ impl Pixel {
         })
     }
 
-    /// As the film has it: from the spread of the batch means.
+    /// As the film computes it: from the spread of the batch means.
     fn variance_of_mean(&self) -> f64 {
         let (n, mean) = (f64::from(self.count()), self.mean());
         let spread = |(s, &c): (&f64, &u32)| f64::from(c) * (s / f64::from(c.max(1)) - mean).powi(2);
@@ -75,7 +75,7 @@ impl Image {
         Self { pixels: Plane::new(SIDE, SIDE, Pixel::default()), probability, random: Random(seed << 40) }
     }
 
-    /// Takes the samples of a plan that are missing: 1 with the probability, else 0.
+    /// Takes the missing samples of a plan: 1 with the probability of the image, else 0.
     fn render(&mut self, plan: &SamplePlan) {
         for (pixel, &n) in self.pixels.data_mut().iter_mut().zip(plan.data()) {
             for index in pixel.count()..n {
@@ -87,7 +87,7 @@ impl Image {
     }
 
     fn evidence(&self) -> NoiseInputs {
-        // Which pixels may speak for each other hangs on their means as much as it can: on a sensor without noise in the dark.
+        // The similarity of pixels depends on their means as much as possible, with a sensor without noise in the dark.
         let quiet = SensorNoise { floor: 1e-3, saturation: f64::INFINITY };
         NoiseInputs {
             counts: self.pixels.map(Pixel::count),
@@ -101,28 +101,28 @@ impl Image {
     }
 }
 
-/// Who decides for a pixel.
+/// The pixels whose samples decide about a pixel.
 #[derive(Clone, Copy, Debug)]
 enum Witnesses {
     /// Its neighbours, as in renders.
     Neighbours,
-    /// Its own samples, as they would be certified: what must not be.
+    /// The pixel itself, as in the certificate. Renders must not use it.
     Own,
 }
 
-/// The noise to plan by, over what is tolerated.
+/// The relative noise for a plan.
 fn told(evidence: &NoiseInputs, witnesses: Witnesses, sensor: Option<SensorNoise>) -> Plane<PredictedNoise> {
     match witnesses {
         Witnesses::Neighbours => expected(evidence, sensor),
-        // Judged alike everywhere, so that a bright sample does not excuse itself.
+        // The tolerated noise is constant, so that a bright sample does not raise its own tolerance.
         Witnesses::Own => pixel_noise(evidence).map(|noise| PredictedNoise { ratio: noise.variance, saturated: false }),
     }
 }
 
-/// Renders until every pixel has what it needs for a standard error of `target`: plans at doubling budgets, each number of
-/// samples fixed before they are taken.
+/// Renders until every pixel has the samples that it needs for a standard error of `target`. Plans have doubling
+/// budgets. Each number of samples is fixed before the samples are taken.
 fn adaptive(image: &mut Image, target: f64) {
-    // So much noise that the signal does not matter.
+    // The noise is so large that the signal does not matter.
     let sensor = SensorNoise { floor: 1e8, saturation: f64::INFINITY };
     let k = target / 1e4;
     image.render(&Plane::new(SIDE, SIDE, PILOT));
@@ -149,7 +149,7 @@ fn adaptive(image: &mut Image, target: f64) {
     }
 }
 
-/// The rule that must not be used: each pixel stops when its own samples look quiet enough.
+/// The invalid rule: each pixel stops when the measured variance of its own samples is low enough.
 fn by_own_variance(image: &mut Image, target: f64) {
     image.render(&Plane::new(SIDE, SIDE, PILOT));
     for _ in 0..400 {
@@ -162,7 +162,7 @@ fn by_own_variance(image: &mut Image, target: f64) {
 struct Verdict {
     /// Relative bias of the mean, and its standard error.
     bias: (f64, f64),
-    /// Root of the mean squared error over the target.
+    /// Root mean squared error over the target.
     error: f64,
     samples: f64,
 }
@@ -188,14 +188,14 @@ fn judge(probability: f64, target: f64, repeats: u64, render: impl Fn(&mut Image
     }
 }
 
-/// Probabilities of the bright value, and the samples that the target takes.
+/// Probabilities of the bright value, and the samples that the target needs.
 const CASES: [(f64, f64); 4] = [(0.5, 100.0), (0.2, 150.0), (0.05, 200.0), (0.02, 400.0)];
 
 #[test]
 fn plans_by_the_neighbours_do_not_bias_and_meet_their_target() {
     for (probability, samples) in CASES {
         let target = (probability * (1.0 - probability) / samples).sqrt();
-        // As many repeats as it takes to know the mean to a thousandth.
+        // Enough repeats for a standard error of the mean of one thousandth.
         let repeats = ((1.0 - probability) / probability / samples / f64::from(SIDE * SIDE) / 1e-6).ceil() as u64;
         let verdict = judge(probability, target, repeats.max(4), |image| adaptive(image, target));
         let (bias, standard_error) = verdict.bias;
@@ -212,7 +212,7 @@ fn plans_by_the_neighbours_do_not_bias_and_meet_their_target() {
     }
 }
 
-/// The control: this test would see a bias if there were one.
+/// The control: the method of this test detects a bias if there is one.
 #[test]
 fn stopping_by_a_pixels_own_variance_is_biased() {
     let (probability, samples) = (0.05, 200.0f64);
@@ -221,20 +221,22 @@ fn stopping_by_a_pixels_own_variance_is_biased() {
     assert!(verdict.bias.0 < -0.03 && verdict.error > 1.2, "{:+.4}, {:.3}", verdict.bias.0, verdict.error);
 }
 
-/// Bright samples so rare that of ten pixels and what is around them, 17 x 17, four have no such sample in their pilot.
+/// Probability of a bright sample. It is so low that for four of ten pixels the pilot has no bright sample in their 17
+/// x 17 neighbourhood.
 const RARE: f64 = 1.0 / 5000.0;
 
-/// By what a budget is shared out.
+/// The quantity by which a budget is distributed.
 #[derive(Clone, Copy, Debug)]
 enum Rule {
     /// The standard deviation.
     Deviation,
-    /// What hides pixels at a level of noise, as far as a pilot knows: [`dunkelfeld_adaptive::RequiredSamples::shares`].
+    /// The required samples for a noise level, as estimated from a pilot:
+    /// [`dunkelfeld_adaptive::RequiredSamples::shares`].
     ForNoise,
 }
 
-/// Relative bias of the mean, with its standard error, when a budget of 64 samples per pixel is shared out by so many plans at
-/// doubling totals from all samples so far.
+/// Relative bias of the mean, with its standard error, when plans distribute a budget of 64 samples per pixel. The
+/// plans are at doubling totals, from all samples so far.
 fn bias_of_budget(rule: Rule, witnesses: Witnesses, plans: u32, repeats: u64) -> (f64, f64) {
     let verdict = judge(RARE, 1.0, repeats, |image| {
         image.render(&Plane::new(SIDE, SIDE, PILOT));
@@ -280,7 +282,7 @@ fn one_plan_by_the_neighbours_does_not_bias_rare_light() {
     }
 }
 
-/// The controls: a pixel that has a say in its own plan, and plans that follow plans, lose light.
+/// The controls: a plan from the pixel's own samples loses light, and so does a plan that follows other plans.
 #[test]
 fn plans_by_own_samples_and_plans_after_plans_bias_rare_light() {
     use Rule::{Deviation, ForNoise};

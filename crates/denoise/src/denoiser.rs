@@ -5,7 +5,8 @@ use dunkelfeld_film::Plane;
 /// A plane of linear triples.
 pub type Triples = Plane<[f32; 3]>;
 
-/// What a denoiser may look at. Only the mean is always there; a denoiser uses what it understands and ignores the rest.
+/// The input of a denoiser. Only the mean is always present. A denoiser uses the planes that it supports and ignores
+/// the rest.
 ///
 /// All planes have the size of the mean ([`DenoiseInput::check`]). The auxiliary planes describe the first surface that
 /// is not a clear sheet or a mirror, averaged over the pixel.
@@ -13,24 +14,24 @@ pub type Triples = Plane<[f32; 3]>;
 pub struct DenoiseInput<'a> {
     /// Unbiased mean radiance [W/(m^2 sr) per channel].
     pub mean: &'a Triples,
-    /// Variance of the mean, in the square of its unit; infinite where nothing is known.
+    /// Variance of the mean, in the square of its unit. Infinite if it is unknown.
     pub variance: Option<&'a Triples>,
     /// Reflectance in \[0, 1\].
     pub albedo: Option<&'a Triples>,
     /// Variance of the albedo's mean.
     pub albedo_variance: Option<&'a Triples>,
-    /// Shading normal in world space, length up to 1 (zero where nothing was hit).
+    /// Shading normal in world space, length up to 1. Zero without a surface.
     pub normal: Option<&'a Triples>,
     /// Variance of the normal's mean.
     pub normal_variance: Option<&'a Triples>,
-    /// Distance from the camera in metres, 0 where nothing was hit.
+    /// Distance from the camera \[m\]. 0 without a surface.
     pub depth: Option<&'a Plane<f32>>,
     /// Variance of the depth's mean \[m^2\].
     pub depth_variance: Option<&'a Plane<f32>>,
 }
 
 impl<'a> DenoiseInput<'a> {
-    /// An input with nothing but the mean.
+    /// An input with the mean alone.
     pub fn new(mean: &'a Triples) -> Self {
         Self {
             mean,
@@ -44,7 +45,7 @@ impl<'a> DenoiseInput<'a> {
         }
     }
 
-    /// Do all planes have the size of the mean? The error names the first that does not.
+    /// Checks that all planes have the size of the mean. The error contains the name of the first that does not.
     pub fn check(&self) -> Result<(), DenoiseError> {
         let size = (self.mean.width(), self.mean.height());
         let triples = [
@@ -68,44 +69,45 @@ impl<'a> DenoiseInput<'a> {
     }
 }
 
-/// Why there is no denoised image.
+/// The reason why there is no denoised image.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum DenoiseError {
     /// A plane differs in size from the mean.
     #[error("the {plane} plane has {} x {} pixels, the mean has {} x {}", got.0, got.1, expected.0, expected.1)]
     SizeMismatch {
-        /// Which plane.
+        /// The name of the plane.
         plane: &'static str,
         /// Its width and height.
         got: (u32, u32),
         /// Width and height of the mean.
         expected: (u32, u32),
     },
-    /// The denoiser needs a plane that is not there.
+    /// The denoiser needs a plane that is missing.
     #[error("this denoiser needs the {0} plane")]
     Missing(&'static str),
-    /// The library behind the denoiser cannot be had.
+    /// The library of the denoiser is not available.
     #[error("{0}")]
     Unavailable(String),
-    /// The library behind the denoiser reports an error; the text is its own.
+    /// The library of the denoiser reports an error. The text is that of the library.
     #[error("{0}")]
     Library(String),
-    /// The caller asked to stop.
+    /// The caller requested a stop.
     #[error("denoising was cancelled")]
     Cancelled,
 }
 
-/// Runs independent pieces of work. Crates of this level start no threads: whoever owns them lends them through this.
+/// Runs independent pieces of work. Crates of this level start no threads. The owner of the threads provides them
+/// through this trait.
 pub trait Executor: Sync {
-    /// How many threads work at once; a library with threads of its own is told to use as many.
+    /// Number of threads that work at once. A library with its own threads uses the same number.
     fn threads(&self) -> usize;
 
-    /// Calls `work` once for each of `0..pieces`, in any order, and returns when all are done. What a piece computes
+    /// Calls `work` once for each of `0..pieces`, in any order, and returns when all are done. The result of a piece
     /// must depend on its number only.
     fn for_each(&self, pieces: usize, work: &(dyn Fn(usize) + Sync));
 }
 
-/// One thread: the caller's.
+/// An executor with one thread, that of the caller.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Serial;
 
@@ -119,13 +121,13 @@ impl Executor for Serial {
     }
 }
 
-/// How a denoiser talks to its caller while it works.
+/// The threads and the progress callback of a denoiser.
 #[derive(Clone, Copy)]
 pub struct Control<'a> {
     /// The threads to work on.
     pub executor: &'a dyn Executor,
-    /// Takes the finished fraction, from 0 to 1, and says whether to go on. Called from any thread, between pieces of at
-    /// most some tens of milliseconds; the fraction may repeat itself.
+    /// Gets the finished fraction, from 0 to 1, and returns whether to continue. Any thread may call it, between pieces
+    /// of at most some tens of milliseconds. The fraction may repeat.
     pub progress: &'a (dyn Fn(f64) -> bool + Sync),
 }
 
@@ -134,14 +136,14 @@ impl Control<'static> {
     pub const SILENT: Self = Self { executor: &Serial, progress: &|_| true };
 }
 
-/// Something that turns a noisy mean into a smoother one.
+/// A method that computes a smoother image from a noisy mean.
 pub trait Denoiser: Send + Sync {
-    /// Name for messages and for the metadata of the image, with a version where the algorithm has one.
+    /// Name for messages and for the metadata of the image, with a version if the algorithm has one.
     fn name(&self) -> String;
 
-    /// The denoised mean, of the size and unit of `input.mean`, finite wherever the input is.
+    /// The denoised mean, of the size and unit of `input.mean`. It is finite at each pixel at which the input is.
     ///
-    /// The result is the same for any number of threads of the executor, as far as the denoiser's own library allows.
+    /// The result is the same for any number of threads of the executor, unless the denoiser's own library prevents it.
     fn denoise(&self, input: &DenoiseInput<'_>, control: &Control<'_>) -> Result<Triples, DenoiseError>;
 }
 

@@ -1,7 +1,7 @@
-//! Denoising: what every denoiser takes and gives, and the one that does nothing.
+//! Denoising: the input and output of every denoiser, and the denoiser that changes nothing.
 //!
-//! A denoised image is cosmetic. It stands beside the unbiased mean and never replaces it: no statistic, no certificate
-//! and no grey value that is measured is made from it.
+//! A denoised image is cosmetic. It is an addition to the unbiased mean and never replaces it. Statistics, certificates
+//! and measured grey values never use it.
 
 // `oidn` calls a library in C, `builtin` enters code for wider registers; nothing else here may be unsafe.
 #![deny(unsafe_code)]

@@ -2,7 +2,7 @@
 
 use crate::denoiser::{Control, DenoiseError, DenoiseInput, Denoiser, Triples};
 
-/// Gives back the mean.
+/// Returns the mean.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Off;
 

@@ -1,11 +1,11 @@
-//! The built-in filter on images that are made to measure: noise that is known, and truths that are.
+//! Tests of the built-in filter on synthetic images with known noise and known true values.
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use dunkelfeld_denoise::{Builtin, Control, DenoiseError, DenoiseInput, Denoiser, Executor, Serial, Triples};
 use dunkelfeld_film::Plane;
 
-/// Three threads, which take pieces as they come.
+/// Three threads, each of which takes the next free piece.
 struct Three;
 
 impl Executor for Three {
@@ -27,7 +27,7 @@ impl Executor for Three {
     }
 }
 
-/// Numbers as random as these tests need, the same in each run (Steele et al. 2014, SplitMix).
+/// Pseudo-random numbers, the same in each run (Steele et al. 2014, SplitMix).
 struct Numbers(u64);
 
 impl Numbers {
@@ -47,7 +47,7 @@ impl Numbers {
     }
 }
 
-/// A truth, and what a render of it with noise of standard deviation `sigma(truth)` would be: mean and variance.
+/// The mean and the variance of a render of `truth` with noise of standard deviation `sigma(truth)`.
 fn noisy(truth: &Triples, seed: u64, sigma: impl Fn(f32) -> f32) -> (Triples, Triples) {
     let mut numbers = Numbers(seed);
     let pairs = truth.map(|v| v.map(|v| numbers.batches(v, sigma(v))));
@@ -63,7 +63,7 @@ fn mse(a: &Triples, b: &Triples) -> f64 {
     pairs.map(|(a, b)| f64::from(a - b).powi(2)).sum::<f64>() / (3 * a.data().len()) as f64
 }
 
-/// Dark left of a slanted line and bright right of it, each side with a slope.
+/// Dark on the left of a slanted line and bright on the right of it, each side with a slope.
 fn slanted_edge(size: u32) -> Triples {
     Plane::from_fn(size, size, |x, y| {
         let side = if 3 * x + y > 2 * size { 1.0 } else { 0.2 };
@@ -113,7 +113,7 @@ fn an_edge_that_stands_out_of_the_noise_survives_without_features() {
     let image = filtered(&DenoiseInput { variance: Some(&variance), ..DenoiseInput::new(&mean) });
     let gain = mse(&mean, &truth) / mse(&image, &truth);
     assert!(gain > 8.0, "{gain:.1} times less error");
-    // No pixel has crossed to the other side.
+    // No pixel has a value of the other side.
     for (a, t) in image.data().iter().zip(truth.data()) {
         assert!((a[0] / t[0] - 1.0).abs() < 0.4, "{} where the truth is {}", a[0], t[0]);
     }
@@ -121,7 +121,7 @@ fn an_edge_that_stands_out_of_the_noise_survives_without_features() {
 
 #[test]
 fn features_keep_apart_what_noise_hides() {
-    // A step of a third in noise of the same size, along which the albedo steps too.
+    // A step of a third with noise of the same size. The albedo has the same step.
     let albedo: Triples = Plane::from_fn(96, 96, |x, y| [if (x / 8 + y / 8) % 2 == 0 { 0.3 } else { 0.4 }; 3]);
     let (mean, variance) = noisy(&albedo, 3, |_| 0.1);
     let blind = DenoiseInput { variance: Some(&variance), ..DenoiseInput::new(&mean) };
@@ -133,7 +133,7 @@ fn features_keep_apart_what_noise_hides() {
 
 #[test]
 fn features_that_are_noisy_themselves_keep_nothing_apart() {
-    // Even ground whose albedo is a coin toss per sample, as of a mask of dots finer than a pixel.
+    // A uniform surface with one of two albedos per sample at random, as for a mask of dots finer than a pixel.
     let truth = Plane::new(96, 96, [0.3, 0.2, 0.1]);
     let (mean, variance) = noisy(&truth, 10, |v| 0.3 * v);
     let (albedo, albedo_variance) = noisy(&Plane::new(96, 96, [0.5; 3]), 11, |_| 0.12);
@@ -145,8 +145,8 @@ fn features_that_are_noisy_themselves_keep_nothing_apart() {
 
 #[test]
 fn detail_of_which_no_feature_knows_costs_a_twentieth_at_most() {
-    // Detail of all kinds and heights, in units of the noise, of which features know nothing: bright dots, lines, waves, and
-    // pixels that are thrown dark or bright.
+    // Detail of different kinds and heights, in units of the noise, that is not in the features: bright dots, lines,
+    // waves, and pixels with dark or bright values.
     type Detail = fn(u32, u32) -> f32;
     let kinds: [(&str, Detail); 4] = [
         ("dots", |x, y| if x % 7 == 3 && y % 7 == 3 { 1.0 } else { 0.0 }),
@@ -157,7 +157,7 @@ fn detail_of_which_no_feature_knows_costs_a_twentieth_at_most() {
     for (seed, height) in (20..).zip([0.5, 1.0, 2.0, 3.0, 4.0, 6.0, 10.0, 30.0, 100.0]) {
         for (name, detail) in kinds {
             let grey = Plane::from_fn(128, 128, |x, y| [10.0 + height * detail(x, y); 3]);
-            // One noise for all channels, as light that is white makes it.
+            // The same noise for all channels, as for white light.
             let (mean, variance) = noisy(&grey.map(|v| [v[0], 0.0, 0.0]), seed, |v| if v > 0.0 { 1.0 } else { 0.0 });
             let (mean, variance) = (mean.map(|v| [v[0]; 3]), variance.map(|v| [v[0]; 3]));
             let image = filtered(&DenoiseInput { variance: Some(&variance), ..DenoiseInput::new(&mean) });
@@ -170,7 +170,7 @@ fn detail_of_which_no_feature_knows_costs_a_twentieth_at_most() {
 
 #[test]
 fn bright_specks_are_spread_out_and_most_of_their_light_is_kept() {
-    // One pixel in a hundred has met a rare event: it knows that from one batch of four, and the others know nothing of it.
+    // One pixel in a hundred has a rare event, in one batch of four. The other pixels have no sign of it.
     let size = 160;
     let mut numbers = Numbers(30);
     let pairs = Plane::from_fn(size, size, |_, _| {
@@ -186,7 +186,7 @@ fn bright_specks_are_spread_out_and_most_of_their_light_is_kept() {
     let gain = mse(&mean, &truth) / mse(&image, &truth);
     assert!(gain > 30.0, "{gain:.1} times less error");
     let (before, after) = (average(&mean), average(&image));
-    // The specks make up half of it.
+    // The specks have half of the light.
     assert!((0.75..1.05).contains(&(after / before)), "light before {before:.4}, after {after:.4}");
 }
 
@@ -270,7 +270,7 @@ fn unknown_variances_are_estimated() {
     let missing = filtered(&DenoiseInput::new(&mean));
     assert_eq!(filtered(&DenoiseInput { variance: Some(&unknown), ..DenoiseInput::new(&mean) }), missing);
     assert!(mse(&missing, &truth) < 0.2 * mse(&mean, &truth));
-    // Half of them known, as after a render that was cut short.
+    // Half of the variances are known, as after an interrupted render.
     let half = Plane::from_fn(64, 64, |x, y| if (x + y) % 2 == 0 { *variance.at(x, y) } else { [f32::INFINITY; 3] });
     let image = filtered(&DenoiseInput { variance: Some(&half), ..DenoiseInput::new(&mean) });
     assert!(mse(&image, &truth) < 0.2 * mse(&mean, &truth));

@@ -1,7 +1,8 @@
-//! The adapter with the library itself. `DUNKELFELD_OIDN` names it; without that these tests say that they are skipped.
+//! Tests of the adapter with the library itself. The environment variable `DUNKELFELD_OIDN` contains its path. Without
+//! it these tests print that they are skipped.
 //!
-//! To run them: `DUNKELFELD_OIDN=/path/to/libOpenImageDenoise.so.2 cargo test --workspace --test oidn -- --nocapture`, and with
-//! `--include-ignored` for the largest image, which needs some minutes and 4 GB.
+//! To run them: `DUNKELFELD_OIDN=/path/to/libOpenImageDenoise.so.2 cargo test --workspace --test oidn -- --nocapture`,
+//! and with `--include-ignored` for the largest image, which needs some minutes and 4 GB.
 
 #![allow(clippy::print_stdout, reason = "says which library it is, or that there is none")]
 
@@ -11,7 +12,7 @@ use dunkelfeld_film::Plane;
 use std::path::PathBuf;
 use std::sync::Mutex;
 
-/// The library that the environment names, with its threads from the same folder.
+/// The library of the environment variable, with its thread library from the same folder.
 fn library() -> Option<Oidn> {
     let Some(path) = std::env::var_os("DUNKELFELD_OIDN").map(PathBuf::from) else {
         println!("skipped: DUNKELFELD_OIDN names no library");
@@ -24,7 +25,7 @@ fn library() -> Option<Oidn> {
     Some(Oidn::load(&[candidate]).expect("the library that DUNKELFELD_OIDN names"))
 }
 
-/// A number in `[0, 1)` that looks random, from a hash of its coordinates.
+/// A pseudo-random number in `[0, 1)`, from a hash of its coordinates.
 fn noise(x: u32, y: u32, channel: u32) -> f32 {
     let mut h = x.wrapping_mul(0x9e37_79b9) ^ y.wrapping_mul(0x85eb_ca6b) ^ channel.wrapping_mul(0xc2b2_ae35);
     for _ in 0..2 {
@@ -83,7 +84,7 @@ fn noise_goes_and_the_image_stays() {
         let mean = |p: &Triples| p.data().as_flattened().iter().map(|&v| f64::from(v)).sum::<f64>();
         assert!((mean(&out) / mean(&planes[0]) - 1.0).abs() < 0.03, "the light stays");
     }
-    // A normal alone is nothing that the library knows; the image is denoised without.
+    // The library does not support a normal alone. The image is denoised without it.
     let alone = DenoiseInput { normal: Some(&planes[2]), ..DenoiseInput::new(&planes[0]) };
     let without = oidn.denoise(&DenoiseInput::new(&planes[0]), &Control::SILENT);
     assert_eq!(oidn.denoise(&alone, &Control::SILENT), without);
@@ -126,7 +127,7 @@ fn odd_numbers_stay_where_they_are() {
     }
     let out = oidn.denoise(&input(&planes), &Control::SILENT).expect("denoised");
     assert!(is_finite(&out));
-    // Far from them the image is as it was; 3e38 is a pixel of light, and may shine on its neighbours.
+    // Far from these pixels the image does not change. 3e38 is a valid bright pixel, and may affect its neighbours.
     let near = |x: u32, y: u32| y > 50 && !(50..85).contains(&x);
     for (i, (a, b)) in out.data().iter().zip(reference.data()).enumerate() {
         let (x, y) = (i as u32 % 96, i as u32 / 96);
@@ -154,7 +155,7 @@ fn brightness_does_not_change_what_is_done() {
     }
 }
 
-/// Tells of more threads than it has: the library brings its own.
+/// Reports more threads than it has, since the library has its own.
 struct Threads(usize);
 
 impl Executor for Threads {
@@ -199,7 +200,7 @@ fn progress_grows_to_one_and_stops_when_asked() {
         let result = oidn.denoise(&input(&planes), &Control { executor: &Serial, progress: &stop });
         assert_eq!(result, Err(DenoiseError::Cancelled), "at {limit}");
     }
-    // The library is none the worse for it.
+    // The library still works after it.
     oidn.denoise(&input(&planes), &Control::SILENT).expect("denoised");
 }
 

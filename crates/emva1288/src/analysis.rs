@@ -1,4 +1,4 @@
-//! The analysis of a linear camera: from a measurement to everything that a data sheet says.
+//! The analysis of a linear camera: from a measurement to all figures of a data sheet.
 
 use serde::Serialize;
 
@@ -16,10 +16,10 @@ use crate::shortcomings;
 use crate::spectrum::{Spectrogram, horizontal, vertical};
 use crate::summary::{Is, Summary};
 
-/// Levels in the range of the regressions that it takes at least.
+/// Least number of levels in the range of the regressions.
 const MIN_LEVELS: usize = 3;
 
-/// One level of light, as the plots show it.
+/// One level of light, for the plots.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct LevelPoint {
     /// Exposure time \[s\].
@@ -34,9 +34,9 @@ pub struct LevelPoint {
     pub variance_error: f64,
     /// sigma_y.dark^2 of the same exposure time \[DN^2\].
     pub dark_variance: f64,
-    /// Signal over temporal noise.
+    /// Signal divided by temporal noise.
     pub snr: f64,
-    /// Is the level in the range of the regressions for R and K?
+    /// The level lies in the range of the regressions for R and K.
     pub is_used: bool,
 }
 
@@ -51,12 +51,12 @@ pub struct DarkPoint {
     pub variance: [f64; 2],
 }
 
-/// What the stacks tell beyond numbers.
+/// Spectrograms, profiles and histograms of the stacks.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Nonuniformity {
     /// Frames in the dark and in the bright stack.
     pub frames: [u32; 2],
-    /// Spectrograms along rows and columns, in the dark and of the light alone.
+    /// Spectrograms along rows and columns, of the dark stack and of the light alone.
     pub dark_spectrograms: [Spectrogram; 2],
     /// See [`Nonuniformity::dark_spectrograms`].
     pub bright_spectrograms: [Spectrogram; 2],
@@ -64,26 +64,26 @@ pub struct Nonuniformity {
     pub dark_profiles: [Profile; 2],
     /// See [`Nonuniformity::dark_profiles`].
     pub bright_profiles: [Profile; 2],
-    /// Dark pixels.
+    /// Histogram of the dark pixels.
     pub dark_histogram: Option<Histogram>,
-    /// Responses of the pixels, high-pass filtered.
+    /// Histogram of the responses of the pixels, high-pass filtered.
     pub response_histogram: Option<Histogram>,
 }
 
-/// Everything that was found.
+/// The results of an analysis.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Analysis {
-    /// The rules.
+    /// The release whose rules were used.
     pub release: Release,
     /// Bits per grey value.
     pub bits: u32,
     /// The figures.
     pub quantities: Vec<Quantity>,
-    /// The figures of which no more is known than on which side of a number they lie.
+    /// The figures of which only an upper or lower bound is known.
     pub bounds: Vec<Bound>,
-    /// Between which values K \[DN/e-\] lies where rounding hides the dark variance that its regression takes off.
+    /// Range of K \[DN/e-\], if rounding hides the dark variance that its regression subtracts.
     pub gain_range: Option<[f64; 2]>,
-    /// What the measurement lacks of what the standard asks for, and what was done about it.
+    /// Differences from the requirements of the standard, and how the analysis treats them.
     pub notes: Vec<String>,
     /// Levels of light, by ascending photons.
     pub levels: Vec<LevelPoint>,
@@ -91,27 +91,28 @@ pub struct Analysis {
     pub darks: Vec<DarkPoint>,
     /// Deviations from a straight line.
     pub linearity: Linearity,
-    /// What the stacks tell.
+    /// Non-uniformity of the stacks.
     pub nonuniformity: Option<Nonuniformity>,
 }
 
 impl Analysis {
-    /// The figure with that symbol.
+    /// The figure with this symbol.
     pub fn get(&self, symbol: &str) -> Option<&Quantity> {
         self.quantities.iter().find(|q| q.symbol == symbol)
     }
 
-    /// The value of a figure, NaN without it.
+    /// The value of a figure. NaN if it does not exist.
     pub fn value(&self, symbol: &str) -> f64 {
         self.get(symbol).map_or(f64::NAN, |q| q.value)
     }
 
-    /// The bound that is all that is known of a figure, if so.
+    /// The bound of a figure, if only a bound is known.
     pub fn bound(&self, symbol: &str) -> Option<Bound> {
         self.bounds.iter().copied().find(|b| b.symbol == symbol)
     }
 
-    /// Signal-to-noise ratio that the linear model has at some light (equation 21), without and with the spatial noise.
+    /// Signal-to-noise ratio of the linear model at a number of photons (equation 21), without and with the spatial
+    /// noise.
     pub fn snr(&self, photons: f64) -> [f64; 2] {
         let electrons = self.value("eta") * photons;
         let dark = (self.value("sigma_y.dark") / self.value("K")).powi(2);
@@ -123,11 +124,12 @@ impl Analysis {
 
 /// Analyses a linear camera (EMVA 1288, Linear).
 ///
-/// Standard errors are those of a repetition with another camera of the same kind: they hold the noise of the frames, and
-/// for responsivity, saturation and non-uniformity also that the pixels are a sample of such pixels.
+/// Standard errors are those of a repetition with another camera of the same kind. They contain the noise of the
+/// frames. For responsivity, saturation and non-uniformity they also contain the sampling error of the pixels, which
+/// are a sample of such pixels.
 ///
 /// # Errors
-/// What the measurement lacks, with what to do about it.
+/// The measurement lacks a requirement. The error contains help.
 pub fn analyse(measurement: &Measurement, settings: &AnalysisSettings) -> Result<Analysis, AnalysisError> {
     let data = measurement.ordered()?;
     let saturation = saturation(&data, settings.release)?;
@@ -192,16 +194,16 @@ pub fn analyse(measurement: &Measurement, settings: &AnalysisSettings) -> Result
     })
 }
 
-/// What is reported of a result.
+/// A figure in the report, with the result that it comes from.
 struct Row {
     is: Is,
     symbol: &'static str,
     name: &'static str,
     unit: &'static str,
     section: &'static str,
-    /// The result is a square, and its root is reported.
+    /// The result is a square, and the report contains its square root.
     is_square: bool,
-    /// The result is reported so many times as large.
+    /// Factor from the result to the reported value.
     scale: f64,
 }
 
@@ -243,7 +245,7 @@ const ROWS: [Row; 24] = {
     ]
 };
 
-/// The figures with a value, and which of them are bounds.
+/// The figures with a value, and those that are bounds.
 fn figures(
     results: &[f64],
     errors: &[f64],
@@ -262,7 +264,7 @@ fn figures(
         let shown = |result: f64| row.scale * if row.is_square { result.max(0.0).sqrt() } else { result };
         let bound = match hidden.bound(row.is) {
             Some((limit, side)) => Some((shown(limit), side)),
-            // It does not stand out from its error.
+            // The value is not significantly different from zero.
             None if row.is_square && results[row.is as usize] < 2.0 * error => {
                 Some((value + 3.0 * standard_error, Side::Below))
             }
@@ -285,8 +287,8 @@ fn figures(
     (quantities, bounds)
 }
 
-/// The root of a square that may have come out negative, and its standard error. Near zero, where a root has no slope, the
-/// error is how far the root may reach if the square is one error larger.
+/// The square root of a square that may be negative, and its standard error. Near zero, where a square root has no
+/// finite slope, the error is the increase of the root for a square that is one error larger.
 fn root(square: f64, error: f64) -> (f64, f64) {
     let value = square.max(0.0).sqrt();
     let slope = square.max(0.25 * error).sqrt();

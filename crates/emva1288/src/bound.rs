@@ -1,25 +1,25 @@
-//! Figures of which no more is known than on which side of a number they lie.
+//! Bounds of figures whose value is not known.
 
 use serde::Serialize;
 
 /// A bound.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Bound {
-    /// The figure.
+    /// The symbol of the figure.
     pub symbol: &'static str,
-    /// What it does not go beyond, in the figure's unit: by the largest dark noise that rounding may hide, or three standard
-    /// errors above a value that does not stand out from its error.
+    /// The bound, in the figure's unit. It follows from the largest dark noise that rounding may hide, or lies three
+    /// standard errors above a value that is not significantly different from zero.
     pub limit: f64,
-    /// Which way the figure does not go.
+    /// The side of the bound on which the figure lies.
     pub side: Side,
 }
 
-/// Where a figure lies, seen from its bound.
+/// The side of its bound on which a figure lies.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Side {
-    /// It is not larger.
+    /// The figure is not larger than the bound.
     Below,
-    /// It is not smaller.
+    /// The figure is not smaller than the bound.
     Above,
 }

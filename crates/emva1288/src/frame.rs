@@ -1,6 +1,6 @@
-//! The frames that are analysed, and why they cannot be.
+//! Frames of grey values, and the errors of their analysis.
 
-/// Why an analysis is not possible.
+/// The reason why an analysis is not possible.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum AnalysisError {
     /// The number of values is not that of the pixels.
@@ -27,31 +27,31 @@ pub enum AnalysisError {
     /// Too few frames.
     #[error("{got} frames are given, {needed} are needed")]
     TooFewFrames {
-        /// How many there are.
+        /// Number of given frames.
         got: u64,
-        /// How many it takes.
+        /// Number of required frames.
         needed: u64,
     },
-    /// So many frames that the exact sums could overflow.
+    /// The number of frames is so large that the exact sums could overflow.
     #[error("more than {0} frames in one stack")]
     TooManyFrames(u64),
-    /// Too few different grey levels for the regression.
+    /// There are too few different grey levels for the regression.
     #[error("{got} different grey levels lie in the range of the regression, {needed} are needed")]
     TooFewLevels {
-        /// How many there are.
+        /// Number of given levels.
         got: usize,
-        /// How many it takes.
+        /// Number of required levels.
         needed: usize,
     },
     /// The frames have no pixels, or too few.
     #[error("the frames have too few pixels")]
     Empty,
-    /// A measurement that lacks something.
+    /// The measurement is incomplete or invalid.
     #[error("{problem}")]
     Unfit {
-        /// What is missing or wrong.
+        /// The missing or wrong part.
         problem: String,
-        /// What to do about it.
+        /// Help for the user.
         help: String,
     },
 }
@@ -61,7 +61,7 @@ impl AnalysisError {
         Self::Unfit { problem: problem.into(), help: help.into() }
     }
 
-    /// What to do about it.
+    /// Help for the user.
     pub fn help(&self) -> &str {
         match self {
             Self::Length { .. } | Self::Empty => "use frames with pixels, three rows and columns at least",
@@ -75,7 +75,7 @@ impl AnalysisError {
     }
 }
 
-/// Grey values \[DN\] of one frame, row by row; 8-bit values are widened, not scaled.
+/// Grey values \[DN\] of one frame, row by row. 8-bit values are widened, not scaled.
 #[derive(Clone, Copy, Debug)]
 pub struct Frame<'a> {
     width: u32,

@@ -1,7 +1,8 @@
-//! The general module: cameras that are not linear, or whose frames were processed (EMVA 1288 release 4.0 General).
+//! The general module, for cameras that are not linear or whose frames were processed (EMVA 1288 release 4.0 General).
 //!
-//! Without a straight line there is neither K nor eta. What remains is the light that a pixel must receive: noise is referred
-//! to the input by the local slope of the characteristic curve, sigma_p = sigma_y / (d mu_y / d mu_p).
+//! Without a straight line there is neither K nor eta. The remaining quantity is the light that a pixel must receive.
+//! Noise is referred to the input by the local slope of the characteristic curve, sigma_p = sigma_y / (d mu_y / d
+//! mu_p).
 
 use serde::Serialize;
 
@@ -14,11 +15,11 @@ use crate::saturation::saturation;
 use crate::shortcomings::{self, is_cut_off};
 use crate::summary::{MIN_DARK_VARIANCE, Point, Summary};
 
-/// Levels up to saturation that it takes at least.
+/// Least number of levels up to saturation.
 const MIN_LEVELS: usize = 4;
 const SECTION: &str = "release 4.0 General";
 
-/// A level, its noise referred to the input.
+/// A level with its noise referred to the input.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct InputPoint {
     /// Photons per pixel, mu_p.
@@ -33,16 +34,16 @@ pub struct InputPoint {
     pub snr: f64,
 }
 
-/// What can be said of any camera.
+/// The figures of a camera of any characteristic.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct GeneralAnalysis {
-    /// The rules for saturation.
+    /// The release whose rules for saturation were used.
     pub release: Release,
     /// Bits per grey value.
     pub bits: u32,
     /// The figures.
     pub quantities: Vec<Quantity>,
-    /// The figures of which no more is known than on which side of a number they lie.
+    /// The figures of which only an upper or lower bound is known.
     pub bounds: Vec<Bound>,
     /// Notes on the measurement.
     pub notes: Vec<String>,
@@ -51,7 +52,7 @@ pub struct GeneralAnalysis {
 }
 
 impl GeneralAnalysis {
-    /// The bound that is all that is known of a figure, if so.
+    /// The bound of a figure, if only a bound is known.
     pub fn bound(&self, symbol: &str) -> Option<Bound> {
         self.bounds.iter().copied().find(|b| b.symbol == symbol)
     }
@@ -60,7 +61,7 @@ impl GeneralAnalysis {
 /// Analyses a camera of any characteristic (EMVA 1288 release 4.0, General).
 ///
 /// # Errors
-/// What the measurement lacks, with what to do about it.
+/// The measurement lacks a requirement. The error contains help.
 pub fn analyse_general(
     measurement: &Measurement,
     settings: &AnalysisSettings,
@@ -70,7 +71,7 @@ pub fn analyse_general(
     let mut summary = Summary::new(&data, &saturation);
     let end = summary.bright.iter().position(|p| p.photons > saturation.photons).unwrap_or(summary.bright.len());
     summary.bright.truncate(end);
-    // One level for each amount of light: slopes are taken across them.
+    // One level for each amount of light, since slopes are computed across levels.
     summary.bright.dedup_by(|b, a| b.photons <= a.photons);
     if summary.bright.len() < MIN_LEVELS {
         return Err(AnalysisError::unfit(
@@ -106,7 +107,7 @@ pub fn analyse_general(
         if !value.is_finite() {
             continue;
         }
-        // With dark values cut off at zero nothing bounds the noise.
+        // If dark values are cut off at zero, the noise has no bound.
         let side = match symbol {
             "mu_p.min" | "sigma_p.dark" => Some(Side::Below),
             "DR" | "DR.dB" => Some(Side::Above),
@@ -141,13 +142,13 @@ fn figures(s: &Summary) -> [f64; 7] {
     let slopes = slopes(s);
     let squares: Vec<f64> =
         s.bright.iter().zip(slopes.iter().skip(1)).map(|(p, slope)| p.variance.value / (slope * slope)).collect();
-    // What rounding hides may be as large as this, in the dark and at the levels beside it.
+    // Upper bound of the noise that rounding hides, in the dark and at the levels beside it.
     let seen = |variance: f64| if s.is_bound { variance.max(MIN_DARK_VARIANCE) } else { variance };
     let dark2 = seen(s.dark[s.bright[0].dark].variance.value) / (slopes[0] * slopes[0]);
     let bounded: Vec<f64> =
         s.bright.iter().zip(slopes.iter().skip(1)).map(|(p, slope)| seen(p.variance.value) / (slope * slope)).collect();
     let least = threshold(s, dark2, &bounded);
-    // The light at saturation is not moved by what is known of these pixels: no response is assumed.
+    // The light at saturation does not change with the errors of these pixels, since the module assumes no response.
     let most = s.saturation.value;
     let snr = s.bright.iter().zip(&squares).filter(|(_, v)| **v > 0.0).map(|(p, v)| p.photons / v.sqrt());
     let best = snr.fold(0.0, f64::max);
@@ -155,8 +156,8 @@ fn figures(s: &Summary) -> [f64; 7] {
     [least, most, range, 20.0 * range.log10(), best, 20.0 * best.log10(), dark2.max(0.0).sqrt()]
 }
 
-/// Where the light equals its noise, mu^2 = sigma_p^2, which runs straight from the dark to the first level and on from level to
-/// level. NaN if that is nowhere.
+/// The light that equals its noise, mu^2 = sigma_p^2, with sigma_p^2 linear from the dark to the first level and from
+/// level to level. NaN if there is no such light.
 fn threshold(s: &Summary, dark2: f64, squares: &[f64]) -> f64 {
     let (mut x0, mut v0) = (0.0, dark2);
     for (p, &v) in s.bright.iter().zip(squares) {
@@ -169,7 +170,8 @@ fn threshold(s: &Summary, dark2: f64, squares: &[f64]) -> f64 {
     f64::NAN
 }
 
-/// Slope of the characteristic curve in the dark and at every level: of the parabola through the level and its neighbours.
+/// Slope of the characteristic curve in the dark and at every level: that of the parabola through the level and its
+/// neighbours.
 fn slopes(s: &Summary) -> Vec<f64> {
     let at = |p: &Point| (p.photons, p.mean.value - s.dark[p.dark].mean.value);
     let points: Vec<(f64, f64)> = std::iter::once((0.0, 0.0)).chain(s.bright.iter().map(at)).collect();
@@ -210,8 +212,9 @@ mod tests {
         }
     }
 
-    /// A photon counter with dark noise of 6 photons behind a parabola: slopes of a parabola are exact, and the noise at the
-    /// input is that of the counter, sqrt(36 + mu). The threshold solves mu^2 = 36 + mu: 6.5208.
+    /// A photon counter with dark noise of 6 photons and a parabola as characteristic curve. Slopes of a parabola are
+    /// exact, so the noise at the input is that of the counter, sqrt(36 + mu). The threshold solves mu^2 = 36 + mu:
+    /// 6.5208.
     #[test]
     fn the_curve_of_the_camera_drops_out() {
         let bent = camera(|x| x - 2e-4 * x * x, |x| 1.0 - 4e-4 * x, 6.0);
@@ -221,7 +224,7 @@ mod tests {
         assert!((got[6] - 6.0).abs() < 1e-9 && (got[2] - 1000.0 / got[0]).abs() < 1e-9, "{got:?}");
     }
 
-    /// Noise of 40 photons: the light is as large beyond the first level, mu^2 = 1600 + mu, 40.503.
+    /// Noise of 40 photons: the light equals its noise beyond the first level, mu^2 = 1600 + mu, 40.503.
     #[test]
     fn a_threshold_beyond_the_first_level_is_found() {
         let got = figures(&camera(|x| 0.5 * x, |_| 0.5, 40.0));

@@ -1,20 +1,23 @@
-//! What rounding to whole grey values hides: between which numbers figures lie when dark noise is below half a grey value.
+//! The range of figures if rounding to whole grey values hides dark noise below half a grey value.
 //!
-//! The noise of the bright levels holds the whole sigma_q^2 = 1/12 of rounding. That of so steady a dark level does not: with
-//! hardly any noise its values are all equal, or jump between two. Whatever is measured there, sigma_d^2 + sigma_q^2, which photon transfer
-//! should take off, lies between 1/12 (no dark noise) and 0.24 DN^2 (release 4.0 Linear).
+//! The noise of the bright levels contains the whole sigma_q^2 = 1/12 of rounding. That of such a steady dark level
+//! does not: with hardly any noise its values are all equal, or alternate between two. Photon transfer should subtract
+//! sigma_d^2 + sigma_q^2. For any variance that is measured there, this sum lies between 1/12 (no dark noise) and 0.24
+//! DN^2 (release 4.0 Linear).
 
 use crate::bound::Side;
 use crate::measurement::Ordered;
 use crate::shortcomings::is_cut_off;
 use crate::summary::{Is, MIN_DARK_VARIANCE, RESULTS, ROUNDING, Summary};
 
-/// The results with the least and the largest dark variance that may lie behind the rounding; `None` where it hides nothing.
+/// The results with the smallest and the largest dark variance that rounding may hide. `None` for results without
+/// hidden noise.
 #[derive(Clone, Debug)]
 pub(crate) struct Hidden {
-    /// Of dark noise, thresholds and range: not where dark values are cut off at zero, which makes noise smaller without a bound.
+    /// For dark noise, thresholds and range. `None` if dark values are cut off at zero, which reduces noise without a
+    /// bound.
     dark: Option<[[f64; RESULTS]; 2]>,
-    /// Of what follows from the regression for K.
+    /// For the figures that follow from the regression for K.
     gain: Option<[[f64; RESULTS]; 2]>,
     /// Largest DSNU^2 \[e-^2\].
     dsnu2: Option<f64>,
@@ -39,18 +42,18 @@ impl Hidden {
         }
     }
 
-    /// Between which values K lies.
+    /// The range of K.
     pub(crate) fn gains(&self) -> Option<[f64; 2]> {
         let [a, b] = self.gain.as_ref()?.map(|r| r[Is::Gain as usize]);
         Some([a.min(b), a.max(b)])
     }
 
-    /// Is DSNU below what rounding shows?
+    /// Returns whether DSNU is below the resolution of rounding.
     pub(crate) fn has_dsnu(&self) -> bool {
         self.dsnu2.is_some()
     }
 
-    /// The bound that is all that is known of a result.
+    /// The bound of a result, if only a bound is known.
     pub(crate) fn bound(&self, is: Is) -> Option<(f64, Side)> {
         let of = |side| {
             let [a, b] = self.dark.as_ref()?.map(|r| r[is as usize]);

@@ -1,22 +1,22 @@
-//! Histograms of pixels, by which defects show (EMVA 1288 release 4.0 Linear, section 8.4): logarithmic and accumulated,
-//! each beside the normal distribution that the same variance would make.
+//! Histograms of pixels, which show defects (EMVA 1288 release 4.0 Linear, section 8.4). They are logarithmic and
+//! accumulated, each with the normal distribution of the same variance.
 
 use serde::Serialize;
 use statrs::distribution::{Continuous, ContinuousCDF, Normal};
 
 use crate::stack::SpatialStack;
 
-/// Bins at most.
+/// Largest number of bins.
 const MAX_BINS: i64 = 256;
-/// Side of the box that the high-pass filter takes off, in pixels.
+/// Side of the box of the high-pass filter, in pixels.
 const BOX: usize = 5;
 
-/// How many pixels deviate by how much.
+/// Number of pixels by deviation.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Histogram {
     /// Unit of the deviations: DN or %.
     pub unit: &'static str,
-    /// Pixels that were counted.
+    /// Number of counted pixels.
     pub pixels: u64,
     /// Width of a bin.
     pub bin: f64,
@@ -52,13 +52,13 @@ impl Histogram {
         }
     }
 
-    /// Of integers, `scale` of which make one unit.
+    /// The histogram of integers. `scale` integers make one unit.
     fn from_values(values: &[i64], scale: f64, unit: &'static str) -> Option<Self> {
         let (&least, &most) = (values.iter().min()?, values.iter().max()?);
         let n = values.len() as f64;
         let mean = values.iter().map(|&v| v as f64).sum::<f64>() / n;
         let deviation = (values.iter().map(|&v| (v as f64 - mean).powi(2)).sum::<f64>() / n).sqrt() / scale;
-        // Bins hold a whole number of integers, so that none is favoured.
+        // Bins contain a whole number of integers, so that none is favoured.
         let width = (most - least) / MAX_BINS + 1;
         let mut counts = vec![0u64; ((most - least) / width + 1) as usize];
         for v in values {
@@ -92,18 +92,18 @@ impl Histogram {
     }
 }
 
-/// Of the dark pixels \[DN\].
+/// The histogram of the dark pixels \[DN\].
 pub(crate) fn dark(stack: &SpatialStack) -> Option<Histogram> {
     let values: Vec<i64> = stack.sums().iter().map(|&s| i64::from(s)).collect();
     Histogram::from_values(&values, f64::from(stack.frames), "DN")
 }
 
-/// Of the response of the pixels \[%\]: bright minus dark, without what is smooth over [`BOX`] x [`BOX`] pixels, which may be
-/// the light's.
+/// The histogram of the response of the pixels \[%\]: bright minus dark, without the parts that are smooth over [`BOX`]
+/// x [`BOX`] pixels, since these may come from the light.
 pub(crate) fn response(bright: &SpatialStack, dark: &SpatialStack) -> Option<Histogram> {
     let (width, height) = (bright.width as usize, bright.height as usize);
     let (lb, ld) = (i64::from(bright.frames), i64::from(dark.frames));
-    // In units of 1 / (L_bright L_dark BOX^2) DN everything is an integer.
+    // In units of 1 / (L_bright L_dark BOX^2) DN all values are integers.
     let light: Vec<i64> =
         bright.sums().iter().zip(dark.sums()).map(|(&b, &d)| i64::from(b) * ld - i64::from(d) * lb).collect();
     let cells = (BOX * BOX) as i64;
@@ -165,7 +165,7 @@ mod tests {
         assert_eq!((h.bin, h.first, h.counts.len()), (0.5, -1.0, 19));
         assert_eq!((h.counts[0], h.counts[18], h.counts.iter().sum::<u64>()), (8, 1, 9));
         assert!((h.at(18) - 8.0).abs() < 1e-12);
-        // At 0 and up to 1 all pixels, beyond that one, up to its 8.
+        // All pixels deviate by at least 1, and one pixel by more, up to 8.
         assert_eq!(h.accumulated.len(), 17);
         assert!((h.accumulated[2] - 100.0).abs() < 1e-12 && (h.accumulated[3] - 100.0 / 9.0).abs() < 1e-12);
         assert!((h.accumulated_model(h.deviation) - 31.7311).abs() < 1e-3);
@@ -184,12 +184,13 @@ mod tests {
         let night = still(20, &[10; 400]);
         let mut values: Vec<u16> = (0..400).map(|i| 1000 + 4 * (i % 20) as u16 + 3 * (i / 20) as u16).collect();
         let h = response(&still(20, &values), &night).expect("pixels");
-        // A ramp is its own mean over a box.
+        // The mean of a ramp over a box is the value at its centre.
         assert_eq!((h.pixels, h.counts.len()), (256, 1));
         values[210] -= 500;
         let h = response(&still(20, &values), &night).expect("pixels");
         let light = still(20, &values).mean - 10.0;
-        // It lacks 24 / 25 of what it lacks against its surroundings; the mean of all is shifted by what its neighbours gain.
+        // The filtered deficit is 24 / 25 of the deficit against the neighbours. The increase of the neighbours shifts
+        // the mean of all.
         let least = h.first - 0.5 * h.bin;
         assert!((least + 100.0 * 500.0 * 0.96 / light).abs() < 2.0 * h.bin, "{least} {h:?}");
         assert_eq!(h.counts[0], 1);

@@ -1,14 +1,15 @@
 //! An EMVA 1288 analyser: from frames of grey values to the figures of a camera.
 //!
-//! It sees grey values and nothing else, and shares no code with the simulator: what it finds in simulated frames is
-//! evidence. Units: grey values in DN, variances in DN^2. Every result is a [`Quantity`] with its standard error.
+//! It uses grey values and nothing else, and shares no code with the simulator. So its results for simulated frames are
+//! an independent check. Units: grey values in DN, variances in DN^2. Every result is a [`Quantity`] with its standard
+//! error.
 //!
-//! 1. [`FramePair`] and [`StackAccumulator`]: what frames show, seen one at a time and then forgotten;
+//! 1. [`FramePair`] and [`StackAccumulator`]: statistics of frames, which are read one at a time and not kept;
 //! 2. [`Measurement`]: levels of light, dark levels and stacks;
-//! 3. [`analyse`]: all figures of a linear camera; [`analyse_general`]: those that any camera has.
+//! 3. [`analyse`]: all figures of a linear camera; [`analyse_general`]: the figures of any camera.
 //!
-//! For frames that are no measurement of the standard, of any scene: [`TemporalAccumulator`] and [`PhotonTransfer`], the
-//! variance against the mean by unit-wide bins.
+//! [`TemporalAccumulator`] and [`PhotonTransfer`] are for frames of any scene, without a measurement of the standard.
+//! They give the variance against the mean by unit-wide bins.
 
 #![forbid(unsafe_code)]
 

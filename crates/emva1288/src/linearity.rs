@@ -1,13 +1,13 @@
-//! Linearity: how far the mean grey values lie off a straight line (EMVA 1288 release 4.0 Linear, section 6.7).
+//! Linearity: deviations of the mean grey values from a straight line (EMVA 1288 release 4.0 Linear, section 6.7).
 
 use serde::Serialize;
 
 use crate::frame::AnalysisError;
 use crate::summary::{Point, Summary};
 
-/// The regression goes from 5 to 95 % of saturation.
+/// Range of the regression, as fractions of saturation: 5 to 95 %.
 const RANGE: [f64; 2] = [0.05, 0.95];
-/// Levels that it takes to speak of a deviation from two parameters.
+/// Least number of levels. With fewer, a line with two parameters has no meaningful deviation.
 const MIN_LEVELS: usize = 4;
 
 /// The line and the deviations from it.
@@ -15,27 +15,28 @@ const MIN_LEVELS: usize = 4;
 pub struct Linearity {
     /// Slope of the line \[DN per photon\].
     pub slope: f64,
-    /// Its grey value, dark taken off, without light \[DN\].
+    /// Grey value of the line without light, with dark subtracted \[DN\].
     pub offset: f64,
-    /// Linearity error LE: mean of the relative deviations' magnitudes \[%\].
+    /// Linearity error LE: mean magnitude of the relative deviations \[%\].
     pub error: f64,
     /// Standard error of LE. A camera without any deviation has an LE of about 0.8 times this.
     pub standard_error: f64,
-    /// Smallest and largest relative deviation \[%\], as release 3.1 gives them, with standard errors.
+    /// Smallest and largest relative deviation \[%\], as in release 3.1, with standard errors.
     pub least: [f64; 2],
     /// See [`Linearity::least`].
     pub most: [f64; 2],
     /// Relative deviation of every level \[%\], in the order of the levels.
     pub deviations: Vec<f64>,
-    /// Which levels are in the range of the regression: from, and up to but without.
+    /// Indices of the levels in the range of the regression: first, and one past the last.
     pub range: [usize; 2],
 }
 
-/// Least squares of the relative deviation: each level weighs as one over its square. `saturation` is the signal there \[DN\].
+/// Least squares of the relative deviation: the weight of a level is one over its squared signal. `saturation` is the
+/// signal there \[DN\].
 pub(crate) fn linearity(summary: &Summary, saturation: f64) -> Result<Linearity, AnalysisError> {
     let signal = |p: &Point| p.mean.value - summary.dark[p.dark].mean.value;
     let first = summary.bright.iter().position(|p| signal(p) >= RANGE[0] * saturation);
-    // Beyond saturation the signal falls again where longer exposures have more dark current.
+    // Beyond saturation the signal falls again if longer exposures have more dark current.
     let below = summary.bright.partition_point(|p| p.photons <= summary.saturation.value);
     let end = summary.bright[..below].iter().rposition(|p| signal(p) <= RANGE[1] * saturation).map_or(0, |i| i + 1);
     let first = first.unwrap_or(end).min(end);
@@ -58,7 +59,7 @@ pub(crate) fn linearity(summary: &Summary, saturation: f64) -> Result<Linearity,
     }
     let (mx, my) = (wx / w, wy / w);
     let width = wxx / w - mx * mx;
-    // Also false if a number is none.
+    // Also false if a value is NaN.
     if !(width > 1e-9 * mx * mx && width.is_finite() && mx * mx > 0.0) {
         return Err(AnalysisError::unfit(
             "the levels between 5 and 95 % of saturation do not differ in their light as numbers can tell",
@@ -124,7 +125,7 @@ mod tests {
         assert!(l.error < 1e-9 && l.range == [0, 4], "{l:?}");
     }
 
-    /// The line is the one for which both weighted normal equations hold; LE is the mean deviation from it.
+    /// The line fulfils both weighted normal equations. LE is the mean deviation from it.
     #[test]
     fn a_bent_curve_by_hand() {
         let s = curve(&[10.0, 22.0, 33.0, 40.0]);
@@ -132,7 +133,7 @@ mod tests {
         // Weights 1/100, 1/484, 1/1089, 1/1600.
         let w = [1.0 / 100.0, 1.0 / 484.0, 1.0 / 1089.0, 1.0 / 1600.0];
         let (x, y) = ([100.0, 200.0, 300.0, 400.0], [10.0, 22.0, 33.0, 40.0]);
-        // Both normal equations hold for the line found.
+        // The line fulfils both normal equations.
         for basis in [|_: f64| 1.0, |x: f64| x] {
             let sum: f64 = (0..4).map(|i| w[i] * basis(x[i]) * (y[i] - l.offset - l.slope * x[i])).sum();
             assert!(sum.abs() < 1e-9, "{sum}");
@@ -141,7 +142,7 @@ mod tests {
         assert!((l.error - mean).abs() < 1e-9 && l.least[0] < 0.0 && l.most[0] > 0.0, "{l:?}");
     }
 
-    /// One level a world brighter than the others, all equally bright, or so dim that squares are zero.
+    /// One level far brighter than the others, all levels equally bright, or levels so dim that squares are zero.
     #[test]
     fn light_that_makes_no_line_is_refused() {
         let spoil: [fn(&mut Summary); 4] = [

@@ -1,4 +1,5 @@
-//! What was measured: levels of light, dark levels, and stacks, each reduced to its statistics as soon as it was seen.
+//! A measurement: levels of light, dark levels, and stacks. The frames of each are reduced to statistics when they are
+//! read.
 
 use serde::Serialize;
 
@@ -6,7 +7,7 @@ use crate::frame::AnalysisError;
 use crate::stack::SpatialStack;
 use crate::temporal::FramePair;
 
-/// Exposure times closer than this fraction are the same.
+/// Exposure times whose relative difference is below this are the same.
 const SAME_TIME: f64 = 1e-6;
 
 /// Two frames with the same light.
@@ -14,9 +15,9 @@ const SAME_TIME: f64 = 1e-6;
 pub struct Level {
     /// Exposure time \[s\].
     pub exposure: f64,
-    /// Photons that a pixel received on average, mu_p; zero in the dark.
+    /// Mean number of photons per pixel, mu_p. Zero in the dark.
     pub photons: f64,
-    /// What the frames show.
+    /// Statistics of the two frames.
     pub pair: FramePair,
 }
 
@@ -25,45 +26,45 @@ pub struct Level {
 pub struct StackLevel {
     /// Exposure time \[s\].
     pub exposure: f64,
-    /// Photons that a pixel received on average, mu_p; zero in the dark.
+    /// Mean number of photons per pixel, mu_p. Zero in the dark.
     pub photons: f64,
-    /// What the frames show.
+    /// Statistics of the frames.
     pub stack: SpatialStack,
 }
 
 /// A whole measurement. The order of the levels does not matter.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Measurement {
-    /// Bits per grey value; `None` takes the least even number, from 8 on, that holds the largest value.
+    /// Bits per grey value. `None` takes the smallest even number, from 8 on, that can represent the largest value.
     pub bits: Option<u32>,
-    /// Pairs of frames; those without photons are dark.
+    /// Pairs of frames. Those without photons are dark.
     pub levels: Vec<Level>,
     /// Stacks of frames: one in the dark, one at half of saturation.
     pub stacks: Vec<StackLevel>,
 }
 
-/// Which release of EMVA 1288 decides where rules differ.
+/// The release of EMVA 1288 whose rules are used, if the releases differ.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub enum Release {
     /// 3.1 (2016): saturation is the peak of the variance.
     #[serde(rename = "3.1")]
     R31,
-    /// 4.0 (2021): saturation is where 0.1 to 0.2 % of the pixels show the largest value.
+    /// 4.0 (2021): saturation is the light at which 0.1 to 0.2 % of the pixels have the largest value.
     #[default]
     #[serde(rename = "4.0")]
     R40,
 }
 
-/// How a measurement is analysed.
+/// Settings of an analysis.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct AnalysisSettings {
     /// The rules.
     pub release: Release,
-    /// Distance of the pixels \[um\], for figures per area.
+    /// Distance between pixel centres \[um\], for figures per area.
     pub pixel_pitch: Option<f64>,
 }
 
-/// A dark level and where it belongs.
+/// A level with the index of its dark level.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Sorted<'a> {
     pub(crate) level: &'a Level,
@@ -79,7 +80,7 @@ pub(crate) struct Ordered<'a> {
     /// By ascending exposure time.
     pub(crate) dark: Vec<&'a Level>,
     pub(crate) bits: u32,
-    /// Bright and dark stack of one exposure time.
+    /// The bright and the dark stack of one exposure time.
     pub(crate) stacks: Option<(&'a StackLevel, &'a StackLevel)>,
 }
 
@@ -88,7 +89,7 @@ pub(crate) fn same_time(a: f64, b: f64) -> bool {
 }
 
 impl Measurement {
-    /// Levels by light, darks by time, each level with its dark.
+    /// Sorts bright levels by light and dark levels by time, and finds the dark level of each bright one.
     pub(crate) fn ordered(&self) -> Result<Ordered<'_>, AnalysisError> {
         let (mut bright, mut dark): (Vec<&Level>, Vec<&Level>) = self.levels.iter().partition(|l| l.photons > 0.0);
         if bright.is_empty() {
@@ -129,7 +130,8 @@ impl Measurement {
         Ok(Ordered { bright, dark, bits, stacks: self.stack_pair()? })
     }
 
-    /// The bright and the dark stack; several bright ones leave the choice to whoever knows what half of saturation is.
+    /// The bright and the dark stack. With several bright ones the caller must choose, since the light of half
+    /// saturation is not known here.
     fn stack_pair(&self) -> Result<Option<(&StackLevel, &StackLevel)>, AnalysisError> {
         let bright: Vec<&StackLevel> = self.stacks.iter().filter(|s| s.photons > 0.0).collect();
         let (bright, others) = match bright.split_first() {

@@ -24,7 +24,7 @@ pub struct TransferPoint {
     pub variance: f64,
     /// Standard error of the variance \[DN^2\].
     pub variance_error: f64,
-    /// Degrees of freedom behind the variance: pixels times (frames - 1).
+    /// Degrees of freedom of the variance: pixels times (frames - 1).
     pub degrees_of_freedom: f64,
     /// Pixels that contribute.
     pub pixels: u64,
@@ -60,11 +60,11 @@ impl PhotonTransfer {
         Self { dark: dark.into(), points }
     }
 
-    /// The curve of one scene: pixels whose temporal mean falls into the same interval [k, k + 1) DN form a point, their
-    /// variances are averaged. This needs a camera whose pixels are alike.
+    /// The curve of one scene. Pixels whose temporal mean falls into the same interval [k, k + 1) DN form a point, with
+    /// the mean of their variances. This assumes a camera with equal pixels.
     ///
-    /// `keep`, if given, says for every pixel whether it takes part. `dark_value` is the grey value without light \[DN\];
-    /// it only shifts the abscissa of the fits.
+    /// `keep`, if given, contains for every pixel whether it is used. `dark_value` is the grey value without light
+    /// \[DN\]. It only shifts the abscissa of the fits.
     pub fn by_unit_bins(
         stack: &TemporalStatistics,
         dark_value: f64,
@@ -73,11 +73,12 @@ impl PhotonTransfer {
         Self::by_bins(stack, 0.0, 1.0, dark_value, keep)
     }
 
-    /// [`PhotonTransfer::by_unit_bins`] with intervals of another width \[DN\], one of which begins at `origin`: for cameras
-    /// with so many grey values that few pixels share one. Means are averaged like variances, so a straight line stays one.
+    /// [`PhotonTransfer::by_unit_bins`] with intervals of another width \[DN\], one of which begins at `origin`. It is
+    /// for cameras with so many grey values that few pixels share one. Means are averaged like variances, so a straight
+    /// line stays one.
     ///
-    /// Pixels that differ in their noise only should lie in the middle of one interval: an edge among them would part those
-    /// that happen to be bright, which vary more, from the others.
+    /// Pixels that differ only in their noise should lie in the middle of one interval. An edge of an interval among
+    /// them would separate those that happen to be bright, which vary more, from the others.
     pub fn by_bins(
         stack: &TemporalStatistics,
         origin: f64,
@@ -110,8 +111,8 @@ impl PhotonTransfer {
         Ok(Self { dark, points })
     }
 
-    /// The same curve with frames that were taken without light, by the same camera: all their pixels are its first point, and its
-    /// dark level.
+    /// The same curve with additional frames without light of the same camera. All their pixels form its first point
+    /// and its dark level.
     #[must_use]
     pub fn with_dark_frames(mut self, stack: &TemporalStatistics) -> Self {
         let mut dark = Bin::default();
@@ -128,7 +129,7 @@ impl PhotonTransfer {
         self
     }
 
-    /// The dark level; for a curve from one scene without dark frames it has a mean only.
+    /// The dark level. For a curve from one scene without dark frames it has a mean only.
     pub fn dark(&self) -> &TransferPoint {
         &self.dark
     }
@@ -138,11 +139,12 @@ impl PhotonTransfer {
         &self.points
     }
 
-    /// Overall system gain K: slope through the origin of sigma_y^2 - sigma_y.dark^2 against mu_y - mu_y.dark over 0-70 %
-    /// of saturation (equation 50), all points alike. `saturation` is the grey value of saturation \[DN\].
+    /// Overall system gain K: slope through the origin of sigma_y^2 - sigma_y.dark^2 against mu_y - mu_y.dark over 0-70
+    /// % of saturation (equation 50), with equal weights. `saturation` is the grey value of saturation \[DN\].
     ///
-    /// The standard error carries the errors of the variances and of the dark level that they all share.
-    /// For curves by levels; a curve from one scene has points of few pixels among others of many, use [`PhotonTransfer::line`].
+    /// The standard error contains the errors of the variances and of the dark level that all points share. The
+    /// function is for curves by levels. A curve from one scene has points of few pixels among others of many: use
+    /// [`PhotonTransfer::line`] for it.
     pub fn gain(&self, saturation: f64) -> Result<Quantity, AnalysisError> {
         let used = self.in_range(saturation, 1)?;
         let (mut xx, mut xy, mut x_sum, mut error) = (0.0, 0.0, 0.0, 0.0);
@@ -170,14 +172,14 @@ impl PhotonTransfer {
     /// The straight line through the curve over 0-70 % of saturation: slope K and intercept K^2 sigma_d^2 + sigma_q^2
     /// (equation 15). `saturation` is the grey value of saturation \[DN\].
     ///
-    /// Points weigh as the inverse variance of their ordinate, which for noise near to normal is 2 sigma^4 over the
-    /// degrees of freedom. The sigma^2 in it is that of the line, not that of the point: points that happen to be low would
-    /// otherwise pull it down. A few rounds settle it.
+    /// The weight of a point is the inverse variance of its ordinate. For nearly normal noise that variance is 2
+    /// sigma^4 over the degrees of freedom. The sigma^2 in it is that of the line, not that of the point, since points
+    /// that happen to be low would otherwise pull the line down. A few iterations converge.
     pub fn line(&self, saturation: f64) -> Result<LineFit, AnalysisError> {
         let used = self.in_range(saturation, 3)?;
         let mut weights: Vec<f64> = used.iter().map(|p| p.degrees_of_freedom).collect();
         let mut fit = Line::through(&used, &weights, self.dark.mean)?;
-        // Where the line dips to zero or below it cannot tell a weight; a hundredth of the mean variance stands in.
+        // A line at zero or below gives no weight. A hundredth of the mean variance replaces it.
         let floor = (0.01 * used.iter().map(|p| p.variance).sum::<f64>() / used.len() as f64).max(1e-9);
         for _ in 0..8 {
             for (w, p) in weights.iter_mut().zip(&used) {
@@ -199,11 +201,11 @@ impl PhotonTransfer {
     }
 }
 
-/// Pixels whose means fall into one interval. They weigh as the degrees of freedom of their variances.
+/// Pixels whose means fall into one interval. Their weights are the degrees of freedom of their variances.
 #[derive(Clone, Copy, Debug, Default)]
 struct Bin {
     pixels: u64,
-    /// Values that the means are of, and degrees of freedom of the variances.
+    /// Number of values in the means, and degrees of freedom of the variances.
     values: f64,
     freedom: f64,
     means: f64,
@@ -228,7 +230,8 @@ impl Bin {
     fn point(&self) -> TransferPoint {
         let n = self.pixels as f64;
         let variance = self.variances / self.freedom;
-        // From the spread of the pixels' variances if there are enough of them to have one, else as for normal noise.
+        // The error comes from the spread of the pixels' variances if there are enough pixels, otherwise from the
+        // formula for normal noise.
         let spread = if self.pixels >= 8 {
             let [w, wv, wvv] = self.weights;
             let squares = (wvv - 2.0 * variance * wv + variance * variance * w).max(0.0);
@@ -262,7 +265,7 @@ pub struct LineFit {
     pub points: usize,
 }
 
-/// Weighted least squares, written around the weighted mean of x so that nothing cancels.
+/// Weighted least squares, relative to the weighted mean of x, so that no cancellation occurs.
 struct Line {
     slope: f64,
     intercept: f64,
@@ -300,7 +303,7 @@ impl Line {
             total += w * (p.variance - height).powi(2);
         }
         let reduced = residual / (points.len() as f64 - 2.0);
-        // Points that scatter more than their own errors allow make the line less certain, not the errors smaller.
+        // If points scatter more than their own errors allow, the errors of the line increase.
         let scale = reduced.max(1.0).sqrt();
         LineFit {
             slope: Quantity {
@@ -357,7 +360,7 @@ mod tests {
     #[test]
     fn points_on_a_line_give_the_line_and_the_range_ends_at_70_percent() {
         let means: Vec<f64> = (0..100).map(|k| f64::from(k) + 10.5).collect();
-        // Beyond 70 % the variance falls, as it does near saturation.
+        // Above 70 % the variance falls, as near saturation.
         let variances: Vec<f64> = means.iter().map(|m| if *m < 80.0 { 2.0 + 0.3 * (m - 10.0) } else { 1.0 }).collect();
         let curve = PhotonTransfer::by_unit_bins(&stack(&means, &variances, 9), 10.0, None).expect("no mask");
         let fit = curve.line(110.0).expect("points");
@@ -368,7 +371,7 @@ mod tests {
 
     #[test]
     fn dark_frames_are_the_first_point_and_the_dark_level() {
-        // A line of slope 0.4 from (10, 1); the few points with light scatter.
+        // A line of slope 0.4 from (10, 1). The few points with light scatter.
         let lit = stack(&[20.5, 30.5, 40.5], &[5.0, 9.4, 13.1], 9);
         let dark = stack(&[9.75, 10.25, 9.75, 10.25], &[0.5, 1.5, 0.5, 1.5], 9);
         let alone = PhotonTransfer::by_unit_bins(&lit, 10.0, None).expect("no mask");
@@ -376,12 +379,12 @@ mod tests {
         assert_eq!(curve.points().len(), 4);
         assert_eq!(curve.points()[0], *curve.dark());
         assert_eq!((curve.dark().mean, curve.dark().variance, curve.dark().pixels), (10.0, 1.0, 4));
-        // It holds the intercept, which the others leave open.
+        // The dark level fixes the intercept, which the other points do not determine well.
         let (without, with) = (alone.line(200.0).expect("points"), curve.line(200.0).expect("points"));
         assert!(with.intercept.standard_error < 0.1 * without.intercept.standard_error, "{with:?} {without:?}");
         assert!(with.slope.standard_error < without.slope.standard_error);
         assert!((with.intercept.value - 1.0).abs() < 0.1 && (with.slope.value - 0.4).abs() < 0.02, "{with:?}");
-        // Of frames that do not tell, nothing is taken.
+        // Frames without a variance change nothing.
         assert_eq!(alone.clone().with_dark_frames(&stack(&[10.0], &[f64::NAN], 1)), alone);
     }
 

@@ -1,10 +1,10 @@
-//! Profiles: how a mean image runs along its rows and columns (EMVA 1288 release 4.0 Linear, section 8.2).
+//! Profiles of a mean image along its rows and columns (EMVA 1288 release 4.0 Linear, section 8.2).
 
 use serde::Serialize;
 
 use crate::stack::SpatialStack;
 
-/// Along one direction, across all lines: one entry for each pixel of a line \[DN\].
+/// A profile along one direction, over all lines: one entry for each pixel of a line \[DN\].
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Profile {
     /// The line in the middle.
@@ -17,7 +17,7 @@ pub struct Profile {
     pub most: Vec<f64>,
 }
 
-/// Along the rows, and along the columns.
+/// The profiles along the rows and along the columns.
 pub(crate) fn profiles(stack: &SpatialStack) -> [Profile; 2] {
     let (width, height) = (stack.width as usize, stack.height as usize);
     let empty = |n: usize| Profile {

@@ -1,14 +1,14 @@
-//! Standard errors of what is computed from measured numbers: each number is moved by its own error, once up and once down.
+//! Standard errors of results of measured numbers: each number is changed by its own error, once up and once down.
 //!
-//! To first order this is Gauss's law with all its covariances, also where a number enters in several ways (the same dark
-//! level in gain and dark noise), without a derivative written by hand.
+//! To first order this is Gauss's law with all covariances, without analytic derivatives. It also holds if a number
+//! affects a result in several ways (the same dark level in gain and dark noise).
 
 /// A set of measured numbers whose errors are independent of each other.
 pub(crate) trait Inputs: Clone {
-    /// How many independent errors there are.
+    /// The number of independent errors.
     fn count(&self) -> usize;
 
-    /// The numbers when error `index` is `sign` times its standard deviation.
+    /// The numbers with error `index` at `sign` times its standard deviation.
     fn moved(&self, index: usize, sign: f64) -> Self;
 }
 

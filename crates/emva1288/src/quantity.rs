@@ -1,4 +1,4 @@
-//! A result with everything that a report needs to say about it.
+//! A result with all data that a report needs.
 
 use serde::Serialize;
 
@@ -7,7 +7,7 @@ use serde::Serialize;
 pub struct Quantity {
     /// Symbol of the standard, in ASCII: `K`, `sigma_y^2`.
     pub symbol: &'static str,
-    /// What it is, in words.
+    /// Name of the quantity, in words.
     pub name: &'static str,
     /// The estimate.
     pub value: f64,
@@ -15,13 +15,13 @@ pub struct Quantity {
     pub standard_error: f64,
     /// The unit of both.
     pub unit: &'static str,
-    /// Where the rule comes from.
+    /// Section of the standard with the rule.
     pub section: &'static str,
 }
 
 impl std::fmt::Display for Quantity {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        // As many digits as the error supports: two of its own.
+        // The error determines the number of digits: the error itself has two.
         let digits = if self.standard_error > 0.0 && self.standard_error.is_finite() {
             (1.0 - self.standard_error.log10().floor()).clamp(0.0, 12.0) as usize
         } else {

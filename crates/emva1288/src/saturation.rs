@@ -1,13 +1,13 @@
-//! Where a camera saturates.
+//! The saturation point of a camera.
 
 use statrs::distribution::{Continuous, ContinuousCDF, Normal};
 
 use crate::frame::AnalysisError;
 use crate::measurement::{Ordered, Release};
 
-/// Release 4.0 allows 0.1 to 0.2 % of the values to be the largest; the middle of it is aimed at.
+/// Target share of values at the largest value. Release 4.0 allows 0.1 to 0.2 %, and this is the middle.
 pub(crate) const AT_LARGEST: f64 = 0.0015;
-/// Fewer values than this tell nothing of a share.
+/// Least number of values from which a share is estimated.
 const MIN_COUNT: f64 = 10.0;
 
 /// The saturation point.
@@ -15,17 +15,17 @@ const MIN_COUNT: f64 = 10.0;
 pub(crate) struct Saturation {
     pub(crate) photons: f64,
     pub(crate) error: f64,
-    /// Mean grey value without dark there \[DN\].
+    /// Mean grey value there, without dark \[DN\].
     pub(crate) signal: f64,
-    /// How it was found, if not as the release says.
+    /// A note on the method, if it is not that of the release.
     pub(crate) note: Option<String>,
 }
 
 /// Finds the saturation point.
 ///
-/// Levels form a grid, and the point lies between two of them. Release 4.0 looks at the share of values that are the
-/// largest possible; noise around the mean makes that share a normal integral, so the point follows from the level
-/// whose share tells most, and the width of the distribution on the last level below.
+/// Levels form a grid, and the point lies between two of them. Release 4.0 uses the share of values that are the
+/// largest possible. For normal noise around the mean, that share is a normal integral. So the point follows from the
+/// level whose share is most informative, and from the width of the distribution on the last level below.
 pub(crate) fn saturation(data: &Ordered<'_>, release: Release) -> Result<Saturation, AnalysisError> {
     let by_share = match release {
         Release::R40 => by_share(data),
@@ -40,12 +40,12 @@ pub(crate) fn saturation(data: &Ordered<'_>, release: Release) -> Result<Saturat
     Ok(Saturation { photons, error, signal: signal_at(data, photons), note })
 }
 
-/// Photons and standard error by the share of the largest value; nothing if no level is flat at the top.
+/// Photons and standard error from the share of the largest value. `None` if no level saturates.
 fn by_share(data: &Ordered<'_>) -> Option<(f64, f64)> {
     let largest = data.bright.iter().map(|s| s.level.pair.largest).max()?;
     let dark = data.dark.iter().map(|d| share(&d.pair, largest)).fold(0.0, f64::max);
     let shares: Vec<f64> = data.bright.iter().map(|s| (share(&s.level.pair, largest) - dark).max(0.0)).collect();
-    // A camera is at its end when most of its pixels are.
+    // A camera is saturated only if most of its pixels are.
     if *shares.last()? < 0.5 {
         return None;
     }
@@ -56,7 +56,7 @@ fn by_share(data: &Ordered<'_>) -> Option<(f64, f64)> {
     let normal = Normal::standard();
     let target = normal.inverse_cdf(AT_LARGEST);
     let dark_mean = data.dark[below.dark].pair.mean.value;
-    // The light of a longer exposure comes with more dark current.
+    // A longer exposure has more dark current.
     let dark_growth = (data.dark[above.dark].pair.mean.value - dark_mean) / (high - low);
     let slope = (below.level.pair.mean.value - dark_mean) / low + dark_growth;
     let width = below.level.pair.spread.sqrt() / slope;
@@ -65,7 +65,7 @@ fn by_share(data: &Ordered<'_>) -> Option<(f64, f64)> {
         (s * n >= MIN_COUNT && s <= 0.5).then(|| {
             let z = normal.inverse_cdf(s);
             let counting = (s * (1.0 - s) / (0.5 * n)).sqrt() / normal.pdf(z);
-            // The width changes from level to level, by about half of what the light does.
+            // The width changes from level to level, by about half the relative change of the light.
             let drift = (target - z) * 0.5 * (high - low) / low;
             let at = data.bright[i].level.photons + (target - z) * width;
             (at.clamp(low, high), width * counting.hypot(drift))
@@ -79,7 +79,8 @@ fn share(pair: &crate::temporal::FramePair, largest: u16) -> f64 {
     if pair.largest == largest { pair.at_largest } else { 0.0 }
 }
 
-/// Photons and standard error by the peak of the variance: a level of the grid, known to about a step to either side.
+/// Photons and standard error from the peak of the variance: a level of the grid, with an error of about one step to
+/// either side.
 fn by_peak(data: &Ordered<'_>) -> Result<(f64, f64), AnalysisError> {
     let variance = |i: usize| data.bright.get(i).map_or(0.0, |s| s.level.pair.variance.value);
     let peak = (0..data.bright.len()).max_by(|a, b| variance(*a).total_cmp(&variance(*b))).unwrap_or(0);
@@ -95,7 +96,7 @@ fn by_peak(data: &Ordered<'_>) -> Result<(f64, f64), AnalysisError> {
     Ok((at(peak), step / 3f64.sqrt()))
 }
 
-/// Mean grey value without dark at a number of photons, between the levels.
+/// Mean grey value without dark at a number of photons, interpolated between the levels.
 fn signal_at(data: &Ordered<'_>, photons: f64) -> f64 {
     let signal = |i: usize| {
         let s = &data.bright[i];

@@ -1,17 +1,17 @@
-//! What a measurement lacks of what the standard asks for, in sentences that name the figures which suffer.
+//! Differences between a measurement and the requirements of the standard, in sentences that name the affected figures.
 
 use crate::hidden::Hidden;
 use crate::measurement::Ordered;
 use crate::summary::Summary;
 
-/// What the standard asks for.
+/// The requirements of the standard.
 const LEVELS: usize = 50;
 const STACK: u32 = 16;
 const EXPOSURES: usize = 6;
-/// More dark values at zero than this cut the noise off.
+/// If a larger share of dark values is zero, the lower part of the noise is cut off.
 const AT_ZERO: f64 = 0.005;
 
-/// Of a linear camera.
+/// The notes for a linear camera.
 pub(crate) fn linear(data: &Ordered<'_>, summary: &Summary, hidden: &Hidden) -> Vec<String> {
     let mut notes = Vec::new();
     notes.extend(few_levels(data));
@@ -61,7 +61,7 @@ pub(crate) fn linear(data: &Ordered<'_>, summary: &Summary, hidden: &Hidden) -> 
     notes
 }
 
-/// For the general module; `is_bound` says whether rounding hides the dark noise.
+/// The notes for the general module. `is_bound` is true if rounding hides the dark noise.
 pub(crate) fn general(data: &Ordered<'_>, is_bound: bool) -> Vec<String> {
     let mut notes: Vec<String> = few_levels(data).into_iter().collect();
     if is_bound {
@@ -71,7 +71,7 @@ pub(crate) fn general(data: &Ordered<'_>, is_bound: bool) -> Vec<String> {
     notes
 }
 
-/// Are so many dark values zero that the lower half of the noise is missing?
+/// Returns whether so many dark values are zero that the lower part of the noise is cut off.
 pub(crate) fn is_cut_off(data: &Ordered<'_>) -> bool {
     at_zero(data) > AT_ZERO
 }

@@ -1,8 +1,8 @@
-//! Spatial variances and how they split into pixels, rows and columns (EMVA 1288 release 4.0 Linear, section 8).
+//! Spatial variances and their split into pixels, rows and columns (EMVA 1288 release 4.0 Linear, section 8).
 
 use crate::stack::SpatialStack;
 
-/// What a mean image tells of non-uniformity, as numbers whose errors are independent of each other: the analysis of
+/// Non-uniformity statistics of a mean image, as numbers whose errors are independent of each other: the analysis of
 /// variance of an image by rows and columns.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Spatial {
@@ -13,7 +13,7 @@ pub(crate) struct Spatial {
     pub(crate) frames: f64,
     /// Temporal variance of one frame \[DN^2\].
     pub(crate) temporal: Estimate,
-    /// Variance of what is left when row and column means are taken off.
+    /// Variance of the residuals after row and column means are subtracted.
     pub(crate) residual: Estimate,
     /// Variance of the columns' means, and of the rows' means.
     pub(crate) column_means: Estimate,
@@ -27,8 +27,8 @@ pub(crate) struct Estimate {
     pub(crate) error: f64,
 }
 
-/// The spatial variances of the standard \[DN^2\], the noise that is left in the mean image taken off. They may come out
-/// negative where there is no non-uniformity.
+/// The spatial variances of the standard \[DN^2\], less the noise that is left in the mean image. They may be negative
+/// if there is no non-uniformity.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Variances {
     pub(crate) total: f64,
@@ -37,7 +37,7 @@ pub(crate) struct Variances {
     pub(crate) column: f64,
 }
 
-/// How alike the patterns of two images are, as correlations of residuals, column means and row means.
+/// The similarity of the patterns of two images, as correlations of residuals, column means and row means.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Likeness {
     pub(crate) residual: f64,
@@ -56,7 +56,7 @@ impl Spatial {
         }
         let freedom = (m - 1.0) * (n - 1.0);
         let residual = second / freedom;
-        // No shape is assumed: defect pixels make tails.
+        // The formula assumes no distribution, since defect pixels cause tails.
         let spread = (fourth / (m * n) - residual * residual).max(0.0);
         let variance_of = |means: &[f64]| {
             let freedom = means.len() as f64 - 1.0;
@@ -79,14 +79,14 @@ impl Spatial {
 
     /// Variances of pixels, rows and columns, and of all together.
     ///
-    /// Row and column means carry a part of the pixels' variance and of the noise; the formulas solve for the parts.
+    /// Row and column means contain a part of the pixels' variance and of the noise. The formulas solve for the parts.
     pub(crate) fn split(&self) -> Variances {
         let (m, n, noise) = (self.rows, self.columns, self.temporal.value / self.frames);
         let squares = (m - 1.0) * (n - 1.0) * self.residual.value
             + m * (n - 1.0) * self.column_means.value
             + n * (m - 1.0) * self.row_means.value;
         let total = squares / (m * n - 1.0) - noise;
-        // The standard divides by the number of means, not by one less.
+        // The standard divides by the number of means, not by the number less one.
         let cav = self.column_means.value * (n - 1.0) / n - noise / m;
         let rav = self.row_means.value * (m - 1.0) / m - noise / n;
         let d = m * n - m - n;
@@ -100,7 +100,7 @@ impl Spatial {
 }
 
 impl Likeness {
-    /// Of two stacks of one size.
+    /// The correlations of two stacks of one size.
     pub(crate) fn from_stacks(a: &SpatialStack, b: &SpatialStack) -> Self {
         let ((a_columns, a_rows), (b_columns, b_rows)) = (a.profiles(), b.profiles());
         Self {
@@ -111,13 +111,13 @@ impl Likeness {
     }
 }
 
-/// What is left of each pixel when the means of its row and column are taken off.
+/// The residual of each pixel after the means of its row and column are subtracted.
 fn residuals<'a>(stack: &'a SpatialStack, columns: &'a [f64], rows: &'a [f64]) -> impl Iterator<Item = f64> + 'a {
     let width = stack.width as usize;
     stack.means().enumerate().map(move |(i, y)| y - stack.mean - columns[i % width] - rows[i / width])
 }
 
-/// Of pairs whose means are zero.
+/// The correlation of pairs whose means are zero.
 fn correlation(pairs: impl Iterator<Item = (f64, f64)>) -> f64 {
     let (mut aa, mut bb, mut ab) = (0.0, 0.0, 0.0);
     for (a, b) in pairs {
@@ -133,8 +133,8 @@ mod tests {
     use super::*;
     use crate::stack::tests::still;
 
-    /// Columns 10 and 14 by turns: the variance of the columns is 4, and nothing else varies. A pattern without randomness
-    /// has of each part exactly what a wave of that amplitude has, but for the terms of order 1 / N.
+    /// Alternating columns of 10 and 14: the variance of the columns is 4, and nothing else varies. A regular pattern
+    /// has the same parts as a wave of that amplitude, except for terms of order 1 / N.
     #[test]
     fn pure_columns_are_columns() {
         let v = Spatial::from_stacks(&still(40, 30, |x, _| 10 + 4 * (x as u16 % 2))).split();
@@ -144,11 +144,11 @@ mod tests {
         assert!(v.row.abs() < 1e-2 && v.pixel.abs() < 1e-2, "{v:?}");
     }
 
-    /// By the formulas, on paper: 3 x 3 pixels, s^2 = 1, cav = 0.5, rav = 0.25 and no noise. D = 3.
+    /// A calculation by hand: 3 x 3 pixels, s^2 = 1, cav = 0.5, rav = 0.25 and no noise. D = 3.
     #[test]
     fn the_split_by_hand() {
         let exact = |value| Estimate { value, error: 0.0 };
-        // cav = column_means * 2 / 3; the residual makes the sum of squares 8.
+        // cav = column_means * 2 / 3. The residual makes the sum of squares 8.
         let s = Spatial {
             mean: 0.0,
             rows: 3.0,

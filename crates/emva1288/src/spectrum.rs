@@ -1,4 +1,5 @@
-//! Spectrograms: which periods a mean image has along its rows and columns (EMVA 1288 release 4.0 Linear, section 8.3).
+//! Spectrograms: the frequencies of a mean image along its rows and columns (EMVA 1288 release 4.0 Linear, section
+//! 8.3).
 
 use realfft::RealFftPlanner;
 use serde::Serialize;
@@ -8,12 +9,12 @@ use crate::stack::SpatialStack;
 /// The spectrum along one direction, averaged over all lines.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Spectrogram {
-    /// Root of the mean power at each frequency \[DN\], normalised so that white noise of standard deviation s has s everywhere.
-    /// Entry k stands for k / length cycles per pixel.
+    /// Square root of the mean power at each frequency \[DN\], normalised so that white noise of standard deviation s
+    /// has s everywhere. Entry k has the frequency k / length [cycles per pixel].
     pub amplitude: Vec<f64>,
     /// Pixels in a line.
     pub length: u32,
-    /// What noise there is in the mean image, sigma_y.stack / sqrt(L) \[DN\]: the floor of the spectrum.
+    /// Noise of the mean image, sigma_y.stack / sqrt(L) \[DN\]: the floor of the spectrum.
     pub noise: f64,
 }
 
@@ -24,12 +25,12 @@ impl Spectrogram {
     }
 }
 
-/// Along the rows; with a dark stack, of the light alone.
+/// The spectrogram along the rows. With a dark stack, that of the light alone.
 pub(crate) fn horizontal(stack: &SpatialStack, dark: Option<&SpatialStack>) -> Spectrogram {
     lines(stack, dark, stack.width as usize, stack.height as usize, |line, i| line * stack.width as usize + i)
 }
 
-/// Along the columns.
+/// The spectrogram along the columns. With a dark stack, that of the light alone.
 pub(crate) fn vertical(stack: &SpatialStack, dark: Option<&SpatialStack>) -> Spectrogram {
     lines(stack, dark, stack.height as usize, stack.width as usize, |line, i| i * stack.width as usize + line)
 }
@@ -56,7 +57,7 @@ fn lines(
             let at = place(k, i);
             *v = sum(stack, at) / frames - dark.map_or(0.0, |d| sum(d, at) / f64::from(d.frames)) - mean;
         }
-        // The buffers are the plan's own and fit.
+        // The buffers come from the plan and have the right size.
         if transform.process(&mut line, &mut spectrum).is_ok() {
             power.iter_mut().zip(&spectrum).for_each(|(p, c)| *p += c.norm_sqr());
         }
@@ -70,7 +71,8 @@ mod tests {
     use super::*;
     use crate::stack::tests::still;
 
-    /// Columns 100 and 104 by turns: a wave of amplitude 2 at half a cycle per pixel, power 4 times the length in one entry.
+    /// Alternating columns of 100 and 104: a wave of amplitude 2 at half a cycle per pixel. One entry has the whole
+    /// power, 4 times the length.
     #[test]
     fn a_wave_of_columns_stands_in_one_place() {
         let s = still(32, 20, |x, _| 100 + 4 * (x % 2) as u16);
@@ -78,7 +80,7 @@ mod tests {
         assert_eq!((h.amplitude.len(), h.frequency(16)), (17, 0.5));
         assert!((h.amplitude[16] - 2.0 * 32f64.sqrt()).abs() < 1e-9, "{h:?}");
         assert!(h.amplitude[..16].iter().all(|a| a.abs() < 1e-9));
-        // Down a column nothing changes: all of it is at frequency zero.
+        // A column is constant: its whole power is at frequency zero.
         let v = vertical(&s, None);
         assert!((v.amplitude[0] - 2.0 * 20f64.sqrt()).abs() < 1e-9 && v.amplitude[1] < 1e-9, "{v:?}");
         assert!(horizontal(&s, Some(&s)).amplitude.iter().all(|a| a.abs() < 1e-9));

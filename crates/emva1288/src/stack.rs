@@ -1,11 +1,11 @@
-//! A stack of frames of one scene: its mean image, and the spatial variance that is left when the noise has been averaged.
+//! A stack of frames of one scene: its mean image, and the spatial variance that remains when the noise is averaged.
 
 use crate::frame::{AnalysisError, Frame};
 
-/// Sums of so many 16-bit values stay below 2^32.
+/// Largest number of frames. The sums of this number of 16-bit values stay below 2^32.
 const MAX_FRAMES: u32 = 65_537;
 
-/// Collects a stack frame by frame; the memory does not depend on how many there are.
+/// Accumulates a stack frame by frame. The memory does not depend on the number of frames.
 #[derive(Clone, Debug)]
 pub struct StackAccumulator {
     width: u32,
@@ -24,7 +24,7 @@ impl StackAccumulator {
     /// Adds a frame.
     ///
     /// # Errors
-    /// A frame of another size, or too many.
+    /// The frame has another size, or there are too many frames.
     pub fn add(&mut self, frame: Frame<'_>) -> Result<(), AnalysisError> {
         frame.same_size(self.width, self.height)?;
         if self.frames == MAX_FRAMES {
@@ -44,10 +44,10 @@ impl StackAccumulator {
         Ok(())
     }
 
-    /// The statistics of the stack; needs at least two frames, and two rows and columns.
+    /// The statistics of the stack. It needs at least two frames, and two rows and columns.
     ///
     /// # Errors
-    /// Too few frames, or too few pixels.
+    /// There are too few frames, or too few pixels.
     pub fn finish(self) -> Result<SpatialStack, AnalysisError> {
         if self.frames < 2 {
             return Err(AnalysisError::TooFewFrames { got: self.frames.into(), needed: 2 });
@@ -62,8 +62,8 @@ impl StackAccumulator {
             sum += u128::from(s);
             sum_squares += u128::from(s) * u128::from(s);
         }
-        // Mean over the pixels of the unbiased variance of each: L sum(y^2) - (sum y)^2 over L (L - 1). Exact, and not
-        // negative (Cauchy and Schwarz).
+        // Mean over the pixels of the unbiased variance of each: L sum(y^2) - (sum y)^2 over L (L - 1). The value is
+        // exact and not negative (Cauchy and Schwarz).
         let temporal = (l * self.squares - sum_squares) as f64 / ((l * (l - 1)) as f64 * pixels);
         let mean = sum as f64 / (self.frames as f64 * pixels);
         Ok(SpatialStack {
@@ -106,7 +106,7 @@ impl SpatialStack {
         self.sums.iter().map(move |&s| f64::from(s) / frames)
     }
 
-    /// One row of the mean image \[DN\]; empty beyond the last.
+    /// One row of the mean image \[DN\]. Empty beyond the last row.
     pub fn row(&self, row: u32) -> impl Iterator<Item = f64> + '_ {
         let (width, frames) = (self.width as usize, f64::from(self.frames));
         let start = (row as usize * width).min(self.sums.len());
@@ -149,7 +149,7 @@ impl SpatialStack {
 pub(crate) mod tests {
     use super::*;
 
-    /// Two frames that are the same.
+    /// A stack of two equal frames.
     pub(crate) fn still(width: u32, height: u32, at: impl Fn(u32, u32) -> u16) -> SpatialStack {
         let values: Vec<u16> = (0..width * height).map(|i| at(i % width, i / width)).collect();
         let mut stack = StackAccumulator::new(width, height);

@@ -1,4 +1,4 @@
-//! The measured numbers of a linear camera, and what follows from them.
+//! The measured numbers of a linear camera, and the results that follow from them.
 
 use crate::measurement::Ordered;
 use crate::propagate::Inputs;
@@ -7,11 +7,11 @@ use crate::spatial::{Estimate, Likeness, Spatial, Variances};
 
 /// Variance of the rounding to whole grey values, sigma_q^2 \[DN^2\].
 pub(crate) const ROUNDING: f64 = 1.0 / 12.0;
-/// Below this dark variance \[DN^2\] rounding rules, and the dark noise has only a bound (release 4.0 Linear).
+/// Below this dark variance \[DN^2\] rounding dominates, and the dark noise has only a bound (release 4.0 Linear).
 pub(crate) const MIN_DARK_VARIANCE: f64 = 0.24;
-/// Values that jump between two neighbours have a variance of 1/4 at most, and some more by chance \[DN^2\].
+/// Values that alternate between two neighbours have a variance of 1/4 at most, and slightly more by chance \[DN^2\].
 const MAX_ROUNDING_SHARE: f64 = 0.26;
-/// So many exposure times make the dark levels a line.
+/// Least number of exposure times for a line through the dark levels.
 pub(crate) const MIN_EXPOSURES: usize = 3;
 /// Regressions for R and K end at this fraction of saturation.
 const RANGE: f64 = 0.7;
@@ -27,27 +27,28 @@ pub(crate) struct Point {
     pub(crate) variance: Estimate,
 }
 
-/// Everything that the figures of a linear camera are computed from.
+/// The numbers from which the figures of a linear camera are computed.
 #[derive(Clone, Debug)]
 pub(crate) struct Summary {
     /// By ascending photons.
     pub(crate) bright: Vec<Point>,
     /// By ascending exposure time.
     pub(crate) dark: Vec<Point>,
-    /// How many of the bright levels lie in 0 to 70 % of saturation.
+    /// Number of bright levels in 0 to 70 % of saturation.
     pub(crate) used: usize,
     pub(crate) saturation: Estimate,
-    /// Mean response of these pixels over that of all pixels of their kind: 1, and how well that is known.
+    /// Mean response of these pixels over that of all pixels of their kind: 1, with its standard error.
     pub(crate) response: Estimate,
-    /// Mean dark value of these pixels beyond that of all pixels of their kind \[DN\]: 0, and how well that is known.
+    /// Difference of the mean dark value of these pixels from that of all pixels of their kind \[DN\]: 0, with its
+    /// standard error.
     pub(crate) offset: Estimate,
-    /// Bright and dark, and how alike their patterns are.
+    /// Statistics of the bright and the dark stack, and the similarity of their patterns.
     pub(crate) spatial: Option<(Spatial, Spatial, Likeness)>,
-    /// Is the dark variance so small that it is set to [`MIN_DARK_VARIANCE`]?
+    /// The dark variance is so small that [`MIN_DARK_VARIANCE`] replaces it.
     pub(crate) is_bound: bool,
 }
 
-/// Places of the results of [`Summary::results`].
+/// Indices of the results of [`Summary::results`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(usize)]
 pub(crate) enum Is {
@@ -55,7 +56,7 @@ pub(crate) enum Is {
     Gain,
     Efficiency,
     DarkMean,
-    /// These are squares: a root cannot be taken before errors are known.
+    /// These are squares: a square root cannot be taken before errors are known.
     DarkVariance,
     DarkNoise2,
     LeastElectrons,
@@ -78,7 +79,7 @@ pub(crate) enum Is {
     PrnuColumn2,
 }
 
-/// How many results there are.
+/// The number of results.
 pub(crate) const RESULTS: usize = Is::PrnuColumn2 as usize + 1;
 
 impl Summary {
@@ -109,15 +110,15 @@ impl Summary {
             spatial,
             is_bound: false,
         };
-        // Where dark current makes all dark levels noisy, what is left of the noise without it may come out small, or even
-        // negative, by chance, and not by rounding.
+        // If dark current makes all dark levels noisy, the noise without it may be small or even negative by chance,
+        // and not by rounding.
         let is_steady = summary.dark[0].variance.value < MAX_ROUNDING_SHARE;
         summary.is_bound = is_steady && summary.dark_variance() < MIN_DARK_VARIANCE;
         (summary.response.error, summary.offset.error) = summary.sampling_errors();
         summary
     }
 
-    /// The same if the dark variances that rounding may have made were so large \[DN^2\].
+    /// The same numbers with this variance \[DN^2\] in place of dark variances that rounding may have caused.
     pub(crate) fn with_dark_variance(&self, variance: f64) -> Self {
         let mut s = self.clone();
         for d in s.dark.iter_mut().filter(|d| d.variance.value < MAX_ROUNDING_SHARE) {
@@ -133,7 +134,7 @@ impl Summary {
         times.len()
     }
 
-    /// All results, in the order of [`Is`]; NaN where the measurement has nothing to say.
+    /// All results, in the order of [`Is`]. NaN if the measurement does not determine a result.
     pub(crate) fn results(&self) -> [f64; RESULTS] {
         let mut r = [f64::NAN; RESULTS];
         let mut set = |place: Is, value: f64| r[place as usize] = value;
@@ -163,7 +164,7 @@ impl Summary {
 
         // (27), with sigma_d^2 + sigma_q^2 / K^2 = sigma_y.dark^2 / K^2.
         let least = (dark_variance / (gain * gain) + 0.25).max(0.0).sqrt() + 0.5;
-        // Were the pixels brighter than others of their kind, these would saturate later.
+        // If the pixels were brighter than others of their kind, these would saturate later.
         let most = self.saturation.value / self.response.value;
         let max_electrons = efficiency * most;
         let range = max_electrons / least;
@@ -194,7 +195,8 @@ impl Summary {
         r
     }
 
-    /// sigma_y.dark^2 \[DN^2\]: without dark current if there are times enough to tell, else of the shortest exposure.
+    /// sigma_y.dark^2 \[DN^2\]: without dark current if there are enough exposure times, otherwise that of the shortest
+    /// exposure.
     fn dark_variance(&self) -> f64 {
         if self.exposures() >= MIN_EXPOSURES {
             line(self.dark.iter().map(|d| (d.exposure, d.variance.value))).1
@@ -203,8 +205,8 @@ impl Summary {
         }
     }
 
-    /// The pixels of a camera are a sample of what such pixels are like: how far the mean of their responses may lie off, as a
-    /// fraction, and that of their dark values \[DN\].
+    /// The pixels of a camera are a sample of such pixels. Standard errors of the mean of their responses, as a
+    /// fraction, and of the mean of their dark values \[DN\].
     fn sampling_errors(&self) -> (f64, f64) {
         let Some((bright, dark, _)) = &self.spatial else { return (0.0, 0.0) };
         let (b, d) = (bright.split(), dark.split());
@@ -240,8 +242,8 @@ impl Inputs for Summary {
             }
             i => {
                 if let Some((bright, dark, like)) = &mut s.spatial {
-                    // Squares of normal numbers with correlation r are correlated by r^2: what the two images share moves
-                    // both, the rest of the bright one moves it alone.
+                    // Squares of normal numbers with correlation r have the correlation r^2. The shared part of the two
+                    // images changes both, the rest of the bright one changes it alone.
                     let alike = [like.residual, like.column_means, like.row_means].map(|r| r * r);
                     let both = [
                         (&mut bright.residual, &mut dark.residual),
@@ -271,13 +273,13 @@ impl Inputs for Summary {
     }
 }
 
-/// Slope of the line through the origin that fits best, sum(x y) / sum(x x).
+/// Slope of the least-squares line through the origin, sum(x y) / sum(x x).
 fn through_origin(points: impl Iterator<Item = (f64, f64)>) -> f64 {
     let (xx, xy) = points.fold((0.0, 0.0), |(xx, xy), (x, y)| (xx + x * x, xy + x * y));
     xy / xx
 }
 
-/// Slope and intercept of the line that fits best.
+/// Slope and intercept of the least-squares line.
 pub(crate) fn line(points: impl Iterator<Item = (f64, f64)> + Clone) -> (f64, f64) {
     let (n, sx, sy) = points.clone().fold((0.0, 0.0, 0.0), |(n, sx, sy), (x, y)| (n + 1.0, sx + x, sy + y));
     let (mx, my) = (sx / n, sy / n);
@@ -297,7 +299,7 @@ mod tests {
         assert_eq!(through_origin([(1.0, 2.0), (2.0, 5.0)].into_iter()), 2.4);
     }
 
-    /// A camera whose every number is on paper: K = 0.5, eta = 0.6, dark noise 16 + 1/12 DN^2 at t = 0 with 2 e-/s.
+    /// A camera with given numbers: K = 0.5, eta = 0.6, dark noise 16 + 1/12 DN^2 at t = 0 with 2 e-/s.
     fn paper(times: &[f64]) -> Summary {
         let exact = |value| Estimate { value, error: 0.0 };
         let dark_at = |t: f64| (20.0 + 0.5 * 2.0 * t, 4.0 + ROUNDING + 0.25 * 2.0 * t);
@@ -357,7 +359,7 @@ mod tests {
     fn two_times_make_no_line() {
         let r = paper(&[1.0, 2.0]).results();
         assert!(r[Is::DarkCurrentMean as usize].is_nan());
-        // The shortest exposure's: 4 + 0.5 DN^2.
+        // The value of the shortest exposure: 4 + 0.5 DN^2.
         assert!((r[Is::DarkNoise2 as usize] - 18.0).abs() < 1e-9);
     }
 

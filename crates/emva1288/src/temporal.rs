@@ -1,14 +1,14 @@
 //! Means and temporal variances, from stacks of frames (per pixel) and from pairs (per level).
 //!
-//! Grey values are integers, so all sums are exact integers and there is nothing to lose by cancellation.
+//! Grey values are integers, so all sums are exact integers without cancellation errors.
 
 use crate::frame::{AnalysisError, Frame};
 use crate::quantity::Quantity;
 
-/// Sums of 65 535 squares of 16-bit values, times their number, stay below 2^64.
+/// Largest number of frames. Its product with the sum of the squares of this number of 16-bit values stays below 2^64.
 const MAX_FRAMES: u64 = 65_535;
 
-/// Collects a stack of frames one by one, so that the stack need not be in memory.
+/// Accumulates a stack of frames one by one, so that the stack need not be in memory.
 #[derive(Clone, Debug)]
 pub struct TemporalAccumulator {
     width: u32,
@@ -17,7 +17,7 @@ pub struct TemporalAccumulator {
     sums: Vec<PixelSums>,
 }
 
-/// What is known of one pixel: how many frames it counts in, the sum of its values and of their squares.
+/// Sums of one pixel: number of its frames, sum of its values and sum of their squares.
 #[derive(Clone, Copy, Debug, Default)]
 struct PixelSums {
     frames: u64,
@@ -36,7 +36,7 @@ impl TemporalAccumulator {
         self.add_pixels(frame, std::iter::repeat(true))
     }
 
-    /// Adds the pixels of a frame that `counts` says, one entry for each.
+    /// Adds the pixels of a frame for which `counts` is true. `counts` has one entry for each pixel.
     pub fn add_where(&mut self, frame: Frame<'_>, counts: &[bool]) -> Result<(), AnalysisError> {
         if counts.len() != frame.values().len() {
             return Err(AnalysisError::Mask { got: counts.len(), pixels: frame.values().len() });
@@ -60,7 +60,7 @@ impl TemporalAccumulator {
         Ok(())
     }
 
-    /// Mean and variance per pixel; needs at least two frames. A pixel that counts in fewer has no variance, which is NaN then.
+    /// Mean and variance per pixel. It needs at least two frames. A pixel that counts in fewer has the variance NaN.
     pub fn finish(&self) -> Result<TemporalStatistics, AnalysisError> {
         let n = self.frames;
         if n < 2 {
@@ -111,7 +111,7 @@ impl TemporalStatistics {
 
 /// Mean and temporal variance of a homogeneous level, from two frames taken under the same conditions.
 ///
-/// The difference of the frames knows nothing of the fixed pattern, so the light need not be even.
+/// The difference of the frames does not contain the fixed pattern, so the light need not be uniform.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FramePair {
     /// Mean grey value of both frames.
@@ -120,7 +120,7 @@ pub struct FramePair {
     pub variance: Quantity,
     /// Number of pixels.
     pub pixels: u64,
-    /// Fraction of the values that are zero: the variance of a clipped signal is too small.
+    /// Fraction of the values that are zero. The variance of a clipped signal is too small.
     pub at_zero: f64,
     /// The largest value of both frames \[DN\].
     pub largest: u16,
@@ -162,8 +162,9 @@ impl FramePair {
         let n = a.values().len() as f64;
         let (second, fourth) = (all.second as f64 / n, all.fourth as f64 / n);
         let variance = 0.5 * second - 0.5 * (all.difference as f64 / n).powi(2);
-        // The spread of the squared differences themselves tells how well their mean is known; no shape is assumed. Where
-        // whole rows flicker pixels are not independent, and the spread of the rows tells it.
+        // The spread of the squared differences gives the standard error of their mean, without an assumption on their
+        // distribution. If whole rows flicker, pixels are not independent, and the spread of the rows gives the
+        // standard error.
         let variance_error = 0.5 * variances.error(((fourth - second * second).max(0.0) / n).sqrt());
         let mean_error = 0.5 * means.error((2.0 * variance.max(0.0) / n).sqrt());
         let mean = all.sum as f64 / (2.0 * n);
@@ -220,7 +221,7 @@ impl PairSums {
     }
 }
 
-/// How means over rows scatter, and what that makes of the mean over all rows.
+/// The scatter of means over rows, and the standard error of the mean over all rows.
 #[derive(Default)]
 struct RowSpread {
     rows: f64,
@@ -235,8 +236,8 @@ impl RowSpread {
         self.squares += v * v;
     }
 
-    /// The standard error of the mean: `independent`, which takes all pixels to be independent, unless rows scatter by five
-    /// of their own standard errors more than that allows.
+    /// The standard error of the mean. It is `independent`, which assumes independent pixels, unless rows scatter by
+    /// five of their own standard errors more than that allows.
     fn error(&self, independent: f64) -> f64 {
         if self.rows < 2.0 {
             return independent;

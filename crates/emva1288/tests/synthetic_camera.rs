@@ -1,6 +1,6 @@
-//! The analyser on frames of a camera whose truth is known, written down here in a few lines.
+//! Tests of the analyser on frames of a camera with known parameters, which are defined here in a few lines.
 //!
-//! Seeds are fixed; the stated rates are the chance that a correct analyser had to be given another seed.
+//! Seeds are fixed. The stated rates are the probabilities that a correct analyser fails with a random seed.
 
 use dunkelfeld_emva1288::{Frame, FramePair, PhotonTransfer, Quantity, TemporalAccumulator};
 use rand_distr::{Distribution, Normal, Poisson};
@@ -43,7 +43,7 @@ fn z(q: &Quantity, truth: f64) -> f64 {
     (q.value - truth) / q.standard_error
 }
 
-/// Z-tests at 6.5 sigma, 8e-11 each; the errors must also be small enough to mean something.
+/// Z-tests at 6.5 sigma, 8e-11 each. The errors must also be small enough to be meaningful.
 #[test]
 fn levels_give_the_gain_and_the_dark_noise() {
     let mut rng = Pcg64::new(1, 1);
@@ -98,7 +98,7 @@ fn a_scene_by_unit_bins_gives_the_gain() {
     assert!((0.8..1.2).contains(&line.reduced_chi_squared), "{line:?}");
 }
 
-/// What the paper measured: gamma-encoded 8-bit values of a perfect photon counter have no straight line through them.
+/// The finding of the paper: gamma-encoded 8-bit values of a perfect photon counter have no straight line through them.
 /// The variance of y ~ x^(1/2.2) falls as y^-0.2 instead of rising.
 #[test]
 fn the_curve_of_gamma_encoded_frames_does_not_rise() {

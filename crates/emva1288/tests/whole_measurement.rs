@@ -1,5 +1,6 @@
-//! Whole measurements of cameras whose truth is known, written down here in a few lines: many small ones, whose errors must
-//! be the scatter of their results, and what is said of those that cannot be analysed.
+//! Tests of whole measurements of cameras with known parameters, which are defined here in a few lines. The errors of
+//! many small measurements must be the scatter of their results. Other tests check the errors for measurements that
+//! cannot be analysed.
 //!
 //! Seeds are fixed. Replay: `cargo test -p dunkelfeld-emva1288 --test whole_measurement NAME`.
 
@@ -10,7 +11,7 @@ use dunkelfeld_emva1288::{
 use rand_distr::{Distribution, Normal, Poisson, StandardNormal};
 use rand_pcg::Pcg64;
 
-/// A camera: what EMVA 1288 assumes of one, and no more.
+/// A camera with the parameters of the model of EMVA 1288, and no others.
 #[derive(Clone, Copy)]
 struct Camera {
     gain: f64,
@@ -38,7 +39,7 @@ const CAMERA: Camera = Camera {
 const SIDE: usize = 40;
 const MAX: f64 = 4095.0;
 
-/// One device of the camera: its pattern.
+/// One device of the camera, with its pattern.
 struct Device {
     camera: Camera,
     dark: Vec<f64>,
@@ -86,7 +87,7 @@ impl Device {
     }
 }
 
-/// A measurement with as many exposure times as levels.
+/// A measurement with one exposure time per level.
 fn measure(camera: Camera, levels: usize, frames: usize, rng: &mut Pcg64) -> Measurement {
     let device = Device::new(camera, rng);
     let top = 1.25 * camera.full_well / camera.efficiency;
@@ -130,10 +131,11 @@ fn linear(measurement: &Measurement) -> Analysis {
     analyse(measurement, &AnalysisSettings::default()).expect("a whole measurement")
 }
 
-/// 240 small measurements, each with a device of its own. For every figure (estimate - truth) / error must have mean 0 and
-/// variance 1. The variance of n values of variance 1 is chi-squared over n - 1: for 239 degrees of freedom it lies in 0.5 to
-/// 1.75 but for 1e-10 on either side if they are normal; the mean within 0.5, 7.7 of its standard deviations. The widths also cover the
-/// curvature of ratios and roots at measurements so small: gain to 1.5 %, row parts to a fifth.
+/// 240 small measurements, each with its own device. For every figure (estimate - truth) / error must have mean 0 and
+/// variance 1. The variance of n values of variance 1 is chi-squared over n - 1. For normal values and 239 degrees of
+/// freedom it lies in 0.5 to 1.75, with an exception of 1e-10 on either side. The mean lies within 0.5, which is 7.7 of
+/// its standard deviations. The widths also cover the curvature of ratios and roots for such small measurements: gain
+/// to 1.5 %, row parts to a fifth.
 #[test]
 fn the_errors_are_the_scatter_of_repeated_measurements() {
     const SETS: usize = 240;
@@ -157,8 +159,9 @@ fn the_errors_are_the_scatter_of_repeated_measurements() {
     }
 }
 
-/// A large measurement: all figures within 6.5 of their errors, 8e-11 each for normal ones, and the errors small. Saturation has
-/// a truth of its own: 0.15 % of the values are at the end where the mean lies 2.968 standard deviations below it.
+/// A large measurement: all figures lie within 6.5 of their errors, 8e-11 each for normal ones, and the errors are
+/// small. The true saturation is defined by the share of values: 0.15 % are at the largest value if the mean lies 2.968
+/// standard deviations below it.
 #[test]
 fn a_good_measurement_finds_the_camera() {
     let mut rng = Pcg64::new(12, 1);
@@ -170,7 +173,8 @@ fn a_good_measurement_finds_the_camera() {
         assert!(z.abs() < 6.5, "{q}, truth {value}");
     }
     assert!(found.get("K").is_some_and(|q| q.standard_error < 0.01 * q.value));
-    // mu + dark current at its time + 2.968 sd = full well - half a grey value (which rounds up); sd^2 = mu + noise^2 + patterns.
+    // mu + dark current at its time + 2.968 sd = full well - half a grey value (which rounds up). sd^2 = mu + noise^2 +
+    // patterns.
     let c = CAMERA;
     let end = c.full_well - 0.5 / c.gain;
     let square = |p: [f64; 3]| p.iter().map(|v| v * v).sum::<f64>();
@@ -198,7 +202,8 @@ fn the_other_release_takes_the_peak_of_the_variance() {
     assert!((old.value("mu_p.sat") / new.value("mu_p.sat") - 1.0).abs() < 0.08);
 }
 
-/// Without rows and columns that differ, their parts come out near zero or below it: zero with a bound, never NaN.
+/// Without differences between rows and columns, their parts are near zero or below it. The result is zero with a
+/// bound, never NaN.
 #[test]
 fn what_is_not_there_is_zero_with_a_bound() {
     let mut rng = Pcg64::new(14, 1);
@@ -207,15 +212,16 @@ fn what_is_not_there_is_zero_with_a_bound() {
         let found = linear(&measure(plain, 20, 8, &mut rng));
         for q in found.quantities.iter().filter(|q| q.symbol.contains("NU")) {
             assert!(q.value.is_finite() && q.value >= 0.0 && q.standard_error > 0.0, "{q}");
-            // The bound is a bound, and a sharp one.
+            // The bound holds and is tight.
             assert!(q.value < 6.5 * q.standard_error && q.standard_error < 2.0, "{q}");
             assert!(found.bound(q.symbol).is_some() || q.value > q.standard_error, "{q}");
         }
     }
 }
 
-/// Dark noise of 0.08 DN: all dark values are equal, and their variance lacks the 1/12 of rounding that the bright levels have. Over
-/// levels x of the regression K comes out too large by sum(x) / 12 / sum(x^2), some 8 %, and its error is 1 %.
+/// Dark noise of 0.08 DN: all dark values are equal, and their variance lacks the 1/12 of rounding that the bright
+/// levels have. Over levels x of the regression K is too large by sum(x) / 12 / sum(x^2), some 8 %, and its error is 1
+/// %.
 #[test]
 fn rounding_that_hides_the_dark_noise_leaves_bounds() {
     let mut rng = Pcg64::new(15, 1);
@@ -225,7 +231,7 @@ fn rounding_that_hides_the_dark_noise_leaves_bounds() {
     let gain = found.get("K").expect("a gain");
     let z = |value: f64| (value - coarse.gain) / gain.standard_error;
     assert!(z(gain.value) > 4.0, "the flaw is not there: {gain}");
-    // Without the flaw: what is taken off is 1/12, and 0.0064 of dark noise, at one end of what is said of K.
+    // The correct dark variance is 1/12, and 0.0064 of dark noise. It lies at one end of the range of K.
     let [low, high] = found.gain_range.expect("K is not known to its error");
     assert!(z(high).abs() < 6.5 && low < coarse.gain, "{low} to {high}");
     for symbol in ["K", "eta", "mu_e.sat", "SNR_max", "DSNU1288"] {
@@ -233,7 +239,7 @@ fn rounding_that_hides_the_dark_noise_leaves_bounds() {
         assert!(found.notes.iter().any(named), "{symbol}: {:?}", found.notes);
     }
     assert!(found.notes.iter().any(|n| n.contains("0.24") && n.contains("sigma_d") && n.contains("DR")));
-    // The bounds hold for the camera as it is, and are what the standard's 0.24 DN^2 makes of them.
+    // The bounds hold for the camera, and follow from the 0.24 DN^2 of the standard.
     let truth = truth(&coarse);
     let bound = |symbol| found.bound(symbol).unwrap_or_else(|| panic!("{symbol} has no bound: {:?}", found.bounds));
     let most = (0.24f64 - 1.0 / 12.0).sqrt() / coarse.gain;
@@ -246,14 +252,15 @@ fn rounding_that_hides_the_dark_noise_leaves_bounds() {
     let least = truth.iter().find(|t| t.0 == "mu_p.min").expect("known").1;
     assert!(bound("DR").side == Side::Above && bound("DR").limit < found.value("mu_p.sat") / least);
     assert!(found.bound("K").is_none() && found.bound("eta").is_none());
-    // The same camera with a gain that shows its noise.
+    // The same camera with a gain at which its noise is visible.
     let fine = linear(&measure(Camera { gain: 0.4, ..coarse }, 20, 4, &mut rng));
     let gain = fine.get("K").expect("a gain");
     assert!(((gain.value - 0.4) / gain.standard_error).abs() < 6.5 && fine.gain_range.is_none(), "{gain}");
     assert!(fine.bound("sigma_d").is_none() && fine.bound("DR").is_none());
 }
 
-/// Of any camera: what rounding hides is bounded, what is cut off at zero is not, and both are said.
+/// For any camera: noise that rounding hides has a bound, noise that is cut off at zero has none, and the notes contain
+/// both.
 #[test]
 fn the_general_module_knows_what_rounding_and_zero_hide() {
     let mut rng = Pcg64::new(20, 1);
@@ -288,7 +295,7 @@ fn a_pitch_gives_figures_per_area() {
     assert!((4.0 * found.value("mu_p.sat.area") - found.value("mu_p.sat")).abs() < 1e-9);
 }
 
-/// The linear figures do not depend on the order in which frames were listed.
+/// The linear figures do not depend on the order of the frames.
 #[test]
 fn the_order_of_the_levels_does_not_matter() {
     let mut rng = Pcg64::new(17, 1);
@@ -299,7 +306,7 @@ fn the_order_of_the_levels_does_not_matter() {
     assert_eq!(linear(&measurement), forwards);
 }
 
-/// Values behind a gamma curve: the general module finds the threshold and the range of the camera in front of it.
+/// Values with a gamma curve: the general module finds the threshold and the range of the camera without the curve.
 #[test]
 fn the_general_module_sees_through_a_gamma_curve() {
     let mut rng = Pcg64::new(18, 1);
@@ -324,7 +331,7 @@ fn the_general_module_sees_through_a_gamma_curve() {
     assert!((middle.noise[0] / expected - 1.0).abs() < 0.15, "{middle:?}, expected {expected}");
     let snr = found.quantities.iter().find(|q| q.symbol == "SNR_max").expect("found");
     assert!((snr.value / camera.full_well.sqrt() - 1.0).abs() < 0.15, "{snr}");
-    // The linear module must not be asked: a linearity error of many per cent says so.
+    // The linear module is not valid for this camera: its linearity error is many per cent.
     let linear = analyse(&measurement, &AnalysisSettings::default()).expect("levels");
     assert!(linear.value("LE") > 3.0, "{}", linear.value("LE"));
 }
@@ -361,7 +368,7 @@ fn what_cannot_be_analysed_is_refused_with_help() {
     assert!(found.notes.iter().any(|n| n.contains("no stacks")), "{:?}", found.notes);
 }
 
-/// A stack of any number of frames is as large as one: pixels take four bytes each.
+/// A stack needs the same memory for any number of frames: four bytes per pixel.
 #[test]
 fn memory_does_not_grow_with_the_number_of_frames() {
     let size = |frames: usize| {

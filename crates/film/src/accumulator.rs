@@ -3,42 +3,44 @@
 //! Sample sets must be additive to the last bit: [0, 64) plus [64, 128) equals [0, 128), in any order, on any number of
 //! threads. Floating-point addition is not associative, integer addition is. So radiance is summed in 128-bit fixed
 //! point: one unit is 2^-48 W/(m^2 sr) (3.6e-15), and a sum ends at 2^80 W/(m^2 sr). A sample is rounded once, to that
-//! unit; nothing else is lost, however many samples follow. The unit is far below anything that a camera can see: behind
-//! f/4, a pixel of 3.45 um collects about 1e6 electrons per second from 1 W/(m^2 sr), so that a unit is one electron in 9 years.
-//! A sample beyond the range of 2^46 W/(m^2 sr) is not clamped in silence: it is counted as invalid, like one that is not finite.
+//! unit. No further precision is lost for any number of samples. The unit is far below the resolution of a camera:
+//! behind f/4, a pixel of 3.45 um collects about 1e6 electrons per second from 1 W/(m^2 sr), so that a unit is one
+//! electron in 9 years. A sample beyond the range of 2^46 W/(m^2 sr) is not clamped. It is counted as invalid, like one
+//! that is not finite.
 
 use crate::square_sum::SquareSum;
 use crate::units::{DEPTH_BITS, DEPTH_LIMIT_BITS, RADIANCE_BITS, RADIANCE_LIMIT_BITS, UNIT_BITS, UNIT_SQUARE_BITS};
 use dunkelfeld_radiometry::Rgb;
 
-/// Samples fall into this many independently scrambled batches (sample index modulo `BATCHES`); the spread of the batch
-/// means tells the variance of their mean, which the spread of correlated quasi-Monte Carlo samples would not.
+/// Number of batches. Each sample belongs to one of these independently scrambled batches (sample index modulo
+/// `BATCHES`). The spread of the batch means gives the variance of their mean. The spread of single quasi-Monte Carlo
+/// samples, which are correlated, would not.
 pub const BATCHES: usize = 4;
 
-/// Samples at or above this radiance are invalid; four thousand million of them still fit into a sum.
+/// Samples at or above this radiance are invalid. A sum has room for four thousand million of them.
 const RADIANCE_LIMIT: f32 = (1u64 << RADIANCE_LIMIT_BITS) as f32;
 const DEPTH_LIMIT: f32 = (1u64 << DEPTH_LIMIT_BITS) as f32;
 
-/// What one camera sample brings back.
+/// The result of one camera sample.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sample {
     /// Radiance [W/(m^2 sr)] along the camera ray.
     pub radiance: Rgb,
     /// Reflectance of the first surface that scatters light (behind smooth glass, not the glass), in \[0, 1\].
     pub albedo: Rgb,
-    /// Shading normal of that surface in world space, zero where there is none.
+    /// Shading normal of that surface in world space. Zero without a surface.
     pub normal: [f32; 3],
-    /// Length of the way to that surface \[m\], zero where there is none.
+    /// Length of the path to that surface \[m\]. Zero without a surface.
     pub depth: f32,
-    /// Did the ray meet a surface?
+    /// The ray hit a surface.
     pub hit: bool,
 }
 
 impl Sample {
-    /// A sample that met nothing.
+    /// A sample that hit no surface.
     pub const MISS: Self = Self { radiance: Rgb::BLACK, albedo: Rgb::BLACK, normal: [0.0; 3], depth: 0.0, hit: false };
 
-    /// Is the radiance a number that a sum can hold: finite, not negative, inside the range?
+    /// Returns whether the radiance can be summed: finite, not negative, and inside the range.
     #[inline]
     pub fn is_valid(&self) -> bool {
         let ok = |v: f32| (0.0..RADIANCE_LIMIT).contains(&v);
@@ -72,7 +74,7 @@ impl RadianceSum {
     }
 }
 
-/// `v * 2^48` as an integer, rounded to nearest even where bits are lost. `v` is finite and in `[0, 2^46)`.
+/// `v * 2^48` as an integer. Lost bits are rounded to nearest even. `v` is finite and in `[0, 2^46)`.
 #[inline]
 fn to_fixed(v: f32) -> u128 {
     let bits = v.to_bits();
@@ -92,7 +94,7 @@ fn to_fixed(v: f32) -> u128 {
     }
 }
 
-/// Everything a pixel remembers of its samples. Adding is exact, so the order never matters.
+/// The sums of the samples of a pixel. Addition is exact, so the order has no effect.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct PixelSums {
     /// Radiance per batch.
@@ -111,27 +113,29 @@ pub struct PixelSums {
     pub normal_squares: [u64; 3],
     /// Squares of the depth in units of 2^-48 m^2, over the samples that hit.
     pub depth_squares: u128,
-    /// Samples that met a surface.
+    /// Samples that hit a surface.
     pub hits: u32,
-    /// Samples that were not finite, negative or out of range; they count, with radiance zero.
+    /// Samples that were not finite, negative or out of range. They count as samples, with radiance zero.
     pub invalid: u32,
-    /// The sample with the largest luminance, as one number whose order is theirs: the bit pattern of the luminance (order of
-    /// bits = order of non-negative floats), then the complement of the index, so that of equal ones the first counts.
+    /// The sample with the largest luminance, as one number with the same order. It holds the bit pattern of the
+    /// luminance (the order of the bits is that of non-negative floats), then the complement of the index, so that the
+    /// first of equal ones counts.
     pub heaviest_key: u64,
     /// Squares of the luminance.
     pub luminance_squares: SquareSum,
 }
 
-/// How the luminance of a pixel's samples scatters, as if they were independent: variances of their mean [(W/(m^2 sr))^2].
+/// Scatter of the luminance of a pixel's samples, under the assumption of independence: variances of their mean
+/// [(W/(m^2 sr))^2].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Scatter {
-    /// Of all samples.
+    /// Variance from all samples.
     pub all: f64,
-    /// How much less it were without the one with the largest luminance.
+    /// The part of `all` that comes from the sample with the largest luminance.
     pub largest: f64,
 }
 
-/// Things that samples can be added to.
+/// A type to which samples can be added.
 pub trait Accumulate {
     /// Adds the sample with the given index.
     fn add(&mut self, index: u32, sample: &Sample);
@@ -174,13 +178,14 @@ fn heaviest_key(index: u32, luminance: f32) -> u64 {
     u64::from(luminance.to_bits()) << 32 | u64::from(!index)
 }
 
-/// `v * 2^24`, rounded to nearest and clamped to [-1, 1]: auxiliary layers are not measurements.
+/// `v * 2^24`, rounded to nearest and clamped to [-1, 1]. Auxiliary layers are not measurements. NaN becomes zero.
 #[inline]
 fn unit_to_fixed(v: f32) -> i64 {
     if v.is_nan() { 0 } else { (f64::from(v.clamp(-1.0, 1.0)) * (1u64 << UNIT_BITS) as f64).round() as i64 }
 }
 
-/// The square of such a number in units of 2^-30, rounded to nearest: at most 2^30, so that 2^33 of them still fit.
+/// The square of such a number in units of 2^-30, rounded to nearest. It is at most 2^30, so that a sum has room for
+/// 2^33 of them.
 #[inline]
 fn square(v: i64) -> u64 {
     const LOST: i32 = 2 * UNIT_BITS - UNIT_SQUARE_BITS;
@@ -188,14 +193,14 @@ fn square(v: i64) -> u64 {
     (v * v + (1 << (LOST - 1))) >> LOST
 }
 
-/// Variance of the mean of `n` samples from their mean and the mean of their squares; infinite with fewer than two. It is that of
-/// independent samples: those of a pixel are spread more evenly, and their mean varies less.
+/// Variance of the mean of `n` samples from their mean and the mean of their squares. Infinite with fewer than two. The
+/// formula assumes independent samples. Those of a pixel are spread more evenly, and their mean varies less.
 fn variance_of_mean(mean: f64, mean_square: f64, n: u32) -> f32 {
     if n < 2 { f32::INFINITY } else { ((mean_square - mean * mean).max(0.0) / f64::from(n - 1)) as f32 }
 }
 
 impl PixelSums {
-    /// Adds all samples of `other`; the caller vouches that the two sets are disjoint.
+    /// Adds all samples of `other`. The caller must ensure that the two sets are disjoint.
     pub fn merge(&mut self, other: &Self) {
         for b in 0..BATCHES {
             self.batches[b].merge(&other.batches[b]);
@@ -234,9 +239,10 @@ impl PixelSums {
         total.to_f64().map(|s| s / f64::from(n))
     }
 
-    /// Estimated variance of [`Self::mean`] per channel [(W/(m^2 sr))^2], from the spread of the batch means:
-    /// `sum n_b (m_b - m)^2 / ((B - 1) n)` over the B batches that hold samples. Unbiased when samples are independent;
-    /// honest when they are quasi-random within a batch. Infinite with fewer than two batches: nothing is known then.
+    /// Estimated variance of [`Self::mean`] per channel [(W/(m^2 sr))^2], from the spread of the batch means: `sum n_b
+    /// (m_b - m)^2 / ((B - 1) n)` over the B batches that hold samples. Unbiased for independent samples, and for
+    /// samples that are quasi-random within a batch. Infinite with fewer than two batches, since the variance is then
+    /// unknown.
     pub fn variance_of_mean(&self) -> [f64; 3] {
         self.products_of_batches(|d| d.map(|d| d * d))
     }
@@ -246,7 +252,7 @@ impl PixelSums {
         self.products_of_batches(|[r, g, b]| [r * g, r * b, g * b])
     }
 
-    /// Products of the distances of the batch means from the mean, as they tell of its variances.
+    /// Products of the differences between the batch means and the mean, normalised as in [`Self::variance_of_mean`].
     fn products_of_batches(&self, products: impl Fn([f64; 3]) -> [f64; 3]) -> [f64; 3] {
         let used = self.counts.iter().filter(|&&n| n > 0).count();
         if used < 2 {
@@ -265,8 +271,9 @@ impl PixelSums {
     }
 
     /// Mean, and estimated variance of that mean, of a weighted sum of the channels: [`Self::mean`] and
-    /// [`Self::variance_of_mean`] of `sum w_c L_c`. The channels' covariance is in it, which their variances alone do not
-    /// tell. Zero and infinite where nothing is known.
+    /// [`Self::variance_of_mean`] of `sum w_c L_c`. The variance includes the covariance of the channels, which their
+    /// variances alone do not contain. Without samples the mean is zero. With fewer than two batches the variance is
+    /// infinite.
     pub fn weighted_mean_and_variance(&self, weights: [f64; 3]) -> (f64, f64) {
         let weigh = |v: [f64; 3]| weights[0] * v[0] + weights[1] * v[1] + weights[2] * v[2];
         let mean = weigh(self.mean());
@@ -284,14 +291,15 @@ impl PixelSums {
         f32::from_bits((self.heaviest_key >> 32) as u32)
     }
 
-    /// The sample with the largest luminance: its index and its luminance [W/(m^2 sr)], the first of equal ones. `None` while
-    /// the pixel is black. Which one it is does not depend on the order in which samples were added or sums merged.
+    /// The sample with the largest luminance: its index and its luminance [W/(m^2 sr)], the first of equal ones. `None`
+    /// while the pixel is black. The result does not depend on the order in which samples were added or sums merged.
     pub fn heaviest(&self) -> Option<(u32, f32)> {
         let luminance = self.max_luminance();
         (luminance > 0.0).then_some((!(self.heaviest_key as u32), luminance))
     }
 
-    /// How the samples' luminance scatters; `None` with fewer than two. In contrast to [`Self::variance_of_mean`] it over-states the noise of quasi-random samples, but it rests on all of them instead of four batches.
+    /// Scatter of the luminance of the samples. `None` with fewer than two. In contrast to [`Self::variance_of_mean`]
+    /// it overestimates the noise of quasi-random samples, but it uses all samples instead of four batches.
     pub fn scatter(&self) -> Option<Scatter> {
         let count = self.count();
         if count < 2 {
@@ -303,40 +311,41 @@ impl PixelSums {
         let (n, mean) = (f64::from(count), wr * r + wg * g + wb * b);
         let mean_square = self.luminance_squares.to_f64() / n;
         let all = (mean_square - mean * mean).max(0.0) / (n - 1.0);
-        // Of the sum of squared deviations it brings (n - 1) / n times its squared distance from the mean of the others (Welford 1962).
+        // The contribution of this sample to the sum of squared deviations is (n - 1) / n times its squared distance
+        // from the mean of the others (Welford 1962).
         let from_others = (f64::from(self.max_luminance()) - mean) * n / (n - 1.0);
         Some(Scatter { all, largest: (from_others / n).powi(2).min(all) })
     }
 
-    /// Mean albedo over all samples, those that met nothing counting as zero.
+    /// Mean albedo over all samples. Those that hit no surface count as zero.
     pub fn mean_albedo(&self) -> [f32; 3] {
         let n = f64::from(self.count().max(1));
         self.albedo.map(|v| (v as f64 * (-f64::from(UNIT_BITS)).exp2() / n) as f32)
     }
 
-    /// Mean normal over all samples (shorter than one where normals differ or samples met nothing).
+    /// Mean normal over all samples. It is shorter than one if normals differ or samples hit no surface.
     pub fn mean_normal(&self) -> [f32; 3] {
         let n = f64::from(self.count().max(1));
         self.normal.map(|v| (v as f64 * (-f64::from(UNIT_BITS)).exp2() / n) as f32)
     }
 
-    /// Mean distance \[m\] over the samples that met a surface; zero if none did.
+    /// Mean distance \[m\] over the samples that hit a surface. Zero if none did.
     pub fn mean_depth(&self) -> f32 {
         (self.depth as f64 * (-f64::from(DEPTH_BITS)).exp2() / f64::from(self.hits.max(1))) as f32
     }
 
-    /// Estimated variance of [`Self::mean_albedo`], as of independent samples; infinite with fewer than two.
+    /// Estimated variance of [`Self::mean_albedo`], as of independent samples. Infinite with fewer than two.
     pub fn variance_of_albedo(&self) -> [f32; 3] {
         self.variance_of_unit(&self.albedo, &self.albedo_squares)
     }
 
-    /// Estimated variance of [`Self::mean_normal`], as of independent samples; infinite with fewer than two.
+    /// Estimated variance of [`Self::mean_normal`], as of independent samples. Infinite with fewer than two.
     pub fn variance_of_normal(&self) -> [f32; 3] {
         self.variance_of_unit(&self.normal, &self.normal_squares)
     }
 
-    /// Estimated variance of [`Self::mean_depth`] \[m^2\], as of independent samples; infinite with fewer than two that met a
-    /// surface, zero if none of many did: there the depth is zero for sure.
+    /// Estimated variance of [`Self::mean_depth`] \[m^2\], as of independent samples. Infinite with fewer than two that
+    /// hit a surface. Zero if several samples were taken and none hit: the depth is then zero.
     pub fn variance_of_depth(&self) -> f32 {
         if self.hits == 0 && self.count() > 1 {
             return 0.0;
@@ -497,7 +506,8 @@ mod tests {
 
     #[test]
     fn a_weighted_sum_knows_the_covariance_of_the_channels() {
-        // Red and green that always add up to one: their sum has no variance, their difference twice that of each.
+        // Red and green always add up to one: their sum has no variance, their difference twice the standard deviation
+        // of each.
         let mut p = PixelSums::default();
         for (i, r) in [0.1, 0.9, 0.4, 0.7, 0.2, 0.3].into_iter().enumerate() {
             p.add(i as u32, &sample(Rgb::new(r, 1.0 - r, 5.0)));
@@ -510,7 +520,8 @@ mod tests {
         let (mean, variance) = p.weighted_mean_and_variance([0.0, 2.0, 0.0]);
         assert!((mean - 2.0 * p.mean()[1]).abs() < 1e-12);
         assert!((variance / (4.0 * p.variance_of_mean()[1]) - 1.0).abs() < 1e-9);
-        // The sum of any two channels has their variances and twice their covariance; blue does not vary.
+        // The variance of the sum of two channels is the sum of their variances and twice their covariance. Blue does
+        // not vary.
         let [green, blue] = [p.variance_of_mean()[1], p.variance_of_mean()[2]];
         let [rg, rb, gb] = p.covariance_of_mean();
         assert!(
@@ -522,7 +533,8 @@ mod tests {
 
     #[test]
     fn layers_know_the_variance_of_their_means() {
-        // Two of five samples miss. Albedo 0, 0, a, b, c: its variance in closed form; a constant normal varies by the misses.
+        // Two of five samples miss. The albedos are 0, 0, a, b, c, with a variance in closed form. A constant normal
+        // varies by the misses.
         let (albedos, depths) = ([0.2f32, 0.9, 0.4], [1.0f32, 1e6, 3.5]);
         let mut p = PixelSums::default();
         (0..2).for_each(|i| p.add(i, &Sample::MISS));
@@ -542,7 +554,7 @@ mod tests {
         near(p.variance_of_normal()[1], &[0.0, 0.0, -1.0, -1.0, -1.0]);
         assert_eq!(p.variance_of_normal()[0], 0.0);
         near(p.variance_of_depth(), &depths);
-        // Constant layers have no variance beyond the rounding of their squares, however many samples there are.
+        // Constant layers have no variance beyond the rounding of their squares, for any number of samples.
         let mut p = PixelSums::default();
         (0..100_000).for_each(|i| p.add(i, &Sample { albedo: Rgb::splat(0.7), ..sample(Rgb::WHITE) }));
         assert!(p.variance_of_albedo().iter().all(|&v| v < 1e-14), "{:?}", p.variance_of_albedo());

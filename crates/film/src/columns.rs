@@ -1,8 +1,9 @@
 //! The columns of a packed tile: each holds one number of every pixel.
 //!
-//! All numbers are unsigned. Signed sums keep their order: the sign bit is flipped, so that the smallest becomes zero. Numbers
-//! that follow from others are stored as differences: the samples of a batch from its share of all samples, the hits as
-//! misses, the squares of z as what those of x and y leave.
+//! All numbers are unsigned. Signed sums keep their order: the sign bit is flipped, so that the smallest becomes zero.
+//! Numbers that follow from others are stored as differences. The samples of a batch are stored as the difference from
+//! its share of all samples, the hits as misses, and the squares of z as the difference from the rest that x and y
+//! leave.
 
 use crate::accumulator::{BATCHES, PixelSums};
 use crate::film::FilmLayers;
@@ -16,7 +17,7 @@ const RADIANCE: usize = 12;
 const _: () = assert!(RADIANCE == 3 * BATCHES, "the columns are those of four batches");
 
 impl FilmLayers {
-    /// The columns that a film with these layers stores: the first so many.
+    /// The number of columns that a film with these layers stores, from the first on.
     pub(crate) fn columns(self) -> usize {
         match self {
             Self::Image => IMAGE_COLUMNS,
@@ -34,7 +35,7 @@ pub(crate) fn get(sums: &PixelSums, column: usize) -> u128 {
         13..16 => ordered_difference(share(sums, column - 12), sums.counts[column - 12].into()),
         16 => sums.invalid.into(),
         17 => (sums.heaviest_key >> 32).into(),
-        // The index of the sample plus one; zero without samples.
+        // The index of the sample plus one. Zero without samples.
         18 => (!(sums.heaviest_key as u32)).wrapping_add(1).into(),
         19..21 => sums.luminance_squares.0[column - 19],
         21..24 => ordered(sums.normal[column - 21]),
@@ -48,12 +49,12 @@ pub(crate) fn get(sums: &PixelSums, column: usize) -> u128 {
     }
 }
 
-/// Undoes [`get`], for a pixel whose earlier columns are set.
+/// Inverts [`get`], for a pixel whose earlier columns are set.
 #[inline]
 pub(crate) fn set(sums: &mut PixelSums, column: usize, value: u128) {
     match column {
         0..RADIANCE => sums.batches[column / 3].0[column % 3] = value,
-        // The first batch has all samples until the other batches have theirs.
+        // The first batch has all samples until the values of the other batches are read.
         12 => sums.counts[0] = value as u32,
         13..16 => {
             let count = undo_difference(share(sums, column - 12), value) as u32;
@@ -93,20 +94,20 @@ fn undo_difference(whole: u64, difference: u128) -> u64 {
     whole.wrapping_sub(signed(difference) as u64)
 }
 
-/// How many of a pixel's samples a batch has if they are the first ones.
+/// The number of samples of a batch if the samples of the pixel are the first ones.
 fn share(sums: &PixelSums, batch: usize) -> u64 {
     let all: u64 = sums.counts.iter().map(|&count| u64::from(count)).sum();
     (all + (BATCHES - 1 - batch) as u64) / BATCHES as u64
 }
 
-/// What the squares of x and y leave for that of z where all normals have length one.
+/// The sum of the squares of z if all normals have length one: the hits less the squares of x and y.
 fn rest_of_normals(sums: &PixelSums) -> u64 {
     let [x, y, _] = sums.normal_squares;
     (u64::from(sums.hits) << UNIT_SQUARE_BITS).wrapping_sub(x).wrapping_sub(y)
 }
 
-/// The column that a column may be stored as the difference from: an earlier one that is often nearly the same. Green and blue
-/// have red, the batches' red has that of the first batch.
+/// The column from which a column may be stored as a difference: an earlier one with often nearly the same values.
+/// Green and blue use red. The red of a later batch uses the red of the first batch.
 #[inline]
 pub(crate) fn reference(column: usize) -> Option<usize> {
     match column {
@@ -118,7 +119,7 @@ pub(crate) fn reference(column: usize) -> Option<usize> {
     }
 }
 
-/// What a film with these layers gives back of some sums.
+/// The sums as a film with these layers returns them.
 #[cfg(test)]
 pub(crate) fn stored(sums: &PixelSums, layers: FilmLayers) -> PixelSums {
     let mut back = PixelSums::default();

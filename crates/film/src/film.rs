@@ -6,18 +6,18 @@ use crate::packed::{Pages, TILE_SIDE, Tile};
 use crate::plane::Plane;
 use std::ops::Range;
 
-/// Which layers the sums of a film allow.
+/// The layers that the sums of a film contain.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum FilmLayers {
-    /// Radiance with its variance, numbers of samples, and the mean normal, which noise analysis needs. Albedo, depth, hits and
-    /// the variances of all auxiliary layers are zero.
+    /// Radiance with its variance, numbers of samples, and the mean normal, which the noise analysis needs. Albedo,
+    /// depth, hits and the variances of all auxiliary layers are zero.
     Image,
-    /// Everything that [`PixelSums`] has.
+    /// All layers of [`PixelSums`].
     #[default]
     All,
 }
 
-/// There is not enough memory for the sums.
+/// The memory does not suffice for the sums.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct OutOfMemory;
 
@@ -29,7 +29,7 @@ impl std::fmt::Display for OutOfMemory {
 
 impl std::error::Error for OutOfMemory {}
 
-/// Why two films could not be joined.
+/// The reason why two films could not be joined.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FilmError {
     /// The films differ in size: width and height of both.
@@ -60,9 +60,11 @@ impl From<OutOfMemory> for FilmError {
     }
 }
 
-/// An image's worth of exact sums. Films of disjoint sample sets merge to the film of their union, to the last bit.
+/// Exact sums of the samples of an image. Films of disjoint sample sets merge to the film of their union, to the last
+/// bit.
 ///
-/// The sums are stored packed, in rows of tiles of [`Film::TILE`] pixels squared: memory follows the size of the numbers.
+/// The sums are stored packed, in rows of tiles of [`Film::TILE`] pixels squared. Memory follows the size of the
+/// numbers.
 #[derive(Clone)]
 pub struct Film {
     width: u32,
@@ -118,12 +120,12 @@ impl Film {
         self.width as usize * self.height as usize
     }
 
-    /// The layers that its sums allow.
+    /// The layers that the sums contain.
     pub fn layers(&self) -> FilmLayers {
         self.layers
     }
 
-    /// Bytes of memory that it occupies now.
+    /// Bytes of memory that the film occupies now.
     pub fn bytes(&self) -> u64 {
         size_of::<Self>() as u64 + self.rows.iter().map(|row| row.bytes() as u64).sum::<u64>()
     }
@@ -133,7 +135,7 @@ impl Film {
         &self.rows
     }
 
-    /// The rows of tiles, from the top, to be added to; each may be given to a thread of its own.
+    /// The rows of tiles, from the top, for additions. Each may be given to its own thread.
     pub fn tile_rows_mut(&mut self) -> &mut [TileRow] {
         &mut self.rows
     }
@@ -141,7 +143,7 @@ impl Film {
     /// The sums of the pixel at (x, y).
     ///
     /// # Panics
-    /// Outside the film.
+    /// If the pixel is outside the film.
     pub fn pixel(&self, x: u32, y: u32) -> PixelSums {
         assert!(x < self.width && y < self.height, "({x}, {y}) is outside {} x {}", self.width, self.height);
         let row = &self.rows[(y / TILE_SIDE) as usize];
@@ -156,7 +158,7 @@ impl Film {
     /// Appends the sums of some rows of pixels.
     ///
     /// # Panics
-    /// Outside the film.
+    /// If a row is outside the film.
     pub fn read_rows(&self, rows: Range<u32>, out: &mut Vec<PixelSums>) {
         let mut y = rows.start;
         while y < rows.end {
@@ -176,7 +178,7 @@ impl Film {
     /// There is not enough memory. Some of the sums may have been added.
     ///
     /// # Panics
-    /// Outside the film, or if there is a part of a row.
+    /// If a row is outside the film, or if a row is incomplete.
     pub fn add_rows(&mut self, first: u32, sums: &[PixelSums]) -> Result<(), OutOfMemory> {
         let width = self.width as usize;
         assert!(width == 0 || sums.len().is_multiple_of(width), "{} sums are no whole rows", sums.len());
@@ -189,13 +191,14 @@ impl Film {
         Ok(())
     }
 
-    /// Adds sample number `index` of the pixel with linear index `pixel`. Many samples are added faster to [`PixelSums`] first.
+    /// Adds sample number `index` of the pixel with linear index `pixel`. Many samples are added faster to
+    /// [`PixelSums`] first.
     ///
     /// # Errors
     /// There is not enough memory.
     ///
     /// # Panics
-    /// Outside the film.
+    /// If the pixel is outside the film.
     pub fn add(&mut self, pixel: usize, index: u32, sample: &Sample) -> Result<(), OutOfMemory> {
         let mut sums = PixelSums::default();
         sums.add(index, sample);
@@ -205,7 +208,7 @@ impl Film {
         self.rows[row].add(tile, std::iter::once(((x, y), &sums)))
     }
 
-    /// Adds all samples of `other`; the caller vouches that the sample sets are disjoint.
+    /// Adds all samples of `other`. The caller must ensure that the sample sets are disjoint.
     ///
     /// # Errors
     /// The films differ in size or layers, or there is not enough memory.
@@ -243,18 +246,19 @@ impl Film {
         self.map(|p| p.mean().map(|v| v as f32))
     }
 
-    /// [`Self::mean`] for a picture to look at: pixels without samples show the mean of their neighbours ([`fill_gaps`]).
+    /// [`Self::mean`] for display: pixels without samples have the mean of their neighbours ([`fill_gaps`]).
     pub fn mean_without_gaps(&self) -> Plane<[f32; 3]> {
         let known = self.map(|p| p.count() > 0);
         if known.data().contains(&false) { fill_gaps(&self.mean(), &known) } else { self.mean() }
     }
 
-    /// Variance of the mean per pixel and channel [(W/(m^2 sr))^2]; infinite where nothing is known.
+    /// Variance of the mean per pixel and channel [(W/(m^2 sr))^2]. Infinite with samples in fewer than two batches.
     pub fn variance(&self) -> Plane<[f32; 3]> {
         self.map(|p| p.variance_of_mean().map(|v| v as f32))
     }
 
-    /// Covariance of the mean of red and green, red and blue, green and blue per pixel [(W/(m^2 sr))^2]; infinite where nothing is known.
+    /// Covariance of the mean of red and green, red and blue, green and blue per pixel [(W/(m^2 sr))^2]. Infinite with
+    /// samples in fewer than two batches.
     pub fn covariance(&self) -> Plane<[f32; 3]> {
         self.map(|p| p.covariance_of_mean().map(|v| v as f32))
     }
@@ -287,7 +291,7 @@ impl TileRow {
     /// There is not enough memory. Some of the sums may have been added.
     ///
     /// # Panics
-    /// A tile that there is not, or a pixel outside of it.
+    /// If the tile does not exist, or a pixel is outside of it.
     pub fn add<'a>(
         &mut self,
         tile: usize,
@@ -304,7 +308,7 @@ impl TileRow {
     /// Appends the sums of some of its rows of pixels, counted from its first.
     ///
     /// # Panics
-    /// Outside of it.
+    /// If a row is outside of it.
     pub fn read_rows(&self, rows: Range<u32>, out: &mut Vec<PixelSums>) {
         assert!(rows.end <= self.height, "row {} is outside a row of {} pixels", rows.end, self.height);
         let (start, width) = (out.len(), self.width as usize);
@@ -327,7 +331,7 @@ impl TileRow {
     }
 }
 
-/// Two films are equal if their sums are, however they are stored.
+/// Two films are equal if their sums are equal. Their storage may differ.
 impl PartialEq for Film {
     fn eq(&self, other: &Self) -> bool {
         let rows = |film: &Self, y| {
@@ -382,7 +386,8 @@ mod tests {
         }
     }
 
-    /// Films that tiles do not divide: rows that were added come back, and merged films are those of all samples.
+    /// Films whose size is no multiple of a tile: added rows are read back unchanged, and merged films contain all
+    /// samples.
     #[test]
     fn rows_and_merged_films_hold_the_sums_of_their_pixels() {
         let (width, height) = (37, 21);

@@ -1,4 +1,4 @@
-//! How much memory a film will need, before there is one.
+//! Estimate of the memory of a film before it is allocated.
 
 use crate::film::{Film, FilmLayers};
 use crate::packed::TILE_SIDE;
@@ -7,17 +7,17 @@ use crate::units::{DEPTH_BITS, RADIANCE_BITS, SQUARE_BITS, UNIT_BITS, UNIT_SQUAR
 /// Assumptions on the average tile of an image: a radiance of 4 W/(m^2 sr) in its brightest pixel, and a depth of 4 m.
 const RADIANCE: f64 = 4.0;
 const DEPTH: f64 = 4.0;
-/// Bytes of a tile beside its pages: widths, bases and numbers of pages.
+/// Bytes of a tile beside its pages: widths, bases and page numbers.
 const TILE_OVERHEAD: u64 = 1024;
-/// Bytes of a row of tiles that are ready for pages to come.
+/// Bytes of a row of tiles that are allocated for future pages.
 const ROW_OVERHEAD: u64 = 1 << 14;
 
 impl Film {
-    /// Bytes that a film is expected to occupy once its pixels have `mean_spp` samples on average.
+    /// Expected bytes of a film once its pixels have `mean_spp` samples on average.
     ///
-    /// An estimate: pixels are taken to have up to twice the mean, a radiance of up to 4 W/(m^2 sr), saturated colours and no
-    /// neighbours with the same sums. Brighter images need up to 12 bytes more per pixel for each factor of 256, gray and
-    /// uniform regions less.
+    /// An estimate: pixels are assumed to have up to twice the mean, a radiance of up to 4 W/(m^2 sr), saturated
+    /// colours and no neighbours with the same sums. Brighter images need up to 12 bytes more per pixel for each factor
+    /// of 256. Gray and uniform regions need less.
     pub fn expected_bytes(width: u32, height: u32, layers: FilmLayers, mean_spp: f64) -> u64 {
         let samples = (2.0 * mean_spp).clamp(1.0, f64::from(1u32 << 30));
         let bytes = |largest: f64| (largest.log2().max(0.0) / 8.0).ceil() as u64;
@@ -34,7 +34,7 @@ impl Film {
             + bytes(samples);
         let per_pixel = match layers {
             FilmLayers::Image => image,
-            // Normals of length one leave no more for the squares of z than what is rounded.
+            // For normals of length one, the squares of z leave only a rounding error to store.
             FilmLayers::All => image + units + unit_squares + unit_squares * 2 / 3 + bytes(samples) + depth,
         };
         let tiles = u64::from(width.div_ceil(TILE_SIDE)) * u64::from(height.div_ceil(TILE_SIDE));
@@ -51,8 +51,8 @@ mod tests {
     use crate::accumulator::{Accumulate, PixelSums, Sample};
     use dunkelfeld_radiometry::Rgb;
 
-    /// Coloured noise without two pixels that are alike: the film needs what was expected, not more, and not much less; at most
-    /// 128 bytes per pixel without the layers that only auxiliary outputs need, 192 with all.
+    /// Coloured noise in which no two pixels are alike: the film needs at most the expected bytes, and not much less.
+    /// It needs at most 128 bytes per pixel without the layers of auxiliary outputs, 192 with all.
     #[test]
     fn films_need_what_was_expected() {
         for (layers, spp) in [

@@ -1,10 +1,10 @@
-//! Pixels without samples, shown by their neighbours: for a picture to look at, never for a statistic.
+//! Fills pixels without samples from their neighbours, for display only and never for a statistic.
 
 use crate::plane::Plane;
 
-/// An image in which each pixel that is not `known` has the mean of the known ones in the smallest block around it; blocks
-/// are squares of 2, 4, 8, ... pixels on a fixed grid (the pull-push of Gortler et al. 1996, without its interpolation).
-/// Where nothing at all is known the values stay.
+/// An image in which each pixel that is not `known` has the mean of the known ones in the smallest block around it.
+/// Blocks are squares of 2, 4, 8, ... pixels on a fixed grid (the pull-push of Gortler et al. 1996, without its
+/// interpolation). If no pixel is known, the values stay.
 ///
 /// # Panics
 /// If the planes differ in size.
@@ -28,7 +28,7 @@ pub fn fill_gaps(values: &Plane<[f32; 3]>, known: &Plane<bool>) -> Plane<[f32; 3
     })
 }
 
-/// What is known in a block: the sum of its values and their number.
+/// The known values of a block: their sum and their number.
 #[derive(Clone, Copy, Default)]
 struct Block {
     sum: [f64; 3],
@@ -76,7 +76,7 @@ mod tests {
         let values = Plane::from_fn(5, 3, value);
         let all = fill_gaps(&values, &Plane::new(5, 3, true));
         assert_eq!(all, values);
-        // (1, 0) is between known neighbours; (4, 2) is alone in its blocks up to the whole image.
+        // (1, 0) is between known neighbours. (4, 2) is alone in its blocks up to the whole image.
         let known = Plane::from_fn(5, 3, |x, y| x < 4 && (x, y) != (1, 0));
         let filled = fill_gaps(&values, &known);
         assert_eq!(*filled.at(1, 0), [1.0 / 3.0, 2.0 / 3.0, 1.0 / 3.0], "mean of (0,0), (0,1) and (1,1)");

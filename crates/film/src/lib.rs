@@ -1,4 +1,4 @@
-//! What the samples add up to: exact sums per pixel, and planes of numbers derived from them.
+//! The film: exact sums of samples per pixel, and planes of numbers computed from them.
 
 #![forbid(unsafe_code)]
 

@@ -1,12 +1,12 @@
-//! Tiles of sums in as few bytes as their numbers need.
+//! Storage of tiles of sums in as few bytes as their values need.
 //!
 //! A tile has 16 x 16 pixels and one column for each number of a pixel ([`crate::columns`]). A column is stored as the
-//! difference from a base value (frame of reference), in as many bytes as the largest difference of the tile needs. The
-//! colour channels are stored as differences from red in tiles where that needs fewer bytes: those of gray surfaces under white
-//! light. The bytes of one significance of all pixels lie together in a page. A column that is the same in all pixels needs
-//! no page; one that outgrows its bytes gets another page, and those that it has stay where they are. Nothing is rounded,
-//! no sum has a limit, and memory follows the size of the numbers: a sum of radiance without limits has 16 bytes, and
-//! usually needs six or seven.
+//! difference from a base value (frame of reference), in as many bytes as the largest difference of the tile needs. In
+//! tiles where that needs fewer bytes, the colour channels are stored as differences from red: those of gray surfaces
+//! under white light. The bytes of one significance of all pixels form a page. A column that is the same in all pixels
+//! needs no page. A column that outgrows its bytes gets another page, and its other pages stay at their place. Nothing
+//! is rounded, no sum has a limit, and memory follows the size of the numbers. An unpacked sum of radiance has 16
+//! bytes, and usually needs six or seven.
 
 use crate::accumulator::PixelSums;
 use crate::columns::{COLUMNS, get, reference, set};
@@ -17,9 +17,9 @@ pub(crate) const TILE_SIDE: u32 = 16;
 const PIXELS: usize = (TILE_SIDE * TILE_SIDE) as usize;
 /// Bytes of one significance of all pixels of a tile.
 type Page = [u8; PIXELS];
-/// Pages that are allocated at once.
+/// Pages per allocation.
 const CHUNK: usize = 64;
-/// Updates of fewer pixels of a tile are made pixel by pixel.
+/// Updates of fewer pixels of a tile than this are made pixel by pixel.
 const FEW_PIXELS: usize = 24;
 
 /// The memory of the pages of some tiles. Pages never move, so that growing tiles leave no holes of odd sizes.
@@ -57,13 +57,13 @@ impl Pages {
         &mut self.chunks[page as usize / CHUNK][page as usize % CHUNK]
     }
 
-    /// Bytes of memory, those included that are ready for pages to come.
+    /// Bytes of memory, including those allocated for future pages.
     pub(crate) fn bytes(&self) -> usize {
         self.chunks.len() * CHUNK * PIXELS + 4 * self.free.capacity()
     }
 }
 
-/// The sums of a tile's pixels. Its pages belong to the [`Pages`] that it is always used with.
+/// The sums of a tile's pixels. Its pages belong to one [`Pages`], which all calls must use.
 #[derive(Clone, Debug)]
 pub(crate) struct Tile {
     /// Bytes of each column.
@@ -84,7 +84,7 @@ impl Default for Tile {
 }
 
 impl Tile {
-    /// Has no pixel any samples? The signed columns of a tile with samples have a base.
+    /// Returns whether no pixel has samples. The signed columns of a tile with samples have a base.
     pub(crate) fn is_empty(&self) -> bool {
         self.has_base == 0 && self.pages.is_empty()
     }
@@ -142,7 +142,7 @@ impl Tile {
         sums
     }
 
-    /// Stores one pixel where its columns have room for it; false, with nothing changed, where they have not.
+    /// Stores one pixel if its columns have room for it. Otherwise returns false and changes nothing.
     fn replace(&self, pages: &mut Pages, layers: FilmLayers, slot: usize, sums: &PixelSums) -> bool {
         let mut values = [0u128; COLUMNS];
         let mut bases = self.bases.iter();
@@ -169,7 +169,7 @@ impl Tile {
         if self.has_base >> column & 1 == 0 { 0 } else { bases.next().copied().unwrap_or(0) }
     }
 
-    /// The column that a column is stored as the difference from.
+    /// The column from which a column is stored as a difference.
     #[inline]
     fn reference(&self, column: usize) -> Option<usize> {
         if self.has_reference >> column & 1 == 0 { None } else { reference(column) }
@@ -185,7 +185,7 @@ impl Tile {
         let (mut own, mut bases) = (self.pages.iter(), self.bases.iter());
         for column in 0..layers.columns() {
             let base = self.base(column, &mut bases);
-            // Halves of 64 bits, which the compiler can widen many bytes to at once.
+            // Halves of 64 bits, to which the compiler can widen many bytes at once.
             let mut halves = [[0u64; PIXELS]; 2];
             for shift in 0..self.widths[column] {
                 let Some(&page) = own.next() else { break };
@@ -200,7 +200,7 @@ impl Tile {
         }
     }
 
-    /// Stores the sums of all pixels in place of what it holds. Without enough memory nothing changes.
+    /// Replaces the contents by the sums of all pixels. Without enough memory nothing changes.
     fn pack(&mut self, pages: &mut Pages, layers: FilmLayers, sums: &[PixelSums]) -> Result<(), OutOfMemory> {
         let numbers = |column: usize, reference: Option<usize>| {
             let mut numbers = [0u128; PIXELS];
@@ -225,7 +225,7 @@ impl Tile {
                     packed.has_reference |= 1 << column;
                 }
             }
-            // A base costs as much as a sixteenth of a page.
+            // A base needs as many bytes as a sixteenth of a page.
             if bytes_of(high - low) < bytes_of(high) {
                 *base = low;
                 packed.has_base |= u64::from(low != 0) << column;
@@ -267,14 +267,14 @@ impl Tile {
 
 const SIGN: u128 = 1 << 127;
 
-/// The signed difference of a number from that of a reference, in the order of unsigned numbers: zero is 2^127. Without a
-/// reference, the number. Differences beyond 127 bits wrap around, and come back all the same.
+/// The signed difference of a number from that of a reference, in the order of unsigned numbers: zero is 2^127. Without
+/// a reference, the number. Differences beyond 127 bits wrap around, and [`undo_difference`] still restores them.
 #[inline]
 fn difference(reference: Option<u128>, number: u128) -> u128 {
     reference.map_or(number, |reference| number.wrapping_sub(reference) ^ SIGN)
 }
 
-/// Undoes [`difference`].
+/// Inverts [`difference`].
 #[inline]
 fn undo_difference(reference: Option<u128>, difference: u128) -> u128 {
     reference.map_or(difference, |reference| (difference ^ SIGN).wrapping_add(reference))
@@ -347,7 +347,7 @@ mod tests {
         assert_eq!(tile.pixel(&pages, FilmLayers::All, 200), sums);
     }
 
-    /// Noise in red alone, in gray and in colours: green and blue take pages where they differ from red.
+    /// Noise in red alone, in gray and in colours: green and blue take pages in tiles where they differ from red.
     #[test]
     fn gray_pixels_need_a_third_of_the_pages_of_coloured_ones() {
         let radiance_pages = |weights: [Rgb; 3]| {

@@ -30,7 +30,7 @@ impl<T> Plane<T> {
         Self { width, height, data }
     }
 
-    /// A plane whose value at each (x, y) is given by a function.
+    /// A plane with the value of a function at each (x, y).
     pub fn from_fn(width: u32, height: u32, mut f: impl FnMut(u32, u32) -> T) -> Self {
         let mut data = Vec::with_capacity(width as usize * height as usize);
         for y in 0..height {
@@ -69,7 +69,7 @@ impl<T> Plane<T> {
     /// The value at (x, y).
     ///
     /// # Panics
-    /// Outside the plane.
+    /// If (x, y) is outside the plane.
     #[inline]
     pub fn at(&self, x: u32, y: u32) -> &T {
         assert!(x < self.width && y < self.height, "({x}, {y}) is outside {} x {}", self.width, self.height);

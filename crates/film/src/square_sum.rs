@@ -7,7 +7,7 @@ use crate::units::SQUARE_BITS;
 pub struct SquareSum(pub [u128; 2]);
 
 impl SquareSum {
-    /// The square of a luminance [W/(m^2 sr)] that is finite and not negative, rounded down where bits are lost.
+    /// The square of a luminance [W/(m^2 sr)] that is finite and not negative, rounded down if bits are lost.
     #[inline]
     pub(crate) fn from_luminance(luminance: f32) -> Self {
         let bits = luminance.to_bits();
@@ -51,7 +51,7 @@ mod tests {
         }
         assert_eq!(SquareSum::from_luminance(1.0).0, [1 << 80, 0]);
         assert_eq!(SquareSum::from_luminance(f32::MIN_POSITIVE).0, [0, 0]);
-        // Halves carry.
+        // A carry goes from the lower half to the upper half.
         let mut sum = SquareSum([u128::MAX, 7]);
         sum.merge(&SquareSum([2, 1]));
         assert_eq!(sum.0, [1, 9]);

@@ -10,7 +10,7 @@ pub const UNIT_BITS: i32 = 24;
 pub const UNIT_SQUARE_BITS: i32 = 30;
 /// One unit of the sum of depths is 2^-DEPTH_BITS m, one of their squares 2^-(2 DEPTH_BITS) m^2.
 pub const DEPTH_BITS: i32 = 24;
-/// Larger depths than 2^DEPTH_LIMIT_BITS m count as this.
+/// Depths above 2^DEPTH_LIMIT_BITS m count as this depth.
 pub const DEPTH_LIMIT_BITS: i32 = 31;
 /// One unit of the sum of the squares of luminance is 2^-SQUARE_BITS (W/(m^2 sr))^2: a luminance of 1e-9 W/(m^2 sr) keeps
 /// twenty bits of its square, and 2^32 squares of the largest valid one stay below 2^(124 + 80).

@@ -1,4 +1,4 @@
-//! The figures of merit that a sensor model implies.
+//! The figures of merit of a sensor model.
 
 use dunkelfeld_radiometry::{Electrons, Nanometres};
 
@@ -8,22 +8,22 @@ use crate::model::{Published, SensorModel};
 /// Figures of merit of EMVA 1288 (release 4.0, Linear), computed from the model, for short exposures.
 #[derive(Clone, Debug, PartialEq)]
 pub struct DataSheet {
-    /// Wavelength of the figures in photons: where the quantum efficiency is highest; of a colour sensor, that of its best
-    /// colour.
+    /// Wavelength of the figures in photons: that of the highest quantum efficiency. For a colour sensor, that of its
+    /// most sensitive colour.
     pub wavelength: Nanometres,
-    /// Quantum efficiency there.
+    /// Quantum efficiency at this wavelength.
     pub quantum_efficiency: f64,
-    /// The figures in photons of each colour; one entry for a monochrome sensor.
+    /// The figures in photons of each colour. One entry for a monochrome sensor.
     pub channels: Vec<ChannelSheet>,
     /// Overall system gain K \[DN/e-\].
     pub system_gain: f64,
     /// Temporal dark noise sigma_d.
     pub dark_noise: Electrons,
-    /// What of it the pixels of a row share.
+    /// The part of it that the pixels of a row share.
     pub row_noise: Electrons,
     /// Rounding noise sigma_q / K.
     pub quantisation_noise: Electrons,
-    /// Absolute sensitivity threshold mu_e.min, where the signal equals the noise (equation 27).
+    /// Absolute sensitivity threshold mu_e.min, at which the signal equals the noise (equation 27).
     pub threshold: Electrons,
     /// The same in photons, mu_p.min.
     pub threshold_photons: f64,
@@ -43,7 +43,7 @@ pub struct DataSheet {
     pub prnu_percent: f64,
     /// Its parts of rows, columns and pixels \[%\].
     pub prnu_parts_percent: [f64; 3],
-    /// What was published, for comparison.
+    /// The published figures, for comparison.
     pub published: Published,
 }
 
@@ -52,20 +52,20 @@ pub struct DataSheet {
 pub struct Figure {
     /// Its name for files, with the unit, as in a sensor file.
     pub key: &'static str,
-    /// What it is, in words.
+    /// Its name, in words.
     pub name: &'static str,
     /// Its symbol in EMVA 1288, in ASCII.
     pub symbol: &'static str,
     /// Its unit, in ASCII.
     pub unit: &'static str,
-    /// What the model implies.
+    /// The value of the model.
     pub implied: f64,
-    /// What was published.
+    /// The published value.
     pub published: Option<f64>,
 }
 
 impl DataSheet {
-    /// All figures in the order in which data sheets give them.
+    /// All figures in the usual order of data sheets.
     pub fn figures(&self) -> Vec<Figure> {
         let published = self.published.figures();
         let [dsnu_row, dsnu_column, dsnu_pixel] = self.dsnu_parts.map(|e| e.0);
@@ -105,14 +105,14 @@ impl DataSheet {
     }
 }
 
-/// The figures that depend on the wavelength, where the quantum efficiency of one colour is highest.
+/// The figures that depend on the wavelength, at the highest quantum efficiency of one colour.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ChannelSheet {
-    /// The colour; `None` without a filter.
+    /// The colour. `None` without a filter.
     pub color: Option<FilterColor>,
-    /// Where the quantum efficiency is highest.
+    /// Wavelength of the highest quantum efficiency.
     pub wavelength: Nanometres,
-    /// Quantum efficiency there.
+    /// Quantum efficiency at this wavelength.
     pub quantum_efficiency: f64,
     /// Absolute sensitivity threshold mu_p.min \[photons\].
     pub threshold_photons: f64,
@@ -185,7 +185,7 @@ mod tests {
         assert_eq!(shown, numbers.map(Option::unwrap_or_default), "each once");
     }
 
-    /// At the threshold the signal-to-noise ratio of equation (21) is 1: that is its definition.
+    /// At the threshold the signal-to-noise ratio of equation (21) is 1, by definition.
     #[test]
     fn at_the_threshold_signal_and_noise_are_equal() {
         let model = SensorModel::new(example()).expect("valid");

@@ -1,18 +1,18 @@
-//! From a mosaic to three channels, for pictures: gradient-corrected linear interpolation.
+//! Interpolation of a mosaic to three channels for display: gradient-corrected linear interpolation.
 //!
 //! H. S. Malvar, L. He, R. Cutler, *High-quality linear interpolation for demosaicing of Bayer-patterned color images*,
-//! ICASSP 2004: a colour that a pixel lacks is the mean of those around it, corrected by how the pixel's own colour bends
-//! there, because colours mostly rise and fall together. Nothing is ever measured on the result.
+//! ICASSP 2004. A missing colour of a pixel is the mean of the pixels around it with that colour. The Laplacian of the
+//! pixel's own colour corrects the mean, because colours mostly rise and fall together. No measurement uses the result.
 
 use dunkelfeld_film::Plane;
 
 use crate::efficiency::{BayerPattern, FilterColor};
 
-/// How far the kernels reach.
+/// Reach of the kernels \[pixels\].
 const REACH: usize = 2;
 
-/// Red, green and blue of every pixel of a mosaic. Beyond the edge the image is mirrored in its first and last pixels, which keeps
-/// the pattern. Overshoot is not clipped.
+/// Red, green and blue of every pixel of a mosaic. Beyond the edge the image is mirrored at its first and last pixels,
+/// which keeps the pattern. Overshoot is not clipped.
 pub(crate) fn demosaic(mosaic: &Plane<f32>, pattern: BayerPattern) -> Plane<[f32; 3]> {
     let (width, height) = (mosaic.width() as usize, mosaic.height() as usize);
     let stride = width + 2 * REACH;
@@ -29,7 +29,8 @@ pub(crate) fn demosaic(mosaic: &Plane<f32>, pattern: BayerPattern) -> Plane<[f32
         match pattern.color_at(x, y) {
             FilterColor::Red => [own, near.green(), near.opposite()],
             FilterColor::Blue => [near.opposite(), near.green(), own],
-            // Beside a green pixel stand the reds of its row, or the blues.
+            // The red pixels beside a green pixel lie in its row or in its column. The blue ones lie in the other
+            // direction.
             FilterColor::Green if pattern.color_at(x + 1, y) == FilterColor::Red => {
                 [near.beside(1, stride), own, near.beside(stride, 1)]
             }
@@ -38,7 +39,7 @@ pub(crate) fn demosaic(mosaic: &Plane<f32>, pattern: BayerPattern) -> Plane<[f32
     })
 }
 
-/// The place in the image of one in the padded image.
+/// The coordinate in the image for a coordinate in the padded image.
 fn mirrored(padded: usize, size: usize) -> usize {
     let last = size.saturating_sub(1);
     let beyond = |excess: usize| if last == 0 { 0 } else { excess % (2 * last) };
@@ -46,7 +47,7 @@ fn mirrored(padded: usize, size: usize) -> usize {
     if at > last { 2 * last - at } else { at }
 }
 
-/// A pixel of the padded image, and those around it.
+/// A pixel of the padded image, and its neighbours.
 struct Neighbours<'a> {
     padded: &'a [f32],
     stride: usize,
@@ -80,7 +81,7 @@ impl Neighbours<'_> {
         (6.0 * self.own() + 2.0 * self.diagonal() - 1.5 * far) / 8.0
     }
 
-    /// At a green pixel, the colour whose pixels stand `along` (beta = 5/8).
+    /// At a green pixel, the colour of the neighbours in the direction `along` (beta = 5/8).
     fn beside(&self, along: usize, across: usize) -> f32 {
         let own = 5.0 * self.own() + 4.0 * self.pair(along);
         (own - self.diagonal() - self.pair(2 * along) + 0.5 * self.pair(2 * across)) / 8.0
@@ -95,15 +96,15 @@ mod tests {
         Plane::from_fn(width, height, |x, y| rgb(x, y)[pattern.color_at(x, y) as usize])
     }
 
-    /// Affine images come back exactly: the corrections vanish on them, and the means are symmetric. Not at the edge, where the
-    /// mirror bends them.
+    /// Affine images are exact, since the corrections vanish on them and the means are symmetric. This does not hold at
+    /// the edge, where the mirror changes the slope.
     #[test]
     fn ramps_of_any_colour_are_exact() {
         let rgb = |x: u32, y: u32| {
             let (x, y) = (x as f32, y as f32);
             [1.0 + 0.5 * x - 0.25 * y, 7.0 - 0.125 * x + y, 3.0 + x + y]
         };
-        // Channels with slopes of their own: where the corrections see only their own colour, none of them is mixed up.
+        // Channels with different slopes: each correction uses its own colour only, so the channels do not mix.
         for pattern in BayerPattern::ALL {
             let got = demosaic(&mosaic(11, 9, pattern, rgb), pattern);
             for (x, y) in (2..9).flat_map(|x| (2..7).map(move |y| (x, y))) {
@@ -127,8 +128,8 @@ mod tests {
         assert!(demosaic(&Plane::new(0, 0, 0.0), BayerPattern::Rggb).data().is_empty());
     }
 
-    /// The same numbers from another implementation of the paper: `demosaicing_CFA_Bayer_Malvar2004` of the Python package
-    /// colour-demosaicing, on an image without any order.
+    /// Values of another implementation of the paper, `demosaicing_CFA_Bayer_Malvar2004` of the Python package
+    /// colour-demosaicing, on an irregular image.
     #[test]
     fn an_implementation_of_others_agrees() {
         let raw = Plane::from_fn(9, 8, |x, y| ((37 * x * x + 91 * y + 13 * x * y) % 101) as f32);
@@ -148,7 +149,8 @@ mod tests {
         }
     }
 
-    /// The paper's point: where colours rise and fall together, it beats the bilinear mean by several dB (5.5 on average there).
+    /// The result of the paper: if colours rise and fall together, the method is several dB better than the bilinear
+    /// mean (5.5 dB on average there).
     #[test]
     fn fine_grey_structure_survives_better_than_bilinear() {
         let rgb = |x: u32, y: u32| {

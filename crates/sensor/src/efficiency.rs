@@ -1,21 +1,21 @@
-//! Quantum efficiency, and which pixel has which: one curve for all, or one for each colour of a filter array.
+//! Quantum efficiency of the pixels: one curve for all, or one for each colour of a filter array.
 
 use dunkelfeld_radiometry::Nanometres;
 
 use crate::error::{SensorError, in_range};
 
 /// Representative wavelengths of the channels red, green and blue: about the dominant wavelengths of the Rec. 709
-/// primaries, which lie at 611, 549 and 464 nm.
+/// primaries, 611, 549 and 464 nm.
 pub const BANDS: [Nanometres; 3] = [Nanometres(610.0), Nanometres(550.0), Nanometres(465.0)];
 
-/// Quantum efficiency eta over the wavelength: straight lines between points, constant beyond the ends.
+/// Quantum efficiency eta over the wavelength: linear between points, constant beyond the ends.
 ///
-/// A single point makes it the same everywhere.
+/// With a single point it is constant.
 #[derive(Clone, Debug, PartialEq)]
 pub struct QuantumEfficiency(Vec<(Nanometres, f64)>);
 
 impl QuantumEfficiency {
-    /// A curve through points of ascending wavelength; efficiencies are fractions in (0, 1].
+    /// A curve through points of ascending wavelength. Efficiencies are fractions in (0, 1].
     pub fn new(points: Vec<(Nanometres, f64)>) -> Result<Self, SensorError> {
         if points.is_empty() {
             return Err(SensorError::Curve("needs at least one point [wavelength in nm, efficiency]"));
@@ -43,12 +43,12 @@ impl QuantumEfficiency {
         }
     }
 
-    /// Where it is highest, and how high. The first of several equal points.
+    /// The wavelength of the highest efficiency, and the efficiency there. The first of several equal points.
     pub fn peak(&self) -> (Nanometres, f64) {
         self.0.iter().copied().fold((Nanometres(0.0), 0.0), |best, p| if p.1 > best.1 { p } else { best })
     }
 
-    /// The points, by ascending wavelength.
+    /// The points by ascending wavelength.
     pub fn points(&self) -> &[(Nanometres, f64)] {
         &self.0
     }
@@ -109,7 +109,7 @@ impl BayerPattern {
     /// The colour of the pixel in column `x` and row `y`.
     #[inline]
     pub const fn color_at(self, x: u32, y: u32) -> FilterColor {
-        // Where the red pixel of each square of four is.
+        // Position of the red pixel in each square of four.
         let (red_x, red_y) = match self {
             Self::Rggb => (0, 0),
             Self::Bggr => (1, 1),
@@ -127,19 +127,20 @@ impl BayerPattern {
 /// A colour filter array over the pixels.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ColorFilter {
-    /// Which pixel has which colour.
+    /// The colour of each pixel.
     pub pattern: BayerPattern,
-    /// Quantum efficiency of red, green and blue pixels, that of their filter included.
+    /// Quantum efficiency of red, green and blue pixels, including their filter.
     pub curves: [QuantumEfficiency; 3],
-    /// Are the channels of a picture scaled so that grey looks grey? Grey values and statistics never are.
+    /// The channels of a display image are scaled so that grey is neutral. Grey values and statistics are never scaled.
     pub white_balance: bool,
 }
 
 impl ColorFilter {
-    /// Factors by which red, green and blue have to be scaled so that a grey triple gives the same in all three: the inverse
-    /// of the electrons that each gets of it. The least factor is 1, so that what saturates everywhere stays white.
+    /// Factors for red, green and blue that give a grey triple the same value in all three channels. They are the
+    /// inverse of the electrons of each colour for this triple. The smallest factor is 1, so that pixels that saturate
+    /// in all channels stay white.
     pub fn grey_gains(&self) -> [f64; 3] {
-        // Photons per joule rise with the wavelength; all else is common to the three.
+        // The number of photons per joule is proportional to the wavelength. All other factors are common to the three.
         let electrons = |curve: &QuantumEfficiency| BANDS.iter().map(|&band| curve.at(band) * band.0).sum::<f64>();
         let [r, g, b] = [0, 1, 2].map(|c: usize| electrons(&self.curves[c]));
         let most = r.max(g).max(b);
@@ -147,12 +148,12 @@ impl ColorFilter {
     }
 }
 
-/// What the pixels of a sensor make of photons.
+/// The quantum efficiency of the pixels of a sensor.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Efficiency {
-    /// All the same.
+    /// The same curve for all pixels.
     Mono(QuantumEfficiency),
-    /// Each by its colour.
+    /// One curve for each colour.
     Mosaic(ColorFilter),
 }
 
@@ -179,7 +180,7 @@ impl Efficiency {
         }
     }
 
-    /// The filter array; `None` for a monochrome sensor.
+    /// The filter array. `None` for a monochrome sensor.
     pub fn filter(&self) -> Option<&ColorFilter> {
         match self {
             Self::Mono(_) => None,
@@ -207,7 +208,7 @@ mod tests {
     #[test]
     fn gains_undo_what_filters_do_to_grey() {
         let nm = Nanometres;
-        // Flat curves: electrons are as the efficiencies.
+        // Flat curves: the electrons are proportional to the efficiencies.
         let flat = |eta| QuantumEfficiency::new(vec![(nm(550.0), eta)]).expect("a curve");
         let filter =
             ColorFilter { pattern: BayerPattern::Rggb, curves: [flat(0.2), flat(0.4), flat(0.1)], white_balance: true };

@@ -2,17 +2,17 @@
 
 use dunkelfeld_radiometry::Number;
 
-/// Why a sensor, a lens or an exposure cannot be used.
+/// The reason why a sensor, a lens or an exposure cannot be used.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum SensorError {
     /// A number is not finite or lies outside its range.
     #[error("{field} is {}, it must be {allowed}", Number(*value))]
     OutOfRange {
-        /// Which quantity, by the name of its field.
+        /// The name of the field.
         field: &'static str,
-        /// What it was.
+        /// The value of the field.
         value: f64,
-        /// What it may be, in words.
+        /// The allowed range, in words.
         allowed: &'static str,
     },
     /// The quantum efficiency is not a curve.
@@ -21,7 +21,7 @@ pub enum SensorError {
     /// A plane does not have the size of the device.
     #[error("the device has {0} x {1} pixels, the plane {2} x {3}")]
     Size(u32, u32, u32, u32),
-    /// The rows asked for do not fit the plane, or the buffer does not fit the rows.
+    /// The requested rows do not fit the plane, or the buffer does not fit the rows.
     #[error("rows {start}..{end} of {height} do not fit a buffer of {buffer} pixels")]
     Rows {
         /// First row.
@@ -33,7 +33,7 @@ pub enum SensorError {
         /// Length of the buffer.
         buffer: usize,
     },
-    /// No pixel receives light: no exposure time makes a picture of it.
+    /// No pixel receives light, so no exposure time gives an image.
     #[error("no pixel receives any light, so there is no exposure time to choose")]
     NoLight,
 }

@@ -1,4 +1,4 @@
-//! From expected electrons to grey values: one camera of a model taking frames.
+//! Conversion of expected electrons to grey values: frames of one device of a model.
 
 use std::ops::Range;
 
@@ -14,11 +14,11 @@ use crate::pattern::{Pattern, PixelPattern};
 use crate::poisson::poisson;
 use crate::random::stream;
 
-/// What random numbers are for; streams of different purposes are independent.
+/// Purposes of random numbers. Streams of different purposes are independent.
 const TEMPORAL: u64 = 0x7465_6d70;
 const ROWS: u64 = 0x0072_6f77;
 
-/// Which frame is taken: everything random that changes from frame to frame follows from it.
+/// The key of a frame. All random numbers that change from frame to frame follow from it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct FrameKey {
     /// Seed of the run.
@@ -27,9 +27,9 @@ pub struct FrameKey {
     pub frame: u32,
 }
 
-/// One camera of a sensor model, with the fixed pattern of its pixels.
+/// One device of a sensor model, with the fixed pattern of its pixels.
 ///
-/// The pattern follows from the device seed and is the same in every frame; noise follows from the frame key.
+/// The pattern follows from the device seed and is the same in every frame. Noise follows from the frame key.
 #[derive(Clone, Debug)]
 pub struct Device {
     model: SensorModel,
@@ -40,13 +40,13 @@ pub struct Device {
 }
 
 impl Device {
-    /// The device of a model that the seed picks, with `width * height` pixels.
+    /// The device of a model for a seed, with `width * height` pixels.
     pub fn new(model: SensorModel, seed: u64, width: u32, height: u32) -> Self {
         let pattern = Pattern::draw(&model.spec().fixed_pattern, &model.spec().defects, seed, width, height);
         Self { model, seed, width, height, pattern }
     }
 
-    /// How the pixel in column `x` and row `y` differs from that of the model; `None` outside the device.
+    /// The difference of the pixel in column `x` and row `y` from the model. `None` outside the device.
     pub fn pixel(&self, x: u32, y: u32) -> Option<PixelPattern> {
         let index = y as usize * self.width as usize + x as usize;
         let is_inside = x < self.width && y < self.height;
@@ -65,15 +65,15 @@ impl Device {
         &self.model
     }
 
-    /// A frame: grey values \[DN\] of all pixels, from their expected photo-electrons.
+    /// A frame: grey values \[DN\] of all pixels from their expected photo-electrons.
     pub fn expose(&self, electrons: &Plane<f32>, exposure: Exposure, key: FrameKey) -> Result<Plane<u16>, SensorError> {
         let mut frame = Plane::new(self.width, self.height, 0);
         self.expose_rows(electrons, exposure, key, 0..self.height, frame.data_mut())?;
         Ok(frame)
     }
 
-    /// The rows `rows` of a frame, written to `out` (row by row, `width * rows.len()` values): the same values that
-    /// [`Device::expose`] puts there, so that rows can be shared out among threads.
+    /// The rows `rows` of a frame, written to `out` (row by row, `width * rows.len()` values). The values are those of
+    /// [`Device::expose`], so that threads can expose rows in parallel.
     pub fn expose_rows(
         &self,
         electrons: &Plane<f32>,
@@ -85,9 +85,9 @@ impl Device {
         self.expose_known(electrons, &[], exposure, key, rows, out)
     }
 
-    /// [`Device::expose_rows`] for rendered electrons with known variance \[e-^2\], of which the camera's noise is drawn only as
-    /// far as it goes beyond the render's: see [`ExposureNoise::Matched`](crate::ExposureNoise). A pixel whose variance is
-    /// zero or not known gets the same value as there.
+    /// [`Device::expose_rows`] for rendered electrons with known variance \[e-^2\]. The camera's noise is drawn less
+    /// the noise of the render: see [`ExposureNoise::Matched`](crate::ExposureNoise). A pixel whose variance is zero or
+    /// unknown gets the value of [`Device::expose_rows`].
     pub fn expose_rows_matched(
         &self,
         electrons: &Plane<f32>,
@@ -104,7 +104,7 @@ impl Device {
         self.expose_known(electrons, render_variance.data(), exposure, key, rows, out)
     }
 
-    /// `variances` of all pixels, or none.
+    /// `variances` has the values of all pixels, or is empty.
     fn expose_known(
         &self,
         electrons: &Plane<f32>,
@@ -135,7 +135,7 @@ impl Device {
         Ok(())
     }
 
-    /// One row of a frame; `variances` of its pixels, or none.
+    /// Exposes one row of a frame. `variances` has the values of its pixels, or is empty.
     fn expose_line(&self, readout: &Readout, key: u64, y: u32, line: &mut [u16], means: &[f32], variances: &[f32]) {
         let shared = readout.row_noise(key, y);
         let first = y as usize * self.width as usize;
@@ -143,7 +143,7 @@ impl Device {
         let pattern = self.pattern.pixels(pixels.clone());
         let matched = |readout: &Readout, pixel: usize, mean: f32, variance: f32, own: PixelPattern| {
             let (mean, response) = (f64::from(mean), f64::from(own.response));
-            // The response of the pixel scales the noise of the render like its mean.
+            // The response of the pixel scales the noise of the render in the same way as its mean.
             let variance = f64::from(variance) * response * response;
             readout.matched_pixel(
                 mean,
@@ -166,8 +166,8 @@ impl Device {
                 *out = matched(readout, pixel, mean, variance, own);
             }
         }
-        // A grey value is a function of its pixel, so that those of the few hot ones can be drawn anew. Render noise that is not
-        // known leaves nothing out.
+        // A grey value depends on its own pixel only, so those of the few hot pixels can be computed again. With
+        // unknown render noise, the whole noise is drawn.
         let factor = self.model.spec().defects.hot_factor;
         let hot = Readout { dark_electrons: readout.dark_electrons * factor, ..*readout };
         for &pixel in self.pattern.hot(pixels) {
@@ -178,11 +178,11 @@ impl Device {
     }
 }
 
-/// What all pixels of an exposure share.
+/// The parameters that all pixels of an exposure share.
 #[derive(Clone, Copy)]
 struct Readout {
     dark_electrons: f64,
-    /// That of single pixels.
+    /// Noise of single pixels.
     dark_noise: f64,
     row_noise: f64,
     full_well: f64,
@@ -205,7 +205,7 @@ impl Readout {
         }
     }
 
-    /// What the pixels of a row read too much in this frame \[e-\]. `key` holds all but the row.
+    /// Row noise of this frame, an offset of all pixels of a row \[e-\]. `key` contains all coordinates but the row.
     fn row_noise(&self, key: u64, row: u32) -> f64 {
         if self.row_noise <= 0.0 {
             return 0.0;
@@ -214,17 +214,17 @@ impl Readout {
         self.row_noise * shared
     }
 
-    /// The grey value of one pixel: the chain of EMVA 1288 in its order.
+    /// The grey value of one pixel, in the order of the steps of EMVA 1288.
     #[inline]
     fn pixel(&self, photo_electrons: f64, dark_offset: f64, response: f64, rng: &mut Pcg) -> u16 {
-        // Photo-electrons and dark electrons are both Poisson numbers; the sum of two is a Poisson number of the summed
+        // Photo-electrons and dark electrons are both Poisson numbers. The sum of two is a Poisson number of the summed
         // mean.
         let shot = poisson(photo_electrons * response + self.dark_electrons, rng);
         let read: f64 = StandardNormal.sample(rng);
         self.convert(shot + dark_offset + self.dark_noise * read)
     }
 
-    /// The same, of electrons that were rendered with the given variance.
+    /// The same for electrons that were rendered with the given variance.
     #[inline]
     fn matched_pixel(
         &self,
@@ -238,18 +238,19 @@ impl Readout {
         let LeftOut { shot: still, read: unread } = left_out(render_variance, mean, self.dark_noise * self.dark_noise);
         let shot = still + poisson(mean - still, rng);
         let read: f64 = StandardNormal.sample(rng);
-        // The root of a square is not always what was squared: without anything left out, values stay as they are.
+        // The square root of a square may differ from the original number by rounding. If no part is left out, values
+        // must stay the same.
         let dark_noise =
             if unread > 0.0 { (self.dark_noise * self.dark_noise - unread).sqrt() } else { self.dark_noise };
         self.convert(shot + dark_offset + dark_noise * read)
     }
 
-    /// Well, gain and converter.
+    /// Applies full well, gain and converter.
     #[inline]
     fn convert(&self, electrons: f64) -> u16 {
         let charge = electrons.min(self.full_well);
         let value = (self.system_gain * charge + self.offset).clamp(0.0, self.max_value);
-        // The one rounding. The cast truncates, and the value is not negative, so adding one half rounds to nearest.
+        // The only rounding. The cast truncates, and the value is not negative, so adding one half rounds to nearest.
         (value + 0.5) as u16
     }
 }

@@ -1,17 +1,19 @@
 //! The EMVA 1288 camera: from the radiance on the film to the grey values of a frame.
 //!
-//! The way of a pixel, as the standard draws it (EMVA 1288 release 4.0, Linear):
+//! The steps for a pixel follow the model of the standard (EMVA 1288 release 4.0, Linear):
 //!
 //! 1. [`Response`]: radiance -> irradiance through the lens -> photons on the pixel -> expected electrons;
-//! 2. [`Device::expose`]: photon and dark noise, fixed pattern, read noise, full well, gain, offset, one rounding -> DN;
-//! 3. [`display`]: DN -> the 8-bit gamma-2.2 picture, which is for looking at, never for measuring.
+//! 2. [`Device::expose`]: photon and dark noise, fixed pattern, read noise, full well, gain, offset, one rounding ->
+//!   DN;
+//! 3. [`display`]: DN -> the 8-bit gamma-2.2 image, for display only, never for measurement.
 //!
-//! Behind a colour filter array a frame stays a raw mosaic; only the picture has three channels.
+//! With a colour filter array a frame stays a raw mosaic. Only the display image has three channels.
 //!
-//! A rendered mean has noise of its own; [`Device::expose_rows_matched`] draws of the camera's noise only what is missing.
+//! A rendered mean has noise of its own. [`Device::expose_rows_matched`] draws the camera's noise less the noise of the
+//! render.
 //!
-//! Everything is a pure function: a grey value depends on (model, device seed, frame seed, frame, pixel, expected
-//! electrons) and on nothing else, so rows may be exposed on any number of threads.
+//! All functions are pure. A grey value depends only on model, device seed, frame seed, frame, pixel and expected
+//! electrons, so rows may be exposed on any number of threads.
 
 #![forbid(unsafe_code)]
 

@@ -1,4 +1,4 @@
-//! What is known of a sensor, checked once, and the noise that follows from it.
+//! The parameters of a sensor, with checks, and the noise that follows from them.
 
 use dunkelfeld_radiometry::{Celsius, DigitalNumber, Electrons, Metres, Seconds};
 
@@ -6,18 +6,19 @@ use crate::efficiency::Efficiency;
 use crate::error::{SensorError, in_range};
 use crate::pattern::{Defects, FixedPattern};
 
-/// Dark current mu_I: electrons that heat sets free, doubling every few degrees (EMVA 1288 release 4.0, Linear).
+/// Dark current mu_I: thermally generated electrons, whose rate doubles every few degrees (EMVA 1288 release 4.0,
+/// Linear).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DarkCurrent {
     /// Electrons per second and pixel at the reference temperature.
     pub rate: f64,
-    /// Where the rate was measured.
+    /// Temperature at which the rate was measured.
     pub reference: Celsius,
     /// Rise of temperature that doubles the rate \[K\].
     pub doubling: f64,
 }
 
-/// What the maker or a test report says the sensor achieves, for comparison with what the model implies.
+/// Published figures of the maker or of a test report, for comparison with those of the model.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Published {
     /// Largest quantum efficiency \[%\].
@@ -87,21 +88,21 @@ impl Published {
 pub struct SensorSpec {
     /// Name of the sensor and of the camera it was measured in.
     pub name: String,
-    /// Where the numbers come from.
+    /// Source of the numbers.
     pub source: String,
-    /// Which of the numbers were computed from others, not published.
+    /// The numbers that were computed from others and not published.
     pub derived: Vec<String>,
-    /// Which of the numbers are plausible assumptions.
+    /// The numbers that are plausible assumptions.
     pub assumed: Vec<String>,
-    /// Distance between pixel centres; the pixel's area is its square.
+    /// Distance between pixel centres. The area of a pixel is its square.
     pub pixel_pitch: Metres,
-    /// Quantum efficiency eta: of all pixels, or of each colour.
+    /// Quantum efficiency eta of all pixels, or of each colour.
     pub quantum_efficiency: Efficiency,
-    /// Electrons at which a pixel is full (the saturation capacity mu_e.sat, where only that is published).
+    /// Electrons of a full pixel (or the saturation capacity mu_e.sat, if only that is published).
     pub full_well: Electrons,
-    /// Temporal dark noise without the dark current's share, sigma_d0 \[e-\]: all of it, that of rows included.
+    /// Temporal dark noise without the share of the dark current, sigma_d0 \[e-\]. It includes the noise of rows.
     pub dark_noise: Electrons,
-    /// The part of it that the pixels of a row share, drawn anew for each row and frame \[e-\].
+    /// The part of it that the pixels of a row share, with a new value for each row and frame \[e-\].
     pub row_noise: Electrons,
     /// Dark current.
     pub dark_current: DarkCurrent,
@@ -115,18 +116,18 @@ pub struct SensorSpec {
     pub bit_depth: u32,
     /// Differences between pixels.
     pub fixed_pattern: FixedPattern,
-    /// Pixels that are not as the others.
+    /// Defect pixels.
     pub defects: Defects,
-    /// Published figures to compare with.
+    /// Published figures for comparison.
     pub published: Published,
 }
 
-/// A sensor whose numbers make sense together.
+/// A sensor whose parameters are valid and consistent.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SensorModel(SensorSpec);
 
 impl SensorModel {
-    /// Checks a description. The error names the field that is out of range.
+    /// Checks a description. The error contains the name of the field that is out of range.
     pub fn new(spec: SensorSpec) -> Result<Self, SensorError> {
         let s = &spec;
         in_range("pixel_pitch", s.pixel_pitch.micrometres(), 0.1, 1000.0, "from 0.1 to 1000 um")?;
@@ -165,12 +166,13 @@ impl SensorModel {
         Ok(Self(spec))
     }
 
-    /// Read noise of a pixel apart from what its row shares \[e-\]: the root of sigma_d0^2 less the row noise's square.
+    /// Read noise of a pixel without the part that its row shares \[e-\]: the square root of sigma_d0^2 less the
+    /// squared row noise.
     pub fn pixel_dark_noise(&self) -> Electrons {
         crate::pattern::rest(self.0.dark_noise, &[self.0.row_noise])
     }
 
-    /// The numbers.
+    /// The parameters.
     pub fn spec(&self) -> &SensorSpec {
         &self.0
     }
@@ -180,7 +182,7 @@ impl SensorModel {
         max_value(self.0.bit_depth)
     }
 
-    /// Electrons at which the grey value stops growing: the full well or the end of the converter, whichever is first.
+    /// Electrons at which the grey value saturates: the full well or the end of the converter, whichever is lower.
     pub fn saturation(&self) -> Electrons {
         let converter = (f64::from(self.max_value()) - self.0.offset.0) / self.0.system_gain;
         Electrons(self.0.full_well.0.min(converter))
@@ -207,7 +209,7 @@ impl SensorModel {
         1.0 / (12.0 * self.0.system_gain.powi(2))
     }
 
-    /// Temporal variance of a pixel that expects `mean` photo-electrons, mu_e + sigma_d^2 + sigma_q^2 / K^2 \[e-^2\]
+    /// Temporal variance of a pixel with `mean` expected photo-electrons, mu_e + sigma_d^2 + sigma_q^2 / K^2 \[e-^2\]
     /// (EMVA 1288 release 4.0 Linear, equation 14, divided by K^2).
     pub fn temporal_variance(&self, mean: Electrons, time: Seconds) -> f64 {
         mean.0 + self.dark_variance(time) + self.quantisation_variance()
@@ -224,7 +226,7 @@ pub(crate) mod tests {
     use crate::efficiency::QuantumEfficiency;
     use dunkelfeld_radiometry::Nanometres;
 
-    /// A sensor with every effect in it.
+    /// A sensor with all effects.
     pub(crate) fn example() -> SensorSpec {
         SensorSpec {
             name: "example".into(),

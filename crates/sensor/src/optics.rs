@@ -1,14 +1,14 @@
 //! The lens and the exposure: from radiance on the film to expected electrons in the pixels.
 //!
-//! A film has three channels, the sensor counts photons, and photons need wavelengths. The convention: a linear triple
+//! A film has three channels, the sensor counts photons, and photons need wavelengths. By convention, a linear triple
 //! is a coarse spectrum of three bands, each with a representative wavelength and a third of the light. A grey triple
-//! (L, L, L) is light of radiance L, a third of it in each band; a channel of its own carries a third of its number.
-//! A pixel then responds with
+//! (L, L, L) is light of radiance L, with a third of it in each band. A single channel carries a third of its value.
+//! The response of a pixel is
 //!
 //! mu_e = A t E' sum over bands of eta(lambda_b) lambda_b / (h c) L_b / 3, where E' = pi tau / (4 N^2 (1 + m)^2)
 //!
-//! is the irradiance per radiance behind a thin lens, on its axis, and eta that of the pixel's colour. What the lens takes
-//! away toward its edge is in the radiance already.
+//! is the irradiance per radiance behind a thin lens, on its axis, and eta is that of the pixel's colour. The radiance
+//! already includes the fall-off of the lens toward its edge.
 
 use std::f64::consts::PI;
 
@@ -19,14 +19,14 @@ use crate::efficiency::{BANDS, BayerPattern, Efficiency, QuantumEfficiency};
 use crate::error::{SensorError, in_range};
 use crate::model::SensorModel;
 
-/// The share of a grey triple's radiance that each band carries.
+/// The share of a grey triple's radiance in each band.
 const BAND_SHARE: f64 = 1.0 / 3.0;
 
-/// Fraction of pixels that may be brighter than the automatic exposure aims for.
+/// Share of pixels below the target level of the automatic exposure.
 const AUTO_QUANTILE: f64 = 0.995;
-/// Where that quantile lands, as a fraction of saturation.
+/// Level of that quantile as a fraction of saturation.
 const AUTO_LEVEL: f64 = 0.9;
-/// Longest exposure that is taken for meant \[s\].
+/// Longest valid exposure \[s\].
 const LONGEST: f64 = 1e6;
 
 /// The lens in front of the sensor.
@@ -69,14 +69,14 @@ impl Optics {
     }
 }
 
-/// How long the shutter is open.
+/// The time for which the shutter is open.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Exposure {
     time: Seconds,
 }
 
 impl Exposure {
-    /// An exposure of a time above 0 and at most 1e6 s.
+    /// An exposure with a time above 0 and at most 1e6 s.
     pub fn new(time: Seconds) -> Result<Self, SensorError> {
         in_range("exposure", time.0, f64::MIN_POSITIVE, LONGEST, "above 0 and at most 1e6 s")?;
         Ok(Self { time })
@@ -88,24 +88,26 @@ impl Exposure {
     }
 }
 
-/// What one pixel makes of radiance: expected electrons per W/(m^2 sr) of red, green and blue. A linear map, because the
-/// camera is.
+/// The response of one pixel: expected electrons per W/(m^2 sr) of red, green and blue. A linear map, since the camera
+/// is linear.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Weights(pub [f64; 3]);
 
 impl Weights {
-    /// Expected electrons of a pixel that sees the given radiance [W/(m^2 sr) per channel].
+    /// Expected electrons of a pixel for a radiance [W/(m^2 sr) per channel].
     #[inline]
     pub fn electrons(&self, radiance: [f32; 3]) -> Electrons {
         let [r, g, b] = radiance.map(f64::from);
         Electrons(self.0[0] * r + self.0[1] * g + self.0[2] * b)
     }
 
-    /// Variance \[e-^2\] of the expected electrons when red, green and blue have the given variances, and red and green, red and
-    /// blue, green and blue the given covariances. Infinite, which is to say unknown, if a variance is negative or not finite.
+    /// Variance \[e-^2\] of the expected electrons from the variances of red, green and blue, and the covariances of
+    /// red and green, red and blue, green and blue. Infinite, which means unknown, if a variance is negative or not
+    /// finite.
     ///
-    /// Covariances that are not finite are not known either: the channels of a rendered pixel, which come from the same paths, are then
-    /// taken to rise and fall together, which is never too small. Others count as far as the variances allow.
+    /// A covariance that is not finite is unknown. The channels of a rendered pixel come from the same paths, so full
+    /// correlation is then assumed, which gives an upper bound. Other covariances are clamped to the range that the
+    /// variances allow.
     #[inline]
     pub fn variance(&self, variance: [f32; 3], covariance: [f32; 3]) -> f64 {
         if !variance.iter().all(|v| v.is_finite() && *v >= 0.0) {
@@ -118,20 +120,21 @@ impl Weights {
         (own + 2.0 * (wr * wg * rg + wr * wb * rb + wg * wb * gb)).max(0.0)
     }
 
-    /// Those of luminance, of eyes instead of a sensor: `electrons` is then the luminance of a radiance [W/(m^2 sr)].
+    /// The weights of luminance, for images without a sensor: `electrons` is then the luminance of a radiance [W/(m^2
+    /// sr)].
     pub fn luminance() -> Self {
         let of = |r, g, b| f64::from(Rgb::new(r, g, b).luminance());
         Self([of(1.0, 0.0, 0.0), of(0.0, 1.0, 0.0), of(0.0, 0.0, 1.0)])
     }
 
-    /// Covariances of channels of which nothing is known.
+    /// Covariances of channels whose covariance is unknown.
     pub const UNKNOWN_COVARIANCE: [f32; 3] = [f32::INFINITY; 3];
 }
 
-/// What the pixels of a sensor make of radiance, each in its place.
+/// The response of the pixels of a sensor, by position.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Response {
-    /// Of red, green and blue pixels, or three times the same.
+    /// Weights of red, green and blue pixels. All equal without a filter array.
     weights: [Weights; 3],
     pattern: Option<BayerPattern>,
 }
@@ -153,7 +156,7 @@ impl Response {
         }
     }
 
-    /// Of pixels that are all alike.
+    /// The response of a sensor whose pixels are all equal.
     pub const fn constant(weights: Weights) -> Self {
         Self { weights: [weights; 3], pattern: None }
     }
@@ -172,13 +175,13 @@ impl Response {
         }
     }
 
-    /// Of which kind is the pixel in column `x` and row `y`?
+    /// The kind of the pixel in column `x` and row `y`.
     #[inline]
     pub fn kind(&self, x: u32, y: u32) -> usize {
         self.pattern.map_or(0, |pattern| pattern.color_at(x, y) as usize)
     }
 
-    /// The mean over the pixels: what a blurred look at a mosaic sees.
+    /// The mean over the pixels, as for a blurred mosaic.
     pub fn average(&self) -> Weights {
         match self.pattern {
             None => self.weights[0],
@@ -190,7 +193,7 @@ impl Response {
     }
 }
 
-/// Expected photo-electrons of every pixel, and how many pixels had to be repaired.
+/// Expected photo-electrons of every pixel, and the number of repaired pixels.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MeanElectrons {
     /// Expected photo-electrons, finite and not negative.
@@ -212,7 +215,7 @@ pub fn electrons(radiance: &Plane<[f32; 3]>, response: &Response) -> MeanElectro
             let valid = pixel.iter().all(|v| v.is_finite() && *v >= 0.0);
             invalid += u64::from(!valid);
             let electrons = if valid { weights.electrons(pixel) } else { repaired(weights, pixel) };
-            // A sum beyond the range of f32 saturates instead of becoming infinite.
+            // A sum beyond the range of f32 is set to the largest f32, not to infinity.
             *out = (electrons.0 as f32).min(f32::MAX);
         }
     }
@@ -224,9 +227,9 @@ fn repaired(weights: &Weights, pixel: [f32; 3]) -> Electrons {
     weights.electrons(pixel.map(|v| if v > 0.0 { v.min(f32::MAX) } else { 0.0 }))
 }
 
-/// The exposure time that puts the 99.5 % quantile of the image at 90 % of saturation.
+/// The exposure time at which the 99.5 % quantile of the image is at 90 % of saturation.
 ///
-/// If fewer than 0.5 % of the pixels are lit at all, the quantile is taken over the lit ones. The time is at most 1e6 s.
+/// If fewer than 0.5 % of the pixels receive light, the quantile is that of the lit pixels. The time is at most 1e6 s.
 /// Errors: [`SensorError::NoLight`] if every pixel is black.
 pub fn auto_exposure(
     radiance: &Plane<[f32; 3]>,
@@ -243,13 +246,13 @@ pub fn auto_exposure(
     if rate <= 0.0 {
         return Err(SensorError::NoLight);
     }
-    // Dark electrons take their part of the well.
+    // Dark electrons fill a part of the well.
     let dark = model.dark_electrons(Seconds(1.0)).0;
     let time = AUTO_LEVEL * model.saturation().0 / (f64::from(rate) + dark);
     Exposure::new(Seconds(time.clamp(f64::MIN_POSITIVE, LONGEST)))
 }
 
-/// The value below which the given fraction of all values lies, 0 if there are none.
+/// The value below which the given fraction of all values lies. 0 without values.
 fn quantile(values: &mut [f32], fraction: f64) -> f32 {
     let Some(last) = values.len().checked_sub(1) else { return 0.0 };
     let index = (fraction * last as f64).round() as usize;
@@ -271,7 +274,7 @@ mod tests {
         Optics::new(8.0, 0.9, 0.1).expect("valid")
     }
 
-    /// The same number by the folded constants of EMVA 1288: mu_p = 50.34 A t lambda E in um^2, ms, um, uW/cm^2.
+    /// The same number by the combined constants of EMVA 1288: mu_p = 50.34 A t lambda E in um^2, ms, um, uW/cm^2.
     #[test]
     fn electrons_agree_with_the_anchor_of_the_standard() {
         let exposure = Exposure::new(Seconds(2e-3)).expect("valid");
@@ -287,7 +290,7 @@ mod tests {
     #[test]
     fn the_variance_of_electrons_knows_how_channels_vary_together() {
         let response = Response::new(&model(), &lens(), Exposure::new(Seconds(1e-3)).expect("valid"));
-        // Grey noise of standard deviation 0.1 moves the electrons by 0.1 times the response to grey.
+        // Grey noise of standard deviation 0.1 changes the electrons by 0.1 times the response to grey.
         let expected = (0.1 * response.at(0, 0).electrons([1.0; 3]).0).powi(2);
         let weights = response.at(0, 0);
         for unknown in [Weights::UNKNOWN_COVARIANCE, [f32::NAN; 3], [f32::NEG_INFINITY; 3], [0.02; 3]] {
@@ -296,9 +299,9 @@ mod tests {
         // By hand: 4 * 1 + 9 * 4 + 0, and twice 2 * 3 * (-1) for red and green.
         let weights = Weights([2.0, 3.0, 5.0]);
         assert!((weights.variance([1.0, 4.0, 0.0], [-1.0, 0.0, 7.0]) - 28.0).abs() < 1e-9);
-        // Channels that make up for each other leave nothing, whatever a file says beyond that.
+        // Channels with full negative correlation leave no variance, even if a file contains a larger covariance.
         assert_eq!(weights.variance([9.0, 4.0, 0.0], [-7.0, 0.0, 0.0]), 0.0);
-        // Of what is no variance nothing is known, whatever its covariances.
+        // An invalid variance makes the result unknown, for any covariance.
         for bad in [f32::NAN, -1.0, f32::INFINITY, f32::NEG_INFINITY] {
             for covariance in [[0.0; 3], [f32::NEG_INFINITY; 3], Weights::UNKNOWN_COVARIANCE] {
                 assert_eq!(weights.variance([1.0, bad, 0.0], covariance), f64::INFINITY, "{bad} {covariance:?}");

@@ -1,7 +1,8 @@
-//! What distinguishes the pixels of one device from each other in every frame: offsets, responses, hot and dead pixels.
+//! Differences between the pixels of one device that are the same in every frame: offsets, responses, hot and dead
+//! pixels.
 //!
-//! The spread over the pixels is split as EMVA 1288 release 4.0 does it, s^2 = s_row^2 + s_column^2 + s_pixel^2: a part that
-//! the pixels of a row share, one of columns, and the rest.
+//! The spread over the pixels is split as in EMVA 1288 release 4.0, s^2 = s_row^2 + s_column^2 + s_pixel^2: a part that
+//! the pixels of a row share, a part that those of a column share, and the rest.
 
 use dunkelfeld_radiometry::Electrons;
 use dunkelfeld_sampling::hash_u64;
@@ -11,46 +12,46 @@ use rand_distr::{Distribution, StandardNormal};
 use crate::error::{SensorError, in_range};
 use crate::random::stream;
 
-/// What random numbers are for; streams of different purposes are independent.
+/// Purposes of random numbers. Streams of different purposes are independent.
 const PATTERN: u64 = 0x7061_7474;
 const ROWS: u64 = 0x0072_6f77;
 const COLUMNS: u64 = 0x0063_6f6c;
 const DEFECTS: u64 = 0x6465_6665;
-/// Sums of squares may exceed their total by this share: that of numbers which were rounded for a data sheet.
+/// Sums of squares may exceed their total by this share, since data sheets contain rounded numbers.
 const ROUNDED: f64 = 2e-3;
 
 /// Differences between pixels that are the same in every frame, as standard deviations.
 ///
-/// The totals are what data sheets call DSNU1288 and PRNU1288. Parts of rows and columns are parts of these; what they leave is
-/// that of single pixels.
+/// The totals are DSNU1288 and PRNU1288 of data sheets. The parts of rows and columns are parts of these totals. The
+/// rest is the part of single pixels.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct FixedPattern {
-    /// Dark signal non-uniformity, DSNU1288 \[e-\]: all of it.
+    /// Dark signal non-uniformity, DSNU1288 \[e-\], with all parts.
     pub dsnu: Electrons,
-    /// What of it rows have in common, DSNU1288.row \[e-\].
+    /// The part of it that the pixels of a row share, DSNU1288.row \[e-\].
     pub dsnu_row: Electrons,
-    /// What of it columns have in common, DSNU1288.col \[e-\].
+    /// The part of it that the pixels of a column share, DSNU1288.col \[e-\].
     pub dsnu_column: Electrons,
-    /// Photo response non-uniformity, PRNU1288, as a fraction of the signal: all of it.
+    /// Photo response non-uniformity, PRNU1288, as a fraction of the signal, with all parts.
     pub prnu: f64,
-    /// What of it rows have in common, PRNU1288.row.
+    /// The part of it that the pixels of a row share, PRNU1288.row.
     pub prnu_row: f64,
-    /// What of it columns have in common, PRNU1288.col.
+    /// The part of it that the pixels of a column share, PRNU1288.col.
     pub prnu_column: f64,
 }
 
 impl FixedPattern {
-    /// What of the DSNU single pixels have, DSNU1288.pixel \[e-\].
+    /// The part of the DSNU of single pixels, DSNU1288.pixel \[e-\].
     pub fn dsnu_pixel(&self) -> Electrons {
         rest(self.dsnu, &[self.dsnu_row, self.dsnu_column])
     }
 
-    /// What of the PRNU single pixels have, PRNU1288.pixel, as a fraction.
+    /// The part of the PRNU of single pixels, PRNU1288.pixel, as a fraction.
     pub fn prnu_pixel(&self) -> f64 {
         rest(Electrons(self.prnu), &[Electrons(self.prnu_row), Electrons(self.prnu_column)]).0
     }
 
-    /// Ranges, and parts that together are not more than the whole.
+    /// Checks that all values are in range and that the parts together do not exceed the total.
     pub(crate) fn check(&self, full_well: Electrons) -> Result<(), SensorError> {
         let left = |total: f64, row: f64| (total * total * (1.0 + ROUNDED) - row * row).max(0.0).sqrt();
         in_range("dsnu", self.dsnu.0, 0.0, full_well.0, "from 0 electrons to the full well")?;
@@ -64,19 +65,19 @@ impl FixedPattern {
     }
 }
 
-/// Pixels that are not as the others. Which ones follows from the seed of the device.
+/// Defect pixels. The seed of the device selects them.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Defects {
-    /// Share of hot pixels, which have more dark current, 0 to 0.1.
+    /// Share of hot pixels, which have a higher dark current, 0 to 0.1.
     pub hot: f64,
-    /// So many times the dark current of the others, 1 to 1e6.
+    /// Dark current of a hot pixel over that of a normal one, 1 to 1e6.
     pub hot_factor: f64,
-    /// Share of dead pixels, which do not see light, 0 to 0.1.
+    /// Share of dead pixels, which do not respond to light, 0 to 0.1.
     pub dead: f64,
 }
 
 impl Default for Defects {
-    /// None; a hot pixel would have a hundred times the dark current.
+    /// No defects. A hot pixel would have a hundred times the dark current.
     fn default() -> Self {
         Self { hot: 0.0, hot_factor: 100.0, dead: 0.0 }
     }
@@ -91,38 +92,38 @@ impl Defects {
     }
 }
 
-/// What independent parts leave of a standard deviation, by squares; the whole itself without parts.
+/// The rest of a standard deviation without its independent parts, by squares. Without parts, the whole.
 pub(crate) fn rest(whole: Electrons, parts: &[Electrons]) -> Electrons {
     let taken: f64 = parts.iter().map(|p| p.0 * p.0).sum();
-    // The root of a square is not always what was squared.
+    // The square root of a square may differ from the original number by rounding.
     if taken == 0.0 { whole } else { Electrons((whole.0 * whole.0 - taken).max(0.0).sqrt()) }
 }
 
-/// How a pixel of one device differs from that of the model.
+/// The difference of a pixel of one device from the model.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PixelPattern {
-    /// Dark signal beyond that of the others \[e-\].
+    /// Dark signal in addition to that of the model \[e-\].
     pub dark: f32,
-    /// Response to light over that of the model; 0 of a dead pixel.
+    /// Response to light over that of the model. 0 for a dead pixel.
     pub response: f32,
 }
 
 impl PixelPattern {
-    /// A pixel as the model has it.
+    /// A pixel without difference from the model.
     pub(crate) const NONE: Self = Self { dark: 0.0, response: 1.0 };
 }
 
 /// The pattern of one device.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Pattern {
-    /// Row by row; empty if no pixel differs.
+    /// Row by row. Empty if no pixel differs.
     pixels: Vec<PixelPattern>,
-    /// Numbers of the hot pixels, row by row, ascending.
+    /// Indices of the hot pixels, row by row, ascending.
     hot: Vec<u64>,
 }
 
 impl Pattern {
-    /// The pattern that the seed picks.
+    /// The pattern for a seed.
     pub(crate) fn draw(differences: &FixedPattern, defects: &Defects, seed: u64, width: u32, height: u32) -> Self {
         let p = differences;
         let count = u64::from(width) * u64::from(height);
@@ -157,7 +158,7 @@ impl Pattern {
                 pixels = vec![PixelPattern::NONE; count as usize];
             }
             for pixel in 0..count {
-                // 53 bits of a uniform number.
+                // A uniform number of 53 bits.
                 let u = (stream(key, pixel).next_u64() >> 11) as f64 / (1u64 << 53) as f64;
                 if u < defects.dead {
                     if let Some(dead) = pixels.get_mut(pixel as usize) {
@@ -171,12 +172,12 @@ impl Pattern {
         Self { pixels, hot }
     }
 
-    /// The pixels with these numbers; empty if none differs.
+    /// The pixels with these indices. Empty if none differs.
     pub(crate) fn pixels(&self, range: std::ops::Range<usize>) -> &[PixelPattern] {
         self.pixels.get(range).unwrap_or(&[])
     }
 
-    /// Numbers of the hot ones among these pixels.
+    /// Indices of the hot pixels among these.
     pub(crate) fn hot(&self, range: std::ops::Range<usize>) -> &[u64] {
         let first = |end: usize| self.hot.partition_point(|&p| p < end as u64);
         self.hot.get(first(range.start)..first(range.end)).unwrap_or(&[])

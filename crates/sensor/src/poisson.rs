@@ -1,13 +1,13 @@
-//! Poisson numbers from means of zero to beyond any full well, quick enough for every pixel of a frame.
+//! Poisson random numbers for means from zero to beyond any full well, fast enough for every pixel of a frame.
 
 use std::sync::LazyLock;
 
 use rand_core::Rng;
 use rand_distr::{Distribution, StandardNormal};
 
-/// Below this mean numbers come from tables; the transformed rejection would need at least 10.
+/// Below this mean, numbers come from tables. Transformed rejection would need a mean of at least 10.
 const TABLE_BELOW: usize = 32;
-/// From this mean on, far beyond any full well, the number is a rounded normal one (its skewness would be 1e-4).
+/// From this mean on, far beyond any full well, the number is a rounded normal one (the neglected skewness is 1e-4).
 const NORMAL_FROM: f64 = 1e8;
 
 /// A Poisson number of the given mean: a count, as f64. A mean that is not positive gives 0.
@@ -24,8 +24,8 @@ pub fn poisson(mean: f64, rng: &mut impl Rng) -> f64 {
     }
 }
 
-/// The sum of two Poisson numbers is one of the summed mean: the whole part of the mean has a table, the rest, below 1,
-/// is quickly searched for.
+/// The sum of two Poisson numbers is one of the summed mean. A table gives the number for the whole part of the mean. A
+/// short search gives that for the rest, below 1.
 #[inline]
 fn by_table(mean: f64, rng: &mut impl Rng) -> f64 {
     let whole = mean as usize;
@@ -40,14 +40,14 @@ fn by_table(mean: f64, rng: &mut impl Rng) -> f64 {
 #[inline]
 fn by_search(mean: f64, rng: &mut impl Rng) -> f64 {
     let u = uniform(rng);
-    // exp(-mean) is at least 1 - mean: faint pixels need no exponential.
+    // exp(-mean) is at least 1 - mean, so low means need no exponential function.
     if u < 1.0 - mean {
         return 0.0;
     }
     let mut probability = (-mean).exp();
     let mut cumulated = probability;
     let mut k = 0.0;
-    // The chance of 20 or more is below 1e-18, beneath the resolution of `u`.
+    // The probability of 20 or more is below 1e-18, which is less than the resolution of `u`.
     while u >= cumulated && k < 20.0 {
         k += 1.0;
         probability *= mean / k;
@@ -56,10 +56,10 @@ fn by_search(mean: f64, rng: &mut impl Rng) -> f64 {
     k
 }
 
-/// Slots of an alias table: the chance of 128 or more at a mean of 31 is 1e-38.
+/// Slots of an alias table. The probability of 128 or more at a mean of 31 is 1e-38.
 const SLOTS: usize = 128;
 
-/// Alias table (Walker 1977, built as by Vose 1991): one random word picks a slot and decides between its two counts.
+/// Alias table (Walker 1977, built as by Vose 1991). One random word selects a slot and decides between its two counts.
 struct Alias([(f64, f64); SLOTS]);
 
 /// Tables of the means 1, 2, ... `TABLE_BELOW` - 1.
@@ -73,7 +73,8 @@ impl Alias {
             *w = p * SLOTS as f64;
             p *= mean / (k + 1) as f64;
         }
-        // A slot keeps its own count with probability `weight`, and hands the rest to a count that has too much.
+        // A slot keeps its own count with probability `weight`. The rest of the slot goes to a count with too much
+        // probability.
         let mut table = std::array::from_fn(|k| (1.0, k as f64));
         let (mut small, mut large): (Vec<usize>, Vec<usize>) = (0..SLOTS).partition(|&k| weight[k] < 1.0);
         while let (Some(s), Some(&l)) = (small.pop(), large.last()) {
@@ -90,7 +91,7 @@ impl Alias {
     #[inline]
     fn draw(&self, rng: &mut impl Rng) -> f64 {
         let word = rng.next_u64();
-        // The slot takes the lowest 7 bits, the decision the highest 53: they share none.
+        // The slot takes the lowest 7 bits, the decision the highest 53. No bit is in both.
         let slot = word as usize % SLOTS;
         let (keep, alias) = self.0[slot];
         if unit(word) < keep { slot as f64 } else { alias }
@@ -109,7 +110,7 @@ fn by_rejection(mean: f64, rng: &mut impl Rng) -> f64 {
         let v = uniform(rng);
         let us = 0.5 - u.abs();
         let k = floor((2.0 * a / us + b) * u + mean + 0.43);
-        // Two times in three at the lowest means and nine in ten at high ones, this is all that happens.
+        // This is the result in two of three cases at the lowest means, and in nine of ten at high ones.
         if us >= 0.07 && v <= squeeze {
             return k;
         }
@@ -122,15 +123,15 @@ fn by_rejection(mean: f64, rng: &mut impl Rng) -> f64 {
     }
 }
 
-/// The whole number below a number that is far from the ends of i64: without a call, on machines that have no instruction
-/// for it.
+/// The floor of a number that is far from the limits of i64. It needs no function call on processors without an
+/// instruction for it.
 #[inline]
 fn floor(x: f64) -> f64 {
     let towards_zero = x as i64 as f64;
     if towards_zero > x { towards_zero - 1.0 } else { towards_zero }
 }
 
-/// The exact comparison of PTRS, kept out of the quick path.
+/// The exact comparison of PTRS, outside of the fast path.
 #[inline(never)]
 fn accepts(mean: f64, a: f64, b: f64, us: f64, v: f64, k: f64) -> bool {
     let inverse_alpha = 1.1239 + 1.1328 / (b - 3.4);
@@ -152,7 +153,7 @@ static LN_FACTORIALS: LazyLock<[f64; 512]> = LazyLock::new(|| {
     })
 });
 
-/// ln k! for a whole k: a table, then Stirling's series, whose next term would be below 1e-20 there.
+/// ln k! for a whole k: a table, then Stirling's series. The next term of the series would be below 1e-20 there.
 #[inline]
 fn ln_factorial(k: f64) -> f64 {
     if let Some(f) = LN_FACTORIALS.get(k as usize) {
@@ -180,7 +181,7 @@ fn unit(word: u64) -> f64 {
 mod tests {
     use super::*;
 
-    /// The distribution is tested in `tests/poisson.rs`; there the correction terms are too small to be seen.
+    /// The distribution is tested in `tests/poisson.rs`. There the correction terms are too small to be detected.
     #[test]
     fn the_factorial_is_exact_on_both_sides_of_its_series() {
         let mut sum = 0.0;

@@ -1,6 +1,6 @@
-//! Sensors that come with the program, as the text of their files.
+//! The sensors of the program, as the text of their files.
 //!
-//! The text is the same format that a user writes; `dunkelfeld-io` reads both.
+//! The text has the format of user files. `dunkelfeld-io` reads both.
 
 /// Name and TOML text of every preset.
 pub const PRESETS: [(&str, &str); 7] = [

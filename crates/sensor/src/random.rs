@@ -2,7 +2,7 @@
 
 use dunkelfeld_sampling::{Pcg, mix64};
 
-/// Random numbers of one pixel. `key` already holds everything else, so two rounds of mixing do.
+/// Random numbers of one pixel. `key` already contains all other coordinates, so two rounds of mixing suffice.
 #[inline]
 pub(crate) fn stream(key: u64, pixel: u64) -> Pcg {
     let high = mix64(key ^ pixel);

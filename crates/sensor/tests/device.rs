@@ -1,7 +1,7 @@
-//! What a device has for itself and what its frames have in common: the fixed pattern with its parts of rows, columns and pixels, row
-//! noise, hot and dead pixels; independence of pixels, rows, columns, frames and colours.
+//! Tests of the fixed pattern of a device, with its parts of rows, columns and pixels, and of row noise, hot and dead
+//! pixels. Tests of the independence of pixels, rows, columns, frames and colours.
 //!
-//! Seeds are fixed; the stated rates are the chance that a correct chain had to be given another seed.
+//! Seeds are fixed. The stated rates are the probabilities that a correct implementation fails with a random seed.
 
 mod support;
 
@@ -15,7 +15,7 @@ use dunkelfeld_testkit::{chi_squared, sidak, z_test};
 /// False-alarm rate of each test function as a whole.
 const RATE: f64 = 1e-10;
 
-/// More bits and a deeper well, so that neither ends what is looked at.
+/// More bits and a deeper well, so that no value is clipped.
 fn spec() -> SensorSpec {
     SensorSpec {
         full_well: Electrons(30_000.0),
@@ -41,7 +41,7 @@ fn device(spec: SensorSpec, seed: u64, size: (u32, u32)) -> Device {
     Device::new(SensorModel::new(spec).expect("valid"), seed, size.0, size.1)
 }
 
-/// 20 ms: two dark electrons a pixel.
+/// 20 ms: two dark electrons per pixel.
 fn exposure() -> Exposure {
     Exposure::new(Seconds(0.02)).expect("valid")
 }
@@ -61,8 +61,8 @@ fn variance(values: &[f64]) -> f64 {
     mean(values.iter().map(|v| (v - m).powi(2)))
 }
 
-/// Variances of rows, columns and pixels: the split of EMVA 1288 release 4.0, for M rows of N columns, of an image whose remaining
-/// temporal variance is `noise`.
+/// Variances of rows, columns and pixels: the split of EMVA 1288 release 4.0, for M rows of N columns, of an image
+/// whose remaining temporal variance is `noise`.
 fn split(image: &[f64], columns: usize, noise: f64) -> [f64; 3] {
     let rows = image.len() / columns;
     let (m, n) = (rows as f64, columns as f64);
@@ -76,7 +76,8 @@ fn split(image: &[f64], columns: usize, noise: f64) -> [f64; 3] {
     [row, column, m * n / d * (total - cav - rav)]
 }
 
-/// Over twenty devices, since one has few rows. A variance from n normal numbers has a relative standard error of sqrt(2 / (n - 1)).
+/// Mean over twenty devices, since one has few rows. A variance from n normal numbers has a relative standard error of
+/// sqrt(2 / (n - 1)).
 #[test]
 fn the_parts_of_the_pattern_are_those_that_were_set() {
     const SIZE: (u32, u32) = (300, 400);
@@ -99,7 +100,7 @@ fn the_parts_of_the_pattern_are_those_that_were_set() {
     assert!((pattern.dsnu_pixel().0 - set[0][2]).abs() < 1e-12 && (pattern.prnu_pixel() - set[1][2]).abs() < 1e-12);
     let counts = [f64::from(SIZE.1), f64::from(SIZE.0), f64::from(SIZE.0 * SIZE.1)];
     for ((got, set), what) in sums.into_iter().zip(set).zip(["DSNU", "PRNU"]) {
-        // The mean over a row holds a little of its pixels.
+        // The mean over a row contains a small part of the variance of its pixels.
         let leaks = [set[2].powi(2) / counts[1], set[2].powi(2) / counts[0], 0.0];
         for (i, part) in ["rows", "columns", "pixels"].into_iter().enumerate() {
             let expected = set[i].powi(2);
@@ -112,8 +113,8 @@ fn the_parts_of_the_pattern_are_those_that_were_set() {
     assert_eq!(flat.pixel(4, 0), None);
 }
 
-/// The same split of the mean of 16 frames, dark and at half of saturation, against the pattern that this device has: what is left is
-/// temporal noise, taken out as the standard does.
+/// The same split of the mean of 16 frames, dark and at half of saturation, against the pattern of this device. The
+/// rest is temporal noise, which is subtracted as in the standard.
 #[test]
 fn frames_show_the_parts_that_their_device_has() {
     const SIZE: (u32, u32) = (320, 240);
@@ -130,7 +131,7 @@ fn frames_show_the_parts_that_their_device_has() {
     let places = || (0..SIZE.1).flat_map(|y| (0..SIZE.0).map(move |x| (x, y)));
     let gain = 0.5;
     for electrons in [0.0f32, 15_000.0] {
-        // What the pixel is set to, in DN.
+        // The values of the pattern, in DN.
         let truth: Vec<f64> = places()
             .map(|(x, y)| {
                 let p = device.pixel(x, y).expect("inside");
@@ -140,8 +141,8 @@ fn frames_show_the_parts_that_their_device_has() {
         let temporal = (gain * gain * (f64::from(electrons) + 2.0 + 16.0) + 1.0 / 12.0) / f64::from(FRAMES);
         let (got, set) = (split(&stack(electrons), SIZE.0 as usize, temporal), split(&truth, SIZE.0 as usize, 0.0));
         let counts = [f64::from(SIZE.1), f64::from(SIZE.0), f64::from(SIZE.0 * SIZE.1)];
-        // Temporal noise v of the mean (of a row: v / columns) on top of a spread s: the variance of both together scatters by
-        // 4 s^2 v / n + 2 v^2 / n, s^2 being known.
+        // The mean has temporal noise v (that of a row: v / columns) in addition to a spread s. The variance of both
+        // together has the variance 4 s^2 v / n + 2 v^2 / n, with known s^2.
         let noise = [temporal / counts[1], temporal / counts[0], temporal];
         for (i, part) in ["rows", "columns", "pixels"].into_iter().enumerate() {
             let error = ((4.0 * set[i] * noise[i] + 2.0 * noise[i].powi(2)) / counts[i]).sqrt();
@@ -151,7 +152,7 @@ fn frames_show_the_parts_that_their_device_has() {
     }
 }
 
-/// Rows of a frame share a part of the dark noise, and its whole stays what the data sheet says (equation 14).
+/// Rows of a frame share a part of the dark noise. Its total stays that of the data sheet (equation 14).
 #[test]
 fn rows_read_together_within_the_dark_noise() {
     const SIZE: (u32, u32) = (64, 4000);
@@ -164,8 +165,8 @@ fn rows_read_together_within_the_dark_noise() {
         (values.chunks(SIZE.0 as usize).map(|row| mean(row.iter().copied())).collect(), within)
     };
     let ((a, within), (b, _)) = (rows(0), rows(1));
-    // In DN^2: pixels have shot noise, dark current and what the rows leave of the dark noise; means of rows have that over 64, and
-    // the row noise.
+    // In DN^2: pixels have shot noise, dark current, and the dark noise without the part of rows. Means of rows have
+    // this variance over 64, and the row noise.
     let pixels = 0.25 * (50.0 + 2.0 + 36.0 - 9.0) + 1.0 / 12.0;
     let shared = 0.25 * 9.0;
     let count = f64::from(SIZE.1);
@@ -206,7 +207,8 @@ fn hot_and_dead_pixels_are_as_many_as_was_said_and_behave_so() {
     assert_eq!(device(1).hot_pixels().collect::<Vec<_>>(), hot, "the seed decides");
     assert_ne!(device(2).hot_pixels().collect::<Vec<_>>(), hot);
 
-    // Hot ones have 50 times two dark electrons, dead ones only these two; the others both.
+    // Hot pixels have 50 times two dark electrons, dead ones two dark electrons and no light, the others both light and
+    // dark electrons.
     let flat = Plane::new(SIZE.0, SIZE.1, 400.0);
     let values = frame(&one, &flat, 0);
     let at = |&(x, y): &(u32, u32)| values[(y * SIZE.0 + x) as usize];
@@ -224,8 +226,8 @@ fn hot_and_dead_pixels_are_as_many_as_was_said_and_behave_so() {
     z_test(of_all, error, expected).assert(rate, "mean of all pixels");
 }
 
-/// Two million pixels behind a filter, each colour at its own level: no correlation reaches 0.01. Those of 500 000 pairs have a
-/// standard deviation of 0.0014, so that the bound is seven of them; 11 bounds at 2e-12 each.
+/// Two million pixels with a filter, each colour at its own level: no correlation reaches 0.01. Correlations of 500 000
+/// pairs have a standard deviation of 0.0014, so that the bound is seven of them. There are 11 bounds at 2e-12 each.
 #[test]
 fn neighbours_frames_and_colours_are_independent() {
     const SIZE: (u32, u32) = (2048, 1024);
@@ -268,8 +270,8 @@ fn correlation(a: &[f64], b: &[f64]) -> f64 {
     mean(a.iter().zip(b).map(|(x, y)| (x - ma) * (y - mb))) / (variance(a) * variance(b)).sqrt()
 }
 
-/// A camera without read noise that shows electrons as grey values: the frames themselves are Poisson numbers, from a level at which
-/// nearly all are zero to one of thousands.
+/// A camera without read noise whose grey values are electrons: the frames themselves are Poisson numbers, from a level
+/// at which nearly all are zero to one of thousands.
 #[test]
 fn frames_of_a_noiseless_reader_are_poisson_numbers() {
     let counter = SensorSpec {
@@ -297,14 +299,14 @@ fn frames_of_a_noiseless_reader_are_poisson_numbers() {
         for y in values {
             counts[(y as usize).min(most)] += 1;
         }
-        // What lies beyond goes to the last count.
+        // The probability beyond the last count is added to the last count.
         let inside: f64 = expected.iter().sum();
         expected[most] += (512.0 * 512.0 - inside).max(0.0);
         chi_squared(&counts, &expected).assert(sidak(RATE, levels.len()), &format!("frames of {level} electrons"));
     }
 }
 
-/// With every fault at once, plain and matched: rows alone, in any order, are those of the frame.
+/// With all effects at once, plain and matched: rows that are exposed alone, in any order, equal those of the frame.
 #[test]
 fn rows_in_any_order_are_those_of_the_frame() {
     const SIZE: (u32, u32) = (97, 60);

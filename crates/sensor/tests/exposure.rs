@@ -1,6 +1,7 @@
-//! Frames against the EMVA 1288 noise model: mean, variance, independence, fixed pattern, clipping, determinism.
+//! Tests of frames against the EMVA 1288 noise model: mean, variance, independence, fixed pattern, clipping,
+//! determinism.
 //!
-//! Seeds are fixed; the stated rates are the chance that a correct chain had to be given another seed.
+//! Seeds are fixed. The stated rates are the probabilities that a correct implementation fails with a random seed.
 
 mod support;
 
@@ -36,8 +37,8 @@ fn moments(values: &[f64]) -> (f64, f64) {
     (mean, values.iter().map(|v| (v - mean) * (v - mean)).sum::<f64>() / (n - 1.0))
 }
 
-/// Z-tests at 7 sigma (2.6e-12 each, 1e-10 together). The noise is at least 1 DN, so that rounding adds its 1/12 to
-/// better than 1e-8 (Sheppard).
+/// Z-tests at 7 sigma (2.6e-12 each, 1e-10 together). The noise is at least 1 DN, so that rounding adds 1/12 to better
+/// than 1e-8 (Sheppard).
 #[test]
 fn mean_and_variance_follow_the_model() {
     let device = device(spec(), 1);
@@ -48,7 +49,7 @@ fn mean_and_variance_follow_the_model() {
         let dark = 2.0; // 100 e-/s for 20 ms
         let expected_mean = spec.system_gain * (f64::from(mu) + dark) + spec.offset.0;
         let expected = spec.system_gain.powi(2) * model.temporal_variance(Electrons(f64::from(mu)), exposure().time());
-        // Written out once more, so that the test does not lean on the model's own sum.
+        // A second computation, so that the test does not depend on that of the model.
         let by_hand = 0.0625 * (f64::from(mu) + dark + 16.0) + 1.0 / 12.0;
         assert!((expected / by_hand - 1.0).abs() < 1e-12);
         let z_mean = (mean - expected_mean) / (expected / PIXELS).sqrt();
@@ -89,8 +90,8 @@ fn correlation(a: &[f64], b: &[f64]) -> f64 {
     covariance / (va * vb).sqrt()
 }
 
-/// DSNU and PRNU by averaging frames; the spread over 65 536 pixels is known to 0.3 %, the bounds are 7 sigma and the
-/// known remainder of temporal noise is taken out.
+/// DSNU and PRNU from the mean of frames. The spread over 65 536 pixels has a standard error of 0.3 %. The bounds are 7
+/// sigma, and the remaining temporal noise is subtracted.
 #[test]
 fn the_fixed_pattern_has_the_spread_that_was_asked_for_and_stays() {
     let pattern = FixedPattern { dsnu: Electrons(6.0), prnu: 0.02, ..FixedPattern::default() };
@@ -162,7 +163,7 @@ fn without_noise_a_grey_value_is_the_rounded_signal() {
         offset: DigitalNumber(12.5),
         ..spec()
     };
-    // No photons, no noise: 12.5 is rounded once, upwards.
+    // Without photons there is no noise: 12.5 is rounded once, upwards.
     assert!(frame(&device(quiet, 1), 0.0, 1, 0).iter().all(|y| *y == 13.0));
 }
 

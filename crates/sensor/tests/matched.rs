@@ -1,7 +1,7 @@
-//! Noise-matched exposure against the EMVA 1288 noise model: frames of means that are noisy themselves.
+//! Tests of noise-matched exposure against the EMVA 1288 noise model: frames of means that have noise of their own.
 //!
-//! The means are drawn as a renderer would deliver them, anew for each frame, around a truth that is known. Seeds are
-//! fixed; the stated rates are the chance that a correct chain had to be given another seed.
+//! The means are drawn as a renderer would produce them, with new values for each frame, around a known truth. Seeds
+//! are fixed. The stated rates are the probabilities that a correct implementation fails with a random seed.
 
 mod support;
 
@@ -16,7 +16,7 @@ use support::spec;
 
 const SIZE: u32 = 256;
 const FRAMES: u32 = 4;
-/// The bar: photon transfer within 3 % of the standard's.
+/// The tolerance: photon transfer within 3 % of that of the standard.
 const BAR: f64 = 0.03;
 
 fn device(spec: SensorSpec) -> Device {
@@ -34,7 +34,7 @@ fn matched(device: &Device, electrons: &Plane<f32>, variance: &Plane<f32>, key: 
     out
 }
 
-/// How rendered means scatter.
+/// The distribution of rendered means.
 #[derive(Clone, Copy, Debug)]
 enum Scatter {
     Normal,
@@ -42,7 +42,7 @@ enum Scatter {
     Gamma,
 }
 
-/// What a renderer delivers for a truth of `mean` electrons with the given variance.
+/// A rendered plane for a true mean of `mean` electrons with the given variance.
 fn rendered(mean: f64, variance: f64, scatter: Scatter, frame: u32) -> Plane<f32> {
     let mut rng = keyed_stream(mean.to_bits() ^ variance.to_bits().rotate_left(1), frame, 0, 1);
     let normal = Normal::new(mean, variance.sqrt()).expect("a spread");
@@ -59,15 +59,15 @@ fn moments(values: &[f64]) -> (f64, f64) {
     (mean, values.iter().map(|v| (v - mean) * (v - mean)).sum::<f64>() / (n - 1.0))
 }
 
-/// Variance over variance of the standard, of the frames of renders whose noise is `k` times the camera's.
+/// Variance of the frames over the variance of the standard, for renders whose noise is `k` times the camera's.
 ///
-/// Each ratio comes from 262 144 values and has a standard error of 0.28 %: the bar is more than ten of them away from
-/// what it should be, and the systematic part at k = 0.7 and 50 electrons, from means that are drawn too dark to make up
-/// for their noise, is below 0.3 %. False alarms of all 48 comparisons together: below 1e-12.
+/// Each ratio comes from 262 144 values and has a standard error of 0.28 %. The tolerance is more than ten of them away
+/// from the expected ratio. A systematic part at k = 0.7 and 50 electrons comes from means that are too dark for the
+/// correction, and is below 0.3 %. False alarms of all 48 comparisons together: below 1e-12.
 fn ratio(electrons: f64, k: f64, scatter: Scatter, is_matched: bool) -> f64 {
     let device = device(spec());
     let model = device.model();
-    // The dark current of 20 ms and the read noise belong to the camera; rounding is not a matter of electrons.
+    // The camera has the dark current of 20 ms and the read noise. Rounding does not depend on electrons.
     let sensor = electrons + model.dark_variance(exposure().time());
     let variance = k * k * sensor;
     let known = Plane::new(SIZE, SIZE, variance as f32);
@@ -84,7 +84,7 @@ fn ratio(electrons: f64, k: f64, scatter: Scatter, is_matched: bool) -> f64 {
     }
     let (mean, got) = moments(&values);
     let expected = 0.0625 * sensor + 1.0 / 12.0;
-    // The signal is untouched: 7 standard errors, 2.6e-12 each.
+    // The mean signal does not change: 7 standard errors, 2.6e-12 each.
     let signal = 0.25 * (electrons + 2.0) + 40.0;
     let error = (got / values.len() as f64).sqrt();
     assert!((mean - signal).abs() < 7.0 * error, "{electrons} e-, k = {k}, {scatter:?}: mean {mean}, not {signal}");
@@ -130,7 +130,7 @@ fn without_render_noise_or_knowledge_of_it_frames_are_those_of_a_plain_exposure(
     for unknown in [0.0, f32::INFINITY, f32::NAN, -2.0] {
         assert_eq!(matched(&device, &electrons, &Plane::new(SIZE, SIZE, unknown), key), plain.data(), "{unknown}");
     }
-    // And with it, they are a function of the key, row by row.
+    // With variances, the values are a function of the key, row by row.
     let variance = electrons.map(|e| 0.3 * e);
     let whole = matched(&device, &electrons, &variance, key);
     assert_ne!(whole, plain.data());

@@ -1,13 +1,13 @@
-//! Poisson numbers against their distribution, from a millionth of an electron to a hundred million.
+//! Tests of Poisson numbers against their distribution, from a millionth of an electron to a hundred million.
 //!
-//! Seeds are fixed, so a test either always passes or always fails; the stated rates are the chance that a correct
-//! sampler had to be given another seed.
+//! Seeds are fixed, so a test either always passes or always fails. The stated rates are the probabilities that a
+//! correct sampler fails with a random seed.
 
 use dunkelfeld_sampling::keyed_stream;
 use dunkelfeld_sensor::poisson;
 use dunkelfeld_testkit::{chi_squared, sidak, z_test};
 
-/// Means on both sides of each change of method (32 and 1e8), on whole means and beside them.
+/// Means on both sides of each change of method (32 and 1e8), whole numbers and others.
 const MEANS: [f64; 21] = [
     1e-6, 1e-4, 1e-2, 0.3, 1.0, 3.0, 7.5, 9.999, 10.0, 17.7, 31.0, 31.999, 32.0, 40.5, 100.0, 512.3, 1e4, 1e5, 1e6,
     9.9e7, 3e9,
@@ -33,8 +33,8 @@ fn mean_and_variance_are_the_parameter() {
             sum += d;
             squares += d * d;
         }
-        // Where hardly a count is expected in all draws a normal law means nothing; the goodness of fit below looks there
-        // with exact probabilities.
+        // With hardly one expected count in all draws, the normal approximation is not valid. The goodness-of-fit test
+        // below covers this case with exact probabilities.
         if mean * n < 50.0 {
             continue;
         }
@@ -46,7 +46,7 @@ fn mean_and_variance_are_the_parameter() {
     }
 }
 
-/// Pearson's chi-squared over cells that expect at least 25 counts.
+/// Pearson's chi-squared over cells with at least 25 expected counts.
 #[test]
 fn counts_fit_the_distribution() {
     for mean in MEANS {
@@ -59,8 +59,8 @@ fn counts_fit_the_distribution() {
         }
         let (counts, cells) = pool(&counts, &cells);
         if cells.len() < 2 {
-            // So faint that nearly every pixel counts 0. For an expectation of 0.4 in all draws, 12 or more have a chance
-            // of 0.4^12 / 12! = 4e-14.
+            // Nearly every count is 0. For an expectation of 0.4 in all draws, 12 or more have a probability of 0.4^12
+            // / 12! = 4e-14.
             let others = f64::from(DRAWS) - f64::from(draws(mean, 2).filter(|k| *k == 0.0).count() as u32);
             assert!(others < 12.0, "mean {mean}: {others} counts, expected {}", mean * f64::from(DRAWS));
             continue;
@@ -74,7 +74,7 @@ fn cell_width(mean: f64) -> f64 {
     (mean.sqrt() / 8.0).ceil().max(1.0)
 }
 
-/// The first count of the second cell, and the expected number of draws in every cell; the last one is open.
+/// The first count of the second cell, and the expected number of draws in every cell. The last cell is open.
 fn expected_cells(mean: f64) -> (f64, Vec<f64>) {
     let width = cell_width(mean);
     let first = (mean - 6.0 * mean.sqrt() - 1.0).floor().max(0.0);
@@ -86,7 +86,7 @@ fn expected_cells(mean: f64) -> (f64, Vec<f64>) {
         let p: f64 = if mean < 1e7 {
             (0..width as u64).map(|i| probability(mean, start + i as f64)).sum()
         } else {
-            // Too many counts to sum: the density in the middle (the cell is 1/8 sigma wide) by Simpson's rule.
+            // Too many counts to sum: the density at three points (the cell is 1/8 sigma wide) by Simpson's rule.
             let at = |x: f64| probability(mean, x);
             width * (at(start) + 4.0 * at(start + 0.5 * (width - 1.0)) + at(start + width - 1.0)) / 6.0
         };
@@ -94,12 +94,12 @@ fn expected_cells(mean: f64) -> (f64, Vec<f64>) {
         start += width;
     }
     let inside: f64 = cells.iter().sum();
-    // What lies below `first` and above `last` is less than one draw in 1e8; it goes to the ends.
+    // The counts below `first` and above `last` have less than one draw in 1e8. They go to the ends.
     cells.push((n - inside).max(0.0));
     (first, cells)
 }
 
-/// The Poisson probability of a whole k, by logarithms; relative to the mean for large ones, where k ln k cancels.
+/// The Poisson probability of a whole k, by logarithms. For large k, relative to the mean, since k ln k cancels.
 fn probability(mean: f64, k: f64) -> f64 {
     if k < 30.0 {
         let factorial: f64 = (1..=k as u64).map(|i| i as f64).product();

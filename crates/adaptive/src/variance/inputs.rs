@@ -1,27 +1,28 @@
-//! What the samples taken so far tell of every pixel: planes that a film is turned into before anything is decided.
+//! Statistics of the samples of every pixel. They are planes, computed from a film before any decision.
 //!
-//! Values are in any one linear unit: photo-electrons behind a sensor, luminance without one.
+//! Values are in any one linear unit: photo-electrons with a sensor, luminance without one.
 
 use dunkelfeld_film::{Plane, Scatter};
 
-/// Neighbours whose normals differ by more than this cosine (26 degrees) lie on different surfaces.
+/// Pixels lie on different surfaces if the cosine between their normals is below this (26 degrees).
 const SIMILAR: f32 = 0.9;
 
-/// What a pixel shows, as far as noise is concerned: pixels of one kind have similar noise.
+/// The surface properties of a pixel that affect its noise: pixels with similar features have similar noise.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PixelFeatures {
-    /// Number of the object in the pixel's centre; any number of its own where there is none.
+    /// Id of the object at the centre of the pixel. Any id of its own if there is no object.
     pub object: u32,
-    /// Normal of the surface, of length one; zero where there is none.
+    /// Unit normal of the surface. Zero if there is none.
     pub normal: [f32; 3],
-    /// Does one of the eight pixels around show another object, or a surface turned another way? Such pixels hold an edge,
-    /// and an edge has noise of its own.
+    /// One of the eight adjacent pixels shows another object, or a surface with another normal. Such a pixel contains
+    /// an edge, and edges have other noise than surfaces.
     pub border: bool,
 }
 
 impl PixelFeatures {
-    /// May the noise of one pixel speak for the other? The same object, borders with borders, and elsewhere a similar normal
-    /// (in a border pixel it is a mixture, which says nothing).
+    /// Returns whether two pixels may share their variance estimates. They need the same object. Border pixels match
+    /// border pixels. Other pixels need a similar normal too (in a border pixel the normal is a mixture without
+    /// meaning).
     #[inline]
     pub fn is_like(&self, other: &Self) -> bool {
         self.object == other.object
@@ -29,15 +30,14 @@ impl PixelFeatures {
             && (self.border || similar(&self.normal, &other.normal))
     }
 
-    /// The same object with a similar normal, at a border or not.
+    /// Returns whether two pixels show the same object with a similar normal, at a border or not.
     #[inline]
     pub fn is_turned_like(&self, other: &Self) -> bool {
         self.object == other.object && similar(&self.normal, &other.normal)
     }
 }
 
-/// How bright a pixel is, as far as noise is concerned: the variance that a sensor has of its own there, between bounds that
-/// the pixel's own noise leaves.
+/// The range of the sensor variance of a pixel. Its bounds follow from the render noise of the pixel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SensorVarianceRange {
     /// Least variance [unit^2].
@@ -47,11 +47,12 @@ pub struct SensorVarianceRange {
 }
 
 impl SensorVarianceRange {
-    /// A pixel that may be as bright as any.
+    /// The range of a pixel of unknown brightness.
     pub const ANY: Self = Self { least: 0.0, most: f32::INFINITY };
 
-    /// May the noise of one pixel speak for the other? Not if the sensor's variances differ by more than a factor of two, whatever
-    /// lies between the bounds: beside a highlight the noise of a dark pixel is not the highlight's.
+    /// Returns whether two pixels may share their variance estimates. They may not if their sensor variances differ by
+    /// more than a factor of two, for all values within the bounds. The noise of a dark pixel beside a highlight is not
+    /// that of the highlight.
     #[inline]
     pub fn is_like(&self, other: &Self) -> bool {
         self.least <= 2.0 * other.most && other.least <= 2.0 * self.most
@@ -61,11 +62,12 @@ impl SensorVarianceRange {
 #[inline]
 fn similar(a: &[f32; 3], b: &[f32; 3]) -> bool {
     let dot = a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-    // Two surfaces without a normal are alike too.
+    // Two surfaces without a normal are similar too.
     dot >= SIMILAR || (*a == [0.0; 3] && *b == [0.0; 3])
 }
 
-/// The surfaces of an image, from its objects and mean normals (of any length; what is shorter than 1e-3 counts as none).
+/// The features of the pixels of an image, from its objects and mean normals (of any length; a length below 1e-3 counts
+/// as no normal).
 ///
 /// # Panics
 /// If the planes differ in size.
@@ -84,29 +86,29 @@ pub fn pixel_features(objects: &Plane<u32>, normals: &Plane<[f32; 3]>) -> Plane<
     })
 }
 
-/// The pixels of the square of `2 reach + 1` pixels around (x, y) that lie in the image, itself included.
+/// The pixels of the square of `2 reach + 1` pixels around (x, y) that lie in the image, including (x, y).
 pub(crate) fn around(x: u32, y: u32, reach: u32, width: u32, height: u32) -> impl Iterator<Item = (u32, u32)> {
     let columns = x.saturating_sub(reach)..(x.saturating_add(reach).saturating_add(1)).min(width);
     let rows = y.saturating_sub(reach)..(y.saturating_add(reach).saturating_add(1)).min(height);
     rows.flat_map(move |row| columns.clone().map(move |column| (column, row)))
 }
 
-/// Everything that is known of the pixels. All planes have the same size.
+/// Statistics of all pixels. All planes have the same size.
 #[derive(Clone, Debug, PartialEq)]
 pub struct NoiseInputs {
     /// Samples per pixel.
     pub counts: Plane<u32>,
     /// Mean of the samples.
     pub mean: Plane<f32>,
-    /// Estimated variance of that mean, from the spread of the film's batches; infinite where nothing is known.
+    /// Estimated variance of that mean, from the spread of the film's batches. Infinite if it is unknown.
     pub variance: Plane<f32>,
-    /// How the pixel's samples scatter [unit^2], as of independent samples; `None` where that is not known.
+    /// Scatter of the samples of the pixel [unit^2], as of independent samples. `None` if it is unknown.
     pub scatter: Plane<Option<Scatter>>,
     /// The largest sample.
     pub largest: Plane<f32>,
-    /// What the pixel shows.
+    /// Surface features of the pixel.
     pub surface: Plane<PixelFeatures>,
-    /// How bright it is.
+    /// Range of the sensor variance of the pixel.
     pub level: Plane<SensorVarianceRange>,
 }
 
@@ -121,7 +123,7 @@ impl NoiseInputs {
         self.counts.height()
     }
 
-    /// Do all planes have one size?
+    /// Returns whether all planes have one size.
     pub fn is_consistent(&self) -> bool {
         let size = (self.width(), self.height());
         [
@@ -173,7 +175,7 @@ mod tests {
         assert!(dark.is_like(&dark) && dark.is_like(&level(24.0, 30.0)) && level(24.0, 30.0).is_like(&dark));
         assert!(!dark.is_like(&level(24.5, 30.0)) && !level(24.5, 30.0).is_like(&dark));
         assert!(dark.is_like(&level(5.0, 1e6)), "it may be as dark");
-        // Saturated pixels speak for each other alone.
+        // Saturated pixels match saturated pixels only.
         let full = level(f32::INFINITY, f32::INFINITY);
         assert!(full.is_like(&full) && !full.is_like(&dark) && !dark.is_like(&full));
         assert!(

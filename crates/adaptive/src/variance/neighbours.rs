@@ -1,60 +1,64 @@
-//! What is expected of a pixel by what its neighbours have met: what plans are made from.
+//! The noise of a pixel as predicted from its neighbours. Plans are made from it.
 //!
-//! Whoever decides by a pixel's own samples how many more it gets biases its mean ([`crate`]). So its neighbours are asked, near ones
-//! and far ones. Where light is rare, a short pilot has met it in few places: the nearest neighbours know little, and what they say is
-//! drawn towards what wider surroundings say (shrinkage by a conjugate prior: Lindley and Smith 1972), the more so the fewer events it
-//! rests on: those that it has met, or those that it should have met if it were like the wider ones. Where the pilot has seen enough,
-//! the nearest speak for themselves.
+//! If the samples of a pixel decide how many more it gets, its mean is biased ([`crate`]). So the prediction uses its
+//! neighbours alone, near ones and far ones. If light is rare, a short pilot has sampled it in few pixels, and the
+//! estimates of the nearest neighbours rest on few events. These estimates are shrunk towards those of wider
+//! neighbourhoods (conjugate prior: Lindley and Smith 1972). The shrinkage is stronger for fewer events. The number of
+//! events is the observed one, or the one that the neighbourhood would have if it were like the wider one. With many
+//! events, the nearest neighbours determine the prediction alone.
 //!
-//! What is averaged is v / s, the variance of a sample over what is tolerated there, and its square: an image waits for the pixels whose
-//! need was taken for too small, so that of neighbours that differ the needier ones count for more. v is told by the squares of the
-//! samples, which are known far better than the spread of four batches; by how much these over-state the noise of quasi-random samples
-//! is told by the batches of wider surroundings, which are many.
+//! The averaged quantity is v / s, the variance of a sample over the tolerated variance of its pixel. The average is
+//! the root mean square. An image waits for the pixels whose required samples were underestimated, so larger values
+//! among different neighbours have more weight. The squares of the samples give v with a much lower error than the
+//! spread of four batches. The squares overestimate the noise of quasi-random samples by a factor, which the many
+//! batches of wider neighbourhoods determine.
 
 use dunkelfeld_film::Plane;
 
 use crate::required_samples::SensorNoise;
 use crate::variance::inputs::{NoiseInputs, PixelFeatures};
 
-/// Surroundings, the nearest first: standard deviation of a Gaussian, and how far it reaches, in pixels. Pixels of the two nearest show
-/// the same surface, those of the widest the same object, or anything.
+/// Neighbourhoods, the nearest first: standard deviation of a Gaussian, and its reach, in pixels. The two nearest use
+/// pixels of the same surface. The widest uses pixels of the same object, or all pixels.
 const SCALES: [(f64, u32); 3] = [(1.0, 3), (2.0, 4), (4.0, REACH)];
 const REACH: u32 = 8;
 /// Distances along an axis.
 const DISTANCES: usize = REACH as usize + 1;
-/// Events that the word of wider surroundings is worth.
+/// Weight of the estimate of the wider neighbourhood \[events\].
 const PRIOR: f64 = 8.0;
-/// More events than this are as good as certainty.
+/// Upper bound of the number of events. From it on the uncertainty is negligible.
 const MAX_EVENTS: f64 = 1e9;
 
-/// What a pixel has to tell its neighbours: variances of one sample, over what is tolerated there.
+/// Noise of a pixel for the predictions of its neighbours: variances of one sample over the tolerated variance.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum NeighbourNoise {
-    /// Nothing: it has too few samples.
+    /// Unknown: the pixel has too few samples.
     Nothing,
-    /// It is saturated beyond doubt.
+    /// The pixel is saturated beyond doubt.
     Saturated,
-    /// How noisy it is.
+    /// The measured noise of the pixel.
     Noise {
-        /// As of independent samples.
+        /// Variance under the assumption of independent samples.
         all: f32,
-        /// The part of it that its largest sample brings.
+        /// The part of `all` that comes from the largest sample.
         largest: f32,
-        /// By the spread of batches.
+        /// Variance from the spread of the batches.
         batches: f32,
     },
 }
 
-/// What is expected of a pixel.
+/// Predicted noise of a pixel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PredictedNoise {
-    /// Variance of one sample over what is tolerated. Infinite where nothing is known, 0 where the pixel is saturated.
+    /// Variance of one sample over the tolerated variance. Infinite if no neighbour has a variance, 0 if the pixel is
+    /// saturated.
     pub ratio: f32,
-    /// All its neighbours are saturated beyond doubt.
+    /// The adjacent pixels are all saturated beyond doubt.
     pub saturated: bool,
 }
 
-/// What each pixel has to tell. Tolerated is what the sensor has of noise itself; without one, the same everywhere.
+/// The noise of each pixel over the tolerated variance. The tolerated variance is that of the sensor at the mean of the
+/// pixel. Without a sensor it is one everywhere.
 ///
 /// # Panics
 /// If the planes differ in size.
@@ -70,14 +74,14 @@ pub fn told(evidence: &NoiseInputs, sensor: Option<SensorNoise>) -> Plane<Neighb
             return NeighbourNoise::Saturated;
         }
         let over = n / sensor.map_or(1.0, |s| s.variance(mean));
-        // Where nothing is known of single samples, all may come from one.
+        // Without data of single samples, all variance may come from one sample.
         let (all, largest) = evidence.scatter.at(x, y).map_or((variance, variance), |s| (s.all, s.largest));
         let value = |v: f64| (over * v).min(f64::from(f32::MAX)) as f32;
         NeighbourNoise::Noise { all: value(all), largest: value(largest), batches: value(variance) }
     })
 }
 
-/// What is expected of the pixels of one row. Rows are independent of each other.
+/// The predicted noise of the pixels of one row. Rows are independent of each other.
 ///
 /// # Panics
 /// If the planes differ in size.
@@ -91,7 +95,7 @@ pub fn predicted_noise_row(
     (0..told.width()).map(|x| expected_at(surface, told, &weights, x, y)).collect()
 }
 
-/// What is expected of all pixels.
+/// The predicted noise of all pixels.
 pub fn expected(evidence: &NoiseInputs, sensor: Option<SensorNoise>) -> Plane<PredictedNoise> {
     let told = told(evidence, sensor);
     let rows = (0..told.height()).flat_map(|y| predicted_noise_row(&evidence.surface, &told, y)).collect();
@@ -109,7 +113,7 @@ fn expected_at(
     let own = surface.at(x, y);
     let (mut near, mut nearer) = (Sums::default(), Sums::default());
     let (mut alike, mut anything) = (Sums::default(), Sums::default());
-    // Of the eight around: how many there are, and how many are saturated.
+    // Numbers of adjacent pixels, and of saturated ones among them.
     let (mut around, mut saturated) = (0, 0);
     let columns = x.saturating_sub(REACH)..(x + REACH + 1).min(told.width());
     for ny in y.saturating_sub(REACH)..(y + REACH + 1).min(told.height()) {
@@ -144,7 +148,7 @@ fn expected_at(
     if anything.weight == 0.0 {
         return PredictedNoise { ratio: f32::INFINITY, saturated: false };
     }
-    // Who has met nothing where much was to be met has something to say, too.
+    // A neighbourhood without events is informative, too, if many events were to be expected in it.
     let events_per_pixel = anything.events() / anything.pixels();
     let narrowed =
         |wider: f64, sums: &Sums| shrunk(sums.mean(), sums.events().max(events_per_pixel * sums.pixels()), wider);
@@ -153,12 +157,12 @@ fn expected_at(
     PredictedNoise { ratio: (independent * evenness).min(f64::from(f32::MAX)) as f32, saturated: false }
 }
 
-/// A value that rests on so many events, drawn towards that of wider surroundings.
+/// The weighted mean of a value that rests on `events` events and of that of the wider neighbourhood.
 fn shrunk(value: f64, events: f64, wider: f64) -> f64 {
     (events * value + PRIOR * wider) / (events + PRIOR)
 }
 
-/// Weights by distance along either axis, for each of the scales; zero beyond their reach.
+/// Weights by distance along either axis, for each of the scales. Zero beyond their reach.
 struct Weights([[[f64; DISTANCES]; DISTANCES]; 3]);
 
 impl Weights {
@@ -177,7 +181,7 @@ struct Sums {
     weights_squared: f64,
     all: f64,
     squares: f64,
-    /// Of what events bring, squared: what the sum of all scatters by, if no event brings more than the largest of its pixel.
+    /// Estimated variance of the weighted sum `all`, if no event contributes more than the largest of its pixel.
     scatter: f64,
     batches: f64,
 }
@@ -193,22 +197,22 @@ impl Sums {
         self.batches += weight * batches;
     }
 
-    /// Pixels of equal weight that would average as well (Kish 1965).
+    /// Number of pixels of equal weight with the same variance of the mean (Kish 1965).
     fn pixels(&self) -> f64 {
         if self.weight > 0.0 { self.weight * self.weight / self.weights_squared } else { 0.0 }
     }
 
-    /// The root of the mean square.
+    /// The root mean square.
     fn mean(&self) -> f64 {
         if self.weight > 0.0 { (self.squares / self.weight).sqrt() } else { 0.0 }
     }
 
-    /// How many events it rests on, at least: as many equal ones would scatter as much.
+    /// Effective number of events, as a lower bound: this number of equal events has the same relative variance.
     fn events(&self) -> f64 {
         if self.all > 0.0 { (self.all * (self.all / self.scatter)).min(MAX_EVENTS) } else { 0.0 }
     }
 
-    /// The noise by batches, over that of independent samples.
+    /// The variance from batches over that of independent samples.
     fn by_batches(&self) -> f64 {
         if self.all > 0.0 { self.batches / self.all } else { 1.0 }
     }
@@ -222,8 +226,8 @@ mod tests {
 
     const SIDE: u32 = 40;
 
-    /// Sixteen samples per pixel and many events in each, without signal: variances of single samples by their squares; batches say a
-    /// quarter of that.
+    /// Sixteen samples per pixel with many events in each, without signal. The variances of single samples come from
+    /// their squares. Those from batches are a quarter of them.
     fn image(mut variance: impl FnMut(u32, u32) -> f64) -> NoiseInputs {
         let scatter = Plane::from_fn(SIDE, SIDE, |x, y| {
             let all = variance(x, y) / 16.0;
@@ -271,12 +275,12 @@ mod tests {
 
     #[test]
     fn one_event_is_taken_for_its_surroundings() {
-        // One pixel has met one event that is all its noise; the rest is quiet.
+        // One pixel has one event, which is all its noise. The other pixels have none.
         let mut evidence = image(|x, y| if (x, y) == (20, 20) { 1e4 } else { 0.0 });
         evidence.scatter.data_mut()[(20 * SIDE + 20) as usize] = Some(Scatter { all: 625.0, largest: 625.0 });
         evidence.variance.data_mut()[(20 * SIDE + 20) as usize] = 625.0;
         let at = |x| ratio(&evidence, x, 20);
-        // Root of the mean square over the widest surroundings: 1e4 / sqrt(2 pi 16) in their middle.
+        // Root mean square over the widest neighbourhood: 1e4 / sqrt(2 pi 16) at its centre.
         let widest = 1e4 / (2.0 * std::f32::consts::PI * 16.0).sqrt();
         assert!(at(21) > widest && at(21) < 2.0 * widest, "{}", at(21));
         assert!(at(25) > 0.2 * widest && at(25) < widest, "{}", at(25));
@@ -289,11 +293,11 @@ mod tests {
         evidence.surface =
             Plane::from_fn(SIDE, SIDE, |x, _| PixelFeatures { object: u32::from(x >= 20), ..PixelFeatures::default() });
         assert!((ratio(&evidence, 19, 20) / 0.25 - 1.0).abs() < 0.05, "{}", ratio(&evidence, 19, 20));
-        // A pixel that is like no other: what is around it.
+        // A pixel without similar pixels uses all pixels around it.
         evidence.surface.data_mut()[(20 * SIDE + 5) as usize] =
             PixelFeatures { object: 99, ..PixelFeatures::default() };
         assert!((ratio(&evidence, 5, 20) / 0.25 - 1.0).abs() < 1e-4);
-        // Faces of one object that are turned another way count less than the same face.
+        // Faces of one object with another normal count less than the same face.
         let turned = Plane::from_fn(SIDE, SIDE, |x, _| PixelFeatures {
             normal: if x < 20 { [0.0, 0.0, 1.0] } else { [1.0, 0.0, 0.0] },
             ..PixelFeatures::default()
@@ -312,7 +316,7 @@ mod tests {
             all.data().iter().all(|e| (e.ratio - 1.0).abs() < 1e-4),
             "40 over 10 and 400 over 100, in batches a quarter"
         );
-        // A lit square and a lone saturated pixel, with noise that would drown the others'.
+        // A bright square and a single saturated pixel, with noise far above that of the others.
         let is_full = |x: u32, y: u32| (10..16).contains(&x) && (10..16).contains(&y) || (x, y) == (30, 30);
         let at = |x: u32, y: u32| (y * SIDE + x) as usize;
         for (x, y) in (0..SIDE).flat_map(|y| (0..SIDE).map(move |x| (x, y))).filter(|&(x, y)| is_full(x, y)) {
@@ -330,7 +334,7 @@ mod tests {
             );
         }
         assert!((some.at(30, 5).ratio - 1.0).abs() < 1e-4 && some.at(30, 31).ratio > 0.9);
-        // One pixel of a saturated image that is in doubt does not send samples to those around it.
+        // One uncertain pixel in a saturated image does not send samples to the pixels around it.
         evidence.mean = Plane::from_fn(SIDE, SIDE, |x, y| if (x, y) == (20, 20) { 90.0 } else { 1e6 });
         let doubt = expected(&evidence, Some(sensor));
         assert!(doubt.at(20, 20).saturated && doubt.at(21, 20).ratio < 0.4 && doubt.at(23, 20).ratio < 0.1);
@@ -338,11 +342,11 @@ mod tests {
 
     #[test]
     fn neighbours_that_have_met_nothing_where_much_was_to_be_met_have_a_say() {
-        // A part before a black background: a pixel of noise has a thousand events.
+        // An object before a black background: a noisy pixel has a thousand events.
         let part = image(|x, _| if x < 20 { 0.0 } else { 100.0 });
         assert!(ratio(&part, 16, 20) < 0.01 * 25.0, "{}", ratio(&part, 16, 20));
         assert!(ratio(&part, 21, 20) > 0.7 * 25.0, "{}", ratio(&part, 21, 20));
-        // One event in forty pixels: that seven by seven have met none means little.
+        // One event in forty pixels: seven by seven pixels without an event are not significant.
         let mut rare = image(|x, y| if x >= 17 && (x + 6 * y) % 40 == 0 { 100.0 } else { 0.0 });
         rare.scatter.data_mut().iter_mut().flatten().for_each(|s| s.largest = s.all);
         assert!(ratio(&rare, 13, 20) > 0.3 * ratio(&rare, 27, 20), "{} {}", ratio(&rare, 13, 20), ratio(&rare, 27, 20));
@@ -353,12 +357,12 @@ mod tests {
         let mut evidence = image(|_, _| 8.0);
         (0..SIDE).for_each(|x| evidence.variance.data_mut()[x as usize] = f32::INFINITY);
         assert!(expected(&evidence, None).data().iter().all(|e| (e.ratio - 2.0).abs() < 1e-4));
-        // Without squares, batches alone.
+        // Without squares, the batches alone.
         evidence.scatter = Plane::new(SIDE, SIDE, None);
         assert!(expected(&evidence, None).data().iter().all(|e| (e.ratio - 2.0).abs() < 1e-4));
         evidence.variance = Plane::new(SIDE, SIDE, f32::INFINITY);
         assert!(expected(&evidence, None).data().iter().all(|e| e.ratio == f32::INFINITY));
-        // Lamps that leave the range of numbers.
+        // Variances beyond the range of f32.
         let blinding = expected(&image(|x, _| if x < 20 { 1e38 } else { 0.0 }), None);
         assert!(blinding.data().iter().all(|e| e.ratio.is_finite()));
     }

@@ -1,44 +1,48 @@
-//! How noisy the mean of a pixel is, by its own samples as far as they can tell: what is certified.
+//! The variance of the mean of a pixel, from its own samples and those of its block. The certificate uses it.
 //!
-//! A pooled variance ([`crate::variance::pooled`]) is that of a neighbourhood: where noise changes from pixel to pixel it smears that of a few
-//! over all around them. The squares of a pixel's own samples do not.
-//! They fail in two ways: they over-state the noise of quasi-random samples, which are spread more evenly than independent ones, and
-//! they know nothing of what has not happened yet. The pixels around tell both:
+//! A pooled variance ([`crate::variance::pooled`]) is that of a neighbourhood. If noise changes from pixel to pixel,
+//! pooling spreads that of a few pixels over all around them. The squares of a pixel's own samples do not. They have
+//! two errors. They overestimate the noise of quasi-random samples, which are spread more evenly than independent ones.
+//! They also lack the events that the pixel has not sampled yet. The pixels around give both corrections:
 //!
 //! v = rho (q - l) + sum of rho' l' / c', rho = sum of b / sum of q
 //!
-//! q: variance of the pixel's mean as of independent samples; l: the part of it that its largest sample brings; b: variance by the
-//! spread of batches, honest for quasi-random samples but with three degrees of freedom, summed like q over a cell of 8 x 8 pixels (a
-//! ratio estimator: Cochran 1977, chapter 6). So all but the largest sample is a pixel's own. That one others might have met as well,
-//! and each of the c' among whom it is shared takes a part of it, as Good (1953) has it for species that were met once. They are the
-//! pixels of the smallest cell, 4 x 4, 8 x 8 or 16 x 16, that has met another sample as large: where such samples are common they
-//! stay near, and what stands alone in its surroundings tells of all of them.
+//! q is the variance of the pixel's mean under the assumption of independent samples. l is the part of q that comes
+//! from its largest sample. b is the variance from the spread of batches: it is unbiased for quasi-random samples but
+//! has three degrees of freedom. b and q are summed over a cell of 8 x 8 pixels (a ratio estimator: Cochran 1977,
+//! chapter 6). So all but the largest sample stays with its own pixel. Other pixels might have had the largest sample
+//! as well. So it is shared among c' pixels, and each takes a part of it, as in the estimate of Good (1953) for species
+//! that were observed once. The c' pixels are those of the smallest cell, 4 x 4, 8 x 8 or 16 x 16, that contains
+//! another sample as large. If such samples are common, they stay near. A sample that is unique in its surroundings
+//! counts for all of them.
 //!
-//! Only pixels that are alike speak for each other: that show the same surface, are about as bright, and have half to twice as many
-//! samples (how likely a sample was to be met depends on it, and they take parts in inverse proportion to their numbers). Cells are aligned,
-//! nothing leaves its block of 16 x 16, and nothing is counted twice: where pixels fall into groups that are alike, certified variances of
-//! the means of a block add up to those by its batches.
+//! Only similar pixels share their estimates: they show the same surface, have a similar brightness, and half to twice
+//! as many samples. The probability of an event depends on the number of samples, and pixels take parts in inverse
+//! proportion to their numbers. Cells are aligned, nothing leaves its block of 16 x 16, and nothing is counted twice.
+//! If the pixels form groups of similar pixels, the certified variances of the means of a block add up to those from
+//! its batches.
 
 use dunkelfeld_film::{Plane, Scatter};
 
 use crate::variance::inputs::NoiseInputs;
 use crate::variance::pooled::{PixelNoise, Pool, pixel};
 
-/// What is certified of a pixel depends on the block of so many pixels squared that it lies in, and on nothing else where the
-/// scatter of its samples is known.
+/// Side of a block \[pixels\]. If the scatter of its samples is known, the certified variance of a pixel depends on its
+/// block alone.
 pub const BLOCK: u32 = 16;
 
-/// Sides of the cells among whose pixels a sample may be shared: the first that has met another as large, or the last.
+/// Sides of the cells whose pixels may share a sample: the first cell with another sample as large, or the last.
 const CELLS: [u32; 3] = [4, 8, BLOCK];
 
-/// How large a deviation is taken for as large, of the other: what single precision rounds does not decide who shares.
+/// Least ratio of two deviations that count as equally large. So the rounding of single precision does not decide which
+/// pixels share.
 const AS_LARGE: f64 = 1.0 - 1e-5;
 
-/// Side of the cells that tell how much more evenly samples are spread than independent ones.
+/// Side of the cells for the evenness: the variance of the samples over that of independent ones.
 const EVENNESS: u32 = 8;
 
-/// The noise of the pixels of one row of blocks, row by row, by their own samples as far as they can tell; as [`crate::variance::pooled::noise_row`]
-/// has it where their scatter is not known. Rows of blocks are independent of each other.
+/// The noise of the pixels of one row of blocks, row by row, from their own samples. Pixels of unknown scatter have the
+/// noise of [`crate::variance::pooled::noise_row`]. Rows of blocks are independent of each other.
 ///
 /// # Panics
 /// If the planes differ in size.
@@ -67,14 +71,14 @@ pub fn pixel_noise(evidence: &NoiseInputs) -> Plane<PixelNoise> {
     Plane::from_vec(width, height, noise).unwrap_or_else(|| Plane::new(width, height, PixelNoise::UNKNOWN))
 }
 
-/// What the samples of a pixel tell of the variance of their mean.
+/// Variances of the mean of a pixel, from its samples.
 #[derive(Clone, Copy)]
 struct NeighbourNoise {
-    /// How many they are.
+    /// Number of samples.
     count: f64,
-    /// By the spread of batches.
+    /// Variance from the spread of batches.
     batches: f64,
-    /// As of independent samples: all of it, and the part of the largest.
+    /// Variance as of independent samples: all of it, and the part of the largest sample.
     all: f64,
     largest: f64,
 }
@@ -87,14 +91,14 @@ impl NeighbourNoise {
         is_known.then_some(Self { count: f64::from(*evidence.counts.at(x, y)), batches, all, largest })
     }
 
-    /// How far the largest sample lies from the mean, squared: what it brings does not depend on how many others there are.
+    /// Squared distance of the largest sample from the mean. It does not depend on the number of the other samples.
     fn deviation(&self) -> f64 {
         self.count * self.count * self.largest
     }
 }
 
-/// How evenly the samples of a cell are spread: their variance by batches over that of independent ones; its degrees of freedom, and
-/// the mean of the cell.
+/// Evenness of the samples of a cell: their variance by batches over that of independent ones. Also the degrees of
+/// freedom of this ratio, and the mean of the cell.
 #[derive(Clone, Copy)]
 struct Evenness {
     rho: f64,
@@ -102,7 +106,7 @@ struct Evenness {
     mean: f32,
 }
 
-/// What a pixel takes of the largest samples of others, and of its own.
+/// The parts that a pixel takes of the largest samples of others and of its own.
 #[derive(Clone, Copy, Default)]
 struct Shared {
     sum: f64,
@@ -116,7 +120,7 @@ struct Block<'a> {
     top: u32,
     width: u32,
     height: u32,
-    /// Row by row; `None` where the scatter of a pixel or the variance by its batches is not known.
+    /// Row by row. `None` if the scatter of a pixel or its variance by batches is unknown.
     told: Vec<Option<NeighbourNoise>>,
 }
 
@@ -133,7 +137,7 @@ impl<'a> Block<'a> {
         (self.left + pixel as u32 % self.width, self.top + pixel as u32 / self.width)
     }
 
-    /// The pixels of a pixel's cell that may speak for it, and for which it may speak, itself among them, with what they tell.
+    /// The pixels of a pixel's cell with which it may share estimates, including itself, with their variances.
     fn fellows(&self, pixel: usize, cell: u32) -> impl Iterator<Item = (usize, NeighbourNoise)> {
         let (x, y) = (pixel as u32 % self.width / cell * cell, pixel as u32 / self.width / cell * cell);
         let rows = y..(y + cell).min(self.height);
@@ -154,7 +158,7 @@ impl<'a> Block<'a> {
             && e.surface.at(a.0, a.1).is_like(e.surface.at(b.0, b.1))
     }
 
-    /// What the cell of a pixel says of the evenness of its samples; `None` where that is not known.
+    /// The evenness of the samples in the cell of a pixel. `None` if it is unknown.
     fn evenness(&self, pixel: usize) -> Option<Evenness> {
         self.told[pixel]?;
         let (mut pool, mut batches, mut all) = (Pool::default(), 0.0, 0.0);
@@ -164,13 +168,13 @@ impl<'a> Block<'a> {
             batches += told.batches;
             all += told.all;
         }
-        // Where nothing scatters there is nothing to take back.
+        // Without variance there is nothing to correct.
         let rho = if batches == 0.0 { 0.0 } else { batches / all };
         let PixelNoise { freedom, mean, .. } = pool.noise();
         rho.is_finite().then_some(Evenness { rho, freedom, mean })
     }
 
-    /// The largest samples of all pixels, shared out among those that might have met them.
+    /// The largest samples of all pixels, shared among the pixels that might have had them.
     fn shared(&self, evenness: &[Option<Evenness>]) -> Vec<Shared> {
         let mut shared = vec![Shared::default(); self.told.len()];
         let mut fellows = Vec::with_capacity(self.told.len());
@@ -189,7 +193,7 @@ impl<'a> Block<'a> {
                     break;
                 }
             }
-            // Alike in their samples, pixels differ in the variance of their means by how many they have.
+            // With similar samples, the variances of the means differ by the numbers of samples.
             let parts: f64 = fellows.iter().map(|(_, other)| other.count.recip()).sum();
             for (fellow, other) in &fellows {
                 let share = even.rho * told.largest / (other.count * parts);
@@ -213,11 +217,12 @@ impl<'a> Block<'a> {
     }
 }
 
-/// The noise of a pixel of so many samples; `None` if it is out of the range of its type.
+/// The noise of a pixel with `count` samples. `None` if it is out of the range of f32.
 fn own(told: &NeighbourNoise, even: &Evenness, shared: &Shared, count: u32) -> Option<PixelNoise> {
     let body = even.rho * (told.all - told.largest).max(0.0);
-    // Nothing of the body weighs more than the largest sample: it is made of body / largest events at least, whose number scatters
-    // as Poisson's. The same goes for what is shared, one event a pixel. A variance with f degrees of freedom scatters by 2 / f.
+    // No event of the body exceeds the largest sample. So the body has at least body / largest events, whose number has
+    // a Poisson distribution. The same holds for the shared part, with one event per pixel. A variance with f degrees
+    // of freedom has the relative variance 2 / f.
     let spread = body * even.rho * told.largest + shared.squares;
     let relative = if spread > 0.0 { spread / (body + shared.sum).powi(2) } else { 0.0 };
     let freedom = 2.0 / (relative + 2.0 / f64::from(even.freedom));
@@ -234,7 +239,7 @@ mod tests {
 
     const WIDTH: u32 = 32;
 
-    /// Numbers as good as random.
+    /// Pseudo-random numbers.
     struct Random(u64);
 
     impl Random {
@@ -246,7 +251,7 @@ mod tests {
         }
     }
 
-    /// A film whose samples are drawn pixel by pixel, so many in each.
+    /// A film whose samples are drawn pixel by pixel, with the given number in each.
     fn film(
         count: impl Fn(u32, u32) -> u32,
         seed: u64,
@@ -288,14 +293,14 @@ mod tests {
         let film = film(|_, _| 256, 1, |x, y, _, random| if is_loud(x, y) { 10.0 } else { 1.0 } * random.unit());
         let (evidence, quiet, loud) = (evidence_of(&film), 1.0 / 12.0, 100.0 / 12.0);
         let (own, pooled) = (pixel_noise(&evidence), noise(&evidence));
-        // In the middle of the film each cell, and each neighbourhood, holds all there is.
+        // In the middle of the film each cell and each neighbourhood is complete.
         let ratio = |noise: &Plane<PixelNoise>, wanted: bool, truth: f64| {
             let places = (8..24).flat_map(|y| (8..24).map(move |x| (x, y))).filter(|&(x, y)| is_loud(x, y) == wanted);
             let (sum, count) =
                 places.fold((0.0, 0.0), |(s, c), (x, y)| (s + f64::from(noise.at(x, y).variance), c + 1.0));
             sum / count / truth
         };
-        // Ratios of cells have the freedom of the batches of one loud pixel, on average over four.
+        // Ratios of cells have the degrees of freedom of the batches of one loud pixel, on average over four.
         for (wanted, truth) in [(false, quiet), (true, loud)] {
             let ratio = ratio(&own, wanted, truth);
             assert!((0.6..1.6).contains(&ratio), "loud {wanted}: {ratio}");
@@ -303,7 +308,7 @@ mod tests {
         assert!(ratio(&pooled, false, quiet) > 1.5 && ratio(&pooled, true, loud) < 0.3, "pooled variances are smeared");
     }
 
-    /// An image of one surface on which nothing has happened but some events, each with the whole noise of its pixel.
+    /// An image of one surface without noise except for some events, each with the whole noise of its pixel.
     fn events(width: u32, height: u32, events: &[(u32, u32, f64)]) -> NoiseInputs {
         let of = |x, y| events.iter().find(|e| (e.0, e.1) == (x, y)).map_or(0.0, |e| e.2);
         NoiseInputs {
@@ -331,7 +336,7 @@ mod tests {
 
     #[test]
     fn an_event_met_again_stays_in_the_smallest_cell_that_met_both() {
-        // Two as large in one cell of 4 x 4, a third in the same cell of 8 x 8, a larger one in its neighbour.
+        // Two equal events in one cell of 4 x 4, a third in the same cell of 8 x 8, a larger one in the next cell.
         let own = pixel_noise(&events(16, 16, &[(0, 0, 1.0), (3, 3, 1.0), (5, 5, 1.0), (8, 8, 16.0)]));
         let at = |x, y| f64::from(own.at(x, y).variance) / 16.0;
         let (small, middle, all) = (2.0 / 16.0, 1.0 / 64.0, 16.0 / 256.0);
@@ -355,7 +360,7 @@ mod tests {
         evidence.counts = Plane::from_fn(16, 16, |_, y| if y < 8 { 16 } else { 33 });
         evidence.scatter.data_mut()[3] = None;
         let own = pixel_noise(&evidence);
-        // Five columns of eight rows, one of which tells nothing.
+        // Five columns of eight rows. One pixel has no data.
         let share = 16.0 / 39.0;
         for y in 0..16 {
             for x in 0..16 {
@@ -368,7 +373,7 @@ mod tests {
 
     #[test]
     fn what_nobody_saw_twice_is_shared() {
-        // One sample in 4096 is lit: of 64 samples per pixel one pixel in 64 has seen one.
+        // One sample in 4096 is lit: with 64 samples per pixel, one pixel in 64 has one.
         let (p, n) = (1.0 / 4096.0, 64);
         let mut sum = 0.0;
         for seed in 0..20 {
@@ -379,13 +384,13 @@ mod tests {
                 dark.fold((0.0, 0.0), |(sum, count), (o, _)| (sum + f64::from(o.variance), count + 1.0));
             sum += total / count;
         }
-        // The dark ones know nothing of it by themselves.
+        // The dark pixels have no variance of their own.
         let mean = sum / 20.0 / p;
         assert!((0.7..1.3).contains(&mean), "{mean}");
     }
 
-    /// Certified over true variance where one sample in so many is lit: on average over the even rows of an image and over the odd
-    /// ones, which have their own numbers of samples.
+    /// Certified over true variance if one sample in `lit` is lit. The mean over the even rows of an image and that
+    /// over the odd ones, which have their own numbers of samples.
     fn certified_by_row(lit: u32, counts: [u32; 2]) -> [f64; 2] {
         const SEEDS: u32 = 12;
         let (p, mut sums) = (f64::from(lit).recip(), [0.0; 2]);
@@ -405,18 +410,18 @@ mod tests {
         }
     }
 
-    /// Those with twice as many do, and the mean of more samples is the less noisy.
+    /// Pixels with twice as many samples share events, and the mean of more samples has less noise.
     #[test]
     fn pixels_with_twice_as_many_samples_share_in_proportion() {
         for ratio in certified_by_row(512, [32, 64]) {
-            // Some thousand events: a standard error of 3 %.
+            // Some thousand events have a standard error of 3 %.
             assert!((0.85..1.15).contains(&ratio), "{ratio}");
         }
     }
 
     #[test]
     fn it_is_right_on_average_for_independent_and_for_even_samples() {
-        // Independent samples; and samples of which each batch holds one from every part of the range.
+        // Independent samples, and samples of which each batch has one from every part of the range.
         let n = 64;
         for (even, truth) in [(false, 1.0 / 12.0), (true, 1.0 / 12.0 / 256.0)] {
             let film = film(
@@ -429,7 +434,7 @@ mod tests {
             );
             let own = pixel_noise(&evidence_of(&film));
             let mean = total(&own) / f64::from(WIDTH * WIDTH) / truth;
-            // 1024 variances with three degrees of freedom: a standard error of 2.6 %.
+            // 1024 variances with three degrees of freedom have a standard error of 2.6 %.
             assert!((mean - 1.0).abs() < 0.13, "even {even}: {mean}");
             let off = own.data().iter().map(|o| (f64::from(o.variance) / truth - 1.0).powi(2)).sum::<f64>();
             let rms = (off / f64::from(WIDTH * WIDTH)).sqrt();
@@ -440,11 +445,11 @@ mod tests {
     #[test]
     fn variances_of_a_block_add_up_to_those_of_its_batches() {
         let film = film(|_, _| 32, 9, |x, y, _, random| f64::from(x * y + 1) * random.unit().powi(4));
-        // Blocks that the image cuts off, and a surface that ends in one.
+        // Incomplete blocks at the edge of the image, and a surface that ends in a block.
         let crop = |plane: &Plane<f32>| Plane::from_fn(27, 22, |x, y| *plane.at(x, y));
         let whole = evidence_of(&film);
         let evidence = NoiseInputs {
-            // The same means could have come of fewer samples, or of more.
+            // The same means with fewer samples, or with more.
             counts: Plane::from_fn(27, 22, |x, y| 32 + 16 * ((x + y) % 3)),
             mean: crop(&whole.mean),
             variance: crop(&whole.variance),
@@ -472,10 +477,10 @@ mod tests {
         let mut evidence = evidence_of(&film);
         evidence.scatter = Plane::new(WIDTH, WIDTH, None);
         assert_eq!(pixel_noise(&evidence), noise(&evidence));
-        // Black: no noise at all, as batches have it.
+        // Black pixels have no noise, as by batches.
         let black = evidence_of(&self::film(|_, _| 16, 3, |_, _, _, _| 0.0));
         assert!(pixel_noise(&black).data().iter().all(|n| n.variance == 0.0));
-        // A sample a pixel: nothing is known.
+        // With one sample per pixel the noise is unknown.
         let one = evidence_of(&self::film(|_, _| 1, 3, |_, _, _, random| random.unit()));
         assert!(pixel_noise(&one).data().iter().all(|n| *n == PixelNoise::UNKNOWN));
     }

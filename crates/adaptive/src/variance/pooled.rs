@@ -1,11 +1,12 @@
-//! How noisy a pixel is, asked of its neighbourhood.
+//! The noise of a pixel, estimated from its neighbourhood.
 //!
-//! A film knows the variance of a pixel from the spread of four batches: three degrees of freedom, far too few to decide
-//! on (its 99 % quantile is 3.8 times the truth), and taken from the very samples that are averaged, so that whoever stops
-//! when it looks small stops on unlucky pixels (Kirk and Arvo 1991). So variances are pooled over 7 x 7 pixels of the same
-//! surface that are about as bright.
+//! A film has the variance of a pixel from the spread of four batches. It has three degrees of freedom, too few for a
+//! decision: its 99 % quantile is 3.8 times the true value. It also comes from the samples that are averaged. So a
+//! pixel that stops at a small variance stops too early after a chance of low samples (Kirk and Arvo 1991). So
+//! variances are pooled over 7 x 7 pixels of the same surface with similar brightness.
 //!
-//! That is the last resort where nothing is known of single samples ([`crate::variance::pixel`]), and tells what a pixel's surroundings are like.
+//! The pooled variance is the fallback if the scatter of single samples is unknown ([`crate::variance::pixel`]). It
+//! also describes the neighbourhood of a pixel.
 
 use dunkelfeld_film::{BATCHES, Plane};
 
@@ -17,30 +18,30 @@ const POOL_REACH: u32 = 3;
 /// Degrees of freedom of the variance of one pixel.
 pub(crate) const FREEDOM: f64 = (BATCHES - 1) as f64;
 
-/// What is expected of the samples of a pixel.
+/// Estimated noise of the samples of a pixel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PixelNoise {
-    /// Variance of one sample [unit^2]; infinite where nothing is known. For quasi-random samples: the number of samples
-    /// times the variance of their mean, which falls as they become more.
+    /// Variance of one sample [unit^2]. Infinite if it is unknown. For quasi-random samples: the number of samples
+    /// times the variance of their mean, which decreases with their number.
     pub variance: f32,
-    /// Degrees of freedom of that variance, after Satterthwaite (1946); 0 where nothing is known.
+    /// Degrees of freedom of that variance, after Satterthwaite (1946). 0 if it is unknown.
     pub freedom: f32,
     /// Mean over the neighbourhood \[unit\].
     pub mean: f32,
 }
 
 impl PixelNoise {
-    /// Nothing is known.
+    /// Unknown noise.
     pub const UNKNOWN: Self = Self { variance: f32::INFINITY, freedom: 0.0, mean: 0.0 };
 
-    /// Variance of the mean of n samples [unit^2]: what is certified.
+    /// Variance of the mean of n samples [unit^2]. The certificate uses it.
     #[inline]
     pub fn of_mean(&self, n: u32) -> f32 {
         if n == 0 { f32::INFINITY } else { self.variance / n as f32 }
     }
 }
 
-/// The noise of the pixels of one row. Rows are independent of each other, so that they may be shared out among threads.
+/// The noise of the pixels of one row. Rows are independent of each other, so threads can compute them in parallel.
 ///
 /// # Panics
 /// If the planes differ in size.
@@ -56,7 +57,7 @@ pub fn noise(evidence: &NoiseInputs) -> Plane<PixelNoise> {
     Plane::from_vec(width, height, noise).unwrap_or_else(|| Plane::new(width, height, PixelNoise::UNKNOWN))
 }
 
-/// The pixels around one that may speak for it, itself among them.
+/// The pixels of the neighbourhood that may share their variance with (x, y), including itself.
 fn witnesses_of(evidence: &NoiseInputs, x: u32, y: u32) -> impl Iterator<Item = (u32, u32)> {
     let (surface, level) = (evidence.surface.at(x, y), *evidence.level.at(x, y));
     around(x, y, POOL_REACH, evidence.width(), evidence.height()).filter(move |&(nx, ny)| {
@@ -106,9 +107,9 @@ impl Pool {
     }
 }
 
-/// Satterthwaite's (1946) degrees of freedom of a sum of so many variances, each with [`FREEDOM`], from it and the sum of their
-/// squares. Squares of estimates are too large by 1 + 2 / FREEDOM on average; with that taken out, one pixel has FREEDOM, and m
-/// equal ones very nearly m FREEDOM.
+/// Degrees of freedom (Satterthwaite 1946) of a sum of `count` variances, each with [`FREEDOM`], from the sum and the
+/// sum of their squares. Squares of estimates are too large by 1 + 2 / FREEDOM on average. With this correction, one
+/// pixel has FREEDOM, and m equal ones have very nearly m FREEDOM.
 pub(crate) fn satterthwaite(sum: f64, squares: f64, count: f64) -> f64 {
     let most = FREEDOM * count;
     if squares <= 0.0 {
@@ -117,9 +118,10 @@ pub(crate) fn satterthwaite(sum: f64, squares: f64, count: f64) -> f64 {
     ((FREEDOM + 2.0) * sum * sum / squares - 2.0).min(most).max(FREEDOM)
 }
 
-/// The factor by which a variance with so many degrees of freedom is to be raised to be too small with the probability
-/// that lies beyond `z` standard deviations only: freedom over a quantile of chi-squared, by the cubes of Wilson and
-/// Hilferty (1931). Infinite where they say nothing.
+/// The factor that raises a variance estimate with `freedom` degrees of freedom to its upper confidence bound. The true
+/// variance exceeds the bound with the probability beyond `z` standard deviations of the normal distribution. The
+/// factor is freedom over a quantile of chi-squared, by the cubes of Wilson and Hilferty (1931). Infinite if the
+/// approximation is not valid.
 pub fn upper_factor(freedom: f64, z: f64) -> f64 {
     let a = 2.0 / (9.0 * freedom);
     let root = 1.0 - a - z * a.sqrt();
@@ -149,7 +151,7 @@ mod tests {
         let noise = noise(&flat(20, 20, |_, _| 0.25));
         let middle = noise.at(10, 10);
         assert_eq!((middle.variance, middle.mean), (4.0, 2.0));
-        // 49 pixels of equal estimates: more than 3 each cannot be claimed.
+        // 49 pixels of equal estimates: each contributes at most 3.
         assert_eq!(middle.freedom, 147.0);
         assert_eq!(noise.at(0, 0).freedom, 48.0, "sixteen pixels in the corner");
         assert_eq!(middle.of_mean(64), 0.0625);
@@ -171,7 +173,7 @@ mod tests {
             Plane::from_fn(12, 8, |x, _| PixelFeatures { object: u32::from(x >= 6), ..PixelFeatures::default() });
         let noise = noise(&evidence);
         assert!((0..8).all(|y| noise.at(5, y).variance == 16.0 && noise.at(6, y).variance == 144.0));
-        // A pixel without a like: by itself.
+        // A pixel without similar pixels uses its own variance.
         evidence.surface.data_mut()[3 * 12 + 3] = PixelFeatures { object: 99, ..PixelFeatures::default() };
         evidence.variance.data_mut()[3 * 12 + 3] = 25.0;
         assert_eq!(super::noise(&evidence).at(3, 3).variance, 400.0);
@@ -198,7 +200,7 @@ mod tests {
 
     #[test]
     fn a_pixel_that_one_sample_has_lit_still_speaks() {
-        // Its own noise says that it may be as dark as the others.
+        // By its own noise the pixel may be as dark as the others.
         let mut evidence = flat(20, 20, |x, y| if (x, y) == (10, 10) { 49.0 } else { 0.0 });
         evidence.level = Plane::new(20, 20, SensorVarianceRange { least: 9.0, most: 11.0 });
         evidence.level.data_mut()[10 * 20 + 10] = SensorVarianceRange { least: 5.0, most: 500.0 };

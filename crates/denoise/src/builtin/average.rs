@@ -1,10 +1,10 @@
-//! What pixels are, told by those that may well be of one kind: weighted by how alike their features and their
-//! surroundings are.
+//! Weighted averages of similar pixels. The weights follow from the similarity of their features and of their
+//! neighbourhoods.
 //!
-//! Non-local means (Buades 2005) in the form that Rousselle et al. (2012, 2013) gave it for renders: of a squared
-//! difference of two pixels that much is taken away which their noise alone would make, and the rest is counted in units
-//! of that noise. What stands in the end is no mean but the value at the pixel of a plane that is laid through those around
-//! (`plane`).
+//! The method is non-local means (Buades 2005) in the form of Rousselle et al. (2012, 2013) for renders. The expected
+//! difference from noise is subtracted from the squared difference of two pixels, and the rest is divided by the
+//! variance of that noise. The result is no mean, but the value at the pixel of a plane that is fitted to the pixels
+//! around it (`plane`).
 
 use super::lanes::{WIDTH, each, greater, lanes, lanes_mut, lesser};
 use super::noise::likeness;
@@ -13,45 +13,45 @@ use super::plane::Moments;
 use super::tiles::Tile;
 use crate::denoiser::Triples;
 
-/// Pixels are compared with those up to this far away, in a circle.
+/// Largest distance of compared pixels. They form a disc.
 const REACH: usize = 8;
-/// How many times its variance a squared difference of colour must be to count as one.
+/// A squared difference of colour has distance one if it is this many times its variance.
 const BANDWIDTH: f32 = 2.0;
-/// A pixel counts as at most this many times noisier than the one that it is compared with, so that what is very
-/// uncertain is not like everything.
+/// Largest ratio of the variance of a pixel to that of the pixel to which it is compared. With it, a very uncertain
+/// pixel is not similar to all others.
 const NOISIER: f32 = 100.0;
-/// How much of a weight comes from the surroundings of both pixels: a pixel that noise threw far off is like none, but
-/// those around it are.
+/// Share of a weight that comes from the neighbours of both pixels. A pixel with a large error is similar to none, but
+/// its neighbours are similar to others.
 const LENT: f32 = 0.15;
-/// Colours are compared over squares of 3 x 3 pixels, of which those nearer count more: 1 2 1, 2 8 2, 1 2 1.
+/// Sum of the mask for colour differences: squares of 3 x 3 pixels with weights 1 2 1, 2 8 2, 1 2 1.
 const MASK: f32 = 20.0;
-/// The mask looks one pixel around, and the weights of surroundings one further.
+/// The mask reaches one pixel, and the weights of neighbours one more.
 const AROUND: usize = 2;
 /// The margin of a tile.
 const MARGIN: usize = REACH + AROUND;
 
-/// The averages of a tile. All is in the unit of patches; `variance` is that of the mean.
+/// The averages of a tile. All values are in the unit of patches. `variance` is that of the mean.
 #[allow(unsafe_code, reason = "to enter what is compiled for more than every machine has")]
 pub(super) fn averages(image: &Image<'_>, variance: &Triples, tile: &Tile) -> Vec<[f32; 3]> {
     #[cfg(target_arch = "x86_64")]
     if is_x86_feature_detected!("avx2") {
-        // SAFETY: this machine has AVX2, as was just found.
+        // SAFETY: the test above found AVX2 on this machine.
         return unsafe { averages_avx2(image, variance, tile) };
     }
     averages_anywhere(image, variance, tile)
 }
 
-/// The same bits with registers twice as wide: no operation is fused or reordered.
+/// The same bits with registers of twice the width: no operation is fused or reordered.
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2")]
 fn averages_avx2(image: &Image<'_>, variance: &Triples, tile: &Tile) -> Vec<[f32; 3]> {
     averages_anywhere(image, variance, tile)
 }
 
-// What works on pixels is inlined into both.
+// The per-pixel functions are inlined into both versions.
 #[inline(always)]
 fn averages_anywhere(image: &Image<'_>, variance: &Triples, tile: &Tile) -> Vec<[f32; 3]> {
-    // All rows are as long as the longest; nobody looks at what comes of their ends.
+    // All rows have the length of the longest. The results at their ends are not used.
     let width = (tile.width + 2 * AROUND).next_multiple_of(WIDTH);
     let wide = Tile { width, ..*tile };
     let patch = image.cut(&wide, MARGIN);
@@ -62,13 +62,13 @@ fn averages_anywhere(image: &Image<'_>, variance: &Triples, tile: &Tile) -> Vec<
     let corner = MARGIN * patch.stride + MARGIN;
     for dy in -reach..=reach {
         for dx in -reach..=reach {
-            // Fading towards the rim, so that a bright pixel leaves no square behind.
+            // The weight decreases towards the rim, so that a bright pixel leaves no visible square.
             let nearness = 1.0 - (dx * dx + dy * dy) as f32 / ((reach + 1) * (reach + 1)) as f32;
             if nearness <= 0.0 {
                 continue;
             }
             let offset = dy * patch.stride as isize + dx;
-            // Row 0 here lies two above the tile.
+            // Row 0 here is the row two above the tile.
             for row in 0..tile.height + 2 * AROUND {
                 let p = corner + row * patch.stride - AROUND * (patch.stride + 1);
                 work.compare_colors(row, &patch.color, &variance, p, p.wrapping_add_signed(offset));
@@ -94,17 +94,17 @@ fn averages_anywhere(image: &Image<'_>, variance: &Triples, tile: &Tile) -> Vec<
     averages
 }
 
-/// Room for a few rows of one offset at a time.
+/// Buffers for a few rows of one offset at a time.
 struct Work {
     width: usize,
     /// Colour distances of a row, from two pixels left of the tile on.
     distances: Vec<f32>,
-    /// Of the last three such rows: sums over three neighbours, weighted 1 2 1 and 1 4 1.
+    /// For the last three such rows: sums over three neighbours, weighted 1 2 1 and 1 4 1.
     outer: [Vec<f32>; 3],
     inner: [Vec<f32>; 3],
-    /// How alike colours are, of the last three rows, from one pixel left of the tile on.
+    /// Similarities of colours of the last three rows, from one pixel left of the tile on.
     alike: [Vec<f32>; 3],
-    /// Distances in features, then weights, of a row.
+    /// Distances in features of a row, replaced by its weights.
     weights: Vec<f32>,
 }
 
@@ -112,12 +112,12 @@ impl Work {
     fn new(width: usize) -> Self {
         let zeros = |n: usize| vec![0.0f32; n];
         let rows = |n: usize| [0; 3].map(|_| zeros(n));
-        // Sums over three at the end of a row take two more.
+        // Sums over three neighbours at the end of a row need two more values.
         let (outer, inner, alike) = (rows(width), rows(width), rows(width + 2));
         Self { width, distances: zeros(width + 2), outer, inner, alike, weights: zeros(width) }
     }
 
-    /// Takes in one more row of colours; then `alike` knows the row between it and the one before the last.
+    /// Adds one row of colours. `alike` then contains the row before it.
     #[inline(always)]
     fn compare_colors(&mut self, row: usize, color: &[Vec<f32>; 3], variance: &[Vec<f32>; 3], p: usize, q: usize) {
         let n = self.width;
@@ -130,13 +130,13 @@ impl Work {
         let (above, below) = (lanes(&self.outer[(row + 1) % 3], 0, n), lanes(&self.outer[row % 3], 0, n));
         let middle = lanes(&self.inner[(row + 2) % 3], 0, n);
         each!(lanes_mut(&mut self.alike[row % 3], 0, n), |i, _| {
-            // For each of three channels.
+            // The distance is the mean of three channels.
             let distance = (above[i] + 2.0 * middle[i] + below[i]) * (1.0 / (3.0 * MASK * BANDWIDTH));
             likeness(greater(distance, 0.0))
         });
     }
 
-    /// The weights, of at most `nearness`, of the pixels from `q` on for those from `p` on.
+    /// The weights, at most `nearness`, of the pixels from `q` on for those from `p` on.
     #[inline(always)]
     fn weigh(&mut self, row: usize, patch: &Patch, p: usize, q: usize, nearness: f32) {
         let n = self.width;
@@ -148,7 +148,8 @@ impl Work {
         }
         patch.feature_distances(p, q, weights);
         let (above, middle, below) = (&self.alike[(row + 1) % 3], &self.alike[(row + 2) % 3], &self.alike[row % 3]);
-        // Nine neighbours, a b c, d e f, g h j. One by one: of slices in arrays compilers do not know the lengths.
+        // Nine neighbours, a b c, d e f, g h j. They are single variables, since compilers cannot derive the lengths of
+        // slices in arrays.
         let (a, b, c) = (lanes(above, 0, n), lanes(above, 1, n), lanes(above, 2, n));
         let (d, e, f) = (lanes(middle, 0, n), lanes(middle, 1, n), lanes(middle, 2, n));
         let (g, h, j) = (lanes(below, 0, n), lanes(below, 1, n), lanes(below, 2, n));
@@ -162,7 +163,8 @@ impl Work {
     }
 }
 
-/// Sums over the channels of the squared difference of two pixels, less what noise explains, over that noise.
+/// Sums over the channels: the squared difference of two pixels less the expected difference from noise, over the
+/// variance of that noise.
 #[inline(always)]
 fn color_distances(row: &mut [f32], color: &[Vec<f32>; 3], variance: &[Vec<f32>; 3], p: usize, q: usize) {
     let n = row.len();
@@ -187,7 +189,7 @@ mod tests {
 
     #[test]
     fn wide_registers_change_no_bit() {
-        // On machines that have none both are the same code.
+        // On machines without AVX2 both are the same code.
         let mean = Plane::from_fn(70, 40, |x, y| [0, 1, 2].map(|c| ((x * 37 + y * 101 + c * 7) % 23) as f32));
         let variance = mean.map(|v| v.map(|v| 0.3 * v + 1.0));
         let image = Image::new(&DenoiseInput { albedo: Some(&variance), ..DenoiseInput::new(&mean) });

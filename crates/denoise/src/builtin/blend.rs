@@ -1,19 +1,19 @@
-//! How much of the average is used, and how much of the unbiased mean is kept: by what the average gets wrong.
+//! The shares of the average and of the unbiased mean in the result, from the estimated error of the average.
 //!
-//! The mean errs by its variance. What the average errs by shows in how far it lies from the mean: if it were right, it
-//! would lie as far away as the mean's noise reaches. What is more is its own fault, and the blend of the two goes by the
-//! inverse of what each gets wrong (Graybill and Deal 1959).
+//! The error of the mean is its variance. The error of the average follows from its distance to the mean. Without
+//! error, its squared distance would be the variance of the mean. The excess is the error of the average. The blend of
+//! the two weights each by its inverse error (Graybill and Deal 1959).
 
 use super::patch::Image;
 use super::tiles::Tile;
 use crate::denoiser::Triples;
 
-/// Faults of the average are looked for in squares of 5 x 5 pixels.
+/// The error of the average is estimated in squares of 5 x 5 pixels.
 const REGION_REACH: usize = 2;
-/// A region is at fault beyond this mean of squared differences, in units of the variance. At 2 the average is as much in
-/// error as the mean.
+/// The average of a region has an error above this mean of squared differences, in units of the variance. At 2 the
+/// errors of the average and of the mean are equal.
 const REGION_LIMIT: f32 = 2.0;
-/// A single pixel is at fault beyond this: four standard deviations.
+/// Limit of a single pixel: four standard deviations, squared.
 const PIXEL_LIMIT: f32 = 16.0;
 
 /// The blend of a tile, in the unit of the input.
@@ -21,7 +21,8 @@ pub(super) fn blended(image: &Image<'_>, variance: &Triples, averages: &Triples,
     let patch = image.cut_mean(tile, REGION_REACH);
     let variance = image.cut_plane(variance, tile, REGION_REACH);
     let average = image.cut_plane(averages, tile, REGION_REACH);
-    // Squared difference and variance of each pixel, summed over the channels. Pixels whose mean is made up have no say.
+    // Squared difference and variance of each pixel, summed over the channels. Pixels with a filled mean have no
+    // weight.
     let squares: Vec<[f32; 2]> = (0..patch.known.len())
         .map(|p| {
             let square = |c: usize| (average[c][p] - patch.color[c][p]).powi(2);
@@ -51,7 +52,7 @@ pub(super) fn blended(image: &Image<'_>, variance: &Triples, averages: &Triples,
     blend
 }
 
-/// The average's share, from squared differences and variances of a pixel and of its region.
+/// The share of the average, from squared differences and variances of a pixel and of its region.
 fn share(pixel: [f32; 2], region: [f32; 2]) -> f32 {
     let excess = |[square, noise]: [f32; 2], limit: f32| if noise > 0.0 { square / noise - limit } else { 0.0 };
     1.0 / (1.0 + excess(pixel, PIXEL_LIMIT).max(excess(region, REGION_LIMIT)).max(0.0))

@@ -1,7 +1,7 @@
-//! Loops over neighbours in a row, in the form that a compiler turns into what registers the machine has.
+//! Loops over neighbours in a row, in a form that compilers vectorise for the registers of the machine.
 
-/// Rows are worked on in multiples of so many numbers, so that none is left over for a slower loop
-/// (compilers take four registers of eight at a time).
+/// The length of a row is a multiple of this number, so that no rest needs a slower loop (compilers use four registers
+/// of eight numbers at a time).
 pub(super) const WIDTH: usize = 32;
 
 /// `n` numbers from `start` on.
@@ -10,31 +10,33 @@ pub(super) fn lanes(values: &[f32], start: usize, n: usize) -> &[f32] {
     &values[start..start + n]
 }
 
-/// The same to be written.
+/// The same for writing.
 #[inline(always)]
 pub(super) fn lanes_mut(values: &mut [f32], start: usize, n: usize) -> &mut [f32] {
     &mut values[start..start + n]
 }
 
-/// The lesser of two, the second if one is not a number: one instruction, which [`f32::min`] is not.
+/// The lesser of two, the second if one is NaN. It is one instruction, unlike [`f32::min`].
 #[inline(always)]
 pub(super) fn lesser(a: f32, b: f32) -> f32 {
     if a < b { a } else { b }
 }
 
-/// The greater of two, the second if one is not a number.
+/// The greater of two, the second if one is NaN.
 #[inline(always)]
 pub(super) fn greater(a: f32, b: f32) -> f32 {
     if a > b { a } else { b }
 }
 
-/// Sets each number of a row to an expression of its place and itself: `each!(row, |place, old| new)`.
+/// Sets each number of a row to an expression of its index and its old value: `each!(row, |place, old| new)`.
 ///
-/// A macro, as closures are compiled for the least of machines and are not always inlined into what is for better ones.
+/// It is a macro, since closures are compiled for the minimum instruction set and are not always inlined into functions
+/// for larger ones.
 macro_rules! each {
     ($row:expr, |$place:ident, $old:pat_param| $new:expr) => {{
         let row: &mut [f32] = $row;
-        // Counted, not iterated over: so the places are known to lie in other slices of this length.
+        // A loop over indices, not an iterator: so the compiler can derive that the indices are valid for other slices
+        // of this length.
         #[allow(clippy::needless_range_loop)]
         for $place in 0..row.len() {
             let $old = row[$place];

@@ -1,4 +1,4 @@
-//! The built-in filter: no weights that were learned, nothing to download.
+//! The built-in filter, without trained weights or downloads.
 
 mod average;
 mod blend;
@@ -10,12 +10,12 @@ mod tiles;
 
 use crate::denoiser::{Control, DenoiseError, DenoiseInput, Denoiser, Triples};
 
-/// Averages pixels with others nearby that look alike in albedo, normal and depth, and whose difference in colour may be
-/// noise (`docs/denoising.md` says how).
+/// Averages a pixel with others nearby that have similar albedo, normal and depth, and whose difference in colour may
+/// be noise (`docs/denoising.md` describes the method).
 ///
-/// Uses the variance of the mean if it is there, and estimates it from the image where it is missing or infinite. Without
-/// features it goes by colour alone. Pixels that are not finite are filled from their neighbours. The result is the same
-/// bits for any number of threads, and scales with its input.
+/// Uses the variance of the mean if it is present, and estimates it from the image if it is missing or infinite.
+/// Without features it uses colour alone. Pixels that are not finite are filled from their neighbours. The result has
+/// the same bits for any number of threads, and scales with its input.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Builtin;
 

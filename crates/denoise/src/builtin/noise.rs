@@ -1,7 +1,7 @@
-//! How noisy each pixel of the mean is, asked of its neighbourhood.
+//! The variance of each pixel of the mean, estimated from its neighbourhood.
 //!
-//! A pixel's own variance comes from few numbers, and from the very samples that are averaged: a pixel that missed a
-//! bright event has a low mean and a low variance. So half of what is believed comes from neighbours that look alike.
+//! A pixel's own variance comes from few numbers, and from the samples that are averaged: a pixel without a bright
+//! event has a low mean and a low variance. So half of the estimate comes from similar neighbours.
 
 use super::lanes::{WIDTH, each, greater, lanes, lanes_mut};
 use super::patch::{Image, Patch};
@@ -9,33 +9,34 @@ use super::tiles::Tile;
 
 /// Variances are pooled over squares of 7 x 7 pixels.
 pub(super) const POOL_REACH: usize = 3;
-/// A pixel brighter than those around it is believed to be noisier than they are, to this part of proportion.
+/// A pixel brighter than its neighbours is assumed to have a standard deviation in proportion to its brightness. This
+/// is the used share of the variance that follows.
 const PROPORTION: f32 = 1.0;
-/// A difference of this share of a value is no difference: rounding, and half floats in files of others.
+/// Relative differences below this are rounding errors, also from half floats in files of other programs.
 const ROUNDING: f32 = 1e-4;
 
-/// The variance of the mean of each pixel of a tile, in the unit of patches; never zero.
+/// The variance of the mean of each pixel of a tile, in the unit of patches. Never zero.
 #[allow(unsafe_code, reason = "to enter what is compiled for more than every machine has")]
 pub(super) fn variances(image: &Image<'_>, tile: &Tile) -> Vec<[f32; 3]> {
     #[cfg(target_arch = "x86_64")]
     if is_x86_feature_detected!("avx2") {
-        // SAFETY: this machine has AVX2, as was just found.
+        // SAFETY: the test above found AVX2 on this machine.
         return unsafe { variances_avx2(image, tile) };
     }
     variances_anywhere(image, tile)
 }
 
-/// The same bits with registers twice as wide: no operation is fused or reordered.
+/// The same bits with registers of twice the width: no operation is fused or reordered.
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2")]
 fn variances_avx2(image: &Image<'_>, tile: &Tile) -> Vec<[f32; 3]> {
     variances_anywhere(image, tile)
 }
 
-// What works on pixels is inlined into both.
+// The per-pixel functions are inlined into both versions.
 #[inline(always)]
 fn variances_anywhere(image: &Image<'_>, tile: &Tile) -> Vec<[f32; 3]> {
-    // The estimate from the image itself looks one pixel further.
+    // The estimate from the image itself uses one more pixel on each side.
     let margin = POOL_REACH + 1;
     let width = tile.width.next_multiple_of(WIDTH);
     let wide = Tile { width, ..*tile };
@@ -82,7 +83,7 @@ fn variances_anywhere(image: &Image<'_>, tile: &Tile) -> Vec<[f32; 3]> {
     pooled
 }
 
-/// exp(-d), nearly, for d >= 0, and nothing at all beyond 8.
+/// An approximation of exp(-d) for d >= 0. Zero beyond 8.
 #[inline(always)]
 pub(super) fn likeness(d: f32) -> f32 {
     let root = greater(1.0 - d * 0.125, 0.0);
@@ -91,8 +92,8 @@ pub(super) fn likeness(d: f32) -> f32 {
     fourth * fourth
 }
 
-/// The stated variances where there are any, and elsewhere an estimate from the image: the squared response to a mask
-/// that is blind to slopes and to straight edges along rows and columns (Immerkaer 1996).
+/// The given variances if there are any, otherwise an estimate from the image: the squared response to a mask. The mask
+/// has no response to slopes and to straight edges along rows and columns (Immerkaer 1996).
 fn own_variances(image: &Image<'_>, tile: &Tile, patch: &Patch) -> [Vec<f32>; 3] {
     let (width, height) = image.size();
     let mut own = [0; 3].map(|_| vec![0.0; patch.stride * patch.rows]);
@@ -139,7 +140,7 @@ mod tests {
 
     #[test]
     fn wide_registers_change_no_bit() {
-        // On machines that have none both are the same code.
+        // On machines without AVX2 both are the same code.
         let mean = Plane::from_fn(70, 40, |x, y| [0, 1, 2].map(|c| ((x * 37 + y * 101 + c * 7) % 23) as f32));
         let stated = mean.map(|v| v.map(|v| 0.3 * v + 1.0));
         let bits = |values: Vec<[f32; 3]>| values.into_iter().map(|v| v.map(f32::to_bits)).collect::<Vec<_>>();
@@ -155,7 +156,7 @@ mod tests {
     fn slopes_and_upright_edges_are_no_noise() {
         let mean = Plane::from_fn(40, 40, |x, y| [x as f32 + 2.0 * y as f32, if x < 11 { 1.0 } else { 9.0 }, 5.0]);
         for (i, variance) in estimated(&mean, None).into_iter().enumerate() {
-            // In the outermost pixels the mask sees the image end.
+            // At the outermost pixels the mask reaches beyond the image.
             if (3..37).contains(&(i % 40)) && (3..37).contains(&(i / 40)) {
                 assert!(variance.iter().all(|v| *v < 1e-3), "{variance:?} at {i}");
             }
@@ -164,7 +165,8 @@ mod tests {
 
     #[test]
     fn noise_is_estimated_from_an_image_without_variances() {
-        // Uniform in [0, 1): variance 1/12. The mean over 1600 estimates of correlated squares is known to a few percent.
+        // Uniform in [0, 1): variance 1/12. The mean over 1600 estimates of correlated squares has an error of a few
+        // per cent.
         let mut state = 1u64;
         let mean = Plane::from_fn(40, 40, |_, _| {
             state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
@@ -178,7 +180,7 @@ mod tests {
     #[test]
     fn a_pixel_that_missed_an_event_learns_of_it_from_its_neighbours() {
         let mean = Plane::new(40, 40, [1.0; 3]);
-        // One in nine knows.
+        // One pixel in nine has a variance.
         let variance = Plane::from_fn(40, 40, |x, y| [if x % 3 == 0 && y % 3 == 0 { 9.0 } else { 0.0 }; 3]);
         for (i, v) in estimated(&mean, Some(&variance)).into_iter().enumerate() {
             assert!(v[0] > 0.2, "{v:?} at {i}");

@@ -1,4 +1,4 @@
-//! A tile and its surroundings, channel by channel, made safe to reckon with.
+//! A tile and its neighbourhood, channel by channel, with finite values in a safe range.
 
 use std::borrow::Cow;
 
@@ -8,32 +8,32 @@ use super::lanes::{each, greater, lanes};
 use super::tiles::Tile;
 use crate::denoiser::{DenoiseInput, Triples};
 
-/// The largest magnitude that is reckoned with, after scaling to a mean of about 1: squares and their sums stay finite.
+/// The largest magnitude, after scaling to a mean of about 1. With it, squares and their sums stay finite.
 const LARGEST: f32 = 1e12;
-/// Features are compared to this precision: albedo and normal as they are, depth relative to itself.
+/// Tolerances of feature differences: albedo and normal absolute, depth relative.
 const TOLERANCE: [f32; 3] = [0.04, 0.02, 0.005];
-/// How much of a feature's squared slope adds to what is tolerated: along an edge pixels hold a bit more or less of
-/// either side, and are like each other all the same.
+/// Share of a feature's squared slope that is added to the tolerance. Along an edge, pixels contain slightly different
+/// parts of both sides, and are similar nevertheless.
 const SLOPE: f32 = 0.4;
-/// Bounds on the precision of a feature, so that the product with a difference of features stays finite.
+/// Upper bound of the precision of a feature. With it, the product with a squared difference of features stays finite.
 const SHARPEST: f32 = 1e12;
 
-/// A whole image as a denoiser takes it, in a unit in which its mean is about 1, and with finite values only.
+/// A whole input image, in a unit in which its mean is about 1, and with finite values only.
 pub(super) struct Image<'a> {
     input: DenoiseInput<'a>,
     mean: Cow<'a, Triples>,
-    /// Scaled value = value times this power of two.
+    /// The scaled value is the value times this power of two.
     scale: f32,
 }
 
 /// One feature of a patch.
 pub(super) struct Feature {
     pub(super) values: Vec<f32>,
-    /// The inverse of what is tolerated of a squared difference.
+    /// The inverse of the tolerated squared difference.
     pub(super) precision: Vec<f32>,
 }
 
-/// A tile with a margin all around. Outside the image the margin repeats the nearest pixel, with `known` 0.
+/// A tile with a margin on all sides. Outside the image the margin repeats the nearest pixel, with `known` 0.
 pub(super) struct Patch {
     /// Length of a row, margins included.
     pub(super) stride: usize,
@@ -43,11 +43,11 @@ pub(super) struct Patch {
     pub(super) margin: usize,
     /// Mean radiance in the unit of [`Image`], per channel.
     pub(super) color: [Vec<f32>; 3],
-    /// 1 where the image has a finite mean, 0 elsewhere.
+    /// 1 if the image has a finite mean at the pixel, otherwise 0.
     pub(super) known: Vec<f32>,
-    /// Albedo, normal and depth, as far as they were given.
+    /// Those of albedo, normal and depth that were given.
     pub(super) features: Vec<Feature>,
-    /// Which distance in features noise alone would make: the sum over them of noise times precision.
+    /// The expected distance in features from noise alone: the sum over them of noise times precision.
     pub(super) explained: Vec<f32>,
 }
 
@@ -67,7 +67,7 @@ impl<'a> Image<'a> {
         Self { input: *input, mean, scale: exponent.exp2() as f32 }
     }
 
-    /// What values are multiplied with to come to the unit in which patches are.
+    /// The factor from values to the unit of patches.
     pub(super) fn scale(&self) -> f32 {
         self.scale
     }
@@ -77,8 +77,8 @@ impl<'a> Image<'a> {
         (self.mean.width(), self.mean.height())
     }
 
-    /// The variance that the input states for the mean of a pixel, in the unit of patches; `None` per channel where it
-    /// states none that can be used.
+    /// The variance of the mean of a pixel from the input, in the unit of patches. `None` for channels without a valid
+    /// variance.
     pub(super) fn stated_variance(&self, x: u32, y: u32) -> [Option<f32>; 3] {
         let Some(variance) = self.input.variance else { return [None; 3] };
         variance.at(x, y).map(|v| {
@@ -87,7 +87,7 @@ impl<'a> Image<'a> {
         })
     }
 
-    /// The tile and `margin` pixels around it.
+    /// Copies the tile and `margin` pixels around it.
     pub(super) fn cut(&self, tile: &Tile, margin: usize) -> Patch {
         let mut patch = self.cut_mean(tile, margin);
         let frame = Frame::new(self.size(), tile, margin);
@@ -100,7 +100,7 @@ impl<'a> Image<'a> {
             let variance = variance.map(|plane| frame.channels(plane, |v| finite(v).clamp(0.0, 10.0)));
             for (c, values) in values.into_iter().enumerate() {
                 let variance = variance.as_ref().map(|v| v[c].as_slice());
-                // Three channels together weigh as much as one depth.
+                // Three channels together have the weight of one depth.
                 features.push(Feature::new(&frame, values, variance, |_| tolerance, 1.0 / 3.0, explained));
             }
         }
@@ -122,15 +122,15 @@ impl<'a> Image<'a> {
         Patch { stride: frame.stride, rows: frame.rows, margin, color, known, features: Vec::new(), explained }
     }
 
-    /// A plane of triples that goes with the image, cut in the same way, channel by channel.
+    /// Copies the same part of another plane of triples of the image, channel by channel.
     pub(super) fn cut_plane(&self, plane: &Triples, tile: &Tile, margin: usize) -> [Vec<f32>; 3] {
         Frame::new(self.size(), tile, margin).channels(plane, |v| v)
     }
 }
 
 impl Patch {
-    /// How unlike the pixels from `p` on are to those from `q` on, one for one, in their features: 0 where nothing but
-    /// noise may tell them apart.
+    /// Distances in features between the pixels from `p` on and those from `q` on, pairwise. A distance is 0 if noise
+    /// alone may explain it.
     #[inline(always)]
     pub(super) fn feature_distances(&self, p: usize, q: usize, distances: &mut [f32]) {
         let n = distances.len();
@@ -149,7 +149,7 @@ impl Patch {
 }
 
 impl Feature {
-    /// Adds to `explained` what noise explains of distances in this feature.
+    /// Adds to `explained` the part of distances in this feature that noise explains.
     fn new(
         frame: &Frame,
         values: Vec<f32>,
@@ -177,7 +177,7 @@ impl Feature {
     }
 }
 
-/// Which pixels of an image a patch shows.
+/// The pixels of an image in a patch.
 struct Frame {
     size: (u32, u32),
     corner: (i64, i64),
@@ -211,14 +211,15 @@ impl Frame {
         [0, 1, 2].map(|c| self.collect(plane, |v| f(v[c])))
     }
 
-    /// The first column of the image that is in the patch, and how many columns of the patch lie left and right of it.
+    /// The first column of the image in the patch, and the numbers of columns of the patch to the left and right of the
+    /// image.
     fn columns(&self) -> (usize, usize, usize) {
         let (start, end) = (self.corner.0, self.corner.0 + self.stride as i64);
         let outside = (end - i64::from(self.size.0)).max(0);
         (start.max(0) as usize, (-start).max(0) as usize, outside as usize)
     }
 
-    /// 1 where `known` of a pixel holds, 0 elsewhere and outside the image.
+    /// 1 if `known` is true for a pixel, 0 otherwise and outside the image.
     fn marks(&self, plane: &Plane<[f32; 3]>, known: impl Fn(&[f32; 3]) -> bool) -> Vec<f32> {
         let mut marks = self.collect(plane, |v| if known(v) { 1.0 } else { 0.0 });
         let (_, left, right) = self.columns();

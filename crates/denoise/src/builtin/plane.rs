@@ -1,25 +1,27 @@
-//! A plane through the pixels around: what they say of the one in the middle if brightness changes along the image.
+//! A plane fitted to the pixels around a pixel. It gives the value at the centre if brightness changes along the image.
 //!
-//! A mean of pixels on one side of a slope, or of a highlight's flank, errs to that side. A weighted least-squares fit of
-//! value, slope across and slope down does not (local linear regression, Cleveland 1979). Slopes are held back where they
-//! are not needed: by a small penalty (Hoerl and Kennard 1970), and where noise alone would tilt the plane as much.
+//! A mean of pixels on one side of a slope, or on the flank of a highlight, is biased to that side. A weighted
+//! least-squares fit of value, horizontal slope and vertical slope is not (local linear regression, Cleveland 1979).
+//! Unnecessary slopes are reduced by a small penalty (Hoerl and Kennard 1970), and if noise alone would tilt the plane
+//! as much.
 
 use super::lanes::{each, lanes, lanes_mut};
 
-/// Slopes are per so many pixels: the middle of the reach.
+/// Distances per pixel: the unit of distance is five pixels, about the middle of the reach.
 const UNIT: f32 = 1.0 / 5.0;
-/// Penalty on squared slopes: that of so many pixels at a distance of one unit that speak against them.
+/// Penalty on squared slopes: that of this number of pixels without slope at a distance of one unit.
 const RIDGE: f32 = 0.3;
-/// Of a squared correction that is so many times the variance that noise gives it, half is believed.
+/// A squared correction of this many times its variance from noise is applied by half.
 const DOUBT: f32 = 2.0;
 
 /// Weighted sums over the pixels around each pixel of a tile.
 pub(super) struct Moments {
     width: usize,
-    /// Of the pixels in one row of the surroundings, row of the tile after row: weights, these times the distance across,
-    /// and times its square; then weight times colour and that times the distance, per channel.
+    /// Sums over the pixels in one row of the neighbourhood, for all rows of the tile: weights, weights times the
+    /// horizontal distance, and weights times its square. Then, per channel, weight times colour, and this times the
+    /// distance.
     line: [Vec<f32>; LINE],
-    /// The same of all rows, with the distance down: 1, u, v, uu, uv, vv; then 1, u, v per channel.
+    /// The same sums of all rows, with the vertical distance: 1, u, v, uu, uv, vv; then 1, u, v per channel.
     all: [Vec<f32>; ALL],
 }
 
@@ -27,13 +29,14 @@ const LINE: usize = 9;
 const ALL: usize = 15;
 
 impl Moments {
-    /// Of rows of so many numbers.
+    /// Moments of `height` rows with `width` numbers each.
     pub(super) fn new(width: usize, height: usize) -> Self {
         let zeros = || vec![0.0f32; width * height];
         Self { width, line: [0; LINE].map(|_| zeros()), all: [0; ALL].map(|_| zeros()) }
     }
 
-    /// To each pixel of a row, `weights` of pixels `across` to the right of it, whose colours start at `q`.
+    /// Adds pixels to each pixel of a row. `weights` are those of the pixels `across` to the right of it, whose colours
+    /// start at `q`.
     #[inline(always)]
     pub(super) fn add(&mut self, row: usize, weights: &[f32], across: f32, color: &[Vec<f32>; 3], q: usize) {
         let (n, start) = (self.width, row * self.width);
@@ -50,11 +53,11 @@ impl Moments {
         }
     }
 
-    /// What was added since the last call lies `down` rows below.
+    /// Adds the current line to the sums. Its pixels lie `down` rows below.
     #[inline(always)]
     pub(super) fn close_line(&mut self, down: f32) {
         let v = UNIT * down;
-        // Which sums of a line go where, and with which power of v.
+        // The sum of a line, the sum of all rows to which it is added, and its power of v.
         const WAYS: [(usize, usize, i32); ALL] = [
             (0, 0, 0),
             (1, 1, 0),
@@ -83,8 +86,8 @@ impl Moments {
         }
     }
 
-    /// The value of the plane at a pixel, of which the colour and its variance are given per channel; that colour where
-    /// nothing was added.
+    /// The value of the plane at a pixel, with its colour and variance per channel. The colour itself if nothing was
+    /// added.
     #[inline(always)]
     pub(super) fn value(&self, x: usize, y: usize, pixel: [(f32, f32); 3]) -> [f32; 3] {
         let at = |k: usize| self.all[k][y * self.width + x];
@@ -93,10 +96,10 @@ impl Moments {
             return pixel.map(|p| p.0);
         }
         let (u, v) = (at(1) / total, at(2) / total);
-        // Covariances of places times the total weight. The penalty keeps their matrix one that can be inverted.
+        // Covariances of positions times the total weight. The penalty keeps their matrix invertible.
         let (uu, uv, vv) = (at(3) - u * u * total + RIDGE, at(4) - u * v * total, at(5) - v * v * total + RIDGE);
         let determinant = uu * vv - uv * uv;
-        // The middle of the weights lies off the pixel; slopes times that distance is what the mean is off by.
+        // The centre of the weights is not at the pixel. The error of the mean is the slopes times that distance.
         let (du, dv) = ((vv * u - uv * v) / determinant, (uu * v - uv * u) / determinant);
         let mut means = [0.0; 3];
         let mut corrections = [0.0; 3];
@@ -110,7 +113,8 @@ impl Moments {
         }
         let believed = if square > 0.0 { square / (square + DOUBT * noise) } else { 0.0 };
         for (mean, correction) in means.iter_mut().zip(corrections) {
-            // A plane that falls below zero, or rises to twice the mean, was laid too steep.
+            // The correction is limited, since a plane that falls below zero or rises to twice the mean has too large a
+            // slope.
             *mean -= (believed * correction).max(-mean.abs()).min(mean.abs());
         }
         means
@@ -121,7 +125,8 @@ impl Moments {
 mod tests {
     use super::*;
 
-    /// The value at a pixel that sees only those to the right of it and below, up to eight away, from what they are.
+    /// The value at a pixel that uses only pixels to the right of it and below, up to eight away, with the given
+    /// colours.
     fn of_one_side(colour: impl Fn(f32, f32) -> f32, variance: f32) -> f32 {
         let mut moments = Moments::new(1, 1);
         for down in 0..=8 {
@@ -138,8 +143,8 @@ mod tests {
     fn a_slope_seen_from_one_side_shifts_next_to_nothing() {
         let slope = |across: f32, down: f32| 20.0 + across - 2.0 * down;
         let value = of_one_side(slope, 1e-6);
-        // The mean is 16. Squared distances from the middle add up to 81 * 60 / 9 * UNIT^2 = 21.6 in either direction, so
-        // the penalty takes 0.3 / 21.9 of the way from there to 20 away.
+        // The mean is 16. Squared distances from the middle add up to 81 * 60 / 9 * UNIT^2 = 21.6 in either direction.
+        // So the penalty removes 0.3 / 21.9 of the correction from 16 to 20.
         let expected = 20.0 - 4.0 * 0.3 / 21.9;
         assert!((value - expected).abs() < 1e-3, "{value}, expected {expected}");
     }

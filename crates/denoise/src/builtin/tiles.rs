@@ -1,4 +1,4 @@
-//! Cutting an image into tiles that are worked on independently, and putting the results together.
+//! Division of an image into tiles that are computed independently, and assembly of the results.
 
 use std::sync::OnceLock;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
@@ -7,8 +7,8 @@ use dunkelfeld_film::Plane;
 
 use crate::denoiser::{Control, DenoiseError};
 
-/// Edge of a tile in pixels: small enough for its surroundings to stay in the cache of a core, and for a tile to take
-/// no more than some tens of milliseconds.
+/// Edge of a tile in pixels. It is small enough that the neighbourhood of a tile stays in the cache of a core, and that
+/// a tile takes at most some tens of milliseconds.
 const EDGE: u32 = 60;
 
 /// A rectangle of an image.
@@ -24,12 +24,12 @@ pub(super) struct Tile {
     pub(super) height: usize,
 }
 
-/// The plane of what `work` gives for each tile: its values row by row. Tiles are shared out among the executor's
-/// threads; what they give must not depend on anything but the tile, so the plane is the same for any number of them.
-/// Progress runs through `share`, a part of \[0, 1\].
+/// The plane of the results of `work` for each tile, row by row. The threads of the executor share the tiles. A result
+/// must depend on its tile alone, so the plane is the same for any number of threads. Progress runs through `share`, a
+/// part of \[0, 1\].
 ///
 /// # Errors
-/// [`DenoiseError::Cancelled`] if the caller's progress says so.
+/// [`DenoiseError::Cancelled`] if the progress callback returns false.
 pub(super) fn map_tiles<T: Clone + Default + Send + Sync>(
     (width, height): (u32, u32),
     control: &Control<'_>,

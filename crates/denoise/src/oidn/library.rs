@@ -1,7 +1,7 @@
-//! The library at run time: which names to try, and its functions under the names of either generation.
+//! The library at run time: the candidate names, and its functions under the names of both generations.
 //!
-//! Intel Open Image Denoise 2 renamed the functions that set parameters (`oidnSetFilter1b` became `oidnSetFilterBool`); what
-//! they take stayed the same. Whatever else its header offers is not needed here.
+//! Intel Open Image Denoise 2 renamed the functions that set parameters (`oidnSetFilter1b` became `oidnSetFilterBool`).
+//! Their arguments stayed the same. The other functions of its header are not needed here.
 
 #![allow(unsafe_code, reason = "functions of a library in C, found at run time")]
 
@@ -10,38 +10,38 @@ use libloading::Library;
 use std::ffi::{c_char, c_int, c_void};
 use std::path::PathBuf;
 
-/// The oldest version that can be told that its auxiliary images are clean.
+/// The oldest supported version. It is the first with a parameter for noise-free auxiliary images.
 const OLDEST: i32 = 10_400;
-/// The first version that this adapter knows nothing of.
+/// The first version that this adapter does not support.
 const UNKNOWN: i32 = 30_000;
-/// The CPU, by its number in the library; never left to the library, which would prefer a GPU.
+/// The library's number of the CPU device. The program always sets it, since the library would prefer a GPU.
 const DEVICE_CPU: c_int = 1;
 
-/// A device, as the library knows it.
+/// Handle of a device in the library.
 pub(super) type RawDevice = *mut c_void;
-/// A filter, as the library knows it.
+/// Handle of a filter in the library.
 pub(super) type RawFilter = *mut c_void;
-/// Takes the pointer it was registered with and the finished fraction; false asks to stop.
+/// Gets the pointer with which it was registered and the finished fraction. Returns false to stop.
 pub(super) type Monitor = extern "C" fn(*mut c_void, f64) -> bool;
 
-/// A place where the library may be.
+/// A possible location of the library.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Candidate {
-    /// Path or name of the library, as the system's loader takes it.
+    /// Path or name of the library, in the form of the system's loader.
     pub library: PathBuf,
-    /// Libraries that it needs and that the loader may not find by itself (its threads: `libtbb`). They are loaded before
-    /// it, where they can be; one that cannot is no error.
+    /// Libraries that it needs and that the loader may not find (for its threads: `libtbb`). They are loaded before it
+    /// if possible. A failure to load one is no error.
     pub companions: Vec<PathBuf>,
 }
 
 impl Candidate {
-    /// A library that needs no help.
+    /// A library without companions.
     pub fn new(library: impl Into<PathBuf>) -> Self {
         Self { library: library.into(), companions: Vec::new() }
     }
 }
 
-/// Names under which systems install the library, the newest first. Their loader knows where to look.
+/// Names under which systems install the library, the newest first. The loader of the system searches for them.
 pub fn standard_names() -> &'static [&'static str] {
     if cfg!(windows) {
         &["OpenImageDenoise.dll"]
@@ -57,11 +57,11 @@ pub fn standard_places() -> &'static [&'static str] {
     if cfg!(windows) { &[] } else { &["/usr/local/lib", "/opt/oidn/lib", "/opt/homebrew/lib", "/opt/local/lib"] }
 }
 
-/// The functions of a loaded library. It is never unloaded: its threads may outlive every device.
+/// The functions of a loaded library. It is never unloaded, since its threads may outlive every device.
 ///
 /// # Safety
-/// Devices and filters passed to them must come from the same library and not have been released, names must end in zero,
-/// and images must be as large as is said and stay where they are until the filter is released. `session.rs` sees to that.
+/// Devices and filters must come from the same library and must not have been released. Names must end in zero. Images
+/// must have the stated size and stay at their place until the filter is released. `session.rs` ensures this.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Functions {
     pub(super) new_device: unsafe extern "C" fn(c_int) -> RawDevice,
@@ -83,7 +83,7 @@ pub(super) struct Functions {
 }
 
 impl Functions {
-    /// Loads the first candidate that is there and of a known generation.
+    /// Loads the first candidate that exists and has a supported version.
     pub(super) fn load(candidates: &[Candidate]) -> Result<Self, DenoiseError> {
         let mut tried = Vec::new();
         for candidate in candidates {
@@ -98,7 +98,7 @@ impl Functions {
 
     fn load_one(candidate: &Candidate) -> Result<Self, String> {
         for companion in &candidate.companions {
-            // One that cannot be loaded will be missed by the library itself, which then says so.
+            // If a companion cannot be loaded, the library itself reports the missing part.
             if let Ok(library) = open(companion) {
                 std::mem::forget(library);
             }
@@ -109,20 +109,20 @@ impl Functions {
         Ok(functions)
     }
 
-    /// Finds the functions under the names of the second generation, else of the first.
+    /// Finds the functions under the names of the second generation, otherwise of the first.
     fn find(library: &Library) -> Result<Self, String> {
         /// # Safety
         /// The symbol, if there is one, must be a function of type `T`.
         unsafe fn symbol<T: Copy>(library: &Library, name: &str) -> Result<T, String> {
-            // SAFETY: as this function's.
+            // SAFETY: guaranteed by the contract of this function.
             let found = unsafe { library.get::<T>(name.as_bytes()) };
             found.map(|f| *f).map_err(|_| format!("is not Open Image Denoise 1.4 or 2: it has no {name}"))
         }
-        // SAFETY: only the address is taken, and compared with nothing.
+        // SAFETY: only the existence of the symbol is tested. Its address is never used.
         let is_second = unsafe { library.get::<*const c_void>(b"oidnSetFilterBool") }.is_ok();
         let of = |first: &'static str, second: &'static str| if is_second { second } else { first };
-        // SAFETY: the types are those of the headers of versions 1.4 and 2.3, which agree in them: handles and names are
-        // pointers, the device's type and the error are C enumerations (int), sizes are size_t.
+        // SAFETY: the types are those of the headers of versions 1.4 and 2.3, which agree. Handles and names are
+        // pointers, the type of the device and the error are C enumerations (int), sizes are size_t.
         unsafe {
             Ok(Self {
                 new_device: symbol(library, "oidnNewDevice")?,
@@ -144,14 +144,14 @@ impl Functions {
         }
     }
 
-    /// A new device on the CPU; null if there cannot be one.
+    /// A new device on the CPU. Null on failure.
     pub(super) fn new_cpu_device(&self) -> RawDevice {
-        // SAFETY: it takes a number, and answers one that it does not know with null.
+        // SAFETY: the argument is a number, and the function returns null for an unknown one.
         unsafe { (self.new_device)(DEVICE_CPU) }
     }
 }
 
-/// Words for a version number (major * 10000 + minor * 100 + patch), if it is one that this adapter knows.
+/// Text of a version number (major * 10000 + minor * 100 + patch), if this adapter supports it.
 pub(super) fn known_version(number: i32) -> Result<String, String> {
     let words = format!("{}.{}.{}", number / 10_000, number / 100 % 100, number % 100);
     match (OLDEST..UNKNOWN).contains(&number) {
@@ -160,11 +160,11 @@ pub(super) fn known_version(number: i32) -> Result<String, String> {
     }
 }
 
-/// Opens a library with its symbols visible to those that are opened after it: the first generation looks for its threads
-/// there.
+/// Opens a library whose symbols are visible to libraries that are opened later. The first generation finds its thread
+/// library in this way.
 fn open(path: &std::path::Path) -> Result<Library, String> {
     #[cfg(unix)]
-    // SAFETY: loading runs the library's own start-up code. The user, or the system's packages, named it.
+    // SAFETY: loading runs the start-up code of the library, which the user or the system's packages installed.
     let opened = unsafe {
         use libloading::os::unix::{Library as Unix, RTLD_GLOBAL, RTLD_NOW};
         Unix::open(Some(path), RTLD_NOW | RTLD_GLOBAL).map(Library::from)
@@ -172,7 +172,7 @@ fn open(path: &std::path::Path) -> Result<Library, String> {
     #[cfg(not(unix))]
     // SAFETY: as above.
     let opened = unsafe { Library::new(path) };
-    // What the system says stands in the cause.
+    // The cause contains the message of the system.
     opened.map_err(|e| std::error::Error::source(&e).map_or_else(|| e.to_string(), ToString::to_string))
 }
 

@@ -1,7 +1,7 @@
-//! Intel Open Image Denoise, found at run time: a filter with trained weights, if the machine has it.
+//! Intel Open Image Denoise, loaded at run time: a filter with trained weights, if the machine has the library.
 //!
-//! Nothing is linked and nothing is shipped. Versions 1.4 and 2 are known; the CPU is always asked for, with the caller's
-//! number of threads.
+//! The program does not link or ship the library. It supports versions 1.4 and 2. It always uses the CPU, with the
+//! number of threads of the caller.
 
 mod library;
 mod prepare;
@@ -23,11 +23,11 @@ pub struct Oidn {
 }
 
 impl Oidn {
-    /// Loads the first of the candidates that can be. A library stays loaded until the program ends.
+    /// Loads the first candidate that can be loaded. A library stays loaded until the program ends.
     ///
     /// # Errors
-    /// [`DenoiseError::Unavailable`] with all that was tried and why it failed; [`DenoiseError::Library`] if the library
-    /// itself finds that it cannot work here.
+    /// [`DenoiseError::Unavailable`] with all candidates and the reasons of their failures. [`DenoiseError::Library`]
+    /// if the library reports that it cannot work on this machine.
     pub fn load(candidates: &[Candidate]) -> Result<Self, DenoiseError> {
         let functions = Functions::load(candidates)?;
         let version = Device::new(&functions, 1)?.version()?;
@@ -40,7 +40,7 @@ impl Oidn {
     }
 }
 
-/// The image, then the features in the order in which they are made ready.
+/// Progress at the limits of the steps: the features in the order of their preparation, then the image.
 const STEPS: [f64; 4] = [0.0, 0.3, 0.6, 1.0];
 
 impl Denoiser for Oidn {
@@ -48,9 +48,9 @@ impl Denoiser for Oidn {
         format!("Intel Open Image Denoise {}", self.version)
     }
 
-    /// Albedo and normal are filtered by themselves first, so that the image may trust them; a normal without an albedo is
-    /// not used, because the library has no weights for that. Pixels that are not finite are replaced by their neighbours
-    /// before the library sees them.
+    /// Albedo and normal are denoised first, so that the filter can treat them as noise-free. A normal without an
+    /// albedo is not used, since the library has no weights for that. Pixels that are not finite are replaced by the
+    /// mean of their neighbours before the library gets them.
     fn denoise(&self, input: &DenoiseInput<'_>, control: &Control<'_>) -> Result<Triples, DenoiseError> {
         input.check()?;
         let (width, height) = (input.mean.width(), input.mean.height());
@@ -87,14 +87,14 @@ impl Denoiser for Oidn {
         filter.set_float(c"inputScale", scale);
         let first = if albedo.is_some() { STEPS[2] } else { 0.0 };
         filter.run(&|fraction| (control.progress)(within(first, 1.0, fraction)))?;
-        // The library has its own idea of numbers that are too large; ours are finite.
+        // The library may return values that are not finite. The result is finite.
         let bound = |v: f32| if v.is_nan() { 0.0 } else { v.clamp(0.0, f32::MAX) };
         output.data_mut().as_flattened_mut().iter_mut().for_each(|v| *v = bound(*v));
         Ok(output)
     }
 }
 
-/// A feature without its own noise.
+/// A feature after denoising.
 fn prefiltered(
     device: &Device<'_>,
     name: &CStr,

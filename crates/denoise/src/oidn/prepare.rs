@@ -1,19 +1,20 @@
-//! Images as the library can take them: finite, in range, and with a scale that does not jump from seed to seed.
+//! Preparation of images for the library: finite, in range, and with a scale that is stable between seeds.
 
 use crate::denoiser::Triples;
 use dunkelfeld_film::{Plane, fill_gaps};
 use std::borrow::Cow;
 
-/// The brightest value that is handed on, after scaling: beyond it the library's half-precision weights lose track.
+/// The largest value for the library, after scaling. Above it, the half-precision weights of the library lose
+/// precision.
 const BRIGHTEST: f32 = 65_504.0;
-/// This quantile of the luminance comes to [`WHITE`], as automatic exposure has it.
+/// This quantile of the luminance is scaled to [`WHITE`], as in automatic exposure.
 const QUANTILE: f64 = 0.995;
 const WHITE: f32 = 0.9;
-/// So many pixels are enough to find a quantile of.
+/// Number of pixels that suffices for the quantile.
 const MAX_EXAMINED: usize = 1 << 20;
 
-/// The radiance that the library sees, and what it is to multiply it with. What is not finite is replaced by the
-/// neighbours' mean, what is negative by zero.
+/// The radiance for the library, and its scale factor. Values that are not finite are replaced by the mean of their
+/// neighbours, negative ones by zero.
 pub(super) fn radiance(mean: &Triples) -> (Cow<'_, Triples>, f32) {
     let finite = finite(mean);
     let scale = input_scale(&finite);
@@ -25,7 +26,7 @@ pub(super) fn radiance(mean: &Triples) -> (Cow<'_, Triples>, f32) {
     (Cow::Owned(finite.map(|v| v.map(|v| v.clamp(0.0, brightest)))), scale)
 }
 
-/// A feature with every component in `least..=1`; zero where it is not a number.
+/// A feature with every component in `least..=1`. NaN becomes zero.
 pub(super) fn feature(plane: &Triples, least: f32) -> Triples {
     plane.map(|v| v.map(|v| if v.is_nan() { 0.0 } else { v.clamp(least, 1.0) }))
 }
@@ -41,8 +42,8 @@ fn finite(mean: &Triples) -> Cow<'_, Triples> {
     Cow::Owned(fill_gaps(&zeroed, &known))
 }
 
-/// What brings the bright parts of an image near one. The library's own exposure follows the mean of logarithms, which in
-/// dark images differs from seed to seed.
+/// The factor that scales the bright parts of an image to about one. The library's own exposure uses the mean of
+/// logarithms, which differs from seed to seed in dark images.
 fn input_scale(mean: &Plane<[f32; 3]>) -> f32 {
     let step = mean.data().len().div_ceil(MAX_EXAMINED).max(1);
     let luminance = |[r, g, b]: [f32; 3]| 0.2126 * r.max(0.0) + 0.7152 * g.max(0.0) + 0.0722 * b.max(0.0);
@@ -52,7 +53,7 @@ fn input_scale(mean: &Plane<[f32; 3]>) -> f32 {
     }
     let at = ((values.len() - 1) as f64 * QUANTILE) as usize;
     let (_, bright, above) = values.select_nth_unstable_by(at, f32::total_cmp);
-    // Where almost everything is black, what is not counts.
+    // If almost all pixels are black, the brightest pixel counts.
     let bright = if *bright > 0.0 { *bright } else { above.iter().copied().fold(0.0, f32::max) };
     let scale = WHITE / bright;
     if bright > 0.0 && scale.is_normal() { scale } else { 1.0 }

@@ -1,4 +1,4 @@
-//! One device and its filters: made, run and released in order, errors as values.
+//! One device and its filters: they are created, run and released in order, and errors are values.
 
 #![allow(unsafe_code, reason = "pointers to images, lent to a library in C for as long as its filter runs")]
 
@@ -9,19 +9,19 @@ use std::marker::PhantomData;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::ptr;
 
-/// Three floats a pixel, by its number in the library.
+/// The library's number of the format with three floats per pixel.
 const FLOAT3: c_int = 3;
-/// The library's number for "cancelled by the progress monitor".
+/// The library's error number for "cancelled by the progress monitor".
 const CANCELLED: c_int = 6;
 
-/// A device on the CPU, released with it.
+/// A device on the CPU. The library's device is released on drop.
 pub(super) struct Device<'a> {
     functions: &'a Functions,
     raw: RawDevice,
 }
 
 impl<'a> Device<'a> {
-    /// A device with so many threads, which the system may move: pinned ones would fight with ours.
+    /// A device with this number of threads. They are not pinned to cores, since pinned ones would compete with ours.
     pub(super) fn new(functions: &'a Functions, threads: usize) -> Result<Self, DenoiseError> {
         let device = Self { functions, raw: functions.new_cpu_device() };
         if device.raw.is_null() {
@@ -29,7 +29,7 @@ impl<'a> Device<'a> {
             return Err(DenoiseError::Library(format!("Open Image Denoise has no device on this CPU: {said}")));
         }
         let threads = c_int::try_from(threads).unwrap_or(0);
-        // SAFETY: the device is this library's, alive, and used by this thread alone.
+        // SAFETY: the device is from this library, alive, and used by this thread alone.
         unsafe {
             (functions.set_device_int)(device.raw, c"numThreads".as_ptr(), threads);
             (functions.set_device_bool)(device.raw, c"setAffinity".as_ptr(), false);
@@ -39,7 +39,7 @@ impl<'a> Device<'a> {
         Ok(device)
     }
 
-    /// The library's version in words.
+    /// The library's version as text.
     pub(super) fn version(&self) -> Result<String, DenoiseError> {
         // SAFETY: the device is alive.
         let number = unsafe { (self.functions.get_device_int)(self.raw, c"version".as_ptr()) };
@@ -59,10 +59,11 @@ impl<'a> Device<'a> {
         Ok(filter)
     }
 
-    /// What went wrong since this was asked last.
+    /// The error since the last call, if there is one.
     fn error(&self) -> Result<(), DenoiseError> {
         let mut message: *const c_char = ptr::null();
-        // SAFETY: the device is alive, or null, which asks for the error of this thread; the message has a place to go to.
+        // SAFETY: the device is alive, or null, which selects the error of this thread. The message pointer is valid
+        // for writes.
         let code = unsafe { (self.functions.get_device_error)(self.raw, &raw mut message) };
         if code == 0 {
             return Ok(());
@@ -83,13 +84,14 @@ impl<'a> Device<'a> {
 impl Drop for Device<'_> {
     fn drop(&mut self) {
         if !self.raw.is_null() {
-            // SAFETY: it is alive, and released once; its filters, which borrow it, are gone.
+            // SAFETY: the device is alive and is released once. Its filters borrow it and are gone.
             unsafe { (self.functions.release_device)(self.raw) };
         }
     }
 }
 
-/// A filter, released with it; it borrows its images, which must stay where they are until it has run.
+/// A filter. The library's filter is released on drop. It borrows its images, which must stay at their place until it
+/// has run.
 pub(super) struct Filter<'a> {
     device: &'a Device<'a>,
     raw: RawFilter,
@@ -97,13 +99,13 @@ pub(super) struct Filter<'a> {
 }
 
 impl<'a> Filter<'a> {
-    /// An image to read.
+    /// Sets an input image.
     pub(super) fn input(&mut self, name: &CStr, image: &'a Triples) {
-        // The library takes one kind of pointer for both; it writes to the output alone.
+        // The library takes one pointer type for input and output. It writes to the output alone.
         self.image(name, image.data().as_ptr().cast_mut().cast(), image.width(), image.height());
     }
 
-    /// The image to write.
+    /// Sets the output image.
     pub(super) fn output(&mut self, image: &'a mut Triples) {
         let (width, height) = (image.width(), image.height());
         self.image(c"output", image.data_mut().as_mut_ptr().cast(), width, height);
@@ -111,42 +113,42 @@ impl<'a> Filter<'a> {
 
     fn image(&mut self, name: &CStr, data: *mut c_void, width: u32, height: u32) {
         let set = self.device.functions.set_shared_image;
-        // SAFETY: the filter is alive. A plane holds width * height triples side by side, which is what strides of zero say,
-        // and is borrowed for as long as the filter lives.
+        // SAFETY: the filter is alive. A plane holds width * height triples without gaps, which matches strides of
+        // zero. It is borrowed for as long as the filter lives.
         unsafe { set(self.raw, name.as_ptr(), data, FLOAT3, width as usize, height as usize, 0, 0, 0) };
     }
 
-    /// A switch.
+    /// Sets a boolean parameter.
     pub(super) fn set_bool(&mut self, name: &CStr, value: bool) {
         // SAFETY: the filter is alive.
         unsafe { (self.device.functions.set_filter_bool)(self.raw, name.as_ptr(), value) };
     }
 
-    /// A number.
+    /// Sets a numeric parameter.
     pub(super) fn set_float(&mut self, name: &CStr, value: f32) {
         // SAFETY: the filter is alive.
         unsafe { (self.device.functions.set_filter_float)(self.raw, name.as_ptr(), value) };
     }
 
-    /// Runs the filter. `progress` takes the finished fraction and says whether to go on, from any thread.
+    /// Runs the filter. `progress` gets the finished fraction and returns whether to continue. Any thread may call it.
     pub(super) fn run(self, progress: &(dyn Fn(f64) -> bool + Sync)) -> Result<(), DenoiseError> {
         extern "C" fn monitor(user: *mut c_void, fraction: f64) -> bool {
-            // SAFETY: `user` is the address of `progress` below, which outlives the filter's run; it may be called from any
-            // thread, because it is `Sync`.
+            // SAFETY: `user` is the address of `progress` below, which outlives the filter's run. Any thread may call
+            // it, because it is `Sync`.
             let progress = unsafe { &*user.cast::<&(dyn Fn(f64) -> bool + Sync)>() };
-            // A panic must not unwind into C; it ends the run instead.
+            // A panic must not unwind into C. It ends the run instead.
             catch_unwind(AssertUnwindSafe(|| progress(fraction))).unwrap_or(false)
         }
         let functions = self.device.functions;
         let user = (&raw const progress).cast_mut().cast();
-        // SAFETY: the filter is alive, its images are borrowed by it, and `user` lives until this function returns, which
-        // drops the filter.
+        // SAFETY: the filter is alive and borrows its images. `user` lives until this function returns, which drops the
+        // filter.
         unsafe {
             (functions.set_monitor)(self.raw, Some(monitor), user);
             (functions.commit_filter)(self.raw);
         }
         self.device.error()?;
-        // SAFETY: as above; it returns when all of its threads are done.
+        // SAFETY: as above. The call returns when all threads of the library are done.
         unsafe { (functions.execute_filter)(self.raw) };
         self.device.error()
     }
@@ -155,7 +157,7 @@ impl<'a> Filter<'a> {
 impl Drop for Filter<'_> {
     fn drop(&mut self) {
         if !self.raw.is_null() {
-            // SAFETY: it is alive, and released once; the device outlives it.
+            // SAFETY: the filter is alive and is released once. The device outlives it.
             unsafe { (self.device.functions.release_filter)(self.raw) };
         }
     }

@@ -1,4 +1,4 @@
-//! The sensor that the tests of frames begin with.
+//! The sensor of the tests of frames.
 
 use dunkelfeld_radiometry::{Celsius, DigitalNumber, Electrons, Metres, Nanometres};
 use dunkelfeld_sensor::{DarkCurrent, Defects, FixedPattern, Published, QuantumEfficiency, SensorSpec};
