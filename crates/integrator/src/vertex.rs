@@ -93,8 +93,7 @@ impl<'a, F: Features> SurfaceVertex<'a, F> {
         if self.shading.bsdf.is_delta() { self.sample([0.0, 0.0, u_lobe]) } else { None }
     }
 
-    /// Converts a direction of the local frame to a sample. `None` if it lies on the wrong side of the geometric
-    /// surface.
+    /// A world direction in the local frame. `None` if local frame and geometric normal disagree about its side.
     #[inline]
     fn consistent(&self, wi: Vec3) -> Option<LocalDir> {
         self.shading.local_direction(self.met.hit.normal, wi)
