@@ -141,7 +141,7 @@ impl<L: Lanes> ShearLanes<L> {
         if candidates == 0 {
             return None;
         }
-        // Uses the end of the ray. A hit near the best hit so far needs no more precision than that hit.
+        // Compared with the end of the ray, not with the best hit so far: a hit near that one needs no more precision.
         let ends = L::le(t, t_error) | L::le(L::sub(L::splat(ray.t_max), t_error), t);
         let near = candidates & ends;
         let mut ts = L::store(t);
