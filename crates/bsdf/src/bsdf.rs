@@ -5,7 +5,7 @@ use dunkelfeld_geometry::LocalDir;
 use dunkelfeld_radiometry::Rgb;
 use std::ops::BitOr;
 
-/// How one point of a surface scatters light.
+/// The scattering function of one point of a surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Bsdf {
     /// Plastic, metal, painted and coated surfaces, rough glass.
@@ -14,9 +14,9 @@ pub enum Bsdf {
     Dielectric(Dielectric),
     /// A clear sheet too thin to displace a ray.
     ThinSheet(ThinSheet),
-    /// Paper, leaves, milk glass: light passes diffusely.
+    /// Paper, leaves, milk glass: light is transmitted diffusely.
     Translucent(Translucent),
-    /// Takes all light in.
+    /// Absorbs all light.
     Absorber,
 }
 
@@ -29,11 +29,12 @@ pub struct BsdfSample {
     pub weight: Rgb,
     /// Density per unit solid angle [1/sr]; for a delta lobe the discrete probability of taking it.
     pub pdf: f32,
-    /// Which lobe gave the direction.
+    /// The lobe from which the direction was drawn.
     pub lobe: Lobe,
     /// Index of refraction on the side of `wi` over that on the side of `wo`; 1 unless the light was refracted.
     ///
-    /// The weight of a refraction holds the factor `1 / eta^2` by which radiance changes; roulette should undo it.
+    /// The weight of a refraction contains the factor `1 / eta^2` by which radiance changes. Roulette should divide it
+    /// out.
     pub eta: f32,
 }
 
@@ -46,7 +47,7 @@ impl Lobe {
     pub const DIFFUSE: Self = Self(1);
     /// A rough specular lobe.
     pub const GLOSSY: Self = Self(2);
-    /// A single direction: no density, `eval` does not see it.
+    /// A single direction: it has no density, and `eval` excludes it.
     pub const DELTA: Self = Self(4);
     /// `wi` and `wo` lie on the same side.
     pub const REFLECTION: Self = Self(8);
@@ -55,7 +56,7 @@ impl Lobe {
     /// The clear coat on top of the principled surface.
     pub const CLEARCOAT: Self = Self(32);
 
-    /// Are all properties of `other` present?
+    /// True if all properties of `other` are present.
     #[inline]
     pub const fn contains(self, other: Self) -> bool {
         self.0 & other.0 == other.0
@@ -71,19 +72,19 @@ impl BitOr for Lobe {
 }
 
 impl Bsdf {
-    /// The BSDF times `|cos wi|` [1/sr]. Delta lobes do not contribute.
+    /// The BSDF times `|cos wi|` [1/sr]. Delta lobes are excluded.
     #[inline]
     pub fn eval(&self, wo: LocalDir, wi: LocalDir) -> Rgb {
         self.eval_pdf(wo, wi).0
     }
 
-    /// The density with which [`Self::sample`] gives `wi` [1/sr]. Delta lobes do not contribute.
+    /// The density of `wi` in [`Self::sample`] [1/sr]. Delta lobes are excluded.
     #[inline]
     pub fn pdf(&self, wo: LocalDir, wi: LocalDir) -> f32 {
         self.eval_pdf(wo, wi).1
     }
 
-    /// [`Self::eval`] and [`Self::pdf`] together, for the price of one.
+    /// [`Self::eval`] and [`Self::pdf`] together, at the cost of one.
     #[inline]
     pub fn eval_pdf(&self, wo: LocalDir, wi: LocalDir) -> (Rgb, f32) {
         match self {
@@ -93,7 +94,7 @@ impl Bsdf {
         }
     }
 
-    /// [`Self::eval_pdf`] of surfaces that let light through: apart, as most surfaces do not.
+    /// [`Self::eval_pdf`] of transmitting surfaces. It is a separate function because most surfaces are opaque.
     #[inline(never)]
     fn eval_clear(&self, wo: LocalDir, wi: LocalDir) -> (Rgb, f32) {
         match self {
@@ -106,13 +107,14 @@ impl Bsdf {
 
     /// Samples a direction; `u_lobe` chooses the lobe, `u` the direction in it, all in `[0, 1)`.
     ///
-    /// `None` if the light is absorbed: the estimate of the scattered light is zero then.
+    /// `None` if the light is absorbed. Then the estimate of the scattered light is zero.
     #[inline(always)]
     pub fn sample(&self, wo: LocalDir, u_lobe: f32, u: [f32; 2]) -> Option<BsdfSample> {
         match self {
             Self::Principled(b) => b.sample(wo, u_lobe, u),
             _ if EFFECTS => {
-                // Not handed on as it is: the sample above would then lie in memory as this one does.
+                // Bound to a variable first. If the call were returned directly, the sample of the other branch would
+                // be kept in memory as well.
                 let sample = self.sample_clear(wo, u_lobe, u)?;
                 Some(sample)
             }
@@ -120,7 +122,7 @@ impl Bsdf {
         }
     }
 
-    /// [`Self::sample`] of surfaces that let light through.
+    /// [`Self::sample`] of transmitting surfaces.
     #[inline(never)]
     fn sample_clear(&self, wo: LocalDir, u_lobe: f32, u: [f32; 2]) -> Option<BsdfSample> {
         match self {
@@ -131,8 +133,8 @@ impl Bsdf {
         }
     }
 
-    /// The same surface with the energy given back that rough lobes lose between their facets; see
-    /// [`crate::compensation`]. Diffuse, sheen and clear-coat lobes and smooth boundaries lose nothing there and stay as
+    /// The same surface with compensation of the energy that rough lobes lose between their facets; see
+    /// [`crate::compensation`]. Diffuse, sheen and clear-coat lobes and smooth boundaries have no such loss and stay as
     /// they are.
     #[inline]
     pub fn with_energy_compensation(self) -> Self {
@@ -145,7 +147,8 @@ impl Bsdf {
         }
     }
 
-    /// Does it scatter into delta lobes only (or not at all)? Then connecting it to a light is pointless.
+    /// True if it scatters into delta lobes only (or not at all). Then next-event estimation cannot connect it to a
+    /// light.
     #[inline]
     pub fn is_delta(&self) -> bool {
         match self {
@@ -158,8 +161,8 @@ impl Bsdf {
         }
     }
 
-    /// Does it show what is around rather than itself: does it scatter into single directions only, or as good as that, as a
-    /// polished metal does? For layers, not for transport.
+    /// True if the auxiliary layers pass through it: it scatters into single directions only, or into a lobe as narrow
+    /// as that of a polished metal. Used for layers, not for transport.
     #[inline]
     pub fn is_see_through(&self) -> bool {
         match self {
@@ -168,8 +171,8 @@ impl Bsdf {
         }
     }
 
-    /// Approximate share of light scattered, as a guide for denoisers: the base colour of a principled surface,
-    /// brighter toward grazing angles by the reflection on top; reflection plus transmission of a clear one. Within
+    /// Approximate albedo, as a guide for denoisers. For a principled surface it is the base colour, which increases
+    /// toward grazing angles by the reflection on top. For a clear surface it is reflection plus transmission. Within
     /// `[0, 1]`. Not energy-exact and not for transport.
     #[inline(always)]
     pub fn albedo(&self, wo: LocalDir) -> Rgb {

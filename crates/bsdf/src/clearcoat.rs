@@ -9,7 +9,7 @@ use std::f32::consts::PI;
 pub const STRENGTH: f32 = 0.25;
 /// Reflectance at normal incidence, for an index of 1.5.
 const F0: f32 = 0.04;
-/// Roughness of the shadowing term, whatever the gloss.
+/// Roughness of the shadowing term, independent of the gloss.
 const ALPHA_G: f32 = 0.25;
 
 /// Width of the lobe for a gloss in `[0, 1]`.
@@ -44,7 +44,7 @@ pub fn eval_clearcoat(wo: LocalDir, wi: LocalDir, m: Vec3, alpha: f32) -> f32 {
 #[inline]
 pub fn sample_half_vector([u0, u1]: [f32; 2], alpha: f32) -> Vec3 {
     let a2 = alpha * alpha;
-    // The sine, not the cosine: at full gloss its square is 1e-6, of which 1 - cos^2 would leave a digit.
+    // The sine is used. At full gloss its square is 1e-6, and 1 - cos^2 would keep one digit of it.
     let sin2 = ((a2.powf(1.0 - u0) - a2) / (1.0 - a2)).clamp(0.0, 1.0);
     let (sin, cos) = (sin2.sqrt(), (1.0 - sin2).sqrt());
     let (s, c) = sin_cos_turn(u1);
@@ -57,7 +57,7 @@ pub fn pdf_half_vector(m: Vec3, alpha: f32) -> f32 {
     distribution(m, alpha) * m.z
 }
 
-/// The random numbers behind a half vector of [`sample_half_vector`].
+/// The random numbers that give a half vector in [`sample_half_vector`].
 #[inline]
 pub fn invert_half_vector(m: Vec3, alpha: f32) -> [f32; 2] {
     let a2 = alpha * alpha;

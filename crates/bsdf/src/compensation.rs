@@ -1,17 +1,20 @@
-//! Energy compensation: what the microfacet model loses between facets, given back as a factor (Turquin 2019).
+//! Energy compensation: a factor that restores the energy that the microfacet model loses between facets (Turquin
+//! 2019).
 //!
-//! Smith's model lets light meet one facet; what a second facet would have scattered on is lost, up to two thirds of it for
-//! rough metal. Turquin (2019) scales the lobe by what is missing: a white, perfectly reflecting surface of *directional
-//! albedo* `E(wo)` by `1 / E(wo)`, one of reflectance `F0` at normal incidence by `1 + F0 (1 - E) / E`, and a clear
-//! boundary, where nothing is absorbed, by one over the sum of what it reflects and transmits.
+//! In Smith's model light meets one facet. Light that a second facet would scatter is lost, up to two thirds of it for
+//! rough metal. Turquin (2019) scales the lobe by the missing energy. A white, perfectly reflecting surface of
+//! *directional albedo* `E(wo)` has the factor `1 / E(wo)`. A surface of reflectance `F0` at normal incidence has the
+//! factor `1 + F0 (1 - E) / E`. A clear boundary, which absorbs nothing, has the inverse of the sum of its reflection
+//! and its transmission.
 //!
-//! The factor depends on `wo` alone: the density of the samples stays as it is, and the white furnace gives back all of its
-//! light. The price is reciprocity: `f(wo, wi) / factor(wo)` is reciprocal, f itself is not. An estimator that follows light
-//! in one direction only, as ours does, stays consistent.
+//! The factor depends on `wo` alone. So the density of the samples does not change, and a surface in a white furnace
+//! scatters all of its light. The cost is reciprocity: `f(wo, wi) / factor(wo)` is reciprocal, f itself is not. An
+//! estimator that traces light in one direction only, as this one does, stays consistent.
 //!
-//! Directional albedos come from tables that are made on first use, by cubature of the very lobes they serve. For cosines of
-//! the view above 0.03 a factor is off by 0.3 % at most where the facets reflect everything and are isotropic, by 2 % where
-//! they are stretched or clear (`tests/furnace.rs` integrates the lobes anew); the root mean square is 0.04 % and 0.3 %.
+//! Directional albedos come from tables. They are computed on first use, by cubature of the same lobes. For cosines of
+//! the view above 0.03 the error of a factor is at most 0.3 % for isotropic facets that reflect everything, and 2 % for
+//! anisotropic or clear ones (`tests/furnace.rs` integrates the lobes independently). The root mean square is 0.04 %
+//! and 0.3 %.
 
 use crate::fresnel;
 use crate::microfacet::{Ggx, reflect};
@@ -19,7 +22,7 @@ use crate::transmission::refract;
 use dunkelfeld_geometry::LocalDir;
 use std::sync::LazyLock;
 
-/// Directional albedo of a GGX surface whose facets reflect everything.
+/// Directional albedo of a GGX surface whose facets reflect all light.
 pub fn reflected_once(ggx: &Ggx, wo: LocalDir) -> f32 {
     let [ax, ay] = ggx.slopes();
     let [t, s] = coordinates(wo.0.z, (ax * ay).sqrt());
@@ -33,9 +36,9 @@ pub fn reflected_once(ggx: &Ggx, wo: LocalDir) -> f32 {
     ANISOTROPIC.at([t, s, stretch, (toward - short) / (long - short)])
 }
 
-/// What a clear GGX boundary reflects and transmits together; `eta` is the index behind over the one in front.
+/// Reflection plus transmission of a clear GGX boundary; `eta` is the index behind over the one in front.
 ///
-/// Anisotropic boundaries are taken for isotropic ones of the same root-mean-square slope.
+/// Anisotropic boundaries are treated as isotropic ones of the same root-mean-square slope.
 pub fn scattered_once(ggx: &Ggx, wo: LocalDir, eta: f32) -> f32 {
     let [ax, ay] = ggx.slopes();
     let [t, s] = coordinates(wo.0.z, (0.5 * (ax * ax + ay * ay)).sqrt());
@@ -44,7 +47,8 @@ pub fn scattered_once(ggx: &Ggx, wo: LocalDir, eta: f32) -> f32 {
 }
 
 /// Cosine and slope as coordinates in the unit square. For small slopes the albedo is a function of cosine over slope,
-/// which the first coordinate resolves whatever the scale; roots, because the slope is the square of what people choose.
+/// which the first coordinate resolves at any scale. The coordinates are roots, because users set the root of the
+/// slope.
 fn coordinates(cos: f32, alpha: f32) -> [f32; 2] {
     let (c, s) = (cos.sqrt(), alpha.min(1.0).sqrt());
     [c * (1.0 + s) / (c + s), s]
@@ -52,13 +56,13 @@ fn coordinates(cos: f32, alpha: f32) -> [f32; 2] {
 
 /// The inverse of [`coordinates`]: a direction in the plane y = 0, and the slope.
 fn from_coordinates(t: f32, s: f32) -> (LocalDir, f32) {
-    // Where the surface is smooth every cosine has the same coordinate.
+    // For a smooth surface every cosine has the same coordinate.
     let c = if s > 0.0 { (t * s / (1.0 + s - t)).clamp(1e-3, 1.0) } else { 1.0 };
     let cos = c * c;
     (LocalDir::new(((1.0 - cos) * (1.0 + cos)).sqrt(), 0.0, cos), s * s)
 }
 
-/// Over cosine and slope.
+/// Coordinates: cosine, slope.
 static ISOTROPIC: LazyLock<Table<2>> = LazyLock::new(|| {
     Table::new([32, 32], |[t, s]| {
         let (wo, alpha) = from_coordinates(t, s);
@@ -66,7 +70,7 @@ static ISOTROPIC: LazyLock<Table<2>> = LazyLock::new(|| {
     })
 });
 
-/// Over cosine, slope, stretch, and slope toward wo.
+/// Coordinates: cosine, slope, anisotropy, and slope toward wo.
 static ANISOTROPIC: LazyLock<Table<4>> = LazyLock::new(|| {
     Table::new([16, 16, 10, 6], |[t, s, stretch, toward]| {
         let (wo, alpha) = from_coordinates(t, s);
@@ -79,7 +83,7 @@ static ANISOTROPIC: LazyLock<Table<4>> = LazyLock::new(|| {
     })
 });
 
-/// Over cosine, slope, and the index of refraction by its reflectance at normal incidence.
+/// Coordinates: cosine, slope, and the index of refraction by its reflectance at normal incidence.
 static CLEAR: LazyLock<Table<3>> = LazyLock::new(|| {
     Table::new([20, 20, 41], |[t, s, r]| {
         let (wo, alpha) = from_coordinates(t, s);
@@ -88,17 +92,17 @@ static CLEAR: LazyLock<Table<3>> = LazyLock::new(|| {
     })
 });
 
-/// Square root of the least ratio of slopes that the table of anisotropic surfaces holds (Burley 2012: `1 - 0.9`).
+/// Square root of the least ratio of slopes in the table of anisotropic surfaces (Burley 2012: `1 - 0.9`).
 const MIN_ASPECT: f32 = 0.316_227_77;
 
 /// The integral of a lobe without colour over all directions: reflection only, or both sides of a boundary.
 fn directional_albedo(ggx: &Ggx, wo: LocalDir, eta: Option<f32>) -> f32 {
     const OUTWARD: usize = 32;
-    // An isotropic surface mirrors itself in the plane of wo: half of the turn is enough.
+    // An isotropic surface is symmetric about the plane of wo: half of the turn is enough.
     let [ax, ay] = ggx.slopes();
     let (around, turn) = if ax == ay { (OUTWARD / 2, 0.5) } else { (OUTWARD, 1.0) };
     let g1 = |w: LocalDir| if w.0.z > 0.0 { f64::from(ggx.g1(w)) } else { 0.0 };
-    // Bounded normals reflect with weight g1(wi) times this: they leave out what goes below the surface.
+    // Bounded normals reflect with weight g1(wi) times this factor, because they exclude directions below the surface.
     let bound = f64::from(ggx.pdf_visible(wo, wo.0) / (4.0 * ggx.pdf_bounded_reflection(wo, wo.0)));
     let mut sum = 0.0;
     for i in 0..OUTWARD {
@@ -125,7 +129,7 @@ fn directional_albedo(ggx: &Ggx, wo: LocalDir, eta: Option<f32>) -> f32 {
     (sum / (around * OUTWARD) as f64) as f32
 }
 
-/// Values on a grid over the unit cube, linear between.
+/// Values on a grid over the unit cube, with linear interpolation.
 struct Table<const N: usize> {
     sizes: [usize; N],
     values: Vec<f32>,

@@ -8,15 +8,15 @@ use crate::transmission::{eval_refraction, refract};
 use dunkelfeld_geometry::LocalDir;
 use dunkelfeld_radiometry::Rgb;
 
-/// Relative indices within this distance of 1 count as matched: light goes straight through, whatever the roughness.
+/// Relative indices within this distance of 1 are matched: light passes straight, at any roughness.
 ///
-/// The deflection neglected is below a milliradian for facets tilted by less than 45 degrees, the reflection below 3e-7
-/// at normal incidence. Nearer to 1 the half vector of a refraction would be rounding noise.
+/// The neglected deflection is below a milliradian for facets tilted by less than 45 degrees, the neglected reflection
+/// below 3e-7 at normal incidence. Nearer to 1 the half vector of a refraction would be rounding noise.
 pub const MATCHED_INDEX: f32 = 1e-3;
 
 /// The boundary between two dielectrics. Below the surface (z < 0) is the inside.
 ///
-/// Radiance is what is transported: a refraction scales it by `1 / eta^2`.
+/// The transported quantity is radiance: a refraction scales it by `1 / eta^2`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Dielectric {
     eta: f32,
@@ -29,8 +29,8 @@ pub struct Dielectric {
 impl Dielectric {
     /// A boundary with index of refraction `eta` inside over outside and GGX roughness `alpha` (0 is smooth).
     ///
-    /// `eta` is clamped to `[1e-3, 1e3]`. A rough lobe has at least `alpha = 1e-4`; a boundary whose index is matched
-    /// to within [`MATCHED_INDEX`] is treated as smooth. The tints multiply what is reflected and transmitted; white is
+    /// `eta` is clamped to `[1e-3, 1e3]`. A rough lobe has at least `alpha = 1e-4`. A boundary whose index is matched
+    /// to within [`MATCHED_INDEX`] is treated as smooth. The tints multiply reflection and transmission; white is
     /// physical.
     #[inline]
     pub fn new(eta: f32, alpha: f32, reflection_tint: Rgb, transmission_tint: Rgb) -> Self {
@@ -51,7 +51,7 @@ impl Dielectric {
         Self::new(eta, 0.0, Rgb::WHITE, Rgb::WHITE)
     }
 
-    /// Is the boundary smooth?
+    /// True if the boundary is smooth.
     #[inline]
     pub fn is_delta(&self) -> bool {
         self.rough.is_none()
@@ -132,25 +132,25 @@ impl Dielectric {
     }
 }
 
-/// A relative index of refraction that can be computed with: within `[1e-3, 1e3]`, 1 if it is NaN.
+/// A relative index of refraction in a valid range: within `[1e-3, 1e3]`, 1 if it is NaN.
 #[inline]
 pub(crate) fn clamp_eta(eta: f32) -> f32 {
     if eta.is_nan() { 1.0 } else { eta.clamp(1e-3, 1e3) }
 }
 
-/// Mirrors a scene seen from below (`wo.z < 0`) to above: index of refraction, `wo`, `wi`.
+/// Mirrors directions with `wo` below the surface (`wo.z < 0`) to above: index of refraction, `wo`, `wi`.
 #[inline]
 pub(crate) fn from_above(eta: f32, wo: LocalDir, wi: LocalDir) -> (f32, LocalDir, LocalDir) {
     if wo.0.z < 0.0 { (1.0 / eta, mirrored_if(true, wo), mirrored_if(true, wi)) } else { (eta, wo, wi) }
 }
 
-/// `w`, mirrored at the surface on a condition.
+/// `w`, mirrored at the surface if the condition is true.
 #[inline]
 pub(crate) fn mirrored_if(condition: bool, w: LocalDir) -> LocalDir {
     if condition { LocalDir::new(w.0.x, w.0.y, -w.0.z) } else { w }
 }
 
-/// A sample of a delta lobe; `None` if it carries nothing.
+/// A sample of a delta lobe; `None` if its weight is zero.
 #[inline]
 pub(crate) fn delta(wi: LocalDir, weight: Rgb, probability: f32, side: Lobe, eta: f32) -> Option<BsdfSample> {
     (probability > 0.0 && weight.is_finite() && !weight.is_black() && wi.0.z != 0.0).then_some(BsdfSample {
@@ -162,7 +162,7 @@ pub(crate) fn delta(wi: LocalDir, weight: Rgb, probability: f32, side: Lobe, eta
     })
 }
 
-/// A sample of a lobe with a density; `None` if it carries nothing or its density underflowed.
+/// A sample of a lobe with a density; `None` if its weight is zero or its density underflowed.
 #[inline]
 pub(crate) fn finite_sample(wi: LocalDir, value: Rgb, pdf: f32, lobe: Lobe, eta: f32) -> Option<BsdfSample> {
     let weight = value / pdf;

@@ -1,8 +1,8 @@
-//! Fresnel reflection: exact for dielectrics, Schlick's approximation for the rest.
+//! Fresnel reflection: exact for dielectrics, Schlick's approximation for other surfaces.
 
 use dunkelfeld_radiometry::Rgb;
 
-/// What happens to unpolarised light at a smooth boundary between two dielectrics.
+/// Reflection and refraction of unpolarised light at a smooth boundary between two dielectrics.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FresnelDielectric {
     /// Reflected share of the power, in `[0, 1]`; exactly 1 for total reflection.
@@ -11,8 +11,8 @@ pub struct FresnelDielectric {
     pub cos_t: f32,
 }
 
-/// Reflection at a boundary, seen at an angle of cosine `cos_i >= 0`; `eta` is the index of refraction behind the
-/// boundary over the one in front of it (Fresnel 1823; Born and Wolf 1999, section 1.5.2).
+/// Reflection at a boundary, for an angle of incidence with cosine `cos_i >= 0`. `eta` is the index of refraction
+/// behind the boundary over the one in front of it (Fresnel 1823; Born and Wolf 1999, section 1.5.2).
 #[inline]
 pub fn dielectric(cos_i: f32, eta: f32) -> FresnelDielectric {
     if eta == 1.0 {
@@ -27,10 +27,10 @@ pub fn dielectric(cos_i: f32, eta: f32) -> FresnelDielectric {
     FresnelDielectric { reflectance: from_cosines(cos_i, cos_t, eta), cos_t }
 }
 
-/// Reflectance at a boundary when both angles are known, by their cosines (above zero).
+/// Reflectance at a boundary for two given angles, by their cosines (above zero).
 ///
-/// Seen from a much denser side the angle of refraction depends on the last digits of the angle of incidence; who knows
-/// both directions loses nothing, and the value is the same from either side.
+/// On a much denser side the angle of refraction depends on the last digits of the angle of incidence. With both
+/// cosines given no precision is lost, and the value is the same from either side.
 #[inline]
 pub fn from_cosines(cos_i: f32, cos_t: f32, eta: f32) -> f32 {
     let perpendicular = (cos_i - eta * cos_t) / (cos_i + eta * cos_t);
@@ -94,7 +94,7 @@ mod tests {
         let eta = 1.49f32;
         let cos = 1.0 / (1.0 + eta * eta).sqrt();
         let f = dielectric(cos, eta);
-        // Only the perpendicular half is left: ((eta^2 - 1) / (eta^2 + 1))^2 / 2.
+        // Only the perpendicular polarisation is left: ((eta^2 - 1) / (eta^2 + 1))^2 / 2.
         let r = (eta * eta - 1.0) / (eta * eta + 1.0);
         assert!((f.reflectance - 0.5 * r * r).abs() < 1e-6);
     }
@@ -111,7 +111,8 @@ mod tests {
                 );
                 if eta > 1.01 && cos > 0.05 {
                     let back = dielectric(f.cos_t, 1.0 / eta);
-                    // On the way back the cosine is the root of a difference: its rounding grows by eta^2 / cos.
+                    // In the reverse direction the cosine is the root of a difference. Its rounding error grows by
+                    // eta^2 / cos.
                     assert!((back.reflectance - f.reflectance).abs() < 1e-6 * eta * eta / cos, "cos {cos}, eta {eta}");
                 }
             }

@@ -1,6 +1,6 @@
 //! GGX microfacets: distribution, masking, and the sampling of visible normals.
 //!
-//! All directions are taken above the surface (z > 0); a caller that looks from below mirrors them first.
+//! All directions are above the surface (z > 0). The caller mirrors directions below it first.
 
 use dunkelfeld_geometry::{LocalDir, Vec3};
 use dunkelfeld_sampling::warp::{self, sin_cos_turn};
@@ -16,7 +16,7 @@ pub struct Ggx {
 }
 
 impl Ggx {
-    /// From the root-mean-square slopes along x and y. Slopes below `1e-4` are raised to it: there f32 directions still
+    /// From the root-mean-square slopes along x and y. The minimum of a slope is `1e-4`: there f32 directions still
     /// resolve the lobe, and its peak is 3e7 / sr.
     #[inline]
     pub fn new(alpha_x: f32, alpha_y: f32) -> Self {
@@ -42,7 +42,8 @@ impl Ggx {
     /// `sqrt((ax x)^2 + (ay y)^2 + z^2)`: the length of a direction in the space where the microsurface is a
     /// hemisphere.
     ///
-    /// Smith's masking function is `g1 = 2 z / (z + stretch)`; kept apart because `g1 / z` has no singularity.
+    /// Smith's masking function is `g1 = 2 z / (z + stretch)`. The two are separate because `g1 / z` has no
+    /// singularity.
     #[inline]
     pub fn stretch(&self, w: LocalDir) -> f32 {
         let (x, y) = (self.alpha_x * w.0.x, self.alpha_y * w.0.y);
@@ -67,14 +68,14 @@ impl Ggx {
         2.0 * self.distribution(m) * wo.0.dot(m).max(0.0) / (wo.0.z + self.stretch(wo))
     }
 
-    /// The random numbers behind a normal of [`Self::sample_visible`].
+    /// The random numbers that give a normal in [`Self::sample_visible`].
     #[inline]
     pub fn invert_visible(&self, wo: LocalDir, m: Vec3) -> [f32; 2] {
         self.invert_cap(wo, 1.0, m)
     }
 
-    /// Samples a visible normal for reflection: the cap is cut to what can reflect above the surface
-    /// (Eto and Tokuyoshi 2023). A few reflections below the surface remain.
+    /// Samples a visible normal for reflection. The cap is limited to normals that can reflect above the surface (Eto
+    /// and Tokuyoshi 2023). A few reflections below the surface remain.
     #[inline(always)]
     pub fn sample_bounded(&self, wo: LocalDir, u: [f32; 2]) -> Vec3 {
         self.sample_cap(wo, self.cap_bound(wo), u)
@@ -93,7 +94,7 @@ impl Ggx {
         if in_cap { 4.0 * wo.0.dot(m).max(0.0) * self.pdf_bounded_reflection(wo, m) } else { 0.0 }
     }
 
-    /// The random numbers behind a normal of [`Self::sample_bounded`].
+    /// The random numbers that give a normal in [`Self::sample_bounded`].
     #[inline]
     pub fn invert_bounded(&self, wo: LocalDir, m: Vec3) -> [f32; 2] {
         self.invert_cap(wo, self.cap_bound(wo), m)
@@ -116,7 +117,7 @@ impl Ggx {
         let z = (1.0 - u1) * (1.0 + lower) - lower;
         let sin = ((1.0 - z) * (1.0 + z)).max(0.0).sqrt();
         let (s, c) = sin_cos_turn(u0);
-        // The cap reaches below the horizon, but its sum with w does not.
+        // The cap extends below the horizon, but its sum with w does not.
         let h = Vec3::new(sin * c + w.x, sin * s + w.y, (z + w.z).max(0.0));
         Vec3::new(h.x * self.alpha_x, h.y * self.alpha_y, h.z).try_normalize().unwrap_or(Vec3::Z)
     }
@@ -137,7 +138,7 @@ impl Ggx {
         h * (2.0 * w.dot(h)) - w
     }
 
-    /// A direction where the microsurface is a hemisphere, as a unit vector.
+    /// A direction in the space where the microsurface is a hemisphere, as a unit vector.
     #[inline]
     fn stretched(&self, wo: LocalDir) -> Vec3 {
         Vec3::new(wo.0.x * self.alpha_x, wo.0.y * self.alpha_y, wo.0.z) / self.stretch(wo)

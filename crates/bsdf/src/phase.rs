@@ -4,14 +4,15 @@ use dunkelfeld_geometry::{Frame, LocalDir, Vec3};
 use dunkelfeld_sampling::warp::sin_cos_turn;
 use std::f32::consts::FRAC_1_PI;
 
-/// The largest `|g|`: there f32 directions still resolve the peak, which is 1.6e7 / sr, about that of the sharpest GGX lobe.
+/// The largest `|g|`. There f32 directions still resolve the peak, which is 1.6e7 / sr, similar to the sharpest GGX
+/// lobe.
 const SHARPEST: f32 = 1.0 - 1e-4;
 
-/// How a medium scatters, by the mean cosine `g` of the deflection: above 0 mostly forward, below 0 mostly back, 0 equally
-/// in all directions.
+/// The phase function of a medium, by the mean cosine `g` of the deflection: above 0 mostly forward, below 0 mostly
+/// backward, 0 equally in all directions.
 ///
-/// Directions point away from the place of scattering, as at surfaces: light that goes straight on has `wi = -wo`. The
-/// value of the phase function is its density, so that a sample has weight one.
+/// Directions point away from the place of scattering, as at surfaces: light without deflection has `wi = -wo`. The
+/// value of the phase function is its density, so a sample has weight one.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HenyeyGreenstein {
     g: f32,
@@ -58,7 +59,7 @@ impl HenyeyGreenstein {
         Frame::from_normal(self.peak(wo)).to_world(local)
     }
 
-    /// The uniform numbers behind a direction of [`Self::sample`].
+    /// The uniform numbers that give a direction in [`Self::sample`].
     #[inline]
     pub fn invert(&self, wo: Vec3, wi: Vec3) -> [f32; 2] {
         let (g, near) = (self.g.abs(), 1.0 - self.g.abs());
@@ -71,7 +72,7 @@ impl HenyeyGreenstein {
         [u0.clamp(0.0, 1.0), if turn < 0.0 { turn + 1.0 } else { turn }]
     }
 
-    /// The direction that is most likely.
+    /// The direction of the peak.
     #[inline]
     fn peak(&self, wo: Vec3) -> Vec3 {
         if self.g < 0.0 { wo } else { -wo }

@@ -1,6 +1,6 @@
 //! The principled BSDF: the mix of all lobes, with the parameters and formulas of Mitsuba 3.9's `principled`.
 //!
-//! The model is that of Burley (2012, 2015). What follows Mitsuba where the papers leave a choice:
+//! The model is that of Burley (2012, 2015). Where the papers leave a choice, it follows Mitsuba:
 //! - roughness squared is the GGX slope, anisotropy divides and multiplies it by `sqrt(1 - 0.9 anisotropic)`, slopes
 //!   are at least 0.001;
 //! - masking and shadowing are separable, `G = g1(wo) g1(wi)`;
@@ -9,10 +9,11 @@
 //! - sheen vanishes for `spec_trans = 1`;
 //! - only the refractive part (`spec_trans`) exists for light on the inside (z < 0); the rest absorbs there.
 //!
-//! Deviations: `specular_factor`, `specular_color` and `sheen_color` are added (neutral by default); `anisotropic` may
-//! be negative, which swaps the axes; a transmitting boundary with matched index (within [`MATCHED_INDEX`] of 1) is a
-//! delta lobe; parameters are clamped to their ranges. No deviation changes a value where Mitsuba's parameters are in
-//! range and `eta` is not 1. Sampling densities are our own: the reflective lobe uses bounded visible normals.
+//! Deviations: `specular_factor`, `specular_color` and `sheen_color` are added (neutral by default). `anisotropic` may
+//! be negative, which swaps the axes. A transmitting boundary with matched index (within [`MATCHED_INDEX`] of 1) is a
+//! delta lobe. Parameters are clamped to their ranges. No deviation changes a value where Mitsuba's parameters are in
+//! range and `eta` is not 1. The sampling densities differ from Mitsuba's: the reflective lobe uses bounded visible
+//! normals.
 
 use crate::bsdf::{BsdfSample, Lobe};
 use crate::dielectric::{MATCHED_INDEX, clamp_eta, delta, finite_sample, from_above, mirrored_if};
@@ -25,7 +26,7 @@ use dunkelfeld_geometry::LocalDir;
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_sampling::warp;
 
-/// What an artist or a file says about a surface. Ranges are `[0, 1]` unless noted; values outside are clamped.
+/// The parameters of a surface. Ranges are `[0, 1]` unless noted; values outside are clamped.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PrincipledParams {
     /// Diffuse colour, and the colour of metal and of transmitted light.
@@ -43,7 +44,7 @@ pub struct PrincipledParams {
     /// Factor on the dielectric reflection at normal incidence (glTF KHR_materials_specular); not negative, the product
     /// is clamped to 1.
     pub specular_color: Rgb,
-    /// How much the hue of the base colour tints the dielectric reflection at normal incidence.
+    /// Share of the hue of the base colour in the dielectric reflection at normal incidence.
     pub spec_tint: f32,
     /// From opaque to refracting.
     pub spec_trans: f32,
@@ -51,7 +52,7 @@ pub struct PrincipledParams {
     pub sheen: f32,
     /// Factor on the sheen, beside its strength and tint (glTF KHR_materials_sheen); not negative.
     pub sheen_color: Rgb,
-    /// How much the hue of the base colour tints the sheen.
+    /// Share of the hue of the base colour in the sheen.
     pub sheen_tint: f32,
     /// Strength of the clear coat, `[0, 4]`: 1 is Burley's coat, a quarter of a real lacquer; 4 is a real one.
     pub clearcoat: f32,
@@ -81,10 +82,10 @@ impl Default for PrincipledParams {
     }
 }
 
-/// Up to this roughness the specular lobe is as narrow as it gets.
+/// Up to this roughness the specular lobe has its least width.
 const POLISHED: f32 = 0.032;
 
-/// A principled surface, ready to scatter: the parameters, multiplied out once per shading point.
+/// A principled surface in compiled form. Products of the parameters are computed once per shading point.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Principled {
     ggx: Ggx,
@@ -105,8 +106,8 @@ pub struct Principled {
     /// Luminance of the diffuse and sheen lobes, for the choice of a lobe.
     diffuse_luminance: f32,
     compensated: bool,
-    /// Has it more than the diffuse and the specular lobe of an opaque surface? Most have not, and are scattered at by code that
-    /// knows no more: the functions below with `RICH` false.
+    /// True if it has more than the diffuse and the specular lobe of an opaque surface. Most surfaces have not. They
+    /// use code for these two lobes only: the functions below with `RICH` false.
     rich: bool,
 }
 
@@ -119,7 +120,7 @@ struct Choice {
 }
 
 impl Principled {
-    /// Multiplies the parameters out; they are clamped to their ranges, and NaN counts as zero.
+    /// Computes the products of the parameters. Parameters are clamped to their ranges, and NaN counts as zero.
     pub fn new(p: &PrincipledParams) -> Self {
         let base = p.base_color.map(unit);
         let (metallic, spec_trans, spec_tint) = (unit(p.metallic), unit(p.spec_trans), unit(p.spec_tint));
@@ -134,7 +135,7 @@ impl Principled {
         let opaque = (1.0 - metallic) * (1.0 - spec_trans);
         let refracting = (1.0 - metallic) * spec_trans;
         let scale = (unit(p.specular_factor), p.specular_color.map(at_least_zero));
-        // A surface that refracts everything has no sheen (so Mitsuba, whose sheen lives on the diffuse layer).
+        // A surface that refracts everything has no sheen, as in Mitsuba, where sheen belongs to the diffuse layer.
         let sheen = if opaque > 0.0 { at_least_zero(p.sheen) * (1.0 - metallic) } else { 0.0 };
         let sheen_color = Rgb::WHITE.lerp(hue, unit(p.sheen_tint)) * p.sheen_color.map(at_least_zero) * sheen;
         let diffuse_color = base * opaque;
@@ -181,7 +182,7 @@ impl Principled {
     #[inline(always)]
     pub fn sample(&self, wo: LocalDir, u_lobe: f32, u: [f32; 2]) -> Option<BsdfSample> {
         if self.is_rich() {
-            // Not handed on as it is: see `Bsdf::sample`.
+            // Bound to a variable first: see `Bsdf::sample`.
             let sample = self.sample_rich(wo, u_lobe, u)?;
             Some(sample)
         } else {
@@ -206,7 +207,7 @@ impl Principled {
         }
     }
 
-    /// [`Self::eval_pdf`] where both directions lie above the surface; elsewhere nothing is scattered.
+    /// [`Self::eval_pdf`] where both directions lie above the surface. For other directions the result is zero.
     #[inline]
     fn eval_above<const RICH: bool>(&self, wo: LocalDir, wi: LocalDir) -> (Rgb, f32) {
         if !(wo.0.z > 0.0 && wi.0.z > 0.0) {
@@ -239,7 +240,7 @@ impl Principled {
             let m = clearcoat::sample_half_vector(u, self.coat_alpha);
             (reflect(wo, m), Lobe::CLEARCOAT | Lobe::GLOSSY | Lobe::REFLECTION)
         } else if RICH && self.refracting > 0.0 {
-            // What is left of u_lobe decides between reflection and refraction.
+            // The remainder of u_lobe decides between reflection and refraction.
             let rest = (u_lobe - choice.diffuse - choice.coat) / choice.specular;
             let rest = rest.clamp(0.0, 1.0 - f32::EPSILON / 2.0);
             return self.sample_boundary(wo, choice.specular, rest, u);
@@ -253,7 +254,7 @@ impl Principled {
         finite_sample(wi, value, pdf, lobe, 1.0)
     }
 
-    /// Is there nothing but a specular lobe, as narrow as lobes get?
+    /// True if it has only a specular lobe, and that lobe has its least width.
     #[inline]
     pub(crate) fn is_polished(&self) -> bool {
         self.roughness <= POLISHED && !self.rich && self.diffuse_luminance == 0.0
@@ -268,7 +269,7 @@ impl Principled {
         (specular + below * (1.0 - f.reflectance)).map(|c| c.clamp(0.0, 1.0))
     }
 
-    /// Both directions above the surface: all reflective lobes, each only if the surface has it.
+    /// Both directions above the surface: all reflective lobes that the surface has.
     #[inline]
     fn reflect_above<const RICH: bool>(&self, wo: LocalDir, wi: LocalDir, choice: Choice) -> (Rgb, f32) {
         let Some(m) = (wo.0 + wi.0).try_normalize() else { return (Rgb::BLACK, 0.0) };
@@ -352,7 +353,8 @@ impl Principled {
             let (value, pdf) = self.eval_pdf(wo, wi);
             finite_sample(wi, value, pdf, Lobe::GLOSSY | Lobe::REFLECTION, 1.0)
         } else if self.is_matched() {
-            // The facet decided only between reflection and passage; averaged over facets the passage is straight.
+            // The facet decided only between reflection and transmission. Averaged over facets, the transmitted
+            // direction is straight.
             let weight = self.transmission_color * ((1.0 - f.reflectance) / (probability * (1.0 - q)));
             delta(-wo, weight, probability * (1.0 - q), Lobe::TRANSMISSION, 1.0)
         } else {
@@ -363,8 +365,8 @@ impl Principled {
         }
     }
 
-    /// What compensation multiplies the specular lobe by, above the surface: the refracting share as a clear boundary, the
-    /// rest after its reflectance at normal incidence (Turquin 2019).
+    /// The compensation factor of the specular lobe above the surface: the refracting share as a clear boundary, the
+    /// rest by its reflectance at normal incidence (Turquin 2019).
     #[cold]
     fn gain_above(&self, wo: LocalDir) -> Rgb {
         let once = compensation::reflected_once(&self.ggx, wo);
@@ -376,7 +378,7 @@ impl Principled {
         }
     }
 
-    /// What compensation multiplies both lobes of the refracting share by.
+    /// The compensation factor of both lobes of the refracting share.
     #[inline]
     fn clear_gain(&self, wo: LocalDir, eta: f32) -> f32 {
         if self.compensated && !self.is_matched() {
@@ -386,19 +388,18 @@ impl Principled {
         }
     }
 
-    /// Probability of reflection at a facet of the refracting boundary, in proportion to what each side carries.
+    /// Probability of reflection at a facet of the refracting boundary, in proportion to the energy of each side.
     #[inline]
     fn reflection_probability(&self, reflected: Rgb, fresnel: f32) -> f32 {
         let (r, t) = (reflected.luminance(), (1.0 - fresnel) * self.transmission_color.luminance());
         if r > 0.0 { r / (r + t) } else { 0.0 }
     }
 
-    /// Probabilities of the lobes above the surface, after the light that each is expected to carry; `None` if none
-    /// does.
+    /// Probabilities of the lobes above the surface, in proportion to their expected energy; `None` if all are zero.
     #[inline]
     fn choose<const RICH: bool>(&self, wo: LocalDir) -> Option<Choice> {
-        // Schlick's approximation is enough to choose by. The floor keeps a lobe that is black at normal incidence
-        // alive: its tilted facets are not black.
+        // Schlick's approximation is sufficient for the choice. The floor keeps the probability of a lobe that is black
+        // at normal incidence above zero, because its tilted facets are not black.
         let w = schlick_weight(wo.0.z).max(0.01);
         let f0 = self.specular.dielectric_f0();
         let f = if self.eta == 1.0 { 0.0 } else { f0 + (1.0 - f0) * w };
@@ -415,14 +416,14 @@ impl Principled {
         })
     }
 
-    /// Schlick's weight at a facet above the surface. Toward a thinner medium it takes the angle of refraction, so that
+    /// Schlick's weight at a facet above the surface. Toward a thinner medium it uses the angle of refraction, so that
     /// it reaches one at the critical angle (Burley 2015).
     #[inline]
     fn schlick_weight(&self, cos_d: f32, cos_t: f32) -> f32 {
         schlick_weight(if self.eta > 1.0 { cos_d } else { cos_t })
     }
 
-    /// Is there no boundary to refract at?
+    /// True if there is no boundary with refraction.
     #[inline]
     fn is_matched(&self) -> bool {
         (self.eta - 1.0).abs() < MATCHED_INDEX

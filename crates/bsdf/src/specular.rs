@@ -1,4 +1,4 @@
-//! The specular lobe of the principled surface: how much a facet reflects, in which colour, from plastic to metal.
+//! The specular lobe of the principled surface: reflectance and colour of a facet, from plastic to metal.
 //!
 //! The shape of the lobe is that of [`crate::microfacet`].
 
@@ -48,7 +48,7 @@ impl SpecularColor {
     pub fn reflectance(&self, exact: f32, weight: f32) -> Rgb {
         let mut value = Rgb::splat(exact);
         if let Some((factor, color)) = self.scale {
-            // Exact Fresnel, read as Schlick's blend between normal and grazing incidence, with its end points scaled.
+            // Exact Fresnel is treated as Schlick's blend between normal and grazing incidence, with scaled end points.
             let s = if self.f0 < 1.0 { ((exact - self.f0) / (1.0 - self.f0)).max(0.0) } else { 1.0 };
             let f0 = (color * self.f0).map(|c| c.min(1.0));
             value = schlick(f0, s) * factor;

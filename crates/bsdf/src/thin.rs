@@ -8,11 +8,11 @@ use crate::microfacet::{Ggx, reflect};
 use dunkelfeld_geometry::{LocalDir, Vec3};
 use dunkelfeld_radiometry::Rgb;
 
-/// A clear sheet too thin to displace a ray: light is reflected or goes straight through, on both sides alike.
+/// A clear sheet too thin to displace a ray. Light is reflected or passes straight. Both sides are equal.
 ///
-/// Summing all internal reflections of a sheet whose faces reflect `R` gives `R' = R + (1-R)^2 R / (1-R^2) = 2R /
-/// (1+R)` (Stokes 1862). A rough sheet spreads both parts by the same GGX lobe: what it transmits is the mirror image
-/// of what it reflects, the model common for thin walls (Pharr, Jakob and Humphreys 2023, section 9.5).
+/// The sum of all internal reflections of a sheet whose faces reflect `R` is `R' = R + (1-R)^2 R / (1-R^2) = 2R /
+/// (1+R)` (Stokes 1862). A rough sheet spreads both parts by the same GGX lobe. Its transmission is the mirror image of
+/// its reflection, the common model for thin walls (Pharr, Jakob and Humphreys 2023, section 9.5).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ThinSheet {
     eta: f32,
@@ -24,27 +24,27 @@ pub struct ThinSheet {
 
 impl ThinSheet {
     /// A sheet of index of refraction `eta` relative to its surroundings (clamped to `[1e-3, 1e3]`) and GGX roughness
-    /// `alpha` (0 is smooth; a rough lobe has at least 1e-4). The tints multiply what is reflected and transmitted.
+    /// `alpha` (0 is smooth; a rough lobe has at least 1e-4). The tints multiply reflection and transmission.
     #[inline]
     pub fn new(eta: f32, alpha: f32, reflection_tint: Rgb, transmission_tint: Rgb) -> Self {
         let rough = (alpha > 0.0).then(|| Ggx::new(alpha, alpha));
         Self { eta: clamp_eta(eta), rough, reflection_tint, transmission_tint, compensated: false }
     }
 
-    /// The same sheet with [`crate::compensation`]: what is reflected and what passes are one lobe and its mirror image, so
-    /// together they lose what a mirror would.
+    /// The same sheet with [`crate::compensation`]. Reflection and transmission are one lobe and its mirror image, so
+    /// together they lose as much energy as a mirror.
     #[inline]
     pub fn with_energy_compensation(self) -> Self {
         Self { compensated: true, ..self }
     }
 
-    /// Is the sheet smooth?
+    /// True if the sheet is smooth.
     #[inline]
     pub fn is_delta(&self) -> bool {
         self.rough.is_none()
     }
 
-    /// Share of the light that is reflected at an angle of cosine `cos`, all internal reflections included.
+    /// Reflectance at an angle of cosine `cos`, all internal reflections included.
     #[inline]
     pub fn reflectance(&self, cos: f32) -> f32 {
         let r = fresnel::dielectric(cos, self.eta).reflectance;

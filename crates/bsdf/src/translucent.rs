@@ -1,4 +1,4 @@
-//! A surface that passes light on diffusely, like paper, leaves or milk glass (glTF KHR_materials_diffuse_transmission).
+//! A surface with diffuse transmission, like paper, leaves or milk glass (glTF KHR_materials_diffuse_transmission).
 
 use crate::Principled;
 use crate::bsdf::{BsdfSample, Lobe};
@@ -8,20 +8,20 @@ use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_sampling::warp;
 use std::f32::consts::FRAC_1_PI;
 
-/// An opaque principled surface of which a share of the diffuse light comes out on the other side, after Lambert.
+/// An opaque principled surface of which a share of the diffuse light leaves on the other side, after Lambert.
 ///
-/// Both sides are alike: seen from below (z < 0) it is its own mirror image.
+/// Both sides are equal: for directions below (z < 0) it is its own mirror image.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Translucent {
-    /// What is reflected; its diffuse lobe is that share smaller.
+    /// The reflection; its diffuse lobe is reduced by the transmitted share.
     surface: Principled,
-    /// Albedo of what is passed on.
+    /// Albedo of the transmission.
     transmission: Rgb,
 }
 
 impl Translucent {
-    /// Takes the share `share` in `[0, 1]` off the diffuse lobe of a surface and lets light of albedo `transmission` (channels
-    /// in `[0, 1]`) through instead. The albedo is the whole of what passes: share and colour multiplied out.
+    /// Reduces the diffuse lobe of a surface by the share `share` in `[0, 1]`, and adds a transmission of albedo
+    /// `transmission` (channels in `[0, 1]`). The albedo already contains share and colour.
     #[inline]
     pub fn new(surface: Principled, share: f32, transmission: Rgb) -> Self {
         let kept = if share > 0.0 { 1.0 - share.min(1.0) } else { 1.0 };
@@ -65,7 +65,7 @@ impl Translucent {
             let w = warp::sample_cosine_hemisphere(u);
             (LocalDir::new(w.x, w.y, -w.z), Lobe::DIFFUSE | Lobe::TRANSMISSION)
         } else {
-            // What is left of u_lobe chooses among the lobes of reflection.
+            // The remainder of u_lobe chooses among the lobes of reflection.
             let rest = ((u_lobe - passing) / (1.0 - passing)).clamp(0.0, 1.0 - f32::EPSILON / 2.0);
             let sample = self.surface.sample(up, rest, u)?;
             (sample.wi, sample.lobe)
@@ -81,11 +81,11 @@ impl Translucent {
         (self.surface.albedo(up) + self.transmission).map(|c| c.clamp(0.0, 1.0))
     }
 
-    /// The probability of the transmission lobe, after the light that both sides are expected to carry.
+    /// The probability of the transmission lobe, in proportion to the expected energy of both sides.
     #[inline]
     fn probability_to_pass(&self, up: LocalDir) -> f32 {
         let (passed, reflected) = (self.transmission.luminance(), self.surface.albedo(up).luminance());
-        // The floor keeps reflection alive where the estimate of it is black.
+        // The floor keeps the probability of reflection above zero where its estimate is black.
         if passed > 0.0 { passed / (passed + reflected.max(0.02)) } else { 0.0 }
     }
 }

@@ -6,7 +6,7 @@ use crate::fresnel;
 use crate::microfacet::Ggx;
 use dunkelfeld_geometry::{LocalDir, Vec3};
 
-/// What the facets do that refract one direction into another.
+/// Properties of the facets that refract one direction into another.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Refraction {
     /// Cosine between `wo` and the facet, above zero.
@@ -44,7 +44,7 @@ pub fn refract(w: LocalDir, m: Vec3, eta: f32, cos_t: f32) -> LocalDir {
 pub fn half_vector(wo: LocalDir, wi: LocalDir, eta: f32) -> Option<Vec3> {
     let h = wo.0 + wi.0 * eta;
     let m = (if h.z < 0.0 { -h } else { h }).try_normalize()?;
-    // The facet must face wo and turn its back to wi, as the surface does.
+    // The front of the facet must face wo and its back wi, as for the surface.
     (m.z > 0.0 && wo.0.dot(m) > 0.0 && wi.0.dot(m) < 0.0).then_some(m)
 }
 

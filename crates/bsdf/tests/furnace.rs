@@ -1,8 +1,8 @@
-//! Furnaces: how much of the light that comes from everywhere each lobe and each mix scatters, on both sides.
+//! Furnace tests: albedo of each lobe and each mix under uniform light, on both sides.
 //!
-//! What must come out is a closed form where there is one, else an integral of the very BSDF over its charts, which knows
-//! nothing of the sampler. Either way the sampled mean must agree. A single facet bounce never gives more than it gets,
-//! and with energy compensation white metal, clear boundaries and sheets give all of it.
+//! The expected albedo is a closed form where there is one, else an integral of the same BSDF over its charts, which is
+//! independent of the sampler. In both cases the sampled mean must agree. A single facet reflection never has an albedo
+//! above one. With energy compensation white metal, clear boundaries and sheets have an albedo of one.
 //!
 //! Replay: `cargo test -p dunkelfeld-bsdf --test furnace NAME`.
 
@@ -15,12 +15,13 @@ use dunkelfeld_geometry::LocalDir;
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_testkit::{Claim, SampleMoments};
 
-/// Samples are drawn until the standard error of the first look is below this.
+/// Samples are drawn until the standard error of the first test stage is below this.
 const STANDARD_ERROR: f64 = 8e-4;
-/// What the cubature of the expectation may be off.
+/// Error of the cubature of the expectation.
 const CUBATURE: f64 = 2e-5;
 
-/// Moments of `draw`, until the standard error is small enough for the look `k`: half of that of the look before.
+/// Moments of `draw`, until the standard error is small enough for the test stage `k`: half of that of the stage
+/// before.
 fn moments(k: u32, key: u64, mut draw: impl FnMut(&mut Uniform) -> f64) -> SampleMoments {
     let mut u = Uniform::new(key + u64::from(k) * 1_000_003);
     let [least, most] = [50_000, 3_000_000].map(|n| n << (2 * k));
@@ -32,19 +33,19 @@ fn moments(k: u32, key: u64, mut draw: impl FnMut(&mut Uniform) -> f64) -> Sampl
     moments
 }
 
-/// Power scattered out of a white furnace, by sampling. Radiance gained by refraction is undone (eta^2).
+/// Scattered power in a white furnace, by sampling. Radiance gained by refraction is divided out (eta^2).
 fn furnace(bsdf: &Bsdf, wo: LocalDir, key: u64, k: u32) -> SampleMoments {
     moments(k, key, |u| bsdf.sample(wo, u.next(), u.pair()).map_or(0.0, |s| f64::from(s.weight.r * s.eta * s.eta)))
 }
 
-/// The sampled mean must be `expected`, which is known to `error`.
+/// The sampled mean must be `expected`, which has the error `error`.
 fn compare(what: &str, bsdf: &Bsdf, wo: LocalDir, key: u64, expected: f64, error: f64) {
-    // Of 50 000 samples all-or-nothing events of a share up to 10 / n go unseen as often as a look errs (exp(-10)).
+    // In 50 000 samples, rare events of a share up to 10 / n are missed as often as a test stage errs (exp(-10)).
     let claim = Claim { expected, tolerance: error + 2e-4_f64.min(expected), sure: STANDARD_ERROR };
     claim.assert(what, |k| furnace(bsdf, wo, key, k).into());
 }
 
-/// The surface with nothing but its diffuse layer: no specular reflection at all.
+/// The surface with its diffuse layer only: no specular reflection at all.
 fn bare(base: f32) -> PrincipledParams {
     PrincipledParams { specular_factor: 0.0, base_color: Rgb::splat(base), ..Default::default() }
 }
@@ -61,7 +62,7 @@ struct Case {
     physical: bool,
 }
 
-/// Charts that resolve facets of the given slopes, which mirror and refract, beside what is diffuse.
+/// Charts that resolve facets of the given slopes with reflection and refraction, and diffuse lobes.
 fn charts(slopes: [f64; 2], eta: f32) -> Vec<Chart> {
     let refract = Way::Refract(f64::from(eta));
     let mut charts = vec![
@@ -208,19 +209,19 @@ fn diffuse_and_sheen_have_the_albedo_of_their_closed_form() {
     let expected: f64 = (0..n).map(|i| f(a + (f64::from(i) + 0.5) * h) * h).sum();
     let bsdf = principled(PrincipledParams { sheen: 1.0, ..bare(0.0) });
     compare("sheen", &bsdf, up, 9, expected, 1e-6);
-    // Lambert in a furnace is the base colour: with roughness r = 7 / 15 at normal view the closed form gives it back
-    // but for the diffuse factor, 1 - 1/42 + 1/36.
+    // The albedo of Lambert in a furnace is the base colour. With roughness r = 7 / 15 at normal view the closed form
+    // equals it, except for the diffuse factor, 1 - 1/42 + 1/36.
     let grey = principled(PrincipledParams { roughness: 7.0 / 15.0, ..bare(0.5) });
     compare("grey", &grey, up, 10, 0.5 * (1.0 - 1.0 / 42.0 + 1.0 / 36.0), 1e-6);
 }
 
-/// What the tables of the factors may be off, as docs/materials.md and `compensation.rs` say: where facets reflect all and
-/// are alike in all directions, and where they are stretched or clear.
+/// Errors of the tables of the factors, as stated in docs/materials.md and `compensation.rs`: for isotropic facets that
+/// reflect everything, and for anisotropic or clear ones.
 const TABLE: f64 = 3e-3;
 const TABLE_STRETCHED_OR_CLEAR: f64 = 2e-2;
 
-/// A compensated surface in the furnace: the integral of its lobes is one but for the error of the table that its factor is
-/// read from, a bound without noise; and the sampled mean is that integral, without an allowance for any table.
+/// A compensated surface in the furnace. The integral of its lobes is one up to the error of the table of its factor, a
+/// bound without noise. The sampled mean is that integral, without an allowance for any table.
 fn loses_nothing(what: &str, bsdf: &Bsdf, wo: LocalDir, eta: f32, charts: &[Chart], key: u64, table: f64) {
     let integral = albedo(bsdf, wo, eta, charts);
     assert!((integral - 1.0).abs() < table, "{what}: {integral}");
@@ -233,7 +234,7 @@ fn compensated_white_metal_loses_nothing() {
     for (k, roughness) in [0.05f32, 0.2, 0.4, 0.6, 0.8, 1.0].into_iter().enumerate() {
         for (a, anisotropic) in [0.0f32, 0.4, 0.9].into_iter().enumerate() {
             if a == 2 && roughness > 0.5 {
-                // Facets that steep waste nine samples of ten.
+                // Facets this steep waste nine of ten samples.
                 continue;
             }
             let metal = PrincipledParams { base_color: Rgb::WHITE, metallic: 1.0, roughness, anisotropic, ..bare(1.0) };
@@ -254,8 +255,8 @@ fn compensated_white_metal_loses_nothing() {
 
 #[test]
 fn the_factors_are_as_exact_as_they_say() {
-    // By cubature, not by sampling: what a factor is off by, over slopes between the nodes of the tables and views down to a
-    // cosine of 0.03.
+    // By cubature, not by sampling: the error of a factor, over slopes between the nodes of the tables and views down
+    // to a cosine of 0.03.
     let mut u = Uniform::new(88);
     let mut worst = [0.0f64; 3];
     for _ in 0..30 {
@@ -284,7 +285,7 @@ fn the_factors_are_as_exact_as_they_say() {
         even < TABLE && brushed < TABLE_STRETCHED_OR_CLEAR && clear < TABLE_STRETCHED_OR_CLEAR,
         "metal {even:.1e}, brushed {brushed:.1e}, clear {clear:.1e}"
     );
-    // What docs/materials.md says of white metal at normal view, without compensation.
+    // The values for white metal at normal view without compensation in docs/materials.md.
     let lost = |roughness: f32| {
         let metal = PrincipledParams { base_color: Rgb::WHITE, metallic: 1.0, roughness, ..bare(1.0) };
         let alpha = f64::from(roughness * roughness);
@@ -329,7 +330,7 @@ fn compensated_boundaries_and_sheets_lose_nothing() {
 
 #[test]
 fn compensation_multiplies_by_a_function_of_wo_alone() {
-    // Which is what reciprocity is lost to, and all that it is lost to: f / factor(wo) is the reciprocal f without it.
+    // The factor is the only cause of the loss of reciprocity: f / factor(wo) is the reciprocal f without it.
     let metal = PrincipledParams { base_color: Rgb::new(0.9, 0.6, 0.3), metallic: 1.0, roughness: 0.7, ..bare(1.0) };
     let surfaces = [
         principled(metal),
@@ -361,27 +362,27 @@ fn compensation_multiplies_by_a_function_of_wo_alone() {
     }
 }
 
-/// Power that leaves a plane-parallel slab on both sides, by a random walk between its two faces. What a face keeps of the
-/// light, `keeps` of the direction it is met from, is divided out.
+/// Power that leaves a plane-parallel slab on both sides, by a random walk between its two faces. The albedo of a face,
+/// `keeps` of the incident direction, is divided out.
 fn slab(face: &Bsdf, keeps: &impl Fn(LocalDir) -> f64, wo: LocalDir, key: u64, k: u32) -> SampleMoments {
     moments(k, key, |u| {
-        // The frame of a face has +z outside: each face is the other one turned over.
+        // The frame of a face has +z outside. Each face is the other one turned over.
         let (mut w, mut weight) = (wo, 1.0f64);
         while let Some(s) = face.sample(w, u.next(), u.pair()) {
             weight *= f64::from(s.weight.g * s.eta * s.eta) / keeps(w);
             if s.wi.0.z > 0.0 || weight == 0.0 {
                 return weight;
             }
-            // What goes down from this face comes up to the other one, which is turned over: along its own normal, and
-            // with wo pointing back to where the light is looked for.
+            // Light that goes down from this face arrives at the other one from below, in a frame that is turned over.
+            // Along the normal of that frame its sign stays, and wo points back to the origin of the light.
             w = LocalDir::new(-s.wi.0.x, -s.wi.0.y, s.wi.0.z);
         }
         0.0
     })
 }
 
-/// What a face scatters of the light that it is met by, of either side: a function of the cosine, linear between 2 x 24
-/// cubatures, which lie densely toward the horizon, where it bends.
+/// Albedo of a face on both sides as a function of the cosine: linear between 2 x 24 cubatures, which are dense near
+/// the horizon, where the function bends.
 fn kept(face: &Bsdf, eta: f32, alpha: f32) -> impl Fn(LocalDir) -> f64 {
     const N: usize = 24;
     let charts = charts([f64::from(alpha); 2], eta);
@@ -402,21 +403,22 @@ fn kept(face: &Bsdf, eta: f32, alpha: f32) -> impl Fn(LocalDir) -> f64 {
 fn a_slab_transmits_what_it_does_not_reflect() {
     let face = |alpha: f32| Bsdf::Dielectric(Dielectric::new(1.49, alpha, Rgb::WHITE, Rgb::WHITE));
     let all = |_: LocalDir| 1.0;
-    // Smooth: each sample carries all of the light wherever it goes, T + R = 1 path by path, but for the rounding of some
+    // Smooth: each sample has all of the light in any direction, T + R = 1 path by path, up to the rounding of about
     // ten weights.
     for (k, cos) in [1.0f32, 0.5, 0.05, 1e-3].into_iter().enumerate() {
         let smooth = slab(&face(0.0), &all, direction(cos, 0.2), 300 + k as u64, 0);
         assert!((smooth.mean() - 1.0).abs() < 1e-5 && smooth.standard_error() < 1e-6, "cos {cos}: {smooth:?}");
     }
-    // Rough, with compensation: the error of the table is known by cubature as a function of the cosine, below 2 %. With that
-    // divided out at each face that a path meets nothing is missing. (Without compensation: tests/hard_cases/furnaces.rs.)
+    // Rough, with compensation: the error of the table is measured by cubature as a function of the cosine, below 2 %.
+    // With that divided out at each face of a path no energy is missing. (Without compensation:
+    // tests/hard_cases/furnaces.rs.)
     for alpha in [0.05f32, 0.3, 0.8] {
         let bsdf = face(alpha).with_energy_compensation();
         let keeps = kept(&bsdf, 1.49, alpha);
         for (k, cos) in [0.9f32, 0.1].into_iter().enumerate() {
             let (wo, what) = (direction(cos, 0.2), format!("alpha {alpha}, cos {cos}"));
             assert!((keeps(wo) - 1.0).abs() < TABLE_STRETCHED_OR_CLEAR, "{what}: {}", keeps(wo));
-            // An error that bends over the 24 cosines is off by some 5e-4 between them, some four times a path.
+            // Interpolation between the 24 cosines has an error of some 5e-4, some four times a path.
             let claim = Claim { expected: 1.0, tolerance: 2e-3, sure: STANDARD_ERROR };
             claim.assert(&what, |look| slab(&bsdf, &keeps, wo, 310 + k as u64, look).into());
         }

@@ -1,6 +1,6 @@
-//! Limits: roughness toward zero, indices of refraction at, near and far from one, parameters at the ends of their ranges.
-//! What breaks others there: half vectors of nothing, a delta lobe with a density, 0 / 0 in Fresnel's formulas, and lobes that
-//! jump where an artist turns a dial.
+//! Limits: roughness toward zero, indices of refraction at, near and far from one, parameters at the ends of their
+//! ranges. Typical defects there are half vectors of length zero, delta lobes with a density, 0 / 0 in Fresnel's
+//! formulas, and discontinuities of lobes in a parameter.
 //!
 //! Replay: `cargo test -p dunkelfeld-bsdf --test limits NAME`.
 
@@ -13,8 +13,7 @@ use dunkelfeld_geometry::LocalDir;
 use dunkelfeld_radiometry::Rgb;
 use std::f32::consts::PI;
 
-/// Share of the light that a surface reflects, and share that it transmits, by integration or (delta lobes) by asking for
-/// both.
+/// Reflected and transmitted share of the light, by integration or (delta lobes) by a sample of each.
 fn shares(bsdf: &Bsdf, wo: LocalDir, eta: f32, alpha: f32, through: Way) -> [f64; 2] {
     if !bsdf.is_delta() {
         // Decade by decade from the peak to the hemisphere, for the tails.
@@ -34,9 +33,9 @@ fn shares(bsdf: &Bsdf, wo: LocalDir, eta: f32, alpha: f32, through: Way) -> [f64
 
 #[test]
 fn roughness_goes_to_zero_without_a_jump() {
-    // From 0 through 1e-4 to 1e-2, boundaries and sheets, seen from both sides. The Fresnel term bends over the lobe, and
-    // facets mask each other in second order of alpha over the cosine. Nearer to the critical angle than 15 degrees the tails
-    // of the lobe cross it.
+    // From 0 through 1e-4 to 1e-2, boundaries and sheets, for both sides. The Fresnel term bends over the lobe, and
+    // facets mask each other in second order of alpha over the cosine. Nearer to the critical angle than 15 degrees the
+    // tails of the lobe cross it.
     for cos in [0.95f32, 0.4, 0.15, -0.99, -0.9] {
         let eta = if cos > 0.0 { 1.49 } else { 1.0 / 1.49 };
         let r = f64::from(fresnel::dielectric(cos.abs(), eta).reflectance);
@@ -78,7 +77,7 @@ fn sharp_lobes_point_where_smooth_ones_do() {
             assert!(near > 450, "alpha {alpha}, cos {cos}: {near} of 500 lie near the smooth direction");
         }
     }
-    // A mirror-like metal reflects what its colour says, into the mirror direction; its slope is 0.001.
+    // A mirror-like metal reflects its colour into the mirror direction; its slope is 0.001.
     let metal = principled(PrincipledParams { roughness: 0.0, metallic: 1.0, ..Default::default() });
     for cos in [1.0f32, 0.9, 0.2] {
         let wo = direction(cos, 0.0);
@@ -117,7 +116,7 @@ fn a_matched_index_is_not_there() {
 #[test]
 fn indices_near_one_and_far_from_it_have_their_limits() {
     for alpha in [0.05f32, 0.3] {
-        // Just beyond what counts as matched: nothing is reflected, and the light goes nearly straight on.
+        // Just outside the matched range: nothing is reflected, and the light passes almost straight.
         for eta in [1.002f32, 1.0 / 1.002] {
             let bsdf = Bsdf::Dielectric(Dielectric::new(eta, alpha, Rgb::WHITE, Rgb::WHITE));
             let wo = direction(0.8, 0.3);
@@ -130,7 +129,8 @@ fn indices_near_one_and_far_from_it_have_their_limits() {
             }
             assert!(straight >= 390, "alpha {alpha}, eta {eta}: {straight} of 400 go straight on");
         }
-        // An index of 1000 reflects ((n - 1) / (n + 1))^2 = 0.996 at normal incidence and lets nothing out again.
+        // An index of 1000 reflects ((n - 1) / (n + 1))^2 = 0.996 at normal incidence and transmits almost nothing from
+        // inside.
         let dense = Bsdf::Dielectric(Dielectric::new(1e3, alpha, Rgb::WHITE, Rgb::WHITE));
         let mirror = principled(PrincipledParams {
             base_color: Rgb::WHITE,

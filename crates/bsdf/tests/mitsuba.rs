@@ -1,11 +1,11 @@
-//! Our values against those of an independent implementation: Mitsuba 3.9.1. The table is made by
-//! `validation/bsdf_grid.py`, which explains its lines: each parameter swept alone, and mixes of all.
+//! Comparison with an independent implementation, Mitsuba 3.9.1. `validation/bsdf_grid.py` makes the table and explains
+//! its lines: each parameter varied alone, and mixes of all.
 
 use dunkelfeld_bsdf::{Bsdf, Dielectric, Lobe, Principled, PrincipledParams, ThinSheet, fresnel};
 use dunkelfeld_geometry::LocalDir;
 use dunkelfeld_radiometry::Rgb;
 
-/// Relative tolerance where f32 permits it: everywhere but on the peak of a glossy coat, see [`Surface::tolerance`].
+/// Relative tolerance where f32 permits it: everywhere except on the peak of a glossy coat, see [`Surface::tolerance`].
 const TOLERANCE: f64 = 1e-4;
 
 struct Surface {
@@ -90,7 +90,7 @@ fn read(table: &str) -> (Vec<[LocalDir; 2]>, Vec<Surface>) {
     (pairs, surfaces)
 }
 
-/// What our surface gives for a pair of directions: as many numbers as the table has.
+/// Our values for a pair of directions: as many numbers as the table has.
 fn ours(surface: &Surface, bsdf: &Bsdf, [wo, wi]: [LocalDir; 2]) -> Vec<f64> {
     match surface.kind.as_str() {
         "principled" => bsdf.eval(wo, wi).to_array().map(f64::from).to_vec(),
@@ -104,7 +104,7 @@ fn ours(surface: &Surface, bsdf: &Bsdf, [wo, wi]: [LocalDir; 2]) -> Vec<f64> {
 
 #[test]
 fn values_equal_those_of_mitsuba() {
-    // DUNKELFELD_MITSUBA_TABLE names a larger table for a thorough check.
+    // DUNKELFELD_MITSUBA_TABLE can contain the path of a larger table for a thorough check.
     let table = match std::env::var("DUNKELFELD_MITSUBA_TABLE") {
         Ok(path) => std::fs::read_to_string(path).expect("the table named by DUNKELFELD_MITSUBA_TABLE is readable"),
         Err(_) => include_str!("mitsuba/table.txt").to_owned(),

@@ -1,4 +1,4 @@
-//! The Henyey-Greenstein phase function: sampled as it says, of total one, with the mean cosine that it names.
+//! The Henyey-Greenstein phase function: samples follow the density, its integral is one, and the mean cosine is `g`.
 //!
 //! Replay: `cargo test -p dunkelfeld-bsdf --test phase`.
 
@@ -65,8 +65,8 @@ fn sharp_peaks_have_the_shape_of_the_formula() {
 fn the_mean_cosine_is_g_and_no_direction_is_preferred_for_zero() {
     for (k, g) in MEAN_COSINES.into_iter().chain([0.999]).enumerate() {
         let phase = HenyeyGreenstein::new(g);
-        // The spread of cosines is 1 at most: of 50 000 the mean is known to 0.005. For g = 0.999 all lie within a few
-        // thousandths of one.
+        // The spread of cosines is 1 at most: the mean of 50 000 has an error of 0.005. For g = 0.999 all lie within a
+        // few thousandths of one.
         Claim { expected: f64::from(g), tolerance: 1e-6, sure: 5e-3 }.assert(&format!("g {g}"), |look| {
             let mut u = Uniform::new(800 + k as u64 + 50 * u64::from(look));
             let cosine = |_| f64::from(-phase.sample(view(), u.pair()).dot(view()));
@@ -90,8 +90,7 @@ fn samples_invert_are_unit_vectors_and_agree_with_the_formula() {
         assert!((wi.length() - 1.0).abs() < 1e-6, "g {g}: {wi}");
         let back = phase.invert(wo, wi);
         let turn = (back[1] - numbers[1]).abs();
-        // The azimuth of a direction next to the axis is lost with its sine; a number lost by rounding of 1 - cos grows by
-        // the density.
+        // Near the axis the azimuth loses precision with its sine. The rounding error of 1 - cos grows by the density.
         let sin = wi.cross(wo).length();
         assert!(turn.min(1.0 - turn) < 1e-6 / sin.max(1e-6), "g {g}, {numbers:?}: {back:?}");
         let tolerance = 1e-5 + 1e-6 * phase.pdf(wo, wi) * sin.max(1e-6) * 2.0 * PI as f32;

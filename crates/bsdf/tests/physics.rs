@@ -1,4 +1,4 @@
-//! Reciprocity, Snell's law, and numbers that stay numbers.
+//! Reciprocity, Snell's law, and finite values for all inputs.
 
 mod common;
 
@@ -26,7 +26,7 @@ fn the_sheen_colour_multiplies_the_sheen_and_nothing_else() {
             assert!((colored - expected).abs() < 1e-6, "channel {c}: {colored}, expected {expected}");
         }
     }
-    // No colour, no sheen; and numbers that are none do no harm.
+    // A black colour gives no sheen. Invalid numbers do no harm.
     for none in [Rgb::BLACK, Rgb::splat(f32::NAN), Rgb::splat(-1.0)] {
         assert_eq!(eval(PrincipledParams { sheen: 1.0, sheen_color: none, ..plain }), eval(plain));
     }
@@ -58,8 +58,8 @@ fn light_takes_the_same_path_both_ways() {
         };
         (name, bsdf, eta, 5e-3)
     });
-    // Half vectors in f32 leave 4 * 6e-8 / alpha of a value for each operation on them; of an index near one what is left of
-    // the two directions is as short as eta - 1.
+    // Half vectors in f32 lose 4 * 6e-8 / alpha of a value for each operation on them. For an index near one the
+    // remainder of the two directions is as short as eta - 1.
     let facets = facet_surfaces().into_iter().map(|s| {
         let left = if s.eta == 1.0 { 1.0 } else { (s.eta - 1.0).abs().min(1.0) };
         let bound = 5e-3 + 1e-6 / (s.narrowest() * left);

@@ -1,4 +1,4 @@
-//! The samplers that the lobes are made of: density, inverse, ends of the random numbers, over slopes and views.
+//! The samplers of the lobes: density, inverse, ends of the random numbers, over slopes and views.
 //!
 //! Replay: `cargo test -p dunkelfeld-bsdf --test samplers NAME`.
 
@@ -13,8 +13,8 @@ use dunkelfeld_testkit::{DensityTest, SamplerCase, check_corners, check_densitie
 
 const UP: LocalDir = LocalDir(Vec3::Z);
 
-/// A sampler of normals, looked at through the chart of facets of the given slopes: with `wo` along the normal of the
-/// surface, a facet is the half vector of the direction that it mirrors `wo` into.
+/// A sampler of normals in the chart of facets of the given slopes. With `wo` along the normal of the surface, a facet
+/// is the half vector of its mirrored `wo`.
 fn normals(
     function: &str,
     case: String,
@@ -44,7 +44,7 @@ fn all() -> Vec<SamplerCase> {
         for cos in [1.0f32, 0.5, 0.1, 3e-3] {
             let (ggx, wo) = (Ggx::new(ax, ay), direction(cos, 0.4));
             let case = format!("{ax} x {ay}, cos {cos}");
-            // A normal in f32 fixes its slope to 6e-8 / alpha, and so the random numbers; a view along the surface
+            // A normal in f32 determines its slope to 6e-8 / alpha, and so the random numbers. A view along the surface
             // stretches the cap by as much as the slopes.
             let tolerance = 2e-5 + 3e-7 / ax.min(ay) + 1e-6 / cos;
             cases.push(normals(
@@ -57,7 +57,7 @@ fn all() -> Vec<SamplerCase> {
                 tolerance,
             ));
             if cos < 0.1 * ggx.stretch(wo) {
-                // The cut of the cap lies where steep facets crowd: no grid resolves it. See tests/sampling.rs.
+                // The cut of the cap lies where steep facets are dense: no grid resolves it. See tests/sampling.rs.
                 continue;
             }
             cases.push(normals(
@@ -76,7 +76,7 @@ fn all() -> Vec<SamplerCase> {
         cases.push(normals(
             "clearcoat::sample_half_vector",
             format!("gloss {gloss}"),
-            // Even in the logarithm of the angle from alpha to 1: in the middle of both the chart sees either end.
+            // Uniform in the logarithm of the angle from alpha to 1: the geometric mean resolves both ends.
             [alpha.sqrt(); 2],
             move |u| clearcoat::sample_half_vector(u, alpha),
             move |m| clearcoat::pdf_half_vector(m, alpha),

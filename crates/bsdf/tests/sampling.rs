@@ -1,4 +1,4 @@
-//! Samplers follow the densities they claim (chi-squared), on both sides of every surface.
+//! Samples follow their densities (chi-squared), on both sides of every surface.
 
 mod common;
 
@@ -66,7 +66,7 @@ fn facets_of_any_roughness_follow_their_density() {
             let density = |[x, y]: [f64; 2]| {
                 let k = ((x * halves) as usize).min(surface.charts.len() - 1);
                 let at = surface.charts[k].at(wide(wo), [(x * halves - k as f64).clamp(0.0, 1.0), y]);
-                // A millionth everywhere, for what f32 rounds over the borders of the lobe.
+                // A millionth everywhere, for samples that f32 rounds over the borders of the lobe.
                 1e-6 + at.map_or(0.0, |(wi, d)| halves * f64::from(surface.bsdf.pdf(wo, narrow(wi))) / d)
             };
             let what = format!("{}, cos wo {cos}", surface.name);
@@ -95,7 +95,7 @@ fn the_density_of_the_coat_is_the_derivative_of_its_distribution() {
 
 #[test]
 fn bounded_normals_waste_fewer_samples() {
-    // At grazing angles much of what plain visible normals reflect goes below the surface (Eto and Tokuyoshi 2023).
+    // At grazing angles plain visible normals reflect much of the light below the surface (Eto and Tokuyoshi 2023).
     let ggx = Ggx::new(0.8, 0.8);
     let wo = direction(0.2, 0.0);
     let mut u = Uniform::new(400);

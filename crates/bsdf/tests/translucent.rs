@@ -1,4 +1,4 @@
-//! Diffuse transmission: sampled as it says, reciprocal, and with the albedo of its parts.
+//! Diffuse transmission: samples follow the density, it is reciprocal, and its albedo is that of its parts.
 //!
 //! Replay: `cargo test -p dunkelfeld-bsdf --test translucent`.
 
@@ -76,8 +76,8 @@ fn samples_weigh_what_evaluation_says_and_both_ways_are_alike() {
 
 #[test]
 fn what_passes_is_share_times_colour() {
-    // Lambert: the albedo of transmission is its coefficient from every direction. With specular off, white and a share of 1
-    // everything passes, and every sample weighs one.
+    // Lambert: the albedo of transmission is its coefficient for every direction. Without specular reflection, with
+    // white and a share of 1, everything is transmitted, and every sample has weight one.
     let surfaces = surfaces();
     for cos in [1.0, 0.3, -0.8] {
         let wo = direction(cos, 0.4);

@@ -1,13 +1,13 @@
-//! Building a tree: obvhs clusters boxes into a binary tree, which is then collapsed into nodes of eight.
+//! Construction of a tree: obvhs clusters boxes into a binary tree, which is then collapsed into nodes of eight.
 //!
 //! The binary tree comes from locally-ordered clustering (Meister & Bittner 2018) with reinsertion (Meister & Bittner
-//! 2018b), one box to a leaf. The collapse is optimal for the surface area heuristic: for each binary node the least cost
-//! of representing its subtree as a forest of at most 1, 2, .. 7 wide subtrees follows from that of its children
-//! (Ylitie, Karras & Laine 2017). All is deterministic and single-threaded.
+//! 2018b), one box to a leaf. The collapse is optimal for the surface area heuristic (Ylitie, Karras & Laine 2017). For
+//! each binary node it computes the least cost of a forest of at most 1, 2, .. 7 wide subtrees from the costs of its
+//! children. All is deterministic and single-threaded.
 //!
-//! Clustering takes quadratic time where all costs tie, so three things are seen to before: boxes that are equal become
-//! one; boxes are scaled (by a power of two) into a range where no area overflows or vanishes; and where clustering a
-//! sample gives a chain, or clustering all gives a tree too deep for a fixed stack, a top-down builder takes over.
+//! Clustering takes quadratic time if all costs are equal. Three steps prevent this. Equal boxes become one. Boxes are
+//! scaled by a power of two, so that no area overflows or vanishes. If clustering of a sample gives a chain, or if the
+//! tree is too deep for a fixed stack, a top-down builder is used instead.
 
 use std::collections::HashMap;
 
@@ -21,11 +21,11 @@ use obvhs::ploc::{PlocBuilder, PlocSearchDistance, SortPrecision};
 use crate::simd8::WIDTH;
 use crate::tree::{LEAF, MAX_DEPTH, NONE, Node, Tree};
 
-/// What a leaf costs, in units of one node. A packet of eight triangles takes about a fifth longer than eight boxes.
+/// Cost of a leaf in units of one node. A packet of eight triangles takes about a fifth longer than eight boxes.
 const LEAF_COST: f64 = 1.2;
 
-/// Builds a tree over boxes. `make_leaf` is given the numbers of up to `leaf_size` (at most eight) boxes and says what
-/// payload (below 2^31) stands for them. All boxes must be finite and not empty.
+/// Builds a tree over boxes. `make_leaf` receives the numbers of up to `leaf_size` (at most eight) boxes and returns
+/// the payload (below 2^31) of their leaf. All boxes must be finite and not empty.
 pub(crate) fn build_tree(boxes: &[Aabb], leaf_size: usize, mut make_leaf: impl FnMut(&[u32]) -> u32) -> Tree {
     if boxes.is_empty() {
         return Tree::EMPTY;
@@ -43,7 +43,7 @@ pub(crate) fn build_tree(boxes: &[Aabb], leaf_size: usize, mut make_leaf: impl F
     Collapse::new(&binary, &groups, &scaled, leaf_size).emit(0, &mut make_leaf)
 }
 
-/// Boxes put together where they are equal.
+/// Groups of equal boxes.
 struct Groups {
     boxes: Vec<Aabb>,
     /// `members[starts[g] .. starts[g + 1]]` are the boxes of group g.
@@ -87,12 +87,12 @@ impl Groups {
     }
 }
 
-/// The boxes around their common middle, scaled by a power of two so that the largest coordinate is about one.
+/// The boxes around their common centre, scaled by a power of two so that the largest coordinate is about one.
 fn scaled_to_one(boxes: &[Aabb]) -> Vec<Aabb> {
     let all = boxes.iter().fold(Aabb::EMPTY, |all, b| all.union(*b));
     let middle = all.center();
     let half = (0.5 * all.max - 0.5 * all.min).max_element().max(f32::MIN_POSITIVE);
-    // By exponents: the factor itself may leave the range of f32, its square root does not.
+    // By exponents: the factor may exceed the range of f32, its square root does not.
     let root = (f64::from(half).log2().floor() * -0.5).exp2() as f32;
     let scale = |v: Vec3| (v - middle) * root * root;
     boxes.iter().map(|b| Aabb { min: scale(b.min), max: scale(b.max) }).collect()
@@ -135,12 +135,12 @@ fn cluster(boxes: &[Aabb]) -> Binary {
     Binary { nodes }
 }
 
-/// Would clustering chain these boxes up instead of pairing them? Asked of a sample, of which it makes a tree at once.
+/// True if clustering would chain these boxes instead of pairing them. It is tested by a tree of a sample of the boxes.
 ///
-/// Boxes in boxes are the known case: every union costs what the outer box costs, so one pair is found in each round.
+/// Nested boxes are the known case: every union has the cost of the outer box, so each round finds one pair.
 fn would_chain(boxes: &[Aabb]) -> bool {
     const SAMPLE: usize = 1024;
-    // Ten levels for a balanced tree of the sample; clustering of ordinary scenes comes to about twenty.
+    // A balanced tree of the sample has ten levels. Clustering of ordinary scenes gives about twenty.
     const TOO_DEEP: usize = 64;
     let step = boxes.len().div_ceil(SAMPLE);
     let sample: Vec<Aabb> = boxes.iter().step_by(step).copied().collect();
@@ -158,11 +158,11 @@ fn would_chain(boxes: &[Aabb]) -> bool {
     false
 }
 
-/// Levels that a subtree of equal boxes can take at most: 2^31 boxes, eight to a node.
+/// Maximum number of levels of a subtree of equal boxes: 2^31 boxes, eight to a node.
 const EQUAL_LEVELS: usize = 11;
 
-/// A tree from the top down by binned surface area heuristic (Wald 2007), never so deep that the wide tree could pass
-/// [`MAX_DEPTH`]: where the levels left are what halving needs, the list is halved.
+/// A top-down tree by binned surface area heuristic (Wald 2007). If the remaining levels are only enough for halving,
+/// the list is halved, so that the wide tree stays within [`MAX_DEPTH`].
 fn split_top_down(boxes: &[Aabb]) -> Binary {
     let mut order: Vec<u32> = (0..boxes.len() as u32).collect();
     let mut binary = Binary { nodes: vec![[NONE; 2]] };
@@ -185,7 +185,7 @@ fn split_top_down(boxes: &[Aabb]) -> Binary {
     binary
 }
 
-/// Sorts the part into two and says where the second begins; None if all centres lie in one bin of each axis.
+/// Sorts the part into two and returns the start of the second; None if all centres lie in one bin of each axis.
 fn split_by_area(boxes: &[Aabb], part: &mut [u32]) -> Option<usize> {
     const BINS: usize = 16;
     let centers = Aabb::from_points(part.iter().map(|&i| boxes[i as usize].center()));
@@ -222,7 +222,7 @@ fn split_by_area(boxes: &[Aabb], part: &mut [u32]) -> Option<usize> {
     Some(part.partition_point(|&i| bin_of(i, axis) < first_right))
 }
 
-/// As [`split_by_area`], but in half along the widest axis (and by number where centres are equal).
+/// As [`split_by_area`], but in half along the widest axis (and by number if centres are equal).
 fn split_in_half(boxes: &[Aabb], part: &mut [u32]) -> usize {
     let centers = Aabb::from_points(part.iter().map(|&i| boxes[i as usize].center()));
     let axis = centers.size().max_position();
@@ -243,7 +243,7 @@ struct Collapse<'a> {
     bounds: Vec<Aabb>,
     /// Boxes (not groups) below each node.
     counts: Vec<u32>,
-    /// Nodes that become leaves of the wide tree if they become the root of a wide subtree.
+    /// True for nodes that become leaves of the wide tree if they become the root of a wide subtree.
     is_leaf: Vec<bool>,
 }
 
@@ -305,7 +305,7 @@ impl<'a> Collapse<'a> {
         order
     }
 
-    /// The best way to share `roots` among two children: how many the left one gets, and the cost.
+    /// The best division of `roots` among two children: the number for the left one, and the cost.
     fn split(&self, left: usize, right: usize, roots: usize) -> (usize, f32) {
         let (l, r) = (&self.costs[left], &self.costs[right]);
         let mut best = (1, l[0] + r[roots - 2]);
@@ -323,7 +323,7 @@ impl<'a> Collapse<'a> {
         let [left, right] = self.binary.nodes[node];
         let mut roots = roots;
         if right != NONE {
-            // The fewest that cost as little.
+            // The smallest number of roots with the same cost.
             while roots > 1 && roots < WIDTH && self.costs[node][roots - 1] >= self.costs[node][roots - 2] {
                 roots -= 1;
             }
@@ -344,8 +344,8 @@ impl<'a> Collapse<'a> {
         tree
     }
 
-    /// Number of wide nodes, or None if the tree would be too deep. Asked before anything is emitted, since leaves cannot
-    /// be taken back.
+    /// Number of wide nodes, or None if the tree would be too deep. It is computed before anything is emitted, because
+    /// leaves cannot be removed.
     fn count_nodes(&self) -> Option<usize> {
         let mut nodes = 0;
         let mut work = vec![(0usize, 1usize)];

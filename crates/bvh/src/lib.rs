@@ -1,10 +1,10 @@
-//! Which triangle a ray meets first, and whether it meets any.
+//! Bounding volume hierarchy: the nearest triangle along a ray, and tests for occlusion.
 //!
-//! Built from obvhs's binary tree, walked as an own tree of eight children to a node with up to eight triangles to a
-//! leaf, all tested at once: with AVX2 where the machine has it, else in plain Rust, with the same bits either way. The
-//! triangle test is watertight and the boxes allow for all rounding, so that no ray slips through a closed mesh. Two
-//! levels: each mesh has a tree, and a tree over instances stands above; a scene of one mesh that already lies in world
-//! space has no upper level and transforms nothing.
+//! The tree has eight children to a node and up to eight triangles to a leaf, all tested at once. It is built from the
+//! binary tree of obvhs. Traversal uses AVX2 if the machine has it, else plain Rust, with the same bits. The triangle
+//! test is watertight and the boxes allow for all rounding, so that no ray passes between the triangles of a closed
+//! mesh. There are two levels: each mesh has a tree, and a tree over instances is above. A scene of one mesh in world
+//! space has no upper level and transforms no rays.
 //!
 //! ```
 //! use dunkelfeld_bvh::{Bvh, BvhInstance, MeshTriangles};

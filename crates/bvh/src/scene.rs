@@ -1,4 +1,4 @@
-//! The acceleration structure of a scene: meshes, their instances, and what can be asked of them.
+//! The acceleration structure of a scene: meshes, their instances, and ray queries.
 
 use dunkelfeld_geometry::{Aabb, Ray, Transform, geometric_normal};
 use glam::Vec3;
@@ -18,23 +18,23 @@ pub struct MeshTriangles<'a> {
     pub triangles: &'a [[u32; 3]],
 }
 
-/// A mesh somewhere in the world.
+/// A placement of a mesh in the world.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BvhInstance {
-    /// Which mesh.
+    /// Index of the mesh.
     pub mesh: u32,
-    /// Where it stands; `None` if its positions are world positions already, which saves the transform of each ray.
+    /// Object to world; `None` if the positions are world positions already, which saves the transform of each ray.
     pub to_world: Option<Transform>,
 }
 
-/// Where a ray meets the scene.
+/// Intersection of a ray with the scene.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Hit {
     /// Ray parameter: the distance for a direction of unit length \[m\].
     pub t: f32,
-    /// Which instance.
+    /// Index of the instance.
     pub instance: u32,
-    /// Which triangle of the instance's mesh.
+    /// Index of the triangle in the instance's mesh.
     pub triangle: u32,
     /// Barycentric weight of the triangle's second corner.
     pub b1: f32,
@@ -42,27 +42,27 @@ pub struct Hit {
     pub b2: f32,
 }
 
-/// Why nothing was built.
+/// Reason why no structure could be built.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum BvhError {
-    /// A triangle names a vertex that does not exist.
+    /// A triangle has an index beyond the vertices.
     #[error("mesh {mesh}: triangle {triangle} names a vertex beyond the mesh's {vertices}")]
     VertexOutOfRange {
         /// The mesh.
         mesh: usize,
         /// The triangle in it.
         triangle: usize,
-        /// How many vertices the mesh has.
+        /// Number of vertices of the mesh.
         vertices: usize,
     },
-    /// An instance names a mesh that does not exist.
+    /// An instance refers to a mesh that does not exist.
     #[error("instance {instance} names mesh {mesh}, but there are {meshes}")]
     MeshOutOfRange {
         /// The instance.
         instance: usize,
-        /// The mesh it names.
+        /// Index of the mesh.
         mesh: u32,
-        /// How many meshes there are.
+        /// Number of meshes.
         meshes: usize,
     },
     /// More than 2^31 - 2 triangles in a mesh, or instances.
@@ -75,16 +75,16 @@ pub enum BvhError {
 pub(crate) struct MeshTree {
     pub(crate) tree: Tree,
     pub(crate) packets: Vec<Packet>,
-    /// Triangles in the packets; the others of the mesh can never be hit.
+    /// Number of triangles in the packets. The other triangles of the mesh can never be hit.
     pub(crate) triangles: usize,
 }
 
 #[derive(Clone, Debug)]
 pub(crate) struct Instance {
     pub(crate) mesh: u32,
-    /// Boxed, so that the many instances without one stay small.
+    /// Boxed, so that the many instances without a transform stay small.
     pub(crate) to_world: Option<Box<Transform>>,
-    /// In the world.
+    /// Bounds in the world.
     pub(crate) bounds: Aabb,
 }
 
@@ -95,25 +95,25 @@ pub struct Bvh {
     pub(crate) instances: Vec<Instance>,
     /// Over the instances; its leaves are one instance each.
     pub(crate) top: Tree,
-    /// The scene is one instance in world space: walk its tree at once.
+    /// True if the scene is one instance in world space. Its tree is traversed directly.
     pub(crate) single: bool,
     pub(crate) kernel: Kernel,
 }
 
 impl Bvh {
-    /// Builds the structure. A mesh that several instances name is stored once.
+    /// Builds the structure. A mesh with several instances is stored once.
     ///
-    /// Triangles with a NaN or infinite corner, and those without area, are left out: no ray can meet them. (Use
-    /// `dunkelfeld_geometry::health` to count them.) No triangles, meshes or instances are fine: nothing is ever hit.
+    /// Triangles with a NaN or infinite corner, and those without area, are left out: no ray can hit them.
+    /// (`dunkelfeld_geometry::health` counts them.) Without triangles, meshes or instances nothing is ever hit.
     ///
     /// # Errors
-    /// [`BvhError`] for an index out of range, or for more than fits.
+    /// [`BvhError`] for an index out of range, or for more triangles or instances than fit.
     pub fn build(meshes: &[MeshTriangles], instances: &[BvhInstance]) -> Result<Self, BvhError> {
         Self::build_for(meshes, instances, Kernel::detect())
     }
 
-    /// As [`Bvh::build`], but walked in plain Rust even where the machine could do better: for tests and comparisons. It
-    /// gives the same hits to the bit.
+    /// As [`Bvh::build`], but traversal uses plain Rust also on machines with AVX2: for tests and comparisons. The hits
+    /// are the same to the bit.
     ///
     /// # Errors
     /// As [`Bvh::build`].
@@ -144,7 +144,7 @@ impl Bvh {
             .collect();
 
         let single = matches!(instances.as_slice(), [only] if only.to_world.is_none());
-        // An instance that is empty, or that a transform has thrown out of the range of f32, is met by no ray.
+        // No ray can hit an instance that is empty, or whose transform exceeds the range of f32.
         let present: Vec<u32> = (0..instances.len() as u32)
             .filter(|&i| {
                 let b = &instances[i as usize].bounds;
@@ -158,7 +158,7 @@ impl Bvh {
 
     /// The nearest hit with `0 < t < ray.t_max`.
     ///
-    /// A ray with a NaN, an infinite origin or direction, or no direction at all meets nothing.
+    /// A ray with a NaN, an infinite origin or direction, or a zero direction hits nothing.
     #[inline]
     pub fn closest_hit(&self, ray: &Ray) -> Option<Hit> {
         if !is_sound(ray) {
@@ -167,14 +167,15 @@ impl Bvh {
         self.kernel.closest_hit(self, ray)
     }
 
-    /// Is there any hit with `0 < t < ray.t_max`? True exactly if [`Bvh::closest_hit`] finds one, but sooner.
+    /// True if there is any hit with `0 < t < ray.t_max`. The result is true exactly if [`Bvh::closest_hit`] finds one,
+    /// but is faster.
     #[inline]
     pub fn occluded(&self, ray: &Ray) -> bool {
         is_sound(ray) && self.kernel.occluded(self, ray)
     }
 
-    /// Marks the triangles that let some light through, by mesh and triangle: [`Bvh::blocked`] reports them instead of
-    /// stopping at them. For all other questions they are like any others.
+    /// Marks the triangles that let some light through, by mesh and triangle. [`Bvh::blocked`] reports them and
+    /// continues behind them. All other queries treat them like any other triangle.
     pub fn mark_porous(&mut self, is_porous: impl Fn(u32, u32) -> bool) {
         for (number, mesh) in (0u32..).zip(&mut self.meshes) {
             for packet in &mut mesh.packets {
@@ -183,16 +184,16 @@ impl Bvh {
         }
     }
 
-    /// Is there a hit on a triangle that is not porous, with `0 < t < ray.t_max`? While the walk finds none, `porous` is
-    /// told of each hit on a porous triangle, in an order that depends on the ray alone; if the answer is true it may
-    /// have been told of some and not of others.
+    /// True if there is a hit with `0 < t < ray.t_max` on a triangle that is not porous. `porous` is called for each
+    /// hit on a porous triangle, in an order that depends on the ray alone. If the result is true, it may have been
+    /// called for some of these hits only.
     #[inline]
     pub fn blocked(&self, ray: &Ray, mut porous: impl FnMut(Hit)) -> bool {
         is_sound(ray) && self.kernel.blocked(self, ray, &mut porous)
     }
 
-    /// Tells of every hit with `0 < t < ray.t_max`, in an order that depends on the ray alone. A ray through an edge may
-    /// meet both triangles there.
+    /// Calls `found` for every hit with `0 < t < ray.t_max`, in an order that depends on the ray alone. A ray through
+    /// an edge may hit both triangles there.
     #[inline]
     pub fn each_hit(&self, ray: &Ray, mut found: impl FnMut(Hit)) {
         if is_sound(ray) {
@@ -200,7 +201,7 @@ impl Bvh {
         }
     }
 
-    /// Bounds of everything, in the world; empty if there is nothing.
+    /// Bounds of all instances in the world; empty if there are none.
     pub fn bounds(&self) -> Aabb {
         self.top.bounds
     }
@@ -216,11 +217,11 @@ impl Bvh {
             + self.instances.iter().map(instance).sum::<usize>()
     }
 
-    /// Checks every invariant of the structure: each triangle and instance lies in one leaf, each box holds what is
-    /// below it, no tree is too deep.
+    /// Checks every invariant of the structure: each triangle and instance lies in one leaf, each box contains
+    /// everything below it, no tree is too deep.
     ///
     /// # Errors
-    /// A sentence that says what is broken.
+    /// A sentence with the broken invariant.
     pub fn validate(&self) -> Result<(), String> {
         crate::validate::validate(self)
     }

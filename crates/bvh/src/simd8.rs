@@ -35,7 +35,7 @@ pub(crate) trait Lanes: Copy {
     fn eq(a: Self::F, b: Self::F) -> u32;
 }
 
-/// Plain Rust, which compilers turn into whatever vectors the target has (SSE2, NEON).
+/// Plain Rust, which compilers vectorise for the target (SSE2, NEON).
 #[derive(Clone, Copy)]
 pub(crate) struct Portable;
 
@@ -125,8 +125,8 @@ mod avx2 {
     use super::{Eight, Lanes};
     use std::arch::x86_64::*;
 
-    /// AVX2 registers. Only code that runs under `#[target_feature(enable = "avx2")]` may name this type: everything
-    /// here is inlined into such a function, which is entered after `is_x86_feature_detected!("avx2")` only.
+    /// AVX2 registers. Only code under `#[target_feature(enable = "avx2")]` may use this type. Everything here is
+    /// inlined into such a function, which is called only after `is_x86_feature_detected!("avx2")`.
     #[derive(Clone, Copy)]
     pub(crate) struct Avx2;
 
@@ -139,13 +139,13 @@ mod avx2 {
         }
         #[inline(always)]
         fn load(x: &Eight) -> __m256 {
-            // SAFETY: as above; the reference is valid for 32 bytes and an unaligned load asks for no more.
+            // SAFETY: as above; the reference is valid for 32 bytes, and an unaligned load needs no more.
             unsafe { _mm256_loadu_ps(x.as_ptr()) }
         }
         #[inline(always)]
         fn store(x: __m256) -> Eight {
             let mut out = [0.0; 8];
-            // SAFETY: as above; the array is valid for 32 bytes and an unaligned store asks for no more.
+            // SAFETY: as above; the array is valid for 32 bytes, and an unaligned store needs no more.
             unsafe { _mm256_storeu_ps(out.as_mut_ptr(), x) };
             out
         }

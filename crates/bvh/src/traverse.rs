@@ -1,4 +1,4 @@
-//! Walking a ray through both levels, compiled once for each kind of machine.
+//! Traversal of both levels by a ray, compiled once for each kind of machine.
 
 use dunkelfeld_geometry::Ray;
 
@@ -7,11 +7,11 @@ use crate::simd8::{Lanes, Portable};
 use crate::tree::Leaves;
 use crate::triangle_block::{ALL, Packet, PacketHit, ShearLanes};
 
-/// Which code walks the tree. Found out once, when the tree is built.
+/// The code that traverses the tree. It is selected once, when the tree is built.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Kernel {
     Portable,
-    /// Exists only where AVX2 was detected.
+    /// Exists only if AVX2 was detected.
     #[cfg(target_arch = "x86_64")]
     Avx2(Avx2Detected),
 }
@@ -33,7 +33,7 @@ mod detected {
 }
 
 impl Kernel {
-    /// The fastest that this machine can run.
+    /// The fastest code for this machine.
     pub(crate) fn detect() -> Self {
         #[cfg(target_arch = "x86_64")]
         if let Some(proof) = Avx2Detected::new() {
@@ -139,7 +139,8 @@ fn each_hit<L: Lanes>(bvh: &Bvh, ray: &Ray, found: &mut impl FnMut(Hit)) {
     told_of::<L, true>(bvh, ray, found);
 }
 
-/// Tells of hits on porous triangles until one that is not porous blocks the ray; with `EVERY`, all count as porous.
+/// Calls `porous` for hits on porous triangles until a triangle that is not porous blocks the ray. With `EVERY`, all
+/// triangles count as porous.
 #[inline(always)]
 fn told_of<L: Lanes, const EVERY: bool>(bvh: &Bvh, ray: &Ray, porous: &mut impl FnMut(Hit)) -> bool {
     let mut t_max = ray.t_max;
@@ -151,7 +152,7 @@ fn told_of<L: Lanes, const EVERY: bool>(bvh: &Bvh, ray: &Ray, porous: &mut impl 
     bvh.top.walk::<L, false>(ray, &mut t_max, &mut leaves)
 }
 
-/// As [`any_in_mesh`], but triangles marked as porous (or with `EVERY` all) are told of and do not block.
+/// As [`any_in_mesh`], but triangles marked as porous (or with `EVERY` all) are reported and do not block.
 #[inline(always)]
 fn blocked_in_mesh<L: Lanes, const EVERY: bool>(
     mesh: &MeshTree,
@@ -183,8 +184,8 @@ fn any_in_mesh<L: Lanes>(mesh: &MeshTree, ray: &Ray, scale: f32, world_t_max: f3
     mesh.tree.walk::<L, false>(ray, &mut t_max, &mut leaves)
 }
 
-/// The scale rounds: what was inside the ray in object space need not be in the world. Asked on both ways of walking, so
-/// that they agree.
+/// The scale rounds: a hit within the ray in object space may be outside in the world. Both kinds of traversal make
+/// this test, so that they agree.
 #[inline(always)]
 fn is_world_hit(t: f32, t_max: f32) -> bool {
     t > 0.0 && t < t_max

@@ -1,6 +1,6 @@
-//! The tree of boxes: eight children to a node, and the walk of a ray through it.
+//! The tree of boxes: eight children to a node, and its traversal by a ray.
 //!
-//! The tree knows boxes and a leaf visitor, nothing of what lies in the leaves.
+//! The tree contains boxes and calls a leaf visitor. It does not depend on the content of the leaves.
 
 use std::mem::MaybeUninit;
 
@@ -9,13 +9,13 @@ use dunkelfeld_geometry::{Aabb, Ray, Vec3};
 
 use crate::simd8::{Eight, Lanes, WIDTH};
 
-/// Set in a child word that stands for a leaf; the other bits are the leaf's payload.
+/// Set in a child word for a leaf; the other bits are the leaf's payload.
 pub(crate) const LEAF: u32 = 1 << 31;
 /// The child word of an unused slot, and the root of an empty tree.
 pub(crate) const NONE: u32 = u32::MAX;
-/// No tree has more levels of nodes: the builder sees to it.
+/// Maximum number of levels of nodes. The builder enforces it.
 pub(crate) const MAX_DEPTH: usize = 44;
-/// Each level leaves at most seven siblings behind.
+/// Each level leaves at most seven siblings on the stack.
 const STACK: usize = (WIDTH - 1) * MAX_DEPTH + 2;
 
 /// A node: the boxes of up to eight children.
@@ -56,29 +56,30 @@ pub(crate) struct Tree {
     pub(crate) nodes: Vec<Node>,
     /// The child word of the root: a tree of one leaf has no node.
     pub(crate) root: u32,
-    /// Bounds of everything.
+    /// Bounds of all leaves.
     pub(crate) bounds: Aabb,
 }
 
-/// What happens at the leaves.
+/// Visitor of the leaves.
 pub(crate) trait Leaves {
-    /// Looks into a leaf. Lowers `t_max` to the nearest hit; true ends the walk.
+    /// Tests a leaf. Lowers `t_max` to the nearest hit; true ends the traversal.
     ///
-    /// Where boxes are so large that differences overflow, an unused slot may be entered: [`NONE`] without its [`LEAF`]
-    /// bit is a payload that no leaf has, and to be passed over.
+    /// If boxes are so large that differences overflow, an unused slot may be entered. [`NONE`] without its [`LEAF`]
+    /// bit is a payload that no leaf has. The visitor must ignore it.
     fn visit(&mut self, payload: u32, t_max: &mut f32) -> bool;
 }
 
-/// A ray as the box test wants it.
+/// A ray in the form that the box test needs.
 ///
-/// The slab test of Williams et al. (2005) with the far side moved out by rounding as Ize, "Robust BVH ray traversal"
-/// (2013), shows: each distance has three roundings, so a far distance scaled by `1 + 2 gamma(3)` cannot fall short. That
-/// covers the boxes' own arithmetic. The watertight test has rounding too: it sees every corner moved sideways by up to
-/// 7 u M, where M is the distance to the farthest side of the tree, and may find a hit that lies outside the triangle's
-/// box by as much. So each box grows by 10 u M on every side, plus what the rounding of the grown planes costs. This is
-/// free, as the origin is shifted instead: one origin for the near planes and one for the far planes.
+/// It is the slab test of Williams et al. (2005). The far side is moved out by rounding as in Ize, "Robust BVH ray
+/// traversal" (2013). Each distance has three roundings, so a far distance scaled by `1 + 2 gamma(3)` cannot be too
+/// short. That covers the arithmetic of the boxes. The watertight test rounds as well: its corners may be moved
+/// sideways by up to 7 u M, where M is the distance to the farthest side of the tree. So a hit may lie outside the
+/// triangle's box by as much. Each box therefore grows by 10 u M on every side, plus the rounding of the grown planes.
+/// This costs nothing, because the origin is shifted instead: one origin for the near planes and one for the far
+/// planes.
 struct Slabs<L: Lanes> {
-    /// Which of the six rows of a node hold the near sides; the far ones are their neighbours.
+    /// Indices of the three rows of a node with the near sides; the far ones are their neighbours.
     near: [usize; 3],
     near_origin: [L::F; 3],
     near_inverse: [L::F; 3],
@@ -90,12 +91,12 @@ impl<L: Lanes> Slabs<L> {
     #[inline(always)]
     fn new(ray: &Ray, bounds: &Aabb) -> Self {
         let (o, d) = (ray.origin, ray.direction);
-        // The farthest side is as far as the middle plus half the extent: no larger of two has to be picked.
+        // The farthest side is at the centre plus half the extent, so no maximum of two is needed.
         let (middle, half) = (0.5 * bounds.min + 0.5 * bounds.max, 0.5 * bounds.max - 0.5 * bounds.min);
         let reach = ((middle - o).abs() + half).max_element();
         let grow = 10.0 * UNIT_ROUNDOFF * reach + 2.0 * UNIT_ROUNDOFF * o.abs().max_element();
         let inverse = d.recip();
-        // Zero and minus zero differ here, which picks sides that fit the sign of the infinite inverse.
+        // Zero and minus zero differ here, so that the sides fit the sign of the infinite inverse.
         let near = [
             usize::from(inverse.x.is_sign_negative()),
             2 + usize::from(inverse.y.is_sign_negative()),
@@ -117,7 +118,7 @@ impl<L: Lanes> Slabs<L> {
         }
     }
 
-    /// The children that the ray may meet before `t_max`, and where it enters each.
+    /// The children that the ray may hit before `t_max`, and the entry distance of each.
     #[inline(always)]
     fn enter(&self, node: &Node, t_max: f32) -> (u32, L::F) {
         let (mut near, mut far) = (L::splat(0.0), L::splat(t_max));
@@ -137,7 +138,8 @@ impl Tree {
     /// A tree without leaves.
     pub(crate) const EMPTY: Self = Self { nodes: Vec::new(), root: NONE, bounds: Aabb::EMPTY };
 
-    /// Leads a ray to the leaves it may meet before `t_max`; near ones first if `ORDERED`. True if a visit ended it.
+    /// Visits the leaves that a ray may hit before `t_max`; near ones first if `ORDERED`. True if a visit ended the
+    /// traversal.
     #[inline(always)]
     pub(crate) fn walk<L: Lanes, const ORDERED: bool>(
         &self,
@@ -203,8 +205,8 @@ impl Tree {
     }
 }
 
-/// The next entered child as an entry of the stack: entry distance in the upper half, child word in the lower. Distances
-/// are not negative, so that the order of the integers is the order of the distances.
+/// The next entered child as an entry of the stack: entry distance in the upper half, child word in the lower.
+/// Distances are not negative, so the order of the integers is the order of the distances.
 #[inline(always)]
 fn take(entered: &mut u32, near: &Eight, node: &Node) -> u64 {
     let slot = entered.trailing_zeros() as usize & (WIDTH - 1);
@@ -212,7 +214,8 @@ fn take(entered: &mut u32, near: &Eight, node: &Node) -> u64 {
     (u64::from(near[slot].to_bits()) << 32) | u64::from(node.children[slot])
 }
 
-/// Children yet to visit. Not cleared before use: that would cost a tenth of a short ray.
+/// Children that are not visited yet. The stack is not cleared before use, because that would cost a tenth of a short
+/// ray.
 struct Stack {
     entries: [MaybeUninit<u64>; STACK],
     top: usize,
@@ -230,7 +233,7 @@ impl Stack {
         self.top += 1;
     }
 
-    /// Pushes so that the entries from `start` on stay in descending order, the nearest on top.
+    /// Pushes an entry. The entries from `start` on stay in descending order, with the nearest on top.
     #[inline(always)]
     fn push_sorted(&mut self, entry: u64, start: usize) {
         let mut at = self.top;

@@ -9,11 +9,11 @@ use glam::Vec3;
 
 use crate::simd8::{Eight, Lanes, WIDTH};
 
-/// Up to eight triangles, coordinate by coordinate. Free lanes hold NaN, which nothing hits.
+/// Up to eight triangles, coordinate by coordinate. Free lanes hold NaN and are never hit.
 #[derive(Clone, Debug)]
 #[repr(C, align(64))]
 pub(crate) struct Packet {
-    /// `corners[axis][corner][lane]`: a ray picks its axes once and then reads 96 bytes in a row for each.
+    /// `corners[axis][corner][lane]`: a ray selects its axes once and then reads 96 contiguous bytes for each.
     corners: [[Eight; 3]; 3],
     /// The triangles' numbers in their mesh.
     triangles: [u32; WIDTH],
@@ -76,7 +76,7 @@ impl Packet {
     }
 }
 
-/// What the packet test needs to know of a ray, in every lane.
+/// The values of a ray that the packet test needs, in every lane.
 #[derive(Clone, Copy)]
 pub(crate) struct ShearLanes<L: Lanes> {
     axes: [usize; 3],
@@ -96,8 +96,8 @@ impl<L: Lanes> ShearLanes<L> {
     }
 
     /// One corner of all triangles in the ray's sheared coordinates (z not yet scaled).
-    // A function and not a closure, here and below: only functions can be told to inline, and what is not inlined into
-    // the function that enables AVX2 is compiled without it.
+    // A function, not a closure, here and below. Only functions can be marked for inlining, and code that is not
+    // inlined into the function with AVX2 is compiled without it.
     #[inline(always)]
     fn sheared(&self, packet: &Packet, corner: usize) -> (L::F, L::F, L::F) {
         let [kx, ky, kz] = self.axes;
@@ -107,7 +107,7 @@ impl<L: Lanes> ShearLanes<L> {
         (L::sub(x, L::mul(self.shear[0], z)), L::sub(y, L::mul(self.shear[1], z)), z)
     }
 
-    /// The nearest hit with `0 < t < t_max` among the lanes asked for, if any; of equal ones the first lane's.
+    /// The nearest hit with `0 < t < t_max` among the given lanes, if any; of equal ones the first lane's.
     #[inline(always)]
     pub(crate) fn intersect(&self, packet: &Packet, ray: &Ray, t_max: f32, lanes: u32) -> Option<PacketHit> {
         let (ax, ay, az) = self.sheared(packet, 0);
@@ -141,7 +141,7 @@ impl<L: Lanes> ShearLanes<L> {
         if candidates == 0 {
             return None;
         }
-        // Of the ray's own end: what is nearer than the best hit so far need not be known better than that hit.
+        // Compared with the end of the ray, not with the best hit so far: a hit near that one needs no more precision.
         let ends = L::le(t, t_error) | L::le(L::sub(L::splat(ray.t_max), t_error), t);
         let near = candidates & ends;
         let mut ts = L::store(t);
@@ -179,7 +179,7 @@ fn largest<L: Lanes>(a: L::F, b: L::F, c: L::F) -> L::F {
     L::max(L::max(L::abs(a), L::abs(b)), L::abs(c))
 }
 
-/// Distances within their own error of zero or of the ray's end, again in f64.
+/// Distances within their own error of zero or of the ray's end, computed again in f64.
 #[inline(never)]
 fn decide_near(packet: &Packet, ray: &Ray, lanes: u32, t: &mut Eight) {
     let mut rest = lanes;
@@ -190,7 +190,7 @@ fn decide_near(packet: &Packet, ray: &Ray, lanes: u32, t: &mut Eight) {
     }
 }
 
-/// Edge functions with those of the given lanes done again in f64. Rare, so out of line.
+/// Edge functions; those of the given lanes are computed again in f64. Rare, so not inlined.
 #[cold]
 #[inline(never)]
 fn exact_lanes(lanes: u32, x: [Eight; 3], y: [Eight; 3], e: &mut [Eight; 3]) {

@@ -1,4 +1,4 @@
-//! Does the structure hold what it promises?
+//! Validation of the invariants of the structure.
 
 use dunkelfeld_geometry::Aabb;
 
@@ -6,7 +6,7 @@ use crate::scene::{Bvh, MeshTree};
 use crate::simd8::WIDTH;
 use crate::tree::{LEAF, MAX_DEPTH, NONE, Tree};
 
-/// Every invariant of both levels, or the first that is broken.
+/// Checks every invariant of both levels. The error contains the first broken one.
 pub(crate) fn validate(bvh: &Bvh) -> Result<(), String> {
     for (i, mesh) in bvh.meshes.iter().enumerate() {
         validate_mesh(mesh).map_err(|e| format!("mesh {i}: {e}"))?;
@@ -68,7 +68,7 @@ fn once(seen: &mut [bool], payload: u32, what: &str) -> Result<(), String> {
     Ok(())
 }
 
-/// Calls `leaf` with each leaf's payload and box, after checking nodes on the way.
+/// Calls `leaf` with each leaf's payload and box, after the check of its nodes.
 fn walk(tree: &Tree, mut leaf: impl FnMut(u32, &Aabb) -> Result<(), String>) -> Result<(), String> {
     if tree.root == NONE {
         return if tree.nodes.is_empty() { Ok(()) } else { Err("nodes without a root".into()) };

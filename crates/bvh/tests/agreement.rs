@@ -7,7 +7,7 @@ use common::{Random, Shape, bumpy_torus, icosphere, random_soup};
 use dunkelfeld_bvh::{Bvh, BvhInstance};
 use dunkelfeld_geometry::{DAffine3, DQuat, DVec3, Ray, Transform, Vec3};
 
-/// Rays of every kind: from anywhere, some along axes, some at vertices or along edges, some that end soon.
+/// Rays of all kinds: arbitrary, along axes, through vertices or along edges, and short ones.
 fn ray_at(shape: &Shape, random: &mut Random) -> Ray {
     let origin = 3.0 * random.in_cube();
     let triangle = shape.corners(random.int(shape.triangles.len()) as u32);

@@ -1,4 +1,4 @@
-//! The ladder of degenerate inputs: each must build quickly, validate, and answer as brute force does.
+//! Degenerate inputs: each must build quickly, validate, and have the same hits as brute force.
 #![allow(clippy::unwrap_used)]
 
 mod common;
@@ -78,7 +78,7 @@ fn ladder() -> Vec<(&'static str, Shape)> {
     ]
 }
 
-/// Rays that ask for trouble.
+/// Rays in degenerate positions.
 fn rays(shape: &Shape) -> Vec<Ray> {
     let (p, inf) = (shape.positions[0], f32::INFINITY);
     let inside = Vec3::new(0.1, 0.2, 0.3);
@@ -117,7 +117,7 @@ fn the_ladder() {
             } else if name != "at the end of the numbers" {
                 shape.assert_agrees(&bvh, &ray);
             } else {
-                // Differences of coordinates overflow: no answer is right, but there must be one.
+                // Differences of coordinates overflow. No result is correct, but the query must return.
                 let _ = (bvh.closest_hit(&ray), bvh.occluded(&ray));
             }
         }

@@ -1,4 +1,4 @@
-//! A mesh through a transform is the transformed mesh.
+//! An instance of a mesh has the same hits as the transformed mesh.
 #![allow(clippy::unwrap_used)]
 
 mod common;
@@ -14,8 +14,8 @@ fn transform(scale: DVec3, turn: f64, at: DVec3) -> Transform {
 
 #[test]
 fn exact_transforms_give_exactly_the_baked_hits() {
-    // Axes exchanged, mirrored, doubled: nothing rounds, so instance and baked mesh must agree on t, up to what the
-    // different choice of the sheared axes rounds.
+    // Axes exchanged, mirrored, doubled: nothing rounds. So instance and baked mesh must agree on t, except for the
+    // rounding caused by the different choice of the sheared axes.
     let shape = random_soup(500, 31);
     let m = DMat3::from_cols(DVec3::new(0.0, 2.0, 0.0), DVec3::new(0.0, 0.0, -2.0), DVec3::new(2.0, 0.0, 0.0));
     let t = Transform::new(DAffine3::from_mat3_translation(m, DVec3::new(4.0, -8.0, 0.5))).unwrap();
@@ -31,7 +31,7 @@ fn exact_transforms_give_exactly_the_baked_hits() {
             assert!((a.t - b.t).abs() <= 1e-5 * b.t + 1e-6, "{a:?} against {b:?} for {ray:?}");
             hits += 1;
         }
-        // Only a ray at the very rim of a triangle may see it in one and not in the other.
+        // Only for a ray at the rim of a triangle one of them may have a hit and the other none.
         assert_eq!(a.is_some(), b.is_some(), "for {ray:?}");
     }
     assert!(hits > 1_000, "only {hits} hits: the test does not test");

@@ -1,4 +1,4 @@
-//! A ray that leaves a surface does not meet that surface again, and meets the next one however near it is.
+//! A ray that leaves a surface does not hit that surface again, and hits the next one at any distance.
 #![allow(clippy::unwrap_used)]
 
 mod common;
@@ -46,7 +46,7 @@ fn placed(scale: f64, far: f64) -> Transform {
     Transform::new(DAffine3::from_scale_rotation_translation(DVec3::splat(scale), turn, at)).unwrap()
 }
 
-/// Every way to put a shape into the world: at scales, near and far, baked or as an instance.
+/// All placements of a shape in the world: at several scales, near and far, baked or as an instance.
 fn placements(shape: &Shape) -> Vec<(String, Shape, Bvh, Option<Transform>)> {
     let mut all = Vec::new();
     for scale in [1e-4, 1.0, 1e4] {
@@ -82,8 +82,8 @@ fn no_ray_meets_the_triangle_it_leaves() {
 
 #[test]
 fn no_ray_meets_the_flat_patch_it_leaves() {
-    // Two triangles; after rounding, their planes differ by an ulp of the coordinates over the size of the patch, which
-    // at 1 km is 6e-5 rad: a ray at a smaller angle than that may truly cross.
+    // Two triangles. After rounding, their planes differ by an ulp of the coordinates over the size of the patch, which
+    // at 1 km is 6e-5 rad. A ray at a smaller angle than that may cross the plane in fact.
     let patch = Shape {
         positions: vec![
             Vec3::new(-0.3, -0.3, 0.1),
@@ -106,7 +106,7 @@ fn no_ray_meets_the_flat_patch_it_leaves() {
 
 #[test]
 fn a_surface_ten_micrometres_or_one_away_is_met() {
-    // Two plates of 0.6 m, turned, the upper one a little larger, so that slanted rays meet it too.
+    // Two plates of 0.6 m, turned. The upper one is a little larger, so that slanted rays hit it too.
     for (gap, grazing) in [(1e-5, 0.02), (1e-6, 0.05)] {
         let turn = placed(1.0, 0.0);
         let plate = |half: f32, z: f32| {

@@ -9,10 +9,10 @@ use dunkelfeld_geometry::{DAffine3, DQuat, DVec3, Ray, Transform, Vec3};
 
 const RAYS: usize = 1_000_000;
 
-/// Fires rays at the edges and vertices of `shape`, whose image in the world is `bvh`.
+/// Traces rays to the edges and vertices of `shape`. `bvh` is its image in the world.
 ///
-/// `inside` gives a point inside in object space; `place` takes points of object space to the world. It must not turn
-/// (directions are those of object space).
+/// `inside` returns a point inside in object space; `place` converts points of object space to the world. It must not
+/// rotate (directions are those of object space).
 fn count_leaks(shape: &Shape, bvh: &Bvh, inside: Inside, place: impl Fn(Vec3) -> Vec3, rays: usize) -> usize {
     let mut random = Random::new(11);
     let mut leaks = 0;
@@ -31,8 +31,8 @@ fn count_leaks(shape: &Shape, bvh: &Bvh, inside: Inside, place: impl Fn(Vec3) ->
 /// Picks a point inside a mesh.
 type Inside = fn(&mut Random) -> Vec3;
 
-/// Both meshes have the origin of these rays in their inside for all placements below, and an x of exactly zero, which a
-/// displacement along x by a kilometre keeps exact however small the mesh.
+/// In all placements below, the origin of these rays is inside both meshes. Its x is exactly zero, so a displacement
+/// along x by a kilometre is exact for any size of the mesh.
 fn meshes() -> [(&'static str, Shape, Inside); 2] {
     [
         ("icosphere", icosphere(5), |r| Vec3::new(0.0, 0.5 * r.signed(), 0.5 * r.signed())),
@@ -80,8 +80,8 @@ fn nothing_leaks_from_a_mesh_baked_a_kilometre_away() {
 
 #[test]
 fn nothing_leaks_from_afar_through_the_silhouette() {
-    // From a thousand radii away the sheared corners carry rounding of many times the triangles' height, and rays graze
-    // edges that are seen edge-on. A ray that goes in must come out: its line crosses the sphere twice or never.
+    // From a thousand radii away the rounding of the sheared corners is many times the triangles' height, and rays
+    // graze edges. A ray that enters must leave: its line crosses the sphere twice or never.
     let shape = icosphere(4);
     let bvh = shape.bvh();
     let mut random = Random::new(13);

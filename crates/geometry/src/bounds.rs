@@ -20,10 +20,10 @@ impl Default for Aabb {
 }
 
 impl Aabb {
-    /// The box that holds nothing: the neutral element of [`Aabb::union`].
+    /// The empty box: the neutral element of [`Aabb::union`].
     pub const EMPTY: Self = Self { min: Vec3::INFINITY, max: Vec3::NEG_INFINITY };
 
-    /// The smallest box around some points; [`Aabb::EMPTY`] for none. A NaN coordinate is passed over.
+    /// The smallest box around some points; [`Aabb::EMPTY`] for none. A NaN coordinate is ignored.
     #[inline]
     pub fn from_points(points: impl IntoIterator<Item = Vec3>) -> Self {
         points.into_iter().fold(Self::EMPTY, Self::including)
@@ -41,7 +41,7 @@ impl Aabb {
         Self { min: self.min.min(other.min), max: self.max.max(other.max) }
     }
 
-    /// Does it hold nothing? (A point or a flat box is not empty; a box with a NaN is.)
+    /// True if the box is empty. (A point or a flat box is not empty; a box with a NaN is.)
     #[inline]
     pub fn is_empty(&self) -> bool {
         !self.min.cmple(self.max).all()
@@ -67,13 +67,13 @@ impl Aabb {
         d.x * d.y + d.y * d.z + d.z * d.x
     }
 
-    /// Does it hold the point, boundary included?
+    /// True if the point is in the box, boundary included.
     #[inline]
     pub fn contains(&self, p: Vec3) -> bool {
         self.min.cmple(p).all() && p.cmple(self.max).all()
     }
 
-    /// Does it hold the other box, boundary included? An empty box lies in every box.
+    /// True if the other box is in this one, boundary included. An empty box is in every box.
     #[inline]
     pub fn encloses(&self, other: &Self) -> bool {
         other.is_empty() || (self.min.cmple(other.min).all() && other.max.cmple(self.max).all())
@@ -81,7 +81,7 @@ impl Aabb {
 
     /// The box grown on every side by `n` ulps of its largest coordinate, and by at least the next number up.
     ///
-    /// One pad for all sides, because a rotation or a shear carries the rounding of one axis to the others.
+    /// All sides have the same margin, because a rotation or a shear carries the rounding of one axis to the others.
     pub fn padded_by_ulps(&self, n: u32) -> Self {
         if self.is_empty() {
             return *self;

@@ -1,4 +1,4 @@
-//! Orthonormal frames and the directions that live in them.
+//! Orthonormal frames and directions in them.
 
 use glam::Vec3;
 
@@ -9,7 +9,7 @@ use glam::Vec3;
 pub struct LocalDir(pub Vec3);
 
 impl LocalDir {
-    /// The direction with the given components (the caller vouches for unit length).
+    /// The direction with the given components. The caller must ensure unit length.
     #[inline]
     pub const fn new(x: f32, y: f32, z: f32) -> Self {
         Self(Vec3::new(x, y, z))
@@ -33,7 +33,7 @@ impl LocalDir {
         self.0.x * self.0.x + self.0.y * self.0.y
     }
 
-    /// Do both directions lie on the same side of the surface?
+    /// True if both directions lie on the same side of the surface.
     #[inline]
     pub fn same_side(self, other: Self) -> bool {
         self.0.z * other.0.z > 0.0
@@ -82,7 +82,7 @@ impl Frame {
         let len2 = t.length_squared();
         // 1e-12 relative to the tangent's own length: below that the direction is rounding noise.
         if len2.is_finite() && len2 > 1e-12 * tangent.length_squared() && len2 > f32::MIN_POSITIVE {
-            // Near-parallel tangents lose orthogonality to rounding: project once more.
+            // A tangent almost parallel to the normal loses orthogonality by rounding, so it is projected again.
             let t = t / len2.sqrt();
             let t = (t - normal * normal.dot(t)).normalize();
             Self { tangent: t, bitangent: normal.cross(t), normal }

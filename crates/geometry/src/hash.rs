@@ -1,10 +1,10 @@
-//! A fast hash for the bits of floats: for welding positions and grouping equal boxes.
+//! A fast hash for the bits of floats. It is used to weld positions and to group equal boxes.
 //!
-//! Not proof against chosen keys; whoever builds a mesh to collide can slow down their own render.
+//! It does not resist chosen keys. A mesh made for collisions can slow down its own render.
 
 use std::hash::{BuildHasherDefault, Hasher};
 
-/// For `HashMap<_, _, FastHash>`. Seeded with nothing, so that runs are alike.
+/// For `HashMap<_, _, FastHash>`. It has no seed, so all runs are equal.
 pub type FastHash = BuildHasherDefault<BitsHasher>;
 
 /// Multiply to 128 bits and fold (the mixing step of wyhash, Wang Yi 2019), word by word.

@@ -1,8 +1,9 @@
-//! The health of a mesh: what is wrong with its triangles, and whether it encloses a volume.
+//! The health of a mesh: defects of its triangles, and whether it encloses a volume.
 //!
-//! [`clean`] takes out what a ray can never meet or meets twice. [`MeshHealth::from_mesh`] says what remains: a mesh of glass
-//! must be closed and wound outward, or refraction has no inside. Vertices count as one if their positions are equal,
-//! whatever their normals and texture coordinates. Both run in hashed linear time.
+//! [`clean`] removes triangles that a ray can never hit or would hit twice. [`MeshHealth::from_mesh`] describes the
+//! remaining mesh. A mesh of glass must be closed and wound outward, because refraction needs an inside. Vertices with
+//! equal positions count as one, regardless of their normals and texture coordinates. Both functions run in hashed
+//! linear time.
 
 use std::collections::HashMap;
 
@@ -11,11 +12,11 @@ use glam::{DVec3, Vec3};
 use crate::hash::FastHash;
 use crate::{Aabb, Mesh};
 
-/// A triangle whose height over its longest edge is below this fraction of that edge has no area: a few hundredths of
-/// the roundoff of its coordinates, so that true needles are kept.
+/// A triangle whose height over its longest edge is below this fraction of that edge has no area. The limit is a few
+/// hundredths of the rounding of its coordinates, so that needles with an area are kept.
 const MIN_RELATIVE_HEIGHT: f64 = 1e-9;
 
-/// How many triangles [`clean`] took out, by reason. A triangle with several faults counts for the first.
+/// Number of triangles that [`clean`] removed, by reason. A triangle with several defects is counted for the first one.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Repairs {
     /// With an index beyond the vertices.
@@ -31,13 +32,13 @@ pub struct Repairs {
 }
 
 impl Repairs {
-    /// Triangles taken out in all.
+    /// Total number of removed triangles.
     pub fn total(&self) -> usize {
         self.out_of_range + self.non_finite + self.zero_area + self.duplicates + self.opposite_duplicates
     }
 }
 
-/// Takes out the triangles that no ray can meet, or that would be met twice; the first of coincident ones stays.
+/// Removes the triangles that no ray can hit, or that would be hit twice. Of coincident triangles the first stays.
 ///
 /// The order of the others and all vertices are kept.
 pub fn clean(mesh: &mut Mesh) -> Repairs {
@@ -75,16 +76,16 @@ pub fn clean(mesh: &mut Mesh) -> Repairs {
 pub fn turn_inside_out(mesh: &mut Mesh) {
     mesh.triangles.iter_mut().for_each(|t| t.swap(1, 2));
     mesh.normals.iter_mut().for_each(|n| *n = -*n);
-    // The bitangent is w n x t: with the normal reversed it stays what it is if w changes sign.
+    // The bitangent is w n x t. If the normal is reversed, it stays the same only if w changes sign.
     mesh.tangents.iter_mut().for_each(|t| t.w = -t.w);
 }
 
-/// What a mesh is, once [`clean`]. Triangles that `clean` would refuse for their corners are passed over.
+/// Properties of a mesh after [`clean`]. Triangles that `clean` would remove for their corners are ignored.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MeshHealth {
-    /// Triangles looked at.
+    /// Number of triangles.
     pub triangles: usize,
-    /// Different positions in use.
+    /// Number of different positions in use.
     pub vertices: usize,
     /// Edges used by one triangle only.
     pub open_edges: usize,
@@ -92,7 +93,7 @@ pub struct MeshHealth {
     pub inconsistent_edges: usize,
     /// Edges used by three triangles or more.
     pub non_manifold_edges: usize,
-    /// Volume enclosed [m^3], negative if the winding points inward; means nothing unless the mesh is closed.
+    /// Enclosed volume [m^3], negative if the winding points inward. It is undefined unless the mesh is closed.
     pub signed_volume: f64,
     /// Surface area [m^2].
     pub area: f64,
@@ -101,12 +102,12 @@ pub struct MeshHealth {
 }
 
 impl MeshHealth {
-    /// Looks at a mesh.
+    /// Computes the properties of a mesh.
     pub fn from_mesh(mesh: &Mesh) -> Self {
         let sound = |t: &&[u32; 3]| corners_of(&mesh.positions, t).is_some_and(|c| c.iter().all(|c| c.is_finite()));
         let corners_of = |t: &[u32; 3]| t.map(|i| mesh.positions[i as usize]);
         let bounds = Aabb::from_points(mesh.triangles.iter().filter(sound).flat_map(corners_of));
-        // Volumes are taken against the middle, where the signed parts cancel least.
+        // Volumes are relative to the centre, where the cancellation of the signed parts is least.
         let middle = if bounds.is_empty() { DVec3::ZERO } else { bounds.center().as_dvec3() };
 
         let mut welded: HashMap<[u32; 3], u32, FastHash> = HashMap::default();
@@ -119,9 +120,9 @@ impl MeshHealth {
                 *welded.entry(position_key(c)).or_insert(next)
             });
             for (from, to) in [(ids[0], ids[1]), (ids[1], ids[2]), (ids[2], ids[0])] {
-                // Lower id, higher id, and in the lowest bit whether the edge runs downward: uses of one edge sort
-                // together, and those in one direction come first. Ids fit in 31 bits as vertices are counted in u32
-                // and three of them make a triangle of 12 bytes.
+                // Lower id, higher id, and in the lowest bit whether the edge is directed downward. So uses of one edge
+                // sort together, and those in one direction come first. Ids fit in 31 bits, because vertices are
+                // counted in u32 and three of them make a triangle of 12 bytes.
                 let (lo, hi, down) = if from < to { (from, to, 0) } else { (to, from, 1) };
                 half_edges.push((u64::from(lo) << 33) | (u64::from(hi) << 1) | down);
             }
@@ -153,12 +154,12 @@ impl MeshHealth {
         health
     }
 
-    /// Does every edge join exactly two triangles that run along it in opposite directions?
+    /// True if every edge joins exactly two triangles, in opposite directions.
     pub fn is_closed(&self) -> bool {
         self.triangles > 0 && self.open_edges + self.inconsistent_edges + self.non_manifold_edges == 0
     }
 
-    /// Is it closed, but wound inward?
+    /// True if it is closed and wound inward.
     pub fn is_inside_out(&self) -> bool {
         self.is_closed() && self.signed_volume < 0.0
     }
@@ -182,7 +183,7 @@ fn position_key(p: Vec3) -> [u32; 3] {
     (p + Vec3::ZERO).to_array().map(f32::to_bits)
 }
 
-/// Three keys in ascending order, and whether that took an even permutation (which is what winding comes to).
+/// Three keys in ascending order, and whether the permutation is even, which corresponds to the winding.
 fn unordered(mut keys: [[u32; 3]; 3]) -> ([[u32; 3]; 3], bool) {
     let mut even = true;
     for (i, j) in [(0, 1), (1, 2), (0, 1)] {
@@ -198,7 +199,7 @@ fn unordered(mut keys: [[u32; 3]; 3]) -> ([[u32; 3]; 3], bool) {
 mod tests {
     use super::*;
 
-    /// A unit cube with four vertices of its own per face, as exporters write flat-shaded meshes.
+    /// A unit cube with four vertices of its own per face, as in exported meshes with flat shading.
     fn cube() -> Mesh {
         let mut mesh = Mesh::default();
         for axis in 0..3 {

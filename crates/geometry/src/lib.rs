@@ -1,7 +1,7 @@
-//! Geometry without opinions about light: vectors, rays, frames, transforms, triangle meshes and their health.
+//! Geometry without light: vectors, rays, frames, transforms, triangle meshes and their health.
 //!
-//! Lengths are metres, angles radians. World and local directions are different types: a [`LocalDir`] lives in a
-//! shading [`Frame`] whose normal is +z. Coordinates are f32; where cancellation could eat them, f64 works inside.
+//! Lengths are metres, angles radians. World and local directions are different types: a [`LocalDir`] belongs to a
+//! shading [`Frame`] whose normal is +z. Coordinates are f32. Computations with strong cancellation use f64 inside.
 
 #![forbid(unsafe_code)]
 #![cfg_attr(test, allow(clippy::unwrap_used))]

@@ -4,7 +4,7 @@ use glam::{Vec2, Vec3, Vec4};
 
 /// Triangles over shared vertices. Every attribute is either empty or as long as `positions`.
 ///
-/// A front face winds counter-clockwise seen from the side its geometric normal points to.
+/// A front face winds counter-clockwise on the side of its geometric normal.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Mesh {
     /// Vertex positions \[m\], object space.

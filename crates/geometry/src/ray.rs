@@ -1,4 +1,4 @@
-//! A ray: where it starts, where it goes, how far it may go.
+//! A ray: origin, direction and length.
 
 use glam::Vec3;
 

@@ -1,13 +1,14 @@
-//! Sampling of rectangles and triangles as they are seen from a point: by solid angle, or by area where that is as good.
+//! Sampling of rectangles and triangles from a reference point: by solid angle, or by area where that is as good.
 //!
-//! Contract of every pair here. `sample_x(shape, reference, u)` takes two numbers in [0, 1) and gives a point on the shape
-//! with its density per solid angle at the reference [1/sr], or `None` where the shape is seen edge-on, is degenerate
-//! or subtends nothing: no light can be exchanged then. `pdf_x(shape, reference, point)` gives the density with which
-//! `sample_x` returns `point`, bit for bit the same, and zero where `sample_x` returns `None`. Which of the two methods
-//! is used depends on shape and reference alone. Both sides of a shape are seen. `invert_x(shape, reference, coordinates)` gives
-//! the two numbers back.
+//! Contract of every pair here. `sample_x(shape, reference, u)` takes two numbers in [0, 1) and returns a point on the
+//! shape with its density per solid angle at the reference [1/sr]. It returns `None` if the shape is edge-on to the
+//! reference, is degenerate or subtends nothing. Then it exchanges no light with the reference. `pdf_x(shape,
+//! reference, point)` returns the density with which `sample_x` returns `point`, bit for bit the same, and zero where
+//! `sample_x` returns `None`. The choice between the two methods depends on shape and reference alone. Both sides of a
+//! shape are sampled. `invert_x(shape, reference, coordinates)` returns the two numbers.
 //!
-//! Inside, all is f64: the differences of angles that these formulas live on leave nothing of an f32.
+//! All internal computations are f64, because the differences of angles in these formulas would cancel all digits of an
+//! f32.
 
 mod rectangle;
 mod triangle;
@@ -28,15 +29,16 @@ pub use triangle::{
 pub struct ShapeSample {
     /// The point, on the shape up to rounding \[m\].
     pub point: Vec3,
-    /// Where it lies on the shape: fractions of `edge_u` and `edge_v` of a rectangle, weights of the second and third
+    /// Its position on the shape: fractions of `edge_u` and `edge_v` of a rectangle, weights of the second and third
     /// corner of a triangle.
     pub coordinates: [f32; 2],
     /// Density per solid angle at the reference point [1/sr]; positive and finite.
     pub pdf: f32,
 }
 
-/// Below this solid angle \[sr\] points are sampled by area. A shape so small is far away (its density per solid angle is
-/// then all but constant) or edge-on (it then gives next to no light), and f64 keeps nine digits above it.
+/// Below this solid angle \[sr\] points are sampled by area. A shape so small is far away or edge-on. If it is far
+/// away, its density per solid angle is almost constant. If it is edge-on, it contributes almost no light. Above this
+/// limit f64 keeps nine digits.
 const MIN_SOLID_ANGLE: f64 = 1e-6;
 
 /// A reference nearer to the shape's plane than this fraction of its distance to the shape's corners lies in the plane.

@@ -1,8 +1,8 @@
-//! Affine transforms between an object's space and the world's, with bounds on what rounding does.
+//! Affine transforms between an object's space and the world's, with bounds of their rounding errors.
 //!
-//! Coordinates are f32, but the matrix and its inverse are kept and applied in f64. Each result is then rounded once,
-//! so that a mesh one kilometre from the origin keeps the accuracy of its own object space, and going there and back
-//! does not depend on how well an f32 inverse happens to match its f32 matrix.
+//! Coordinates are f32, but the matrix and its inverse are stored and applied in f64. Each result is then rounded once.
+//! So a mesh one kilometre from the origin keeps the accuracy of its own object space. A transform and its inverse
+//! cancel without the mismatch of an f32 inverse and its f32 matrix.
 
 use glam::{DAffine3, DMat3, DVec3, Vec3};
 
@@ -13,13 +13,13 @@ const UNIT_ROUNDOFF_64: f64 = 0.5 * f64::EPSILON;
 /// Half the distance from 1 to the next f32.
 const UNIT_ROUNDOFF_32: f64 = 0.5 * f32::EPSILON as f64;
 
-/// Why a matrix is no transform.
+/// Reason why a matrix is no transform.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum TransformError {
-    /// An element is NaN or infinite, or leaves the range of f32.
+    /// An element is NaN or infinite, or exceeds the range of f32.
     #[error("the transform has an element that is not a finite number")]
     NotFinite,
-    /// It flattens space to a plane, a line or a point, so that it has no inverse.
+    /// It maps space to a plane, a line or a point, so it has no inverse.
     #[error("the transform is singular: it flattens space and has no inverse")]
     Singular,
 }
@@ -38,7 +38,7 @@ impl Default for Transform {
 }
 
 impl Transform {
-    /// The map that changes nothing.
+    /// The identity.
     pub const IDENTITY: Self = Self { to_world: DAffine3::IDENTITY, to_object: DAffine3::IDENTITY };
 
     /// A transform from its object-to-world map.
@@ -73,7 +73,7 @@ impl Transform {
         &self.to_object
     }
 
-    /// Does it change nothing?
+    /// True if it is the identity.
     #[inline]
     pub fn is_identity(&self) -> bool {
         self.to_world == DAffine3::IDENTITY
@@ -85,7 +85,7 @@ impl Transform {
         Self { to_world: self.to_object, to_object: self.to_world }
     }
 
-    /// An object-space point in the world, correctly rounded but for the last bits of f64.
+    /// An object-space point in the world, correctly rounded except for the last bits of f64.
     #[inline]
     pub fn point(&self, p: Vec3) -> Vec3 {
         self.to_world.transform_point3(p.as_dvec3()).as_vec3()
@@ -100,9 +100,9 @@ impl Transform {
 
     /// An object-space normal in the world, of unit length (zero if `n` is zero or not finite).
     ///
-    /// By the inverse transpose, which keeps it at right angles to the surface. Under a mirroring transform it keeps to
-    /// its side of the surface, while the normal that follows from the winding of transformed corners changes sides:
-    /// see [`Transform::swaps_handedness`].
+    /// It is transformed by the inverse transpose, so it stays perpendicular to the surface. Under a mirroring
+    /// transform it keeps its side of the surface, while the normal from the winding of transformed corners changes
+    /// sides: see [`Transform::swaps_handedness`].
     #[inline]
     pub fn normal(&self, n: Vec3) -> Vec3 {
         let n = n.as_dvec3();
@@ -110,13 +110,13 @@ impl Transform {
         DVec3::new(m.x_axis.dot(n), m.y_axis.dot(n), m.z_axis.dot(n)).normalize_or_zero().as_vec3()
     }
 
-    /// Does it mirror, so that a counter-clockwise triangle becomes clockwise?
+    /// True if it mirrors, so that a counter-clockwise triangle becomes clockwise.
     #[inline]
     pub fn swaps_handedness(&self) -> bool {
         self.to_world.matrix3.determinant() < 0.0
     }
 
-    /// A world-space ray in object space. `t` keeps its meaning, so the direction is not of unit length.
+    /// A world-space ray in object space. `t` has the same meaning, so the direction is not of unit length.
     #[inline]
     pub fn ray(&self, ray: &Ray) -> Ray {
         Ray {
@@ -126,10 +126,10 @@ impl Transform {
         }
     }
 
-    /// A world-space ray in object space with a direction of unit length, and the factor `s` with
-    /// `t_object = s * t_world` (`t_max` is scaled with it).
+    /// A world-space ray in object space with a direction of unit length, and the factor `s` with `t_object = s *
+    /// t_world` (`t_max` is scaled with it).
     ///
-    /// A direction of unit length keeps a traversal clear of overflow and underflow whatever the instance's scale.
+    /// A direction of unit length prevents overflow and underflow in a traversal at any scale of the instance.
     #[inline]
     pub fn unit_ray(&self, ray: &Ray) -> (Ray, f32) {
         let direction = self.to_object.transform_vector3(ray.direction.as_dvec3());
@@ -142,13 +142,13 @@ impl Transform {
         (ray, scale as f32)
     }
 
-    /// An object-space point with an error box in the world: the point and the half widths of a box that surely
-    /// holds the true point.
+    /// An object-space point with an error box in the world: the point and the half widths of a box that contains the
+    /// exact point.
     ///
-    /// With L the linear part, u the unit roundoff of f32 and p' the result, the half widths are
-    /// `|L| p_error + u |p'| + |L| u |p|`, in the spirit of Pharr, Jakob & Humphreys (2016, section 3.9), plus what the
-    /// arithmetic itself loses in f64. The third term is for later: a ray that leaves this point comes back to object
-    /// space, and its origin is rounded to f32 there once more.
+    /// With L the linear part, u the unit roundoff of f32 and p' the result, the half widths are `|L| p_error + u |p'|
+    /// + |L| u |p|`, similar to Pharr, Jakob & Humphreys (2016, section 3.9), plus the rounding of the arithmetic in
+    /// f64. The third term is for the next ray: when it leaves this point, its origin is transformed to object space
+    /// and rounded to f32 again.
     #[inline]
     pub fn point_with_error(&self, p: Vec3, p_error: Vec3) -> (Vec3, Vec3) {
         let m = &self.to_world;

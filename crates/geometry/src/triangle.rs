@@ -1,14 +1,15 @@
-//! Ray against triangle without gaps, where the hit lies, and where the next ray may start.
+//! Watertight intersection of a ray and a triangle, the position of the hit, and the start of the next ray.
 //!
 //! The test is that of Woop, Benthin & Wald, "Watertight ray/triangle intersection" (JCGT 2013). A ray becomes the axis
 //! of a sheared coordinate system, in which the signs of three edge functions decide. Every product is rounded once and
-//! nothing is fused, so two triangles that share an edge see the same number with opposite signs. Rounding is monotone:
-//! a computed sign is right or the result is zero, and a zero is decided in f64, where the products are exact.
+//! no operation is fused, so two triangles that share an edge compute the same number with opposite signs. Rounding is
+//! monotone: a computed sign is right or the result is zero. A zero is decided in f64, where the products are exact.
 //!
-//! How far away the hit lies is the other half. In f32, `t` near zero may be rounding; Pharr, Jakob & Humphreys (2016,
-//! section 3.9.6) reject hits below their error bound, at the price of real surfaces a few micrometres away. Here, such
-//! a hit is decided in f64, so that a film of a micrometre is seen and the surface just left is not. So is a hit near the
-//! end of a ray: a shadow ray that ends just before a light it runs along must not meet that light.
+//! The second part is the distance of the hit. In f32, `t` near zero may be rounding. Pharr, Jakob & Humphreys (2016,
+//! section 3.9.6) reject hits below their error bound, and so lose real surfaces a few micrometres away. Here such a
+//! hit is decided in f64. So a ray hits a film of a micrometre, and does not hit the surface that it has just left. A
+//! hit near the end of a ray is also decided in f64: a shadow ray that ends just before a light, almost parallel to it,
+//! must not hit that light.
 
 use glam::{DVec3, Vec3};
 
@@ -24,7 +25,7 @@ pub const fn gamma(n: u32) -> f32 {
     nu / (1.0 - nu)
 }
 
-/// Where a ray meets a triangle.
+/// Intersection of a ray and a triangle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TriangleHit {
     /// Ray parameter of the hit.
@@ -35,27 +36,27 @@ pub struct TriangleHit {
     pub b2: f32,
 }
 
-/// What the watertight test needs to know of a ray, computed once per ray.
+/// Values of a ray for the watertight test, computed once per ray.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RayShear {
-    /// Axes renamed so that the third is the direction's largest component and handedness is kept.
+    /// Permutation of the axes: the third one is the direction's largest component, and handedness is kept.
     pub axes: [usize; 3],
-    /// The ray's origin along the renamed axes.
+    /// The ray's origin in the permuted axes.
     pub origin: [f32; 3],
-    /// `d_x / d_z`, `d_y / d_z` and `1 / d_z` along the renamed axes.
+    /// `d_x / d_z`, `d_y / d_z` and `1 / d_z` in the permuted axes.
     pub shear: [f32; 3],
 }
 
-/// `[2 * largest axis + (is negative)]` -> the renamed axes; a negative direction swaps the first two.
+/// `[2 * largest axis + (is negative)]` -> the permuted axes; a negative direction swaps the first two.
 const AXES: [[usize; 3]; 6] = [[1, 2, 0], [2, 1, 0], [2, 0, 1], [0, 2, 1], [0, 1, 2], [1, 0, 2]];
 
 impl RayShear {
-    /// The shear that takes the ray's direction to +z. A zero direction gives non-finite values, which hit nothing.
+    /// The shear that maps the ray's direction to +z. A zero direction gives non-finite values, which hit nothing.
     #[inline]
     pub fn new(ray: &Ray) -> Self {
         let (d, o) = (ray.direction, ray.origin);
         let a = d.abs();
-        // By arithmetic and a table, for which way a ray goes is as good as random to a branch predictor.
+        // Arithmetic and a table replace branches, because a branch predictor cannot predict the direction of a ray.
         let largest = if a.x >= a.y.max(a.z) { 0 } else { 1 + usize::from(a.y < a.z) };
         let (d, o) = (d.to_array(), o.to_array());
         let [kx, ky, kz] = AXES[2 * largest + usize::from(d[largest] < 0.0)];
@@ -64,7 +65,7 @@ impl RayShear {
     }
 }
 
-/// The three edge functions of a sheared triangle in f64, for when an f32 one came out as zero.
+/// The three edge functions of a sheared triangle in f64, for the case that one is zero in f32.
 ///
 /// `x` and `y` are the sheared corners. The products of two f32 are exact in f64, so the signs are exact.
 #[inline]
@@ -72,18 +73,18 @@ pub fn edge_functions_f64(x: [f32; 3], y: [f32; 3]) -> [f32; 3] {
     let [ax, bx, cx] = x.map(f64::from);
     let [ay, by, cy] = y.map(f64::from);
     let keep_sign = |e: f64| {
-        // An underflow to zero would call a clear miss a hit on the edge.
+        // With an underflow to zero a clear miss would become a hit on the edge.
         let f = e as f32;
         if f == 0.0 && e != 0.0 { f32::from_bits(1).copysign(e as f32) } else { f }
     };
     [cx * by - cy * bx, ax * cy - ay * cx, bx * ay - by * ax].map(keep_sign)
 }
 
-/// The parameter at which a ray crosses a triangle's plane, in f64; zero where even f64 cannot tell the side.
+/// The parameter at which a ray crosses a triangle's plane, in f64; zero if the side cannot be decided even in f64.
 ///
-/// Called when `t` lies within the error bound of the f32 result from either end of the ray. With e1, e2 the edges and a = v0 - o,
-/// `t = (e1 x e2 . a) / (e1 x e2 . d)`; differences of f32 and their triple product carry a relative error below 8 units
-/// of roundoff of the sum of absolute terms.
+/// Called when `t` lies within the error bound of the f32 result from either end of the ray. With e1, e2 the edges and
+/// a = v0 - o, `t = (e1 x e2 . a) / (e1 x e2 . d)`. Differences of f32 and their triple product have a relative error
+/// below 8 units of roundoff of the sum of absolute terms.
 #[inline]
 pub fn plane_distance_f64(ray: &Ray, corners: &[Vec3; 3]) -> f32 {
     let v0 = corners[0].as_dvec3();
@@ -106,10 +107,10 @@ pub fn plane_distance_f64(ray: &Ray, corners: &[Vec3; 3]) -> f32 {
 /// `u (108 x y + 30 (x + y) z) z / |det|`; the rest of 128 covers the rounding of the bound.
 pub const T_ERROR: f32 = 128.0 * UNIT_ROUNDOFF;
 
-/// The watertight test: the hit with `0 < t < ray.t_max`, seen from either side.
+/// The watertight test: the hit with `0 < t < ray.t_max`, from either side.
 ///
-/// Hits on an edge or corner belong to every triangle that shares it; none falls between. Triangles without area in the
-/// ray's view are never hit, and neither are those with a NaN.
+/// Hits on an edge or corner belong to every triangle that shares it; no ray passes between. Triangles that are edge-on
+/// to the ray are never hit, nor those with a NaN.
 #[inline]
 pub fn intersect_triangle(shear: &RayShear, ray: &Ray, corners: &[Vec3; 3]) -> Option<TriangleHit> {
     let [kx, ky, kz] = shear.axes;
@@ -145,7 +146,8 @@ pub fn intersect_triangle(shear: &RayShear, ray: &Ray, corners: &[Vec3; 3]) -> O
     (t > 0.0 && t < ray.t_max).then_some(TriangleHit { t, b1: e[1] * inv_det, b2: e[2] * inv_det })
 }
 
-/// Unit normal of a triangle by its winding, or zero if it has no area. Computed in f64, so that slivers get a true one.
+/// Unit normal of a triangle by its winding, or zero if it has no area. It is computed in f64, so that it is precise
+/// for slivers too.
 #[inline]
 pub fn geometric_normal(corners: &[Vec3; 3]) -> Vec3 {
     let v0 = corners[0].as_dvec3();
@@ -161,13 +163,13 @@ pub fn triangle_area(corners: &[Vec3; 3]) -> f32 {
 }
 
 /// The point with barycentric weights `b1` and `b2` (of the second and third corner), and the half widths of a box that
-/// surely holds the point of the triangle's plane with exactly these weights.
+/// contains the point of the triangle's plane with exactly these weights.
 ///
 /// `v0 + b1 (v1 - v0) + b2 (v2 - v0)` lies in the plane for *any* b1 and b2, so their own error moves the point within
-/// the plane and not off it. Evaluated in f64 the expression has at most four roundings in a row, and one to f32 ends
-/// it: `|error| <= u |p| + 4 u64 (|v0| + |b1 e1| + |b2 e2|)`. That is a seventh of the bound that f32 arithmetic would
-/// give (Pharr, Jakob & Humphreys 2016, section 3.9.4: gamma(7)), which matters where surfaces lie micrometres apart or
-/// a kilometre from the origin.
+/// the plane and not off it. Evaluated in f64 the expression has at most four roundings in a row, and one to f32 at the
+/// end: `|error| <= u |p| + 4 u64 (|v0| + |b1 e1| + |b2 e2|)`. That is a seventh of the bound of f32 arithmetic (Pharr,
+/// Jakob & Humphreys 2016, section 3.9.4: gamma(7)). The difference is important if surfaces lie micrometres apart or a
+/// kilometre from the origin.
 #[inline]
 pub fn hit_point(corners: &[Vec3; 3], b1: f32, b2: f32) -> (Vec3, Vec3) {
     let v0 = corners[0].as_dvec3();
@@ -175,26 +177,26 @@ pub fn hit_point(corners: &[Vec3; 3], b1: f32, b2: f32) -> (Vec3, Vec3) {
     let along2 = f64::from(b2) * (corners[2].as_dvec3() - v0);
     let exact = v0 + along1 + along2;
     let error = f64::from(UNIT_ROUNDOFF) * exact.abs() + 2.0 * f64::EPSILON * (v0.abs() + along1.abs() + along2.abs());
-    // At least one ulp up for the rounding of the bound itself; at zero it stands for subnormal results.
+    // At least one ulp more for the rounding of the bound itself; at zero it covers subnormal results.
     (exact.as_vec3(), error.as_vec3() * (1.0 + f32::EPSILON) + Vec3::splat(f32::from_bits(1)))
 }
 
-/// A start for a ray that leaves a surface: off the error box of the hit, on the side that `direction` goes to.
+/// The start of a ray that leaves a surface: outside the error box of the hit, on the side of `direction`.
 ///
 /// The point moves along the unit normal by the extent of the error box in that direction and is then rounded away from
-/// the surface (Pharr, Jakob & Humphreys 2016, section 3.9.5). Pass the *geometric* normal; its sign does not matter. If
-/// `direction` lies in the surface, the side is the normal's.
+/// the surface (Pharr, Jakob & Humphreys 2016, section 3.9.5). Pass the *geometric* normal; its sign does not matter.
+/// If `direction` lies in the surface, the side is that of the normal.
 #[inline]
 pub fn offset_ray_origin(p: Vec3, p_error: Vec3, geometric_normal: Vec3, direction: Vec3) -> Vec3 {
     let n = if direction.dot(geometric_normal) < 0.0 { -geometric_normal } else { geometric_normal };
-    // The factor covers that n is a unit vector only to within rounding.
+    // The factor covers the rounding error of the length of n.
     let offset = n * (n.abs().dot(p_error) * (1.0 + 8.0 * UNIT_ROUNDOFF));
     let moved = p + offset;
     Vec3::new(away(moved.x, offset.x), away(moved.y, offset.y), away(moved.z, offset.z))
 }
 
-/// The next number after `x` in the direction of the sign of `by`; `x` itself if `by` is zero. Without branches: which way
-/// is next is as good as random where rays leave a surface.
+/// The next number after `x` in the direction of the sign of `by`; `x` itself if `by` is zero. It has no branches,
+/// because the direction is unpredictable where rays leave a surface.
 #[inline]
 fn away(x: f32, by: f32) -> f32 {
     // Bit patterns of one sign are ordered like the magnitudes. Zero steps to the smallest number of the sign of `by`.
@@ -315,8 +317,8 @@ mod tests {
 
     #[test]
     fn rays_that_end_before_a_plane_they_run_along_do_not_reach_it() {
-        // Over a triangle of a metre, at angles down to 1e-5 rad: a ray that ends a hair before the plane misses it, and one
-        // that ends a hair behind it hits, where a hair is a few roundings of its direction across the plane.
+        // Over a triangle of a metre, at angles down to 1e-5 rad: a ray that ends just before the plane misses it, and
+        // one that ends just behind it hits. The distance is a few roundings of its direction across the plane.
         let corners = [Vec3::new(0.0, -1.0, -1.0), Vec3::new(0.0, 1.0, -1.0), Vec3::new(0.0, 0.0, 1.5)];
         let mut seed = 4;
         for round in 0..20_000 {

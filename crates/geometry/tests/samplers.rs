@@ -39,8 +39,8 @@ fn all() -> Vec<SamplerCase> {
     ];
     for reference in REFERENCES.map(Vec3::from_array) {
         let r = rectangle();
-        // What is sampled is described by fractions of the edges, or by the weights of two corners: the density over them
-        // is the one per solid angle, times solid angle per area, times area per unit of the coordinates.
+        // A sample is described by fractions of the edges, or by the weights of two corners. The density over them is
+        // the one per solid angle, times solid angle per area, times area per unit of the coordinates.
         let density = move |p: [f64; 2]| {
             let point = r.point(p[0] as f32, p[1] as f32);
             let pdf = f64::from(pdf_rectangle(&r, reference, point));

@@ -1,19 +1,19 @@
-//! Which random numbers serve which decision. Each decision has its own dimension set, so that paths of different shape
-//! stay aligned, and no number is used twice.
+//! Dimensions of the random numbers of each decision. Each decision has its own dimension set. So paths of different
+//! shape stay aligned, and no number is used twice.
 
 use dunkelfeld_scene::Scene;
 
 /// Place on the pixel (2).
 pub(crate) const CAMERA: u32 = 0;
 
-/// Place on the lens (2), for a finite aperture. No path has so many vertices that their sets come up to it.
+/// Place on the lens (2), for a finite aperture. No path has so many vertices that their sets reach this one.
 pub(crate) const LENS: u32 = u32::MAX;
 
 /// Sets that one vertex of a path uses.
 const PER_VERTEX: u32 = 3;
 
-/// Further questions for light have a block of sets each, so that they leave the numbers of all else as they are. No path is
-/// so long that its vertices fill a block.
+/// Each further light sample has a block of sets of its own, so that it does not change the numbers of other decisions.
+/// No path is so long that its vertices fill a block.
 const PER_QUESTION: u32 = 1 << 28;
 
 /// Direction (2, the best pair of a set), lobe (1), roulette (1) of the vertex with this number.
@@ -22,15 +22,15 @@ pub(crate) const fn scatter(vertex: u32) -> u32 {
     1 + PER_VERTEX * vertex
 }
 
-/// Place on a light (2), choice of the light (1), for each question for light that the vertex has.
+/// Place on a light (2), choice of the light (1), for each light sample of the vertex.
 #[inline]
 pub(crate) const fn light(vertex: u32, question: u32) -> u32 {
     const { assert!(Scene::MAX_LIGHT_SAMPLES <= u32::MAX / PER_QUESTION) };
     2 + PER_VERTEX * vertex + PER_QUESTION * question
 }
 
-/// Which of two things the surface is: there or not, sheet or body (1); what the medium before it does: distance, channel,
-/// further digits of the distance (3).
+/// Kind of a stochastic surface (1): present or absent, sheet or solid. Event in the medium before the surface (3):
+/// distance, channel, further digits of the distance.
 #[inline]
 pub(crate) const fn kind(vertex: u32) -> u32 {
     3 + PER_VERTEX * vertex

@@ -1,58 +1,59 @@
-//! Next-event estimation: light that reaches a vertex straight from a light.
+//! Next-event estimation along straight lines from a vertex to a light.
 
 use crate::mnee::SpecularPrefix;
 use crate::vertex::Vertex;
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_scene::{Features, LightChoice, LightSample, LightSampleContext, Scene};
 
-/// The last place where light sampling and scattering both could have found a light.
+/// The last vertex at which light sampling and scattering could both have sampled a light.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct LastScatter {
     pub(crate) receiver: LightSampleContext,
-    /// Which lights were asked.
+    /// The choice of lights at that vertex.
     pub(crate) choice: LightChoice,
-    /// Density of the direction that was taken [1/sr].
+    /// Density of the sampled direction [1/sr].
     pub(crate) pdf: f32,
-    /// The covers passed since then, in scenes that have some.
+    /// The smooth interfaces of covers that the path has passed since then; `None` in scenes without covers.
     pub(crate) passage: Option<SpecularPrefix>,
 }
 
-/// Roulette on a question for light, before it is seen whether anything is in the way (Veach 1997, section 10.4). What would
-/// bring next to nothing beside what the path has found so far is asked with a probability in proportion, and counts for more:
-/// most rays of long paths would be sent for it.
+/// Russian roulette on a shadow ray, before the ray is traced (Veach 1997, section 10.4). A light sample that would add
+/// almost nothing to the radiance gathered so far is traced with a probability in proportion to its contribution, and
+/// its weight increases accordingly. Without it, most shadow rays of long paths would be traced for such samples.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct ShadowRoulette {
-    /// Largest channel of what the path carries, over the part of what it has found below which roulette is played
-    /// \[m^2 sr/W\]; 0 where every question is asked.
+    /// Largest channel of the throughput, over the limit of the roulette: [`Self::LITTLE`] times the largest channel of
+    /// the gathered radiance \[m^2 sr/W\]. 0 if every shadow ray is traced.
     worth: f32,
-    /// A number in `[0, 1)`, for one question alone.
+    /// A number in `[0, 1)` for one light sample only.
     u: f32,
 }
 
 impl ShadowRoulette {
-    /// Roulette is played for less than this part of what was found, f. It adds no more than (f / 32)^2 / 4 to the variance of a
-    /// sample, which is little also where light is smooth; below f itself it would more than double the noise of matt rooms.
+    /// The roulette applies to contributions below this share of the gathered radiance f. It adds no more than (f /
+    /// 32)^2 / 4 to the variance of a sample, which is little also where light is smooth. A limit at f itself would
+    /// more than double the noise of matt rooms.
     const LITTLE: f32 = 1.0 / 32.0;
 
-    /// No question is asked with less than this, so that none counts for much more than it is worth.
+    /// Smallest survival probability. It limits the weight of a sample.
     const LEAST: f32 = 1.0 / 16.0;
 
-    /// Every question is asked.
+    /// No roulette: every shadow ray is traced.
     pub(crate) const NONE: Self = Self { worth: 0.0, u: 0.0 };
 
-    /// The stake of a path that carries `throughput` and has found `found` \[W/(m^2 sr)\] before this vertex.
+    /// The roulette for a path with the given `throughput` that has gathered `found` \[W/(m^2 sr)\] before this vertex.
     #[inline]
     pub(crate) fn new(throughput: Rgb, found: Rgb, u: impl FnOnce() -> f32) -> Self {
         let found = found.max_channel();
         if found > 0.0 { Self { worth: throughput.max_channel() / (Self::LITTLE * found), u: u() } } else { Self::NONE }
     }
 
-    /// The probability with which a question is asked that is expected to bring `light` \[W/(m^2 sr)\] to the vertex; `None` if
-    /// it is not asked.
+    /// The survival probability of a light sample with the expected contribution `light` \[W/(m^2 sr)\] at the vertex;
+    /// `None` if its shadow ray is not traced.
     #[inline]
     pub(crate) fn survival(&self, light: Rgb) -> Option<f32> {
         let part = self.worth * light.max_channel();
-        // What is not a number is asked as well, so that the film can count it.
+        // Samples that are not a number survive, so that the film can count them.
         let is_little = part < 1.0;
         if self.worth == 0.0 || !is_little {
             return Some(1.0);
@@ -62,7 +63,8 @@ impl ShadowRoulette {
     }
 }
 
-/// Light that reaches a vertex straight from a light and is scattered toward the camera.
+/// Next-event estimation: light of a light sample that reaches a vertex on a straight line and is scattered toward the
+/// camera.
 #[inline]
 pub(crate) fn light_from<F: Features, V: Vertex>(
     scene: &Scene,
@@ -88,13 +90,13 @@ pub(crate) fn light_from<F: Features, V: Vertex>(
     if F::SOLIDS { arriving * left } else { arriving }
 }
 
-/// The power heuristic with exponent 2 (Veach & Guibas 1995): the share of the technique with density `own`.
+/// The power heuristic with exponent 2 (Veach & Guibas 1995): the weight of the technique with density `own`.
 #[inline]
 pub(crate) fn power_heuristic(own: f32, other: f32) -> f32 {
     if own.is_infinite() {
         return 1.0;
     }
-    // Of the ratio, so that squares of large densities do not overflow.
+    // A ratio, so that squares of large densities do not overflow.
     let ratio = other / own;
     1.0 / (1.0 + ratio * ratio)
 }
@@ -109,22 +111,22 @@ mod tests {
         let survival = |throughput, found, light, u| {
             ShadowRoulette::new(Rgb::splat(throughput), Rgb::splat(found), || u).survival(Rgb::splat(light))
         };
-        // A 32nd of what was found, or more: always. Nothing found yet: always.
+        // A 32nd of the gathered radiance or more: certain survival. Nothing gathered yet: certain survival.
         for u in [0.0, 0.5, 0.99] {
             assert_eq!(survival(0.5, 64.0, 4.0, u), Some(1.0));
             assert_eq!(survival(0.5, 64.0, 400.0, u), Some(1.0));
             assert_eq!(survival(0.5, 0.0, 1e-9, u), Some(1.0));
         }
-        // A quarter of that: for a quarter of the numbers.
+        // A quarter of that limit: survival for a quarter of the numbers.
         assert_eq!(survival(0.5, 64.0, 1.0, 0.24), Some(0.25));
         assert_eq!(survival(0.5, 64.0, 1.0, 0.26), None);
-        // What is not a number is not lost.
+        // Values that are not a number survive.
         for (found, light) in
             [(64.0, f32::NAN), (1e-42, 0.0), (f32::NAN, 1.0), (f32::INFINITY, 1.0), (64.0, f32::INFINITY)]
         {
             assert_eq!(survival(0.5, found, light, 0.99), Some(1.0), "{found} {light}");
         }
-        // Next to nothing, or nothing as far as one can tell.
+        // Contributions near zero and of exactly zero survive with the smallest probability.
         for light in [1e-9, 0.0] {
             assert_eq!(survival(0.5, 2.0, light, 0.06), Some(ShadowRoulette::LEAST));
             assert_eq!(survival(0.5, 2.0, light, 0.07), None);

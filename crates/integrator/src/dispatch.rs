@@ -1,4 +1,4 @@
-//! The instances of the path loop, and the choice among them.
+//! The kernels of the path loop, and the choice of one.
 
 use crate::path;
 use crate::recorder::Recorder;
@@ -7,9 +7,10 @@ use dunkelfeld_geometry::Ray;
 use dunkelfeld_sampling::Sampler;
 use dunkelfeld_scene::{AllFeatures, EFFECTS, FeatureSet, KernelFeatures, Scene};
 
-/// Follows a camera ray with the kernel that can do what the scene calls for, and no more.
+/// Traces a camera ray with the kernel that has exactly the features that the scene needs.
 ///
-/// A ray may start inside a solid only where the scene's solids are: asked of each ray, since lenses have an extent.
+/// A ray may start inside a solid only within the bounds of the solids of the scene. This is tested for each ray,
+/// because a lens has an extent.
 #[inline]
 pub(crate) fn follow(scene: &Scene, ray: Ray, sampler: &Sampler, recorder: &mut impl Recorder) -> Sample {
     if !EFFECTS {

@@ -1,4 +1,4 @@
-//! The estimator for one sample, on one page: camera sample, ray, radiance, film sample.
+//! The estimator of one sample: camera sample, ray, radiance, film sample.
 
 use crate::dimensions;
 use crate::dispatch::follow;
@@ -7,7 +7,7 @@ use dunkelfeld_film::Sample;
 use dunkelfeld_sampling::Sampler;
 use dunkelfeld_scene::{CameraRay, RayGenerator, Scene};
 
-/// Names one sample of an image: which pixel, and which of its samples.
+/// Coordinates of one sample of an image: pixel and index.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PixelSample {
     /// Column, from the left.
@@ -18,7 +18,7 @@ pub struct PixelSample {
     pub index: u32,
 }
 
-/// Everything that a sample is a function of, but for its name.
+/// All inputs of a sample except its coordinates.
 #[derive(Clone, Copy, Debug)]
 pub struct Estimator<'a> {
     /// The scene.
@@ -29,27 +29,28 @@ pub struct Estimator<'a> {
     pub width: u32,
     /// Seed of the image.
     pub seed: u64,
-    /// Frame number: frames of one seed are independent.
+    /// Frame number. Frames of one seed are independent.
     pub frame: u32,
 }
 
 impl Estimator<'_> {
     /// One sample: a pure function of (scene, camera, seed, frame, pixel, sample index).
     ///
-    /// Its radiance is an unbiased estimate of the mean over the pixel's area. It is finite and not negative unless the
-    /// scene drives floating-point numbers out of their range; such a sample is returned as it is, for the film to count.
+    /// Its radiance is an unbiased estimate of the mean over the area of the pixel. It is finite and not negative
+    /// unless values of the scene exceed the range of floating-point numbers. Such an invalid sample is returned
+    /// unchanged, and the film counts it.
     #[inline]
     pub fn sample(&self, at: PixelSample) -> Sample {
         self.run(at, &mut ConnectionTally::default())
     }
 
-    /// The same sample; connections through covers that it sought are counted.
+    /// The same sample. Also counts the connections through covers that it attempted.
     #[inline]
     pub fn sample_counting(&self, at: PixelSample, tally: &mut ConnectionTally) -> Sample {
         self.run(at, tally)
     }
 
-    /// The same sample, with its path written down vertex by vertex.
+    /// The same sample, with a record of its path vertex by vertex.
     pub fn trace(&self, at: PixelSample) -> (Sample, PathTrace) {
         let mut trace = PathTrace::default();
         let sample = self.run(at, &mut trace);
@@ -57,16 +58,16 @@ impl Estimator<'_> {
     }
 
     fn run(&self, at: PixelSample, recorder: &mut impl Recorder) -> Sample {
-        // Every decision of this sample draws its numbers from here.
+        // All random numbers of this sample come from this sampler.
         let sampler = Sampler::new(self.seed, self.frame, at.y * self.width + at.x, at.index);
-        // A box filter, sampled: a sensor integrates over its pixel.
+        // A uniform place in the pixel: the box filter of a sensor that integrates over its pixel.
         let [dx, dy] = sampler.get_2d(dimensions::CAMERA);
-        // From the film through the lens into the scene; a pinhole needs no place on the lens.
+        // The ray from the film through the lens into the scene. A pinhole needs no place on the lens.
         let lens = self.camera.has_aperture().then(|| sampler.get_2d(dimensions::LENS));
         let CameraRay { ray, weight, start } = self.camera.camera_ray(at.x as f32 + dx, at.y as f32 + dy, lens);
-        // Along the path until it ends; what it brings back is what the film remembers.
+        // The path, and the sample for the film.
         let sample = follow(self.scene, ray, &sampler, recorder);
-        // What the lens does to it, seen from the camera.
+        // The lens scales the radiance, for example by vignetting.
         recorder.weigh(weight);
         let depth = if sample.hit { start + sample.depth } else { sample.depth };
         Sample { radiance: sample.radiance * weight, depth, ..sample }

@@ -1,6 +1,6 @@
-//! From a camera sample to radiance: unidirectional path tracing with next-event estimation.
+//! Radiance of a camera sample: unidirectional path tracing with next-event estimation.
 //!
-//! [`estimator`] is the whole estimator on one page; `path` follows a ray through the scene.
+//! [`estimator`] contains the whole estimator of a sample; `path` traces a ray through the scene.
 
 #![forbid(unsafe_code)]
 

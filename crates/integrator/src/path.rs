@@ -1,4 +1,5 @@
-//! A path through the scene until it ends: next-event estimation and scattering, weighed against each other.
+//! Path tracing with next-event estimation: the loop over the vertices of a path. Light samples and scattered rays are
+//! combined by multiple importance sampling.
 
 use crate::dimensions;
 use crate::direct::{self, LastScatter, ShadowRoulette};
@@ -14,44 +15,47 @@ use dunkelfeld_sampling::Sampler;
 use dunkelfeld_scene::{Features, LightChoice, MediumEvent, Scene};
 use std::marker::PhantomData;
 
-/// From this bounce on even a path that has lost nothing survives with less than certainty, so that light caught between
-/// perfect mirrors comes to an end.
+/// From this bounce on the survival probability is below one, also for a path without any loss. So light between
+/// perfect mirrors ends.
 const ENDLESS: u32 = 64;
-/// Survival of such a path. The variance of closed cavities is finite up to an albedo of its square root, 0.9899; nearer to one
-/// it would be so for brighter ones, and light trapped in clear sheets would be followed for longer.
+/// Survival probability of such a path. The variance of a closed cavity is finite up to an albedo of the square root of
+/// this value, 0.9899. A value nearer to one would give finite variance for brighter cavities, but light trapped in
+/// clear sheets would be traced for longer.
 const ENDLESS_SURVIVAL: f32 = 0.98;
 
-/// The same for scattering in media. It is late: light in a dense medium that absorbs nothing is scattered some thousand
-/// times before it finds out, and a walk cut short would weigh the rest.
+/// The same limit for scattering in media. It is high because light in a dense medium without absorption is scattered
+/// some thousand times before it leaves the medium. A lower limit would end paths early and increase the weight of the
+/// others.
 const ENDLESS_IN_MEDIA: u32 = 4096;
-/// Survival of such a path.
+/// Survival probability of such a path.
 const ENDLESS_IN_MEDIA_SURVIVAL: f32 = 0.995;
 
-/// Roulette spares a path that carries a third or more. What ends early on dark surfaces returns as rare bright samples: on the
-/// inspection scenes the variance of the image falls by a third for a tenth of the time (`validation/README.md`).
+/// Scale of Russian roulette: a path whose throughput is a third or more always survives. Termination on dark surfaces
+/// produces rare bright samples. On the inspection scenes this factor reduces the variance of the image by a third and
+/// costs a tenth more time (`validation/README.md`).
 const SPARED: f32 = 3.0;
 
-/// Follows a camera ray. The radiance is unbiased; path length is unbounded.
+/// Estimates the radiance along a camera ray. The estimate is unbiased. The length of the path is not bounded.
 // Never inlined: the instances share one caller, which must stay small.
 #[inline(never)]
 pub(crate) fn follow<F: Features>(scene: &Scene, ray: Ray, sampler: &Sampler, recorder: &mut impl Recorder) -> Sample {
     let mut path = Path::<F, _>::new(scene, ray, sampler, recorder);
     for vertex in 0.. {
-        // What a vertex has for itself alone, where it has.
+        // Storage for the interface and the BSDF of this vertex, for vertices that need their own.
         let (mut interface, mut bsdf) = (None, None);
-        // The next surface on the way. Beyond the last one there may be light from infinitely far away.
+        // The next surface along the ray. If there is none, the environment may add light.
         let Some(met) = path.walk.intersect_next::<F>(scene, &mut interface) else {
             path.sees_environment();
             break;
         };
-        // The medium in between takes its part, or scatters the path before it gets there.
+        // The medium in between attenuates the path, or scatters it before the surface.
         if let Some(at) = path.travels(vertex, met.hit.distance) {
             if path.scatters_at(&at, vertex) { continue } else { break }
         }
-        // A face that bends no light, and a surface that is not there this time, let it pass.
+        // The path passes a face that bends no light, and a stochastic surface that is absent for this sample.
         let Some(u_kind) = path.meets(vertex, &met) else { continue };
         let at = SurfaceVertex::<F>::new(scene, path.walk, met, u_kind, &mut bsdf);
-        // Light that the surface itself emits; light from lights, connected directly; a direction to go on in.
+        // Emission of the surface, then next-event estimation, then a new direction.
         path.sees_surface(&at);
         if !path.scatters_at(&at, vertex) {
             break;
@@ -60,24 +64,24 @@ pub(crate) fn follow<F: Features>(scene: &Scene, ray: Ray, sampler: &Sampler, re
     path.sample
 }
 
-/// A path on its way.
+/// The state of a path.
 struct Path<'a, F, R> {
     scene: &'a Scene,
     sampler: &'a Sampler,
     recorder: &'a mut R,
     walk: RayState,
-    /// Weight of what is still to be found.
+    /// Path throughput: the weight of all further contributions.
     throughput: Rgb,
-    /// What refraction did to radiance (the factor eta^2) and roulette must not mistake for loss.
+    /// Change of radiance by refraction (the factor eta^2). Russian roulette must not treat it as loss.
     eta_scale: f32,
-    /// Scatterings at surfaces, and in media.
+    /// Number of scatterings at surfaces (`bounces`) and in media (`scatterings`).
     bounces: u32,
     scatterings: u32,
-    /// Vertices that have asked for light.
+    /// Number of vertices with next-event estimation.
     asked: u32,
-    /// Distance travelled \[m\].
+    /// Distance from the camera along the path \[m\].
     passed: f32,
-    /// Has the path met nothing but surfaces that show others: smooth glass, mirrors?
+    /// True while the path has hit only smooth glass and mirrors, which the auxiliary layers pass through.
     sees_glass: bool,
     last: Option<LastScatter>,
     sample: Sample,
@@ -105,7 +109,7 @@ impl<'a, F: Features, R: Recorder> Path<'a, F, R> {
         }
     }
 
-    /// The path leaves the scene.
+    /// The ray leaves the scene and adds the radiance of the environment.
     #[inline]
     fn sees_environment(&mut self) {
         let direction = self.walk.ray.direction;
@@ -117,7 +121,7 @@ impl<'a, F: Features, R: Recorder> Path<'a, F, R> {
         }
     }
 
-    /// The path meets a surface, which may emit light.
+    /// The ray hits a surface and adds its emission.
     #[inline]
     fn sees_surface(&mut self, at: &SurfaceVertex<'_, F>) {
         self.recorder.vertex(at.met.hit.point.to_array(), Some(at.shading.material), self.throughput);
@@ -129,8 +133,9 @@ impl<'a, F: Features, R: Recorder> Path<'a, F, R> {
         }
     }
 
-    /// Light that the path has run into. Where light sampling could have found it too, with the density `other` [1/sr], the
-    /// two share; behind a cover, if the connection could have found `end`.
+    /// Adds light that a scattered ray has hit. `other` [1/sr] is the density with which light sampling draws the same
+    /// direction. Both techniques share the light by the power heuristic. Behind a cover the other technique is the
+    /// connection, if it finds the chain to `end`.
     #[inline]
     fn finds(&mut self, light: Rgb, end: impl FnOnce() -> End, other: impl FnOnce(&Scene, &LastScatter) -> f32) {
         let share = match self.last {
@@ -148,7 +153,8 @@ impl<'a, F: Features, R: Recorder> Path<'a, F, R> {
         self.sample.radiance += found;
     }
 
-    /// The way to the next surface: what the medium takes. The place where it scatters the path instead, if it does.
+    /// The segment to the next surface: multiplies the throughput by the transmittance of the medium. Returns the
+    /// vertex if the medium scatters the path before the surface.
     #[inline]
     fn travels(&mut self, vertex: u32, distance: f32) -> Option<MediumVertex<'a>> {
         if !F::MEDIA {
@@ -178,8 +184,8 @@ impl<'a, F: Features, R: Recorder> Path<'a, F, R> {
         }
     }
 
-    /// Does the path meet the surface? Then a number in `[0, 1)` that is still to be used, for surfaces that are one of two
-    /// things at random; else it goes on as if nothing were there.
+    /// Decides if the path meets the surface. If it does, returns a number in `[0, 1)` that is still unused, for
+    /// surfaces with two random kinds. If not, the path continues in the same direction and the result is `None`.
     #[inline]
     fn meets(&mut self, vertex: u32, met: &SurfaceHit<'_>) -> Option<f32> {
         let tint = if F::MEDIA { met.open_tint() } else { None };
@@ -195,16 +201,17 @@ impl<'a, F: Features, R: Recorder> Path<'a, F, R> {
         } else {
             return Some(u_kind);
         }
-        // No vertex: what the path could have been lit by before it can be still.
+        // This is no vertex. So the last scattering stays the one that competes with light sampling.
         self.passed += met.hit.distance;
         self.walk = self.walk.pass_through::<F>(met);
         None
     }
 
-    /// Everything at a place where light is scattered: light from lights, and a direction to go on in. False if the path ends.
+    /// Scattering at a vertex: auxiliary layers, next-event estimation and a new direction. False if the path ends.
     #[inline]
     fn scatters_at<V: Vertex>(&mut self, at: &V, vertex: u32) -> bool {
-        // What the camera sees, through smooth glass and in mirrors; a path that ends there has seen the glass.
+        // Auxiliary layers: the first surface behind smooth glass and mirrors. If the path ends there, the layers keep
+        // the values of the glass.
         self.passed += at.distance();
         let is_delta = at.is_delta();
         if !self.sample.hit || self.sees_glass {
@@ -217,15 +224,17 @@ impl<'a, F: Features, R: Recorder> Path<'a, F, R> {
             self.sees_glass = is_see_through;
         }
 
-        // Light from lights, connected directly.
+        // Next-event estimation.
         let choice = self.scene.light_choice_at(self.asked, V::IN_MEDIUM);
         if !is_delta {
-            // The first vertex brings most of the light that the camera sees, and asks every question.
+            // The first vertex contributes most of the light of the pixel, so its shadow rays are never skipped by
+            // roulette.
             let found_before = if self.asked > 0 { self.sample.radiance } else { Rgb::BLACK };
             self.asked += 1;
             for question in 0..self.scene.light_questions(choice) {
                 let u = self.sampler.numbers(dimensions::light(vertex, question));
-                // Where each light is asked there is none to choose, but whether to ask it.
+                // With one sample for each light there is no choice of a light. The number decides the roulette
+                // instead.
                 let (u_choice, roulette) = match choice {
                     LightChoice::One => (u.get(2), ShadowRoulette::NONE),
                     LightChoice::Each => (0.0, ShadowRoulette::new(self.throughput, found_before, || u.get(2))),
@@ -246,13 +255,13 @@ impl<'a, F: Features, R: Recorder> Path<'a, F, R> {
             }
         }
 
-        // A direction to go on in.
+        // A new direction by sampling the BSDF or the phase function.
         let [u_x, u_y, u_lobe, u_roulette] = self.sampler.get_4d(dimensions::scatter(vertex));
         let Some(scattered) = at.sample([u_x, u_y, u_lobe]) else { return false };
         self.throughput *= scattered.weight;
         self.eta_scale *= scattered.eta * scattered.eta;
 
-        // Roulette on what the path still carries.
+        // Russian roulette on the throughput.
         let survival = survival(self.throughput.max_channel() * self.eta_scale, self.endurance::<V>());
         if u_roulette >= survival {
             return false;
@@ -276,13 +285,13 @@ impl<'a, F: Features, R: Recorder> Path<'a, F, R> {
         true
     }
 
-    /// Are there covers to connect through?
+    /// True if the scene has covers for connections and the kernel includes solids.
     #[inline]
     fn has_covers(&self) -> bool {
         F::SOLIDS && !self.scene.covers().is_empty()
     }
 
-    /// Counts a scattering; the survival of a path that has lost nothing.
+    /// Counts a scattering and returns the survival probability of a path without loss.
     #[inline]
     fn endurance<V: Vertex>(&mut self) -> f32 {
         let (count, endless, survival) = if V::IN_MEDIUM {
@@ -295,8 +304,8 @@ impl<'a, F: Features, R: Recorder> Path<'a, F, R> {
     }
 }
 
-/// The probability that roulette lets a path go on that carries so much, and that survives with the given probability if it
-/// has lost nothing (Arvo and Kirk 1990).
+/// The survival probability in Russian roulette (Arvo and Kirk 1990). `carried` is the throughput without the factor
+/// eta^2. The last argument is the survival probability of a path without loss.
 #[inline]
 fn survival(carried: f32, endurance: f32) -> f32 {
     (SPARED * carried).min(endurance)
@@ -314,7 +323,7 @@ mod tests {
         assert_eq!(survival(0.1, 1.0), 0.3);
         assert_eq!(survival(0.0, 1.0), 0.0, "what carries nothing ends");
         assert_eq!(survival(1.0, 0.98), 0.98, "nothing goes on for ever");
-        // What goes on below that carries a third again.
+        // Below the limit the surviving path carries a third again.
         for carried in [1e-6f32, 0.01, 0.2] {
             assert!((carried / survival(carried, 1.0) - 1.0 / 3.0).abs() < 1e-6, "{carried}");
         }

@@ -1,11 +1,11 @@
-//! What a pixel shows, for labels: the first surface behind the pixel's centre that scatters light.
+//! Ids of a pixel: object and material of the first surface behind the centre of the pixel that scatters light.
 
 use crate::ray_state::RayState;
 use crate::vertex::{SurfaceVertex, Vertex};
 use dunkelfeld_scene::{AllFeatures, RayGenerator, Scene};
 use std::num::NonZeroU32;
 
-/// Object and material that a pixel's centre shows. An `Option` of it takes 8 bytes.
+/// Object and material at the centre of a pixel. An `Option` of it takes 8 bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Label {
     /// Index of the object plus one.
@@ -14,7 +14,7 @@ pub struct Label {
 }
 
 impl Label {
-    /// Of indices that are counted from 0; that of the object is below `u32::MAX`.
+    /// From indices counted from 0. The index of the object is below `u32::MAX`.
     pub fn new(object: u32, material: u32) -> Self {
         Self { object: NonZeroU32::MIN.saturating_add(object), material }
     }
@@ -30,12 +30,13 @@ impl Label {
     }
 }
 
-/// The label of pixel (x, y), or `None` if its centre shows nothing. A surface that covers less than half is looked through,
-/// and a smooth clear one too, in the direction that more light takes; it is shown where nothing lies behind it.
+/// The ids of pixel (x, y), or `None` if no surface lies behind its centre. The ray passes a surface whose coverage is
+/// below one half. It also passes a smooth clear surface, in the direction that carries more light. The ids of the
+/// first such clear surface are returned if no other surface lies behind it.
 pub fn label(scene: &Scene, camera: &RayGenerator, x: u32, y: u32) -> Option<Label> {
     let mut walk = RayState::from_camera::<AllFeatures>(scene, camera.ray(x as f32 + 0.5, y as f32 + 0.5));
     let mut glass = None;
-    // More sheets behind one another than anybody models: a bound on what a strange file can cost.
+    // Upper bound on the cost of a hostile file. No real scene has so many sheets behind one another.
     for _ in 0..10_000 {
         let (mut interface, mut bsdf) = (None, None);
         let Some(met) = walk.intersect_next::<AllFeatures>(scene, &mut interface) else { break };

@@ -1,49 +1,50 @@
-//! A ray on its way through solids: what it meets next, and where it is after that.
+//! The state of a ray among solids: its next intersection, and the solids around its origin.
 
 use dunkelfeld_geometry::{Ray, Vec3};
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_scene::{Boundary, Features, Interface, Interior, Medium, Scene, ShadingPoint, SurfacePoint};
 
-/// A ray, and the solids that its start lies in.
+/// A ray and the solids that contain its origin.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct RayState {
     pub(crate) ray: Ray,
     place: Place,
 }
 
-/// The solids around a place. Kernels with media know all of them, others the one that was entered last.
+/// The solids around a point. Kernels with media store all of them (`around`). Other kernels store the material of the
+/// solid entered last (`material`).
 #[derive(Clone, Copy, Debug)]
 struct Place {
-    /// The material of the solid, where none touches another.
+    /// Material of the solid that was entered last, for scenes in which no solids touch.
     material: Option<u32>,
     around: Interior,
 }
 
-/// A surface that a ray meets.
+/// An intersection of a ray with a surface.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct SurfaceHit<'a> {
-    /// The surface whose material counts.
+    /// The surface that provides the material. Of coincident faces it is the one of the interface.
     pub(crate) hit: SurfacePoint,
-    /// What it means for light, with media.
+    /// The interface between the solids on both sides; `None` in kernels without media.
     interface: Option<&'a Interface>,
 }
 
 impl RayState {
-    /// A ray from the camera.
+    /// The state of a ray from the camera.
     #[inline]
     pub(crate) fn from_camera<F: Features>(scene: &Scene, ray: Ray) -> Self {
         let around = if F::MEDIA { scene.interior_at(ray.origin) } else { Interior::OUTSIDE };
         Self { ray, place: Place { material: None, around } }
     }
 
-    /// The next surface on the way; with media, what it means for light is put in `own`.
+    /// The next intersection along the ray. In kernels with media its interface is stored in `own`.
     #[inline]
     pub(crate) fn intersect_next<'a, F: Features>(
         &self,
         scene: &Scene,
         own: &'a mut Option<Interface>,
     ) -> Option<SurfaceHit<'a>> {
-        // Of a copy, so that the path does not lie in memory for it.
+        // Intersects a copy of the ray, so that the path state is not kept in memory because of a reference.
         let ray = self.ray;
         let hit = scene.intersect(&ray)?;
         if F::MEDIA {
@@ -54,13 +55,13 @@ impl RayState {
         }
     }
 
-    /// The medium that the ray travels in; only kernels with media know more than that it absorbs.
+    /// The medium around the origin of the ray, in kernels with media. Other kernels use absorption only.
     #[inline]
     pub(crate) fn medium<'a>(&self, scene: &'a Scene) -> Option<&'a Medium> {
         scene.medium(&self.place.around)
     }
 
-    /// What is left of light over a distance \[m\] of the way.
+    /// The transmittance over a distance \[m\] along the ray.
     #[inline]
     pub(crate) fn transmittance<F: Features>(&self, scene: &Scene, distance: f32) -> Rgb {
         if F::MEDIA {
@@ -72,25 +73,25 @@ impl RayState {
         }
     }
 
-    /// The same place, another direction on the same side of its surface.
+    /// The same origin with another direction on the same side of its surface.
     #[inline]
     pub(crate) fn aimed(&self, direction: Vec3) -> Self {
         Self { ray: Ray::new(self.ray.origin, direction), place: self.place }
     }
 
-    /// The material of the solid that the ray travels in.
+    /// The material of the solid around the origin of the ray.
     #[inline]
     pub(crate) fn solid<F: Features>(&self, scene: &Scene) -> Option<u32> {
         if F::MEDIA { scene.material_inside(&self.place.around) } else { self.place.material }
     }
 
-    /// From a place inside the medium in a new direction.
+    /// A ray from a point inside the medium in a new direction.
     #[inline]
     pub(crate) fn turned(&self, point: Vec3, wi: Vec3) -> Self {
         Self { ray: Ray::new(point, wi), place: self.place }
     }
 
-    /// Through a surface that lets the ray pass as if it were not there.
+    /// Continues behind a surface in the same direction, as if the surface were absent.
     #[inline]
     pub(crate) fn pass_through<F: Features>(&self, met: &SurfaceHit<'_>) -> Self {
         let mut place = self.place;
@@ -102,7 +103,7 @@ impl RayState {
         Self { ray: Ray::new(met.hit.leave(self.ray.direction), self.ray.direction), place }
     }
 
-    /// Away from a surface that was met, seen from `wo`, in the direction `wi`.
+    /// Leaves a surface in the direction `wi`. `wo` points to the previous vertex.
     #[inline]
     pub(crate) fn leave<F: Features>(
         &self,
@@ -123,8 +124,8 @@ impl RayState {
         Self { ray: Ray::new(met.hit.leave(wi), wi), place }
     }
 
-    /// What comes through along a ray that starts where this walk does and ends before a light: the share that surfaces
-    /// leave open, and what the medium leaves. Zero if anything stops it.
+    /// Transmittance along a shadow ray that starts at this state and ends before a light: the open share of the
+    /// surfaces, and the transmittance of the medium. Zero if the ray is occluded.
     #[inline]
     pub(crate) fn light_along<F: Features>(&self, scene: &Scene, ray: &Ray) -> (f32, Rgb) {
         if F::MEDIA {
@@ -140,7 +141,7 @@ impl RayState {
 }
 
 impl SurfaceHit<'_> {
-    /// The tint of a face that bends no light.
+    /// The tint of a face that bends no light; `None` for other faces.
     #[inline]
     pub(crate) fn open_tint(&self) -> Option<Rgb> {
         match self.interface?.boundary {
@@ -149,7 +150,7 @@ impl SurfaceHit<'_> {
         }
     }
 
-    /// The index of refraction on the inside of the surface over the outside, if two solids meet here.
+    /// The index of refraction inside the surface over that outside, if two solids meet here.
     #[inline]
     pub(crate) fn relative_index(&self) -> Option<f32> {
         match self.interface?.boundary {
@@ -159,7 +160,7 @@ impl SurfaceHit<'_> {
     }
 }
 
-/// What absorption leaves over a distance [m] (Beer and Lambert).
+/// Transmittance of an absorbing solid over a distance [m] (Beer and Lambert).
 #[inline]
 fn attenuation(scene: &Scene, inside: Option<u32>, distance: f32) -> Rgb {
     let Some(material) = inside else { return Rgb::WHITE };

@@ -1,4 +1,4 @@
-//! A path written down, for replay: what happened at each vertex.
+//! Record of a path for replay: the events at each vertex.
 
 use crate::mnee::Search;
 use crate::vertex::Scattering;
@@ -6,29 +6,29 @@ use dunkelfeld_bsdf::Lobe;
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_scene::Chain;
 
-/// One event of a path.
+/// One vertex of a recorded path.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TraceVertex {
     /// Position in render space \[m\].
     pub position: [f32; 3],
     /// Index of the material; `None` when the ray left the scene.
     pub material: Option<u32>,
-    /// Was it scattered inside the material's solid, not at a surface?
+    /// True if the vertex lies inside the medium of the material, false if it lies on a surface.
     pub in_medium: bool,
-    /// Weight of the path before this vertex.
+    /// Path throughput before this vertex.
     pub throughput: Rgb,
-    /// What the surface (or the environment) itself added to the sample [W/(m^2 sr)].
+    /// Emission of the surface (or of the environment) that was added to the sample at this vertex [W/(m^2 sr)].
     pub emitted: Rgb,
-    /// What next-event estimation in straight lines added here [W/(m^2 sr)].
+    /// Light of next-event estimation along straight lines that was added at this vertex [W/(m^2 sr)].
     pub direct: Rgb,
-    /// The connections through covers that were sought here, one for each question for light at most.
+    /// The connections through covers that were attempted here. There is at most one for each light sample.
     pub connections: Vec<TraceConnection>,
-    /// Where the path went on; `None` where it ended.
+    /// The sampled direction in which the path continued; `None` where the path ended.
     pub scattered: Option<TraceScattering>,
 }
 
 impl TraceVertex {
-    /// All that was found at this vertex [W/(m^2 sr)]; the sample's radiance is the sum over its vertices.
+    /// Total contribution of this vertex [W/(m^2 sr)]. The radiance of the sample is the sum over its vertices.
     pub fn contribution(&self) -> Rgb {
         self.connections.iter().fold(self.emitted + self.direct, |sum, c| sum + c.contribution)
     }
@@ -41,47 +41,47 @@ pub struct TraceScattering {
     pub direction: [f32; 3],
     /// Its density [1/sr]; for a delta lobe its probability.
     pub pdf: f32,
-    /// What is scattered over the density.
+    /// Scattered radiance over the density: BSDF (or phase function) times cosine over pdf.
     pub weight: Rgb,
-    /// The lobe that it was drawn from; empty for the phase function of a medium.
+    /// The lobe from which the direction was drawn; empty for the phase function of a medium.
     pub lobe: Lobe,
 }
 
-/// A connection through a cover that was sought at a vertex.
+/// A connection through a cover that was attempted at a vertex.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TraceConnection {
-    /// Index of the cover among those of the scene.
+    /// Index of the cover in the list of the scene.
     pub cover: u16,
-    /// What light does at the interfaces, from the vertex to the light.
+    /// The events at the interfaces, from the vertex to the light.
     pub chain: Chain,
-    /// The probability with which this chain was asked, of all that may lead to the light.
+    /// The probability with which this chain was chosen among all candidate chains to the light.
     pub probability: f32,
-    /// Rays sent through the cover.
+    /// Number of rays that were traced through the cover.
     pub shots: u32,
-    /// Was the chain found?
+    /// True if the solver found the chain.
     pub has_arrived: bool,
-    /// The connection's share of what it found, by the power heuristic; scattering has the rest. 0 if nothing was found, or
-    /// something stood in the way.
+    /// Weight of the connection by the power heuristic. Scattering has the rest. It is 0 if no chain was found or if
+    /// the chain is occluded.
     pub share: f32,
-    /// What it added [W/(m^2 sr)].
+    /// Radiance that the connection added [W/(m^2 sr)].
     pub contribution: Rgb,
 }
 
-/// A path, vertex by vertex.
+/// A recorded path, vertex by vertex.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct PathTrace {
-    /// The vertices, from the camera on.
+    /// The vertices in order, starting at the camera.
     pub vertices: Vec<TraceVertex>,
 }
 
-/// Connections through covers that were sought, and how the solver fared.
+/// Numbers of attempted connections through covers, of solved chains and of traced rays.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct ConnectionTally {
-    /// Connections that were sought.
+    /// Number of attempted connections.
     pub attempts: u64,
-    /// Those whose chain was found.
+    /// Number of connections whose chain was found.
     pub arrived: u64,
-    /// Rays sent through covers for all of them; a plate needs one each.
+    /// Number of rays traced through covers for all connections. A plate needs one ray for each connection.
     pub shots: u64,
 }
 
@@ -94,11 +94,12 @@ impl ConnectionTally {
     }
 }
 
-/// Something that may listen to a path. A tally hears of connections only; the rest costs nothing.
+/// Receiver of the events of a path. [`ConnectionTally`] records connections only; its other methods are empty and cost
+/// nothing.
 pub(crate) trait Recorder {
-    /// A vertex is reached.
+    /// The path has reached a vertex.
     fn vertex(&mut self, position: [f32; 3], material: Option<u32>, throughput: Rgb);
-    /// A vertex in the medium of a material is reached.
+    /// The path has reached a vertex in the medium of a material.
     fn medium(&mut self, position: [f32; 3], material: Option<u32>, throughput: Rgb);
     /// Emission was added at the current vertex.
     fn emitted(&mut self, contribution: Rgb);
@@ -106,13 +107,14 @@ pub(crate) trait Recorder {
     fn direct(&mut self, contribution: Rgb);
     /// A direction was chosen at the current vertex.
     fn scattered(&mut self, scattering: &Scattering);
-    /// A connection through a cover was sought at the current vertex.
+    /// A connection through a cover was attempted at the current vertex.
     fn connection(&mut self, search: &Search);
-    /// The last connection found light and has this share of it.
+    /// The last connection found light and has this weight by the power heuristic.
     fn shares(&mut self, share: f32);
-    /// The last connection, if there was one for this question, added light at the current vertex.
+    /// Light of the last connection was added at the current vertex. Nothing is recorded if the light sample had no
+    /// connection.
     fn connected(&mut self, contribution: Rgb);
-    /// The path is over; all that it found counts by this factor, the lens's.
+    /// The path has ended. All contributions are multiplied by this factor, the weight of the lens.
     fn weigh(&mut self, factor: f32);
 }
 
@@ -202,7 +204,7 @@ impl Recorder for PathTrace {
     }
 
     fn connected(&mut self, contribution: Rgb) {
-        // A question without any chain leaves no connection behind, and black.
+        // A light sample without any chain adds no connection, and its contribution is black.
         if let Some(c) = self.last_connection() {
             c.contribution += contribution;
         }

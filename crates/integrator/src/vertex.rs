@@ -1,4 +1,4 @@
-//! A place where a path is scattered, on a surface or in a medium, as the path sees it.
+//! Vertices of a path at which light is scattered: points on a surface or in a medium.
 
 use crate::ray_state::{RayState, SurfaceHit};
 use dunkelfeld_bsdf::{Bsdf, BsdfSample, Lobe};
@@ -7,50 +7,52 @@ use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_scene::{Features, LightSampleContext, Medium, Scene, ShadingPoint, SurfacePoint};
 use std::marker::PhantomData;
 
-/// A direction to go on in.
+/// A sampled direction in which the path continues.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Scattering {
     /// Unit direction in render space.
     pub(crate) wi: Vec3,
-    /// What is scattered over the density.
+    /// Scattered radiance over the density: BSDF (or phase function) times cosine over pdf.
     pub(crate) weight: Rgb,
     /// Density [1/sr]; for a delta lobe its probability.
     pub(crate) pdf: f32,
     pub(crate) lobe: Lobe,
-    /// Index of refraction beyond over here; 1 unless the light was refracted.
+    /// Index of refraction on the far side over that on the near side; 1 unless the light was refracted.
     pub(crate) eta: f32,
 }
 
-/// What a path asks of a place where it is scattered.
+/// The interface between the path loop and a vertex at which light is scattered.
 pub(crate) trait Vertex {
-    /// Is it in a medium?
+    /// True for a vertex in a medium.
     const IN_MEDIUM: bool;
 
-    /// The place as lights see it.
+    /// The point as the receiver of a light sample.
     fn receiver(&self) -> &LightSampleContext;
 
-    /// Does it scatter into single directions only? Then no light can be connected to it.
+    /// True if the vertex scatters into single directions only. Then next-event estimation cannot connect it to a
+    /// light.
     fn is_delta(&self) -> bool;
 
-    /// What is scattered from `wi` toward the camera side [1/sr], cosine included, and the density of [`Self::sample`].
+    /// The BSDF or phase function for light from `wi` toward the camera side [1/sr], cosine included, and the density
+    /// of [`Self::sample`].
     fn eval(&self, wi: Vec3) -> (Rgb, f32);
 
     /// Samples a direction: `u` holds direction (2), lobe. `None` if the path ends here.
     fn sample(&self, u: [f32; 3]) -> Option<Scattering>;
 
-    /// The walk that goes on in a direction.
+    /// The state of the ray that continues in a direction.
     fn leave(&self, wi: Vec3) -> RayState;
 
-    /// Does it show what is around rather than itself, for layers?
+    /// True for a surface that the auxiliary layers pass through: smooth glass or a mirror.
     fn is_see_through(&self) -> bool;
 
-    /// Colour and normal, for layers.
+    /// Albedo and normal for the auxiliary layers.
     fn look(&self) -> (Rgb, Vec3);
 
-    /// Distance from where the ray started \[m\].
+    /// Distance from the origin of the ray \[m\].
     fn distance(&self) -> f32;
 
-    /// The surface that it lies on.
+    /// The surface on which the vertex lies; `None` in a medium.
     fn surface(&self) -> Option<&SurfacePoint>;
 }
 
@@ -66,8 +68,8 @@ pub(crate) struct SurfaceVertex<'a, F> {
 }
 
 impl<'a, F: Features> SurfaceVertex<'a, F> {
-    /// The surface that a walk has met. `u_kind` in `[0, 1)` serves surfaces that are one of two things at random; a BSDF
-    /// that is only this point's is put in `own`.
+    /// The vertex at the surface that the ray has hit. `u_kind` in `[0, 1)` decides between the two kinds of a
+    /// stochastic surface. A BSDF that exists only for this point is stored in `own`.
     #[inline]
     pub(crate) fn new(
         scene: &'a Scene,
@@ -85,13 +87,13 @@ impl<'a, F: Features> SurfaceVertex<'a, F> {
         Self { met, shading, wo, wo_local, arrived, features: PhantomData }
     }
 
-    /// The event of a smooth surface that the number `u_lobe` in `[0, 1)` chooses.
+    /// The event of a smooth surface that is chosen by the number `u_lobe` in `[0, 1)`.
     #[inline]
     pub(crate) fn delta(&self, u_lobe: f32) -> Option<Scattering> {
         if self.shading.bsdf.is_delta() { self.sample([0.0, 0.0, u_lobe]) } else { None }
     }
 
-    /// A direction in the local frame, if it lies on the side of the surface that the frame says.
+    /// A world direction in the local frame. `None` if local frame and geometric normal disagree about its side.
     #[inline]
     fn consistent(&self, wi: Vec3) -> Option<LocalDir> {
         self.shading.local_direction(self.met.hit.normal, wi)
@@ -158,7 +160,7 @@ impl<F: Features> Vertex for SurfaceVertex<'_, F> {
     }
 }
 
-/// A place inside a medium where light is scattered.
+/// A point inside a medium at which light is scattered.
 pub(crate) struct MediumVertex<'a> {
     medium: &'a Medium,
     /// Position in render space.
@@ -171,11 +173,11 @@ pub(crate) struct MediumVertex<'a> {
 }
 
 impl<'a> MediumVertex<'a> {
-    /// A place on a walk through a medium, after a distance \[m\].
+    /// The point at a distance \[m\] along the ray through a medium.
     #[inline]
     pub(crate) fn new(medium: &'a Medium, arrived: RayState, distance: f32) -> Self {
         let point = arrived.ray.at(distance);
-        // As lights see it: without a surface, open to all sides.
+        // A receiver without a surface: it accepts light from all directions.
         let receiver = LightSampleContext { point, normal: Vec3::ZERO, both_sides: true };
         Self { medium, point, wo: -arrived.ray.direction, receiver, distance, arrived }
     }

@@ -1,4 +1,4 @@
-//! One sample at a time: the written-down path explains the sample, and labels see what is in front.
+//! Estimates of single samples: the recorded path reproduces the sample, and pixel ids name the front surface.
 
 use dunkelfeld_geometry::{DVec3, Vec3};
 use dunkelfeld_integrator::{Estimator, Label, PixelSample, label};
@@ -46,13 +46,13 @@ fn a_trace_adds_up_to_its_sample_and_its_weights_chain() {
             let sum = trace.vertices.iter().fold(Rgb::BLACK, |sum, v| sum + v.contribution());
             let (a, b) = (sum.to_array(), sample.radiance.to_array());
             assert!((0..3).all(|c| (a[c] - b[c]).abs() <= 1e-5 * b[c].max(1e-6)), "{at:?}: {a:?} is not {b:?}");
-            // Weights grow by the sampled weight over the survival, and shrink by what solids absorb on the way. No surface
-            // of this scene gives more than it gets, but for radiance that refraction compresses; the roulette gives back at
-            // most to one.
+            // The throughput grows by the sampled weight over the survival probability, and decreases by absorption in
+            // solids. No surface of this scene reflects more than it receives, except for radiance that refraction
+            // compresses. Roulette raises the throughput at most to one.
             for pair in trace.vertices.windows(2) {
                 assert!(pair[1].throughput.max_channel() <= 1.5f32.powi(2) * 1.001, "{at:?}: {:?}", pair[1].throughput);
             }
-            // Every vertex but the last went on; the sky ends a path.
+            // Every vertex but the last has a sampled direction. The sky ends a path.
             let (last, before) = trace.vertices.split_last().expect("a path has a vertex");
             assert!(before.iter().all(|v| v.scattered.is_some() && v.material.is_some()) && last.scattered.is_none());
             longest = longest.max(trace.vertices.len());
@@ -62,7 +62,7 @@ fn a_trace_adds_up_to_its_sample_and_its_weights_chain() {
     assert!(longest > 5 && lit > 1000, "the room shows something: {longest} vertices, {lit} lit samples");
 }
 
-/// The lens's weight counts in the path that is written down as in the sample, and depth counts from the lens.
+/// The weight of the lens applies to the recorded path as to the sample, and depth is measured from the lens.
 #[test]
 fn a_trace_through_a_darkening_lens_adds_up_too() {
     let (scene, _) = room();
@@ -92,7 +92,7 @@ fn a_trace_through_a_darkening_lens_adds_up_too() {
 
 #[test]
 fn labels_look_through_what_covers_less_than_half() {
-    // The veil stands between camera and room and covers 0.3 of it: no pixel is labelled with it.
+    // The veil stands between camera and room and covers 0.3 of it. No pixel has its ids.
     let (scene, camera) = room();
     let labels: Vec<Option<Label>> = (0..SIZE * SIZE).map(|k| label(&scene, &camera, k % SIZE, k / SIZE)).collect();
     let count = |object| labels.iter().flatten().filter(|l| l.object() == object).count();

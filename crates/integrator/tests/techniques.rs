@@ -1,4 +1,4 @@
-//! Techniques can be left out: another way of looking for light, the same expected image.
+//! Techniques can be left out. The light sampling changes, the expected image stays the same.
 //!
 //! Replay: `cargo test -p dunkelfeld-integrator --test techniques NAME`.
 
@@ -14,7 +14,7 @@ use dunkelfeld_testkit::{SampleMoments, welch_test};
 /// False-alarm rate of one comparison; there are two.
 const RATE: f64 = 1e-9;
 
-/// A glossy floor, a metal box that shades it, and lights of three kinds.
+/// A glossy floor, a metal box that casts a shadow on it, and lights of three kinds.
 fn room(count: usize) -> SceneBuilder {
     let mut b = SceneBuilder::default();
     let floor = b.add_material(Material { roughness: 0.4, ..Material::default() });
@@ -46,8 +46,8 @@ fn built(b: SceneBuilder) -> Scene {
     b.build().expect("the scene is valid").0
 }
 
-/// One sample of each pixel of a film over the whole view. They are independent; that pixels differ in their means makes the
-/// standard error too large by a little, and the comparison the more careful.
+/// One sample of each pixel of a film over the whole view. The samples are independent. The means of the pixels differ,
+/// which makes the standard error a little too large and the comparison more careful.
 fn moments(scene: &Scene, seed: u64) -> SampleMoments {
     const SIDE: u32 = 160;
     let camera = scene.ray_generator(&scene.cameras()[0], SIDE, SIDE).expect("a camera");
@@ -78,7 +78,8 @@ fn without_every_light_the_mean_stays_and_the_choice_changes() {
         let (each, one) = (moments(&with, 1), moments(&without, 2));
         welch_test(&each, &one).assert(RATE, &format!("{count} lights, all against one"));
         assert!(each.standard_error() < 0.02 * each.mean(), "too noisy to tell: {each:?}");
-        // The answers of all lights against that of one: less noise, or nothing was changed.
+        // One sample for each light against one for a chosen light: the noise is lower. Otherwise the switch had no
+        // effect.
         assert!(
             each.variance() < 0.9 * one.variance(),
             "{count} lights: {} of all, {} of one",
@@ -88,7 +89,7 @@ fn without_every_light_the_mean_stays_and_the_choice_changes() {
     }
 }
 
-/// Where there is nothing to choose, nothing changes, to the last bit.
+/// With a single light there is no choice, and the image is the same to the last bit.
 #[test]
 fn a_single_light_does_not_call_for_it() {
     let with = built(room(1));

@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-/// A number as messages show it: all of its digits, and a power of ten where there would be many zeros.
+/// A number for messages: all of its digits, and a power of ten where there would be many zeros.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Number(pub f64);
 

@@ -1,6 +1,6 @@
-//! From watts to photons, and from watts to lumens.
+//! Conversion from watts to photons, and from watts to lumens.
 //!
-//! The constants are those that define the SI since 2019, so they carry no error.
+//! The constants are those that define the SI since 2019, so they have no error.
 
 use crate::rgb::Rgb;
 use crate::units::{Irradiance, Metres, Nanometres, Seconds};
@@ -25,11 +25,12 @@ pub fn photons(pixel_pitch: Metres, irradiance: Irradiance, time: Seconds, wavel
     pixel_pitch.0 * pixel_pitch.0 * irradiance.0 * time.0 / photon_energy(wavelength)
 }
 
-/// Lumens (or candela, nits, lux: whatever per-area and per-angle unit the watts had) of a linear Rec. 709 triple of watts.
+/// Lumens (or candela, nits, lux, according to the per-area and per-angle units of the watts) of a linear Rec. 709
+/// triple of watts.
 ///
 /// The convention: a triple's luminous power is 683 lm/W times its Rec. 709 luminance. A grey triple of 1 W therefore
-/// counts as 1 W of light at the eye's peak, which is what glTF exporters and renderers assume when they turn candela
-/// into watts. It is a convention for naming lights, not a spectral computation.
+/// counts as 1 W of light at the eye's peak. glTF exporters and renderers use this convention when they convert candela
+/// to watts. It is a convention for strengths of lights, not a spectral computation.
 pub fn lumens(watts: Rgb) -> f64 {
     PHOTOPIC * f64::from(watts.luminance())
 }
@@ -38,8 +39,8 @@ pub fn lumens(watts: Rgb) -> f64 {
 mod tests {
     use super::*;
 
-    /// EMVA 1288 gives the conversion with its constants folded in: mu_p = 50.34 A t lambda E, with A in um^2, t in ms,
-    /// lambda in um and E in uW/cm^2.
+    /// EMVA 1288 gives the conversion with its constants multiplied out: mu_p = 50.34 A t lambda E, with A in um^2, t
+    /// in ms, lambda in um and E in uW/cm^2.
     #[test]
     fn photon_numbers_meet_the_anchor_of_the_standard() {
         for (pitch_um, time_ms, lambda_um, e_uw_cm2) in

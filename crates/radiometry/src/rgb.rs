@@ -2,7 +2,7 @@
 
 use std::ops::{Add, AddAssign, Div, Index, Mul, MulAssign, Neg, Sub};
 
-/// Three linear Rec. 709 channels. What they measure (radiance, reflectance, throughput) the name of the value says.
+/// Three linear Rec. 709 channels. The name of a value states its quantity (radiance, reflectance, throughput).
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Rgb {
     /// Red.
@@ -61,13 +61,13 @@ impl Rgb {
         (self.r + self.g + self.b) * (1.0 / 3.0)
     }
 
-    /// Is every channel exactly zero?
+    /// True if every channel is exactly zero.
     #[inline]
     pub fn is_black(self) -> bool {
         self.r == 0.0 && self.g == 0.0 && self.b == 0.0
     }
 
-    /// Is every channel finite?
+    /// True if every channel is finite.
     #[inline]
     pub fn is_finite(self) -> bool {
         self.r.is_finite() && self.g.is_finite() && self.b.is_finite()

@@ -1,6 +1,6 @@
 //! Units as types, for the borders between crates.
 //!
-//! Each is a number with a name; inside a crate, formulas work on the number. Conversions are explicit functions.
+//! Each is a named number. Inside a crate, formulas use the number itself. Conversions are explicit functions.
 
 use std::fmt;
 use std::ops::{Add, Div, Mul, Sub};
@@ -81,12 +81,12 @@ unit!(
     "W/m^2"
 );
 unit!(
-    /// A number of electrons, or an expected one \[e-\].
+    /// A number of electrons, or its expected value \[e-\].
     Electrons,
     "e-"
 );
 unit!(
-    /// A grey value as the camera counts it \[DN\].
+    /// A grey value of the camera \[DN\].
     DigitalNumber,
     "DN"
 );

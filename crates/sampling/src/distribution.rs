@@ -1,21 +1,21 @@
 //! Piecewise-constant distributions over a line and over a rectangle: light selection, environment maps.
 
-/// The outcome of a discrete draw.
+/// Result of a discrete draw.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Choice {
-    /// Which entry.
+    /// Index of the entry.
     pub index: usize,
     /// Its probability.
     pub probability: f32,
-    /// A fresh uniform number in `[0, 1)`: the place within the entry's share.
+    /// A uniform number in `[0, 1)` for further use: the position within the entry's share.
     pub remapped: f32,
 }
 
 /// A discrete distribution over n entries, and the piecewise-constant density over `[0, 1)` with n equal steps.
 ///
-/// Weights that are negative or not finite count as zero. If nothing is left (all weights zero) the distribution is
-/// uniform, so that a scene whose lights are all dark can still be sampled; if there are no weights at all it has one
-/// entry. Sums are f64: ten thousand lights with a range of 1e12 keep their shares.
+/// Weights that are negative or not finite count as zero. If all weights are zero, the distribution is uniform, so that
+/// a scene with dark lights only can still be sampled. Without weights it has one entry. Sums are f64, so that ten
+/// thousand lights with a range of 1e12 keep their shares.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Distribution1D {
     /// n + 1 values, from 0 to exactly 1.
@@ -86,7 +86,7 @@ impl Distribution1D {
         if (0.0..1.0).contains(&x) { self.pdf_discrete(self.entry_at(x)) * self.len() as f32 } else { 0.0 }
     }
 
-    /// The uniform number behind a point of [`Self::sample_continuous`].
+    /// The uniform number that gives a point in [`Self::sample_continuous`].
     #[inline]
     pub fn invert_continuous(&self, x: f32) -> f32 {
         let i = self.entry_at(x);
@@ -100,11 +100,11 @@ impl Distribution1D {
     }
 }
 
-/// The piecewise-constant density over the unit square that follows a grid of weights, such as an environment map.
+/// The piecewise-constant density over the unit square in proportion to a grid of weights, such as an environment map.
 ///
 /// Rows are stacked along the second coordinate. Unusable weights and all-zero grids are treated as in
-/// [`Distribution1D`]. Within a row the cumulative sums are made in f64 and stored in f32 (an 8192 x 4096 map takes
-/// 128 MB); densities are read off the stored sums, so they are those of the sampling exactly.
+/// [`Distribution1D`]. Within a row the cumulative sums are computed in f64 and stored in f32 (an 8192 x 4096 map takes
+/// 128 MB). Densities are computed from the stored sums, so they are exactly those of the sampling.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Distribution2D {
     width: usize,
@@ -171,7 +171,7 @@ impl Distribution2D {
         (row[i + 1] - row[i]) * self.width as f32 * self.marginal.pdf_discrete(j) * self.marginal.len() as f32
     }
 
-    /// The uniform numbers behind a point of [`Self::sample_continuous`].
+    /// The uniform numbers that give a point in [`Self::sample_continuous`].
     #[inline]
     pub fn invert_continuous(&self, [x, y]: [f32; 2]) -> [f32; 2] {
         let row = self.row(self.marginal.entry_at(y));
@@ -191,12 +191,12 @@ impl Distribution2D {
     }
 }
 
-/// A weight as it counts: finite and not negative.
+/// The weight if it is finite and not negative, else zero.
 fn usable(w: f64) -> f64 {
     if w.is_finite() { w.max(0.0) } else { 0.0 }
 }
 
-/// Divides cumulative sums by their total, or makes them uniform if the total cannot serve.
+/// Divides cumulative sums by their total, or makes them uniform if the total is zero or not finite.
 fn normalise(cdf: &mut [f64], sum: f64) {
     let n = cdf.len() - 1;
     let scale = 1.0 / sum;
@@ -211,7 +211,8 @@ fn normalise(cdf: &mut [f64], sum: f64) {
     }
 }
 
-/// The last of `0..n` for which `holds`, given that it holds for 0 and, once it fails, for none after.
+/// The last of `0..n` for which `holds` is true. It must be true for 0, and after the first false one it must stay
+/// false.
 #[inline]
 fn locate(n: usize, holds: impl Fn(usize) -> bool) -> usize {
     let (mut low, mut size) = (0, n);
@@ -225,7 +226,7 @@ fn locate(n: usize, holds: impl Fn(usize) -> bool) -> usize {
     low
 }
 
-/// Keeps a quotient that rounding may have lifted to 1 below it.
+/// Clamps a quotient below 1, because rounding may have raised it to 1.
 #[inline]
 fn below_one(x: f32) -> f32 {
     x.clamp(0.0, 1.0 - f32::EPSILON / 2.0)

@@ -1,4 +1,4 @@
-//! Integer hashes: the mixing behind every key.
+//! Integer hashes: the mixing of all keys.
 
 /// A bijection of 64-bit words in which each input bit flips each output bit with probability near one half.
 ///

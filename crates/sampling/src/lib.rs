@@ -1,8 +1,8 @@
-//! Random numbers and what is done with them: Owen-scrambled Sobol points, keyed PCG streams, warps, distributions.
+//! Random numbers and their transformation: Owen-scrambled Sobol points, keyed PCG streams, warps, distributions.
 //!
-//! Every number is a pure function of its key; nothing here holds state between samples. Quantities follow one naming
-//! rule: `sample_x` maps uniform numbers in `[0, 1)` to a point, `pdf_x` is the density of that map, `invert_x` takes
-//! the point back to the uniform numbers.
+//! Every number is a pure function of its key; there is no state between samples. Functions follow one naming rule:
+//! `sample_x` maps uniform numbers in `[0, 1)` to a point, `pdf_x` is the density of that map, `invert_x` returns the
+//! uniform numbers of a point.
 
 #![forbid(unsafe_code)]
 

@@ -3,10 +3,10 @@
 use crate::hash::{hash_u64, mix64};
 use crate::sobol::{owen_reversed, point_reversed};
 
-/// Number of independently scrambled batches that the samples of a pixel are dealt to in turn.
+/// Number of independently scrambled batches. The samples of a pixel are assigned to them in turn.
 ///
-/// Points of one scrambled sequence are correlated (that is their use), so their spread says little about the error of
-/// their mean. The means of the batches are independent and identically distributed; their spread does.
+/// Points of one scrambled sequence are correlated by design, so their scatter does not estimate the error of their
+/// mean. The means of the batches are independent and identically distributed, so their scatter does.
 pub const BATCHES: u32 = 4;
 
 /// The random numbers of one camera sample: a pure function of (seed, frame, pixel, sample index, dimension set).
@@ -14,12 +14,12 @@ pub const BATCHES: u32 = 4;
 /// Sample `s` is point `s / BATCHES` of batch `s % BATCHES`. Numbers come in *sets* of four dimensions. Within a set
 /// the points of a batch are an Owen-scrambled Sobol sequence (Owen 1995): each aligned power-of-two run of points is
 /// stratified in all four one-dimensional projections, and the first two dimensions form a (0,2)-sequence in base 2.
-/// Different sets are the same sequence, shuffled and scrambled independently ("padding", Burley 2020), so there is no
+/// Different sets are the same sequence, shuffled and scrambled independently ("padding", Burley 2020). So there is no
 /// limit to the number of sets and no correlation between them.
 ///
-/// The caller names the set, and should give each decision its own: then the decisions of two paths stay aligned,
-/// whatever shape the paths took before. Set numbers need not be dense. `get_1d`, `get_2d` and `get_4d` of one set
-/// return prefixes of the same four numbers, so a set should be drawn from only once.
+/// The caller chooses the set and should use a separate one for each decision. Then the decisions of two paths stay
+/// aligned, whatever the shape of the paths before. Set numbers need not be dense. `get_1d`, `get_2d` and `get_4d` of
+/// one set return prefixes of the same four numbers, so a set should be drawn from only once.
 ///
 /// All values lie in `[0, 1)` and are multiples of 2^-24; 1 is never returned. Indices are valid up to `u32::MAX`.
 #[derive(Clone, Copy, Debug)]
@@ -36,12 +36,12 @@ impl Sampler {
         Self { key, index_reversed: (sample / BATCHES).reverse_bits() }
     }
 
-    /// The numbers of set `set`, each worked out when it is asked for.
+    /// The numbers of set `set`. Each is computed on access.
     #[inline]
     pub fn numbers(&self, set: u32) -> Numbers {
         let h = mix64(self.key ^ u64::from(set));
         let (a, b) = (mix64(h ^ 1), mix64(h ^ 2));
-        // Scrambling the *index* permutes the points and moves them to another block of the sequence, but keeps every
+        // Scrambling of the *index* permutes the points and moves them to another block of the sequence. It keeps every
         // aligned power-of-two run of them together (Burley 2020).
         let point = point_reversed(owen_reversed(self.index_reversed, h as u32));
         Numbers { point, seeds: [a as u32, (a >> 32) as u32, b as u32, (b >> 32) as u32] }

@@ -1,9 +1,9 @@
 //! The first four dimensions of the Sobol sequence and its Owen scrambling, both in bit-reversed form.
 //!
 //! Owen scrambling flips a digit as a function of the more significant ones. On bit-reversed words it becomes a hash in
-//! which a bit depends on less significant bits only, which is what sums and products do anyway (Laine and Karras
-//! 2011). Everything here therefore works on reversed words, for the index as well as for the coordinates: one reversal
-//! on the way in, one per coordinate on the way out.
+//! which a bit depends on less significant bits only. Sums and products have this property (Laine and Karras 2011).
+//! Everything here therefore uses reversed words, for the index as well as for the coordinates: one reversal of the
+//! input, and one of each coordinate of the output.
 
 /// Primitive polynomials and initial direction numbers (Joe and Kuo 2008): degree, inner coefficients, m_i.
 const JOE_KUO: [(usize, u32, [u32; 3]); 3] = [(1, 0, [1, 0, 0]), (2, 1, [1, 3, 0]), (3, 1, [1, 3, 1])];
@@ -41,7 +41,7 @@ const DIRECTIONS: [[u32; 32]; 4] = {
     v
 };
 
-/// `[byte of the reversed index][value of the byte]` -> the reversed coordinates that this byte contributes.
+/// `[byte of the reversed index][value of the byte]` -> the contribution of this byte to the reversed coordinates.
 static BY_BYTE: [[[u32; 4]; 256]; 4] = {
     let mut table = [[[0u32; 4]; 256]; 4];
     let mut byte = 0;
@@ -77,7 +77,7 @@ pub(crate) fn point_reversed(index_reversed: u32) -> [u32; 4] {
 
 /// Owen scrambling of a bit-reversed word: output bit i depends on input bits 0..=i and on the seed.
 ///
-/// The form is that of Laine and Karras (2011) and Burley (2020); the constants are those that Vegdahl (2021) found by
+/// The form is that of Laine and Karras (2011) and Burley (2020). The constants are those of Vegdahl (2021), found by
 /// search for the least bias. The tests measure that bias again.
 #[inline]
 pub(crate) fn owen_reversed(x: u32, seed: u32) -> u32 {
@@ -148,7 +148,7 @@ mod tests {
 
     #[test]
     fn scrambling_has_little_bias() {
-        // For input bit i flipped, output bit o > i must flip for half of the seeds, whatever the word.
+        // If input bit i is flipped, output bit o > i must flip for half of the seeds, for any word.
         const TRIALS: u32 = 20_000;
         let mut worst = 0.0f64;
         for i in 0..31 {

@@ -1,8 +1,8 @@
 //! Maps from the unit square to shapes, each with its density and its inverse.
 //!
 //! Directions are unit vectors around +z. Densities are with respect to area for plane shapes and to solid angle for
-//! directions, and zero outside the shape. Uniform numbers lie in `[0, 1)`. The inverse of a point that was sampled
-//! gives back the uniform numbers up to rounding.
+//! directions, and zero outside the shape. Uniform numbers lie in `[0, 1)`. The inverse of a sampled point returns the
+//! uniform numbers up to rounding.
 
 use glam::{Vec2, Vec3};
 use std::f32::consts::{FRAC_1_PI, FRAC_PI_4, PI, TAU};
@@ -25,11 +25,11 @@ pub fn pdf_disk(p: Vec2) -> f32 {
     if p.length_squared() <= 1.0 { FRAC_1_PI } else { 0.0 }
 }
 
-/// The uniform numbers behind a point of the unit disk.
+/// The uniform numbers that give a point of the unit disk.
 #[inline]
 pub fn invert_disk(p: Vec2) -> [f32; 2] {
     let r = p.length();
-    // The square is cut into four wedges; the wedge tells which coordinate carries the signed radius.
+    // The square is divided into four wedges. The wedge determines which coordinate is the signed radius.
     let (a, b) = if p.x.abs() > p.y.abs() {
         let r = r.copysign(p.x);
         (r, r * (p.y / p.x).atan() / FRAC_PI_4)
@@ -46,7 +46,7 @@ pub fn invert_disk(p: Vec2) -> [f32; 2] {
 #[inline]
 pub fn sample_cosine_hemisphere(u: [f32; 2]) -> Vec3 {
     let p = sample_disk(u);
-    // Near the rim the cosine is made from the distance to the rim; it stays above zero so that no division by it
+    // Near the rim the cosine is computed from the distance to the rim. It stays above zero so that no division by it
     // fails.
     p.extend((1.0 - p.length_squared()).max(1e-10).sqrt())
 }
@@ -57,7 +57,7 @@ pub fn pdf_cosine_hemisphere(w: Vec3) -> f32 {
     w.z.max(0.0) * FRAC_1_PI
 }
 
-/// The uniform numbers behind a direction of [`sample_cosine_hemisphere`].
+/// The uniform numbers that give a direction in [`sample_cosine_hemisphere`].
 #[inline]
 pub fn invert_cosine_hemisphere(w: Vec3) -> [f32; 2] {
     invert_disk(w.truncate())
@@ -75,7 +75,7 @@ pub fn pdf_sphere(_w: Vec3) -> f32 {
     0.25 * FRAC_1_PI
 }
 
-/// The uniform numbers behind a direction of [`sample_sphere`].
+/// The uniform numbers that give a direction in [`sample_sphere`].
 #[inline]
 pub fn invert_sphere(w: Vec3) -> [f32; 2] {
     [0.5 * (1.0 - w.z), azimuth(w)]
@@ -94,7 +94,7 @@ pub fn pdf_hemisphere(w: Vec3) -> f32 {
     if w.z >= 0.0 { 0.5 * FRAC_1_PI } else { 0.0 }
 }
 
-/// The uniform numbers behind a direction of [`sample_hemisphere`].
+/// The uniform numbers that give a direction in [`sample_hemisphere`].
 #[inline]
 pub fn invert_hemisphere(w: Vec3) -> [f32; 2] {
     [1.0 - w.z, azimuth(w)]
@@ -115,7 +115,7 @@ pub fn pdf_cone(w: Vec3, one_minus_cos: f32) -> f32 {
     if versine(w) <= one_minus_cos { 1.0 / (TAU * one_minus_cos) } else { 0.0 }
 }
 
-/// The uniform numbers behind a direction of [`sample_cone`].
+/// The uniform numbers that give a direction in [`sample_cone`].
 #[inline]
 pub fn invert_cone(w: Vec3, one_minus_cos: f32) -> [f32; 2] {
     [(versine(w) / one_minus_cos).min(1.0), azimuth(w)]
@@ -142,7 +142,7 @@ pub fn pdf_polygon(p: Vec2, corners: u32, rotation: f32) -> f32 {
     if radius <= 1.0 && (-1e-6..=1.000_001).contains(&along) { 2.0 / (n * (TAU / n).sin()) } else { 0.0 }
 }
 
-/// The uniform numbers behind a point of [`sample_polygon`].
+/// The uniform numbers that give a point in [`sample_polygon`].
 #[inline]
 pub fn invert_polygon(p: Vec2, corners: u32, rotation: f32) -> [f32; 2] {
     let n = corners.max(3) as f32;
@@ -191,7 +191,7 @@ pub fn azimuth(w: Vec3) -> f32 {
     if phi < 1.0 { phi } else { 0.0 }
 }
 
-/// One minus the cosine to +z, from the sine where the cosine has lost its digits.
+/// One minus the cosine to +z, from the sine where the cosine has lost its precision.
 #[inline]
 fn versine(w: Vec3) -> f32 {
     if w.z > 0.0 { (w.x * w.x + w.y * w.y) / (1.0 + w.z) } else { 1.0 - w.z }

@@ -1,4 +1,4 @@
-//! The sampler: stratified where it must be, independent where it must be, unbiased, and better than random numbers.
+//! The sampler: stratification, independence, no bias, and less error than random numbers.
 
 use dunkelfeld_sampling::{BATCHES, Sampler, keyed_stream, mix64};
 use dunkelfeld_testkit::{SampleMoments, chi_squared, sidak, student_t_test, z_test};
@@ -116,7 +116,7 @@ fn sets_pixels_batches_frames_and_seeds_are_independent() {
 
 #[test]
 fn padding_does_not_correlate_the_sets_within_a_pixel() {
-    // 64 points of one batch in two sets: a shuffle that failed would pair their strata.
+    // 64 points of one batch in two sets: without a shuffle their strata would be paired.
     for (a, b) in [(0, 0), (0, 1), (2, 3), (1, 1)] {
         let correlations: SampleMoments = (0..4000)
             .map(|pixel| {
@@ -128,8 +128,8 @@ fn padding_does_not_correlate_the_sets_within_a_pixel() {
             })
             .collect();
         student_t_test(&correlations, 0.0).assert(sidak(RATE, 4), &format!("dimensions {a} and {b}"));
-        // Random pairs would spread by 1/64. Shuffles that keep runs together also keep pairs of points together, whose
-        // products agree; e is Owen's (1997) bound for what scrambled nets can lose that way.
+        // Random pairs would have a variance of 1/64. Shuffles that keep runs together also keep pairs of points
+        // together, whose products agree. e is the bound of Owen (1997) for the increase of variance by scrambled nets.
         let ratio = correlations.variance() * 64.0;
         assert!(ratio < std::f64::consts::E, "dimensions {a} and {b}: {ratio:.2} times the spread of random pairs");
     }
@@ -193,7 +193,8 @@ fn the_spread_of_the_batches_is_an_honest_error() {
 
 #[test]
 fn keyed_streams_are_uniform_across_keys() {
-    // The first numbers of neighbouring streams, not successive ones of one stream: that is how pixels use them.
+    // The first numbers of neighbouring streams, not successive ones of one stream, because each pixel has its own
+    // stream.
     let mut counts = vec![0u64; 1 << 12];
     const N: u32 = 200_000;
     for pixel in 0..N {

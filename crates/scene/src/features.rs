@@ -1,18 +1,19 @@
-//! What a kernel is compiled with: the scene decides once, and what it does not call for is not in the code that runs.
+//! Compile-time features of a kernel. The scene selects them once, and code for features that it does not need is not
+//! in the kernel.
 //!
-//! Each constant takes a branch, its loads and its registers out of the path loop. A scene may always be rendered by a
-//! kernel that can do more. Detail, chance and solids then change no bit of the image; media walk through solids by another
-//! (exact) bookkeeping, and change it by rounding only.
+//! Each constant removes a branch, its loads and its registers from the path loop. A kernel with more features can
+//! render any scene of fewer. Textures, stochastic surfaces and solids then change no bit of the image. Media use
+//! another (exact) bookkeeping for solids, which changes the image by rounding only.
 
 /// Constants that a kernel is compiled with.
 pub trait Features: 'static {
     /// Surfaces that vary from place to place or have a direction: textures, vertex colours, normal maps, anisotropy.
     const TEXTURED: bool;
-    /// Chance decides what a surface is: coverage, or a sheet that is partly clear.
+    /// Random surfaces: coverage, or a sheet that is partly clear.
     const STOCHASTIC: bool;
-    /// Solids that light enters, and what they absorb.
+    /// Solids that light enters, and their absorption.
     const SOLIDS: bool;
-    /// Media that scatter, solids that touch or overlap, faces that light passes straight on, a camera inside a solid.
+    /// Media that scatter, solids that touch or overlap, faces that do not bend light, a camera inside a solid.
     const MEDIA: bool;
 }
 
@@ -29,10 +30,10 @@ impl<const TEXTURED: bool, const STOCHASTIC: bool, const SOLIDS: bool, const MED
     const MEDIA: bool = MEDIA;
 }
 
-/// All features: right for every scene.
+/// All features: correct for every scene.
 pub type AllFeatures = KernelFeatures<true, true, true, true>;
 
-/// The features that a scene calls for.
+/// The features that a scene needs.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct FeatureSet {
     /// See [`Features::TEXTURED`].
@@ -49,7 +50,7 @@ impl FeatureSet {
     /// All features.
     pub const ALL: Self = Self { detail: true, chance: true, solids: true, media: true };
 
-    /// What either of two calls for.
+    /// The union of two sets.
     #[must_use]
     pub fn union(self, other: Self) -> Self {
         Self {

@@ -1,8 +1,8 @@
-//! What is in front of the camera: meshes, materials, textures, lights, cameras; and the compiled [`Scene`] that rays
+//! The scene in front of the camera: meshes, materials, textures, lights, cameras; and the compiled [`Scene`] that rays
 //! are traced against.
 //!
-//! A [`SceneBuilder`] is plain data that an importer or a program fills; [`SceneBuilder::build`] checks it, repairs what
-//! can be repaired, reports hazards, and compiles it.
+//! A [`SceneBuilder`] is plain data that an importer or a program fills. [`SceneBuilder::build`] validates it, repairs
+//! damaged data, reports hazards, and compiles it.
 
 #![forbid(unsafe_code)]
 

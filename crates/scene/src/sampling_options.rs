@@ -1,18 +1,18 @@
-//! Ways of looking for light that a scene can be rendered without: they change the noise, never the expected image.
+//! Light sampling techniques that can be disabled. They change the noise, never the expected image.
 
-/// Which of the ways of looking for light are used, where the scene calls for them.
+/// The enabled light sampling techniques, for scenes that need them.
 ///
-/// Each is an [`Effect`](crate::Effect) by name, so that it can be listed and left out as effects are.
+/// Each is also an [`Effect`](crate::Effect), so that it is listed and left out by its name.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Techniques {
-    /// All lights are asked at each surface of a path where they are few; without it one is chosen at each.
+    /// Surfaces take a sample of each light if there are few lights. If false, they take a sample of one light.
     pub every_light: bool,
-    /// Light behind clear covers is connected to; without it paths find it by chance.
+    /// Next-event estimation through clear covers. If false, only scattering samples light behind covers.
     pub cover_connection: bool,
 }
 
 impl Default for Techniques {
-    /// All of them.
+    /// All techniques enabled.
     fn default() -> Self {
         Self { every_light: true, cover_connection: true }
     }

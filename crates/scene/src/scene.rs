@@ -1,4 +1,4 @@
-//! The compiled scene: what rays are traced against.
+//! The compiled scene that rays are traced against.
 
 use crate::build::builder::Camera;
 use crate::build::effects::Effects;
@@ -19,14 +19,15 @@ const FRAMING_FOV: f64 = 0.698_131_700_797_731_8;
 
 /// A scene ready to be rendered. Immutable, shared between threads.
 ///
-/// Coordinates are *render space*: world space moved so that the middle of the scene is the origin. A part a kilometre
-/// away from the world's origin is rendered as exactly as one that lies on it.
+/// Coordinates are in *render space*: world space moved so that the middle of the scene is the origin. So a part at a
+/// distance of one kilometre from the world's origin is rendered as precisely as a part at the origin.
 #[derive(Debug)]
 pub struct Scene {
     pub(crate) world_origin: DVec3,
     pub(crate) bounds: Option<[DVec3; 2]>,
     pub(crate) bvh: Bvh,
-    /// For each instance of the hierarchy: the part, or where the parts of the baked mesh are looked up.
+    /// For each instance of the hierarchy: its part, or a mark for the baked mesh, whose triangles refer to their
+    /// parts.
     pub(crate) placements: Vec<Placement>,
     /// The triangles of the baked mesh, then those of the meshes that stay instanced.
     pub(crate) facets: Vec<Facet>,
@@ -41,20 +42,20 @@ pub struct Scene {
     pub(crate) cameras: Vec<Camera>,
     pub(crate) radius: f32,
     pub(crate) has_coverage: bool,
-    /// Could light pass the face of a solid straight on?
+    /// True if light could pass the face of a solid straight.
     pub(crate) has_open_faces: bool,
     /// The solids, by rank.
     pub(crate) solids: Vec<Solid>,
     /// Corners of a box around all solids, in render space.
     pub(crate) solid_bounds: Option<[Vec3; 2]>,
-    /// Could solids touch or overlap?
+    /// True if solids could touch or overlap.
     pub(crate) has_nesting: bool,
     pub(crate) covers: Covers,
     pub(crate) features: FeatureSet,
     pub(crate) effects: Effects,
 }
 
-/// What an instance of the hierarchy stands for.
+/// Content of an instance of the hierarchy.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Placement {
     /// The mesh that holds all parts that were moved to render space.
@@ -63,15 +64,15 @@ pub(crate) enum Placement {
     Part(u32),
 }
 
-/// One mesh of one object, as shading sees it.
+/// One mesh of one object, in the form that shading needs.
 #[derive(Debug)]
 pub(crate) struct Part {
     pub(crate) mesh: u32,
     pub(crate) material: u32,
     pub(crate) object: u32,
-    /// Object to render space; `None` when the mesh is stored in render space.
+    /// Object to render space; `None` if the mesh is stored in render space.
     pub(crate) transform: Option<Box<Transform>>,
-    /// Index of its first triangle in [`Scene::facets`]; for a baked part that is also its place in the baked mesh.
+    /// Index of its first triangle in [`Scene::facets`]. For a baked part it is also the index in the baked mesh.
     pub(crate) first_facet: u32,
     /// The solid that it bounds, `NO_SOLID` if none.
     pub(crate) solid: u32,
@@ -79,20 +80,20 @@ pub(crate) struct Part {
     pub(crate) lights: Vec<u32>,
 }
 
-/// What a scene is made of, in numbers.
+/// Size of a scene in numbers.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct SceneSummary {
-    /// Triangles as placed: a mesh used n times counts n times.
+    /// Number of placed triangles: a mesh used n times counts n times.
     pub placed_triangles: u64,
-    /// Triangles as stored.
+    /// Number of stored triangles.
     pub stored_triangles: u64,
     /// Objects (instances of the builder).
     pub objects: usize,
-    /// Meshes that stay instanced rather than being moved to render space.
+    /// Meshes that are instanced, not moved to render space.
     pub instanced_parts: usize,
-    /// Bytes held by geometry, the hierarchy and images.
+    /// Memory of geometry, the hierarchy and images \[bytes\].
     pub memory_bytes: u64,
-    /// Of these, bytes of images.
+    /// Memory of images, which is part of it \[bytes\].
     pub texture_bytes: u64,
     /// Lowest and highest corner in world space \[m\].
     pub bounds: Option<[[f64; 3]; 2]>,
@@ -114,22 +115,22 @@ impl Scene {
         self.radius
     }
 
-    /// The effects that the scene calls for, and what in it does.
+    /// The effects that the scene needs, and the objects that need them.
     pub fn effects(&self) -> &Effects {
         &self.effects
     }
 
-    /// What a kernel must be able to do to render the scene.
+    /// The features that a kernel needs to render the scene.
     pub fn features(&self) -> FeatureSet {
         self.features
     }
 
-    /// Has the scene rendered by a kernel that can do more than it calls for: for measurements of what that costs.
+    /// Selects a kernel with more features than the scene needs, to measure their cost.
     pub fn force_features(&mut self, more: FeatureSet) {
         self.features = self.features.union(more);
     }
 
-    /// The cameras that the scene came with.
+    /// The cameras of the scene file or the builder.
     pub fn cameras(&self) -> &[Camera] {
         &self.cameras
     }
@@ -144,9 +145,10 @@ impl Scene {
         &self.object_names
     }
 
-    /// The camera with the given name; the first one if no name is given; a framing of the whole scene if there is none.
+    /// The camera with the given name. Without a name, the first camera. If the scene has none, a camera with the whole
+    /// scene in its image.
     ///
-    /// `None` if the name is unknown.
+    /// `None` if there is no camera of that name.
     pub fn camera(&self, name: Option<&str>, aspect: f32) -> Option<Camera> {
         match name {
             Some(name) => self.cameras.iter().find(|c| c.name == name).cloned(),
@@ -159,12 +161,12 @@ impl Scene {
     /// Binds a camera to a film.
     ///
     /// # Errors
-    /// As [`RayGenerator::new`]: values without meaning, a distortion that cannot be undone over the film.
+    /// As [`RayGenerator::new`]: invalid values, a distortion that cannot be inverted over the film.
     pub fn ray_generator(&self, camera: &Camera, width: u32, height: u32) -> Result<RayGenerator, CameraError> {
         RayGenerator::new(camera, width, height, self.world_origin, self.radius)
     }
 
-    /// The scene in numbers.
+    /// Size of the scene in numbers.
     pub fn summary(&self) -> SceneSummary {
         let mesh_bytes = |m: &Mesh| {
             m.positions.len() * 12

@@ -1,4 +1,4 @@
-//! Meshes for scenes that are written by hand: rectangles, boxes, spheres, sheets, turned bodies.
+//! Meshes for scenes that are made by code: rectangles, boxes, spheres, sheets, bodies of revolution.
 
 use dunkelfeld_geometry::{DVec3, Mesh, Vec2, Vec3};
 
@@ -23,8 +23,8 @@ pub fn cuboid(low: Vec3, high: Vec3) -> Mesh {
     }
 }
 
-/// A closed sphere of `2 * rings * rings` quadrilaterals along circles of latitude (at least 3 rings), winding outward;
-/// with smooth normals if asked for.
+/// A closed sphere of `2 * rings * rings` quadrilaterals along circles of latitude (at least 3 rings), winding outward.
+/// It has smooth normals if `smooth` is true.
 pub fn sphere(center: Vec3, radius: f32, rings: u32, smooth: bool) -> Mesh {
     let rings = rings.max(3);
     let columns = 2 * rings;
@@ -63,8 +63,9 @@ pub fn sphere(center: Vec3, radius: f32, rings: u32, smooth: bool) -> Mesh {
     }
 }
 
-/// A closed sheet over a rectangle around the z axis, between the heights `height(0, x, y)` and `height(1, x, y)` \[m\], each
-/// face a grid of `cells * cells`. The faces have the normals of these functions, by central differences; the walls are flat.
+/// A closed sheet over a rectangle around the z axis, between the heights `height(0, x, y)` and `height(1, x, y)`
+/// \[m\]. Each face is a grid of `cells * cells`. The faces have the normals of these functions, by central
+/// differences. The walls are flat.
 pub fn sheet(half: Vec2, cells: u32, height: impl Fn(usize, f64, f64) -> f64) -> Mesh {
     let (cells, half) = (cells.max(1), half.as_dvec2());
     let corners = cells + 1;
@@ -105,9 +106,9 @@ pub fn sheet(half: Vec2, cells: u32, height: impl Fn(usize, f64, f64) -> f64) ->
     mesh
 }
 
-/// A closed body with the z axis as its axis and a regular polygon of `corners` around it: the outline, points of radius and
-/// height \[m\], runs counter-clockwise seen with the radius to the right, and is closed. A point on the axis makes a tip or
-/// the middle of an end; a ring has none.
+/// A closed body around the z axis with a regular polygon of `corners` as its cross-section. The outline consists of
+/// points of radius and height \[m\]. It is closed and runs counter-clockwise with the radius to the right. A point on
+/// the axis makes a tip or the middle of an end; a ring has none.
 pub fn turned(outline: &[Vec2], corners: u32) -> Mesh {
     let mut mesh = Mesh::default();
     for p in outline {

@@ -1,4 +1,4 @@
-//! What a builder may hold that no scene can be made of, and what is repaired: never a panic.
+//! Invalid input of a builder is refused or repaired, and never causes a panic.
 
 use dunkelfeld_geometry::{DAffine3, DVec3, Mesh, Ray, Vec2, Vec3, Vec4};
 use dunkelfeld_radiometry::Rgb;
@@ -8,7 +8,7 @@ use dunkelfeld_scene::{
     Projection, PunctualKind, PunctualLight, SceneBuilder, Severity, Texels, Texture,
 };
 
-/// Something that makes a good scene bad.
+/// A change that makes a valid scene invalid.
 type Spoil = Box<dyn Fn(&mut SceneBuilder)>;
 
 /// One white square of a metre in the xy plane, facing +z.
@@ -68,7 +68,7 @@ fn transforms_that_flatten_or_are_no_numbers_leave_their_object_out() {
     assert_eq!(scene.bounds().map(|b| b[1]), Some(DVec3::new(0.5, 0.5, 0.0)));
 }
 
-/// It was a hazard once, and rendered black or with light missing.
+/// Such a scene was once only a hazard, and was rendered black or with light missing.
 #[test]
 fn a_scene_beyond_the_range_of_numbers_is_refused() {
     let mut b = square();
@@ -194,7 +194,8 @@ fn attributes_that_do_not_fit_are_ignored_with_a_note() {
     assert_eq!(scene.coverage(&hit), 1.0);
 }
 
-/// Not a black image without a word; with light all around there is something to see.
+/// The build fails, so that no black image is rendered without an error. With an environment there is something
+/// visible.
 #[test]
 fn a_scene_that_loses_every_triangle_is_an_error() {
     let flat = || {

@@ -26,7 +26,7 @@ fn perspective(vertical_fov: f64, lens: Lens) -> Camera {
     Camera { name: "c".into(), projection, lens, ..Camera::default() }
 }
 
-/// A telecentric camera that sees 20 mm by 15 mm.
+/// A telecentric camera with a field of 20 mm by 15 mm.
 fn telecentric(numerical_aperture: f64, focus_distance: f64, blades: Option<Blades>) -> Camera {
     let aperture = Aperture { opening: Opening::NumericalAperture(numerical_aperture), focus_distance, blades };
     Camera {
@@ -41,14 +41,14 @@ fn bound(camera: &Camera) -> RayGenerator {
     RayGenerator::new(camera, 640, 480, DVec3::ZERO, 1e6).unwrap_or_else(|e| panic!("{e}"))
 }
 
-/// Where a ray meets the plane at `distance` before a camera that looks along -z from the origin.
+/// The intersection of a ray with the plane at `distance` in front of a camera with direction -z at the origin.
 fn at_depth(ray: &Ray, distance: f64) -> [f64; 2] {
     let (o, d) = (ray.origin.as_dvec3(), ray.direction.as_dvec3());
     let t = (-distance - o.z) / d.z;
     [o.x + t * d.x, o.y + t * d.y]
 }
 
-/// Points of the blur that a film point leaves on a plane, relative to where its chief ray meets it.
+/// Points of the blur of a film point on a plane, relative to the intersection of its chief ray.
 fn blur(camera: &RayGenerator, x: f32, y: f32, distance: f64) -> Vec<[f64; 2]> {
     let [cx, cy] = at_depth(&camera.ray(x, y), distance);
     let hit = |i| {
@@ -62,8 +62,8 @@ fn moments(values: impl Iterator<Item = f64>) -> SampleMoments {
     values.collect()
 }
 
-/// 50 mm, f/2, 24 mm of film: the diameter of the blur on the film is A |d - u| / d * f / (u - f), any textbook's formula,
-/// and a blur on the film is one on the plane at d, scaled by v / d.
+/// 50 mm, f/2, 24 mm of film: the diameter of the blur on the film is A |d - u| / d * f / (u - f), the textbook
+/// formula. A blur on the film is one on the plane at d, scaled by v / d.
 #[test]
 fn the_blur_of_a_thin_lens_is_the_disc_of_the_textbook() {
     let (f, n, film_height) = (0.05, 2.0, 0.024);
@@ -103,7 +103,7 @@ fn the_blur_of_a_thin_lens_is_the_disc_of_the_textbook() {
             };
             test.run("blur disc", next, |_| 1.0).assert(RATE, &what);
         }
-        // The plane that is sharp is: all rays of a film point meet there.
+        // The plane in focus is sharp: all rays of a film point intersect there.
         let worst = blur(&camera, 77.0, 400.0, u).iter().map(|p| p[0].hypot(p[1])).fold(0.0, f64::max);
         assert!(worst < 2e-7 * u.max(f), "{worst} m at u = {u}");
     }
@@ -150,7 +150,7 @@ fn a_telecentric_image_neither_moves_nor_grows_with_depth_and_blurs_by_its_apert
                 z_test(square.mean(), square.standard_error(), expected).assert(RATE, &what);
             }
         }
-        // A point keeps its pixel at any depth.
+        // A point has the same pixel at any depth.
         let near = camera.project(DVec3::new(0.003, -0.002, -0.03)).expect("in front");
         let far = camera.project(DVec3::new(0.003, -0.002, -0.3)).expect("in front");
         assert_eq!(near, far);
@@ -222,7 +222,7 @@ fn chief_rays_are_those_of_the_pinhole() {
         assert!(!a.has_aperture() && b.has_aperture());
         for (x, y) in [(0.0, 0.0), (640.0, 480.0), (320.0, 240.0), (1.5, 333.25)] {
             assert_eq!(a.ray(x, y), b.ray(x, y));
-            // A pinhole has no place for the numbers.
+            // A pinhole ignores the numbers.
             assert_eq!(a.camera_ray(x, y, Some([0.3, 0.9])).ray, a.ray(x, y));
         }
     }
@@ -301,7 +301,7 @@ fn a_camera_a_kilometre_away_is_as_exact_as_a_near_one() {
         let m = camera.to_world.matrix3;
         for i in 0..1000 {
             let [x, y] = [uniform(2 * i)[0] * 640.0, uniform(2 * i)[1] * 480.0];
-            // The point of the middle plane that this place on the film sees.
+            // The point of the middle plane at this place on the film.
             let Projection::Perspective { vertical_fov } = camera.projection else { unreachable!() };
             let scale = (0.5 * f64::from(vertical_fov)).tan() * distance / 240.0;
             let seen = m.x_axis * (f64::from(x) - 320.0) * scale - m.y_axis * (f64::from(y) - 240.0) * scale
@@ -310,7 +310,7 @@ fn a_camera_a_kilometre_away_is_as_exact_as_a_near_one() {
             assert!(ray.ray.origin.length() < 2.5 * radius, "the ray starts near the scene");
             let gap = miss(&ray.ray, seen);
             assert!(gap < 4e-7 * f64::from(radius), "off by {gap} m at {x}, {y}");
-            // The start counts as part of the way; the distance itself has the digits of f32.
+            // The start is part of the distance. The distance itself has the precision of f32.
             let way = f64::from(ray.start) + (seen.as_vec3() - ray.ray.origin).length() as f64;
             let from = if camera.lens.aperture.is_some() { 1e-3 } else { 1e-4 };
             assert!((way - (seen - eye).length()).abs() < from, "{way}");

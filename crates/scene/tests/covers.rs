@@ -1,5 +1,5 @@
-//! Clear covers: what is found to be one, how stacks are put together, and whether the chains of the plate that stands for a
-//! flat stack run through the real meshes.
+//! Clear covers: detection, assembly of stacks, and the chains of a flat stack. They must pass the real meshes as in
+//! the plate that replaces the stack.
 //!
 //! Replay: `cargo test -p dunkelfeld-scene --test covers NAME`.
 
@@ -16,7 +16,7 @@ fn clear(name: &str, ior: f32) -> Material {
     Material { name: name.into(), transmission: 1.0, roughness: 0.0, ior, surface, ..Material::default() }
 }
 
-/// A scene of objects and a floor far below, which is there for the lights and rays to meet.
+/// A scene of objects and a floor far below, which lights and rays can hit.
 fn scene(objects: Vec<(Mesh, Material)>) -> Scene {
     builder(objects).build().expect("the scene is valid").0
 }
@@ -69,7 +69,7 @@ fn a_flat_cover_is_found_and_called_for_by_its_material() {
         assert!(interface.deviation < 2e-8);
     }
     assert_eq!(scene.effects().callers(Effect::CoverConnection), ["material \"pmma\""]);
-    // What belongs to it: its faces, not the floor.
+    // Its faces belong to it, the floor does not.
     let down = |x: f32| Ray::new((DVec3::new(x.into(), 0.0, 1.0) - scene.world_origin()).as_vec3(), Vec3::NEG_Z);
     let [cover, floor] = [0.0, 0.1].map(|x| scene.intersect(&down(x)).expect("something is below"));
     assert_eq!((scene.cover_of(&cover), scene.cover_of(&floor)), (Some(0), None));
@@ -172,7 +172,7 @@ fn a_moulded_cover_is_found_and_is_not_flat() {
     assert_near(stack.thickness(1), 0.004 + 0.0003 * 4.0 / 9.0, 2e-6, "mean thickness");
     assert!(stack.interfaces().iter().all(|i| i.deviation > 3e-4 && i.deviation < 6e-4));
     assert!(scene_of(0.0).covers()[0].is_flat(), "a fine grid may well be a plane");
-    // Planes that are shaded as if they were round bend light as if they were.
+    // Planes with the shading normals of a round face refract light as a round face.
     let mut mesh = moulded(24, bulge(0.0006));
     mesh.positions = moulded(24, bulge(0.0)).positions;
     let scene = self::scene(vec![(mesh, clear("pmma", 1.49))]);
@@ -205,7 +205,8 @@ fn chamfers_engravings_and_holes_do_not_hide_the_planes() {
 /// Indices of the layers of the only stack, and the thickness of the inner ones \[mm\].
 fn layers(scene: &Scene) -> (Vec<f32>, Vec<f64>) {
     let [stack] = scene.covers() else { panic!("{} stacks", scene.covers().len()) };
-    // Whichever way the axis points, the same side comes first: where the smaller index lies, else the thinner layer.
+    // In canonical order, for either direction of the axis: first the side with the smaller index, else with the
+    // thinner layer.
     let mut iors: Vec<f32> = stack.layers().iter().map(|l| l.ior as f32).collect();
     let mut thick: Vec<f64> = (1..iors.len() - 1).map(|l| (stack.thickness(l) * 1e6).round() / 1e3).collect();
     if stack.axis().z < 0.0 {
@@ -230,7 +231,7 @@ fn sheets_above_each_other_are_one_stack() {
         assert_near(thickness[1], 1.0, 1e-3, "the film");
         assert_eq!(glued.covers()[0].interfaces().len(), 3);
     }
-    // Glued to its own kind: no face at all.
+    // Glued to a sheet of the same index: no face at all.
     let alike = scene(vec![(plate(0.001, 0.005), pmma()), (plate(0.005, 0.006), clear("other pmma", 1.49))]);
     assert_eq!(layers(&alike), (vec![1.0, 1.49, 1.0], vec![5.0]));
     assert_eq!(alike.covers()[0].layers()[1].materials.len(), 2);
@@ -250,7 +251,7 @@ fn sheets_side_by_side_or_at_an_angle_are_stacks_of_their_own() {
     let pmma = || clear("pmma", 1.49);
     assert_eq!(scene(vec![(moved(-0.05, 0.001), pmma()), (moved(0.05, 0.001), pmma())]).covers().len(), 2);
     assert_eq!(scene(vec![(moved(-0.05, 0.001), pmma()), (moved(0.05, 0.011), pmma())]).covers().len(), 2);
-    // One over two: it shares a stack with one of them only.
+    // One over two: it is in a stack with one of them only.
     let mut wide = plate(0.02, 0.024);
     wide.positions.iter_mut().for_each(|p| p.x *= 3.0);
     let three = scene(vec![(moved(-0.05, 0.001), pmma()), (moved(0.05, 0.001), pmma()), (wide, pmma())]);
@@ -272,8 +273,8 @@ fn a_pile_too_high_for_one_stack_is_more_than_one() {
     assert!(interfaces.iter().all(|&n| n <= dunkelfeld_scene::covers::MAX_INTERFACES));
 }
 
-/// Follows a chain through the real scene by Snell's law in f64: the word that it spells, and the distance at which it
-/// passes `y`; `None` if it meets something else than the stack's faces.
+/// Traces a chain through the real scene by Snell's law in f64. Returns its events, and the distance at which it passes
+/// `y`; `None` if it hits anything except the stack's faces.
 fn trace(scene: &Scene, x: Vec3, seed: &Seed, chain: Chain, mut inside: f64, y: Vec3) -> Option<f64> {
     let mut direction = seed.direction.as_dvec3();
     let mut origin = x;
@@ -284,7 +285,7 @@ fn trace(scene: &Scene, x: Vec3, seed: &Seed, chain: Chain, mut inside: f64, y: 
         if n.z.abs() < 0.99 {
             return None; // The rim is no interface of the stack.
         }
-        // From whichever side: the index behind the face is the solid's, or air, or what the next solid is.
+        // From either side: the index behind the face is that of the solid, of air, or of the next solid.
         let cosine = -direction.dot(n);
         let facing = n * cosine.signum();
         if chain.is_reflection(event) {
@@ -305,13 +306,13 @@ fn trace(scene: &Scene, x: Vec3, seed: &Seed, chain: Chain, mut inside: f64, y: 
         origin = hit.leave(direction.as_vec3());
     }
     let way = y.as_dvec3() - origin.as_dvec3();
-    // Nothing may be in between, and the chain must go the right way.
+    // Nothing may be in between, and the chain must have the right direction.
     let reach = way.dot(direction);
     let shadow = Ray::with_end(origin, direction.as_vec3(), (reach * 0.999) as f32);
     (reach > 0.0 && scene.intersect(&shadow).is_none()).then(|| way.cross(direction).length())
 }
 
-/// Holds the seeds of random connections against the real scene: `(tried, traced, per order)`.
+/// Compares the seeds of random connections with the real scene: `(tried, traced, per order)`.
 fn compare(scene: &Scene, below: f32, inside: Option<u32>, turned: bool) -> [usize; 3] {
     let [stack] = scene.covers() else { panic!("{} stacks", scene.covers().len()) };
     let mut random = Pcg32::seed_from_u64(11);
@@ -348,7 +349,7 @@ fn seeds_of_flat_stacks_run_through_the_real_mesh() {
     ] {
         let scene = scene(objects);
         for turned in [false, true] {
-            // Lights that stand low over the cover do not reach through its rim.
+            // The rays of lights low over the cover do not pass its rim.
             let reached = compare(&scene, -0.002, None, turned);
             assert!(reached.iter().all(|&n| n > 100), "{what}: chains of each order arrive: {reached:?}");
         }
@@ -379,11 +380,11 @@ fn a_milky_solid_that_touches_the_stack_is_where_chains_may_start() {
         let crossing = scene.covers()[0].crossing(at(-0.003), inside, Target::Point(at(to)));
         crossing.map_or(Vec::new(), |c| c.chains().iter().map(|c| format!("{c:?}")).collect())
     };
-    // Of the same index: no face between them. Of another: a face that refracts and reflects.
+    // With the same index: no face between them. With another one: a face that refracts and reflects.
     assert_eq!(words(&of(0.001, 1.49), Some(1), 0.2), ["T"]);
     assert_eq!(words(&of(0.001, 1.6), Some(1), 0.2), ["TT", "TRRT", "TRRRRT"]);
     assert_eq!(words(&of(0.001, 1.49), Some(1), -0.2), [""; 0], "light from the other side");
-    // With air between them its own face would be in the way.
+    // With air between them its own face would occlude the light.
     assert_eq!(words(&of(0.0, 1.49), Some(1), 0.2), [""; 0]);
     let scene = of(0.001, 1.6);
     let at = |z: f64| (DVec3::new(0.001, 0.0, z) - scene.world_origin()).as_vec3();
@@ -391,7 +392,7 @@ fn a_milky_solid_that_touches_the_stack_is_where_chains_may_start() {
     let crossing = scene.covers()[0].crossing(x, Some(1), Target::Point(y)).expect("through the cover");
     for &chain in crossing.chains() {
         let seed = crossing.seed(chain).expect("there is air at the light");
-        // The faces in contact have one normal; which of the two is met makes no difference here.
+        // The faces in contact have one normal, so either of them gives the same result.
         let miss = trace(&scene, x, &seed, chain, f64::from(1.6f32), y);
         assert!(miss.is_none_or(|miss| miss < 1e-6), "{chain:?}: {miss:?}");
     }
@@ -438,7 +439,8 @@ fn light_from_infinity_is_found_behind_the_plate() {
 
 #[test]
 fn what_passes_the_cover_is_never_said_to_pass_beside_it() {
-    // Chains are found with a sheet that is wide enough for all, and traced through one of which many miss the rim.
+    // Chains are computed with a sheet that is wide enough for all, and traced through a sheet whose rim many of them
+    // miss.
     let square = |half: f32| cuboid(Vec3::new(-half, -half, 0.001), Vec3::new(half, half, 0.003));
     let (wide, small) = (
         scene(vec![(square(0.19), clear("pmma", 1.49))]),

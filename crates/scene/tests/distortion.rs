@@ -1,4 +1,4 @@
-//! Lens distortion against OpenCV itself, against its formula written out once more, and against its own inverse.
+//! Lens distortion against OpenCV itself, against a second implementation of its formula, and against its own inverse.
 //!
 //! Replay: `cargo test -p dunkelfeld-scene --test distortion NAME`.
 
@@ -6,8 +6,8 @@ use dunkelfeld_geometry::DVec3;
 use dunkelfeld_scene::camera::distortion::Undistorter;
 use dunkelfeld_scene::{Camera, CameraError, Distortion, Lens, Projection, RayGenerator};
 
-/// A camera of OpenCV's: 640 x 480 pixels, fx = fy = 800, and the optical axis at (cx, cy) = (319.5, 239.5), which is the
-/// middle of the film where pixel centres have whole coordinates.
+/// A camera of OpenCV: 640 x 480 pixels, fx = fy = 800, and the optical axis at (cx, cy) = (319.5, 239.5), which is the
+/// middle of the film if pixel centres have whole coordinates.
 fn camera(distortion: Distortion, principal_point: [f64; 2]) -> Result<RayGenerator, CameraError> {
     let projection = Projection::Perspective { vertical_fov: 2.0 * (240.0f32 / 800.0).atan() };
     let lens = Lens { distortion, principal_point, ..Lens::default() };
@@ -18,8 +18,8 @@ fn camera(distortion: Distortion, principal_point: [f64; 2]) -> Result<RayGenera
 const BARREL: [f64; 5] = [-0.28, 0.09, 0.0012, -0.0007, -0.015];
 const RATIONAL: [f64; 8] = [0.41, 0.065, -0.0009, 0.0015, 0.0021, 0.72, 0.148, 0.0093];
 
-/// Points in the camera's frame (x right, y down, z forward), and where `cv2.projectPoints` of opencv-python-headless 5.0.0
-/// sees them with the two sets of coefficients above.
+/// Points in the camera's frame (x right, y down, z forward), and their projections by `cv2.projectPoints` of
+/// opencv-python-headless 5.0.0 with the two sets of coefficients above.
 const OPENCV: [([f64; 3], [f64; 2], [f64; 2]); 6] = [
     ([0.0, 0.0, 1.0], [319.5, 239.5], [319.5, 239.5]),
     ([0.31, -0.22, 1.0], [557.601247210415, 70.606214237770], [557.575242045753, 70.562394677208]),
@@ -45,7 +45,8 @@ fn points_are_seen_where_opencv_sees_them() {
                 let pixel = 800.0 * place[k] + [319.5, 239.5][k];
                 assert!((pixel - expected[k]).abs() < 1e-8, "{p:?}: {pixel} instead of {expected:?}");
             }
-            // Our world has y up and looks along -z; our pixels count from a corner. The field of view is an f32.
+            // Our world has y up and the viewing direction -z; our pixels count from a corner. The field of view is an
+            // f32.
             let Some(seen) = film.project(DVec3::new(p[0], -p[1], -p[2])) else {
                 assert!(expected[1] > 480.0, "{p:?} lies on the film and is not seen");
                 continue;
@@ -57,7 +58,7 @@ fn points_are_seen_where_opencv_sees_them() {
     }
 }
 
-/// The model as OpenCV's documentation writes it, power by power.
+/// The model as in OpenCV's documentation, power by power.
 #[test]
 fn the_model_is_opencvs_formula() {
     let m = model(&RATIONAL);
@@ -76,7 +77,7 @@ fn the_model_is_opencvs_formula() {
     }
 }
 
-/// Coefficients from mild to extreme; those that cannot be undone over the film are refused, all others are undone.
+/// Coefficients from mild to extreme. Those that cannot be inverted over the film are refused, all others are inverted.
 #[test]
 fn whatever_is_accepted_is_undone_everywhere_on_the_film() {
     let mut state = 1u64;
@@ -104,7 +105,7 @@ fn whatever_is_accepted_is_undone_everywhere_on_the_film() {
             let back = m.forward(direction);
             let gap = (back[0] - place[0]).hypot(back[1] - place[1]);
             assert!(gap <= 1e-12 * reach && undistorter.holds(direction), "{m:?}: {gap} at {place:?} of {reach}");
-            // And there is no other: the derivatives along the way from the axis keep the order of places.
+            // There is no other one: the derivatives from the axis outward keep the order of places.
             let ahead = m.forward([0.999 * direction[0], 0.999 * direction[1]]);
             let along = (back[0] - ahead[0]) * direction[0] + (back[1] - ahead[1]) * direction[1];
             assert!(along > 0.0 || k == 0, "{m:?}: places turn back at {place:?}");
@@ -113,7 +114,7 @@ fn whatever_is_accepted_is_undone_everywhere_on_the_film() {
     assert!(accepted > 150 && refused > 150, "{accepted} accepted, {refused} refused");
 }
 
-/// As rays and projections of f32 and f64: a ray is seen at the film point that it was made for.
+/// Rays and projections of f32 and f64: the projection of a ray is its film point.
 #[test]
 fn rays_come_back_to_their_film_points() {
     for coefficients in [&BARREL[..], &RATIONAL[..]] {
@@ -144,7 +145,7 @@ fn a_distortion_that_folds_on_the_film_is_an_error_that_names_the_place() {
     assert!((pixels - 533.33).abs() < 0.1 && (degrees - 45.0).abs() < 0.2 && (reach - 800.0).abs() < 1e-9, "{text}");
     assert!((x - 0.8 * pixels).abs() < 1e-6 && (y - 0.6 * pixels).abs() < 1e-6, "{text}");
     assert!(text.contains("not invertible") && text.contains("calibrated"), "{text}");
-    // Beyond the fold, at r = 1.5, the formula gives 0.375: a place on the film that shows something else.
+    // Beyond the fold, at r = 1.5, the formula gives 0.375: a place on the film of another direction.
     assert!((cubic.forward([1.5, 0.0])[0] - 0.375).abs() < 1e-12);
     assert_eq!(film.project(DVec3::new(1.5, 0.0, -1.0)), None);
     let seen = film.project(DVec3::new(0.4, 0.0, -1.0)).expect("in the field");

@@ -1,5 +1,5 @@
-//! What is said about a scene before it is rendered: every hazard is found where it is, named with its object and with what
-//! to do, and a sound scene is left in peace.
+//! Hazards of a scene before it is rendered: every hazard is reported with its object and with help. A valid scene has
+//! no report.
 
 use dunkelfeld_geometry::{DAffine3, DVec3, Mesh, Vec2, Vec3};
 use dunkelfeld_radiometry::Rgb;
@@ -64,13 +64,13 @@ fn sound_scenes_are_left_in_peace() {
     quiet(with(opaque("ball"), sphere(Vec3::new(0.1, 0.1, 0.3), 0.2, 24, true)), "a smooth ball");
     quiet(with(glass("pane"), cuboid(Vec3::new(-0.1, -0.1, 0.1), Vec3::new(0.1, 0.1, 0.104))), "a pane in the air");
     quiet(with(opaque("box"), cuboid(Vec3::new(-0.1, -0.1, 0.0), Vec3::new(0.1, 0.1, 0.1))), "a box on the table");
-    // Two solids that share a face are one interface, and a needle of triangles is a triangle.
+    // Two solids that share a face form one interface, and a needle is a valid triangle.
     let mut b = with(glass("left"), cuboid(Vec3::new(-0.1, -0.1, 0.1), Vec3::new(0.0, 0.1, 0.2)));
     let m = b.add_material(glass("right"));
     b.add_object("right", cuboid(Vec3::new(0.0, -0.1, 0.1), Vec3::new(0.1, 0.1, 0.2)), m);
     quiet(b, "two blocks that touch");
     quiet(with(opaque("needle"), rectangle(Vec3::new(0.0, 0.0, 0.2), Vec3::X * 0.3, Vec3::Y * 1e-5)), "a needle");
-    // A kilometre from the world's origin is no distance: scenes are recentred.
+    // At a kilometre from the world's origin nothing is reported, because scenes are recentred.
     let mut b = table();
     b.instances.iter_mut().for_each(|i| i.to_world = DAffine3::from_translation(DVec3::splat(1e3)));
     quiet(b, "a table a kilometre away");
@@ -84,7 +84,7 @@ fn sizes_that_f32_cannot_hold() {
     let m = b.add_material(opaque("far"));
     b.add_object("far", rectangle(Vec3::new(-501.0, 0.0, 0.0), Vec3::X, Vec3::Y), m);
     says(b, "object \"thing\"", &["lies 500", "steps of 3.1e-5 m", "model it around the object"]);
-    // A film of half a micrometre half a metre away from the middle, tilted as it may be.
+    // A film of half a micrometre half a metre away from the middle, with any tilt.
     let film = cuboid(Vec3::new(-0.05, -0.05, 0.0), Vec3::new(0.05, 0.05, 5e-7));
     let mut b = with(glass("film"), film);
     b.instances[2].to_world = DAffine3::from_axis_angle(DVec3::new(0.6, 0.0, 0.8), 0.7)
@@ -93,7 +93,7 @@ fn sizes_that_f32_cannot_hold() {
     // Triangles a tenth of a micrometre high.
     let needle = rectangle(Vec3::new(0.4, 0.4, 0.2), Vec3::new(0.05, 0.05, 0.0), Vec3::new(0.0, 1e-7, 0.0));
     says(with(opaque("needle"), needle), "object \"thing\"", &["2 triangles", "rounding noise", "remesh"]);
-    // A mesh of a centimetre written a kilometre from its own origin, and brought back by its transform.
+    // A mesh of a centimetre at a kilometre from its own origin, moved back by its transform.
     let mut b = with(opaque("cad"), cuboid(Vec3::new(1000.0, 0.0, 0.0), Vec3::new(1000.01, 0.01, 0.01)));
     b.instances[2].to_world = DAffine3::from_translation(DVec3::new(-1000.0, 0.0, 0.1));
     says(b, "mesh \"thing\"", &["from their own origin", "when it was written", "export it around"]);
@@ -176,7 +176,7 @@ fn solids_that_overlap_and_cameras_inside() {
     let m = b.add_material(glass("two"));
     b.add_object("second", cuboid(Vec3::new(0.0, -0.1, 0.05), Vec3::new(0.3, 0.1, 0.15)), m);
     says(b.clone(), "object \"thing\"", &["overlaps object \"second\"", "`priority`"]);
-    // One inside the other is nesting, which is meant.
+    // One inside the other is nesting, which is intended.
     let mut nested = with(glass("one"), cuboid(Vec3::new(-0.2, -0.2, 0.1), Vec3::new(0.2, 0.2, 0.3)));
     let m = nested.add_material(glass("two"));
     nested.add_object("second", cuboid(Vec3::new(-0.1, -0.1, 0.15), Vec3::new(0.1, 0.1, 0.25)), m);

@@ -1,5 +1,5 @@
 //! Irradiance by light sampling against closed forms: rectangles and triangles from far to touching, points, spots and
-//! measured profiles, one light asked or each, a few lights or a thousand.
+//! measured profiles, with a sample of one light or of each, with a few lights or a thousand.
 //!
 //! False-alarm rate of each statistical check: 1e-10. Replay: `cargo test -p dunkelfeld-scene --test irradiance NAME`.
 
@@ -28,7 +28,7 @@ fn receiver(scene: &Scene, at: DVec3, normal: DVec3) -> LightSampleContext {
     LightSampleContext { point: (at - scene.world_origin()).as_vec3(), normal: normal.as_vec3(), both_sides: false }
 }
 
-/// Irradiance [W/m^2] that one set of answers estimates, in the green channel.
+/// Irradiance [W/m^2] estimated by the light samples of one vertex, in the green channel.
 fn answer(scene: &Scene, r: &LightSampleContext, choice: LightChoice, pixel: u32, index: u32) -> f64 {
     let ask = |question| {
         let [a, b, c, _] = Sampler::new(5, 0, pixel, index).get_4d(question);
@@ -44,16 +44,16 @@ fn runs(scene: &Scene, r: &LightSampleContext, choice: LightChoice, count: u32) 
     (0..16).map(run).collect()
 }
 
-/// The mean is what it should be within its standard error and the rounding of single precision.
+/// The mean agrees with the expected one within its standard error and the rounding of single precision.
 fn check(scene: &Scene, r: &LightSampleContext, count: u32, expected: f64, what: &str) {
     let m = runs(scene, r, LightChoice::One, count);
     let error = m.standard_error().hypot(1e-6 * expected);
     z_test(m.mean(), error, expected).assert(RATE, &format!("{what}: {} instead of {expected}", m.mean()));
 }
 
-/// Irradiance under a uniform polygon of radiance 1 that lies above the horizon and is seen from its front (Lambert 1760):
-/// half of the sum over the edges of the angle that an edge subtends times the cosine between the normals of edge plane
-/// and receiver.
+/// Irradiance under a uniform polygon of radiance 1 above the horizon, with its front to the receiver (Lambert 1760).
+/// It is half of the sum over the edges of the angle that an edge subtends times the cosine between the normals of edge
+/// plane and receiver.
 fn lambert(corners: &[DVec3], at: DVec3, normal: DVec3) -> f64 {
     let edge = |i: usize| {
         let (a, b) = (corners[i] - at, corners[(i + 1) % corners.len()] - at);
@@ -74,10 +74,10 @@ fn corners(center: DVec3, u: DVec3, v: DVec3) -> [DVec3; 4] {
     [(-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5)].map(|(a, b)| center + a * u + b * v)
 }
 
-/// A square over a receiver that faces it, at all sizes from 1 um to 1 km and all distances from a millionth to a hundred of
-/// its sides, over its middle, its edge and beside it. Irradiance does not know scale. The closed form is that of the
-/// differential element under a parallel rectangle (Hottel 1931), a sum over the corners:
-/// `x / (2 sqrt(1 + x^2)) atan(y / sqrt(1 + x^2))` and the same with x and y exchanged, x and y in distances.
+/// A square over a receiver that faces it, at all sizes from 1 um to 1 km and all distances from a millionth to a
+/// hundred of its sides, over its middle, its edge and beside it. Irradiance is independent of scale. The closed form
+/// is that of the differential element under a parallel rectangle (Hottel 1931), a sum over the corners: `x / (2 sqrt(1
+/// + x^2)) atan(y / sqrt(1 + x^2))` and the same with x and y exchanged, x and y in distances.
 #[test]
 fn squares_of_any_size_from_far_to_touching() {
     let corner = |x: f64, y: f64| {
@@ -91,7 +91,7 @@ fn squares_of_any_size_from_far_to_touching() {
                 let at = scale * DVec3::new(aside, 0.1, -height);
                 let [x, y] = [[-0.5 - aside, 0.5 - aside], [-0.6, 0.4]].map(|e| e.map(|e| e / height));
                 let expected = corner(x[1], y[1]) - corner(x[0], y[1]) - corner(x[1], y[0]) + corner(x[0], y[0]);
-                // Beside it and almost in its plane the corners cancel; what is left is below what they are rounded to.
+                // Beside it and almost in its plane the corners cancel. The remainder is below their rounding error.
                 if expected > 1e-9 {
                     let r = receiver(&scene, at, DVec3::Z);
                     check(&scene, &r, 1024, expected, &format!("scale {scale}, height {height}, aside {aside}"));
@@ -101,7 +101,7 @@ fn squares_of_any_size_from_far_to_touching() {
     }
 }
 
-/// A light that stands on its receiver like a lit wall on a floor, seen from ever nearer to the edge where they meet.
+/// A light perpendicular to its receiver, like a lit wall on a floor, at decreasing distances from their common edge.
 #[test]
 fn a_wall_that_touches_its_floor() {
     let (center, u, v) = (DVec3::new(0.0, 0.0, 0.5), DVec3::Y, DVec3::Z);
@@ -109,11 +109,11 @@ fn a_wall_that_touches_its_floor() {
     for distance in [1.0, 1e-2, 1e-4, 1e-6] {
         let at = DVec3::new(distance, 0.1, 0.0);
         let expected = lambert(&corners(center, u, v), at, DVec3::Z);
-        // At the edge the wall fills a quarter of the sky: half of the irradiance of all of it.
+        // At the edge the wall covers a quarter of the sphere and gives half of the irradiance of the full hemisphere.
         assert!(distance > 1e-3 || (expected - 0.5 * PI).abs() < 3.0 * distance);
         check(&scene, &receiver(&scene, at, DVec3::Z), 4096, expected, &format!("distance {distance}"));
     }
-    // In the plane of the light and behind it there is none.
+    // In the plane of the light and behind it the irradiance is zero.
     for x in [0.0, -0.1] {
         let r = receiver(&scene, DVec3::new(x, 0.1, 0.0), DVec3::Z);
         assert_eq!(runs(&scene, &r, LightChoice::One, 64).mean(), 0.0);
@@ -153,15 +153,15 @@ fn punctual(kind: PunctualKind, to_world: DAffine3, profiles: Vec<LightProfile>)
     build(SceneBuilder { lights, profiles, ..SceneBuilder::default() })
 }
 
-/// Points and spots obey the inverse square; a profile in the shape of a cosine gives I cos / d^2 in every direction, also
-/// when it is turned. Nothing random is left.
+/// Points and spots obey the inverse square. A profile in the shape of a cosine gives I cos / d^2 in every direction,
+/// also when it is turned. There is no noise.
 #[test]
 fn lights_without_extent_by_the_inverse_square() {
     let cosine: Vec<f64> = (0..=90).map(f64::from).collect();
     let lobe = cosine.iter().map(|t| 3.0 * t.to_radians().cos().max(0.0) as f32).collect();
     let profile = LightProfile::new("lobe", &cosine, &[0.0], lobe).expect("a profile");
     let position = DVec3::new(0.2, -0.3, 1.5);
-    // Looks down along -z, then turned by 40 degrees.
+    // Direction -z, then turned by 40 degrees.
     for turn in [0.0, 0.7] {
         let axis = DQuat::from_axis_angle(DVec3::new(0.6, 0.8, 0.0), turn);
         let to_world = DAffine3::from_rotation_translation(axis, position);
@@ -224,7 +224,7 @@ fn asking_each_light_gives_the_same_mean_with_less_noise() {
         let r = receiver(&scene, at, DVec3::Z);
         let [each, one] = [LightChoice::Each, LightChoice::One].map(|choice| runs(&scene, &r, choice, 4096));
         welch_test(&each, &one).assert(RATE, "each against one");
-        // Even at the same number of rays: four times the answers for a fourth of the samples.
+        // Also at the same number of rays: four times the light samples for a fourth of the camera samples.
         let singles = |choice, count: u32| -> SampleMoments {
             (0..count).map(|i| answer(&scene, &r, choice, 99 + i, 0)).collect()
         };
@@ -234,7 +234,7 @@ fn asking_each_light_gives_the_same_mean_with_less_noise() {
     }
 }
 
-/// Fewer lights than a tree takes, weighed one by one, and more: the mean is the sum of what each light brings.
+/// Fewer lights than a tree needs, weighed one by one, and more lights: the mean is the sum over all lights.
 #[test]
 fn one_of_many_lights_stands_for_all() {
     for count in [30u32, 1000] {

@@ -1,5 +1,5 @@
-//! Lights as next-event estimation sees them: the density that scattering is weighed against must be the density with
-//! which directions toward lights are really drawn, for every kind of light and every mixture of them.
+//! Next-event estimation: the density that is used in the weights of scattering must be the density with which
+//! directions toward lights are drawn, for every kind of light and every mixture of them.
 //!
 //! False-alarm rate of each statistical check: 1e-10. Replay: `cargo test -p dunkelfeld-scene --test lights NAME`.
 
@@ -38,14 +38,14 @@ fn receiver(scene: &Scene, at: DVec3, normal: Vec3, both_sides: bool) -> LightSa
     LightSampleContext { point: (at - scene.world_origin()).as_vec3(), normal, both_sides }
 }
 
-/// The density [1/sr] with which light sampling must give direction `d`: that of the light met first, as a path that
-/// scattered there would weigh it, plus that of the environment, which is drawn whether it is hidden or not.
+/// The density [1/sr] of direction `d` in light sampling. It is that of the nearest light, as in the weight of a
+/// scattered ray, plus that of the environment, which is drawn also if it is occluded.
 fn density(scene: &Scene, receiver: &LightSampleContext, d: Vec3) -> f32 {
     let met = scene.intersect(&Ray::new(receiver.point, d)).filter(|hit| !scene.emitted(hit, -d).is_black());
     met.map_or(0.0, |hit| scene.light_pdf(receiver, ONE, &hit)) + scene.environment_pdf(receiver, ONE, d)
 }
 
-/// The direction of one sample, after a look whether scattering would find the same density there.
+/// The direction of one sample. Also checks that the weight of scattering uses the same density there.
 fn draw(scene: &Scene, receiver: &LightSampleContext, index: u32, agreed: &mut u32) -> Option<Vec3> {
     let [a, b, c, _] = Sampler::new(3, 0, 0, index).get_4d(1);
     let s = scene.sample_light(receiver, ONE, 0, a, [b, c])?;
@@ -82,13 +82,13 @@ fn check(name: &str, scene: &Scene, receiver: &LightSampleContext) {
         let d = Vec3::from_array(square_to_direction(p).map(|v| v as f32)).normalize();
         4.0 * PI * f64::from(density(scene, receiver, d))
     };
-    // Cubature over the edges of lights is good to a few parts in ten thousand, which more samples would see.
+    // Cubature over the edges of lights has an error of a few parts in ten thousand. More samples would detect it.
     DensityTest { columns: 24, rows: 16, samples: 10_000 }.run(name, sample, to_density).assert(RATE, name);
     assert_agreement(name, agreed, drawn);
 }
 
-/// The share of draws that give a direction against the integral of the density, estimated by directions uniform over the
-/// sphere; and sample by sample. For densities too ragged for cubature.
+/// The share of draws with a direction against the integral of the density, estimated by directions uniform over the
+/// sphere; and sample by sample. For densities that are too discontinuous for cubature.
 fn check_total(name: &str, scene: &Scene, receiver: &LightSampleContext) {
     let (mut drawn, mut agreed) = (0, 0);
     let shares: SampleMoments = (0..40_000)
@@ -125,7 +125,7 @@ fn a_rectangle_and_a_triangle() {
         if double_sided {
             check("from behind", &scene, &receiver(&scene, DVec3::new(0.2, 0.1, 1.3), Vec3::NEG_Z, false));
         } else {
-            // Behind a one-sided light there is nothing to draw, and nothing to weigh.
+            // Behind a one-sided light no direction is drawn, and the density is zero.
             let behind = receiver(&scene, DVec3::new(0.2, 0.1, 1.3), Vec3::NEG_Z, true);
             assert!(scene.sample_light(&behind, ONE, 0, 0.5, [0.5; 2]).is_none());
             assert_eq!(density(&scene, &behind, Vec3::NEG_Z), 0.0);
@@ -133,7 +133,7 @@ fn a_rectangle_and_a_triangle() {
     }
 }
 
-/// Three lights around the origin that do not hide each other: two rectangles of one mesh, a box, a triangle below.
+/// Three lights around the origin that do not occlude each other: two rectangles of one mesh, a box, a triangle below.
 fn mixture() -> SceneBuilder {
     let mut b = SceneBuilder::default();
     let [dim, bright] = [1.0, 6.0].map(|l| b.add_material(emitter(l)));
@@ -151,7 +151,7 @@ fn mixture() -> SceneBuilder {
 }
 
 fn sky() -> (Image, Environment) {
-    // 8 x 4 texels with a bright one, so that importance sampling has something to do.
+    // 8 x 4 texels with a bright one, so that importance sampling has an effect.
     let texels = (0..32).map(|i| [0.2 + (i % 5) as f32 * 0.1, 0.3, if i == 11 { 9.0 } else { 0.1 }]).collect();
     let image = Image { name: "sky".into(), width: 8, height: 4, texels: Texels::RgbF32(texels) };
     (
@@ -193,7 +193,7 @@ fn an_empty_scene_under_a_map() {
 
 #[test]
 fn more_lights_than_are_weighed_one_by_one() {
-    // A ball of 180 triangles, half of which face away from the receiver: those draws give nothing.
+    // A ball of 180 triangles, half of which face away from the receiver: those draws return no light.
     let mut b = mixture();
     b.environment = Some(Environment { source: EnvironmentSource::Constant(Rgb::splat(0.02)), rotation: 0.0 });
     let m = b.add_material(emitter(4.0));
@@ -226,7 +226,7 @@ fn instanced_lights_under_mirroring_and_uneven_scales() {
     b.instances[0].to_world =
         DAffine3::from_translation(DVec3::new(0.2, 0.1, 0.4)) * DAffine3::from_scale(DVec3::new(-1.5, 0.5, 1.0));
     let mut second = b.instances[0].clone();
-    // Upright at the side: its front looks toward the middle.
+    // Upright at the side: its front faces the middle.
     second.to_world = DAffine3::from_translation(DVec3::new(-1.2, 0.0, 0.3))
         * DAffine3::from_rotation_y(-std::f64::consts::FRAC_PI_2)
         * DAffine3::from_scale(DVec3::new(0.6, 2.0, 3.0));
@@ -236,7 +236,7 @@ fn instanced_lights_under_mirroring_and_uneven_scales() {
     check_total("instances", &scene, &receiver(&scene, DVec3::ZERO, Vec3::Z, false));
 }
 
-/// Irradiance [W/m^2] at a receiver that nothing hides from its lights, by light sampling alone.
+/// Irradiance [W/m^2] at a receiver without occlusion, by light sampling alone.
 fn irradiance(scene: &Scene, receiver: &LightSampleContext, pixel: u32) -> f64 {
     let n = 4096;
     let estimate = |i| {
@@ -272,7 +272,7 @@ fn a_texture_shines_where_it_lies_and_coverage_dims_it() {
             alpha_mode: AlphaMode::Blend,
             ..emitter(5.0)
         });
-        // u runs along +x. The front looks down; in the mesh that is mirrored, up.
+        // u runs along +x. The front faces down; in the mirrored mesh, up.
         let v = if mirrored { Vec3::Y } else { Vec3::NEG_Y };
         b.add_object("panel", panel(Vec3::Z * 0.3, Vec3::X * 0.4, v * 0.4), m);
         if mirrored {

@@ -1,4 +1,4 @@
-//! Distances in homogeneous media: sampled with the density they claim, weighed without bias in every channel.
+//! Distances in homogeneous media: samples follow the density, and weights are unbiased in every channel.
 //!
 //! Replay: `cargo test -p dunkelfeld-scene --test media`.
 
@@ -35,7 +35,7 @@ fn medium(absorption: [f32; 3], scattering: [f32; 3]) -> Medium {
     })
 }
 
-/// Media, the weights of paths that meet them, and ends: gray and coloured, with channels that scatter nothing or everything.
+/// Media, path throughputs, and ends: grey and coloured, with channels that scatter nothing or everything.
 fn cases() -> Vec<(Medium, Rgb, f32)> {
     let mut cases = Vec::new();
     for (absorption, scattering) in [
@@ -58,7 +58,8 @@ fn distances_follow_their_density() {
     let cases = cases();
     for (k, (medium, throughput, end)) in cases.iter().enumerate() {
         let mut u = Uniform::new(k as u64);
-        // The distance as a share of the end; what passes is no sample, and its probability must be the rest.
+        // The distance as a share of the end. A path that passes gives no sample, and the probability of that must be
+        // the rest.
         let sample = || match medium.sample(*throughput, *end, u.three()) {
             MediumEvent::Scatter { distance, .. } => Some([f64::from(distance / end), 0.5]),
             MediumEvent::Pass { .. } => None,
@@ -69,7 +70,7 @@ fn distances_follow_their_density() {
         test.run(&what, sample, density).assert(sidak(RATE, cases.len()), &what);
         let total = 1e-3 * (0..1000).map(|i| density([(f64::from(i) + 0.5) * 1e-3, 0.0])).sum::<f64>()
             + f64::from(medium.probability_to_pass(*throughput, *end));
-        // The midpoint rule sees a decay of up to 200 mean free paths in a thousand steps.
+        // The midpoint rule resolves a decay of up to 200 mean free paths in a thousand steps.
         assert!((total - 1.0).abs() < 3e-3, "{what}: density and probability sum to {total}");
     }
 }

@@ -1,4 +1,4 @@
-//! Solids that touch, overlap and lie in each other: which one fills a place, and what a ray crosses.
+//! Solids that touch, overlap and contain each other: the solid that fills a place, and the interfaces along a ray.
 //!
 //! Replay: `cargo test -p dunkelfeld-scene --test nesting`.
 
@@ -62,8 +62,8 @@ fn name_inside<'a>(scene: &'a Scene, inside: &Interior) -> &'a str {
     scene.material_inside(inside).map_or("air", |m| &scene.materials()[m as usize].name)
 }
 
-/// Follows a ray straight through everything, from outside; at each face that parts two media tells their indices, and at
-/// the end returns what it is in.
+/// Traces a ray straight through everything, from outside. Calls `seen` with the indices at each interface between two
+/// media. Returns the interior at the end.
 fn walk(scene: &Scene, mut ray: Ray, mut seen: impl FnMut(&Ray, &str, &str, f32)) -> Interior {
     let mut inside = scene.interior_at(ray.origin);
     for _ in 0..1000 {
@@ -129,7 +129,8 @@ fn touching_boxes_share_one_interface_in_either_order_and_anywhere() {
                 } else {
                     ["air", "water", "glass", "air"]
                 };
-                // The shared face lies 0.01 m or more inside of both boxes' other faces, but for what slips past an edge.
+                // The shared face lies 0.01 m or more inside of both boxes' other faces, except for rays that pass an
+                // edge.
                 assert_eq!(names, expected, "sample {k} of {order:?}, {priorities:?}");
                 crossed += 1;
             }
@@ -156,7 +157,7 @@ fn overlaps_belong_to_the_higher_priority_and_small_to_what_lies_inside() {
     let overlap = |p| scene(vec![("a", ball(0.0, 1.0), 1.5, p, id), ("b", ball(1.0, 1.0), 1.3, 0, id)]);
     assert_eq!(along_x(&overlap(1)), "a b air");
     assert_eq!(along_x(&overlap(-1)), "a b air");
-    // The place of the face tells who has the overlap: at x = 1 the glass ends, at x = 0 the other begins.
+    // The position of the face shows which solid fills the overlap: at x = 1 the glass ends, at x = 0 the other begins.
     for (priority, expected) in [(1, 1.0), (-1, 0.0)] {
         let scene = overlap(priority);
         let mut inside = scene.interior_at(scene_point(&scene, Vec3::new(0.5, 0.0, 0.0)));
@@ -174,11 +175,11 @@ fn overlaps_belong_to_the_higher_priority_and_small_to_what_lies_inside() {
         });
         assert!(at.len() == 1 && (at[0] - expected).abs() < 1e-3, "{at:?}");
     }
-    // Without priorities what lies inside fills its place, whatever the order of the file.
+    // Without priorities the inner solid fills its place, in any order of the file.
     let nested = [("shell", ball(0.0, 2.0), 1.5, 0, id), ("core", ball(0.5, 0.5), 1.3, 0, id)];
     assert_eq!(along_x(&scene(nested.to_vec())), "shell core shell air");
     assert_eq!(along_x(&scene(nested.iter().rev().cloned().collect())), "shell core shell air");
-    // A shell of higher priority swallows its core.
+    // A shell of higher priority replaces its core.
     let mut swallowed = nested.to_vec();
     swallowed[0].3 = 3;
     assert_eq!(along_x(&scene(swallowed)), "shell air");
@@ -190,9 +191,9 @@ fn scene_point(scene: &Scene, p: Vec3) -> Vec3 {
 
 #[test]
 fn a_walk_that_scatters_anywhere_always_knows_where_it_is() {
-    // Boxes that touch with whole and with partial faces, overlap, and lie in each other, some turned, one an instance of a
-    // mesh with many triangles. Rays turn at random faces in random directions; at every start the carried interior
-    // must be what asking from scratch finds.
+    // Boxes that touch with whole and with partial faces, overlap, and contain each other, some turned, one an instance
+    // of a mesh with many triangles. Rays turn at random faces in random directions. At every start the interior of the
+    // path must equal the one computed by `interior_at`.
     let id = DAffine3::IDENTITY;
     let tilt = DAffine3::from_rotation_translation(DQuat::from_rotation_z(0.4), DVec3::new(0.35, 0.1, 0.0));
     let cube = |lo: [f32; 3], hi: [f32; 3]| cuboid(Vec3::from_array(lo), Vec3::from_array(hi));
@@ -247,7 +248,7 @@ fn a_point_in_several_solids_is_found_in_all_of_them() {
 
 #[test]
 fn an_opaque_floor_in_contact_hides_the_face_above_it() {
-    // Glass that stands on a floor in the same plane: from within, the floor is seen, in whatever order the faces are met.
+    // Glass on a floor in the same plane: from inside, the ray hits the floor, in any order of the faces.
     for order in [false, true] {
         let mut b = SceneBuilder::default();
         let (glass, paint) = (b.add_material(solid("glass", 1.5, 0)), b.add_material(Material::default()));

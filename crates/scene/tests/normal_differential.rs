@@ -4,11 +4,11 @@ use dunkelfeld_geometry::{DAffine3, DQuat, DVec3, Mesh, Ray, Vec3};
 use dunkelfeld_scene::shapes::{rectangle, sphere};
 use dunkelfeld_scene::{Material, Scene, SceneBuilder, Surface, SurfacePoint, Volume};
 
-/// A ball under a transform; as an instance, if asked for, with its twin far away.
+/// A ball under a transform; as an instance if `instanced` is true, with a copy far away.
 fn ball(material: Material, to_world: DAffine3, instanced: bool, smooth: bool) -> Scene {
     let mut b = SceneBuilder::default();
     let m = b.add_material(material);
-    // Copies of so many triangles stay instances.
+    // Copies of this many triangles stay instances.
     let mesh: Mesh = sphere(Vec3::ZERO, 1.0, if instanced { 70 } else { 12 }, smooth);
     b.add_object("ball", mesh, m);
     b.instances[0].to_world = to_world;
@@ -26,7 +26,7 @@ fn glass() -> Material {
     Material { transmission: 1.0, roughness: 0.0, surface: Surface::Solid(Volume::default()), ..Material::default() }
 }
 
-/// What a ray from one place to another meets.
+/// The hit of a ray from one place toward another.
 fn hit(scene: &Scene, from: Vec3, to: Vec3) -> Option<SurfacePoint> {
     scene.intersect(&Ray::new(from, (to - from).normalize()))
 }
@@ -65,7 +65,7 @@ fn it_is_the_derivative_of_the_shading_normal() {
                         // Straight onto the plane, from the viewer's side.
                         let side = p.normal * if wo.dot(p.normal) > 0.0 { 0.01 } else { -0.01 };
                         let q = hit(&scene, target + side, target)?;
-                        // Off the edge the next triangle has another plane.
+                        // Beyond the edge the next triangle has another plane.
                         (q.normal == p.normal).then(|| scene.shade(&q, wo, 0.5, &mut None).frame.normal.as_dvec3())
                     };
                     let (Some(before), Some(after)) = (near(-h), near(h)) else { continue };
@@ -105,7 +105,7 @@ fn flat_surfaces_have_none() {
 
 #[test]
 fn where_the_surface_itself_is_seen_it_is_flat() {
-    // Above the surface but below the bent normal: shading takes the surface's own normal, which does not turn.
+    // Above the surface but below the interpolated normal: shading uses the geometric normal, which is constant.
     let mut b = SceneBuilder::default();
     let m = b.add_material(glass());
     let normals = [-0.9f32, -0.8, -0.7, -0.6].map(|x| Vec3::new(x, 0.0, 0.3).normalize()).to_vec();

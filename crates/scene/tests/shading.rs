@@ -13,14 +13,14 @@ fn build(builder: SceneBuilder) -> Scene {
     builder.build().expect("the scene is valid").0
 }
 
-/// What a ray straight down (or up) at world (x, y) meets.
+/// The hit of a ray straight down (or up) at world (x, y).
 fn look(scene: &Scene, x: f64, y: f64, down: bool) -> SurfacePoint {
     let z = if down { 5.0 } else { -5.0 };
     let origin = (DVec3::new(x, y, z) - scene.world_origin()).as_vec3();
     scene.intersect(&Ray::new(origin, if down { Vec3::NEG_Z } else { Vec3::Z })).expect("something is there")
 }
 
-/// So many triangles that a mesh used twice is not copied, far below all else and out of the way.
+/// Adds so many triangles that a mesh used twice is not copied. They are far below all other objects.
 fn ballast(mesh: &mut Mesh) {
     for k in 0..9000 {
         let base = mesh.positions.len() as u32;
@@ -43,7 +43,7 @@ fn ballast(mesh: &mut Mesh) {
     }
 }
 
-/// A scene with one object under a transform; as an instance, if asked for, with its twin far away.
+/// A scene with one object under a transform; as an instance if `instanced` is true, with a copy far away.
 fn placed(mesh: Mesh, material: Material, images: Vec<Image>, to_world: DAffine3, instanced: bool) -> Scene {
     let mut b = SceneBuilder { images, ..SceneBuilder::default() };
     let m = b.add_material(material);
@@ -63,7 +63,7 @@ fn placed(mesh: Mesh, material: Material, images: Vec<Image>, to_world: DAffine3
     scene
 }
 
-/// A normal map that says the same tangent-space normal everywhere.
+/// A normal map with the same tangent-space normal everywhere.
 fn flat_map(n: Vec3) -> Image {
     let [x, y, z] = n.to_array().map(|v| ((0.5 + 0.5 * v) * 65535.0).round() as u16);
     Image { name: "map".into(), width: 1, height: 1, texels: Texels::Rgba16(vec![[x, y, z, 65535]]) }
@@ -71,9 +71,9 @@ fn flat_map(n: Vec3) -> Image {
 
 #[test]
 fn a_normal_map_tilts_along_the_image() {
-    // A square in the xy plane with u = su x and v = sv y. In a normal map red tilts to the image's right, the way u
-    // grows, and green to its top, the way v shrinks (glTF: v points down). With the map's normal (a, b, c) the surface's
-    // must be (su a, -sv b, c), whatever tells the renderer: tangents (w = -su sv, so that w n x t points to the top).
+    // A square in the xy plane with u = su x and v = sv y. In a normal map red tilts to the image's right, where u
+    // grows, and green to its top, where v shrinks (glTF: v points down). With the map's normal (a, b, c) the surface's
+    // must be (su a, -sv b, c), also if the mesh has tangents (w = -su sv, so that w n x t points to the top).
     let tilt = Vec3::new(0.36, 0.48, 0.8);
     let mirror = DAffine3::from_scale(DVec3::new(-1.0, 1.0, 1.0));
     for (su, sv) in [(1.0f32, -1.0f32), (1.0, 1.0), (-1.0, -1.0), (-1.0, 1.0)] {
@@ -85,7 +85,7 @@ fn a_normal_map_tilts_along_the_image() {
             let material = Material { normal_texture: Some(texture), ..Material::default() };
             let to_world = if mirrored { mirror } else { DAffine3::IDENTITY };
             let scene = placed(mesh, material, vec![flat_map(tilt)], to_world, instanced);
-            // The image is carried along by the mirror.
+            // The mirror also mirrors the image.
             let sign = if mirrored { -1.0 } else { 1.0 };
             let expected = Vec3::new(sign * su * tilt.x, -sv * tilt.y, tilt.z);
             let what = format!("su {su}, sv {sv}, instanced {instanced}, mirrored {mirrored}");
@@ -94,7 +94,7 @@ fn a_normal_map_tilts_along_the_image() {
             let frame = scene.shade(&hit, Vec3::Z, 0.5, &mut None).frame;
             assert!((frame.normal - expected).length() < 1e-4, "{what}: {} should be {expected}", frame.normal);
             assert!((frame.tangent.cross(frame.bitangent) - frame.normal).length() < 1e-5, "{what}: right-handed");
-            // Seen from below, the same surface turned over.
+            // From below, the same surface is turned over.
             let below = scene.shade(&look(&scene, 0.1, 0.2, false), Vec3::NEG_Z, 0.5, &mut None).frame;
             assert!((below.normal + expected).length() < 1e-4, "{what}: from below {}", below.normal);
             assert!((below.tangent.cross(below.bitangent) - below.normal).length() < 1e-5, "{what}: from below");
@@ -165,7 +165,7 @@ fn quarters() -> Image {
 fn coverage_comes_from_factor_texture_and_vertices() {
     let texture = Texture { filter: Filter::Nearest, ..Texture::new(ImageId(0), ColorEncoding::Srgb) };
     let alpha = ChannelTexture { texture: Texture { encoding: ColorEncoding::Linear, ..texture }, channel: 0 };
-    // u = x + 0.5 and v = y + 0.5: (0.25, -0.25) shows the second texel, (-0.25, 0.25) the third.
+    // u = x + 0.5 and v = y + 0.5: (0.25, -0.25) lies in the second texel, (-0.25, 0.25) in the third.
     let at = |material: Material, color: f32, x, y| {
         let mut mesh = rectangle(Vec3::new(-0.5, -0.5, 0.0), Vec3::X, Vec3::Y);
         mesh.colors = vec![Vec4::new(1.0, 1.0, 1.0, color); 4];
@@ -188,10 +188,10 @@ fn coverage_comes_from_factor_texture_and_vertices() {
 
 #[test]
 fn emission_looks_up_its_own_coordinates_through_its_transform() {
-    // Set 1 holds (x + 0.5, y + 0.5) and set 0 nothing of use. KHR_texture_transform: scale first, then a quarter turn
-    // counter-clockwise as one sees it with v down, (u, v) -> (v, -u), then the offset. (0.25, 0.75) in set 1 becomes
-    // (0.25, 0.375) scaled by (1, 0.5), turned (0.375, -0.25), moved by (0.5, 0.1): (0.875, -0.15), which repeats to
-    // (0.875, 0.85): the last texel, red 204 / 255.
+    // Set 1 holds (x + 0.5, y + 0.5). Set 0 is not used. KHR_texture_transform: scale first, then a quarter turn
+    // counter-clockwise with v down, (u, v) -> (v, -u), then the offset. (0.25, 0.75) in set 1 becomes (0.25, 0.375)
+    // scaled by (1, 0.5), turned (0.375, -0.25), moved by (0.5, 0.1): (0.875, -0.15), which repeats to (0.875, 0.85):
+    // the last texel, red 204 / 255.
     let mut mesh = rectangle(Vec3::new(-0.5, -0.5, 0.0), Vec3::X, Vec3::Y);
     mesh.uvs[1] = std::mem::replace(&mut mesh.uvs[0], vec![Vec2::ZERO; 4]);
     let transform = TextureTransform {
@@ -210,7 +210,7 @@ fn emission_looks_up_its_own_coordinates_through_its_transform() {
 
 #[test]
 fn energy_compensation_reaches_constant_and_textured_surfaces() {
-    // A white texture changes nothing but the way: its material is worked out at each place.
+    // A white texture changes only the code path: its material is evaluated at each place.
     let white = Image { name: "white".into(), width: 1, height: 1, texels: Texels::Rgba8(vec![[255; 4]]) };
     let texture = Texture::new(ImageId(0), ColorEncoding::Linear);
     for base_color_texture in [None, Some(texture)] {

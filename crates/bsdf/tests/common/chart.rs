@@ -1,7 +1,7 @@
-//! Charts of directions: maps from the unit square that resolve a lobe however narrow it is, in f64.
+//! Charts of directions: maps from the unit square that resolve lobes of any width, in f64.
 //!
-//! A chart of facets puts the slope of the half vector, in units of the roughness, into the square: azimuth, and
-//! `r^2 / (1 + r^2)`, which is even for the facets that a normal view sees (Walter et al. 2007).
+//! A chart of facets maps the slope of the half vector, in units of the roughness, to the square: azimuth, and `r^2 /
+//! (1 + r^2)`, which is uniform for the visible facets at a normal view (Walter et al. 2007).
 
 use dunkelfeld_bsdf::Bsdf;
 use dunkelfeld_geometry::LocalDir;
@@ -10,32 +10,32 @@ use std::f64::consts::{PI, TAU};
 
 type V = [f64; 3];
 
-/// Cosine of what counts as near the horizon.
+/// Cosine below which a direction is near the horizon.
 const LOW: f64 = 0.25;
 
-/// Parts of a square's side that are integrated each by itself.
+/// Number of parts of a square's side that are integrated separately.
 const CUTS: usize = 2;
 
-/// How light leaves a facet.
+/// Change of direction at a facet.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Way {
     /// Mirrored.
     Reflect,
     /// Refracted; the index of refraction below the surface over the one above.
     Refract(f64),
-    /// Mirrored, and then mirrored at the surface: the passage through a rough sheet.
+    /// Mirrored, and then mirrored at the surface: transmission through a rough sheet.
     Pass,
     /// The facet's own normal is the direction, whatever `wo`.
     Normal,
 }
 
-/// A map from the unit square to directions, seen from one `wo`.
+/// A map from the unit square to directions, for one `wo`.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Chart {
-    /// Even in the cosine of the upper hemisphere, or of the lower one.
+    /// Uniform in the cosine of the upper hemisphere, or of the lower one.
     Cosine { above: bool },
-    /// Crowded where light goes straight on along the surface, on its upper side or on its lower one: even in the cubic
-    /// roots of the cosine and of the angle to the plane of `wo`. Only for a `wo` near the horizon.
+    /// Dense along the surface in the forward direction, on its upper or its lower side: uniform in the cubic roots of
+    /// the cosine and of the angle to the plane of `wo`. Only for a `wo` near the horizon.
     Horizon { above: bool },
     /// Facets of the given slopes along x and y.
     Facets { slopes: [f64; 2], way: Way },
@@ -165,9 +165,9 @@ impl Chart {
     }
 }
 
-/// The integral of `value` over all directions that some chart covers, to about 1e-5: each chart integrates its share by
-/// the power heuristic (Veach 1997). The integrand is flat where a chart resolves a lobe, and next to nothing where another
-/// chart resolves it better, so that no chart has to find what is narrow for it.
+/// The integral of `value` over all directions that some chart covers, to about 1e-5. Each chart integrates its share
+/// by the power heuristic (Veach 1997). The integrand is flat where a chart resolves a lobe, and almost zero where
+/// another chart resolves it better. So no chart has to resolve lobes that are narrow for it.
 pub(crate) fn integrate(charts: &[Chart], wo: LocalDir, value: impl Fn(LocalDir) -> f64) -> f64 {
     let wo = wide(wo);
     let part = |chart: &Chart| {
@@ -178,7 +178,8 @@ pub(crate) fn integrate(charts: &[Chart], wo: LocalDir, value: impl Fn(LocalDir)
             }
             None => 0.0,
         };
-        // Cut beforehand, so that a sliver of directions, as those that leave a solid along its surface, is not missed.
+        // Divided in advance, so that a narrow range of directions, such as those that leave a solid along its surface,
+        // is not missed.
         let cut = |k: usize| k as f64 / CUTS as f64;
         let cells = (0..CUTS * CUTS).map(|k| (k % CUTS, k / CUTS));
         cells
@@ -188,8 +189,8 @@ pub(crate) fn integrate(charts: &[Chart], wo: LocalDir, value: impl Fn(LocalDir)
     charts.iter().map(part).sum()
 }
 
-/// The share of the light that a surface scatters toward `wo` out of a white furnace, delta lobes excluded: the integral of
-/// the BSDF over the directions of `charts`, with the scaling of radiance by refraction undone.
+/// Albedo of a surface in a white furnace for `wo`, delta lobes excluded: the integral of the BSDF over the directions
+/// of `charts`, with the scaling of radiance by refraction divided out.
 pub(crate) fn albedo(bsdf: &Bsdf, wo: LocalDir, eta: f32, charts: &[Chart]) -> f64 {
     let eta2 = f64::from(if wo.0.z > 0.0 { eta } else { 1.0 / eta }).powi(2);
     integrate(charts, wo, |wi| f64::from(bsdf.eval(wo, wi).r) * if wo.same_side(wi) { 1.0 } else { eta2 })

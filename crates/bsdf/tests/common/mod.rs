@@ -1,4 +1,4 @@
-//! The surfaces and directions that every test of this crate loops over.
+//! The surfaces and directions that the tests of this crate use.
 
 #![allow(dead_code)]
 
@@ -52,7 +52,7 @@ pub(crate) fn principled(p: PrincipledParams) -> Bsdf {
 pub(crate) fn wide_surfaces() -> Vec<(String, Bsdf)> {
     let base = Rgb::new(0.8, 0.5, 0.2);
     let plain = PrincipledParams { base_color: base, ..Default::default() };
-    // No specular reflection: what is left is the lobe that is named.
+    // Without specular reflection only the named lobe is left.
     let bare = PrincipledParams { specular_factor: 0.0, base_color: Rgb::BLACK, ..plain };
     let mut list: Vec<(String, PrincipledParams)> = vec![
         ("diffuse".into(), PrincipledParams { base_color: base, ..bare }),
@@ -93,9 +93,9 @@ pub(crate) fn wide_surfaces() -> Vec<(String, Bsdf)> {
     }
     let mut surfaces: Vec<_> = list.into_iter().map(|(n, p)| (n, principled(p))).collect();
     for alpha in [0.1, 0.4, 1.0] {
-        // A nearly matched index narrows the refracted lobe to alpha (eta - 1), and a high one draws what enters at grazing
-        // angles together around the pole: as near to either as a grid over the sphere resolves. `facet_surfaces` has the
-        // rest, on grids that resolve it.
+        // A nearly matched index narrows the refracted lobe to alpha (eta - 1). A high index concentrates light that
+        // enters at grazing angles around the pole. These are the limits that a grid over the sphere resolves.
+        // `facet_surfaces` has the rest, on grids that resolve it.
         for eta in [1.49, 1.0 / 1.49, if alpha > 0.3 { 1.05 } else { 1.2 }, 4.0] {
             let b = Bsdf::Dielectric(Dielectric::new(eta, alpha, Rgb::WHITE, base));
             surfaces.push((format!("rough dielectric {alpha}, eta {eta:.3}"), b));
@@ -138,8 +138,8 @@ pub(crate) fn facet_surfaces() -> Vec<FacetSurface> {
     let mut list = Vec::new();
     for alpha in [1e-4f32, 1e-2, 0.2, 1.0] {
         let slopes = [f64::from(alpha); 2];
-        // Nearly matched, the refracted lobe is as narrow as alpha (eta - 1); a high index draws all that enters together
-        // within 1 / eta of the pole, and lets out what comes from there alone.
+        // With a nearly matched index the refracted lobe is as narrow as alpha (eta - 1). A high index concentrates all
+        // entering light within 1 / eta of the pole, and only light from there can leave.
         for eta in [1.49f32, 1.0 / 1.49, 1.05, 1.0 / 1.05, 4.0, 30.0, 1.0 / 30.0] {
             list.push(FacetSurface {
                 name: format!("dielectric {alpha}, eta {eta:.3}"),
@@ -186,7 +186,7 @@ pub(crate) fn facet_surfaces() -> Vec<FacetSurface> {
             name: format!("coat {clearcoat_gloss}"),
             bsdf: principled(PrincipledParams { clearcoat: 1.0, clearcoat_gloss, ..bare }),
             eta: 1.0,
-            // Long tails: in the middle between alpha and 1 the chart sees both ends.
+            // Long tails: the geometric mean of alpha and 1 as the centre of the chart resolves both ends.
             charts: vec![Chart::reflect([f64::from(0.1 - 0.099 * clearcoat_gloss).sqrt(); 2])],
         });
     }

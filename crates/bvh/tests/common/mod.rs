@@ -1,4 +1,4 @@
-//! What the tests share: random numbers, meshes, and the answer by brute force.
+//! Common code of the tests: random numbers, meshes, and intersection by brute force.
 #![allow(dead_code, unreachable_pub, clippy::unwrap_used)]
 
 use dunkelfeld_bvh::{Bvh, BvhInstance, Hit, MeshTriangles};
@@ -77,12 +77,12 @@ impl Shape {
         Self { positions: self.positions.iter().map(|&p| f(p)).collect(), triangles: self.triangles.clone() }
     }
 
-    /// The nearest hit by trying every triangle; the first of equally near ones.
+    /// The nearest hit by a test of every triangle; the first of equally near ones.
     pub fn brute_force(&self, ray: &Ray) -> Option<(u32, TriangleHit)> {
         let shear = RayShear::new(ray);
         let mut best: Option<(u32, TriangleHit)> = None;
         for i in 0..self.triangles.len() as u32 {
-            // With the ray's own end: a hit near to that is decided more sharply than one near to another hit.
+            // With the ray's own end. A hit near that end is decided more precisely than a hit near another one.
             if let Some(hit) = intersect_triangle(&shear, ray, &self.corners(i))
                 && best.is_none_or(|(_, nearest)| hit.t < nearest.t)
             {
@@ -92,7 +92,7 @@ impl Shape {
         best
     }
 
-    /// Panics unless the structure finds what brute force finds, to the bit (but for a choice between equal `t`).
+    /// Panics unless the structure and brute force have the same hit, to the bit (except a choice between equal `t`).
     pub fn assert_agrees(&self, bvh: &Bvh, ray: &Ray) -> Option<Hit> {
         let want = self.brute_force(ray);
         let got = bvh.closest_hit(ray);
@@ -168,7 +168,7 @@ pub fn bumpy_torus(around: usize, across: usize) -> Shape {
     shape
 }
 
-/// Triangles of all sizes and places in a cube, with needles among them.
+/// Triangles of many sizes at many places in a cube, needles included.
 pub fn random_soup(count: usize, seed: u64) -> Shape {
     let mut random = Random::new(seed);
     Shape::soup((0..count).map(|i| {

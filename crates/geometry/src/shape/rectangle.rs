@@ -1,4 +1,4 @@
-//! Rectangles: solid angle, sampling by solid angle, and finding them in pairs of triangles.
+//! Rectangles: solid angle, sampling by solid angle, and their detection in pairs of triangles.
 
 use glam::{DVec3, Vec3};
 
@@ -6,7 +6,7 @@ use super::{IN_PLANE, MIN_SOLID_ANGLE, ShapeSample, area_pdf};
 
 /// A flat rectangle: `corner + u edge_u + v edge_v` for u and v in [0, 1].
 ///
-/// The edges stand at right angles (within the tolerance of [`rectangle_from_triangles`]).
+/// The edges are perpendicular (within the tolerance of [`rectangle_from_triangles`]).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Rectangle {
     /// One corner \[m\].
@@ -40,8 +40,8 @@ pub fn rectangle_solid_angle(rectangle: &Rectangle, reference: Vec3) -> f32 {
     View::new(&RectangleSampler::new(rectangle), reference).map_or(0.0, |view| view.solid_angle as f32)
 }
 
-/// Samples a rectangle as seen from `reference`: uniformly by solid angle, or by area where it is far away, below 1e-6 sr
-/// or seen nearly edge-on.
+/// Samples a rectangle from `reference`: uniformly by solid angle, or by area if it is far away, below 1e-6 sr or
+/// almost edge-on.
 pub fn sample_rectangle(rectangle: &Rectangle, reference: Vec3, u: [f32; 2]) -> Option<ShapeSample> {
     RectangleSampler::new(rectangle).sample(reference, u)
 }
@@ -51,13 +51,13 @@ pub fn pdf_rectangle(rectangle: &Rectangle, reference: Vec3, point: Vec3) -> f32
     RectangleSampler::new(rectangle).pdf(reference, point)
 }
 
-/// A rectangle with everything worked out that does not depend on where it is seen from.
+/// A rectangle with precomputed values that do not depend on the reference.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RectangleSampler {
     rectangle: Rectangle,
     corner: DVec3,
     center: DVec3,
-    /// Unit vectors along the edges and across them.
+    /// Unit vectors along the edges and perpendicular to them.
     axes: [DVec3; 3],
     /// Lengths of the edges.
     size: [f64; 2],
@@ -66,7 +66,7 @@ pub struct RectangleSampler {
 }
 
 impl RectangleSampler {
-    /// Works the rectangle out. One without area is fine: it is never sampled.
+    /// Precomputes the values. A rectangle without area is valid: it is never sampled.
     pub fn new(rectangle: &Rectangle) -> Self {
         let (u, v) = (rectangle.edge_u.as_dvec3(), rectangle.edge_v.as_dvec3());
         let corner = rectangle.corner.as_dvec3();
@@ -126,11 +126,11 @@ pub fn invert_rectangle(rectangle: &Rectangle, reference: Vec3, coordinates: [f3
     Some(if view.by_solid_angle() { view.invert(coordinates.map(f64::from)) } else { coordinates })
 }
 
-/// A rectangle counts as far away when the square of its distance is so many times that of its half diagonal.
+/// A rectangle is far away if the square of its distance is this many times that of its half diagonal.
 ///
-/// Sampled by area, the density per solid angle `d^3 / (A h)` then varies over it by a factor of 1.4 face on (a variance
-/// of one percent of the squared mean, far below what visibility and the surface add), by more only where it is seen
-/// obliquely and gives little light. The price is a fifth.
+/// If it is then sampled by area, the density per solid angle `d^3 / (A h)` varies over it by a factor of 1.4 face on.
+/// That is a variance of one percent of the squared mean, far below that of visibility and surface. The density varies
+/// more only at slanted angles, where the rectangle contributes little light. The cost is a fifth.
 const FAR: f64 = 4.0;
 
 /// A rectangle that is far away.
@@ -145,7 +145,7 @@ impl Far {
         let reference = reference.as_dvec3();
         let height = (rectangle.corner - reference).dot(rectangle.axes[2]);
         let d2 = (rectangle.center - reference).length_squared();
-        // Near the plane the exact view decides whether anything is seen.
+        // Near the plane the exact method decides if the rectangle is visible.
         let clear = height * height > EDGE_ON * EDGE_ON * d2;
         let volume = rectangle.area * height.abs();
         (clear && FAR * rectangle.half_diagonal2 < d2).then_some(Self { volume })
@@ -159,18 +159,16 @@ impl Far {
     }
 }
 
-/// Sine of the angle to the plane below which a far rectangle is left to the exact view.
+/// Sine of the angle to the plane below which a far rectangle is sampled by the exact method.
 const EDGE_ON: f64 = 1e-4;
 
-/// A rectangle in the coordinates of a point that looks at it: `[x0, x1] x [y0, y1]` at the distance `h`.
+/// A rectangle in the coordinates of a reference point: `[x0, x1] x [y0, y1]` at the distance `h`.
 ///
-/// The part of the rectangle between 0 and x subtends (signed)
-/// `G(x) = F(x, y1) - F(x, y0)`, `F(x, y) = atan(x y / (h sqrt(x^2 + y^2 + h^2)))`,
-/// which is the distribution that Urena, Fajardo & King (2013) invert. With `s = x / sqrt(x^2 + h^2)` and
-/// `b = y / sqrt(y^2 + h^2)` each F is `asin(s b)`, and the addition theorem gives the inverse of
-/// `g = asin(s b1) - asin(s b0)` in closed form:
-/// `s = sin g / sqrt(b0^2 + b1^2 - 2 b0 b1 cos g)`.
-/// This is their result freed from the inner angles, whose arc cosines lose half of the digits near 0 and pi.
+/// The part of the rectangle between 0 and x subtends (signed) `G(x) = F(x, y1) - F(x, y0)`, `F(x, y) = atan(x y / (h
+/// sqrt(x^2 + y^2 + h^2)))`. This is the distribution that Urena, Fajardo & King (2013) invert. With `s = x / sqrt(x^2
+/// + h^2)` and `b = y / sqrt(y^2 + h^2)` each F is `asin(s b)`, and the addition theorem gives the inverse of `g =
+/// asin(s b1) - asin(s b0)` in closed form: `s = sin g / sqrt(b0^2 + b1^2 - 2 b0 b1 cos g)`. This is their result
+/// without the inner angles, whose arc cosines lose half of the digits near 0 and pi.
 struct View {
     x: [f64; 2],
     y: [f64; 2],
@@ -234,7 +232,7 @@ impl View {
         let e = e0 + v * (e1 - e0);
         let y = (e * d / (1.0 - e * e).max(f64::MIN_POSITIVE).sqrt()).clamp(y0, y1);
 
-        // Fractions, so that the point cannot leave the rectangle.
+        // Clamped fractions, so that the point stays in the rectangle.
         [(x - self.x[0]) / self.size[0], (y - y0) / self.size[1]].map(|f| (f as f32).clamp(0.0, 1.0))
     }
 
@@ -274,7 +272,7 @@ pub fn rectangle_from_triangles(first: [Vec3; 3], second: [Vec3; 3]) -> Option<R
     let apex = (0..3).find(|&i| !second.contains(&first[i]))?;
     let [p, a, b] = [first[apex], first[(apex + 1) % 3], first[(apex + 2) % 3]];
     let far = (0..3).find(|&i| !first.contains(&second[i]))?;
-    // Wound the same way, the second triangle runs along the diagonal against the first.
+    // With equal winding, the second triangle has the diagonal in the opposite direction.
     if [second[(far + 1) % 3], second[(far + 2) % 3]] != [b, a] {
         return None;
     }
@@ -331,7 +329,7 @@ mod tests {
         for p in references() {
             let sum = triangle_solid_angle(&[a, b, c], p) + triangle_solid_angle(&[a, c, d], p);
             let got = rectangle_solid_angle(&r, p);
-            // The corners of the triangles are rounded to f32, which turns what is seen by roundoff over distance.
+            // The corners of the triangles are rounded to f32, which changes directions by rounding over distance.
             let height = (p - r.corner).dot(r.normal()).abs();
             assert!((got - sum).abs() <= 1e-5 * sum + 1e-6 + 2e-7 / height, "{got} against {sum} from {p}");
         }
@@ -385,7 +383,7 @@ mod tests {
         let r = rectangle();
         let n = r.normal();
         for p in [r.corner, r.point(1.0, 1.0), r.point(0.5, 0.5), Vec3::NAN, Vec3::INFINITY] {
-            // Rounding may lift a point of the plane off it by an ulp: then the sample must be sound.
+            // Rounding may move a point of the plane off it by an ulp. Then the sample must be valid.
             for q in [p, p + 1e-7 * n, p - 1e-20 * n] {
                 for u in [[0.0, 0.0], [0.3, 0.9], [1.0 - f32::EPSILON / 2.0; 2]] {
                     if let Some(s) = sample_rectangle(&r, q, u) {
@@ -400,7 +398,7 @@ mod tests {
         assert_eq!(pdf_rectangle(&axis, Vec3::new(5.0, 0.5, 0.0), Vec3::ZERO), 0.0);
         let no_area = Rectangle { edge_u: Vec3::ZERO, ..axis };
         assert_eq!(sample_rectangle(&no_area, Vec3::Z, [0.5, 0.5]), None);
-        // An emitter of 1e-12 m^2, and one that is seen at a slant of a millionth.
+        // An emitter of 1e-12 m^2, and one at a slant of a millionth.
         let tiny = Rectangle { corner: Vec3::Z, edge_u: 1e-6 * Vec3::X, edge_v: 1e-6 * Vec3::Y };
         let s = sample_rectangle(&tiny, Vec3::ZERO, [0.5, 0.5]).unwrap();
         assert!((s.pdf * 1e-12 - 1.0).abs() < 1e-4, "{s:?}");

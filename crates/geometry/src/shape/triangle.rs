@@ -11,7 +11,7 @@ pub fn triangle_solid_angle(corners: &[Vec3; 3], reference: Vec3) -> f32 {
     View::new(corners, reference).map_or(0.0, |view| view.solid_angle as f32)
 }
 
-/// Samples a triangle as seen from `reference`: uniformly by solid angle, or by area below 1e-6 sr.
+/// Samples a triangle from `reference`: uniformly by solid angle, or by area below 1e-6 sr.
 pub fn sample_triangle(corners: &[Vec3; 3], reference: Vec3, u: [f32; 2]) -> Option<ShapeSample> {
     let view = View::new(corners, reference)?;
     let coordinates = if view.by_solid_angle() { view.sample(u.map(f64::from)) } else { sample_triangle_area(u) };
@@ -49,21 +49,20 @@ pub fn pdf_triangle_area([b1, b2]: [f32; 2]) -> f32 {
     if b1 >= 0.0 && b2 >= 0.0 && b1 + b2 <= 1.0 { 2.0 } else { 0.0 }
 }
 
-/// The random numbers behind the weights of [`sample_triangle_area`].
+/// The random numbers that give the weights in [`sample_triangle_area`].
 #[inline]
 pub fn invert_triangle_area([b1, b2]: [f32; 2]) -> [f32; 2] {
     let [u, v] = if b2 > b1 { [2.0 * b1, b1 + b2] } else { [b1 + b2, 2.0 * b2] };
     [u.clamp(0.0, 1.0), v.clamp(0.0, 1.0)]
 }
 
-/// A triangle on the unit sphere around the point that looks at it.
+/// A triangle on the unit sphere around a reference point.
 ///
-/// Arvo (1995) cuts off a triangle of the wanted area by a great circle through one corner, then picks on that circle.
-/// The cut is written without the inner angles, whose arc cosines lose half of the digits in a small triangle. For
-/// corners A, B, C let C' on the arc AC be the reflection of A in `o = p A + q C`. Then
-/// `tan(area(A, B, C') / 2) = [A B o] / ((A + B) . o)`, which is linear in p and q, so that
-/// `p = [A B C] cos f - (AC + BC) sin f`, `q = (1 + AB) sin f` with f half of the wanted area (the form in which Peters
-/// 2021 samples polygons).
+/// Arvo (1995) cuts off a triangle of the wanted area by a great circle through one corner, then samples a point on
+/// that circle. The cut is written without the inner angles, whose arc cosines lose half of the digits in a small
+/// triangle. For corners A, B, C let C' on the arc AC be the reflection of A in `o = p A + q C`. Then `tan(area(A, B,
+/// C') / 2) = [A B o] / ((A + B) . o)`, which is linear in p and q. So `p = [A B C] cos f - (AC + BC) sin f`, `q = (1 +
+/// AB) sin f` with f half of the wanted area (the form in which Peters 2021 samples polygons).
 struct View {
     /// Unit vectors to the corners.
     a: DVec3,
@@ -72,11 +71,11 @@ struct View {
     /// Absolute triple product of the unit vectors.
     triple: f64,
     solid_angle: f64,
-    /// From the reference to the first corner, and the two edges from there.
+    /// From the reference to the first corner, and the two edges from that corner.
     to_v0: DVec3,
     e1: DVec3,
     e2: DVec3,
-    /// `e1 x e2`: twice the area long.
+    /// `e1 x e2`; its length is twice the area.
     normal: DVec3,
     /// Distance of the reference from the triangle's plane.
     height: f64,

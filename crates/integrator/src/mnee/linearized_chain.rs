@@ -1,29 +1,30 @@
-//! Where a chain has met the faces of a cover, and how they lie there: enough to reckon where its neighbours go, without
-//! asking the mesh again.
+//! Linearised chain: the faces of a cover near a traced ray. It predicts the neighbouring rays without intersecting the
+//! mesh again.
 
 use super::ray_differential::RayDifferential;
 use dunkelfeld_geometry::{DVec3, Vec3};
 use dunkelfeld_scene::NormalDifferential;
 
-/// Longer chains leave no trail. Two double passes through a sheet have so many events.
+/// Maximum number of events. Longer chains are not linearised. Two double passes through a sheet have this number of
+/// events.
 const MAX_BENDS: usize = 6;
 
-/// What one interface does to rays near the one that met it.
+/// One interface near the point where the traced ray met it.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct SpecularVertex {
-    /// Where it was met, in render space.
+    /// The intersection in render space.
     pub(super) point: DVec3,
     /// Unit geometric normal.
     pub(super) flat: DVec3,
-    /// Unit shading normal ...
+    /// Unit shading normal.
     pub(super) normal: DVec3,
-    /// ... and how it turns.
+    /// Derivative of the shading normal; `None` where it is constant.
     pub(super) differential: Option<NormalDifferential>,
-    /// Index of refraction beyond over the one before; `None` if the ray is reflected.
+    /// Index of refraction on the far side over that on the near side; `None` if the ray is reflected.
     pub(super) eta: Option<f64>,
 }
 
-/// The interfaces that a chain has met, from the receiver on.
+/// The interfaces of a traced chain in order, starting at the receiver.
 #[derive(Clone, Debug)]
 pub(super) struct LinearizedChain {
     bends: [Option<SpecularVertex>; MAX_BENDS],
@@ -35,12 +36,12 @@ impl LinearizedChain {
         Self { bends: [const { None }; MAX_BENDS], events: 0 }
     }
 
-    /// Forgets what it knows.
+    /// Removes all interfaces.
     pub(super) fn clear(&mut self) {
         self.events = 0;
     }
 
-    /// Notes an interface.
+    /// Appends an interface.
     pub(super) fn note(&mut self, bend: SpecularVertex) {
         if let Some(place) = self.bends.get_mut(self.events) {
             *place = Some(bend);
@@ -48,9 +49,10 @@ impl LinearizedChain {
         self.events += 1;
     }
 
-    /// Where a ray near the one that left the trail leaves the last interface, the unit direction that it has there, and its
-    /// own neighbours. Each face counts as the plane in which it was met, with a normal that turns evenly. `None` if the ray
-    /// does not come through, or the chain is too long.
+    /// Traces a ray near the recorded one through the linearised faces. Returns the point where it leaves the last
+    /// interface, its unit direction there, and its ray differential. Each face is replaced by the plane at its
+    /// intersection, with a normal that changes linearly. `None` if the ray does not pass, or if the chain has too many
+    /// events.
     pub(super) fn follow(&self, origin: DVec3, first: Vec3) -> Option<(DVec3, DVec3, RayDifferential)> {
         let (mut beam, mut place, mut direction) = (RayDifferential::from_point(first), origin, first.as_dvec3());
         for bend in self.bends.get(..self.events)?.iter().flatten() {
@@ -113,7 +115,7 @@ mod tests {
         let expected = DVec3::new(direction.x, direction.y, 0.0).normalize() * shift + DVec3::Z * 0.5;
         assert!(place.distance(expected) < 1e-7, "{place} instead of {expected}");
         assert!(leaving.distance(DVec3::new(direction.x, direction.y, -direction.z)) < 1e-7);
-        // The bundle is the difference to a neighbour.
+        // The ray differential equals the difference to a neighbouring ray.
         let step = 1e-3f32;
         let moved = (first + beam.across[0] * step).normalize();
         let (other, turned, _) = trail.follow(DVec3::ZERO, moved).expect("it comes through");
@@ -122,7 +124,7 @@ mod tests {
         let reached = reached - turned * (reached.dot(leaving) / turned.dot(leaving));
         let solved = spread.solve(reached).expect("an open bundle");
         assert!((solved[0] - f64::from(step)).abs() < 3e-6 && solved[1].abs() < 3e-6, "{solved:?}");
-        // Total reflection; and a chain of too many events.
+        // Total reflection, and a chain with too many events.
         trail.clear();
         trail.note(bend(h, Some(1.0 / 3.0)));
         assert!(trail.follow(DVec3::ZERO, first).is_none());

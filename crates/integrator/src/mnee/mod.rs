@@ -1,36 +1,38 @@
-//! Light through clear covers: connections that bend.
+//! Manifold next-event estimation: connections to lights through clear covers.
 //!
-//! A shadow ray ends at a refracting interface, so light behind a cover would be left to chance: scattering has to pick the
-//! one direction that the cover bends into a small light. Here the direction is found. A *chain* is a row of smooth
-//! interfaces of one stack of covers between a receiver x and a point y of a light, each transmitting or reflecting in a
-//! given order; seen from x it is one direction. It is sought by shooting: a ray is sent from x in the direction that the
-//! chain would have if the stack were a plate of parallel layers, followed through the real mesh, and its direction corrected
-//! by Newton's method until it arrives at y: on the mesh as it was met first (`trail.rs`), then through the mesh itself. The
-//! derivative, and with it the area at y per solid angle at x, is that of the
-//! bundle of rays about it (Igehy 1999), so the estimate is that of manifold next-event estimation (Hanika, Droske and
-//! Fascione 2015) in the coordinates of the first direction. In a plate the first ray arrives.
+//! A shadow ray ends at a refracting interface. Without a further technique, only scattered rays reach light behind a
+//! cover, and they must hit the one direction that the cover refracts into a small light. This module computes that
+//! direction. A *chain* is a sequence of smooth interfaces of one stack of covers between a receiver x and a point y of
+//! a light. Each interface transmits or reflects, in a given order. At x a chain is one direction.
 //!
-//! # Who finds which path
+//! The solver finds it by tracing rays from x. The first ray has the direction of the chain in a plate of parallel
+//! layers that replaces the stack. It is traced through the real mesh. Newton's method corrects the direction until the
+//! ray arrives at y: first on a linearisation of the mesh around the traced ray (`linearized_chain.rs`), then on the
+//! mesh itself (`trace_chain.rs`). The derivative, and with it the area at y per solid angle at x, comes from ray
+//! differentials (Igehy 1999, `ray_differential.rs`). So the estimate is that of manifold next-event estimation
+//! (Hanika, Droske and Fascione 2015) in the coordinates of the first direction. In a plate the first ray arrives.
 //!
-//! Every path from a receiver to a light belongs to one of three kinds, by its interfaces in between:
+//! # The technique that samples each path
 //!
-//! 1. *None.* Light sampling and scattering both find it, and share it by their densities (`direct.rs`).
-//! 2. *A chain of one stack* which the solver, started for (x, y) and that order of events, converges to. The connection
-//!    and scattering both find it, and share it by their densities over the direction at x.
-//! 3. *Everything else*: longer chains, solutions that the solver does not find, chains through two stacks or through
-//!    glass that is no cover, rough faces. Scattering alone finds it, and it counts in full.
+//! Every path from a receiver to a light belongs to one of three kinds, by the interfaces in between:
 //!
-//! What tells the second kind from the third is [`Solver::connect`], a function of x, y, stack and chain without any random
-//! number. The connection runs it to find the path; scattering, having found a path by chance, runs it to learn whether
-//! the connection would have found the same. Both evaluate the same densities. So a solver that fails costs time and
-//! noise, never light, and no path counts twice. If several chains could lead to y, one is asked, with a probability that
-//! is part of the density.
+//! 1. *No interface.* Light sampling and scattering both sample it. They share it by their densities (`direct.rs`).
+//! 2. *A chain of one stack* to which the solver converges from its start for (x, y) and that order of events. The
+//!    connection and scattering both sample it. They share it by their densities over the direction at x.
+//! 3. *All other paths*: longer chains, solutions that the solver does not find, chains through two stacks or through
+//!    glass that is no cover, rough faces. Only scattering samples them, and they have full weight.
 //!
-//! Whether two directions belong to one solution is decided by how far each still is from it, by its own next Newton step,
-//! not by an angle that is called small: a rippled face has solutions side by side.
+//! [`Solver::connect`] decides between the second and the third kind. It is a function of x, y, stack and chain without
+//! any random number. The connection runs it to find the path. A path that scattering has sampled runs it as well, to
+//! decide if the connection finds the same path. Both techniques evaluate the same densities. So a solver that fails
+//! costs time and noise. It loses no light, and no path counts twice. If several chains could lead to y, one of them is
+//! chosen, with a probability that is part of the density.
 //!
-//! Lights without extent are not connected: scattering cannot find them, and the chains that the solver does not know would
-//! be missing.
+//! Two directions belong to one solution if their distance is within the sum of their own next Newton steps. No fixed
+//! angle is used, because a rippled face has solutions close together.
+//!
+//! Lights without extent are not connected. Scattering cannot hit them, so light of chains that the solver does not
+//! find would be missing.
 
 mod linearized_chain;
 mod ray_differential;
@@ -50,52 +52,54 @@ use ray_differential::RayDifferential;
 use std::marker::PhantomData;
 use trace_chain::{TracedChain, shoot};
 
-/// Rays that one connection may send ...
+/// Maximum number of rays of one connection.
 const MAX_SHOTS: u32 = 6;
-/// ... if after so many of them ...
+/// After this number of rays the solver stops, unless [`NEAR`] is reached.
 const FIRST_SHOTS: u32 = 3;
-/// ... one has missed the light by less than this share of the straight distance. What is found at all is found soon.
+/// The solver continues after [`FIRST_SHOTS`] rays if one ray has missed the light by less than this share of the
+/// straight distance. Most solutions are found within few rays.
 const NEAR: f64 = 0.01;
-/// Steps of Newton's method on a trail.
+/// Maximum number of Newton steps on a linearised chain.
 const MAX_SOLVES: u32 = 4;
-/// They may end with a step as small as this \[rad\].
+/// Newton's method on a linearised chain ends at a step of this size \[rad\].
 const RECKONED: f64 = 1e-3;
-/// Times that a step may be halved in a row.
+/// Maximum number of times in a row that a step is halved.
 const MAX_HALVINGS: u32 = 4;
-/// A chain has arrived when it misses the light by less than this share of the straight distance ...
+/// A chain has arrived if it misses the light by less than this share of the straight distance, and if its next step is
+/// below [`SETTLED`].
 const ARRIVED: f64 = 1e-4;
-/// ... and the next step would turn it by less than this \[rad\]. That step is still taken: the first direction, in which
-/// a glossy receiver may be very particular, is known to the square of it.
+/// Largest next Newton step of a chain that has arrived \[rad\]. That step is still applied. So the error of the first
+/// direction is of the order of its square, which matters for a glossy receiver.
 const SETTLED: f64 = 1e-4;
-/// Rounding of a direction in f32, some times over \[rad\].
+/// Rounding error of a direction in f32, with a margin \[rad\].
 const ROUNDING: f64 = 1e-6;
-/// No step turns the first direction by more than this \[rad\].
+/// Largest change of the first direction in one step \[rad\].
 const LONGEST_STEP: f64 = 0.3;
 
-/// The interfaces that a path has passed since it was scattered: events of one stack.
+/// The smooth interfaces of one stack that a path has passed since its last scattering.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct SpecularPrefix {
-    /// The way that it took from where it was scattered.
+    /// The state of the ray that left the last scattering.
     start: RayState,
-    /// The stack, once an interface was passed.
+    /// The stack; `None` before the first interface.
     stack: Option<u16>,
     chain: Chain,
 }
 
 impl SpecularPrefix {
-    /// Sets out.
+    /// Starts at a ray that leaves a scattering vertex.
     #[inline]
     pub(crate) fn from(start: RayState) -> Self {
         Self { start, stack: None, chain: Chain::EMPTY }
     }
 
-    /// Has no interface been passed yet?
+    /// True if no interface was passed yet.
     #[inline]
     pub(crate) fn is_direct(&self) -> bool {
         self.stack.is_none()
     }
 
-    /// Passes a smooth interface; `None` if no connection leads this way.
+    /// Passes a smooth interface; `None` if no connection can sample this path.
     #[inline]
     pub(crate) fn then(&self, scene: &Scene, at: &SurfacePoint, is_reflection: bool) -> Option<Self> {
         let stack = scene.cover_of(at)?;
@@ -105,19 +109,19 @@ impl SpecularPrefix {
     }
 }
 
-/// A chain that was sought: how often the solver ran, and how it fared.
+/// Record of one attempted connection: the chain, the number of rays and the result.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Search {
     pub(crate) stack: u16,
     pub(crate) chain: Chain,
-    /// The probability with which this chain was asked.
+    /// The probability with which this chain was chosen.
     pub(crate) probability: f32,
-    /// Rays sent through the cover.
+    /// Number of rays traced through the cover.
     pub(crate) shots: u32,
     pub(crate) has_arrived: bool,
 }
 
-/// A light as connections see it.
+/// The end of a connection on a light.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct End {
     pub(crate) target: Target,
@@ -131,12 +135,12 @@ impl End {
         Self { target: Target::Point(point), normal }
     }
 
-    /// Light from infinitely far away.
+    /// A direction toward light at infinity.
     pub(crate) fn infinite(direction: Vec3) -> Self {
         Self { target: Target::Direction(direction), normal: Vec3::ZERO }
     }
 
-    /// Unit direction from a point straight to it.
+    /// Unit direction of the straight line from a point to the end.
     fn straight(&self, from: Vec3) -> Vec3 {
         match self.target {
             Target::Point(p) => (p - from).normalize_or_zero(),
@@ -145,9 +149,9 @@ impl End {
     }
 }
 
-/// Light of a sample that reaches a vertex through a cover and is scattered toward the camera. `u` gives a number in `[0, 1)` that
-/// chooses among the chains that may lead there. Roulette is played with the stake before the search; the recorder hears of the
-/// search and, if it found light, of the connection's share.
+/// Light of a light sample that reaches a vertex through a cover and is scattered toward the camera. `u` gives a number
+/// in `[0, 1)` that chooses among the candidate chains. `roulette` is applied before the search. The recorder receives
+/// the search and, if it found light, the weight of the connection.
 #[inline(never)]
 pub(crate) fn light_from<F: Features, V: Vertex>(
     scene: &Scene,
@@ -169,7 +173,7 @@ pub(crate) fn light_from<F: Features, V: Vertex>(
         return Rgb::BLACK;
     }
     let Some(way) = solver.choose(u).filter(|w| solver.may_lead_to(w.direction)) else { return Rgb::BLACK };
-    // What the plate would bring if it let all light through.
+    // The contribution in the plate without losses at its faces.
     let density = light.pdf * way.share;
     let (scattered, pdf) = at.eval(way.direction);
     let expected = scattered * light.radiance * (power_heuristic(density, pdf) / density);
@@ -196,8 +200,8 @@ pub(crate) fn light_from<F: Features, V: Vertex>(
     unoccluded * left * (open * share / (density * survival))
 }
 
-/// The share of a path that scattering has found through a passage, with the density `pdf` [1/sr] at its start; `straight_pdf`
-/// [1/sr] is that with which light sampling draws its end, as if nothing were in between.
+/// The weight of a path that scattering has sampled through a cover, with the density `pdf` [1/sr] at its start.
+/// `straight_pdf` [1/sr] is the density with which light sampling draws its end without the cover.
 #[inline(never)]
 pub(crate) fn share_of_scattering<F: Features>(
     scene: &Scene,
@@ -220,19 +224,19 @@ pub(crate) fn share_of_scattering<F: Features>(
     power_heuristic(pdf * found.shot.probability, density)
 }
 
-/// One of the chains that may lead from a receiver to a light.
+/// One of the candidate chains from a receiver to a light.
 #[derive(Clone, Copy, Debug)]
 struct ChainCandidate {
     stack: u16,
     chain: Chain,
-    /// First direction, in the plate that stands for the stack.
+    /// First direction in the plate that replaces the stack.
     direction: Vec3,
-    /// The probability with which it is asked.
+    /// The probability with which the candidate is chosen.
     share: f32,
 }
 
 impl ChainCandidate {
-    /// A candidate among others that bring `total` together with it.
+    /// A candidate among others. `total` is the sum of `brings` over all of them.
     fn new(stack: u16, crossing: &Crossing<'_>, candidate: &Candidate, total: f64) -> Option<Self> {
         let chain = candidate.chain;
         let direction = candidate.seed.or_else(|| crossing.seed(chain))?.direction;
@@ -240,24 +244,24 @@ impl ChainCandidate {
     }
 }
 
-/// A chain that arrives.
+/// A chain that arrives at the light.
 #[derive(Clone, Copy, Debug)]
 struct Connection {
     /// First direction.
     direction: Vec3,
     shot: TracedChain,
-    /// The step \[rad\] that would correct the direction: about how far it is from the solution.
+    /// The next Newton step \[rad\], which is about the distance of the direction from the solution.
     step: f64,
     /// Solid angle at the receiver through the chain over that of the straight line [sr/sr].
     solid_angle_ratio: f32,
 }
 
-/// How well a ray hits the light.
+/// The miss of a ray at the light.
 #[derive(Clone, Copy, Debug)]
 struct Residual {
-    /// By how much it misses, as a share of the straight distance, or as an angle.
+    /// Distance by which the ray misses the light, as a share of the straight distance or as an angle \[rad\].
     error: f64,
-    /// The step \[rad\] that would correct it, along the unit vectors across the first direction.
+    /// The Newton step \[rad\] that corrects the miss, along the unit vectors perpendicular to the first direction.
     step: [f64; 2],
 }
 
@@ -268,20 +272,21 @@ impl Residual {
     }
 }
 
-/// The best ray so far.
+/// The ray with the smallest miss so far.
 struct Best {
-    /// First direction, and unit vectors across it.
+    /// First direction, and unit vectors perpendicular to it.
     direction: Vec3,
     across: [Vec3; 2],
-    /// The step that it asks for \[rad\].
+    /// The Newton step of the ray \[rad\].
     step: [f64; 2],
     error: f64,
-    /// The direction that was reckoned from its trail.
+    /// The direction computed from its linearised chain.
     reckoned: Option<Vec3>,
 }
 
 impl Best {
-    /// The direction to try after so many failures: what was reckoned, then Newton's step, then half of it and so on.
+    /// The next direction to trace after a number of failures: that of the linearised chain, then Newton's step, then
+    /// half of the step and so on.
     fn attempt(&self, failures: u32) -> Option<Vec3> {
         let halvings = match (self.reckoned, failures) {
             (Some(reckoned), 0) => return Some(reckoned),
@@ -293,11 +298,11 @@ impl Best {
     }
 }
 
-/// A receiver and a light, between which chains are sought.
+/// The solver for chains between a receiver and a light.
 struct Solver<'a, F> {
     scene: &'a Scene,
     receiver: LightSampleContext,
-    /// The straight way, which tells the side of the surface on which all others start.
+    /// The straight ray. All chains start on its side of the surface.
     start: RayState,
     end: End,
     features: PhantomData<F>,
@@ -309,20 +314,20 @@ impl<'a, F: Features> Solver<'a, F> {
         Self { scene, receiver, start, end, features: PhantomData }
     }
 
-    /// Does a direction leave the receiver on the side of the straight line?
+    /// True if a direction leaves the receiver on the side of the straight line.
     #[inline]
     fn is_on_its_side(&self, direction: Vec3) -> bool {
         let normal = self.receiver.normal;
         (normal.dot(direction) > 0.0) == (normal.dot(self.start.ray.direction) > 0.0)
     }
 
-    /// Can light from a direction be scattered to the viewer, on the side of the straight line?
+    /// True if the receiver can scatter light from a direction to the viewer, on the side of the straight line.
     #[inline]
     fn may_lead_to(&self, direction: Vec3) -> bool {
         self.receiver.faces(direction) && self.is_on_its_side(direction)
     }
 
-    /// Shows all chains that may lead to the light, with the stacks between it and the receiver.
+    /// Calls `visit` for all candidate chains to the light, with the stacks between it and the receiver.
     #[inline]
     fn each_way(&self, mut visit: impl FnMut(u16, &Crossing<'a>, Candidate)) {
         let inside = self.start.solid::<F>(self.scene);
@@ -334,16 +339,16 @@ impl<'a, F: Features> Solver<'a, F> {
         }
     }
 
-    /// Chooses a chain by what it may bring.
+    /// Chooses a chain in proportion to its estimated contribution.
     fn choose(&self, u: impl FnOnce() -> f32) -> Option<ChainCandidate> {
         let (mut total, mut u, mut rest, mut chosen) = (0.0, Some(u), 0.0, None);
         self.each_way(|stack, crossing, candidate| {
             total += candidate.brings;
-            // Most questions have no candidate, and need no number.
+            // Most light samples have no candidate and need no random number.
             if let Some(u) = u.take() {
                 rest = f64::from(u());
             }
-            // What is left of the random number is as good as a new one.
+            // The rescaled random number is uniform again and is used for the next choice.
             let takes = candidate.brings / total;
             if rest < takes {
                 rest /= takes;
@@ -356,7 +361,7 @@ impl<'a, F: Features> Solver<'a, F> {
         ChainCandidate::new(stack, &crossing, &candidate, total)
     }
 
-    /// A given chain, if it is one of those that may be chosen.
+    /// The candidate of a given stack and chain, if it can be chosen.
     fn way(&self, stack: u16, chain: Chain) -> Option<ChainCandidate> {
         let (mut total, mut wanted) = (0.0, None);
         self.each_way(|s, crossing, candidate| {
@@ -369,7 +374,8 @@ impl<'a, F: Features> Solver<'a, F> {
         ChainCandidate::new(stack, &crossing, &candidate, total)
     }
 
-    /// Seeks the chain; also tells how many rays that took. A function of receiver, light, stack and chain alone.
+    /// Solves for the chain. Also returns the number of traced rays. The result depends only on receiver, light, stack
+    /// and chain.
     fn connect(&self, way: &ChainCandidate) -> (Option<Connection>, u32) {
         let mut trail = LinearizedChain::new();
         let mut direction = way.direction;
@@ -400,8 +406,8 @@ impl<'a, F: Features> Solver<'a, F> {
         (None, MAX_SHOTS)
     }
 
-    /// Newton's method on what a ray has left as its trail, from a direction on: where the chain would start if the faces went
-    /// on as they are there. `None` if that leads nowhere.
+    /// Newton's method on a linearised chain, starting at `direction`: the first direction of the chain if the faces
+    /// continued as near the traced ray. `None` if it does not converge.
     fn solve_linearized(&self, trail: &LinearizedChain, mut direction: Vec3) -> Option<Vec3> {
         let mut error = f64::INFINITY;
         for _ in 0..MAX_SOLVES {
@@ -420,7 +426,7 @@ impl<'a, F: Features> Solver<'a, F> {
         Some(direction)
     }
 
-    /// Sends a ray: where it leaves the cover, and how well it hits the light.
+    /// Traces a ray through the stack. Returns the traced chain and its miss at the light.
     fn try_direction(
         &self,
         way: &ChainCandidate,
@@ -436,7 +442,7 @@ impl<'a, F: Features> Solver<'a, F> {
         Some((shot, aim))
     }
 
-    /// How well a ray that leaves the cover hits the light; `None` if that is behind it, or no step corrects the miss.
+    /// The miss of a ray that leaves the cover. `None` if the light is behind the ray, or if no step corrects the miss.
     fn aim(&self, place: DVec3, leaving: DVec3, beam: &RayDifferential) -> Option<Residual> {
         let (miss, scale, spread) = match self.end.target {
             Target::Point(point) => {
@@ -455,14 +461,14 @@ impl<'a, F: Features> Solver<'a, F> {
         Some(Residual { error: miss.length() / scale, step: spread.solve(miss)? })
     }
 
-    /// Does a direction that leads to the light as well belong to the same solution?
+    /// True if the direction of a sampled path to the light belongs to the same solution.
     fn is_same(&self, way: &ChainCandidate, found: &Connection, taken: Vec3) -> bool {
         let Some((_, aim)) = self.try_direction(way, taken, &mut LinearizedChain::new()) else { return false };
         let distance = (found.direction.as_dvec3() - taken.as_dvec3()).length();
         distance <= ROUNDING + 2.0 * (found.step + aim.size())
     }
 
-    /// The chain that has arrived; `None` if its light would leave on the other side of the light's surface.
+    /// The chain that has arrived; `None` if its light would leave the other side of the surface of the light.
     fn finish(&self, direction: Vec3, shot: TracedChain, step: f64) -> Option<Connection> {
         let leaving = shot.walk.ray.direction.as_dvec3();
         let solid_angle_ratio = match self.end.target {
@@ -487,7 +493,7 @@ impl<'a, F: Features> Solver<'a, F> {
     }
 }
 
-/// A direction turned by a step \[rad\] along two unit vectors across it.
+/// A direction turned by a step \[rad\] along two unit vectors perpendicular to it.
 fn turned(from: Vec3, [a, b]: [Vec3; 2], step: [f64; 2]) -> Vec3 {
     let [x, y] = step.map(|s| s as f32);
     (from + a * x + b * y).normalize()

@@ -1,37 +1,38 @@
-//! A ray with its neighbours: how place and direction change with the direction in which it set out (Igehy 1999).
+//! Ray differentials: derivatives of position and direction by the initial direction of a ray (Igehy 1999).
 
 use dunkelfeld_geometry::{DVec3, Vec3};
 use dunkelfeld_scene::NormalDifferential;
 
-/// The derivative of a ray by two coordinates of its first direction, along unit vectors across it.
+/// The derivative of a ray by two coordinates of its first direction, along unit vectors perpendicular to it.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct RayDifferential {
-    /// The unit vectors across the first direction.
+    /// The unit vectors perpendicular to the first direction.
     pub(super) across: [Vec3; 2],
-    /// Change of the place per radian \[m\].
+    /// Change of the position per radian \[m\].
     points: [DVec3; 2],
     /// Change of the unit direction per radian.
     directions: [DVec3; 2],
 }
 
-/// What a bundle of rays does at its end: two coordinates across the last direction, per radian of each first coordinate.
+/// The Jacobian at the end of a ray: change of two coordinates perpendicular to the last direction, per radian of each
+/// first coordinate.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct EndpointJacobian {
-    /// Unit vectors across the last direction.
+    /// Unit vectors perpendicular to the last direction.
     axes: [DVec3; 2],
     /// `rows[i][j]`: change along axis i per radian along first coordinate j.
     rows: [[f64; 2]; 2],
 }
 
 impl RayDifferential {
-    /// All rays from one point, about the given direction.
+    /// All rays from one point around the given direction.
     pub(super) fn from_point(direction: Vec3) -> Self {
         let (a, b) = direction.any_orthonormal_pair();
         Self { across: [a, b], points: [DVec3::ZERO; 2], directions: [a.as_dvec3(), b.as_dvec3()] }
     }
 
-    /// Travels a distance \[m\] along `direction`, to a surface with the geometric normal `normal`: each neighbour goes as
-    /// far as its own way to that plane is.
+    /// Transfers over a distance \[m\] along `direction`, to a surface with the geometric normal `normal`. Each
+    /// neighbouring ray ends on the plane of that surface.
     pub(super) fn travel(&mut self, direction: DVec3, distance: f64, normal: DVec3) {
         let cosine = direction.dot(normal);
         for (point, turn) in self.points.iter_mut().zip(&self.directions) {
@@ -40,7 +41,7 @@ impl RayDifferential {
         }
     }
 
-    /// Is reflected at a surface with the unit shading normal `normal`.
+    /// Reflects at a surface with the unit shading normal `normal`.
     pub(super) fn reflect(&mut self, direction: DVec3, normal: DVec3, differential: Option<&NormalDifferential>) {
         let cosine = direction.dot(normal);
         self.bend(differential, |turn, bent| {
@@ -48,7 +49,8 @@ impl RayDifferential {
         });
     }
 
-    /// Is refracted at it into the unit direction `refracted`; `eta` is the index of refraction beyond over the one before.
+    /// Refracts at the surface into the unit direction `refracted`. `eta` is the index of refraction on the far side
+    /// over that on the near side.
     pub(super) fn refract(
         &mut self,
         (direction, refracted): (DVec3, DVec3),
@@ -73,12 +75,12 @@ impl RayDifferential {
         }
     }
 
-    /// The bundle where its ray has travelled a distance \[m\] further, across the ray: `[m/rad]`.
+    /// The Jacobian at a further distance \[m\] along the ray, perpendicular to the ray: `[m/rad]`.
     pub(super) fn spread_at(&self, direction: DVec3, distance: f64) -> EndpointJacobian {
         EndpointJacobian::new(direction, [0, 1].map(|j| self.points[j] + self.directions[j] * distance))
     }
 
-    /// The bundle's directions: `[rad/rad]`.
+    /// The Jacobian of the directions: `[rad/rad]`.
     pub(super) fn spread_to_infinity(&self, direction: DVec3) -> EndpointJacobian {
         EndpointJacobian::new(direction, self.directions)
     }
@@ -100,7 +102,8 @@ impl EndpointJacobian {
         a * d - b * c
     }
 
-    /// The change of the two first coordinates \[rad\] that moves the end by `miss`, to first order; `None` if none does.
+    /// The change of the two first coordinates \[rad\] that moves the end by `miss`, to first order; `None` if the
+    /// Jacobian is singular.
     pub(super) fn solve(&self, miss: DVec3) -> Option<[f64; 2]> {
         let [[a, b], [c, d]] = self.rows;
         let determinant = self.determinant();
@@ -118,7 +121,7 @@ mod tests {
         DVec3::new(x, y, z).normalize()
     }
 
-    /// Follows one ray from the origin through a plane z = 1 into a medium of index eta, and on to z = 3.
+    /// Traces one ray from the origin through a plane z = 1 into a medium of index eta, and on to z = 3.
     fn through_plane(direction: DVec3, eta: f64) -> (DVec3, DVec3) {
         let point = direction / direction.z;
         let t = direction / eta;

@@ -1,4 +1,4 @@
-//! A chain of smooth interfaces, followed from the receiver through the real mesh.
+//! Traces a chain of smooth interfaces from the receiver through the real mesh.
 
 use super::linearized_chain::{LinearizedChain, SpecularVertex};
 use super::ray_differential::RayDifferential;
@@ -8,27 +8,28 @@ use dunkelfeld_bsdf::Lobe;
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_scene::{Chain, Features, Scene};
 
-/// The largest number below one: of two events it is never that of the first.
+/// The largest number below one. As a choice among two events it never selects the first.
 const ALMOST_ONE: f32 = 1.0 - f32::EPSILON / 2.0;
-/// Surfaces that a leg may pass as if they were not there.
+/// Maximum number of surfaces without effect on the direction that one segment may pass.
 const MAX_PASSED: u32 = 64;
 
-/// A chain as it was found, up to its last interface.
+/// A traced chain up to its last interface.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct TracedChain {
-    /// The leg to the light.
+    /// The segment to the light.
     pub(super) walk: RayState,
-    /// The rays about it.
+    /// The ray differential.
     pub(super) beam: RayDifferential,
-    /// What comes through: Fresnel's share of each event, the change of radiance by refraction, tints, absorption, and what
-    /// partly covering surfaces leave open.
+    /// Throughput of the chain: Fresnel factor of each event, change of radiance by refraction, tints, absorption, and
+    /// the open share of partly covering surfaces.
     pub(super) weight: Rgb,
-    /// The probability with which scattering takes the same way.
+    /// The probability with which scattering takes the same events.
     pub(super) probability: f32,
 }
 
-/// Follows a chain through the interfaces of a stack; `None` if it does not exist: something else is in the way, an interface
-/// is missed, or light is reflected totally where it should be transmitted. The trail tells afterwards what was met.
+/// Traces a chain through the interfaces of a stack. `None` if it does not exist: another surface is in the way, an
+/// interface is missed, or light is reflected totally where it should be transmitted. Afterwards `trail` contains the
+/// interfaces that were met.
 pub(super) fn shoot<F: Features>(
     scene: &Scene,
     start: RayState,

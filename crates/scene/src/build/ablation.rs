@@ -1,4 +1,4 @@
-//! Scenes without an effect: the description is changed before it is compiled, so that leaving out costs nothing.
+//! Scenes without an effect. The description is changed before it is compiled, so that a disabled effect costs no time.
 
 use crate::build::builder::{PunctualKind, SceneBuilder};
 use crate::build::effects::{Effect, SMOOTH_ROUGHNESS};
@@ -8,22 +8,22 @@ use crate::media::medium::Medium;
 use dunkelfeld_radiometry::Rgb;
 
 impl SceneBuilder {
-    /// Changes the scene so that it no longer calls for an effect, and light does the simplest thing instead:
+    /// Changes the scene so that it no longer needs an effect. The table lists the replacements:
     ///
     /// | left out | instead |
     /// |---|---|
     /// | textures | their means |
     /// | vertex colours, normal maps, interpolated normals | white, flat, flat |
-    /// | coverage | the surface is there |
-    /// | thin sheets, refraction | light goes straight on, without reflection; tint and absorption stay |
+    /// | coverage | the surface covers fully |
+    /// | thin sheets, refraction | light passes straight, without reflection; tint and absorption stay |
     /// | absorption, scattering | the other one of the two stays |
     /// | diffuse transmission, anisotropy, sheen, clear coats, energy compensation | none |
     /// | finite apertures, distortion | a pinhole, an ideal image |
     /// | environment, punctual lights, light profiles | dark |
-    /// | every light | one is asked, chosen by what it can bring: other noise, the same expected image |
-    /// | the connection through covers | light behind a cover is found by chance: more noise, the same expected image |
+    /// | every light | one light is sampled, chosen by its estimated contribution: other noise, the same expected image |
+    /// | the connection through covers | only scattering samples light behind a cover: more noise, the same expected image |
     ///
-    /// False if it cannot be left out: nesting, the choice among many lights and colour are not parts that can be taken away.
+    /// Returns false if the effect cannot be left out: nesting, the choice among many lights, and colour.
     pub fn leave_out(&mut self, effect: Effect) -> bool {
         match effect {
             Effect::Nesting | Effect::ManyLights | Effect::Color => return false,
@@ -54,7 +54,7 @@ impl SceneBuilder {
     }
 }
 
-/// Takes an effect out of a material.
+/// Removes an effect from a material.
 fn simplify(m: &mut Material, effect: Effect) {
     let is_smooth = m.roughness < SMOOTH_ROUGHNESS && m.roughness_texture.is_none();
     let volume = |m: &mut Material, to: &dyn Fn(Medium, Volume) -> Volume| {
@@ -62,7 +62,7 @@ fn simplify(m: &mut Material, effect: Effect) {
             *v = to(Medium::new(v), *v);
         }
     };
-    // The coefficients outright, with no attenuation to add to them.
+    // Absorption and scattering as coefficients only, without the additional attenuation.
     let stated = |v: Volume| Volume { attenuation_distance: f32::INFINITY, scattering_albedo: Rgb::BLACK, ..v };
     match effect {
         Effect::NormalMaps => m.normal_texture = None,
@@ -88,13 +88,13 @@ fn is_refracting(m: &Material) -> bool {
     m.transmission > 0.0 && matches!(m.surface, Surface::Solid(_))
 }
 
-/// Light passes as if nothing were in its way but tint and medium.
+/// Light passes the surface in a straight line. Only tint and medium change it.
 fn go_straight(m: &mut Material) {
     m.ior = 1.0;
     (m.roughness, m.roughness_texture) = (0.0, None);
 }
 
-/// Every texture but the normal map becomes its mean.
+/// Replaces every texture except the normal map by its mean.
 fn flatten(m: &mut Material, images: &[Image]) {
     let mean = |t: &Texture| images.get(t.image.0 as usize).map_or([1.0; 4], |i| i.mean(t.encoding));
     let color = |factor: &mut Rgb, texture: &mut Option<Texture>| {
@@ -134,7 +134,7 @@ mod tests {
     use crate::material::texture::{ColorEncoding, ImageId};
     use dunkelfeld_geometry::{Mesh, Vec3, Vec4};
 
-    /// A scene that calls for every effect that can be left out; techniques are called for by built scenes only.
+    /// A scene that needs every effect that can be left out, except techniques, which only compiled scenes need.
     fn everything() -> SceneBuilder {
         let mut scene = SceneBuilder { energy_compensation: true, ..SceneBuilder::default() };
         let texels = crate::Texels::Rgba8(vec![[10, 20, 30, 128]]);

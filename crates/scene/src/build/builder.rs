@@ -1,4 +1,4 @@
-//! The scene as plain data: what importers fill and programs write by hand.
+//! The scene as plain data. Importers and programs fill it.
 
 use crate::camera::lens::Lens;
 use crate::camera::look_at;
@@ -11,8 +11,8 @@ use dunkelfeld_radiometry::Rgb;
 
 /// A scene before it is compiled. Indices (`usize`) refer to the vectors of this struct.
 ///
-/// World space is right-handed, in metres. Transforms are f64, so that a scene far from the origin loses nothing: the
-/// compiled scene recentres itself.
+/// World space is right-handed, in metres. Transforms are f64, so that a scene far from the origin loses no precision.
+/// The compiled scene has its own origin.
 #[derive(Clone, Debug, Default)]
 pub struct SceneBuilder {
     /// Name for messages.
@@ -33,10 +33,10 @@ pub struct SceneBuilder {
     pub cameras: Vec<Camera>,
     /// Light from infinitely far away.
     pub environment: Option<Environment>,
-    /// Are rough surfaces given back the energy that their model loses between facets? Off by default; see
+    /// True if rough surfaces get back the energy that their model loses between facets. Off by default; see
     /// [`dunkelfeld_bsdf::compensation`].
     pub energy_compensation: bool,
-    /// Ways of looking for light that may be used; all by default.
+    /// Light sampling techniques that may be used; all by default.
     pub techniques: Techniques,
 }
 
@@ -62,21 +62,21 @@ pub struct Instance {
     pub to_world: DAffine3,
 }
 
-/// A light without extent, at the origin of its own space and shining along -z.
+/// A light without extent, at the origin of its own space. It shines along -z.
 #[derive(Clone, Debug)]
 pub struct PunctualLight {
     /// Name, for overrides and reports.
     pub name: String,
-    /// Light to world; only position and directions count, of all but profiles only that of -z.
+    /// Light to world. Only position and directions are used. Lights without a profile use only the direction of -z.
     pub to_world: DAffine3,
-    /// What kind of light, and how strong.
+    /// Kind and strength of the light.
     pub kind: PunctualKind,
 }
 
 /// Kinds of punctual lights (KHR_lights_punctual, EXT_lights_ies).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum PunctualKind {
-    /// Shines equally in all directions.
+    /// Emits equally in all directions.
     Point {
         /// Radiant intensity [W/sr].
         intensity: Rgb,
@@ -95,7 +95,7 @@ pub enum PunctualKind {
         /// Irradiance on a surface that faces the light [W/m^2].
         irradiance: Rgb,
     },
-    /// A point that shines as was measured.
+    /// A point light with a measured distribution.
     Profile {
         /// Index into [`SceneBuilder::profiles`].
         profile: usize,
@@ -107,7 +107,7 @@ pub enum PunctualKind {
 /// Light from all directions, from infinitely far away.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Environment {
-    /// Where the radiance comes from.
+    /// Source of the radiance.
     pub source: EnvironmentSource,
     /// Rotation about the world's +y axis \[rad\].
     pub rotation: f32,
@@ -118,7 +118,7 @@ pub struct Environment {
 pub enum EnvironmentSource {
     /// The same radiance [W/(m^2 sr)] from everywhere.
     Constant(Rgb),
-    /// An equirectangular image: +y up, the image's centre column looks along -z.
+    /// An equirectangular image: +y is up, the direction -z lies in the centre column of the image.
     Image {
         /// The image, linear.
         image: ImageId,
@@ -127,7 +127,7 @@ pub enum EnvironmentSource {
     },
 }
 
-/// A camera: it looks along its own -z axis with +y up (glTF).
+/// A camera. Its viewing direction is its own -z axis, with +y up (glTF).
 #[derive(Clone, Debug, Default)]
 pub struct Camera {
     /// Name, for `--camera`.
@@ -136,7 +136,7 @@ pub struct Camera {
     pub to_world: DAffine3,
     /// The projection.
     pub projection: Projection,
-    /// Width over height that the camera was made for, if it says so.
+    /// Width over height for which the camera was made; `None` if the file does not contain it.
     pub aspect: Option<f32>,
     /// The lens; the default is a pinhole.
     pub lens: Lens,
@@ -175,7 +175,7 @@ impl SceneBuilder {
         self.materials.len() - 1
     }
 
-    /// Adds a mesh placed once, where it is, as an object of its own; returns the object's index.
+    /// Adds a mesh with one placement by the identity, as an object of its own. Returns the index of the object.
     pub fn add_object(&mut self, name: &str, mesh: Mesh, material: usize) -> usize {
         self.meshes.push(MeshPart { name: name.into(), mesh, material });
         self.instances.push(Instance {

@@ -1,4 +1,4 @@
-//! From a builder to a scene: check, clean, place, light, index.
+//! Compiles a builder to a scene: validation, repair, placement, lights, hierarchy.
 
 use crate::build::builder::{EnvironmentSource, Instance, MeshPart, SceneBuilder};
 use crate::build::effects::{Effect, Effects};
@@ -23,50 +23,50 @@ use dunkelfeld_geometry::health::{MeshHealth, Repairs, clean};
 use dunkelfeld_geometry::shape::{RectangleSampler, rectangle_from_triangles};
 use dunkelfeld_geometry::{DAffine3, DMat3, DVec3, Mesh, Transform, Vec3, geometric_normal, triangle_area};
 
-/// Meshes used more than once are moved to render space all the same while their copies hold no more triangles than this:
-/// one flat hierarchy is faster, and this much is nothing.
+/// Meshes used more than once are also moved to render space if their copies have at most this many triangles together.
+/// One flat hierarchy is faster, and the memory for this many triangles is small.
 const BAKE_COPIES_UP_TO: usize = 16_384;
 
 /// Beyond this radius [m] the square of a distance, and with it the irradiance, may leave the range of f32.
 const LARGEST_RADIUS: f32 = 1e18;
 
-/// Why a scene cannot be built.
+/// Reason why a scene cannot be built.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum BuildError {
-    /// An index points to nothing.
+    /// An index is out of range.
     #[error("{place} refers to {what} {index}, but there are only {count}")]
     BadIndex {
-        /// Who refers.
+        /// Object that contains the index.
         place: String,
-        /// To what kind of thing.
+        /// Kind of the object that the index refers to.
         what: &'static str,
         /// The index.
         index: usize,
-        /// How many there are.
+        /// Number of objects of that kind.
         count: usize,
     },
     /// A value is not finite or outside its range.
     #[error("{place}: {problem}")]
     BadValue {
-        /// Who has it.
+        /// Object that contains the value.
         place: String,
-        /// What is wrong, and which range is right.
+        /// The error and the valid range.
         problem: String,
     },
-    /// The scene calls for an effect in a build that has none.
+    /// The scene needs an effect, but this build has no effects.
     #[error(
         "{place} calls for {effect}, which this build lacks: it was made with the feature plain-only, for measurements"
     )]
     PlainOnly {
         /// The effect's name, or that of the group it belongs to.
         effect: String,
-        /// What calls for it.
+        /// The object that needs it.
         place: String,
     },
-    /// Every triangle was dropped, and there is no environment that could be seen instead.
+    /// Every triangle was dropped, and there is no environment that would be visible instead.
     #[error("no triangle is left: {lost}")]
     NothingLeft {
-        /// What was dropped, from where and why.
+        /// The dropped triangles, their objects and the reasons.
         lost: String,
     },
     /// The scene is so large that its light cannot be computed.
@@ -87,12 +87,13 @@ pub enum BuildError {
 impl SceneBuilder {
     /// Compiles the scene.
     ///
-    /// Triangles that are degenerate, not finite or doubled are dropped, transforms that cannot be inverted drop their
-    /// instance; the report says so. It also names hazards: open or inside-out solids, a scene without light.
+    /// Triangles that are degenerate, not finite or doubled are dropped. An instance whose transform cannot be inverted
+    /// is dropped. The report contains both. It also contains hazards: open or inside-out solids, a scene without
+    /// light.
     ///
     /// # Errors
-    /// Indices that point nowhere, values that have no meaning, a scene whose triangles were all dropped and that has no
-    /// environment, a scene beyond 1e18 m.
+    /// Indices out of range, invalid values, a scene whose triangles were all dropped and that has no environment, a
+    /// scene beyond 1e18 m.
     pub fn build(mut self) -> Result<(Scene, BuildReport), BuildError> {
         check_indices(&self)?;
         check_values(&self)?;
@@ -150,7 +151,8 @@ impl SceneBuilder {
             .iter()
             .map(|p| compiled[p.material as usize].features())
             .fold(FeatureSet::default(), FeatureSet::union);
-        // Shadow rays stop neither at partly covering surfaces nor at clear faces, where these may be open to light.
+        // Shadow rays pass partly covering surfaces. They also pass clear faces between equal indices of refraction, if
+        // the scene can have them.
         let is_open = |c: &CompiledMaterial| c.clear_tint.is_some();
         let has_open_faces =
             geometry.parts.iter().any(|p| is_open(&compiled[p.material as usize]) && solids.is_open(p.solid));
@@ -204,13 +206,13 @@ impl SceneBuilder {
         Ok((scene, report))
     }
 
-    /// Is any object made of triangles?
+    /// True if any object has triangles.
     fn shows_triangles(&self) -> bool {
         let mut meshes = self.instances.iter().flat_map(|i| &i.meshes);
         meshes.any(|&m| !self.meshes[m].mesh.triangles.is_empty())
     }
 
-    /// Is there light behind everything, to be seen where there is no object?
+    /// True if the environment emits, so that pixels without an object are not black.
     fn has_background(&self) -> bool {
         self.environment.as_ref().is_some_and(|e| match e.source {
             EnvironmentSource::Constant(radiance) => !radiance.is_black(),
@@ -218,9 +220,9 @@ impl SceneBuilder {
         })
     }
 
-    /// Drops what cannot be traced and reports it; reports solids that are open or inside out.
+    /// Drops triangles that cannot be traced and reports them. Also reports solids that are open or inside out.
     ///
-    /// Says of each mesh whether it is known to enclose a volume.
+    /// Returns for each mesh whether it encloses a volume.
     fn clean_meshes(&mut self, report: &mut BuildReport) -> Vec<bool> {
         let mut closed = vec![false; self.meshes.len()];
         for (index, part) in self.meshes.iter_mut().enumerate() {
@@ -268,8 +270,9 @@ impl SceneBuilder {
         closed
     }
 
-    /// Light without extent that passes a smooth clear surface arrives from one direction that neither scattering nor a
-    /// straight connection can find: it is missing from the image, and that must be said.
+    /// Reports light that no path can find. Light of a light without extent that passes a smooth clear surface arrives
+    /// from one direction. Neither scattering nor a straight connection can sample that direction, so the light is
+    /// missing from the image.
     fn report_unfindable_light(&self, parts: &[Part], compiled: &[CompiledMaterial], report: &mut BuildReport) {
         let Some(light) = self.lights.first() else { return };
         let clear = parts.iter().map(|p| p.material as usize).find(|&m| compiled[m].is_smooth_clear);
@@ -297,10 +300,10 @@ impl SceneBuilder {
     }
 }
 
-/// At most so many losses are named in an error.
+/// Maximum number of losses that an error lists.
 const MAX_LOSSES: usize = 3;
 
-/// What was dropped, as the report has it.
+/// The dropped objects of the report.
 fn losses(report: &BuildReport) -> String {
     let all: Vec<String> = report.findings.iter().map(|f| format!("{} {}", f.place, f.message)).collect();
     let more = if all.len() > MAX_LOSSES { format!("; and {} more", all.len() - MAX_LOSSES) } else { String::new() };
@@ -317,7 +320,7 @@ fn farthest(placed: &[(u32, Instance, Transform)], meshes: &[MeshPart]) -> Strin
     object.map_or_else(|| "the scene".into(), |(_, instance, _)| format!("object \"{}\"", instance.name))
 }
 
-/// What was taken out of a mesh, in words.
+/// The repairs of a mesh, in words.
 fn describe(r: &Repairs) -> String {
     let reasons = [
         (r.out_of_range, "with indices beyond the vertices"),
@@ -347,7 +350,7 @@ fn used_positions(mesh: &Mesh) -> impl Iterator<Item = Vec3> + '_ {
     mesh.triangles.iter().flatten().map(|&i| mesh.positions[i as usize])
 }
 
-/// Geometry as it is placed: the baked mesh in pieces, and what stays instanced.
+/// Geometry as placed: the baked mesh in pieces, and the instanced meshes.
 #[derive(Default)]
 struct Placed {
     meshes: Vec<Mesh>,
@@ -355,11 +358,11 @@ struct Placed {
     placements: Vec<Placement>,
     /// See [`Scene::facets`].
     facets: Vec<Facet>,
-    /// Number of facets of the baked mesh.
+    /// Number of triangles of the baked mesh in [`Scene::facets`].
     baked: usize,
     /// Transform of each placement but the baked one.
     transforms: Vec<Transform>,
-    /// For each part the mesh of the builder that it shows.
+    /// For each part the index of its mesh in the builder.
     sources: Vec<usize>,
 }
 
@@ -421,7 +424,7 @@ impl Placed {
         }
     }
 
-    /// Finds the solids, ranks them, and marks the parts that bound them.
+    /// Finds and ranks the solids. Marks the parts that bound them.
     fn solids(&mut self, materials: &[Material], compiled: &[CompiledMaterial], closed: &[bool]) -> Solids {
         let bounds = |part: &Part| {
             let mesh = &self.meshes[part.mesh as usize];
@@ -443,7 +446,8 @@ impl Placed {
         rank_solids(found, &mut self.parts)
     }
 
-    /// The hierarchy over everything; parts that cover partly let light through.
+    /// Builds the hierarchy over all geometry. Parts that cover partly are marked, so that rays evaluate their
+    /// coverage.
     fn hierarchy(&self, covers_partly: &dyn Fn(&Part) -> bool) -> Result<Bvh, BuildError> {
         let mut positions = Vec::new();
         let mut triangles = Vec::with_capacity(self.baked);
@@ -475,7 +479,8 @@ impl Placed {
         }
         let mut bvh = Bvh::build(&sources, &instances).map_err(|e| BuildError::Hierarchy(e.to_string()))?;
         if self.parts.iter().any(covers_partly) {
-            // A mesh that several parts share is porous if one of them is: asking for coverage is right for all.
+            // A mesh that several parts share is porous if one of them is. An evaluation of the coverage is correct for
+            // all of them.
             let mut porous_mesh = vec![false; sources.len()];
             for part in self.parts.iter().filter(|p| p.transform.is_some() && covers_partly(p)) {
                 porous_mesh[source_of_mesh[part.mesh as usize] as usize] = true;
@@ -553,11 +558,11 @@ impl Placed {
     }
 }
 
-/// A mesh moved to render space; a mirroring transform turns the winding, so that fronts stay fronts.
+/// Moves a mesh to render space. A mirroring transform reverses the winding, so that front faces stay front faces.
 fn bake(mesh: &Mesh, to_render: &DAffine3) -> Mesh {
     let mirrored = to_render.matrix3.determinant() < 0.0;
-    // Not normalised one by one: between the corners of a triangle an uneven scale must turn them as it does in an instance,
-    // where they are interpolated first. A common factor keeps them in range.
+    // The normals are not normalised one by one. Between the corners of a triangle an uneven scale must turn them as in
+    // an instance, where they are interpolated first. A common factor keeps them in range.
     let in_range = |m: DMat3| m * (1.0 / m.x_axis.length().max(m.y_axis.length()).max(m.z_axis.length()));
     let (linear, normal_matrix) = (in_range(to_render.matrix3), in_range(to_render.matrix3.inverse().transpose()));
     let direction = |m: &DMat3, v: Vec3| (*m * v.as_dvec3()).as_vec3();

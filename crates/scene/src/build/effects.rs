@@ -1,7 +1,7 @@
-//! Which effects of light a scene calls for, and what in it calls for them; beside them the techniques that its light calls for.
+//! The effects of light that a scene needs, with the objects that need them, and the techniques that its lights need.
 //!
-//! Only what a scene calls for is simulated, so a user must be able to see what that is: an effect that nobody meant to have
-//! (a normal map, a metal that is slightly clear) costs time and changes the image.
+//! Only these effects are simulated. A user must be able to read the list, because an unintended effect (a normal map,
+//! a metal that is slightly clear) costs time and changes the image.
 
 use crate::build::builder::{EnvironmentSource, MeshPart, PunctualKind, SceneBuilder};
 use crate::features::FeatureSet;
@@ -11,10 +11,10 @@ use crate::media::medium::Medium;
 /// Below this perceptual roughness a clear surface refracts and reflects in single directions.
 pub(crate) const SMOOTH_ROUGHNESS: f32 = 0.01;
 
-/// Something that light does only in some scenes, or a technique that only some scenes call for.
+/// A part of light transport that only some scenes need, or a technique that only some scenes use.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Effect {
-    /// Images on surfaces, other than normal maps.
+    /// Images on surfaces, except normal maps.
     Textures,
     /// Colours of vertices.
     VertexColors,
@@ -22,7 +22,7 @@ pub enum Effect {
     NormalMaps,
     /// Normals interpolated between vertices.
     SmoothNormals,
-    /// Surfaces that are there with some probability, or cut out.
+    /// Surfaces with a coverage below one, or cut out by a mask.
     Coverage,
     /// Clear sheets without thickness.
     ThinSheets,
@@ -32,7 +32,7 @@ pub enum Effect {
     SmoothRefraction,
     /// Solids with a rough clear surface.
     RoughRefraction,
-    /// Solids that touch, overlap or lie in one another.
+    /// Solids that touch, overlap or contain each other.
     Nesting,
     /// Solids that absorb.
     Absorption,
@@ -56,13 +56,14 @@ pub enum Effect {
     PunctualLights,
     /// Lights with a measured profile.
     LightProfiles,
-    /// So many lights that a tree chooses among them.
+    /// More lights than are weighed one by one; a tree chooses among them.
     ManyLights,
     /// Surfaces or lights that are not grey.
     Color,
-    /// A technique: all lights are asked at each surface of a path, as they are few.
+    /// A technique: every vertex on a surface takes a sample of each light, in scenes of few lights.
     EveryLight,
-    /// A technique: light behind clear covers is connected to, not left to chance.
+    /// A technique: next-event estimation through clear covers. Without it, only scattering samples light behind a
+    /// cover.
     CoverConnection,
 }
 
@@ -127,21 +128,22 @@ impl Effect {
         }
     }
 
-    /// Is it a way of looking for light? Left out, it changes the noise of the image, and not what is expected of it.
+    /// True for a light sampling technique. If a technique is left out, the noise of the image changes and its expected
+    /// value stays.
     pub fn is_technique(self) -> bool {
         matches!(self, Self::EveryLight | Self::CoverConnection)
     }
 }
 
-/// The effects that a scene calls for, each with what calls for it.
+/// The effects that a scene needs, each with the objects that need it.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Effects {
     callers: Vec<(Effect, Vec<String>)>,
 }
 
 impl Effects {
-    /// Reads a scene's description. What only a built scene can tell (nesting, how many lights
-    /// there are, covers) is added by it.
+    /// Reads the description of a scene. Effects that only a compiled scene determines (nesting, number of lights,
+    /// covers) are added by the compiler.
     pub(crate) fn from_scene(scene: &SceneBuilder) -> Self {
         let mut effects = Self::default();
         let mut used = vec![false; scene.materials.len()];
@@ -239,7 +241,7 @@ impl Effects {
         }
     }
 
-    /// Notes that something calls for an effect.
+    /// Records that an object needs an effect.
     pub(crate) fn call(&mut self, effect: Effect, place: String) {
         match self.callers.iter_mut().find(|(e, _)| *e == effect) {
             Some((_, places)) if places.contains(&place) => {}
@@ -248,13 +250,13 @@ impl Effects {
         }
     }
 
-    /// What calls for an effect; empty if nothing does.
+    /// The objects that need an effect; empty if there are none.
     pub fn callers(&self, effect: Effect) -> &[String] {
         self.callers.iter().find(|(e, _)| *e == effect).map_or(&[], |(_, places)| places)
     }
 
-    /// The first effect that a build without effects cannot do, and what calls for it. Of colour there is nothing to leave
-    /// out, as all three channels are always there, and techniques are no effects.
+    /// The first effect that a build without effects cannot render, and the object that needs it. Colour is excluded,
+    /// because all builds have three channels. Techniques are excluded, because they do not change the expected image.
     pub(crate) fn beyond_plain(&self, features: FeatureSet) -> Option<(String, String)> {
         let is_beyond = |e: Effect| !e.is_technique() && e != Effect::Color;
         let named =
@@ -262,13 +264,13 @@ impl Effects {
         named.or_else(|| (features != FeatureSet::default()).then(|| (kernel_words(features), "the scene".into())))
     }
 
-    /// Does the scene call for it?
+    /// True if the scene needs the effect.
     pub fn has(&self, effect: Effect) -> bool {
         !self.callers(effect).is_empty()
     }
 }
 
-/// What a set of kernel features is for, in words.
+/// The effects of a set of kernel features, in words.
 pub fn kernel_words(features: FeatureSet) -> String {
     let words: Vec<&str> = [
         (features.detail, "detail"),

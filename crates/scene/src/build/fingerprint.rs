@@ -1,4 +1,4 @@
-//! A number that tells one scene from another: for checkpoints, which must not be continued with another scene.
+//! Fingerprint of a scene for checkpoints, which must not be continued with another scene.
 
 use crate::material::texture::{Channel, Image, rgba, with_texels};
 use crate::scene::Scene;
@@ -6,10 +6,10 @@ use dunkelfeld_geometry::Mesh;
 use std::fmt::{Debug, Write};
 use twox_hash::XxHash3_128;
 
-/// Bytes that are gathered before they are hashed.
+/// Size of the buffer in front of the hash \[bytes\].
 const CHUNK: usize = 1 << 16;
 
-/// The XXH3 of everything that a value says of itself (`Debug`). The text of a number tells it to the last bit.
+/// The XXH3 hash of the `Debug` output of a value. The text of a number is exact to the last bit.
 pub fn digest(value: &impl Debug) -> u128 {
     let mut hash = Hash::default();
     hash.text(value);
@@ -17,14 +17,14 @@ pub fn digest(value: &impl Debug) -> u128 {
 }
 
 impl Scene {
-    /// A number that changes with every bit of the scene that a sample could depend on, and not with the files that it came
-    /// from. Meshes are read as they lie in memory, images by their values, all else by what it says of itself.
+    /// A hash of all data of the scene that can change a sample. It does not depend on the files that the data came
+    /// from. Meshes are hashed by their memory, images by their values, and all other data by their `Debug` output.
     pub fn fingerprint(&self) -> u128 {
-        // No `..`: whoever adds a field decides whether it counts.
+        // No `..`, so that the compiler demands a decision for each new field.
         let Self {
             world_origin,
             bounds,
-            // Follow from the meshes.
+            // Both are computed from the meshes.
             bvh: _,
             facets: _,
             placements,
@@ -82,11 +82,11 @@ impl Hash {
     }
 
     fn text(&mut self, value: &impl Debug) {
-        // Writing into it does not fail.
+        // Writing into the hash does not fail.
         let _ = write!(self, "{value:?}");
     }
 
-    /// How many come next: lists of different lengths must not look alike.
+    /// Hashes the number of elements that follow, so that lists of different lengths have different hashes.
     fn count(&mut self, n: usize) {
         self.bytes(&(n as u64).to_le_bytes());
     }
@@ -108,14 +108,14 @@ impl Hash {
     }
 
     fn image(&mut self, image: &Image) {
-        // The name is only for messages.
+        // The name is used only in messages.
         let Image { name: _, width, height, texels } = image;
         self.text(&(width, height));
         if texels.is_float() {
             self.count(texels.len());
         }
         let channels = if texels.is_float() { 3 } else { 4 };
-        // By value: channels that are not stored count as what they stand for.
+        // By value: a channel that is not stored is hashed as its default.
         with_texels!(texels, t => t.iter().for_each(|t| {
             rgba(*t).iter().take(channels).for_each(|v| self.bytes(v.le_bytes().as_ref()));
         }));
@@ -175,7 +175,7 @@ mod tests {
         }
     }
 
-    /// Grey is three equal channels, and alpha that is not stored is opaque: checkpoints are for the values.
+    /// Grey is three equal channels, and alpha that is not stored is opaque. The hash depends on the values only.
     #[test]
     fn images_count_by_their_values() {
         let with =

@@ -1,8 +1,8 @@
-//! What in a compiled scene may make its image other than meant, found before a ray is traced: sizes that f32 cannot hold,
-//! faces that lie in each other, attributes that disagree with the surface, indices of refraction no one has seen.
+//! Checks of a compiled scene for hazards before the render: sizes below the precision of f32, coincident faces,
+//! attributes that disagree with the surface, implausible indices of refraction.
 //!
-//! Every finding names its object and says what to do. What the renderer handles by itself, such as needles of triangles or
-//! solids that touch each other, is not reported.
+//! Every finding names its object and contains help. Geometry that the renderer handles correctly, such as thin
+//! triangles or solids in contact, is not reported.
 
 mod attributes;
 mod contact;
@@ -11,22 +11,22 @@ use crate::build::report::BuildReport;
 use crate::scene::{Part, Scene};
 use dunkelfeld_geometry::{Aabb, Mesh, Vec3};
 
-/// An object whose size is known to less than this many steps of its coordinates is reported.
+/// An object whose size is less than this many steps of its coordinates is reported.
 const MIN_STEPS: f32 = 1e3;
-/// A solid thinner than so many steps is reported: its absorption is known to a few percent.
+/// A solid thinner than this many steps is reported: the relative error of its absorption is a few percent.
 const MIN_STEPS_THROUGH: f32 = 32.0;
-/// An emitter smaller than this part of the scene is a hazard where sharp reflections could show it.
+/// An emitter smaller than this share of the scene is a hazard if the scene has sharp reflections.
 const TINY_EMITTER: f32 = 1e-4;
 /// Below this roughness a reflection is too sharp for light sampling.
 const SHARP: f32 = 0.05;
-/// At most so many corners of a solid are asked for the solids that they lie in.
+/// Maximum number of corners of a solid that are tested for overlap with other solids.
 const MAX_CORNERS: usize = 48;
-/// At most so many solids are asked: each is held against all others.
+/// Maximum number of solids in the test for overlap, which compares all pairs.
 const MAX_SOLIDS: usize = 1000;
-/// At most so many findings of one kind are reported one by one.
+/// Maximum number of findings of one kind that are reported one by one.
 const MAX_PER_KIND: usize = 20;
 
-/// Looks at a compiled scene.
+/// Runs all checks on a compiled scene.
 pub(crate) fn look(scene: &Scene, report: &mut BuildReport) {
     let boxes: Vec<Aabb> = scene.parts.iter().map(|p| bounds(scene, p)).collect();
     sizes(scene, &boxes, report);
@@ -38,7 +38,7 @@ pub(crate) fn look(scene: &Scene, report: &mut BuildReport) {
     cameras(scene, report);
 }
 
-/// Why a mesh has lost digits before it came here, if it has: its vertices lie far from their own origin.
+/// The reason why a mesh lost precision before it was imported, if it did: its vertices lie far from their own origin.
 pub(crate) fn lost_digits(mesh: &Mesh) -> Option<String> {
     let bounds = Aabb::from_points(mesh.triangles.iter().flatten().map(|&i| mesh.positions[i as usize]));
     if bounds.is_empty() {
@@ -83,7 +83,7 @@ fn place(scene: &Scene, part: &Part) -> String {
     if name.is_empty() { format!("object {}", part.object) } else { format!("object \"{name}\"") }
 }
 
-/// Reports findings of one kind: the first ones one by one, the others by their number.
+/// Reports findings of one kind: the first ones one by one, the number of the others.
 fn push(report: &mut BuildReport, findings: Vec<(String, String)>) {
     let more = findings.len().saturating_sub(MAX_PER_KIND);
     for (place, message) in findings.into_iter().take(MAX_PER_KIND) {
@@ -102,8 +102,8 @@ fn meters(v: f32) -> String {
     }
 }
 
-/// Objects that are small against the step of their coordinates, solids that are thin against it, and triangles whose height
-/// is rounding noise.
+/// Reports objects that are small compared with the step of their coordinates, solids that are thin compared with it,
+/// and triangles whose height is rounding error.
 fn sizes(scene: &Scene, boxes: &[Aabb], report: &mut BuildReport) {
     let (mut small, mut thin, mut needles) = (Vec::new(), Vec::new(), Vec::new());
     for (part, bounds) in scene.parts.iter().zip(boxes).filter(|(_, b)| !b.is_empty()) {
@@ -153,7 +153,7 @@ fn sizes(scene: &Scene, boxes: &[Aabb], report: &mut BuildReport) {
     [small, thin, needles].into_iter().for_each(|findings| push(report, findings));
 }
 
-/// Indices of refraction that are not those of a clear material.
+/// Reports indices of refraction outside the range of clear materials.
 fn materials(scene: &Scene, report: &mut BuildReport) {
     let mut used = vec![false; scene.materials.len()];
     scene.parts.iter().for_each(|p| used[p.material as usize] = true);
@@ -170,7 +170,8 @@ fn materials(scene: &Scene, report: &mut BuildReport) {
     }
 }
 
-/// Emitters that are too small for a scattered ray to find, where there are reflections so sharp that only such a ray could.
+/// Reports emitters that are too small for scattered rays, in scenes with reflections so sharp that only scattered rays
+/// sample them.
 fn tiny_emitters(scene: &Scene, boxes: &[Aabb], report: &mut BuildReport) {
     let sharp = scene.parts.iter().map(|p| p.material as usize).find(|&m| {
         let material = &scene.materials[m];
@@ -191,7 +192,7 @@ fn tiny_emitters(scene: &Scene, boxes: &[Aabb], report: &mut BuildReport) {
     push(report, findings.collect());
 }
 
-/// Solids that lie partly in one another.
+/// Reports solids that overlap partly.
 fn overlaps(scene: &Scene, boxes: &[Aabb], report: &mut BuildReport) {
     if !scene.has_nesting() {
         return;
@@ -209,7 +210,7 @@ fn overlaps(scene: &Scene, boxes: &[Aabb], report: &mut BuildReport) {
         }
         let triangles: Vec<[Vec3; 3]> = corners(scene, part).collect();
         let every = triangles.len().div_ceil(MAX_CORNERS / 2).max(1);
-        // A corner, and the middle of an edge: of two bars that cross only edges enter each other.
+        // A corner, and the middle of an edge. If two bars cross, only their edges enter each other.
         let asked: Vec<Vec3> =
             triangles.iter().step_by(every).flat_map(|[p, q, _]| [*p, 0.5 * (*p + *q)]).take(MAX_CORNERS).collect();
         let interiors: Vec<_> = asked.iter().map(|&p| scene.interior_at(p)).collect();
@@ -232,7 +233,7 @@ fn overlaps(scene: &Scene, boxes: &[Aabb], report: &mut BuildReport) {
     push(report, findings);
 }
 
-/// Cameras that stand inside a solid.
+/// Reports cameras inside a solid.
 fn cameras(scene: &Scene, report: &mut BuildReport) {
     for camera in &scene.cameras {
         let eye = (camera.to_world.translation - scene.world_origin).as_vec3();

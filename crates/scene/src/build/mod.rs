@@ -1,4 +1,4 @@
-//! From a description to a compiled scene: validation, lints, effects, compilation.
+//! Compilation of a description to a scene: validation, lints, effects.
 
 mod ablation;
 pub mod builder;

@@ -1,26 +1,26 @@
-//! What building a scene found: repairs made, hazards left.
+//! Findings of the compilation of a scene: repairs and hazards.
 
-/// How much a finding matters.
+/// Severity of a finding.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Severity {
-    /// Good to know; the image is right.
+    /// For information; the image is correct.
     Note,
-    /// The image may not be what was meant.
+    /// The image may differ from the intended one.
     Hazard,
 }
 
-/// One finding, with the place it concerns.
+/// One finding and its place.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Finding {
-    /// How much it matters.
+    /// The severity.
     pub severity: Severity,
-    /// What it concerns: `mesh "lid"`.
+    /// The object of the finding: `mesh "lid"`.
     pub place: String,
-    /// What was found and done.
+    /// The defect and the repair or the help.
     pub message: String,
 }
 
-/// Everything building found.
+/// All findings of a compilation.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct BuildReport {
     /// Findings in the order of the scene's meshes.
@@ -40,7 +40,7 @@ impl BuildReport {
         self.findings.push(Finding { severity, place: place.into(), message: message.into() });
     }
 
-    /// The findings that may change the image.
+    /// Findings that can change the image.
     pub fn hazards(&self) -> impl Iterator<Item = &Finding> {
         self.findings.iter().filter(|f| f.severity == Severity::Hazard)
     }

@@ -1,4 +1,4 @@
-//! What is checked before a scene is compiled, and what is repaired on the way.
+//! Validation of a scene before it is compiled, and repair of damaged data.
 
 use crate::build::builder::{EnvironmentSource, MeshPart, PunctualKind, SceneBuilder};
 use crate::build::compile::BuildError;
@@ -8,7 +8,7 @@ use crate::material::Material;
 use crate::material::texture::{Image, Texels};
 use dunkelfeld_radiometry::Rgb;
 
-/// Does every index point to something, and does every image hold its texels?
+/// Checks that every index is in range and that every image has all its texels.
 pub(crate) fn check_indices(builder: &SceneBuilder) -> Result<(), BuildError> {
     let check = |place: &dyn Fn() -> String, what: &'static str, index: usize, count: usize| {
         if index < count { Ok(()) } else { Err(BuildError::BadIndex { place: place(), what, index, count }) }
@@ -45,7 +45,7 @@ pub(crate) fn check_indices(builder: &SceneBuilder) -> Result<(), BuildError> {
     Ok(())
 }
 
-/// Are the numbers of materials, lights and cameras such as can be computed with?
+/// Checks that the numbers of materials, lights and cameras are in their ranges.
 pub(crate) fn check_values(builder: &SceneBuilder) -> Result<(), BuildError> {
     builder.materials.iter().try_for_each(check_material)?;
     for light in &builder.lights {
@@ -110,7 +110,7 @@ fn is_radiance(v: Rgb) -> bool {
     v.is_finite() && v.to_array().iter().all(|c| *c >= 0.0)
 }
 
-/// Texels that are not finite or negative count as zero: one of them would spoil every pixel that sees it.
+/// Sets texels that are not finite or negative to zero. One of them would make every pixel invalid that samples it.
 pub(crate) fn repair_texels(images: &mut [Image], report: &mut BuildReport) {
     for image in images {
         let count = match &mut image.texels {
@@ -125,7 +125,7 @@ pub(crate) fn repair_texels(images: &mut [Image], report: &mut BuildReport) {
     }
 }
 
-/// Sets values that are no radiance to zero, and counts the texels that had any.
+/// Sets values that are no radiance to zero. Returns the number of texels that had any.
 fn blacken<const N: usize>(texels: &mut [[f32; N]]) -> usize {
     let usable = |v: f32| v.is_finite() && v >= 0.0;
     let broken = texels.iter_mut().filter(|t| !t.iter().all(|v| usable(*v)));
@@ -136,8 +136,8 @@ pub(crate) fn mesh_place(index: usize, name: &str) -> String {
     if name.is_empty() { format!("mesh {index}") } else { format!("mesh \"{name}\"") }
 }
 
-/// Attributes that are not as long as the positions would be read out of range, and colours that are no numbers would
-/// spoil what they colour: they are dropped.
+/// Drops attributes whose length differs from that of the positions, because they would be read out of range. Drops
+/// colours that are not finite, because they would make the surface invalid.
 pub(crate) fn drop_unusable_attributes(part: &mut MeshPart, place: &str, report: &mut BuildReport) {
     let n = part.mesh.positions.len();
     let mut drop = |len: usize, name: &str| {

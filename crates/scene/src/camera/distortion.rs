@@ -1,21 +1,21 @@
-//! Lens distortion after OpenCV: the forward model, where it can be undone, and its inverse for the ray generator.
+//! Lens distortion of OpenCV: the forward model, its domain, and its inverse for the ray generator.
 
 /// OpenCV's lens distortion: radial and tangential terms (Brown 1971), the radial ones as a fraction of polynomials.
 ///
-/// It maps the direction `(x, y, 1)` in the camera frame of OpenCV (x right, y *down*, z forward) to the place on a film
-/// at unit distance where it is seen. With r^2 = x^2 + y^2 and
-/// g = (1 + k1 r^2 + k2 r^4 + k3 r^6) / (1 + k4 r^2 + k5 r^4 + k6 r^6) that place is
+/// It maps the direction `(x, y, 1)` in the camera frame of OpenCV (x right, y *down*, z forward) to its place on a
+/// film at unit distance. With r^2 = x^2 + y^2 and g = (1 + k1 r^2 + k2 r^4 + k3 r^6) / (1 + k4 r^2 + k5 r^4 + k6 r^6)
+/// that place is
 ///
 /// x' = x g + 2 p1 x y + p2 (r^2 + 2 x^2), y' = y g + p1 (r^2 + 2 y^2) + 2 p2 x y.
 #[derive(Clone, Copy, Debug, PartialEq, Default)]
 pub struct Distortion {
-    /// k1 to k6: the first three above the fraction line, the others below.
+    /// k1 to k6: the first three are in the numerator, the others in the denominator.
     pub radial: [f64; 6],
     /// p1 and p2.
     pub tangential: [f64; 2],
 }
 
-/// Where a distortion folds back: from here on, two directions fall onto one place of the film.
+/// The fold of a distortion: beyond it, two directions map to one place of the film.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Fold {
     /// Tangent of the field angle.
@@ -42,7 +42,7 @@ impl Distortion {
         Some(Self { radial: [k1, k2, k3, k4, k5, k6], tangential: [p1, p2] })
     }
 
-    /// Does it leave every direction where it is?
+    /// True if the model is the identity.
     pub fn is_none(&self) -> bool {
         *self == Self::NONE
     }
@@ -52,7 +52,8 @@ impl Distortion {
         self.radial.iter().chain(&self.tangential).all(|v| v.is_finite())
     }
 
-    /// Where the direction `(x, y, 1)` is seen; x to the right and y down, in units of the distance to the film.
+    /// The place of the direction `(x, y, 1)` on the film; x to the right and y down, in units of the distance to the
+    /// film.
     #[inline]
     pub fn forward(&self, x: [f64; 2]) -> [f64; 2] {
         self.image(x).place
@@ -80,13 +81,14 @@ impl Distortion {
     }
 }
 
-/// A distorted place and the derivatives there. Their matrix is symmetric: the model is the gradient of a potential.
+/// A distorted place and the derivatives there. Their matrix is symmetric, because the model is the gradient of a
+/// potential.
 struct Image {
     place: [f64; 2],
     xx: f64,
     xy: f64,
     yy: f64,
-    /// The radial fraction's denominator.
+    /// The denominator of the radial fraction.
     below: f64,
 }
 
@@ -95,49 +97,48 @@ impl Image {
         self.xx * self.yy - self.xy * self.xy
     }
 
-    /// Is the potential convex here, on this side of any pole?
+    /// True if the potential is convex here and the point is on this side of any pole.
     fn is_regular(&self) -> bool {
         self.below > 0.0 && self.xx + self.yy > 0.0 && self.determinant() > 0.0
     }
 }
 
-/// Steps of the march outward over the radius of the film.
+/// Number of steps of the march from the axis, per radius of the film.
 const STEPS: f64 = 512.0;
-/// Directions in which a distortion that is not symmetric is followed.
+/// Number of directions in which an asymmetric distortion is sampled.
 const SPOKES: u32 = 64;
-/// Beyond this field angle's tangent (89.9 degrees) no perspective film reaches.
+/// Largest tangent of a field angle (89.9 degrees). No perspective film exceeds it.
 const WIDEST: f64 = 573.0;
 /// Entries of the table that Newton's method starts from.
 const ENTRIES: usize = 128;
-/// Newton steps at most; two or three do.
+/// Maximum number of Newton steps. Two or three are usual.
 const MAX_STEPS: u32 = 32;
-/// Least share of a Newton step that is tried.
+/// Smallest fraction of a Newton step that is tried.
 const SHORTEST: f64 = 1.0 / 1024.0;
-/// Residual, relative to the film's radius, at which a place counts as found: far beneath f32.
+/// Residual at which a place is accepted, relative to the radius of the film. It is far below the precision of f32.
 const CLOSE: f64 = 1e-13;
 
-/// The inverse of a distortion over a film: from places on the film back to directions.
+/// The inverse of a distortion over a film: from places on the film to directions.
 ///
-/// The matrix of the model's derivatives is symmetric. On a disc of directions where it is positive definite
-/// everywhere the model is the gradient of a strictly convex function, so no two directions of the disc fall onto one
-/// place, and a Newton descent that never climbs finds the direction of every place.
+/// The matrix of the derivatives of the model is symmetric. On a disc of directions where it is positive definite
+/// everywhere the model is the gradient of a strictly convex function. So no two directions of the disc map to one
+/// place, and a Newton descent with decreasing residual finds the direction of every place.
 #[derive(Clone, Debug)]
 pub struct Undistorter {
     model: Distortion,
     /// Radius of the disc of directions.
     radius: f64,
-    /// Radius on the film that the disc is known to cover.
+    /// Radius on the film that the disc covers completely.
     film_radius: f64,
     /// Quotient of radii, direction over film, at equal steps of the film radius.
     quotients: [f64; ENTRIES + 1],
 }
 
 impl Undistorter {
-    /// Prepares the inverse for all places of a film at unit distance that lie within `film_radius` of its principal
-    /// point.
+    /// Prepares the inverse for all places of a film at unit distance within `film_radius` of its principal point.
     ///
     /// # Errors
-    /// Where the model folds back, runs into a pole or ends before it has covered the film.
+    /// If the model folds, has a pole, or ends before it covers the film.
     pub fn new(model: Distortion, film_radius: f64) -> Result<Self, Fold> {
         let spokes = if model.tangential == [0.0; 2] { 1 } else { SPOKES };
         let directions: Vec<[f64; 2]> = (0..spokes)
@@ -147,8 +148,8 @@ impl Undistorter {
             })
             .collect();
         let mut step = film_radius / STEPS;
-        // Pairs of film radius (in the least favourable direction) and radius. A fold between two steps that neither
-        // of them shows is so shallow that it moves places by less than f32 can tell.
+        // Pairs of film radius (in the least favourable direction) and radius. A fold between two steps that is not
+        // visible at either of them is very shallow. It moves places by less than the precision of f32.
         let mut march = vec![[0.0, 0.0]];
         let mut covered = [0.0, 0.0];
         while covered[0] < film_radius {
@@ -164,7 +165,7 @@ impl Undistorter {
             }
             covered = [least, radius];
             march.push(covered);
-            // A film that the model only creeps up to is followed in growing steps.
+            // If the model approaches the edge of the film slowly, the steps grow.
             step *= 1.001;
         }
         let mut at = 1;
@@ -186,15 +187,15 @@ impl Undistorter {
         &self.model
     }
 
-    /// Is the direction `(x, y, 1)` among those for which the model is known to be one to one? All that fall onto the
-    /// film are.
+    /// True if the direction `(x, y, 1)` lies in the domain where the model is proved to be one to one. All directions
+    /// that map to the film do.
     pub fn holds(&self, [x, y]: [f64; 2]) -> bool {
         x * x + y * y <= self.radius * self.radius
     }
 
-    /// The direction `(x, y, 1)` that is seen at a place on the film, to 1e-13 of the film's radius.
+    /// The direction `(x, y, 1)` of a place on the film, to 1e-13 of the film's radius.
     ///
-    /// For a place beyond the film radius, where there may be none, the nearest that the descent comes to.
+    /// For a place beyond the film radius, where there may be no direction, the nearest result of the descent.
     pub fn inverse(&self, place: [f64; 2]) -> [f64; 2] {
         let mut at = self.start(place);
         let residual = |at: [f64; 2]| {
@@ -215,7 +216,7 @@ impl Undistorter {
             ];
             let next = self.confined([at[0] - share * step[0], at[1] - share * step[1]]);
             let (next_size, next_gap, next_image) = residual(next);
-            // A step that does not come closer was too long; written so that not-a-number is no progress either.
+            // A step that does not reduce the residual was too long. The comparison also rejects not-a-number.
             if next_size < size {
                 (at, size, gap, image, share) = (next, next_size, next_gap, next_image, 1.0);
             } else {
@@ -225,7 +226,7 @@ impl Undistorter {
         at
     }
 
-    /// Where the search for a place begins: the radial part undone by the table.
+    /// Start value of the descent: the table inverts the radial part.
     fn start(&self, [x, y]: [f64; 2]) -> [f64; 2] {
         let t = ENTRIES as f64 * (x.hypot(y) / self.film_radius).min(1.0);
         let i = (t as usize).min(ENTRIES - 1);
@@ -234,7 +235,7 @@ impl Undistorter {
         self.confined([x * quotient, y * quotient])
     }
 
-    /// A direction pulled back into the disc.
+    /// A direction clamped to the disc.
     fn confined(&self, [x, y]: [f64; 2]) -> [f64; 2] {
         let shrink = self.radius / x.hypot(y).max(self.radius);
         [x * shrink, y * shrink]

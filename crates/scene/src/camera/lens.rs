@@ -1,4 +1,4 @@
-//! What stands between film and world: the aperture and its shape, focus, and the formulas of the thin lens.
+//! Lens: the aperture and its shape, focus, vignetting, and the formulas of the thin lens.
 
 use crate::camera::distortion::Distortion;
 use dunkelfeld_sampling::warp::{sample_disk, sample_polygon};
@@ -7,31 +7,31 @@ use std::f64::consts::{PI, TAU};
 /// A lens. The default is a pinhole: sharp everywhere, without distortion, equally bright over the film.
 #[derive(Clone, Copy, Debug, PartialEq, Default)]
 pub struct Lens {
-    /// The opening that light passes; `None` is infinitely small, and everything is sharp.
+    /// The aperture; `None` is infinitely small, and the image is sharp at all depths.
     pub aperture: Option<Aperture>,
     /// Distortion of the image; only for a perspective.
     pub distortion: Distortion,
     /// Where the optical axis meets the film, as an offset from its middle \[pixels\], to the right and down. For a
     /// film of W x H pixels it is OpenCV's (cx, cy) - (W - 1, H - 1) / 2.
     pub principal_point: [f64; 2],
-    /// How the image darkens toward its edge.
+    /// Darkening of the image toward its edge.
     pub vignetting: Vignetting,
 }
 
 /// A finite aperture.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Aperture {
-    /// How wide it is.
+    /// Size of the aperture.
     pub opening: Opening,
-    /// Distance along the optical axis from the camera's position to the plane that is sharp \[m\]. May be infinite for
-    /// a perspective.
+    /// Distance along the optical axis from the camera's position to the plane in focus \[m\]. May be infinite for a
+    /// perspective.
     pub focus_distance: f64,
-    /// Straight blades that bound it; `None` for a circle. A polygon has the area of the circle that it replaces, so
-    /// that an f-number means the same irradiance.
+    /// Straight blades that bound the aperture; `None` for a circle. A polygon has the area of the circle that it
+    /// replaces, so that an f-number gives the same irradiance.
     pub blades: Option<Blades>,
 }
 
-/// How wide an aperture is.
+/// Size of an aperture.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Opening {
     /// Radius \[m\] of the pupil of a perspective camera, f / (2 N).
@@ -44,16 +44,16 @@ pub enum Opening {
 /// A regular polygon of straight aperture blades.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Blades {
-    /// How many, 3 or more.
+    /// Number of blades, 3 or more.
     pub count: u32,
     /// Angle \[rad\] of the first corner from the camera's right, toward up.
     pub rotation: f64,
 }
 
-/// How the image of an evenly bright scene darkens away from the optical axis.
+/// Darkening of the image of an evenly bright scene away from the optical axis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
 pub enum Vignetting {
-    /// Not at all.
+    /// No darkening.
     #[default]
     None,
     /// With the fourth power of the cosine of the angle between chief ray and axis (the natural vignetting of a thin
@@ -107,18 +107,18 @@ pub struct ThinLens {
     pub focal_length: f64,
     /// f-number N: the pupil's diameter is f / N.
     pub f_number: f64,
-    /// Distance u from the lens to the plane that is sharp \[m\], above f; may be infinite.
+    /// Distance u from the lens to the plane in focus \[m\], above f; may be infinite.
     pub focus_distance: f64,
 }
 
 impl ThinLens {
-    /// The lens that is focused at `focus_distance` when its film stands at `image_distance` \[m\].
+    /// The lens that is focused at `focus_distance` if its film is at `image_distance` \[m\].
     pub fn from_image_distance(image_distance: f64, f_number: f64, focus_distance: f64) -> Self {
         // Written with the quotient, so that an infinite focus distance gives f = v.
         Self { focal_length: image_distance / (1.0 + image_distance / focus_distance), f_number, focus_distance }
     }
 
-    /// Magnification m = f / (u - f), image size over object size in the plane that is sharp.
+    /// Magnification m = f / (u - f), image size over object size in the plane in focus.
     pub fn magnification(&self) -> f64 {
         self.focal_length / (self.focus_distance - self.focal_length)
     }
@@ -140,7 +140,7 @@ impl ThinLens {
         2.0 * self.aperture_radius() * self.image_distance() * (1.0 / self.focus_distance - 1.0 / distance).abs()
     }
 
-    /// Full angle \[rad\] that a film of the given height \[m\] around the axis sees.
+    /// Full field angle \[rad\] of a film of the given height \[m\] around the axis.
     pub fn field_of_view(&self, film_height: f64) -> f64 {
         2.0 * (0.5 * film_height / self.image_distance()).atan()
     }

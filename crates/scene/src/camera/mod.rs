@@ -1,5 +1,5 @@
-//! Cameras that make rays: from a point on the film, through the lens, to a ray in render space; and back, from a point
-//! of the world to the film.
+//! Ray generation: from a point on the film through the lens to a ray in render space, and projection from a point of
+//! the world to the film.
 
 pub mod distortion;
 pub mod lens;
@@ -10,15 +10,15 @@ use crate::camera::lens::{Aperture, Opening, Vignetting};
 use dunkelfeld_bsdf::EFFECTS;
 use dunkelfeld_geometry::{DAffine3, DMat3, DVec3, Ray};
 
-/// Why a camera cannot be bound to a film.
+/// Reason why a camera cannot be bound to a film.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum CameraError {
-    /// A value that is not finite, out of range, or does not go with the others.
+    /// A value that is not finite, out of range, or inconsistent with the others.
     #[error("camera \"{camera}\": {problem}")]
     Value {
         /// The camera.
         camera: String,
-        /// What is wrong, and what is right.
+        /// The error and the valid range.
         problem: &'static str,
     },
     /// Distortion that maps two directions to one place, or reaches no direction at all, within the film.
@@ -43,15 +43,15 @@ pub enum CameraError {
     },
 }
 
-/// A ray of a camera, with what the lens does to its light.
+/// A ray of a camera and its weight.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CameraRay {
     /// The ray in render space.
     pub ray: Ray,
-    /// Share of the radiance that counts: below one where the lens vignettes.
+    /// Factor on the radiance: below one if the lens vignettes.
     pub weight: f32,
-    /// Distance \[m\] from the camera to the ray's start. Not zero where the camera stands outside the scene: the ray
-    /// then starts close to it, so that a camera a kilometre away is as exact as a near one.
+    /// Distance \[m\] from the camera to the start of the ray. It is above zero if the camera is outside the scene. The
+    /// ray then starts close to the scene, so that a camera at a distance of one kilometre is as precise as a near one.
     pub start: f32,
 }
 
@@ -72,7 +72,7 @@ pub struct RayGenerator {
     half: [f64; 2],
     /// Half of the film's extents \[pixels\].
     half_pixels: [f64; 2],
-    /// Where the optical axis meets the film, in these halves: one is the middle.
+    /// The point where the optical axis meets the film, in units of `half_pixels` from the corner: one is the middle.
     center: [f64; 2],
     parallel: bool,
     darkens: bool,
@@ -86,11 +86,11 @@ impl RayGenerator {
     /// Binds a camera to a film of `width * height` pixels.
     ///
     /// Rays start in render space: world space moved by `-world_origin`, where the scene lies within `radius` \[m\]
-    /// around the origin. The vertical extent is the camera's; the horizontal one follows from square pixels. An
-    /// orthographic camera keeps its larger extent in view.
+    /// around the origin. The vertical extent is that of the camera. The horizontal one follows from square pixels. An
+    /// orthographic camera keeps its larger extent in the image.
     ///
     /// # Errors
-    /// Values without meaning, and a distortion that cannot be undone over the film.
+    /// Invalid values, and a distortion that cannot be inverted over the film.
     pub fn new(
         camera: &Camera,
         width: u32,
@@ -157,24 +157,24 @@ impl RayGenerator {
         self.camera_ray(x, y, None).ray
     }
 
-    /// Does a ray need two numbers for its place on the lens?
+    /// True if a ray needs two numbers for its place on the lens.
     #[inline]
     pub fn has_aperture(&self) -> bool {
         EFFECTS && self.aperture.is_some()
     }
 
-    /// Does the lens distort?
+    /// True if the lens distorts.
     pub fn has_distortion(&self) -> bool {
         self.undistorter.is_some()
     }
 
-    /// Do rays differ in weight?
+    /// True if rays have different weights.
     pub fn has_vignetting(&self) -> bool {
         self.darkens
     }
 
-    /// The ray through the film point (x, y), in pixels from the top left corner, and through the point of the aperture
-    /// that two uniform numbers choose; without them, or without a finite aperture, the chief ray.
+    /// The ray through the film point (x, y), in pixels from the top left corner. Two uniform numbers choose the point
+    /// of the aperture. Without numbers, or without a finite aperture, the result is the chief ray.
     #[inline]
     pub fn camera_ray(&self, x: f32, y: f32, lens: Option<[f32; 2]>) -> CameraRay {
         let [right, up] = self.seen(f64::from(x), f64::from(y));
@@ -184,7 +184,7 @@ impl RayGenerator {
             _ if self.parallel => (self.origin + chief, -self.axes.z_axis),
             _ => (self.origin, chief.normalize()),
         };
-        // The scene lies within its radius of the origin: up to there, the way is free.
+        // The scene lies within its radius of the origin. Up to there the ray meets no surface.
         let start = (-from.dot(direction) - self.clearance).max(0.0);
         let weight = if self.darkens {
             // The fourth power of the cosine.
@@ -197,7 +197,8 @@ impl RayGenerator {
         CameraRay { ray, weight: weight as f32, start: start as f32 }
     }
 
-    /// Start and direction of the ray through a point of the aperture: it meets the chief ray in the plane that is sharp.
+    /// Start and direction of the ray through a point of the aperture. It intersects the chief ray in the plane in
+    /// focus.
     #[inline]
     fn through_lens(&self, aperture: &Aperture, u: [f32; 2], chief: DVec3) -> (DVec3, DVec3) {
         let [right, up] = aperture.sample(u);
@@ -206,7 +207,8 @@ impl RayGenerator {
         match aperture.opening {
             Opening::Radius(_) => (self.origin + point, (chief - point / distance).normalize()),
             Opening::NumericalAperture(_) => {
-                // Uniform in the sines, as the sine condition wants it: the aperture lies in the focal plane behind.
+                // Uniform in the direction sines, as the sine condition requires. The aperture lies in the focal plane
+                // behind the lens.
                 let cosine = (1.0 - point.length_squared()).max(0.0).sqrt();
                 let direction = point - self.axes.z_axis * cosine;
                 (self.origin + chief - point * (distance / cosine), direction)
@@ -214,15 +216,15 @@ impl RayGenerator {
         }
     }
 
-    /// What the film point (x, y) sees: the place (right, up) on a film at unit distance without distortion, or in
-    /// metres for parallel rays.
+    /// The undistorted place (right, up) of the film point (x, y) on a film at unit distance, or in metres for parallel
+    /// rays.
     #[inline]
     fn seen(&self, x: f64, y: f64) -> [f64; 2] {
         let right = (x / self.half_pixels[0] - self.center[0]) * self.half[0];
         let up = (self.center[1] - y / self.half_pixels[1]) * self.half[1];
         match &self.undistorter {
             Some(undistorter) if EFFECTS => {
-                // OpenCV counts downward.
+                // The y axis of OpenCV points down.
                 let [x, y] = undistorter.inverse([right, -up]);
                 [x, -y]
             }
@@ -230,11 +232,11 @@ impl RayGenerator {
         }
     }
 
-    /// Where a point of world space is seen on the film: pixels from the top left corner, x to the right and y down,
-    /// along its chief ray. The place may lie outside the film.
+    /// The film point of a point of world space along its chief ray: pixels from the top left corner, x to the right
+    /// and y down. The point may lie outside the film.
     ///
-    /// `None` for points that the camera cannot see: behind it, or at field angles for which its distortion is not known
-    /// to be one to one. All that falls onto the film is within them.
+    /// `None` for points behind the camera, and at field angles outside the domain where the distortion is one to one.
+    /// All points that map to the film are within that domain.
     pub fn project(&self, world: DVec3) -> Option<[f64; 2]> {
         let local = self.axes.transpose() * (world - self.world_origin - self.origin);
         let depth = -local.z;
@@ -258,7 +260,7 @@ impl RayGenerator {
     }
 }
 
-/// Are the numbers of a camera such as can be computed with? Says what is wrong and what is right.
+/// Checks the numbers of a camera. The error contains the problem and the valid range.
 pub(crate) fn check_camera(camera: &Camera) -> Result<(), &'static str> {
     let require = |fits: bool, problem| if fits { Ok(()) } else { Err(problem) };
     require(camera.to_world.is_finite(), "its transform must be finite")?;
@@ -296,22 +298,23 @@ pub(crate) fn check_camera(camera: &Camera) -> Result<(), &'static str> {
     require(blades.rotation.is_finite(), "the rotation of its aperture must be finite")
 }
 
-/// The camera-to-world transform of a camera at `eye` that looks at `target`. `up` need not be orthogonal to the view; if
-/// it is parallel to it, some other direction is up.
+/// The camera-to-world transform of a camera at `eye` with the viewing direction toward `target`. `up` need not be
+/// orthogonal to that direction. If it is parallel to it, another direction is used.
 pub fn look_at(eye: DVec3, target: DVec3, up: DVec3) -> DAffine3 {
     let back = axis(eye - target, DVec3::Z);
     let right = axis(up.cross(back), back.any_orthonormal_vector());
     DAffine3 { matrix3: DMat3::from_cols(right, back.cross(right), back), translation: eye }
 }
 
-/// `v` at unit length, or the fall-back where that is impossible.
+/// `v` at unit length, or the fall-back if `v` cannot be normalised.
 fn axis(v: DVec3, fallback: DVec3) -> DVec3 {
     v.try_normalize().unwrap_or(fallback)
 }
 
-/// A camera that sees the whole scene: obliquely from above, with a little margin.
+/// A camera with the whole scene in its image: obliquely from above, with a small margin.
 ///
-/// `vertical_fov` is the full angle \[rad\]. `bounds` are the scene's corners in world space; without any the camera looks at the origin from 1 m.
+/// `vertical_fov` is the full angle \[rad\]. `bounds` are the scene's corners in world space. Without bounds the camera
+/// is 1 m away from the origin.
 pub fn framing_camera(bounds: Option<[DVec3; 2]>, aspect: f32, vertical_fov: f64) -> Camera {
     let [lo, hi] = bounds.unwrap_or([DVec3::splat(-0.25), DVec3::splat(0.25)]);
     let center = 0.5 * (lo + hi);

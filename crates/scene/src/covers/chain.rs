@@ -1,27 +1,27 @@
-//! Chains of smooth interfaces as words: what happens at each, from the receiver to the light.
+//! Chains of smooth interfaces as sequences of events: the event at each interface, from the receiver to the light.
 
-/// What light does at the interfaces between two points: at each it is transmitted or reflected.
+/// The events at the interfaces between two points: at each interface light is transmitted or reflected.
 ///
-/// Events stand in the order in which they are met on the way from the receiver to the light. A path that is followed from
-/// the receiver spells its word event by event with [`Self::then`].
+/// Events are in the order in which they occur from the receiver to the light. A path traced from the receiver appends
+/// its events with [`Self::then`].
 #[derive(Clone, Copy, PartialEq, Eq, Hash)]
 pub struct Chain(u16);
 
-/// Reflections on the way: none, one double pass, two.
+/// Maximum number of reflections. The number is even: none, two for one double pass, four for two.
 const MAX_REFLECTIONS: u32 = 4;
 
 impl Chain {
-    /// The longest chain.
+    /// Maximum number of events.
     pub const MAX_EVENTS: u32 = 14;
 
-    /// Nothing yet.
+    /// A chain without events.
     pub const EMPTY: Self = Self(1);
 
-    /// The chain with one event more at its end; `None` if it would be too long.
+    /// The chain with one more event at its end; `None` if it would be too long.
     #[inline]
     pub fn then(self, is_reflection: bool) -> Option<Self> {
         (self.events() < Self::MAX_EVENTS).then(|| {
-            // The highest bit is a mark, behind which the events stand, the first one in the lowest bit.
+            // The highest set bit is a mark. The bits below it are the events, the first one in the lowest bit.
             let mark = 1 << self.events();
             Self((self.0 & !mark) | (mark << 1) | if is_reflection { mark } else { 0 })
         })
@@ -33,7 +33,7 @@ impl Chain {
         15 - self.0.leading_zeros()
     }
 
-    /// Is the event of this number (from 0, at the receiver) a reflection? False beyond the end.
+    /// True if the event of this number (from 0, at the receiver) is a reflection. False beyond the end.
     #[inline]
     pub fn is_reflection(self, event: u32) -> bool {
         event < self.events() && self.0 >> event & 1 == 1
@@ -51,11 +51,11 @@ impl Chain {
         (0..events).rev().fold(Self::EMPTY, |word, e| word.then(self.is_reflection(e)).unwrap_or(word))
     }
 
-    /// All chains up to order 2 that lead through `interfaces` interfaces in a row, in ascending order; none if there are
-    /// none, or too many.
+    /// All chains up to order 2 that pass `interfaces` interfaces in a row, in ascending order. Empty without
+    /// interfaces, or with too many.
     ///
-    /// Each starts before the first interface and ends when it has passed the last one; it turns back an even number of
-    /// times. No interface beyond these takes part.
+    /// Each chain starts before the first interface and ends behind the last one. It has an even number of reflections.
+    /// It uses no other interface.
     pub(crate) fn through(interfaces: u32) -> Vec<Self> {
         let mut found = Vec::new();
         if interfaces > 0 {
@@ -65,8 +65,8 @@ impl Chain {
         found
     }
 
-    /// The chain's events one by one, in a row of `interfaces` interfaces: the number of each interface (from 0, at the
-    /// receiver), whether it is a reflection, and whether it is met on the way forward.
+    /// The events of the chain one by one, in a row of `interfaces` interfaces: the number of each interface (from 0,
+    /// at the receiver), whether the event is a reflection, and whether light meets it in forward direction.
     #[inline]
     pub(crate) fn steps(self) -> impl Iterator<Item = Step> {
         let mut forward = true;
@@ -81,12 +81,12 @@ impl Chain {
     }
 }
 
-/// One event of a chain, in its place.
+/// One event of a chain at its interface.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Step {
     pub(crate) interface: u32,
     pub(crate) is_reflection: bool,
-    /// Is the interface met from the receiver's side?
+    /// True if the interface is met from the receiver's side.
     pub(crate) forward: bool,
 }
 
@@ -97,7 +97,7 @@ impl std::fmt::Debug for Chain {
     }
 }
 
-/// Goes on from the meeting of interface `next` in all ways that can come to an end.
+/// Continues from interface `next` with all sequences that can be completed.
 fn walk(interfaces: u32, next: u32, forward: bool, word: Chain, reflections: u32, found: &mut Vec<Chain>) {
     let Some(transmitted) = word.then(false) else { return };
     if forward {

@@ -1,9 +1,10 @@
-//! Which solids of a scene are covers: clear, smooth sheets between light and object.
+//! Detection of covers: solids that are clear, smooth sheets between light and object.
 //!
-//! A solid is one if its smooth faces within 30 degrees of a common axis, both ways, hold at least half of its surface, and
-//! the mean distance between the two is at most half of its smaller extent across the axis. The axis is the direction that
-//! most of the surface faces: the principal eigenvector of `sum A n n^T`. Holes, engravings, ribs and rims need no care:
-//! whether a chain of refractions exists is decided by tracing it.
+//! A solid is a cover under two conditions. Its smooth faces within 30 degrees of a common axis, in both directions,
+//! hold at least half of its surface. The mean distance between the two faces is at most half of its smaller extent
+//! across the axis. The axis is the main direction of the surface normals: the principal eigenvector of `sum A n n^T`.
+//! Holes, engravings, ribs and rims need no special treatment, because tracing decides if a chain of refractions
+//! exists.
 
 use super::scene_covers::{Covers, NO_COVER};
 use super::slab_face::{self, Facing, Triangle};
@@ -16,7 +17,7 @@ use crate::scene::Scene;
 use dunkelfeld_geometry::{DVec2, DVec3};
 use std::collections::BTreeMap;
 
-/// Two faces of a sheet share this much of its surface at least.
+/// The two faces of a sheet hold at least this share of its surface.
 const MIN_SHARE: f64 = 0.5;
 /// The smaller of the two has at least this share of the larger one's area.
 const MIN_BALANCE: f64 = 0.25;
@@ -26,11 +27,12 @@ const MAX_THICKNESS: f64 = 0.5;
 const PARALLEL: f64 = 0.999;
 /// Sheets of one stack overlap by at least this share of the smaller one.
 const MIN_OVERLAP: f64 = 0.25;
-/// Sheets of one stack overlap in height by at most this share of the thinner one: what is glued may be sunk in a little.
+/// Sheets of one stack overlap in height by at most this share of the thinner one. A glued sheet may be slightly sunk
+/// in.
 const MAX_SUNK: f64 = 0.25;
 /// Faces nearer to each other than this many roundings of the scene's coordinates are in contact.
 const CONTACT: f64 = 16.0;
-/// So many sheets are looked at, the largest ones; each is held against all stacks.
+/// Maximum number of sheets; the largest are used. Each is compared with all stacks.
 const MAX_SHEETS: usize = 4096;
 
 /// A solid that is a cover.
@@ -48,7 +50,7 @@ struct Sheet {
     radius: f64,
 }
 
-/// A sheet as its stack sees it: lower and upper face along the stack's axis.
+/// A sheet in its stack: lower and upper face along the axis of the stack.
 struct Placed {
     sheet: Sheet,
     faces: [CoverInterface; 2],
@@ -103,7 +105,8 @@ pub(crate) fn find(scene: &Scene) -> Covers {
     if covers.stacks.is_empty() { Covers::default() } else { covers }
 }
 
-/// Solids that light scatters in, with a smooth surface, may lie on a stack: chains can start inside of them.
+/// Registers solids with a smooth surface and a scattering medium that are in contact with a stack. Chains can start
+/// inside them.
 fn note_touching(scene: &Scene, covers: &mut Covers) {
     let milky: Vec<bool> = (0..scene.materials.len()).map(|m| is_smooth(scene, m) && scatters(scene, m)).collect();
     let contact = CONTACT * rounding(scene);
@@ -137,12 +140,12 @@ fn scatters(scene: &Scene, material: usize) -> bool {
     matches!(&scene.materials[material].surface, Surface::Solid(volume) if Medium::new(volume).scatters())
 }
 
-/// Does light cross the surface of a material everywhere in single directions, and the inside without scattering?
+/// True if light passes the surface of a material everywhere in single directions, and the inside without scattering.
 fn is_clear(scene: &Scene, material: usize) -> bool {
     is_smooth(scene, material) && !scatters(scene, material) && scene.materials[material].ior != 1.0
 }
 
-/// Does light cross the surface of a material everywhere in single directions?
+/// True if light passes the surface of a material everywhere in single directions.
 fn is_smooth(scene: &Scene, material: usize) -> bool {
     let (m, compiled): (&Material, _) = (&scene.materials[material], &scene.compiled[material]);
     let is_even = m.roughness < SMOOTH_ROUGHNESS && m.roughness_texture.is_none() && m.normal_texture.is_none();
@@ -151,12 +154,12 @@ fn is_smooth(scene: &Scene, material: usize) -> bool {
     compiled.is_solid && is_even && is_full && is_there
 }
 
-/// How far rounding may move a coordinate of the scene \[m\].
+/// Largest rounding error of a coordinate of the scene \[m\].
 fn rounding(scene: &Scene) -> f64 {
     f64::from(scene.radius) * f64::from(f32::EPSILON)
 }
 
-/// The solid as a cover, if it is one.
+/// The solid as a sheet, if it is a cover.
 fn sheet(scene: &Scene, solid: u32, parts: Vec<usize>, other_area: f64) -> Option<Sheet> {
     let triangles = || slab_face::triangles(scene, &parts);
     let axis = slab_face::axis(triangles)?;
@@ -205,13 +208,14 @@ fn measure(scene: &Scene, sheet: &Sheet, axis: DVec3, tangents: [DVec3; 2]) -> O
     Some(([low.0, high.0], is_flat))
 }
 
-/// The faces of a sheet in a stack that it fits into: parallel to it, above or below each of its sheets.
+/// The faces of a sheet in a stack that it fits into. It fits if it is parallel to the stack, and above or below each
+/// of its sheets.
 fn place(scene: &Scene, sheet: &Sheet, stack: &[Placed]) -> Option<([CoverInterface; 2], bool)> {
     let first = &stack.first()?.sheet;
     if sheet.axis.dot(first.axis).abs() < PARALLEL || 2 * (stack.len() + 1) > MAX_INTERFACES {
         return None;
     }
-    // Before all its triangles are looked at: seen along the axis, do the spheres around them meet?
+    // A cheap test before all triangles are read: do the bounding spheres overlap in the projection along the axis?
     let is_beside = stack.iter().any(|other| {
         let way = sheet.center - other.sheet.center;
         let across = way - first.axis * first.axis.dot(way);
@@ -237,15 +241,15 @@ fn footprint(faces: &[CoverInterface; 2]) -> [DVec2; 2] {
     [a[0].min(b[0]), a[1].max(b[1])]
 }
 
-/// What two footprints share, as a part of the smaller one.
+/// Overlap of two footprints as a share of the smaller one.
 fn overlap(a: &[DVec2; 2], b: &[DVec2; 2]) -> f64 {
     let area = |size: DVec2| size.x * size.y;
     let shared = (a[1].min(b[1]) - a[0].max(b[0])).max(DVec2::ZERO);
     area(shared) / area(a[1] - a[0]).min(area(b[1] - b[0]))
 }
 
-/// Sheets in ascending order become interfaces and layers. Faces in contact are one interface, and none if the index of
-/// refraction is the same on both sides.
+/// Converts sheets in ascending order to interfaces and layers. Faces in contact form one interface. They form none if
+/// the index of refraction is the same on both sides.
 fn assemble(axis: DVec3, tangents: [DVec3; 2], sheets: Vec<Placed>, contact: f64) -> CoverStack {
     let air = || CoverLayer { ior: 1.0, materials: Vec::new() };
     let (mut interfaces, mut layers): (Vec<CoverInterface>, Vec<CoverLayer>) = (Vec::new(), vec![air()]);
@@ -256,7 +260,7 @@ fn assemble(axis: DVec3, tangents: [DVec3; 2], sheets: Vec<Placed>, contact: f64
         let own = CoverLayer { ior: placed.sheet.ior, materials: vec![placed.sheet.material] };
         let touches = interfaces.last().is_some_and(|below| low.height - below.height <= contact);
         if touches {
-            // The air that was put on top of the sheet below is not there.
+            // Removes the air layer above the sheet below, because the two sheets are in contact.
             layers.pop();
             if layers.last().is_some_and(|below| below.ior == own.ior) {
                 interfaces.pop();
@@ -279,7 +283,7 @@ fn assemble(axis: DVec3, tangents: [DVec3; 2], sheets: Vec<Placed>, contact: f64
     CoverStack::new(axis, tangents, interfaces, layers, is_flat)
 }
 
-/// Two faces in contact as one.
+/// Merges two faces in contact.
 fn merged(a: &CoverInterface, b: &CoverInterface) -> CoverInterface {
     let height = 0.5 * (a.height + b.height);
     CoverInterface {

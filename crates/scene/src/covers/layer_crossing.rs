@@ -1,38 +1,40 @@
-//! A receiver and a light with a stack of covers between them: which chains may connect them, and how each runs in the
-//! plate of parallel layers that stands for the stack.
+//! A receiver and a light on two sides of a stack of covers: the candidate chains between them, and the direction of
+//! each in a plate of parallel layers that replaces the stack.
 
 use super::chain::{Chain, Step};
 use super::planar_layers::{Leg, PlateRay};
 use super::stack::{CoverInterface, CoverStack, MAX_INTERFACES};
 use dunkelfeld_geometry::{DVec2, DVec3, Vec3};
 
-/// Sideways ways of a chain between the first and the last interface, over those of the shortest one: two double passes.
+/// Sideways shift of a chain between the first and the last interface, over that of the shortest chain: two double
+/// passes.
 const MAX_PASSES: f64 = 5.0;
-/// A footprint is known up to this share of what its coordinates are.
+/// Relative rounding error of the coordinates of a footprint.
 const ROUNDING: f64 = 1e-6;
 
-/// What a chain looks like in the plate that stands for the stack.
+/// A chain in the plate that replaces the stack.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Seed {
     /// Unit direction at the receiver, toward the light.
     pub direction: Vec3,
     /// Tangent of the ray's angle to the axis where the index of refraction is lowest.
     pub tangent: f64,
-    /// Area at the light, at right angles to the chain's last leg, per solid angle at the receiver [m^2/sr]; for a light at
-    /// infinity solid angle per solid angle [sr/sr]. Its inverse is what a light's area counts for.
+    /// Area at the light, perpendicular to the last segment of the chain, per solid angle at the receiver [m^2/sr]; for
+    /// a light at infinity solid angle per solid angle [sr/sr]. The contribution of an area of the light is
+    /// proportional to its inverse.
     pub spread: f64,
     /// The ray in the plate.
     ray: PlateRay,
 }
 
-/// A chain that may connect a receiver and a light.
+/// A candidate chain between a receiver and a light.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Candidate {
     /// The order of events.
     pub chain: Chain,
-    /// About what it brings: its transmission, without absorption, per spread. For choosing among chains.
+    /// Approximate contribution: transmission without absorption over spread. It is used for the choice among chains.
     pub brings: f64,
-    /// Its ray in the plate, where that had to be worked out.
+    /// Its ray in the plate, if it was computed.
     pub seed: Option<Seed>,
 }
 
@@ -46,12 +48,12 @@ pub struct Crossing<'a> {
     pub(super) to: u8,
     /// Index of refraction at the receiver.
     pub(super) start_ior: f64,
-    /// Unit vector across the axis from the receiver to the light; zero if they lie on one axis.
+    /// Unit vector across the axis from the receiver to the light; zero if both lie on one line along the axis.
     pub(super) sideways: DVec3,
-    /// Way along the axis from the receiver to the first interface.
+    /// Distance along the axis from the receiver to the first interface.
     pub(super) start_depth: f64,
     pub(super) end: End,
-    /// 1 if light lies further along the axis, -1 if the receiver does.
+    /// 1 if the light lies further along the axis than the receiver, else -1.
     pub(super) sign: f64,
 }
 
@@ -74,14 +76,14 @@ impl<'a> Crossing<'a> {
         self.to
     }
 
-    /// The chains that may connect them.
+    /// All chains between the two layers.
     #[inline]
     pub fn chains(&self) -> &'a [Chain] {
         self.stack.chains(self.from, self.to)
     }
 
-    /// A chain in the plate of parallel layers that stands for the stack. `None` if there is no such ray, or if the chain
-    /// does not lead through these interfaces.
+    /// The ray of a chain in the plate of parallel layers that replaces the stack. `None` if there is no such ray, or
+    /// if the chain does not pass these interfaces.
     pub fn seed(&self, chain: Chain) -> Option<Seed> {
         let mut room = [Leg { ior: 1.0, depth: 0.0 }; MAX_INTERFACES + 1];
         let legs = self.legs(chain, &mut room)?;
@@ -100,11 +102,11 @@ impl<'a> Crossing<'a> {
         Some(Seed { direction: direction.normalize().as_vec3(), tangent: ray.tangent, spread, ray })
     }
 
-    /// Shows the chains that may connect them. A function of the receiver and the light alone.
+    /// Calls `visit` for the candidate chains. The result depends only on the receiver and the light.
     ///
-    /// A chain that would pass the footprint of an interface on its way is none of them. If the shortest one stays within them
-    /// all, the others are shown as well, each with its own transmission at the same angle, which hardly differs; else each
-    /// is looked at.
+    /// A chain that passes an interface outside its footprint is no candidate. If the shortest chain stays within all
+    /// footprints, the longer ones are candidates as well. Each then has its own transmission at the angle of the
+    /// shortest one, which is almost the same. Otherwise each longer chain is tested.
     #[inline]
     pub fn each_candidate(&self, mut visit: impl FnMut(Candidate)) {
         let [shortest, longer @ ..] = self.chains() else { return };
@@ -129,12 +131,13 @@ impl<'a> Crossing<'a> {
         }
     }
 
-    /// Share of unpolarised light that the interfaces let through along a chain that runs like `seed`, without absorption.
+    /// Transmittance of the interfaces for unpolarised light along a chain with the angles of `seed`, without
+    /// absorption.
     pub fn transmission(&self, chain: Chain, seed: &Seed) -> f64 {
         transmission(chain, &self.reflected(seed))
     }
 
-    /// What each interface reflects, from the receiver on.
+    /// Reflectance of each interface, in order from the receiver.
     fn reflected(&self, seed: &Seed) -> [f64; MAX_INTERFACES] {
         let mut reflected = [1.0; MAX_INTERFACES];
         for (k, share) in (0..self.interfaces()).zip(&mut reflected) {
@@ -163,14 +166,15 @@ impl<'a> Crossing<'a> {
         &self.stack.interfaces[if self.sign > 0.0 { self.layer(k) } else { self.layer(k) - 1 }]
     }
 
-    /// The layers from the receiver on, with the depth that a chain has in each.
+    /// The layers in order from the receiver, with the depth that a chain crosses in each.
     fn legs<'b>(&self, chain: Chain, room: &'b mut [Leg; MAX_INTERFACES + 1]) -> Option<&'b [Leg]> {
         let interfaces = self.interfaces();
         let legs = room.get_mut(..=interfaces)?;
         for (k, leg) in legs.iter_mut().enumerate() {
             leg.ior = self.ior(k);
         }
-        // Crossings of inner layers: a step forward ends in the layer behind the interface, one back in the one before it.
+        // Crossings of inner layers: a forward step ends in the layer behind the interface, a backward step in the
+        // layer before it.
         let mut arrived = false;
         for step in chain.steps() {
             if step.interface as usize >= interfaces || arrived {
@@ -196,14 +200,14 @@ impl<'a> Crossing<'a> {
         Some(legs)
     }
 
-    /// Can a chain pass each interface within its footprint?
+    /// True if a chain can pass each interface within its footprint.
     ///
-    /// With a, S and b the heights in front of, between and behind the interfaces, T the tangent of the straight line and
-    /// `w(t)` the tangent in a layer, at most t and increasing: `(a + S + b) T = a w0(t) + S' + b t`, where `S'` is the sideways way
-    /// between the first and the last interface, `sum D_i w_i(t)` or, with double passes, up to five times that. If `t >= T`, the
-    /// chain passes the first interface no nearer than `a w0(T)` and the last one no further than the line, at `(a + S) T`.
-    /// If `t < T`, it passes the first one before the line and the last one behind it, and between them lie at most `5 sum D_i
-    /// w_i(T)`.
+    /// With a, S and b the heights in front of, between and behind the interfaces, T the tangent of the straight line
+    /// and `w(t)` the tangent in a layer, at most t and increasing: `(a + S + b) T = a w0(t) + S' + b t`. `S'` is the
+    /// sideways shift between the first and the last interface, `sum D_i w_i(t)` or, with double passes, up to five
+    /// times that. If `t >= T`, the chain passes the first interface no nearer than `a w0(T)` and the last one no
+    /// further than the line, at `(a + S) T`. If `t < T`, it passes the first one before the line and the last one
+    /// behind it, and between them lie at most `5 sum D_i w_i(T)`.
     pub(super) fn meets_footprints(&self) -> bool {
         let count = self.interfaces();
         let uneven = (0..count).map(|k| self.interface(k).deviation).fold(0.0, f64::max);
@@ -215,7 +219,7 @@ impl<'a> Crossing<'a> {
         if tangent.is_nan() {
             return true;
         }
-        // Bent less than by a face to air, a ray runs steeper in every layer than outside.
+        // A ray that is refracted less than by a face to air is steeper in every layer than outside.
         let steeper = |ior: f64| tangent / (ior * ior + (ior - 1.0) * (ior + 1.0) * tangent * tangent).sqrt();
         let is_denser = (0..=count).all(|k| self.ior(k) >= 1.0);
         let [mut near, mut far] = [0.0, most];
@@ -238,7 +242,7 @@ impl<'a> Crossing<'a> {
         })
     }
 
-    /// Does a chain in the plate pass each interface on its way within its footprint?
+    /// True if a chain in the plate passes each interface within its footprint.
     fn stays_within(&self, chain: Chain, seed: &Seed) -> bool {
         let (origin, sideways) = self.footing();
         let mut way = self.start_depth * seed.ray.slope(self.start_ior);
@@ -255,14 +259,14 @@ impl<'a> Crossing<'a> {
         })
     }
 
-    /// The receiver and the way to the light in the coordinates of footprints.
+    /// The receiver and the shift to the light in the coordinates of footprints.
     fn footing(&self) -> (DVec2, DVec2) {
         let [u, v] = self.stack.tangents();
         (DVec2::new(u.dot(self.x), v.dot(self.x)), DVec2::new(u.dot(self.sideways), v.dot(self.sideways)))
     }
 }
 
-/// What the interfaces let through of light along a chain, by what each reflects.
+/// Transmittance of a chain, from the reflectance of each interface.
 fn transmission(chain: Chain, reflected: &[f64; MAX_INTERFACES]) -> f64 {
     let passed = |step: Step| {
         let share = reflected.get(step.interface as usize).copied().unwrap_or(1.0);
@@ -271,7 +275,7 @@ fn transmission(chain: Chain, reflected: &[f64; MAX_INTERFACES]) -> f64 {
     chain.steps().map(passed).product()
 }
 
-/// How far places on an interface are known [m].
+/// Rounding error of places on an interface [m].
 fn rounding(origin: DVec2, [from, to]: [DVec2; 2]) -> f64 {
     ROUNDING * origin.abs().max(from.abs()).max(to.abs()).max_element()
 }

@@ -1,9 +1,10 @@
-//! Clear covers: which of a scene's solids are sheets that light crosses in chains of refractions, and where such a chain
-//! would run if they were plates.
+//! Clear covers: detection of sheets that light crosses in chains of refractions, and the directions of these chains in
+//! parallel plates.
 //!
-//! To light sampling a refracting interface is an obstacle. These sheets are found when a scene is built (`find.rs`), put in
-//! order (`stack.rs`), and answer for a point and a light (`crossing.rs`) which chains may connect them (`chain.rs`) and in
-//! which direction each begins (`plate.rs`). Where the real surface lies is not decided here: a chain is found by tracing it.
+//! A refracting interface occludes a straight shadow ray. These sheets are detected when a scene is built
+//! (`detect.rs`), and ordered in stacks (`stack.rs`). For a point and a light a stack gives the candidate chains
+//! (`layer_crossing.rs`, `chain.rs`) and the first direction of each (`planar_layers.rs`). These directions are only
+//! start values. The integrator finds the chain by tracing the real surface.
 
 mod chain;
 mod detect;
@@ -23,7 +24,7 @@ use crate::query::intersect::SurfacePoint;
 use crate::scene::Scene;
 
 impl Scene {
-    /// Looks for covers, and notes which materials call for their connection.
+    /// Detects covers, and records the materials that need their connection.
     pub(crate) fn find_covers(&mut self) {
         self.covers = find(self);
         for material in self.covers.stacks.iter().flat_map(|s| s.layers()).flat_map(|l| &l.materials) {
@@ -32,13 +33,13 @@ impl Scene {
         }
     }
 
-    /// The covers that were found, each a stack of sheets; none if they were left out.
+    /// The detected covers, each a stack of sheets. Empty if the technique was left out.
     #[inline]
     pub fn covers(&self) -> &[CoverStack] {
         &self.covers.stacks
     }
 
-    /// Index of the stack that a surface belongs to with a smooth clear part, its rim included.
+    /// Index of the stack that contains the smooth clear part of a surface point, its rim included.
     #[inline]
     pub fn cover_of(&self, p: &SurfacePoint) -> Option<u16> {
         self.covers.of_part.get(p.part as usize).copied().filter(|&c| c != scene_covers::NO_COVER)

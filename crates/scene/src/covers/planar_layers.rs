@@ -1,10 +1,10 @@
-//! Light through parallel layers in closed form: the ray that leads from one height to another with a given sideways shift.
+//! Rays through parallel layers in closed form: the ray between two heights with a given sideways shift.
 //!
-//! Between parallel faces the sine of the angle to the axis times the index of refraction is the same in every layer (Snell
-//! 1621). A ray is told by the tangent t of its angle in air, or in whatever has the lowest index n0 of all layers on its
-//! way. With `v_i = n_i / n0` and `q_i = sqrt(v_i^2 + (v_i^2 - 1) t^2)` it moves sideways by `r(t) = sum D_i t / q_i`, where `D_i`
-//! is the height that it gains or loses in layer i, all crossings added up. That is increasing and concave: Newton's method,
-//! begun below the root, climbs to it without ever passing it.
+//! Between parallel faces the sine of the angle to the axis times the index of refraction is the same in every layer
+//! (Snell 1621). A ray is parametrised by the tangent t of its angle in air, or in the layer with the lowest index n0
+//! on its way. With `v_i = n_i / n0` and `q_i = sqrt(v_i^2 + (v_i^2 - 1) t^2)` its sideways shift is `r(t) = sum D_i t
+//! / q_i`, where `D_i` is the sum of the heights of all crossings of layer i. This function is increasing and concave.
+//! So Newton's method from below the root converges monotonically.
 
 use dunkelfeld_bsdf::fresnel;
 
@@ -13,11 +13,11 @@ use dunkelfeld_bsdf::fresnel;
 pub struct Leg {
     /// Index of refraction.
     pub ior: f64,
-    /// Way along the axis \[m\], not negative: thickness times the number of crossings.
+    /// Distance along the axis \[m\], not negative: thickness times the number of crossings.
     pub depth: f64,
 }
 
-/// Newton's method needs five steps as a rule; no case is known that needs half of these.
+/// Maximum number of Newton steps. Five are usual; no case is known that needs half of this number.
 const MAX_STEPS: u32 = 64;
 
 /// A ray through parallel layers.
@@ -25,18 +25,18 @@ const MAX_STEPS: u32 = 64;
 pub struct PlateRay {
     /// Tangent of the angle to the axis where the index of refraction is lowest.
     pub tangent: f64,
-    /// That index.
+    /// The lowest index of refraction on the way.
     pub lowest: f64,
 }
 
 impl PlateRay {
-    /// The ray that crosses all legs and moves sideways by `shift` \[m\] in all.
+    /// The ray that crosses all legs with a total sideways shift of `shift` \[m\].
     ///
-    /// `None` if there is none: without any depth, or if no layer of the lowest index has a depth and the others cannot lead
-    /// that far without total reflection.
+    /// `None` if there is none: without any depth, or if no layer of the lowest index has a depth and total reflection
+    /// limits the shift in the others.
     pub fn to_shift(legs: &[Leg], shift: f64) -> Option<Self> {
         let lowest = lowest(legs)?;
-        // The slope at t = 0, the depth of the lowest index, and how far the other layers can lead at most.
+        // The slope at t = 0, the depth of the lowest index, and the largest shift of the other layers.
         let (mut slope, mut height, mut reach) = (0.0, 0.0, 0.0);
         for leg in legs {
             let v = leg.ior / lowest;
@@ -77,11 +77,11 @@ impl PlateRay {
         tangent.is_finite().then_some(Self { tangent, lowest })
     }
 
-    /// The ray with the given sine and cosine to the axis in a place of index `ior`; `None` if it cannot enter all layers,
-    /// or runs along them.
+    /// The ray with the given sine and cosine to the axis in a place of index `ior`; `None` if it cannot enter all
+    /// layers, or is parallel to them.
     pub fn from_direction(legs: &[Leg], ior: f64, sine: f64, cosine: f64) -> Option<Self> {
         let lowest = lowest(legs)?.min(ior);
-        // lowest^2 - p^2 for p = ior * sine, without the loss of digits near the horizon where both indices are the same.
+        // lowest^2 - p^2 for p = ior * sine, without cancellation near the horizon where both indices are equal.
         let p = ior * sine;
         let square = if ior == lowest { (ior * cosine).powi(2) } else { (lowest - p) * (lowest + p) };
         let enters = square > 0.0 && cosine > 0.0;
@@ -105,17 +105,18 @@ impl PlateRay {
         self.tangent / self.relative(ior).1
     }
 
-    /// How far the ray moves sideways \[m\].
+    /// Sideways shift of the ray \[m\].
     pub fn shift(&self, legs: &[Leg]) -> f64 {
         legs.iter().map(|leg| leg.depth * self.slope(leg.ior)).sum()
     }
 
-    /// The area, at right angles to the ray at its end, that a solid angle at its start spreads to [m^2/sr]; `start` and
-    /// `end` are the indices of refraction there.
+    /// The area, perpendicular to the ray at its end, per solid angle at its start [m^2/sr]; `start` and `end` are the
+    /// indices of refraction there.
     ///
-    /// `n_x^2 cos_x cos_y (1 + t^2)^2 / n0^2 (sum D_i / q_i) (sum D_i v_i^2 / q_i^3)`: the Jacobian of the sideways shift in
-    /// polar coordinates, all of whose terms are positive. In empty space it is the squared distance. For a light at
-    /// infinity see [`Self::spread_to_infinity`]. With start and end exchanged it changes by `n_y^2 / n_x^2`.
+    /// `n_x^2 cos_x cos_y (1 + t^2)^2 / n0^2 (sum D_i / q_i) (sum D_i v_i^2 / q_i^3)`: the Jacobian of the sideways
+    /// shift in polar coordinates, all of whose terms are positive. In empty space it is the squared distance. For a
+    /// light at infinity see [`Self::spread_to_infinity`]. If start and end are exchanged, it changes by `n_y^2 /
+    /// n_x^2`.
     pub fn spread(&self, legs: &[Leg], start: f64, end: f64) -> f64 {
         let (mut across, mut along) = (0.0, 0.0);
         for leg in legs {
@@ -127,12 +128,12 @@ impl PlateRay {
         (start / self.lowest).powi(2) * self.cosine(start) * self.cosine(end) * (stretch * across) * (stretch * along)
     }
 
-    /// The solid angle behind the layers that one in front of them is bent to [sr/sr]: `n_x^2 cos_x / (n_y^2 cos_y)`.
+    /// The solid angle behind the layers per solid angle in front of them [sr/sr]: `n_x^2 cos_x / (n_y^2 cos_y)`.
     pub fn spread_to_infinity(&self, start: f64, end: f64) -> f64 {
         (start / end).powi(2) * self.cosine(start) / self.cosine(end)
     }
 
-    /// Share of unpolarised light that an interface reflects; 1 if it reflects totally.
+    /// Reflectance of an interface for unpolarised light; 1 for total reflection.
     pub fn reflectance(&self, from: f64, to: f64) -> f64 {
         if from == to {
             return 0.0;
@@ -152,7 +153,7 @@ impl PlateRay {
     }
 }
 
-/// The lowest index of refraction on the way; `None` without legs, or with one that is not positive.
+/// The lowest index of refraction on the way; `None` without legs, or if one index is not positive.
 fn lowest(legs: &[Leg]) -> Option<f64> {
     let lowest = legs.iter().map(|l| l.ior).fold(f64::INFINITY, f64::min);
     (lowest > 0.0 && lowest.is_finite()).then_some(lowest)
@@ -172,7 +173,7 @@ mod tests {
         Leg { ior, depth }
     }
 
-    /// Air, a stack of layers, and what is behind it, which may be air again: indices, and depths over twelve decades.
+    /// Air, a stack of layers, and a last medium, which may be air: indices, and depths over twelve decades.
     fn any_legs() -> impl Strategy<Value = Vec<Leg>> {
         let decade = || (-6.0..6.0f64).prop_map(|e| 10f64.powf(e));
         let layer = (prop_oneof![Just(1.0), 1.0001..2.5f64, Just(1.49)], decade());
@@ -182,7 +183,7 @@ mod tests {
     }
 
     /// The sideways shift of the ray with sine `s` in the first layer, by Snell's law layer by layer, from the cosine
-    /// there: `1 - s^2` loses nothing that way.
+    /// there. The cosine avoids cancellation in `1 - s^2`.
     fn snell(legs: &[Leg], cosine: f64) -> f64 {
         let (n, s2) = (legs[0].ior, (1.0 - cosine) * (1.0 + cosine));
         let tangent = |ior: f64| {
@@ -208,7 +209,7 @@ mod tests {
                 let cosine = 1.0 / middle.exp().hypot(1.0);
                 if snell(&legs, cosine) < shift { low = middle } else { high = middle }
             }
-            // Near the normal 1 - cos^2 is what the bisection sees: its rounding limits the comparison.
+            // Near the normal the bisection depends on 1 - cos^2. Its rounding limits the comparison.
             let tolerance = 1e-12 + 4e-16 / ray.tangent.powi(2).min(1.0);
             prop_assert!((ray.tangent / low.exp() - 1.0).abs() < tolerance, "{} against {}", ray.tangent, low.exp());
         }
@@ -270,8 +271,8 @@ mod tests {
 
     #[test]
     fn optical_contact_starts_inside() {
-        // From inside of the plate the ray leaves steeper than the light comes in, and the receiver sees it through
-        // the solid angle that n^2 has narrowed.
+        // Inside the plate the ray is steeper than in air. The receiver sees the light under a solid angle that is
+        // smaller by n^2.
         let legs = [leg(1.5, 0.004), leg(1.0, 0.2)];
         let ray = PlateRay::to_shift(&legs, 0.3).unwrap();
         assert!((1.5 * ray.sine(1.5) - ray.sine(1.0)).abs() < 1e-15 && ray.sine(1.5) < 1.0 / 1.5);

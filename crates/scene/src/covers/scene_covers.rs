@@ -1,12 +1,12 @@
-//! The covers that a scene has.
+//! The covers of a scene.
 
 use super::stack::CoverStack;
 
-/// The covers of a scene.
+/// The covers of a scene, and the parts that belong to them.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Covers {
     pub(crate) stacks: Vec<CoverStack>,
-    /// For each part the stack that it belongs to, [`NO_COVER`] if to none; empty without any stack.
+    /// For each part the index of its stack, or [`NO_COVER`]; empty without any stack.
     pub(crate) of_part: Vec<u16>,
 }
 

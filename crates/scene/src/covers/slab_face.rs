@@ -1,18 +1,19 @@
-//! The faces of a sheet: which way they look, how they lie along an axis, and whether they are planes.
+//! The faces of a sheet: their orientation, their position along an axis, and their flatness.
 
 use super::stack::CoverInterface;
 use crate::scene::Scene;
 use dunkelfeld_geometry::{DMat3, DVec2, DVec3};
 
-/// A face that looks within this angle of the axis belongs to the upper or the lower side: the cosine of 30 degrees.
+/// A face whose normal is within this angle of the axis belongs to the upper or the lower side: the cosine of 30
+/// degrees.
 const FACING: f64 = 0.866_025_403_784_438_6;
-/// Cosines of the ever smaller cones about the axis in which it is refined: 10, 3, 1, 0.3 and 0.1 degrees.
+/// Cosines of the decreasing cones around the axis in which the axis is refined: 10, 3, 1, 0.3 and 0.1 degrees.
 const CONES: [f64; 5] = [0.984_807_753, 0.998_629_535, 0.999_847_695, 0.999_986_292, 0.999_998_477];
-/// A face is a plane if at least this share of it lies in one, ...
+/// A face is a plane if at least this share of it lies in one plane.
 const PLANE_SHARE: f64 = 0.75;
-/// ... up to this part of its extent, ...
+/// Tolerance of that plane, as a share of the extent of the face.
 const PLANE_TOLERANCE: f64 = 1e-5;
-/// ... with the corners' normals turned from the axis by less than this sine.
+/// Largest sine between the normals of the corners and the axis of a plane.
 const NORMAL_TOLERANCE: f64 = 1e-3;
 
 /// A triangle in render space.
@@ -20,13 +21,13 @@ pub(super) struct Triangle {
     corners: [DVec3; 3],
     /// Unit normal on the outside.
     normal: DVec3,
-    /// [m^2]
+    /// Area [m^2].
     pub(super) area: f64,
-    /// Unit normals of the corners, where they differ from the triangle's.
+    /// Unit normals of the corners, if they differ from that of the triangle.
     bent: Option<[DVec3; 3]>,
 }
 
-/// Which side of a sheet a triangle belongs to.
+/// Side of a sheet that a triangle belongs to.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) enum Facing {
     Along,
@@ -52,7 +53,7 @@ impl Triangle {
     }
 }
 
-/// The triangles of some parts; those without area are passed over.
+/// The triangles of some parts; those without area are skipped.
 pub(super) fn triangles<'a>(scene: &'a Scene, parts: &'a [usize]) -> impl Iterator<Item = Triangle> + 'a {
     parts.iter().flat_map(move |&index| {
         let part = &scene.parts[index];
@@ -70,7 +71,8 @@ pub(super) fn triangles<'a>(scene: &'a Scene, parts: &'a [usize]) -> impl Iterat
             let corners = facet.corners.map(point);
             let across = (corners[1] - corners[0]).cross(corners[2] - corners[0]);
             let outside = normal(facet.normal);
-            // The winding's normal from f64 corners, on the side that f32 says: mirrored instances keep their outside.
+            // The normal of the winding from f64 corners, on the side of the f32 normal. So mirrored instances keep
+            // their outside.
             let exact = across.normalize_or_zero() * if across.dot(outside) < 0.0 { -1.0 } else { 1.0 };
             let bent = facet.is_smooth.then(|| facet.normals.map(normal));
             let area = 0.5 * across.length();
@@ -79,7 +81,7 @@ pub(super) fn triangles<'a>(scene: &'a Scene, parts: &'a [usize]) -> impl Iterat
     })
 }
 
-/// Lowest and highest place of some parts along the axis, and across it; `None` without any surface.
+/// Lowest and highest position of some parts along the axis, and across it; `None` without any surface.
 pub(super) fn bounds(
     scene: &Scene,
     parts: &[usize],
@@ -94,10 +96,11 @@ pub(super) fn bounds(
     })
 }
 
-/// The axis that most of the surface faces; `None` without surface.
+/// The main direction of the surface normals; `None` without surface.
 ///
-/// The principal eigenvector of `sum A n n^T`, then the mean normal within ever smaller cones about it, as long as these
-/// hold at least half of what faces the axis at all: of a plane with a rim it is the plane's own normal.
+/// It is the principal eigenvector of `sum A n n^T`. It is refined by the mean normal within decreasing cones, as long
+/// as a cone holds at least half of the faces along the axis. For a plane with a rim the result is the normal of the
+/// plane.
 pub(super) fn axis<I: Iterator<Item = Triangle>>(triangles: impl Fn() -> I) -> Option<DVec3> {
     let mut moments = DMat3::ZERO;
     for t in triangles() {
@@ -123,23 +126,25 @@ pub(super) fn axis<I: Iterator<Item = Triangle>>(triangles: impl Fn() -> I) -> O
     Some(axis)
 }
 
-/// Two unit vectors across the axis and each other, along the directions in which most of the rim faces.
+/// Two unit vectors perpendicular to the axis and to each other, along the main directions of the normals of the rim.
 pub(super) fn tangents<I: Iterator<Item = Triangle>>(triangles: impl Fn() -> I, axis: DVec3) -> [DVec3; 2] {
     let mut moments = DMat3::ZERO;
     for t in triangles() {
         let flat = t.normal - axis * axis.dot(t.normal);
         moments += outer(flat, flat) * t.area;
     }
-    // What the normals of the faces leave is rounding; any direction across the axis is as good then.
+    // The remainder of the normals of the faces is rounding error. Then any direction perpendicular to the axis is
+    // valid.
     let u = principal_axes(moments)[0];
     let u = (u - axis * axis.dot(u)).try_normalize().filter(|u| u.dot(axis).abs() < 1e-6);
     let u = u.unwrap_or_else(|| axis.any_orthonormal_vector());
     [u, axis.cross(u)]
 }
 
-/// How the triangles of one side lie along the axis, and whether they form a plane across it; `None` without any.
+/// Position of the triangles of one side along the axis, and whether they form a plane perpendicular to it; `None`
+/// without any.
 ///
-/// `rounding` is that of the scene's coordinates \[m\].
+/// `rounding` is the rounding error of the coordinates of the scene \[m\].
 pub(super) fn measure(
     own: &[Triangle],
     axis: DVec3,
@@ -195,7 +200,7 @@ fn outer(a: DVec3, b: DVec3) -> DMat3 {
 /// The unit eigenvectors of a symmetric matrix, the one of the largest eigenvalue first (Jacobi 1846).
 fn principal_axes(m: DMat3) -> [DVec3; 3] {
     let (mut a, mut axes) = (m, DMat3::IDENTITY);
-    // Each sweep squares what is off the diagonal; six are more than f64 can tell apart.
+    // Each sweep squares the off-diagonal elements. Six sweeps exceed the precision of f64.
     for (p, q) in [(0, 1), (0, 2), (1, 2)].into_iter().cycle().take(18) {
         let coupling = a.col(q)[p];
         if coupling == 0.0 {

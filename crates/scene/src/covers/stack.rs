@@ -1,22 +1,24 @@
-//! Covers that lie on one another: interfaces along an axis, and the chains of refractions that lead through them.
+//! Stacks of covers: interfaces along an axis, and the chains of refractions through them.
 
 use super::chain::Chain;
 use super::layer_crossing::{Crossing, End};
 use dunkelfeld_geometry::{DVec2, DVec3, Vec3};
 
-/// A stack has at most this many interfaces; more sheets than that are left to chance.
+/// Maximum number of interfaces of a stack. Further sheets are not connected; only scattering samples light through
+/// them.
 pub const MAX_INTERFACES: usize = 16;
-/// At most so many chains lead from one layer to another: the ones that carry most light.
+/// Maximum number of chains from one layer to another: those with the highest transmission.
 pub const MAX_CHAINS: usize = 16;
-/// A chain that carries less than this share of the strongest one of its order, seen at right angles, is left out.
+/// A chain with less than this share of the transmission of the strongest one of its order, at normal incidence, is
+/// left out.
 const WEAKEST_CHAIN: f64 = 1e-3;
 
-/// Where light comes from.
+/// The end of a connection on a light.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Target {
     /// A point of a light, in render space \[m\].
     Point(Vec3),
-    /// The unit direction towards a light at infinity, as it is behind the cover.
+    /// The unit direction towards a light at infinity, behind the cover.
     Direction(Vec3),
 }
 
@@ -31,7 +33,7 @@ pub struct CoverInterface {
     pub footprint: [DVec2; 2],
 }
 
-/// What lies between two interfaces, below the lowest one or above the highest one.
+/// The space between two interfaces, below the lowest one or above the highest one.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CoverLayer {
     /// Index of refraction; 1 for air.
@@ -40,16 +42,16 @@ pub struct CoverLayer {
     pub materials: Vec<u32>,
 }
 
-/// A smooth solid that scatters light and lies on the first or the last interface of a stack.
+/// A smooth solid with a scattering medium in contact with the first or the last interface of a stack.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Touching {
     pub(crate) material: u32,
     pub(crate) ior: f64,
-    /// Does it lie on the last interface?
+    /// True if it touches the last interface.
     pub(crate) is_above: bool,
 }
 
-/// Clear sheets with a common axis: one cover, or several that lie on one another, glued or with air between them.
+/// Clear sheets with a common axis: one cover, or several on one another, glued or with air between them.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CoverStack {
     pub(super) axis: DVec3,
@@ -57,16 +59,16 @@ pub struct CoverStack {
     pub(super) interfaces: Vec<CoverInterface>,
     pub(super) layers: Vec<CoverLayer>,
     is_flat: bool,
-    /// Solids on the outside whose inside scatters light.
+    /// Solids with a scattering medium in contact with the outside.
     touching: Vec<Touching>,
-    /// For each layer without material: its number, and where along the axis the next one takes over.
+    /// For each layer without material: its number, and the position along the axis where the next one starts.
     rooms: Vec<(u8, f64)>,
     /// Chains from layer to layer, `layers * from + to`.
     chains: Vec<Vec<Chain>>,
 }
 
 impl CoverStack {
-    /// `interfaces` ascend along `axis`; `layers`, one more, lie between them, the first and the last outside.
+    /// `interfaces` ascend along `axis`. `layers` has one element more. The first and the last layer lie outside.
     pub(crate) fn new(
         axis: DVec3,
         tangents: [DVec3; 2],
@@ -85,12 +87,12 @@ impl CoverStack {
         self.tangents
     }
 
-    /// Notes that a solid lies on the stack from outside.
+    /// Registers a solid in contact with the outside of the stack.
     pub(crate) fn touch(&mut self, solid: Touching) {
         self.touching.push(solid);
     }
 
-    /// Unit vector along which the layers follow each other, in render space.
+    /// Unit vector in the order of the layers, in render space.
     pub fn axis(&self) -> DVec3 {
         self.axis
     }
@@ -113,24 +115,25 @@ impl CoverStack {
         }
     }
 
-    /// Are all faces planes, to 1e-5 of their extent, with normals of their own?
+    /// True if all faces are planes to 1e-5 of their extent, and have no interpolated normals.
     pub fn is_flat(&self) -> bool {
         self.is_flat
     }
 
-    /// The chains that lead from layer `from` to layer `to`, in the order of their double passes, at most
-    /// [`MAX_CHAINS`]. None from a layer to itself, or through more than [`Chain::MAX_EVENTS`] interfaces.
+    /// The chains from layer `from` to layer `to`, ordered by their number of double passes, at most [`MAX_CHAINS`].
+    /// None from a layer to itself, or through more than [`Chain::MAX_EVENTS`] interfaces.
     pub fn chains(&self, from: u8, to: u8) -> &[Chain] {
         let count = self.layers.len();
         let is_known = usize::from(from) < count && usize::from(to) < count;
         if is_known { &self.chains[count * usize::from(from) + usize::from(to)] } else { &[] }
     }
 
-    /// The layer that a point in render space lies in; `inside` is the material of the solid around it, `None` outside of
-    /// solids. `None` if that solid is no part of the stack, nor one in contact with it that light scatters in.
+    /// The layer that contains a point in render space. `inside` is the material of the solid around it, `None` outside
+    /// of solids. The result is `None` if that solid is no part of the stack and no scattering solid in contact with
+    /// it.
     ///
-    /// A point in air belongs to the air layer that is nearest to it: faces that are not planes do not part it from where it
-    /// is.
+    /// A point in air belongs to the nearest layer of air. So faces that are not planes do not change the layer of a
+    /// point.
     pub fn layer_at(&self, point: Vec3, inside: Option<u32>) -> Option<u8> {
         let height = self.axis.dot(point.as_dvec3());
         let Some(material) = inside else {
@@ -146,7 +149,7 @@ impl CoverStack {
         own.or_else(|| self.touching_at(height, material).map(|t| self.outer(t.is_above)))
     }
 
-    /// The solid of that material that touches the stack, on the side nearer to a height.
+    /// The solid of that material in contact with the stack, on the side nearer to a height.
     fn touching_at(&self, height: f64, material: u32) -> Option<&Touching> {
         let beyond = |t: &&Touching| {
             let face = if t.is_above { self.interfaces.last() } else { self.interfaces.first() };
@@ -161,11 +164,11 @@ impl CoverStack {
         if is_above { self.layers.len() as u8 - 1 } else { 0 }
     }
 
-    /// The ways of light from `target` to the point `x` in render space through the stack; `inside` is the material of the
-    /// solid that the connection starts in, as for [`Self::layer_at`].
+    /// The interfaces between the point `x` in render space and `target`. `inside` is the material of the solid in
+    /// which the connection starts, as for [`Self::layer_at`].
     ///
-    /// `None` if there is no interface between them, or if light would have to pass it beside its footprint. For faces that
-    /// are planes the latter is certain; of which chains it holds, [`Crossing::each_candidate`] says more exactly.
+    /// `None` if there is no interface between them, or if every chain would pass one outside its footprint. For plane
+    /// faces the latter is certain. [`Crossing::each_candidate`] tests each chain more precisely.
     pub fn crossing(&self, x: Vec3, inside: Option<u32>, target: Target) -> Option<Crossing<'_>> {
         let mut from = self.layer_at(x, inside)?;
         let (to, toward) = match target {
@@ -184,7 +187,8 @@ impl CoverStack {
         let sideways = if length > 0.0 { across / length } else { DVec3::ZERO };
         let up = to > from;
         let start = self.axis.dot(x.as_dvec3());
-        // Whatever touches the stack stands for the air there; without a face if it has the index of the outermost sheet.
+        // The solid in contact with the stack replaces the outer layer of air. There is no face between them if it has
+        // the index of the outermost sheet.
         let mut start_ior = self.layers[usize::from(from)].ior;
         if let Some(solid) = inside.and_then(|m| self.touching_at(start, m)).filter(|t| self.outer(t.is_above) == from)
         {
@@ -213,7 +217,7 @@ impl CoverStack {
     }
 }
 
-/// The layers of air, each with the height where the next one begins: in the middle of the solids between them.
+/// The layers of air, each with the height where the next one begins: the middle of the solids between them.
 fn rooms(interfaces: &[CoverInterface], layers: &[CoverLayer]) -> Vec<(u8, f64)> {
     let air: Vec<usize> = (0..layers.len()).filter(|&l| layers[l].materials.is_empty()).collect();
     let end = |k: usize| match (interfaces.get(air[k]), air.get(k + 1).and_then(|&l| interfaces.get(l - 1))) {
@@ -244,7 +248,7 @@ fn chains_between(layers: &[CoverLayer], from: usize, to: usize) -> Vec<Chain> {
     found.into_iter().map(|(chain, _)| chain).collect()
 }
 
-/// Reflectance at right angles.
+/// Reflectance at normal incidence.
 fn normal_reflectance(a: f64, b: f64) -> f64 {
     let r = (a - b) / (a + b);
     r * r

@@ -1,4 +1,4 @@
-//! How the shading normal turns from place to place on a triangle: what a bundle of rays needs to know of a curved surface.
+//! Derivative of the shading normal over a triangle, for ray differentials at a curved surface.
 
 use crate::query::intersect::{SurfacePoint, mix};
 use crate::scene::Scene;
@@ -23,11 +23,12 @@ impl NormalDifferential {
 }
 
 impl Scene {
-    /// The normal of the frame that [`Self::shade`] gives for a viewer in direction `wo`, and its derivative; no derivative
-    /// where the normal is the same all over the triangle. Normal maps are not counted: no cover has any.
+    /// The normal of the frame that [`Self::shade`] gives for a viewer in direction `wo`, and its derivative. There is
+    /// no derivative if the normal is constant over the triangle. Normal maps are ignored, because no cover has any.
     pub fn normal_differential(&self, p: &SurfacePoint, wo: Vec3) -> (Vec3, Option<NormalDifferential>) {
         let normal = self.shading_normal(*p);
-        // As in shading: who sees the surface from its other side than that of the interpolated normal sees the flat surface.
+        // As in shading: if the viewer is on different sides of the geometric and the interpolated normal, the
+        // geometric normal is used.
         let sees_surface = (normal.dot(wo) > 0.0) != (p.normal.dot(wo) > 0.0);
         let bent = if sees_surface { p.normal } else { normal };
         let faces_viewer = !self.compiled[p.material as usize].is_solid && bent.dot(wo) < 0.0;
@@ -38,7 +39,7 @@ impl Scene {
         (oriented, self.interpolation_differential(p, oriented))
     }
 
-    /// The derivative of `v / |v|` with `v` the interpolated normal, brought to render space and to the side of `oriented`.
+    /// The derivative of `v / |v|` with `v` the interpolated normal, in render space and on the side of `oriented`.
     fn interpolation_differential(&self, p: &SurfacePoint, oriented: Vec3) -> Option<NormalDifferential> {
         let part = &self.parts[p.part as usize];
         let facet = &self.facets[(part.first_facet + p.triangle) as usize];

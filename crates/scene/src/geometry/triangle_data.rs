@@ -1,11 +1,11 @@
-//! What a hit needs to know of a triangle, in one place.
+//! The data of a triangle that an intersection needs, in one record.
 //!
-//! A path meets triangles all over the scene. Gathered from indices, positions, normals and parts, a hit would wait for
-//! memory four times in a row; from here it waits once.
+//! A path hits triangles all over the scene. With separate arrays for indices, positions, normals and parts, a hit
+//! would wait for memory four times in a row. With one record it waits once.
 
 use dunkelfeld_geometry::{Mesh, Vec3, geometric_normal};
 
-/// A triangle as hits and shading see it, in its mesh's own space.
+/// The data of a triangle for intersection and shading, in its mesh's own space.
 #[derive(Clone, Copy, Debug)]
 #[repr(C, align(32))]
 pub(crate) struct Facet {
@@ -13,11 +13,11 @@ pub(crate) struct Facet {
     pub(crate) corners: [Vec3; 3],
     /// Unit normal by the winding.
     pub(crate) normal: Vec3,
-    /// Normals of the corners; those of the facet where the mesh has none.
+    /// Normals of the corners; the geometric normal if the mesh has none.
     pub(crate) normals: [Vec3; 3],
     /// The part it belongs to, if its mesh is stored in render space.
     pub(crate) part: u32,
-    /// Has it normals of its own at the corners?
+    /// True if it has normals of its own at the corners.
     pub(crate) is_smooth: bool,
 }
 

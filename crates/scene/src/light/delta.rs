@@ -24,7 +24,7 @@ pub(crate) enum DeltaLight {
         direction: Vec3,
         irradiance: Rgb,
     },
-    /// Measured: the profile with this index, its axes x, y and z in render space.
+    /// A measured light: the index of its profile, and its axes x, y and z in render space.
     Profile {
         position: Vec3,
         axes: [Vec3; 3],
@@ -33,14 +33,14 @@ pub(crate) enum DeltaLight {
     },
 }
 
-/// What arrives from a light without extent.
+/// Light that arrives from a light without extent, unoccluded.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Arriving {
-    /// On a surface that faces the light [W/m^2].
+    /// Irradiance on a surface that faces the light [W/m^2].
     pub(crate) irradiance: Rgb,
     /// Unit direction toward the light.
     pub(crate) direction: Vec3,
-    /// Where the light is; `None` for one infinitely far away.
+    /// Position of the light; `None` for one infinitely far away.
     pub(crate) position: Option<Vec3>,
 }
 
@@ -68,11 +68,11 @@ impl DeltaLight {
         }
     }
 
-    /// Emitted power \[W\]; parallel light is counted over the scene's cross-section.
+    /// Emitted power \[W\]; for parallel light, over the scene's cross-section.
     pub(crate) fn power(&self, scene_radius: f32, profiles: &[LightProfile]) -> Rgb {
         match *self {
             Self::Point { intensity, .. } => intensity * (4.0 * PI),
-            // The smoothstep-like edge (squared ramp) holds a third of its zone.
+            // The integral of the edge (a squared ramp) is a third of its zone.
             Self::Spot { intensity, cos_inner, cos_outer, .. } => {
                 intensity * (2.0 * PI * ((1.0 - cos_inner) + (cos_inner - cos_outer) / 3.0))
             }
@@ -83,10 +83,11 @@ impl DeltaLight {
         }
     }
 
-    /// What arrives at `p`, if nothing is in the way.
+    /// Light that arrives at `p`, unoccluded.
     #[inline]
     pub(crate) fn arriving_at(&self, p: Vec3, profiles: &[LightProfile]) -> Arriving {
-        // Direction toward the light and the inverse square of the distance; nothing arrives at the light itself.
+        // Direction toward the light and the inverse square of the distance. At the position of the light itself the
+        // result is zero.
         let from = |position: Vec3| {
             let to_light = position - p;
             let d2 = to_light.length_squared();

@@ -1,4 +1,4 @@
-//! Light from infinitely far away: constant, or an equirectangular image sampled by importance.
+//! Light from infinitely far away: constant, or an equirectangular image with importance sampling.
 
 use crate::build::builder::{Environment, EnvironmentSource};
 use crate::light::LightSampleContext;
@@ -29,20 +29,20 @@ struct Map {
     width: u32,
     height: u32,
     texels: Vec<Rgb>,
-    /// Over the texels, by the light each sends: radiance times solid angle.
+    /// Distribution over the texels, in proportion to radiance times solid angle.
     distribution: Distribution2D,
     rows: Vec<Row>,
 }
 
 /// A row of texels as a band of the sphere.
 ///
-/// In s = sin^2 (half the angle to the nearer pole) the solid angle is uniform (Archimedes), and near the poles s keeps the
-/// digits that the cosine loses.
+/// In s = sin^2 (half the angle to the nearer pole) the solid angle is uniform (Archimedes). Near the poles s keeps the
+/// precision that the cosine loses.
 #[derive(Clone, Copy, Debug)]
 struct Row {
-    /// s at the edge nearer to image row 0 and at the other.
+    /// s at the edge nearer to image row 0 and at the other edge.
     s: [f32; 2],
-    /// Is the nearer pole that of +y?
+    /// True if the nearer pole is that of +y.
     upper: bool,
     /// Solid angle of the row over its share of the image's area \[sr\].
     jacobian: f32,
@@ -84,8 +84,8 @@ impl EnvironmentLight {
         }
     }
 
-    /// A direction with the radiance from there and the density [1/sr]. Where all directions are alike, a surface that
-    /// scatters light from above only has them by its cosine.
+    /// A direction with its radiance and the density [1/sr]. If the environment is constant and the surface scatters
+    /// light from above only, the directions follow the cosine.
     #[inline]
     pub(crate) fn sample(&self, receiver: &LightSampleContext, u: [f32; 2]) -> (Vec3, Rgb, f32) {
         match &self.source {
@@ -108,7 +108,7 @@ impl EnvironmentLight {
         }
     }
 
-    /// The density [1/sr] with which [`Self::sample`] finds a direction.
+    /// The density [1/sr] of a direction in [`Self::sample`].
     #[inline]
     pub(crate) fn pdf(&self, receiver: &LightSampleContext, direction: Vec3) -> f32 {
         match &self.source {
@@ -129,7 +129,7 @@ impl Map {
         for y in 0..height {
             for x in 0..width {
                 let [r, g, b, _] = image.linear_texel(x, y);
-                // A broken texel must not poison the sums: what is not a radiance counts as dark.
+                // An invalid texel must not make the sums invalid. Values that are no radiance count as dark.
                 let clean = |v: f32| if v.is_finite() { v.max(0.0) } else { 0.0 };
                 texels.push(scale * Rgb::new(clean(r), clean(g), clean(b)));
             }
@@ -160,7 +160,8 @@ impl Map {
         [at(u, self.width), at(v, self.height)]
     }
 
-    /// Piecewise constant, like the density: the two match texel by texel, so importance sampling is as good as it gets.
+    /// Piecewise constant, like the density. Both agree in every texel, so a sample of a texel has no variance in
+    /// radiance over density.
     #[inline]
     fn radiance(&self, [u, v]: [f32; 2]) -> Rgb {
         let [x, y] = self.texel(u, v);
@@ -172,7 +173,7 @@ impl Row {
     fn new(y: u32, height: u32) -> Self {
         let angle = |y: u32| std::f64::consts::PI * f64::from(y) / f64::from(height);
         let (a, b) = (angle(y), angle(y + 1));
-        // A row across the horizon (of an odd number) counts with the upper half.
+        // The middle row of an odd number of rows counts with the upper half.
         let upper = 2 * y < height;
         let s = [a, b].map(|t| if upper { (0.5 * t).sin() } else { (0.5 * t).cos() }.powi(2) as f32);
         // cos a - cos b, without cancellation.
@@ -191,11 +192,11 @@ impl Row {
     }
 }
 
-/// Image coordinates of a direction: v = 0 at +y, the centre column looks along -z, u grows to the right (+x).
+/// Image coordinates of a direction: v = 0 at +y, the centre column has the direction -z, u grows to the right (+x).
 #[inline]
 fn map_coordinates(d: Vec3) -> [f32; 2] {
     let u = 0.5 + d.x.atan2(-d.z) / (2.0 * PI);
-    // Not the arc cosine, which loses half of the digits near the poles, where a sun in the zenith would stand.
+    // The arc cosine would lose half of the digits near the poles, for example for a sun at the zenith.
     let v = d.x.hypot(d.z).atan2(d.y) / PI;
     [u.clamp(0.0, ONE_MINUS), v.clamp(0.0, ONE_MINUS)]
 }
@@ -208,7 +209,7 @@ mod tests {
     use super::*;
     use crate::material::texture::{ImageId, Texels};
 
-    /// A map is sampled alike for everyone.
+    /// The density of an image does not depend on the receiver.
     const ANY: LightSampleContext = LightSampleContext { point: Vec3::ZERO, normal: Vec3::Z, both_sides: false };
 
     fn map() -> EnvironmentLight {
@@ -262,8 +263,8 @@ mod tests {
 
     #[test]
     fn a_sun_in_the_zenith_is_found_where_it_is() {
-        // The first row of 4096 is a cap of 7.7e-4 rad that holds nearly all light. Its samples lie in it, spread evenly:
-        // half of them within the angle that halves its solid angle, 1 / sqrt 2 of the whole.
+        // The first row of 4096 is a cap of 7.7e-4 rad that holds nearly all light. Its samples lie in it and are
+        // uniform: half of them within the angle that halves its solid angle, 1 / sqrt 2 of the whole.
         let (width, height) = (16, 4096);
         let texels: Vec<[f32; 3]> = (0..width * height).map(|i| [if i < width { 1e7 } else { 1e-3 }; 3]).collect();
         let image = Image { name: "zenith".into(), width, height, texels: Texels::RgbF32(texels) };

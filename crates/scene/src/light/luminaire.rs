@@ -1,39 +1,39 @@
-//! The angular distribution of a luminaire: radiant intensity over a grid of directions, as an IES file gives it.
+//! The angular distribution of a luminaire: radiant intensity over a grid of directions, as in an IES file.
 
 use dunkelfeld_geometry::Vec3;
 use std::f64::consts::{PI, TAU};
 
-/// Radiant intensity of a light without extent, by direction; bilinear between the angles of a grid.
+/// Radiant intensity of a light without extent by direction, bilinear between the angles of a grid.
 ///
-/// In the space of the light, the direction at the vertical angle t and the horizontal angle p is
-/// `(sin t cos p, sin t sin p, -cos t)`: t counts from the axis along which the light shines, p from +x over +y (type C
-/// photometry with the nadir along -z, as EXT_lights_ies has it). Beyond the first and last vertical angle it is dark.
+/// In the space of the light, the direction at the vertical angle t and the horizontal angle p is `(sin t cos p, sin t
+/// sin p, -cos t)`. t counts from the axis along which the light shines, p from +x over +y (type C photometry with the
+/// nadir along -z, as in EXT_lights_ies). Beyond the first and last vertical angle the intensity is zero.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LightProfile {
     name: String,
     /// Ascending \[rad\], in [0, pi].
     vertical: Vec<f32>,
-    /// Ascending \[rad\], from 0 to 2 pi; a lone 0 if the light is the same all around.
+    /// Ascending \[rad\], from 0 to 2 pi; a single 0 if the light has rotational symmetry.
     horizontal: Vec<f32>,
-    /// [W/sr]; one run of vertical angles for each horizontal one.
+    /// Intensities [W/sr]: all vertical angles for each horizontal one.
     intensity: Vec<f32>,
     power: f32,
     peak: f32,
     reach: f32,
 }
 
-/// Why numbers are no profile.
+/// Reason why numbers are no profile.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum ProfileError {
     /// The angles are not ascending, or not in their range.
     #[error("the {0} angles must ascend {1}")]
     Angles(&'static str, &'static str),
-    /// The grid is not full.
+    /// The number of intensities does not fit the grid.
     #[error("there are {found} intensities where {wanted} belong")]
     Count {
-        /// Angles times angles.
+        /// Expected number: vertical times horizontal angles.
         wanted: usize,
-        /// How many there are.
+        /// Number in the file.
         found: usize,
     },
     /// An intensity is negative or not finite.
@@ -42,11 +42,12 @@ pub enum ProfileError {
 }
 
 impl LightProfile {
-    /// From vertical angles in degrees (ascending, within 0 to 180, at least two), horizontal ones (0 alone, or ascending
-    /// from 0 to 360) and intensities [W/sr], the vertical angle running fastest.
+    /// A profile from vertical angles in degrees (ascending, within 0 to 180, at least two), horizontal angles in
+    /// degrees (0 alone, or ascending from 0 to 360) and intensities [W/sr]. The vertical angle runs fastest.
     ///
     /// # Errors
-    /// If they are none.
+    /// If the angles are not ascending or out of range, if the number of intensities is wrong, or if one is negative or
+    /// not finite.
     pub fn new(
         name: impl Into<String>,
         vertical: &[f64],
@@ -74,7 +75,7 @@ impl LightProfile {
         let radians = |angles: &[f64]| angles.iter().map(|a| a.to_radians()).collect::<Vec<f64>>();
         let (vertical, horizontal) = (radians(vertical), radians(horizontal));
         let power = integrate(&vertical, &horizontal, &intensity) as f32;
-        // Light ends at the angle after the last that has any.
+        // Light ends at the angle after the last one with an intensity above zero.
         let shines = |i: usize| intensity.chunks(vertical.len()).any(|run| run[i] > 0.0);
         let last = (0..vertical.len()).rev().find(|&i| shines(i)).unwrap_or(0);
         let reach = vertical[(last + 1).min(vertical.len() - 1)] as f32;
@@ -90,7 +91,7 @@ impl LightProfile {
         })
     }
 
-    /// Its name: that of the file it came from.
+    /// Its name: that of its file.
     pub fn name(&self) -> &str {
         &self.name
     }
@@ -105,12 +106,12 @@ impl LightProfile {
         self.peak
     }
 
-    /// The vertical angle \[rad\] beyond which it is dark.
+    /// The vertical angle \[rad\] beyond which the intensity is zero.
     pub fn reach(&self) -> f32 {
         self.reach
     }
 
-    /// Intensity [W/sr] in a unit direction of the light's space, away from the light.
+    /// Intensity [W/sr] in a unit direction of the light's space. The direction points away from the light.
     #[inline]
     pub fn intensity(&self, direction: Vec3) -> f32 {
         let theta = direction.x.hypot(direction.y).atan2(-direction.z);
@@ -132,15 +133,16 @@ impl LightProfile {
     }
 }
 
-/// The interval of ascending angles that holds one, and the place in it in [0, 1].
+/// The interval of ascending angles that contains an angle, and the position in it in [0, 1].
 #[inline]
 fn place(angles: &[f32], angle: f32) -> (usize, f32) {
     let i = angles.partition_point(|a| *a <= angle).clamp(1, angles.len() - 1) - 1;
     (i, ((angle - angles[i]) / (angles[i + 1] - angles[i])).clamp(0.0, 1.0))
 }
 
-/// The integral over the sphere of what is bilinear in the two angles, in closed form: over each interval the ends weigh
-/// by the integrals of `(1 - s) sin t` and `s sin t` along the vertical, and by half of the interval around the axis.
+/// The integral over the sphere of an intensity that is bilinear in the two angles, in closed form. In each interval
+/// the weights of the ends are the integrals of `(1 - s) sin t` and `s sin t` along the vertical, and half of the
+/// interval around the axis.
 fn integrate(vertical: &[f64], horizontal: &[f64], intensity: &[f32]) -> f64 {
     let mut around = vec![0.0; horizontal.len()];
     match horizontal.len() {
@@ -189,7 +191,7 @@ mod tests {
         let vertical = degrees(1.0, 90.0);
         let lobe: Vec<f32> = vertical.iter().map(|t| 3.0 * t.to_radians().cos().max(0.0) as f32).collect();
         let p = LightProfile::new("lobe", &vertical, &[0.0], lobe).unwrap();
-        // The chords of a cosine over 1 degree lie low by up to h^2/8 = 4e-5.
+        // Linear interpolation of a cosine over 1 degree is too low by up to h^2/8 = 4e-5.
         assert!((f64::from(p.power()) / (3.0 * PI) - 1.0).abs() < 5e-5, "{}", p.power());
         assert_eq!(p.peak(), 3.0);
         for d in [Vec3::new(0.3, -0.2, -0.8), Vec3::new(0.0, 0.0, -1.0), Vec3::new(0.9, 0.1, -0.05)] {

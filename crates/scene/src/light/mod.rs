@@ -1,7 +1,8 @@
-//! Lights: which one to ask, where on it to look, and how likely that was.
+//! Lights: choice of a light, sampling of a direction toward it, and the density of both.
 //!
-//! A question goes to one light or to each of them. Where one is chosen among few, each is weighed by an estimate of the
-//! irradiance it can send to the asking point; among many the choice is that of a tree. Densities include the choice.
+//! A vertex samples one light or each of them. If one is chosen among few lights, the weight of each is an estimate of
+//! the irradiance that it can send to the receiver. Among many lights a tree makes the choice. Densities include the
+//! choice.
 
 pub(crate) mod delta;
 pub(crate) mod environment;
@@ -20,39 +21,41 @@ use dunkelfeld_geometry::{Aabb, Vec3};
 use dunkelfeld_radiometry::Rgb;
 use std::f32::consts::PI;
 
-/// Up to this many lights are weighed one by one at every point that asks; more stand in a tree.
+/// Maximum number of lights that are weighed one by one at each receiver. More lights are stored in a tree.
 pub(crate) const WEIGHED_UP_TO: usize = 64;
 
-/// Up to this many lights are all asked at surfaces, and in media where a path is young.
+/// Up to this many lights a vertex takes a sample of each light, at surfaces and in media at the first vertices of a
+/// path.
 pub(crate) const EACH_UP_TO: usize = 8;
 
-/// So many scattering vertices of a path are young. In a dense medium thousands may follow.
+/// Number of first scattering vertices of a path with a sample of each light in media. In a dense medium thousands of
+/// vertices may follow.
 const YOUNG: u32 = 2;
 
 /// No light: marks triangles that do not emit.
 pub(crate) const NO_LIGHT: u32 = u32::MAX;
 
-/// The point that asks for light.
+/// The receiver of a light sample.
 #[derive(Clone, Copy, Debug)]
 pub struct LightSampleContext {
     /// Position in render space.
     pub point: Vec3,
-    /// Geometric normal on the side of the viewer; zero in a medium, which has none.
+    /// Geometric normal on the side of the viewer; zero in a medium.
     pub normal: Vec3,
-    /// Can light from behind the surface be scattered too?
+    /// True if light from behind the surface can be scattered too.
     pub both_sides: bool,
 }
 
-/// Which lights a vertex asks.
+/// The light samples of a vertex.
 ///
-/// Each question is a sampling technique of its own, that draws one direction. Of [`Self::Each`] a path that scatters
-/// into a light competes with the question to that light alone: points on other lights are not what the others draw
+/// Each light sample is a sampling technique of its own that draws one direction. With [`Self::Each`], a scattered ray
+/// that hits a light competes only with the sample of that light. The samples of other lights do not draw points on it
 /// (multi-sample combination, Veach 1997, section 9.2).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LightChoice {
-    /// One, chosen by what it can bring.
+    /// A sample of one light, chosen in proportion to its estimated contribution.
     One,
-    /// Each, once.
+    /// A sample of each light.
     Each,
 }
 
@@ -97,13 +100,14 @@ pub(crate) enum Light {
 pub struct LightSample {
     /// Unit direction toward the light.
     pub direction: Vec3,
-    /// The point on the light, with the light's normal there; `None` when infinitely far.
+    /// The point on the light, with the light's normal there; `None` for a light infinitely far away.
     pub target: Option<LightTarget>,
-    /// Radiance arriving unoccluded [W/(m^2 sr)]; for lights without extent the irradiance on a facing surface [W/m^2].
+    /// Radiance that arrives unoccluded [W/(m^2 sr)]; for lights without extent the irradiance on a facing surface
+    /// [W/m^2].
     pub radiance: Rgb,
-    /// Density [1/sr]; for lights without extent the probability of having chosen the light.
+    /// Density [1/sr]; for lights without extent the probability of the choice of the light.
     pub pdf: f32,
-    /// A light without extent: scattering cannot find it, so there is nothing to weigh it against.
+    /// True for a light without extent. Scattering cannot sample it, so its weight is 1.
     pub is_delta: bool,
 }
 
@@ -112,22 +116,22 @@ pub struct LightSample {
 pub struct LightTarget {
     /// Point on the light.
     pub point: Vec3,
-    /// Unit normal of the light's surface, zero for points without a surface.
+    /// Unit normal of the light's surface; zero for points without a surface.
     pub normal: Vec3,
-    /// Part and triangle on which the point lies, where the radiance has to be looked up there; `None` where it is the same
-    /// everywhere, and for lights without a surface.
+    /// Part and triangle of the point, if the radiance must be evaluated there. `None` if the radiance is constant over
+    /// the light, and for lights without a surface.
     pub(crate) surface: Option<(u32, u32)>,
 }
 
-/// All lights of a scene, and how to choose among them.
+/// All lights of a scene, and the choice among them.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct LightTable {
     pub(crate) lights: Vec<Light>,
     pub(crate) environment: Option<EnvironmentLight>,
     pub(crate) profiles: Vec<LightProfile>,
-    /// The choice among more lights than are weighed one by one.
+    /// The tree for the choice, if there are more lights than are weighed one by one.
     pub(crate) tree: Option<LightTree>,
-    /// Is each light asked, where a path is young or at a surface?
+    /// True if surfaces, and the first vertices of a path in media, take a sample of each light.
     asks_each: bool,
 }
 
@@ -142,7 +146,7 @@ impl LightTable {
         if environment.as_ref().is_some_and(|e| !e.mean.is_black()) {
             lights.push(Light::Environment);
         }
-        // A single light is always asked: there is nothing to choose.
+        // A single light needs no choice.
         let asks_each = lights.len() <= if techniques.every_light { EACH_UP_TO } else { 1 };
         let mut table = Self { lights, environment, profiles, tree: None, asks_each };
         if table.lights.len() > WEIGHED_UP_TO {
@@ -153,7 +157,7 @@ impl LightTable {
         table
     }
 
-    /// Emitted power \[W\]; of light from infinitely far away, over the scene's cross-section.
+    /// Emitted power \[W\]; for light from infinitely far away, over the scene's cross-section.
     pub(crate) fn power(&self, light: &Light, scene_radius: f32) -> Rgb {
         match light {
             Light::Area(a) => a.power(),
@@ -162,7 +166,7 @@ impl LightTable {
         }
     }
 
-    /// What a tree must know of a light; `None` for one infinitely far away.
+    /// The bounds of a light for a tree; `None` for one infinitely far away.
     fn bounds(&self, light: &Light) -> Option<LightBounds> {
         let at = |position: Vec3, axis: Vec3, angle: f32, peak: Rgb| LightBounds {
             bounds: Aabb::from_points([position]),
@@ -188,13 +192,14 @@ impl LightTable {
         self.environment.as_ref().map_or(Rgb::BLACK, |e| e.mean)
     }
 
-    /// Which lights the scattering vertex with this number (from 0, counted along a path) asks, in a medium or on a surface.
+    /// The light samples of the scattering vertex with this number (from 0, counted along a path), in a medium or on a
+    /// surface.
     #[inline]
     pub(crate) fn choice_at(&self, vertex: u32, in_medium: bool) -> LightChoice {
         if self.asks_each && !(in_medium && vertex >= YOUNG) { LightChoice::Each } else { LightChoice::One }
     }
 
-    /// How many questions a vertex has.
+    /// The number of light samples of a vertex.
     #[inline]
     pub(crate) fn questions(&self, choice: LightChoice) -> usize {
         match choice {
@@ -217,12 +222,12 @@ impl LightTable {
         }
     }
 
-    /// Are there several lights that are all asked?
+    /// True if there are several lights and each is sampled.
     pub(crate) fn asks_each(&self) -> bool {
         self.asks_each && self.lights.len() > 1
     }
 
-    /// Are there so many lights that a tree chooses among them?
+    /// True if there are so many lights that a tree chooses among them.
     pub(crate) fn has_tree(&self) -> bool {
         self.tree.is_some()
     }
@@ -231,12 +236,12 @@ impl LightTable {
     #[inline(always)]
     fn choose(&self, receiver: &LightSampleContext, u: f32) -> Option<(usize, f32)> {
         match &self.tree {
-            // For a copy of the receiver: most scenes have no tree (`CONVENTIONS.md`).
+            // The tree gets a copy of the receiver, because most scenes have no tree (`CONVENTIONS.md`).
             Some(tree) if EFFECTS => {
                 let receiver = *receiver;
                 tree.choose(&receiver, u)
             }
-            // No larger an array is cleared than there are lights, nearly.
+            // A small array for few lights, because the array is cleared for each choice.
             _ if self.lights.len() <= 8 => self.choose_weighed::<8>(receiver, u),
             _ => self.choose_weighed::<WEIGHED_UP_TO>(receiver, u),
         }
@@ -284,7 +289,7 @@ impl LightTable {
         if total > 0.0 && total.is_finite() { own / total } else { 0.0 }
     }
 
-    /// The probability that a question goes to a light.
+    /// The probability that a vertex samples a light.
     #[inline]
     fn share(&self, receiver: &LightSampleContext, choice: LightChoice, index: usize) -> f32 {
         match choice {
@@ -293,8 +298,8 @@ impl LightTable {
         }
     }
 
-    /// A direction toward a light, for question `question` of [`Self::questions`]. `None`: that light (or, if one is to be
-    /// chosen, any) cannot be seen from here.
+    /// A direction toward a light, for the light sample `question` of [`Self::questions`]. `None` if that light cannot
+    /// reach the receiver. If a light is to be chosen, `None` if no light can reach it, or if the chosen one cannot.
     #[inline(always)]
     pub(crate) fn sample(
         &self,
@@ -339,7 +344,8 @@ impl LightTable {
                 Some(LightSample { direction, target: Some(target), radiance: a.mean_radiance, pdf, is_delta: false })
             }
             _ if EFFECTS => {
-                // Not handed on as it is: the answer above would then lie in memory as this one does.
+                // Bound to a variable first. If the call were returned directly, the result of the other branch would
+                // be kept in memory as well.
                 let found = self.sample_immaterial(*receiver, index, chosen, u)?;
                 Some(found)
             }
@@ -347,8 +353,8 @@ impl LightTable {
         }
     }
 
-    /// [`Self::sample_light`] of lights without a surface: apart, as most have one.
-    // The receiver by value, as what is seldom called takes it (`CONVENTIONS.md`).
+    /// [`Self::sample_light`] for lights without a surface. It is a separate function because most lights have one.
+    // The receiver is passed by value, as to all rare functions (`CONVENTIONS.md`).
     #[inline(never)]
     fn sample_immaterial(
         &self,
@@ -385,7 +391,7 @@ impl LightTable {
         }
     }
 
-    /// The density [1/sr] with which [`Self::sample`] would have found `point` on area light `index`.
+    /// The density [1/sr] of `point` on area light `index` in [`Self::sample`].
     #[inline]
     pub(crate) fn pdf_area(&self, receiver: &LightSampleContext, choice: LightChoice, index: u32, point: Vec3) -> f32 {
         match self.lights.get(index as usize) {
@@ -394,10 +400,10 @@ impl LightTable {
         }
     }
 
-    /// The density [1/sr] with which [`Self::sample`] would have found the environment in a direction.
+    /// The density [1/sr] of a direction toward the environment in [`Self::sample`].
     #[inline]
     pub(crate) fn pdf_environment(&self, receiver: &LightSampleContext, choice: LightChoice, direction: Vec3) -> f32 {
-        // The environment, if it shines, is the last light.
+        // The environment is the last light if it emits.
         match (&self.environment, self.lights.last()) {
             (Some(e), Some(Light::Environment)) if EFFECTS => {
                 e.pdf(receiver, direction) * self.share(receiver, choice, self.lights.len() - 1)
@@ -408,7 +414,7 @@ impl LightTable {
 }
 
 impl LightSampleContext {
-    /// Can light from a direction be scattered to the viewer at all?
+    /// True if the receiver can scatter light from a direction to the viewer.
     #[inline]
     pub fn faces(&self, direction: Vec3) -> bool {
         self.both_sides || direction.dot(self.normal) > 0.0
@@ -416,8 +422,8 @@ impl LightSampleContext {
 }
 
 impl AreaLight {
-    /// Can light of this emitter arrive? Not behind a one-sided one, which is planar, nor from below a surface that
-    /// scatters light from above only.
+    /// True if light of this emitter can arrive. It cannot behind a one-sided emitter, which is planar, or below a
+    /// surface that scatters light from above only.
     #[inline]
     fn reaches(&self, receiver: &LightSampleContext) -> bool {
         let to_light = self.center - receiver.point;
@@ -425,7 +431,8 @@ impl AreaLight {
             && (receiver.both_sides || to_light.dot(receiver.normal) > -self.radius)
     }
 
-    /// See [`LightTable::weight`]. The cosine at the light is that of its middle and a little more: its ends see others.
+    /// See [`LightTable::weight`]. The cosine at the light is that of its centre plus a margin, because the cosines at
+    /// its ends differ.
     #[inline(always)]
     fn weight(&self, receiver: &LightSampleContext) -> f32 {
         if !self.reaches(receiver) {

@@ -1,14 +1,14 @@
-//! What a scene holds, for people: its lights and how strong they are, its parts and how many triangles they have.
+//! Summary of a scene for reports: lights and their power, parts and their numbers of triangles.
 
 use crate::light::delta::DeltaLight;
 use crate::light::{Light, NO_LIGHT};
 use crate::scene::Scene;
 use dunkelfeld_radiometry::Rgb;
 
-/// A light as a person would count it: all emitting triangles of an object together.
+/// A light in reports: all emitting triangles of an object together.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LightInfo {
-    /// Object or light that shines.
+    /// Name of the object or the light.
     pub name: String,
     /// `area (2 rectangles, 3 triangles)`, `point`, `spot`, `directional`, `profile lamp.ies`, `environment`.
     pub kind: String,
@@ -27,12 +27,12 @@ pub struct PartInfo {
     pub material: u32,
     /// Number of triangles.
     pub triangles: usize,
-    /// Is the mesh shared and placed by a transform?
+    /// True if the mesh is shared and placed by a transform.
     pub instanced: bool,
 }
 
 impl Scene {
-    /// The lights. Punctual lights come under the names that the builder gave them.
+    /// The lights. Punctual lights have the names of the builder.
     pub fn light_inventory(&self) -> Vec<LightInfo> {
         let mut list: Vec<LightInfo> = Vec::new();
         for part in &self.parts {
@@ -98,8 +98,8 @@ impl Scene {
         list
     }
 
-    /// How light is looked for, in words: how many lights there are, each emitting triangle or rectangle counted, and how
-    /// one is chosen.
+    /// The light sampling technique in words: the number of lights, each emitting triangle or rectangle counted, and
+    /// the method of the choice.
     pub fn light_choice(&self) -> String {
         let count = self.lights.lights.len();
         match (&self.lights.tree, count) {

@@ -1,15 +1,17 @@
-//! The choice among many lights: a binary tree of bounds, walked from the root by how much each side can matter.
+//! The choice among many lights: a binary tree of bounds. The traversal starts at the root and chooses each child in
+//! proportion to its importance.
 //!
-//! Conty Estevez & Kulla, "Importance Sampling of Many Lights with Adaptive Tree Splitting" (2018), without the splitting.
-//! Each node bounds its lights by a ball, by a cone of the directions that their axes have, and by an angle about these
-//! axes within which they shine. Light from infinitely far away has no place in the tree; it keeps a share of its own.
+//! Conty Estevez & Kulla, "Importance Sampling of Many Lights with Adaptive Tree Splitting" (2018), without the
+//! splitting. Each node bounds its lights by a ball, by a cone of the directions of their axes, and by an angle around
+//! these axes within which they emit. Light from infinitely far away is not in the tree. It has a fixed share of the
+//! choices.
 
 use crate::light::LightSampleContext;
 use dunkelfeld_geometry::{Aabb, Vec3};
 use dunkelfeld_sampling::Distribution1D;
 use std::f32::consts::{FRAC_PI_2, PI, TAU};
 
-/// What the tree knows of a light that has a place.
+/// The bounds of a light with a position.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct LightBounds {
     pub(crate) bounds: Aabb,
@@ -18,16 +20,17 @@ pub(crate) struct LightBounds {
     pub(crate) peak: f32,
 }
 
-/// The directions in which lights shine.
+/// The directions in which lights emit.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct EmissionCone {
-    /// Unit axis of the cone that holds the lights' axes.
+    /// Unit axis of the cone that contains the axes of the lights.
     pub(crate) axis: Vec3,
     /// Half-angle of that cone \[rad\].
     pub(crate) spread: f32,
-    /// Angle \[rad\] about its axis beyond which no light shines, at most pi/2; within it light falls by the cosine.
+    /// Angle \[rad\] around its axis beyond which no light emits, at most pi/2. Within it the intensity falls with the
+    /// cosine.
     pub(crate) emission: f32,
-    /// Does a light shine to the other side as well?
+    /// True if a light emits to the other side as well.
     pub(crate) two_sided: bool,
 }
 
@@ -37,12 +40,12 @@ impl EmissionCone {
         Self { axis: normal, spread: 0.0, emission: FRAC_PI_2, two_sided }
     }
 
-    /// Light of any strength up to an angle about an axis.
+    /// Light with an arbitrary distribution up to an angle around an axis.
     pub(crate) fn beam(axis: Vec3, angle: f32) -> Self {
         Self { axis, spread: angle, emission: 0.0, two_sided: false }
     }
 
-    /// A narrow cone that holds both (Conty Estevez & Kulla 2018, algorithm 1).
+    /// A narrow cone that contains both (Conty Estevez & Kulla 2018, algorithm 1).
     fn union(self, other: Self) -> Self {
         let (a, b) = if self.spread >= other.spread { (self, other) } else { (other, self) };
         let emission = a.emission.max(b.emission);
@@ -51,7 +54,7 @@ impl EmissionCone {
         if (between + b.spread).min(PI) <= a.spread {
             return Self { emission, two_sided, ..a };
         }
-        // A little wider than needed, so that rounding leaves nobody out.
+        // Slightly wider than needed, so that rounding excludes no light.
         let spread = 0.5 * (a.spread + between + b.spread) * (1.0 + 1e-5);
         let across = (b.axis - a.axis * a.axis.dot(b.axis)).try_normalize();
         match across {
@@ -64,7 +67,7 @@ impl EmissionCone {
         }
     }
 
-    /// The measure M_Omega of directions, which the build keeps small (Conty Estevez & Kulla 2018, equation 1).
+    /// The measure M_Omega of directions, which the build minimises (Conty Estevez & Kulla 2018, equation 1).
     fn measure(&self) -> f32 {
         let (o, w) = (self.spread, (self.spread + self.emission).min(PI));
         let (sin, cos) = o.sin_cos();
@@ -72,7 +75,7 @@ impl EmissionCone {
     }
 }
 
-/// The angle between two unit vectors, with its digits near 0 and pi.
+/// The angle between two unit vectors, precise near 0 and pi.
 fn angle_between(a: Vec3, b: Vec3) -> f32 {
     2.0 * (a - b).length().atan2((a + b).length())
 }
@@ -87,33 +90,33 @@ impl LightBounds {
     }
 }
 
-/// The tree, with the lights that stand beside it. Lights are named by their place in the list it was built from.
+/// The tree, and the lights outside it. A light is identified by its index in the list from which the tree was built.
 #[derive(Clone, Debug)]
 pub(crate) struct LightTree {
-    /// The root first; the two children of a node stand side by side.
+    /// The root is the first node. The two children of a node are neighbours.
     nodes: Vec<Node>,
-    /// For each light how to find it.
+    /// For each light its place.
     places: Vec<LightPlace>,
     depth: u32,
-    /// Lights infinitely far away, chosen by power.
+    /// Lights infinitely far away. They are chosen by power.
     infinite: Vec<u32>,
     infinite_choice: Distribution1D,
-    /// The share of choices that go to them.
+    /// Probability that one of them is chosen.
     infinite_share: f32,
 }
 
-/// Where a light is.
+/// The place of a light.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum LightPlace {
     /// Dark: never chosen.
     Nowhere,
-    /// In the tree: the turns from the root down, the first in the lowest bit; 1 is the second child.
+    /// In the tree: the children from the root down, the first in the lowest bit. A set bit is the second child.
     Leaf { turns: u64 },
-    /// Its place among the lights infinitely far away.
+    /// Its index among the lights infinitely far away.
     Infinite(u32),
 }
 
-/// A node as the walk needs it.
+/// A node in the form that the traversal needs.
 #[derive(Clone, Copy, Debug)]
 struct Node {
     center: Vec3,
@@ -130,22 +133,22 @@ struct Node {
     next: u32,
 }
 
-/// Bins along an axis in which a split is looked for.
+/// Number of bins along an axis for candidate splits.
 const BINS: usize = 12;
 
-/// Below this depth lights are split by half, so that no tree is deeper than its trail of 64 turns is long.
+/// From this depth on lights are split by half. So the depth of a tree is at most 64, the number of bits of `turns`.
 const HALVES_FROM: u32 = 31;
 
-/// What the tests for darkness forgive, and the least that a cosine counts for: sines from cosines lose half of their
-/// digits near 0 and pi, and a light that is seen by a hair must not have a chance of zero.
+/// Tolerance of the tests for darkness, and the least value of a cosine. Sines computed from cosines lose half of their
+/// digits near 0 and pi. A light that reaches the receiver at a grazing angle must not have probability zero.
 const SLACK: f32 = 1e-3;
 
-/// Neither the tree nor the lights beside it get less than this share, where both have light.
+/// Least share of the tree and of the lights outside it, if both emit.
 const MIN_SHARE: f32 = 0.1;
 
 impl LightTree {
-    /// Builds the tree in O(n log n). `local` has the bounds and `power` the power \[W\] of each light; what has no
-    /// bounds is infinitely far away.
+    /// Builds the tree in O(n log n). `local` contains the bounds and `power` the power \[W\] of each light. A light
+    /// without bounds is infinitely far away.
     pub(crate) fn new(local: &[Option<LightBounds>], power: &[f32]) -> Self {
         let mut places = vec![LightPlace::Nowhere; local.len()];
         let (mut infinite, mut infinite_powers) = (Vec::new(), Vec::new());
@@ -171,11 +174,11 @@ impl LightTree {
             (true, false) => 1.0,
             _ => {
                 let share = (infinite_power / (infinite_power + local_power)) as f32;
-                // Of overflowed powers nothing can be said.
+                // The quotient of overflowed powers is undefined.
                 if share.is_nan() { 0.5 } else { share.clamp(MIN_SHARE, 1.0 - MIN_SHARE) }
             }
         };
-        // Shares of the whole, so that a division by a small square of a distance cannot overflow.
+        // Shares of the sum, so that a division by the square of a small distance cannot overflow.
         let total: f64 = order.iter().map(|(_, b)| f64::from(b.peak)).sum();
         for (_, b) in &mut order {
             b.peak = (f64::from(b.peak) / total).max(f64::from(f32::MIN_POSITIVE)) as f32;
@@ -200,17 +203,17 @@ impl LightTree {
         self.nodes.len().div_ceil(2)
     }
 
-    /// Number of decisions on the longest way down.
+    /// Depth of the tree: number of decisions to the deepest leaf.
     pub(crate) fn depth(&self) -> u32 {
         self.depth
     }
 
-    /// Number of lights beside the tree.
+    /// Number of lights outside the tree.
     pub(crate) fn infinite(&self) -> usize {
         self.infinite.len()
     }
 
-    /// Makes the node `at`, which is there already, the root of some lights. Returns their bounds.
+    /// Makes the existing node `at` the root of some lights. Returns their bounds.
     fn grow(&mut self, at: usize, lights: &mut [(u32, LightBounds)], turns: u64, depth: u32) -> LightBounds {
         self.depth = self.depth.max(depth);
         if let [(light, bounds)] = lights {
@@ -229,7 +232,7 @@ impl LightTree {
         all
     }
 
-    /// Chooses a light: its index and the probability of that. `None`: nothing can reach the receiver.
+    /// Chooses a light: its index and the probability of the choice. `None` if no light can reach the receiver.
     #[inline]
     pub(crate) fn choose(&self, receiver: &LightSampleContext, u: f32) -> Option<(usize, f32)> {
         if u < self.infinite_share {
@@ -284,11 +287,11 @@ impl LightTree {
     }
 }
 
-/// The share of choices that go to the first of two children; `None` if neither can matter.
+/// The probability of the first of two children; `None` if neither can contribute.
 #[inline]
 fn first_share(children: &[Node; 2], receiver: &LightSampleContext) -> Option<f32> {
     let [a, b] = [children[0].importance(receiver), children[1].importance(receiver)];
-    // What can matter must not round to nothing.
+    // The probability of a child that can contribute must not round to zero.
     let least = 0.5 * f32::EPSILON;
     match (a > 0.0, b > 0.0) {
         (true, true) => Some((a / (a + b)).clamp(least, 1.0 - least)),
@@ -317,22 +320,22 @@ impl Node {
         }
     }
 
-    /// How much irradiance the lights can bring to the receiver, up to a constant: an estimate that is zero only where
-    /// they bring none (Conty Estevez & Kulla 2018, equation 3; the distance is that of the middle).
+    /// The importance of the node: an estimate, up to a constant, of the irradiance at the receiver. It is zero only if
+    /// the irradiance is (Conty Estevez & Kulla 2018, equation 3; the distance is that of the centre).
     #[inline]
     fn importance(&self, receiver: &LightSampleContext) -> f32 {
         let to_light = self.center - receiver.point;
         let d2 = to_light.length_squared();
         if d2 <= self.radius2 {
-            // From inside the ball lights may lie in any direction.
+            // Inside the ball lights may lie in any direction.
             return self.peak / self.radius2.max(NEAREST);
         }
         let inverse = 1.0 / d2.sqrt();
-        // The ball's half-angle as seen from the receiver.
+        // Half-angle of the ball at the receiver.
         let sin2_ball = self.radius2 / d2;
         let ball = Angle { sin: sin2_ball.sqrt(), cos: (1.0 - sin2_ball).max(0.0).sqrt() };
 
-        // The least angle at which a light can stand to the normal; in a medium there is none.
+        // The least angle between a light and the normal. In a medium there is no normal.
         let cos_facing = to_light.dot(receiver.normal) * inverse;
         let cos_facing = if receiver.normal == Vec3::ZERO {
             1.0
@@ -342,7 +345,7 @@ impl Node {
         if cos_facing < -SLACK {
             return 0.0;
         }
-        // The least angle at which the receiver can stand to a light's axis.
+        // The least angle between the receiver and the axis of a light.
         let cos_axis = -to_light.dot(self.axis) * inverse;
         let cos_emitted = Angle::from_cos(if self.two_sided { cos_axis.abs() } else { cos_axis })
             .less(Angle { sin: self.sin_spread, cos: self.cos_spread })
@@ -355,10 +358,10 @@ impl Node {
     }
 }
 
-/// The least square of a distance [m^2] that counts: of shares up to one it makes nothing that overflows.
+/// The least square of a distance [m^2]. With shares up to one, the quotient does not overflow.
 const NEAREST: f32 = 1e-30;
 
-/// An angle in [0, pi], by sine and cosine.
+/// An angle in [0, pi], stored as sine and cosine.
 #[derive(Clone, Copy)]
 struct Angle {
     sin: f32,
@@ -371,7 +374,7 @@ impl Angle {
         Self { sin: (1.0 - cos * cos).max(0.0).sqrt(), cos }
     }
 
-    /// What is left of the angle after another is taken away, at least zero.
+    /// The difference of the angle and another one, at least zero.
     #[inline]
     fn less(self, other: Self) -> Self {
         if self.cos >= other.cos {
@@ -389,8 +392,9 @@ fn below_one(u: f32) -> f32 {
     u.clamp(0.0, 1.0 - f32::EPSILON / 2.0)
 }
 
-/// Sorts lights into two groups; returns the size of the first. Where a plane between bins leaves the least cost (area of
-/// the boxes, measure of the cones, peak: the surface area orientation heuristic, Conty Estevez & Kulla 2018), else by half.
+/// Sorts lights into two groups and returns the size of the first. The split is the plane between bins with the least
+/// cost: area of the boxes, measure of the cones, peak (the surface area orientation heuristic, Conty Estevez & Kulla
+/// 2018). If there is none, the lights are split by half.
 fn split(lights: &mut [(u32, LightBounds)], by_half: bool) -> usize {
     let centers = lights.iter().fold(Aabb::EMPTY, |b, (_, l)| b.including(l.bounds.center()));
     let size = centers.size();
@@ -402,7 +406,7 @@ fn split(lights: &mut [(u32, LightBounds)], by_half: bool) -> usize {
             let bin = &mut bins[bin_of(l, axis, &centers)];
             *bin = Some(bin.map_or(*l, |b| b.union(l)));
         }
-        // Costs of all that lies before, then of all that lies behind each plane.
+        // Costs of the lights before each plane, then of those behind it.
         let mut before = [None; BINS];
         let mut so_far: Option<LightBounds> = None;
         for (cost, bin) in before.iter_mut().zip(&bins) {
@@ -413,7 +417,7 @@ fn split(lights: &mut [(u32, LightBounds)], by_half: bool) -> usize {
         for plane in (1..BINS).rev() {
             behind = join(behind, &bins[plane]);
             let (Some(first), Some(second)) = (before[plane], behind) else { continue };
-            // A thin group is cut across its length (the regularisation of the heuristic).
+            // A thin group is split across its length (the regularisation of the heuristic).
             let cost = longest / size[axis] * (first + cost_of(&second));
             if best.is_none_or(|(least, ..)| cost < least) {
                 best = Some((cost, axis, plane));

@@ -1,4 +1,4 @@
-//! The light tree: it draws what it says, says what it draws, and forgets no light that can be seen.
+//! Tests of the light tree: its draws follow its probabilities, and every visible light has a probability above zero.
 //!
 //! False-alarm rate of each statistical check: 1e-10. Replay: `cargo test -p dunkelfeld-scene light_tree NAME`.
 
@@ -20,7 +20,7 @@ fn place(u: [f32; 4], size: f32) -> Vec3 {
     size * (Vec3::new(u[0], u[1], u[2]) - 0.5)
 }
 
-/// A light as a test judges it: a point, a spot with a hard edge, or a small square.
+/// A light of these tests: a point, a spot with a hard edge, or a small square.
 #[derive(Clone, Copy)]
 enum Lamp {
     Point(Vec3, f32),
@@ -49,7 +49,7 @@ impl Lamp {
         }
     }
 
-    /// Irradiance at a receiver; of a square, what its middle would bring.
+    /// Irradiance at a receiver; for a square, that of its centre.
     fn irradiance(&self, r: &LightSampleContext) -> f64 {
         let facing = |d: Vec3| match (r.normal == Vec3::ZERO, r.both_sides) {
             (true, _) => 1.0,
@@ -107,7 +107,7 @@ fn tree(lamps: &[Lamp]) -> LightTree {
     LightTree::new(&bounds, &vec![1.0; lamps.len()])
 }
 
-/// Points between, in and beside the lights: facing anything, seeing both sides, in a medium.
+/// Points between, in and beside the lights: with any normal, one- or two-sided, or in a medium.
 fn receivers(count: u32) -> impl Iterator<Item = LightSampleContext> {
     (0..count).map(|i| {
         let (a, b) = (uniform(4, i), uniform(5, i));
@@ -126,7 +126,7 @@ fn draws_follow_the_probabilities() {
     let lamps = lamps(300);
     let tree = tree(&lamps);
     for (k, r) in receivers(10).enumerate() {
-        // The last entry counts draws of nothing: a way down may end where no light can be seen.
+        // The last entry counts draws without a light: a path down the tree may end where no light is visible.
         let mut observed = vec![0u64; lamps.len() + 1];
         for i in 0..N {
             let drawn = tree.choose(&r, uniform(6 + k as u32, i)[0]);
@@ -172,7 +172,7 @@ fn no_light_that_can_be_seen_is_left_without_a_chance() {
             assert!(tree.probability(&r, i) > 0.0, "light {i} brings {} to {r:?}", lamp.irradiance(&r));
         }
     }
-    // A receiver in the plane of a light but for a hair, and lights that look past it but for a hair.
+    // A receiver almost in the plane of a light, and lights that emit almost past it.
     let square = |height: f32| Lamp::Square {
         center: Vec3::new(1.0, 0.0, height),
         normal: -Vec3::Z,
@@ -226,13 +226,13 @@ fn ten_thousand_lights_are_chosen_better_than_by_power() {
         z_test(tree_moments.mean(), tree_moments.standard_error(), exact).assert(RATE, "mean");
         gains.push((power_moments.variance() / tree_moments.variance()).ln());
     }
-    // Half of these lights are spots with hard edges or face away, all mixed in one cloud: little that a bound could tell.
+    // Half of these lights are spots with hard edges or face away, all mixed in one cloud. Bounds separate them poorly.
     assert!(gains.mean() > 3f64.ln(), "variance falls by {} only", gains.mean().exp());
 }
 
 #[test]
 fn lights_that_face_away_cost_nothing() {
-    // Two walls of panels back to back: from either side only one of them can be drawn.
+    // Two walls of panels back to back. On either side only one of them can be drawn.
     let wall = |x: f32, normal: Vec3| {
         (0..100u32).map(move |i| Lamp::Square {
             center: Vec3::new(x, (i % 10) as f32 * 0.1, (i / 10) as f32 * 0.1),
@@ -261,11 +261,11 @@ fn lights_in_one_place_make_a_shallow_tree() {
         assert!(f64::from(tree.depth()) < (count as f64).log2() + 1.0 && tree.leaves() == count);
         let r = LightSampleContext { point: Vec3::ZERO, normal: Vec3::Z, both_sides: true };
         assert!((sum(&tree, &r, count) - 1.0).abs() < 1e-5);
-        // At the very place nothing overflows.
+        // At the position of the light nothing overflows.
         let there = LightSampleContext { point: Vec3::ONE, ..r };
         assert!((sum(&tree, &there, count) - 1.0).abs() < 1e-5);
     }
-    // A row in which each light is twice as far as the one before: the heuristic would cut off one at a time.
+    // A row in which each light is twice as far as the one before. The heuristic would split off one light at a time.
     let row: Vec<Lamp> = (0..120).map(|i| Lamp::Point(Vec3::X * 2f32.powi(i - 60), 1.0)).collect();
     assert!(tree(&row).depth() <= 64);
 }
@@ -289,11 +289,11 @@ fn light_from_infinity_keeps_its_share_and_the_dark_has_none() {
             }
         }
     }
-    // Alone it has all.
+    // Without lights in the tree, they have all draws.
     let tree = LightTree::new(&[None, None], &[1.0, 3.0]);
     let r = LightSampleContext { point: Vec3::ZERO, normal: Vec3::Z, both_sides: false };
     assert!((sum(&tree, &r, 2) - 1.0).abs() < 1e-6 && tree.choose(&r, 0.9).is_some());
-    // And where there is none nothing is drawn.
+    // Without any light nothing is drawn.
     assert_eq!(LightTree::new(&[], &[]).choose(&r, 0.5), None);
 }
 

@@ -1,4 +1,4 @@
-//! Materials as they are described: factors, textures, and how a surface bounds a volume.
+//! Descriptions of materials: factors, textures, and the volume inside a surface.
 
 pub mod texture;
 pub(crate) mod texture_eval;
@@ -15,13 +15,13 @@ pub struct ChannelTexture {
     pub channel: u8,
 }
 
-/// How coverage (alpha) is understood.
+/// Interpretation of coverage (alpha).
 #[derive(Clone, Copy, Debug, PartialEq, Default)]
 pub enum AlphaMode {
     /// Alpha is ignored: the surface covers fully.
     #[default]
     Opaque,
-    /// The surface covers fully where alpha is at least the cutoff, not at all elsewhere.
+    /// The surface covers fully where alpha is at least the cutoff, and is absent elsewhere.
     Mask {
         /// Threshold in \[0, 1\].
         cutoff: f32,
@@ -30,28 +30,29 @@ pub enum AlphaMode {
     Blend,
 }
 
-/// What fills a solid: a homogeneous medium that absorbs and scatters.
+/// Content of a solid: a homogeneous medium that absorbs and scatters.
 ///
-/// The coefficients [1/m] are the sum of two descriptions. The first is glTF's: what is left of white light after a distance
-/// gives the extinction `-ln(color) / distance`, of which the share `scattering_albedo` is scattered and the rest absorbed. The
-/// second states `absorption` and `scattering` outright. `Default` is clear: no extinction by either. See
-/// [`Medium`](crate::Medium) for what becomes of it.
+/// The coefficients [1/m] are the sum of two descriptions. The first is glTF's: the colour of white light after a
+/// distance gives the extinction `-ln(color) / distance`. Of it the share `scattering_albedo` is scattered and the rest
+/// absorbed. The second gives `absorption` and `scattering` directly. `Default` is clear: both extinctions are zero.
+/// [`Medium`](crate::Medium) is the compiled form.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Volume {
-    /// Colour that white light has after `attenuation_distance`, per channel in (0, 1].
+    /// Colour of white light after `attenuation_distance`, per channel in (0, 1].
     pub attenuation_color: Rgb,
     /// Distance \[m\] for `attenuation_color`; infinite means no attenuation.
     pub attenuation_distance: f32,
-    /// Single-scattering albedo of this attenuation, per channel in \[0, 1\]: the share that is scattered, not absorbed.
+    /// Single-scattering albedo of this attenuation, per channel in \[0, 1\]: the share that is scattered.
     pub scattering_albedo: Rgb,
-    /// Absorption coefficient [1/m] on top of the attenuation.
+    /// Absorption coefficient [1/m], added to the attenuation.
     pub absorption: Rgb,
-    /// Scattering coefficient [1/m] on top of the attenuation.
+    /// Scattering coefficient [1/m], added to the attenuation.
     pub scattering: Rgb,
     /// Mean cosine of the deflection by scattering, in (-1, 1): the `g` of Henyey and Greenstein.
     pub scattering_anisotropy: f32,
-    /// Where solids overlap or touch, the one with the highest priority fills the place (Schmidt and Budge 2002); of equal
-    /// ones the smaller does, so that what lies inside another solid needs no priority.
+    /// Priority in places where solids overlap or touch. The solid with the highest priority fills the place (Schmidt
+    /// and Budge 2002). Of equal priorities the smaller solid does, so that a solid inside another one needs no
+    /// priority.
     pub priority: i32,
 }
 
@@ -69,7 +70,7 @@ impl Default for Volume {
     }
 }
 
-/// What kind of interface the mesh is.
+/// Kind of interface of a mesh.
 #[derive(Clone, Copy, Debug, PartialEq, Default)]
 pub enum Surface {
     /// A thin sheet or an opaque surface: transmission, if any, passes straight through (KHR_materials_volume absent or
@@ -81,8 +82,10 @@ pub enum Surface {
 }
 
 /// A material: the metallic-roughness model with its glTF extensions, in linear values. Every factor multiplies its
-/// texture. `Default` is glTF's default material with ior 1.5: white, metallic 1, roughness 1 are glTF's *file* defaults;
-/// here metallic defaults to 0 and roughness to 0.5, what a program that fills in a few fields would expect.
+/// texture.
+///
+/// `Default` is glTF's default material with ior 1.5, except for two values. White, metallic 1 and roughness 1 are the
+/// defaults of a glTF *file*. Here metallic is 0 and roughness is 0.5, which suit a program that sets only some fields.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Material {
     /// Name, for overrides and reports.
@@ -91,11 +94,11 @@ pub struct Material {
     pub base_color: Rgb,
     /// RGB multiplies `base_color`, its alpha multiplies `alpha`.
     pub base_color_texture: Option<Texture>,
-    /// Coverage in \[0, 1\], used as `alpha_mode` says.
+    /// Coverage in \[0, 1\], interpreted by `alpha_mode`.
     pub alpha: f32,
     /// A separate coverage map (OBJ `map_d`).
     pub alpha_texture: Option<ChannelTexture>,
-    /// How coverage is understood.
+    /// Interpretation of coverage.
     pub alpha_mode: AlphaMode,
     /// 0 dielectric, 1 metal.
     pub metallic: f32,
@@ -113,11 +116,11 @@ pub struct Material {
     pub emission: Rgb,
     /// Multiplies `emission`.
     pub emission_texture: Option<Texture>,
-    /// Does the surface emit on both sides? (Scattering always happens on both.)
+    /// True if the surface emits on both sides. (It always scatters on both.)
     pub double_sided: bool,
     /// No scattering: the base colour is emitted as radiance (KHR_materials_unlit).
     pub unlit: bool,
-    /// Index of refraction; inside another solid the ratio of both indices counts.
+    /// Index of refraction; inside another solid the ratio of both indices is used.
     pub ior: f32,
     /// Strength of the dielectric reflection (KHR_materials_specular).
     pub specular: f32,
@@ -131,7 +134,7 @@ pub struct Material {
     pub transmission: f32,
     /// Multiplies `transmission`.
     pub transmission_texture: Option<ChannelTexture>,
-    /// Share of the diffuse light that comes out on the other side (KHR_materials_diffuse_transmission).
+    /// Share of the diffuse light that leaves on the other side (KHR_materials_diffuse_transmission).
     pub diffuse_transmission: f32,
     /// Multiplies `diffuse_transmission`.
     pub diffuse_transmission_texture: Option<ChannelTexture>,
@@ -161,7 +164,7 @@ pub struct Material {
     pub anisotropy_rotation: f32,
     /// RG: direction, B: strength (KHR_materials_anisotropy).
     pub anisotropy_texture: Option<Texture>,
-    /// Tints the dielectric reflection with the base colour's hue.
+    /// Share of the hue of the base colour in the tint of the dielectric reflection.
     pub specular_tint: f32,
 }
 

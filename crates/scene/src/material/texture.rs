@@ -1,4 +1,4 @@
-//! Images, and the textures that look into them.
+//! Images, and the textures that refer to them.
 
 use dunkelfeld_geometry::Vec2;
 
@@ -19,11 +19,11 @@ pub struct Image {
     pub texels: Texels,
 }
 
-/// Texel storage: 1 (grey), 2 (grey, alpha), 3 (red, green, blue) or 4 channels (red, green, blue, alpha) of 8 or 16 bits,
-/// or grey or three channels of linear floating point (HDR, EXR).
+/// Texel storage: 1 (grey), 2 (grey, alpha), 3 (red, green, blue) or 4 channels (red, green, blue, alpha) of 8 or 16
+/// bits, or grey or three channels of linear floating point (HDR, EXR).
 ///
-/// Integers stand for their value over the largest one. Grey stands for three equal channels; alpha that is not stored is 1.
-/// So images of the same values are the same image, whatever channels they store.
+/// An integer is divided by the largest value of its type. Grey is three equal channels. Alpha that is not stored is 1.
+/// So images with equal values are equal, whatever channels they store.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Texels {
     /// 8-bit grey.
@@ -48,7 +48,7 @@ pub enum Texels {
     RgbF32(Vec<[f32; 3]>),
 }
 
-/// The one place that lists the formats: runs `$body` with `$t` bound to the vector of channel arrays, of any format.
+/// The only list of the formats. Runs `$body` with `$t` bound to the vector of channel arrays of any format.
 macro_rules! with_texels {
     ($texels:expr, $t:ident => $body:expr) => {
         match $texels {
@@ -71,9 +71,9 @@ pub(crate) use with_texels;
 pub(crate) trait Channel: Copy {
     /// Little-endian bytes of the value.
     type Bytes: AsRef<[u8]>;
-    /// Alpha of what covers fully.
+    /// Alpha of full coverage.
     const OPAQUE: Self;
-    /// The value over the largest one of its type, by division; floating point as it is.
+    /// The value over the largest one of its type, by division. Floating point is unchanged.
     fn unit(self) -> f32;
     fn le_bytes(self) -> Self::Bytes;
 }
@@ -138,7 +138,7 @@ impl Texels {
         with_texels!(self, t => t.len())
     }
 
-    /// Are there none?
+    /// True if there are no texels.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
@@ -148,7 +148,7 @@ impl Texels {
         with_texels!(self, t => size_of_val(t.as_slice()))
     }
 
-    /// Channels that are stored: 1 to 4.
+    /// Number of stored channels: 1 to 4.
     pub fn channels(&self) -> usize {
         fn count<T, const N: usize>(_: &[[T; N]]) -> usize {
             N
@@ -156,7 +156,7 @@ impl Texels {
         with_texels!(self, t => count(t))
     }
 
-    /// Bytes of a channel's value: 1, 2, or 4 for floating point.
+    /// Bytes of the value of a channel: 1, 2, or 4 for floating point.
     pub fn value_bytes(&self) -> usize {
         fn size<T, const N: usize>(_: &[[T; N]]) -> usize {
             size_of::<T>()
@@ -164,7 +164,7 @@ impl Texels {
         with_texels!(self, t => size(t))
     }
 
-    /// Are the values floating-point numbers, without bounds?
+    /// True if the values are floating-point numbers, without bounds.
     pub fn is_float(&self) -> bool {
         matches!(self, Self::GrayF32(_) | Self::RgbF32(_))
     }
@@ -176,7 +176,7 @@ impl Texels {
     }
 }
 
-/// How stored colour values map to linear light.
+/// Encoding of stored colour values.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
 pub enum ColorEncoding {
     /// Values are linear (normal maps, roughness, HDR images).
@@ -186,7 +186,7 @@ pub enum ColorEncoding {
     Srgb,
 }
 
-/// What happens outside `[0, 1)`.
+/// Handling of texture coordinates outside `[0, 1)`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
 pub enum Wrap {
     /// Repeat the image.
@@ -198,7 +198,7 @@ pub enum Wrap {
     Clamp,
 }
 
-/// How a value between texel centres is found.
+/// Interpolation between texel centres.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
 pub enum Filter {
     /// Bilinear between the four nearest texel centres.
@@ -225,12 +225,12 @@ impl Default for TextureTransform {
     }
 }
 
-/// One use of an image: which, with which coordinates, wrapped and filtered how.
+/// A reference to an image, with coordinates, wrapping and filter.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Texture {
     /// The image.
     pub image: ImageId,
-    /// How its values are encoded.
+    /// Encoding of the values.
     pub encoding: ColorEncoding,
     /// Wrapping along u and v.
     pub wrap: [Wrap; 2],

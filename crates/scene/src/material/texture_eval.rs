@@ -1,4 +1,4 @@
-//! Looking up textures: coordinates to linear values.
+//! Evaluation of textures: from coordinates to linear values.
 
 use crate::material::texture::{Channel, ColorEncoding, Filter, Image, Texture, Wrap, rgba, with_texels};
 use dunkelfeld_geometry::Vec2;
@@ -13,11 +13,11 @@ pub(crate) fn srgb_to_linear(v: f32) -> f32 {
     if v <= 0.04045 { v / 12.92 } else { ((v + 0.055) / 1.055).powf(2.4) }
 }
 
-/// A channel's value as light: what textures are looked up in.
+/// The linear value of a channel.
 trait Linear: Channel {
-    /// Of colour, by its encoding; floating point is linear always.
+    /// The linear value of a colour channel. Floating point is always linear.
     fn color(self, encoding: ColorEncoding) -> f32;
-    /// Of alpha.
+    /// The linear value of alpha.
     fn alpha(self) -> f32;
 }
 
@@ -91,15 +91,15 @@ impl Image {
         sum.map(|s| (s / n) as f32)
     }
 
-    /// Linear value at the given texel coordinates, nearest; used where an image is tabulated.
+    /// Linear value at the given texel coordinates, nearest; used to tabulate an image.
     pub(crate) fn linear_texel(&self, x: u32, y: u32) -> [f32; 4] {
         self.texel(x.min(self.width - 1), y.min(self.height - 1), ColorEncoding::Linear)
     }
 }
 
 impl Texture {
-    /// The linear value (red, green, blue, alpha) at texture coordinates `uv`. Coordinates that are not finite, or not
-    /// when counted in texels, count as zero.
+    /// The linear value (red, green, blue, alpha) at texture coordinates `uv`. Coordinates count as zero if they are
+    /// not finite, also after the conversion to texels.
     pub(crate) fn eval(&self, images: &[Image], uv: Vec2) -> [f32; 4] {
         let image = &images[self.image.0 as usize];
         let t = &self.transform;
@@ -112,9 +112,9 @@ impl Texture {
             Vec2::new(cos * s.x + sin * s.y, cos * s.y - sin * s.x) + t.offset
         };
         let texels = uv * Vec2::new(image.width as f32, image.height as f32);
-        // Of coordinates near the end of f32, too, nothing is left once they are counted in texels.
+        // Coordinates near the limit of f32 overflow in the conversion to texels.
         let Vec2 { x, y } = if texels.is_finite() { texels } else { Vec2::ZERO };
-        // The format is asked for once a lookup, and what follows is compiled for each.
+        // The format is decided once for each evaluation. The code below is compiled for each format.
         with_texels!(&image.texels, t => self.filtered(t, [image.width, image.height], [x, y]))
     }
 
@@ -154,7 +154,7 @@ fn wrap(coordinate: f32, size: u32, mode: Wrap) -> u32 {
             if m >= n { 2.0 * n - 1.0 - m } else { m }
         }
     };
-    // The float-to-integer cast saturates; the minimum guards the rounding of huge coordinates.
+    // The cast from float to integer saturates. The minimum corrects the rounding of huge coordinates.
     (folded.max(0.0) as u32).min(size - 1)
 }
 

@@ -1,16 +1,16 @@
-//! The homogeneous medium inside a solid: what it takes from light on the way, and where it scatters.
+//! The homogeneous medium inside a solid: transmittance, and sampling of distances.
 //!
-//! Coefficients differ between the channels, and a distance can be sampled for one of them only. The channel is chosen at
-//! random, and what was sampled is weighed by the mean density over the channels: the one-sample balance heuristic (Veach
-//! and Guibas 1995) over channels instead of wavelengths (Wilkie, Nawaz, Droske, Weidlich and Hanika 2014). Chosen in
-//! proportion to what the path carries in each channel, the weights of a whole path are those of that paper, and no
-//! vertex makes the sum of the channels grow.
+//! Coefficients differ between the channels, and a distance can be sampled for one channel only. The channel is chosen
+//! at random. The weight uses the mean density over the channels: the one-sample balance heuristic (Veach and Guibas
+//! 1995) over channels instead of wavelengths (Wilkie, Nawaz, Droske, Weidlich and Hanika 2014). The probability of a
+//! channel is in proportion to the path throughput in it. So the weights of a whole path are those of that paper, and
+//! no vertex increases the sum of the channels.
 
 use crate::material::Volume;
 use dunkelfeld_bsdf::HenyeyGreenstein;
 use dunkelfeld_radiometry::Rgb;
 
-/// A homogeneous medium, ready for transport.
+/// A homogeneous medium in compiled form.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Medium {
     /// Absorption coefficient [1/m].
@@ -21,19 +21,19 @@ pub struct Medium {
     pub phase: HenyeyGreenstein,
 }
 
-/// What happens to a path on its way through a medium.
+/// Event of a path in a medium.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum MediumEvent {
-    /// It is scattered.
+    /// The path is scattered.
     Scatter {
-        /// At this distance \[m\].
+        /// Distance of the scattering \[m\].
         distance: f32,
         /// The scattering coefficient times the transmittance, over the density of the distance.
         weight: Rgb,
     },
-    /// It reaches its end.
+    /// The path reaches the end of the segment.
     Pass {
-        /// The transmittance over the probability of getting there.
+        /// The transmittance over the probability of this event.
         weight: Rgb,
     },
 }
@@ -46,8 +46,8 @@ impl Medium {
 
     /// The coefficients of a volume.
     ///
-    /// Beer and Lambert: what is left after the distance is the colour. A channel of black counts as 1e-39 of the light, the
-    /// least that f32 resolves. Values out of range are brought into it.
+    /// Beer and Lambert: the colour is the transmittance over the distance. A black channel counts as 1e-39 of the
+    /// light, the least that f32 resolves. Values out of range are clamped.
     pub fn new(v: &Volume) -> Self {
         let attenuates = v.attenuation_distance.is_finite() && v.attenuation_distance > 0.0;
         let extinction = if attenuates {
@@ -69,33 +69,34 @@ impl Medium {
         self.absorption + self.scattering
     }
 
-    /// Does it scatter in any channel?
+    /// True if it scatters in any channel.
     #[inline]
     pub fn scatters(&self) -> bool {
         !self.scattering.is_black()
     }
 
-    /// Does light pass it unchanged?
+    /// True if light passes it unchanged.
     #[inline]
     pub fn is_clear(&self) -> bool {
         self.absorption.is_black() && !self.scatters()
     }
 
-    /// Share of light that is scattered when the medium meets it, per channel.
+    /// Single-scattering albedo per channel: scattering over extinction.
     pub fn albedo(&self) -> Rgb {
         let share = |s: f32, t: f32| if t > 0.0 { s / t } else { 0.0 };
         let (s, t) = (self.scattering, self.extinction());
         Rgb::new(share(s.r, t.r), share(s.g, t.g), share(s.b, t.b))
     }
 
-    /// What is left of light after a distance \[m\], which may be infinite (Beer and Lambert).
+    /// Transmittance over a distance \[m\], which may be infinite (Beer and Lambert).
     #[inline]
     pub fn transmittance(&self, distance: f32) -> Rgb {
         self.extinction().map(|t| decay(t, distance))
     }
 
-    /// Samples what happens within `end` \[m\] (which may be infinite) to a path of weight `throughput`. `u` in `[0, 1)`:
-    /// the distance, the channel, and further digits of the distance, so that more than 16 mean free paths can be passed.
+    /// Samples the event of a path with the weight `throughput` within `end` \[m\] (which may be infinite). `u` in `[0,
+    /// 1)`: the distance, the channel, and further digits of the distance, so that more than 16 mean free paths can be
+    /// passed.
     #[inline]
     pub fn sample(&self, throughput: Rgb, end: f32, [u_distance, u_channel, u_digits]: [f32; 3]) -> MediumEvent {
         let extinction = self.extinction().to_array();
@@ -108,7 +109,7 @@ impl Medium {
             2
         };
         let channel = if shares[channel] > 0.0 { channel } else { largest(shares) };
-        // Uniform numbers are multiples of 2^-24; the digits behind them let the exponential's tail go on.
+        // Uniform numbers are multiples of 2^-24. The further digits extend the tail of the exponential.
         let survivors = (1.0 - u_distance) - u_digits * (1.0 / (1 << 24) as f32);
         let optical = -survivors.max(f32::MIN_POSITIVE).ln();
         let distance = if extinction[channel] > 0.0 { optical / extinction[channel] } else { f32::INFINITY };
@@ -136,9 +137,10 @@ impl Medium {
         (0..3).map(|c| shares[c] * decay(t[c], end)).sum()
     }
 
-    /// `exp(-t_c d) / sum_k share_k density(k) exp(-t_k d)` for each channel c that the path has something in, 0 for others.
+    /// `exp(-t_c d) / sum_k share_k density(k) exp(-t_k d)` for each channel c in which the path has a weight above
+    /// zero, 0 for others.
     ///
-    /// The slowest decay is taken out of the fraction, so that it has a value however little is left.
+    /// The slowest decay is cancelled in the fraction, so that it has a value also for very small transmittances.
     #[inline]
     fn weigh(&self, shares: [f32; 3], extinction: [f32; 3], distance: f32, density: impl Fn(usize) -> f32) -> [f32; 3] {
         let technique: [f32; 3] = std::array::from_fn(|c| shares[c] * density(c));
@@ -146,22 +148,22 @@ impl Medium {
         let relative: [f32; 3] = std::array::from_fn(|c| decay((extinction[c] - slowest).max(0.0), distance));
         let total: f32 = (0..3).map(|c| technique[c] * relative[c]).sum();
         std::array::from_fn(|c| {
-            // A channel that decays more slowly than every one that could have been sampled scatters nothing.
+            // A channel that decays more slowly than all channels that could be sampled has no scattering.
             if technique[c] > 0.0 { relative[c] / total } else { 0.0 }
         })
     }
 }
 
-/// `exp(-coefficient * distance)`, where nothing is lost without a coefficient even on an infinite way.
+/// `exp(-coefficient * distance)`. It is 1 for a coefficient of zero, also over an infinite distance.
 #[inline]
 fn decay(coefficient: f32, distance: f32) -> f32 {
     if coefficient > 0.0 { (-coefficient * distance).exp() } else { 1.0 }
 }
 
-/// The probability of each channel: its share in the path's weight.
+/// The probability of each channel: its share in the throughput.
 #[inline]
 fn channel_shares(throughput: Rgb) -> [f32; 3] {
-    // Of the ratio to the largest, so that neither tiny nor huge weights leave the range.
+    // A ratio to the largest channel, so that very small and very large weights stay in range.
     let largest = throughput.max_channel();
     if !(largest > 0.0 && largest.is_finite()) {
         return [1.0 / 3.0; 3];

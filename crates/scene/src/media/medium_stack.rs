@@ -1,15 +1,15 @@
-//! The solids that a point lies in, and which of them fills it (Schmidt and Budge 2002).
+//! The solids that contain a point, and the one that fills it (Schmidt and Budge 2002).
 
-/// How many solids a point may lie in; boundaries of further ones are passed over.
+/// Maximum number of solids around a point. Boundaries of further solids are ignored.
 const CAPACITY: usize = 12;
 
-/// The solids around a point, by rank: of those that overlap there, the highest fills it.
+/// The solids around a point, by rank. Where solids overlap, the one of the highest rank fills the place.
 ///
-/// A solid whose mesh overlaps itself counts once for each time that it was entered. Where more than twelve overlap, the
-/// ones entered last are not seen.
+/// A solid whose mesh overlaps itself is counted once for each time that it was entered. If more than twelve solids
+/// overlap, those entered last are ignored.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Interior {
-    /// Ranks in ascending order; the first `count` hold.
+    /// Ranks in ascending order; the first `count` are valid.
     solids: [u32; CAPACITY],
     count: u8,
 }
@@ -50,7 +50,7 @@ impl Interior {
         if let Some(place) = self.ranks().iter().position(|&s| s == solid) {
             self.solids.copy_within(place + 1..count, place);
             self.count -= 1;
-            // What does not hold is zero, so that equal interiors are equal values.
+            // Unused entries are zero, so that equal interiors are equal values.
             self.solids[count - 1] = 0;
         }
     }

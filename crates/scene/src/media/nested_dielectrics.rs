@@ -1,13 +1,13 @@
-//! Where a ray crosses from one solid into another: faces that coincide count as one interface, overlaps go by rank.
+//! Interfaces between solids: coincident faces form one interface, and ranks decide in overlaps.
 //!
-//! A path carries the set of solids that its ray starts in (an [`Interior`]), and every change of place changes it by the
-//! faces that were crossed on the way. Which ones that are is decided by the exact sides of start and end of each step,
-//! with the arithmetic by which the hierarchy decides whether a hit lies before or behind a ray's origin. So a face that
-//! lies in the rounding error of another, and that a ray leaving the surface steps over, is crossed as well: no face is
-//! missed and none counts twice, in whatever order a file lists them, and no distance had to be called small.
+//! A path stores the set of solids around the start of its ray (an [`Interior`]). Every change of position changes the
+//! set by the faces that were crossed. The crossed faces are determined by the exact sides of start and end of each
+//! step. The arithmetic is the same with which the hierarchy decides if a hit lies before or behind a ray's origin. So
+//! a face within the rounding error of another one, which a ray leaving the surface steps over, is crossed as well. No
+//! face is missed, none counts twice, in any order of the file, and no tolerance is needed.
 //!
-//! The solid of highest rank fills a place (Schmidt and Budge 2002). A face that does not change which one that is does
-//! not exist for light.
+//! The solid of the highest rank fills a place (Schmidt and Budge 2002). A face has no effect on light if the same
+//! solid fills both sides.
 
 use crate::Interior;
 use crate::media::medium::Medium;
@@ -22,22 +22,22 @@ use std::collections::HashMap;
 /// No solid: marks parts that bound nothing.
 pub(crate) const NO_SOLID: u32 = u32::MAX;
 
-/// Faces that may coincide at one place; more than these are passed over.
+/// Maximum number of coincident faces at one place; further ones are ignored.
 const MAX_FACES: usize = 16;
 
-/// Generic directions, none near an axis or a diagonal, for asking from where a point can be left.
+/// Directions of the rays that find the solids around a point. None is near an axis or a diagonal.
 const WAYS_OUT: [Vec3; 3] = [
     Vec3::new(0.267_261_24, 0.534_522_5, 0.801_783_7),
     Vec3::new(-0.811_107_1, 0.324_442_84, 0.486_664_27),
     Vec3::new(0.123_091_49, -0.861_640_4, -0.492_365_96),
 ];
 
-/// What a face between two places means for light.
+/// Effect of a face between two places on light.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Boundary {
-    /// Nothing but a tint: the same solid lies on both sides, or a clear face parts solids of the same index.
+    /// Only a tint. Either the same solid fills both sides, or a clear face separates solids of the same index.
     Open {
-        /// Factor on what passes; white where no solid ends.
+        /// Factor on the light that passes; white where no solid ends.
         tint: Rgb,
     },
     /// An interface of this index of refraction, on the inside of the surface over the outside.
@@ -49,16 +49,16 @@ pub enum Boundary {
     Surface,
 }
 
-/// A face that a ray meets, with all that coincide with it.
+/// The intersection of a ray with a face and with all faces that coincide with it.
 #[derive(Clone, Copy, Debug)]
 pub struct Interface {
-    /// The surface whose material counts, at the place of the hit.
+    /// The surface that provides the material, at the position of the hit.
     pub surface: SurfacePoint,
-    /// What it means for light.
+    /// Its effect on light.
     pub boundary: Boundary,
     near: Interior,
     far: Interior,
-    /// Does the ray run along the surface's normal?
+    /// True if the ray runs along the surface's normal.
     outward: bool,
 }
 
@@ -76,12 +76,12 @@ impl Interface {
     }
 }
 
-/// One face of those that coincide.
+/// One of several coincident faces.
 #[derive(Clone, Copy)]
 struct Face {
     point: SurfacePoint,
     solid: u32,
-    /// Does the ray enter the solid through it?
+    /// True if the ray enters the solid through it.
     enters: bool,
 }
 
@@ -97,37 +97,38 @@ impl Scene {
         Some(self.solids.get(inside.top()? as usize)?.material)
     }
 
-    /// Could two solids touch or overlap?
+    /// True if two solids could touch or overlap.
     pub fn has_nesting(&self) -> bool {
         self.has_nesting
     }
 
-    /// Could light pass the face of a solid straight on, because the index of refraction is the same on both sides?
+    /// True if light could pass the face of a solid straight, because the index of refraction is the same on both
+    /// sides.
     pub fn has_open_faces(&self) -> bool {
         self.has_open_faces
     }
 
-    /// Does any medium scatter?
+    /// True if any medium scatters.
     pub fn has_scattering(&self) -> bool {
         self.solids.iter().any(|s| s.medium.scatters())
     }
 
-    /// The index of refraction of what fills a place; 1 outside of solids.
+    /// The index of refraction of the solid that fills a place; 1 outside of solids.
     #[inline]
     fn index_of(&self, inside: &Interior) -> f32 {
         inside.top().and_then(|s| self.solids.get(s as usize)).map_or(1.0, |s| s.ior)
     }
 
-    /// Does a point of render space lie where solids are? Else it is outside of all of them.
+    /// True if a point of render space lies in the box around all solids. Other points are outside of all of them.
     #[inline]
     pub fn may_be_inside(&self, point: Vec3) -> bool {
         self.solid_bounds.is_some_and(|[lo, hi]| point.cmpge(lo).all() && point.cmple(hi).all())
     }
 
-    /// The solids that a point lies in, in render space.
+    /// The solids that contain a point in render space.
     ///
-    /// For each solid the faces that a ray from the point to the outside crosses are counted, outward and inward ones against
-    /// each other; of three rays in fixed directions the middle result holds.
+    /// For each solid the crossings of a ray from the point to the outside are counted, outward faces minus inward
+    /// ones. Three rays in fixed directions are used, and the median counts.
     pub fn interior_at(&self, point: Vec3) -> Interior {
         let mut interior = Interior::OUTSIDE;
         if !self.may_be_inside(point) {
@@ -159,13 +160,13 @@ impl Scene {
         interior
     }
 
-    /// What a ray that starts `inside` meets at a hit on it.
+    /// The interface at the hit of a ray that starts `inside`.
     #[inline]
     pub fn interface(&self, ray: &Ray, hit: &SurfacePoint, inside: &Interior) -> Interface {
         if self.has_nesting { self.shared_interface(ray, hit, inside) } else { self.lone_interface(ray, hit, inside) }
     }
 
-    /// The same, where other faces may lie in the same place.
+    /// The interface, where other faces may coincide with the hit.
     fn shared_interface(&self, ray: &Ray, hit: &SurfacePoint, inside: &Interior) -> Interface {
         let part = &self.parts[hit.part as usize];
         let outward = ray.direction.dot(hit.normal) > 0.0;
@@ -181,8 +182,8 @@ impl Scene {
         }
         let mut faces = [Face { point: *hit, solid: part.solid, enters: !outward }; MAX_FACES];
         let mut count = 1;
-        // Far enough around the hit that no face of the same place lies outside, whatever the rounding of distances: which
-        // of them count is decided by their sides.
+        // The range contains all coincident faces in spite of the rounding of distances. Their sides decide which of
+        // them count.
         let cos = ray.direction.dot(hit.normal).abs().max(1e-3);
         let reach = 16.0 * f32::EPSILON * (self.radius + hit.distance) / cos;
         let start = (hit.distance - reach).max(0.0);
@@ -204,14 +205,14 @@ impl Scene {
         if face.solid == NO_SOLID {
             return pass(&face.point, Boundary::Surface);
         }
-        // The hit's own place and error, the other face's material and normal.
+        // Position and error of the hit, with material and normal of the other face.
         let surface = SurfacePoint { point: hit.point, error: hit.error, distance: hit.distance, ..face.point };
         let sides = self.sides(ray, &surface, faces, inside);
         self.assemble(ray, &surface, inside, sides)
     }
 
-    /// The face whose material counts, if it is not the first: an opaque one that touches the solid, else that of the solid
-    /// of higher rank.
+    /// The face that provides the material, if it is not the first one: an opaque face in contact with the solid, else
+    /// that of the solid of higher rank.
     fn governing<'a>(
         &self,
         ray: &Ray,
@@ -232,12 +233,13 @@ impl Scene {
         if faces[0].solid == governs { None } else { faces.iter().find(|f| f.solid == governs) }
     }
 
-    /// The solids around the two places where a ray may leave a surface: on this side, and on the far one.
+    /// The solids around the two points where a ray may leave a surface: on the near side, and on the far side.
     fn sides(&self, ray: &Ray, surface: &SurfacePoint, faces: &[Face], inside: &Interior) -> (Interior, Interior) {
         let side = |end: Vec3, onward: bool| {
             let mut interior = *inside;
             for (i, face) in faces.iter().enumerate().filter(|(_, f)| f.solid != NO_SOLID) {
-                // An edge is met with both its triangles: one face of a solid is crossed in one direction once.
+                // A ray that hits an edge intersects both its triangles. One face of a solid is crossed once in one
+                // direction.
                 let again = |f: &Face| {
                     f.solid == face.solid && f.enters == face.enters && self.crosses(ray, end, &f.point, onward)
                 };
@@ -270,8 +272,9 @@ impl Scene {
         Interface { surface: *surface, boundary, near, far, outward }
     }
 
-    /// Does the step from a ray's origin to `end` cross the plane of a face, seen along the ray? A ray that goes on from
-    /// `end` meets the face only if it lies strictly before it, one that turns back only if it lies strictly behind.
+    /// True if the step from a ray's origin to `end` crosses the plane of a face, along the ray. If the ray continues
+    /// from `end`, the face is met again only if `end` lies strictly before it. If the ray turns back, only if `end`
+    /// lies strictly behind it.
     fn crosses(&self, ray: &Ray, end: Vec3, face: &SurfacePoint, onward: bool) -> bool {
         let part = &self.parts[face.part as usize];
         let corners = self.meshes[part.mesh as usize].corners(face.triangle as usize);
@@ -284,7 +287,7 @@ impl Scene {
         ahead_of(ray.origin) > 0.0 && if onward { ahead <= 0.0 } else { ahead < 0.0 }
     }
 
-    /// The same, where no two solids touch: each face has air on its outside.
+    /// The interface, where no two solids touch: each face has air on its outside.
     #[inline]
     fn lone_interface(&self, ray: &Ray, hit: &SurfacePoint, inside: &Interior) -> Interface {
         let part = &self.parts[hit.part as usize];
@@ -303,8 +306,8 @@ impl Scene {
         Interface { surface: *hit, boundary, near, far, outward }
     }
 
-    /// Share of light that comes through from a ray's end to its origin: media take their part, faces that are open to light
-    /// let it pass, any other surface that covers fully stops it.
+    /// Transmittance from a ray's end to its origin. Media attenuate, and partly covering surfaces and faces between
+    /// equal indices let light pass. Any other surface that covers fully occludes the ray.
     ///
     /// `ray` ends before the light's own surface; `inside` are the solids around its origin.
     pub fn light_through(&self, ray: &Ray, inside: &Interior) -> Rgb {
@@ -327,7 +330,7 @@ impl Scene {
         self.march(ray, inside)
     }
 
-    /// The same, face by face.
+    /// The transmittance, computed face by face.
     fn march(&self, ray: &Ray, inside: &Interior) -> Rgb {
         let end = ray.t_max.is_finite().then(|| ray.at(ray.t_max));
         let (mut ray, mut inside, mut through) = (*ray, *inside, Rgb::WHITE);
@@ -356,7 +359,7 @@ impl Scene {
                 Some(end) => {
                     let way = end - origin;
                     let distance = way.length();
-                    // Beyond the end already, by rounding: nothing is left in between.
+                    // Rounding has moved the position beyond the end: no segment is left.
                     let is_ahead = way.dot(ray.direction) > 0.0;
                     if !is_ahead {
                         return through;
@@ -368,36 +371,36 @@ impl Scene {
     }
 }
 
-/// What the compiler needs to know of a part to find the solids.
+/// The data of a part that the compiler needs to find the solids.
 pub(crate) struct SolidPart {
     pub(crate) part: usize,
     /// Corners of its box in render space.
     pub(crate) bounds: [Vec3; 2],
-    /// Does its mesh enclose a volume by itself?
+    /// True if its mesh encloses a volume by itself.
     pub(crate) is_closed: bool,
     pub(crate) priority: i32,
     pub(crate) solid: Solid,
 }
 
-/// The solids of a scene, by rank, and what there is to know of them all.
+/// The solids of a scene by rank, and common data of all of them.
 #[derive(Default)]
 pub(crate) struct Solids {
     pub(crate) list: Vec<Solid>,
     /// Box around all of them.
     pub(crate) bounds: Option<[Vec3; 2]>,
-    /// Could two of them touch or overlap?
+    /// True if two of them could touch or overlap.
     pub(crate) has_nesting: bool,
 }
 
 impl Solids {
-    /// Could a face of a solid part places of the same index of refraction?
+    /// True if a face of a solid could separate places of the same index of refraction.
     pub(crate) fn is_open(&self, solid: u32) -> bool {
         self.has_nesting || self.list.get(solid as usize).is_some_and(|s| s.ior == 1.0)
     }
 }
 
-/// Ranks the solids and tells each part which one it bounds. Parts of one object that are not closed by themselves bound one
-/// solid together, filled by the material of the first.
+/// Ranks the solids and stores in each part the solid that it bounds. Parts of one object that are not closed by
+/// themselves bound one solid together. The material of the first part fills it.
 pub(crate) fn rank_solids(found: Vec<SolidPart>, parts: &mut [Part]) -> Solids {
     struct Body {
         parts: Vec<usize>,
@@ -424,7 +427,7 @@ pub(crate) fn rank_solids(found: Vec<SolidPart>, parts: &mut [Part]) -> Solids {
             }
         }
     }
-    // Of equal priority the smaller wins: what lies inside another has the smaller box.
+    // Of equal priorities the smaller box wins, because a solid inside another one has the smaller box.
     let size = |b: &Body| {
         let extent = (b.bounds[1] - b.bounds[0]).as_dvec3();
         extent.x * extent.y * extent.z
@@ -440,7 +443,7 @@ pub(crate) fn rank_solids(found: Vec<SolidPart>, parts: &mut [Part]) -> Solids {
     solids
 }
 
-/// Do any two boxes touch or overlap, rounding of their corners included?
+/// True if any two boxes touch or overlap, with a margin for the rounding of their corners.
 fn any_meet(mut boxes: Vec<[Vec3; 2]>) -> bool {
     for b in &mut boxes {
         let rounding = b[0].abs().max(b[1].abs()) * (8.0 * f32::EPSILON);

@@ -1,4 +1,4 @@
-//! Rays against the scene: what they meet, what they may pass.
+//! Intersection of rays with the scene, and transmittance of shadow rays.
 
 use crate::features::{AllFeatures, Features};
 use crate::light::LightTarget;
@@ -9,27 +9,27 @@ use dunkelfeld_bvh::Hit;
 use dunkelfeld_geometry::{Ray, Vec2, Vec3, Vec4, hit_point, offset_ray_origin};
 use dunkelfeld_radiometry::Rgb;
 
-/// A point on a surface, with what is needed to leave it again.
+/// A point on a surface, with the data that a ray needs to leave it.
 #[derive(Clone, Copy, Debug)]
 pub struct SurfacePoint {
     /// Position in render space.
     pub point: Vec3,
     /// Bound of the position's rounding error, per axis.
     pub error: Vec3,
-    /// Unit geometric normal, on the side the winding says.
+    /// Unit geometric normal, on the side given by the winding.
     pub normal: Vec3,
     /// Ray parameter of the hit \[m\].
     pub distance: f32,
     pub(crate) part: u32,
     pub(crate) material: u32,
     pub(crate) triangle: u32,
-    /// Has the triangle interpolated normals?
+    /// True if the triangle has interpolated normals.
     pub(crate) is_smooth: bool,
     pub(crate) barycentrics: [f32; 3],
 }
 
 impl SurfacePoint {
-    /// Where a ray in the given direction starts, so that it does not meet this surface again.
+    /// The start of a ray in the given direction, moved so that the ray does not hit this surface again.
     #[inline]
     pub fn leave(&self, direction: Vec3) -> Vec3 {
         offset_ray_origin(self.point, self.error, self.normal, direction)
@@ -37,7 +37,7 @@ impl SurfacePoint {
 }
 
 impl Scene {
-    /// The nearest surface along a ray, covered or not.
+    /// The nearest surface along a ray, regardless of its coverage.
     #[inline]
     pub fn intersect(&self, ray: &Ray) -> Option<SurfacePoint> {
         self.bvh.closest_hit(ray).map(|hit| self.surface_point(&hit))
@@ -84,7 +84,7 @@ impl Scene {
         TexturePoint { uvs, color }
     }
 
-    /// Does chance decide what the surface is at a point: whether it is there, or which of two things it is?
+    /// True if the surface is random at a point: present or absent, or one of two kinds.
     #[inline]
     pub fn is_chance(&self, p: &SurfacePoint) -> bool {
         let compiled = &self.compiled[p.material as usize];
@@ -101,13 +101,13 @@ impl Scene {
         compiled.coverage(&self.materials[p.material as usize], &self.images, || self.texture_point(p))
     }
 
-    /// Radiance [W/(m^2 sr)] that the surface itself emits toward the unit direction `toward`.
+    /// Radiance [W/(m^2 sr)] that the surface emits toward the unit direction `toward`.
     #[inline(always)]
     pub fn emitted(&self, p: &SurfacePoint, toward: Vec3) -> Rgb {
         if self.compiled[p.material as usize].emits { self.emitted_by_light(*p, toward) } else { Rgb::BLACK }
     }
 
-    // The point by value, as what is seldom called takes it (`CONVENTIONS.md`).
+    // The point is passed by value, as to all rare functions (`CONVENTIONS.md`).
     fn emitted_by_light(&self, p: SurfacePoint, toward: Vec3) -> Rgb {
         let material = &self.materials[p.material as usize];
         if !(material.double_sided || material.unlit) && toward.dot(p.normal) <= 0.0 {
@@ -119,14 +119,14 @@ impl Scene {
         surface::emission(material, &self.images, &self.texture_point(&p))
     }
 
-    /// Share of light that a segment lets through: 0 behind a surface that covers fully, else the product of what partly
-    /// covering surfaces leave open.
+    /// Transmittance of a segment: 0 behind a surface that covers fully, else the product of the open shares of partly
+    /// covering surfaces.
     #[inline]
     pub fn transmittance(&self, ray: &Ray) -> f32 {
         self.transmittance_with::<AllFeatures>(ray)
     }
 
-    /// [`Self::transmittance`] in a scene that calls for no more than `F`.
+    /// [`Self::transmittance`] in a scene that needs no more features than `F`.
     #[inline]
     pub fn transmittance_with<F: Features>(&self, ray: &Ray) -> f32 {
         if !F::STOCHASTIC || !self.has_coverage {
@@ -149,8 +149,9 @@ impl Scene {
         match target {
             None => Ray::new(origin, direction),
             Some(t) => {
-                // The light's surface is planar; its points carry the rounding error of an interpolated point, and the
-                // end of the ray that of its direction, which on a way along the surface is what meets it too early.
+                // The light's surface is planar. Its points have the rounding error of an interpolated point. The end
+                // of the ray has the rounding error of its direction, which at grazing angles would hit the surface too
+                // early.
                 let error = (t.point.abs() + t.point.distance(origin)) * (4.0 * f32::EPSILON);
                 let end = if t.normal == Vec3::ZERO {
                     t.point
@@ -160,7 +161,8 @@ impl Scene {
                 let way = end - origin;
                 let distance = way.length();
                 if distance > 0.0 {
-                    // A relative cut of two units of rounding keeps the end out; it is 1e-7 of the way, never a length.
+                    // The ray is shortened by two units of rounding, so that it does not reach its end. This is a
+                    // relative change of 1e-7, independent of the length.
                     Ray::with_end(origin, way / distance, distance * (1.0 - 2.0 * f32::EPSILON))
                 } else {
                     Ray::with_end(origin, direction, 0.0)

@@ -1,4 +1,4 @@
-//! From a point on a surface to a frame and a BSDF.
+//! Shading: from a point on a surface to a frame and a BSDF.
 
 use crate::features::{AllFeatures, Features};
 use crate::light::{EACH_UP_TO, LightChoice, LightSample, LightSampleContext, NO_LIGHT};
@@ -9,36 +9,36 @@ use dunkelfeld_bsdf::{Bsdf, EFFECTS};
 use dunkelfeld_geometry::{Frame, LocalDir, Vec2, Vec3};
 use dunkelfeld_radiometry::Rgb;
 
-/// Everything scattering needs to know about a point.
+/// All data about a point that scattering needs.
 #[derive(Clone, Debug)]
 pub struct ShadingPoint<'a> {
-    /// Shading frame: +z on the outside of solids, on the viewer's side of everything else.
+    /// Shading frame: +z on the outside of solids, on the viewer's side of all other surfaces.
     pub frame: Frame,
-    /// How the surface scatters.
+    /// The BSDF of the surface.
     pub bsdf: &'a Bsdf,
     /// Index of the material.
     pub material: u32,
-    /// Is the surface the boundary of a solid that light can enter?
+    /// True if the surface is the boundary of a solid that light can enter.
     pub is_solid: bool,
-    /// The point as lights see it.
+    /// The point as the receiver of a light sample.
     pub receiver: LightSampleContext,
-    /// Does the frame's normal lie on the side of the geometric one?
+    /// True if the frame's normal lies on the side of the geometric one.
     along: bool,
-    /// May it be another than that, but for its sign?
+    /// True if the frame's normal may differ from the geometric one by more than its sign.
     is_bent: bool,
 }
 
 impl ShadingPoint<'_> {
-    /// A world direction in the local frame, if it lies on the side of the surface that the frame says it does.
+    /// A world direction in the local frame. `None` if local frame and geometric normal disagree about its side.
     #[inline]
     pub fn local_direction(&self, geometric_normal: Vec3, world: Vec3) -> Option<LocalDir> {
         let local = self.frame.to_local(world);
-        // Along the surface's own normal both cosines are the same number.
+        // If both normals are equal, both cosines are the same number.
         (!self.is_bent || self.consistent(geometric_normal, world, local)).then_some(local)
     }
 
-    /// Does a direction lie on the side of the surface that the local frame says it does? Interpolated normals can disagree
-    /// with the surface; light must not leak through it.
+    /// True if local frame and geometric normal agree about the side of a direction. Interpolated normals can disagree
+    /// with the surface, and light must not leak through it.
     #[inline]
     pub fn consistent(&self, geometric_normal: Vec3, world: Vec3, local: LocalDir) -> bool {
         if !EFFECTS {
@@ -50,14 +50,14 @@ impl ShadingPoint<'_> {
 }
 
 impl Scene {
-    /// Frame and BSDF at a point seen from direction `wo` (unit, away from the surface). `u` in `[0, 1)` is used by
-    /// materials that are one of two things at random. A BSDF that is only this point's is put in `own`.
+    /// Frame and BSDF at a point for the direction `wo` (unit, away from the surface). `u` in `[0, 1)` chooses the kind
+    /// of a stochastic material. A BSDF that exists only for this point is stored in `own`.
     #[inline]
     pub fn shade<'a>(&'a self, p: &SurfacePoint, wo: Vec3, u: f32, own: &'a mut Option<Bsdf>) -> ShadingPoint<'a> {
         self.shade_with::<AllFeatures>(p, wo, u, own)
     }
 
-    /// [`Self::shade`] in a scene that calls for no more than `F`.
+    /// [`Self::shade`] in a scene that needs no more features than `F`.
     #[inline]
     pub fn shade_with<'a, F: Features>(
         &'a self,
@@ -93,7 +93,7 @@ impl Scene {
     ) -> ShadingPoint<'a> {
         let compiled = &self.compiled[p.material as usize];
         let between = eta.filter(|eta| *eta != self.materials[p.material as usize].ior);
-        // Only what is smooth or has a map can be bent away from the surface.
+        // Only a smooth surface or a normal map can have a shading normal that differs from the geometric one.
         let mut is_bent = EFFECTS && p.is_smooth;
         let normal = if is_bent { self.shading_normal(*p) } else { p.normal };
         let (mut frame, bsdf) = if F::TEXTURED && (compiled.varies || compiled.needs_tangent || between.is_some()) {
@@ -113,7 +113,7 @@ impl Scene {
         } else {
             (Frame::from_normal(normal), compiled.constant_bsdf(u))
         };
-        // A viewer above the surface but below the interpolated normal sees the surface itself.
+        // For a viewer above the surface but below the interpolated normal the geometric normal is used.
         if is_bent && (frame.normal.dot(wo) > 0.0) != (p.normal.dot(wo) > 0.0) {
             frame = Frame::from_normal_tangent(p.normal, frame.tangent);
         }
@@ -128,8 +128,9 @@ impl Scene {
         ShadingPoint { frame, bsdf, material: p.material, is_solid, receiver, along, is_bent }
     }
 
-    /// The interpolated unit normal, on the side of the geometric one; that itself where a mesh has none or they cancel.
-    // The point by value, as what is seldom called takes it (`CONVENTIONS.md`).
+    /// The interpolated unit normal, on the side of the geometric one. The geometric normal if a mesh has no normals or
+    /// if they cancel.
+    // The point is passed by value, as to all rare functions (`CONVENTIONS.md`).
     pub(crate) fn shading_normal(&self, p: SurfacePoint) -> Vec3 {
         let part = &self.parts[p.part as usize];
         let facet = &self.facets[(part.first_facet + p.triangle) as usize];
@@ -193,26 +194,28 @@ impl Scene {
         (part.object, part.material)
     }
 
-    /// No vertex has more questions for light than this.
+    /// Maximum number of light samples of a vertex.
     pub const MAX_LIGHT_SAMPLES: u32 = EACH_UP_TO as u32;
 
-    /// Which lights the scattering vertex with this number (from 0, counted along a path) asks: each where they are at
-    /// most eight and the vertex lies on a surface or is one of the first two (unless the technique is left out), else one.
+    /// The light samples of the scattering vertex with this number (from 0, counted along a path). With at most eight
+    /// lights, vertices on surfaces and the first two vertices in media take a sample of each light, unless the
+    /// technique is left out. All other vertices take a sample of one light.
     #[inline]
     pub fn light_choice_at(&self, vertex: u32, in_medium: bool) -> LightChoice {
         self.lights.choice_at(vertex, in_medium)
     }
 
-    /// How many questions [`Self::sample_light`] answers at a vertex.
+    /// Number of light samples of a vertex, one for each call of [`Self::sample_light`].
     #[inline]
     pub fn light_questions(&self, choice: LightChoice) -> u32 {
         self.lights.questions(choice) as u32
     }
 
-    /// The answer to a question for light: a direction toward the light that `question` (below [`Self::light_questions`])
-    /// or chance names, with the radiance that arrives if nothing is in the way. The answers are to be added up.
-    // Always inlined: of the numbers that it is given a choice needs two or three, and those that it does not need are then
-    // never worked out.
+    /// A light sample: a direction toward a light, with the radiance that arrives unoccluded. The light is that of the
+    /// index `question` (below [`Self::light_questions`]), or is chosen by `u_choice`. The light samples of a vertex
+    /// are summed.
+    // Always inlined. A choice needs two or three of its random numbers, and after inlining the others are not
+    // computed.
     #[inline(always)]
     pub fn sample_light(
         &self,
@@ -231,15 +234,15 @@ impl Scene {
         Some(sample)
     }
 
-    /// Radiance [W/(m^2 sr)] of a place on a light that does not shine evenly.
+    /// Radiance [W/(m^2 sr)] of a point on a light whose radiance is not constant.
     #[inline(never)]
     fn radiance_at(&self, part: u32, triangle: u32, point: Vec3, toward: Vec3) -> Rgb {
         let p = self.locate(part, triangle, point);
         self.emitted(&p, toward) * self.coverage(&p)
     }
 
-    /// The surface point of a light at a position: on the given triangle or, if that does not contain it, on the other
-    /// triangle of the light's rectangle.
+    /// The surface point of a light at a position. It lies on the given triangle or, if that does not contain it, on
+    /// the other triangle of the light's rectangle.
     fn locate(&self, part_index: u32, triangle: u32, point: Vec3) -> SurfacePoint {
         let part = &self.parts[part_index as usize];
         let mesh = &self.meshes[part.mesh as usize];
@@ -275,7 +278,7 @@ impl Scene {
         }
     }
 
-    /// The density [1/sr] with which [`Self::sample_light`] would have found a point on a surface; 0 if it does not emit.
+    /// The density [1/sr] of a point on a surface in [`Self::sample_light`]; 0 if the surface does not emit.
     #[inline]
     pub fn light_pdf(&self, receiver: &LightSampleContext, choice: LightChoice, p: &SurfacePoint) -> f32 {
         match self.parts[p.part as usize].lights.get(p.triangle as usize) {
@@ -284,7 +287,7 @@ impl Scene {
         }
     }
 
-    /// Radiance [W/(m^2 sr)] from infinitely far away, along a direction.
+    /// Radiance [W/(m^2 sr)] of the environment along a direction.
     #[inline]
     pub fn environment_radiance(&self, direction: Vec3) -> Rgb {
         if EFFECTS {
@@ -294,7 +297,7 @@ impl Scene {
         }
     }
 
-    /// The density [1/sr] with which [`Self::sample_light`] would have chosen the environment in a direction.
+    /// The density [1/sr] of a direction toward the environment in [`Self::sample_light`].
     #[inline]
     pub fn environment_pdf(&self, receiver: &LightSampleContext, choice: LightChoice, direction: Vec3) -> f32 {
         self.lights.pdf_environment(receiver, choice, direction)
@@ -317,9 +320,9 @@ fn barycentrics(corners: [Vec3; 3], point: Vec3) -> [f32; 3] {
     [(1.0 - b1 - b2) as f32, b1 as f32, b2 as f32]
 }
 
-/// The direction in which u grows, from the texture coordinates of a triangle, and the sign of the bitangent: v grows
-/// against it where the image is not mirrored, as v points down and the bitangent up (glTF). Zero and 1 if the coordinates
-/// are degenerate or missing.
+/// The direction in which u grows, from the texture coordinates of a triangle, and the sign of the bitangent. If the
+/// image is not mirrored, v grows against the bitangent, because v points down and the bitangent up (glTF). Zero and 1
+/// if the coordinates are degenerate or missing.
 fn uv_tangent(corners: &[Vec3; 3], vertices: [usize; 3], uvs: &[Vec2]) -> (Vec3, f32) {
     if uvs.is_empty() {
         return (Vec3::ZERO, 1.0);

@@ -1,4 +1,4 @@
-//! From a material and a place on a mesh to the numbers of a BSDF.
+//! From a material and a place on a mesh to the parameters of a BSDF.
 //!
 //! | material | BSDF |
 //! |---|---|
@@ -7,10 +7,10 @@
 //! | `transmission` 1, metallic 0, thin | thin sheet, tinted by the base colour |
 //! | `transmission` t, solid | principled with `spec_trans` = t |
 //! | `transmission` t, thin | thin sheet with probability t (1 - metallic), else principled |
-//! | `diffuse_transmission` d, `transmission` 0 or the rest of a thin sheet | translucent: principled, with the share d of its diffuse light passed on |
-//! | everything else | principled |
+//! | `diffuse_transmission` d, `transmission` 0 or the rest of a thin sheet | translucent: principled, with the share d of its diffuse light transmitted |
+//! | all others | principled |
 //!
-//! `docs/materials.md` has the same table for users, and where each parameter comes from.
+//! `docs/materials.md` has the same table for users, and the source of each parameter.
 
 use crate::build::effects::SMOOTH_ROUGHNESS;
 use crate::features::FeatureSet;
@@ -21,7 +21,7 @@ use dunkelfeld_bsdf::{Bsdf, Dielectric, EFFECTS, Principled, PrincipledParams, T
 use dunkelfeld_geometry::{Vec2, Vec4};
 use dunkelfeld_radiometry::Rgb;
 
-/// What a material needs to know about a place on a mesh.
+/// Texture coordinates and vertex colour of a place on a mesh.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct TexturePoint {
     pub(crate) uvs: [Vec2; 2],
@@ -29,38 +29,38 @@ pub(crate) struct TexturePoint {
 }
 
 impl TexturePoint {
-    /// A place of a surface that is the same everywhere.
+    /// The place that is used for a surface with constant parameters.
     pub(crate) const ANYWHERE: Self = Self { uvs: [Vec2::ZERO; 2], color: Vec4::ONE };
 }
 
-/// A material with everything worked out that does not depend on the place.
+/// A material with all values precomputed that do not depend on the place.
 #[derive(Clone, Debug)]
 pub(crate) struct CompiledMaterial {
-    /// The BSDF of a material that is the same everywhere.
+    /// The BSDF of a material with constant parameters.
     constant: Option<Constant>,
     /// Absorption coefficient of the solid [1/m], zero if it is none.
     pub(crate) absorption: Rgb,
-    /// Does light cross the surface into or out of a solid?
+    /// True if light can cross the surface into or out of a solid.
     pub(crate) is_solid: bool,
-    /// Does light pass it in one direction only (or may it, at some place)?
+    /// True if light passes it in one direction only, at least at some places.
     pub(crate) is_smooth_clear: bool,
-    /// Is the surface one of two things at random?
+    /// True if the surface is one of two kinds at random.
     pub(crate) is_mixture: bool,
-    /// Is light from behind scattered to the front (anything that transmits)?
+    /// True if light from behind is scattered to the front (all transmitting materials).
     pub(crate) both_sides: bool,
-    /// Does coverage have to be asked for?
+    /// True if the coverage must be evaluated.
     pub(crate) has_coverage: bool,
-    /// Coverage, where it is the same everywhere.
+    /// Coverage, if it is constant.
     constant_coverage: Option<f32>,
-    /// Does the surface look different from place to place?
+    /// True if the parameters depend on the place.
     pub(crate) varies: bool,
-    /// Does the frame need a tangent: a normal map or a direction of roughness?
+    /// True if the frame needs a tangent: a normal map, or anisotropic roughness.
     pub(crate) needs_tangent: bool,
     pub(crate) emits: bool,
-    /// Does what is emitted, or the share of the surface that emits, have to be looked up at each place?
+    /// True if the emission or the coverage of an emitter must be evaluated at each place.
     pub(crate) shines_unevenly: bool,
-    /// Of the face of a clear solid, the same everywhere: the factor on light that passes it where the index of refraction
-    /// is the same on both sides.
+    /// For the face of a clear solid with constant parameters: the factor on light that passes it where the index of
+    /// refraction is the same on both sides.
     pub(crate) clear_tint: Option<Rgb>,
     energy_compensation: bool,
 }
@@ -84,9 +84,9 @@ impl Constant {
 }
 
 impl CompiledMaterial {
-    /// `is_painted`: some mesh of this material has vertex colours.
+    /// `is_painted`: true if some mesh of this material has vertex colours.
     pub(crate) fn new(m: &Material, is_painted: bool, energy_compensation: bool) -> Self {
-        // A metallic texture may take the metal away (glTF's default factor is 1).
+        // A metallic texture may reduce the metallic factor (glTF's default factor is 1).
         let transmits = m.transmission > 0.0 && (m.metallic < 1.0 || m.metallic_texture.is_some());
         let diffuses = m.diffuse_transmission > 0.0 && (m.metallic < 1.0 || m.metallic_texture.is_some());
         let is_solid = matches!(m.surface, Surface::Solid(_)) && (transmits || diffuses);
@@ -151,7 +151,7 @@ impl CompiledMaterial {
         }
     }
 
-    /// What a kernel must be able to do to render the material.
+    /// The features that a kernel needs to render the material.
     pub(crate) fn features(&self) -> FeatureSet {
         FeatureSet {
             detail: self.varies || self.needs_tangent,
@@ -161,14 +161,14 @@ impl CompiledMaterial {
         }
     }
 
-    /// The probability that light meets the surface; `at` is asked for only where that varies.
+    /// The probability that light meets the surface. `at` is called only if the coverage is not constant.
     #[inline]
     pub(crate) fn coverage(&self, m: &Material, images: &[Image], at: impl FnOnce() -> TexturePoint) -> f32 {
         self.constant_coverage.unwrap_or_else(|| coverage(m, images, &at()))
     }
 
-    /// The BSDF at a place, put in `own` if it is only this place's. `u` in `[0, 1)` chooses between the two of a partly
-    /// transmitting thin sheet.
+    /// The BSDF at a place. It is stored in `own` if it exists only for this place. `u` in `[0, 1)` chooses between the
+    /// two kinds of a partly transmitting thin sheet.
     #[inline]
     pub(crate) fn bsdf<'a>(
         &'a self,
@@ -184,12 +184,12 @@ impl CompiledMaterial {
         }
     }
 
-    /// The BSDF at a place where the index of refraction inside over outside is not the material's own.
+    /// The BSDF at a place where the index of refraction inside over outside is not that of the material.
     pub(crate) fn bsdf_between(&self, m: &Material, eta: f32, images: &[Image], at: &TexturePoint, u: f32) -> Bsdf {
         *scatter(m, eta, images, at).compensated_if(self.energy_compensation).pick(u)
     }
 
-    /// The BSDF of a material that is the same everywhere; an absorber if it is not.
+    /// The BSDF of a material with constant parameters; an absorber for other materials.
     #[inline]
     pub(crate) fn constant_bsdf(&self, u: f32) -> &Bsdf {
         self.constant.as_ref().map_or(&Bsdf::Absorber, |c| c.pick(u))
@@ -269,7 +269,7 @@ pub(crate) fn mean_emission(m: &Material, images: &[Image]) -> Rgb {
     if m.unlit { emitted + m.base_color * mean(&m.base_color_texture) } else { emitted }
 }
 
-/// What the surface does with light; `eta` is the index of refraction inside over outside.
+/// The BSDF parameters at a place; `eta` is the index of refraction inside over outside.
 fn scatter(m: &Material, eta: f32, images: &[Image], at: &TexturePoint) -> Constant {
     if m.unlit {
         return Constant::One(Bsdf::Absorber);
@@ -309,7 +309,8 @@ fn scatter(m: &Material, eta: f32, images: &[Image], at: &TexturePoint) -> Const
             sheen: 1.0,
             sheen_color,
             sheen_tint: 0.0,
-            // Burley's coat of strength 1 reflects a quarter of a lacquer of index 1.5, which is what glTF means by 1.
+            // Burley's coat of strength 1 reflects a quarter of a lacquer of index 1.5, and glTF's coat of strength 1
+            // is the lacquer.
             clearcoat: 4.0 * clearcoat,
             // Burley's coat has GGX-like alpha from 0.1 (satin) to 0.001 (gloss).
             clearcoat_gloss: ((0.1 - coat_roughness * coat_roughness) / 0.099).clamp(0.0, 1.0),
@@ -331,7 +332,7 @@ fn scatter(m: &Material, eta: f32, images: &[Image], at: &TexturePoint) -> Const
     if clear >= 1.0 {
         return Constant::One(sheet);
     }
-    // What is left when the sheet is taken out: all of the metal, and the opaque share of the rest.
+    // The remainder without the sheet: all of the metal, and the opaque share of the dielectric.
     Constant::Either(clear, sheet, principled(metallic / (1.0 - clear), 0.0))
 }
 

@@ -1,11 +1,11 @@
-//! Normals, tangents and texture coordinates that cannot be used, or that disagree with the surface.
+//! Checks for normals, tangents and texture coordinates that cannot be used, or that disagree with the surface.
 
 use super::{place, push};
 use crate::build::report::BuildReport;
 use crate::scene::Scene;
 use dunkelfeld_geometry::{Mesh, Vec2, geometric_normal};
 
-/// Cosine of the angle between surface and interpolated normal from which on they disagree: 60 degrees.
+/// Cosine of the angle between the geometric and the interpolated normal at which they start to disagree: 60 degrees.
 const DISAGREE: f32 = 0.5;
 
 pub(super) fn look(scene: &Scene, report: &mut BuildReport) {
@@ -13,7 +13,7 @@ pub(super) fn look(scene: &Scene, report: &mut BuildReport) {
     let mut seen = vec![false; scene.meshes.len()];
     for part in &scene.parts {
         let mesh = &scene.meshes[part.mesh as usize];
-        // A mesh is looked at once, in its own space, whoever places it.
+        // A mesh is checked once, in its own space, for all of its instances.
         if std::mem::replace(&mut seen[part.mesh as usize], true) {
             continue;
         }
@@ -71,7 +71,7 @@ impl Normals {
         for (t, triangle) in mesh.triangles.iter().enumerate() {
             let face = geometric_normal(&mesh.corners(t));
             let usable = triangle.iter().filter_map(|&i| mesh.normals[i as usize].try_normalize());
-            // Normals that point to the other side are turned where they are used.
+            // The code that uses a normal turns it to the correct side, so the sign is ignored here.
             let least = usable.map(|n| n.dot(face).abs()).fold(1.0, f32::min);
             found.disagreeing += usize::from(least < DISAGREE);
             found.min_cosine = found.min_cosine.min(least);
@@ -80,7 +80,7 @@ impl Normals {
     }
 }
 
-/// Why a mesh does not say in which direction its texture lies, if it does not.
+/// The reason why a mesh does not define a texture direction, if it does not.
 fn without_direction(mesh: &Mesh, set: usize) -> Option<String> {
     if !mesh.tangents.is_empty() {
         let bad = mesh
@@ -98,7 +98,7 @@ fn without_direction(mesh: &Mesh, set: usize) -> Option<String> {
         let [a, b, c] = t.map(|i| uvs[i as usize]);
         let area = (b - a).perp_dot(c - a);
         let extent = |p: Vec2, q: Vec2| (q - p).length_squared();
-        // Coordinates on a line, or in a point, to the last bits.
+        // Coordinates on one line or in one point, up to rounding.
         let spans_an_area = area.abs() > 1e-6 * extent(a, b).max(extent(a, c));
         !spans_an_area
     };

@@ -1,4 +1,4 @@
-//! Faces of different objects that lie in one plane, or so near to each other that rounding decides.
+//! Checks for faces of different objects in one plane, or so close together that rounding decides their order.
 
 use super::{corners, meters, place, push};
 use crate::build::report::BuildReport;
@@ -6,35 +6,37 @@ use crate::scene::{Part, Scene};
 use dunkelfeld_geometry::{Vec2, Vec3, geometric_normal};
 use std::collections::{BTreeMap, HashMap};
 
-/// Faces within so many steps of the scene's coordinates lie in each other.
+/// Faces within this many steps of the coordinates of the scene are coincident.
 const SAME: f32 = 4.0;
-/// A gap below so many steps is one that rounding moves by percents.
+/// Rounding changes a gap below this many steps by percents.
 const NARROW: f32 = 64.0;
-/// Normals count as one direction if they agree to one in so many.
+/// Number of grid steps per unit of a normal. Normals in the same cell count as one direction.
 const DIRECTIONS: f32 = 1e4;
-/// At most so many triangles are looked at, and so many planes are kept: enough for what people place by hand.
+/// Maximum number of triangles that are checked, and of planes that are stored. Scenes made by hand have fewer.
 const MAX_TRIANGLES: usize = 4_000_000;
 const MAX_PLANES: usize = 400_000;
-/// At most so many parts are kept of a plane: of a ceiling of ten thousand lamps some stand for all.
+/// Maximum number of parts that are stored for one plane. For a ceiling of ten thousand lamps a sample of them is
+/// enough.
 const MAX_FACES: usize = 256;
-/// At most so many triangles of a part in a plane are compared with others one by one.
+/// Maximum number of triangles of a part in one plane that are compared one by one.
 const MAX_TRIANGLES_OF_FACE: usize = 512;
-/// At most so many pairs of triangles are compared in all, a fraction of a second; what is left then is not looked at.
+/// Maximum number of compared pairs of triangles, which takes a fraction of a second. The remaining pairs are not
+/// checked.
 const MAX_COMPARISONS: usize = 1 << 22;
 
-/// A plane up to its side, in steps of direction and of distance.
+/// A plane up to its orientation, in steps of direction and of distance.
 type PlaneKey = [i32; 4];
 
-/// What of one part lies in one plane.
+/// The triangles of one part in one plane.
 struct Face {
     part: usize,
-    /// Does it face along the plane's normal?
+    /// True if the face has the normal of the plane, false if the opposite one.
     along: bool,
     offset: f32,
-    /// Lowest and highest of the two coordinates that tell places in the plane apart best.
+    /// Lowest and highest values of the two coordinates that are used in the plane.
     low: [f32; 2],
     high: [f32; 2],
-    /// The triangles in the same coordinates, at most [`MAX_TRIANGLES_OF_FACE`] of them.
+    /// The triangles in the same coordinates, at most [`MAX_TRIANGLES_OF_FACE`].
     triangles: Vec<[Vec2; 3]>,
 }
 
@@ -43,7 +45,7 @@ pub(super) fn look(scene: &Scene, report: &mut BuildReport) {
     if !(step > 0.0 && step.is_finite()) {
         return;
     }
-    // Ordered, so that what is found first is the same in every run.
+    // An ordered map, so that the order of the findings is the same in every run.
     let mut planes: BTreeMap<PlaneKey, Vec<Face>> = BTreeMap::new();
     let mut looked_at = 0;
     for (index, part) in scene.parts.iter().enumerate() {
@@ -85,26 +87,26 @@ pub(super) fn look(scene: &Scene, report: &mut BuildReport) {
     push(report, order.into_iter().filter_map(finding).collect());
 }
 
-/// Enters a triangle under its plane, and under the next one, so that two planes that are near are met under one key.
+/// Adds a triangle to its plane and to the next one. So two planes that are close share a key.
 fn add(planes: &mut BTreeMap<PlaneKey, Vec<Face>>, part: usize, triangle: [Vec3; 3], width: f32) {
     let n = geometric_normal(&triangle);
     if n == Vec3::ZERO {
         return;
     }
-    // A plane has two normals; the one whose first component that is not small is positive stands for both.
+    // A plane has two normals. The one whose first component that is not small is positive is the key for both.
     let leading = [n.x, n.y, n.z].into_iter().find(|c| c.abs() > 0.01).unwrap_or(1.0);
     let along = leading > 0.0;
     let m = if along { n } else { -n };
     let offset = (m.as_dvec3().dot(triangle[0].as_dvec3())) as f32;
     let direction = (m * DIRECTIONS).round();
-    // Seen along the coordinate axis that the plane faces most, which is one for all that share its key; a frame made from
-    // the normal could turn over with the sign of a zero.
+    // Projected along the coordinate axis that is nearest to the normal of the plane. This axis is the same for all
+    // triangles with the same key. A frame computed from the normal could flip with the sign of a zero.
     let steps = direction.abs().to_array();
     let k = if steps[0] >= steps[1].max(steps[2]) { 0 } else { 1 + usize::from(steps[1] < steps[2]) };
     let flat = triangle.map(|p| Vec2::new(p[(k + 1) % 3], p[(k + 2) % 3]));
     let bound = |f: fn(f32, f32) -> f32, k: usize| f(f(flat[0][k], flat[1][k]), flat[2][k]);
     let (low, high) = ([bound(f32::min, 0), bound(f32::min, 1)], [bound(f32::max, 0), bound(f32::max, 1)]);
-    // Cells are two gaps wide and lie at every gap: whatever is within a gap shares one.
+    // Cells are two gaps wide and start at every gap. So two planes within a gap share a cell.
     let cell = (offset / width).floor();
     for shift in [0.0, 1.0] {
         let key = [direction.x as i32, direction.y as i32, direction.z as i32, (cell + shift) as i32];
@@ -126,13 +128,13 @@ fn add(planes: &mut BTreeMap<PlaneKey, Vec<Face>>, part: usize, triangle: [Vec3;
     }
 }
 
-/// Do the boxes around two faces share an area? It tells most pairs apart.
+/// True if the boxes around two faces overlap. This test rejects most pairs.
 fn boxes_overlap(a: &Face, b: &Face, least: f32) -> bool {
     (0..2).all(|k| a.high[k].min(b.high[k]) - a.low[k].max(b.low[k]) > least)
 }
 
-/// Do two faces share an area? A frame and what it frames need their triangles for an answer. Takes what it needs off
-/// `comparisons`; without any left the answer is no.
+/// True if two faces overlap. For a frame and the object in it the triangles must be compared. Each compared pair is
+/// subtracted from `comparisons`; if none is left the result is false.
 fn overlap(a: &Face, b: &Face, least: f32, comparisons: &mut usize) -> bool {
     a.triangles.iter().any(|s| {
         let Some(left) = comparisons.checked_sub(b.triangles.len()) else { return false };
@@ -141,8 +143,8 @@ fn overlap(a: &Face, b: &Face, least: f32, comparisons: &mut usize) -> bool {
     })
 }
 
-/// Do two triangles overlap by more than `least` along every direction across one of their edges? (Two convex shapes are
-/// apart exactly if they are along one of these: the separating axis theorem.)
+/// True if two triangles overlap by more than `least` along every direction perpendicular to one of their edges. (Two
+/// convex shapes are separate if and only if they are separate along one of these: the separating axis theorem.)
 fn share_area(s: &[Vec2; 3], t: &[Vec2; 3], least: f32) -> bool {
     let extent = |corners: &[Vec2; 3], axis: Vec2| {
         let [a, b, c] = corners.map(|p| p.dot(axis));
@@ -157,7 +159,7 @@ fn share_area(s: &[Vec2; 3], t: &[Vec2; 3], least: f32) -> bool {
     })
 }
 
-/// What two faces that lie in each other mean, if it is worth a word.
+/// The finding for two coincident faces; `None` if they are harmless.
 fn judge(scene: &Scene, a: &Face, b: &Face, gap: f32, step: f32) -> Option<String> {
     let parts = [&scene.parts[a.part], &scene.parts[b.part]];
     let [pa, pb] = parts;
@@ -167,10 +169,10 @@ fn judge(scene: &Scene, a: &Face, b: &Face, gap: f32, step: f32) -> Option<Strin
     let is = |f: &dyn Fn(&Part) -> bool| parts.map(f);
     let solid = is(&|p| scene.compiled[p.material as usize].is_solid);
     let emits = is(&|p| scene.compiled[p.material as usize].emits);
-    // The finding stands under the first of the two.
+    // The finding is reported for the first of the two.
     let other = place(scene, &scene.parts[a.part.max(b.part)]);
     if gap > SAME * step {
-        // A narrow gap matters where light goes through it.
+        // A narrow gap matters only if light passes through it.
         return (solid[0] || solid[1]).then(|| {
             format!(
                 "has a face {} from one of {other}, where coordinates go in steps of {}: the gap is known to {:.0} %; make it wider, or let the faces coincide",
@@ -179,7 +181,7 @@ fn judge(scene: &Scene, a: &Face, b: &Face, gap: f32, step: f32) -> Option<Strin
         });
     }
     match (solid, emits) {
-        // Solids that touch are one interface.
+        // Solids in contact form one interface.
         ([true, true], _) => None,
         ([true, false] | [false, true], _) => Some(format!(
             "touches {other}, and one of them is a clear solid: light passes between them as if they were glued; leave a gap of some {} if there is air between them",
@@ -191,7 +193,8 @@ fn judge(scene: &Scene, a: &Face, b: &Face, gap: f32, step: f32) -> Option<Strin
         (_, [true, false] | [false, true]) => Some(format!(
             "lies in a face of {other}, and one of them shines: which of the two is seen is decided by rounding; move the emitter off the surface"
         )),
-        // Opposite faces in contact hide each other; faces on the same side fight over who is seen.
+        // Opposite faces in contact hide each other. For faces with the same orientation, rounding decides which one is
+        // visible.
         _ if a.along == b.along => Some(format!(
             "lies in a face of {other}: which of the two is seen is decided by rounding; delete one of them or move them apart by more than {}",
             meters(SAME * step)
