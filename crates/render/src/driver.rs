@@ -1,4 +1,4 @@
-//! The render: pilot, plan, rounds, until the budget is met.
+//! The render loop: pilot, plan and rounds until the budget is met.
 
 use crate::checkpoint::{
     AdaptiveState, CheckpointWriter, Restored, ResumedWork, Snapshot, State as Stored, began, film_rows,
@@ -22,24 +22,25 @@ use dunkelfeld_scene::{Camera, RayGenerator, Scene};
 use rayon::prelude::*;
 use std::time::Instant;
 
-/// What exposing and certifying, and writing an image and statistics, takes [s per megapixel] on one thread, until it has been measured.
-/// Two threads take half of it; more are not counted on.
+/// Assumed duration of exposure, certificate and output of image and statistics on one thread [s per megapixel], until
+/// it has been measured. Two threads need half of it. The estimate assumes at most two.
 const CLOSING_PER_MEGAPIXEL: f64 = 4.8;
-/// The same of an EXR with all layers.
+/// Assumed duration of writing an EXR with all layers [s per megapixel].
 pub const EXR_PER_MEGAPIXEL: f64 = 5.0;
-/// The rehearsal of exposing and writing may take this share of the time left; in shorter renders the guess has to do.
+/// Largest share of the remaining time that the dry run of exposure and output may take. Shorter renders use the
+/// estimate.
 const REHEARSAL_SHARE: f64 = 0.065;
-/// One in so many pixels gets a sample whatever the clock says: enough to see what the image shows.
+/// One in so many pixels gets a sample even if the time is over, so that the image shows the scene.
 const PREVIEW: u64 = 16;
-/// What is kept back beyond the rehearsed time: a slow disk, a busy machine.
+/// Factor on the measured closing time, for a slow disk or a busy machine.
 const CLOSING_MARGIN: f64 = 1.15;
 
-/// A finished (or interrupted) render: statistics of every pixel, and how they came about.
+/// A finished (or interrupted) render: statistics of every pixel, and the course of the render.
 #[derive(Debug)]
 pub struct Rendering {
     /// Exact sums per pixel, ids and names.
     pub film: RenderedFilm,
-    /// Why it ended.
+    /// Reason for its end.
     pub stop: StopReason,
     /// Was it cancelled from outside?
     pub interrupted: bool,
@@ -49,31 +50,31 @@ pub struct Rendering {
     pub invalid: Vec<PixelSample>,
     /// Connections through clear covers.
     pub connections: ConnectionTally,
-    /// Weights of the last plan, for looking at; mean one.
+    /// Weights of the last plan, for display; their mean is one.
     pub weights: Plane<f32>,
-    /// What the pilot foretold, behind a sensor.
+    /// Forecast of the pilot; `None` without a sensor.
     pub forecast: Option<Forecast>,
     /// Threads that rendered.
     pub threads: usize,
-    /// What came from a checkpoint, or from the parts of a merged render.
+    /// Contribution of a checkpoint, or of the parts of a merged render.
     pub earlier: ResumedWork,
-    /// What went wrong when the checkpoint was written last; `None` if it is as it should be, or if there is none.
+    /// Error of the last write of the checkpoint; `None` if it succeeded, or if there is no checkpoint.
     pub checkpoint_fault: Option<String>,
 }
 
 impl Rendering {
-    /// The plan that was rendered: samples per pixel. Replaying it gives the same film, bit by bit.
+    /// The rendered plan: samples per pixel. A replay of it gives the same film, bit by bit.
     pub fn plan(&self) -> Plane<u32> {
         self.film.sums.sample_counts()
     }
 }
 
-/// The number of threads that 0 stands for, or the number itself.
+/// Number of threads: `threads` itself, or the number of cores if it is 0.
 pub fn thread_count(threads: usize) -> usize {
     if threads > 0 { threads } else { std::thread::available_parallelism().map_or(1, usize::from) }
 }
 
-/// Binds the camera that the settings show or name to the film.
+/// Binds the camera of the settings to the film: their own view, or the camera that they name.
 ///
 /// # Errors
 /// A camera that the scene does not have, or one without rays for this film.
@@ -103,10 +104,10 @@ pub fn find_camera(scene: &Scene, settings: &RenderSettings) -> Result<Camera, E
     })
 }
 
-/// Renders a scene within a budget that began with the clock of the session, on its threads.
+/// Renders a scene on the threads of the session, within a budget that starts with the clock of the session.
 ///
-/// Same scene, settings and sample plan: same film, bit by bit, on any number of threads. With a time limit the clock
-/// decides how many samples there are, never which pixel gets them.
+/// The same scene, settings and sample plan give the same film, bit by bit, on any number of threads. With a time limit
+/// the clock decides how many samples there are, but not which pixels get them.
 ///
 /// # Errors
 /// Settings outside their range, an unknown camera, a replayed plan of another size.
@@ -118,17 +119,17 @@ pub fn render(scene: &Scene, settings: &RenderSettings, session: &Session<'_>) -
 /// Writes outputs of a film.
 type Write<'a> = dyn Fn(&RenderedFilm) -> Result<(), Error> + Sync + 'a;
 
-/// What is known of the end before it comes.
+/// Dry run of the outputs at the end of a render.
 #[derive(Clone, Copy)]
 pub struct OutputDryRun<'a> {
-    /// What it takes beyond the 4.8 s that are assumed for an image.
+    /// Duration of the outputs beyond [`CLOSING_PER_MEGAPIXEL`] [s per megapixel].
     pub more_per_megapixel: f64,
-    /// Writes what there is so far, as it will be written in the end.
+    /// Writes the present film in the same way as the final one.
     pub write: &'a Write<'a>,
 }
 
-/// [`render`], with a rehearsal of the end once the pilot is done, if the time allows: it leaves a first image, finds out
-/// early what cannot be written, and tells how much time to keep for the end.
+/// [`render`] with a dry run of the outputs after the pilot, if the time suffices. The dry run writes a first image,
+/// detects write errors early, and measures the time to reserve for the end.
 pub fn render_with_dry_run(
     scene: &Scene,
     settings: &RenderSettings,
@@ -169,7 +170,7 @@ struct Renderer<'a> {
     /// The start of the clock, moved back by the time of earlier processes.
     started: Instant,
     film: RenderedFilm,
-    /// Samples per pixel, and of the whole film: what the film knows too, without going through all of it.
+    /// Samples per pixel, and of the whole film. The film contains them too, but a scan of it would be needed.
     counts: Plane<u32>,
     taken: u64,
     planner: Planner<'a>,
@@ -180,18 +181,18 @@ struct Renderer<'a> {
     connections: ConnectionTally,
     writer: Option<CheckpointWriter>,
     earlier: ResumedWork,
-    /// Where the rounds stand: what the checkpoint of the round under way says.
+    /// State between the rounds, as the checkpoint of the current round stores it.
     course: Option<AdaptiveState>,
-    /// What an earlier process left: the plan of its last round, and why it ended.
+    /// Data of an earlier process: the plan of its last round, and the reason for its end.
     target: Option<Plane<u32>>,
     stopped: Option<StopReason>,
 }
 
-/// What the schedule asks for next.
+/// Next step of the schedule.
 enum Next {
     /// A round up to this plan.
     Round(Plane<u32>),
-    /// Nothing yet: it was judged, and has to be asked again.
+    /// No step yet: the noise has been judged, and the schedule must be evaluated again.
     NoiseTarget,
     Stop(StopReason),
 }
@@ -228,7 +229,7 @@ impl<'a> Renderer<'a> {
         }
     }
 
-    /// Goes back to where an earlier process was when it stored this.
+    /// Restores the state that an earlier process stored.
     fn restore(&mut self, saved: Restored) {
         let Restored { state, shares, target, film } = saved;
         let rendered = film.sample_counts();
@@ -246,7 +247,7 @@ impl<'a> Renderer<'a> {
         self.stages = state.stages;
         self.course = state.course;
         if let (Some(_), Some(course)) = (&target, &self.course) {
-            // The round that was left open has taken what no stage that was over accounts for.
+            // The open round took the time that the completed stages do not account for.
             let accounted: f64 = self.stages.iter().map(|(_, seconds)| seconds).sum();
             self.stages.push((course.stage, (state.elapsed - accounted).max(0.0)));
         }
@@ -254,7 +255,7 @@ impl<'a> Renderer<'a> {
         (self.target, self.stopped) = (target, state.stop);
     }
 
-    /// What is stored beside film and plan.
+    /// The state that is stored beside film and plan.
     fn state(&self, stop: Option<StopReason>) -> Stored {
         Stored {
             elapsed: 0.0,
@@ -268,8 +269,8 @@ impl<'a> Renderer<'a> {
         }
     }
 
-    /// Stores a checkpoint between two rounds, the render being over for that reason or not at all; without a reason only
-    /// if it is time to, unless it must be.
+    /// Stores a checkpoint between two rounds. `stop` is the reason for the end of the render, or `None` if it
+    /// continues. Without a reason, and unless `must` is set, it is stored only when one is due.
     fn keep(&self, stop: Option<StopReason>, must: bool) {
         let Some(writer) = &self.writer else { return };
         let state = self.state(stop);
@@ -321,7 +322,7 @@ impl<'a> Renderer<'a> {
         })
     }
 
-    /// Pilot and refinements, until the schedule says stop.
+    /// Pilot and refinements, until the schedule stops the render.
     fn rounds(&mut self, rehearse: OutputDryRun<'_>) -> Result<StopReason, Error> {
         let limits = self.limits();
         let reporter = ProgressReporter::new(self.session.progress(), self.started, limits.seconds, limits.samples);
@@ -340,7 +341,7 @@ impl<'a> Renderer<'a> {
                     Next::Stop(reason) => return Ok(reason),
                 },
             };
-            // Beyond the samples that a preview must have, a round that would pass the deadline is cut.
+            // The preview has a minimum number of samples. A round beyond it that would pass the deadline is cut.
             let guard = (self.taken >= limits.at_least)
                 .then(|| deadline(self.started, limits.seconds, self.closing(&course)))
                 .flatten();
@@ -351,7 +352,7 @@ impl<'a> Renderer<'a> {
                 self.target = Some(target);
                 return Ok(StopReason::Samples);
             }
-            // With what an earlier process took of this round.
+            // Includes the samples of this round that an earlier process took.
             course.schedule.record(self.taken - course.schedule.taken(), work, began.elapsed().as_secs_f64());
             if self.taken > before {
                 course.work_per_sample = work / (self.taken - before) as f64;
@@ -364,7 +365,7 @@ impl<'a> Renderer<'a> {
         }
     }
 
-    /// The limits of a render that plans for itself.
+    /// The limits of an adaptive render.
     fn limits(&self) -> Limits {
         let budget = self.settings.budget;
         let spp = budget.spp.or((budget.seconds.is_none() && budget.noise.is_none()).then_some(DEFAULT_SPP));
@@ -382,19 +383,20 @@ impl<'a> Renderer<'a> {
         let closing = (CLOSING_PER_MEGAPIXEL + end.more_per_megapixel) * self.pixels() as f64 * 1e-6
             / self.session.threads().clamp(1, 2) as f64
             + self.settings.denoise.expected_seconds(self.pixels(), self.session.threads());
-        // Judged, the pilot begins with a look that tells how large it is to be.
+        // If the noise ends the render, the pilot begins with a few samples that determine its size.
         let pilot_spp = self.settings.pilot_spp.min(if limits.stop_on_noise { FIRST_LOOK } else { u32::MAX });
         let settings = Settings { pixels: self.pixels(), pilot_spp, closing_seconds: closing };
         let schedule = Schedule::new(limits, settings);
         AdaptiveState { schedule, stage: Stage::Pilot, work_per_sample: 1.0, closing, rehearsed: false }
     }
 
-    /// Seconds to keep for the end, the last checkpoint included: by the first one it is known how long they take.
+    /// Seconds reserved for the end, with the last checkpoint. The first checkpoint measures the duration of one.
     fn closing(&self, course: &AdaptiveState) -> f64 {
         course.closing + self.writer.as_ref().map_or(0.0, |writer| CLOSING_MARGIN * writer.expected_seconds())
     }
 
-    /// Asks the schedule; plans or judges where that is due, and rehearses the end once the pilot is done.
+    /// Evaluates the schedule. Plans or judges the noise where that is due, and does the dry run of the outputs after
+    /// the pilot.
     fn next_round(
         &mut self,
         course: &mut AdaptiveState,
@@ -431,7 +433,8 @@ impl<'a> Renderer<'a> {
             if !course.rehearsed && is_pilot_done && closing < REHEARSAL_SHARE * left {
                 self.rehearse(course, rehearse)?;
             } else if !course.rehearsed {
-                // Most of the end is the certificate, which looks at the film as planning does: on a slow machine both take longer than thought.
+                // Most of the closing time is the certificate, which analyses the film as planning does. On a slow
+                // machine both take longer than estimated.
                 course.closing = course.closing.max(CLOSING_MARGIN * began.elapsed().as_secs_f64());
                 course.schedule.set_closing_seconds(self.closing(course));
             }
@@ -456,7 +459,7 @@ impl<'a> Renderer<'a> {
         Ok(Next::Round(target))
     }
 
-    /// Writes everything as in the end, and learns how long that takes.
+    /// Writes all outputs as at the end, and measures the duration.
     fn rehearse(&self, course: &mut AdaptiveState, rehearse: OutputDryRun<'_>) -> Result<(), Error> {
         let began = Instant::now();
         (rehearse.write)(&self.film)?;
@@ -466,7 +469,7 @@ impl<'a> Renderer<'a> {
         Ok(())
     }
 
-    /// The plan of a round of so many samples, or of fewer if they turn out to be too much work where they go.
+    /// The plan of a round of so many samples. It has fewer if these samples are too much work in their tiles.
     fn target(&mut self, mut samples: u64, schedule: &Schedule, at_least: u64) -> Plane<u32> {
         loop {
             let target = plan::next_round_of(&self.counts, self.planner.shares(), self.taken + samples);
@@ -481,11 +484,11 @@ impl<'a> Renderer<'a> {
         }
     }
 
-    /// Renders up to a target plan, in passes; returns the expected work.
+    /// Renders up to a target plan, in passes. Returns the expected work.
     ///
-    /// A tile goes onto the film, and into checkpoints, when all of its samples of a pass are done. So a pass has no more
-    /// samples of a pixel than the [`Stride`], however large the round is. The sums are exact: passes change no bit of the
-    /// result.
+    /// A tile is added to the film, and to checkpoints, when all of its samples of a pass are complete. So a pass has
+    /// no more samples of a pixel than the [`Stride`], however large the round is. The sums are exact: passes change no
+    /// bit of the result.
     fn round(
         &mut self,
         target: &Plane<u32>,
@@ -504,7 +507,7 @@ impl<'a> Renderer<'a> {
                 units = self.costs.cut(&increment, self.session.threads());
             }
             let pass = Pass { target, increment: &increment, units: &units, deadline, stage };
-            // What is left out was cut off, by the clock or from outside.
+            // The missing samples were cut off by the deadline or by a cancellation.
             if self.pass(pass, reporter)? < plan::total(&increment) || is_last {
                 return Ok(work);
             }
@@ -513,10 +516,10 @@ impl<'a> Renderer<'a> {
         }
     }
 
-    /// Renders a pass of a round; returns the samples that reached the film.
+    /// Renders a pass of a round. Returns the number of samples that reached the film.
     ///
     /// # Errors
-    /// The film has not got enough memory.
+    /// There is not enough memory for the film.
     fn pass(&mut self, pass: Pass<'_>, reporter: &ProgressReporter<'_>) -> Result<u64, Error> {
         let Pass { target, increment, units, deadline, stage } = pass;
         let began = Instant::now();
@@ -528,7 +531,7 @@ impl<'a> Renderer<'a> {
             frame: self.settings.frame,
         };
         let state = self.state(None);
-        // A plan that was given is at hand whenever the render is taken up.
+        // A given plan is available at each resumption, so it is not stored.
         let plans = self.course.is_some();
         let (shares, open) = (plans.then(|| self.planner.shares()), plans.then_some(target));
         let snapshot = Snapshot { state: &state, shares, target: open };
@@ -558,7 +561,7 @@ impl<'a> Renderer<'a> {
         self.costs.record(&result.tiles);
         self.connections.add(&result.connections);
         self.invalid.extend(result.invalid);
-        // How a round was cut into passes is the clock's business, and shows nowhere.
+        // The clock decides how a round is divided into passes. Sorting makes the list independent of that division.
         self.invalid.sort_by_key(|s| (s.y, s.x, s.index));
         self.invalid.truncate(16);
         self.spend(stage, began);

@@ -1,4 +1,4 @@
-//! What can go wrong between a file and a frame.
+//! Errors between a scene file and a finished frame.
 
 use dunkelfeld_io::InputError;
 use dunkelfeld_io::visible::visible_line;
@@ -6,13 +6,14 @@ use dunkelfeld_scene::{BuildError, CameraError};
 use dunkelfeld_sensor::SensorError;
 use std::path::{Path, PathBuf};
 
-/// Everything that ends a render without a picture. Shown, names are spelled so that a terminal does not obey them.
+/// All errors that end a render without an image. Names in the messages are escaped, so that a terminal does not
+/// execute control characters.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
     /// A file that cannot be used.
     #[error(transparent)]
     Input(#[from] InputError),
-    /// A scene that makes no sense.
+    /// A scene that is not valid.
     #[error("the scene cannot be built: {}", visible_line(&.0.to_string()))]
     Build(#[from] BuildError),
     /// A camera that has no rays for this film.
@@ -21,14 +22,14 @@ pub enum Error {
     /// A setting outside its range.
     #[error("{}: {}\n  help: {}", visible_line(what), visible_line(problem), visible_line(help))]
     Setting {
-        /// Which setting.
+        /// Name of the setting.
         what: String,
-        /// What is wrong.
+        /// The fault.
         problem: String,
-        /// What to do about it.
+        /// Advice to the user.
         help: String,
     },
-    /// A sensor that cannot expose this.
+    /// A sensor that cannot be exposed with these settings.
     #[error("the sensor cannot be used: {0}")]
     Sensor(#[from] SensorError),
     /// A file that could not be written.
@@ -41,27 +42,27 @@ pub enum Error {
     Output {
         /// The file.
         file: PathBuf,
-        /// What went wrong.
+        /// The fault.
         problem: String,
-        /// What to do about it.
+        /// Advice to the user.
         help: String,
     },
     /// There is not enough memory.
     #[error("{what}: there is not enough memory\n  help: {help}")]
     Memory {
-        /// What it was asked for.
+        /// The object that needs the memory.
         what: String,
-        /// What to do about it.
+        /// Advice to the user.
         help: String,
     },
-    /// A run that needs more memory than it may take, or than there is.
+    /// A run that needs more memory than its limit, or than the machine has.
     #[error("{problem}\n{account}\n  help: {help}")]
     MemoryNeeded {
-        /// How much, and of what there is less.
+        /// The required memory, and the limit that it exceeds.
         problem: String,
         /// The account, as a table.
         account: String,
-        /// What to do about it.
+        /// Advice to the user.
         help: String,
     },
     /// The threads could not be started.
@@ -81,7 +82,7 @@ impl Error {
         Self::Memory { what: "the film".into(), help: help.into() }
     }
 
-    /// The line of the input file with a caret under the fault; empty where there is none.
+    /// The line of the input file with a caret below the fault; empty where there is none.
     pub fn caret(&self) -> String {
         match self {
             Self::Input(e) => e.caret(),
@@ -90,7 +91,7 @@ impl Error {
     }
 }
 
-/// What to do about a camera that cannot be used.
+/// Advice for a camera that cannot be used.
 pub fn camera_help(error: &CameraError) -> &'static str {
     match error {
         CameraError::Value { .. } => "change the value",
@@ -103,10 +104,10 @@ pub fn camera_help(error: &CameraError) -> &'static str {
 /// The result of writing a file as an [`Error::Output`] with help.
 ///
 /// # Errors
-/// The one that is given.
+/// The given one.
 pub fn written(path: &Path, result: std::io::Result<()>) -> Result<(), Error> {
     result.map_err(|e| {
-        // The file is named once, by our own error.
+        // The message of this error contains the name of the file. So the name is removed from the reason.
         let said = e.to_string();
         let reason = said.strip_prefix(&format!("cannot write {}: ", path.display())).unwrap_or(&said);
         Error::Output {

@@ -1,4 +1,4 @@
-//! The noise of a film as the sensor sees it: what plans are made from, and what is certified.
+//! The noise of a film relative to the noise of a sensor. Plans and certificates are computed from it.
 
 use crate::parallel::map_tile_rows;
 use crate::rendered_film::RenderedFilm;
@@ -15,23 +15,23 @@ use dunkelfeld_sensor::{Exposure, Response, SensorError, SensorModel, Weights, a
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// How radiance counts: the unit in which noise is measured.
+/// Conversion of radiance to a signal: the unit in which noise is measured.
 #[derive(Clone, Copy, Debug)]
 pub struct SignalModel {
     /// Electrons per radiance and channel of each pixel; luminance without a sensor.
     response: Response,
-    /// Level at which it saturates, in that unit.
+    /// Saturation level, in that unit.
     pub white: f32,
-    /// The sensor's own noise, if there is a sensor.
+    /// The noise of the sensor; `None` without a sensor.
     pub sensor: Option<SensorNoise>,
 }
 
 impl SignalModel {
-    /// The sensor at its exposure, or the luminance of an image without one. A black image, which has no automatic
-    /// exposure, is exposed for 1 s, as `dunkelfeld::develop` does.
+    /// The sensor at its exposure, or the luminance of an image without a sensor. A black image has no automatic
+    /// exposure. It is exposed for 1 s,.
     ///
     /// # Errors
-    /// A sensor whose ranges the exposure leaves.
+    /// A sensor whose ranges the exposure exceeds.
     pub fn new(mean: &Plane<[f32; 3]>, sensor: &SensorChoice) -> Result<Self, SensorError> {
         let SensorChoice::Emva { model, optics, exposure } = sensor else {
             return Ok(Self { response: Response::constant(Weights::luminance()), white: 1.0, sensor: None });
@@ -47,13 +47,15 @@ impl SignalModel {
         })
     }
 
-    /// The mean image in this unit, without the mosaic of a filter array: its edges are none of the scene's.
+    /// The mean image in this unit, without the mosaic of a filter array. The edges of the mosaic are not edges of the
+    /// scene.
     pub fn image(&self, mean: &Plane<[f32; 3]>) -> Plane<f32> {
         let weights = self.response.average();
         mean.map(|&pixel| weights.electrons(pixel).0 as f32)
     }
 
-    /// Estimates of some rows of pixels of a film, as pixels of each kind see them. The sums of few rows are unpacked at a time.
+    /// Estimates of some rows of pixels of a film, as signals of each kind of pixel. The sums of few rows are unpacked
+    /// at a time.
     fn evidence(&self, film: &RenderedFilm, rows: Range<u32>) -> Vec<NoiseInputs> {
         let (width, height, kinds) = (film.sums.width(), rows.len() as u32, self.response.kinds());
         let pixels = width as usize * rows.len();
@@ -90,7 +92,7 @@ impl SignalModel {
     }
 }
 
-/// A pixel as one kind of pixel of the sensor sees it.
+/// Signal statistics of a pixel for one kind of pixel of the sensor.
 struct Seen {
     mean: f32,
     variance: f32,
@@ -101,7 +103,7 @@ struct Seen {
 impl Seen {
     fn from_sums(sums: &PixelSums, weights: Weights) -> Self {
         let (mean, variance) = sums.weighted_mean_and_variance(weights.0);
-        // A film holds the luminance of its largest sample; its colour is taken for that of the pixel.
+        // A film stores the luminance of its largest sample. That sample is assumed to have the colour of the pixel.
         let (factor, _) = per_luminance(weights, sums.mean());
         Self {
             mean: mean as f32,
@@ -112,14 +114,14 @@ impl Seen {
     }
 }
 
-/// Signal per luminance of light of this colour, and its luminance.
+/// Signal per luminance of light of this colour, and the luminance of the light.
 pub fn per_luminance(weights: Weights, [r, g, b]: [f64; 3]) -> (f64, f64) {
     let luminance = f64::from(Rgb::new(r as f32, g as f32, b as f32).luminance());
     let signal = weights.electrons([r, g, b].map(|v| v as f32)).0;
     (if luminance > 0.0 { signal / luminance } else { 0.0 }, luminance)
 }
 
-/// Scatter of luminance as that of a signal.
+/// Converts the scatter of luminance to the scatter of a signal.
 pub fn seen(scatter: Scatter, per_luminance: f64) -> Scatter {
     let square = per_luminance * per_luminance;
     Scatter { all: square * scatter.all, largest: square * scatter.largest }
@@ -129,12 +131,12 @@ pub fn seen(scatter: Scatter, per_luminance: f64) -> Scatter {
 pub fn sensor_noise(model: &SensorModel, exposure: Exposure) -> SensorNoise {
     SensorNoise {
         floor: model.temporal_variance(dunkelfeld_radiometry::Electrons(0.0), exposure.time()),
-        // Dark electrons fill the well, too.
+        // Dark electrons also fill the well.
         saturation: (model.saturation().0 - model.dark_electrons(exposure.time()).0).max(0.0),
     }
 }
 
-/// How bright pixels are for a sensor; without one all are alike.
+/// Ranges of the sensor variance of the pixels. Without a sensor all pixels have the same.
 pub fn levels(mean: &Plane<f32>, variance: &Plane<f32>, sensor: Option<SensorNoise>) -> Plane<SensorVarianceRange> {
     let mut variances = variance.data().iter();
     mean.map(|&mean| match (sensor, variances.next()) {
@@ -143,58 +145,60 @@ pub fn levels(mean: &Plane<f32>, variance: &Plane<f32>, sensor: Option<SensorNoi
     })
 }
 
-/// [`dunkelfeld_adaptive::variance::pooled::noise`], rows shared out among the threads of the current pool.
+/// [`dunkelfeld_adaptive::variance::pooled::noise`], with rows distributed over the threads of the current pool.
 fn pooled(evidence: &NoiseInputs) -> Plane<PixelNoise> {
     let rows: Vec<_> = (0..evidence.height()).into_par_iter().map(|y| noise_row(evidence, y)).collect();
     let unknown = |_: &f32| PixelNoise::UNKNOWN;
     Plane::from_vec(evidence.width(), evidence.height(), rows.concat()).unwrap_or_else(|| evidence.mean.map(unknown))
 }
 
-/// [`dunkelfeld_adaptive::variance::pixel::pixel_noise`] of some rows of an image that begin and end with a row of blocks, likewise.
+/// [`dunkelfeld_adaptive::variance::pixel::pixel_noise`] of some rows of an image that begin and end with a row of
+/// blocks, distributed in the same way.
 fn owned(evidence: &NoiseInputs, rows: Range<u32>) -> Vec<PixelNoise> {
     if evidence.variance.data().iter().all(|v| !v.is_finite()) {
-        // A sample a pixel, or none: there is nothing to pool.
+        // With one sample per pixel or none, there is no variance to pool.
         return vec![PixelNoise::UNKNOWN; rows.len() * evidence.width() as usize];
     }
     let blocks = rows.start / BLOCK..rows.end.div_ceil(BLOCK);
     blocks.into_par_iter().map(|row| pixel_noise_of_blocks(evidence, row)).collect::<Vec<_>>().concat()
 }
 
-/// Rows that are analysed at once. Estimates of an image take ten times the memory of what is made of them.
+/// Rows that are analysed at once. Estimates of an image take ten times the memory of the results.
 const BAND: u32 = 64;
-/// Rows above and below that have a say: whole blocks, and more than the reach of any neighbourhood.
+/// Rows above and below that influence the result: whole blocks, and more than the radius of any neighbourhood.
 const HALO: u32 = BLOCK;
 const _: () = assert!(BAND.is_multiple_of(BLOCK) && HALO >= 8 && HALO.is_multiple_of(BLOCK));
 
-/// A certificate together with what it rests on.
+/// A certificate together with the ratios from which it is computed.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Certified {
     /// The certificate.
     pub certificate: Certificate,
-    /// Variance of the rendered mean over that of the sensor, per pixel: the layer `hidden.Y`. Infinite where it is not known.
+    /// Variance of the rendered mean over that of the sensor, per pixel: the layer `hidden.Y`. Infinite where it is
+    /// unknown.
     pub ratios: Plane<f32>,
 }
 
-/// Estimates of some rows of an image, as pixels of each kind see them.
+/// Estimates of some rows of an image, as signals of each kind of pixel.
 type Views<'a> = Box<dyn Fn(Range<u32>) -> Vec<NoiseInputs> + Send + Sync + 'a>;
 
-/// What is known of a film's noise beneath a sensor's. The estimates behind it are made band by band, each time that they are
-/// needed: those of a whole image would take more memory than its film.
+/// The noise of a film relative to that of a sensor. The estimates are computed band by band, each time they are
+/// needed. Those of a whole image would take more memory than its film.
 pub struct FilmNoise<'a> {
-    /// Mean signal of each pixel, as its kind sees it.
+    /// Mean signal of each pixel, with the response of its kind.
     pub mean: Plane<f32>,
     /// Samples per pixel.
     pub counts: Plane<u32>,
-    /// The sensor's own noise; `None` without a sensor.
+    /// The noise of the sensor; `None` without a sensor.
     pub sensor: Option<SensorNoise>,
-    /// Behind a filter array there are several views: the film as red, green and blue pixels everywhere would see it. Neighbours are
-    /// asked only for noise of what they see alike, so each pixel is judged in the view of its own colour.
+    /// With a filter array there are several views: the film as it would be with red, green or blue pixels everywhere.
+    /// Neighbours share their noise only within one view, so each pixel is judged in the view of its own colour.
     views: Views<'a>,
     response: Response,
 }
 
 impl<'a> FilmNoise<'a> {
-    /// Of a film, in the unit of `eye`.
+    /// Noise of a film, in the unit of `eye`.
     pub fn new(eye: &SignalModel, film: &'a RenderedFilm) -> Self {
         let (eye, width) = (*eye, film.sums.width());
         let signal = |first: usize, sums: &[PixelSums]| -> Vec<(f32, u32)> {
@@ -214,8 +218,8 @@ impl<'a> FilmNoise<'a> {
         Self { mean, counts, sensor: eye.sensor, views: Box::new(views), response: eye.response }
     }
 
-    /// Of estimates from elsewhere: the mean signal as each pixel sees it, the numbers of samples, and the views of some rows through
-    /// each kind of pixel.
+    /// Noise from given estimates: the mean signal of each pixel, the numbers of samples, and the views of some rows
+    /// through each kind of pixel.
     pub fn from_estimates(
         mean: Plane<f32>,
         counts: Plane<u32>,
@@ -226,7 +230,8 @@ impl<'a> FilmNoise<'a> {
         Self { mean, counts, sensor, views: Box::new(views), response }
     }
 
-    /// What is expected of each pixel by its neighbours: what plans are made from. Judged by the sensor's noise, or alike everywhere.
+    /// Noise of each pixel as predicted from its neighbours. Plans are computed from it. It is relative to the noise of
+    /// the sensor, or to the same level for all pixels.
     pub fn expected(&self, sensor: Option<SensorNoise>) -> Plane<PredictedNoise> {
         let unknown = PredictedNoise { ratio: f32::INFINITY, saturated: false };
         self.by_bands(unknown, |evidence, rows| {
@@ -235,14 +240,14 @@ impl<'a> FilmNoise<'a> {
         })
     }
 
-    /// Of a film that is exposed like this.
+    /// Noise of a film with this exposure.
     pub fn exposed(response: Response, model: &SensorModel, exposure: Exposure, film: &'a RenderedFilm) -> Self {
         let (white, sensor) = (model.saturation().0 as f32, Some(sensor_noise(model, exposure)));
         Self::new(&SignalModel { response, white, sensor }, film)
     }
 
-    /// A plane made band by band, from the estimates of a band with what lies around it and the rows of these that are asked for. Each
-    /// pixel has the value from the view of its own kind.
+    /// A plane that is computed band by band. `f` gets the estimates of a band with its surrounding rows, and the range
+    /// of the required rows in them. Each pixel has the value from the view of its own kind.
     fn by_bands<T: Copy + Send + Sync>(
         &self,
         unknown: T,
@@ -267,14 +272,15 @@ impl<'a> FilmNoise<'a> {
         out
     }
 
-    /// The noise of each pixel by its own samples, as far as they can tell.
+    /// The noise of each pixel from its own samples, where they determine it.
     pub fn owned(&self) -> Plane<PixelNoise> {
         self.by_bands(PixelNoise::UNKNOWN, owned)
     }
 
-    /// Of each pixel: does it hold a rare sample, and the variance of its mean \[e-^2\], without what pixels that hold one
-    /// would tell their neighbours. Without a sensor no sample is rare. The variance is infinite where the pixel has samples in fewer than
-    /// two batches: its neighbours tell how noisy its samples are, but not whether it is one of them.
+    /// For each pixel: does it hold a rare sample, and the variance of its mean \[e^-2\]. Pixels with a rare sample do
+    /// not contribute to the variance of their neighbours. Without a sensor no sample is rare. The variance is infinite
+    /// where the pixel has samples in fewer than two batches. Its neighbours determine the noise of its samples, but
+    /// not whether one of them is rare.
     pub fn without_outliers(&self) -> Plane<(bool, f32)> {
         self.by_bands((false, f32::INFINITY), |evidence, rows| {
             let outliers = match self.sensor {
@@ -290,7 +296,7 @@ impl<'a> FilmNoise<'a> {
         })
     }
 
-    /// What each pixel needs to be hidden at `k` by such noise; `None` without a sensor.
+    /// Samples that each pixel needs to be hidden at `k`, for the given noise; `None` without a sensor.
     pub fn needs_by(&self, noise: &Plane<PixelNoise>, k: f64) -> Option<RequiredSamples> {
         self.sensor.map(|sensor| required_samples(&self.mean, &self.counts, noise, sensor, k))
     }
@@ -300,7 +306,7 @@ impl<'a> FilmNoise<'a> {
         self.certify_by(&self.owned(), k)
     }
 
-    /// The same if the [`Self::owned`] noise is at hand.
+    /// The certificate at `k` from given [`Self::owned`] noise.
     pub fn certify_by(&self, noise: &Plane<PixelNoise>, k: f64) -> Option<Certified> {
         let sensor = self.sensor?;
         let pixels = noise.data().iter().zip(self.counts.data()).zip(self.mean.data());
@@ -318,29 +324,31 @@ impl<'a> FilmNoise<'a> {
     }
 }
 
-/// A sample is rare if it lifts its pixel by more of the sensor's standard deviations, so that it is seen in a single frame ...
+/// A sample is rare if it raises its pixel by more than this number of standard deviations of the sensor, so that it is
+/// visible in a single frame ...
 const SEEN: f64 = 1.0;
 
-/// ... and, because a pixel may be brighter than those around without any noise, by half as many above its own other samples.
+/// ... and by more than this number of them above the other samples of the pixel. A pixel may be brighter than its
+/// neighbours without any noise.
 const OWN: f64 = 0.5;
 
-/// Which pixels hold a sample that lifts them by so much above the mean of their neighbourhood. What counts as rare depends little
-/// on the pixel's other samples: those that are left scatter as samples do that are bounded.
+/// Pixels with a sample that raises them that far above the mean of their neighbourhood. The other samples of the pixel
+/// hardly influence the decision, so that the remaining samples are distributed like bounded samples.
 fn outliers(evidence: &NoiseInputs, noise: &Plane<PixelNoise>, sensor: SensorNoise) -> Plane<bool> {
     let mut samples = evidence.counts.data().iter().zip(evidence.largest.data()).zip(evidence.mean.data());
     noise.map(|around| {
         samples.next().is_some_and(|((&n, &largest), &own)| {
             let seen = SEEN * sensor.variance(f64::from(around.mean)).sqrt();
             let lift = f64::from(largest - around.mean) / f64::from(n.max(1));
-            // Above the mean of the others; a lone sample's noise is not known anyway.
+            // Relative to the mean of the other samples. The noise of a single sample is unknown anyway.
             let lift_of_own = f64::from(largest - own) / f64::from(n.max(2) - 1);
             lift > seen && lift_of_own > OWN * seen
         })
     })
 }
 
-/// The variance of the mean of each pixel of some rows \[e-^2\] by its own samples; what any of them might have seen is told by those
-/// that hold no rare one.
+/// The variance of the mean of each pixel of some rows \[e^-2\] from its own samples. Only pixels without a rare sample
+/// determine the variance of the light that every pixel might have sampled.
 fn variance_without_outliers(evidence: &NoiseInputs, is_rare: &Plane<bool>, rows: Range<u32>) -> Vec<f32> {
     let mut others = evidence.clone();
     let variances = others.variance.data_mut().iter_mut();
@@ -366,8 +374,8 @@ mod tests {
     use dunkelfeld_film::Sample;
     use dunkelfeld_sampling::mix64;
 
-    /// Green and blue columns, as noisy as each other for a sensor that counts all light alike: luminance, of which green light has ten
-    /// times as much, must not tell them apart.
+    /// Green and blue columns. Their noise is equal for a sensor that counts all light alike. Green light has ten times
+    /// the luminance of blue light, which must not separate the columns.
     #[test]
     fn neighbours_of_other_colours_have_the_noise_that_the_sensor_sees() {
         let (width, height, count) = (24, 24, 64u32);
@@ -389,7 +397,7 @@ mod tests {
         for colour in 0..2 {
             let noise: Vec<f64> = own.data().iter().skip(colour).step_by(2).map(|n| f64::from(n.variance)).collect();
             let ratio = noise.iter().sum::<f64>() / noise.len() as f64 / (1e6 / 12.0);
-            // By the batches of 576 pixels: a standard error of 3.4 %.
+            // From the batches of 576 pixels: the standard error is 3.4 %.
             assert!((0.8..1.2).contains(&ratio), "colour {colour}: {ratio}");
         }
     }

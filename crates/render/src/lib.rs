@@ -1,9 +1,9 @@
-//! The engine: pilot, sample plan and rounds within a budget, on the threads of one pool, with checkpoints that later processes
-//! continue.
+//! The engine: pilot, sample plan and rounds within a budget, on the threads of one pool, with checkpoints that later
+//! processes continue.
 //!
-//! [`render()`] takes a compiled scene and [`RenderSettings`] and returns a [`Rendering`]: exact sums per pixel, ids and the course of
-//! the render. It writes no file but its checkpoint. [`film_noise`] states how noisy a film is for a sensor; plans, noise-matched
-//! exposure and certificates are made from it.
+//! [`render()`] takes a compiled scene and [`RenderSettings`] and returns a [`Rendering`]: exact sums per pixel, ids
+//! and the course of the render. It writes no file but its checkpoint. [`film_noise`] contains the noise of a film
+//! relative to a sensor. Plans, noise-matched exposure and certificates are computed from it.
 
 #![forbid(unsafe_code)]
 

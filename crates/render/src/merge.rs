@@ -1,4 +1,4 @@
-//! Joins the parts of a render that several processes shared.
+//! Joins the parts of a render that several processes computed.
 
 use crate::checkpoint::exposure_recipe::{ExposureRecipe, labels_of};
 use crate::checkpoint::{Description, ResumedWork, State, film_rows, load, text_of};
@@ -15,7 +15,7 @@ use dunkelfeld_io::checkpoint::{CheckpointHead, write_checkpoint};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
-/// At most so many invalid samples are remembered by name.
+/// Largest number of invalid samples that are stored with their coordinates.
 const MAX_LISTED: usize = 16;
 
 /// A part without its film.
@@ -51,8 +51,8 @@ pub struct PartSummary {
     pub seconds: f64,
 }
 
-/// The finished parts of one render ([`RenderSettings::samples`]), joined: bit by bit the film of one process that rendered all
-/// of their samples.
+/// The finished parts of one render ([`RenderSettings::samples`]), joined: bit by bit the film of one process that
+/// rendered all of their samples.
 pub struct JoinedParts {
     parts: Vec<PartSummary>,
     film: Film,
@@ -91,7 +91,7 @@ impl JoinedParts {
         self.description.samples.clone().unwrap_or_default()
     }
 
-    /// The settings by which the whole is exposed: those of the parts.
+    /// The settings for the exposure of the whole: those of the parts.
     ///
     /// # Errors
     /// A sensor whose stored values are out of range.
@@ -110,7 +110,7 @@ impl JoinedParts {
         self.recipe.is_replay
     }
 
-    /// Writes a checkpoint of the whole: a part again, which can be merged or rendered further.
+    /// Writes a checkpoint of the whole. It is a part again, which can be merged or continued.
     ///
     /// # Errors
     /// The file cannot be written.
@@ -132,7 +132,8 @@ impl JoinedParts {
         written(path, stored)
     }
 
-    /// The finished render. `load_seconds` is the time that reading took; `threads` will work on it further.
+    /// The finished render. `load_seconds` is the duration of reading \[s\]. `threads` is the number of threads of the
+    /// following stages.
     pub fn into_rendering(self, load_seconds: f64, threads: usize) -> Rendering {
         let Self { film, ids: [objects, materials], description: Description { mut state, .. }, recipe, .. } = self;
         state.stages.push((Stage::Load, load_seconds));
@@ -192,7 +193,7 @@ fn join(paths: &[PathBuf]) -> Result<Joined<'_>, Error> {
             }
         }
         let (taken, part) = (stored.film.total_samples(), Part { path, samples, taken: 0, description, recipe });
-        // Before anything is added up: parts that do not overlap have no more samples than can be counted.
+        // This check precedes the addition: parts that do not overlap have no more samples than can be counted.
         let meets =
             |other: &&Part<'_>| part.samples.start < other.samples.end && other.samples.start < part.samples.end;
         if let Some(other) = parts.iter().find(meets) {
@@ -214,14 +215,14 @@ fn join(paths: &[PathBuf]) -> Result<Joined<'_>, Error> {
     }
 }
 
-/// What is wrong with the samples of a part beside those of another.
+/// The error of a part whose samples do not fit those of another.
 fn misfit(part: &Part<'_>, problem: &str, other: &Part<'_>) -> Error {
     let problem = format!("samples {} {problem} samples {} of {}", part.range(), other.range(), other.path.display());
     let help = "merge parts that follow upon each other, each once";
     InputError::new(part.path, "the part", problem, help).into()
 }
 
-/// The state of a render that took what all parts took.
+/// The state of a render that took the samples of all parts.
 fn together(parts: &[Part<'_>]) -> State {
     let mut all = State { stop: Some(StopReason::Samples), ..State::default() };
     for Part { description: Description { state, .. }, .. } in parts {

@@ -1,10 +1,10 @@
-//! Planes of a film, made on the threads of the current pool: a large film takes seconds to read.
+//! Planes of a film, computed on the threads of the current pool. A large film takes seconds to read.
 
 use dunkelfeld_film::{Film, PixelSums, Plane, TileRow, fill_gaps};
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// [`Film::map`].
+/// [`Film::map`], in parallel.
 pub fn map_film<T: Send + Clone + Default>(film: &Film, f: impl Fn(&PixelSums) -> T + Sync) -> Plane<T> {
     let [plane] = map_film_to(film, |sums| [f(sums)]);
     plane
@@ -41,7 +41,7 @@ pub fn map_tile_rows<T: Send>(film: &Film, f: impl Fn(usize, &[PixelSums]) -> T 
     film.tile_rows().par_iter().enumerate().map_init(Vec::new, of_row).collect()
 }
 
-/// [`Film::mean_without_gaps`].
+/// [`Film::mean_without_gaps`], in parallel.
 pub fn mean_without_gaps(film: &Film) -> Plane<[f32; 3]> {
     let has_gaps = AtomicBool::new(false);
     let mean = map_film(film, |p| {

@@ -1,5 +1,5 @@
-//! How a part of a render is to be looked at once all parts are together: what a merge has to know beside the sums, so that it
-//! needs neither scene nor job.
+//! Exposure of a merged render: the settings that a merge needs beside the sums. With them it needs neither scene nor
+//! job.
 
 use crate::error::Error;
 use crate::settings::{RenderSettings, SensorChoice};
@@ -14,7 +14,7 @@ use dunkelfeld_sensor::{
 };
 use serde::{Deserialize, Serialize};
 
-/// The part of the settings that no sample depends on, but what is written does.
+/// The settings on which no sample depends, but on which the outputs depend.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct ExposureRecipe {
     seed: u64,
@@ -25,11 +25,11 @@ pub(crate) struct ExposureRecipe {
     /// Does the lens darken the image towards its corners?
     pub(crate) is_vignetted: bool,
     pub(crate) object_names: Vec<String>,
-    /// Does a plan say which samples there are?
+    /// Does a given plan determine the samples?
     pub(crate) is_replay: bool,
 }
 
-/// A sensor, its lens and its exposure, by their numbers.
+/// A sensor, its lens and its exposure, as stored values.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 struct StoredSensor {
     name: String,
@@ -58,7 +58,7 @@ struct StoredSensor {
     f_number: f64,
     transmission: f64,
     magnification: f64,
-    /// Seconds; nothing for the automatic one.
+    /// Exposure time \[s\]; `None` for the automatic exposure.
     exposure: Option<f64>,
 }
 
@@ -80,10 +80,10 @@ impl ExposureRecipe {
         }
     }
 
-    /// Settings that look at a film of that size as the render would have.
+    /// Settings that expose a film of that size as the render would have.
     ///
     /// # Errors
-    /// A sensor whose numbers do not make sense.
+    /// A sensor whose stored values are out of range.
     pub(crate) fn settings(&self, width: u32, height: u32) -> Result<RenderSettings, Error> {
         Ok(RenderSettings {
             width,
@@ -101,7 +101,7 @@ impl ExposureRecipe {
         })
     }
 
-    /// The first thing that differs, in words.
+    /// The first difference, as a phrase; `None` if there is none.
     pub(crate) fn difference(&self, other: &Self) -> Option<&'static str> {
         [
             (self.sensor != other.sensor, "sensor, lens or exposure"),
@@ -116,7 +116,7 @@ impl ExposureRecipe {
 
 impl StoredSensor {
     fn new(spec: &SensorSpec, optics: &Optics, exposure: Option<Exposure>) -> Self {
-        // No `..`: a new number of a sensor belongs in here.
+        // No `..`: each new field of a sensor must be added here.
         let SensorSpec {
             name,
             source,
@@ -212,12 +212,12 @@ impl StoredSensor {
     }
 }
 
-/// Labels as two planes of numbers: objects and materials, [`NO_ID`] where there is nothing.
+/// Pixel ids as two planes of numbers: objects and materials, [`NO_ID`] where no surface is hit.
 pub(crate) fn numbers_of(labels: &Plane<Option<Label>>) -> [Plane<u32>; 2] {
     [labels.map(|l| l.map_or(NO_ID, |l| l.object())), labels.map(|l| l.map_or(NO_ID, |l| l.material()))]
 }
 
-/// The labels that the numbers stand for; planes of one size.
+/// The pixel ids that the numbers represent; both planes have one size.
 pub(crate) fn labels_of(objects: &Plane<u32>, materials: &Plane<u32>) -> Plane<Option<Label>> {
     Plane::from_fn(objects.width(), objects.height(), |x, y| {
         let (object, material) = (*objects.at(x, y), *materials.at(x, y));
@@ -230,7 +230,7 @@ mod tests {
     use super::*;
     use dunkelfeld_io::sensor_file::find_sensor;
 
-    /// A sensor with every number that a sensor can have.
+    /// A sensor with every value that a sensor can have.
     const COLOUR: &str = r#"
         name = "colour"
         source = "made up"

@@ -1,8 +1,9 @@
-//! Checkpoints: what a render needs to outlive its process.
+//! Checkpoints: the data with which a later process continues a render.
 //!
-//! A sample is a pure function of its name and the sums of a film are exact, so the film, the plan and the state of schedule
-//! and planner are all that a later process needs to end with the same bits. Before it goes on, it makes sure that it renders
-//! the same: everything that samples and plan depend on is in the [`RenderKey`] that the file carries.
+//! A sample is a pure function of its coordinates, and the sums of a film are exact. So the film, the plan and the
+//! state of schedule and planner suffice for a later process to end with the same bits. Before it continues, it
+//! verifies that it renders the same. The [`RenderKey`] in the file contains everything on which samples and plan
+//! depend.
 
 pub(crate) mod exposure_recipe;
 pub(crate) mod render_key;
@@ -28,25 +29,26 @@ use std::path::Path;
 use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
-/// Checkpoints take at most this share of the time of one thread: those of large films become rarer.
+/// Checkpoints take at most this share of the time of one thread. So checkpoints of large films become rarer.
 const MAX_TIME: f64 = 0.02;
-/// What writing is taken to need until it has been measured [s per megapixel]: 350 MB at 250 MB/s.
+/// Assumed duration of one write until it has been measured [s per megapixel]: 350 MB at 250 MB/s.
 const SECONDS_PER_MEGAPIXEL: f64 = 1.4;
-/// A checkpoint may take longer than the last one by this factor: none is begun that might not be done by the deadline.
+/// Assumed largest ratio of the duration of a checkpoint to that of the last one. A checkpoint that might not be
+/// complete by the deadline is not started.
 const MARGIN: f64 = 2.0;
 
-/// Takes the lock of a checkpoint that is to be written.
+/// Takes the lock of a checkpoint that will be written.
 pub fn lock(path: &Path) -> Result<TargetLock, Error> {
     crate::error::written(path, dunkelfeld_io::atomic::check_writable(path))?;
     Ok(TargetLock::acquire(path)?)
 }
 
-/// What earlier processes contributed to a render that was taken up from a checkpoint, or the parts to one that was merged.
+/// Contribution of earlier processes to a resumed render, or of the parts to a merged render.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ResumedWork {
-    /// Seconds that they worked.
+    /// Working time of the earlier processes \[s\].
     pub seconds: f64,
-    /// Samples that they took.
+    /// Number of their samples.
     pub samples: u64,
     /// Was the render complete already?
     pub was_complete: bool,
@@ -56,48 +58,50 @@ pub struct ResumedWork {
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(crate) struct Description {
     pub(crate) identity: RenderKey,
-    /// Of every pixel these samples, if the film is a part.
+    /// The film holds these samples of every pixel, if it is a part.
     pub(crate) samples: Option<Range<u32>>,
-    /// How a part is to be looked at in the end.
+    /// Settings for the exposure of a merged part.
     #[serde(rename = "look")]
     pub(crate) recipe: Option<ExposureRecipe>,
     pub(crate) state: State,
 }
 
-/// How far a render is.
+/// Progress of a render.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub(crate) struct State {
-    /// Seconds of all processes that worked on it.
+    /// Working time of all processes \[s\].
     pub(crate) elapsed: f64,
-    /// Why it ended; nothing while it has not.
+    /// Reason for the end of the render; `None` while it is not complete.
     pub(crate) stop: Option<StopReason>,
-    /// The course of a render that plans for itself.
+    /// State of the planning; `None` for a render with a given plan.
     pub(crate) course: Option<AdaptiveState>,
     pub(crate) planner: PlannerState,
     pub(crate) forecast: Option<Forecast>,
     pub(crate) stages: Vec<(Stage, f64)>,
-    /// Connections through covers that were sought, those that arrived, and the rays sent for them, up to the open round.
+    /// Connections through covers: those attempted, those that arrived, and the rays traced for them, up to the open
+    /// round.
     pub(crate) connections: [u64; 3],
     /// Column, row and index of the first invalid samples.
     pub(crate) invalid: Vec<[u32; 3]>,
 }
 
-/// The decisions of a render that plans for itself: with the film, its shares and the [`PlannerState`] all that the next one
-/// rests on. Whatever else comes to have a say in where samples go must be in here, or in [`State`].
+/// The decisions of an adaptive render. Together with the film, its shares and the [`PlannerState`] they determine all
+/// later decisions. Every further value that influences the distribution of samples must be stored here or in
+/// [`State`].
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(crate) struct AdaptiveState {
     pub(crate) schedule: Schedule,
-    /// What the current round is for.
+    /// The purpose of the current round.
     pub(crate) stage: Stage,
     pub(crate) work_per_sample: f64,
-    /// Seconds to keep for the end, but for the checkpoint.
+    /// Seconds reserved for the end, without the checkpoint.
     pub(crate) closing: f64,
-    /// Was the end rehearsed?
+    /// Has the dry run of the outputs been done?
     pub(crate) rehearsed: bool,
 }
 
 impl State {
-    /// The tally of connections; no number of a file makes it overflow.
+    /// The tally of connections. No number in a file makes it overflow.
     pub(crate) fn connections(&self) -> ConnectionTally {
         let [attempts, arrived, shots] = self.connections.map(|n| n.min(u64::MAX >> 8));
         ConnectionTally { attempts, arrived, shots }
@@ -109,7 +113,7 @@ impl State {
     }
 }
 
-/// A render that was stored.
+/// A stored render.
 pub(crate) struct Restored {
     pub(crate) state: State,
     pub(crate) shares: Option<Shares>,
@@ -131,12 +135,12 @@ pub(crate) fn load(path: &Path) -> Result<(Description, Checkpoint), Error> {
     Ok((description, checkpoint))
 }
 
-/// Keeps the checkpoint of a running render.
+/// Writes the checkpoints of a running render.
 pub(crate) struct CheckpointWriter {
     settings: CheckpointSettings,
     identity: RenderKey,
     samples: Option<Range<u32>>,
-    /// What a merge needs of a part.
+    /// Data of a part that a merge needs.
     recipe: Option<ExposureRecipe>,
     numbers: Option<[Plane<u32>; 2]>,
     size: (u32, u32),
@@ -145,13 +149,13 @@ pub(crate) struct CheckpointWriter {
 }
 
 struct Clock {
-    /// When the last checkpoint was finished, and how long it took.
+    /// Time at which the last checkpoint was complete, and its duration.
     last: Instant,
     took: Duration,
     fault: Option<String>,
 }
 
-/// What goes into the file beside the sums.
+/// Contents of the file beside the sums.
 #[derive(Clone, Copy)]
 pub(crate) struct Snapshot<'a> {
     pub(crate) state: &'a State,
@@ -163,7 +167,8 @@ pub(crate) struct Snapshot<'a> {
 pub(crate) type Rows<'a> = &'a mut dyn FnMut(Range<u32>, &mut Vec<PixelSums>);
 
 impl CheckpointWriter {
-    /// Locks and opens the checkpoint of a render that began at `started`: what is stored in it, if it exists.
+    /// Locks and opens the checkpoint of a render that began at `started`. Returns the stored render, if the file
+    /// exists.
     ///
     /// # Errors
     /// A file that cannot be read or written, that another process writes, or that belongs to another render.
@@ -202,37 +207,37 @@ impl CheckpointWriter {
         Ok((writer, saved))
     }
 
-    /// Seconds that writing once takes, as far as is known.
+    /// Expected duration of one write \[s\]: the duration of the last one, or an estimate before the first.
     pub(crate) fn expected_seconds(&self) -> f64 {
         self.clock.lock().map_or(0.0, |clock| clock.took.as_secs_f64())
     }
 
-    /// Stores this moment if enough time has passed since the last one, it will be done by the deadline, and nobody else is
-    /// about to.
+    /// Writes a checkpoint if enough time has passed since the last one, if the write will be complete by the deadline,
+    /// and if no other thread holds the writer.
     pub(crate) fn keep_if_due(&self, snapshot: Snapshot<'_>, deadline: Option<Instant>, rows: Rows<'_>) {
         let Ok(mut clock) = self.clock.try_lock() else { return };
         let is_due =
             clock.last.elapsed().as_secs_f64() >= self.settings.seconds.max(clock.took.as_secs_f64() / MAX_TIME);
         let is_in_time = deadline.is_none_or(|d| Instant::now() + clock.took.mul_f64(MARGIN) < d);
-        // Whoever asks for no pause at all, as tests do, gets one at every chance.
+        // With an interval of 0 s, as in tests, a checkpoint is written at every opportunity.
         if (is_due || self.settings.seconds == 0.0) && is_in_time {
             self.write(&mut clock, snapshot, rows);
         }
     }
 
-    /// Stores this moment.
+    /// Writes a checkpoint of the present state.
     pub(crate) fn keep(&self, snapshot: Snapshot<'_>, rows: Rows<'_>) {
         if let Ok(mut clock) = self.clock.lock() {
             self.write(&mut clock, snapshot, rows);
         }
     }
 
-    /// What went wrong when a checkpoint was written last; nothing if it is as it should be.
+    /// The error of the last write of a checkpoint; `None` if it succeeded.
     pub(crate) fn fault(self) -> Option<String> {
         self.clock.into_inner().ok().and_then(|c| c.fault)
     }
 
-    /// A checkpoint that cannot be written does not end the render: the last one stays, and what went wrong is remembered.
+    /// A failed write does not end the render. The previous checkpoint stays, and the error is stored.
     fn write(&self, clock: &mut Clock, snapshot: Snapshot<'_>, rows: Rows<'_>) {
         let began = Instant::now();
         let description = Description {
@@ -262,12 +267,12 @@ impl CheckpointWriter {
     }
 }
 
-/// A description as the file has it.
+/// A description as text, in the format of the file.
 pub(crate) fn text_of(description: &Description) -> std::io::Result<String> {
     serde_json::to_string(description).map_err(std::io::Error::other)
 }
 
-/// What the file holds, if it is of this render.
+/// Contents of the file, if it belongs to this render.
 fn stored(path: &Path, identity: &RenderKey, render: &RenderSettings) -> Result<Restored, Error> {
     let (description, stored) = load(path)?;
     let other = if description.samples != render.samples {
@@ -289,8 +294,8 @@ fn stored(path: &Path, identity: &RenderKey, render: &RenderSettings) -> Result<
     Ok(Restored { state: description.state, shares, target, film })
 }
 
-/// When a render would have begun without its pauses, and the seconds by which that lies before `started`. A clock that does
-/// not reach back so far leaves earlier processes out.
+/// The start of a render without its pauses, and the seconds from that start to `started`. If the clock does not reach
+/// back that far, the time of earlier processes is left out.
 pub(crate) fn began(started: Instant, earlier: f64) -> (Instant, f64) {
     let before = Duration::try_from_secs_f64(earlier).ok().and_then(|d| started.checked_sub(d));
     before.map_or((started, 0.0), |before| (before, earlier))

@@ -1,4 +1,4 @@
-//! What a render is told from others by: whether a checkpoint may be continued, and whether parts belong together.
+//! The render key: it decides whether a checkpoint may be continued, and whether parts belong to one render.
 
 use crate::settings::DenoiseSettings;
 use crate::settings::{Budget, RenderSettings, SensorChoice};
@@ -8,10 +8,11 @@ use dunkelfeld_sensor::ExposureNoise;
 use serde::{Deserialize, Serialize};
 use std::fmt::Debug;
 
-/// So many samples are rendered again before a render is taken up, to see that they still come out the same.
+/// Number of samples that are rendered again before a render is resumed, to verify that they have the same values.
 const PROBES: u64 = 64;
 
-/// Everything that the samples and the plan of a render depend on, by name: as it is where it is short, else its XXH3.
+/// All values on which the samples and the plan of a render depend, by name. A short value is stored as text, a long
+/// one as its XXH3.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub(crate) struct RenderKey(Vec<(String, String)>);
 
@@ -36,7 +37,7 @@ impl RenderKey {
                 SensorChoice::Emva { model, .. } => format!("{} ({})", model.spec().name, hex(&s.sensor)),
             };
             put("sensor or exposure", sensor);
-            // Whatever else there is, but for what changes no sample.
+            // All other settings, except those that change no sample.
             let rest = RenderSettings {
                 threads: 0,
                 replay: None,
@@ -54,7 +55,7 @@ impl RenderKey {
         Self(all)
     }
 
-    /// The first thing that differs, as a sentence; nothing if all is the same.
+    /// The first difference, as a sentence; `None` if the keys are equal.
     pub(crate) fn difference(&self, other: &Self) -> Option<String> {
         let value = |of: &Self, name: &str| of.0.iter().find(|(n, _)| n == name).map(|(_, v)| v.clone());
         let names = self.0.iter().chain(&other.0).map(|(name, _)| name);
@@ -67,7 +68,7 @@ impl RenderKey {
     }
 }
 
-/// A budget as one would say it. The text of a number tells it to the last bit.
+/// A budget in words. The text of a number is exact to the last bit.
 fn words(budget: &Budget) -> String {
     let Budget { seconds, spp, noise } = budget;
     let limits = [
@@ -87,14 +88,14 @@ fn is_digest(text: &str) -> bool {
     text.len() == 32 && text.bytes().all(|b| b.is_ascii_hexdigit())
 }
 
-/// What some samples bring back, all over the image: a program that was changed and kept its number shows here, and so does
-/// a machine that computes otherwise.
+/// Hash of a few samples, spread over the image. It detects a program that was changed without a new version number,
+/// and a machine that computes differently.
 fn probe(scene: &Scene, camera: &RayGenerator, s: &RenderSettings) -> String {
     let estimator = Estimator { scene, camera, width: s.width, seed: s.seed, frame: s.frame };
     let pixels = u64::from(s.width) * u64::from(s.height);
     let samples: Vec<_> = (0..PROBES)
         .map(|i| {
-            // The golden ratio spreads them (Weyl 1916).
+            // The golden ratio spreads the samples (Weyl 1916).
             let pixel = (u128::from(i.wrapping_mul(0x9e37_79b9_7f4a_7c15)) * u128::from(pixels)) >> 64;
             let (x, y) = ((pixel as u64 % u64::from(s.width)) as u32, (pixel as u64 / u64::from(s.width)) as u32);
             estimator.sample(PixelSample { x, y, index: (i % 7) as u32 })
