@@ -1,9 +1,7 @@
-//! The ladder of degenerate inputs: each must build quickly, validate, and answer as brute force does.
+//! The ladder of degenerate inputs: each must build, validate, and answer as brute force does.
 #![allow(clippy::unwrap_used)]
 
 mod common;
-
-use std::time::Instant;
 
 use common::{Random, Shape, random_soup};
 use dunkelfeld_geometry::{Ray, Vec3};
@@ -137,27 +135,24 @@ fn the_ladder() {
     }
 }
 
+/// A quadratic build of so many takes minutes for each case, so that the limit on all tests in `.ci/run` ends it.
 #[test]
-fn sixteen_thousand_copies_build_in_no_time() {
+fn a_hundred_thousand_copies_build() {
     let nested = |i: usize| {
         let s = 1.0 + i as f32 * 1e-3;
         [Vec3::new(-s, -s, -s), Vec3::new(s, s, -s), Vec3::new(0.0, s, s)]
     };
     let cases = [
-        ("copies", Shape::soup((0..16_000).map(|_| triangle_at(Vec3::ONE, 1.0)))),
+        ("copies", Shape::soup((0..100_000).map(|_| triangle_at(Vec3::ONE, 1.0)))),
         (
-            "a hundred places, 160 copies each",
-            Shape::soup((0..16_000).map(|i| triangle_at(Vec3::splat((i % 100) as f32), 1.0))),
+            "a hundred places, 1000 copies each",
+            Shape::soup((0..100_000).map(|i| triangle_at(Vec3::splat((i % 100) as f32), 1.0))),
         ),
-        ("boxes in boxes", Shape::soup((0..16_000).map(nested))),
+        ("boxes in boxes", Shape::soup((0..100_000).map(nested))),
     ];
     for (name, shape) in cases {
-        let start = Instant::now();
         let bvh = shape.bvh();
-        let took = start.elapsed().as_secs_f64();
         bvh.validate().unwrap();
-        // A quadratic build takes ten times this; the margin is for a busy machine.
-        assert!(took < 1.0, "{name}: {took} s");
         assert!(bvh.occluded(&Ray::new(Vec3::new(1.2, 1.2, -9.0), Vec3::Z)), "{name}");
     }
 }
