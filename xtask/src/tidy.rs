@@ -5,9 +5,13 @@
 //! file gathers the real input and prints what they find.
 
 mod arrows;
+mod import_cycles;
+mod module_tree;
 mod paths;
+mod sample_table;
 mod sources;
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
@@ -30,9 +34,11 @@ pub(crate) fn run() -> Result<(), String> {
     let architecture = read(&root, "ARCHITECTURE.md")?;
     faults.extend(arrows::check(&architecture, &arrows::packages(&metadata)?));
     faults.extend(paths::check(&architecture, |path| root.join(path).exists()));
+    faults.extend(sample_table::check(&architecture, |path| root.join(path).is_file()));
 
     let tracked = output(Command::new("git").arg("-C").arg(&root).args(["ls-files", "-z"]))?;
     let mut files = 0;
+    let mut crates: BTreeMap<String, Vec<(String, String)>> = BTreeMap::new();
     for name in tracked.split('\0').filter(|n| !n.is_empty()) {
         let path = root.join(name);
         // Deleted in the working tree but still in the index: nothing to look at.
@@ -51,7 +57,11 @@ pub(crate) fn run() -> Result<(), String> {
             println!("warning: {warning}");
         }
         faults.extend(found.faults);
+        if let Some((folder, path)) = name.split_once("/src/").filter(|(_, path)| path.ends_with(".rs")) {
+            crates.entry(folder.to_owned()).or_default().push((path.to_owned(), text));
+        }
     }
+    faults.extend(crates.iter().flat_map(|(folder, files)| import_cycles::check(folder, files)));
     if faults.is_empty() {
         println!("tidy: {files} files, nothing to complain about");
         return Ok(());

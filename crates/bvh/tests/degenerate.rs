@@ -1,9 +1,7 @@
-//! Degenerate inputs: each must build quickly, validate, and have the same hits as brute force.
+//! Degenerate inputs: each must build, validate, and have the same hits as brute force.
 #![allow(clippy::unwrap_used)]
 
 mod common;
-
-use std::time::Instant;
 
 use common::{Random, Shape, random_soup};
 use dunkelfeld_geometry::{Ray, Vec3};
@@ -78,7 +76,7 @@ fn ladder() -> Vec<(&'static str, Shape)> {
     ]
 }
 
-/// Rays in degenerate positions.
+/// Rays that ask for trouble.
 fn rays(shape: &Shape) -> Vec<Ray> {
     let (p, inf) = (shape.positions[0], f32::INFINITY);
     let inside = Vec3::new(0.1, 0.2, 0.3);
@@ -117,7 +115,7 @@ fn the_ladder() {
             } else if name != "at the end of the numbers" {
                 shape.assert_agrees(&bvh, &ray);
             } else {
-                // Differences of coordinates overflow. No result is correct, but the query must return.
+                // Differences of coordinates overflow: no answer is right, but there must be one.
                 let _ = (bvh.closest_hit(&ray), bvh.occluded(&ray));
             }
         }
@@ -137,27 +135,24 @@ fn the_ladder() {
     }
 }
 
+/// A quadratic build of so many takes minutes for each case, so that the limit on all tests in `.ci/run` ends it.
 #[test]
-fn sixteen_thousand_copies_build_in_no_time() {
+fn a_hundred_thousand_copies_build() {
     let nested = |i: usize| {
         let s = 1.0 + i as f32 * 1e-3;
         [Vec3::new(-s, -s, -s), Vec3::new(s, s, -s), Vec3::new(0.0, s, s)]
     };
     let cases = [
-        ("copies", Shape::soup((0..16_000).map(|_| triangle_at(Vec3::ONE, 1.0)))),
+        ("copies", Shape::soup((0..100_000).map(|_| triangle_at(Vec3::ONE, 1.0)))),
         (
-            "a hundred places, 160 copies each",
-            Shape::soup((0..16_000).map(|i| triangle_at(Vec3::splat((i % 100) as f32), 1.0))),
+            "a hundred places, 1000 copies each",
+            Shape::soup((0..100_000).map(|i| triangle_at(Vec3::splat((i % 100) as f32), 1.0))),
         ),
-        ("boxes in boxes", Shape::soup((0..16_000).map(nested))),
+        ("boxes in boxes", Shape::soup((0..100_000).map(nested))),
     ];
     for (name, shape) in cases {
-        let start = Instant::now();
         let bvh = shape.bvh();
-        let took = start.elapsed().as_secs_f64();
         bvh.validate().unwrap();
-        // A quadratic build takes ten times this; the margin is for a busy machine.
-        assert!(took < 1.0, "{name}: {took} s");
         assert!(bvh.occluded(&Ray::new(Vec3::new(1.2, 1.2, -9.0), Vec3::Z)), "{name}");
     }
 }

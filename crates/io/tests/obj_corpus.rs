@@ -1,11 +1,10 @@
-//! Every OBJ file of a corpus loads or is refused with a reason; none panics or takes long. The folder comes from
+//! Every OBJ file of a corpus loads or is refused with a reason; none panics. The folder comes from
 //! `DUNKELFELD_CORPUS`; without it there is nothing to do.
 
 use dunkelfeld_io::import::ImportOptions;
 use dunkelfeld_io::obj::load_obj;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
-use std::time::Instant;
 
 fn obj_files(folder: &Path, found: &mut Vec<PathBuf>) {
     let Ok(entries) = std::fs::read_dir(folder) else { return };
@@ -30,7 +29,6 @@ fn the_corpus_is_read_or_refused() {
     assert!(!files.is_empty(), "no OBJ file in {}", Path::new(&folder).display());
     let (mut loaded, mut refused, mut failures) = (0, 0, Vec::new());
     for path in &files {
-        let start = Instant::now();
         let outcome = catch_unwind(AssertUnwindSafe(|| load_obj(path, &ImportOptions::default())));
         let name = path.strip_prefix(&folder).unwrap_or(path).display();
         match outcome {
@@ -50,9 +48,6 @@ fn the_corpus_is_read_or_refused() {
                 println!("refused {name}: {}", error.problem);
             }
             Err(_) => failures.push(format!("{name} panicked")),
-        }
-        if start.elapsed().as_secs() >= 10 {
-            failures.push(format!("{name} took {:?}", start.elapsed()));
         }
     }
     println!("OBJ corpus: {loaded} loaded, {refused} refused, {} failed", failures.len());

@@ -97,7 +97,7 @@ fn has_word(line: &str, word: &str) -> bool {
 }
 
 /// The text with comments, strings and character literals blanked out, line by line the same.
-fn without_comments_and_strings(text: &str) -> String {
+pub(super) fn without_comments_and_strings(text: &str) -> String {
     let chars: Vec<char> = text.chars().collect();
     let at = |i: usize| chars.get(i).copied().unwrap_or('\0');
     let mut out = String::with_capacity(text.len());

@@ -268,20 +268,19 @@ fn fan(triangles: usize, degenerate: bool, uv: impl Fn(f32) -> [f32; 2]) -> Asse
 
 #[test]
 fn tangents_of_large_fans_neither_hang_nor_overflow_the_stack() {
-    // A pole with a seam at every triangle, degenerate triangles, and one vertex of 50 000 triangles: each is quadratic
-    // in a plain implementation, or recurses once per triangle.
-    let start = std::time::Instant::now();
+    // A pole with a seam at every triangle, degenerate triangles, and one vertex of 200 000 triangles: a plain
+    // implementation takes minutes for each, because it is quadratic, or recurses once per triangle. The limit on all tests
+    // in `.ci/run` ends it.
     for (a, has_tangents) in [
-        (fan(50_000, false, |t| [t, 0.0]), true),
-        (fan(50_000, true, |t| [t, 0.0]), true),
-        (fan(50_000, false, |_| [0.5, 0.0]), false),
+        (fan(200_000, false, |t| [t, 0.0]), true),
+        (fan(200_000, true, |t| [t, 0.0]), true),
+        (fan(200_000, false, |_| [0.5, 0.0]), false),
         (fan(2_000, false, |_| [0.5, 0.0]), true),
     ] {
         let imported = a.load().expect("loads");
         assert_eq!(!imported.scene.meshes[0].mesh.tangents.is_empty(), has_tangents);
         assert_eq!(warns(&imported, &["too many triangles share"]), !has_tangents);
     }
-    assert!(start.elapsed().as_secs() < 30, "{:?}", start.elapsed());
 }
 
 /// The next value of a 64-bit linear congruential generator (Knuth), its high half.
