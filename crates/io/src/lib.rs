@@ -1,42 +1,23 @@
 //! Files in, files out: the only crate that opens any.
+//!
+//! | folder | contents |
+//! |---|---|
+//! | [`import`] | scenes: glTF, OBJ and MTL, IES profiles, textures |
+//! | [`formats`] | EXR, PNG, TIFF, layers, checkpoints, EMVA 1288 descriptors |
+//! | [`config`] | jobs and sensors in TOML, quantities with units |
+//! | [`files`] | opening with limits, atomic writing, locks, folders of results |
 
 #![forbid(unsafe_code)]
 
-pub mod atomic;
-pub mod checkpoint;
-pub mod emva_descriptor;
+pub mod config;
 pub mod error;
-pub mod exr;
-#[cfg(test)]
-mod fault_tests;
-mod faults;
-pub mod gltf;
-pub mod gray;
-pub mod ies;
-mod image_store;
-pub mod images;
+pub mod files;
+pub mod formats;
 pub mod import;
-mod import_options;
-pub mod input;
-pub mod job;
-pub mod layers;
-pub mod libraries;
-pub mod loader;
-pub mod lock;
-pub mod names;
-pub mod new_folder;
-pub mod obj;
-mod partial;
-pub mod picture;
-pub mod png;
-pub mod process;
-pub mod quantity;
-pub mod results;
-pub mod sensor_file;
-mod texel_budget;
-pub mod tiff;
-pub mod toml_file;
 pub mod visible;
-mod warnings;
 
+pub use config::{job, quantity, sensor_file, toml_file};
 pub use error::{ImportWarning, InputError, SourceSpan};
+pub use files::{atomic, input, lock, names, new_folder, process, results};
+pub use formats::{checkpoint, emva_descriptor, exr, gray, layers, picture, png, tiff};
+pub use import::{gltf, ies, images, libraries, loader, obj};

@@ -1,0 +1,588 @@
+//! The job file: everything about one render in one TOML text. The doc comments of the fields are its reference.
+//!
+//! ```toml
+//! scene = "inspection.glb"
+//! camera = "above"
+//!
+//! [film]
+//! width = 1024
+//! height = 1024
+//!
+//! [budget]
+//! time = "20s"
+//!
+//! [sensor]
+//! model = "imx250"
+//! exposure = "auto"
+//!
+//! [[material]]
+//! name = "cover"
+//! ior = 1.49
+//!
+//! [[light]]
+//! name = "rear light"
+//! power = "3W"
+//! ```
+//!
+//! Unknown keys are errors. Times, lengths, angles and powers carry their unit (`"5ms"`, `"12mm"`, `"30deg"`, `"3W"`);
+//! colours are linear Rec. 709, `[r, g, b]` or one number for all three.
+
+pub(crate) mod check;
+mod lens;
+mod lights;
+mod overrides;
+
+pub use lens::{LensProjection, LensSettings};
+
+use crate::error::InputError;
+use crate::import::options::{EmissiveUnit, ImportOptions};
+use crate::input::{InputFiles, Role};
+use crate::loader::Limits;
+use crate::names::suggestion;
+use crate::toml_file::TomlFile;
+use dunkelfeld_adaptive::Strategy;
+use dunkelfeld_denoise::{DenoiseMethod, DenoiseSettings};
+use dunkelfeld_radiometry::{Number, Rgb, Seconds};
+use dunkelfeld_scene::SceneBuilder;
+use dunkelfeld_sensor::ExposureNoise;
+use serde::Deserialize;
+use serde::de::{Deserializer, Error};
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+/// The preset of a render that says nothing about its sensor.
+pub const DEFAULT_SENSOR: &str = "imx250";
+
+/// A job. Input paths in it are resolved (relative ones against the job file's folder); output paths are as written, so
+/// relative to the current folder.
+#[derive(Clone, Debug, Default, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Job {
+    /// The scene file (`.glb`, `.gltf`, `.obj`), relative to the job file. Required.
+    pub scene: PathBuf,
+    /// Name of the camera; by default the scene's first, or a framing of the whole scene if it has none.
+    pub camera: Option<String>,
+    /// Seed of all random numbers; the same seed gives the same image. Default 0.
+    #[serde(default)]
+    pub seed: u64,
+    /// Number of the frame; frames of one seed have independent noise. Default 0.
+    #[serde(default)]
+    pub frame: u32,
+    /// How the scene file is understood.
+    #[serde(default)]
+    pub import: ImportSettings,
+    /// The lens before the sensor.
+    #[serde(default)]
+    pub lens: LensSettings,
+    /// Size of the image.
+    #[serde(default)]
+    pub film: FilmSettings,
+    /// When to stop.
+    #[serde(default)]
+    pub budget: BudgetSettings,
+    /// Where samples go.
+    #[serde(default)]
+    pub allocate: AllocateSettings,
+    /// The camera's sensor.
+    #[serde(default)]
+    pub sensor: SensorSettings,
+    /// What the transport of light models.
+    #[serde(default)]
+    pub render: TransportSettings,
+    /// What the picture is denoised with.
+    #[serde(default)]
+    pub denoise: DenoiseSettings,
+    /// Files to write.
+    #[serde(default)]
+    pub output: OutputSettings,
+    /// Light from all around; replaces that of the scene.
+    pub environment: Option<EnvironmentSettings>,
+    /// `[[material]]`: changes to materials, applied in order.
+    #[serde(default, rename = "material")]
+    pub materials: Vec<MaterialOverride>,
+    /// `[[light]]`: changes to lights, applied in order, after those to materials.
+    #[serde(default, rename = "light")]
+    pub lights: Vec<LightOverride>,
+    /// The text that this job was read from, for errors that are found later.
+    #[serde(skip)]
+    source: TomlFile,
+    #[serde(skip)]
+    inputs: InputFiles,
+}
+
+/// `[import]`
+#[derive(Clone, Debug, Default, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ImportSettings {
+    /// Unit of the emissive factors of a glTF file: `"nit"` (as the format says; default) or `"W/(m2 sr)"`. OBJ's `Ke` is
+    /// always W/(m^2 sr).
+    #[serde(default, deserialize_with = "check::emissive_unit")]
+    pub emissive_unit: EmissiveUnit,
+    /// Most memory \[B\] that all images of the scene and of the environment may take together once they are decoded; written
+    /// as `"2GiB"`. By default 1 GiB, see [`Limits`].
+    #[serde(default, deserialize_with = "check::memory")]
+    pub texture_memory: Option<u64>,
+}
+
+/// `[film]`
+#[derive(Clone, Debug, Default, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct FilmSettings {
+    /// Width in pixels, 1 to 32768.
+    #[serde(deserialize_with = "check::pixels")]
+    pub width: Option<u32>,
+    /// Height in pixels, 1 to 32768.
+    #[serde(deserialize_with = "check::pixels")]
+    pub height: Option<u32>,
+    /// Side of a pixel \[m\] on the sensor, written as `"3.45um"`; what a focal length is measured against. By default
+    /// that of the sensor model.
+    #[serde(deserialize_with = "check::positive_length")]
+    pub pixel_pitch: Option<f64>,
+    /// Width \[m\] of the film on the sensor, whatever the number of pixels; instead of `pixel_pitch`.
+    #[serde(deserialize_with = "check::positive_length")]
+    pub sensor_width: Option<f64>,
+    /// Height \[m\] of the film on the sensor; instead of `pixel_pitch`.
+    #[serde(deserialize_with = "check::positive_length")]
+    pub sensor_height: Option<f64>,
+}
+
+/// `[budget]`: with several rules the first to be met stops.
+#[derive(Clone, Debug, Default, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct BudgetSettings {
+    /// Wall clock for the whole command, from start to files written: `"20s"`, `"2min"`.
+    #[serde(deserialize_with = "check::duration")]
+    pub time: Option<Duration>,
+    /// Mean number of samples per pixel, above 0, at most 1e9.
+    #[serde(deserialize_with = "check::spp")]
+    pub spp: Option<f64>,
+    /// The k at which 99 % of the unsaturated pixels shall be hidden beneath the sensor's noise.
+    #[serde(deserialize_with = "check::noise")]
+    pub noise: Option<f64>,
+    /// The most memory \[bytes\] that the run may need: `"6GB"`. Beyond it the run does not begin.
+    #[serde(deserialize_with = "check::memory")]
+    pub memory: Option<u64>,
+}
+
+/// `[allocate]`
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct AllocateSettings {
+    /// `"uniform"`, `"sobel"`, `"variance"` or `"sensor"`. By default `"sensor"` with a sensor, `"sobel"` without.
+    pub strategy: Option<Strategy>,
+    /// Samples per pixel of the uniform pilot that the plan is made from. Default 16.
+    #[serde(deserialize_with = "check::pilot_spp")]
+    pub pilot_spp: u32,
+    /// No pixel's Sobel magnitude counts for less than this share of the image's mean magnitude, 0 to 1: the least that
+    /// regions without edges get. Default 0.25.
+    #[serde(deserialize_with = "check::share")]
+    pub floor: f64,
+}
+
+impl Default for AllocateSettings {
+    fn default() -> Self {
+        Self { strategy: None, pilot_spp: 16, floor: 0.25 }
+    }
+}
+
+/// `[sensor]`
+#[derive(Clone, Debug, Default, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct SensorSettings {
+    /// Name of a preset (default [`DEFAULT_SENSOR`]), path of a sensor file (`"mine.toml"`, relative to the job file), or
+    /// `"none"`: radiance to 8 bits, clipped at one.
+    pub model: SensorChoice,
+    /// Exposure time (`"5ms"`), or `"auto"` (default): the 99.5 % quantile at 90 % of saturation.
+    pub exposure: Exposure,
+    /// `"plain"` (default): all of the camera's noise; `"matched"`: of it only what the render does not have already.
+    pub exposure_noise: ExposureNoise,
+}
+
+/// Which sensor.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum SensorChoice {
+    /// No sensor.
+    None,
+    /// A preset by name.
+    Preset(String),
+    /// A sensor file.
+    File(PathBuf),
+}
+
+impl Default for SensorChoice {
+    fn default() -> Self {
+        Self::Preset(DEFAULT_SENSOR.into())
+    }
+}
+
+impl<'de> Deserialize<'de> for SensorChoice {
+    fn deserialize<D: Deserializer<'de>>(d: D) -> Result<Self, D::Error> {
+        let text = String::deserialize(d)?;
+        match text.trim() {
+            "" => Err(D::Error::custom("the sensor's name is empty; write a preset, a file, or \"none\"")),
+            "none" => Ok(Self::None),
+            name if name.to_ascii_lowercase().ends_with(".toml") => Ok(Self::File(PathBuf::from(name))),
+            name => Ok(Self::Preset(name.to_string())),
+        }
+    }
+}
+
+/// How long light is gathered.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum Exposure {
+    /// Chosen so that the 99.5 % quantile of the image reaches 90 % of saturation.
+    #[default]
+    Auto,
+    /// Seconds, above zero.
+    Seconds(f64),
+}
+
+impl<'de> Deserialize<'de> for Exposure {
+    fn deserialize<D: Deserializer<'de>>(d: D) -> Result<Self, D::Error> {
+        #[derive(Deserialize)]
+        #[serde(untagged)]
+        enum Written {
+            Text(String),
+            Seconds(f64),
+        }
+        let seconds = match Written::deserialize(d)? {
+            Written::Text(text) if text.trim() == "auto" => return Ok(Self::Auto),
+            Written::Text(text) => f64::from(text.parse::<crate::quantity::Time>().map_err(D::Error::custom)?),
+            Written::Seconds(v) => v,
+        };
+        // What the sensor takes: also a number so small that its digits are lost is refused here, where the line is known.
+        if dunkelfeld_sensor::Exposure::new(Seconds(seconds)).is_ok() {
+            return Ok(Self::Seconds(seconds));
+        }
+        Err(D::Error::custom(format!(
+            "{} s is out of range; write a time above zero such as \"5ms\", or \"auto\"",
+            Number(seconds)
+        )))
+    }
+}
+
+/// `[render]`
+#[derive(Clone, Debug, Default, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct TransportSettings {
+    /// Gives rough metal, glass and sheets back the light that the microfacet model loses between facets (Turquin 2019).
+    /// Default false: the model of other renderers.
+    pub energy_compensation: bool,
+}
+
+/// `[output]`: paths relative to the current folder; what is absent is not written.
+#[derive(Clone, Debug, Default, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct OutputSettings {
+    /// 8-bit PNG with gamma 2.2.
+    pub image: Option<PathBuf>,
+    /// 16-bit linear image, `.png` or `.tif`.
+    pub linear: Option<PathBuf>,
+    /// EXR with mean, variance and the other planes.
+    pub exr: Option<PathBuf>,
+    /// Statistics, JSON.
+    pub stats: Option<PathBuf>,
+    /// The plan of samples per pixel, for a replay.
+    pub plan: Option<PathBuf>,
+}
+
+/// `[environment]`: exactly one of `radiance` and `image`.
+#[derive(Clone, Debug, Default, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct EnvironmentSettings {
+    /// The same radiance [W/(m^2 sr)] from everywhere.
+    #[serde(deserialize_with = "check::light")]
+    pub radiance: Option<Rgb>,
+    /// An equirectangular HDR or EXR image, relative to the job file: +y up, its centre looks along -z.
+    pub image: Option<PathBuf>,
+    /// Multiplies the image to give radiance [W/(m^2 sr)]. Default 1.
+    #[serde(deserialize_with = "check::light")]
+    pub scale: Option<Rgb>,
+    /// Turns the image about the +y axis \[rad\]; written as `"90deg"`. Default 0.
+    #[serde(deserialize_with = "check::angle")]
+    pub rotation: Option<f32>,
+}
+
+/// `[[material]]`: what is given replaces the factor of that name; textures go on multiplying it.
+#[derive(Clone, Debug, Default, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MaterialOverride {
+    /// Name of the material, or a pattern with `*` (any characters) and `?` (any one).
+    pub name: String,
+    /// `false` drops all textures of the material first.
+    pub textures: Option<bool>,
+    /// Base colour, 0 to 1.
+    #[serde(default, deserialize_with = "check::color")]
+    pub base_color: Option<Rgb>,
+    /// Coverage, 0 to 1.
+    #[serde(default, deserialize_with = "check::unit")]
+    pub alpha: Option<f32>,
+    /// `"opaque"`, `"mask"` or `"blend"`.
+    pub alpha_mode: Option<AlphaKind>,
+    /// Threshold of `alpha_mode = "mask"`, 0 to 1. Default 0.5.
+    #[serde(default, deserialize_with = "check::unit")]
+    pub alpha_cutoff: Option<f32>,
+    /// 0 dielectric to 1 metal.
+    #[serde(default, deserialize_with = "check::unit")]
+    pub metallic: Option<f32>,
+    /// Perceptual roughness, 0 to 1.
+    #[serde(default, deserialize_with = "check::unit")]
+    pub roughness: Option<f32>,
+    /// Scales the normal map.
+    #[serde(default, deserialize_with = "check::factor")]
+    pub normal_scale: Option<f32>,
+    /// Emitted radiance [W/(m^2 sr)].
+    #[serde(default, deserialize_with = "check::light")]
+    pub emission: Option<Rgb>,
+    /// Does it emit on both sides?
+    pub double_sided: Option<bool>,
+    /// Emits its base colour and scatters nothing.
+    pub unlit: Option<bool>,
+    /// Index of refraction, 1 to 10.
+    #[serde(default, deserialize_with = "check::ior")]
+    pub ior: Option<f32>,
+    /// Strength of the dielectric reflection, 0 to 1.
+    #[serde(default, deserialize_with = "check::unit")]
+    pub specular: Option<f32>,
+    /// Tint of the dielectric reflection.
+    #[serde(default, deserialize_with = "check::color")]
+    pub specular_color: Option<Rgb>,
+    /// How far the dielectric reflection takes the base colour's hue, 0 to 1.
+    #[serde(default, deserialize_with = "check::unit")]
+    pub specular_tint: Option<f32>,
+    /// Share of the non-metallic light that passes through, 0 to 1.
+    #[serde(default, deserialize_with = "check::unit")]
+    pub transmission: Option<f32>,
+    /// Share of the diffuse light that comes out on the other side, 0 to 1.
+    #[serde(default, deserialize_with = "check::unit")]
+    pub diffuse_transmission: Option<f32>,
+    /// Colour of that light.
+    #[serde(default, deserialize_with = "check::color")]
+    pub diffuse_transmission_color: Option<Rgb>,
+    /// `true`: the closed boundary of a solid that refracts, absorbs and scatters; `false`: a thin sheet.
+    pub solid: Option<bool>,
+    /// Where solids touch or overlap the highest priority counts; of equal ones the smaller solid. Default 0.
+    #[serde(default, deserialize_with = "check::priority")]
+    pub priority: Option<i32>,
+    /// Colour of white light after `attenuation_distance` in the solid, each channel above 0.
+    #[serde(default, deserialize_with = "check::positive_color")]
+    pub attenuation_color: Option<Rgb>,
+    /// Distance \[m\] for `attenuation_color`; written as `"2mm"`.
+    #[serde(default, deserialize_with = "check::distance")]
+    pub attenuation_distance: Option<f32>,
+    /// The share of this attenuation that is scattered rather than absorbed, 0 to 1: the single-scattering albedo.
+    #[serde(default, deserialize_with = "check::color")]
+    pub scattering_albedo: Option<Rgb>,
+    /// Absorption coefficient of the solid [1/m], in place of what attenuation says; written as `"0.5/mm"`.
+    #[serde(default, deserialize_with = "check::coefficient")]
+    pub absorption: Option<Rgb>,
+    /// Scattering coefficient of the solid [1/m], in place of what attenuation says; written as `"0.5/mm"`.
+    #[serde(default, deserialize_with = "check::coefficient")]
+    pub scattering: Option<Rgb>,
+    /// Mean cosine g of the deflection by scattering (Henyey and Greenstein), -0.9999 to 0.9999.
+    #[serde(default, deserialize_with = "check::mean_cosine")]
+    pub scattering_anisotropy: Option<f32>,
+    /// Strength of a clear coat, 0 to 1.
+    #[serde(default, deserialize_with = "check::unit")]
+    pub clearcoat: Option<f32>,
+    /// Roughness of the clear coat, 0 to 1.
+    #[serde(default, deserialize_with = "check::unit")]
+    pub clearcoat_roughness: Option<f32>,
+    /// Sheen colour, 0 to 1.
+    #[serde(default, deserialize_with = "check::color")]
+    pub sheen_color: Option<Rgb>,
+    /// Sheen roughness, 0 to 1.
+    #[serde(default, deserialize_with = "check::unit")]
+    pub sheen_roughness: Option<f32>,
+    /// Anisotropy, -1 to 1; positive stretches highlights along the tangent.
+    #[serde(default, deserialize_with = "check::signed_unit")]
+    pub anisotropy: Option<f32>,
+    /// Rotation of the anisotropy's axis \[rad\]; written as `"30deg"`.
+    #[serde(default, deserialize_with = "check::angle")]
+    pub anisotropy_rotation: Option<f32>,
+}
+
+/// `alpha_mode` of a material.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum AlphaKind {
+    /// Covers fully.
+    Opaque,
+    /// Covers where alpha reaches the cutoff.
+    Mask,
+    /// Covers stochastically.
+    Blend,
+}
+
+/// `[[light]]`: at most one of `radiance`, `power`, `intensity` and `irradiance`.
+///
+/// The name is looked for among lights without extent, then among objects (nodes) with an emissive material, then among
+/// emissive materials, then among all objects and all materials; the first that has it counts. An object that shares its
+/// mesh or material with others gets its own copy.
+#[derive(Clone, Debug, Default, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct LightOverride {
+    /// Name, or a pattern with `*` and `?`.
+    pub name: String,
+    /// `false` switches it off. Default true.
+    #[serde(default = "yes")]
+    pub enabled: bool,
+    /// An IES file (ANSI/IES LM-63, type C), relative to the job file: it replaces the distribution and strength of a
+    /// point or spot light, whose hue stays. The nadir of the file lies along the light's -z, its zero plane along +x.
+    pub ies: Option<PathBuf>,
+    /// Emitted radiance [W/(m^2 sr)] of a surface.
+    #[serde(default, deserialize_with = "check::light")]
+    pub radiance: Option<Rgb>,
+    /// Radiant power \[W\] of each light that the name stands for, as the mean of the channels; the colour stays as it is
+    /// (white if it was black). Not for parallel light.
+    #[serde(default, deserialize_with = "check::power")]
+    pub power: Option<f64>,
+    /// Radiant intensity \[W/sr\] of a point light, of a spot light on its axis, of an IES profile where it is brightest.
+    #[serde(default, deserialize_with = "check::light")]
+    pub intensity: Option<Rgb>,
+    /// Irradiance [W/m^2] of a parallel light on a surface that faces it.
+    #[serde(default, deserialize_with = "check::light")]
+    pub irradiance: Option<Rgb>,
+}
+
+fn yes() -> bool {
+    true
+}
+
+impl Job {
+    /// Reads a job file.
+    ///
+    /// # Errors
+    /// If the file cannot be read, or says something wrong: with line and caret.
+    pub fn from_file(path: &Path) -> Result<Self, InputError> {
+        let mut inputs = InputFiles::new();
+        let file = TomlFile::read(path, Role::Job, &mut inputs)?;
+        let mut job = Self::from_toml(file)?;
+        inputs.extend(&job.inputs);
+        job.inputs = inputs;
+        Ok(job)
+    }
+
+    /// Reads a job from a text; `path` stands in messages, and its folder is what input paths are relative to.
+    ///
+    /// # Errors
+    /// If the text says something wrong.
+    pub fn from_text(path: impl Into<PathBuf>, text: impl Into<String>) -> Result<Self, InputError> {
+        Self::from_toml(TomlFile::from_text(path, text))
+    }
+
+    fn from_toml(file: TomlFile) -> Result<Self, InputError> {
+        let mut job: Self = file.parse()?;
+        if job.scene.as_os_str().is_empty() {
+            return Err(file.error_at_key(&["scene"], "the scene's path is empty", "name a .glb, .gltf or .obj file"));
+        }
+        job.scene = file.resolve(&job.scene);
+        if let SensorChoice::File(path) = &mut job.sensor.model {
+            *path = file.resolve(&path);
+        }
+        lens::check_film(&job.film)
+            .and_then(|()| lens::check_lens(&job.lens, &job.film, &job.sensor.model))
+            .map_err(|(key, problem, help)| file.error_at_key(&key, problem, help))?;
+        for key in ["exposure", "exposure_noise"].map(|key| ["sensor", key]) {
+            if job.sensor.model == SensorChoice::None && file.has_key(&key) {
+                let problem = "there is no sensor to expose";
+                return Err(file.error_at_key(&key, problem, "name a [sensor] model, or remove this"));
+            }
+        }
+        if let Some(environment) = &mut job.environment {
+            let (radiance, image) = (environment.radiance.is_some(), environment.image.is_some());
+            if radiance == image {
+                let problem =
+                    if image { "`radiance` and `image` exclude each other" } else { "the environment is empty" };
+                return Err(file.error_at_key(&["environment"], problem, "write either `radiance` or `image`"));
+            }
+            if let Some(key) = [("scale", environment.scale.is_some()), ("rotation", environment.rotation.is_some())]
+                .iter()
+                .find_map(|(key, given)| (radiance && *given).then_some(key))
+            {
+                let problem = format!("`{key}` says nothing about a constant radiance");
+                return Err(file.error_at_key(&["environment", key], problem, "remove it, or give an image"));
+            }
+            environment.image = environment.image.as_ref().map(|path| file.resolve(path));
+        }
+        if job.denoise.oidn.is_some() && matches!(job.denoise.method, DenoiseMethod::Off | DenoiseMethod::Builtin) {
+            let problem = "the library is not used by this method";
+            return Err(file.error_at_key(&["denoise", "oidn"], problem, "write `method = \"oidn\"`, or remove this"));
+        }
+        job.denoise.oidn = job.denoise.oidn.as_ref().map(|path| file.resolve(path));
+        for light in &mut job.lights {
+            light.ies = light.ies.as_ref().map(|path| file.resolve(path));
+        }
+        job.inputs = job.named_inputs();
+        job.source = file;
+        job.check_overrides()?;
+        Ok(job)
+    }
+
+    /// The files that the job names to be read, whether they can be or not, and its own if it was read from one.
+    pub fn inputs(&self) -> &InputFiles {
+        &self.inputs
+    }
+
+    fn named_inputs(&self) -> InputFiles {
+        let mut inputs = InputFiles::new();
+        inputs.add(&self.scene, Role::Scene);
+        if let SensorChoice::File(path) = &self.sensor.model {
+            inputs.add(path, Role::Sensor);
+        }
+        if let Some(path) = self.environment.as_ref().and_then(|e| e.image.as_ref()) {
+            inputs.add(path, Role::Environment);
+        }
+        self.lights.iter().flat_map(|light| &light.ies).for_each(|path| inputs.add(path, Role::LightProfile));
+        inputs
+    }
+
+    /// How the scene file is to be read.
+    pub fn import_options(&self) -> ImportOptions {
+        let mut limits = Limits::default();
+        if let Some(bytes) = self.import.texture_memory {
+            limits.total_image_bytes = bytes;
+            limits.image_bytes = bytes.max(limits.image_bytes);
+        }
+        ImportOptions { limits, emissive_unit: self.import.emissive_unit, ..ImportOptions::default() }
+    }
+
+    /// An error of reading [`Job::scene`]: if there is no such file to read at all, the job's line is at fault.
+    pub fn scene_error(&self, error: InputError) -> InputError {
+        if error.file != self.scene || !["file", "file name"].contains(&error.place.as_str()) {
+            return error;
+        }
+        let name = self.scene.display().to_string();
+        let problem = if error.problem.contains(&name) { error.problem } else { format!("{name}: {}", error.problem) };
+        self.source.error_at_key(&["scene"], problem, error.help)
+    }
+
+    /// An error of reading the sensor that `[sensor] model` names: if there is no such preset or file to read at all, the job's line is
+    /// at fault.
+    pub fn sensor_error(&self, error: InputError) -> InputError {
+        if !["file", "the file", "the sensor"].contains(&error.place.as_str()) {
+            return error;
+        }
+        let problem = format!("{}: {}", error.file.display(), error.problem);
+        self.source.error_at_key(&["sensor", "model"], problem, error.help)
+    }
+
+    /// An error about a key of `[lens]` that is found only where lens, film and scene meet.
+    pub fn lens_error(&self, key: &str, problem: impl Into<String>, help: impl Into<String>) -> InputError {
+        self.source.error_at_key(&["lens", key], problem, help)
+    }
+
+    /// Index of the camera that the job names; `None` if it names none.
+    ///
+    /// # Errors
+    /// If the scene has no camera of that name.
+    pub fn camera_index(&self, scene: &SceneBuilder) -> Result<Option<usize>, InputError> {
+        let Some(name) = &self.camera else { return Ok(None) };
+        let found = scene.cameras.iter().position(|c| c.name == *name);
+        found.map(Some).ok_or_else(|| {
+            let known: Vec<&str> = scene.cameras.iter().map(|c| c.name.as_str()).collect();
+            let problem = format!("the scene has no camera named \"{name}\"");
+            self.source.error_at_key(&["camera"], problem, suggestion(name, "cameras", &known))
+        })
+    }
+}

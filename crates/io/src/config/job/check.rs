@@ -1,0 +1,418 @@
+//! Readers for the fields of a job that refuse values out of range; the TOML layer adds line and caret to what they say.
+
+use crate::import::options::EmissiveUnit;
+use crate::quantity::{Angle, Length, Memory, PerLength, Power, Time};
+use dunkelfeld_radiometry::{Number, Rgb};
+use dunkelfeld_scene::{Distortion, Vignetting};
+use serde::Deserialize;
+use serde::de::{Deserializer, Error, SeqAccess, Visitor};
+use std::fmt;
+use std::time::Duration;
+
+/// A number of pixels along one side.
+pub(super) fn pixels<'de, D: Deserializer<'de>>(d: D) -> Result<Option<u32>, D::Error> {
+    whole(d, 1, 32_768).map(Some)
+}
+
+/// Samples per pixel on average, as `--spp` takes them.
+pub(super) fn spp<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f64>, D::Error> {
+    let v = d.deserialize_any(AnyNumber)?;
+    if v > 0.0 && v <= 1e9 {
+        return Ok(Some(v));
+    }
+    Err(D::Error::custom(format!("{} is out of range; write a number above zero and up to 1e9, such as 64", Number(v))))
+}
+
+/// Below a thousandth no sensor tells any more; above a thousand nothing is asked for.
+pub(super) fn noise<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f64>, D::Error> {
+    real(d, 1e-3, 1e3).map(Some)
+}
+
+pub(super) fn pilot_spp<'de, D: Deserializer<'de>>(d: D) -> Result<u32, D::Error> {
+    whole(d, 1, 65_536)
+}
+
+/// A whole number in a range.
+pub(crate) fn whole<'de, D: Deserializer<'de>>(d: D, least: u32, most: u32) -> Result<u32, D::Error> {
+    let v = d.deserialize_any(Whole { least: least.into(), most: most.into() })?;
+    u32::try_from(v).map_err(D::Error::custom)
+}
+
+pub(super) fn unit<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f32>, D::Error> {
+    real(d, 0.0, 1.0).map(|v| Some(v as f32))
+}
+
+pub(super) fn share<'de, D: Deserializer<'de>>(d: D) -> Result<f64, D::Error> {
+    real(d, 0.0, 1.0)
+}
+
+/// A transmission of zero would leave a black image.
+pub(super) fn positive_share<'de, D: Deserializer<'de>>(d: D) -> Result<f64, D::Error> {
+    real(d, 1e-6, 1.0)
+}
+
+pub(super) fn signed_unit<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f32>, D::Error> {
+    real(d, -1.0, 1.0).map(|v| Some(v as f32))
+}
+
+pub(super) fn ior<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f32>, D::Error> {
+    real(d, 1.0, 10.0).map(|v| Some(v as f32))
+}
+
+pub(super) fn factor<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f32>, D::Error> {
+    real(d, -1e3, 1e3).map(|v| Some(v as f32))
+}
+
+/// The range of `Optics`, refused here so that the message shows the line.
+pub(super) fn f_number<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f64>, D::Error> {
+    real(d, 0.5, 1000.0).map(Some)
+}
+
+pub(super) fn magnification<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f64>, D::Error> {
+    real(d, 0.0, 100.0).map(Some)
+}
+
+/// The sine of an angle, apart from both ends.
+pub(super) fn numerical_aperture<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f64>, D::Error> {
+    real(d, 1e-6, 0.999).map(Some)
+}
+
+pub(super) fn blades<'de, D: Deserializer<'de>>(d: D) -> Result<Option<u32>, D::Error> {
+    whole(d, 3, 64).map(Some)
+}
+
+/// A distance in focus [m]; `inf` is one.
+pub(super) fn focus_distance<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f64>, D::Error> {
+    let v = d.deserialize_any(LengthOrInf)?;
+    if v >= 1e-6 {
+        return Ok(Some(v));
+    }
+    Err(D::Error::custom(format!("{} m is out of range; write a distance such as \"300mm\", or \"inf\"", Number(v))))
+}
+
+/// A size on a sensor or of a field [m].
+pub(super) fn positive_length<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f64>, D::Error> {
+    let Length(v) = Length::deserialize(d)?;
+    if (1e-9..=1000.0).contains(&v) {
+        return Ok(Some(v));
+    }
+    Err(D::Error::custom(format!("{} m is out of range; write a length such as \"3.45um\" or \"40mm\"", Number(v))))
+}
+
+/// Coefficients in the order of OpenCV. Beyond a million nothing is left of an image.
+pub(super) fn distortion<'de, D: Deserializer<'de>>(d: D) -> Result<Option<Distortion>, D::Error> {
+    let values = numbers::<D>(d)?;
+    match Distortion::from_opencv(&values) {
+        Some(distortion) => Ok(Some(distortion)),
+        None => Err(D::Error::custom(format!(
+            "{} coefficients are not OpenCV's model; write 4, 5 or 8 of them: [k1, k2, p1, p2, k3, k4, k5, k6]",
+            values.len()
+        ))),
+    }
+}
+
+pub(super) fn principal_point<'de, D: Deserializer<'de>>(d: D) -> Result<Option<[f64; 2]>, D::Error> {
+    match numbers::<D>(d)?[..] {
+        [right, down] => Ok(Some([right, down])),
+        _ => Err(D::Error::custom("an offset has two numbers; write [right, down] in pixels, such as [12.5, -3]")),
+    }
+}
+
+fn numbers<'de, D: Deserializer<'de>>(d: D) -> Result<Vec<f64>, D::Error> {
+    let values = Vec::<Real>::deserialize(d)?;
+    values.into_iter().map(|Real(v)| in_range(v, -1e6, 1e6)).collect()
+}
+
+pub(super) fn vignetting<'de, D: Deserializer<'de>>(d: D) -> Result<Option<Vignetting>, D::Error> {
+    match String::deserialize(d)?.as_str() {
+        "none" => Ok(Some(Vignetting::None)),
+        "cos4" => Ok(Some(Vignetting::CosineFourth)),
+        other => Err(D::Error::custom(format!("unknown vignetting \"{other}\"; write \"none\" or \"cos4\""))),
+    }
+}
+
+fn real<'de, D: Deserializer<'de>>(d: D, least: f64, most: f64) -> Result<f64, D::Error> {
+    let v = d.deserialize_any(AnyNumber)?;
+    in_range(v, least, most)
+}
+
+fn in_range<E: Error>(v: f64, least: f64, most: f64) -> Result<f64, E> {
+    if (least..=most).contains(&v) {
+        return Ok(v);
+    }
+    Err(E::custom(format!("{} is out of range; write a number from {least} to {most}", Number(v))))
+}
+
+/// A time budget: whole nanoseconds, at most a year.
+pub(super) fn duration<'de, D: Deserializer<'de>>(d: D) -> Result<Option<Duration>, D::Error> {
+    let Time(v) = Time::deserialize(d)?;
+    if v > 0.0 && v <= 3.2e7 {
+        return Ok(Some(Duration::from_secs_f64(v)));
+    }
+    Err(D::Error::custom(format!("{} s is out of range; write a time above zero, such as \"20s\"", Number(v))))
+}
+
+/// An angle [rad] in degrees, as it was written: without the digits that only rounding makes.
+fn degrees(radians: f64) -> f64 {
+    (radians.to_degrees() * 1e9).round() / 1e9
+}
+
+/// A field of view [rad].
+pub(super) fn field_of_view<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f64>, D::Error> {
+    let Angle(v) = Angle::deserialize(d)?;
+    if v > 1e-4 && v < std::f64::consts::PI * 0.99 {
+        return Ok(Some(v));
+    }
+    Err(D::Error::custom(format!("{}deg is out of range; write an angle between 0.01deg and 178deg", degrees(v))))
+}
+
+/// A rotation [rad].
+pub(super) fn angle<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f32>, D::Error> {
+    let Angle(v) = Angle::deserialize(d)?;
+    if (-1e4..=1e4).contains(&v) {
+        return Ok(Some(v as f32));
+    }
+    Err(D::Error::custom(format!("{}deg is out of range; write an angle from -572957deg to 572957deg", degrees(v))))
+}
+
+/// A focal length [m].
+pub(super) fn focal_length<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f64>, D::Error> {
+    let Length(v) = Length::deserialize(d)?;
+    if (1e-6..=100.0).contains(&v) {
+        return Ok(Some(v));
+    }
+    Err(D::Error::custom(format!("{} m is out of range; write a focal length such as \"12mm\"", Number(v))))
+}
+
+/// A distance [m] above zero; `inf` is one.
+pub(super) fn distance<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f32>, D::Error> {
+    let v = d.deserialize_any(LengthOrInf)?;
+    // Above the smallest normal f32, so that the value stays above zero when it is narrowed.
+    if v > 1e-30 {
+        return Ok(Some(v as f32));
+    }
+    Err(D::Error::custom(format!("{} m is not a distance above zero; write one such as \"2mm\"", Number(v))))
+}
+
+/// A power [W].
+pub(super) fn power<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f64>, D::Error> {
+    let Power(v) = Power::deserialize(d)?;
+    if (0.0..=1e12).contains(&v) {
+        return Ok(Some(v));
+    }
+    Err(D::Error::custom(format!("{} W is out of range; write a power of zero or more, such as \"1.5W\"", Number(v))))
+}
+
+/// A colour with channels from 0 to 1.
+pub(super) fn color<'de, D: Deserializer<'de>>(d: D) -> Result<Option<Rgb>, D::Error> {
+    triple(d, 1.0).map(Some)
+}
+
+/// A colour that is not black: absorption towards zero light has no finite coefficient.
+pub(super) fn positive_color<'de, D: Deserializer<'de>>(d: D) -> Result<Option<Rgb>, D::Error> {
+    let c = triple(d, 1.0)?;
+    if c.to_array().iter().all(|v| *v > 0.0) {
+        return Ok(Some(c));
+    }
+    Err(D::Error::custom("a channel is 0, which no finite absorption gives; write values from 0.001 to 1"))
+}
+
+/// A coefficient of absorption or scattering [1/m] per channel.
+pub(super) fn coefficient<'de, D: Deserializer<'de>>(d: D) -> Result<Option<Rgb>, D::Error> {
+    let values = d.deserialize_any(Coefficients)?;
+    let mut channels = [0.0; 3];
+    for (channel, v) in channels.iter_mut().zip(values) {
+        *channel = in_range::<D::Error>(v, 0.0, 1e9)? as f32;
+    }
+    Ok(Some(Rgb::from_array(channels)))
+}
+
+/// A mean cosine of scattering: at the ends light would only go straight on or back.
+pub(super) fn mean_cosine<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f32>, D::Error> {
+    real(d, -0.9999, 0.9999).map(|v| Some(v as f32))
+}
+
+/// A priority among solids.
+pub(super) fn priority<'de, D: Deserializer<'de>>(d: D) -> Result<Option<i32>, D::Error> {
+    let v = d.deserialize_any(Whole { least: -1_000_000, most: 1_000_000 })?;
+    i32::try_from(v).map(Some).map_err(D::Error::custom)
+}
+
+/// A radiometric quantity per channel.
+pub(super) fn light<'de, D: Deserializer<'de>>(d: D) -> Result<Option<Rgb>, D::Error> {
+    triple(d, 1e12).map(Some)
+}
+
+fn triple<'de, D: Deserializer<'de>>(d: D, most: f64) -> Result<Rgb, D::Error> {
+    let values = d.deserialize_any(Triple)?;
+    let mut channels = [0.0; 3];
+    for (channel, v) in channels.iter_mut().zip(values) {
+        *channel = in_range::<D::Error>(v, 0.0, most)? as f32;
+    }
+    Ok(Rgb::from_array(channels))
+}
+
+pub(super) fn emissive_unit<'de, D: Deserializer<'de>>(d: D) -> Result<EmissiveUnit, D::Error> {
+    match String::deserialize(d)?.as_str() {
+        "nit" | "cd/m2" => Ok(EmissiveUnit::Nit),
+        "W/(m2 sr)" | "W/(m^2 sr)" => Ok(EmissiveUnit::WattPerSteradianSquareMetre),
+        other => Err(D::Error::custom(format!("unknown unit \"{other}\"; write \"nit\" or \"W/(m2 sr)\""))),
+    }
+}
+
+/// An amount of memory [B].
+pub(super) fn memory<'de, D: Deserializer<'de>>(d: D) -> Result<Option<u64>, D::Error> {
+    let Memory(v) = Memory::deserialize(d)?;
+    if (1.0..=1e15).contains(&v) {
+        return Ok(Some(v as u64));
+    }
+    Err(D::Error::custom(format!(
+        "{} B is out of range; write an amount from 1 B to 900 TiB, such as \"2GiB\"",
+        Number(v)
+    )))
+}
+
+/// A whole number in a range.
+struct Whole {
+    least: i64,
+    most: i64,
+}
+
+impl Visitor<'_> for Whole {
+    type Value = i64;
+
+    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "a whole number from {} to {}", self.least, self.most)
+    }
+
+    fn visit_i64<E: Error>(self, v: i64) -> Result<i64, E> {
+        if (self.least..=self.most).contains(&v) {
+            return Ok(v);
+        }
+        let (least, most) = (self.least, self.most);
+        Err(E::custom(format!("{v} is out of range; write a whole number from {least} to {most}")))
+    }
+}
+
+/// A length, or `inf` with and without quotes.
+struct LengthOrInf;
+
+impl Visitor<'_> for LengthOrInf {
+    type Value = f64;
+
+    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("a length such as \"12mm\", or \"inf\"")
+    }
+
+    fn visit_str<E: Error>(self, v: &str) -> Result<f64, E> {
+        match v.trim() {
+            "inf" => Ok(f64::INFINITY),
+            text => text.parse::<Length>().map(f64::from).map_err(E::custom),
+        }
+    }
+
+    fn visit_f64<E: Error>(self, v: f64) -> Result<f64, E> {
+        Ok(v)
+    }
+
+    fn visit_i64<E: Error>(self, v: i64) -> Result<f64, E> {
+        Ok(v as f64)
+    }
+}
+
+/// Whole or real: TOML tells `1` and `1.0` apart, people do not.
+struct AnyNumber;
+
+impl Visitor<'_> for AnyNumber {
+    type Value = f64;
+
+    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("a number")
+    }
+
+    fn visit_f64<E: Error>(self, v: f64) -> Result<f64, E> {
+        Ok(v)
+    }
+
+    fn visit_i64<E: Error>(self, v: i64) -> Result<f64, E> {
+        Ok(v as f64)
+    }
+
+    fn visit_u64<E: Error>(self, v: u64) -> Result<f64, E> {
+        Ok(v as f64)
+    }
+}
+
+/// `[r, g, b]`, or one number for all three.
+struct Triple;
+
+impl<'de> Visitor<'de> for Triple {
+    type Value = [f64; 3];
+
+    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("three numbers [r, g, b], or one for all three")
+    }
+
+    fn visit_f64<E: Error>(self, v: f64) -> Result<[f64; 3], E> {
+        Ok([v; 3])
+    }
+
+    fn visit_i64<E: Error>(self, v: i64) -> Result<[f64; 3], E> {
+        Ok([v as f64; 3])
+    }
+
+    fn visit_seq<A: SeqAccess<'de>>(self, mut seq: A) -> Result<[f64; 3], A::Error> {
+        let mut values = [0.0; 3];
+        let wrong = || A::Error::custom("a colour has three channels; write [r, g, b], or one number for all three");
+        for value in &mut values {
+            *value = seq.next_element::<Real>()?.ok_or_else(wrong)?.0;
+        }
+        if seq.next_element::<Real>()?.is_some() {
+            return Err(wrong());
+        }
+        Ok(values)
+    }
+}
+
+/// `[r, g, b]` or one value for all three, each a number per metre or a text with a unit.
+struct Coefficients;
+
+impl<'de> Visitor<'de> for Coefficients {
+    type Value = [f64; 3];
+
+    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("a coefficient per metre such as 500 or \"0.5/mm\", or three of them [r, g, b]")
+    }
+
+    fn visit_f64<E: Error>(self, v: f64) -> Result<[f64; 3], E> {
+        Ok([v; 3])
+    }
+
+    fn visit_i64<E: Error>(self, v: i64) -> Result<[f64; 3], E> {
+        Ok([v as f64; 3])
+    }
+
+    fn visit_str<E: Error>(self, v: &str) -> Result<[f64; 3], E> {
+        v.parse::<PerLength>().map(|q| [q.0; 3]).map_err(E::custom)
+    }
+
+    fn visit_seq<A: SeqAccess<'de>>(self, mut seq: A) -> Result<[f64; 3], A::Error> {
+        let mut values = [0.0; 3];
+        let wrong = || A::Error::custom("there are three channels; write [r, g, b], or one coefficient for all three");
+        for value in &mut values {
+            *value = seq.next_element::<PerLength>()?.ok_or_else(wrong)?.0;
+        }
+        if seq.next_element::<PerLength>()?.is_some() {
+            return Err(wrong());
+        }
+        Ok(values)
+    }
+}
+
+struct Real(f64);
+
+impl<'de> Deserialize<'de> for Real {
+    fn deserialize<D: Deserializer<'de>>(d: D) -> Result<Self, D::Error> {
+        d.deserialize_any(AnyNumber).map(Real)
+    }
+}

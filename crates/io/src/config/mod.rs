@@ -1,0 +1,6 @@
+//! Files that users write: jobs and sensors.
+
+pub mod job;
+pub mod quantity;
+pub mod sensor_file;
+pub mod toml_file;

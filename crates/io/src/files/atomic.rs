@@ -1,0 +1,295 @@
+//! Files that appear whole or not at all: a temporary file in the same folder, synced, then renamed over the target.
+
+use std::fs;
+use std::io::{self, BufWriter, Seek, SeekFrom, Write};
+use std::path::{Path, PathBuf};
+
+use tempfile::NamedTempFile;
+
+use crate::files::faults::{self, Operation, retry};
+use crate::files::partial::{folder_of, new_file, resolved, sync_folder};
+
+/// Writes a file so that readers see either the old contents or the whole new ones, also across a crash.
+///
+/// `fill` writes the contents through a buffer. The bytes go to a hidden file of its own name in the target's folder (a
+/// rename is atomic only within one file system), are synced to the disk, and are then renamed to `path`. If anything fails
+/// the hidden file is removed and an existing target stays as it was; only if the very last step fails, the folder's own way
+/// to the disk, the target is the new file. What processes left that were killed while they wrote the same target is
+/// removed.
+///
+/// # Errors
+/// The error of `fill` unchanged in kind, or that of the file system; the message names `path` and the cause, and says what
+/// to do about it.
+pub fn write_atomically<F>(path: &Path, fill: F) -> io::Result<()>
+where
+    F: FnOnce(&mut BufWriter<PartialFile>) -> io::Result<()>,
+{
+    let target = writable_target(path)?;
+    let write = || {
+        let mut writer = BufWriter::new(PartialFile { file: new_file(&target)? });
+        let result = fill(&mut writer).and_then(|()| writer.flush());
+        // What is still in the buffer after a fault is not written.
+        let (partial, _) = writer.into_parts();
+        result.and_then(|()| partial.finish(&target))
+    };
+    write().map_err(|e| explain(path, folder_of(&target), &e))
+}
+
+/// A file that is being written under a name of its own. Writes are whole or fail: signals and short writes are seen to.
+#[derive(Debug)]
+pub struct PartialFile {
+    file: NamedTempFile,
+}
+
+impl PartialFile {
+    /// Puts the file in the target's place.
+    fn finish(self, target: &Path) -> io::Result<()> {
+        if let Ok(existing) = fs::metadata(target) {
+            // Best effort: some file systems keep no permissions.
+            let _ = self.file.as_file().set_permissions(existing.permissions());
+        }
+        retry(Operation::Sync, || self.file.as_file().sync_all())?;
+        let mut path = Some(self.file);
+        retry(Operation::Rename, || match path.take().map(|file| file.persist(target)) {
+            Some(Err(e)) => {
+                path = Some(e.file);
+                Err(e.error)
+            }
+            _ => Ok(()),
+        })?;
+        sync_folder(folder_of(target))
+    }
+}
+
+impl Write for PartialFile {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        let mut left = bytes;
+        while !left.is_empty() {
+            match retry(Operation::Write, || self.file.as_file_mut().write(&left[..faults::most(left.len())]))? {
+                0 => return Err(io::ErrorKind::WriteZero.into()),
+                written => left = left.get(written..).unwrap_or_default(),
+            }
+        }
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.file.as_file_mut().flush()
+    }
+}
+
+impl Seek for PartialFile {
+    fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
+        retry(Operation::Seek, || self.file.as_file_mut().seek(to))
+    }
+}
+
+/// Would [`write_atomically`] succeed now, but for a full disk? For those who want to know before hours of work.
+///
+/// # Errors
+/// As [`write_atomically`]. Nothing is left behind, and an existing file is not touched.
+pub fn check_writable(path: &Path) -> io::Result<()> {
+    let target = writable_target(path)?;
+    let folder = folder_of(&target);
+    new_file(&target).map(drop).map_err(|e| explain(path, folder, &e))
+}
+
+/// The file that `path` stands for, if it can be one.
+fn writable_target(path: &Path) -> io::Result<PathBuf> {
+    if path.file_name().is_none() {
+        return Err(io::Error::new(
+            io::ErrorKind::InvalidInput,
+            format!("cannot write {}: it names no file", path.display()),
+        ));
+    }
+    if path.is_dir() {
+        return Err(io::Error::new(
+            io::ErrorKind::IsADirectory,
+            format!("cannot write {}: it is a folder; name a file in it", path.display()),
+        ));
+    }
+    // A link is followed, so that the file it points to is replaced and not the link itself.
+    let target = resolved(path);
+    // A pipe or a device would be replaced by a file.
+    if let Some(what) = fs::metadata(&target).ok().as_ref().and_then(crate::input::other_kind) {
+        return Err(io::Error::new(
+            io::ErrorKind::InvalidInput,
+            format!("cannot write {}: it is {what}, not a regular file; name a regular file", path.display()),
+        ));
+    }
+    // A file that is protected against writing stays protected: the rename alone would not notice.
+    if fs::metadata(&target).is_ok_and(|m| m.permissions().readonly()) {
+        return Err(io::Error::new(
+            io::ErrorKind::PermissionDenied,
+            format!(
+                "cannot write {}: the file is read-only; change its permissions or write elsewhere",
+                path.display()
+            ),
+        ));
+    }
+    Ok(target)
+}
+
+fn explain(path: &Path, folder: &Path, error: &io::Error) -> io::Error {
+    io::Error::new(error.kind(), format!("cannot write {}: {}", path.display(), cause(folder, error)))
+}
+
+/// Why something in a folder cannot be written, and what to do about it.
+pub(crate) fn cause(folder: &Path, error: &io::Error) -> String {
+    match error.kind() {
+        io::ErrorKind::NotFound if !folder.exists() => {
+            format!("the folder {} does not exist; create it or write elsewhere", folder.display())
+        }
+        io::ErrorKind::NotADirectory => format!("{} is not a folder", folder.display()),
+        io::ErrorKind::PermissionDenied | io::ErrorKind::ReadOnlyFilesystem => {
+            format!("no permission to write in {}; change it or write elsewhere", folder.display())
+        }
+        io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => "the disk is full; free some space".to_string(),
+        io::ErrorKind::FileTooLarge => {
+            format!(
+                "{error}; the file system or `ulimit -f` limits the size of files; raise the limit or write elsewhere"
+            )
+        }
+        io::ErrorKind::CrossesDevices => {
+            format!("{error}; the file is a mount point of its own; name a file beside it or in another folder")
+        }
+        // What an encoder says of its data.
+        _ if error.raw_os_error().is_none() => error.to_string(),
+        _ => format!("{error}; check the disk {} is on, or write elsewhere", folder.display()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn names(folder: &Path) -> Vec<String> {
+        let mut names: Vec<String> = fs::read_dir(folder)
+            .expect("the folder exists")
+            .filter_map(|e| e.ok()?.file_name().into_string().ok())
+            .collect();
+        names.sort();
+        names
+    }
+
+    #[test]
+    fn a_new_file_and_a_replaced_file_hold_the_new_bytes() {
+        let folder = tempfile::tempdir().expect("a temporary folder");
+        let path = folder.path().join("a.txt");
+        for text in ["first", "the second, longer than the first", "3"] {
+            write_atomically(&path, |w| w.write_all(text.as_bytes())).expect("writable");
+            assert_eq!(fs::read_to_string(&path).expect("readable"), text);
+        }
+        assert_eq!(names(folder.path()), ["a.txt"]);
+    }
+
+    #[test]
+    fn a_failing_writer_leaves_the_old_file_and_nothing_else() {
+        let folder = tempfile::tempdir().expect("a temporary folder");
+        let path = folder.path().join("a.txt");
+        fs::write(&path, "old").expect("writable");
+        let error = write_atomically(&path, |w| {
+            w.write_all(&[0; 100_000])?;
+            Err(io::Error::new(io::ErrorKind::InvalidData, "the encoder stumbled"))
+        })
+        .expect_err("the writer fails");
+        assert_eq!(error.kind(), io::ErrorKind::InvalidData);
+        assert!(error.to_string().contains("stumbled"), "{error}");
+        assert_eq!(fs::read_to_string(&path).expect("readable"), "old");
+        assert_eq!(names(folder.path()), ["a.txt"]);
+    }
+
+    #[test]
+    fn a_file_that_is_written_again_clears_away_what_a_killed_process_left() {
+        let folder = tempfile::tempdir().expect("a temporary folder");
+        let path = folder.path().join("a.film");
+        fs::write(folder.path().join(".a.film.01234567-abcd1234.partial"), "half of it").expect("writable");
+        check_writable(&path).expect("a new file");
+        assert!(names(folder.path()).is_empty());
+        for text in ["first", "second"] {
+            fs::write(folder.path().join(".a.film.01234567-abcd1234.partial"), "half of it").expect("writable");
+            write_atomically(&path, |w| w.write_all(text.as_bytes())).expect("writable");
+            assert_eq!(fs::read_to_string(&path).expect("readable"), text);
+            assert_eq!(names(folder.path()), ["a.film"]);
+        }
+        write_atomically(&path, |_| Err(io::Error::other("stumbled"))).expect_err("the writer fails");
+        assert_eq!(fs::read_to_string(&path).expect("readable"), "second");
+        assert_eq!(names(folder.path()), ["a.film"]);
+    }
+
+    #[test]
+    fn messages_name_the_missing_folder_and_the_folder_in_the_file_s_place() {
+        let folder = tempfile::tempdir().expect("a temporary folder");
+        let missing = folder.path().join("no/such/a.png");
+        let error = write_atomically(&missing, |_| Ok(())).expect_err("no such folder");
+        assert!(error.to_string().contains("does not exist"), "{error}");
+        let error = write_atomically(folder.path(), |_| Ok(())).expect_err("a folder");
+        assert!(error.to_string().contains("is a folder"), "{error}");
+        let error = write_atomically(Path::new(""), |_| Ok(())).expect_err("no name");
+        assert!(error.to_string().contains("names no file"), "{error}");
+        let plain = folder.path().join("plain");
+        fs::write(&plain, "x").expect("writable");
+        assert!(write_atomically(&plain.join("a.png"), |_| Ok(())).is_err());
+    }
+
+    #[test]
+    fn what_can_be_written_is_known_beforehand_and_without_a_trace() {
+        let folder = tempfile::tempdir().expect("a temporary folder");
+        let path = folder.path().join("a.txt");
+        check_writable(&path).expect("a new file");
+        assert!(names(folder.path()).is_empty());
+        fs::write(&path, "old").expect("writable");
+        check_writable(&path).expect("a file that is there");
+        assert_eq!(fs::read_to_string(&path).expect("readable"), "old");
+        for impossible in [folder.path(), &path.join("b.txt"), &folder.path().join("no/b.txt"), Path::new("")] {
+            check_writable(impossible).expect_err("not a file that can be");
+        }
+    }
+
+    #[test]
+    fn a_read_only_file_is_not_replaced() {
+        let folder = tempfile::tempdir().expect("a temporary folder");
+        let path = folder.path().join("a.txt");
+        fs::write(&path, "old").expect("writable");
+        let mut permissions = fs::metadata(&path).expect("present").permissions();
+        permissions.set_readonly(true);
+        fs::set_permissions(&path, permissions).expect("own file");
+        let error = write_atomically(&path, |w| w.write_all(b"new")).expect_err("read-only");
+        assert!(error.to_string().contains("read-only"), "{error}");
+        assert_eq!(check_writable(&path).expect_err("read-only").to_string(), error.to_string());
+        assert_eq!(fs::read_to_string(&path).expect("readable"), "old");
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_socket_and_a_device_are_not_replaced() {
+        let folder = tempfile::tempdir().expect("a temporary folder");
+        let (socket, link) = (folder.path().join("socket"), folder.path().join("link"));
+        let _bound = std::os::unix::net::UnixListener::bind(&socket).expect("a socket");
+        std::os::unix::fs::symlink("/dev/null", &link).expect("links work");
+        for (path, what) in [(&socket, "a socket"), (&link, "a device")] {
+            let before = fs::symlink_metadata(path).expect("present").file_type();
+            let error = write_atomically(path, |w| w.write_all(b"new")).expect_err(what);
+            assert!(error.to_string().contains(what), "{error}");
+            assert_eq!(check_writable(path).expect_err(what).to_string(), error.to_string());
+            assert_eq!(fs::symlink_metadata(path).expect("present").file_type(), before);
+        }
+        assert_eq!(names(folder.path()), ["link", "socket"]);
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_link_keeps_pointing_to_the_replaced_file_and_permissions_stay() {
+        use std::os::unix::fs::PermissionsExt;
+        let folder = tempfile::tempdir().expect("a temporary folder");
+        let path = folder.path().join("a.txt");
+        fs::write(&path, "old").expect("writable");
+        fs::set_permissions(&path, fs::Permissions::from_mode(0o640)).expect("own file");
+        let link = folder.path().join("link");
+        std::os::unix::fs::symlink(&path, &link).expect("links work");
+        write_atomically(&link, |w| w.write_all(b"new")).expect("writable");
+        assert!(fs::symlink_metadata(&link).expect("present").is_symlink());
+        assert_eq!(fs::read_to_string(&path).expect("readable"), "new");
+        assert_eq!(fs::metadata(&path).expect("present").permissions().mode() & 0o777, 0o640);
+    }
+}

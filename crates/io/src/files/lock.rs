@@ -1,0 +1,415 @@
+//! Locks of files and folders that one process works on for long: checkpoints, folders of results.
+//!
+//! The lock of `NAME` is the file `NAME.lock` beside it. Whoever holds it has an advisory lock of the operating system on that
+//! file, which ends with the process however it ends, and has written into it who that is. A lock file that nobody has
+//! locked is a leftover and no obstacle. The file is removed at the end, and whoever opened it before that notices and
+//! begins anew.
+//!
+//! Where the file system has no advisory locks, the lock is held by whoever made the file. Then a leftover is known by its
+//! process: one of the same host that has ended. What cannot be known is refused.
+
+use crate::atomic::cause;
+use crate::error::InputError;
+use crate::files::faults::{Operation, retry};
+use crate::files::partial::{folder_of, is_at, resolved};
+use serde::{Deserialize, Serialize};
+use std::ffi::OsString;
+use std::fs::{self, File, OpenOptions, TryLockError};
+use std::io::{self, ErrorKind, Read, Seek, SeekFrom, Write};
+use std::path::{Path, PathBuf};
+use std::time::{Duration, SystemTime};
+
+/// No lock file has more bytes.
+const MAX_BYTES: u64 = 4096;
+/// How often a lock file is opened anew that was removed or not written yet when it was looked at.
+const ATTEMPTS: u32 = 50;
+/// The pause between two attempts: who locks a file writes into it at once.
+const PAUSE: Duration = Duration::from_millis(4);
+/// The first line of each lock file.
+const TITLE: &str = "lock file of dunkelfeld\n";
+
+/// Who holds a lock: the content of a lock file.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct LockHolder {
+    /// Process id.
+    pub process: u32,
+    /// Name of the host that the process runs on.
+    pub host: String,
+    /// When it took the lock, as in `2026-11-23T16:20:42Z`.
+    pub since: String,
+    /// Program and version.
+    pub program: String,
+    /// Does the file itself hold the lock, for want of advisory locks?
+    by_file: bool,
+}
+
+impl std::fmt::Display for LockHolder {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let Self { process, host, since, program, .. } = self;
+        write!(f, "process {process} on host {host:?} ({program}) has held it since {since}")
+    }
+}
+
+/// The lock of a file or folder, until it is dropped.
+#[derive(Debug)]
+pub struct TargetLock {
+    target: PathBuf,
+    path: PathBuf,
+    /// Locked, if the file system has locks.
+    file: File,
+}
+
+impl PartialEq for TargetLock {
+    /// Is it the lock of the same target?
+    fn eq(&self, other: &Self) -> bool {
+        self.path == other.path
+    }
+}
+
+/// What came of one attempt.
+enum Attempt {
+    Held(File),
+    /// The file was removed while it was opened.
+    Again,
+    /// Who has it, if that can be read yet.
+    Busy(Option<LockHolder>),
+}
+
+impl TargetLock {
+    /// Takes the lock of a file or folder, which need not exist; its folder must. Links are followed.
+    ///
+    /// # Errors
+    /// Another process holds it, or this one already: who, and since when. The lock file cannot be written, or is something
+    /// else.
+    pub fn acquire(target: &Path) -> Result<Self, InputError> {
+        let target = resolved(target);
+        let path = lock_path(&target);
+        for attempt in 0..ATTEMPTS {
+            if attempt > 0 {
+                std::thread::sleep(PAUSE);
+            }
+            match attempt_at(&path)? {
+                Attempt::Held(file) => return Ok(Self { target, path, file }),
+                Attempt::Again | Attempt::Busy(None) => {}
+                Attempt::Busy(Some(holder)) => return Err(refusal(&target, &path, Some(&holder))),
+            }
+        }
+        Err(refusal(&target, &path, None))
+    }
+
+    /// The file or folder that is locked, by its whole name.
+    pub fn target(&self) -> &Path {
+        &self.target
+    }
+}
+
+impl Drop for TargetLock {
+    fn drop(&mut self) {
+        // Still locked: whoever has opened the file finds it gone once the lock is theirs. One that was put in its place
+        // belongs to somebody else.
+        if is_at(&self.file, &self.path) {
+            let _ = fs::remove_file(&self.path);
+        }
+    }
+}
+
+/// The lock file of a target.
+pub fn lock_path(target: &Path) -> PathBuf {
+    let mut name = target.file_name().map_or_else(OsString::new, OsString::from);
+    name.push(".lock");
+    folder_of(target).join(name)
+}
+
+fn refusal(target: &Path, path: &Path, holder: Option<&LockHolder>) -> InputError {
+    let lock = path.display();
+    let (problem, help) = match holder {
+        Some(holder) if holder.by_file => (
+            format!("is in use: {holder}"),
+            format!("wait until it ends, or use another name; if that process has ended, delete {lock}"),
+        ),
+        Some(holder) => (format!("is in use: {holder}"), "wait until it ends, end it, or use another name".into()),
+        None => (
+            "is in use by another process, which has not said who it is".into(),
+            format!("wait until it ends, or use another name; if there is no such process, delete {lock}"),
+        ),
+    };
+    InputError::new(target, format!("the lock {lock}"), problem, help)
+}
+
+fn attempt_at(path: &Path) -> Result<Attempt, InputError> {
+    let fault = |problem: String, help: &str| InputError::new(path, "the lock file", problem, help);
+    let cannot = |e: io::Error| {
+        let problem = format!("cannot be written: {}", cause(folder_of(path), &e));
+        fault(problem, "check the permissions of the folder and the space on the disk")
+    };
+    let foreign =
+        || fault("is in the way: this program did not write it".into(), "move it elsewhere, or use another name");
+    let mut options = OpenOptions::new();
+    options.read(true).write(true);
+    let (mut file, is_new) = match retry(Operation::Create, || options.clone().create_new(true).open(path)) {
+        Ok(file) => (file, true),
+        Err(e) if e.kind() == ErrorKind::AlreadyExists => {
+            // Opening a FIFO would wait, and a link may lead anywhere.
+            match fs::symlink_metadata(path) {
+                Ok(meta) if !meta.is_file() => return Err(foreign()),
+                Err(e) if e.kind() == ErrorKind::NotFound => return Ok(Attempt::Again),
+                _ => {}
+            }
+            match options.open(path) {
+                Ok(file) => (file, false),
+                Err(e) if e.kind() == ErrorKind::NotFound => return Ok(Attempt::Again),
+                Err(e) => return Err(cannot(e)),
+            }
+        }
+        Err(e) => return Err(cannot(e)),
+    };
+    let has_locks = match locked(&file) {
+        Ok(()) => true,
+        Err(TryLockError::WouldBlock) => return Ok(Attempt::Busy(read(&mut file).ok().flatten())),
+        Err(TryLockError::Error(_)) => false,
+    };
+    if !is_at(&file, path) {
+        return Ok(Attempt::Again);
+    }
+    if !is_new {
+        match read(&mut file) {
+            Ok(holder) => {
+                let is_held = match &holder {
+                    Some(holder) if holder.by_file || !has_locks => is_alive(holder),
+                    // Nobody has written into it yet who holds it by making it.
+                    None => !has_locks,
+                    Some(_) => false,
+                };
+                if is_held {
+                    return Ok(Attempt::Busy(holder));
+                }
+            }
+            Err(e) if e.kind() == ErrorKind::InvalidData => return Err(foreign()),
+            Err(e) => return Err(cannot(e)),
+        }
+        if !has_locks {
+            // Two that find the same leftover: only one of them makes the file anew.
+            if is_at(&file, path) {
+                let _ = fs::remove_file(path);
+            }
+            return Ok(Attempt::Again);
+        }
+    }
+    if let Err(e) = write(&mut file, &own(!has_locks)) {
+        let _ = fs::remove_file(path);
+        return Err(cannot(e));
+    }
+    Ok(Attempt::Held(file))
+}
+
+fn locked(file: &File) -> Result<(), TryLockError> {
+    let result = retry(Operation::Lock, || match file.try_lock() {
+        Err(TryLockError::Error(e)) => Err(e),
+        other => Ok(other),
+    });
+    result.unwrap_or_else(|e| Err(TryLockError::Error(e)))
+}
+
+/// Who holds the lock; `None` if the file is empty, because its process is about to write it or was killed before it could.
+fn read(file: &mut File) -> io::Result<Option<LockHolder>> {
+    let mut text = String::new();
+    file.seek(SeekFrom::Start(0))?;
+    file.take(MAX_BYTES + 1).read_to_string(&mut text)?;
+    if text.is_empty() {
+        return Ok(None);
+    }
+    // What a process began to write that was killed says nothing, but is ours.
+    let Some(rest) = text.strip_prefix(TITLE) else {
+        return if TITLE.starts_with(&text) { Ok(None) } else { Err(ErrorKind::InvalidData.into()) };
+    };
+    Ok(serde_json::from_str(rest).ok())
+}
+
+fn write(file: &mut File, holder: &LockHolder) -> io::Result<()> {
+    let text = format!("{TITLE}{}\n", serde_json::to_string(holder).map_err(io::Error::other)?);
+    retry(Operation::Write, || {
+        file.set_len(0)?;
+        file.seek(SeekFrom::Start(0))?;
+        file.write_all(text.as_bytes())
+    })
+}
+
+fn own(by_file: bool) -> LockHolder {
+    LockHolder {
+        process: std::process::id(),
+        host: host(),
+        since: humantime::format_rfc3339_seconds(SystemTime::now()).to_string(),
+        program: concat!("dunkelfeld ", env!("CARGO_PKG_VERSION")).into(),
+        by_file,
+    }
+}
+
+/// May the holder still be there? Only of its own host can a process know.
+fn is_alive(holder: &LockHolder) -> bool {
+    if holder.host != host() {
+        return true;
+    }
+    #[cfg(unix)]
+    {
+        use rustix::process::{Pid, test_kill_process};
+        let process = i32::try_from(holder.process).ok().and_then(Pid::from_raw);
+        process.is_some_and(|process| test_kill_process(process) != Err(rustix::io::Errno::SRCH))
+    }
+    #[cfg(not(unix))]
+    true
+}
+
+fn host() -> String {
+    #[cfg(unix)]
+    return rustix::system::uname().nodename().to_string_lossy().into_owned();
+    #[cfg(not(unix))]
+    return std::env::var("COMPUTERNAME").unwrap_or_default();
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::files::faults::{Fault, with_fault};
+
+    const NO_LOCKS: i32 = 37;
+
+    /// Runs `work` on a file system without locks.
+    fn without_locks<T>(work: impl FnOnce() -> T) -> T {
+        let (result, met) = with_fault(Fault::EverAfter(NO_LOCKS), &[Operation::Lock], 0, work);
+        assert_eq!(met, Some(Operation::Lock));
+        result
+    }
+
+    fn home() -> (tempfile::TempDir, PathBuf) {
+        let home = tempfile::tempdir().expect("a temporary folder");
+        let target = home.path().join("a.film");
+        (home, target)
+    }
+
+    fn is_empty(home: &tempfile::TempDir) -> bool {
+        fs::read_dir(home.path()).expect("there").next().is_none()
+    }
+
+    #[test]
+    fn a_second_holder_is_refused_and_learns_who_has_it() {
+        let (home, target) = home();
+        let lock = TargetLock::acquire(&target).expect("free");
+        let message = TargetLock::acquire(&target).expect_err("held").to_string();
+        let process = format!("process {} on host", std::process::id());
+        for words in ["a.film", "a.film.lock", &process, "dunkelfeld", "since 2", "Z", "help: wait"] {
+            assert!(message.contains(words), "{words} is not in {message}");
+        }
+        drop(lock);
+        assert!(is_empty(&home), "the lock file is removed");
+        drop(TargetLock::acquire(&target).expect("free again"));
+        assert!(is_empty(&home));
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn links_and_dots_lead_to_the_same_lock() {
+        let (home, target) = home();
+        fs::write(&target, "film").expect("writable");
+        let link = home.path().join("link");
+        std::os::unix::fs::symlink(&target, &link).expect("links work");
+        let _lock = TargetLock::acquire(&link).expect("free");
+        assert!(lock_path(&target).exists());
+        for name in [target.clone(), link, home.path().join(".").join("a.film")] {
+            TargetLock::acquire(&name).expect_err("held");
+        }
+    }
+
+    #[test]
+    fn what_a_killed_process_left_is_no_obstacle() {
+        let (home, target) = home();
+        let dead = LockHolder { process: 1, ..own(false) };
+        for left in ["", "lock file of", TITLE, &format!("{TITLE}{}\n", serde_json::to_string(&dead).expect("JSON"))] {
+            fs::write(lock_path(&target), left).expect("writable");
+            drop(TargetLock::acquire(&target).expect("nobody holds it"));
+            assert!(is_empty(&home));
+        }
+    }
+
+    #[test]
+    fn files_of_others_are_neither_locked_nor_removed() {
+        let (_home, target) = home();
+        let path = lock_path(&target);
+        for content in ["mine", "lock file of something else", &"x".repeat(10_000)] {
+            fs::write(&path, content).expect("writable");
+            let message = TargetLock::acquire(&target).expect_err("not ours").to_string();
+            assert!(message.contains("in the way") && message.contains("help:"), "{message}");
+            assert_eq!(fs::read_to_string(&path).expect("there"), content);
+        }
+        fs::remove_file(&path).expect("there");
+        fs::create_dir(&path).expect("free");
+        TargetLock::acquire(&target).expect_err("a folder");
+    }
+
+    #[test]
+    fn a_lock_file_that_was_replaced_belongs_to_whoever_did_it() {
+        let (_home, target) = home();
+        let lock = TargetLock::acquire(&target).expect("free");
+        fs::remove_file(lock_path(&target)).expect("there");
+        let second = TargetLock::acquire(&target).expect("the file is gone");
+        drop(lock);
+        assert!(lock_path(&target).exists(), "it is the second one's");
+        TargetLock::acquire(&target).expect_err("held");
+        drop(second);
+        assert!(!lock_path(&target).exists());
+    }
+
+    #[test]
+    fn without_locks_of_the_file_system_the_file_itself_is_the_lock() {
+        let (home, target) = home();
+        let lock = without_locks(|| TargetLock::acquire(&target)).expect("free");
+        for message in [without_locks(|| TargetLock::acquire(&target)), TargetLock::acquire(&target)] {
+            let message = message.expect_err("held").to_string();
+            assert!(message.contains("has held it since") && message.contains("delete"), "{message}");
+        }
+        drop(lock);
+        assert!(is_empty(&home));
+
+        // A process of this host that has ended, and one of another host.
+        let left = |holder: &LockHolder| {
+            let text = format!("{TITLE}{}\n", serde_json::to_string(holder).expect("JSON"));
+            fs::write(lock_path(&target), text).expect("writable");
+        };
+        let mut child = std::process::Command::new("true").spawn().expect("there is such a program");
+        let ended = LockHolder { process: child.id(), ..own(true) };
+        child.wait().expect("it ends");
+        left(&ended);
+        drop(without_locks(|| TargetLock::acquire(&target)).expect("a leftover"));
+        left(&ended);
+        drop(TargetLock::acquire(&target).expect("a leftover"));
+        assert!(is_empty(&home));
+        let elsewhere = LockHolder { host: "elsewhere".into(), ..ended };
+        left(&elsewhere);
+        for message in [without_locks(|| TargetLock::acquire(&target)), TargetLock::acquire(&target)] {
+            let message = message.expect_err("unknown").to_string();
+            assert!(message.contains("elsewhere") && message.contains("delete"), "{message}");
+        }
+        assert!(lock_path(&target).exists());
+    }
+
+    /// Many that want it at once, each removing the file when it is done: never two at a time.
+    #[test]
+    fn one_at_a_time_however_many_come_and_go() {
+        use std::sync::atomic::{AtomicU32, Ordering};
+        let (home, target) = home();
+        let (inside, taken) = (AtomicU32::new(0), AtomicU32::new(0));
+        std::thread::scope(|threads| {
+            for _ in 0..4 {
+                threads.spawn(|| {
+                    for _ in 0..200 {
+                        let Ok(lock) = TargetLock::acquire(&target) else { continue };
+                        assert_eq!(inside.fetch_add(1, Ordering::SeqCst), 0, "two hold it");
+                        taken.fetch_add(1, Ordering::SeqCst);
+                        inside.fetch_sub(1, Ordering::SeqCst);
+                        drop(lock);
+                    }
+                });
+            }
+        });
+        assert!(taken.into_inner() > 0 && is_empty(&home));
+    }
+}

@@ -1,0 +1,13 @@
+//! How files are opened, written, locked and named.
+
+pub mod atomic;
+#[cfg(test)]
+mod fault_tests;
+pub(crate) mod faults;
+pub mod input;
+pub mod lock;
+pub mod names;
+pub mod new_folder;
+pub(crate) mod partial;
+pub mod process;
+pub mod results;

@@ -1,0 +1,235 @@
+//! The JSON of an asset as `gltf::json` types it, and beside it what those types do not hold.
+
+use super::complete::{UnknownCodes, complete};
+use super::extensions::{OfDocument, OfMaterial, OfNode, OfNormalTexture, OfTexture, Profile, Transform};
+use super::lenient;
+use crate::error::{InputError, SourceSpan};
+use crate::import::warnings::Warnings;
+use gltf::json;
+use serde::Deserialize;
+use serde::de::DeserializeOwned;
+use serde_json::value::RawValue;
+use serde_json::{Map, Value};
+use serde_path_to_error::Segment;
+use std::collections::BTreeMap;
+use std::path::Path;
+
+/// Values that a JSON text may have for each object that it may have: nodes with matrices have 16.
+const VALUES_PER_OBJECT: usize = 32;
+
+/// A document: lists beside the root are parallel to those in it.
+pub(super) struct Document {
+    /// What `gltf::json` types.
+    pub(super) root: json::Root,
+    /// Codes that it has no name for.
+    pub(super) unknown: UnknownCodes,
+    /// Transforms of the nodes.
+    pub(super) transforms: Vec<Transform>,
+    /// Untyped extensions of the nodes.
+    pub(super) nodes: Vec<OfNode>,
+    /// Untyped extensions of the materials.
+    pub(super) materials: Vec<OfMaterial>,
+    /// Untyped extensions of the materials' normal textures.
+    pub(super) normal_textures: Vec<OfNormalTexture>,
+    /// Untyped extensions of the textures.
+    pub(super) textures: Vec<OfTexture>,
+    /// Light profiles (EXT_lights_ies).
+    pub(super) profiles: Vec<Profile>,
+}
+
+impl Document {
+    /// Reads and types a JSON text that has at most `objects` objects.
+    pub(super) fn read(json: &[u8], path: &Path, objects: usize, warnings: &mut Warnings) -> Result<Self, InputError> {
+        check_size(json, path, objects)?;
+        let mut members = lenient::read(json).map_err(|e| syntax_error(json, path, &e))?;
+        check_version(&mut members, path, warnings)?;
+        let unknown = complete(&mut members);
+        Self::from_members(members, unknown).map_err(|fault| fault.at(json, path))
+    }
+
+    fn from_members(members: Map<String, Value>, unknown: UnknownCodes) -> Result<Self, TypeFault> {
+        // Faults in transforms are found again by the types of the nodes.
+        let transform = |node: &Value| Transform::deserialize(node).unwrap_or_default();
+        let nodes = members.get("nodes").and_then(Value::as_array);
+        let transforms = nodes.map(|nodes| nodes.iter().map(transform).collect()).unwrap_or_default();
+        let root: json::Root = typed(Value::Object(members), &[])?;
+        let of_document: OfDocument = untyped(root.extensions.as_ref().map(|e| &e.others), &[])?;
+        let nodes = each("nodes", &root.nodes, |n| n.extensions.as_ref().map(|e| &e.others))?;
+        let materials = each("materials", &root.materials, |m| m.extensions.as_ref().map(|e| &e.others))?;
+        let textures = each("textures", &root.textures, |t| t.extensions.as_ref().map(|e| &e.others))?;
+        let normal_textures = each("materials", &root.materials, |m| {
+            m.normal_texture.as_ref().and_then(|t| t.extensions.as_ref()).map(|e| &e.others)
+        })?;
+        let profiles = of_document.profiles.lights;
+        Ok(Self { root, unknown, transforms, nodes, materials, normal_textures, textures, profiles })
+    }
+}
+
+/// A value of a type that does not fit its place.
+struct TypeFault {
+    steps: Vec<Step>,
+    problem: String,
+}
+
+#[derive(Clone)]
+enum Step {
+    Member(String),
+    Element(usize),
+}
+
+fn typed<T: DeserializeOwned>(value: Value, above: &[Step]) -> Result<T, TypeFault> {
+    serde_path_to_error::deserialize(value).map_err(|e| {
+        let below = e.path().iter().filter_map(|segment| match segment {
+            Segment::Seq { index } => Some(Step::Element(*index)),
+            Segment::Map { key } => Some(Step::Member(key.clone())),
+            Segment::Enum { .. } | Segment::Unknown => None,
+        });
+        TypeFault { steps: above.iter().cloned().chain(below).collect(), problem: plain(&e.inner().to_string()) }
+    })
+}
+
+/// The crate's words for a place where an index belongs are hard to understand.
+fn plain(problem: &str) -> String {
+    problem.replace("index into child of root", "an index: a whole number that is not negative")
+}
+
+fn untyped<T: DeserializeOwned + Default>(
+    extensions: Option<&Map<String, Value>>,
+    above: &[Step],
+) -> Result<T, TypeFault> {
+    match extensions {
+        Some(members) if !members.is_empty() => typed(Value::Object(members.clone()), above),
+        _ => Ok(T::default()),
+    }
+}
+
+/// The untyped extensions of every element of a list of the document.
+fn each<E, T: DeserializeOwned + Default>(
+    list: &str,
+    elements: &[E],
+    extensions: impl Fn(&E) -> Option<&Map<String, Value>>,
+) -> Result<Vec<T>, TypeFault> {
+    let read = |(i, element): (usize, &E)| {
+        let above = [Step::Member(list.to_owned()), Step::Element(i), Step::Member("extensions".to_owned())];
+        untyped(extensions(element), &above)
+    };
+    elements.iter().enumerate().map(read).collect()
+}
+
+impl TypeFault {
+    /// The fault with line and column in the text.
+    fn at(self, json: &[u8], path: &Path) -> InputError {
+        let offset = locate(json, &self.steps);
+        let before = json.get(..offset).unwrap_or_default();
+        let line = before.iter().filter(|b| **b == b'\n').count() + 1;
+        let column = before.iter().rev().take_while(|b| **b != b'\n').count() + 1;
+        json_error(json, path, line, column, self.problem)
+    }
+}
+
+/// The byte offset of the value that steps lead to, or of the last one on the way that is there.
+fn locate(json: &[u8], steps: &[Step]) -> usize {
+    let Ok(mut here) = serde_json::from_slice::<&RawValue>(json) else { return 0 };
+    for step in steps {
+        let below = match step {
+            Step::Member(name) => {
+                let members = serde_json::from_str::<BTreeMap<String, &RawValue>>(here.get());
+                members.ok().and_then(|members| members.get(name).copied())
+            }
+            Step::Element(index) => {
+                let elements = serde_json::from_str::<Vec<&RawValue>>(here.get());
+                elements.ok().and_then(|elements| elements.get(*index).copied())
+            }
+        };
+        let Some(below) = below else { break };
+        here = below;
+    }
+    (here.get().as_ptr() as usize).saturating_sub(json.as_ptr() as usize)
+}
+
+/// A parsed object needs some hundred bytes where "{}," has three.
+fn check_size(json: &[u8], path: &Path, objects: usize) -> Result<(), InputError> {
+    let fail = |problem: String| {
+        Err(InputError::new(path, "JSON", problem, "merge meshes and nodes on export, or raise the import limits"))
+    };
+    let (mut braces, mut commas) = (0_usize, 0_usize);
+    for byte in json {
+        braces += usize::from(*byte == b'{');
+        commas += usize::from(*byte == b',');
+    }
+    let values = objects.saturating_mul(VALUES_PER_OBJECT);
+    if braces > objects {
+        return fail(format!("the file has {braces} objects, more than the {objects} allowed"));
+    }
+    if commas > values {
+        return fail(format!("the file has {commas} values, more than the {values} allowed"));
+    }
+    Ok(())
+}
+
+/// Refuses other versions than 2.0 before anything else of them is typed.
+fn check_version(members: &mut Map<String, Value>, path: &Path, warnings: &mut Warnings) -> Result<(), InputError> {
+    let asset = members.entry("asset").or_insert_with(|| Value::Object(Map::new()));
+    let Some(asset) = asset.as_object_mut() else { return Ok(()) };
+    let version = asset.entry("version").or_insert_with(|| {
+        warnings.push("asset.version", "the version is missing; the file is read as glTF 2.0");
+        "2.0".into()
+    });
+    let Some(version) = version.as_str() else { return Ok(()) };
+    if !version.starts_with(|c: char| c.is_ascii_digit()) {
+        let problem = match version.trim() {
+            "" => "the version is an empty text".to_string(),
+            other => format!("\"{other}\" is no version"),
+        };
+        return Err(InputError::new(path, "asset.version", problem, "write \"2.0\", or export the scene as glTF 2.0"));
+    }
+    if version.split('.').next() != Some("2") {
+        return Err(old_version(path, "asset.version", version));
+    }
+    if let Some(least) = asset.get("minVersion").and_then(Value::as_str).filter(|v| *v != "2.0") {
+        return Err(InputError::new(
+            path,
+            "asset.minVersion",
+            format!("the file needs glTF {least}, this program reads 2.0"),
+            "export as glTF 2.0",
+        ));
+    }
+    Ok(())
+}
+
+pub(super) fn old_version(path: &Path, place: &str, version: &str) -> InputError {
+    InputError::new(
+        path,
+        place,
+        format!("this is glTF version {version}, but only 2.0 is read"),
+        "export the scene as glTF 2.0",
+    )
+}
+
+fn syntax_error(json: &[u8], path: &Path, e: &serde_json::Error) -> InputError {
+    let text = e.to_string();
+    let problem = text.split(" at line ").next().unwrap_or(&text).to_owned();
+    json_error(json, path, e.line().max(1), e.column(), problem)
+}
+
+/// An error with line, column and span; of a one-line file only the surroundings are kept.
+fn json_error(json: &[u8], path: &Path, line_number: usize, column: usize, problem: String) -> InputError {
+    let mut error = InputError::new(
+        path,
+        format!("JSON, line {line_number}, column {column}"),
+        problem,
+        "correct the JSON, or export the file again",
+    );
+    let line = json.split(|b| *b == b'\n').nth(line_number - 1).unwrap_or_default();
+    let column = column.saturating_sub(1).min(line.len());
+    // Long lines, of data URIs above all, would bury the message.
+    let (from, to) = (column.saturating_sub(60), (column + 60).min(line.len()));
+    let before = String::from_utf8_lossy(&line[from..column]).into_owned();
+    let after = String::from_utf8_lossy(&line[column..to]).into_owned();
+    // Empty lines in front make the caret's line number right; beyond reason they are left out.
+    let padding = if line_number <= 100_000 { "\n".repeat(line_number - 1) } else { String::new() };
+    let start = padding.len() + before.len();
+    error.source_span =
+        Some(Box::new(SourceSpan { text: format!("{padding}{before}{after}"), range: start..start + 1 }));
+    error
+}

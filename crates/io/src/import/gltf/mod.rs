@@ -1,0 +1,441 @@
+//! glTF 2.0 (.gltf and .glb): from the JSON and its buffers to a [`SceneBuilder`].
+//!
+//! The crate `gltf` reads the container and types the JSON. It is relaxed before (`lenient`, `complete`), what it does not
+//! type is read beside it (`extensions`), and every offset, count and index is checked before it is followed, so that a
+//! hostile file ends in an error and not in a panic. What a viewer could still show is shown, with a warning.
+//!
+//! `container` (GLB, buffers), `document` (JSON) -> `nodes` (hierarchy) -> `accessor`, `primitive`, `deform`, `tangents`
+//! (meshes), `material`, `spec_gloss`, `texture` (surfaces), `light` (lights and cameras). `validate` explains refusals.
+
+mod accessor;
+mod complete;
+mod container;
+mod deform;
+mod document;
+mod extensions;
+mod guard;
+mod lenient;
+mod light;
+mod material;
+mod nodes;
+mod primitive;
+mod reader;
+mod spec_gloss;
+mod texture;
+mod validate;
+
+use crate::error::InputError;
+use crate::import::image_store::ImageStore;
+use crate::import::options::{ImportOptions, Imported};
+use crate::import::warnings::Warnings;
+use crate::loader::AssetLoader;
+use accessor::{Accessors, Stored};
+use complete::{LIGHT_TYPE, PRIMITIVE_MODE};
+use container::Asset;
+use deform::{Deformation, Pose};
+use dunkelfeld_geometry::{DAffine3, DQuat, DVec3, Mesh};
+use dunkelfeld_scene::{Camera, Instance, MeshPart, PunctualKind, PunctualLight, SceneBuilder};
+use extensions::{Instancing, ProfileReference};
+use gltf::json::Index;
+use gltf::json::extensions::scene::khr_lights_punctual::Light;
+use lenient::ABSENT;
+use nodes::{Hierarchy, is_invertible, node_place};
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
+use texture::Textures;
+
+/// Reads a glTF 2.0 file. Bytes, not the extension, tell `.glb` from `.gltf`.
+///
+/// Lengths are metres as glTF has them. Photometric values become radiometric by
+/// [`LUMENS_PER_WATT`](crate::import::options::LUMENS_PER_WATT). Meshes stay in object space and are stored once, however many
+/// nodes place them; morphs and skins are baked in their default pose. Animations are ignored.
+///
+/// # Errors
+/// If the file or one of its buffers cannot be read, the JSON is malformed, an extension is required that is not
+/// supported, a limit is exceeded, or the file has meshes of which none can be used.
+pub fn load_gltf(path: &Path, options: &ImportOptions) -> Result<Imported, InputError> {
+    let mut warnings = Warnings::new(path);
+    let loader = AssetLoader::new(path, options.limits);
+    let asset = Asset::load(&loader, &mut warnings)?;
+    let accessors = Accessors::new(&asset);
+    let hierarchy = nodes::resolve(&asset.document, options.scene, path, &mut warnings)?;
+    measure_images(path, options, &asset, &accessors, &hierarchy.shown)?;
+    let mut importer = Importer {
+        path,
+        asset: &asset,
+        accessors: &accessors,
+        textures: Textures::new(&asset, &accessors, &loader, ImageStore::decoding(&options.limits)),
+        loader: &loader,
+        options,
+        warnings,
+        scene: SceneBuilder::default(),
+        materials: BTreeMap::new(),
+        meshes: BTreeMap::new(),
+        poses: BTreeMap::new(),
+        profiles: BTreeMap::new(),
+        geometry_bytes: 0,
+        first_fault: None,
+    };
+    importer.run(&hierarchy)?;
+    loader.take_remarks().into_iter().for_each(|(place, message)| importer.warnings.push(place, message));
+    let mut scene = importer.scene;
+    scene.images = importer.textures.store.into_images();
+    Ok(Imported { scene, warnings: importer.warnings.finish(), inputs: loader.into_inputs() })
+}
+
+/// Sums up the images of all materials in use from their headers, before any is decoded.
+fn measure_images(
+    path: &Path,
+    options: &ImportOptions,
+    asset: &Asset,
+    accessors: &Accessors<'_>,
+    shown: &[usize],
+) -> Result<(), InputError> {
+    let (document, root) = (&asset.document, &asset.document.root);
+    // Files are read again when they are decoded, and what is wrong with them is said then.
+    let loader = AssetLoader::new(path, options.limits);
+    let mut ignored = Warnings::new(path);
+    let mut textures = Textures::new(asset, accessors, &loader, ImageStore::measuring(&options.limits));
+    let meshes: BTreeSet<usize> =
+        shown.iter().filter_map(|n| root.nodes.get(*n)?.mesh.map(|mesh| mesh.value())).collect();
+    let primitives = meshes.iter().filter_map(|m| root.meshes.get(*m)).flat_map(|mesh| &mesh.primitives);
+    let materials: BTreeSet<usize> = primitives.filter_map(|p| p.material.map(|m| m.value())).collect();
+    for source in materials.into_iter().filter_map(|i| material::Source::new(document, i)) {
+        let mut reader = reader::Reader { place: source.place(), textures: &mut textures, warnings: &mut ignored };
+        material::convert(&source, options.emissive_unit, &mut reader);
+    }
+    textures.store.check(path)
+}
+
+/// What tells baked meshes apart: mesh, skin, and the bits of the morph weights of the node.
+type MeshKey = (usize, Option<usize>, Option<Vec<u32>>);
+
+struct Importer<'a> {
+    path: &'a Path,
+    asset: &'a Asset,
+    accessors: &'a Accessors<'a>,
+    textures: Textures<'a>,
+    loader: &'a AssetLoader,
+    options: &'a ImportOptions,
+    warnings: Warnings,
+    scene: SceneBuilder,
+    /// Index in the file (`None`: the default material) to index in the scene.
+    materials: BTreeMap<Option<usize>, usize>,
+    meshes: BTreeMap<MeshKey, Vec<usize>>,
+    poses: BTreeMap<usize, Option<Pose>>,
+    /// Light profiles: index in the file to index in the scene, `None` for one that cannot be used.
+    profiles: BTreeMap<usize, Option<usize>>,
+    geometry_bytes: u64,
+    /// The first primitive that could not be used.
+    first_fault: Option<(String, String)>,
+}
+
+impl Importer<'_> {
+    fn run(&mut self, hierarchy: &Hierarchy) -> Result<(), InputError> {
+        self.scene.name = self.path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+        for index in &hierarchy.shown {
+            self.node(*index, &hierarchy.to_world)?;
+        }
+        if self.scene.instances.is_empty() {
+            if let Some((place, fault)) = self.first_fault.take() {
+                let mut help = String::from("export the file again: its data does not fit its description");
+                let findings = validate::findings(&self.asset.document.root);
+                if !findings.is_empty() {
+                    help = format!("{help} ({})", findings.join("; "));
+                }
+                return Err(InputError::new(self.path, place, format!("{fault}; no mesh is left to show"), help));
+            }
+            self.warnings.push("scene", "there is no mesh to show");
+        }
+        Ok(())
+    }
+
+    fn node(&mut self, index: usize, to_world: &[DAffine3]) -> Result<(), InputError> {
+        let document = &self.asset.document;
+        let node = &document.root.nodes[index];
+        let place = node_place(document, index);
+        let transform = to_world[index];
+        let light = node.extensions.as_ref().and_then(|e| e.khr_lights_punctual.as_ref()).map(|l| l.light.value());
+        let light = light.filter(|l| *l != ABSENT as usize);
+        let profile = document.nodes.get(index).and_then(|n| n.profile.as_ref());
+        let placeable = transform.is_finite();
+        if !placeable && (node.mesh.is_some() || node.camera.is_some() || light.is_some() || profile.is_some()) {
+            self.warnings.push(&place, "its transform is not finite; what it carries is left out");
+            return Ok(());
+        }
+        if let Some(mesh) = node.mesh {
+            self.instance(index, mesh.value(), to_world, &place)?;
+        }
+        if let Some(camera) = node.camera.map(|c| c.value()) {
+            self.camera(camera, node.name.as_deref(), transform, &place);
+        }
+        if let Some(light) = light {
+            self.light(light, node.name.as_deref(), transform, &place);
+        }
+        if let Some(profile) = profile {
+            self.profile(profile, node.name.as_deref(), transform, &place);
+        }
+        Ok(())
+    }
+
+    fn camera(&mut self, index: usize, node_name: Option<&str>, to_world: DAffine3, place: &str) {
+        let Some(source) = self.asset.document.root.cameras.get(index) else {
+            return self.warnings.push(place, format!("its camera {index} does not exist"));
+        };
+        let name = name(&[node_name, source.name.as_deref()], "camera", index);
+        if !is_invertible(&to_world) {
+            return self.warnings.push(place, "its transform has no inverse; the camera is left out");
+        }
+        let place = format!("camera {index} \"{name}\"");
+        if let Some((projection, aspect)) = light::camera(source, &place, &mut self.warnings) {
+            self.scene.cameras.push(Camera { name, to_world, projection, aspect, ..Camera::default() });
+        }
+    }
+
+    fn light(&mut self, index: usize, node_name: Option<&str>, to_world: DAffine3, place: &str) {
+        let document = &self.asset.document;
+        let lights: &[Light] = document.root.as_ref();
+        let Some(source) = lights.get(index) else {
+            return self.warnings.push(place, format!("its light {index} does not exist"));
+        };
+        let name = name(&[node_name, source.name.as_deref()], "light", index);
+        if to_world.transform_vector3(DVec3::Z).length_squared() == 0.0 {
+            return self.warnings.push(place, "its scale is 0; the light is left out");
+        }
+        let place = format!("light {index} \"{name}\"");
+        let code = document.unknown.get(LIGHT_TYPE, &[index]);
+        if let Some(kind) = light::light(source, code, &place, &mut self.warnings) {
+            self.scene.lights.push(PunctualLight { name, to_world, kind });
+        }
+    }
+
+    /// A measured light (EXT_lights_ies).
+    fn profile(&mut self, reference: &ProfileReference, node_name: Option<&str>, to_world: DAffine3, place: &str) {
+        let profiles = &self.asset.document.profiles;
+        let index = reference.light.map(|l| l.value());
+        let Some((index, source)) = index.and_then(|i| Some((i, profiles.get(i)?))) else {
+            return self.warnings.push(place, "its light profile does not exist");
+        };
+        if to_world.transform_vector3(DVec3::Z).length_squared() == 0.0 {
+            return self.warnings.push(place, "its scale is 0; the light is left out");
+        }
+        if !self.profiles.contains_key(&index) {
+            let used = match light::profile(source, index, self.accessors, self.loader) {
+                Ok((profile, found)) => {
+                    found.into_iter().for_each(|w| self.warnings.push(w.place, w.message));
+                    self.scene.profiles.push(profile);
+                    Some(self.scene.profiles.len() - 1)
+                }
+                Err(fault) => {
+                    self.warnings.push(format!("light profile {index}"), format!("{fault}; its lights are left out"));
+                    None
+                }
+            };
+            self.profiles.insert(index, used);
+        }
+        let Some(Some(profile)) = self.profiles.get(&index).copied() else { return };
+        if let Some(scale) = light::profile_scale(reference, place, &mut self.warnings) {
+            let name = name(&[node_name, source.name.as_deref()], "light profile", index);
+            self.scene.lights.push(PunctualLight { name, to_world, kind: PunctualKind::Profile { profile, scale } });
+        }
+    }
+
+    /// Places a mesh, once or as often as EXT_mesh_gpu_instancing says.
+    fn instance(&mut self, node: usize, mesh: usize, to_world: &[DAffine3], place: &str) -> Result<(), InputError> {
+        let document = &self.asset.document;
+        let source = &document.root.nodes[node];
+        let Some(mesh_source) = document.root.meshes.get(mesh) else {
+            self.warnings.push(place, format!("its mesh {mesh} does not exist"));
+            return Ok(());
+        };
+        let skin = source.skin.map(|s| s.value()).filter(|s| self.prepare_pose(*s, to_world));
+        // A skinned mesh is where its joints are; its node's transform does not count (glTF 2.0, section 3.7.3).
+        let origin = skin.and_then(|s| self.poses.get(&s)?.as_ref().map(|p| p.origin));
+        let transform = origin.map_or(to_world[node], DAffine3::from_translation);
+        let placements = match document.nodes.get(node).and_then(|n| n.instancing.as_ref()) {
+            Some(instancing) => self.placements(instancing, place),
+            None => vec![DAffine3::IDENTITY],
+        };
+        self.charge((placements.len() * size_of::<Instance>()) as u64, place)?;
+        let meshes = self.mesh(mesh, skin, source.weights.as_deref())?;
+        if meshes.is_empty() {
+            return Ok(());
+        }
+        let name = name(&[source.name.as_deref(), mesh_source.name.as_deref()], "mesh", mesh);
+        let mut flattened = 0;
+        for placement in placements {
+            let to_world = transform * placement;
+            if is_invertible(&to_world) {
+                self.scene.instances.push(Instance { name: name.clone(), meshes: meshes.clone(), to_world });
+            } else {
+                flattened += 1;
+            }
+        }
+        if flattened > 0 {
+            let fault = "its transform flattens the mesh (scale 0) or is not finite";
+            self.warnings.push(place, format!("{fault}; it is left out"));
+            self.first_fault.get_or_insert((place.to_owned(), fault.into()));
+        }
+        Ok(())
+    }
+
+    /// The transforms of EXT_mesh_gpu_instancing, relative to the node.
+    fn placements(&mut self, source: &Instancing, place: &str) -> Vec<DAffine3> {
+        let attribute = |name: &str| source.attributes.get(name).map(Index::value);
+        let read = || -> Result<Vec<DAffine3>, String> {
+            let three = |name| attribute(name).map(|a| self.accessors.vectors::<3>(a, Stored::Float)).transpose();
+            let (translations, scales) = (three("TRANSLATION")?, three("SCALE")?);
+            let rotations =
+                attribute("ROTATION").map(|a| self.accessors.vectors::<4>(a, Stored::Quantized)).transpose()?;
+            let counts = [&translations, &scales].map(|v| v.as_ref().map(Vec::len));
+            let counts: Vec<_> = counts.into_iter().chain([rotations.as_ref().map(Vec::len)]).flatten().collect();
+            let count = counts.first().copied().unwrap_or(1);
+            if counts.iter().any(|c| *c != count) {
+                return Err("the attributes differ in length".into());
+            }
+            let vector = |list: &Option<Vec<[f32; 3]>>, i: usize, default: DVec3| {
+                let value = list.as_ref().and_then(|l| l.get(i));
+                value.map_or(default, |v| DVec3::from_array(v.map(f64::from)))
+            };
+            let rotation = |i: usize| {
+                let value = rotations.as_ref().and_then(|l| l.get(i)).map(|q| DQuat::from_array(q.map(f64::from)));
+                value.filter(|q| q.length() > 0.0 && q.is_finite()).map_or(DQuat::IDENTITY, DQuat::normalize)
+            };
+            Ok((0..count)
+                .map(|i| {
+                    let (t, s) = (vector(&translations, i, DVec3::ZERO), vector(&scales, i, DVec3::ONE));
+                    DAffine3::from_scale_rotation_translation(s, rotation(i), t)
+                })
+                .collect())
+        };
+        read().unwrap_or_else(|e| {
+            self.warnings.push(place, format!("EXT_mesh_gpu_instancing cannot be used, the mesh is placed once: {e}"));
+            vec![DAffine3::IDENTITY]
+        })
+    }
+
+    /// Computes a skin's pose once; `false` if it cannot be used.
+    fn prepare_pose(&mut self, index: usize, to_world: &[DAffine3]) -> bool {
+        if let Some(pose) = self.poses.get(&index) {
+            return pose.is_some();
+        }
+        let pose = match self.asset.document.root.skins.get(index) {
+            Some(skin) => Pose::new(self.accessors, skin, to_world),
+            None => Err("it does not exist".into()),
+        };
+        let pose = pose
+            .map_err(|e| self.warnings.push(format!("skin {index}"), format!("{e}; meshes stay in their bind pose")))
+            .ok();
+        self.poses.entry(index).or_insert(pose).is_some()
+    }
+
+    /// The parts of a mesh in its default pose, read when first asked for.
+    fn mesh(&mut self, index: usize, skin: Option<usize>, weights: Option<&[f32]>) -> Result<Vec<usize>, InputError> {
+        let key = (index, skin, weights.map(|w| w.iter().map(|v| v.to_bits()).collect()));
+        if let Some(parts) = self.meshes.get(&key) {
+            return Ok(parts.clone());
+        }
+        let document = &self.asset.document;
+        let source = &document.root.meshes[index];
+        let mesh_name = name(&[source.name.as_deref()], "mesh", index);
+        let weights = weights.or(source.weights.as_deref()).unwrap_or_default();
+        let mut parts = Vec::new();
+        for (i, primitive) in source.primitives.iter().enumerate() {
+            let place = format!("mesh {index} \"{mesh_name}\", primitive {i}");
+            let material = self.material(primitive.material.map(|m| m.value()), &place);
+            let pose = skin.and_then(|s| self.poses.get(&s)).and_then(Option::as_ref);
+            let deformation = Deformation { weights, skin: pose };
+            let code = document.unknown.get(PRIMITIVE_MODE, &[index, i]);
+            let read =
+                primitive::read_primitive(self.accessors, primitive, code, &deformation, &place, &mut self.warnings);
+            let mut mesh = match read {
+                Ok(Some(mesh)) => mesh,
+                Ok(None) => continue,
+                Err(fault) => {
+                    self.warnings.push(&place, format!("it is left out: {fault}"));
+                    self.first_fault.get_or_insert((place, fault));
+                    continue;
+                }
+            };
+            self.complete(&mut mesh, material, &place);
+            self.charge(primitive::mesh_bytes(&mesh), &place)?;
+            let name = if source.primitives.len() > 1 { format!("{mesh_name} #{i}") } else { mesh_name.clone() };
+            parts.push(self.scene.meshes.len());
+            self.scene.meshes.push(MeshPart { name, mesh, material });
+        }
+        self.meshes.insert(key, parts.clone());
+        Ok(parts)
+    }
+
+    /// Adds the tangents that the material needs, and warns of texture coordinates it misses.
+    fn complete(&mut self, mesh: &mut Mesh, material: usize, place: &str) {
+        let material = &self.scene.materials[material];
+        let missing = |set: u8| mesh.uvs.get(usize::from(set)).is_none_or(Vec::is_empty);
+        if let Some(texture) = material::textures(material).find(|t| missing(t.uv_set)) {
+            let message = format!("its material has a texture on TEXCOORD_{}, which is absent", texture.uv_set);
+            self.warnings.push(place, message);
+        }
+        let directional = material.normal_texture.or(material.anisotropy_texture);
+        if !mesh.tangents.is_empty() || (directional.is_none() && material.anisotropy == 0.0) {
+            return;
+        }
+        let is_anisotropic = material.anisotropy != 0.0;
+        let set = directional.map_or(0, |t| usize::from(t.uv_set));
+        let uv = mesh.uvs.get(set).map(Vec::as_slice).unwrap_or_default();
+        let uv: Vec<_> = match directional {
+            Some(t) => uv.iter().map(|uv| texture::apply_transform(&t.transform, *uv)).collect(),
+            None => uv.to_vec(),
+        };
+        if uv.is_empty() {
+            self.warnings.push(place, "it has no tangents and none can be computed without texture coordinates");
+        } else if !crate::import::tangents::generate(mesh, &uv) {
+            self.warnings.push(place, "it has no tangents and none can be computed: too many triangles share a vertex");
+        } else if is_anisotropic {
+            let message = format!("it has no TANGENT; its anisotropy takes its direction from TEXCOORD_{set}");
+            self.warnings.push(place, message);
+        }
+    }
+
+    /// The scene's index of a material of the file.
+    fn material(&mut self, index: Option<usize>, place: &str) -> usize {
+        let document = &self.asset.document;
+        let index = index.filter(|i| {
+            let exists = *i < document.root.materials.len();
+            if !exists {
+                self.warnings.push(place, format!("its material {i} does not exist; the default takes its place"));
+            }
+            exists
+        });
+        if let Some(known) = self.materials.get(&index) {
+            return *known;
+        }
+        let material = match index.and_then(|i| material::Source::new(document, i)) {
+            None => material::default_material(),
+            Some(source) => {
+                let place = source.place();
+                let mut reader = reader::Reader { place, textures: &mut self.textures, warnings: &mut self.warnings };
+                material::convert(&source, self.options.emissive_unit, &mut reader)
+            }
+        };
+        let id = self.scene.materials.len();
+        self.scene.materials.push(material);
+        self.materials.insert(index, id);
+        id
+    }
+
+    fn charge(&mut self, bytes: u64, place: &str) -> Result<(), InputError> {
+        self.geometry_bytes = self.geometry_bytes.saturating_add(bytes);
+        let most = self.options.limits.geometry_bytes;
+        if self.geometry_bytes <= most {
+            return Ok(());
+        }
+        let problem = format!("the meshes and instances need more than the {} MiB allowed", most >> 20);
+        Err(InputError::new(self.path, place, problem, "simplify the scene, or raise the import limits"))
+    }
+}
+
+/// The first name that is not empty, else what it is and its number.
+fn name(candidates: &[Option<&str>], kind: &str, index: usize) -> String {
+    let named = candidates.iter().flatten().find(|n| !n.trim().is_empty());
+    named.map_or_else(|| format!("{kind} {index}"), |n| (*n).to_owned())
+}

@@ -1,0 +1,132 @@
+//! The images of one scene while it is read: measured from their headers first, then decoded, each content once.
+
+use crate::error::InputError;
+use crate::images::{ImageHeader, decode_image, image_header, repair_message};
+use crate::import::texel_budget::TexelBudget;
+use crate::import::warnings::Warnings;
+use crate::loader::Limits;
+use dunkelfeld_scene::{Image, ImageId, Texels};
+use std::path::Path;
+use twox_hash::XxHash3_128;
+
+/// What an image file holds, as a key. Two files of the same hash are taken to be one: whoever makes two with
+/// the same hash gets the first in place of the second, in a scene of their own.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(crate) struct Content {
+    hash: u128,
+    length: usize,
+    /// Of TGA files the name decides how they are read.
+    is_tga: bool,
+}
+
+impl Content {
+    pub(crate) fn from_bytes(bytes: &[u8], file_name: &str) -> Self {
+        let is_tga = Path::new(file_name).extension().is_some_and(|e| e.eq_ignore_ascii_case("tga"));
+        Self { hash: XxHash3_128::oneshot(bytes), length: bytes.len(), is_tga }
+    }
+}
+
+/// Images in order of first use.
+///
+/// A scene is gone through twice: a store that measures reads headers only and hands out images without texels, so that the
+/// sum is known (see [`ImageStore::check`]) before a store that decodes takes memory.
+#[derive(Debug)]
+pub(crate) struct ImageStore {
+    limits: Limits,
+    measures: bool,
+    budget: TexelBudget,
+    images: Vec<Image>,
+}
+
+impl ImageStore {
+    /// A store that reads headers only.
+    pub(crate) fn measuring(limits: &Limits) -> Self {
+        Self { measures: true, ..Self::decoding(limits) }
+    }
+
+    /// A store that decodes.
+    pub(crate) fn decoding(limits: &Limits) -> Self {
+        Self { limits: *limits, measures: false, budget: TexelBudget::new(limits, &[]), images: Vec::new() }
+    }
+
+    /// Do its images have no texels?
+    pub(crate) fn measures(&self) -> bool {
+        self.measures
+    }
+
+    /// An image; without texels if this store measures.
+    pub(crate) fn image(&self, id: ImageId) -> Option<&Image> {
+        self.images.get(id.0 as usize)
+    }
+
+    pub(crate) fn into_images(self) -> Vec<Image> {
+        self.images
+    }
+
+    /// Do all images that were measured fit?
+    ///
+    /// # Errors
+    /// See [`TexelBudget::check`].
+    pub(crate) fn check(&self, file: &Path) -> Result<(), InputError> {
+        self.budget.check(file)
+    }
+
+    /// The header of an encoded image. Its size in memory is the budget's concern here.
+    ///
+    /// # Errors
+    /// What is wrong with it.
+    pub(crate) fn header(&self, bytes: &[u8], file_name: &str) -> Result<ImageHeader, String> {
+        image_header(bytes, file_name, &self.limits.of_header()).map_err(|fault| fault.problem)
+    }
+
+    /// Decodes an image without keeping it.
+    ///
+    /// # Errors
+    /// What is wrong with it.
+    pub(crate) fn decode(
+        &self,
+        bytes: &[u8],
+        file_name: &str,
+        place: &str,
+        warnings: &mut Warnings,
+    ) -> Result<Image, String> {
+        let decoded = decode_image(bytes, file_name, &self.limits).map_err(|fault| fault.problem)?;
+        if decoded.repaired > 0 {
+            warnings.push(place, repair_message(decoded.repaired));
+        }
+        Ok(decoded.image)
+    }
+
+    /// Adds the place of an image that is only measured.
+    ///
+    /// # Errors
+    /// If there are more images than can be counted.
+    pub(crate) fn add_measured(&mut self, header: &ImageHeader, place: &str) -> Result<ImageId, String> {
+        self.budget.add(place, header);
+        let ImageHeader { width, height, .. } = *header;
+        self.push(Image { name: String::new(), width, height, texels: Texels::Gray8(Vec::new()) })
+    }
+
+    /// Adds an image.
+    ///
+    /// # Errors
+    /// If it does not fit, which measuring should have found.
+    pub(crate) fn add(&mut self, image: Image, place: &str) -> Result<ImageId, String> {
+        let header = header_of(&image);
+        if !self.budget.add(place, &header) {
+            return Err("the images together exceed the memory allowed".into());
+        }
+        self.push(image)
+    }
+
+    fn push(&mut self, image: Image) -> Result<ImageId, String> {
+        let id = u32::try_from(self.images.len()).map_err(|_| "there are too many images")?;
+        self.images.push(image);
+        Ok(ImageId(id))
+    }
+}
+
+fn header_of(image: &Image) -> ImageHeader {
+    let (channels, value_bytes) = (image.texels.channels() as u8, image.texels.value_bytes() as u8);
+    ImageHeader { width: image.width, height: image.height, channels, value_bytes }
+}

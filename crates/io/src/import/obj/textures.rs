@@ -1,0 +1,254 @@
+//! Finds, decodes and converts the images that MTL maps name; each is kept once.
+
+use super::bake;
+use super::map::Map;
+use crate::images::ImageHeader;
+use crate::import::image_store::{Content, ImageStore};
+use crate::import::warnings::Warnings;
+use crate::input::Role;
+use crate::loader::AssetLoader;
+use dunkelfeld_geometry::Vec2;
+use dunkelfeld_scene::{ChannelTexture, ColorEncoding, ImageId, Texture, TextureTransform, Wrap};
+use std::collections::HashMap;
+
+/// What is made of an image file. Factors are kept as bits, to serve as keys.
+#[derive(Clone, Copy, PartialEq, Eq, Hash)]
+enum Variant {
+    AsStored,
+    Adjusted { base: u32, gain: u32 },
+    NormalsOfHeights { channel: Option<u8>, strength: u32, clamp: bool },
+    RoughnessOfExponents { channel: u8, factor: u32 },
+}
+
+/// The images of one scene while it is read.
+pub(super) struct Textures<'a> {
+    loader: &'a AssetLoader,
+    /// The images themselves.
+    pub(super) store: ImageStore,
+    /// By name as resolved; `None` if it cannot be used, of which there has been a warning.
+    known: HashMap<(String, Variant), Option<ImageId>>,
+    /// By what the file holds; what is wrong with it if it cannot be used.
+    by_content: HashMap<(Content, Variant), Result<ImageId, String>>,
+}
+
+impl<'a> Textures<'a> {
+    pub(super) fn new(loader: &'a AssetLoader, store: ImageStore) -> Self {
+        Self { loader, store, known: HashMap::new(), by_content: HashMap::new() }
+    }
+
+    /// A map of colours: sRGB unless `-colorspace` says otherwise.
+    pub(super) fn color(&mut self, map: &Map, folder: &str, warnings: &mut Warnings) -> Option<Texture> {
+        let image = self.find(map, folder, adjusted(map), warnings)?;
+        Some(self.texture(map, image, map.srgb.unwrap_or(true)))
+    }
+
+    /// A map of numbers in one channel: that of `-imfchan`, else red.
+    pub(super) fn scalar(&mut self, map: &Map, folder: &str, warnings: &mut Warnings) -> Option<ChannelTexture> {
+        let image = self.find(map, folder, adjusted(map), warnings)?;
+        let texture = self.texture(map, image, map.srgb.unwrap_or(false));
+        Some(ChannelTexture { texture, channel: channel(map).unwrap_or(0) })
+    }
+
+    /// A map of coverage: the channel of `-imfchan`, else alpha where the image has any, else red.
+    pub(super) fn coverage(&mut self, map: &Map, folder: &str, warnings: &mut Warnings) -> Option<ChannelTexture> {
+        let mut found = self.scalar(map, folder, warnings)?;
+        let image = self.store.image(found.texture.image);
+        if map.channel.is_none() && image.is_some_and(bake::has_alpha) {
+            found.channel = 3;
+        }
+        Some(found)
+    }
+
+    /// A normal map, used as it is.
+    pub(super) fn normals(&mut self, map: &Map, folder: &str, warnings: &mut Warnings) -> Option<Texture> {
+        let image = self.find(map, folder, Variant::AsStored, warnings)?;
+        Some(self.texture(map, image, false))
+    }
+
+    /// A normal map from a bump map, and the factor for its x and y.
+    pub(super) fn bumps(&mut self, map: &Map, folder: &str, warnings: &mut Warnings) -> Option<(Texture, f32)> {
+        let gain = if map.adjust.1.is_finite() { map.adjust.1 } else { 1.0 };
+        let variant = Variant::NormalsOfHeights {
+            channel: channel(map),
+            strength: (map.bump * gain).to_bits(),
+            clamp: map.clamp,
+        };
+        let image = self.find(map, folder, variant, warnings)?;
+        let converted = self.store.image(image).is_some_and(|i| i.name.ends_with("(normals)"));
+        // A normal map in a bump map's place: the strength then scales its slopes.
+        Some((self.texture(map, image, false), if converted { 1.0 } else { map.bump }))
+    }
+
+    /// A roughness map from a map of exponents, of which `factor` is the largest.
+    pub(super) fn exponents(
+        &mut self,
+        map: &Map,
+        folder: &str,
+        factor: f32,
+        warnings: &mut Warnings,
+    ) -> Option<ChannelTexture> {
+        let variant = Variant::RoughnessOfExponents { channel: channel(map).unwrap_or(0), factor: factor.to_bits() };
+        let image = self.find(map, folder, variant, warnings)?;
+        Some(ChannelTexture { texture: self.texture(map, image, false), channel: 0 })
+    }
+
+    /// A texture with the map's options. OBJ looks up `scale * uv + offset` with v upwards; ours points down:
+    /// 1 - (s (1 - v) + o) = s v + (1 - s - o).
+    fn texture(&self, map: &Map, image: ImageId, srgb: bool) -> Texture {
+        let float = self.store.image(image).is_some_and(|i| i.texels.is_float());
+        let encoding = if srgb && !float { ColorEncoding::Srgb } else { ColorEncoding::Linear };
+        let mut texture = Texture::new(image, encoding);
+        if map.clamp {
+            texture.wrap = [Wrap::Clamp; 2];
+        }
+        texture.transform = TextureTransform {
+            offset: Vec2::new(map.offset[0], 1.0 - map.scale[1] - map.offset[1]),
+            rotation: 0.0,
+            scale: Vec2::from_array(map.scale),
+        };
+        texture
+    }
+
+    fn find(&mut self, map: &Map, folder: &str, variant: Variant, warnings: &mut Warnings) -> Option<ImageId> {
+        let key = (join(folder, &map.file), variant);
+        if let Some(known) = self.known.get(&key) {
+            return *known;
+        }
+        let id = self.load(map, folder, variant, warnings);
+        self.known.insert(key, id);
+        id
+    }
+
+    fn load(&mut self, map: &Map, folder: &str, variant: Variant, warnings: &mut Warnings) -> Option<ImageId> {
+        let place = format!("image \"{}\"", map.file);
+        let bytes = match load_beside(self.loader, folder, &map.file, Role::Texture) {
+            Ok(found) => {
+                if let Some(instead) = found.instead {
+                    warnings.push(&place, format!("is not where it is said to be; \"{instead}\" is used"));
+                }
+                found.bytes
+            }
+            Err(problem) => {
+                warnings.push(&place, format!("{problem}; the map is left out"));
+                return None;
+            }
+        };
+        let content = Content::from_bytes(&bytes, &map.file);
+        let made = match self.by_content.get(&(content, variant)) {
+            Some(known) => known.clone(),
+            None => self.make(&bytes, content, map, variant, &place, warnings),
+        };
+        self.by_content.insert((content, variant), made.clone());
+        made.map_err(|problem| warnings.push(&place, format!("{problem}; the map is left out"))).ok()
+    }
+
+    /// Decodes an image and makes of it what is wanted, or measures that.
+    fn make(
+        &mut self,
+        bytes: &[u8],
+        content: Content,
+        map: &Map,
+        variant: Variant,
+        place: &str,
+        warnings: &mut Warnings,
+    ) -> Result<ImageId, String> {
+        if self.store.measures() {
+            let header = measured(&self.store.header(bytes, &map.file)?, variant);
+            return self.store.add_measured(&header, place);
+        }
+        let raw = self.store.decode(bytes, &map.file, place, warnings)?;
+        let image = match variant {
+            Variant::AsStored => raw,
+            Variant::Adjusted { base, gain } => bake::adjusted(&raw, f32::from_bits(base), f32::from_bits(gain)),
+            Variant::NormalsOfHeights { .. } if bake::looks_like_normals(&raw) => {
+                warnings.push(place, "is named as a bump map but holds normals; it is used as a normal map");
+                // The same image as that of a normal map.
+                let as_stored = (content, Variant::AsStored);
+                if let Some(known) = self.by_content.get(&as_stored) {
+                    return known.clone();
+                }
+                let made = self.store.add(raw, place);
+                self.by_content.insert(as_stored, made.clone());
+                return made;
+            }
+            Variant::NormalsOfHeights { channel, strength, clamp } => {
+                bake::normals_of_heights(&raw, channel, f32::from_bits(strength), clamp)
+            }
+            Variant::RoughnessOfExponents { channel, factor } => {
+                bake::roughness_of_exponents(&raw, channel, f32::from_bits(factor))
+            }
+        };
+        self.store.add(image, place)
+    }
+}
+
+/// What is stored of an image with this header; the larger of both where only the texels can say.
+fn measured(header: &ImageHeader, variant: Variant) -> ImageHeader {
+    let value_bytes = if header.value_bytes == 4 { 4 } else { 2 };
+    match variant {
+        Variant::AsStored => *header,
+        Variant::Adjusted { .. } => ImageHeader { value_bytes, ..*header },
+        Variant::RoughnessOfExponents { .. } => ImageHeader { channels: 1, value_bytes, ..*header },
+        Variant::NormalsOfHeights { .. } => {
+            let normals = ImageHeader { channels: 3, value_bytes: 2, ..*header };
+            if header.bytes() > normals.bytes() { *header } else { normals }
+        }
+    }
+}
+
+fn adjusted(map: &Map) -> Variant {
+    let (base, gain) = map.adjust;
+    if (base, gain) == (0.0, 1.0) {
+        return Variant::AsStored;
+    }
+    Variant::Adjusted { base: base.to_bits(), gain: gain.to_bits() }
+}
+
+fn channel(map: &Map) -> Option<u8> {
+    match map.channel? {
+        'r' => Some(0),
+        'g' => Some(1),
+        'b' => Some(2),
+        'm' => Some(3),
+        _ => None,
+    }
+}
+
+/// A file that was found.
+pub(super) struct Found {
+    pub bytes: Vec<u8>,
+    /// Its path, if that is not what was asked for.
+    pub instead: Option<String>,
+}
+
+/// Reads a file that a file in `folder` refers to: from there, else from the scene's own folder; if the name has folders
+/// that do not exist here (`C:\maps\a.png`), the bare file name is tried in both. All inside the scene's folder.
+///
+/// # Errors
+/// What kept the first of these from being read.
+pub(super) fn load_beside(loader: &AssetLoader, folder: &str, name: &str, role: Role) -> Result<Found, String> {
+    let first = join(folder, name);
+    let problem = match loader.load_relative(&first, role) {
+        Ok(bytes) => return Ok(Found { bytes, instead: None }),
+        Err(e) => e.problem,
+    };
+    // From its own folder or from the scene's: both are usual, so the second needs no remark.
+    if first != name
+        && let Ok(bytes) = loader.load_relative(name, role)
+    {
+        return Ok(Found { bytes, instead: None });
+    }
+    let bare = name.rsplit(['/', '\\']).next().unwrap_or(name);
+    if bare != name {
+        for candidate in [join(folder, bare), bare.to_string()] {
+            if let Ok(bytes) = loader.load_relative(&candidate, role) {
+                return Ok(Found { bytes, instead: Some(candidate) });
+            }
+        }
+    }
+    Err(problem)
+}
+
+fn join(folder: &str, name: &str) -> String {
+    if folder.is_empty() { name.to_string() } else { format!("{folder}/{name}") }
+}
