@@ -141,6 +141,7 @@ fn faults_of_type_have_their_line_also_in_untyped_extensions() {
         ("\"doubleSided\": 3", "boolean"),
         ("\"extensions\": {\"KHR_materials_clearcoat\": {\"clearcoatFactor\": \"much\"}}", "much"),
         ("\"normalTexture\": {\"index\": -1}", "whole number"),
+        ("\"extensions\": {\"KHR_materials_ior\": 7}", "expected an object"),
     ] {
         let e = load_bytes(text(material).as_bytes(), "a.gltf", &ImportOptions::default()).expect_err("a fault");
         assert!(e.place.starts_with("JSON, line 3, column ") && e.problem.contains(word), "{e}");

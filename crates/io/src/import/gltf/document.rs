@@ -88,9 +88,13 @@ fn typed<T: DeserializeOwned>(value: Value, above: &[Step]) -> Result<T, TypeFau
     })
 }
 
-/// The crate's words for a place where an index belongs are hard to understand.
+/// The words of the types for what belongs in a place, where they are hard to understand.
 fn plain(problem: &str) -> String {
-    problem.replace("index into child of root", "an index: a whole number that is not negative")
+    let problem = problem.replace("index into child of root", "an index: a whole number that is not negative");
+    match problem.split_once(", expected struct ") {
+        Some((found, _)) => format!("{found}, expected an object"),
+        None => problem,
+    }
 }
 
 fn untyped<T: DeserializeOwned + Default>(
