@@ -1,4 +1,5 @@
-//! Wavefront OBJ with its MTL libraries: a forgiving reader that repairs what it can and says so by line.
+//! Wavefront OBJ with its MTL libraries. The crate `tobj` reads both; the code here cleans the text before, makes the scene
+//! of the result, and reports each repair with its line. `docs/import-obj.md` describes the steps.
 //!
 //! The format is three decades old and every program writes it differently, so a fault in one statement never costs more
 //! than that statement.

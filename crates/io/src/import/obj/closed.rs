@@ -23,26 +23,23 @@ impl<'a> Places<'a> {
     pub(super) fn are_closed(&self, triangles: impl Iterator<Item = [u32; 3]> + Clone) -> bool {
         let edges = triangles.flat_map(|[a, b, c]| [(a, b), (b, c), (c, a)]);
         // Of a closed surface the edges' hashes cancel each other, so most open ones need no closer look.
-        let sum = edges.clone().fold(0_u64, |sum, (from, to)| {
+        let (mut sum, mut with_length) = (0_u64, true);
+        for (from, to) in edges.clone() {
             let (from, to) = (self.hash(from), self.hash(to));
             match from.cmp(&to) {
-                Ordering::Less => sum.wrapping_add(mixed(from, to)),
-                Ordering::Equal => sum,
-                Ordering::Greater => sum.wrapping_sub(mixed(to, from)),
+                Ordering::Less => sum = sum.wrapping_add(mixed(from, to)),
+                Ordering::Equal => with_length = false,
+                Ordering::Greater => sum = sum.wrapping_sub(mixed(to, from)),
             }
-        });
+        }
         if sum != 0 {
             return false;
         }
-        let first = self.first.get_or_init(|| first_at_same_place(self.positions));
-        let (mut forward, mut backward) = (Vec::new(), Vec::new());
-        for (from, to) in edges {
-            let (from, to) = (first[from as usize], first[to as usize]);
-            if from < to { forward.push((from, to)) } else { backward.push((to, from)) }
+        // Where the vertices themselves close the surface, their places do too.
+        (with_length && are_balanced(edges.clone())) || {
+            let first = self.first.get_or_init(|| first_at_same_place(self.positions));
+            are_balanced(edges.map(|(from, to)| (first[from as usize], first[to as usize])))
         }
-        forward.sort_unstable();
-        backward.sort_unstable();
-        !forward.is_empty() && forward == backward
     }
 
     fn hash(&self, position: u32) -> u64 {
@@ -59,6 +56,21 @@ fn bits(position: &[f64; 3]) -> [u64; 3] {
 fn mixed(hash: u64, value: u64) -> u64 {
     let product = (hash.rotate_left(29) ^ value).wrapping_mul(6_364_136_223_846_793_005);
     product ^ (product >> 32)
+}
+
+/// Are there edges, and does each run as often one way as the other? One from a vertex to itself runs one way only.
+fn are_balanced(edges: impl Iterator<Item = (u32, u32)>) -> bool {
+    let (mut forward, mut backward) = (Vec::new(), Vec::new());
+    let key = |from: u32, to: u32| u64::from(from) << 32 | u64::from(to);
+    for (from, to) in edges {
+        if from < to { forward.push(key(from, to)) } else { backward.push(key(to, from)) }
+    }
+    if forward.is_empty() || forward.len() != backward.len() {
+        return false;
+    }
+    forward.sort_unstable();
+    backward.sort_unstable();
+    forward == backward
 }
 
 fn first_at_same_place(positions: &[[f64; 3]]) -> Vec<u32> {
