@@ -190,12 +190,12 @@ fn a_folder_stays_with_what_it_measured() {
     let record = bench.read("out/units/uniform-2-00.json");
     // Another seed, another size, another ladder, another scene: refused with the difference, and nothing is lost.
     let others = [
-        ("--seed", "7", "seed is 7 now"),
-        ("--width", "21", "film"),
+        ("--seed", "7", "not the same seed, \"0\" there and \"7\" here"),
+        ("--width", "21", "not the same size"),
         ("--spp", "2,8", "settings"),
         ("--seeds", "6", "settings"),
         ("--sensor", "imx174", "sensor"),
-        ("--denoise", "off", "list of denoisers is empty now"),
+        ("--denoise", "off", "not the same list of denoisers"),
     ];
     for (flag, value, difference) in others {
         let line = tiny_but(flag, value) + " --effects none --strategies uniform -o out";

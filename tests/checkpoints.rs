@@ -349,7 +349,7 @@ fn a_checkpoint_of_another_render_is_refused_and_the_difference_named() {
     fs::write(&path, "precious".repeat(9)).expect("writable");
     refused(run(&scene, &settings), &["a.film", "not that of a checkpoint"]);
     fs::write(&path, &bytes).expect("writable");
-    with_text(&path, "\"identity\"", "\"identiti\"");
+    with_text(&path, "\"key\"", "\"kez\"");
     refused(run(&scene, &settings), &["a.film", "description"]);
     refused(run(&scene, &kept(&folder.path().join("no/a.film"), &settings)), &["no/a.film", "folder"]);
     refused(run(&scene, &kept(folder.path(), &settings)), &["is a folder"]);

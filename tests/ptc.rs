@@ -111,10 +111,10 @@ fn a_folder_stays_with_what_it_measured() {
     lab.run(TINY).code(0);
     let record = lab.read("out/units/paper-4-0000.json");
     let others = [
-        ("--frames 5", "--frames 5 --seed 7", "seed is 7 now"),
-        ("--width 24", "--width 25", "film"),
+        ("--frames 5", "--frames 5 --seed 7", "not the same seed, \"0\" there and \"7\" here"),
+        ("--width 24", "--width 25", "not the same size"),
         ("--spp 4,16", "--spp 4,32", "number of samples"),
-        ("--denoise builtin", "--denoise off", "list of denoisers is empty now"),
+        ("--denoise builtin", "--denoise off", "not the same list of denoisers"),
     ];
     for (from, to, difference) in others {
         let said = complaint(&lab.run(&TINY.replace(from, to)).code(2));

@@ -24,6 +24,13 @@
 
 use serde::{Deserialize, Serialize};
 
+/// Largest budget of samples per pixel.
+pub const MAX_MEAN_SPP: f64 = 1e9;
+
+/// Valid targets k of the noise: the standard deviation of the render over that of the sensor. Below a thousandth no
+/// sensor shows a difference.
+pub const NOISE_LEVELS: std::ops::RangeInclusive<f64> = 1e-3..=1e3;
+
 /// The largest expected time of a round, as a share of the time left.
 pub const TIME_SHARE: f64 = 0.3;
 /// The share of [`TIME_SHARE`] in the first round after a plan; it grows fourfold from one round to the next. New

@@ -1,6 +1,6 @@
 //! The boundary of a clear solid: smooth (two delta lobes) or rough (Walter, Marschner, Li and Torrance 2007).
 
-use crate::bsdf::{BsdfSample, Lobe};
+use crate::bsdf_sample::{BsdfSample, Lobe};
 use crate::compensation;
 use crate::fresnel;
 use crate::microfacet::{Ggx, reflect};
@@ -17,7 +17,7 @@ pub const MATCHED_INDEX: f32 = 1e-3;
 /// The boundary between two dielectrics. Below the surface (z < 0) is the inside.
 ///
 /// The transported quantity is radiance: a refraction scales it by `1 / eta^2`.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Dielectric {
     eta: f32,
     rough: Option<Ggx>,

@@ -17,6 +17,7 @@
 pub const EFFECTS: bool = !cfg!(feature = "plain-only");
 
 mod bsdf;
+mod bsdf_sample;
 pub mod clearcoat;
 pub mod compensation;
 pub mod dielectric;
@@ -31,7 +32,8 @@ pub mod thin;
 pub mod translucent;
 pub mod transmission;
 
-pub use bsdf::{Bsdf, BsdfSample, Lobe};
+pub use bsdf::Bsdf;
+pub use bsdf_sample::{BsdfSample, Lobe};
 pub use dielectric::Dielectric;
 pub use phase::HenyeyGreenstein;
 pub use principled::{Principled, PrincipledParams};

@@ -7,7 +7,7 @@ use dunkelfeld_sampling::warp::{self, sin_cos_turn};
 use std::f32::consts::FRAC_1_PI;
 
 /// The anisotropic GGX distribution with Smith masking (Trowbridge and Reitz 1975; Walter et al. 2007; Heitz 2014).
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Ggx {
     alpha_x: f32,
     alpha_y: f32,

@@ -13,7 +13,7 @@ const SHARPEST: f32 = 1.0 - 1e-4;
 ///
 /// Directions point away from the place of scattering, as at surfaces: light without deflection has `wi = -wo`. The
 /// value of the phase function is its density, so a sample has weight one.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct HenyeyGreenstein {
     g: f32,
 }

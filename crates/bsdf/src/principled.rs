@@ -15,7 +15,7 @@
 //! range and `eta` is not 1. The sampling densities differ from Mitsuba's: the reflective lobe uses bounded visible
 //! normals.
 
-use crate::bsdf::{BsdfSample, Lobe};
+use crate::bsdf_sample::{BsdfSample, Lobe};
 use crate::dielectric::{MATCHED_INDEX, clamp_eta, delta, finite_sample, from_above, mirrored_if};
 use crate::fresnel::{self, schlick_weight};
 use crate::microfacet::{Ggx, reflect};
@@ -86,7 +86,7 @@ impl Default for PrincipledParams {
 const POLISHED: f32 = 0.032;
 
 /// A principled surface in compiled form. Products of the parameters are computed once per shading point.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Principled {
     ggx: Ggx,
     roughness: f32,

@@ -7,7 +7,7 @@ use dunkelfeld_radiometry::Rgb;
 
 /// The colours of the specular reflection: exact Fresnel for the untinted dielectric, Schlick (1994) for metal and tint
 /// (Burley 2012, 2015).
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct SpecularColor {
     /// Reflectance at normal incidence of the index alone.
     f0: f32,

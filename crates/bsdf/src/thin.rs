@@ -1,6 +1,6 @@
 //! A thin-walled sheet: a pane of glass or film whose two faces are treated as one surface.
 
-use crate::bsdf::{BsdfSample, Lobe};
+use crate::bsdf_sample::{BsdfSample, Lobe};
 use crate::compensation;
 use crate::dielectric::{clamp_eta, delta, finite_sample, from_above, mirrored_if};
 use crate::fresnel;
@@ -13,7 +13,7 @@ use dunkelfeld_radiometry::Rgb;
 /// The sum of all internal reflections of a sheet whose faces reflect `R` is `R' = R + (1-R)^2 R / (1-R^2) = 2R /
 /// (1+R)` (Stokes 1862). A rough sheet spreads both parts by the same GGX lobe. Its transmission is the mirror image of
 /// its reflection, the common model for thin walls (Pharr, Jakob and Humphreys 2023, section 9.5).
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct ThinSheet {
     eta: f32,
     rough: Option<Ggx>,

@@ -1,7 +1,7 @@
 //! A surface with diffuse transmission, like paper, leaves or milk glass (glTF KHR_materials_diffuse_transmission).
 
 use crate::Principled;
-use crate::bsdf::{BsdfSample, Lobe};
+use crate::bsdf_sample::{BsdfSample, Lobe};
 use crate::dielectric::{finite_sample, mirrored_if};
 use dunkelfeld_geometry::LocalDir;
 use dunkelfeld_radiometry::Rgb;
@@ -11,7 +11,7 @@ use std::f32::consts::FRAC_1_PI;
 /// An opaque principled surface of which a share of the diffuse light leaves on the other side, after Lambert.
 ///
 /// Both sides are equal: for directions below (z < 0) it is its own mirror image.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Translucent {
     /// The reflection; its diffuse lobe is reduced by the transmitted share.
     surface: Principled,

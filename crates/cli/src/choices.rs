@@ -43,7 +43,7 @@ pub(crate) fn exposure_noises() -> impl TypedValueParser<Value = ExposureNoise> 
     let help = |noise| match noise {
         ExposureNoise::Plain => "All of the camera's noise, on top of what noise the render has",
         ExposureNoise::Matched => {
-            "Of the camera's noise what the render does not have already, so that frames of independent renders are as              noisy as the camera's. It is said in how many pixels that holds; the EXR of a render has it as layer matched.Y"
+            "Of the camera's noise what the render does not have already, so that frames of independent renders are as noisy as the camera's. It is said in how many pixels that holds; the EXR of a render has it as layer matched.Y"
         }
     };
     let all = [ExposureNoise::Plain, ExposureNoise::Matched];

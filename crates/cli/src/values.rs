@@ -1,6 +1,7 @@
 //! The values of flags: read from their text, and checked before any file is opened. An error says what to write instead.
 
 use crate::args::ExposureChoice;
+use dunkelfeld::adaptive::budget::{MAX_MEAN_SPP, NOISE_LEVELS};
 use dunkelfeld::integrator::PixelSample;
 use dunkelfeld::io::quantity::{Length, Time};
 use dunkelfeld::radiometry::Seconds;
@@ -64,14 +65,14 @@ pub(crate) fn effect(name: &str) -> Result<Effect, String> {
 
 pub(crate) fn samples_per_pixel(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
-        Ok(n) if n > 0.0 && n <= 1e9 => Ok(n),
+        Ok(n) if n > 0.0 && n <= MAX_MEAN_SPP => Ok(n),
         _ => Err("write a number above zero and up to 1e9, such as 64".into()),
     }
 }
 
 pub(crate) fn noise_level(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
-        Ok(k) if (1e-3..=1e3).contains(&k) => Ok(k),
+        Ok(k) if NOISE_LEVELS.contains(&k) => Ok(k),
         _ => Err("write a number from 0.001 to 1000, such as 0.7".into()),
     }
 }

@@ -10,9 +10,7 @@ use dunkelfeld_render::film_noise::{Certified, FilmNoise};
 use dunkelfeld_render::parallel::mean_without_gaps;
 use dunkelfeld_render::{RenderSettings, SensorChoice};
 use dunkelfeld_scene::Effect;
-use dunkelfeld_sensor::{
-    Device, Exposure, ExposureNoise, FrameKey, Response, SensorError, SensorModel, auto_exposure, display,
-};
+use dunkelfeld_sensor::{Device, Exposure, ExposureNoise, FrameKey, ImageExposure, Response, SensorModel, display};
 use rayon::prelude::*;
 use std::borrow::Cow;
 
@@ -120,18 +118,7 @@ fn expose(
         let picture = Picture::Rgb(display::linear_to_8bit(&mean));
         return Ok(Frame { picture, sensor: None, no_light: false, without: settings.without.clone(), denoised: None });
     };
-    let mut no_light = false;
-    let exposure = match exposure {
-        Some(exposure) => *exposure,
-        None => match auto_exposure(&mean, model, optics) {
-            Ok(exposure) => exposure,
-            Err(SensorError::NoLight) => {
-                no_light = true;
-                Exposure::new(dunkelfeld_radiometry::Seconds(1.0))?
-            }
-            Err(e) => return Err(e.into()),
-        },
-    };
+    let ImageExposure { exposure, no_light } = ImageExposure::new(*exposure, &mean, model, optics)?;
     let response = Response::new(model, optics, exposure);
     let electrons = dunkelfeld_sensor::electrons(&mean, &response).plane;
     let (width, height) = (mean.width(), mean.height());

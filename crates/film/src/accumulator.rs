@@ -12,17 +12,17 @@ use crate::square_sum::SquareSum;
 use crate::units::{DEPTH_BITS, DEPTH_LIMIT_BITS, RADIANCE_BITS, RADIANCE_LIMIT_BITS, UNIT_BITS, UNIT_SQUARE_BITS};
 use dunkelfeld_radiometry::Rgb;
 
-/// Number of batches. Each sample belongs to one of these independently scrambled batches (sample index modulo
+/// Number of batches, as in [`dunkelfeld_sampling::BATCHES`]. Each sample belongs to one of these independently scrambled batches (sample index modulo
 /// `BATCHES`). The spread of the batch means gives the variance of their mean. The spread of single quasi-Monte Carlo
 /// samples, which are correlated, would not.
-pub const BATCHES: usize = 4;
+pub const BATCHES: usize = dunkelfeld_sampling::BATCHES as usize;
 
 /// Samples at or above this radiance are invalid. A sum has room for four thousand million of them.
 const RADIANCE_LIMIT: f32 = (1u64 << RADIANCE_LIMIT_BITS) as f32;
 const DEPTH_LIMIT: f32 = (1u64 << DEPTH_LIMIT_BITS) as f32;
 
 /// The result of one camera sample.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Sample {
     /// Radiance [W/(m^2 sr)] along the camera ray.
     pub radiance: Rgb,

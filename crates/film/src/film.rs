@@ -6,8 +6,14 @@ use crate::packed::{Pages, TILE_SIDE, Tile};
 use crate::plane::Plane;
 use std::ops::Range;
 
+/// Largest width and height of a film \[pixels\].
+pub const MAX_SIDE: u32 = 32_768;
+
+/// Largest number of pixels of a film. A render of a film of that size needs tens of gigabytes.
+pub const MAX_PIXELS: u64 = 1 << 27;
+
 /// The layers that the sums of a film contain.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
 pub enum FilmLayers {
     /// Radiance with its variance, numbers of samples, and the mean normal, which the noise analysis needs. Albedo,
     /// depth, hits and the variances of all auxiliary layers are zero.

@@ -1,7 +1,7 @@
 //! A rectangle of numbers.
 
 /// `width * height` values, row by row from the top left.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Plane<T> {
     width: u32,
     height: u32,

@@ -25,7 +25,7 @@ pub enum TransformError {
 }
 
 /// An invertible affine map from object space to world space.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Transform {
     to_world: DAffine3,
     to_object: DAffine3,

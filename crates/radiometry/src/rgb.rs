@@ -3,7 +3,7 @@
 use std::ops::{Add, AddAssign, Div, Index, Mul, MulAssign, Neg, Sub};
 
 /// Three linear Rec. 709 channels. The name of a value states its quantity (radiance, reflectance, throughput).
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
 pub struct Rgb {
     /// Red.
     pub r: f32,

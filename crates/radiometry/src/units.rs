@@ -8,7 +8,7 @@ use std::ops::{Add, Div, Mul, Sub};
 macro_rules! unit {
     ($(#[$doc:meta])* $name:ident, $symbol:literal) => {
         $(#[$doc])*
-        #[derive(Clone, Copy, Debug, Default, PartialEq, PartialOrd)]
+        #[derive(Clone, Copy, Debug, Default, PartialEq, PartialOrd, serde::Serialize, serde::Deserialize)]
         pub struct $name(pub f64);
 
         impl fmt::Display for $name {

@@ -10,8 +10,8 @@ use dunkelfeld_adaptive::variance::neighbours::{PredictedNoise, predicted_noise_
 use dunkelfeld_adaptive::variance::pixel::{BLOCK, pixel_noise_of_blocks};
 use dunkelfeld_adaptive::variance::pooled::{PixelNoise, noise_row};
 use dunkelfeld_film::{Film, PixelSums, Plane, Scatter};
-use dunkelfeld_radiometry::{Rgb, Seconds};
-use dunkelfeld_sensor::{Exposure, Response, SensorError, SensorModel, Weights, auto_exposure};
+use dunkelfeld_radiometry::Rgb;
+use dunkelfeld_sensor::{Exposure, ImageExposure, Response, SensorError, SensorModel, Weights};
 use rayon::prelude::*;
 use std::ops::Range;
 
@@ -27,8 +27,7 @@ pub struct SignalModel {
 }
 
 impl SignalModel {
-    /// The sensor at its exposure, or the luminance of an image without a sensor. A black image has no automatic
-    /// exposure. It is exposed for 1 s,.
+    /// The sensor at its exposure ([`ImageExposure`]), or the luminance of an image without a sensor.
     ///
     /// # Errors
     /// A sensor whose ranges the exposure exceeds.
@@ -36,10 +35,7 @@ impl SignalModel {
         let SensorChoice::Emva { model, optics, exposure } = sensor else {
             return Ok(Self { response: Response::constant(Weights::luminance()), white: 1.0, sensor: None });
         };
-        let exposure = match exposure.map_or_else(|| auto_exposure(mean, model, optics), Ok) {
-            Err(SensorError::NoLight) => Exposure::new(Seconds(1.0))?,
-            other => other?,
-        };
+        let ImageExposure { exposure, .. } = ImageExposure::new(*exposure, mean, model, optics)?;
         Ok(Self {
             response: Response::new(model, optics, exposure),
             white: model.saturation().0 as f32,

@@ -15,13 +15,14 @@ mod merge;
 pub mod parallel;
 mod plan;
 mod progress;
+mod render_key;
 mod rendered_film;
 mod round;
 mod session;
 mod settings;
 mod validate;
 
-pub use checkpoint::{ResumedWork, lock};
+pub use checkpoint::ResumedWork;
 pub use driver::{
     EXR_PER_MEGAPIXEL, OutputDryRun, Rendering, camera, find_camera, render, render_with_dry_run, thread_count,
 };
@@ -29,11 +30,12 @@ pub use error::{Error, camera_help, written};
 pub use merge::{JoinedParts, PartSummary};
 pub use plan::forecast::{FORECAST_LEVELS, Forecast, ForecastLevel};
 pub use progress::{Cancel, Progress, ProgressState, Silent, Stage};
+pub use render_key::RenderKey;
 pub use rendered_film::RenderedFilm;
 pub use round::TILE;
 pub use session::Session;
 pub use settings::{
     Budget, CheckpointSettings, DEFAULT_CHECKPOINT_SECONDS, DEFAULT_PILOT_SPP, DEFAULT_SPP, DenoiseMethod,
-    DenoiseSettings, MAX_PIXELS, MAX_SIDE, OIDN_VARIABLE, RenderSettings, SensorChoice, UNKNOWN_SPP,
+    DenoiseSettings, MAX_PIXELS, MAX_SIDE, OIDN_VARIABLE, RenderSettings, SensorChoice, UNKNOWN_SPP, lock,
 };
 pub use validate::validate;

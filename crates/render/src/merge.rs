@@ -15,9 +15,6 @@ use dunkelfeld_io::checkpoint::{CheckpointHead, write_checkpoint};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
-/// Largest number of invalid samples that are stored with their coordinates.
-const MAX_LISTED: usize = 16;
-
 /// A part without its film.
 struct Part<'a> {
     path: &'a Path,
@@ -70,9 +67,9 @@ impl JoinedParts {
         let (parts, film, ids) = join(paths)?;
         let (Some(first), Some(last)) = (parts.first(), parts.last()) else { return Err(no_parts()) };
         let samples = first.samples.start..last.samples.end;
-        let (identity, recipe) = (first.description.identity.clone(), first.recipe.clone());
+        let (key, recipe) = (first.description.key.clone(), first.recipe.clone());
         let state = together(&parts);
-        let description = Description { identity, samples: Some(samples), recipe: Some(recipe.clone()), state };
+        let description = Description { key, samples: Some(samples), recipe: Some(recipe.clone()), state };
         Ok(Self { parts: parts.iter().map(Part::summary).collect(), film, ids, description, recipe })
     }
 
@@ -92,12 +89,9 @@ impl JoinedParts {
     }
 
     /// The settings for the exposure of the whole: those of the parts.
-    ///
-    /// # Errors
-    /// A sensor whose stored values are out of range.
-    pub fn settings(&self) -> Result<RenderSettings, Error> {
-        let settings = self.recipe.settings(self.film.width(), self.film.height())?;
-        Ok(RenderSettings { samples: Some(self.samples()), ..settings })
+    pub fn settings(&self) -> RenderSettings {
+        let settings = self.recipe.settings(self.film.width(), self.film.height());
+        RenderSettings { samples: Some(self.samples()), ..settings }
     }
 
     /// Does the lens darken the image towards its corners?
@@ -185,7 +179,7 @@ fn join(paths: &[PathBuf]) -> Result<Joined<'_>, Error> {
         if let Some(first) = parts.first() {
             let help = "merge parts of one scene with the same settings";
             let of = |difference| format!("is of another render than {}: {difference}", first.path.display());
-            if let Some(difference) = first.description.identity.difference(&description.identity) {
+            if let Some(difference) = first.description.key.difference(&description.key) {
                 return Err(fault(of(difference), help));
             }
             if let Some(what) = first.recipe.difference(&recipe) {
@@ -239,6 +233,6 @@ fn together(parts: &[Part<'_>]) -> State {
         all.invalid.extend(&state.invalid);
     }
     all.invalid.sort_by_key(|&[x, y, index]| (y, x, index));
-    all.invalid.truncate(MAX_LISTED);
+    all.invalid.truncate(crate::round::MAX_LISTED);
     all
 }

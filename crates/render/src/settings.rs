@@ -2,13 +2,15 @@
 
 mod checkpoint;
 
-pub use checkpoint::{CheckpointSettings, DEFAULT_CHECKPOINT_SECONDS};
+pub use checkpoint::{CheckpointSettings, DEFAULT_CHECKPOINT_SECONDS, lock};
 pub use dunkelfeld_denoise::{DenoiseMethod, DenoiseSettings, OIDN_VARIABLE};
+pub use dunkelfeld_film::{MAX_PIXELS, MAX_SIDE};
 
 use dunkelfeld_adaptive::weights::Strategy;
 use dunkelfeld_film::{FilmLayers, Plane};
 use dunkelfeld_scene::{Camera, Effect};
 use dunkelfeld_sensor::{Exposure, ExposureNoise, Optics, SensorModel};
+use serde::{Deserialize, Serialize};
 use std::ops::Range;
 
 /// Samples per pixel when no budget is given.
@@ -18,15 +20,8 @@ pub const DEFAULT_PILOT_SPP: u32 = 16;
 /// Samples per pixel that the memory account assumes where the clock or the noise ends the render.
 pub const UNKNOWN_SPP: f64 = 4096.0;
 
-/// Largest width and height of a film.
-pub const MAX_SIDE: u32 = 32_768;
-
-/// Largest number of pixels of a film. A render of so many needs tens of gigabytes: `dunkelfeld::MemoryAccount` says how many
-/// before it begins.
-pub const MAX_PIXELS: u64 = 1 << 27;
-
 /// When a render ends: the first limit that is met. Without any, [`DEFAULT_SPP`] samples per pixel.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Budget {
     /// Wall-clock seconds, from the start of the command to the last file written.
     pub seconds: Option<f64>,
@@ -38,7 +33,8 @@ pub struct Budget {
 }
 
 /// How the render is exposed.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum SensorChoice {
     /// No sensor: radiance 1 W/(m^2 sr) is white, clipped, gamma 2.2, 8 bit; the paper's images.
     None,
@@ -54,7 +50,7 @@ pub enum SensorChoice {
 }
 
 /// Everything a render depends on beside the scene.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize)]
 pub struct RenderSettings {
     /// Width of the film \[pixels\], 1 to [`MAX_SIDE`].
     pub width: u32,
@@ -93,6 +89,7 @@ pub struct RenderSettings {
     /// The most memory \[bytes\] that the run may need: a render whose account (`dunkelfeld::MemoryAccount`) is beyond it does not begin.
     pub memory_limit: Option<u64>,
     /// Where to keep a checkpoint, and to take the render up from if it exists.
+    #[serde(skip)]
     pub checkpoint: Option<CheckpointSettings>,
     /// The layers that the film keeps sums for. [`FilmLayers::Image`] needs less memory and allows neither auxiliary layers in an EXR
     /// nor denoisers that use them. A render with a checkpoint keeps all: it may be asked for them later.

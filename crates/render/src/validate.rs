@@ -2,8 +2,8 @@
 
 use crate::error::Error;
 use crate::settings::{Budget, MAX_PIXELS, MAX_SIDE, RenderSettings};
-use dunkelfeld_adaptive::plan;
 use dunkelfeld_adaptive::weights::Strategy;
+use dunkelfeld_adaptive::{budget, plan};
 use dunkelfeld_sensor::ExposureNoise;
 
 /// Refuses what cannot be rendered, with help.
@@ -29,8 +29,8 @@ pub fn validate(s: &RenderSettings) -> Result<(), Error> {
         }
     }
     if let Some(k) = s.budget.noise {
-        if !(k.is_finite() && k > 0.0) {
-            return Err(Error::setting("noise", "the level must be a positive number", "use 0.7"));
+        if !budget::NOISE_LEVELS.contains(&k) {
+            return Err(Error::setting("noise", "the level must be a number from 0.001 to 1000", "use 0.7"));
         }
         if !s.has_sensor() {
             let problem = "noise is hidden beneath that of a sensor, and there is none";
@@ -55,8 +55,8 @@ pub fn validate(s: &RenderSettings) -> Result<(), Error> {
             return Err(Error::setting("samples", problem, "leave budget and allocation out, or the samples"));
         }
     }
-    if s.budget.spp.is_some_and(|v| v > f64::from(u32::MAX / 4)) {
-        return Err(Error::setting("spp", "more samples per pixel than can be counted", "use less than 1e9"));
+    if s.budget.spp.is_some_and(|v| v > budget::MAX_MEAN_SPP) {
+        return Err(Error::setting("spp", "more samples per pixel than can be counted", "use at most 1e9"));
     }
     if let Some(p) = &s.replay
         && (p.width(), p.height()) != (s.width, s.height)

@@ -16,7 +16,7 @@ pub struct Choice {
 /// Weights that are negative or not finite count as zero. If all weights are zero, the distribution is uniform, so that
 /// a scene with dark lights only can still be sampled. Without weights it has one entry. Sums are f64, so that ten
 /// thousand lights with a range of 1e12 keep their shares.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Distribution1D {
     /// n + 1 values, from 0 to exactly 1.
     cdf: Box<[f64]>,
@@ -105,7 +105,7 @@ impl Distribution1D {
 /// Rows are stacked along the second coordinate. Unusable weights and all-zero grids are treated as in
 /// [`Distribution1D`]. Within a row the cumulative sums are computed in f64 and stored in f32 (an 8192 x 4096 map takes
 /// 128 MB). Densities are computed from the stored sums, so they are exactly those of the sampling.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Distribution2D {
     width: usize,
     /// `height` rows of `width + 1` values from 0 to exactly 1.

@@ -34,7 +34,7 @@ impl<const TEXTURED: bool, const STOCHASTIC: bool, const SOLIDS: bool, const MED
 pub type AllFeatures = KernelFeatures<true, true, true, true>;
 
 /// The features that a scene needs.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
 pub struct FeatureSet {
     /// See [`Features::TEXTURED`].
     pub detail: bool,

@@ -56,7 +56,7 @@ pub struct Scene {
 }
 
 /// Content of an instance of the hierarchy.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, serde::Serialize)]
 pub(crate) enum Placement {
     /// The mesh that holds all parts that were moved to render space.
     Baked,
@@ -65,7 +65,7 @@ pub(crate) enum Placement {
 }
 
 /// One mesh of one object, in the form that shading needs.
-#[derive(Debug)]
+#[derive(Debug, serde::Serialize)]
 pub(crate) struct Part {
     pub(crate) mesh: u32,
     pub(crate) material: u32,

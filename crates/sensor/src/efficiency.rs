@@ -10,9 +10,18 @@ pub const BANDS: [Nanometres; 3] = [Nanometres(610.0), Nanometres(550.0), Nanome
 
 /// Quantum efficiency eta over the wavelength: linear between points, constant beyond the ends.
 ///
-/// With a single point it is constant.
-#[derive(Clone, Debug, PartialEq)]
+/// With a single point it is constant. Its serialised form is the list of points, which is checked when it is read.
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(try_from = "Vec<(Nanometres, f64)>")]
 pub struct QuantumEfficiency(Vec<(Nanometres, f64)>);
+
+impl TryFrom<Vec<(Nanometres, f64)>> for QuantumEfficiency {
+    type Error = SensorError;
+
+    fn try_from(points: Vec<(Nanometres, f64)>) -> Result<Self, SensorError> {
+        Self::new(points)
+    }
+}
 
 impl QuantumEfficiency {
     /// A curve through points of ascending wavelength. Efficiencies are fractions in (0, 1].
@@ -80,7 +89,8 @@ impl FilterColor {
 }
 
 /// A Bayer pattern, named by the colours of the first two pixels of the first row and those below them.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum BayerPattern {
     /// Red, green; green, blue.
     Rggb,
@@ -125,7 +135,7 @@ impl BayerPattern {
 }
 
 /// A colour filter array over the pixels.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct ColorFilter {
     /// The colour of each pixel.
     pub pattern: BayerPattern,
@@ -149,7 +159,8 @@ impl ColorFilter {
 }
 
 /// The quantum efficiency of the pixels of a sensor.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum Efficiency {
     /// The same curve for all pixels.
     Mono(QuantumEfficiency),

@@ -37,7 +37,9 @@ pub use error::SensorError;
 pub use expose::{Device, FrameKey};
 pub use matched::{ExposureNoise, LeftOut, holds, left_out, matched_where};
 pub use model::{DarkCurrent, Published, SensorModel, SensorSpec};
-pub use optics::{Exposure, MeanElectrons, Optics, Response, Weights, auto_exposure, electrons};
+pub use optics::{
+    DARK_EXPOSURE, Exposure, ImageExposure, MeanElectrons, Optics, Response, Weights, auto_exposure, electrons,
+};
 pub use pattern::{Defects, FixedPattern, PixelPattern};
 pub use poisson::poisson;
 pub use presets::PRESETS;

@@ -8,7 +8,7 @@ use crate::pattern::{Defects, FixedPattern};
 
 /// Dark current mu_I: thermally generated electrons, whose rate doubles every few degrees (EMVA 1288 release 4.0,
 /// Linear).
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct DarkCurrent {
     /// Electrons per second and pixel at the reference temperature.
     pub rate: f64,
@@ -19,7 +19,7 @@ pub struct DarkCurrent {
 }
 
 /// Published figures of the maker or of a test report, for comparison with those of the model.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Published {
     /// Largest quantum efficiency \[%\].
     pub quantum_efficiency_percent: Option<f64>,
@@ -84,7 +84,7 @@ impl Published {
 }
 
 /// The description of a sensor, unchecked. [`SensorModel::new`] checks it.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct SensorSpec {
     /// Name of the sensor and of the camera it was measured in.
     pub name: String,
@@ -122,9 +122,18 @@ pub struct SensorSpec {
     pub published: Published,
 }
 
-/// A sensor whose parameters are valid and consistent.
-#[derive(Clone, Debug, PartialEq)]
+/// A sensor whose parameters are valid and consistent. Its serialised form is the [`SensorSpec`], which is checked when it is read.
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(try_from = "SensorSpec")]
 pub struct SensorModel(SensorSpec);
+
+impl TryFrom<SensorSpec> for SensorModel {
+    type Error = SensorError;
+
+    fn try_from(spec: SensorSpec) -> Result<Self, SensorError> {
+        Self::new(spec)
+    }
+}
 
 impl SensorModel {
     /// Checks a description. The error contains the name of the field that is out of range.

@@ -29,12 +29,29 @@ const AUTO_LEVEL: f64 = 0.9;
 /// Longest valid exposure \[s\].
 const LONGEST: f64 = 1e6;
 
-/// The lens in front of the sensor.
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// The lens in front of the sensor. Its values are checked when they are read from their serialised form.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(try_from = "OpticsValues")]
 pub struct Optics {
     f_number: f64,
     transmission: f64,
     magnification: f64,
+}
+
+/// The values of [`Optics`], unchecked.
+#[derive(serde::Deserialize)]
+struct OpticsValues {
+    f_number: f64,
+    transmission: f64,
+    magnification: f64,
+}
+
+impl TryFrom<OpticsValues> for Optics {
+    type Error = SensorError;
+
+    fn try_from(v: OpticsValues) -> Result<Self, SensorError> {
+        Self::new(v.f_number, v.transmission, v.magnification)
+    }
 }
 
 impl Optics {
@@ -69,10 +86,25 @@ impl Optics {
     }
 }
 
-/// The time for which the shutter is open.
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// The time for which the shutter is open. Its serialised form is that time \[s\], which is checked when it is read.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(try_from = "Seconds", into = "Seconds")]
 pub struct Exposure {
     time: Seconds,
+}
+
+impl TryFrom<Seconds> for Exposure {
+    type Error = SensorError;
+
+    fn try_from(time: Seconds) -> Result<Self, SensorError> {
+        Self::new(time)
+    }
+}
+
+impl From<Exposure> for Seconds {
+    fn from(exposure: Exposure) -> Self {
+        exposure.time
+    }
 }
 
 impl Exposure {
@@ -250,6 +282,38 @@ pub fn auto_exposure(
     let dark = model.dark_electrons(Seconds(1.0)).0;
     let time = AUTO_LEVEL * model.saturation().0 / (f64::from(rate) + dark);
     Exposure::new(Seconds(time.clamp(f64::MIN_POSITIVE, LONGEST)))
+}
+
+/// Exposure time of an image without light, for which no automatic exposure exists.
+pub const DARK_EXPOSURE: Seconds = Seconds(1.0);
+
+/// The exposure of one image.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ImageExposure {
+    /// The exposure.
+    pub exposure: Exposure,
+    /// True if every pixel is black and the exposure is [`DARK_EXPOSURE`], because no other was given.
+    pub no_light: bool,
+}
+
+impl ImageExposure {
+    /// The given exposure, or the automatic one of the mean radiance ([`auto_exposure`]), or [`DARK_EXPOSURE`] if every
+    /// pixel is black. Radiance in W/(m^2 sr) per channel.
+    ///
+    /// # Errors
+    /// The automatic exposure is out of range.
+    pub fn new(
+        given: Option<Exposure>,
+        radiance: &Plane<[f32; 3]>,
+        model: &SensorModel,
+        optics: &Optics,
+    ) -> Result<Self, SensorError> {
+        let found = given.map_or_else(|| auto_exposure(radiance, model, optics), Ok);
+        match found {
+            Err(SensorError::NoLight) => Ok(Self { exposure: Exposure { time: DARK_EXPOSURE }, no_light: true }),
+            found => Ok(Self { exposure: found?, no_light: false }),
+        }
+    }
 }
 
 /// The value below which the given fraction of all values lies. 0 without values.

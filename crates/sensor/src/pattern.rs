@@ -24,7 +24,7 @@ const ROUNDED: f64 = 2e-3;
 ///
 /// The totals are DSNU1288 and PRNU1288 of data sheets. The parts of rows and columns are parts of these totals. The
 /// rest is the part of single pixels.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct FixedPattern {
     /// Dark signal non-uniformity, DSNU1288 \[e-\], with all parts.
     pub dsnu: Electrons,
@@ -66,7 +66,7 @@ impl FixedPattern {
 }
 
 /// Defect pixels. The seed of the device selects them.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Defects {
     /// Share of hot pixels, which have a higher dark current, 0 to 0.1.
     pub hot: f64,

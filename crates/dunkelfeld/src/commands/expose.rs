@@ -15,14 +15,12 @@ use dunkelfeld_io::exr::{ExrLayers, ExrSize, read_exr_if};
 use dunkelfeld_io::input::{InputFiles, Role, files_in};
 use dunkelfeld_io::job::LensSettings;
 use dunkelfeld_io::layers::{Single, Triple};
-use dunkelfeld_radiometry::Seconds;
 use dunkelfeld_render::Error;
 use dunkelfeld_render::film_noise::{FilmNoise, levels, per_luminance, seen, sensor_noise};
 use dunkelfeld_render::{Session, thread_count};
 use dunkelfeld_render::{Stage, written};
 use dunkelfeld_sensor::{
-    Device, Exposure, ExposureNoise, FrameKey, Optics, Response, SensorError, SensorModel, Weights, auto_exposure,
-    electrons,
+    Device, Exposure, ExposureNoise, FrameKey, ImageExposure, Optics, Response, SensorModel, Weights, electrons,
 };
 use rayon::prelude::*;
 use std::ops::Range;
@@ -134,10 +132,7 @@ impl Exposer {
             radiance = darkened(&radiance, &share);
             noise = noise.map(|noise| noise.darkened(&share));
         }
-        let (exposure, no_light) = match settings.exposure.map_or_else(|| auto_exposure(&radiance, model, optics), Ok) {
-            Err(SensorError::NoLight) => (Exposure::new(Seconds(1.0))?, true),
-            other => (other?, false),
-        };
+        let ImageExposure { exposure, no_light } = ImageExposure::new(settings.exposure, &radiance, model, optics)?;
         let response = Response::new(model, optics, exposure);
         let mean = electrons(&radiance, &response);
         let invalid_variances = noise.as_ref().map_or(0, |noise| invalid_variances_of(&noise.variance));

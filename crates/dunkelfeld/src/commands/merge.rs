@@ -54,7 +54,7 @@ pub fn merge(settings: &MergeSettings, started: Instant) -> Result<Merged, Error
     let account = check_memory(settings)?;
     let _lock = settings.checkpoint.as_deref().map(lock).transpose()?;
     let joined = JoinedParts::read(&settings.parts)?;
-    let shown = RenderSettings { threads: settings.threads, ..joined.settings()? };
+    let shown = RenderSettings { threads: settings.threads, ..joined.settings() };
     settings.outputs.check(shown.has_sensor())?;
     if let Some(path) = &settings.checkpoint {
         joined.write_checkpoint(path)?;

@@ -7,7 +7,7 @@ use super::{IN_PLANE, MIN_SOLID_ANGLE, ShapeSample, area_pdf};
 /// A flat rectangle: `corner + u edge_u + v edge_v` for u and v in [0, 1].
 ///
 /// The edges are perpendicular (within the tolerance of [`rectangle_from_triangles`]).
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Rectangle {
     /// One corner \[m\].
     pub corner: Vec3,
@@ -52,7 +52,7 @@ pub fn pdf_rectangle(rectangle: &Rectangle, reference: Vec3, point: Vec3) -> f32
 }
 
 /// A rectangle with precomputed values that do not depend on the reference.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct RectangleSampler {
     rectangle: Rectangle,
     corner: DVec3,

@@ -13,14 +13,14 @@ pub use size::checkpoint_size;
 use crate::atomic::write_atomically;
 use crate::error::InputError;
 use crate::input::{InputFiles, MAX_STREAMED, OpenFile, Role};
-use dunkelfeld_film::{Film, PixelSums, Plane};
+use dunkelfeld_film::{Film, MAX_PIXELS, MAX_SIDE, PixelSums, Plane};
 use std::io::{self, BufReader, Read, Write};
 use std::ops::Range;
 use std::path::Path;
 use twox_hash::XxHash3_64;
 
 /// Version of the format.
-pub const CHECKPOINT_VERSION: u32 = 5;
+pub const CHECKPOINT_VERSION: u32 = 6;
 /// The first bytes: not text, and broken by programs that change line ends, as in PNG.
 const MAGIC: [u8; 8] = *b"\x89DFC\r\n\x1a\n";
 /// Magic, version, width, height, length of the text, flags.
@@ -35,8 +35,6 @@ const ALL_FLAGS: u32 = HAS_WEIGHTS | HAS_CAPS | HAS_TARGET | HAS_OBJECTS | HAS_M
 const MAX_TEXT: u32 = 16 << 20;
 /// Rows that share a checksum.
 const BAND: u32 = 16;
-const MAX_SIDE: u32 = 32_768;
-const MAX_PIXELS: u64 = 1 << 27;
 const CHECKSUM: u64 = 8;
 
 const HELP: &str = "use a file that `render --checkpoint` or `merge` wrote, or another name to begin anew";

@@ -1,17 +1,12 @@
 //! Exposure of a merged render: the settings that a merge needs beside the sums. With them it needs neither scene nor
 //! job.
 
-use crate::error::Error;
 use crate::settings::{RenderSettings, SensorChoice};
 use dunkelfeld_film::NO_ID;
 use dunkelfeld_film::Plane;
 use dunkelfeld_integrator::Label;
-use dunkelfeld_radiometry::{Celsius, DigitalNumber, Electrons, Metres, Nanometres, Seconds};
 use dunkelfeld_scene::Effect;
-use dunkelfeld_sensor::{
-    BayerPattern, ColorFilter, DarkCurrent, Defects, Efficiency, Exposure, ExposureNoise, FixedPattern, Optics,
-    Published, QuantumEfficiency, SensorModel, SensorSpec,
-};
+use dunkelfeld_sensor::ExposureNoise;
 use serde::{Deserialize, Serialize};
 
 /// The settings on which no sample depends, but on which the outputs depend.
@@ -19,8 +14,8 @@ use serde::{Deserialize, Serialize};
 pub(crate) struct ExposureRecipe {
     seed: u64,
     frame: u32,
-    sensor: Option<StoredSensor>,
-    is_matched: bool,
+    sensor: SensorChoice,
+    exposure_noise: ExposureNoise,
     without: Vec<String>,
     /// Does the lens darken the image towards its corners?
     pub(crate) is_vignetted: bool,
@@ -29,50 +24,13 @@ pub(crate) struct ExposureRecipe {
     pub(crate) is_replay: bool,
 }
 
-/// A sensor, its lens and its exposure, as stored values.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-struct StoredSensor {
-    name: String,
-    source: String,
-    derived: Vec<String>,
-    assumed: Vec<String>,
-    pixel_pitch: f64,
-    /// One curve, or those of red, green and blue.
-    quantum_efficiency: Vec<Vec<[f64; 2]>>,
-    /// Pattern and white balance of a colour sensor.
-    color_filter: Option<(String, bool)>,
-    full_well: f64,
-    dark_noise: f64,
-    row_noise: f64,
-    dark_current: [f64; 3],
-    temperature: f64,
-    system_gain: f64,
-    offset: f64,
-    bit_depth: u32,
-    /// Total, rows, columns.
-    dsnu: [f64; 3],
-    prnu: [f64; 3],
-    /// Hot, factor, dead.
-    defects: [f64; 3],
-    published: [Option<f64>; 11],
-    f_number: f64,
-    transmission: f64,
-    magnification: f64,
-    /// Exposure time \[s\]; `None` for the automatic exposure.
-    exposure: Option<f64>,
-}
-
 impl ExposureRecipe {
     pub(crate) fn new(settings: &RenderSettings, is_vignetted: bool, object_names: &[String]) -> Self {
-        let sensor = match &settings.sensor {
-            SensorChoice::None => None,
-            SensorChoice::Emva { model, optics, exposure } => Some(StoredSensor::new(model.spec(), optics, *exposure)),
-        };
         Self {
             seed: settings.seed,
             frame: settings.frame,
-            sensor,
-            is_matched: settings.exposure_noise == ExposureNoise::Matched,
+            sensor: settings.sensor.clone(),
+            exposure_noise: settings.exposure_noise,
             without: settings.without.iter().map(|e| e.name().to_string()).collect(),
             is_vignetted,
             object_names: object_names.to_vec(),
@@ -81,134 +39,33 @@ impl ExposureRecipe {
     }
 
     /// Settings that expose a film of that size as the render would have.
-    ///
-    /// # Errors
-    /// A sensor whose stored values are out of range.
-    pub(crate) fn settings(&self, width: u32, height: u32) -> Result<RenderSettings, Error> {
-        Ok(RenderSettings {
+    pub(crate) fn settings(&self, width: u32, height: u32) -> RenderSettings {
+        RenderSettings {
             width,
             height,
             seed: self.seed,
             frame: self.frame,
-            sensor: self.sensor.as_ref().map_or(Ok(SensorChoice::None), StoredSensor::choice)?,
-            exposure_noise: if self.is_matched { ExposureNoise::Matched } else { ExposureNoise::Plain },
+            sensor: self.sensor.clone(),
+            exposure_noise: self.exposure_noise,
             without: self
                 .without
                 .iter()
                 .filter_map(|name| Effect::ALL.into_iter().find(|e| e.name() == name))
                 .collect(),
             ..RenderSettings::default()
-        })
+        }
     }
 
     /// The first difference, as a phrase; `None` if there is none.
     pub(crate) fn difference(&self, other: &Self) -> Option<&'static str> {
         [
             (self.sensor != other.sensor, "sensor, lens or exposure"),
-            (self.is_matched != other.is_matched, "exposure noise"),
+            (self.exposure_noise != other.exposure_noise, "exposure noise"),
             (self.is_vignetted != other.is_vignetted, "vignetting"),
             (self != other, "names of objects, or choice of effects left out"),
         ]
         .into_iter()
         .find_map(|(differs, what)| differs.then_some(what))
-    }
-}
-
-impl StoredSensor {
-    fn new(spec: &SensorSpec, optics: &Optics, exposure: Option<Exposure>) -> Self {
-        // No `..`: each new field of a sensor must be added here.
-        let SensorSpec {
-            name,
-            source,
-            derived,
-            assumed,
-            pixel_pitch,
-            quantum_efficiency,
-            full_well,
-            dark_noise,
-            row_noise,
-            dark_current: DarkCurrent { rate, reference, doubling },
-            temperature,
-            system_gain,
-            offset,
-            bit_depth,
-            fixed_pattern: FixedPattern { dsnu, dsnu_row, dsnu_column, prnu, prnu_row, prnu_column },
-            defects: Defects { hot, hot_factor, dead },
-            published,
-        } = spec.clone();
-        let points = |curve: &QuantumEfficiency| curve.points().iter().map(|&(nm, eta)| [nm.0, eta]).collect();
-        Self {
-            name,
-            source,
-            derived,
-            assumed,
-            pixel_pitch: pixel_pitch.0,
-            quantum_efficiency: quantum_efficiency.curves().iter().map(points).collect(),
-            color_filter: quantum_efficiency.filter().map(|f| (f.pattern.name().into(), f.white_balance)),
-            full_well: full_well.0,
-            dark_noise: dark_noise.0,
-            row_noise: row_noise.0,
-            dark_current: [rate, reference.0, doubling],
-            temperature: temperature.0,
-            system_gain,
-            offset: offset.0,
-            bit_depth,
-            dsnu: [dsnu.0, dsnu_row.0, dsnu_column.0],
-            prnu: [prnu, prnu_row, prnu_column],
-            defects: [hot, hot_factor, dead],
-            published: published.figures().map(|(_, figure)| figure),
-            f_number: optics.f_number(),
-            transmission: optics.transmission(),
-            magnification: optics.magnification(),
-            exposure: exposure.map(|e| e.time().0),
-        }
-    }
-
-    fn efficiency(&self) -> Result<Efficiency, Error> {
-        let curve = |points: &Vec<[f64; 2]>| {
-            QuantumEfficiency::new(points.iter().map(|&[nm, eta]| (Nanometres(nm), eta)).collect())
-        };
-        let curves = self.quantum_efficiency.iter().map(curve).collect::<Result<Vec<_>, _>>()?;
-        let damaged = || Error::setting("checkpoint", "its sensor cannot be read", "render it anew");
-        let Some((name, white_balance)) = &self.color_filter else {
-            return curves.into_iter().next().map(Efficiency::Mono).ok_or_else(damaged);
-        };
-        let pattern = BayerPattern::ALL.into_iter().find(|p| p.name() == name).ok_or_else(damaged)?;
-        let curves = curves.try_into().map_err(|_| damaged())?;
-        Ok(Efficiency::Mosaic(ColorFilter { pattern, curves, white_balance: *white_balance }))
-    }
-
-    fn choice(&self) -> Result<SensorChoice, Error> {
-        let s = self.clone();
-        let [dsnu, dsnu_row, dsnu_column] = s.dsnu.map(Electrons);
-        let [prnu, prnu_row, prnu_column] = s.prnu;
-        let [hot, hot_factor, dead] = s.defects;
-        let quantum_efficiency = self.efficiency()?;
-        let [rate, reference, doubling] = s.dark_current;
-        let spec = SensorSpec {
-            name: s.name,
-            source: s.source,
-            derived: s.derived,
-            assumed: s.assumed,
-            pixel_pitch: Metres(s.pixel_pitch),
-            quantum_efficiency,
-            full_well: Electrons(s.full_well),
-            dark_noise: Electrons(s.dark_noise),
-            row_noise: Electrons(s.row_noise),
-            dark_current: DarkCurrent { rate, reference: Celsius(reference), doubling },
-            temperature: Celsius(s.temperature),
-            system_gain: s.system_gain,
-            offset: DigitalNumber(s.offset),
-            bit_depth: s.bit_depth,
-            fixed_pattern: FixedPattern { dsnu, dsnu_row, dsnu_column, prnu, prnu_row, prnu_column },
-            defects: Defects { hot, hot_factor, dead },
-            published: Published::from_figures(s.published),
-        };
-        Ok(SensorChoice::Emva {
-            model: Box::new(SensorModel::new(spec)?),
-            optics: Optics::new(s.f_number, s.transmission, s.magnification)?,
-            exposure: s.exposure.map(|t| Exposure::new(Seconds(t))).transpose()?,
-        })
     }
 }
 
@@ -229,6 +86,8 @@ pub(crate) fn labels_of(objects: &Plane<u32>, materials: &Plane<u32>) -> Plane<O
 mod tests {
     use super::*;
     use dunkelfeld_io::sensor_file::find_sensor;
+    use dunkelfeld_radiometry::Seconds;
+    use dunkelfeld_sensor::{Exposure, Optics};
 
     /// A sensor with every value that a sensor can have.
     const COLOUR: &str = r#"
@@ -277,8 +136,8 @@ mod tests {
             let sensor = SensorChoice::Emva { model: Box::new(model), optics, exposure };
             let settings = RenderSettings { sensor, seed: u64::MAX, frame: 3, ..RenderSettings::default() };
             let text = serde_json::to_string(&ExposureRecipe::new(&settings, true, &["a".into()])).expect("plain data");
-            let look: ExposureRecipe = serde_json::from_str(&text).expect("what was written");
-            let back = look.settings(settings.width, settings.height).expect("a sensor");
+            let recipe: ExposureRecipe = serde_json::from_str(&text).expect("the text that was written");
+            let back = recipe.settings(settings.width, settings.height);
             assert_eq!(format!("{back:?}"), format!("{settings:?}"));
         }
     }

@@ -6,14 +6,13 @@
 //! depend.
 
 pub(crate) mod exposure_recipe;
-pub(crate) mod render_key;
 
 use crate::checkpoint::exposure_recipe::{ExposureRecipe, numbers_of};
-use crate::checkpoint::render_key::RenderKey;
 use crate::error::Error;
 use crate::plan::PlannerState;
 use crate::plan::forecast::Forecast;
 use crate::progress::Stage;
+use crate::render_key::RenderKey;
 use crate::settings::{CheckpointSettings, RenderSettings};
 use dunkelfeld_adaptive::budget::{Schedule, StopReason};
 use dunkelfeld_adaptive::weights::Shares;
@@ -21,7 +20,6 @@ use dunkelfeld_film::{Film, PixelSums, Plane};
 use dunkelfeld_integrator::{ConnectionTally, Label, PixelSample};
 use dunkelfeld_io::InputError;
 use dunkelfeld_io::checkpoint::{Checkpoint, CheckpointHead, read_checkpoint, write_checkpoint};
-use dunkelfeld_io::lock::TargetLock;
 use dunkelfeld_scene::{RayGenerator, Scene};
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
@@ -37,12 +35,6 @@ const SECONDS_PER_MEGAPIXEL: f64 = 1.4;
 /// complete by the deadline is not started.
 const MARGIN: f64 = 2.0;
 
-/// Takes the lock of a checkpoint that will be written.
-pub fn lock(path: &Path) -> Result<TargetLock, Error> {
-    crate::error::written(path, dunkelfeld_io::atomic::check_writable(path))?;
-    Ok(TargetLock::acquire(path)?)
-}
-
 /// Contribution of earlier processes to a resumed render, or of the parts to a merged render.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ResumedWork {
@@ -57,11 +49,10 @@ pub struct ResumedWork {
 /// The text of a checkpoint file.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(crate) struct Description {
-    pub(crate) identity: RenderKey,
+    pub(crate) key: RenderKey,
     /// The film holds these samples of every pixel, if it is a part.
     pub(crate) samples: Option<Range<u32>>,
     /// Settings for the exposure of a merged part.
-    #[serde(rename = "look")]
     pub(crate) recipe: Option<ExposureRecipe>,
     pub(crate) state: State,
 }
@@ -138,7 +129,7 @@ pub(crate) fn load(path: &Path) -> Result<(Description, Checkpoint), Error> {
 /// Writes the checkpoints of a running render.
 pub(crate) struct CheckpointWriter {
     settings: CheckpointSettings,
-    identity: RenderKey,
+    key: RenderKey,
     samples: Option<Range<u32>>,
     /// Data of a part that a merge needs.
     recipe: Option<ExposureRecipe>,
@@ -185,14 +176,14 @@ impl CheckpointWriter {
             settings.lock()?;
         }
         let path = &settings.path;
-        let identity = RenderKey::new(scene, camera, render);
-        let saved = path.exists().then(|| stored(path, &identity, render)).transpose()?;
+        let key = RenderKey::new(scene, camera, render);
+        let saved = path.exists().then(|| stored(path, &key, render)).transpose()?;
         let earlier = saved.as_ref().map_or(0.0, |s| s.state.elapsed);
         let pixels = f64::from(render.width) * f64::from(render.height);
         let is_part = render.samples.is_some();
         let writer = Self {
             settings,
-            identity,
+            key,
             samples: render.samples.clone(),
             recipe: is_part.then(|| ExposureRecipe::new(render, camera.has_vignetting(), scene.object_names())),
             numbers: is_part.then(|| numbers_of(labels)),
@@ -241,7 +232,7 @@ impl CheckpointWriter {
     fn write(&self, clock: &mut Clock, snapshot: Snapshot<'_>, rows: Rows<'_>) {
         let began = Instant::now();
         let description = Description {
-            identity: self.identity.clone(),
+            key: self.key.clone(),
             samples: self.samples.clone(),
             recipe: self.recipe.clone(),
             state: State { elapsed: self.started.elapsed().as_secs_f64(), ..snapshot.state.clone() },
@@ -273,12 +264,12 @@ pub(crate) fn text_of(description: &Description) -> std::io::Result<String> {
 }
 
 /// Contents of the file, if it belongs to this render.
-fn stored(path: &Path, identity: &RenderKey, render: &RenderSettings) -> Result<Restored, Error> {
+fn stored(path: &Path, key: &RenderKey, render: &RenderSettings) -> Result<Restored, Error> {
     let (description, stored) = load(path)?;
     let other = if description.samples != render.samples {
         Some(format!("not the same part, {} there and {} here", part(&description.samples), part(&render.samples)))
     } else {
-        description.identity.difference(identity)
+        description.key.difference(key)
     };
     if let Some(difference) = other {
         let problem = format!("is the checkpoint of another render: {difference}");

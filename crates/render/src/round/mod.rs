@@ -20,7 +20,7 @@ use std::time::{Duration, Instant};
 /// Pixels along the side of a tile.
 pub const TILE: u32 = Film::TILE;
 /// At most so many invalid samples are remembered by name.
-const MAX_LISTED: usize = 16;
+pub(crate) const MAX_LISTED: usize = 16;
 /// Samples between two looks at the clock and the switch.
 const CHECK_EVERY: u32 = 64;
 /// Pause between two reports of progress.

@@ -1,9 +1,8 @@
 //! Where a render writes its checkpoint, and how often.
 
-use crate::checkpoint::lock;
-use crate::error::Error;
+use crate::error::{Error, written};
 use dunkelfeld_io::lock::TargetLock;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 /// Seconds between two checkpoints, if nothing else is said.
@@ -17,6 +16,15 @@ pub struct CheckpointSettings {
     pub seconds: f64,
     /// The lock of the file, if it was taken already ([`Self::lock`]); a render takes it otherwise, until it ends.
     pub lock: Option<Arc<TargetLock>>,
+}
+
+/// Takes the lock of a checkpoint that will be written.
+///
+/// # Errors
+/// Another process holds it, or the file cannot be written.
+pub fn lock(path: &Path) -> Result<TargetLock, Error> {
+    written(path, dunkelfeld_io::atomic::check_writable(path))?;
+    Ok(TargetLock::acquire(path)?)
 }
 
 impl CheckpointSettings {

@@ -128,7 +128,7 @@ pub enum EnvironmentSource {
 }
 
 /// A camera. Its viewing direction is its own -z axis, with +y up (glTF).
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, serde::Serialize)]
 pub struct Camera {
     /// Name, for `--camera`.
     pub name: String,
@@ -143,7 +143,7 @@ pub struct Camera {
 }
 
 /// How a camera maps the world to its film.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub enum Projection {
     /// All chief rays meet in the camera's position: a pinhole, or the middle of a thin lens.
     Perspective {

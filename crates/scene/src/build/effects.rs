@@ -12,7 +12,7 @@ use crate::media::medium::Medium;
 pub(crate) const SMOOTH_ROUGHNESS: f32 = 0.01;
 
 /// A part of light transport that only some scenes need, or a technique that only some scenes use.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, serde::Serialize)]
 pub enum Effect {
     /// Images on surfaces, except normal maps.
     Textures,
@@ -136,7 +136,7 @@ impl Effect {
 }
 
 /// The effects that a scene needs, each with the objects that need it.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, serde::Serialize)]
 pub struct Effects {
     callers: Vec<(Effect, Vec<String>)>,
 }

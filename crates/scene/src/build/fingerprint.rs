@@ -3,22 +3,24 @@
 use crate::material::texture::{Channel, Image, rgba, with_texels};
 use crate::scene::Scene;
 use dunkelfeld_geometry::Mesh;
-use std::fmt::{Debug, Write};
+use serde::Serialize;
+use std::io::Write;
 use twox_hash::XxHash3_128;
 
 /// Size of the buffer in front of the hash \[bytes\].
 const CHUNK: usize = 1 << 16;
 
-/// The XXH3 hash of the `Debug` output of a value. The text of a number is exact to the last bit.
-pub fn digest(value: &impl Debug) -> u128 {
+/// The XXH3 hash of the serialised value (format postcard, version 1): all its numbers to the last bit, in the order of
+/// its fields, without the names of types and fields.
+pub fn digest(value: &impl Serialize) -> u128 {
     let mut hash = Hash::default();
-    hash.text(value);
+    hash.value(value);
     hash.finish()
 }
 
 impl Scene {
     /// A hash of all data of the scene that can change a sample. It does not depend on the files that the data came
-    /// from. Meshes are hashed by their memory, images by their values, and all other data by their `Debug` output.
+    /// from. Meshes are hashed by their memory, images by their values, and all other data by their serialised values.
     pub fn fingerprint(&self) -> u128 {
         // No `..`, so that the compiler demands a decision for each new field.
         let Self {
@@ -48,9 +50,9 @@ impl Scene {
             effects,
         } = self;
         let mut hash = Hash::default();
-        hash.text(&(world_origin, bounds, placements, parts, object_names, punctual_names));
-        hash.text(&(materials, compiled, lights, cameras, radius, has_coverage, has_open_faces));
-        hash.text(&(solids, solid_bounds, has_nesting, covers, features, effects));
+        hash.value(&(world_origin, bounds, placements, parts, object_names, punctual_names));
+        hash.value(&(materials, compiled, lights, cameras, radius, has_coverage, has_open_faces));
+        hash.value(&(solids, solid_bounds, has_nesting, covers, features, effects));
         meshes.iter().for_each(|mesh| hash.mesh(mesh));
         images.iter().for_each(|image| hash.image(image));
         hash.finish()
@@ -72,18 +74,19 @@ impl Hash {
     fn bytes(&mut self, bytes: &[u8]) {
         self.waiting.extend_from_slice(bytes);
         if self.waiting.len() >= CHUNK {
-            self.flush();
+            self.empty_buffer();
         }
     }
 
-    fn flush(&mut self) {
+    fn empty_buffer(&mut self) {
         self.state.write(&self.waiting);
         self.waiting.clear();
     }
 
-    fn text(&mut self, value: &impl Debug) {
-        // Writing into the hash does not fail.
-        let _ = write!(self, "{value:?}");
+    fn value(&mut self, value: &impl Serialize) {
+        // Writing into the hash does not fail, and the length of each list is known.
+        let written = postcard::to_io(value, &mut *self).map(|_| ());
+        debug_assert_eq!(written, Ok(()));
     }
 
     /// Hashes the number of elements that follow, so that lists of different lengths have different hashes.
@@ -110,7 +113,7 @@ impl Hash {
     fn image(&mut self, image: &Image) {
         // The name is used only in messages.
         let Image { name: _, width, height, texels } = image;
-        self.text(&(width, height));
+        self.value(&(width, height));
         if texels.is_float() {
             self.count(texels.len());
         }
@@ -122,14 +125,18 @@ impl Hash {
     }
 
     fn finish(mut self) -> u128 {
-        self.flush();
+        self.empty_buffer();
         self.state.finish_128()
     }
 }
 
 impl Write for Hash {
-    fn write_str(&mut self, text: &str) -> std::fmt::Result {
-        self.bytes(text.as_bytes());
+    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+        self.bytes(bytes);
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> std::io::Result<()> {
         Ok(())
     }
 }
@@ -194,8 +201,9 @@ mod tests {
     }
 
     #[test]
-    fn a_digest_is_that_of_the_text() {
-        assert_eq!(digest(&(1, "a")), XxHash3_128::oneshot(b"(1, \"a\")"));
+    fn a_digest_is_that_of_the_serialised_value() {
+        // A varint, the length of the text, the text.
+        assert_eq!(digest(&(1u32, "a")), XxHash3_128::oneshot(&[1, 1, b'a']));
         assert_ne!(digest(&0.1f32), digest(&0.1f32.next_up()));
     }
 }

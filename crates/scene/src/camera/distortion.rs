@@ -7,7 +7,7 @@
 /// that place is
 ///
 /// x' = x g + 2 p1 x y + p2 (r^2 + 2 x^2), y' = y g + p1 (r^2 + 2 y^2) + 2 p2 x y.
-#[derive(Clone, Copy, Debug, PartialEq, Default)]
+#[derive(Clone, Copy, Debug, PartialEq, Default, serde::Serialize)]
 pub struct Distortion {
     /// k1 to k6: the first three are in the numerator, the others in the denominator.
     pub radial: [f64; 6],
@@ -123,14 +123,15 @@ const CLOSE: f64 = 1e-13;
 /// The matrix of the derivatives of the model is symmetric. On a disc of directions where it is positive definite
 /// everywhere the model is the gradient of a strictly convex function. So no two directions of the disc map to one
 /// place, and a Newton descent with decreasing residual finds the direction of every place.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, serde::Serialize)]
 pub struct Undistorter {
     model: Distortion,
     /// Radius of the disc of directions.
     radius: f64,
     /// Radius on the film that the disc covers completely.
     film_radius: f64,
-    /// Quotient of radii, direction over film, at equal steps of the film radius.
+    /// Quotient of radii, direction over film, at equal steps of the film radius. They follow from the other values.
+    #[serde(skip)]
     quotients: [f64; ENTRIES + 1],
 }
 

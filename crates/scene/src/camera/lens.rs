@@ -5,7 +5,7 @@ use dunkelfeld_sampling::warp::{sample_disk, sample_polygon};
 use std::f64::consts::{PI, TAU};
 
 /// A lens. The default is a pinhole: sharp everywhere, without distortion, equally bright over the film.
-#[derive(Clone, Copy, Debug, PartialEq, Default)]
+#[derive(Clone, Copy, Debug, PartialEq, Default, serde::Serialize)]
 pub struct Lens {
     /// The aperture; `None` is infinitely small, and the image is sharp at all depths.
     pub aperture: Option<Aperture>,
@@ -19,7 +19,7 @@ pub struct Lens {
 }
 
 /// A finite aperture.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Aperture {
     /// Size of the aperture.
     pub opening: Opening,
@@ -32,7 +32,7 @@ pub struct Aperture {
 }
 
 /// Size of an aperture.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub enum Opening {
     /// Radius \[m\] of the pupil of a perspective camera, f / (2 N).
     Radius(f64),
@@ -42,7 +42,7 @@ pub enum Opening {
 }
 
 /// A regular polygon of straight aperture blades.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Blades {
     /// Number of blades, 3 or more.
     pub count: u32,
@@ -51,7 +51,7 @@ pub struct Blades {
 }
 
 /// Darkening of the image of an evenly bright scene away from the optical axis.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, serde::Serialize)]
 pub enum Vignetting {
     /// No darkening.
     #[default]

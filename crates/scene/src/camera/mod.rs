@@ -62,7 +62,7 @@ const CLEARANCE: f64 = 1.5;
 ///
 /// Rays are f32 and made in f64. Places on the film are in pixels from its top left corner, x to the right and y down;
 /// the middle of the first pixel is at (0.5, 0.5).
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, serde::Serialize)]
 pub struct RayGenerator {
     /// The camera's position in render space.
     origin: DVec3,

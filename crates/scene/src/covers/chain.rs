@@ -4,7 +4,7 @@
 ///
 /// Events are in the order in which they occur from the receiver to the light. A path traced from the receiver appends
 /// its events with [`Self::then`].
-#[derive(Clone, Copy, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, PartialEq, Eq, Hash, serde::Serialize)]
 pub struct Chain(u16);
 
 /// Maximum number of reflections. The number is even: none, two for one double pass, four for two.

@@ -3,7 +3,7 @@
 use super::stack::CoverStack;
 
 /// The covers of a scene, and the parts that belong to them.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, serde::Serialize)]
 pub(crate) struct Covers {
     pub(crate) stacks: Vec<CoverStack>,
     /// For each part the index of its stack, or [`NO_COVER`]; empty without any stack.

@@ -23,7 +23,7 @@ pub enum Target {
 }
 
 /// A surface across the axis of a stack, where the index of refraction changes.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct CoverInterface {
     /// Mean position along the axis \[m\], area-weighted.
     pub height: f64,
@@ -34,7 +34,7 @@ pub struct CoverInterface {
 }
 
 /// The space between two interfaces, below the lowest one or above the highest one.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct CoverLayer {
     /// Index of refraction; 1 for air.
     pub ior: f64,
@@ -43,7 +43,7 @@ pub struct CoverLayer {
 }
 
 /// A smooth solid with a scattering medium in contact with the first or the last interface of a stack.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub(crate) struct Touching {
     pub(crate) material: u32,
     pub(crate) ior: f64,
@@ -52,7 +52,7 @@ pub(crate) struct Touching {
 }
 
 /// Clear sheets with a common axis: one cover, or several on one another, glued or with air between them.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct CoverStack {
     pub(super) axis: DVec3,
     tangents: [DVec3; 2],

@@ -7,7 +7,7 @@ use dunkelfeld_radiometry::Rgb;
 use std::f32::consts::PI;
 
 /// A light without extent, in render space.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, serde::Serialize)]
 pub(crate) enum DeltaLight {
     Point {
         position: Vec3,

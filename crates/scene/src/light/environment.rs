@@ -10,7 +10,7 @@ use dunkelfeld_sampling::warp::{pdf_sphere, sample_cosine_hemisphere, sample_sph
 use std::f32::consts::{FRAC_1_PI, PI};
 
 /// The compiled environment.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, serde::Serialize)]
 pub(crate) struct EnvironmentLight {
     rotation: [f32; 2],
     source: Source,
@@ -18,13 +18,13 @@ pub(crate) struct EnvironmentLight {
     pub(crate) mean: Rgb,
 }
 
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, serde::Serialize)]
 enum Source {
     Constant(Rgb),
     Map(Box<Map>),
 }
 
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, serde::Serialize)]
 struct Map {
     width: u32,
     height: u32,
@@ -38,7 +38,7 @@ struct Map {
 ///
 /// In s = sin^2 (half the angle to the nearer pole) the solid angle is uniform (Archimedes). Near the poles s keeps the
 /// precision that the cosine loses.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, serde::Serialize)]
 struct Row {
     /// s at the edge nearer to image row 0 and at the other edge.
     s: [f32; 2],

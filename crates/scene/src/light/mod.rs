@@ -60,7 +60,7 @@ pub enum LightChoice {
 }
 
 /// Shape of an area light in render space; planar, with unit normal on the emitting (front) side.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, serde::Serialize)]
 pub(crate) enum AreaShape {
     /// Two triangles that form a rectangle.
     Rectangle(RectangleSampler),
@@ -69,7 +69,7 @@ pub(crate) enum AreaShape {
 }
 
 /// One emitting triangle or rectangle.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, serde::Serialize)]
 pub(crate) struct AreaLight {
     pub(crate) shape: AreaShape,
     /// Unit normal of the front.
@@ -88,7 +88,7 @@ pub(crate) struct AreaLight {
     pub(crate) shines_unevenly: bool,
 }
 
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, serde::Serialize)]
 pub(crate) enum Light {
     Area(AreaLight),
     Delta(DeltaLight),
@@ -124,7 +124,7 @@ pub struct LightTarget {
 }
 
 /// All lights of a scene, and the choice among them.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, serde::Serialize)]
 pub(crate) struct LightTable {
     pub(crate) lights: Vec<Light>,
     pub(crate) environment: Option<EnvironmentLight>,

@@ -91,7 +91,7 @@ impl LightBounds {
 }
 
 /// The tree, and the lights outside it. A light is identified by its index in the list from which the tree was built.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, serde::Serialize)]
 pub(crate) struct LightTree {
     /// The root is the first node. The two children of a node are neighbours.
     nodes: Vec<Node>,
@@ -106,7 +106,7 @@ pub(crate) struct LightTree {
 }
 
 /// The place of a light.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 enum LightPlace {
     /// Dark: never chosen.
     Nowhere,
@@ -117,7 +117,7 @@ enum LightPlace {
 }
 
 /// A node in the form that the traversal needs.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, serde::Serialize)]
 struct Node {
     center: Vec3,
     radius2: f32,

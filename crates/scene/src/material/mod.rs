@@ -7,7 +7,7 @@ use crate::material::texture::Texture;
 use dunkelfeld_radiometry::Rgb;
 
 /// A texture of which one channel is read.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct ChannelTexture {
     /// The texture.
     pub texture: Texture,
@@ -16,7 +16,7 @@ pub struct ChannelTexture {
 }
 
 /// Interpretation of coverage (alpha).
-#[derive(Clone, Copy, Debug, PartialEq, Default)]
+#[derive(Clone, Copy, Debug, PartialEq, Default, serde::Serialize)]
 pub enum AlphaMode {
     /// Alpha is ignored: the surface covers fully.
     #[default]
@@ -36,7 +36,7 @@ pub enum AlphaMode {
 /// distance gives the extinction `-ln(color) / distance`. Of it the share `scattering_albedo` is scattered and the rest
 /// absorbed. The second gives `absorption` and `scattering` directly. `Default` is clear: both extinctions are zero.
 /// [`Medium`](crate::Medium) is the compiled form.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Volume {
     /// Colour of white light after `attenuation_distance`, per channel in (0, 1].
     pub attenuation_color: Rgb,
@@ -71,7 +71,7 @@ impl Default for Volume {
 }
 
 /// Kind of interface of a mesh.
-#[derive(Clone, Copy, Debug, PartialEq, Default)]
+#[derive(Clone, Copy, Debug, PartialEq, Default, serde::Serialize)]
 pub enum Surface {
     /// A thin sheet or an opaque surface: transmission, if any, passes straight through (KHR_materials_volume absent or
     /// thickness 0).
@@ -86,7 +86,7 @@ pub enum Surface {
 ///
 /// `Default` is glTF's default material with ior 1.5, except for two values. White, metallic 1 and roughness 1 are the
 /// defaults of a glTF *file*. Here metallic is 0 and roughness is 0.5, which suit a program that sets only some fields.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Material {
     /// Name, for overrides and reports.
     pub name: String,

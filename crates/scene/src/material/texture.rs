@@ -3,7 +3,7 @@
 use dunkelfeld_geometry::Vec2;
 
 /// Index into [`SceneBuilder::images`](crate::SceneBuilder::images).
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize)]
 pub struct ImageId(pub u32);
 
 /// A decoded image: `width * height` texels, row by row from the top left.
@@ -177,7 +177,7 @@ impl Texels {
 }
 
 /// Encoding of stored colour values.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, serde::Serialize)]
 pub enum ColorEncoding {
     /// Values are linear (normal maps, roughness, HDR images).
     #[default]
@@ -187,7 +187,7 @@ pub enum ColorEncoding {
 }
 
 /// Handling of texture coordinates outside `[0, 1)`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, serde::Serialize)]
 pub enum Wrap {
     /// Repeat the image.
     #[default]
@@ -199,7 +199,7 @@ pub enum Wrap {
 }
 
 /// Interpolation between texel centres.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, serde::Serialize)]
 pub enum Filter {
     /// Bilinear between the four nearest texel centres.
     #[default]
@@ -209,7 +209,7 @@ pub enum Filter {
 }
 
 /// An affine map of texture coordinates (KHR_texture_transform): `uv' = offset + rotation * (scale * uv)`.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct TextureTransform {
     /// Added last.
     pub offset: Vec2,
@@ -226,7 +226,7 @@ impl Default for TextureTransform {
 }
 
 /// A reference to an image, with coordinates, wrapping and filter.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Texture {
     /// The image.
     pub image: ImageId,

@@ -11,7 +11,7 @@ use dunkelfeld_bsdf::HenyeyGreenstein;
 use dunkelfeld_radiometry::Rgb;
 
 /// A homogeneous medium in compiled form.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Medium {
     /// Absorption coefficient [1/m].
     pub absorption: Rgb,

@@ -34,7 +34,7 @@ impl TexturePoint {
 }
 
 /// A material with all values precomputed that do not depend on the place.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, serde::Serialize)]
 pub(crate) struct CompiledMaterial {
     /// The BSDF of a material with constant parameters.
     constant: Option<Constant>,
@@ -65,7 +65,7 @@ pub(crate) struct CompiledMaterial {
     energy_compensation: bool,
 }
 
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, serde::Serialize)]
 enum Constant {
     One(Bsdf),
     /// The first with the given probability, else the second.

@@ -7,7 +7,7 @@ use super::runs::{Purpose, Unit, units};
 use super::settings::{BenchSettings, can_be_left_out};
 use super::store::{Manifest, Record, Store, VERSION, layers};
 use crate::folder::{check_folder, free_folder};
-use crate::series::{Facts, Meter, View};
+use crate::series::{Meter, View, study_key};
 use dunkelfeld::DefaultPath;
 use dunkelfeld::Error;
 use dunkelfeld::Project;
@@ -94,8 +94,8 @@ pub fn bench(
     let threads = session.threads();
     let names: Vec<String> = filters.iter().map(Filter::name).collect();
     let camera = camera(&project.scene, &fitted)?;
-    let facts = Facts::new(VERSION, &project.scene, &camera, &fitted, threads, &names);
-    let binding = Manifest::new(facts, [fitted.width, fitted.height], settings.summary());
+    let key = study_key(VERSION, &project.scene, &camera, &fitted, threads, &names);
+    let binding = Manifest::new(key, [fitted.width, fitted.height], settings.summary());
     store.bind(&binding)?;
 
     let all = units(settings, &effects, fitted.pilot_spp);

@@ -3,34 +3,35 @@
 use super::denoised::Filtered;
 use super::runs::Unit;
 use super::settings::SettingsSummary;
-use crate::series::{Facts, Kept, plane_of, push_plane};
+use crate::series::{Kept, plane_of, push_plane};
 use dunkelfeld::Error;
 use dunkelfeld_film::Plane;
 use dunkelfeld_io::exr::ExrLayers;
 use dunkelfeld_io::layers::{Single, Triple};
+use dunkelfeld_render::RenderKey;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::Path;
 
 /// Version of the files in the folder.
-pub(super) const VERSION: u32 = 2;
+pub(super) const VERSION: u32 = 3;
 /// The file that binds the folder.
 const MANIFEST: &str = "bench.json";
 /// The layer that holds the linear signal of a unit.
 const SIGNAL: &str = "signal.Y";
 
-/// What the folder's units are of. Two benches whose facts are equal may share them.
+/// The key of the units of a folder. Two benches with equal keys may share them.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Manifest {
-    facts: Facts,
+    key: RenderKey,
     pub(super) size: [u32; 2],
     pub(super) settings: SettingsSummary,
 }
 
 impl Manifest {
-    pub(super) fn new(mut facts: Facts, size: [u32; 2], settings: SettingsSummary) -> Self {
-        facts.add("list of settings", format!("{settings:?}"));
-        Self { facts, size, settings }
+    pub(super) fn new(mut key: RenderKey, size: [u32; 2], settings: SettingsSummary) -> Self {
+        key.add_digest("list of settings", &settings);
+        Self { key, size, settings }
     }
 }
 
@@ -76,7 +77,7 @@ impl Store {
     /// # Errors
     /// It is bound to something else.
     pub(super) fn bind(&self, manifest: &Manifest) -> Result<(), Error> {
-        self.0.bind(manifest, |m: &Manifest| &m.facts)?;
+        self.0.bind(manifest, |m: &Manifest| &m.key)?;
         self.0.expect_size(manifest.size);
         Ok(())
     }

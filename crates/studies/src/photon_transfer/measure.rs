@@ -6,7 +6,7 @@ use super::renders::{DENOISED, MANIFEST, MATCHED, PLAIN, RATIO, Record, Renders,
 use super::runs::{Series, Unit, reference, units};
 use super::settings::PtcSettings;
 use crate::folder::{check_folder, free_folder};
-use crate::series::{Facts, Kept, Meter, View, push_plane};
+use crate::series::{Kept, Meter, View, push_plane, study_key};
 use dunkelfeld::DefaultPath;
 use dunkelfeld::Error;
 use dunkelfeld::Project;
@@ -76,9 +76,9 @@ pub fn ptc(
     let names: Vec<String> = denoiser.iter().map(|d| d.name()).collect();
     let rays = camera(&project.scene, &fitted)?;
     // More frames may join, other series and the camera too; what the first render shows is what all are seen like.
-    let mut facts = Facts::new(VERSION, &project.scene, &rays, &fitted, threads, &names);
-    facts.add("number of samples of the last series", reference(settings).spp);
-    store.bind(&facts, |facts| facts)?;
+    let mut key = study_key(VERSION, &project.scene, &rays, &fitted, threads, &names);
+    key.add("number of samples of the last series", reference(settings).spp);
+    store.bind(&key, |key| key)?;
     store.expect_size([fitted.width, fitted.height]);
 
     let with_camera = settings.camera && fitted.has_sensor();

@@ -8,7 +8,7 @@ use dunkelfeld_io::layers::Triple;
 use serde::{Deserialize, Serialize};
 
 /// Version of the files in the folder.
-pub(super) const VERSION: u32 = 4;
+pub(super) const VERSION: u32 = 5;
 pub(super) const MANIFEST: &str = "ptc.json";
 /// The layers that a render keeps: expected signal, the same denoised; grey values of plain and of matched exposure, and
 /// the share of the camera's variance that the render has in the latter, infinite where that is not known.

@@ -4,9 +4,9 @@ use super::statistics::quantile;
 use dunkelfeld::SensorChoice;
 use dunkelfeld_adaptive::sobel::{gamma_image, magnitude};
 use dunkelfeld_film::{Film, Plane};
-use dunkelfeld_radiometry::{Electrons, Rgb, Seconds};
+use dunkelfeld_radiometry::{Electrons, Rgb};
 use dunkelfeld_sensor::{
-    Device, Exposure, FrameKey, Optics, Response, SensorError, SensorModel, Weights, auto_exposure, display,
+    Device, Exposure, FrameKey, ImageExposure, Optics, Response, SensorError, SensorModel, Weights, display,
 };
 
 /// The camera with its exposure; without one, luminance with white at 1 W/(m^2 sr).
@@ -19,13 +19,7 @@ impl View {
     /// The exposure of the settings, or the automatic one of the reference; one second if that is black.
     pub(crate) fn new(sensor: &SensorChoice, reference: &Plane<[f32; 3]>) -> Result<Self, SensorError> {
         let SensorChoice::Emva { model, optics, exposure } = sensor else { return Ok(Self { camera: None }) };
-        let exposure = match exposure {
-            Some(exposure) => *exposure,
-            None => match auto_exposure(reference, model, optics) {
-                Err(SensorError::NoLight) => Exposure::new(Seconds(1.0))?,
-                found => found?,
-            },
-        };
+        let ImageExposure { exposure, .. } = ImageExposure::new(*exposure, reference, model, optics)?;
         Ok(Self { camera: Some(((**model).clone(), *optics, exposure)) })
     }
 

@@ -8,4 +8,4 @@ mod store;
 
 pub(crate) use camera_view::{View, exposure_words};
 pub(crate) use progress::Meter;
-pub(crate) use store::{Facts, Kept, UNITS, hash_text, plane_of, push_plane};
+pub(crate) use store::{Kept, UNITS, hash_text, plane_of, push_plane, study_key};

@@ -2,13 +2,13 @@
 //! rendered.
 
 use dunkelfeld::Error;
+use dunkelfeld::RenderSettings;
 use dunkelfeld::written;
-use dunkelfeld::{RenderSettings, SensorChoice};
 use dunkelfeld_film::Plane;
-use dunkelfeld_integrator::{Estimator, PixelSample};
 use dunkelfeld_io::InputError;
 use dunkelfeld_io::exr::{Channel, ExrLayers};
 use dunkelfeld_io::results::ResultsFolder;
+use dunkelfeld_render::RenderKey;
 use dunkelfeld_sampling::hash_u64;
 use dunkelfeld_scene::{RayGenerator, Scene};
 use serde::{Deserialize, Serialize};
@@ -21,77 +21,22 @@ const DAMAGED: &str =
 
 /// The folder of the renders in that of the report.
 pub(crate) const UNITS: &str = "units";
-/// Samples along each side of the grid that a scene is known by.
-const PROBES: u32 = 64;
-
-/// What a folder's renders are of, in words and numbers: a name and a value each. Works whose facts are equal may share them.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub(crate) struct Facts(Vec<(String, String)>);
-
-impl Facts {
-    /// The facts of any work: version of the folder, program, scene, film, seed, threads, sensor, denoisers.
-    pub(crate) fn new(
-        version: u32,
-        scene: &Scene,
-        camera: &RayGenerator,
-        settings: &RenderSettings,
-        threads: usize,
-        denoisers: &[String],
-    ) -> Self {
-        let sensor = match &settings.sensor {
-            SensorChoice::None => "none".into(),
-            // The name for people, a hash for all its numbers.
-            SensorChoice::Emva { model, optics, exposure } => {
-                let numbers = hash_text(&format!("{model:?} {optics:?} {exposure:?}"));
-                format!("{}, {numbers:016x}", model.spec().name)
-            }
-        };
-        let denoisers = if denoisers.is_empty() { "empty".into() } else { denoisers.join(", ") };
-        let mut facts = Self(Vec::new());
-        facts.add("version of the folder", version);
-        facts.add("program", concat!("dunkelfeld ", env!("CARGO_PKG_VERSION")));
-        facts.add("film", format!("{} x {}", settings.width, settings.height));
-        facts.add("seed", settings.seed);
-        facts.add("number of threads", threads);
-        facts.add("sensor", sensor);
-        facts.add("samples of the pilot", settings.pilot_spp);
-        facts.add("list of denoisers", denoisers);
-        facts.add("scene or the code that renders it", format!("{:016x}", fingerprint(scene, camera, settings)));
-        facts
-    }
-
-    /// A further one.
-    pub(crate) fn add(&mut self, name: &str, value: impl ToString) {
-        self.0.push((name.into(), value.to_string()));
-    }
-
-    /// The first difference to earlier facts, in words.
-    pub(crate) fn difference(&self, then: &Self) -> Option<String> {
-        let differing = self.0.iter().zip(&then.0).find(|(a, b)| a != b);
-        match differing {
-            Some(((what, now), (_, then))) => Some(format!("{what} is {now} now and was {then}")),
-            None => (self.0.len() != then.0.len()).then(|| "list of what it is bound to has changed".into()),
-        }
-    }
-}
-
-/// A number that changes with everything an image depends on: what the scene is made of, and the first sample of a grid of
-/// pixels to the last bit.
-fn fingerprint(scene: &Scene, camera: &RayGenerator, settings: &RenderSettings) -> u64 {
-    let estimator = Estimator { scene, camera, width: settings.width, seed: 0, frame: settings.frame };
-    let summary = scene.summary();
-    let lights: Vec<_> = scene.light_inventory().into_iter().map(|l| (l.name, l.kind, l.power.to_array())).collect();
-    let mut hash = hash_text(&format!("{summary:?} {:?} {lights:?}", scene.materials()));
-    for i in 0..PROBES * PROBES {
-        let place = |cell: u32, side: u32| (u64::from(cell) * u64::from(side) / u64::from(PROBES)) as u32;
-        let at = PixelSample { x: place(i % PROBES, settings.width), y: place(i / PROBES, settings.height), index: i };
-        let sample = estimator.sample(at);
-        for v in sample.radiance.to_array() {
-            hash = hash_u64([hash, u64::from(v.to_bits())]);
-        }
-        hash = hash_u64([hash, u64::from(sample.depth.to_bits())]);
-    }
-    hash
+/// The key of the renders of a study: that of their samples, the version of the folder, threads, sensor, pilot, denoisers.
+pub(crate) fn study_key(
+    version: u32,
+    scene: &Scene,
+    camera: &RayGenerator,
+    settings: &RenderSettings,
+    threads: usize,
+    denoisers: &[String],
+) -> RenderKey {
+    let mut key = RenderKey::of_samples(scene, camera, settings);
+    key.add("version of the folder", version);
+    key.add("number of threads", threads);
+    key.add_sensor(&settings.sensor);
+    key.add("samples of the pilot", settings.pilot_spp);
+    key.add("list of denoisers", if denoisers.is_empty() { "none".into() } else { denoisers.join(", ") });
+    key
 }
 
 /// A hash of a text.
@@ -142,15 +87,15 @@ impl Kept {
     ///
     /// # Errors
     /// It is bound to something else.
-    pub(crate) fn bind<M>(&self, manifest: &M, facts: impl Fn(&M) -> &Facts) -> Result<(), Error>
+    pub(crate) fn bind<M>(&self, manifest: &M, key: impl Fn(&M) -> &RenderKey) -> Result<(), Error>
     where
         M: Serialize + for<'a> Deserialize<'a>,
     {
         let Some(there) = self.manifest::<M>()? else { return self.write_json(self.manifest, manifest) };
-        match facts(manifest).difference(facts(&there)) {
+        match key(&there).difference(key(manifest)) {
             None => Ok(()),
             Some(difference) => {
-                let problem = format!("holds the results of another run: the {difference}");
+                let problem = format!("holds the results of another run: {difference}");
                 let help = "name another folder with -o, or discard these results with --restart";
                 Err(InputError::new(self.folder.file(self.manifest), "the whole file", problem, help).into())
             }

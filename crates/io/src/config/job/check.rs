@@ -2,6 +2,8 @@
 
 use crate::import::options::EmissiveUnit;
 use crate::quantity::{Angle, Length, Memory, PerLength, Power, Time};
+use dunkelfeld_adaptive::budget::{MAX_MEAN_SPP, NOISE_LEVELS};
+use dunkelfeld_film::MAX_SIDE;
 use dunkelfeld_radiometry::{Number, Rgb};
 use dunkelfeld_scene::{Distortion, Vignetting};
 use serde::Deserialize;
@@ -11,13 +13,13 @@ use std::time::Duration;
 
 /// A number of pixels along one side.
 pub(super) fn pixels<'de, D: Deserializer<'de>>(d: D) -> Result<Option<u32>, D::Error> {
-    whole(d, 1, 32_768).map(Some)
+    whole(d, 1, MAX_SIDE).map(Some)
 }
 
 /// Samples per pixel on average, as `--spp` takes them.
 pub(super) fn spp<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f64>, D::Error> {
     let v = d.deserialize_any(AnyNumber)?;
-    if v > 0.0 && v <= 1e9 {
+    if v > 0.0 && v <= MAX_MEAN_SPP {
         return Ok(Some(v));
     }
     Err(D::Error::custom(format!("{} is out of range; write a number above zero and up to 1e9, such as 64", Number(v))))
@@ -25,7 +27,7 @@ pub(super) fn spp<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f64>, D::Err
 
 /// Below a thousandth no sensor tells any more; above a thousand nothing is asked for.
 pub(super) fn noise<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f64>, D::Error> {
-    real(d, 1e-3, 1e3).map(Some)
+    real(d, *NOISE_LEVELS.start(), *NOISE_LEVELS.end()).map(Some)
 }
 
 pub(super) fn pilot_spp<'de, D: Deserializer<'de>>(d: D) -> Result<u32, D::Error> {

@@ -1,42 +1,48 @@
 //! The render key: it decides whether a checkpoint may be continued, and whether parts belong to one render.
 
-use crate::settings::DenoiseSettings;
-use crate::settings::{Budget, RenderSettings, SensorChoice};
+use crate::settings::{Budget, DenoiseSettings, RenderSettings, SensorChoice};
 use dunkelfeld_integrator::{Estimator, PixelSample};
 use dunkelfeld_scene::{RayGenerator, Scene, digest};
 use dunkelfeld_sensor::ExposureNoise;
 use serde::{Deserialize, Serialize};
-use std::fmt::Debug;
 
 /// Number of samples that are rendered again before a render is resumed, to verify that they have the same values.
 const PROBES: u64 = 64;
 
-/// All values on which the samples and the plan of a render depend, by name. A short value is stored as text, a long
-/// one as its XXH3.
+/// All values on which samples depend, by name, and further ones that a study adds. A short value is stored as text, a
+/// long one as the XXH3 of its serialised form ([`digest`]).
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub(crate) struct RenderKey(Vec<(String, String)>);
+pub struct RenderKey(Vec<(String, String)>);
 
 impl RenderKey {
+    /// The key of the samples alone: those of two renders with equal keys have the same bits. It contains the version of
+    /// the program, size, seed, frame, scene, camera, and the hash of some samples. The film has the size of `settings`.
+    pub fn of_samples(scene: &Scene, camera: &RayGenerator, settings: &RenderSettings) -> Self {
+        let s = settings;
+        let mut key = Self(Vec::new());
+        key.add("program", concat!("dunkelfeld ", env!("CARGO_PKG_VERSION")));
+        key.add("size", format!("{} x {}", s.width, s.height));
+        key.add("seed", s.seed);
+        key.add("frame", s.frame);
+        key.add("choice of effects left out", s.without.iter().map(|e| e.name()).collect::<Vec<_>>().join(", "));
+        key.add("scene", hex(scene.fingerprint()));
+        key.add_digest("camera", camera);
+        key.add("outcome of samples", hex(probe(scene, camera, s)));
+        key
+    }
+
+    /// The key of samples and plan.
     pub(crate) fn new(scene: &Scene, camera: &RayGenerator, settings: &RenderSettings) -> Self {
         let s = settings;
-        let mut all = Vec::new();
-        let mut put = |name: &str, value: String| all.push((name.to_string(), value));
-        put("program", format!("dunkelfeld {}", env!("CARGO_PKG_VERSION")));
-        put("size", format!("{} x {}", s.width, s.height));
-        put("seed", s.seed.to_string());
-        put("frame", s.frame.to_string());
-        put("choice of effects left out", s.without.iter().map(|e| e.name()).collect::<Vec<_>>().join(", "));
-        put("scene", format!("{:032x}", scene.fingerprint()));
-        put("camera", hex(camera));
-        put("plan", s.replay.as_ref().map_or_else(String::new, hex));
+        let mut key = Self::of_samples(scene, camera, s);
+        match &s.replay {
+            Some(plan) => key.add_digest("plan", plan),
+            None => key.add("plan", ""),
+        }
         if s.samples.is_none() {
-            put("budget", words(&s.budget));
-            put("allocation", s.strategy().name().into());
-            let sensor = match &s.sensor {
-                SensorChoice::None => "none".into(),
-                SensorChoice::Emva { model, .. } => format!("{} ({})", model.spec().name, hex(&s.sensor)),
-            };
-            put("sensor or exposure", sensor);
+            key.add("budget", words(&s.budget));
+            key.add("allocation", s.strategy().name());
+            key.add_sensor(&s.sensor);
             // All other settings, except those that change no sample.
             let rest = RenderSettings {
                 threads: 0,
@@ -49,21 +55,39 @@ impl RenderKey {
                 denoise: DenoiseSettings::default(),
                 ..s.clone()
             };
-            put("further settings", hex(&rest));
+            key.add_digest("further settings", &rest);
         }
-        put("outcome of samples", probe(scene, camera, s));
-        Self(all)
+        key
     }
 
-    /// The first difference, as a sentence; `None` if the keys are equal.
-    pub(crate) fn difference(&self, other: &Self) -> Option<String> {
+    /// Adds a value as text.
+    pub fn add(&mut self, name: &str, value: impl ToString) {
+        self.0.push((name.into(), value.to_string()));
+    }
+
+    /// Adds the hash of a value.
+    pub fn add_digest(&mut self, name: &str, value: &impl Serialize) {
+        self.add(name, hex(digest(value)));
+    }
+
+    /// Adds sensor, lens and exposure: the name of the sensor, and the hash of all values.
+    pub fn add_sensor(&mut self, sensor: &SensorChoice) {
+        let value = match sensor {
+            SensorChoice::None => "none".into(),
+            SensorChoice::Emva { model, .. } => format!("{} ({})", model.spec().name, hex(digest(sensor))),
+        };
+        self.add("sensor or exposure", value);
+    }
+
+    /// The first difference, as a phrase: `other` is \"here\". `None` if the keys are equal.
+    pub fn difference(&self, other: &Self) -> Option<String> {
         let value = |of: &Self, name: &str| of.0.iter().find(|(n, _)| n == name).map(|(_, v)| v.clone());
         let names = self.0.iter().chain(&other.0).map(|(name, _)| name);
         names.into_iter().find_map(|name| match (value(self, name), value(other, name)) {
             (a, b) if a == b => None,
             (Some(a), Some(b)) if is_digest(&a) || is_digest(&b) => Some(format!("not the same {name}")),
             (Some(a), Some(b)) => Some(format!("not the same {name}, \"{a}\" there and \"{b}\" here")),
-            _ => Some(format!("only one of them knows of a {name}")),
+            _ => Some(format!("only one of them has a {name}")),
         })
     }
 }
@@ -80,8 +104,8 @@ fn words(budget: &Budget) -> String {
     if limits.is_empty() { "the default".into() } else { limits.join(", ") }
 }
 
-fn hex(value: &impl Debug) -> String {
-    format!("{:032x}", digest(value))
+fn hex(digest: u128) -> String {
+    format!("{digest:032x}")
 }
 
 fn is_digest(text: &str) -> bool {
@@ -90,7 +114,7 @@ fn is_digest(text: &str) -> bool {
 
 /// Hash of a few samples, spread over the image. It detects a program that was changed without a new version number,
 /// and a machine that computes differently.
-fn probe(scene: &Scene, camera: &RayGenerator, s: &RenderSettings) -> String {
+fn probe(scene: &Scene, camera: &RayGenerator, s: &RenderSettings) -> u128 {
     let estimator = Estimator { scene, camera, width: s.width, seed: s.seed, frame: s.frame };
     let pixels = u64::from(s.width) * u64::from(s.height);
     let samples: Vec<_> = (0..PROBES)
@@ -101,5 +125,5 @@ fn probe(scene: &Scene, camera: &RayGenerator, s: &RenderSettings) -> String {
             estimator.sample(PixelSample { x, y, index: (i % 7) as u32 })
         })
         .collect();
-    hex(&samples)
+    digest(&samples)
 }
