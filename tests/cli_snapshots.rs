@@ -163,7 +163,7 @@ fn refusals() {
         ("job-unknown-sensor", "render model.toml"),
         ("width-zero", "render scene.gltf --width 0"),
         ("spp-negative", "render scene.gltf --spp=-1"),
-        ("time-without-unit", "render scene.gltf --time 20"),
+        ("time-unknown-unit", "render scene.gltf --time 20parsecs"),
         ("unknown-strategy", "render scene.gltf --allocate best"),
         ("unknown-effect", "render scene.gltf --without every-lamp"),
         ("unknown-sensor", "render scene.gltf --sensor imx999"),

@@ -3,8 +3,8 @@
 //! A state machine without a clock: the caller measures the time, the schedule decides. It has two phases:
 //!
 //! 1. *Pilot*, uniform. At first the cost of a sample is unknown. So the pilot starts with a few hundred samples and
-//!   grows at most fourfold per round, until it holds about a fifth of the samples that the budget affords. It has at
-//!   least 16 samples per pixel if these are no more than a quarter of the affordable ones.
+//!    grows at most fourfold per round, until it holds about a fifth of the samples that the budget affords. It has at
+//!    least 16 samples per pixel if these are no more than a quarter of the affordable ones.
 //! 2. *Refinement*, the remaining samples. It begins with [`Round::replan`]: the plan is made.
 //!
 //! The plan is made once. With each further plan, the samples of a pixel would decide, by way of its neighbours, how

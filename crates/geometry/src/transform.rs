@@ -145,8 +145,8 @@ impl Transform {
     /// An object-space point with an error box in the world: the point and the half widths of a box that contains the
     /// exact point.
     ///
-    /// With L the linear part, u the unit roundoff of f32 and p' the result, the half widths are `|L| p_error + u |p'|
-    /// + |L| u |p|`, similar to Pharr, Jakob & Humphreys (2016, section 3.9), plus the rounding of the arithmetic in
+    /// With L the linear part, u the unit roundoff of f32 and p' the result, the half widths are
+    /// `|L| p_error + u |p'| + |L| u |p|`, similar to Pharr, Jakob & Humphreys (2016, section 3.9), plus the rounding of the arithmetic in
     /// f64. The third term is for the next ray: when it leaves this point, its origin is transformed to object space
     /// and rounded to f32 again.
     #[inline]

@@ -4,7 +4,7 @@
 //!
 //! 1. [`Response`]: radiance -> irradiance through the lens -> photons on the pixel -> expected electrons;
 //! 2. [`Device::expose`]: photon and dark noise, fixed pattern, read noise, full well, gain, offset, one rounding ->
-//!   DN;
+//!    DN;
 //! 3. [`display`]: DN -> the 8-bit gamma-2.2 image, for display only, never for measurement.
 //!
 //! With a colour filter array a frame stays a raw mosaic. Only the display image has three channels.

@@ -165,8 +165,8 @@ const EDGE_ON: f64 = 1e-4;
 /// A rectangle in the coordinates of a reference point: `[x0, x1] x [y0, y1]` at the distance `h`.
 ///
 /// The part of the rectangle between 0 and x subtends (signed) `G(x) = F(x, y1) - F(x, y0)`, `F(x, y) = atan(x y / (h
-/// sqrt(x^2 + y^2 + h^2)))`. This is the distribution that Urena, Fajardo & King (2013) invert. With `s = x / sqrt(x^2
-/// + h^2)` and `b = y / sqrt(y^2 + h^2)` each F is `asin(s b)`, and the addition theorem gives the inverse of `g =
+/// sqrt(x^2 + y^2 + h^2)))`. This is the distribution that Urena, Fajardo & King (2013) invert. With
+/// `s = x / sqrt(x^2 + h^2)` and `b = y / sqrt(y^2 + h^2)` each F is `asin(s b)`, and the addition theorem gives the inverse of `g =
 /// asin(s b1) - asin(s b0)` in closed form: `s = sin g / sqrt(b0^2 + b1^2 - 2 b0 b1 cos g)`. This is their result
 /// without the inner angles, whose arc cosines lose half of the digits near 0 and pi.
 struct View {
