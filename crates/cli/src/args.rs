@@ -1,19 +1,19 @@
 //! The flags. Doc comments are the help texts; values are checked here, before any file is opened.
 
 use crate::choices::{denoisers, exposure_noises, strategies, vignettings};
-use crate::memory_args::MemoryArgs;
+use crate::run_args::{MemoryArgs, RunArgs};
 #[cfg(feature = "studies")]
 use crate::studies::{BenchArgs, EmvaArgs, PtcArgs};
 use crate::values::{
-    effect, exposure, length, noise_level, pause, pixel_sample, sample_range, samples_per_pixel, time_limit, whole,
-    within,
+    ExposureChoice, effect, exposure, length, noise_level, pause, pixel_sample, sample_range, samples_per_pixel,
+    time_limit, whole, within,
 };
-use clap::{ArgGroup, Args, Parser, Subcommand, ValueEnum};
+use clap::{ArgGroup, Args, Parser, Subcommand};
 use dunkelfeld::DenoiseMethod;
 use dunkelfeld::adaptive::Strategy;
 use dunkelfeld::integrator::PixelSample;
 use dunkelfeld::scene::{Effect, Vignetting};
-use dunkelfeld::sensor::{Exposure, ExposureNoise};
+use dunkelfeld::sensor::ExposureNoise;
 use std::ops::Range;
 use std::path::PathBuf;
 
@@ -202,51 +202,6 @@ pub(crate) struct MergeArgs {
     pub(crate) memory: MemoryArgs,
 }
 
-/// How a command runs, whatever it does.
-#[derive(Debug, Args)]
-pub(crate) struct RunArgs {
-    /// Threads [default: one per core].
-    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = within(1..=1024u16))]
-    pub(crate) threads: Option<u16>,
-    /// How progress is shown on standard error.
-    #[arg(long, value_enum, default_value_t = ProgressKind::Bar)]
-    pub(crate) progress: ProgressKind,
-}
-
-impl RunArgs {
-    /// The number of threads; 0 for one per core.
-    pub(crate) fn thread_count(&self) -> usize {
-        self.threads.map_or(0, usize::from)
-    }
-}
-
-/// How a scene is seen by a command that renders it many times.
-#[derive(Debug, Args)]
-pub(crate) struct ViewArgs {
-    /// Width of the image [default: 512].
-    #[arg(long, value_name = "PIXELS", allow_negative_numbers = true, value_parser = within(1..=dunkelfeld::MAX_SIDE))]
-    pub(crate) width: Option<u32>,
-    /// Height of the image [default: 512].
-    #[arg(long, value_name = "PIXELS", allow_negative_numbers = true, value_parser = within(1..=dunkelfeld::MAX_SIDE))]
-    pub(crate) height: Option<u32>,
-    /// Camera by name [default: the first; a framing of the whole scene if there is none].
-    #[arg(long, value_name = "NAME")]
-    pub(crate) camera: Option<String>,
-    /// Sensor preset, a sensor file (.toml), or none [default: imx250].
-    #[arg(long, value_name = "NAME|FILE|none")]
-    pub(crate) sensor: Option<String>,
-    /// Exposure time as in 5ms, or auto: that of the render with the most samples, for all of them [default: auto].
-    #[arg(long, value_name = "TIME|auto", value_parser = exposure)]
-    pub(crate) exposure: Option<ExposureChoice>,
-    /// Seed that all others follow from [default: 0].
-    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = whole::<u64>)]
-    pub(crate) seed: Option<u64>,
-    #[command(flatten)]
-    pub(crate) memory: MemoryArgs,
-    #[command(flatten)]
-    pub(crate) run: RunArgs,
-}
-
 /// Flags of `denoise`.
 ///
 /// Uses what the file has of variance, albedo, normal and depth; names are those of this program, of Blender's view layers
@@ -331,24 +286,6 @@ pub(crate) struct ExposeArgs {
     pub(crate) memory: MemoryArgs,
     #[command(flatten)]
     pub(crate) run: RunArgs,
-}
-
-/// How progress is shown.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub(crate) enum ProgressKind {
-    /// A bar with the remaining time (only on a terminal).
-    Bar,
-    /// One JSON object a line, for machines.
-    Json,
-    /// Nothing.
-    None,
-}
-
-/// An exposure on the command line.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) enum ExposureChoice {
-    Auto,
-    For(Exposure),
 }
 
 /// Flags of `inspect`.

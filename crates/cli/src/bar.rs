@@ -1,7 +1,7 @@
 //! Progress on standard error: a bar with the remaining time, or one JSON object a line.
 
-use crate::args::ProgressKind;
 use crate::outcome::say;
+use crate::run_args::ProgressKind;
 use crate::words::{count, remaining};
 use dunkelfeld::{Forecast, ForecastLevel, Progress, ProgressState, Stage};
 use indicatif::{ProgressBar, ProgressStyle};

@@ -8,8 +8,8 @@ mod bar;
 mod choices;
 mod commands;
 mod interrupt;
-mod memory_args;
 mod outcome;
+mod run_args;
 #[cfg(feature = "studies")]
 mod studies;
 mod values;

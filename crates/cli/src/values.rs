@@ -1,6 +1,5 @@
 //! The values of flags: read from their text, and checked before any file is opened. An error says what to write instead.
 
-use crate::args::ExposureChoice;
 use dunkelfeld::adaptive::budget::{MAX_MEAN_SPP, NOISE_LEVELS};
 use dunkelfeld::integrator::PixelSample;
 use dunkelfeld::io::quantity::{Length, Time};
@@ -9,6 +8,13 @@ use dunkelfeld::scene::{Effect, SceneBuilder};
 use dunkelfeld::sensor::Exposure;
 use std::fmt::Display;
 use std::ops::{Range, RangeInclusive};
+
+/// An exposure on the command line.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum ExposureChoice {
+    Auto,
+    For(Exposure),
+}
 
 /// A length such as `12mm`, in metres.
 pub(crate) fn length(text: &str) -> Result<f64, String> {

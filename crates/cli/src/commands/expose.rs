@@ -1,9 +1,10 @@
 //! `dunkelfeld expose`: an EXR in, frames of a camera out.
 
-use crate::args::{ExposeArgs, ExposureChoice};
+use crate::args::ExposeArgs;
 use crate::bar::Sink;
 use crate::interrupt::cancel_on_interrupt;
 use crate::outcome::{Outcome, print, say};
+use crate::values::ExposureChoice;
 use crate::words::{counted, exposure_time, flagged_variances, seconds};
 use dunkelfeld::io::input::InputFiles;
 use dunkelfeld::radiometry::Number;

@@ -3,10 +3,12 @@
 mod debug_sample;
 mod report;
 
-use crate::args::{ExposureChoice, RenderArgs, ViewArgs};
+use crate::args::RenderArgs;
 use crate::bar::Sink;
 use crate::interrupt::cancel_on_interrupt;
 use crate::outcome::Outcome;
+use crate::run_args::ViewArgs;
+use crate::values::ExposureChoice;
 use dunkelfeld::io::input::InputFiles;
 use dunkelfeld::sensor::ExposureNoise;
 use dunkelfeld::{

@@ -1,7 +1,7 @@
 //! Flags of `bench`.
 
-use crate::args::ViewArgs;
 use crate::choices::denoisers;
+use crate::run_args::ViewArgs;
 use crate::values::{effect, within};
 use clap::Args;
 use dunkelfeld::DenoiseMethod;

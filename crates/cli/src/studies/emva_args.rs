@@ -1,6 +1,6 @@
 //! The flags of `emva`.
 
-use crate::args::RunArgs;
+use crate::run_args::RunArgs;
 use crate::values::{whole, within};
 use clap::{Args, Subcommand, ValueEnum};
 use dunkelfeld::io::quantity::Time;

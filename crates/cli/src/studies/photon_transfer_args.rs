@@ -1,7 +1,7 @@
 //! Flags of `ptc`.
 
-use crate::args::ViewArgs;
 use crate::choices::denoisers;
+use crate::run_args::ViewArgs;
 use crate::values::within;
 use clap::Args;
 use dunkelfeld::DenoiseMethod;
