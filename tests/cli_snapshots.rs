@@ -16,7 +16,18 @@ use std::fs;
 
 /// The commands of the program, subcommands of subcommands included.
 const COMMANDS: [&str; 12] = [
-    "", "render", "merge", "bench", "denoise", "expose", "emva", "emva dataset", "emva analyse", "ptc", "inspect", "sensors",
+    "",
+    "render",
+    "merge",
+    "bench",
+    "denoise",
+    "expose",
+    "emva",
+    "emva dataset",
+    "emva analyse",
+    "ptc",
+    "inspect",
+    "sensors",
 ];
 
 /// The whole answer of the program to a line.
