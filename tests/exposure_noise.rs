@@ -5,7 +5,7 @@
 
 mod support;
 
-use dunkelfeld::film::{Film, Plane, Sample};
+use dunkelfeld::film::{Accumulate, Film, PixelSums, Plane, Sample};
 use dunkelfeld::geometry::{DVec3, Vec3};
 use dunkelfeld::integrator::Label;
 use dunkelfeld::io::layers::Single;
@@ -201,16 +201,18 @@ fn what_a_rare_sample_brings_is_not_made_up_for_by_its_neighbours() {
     // Frames without a rare sample, sums of grey values and of squares: as it is exposed, and with all variance left out.
     let mut sums = vec![[[0.0f64; 3]; 2]; pixels];
     for frame in 0..FRAMES {
-        let mut film = Film::new(64, 48);
-        for pixel in 0..pixels {
+        let mut sums_of_frame = vec![PixelSums::default(); pixels];
+        for (pixel, sums) in sums_of_frame.iter_mut().enumerate() {
             for index in 0..SAMPLES {
                 let key = [u64::from(frame), pixel as u64, u64::from(index)];
                 let [even, event] = [0, 1].map(|i| hash_u64([key[0], key[1], key[2], i]) as f64 * 0.5f64.powi(64));
                 let electrons = mean + spread * (even - 0.5) + if event < chance { rare } else { 0.0 };
                 let radiance = Rgb::splat((electrons / per_radiance) as f32);
-                film.add(pixel, index, &Sample { radiance, hit: true, ..Sample::MISS }).expect("memory");
+                sums.add(index, &Sample { radiance, hit: true, ..Sample::MISS });
             }
         }
+        let mut film = Film::new(64, 48);
+        film.add_rows(0, &sums_of_frame).expect("memory");
         let settings = RenderSettings { frame, ..settings.clone() };
         let sensor = develop_film(&film_of(film, &ids), &settings).expect("a frame").sensor.expect("a sensor");
         let ratios = &sensor.certified.as_ref().expect("certified").ratios;
@@ -253,12 +255,14 @@ fn what_has_no_noise_holds_no_rare_sample() {
     let ids = Plane::new(16, 16, Some(Label::new(0, 0)));
     for model in [find_sensor("imx250").expect("a preset"), mosaic] {
         for [r, g, b] in [[1.0, 1.0, 1.0], [0.2, 0.6, 0.2], [0.0, 1.0, 0.0], [1.0, 0.0, 0.1], [0.0, 0.1, 1.0]] {
-            let mut film = Film::new(16, 16);
-            for pixel in 0..256usize {
+            let mut sums = [PixelSums::default(); 256];
+            for (pixel, sums) in sums.iter_mut().enumerate() {
                 let level = if pixel % 7 == 0 { 2.0 } else { 0.1 };
                 let sample = Sample { radiance: Rgb::new(r, g, b) * level, hit: true, ..Sample::MISS };
-                (0..16).for_each(|index| film.add(pixel, index, &sample).expect("memory"));
+                (0..16).for_each(|index| sums.add(index, &sample));
             }
+            let mut film = Film::new(16, 16);
+            film.add_rows(0, &sums).expect("memory");
             let optics = Optics::new(4.0, 0.9, 0.0).expect("in range");
             let exposure = Exposure::new(Seconds(2e-3)).expect("in range");
             let sensor = SensorChoice::Emva { model: Box::new(model.clone()), optics, exposure: Some(exposure) };

@@ -136,7 +136,8 @@ fn white_media_in_a_uniform_sky_are_invisible() {
 fn a_white_medium_in_a_cavity_that_shines_shows_its_walls() {
     // The same with lights that have a surface: a box of radiance 1 on its inside, with the medium and the camera in it.
     let mut walls = cube(0.3);
-    dunkelfeld::geometry::health::turn_inside_out(&mut walls);
+    walls.triangles.iter_mut().for_each(|t| t.swap(1, 2));
+    walls.normals.iter_mut().for_each(|n| *n = -*n);
     let mut b = SceneBuilder::default();
     let m = b.add_material(body(1.0, scattering(Rgb::BLACK, Rgb::splat(25.0), 0.3)));
     b.add_object("cube", cube(0.05), m);

@@ -55,16 +55,22 @@ fn ten_million_samples_of_a_bright_pixel_have_their_exact_mean() {
 fn films_merge_to_the_same_bits_in_any_order_and_grouping() {
     // 32 parts of a film of 5 x 3 pixels, unequal in size, merged forward, backward, shuffled, in pairs.
     const PARTS: usize = 32;
-    let mut parts: Vec<Film> = (0..PARTS).map(|_| Film::new(5, 3)).collect();
-    let mut whole = Film::new(5, 3);
+    let mut parts = [[PixelSums::default(); 15]; PARTS];
+    let mut whole = [PixelSums::default(); 15];
     for pixel in 0..15usize {
         for i in 0..5_000u32 {
             let s = sample(radiance(i.wrapping_add(pixel as u32 * 77_777)).0 * 1.1);
             let part = (i as usize * i as usize / 7 + pixel) % PARTS;
-            parts[part].add(pixel, i, &s).expect("memory");
-            whole.add(pixel, i, &s).expect("memory");
+            parts[part][pixel].add(i, &s);
+            whole[pixel].add(i, &s);
         }
     }
+    let film = |sums: &[PixelSums]| {
+        let mut film = Film::new(5, 3);
+        film.add_rows(0, sums).expect("memory");
+        film
+    };
+    let (parts, whole) = (parts.map(|sums| film(&sums)).to_vec(), film(&whole));
     let merged = |order: &[usize]| {
         let mut film = Film::new(5, 3);
         order.iter().for_each(|&i| film.merge(&parts[i]).expect("same size"));

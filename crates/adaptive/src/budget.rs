@@ -57,7 +57,7 @@ pub struct Limits {
     /// Samples of the whole image.
     pub samples: Option<u64>,
     /// Samples that are taken even after the time limit, so that there is an image if the budget is too small for one.
-    /// The render then misses its budget (see [`Schedule::budget_missed`]).
+    /// The render can then overrun its limit by more than [`tolerance`].
     pub at_least: u64,
     /// The caller checks the noise of the image on the way, and ends the render when its target is reached.
     pub stop_on_noise: bool,
@@ -271,19 +271,6 @@ impl Schedule {
         }
     }
 
-    /// The completed share of the render, in \[0, 1\], by the limit that is nearest.
-    pub fn progress(&self, elapsed: f64) -> f64 {
-        let time = self.limits.seconds.map_or(0.0, |s| sane(elapsed) / s.max(1e-9));
-        let samples = self.limits.samples.map_or(0.0, |s| self.taken as f64 / s.max(1) as f64);
-        time.max(samples).clamp(0.0, 1.0)
-    }
-
-    /// Returns whether the time limit was missed by more than 2 % and 0.2 s, at `elapsed` seconds when all files are
-    /// written.
-    pub fn budget_missed(&self, elapsed: f64) -> bool {
-        self.limits.seconds.is_some_and(|s| elapsed > s + tolerance(s))
-    }
-
     /// Records the time, and the seconds that passed beside the last round.
     fn observe_clock(&mut self, elapsed: f64) {
         // If the clock runs backwards, the time stays the same.
@@ -380,8 +367,8 @@ impl Schedule {
     }
 }
 
-/// Seconds by which a time limit may be overrun.
-fn tolerance(seconds: f64) -> f64 {
+/// Seconds by which a time limit of `seconds` may be overrun: 2 %, or 0.2 s if that is more. A longer overrun is reported.
+pub fn tolerance(seconds: f64) -> f64 {
     (0.02 * seconds).max(0.2)
 }
 

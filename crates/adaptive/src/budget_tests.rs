@@ -290,8 +290,8 @@ fn an_image_at_all_may_be_worth_missing_the_budget() {
         now += took;
     }
     assert_eq!(schedule.taken(), 1_000_000);
-    assert!(schedule.budget_missed(now));
-    assert!(!schedule.budget_missed(0.69));
+    assert!(now > 0.5 + tolerance(0.5));
+    assert_eq!((tolerance(0.5), tolerance(60.0)), (0.2, 1.2));
 }
 
 #[test]
@@ -316,16 +316,6 @@ fn a_late_start_still_takes_a_probe_and_odd_clocks_do_not_confuse() {
         }
         assert!(matches!(schedule.next(0.1, 1.0), Step::Stop(_)));
     }
-}
-
-#[test]
-fn progress_follows_the_nearer_limit() {
-    let limits = Limits { seconds: Some(10.0), samples: Some(1000), ..Limits::default() };
-    let mut schedule = Schedule::new(limits, Settings { pixels: 10, pilot_spp: 16, closing_seconds: 0.0 });
-    assert_eq!(schedule.progress(2.5), 0.25);
-    schedule.record(500, 500.0, 1.0);
-    assert_eq!(schedule.progress(2.5), 0.5);
-    assert_eq!(schedule.progress(99.0), 1.0);
 }
 
 /// Runs a render that checks its noise. The image reaches the noise target after `enough` samples, and each check

@@ -29,12 +29,12 @@ pub enum Strategy {
     Uniform,
     /// In proportion to the Sobel magnitude of the pilot image, above a floor (Kludt et al.).
     Sobel,
-    /// In proportion to the standard deviation of a sample over the square root of its cost (Neyman 1934). For a given
-    /// budget, this has the least variance of the image mean.
+    /// In proportion to the standard deviation of a sample (Neyman 1934). For a given number of samples, this has the
+    /// least variance of the image mean.
     Variance,
     /// By the noise of the sensor, until the render variance of all pixels is hidden by the sensor variance. If the
-    /// budget does not suffice, in proportion to `sqrt(v / (s c))`: v is the variance of a sample, s the sensor
-    /// variance and c the cost. The few pixels that need most count as the largest of the others, since a render does
+    /// budget does not suffice, in proportion to `sqrt(v / s)`: v is the variance of a sample and s the sensor
+    /// variance. The few pixels that need most count as the largest of the others, since a render does
     /// not wait for them.
     Sensor,
 }
@@ -58,11 +58,6 @@ impl Strategy {
         }
     }
 
-    /// Returns whether the strategy uses a pilot, so that new data may change the shares.
-    pub const fn needs_pilot(self) -> bool {
-        !matches!(self, Self::Uniform)
-    }
-
     /// Returns whether the strategy uses measured variances ([`Pilot::measured`]).
     pub const fn needs_noise(self) -> bool {
         matches!(self, Self::Variance | Self::Sensor)
@@ -76,12 +71,11 @@ impl Strategy {
             (Self::Sobel, _) => {
                 Shares::from_weights(sobel(&magnitude(&gamma_image(pilot.luminance, pilot.white)), pilot.sobel_floor))
             }
-            (Self::Sensor, Some(MeasuredNoise { required_samples: Some(required_samples), cost, .. })) => Shares {
-                weights: deviation(&required_samples.capped(), *cost),
-                caps: Some(required_samples.capped_targets()),
-            },
-            (Self::Variance | Self::Sensor, Some(MeasuredNoise { expected, cost, .. })) => {
-                Shares::from_weights(deviation(&expected.map(|e| e.ratio), *cost))
+            (Self::Sensor, Some(MeasuredNoise { required_samples: Some(required_samples), .. })) => {
+                Shares { weights: deviation(&required_samples.capped()), caps: Some(required_samples.capped_targets()) }
+            }
+            (Self::Variance | Self::Sensor, Some(MeasuredNoise { expected, .. })) => {
+                Shares::from_weights(deviation(&expected.map(|e| e.ratio)))
             }
             (Self::Uniform, _) | (Self::Variance | Self::Sensor, None) => Shares::from_weights(uniform(width, height)),
         }
@@ -153,19 +147,12 @@ pub struct MeasuredNoise<'a> {
     pub expected: &'a Plane<PredictedNoise>,
     /// Samples that each pixel needs until its noise is hidden by that of the sensor.
     pub required_samples: Option<&'a RequiredSamples>,
-    /// Relative cost of a sample in each pixel. `None` if it is the same everywhere. A value that is not positive
-    /// counts as one.
-    pub cost: Option<&'a Plane<f32>>,
 }
 
-/// Weights `sqrt(v / c)`. A pixel of unknown variance has the largest weight of the others.
-fn deviation(variance: &Plane<f32>, cost: Option<&Plane<f32>>) -> Plane<f32> {
+/// Weights `sqrt(v)`. A pixel of unknown variance has the largest weight of the others.
+fn deviation(variance: &Plane<f32>) -> Plane<f32> {
     let (width, height) = (variance.width(), variance.height());
-    let weights = variance.data().iter().enumerate().map(|(i, &variance)| {
-        let cost = cost.and_then(|c| c.data().get(i)).copied().map_or(1.0, f64::from);
-        (f64::from(variance) / if cost > 0.0 { cost } else { 1.0 }).sqrt() as f32
-    });
-    let weights: Vec<f32> = weights.collect();
+    let weights: Vec<f32> = variance.data().iter().map(|&v| f64::from(v).sqrt() as f32).collect();
     let heaviest = weights.iter().copied().filter(|w| w.is_finite()).fold(0.0f32, f32::max);
     let heaviest = if heaviest > 0.0 { heaviest } else { 1.0 };
     let weights = weights.into_iter().map(|w| if w.is_finite() { w } else { heaviest }).collect();
@@ -287,14 +274,12 @@ mod tests {
 
     const UNKNOWN: f32 = f32::INFINITY;
 
-    /// Weights of four pixels with the given predicted noise, strategy and cost.
-    fn weights_of(strategy: Strategy, ratios: [f32; 4], cost: Option<[f32; 4]>) -> Vec<f32> {
+    /// Weights of four pixels with the given predicted noise and strategy.
+    fn weights_of(strategy: Strategy, ratios: [f32; 4]) -> Vec<f32> {
         let row = |v: [f32; 4]| Plane::from_vec(4, 1, v.to_vec()).expect("four values");
         let expected = row(ratios).map(|&ratio| PredictedNoise { ratio, saturated: ratio == 0.0 });
         let required_samples = RequiredSamples::expected(&expected, 0.5);
-        let cost = cost.map(row);
-        let measured =
-            Some(MeasuredNoise { expected: &expected, required_samples: Some(&required_samples), cost: cost.as_ref() });
+        let measured = Some(MeasuredNoise { expected: &expected, required_samples: Some(&required_samples) });
         let pilot = Pilot { luminance: &row([0.0; 4]), white: 1.0, sobel_floor: SOBEL_FLOOR, measured };
         let shares = strategy.shares(&pilot);
         assert_eq!(shares.caps.is_some(), strategy == Strategy::Sensor);
@@ -310,20 +295,18 @@ mod tests {
     }
 
     #[test]
-    fn neyman_goes_by_deviation_over_the_root_of_cost() {
+    fn neyman_goes_by_deviation() {
         for strategy in [Strategy::Variance, Strategy::Sensor] {
-            assert_ratios(&weights_of(strategy, [1.0, 4.0, 9.0, 16.0], None), [1.0, 2.0, 3.0, 4.0]);
-            let cost = Some([1.0, 4.0, 9.0, 0.0]);
-            assert_ratios(&weights_of(strategy, [1.0, 4.0, 9.0, 16.0], cost), [1.0, 1.0, 1.0, 4.0]);
+            assert_ratios(&weights_of(strategy, [1.0, 4.0, 9.0, 16.0]), [1.0, 2.0, 3.0, 4.0]);
         }
     }
 
     #[test]
     fn the_unknown_weighs_most() {
         let pixels = [4.0, UNKNOWN, 9.0, 0.0];
-        assert_ratios(&weights_of(Strategy::Variance, pixels, None), [2.0, 3.0, 3.0, 0.0]);
+        assert_ratios(&weights_of(Strategy::Variance, pixels), [2.0, 3.0, 3.0, 0.0]);
         for nothing in [UNKNOWN, 0.0] {
-            assert_ratios(&weights_of(Strategy::Variance, [nothing; 4], None), [1.0; 4]);
+            assert_ratios(&weights_of(Strategy::Variance, [nothing; 4]), [1.0; 4]);
         }
     }
 

@@ -142,7 +142,7 @@ fn adaptive(image: &mut Image, target: f64) {
         if aim <= taken + taken / 50 {
             return;
         }
-        let measured = MeasuredNoise { expected: &expected, required_samples: Some(&required_samples), cost: None };
+        let measured = MeasuredNoise { expected: &expected, required_samples: Some(&required_samples) };
         let pilot = Pilot { luminance: &evidence.mean, white: 1.0, sobel_floor: 0.25, measured: Some(measured) };
         let shares = Strategy::Sensor.shares(&pilot);
         image.render(&plan::next_round_of(&evidence.counts, &shares, aim.min(2 * taken)));
@@ -246,7 +246,7 @@ fn bias_of_budget(rule: Rule, witnesses: Witnesses, plans: u32, repeats: u64) ->
             let shares = match rule {
                 Rule::Deviation => {
                     let expected = told(&evidence, witnesses, None);
-                    let measured = MeasuredNoise { expected: &expected, required_samples: None, cost: None };
+                    let measured = MeasuredNoise { expected: &expected, required_samples: None };
                     let luminance = &evidence.mean;
                     Strategy::Variance.shares(&Pilot {
                         luminance,

@@ -45,13 +45,6 @@ pub fn normal_reflectance(eta: f32) -> f32 {
     r * r
 }
 
-/// The relative index of refraction that Burley (2012) assigns to his `specular` parameter: 0.5 means 4 % at normal
-/// incidence.
-#[inline]
-pub fn eta_from_specular(specular: f32) -> f32 {
-    2.0 / (1.0 - (0.08 * specular).sqrt()) - 1.0
-}
-
 /// Schlick's (1994) weight `(1 - cos)^5`, with the cosine clamped to `[0, 1]`.
 #[inline]
 pub fn schlick_weight(cos: f32) -> f32 {
@@ -117,10 +110,5 @@ mod tests {
                 }
             }
         }
-    }
-
-    #[test]
-    fn specular_one_half_means_four_percent() {
-        assert!((normal_reflectance(eta_from_specular(0.5)) - 0.04).abs() < 1e-7);
     }
 }

@@ -1,12 +1,17 @@
 //! Comparison with an independent implementation, Mitsuba 3.9.1. `validation/bsdf_grid.py` makes the table and explains
 //! its lines: each parameter varied alone, and mixes of all.
 
-use dunkelfeld_bsdf::{Bsdf, Dielectric, Lobe, Principled, PrincipledParams, ThinSheet, fresnel};
+use dunkelfeld_bsdf::{Bsdf, Dielectric, Lobe, Principled, PrincipledParams, ThinSheet};
 use dunkelfeld_geometry::LocalDir;
 use dunkelfeld_radiometry::Rgb;
 
 /// Relative tolerance where f32 permits it: everywhere except on the peak of a glossy coat, see [`Surface::tolerance`].
 const TOLERANCE: f64 = 1e-4;
+
+/// The relative index of refraction that Burley (2012) assigns to his `specular`: 0.5 means 4 % at normal incidence.
+fn eta_from_specular(specular: f32) -> f32 {
+    2.0 / (1.0 - (0.08 * specular).sqrt()) - 1.0
+}
 
 struct Surface {
     kind: String,
@@ -31,7 +36,7 @@ impl Surface {
                     metallic: get("metallic", d.metallic),
                     roughness: get("roughness", d.roughness),
                     anisotropic: get("anisotropic", d.anisotropic),
-                    eta: self.number("specular").map_or(get("eta", d.eta), fresnel::eta_from_specular),
+                    eta: self.number("specular").map_or(get("eta", d.eta), eta_from_specular),
                     spec_tint: get("spec_tint", d.spec_tint),
                     spec_trans: get("spec_trans", d.spec_trans),
                     sheen: get("sheen", d.sheen),

@@ -118,16 +118,18 @@ fn luminance(sums: &PixelSums) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use dunkelfeld_film::Sample;
+    use dunkelfeld_film::{Accumulate, Sample};
 
     fn film(bright: &[(usize, u32, f32)]) -> Film {
-        let mut film = Film::new(4, 3);
-        for pixel in 0..12 {
+        let mut sums = [PixelSums::default(); 12];
+        for (pixel, sums) in sums.iter_mut().enumerate() {
             for index in 0..16 {
                 let value = bright.iter().find(|b| (b.0, b.1) == (pixel, index)).map_or(1.0, |b| b.2);
-                film.add(pixel, index, &Sample { radiance: Rgb::splat(value), ..Sample::MISS }).expect("memory");
+                sums.add(index, &Sample { radiance: Rgb::splat(value), ..Sample::MISS });
             }
         }
+        let mut film = Film::new(4, 3);
+        film.add_rows(0, &sums).expect("memory");
         film
     }
 
@@ -161,16 +163,18 @@ mod tests {
     #[test]
     fn a_large_film_is_gone_through_in_pieces() {
         let (width, height) = (160, 256);
-        let mut film = Film::new(width, height);
+        let mut sums = vec![PixelSums::default(); (width * height) as usize];
         let piece = (width * Film::TILE) as usize;
         let heavy = [40_000, 3, piece, piece - 1, 2 * piece + 5];
-        for pixel in 0..(width * height) as usize {
+        for (pixel, sums) in sums.iter_mut().enumerate() {
             for index in 0..8 {
                 let lift = heavy.iter().position(|&p| (p, 5) == (pixel, index)).map_or(0.0, |rank| 900.0 - rank as f32);
                 let value = 1.0 + (pixel % 7) as f32 + lift;
-                film.add(pixel, index, &Sample { radiance: Rgb::splat(value), ..Sample::MISS }).expect("memory");
+                sums.add(index, &Sample { radiance: Rgb::splat(value), ..Sample::MISS });
             }
         }
+        let mut film = Film::new(width, height);
+        film.add_rows(0, &sums).expect("memory");
         for threads in [1, 3] {
             let pool = dunkelfeld_render::Session::new(threads).expect("threads");
             let found = pool.install(|| heaviest(&film));

@@ -344,7 +344,7 @@ impl Stats {
         }
         self.budget_missed = self.stop != "interrupted"
             && !self.was_complete
-            && self.budget_seconds.is_some_and(|b| total > b + (0.02 * b).max(0.2));
+            && self.budget_seconds.is_some_and(|b| total > b + dunkelfeld_adaptive::budget::tolerance(b));
     }
 
     /// Should the run's exit say that something is wrong with the result?
@@ -391,19 +391,21 @@ fn sensor_stats(frame: &Frame, settings: &RenderSettings) -> Option<SensorStats>
 #[cfg(test)]
 mod tests {
     use super::*;
-    use dunkelfeld_film::Sample;
+    use dunkelfeld_film::{Accumulate, Sample};
     use dunkelfeld_radiometry::Rgb;
 
     #[test]
     fn a_large_film_is_summed_up_in_pieces() {
         let (width, height) = (150, 240);
-        let mut film = Film::new(width, height);
-        for pixel in 0..(width * height) as usize {
+        let mut sums = vec![PixelSums::default(); (width * height) as usize];
+        for (pixel, sums) in sums.iter_mut().enumerate() {
             for index in 0..(pixel % 5) as u32 {
                 let value = Rgb::new((pixel % 11) as f32, (index + 1) as f32, 0.1);
-                film.add(pixel, index, &Sample { radiance: value, ..Sample::MISS }).expect("memory");
+                sums.add(index, &Sample { radiance: value, ..Sample::MISS });
             }
         }
+        let mut film = Film::new(width, height);
+        film.add_rows(0, &sums).expect("memory");
         let of =
             |threads| dunkelfeld_render::Session::new(threads).expect("threads").install(|| Totals::from_film(&film));
         let (one, three) = (of(1), of(3));

@@ -1,6 +1,6 @@
 //! The film: exact sums for every pixel of an image.
 
-use crate::accumulator::{Accumulate, PixelSums, Sample};
+use crate::accumulator::PixelSums;
 use crate::gaps::fill_gaps;
 use crate::packed::{Pages, TILE_SIDE, Tile};
 use crate::plane::Plane;
@@ -197,23 +197,6 @@ impl Film {
         Ok(())
     }
 
-    /// Adds sample number `index` of the pixel with linear index `pixel`. Many samples are added faster to
-    /// [`PixelSums`] first.
-    ///
-    /// # Errors
-    /// There is not enough memory.
-    ///
-    /// # Panics
-    /// If the pixel is outside the film.
-    pub fn add(&mut self, pixel: usize, index: u32, sample: &Sample) -> Result<(), OutOfMemory> {
-        let mut sums = PixelSums::default();
-        sums.add(index, sample);
-        let (x, y) = (pixel % self.width as usize, pixel / self.width as usize);
-        let (tile, x) = (x / TILE_SIDE as usize, x as u32 % TILE_SIDE);
-        let (row, y) = (y / TILE_SIDE as usize, y as u32 % TILE_SIDE);
-        self.rows[row].add(tile, std::iter::once(((x, y), &sums)))
-    }
-
     /// Adds all samples of `other`. The caller must ensure that the sample sets are disjoint.
     ///
     /// # Errors
@@ -365,6 +348,7 @@ fn slot(x: u32, y: u32) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::accumulator::{Accumulate, Sample};
     use dunkelfeld_radiometry::Rgb;
 
     #[test]
@@ -380,7 +364,9 @@ mod tests {
         for (w, h) in [(1, 1), (16_384, 1), (1, 16_384), (17, 33)] {
             let mut film = Film::new(w, h);
             let last = (w * h - 1) as usize;
-            film.add(last, 0, &Sample { radiance: Rgb::WHITE, ..Sample::MISS }).expect("memory");
+            let mut sums = vec![PixelSums::default(); last + 1];
+            sums[last].add(0, &Sample { radiance: Rgb::WHITE, ..Sample::MISS });
+            film.add_rows(0, &sums).expect("memory");
             assert_eq!(film.mean().data()[last], [1.0; 3]);
             assert_eq!(film.total_samples(), 1);
             assert_eq!(film.pixel(w - 1, h - 1).count(), 1);

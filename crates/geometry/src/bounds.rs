@@ -79,19 +79,6 @@ impl Aabb {
         other.is_empty() || (self.min.cmple(other.min).all() && other.max.cmple(self.max).all())
     }
 
-    /// The box grown on every side by `n` ulps of its largest coordinate, and by at least the next number up.
-    ///
-    /// All sides have the same margin, because a rotation or a shear carries the rounding of one axis to the others.
-    pub fn padded_by_ulps(&self, n: u32) -> Self {
-        if self.is_empty() {
-            return *self;
-        }
-        let largest = self.min.abs().max(self.max.abs()).max_element();
-        let pad = n as f32 * (largest.next_up() - largest);
-        let out = |v: f32| (v + pad).next_up();
-        Self { min: (-self.min).map(out) * -1.0, max: self.max.map(out) }
-    }
-
     /// The smallest box (up to outward rounding) around this box after a transform.
     ///
     /// Interval arithmetic on the matrix (Arvo 1990), in f64, rounded outward by one ulp.
@@ -136,16 +123,6 @@ mod tests {
         assert_eq!(b.half_area(), 2.0 * 4.0 + 4.0 * 2.5 + 2.5 * 2.0);
         assert!(b.contains(b.center()) && b.encloses(&Aabb::EMPTY));
         assert_eq!(Aabb::from_points([Vec3::NAN]), Aabb::EMPTY);
-    }
-
-    #[test]
-    fn padding_moves_every_side_outward_even_at_zero_and_far_out() {
-        for p in [Vec3::ZERO, Vec3::new(1e-4, 1000.0, -3.0), Vec3::splat(-1e30)] {
-            let b = Aabb::from_points([p]);
-            let q = b.padded_by_ulps(1);
-            assert!(q.min.cmplt(b.min).all() && q.max.cmpgt(b.max).all(), "{p} gave {q:?}");
-            assert!(q.size().max_element() <= 1e-6 * p.abs().max_element().max(1e-30), "{p} gave {q:?}");
-        }
     }
 
     #[test]

@@ -72,14 +72,6 @@ pub fn clean(mesh: &mut Mesh) -> Repairs {
     repairs
 }
 
-/// Turns a mesh inside out: reverses the winding of every triangle, and its vertex normals with it.
-pub fn turn_inside_out(mesh: &mut Mesh) {
-    mesh.triangles.iter_mut().for_each(|t| t.swap(1, 2));
-    mesh.normals.iter_mut().for_each(|n| *n = -*n);
-    // The bitangent is w n x t. If the normal is reversed, it stays the same only if w changes sign.
-    mesh.tangents.iter_mut().for_each(|t| t.w = -t.w);
-}
-
 /// Properties of a mesh after [`clean`]. Triangles that `clean` would remove for their corners are ignored.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MeshHealth {
@@ -226,7 +218,7 @@ mod tests {
         assert!((health.signed_volume - 1.0).abs() < 1e-12 && (health.area - 6.0).abs() < 1e-12);
 
         let mut inverted = cube();
-        turn_inside_out(&mut inverted);
+        inverted.triangles.iter_mut().for_each(|t| t.swap(1, 2));
         assert!(MeshHealth::from_mesh(&inverted).is_inside_out());
 
         let mut far = cube();

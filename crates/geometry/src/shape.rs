@@ -16,12 +16,10 @@ mod triangle;
 use glam::Vec3;
 
 pub use rectangle::{
-    Rectangle, RectangleSampler, invert_rectangle, pdf_rectangle, rectangle_from_triangles, rectangle_solid_angle,
-    sample_rectangle,
+    Rectangle, RectangleSampler, invert_rectangle, pdf_rectangle, rectangle_from_triangles, sample_rectangle,
 };
 pub use triangle::{
     invert_triangle, invert_triangle_area, pdf_triangle, pdf_triangle_area, sample_triangle, sample_triangle_area,
-    triangle_solid_angle,
 };
 
 /// A point sampled on a shape.

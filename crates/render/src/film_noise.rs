@@ -367,7 +367,7 @@ fn variance_without_outliers(evidence: &NoiseInputs, is_rare: &Plane<bool>, rows
 #[cfg(test)]
 mod tests {
     use super::*;
-    use dunkelfeld_film::Sample;
+    use dunkelfeld_film::{Accumulate, Sample};
     use dunkelfeld_sampling::mix64;
 
     /// Green and blue columns. Their noise is equal for a sensor that counts all light alike. Green light has ten times
@@ -375,16 +375,18 @@ mod tests {
     #[test]
     fn neighbours_of_other_colours_have_the_noise_that_the_sensor_sees() {
         let (width, height, count) = (24, 24, 64u32);
-        let mut film = Film::new(width, height);
+        let mut sums = vec![PixelSums::default(); (width * height) as usize];
         let mut state = 7u64;
-        for pixel in 0..(width * height) as usize {
+        for (pixel, sums) in sums.iter_mut().enumerate() {
             for index in 0..count {
                 state = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
                 let value = (mix64(state) >> 40) as f32 / (1u32 << 24) as f32;
                 let radiance = if pixel % 2 == 0 { Rgb::new(0.0, value, 0.0) } else { Rgb::new(0.0, 0.0, value) };
-                film.add(pixel, index, &Sample { radiance, ..Sample::MISS }).expect("memory");
+                sums.add(index, &Sample { radiance, ..Sample::MISS });
             }
         }
+        let mut film = Film::new(width, height);
+        film.add_rows(0, &sums).expect("memory");
         let response = Response::constant(Weights([1000.0; 3]));
         let sensor = Some(SensorNoise { floor: 10.0, saturation: 1e5 });
         let film = RenderedFilm::without_ids(film);

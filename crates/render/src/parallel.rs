@@ -56,15 +56,17 @@ pub fn mean_without_gaps(film: &Film) -> Plane<[f32; 3]> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use dunkelfeld_film::Sample;
+    use dunkelfeld_film::{Accumulate, Sample};
     use dunkelfeld_radiometry::Rgb;
 
     #[test]
     fn means_are_those_of_the_film() {
-        let mut film = Film::new(37, 41);
-        for pixel in (0..37 * 41).step_by(3) {
-            film.add(pixel, 0, &Sample { radiance: Rgb::splat(pixel as f32), ..Sample::MISS }).expect("memory");
+        let mut sums = vec![PixelSums::default(); 37 * 41];
+        for (pixel, sums) in sums.iter_mut().enumerate().step_by(3) {
+            sums.add(0, &Sample { radiance: Rgb::splat(pixel as f32), ..Sample::MISS });
         }
+        let mut film = Film::new(37, 41);
+        film.add_rows(0, &sums).expect("memory");
         let first_red = |first, sums: &[PixelSums]| (first, sums.len(), sums[1].mean()[0]);
         assert_eq!(
             map_tile_rows(&film, first_red),

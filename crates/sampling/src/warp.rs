@@ -5,7 +5,7 @@
 //! uniform numbers up to rounding.
 
 use glam::{Vec2, Vec3};
-use std::f32::consts::{FRAC_1_PI, FRAC_PI_4, PI, TAU};
+use std::f32::consts::{FRAC_1_PI, FRAC_PI_4, TAU};
 
 /// Unit square to unit disk, concentric (Shirley and Chiu 1997): keeps strata compact.
 #[inline]
@@ -81,46 +81,6 @@ pub fn invert_sphere(w: Vec3) -> [f32; 2] {
     [0.5 * (1.0 - w.z), azimuth(w)]
 }
 
-/// Unit square to the upper hemisphere, uniform.
-#[inline]
-pub fn sample_hemisphere([u0, u1]: [f32; 2]) -> Vec3 {
-    let z = 1.0 - u0;
-    around_z(z, (u0 * (2.0 - u0)).sqrt(), u1)
-}
-
-/// Density of [`sample_hemisphere`] per steradian.
-#[inline]
-pub fn pdf_hemisphere(w: Vec3) -> f32 {
-    if w.z >= 0.0 { 0.5 * FRAC_1_PI } else { 0.0 }
-}
-
-/// The uniform numbers that give a direction in [`sample_hemisphere`].
-#[inline]
-pub fn invert_hemisphere(w: Vec3) -> [f32; 2] {
-    [1.0 - w.z, azimuth(w)]
-}
-
-/// Unit square to the cone of directions whose cosine to +z is at least `1 - one_minus_cos`, uniform.
-///
-/// The cone is given by one minus its cosine, so that cones as small as the sun's keep their precision.
-#[inline]
-pub fn sample_cone([u0, u1]: [f32; 2], one_minus_cos: f32) -> Vec3 {
-    let t = u0 * one_minus_cos;
-    around_z(1.0 - t, (t * (2.0 - t)).max(0.0).sqrt(), u1)
-}
-
-/// Density of [`sample_cone`] per steradian.
-#[inline]
-pub fn pdf_cone(w: Vec3, one_minus_cos: f32) -> f32 {
-    if versine(w) <= one_minus_cos { 1.0 / (TAU * one_minus_cos) } else { 0.0 }
-}
-
-/// The uniform numbers that give a direction in [`sample_cone`].
-#[inline]
-pub fn invert_cone(w: Vec3, one_minus_cos: f32) -> [f32; 2] {
-    [(versine(w) / one_minus_cos).min(1.0), azimuth(w)]
-}
-
 /// Unit square to the regular polygon with `corners` (at least 3) corners on the unit circle, the first one at angle
 /// `rotation` (radians) from +x: the aperture of a lens with straight blades.
 #[inline]
@@ -189,16 +149,4 @@ pub fn azimuth(w: Vec3) -> f32 {
     let phi = w.y.atan2(w.x) / TAU;
     let phi = if phi < 0.0 { phi + 1.0 } else { phi };
     if phi < 1.0 { phi } else { 0.0 }
-}
-
-/// One minus the cosine to +z, from the sine where the cosine has lost its precision.
-#[inline]
-fn versine(w: Vec3) -> f32 {
-    if w.z > 0.0 { (w.x * w.x + w.y * w.y) / (1.0 + w.z) } else { 1.0 - w.z }
-}
-
-/// Solid angle of a cone given by one minus its cosine, in steradians.
-#[inline]
-pub fn cone_solid_angle(one_minus_cos: f32) -> f32 {
-    2.0 * PI * one_minus_cos
 }

@@ -80,7 +80,6 @@ fn the_blur_of_a_thin_lens_is_the_disc_of_the_textbook() {
         let camera = bound(&perspective(fov, Lens { aperture, ..Lens::default() }));
         for (d, x, y) in [(0.2, 320.0, 240.0), (0.8, 600.5, 30.0), (5.0, 10.0, 470.0), (1e3, 320.0, 100.0)] {
             let on_film = (f / n) * (f64::abs(d - u) / d) * f / (u - f);
-            assert!((thin.circle_of_confusion(d) / on_film - 1.0).abs() < 1e-9);
             let radius = 0.5 * on_film * d / v;
             let points = blur(&camera, x, y, d);
             let what = format!("u = {u}, d = {d}, film point {x}, {y}");
@@ -120,7 +119,6 @@ fn a_lens_focused_at_infinity_sends_parallel_rays() {
     }
     let thin = ThinLens { focal_length: 0.05, f_number: 2.0, focus_distance: f64::INFINITY };
     assert_eq!((thin.magnification(), thin.image_distance()), (0.0, 0.05));
-    assert!((thin.circle_of_confusion(10.0) - 0.025 * 0.05 / 10.0).abs() < 1e-15);
     let found = ThinLens::from_image_distance(0.05, 2.0, f64::INFINITY);
     assert_eq!(found, thin);
 }

@@ -119,7 +119,6 @@ fn whatever_is_accepted_is_undone_everywhere_on_the_film() {
 fn rays_come_back_to_their_film_points() {
     for coefficients in [&BARREL[..], &RATIONAL[..]] {
         let film = camera(model(coefficients), [21.0, -13.5]).expect("invertible");
-        assert!(film.has_distortion());
         for i in 0..=64u16 {
             for j in 0..=48u16 {
                 let (x, y) = (f32::from(i) * 10.0, f32::from(j) * 10.0);

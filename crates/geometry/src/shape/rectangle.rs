@@ -35,11 +35,6 @@ impl Rectangle {
     }
 }
 
-/// The solid angle \[sr\] that a rectangle subtends at a point, in [0, 2 pi]; zero in its plane.
-pub fn rectangle_solid_angle(rectangle: &Rectangle, reference: Vec3) -> f32 {
-    View::new(&RectangleSampler::new(rectangle), reference).map_or(0.0, |view| view.solid_angle as f32)
-}
-
 /// Samples a rectangle from `reference`: uniformly by solid angle, or by area if it is far away, below 1e-6 sr or
 /// almost edge-on.
 pub fn sample_rectangle(rectangle: &Rectangle, reference: Vec3, u: [f32; 2]) -> Option<ShapeSample> {
@@ -289,8 +284,13 @@ pub fn rectangle_from_triangles(first: [Vec3; 3], second: [Vec3; 3]) -> Option<R
 
 #[cfg(test)]
 mod tests {
-    use super::super::triangle_solid_angle;
+    use super::super::triangle::tests::triangle_solid_angle;
     use super::*;
+
+    /// The solid angle [sr] that a rectangle subtends at a point.
+    fn rectangle_solid_angle(rectangle: &Rectangle, reference: Vec3) -> f32 {
+        View::new(&RectangleSampler::new(rectangle), reference).map_or(0.0, |view| view.solid_angle as f32)
+    }
 
     fn rectangle() -> Rectangle {
         let (c, s) = (0.8, 0.6);

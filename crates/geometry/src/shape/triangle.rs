@@ -4,13 +4,6 @@ use glam::{DVec3, Vec3};
 
 use super::{IN_PLANE, MIN_SOLID_ANGLE, ShapeSample, area_pdf};
 
-/// The solid angle \[sr\] that a triangle subtends at a point, in [0, 2 pi]; zero in its plane.
-///
-/// By Van Oosterom & Strackee (1983), `tan(solid angle / 2) = [A B C] / (1 + AB + BC + CA)` for unit vectors.
-pub fn triangle_solid_angle(corners: &[Vec3; 3], reference: Vec3) -> f32 {
-    View::new(corners, reference).map_or(0.0, |view| view.solid_angle as f32)
-}
-
 /// Samples a triangle from `reference`: uniformly by solid angle, or by area below 1e-6 sr.
 pub fn sample_triangle(corners: &[Vec3; 3], reference: Vec3, u: [f32; 2]) -> Option<ShapeSample> {
     let view = View::new(corners, reference)?;
@@ -156,8 +149,13 @@ impl View {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
+
+    /// The solid angle [sr] that a triangle subtends at a point.
+    pub(in crate::shape) fn triangle_solid_angle(corners: &[Vec3; 3], reference: Vec3) -> f32 {
+        View::new(corners, reference).map_or(0.0, |view| view.solid_angle as f32)
+    }
 
     fn corners() -> [Vec3; 3] {
         [Vec3::new(0.1, 0.2, 1.0), Vec3::new(1.3, -0.1, 1.2), Vec3::new(0.4, 0.9, 0.7)]

@@ -160,22 +160,6 @@ impl TomlFile {
         ))
     }
 
-    /// Passes `value` on if it is finite and not below zero.
-    ///
-    /// # Errors
-    /// It is not.
-    pub fn non_negative<T: Into<f64> + Display + Copy>(&self, value: &Spanned<T>) -> Result<f64, InputError> {
-        let v: f64 = (*value.get_ref()).into();
-        if v.is_finite() && v >= 0.0 {
-            return Ok(v);
-        }
-        Err(self.error_at(
-            value.span(),
-            format!("{} is negative or not a number", Number(v)),
-            "write a finite value of zero or more",
-        ))
-    }
-
     /// The path of the key whose key or value holds `range`: `[film] width`, `[[light]] 2, power`.
     fn place(&self, range: &Range<usize>) -> String {
         let mut finder = Finder { range, best: None };
@@ -508,7 +492,6 @@ mod tests {
         for value in [&values.b, &values.c] {
             assert!(file.within(value, 0.0..=1.0).is_err());
             assert!(file.positive(value).is_err());
-            assert!(file.non_negative(value).is_err());
         }
         let error = file.within(&values.c, 0.0..=1.0).expect_err("outside");
         assert_eq!((error.place.as_str(), error.problem.as_str()), ("c", "-1 is out of range"));

@@ -208,7 +208,6 @@ impl<'a> Planner<'a> {
                     expected,
                     required_samples: required_samples.as_ref(),
                     // What a sample costs is known by the clock alone, and the clock has no say in where samples go.
-                    cost: None,
                 }),
             }),
         };

@@ -133,13 +133,6 @@ impl ThinLens {
         0.5 * self.focal_length / self.f_number
     }
 
-    /// Diameter on the film \[m\] of the blur of a point at `distance` \[m\], A m |distance - u| / distance with the
-    /// pupil's diameter A; for a lens focused at infinity A f / distance.
-    pub fn circle_of_confusion(&self, distance: f64) -> f64 {
-        // A v |1/u - 1/distance|, which holds for an infinite u as well.
-        2.0 * self.aperture_radius() * self.image_distance() * (1.0 / self.focus_distance - 1.0 / distance).abs()
-    }
-
     /// Full field angle \[rad\] of a film of the given height \[m\] around the axis.
     pub fn field_of_view(&self, film_height: f64) -> f64 {
         2.0 * (0.5 * film_height / self.image_distance()).atan()

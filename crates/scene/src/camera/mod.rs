@@ -163,11 +163,6 @@ impl RayGenerator {
         EFFECTS && self.aperture.is_some()
     }
 
-    /// True if the lens distorts.
-    pub fn has_distortion(&self) -> bool {
-        self.undistorter.is_some()
-    }
-
     /// True if rays have different weights.
     pub fn has_vignetting(&self) -> bool {
         self.darkens

@@ -108,11 +108,6 @@ impl Scene {
         self.has_open_faces
     }
 
-    /// True if any medium scatters.
-    pub fn has_scattering(&self) -> bool {
-        self.solids.iter().any(|s| s.medium.scatters())
-    }
-
     /// The index of refraction of the solid that fills a place; 1 outside of solids.
     #[inline]
     fn index_of(&self, inside: &Interior) -> f32 {

@@ -137,12 +137,6 @@ impl Scene {
         if blocked { 0.0 } else { open }
     }
 
-    /// The shadow ray from a point on a surface to a light: both ends are moved off their surfaces.
-    #[inline]
-    pub fn shadow_ray(&self, from: &SurfacePoint, direction: Vec3, target: Option<&LightTarget>) -> Ray {
-        self.shadow_ray_from(from.leave(direction), direction, target)
-    }
-
     /// The shadow ray from a point in space to a light: its far end is moved off the light's surface.
     #[inline(always)]
     pub fn shadow_ray_from(&self, origin: Vec3, direction: Vec3, target: Option<&LightTarget>) -> Ray {
