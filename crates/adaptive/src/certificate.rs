@@ -1,16 +1,12 @@
-//! The certificate: the shares and quantiles of hidden noise of a render, with confidence bounds.
+//! The certificate: the shares and quantiles of hidden noise of a render.
 //!
 //! Each pixel has the ratio `v_r / s`: the variance of its rendered mean over the temporal variance of the sensor at
 //! that mean (EMVA 1288), both in electrons squared. A pixel is *hidden at k* if its ratio is at most `k^2`. Saturated
 //! pixels are left out: differences above saturation are not visible.
 
-use dunkelfeld_film::{BATCHES, Plane};
+use dunkelfeld_film::Plane;
 
 use crate::required_samples::{HIDDEN_SHARE, quantile_in};
-use crate::variance::pooled::upper_factor;
-
-/// Standard normal quantile of the one-sided confidence of 95 %.
-const CONFIDENCE: f64 = 1.645;
 
 /// Statistics of the ratios `v_r / s` over the pixels that are not saturated. An unknown ratio counts as infinite in
 /// the quantiles. Mean and maximum are those of the known ratios, infinite if all are unknown.
@@ -20,13 +16,8 @@ pub struct Certificate {
     pub k: f64,
     /// Share of the counted pixels whose ratio is at most `k^2`, in \[0, 1\]; 1 if none is counted.
     pub hidden: f64,
-    /// Share of the counted pixels whose ratio is at most `k^2` even at the upper end of its own confidence interval
-    /// (one-sided, 95 %, from its degrees of freedom).
-    pub hidden_surely: f64,
     /// Mean ratio.
     pub mean: f64,
-    /// Upper 95 % confidence bound of the mean ratio.
-    pub mean_at_most: f64,
     /// Median ratio.
     pub median: f64,
     /// Ratio that 99 % of the pixels do not exceed. Its square root is the k at which the render is hidden.
@@ -55,8 +46,6 @@ pub struct Claim {
     pub render: f32,
     /// Variance of the sensor, s [e-^2], above zero.
     pub sensor: f32,
-    /// Degrees of freedom of v_r.
-    pub freedom: f32,
     /// The pixel is saturated.
     pub saturated: bool,
 }
@@ -78,9 +67,9 @@ impl Claim {
 pub fn certify([width, height]: [u32; 2], claims: impl Iterator<Item = Claim>, k: f64) -> (Certificate, Plane<f32>) {
     let mut ratios = Vec::with_capacity(width as usize * height as usize);
     let limit = k * k;
-    let (mut pixels, mut saturated, mut unknown, mut hidden, mut surely) = (0u64, 0u64, 0u64, 0u64, 0u64);
-    let (mut sum, mut squares, mut max) = (0.0, 0.0, 0.0f64);
-    let mut stop_on_noise = Vec::with_capacity(ratios.capacity());
+    let (mut pixels, mut saturated, mut unknown, mut hidden) = (0u64, 0u64, 0u64, 0u64);
+    let (mut sum, mut max) = (0.0, 0.0f64);
+    let mut counted = Vec::with_capacity(ratios.capacity());
     for claim in claims {
         let ratio = claim.ratio();
         ratios.push(ratio);
@@ -89,33 +78,25 @@ pub fn certify([width, height]: [u32; 2], claims: impl Iterator<Item = Claim>, k
             continue;
         }
         pixels += 1;
-        stop_on_noise.push(ratio);
+        counted.push(ratio);
         if !ratio.is_finite() {
             unknown += 1;
             continue;
         }
         let ratio = f64::from(ratio);
         hidden += u64::from(ratio <= limit);
-        surely += u64::from(ratio == 0.0 || ratio * upper_factor(f64::from(claim.freedom), CONFIDENCE) <= limit);
         sum += ratio;
-        squares += ratio * ratio;
         max = max.max(ratio);
     }
     let share = |n: u64| if pixels == 0 { 1.0 } else { n as f64 / pixels as f64 };
     let known = pixels - unknown;
     let (mean, max) =
         if known == 0 && pixels > 0 { (f64::INFINITY, f64::INFINITY) } else { (sum / known.max(1) as f64, max) };
-    // The degrees of freedom of the mean (Satterthwaite 1946). Pixels share their degrees of freedom with their
-    // neighbours, so each counts with those of its own batches only.
-    let freedom = if squares > 0.0 { (BATCHES - 1) as f64 * sum * sum / squares } else { f64::INFINITY };
-    let raised = mean * upper_factor(freedom, CONFIDENCE);
-    let mut quantile = |share| f64::from(quantile_in(&mut stop_on_noise, share).unwrap_or(0.0));
+    let mut quantile = |share| f64::from(quantile_in(&mut counted, share).unwrap_or(0.0));
     let certificate = Certificate {
         k,
         hidden: share(hidden),
-        hidden_surely: share(surely),
         mean,
-        mean_at_most: if raised.is_finite() { raised } else { max.max(mean) },
         median: quantile(0.5),
         p99: quantile(HIDDEN_SHARE),
         max,
@@ -133,7 +114,6 @@ mod tests {
     struct Planes {
         render: Plane<f32>,
         sensor: Plane<f32>,
-        freedom: Plane<f32>,
         saturated: Plane<bool>,
     }
 
@@ -143,16 +123,14 @@ mod tests {
             Self {
                 render: Plane::from_fn(100, 100, |x, y| 20.0 * ratio(y * 100 + x)),
                 sensor: Plane::new(100, 100, 20.0),
-                freedom: Plane::new(100, 100, 147.0),
                 saturated: Plane::new(100, 100, false),
             }
         }
 
         fn ratios(&self, k: f64) -> (Certificate, Plane<f32>) {
             let variances = self.render.data().iter().zip(self.sensor.data());
-            let others = self.freedom.data().iter().zip(self.saturated.data());
-            let claim = |((&render, &sensor), (&freedom, &saturated))| Claim { render, sensor, freedom, saturated };
-            certify([100, 100], variances.zip(others).map(claim), k)
+            let claim = |((&render, &sensor), &saturated)| Claim { render, sensor, saturated };
+            certify([100, 100], variances.zip(self.saturated.data()).map(claim), k)
         }
 
         fn certify(&self, k: f64) -> Certificate {
@@ -168,8 +146,6 @@ mod tests {
         assert!((c.median - 0.5).abs() < 1e-3 && (c.p99 - 0.99).abs() < 1e-3 && (c.max - 1.0).abs() < 1e-6, "{c:?}");
         assert!((c.mean - 0.50005).abs() < 1e-4);
         assert_eq!((c.pixels, c.saturated, c.unknown), (10_000, 0, 0));
-        // 147 degrees of freedom: 147 / 119.9 = 1.226 (5 % quantile of chi-squared).
-        assert!((c.hidden_surely - 0.25 / 1.226).abs() < 2e-3, "{c:?}");
         assert!(!c.is_hidden() && Planes::of(|_| 0.2).certify(0.5).is_hidden());
     }
 
@@ -181,7 +157,7 @@ mod tests {
     }
 
     #[test]
-    fn saturated_pixels_have_no_say_and_unknown_ones_are_not_hidden() {
+    fn saturated_pixels_do_not_count_and_unknown_ones_are_not_hidden() {
         let mut planes = Planes::of(|_| 0.1);
         for i in 0..200 {
             planes.saturated.data_mut()[i] = true;
@@ -199,25 +175,20 @@ mod tests {
         planes.render = Plane::new(100, 100, f32::INFINITY);
         let c = planes.certify(0.5);
         assert_eq!((c.hidden, c.unknown), (0.0, 9800));
-        assert!([c.mean, c.mean_at_most, c.median, c.p99, c.max].iter().all(|&r| r == f64::INFINITY), "{c:?}");
+        assert!([c.mean, c.median, c.p99, c.max].iter().all(|&r| r == f64::INFINITY), "{c:?}");
         planes.saturated = Plane::new(100, 100, true);
         let none = planes.certify(0.5);
         assert_eq!((none.hidden, none.mean, none.max, none.pixels), (1.0, 0.0, 0.0, 0));
     }
 
     #[test]
-    fn the_bound_of_the_mean_widens_where_few_pixels_hold_it() {
-        let even = Planes::of(|_| 0.1).certify(0.5);
-        // 30 000 degrees of freedom: 1 + 1.645 sqrt(2 / 30 000).
-        assert!((even.mean_at_most / even.mean - 1.0135).abs() < 1e-3, "{even:?}");
-        let uneven = Planes::of(|i| if i == 7 { 1e4 } else { 0.0 }).certify(0.5);
-        assert!(uneven.mean_at_most > 8.0 * uneven.mean, "{uneven:?}");
+    fn a_render_without_variance_is_hidden() {
         let silent = Planes::of(|_| 0.0).certify(0.5);
-        assert_eq!((silent.mean_at_most, silent.hidden, silent.hidden_surely), (0.0, 1.0, 1.0));
+        assert_eq!((silent.mean, silent.max, silent.hidden), (0.0, 0.0, 1.0));
     }
 
     #[test]
-    fn ratios_are_what_they_say() {
+    fn ratios_are_variances_over_those_of_the_sensor() {
         let (_, ratios) = Planes::of(|i| i as f32).ratios(0.5);
         assert!((ratios.at(17, 3) - 317.0).abs() < 1e-3);
     }

@@ -16,7 +16,7 @@ use serde::Serialize;
 use std::collections::BTreeMap;
 
 /// Version of the schema. It grows with every change that could break a reader; new fields alone do not count.
-pub const STATS_VERSION: u32 = 2;
+pub const STATS_VERSION: u32 = 3;
 
 /// The statistics of a render. Field names are the JSON keys; times are seconds, radiances W/(m^2 sr).
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -127,15 +127,11 @@ pub struct CertificateStats {
     pub is_hidden: bool,
     /// Share of the unsaturated pixels that are hidden at k.
     pub hidden: f64,
-    /// Share of them that are hidden also at the upper end of their ratio's confidence interval (95 %).
-    pub hidden_surely: f64,
     /// Level at which the render is hidden: the root of `ratio_p99`. It and the ratios are `None` where too little is known
     /// for them: pixels of unknown variance count as infinitely noisy in the quantiles.
     pub hidden_at: Option<f64>,
     /// Mean ratio.
     pub ratio_mean: Option<f64>,
-    /// Upper confidence bound of the mean ratio (95 %).
-    pub ratio_mean_at_most: Option<f64>,
     /// Median ratio.
     pub ratio_p50: Option<f64>,
     /// 99 % quantile of the ratios.
@@ -157,10 +153,8 @@ impl From<&Certificate> for CertificateStats {
             k: c.k,
             is_hidden: c.is_hidden(),
             hidden: c.hidden,
-            hidden_surely: c.hidden_surely,
             hidden_at: known(c.p99.sqrt()),
             ratio_mean: known(c.mean),
-            ratio_mean_at_most: known(c.mean_at_most),
             ratio_p50: known(c.median),
             ratio_p99: known(c.p99),
             ratio_max: known(c.max),

@@ -311,7 +311,6 @@ impl<'a> FilmNoise<'a> {
             Claim {
                 render,
                 sensor: sensor.variance(f64::from(mean)) as f32,
-                freedom: noise.freedom,
                 saturated: sensor.is_saturated(f64::from(mean), f64::from(render)),
             }
         });

@@ -73,7 +73,7 @@ pub fn pixel_noise(evidence: &NoiseInputs) -> Plane<PixelNoise> {
 
 /// Variances of the mean of a pixel, from its samples.
 #[derive(Clone, Copy)]
-struct NeighbourNoise {
+struct BatchVariances {
     /// Number of samples.
     count: f64,
     /// Variance from the spread of batches.
@@ -83,7 +83,7 @@ struct NeighbourNoise {
     largest: f64,
 }
 
-impl NeighbourNoise {
+impl BatchVariances {
     fn by(evidence: &NoiseInputs, x: u32, y: u32) -> Option<Self> {
         let (batches, Scatter { all, largest }) =
             (f64::from(*evidence.variance.at(x, y)), (*evidence.scatter.at(x, y))?);
@@ -97,20 +97,12 @@ impl NeighbourNoise {
     }
 }
 
-/// Evenness of the samples of a cell: their variance by batches over that of independent ones. Also the degrees of
-/// freedom of this ratio, and the mean of the cell.
+/// Evenness of the samples of a cell: their variance by batches over that of independent ones, and the mean of
+/// the cell.
 #[derive(Clone, Copy)]
 struct Evenness {
     rho: f64,
-    freedom: f32,
     mean: f32,
-}
-
-/// The parts that a pixel takes of the largest samples of others and of its own.
-#[derive(Clone, Copy, Default)]
-struct Shared {
-    sum: f64,
-    squares: f64,
 }
 
 /// The pixels of a block.
@@ -121,15 +113,15 @@ struct Block<'a> {
     width: u32,
     height: u32,
     /// Row by row. `None` if the scatter of a pixel or its variance by batches is unknown.
-    told: Vec<Option<NeighbourNoise>>,
+    pixels: Vec<Option<BatchVariances>>,
 }
 
 impl<'a> Block<'a> {
     fn new(evidence: &'a NoiseInputs, left: u32, top: u32) -> Self {
         let (width, height) = ((evidence.width() - left).min(BLOCK), (evidence.height() - top).min(BLOCK));
         let places = (0..height).flat_map(|y| (0..width).map(move |x| (x, y)));
-        let told = places.map(|(x, y)| NeighbourNoise::by(evidence, left + x, top + y)).collect();
-        Self { evidence, left, top, width, height, told }
+        let pixels = places.map(|(x, y)| BatchVariances::by(evidence, left + x, top + y)).collect();
+        Self { evidence, left, top, width, height, pixels }
     }
 
     /// Column and row in the image of the pixel with an index in the block.
@@ -138,14 +130,14 @@ impl<'a> Block<'a> {
     }
 
     /// The pixels of a pixel's cell with which it may share estimates, including itself, with their variances.
-    fn fellows(&self, pixel: usize, cell: u32) -> impl Iterator<Item = (usize, NeighbourNoise)> {
+    fn similar(&self, pixel: usize, cell: u32) -> impl Iterator<Item = (usize, BatchVariances)> {
         let (x, y) = (pixel as u32 % self.width / cell * cell, pixel as u32 / self.width / cell * cell);
         let rows = y..(y + cell).min(self.height);
         let columns = x..(x + cell).min(self.width);
         let others = rows.flat_map(move |y| columns.clone().map(move |x| (y * self.width + x) as usize));
         others.filter_map(move |other| {
-            let may_speak = other == pixel || self.are_alike(pixel, other);
-            self.told[other].filter(|_| may_speak).map(|told| (other, told))
+            let is_used = other == pixel || self.are_alike(pixel, other);
+            self.pixels[other].filter(|_| is_used).map(|own| (other, own))
         })
     }
 
@@ -160,45 +152,43 @@ impl<'a> Block<'a> {
 
     /// The evenness of the samples in the cell of a pixel. `None` if it is unknown.
     fn evenness(&self, pixel: usize) -> Option<Evenness> {
-        self.told[pixel]?;
+        self.pixels[pixel]?;
         let (mut pool, mut batches, mut all) = (Pool::default(), 0.0, 0.0);
-        for (fellow, told) in self.fellows(pixel, EVENNESS) {
-            let (x, y) = self.place(fellow);
-            pool.add(told.batches, f64::from(*self.evidence.mean.at(x, y)));
-            batches += told.batches;
-            all += told.all;
+        for (neighbour, own) in self.similar(pixel, EVENNESS) {
+            let (x, y) = self.place(neighbour);
+            pool.add(own.batches, f64::from(*self.evidence.mean.at(x, y)));
+            batches += own.batches;
+            all += own.all;
         }
         // Without variance there is nothing to correct.
         let rho = if batches == 0.0 { 0.0 } else { batches / all };
-        let PixelNoise { freedom, mean, .. } = pool.noise();
-        rho.is_finite().then_some(Evenness { rho, freedom, mean })
+        let PixelNoise { mean, .. } = pool.noise();
+        rho.is_finite().then_some(Evenness { rho, mean })
     }
 
-    /// The largest samples of all pixels, shared among the pixels that might have had them.
-    fn shared(&self, evenness: &[Option<Evenness>]) -> Vec<Shared> {
-        let mut shared = vec![Shared::default(); self.told.len()];
-        let mut fellows = Vec::with_capacity(self.told.len());
-        for (pixel, (told, even)) in self.told.iter().zip(evenness).enumerate() {
-            let (Some(told), Some(even)) = (told, even) else { continue };
-            if told.largest <= 0.0 {
+    /// The parts that each pixel takes of the largest samples of others and of its own.
+    fn shared(&self, evenness: &[Option<Evenness>]) -> Vec<f64> {
+        let mut shared = vec![0.0; self.pixels.len()];
+        let mut similar = Vec::with_capacity(self.pixels.len());
+        for (pixel, (own, even)) in self.pixels.iter().zip(evenness).enumerate() {
+            let (Some(own), Some(even)) = (own, even) else { continue };
+            if own.largest <= 0.0 {
                 continue;
             }
             for cell in CELLS {
-                fellows.clear();
-                fellows.extend(self.fellows(pixel, cell));
-                if fellows
+                similar.clear();
+                similar.extend(self.similar(pixel, cell));
+                if similar
                     .iter()
-                    .any(|&(fellow, other)| fellow != pixel && other.deviation() >= AS_LARGE * told.deviation())
+                    .any(|&(neighbour, other)| neighbour != pixel && other.deviation() >= AS_LARGE * own.deviation())
                 {
                     break;
                 }
             }
             // With similar samples, the variances of the means differ by the numbers of samples.
-            let parts: f64 = fellows.iter().map(|(_, other)| other.count.recip()).sum();
-            for (fellow, other) in &fellows {
-                let share = even.rho * told.largest / (other.count * parts);
-                shared[*fellow].sum += share;
-                shared[*fellow].squares += share * share;
+            let parts: f64 = similar.iter().map(|(_, other)| other.count.recip()).sum();
+            for (neighbour, other) in &similar {
+                shared[*neighbour] += even.rho * own.largest / (other.count * parts);
             }
         }
         shared
@@ -206,28 +196,22 @@ impl<'a> Block<'a> {
 
     /// The noise of its pixels, row by row.
     fn noise(&self) -> Vec<PixelNoise> {
-        let evenness: Vec<_> = (0..self.told.len()).map(|pixel| self.evenness(pixel)).collect();
+        let evenness: Vec<_> = (0..self.pixels.len()).map(|pixel| self.evenness(pixel)).collect();
         let shared = self.shared(&evenness);
-        let known = |i: usize, count| own(&self.told[i]?, &evenness[i]?, &shared[i], count);
+        let known = |i: usize, count| own(&self.pixels[i]?, &evenness[i]?, shared[i], count);
         let noise = |i| {
             let (x, y) = self.place(i);
             known(i, *self.evidence.counts.at(x, y)).unwrap_or_else(|| pixel(self.evidence, x, y))
         };
-        (0..self.told.len()).map(noise).collect()
+        (0..self.pixels.len()).map(noise).collect()
     }
 }
 
 /// The noise of a pixel with `count` samples. `None` if it is out of the range of f32.
-fn own(told: &NeighbourNoise, even: &Evenness, shared: &Shared, count: u32) -> Option<PixelNoise> {
-    let body = even.rho * (told.all - told.largest).max(0.0);
-    // No event of the body exceeds the largest sample. So the body has at least body / largest events, whose number has
-    // a Poisson distribution. The same holds for the shared part, with one event per pixel. A variance with f degrees
-    // of freedom has the relative variance 2 / f.
-    let spread = body * even.rho * told.largest + shared.squares;
-    let relative = if spread > 0.0 { spread / (body + shared.sum).powi(2) } else { 0.0 };
-    let freedom = 2.0 / (relative + 2.0 / f64::from(even.freedom));
-    let variance = (f64::from(count) * (body + shared.sum)) as f32;
-    variance.is_finite().then_some(PixelNoise { variance, freedom: freedom as f32, mean: even.mean })
+fn own(own: &BatchVariances, even: &Evenness, shared: f64, count: u32) -> Option<PixelNoise> {
+    let body = even.rho * (own.all - own.largest).max(0.0);
+    let variance = (f64::from(count) * (body + shared)) as f32;
+    variance.is_finite().then_some(PixelNoise { variance, mean: even.mean })
 }
 
 #[cfg(test)]
@@ -300,7 +284,7 @@ mod tests {
                 places.fold((0.0, 0.0), |(s, c), (x, y)| (s + f64::from(noise.at(x, y).variance), c + 1.0));
             sum / count / truth
         };
-        // Ratios of cells have the degrees of freedom of the batches of one loud pixel, on average over four.
+        // The batches of one loud pixel decide the ratio of a cell; it is averaged over four cells.
         for (wanted, truth) in [(false, quiet), (true, loud)] {
             let ratio = ratio(&own, wanted, truth);
             assert!((0.6..1.6).contains(&ratio), "loud {wanted}: {ratio}");
@@ -483,15 +467,5 @@ mod tests {
         // With one sample per pixel the noise is unknown.
         let one = evidence_of(&self::film(|_, _| 1, 3, |_, _, _, random| random.unit()));
         assert!(pixel_noise(&one).data().iter().all(|n| *n == PixelNoise::UNKNOWN));
-    }
-
-    #[test]
-    fn freedom_is_that_of_few_events_where_there_are_few() {
-        let even = pixel_noise(&evidence_of(&film(|_, _| 256, 2, |_, _, _, random| random.unit())));
-        assert!(even.at(16, 16).freedom > 40.0, "{:?}", even.at(16, 16));
-        let rare =
-            pixel_noise(&evidence_of(&film(|_, _| 64, 2, |_, _, _, random| f64::from(u8::from(random.unit() < 1e-3)))));
-        let noisy = || rare.data().iter().filter(|n| n.variance > 0.0);
-        assert!(noisy().count() > 100 && noisy().all(|n| n.freedom < 40.0));
     }
 }

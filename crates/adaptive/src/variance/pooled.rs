@@ -8,15 +8,12 @@
 //! The pooled variance is the fallback if the scatter of single samples is unknown ([`crate::variance::pixel`]). It
 //! also describes the neighbourhood of a pixel.
 
-use dunkelfeld_film::{BATCHES, Plane};
+use dunkelfeld_film::Plane;
 
 use crate::variance::inputs::{NoiseInputs, around};
 
 /// Variances are pooled over squares of 7 x 7 pixels.
 const POOL_REACH: u32 = 3;
-
-/// Degrees of freedom of the variance of one pixel.
-pub(crate) const FREEDOM: f64 = (BATCHES - 1) as f64;
 
 /// Estimated noise of the samples of a pixel.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -24,15 +21,13 @@ pub struct PixelNoise {
     /// Variance of one sample [unit^2]. Infinite if it is unknown. For quasi-random samples: the number of samples
     /// times the variance of their mean, which decreases with their number.
     pub variance: f32,
-    /// Degrees of freedom of that variance, after Satterthwaite (1946). 0 if it is unknown.
-    pub freedom: f32,
     /// Mean over the neighbourhood \[unit\].
     pub mean: f32,
 }
 
 impl PixelNoise {
     /// Unknown noise.
-    pub const UNKNOWN: Self = Self { variance: f32::INFINITY, freedom: 0.0, mean: 0.0 };
+    pub const UNKNOWN: Self = Self { variance: f32::INFINITY, mean: 0.0 };
 
     /// Variance of the mean of n samples [unit^2]. The certificate uses it.
     #[inline]
@@ -58,7 +53,7 @@ pub fn noise(evidence: &NoiseInputs) -> Plane<PixelNoise> {
 }
 
 /// The pixels of the neighbourhood that may share their variance with (x, y), including itself.
-fn witnesses_of(evidence: &NoiseInputs, x: u32, y: u32) -> impl Iterator<Item = (u32, u32)> {
+fn similar_neighbours(evidence: &NoiseInputs, x: u32, y: u32) -> impl Iterator<Item = (u32, u32)> {
     let (surface, level) = (evidence.surface.at(x, y), *evidence.level.at(x, y));
     around(x, y, POOL_REACH, evidence.width(), evidence.height()).filter(move |&(nx, ny)| {
         surface.is_like(evidence.surface.at(nx, ny)) && level.is_like(evidence.level.at(nx, ny))
@@ -68,7 +63,7 @@ fn witnesses_of(evidence: &NoiseInputs, x: u32, y: u32) -> impl Iterator<Item = 
 /// The noise of one pixel.
 pub(crate) fn pixel(evidence: &NoiseInputs, x: u32, y: u32) -> PixelNoise {
     let mut pool = Pool::default();
-    for (nx, ny) in witnesses_of(evidence, x, y) {
+    for (nx, ny) in similar_neighbours(evidence, x, y) {
         let (n, variance) = (*evidence.counts.at(nx, ny), *evidence.variance.at(nx, ny));
         if n > 0 && variance.is_finite() {
             pool.add(f64::from(n) * f64::from(variance), f64::from(*evidence.mean.at(nx, ny)));
@@ -77,12 +72,11 @@ pub(crate) fn pixel(evidence: &NoiseInputs, x: u32, y: u32) -> PixelNoise {
     pool.noise()
 }
 
-/// Variances of single samples in a neighbourhood, each with [`FREEDOM`] degrees of freedom.
+/// Variances of single samples in a neighbourhood.
 #[derive(Default)]
 pub(crate) struct Pool {
     count: u32,
     sum: f64,
-    squares: f64,
     means: f64,
 }
 
@@ -90,7 +84,6 @@ impl Pool {
     pub(crate) fn add(&mut self, variance: f64, mean: f64) {
         self.count += 1;
         self.sum += variance;
-        self.squares += variance * variance;
         self.means += mean;
     }
 
@@ -99,33 +92,8 @@ impl Pool {
             return PixelNoise::UNKNOWN;
         }
         let count = f64::from(self.count);
-        PixelNoise {
-            variance: (self.sum / count) as f32,
-            freedom: satterthwaite(self.sum, self.squares, count) as f32,
-            mean: (self.means / count) as f32,
-        }
+        PixelNoise { variance: (self.sum / count) as f32, mean: (self.means / count) as f32 }
     }
-}
-
-/// Degrees of freedom (Satterthwaite 1946) of a sum of `count` variances, each with [`FREEDOM`], from the sum and the
-/// sum of their squares. Squares of estimates are too large by 1 + 2 / FREEDOM on average. With this correction, one
-/// pixel has FREEDOM, and m equal ones have very nearly m FREEDOM.
-pub(crate) fn satterthwaite(sum: f64, squares: f64, count: f64) -> f64 {
-    let most = FREEDOM * count;
-    if squares <= 0.0 {
-        return most;
-    }
-    ((FREEDOM + 2.0) * sum * sum / squares - 2.0).min(most).max(FREEDOM)
-}
-
-/// The factor that raises a variance estimate with `freedom` degrees of freedom to its upper confidence bound. The true
-/// variance exceeds the bound with the probability beyond `z` standard deviations of the normal distribution. The
-/// factor is freedom over a quantile of chi-squared, by the cubes of Wilson and Hilferty (1931). Infinite if the
-/// approximation is not valid.
-pub fn upper_factor(freedom: f64, z: f64) -> f64 {
-    let a = 2.0 / (9.0 * freedom);
-    let root = 1.0 - a - z * a.sqrt();
-    if root > 0.0 { root.powi(-3) } else { f64::INFINITY }
 }
 
 #[cfg(test)]
@@ -147,27 +115,24 @@ mod tests {
     }
 
     #[test]
-    fn equal_variances_pool_to_themselves_with_all_their_freedom() {
+    fn equal_variances_pool_to_themselves() {
         let noise = noise(&flat(20, 20, |_, _| 0.25));
         let middle = noise.at(10, 10);
         assert_eq!((middle.variance, middle.mean), (4.0, 2.0));
-        // 49 pixels of equal estimates: each contributes at most 3.
-        assert_eq!(middle.freedom, 147.0);
-        assert_eq!(noise.at(0, 0).freedom, 48.0, "sixteen pixels in the corner");
         assert_eq!(middle.of_mean(64), 0.0625);
         assert_eq!(middle.of_mean(0), f32::INFINITY);
     }
 
     #[test]
-    fn one_pixel_that_holds_all_the_variance_leaves_little_freedom() {
+    fn the_variance_of_one_pixel_is_pooled_over_its_neighbourhood() {
         let noise = noise(&flat(20, 20, |x, y| if (x, y) == (10, 10) { 49.0 } else { 0.0 }));
         let near = noise.at(8, 11);
-        assert!((near.variance - 16.0).abs() < 1e-5 && (near.freedom - 3.0).abs() < 1e-5, "{near:?}");
+        assert!((near.variance - 16.0).abs() < 1e-5, "{near:?}");
         assert_eq!(noise.at(6, 10).variance, 0.0, "four pixels away");
     }
 
     #[test]
-    fn only_like_surfaces_speak_for_each_other() {
+    fn only_similar_surfaces_share_variance() {
         let mut evidence = flat(12, 8, |x, _| if x < 6 { 1.0 } else { 9.0 });
         evidence.surface =
             Plane::from_fn(12, 8, |x, _| PixelFeatures { object: u32::from(x >= 6), ..PixelFeatures::default() });
@@ -180,7 +145,7 @@ mod tests {
     }
 
     #[test]
-    fn a_highlight_does_not_speak_for_the_dark_around_it() {
+    fn a_highlight_does_not_share_variance_with_the_dark_around_it() {
         let is_bright = |x: u32, y: u32| (8..12).contains(&x) && (8..12).contains(&y);
         let mut evidence = flat(20, 20, |x, y| if is_bright(x, y) { 100.0 } else { 1.0 });
         let levels = |x, y| {
@@ -199,7 +164,7 @@ mod tests {
     }
 
     #[test]
-    fn a_pixel_that_one_sample_has_lit_still_speaks() {
+    fn a_pixel_that_one_sample_has_lit_shares_its_variance() {
         // By its own noise the pixel may be as dark as the others.
         let mut evidence = flat(20, 20, |x, y| if (x, y) == (10, 10) { 49.0 } else { 0.0 });
         evidence.level = Plane::new(20, 20, SensorVarianceRange { least: 9.0, most: 11.0 });
@@ -214,15 +179,5 @@ mod tests {
         evidence.variance = Plane::new(9, 9, f32::INFINITY);
         assert!(noise(&evidence).data().iter().all(|n| *n == PixelNoise::UNKNOWN));
         assert!(noise(&flat(0, 0, |_, _| 0.0)).data().is_empty());
-    }
-
-    #[test]
-    fn upper_factors_agree_with_tables() {
-        // Chi-squared tables: 5 % quantiles of 3, 10 and 147 degrees are 0.352, 3.940 and 119.9; z = 1.645.
-        for (freedom, quantile) in [(3.0, 0.352), (10.0, 3.940), (147.0, 119.9)] {
-            let factor = upper_factor(freedom, 1.645);
-            assert!((factor * quantile / freedom - 1.0).abs() < 0.08, "{freedom}: {factor}");
-        }
-        assert_eq!(upper_factor(0.1, 3.0), f64::INFINITY);
     }
 }
