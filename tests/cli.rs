@@ -69,7 +69,7 @@ fn a_render_writes_all_outputs_well_formed() {
     let stats = bench.json("a.json");
     assert_eq!(
         (&stats["version"], &stats["stop"], &stats["allocation"]),
-        (&2.into(), &"samples".into(), &"sensor".into())
+        (&3.into(), &"samples".into(), &"sensor".into())
     );
     assert_eq!((&stats["seed"], &stats["samples"], &stats["mean_spp"]), (&7.into(), &samples.into(), &20.0.into()));
     assert_eq!(stats["size"], serde_json::json!([24, 16]));
