@@ -208,8 +208,7 @@ impl<'a> Planner<'a> {
                 measured: sight.and_then(|s| s.expected.as_ref()).map(|expected| weights::MeasuredNoise {
                     expected,
                     required_samples: required_samples.as_ref(),
-                    // The cost of a sample is measured by the clock only, and the clock must not influence the
-                    // allocation.
+                    // What a sample costs is known by the clock alone, and the clock has no say in where samples go.
                     cost: None,
                 }),
             }),
