@@ -31,10 +31,10 @@ use table::Row;
 const FILM: u32 = 64;
 const PIXELS: u32 = 16;
 
-/// What effects may cost where none is called for \[%\].
+/// Limit of the cost of effects that a scene does not need \[%\].
 const BAR: f64 = 2.0;
 
-/// What the bench was told.
+/// The arguments of the benchmark.
 struct Options {
     samples: u32,
     markdown: Option<PathBuf>,
@@ -93,7 +93,7 @@ fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")
 }
 
-/// Renders a case in this process, on this thread. What it returns tells two images apart that differ in a bit.
+/// Renders a case in this process, on this thread. The returned value differs for two images that differ in a bit.
 fn render(name: &str, samples: u32) -> Result<String, String> {
     let case = Case::all().into_iter().find(|case| case.name() == name).ok_or(format!("there is no case {name}"))?;
     let scene = case.scene()?;
@@ -201,7 +201,7 @@ fn must_refuse_effects(program: &Path) -> Result<(), String> {
     Ok(())
 }
 
-/// What a sample of a case costs in a program.
+/// The cost of a sample of a case in a program.
 fn price(program: &Path, case: Case, samples: u32) -> Result<Price, String> {
     let run = |samples: u32| callgrind::run(program, &["--render", &case.name(), "--samples", &samples.to_string()]);
     callgrind::price(&run(samples)?, &run(2 * samples)?, PIXELS * PIXELS * samples)

@@ -1,4 +1,4 @@
-//! The program as its users have it: what goes in, what comes out, which exit code. No test looks at the clock.
+//! The program from the command line: inputs, outputs, exit codes. No test depends on the clock.
 //!
 //! Replay: `cargo test -p dunkelfeld-cli --test cli NAME`.
 

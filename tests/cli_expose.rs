@@ -42,8 +42,8 @@ fn an_image_of_our_own_is_exposed_as_its_render_was() {
     assert_eq!(bench.read("grey.png")[25], 0);
 }
 
-/// What a render with cos^4 shows, and what `expose` makes of one without it: the same, as far as an image knows of field angles
-/// (a pixel's samples have each their own, its centre has one).
+/// A render with cos^4, and `expose` on one without it, give the same picture, apart from the field angles (each sample
+/// of a pixel has its own, the centre has one).
 #[test]
 fn a_lens_that_vignettes_can_be_put_before_or_after_the_render() {
     let bench = Bench::new();

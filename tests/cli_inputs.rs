@@ -1,4 +1,4 @@
-//! What the program reads stays as it is, and only regular files of a reasonable size are read.
+//! Inputs of the program stay unchanged, and only regular files of a reasonable size are read.
 //!
 //! Replay: `cargo test -p dunkelfeld-cli --test cli_inputs NAME`.
 

@@ -1,4 +1,5 @@
-//! The account of a run's memory: what `inspect` and the statistics say of it, `--memory`, and systems that have too little.
+//! The account of a run's memory: in `inspect` and the statistics, with `--memory`, and on systems with too little
+//! memory.
 //!
 //! Replay: `cargo test -p dunkelfeld-cli --test cli_memory NAME`.
 

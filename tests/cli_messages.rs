@@ -1,5 +1,5 @@
-//! What the program says of inputs that are odd rather than broken: the message names the cause, and nothing of a file
-//! reaches the terminal as a command.
+//! Messages of the program about unusual inputs: the message names the cause, and no content of a file reaches the
+//! terminal as a control sequence.
 //!
 //! Replay: `cargo test -p dunkelfeld-cli --test cli_messages NAME`.
 

@@ -1,4 +1,4 @@
-//! What the program refuses: with exit code 2, a message that names place and help, and nothing written.
+//! Refusals of the program: with exit code 2, a message with place and help, and no file written.
 //!
 //! Replay: `cargo test -p dunkelfeld-cli --test cli_refusals NAME`.
 

@@ -1,4 +1,5 @@
-//! The bench that prices effects: its arithmetic, and that its cases are what they say. Nothing is counted here.
+//! The benchmark of the cost of effects: its arithmetic, and the effects of its cases. No instructions are counted
+//! here.
 //!
 //! Replay: `cargo test -p dunkelfeld-integrator --test effects_bench NAME`.
 

@@ -295,7 +295,8 @@ fn matched_behind_a_mosaic() -> (Frame, ExrLayers, ExposeSettings) {
     (frame, layers, ExposeSettings { optics, exposure, exposure_noise, seed: settings.seed, ..defaults })
 }
 
-/// A variance that is none makes nothing known: matched exposure holds in no pixel that has one, whatever else the file tells.
+/// An invalid variance counts as unknown: matched exposure holds in no pixel that has one, whatever other data the file
+/// contains.
 #[test]
 fn variances_that_are_none_leave_nothing_out() {
     let folder = folder();

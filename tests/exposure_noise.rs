@@ -1,5 +1,5 @@
-//! Photon transfer of rendered frames: a scene is rendered anew for every frame, with as much noise as a budget of k = 0.7
-//! leaves, and the frames must scatter as EMVA 1288 says, if their noise is matched; and more if it is not.
+//! Photon transfer of rendered frames: a scene is rendered anew for every frame, with the noise of a budget of k = 0.7.
+//! If their noise is matched, the frames must scatter by EMVA 1288, otherwise more.
 //!
 //! Replay: `cargo test -p dunkelfeld --test exposure_noise NAME`.
 

@@ -1,4 +1,4 @@
-//! What the facade hands out: layers that say what the film says, plans that can be replayed, progress, and refusals
+//! The results of the facade: layers with the values of the film, plans that can be replayed, progress, and refusals
 //! before any work is done.
 //!
 //! Replay: `cargo test -p dunkelfeld --test outputs NAME`.

@@ -3,12 +3,12 @@
 use std::path::Path;
 use std::process::{Command, Stdio};
 
-/// What one run of the program that is measured tells.
+/// The result of one run of the measured program.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Run {
     /// Instructions from start to end.
     pub(crate) instructions: u64,
-    /// What the program printed: a fingerprint of the image.
+    /// The output of the program: a fingerprint of the image.
     pub(crate) image: String,
 }
 

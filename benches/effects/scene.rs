@@ -14,7 +14,7 @@ const FAINT: f32 = 1e-6;
 /// Boxes along each side of the floor: 81 of 12 triangles each.
 const BOXES: usize = 9;
 
-/// What is measured.
+/// The measured cases.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Case {
     /// The plain scene as it is.

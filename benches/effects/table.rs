@@ -1,4 +1,4 @@
-//! What was measured, as tables in Markdown, and their place in a page.
+//! Measured costs, as tables in Markdown, and their place in a page.
 
 use std::fmt::Write;
 
@@ -10,7 +10,7 @@ pub(crate) const END: &str = "<!-- end of prices -->";
 /// One line of a table.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Row {
-    /// What was in use.
+    /// The effects in use.
     pub(crate) name: String,
     /// How it was put in use.
     pub(crate) how: String,
@@ -18,14 +18,14 @@ pub(crate) struct Row {
     pub(crate) kernel: String,
     /// Instructions per sample.
     pub(crate) instructions: f64,
-    /// What it was compared with: instructions per sample.
+    /// Its baseline: instructions per sample.
     pub(crate) against: f64,
     /// Is the image the same to the last bit?
     pub(crate) same_image: bool,
 }
 
 impl Row {
-    /// What it costs more, in per cent.
+    /// Its additional cost, in per cent.
     pub(crate) fn percent(&self) -> f64 {
         100.0 * (self.instructions / self.against - 1.0)
     }

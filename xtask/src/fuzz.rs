@@ -1,4 +1,4 @@
-//! Builds the fuzz targets with the stable compiler, runs them for a while, and says what they found.
+//! Builds the fuzz targets with the stable compiler, runs them for a while, and reports the findings.
 
 use std::collections::VecDeque;
 use std::ffi::OsStr;
@@ -24,7 +24,7 @@ const LARGEST_SEED: u64 = 32 << 10;
 /// The variable that names a folder with files of other programs, as for the tests.
 const CORPUS_VARIABLE: &str = "DUNKELFELD_CORPUS";
 
-/// How targets are run.
+/// Settings of the runs.
 #[derive(Debug, PartialEq, Eq)]
 struct Plan {
     /// Targets, all of them if none is named.
@@ -149,12 +149,12 @@ struct Place<'a> {
 }
 
 impl Place<'_> {
-    /// What is in the repository.
+    /// Corpus files in the repository.
     fn seeds(&self) -> PathBuf {
         self.fuzz.join("corpus").join(self.target)
     }
 
-    /// What runs have found on this machine; each goes on where the last one ended.
+    /// Corpus of earlier runs on this machine. Each run continues with it.
     fn found(&self) -> PathBuf {
         self.fuzz.join("target/found").join(self.target)
     }
@@ -269,7 +269,7 @@ fn last_lines(text: &str, n: usize) -> String {
     lines[lines.len().saturating_sub(n)..].join("\n")
 }
 
-/// What a run came to.
+/// The result of a run.
 #[derive(Debug, Default, PartialEq, Eq)]
 struct Report {
     target: String,

@@ -1,4 +1,4 @@
-//! `cargo xtask tidy`: the rules of the repository that a compiler does not know.
+//! `cargo xtask tidy`: the rules of the repository that a compiler does not check.
 //!
 //! Who may use whom is written once, in the crate table of ARCHITECTURE.md; the check reads it from there, so that the
 //! page cannot drift from the code. The rules themselves are pure functions of texts, tested with made-up input; this
@@ -41,7 +41,7 @@ pub(crate) fn run() -> Result<(), String> {
     let mut crates: BTreeMap<String, Vec<(String, String)>> = BTreeMap::new();
     for name in tracked.split('\0').filter(|n| !n.is_empty()) {
         let path = root.join(name);
-        // Deleted in the working tree but still in the index: nothing to look at.
+        // Deleted in the working tree but still in the index: there is nothing to check.
         let Ok(about) = std::fs::metadata(&path) else { continue };
         files += 1;
         if about.len() > MAX_BYTES {

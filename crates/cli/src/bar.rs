@@ -37,7 +37,7 @@ impl Sink {
         }
     }
 
-    /// Says something while the bar stands.
+    /// Prints a line while the bar is shown.
     pub(crate) fn say(&self, line: &str) {
         match self {
             Self::Bar(bar) => bar.suspend(|| say(line)),
@@ -46,7 +46,7 @@ impl Sink {
     }
 }
 
-/// The bar goes away by itself, so that what is printed next stands alone, whichever way the command ends.
+/// The bar is removed automatically, so that later output is separate, however the command ends.
 impl Drop for Sink {
     fn drop(&mut self) {
         if let Self::Bar(bar) = self {
@@ -93,7 +93,7 @@ impl Progress for Sink {
                 });
                 say(&line.to_string());
             }
-            // Nobody needs to be told what is over before it is read.
+            // A stage that ends before a user can read its name is not shown.
             Self::Bar(_) if forecast.remaining.is_some_and(|r| r >= LONG) => {
                 if let Some(line) = expectation(forecast) {
                     Self::say(self, &line);

@@ -1,4 +1,5 @@
-//! Ctrl-C and its relatives (SIGTERM, SIGHUP): the first asks for the best image so far, a later one does not wait for it.
+//! Ctrl-C and similar signals (SIGTERM, SIGHUP): the first one requests the best image so far, a later one does not
+//! wait for it.
 
 use crate::outcome::{Outcome, say};
 use dunkelfeld::Cancel;
@@ -15,8 +16,8 @@ pub(crate) fn survive_file_size_limit() {
     let _ = signal_hook::flag::register(signal_hook::consts::SIGXFSZ, Arc::default());
 }
 
-/// A switch that the first interrupt throws. A later one ends the process at once: files that are finished stay, an
-/// unfinished one leaves its old version and at most a hidden partial file, which the next writer of that file removes.
+/// A switch that the first interrupt sets. A later one ends the process immediately: finished files stay. An unfinished
+/// one keeps its old version and leaves at most a hidden partial file, which the next writer of that file removes.
 pub(crate) fn cancel_on_interrupt() -> Arc<Cancel> {
     let cancel = Arc::new(Cancel::new());
     let switch = Arc::clone(&cancel);

@@ -1,4 +1,4 @@
-//! The command line: parses, calls the library, prints, and says by its exit code how it went.
+//! The command line: parses, calls the library, prints, and returns an exit code.
 
 #![forbid(unsafe_code)]
 #![allow(clippy::exit, reason = "this is the crate that exits")]
@@ -22,7 +22,7 @@ use std::process::ExitCode;
 use std::time::Instant;
 
 fn main() -> ExitCode {
-    // The budget counts from here: loading and building are part of the price.
+    // The budget begins here: it includes loading and building.
     let started = Instant::now();
     interrupt::survive_file_size_limit();
     let args = match args::Cli::try_parse() {
@@ -54,7 +54,7 @@ fn main() -> ExitCode {
     end(result)
 }
 
-/// The exit code of a command, and what to say of its errors.
+/// The exit code of a command, with the output of its errors.
 fn end(result: Result<Outcome, dunkelfeld::Error>) -> ExitCode {
     match result.and_then(|outcome| outcome::output_failure().map_or(Ok(outcome), Err)) {
         Ok(outcome) => outcome.into(),

@@ -1,18 +1,18 @@
-//! How a command ended, and how it speaks: results to standard output, everything else to standard error.
+//! The result of a command and its output: results to standard output, everything else to standard error.
 
 use dunkelfeld::io::visible::visible;
 use std::io::{ErrorKind, Write};
 use std::process::ExitCode;
 use std::sync::OnceLock;
 
-/// How a command ended; the exit code says it to other programs.
+/// The result of a command. The exit code passes it to other programs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Outcome {
-    /// All is well.
+    /// Success.
     Done,
-    /// There is a result, but something about it is wrong; it was said what.
+    /// There is a result, but it has a fault, which was printed.
     Flagged,
-    /// The input or the usage is bad; nothing was written.
+    /// The input or the usage is invalid. Nothing was written.
     BadInput,
     /// Interrupted; the best image so far was written.
     Interrupted,
@@ -45,17 +45,18 @@ pub(crate) fn print_error(error: &dunkelfeld::Error) {
     say(&lines.into_iter().filter(|line| !line.is_empty()).collect::<Vec<_>>().join("\n"));
 }
 
-/// What went wrong when standard output was written first.
+/// The first error of writing to standard output.
 static FAILURE: OnceLock<std::io::Error> = OnceLock::new();
 
-/// Prints to standard output, names of any file spelled so that a terminal shows them. What goes wrong is remembered for the end of the command ([`output_failure`]).
+/// Prints to standard output. Terminal control characters in names are escaped. An error is stored for the end of the
+/// command ([`output_failure`]).
 pub(crate) fn print(text: &str) {
     let mut out = std::io::stdout().lock();
     printed(out.write_all(visible(text).as_bytes()).and_then(|()| out.flush()));
 }
 
-/// Remembers what came of printing to standard output. A reader that has gone (a closed pipe, EPIPE) is no failure: the rest
-/// is dropped, and the command ends as it would have.
+/// Stores an error of printing to standard output. A closed pipe (EPIPE) is no failure: the rest is dropped, and the
+/// command ends as usual.
 pub(crate) fn printed(result: std::io::Result<()>) {
     match result {
         Err(e) if e.kind() != ErrorKind::BrokenPipe => {
@@ -75,7 +76,7 @@ pub(crate) fn output_failure() -> Option<dunkelfeld::Error> {
     })
 }
 
-/// Prints a line to standard error; nobody reading is no error either (`eprintln!` would panic).
+/// Prints a line to standard error. A closed pipe is no error here either (`eprintln!` would panic).
 pub(crate) fn say(line: &str) {
     let _ = std::io::stderr().lock().write_all(format!("{}\n", visible(line)).as_bytes());
 }

@@ -36,7 +36,7 @@ impl RunArgs {
     }
 }
 
-/// How a scene is seen by a command that renders it many times.
+/// View and seed of a scene, for a command that renders it many times.
 #[derive(Debug, Args)]
 pub(crate) struct ViewArgs {
     /// Width of the image [default: 512].

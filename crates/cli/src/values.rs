@@ -1,4 +1,5 @@
-//! The values of flags: read from their text, and checked before any file is opened. An error says what to write instead.
+//! The values of flags: read from their text, and checked before any file is opened. An error contains the correct
+//! form.
 
 use dunkelfeld::adaptive::budget::{MAX_MEAN_SPP, NOISE_LEVELS};
 use dunkelfeld::integrator::PixelSample;
@@ -62,7 +63,7 @@ pub(crate) fn time_limit(text: &str) -> Result<f64, String> {
 
 pub(crate) fn effect(name: &str) -> Result<Effect, String> {
     Effect::ALL.into_iter().find(|e| e.name() == name).ok_or_else(|| {
-        // An empty scene can lose whatever any scene can.
+        // An empty scene can leave out all effects that any scene can.
         let can_go = |e: &&Effect| SceneBuilder::default().leave_out(**e);
         let names: Vec<&str> = Effect::ALL.iter().filter(can_go).map(|e| e.name()).collect();
         format!("write one of {}", names.join(", "))

@@ -1,4 +1,4 @@
-//! Numbers and commands as people read them.
+//! Numbers and commands as text for users.
 
 /// A time that was measured: tenths of a second up to ten minutes.
 pub(crate) fn seconds(s: f64) -> String {
@@ -17,7 +17,7 @@ pub(crate) fn exposure_time(seconds: f64) -> String {
     }
 }
 
-/// A time that is expected: no more digits than can be trusted.
+/// An expected time: only digits within its accuracy.
 pub(crate) fn remaining(s: f64) -> String {
     match s.max(0.0).round() as u64 {
         s if s < 120 => format!("{s} s"),
@@ -36,7 +36,7 @@ pub(crate) fn count(n: u64) -> String {
     }
 }
 
-/// A command line that a shell reads as these words.
+/// A command line that a shell parses into these words.
 pub(crate) fn shell<S: AsRef<str>>(words: impl IntoIterator<Item = S>) -> String {
     let plain = |c: char| c.is_ascii_alphanumeric() || "-_./,:=+@%".contains(c);
     let quoted = words.into_iter().map(|word| match word.as_ref() {
@@ -51,7 +51,7 @@ pub(crate) fn counted(n: u64, thing: &str) -> String {
     format!("{n} {thing}{}", if n == 1 { "" } else { "s" })
 }
 
-/// The line about pixels of a file whose variance is no variance.
+/// The line about pixels of a file with an invalid variance.
 pub(crate) fn flagged_variances(pixels: u64) -> String {
     let pixels = counted(pixels, "pixel");
     format!("flagged: the variance of {pixels} is negative or not a number; the noise there counts as unknown")

@@ -1,24 +1,25 @@
-//! Where lens, film and sensor meet: the lens of a job, fitted to a camera, gives its rays and the sensor's irradiance.
+//! Combination of lens, film and sensor: the lens of a job, fitted to a camera, determines its rays and the sensor's
+//! irradiance.
 
 use dunkelfeld_io::job::{LensProjection, LensSettings};
 use dunkelfeld_scene::camera::lens::{telecentric_aperture, telecentric_f_number};
 use dunkelfeld_scene::{Aperture, Blades, Camera, Opening, Projection, ThinLens, Vignetting};
 
-/// f-number of a lens that says nothing about its aperture.
+/// Default f-number of a lens.
 pub(crate) const DEFAULT_F_NUMBER: f64 = 4.0;
 
-/// The film as the lens sees it.
+/// The film of a lens.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct FilmSize {
     /// Pixels in a row.
     pub(crate) width: u32,
     /// Rows.
     pub(crate) height: u32,
-    /// Side of a pixel [m], if anything tells.
+    /// Side of a pixel [m], if it is given.
     pub(crate) pitch: Option<f64>,
 }
 
-/// A camera with its lens, and what the sensor behind it needs to know.
+/// A camera with its lens, and the optical values for the sensor.
 #[derive(Clone, Debug)]
 pub(crate) struct Fitted {
     pub(crate) camera: Camera,
@@ -28,7 +29,7 @@ pub(crate) struct Fitted {
     pub(crate) magnification: f64,
 }
 
-/// A key of `[lens]` that asks for what cannot be: the key, the problem, the help.
+/// A key of `[lens]` with an impossible value: the key, the problem, the help.
 #[derive(Clone, Debug)]
 pub(crate) struct Misfit {
     pub(crate) key: &'static str,
@@ -134,12 +135,12 @@ fn telecentric(mut camera: Camera, lens: &LensSettings, film: FilmSize) -> Resul
             ));
         }
     };
-    // A camera that the scene made orthographic, for a lens that says nothing, keeps its object far away.
+    // An orthographic camera of the scene, with a lens without settings, keeps its object far away.
     let follows = lens.projection.is_some() || lens.focus_distance.is_some();
     let derived = film_height.filter(|_| follows).map(|film_height| film_height / height);
     let magnification = lens.magnification.or(derived).unwrap_or(0.0);
     let f_number = match lens.numerical_aperture {
-        // Without a film size there is no sensor either, and nobody asks.
+        // Without a film size there is no sensor either, and the value is not used.
         Some(_) if magnification <= 0.0 => DEFAULT_F_NUMBER,
         Some(sine) => {
             let n = telecentric_f_number(sine, magnification);

@@ -1,5 +1,5 @@
-//! Denoising: which denoiser, on which threads, and what it is given. Its image is to be looked at, and no more: nothing
-//! that is measured, exposed for measurement or certified reads it.
+//! Denoising: choice of the denoiser, its threads and its inputs. Its image is only for display: no measurement,
+//! exposure for measurement or certificate uses it.
 
 use crate::frame::{Frame, show_denoised};
 use crate::stats::DenoiseStats;
@@ -19,7 +19,7 @@ use std::time::Instant;
 const OIDN_STEM: &str = "OpenImageDenoise";
 const THREADS_STEM: &str = "tbb";
 
-/// A denoised image, to be looked at.
+/// A denoised image, for display.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Denoised {
     /// Radiance [W/(m^2 sr)].
@@ -33,8 +33,8 @@ pub struct Denoised {
 /// The denoiser of the settings, `None` if there shall be none.
 ///
 /// # Errors
-/// Intel Open Image Denoise is asked for and cannot be loaded: by [`DenoiseMethod::Oidn`], or because the settings or the
-/// environment name a library that is none.
+/// Intel Open Image Denoise is required and cannot be loaded: by [`DenoiseMethod::Oidn`], or because the settings or
+/// the environment name a file that is no such library.
 pub fn find_denoiser(settings: &DenoiseSettings) -> Result<Option<Box<dyn Denoiser>>, Error> {
     if let (Some(path), DenoiseMethod::Off | DenoiseMethod::Builtin) = (&settings.oidn, settings.method) {
         let problem = format!("{} is not used: the denoiser is \"{}\"", path.display(), settings.method.name());
@@ -61,7 +61,7 @@ pub fn find_denoiser(settings: &DenoiseSettings) -> Result<Option<Box<dyn Denois
 /// The library that is named, or else the first that the system has.
 fn load_oidn(named: Option<&Path>) -> Result<Oidn, DenoiseError> {
     let with_threads = |library: PathBuf| {
-        // Its threads may lie beside it, under a name that the loader does not know.
+        // Libraries that it needs may be beside it, under names that the loader does not search.
         let companions = libraries_beside(&library, THREADS_STEM);
         Candidate { library, companions }
     };
@@ -108,8 +108,7 @@ pub fn denoise_film(film: &Film, denoiser: &dyn Denoiser, session: &Session<'_>)
     Ok(Denoised { mean, denoiser: denoiser.name(), seconds: began.elapsed().as_secs_f64() })
 }
 
-/// Denoises what the picture shows. That there is no denoised image costs nobody the one that was rendered: it is told by
-/// the statistics.
+/// Denoises the picture. A failure does not lose the rendered image: the statistics contain the reason.
 pub(crate) fn denoise_frame(
     frame: &mut Frame,
     film: &Film,
@@ -128,7 +127,7 @@ pub(crate) fn denoise_frame(
     Ok(DenoiseStats { denoiser: denoiser.name(), seconds: began.elapsed().as_secs_f64(), error })
 }
 
-/// Runs a denoiser on the threads of the current pool and tells how far it is, about ten times a second.
+/// Runs a denoiser on the threads of the current pool and reports its progress about ten times a second.
 pub(crate) fn run(
     input: &DenoiseInput<'_>,
     denoiser: &dyn Denoiser,
@@ -150,7 +149,7 @@ pub(crate) fn run(
     denoiser.denoise(input, &Control { executor: &PoolExecutor, progress: &tell })
 }
 
-/// What a film tells a denoiser.
+/// The inputs of a denoiser from a film.
 struct Planes {
     mean: Plane<[f32; 3]>,
     variance: Plane<[f32; 3]>,

@@ -1,4 +1,4 @@
-//! From the film to a frame: radiance, electrons, grey values, a picture to look at.
+//! From the film to a frame: radiance, electrons, grey values, a picture for display.
 
 use crate::denoising::Denoised;
 use crate::noise_compensation::{CompensationInputs, Matched};
@@ -33,7 +33,7 @@ impl Picture {
     }
 }
 
-/// What the sensor recorded.
+/// The exposure of the sensor.
 #[derive(Clone, Debug)]
 pub struct SensorFrame {
     /// Expected photo-electrons per pixel.
@@ -46,7 +46,7 @@ pub struct SensorFrame {
     pub model: SensorModel,
     /// Share of pixels whose expected electrons fill the well or reach the end of the converter.
     pub saturated: f64,
-    /// What each pixel makes of radiance.
+    /// The response of each pixel to radiance.
     pub response: Response,
     /// How well the render's noise is hidden; `None` until [`crate::certify`] has looked at the film.
     pub certified: Option<Certified>,
@@ -57,9 +57,9 @@ pub struct SensorFrame {
 /// A developed image.
 #[derive(Clone, Debug)]
 pub struct Frame {
-    /// The picture to look at; made from the denoised mean if there is one.
+    /// The picture for display. It is made from the denoised mean if there is one.
     pub picture: Picture,
-    /// What the sensor recorded; `None` without a sensor.
+    /// The exposure of the sensor. `None` without a sensor.
     pub sensor: Option<SensorFrame>,
     /// Was the image so dark that no automatic exposure exists? The longest one was used then.
     pub no_light: bool,
@@ -79,7 +79,7 @@ pub fn show_denoised(frame: &mut Frame, denoised: Denoised, settings: &RenderSet
     if let (SensorChoice::Emva { exposure, .. }, Some(sensor)) = (&mut settings.sensor, &frame.sensor) {
         *exposure = Some(sensor.exposure);
     }
-    // Nothing is known of the noise that is left, so that none of the camera's can be taken back for it.
+    // The remaining noise is unknown, so that none of the camera's noise can be removed for it.
     settings.exposure_noise = ExposureNoise::Plain;
     frame.picture = develop(&denoised.mean, &settings)?.picture;
     frame.denoised = Some(denoised);
@@ -92,7 +92,7 @@ pub fn show_denoised(frame: &mut Frame, denoised: Denoised, settings: &RenderSet
 /// device. Automatic exposure of a black image, which has none, takes 1 s and says so.
 ///
 /// A mean alone does not tell how noisy it is: all of the camera's noise is drawn, and noise-matched exposure
-/// ([`RenderSettings::exposure_noise`]) holds nowhere. [`develop_film`] knows more.
+/// ([`RenderSettings::exposure_noise`]) holds nowhere. [`develop_film`] also uses the variance of the film.
 ///
 /// # Errors
 /// A sensor whose ranges the exposure leaves.
@@ -100,7 +100,7 @@ pub fn develop(mean: &Plane<[f32; 3]>, settings: &RenderSettings) -> Result<Fram
     expose(Cow::Borrowed(mean), settings, None)
 }
 
-/// [`develop`] of a rendered film, with noise as [`RenderSettings::exposure_noise`] says, and certified
+/// [`develop`] of a rendered film, with the noise of [`RenderSettings::exposure_noise`], and certified
 /// ([`crate::certify`]) at the level of the budget. Pixels without samples show their neighbours.
 ///
 /// # Errors

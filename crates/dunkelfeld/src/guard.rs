@@ -8,16 +8,16 @@ use dunkelfeld_render::Error;
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
-/// So many other names are tried at most.
+/// Maximum number of alternative names that are tried.
 const MAX_TRIED: u32 = 1000;
 
 /// An output: which one, as in `the image`, and its path.
 pub type Output<'a> = (&'static str, &'a Path);
 
-/// Finds out whether an output has the place of an input or of another output.
+/// Checks whether an output is the same file as an input or another output.
 ///
 /// # Errors
-/// The first that has.
+/// The first output that is.
 pub fn check_outputs(outputs: &[Output<'_>], inputs: &InputFiles) -> Result<(), Error> {
     let files: Vec<_> = outputs.iter().map(|&(what, path)| (what, FileIdentity::from_path(path))).collect();
     let mut known: HashMap<FileKey<'_>, &'static str> = HashMap::new();

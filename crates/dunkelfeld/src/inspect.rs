@@ -1,4 +1,4 @@
-//! What a scene holds, and what in it may trouble a render.
+//! The content of a scene, and its hazards.
 
 use crate::memory::MemoryAccount;
 use dunkelfeld_radiometry::photon::lumens;
@@ -28,7 +28,7 @@ pub struct LightEntry {
 pub struct MaterialEntry {
     /// Its name.
     pub name: String,
-    /// What it is, in a few words.
+    /// Its main properties, in a few words.
     pub description: String,
     /// Triangles that have it, as placed.
     pub triangles: u64,
@@ -65,18 +65,18 @@ pub struct CoverLayerEntry {
     pub thickness: f64,
 }
 
-/// An effect, and what calls for it.
+/// An effect, and the cause of its use.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct EffectEntry {
     /// Its name, as `--without` takes it.
     pub name: String,
-    /// Does the scene call for it?
+    /// Does the scene need it?
     pub on: bool,
-    /// What in the scene does.
+    /// The part of the scene that needs it.
     pub called_for_by: Vec<String>,
 }
 
-/// Everything `inspect` tells.
+/// All data of `inspect`.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Inspection {
     /// Objects.
@@ -91,7 +91,7 @@ pub struct Inspection {
     pub memory_bytes: u64,
     /// Of these, bytes of images.
     pub texture_bytes: u64,
-    /// What a render by the settings will need in memory; `None` for a scene without settings.
+    /// The memory account of a render by the settings. `None` for a scene without settings.
     pub memory: Option<MemoryAccount>,
     /// Lowest and highest corner in world space \[m\].
     pub bounds: Option<[[f64; 3]; 2]>,
@@ -109,11 +109,11 @@ pub struct Inspection {
     pub kernel: String,
     /// The materials in use.
     pub materials: Vec<MaterialEntry>,
-    /// What was repaired or left out while reading.
+    /// Data that was repaired or left out during import.
     pub warnings: Vec<String>,
     /// Repairs made while building.
     pub notes: Vec<String>,
-    /// What may make the image other than meant.
+    /// Hazards: properties of the scene that can cause wrong images.
     pub hazards: Vec<String>,
 }
 
@@ -196,7 +196,7 @@ fn effect_entries(effects: &Effects) -> Vec<EffectEntry> {
 }
 
 impl Inspection {
-    /// Notes that something beside the scene calls for an effect.
+    /// Records that something beside the scene needs an effect.
     pub(crate) fn call(&mut self, effect: Effect, place: &str) {
         if let Some(entry) = self.effects.iter_mut().find(|e| e.name == effect.name()) {
             entry.on = true;

@@ -1,4 +1,5 @@
-//! The account of a run's memory: computed before the run works, and compared with a limit and with what the system has.
+//! The account of a run's memory: computed before the run works, and compared with a limit and with the available
+//! memory.
 
 mod estimate;
 
@@ -19,8 +20,8 @@ pub struct MemoryItem {
     pub bytes: Vec<u64>,
 }
 
-/// What a run needs, by item and phase. Of textures and scene it states what they take; all else is computed from the number of pixels
-/// and threads (`docs/memory.md`).
+/// The memory of a run, by item and phase. For textures and scene the account contains their measured size. All else is
+/// computed from the number of pixels and threads (`docs/memory.md`).
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct MemoryAccount {
     /// Names of the phases of the run, in their order.
@@ -31,15 +32,15 @@ pub struct MemoryAccount {
     pub peak_bytes: u64,
 }
 
-/// The account of a run beside what it took: a field of the statistics.
+/// The account of a run, and its measured memory: a field of the statistics.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct MemoryStats {
-    /// What was expected.
+    /// The account.
     #[serde(flatten)]
     pub account: MemoryAccount,
-    /// Peak resident set of the process \[bytes\]; `None` where the system does not say.
+    /// Peak resident set of the process \[bytes\]. `None` where the system does not report it.
     pub measured_bytes: Option<u64>,
-    /// What the film occupies at the end \[bytes\].
+    /// Size of the film at the end \[bytes\].
     pub film_bytes: u64,
 }
 
@@ -83,8 +84,9 @@ impl MemoryAccount {
         text
     }
 
-    /// Finds out whether the run may begin: whether its peak is within the limit, if there is one, and whether the system has as much beyond
-    /// `held`, which the process holds already. The peak is reserved at once, and given back.
+    /// Checks whether the run may begin: whether its peak is within the limit, if there is one, and whether the system
+    /// can allocate the part of it beyond `held`, which the process holds already. The peak is reserved and freed
+    /// immediately.
     ///
     /// # Errors
     /// It is more than the limit, or more than there is.
@@ -109,7 +111,7 @@ impl MemoryAccount {
 }
 
 impl MemoryStats {
-    /// Of a run with this account and film, and what the process took until now.
+    /// For a run with this account and film: the memory of the process until now.
     pub(crate) fn new(account: MemoryAccount, film: &Film) -> Self {
         Self { account, measured_bytes: peak_memory(), film_bytes: film.bytes() }
     }
@@ -166,7 +168,7 @@ mod tests {
         vast.add("more", &[u64::MAX]);
         let error = vast.check(None, 0, "use fewer pixels").expect_err("no machine has that").to_string();
         assert!(error.contains("does not have") && error.contains("film"), "{error}");
-        // What is held is not asked for again.
+        // Memory that is held is not allocated again.
         vast.check(None, u64::MAX, "-").expect("nothing is left to ask for");
     }
 }

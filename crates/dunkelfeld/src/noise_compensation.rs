@@ -1,4 +1,4 @@
-//! What noise-matched exposure has to know of a film: the variance of every pixel, and where it tells the truth.
+//! The noise of a film for noise-matched exposure: the variance of every pixel, and where it is reliable.
 
 use dunkelfeld_film::Plane;
 use dunkelfeld_render::film_noise::FilmNoise;
@@ -11,13 +11,14 @@ pub struct Matched {
     pub held: Plane<bool>,
     /// Share of the pixels where it holds, in \[0, 1\].
     pub share: f64,
-    /// Variance of the render that was left out, as far as it could be, over that of the camera. Infinite where it is not known, and
-    /// where the pixel holds a rare sample: one that lifts it by more than one of the camera's standard deviations.
+    /// Variance of the render over that of the camera. The render variance that could be compensated is not drawn.
+    /// Infinite where it is unknown, and where the pixel contains a rare sample: one that raises it by more than one
+    /// standard deviation of the camera.
     pub ratios: Plane<f32>,
 }
 
 impl Matched {
-    /// Judges the pixels of an exposure by their mean electrons and what is known of the noise of these.
+    /// Checks the pixels of an exposure by their mean electrons and the known part of their noise.
     pub(crate) fn new(
         measured: &FilmNoise<'_>,
         known: &CompensationInputs,
@@ -35,7 +36,7 @@ impl Matched {
         Self { share: share(&held), held, ratios }
     }
 
-    /// Of an image whose noise nobody knows.
+    /// For an image with unknown noise.
     pub(crate) fn nowhere(width: u32, height: u32) -> Self {
         let ratios = Plane::new(width, height, f32::INFINITY);
         Self { held: Plane::new(width, height, false), share: 0.0, ratios }
@@ -46,14 +47,15 @@ fn share(held: &Plane<bool>) -> f64 {
     held.data().iter().filter(|h| **h).count() as f64 / held.data().len().max(1) as f64
 }
 
-/// The noise of a film's pixels, as far as it is to be made up for.
+/// The noise of a film's pixels, as far as it is compensated.
 #[derive(Clone, Debug)]
 pub(crate) struct CompensationInputs {
-    /// Variance of the rendered mean of each pixel [e-^2], by its own samples as far as they tell. Infinite where the pixel has samples in
-    /// fewer than two batches: its neighbours may tell how noisy its samples are, but not whether it is one of them.
+    /// Variance of the rendered mean of each pixel [e-^2], by its own samples as far as they suffice. Infinite where
+    /// the pixel has samples in fewer than two batches: its neighbours may determine the variance of its samples, but
+    /// not whether it contains a rare sample.
     pub(crate) variance: Plane<f32>,
-    /// Does the pixel hold a rare sample ([`Matched::ratios`])? What it brings cannot be made up for where it is, and is not to be
-    /// where it is not: such pixels tell their neighbours nothing.
+    /// Does the pixel contain a rare sample ([`Matched::ratios`])? Its contribution cannot be compensated in this
+    /// pixel, and must not be compensated in others: such pixels are left out of the estimates of their neighbours.
     pub(crate) is_rare: Plane<bool>,
 }
 
@@ -63,7 +65,7 @@ impl CompensationInputs {
         Self { variance: told.map(|t| t.1), is_rare: told.map(|t| t.0) }
     }
 
-    /// Where the method holds for a sensor that sees so many electrons.
+    /// The pixels where the method holds, for a sensor with these mean electrons.
     pub(crate) fn held(&self, electrons: &Plane<f32>, model: &SensorModel, exposure: Exposure) -> Plane<bool> {
         let mut held = matched_where(model, exposure, electrons, &self.variance);
         held.data_mut().iter_mut().zip(self.is_rare.data()).for_each(|(held, rare)| *held &= !rare);

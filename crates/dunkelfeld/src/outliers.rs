@@ -1,7 +1,7 @@
-//! The heaviest samples of an image: single paths that lift their pixel far above what its other samples say.
+//! The heaviest samples of an image: single paths that raise their pixel far above the mean of its other samples.
 //!
-//! Such samples are not wrong, but they are where an image is noisiest and where an error of the scene or of the renderer
-//! shows first. They are named, so that they can be replayed; nothing is done about them.
+//! Such samples are not wrong. But the image has its highest noise there, and errors of the scene or of the renderer
+//! are most visible there. The statistics list them, so that they can be replayed. The image keeps them.
 
 use dunkelfeld_film::{Film, PixelSums};
 use dunkelfeld_radiometry::Rgb;
@@ -9,15 +9,15 @@ use dunkelfeld_render::parallel::map_tile_rows;
 use serde::Serialize;
 use std::cmp::Ordering;
 
-/// At most so many are named.
+/// Maximum number of listed samples.
 const MAX_LISTED: usize = 8;
-/// A pixel with fewer samples says nothing about one of them.
+/// A pixel with fewer samples gives no reliable mean of the others.
 const MIN_SAMPLES: u32 = 8;
 
-/// A sample that weighs heavily in its pixel.
+/// A sample with a large share of its pixel.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct HeavySample {
-    /// Its name as `x,y,sample`: what `--debug-sample` takes.
+    /// Its name as `x,y,sample`: the value of `--debug-sample`.
     pub sample: String,
     /// Its luminance [W/(m^2 sr)].
     pub luminance: f64,
@@ -44,8 +44,8 @@ struct Candidate {
     lift: f64,
 }
 
-/// Finds them, on the threads of the current pool. A function of the film alone, so of the samples that were taken, not of who took
-/// them.
+/// Finds them, on the threads of the current pool. The result depends only on the film, so on the samples, and not on
+/// the process or thread that took them.
 pub(crate) fn heaviest(film: &Film) -> Heaviest {
     let sums: Vec<f64> = map_tile_rows(film, |_, sums| sums.iter().map(luminance).sum());
     let mean = sums.iter().sum::<f64>() / film.pixels().max(1) as f64;
@@ -97,7 +97,7 @@ fn candidate(pixel: usize, sums: &PixelSums) -> Option<Candidate> {
     let (n, heaviest) = (f64::from(n), f64::from(heaviest));
     let total = luminance(sums) * n;
     let lift = (heaviest - (total - heaviest) / (n - 1.0)) / n;
-    // A pixel whose samples are all alike has no heavy one; what the rounding of luminances leaves is none either.
+    // A pixel with equal samples has no heavy one. The rounding of luminances makes none either.
     (lift > 1e-6 * heaviest).then_some(Candidate {
         pixel,
         index,
@@ -159,7 +159,7 @@ mod tests {
         assert_eq!(found.samples[7].sample, "3,1,2");
     }
 
-    /// A film of several pieces: the pieces' edges and the number of threads have no say.
+    /// A film of several pieces: the result does not depend on the edges of the pieces or the number of threads.
     #[test]
     fn a_large_film_is_gone_through_in_pieces() {
         let (width, height) = (160, 256);

@@ -1,4 +1,4 @@
-//! From results to files: pictures, raw values, layers, the plan.
+//! Writes results to files: pictures, raw values, layers, the plan.
 
 use crate::frame::{Frame, Picture};
 use crate::guard::{Output, check_outputs};
@@ -18,7 +18,7 @@ use rayon::prelude::*;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
-/// Which files to write; what is absent is not written.
+/// The files to write. A file without a path is not written.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct OutputPaths {
     /// 8-bit gamma-2.2 PNG.
@@ -50,8 +50,8 @@ impl OutputPaths {
         paths.into_iter().filter_map(|(what, path)| Some((what, path.as_deref()?))).collect()
     }
 
-    /// Finds out before the render what would fail after it: folders that do not exist or cannot be written to, names that
-    /// cannot be, two outputs in one file.
+    /// Detects before the render the faults that would occur after it: folders that do not exist or cannot be written
+    /// to, invalid names, two outputs in one file.
     ///
     /// # Errors
     /// The first fault found, with help.
@@ -134,7 +134,7 @@ pub fn save_picture(frame: &Frame, path: &Path) -> Result<(), Error> {
     save_commented(&frame.picture, comment(frame).as_deref(), path)
 }
 
-/// Writes a picture of which there is nothing to say.
+/// Writes a picture without remarks.
 pub(crate) fn save_plain_picture(picture: &Picture, path: &Path) -> Result<(), Error> {
     save_commented(picture, None, path)
 }
@@ -149,19 +149,19 @@ fn save_commented(picture: &Picture, comment: Option<&str>, path: &Path) -> Resu
     written(path, dunkelfeld_io::png::write_png(path, picture, &text))
 }
 
-/// What the metadata of a picture say that is not the image of the scene as it is, or not as it was rendered.
+/// The metadata of a picture that differs from the image of the scene or from the rendered image.
 fn comment(frame: &Frame) -> Option<String> {
     let denoised = frame.denoised.as_ref().map(|d| denoised_by(&d.denoiser));
     let words: Vec<String> = left_out(&frame.without).into_iter().chain(denoised).collect();
     (!words.is_empty()).then(|| words.join("; "))
 }
 
-/// What the metadata of a denoised picture say.
+/// The metadata of a denoised picture.
 pub(crate) fn denoised_by(denoiser: &str) -> String {
     format!("denoised by {denoiser}: to look at, not to measure")
 }
 
-/// What the metadata of an image without some effects say.
+/// The metadata of an image without some effects.
 fn left_out(without: &[Effect]) -> Option<String> {
     let names: Vec<&str> = without.iter().map(|e| e.name()).collect();
     (!names.is_empty()).then(|| format!("rendered without {}", names.join(", ")))
@@ -180,7 +180,7 @@ pub fn save_linear(frame: &Frame, path: &Path) -> Result<(), Error> {
     save_values(&sensor.values, &text, path)
 }
 
-/// What the metadata of linear grey values say.
+/// The metadata of linear grey values.
 pub(crate) fn values_words(model: &SensorModel, exposure: Exposure) -> String {
     let spec = model.spec();
     let mosaic = spec.quantum_efficiency.filter().map_or(String::new(), |f| format!(", mosaic {}", f.pattern.name()));
@@ -188,7 +188,7 @@ pub(crate) fn values_words(model: &SensorModel, exposure: Exposure) -> String {
     format!("{name}, exposure {time} s, {bits} bit, black level {offset} DN{mosaic}")
 }
 
-/// Writes linear grey values with words about them as 16-bit PNG or TIFF.
+/// Writes linear grey values with a description as 16-bit PNG or TIFF.
 pub(crate) fn save_values(values: &Plane<u16>, words: &str, path: &Path) -> Result<(), Error> {
     let picture = File::Gray16(values);
     written(
@@ -211,7 +211,7 @@ pub fn encode_layers(film: &RenderedFilm, frame: &Frame, settings: &RenderSettin
     layers
 }
 
-/// What an EXR with all layers says of itself.
+/// The attribute of an EXR with all layers.
 fn layer_attributes(frame: &Frame, settings: &RenderSettings, names: &[String]) -> String {
     serde_json::json!({
         "program": format!("dunkelfeld {}", env!("CARGO_PKG_VERSION")),
@@ -307,7 +307,7 @@ fn plane<T: Clone>(width: u32, height: u32, values: impl Iterator<Item = T>, mis
 /// The attribute of images that a lens has darkened.
 pub(crate) const VIGNETTING: &str = "vignetting";
 
-/// What a file says of itself, if it is one of ours.
+/// The attribute of a file, if it is one of ours.
 pub(crate) fn attributes(layers: &ExrLayers) -> serde_json::Map<String, serde_json::Value> {
     match serde_json::from_str(&layers.attributes) {
         Ok(serde_json::Value::Object(attributes)) => attributes,
@@ -315,7 +315,7 @@ pub(crate) fn attributes(layers: &ExrLayers) -> serde_json::Map<String, serde_js
     }
 }
 
-/// Adds to what a file says of itself.
+/// Adds to the attribute of a file.
 pub(crate) fn set_attribute(layers: &mut ExrLayers, name: &str, value: &str) {
     let mut all = attributes(layers);
     all.insert(name.into(), value.into());
@@ -334,7 +334,7 @@ fn plan_layers(plan: &Plane<u32>, settings: &RenderSettings) -> ExrLayers {
     layers
 }
 
-/// Everything that is written but for the statistics.
+/// All outputs but the statistics.
 pub(crate) struct Written<'a> {
     pub(crate) film: &'a RenderedFilm,
     pub(crate) frame: &'a Frame,
@@ -414,7 +414,7 @@ pub fn load_plan(path: &Path) -> Result<SavedPlan, Error> {
 /// # Errors
 /// As [`load_plan`].
 pub fn load_plan_recorded(path: &Path, inputs: &mut InputFiles) -> Result<SavedPlan, Error> {
-    /// Of all that is written, what a replay needs.
+    /// The part of the channels that a replay needs.
     #[derive(Default, serde::Deserialize)]
     struct Attributes {
         seed: Option<u64>,

@@ -1,4 +1,4 @@
-//! A scene or job file with everything around it: one thing to open, adjust, render and save.
+//! A scene or job file with its settings: it can be opened, adjusted, rendered and saved.
 
 use crate::camera_fit::{DEFAULT_F_NUMBER, FilmSize, Fitted, Misfit, fit};
 use crate::denoising::{denoise_frame, find_denoiser};
@@ -32,20 +32,20 @@ use std::time::Instant;
 pub struct Project {
     /// The compiled scene.
     pub scene: Scene,
-    /// What to render and how long; adjust before rendering.
+    /// Settings of the render. Adjust them before rendering.
     pub settings: RenderSettings,
     /// The files that the job names.
     pub outputs: OutputPaths,
-    /// What was repaired or left out while reading.
+    /// Data that was repaired or left out during import.
     pub warnings: Vec<ImportWarning>,
-    /// What building found.
+    /// Findings of the scene builder.
     pub report: BuildReport,
-    /// The lens of the job, or the default one: what a sensor that is chosen later stands behind. Its magnification is the
-    /// one that the job states; a render takes what follows from focus and field.
+    /// The lens of the job, or the default one. A sensor that is chosen later uses it. Its magnification is the one of
+    /// the job. A render uses the one that follows from focus and field.
     pub optics: Optics,
     /// The lens of the job, put on the camera when it is rendered; adjust it together with the settings.
     pub lens: LensSettings,
-    /// The size of the film on the sensor, as far as the job tells it. Width and height are those of the settings.
+    /// The size of the film on the sensor, as far as the job contains it. Width and height are those of the settings.
     pub film: FilmSettings,
     /// The files that were read for it, or were to be: no output takes the place of one. Count what is read later.
     pub inputs: InputFiles,
@@ -65,7 +65,7 @@ pub struct ProjectResult {
     pub rendering: Rendering,
     /// The exposed frame.
     pub frame: Frame,
-    /// What was achieved. Complete once everything is written, see [`ProjectResult::save`].
+    /// The statistics. Complete once all outputs are written, see [`ProjectResult::save`].
     pub stats: Stats,
     settings: RenderSettings,
     is_vignetted: bool,
@@ -170,7 +170,7 @@ impl Project {
         })
     }
 
-    /// What the scene holds, and what may trouble a render.
+    /// The content of the scene, and its hazards.
     pub fn inspect(&self) -> Inspection {
         let mut inspection = inspect(&self.scene, &self.report);
         let film = self.film_size();
@@ -238,8 +238,8 @@ impl Project {
         Ok(settings)
     }
 
-    /// Leaves sums out of the film that neither the outputs nor the denoiser need ([`RenderSettings::layers`]): call it once both are
-    /// decided, if nothing else will be asked of the film.
+    /// Leaves sums out of the film that neither the outputs nor the denoiser need ([`RenderSettings::layers`]). Call it
+    /// once both are decided, if no other data of the film is needed.
     pub fn keep_needed_layers(&mut self) {
         let are_needed = self.outputs.exr.is_some() || self.settings.denoise.method != DenoiseMethod::Off;
         self.settings.layers = if are_needed { FilmLayers::All } else { FilmLayers::Image };
@@ -253,7 +253,7 @@ impl Project {
         (self.settings.width, self.settings.height) = (width, height);
     }
 
-    /// Takes everything that is set, but for the scene itself, from another project.
+    /// Takes all settings, but not the scene, from another project.
     pub fn take_settings_of(&mut self, other: &Self) {
         self.settings = other.settings.clone();
         self.lens = other.lens.clone();
@@ -262,7 +262,7 @@ impl Project {
         self.own_pitch = other.own_pitch;
     }
 
-    /// What a render by the settings as they are now will need in memory.
+    /// The memory account of a render by the present settings.
     pub fn memory(&self) -> MemoryAccount {
         self.account(&self.settings).1
     }
@@ -299,7 +299,7 @@ impl Project {
         }
     }
 
-    /// Renders and exposes, in silence.
+    /// Renders and exposes, without progress.
     ///
     /// # Errors
     /// As [`Project::render_with`].
@@ -321,7 +321,7 @@ impl Project {
         let mut settings = self.fitted()?;
         let denoiser = find_denoiser(&settings.denoise)?;
         if denoiser.as_ref().is_some_and(|d| d.name() == Builtin.name()) {
-            // What is kept back for it is less.
+            // The time reserved for it is less.
             settings.denoise.method = DenoiseMethod::Builtin;
         }
         let account = self.checked_account(&settings)?;
@@ -379,13 +379,13 @@ impl ProjectResult {
         outputs::save_picture(&self.frame, path.as_ref())
     }
 
-    /// Writes all outputs that are named, the statistics last: they tell how long all of it took.
+    /// Writes all outputs that are named. The statistics are last, because they contain the time of all outputs.
     ///
     /// # Errors
     /// An output that is an input of the render; else the first file that cannot be written, and those before it are.
     pub fn save(&mut self, paths: &OutputPaths) -> Result<(), Error> {
         let began = Instant::now();
-        // What was checked before the render is not refused after it.
+        // A path that was checked before the render is not refused after it.
         if *paths != self.checked {
             check_outputs(&paths.named(), &self.inputs)?;
         }

@@ -1,4 +1,4 @@
-//! What a render achieved, as data: the `--stats` file.
+//! The statistics of a render, as data: the `--stats` file.
 
 use crate::frame::Frame;
 use crate::memory::MemoryStats;
@@ -33,9 +33,9 @@ pub struct Stats {
     pub frame: u32,
     /// Threads that rendered.
     pub threads: usize,
-    /// Where samples went: name of the strategy, or `replay`.
+    /// Allocation of the samples: name of the strategy, or `replay`.
     pub allocation: String,
-    /// What ended the render: `time`, `samples`, `noise` or `interrupted`.
+    /// The limit that ended the render: `time`, `samples`, `noise` or `interrupted`.
     pub stop: String,
     /// Names of effects that were left out on purpose.
     pub without: Vec<String>,
@@ -51,9 +51,9 @@ pub struct Stats {
     pub samples_per_second: f64,
     /// Samples that were not finite, negative or out of range; they count as black.
     pub invalid_samples: u64,
-    /// The first of them as `x,y,sample`: what `--debug-sample` takes.
+    /// The first of them as `x,y,sample`: the value of `--debug-sample`.
     pub invalid_named: Vec<String>,
-    /// The samples that lift their pixels furthest above what the others say, the worst first, at most 8.
+    /// The samples that raise their pixels most above the mean of the others, the heaviest first, at most 8.
     pub heaviest_samples: Vec<HeavySample>,
     /// Pixels that a single sample dominates: [`HeavySample::dominates`].
     pub dominated_pixels: u64,
@@ -68,9 +68,9 @@ pub struct Stats {
     /// Wall-clock seconds of the whole command, and the limit if there was one. What earlier processes needed for a render
     /// that was taken up from a checkpoint counts, and so do those that rendered the parts of a merged one.
     pub total_seconds: f64,
-    /// Of these, the seconds of earlier processes.
+    /// The part of it from earlier processes.
     pub earlier_seconds: f64,
-    /// Of the samples, those that a checkpoint or the parts held.
+    /// The samples from a checkpoint or from parts.
     pub earlier_samples: u64,
     /// The parts that were merged, by their first samples; `None` if the render is none of parts.
     pub parts: Option<Vec<PartStats>>,
@@ -80,20 +80,20 @@ pub struct Stats {
     pub budget_missed: bool,
     /// The sensor, if there is one.
     pub sensor: Option<SensorStats>,
-    /// What the pilot foretold, and how good that was; `null` without a sensor, or where nothing was planned.
+    /// The forecast of the pilot, and its error. `null` without a sensor, or where nothing was planned.
     pub forecast: Option<Vec<ForecastLevel>>,
     /// How well the render's noise is hidden beneath the sensor's; `null` without a sensor.
     pub certificate: Option<CertificateStats>,
-    /// The denoiser, if there was to be one. No other field reads what it did.
+    /// The denoiser, if one was set. No other field depends on its image.
     pub denoise: Option<DenoiseStats>,
     /// The account of memory, and what was measured; `None` if the render was not one of a [project](crate::Project) or a merge.
     pub memory: Option<MemoryStats>,
-    /// Was all of it in a checkpoint? Then what followed missed no budget.
+    /// Did a checkpoint contain all samples? Then the steps after it missed no budget.
     #[serde(skip)]
     pub was_complete: bool,
 }
 
-/// How denoising went.
+/// The result of denoising.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct DenoiseStats {
     /// Name and version of the denoiser.
@@ -165,10 +165,11 @@ impl From<&Certificate> for CertificateStats {
     }
 }
 
-/// How the search for light through clear covers fared.
+/// Statistics of the search for light through clear covers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub struct CoverStats {
-    /// Connections that were sought: a receiver, a point of a light and an order of events at the interfaces between.
+    /// Connections that were attempted: a receiver, a point of a light and an order of events at the interfaces
+    /// between.
     pub attempts: u64,
     /// Those whose chain the solver found.
     pub arrived: u64,
@@ -191,13 +192,13 @@ pub struct SensorStats {
     pub saturated: f64,
     /// The image was so dark that there is no automatic exposure.
     pub no_light: bool,
-    /// What noise the exposure added: `plain` or `matched`.
+    /// Noise of the exposure: `plain` or `matched`.
     pub exposure_noise: String,
     /// Share of pixels where noise-matched exposure holds; `null` for `plain`.
     pub matched: Option<f64>,
 }
 
-/// What there is to say of all pixels together.
+/// Sums over all pixels.
 #[derive(Clone, Copy, Default)]
 struct Totals {
     /// Sum of the means, and of their variances.
@@ -313,18 +314,18 @@ impl Stats {
         }
     }
 
-    /// Notes the seconds of a stage.
+    /// Records the seconds of a stage.
     pub fn add_seconds(&mut self, stage: Stage, seconds: f64) {
         *self.seconds.entry(stage.name().to_string()).or_insert(0.0) += seconds;
     }
 
-    /// Notes how denoising went, and its seconds.
+    /// Records the result of denoising, and its seconds.
     pub fn add_denoising(&mut self, denoise: DenoiseStats) {
         self.add_seconds(Stage::Denoise, denoise.seconds);
         self.denoise = Some(denoise);
     }
 
-    /// Closes the book: this command took so long. What earlier processes took is added.
+    /// Sets the total time: that of this command, plus that of earlier processes.
     pub fn finish(&mut self, seconds: f64) {
         if let Some(memory) = &mut self.memory {
             memory.measure();
@@ -341,7 +342,7 @@ impl Stats {
             && self.budget_seconds.is_some_and(|b| total > b + dunkelfeld_adaptive::budget::tolerance(b));
     }
 
-    /// Should the run's exit say that something is wrong with the result?
+    /// Does the run end with the exit code for a faulty result?
     pub fn is_flagged(&self) -> bool {
         self.invalid_samples > 0 || self.budget_missed || self.budget_too_small() || self.denoising_failed()
     }
@@ -351,7 +352,7 @@ impl Stats {
         self.stop == "time" && self.pixels_without_samples > 0
     }
 
-    /// Was the image to be denoised, and is not, though nobody interrupted it?
+    /// Was denoising set, is the image not denoised, and was the run not interrupted?
     pub fn denoising_failed(&self) -> bool {
         self.stop != "interrupted" && self.denoise.as_ref().is_some_and(|d| d.error.is_some())
     }

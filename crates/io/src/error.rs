@@ -1,4 +1,4 @@
-//! What is said about input that cannot be used, or only after repair.
+//! Errors of unusable input, and warnings of repaired input.
 
 use crate::visible::{visible_columns, visible_line};
 use std::path::PathBuf;
@@ -14,7 +14,7 @@ pub struct SourceSpan {
 
 /// Input that cannot be used: which file, where in it, what is wrong, and how to correct it.
 ///
-/// Shown, characters that a terminal would obey are spelled out.
+/// When displayed, terminal control characters are escaped.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
     "{}: {}: {}\n  help: {}",
@@ -30,7 +30,7 @@ pub struct InputError {
     pub place: String,
     /// What is wrong, without a full stop.
     pub problem: String,
-    /// What the user can do about it, without a full stop.
+    /// The help: a correction by the user, without a full stop.
     pub help: String,
     /// The text around the place, for files that are text.
     pub source_span: Option<Box<SourceSpan>>,
@@ -76,12 +76,12 @@ fn floor_char_boundary(text: &str, index: usize) -> usize {
     i
 }
 
-/// Something that was repaired or left out while reading. Shown, characters that a terminal would obey are spelled out.
+/// A part of the input that was repaired or left out. When displayed, terminal control characters are escaped.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ImportWarning {
     /// Where: file and place.
     pub place: String,
-    /// What was wrong and what was done about it.
+    /// The problem and the repair.
     pub message: String,
 }
 

@@ -1,4 +1,4 @@
-//! Job files: what they say, how they are refused, and what their overrides do to a scene.
+//! Job files: their values, their refusals, and the effects of their overrides on a scene.
 
 use dunkelfeld_geometry::{DAffine3, DVec3, Mesh, Vec3};
 use dunkelfeld_io::InputError;

@@ -1,4 +1,4 @@
-//! Sensor files and presets: what they say, what they imply, and what happens when they are wrong.
+//! Sensor files and presets: their values, derived figures, and errors.
 
 use std::path::Path;
 
@@ -196,7 +196,7 @@ fn names_and_files_are_told_apart() {
     assert!(load_sensor(Path::new("/")).is_err());
 }
 
-/// What each preset implies against what was published for it.
+/// The derived figures of each preset against the published ones.
 ///
 /// Dynamic range: older data sheets leave out the rounding noise and the half electrons of release 4.0, equation (27), so
 /// the published figure must lie between release 4.0 (the lowest) and saturation over dark noise (the highest), to 0.1 dB.

@@ -1,25 +1,25 @@
-//! What a long render tells its caller, and how the caller tells it to stop.
+//! Progress of a long render, and its cancellation.
 
 use crate::plan::forecast::Forecast;
 use serde::{Deserialize, Serialize};
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// Where a render stands.
+/// The progress of a render.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ProgressState {
-    /// What is being done.
+    /// The current stage.
     pub stage: Stage,
     /// Share of the render that is done, in \[0, 1\].
     pub fraction: f64,
     /// Seconds since the start of the command.
     pub elapsed: f64,
-    /// Seconds that are expected to remain; `None` while nothing is known.
+    /// Expected remaining seconds. `None` while unknown.
     pub remaining: Option<f64>,
     /// Camera samples taken so far.
     pub samples: u64,
 }
 
-/// Stretches of a render.
+/// Stages of a render.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 pub enum Stage {
     /// Reading files.
@@ -28,20 +28,20 @@ pub enum Stage {
     Build,
     /// The uniform pilot.
     Pilot,
-    /// Deciding where samples go, and rehearsing the end.
+    /// Planning, and a trial of the final steps.
     Plan,
-    /// Rounds with the samples where they are needed.
+    /// Rounds with samples by the plan.
     Refine,
     /// Electrons and grey values.
     Expose,
-    /// The noise goes, from a picture that is only looked at.
+    /// Denoising of a picture for display.
     Denoise,
     /// Writing files.
     Write,
 }
 
 impl Stage {
-    /// Name for people and for the statistics.
+    /// Name for messages and statistics.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Load => "load",
@@ -56,16 +56,16 @@ impl Stage {
     }
 }
 
-/// Something that wants to know how far a render is. Called from worker threads, about ten times a second.
+/// A sink for the progress of a render. Called from worker threads, about ten times a second.
 pub trait Progress: Sync {
-    /// The render stands here now.
+    /// Receives the current progress.
     fn update(&self, state: &ProgressState);
 
-    /// The pilot is done, and this is what it tells of the time that the rest takes. Called once, behind a sensor only.
+    /// Receives the forecast of the pilot. Called once, only with a sensor.
     fn forecast(&self, _: &Forecast) {}
 }
 
-/// Does not want to know.
+/// Ignores the progress.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Silent;
 
@@ -73,22 +73,22 @@ impl Progress for Silent {
     fn update(&self, _: &ProgressState) {}
 }
 
-/// A switch that ends a render early; what has been rendered stays usable. Share it by reference or in an `Arc`.
+/// A switch that ends a render early. The rendered samples stay usable. Share it by reference or in an `Arc`.
 #[derive(Debug, Default)]
 pub struct Cancel(AtomicBool);
 
 impl Cancel {
-    /// A switch that has not been thrown.
+    /// A switch that is not set.
     pub const fn new() -> Self {
         Self(AtomicBool::new(false))
     }
 
-    /// Asks the render to stop as soon as it can.
+    /// Requests the end of the render as soon as possible.
     pub fn cancel(&self) {
         self.0.store(true, Ordering::Relaxed);
     }
 
-    /// Was it asked to?
+    /// Is the end requested?
     pub fn is_cancelled(&self) -> bool {
         self.0.load(Ordering::Relaxed)
     }

@@ -9,8 +9,8 @@ use std::time::Instant;
 static SILENT: Silent = Silent;
 static NEVER: Cancel = Cancel::new();
 
-/// What all stages of a run share: the instant from which a time budget counts, the sink of its progress, the switch that
-/// cancels it, and one pool of threads. A copy shares the pool.
+/// The shared parts of all stages of a run: the instant from which a time budget counts, the sink of its progress, the
+/// switch that cancels it, and one pool of threads. A copy shares the pool.
 #[derive(Clone)]
 pub struct Session<'a> {
     started: Instant,

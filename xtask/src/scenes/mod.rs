@@ -28,7 +28,7 @@ const SCENES: [(&str, Cover); 3] =
 /// Writes the files, or with `check` compares them with what the repository holds.
 ///
 /// # Errors
-/// Says which file cannot be written, is missing, or is not what the code makes.
+/// Reports the file that cannot be written, is missing, or differs from the output of the code.
 pub(crate) fn run(check: bool) -> Result<(), String> {
     let folder = folder();
     if check {

@@ -118,7 +118,7 @@ pub(crate) fn check(architecture: &str, packages: &[Package]) -> Vec<String> {
     }
     let folder_of = |name: &str| packages.iter().find(|p| p.name == name).and_then(|p| p.folder.as_deref());
     for package in packages {
-        // What lies outside of crates/ is for developers; nobody builds on it.
+        // Crates outside of crates/ are for developers. No crate depends on them.
         let Some(folder) = package.folder.as_deref() else { continue };
         let Some(row) = rows.get(folder) else {
             faults.push(format!("crates/{folder}: has no row in the crate table of ARCHITECTURE.md"));

@@ -32,7 +32,7 @@ pub(super) struct Module {
     pub(super) words: BTreeSet<String>,
 }
 
-/// What a path stands for.
+/// The target of a path.
 #[derive(Debug, PartialEq)]
 pub(super) enum Target {
     Item {
@@ -73,7 +73,7 @@ impl ModuleTree {
         &self.modules
     }
 
-    /// What the path stands for in that module.
+    /// The target of the path in that module.
     pub(super) fn resolve(&self, module: &Module, path: &[String]) -> Target {
         self.resolve_within(module, path, MAX_REEXPORTS)
     }

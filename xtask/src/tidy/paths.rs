@@ -10,7 +10,7 @@ pub(crate) fn check(page: &str, exists: impl Fn(&str) -> bool) -> Vec<String> {
     quoted(page).filter(missing).map(|path| format!("ARCHITECTURE.md: names `{path}`, which does not exist")).collect()
 }
 
-/// What stands between single backticks on one line; fenced blocks are skipped.
+/// The text between single backticks on one line. Fenced blocks are skipped.
 fn quoted(page: &str) -> impl Iterator<Item = &str> {
     let mut fenced = false;
     page.lines()

@@ -4,7 +4,7 @@
 const LONG: usize = 600;
 const TOO_LONG: usize = 700;
 
-/// Folders whose crates may hold unsafe code, if each use says why it is sound.
+/// Folders whose crates may contain unsafe code, if each use states why it is sound.
 const MAY_BE_UNSAFE: [&str; 2] = ["crates/bvh/", "crates/denoise/"];
 
 /// The modules that open files: the door for those that are read; the writer, which opens folders to sync them and leftovers
@@ -12,10 +12,10 @@ const MAY_BE_UNSAFE: [&str; 2] = ["crates/bvh/", "crates/denoise/"];
 const MAY_OPEN: [&str; 3] =
     ["crates/io/src/files/input.rs", "crates/io/src/files/partial.rs", "crates/io/src/files/lock.rs"];
 
-/// What opens a file to read it.
+/// The calls that open a file to read it.
 const OPENERS: [&str; 5] = ["File::open", "File::options", "OpenOptions", "fs::read(", "fs::read_to_string"];
 
-/// What was found in one file.
+/// The findings in one file.
 #[derive(Debug, Default, PartialEq)]
 pub(crate) struct Findings {
     /// Violations.

@@ -1,4 +1,4 @@
-//! `dunkelfeld inspect`: what a scene holds, and what in it may trouble a render.
+//! `dunkelfeld inspect`: the content of a scene, and its hazards.
 
 use crate::args::InspectArgs;
 use crate::outcome::{Outcome, print};
@@ -95,7 +95,7 @@ fn cover_line(cover: &CoverEntry) -> String {
     format!("{shape}, across ({x:.3}, {y:.3}, {z:.3}): {}", layers.join(", "))
 }
 
-/// At most so many callers of an effect are named.
+/// Maximum number of listed causes of an effect.
 const MAX_CALLERS: usize = 4;
 
 fn effect_line(effect: &EffectEntry) -> String {

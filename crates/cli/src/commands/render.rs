@@ -1,4 +1,4 @@
-//! `dunkelfeld render`: flags onto a project, render, write, say what came out.
+//! `dunkelfeld render`: applies flags to a project, renders, writes the files and prints a summary.
 
 mod debug_sample;
 mod report;
@@ -28,7 +28,7 @@ pub(crate) fn run(args: &RenderArgs, started: Instant) -> Result<Outcome, Error>
         let elapsed = started.elapsed().as_secs_f64();
         sink.update(&ProgressState { stage, fraction, elapsed, remaining: None, samples });
     };
-    // Before anything is loaded: another process may be at work on it.
+    // Before anything is loaded: another process may use it.
     let checkpoint = args.checkpoint.as_ref().map(|path| checkpoint(args, path)).transpose()?;
     begin(Stage::Load, 0.0, 0);
     let mut project = Project::open_without(&args.input, started, &args.without)?;
@@ -58,7 +58,7 @@ pub(crate) fn run(args: &RenderArgs, started: Instant) -> Result<Outcome, Error>
     })
 }
 
-/// The checkpoint that flags name, locked.
+/// The checkpoint of the flags, locked.
 fn checkpoint(args: &RenderArgs, path: &Path) -> Result<CheckpointSettings, Error> {
     let mut checkpoint = CheckpointSettings::new(path);
     checkpoint.seconds = args.checkpoint_every.unwrap_or(checkpoint.seconds);
@@ -66,7 +66,7 @@ fn checkpoint(args: &RenderArgs, path: &Path) -> Result<CheckpointSettings, Erro
     Ok(checkpoint)
 }
 
-/// Flags win over what the project's file says. Gives the reason if the image has not its usual name.
+/// Flags override the project's file. Returns the reason if the image does not have its usual name.
 fn apply(args: &RenderArgs, project: &mut Project) -> Result<Option<String>, Error> {
     let s = &mut project.settings;
     if let Some(path) = &args.replay {
@@ -93,7 +93,7 @@ fn apply(args: &RenderArgs, project: &mut Project) -> Result<Option<String>, Err
     }
     s.strategy = args.allocate.or(s.strategy);
     if args.samples.is_some() {
-        // What the job says of budget and strategy is for the whole.
+        // The job's budget and strategy are for the whole render.
         (s.budget, s.strategy) = (Budget::default(), None);
         s.samples.clone_from(&args.samples);
     }
@@ -123,7 +123,7 @@ fn apply(args: &RenderArgs, project: &mut Project) -> Result<Option<String>, Err
     Ok(reason)
 }
 
-/// Another sensor or exposure, as the flags of any command name them.
+/// Another sensor or exposure, from the flags of any command.
 pub(crate) fn apply_sensor(
     sensor: Option<&str>,
     exposure: Option<ExposureChoice>,
@@ -156,7 +156,7 @@ pub(crate) fn apply_sensor(
     }
 }
 
-/// What noise is added. With the sensor its noise goes, too, also if a job says how.
+/// The noise that is added. Without the sensor there is no noise either, also if a job sets it.
 fn apply_exposure_noise(noise: Option<ExposureNoise>, s: &mut RenderSettings) -> Result<(), Error> {
     if noise.is_some() && !s.has_sensor() {
         let problem = "there is no sensor that adds noise";
@@ -195,7 +195,7 @@ pub(crate) fn apply_denoise(method: Option<DenoiseMethod>, oidn: Option<&PathBuf
     }
 }
 
-/// What reading and building found; no more of it than is read.
+/// Findings of import and scene builder, up to a maximum number of lines.
 fn notices(project: &Project) -> Vec<String> {
     let warnings = project.warnings.iter().map(|w| format!("warning: {w}"));
     let hazards = project.report.hazards().map(|f| format!("hazard: {}: {}", f.place, f.message));

@@ -76,7 +76,7 @@ fn sheet(model: &SensorModel) -> String {
     text
 }
 
-/// By how much the model is above what was published: in dB for decibels, in percent else.
+/// Difference of the model from the published value: in dB for decibels, otherwise in percent.
 fn difference(f: &Figure) -> String {
     match f.published {
         None => String::new(),
@@ -85,7 +85,7 @@ fn difference(f: &Figure) -> String {
     }
 }
 
-/// Four digits, without zeros that say nothing.
+/// Four digits, without trailing zeros.
 fn digits(v: f64) -> String {
     if v == 0.0 {
         return "0".into();

@@ -1,4 +1,5 @@
-//! `dunkelfeld bench`: flags onto a project and a measurement, then what was found and where it lies.
+//! `dunkelfeld bench`: applies flags to a project and a measurement, then prints the findings and the path of the
+//! report.
 
 use super::bench_args::BenchArgs;
 use super::series::{conclude, noted, report};

@@ -1,4 +1,4 @@
-//! `dunkelfeld emva`: data sets out, figures in.
+//! `dunkelfeld emva`: writes data sets, and computes figures from them.
 
 use super::emva_args::{AnalyseArgs, DatasetArgs, EmvaArgs, EmvaCommand, ReleaseChoice, VaryChoice};
 use crate::bar::Sink;

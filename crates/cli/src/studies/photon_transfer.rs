@@ -1,4 +1,4 @@
-//! `dunkelfeld ptc`: flags onto a project and a measurement, then what was found and where it lies.
+//! `dunkelfeld ptc`: applies flags to a project and a measurement, then prints the findings and the path of the report.
 
 use super::photon_transfer_args::PtcArgs;
 use super::series::{conclude, noted, report};
@@ -11,7 +11,7 @@ use dunkelfeld_studies::photon_transfer::{PtcSettings, StackSettings, ptc, ptc_f
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-/// Endings of files that are frames, not scenes.
+/// File extensions of frames. Others are scenes.
 const FRAMES: [&str; 4] = ["png", "tif", "tiff", "bmp"];
 
 pub(crate) fn run(args: &PtcArgs, started: Instant) -> Result<Outcome, Error> {

@@ -1,10 +1,10 @@
-//! How commands end that render a scene many times and keep what is finished.
+//! The end of commands that render a scene many times and keep the finished renders.
 
 use crate::outcome::{Outcome, print, say};
 use dunkelfeld::DefaultPath;
 use std::path::PathBuf;
 
-/// Prints what was found, and where the report is.
+/// Prints the findings and the path of the report.
 pub(crate) fn report(findings: &[String], files: &[PathBuf]) {
     let mut text = findings.iter().fold(String::new(), |text, line| text + line + "\n");
     if let Some(page) = files.first() {
@@ -13,7 +13,7 @@ pub(crate) fn report(findings: &[String], files: &[PathBuf]) {
     print(&text);
 }
 
-/// The folder of the results when none was named, with a note if it is not the usual one.
+/// The folder of the results when none is given, with a note if it is not the usual one.
 pub(crate) fn noted(folder: DefaultPath) -> PathBuf {
     if let Some(reason) = folder.reason {
         say(&format!("note: {reason}"));
@@ -21,7 +21,7 @@ pub(crate) fn noted(folder: DefaultPath) -> PathBuf {
     folder.path
 }
 
-/// Says what was wrong with the samples, and how many of all renders are kept if the work was interrupted.
+/// Prints the invalid samples, and how many of all renders are kept if the work was interrupted.
 pub(crate) fn conclude(invalid_samples: u64, [done, all]: [usize; 2], interrupted: bool) -> Outcome {
     if invalid_samples > 0 {
         say(&format!(

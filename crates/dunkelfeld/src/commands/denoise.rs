@@ -1,4 +1,4 @@
-//! `denoise`: an EXR of ours or of another renderer gets a denoised layer beside what it holds, or becomes a picture.
+//! `denoise`: adds a denoised layer to an EXR of ours or of another renderer, or converts it to a picture.
 
 use crate::denoising::{Denoised, find_denoiser, run};
 use crate::guard::check_outputs;
@@ -27,21 +27,21 @@ const BRIGHT: (f64, f32) = (0.995, 0.9);
 /// An EXR, and its denoised image.
 #[derive(Clone, Debug)]
 pub struct DenoisedFile {
-    /// What the file held, without an older denoised layer.
+    /// The content of the file, without an older denoised layer.
     pub layers: ExrLayers,
     /// The denoised image.
     pub denoised: Denoised,
-    /// What the denoiser was given beside the mean: `variance`, `albedo`, `normal`, `depth`.
+    /// The inputs of the denoiser beside the mean: `variance`, `albedo`, `normal`, `depth`.
     pub features: Vec<&'static str>,
-    /// Pixels whose radiance was negative, infinite or not a number: of what a denoiser makes of them and of those around them
-    /// nothing is known.
+    /// Pixels whose radiance was negative, infinite or not a number. The denoised values of these pixels and of those
+    /// around them are undefined.
     pub invalid: u64,
     /// Pixels whose variance was negative or not a number: it counts as unknown.
     pub invalid_variances: u64,
     inputs: InputFiles,
 }
 
-/// What a file tells a denoiser.
+/// The inputs of a denoiser from a file.
 struct Planes {
     mean: Plane<[f32; 3]>,
     variance: Option<Plane<[f32; 3]>>,
@@ -109,7 +109,7 @@ pub fn denoise_exr(
 /// the library of the settings.
 ///
 /// # Errors
-/// What is wrong with the name.
+/// The fault of the name.
 pub fn check_denoise_output(input: &Path, output: &Path, settings: &DenoiseSettings) -> Result<(), Error> {
     let mut inputs = InputFiles::new();
     inputs.add(input, Role::Image);
@@ -222,14 +222,14 @@ pub(crate) fn radiance_of(path: &Path, layers: &ExrLayers, name: Option<&str>) -
             }
         });
     };
-    // What no sample has seen is not black.
+    // Pixels without samples are not black.
     Ok(match layers.integers(Single::SampleCount) {
         Some(counts) if counts.data().contains(&0) => fill_gaps(&mean, &counts.map(|&n| n > 0)),
         _ => mean,
     })
 }
 
-/// What brings the bright parts of an image near white.
+/// The factor that scales the bright parts of an image to near white.
 fn brightness(mean: &Plane<[f32; 3]>) -> f32 {
     let mut values: Vec<f32> = mean.data().iter().map(|&[r, g, b]| Rgb::new(r, g, b).luminance()).collect();
     if values.is_empty() {

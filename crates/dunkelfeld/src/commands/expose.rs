@@ -1,4 +1,4 @@
-//! `expose`: an EXR of ours or of another renderer becomes frames of a camera.
+//! `expose`: converts an EXR of ours or of another renderer to frames of a camera.
 
 use crate::camera_fit::DEFAULT_F_NUMBER;
 use crate::commands::denoise::{invalid_variances_of, radiance_of};
@@ -32,7 +32,7 @@ pub(crate) const MAX_WAITING: usize = 16;
 /// Digits of a frame's number in a file's name, at least.
 const DIGITS: usize = 4;
 
-/// How an image is exposed.
+/// Settings of the exposure of an image.
 #[derive(Clone, Debug)]
 pub struct ExposeSettings {
     /// The sensor.
@@ -44,7 +44,7 @@ pub struct ExposeSettings {
     pub vignetting: Option<f64>,
     /// The exposure; `None` finds one: the 99.5 % quantile comes to 90 % of saturation.
     pub exposure: Option<Exposure>,
-    /// What noise the sensor adds to the image's own.
+    /// The sensor noise that is added: all, or less the noise of the image.
     pub exposure_noise: ExposureNoise,
     /// Seed of the noise and of the device.
     pub seed: u64,
@@ -52,7 +52,7 @@ pub struct ExposeSettings {
     pub first_frame: u32,
     /// How many frames.
     pub frames: u32,
-    /// The layer that holds radiance; `None` looks under the names that renderers use.
+    /// The layer that contains radiance. `None` searches the names that renderers use.
     pub layer: Option<String>,
     /// Threads; 0 takes as many as there are cores.
     pub threads: usize,
@@ -71,12 +71,12 @@ pub struct ExposeOutputs {
     pub linear: Option<PathBuf>,
 }
 
-/// What became of it.
+/// The result of an exposure.
 #[derive(Clone, Debug)]
 pub struct ExposedFile {
     /// Width and height \[pixels\].
     pub size: [u32; 2],
-    /// Frames that were written; fewer than asked for if it was cancelled.
+    /// Written frames: fewer than requested if the run was cancelled.
     pub frames: u32,
     /// The exposure that was used.
     pub exposure: Exposure,
@@ -84,12 +84,12 @@ pub struct ExposedFile {
     pub no_light: bool,
     /// Share of pixels whose expected electrons fill the well or reach the end of the converter.
     pub saturated: f64,
-    /// Share of pixels where matched exposure can hold, as far as the file tells of their noise. `None` if all of the camera's noise was
-    /// drawn.
+    /// Share of pixels where matched exposure can hold, as far as the file contains their noise. `None` if all of the
+    /// camera's noise was drawn.
     pub matched: Option<f64>,
     /// Pixels whose radiance was negative or not a number (they count as black) or infinite (they saturate).
     pub invalid: u64,
-    /// Pixels whose variance was negative or not a number, where it was asked for: it counts as unknown.
+    /// Pixels whose variance was negative or not a number, where it was required. It counts as unknown.
     pub invalid_variances: u64,
     /// Seconds that the exposures took, without anything else.
     pub expose_seconds: f64,
@@ -106,7 +106,7 @@ pub struct Exposer {
     exposure: Exposure,
     seed: u64,
     electrons: Plane<f32>,
-    /// What is known of their noise; `None` if all of the camera's noise is to be drawn.
+    /// Their noise, as far as it is known. `None` if all of the camera's noise is to be drawn.
     known: Option<CompensationInputs>,
     no_light: bool,
     invalid: u64,
@@ -127,7 +127,7 @@ impl Exposer {
         let (width, height) = (radiance.width(), radiance.height());
         if let Some(focal_length) = settings.vignetting {
             let distance = focal_length * (1.0 + optics.magnification()) / model.spec().pixel_pitch.0;
-            // What the lens lets through, relative to its axis.
+            // Transmission of the lens, relative to its axis.
             let share = Plane::from_fn(width, height, |x, y| cosine_fourth(x, y, width, height, distance));
             radiance = darkened(&radiance, &share);
             noise = noise.map(|noise| noise.darkened(&share));
@@ -145,8 +145,8 @@ impl Exposer {
     /// Reads an EXR and puts it in front of a camera.
     ///
     /// # Errors
-    /// A file that cannot be read or has no such layer; settings outside their range; noise that is to be matched, but that the
-    /// file does not tell of.
+    /// A file that cannot be read or has no such layer; settings outside their range; noise that is to be matched, but
+    /// is not in the file.
     pub fn open(path: &Path, settings: &ExposeSettings) -> Result<Self, Error> {
         check(settings)?;
         let is_matched = settings.exposure_noise == ExposureNoise::Matched;
@@ -454,17 +454,17 @@ fn darkened(radiance: &Plane<[f32; 3]>, share: &Plane<f64>) -> Plane<[f32; 3]> {
     })
 }
 
-/// What a file tells of the noise of its mean.
+/// The noise data of a mean, from a file.
 struct NoiseLayers {
     /// Variance of the mean, by channel.
     variance: Plane<[f32; 3]>,
     /// Covariance of its channels.
     covariance: Plane<[f32; 3]>,
-    /// What else a file of ours tells.
+    /// Further data of a file of ours.
     pixels: Option<PixelLayers>,
 }
 
-/// What pixels show, and what samples they have.
+/// Surface ids and samples of the pixels.
 struct PixelLayers {
     counts: Plane<u32>,
     surface: Plane<PixelFeatures>,
@@ -514,8 +514,8 @@ impl NoiseLayers {
         Self { variance, covariance, pixels }
     }
 
-    /// What that makes known of the electrons of a sensor: as in a render if the file tells which pixels show the same
-    /// surface; else each pixel's own variance counts.
+    /// The noise of the electrons of a sensor: as in a render if the file contains the ids of the surfaces in the
+    /// pixels, otherwise from each pixel's own variance.
     fn known(self, response: Response, sensor: SensorNoise, mean: &Plane<[f32; 3]>) -> CompensationInputs {
         let (width, height) = (mean.width(), mean.height());
         let Some(PixelLayers { counts, surface, scatter }) = self.pixels else {

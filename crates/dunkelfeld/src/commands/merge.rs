@@ -1,4 +1,4 @@
-//! Joins the parts of a render that several processes shared, and develops what they are together.
+//! Joins the parts of a render of several processes, and develops the joined film.
 
 use crate::frame::{Frame, develop_film};
 use crate::memory::{MemoryAccount, MemoryStats, merge_account};
@@ -13,7 +13,7 @@ use std::ops::Range;
 use std::path::PathBuf;
 use std::time::Instant;
 
-/// What a merge reads and writes.
+/// Inputs and outputs of a merge.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct MergeSettings {
     /// The parts, in any order.
@@ -28,16 +28,16 @@ pub struct MergeSettings {
     pub memory_limit: Option<u64>,
 }
 
-/// What a merge brought together.
+/// The result of a merge.
 #[derive(Debug)]
 pub struct Merged {
-    /// Of every pixel these samples.
+    /// The samples of every pixel.
     pub samples: Range<u32>,
     /// The film, as if one process had rendered it.
     pub rendering: Rendering,
     /// The exposed frame.
     pub frame: Frame,
-    /// What was achieved, and by which parts.
+    /// The statistics, with the parts.
     pub stats: Stats,
 }
 
@@ -85,12 +85,12 @@ pub fn merge(settings: &MergeSettings, started: Instant) -> Result<Merged, Error
     Ok(Merged { samples, rendering, frame, stats })
 }
 
-/// What can be said of the outputs before the parts are read.
+/// Checks of the outputs before the parts are read.
 fn check_outputs(settings: &MergeSettings) -> Result<(), Error> {
     let outputs = &settings.outputs;
     let mut inputs = InputFiles::new();
     settings.parts.iter().for_each(|part| inputs.add(part, Role::Part));
-    // Whether there is a sensor is not known yet.
+    // The sensor is still unknown here.
     outputs.check_beside(true, settings.checkpoint.as_deref(), &inputs)?;
     if let Some(path) = &settings.checkpoint {
         written(path, dunkelfeld_io::atomic::check_writable(path))?;
@@ -98,7 +98,7 @@ fn check_outputs(settings: &MergeSettings) -> Result<(), Error> {
     Ok(())
 }
 
-/// What the merge needs, if the first part says its size. A file that is none is found out when it is read.
+/// The account of the merge, if the first part contains its size. A file that is no part is detected when it is read.
 fn check_memory(settings: &MergeSettings) -> Result<Option<MemoryAccount>, Error> {
     let Some(size) = settings.parts.first().and_then(|part| checkpoint_size(part)) else { return Ok(None) };
     let account = merge_account(size, &settings.outputs, thread_count(settings.threads));

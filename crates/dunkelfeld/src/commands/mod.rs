@@ -1,4 +1,4 @@
-//! What is done to files of earlier renders: join parts, expose, denoise.
+//! Commands on files of earlier renders: merge, expose, denoise.
 
 pub(crate) mod denoise;
 pub(crate) mod expose;

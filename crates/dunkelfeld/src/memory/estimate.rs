@@ -12,7 +12,7 @@ use dunkelfeld_sensor::ExposureNoise;
 
 /// The program itself, its libraries and small things.
 const PROGRAM: u64 = 24_000_000;
-/// A thread: what it touches of its stack, and what its allocator keeps.
+/// A thread: the used part of its stack, and the memory that its allocator keeps.
 const THREAD: u64 = 2 << 20;
 /// Pixels of a tile; a thread has two tiles in work.
 const TILE_PIXELS: u64 = (dunkelfeld_render::TILE * dunkelfeld_render::TILE) as u64;
@@ -32,19 +32,20 @@ const SUMS: u64 = size_of::<PixelSums>() as u64;
 
 /// Bytes per pixel of planes, each on a line of its own.
 mod per_pixel {
-    /// What each pixel's centre shows (8); samples so far (4); weights (4); samples at which a pixel has enough (4).
+    /// Ids at each pixel's centre (8); samples so far (4); weights (4); sample counts at which a pixel needs no more
+    /// (4).
     pub(super) const KEPT: u64 = 20;
     /// The plan of a round and its increments (8), work units (1).
     pub(super) const ROUND: u64 = 9;
     /// A plan that is replayed: as it was read, in the settings of the render, and cut to its samples.
     pub(super) const REPLAY: u64 = 12;
-    /// What a checkpoint adds: object and material numbers (8).
+    /// The additional data of a checkpoint: object and material numbers (8).
     pub(super) const CHECKPOINT: u64 = 8;
     /// The mean (12), which pixels have samples (1), and a copy where gaps are filled (12).
     pub(super) const MEAN: u64 = 25;
     /// Signal and counts (8), each pixel's noise by its own samples (12).
     pub(super) const NOISE: u64 = 20;
-    /// The image as the sensor sees it (4), what neighbours let expect (8), ...
+    /// The image in the channels of the sensor (4), estimates from neighbours (8), ...
     pub(super) const EXPECTED: u64 = 12;
     /// ... needs by both (10), shares, levels and targets of the forecast (12).
     pub(super) const PLAN: u64 = 22;
@@ -58,7 +59,7 @@ mod per_pixel {
     pub(super) const FRAME: u64 = 9;
     /// Defects and fixed pattern of the device.
     pub(super) const DEVICE: u64 = 8;
-    /// What a denoiser is shown of a film: mean, albedo, normal with variances (72), depth with variance (8).
+    /// The film's inputs of a denoiser: mean, albedo, normal with variances (72), depth with variance (8).
     pub(super) const FEATURES: u64 = 80;
     /// The built-in filter: variances, averages and result (36), one of them twice while tiles are put together (12).
     pub(super) const BUILTIN: u64 = 48;
@@ -72,7 +73,7 @@ mod per_pixel {
 /// ... which do not grow beyond this: it works in tiles then.
 const OIDN_MOST: u64 = 3_200_000_000;
 
-/// What writing an EXR takes, strip by strip.
+/// The memory for writing an EXR, strip by strip.
 fn exr_bytes(px: u64) -> u64 {
     px.saturating_mul(EXR_CHANNELS).min(EXR_MOST)
 }
@@ -81,7 +82,7 @@ fn pixels(width: u32, height: u32) -> u64 {
     u64::from(width) * u64::from(height)
 }
 
-/// Everything that the memory of a render depends on.
+/// All inputs of the memory account of a render.
 #[derive(Clone, Copy)]
 pub(crate) struct RenderNeeds<'a> {
     pub(crate) scene: &'a SceneSummary,
@@ -90,8 +91,8 @@ pub(crate) struct RenderNeeds<'a> {
     pub(crate) threads: usize,
 }
 
-/// What a render needs. [`MemoryAccount::check`] may be told that scene and textures are held already: they are the first of the numbers
-/// that are returned.
+/// The account of a render. The first numbers that are returned are the scene and the textures.
+/// [`MemoryAccount::check`] takes them as memory that is held already.
 pub(crate) fn render_account(required_samples: RenderNeeds<'_>) -> (u64, MemoryAccount) {
     let RenderNeeds { scene, settings, outputs, threads } = required_samples;
     let (width, height) = (settings.width, settings.height);
@@ -156,7 +157,7 @@ pub(crate) fn render_account(required_samples: RenderNeeds<'_>) -> (u64, MemoryA
     (PROGRAM + scene.memory_bytes, account)
 }
 
-/// What a merge of parts of that size needs.
+/// The account of a merge of parts of that size.
 pub(crate) fn merge_account((width, height): (u32, u32), outputs: &OutputPaths, threads: usize) -> MemoryAccount {
     let px = pixels(width, height);
     let planes = |bytes: u64| px.saturating_mul(bytes);
@@ -176,7 +177,7 @@ pub(crate) fn merge_account((width, height): (u32, u32), outputs: &OutputPaths, 
     account
 }
 
-/// What exposing an image needs whose channels take so many bytes.
+/// The account of the exposure of an image whose channels take so many bytes.
 pub(crate) fn expose_account(size: (u32, u32), channel_bytes: u64, is_matched: bool, threads: usize) -> MemoryAccount {
     let px = pixels(size.0, size.1);
     let planes = |bytes: u64| px.saturating_mul(bytes);
@@ -194,7 +195,7 @@ pub(crate) fn expose_account(size: (u32, u32), channel_bytes: u64, is_matched: b
     account
 }
 
-/// What denoising an image needs whose channels take so many bytes.
+/// The account of the denoising of an image whose channels take so many bytes.
 pub(crate) fn denoise_account(
     size: (u32, u32),
     channel_bytes: u64,
@@ -212,7 +213,7 @@ pub(crate) fn denoise_account(
     account
 }
 
-/// Planes and buffers of a denoiser, without the features that it is shown.
+/// Planes and buffers of a denoiser, without its input features.
 fn denoiser_bytes(px: u64, method: DenoiseMethod) -> u64 {
     match method {
         DenoiseMethod::Off => 0,

@@ -50,7 +50,7 @@ use serde::de::{Deserializer, Error};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-/// The preset of a render that says nothing about its sensor.
+/// The preset of a render without a given sensor.
 pub const DEFAULT_SENSOR: &str = "imx250";
 
 /// A job. Input paths in it are resolved (relative ones against the job file's folder); output paths are as written, so
@@ -68,7 +68,7 @@ pub struct Job {
     /// Number of the frame; frames of one seed have independent noise. Default 0.
     #[serde(default)]
     pub frame: u32,
-    /// How the scene file is understood.
+    /// Settings of the import of the scene file.
     #[serde(default)]
     pub import: ImportSettings,
     /// The lens before the sensor.
@@ -77,25 +77,25 @@ pub struct Job {
     /// Size of the image.
     #[serde(default)]
     pub film: FilmSettings,
-    /// When to stop.
+    /// Limits at which the render stops.
     #[serde(default)]
     pub budget: BudgetSettings,
-    /// Where samples go.
+    /// Allocation of the samples.
     #[serde(default)]
     pub allocate: AllocateSettings,
     /// The camera's sensor.
     #[serde(default)]
     pub sensor: SensorSettings,
-    /// What the transport of light models.
+    /// Effects of light transport that are modelled.
     #[serde(default)]
     pub render: TransportSettings,
-    /// What the picture is denoised with.
+    /// The denoiser of the picture.
     #[serde(default)]
     pub denoise: DenoiseSettings,
     /// Files to write.
     #[serde(default)]
     pub output: OutputSettings,
-    /// Light from all around; replaces that of the scene.
+    /// Light from all directions. It replaces that of the scene.
     pub environment: Option<EnvironmentSettings>,
     /// `[[material]]`: changes to materials, applied in order.
     #[serde(default, rename = "material")]
@@ -134,8 +134,8 @@ pub struct FilmSettings {
     /// Height in pixels, 1 to 32768.
     #[serde(deserialize_with = "check::pixels")]
     pub height: Option<u32>,
-    /// Side of a pixel \[m\] on the sensor, written as `"3.45um"`; what a focal length is measured against. By default
-    /// that of the sensor model.
+    /// Side of a pixel \[m\] on the sensor, written as `"3.45um"`. A focal length refers to it. Default: that of the
+    /// sensor model.
     #[serde(deserialize_with = "check::positive_length")]
     pub pixel_pitch: Option<f64>,
     /// Width \[m\] of the film on the sensor, whatever the number of pixels; instead of `pixel_pitch`.
@@ -146,7 +146,7 @@ pub struct FilmSettings {
     pub sensor_height: Option<f64>,
 }
 
-/// `[budget]`: with several rules the first to be met stops.
+/// `[budget]`: with several limits, the first one that is reached ends the render.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct BudgetSettings {
@@ -159,7 +159,7 @@ pub struct BudgetSettings {
     /// The k at which 99 % of the unsaturated pixels shall be hidden beneath the sensor's noise.
     #[serde(deserialize_with = "check::noise")]
     pub noise: Option<f64>,
-    /// The most memory \[bytes\] that the run may need: `"6GB"`. Beyond it the run does not begin.
+    /// Memory limit of the run \[bytes\]: `"6GB"`. A run that needs more does not begin.
     #[serde(deserialize_with = "check::memory")]
     pub memory: Option<u64>,
 }
@@ -170,11 +170,11 @@ pub struct BudgetSettings {
 pub struct AllocateSettings {
     /// `"uniform"`, `"sobel"`, `"variance"` or `"sensor"`. By default `"sensor"` with a sensor, `"sobel"` without.
     pub strategy: Option<Strategy>,
-    /// Samples per pixel of the uniform pilot that the plan is made from. Default 16.
+    /// Samples per pixel of the uniform pilot, from which the plan is computed. Default 16.
     #[serde(deserialize_with = "check::pilot_spp")]
     pub pilot_spp: u32,
-    /// No pixel's Sobel magnitude counts for less than this share of the image's mean magnitude, 0 to 1: the least that
-    /// regions without edges get. Default 0.25.
+    /// Lower bound of the Sobel magnitude of a pixel, as a share of the mean magnitude of the image, 0 to 1. Regions
+    /// without edges get this share. Default 0.25.
     #[serde(deserialize_with = "check::share")]
     pub floor: f64,
 }
@@ -194,11 +194,11 @@ pub struct SensorSettings {
     pub model: SensorChoice,
     /// Exposure time (`"5ms"`), or `"auto"` (default): the 99.5 % quantile at 90 % of saturation.
     pub exposure: Exposure,
-    /// `"plain"` (default): all of the camera's noise; `"matched"`: of it only what the render does not have already.
+    /// `"plain"` (default): all noise of the camera. `"matched"`: the noise of the camera less the noise of the render.
     pub exposure_noise: ExposureNoise,
 }
 
-/// Which sensor.
+/// The choice of a sensor.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum SensorChoice {
     /// No sensor.
@@ -227,7 +227,7 @@ impl<'de> Deserialize<'de> for SensorChoice {
     }
 }
 
-/// How long light is gathered.
+/// The exposure time.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Exposure {
     /// Chosen so that the 99.5 % quantile of the image reaches 90 % of saturation.
@@ -250,7 +250,8 @@ impl<'de> Deserialize<'de> for Exposure {
             Written::Text(text) => f64::from(text.parse::<crate::quantity::Time>().map_err(D::Error::custom)?),
             Written::Seconds(v) => v,
         };
-        // What the sensor takes: also a number so small that its digits are lost is refused here, where the line is known.
+        // The sensor's own check runs here, where the line is available. It also refuses a number whose digits are lost
+        // in f32.
         if dunkelfeld_sensor::Exposure::new(Seconds(seconds)).is_ok() {
             return Ok(Self::Seconds(seconds));
         }
@@ -270,7 +271,7 @@ pub struct TransportSettings {
     pub energy_compensation: bool,
 }
 
-/// `[output]`: paths relative to the current folder; what is absent is not written.
+/// `[output]`: paths relative to the current folder. A file without a path is not written.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct OutputSettings {
@@ -303,7 +304,7 @@ pub struct EnvironmentSettings {
     pub rotation: Option<f32>,
 }
 
-/// `[[material]]`: what is given replaces the factor of that name; textures go on multiplying it.
+/// `[[material]]`: a given value replaces the factor of that name. Textures still multiply it.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct MaterialOverride {
@@ -334,7 +335,7 @@ pub struct MaterialOverride {
     /// Emitted radiance [W/(m^2 sr)].
     #[serde(default, deserialize_with = "check::light")]
     pub emission: Option<Rgb>,
-    /// Does it emit on both sides?
+    /// Is the emission two-sided?
     pub double_sided: Option<bool>,
     /// Emits its base colour and scatters nothing.
     pub unlit: Option<bool>,
@@ -347,13 +348,13 @@ pub struct MaterialOverride {
     /// Tint of the dielectric reflection.
     #[serde(default, deserialize_with = "check::color")]
     pub specular_color: Option<Rgb>,
-    /// How far the dielectric reflection takes the base colour's hue, 0 to 1.
+    /// Share of the base colour's hue in the dielectric reflection, 0 to 1.
     #[serde(default, deserialize_with = "check::unit")]
     pub specular_tint: Option<f32>,
-    /// Share of the non-metallic light that passes through, 0 to 1.
+    /// Share of the non-metallic light that is transmitted, 0 to 1.
     #[serde(default, deserialize_with = "check::unit")]
     pub transmission: Option<f32>,
-    /// Share of the diffuse light that comes out on the other side, 0 to 1.
+    /// Share of the diffuse light that leaves on the other side, 0 to 1.
     #[serde(default, deserialize_with = "check::unit")]
     pub diffuse_transmission: Option<f32>,
     /// Colour of that light.
@@ -361,7 +362,8 @@ pub struct MaterialOverride {
     pub diffuse_transmission_color: Option<Rgb>,
     /// `true`: the closed boundary of a solid that refracts, absorbs and scatters; `false`: a thin sheet.
     pub solid: Option<bool>,
-    /// Where solids touch or overlap the highest priority counts; of equal ones the smaller solid. Default 0.
+    /// Where solids touch or overlap, the one with the highest priority is used, and of equal ones the smaller solid.
+    /// Default 0.
     #[serde(default, deserialize_with = "check::priority")]
     pub priority: Option<i32>,
     /// Colour of white light after `attenuation_distance` in the solid, each channel above 0.
@@ -370,13 +372,13 @@ pub struct MaterialOverride {
     /// Distance \[m\] for `attenuation_color`; written as `"2mm"`.
     #[serde(default, deserialize_with = "check::distance")]
     pub attenuation_distance: Option<f32>,
-    /// The share of this attenuation that is scattered rather than absorbed, 0 to 1: the single-scattering albedo.
+    /// The single-scattering albedo, 0 to 1: the part of this attenuation that is scattered. The rest is absorbed.
     #[serde(default, deserialize_with = "check::color")]
     pub scattering_albedo: Option<Rgb>,
-    /// Absorption coefficient of the solid [1/m], in place of what attenuation says; written as `"0.5/mm"`.
+    /// Absorption coefficient of the solid [1/m]. It replaces the one from the attenuation. Written as `"0.5/mm"`.
     #[serde(default, deserialize_with = "check::coefficient")]
     pub absorption: Option<Rgb>,
-    /// Scattering coefficient of the solid [1/m], in place of what attenuation says; written as `"0.5/mm"`.
+    /// Scattering coefficient of the solid [1/m]. It replaces the one from the attenuation. Written as `"0.5/mm"`.
     #[serde(default, deserialize_with = "check::coefficient")]
     pub scattering: Option<Rgb>,
     /// Mean cosine g of the deflection by scattering (Henyey and Greenstein), -0.9999 to 0.9999.
@@ -416,9 +418,9 @@ pub enum AlphaKind {
 
 /// `[[light]]`: at most one of `radiance`, `power`, `intensity` and `irradiance`.
 ///
-/// The name is looked for among lights without extent, then among objects (nodes) with an emissive material, then among
-/// emissive materials, then among all objects and all materials; the first that has it counts. An object that shares its
-/// mesh or material with others gets its own copy.
+/// The name is searched among lights without extent, then among objects (nodes) with an emissive material, then among
+/// emissive materials, then among all objects and all materials. The first kind with a match is used. An object that
+/// shares its mesh or material with others gets its own copy.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct LightOverride {
@@ -453,7 +455,7 @@ impl Job {
     /// Reads a job file.
     ///
     /// # Errors
-    /// If the file cannot be read, or says something wrong: with line and caret.
+    /// If the file cannot be read or is invalid: with line and caret.
     pub fn from_file(path: &Path) -> Result<Self, InputError> {
         let mut inputs = InputFiles::new();
         let file = TomlFile::read(path, Role::Job, &mut inputs)?;
@@ -463,10 +465,10 @@ impl Job {
         Ok(job)
     }
 
-    /// Reads a job from a text; `path` stands in messages, and its folder is what input paths are relative to.
+    /// Reads a job from a text. `path` appears in messages. Input paths are relative to its folder.
     ///
     /// # Errors
-    /// If the text says something wrong.
+    /// If the text is invalid.
     pub fn from_text(path: impl Into<PathBuf>, text: impl Into<String>) -> Result<Self, InputError> {
         Self::from_toml(TomlFile::from_text(path, text))
     }
@@ -519,7 +521,7 @@ impl Job {
         Ok(job)
     }
 
-    /// The files that the job names to be read, whether they can be or not, and its own if it was read from one.
+    /// The files that the job names as inputs, readable or not, and the job file if the job was read from one.
     pub fn inputs(&self) -> &InputFiles {
         &self.inputs
     }
@@ -537,7 +539,7 @@ impl Job {
         inputs
     }
 
-    /// How the scene file is to be read.
+    /// Options for reading the scene file.
     pub fn import_options(&self) -> ImportOptions {
         let mut limits = Limits::default();
         if let Some(bytes) = self.import.texture_memory {
@@ -547,7 +549,7 @@ impl Job {
         ImportOptions { limits, emissive_unit: self.import.emissive_unit, ..ImportOptions::default() }
     }
 
-    /// An error of reading [`Job::scene`]: if there is no such file to read at all, the job's line is at fault.
+    /// An error of reading [`Job::scene`]. If the file does not exist, the error points at the line of the job.
     pub fn scene_error(&self, error: InputError) -> InputError {
         if error.file != self.scene || !["file", "file name"].contains(&error.place.as_str()) {
             return error;
@@ -557,8 +559,8 @@ impl Job {
         self.source.error_at_key(&["scene"], problem, error.help)
     }
 
-    /// An error of reading the sensor that `[sensor] model` names: if there is no such preset or file to read at all, the job's line is
-    /// at fault.
+    /// An error of reading the sensor of `[sensor] model`. If neither a preset nor a file of that name exists, the
+    /// error points at the line of the job.
     pub fn sensor_error(&self, error: InputError) -> InputError {
         if !["file", "the file", "the sensor"].contains(&error.place.as_str()) {
             return error;

@@ -1,8 +1,8 @@
-//! Numbers with units as people write them: `5ms`, `2min 30s`, `12mm`, `30deg`, `1.5W`, `0.5/mm`, `6GB`.
+//! Numbers with units as text: `5ms`, `2min 30s`, `12mm`, `30deg`, `1.5W`, `0.5/mm`, `6GB`.
 //!
-//! Job files, sensor files and command-line flags share these types. Values are held in SI units. A time, a length or a
-//! power may also be written as a plain number in seconds, metres or watts; an angle needs its unit, because both degrees
-//! and radians are common, and so does a size of memory, because nobody counts bytes.
+//! Job files, sensor files and command-line flags share these types. Values are stored in SI units. A time, a length or
+//! a power may also be a plain number in seconds, metres or watts. An angle needs its unit, because both degrees and
+//! radians are common. An amount of memory needs its unit, because plain bytes are unusual.
 
 use std::fmt;
 use std::str::FromStr;
@@ -41,7 +41,7 @@ const MEMORY: &[Unit] = &[
     (&["TiB"], 1_099_511_627_776.0),
 ];
 
-/// A quantity that cannot be read; the message says what is wrong and how to write it.
+/// A quantity that cannot be read. The message contains the problem and the correct form.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{0}")]
 pub struct QuantityError(String);

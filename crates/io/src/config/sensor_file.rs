@@ -51,10 +51,10 @@ use crate::input::{InputFiles, Role};
 use crate::job::check::whole;
 use crate::toml_file::TomlFile;
 
-/// Temperature of a sensor about which nothing is said.
+/// Temperature of a sensor whose file states none.
 const ROOM_TEMPERATURE: Celsius = Celsius(25.0);
 
-/// The sensor of a preset's name or, if there is no such preset, of a file.
+/// The sensor of the preset of this name, or of the file if there is no such preset.
 ///
 /// # Errors
 /// No such preset or file, or a file that is not a sensor.
@@ -71,7 +71,7 @@ pub fn find_sensor_recorded(name_or_path: &str, inputs: &mut InputFiles) -> Resu
         return preset(name_or_path);
     }
     let path = Path::new(name_or_path);
-    // A bare word that is not a file was meant as a name.
+    // A plain word that is no file is taken for a name.
     if path.extension().is_none() && !path.exists() { preset(name_or_path) } else { load_sensor_recorded(path, inputs) }
 }
 
@@ -306,7 +306,7 @@ impl PublishedToml {
 }
 
 impl PublishedToml {
-    /// Where a figure stands in the file.
+    /// The key path of a value in the file.
     fn span(&self, figure: &str) -> Option<Range<usize>> {
         let field = match figure {
             "quantum_efficiency_percent" => &self.quantum_efficiency_percent,
@@ -346,7 +346,7 @@ impl ColorFilterToml {
 }
 
 impl SensorToml {
-    /// `derived` and `assumed` are promises about keys; a promise about nothing is a misspelt one.
+    /// `derived` and `assumed` name keys. A name that is no key is a misspelt one.
     fn check_names(&self, file: &TomlFile) -> Result<(), InputError> {
         match self.derived.iter().chain(&self.assumed).find(|name| !KEYS.contains(&name.get_ref().as_str())) {
             Some(name) => Err(file.error_at(
@@ -375,7 +375,7 @@ impl SensorToml {
         }
     }
 
-    /// K \[DN/e-\], and where it stands.
+    /// K \[DN/e-\], and its key path.
     fn gain(&self, file: &TomlFile) -> Result<(f64, Range<usize>), InputError> {
         match (&self.gain_e_per_dn, &self.gain_dn_per_e) {
             (Some(inverse), None) => Ok((1.0 / file.positive(inverse)?, inverse.span())),
@@ -390,7 +390,7 @@ impl SensorToml {
         }
     }
 
-    /// Where a field of [`SensorSpec`] stands in the file.
+    /// The key path of a field of [`SensorSpec`].
     fn span(&self, field: &str, gain: &Range<usize>) -> Option<Range<usize>> {
         let of = |value: &Option<Spanned<f64>>| value.as_ref().map(Spanned::span);
         let dark = self.dark_current.as_ref();

@@ -1,4 +1,4 @@
-//! TOML files into typed data, with errors that show line, caret and help: job and sensor files stand on this.
+//! TOML files into typed data, with errors that show line, caret and help. Job and sensor files use it.
 //!
 //! ```
 //! use dunkelfeld_io::toml_file::TomlFile;
@@ -30,7 +30,7 @@ use crate::error::{InputError, SourceSpan};
 use crate::input::{InputFiles, Role};
 use crate::names::nearest_names;
 
-/// Larger files are refused: nobody writes a megabyte of settings.
+/// Larger files are refused: no settings need a megabyte.
 const LARGEST: u64 = 1 << 20;
 
 /// A TOML text and the file it came from. Errors that it makes point into the text.
@@ -88,7 +88,7 @@ impl TomlFile {
             let error = span.map(|range| self.error_at(range, &message.problem, &message.help));
             match (error, message.missing) {
                 (Some(error), None) => error,
-                // Only a key that is missing from a table has a header to point at.
+                // Only a key that is missing from a table has a header for the caret.
                 (Some(mut error), Some(key)) if !error.place.starts_with("line ") => {
                     error.place = join_place(&error.place, &key);
                     error
@@ -111,7 +111,7 @@ impl TomlFile {
     }
 
     /// An error about the value of a key: its path, with positions in arrays as numbers from 0 (`["light", "2", "name"]`).
-    /// A path that leads nowhere gives an error without a caret.
+    /// A path that does not exist gives an error without a caret.
     pub fn error_at_key(&self, path: &[&str], problem: impl Into<String>, help: impl Into<String>) -> InputError {
         match DeTable::parse(&self.text).ok().and_then(|root| span_of(root.get_ref(), path)) {
             Some(range) => self.error_at(range, problem, help),
@@ -181,7 +181,7 @@ enum Step {
     Item(usize),
 }
 
-/// Looks for the innermost key or value around a range.
+/// Searches the innermost key or value around a range.
 struct Finder<'a> {
     range: &'a Range<usize>,
     /// Length of the tightest span so far, and its path.
@@ -222,7 +222,7 @@ impl Finder<'_> {
     }
 }
 
-/// Where the value at the end of a key path stands.
+/// The range of the value at the end of a key path.
 fn span_of(table: &DeTable<'_>, path: &[&str]) -> Option<Range<usize>> {
     let (first, mut rest) = path.split_first()?;
     let mut value = table.iter().find(|(key, _)| key.get_ref() == first)?.1;
@@ -257,7 +257,7 @@ fn join_place(table: &str, key: &str) -> String {
     format!("[{}] {key}", table.trim_matches(['[', ']']))
 }
 
-/// What serde and toml report, reworded as a problem and help.
+/// The errors of serde and toml, reworded as a problem and help.
 struct Message {
     problem: String,
     help: String,
@@ -329,7 +329,7 @@ impl Message {
     }
 }
 
-/// What serde calls a kind of value, as people call it.
+/// The user's word for a kind of value of serde.
 fn in_words(wanted: &str) -> String {
     match wanted {
         "u8" => format!("a whole number from 0 to {}", u8::MAX),

@@ -1,4 +1,5 @@
-//! Files that appear whole or not at all: a temporary file in the same folder, synced, then renamed over the target.
+//! Files that are written completely or not at all: a temporary file in the same folder, synced, then renamed to the
+//! target.
 
 use std::fs;
 use std::io::{self, BufWriter, Seek, SeekFrom, Write};
@@ -28,14 +29,14 @@ where
     let write = || {
         let mut writer = BufWriter::new(PartialFile { file: new_file(&target)? });
         let result = fill(&mut writer).and_then(|()| writer.flush());
-        // What is still in the buffer after a fault is not written.
+        // After a fault the rest of the buffer is not written.
         let (partial, _) = writer.into_parts();
         result.and_then(|()| partial.finish(&target))
     };
     write().map_err(|e| explain(path, folder_of(&target), &e))
 }
 
-/// A file that is being written under a name of its own. Writes are whole or fail: signals and short writes are seen to.
+/// A file that is written under a temporary name. Writes are complete or fail. Signals and short writes are handled.
 #[derive(Debug)]
 pub struct PartialFile {
     file: NamedTempFile,
@@ -84,7 +85,7 @@ impl Seek for PartialFile {
     }
 }
 
-/// Would [`write_atomically`] succeed now, but for a full disk? For those who want to know before hours of work.
+/// Would [`write_atomically`] succeed now, apart from a full disk? Long runs check this before they start.
 ///
 /// # Errors
 /// As [`write_atomically`]. Nothing is left behind, and an existing file is not touched.
@@ -94,7 +95,7 @@ pub fn check_writable(path: &Path) -> io::Result<()> {
     new_file(&target).map(drop).map_err(|e| explain(path, folder, &e))
 }
 
-/// The file that `path` stands for, if it can be one.
+/// The file of `path`, if it can be one.
 fn writable_target(path: &Path) -> io::Result<PathBuf> {
     if path.file_name().is_none() {
         return Err(io::Error::new(
@@ -117,7 +118,7 @@ fn writable_target(path: &Path) -> io::Result<PathBuf> {
             format!("cannot write {}: it is {what}, not a regular file; name a regular file", path.display()),
         ));
     }
-    // A file that is protected against writing stays protected: the rename alone would not notice.
+    // A write-protected file stays protected. The rename alone would replace it.
     if fs::metadata(&target).is_ok_and(|m| m.permissions().readonly()) {
         return Err(io::Error::new(
             io::ErrorKind::PermissionDenied,
@@ -134,7 +135,7 @@ fn explain(path: &Path, folder: &Path, error: &io::Error) -> io::Error {
     io::Error::new(error.kind(), format!("cannot write {}: {}", path.display(), cause(folder, error)))
 }
 
-/// Why something in a folder cannot be written, and what to do about it.
+/// The reason why something in a folder cannot be written, with help.
 pub(crate) fn cause(folder: &Path, error: &io::Error) -> String {
     match error.kind() {
         io::ErrorKind::NotFound if !folder.exists() => {
@@ -153,7 +154,7 @@ pub(crate) fn cause(folder: &Path, error: &io::Error) -> String {
         io::ErrorKind::CrossesDevices => {
             format!("{error}; the file is a mount point of its own; name a file beside it or in another folder")
         }
-        // What an encoder says of its data.
+        // The message of an encoder about its data.
         _ if error.raw_os_error().is_none() => error.to_string(),
         _ => format!("{error}; check the disk {} is on, or write elsewhere", folder.display()),
     }

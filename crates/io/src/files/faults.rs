@@ -1,6 +1,7 @@
-//! Where tests make operations of the file system fail. In a program that is no test, nothing of this is compiled in.
+//! Points where tests make operations of the file system fail. Other builds contain none of this.
 //!
-//! Everything that writes passes here before each operation: [`before`] may fail in its place, [`most`] may shorten a write.
+//! Every write calls these functions before each operation: [`before`] may fail in its place, [`most`] may shorten a
+//! write.
 
 use std::io;
 

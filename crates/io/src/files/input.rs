@@ -1,4 +1,4 @@
-//! The one door for files that are read: every file is checked, bounded and recorded here, and is opened nowhere else.
+//! The one module that opens files for reading: every file is checked, bounded and recorded here.
 //!
 //! Only regular files are read. Their type is checked before they are opened, because opening a named pipe can block, and
 //! again on the open handle, because another file may have taken the name in between. No more bytes are read than the
@@ -13,10 +13,10 @@ use std::path::{Path, PathBuf};
 
 /// The largest file that is read in pieces, a checkpoint or a render \[bytes\]: more than the largest film takes.
 pub const MAX_STREAMED: u64 = 64 << 30;
-/// Folders of results have folders of results in them, and these none.
+/// The depth of nested result folders: folders of results contain folders of results, and these contain none.
 const RESULT_DEPTH: u32 = 1;
 
-/// What a file is read as.
+/// The use of an input file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Role {
     /// The scene file.
@@ -80,8 +80,8 @@ impl Role {
     }
 }
 
-/// What a name stands for, as far as the file system says: two identities are of one file if a name, a resolved name, or
-/// device and inode agree.
+/// The identity of a file from the file system: two identities are of one file if a name, a resolved name, or device
+/// and inode agree.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct FileIdentity {
     named: PathBuf,
@@ -93,7 +93,7 @@ pub struct FileIdentity {
     id: Option<(u64, u64)>,
 }
 
-/// One of the things that a file is known by.
+/// One key of a file's identity.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum FileKey<'a> {
     /// A path: as it was named, or resolved.
@@ -103,7 +103,7 @@ pub enum FileKey<'a> {
 }
 
 impl FileIdentity {
-    /// The identity of what has the name now, or would have it.
+    /// The identity of the present or future file of this name.
     pub fn from_path(path: &Path) -> Self {
         Self::with_metadata(path, std::fs::metadata(path).ok().as_ref())
     }
@@ -119,7 +119,7 @@ impl FileIdentity {
         &self.named
     }
 
-    /// What the file is known by: two identities that share a key are of one file.
+    /// The keys of the file: two identities that share a key are of one file.
     pub fn keys(&self) -> impl Iterator<Item = FileKey<'_>> {
         let paths = [Some(&self.named), self.place.as_ref(), self.target.as_ref()];
         let id = self.id.map(|(device, inode)| FileKey::Inode(device, inode));
@@ -131,7 +131,7 @@ impl FileIdentity {
         self.keys().any(|key| other.keys().any(|k| k == key))
     }
 
-    /// Is the file, or the link that stands for it, in a folder or one within it? `folder` is canonical.
+    /// Is the file, or the link to it, in a folder or in one within it? `folder` is canonical.
     pub fn is_within(&self, folder: &Path) -> bool {
         [&self.place, &self.target].into_iter().flatten().any(|path| path.starts_with(folder))
     }
@@ -151,7 +151,7 @@ fn id_of(_: &Metadata) -> Option<(u64, u64)> {
 /// A file that was read, or that was to be read.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct InputFile {
-    /// What it is read as.
+    /// Its use.
     pub role: Role,
     /// Which file it is.
     pub identity: FileIdentity,
@@ -176,7 +176,7 @@ impl InputFiles {
         Self::default()
     }
 
-    /// Counts a file that something refers to, whether it can be read or not.
+    /// Records a file that another file refers to, readable or not.
     pub fn add(&mut self, path: &Path, role: Role) {
         self.push(InputFile { role, identity: FileIdentity::from_path(path) });
     }
@@ -202,7 +202,7 @@ impl InputFiles {
         self.files.iter().find(|f| f.identity.is_same(file))
     }
 
-    /// The first that lies in a folder or in one within it; or of which a file there is another name.
+    /// The first file in a folder or in one within it, or with another name there.
     pub fn find_within(&self, folder: &Path) -> Option<&InputFile> {
         let folder = folder.canonicalize().ok()?;
         let named = self.files.iter().find(|f| f.identity.is_within(&folder));
@@ -314,7 +314,7 @@ impl From<io::Error> for ReadFault {
 }
 
 impl ReadFault {
-    /// What is wrong with the file, to follow its name: `is a folder, not a regular file`; without a full stop.
+    /// The problem, as the continuation of the file's name: `is a folder, not a regular file`. Without a full stop.
     pub fn problem(&self) -> String {
         match self {
             Self::Missing => "cannot be read: there is no file of this name".into(),
@@ -327,7 +327,7 @@ impl ReadFault {
         }
     }
 
-    /// What the user can do about it, without a full stop.
+    /// The help: a correction by the user, without a full stop.
     pub fn help(&self) -> &'static str {
         match self {
             Self::Missing => "check the name, upper and lower case included",
@@ -354,7 +354,7 @@ fn in_units(bytes: u64) -> String {
     }
 }
 
-/// An open regular file, which ends where it ended when it was opened.
+/// An open regular file. Reading ends at the length that it had when it was opened.
 #[derive(Debug)]
 pub struct OpenFile {
     file: File,
@@ -421,7 +421,7 @@ fn regular(metadata: &Metadata) -> Result<(), ReadFault> {
     }
 }
 
-/// What a file is that is no regular one; `None` for regular ones.
+/// The kind of a file that is not regular. `None` for regular ones.
 pub(crate) fn other_kind(metadata: &Metadata) -> Option<&'static str> {
     if metadata.is_file() {
         return None;

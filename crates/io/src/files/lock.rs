@@ -1,12 +1,12 @@
-//! Locks of files and folders that one process works on for long: checkpoints, folders of results.
+//! Locks of files and folders that one process uses for long: checkpoints, folders of results.
 //!
-//! The lock of `NAME` is the file `NAME.lock` beside it. Whoever holds it has an advisory lock of the operating system on that
-//! file, which ends with the process however it ends, and has written into it who that is. A lock file that nobody has
-//! locked is a leftover and no obstacle. The file is removed at the end, and whoever opened it before that notices and
-//! begins anew.
+//! The lock of `NAME` is the file `NAME.lock` beside it. The holder has an advisory lock of the operating system on
+//! that file, and writes its identity into it. The lock ends with the process, however it ends. A lock file without an
+//! advisory lock is a leftover and no obstacle. The holder removes the file at the end. Another process that opened the
+//! file before the removal detects this and starts again.
 //!
-//! Where the file system has no advisory locks, the lock is held by whoever made the file. Then a leftover is known by its
-//! process: one of the same host that has ended. What cannot be known is refused.
+//! Where the file system has no advisory locks, the process that created the file holds the lock. A leftover then names
+//! a process of the same host that has ended. If that cannot be determined, the lock is refused.
 
 use crate::atomic::cause;
 use crate::error::InputError;
@@ -21,14 +21,14 @@ use std::time::{Duration, SystemTime};
 
 /// No lock file has more bytes.
 const MAX_BYTES: u64 = 4096;
-/// How often a lock file is opened anew that was removed or not written yet when it was looked at.
+/// Number of attempts to open a lock file that was removed, or not written yet, at the time of the check.
 const ATTEMPTS: u32 = 50;
-/// The pause between two attempts: who locks a file writes into it at once.
+/// The pause between two attempts: a holder writes into the file immediately.
 const PAUSE: Duration = Duration::from_millis(4);
 /// The first line of each lock file.
 const TITLE: &str = "lock file of dunkelfeld\n";
 
-/// Who holds a lock: the content of a lock file.
+/// The holder of a lock: the content of a lock file.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct LockHolder {
     /// Process id.
@@ -39,7 +39,7 @@ pub struct LockHolder {
     pub since: String,
     /// Program and version.
     pub program: String,
-    /// Does the file itself hold the lock, for want of advisory locks?
+    /// Does the file itself hold the lock, because there are no advisory locks?
     by_file: bool,
 }
 
@@ -66,12 +66,12 @@ impl PartialEq for TargetLock {
     }
 }
 
-/// What came of one attempt.
+/// The result of one attempt.
 enum Attempt {
     Held(File),
     /// The file was removed while it was opened.
     Again,
-    /// Who has it, if that can be read yet.
+    /// The holder, if it can be read yet.
     Busy(Option<LockHolder>),
 }
 
@@ -79,8 +79,8 @@ impl TargetLock {
     /// Takes the lock of a file or folder, which need not exist; its folder must. Links are followed.
     ///
     /// # Errors
-    /// Another process holds it, or this one already: who, and since when. The lock file cannot be written, or is something
-    /// else.
+    /// Another process holds it, or this one already: the error names the holder and the time. The lock file cannot be
+    /// written, or is no lock file.
     pub fn acquire(target: &Path) -> Result<Self, InputError> {
         let target = resolved(target);
         let path = lock_path(&target);
@@ -105,8 +105,8 @@ impl TargetLock {
 
 impl Drop for TargetLock {
     fn drop(&mut self) {
-        // Still locked: whoever has opened the file finds it gone once the lock is theirs. One that was put in its place
-        // belongs to somebody else.
+        // The lock is still held: another process that has opened the file detects the removal once it gets the lock. A
+        // file that replaced it belongs to another process.
         if is_at(&self.file, &self.path) {
             let _ = fs::remove_file(&self.path);
         }
@@ -149,7 +149,7 @@ fn attempt_at(path: &Path) -> Result<Attempt, InputError> {
     let (mut file, is_new) = match retry(Operation::Create, || options.clone().create_new(true).open(path)) {
         Ok(file) => (file, true),
         Err(e) if e.kind() == ErrorKind::AlreadyExists => {
-            // Opening a FIFO would wait, and a link may lead anywhere.
+            // Opening a FIFO would wait, and a link may lead to any place.
             match fs::symlink_metadata(path) {
                 Ok(meta) if !meta.is_file() => return Err(foreign()),
                 Err(e) if e.kind() == ErrorKind::NotFound => return Ok(Attempt::Again),
@@ -176,7 +176,7 @@ fn attempt_at(path: &Path) -> Result<Attempt, InputError> {
             Ok(holder) => {
                 let is_held = match &holder {
                     Some(holder) if holder.by_file || !has_locks => is_alive(holder),
-                    // Nobody has written into it yet who holds it by making it.
+                    // The process that created the file, and so holds the lock, has not written into it yet.
                     None => !has_locks,
                     Some(_) => false,
                 };
@@ -188,7 +188,7 @@ fn attempt_at(path: &Path) -> Result<Attempt, InputError> {
             Err(e) => return Err(cannot(e)),
         }
         if !has_locks {
-            // Two that find the same leftover: only one of them makes the file anew.
+            // Two processes can find the same leftover. Only one of them creates the file anew.
             if is_at(&file, path) {
                 let _ = fs::remove_file(path);
             }
@@ -210,7 +210,8 @@ fn locked(file: &File) -> Result<(), TryLockError> {
     result.unwrap_or_else(|e| Err(TryLockError::Error(e)))
 }
 
-/// Who holds the lock; `None` if the file is empty, because its process is about to write it or was killed before it could.
+/// The holder of the lock. `None` if the file is empty: its process is about to write it, or was killed before it
+/// could.
 fn read(file: &mut File) -> io::Result<Option<LockHolder>> {
     let mut text = String::new();
     file.seek(SeekFrom::Start(0))?;
@@ -218,7 +219,7 @@ fn read(file: &mut File) -> io::Result<Option<LockHolder>> {
     if text.is_empty() {
         return Ok(None);
     }
-    // What a process began to write that was killed says nothing, but is ours.
+    // The incomplete content from a killed process has no meaning, but the file is a lock file of this program.
     let Some(rest) = text.strip_prefix(TITLE) else {
         return if TITLE.starts_with(&text) { Ok(None) } else { Err(ErrorKind::InvalidData.into()) };
     };
@@ -244,7 +245,7 @@ fn own(by_file: bool) -> LockHolder {
     }
 }
 
-/// May the holder still be there? Only of its own host can a process know.
+/// May the holder still run? A process can determine this only for its own host.
 fn is_alive(holder: &LockHolder) -> bool {
     if holder.host != host() {
         return true;

@@ -1,4 +1,4 @@
-//! How files are opened, written, locked and named.
+//! Opening, writing, locking and naming of files.
 
 pub mod atomic;
 #[cfg(test)]

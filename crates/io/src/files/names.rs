@@ -1,11 +1,11 @@
-//! "Did you mean ...?": the known names nearest to one that is unknown.
+//! "Did you mean ...?": the known names nearest to an unknown one.
 
 /// The known names nearest to `name`, best first, at most three and only those that a slip of the keyboard explains.
 ///
 /// Nearness is the edit distance with swaps of neighbours (optimal string alignment: Damerau 1964, Levenshtein 1966),
 /// blind to case; a name that contains the other counts as near as well.
 pub fn nearest_names<'a>(name: &str, known: impl IntoIterator<Item = &'a str>) -> Vec<&'a str> {
-    // Beyond this a name is no slip any more, and the quadratic cost would be felt.
+    // A longer name is no misspelling, and the quadratic cost would be noticeable.
     const LONGEST: usize = 200;
     let wanted: Vec<char> = name.to_lowercase().chars().take(LONGEST).collect();
     let wanted_text: String = wanted.iter().collect();

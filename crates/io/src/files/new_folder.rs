@@ -1,4 +1,4 @@
-//! A folder that appears whole or not at all: filled under a hidden name beside its place, then renamed.
+//! A folder that is written completely or not at all: filled under a hidden name beside its place, then renamed.
 
 use std::fs;
 use std::io::{self, ErrorKind, Write};
@@ -31,12 +31,12 @@ impl NewFolder {
             let help = "name a folder that does not exist yet, on a disk with room";
             InputError::new(target, "the new folder", problem, help)
         };
-        // A link to an empty folder stands for it.
+        // A link to an empty folder is followed.
         let place = fs::canonicalize(target).unwrap_or_else(|_| target.to_path_buf());
         let cannot = |e: io::Error| fault(format!("cannot be made: {}", cause(folder_of(&place), &e)));
         fs::create_dir_all(folder_of(&place)).map_err(cannot)?;
-        // Locked before it is looked at: a process that was killed with its work done leaves its lock file, which goes with
-        // the lock of whoever comes next, also if that one finds the folder complete.
+        // The folder is locked before the check. A killed process that had finished leaves its lock file. The next
+        // holder of the lock removes it, even if it finds the folder complete.
         let lock = TargetLock::acquire(&place)?;
         match fs::read_dir(target) {
             Ok(mut entries) => {
@@ -83,7 +83,7 @@ impl NewFolder {
         #[cfg(not(unix))]
         let _ = fs::remove_dir(&self.target);
         retry(Operation::Rename, || fs::rename(self.partial.path(), &self.target)).map_err(|e| self.explain(&e))?;
-        // The name is gone, and with it what would be cleared away.
+        // The temporary name no longer exists, and nothing is left to remove.
         let Self { target, partial, _lock } = self;
         let _ = partial.keep();
         let folder = folder_of(&target);

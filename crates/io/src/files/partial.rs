@@ -1,8 +1,8 @@
-//! The names of files and folders that are being written, and how leftovers of killed processes are recognised.
+//! The names of files and folders that are being written, and the detection of leftovers of killed processes.
 //!
-//! A partial file or folder lies beside its target: `.NAME.PROCESS-RANDOM.partial` for the target `NAME`, with eight random
-//! digits for the process and eight random characters for the write. No two writes share one. A file is locked as long as
-//! its process writes it, so that a partial file that can be locked is a leftover.
+//! A partial file or folder is beside its target: `.NAME.PROCESS-RANDOM.partial` for the target `NAME`, with eight
+//! random digits for the process and eight random characters for the write. No two writes share one. A file is locked
+//! as long as its process writes it, so that a partial file without a lock is a leftover.
 
 use crate::files::faults::{Operation, retry};
 use std::ffi::{OsStr, OsString};
@@ -19,15 +19,15 @@ const RANDOM: usize = 8;
 const PROCESS_DIGITS: usize = 8;
 /// File names have 255 bytes at most. A longer target is abbreviated by a checksum.
 const MAX_NAME: usize = 200;
-/// How often a partial file is made anew that others took for a leftover before it was locked.
+/// Number of attempts to create a partial file that other processes remove as a leftover before it is locked.
 const ATTEMPTS: usize = 32;
 
-/// The folder that a file lies in.
+/// The folder of a file.
 pub(crate) fn folder_of(target: &Path) -> &Path {
     target.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }
 
-/// The path that a name stands for. Links are followed, also those that lead to a file that does not exist yet.
+/// The path that a name resolves to. Links are followed, also those to a file that does not exist yet.
 pub(crate) fn resolved(path: &Path) -> PathBuf {
     /// As many as Linux follows.
     const MAX_LINKS: usize = 40;
@@ -62,7 +62,7 @@ fn partial_of(name: &OsStr) -> Option<&str> {
     is_prefix.then(|| process_in(name, OsStr::new(prefix)))?
 }
 
-/// What the names of all partial files of a target begin with.
+/// The prefix of the names of all partial files of a target.
 fn prefix(target: &Path) -> OsString {
     let name = target.file_name().unwrap_or_default();
     let mut prefix = OsString::from(".");
@@ -75,7 +75,7 @@ fn prefix(target: &Path) -> OsString {
     prefix
 }
 
-/// Digits of this process in names. Process ids do not do: in containers, one process after the other has the same.
+/// Digits of this process in names. Process ids do not suffice: in containers, successive processes have the same id.
 fn own_digits() -> &'static str {
     use std::hash::{BuildHasher, RandomState};
     static DIGITS: OnceLock<String> = OnceLock::new();
@@ -115,7 +115,7 @@ pub(crate) fn new_file(target: &Path) -> io::Result<NamedTempFile> {
     let folder = folder_of(target);
     for _ in 0..ATTEMPTS {
         let file = builder_of(target, 0o666, |builder| builder.tempfile_in(folder))?;
-        // Without locks nobody takes it for a leftover.
+        // Without locks no process takes it for a leftover.
         let _ = retry(Operation::Lock, || file.as_file().lock());
         if is_at(file.as_file(), file.path()) {
             return Ok(file);
@@ -133,7 +133,7 @@ pub(crate) fn new_folder(target: &Path) -> io::Result<TempDir> {
     builder_of(target, 0o777, |builder| builder.tempdir_in(folder_of(target)))
 }
 
-/// Removes the partial files of a target that no process holds. What cannot be opened or locked stays.
+/// Removes the partial files of a target that no process holds. A file that cannot be opened or locked stays.
 fn remove_leftovers(target: &Path) {
     // Those of this process are being written; some network file systems do not keep its locks apart.
     let own = own_digits();

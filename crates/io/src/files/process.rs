@@ -1,4 +1,4 @@
-//! Figures that the operating system has of this process.
+//! Figures of the operating system about this process.
 
 use crate::input::{InputFiles, Role};
 use std::path::Path;
@@ -6,20 +6,20 @@ use std::path::Path;
 /// The longest status of a process \[bytes\]; it has some two thousand.
 const MAX_STATUS: u64 = 1 << 16;
 
-/// The most memory that this process has had in use so far \[bytes\]: its peak resident set. `None` where the system does not say.
+/// The peak resident set of this process \[bytes\]. `None` where the system does not report it.
 pub fn peak_memory() -> Option<u64> {
     let status = InputFiles::new().read(Path::new("/proc/self/status"), Role::Report, MAX_STATUS).ok()?;
     peak_of(&String::from_utf8_lossy(&status))
 }
 
-/// Would the system give so many bytes in one piece? They are given back at once.
+/// Does the system allocate this many bytes in one piece? They are freed immediately.
 ///
-/// Systems that promise memory which they do not have say yes up to what the machine has in all.
+/// Systems with overcommit of memory accept sizes up to the total of the machine.
 pub fn can_reserve(bytes: u64) -> bool {
     let Ok(bytes) = usize::try_from(bytes) else { return false };
     let mut block: Vec<u8> = Vec::new();
     let done = block.try_reserve_exact(bytes).is_ok();
-    // A block that nobody sees may be left out by the compiler.
+    // The compiler may remove an allocation without any use.
     std::hint::black_box(&mut block);
     done
 }

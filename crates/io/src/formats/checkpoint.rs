@@ -1,8 +1,7 @@
-//! Checkpoint files: the exact sums of a film, a text that says of what, and how far its plan is; `docs/checkpoints.md`
-//! has every byte.
-//!
-//! A file is written row by row, without a second film in memory, and is read with distrust: its length follows from its
-//! head, every section has a checksum, and sums that no samples add up to are refused.
+//! Checkpoint files: the exact sums of a film, a text that identifies the render, and the progress of its plan.
+//! `docs/checkpoints.md` defines every byte.
+//! A file is written row by row, without a second film in memory. The reader trusts no byte: the length follows from
+//! the head, every section has a checksum, and sums that no samples can give are refused.
 
 mod pixel;
 mod size;
@@ -39,26 +38,26 @@ const CHECKSUM: u64 = 8;
 
 const HELP: &str = "use a file that `render --checkpoint` or `merge` wrote, or another name to begin anew";
 
-/// What a checkpoint file holds.
+/// The content of a checkpoint file.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Checkpoint {
-    /// What it is a checkpoint of, and how far it is: JSON, for whoever wrote it.
+    /// The identity and progress of the render: JSON, defined by the writer.
     pub text: String,
     /// Weights of the plan.
     pub weights: Option<Plane<f32>>,
-    /// Samples at which a pixel has what it needs.
+    /// Sample counts at which the pixels need no more samples.
     pub caps: Option<Plane<f32>>,
-    /// Samples per pixel, as totals since the first, that the open round is to reach.
+    /// Target of the open round: samples per pixel, as totals since the first sample.
     pub target: Option<Plane<u32>>,
-    /// Number of the object that a pixel's centre shows, for whoever wrote it.
+    /// Number of the object at the pixel's centre, defined by the writer.
     pub objects: Option<Plane<u32>>,
-    /// Number of the material that a pixel's centre shows, likewise.
+    /// Number of the material at the pixel's centre, defined by the writer.
     pub materials: Option<Plane<u32>>,
     /// The sums.
     pub film: Film,
 }
 
-/// Everything that is written but for the sums.
+/// All content but the sums.
 #[derive(Clone, Copy, Debug)]
 pub struct CheckpointHead<'a> {
     /// Width of the film \[pixels\].
@@ -79,8 +78,8 @@ pub struct CheckpointHead<'a> {
     pub materials: Option<&'a Plane<u32>>,
 }
 
-/// Writes a checkpoint, whole or not at all. `rows` appends the sums of the pixels of some rows; it is asked once for each
-/// row, from the top, so that the film may be put together on the way.
+/// Writes a checkpoint, completely or not at all. `rows` appends the sums of the pixels of some rows. It is called once
+/// for each row, from the top, so that the film may be merged during the write.
 ///
 /// # Errors
 /// Those of the file system; sizes or a text beyond the limits of the format, planes or rows of another size.
@@ -239,7 +238,7 @@ fn checksum(section: u64, bytes: &[u8]) -> u64 {
 /// A file on its way in.
 struct Source<'a> {
     file: BufReader<OpenFile>,
-    /// Bytes that the file still has: nothing larger is ever asked memory for.
+    /// Remaining bytes of the file. No larger allocation is made.
     left: u64,
     section: u64,
     path: &'a Path,
@@ -262,7 +261,7 @@ impl Source<'_> {
         let stored = self.bytes(place, CHECKSUM)?;
         let right = checksum(self.section, bytes).to_le_bytes();
         self.section += 1;
-        // A fuzzer cannot find checksums; without them it reaches what stands behind.
+        // A fuzzer cannot find checksums. Without them it reaches the code behind.
         if stored == right || cfg!(fuzzing) {
             return Ok(());
         }

@@ -1,5 +1,5 @@
-//! The descriptor of an EMVA 1288 data set: which frames were taken with how much light. The format is that of the standard's
-//! reference implementation (PyPI `emva1288`).
+//! The descriptor of an EMVA 1288 data set: its frames, with their exposure times and photons per pixel. The format is
+//! that of the standard's reference implementation (PyPI `emva1288`).
 //!
 //! ```text
 //! v 4.0                     # release of the standard
@@ -20,7 +20,7 @@ use std::path::{Path, PathBuf};
 use crate::error::{InputError, SourceSpan};
 use crate::input::{InputFiles, Role};
 
-/// A descriptor is text for people: more than this is something else \[bytes\].
+/// A descriptor is a short text. A larger file is something else \[bytes\].
 const MAX_BYTES: u64 = 64 << 20;
 /// Photons per pixel in a level of light: far beyond any pixel at either end, and far from where squares are no numbers.
 const PHOTONS: std::ops::RangeInclusive<f64> = 1e-6..=1e12;
@@ -64,15 +64,15 @@ pub struct FrameBlock {
 
 /// Reads a descriptor.
 ///
-/// As tolerant as the reference: line ends of any system, empty lines and comments (`#`), backslashes in paths, commas in
-/// numbers, blocks in any order, unknown versions. What it does not know is returned as warnings. Beyond it: names of files may hold
-/// spaces, `n` may be missing.
+/// As tolerant as the reference: line ends of any system, empty lines and comments (`#`), backslashes in paths, commas
+/// in numbers, blocks in any order, unknown versions. Unknown lines give warnings. In addition, names of files may
+/// contain spaces, and `n` may be missing.
 ///
 /// # Errors
-/// The file cannot be read or a line makes no sense; with the line.
+/// The file cannot be read, or a line is invalid. The error has the line.
 pub fn read_descriptor(path: &Path) -> Result<(EmvaDescriptor, Vec<String>), InputError> {
     let bytes = InputFiles::new().read(path, Role::Descriptor, MAX_BYTES).map_err(|fault| fault.at(path))?;
-    // Comments are in whatever encoding their author had; what counts is ASCII.
+    // Comments may be in any encoding. Only ASCII matters.
     let text = String::from_utf8_lossy(&bytes).trim_start_matches('\u{feff}').replace("\r\n", "\n").replace('\r', "\n");
     parse(path, &text)
 }
@@ -181,7 +181,7 @@ fn parse(path: &Path, text: &str) -> Result<(EmvaDescriptor, Vec<String>), Input
                 block.frames.push(PathBuf::from(name.replace('\\', "/")));
             }
             other if words.is_empty() => {
-                // The reference refuses words that stand alone, and warns of other lines that it does not know.
+                // The reference refuses single words, and warns of other unknown lines.
                 return Err(error(
                     format!("`{other}` alone is no line of a descriptor"),
                     "write lines `v`, `n`, `b`, `d` and `i` with their values, and comments behind `#`",

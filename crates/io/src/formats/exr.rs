@@ -17,11 +17,11 @@ mod strips;
 
 pub use strips::{ChannelKind, ExrHead, write_exr_rows};
 
-/// Name of the one attribute that holds everything we have to say about an image, as JSON. One, because the order of
-/// several would differ from run to run.
+/// Name of the one attribute with all metadata of an image, as JSON. There is only one, because the order of several
+/// would differ from run to run.
 const ATTRIBUTE: &str = "dunkelfeld";
 
-/// No compression of the format shrinks data further than deflate's 1032 : 1; a header that promises more lies.
+/// No compression of the format shrinks data further than deflate's 1032 : 1. A header with a higher ratio is invalid.
 const MAX_SHRINK: u64 = 1100;
 
 /// The samples of one channel, row by row.
@@ -137,7 +137,7 @@ pub struct ExrSize {
     pub bytes: u64,
 }
 
-/// [`read_exr_recorded`], if the size of the image is agreed to before memory is asked for its samples.
+/// [`read_exr_recorded`], if `agree` accepts the size of the image before the memory for its samples is allocated.
 ///
 /// # Errors
 /// As [`read_exr`], and those of `agree`.

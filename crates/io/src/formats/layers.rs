@@ -1,4 +1,4 @@
-//! The layers of a render in an EXR: under which names planes go in, and under which names others have them.
+//! The layers of a render in an EXR: their names in our files, and their names in the files of other programs.
 
 use dunkelfeld_film::Plane;
 
@@ -32,9 +32,9 @@ pub enum Single {
     SampleCount,
     /// Variance of the mean luminance, as of independent samples: `scatter.Y`.
     Scatter,
-    /// How much of it the largest sample brings: `scatter.largest`.
+    /// The largest sample's contribution to it: `scatter.largest`.
     LargestScatter,
-    /// Length of the way to that surface from the camera \[m\]: `depth.Z`.
+    /// Length of the path to that surface from the camera \[m\]: `depth.Z`.
     Depth,
     /// Variance of the mean depth \[m^2\]: `depth.variance.Z`.
     DepthVariance,
@@ -44,9 +44,9 @@ pub enum Single {
     Hidden,
     /// Does noise-matched exposure hold, 1 or 0: `matched.Y`.
     Matched,
-    /// Which object, as seen through smooth glass: `id.object`.
+    /// Object id, behind smooth glass: `id.object`.
     ObjectId,
-    /// Which material: `id.material`.
+    /// Material id, likewise: `id.material`.
     MaterialId,
 }
 
@@ -64,7 +64,7 @@ impl Triple {
         }
     }
 
-    /// What other programs call the layer, in lower case, the best first: Blender's `ViewLayer.Combined.R`, Mitsuba's
+    /// Names of the layer in other programs, in lower case, the best first: Blender's `ViewLayer.Combined.R`, Mitsuba's
     /// AOVs, Arnold's and V-Ray's habits. An empty name is a channel without layer.
     fn foreign(self) -> &'static [&'static str] {
         match self {
@@ -127,7 +127,8 @@ impl ExrLayers {
         self.channels.push((layer.own().into(), Channel::U32(plane.into_vec())));
     }
 
-    /// The samples of all channels, in their order: a strip as [`write_exr_rows`](crate::exr::write_exr_rows) asks for it.
+    /// The samples of all channels, in their order: a strip as [`write_exr_rows`](crate::exr::write_exr_rows) requires
+    /// it.
     pub fn into_samples(self) -> Vec<Channel> {
         self.channels.into_iter().map(|(_, channel)| channel).collect()
     }

@@ -1,4 +1,4 @@
-//! What an 8- or 16-bit image file can hold.
+//! The content of an 8- or 16-bit image file.
 
 use dunkelfeld_film::Plane;
 

@@ -1,4 +1,4 @@
-//! PNG files whose gAMA chunk tells the truth.
+//! PNG files with the correct gAMA chunk.
 
 use std::io::{self, Write};
 use std::path::Path;
@@ -47,7 +47,7 @@ fn encode(file: impl Write, picture: Picture<'_>, text: &[(&str, &str)]) -> io::
     encoder.set_color(color);
     encoder.set_depth(depth);
     encoder.set_source_gamma(ScaledFloat::from_scaled(gamma));
-    // Noise does not compress; effort spent on it is lost.
+    // Noise does not compress, so that a higher level costs time without effect.
     encoder.set_compression(Compression::Fast);
     encoder.set_filter(Filter::Up);
     for &(keyword, text) in text {

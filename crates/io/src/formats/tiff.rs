@@ -1,4 +1,4 @@
-//! TIFF files, uncompressed: what measuring software reads without questions.
+//! TIFF files, uncompressed, which all measuring software reads.
 
 use std::io::{self, Seek, Write};
 use std::path::Path;

@@ -1,8 +1,8 @@
-//! IES profiles (ANSI/IES LM-63, editions 1986 to 2019): what a luminaire sends in which direction, as it was measured.
+//! IES profiles (ANSI/IES LM-63, editions 1986 to 2019): the measured intensity of a luminaire by direction.
 //!
-//! Type C photometry is read: vertical angles from the nadir, horizontal ones around it. Files that rely on symmetry are
-//! expanded. Candela become W/sr by the multiplier, the ballast factor and [`LUMENS_PER_WATT`]. What follows `TILT=` says
-//! how a lamp ages when its luminaire is tilted, which nobody tilts here; it is passed over.
+//! Type C photometry is read: vertical angles from the nadir, horizontal ones around it. Files that rely on symmetry
+//! are expanded. Candela become W/sr by the multiplier, the ballast factor and [`LUMENS_PER_WATT`]. The data after
+//! `TILT=` describe the ageing of a lamp in a tilted luminaire. No luminaire is tilted here, so they are skipped.
 
 use crate::error::{ImportWarning, InputError, SourceSpan};
 use crate::import::options::LUMENS_PER_WATT;
@@ -24,7 +24,7 @@ pub fn load_ies(path: &Path) -> Result<(LightProfile, Vec<ImportWarning>), Input
     parse_ies(path, &bytes)
 }
 
-/// Reads an IES file that is in memory; `path` stands in messages, and its last part is the profile's name.
+/// Reads an IES file that is in memory. `path` appears in messages, and its last part is the profile's name.
 ///
 /// # Errors
 /// As [`load_ies`].
@@ -42,27 +42,27 @@ pub fn parse_ies(path: &Path, bytes: &[u8]) -> Result<(LightProfile, Vec<ImportW
     Ok((profile, warnings.finish()))
 }
 
-/// What the first line tells of the meaning of the numbers.
+/// The meaning of the numbers, from the first line.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Edition {
     /// Before 1995: the second number after the ballast factor is a factor too.
     Early,
-    /// From 1995 on: it is reserved, or says how the file was made.
+    /// From 1995 on: it is reserved, or states the origin of the file.
     Late,
 }
 
-/// Reads number after number, and knows where it is.
+/// Reads number after number, with their positions.
 struct Reader<'a> {
     path: PathBuf,
     text: &'a str,
-    /// Where the next number is looked for.
+    /// Start of the next number.
     at: usize,
-    /// Where the last one stands.
+    /// Position of the last number.
     last: std::ops::Range<usize>,
 }
 
 impl Reader<'_> {
-    /// Passes over the labels, and over what belongs to the tilt.
+    /// Skips the labels and the tilt data.
     fn skip_to_tilt(&mut self, warnings: &mut Warnings) -> Result<Edition, InputError> {
         let first = self.text.lines().next().unwrap_or_default().trim().trim_start_matches('\u{feff}');
         let edition = match first.get(..3) {
@@ -224,7 +224,7 @@ impl Reader<'_> {
         Some(&self.text[start..end])
     }
 
-    /// The line of what was read last.
+    /// The line of the last word.
     fn place(&self) -> String {
         format!("line {}", self.text[..self.last.start].matches('\n').count() + 1)
     }

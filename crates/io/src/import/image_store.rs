@@ -1,4 +1,4 @@
-//! The images of one scene while it is read: measured from their headers first, then decoded, each content once.
+//! The images of one scene during import: measured from their headers first, then decoded, each content once.
 
 use crate::error::InputError;
 use crate::images::{ImageHeader, decode_image, image_header, repair_message};
@@ -9,13 +9,13 @@ use dunkelfeld_scene::{Image, ImageId, Texels};
 use std::path::Path;
 use twox_hash::XxHash3_128;
 
-/// What an image file holds, as a key. Two files of the same hash are taken to be one: whoever makes two with
-/// the same hash gets the first in place of the second, in a scene of their own.
+/// A hash of the content of an image file. Two files with the same hash are taken to be equal. A deliberate collision
+/// only replaces an image in the scene of its author.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(crate) struct Content {
     hash: u128,
     length: usize,
-    /// Of TGA files the name decides how they are read.
+    /// For TGA files the name selects the decoder.
     is_tga: bool,
 }
 
@@ -28,8 +28,8 @@ impl Content {
 
 /// Images in order of first use.
 ///
-/// A scene is gone through twice: a store that measures reads headers only and hands out images without texels, so that the
-/// sum is known (see [`ImageStore::check`]) before a store that decodes takes memory.
+/// A scene is read twice. A store that measures reads headers only and returns images without texels, so that the sum
+/// is known (see [`ImageStore::check`]) before a store that decodes allocates memory.
 #[derive(Debug)]
 pub(crate) struct ImageStore {
     limits: Limits,
@@ -71,10 +71,10 @@ impl ImageStore {
         self.budget.check(file)
     }
 
-    /// The header of an encoded image. Its size in memory is the budget's concern here.
+    /// The header of an encoded image. The texel budget checks its size in memory.
     ///
     /// # Errors
-    /// What is wrong with it.
+    /// The fault of the image.
     pub(crate) fn header(&self, bytes: &[u8], file_name: &str) -> Result<ImageHeader, String> {
         image_header(bytes, file_name, &self.limits.of_header()).map_err(|fault| fault.problem)
     }
@@ -82,7 +82,7 @@ impl ImageStore {
     /// Decodes an image without keeping it.
     ///
     /// # Errors
-    /// What is wrong with it.
+    /// The fault of the image.
     pub(crate) fn decode(
         &self,
         bytes: &[u8],
@@ -100,7 +100,7 @@ impl ImageStore {
     /// Adds the place of an image that is only measured.
     ///
     /// # Errors
-    /// If there are more images than can be counted.
+    /// If the number of images is out of range.
     pub(crate) fn add_measured(&mut self, header: &ImageHeader, place: &str) -> Result<ImageId, String> {
         self.budget.add(place, header);
         let ImageHeader { width, height, .. } = *header;
@@ -110,7 +110,7 @@ impl ImageStore {
     /// Adds an image.
     ///
     /// # Errors
-    /// If it does not fit, which measuring should have found.
+    /// If it does not fit, which the measurement should have detected.
     pub(crate) fn add(&mut self, image: Image, place: &str) -> Result<ImageId, String> {
         let header = header_of(&image);
         if !self.budget.add(place, &header) {

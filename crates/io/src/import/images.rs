@@ -25,12 +25,12 @@ pub struct Decoded {
     pub repaired: usize,
 }
 
-/// Why an image could not be decoded: what is wrong, and the help.
+/// The reason why an image could not be decoded, and the help.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ImageFault {
     /// What is wrong, without a full stop.
     pub problem: String,
-    /// What the user can do about it, without a full stop.
+    /// The help: a correction by the user, without a full stop.
     pub help: String,
 }
 
@@ -45,7 +45,7 @@ impl ImageFault {
     }
 }
 
-/// What an image stores once it is decoded, as its header says.
+/// The storage of an image after decoding, from its header.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ImageHeader {
     /// Width in texels.
@@ -95,7 +95,7 @@ pub fn decode_image(bytes: &[u8], name: &str, limits: &Limits) -> Result<Decoded
     guarded(|| open(bytes, name, limits)?.decode(bytes, name))
 }
 
-/// The decoders are other people's and read hostile bytes: a panic in one of them must not be ours.
+/// The decoders are foreign code and read hostile bytes. A panic in one of them becomes an error.
 fn guarded<T>(read: impl FnOnce() -> Result<T, ImageFault>) -> Result<T, ImageFault> {
     catch_unwind(AssertUnwindSafe(read))
         .unwrap_or_else(|_| Err(ImageFault::new("the decoder gave up on the image", "save the image again as PNG")))
@@ -131,7 +131,7 @@ pub(crate) fn repair_message(texels: usize) -> String {
     format!("{texels} texels were negative, infinite or not a number and have been set to 0 (infinite ones to 65504)")
 }
 
-/// An image whose header has been read and found to be within the limits.
+/// An image with a header that was read and is within the limits.
 struct Opened<'a> {
     header: ImageHeader,
     decoder: Decoder<'a>,
@@ -273,7 +273,7 @@ impl Opened<'_> {
     }
 }
 
-/// Decodes straight into the texels that are kept.
+/// Decodes directly into the texels that are kept.
 fn read<T: Pod, const N: usize>(decoder: Box<dyn ImageDecoder + '_>, count: usize) -> Result<Vec<[T; N]>, ImageFault> {
     let mut texels = allocate([T::zeroed(); N], count)?;
     decoder
@@ -282,7 +282,7 @@ fn read<T: Pod, const N: usize>(decoder: Box<dyn ImageDecoder + '_>, count: usiz
     Ok(texels)
 }
 
-/// `count` texels, or an error where the machine has not the memory.
+/// `count` texels, or an error where there is not enough memory.
 fn allocate<T: Copy>(texel: T, count: usize) -> Result<Vec<T>, ImageFault> {
     let mut texels = Vec::new();
     texels.try_reserve_exact(count).map_err(|_| {
@@ -317,7 +317,7 @@ fn decode_exr(bytes: &[u8], colors: &Colors, count: usize) -> Result<Texels, Ima
     }
 }
 
-/// A NaN or a negative radiance would poison every pixel that sees it.
+/// A NaN or a negative radiance would make every pixel with this texel invalid.
 fn repair<const N: usize>(texels: &mut [[f32; N]]) -> usize {
     const LARGEST_HALF: f32 = 65504.0;
     let usable = |v: f32| v.is_finite() && v >= 0.0;
@@ -355,7 +355,7 @@ fn too_large(limits: &Limits) -> ImageFault {
     )
 }
 
-/// Names the formats people really put into scenes.
+/// The common image formats in scenes.
 fn foreign_format(bytes: &[u8]) -> Option<&'static str> {
     let at = |offset: usize, magic: &[u8]| bytes.get(offset..).is_some_and(|b| b.starts_with(magic));
     if at(0, b"\xabKTX 20") {

@@ -1,4 +1,4 @@
-//! Where a shared library may lie: what a user or an installation names, completed by a look into folders.
+//! Possible places of a shared library: the path of a user or an installation, completed by a search in folders.
 
 use crate::input::other_kind;
 use std::path::{Path, PathBuf};
@@ -18,7 +18,7 @@ pub fn find_libraries(path: &Path, stem: &str) -> Vec<PathBuf> {
     [path.to_path_buf(), path.join("lib"), path.join("bin")].iter().flat_map(|folder| named(folder, stem)).collect()
 }
 
-/// The libraries in the folder of a file whose names begin with `stem`: those that it may need beside it.
+/// The libraries in the folder of a file with names that begin with `stem`: possible dependencies beside it.
 pub fn libraries_beside(file: &Path, stem: &str) -> Vec<PathBuf> {
     match file.parent().filter(|folder| !folder.as_os_str().is_empty()) {
         Some(folder) => named(folder, stem),

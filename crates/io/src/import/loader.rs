@@ -1,4 +1,4 @@
-//! Reads the files a scene refers to: only inside the scene's folder, and only as much as the limits allow.
+//! Reads the files that a scene refers to: only inside the scene's folder, and only within the limits.
 
 use crate::error::InputError;
 use crate::input::{InputFiles, ReadFault, Role};
@@ -47,7 +47,7 @@ impl Default for Limits {
 }
 
 impl Limits {
-    /// For reading the header of an image: the size in memory is for the account of all images to judge.
+    /// For reading the header of an image: the texel budget of all images checks the size in memory.
     pub(crate) fn of_header(&self) -> Self {
         Self { image_bytes: u64::MAX, ..*self }
     }
@@ -91,7 +91,7 @@ impl AssetLoader {
         &self.limits
     }
 
-    /// The files that were read, or were to be.
+    /// The files that were read or requested.
     pub fn into_inputs(self) -> InputFiles {
         self.inputs.into_inner()
     }
@@ -152,7 +152,7 @@ impl AssetLoader {
         self.load_inside(&as_it_is, role, shown)
     }
 
-    /// Takes what was remarked about references since this was asked last: place and message.
+    /// Returns the remarks about references since the last call: place and message.
     pub(crate) fn take_remarks(&self) -> Vec<(String, String)> {
         self.remarks.take()
     }
@@ -250,7 +250,7 @@ impl AssetLoader {
         let read = self.inputs.borrow_mut().read(path, role, most);
         match read {
             Ok(bytes) => self.charge(bytes.len() as u64, shown).map(|()| bytes),
-            // The error says which of both limits it is.
+            // The error names the limit.
             Err(ReadFault::TooLarge { .. }) => Err(self.too_large(left >= self.limits.file_bytes, shown)),
             Err(fault) => {
                 let problem = match path == self.scene_file {

@@ -1,4 +1,4 @@
-//! Scene files of all formats: the extension chooses the reader.
+//! Scene files of all formats. The extension selects the reader.
 
 pub mod gltf;
 pub mod ies;
@@ -17,7 +17,7 @@ pub use crate::import::options::{EmissiveUnit, ImportOptions, Imported, LUMENS_P
 use crate::error::InputError;
 use std::path::Path;
 
-/// Reads a scene file; the extension chooses the reader (`.gltf`, `.glb`, `.obj`).
+/// Reads a scene file. The extension selects the reader (`.gltf`, `.glb`, `.obj`).
 ///
 /// # Errors
 /// If the extension is none of these, or the file cannot be used: the error names file, place and help.

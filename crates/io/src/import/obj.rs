@@ -1,8 +1,8 @@
 //! Wavefront OBJ with its MTL libraries. The crate `tobj` reads both; the code here cleans the text before, makes the scene
 //! of the result, and reports each repair with its line. `docs/import-obj.md` describes the steps.
 //!
-//! The format is three decades old and every program writes it differently, so a fault in one statement never costs more
-//! than that statement.
+//! The format is three decades old, and programs write it differently. So a fault in one statement invalidates only
+//! that statement.
 
 mod assemble;
 mod bake;
@@ -66,7 +66,7 @@ use textures::{Textures, load_beside};
 /// | `-o`, `-s`, `-clamp`, `-mm`, `-imfchan`, `-colorspace` | honoured |
 ///
 /// # Errors
-/// If the file cannot be read, is no text, is beyond the limits, or holds no face that could be seen.
+/// If the file cannot be read, is no text, is beyond the limits, or contains no visible face.
 pub fn load_obj(path: &Path, options: &ImportOptions) -> Result<Imported, InputError> {
     let loader = AssetLoader::new(path, options.limits);
     let bytes = loader.read_scene()?;
@@ -147,7 +147,7 @@ fn measure_images(
     libraries: &Libraries,
     assembly: &Assembly,
 ) -> Result<(), InputError> {
-    // Files are read again when they are decoded, and what is wrong with them is said then.
+    // Files are read again when they are decoded, and their faults are reported then.
     let loader = AssetLoader::new(path, options.limits);
     let mut ignored = Warnings::new(path);
     let textures = Textures::new(&loader, ImageStore::measuring(&options.limits));
@@ -158,7 +158,7 @@ fn measure_images(
     materials.textures.store.check(path)
 }
 
-/// The error for a file without a usable face; the first repairs tell why there is none.
+/// The error for a file without a usable face. It lists the first repairs as reasons.
 fn nothing_to_see(path: &Path, parsed: &Parsed, warnings: Warnings) -> InputError {
     let mut problem = match (parsed.positions.len(), parsed.faces.len()) {
         (0, 0) => "holds no vertices and no faces".to_string(),
@@ -238,7 +238,8 @@ impl Libraries {
                 missing.push(piece);
             }
         }
-        // A library beside the OBJ with its own name, or the named one with the usual extension, is what was meant.
+        // A library beside the OBJ with its own name, or the named one with the usual extension, is probably the
+        // intended one.
         if !found {
             let stem = |name: &str| format!("{}.mtl", name.rsplit_once('.').map_or(name, |(stem, _)| stem));
             let own = loader.scene_file().file_stem().unwrap_or_default().to_string_lossy().into_owned();
@@ -362,7 +363,7 @@ impl<'a> Materials<'a> {
         self.list.len() - 1
     }
 
-    /// Gives a mesh the tangents that its material needs, and tells of maps that have no coordinates.
+    /// Gives a mesh the tangents that its material needs, and warns of maps without coordinates.
     fn check_mesh(&self, material: usize, object: &str, mesh: &mut Mesh, warnings: &mut Warnings) {
         let Some(material) = self.list.get(material) else { return };
         if !has_maps(material) {

@@ -1,4 +1,4 @@
-//! What glTF import says of faults that used to pass in silence or under another name.
+//! Messages of the glTF import about faults that had no message, or a wrong one, in the past.
 
 use crate::support::{Asset, SQUARE, load_bytes, warns};
 use dunkelfeld_io::import::{ImportOptions, load_scene};

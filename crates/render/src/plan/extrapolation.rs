@@ -1,33 +1,35 @@
-//! How the samples that an image is said to take change with those that it has.
+//! The trend of the estimated samples until an image is hidden, over the samples that it has.
 //!
-//! What rare light a pixel has seen once is shared out among those around that may meet it ([`dunkelfeld_adaptive::variance::pixel`]), so that few samples say of
-//! more pixels than in truth that they are noisy; and quasi-random samples of smooth light do the better the more there are. Both
-//! make the samples that it takes until an image is hidden look fewer with each doubling, N(n) ~ n^-a. What it takes in the end is where that meets n:
-//! N* = (N n^a)^(1 / (1 + a)).
+//! Rare light that a pixel has sampled once is distributed over the pixels around it that may receive it
+//! ([`dunkelfeld_adaptive::variance::pixel`]). So with few samples more pixels are estimated as noisy than in truth.
+//! Quasi-random samples of smooth light converge faster than independent ones. Both make the estimate of the required
+//! samples fall with each doubling, N(n) ~ n^-a. The final number is the fixed point of this law: N* = (N n^a)^(1 / (1
+//! + a)).
 
 use dunkelfeld_film::Plane;
 use serde::{Deserialize, Serialize};
 
-/// Looks that are remembered: two doublings, if each follows one.
+/// Stored estimates: two doublings, if each follows one.
 const LOOKS: usize = 3;
-/// With fewer samples per pixel the first looks see little but their own error.
+/// With fewer samples per pixel the first estimates are dominated by their own error.
 const LEAST: f64 = 8.0;
-/// The part of the slope over these looks that is believed to go on.
+/// The part of the slope over these estimates that is extrapolated.
 const SLOPE_DAMPING: f64 = 0.75;
-/// The slope of a pilot that was looked at once.
+/// The slope of a pilot with one estimate.
 const USUAL: f64 = 1.0 / 3.0;
-/// No slope is believed to be steeper: twice the samples, half of what it was said to take.
+/// Upper bound of the slope: with twice the samples, half of the estimate.
 const STEEPEST: f64 = 1.0;
 
-/// What it was said to take, look by look.
+/// The estimates of the required samples.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(crate) struct ConvergenceFit {
-    /// Samples per pixel that there were, and that it takes, the last ones first; zeros where there was no look.
+    /// Samples per pixel: taken, and required. The last estimate is first. Zeros where there is none.
     looks: [(f64, f64); LOOKS],
 }
 
 impl ConvergenceFit {
-    /// Remembers a look at `spp` samples per pixel that said it takes `needed`; one that could not say is none.
+    /// Stores an estimate at `spp` samples per pixel of the required number `needed`. One without a result is not
+    /// stored.
     pub(crate) fn note(&mut self, spp: f64, needed: f64) {
         if spp >= LEAST && spp > self.looks[0].0 && needed > 0.0 && needed.is_finite() {
             self.looks.rotate_right(1);
@@ -35,7 +37,7 @@ impl ConvergenceFit {
         }
     }
 
-    /// The slope a that is believed to go on, zero at least.
+    /// The extrapolated slope a, at least zero.
     fn slope(&self) -> f64 {
         let first = self.looks.iter().rev().find(|look| look.0 > 0.0);
         let (last, first) = (self.looks[0], first.copied().unwrap_or_default());
@@ -46,8 +48,8 @@ impl ConvergenceFit {
         (SLOPE_DAMPING * slope).clamp(0.0, STEEPEST)
     }
 
-    /// Samples per pixel that an image takes if a look at `counts` says it takes `targets`, and the trend goes on. Nothing changes
-    /// where these are not known.
+    /// Required samples per pixel if the estimate at `counts` is `targets`, and the trend continues. Unknown values
+    /// stay unchanged.
     pub(crate) fn extrapolate(&self, mut targets: Plane<f32>, counts: &Plane<u32>) -> Plane<f32> {
         let pixels = targets.data().len().max(1) as f64;
         let needed = targets.data().iter().map(|&n| f64::from(n)).sum::<f64>() / pixels;
@@ -86,13 +88,14 @@ mod tests {
 
     #[test]
     fn a_falling_trend_goes_on_until_it_is_met() {
-        // Halved by two doublings: a slope of a half, of which three quarters go on. What came before does not count.
+        // Halved by two doublings: a slope of a half, of which three quarters are extrapolated. Earlier estimates do
+        // not count.
         let trend = after(&[(4.0, 9e9), (8.0, 5000.0), (16.0, 1600.0), (32.0, 1300.0), (64.0, 800.0)]);
         assert!((trend.slope() - 0.375).abs() < 1e-12, "{}", trend.slope());
         let n = f64::from(foretold(&trend, 64, 800.0));
-        // There it takes as many as there are.
+        // At the fixed point the required number equals the number taken.
         assert!((800.0 * (64.0 / n).powf(0.375) / n - 1.0).abs() < 1e-5, "{n}");
-        // A cliff is not believed.
+        // A steep fall is bounded.
         assert_eq!(after(&[(8.0, 1e6), (16.0, 10.0)]).slope(), STEEPEST);
     }
 

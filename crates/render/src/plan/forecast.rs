@@ -1,21 +1,21 @@
-//! What a render is going to take, told from its pilot: samples and seconds until its noise is hidden at several k.
+//! The forecast of a render from its pilot: samples and seconds until its noise is hidden at several k.
 
 use dunkelfeld_adaptive::required_samples::total;
 use dunkelfeld_adaptive::tile_cost::CostMap;
 use dunkelfeld_film::Plane;
 use serde::{Deserialize, Serialize};
 
-/// The levels that are always told: total noise 41, 22, 12 and 3 % above the sensor's.
+/// The levels of every forecast: total noise 41, 22, 12 and 3 % above the sensor's.
 pub const FORECAST_LEVELS: [f64; 4] = [1.0, 0.7, 0.5, 0.25];
 
-/// What it takes until 99 % of the unsaturated pixels are hidden at some k.
+/// Cost until 99 % of the unsaturated pixels are hidden at some k.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ForecastLevel {
     /// The level: the standard deviation of the render's noise over that of the sensor's.
     pub k: f64,
-    /// Samples of the whole image, those of the pilot included; `null` where the pilot could not tell.
+    /// Samples of the whole image, those of the pilot included. `null` where the pilot could not determine it.
     pub samples: Option<f64>,
-    /// Wall-clock seconds of the whole command; `null` where the pilot could not tell.
+    /// Wall-clock seconds of the whole command. `null` where the pilot could not determine it.
     pub seconds: Option<f64>,
     /// The samples that it took in fact; `null` unless the render ended because it was hidden at this k.
     pub actual_samples: Option<f64>,
@@ -34,15 +34,15 @@ pub struct Forecast {
     pub made_at: f64,
     /// Samples of the whole image that it was made from.
     pub made_from: u64,
-    /// Seconds that this render is going to take from then on, by the first of its limits to be met; `None` if not known.
+    /// Remaining seconds of this render from then on, by the first limit that is reached. `None` if unknown.
     pub remaining: Option<f64>,
 }
 
-/// How fast the machine is, for a forecast.
+/// The speed of the machine, for a forecast.
 pub(crate) struct Throughput<'a> {
     /// Seconds since the start, now.
     pub(crate) elapsed: f64,
-    /// Seconds of a unit of work on all threads, work being in samples of mean cost on one; `None` if not known.
+    /// Seconds of a unit of work on all threads. Work is in samples of mean cost on one thread. `None` if unknown.
     pub(crate) per_work: Option<f64>,
     pub(crate) threads: usize,
     pub(crate) costs: &'a CostMap,
@@ -52,7 +52,7 @@ pub(crate) struct Throughput<'a> {
     pub(crate) limits: (Option<f64>, Option<u64>),
 }
 
-/// What is foretold.
+/// The inputs of a forecast.
 pub(crate) struct ForecastInput<'a> {
     /// Samples per pixel so far.
     pub(crate) counts: &'a Plane<u32>,

@@ -1,8 +1,8 @@
-//! Where the samples of a render go, and when it is good enough: decided from its film, between rounds.
+//! The allocation of the samples of a render, and the decision to end it: both from its film, between rounds.
 //!
-//! The plan is made once, from a uniform pilot, and a pixel's neighbours alone decide what it gets. Its mean is therefore
-//! unbiased: the number of its samples does not depend on them, but for the common level that all pixels share. What comes
-//! after the pilot only tells how far that level has to rise.
+//! The plan is made once, from a uniform pilot. The number of samples of a pixel depends only on its neighbours. The
+//! mean of the pixel is therefore unbiased: the number of its samples does not depend on their values, apart from the
+//! common level of all pixels. Later samples only determine how far that level has to rise.
 
 pub(crate) mod extrapolation;
 pub(crate) mod forecast;
@@ -23,30 +23,31 @@ use serde::{Deserialize, Serialize};
 
 /// A pilot that waits for its size begins with so many samples per pixel: one for each batch of the film.
 pub(crate) const FIRST_LOOK: u32 = dunkelfeld_film::BATCHES as u32;
-/// It grows by this factor at most from one look to the next: what few samples say is not trusted with many.
+/// It grows at most by this factor from one estimate to the next: an estimate from few samples is too uncertain for
+/// more.
 const GROWTH: f64 = 2.0;
-/// It ends with this share of what it says is to come, rounded down to a power of two: with less, forecasts are off by more than a
-/// fifth (`docs/accuracy.md`). Its samples are everybody's even share.
+/// It ends with this share of the estimated remaining samples, rounded down to a power of two. With less, forecasts are
+/// off by more than a fifth (`docs/accuracy.md`). Its samples are the same number in each pixel.
 const PILOT_SHARE: f64 = 0.2;
-/// No pixel counts for less than this part of the pilot's samples: one whose neighbours were silent then may be found to have
-/// noise later, and must come to its samples too.
+/// Lower bound of a pixel's share, as a part of the pilot's samples. The neighbours of a pixel may show no noise in the
+/// pilot, and later samples may show some. Such a pixel needs samples too.
 const MIN_PILOT_SHARE: f64 = 0.1;
 
-/// What there is to judge by.
+/// The inputs of a decision.
 #[derive(Clone, Copy)]
 pub(crate) struct State<'a> {
     pub(crate) film: &'a RenderedFilm,
     pub(crate) counts: &'a Plane<u32>,
 }
 
-/// A judgement of the image.
+/// A decision about the image.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum NoiseVerdict {
-    /// It is good enough.
+    /// The noise is hidden.
     Hidden,
     /// The pilot should have so many samples per pixel before a plan is made.
     GrowPilot(u32),
-    /// It will be good enough after so many samples of the whole image, as far as can be told.
+    /// The noise will be hidden after so many samples of the whole image, by the estimate.
     After(f64),
 }
 
@@ -58,13 +59,13 @@ pub(crate) struct Planner<'a> {
     forecast: Option<Forecast>,
 }
 
-/// How far the planning is.
+/// The state of the planning.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(crate) struct PlannerState {
     is_made: bool,
-    /// Samples per pixel of the pilot when it was looked at before.
+    /// Samples per pixel of the pilot at the previous estimate.
     seen: f64,
-    /// What it took to be hidden, by the looks at the image so far.
+    /// The estimates of the required samples so far.
     trend: ConvergenceFit,
 }
 
@@ -74,7 +75,7 @@ impl<'a> Planner<'a> {
         Self { settings, shares, state: PlannerState::default(), forecast: None }
     }
 
-    /// The planner of a render that was stored, at the place where it was.
+    /// The planner of a stored render, in its stored state.
     pub(crate) fn resumed(
         settings: &'a RenderSettings,
         shares: Shares,
@@ -84,22 +85,22 @@ impl<'a> Planner<'a> {
         Self { settings, shares, state, forecast }
     }
 
-    /// How far the planning is: with shares and forecast all that [`Self::resumed`] needs.
+    /// The state of the planning: with shares and forecast, it is all that [`Self::resumed`] needs.
     pub(crate) fn state(&self) -> PlannerState {
         self.state
     }
 
-    /// What was foretold.
+    /// The forecast.
     pub(crate) fn forecast(&self) -> Option<&Forecast> {
         self.forecast.as_ref()
     }
 
-    /// How samples are shared out from now on.
+    /// The distribution of samples from now on.
     pub(crate) fn shares(&self) -> &Shares {
         &self.shares
     }
 
-    /// The weights of the plan, and what was foretold.
+    /// The weights of the plan, and the forecast.
     pub(crate) fn into_parts(self) -> (Plane<f32>, Option<Forecast>) {
         (self.shares.weights, self.forecast)
     }
@@ -129,8 +130,8 @@ impl<'a> Planner<'a> {
         Ok((eye, image))
     }
 
-    /// Judges the image by the level of noise that the render shall end at. Makes the plan once the pilot suffices, and tells
-    /// then what is to be expected.
+    /// Compares the image with the noise level at which the render ends. Makes the plan once the pilot suffices, and
+    /// then reports the forecast.
     ///
     /// # Errors
     /// A sensor whose ranges the exposure leaves.
@@ -165,10 +166,10 @@ impl<'a> Planner<'a> {
             return Ok(NoiseVerdict::Hidden);
         }
         let wanted = (PILOT_SHARE * said).min(GROWTH * spp).max(f64::from(self.settings.pilot_spp));
-        // Powers of two in every batch, at which quasi-random points are even: other numbers of them have more noise, and a
-        // comparison of one look with another would tell of that. `as` saturates.
+        // Powers of two in every batch: only these numbers of quasi-random points are evenly distributed. Other numbers
+        // have more noise, which would distort the comparison of two estimates. `as` saturates.
         let wanted = FIRST_LOOK << (wanted as u32 / FIRST_LOOK).max(1).ilog2();
-        // One that has not grown since it was asked to cannot: the budget does not allow it.
+        // If it has not grown after a request, it cannot grow: the budget does not allow it.
         let has_grown = spp > self.state.seen;
         self.state.seen = spp;
         if has_grown && f64::from(wanted) > 1.01 * spp {
@@ -220,8 +221,8 @@ impl<'a> Planner<'a> {
         self.state.is_made = true;
     }
 
-    /// Samples per pixel after which the image is hidden at `k` by the strategy of the render, as far as what was seen tells;
-    /// `None` without a sensor. Shares are planned by the neighbours; how much it takes is told by what is certified.
+    /// Samples per pixel after which the image is hidden at `k` by the strategy of the render, by the estimate. `None`
+    /// without a sensor. Shares are planned from the neighbours. The total follows from the variance that is certified.
     fn targets(&self, sight: &PilotNoise<'_>, k: f64, counts: &Plane<u32>, weights: &Plane<f32>) -> Option<Plane<f32>> {
         let required_samples = sight.measured.needs_by(&sight.own, k)?;
         let targets = match self.settings.strategy() {
@@ -248,23 +249,23 @@ fn mean_count(counts: &Plane<u32>) -> f64 {
 
 /// The noise of the pilot.
 struct PilotNoise<'a> {
-    /// As it was seen.
+    /// From the pixels themselves.
     measured: FilmNoise<'a>,
-    /// As plans are made from it: by the neighbours of each pixel. None where a plan does not rest on noise.
+    /// For plans: from the neighbours of each pixel. None where a plan does not depend on noise.
     expected: Option<Plane<PredictedNoise>>,
-    /// As it would be certified.
+    /// For the certificate.
     own: Plane<PixelNoise>,
 }
 
 impl<'a> PilotNoise<'a> {
     fn new(measured: FilmNoise<'a>, own: Plane<PixelNoise>, strategy: Strategy) -> Self {
-        // Who wants the least variance of the image's mean does not ask what the sensor sees of it.
+        // A strategy for the least variance of the image's mean does not use the sensor.
         let sensor = measured.sensor.filter(|_| strategy != Strategy::Variance);
         let expected = strategy.needs_noise().then(|| measured.expected(sensor));
         Self { measured, expected, own }
     }
 
-    /// What a plan for `k` aims at; `None` without a sensor, and where a plan does not rest on noise.
+    /// The target of a plan for `k`. `None` without a sensor, and where a plan does not depend on noise.
     fn planned(&self, k: f64) -> Option<RequiredSamples> {
         self.measured.sensor.and(self.expected.as_ref()).map(|expected| RequiredSamples::expected(expected, k))
     }

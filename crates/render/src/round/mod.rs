@@ -21,19 +21,19 @@ use std::time::{Duration, Instant};
 pub const TILE: u32 = Film::TILE;
 /// At most so many invalid samples are remembered by name.
 pub(crate) const MAX_LISTED: usize = 16;
-/// Samples between two looks at the clock and the switch.
+/// Samples between two checks of the clock and the switch.
 const CHECK_EVERY: u32 = 64;
 /// Pause between two reports of progress.
 const REPORT_EVERY_MS: u64 = 100;
 
-/// Where progress reports go, and what they are measured against.
+/// Sink and reference of progress reports.
 pub(crate) struct ProgressReporter<'a> {
     pub(crate) sink: &'a dyn Progress,
     pub(crate) started: Instant,
     /// Limits that progress is a fraction of: seconds and samples.
     pub(crate) seconds: Option<f64>,
     pub(crate) samples: Option<u64>,
-    /// Samples after which the image is expected to be good enough; zero as long as nobody expects that.
+    /// Expected samples until the noise is hidden. Zero as long as there is no forecast.
     expected: AtomicU64,
     taken: AtomicU64,
     last_report_ms: AtomicU64,
@@ -45,7 +45,7 @@ impl<'a> ProgressReporter<'a> {
         Self { sink, started, seconds, samples, expected: zero(), taken: zero(), last_report_ms: zero() }
     }
 
-    /// The image is expected to be good enough after so many samples.
+    /// Sets the expected samples until the noise is hidden.
     pub(crate) fn expect(&self, samples: f64) {
         // `as` saturates.
         self.expected.store(samples as u64, Ordering::Relaxed);
@@ -82,7 +82,7 @@ impl<'a> ProgressReporter<'a> {
     }
 }
 
-/// What a round needs.
+/// The inputs of a round.
 pub(crate) struct RoundWork<'a> {
     pub(crate) estimator: &'a Estimator<'a>,
     /// Samples that each pixel has, and that it is to get.
@@ -101,7 +101,7 @@ pub(crate) struct RoundWork<'a> {
     pub(crate) writer: Option<(&'a CheckpointWriter, Snapshot<'a>)>,
 }
 
-/// What a round brought.
+/// The result of a round.
 #[derive(Debug, Default)]
 pub(crate) struct RoundResult {
     /// Per tile that was finished: index, samples, thread seconds.
@@ -219,7 +219,7 @@ pub(crate) fn run(film: &mut Film, work: &RoundWork<'_>, reporter: &ProgressRepo
         }
     });
     let mut result = finished.into_inner().unwrap_or_default();
-    // Who finished first is nobody's business: costs are learned in the order of the tiles.
+    // The order in which threads finish has no effect: costs are updated in the order of the tiles.
     result.tiles.sort_by_key(|&(tile, ..)| tile);
     result.out_of_memory = out_of_memory.into_inner();
     result.invalid = invalid.into_inner().unwrap_or_default();
@@ -227,7 +227,8 @@ pub(crate) fn run(film: &mut Film, work: &RoundWork<'_>, reporter: &ProgressRepo
     result
 }
 
-/// Renders a unit into `sums`, in place of what they hold; tells the connections that it sought. `None` if it was cut short.
+/// Renders a unit into `sums`, in place of their content. Returns its attempted connections. `None` if it was cut
+/// short.
 fn render_unit(
     work: &RoundWork<'_>,
     unit: &WorkUnit,
@@ -330,7 +331,7 @@ mod tests {
             assert_eq!((pixel.count(), pixel.mean()[0]), (1, f64::from(value(x, y))), "{x}, {y}");
         }
     }
-    /// Tiles of two units, while somebody copies: a pixel has the samples of both or of none.
+    /// Tiles of two units during a copy: a pixel has the samples of both or of none.
     #[test]
     fn nobody_sees_a_part_of_a_tile() {
         let side = 2 * TILE;

@@ -1,11 +1,13 @@
-//! How much of a round is done at a time.
+//! Amount of work per pass of a round.
 
-/// What a tile may take before it goes onto the film [s]. Checkpoints have finished tiles only: they lag behind by that much.
+/// Time limit of a tile until it is added to the film [s]. Checkpoints contain only finished tiles, so they are this
+/// much behind.
 const SECONDS: f64 = 0.5;
-/// Samples of a pixel in the first pass, when nothing is known of their cost.
+/// Samples of a pixel in the first pass, when their cost is unknown.
 const FIRST: u32 = 16;
 
-/// The most samples of a pixel in the next pass of a round. The clock decides, and no bit of a result depends on it.
+/// Maximum number of samples of a pixel in the next pass of a round. It depends on the clock, and no bit of a result
+/// depends on it.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Stride(u32);
 
@@ -21,7 +23,7 @@ impl Stride {
         self.0
     }
 
-    /// Learns that the dearest tile of a pass took so many seconds.
+    /// Updates the cost from the seconds of the slowest tile of a pass.
     pub(crate) fn measured(&mut self, seconds: f64) {
         if seconds < 0.5 * SECONDS {
             self.0 = self.0.saturating_mul(2);

@@ -1,13 +1,13 @@
-//! Where a render writes its checkpoint, and how often.
+//! Path and interval of the checkpoints of a render.
 
 use crate::error::{Error, written};
 use dunkelfeld_io::lock::TargetLock;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// Seconds between two checkpoints, if nothing else is said.
+/// Default of the seconds between two checkpoints.
 pub const DEFAULT_CHECKPOINT_SECONDS: f64 = 30.0;
-/// Where a render leaves its state while it runs.
+/// Path and interval at which a render stores its state.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CheckpointSettings {
     /// The file. If it exists, the render is taken up where the file leaves it.

@@ -1,4 +1,4 @@
-//! What an effect changes in the picture, and whether the camera can tell: the same samples with and without it.
+//! The bias of leaving out an effect, and whether the camera can detect it: the same samples with and without it.
 
 use crate::report::estimate::{Estimate, mean};
 use crate::series::statistics::quantile;
@@ -6,17 +6,17 @@ use dunkelfeld_film::Plane;
 
 /// Share of pixels for the quantiles of the bias.
 const SHARE: f64 = 0.99;
-/// The bias counts as seen above so many times its own noise.
+/// A bias is significant above so many times its own noise.
 const RESOLVED: f64 = 2.0;
 
-/// Can the camera tell that an effect is missing?
+/// Is the absence of an effect detectable by the camera?
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Verdict {
     /// At least 1 % of the pixels are off by more than the noise of a frame.
     Visible,
     /// At least 99 % of the pixels are off by less than that.
     Beneath,
-    /// The renders are too noisy to say.
+    /// The renders are too noisy for a result.
     Unresolved,
 }
 
@@ -30,21 +30,21 @@ impl Verdict {
     }
 }
 
-/// What leaving out one effect does.
+/// The result of leaving out one effect.
 #[derive(Clone, Debug)]
 pub(super) struct Bias {
     /// Mean over the image, without minus with, in the signal's unit.
     pub(super) mean: Estimate,
     /// Root of the mean square of the bias over the sensor's standard deviation, its noise taken out.
     pub(super) rms_sigma: f64,
-    /// What 99 % of the pixels do not exceed, in the signal's unit; its noise is part of it.
+    /// The 99 % quantile of the absolute bias, in the signal's unit. Its noise is part of it.
     pub(super) p99: f64,
     /// The same, in standard deviations of the sensor.
     pub(super) p99_sigma: f64,
-    /// What `p99` and `p99_sigma` would be if there were no bias at all.
+    /// The expected `p99` and `p99_sigma` without any bias.
     pub(super) noise: f64,
     pub(super) noise_sigma: f64,
-    /// Can the camera tell? Without a sensor there is nobody to ask.
+    /// Is it detectable by the camera? Without a sensor there is no answer.
     pub(super) verdict: Option<Verdict>,
     /// The bias per pixel, in standard deviations of the sensor, or in the signal's unit without one.
     pub(super) map: Plane<f32>,
@@ -135,8 +135,8 @@ mod tests {
         let (with, without) = renders(|_| 0.0);
         let s = Plane::new(SIDE, SIDE, 4.0);
         let found = bias(&with, &without, 1e9, Some(&s)).expect("a bias");
-        // The mean of 8 differences of variance 2 has sigma 0.5, which is 0.25 of the sensor's; 99 % of normal numbers lie
-        // within 2.58 sigma. 4096 pixels tell that quantile to 2 %; a tenth is five of that.
+        // The mean of 8 differences of variance 2 has sigma 0.5, which is 0.25 of the sensor's. 99 % of normal numbers
+        // lie within 2.58 sigma. 4096 pixels determine that quantile to 2 %. A tenth is five times that.
         for value in [found.p99_sigma, found.noise_sigma] {
             assert!((value - 2.576 * 0.25).abs() < 0.06, "{value}");
         }

@@ -1,4 +1,4 @@
-//! Denoisers in a bench: which ones there are, what they make of a render, and how far that is from the truth.
+//! Denoisers in a bench: the available ones, their images, and the errors of these.
 
 use super::settings::BenchSettings;
 use super::statistics::mean_plane;
@@ -16,7 +16,7 @@ pub(super) struct Filter {
     denoiser: Box<dyn Denoiser>,
 }
 
-/// What a denoiser made of a render.
+/// The denoised image of a render.
 #[derive(Clone, Debug)]
 pub(super) struct Filtered {
     pub(super) key: &'static str,
@@ -29,10 +29,10 @@ pub(super) struct Filtered {
 /// has it.
 ///
 /// # Errors
-/// One that is named cannot be had.
+/// A named denoiser is not available.
 pub(super) fn filters(settings: &BenchSettings) -> Result<Vec<Filter>, Error> {
     let find = |method: DenoiseMethod| {
-        // The library's place is for those that use it.
+        // The path of the library does not matter to users of the reports.
         let oidn = settings.oidn.clone().filter(|_| method == DenoiseMethod::Oidn);
         let found = find_denoiser(&DenoiseSettings { method, oidn })?;
         Ok::<_, Error>(found.map(|denoiser| Filter { key: method.name(), denoiser }))
@@ -99,7 +99,8 @@ impl<'a> Truth<'a> {
         Some(Self { reference, others, sum, weights })
     }
 
-    /// The error of images. `own` says that image i was made from the further render i, which then has no say on it.
+    /// The error of images. `own` means that image i was made from the further render i, which is then left out of its
+    /// estimate.
     pub(super) fn error(&self, images: &[Plane<f32>], own: bool) -> Estimate {
         let of = |(i, image): (usize, &Plane<f32>)| {
             let left_out = if own { self.others.get(i) } else { None };

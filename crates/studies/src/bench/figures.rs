@@ -83,7 +83,7 @@ pub(super) fn noise(r: &Results) -> Vec<[Chart; 2]> {
     measures(r).iter().map(|m| [chart(m, true), chart(m, false)]).collect()
 }
 
-/// What denoisers do to the noise that is seen and to the error, against time, with one strategy.
+/// Effect of denoisers on the variance and the error, against time, with one strategy.
 pub(super) fn denoised(r: &Results) -> Vec<Chart> {
     let Some(strategy) = shown_strategy(&r.settings.strategies).filter(|_| !r.denoised.is_empty()) else {
         return Vec::new();
@@ -139,7 +139,7 @@ pub(super) fn denoised_maps(r: &Results) -> Result<Vec<Map>, Error> {
     r.looks.iter().map(map).collect()
 }
 
-/// What was done to a render, in words.
+/// The processing of a render, in words.
 pub(super) fn denoiser_words(denoiser: &str) -> String {
     if denoiser == OFF { "not denoised".into() } else { format!("denoised by {denoiser}") }
 }
@@ -172,7 +172,7 @@ pub(super) fn hidden(r: &Results) -> Option<Chart> {
     (!rows.is_empty()).then(|| dots::draw("hidden", title, "time until hidden [s]", None, &legend, &rows))
 }
 
-/// Where the time went.
+/// Time by stage.
 pub(super) fn stages(r: &Results) -> Option<Chart> {
     let names = ["pilot", "plan", "refine", "expose", "write"];
     let bars: Vec<Bar> = r
@@ -187,7 +187,7 @@ pub(super) fn stages(r: &Results) -> Option<Chart> {
     (!bars.is_empty()).then(|| bars::draw("stages", title, "time of one render [s]", &names, &bars))
 }
 
-/// How far each effect reaches, beside the noise of that answer.
+/// The bias of each effect, with its noise.
 pub(super) fn effects(r: &Results) -> Option<Chart> {
     let has_sensor = r.view.has_sensor();
     let unit = if has_sensor {
@@ -211,7 +211,7 @@ pub(super) fn effects(r: &Results) -> Option<Chart> {
     (!rows.is_empty()).then(|| dots::draw("effects", "what leaving out an effect changes", unit, level, &legend, &rows))
 }
 
-/// The maps of where the noise is and where the samples went, in the order of the paper: variance, Sobel, samples.
+/// The maps of noise and samples, in the order of the paper: variance, Sobel, samples.
 pub(super) fn samples(r: &Results) -> Result<Vec<Map>, Error> {
     let mut maps = Vec::new();
     let uniform = r.tops.iter().find(|t| t.strategy == Strategy::Uniform);
@@ -237,7 +237,7 @@ pub(super) fn samples(r: &Results) -> Result<Vec<Map>, Error> {
     Ok(maps)
 }
 
-/// The map of what an effect changes.
+/// The map of the bias of an effect.
 pub(super) fn bias(r: &Results, name: &str, bias: &Bias) -> Result<Map, Error> {
     let plane: Plane<f64> = bias.map.map(|&v| f64::from(v));
     let (reach, unit) =

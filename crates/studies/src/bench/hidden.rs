@@ -11,7 +11,7 @@ use dunkelfeld_film::Plane;
 /// Share of the unsaturated pixels that must be hidden.
 pub(super) const SHARE: f64 = 0.99;
 
-/// What hiding at k costs with one strategy.
+/// The cost of hiding at k with one strategy.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Price {
     pub(super) k: f64,

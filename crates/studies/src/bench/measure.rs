@@ -1,4 +1,4 @@
-//! The measurement itself: which renders are missing, making them one by one, then the report.
+//! The measurement: finds the missing renders, makes them one by one, and writes the report.
 
 use super::denoised::{Filter, filters};
 use super::page;
@@ -32,16 +32,16 @@ const QUICK_SIDES: [u32; 2] = [32, 256];
 /// Long side of the film, and samples per pixel, by which a quick bench learns the speed.
 const TRIAL: (u32, u32) = (64, 8);
 
-/// What a bench came to.
+/// The result of a bench.
 #[derive(Clone, Debug)]
 pub struct BenchOutcome {
     /// The files of the report, the page first.
     pub files: Vec<PathBuf>,
     /// The findings in a few lines of plain text.
     pub findings: Vec<String>,
-    /// Renders that are finished, and that the bench wants.
+    /// Renders: finished, and all of the bench.
     pub finished: [usize; 2],
-    /// Was it cancelled from outside? What is finished is kept; the same call goes on from there.
+    /// Was it cancelled from outside? Finished renders are kept. The same call continues from there.
     pub interrupted: bool,
     /// Samples that were not finite, negative or out of range, in all renders.
     pub invalid_samples: u64,
@@ -75,14 +75,14 @@ pub fn bench(
 ) -> Result<BenchOutcome, Error> {
     settings.check()?;
     check_folder(folder, &project.inputs)?;
-    // The renders' noise is what is measured; no picture shall hide it.
+    // The bench measures the noise of the renders. No processing of the picture may hide it.
     project.settings.exposure_noise = ExposureNoise::Plain;
     let settings = &for_sensor(settings, project.settings.has_sensor())?;
     let filters = filters(settings)?;
     let store = Store::open(folder, restart)?;
     let effects = effects(&project, settings);
     if settings.quick && !own_size {
-        // A bench that goes on keeps the film that it began with.
+        // A continued bench keeps its film.
         let size = match store.manifest()?.filter(|m| m.settings.quick) {
             Some(there) => there.size,
             None => quick_size(&project, settings, effects.len(), session)?,
@@ -120,7 +120,7 @@ pub fn bench(
         denoisers: filters.iter().map(|f| f.key).zip(names).collect(),
         reference,
     };
-    // Without the reference there is nothing to say.
+    // Without the reference there is no result.
     let (files, findings) = match Results::gather(&store, settings, &fitted, &about)? {
         Some(results) => (page::write(folder, &results)?, results.findings()),
         None => (Vec::new(), Vec::new()),
@@ -190,7 +190,7 @@ fn quick_size(
     Ok(sized((side as u32).clamp(QUICK_SIDES[0], QUICK_SIDES[1])))
 }
 
-/// A bench that is being made.
+/// A bench in progress.
 struct Bench<'a> {
     project: &'a Project,
     input: &'a Path,
@@ -224,7 +224,7 @@ impl Bench<'_> {
         let mut view = None;
         let mut other: Option<(Effect, Scene, RenderSettings)> = None;
         for unit in missing {
-            // Also a unit that is over before anybody asks shows up.
+            // A unit that ends before the first progress report also appears.
             let begun = ProgressState { stage: Stage::Pilot, fraction: 0.0, elapsed: 0.0, remaining: None, samples: 0 };
             meter.update(&begun);
             if session.is_cancelled() {
@@ -260,7 +260,7 @@ impl Bench<'_> {
         Ok((other.scene, settings))
     }
 
-    /// Makes one unit and keeps it; `None` if it was interrupted.
+    /// Makes one unit and keeps it. `None` if it was interrupted.
     fn render(
         &self,
         unit: &Unit,
@@ -323,7 +323,7 @@ impl Bench<'_> {
         Ok(Some(record))
     }
 
-    /// How all units are seen, and which pixels are not saturated. The reference, which is the first of them, tells.
+    /// The view of all units, and the unsaturated pixels. Both follow from the reference, which is the first unit.
     fn view(&self, unit: &Unit, mean: &Plane<[f32; 3]>) -> Result<(View, Vec<bool>), Error> {
         let kept;
         let reference = match unit.purpose {
@@ -338,7 +338,7 @@ impl Bench<'_> {
         Ok((view, counts))
     }
 
-    /// Exposes and writes a picture as `render` would, to see how long that takes.
+    /// Exposes and writes a picture as `render` does, to measure the time.
     fn close(
         &self,
         unit: &Unit,

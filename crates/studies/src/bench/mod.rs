@@ -1,10 +1,11 @@
-//! What accuracy costs in time, measured: noise against time for every strategy, time until the camera hides the rest, what
-//! each effect costs and changes. One call, one folder, one page that stands alone.
+//! Measures the cost of accuracy in time: noise against time for every strategy, time until the noise is hidden, and
+//! cost and bias of each effect. One call makes one folder with one page that needs no other file.
 //!
-//! The way of a bench: [`BenchSettings`] become a list of units (`runs.rs`), each a render with a seed of its own.
-//! `measure.rs` renders them and `store.rs` keeps each one as soon as it is finished, so that an interrupted bench goes on
-//! where it was; `denoised.rs` has what denoisers make of them. `results.rs` reads them back and asks the pure functions of
-//! `statistics.rs`, `hidden.rs` and `ablation.rs` what they say; `tables.rs`, `figures.rs` and `page.rs` write it down.
+//! The steps of a bench: [`BenchSettings`] give a list of units (`runs.rs`), each a render with its own seed.
+//! `measure.rs` renders them. `store.rs` keeps each one as soon as it is finished, so that an interrupted bench
+//! continues. `denoised.rs` applies denoisers. `results.rs` reads the units back and analyses them with the pure
+//! functions of `statistics.rs`, `hidden.rs` and `ablation.rs`. `tables.rs`, `figures.rs` and `page.rs` write the
+//! report.
 
 mod ablation;
 mod denoised;

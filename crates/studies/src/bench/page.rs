@@ -43,7 +43,7 @@ struct Shown {
     size: [u32; 2],
 }
 
-/// Everything that is on the page.
+/// The content of the page.
 struct Report<'a> {
     r: &'a Results,
     tables: [Table; 5],
@@ -119,7 +119,7 @@ impl<'a> Report<'a> {
         text + &tiles(&self.tiles())
     }
 
-    /// The findings that one wants first: a figure and what it is.
+    /// The main findings: each a figure with its meaning.
     fn tiles(&self) -> Vec<(String, String)> {
         let r = self.r;
         let mut tiles = Vec::new();
@@ -423,7 +423,7 @@ fn pictures(r: &Results) -> Result<Vec<Shown>, Error> {
     }
     signals.push((format!("reference, {} samples per pixel", r.settings.reference_spp), &r.reference));
     let mut shown = Vec::new();
-    // One seed for all: what differs between two pictures is what was rendered, not the sensor's dice.
+    // One seed for all: two pictures differ only in the render, not in the noise of the sensor.
     for (name, signal) in &signals {
         if let Some(picture) = r.view.exposed(signal, r.seed) {
             let (uri, size) = maps::grey(&picture)?;
@@ -434,7 +434,7 @@ fn pictures(r: &Results) -> Result<Vec<Shown>, Error> {
         let (uri, size) = maps::grey(&r.view.picture(signal))?;
         shown.push(Shown { name: name.clone(), uri, size });
     }
-    // The plain pilot first and the plain reference last: the widest comparison is the first that is seen.
+    // The plain pilot is first and the plain reference last, so that the page opens with the widest comparison.
     let exposed = shown.len() - signals.len();
     shown.rotate_left(exposed);
     let plain = signals.len();

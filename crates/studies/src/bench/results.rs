@@ -1,4 +1,4 @@
-//! What the finished units say, read back from the folder: everything that the report shows, as plain data.
+//! Analysis of the finished units, read back from the folder: all data of the report, as plain data.
 
 use super::ablation::{Bias, bias};
 use super::denoised::Truth;
@@ -17,7 +17,7 @@ use dunkelfeld_adaptive::weights::Strategy;
 use dunkelfeld_film::Plane;
 use dunkelfeld_scene::Effect;
 
-/// What is known of a bench beside its settings and units.
+/// Data of a bench beside its settings and units.
 pub(super) struct About<'a> {
     pub(super) name: String,
     pub(super) threads: usize,
@@ -33,7 +33,7 @@ pub(super) struct About<'a> {
 #[derive(Clone, Debug)]
 pub(super) struct Point {
     pub(super) strategy: Strategy,
-    /// What was done to the image afterwards; [`OFF`] if nothing.
+    /// The denoiser of the image. [`OFF`] if none.
     pub(super) denoiser: &'static str,
     /// Samples per pixel, on average.
     pub(super) spp: u32,
@@ -48,14 +48,13 @@ pub(super) struct Point {
     /// Mean squared error against the truth, noise and bias: of the linear signal, over the sensor's variance if there is
     /// one. Only where denoisers are compared, and there are renders enough at the top of the ladder.
     pub(super) squared_error: Option<Estimate>,
-    /// The variance that the renders state of themselves, over the one that was measured; nothing knows that of an image
-    /// that was denoised.
+    /// The variance that the renders estimate of themselves, over the measured one. Undefined for a denoised image.
     pub(super) stated: f64,
     /// Share of the pixels hidden at one half.
     pub(super) hidden: Option<f64>,
 }
 
-/// What is known of a strategy at the top of the ladder.
+/// Data of a strategy at the top of the ladder.
 #[derive(Clone, Debug)]
 pub(super) struct Top {
     pub(super) strategy: Strategy,
@@ -64,14 +63,14 @@ pub(super) struct Top {
     pub(super) counts: Plane<u32>,
     /// Variance between the renders, of the 8-bit picture [DN^2].
     pub(super) picture_variance: Plane<f64>,
-    /// What the first render shows.
+    /// The signal of the first render.
     pub(super) signal: Plane<f32>,
     /// Seconds by stage: means over the renders; exposing and writing of the first.
     pub(super) stages: Vec<(String, f64)>,
     pub(super) prices: Vec<Price>,
 }
 
-/// What a denoiser makes of the renders of a point: beside one another, with and without.
+/// Images of a denoiser for the renders of a point, with and without it.
 #[derive(Clone, Debug)]
 pub(super) struct Look {
     pub(super) strategy: Strategy,
@@ -79,7 +78,7 @@ pub(super) struct Look {
     pub(super) spp: u32,
     /// Variance between the renders, of the 8-bit picture [DN^2].
     pub(super) picture_variance: Plane<f64>,
-    /// What the first render shows.
+    /// The signal of the first render.
     pub(super) signal: Plane<f32>,
 }
 
@@ -94,7 +93,7 @@ pub(super) struct Ablation {
     pub(super) seeds: usize,
 }
 
-/// Everything that the report shows.
+/// All data of the report.
 pub(super) struct Results {
     pub(super) name: String,
     pub(super) program: String,
@@ -123,7 +122,7 @@ pub(super) struct Results {
 }
 
 impl Results {
-    /// Reads back what is finished; `None` as long as there is no reference.
+    /// Reads the finished units. `None` as long as there is no reference.
     pub(super) fn gather(
         store: &Store,
         settings: &BenchSettings,
@@ -189,7 +188,7 @@ impl Results {
         }))
     }
 
-    /// What was found, in a few lines of plain text.
+    /// The findings, in a few lines of plain text.
     pub(super) fn findings(&self) -> Vec<String> {
         let mut lines = Vec::new();
         if !self.has_light() {
@@ -227,19 +226,19 @@ impl Results {
         lines
     }
 
-    /// Is any pixel of the reference lit?
+    /// Does any pixel of the reference have light?
     pub(super) fn has_light(&self) -> bool {
         self.reference.data().iter().any(|v| *v > 0.0)
     }
 
-    /// The level of hiding that the headlines speak of: one half if it is among those that were asked for.
+    /// The level of hiding of the headlines: one half if it is among the requested levels.
     pub(super) fn headline_level(&self) -> f64 {
         let levels = &self.settings.levels;
         levels.iter().copied().find(|k| *k == 0.5).or(levels.first().copied()).unwrap_or(0.5)
     }
 }
 
-/// The denoiser of renders that are left as they are.
+/// The denoiser entry of renders without denoising.
 pub(super) const OFF: &str = "off";
 
 /// The strategy by which denoisers are shown: the one that renders have by default if it is there.

@@ -1,4 +1,4 @@
-//! What a bench measures, and how well.
+//! Settings of a bench.
 
 use dunkelfeld::DenoiseMethod;
 use dunkelfeld::Error;
@@ -8,14 +8,14 @@ use dunkelfeld_scene::{Effect, SceneBuilder};
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
-/// Fewest renders that tell a spread and how well it is known.
+/// Fewest renders for a variance with its standard error.
 const MIN_SEEDS: u32 = 4;
 /// Most renders of one point.
 const MAX_SEEDS: u32 = 1024;
 /// Rungs of the ladder, at most.
 const MAX_RUNGS: usize = 24;
 
-/// What a bench measures, and how well.
+/// Settings of a bench.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BenchSettings {
     /// Mean samples per pixel of the points, ascending; each a power of two or not, as the user likes.
@@ -28,7 +28,7 @@ pub struct BenchSettings {
     pub effects: Option<Vec<Effect>>,
     /// Samples per pixel of the renders with and without an effect.
     pub effect_spp: u32,
-    /// Samples per pixel of the reference, which tells the exposure, the sensor's noise and what is saturated.
+    /// Samples per pixel of the reference, which determines the exposure, the sensor's noise and the saturated pixels.
     pub reference_spp: u32,
     /// The measures of hiding k to put a price on: the render's noise is k times the sensor's.
     pub levels: Vec<f64>,
@@ -75,7 +75,7 @@ impl BenchSettings {
         self
     }
 
-    /// Refuses what cannot be measured.
+    /// Refuses settings that cannot be measured.
     ///
     /// # Errors
     /// A setting outside its range, with help.
@@ -139,7 +139,7 @@ impl BenchSettings {
         Ok(())
     }
 
-    /// What makes the results of two benches comparable, for the fingerprint of the folder.
+    /// The inputs of the folder's fingerprint: equal values make the results of two benches comparable.
     pub(super) fn summary(&self) -> SettingsSummary {
         SettingsSummary {
             ladder: self.ladder.clone(),
@@ -161,7 +161,7 @@ pub(super) struct SettingsSummary {
     pub(super) quick: bool,
 }
 
-/// Is the effect a part of scenes that can be taken away? A technique is none: it has no bias to show.
+/// Can the effect be left out with a bias? A technique has none.
 pub(super) fn can_be_left_out(effect: Effect) -> bool {
     !effect.is_technique() && SceneBuilder::default().leave_out(effect)
 }

@@ -1,4 +1,4 @@
-//! What renders with different seeds say: spread per pixel, means of it over the image, and how well these are known.
+//! Statistics of renders with different seeds: variance per pixel, its means over the image, and their standard errors.
 
 use crate::report::estimate::Estimate;
 use dunkelfeld_film::Plane;
@@ -15,13 +15,13 @@ pub(super) fn mean_plane(planes: &[Plane<f32>]) -> Option<Plane<f64>> {
     Some(sum)
 }
 
-/// Squared deviations from the mean, plane by plane: what every spread below is made of.
+/// Squared deviations from the mean, plane by plane: the base of every variance below.
 pub(super) struct Deviations {
     squares: Vec<Plane<f64>>,
 }
 
 impl Deviations {
-    /// `None` with fewer than three planes: there would be a spread, but no telling how well it is known.
+    /// `None` with fewer than three planes: the variance would have no standard error.
     pub(super) fn of(planes: &[Plane<f32>]) -> Option<Self> {
         let mean = mean_plane(planes)?;
         let square = |plane: &Plane<f32>| {

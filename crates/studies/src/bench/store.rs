@@ -1,4 +1,5 @@
-//! What a bench has so far: a folder with one small file for each finished render, bound to what was rendered.
+//! The stored units of a bench: a folder with one small file for each finished render, bound to the settings of the
+//! renders.
 
 use super::denoised::Filtered;
 use super::runs::Unit;
@@ -42,7 +43,7 @@ pub(super) struct Record {
     pub(super) seed: u64,
     pub(super) allocation: String,
     pub(super) without: Option<String>,
-    /// Samples per pixel that were asked for, and what there is.
+    /// Samples per pixel: requested, and taken.
     pub(super) spp: u32,
     pub(super) samples: u64,
     pub(super) invalid_samples: u64,
@@ -67,7 +68,7 @@ impl Store {
         Ok(Self(Kept::open(home, MANIFEST, restart)?))
     }
 
-    /// What the units are of; `None` if there are none yet.
+    /// The key of the units. `None` if there are none yet.
     pub(super) fn manifest(&self) -> Result<Option<Manifest>, Error> {
         self.0.manifest()
     }
@@ -93,7 +94,7 @@ impl Store {
         self.0.keep(&record.name, record, layers)
     }
 
-    /// Where the picture of a unit is written, to see how long that takes.
+    /// Path of the timed picture of a unit.
     pub(super) fn picture(&self, unit: &Unit) -> std::path::PathBuf {
         self.0.file(&format!("{}.png", unit.name()))
     }

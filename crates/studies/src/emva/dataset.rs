@@ -19,14 +19,14 @@ pub const DESCRIPTOR: &str = "emva.txt";
 /// Name of the file with the truth.
 pub const TRUTH: &str = "truth.json";
 
-/// What was written.
+/// The written files.
 #[derive(Clone, Debug, PartialEq)]
 pub struct WrittenDataset {
     /// The descriptor.
     pub descriptor: PathBuf,
     /// Number of frames.
     pub frames: u32,
-    /// What an analysis must find.
+    /// The expected result of an analysis.
     pub truth: Truth,
 }
 

@@ -1,4 +1,4 @@
-//! What the analyser found, in the forms that people and programs read.
+//! The results of the analyser, for users and programs.
 
 use super::measurement::ReadMeasurement;
 use super::page;
@@ -12,7 +12,7 @@ use dunkelfeld_io::input::{InputFiles, Role};
 use serde::Serialize;
 use std::path::Path;
 
-/// What was found in a data set.
+/// The results of a data set.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(tag = "module", rename_all = "lowercase")]
 pub enum Findings {
@@ -50,7 +50,7 @@ impl Findings {
     /// Analyses a linear camera.
     ///
     /// # Errors
-    /// What the data set lacks.
+    /// The shortcomings of the data set.
     pub fn linear(read: &ReadMeasurement, settings: &AnalysisSettings) -> Result<Self, Error> {
         let found = analyse(&read.measurement, settings);
         found
@@ -61,7 +61,7 @@ impl Findings {
     /// Analyses a camera of any characteristic.
     ///
     /// # Errors
-    /// What the data set lacks.
+    /// The shortcomings of the data set.
     pub fn general(read: &ReadMeasurement, settings: &AnalysisSettings) -> Result<Self, Error> {
         let found = analyse_general(&read.measurement, settings);
         found.map(Self::General).map_err(|e| InputError::new(&read.file, "data set", e.to_string(), e.help()).into())
@@ -83,7 +83,7 @@ impl Findings {
         }
     }
 
-    /// What the data set lacks of what the standard asks for.
+    /// The shortcomings of the data set against the standard.
     pub fn notes(&self) -> &[String] {
         match self {
             Self::Linear(a) => &a.notes,

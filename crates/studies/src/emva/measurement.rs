@@ -18,17 +18,17 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 pub struct ReadMeasurement {
     /// The descriptor.
     pub file: PathBuf,
-    /// What was measured.
+    /// The measurement.
     pub measurement: Measurement,
     /// Width and height of the frames.
     pub size: [u32; 2],
     /// How many frames there were.
     pub frames: usize,
-    /// What in the descriptor was not understood.
+    /// The unknown parts of the descriptor.
     pub warnings: Vec<String>,
 }
 
-/// What a block of frames shows.
+/// The statistics of a block of frames.
 enum Seen {
     Pair(Level),
     Stack(StackLevel),

@@ -8,11 +8,11 @@ use dunkelfeld_radiometry::{Irradiance, Nanometres, Seconds, photon};
 use dunkelfeld_sensor::{Device, Efficiency, Exposure, FilterColor, FrameKey, SensorModel};
 use serde::Serialize;
 
-/// What is varied from level to level.
+/// The quantity that varies from level to level.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Vary {
-    /// The exposure time, under constant light: tells the dark current as well.
+    /// The exposure time, under constant light. The analysis then also gives the dark current.
     #[default]
     Exposure,
     /// The light, at one exposure time.
@@ -34,7 +34,7 @@ pub struct DatasetSettings {
     pub stack: u32,
     /// Picks the device and the noise.
     pub seed: u64,
-    /// What is varied.
+    /// The varied quantity.
     pub vary: Vary,
     /// The exposure time, or the longest of them.
     pub exposure: Seconds,
@@ -169,7 +169,7 @@ impl DatasetPlan {
         &self.settings
     }
 
-    /// What is to be taken, in the order of the data set.
+    /// The frames to be taken, in the order of the data set.
     pub fn shots(&self) -> &[Shot] {
         &self.shots
     }
@@ -185,7 +185,7 @@ impl DatasetPlan {
         Ok(self.device.expose(&electrons, shot.exposure, key)?)
     }
 
-    /// What an analysis must find.
+    /// The expected result of an analysis.
     pub fn truth(&self) -> Truth {
         truth(self.device.model(), &self.light, &self.settings, self.saturation)
     }

@@ -1,4 +1,4 @@
-//! What an analysis of a simulated data set must find: the figures that follow from the model.
+//! The expected result of an analysis of a simulated data set: the figures that follow from the model.
 
 use super::plan::{DatasetSettings, Vary};
 use dunkelfeld_radiometry::{Irradiance, Nanometres, Seconds};
@@ -25,7 +25,7 @@ pub(super) struct Light {
     pub(super) irradiance: Irradiance,
 }
 
-/// What is true of a data set.
+/// The true figures of a data set.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Truth {
     /// The sensor.
@@ -36,7 +36,7 @@ pub struct Truth {
     pub irradiance_w_m2: f64,
     /// Distance of the pixels \[um\].
     pub pixel_pitch_um: f64,
-    /// What was varied.
+    /// The varied quantity.
     pub vary: Vary,
     /// Picks device and noise.
     pub seed: u64,

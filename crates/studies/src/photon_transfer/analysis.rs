@@ -1,4 +1,4 @@
-//! What the finished renders say, read back from the folder: everything that the report shows, as plain data.
+//! Analysis of the finished renders, read back from the folder: all data of the report, as plain data.
 
 use super::findings::{Finding, findings};
 use super::renders::Renders;
@@ -151,7 +151,7 @@ impl Results {
         findings(&self.pictures)
     }
 
-    /// What was found, in a few lines of plain text.
+    /// The findings, in a few lines of plain text.
     pub(super) fn lines(&self) -> Vec<String> {
         let mut lines: Vec<String> =
             self.findings().iter().map(|f| format!("{}: {} ({})", f.claim, f.verdict.words(), f.here)).collect();

@@ -1,4 +1,4 @@
-//! What Kludt et al. say of the noise of rendered pictures, and whether it is so here.
+//! Statements of Kludt et al. about the noise of rendered pictures, and whether they hold here.
 
 use super::analysis::PictureSeries;
 use crate::report::words::rounded;
@@ -49,7 +49,7 @@ impl Verdict {
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Finding {
     pub(super) claim: &'static str,
-    /// Where the paper says it.
+    /// The place in the paper.
     pub(super) place: &'static str,
     pub(super) here: String,
     pub(super) verdict: Verdict,
@@ -61,7 +61,7 @@ pub(super) fn findings(all: &[PictureSeries]) -> Vec<Finding> {
     let each = |f: &dyn Fn(&PictureSeries) -> String| {
         all.iter().map(|s| format!("{}: {}", name(s), f(s))).collect::<Vec<_>>().join("; ")
     };
-    // A series that has no answer, because a number is not known or nothing varies, is not asked.
+    // A series without an answer, because a number is unknown or constant, is left out.
     let judged = |f: &dyn Fn(&PictureSeries) -> Option<bool>| all.iter().filter_map(f).collect::<Vec<_>>();
     let known = |v: f64| v.is_finite().then_some(v);
     let varies = |s: &PictureSeries| mean(s) > 0.0;
@@ -149,7 +149,7 @@ pub(super) fn findings(all: &[PictureSeries]) -> Vec<Finding> {
     found
 }
 
-/// What a series is called.
+/// The name of a series.
 pub(super) fn name(s: &PictureSeries) -> String {
     format!("{} spp{}", s.spp, if s.is_denoised { " denoised" } else { "" })
 }

@@ -24,7 +24,7 @@ use dunkelfeld_sensor::ExposureNoise;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-/// What a measurement came to.
+/// The result of a measurement.
 #[derive(Clone, Debug)]
 pub struct PtcOutcome {
     /// The files of the report, the page first; none as long as there are too few frames for one.
@@ -128,7 +128,7 @@ impl Work<'_> {
             None => None,
         };
         for unit in missing {
-            // Also a render that is over before anybody asks shows up.
+            // A render that ends before the first progress report also appears.
             let begun = ProgressState { stage: Stage::Pilot, fraction: 0.0, elapsed: 0.0, remaining: None, samples: 0 };
             meter.update(&begun);
             if session.is_cancelled() {

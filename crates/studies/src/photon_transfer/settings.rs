@@ -1,4 +1,4 @@
-//! What the photon transfer of a scene is measured from.
+//! Settings of the photon transfer of a scene.
 
 use dunkelfeld::Error;
 use dunkelfeld::{DenoiseMethod, DenoiseSettings};
@@ -7,13 +7,13 @@ use dunkelfeld_adaptive::plan::MAX_SPP;
 /// Frames of the paper, and the samples per pixel of its two series.
 const PAPER_FRAMES: u32 = 50;
 const PAPER_SPP: [u32; 2] = [64, 2500];
-/// Fewest frames that tell a variance and how well it is known.
+/// Fewest frames for a variance with its standard error.
 const MIN_FRAMES: u32 = 4;
 const MAX_FRAMES: u32 = 10_000;
 /// Series of samples per pixel, at most.
 const MAX_SERIES: usize = 8;
 
-/// What the photon transfer of a scene is measured from.
+/// Settings of the photon transfer of a scene.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PtcSettings {
     /// Frames of each series, 4 to 10 000.

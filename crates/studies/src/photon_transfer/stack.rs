@@ -1,4 +1,4 @@
-//! Photon transfer of frames that come as files: of a camera that looks at one scene, or of another renderer.
+//! Photon transfer of frames from files: of a camera with a fixed scene, or of another renderer.
 
 use super::analysis::{Curve, fault, linear_curve, picture_curve};
 use super::figures::{LINEAR_AXES, chart};
@@ -156,7 +156,7 @@ pub fn ptc_of_frames(
 }
 
 impl FrameStack {
-    /// What was found, in a few lines of plain text.
+    /// The findings, in a few lines of plain text.
     pub fn findings(&self) -> Vec<String> {
         let s = &self.statistics;
         let mut lines = vec![

@@ -7,12 +7,12 @@ use serde::Serialize;
 pub(crate) struct Estimate {
     /// The number.
     pub(crate) value: f64,
-    /// One standard error; NaN where nothing is known of it.
+    /// One standard error. NaN where it is unknown.
     pub(crate) error: f64,
 }
 
 impl Estimate {
-    /// Nothing is known.
+    /// An unknown value.
     pub(crate) const NONE: Self = Self { value: f64::NAN, error: f64::NAN };
 
     pub(crate) fn scaled(self, factor: f64) -> Self {

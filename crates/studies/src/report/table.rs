@@ -1,4 +1,4 @@
-//! Tables of a report: the same cells as CSV for programs and as HTML for people.
+//! Tables of a report: the same cells as CSV and as HTML.
 
 use super::chart::escape;
 use super::estimate::Estimate;

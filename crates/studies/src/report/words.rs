@@ -2,7 +2,7 @@
 
 use super::chart::power_of_ten;
 
-/// Three digits, as people read them.
+/// Three significant digits, as text.
 pub(crate) fn rounded(v: f64) -> String {
     if !v.is_finite() {
         return "-".into();

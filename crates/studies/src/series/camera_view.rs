@@ -1,4 +1,4 @@
-//! How renders are looked at: as the camera sees them, at one exposure for all.
+//! The view of renders: as exposed by the camera, at one exposure for all.
 
 use super::statistics::quantile;
 use dunkelfeld::SensorChoice;

@@ -1,5 +1,5 @@
-//! Many renders as one long piece of work: each is kept in a folder as soon as it is finished, so that what was interrupted
-//! goes on where it was; all tell one progress; all are seen alike.
+//! Many renders as one long piece of work. Each is kept in a folder as soon as it is finished, so that interrupted work
+//! continues. All share one progress and one exposure.
 
 mod camera_view;
 mod progress;

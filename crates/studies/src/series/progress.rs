@@ -1,4 +1,4 @@
-//! Tells how far the whole work is while its renders tell how far they are.
+//! Converts the progress of single renders to the progress of the whole work.
 
 use dunkelfeld::{Progress, ProgressState};
 use std::sync::Mutex;
@@ -9,13 +9,13 @@ pub(crate) struct Meter<'a> {
     sink: &'a dyn Progress,
     began: Instant,
     total: u64,
-    /// Samples of what was there before, and of all that is finished.
+    /// Samples of earlier runs, and of all finished renders.
     before: u64,
     done: Mutex<u64>,
 }
 
 impl<'a> Meter<'a> {
-    /// For work of so many samples, of which some are there already.
+    /// For work of so many samples, of which some are finished already.
     pub(crate) fn new(sink: &'a dyn Progress, total: u64, before: u64) -> Self {
         Self { sink, began: Instant::now(), total, before, done: Mutex::new(before) }
     }

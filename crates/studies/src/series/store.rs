@@ -15,7 +15,7 @@ use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 
-/// What to do about a finished render that cannot be read back.
+/// Help for a finished render that cannot be read back.
 const DAMAGED: &str =
     "delete this file and the .json of the same name, to have it rendered again, or start anew with --restart";
 
@@ -49,7 +49,7 @@ pub(crate) fn hash_text(text: &str) -> u64 {
 pub(crate) struct Kept {
     folder: ResultsFolder,
     manifest: &'static str,
-    /// Width and height of the renders, once they are known.
+    /// Width and height of the renders, once they are fixed.
     size: OnceLock<[u32; 2]>,
 }
 
@@ -78,7 +78,7 @@ impl Kept {
         home.join(UNITS).is_dir()
     }
 
-    /// What the folder is bound to; `None` if it is not yet.
+    /// The key of the folder. `None` if it has none yet.
     pub(crate) fn manifest<M: for<'a> Deserialize<'a>>(&self) -> Result<Option<M>, Error> {
         self.read_json(self.manifest)
     }
@@ -86,7 +86,7 @@ impl Kept {
     /// Binds the folder. `facts` are those of the manifest, also of one that is there already.
     ///
     /// # Errors
-    /// It is bound to something else.
+    /// It is bound to another key.
     pub(crate) fn bind<M>(&self, manifest: &M, key: impl Fn(&M) -> &RenderKey) -> Result<(), Error>
     where
         M: Serialize + for<'a> Deserialize<'a>,
@@ -107,7 +107,7 @@ impl Kept {
         self.read_json(&format!("{name}.json"))
     }
 
-    /// Keeps a finished render: the image first, then the record, which says that it is finished.
+    /// Keeps a finished render: the image first, then the record, which marks it as finished.
     pub(crate) fn keep<R: Serialize>(&self, name: &str, record: &R, layers: ExrLayers) -> Result<(), Error> {
         let image = format!("{name}.exr");
         written(&self.folder.file(&image), self.folder.write_layers(&image, layers))?;

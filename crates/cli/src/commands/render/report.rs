@@ -1,4 +1,4 @@
-//! What a render says when it is over: what came out on standard output, what is wrong with it on standard error.
+//! The summary after a render: results on standard output, faults on standard error.
 
 use crate::args::RenderArgs;
 use crate::outcome::{print, say};
@@ -43,7 +43,7 @@ pub(super) fn print_report(args: &RenderArgs, project: &Project, result: &Projec
     }
 }
 
-/// What is wrong with an image, whoever made it.
+/// The faults of an image, of a render or a merge.
 pub(crate) fn say_flaws(s: &Stats) {
     if s.sensor.as_ref().is_some_and(|s| s.no_light) {
         say("warning: the image is black, so there is no automatic exposure; 1 s was used");
@@ -108,7 +108,7 @@ fn summary(project: &Project, s: &Stats) -> String {
     text
 }
 
-/// What the sensor saw, and how well the render's noise is hidden beneath its own: a line each.
+/// The exposure of the sensor, and how well the render's noise is hidden beneath the sensor's: a line each.
 pub(crate) fn as_seen(s: &Stats) -> String {
     let mut text = String::new();
     if let Some(sensor) = &s.sensor {
@@ -150,7 +150,7 @@ fn certificate(c: &CertificateStats) -> String {
 
 /// Where noise-matched exposure holds, in one line.
 fn matched(share: f64) -> String {
-    // What is almost all is not all.
+    // A share just below one is not printed as all.
     let percent = (1000.0 * share).floor() / 10.0;
     format!(
         "exposure noise: matched; frames are as noisy as the camera's in {percent:.1} % of pixels, elsewhere the render's noise is too large, rests on a single sample or is not known"

@@ -1,4 +1,5 @@
-//! Readers for the fields of a job that refuse values out of range; the TOML layer adds line and caret to what they say.
+//! Readers for the fields of a job that refuse values out of range. The TOML layer adds line and caret to their
+//! messages.
 
 use crate::import::options::EmissiveUnit;
 use crate::quantity::{Angle, Length, Memory, PerLength, Power, Time};
@@ -25,7 +26,7 @@ pub(super) fn spp<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f64>, D::Err
     Err(D::Error::custom(format!("{} is out of range; write a number above zero and up to 1e9, such as 64", Number(v))))
 }
 
-/// Below a thousandth no sensor tells any more; above a thousand nothing is asked for.
+/// Below a thousandth no sensor shows a difference. Above a thousand the limit has no effect.
 pub(super) fn noise<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f64>, D::Error> {
     real(d, *NOISE_LEVELS.start(), *NOISE_LEVELS.end()).map(Some)
 }
@@ -92,7 +93,7 @@ pub(super) fn focus_distance<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f
     Err(D::Error::custom(format!("{} m is out of range; write a distance such as \"300mm\", or \"inf\"", Number(v))))
 }
 
-/// A size on a sensor or of a field [m].
+/// A size on a sensor, or the size of a field [m].
 pub(super) fn positive_length<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f64>, D::Error> {
     let Length(v) = Length::deserialize(d)?;
     if (1e-9..=1000.0).contains(&v) {
@@ -101,7 +102,7 @@ pub(super) fn positive_length<'de, D: Deserializer<'de>>(d: D) -> Result<Option<
     Err(D::Error::custom(format!("{} m is out of range; write a length such as \"3.45um\" or \"40mm\"", Number(v))))
 }
 
-/// Coefficients in the order of OpenCV. Beyond a million nothing is left of an image.
+/// Coefficients in the order of OpenCV. Values beyond a million leave no image.
 pub(super) fn distortion<'de, D: Deserializer<'de>>(d: D) -> Result<Option<Distortion>, D::Error> {
     let values = numbers::<D>(d)?;
     match Distortion::from_opencv(&values) {
@@ -154,7 +155,7 @@ pub(super) fn duration<'de, D: Deserializer<'de>>(d: D) -> Result<Option<Duratio
     Err(D::Error::custom(format!("{} s is out of range; write a time above zero, such as \"20s\"", Number(v))))
 }
 
-/// An angle [rad] in degrees, as it was written: without the digits that only rounding makes.
+/// An angle [rad] in degrees, without the digits that result from rounding.
 fn degrees(radians: f64) -> f64 {
     (radians.to_degrees() * 1e9).round() / 1e9
 }
@@ -322,7 +323,7 @@ impl Visitor<'_> for LengthOrInf {
     }
 }
 
-/// Whole or real: TOML tells `1` and `1.0` apart, people do not.
+/// Whole or real. TOML separates `1` and `1.0`, users do not.
 struct AnyNumber;
 
 impl Visitor<'_> for AnyNumber {

@@ -1,17 +1,17 @@
-//! `[lens]` of a job: what it may say, and which of it excludes the rest.
+//! `[lens]` of a job: its keys, and the keys that exclude each other.
 
 use super::{FilmSettings, SensorChoice, check};
 use dunkelfeld_scene::{Distortion, Vignetting};
 use serde::Deserialize;
 
-/// `[lens]`: field of view, aperture, focus and faults of the lens. What is absent is the camera's own.
+/// `[lens]`: field of view, aperture, focus and aberrations of the lens. An absent key keeps the value of the camera.
 ///
 /// Without `focus_distance` the aperture is infinitely small for the image, and everything is sharp; f-number,
 /// transmission and magnification then set the irradiance on the sensor alone.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct LensSettings {
-    /// Makes every camera a perspective or a telecentric one; by default each is what the scene says.
+    /// Makes every camera a perspective or a telecentric one. Default: the projection of the scene's cameras.
     pub projection: Option<LensProjection>,
     /// Full vertical field of view \[rad\] of a perspective; written as `"30deg"`.
     #[serde(deserialize_with = "check::field_of_view")]
@@ -20,7 +20,7 @@ pub struct LensSettings {
     /// distance or magnification, it gives the field of view.
     #[serde(deserialize_with = "check::focal_length")]
     pub focal_length: Option<f64>,
-    /// Height \[m\] of what a telecentric lens sees, written as `"40mm"`.
+    /// Height \[m\] of the field of a telecentric lens, written as `"40mm"`.
     #[serde(deserialize_with = "check::positive_length")]
     pub field_height: Option<f64>,
     /// f-number N, 0.5 to 1000. Default 4.
@@ -87,10 +87,10 @@ pub enum LensProjection {
     Telecentric,
 }
 
-/// Something that a job's lens or film cannot mean: table and key, problem, help.
+/// An impossible value in `[lens]` or `[film]` of a job: table and key, problem, help.
 pub(super) type Fault = ([&'static str; 2], &'static str, &'static str);
 
-/// Does a film say its size on the sensor in one way at most?
+/// Does a film state its size on the sensor at most once?
 pub(super) fn check_film(film: &FilmSettings) -> Result<(), Fault> {
     let sizes = [
         ("pixel_pitch", film.pixel_pitch.is_some()),
@@ -107,7 +107,7 @@ pub(super) fn check_film(film: &FilmSettings) -> Result<(), Fault> {
     }
 }
 
-/// Do the settings of a lens go together? Only what can be told without the scene.
+/// Are the settings of a lens consistent? This checks only the ones that do not depend on the scene.
 pub(super) fn check_lens(lens: &LensSettings, film: &FilmSettings, sensor: &SensorChoice) -> Result<(), Fault> {
     let fault = |key, problem, help| Err((["lens", key], problem, help));
     let has_size =

@@ -1,4 +1,4 @@
-//! Lays a job's `[[light]]` entries over a scene: strengths by name, and measured distributions.
+//! Applies the `[[light]]` entries of a job to a scene: strengths by name, and measured distributions.
 
 use super::overrides::{matches, unique};
 use super::{Job, LightOverride};
@@ -12,7 +12,7 @@ use std::f64::consts::PI;
 use std::path::Path;
 
 impl Job {
-    /// Changes the lights that entry `i` names.
+    /// Changes the lights that entry `i` selects.
     pub(super) fn change_lights(
         &self,
         i: usize,
@@ -131,7 +131,7 @@ impl Job {
                 PunctualKind::Spot { intensity: change.intensity.or(scaled).unwrap_or(intensity), inner, outer }
             }
             PunctualKind::Profile { profile, scale } => {
-                // Strengths are those of the whole profile; of a dark one no factor makes light.
+                // Strengths are those of the whole profile. No factor gives a black profile light.
                 let (peak, all) = profiles.get(profile).map_or((0.0, 0.0), |p| (p.peak(), f64::from(p.power())));
                 let dark = peak <= 0.0;
                 if let Some((key, _)) = [("power", change.power.is_some()), ("intensity", change.intensity.is_some())]
@@ -208,7 +208,7 @@ impl Job {
     }
 }
 
-/// What happens to the emission of a material.
+/// A change of the emission of a material.
 #[derive(Clone, Copy)]
 enum Emission {
     Set(Rgb),
@@ -231,7 +231,7 @@ struct SurfaceLight {
     areas: Vec<(f64, usize)>,
 }
 
-/// What a light's name stands for among surfaces.
+/// The surfaces that the name of a light selects.
 enum Surfaces {
     /// Instances; of their parts only the emissive ones, unless none is.
     Objects { instances: Vec<usize>, only_emissive: bool },

@@ -1,4 +1,4 @@
-//! Lays a job's environment and materials over a scene that was read; its lights follow in `lights`.
+//! Applies the environment and the materials of a job to an imported scene. The module `lights` applies its lights.
 
 use super::{AlphaKind, EnvironmentSettings, Job, MaterialOverride};
 use crate::error::{ImportWarning, InputError};
@@ -10,7 +10,7 @@ use dunkelfeld_scene::{
 };
 
 impl Job {
-    /// What can be told without a scene: overrides that contradict themselves.
+    /// Checks without a scene: overrides that contradict each other.
     pub(super) fn check_overrides(&self) -> Result<(), InputError> {
         for (i, light) in self.lights.iter().enumerate() {
             let given = [
@@ -42,10 +42,10 @@ impl Job {
         Ok(())
     }
 
-    /// Changes the scene as `[environment]`, `[[material]]` and `[[light]]` say, in this order.
+    /// Changes the scene by `[environment]`, `[[material]]` and `[[light]]`, in this order.
     ///
     /// # Errors
-    /// If a name stands for nothing in the scene, a light's quantity does not fit its kind, or the environment's image
+    /// If a name matches nothing in the scene, a light's quantity does not fit its kind, or the environment's image
     /// cannot be read. The scene is then partly changed and should be dropped.
     pub fn apply_overrides(&self, scene: &mut SceneBuilder) -> Result<Vec<ImportWarning>, InputError> {
         let mut warnings = Vec::new();
@@ -167,7 +167,7 @@ fn apply(change: &MaterialOverride, m: &mut Material) {
         set(&mut volume.scattering_anisotropy, change.scattering_anisotropy);
         set(&mut volume.priority, change.priority);
         if change.absorption.is_some() || change.scattering.is_some() {
-            // One coefficient is replaced, the other stays what the attenuation made it.
+            // One coefficient is replaced. The other keeps the value from the attenuation.
             let medium = Medium::new(volume);
             *volume = Volume {
                 absorption: change.absorption.unwrap_or(medium.absorption),
@@ -180,7 +180,7 @@ fn apply(change: &MaterialOverride, m: &mut Material) {
     }
 }
 
-/// The first key that speaks of the inside of a solid.
+/// The first key about the interior of a solid.
 fn medium_key(change: &MaterialOverride) -> Option<&'static str> {
     let keys = [
         ("attenuation_color", change.attenuation_color.is_some()),
@@ -212,7 +212,7 @@ fn drop_textures(m: &mut Material) {
     m.anisotropy_texture = None;
 }
 
-/// Does a name match a pattern with `*` and `?`? A name that holds these characters itself matches literally too.
+/// Does a name match a pattern with `*` and `?`? A name that contains these characters also matches literally.
 pub(super) fn matches(pattern: &str, name: &str) -> bool {
     pattern == name || (pattern.contains(['*', '?']) && glob(pattern, name))
 }

@@ -1,4 +1,4 @@
-//! A pixel's sums as bytes, and back, with a look at whether samples could have added up to them.
+//! The sums of a pixel as bytes, and back, with a check that samples can have given them.
 
 use dunkelfeld_film::units::{
     DEPTH_BITS, DEPTH_LIMIT_BITS, RADIANCE_BITS, RADIANCE_LIMIT_BITS, SQUARE_BITS, UNIT_BITS, UNIT_SQUARE_BITS,
@@ -33,8 +33,8 @@ pub(super) fn encode(sums: &PixelSums, out: &mut Vec<u8>) {
     sums.luminance_squares.0.iter().for_each(|v| out.extend(v.to_le_bytes()));
 }
 
-/// The pixel that the bytes stand for; `None` if they are too few, or if no samples add up to it. What is returned can be
-/// counted, averaged and merged without leaving the range of its numbers.
+/// The pixel of the bytes. `None` if they are too few, or if no samples can give it. A returned pixel can be counted,
+/// averaged and merged without leaving the range of its numbers.
 pub(super) fn decode(mut bytes: &[u8]) -> Option<PixelSums> {
     let from = &mut bytes;
     let mut sums = PixelSums::default();

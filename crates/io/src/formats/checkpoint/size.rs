@@ -5,8 +5,8 @@ use crate::input::{InputFiles, MAX_STREAMED, Role};
 use std::io::Read;
 use std::path::Path;
 
-/// Width and height \[pixels\] of the film of a checkpoint. `None` for what is not one of this version, or cannot be read:
-/// [`read_checkpoint`](super::read_checkpoint) says why.
+/// Width and height \[pixels\] of the film of a checkpoint. `None` for a file that is no checkpoint of this version, or
+/// cannot be read: the error of [`read_checkpoint`](super::read_checkpoint) gives the reason.
 pub fn checkpoint_size(path: &Path) -> Option<(u32, u32)> {
     let mut head = [0; HEAD];
     InputFiles::new().open(path, Role::Part, MAX_STREAMED).ok()?.read_exact(&mut head).ok()?;

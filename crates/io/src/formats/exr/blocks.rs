@@ -1,4 +1,4 @@
-//! Decodes the blocks of an EXR on several threads; a decoder that panics makes an invalid file, no more.
+//! Decodes the blocks of an EXR on several threads. A panic of the decoder is reported as an invalid file.
 
 use std::io::{Read, Seek};
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -27,8 +27,8 @@ const BLOCKS_PER_THREAD: usize = 8;
 
 /// The layers that `layers` chooses.
 ///
-/// The decoder's own threads end the process when they panic, so that it is asked for one block at a time, and only for
-/// blocks that keep to the size of the image.
+/// The decoder's own threads end the process when they panic. So it gets one block at a time, and only blocks within
+/// the size of the image.
 ///
 /// # Errors
 /// The file cannot be read, is damaged, or uses what `layers` does not take.
@@ -77,7 +77,8 @@ fn check_largest_block(header: &Header) -> Result<()> {
     Ok(())
 }
 
-/// A block of the DWA compressions begins with the sizes of its sections, for which the decoder asks memory as they stand.
+/// A block of the DWA compressions begins with the sizes of its sections. The decoder allocates memory of these sizes
+/// without a check.
 fn check_promises(chunk: &Chunk, meta: &MetaData) -> Result<()> {
     let header = meta.headers.get(chunk.layer_index).ok_or(Error::Invalid("a block of no part".into()))?;
     let bytes = match &chunk.compressed_block {
@@ -92,7 +93,7 @@ fn check_promises(chunk: &Chunk, meta: &MetaData) -> Result<()> {
     let size = header.get_absolute_block_pixel_coordinates(place)?.size;
     let [width, height] = [size.0, size.1];
     if bytes.len() == width.saturating_mul(height).saturating_mul(header.channels.bytes_per_pixel) {
-        // A block that would not have become smaller stands there as it is.
+        // A block that compression does not shrink is stored uncompressed.
         return Ok(());
     }
     // Coefficients come in squares of 8 x 8, and nothing takes more than four bytes and half as much again.

@@ -149,7 +149,8 @@ fn refuse<T>(problem: String) -> io::Result<T> {
 
 /// Writes a file like [`write_exr`](super::write_exr), to the same bytes, without all of its samples at once.
 ///
-/// `rows` is asked for consecutive strips from the top: ranges of rows, of [`ExrHead::strip_rows`] each but for the last one.
+/// `rows` is called for consecutive strips from the top: ranges of rows, of [`ExrHead::strip_rows`] each but for the
+/// last one.
 /// It returns a channel for each one of the head, in their order, with the samples of these rows.
 ///
 /// # Errors
@@ -164,7 +165,7 @@ pub fn write_exr_rows(
     write_atomically(path, |file| encode(file, head, head.strip_rows(), rows))
 }
 
-/// Encodes what [`write_exr_rows`] writes, in strips of so many rows, a multiple of 16; the head has been checked.
+/// Encodes the file of [`write_exr_rows`], in strips of so many rows, a multiple of 16. The head has been checked.
 fn encode(
     file: impl Write + Seek,
     head: &ExrHead,
@@ -179,7 +180,7 @@ fn encode(
         let first = place.pixel_position.y() as u32;
         if first >= range.end {
             range = first..head.height.min(first.saturating_add(strip_rows));
-            // The former strip goes first, so that there is never more than one.
+            // The former strip is dropped first, so that there is never more than one.
             strip = Vec::new();
             strip = rows(range.clone())?;
             head.check_strip(&strip, range.end - range.start)?;

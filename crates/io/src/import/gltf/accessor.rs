@@ -1,4 +1,4 @@
-//! Reads accessors: every offset, count and component type is checked against the bytes that are really there.
+//! Reads accessors: every offset, count and component type is checked against the available bytes.
 
 use super::complete::{ACCESSOR_COMPONENT, ACCESSOR_TYPE, SPARSE_COMPONENT};
 use super::container::Asset;
@@ -37,7 +37,7 @@ fn name_of(kind: Type) -> &'static str {
     VALID_ACCESSOR_TYPES.get((kind as usize).wrapping_sub(1)).copied().unwrap_or_default()
 }
 
-/// As an index or a count; what exceeds the address space is out of every range.
+/// As an index or a count. A value beyond the address space is out of every range.
 fn whole(value: USize64) -> usize {
     usize::try_from(value.0).unwrap_or(usize::MAX)
 }
@@ -46,12 +46,12 @@ fn offset(value: Option<USize64>) -> usize {
     value.map_or(0, whole)
 }
 
-/// Reads accessors of one asset. Messages of its errors say what is wrong, without the place.
+/// Reads accessors of one asset. Its error messages contain the problem, without the place.
 pub(super) struct Accessors<'a> {
     asset: &'a Asset,
     /// Most elements that an accessor without data may have: zeros cost nothing in the file.
     most_zeros: u64,
-    /// Bytes that may still be read: many primitives that each read one large buffer would take for ever.
+    /// Remaining bytes that may be read. Many primitives that each read one large buffer would take too long.
     allowance: Cell<u64>,
 }
 

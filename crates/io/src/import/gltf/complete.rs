@@ -1,4 +1,4 @@
-//! Fills in members that `gltf::json` requires and files leave out, and keeps the codes that it has no name for.
+//! Adds members that `gltf::json` requires and files leave out, and keeps the codes that are unknown to it.
 
 use super::lenient::ABSENT;
 use gltf::json::{accessor, extensions::scene::khr_lights_punctual, material, mesh, texture};

@@ -162,8 +162,8 @@ fn check_header(file: &mut Vec<u8>, path: &Path, warnings: &mut Warnings) -> Res
     Ok(())
 }
 
-/// The file without chunks beyond the first that are not the first binary one, and without a rest that is too short for
-/// a chunk: the format has programs ignore them, `Glb::from_slice` refuses them.
+/// The file without chunks after the first one, except the first binary chunk, and without a rest that is too short for
+/// a chunk. By the format, programs ignore these. `Glb::from_slice` refuses them.
 fn without_other_chunks(file: &[u8]) -> Cow<'_, [u8]> {
     let chunk_end = |start: usize| Some(start + CHUNK_HEADER + u32_at(file, start)? as usize);
     let is_binary = |start: usize| file.get(start + 4..start + 8) == Some(b"BIN\0");

@@ -8,7 +8,7 @@ use gltf::json::mesh::{MorphTarget, Primitive, Semantic};
 use gltf::json::validation::Checked;
 use gltf::json::{Accessor, Index, Skin};
 
-/// What deforms a mesh.
+/// The deformation of a mesh.
 #[derive(Clone, Copy, Default)]
 pub(super) struct Deformation<'a> {
     /// Weight of each morph target.
@@ -19,8 +19,8 @@ pub(super) struct Deformation<'a> {
 
 /// A skin in its default pose.
 pub(super) struct Pose {
-    /// Mesh space to a space parallel to the world's, with its origin at `origin`: close to the skin, so that f32
-    /// positions lose nothing far out in the world.
+    /// Mesh space to a space parallel to the world's, with its origin at `origin`. The origin is close to the skin, so
+    /// that f32 positions keep their precision far from the origin of the world.
     joints: Vec<DAffine3>,
     /// World position of that origin: the first joint.
     pub(super) origin: DVec3,

@@ -1,4 +1,4 @@
-//! The JSON of an asset as `gltf::json` types it, and beside it what those types do not hold.
+//! The JSON of an asset as typed by `gltf::json`, and the data that these types do not contain.
 
 use super::complete::{UnknownCodes, complete};
 use super::extensions::{OfDocument, OfMaterial, OfNode, OfNormalTexture, OfTexture, Profile, Transform};
@@ -19,9 +19,9 @@ const VALUES_PER_OBJECT: usize = 32;
 
 /// A document: lists beside the root are parallel to those in it.
 pub(super) struct Document {
-    /// What `gltf::json` types.
+    /// The data typed by `gltf::json`.
     pub(super) root: json::Root,
-    /// Codes that it has no name for.
+    /// Codes that are unknown to it.
     pub(super) unknown: UnknownCodes,
     /// Transforms of the nodes.
     pub(super) transforms: Vec<Transform>,
@@ -88,7 +88,7 @@ fn typed<T: DeserializeOwned>(value: Value, above: &[Step]) -> Result<T, TypeFau
     })
 }
 
-/// The words of the types for what belongs in a place, where they are hard to understand.
+/// Clear words for the expected values, where those of the types are hard to understand.
 fn plain(problem: &str) -> String {
     let problem = problem.replace("index into child of root", "an index: a whole number that is not negative");
     match problem.split_once(", expected struct ") {
@@ -226,7 +226,7 @@ fn json_error(json: &[u8], path: &Path, line_number: usize, column: usize, probl
     );
     let line = json.split(|b| *b == b'\n').nth(line_number - 1).unwrap_or_default();
     let column = column.saturating_sub(1).min(line.len());
-    // Long lines, of data URIs above all, would bury the message.
+    // Long lines, of data URIs above all, would hide the message.
     let (from, to) = (column.saturating_sub(60), (column + 60).min(line.len()));
     let before = String::from_utf8_lossy(&line[from..column]).into_owned();
     let after = String::from_utf8_lossy(&line[column..to]).into_owned();

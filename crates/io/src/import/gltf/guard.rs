@@ -10,7 +10,7 @@ pub(super) fn guarded<T>(
     place: &str,
     read: impl FnOnce() -> Result<T, InputError>,
 ) -> Result<T, InputError> {
-    // What `read` borrows is dropped with the import, so that nobody sees it half changed.
+    // The data that `read` borrows is dropped with the import, so that no code uses it in a partly changed state.
     catch_unwind(AssertUnwindSafe(read)).unwrap_or_else(|_| {
         let problem = "the reader of glTF stopped at a fault that it does not expect";
         Err(InputError::new(

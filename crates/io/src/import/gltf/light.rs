@@ -43,10 +43,10 @@ pub(super) fn light(source: &Light, code: &str, place: &str, warnings: &mut Warn
     }
 }
 
-/// Reads a profile of EXT_lights_ies: a file beside the scene or bytes of a buffer.
+/// Reads a profile of EXT_lights_ies: a file beside the scene, or bytes of a buffer.
 ///
 /// # Errors
-/// What keeps it from being used, in words.
+/// The reason why it cannot be used, as text.
 pub(super) fn profile(
     source: &extensions::Profile,
     index: usize,

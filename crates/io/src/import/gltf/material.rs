@@ -14,12 +14,12 @@ use gltf::json::material::AlphaMode as JsonAlphaMode;
 use gltf::json::texture::Info;
 use gltf::json::validation::Checked;
 
-/// What a primitive without a material has (glTF 2.0, section 3.7.2.1).
+/// The material of a primitive that has none (glTF 2.0, section 3.7.2.1).
 pub(super) fn default_material() -> Material {
     Material { name: "default".into(), metallic: 1.0, roughness: 1.0, ..Material::default() }
 }
 
-/// A material of the file: what `gltf::json` types, and the rest.
+/// A material of the file: the part typed by `gltf::json`, and the rest.
 pub(super) struct Source<'a> {
     index: usize,
     name: String,
@@ -51,7 +51,7 @@ impl<'a> Source<'a> {
     }
 }
 
-/// Converts a material. Occlusion and thickness textures are not asked for: light transport finds both by itself.
+/// Converts a material. Occlusion and thickness textures are not used: light transport computes both.
 pub(super) fn convert(source: &Source<'_>, unit: EmissiveUnit, r: &mut Reader<'_, '_>) -> Material {
     let material = source.material;
     let mut m = Material { name: source.name.clone(), double_sided: material.double_sided, ..default_material() };
@@ -171,7 +171,7 @@ fn dielectric(extensions: &typed::Material, untyped: &OfMaterial, m: &mut Materi
     }
 }
 
-/// What KHR_materials_volume_scatter makes of a volume: its attenuation is extinction, of which a part is scattered.
+/// KHR_materials_volume_scatter applied to a volume: its attenuation is extinction, and a part of it is scattered.
 fn scattering(untyped: &OfMaterial, volume: Volume, r: &mut Reader<'_, '_>) -> Volume {
     let Some(e) = &untyped.volume_scatter else { return volume };
     let color = r.color("multiscatterColor", e.multiscatter_color.or(e.scatter_albedo).unwrap_or_default(), 1.0);

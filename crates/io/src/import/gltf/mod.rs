@@ -44,7 +44,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 use texture::Textures;
 
-/// Reads a glTF 2.0 file. Bytes, not the extension, tell `.glb` from `.gltf`.
+/// Reads a glTF 2.0 file. The bytes, not the extension, distinguish `.glb` from `.gltf`.
 ///
 /// Lengths are metres as glTF has them. Photometric values become radiometric by
 /// [`LUMENS_PER_WATT`](crate::import::options::LUMENS_PER_WATT). Meshes stay in object space and are stored once, however many
@@ -92,7 +92,7 @@ fn measure_images(
     shown: &[usize],
 ) -> Result<(), InputError> {
     let (document, root) = (&asset.document, &asset.document.root);
-    // Files are read again when they are decoded, and what is wrong with them is said then.
+    // Files are read again when they are decoded, and their faults are reported then.
     let loader = AssetLoader::new(path, options.limits);
     let mut ignored = Warnings::new(path);
     let mut textures = Textures::new(asset, accessors, &loader, ImageStore::measuring(&options.limits));
@@ -107,7 +107,7 @@ fn measure_images(
     textures.store.check(path)
 }
 
-/// What tells baked meshes apart: mesh, skin, and the bits of the morph weights of the node.
+/// The key of a baked mesh: mesh, skin, and the bits of the morph weights of the node.
 type MeshKey = (usize, Option<usize>, Option<Vec<u32>>);
 
 struct Importer<'a> {
@@ -240,7 +240,7 @@ impl Importer<'_> {
         }
     }
 
-    /// Places a mesh, once or as often as EXT_mesh_gpu_instancing says.
+    /// Places a mesh, once or in the instances of EXT_mesh_gpu_instancing.
     fn instance(&mut self, node: usize, mesh: usize, to_world: &[DAffine3], place: &str) -> Result<(), InputError> {
         let document = &self.asset.document;
         let source = &document.root.nodes[node];
@@ -249,7 +249,7 @@ impl Importer<'_> {
             return Ok(());
         };
         let skin = source.skin.map(|s| s.value()).filter(|s| self.prepare_pose(*s, to_world));
-        // A skinned mesh is where its joints are; its node's transform does not count (glTF 2.0, section 3.7.3).
+        // A skinned mesh is at the place of its joints. Its node's transform is ignored (glTF 2.0, section 3.7.3).
         let origin = skin.and_then(|s| self.poses.get(&s)?.as_ref().map(|p| p.origin));
         let transform = origin.map_or(to_world[node], DAffine3::from_translation);
         let placements = match document.nodes.get(node).and_then(|n| n.instancing.as_ref()) {
@@ -329,7 +329,7 @@ impl Importer<'_> {
         self.poses.entry(index).or_insert(pose).is_some()
     }
 
-    /// The parts of a mesh in its default pose, read when first asked for.
+    /// The parts of a mesh in its default pose, read at the first use.
     fn mesh(&mut self, index: usize, skin: Option<usize>, weights: Option<&[f32]>) -> Result<Vec<usize>, InputError> {
         let key = (index, skin, weights.map(|w| w.iter().map(|v| v.to_bits()).collect()));
         if let Some(parts) = self.meshes.get(&key) {
@@ -434,7 +434,7 @@ impl Importer<'_> {
     }
 }
 
-/// The first name that is not empty, else what it is and its number.
+/// The first name that is not empty, else kind and number.
 fn name(candidates: &[Option<&str>], kind: &str, index: usize) -> String {
     let named = candidates.iter().flatten().find(|n| !n.trim().is_empty());
     named.map_or_else(|| format!("{kind} {index}"), |n| (*n).to_owned())

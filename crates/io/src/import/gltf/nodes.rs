@@ -8,7 +8,7 @@ use dunkelfeld_geometry::{DAffine3, DMat3, DQuat, DVec3};
 use gltf::json::Index;
 use std::path::Path;
 
-/// Where every node is, and which are shown.
+/// The transforms of all nodes, and the nodes of the scene.
 pub(super) struct Hierarchy {
     /// Node to world, of every node of the file, whether shown or not (joints need not be in the scene).
     pub(super) to_world: Vec<DAffine3>,
@@ -89,7 +89,7 @@ pub(super) fn resolve(
     Ok(Hierarchy { to_world, shown })
 }
 
-/// The scene asked for, else the default one, else the first, else every root.
+/// The requested scene, else the default one, else the first, else every root.
 fn scene_roots(
     document: &Document,
     parent: &[Option<usize>],

@@ -9,8 +9,9 @@ use gltf::json::mesh::{Mode, Primitive, Semantic};
 use gltf::json::validation::Checked;
 use std::cell::Cell;
 
-/// Reads a primitive in its default pose. `Ok(None)` means that there is nothing to show (points, lines); an error says
-/// why the data cannot be used. `code` is the primitive's mode as the file has it, if the format has no such mode.
+/// Reads a primitive in its default pose. `Ok(None)` means that there is nothing to render (points, lines). An error
+/// gives the reason why the data cannot be used. `code` is the primitive's mode as the file has it, if the format has
+/// no such mode.
 pub(super) fn read_primitive(
     accessors: &Accessors<'_>,
     primitive: &Primitive,

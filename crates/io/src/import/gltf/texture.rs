@@ -24,7 +24,7 @@ pub(super) struct Textures<'a> {
     pub(super) store: ImageStore,
     /// By index in the file; `None` for one that cannot be read.
     known: BTreeMap<usize, Option<ImageId>>,
-    /// By what the encoded image holds; what is wrong with it if it cannot be read.
+    /// By a hash of the encoded image. The fault, if it cannot be read.
     by_content: HashMap<Content, Result<ImageId, String>>,
 }
 
@@ -38,7 +38,7 @@ impl<'a> Textures<'a> {
         Self { asset, accessors, loader, store, known: BTreeMap::new(), by_content: HashMap::new() }
     }
 
-    /// Resolves a reference. What cannot be used is left out with a warning, so that the factor alone remains.
+    /// Resolves a reference. An unusable texture is left out with a warning, so that only the factor remains.
     pub(super) fn resolve(
         &mut self,
         info: Option<&Info>,

@@ -1,13 +1,13 @@
-//! The crate's own validation, which explains why a file that shows nothing is refused.
+//! The validation of the crate `gltf`, which explains the refusal of a file without any usable mesh.
 //!
-//! Most of what it reports is no reason to refuse a file: indices are checked where they are used, and missing bounds of
+//! Most of its findings are no reason to refuse a file: indices are checked at their use, and missing bounds of
 //! positions do not matter.
 
 use gltf::json::mesh::{Primitive, Semantic};
 use gltf::json::validation::{Checked, Error, Validate};
 use gltf::json::{Path, Root};
 
-/// More findings bury the first ones.
+/// More findings would hide the first ones.
 const MOST: usize = 3;
 
 /// The first findings in accessors, buffer views, buffers and meshes, as `path: finding`.

@@ -23,7 +23,7 @@ pub(super) struct Part {
 pub(super) struct Assembly {
     /// The parts.
     pub parts: Vec<Part>,
-    /// Where the meshes' origin lies in the file's coordinates: f32 keeps full accuracy far from the file's origin.
+    /// Origin of the meshes in the file's coordinates: f32 keeps full accuracy far from the file's origin.
     pub origin: DVec3,
 }
 
@@ -151,7 +151,7 @@ fn has_normal(parsed: &Parsed, corner: &Corner) -> bool {
     corner.normal != NONE && parsed.normals[corner.normal as usize] != [0.0; 3]
 }
 
-/// Where a vertex's normal comes from; part of what makes two corners the same vertex.
+/// Source of a vertex's normal. It is part of the key that makes two corners the same vertex.
 #[derive(Clone, Copy, Default, PartialEq, Eq, Hash)]
 enum NormalSource {
     File(u32),
@@ -162,7 +162,7 @@ enum NormalSource {
     Flat,
 }
 
-/// The vertex that was last used of a position: at most corners it is the one that is wanted.
+/// The vertex that was last used at a position. Most corners need this one.
 #[derive(Clone, Copy, Default)]
 struct Recent {
     /// Number of the part it belongs to; 0 is none.
@@ -234,7 +234,7 @@ fn build_mesh(
         });
         mesh.triangles.push(indices);
     }
-    // White vertices say nothing.
+    // White vertices have no effect.
     if mesh.colors.iter().all(|c| *c == Vec4::ONE) {
         mesh.colors = Vec::new();
     }

@@ -1,4 +1,4 @@
-//! Maps that OBJ knows and our materials do not, converted texel by texel: bumps, Phong exponents, adjusted values.
+//! Maps of OBJ that our materials lack, converted texel by texel: bumps, Phong exponents, adjusted values.
 
 use dunkelfeld_scene::{Image, Texels};
 

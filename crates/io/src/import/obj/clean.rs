@@ -1,6 +1,6 @@
-//! The text of an OBJ file as `tobj` accepts it, made line by line while `tobj` reads it.
+//! The text of an OBJ file in a form that `tobj` accepts, made line by line while `tobj` reads it.
 //!
-//! Lines that `tobj` understands are lent from the file's text; the others are rewritten or left out.
+//! Lines that `tobj` reads correctly are borrowed from the file's text. The others are rewritten or left out.
 
 use super::groups::Groups;
 use super::plain::{self, Counts};
@@ -21,7 +21,7 @@ pub(super) const REGISTER_LINE: u32 = 256;
 pub(super) struct Cleaner<'a> {
     lines: Lines<'a>,
     chunk: Cow<'a, str>,
-    /// How much of the chunk is read [bytes].
+    /// Read bytes of the chunk [bytes].
     done: usize,
     ended: bool,
     /// Has any vertex a colour?
@@ -35,7 +35,7 @@ pub(super) struct Cleaner<'a> {
     pub found: Found,
 }
 
-/// What the cleaning gathers beside the text.
+/// The results of the cleaning, apart from the text.
 pub(super) struct Found {
     /// Numbers of positions, texture coordinates and normals of the whole file.
     pub total: Counts,
@@ -51,7 +51,7 @@ pub(super) struct Found {
     pub too_large: bool,
 }
 
-/// How a line is passed on.
+/// The treatment of a line.
 enum Cleaned {
     AsItIs,
     As(String),
@@ -80,7 +80,7 @@ impl<'a> Cleaner<'a> {
         }
     }
 
-    /// Hands out what was gathered beside the text.
+    /// Returns the results of the cleaning, apart from the text.
     pub(super) fn finish(self) -> Found {
         self.tally.append(self.late);
         self.found
@@ -204,7 +204,7 @@ impl<'a> Cleaner<'a> {
         }
     }
 
-    /// Notes a statement that no image shows, if that may be missed.
+    /// Records a statement without effect on images, if a user may expect one.
     fn left_out(&mut self, line: u32, key: &str) {
         match key {
             "p" | "l" => self.tally.add(line, "points and lines have no surface and are left out"),
@@ -213,7 +213,7 @@ impl<'a> Cleaner<'a> {
                 self.tally.add(line, "free-form curves and surfaces are not read; export polygons")
             }
             "call" | "csh" => self.tally.add(line, "`call` and `csh` statements are never carried out"),
-            // Display hints, and data of other programs that no image shows.
+            // Display hints, and data of other programs without effect on images.
             "mg" | "bevel" | "c_interp" | "d_interp" | "lod" | "maplib" | "usemap" | "shadow_obj" | "trace_obj"
             | "ctech" | "stech" | "vw" => {}
             _ => {

@@ -1,4 +1,4 @@
-//! From MTL materials to ours. The table in the documentation of [`load_obj`](super::load_obj) is the contract.
+//! Converts MTL materials. The table in the documentation of [`load_obj`](super::load_obj) is the contract.
 
 use super::bake::roughness_of_exponent;
 use super::mtl::Mtl;
@@ -7,7 +7,7 @@ use crate::import::warnings::Warnings;
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_scene::{AlphaMode, Material};
 
-/// Diffuse reflectance where nothing says otherwise: light grey, so that unlit corners and bright faces both show.
+/// Diffuse reflectance of a material without one: light grey, so that unlit corners and bright faces are both visible.
 const GREY: f32 = 0.8;
 
 /// A material, and whether it refracts: a closed mesh of it is a solid.
@@ -16,7 +16,7 @@ pub(super) struct Converted {
     pub refracts: bool,
 }
 
-/// The material of faces that have none.
+/// The material of faces without one.
 pub(super) fn default_material(name: &str) -> Material {
     Material { name: name.to_string(), base_color: Rgb::splat(GREY), specular: 0.0, ..Material::default() }
 }
@@ -45,7 +45,7 @@ pub(super) fn convert(m: &Mtl, folder: &str, textures: &mut Textures<'_>, warnin
         out.base_color = out.base_color.lerp(rgb(tint), share);
     }
     if let Some(ior) = m.ior {
-        // Many exporters write 0 or 1 for materials that never refract; their highlights still need an interface.
+        // Many exporters write 0 or 1 for materials that never refract. Their highlights still need an interface.
         let meant = ior > 1.0 || (transmissive && ior == 1.0);
         if !meant && ior != 1.0 {
             warnings.push(&place, format!("an index of refraction (Ni) of {ior} is not usable; 1.5 is used"));
@@ -59,7 +59,7 @@ pub(super) fn convert(m: &Mtl, folder: &str, textures: &mut Textures<'_>, warnin
         out.base_color = rgb(specular);
         out.base_color_texture = specular_map;
     } else if is_pbr || transmissive {
-        // Fresnel's equations give the reflection; a colour for it would be counted twice.
+        // Fresnel's equations give the reflection. A colour for it would count twice.
         out.specular = 1.0;
     } else if largest(specular) > 0.0 && !matches!(m.illumination, Some(0 | 1)) {
         out.specular = largest(specular);
@@ -119,7 +119,7 @@ fn transmission(m: &Mtl) -> Option<(f32, [f32; 3])> {
     let filter = m.filter.unwrap_or([1.0; 3]);
     let share = match m.dissolve {
         Some(d) if d < 1.0 => 1.0 - d,
-        // The models of refraction mean a clear body even when `d` is left at 1.
+        // In the models of refraction the body is clear even when `d` is left at 1.
         _ if matches!(model, 6 | 7) => largest(filter),
         _ => 0.0,
     };

@@ -1,7 +1,7 @@
 //! Objects, groups, materials and smoothing groups in force while an OBJ file is read.
 //!
-//! `tobj` treats `o` and `g` alike, has no smoothing groups, and forgets the names of materials that no library defines, so
-//! these statements are kept beside it.
+//! `tobj` treats `o` and `g` alike, has no smoothing groups, and discards the names of materials that no library
+//! defines. So these statements are stored separately.
 
 use super::text;
 use std::collections::HashMap;
@@ -45,7 +45,7 @@ impl Groups {
         }
     }
 
-    /// Carries out a statement; `false` if it is none of those that name something.
+    /// Executes a statement. `false` if it is not one that names something.
     pub(super) fn statement(&mut self, line: u32, key: &str, rest: &str) -> bool {
         let data = text::without_comment(rest);
         match key {
@@ -59,7 +59,7 @@ impl Groups {
                 self.name_object();
             }
             "s" => self.smoothing = smoothing_group(data),
-            // Names may hold spaces and even '#'; the lookup sorts that out.
+            // Names may contain spaces and even '#'. The search for the name handles these.
             "usemtl" => self.material = intern(&mut self.material_ids, &mut self.materials, rest),
             "mtllib" => self.libraries.push((line, rest.to_string())),
             _ => return false,

@@ -27,10 +27,10 @@ struct Word<'a> {
     start: usize,
 }
 
-/// Reads options and file name. File names may hold spaces, and options may stand before or after them, so the name is
-/// what lies between the leading and the trailing options.
+/// Reads options and file name. File names may contain spaces, and options may be before or after them. So the name is
+/// the text between the leading and the trailing options.
 ///
-/// `None` if there is no name. What is wrong or not honoured goes to `warn`.
+/// `None` if there is no name. Faults and options without effect go to `warn`.
 pub(super) fn read(data: &str, mut warn: impl FnMut(&str)) -> Option<Map> {
     let words: Vec<Word<'_>> = data
         .split_whitespace()
@@ -68,7 +68,7 @@ pub(super) fn read(data: &str, mut warn: impl FnMut(&str)) -> Option<Map> {
     Some(map)
 }
 
-/// How many words may follow an option; `None` if the word is no option.
+/// The maximum number of words after an option. `None` if the word is no option.
 fn option_arguments(word: &str) -> Option<usize> {
     Some(match word.to_ascii_lowercase().as_str() {
         "-blendu" | "-blendv" | "-boost" | "-bm" | "-cc" | "-clamp" | "-colorspace" | "-imfchan" | "-texres"

@@ -5,7 +5,7 @@ use super::map::{self, Map};
 use super::tally::Tally;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
-/// A material as the file has it; `None` where it says nothing. Colours are linear.
+/// A material as the file has it. `None` where the file has no value. Colours are linear.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Mtl {
     /// `newmtl`, untouched.

@@ -82,7 +82,7 @@ pub(super) fn face(data: &str, seen: &Counts, total: &Counts) -> Option<usize> {
             match data.get(at) {
                 Some(b'/') if field < 2 => at += 1,
                 Some(b) if !is_space(*b) => return None,
-                // Fields that are left out must be of lists that are empty.
+                // Fields may be left out only if their lists are empty.
                 _ if total[field + 1..].iter().any(|n| *n > 0) => return None,
                 _ => break,
             }

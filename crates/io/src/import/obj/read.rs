@@ -1,4 +1,4 @@
-//! Reads the cleaned text with `tobj`, and puts its arrays and the names gathered beside them into plain lists.
+//! Reads the cleaned text with `tobj`, and converts its arrays and the separately stored names to plain lists.
 
 use super::clean::{Cleaner, Found, REGISTER_LINE, with_none};
 use super::plain::Counts;
@@ -9,7 +9,7 @@ use tobj::LoadOptions;
 /// Stands for "no texture coordinate" and "no normal".
 pub(super) const NONE: u32 = u32::MAX;
 
-/// What an OBJ file says, indices resolved and checked.
+/// The content of an OBJ file, with indices resolved and checked.
 #[derive(Debug, Default)]
 pub(super) struct Parsed {
     /// Positions; not finite where the file's were unusable.
@@ -59,7 +59,7 @@ pub(super) struct Face {
     pub material: u32,
 }
 
-/// Why a text cannot be read.
+/// The reason why a text cannot be read.
 #[derive(Debug)]
 pub(super) enum Refused {
     /// Its meshes need more memory than allowed.
@@ -97,7 +97,7 @@ pub(super) fn read(source: &str, most_bytes: u64, tally: &mut Tally) -> Result<P
     Err(Refused::Line(line, reason))
 }
 
-/// `None` if the arrays do not hold what the cleaned text held.
+/// `None` if the arrays differ from the content of the cleaned text.
 fn from_mesh(mesh: &tobj::Mesh, found: Found) -> Option<Parsed> {
     let Found { total, groups, mut faces, dropped_faces, .. } = found;
     let lists = with_none(&total).map(|n| n as usize);
@@ -158,7 +158,7 @@ fn corners(mesh: &tobj::Mesh, registered: usize, total: &Counts) -> Option<Vec<C
     corners.iter().all(|c| c.position < total[0]).then_some(corners)
 }
 
-/// A channel of a vertex colour; what is no number or negative is black.
+/// A channel of a vertex colour. A negative value, or one that is no number, becomes black.
 fn color(v: f64) -> f32 {
     if v >= 0.0 { v as f32 } else { 0.0 }
 }
@@ -168,7 +168,7 @@ fn unit(normal: &[f64; 3]) -> [f32; 3] {
     if length > 0.0 { normal.map(|v| (v / length) as f32) } else { [0.0; 3] }
 }
 
-/// Brings colours to the range from 0 to 1; white where there is none.
+/// Clamps colours to the range from 0 to 1. White where there is none.
 fn scale_colors(colors: &mut [[f32; 3]], tally: &mut Tally) {
     let largest = colors.iter().flatten().copied().filter(|v| v.is_finite()).fold(0.0, f32::max);
     // A little above one is rounding or a bright light; bytes go far beyond.

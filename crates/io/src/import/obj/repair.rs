@@ -5,7 +5,7 @@ use super::tally::Tally;
 use super::text;
 use std::fmt::Write as _;
 
-/// Coordinates beyond this are taken for damage: their squares leave the range of f32.
+/// Larger coordinates are treated as damage: their squares leave the range of f32.
 const FARTHEST: f64 = 1e15;
 
 /// Colour of a vertex without one in a file where others have one; no colour that is written is infinite in all channels
@@ -49,7 +49,7 @@ pub(super) fn texcoord(line: u32, data: &str, tally: &mut Tally) -> String {
     statement("vt", if usable { &values[..2] } else { &[0.0; 2] })
 }
 
-/// A normal of three numbers; the zero vector where it is unusable.
+/// A normal of three numbers. The zero vector where it is unusable.
 pub(super) fn normal(line: u32, data: &str, tally: &mut Tally) -> String {
     let mut values = [0.0; 3];
     let count = numbers(line, data, &mut values, tally);

@@ -20,7 +20,7 @@ struct Kind {
 }
 
 impl Tally {
-    /// Kinds that are told apart; an unknown statement makes a kind of its own, and noise would make thousands.
+    /// Maximum number of separate kinds. An unknown statement makes a kind of its own, and noise would make thousands.
     const MOST: usize = 100;
 
     /// Notes a fault on a line.

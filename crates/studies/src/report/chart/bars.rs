@@ -1,4 +1,4 @@
-//! Bars made of stretches, on one linear axis: where the time of a render went.
+//! Stacked bars on one linear axis: the time of a render by stage.
 
 use super::Chart;
 use super::scale::{Scale, label};

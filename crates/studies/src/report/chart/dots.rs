@@ -1,4 +1,4 @@
-//! Rows of dots on one logarithmic axis: what something costs with each strategy, how far an effect reaches.
+//! Rows of dots on one logarithmic axis: the cost of each strategy, or the bias of each effect.
 
 use super::Chart;
 use super::scale::{Scale, label};
@@ -27,7 +27,7 @@ pub(crate) struct Row {
     pub(crate) spread: bool,
 }
 
-/// Draws the chart: what the axis says, a level with its name, names of the series, rows from the top.
+/// Draws the chart: title of the axis, a level with its name, names of the series, rows from the top.
 pub(crate) fn draw(
     name: &str,
     title: &str,

@@ -20,7 +20,7 @@ pub(crate) struct Mark {
     pub(crate) y: f64,
     /// One standard error of y.
     pub(crate) error: f64,
-    /// What is shown when the pointer rests on it.
+    /// The tooltip.
     pub(crate) hint: String,
 }
 
@@ -33,7 +33,7 @@ pub(crate) struct Series {
     pub(crate) marks: Vec<Mark>,
 }
 
-/// What the axes say, and what is drawn beside the points.
+/// Titles of the axes, and the drawings beside the points.
 #[derive(Clone, Debug)]
 pub(crate) struct Axes<'a> {
     pub(crate) x: &'a str,

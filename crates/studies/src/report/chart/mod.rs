@@ -1,4 +1,4 @@
-//! Charts as SVG: small, by hand, the same in the page and as files of their own.
+//! Charts as SVG: small, without a library, the same in the page and as separate files.
 
 pub(crate) mod bars;
 pub(crate) mod dots;
@@ -12,7 +12,7 @@ use std::fmt::Write;
 
 /// Colours of the page and of the charts, for light and dark surroundings.
 pub(crate) const PALETTE: &str = include_str!("../palette.css");
-/// What the parts of a chart look like.
+/// Styles of the parts of a chart.
 pub(crate) const STYLE: &str = include_str!("../chart.css");
 
 /// A finished chart.
@@ -20,7 +20,7 @@ pub(crate) const STYLE: &str = include_str!("../chart.css");
 pub(crate) struct Chart {
     /// Name of its file, without ending.
     pub(crate) name: String,
-    /// What it shows, for those who cannot see it.
+    /// Description as text, for screen readers.
     pub(crate) title: String,
     width: f64,
     height: f64,
@@ -96,7 +96,7 @@ impl Chart {
         );
     }
 
-    /// The mark of a series: shapes differ, so that colour is not needed to tell them apart.
+    /// The mark of a series: shapes differ, so that series differ without colour.
     fn mark(&mut self, series: usize, hollow: bool, at: [f64; 2], hint: &str) {
         let [x, y] = at;
         let points = |list: &[[f64; 2]]| {
@@ -146,7 +146,7 @@ impl Chart {
 
 /// Colours that the palette has for series.
 const COLORS: usize = 6;
-/// The series whose marks are hollow: what is there to compare with.
+/// The series with hollow marks: the reference of a comparison.
 pub(crate) const HOLLOW: usize = 4;
 
 fn hint_element(hint: &str) -> String {

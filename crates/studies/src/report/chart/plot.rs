@@ -1,4 +1,4 @@
-//! Curves and points on two axes, each linear or logarithmic: what a measurement says, and what a model says of it.
+//! Curves and points on two axes, each linear or logarithmic: measured values and models.
 
 use super::scale::{Scale, label};
 use super::{COLORS, Chart, escape};
@@ -12,7 +12,7 @@ const BOTTOM: f64 = 278.0;
 /// Of a character, generously \[px\].
 const WIDTH: f64 = 7.6;
 
-/// What an axis says, and how it runs.
+/// Title and direction of an axis.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Axis<'a> {
     pub(crate) label: &'a str,
@@ -69,7 +69,7 @@ pub(crate) fn draw(name: &str, title: &str, [x, y]: [Axis<'_>; 2], traces: &[Tra
         let places: Vec<[f64; 2]> = usable.clone().map(|p| [xs.place(p[0]), ys.place(p[1])]).collect();
         let color = trace.color % COLORS;
         let style = match (trace.style, places.len()) {
-            // A line of one place would not be seen.
+            // A line between equal points would be invisible.
             (Style::Line, 1) => Style::Points,
             (style, _) => style,
         };

@@ -1,4 +1,4 @@
-//! Axes: where a value lies, which values are labelled, how they are written.
+//! Axes: positions of values, choice of labelled values, format of labels.
 
 /// An axis from a range of values to a range of places on the paper.
 #[derive(Clone, Copy, Debug, PartialEq)]
