@@ -9,11 +9,13 @@
 mod builtin;
 mod denoiser;
 mod off;
+#[cfg(feature = "oidn")]
 pub mod oidn;
 mod settings;
 
 pub use builtin::Builtin;
 pub use denoiser::{Control, DenoiseError, DenoiseInput, Denoiser, Executor, Serial, Triples};
 pub use off::Off;
+#[cfg(feature = "oidn")]
 pub use oidn::Oidn;
 pub use settings::{DenoiseMethod, DenoiseSettings, OIDN_VARIABLE};

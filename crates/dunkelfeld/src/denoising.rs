@@ -2,22 +2,17 @@
 //! exposure for measurement or certificate uses it.
 
 use crate::frame::{Frame, show_denoised};
+use crate::oidn_library;
 use crate::stats::DenoiseStats;
-use dunkelfeld_denoise::oidn::{Candidate, standard_names, standard_places};
-use dunkelfeld_denoise::{Builtin, Control, DenoiseError, DenoiseInput, Denoiser, Executor, Oidn};
+use dunkelfeld_denoise::{Builtin, Control, DenoiseError, DenoiseInput, Denoiser, Executor};
 use dunkelfeld_film::{Film, FilmLayers, Plane};
-use dunkelfeld_io::libraries::{find_libraries, libraries_beside};
 use dunkelfeld_render::Error;
 use dunkelfeld_render::parallel::{map_film, map_film_to, mean_without_gaps};
 use dunkelfeld_render::{DenoiseMethod, DenoiseSettings, OIDN_VARIABLE, RenderSettings};
 use dunkelfeld_render::{ProgressState, Session, Stage};
 use rayon::prelude::*;
-use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
-
-const OIDN_STEM: &str = "OpenImageDenoise";
-const THREADS_STEM: &str = "tbb";
 
 /// A denoised image, for display.
 #[derive(Clone, Debug, PartialEq)]
@@ -45,7 +40,7 @@ pub fn find_denoiser(settings: &DenoiseSettings) -> Result<Option<Box<dyn Denois
     match settings.method {
         DenoiseMethod::Off => Ok(None),
         DenoiseMethod::Builtin => Ok(Some(Box::new(Builtin))),
-        DenoiseMethod::Oidn | DenoiseMethod::Auto => match load_oidn(named.as_deref()) {
+        DenoiseMethod::Oidn | DenoiseMethod::Auto => match oidn_library::load(named.as_deref()) {
             Ok(oidn) => Ok(Some(Box::new(oidn))),
             Err(_) if settings.method == DenoiseMethod::Auto && named.is_none() => Ok(Some(Box::new(Builtin))),
             Err(e) => {
@@ -56,31 +51,6 @@ pub fn find_denoiser(settings: &DenoiseSettings) -> Result<Option<Box<dyn Denois
             }
         },
     }
-}
-
-/// The library that is named, or else the first that the system has.
-fn load_oidn(named: Option<&Path>) -> Result<Oidn, DenoiseError> {
-    let with_threads = |library: PathBuf| {
-        // Libraries that it needs may be beside it, under names that the loader does not search.
-        let companions = libraries_beside(&library, THREADS_STEM);
-        Candidate { library, companions }
-    };
-    let candidates: Vec<Candidate> = match named {
-        Some(path) => match find_libraries(path, OIDN_STEM) {
-            none if none.is_empty() => {
-                let problem = format!("there is no {OIDN_STEM} library in {}", path.display());
-                return Err(DenoiseError::Unavailable(problem));
-            }
-            libraries => libraries.into_iter().map(with_threads).collect(),
-        },
-        None => {
-            let places = standard_places().iter().flat_map(|place| find_libraries(Path::new(place), OIDN_STEM));
-            // A place that is not there is no candidate.
-            let places = places.filter(|path| path.is_file()).map(with_threads);
-            standard_names().iter().map(Candidate::new).chain(places).collect()
-        }
-    };
-    Oidn::load(&candidates)
 }
 
 /// The threads of the current pool.
@@ -199,6 +169,7 @@ impl Planes {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::path::Path;
     use std::sync::Mutex;
 
     /// Fails as a library does that has no memory left.

@@ -12,6 +12,9 @@
 //!
 //! Or the same stages one by one ([`render()`], [`develop_film()`]), with a scene built in code, a progress sink and a switch to
 //! cancel: see `examples/unrolled.rs`. The crates below are re-exported under their folder's name.
+//!
+//! Features, all on by default: `gltf` and `obj` read scenes of these formats, `oidn` loads the denoiser Intel Open Image
+//! Denoise. A program without one of them refuses such a scene or denoiser with an error that names the feature.
 
 #![forbid(unsafe_code)]
 
@@ -23,6 +26,7 @@ pub mod guard;
 mod inspect;
 mod memory;
 mod noise_compensation;
+mod oidn_library;
 mod outliers;
 mod outputs;
 mod project;

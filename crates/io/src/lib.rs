@@ -20,4 +20,8 @@ pub use config::{job, quantity, sensor_file, toml_file};
 pub use error::{ImportWarning, InputError, SourceSpan};
 pub use files::{atomic, input, lock, names, new_folder, process, results};
 pub use formats::{checkpoint, emva_descriptor, exr, gray, layers, picture, png, tiff};
-pub use import::{gltf, ies, images, libraries, loader, obj};
+#[cfg(feature = "gltf")]
+pub use import::gltf;
+#[cfg(feature = "obj")]
+pub use import::obj;
+pub use import::{ies, images, libraries, loader};

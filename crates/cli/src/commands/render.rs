@@ -168,6 +168,7 @@ fn apply_exposure_noise(noise: Option<ExposureNoise>, s: &mut RenderSettings) ->
 }
 
 /// The same for commands that render a scene many times.
+#[cfg(feature = "studies")]
 pub(crate) fn apply_view(args: &ViewArgs, project: &mut Project) -> Result<(), Error> {
     let s = &mut project.settings;
     s.width = args.width.unwrap_or(s.width);

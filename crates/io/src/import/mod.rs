@@ -1,13 +1,19 @@
 //! Scene files of all formats. The extension selects the reader.
 
+// The importers share most of this module, and either may be left out.
+#![cfg_attr(not(all(feature = "gltf", feature = "obj")), allow(dead_code, unused_imports, unreachable_patterns))]
+
+#[cfg(feature = "gltf")]
 pub mod gltf;
 pub mod ies;
 mod image_store;
 pub mod images;
 pub mod libraries;
 pub mod loader;
+#[cfg(feature = "obj")]
 pub mod obj;
 pub(crate) mod options;
+#[cfg(any(feature = "gltf", feature = "obj"))]
 mod tangents;
 mod texel_budget;
 mod warnings;
@@ -24,8 +30,17 @@ use std::path::Path;
 pub fn load_scene(path: &Path, options: &ImportOptions) -> Result<Imported, InputError> {
     let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase();
     match extension.as_str() {
+        #[cfg(feature = "gltf")]
         "gltf" | "glb" => gltf::load_gltf(path, options),
+        #[cfg(feature = "obj")]
         "obj" => obj::load_obj(path, options),
+        #[cfg(not(all(feature = "gltf", feature = "obj")))]
+        format @ ("gltf" | "glb" | "obj") => {
+            let feature = if format == "obj" { "obj" } else { "gltf" };
+            let problem = format!("is of a format that this program was built without: feature `{feature}`");
+            let _ = options;
+            Err(InputError::new(path, "file name", problem, format!("build it with `--features {feature}`")))
+        }
         _ => Err(InputError::new(
             path,
             "file name",
