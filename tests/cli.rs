@@ -97,7 +97,7 @@ fn matched_exposure_says_where_it_holds_and_leaves_the_other_layers_alone() {
         let files = format!("-o {name}.png --linear {name}.tif --exr {name}.exr --stats {name}.json");
         stdout(&bench.run(&format!("render {what} --width 24 --height 16 --spp 16 {files}")).code(0))
     };
-    let line = "exposure noise: matched; frames are as noisy as the camera's in";
+    let line = "exposure noise: matched; frames have the noise of the camera in";
     assert!(run("scene.gltf --exposure-noise matched", "flag").contains(line));
     assert!(run("matched.toml", "job").contains(line));
     assert!(!run("matched.toml --exposure-noise plain", "plain").contains(line));

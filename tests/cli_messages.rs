@@ -182,7 +182,7 @@ fn messages_name_the_cause_and_what_helps() {
         ("bench scene.gltf --seeds 0", &["--seeds", "write a whole number from 1 to 4294967295"]),
         ("render image.glb", &["image.glb", "GLB header", "begins with \"\\x89PNG\" instead of \"glTF\"", "help:"]),
         ("render noending", &["noending", "has no ending that names a scene format"]),
-        ("render scene.gltf -o noending", &["noending", "has no ending that says what to write", "end it in .png"]),
+        ("render scene.gltf -o noending", &["noending", "has no ending that names a format", "end it in .png"]),
         ("render scene.gltf --memory 1XB", &["--memory", "TB"]),
         ("render scene.gltf --frame -1", &["--frame", "write a whole number from 0 to 4294967295"]),
     ];

@@ -33,7 +33,7 @@ pub(crate) fn denoisers() -> impl TypedValueParser<Value = DenoiseMethod> {
         DenoiseMethod::Off => "The picture shows what was rendered",
         DenoiseMethod::Auto => "Intel Open Image Denoise if this machine has it, else the built-in filter",
         DenoiseMethod::Oidn => "Intel Open Image Denoise",
-        DenoiseMethod::Builtin => "The built-in filter: needs nothing, and trusts what is known of the noise",
+        DenoiseMethod::Builtin => "The built-in filter: needs no library, and uses the variance of each pixel",
     };
     one_of(DenoiseMethod::ALL.map(|m| (m.name(), m, help(m))).to_vec(), DenoiseMethod::Off)
 }
@@ -43,7 +43,7 @@ pub(crate) fn exposure_noises() -> impl TypedValueParser<Value = ExposureNoise> 
     let help = |noise| match noise {
         ExposureNoise::Plain => "All of the camera's noise, on top of what noise the render has",
         ExposureNoise::Matched => {
-            "Of the camera's noise what the render does not have already, so that frames of independent renders are as noisy as the camera's. It is said in how many pixels that holds; the EXR of a render has it as layer matched.Y"
+            "The camera's noise less that of the render, so that frames of independent renders have the noise of the camera. The output states the share of pixels for which that holds; the EXR of a render has it as layer matched.Y"
         }
     };
     let all = [ExposureNoise::Plain, ExposureNoise::Matched];

@@ -43,7 +43,7 @@ impl Misfit {
     }
 
     fn no_size(key: &'static str) -> Self {
-        Self::new(key, "the size of the film is not known", "choose a sensor, or write [film] pixel_pitch = \"3.45um\"")
+        Self::new(key, "the size of the film is unknown", "choose a sensor, or write [film] pixel_pitch = \"3.45um\"")
     }
 }
 

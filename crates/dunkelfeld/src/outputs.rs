@@ -121,7 +121,7 @@ pub(crate) fn extension(path: &Path) -> String {
 /// The problem of a file name whose ending does not fit.
 pub(crate) fn misfit(path: &Path) -> String {
     match extension(path).as_str() {
-        "" => "has no ending that says what to write".into(),
+        "" => "has no ending that names a format".into(),
         ending => format!("has an ending that does not fit (\".{ending}\")"),
     }
 }
@@ -158,7 +158,7 @@ fn comment(frame: &Frame) -> Option<String> {
 
 /// The metadata of a denoised picture.
 pub(crate) fn denoised_by(denoiser: &str) -> String {
-    format!("denoised by {denoiser}: to look at, not to measure")
+    format!("denoised by {denoiser}: for display, not for measurement")
 }
 
 /// The metadata of an image without some effects.

@@ -137,7 +137,7 @@ pub fn analyse(measurement: &Measurement, settings: &AnalysisSettings) -> Result
     if summary.used < MIN_LEVELS {
         return Err(AnalysisError::unfit(
             format!("{} levels lie below 70 % of saturation, {MIN_LEVELS} are needed at least", summary.used),
-            "add levels between dark and saturation; the standard asks for 50",
+            "add levels between dark and saturation; the standard requires 50",
         ));
     }
     let linearity = linearity(&summary, saturation.signal)?;

@@ -76,7 +76,7 @@ pub fn analyse_general(
     if summary.bright.len() < MIN_LEVELS {
         return Err(AnalysisError::unfit(
             format!("{} levels lie below saturation, {MIN_LEVELS} are needed at least", summary.bright.len()),
-            "add levels between dark and saturation; the standard asks for 50",
+            "add levels between dark and saturation; the standard requires 50",
         ));
     }
     let slopes = slopes(&summary);

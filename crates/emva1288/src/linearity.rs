@@ -44,7 +44,7 @@ pub(crate) fn linearity(summary: &Summary, saturation: f64) -> Result<Linearity,
     if used.len() < MIN_LEVELS || used.iter().any(|p| signal(p) <= 0.0) {
         return Err(AnalysisError::unfit(
             format!("{} levels lie between 5 and 95 % of saturation, linearity needs {MIN_LEVELS}", used.len()),
-            "add levels between dark and saturation; the standard asks for 50",
+            "add levels between dark and saturation; the standard requires 50",
         ));
     }
     let (mut w, mut wx, mut wy, mut wxx, mut wxy) = (0.0, 0.0, 0.0, 0.0, 0.0);
@@ -62,7 +62,7 @@ pub(crate) fn linearity(summary: &Summary, saturation: f64) -> Result<Linearity,
     // Also false if a value is NaN.
     if !(width > 1e-9 * mx * mx && width.is_finite() && mx * mx > 0.0) {
         return Err(AnalysisError::unfit(
-            "the levels between 5 and 95 % of saturation do not differ in their light as numbers can tell",
+            "the levels between 5 and 95 % of saturation do not differ in their light within the precision of the numbers",
             "correct the numbers of photons of the levels: they must be evenly spread, in photons per pixel",
         ));
     }

@@ -35,10 +35,12 @@ pub(crate) fn linear(data: &Ordered<'_>, summary: &Summary, hidden: &Hidden) -> 
     notes.extend(cut_off(data, "sigma_d, mu_e.min and mu_p.min come out too small, K and DR too large"));
     match summary.exposures() {
         n if n < crate::summary::MIN_EXPOSURES => {
-            notes.push(format!("{n} exposure time(s) do not tell the dark current; the standard asks for {EXPOSURES}"));
+            notes.push(format!(
+                "{n} exposure time(s) do not determine the dark current; the standard requires {EXPOSURES}"
+            ));
         }
         n if n < EXPOSURES => {
-            notes.push(format!("the dark current is from {n} exposure times, the standard asks for {EXPOSURES}"));
+            notes.push(format!("the dark current is from {n} exposure times, the standard requires {EXPOSURES}"));
         }
         _ => {}
     }
@@ -47,12 +49,12 @@ pub(crate) fn linear(data: &Ordered<'_>, summary: &Summary, hidden: &Hidden) -> 
         Some((bright, dark)) => {
             let least = bright.stack.frames.min(dark.stack.frames);
             if least < STACK {
-                notes.push(format!("a stack has {least} frames, the standard asks for {STACK}"));
+                notes.push(format!("a stack has {least} frames, the standard requires {STACK}"));
             }
             let share = bright.photons / summary.saturation.value;
             if !(0.4..=0.6).contains(&share) {
                 notes.push(format!(
-                    "the bright stack is at {:.0} % of saturation, the standard asks for 50 %",
+                    "the bright stack is at {:.0} % of saturation, the standard requires 50 %",
                     100.0 * share
                 ));
             }
@@ -82,7 +84,7 @@ fn at_zero(data: &Ordered<'_>) -> f64 {
 
 fn few_levels(data: &Ordered<'_>) -> Option<String> {
     let levels = data.bright.len();
-    (levels < LEVELS).then(|| format!("there are {levels} levels of light, the standard asks for {LEVELS}"))
+    (levels < LEVELS).then(|| format!("there are {levels} levels of light, the standard requires {LEVELS}"))
 }
 
 fn rounding(data: &Ordered<'_>, figures: &str) -> String {

@@ -73,7 +73,7 @@ fn without_every_light_the_mean_stays_and_the_choice_changes() {
             [LightChoice::Each, LightChoice::Each, LightChoice::One]
         );
         assert_eq!([0, 1, 2].map(|v| without.light_choice_at(v, false)), [LightChoice::One; 3]);
-        assert!(without.light_choice().contains("one asked at each surface"), "{}", without.light_choice());
+        assert!(without.light_choice().contains("one sampled at each surface"), "{}", without.light_choice());
 
         let (each, one) = (moments(&with, 1), moments(&without, 2));
         welch_test(&each, &one).assert(RATE, &format!("{count} lights, all against one"));

@@ -51,7 +51,7 @@ pub fn validate(s: &RenderSettings) -> Result<(), Error> {
             return Err(Error::setting("samples", problem, "use 0..64 for the first 64 of every pixel"));
         }
         if s.budget != Budget::default() || s.strategy.is_some_and(|s| s != Strategy::Uniform) {
-            let problem = "a part has its samples, whatever a budget or an allocation says";
+            let problem = "a part has given samples, and neither a budget nor an allocation";
             return Err(Error::setting("samples", problem, "leave budget and allocation out, or the samples"));
         }
     }
@@ -70,7 +70,7 @@ pub fn validate(s: &RenderSettings) -> Result<(), Error> {
     if let Some(most) = s.replay.as_ref().and_then(|p| p.data().iter().copied().max())
         && most > plan::MAX_SPP
     {
-        let problem = format!("the plan asks for {most} samples in one pixel, more than {}", plan::MAX_SPP);
+        let problem = format!("the plan has {most} samples in one pixel, more than {}", plan::MAX_SPP);
         return Err(Error::setting("replay", problem, "use a plan that a render wrote"));
     }
     Ok(())

@@ -7,6 +7,7 @@ use crate::args::RenderArgs;
 use crate::bar::Sink;
 use crate::interrupt::cancel_on_interrupt;
 use crate::outcome::Outcome;
+#[cfg(feature = "studies")]
 use crate::run_args::ViewArgs;
 use crate::values::ExposureChoice;
 use dunkelfeld::io::input::InputFiles;

@@ -70,7 +70,7 @@ pub(crate) struct DatasetArgs {
 /// Flags of `emva analyse`.
 ///
 /// Reads the frames one at a time: the memory does not depend on how many there are. A data set that cannot be analysed ends with
-/// what it lacks and exit code 2; one that lacks what the standard asks for, but suffices, is analysed, and notes say what.
+/// what it lacks and exit code 2; one that lacks what the standard requires, but suffices, is analysed, and notes say what.
 #[derive(Debug, Args)]
 pub(crate) struct AnalyseArgs {
     /// The descriptor: a text with lines `v`, `n`, `b`, `d` and `i`, as the standard's reference implementation has it.

@@ -42,7 +42,7 @@ fn of_frames(args: &PtcArgs) -> Result<Outcome, Error> {
         ("--threads", args.view.run.threads.is_some()),
     ];
     if let Some((flag, _)) = scene_only.iter().find(|(_, given)| *given) {
-        let problem = "says how a scene is rendered, and these are frames";
+        let problem = "is a setting of a render, and the input is frames";
         return Err(Error::setting(*flag, problem, "leave it out, or give a scene"));
     }
     let defaults = StackSettings::default();
@@ -71,7 +71,7 @@ fn of_frames(args: &PtcArgs) -> Result<Outcome, Error> {
 fn of_scene(args: &PtcArgs, input: &Path, started: Instant) -> Result<Outcome, Error> {
     for (flag, value) in [("--dark", args.dark), ("--saturation", args.saturation)] {
         if value.is_some() {
-            let problem = "is for frames; a scene's sensor knows its own";
+            let problem = "is for frames; with a scene, the sensor has that value";
             return Err(Error::setting(flag, problem, "leave it out, or give frames"));
         }
     }

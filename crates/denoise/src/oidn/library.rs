@@ -156,7 +156,7 @@ pub(super) fn known_version(number: i32) -> Result<String, String> {
     let words = format!("{}.{}.{}", number / 10_000, number / 100 % 100, number % 100);
     match (OLDEST..UNKNOWN).contains(&number) {
         true => Ok(words),
-        false => Err(format!("Open Image Denoise {words} is not known to this program; use 1.4 or 2")),
+        false => Err(format!("Open Image Denoise {words} is not supported; use 1.4 or 2")),
     }
 }
 

@@ -165,7 +165,7 @@ impl Exposer {
         let noise = match settings.exposure_noise {
             ExposureNoise::Plain => None,
             ExposureNoise::Matched => Some(NoiseLayers::from_layers(&layers).ok_or_else(|| {
-                let problem = "is not there, so that the noise of the render is not known";
+                let problem = "is missing, so the noise of the render is unknown";
                 InputError::new(path, "the layer `variance`", problem, "leave out --exposure-noise matched")
             })?),
         };
@@ -429,7 +429,7 @@ fn check(s: &ExposeSettings) -> Result<(), Error> {
             return Err(Error::setting("exposure noise", problem, help));
         }
         if s.layer.is_some() {
-            let problem = "the layer `variance` tells of the noise of the mean, not of another layer's";
+            let problem = "the layer `variance` is that of the mean, not of another layer";
             return Err(Error::setting("exposure noise", problem, "leave out --layer, or --exposure-noise matched"));
         }
     }

@@ -502,7 +502,7 @@ impl Job {
                 .iter()
                 .find_map(|(key, given)| (radiance && *given).then_some(key))
             {
-                let problem = format!("`{key}` says nothing about a constant radiance");
+                let problem = format!("`{key}` has no effect on a constant radiance");
                 return Err(file.error_at_key(&["environment", key], problem, "remove it, or give an image"));
             }
             environment.image = environment.image.as_ref().map(|path| file.resolve(path));

@@ -129,7 +129,7 @@ fn refusal(target: &Path, path: &Path, holder: Option<&LockHolder>) -> InputErro
         ),
         Some(holder) => (format!("is in use: {holder}"), "wait until it ends, end it, or use another name".into()),
         None => (
-            "is in use by another process, which has not said who it is".into(),
+            "is in use by another process, which has not written its number".into(),
             format!("wait until it ends, or use another name; if there is no such process, delete {lock}"),
         ),
     };

@@ -1,5 +1,7 @@
 //! "Did you mean ...?": the known names nearest to an unknown one.
 
+use strsim::osa_distance;
+
 /// The known names nearest to `name`, best first, at most three and only those that a slip of the keyboard explains.
 ///
 /// Nearness is the edit distance with swaps of neighbours (optimal string alignment: Damerau 1964, Levenshtein 1966),
@@ -7,18 +9,16 @@
 pub fn nearest_names<'a>(name: &str, known: impl IntoIterator<Item = &'a str>) -> Vec<&'a str> {
     // A longer name is no misspelling, and the quadratic cost would be noticeable.
     const LONGEST: usize = 200;
-    let wanted: Vec<char> = name.to_lowercase().chars().take(LONGEST).collect();
-    let wanted_text: String = wanted.iter().collect();
+    let shortened = |name: &str| name.to_lowercase().chars().take(LONGEST).collect::<String>();
+    let wanted = shortened(name);
     let mut scored: Vec<(usize, &str)> = known
         .into_iter()
         .filter_map(|candidate| {
-            let lower: Vec<char> = candidate.to_lowercase().chars().take(LONGEST).collect();
-            let lower_text: String = lower.iter().collect();
-            let distance = edit_distance(&wanted, &lower);
-            let contained = wanted.len() >= 3
-                && lower.len() >= 3
-                && (lower_text.contains(&wanted_text) || wanted_text.contains(&lower_text));
-            let near = distance <= 1 + wanted.len().max(lower.len()) / 4;
+            let lower = shortened(candidate);
+            let [length, lower_length] = [&wanted, &lower].map(|text| text.chars().count());
+            let distance = osa_distance(&wanted, &lower);
+            let contained = length >= 3 && lower_length >= 3 && (lower.contains(&wanted) || wanted.contains(&lower));
+            let near = distance <= 1 + length.max(lower_length) / 4;
             (near || contained).then_some((distance, candidate))
         })
         .collect();
@@ -42,23 +42,6 @@ pub fn suggestion(name: &str, what: &str, known: &[&str]) -> String {
     }
 }
 
-fn edit_distance(a: &[char], b: &[char]) -> usize {
-    let mut before: Vec<usize> = vec![0; b.len() + 1];
-    let mut last: Vec<usize> = (0..=b.len()).collect();
-    for i in 1..=a.len() {
-        let mut row = vec![i; b.len() + 1];
-        for j in 1..=b.len() {
-            let change = last[j - 1] + usize::from(a[i - 1] != b[j - 1]);
-            row[j] = change.min(last[j] + 1).min(row[j - 1] + 1);
-            if i > 1 && j > 1 && a[i - 1] == b[j - 2] && a[i - 2] == b[j - 1] {
-                row[j] = row[j].min(before[j - 2] + 1);
-            }
-        }
-        before = std::mem::replace(&mut last, row);
-    }
-    last[b.len()]
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -71,15 +54,6 @@ mod tests {
         assert_eq!(nearest_names("camera_name", known), ["camera"]);
         assert!(nearest_names("exposure", known).is_empty());
         assert!(nearest_names("", []).is_empty());
-    }
-
-    #[test]
-    fn distance_counts_single_edits() {
-        let d = |a: &str, b: &str| edit_distance(&a.chars().collect::<Vec<_>>(), &b.chars().collect::<Vec<_>>());
-        assert_eq!(d("", "abc"), 3);
-        assert_eq!(d("abc", "abc"), 0);
-        assert_eq!(d("kitten", "sitting"), 3);
-        assert_eq!(d("widht", "width"), 1);
     }
 
     #[test]

@@ -196,7 +196,7 @@ pub fn read_checkpoint(path: &Path) -> Result<Checkpoint, InputError> {
         if flags & flag != 0 {
             let words = source.words(place, pixels)?;
             if flag == HAS_TARGET && words.iter().any(|&n| n > MAX_SAMPLES) {
-                return Err(fault(place, "asks for more samples than a pixel can have".into()));
+                return Err(fault(place, "requires more samples than a pixel can have".into()));
             }
             *slot = Some(Plane::from_vec(width, height, words).ok_or_else(misfit)?);
         }

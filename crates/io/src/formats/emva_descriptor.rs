@@ -187,11 +187,9 @@ fn parse(path: &Path, text: &str) -> Result<(EmvaDescriptor, Vec<String>), Input
                     "write lines `v`, `n`, `b`, `d` and `i` with their values, and comments behind `#`",
                 ));
             }
-            other => warnings.push(format!(
-                "{}: line {}: `{other}` is not known and was left out",
-                path.display(),
-                index + 1
-            )),
+            other => {
+                warnings.push(format!("{}: line {}: `{other}` is unknown and was left out", path.display(), index + 1))
+            }
         }
     }
     let fail =

@@ -25,9 +25,9 @@ fn each_fault_of_a_glb_header_has_its_name() {
     };
     let cases = [
         (with(4, &[1, 0, 0, 0]), "glTF version 1"),
-        (with(8, &[12, 0, 0, 0]), "says that the file has 12 bytes, too few"),
-        (with(8, &[0; 4]), "says that the file has 0 bytes, too few"),
-        (with(8, &[0, 0, 0, 1]), "says that the file has 16777216 bytes, but it has"),
+        (with(8, &[12, 0, 0, 0]), "by its header the file has 12 bytes, too few"),
+        (with(8, &[0; 4]), "by its header the file has 0 bytes, too few"),
+        (with(8, &[0, 0, 0, 1]), "by its header the file has 16777216 bytes, but it has"),
         (with(16, b"BIN\0"), "the first chunk has the type \"BIN\\x00\", where \"JSON\" belongs"),
         (with(12, &[255, 255, 0, 0]), "the chunk should have 65535 bytes"),
         (sound[..10].to_vec(), "the header needs 12 bytes, the file has 10"),

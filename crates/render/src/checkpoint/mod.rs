@@ -278,7 +278,7 @@ fn stored(path: &Path, key: &RenderKey, render: &RenderSettings) -> Result<Resto
     }
     let Checkpoint { weights, caps, target, film, .. } = stored;
     if (film.width(), film.height()) != (render.width, render.height) {
-        let (problem, help) = ("does not have the size that the description says", "delete it to begin anew");
+        let (problem, help) = ("does not have the size of the description", "delete it to begin anew");
         return Err(InputError::new(path, "the film", problem, help).into());
     }
     let shares = weights.map(|weights| Shares { weights, caps });

@@ -135,7 +135,7 @@ fn sizes(scene: &Scene, boxes: &[Aabb], report: &mut BuildReport) {
             thin.push((
                 place(scene, part),
                 format!(
-                    "is a solid {} thick where coordinates go in steps of {}: what it absorbs is known to {:.0} % only; give its material thickness 0 to make it a sheet, or model it nearer to the middle of the scene",
+                    "is a solid {} thick where coordinates go in steps of {}: its absorption has an error of {:.0} %; give its material thickness 0 to make it a sheet, or model it nearer to the middle of the scene",
                     meters(thickness), meters(step), 100.0 * step / thickness
                 ),
             ));
@@ -165,7 +165,7 @@ fn materials(scene: &Scene, report: &mut BuildReport) {
         } else if ior > 4.1 && m.metallic < 1.0 {
             report.hazard(place(), format!("has an index of refraction of {ior}; clear materials have 1 to 4.1 (germanium), and from 1000 on the number is cut off; for a metal set metallic to 1"));
         } else if compiled.is_solid && ior != 1.0 && (ior - 1.0).abs() < dunkelfeld_bsdf::dielectric::MATCHED_INDEX {
-            report.hazard(place(), format!("has an index of refraction of {ior}, too near to 1 to be told from it: it neither reflects nor refracts; use 1, or differ by 0.001 at least"));
+            report.hazard(place(), format!("has an index of refraction of {ior}, too near to 1: it neither reflects nor refracts; use 1, or differ by 0.001 at least"));
         }
     }
 }

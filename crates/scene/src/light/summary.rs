@@ -104,18 +104,18 @@ impl Scene {
         let count = self.lights.lights.len();
         match (&self.lights.tree, count) {
             (_, 0) => "no light".into(),
-            (None, 1) => "1 light, asked at every surface".into(),
+            (None, 1) => "1 light, sampled at every surface".into(),
             (None, n) if self.lights.asks_each() => {
-                format!("{n} lights, all asked at each surface that scatters")
+                format!("{n} lights, all sampled at each surface that scatters")
             }
-            (None, n) => format!("{n} lights, one asked at each surface, chosen by what it can bring there"),
+            (None, n) => format!("{n} lights, one sampled at each surface, in proportion to its contribution"),
             (Some(tree), n) => {
                 let beside = match tree.infinite() {
                     0 => String::new(),
                     n => format!(", {n} infinitely far away beside it"),
                 };
                 format!(
-                    "{n} lights, one asked at each surface, chosen by a tree of {} of depth {}{beside}",
+                    "{n} lights, one sampled at each surface, chosen by a tree of {} of depth {}{beside}",
                     tree.leaves(),
                     tree.depth()
                 )

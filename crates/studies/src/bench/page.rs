@@ -152,7 +152,7 @@ impl<'a> Report<'a> {
         if judged.clone().count() > 0 {
             tiles.push((
                 format!("{seen} of {}", judged.count()),
-                "effects that the scene calls for and this camera can tell in a single frame".into(),
+                "effects that the scene needs and that are visible in a single frame of this camera".into(),
             ));
         }
         let top = r.settings.ladder.last().copied();

@@ -215,7 +215,7 @@ impl Results {
         for a in &self.ablations {
             if let Some(verdict) = a.bias.verdict {
                 lines.push(format!(
-                    "without {}: {:+.0} % of the time; can this camera tell? {} (99 % of pixels within {} sigma)",
+                    "without {}: {:+.0} % of the time; visible to this camera? {} (99 % of pixels within {} sigma)",
                     a.effect.name(),
                     -100.0 * a.saved.value / a.whole.value,
                     verdict.words(),

@@ -95,9 +95,8 @@ impl BenchSettings {
             return Err(Error::setting("spp", problem, "use less than 1e9, a quarter of that on the ladder"));
         }
         if !(MIN_SEEDS..=MAX_SEEDS).contains(&self.seeds) || self.seeds % 2 == 1 {
-            let help = format!(
-                "use an even number from {MIN_SEEDS} to {MAX_SEEDS}: half against half tells the noise of a bias"
-            );
+            let help =
+                format!("use an even number from {MIN_SEEDS} to {MAX_SEEDS}: two halves give the noise of a bias");
             return Err(Error::setting("seeds", format!("{} renders per point cannot be compared", self.seeds), help));
         }
         let strategies = &self.strategies;

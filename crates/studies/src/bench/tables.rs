@@ -149,7 +149,7 @@ fn effects(r: &Results) -> Table {
             column("sigma_rms", "bias, rms", "sensor \u{3c3}"),
             column("sigma_p99", "bias, 99 %", "sensor \u{3c3}"),
             column("sigma_p99_noise", "of which noise", "sensor \u{3c3}"),
-            column("visible", "can this camera tell?", ""),
+            column("visible", "visible to this camera?", ""),
         ]);
     }
     let rows = r.ablations.iter().map(|a| {

@@ -122,7 +122,7 @@ pub(super) fn findings(all: &[PictureSeries]) -> Vec<Finding> {
         &judged(&|s| Some(known(s.mean_variance[1])? > known(s.mean_variance[2]).filter(|_| varies(s))?)),
     );
     add(
-        "the Sobel image of one frame looks like the variance",
+        "the Sobel image of one frame resembles the variance",
         "figures 5 and 7",
         each(&|s| {
             let [pearson, spearman] = s.correlations;

@@ -97,7 +97,7 @@ impl<'a> Report<'a> {
         let findings = r.findings();
         let same = findings.iter().filter(|f| f.verdict == Verdict::Same).count();
         if !findings.is_empty() {
-            figures.push((format!("{same} of {}", findings.len()), "of what the paper says is the same here".into()));
+            figures.push((format!("{same} of {}", findings.len()), "of the findings of the paper hold here".into()));
         }
         if let Some(sensor) = &r.sensor {
             for s in &r.cameras {
@@ -179,7 +179,7 @@ impl<'a> Report<'a> {
                  its dark level and 0\u{2013}70 % of saturation K{}.</p><div class=\"charts\">{}</div>",
                 escape(&sensor.name),
                 sensor.gain.as_ref().map_or_else(String::new, |k| format!(
-                    " = {:.5} \u{b1} {:.5} DN/e\u{207b}; the sensor\u{2019}s data say {:.5}",
+                    " = {:.5} \u{b1} {:.5} DN/e\u{207b}; the sensor\u{2019}s data: {:.5}",
                     k.value, k.standard_error, sensor.truth
                 )),
                 one(chart)

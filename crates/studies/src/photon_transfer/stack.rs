@@ -71,7 +71,7 @@ pub fn ptc_of_frames(
     session: &Session<'_>,
 ) -> Result<Option<FrameStack>, Error> {
     if files.len() < 3 {
-        let problem = format!("{} frames do not tell how much a pixel varies, and how well that is known", files.len());
+        let problem = format!("{} frames are too few for the variance of a pixel and its error", files.len());
         return Err(Error::setting("frames", problem, "give three frames of the same scene or more"));
     }
     if !(0.0..1.0).contains(&settings.edges) {
@@ -193,7 +193,7 @@ impl FrameStack {
             && line.intercept.value < -5.0 * line.intercept.standard_error
         {
             lines.push(format!(
-                "no variance is below zero: is {} the grey value without light? --dark says which it is",
+                "no variance is below zero: is {} the grey value without light? set it with --dark",
                 rounded(self.range[0])
             ));
         }

@@ -69,7 +69,7 @@ fn connection(c: &TraceConnection) -> String {
         (true, false) => "no light comes through".into(),
         (true, true) => format!("share {}, adds {}", c.share, rgb(c.contribution)),
     };
-    format!("{chain:?} through cover {cover}, asked with probability {p}, {shots}, {found}")
+    format!("{chain:?} through cover {cover}, sampled with probability {p}, {shots}, {found}")
 }
 
 /// The lobe that a direction was drawn from, in words.

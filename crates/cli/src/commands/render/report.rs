@@ -135,7 +135,7 @@ fn certificate(c: &CertificateStats) -> String {
     let ratios = [c.hidden_at, c.ratio_mean, c.ratio_p50, c.ratio_p99, c.ratio_max];
     let [Some(at), Some(mean), Some(median), Some(p99), Some(max)] = ratios else {
         let share = 100.0 * c.unknown as f64 / c.pixels.max(1) as f64;
-        return format!("noise: not known, {share:.1} % of unsaturated pixels have too few samples to tell");
+        return format!("noise: unknown, {share:.1} % of unsaturated pixels have too few samples for an estimate");
     };
     let share = 100.0 * c.hidden;
     let verdict = match c.is_hidden {
@@ -153,7 +153,7 @@ fn matched(share: f64) -> String {
     // A share just below one is not printed as all.
     let percent = (1000.0 * share).floor() / 10.0;
     format!(
-        "exposure noise: matched; frames are as noisy as the camera's in {percent:.1} % of pixels, elsewhere the render's noise is too large, rests on a single sample or is not known"
+        "exposure noise: matched; frames have the noise of the camera in {percent:.1} % of pixels, elsewhere the noise of the render is too large, comes from a single sample or is unknown"
     )
 }
 

@@ -157,7 +157,7 @@ pub(super) fn check_lens(lens: &LensSettings, film: &FilmSettings, sensor: &Sens
             lens.magnification.is_some() || (lens.focus_distance.is_some() && lens.numerical_aperture.is_none());
         if needs_size && !has_size {
             let key = if lens.magnification.is_some() { "magnification" } else { "focus_distance" };
-            return fault(key, "without a sensor the size of the film is not known", size_help);
+            return fault(key, "without a sensor the size of the film is unknown", size_help);
         }
         return Ok(());
     }
@@ -174,7 +174,7 @@ pub(super) fn check_lens(lens: &LensSettings, film: &FilmSettings, sensor: &Sens
     }
     let Some(focus) = lens.focus_distance else { return Ok(()) };
     if !has_size {
-        return fault("focus_distance", "without a sensor the size of the film is not known", size_help);
+        return fault("focus_distance", "without a sensor the size of the film is unknown", size_help);
     }
     if lens.focal_length.is_some_and(|f| f >= focus) {
         let problem = "a lens is sharp only beyond its focal length";

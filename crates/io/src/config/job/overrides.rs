@@ -34,7 +34,7 @@ impl Job {
             let outright = [("absorption", m.absorption.is_some()), ("scattering", m.scattering.is_some())];
             let given = |keys: &[(&'static str, bool)]| keys.iter().find(|(_, given)| *given).map(|(key, _)| *key);
             if let (Some(first), Some(second)) = (given(&by_color), given(&outright)) {
-                let problem = format!("`{first}` and `{second}` both say what happens to light inside the solid");
+                let problem = format!("`{first}` and `{second}` both define the light inside the solid");
                 let help = "describe the medium by `attenuation_color`, `attenuation_distance` and `scattering_albedo`, or by `absorption` and `scattering`";
                 return Err(self.source.error_at_key(&["material", &i.to_string(), second], problem, help));
             }

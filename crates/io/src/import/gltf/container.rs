@@ -148,12 +148,10 @@ fn check_header(file: &mut Vec<u8>, path: &Path, warnings: &mut Warnings) -> Res
     }
     let (length, present) = (length as usize, file.len());
     if length > present {
-        return fail(format!(
-            "the header says that the file has {length} bytes, but it has {present}: it is cut short"
-        ));
+        return fail(format!("by its header the file has {length} bytes, but it has {present}: it is cut short"));
     }
     if length < FILE_HEADER + CHUNK_HEADER {
-        return fail(format!("the header says that the file has {length} bytes, too few for header and JSON chunk"));
+        return fail(format!("by its header the file has {length} bytes, too few for header and JSON chunk"));
     }
     if length < present {
         warnings.push("GLB header", format!("{} bytes after the end are ignored", present - length));

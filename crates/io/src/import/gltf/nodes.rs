@@ -103,8 +103,8 @@ fn scene_roots(
         return Err(InputError::new(
             path,
             "scenes",
-            format!("scene {wanted} was asked for, but the file has {count}"),
-            "ask for a scene that exists (the first is 0), or for none",
+            format!("scene {wanted} was requested, but the file has {count}"),
+            "request a scene that exists (the first is 0), or none",
         ));
     }
     let default = root.scene.map(|s| s.value());

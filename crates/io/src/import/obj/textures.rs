@@ -124,7 +124,7 @@ impl<'a> Textures<'a> {
         let bytes = match load_beside(self.loader, folder, &map.file, Role::Texture) {
             Ok(found) => {
                 if let Some(instead) = found.instead {
-                    warnings.push(&place, format!("is not where it is said to be; \"{instead}\" is used"));
+                    warnings.push(&place, format!("is not at the given place; \"{instead}\" is used"));
                 }
                 found.bytes
             }

@@ -31,7 +31,7 @@ pub(super) fn look(scene: &Scene, report: &mut BuildReport) {
         if normals.unusable > 0 {
             unusable.push((
                 place(scene, part),
-                format!("has {} normals that are zero or no numbers; these corners are shaded by what the others say; recompute the normals", normals.unusable),
+                format!("has {} normals that are zero or no numbers; these corners are shaded with the normals of the others; recompute the normals", normals.unusable),
             ));
         }
         let material = &scene.materials[part.material as usize];

@@ -175,7 +175,7 @@ fn judge(scene: &Scene, a: &Face, b: &Face, gap: f32, step: f32) -> Option<Strin
         // A narrow gap matters only if light passes through it.
         return (solid[0] || solid[1]).then(|| {
             format!(
-                "has a face {} from one of {other}, where coordinates go in steps of {}: the gap is known to {:.0} %; make it wider, or let the faces coincide",
+                "has a face {} from one of {other}, where coordinates go in steps of {}: the gap has an error of {:.0} %; make it wider, or let the faces coincide",
                 meters(gap), meters(step), 100.0 * step / gap
             )
         });
