@@ -458,9 +458,9 @@ fn the_constants_page_has_the_values_of_the_sources() {
         let [_, name, value, file, meaning, chosen, sensitivity, _] = row[..] else { panic!("{row:?}") };
         assert!([meaning, chosen, sensitivity].iter().all(|cell| !cell.is_empty()), "{name}: an empty cell");
         let source = page(file);
-        let defined = source.lines().any(|line| {
-            line.contains(&format!("const {name}:")) && line.trim_end().ends_with(&format!("= {value};"))
-        });
+        let defined = source
+            .lines()
+            .any(|line| line.contains(&format!("const {name}:")) && line.trim_end().ends_with(&format!("= {value};")));
         assert!(defined, "{file} has no constant {name} of the value {value}");
     }
 }

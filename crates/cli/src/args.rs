@@ -17,7 +17,7 @@ use dunkelfeld::sensor::ExposureNoise;
 use std::ops::Range;
 use std::path::PathBuf;
 
-/// Renders what an industrial camera would see: a path tracer with a built-in EMVA 1288 sensor.
+/// Renders images of an industrial camera: a path tracer with a built-in EMVA 1288 sensor.
 ///
 /// Exit codes: 0 done; 1 rendered, but the result is flagged (invalid samples, time budget missed or too small); 2 bad input or usage;
 /// 130 interrupted, the best image so far was written.
@@ -36,11 +36,11 @@ pub(crate) enum Command {
     /// whole: the same to the last bit as if one process had rendered all of it.
     Merge(MergeArgs),
     /// Measure what accuracy costs in time, and write a report: noise against time for each strategy, time until the noise
-    /// is hidden beneath the sensor's, what each effect of the scene costs and changes.
+    /// is hidden beneath the sensor's, cost and influence of each effect of the scene.
     #[cfg(feature = "studies")]
     Bench(Box<BenchArgs>),
-    /// Denoise an EXR of this or another renderer: a layer beside what it holds, or a picture. The result is to be looked
-    /// at, not to be measured.
+    /// Denoise an EXR of this or another renderer: a layer beside those of the file, or a picture. The result is for
+    /// display, not for measurement.
     Denoise(DenoiseArgs),
     /// Expose an EXR of this or another renderer: the frames that a camera would take of it.
     Expose(Box<ExposeArgs>),
@@ -51,7 +51,7 @@ pub(crate) enum Command {
     /// noise-matched frames. Writes a report.
     #[cfg(feature = "studies")]
     Ptc(Box<PtcArgs>),
-    /// List what a scene holds, and what in it may trouble a render.
+    /// List the contents of a scene, and the hazards for a render.
     Inspect(InspectArgs),
     /// List the sensor presets, or print the data sheet of one.
     Sensors(SensorsArgs),
@@ -71,8 +71,8 @@ pub(crate) struct RenderArgs {
     /// Linear grey values, 16 bit, .png or .tif (with a sensor).
     #[arg(long, value_name = "FILE")]
     pub(crate) linear: Option<PathBuf>,
-    /// All layers: mean radiance, its variance, samples per pixel, albedo, normal, depth, ids, electrons, how well
-    /// the noise is hidden, and where matched exposure holds.
+    /// All layers: mean radiance, its variance, samples per pixel, albedo, normal, depth, ids, electrons, the
+    /// ratio of the noise to that of the sensor, and the pixels with matched exposure.
     #[arg(long, value_name = "FILE.exr")]
     pub(crate) exr: Option<PathBuf>,
     /// Statistics of the render.
@@ -103,7 +103,7 @@ pub(crate) struct RenderArgs {
     /// 12 %, 0.25 3 %.
     #[arg(long, value_name = "K", allow_negative_numbers = true, value_parser = noise_level)]
     pub(crate) noise: Option<f64>,
-    /// Where the samples go [default: sensor; sobel without a sensor].
+    /// Distribution of the samples [default: sensor; sobel without a sensor].
     #[arg(long, value_parser = strategies())]
     pub(crate) allocate: Option<Strategy>,
     /// Render exactly the samples of an earlier render: an EXR that --exr or --plan wrote. Size, seed and frame are those
@@ -111,18 +111,18 @@ pub(crate) struct RenderArgs {
     #[arg(long, value_name = "FILE.exr", conflicts_with_all = ["time", "spp", "noise", "allocate"])]
     pub(crate) replay: Option<PathBuf>,
 
-    /// Keep the state of the render in this file, and take it up from there if the file exists: with the same command a
-    /// render that was killed goes on, and its result is the same to the last bit as if nothing had happened. With --time,
-    /// the seconds of all runs count together. Outputs, threads and progress may change, all else must be as before. The
-    /// file stays when the render is done.
+    /// Write the state of the render to this file, and continue from it if the file exists. The same command continues a
+    /// render that was killed, and the result has the same bits as without the interruption. With --time, the seconds of
+    /// all runs count together. Outputs, threads and progress may change; all other settings must be the same. The file
+    /// stays when the render is complete.
     #[arg(long, value_name = "FILE", conflicts_with = "debug_sample")]
     pub(crate) checkpoint: Option<PathBuf>,
     /// Pause between two checkpoints; large ones are written more rarely, so that they take at most 2 % of one thread's
-    /// time. 0s writes at every chance [default: 30s].
+    /// time. 0s writes at every opportunity [default: 30s].
     #[arg(long, value_name = "TIME", value_parser = pause, requires = "checkpoint")]
     pub(crate) checkpoint_every: Option<f64>,
-    /// Take only the samples from A up to but without B of every pixel: a part of a render, for `merge`. With --replay, of
-    /// those that the plan has.
+    /// Render only the samples A to B - 1 of every pixel: a part of a render, for `merge`. With --replay, those of the
+    /// plan.
     #[arg(long, value_name = "A..B", value_parser = sample_range, requires = "checkpoint",
           conflicts_with_all = ["time", "spp", "noise", "allocate", "plan"])]
     pub(crate) samples: Option<Range<u32>>,
@@ -133,32 +133,32 @@ pub(crate) struct RenderArgs {
     /// Exposure time as in 5ms, or auto: the 99.5 % quantile comes to 90 % of saturation [default: auto].
     #[arg(long, value_name = "TIME|auto", value_parser = exposure)]
     pub(crate) exposure: Option<ExposureChoice>,
-    /// What noise the exposure adds to the render's own [default: plain].
+    /// Noise that the exposure adds to that of the render [default: plain].
     #[arg(long, value_parser = exposure_noises())]
     pub(crate) exposure_noise: Option<ExposureNoise>,
 
-    /// How the lens darkens the image toward its edge [default: the job's; none].
+    /// Vignetting of the lens [default: the job's; none].
     #[arg(long, value_parser = vignettings())]
     pub(crate) vignetting: Option<Vignetting>,
 
-    /// What the picture is denoised with [default: off]. Nothing that is measured reads the denoised image; the EXR has
-    /// it as layer denoised beside the unbiased mean, and the picture says that it shows it.
+    /// Denoiser of the picture [default: off]. No measurement uses the denoised image. The EXR contains it as layer
+    /// denoised beside the unbiased mean, and the metadata of the picture name the denoiser.
     #[arg(long, value_parser = denoisers())]
     pub(crate) denoise: Option<DenoiseMethod>,
-    /// Intel Open Image Denoise 1.4 or 2: the library or its folder [default: DUNKELFELD_OIDN, then where systems have it].
+    /// Intel Open Image Denoise 1.4 or 2: the library or its folder [default: DUNKELFELD_OIDN, then the usual places of the system].
     /// Without --denoise it means --denoise oidn.
     #[arg(long, value_name = "PATH")]
     pub(crate) oidn: Option<PathBuf>,
 
-    /// Seed of everything random [default: 0].
+    /// Seed of all random numbers [default: 0].
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = whole::<u64>)]
     pub(crate) seed: Option<u64>,
     /// Frame number: frames of one seed are independent, and come from the same device [default: 0].
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = whole::<u32>)]
     pub(crate) frame: Option<u32>,
-    /// Leave out an effect that the scene calls for, as in scattering or normal-maps: to see what it costs and whether the
-    /// camera can tell. Techniques too: without every-light one light is asked at a time, for the same image with other
-    /// noise. May be repeated. `inspect` lists the effects. The outputs say that it was left out.
+    /// Leave out an effect that the scene needs, as in scattering or normal-maps, to measure its cost and its influence on
+    /// the image. Techniques too: without every-light one light is sampled at a time, for the same image with other
+    /// noise. May be repeated. `inspect` lists the effects. The outputs name the effects that were left out.
     #[arg(long, value_name = "EFFECT", value_delimiter = ',', value_parser = effect)]
     pub(crate) without: Vec<Effect>,
     #[command(flatten)]
@@ -176,8 +176,8 @@ pub(crate) struct RenderArgs {
 #[derive(Debug, Args)]
 #[command(group(ArgGroup::new("result").required(true).multiple(true).args(["image", "linear", "exr", "stats", "checkpoint"])))]
 pub(crate) struct MergeArgs {
-    /// The parts, in any order: they must be of one render and follow upon each other without overlaps and gaps. They hold
-    /// all that is needed, so neither scene nor job is.
+    /// The parts, in any order: they must be of one render and follow each other without overlaps and gaps. They contain
+    /// all data, so neither scene nor job is needed.
     #[arg(value_name = "PART", required = true)]
     pub(crate) parts: Vec<PathBuf>,
     /// The picture: PNG, 8 bit, gamma 2.2, clipped at saturation.
@@ -204,7 +204,7 @@ pub(crate) struct MergeArgs {
 
 /// Flags of `denoise`.
 ///
-/// Uses what the file has of variance, albedo, normal and depth; names are those of this program, of Blender's view layers
+/// Uses variance, albedo, normal and depth if the file has them; names are those of this program, of Blender's view layers
 /// and of Mitsuba's AOVs.
 #[derive(Debug, Args)]
 pub(crate) struct DenoiseArgs {
@@ -218,7 +218,7 @@ pub(crate) struct DenoiseArgs {
     /// The denoiser [default: auto].
     #[arg(long, value_parser = denoisers())]
     pub(crate) denoise: Option<DenoiseMethod>,
-    /// Intel Open Image Denoise 1.4 or 2: the library or its folder [default: DUNKELFELD_OIDN, then where systems have it].
+    /// Intel Open Image Denoise 1.4 or 2: the library or its folder [default: DUNKELFELD_OIDN, then the usual places of the system].
     /// Without --denoise it means --denoise oidn.
     #[arg(long, value_name = "PATH")]
     pub(crate) oidn: Option<PathBuf>,
@@ -251,7 +251,7 @@ pub(crate) struct ExposeArgs {
     /// Exposure time as in 5ms, or auto: the 99.5 % quantile comes to 90 % of saturation [default: auto].
     #[arg(long, value_name = "TIME|auto", value_parser = exposure)]
     pub(crate) exposure: Option<ExposureChoice>,
-    /// What noise the exposure adds to the image's own [default: plain]. Matched needs a layer `variance`, and is for one frame.
+    /// Noise that the exposure adds to that of the image [default: plain]. Matched needs a layer `variance`, and is for one frame.
     #[arg(long, value_parser = exposure_noises())]
     pub(crate) exposure_noise: Option<ExposureNoise>,
     /// f-number of the lens, 0.5 to 1000 [default: 4].
@@ -263,17 +263,17 @@ pub(crate) struct ExposeArgs {
     /// Image size over object size, 0 (far away) to 100 [default: 0].
     #[arg(long, value_name = "M", allow_negative_numbers = true)]
     pub(crate) magnification: Option<f64>,
-    /// How the lens darkens the image toward its edge [default: none]. cos4 needs --focal-length, and is not for images that were
+    /// Vignetting of the lens [default: none]. cos4 needs --focal-length, and is not for images that were
     /// rendered with it.
     #[arg(long, value_parser = vignettings())]
     pub(crate) vignetting: Option<Vignetting>,
     /// Focal length of the lens, as in 12mm: with the sensor's pixel pitch it gives the field angle of each pixel.
     #[arg(long, value_name = "LENGTH", value_parser = length, requires = "vignetting")]
     pub(crate) focal_length: Option<f64>,
-    /// The layer that holds radiance, as in ViewLayer.Combined [default: the first under a known name].
+    /// The layer that holds radiance, as in ViewLayer.Combined [default: the first with a known name].
     #[arg(long, value_name = "NAME")]
     pub(crate) layer: Option<String>,
-    /// How many frames.
+    /// Number of frames.
     #[arg(long, value_name = "N", default_value_t = 1, allow_negative_numbers = true, value_parser = within(1..=u32::MAX))]
     pub(crate) frames: u32,
     /// Seed of noise and device.

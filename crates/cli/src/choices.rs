@@ -22,7 +22,7 @@ pub(crate) fn strategies() -> impl TypedValueParser<Value = Strategy> {
         Strategy::Uniform => "The same number everywhere",
         Strategy::Sobel => "In proportion to the Sobel magnitude of a pilot image (Kludt et al.)",
         Strategy::Variance => "In proportion to the measured standard deviation of a sample (Neyman)",
-        Strategy::Sensor => "Where the sensor would notice: until the render's noise is hidden beneath its own",
+        Strategy::Sensor => "Until the noise of the render is hidden beneath that of the sensor",
     };
     one_of(Strategy::ALL.map(|s| (s.name(), s, help(s))).to_vec(), Strategy::Uniform)
 }
@@ -30,7 +30,7 @@ pub(crate) fn strategies() -> impl TypedValueParser<Value = Strategy> {
 /// Denoisers of `--denoise`.
 pub(crate) fn denoisers() -> impl TypedValueParser<Value = DenoiseMethod> {
     let help = |method| match method {
-        DenoiseMethod::Off => "The picture shows what was rendered",
+        DenoiseMethod::Off => "No denoiser",
         DenoiseMethod::Auto => "Intel Open Image Denoise if this machine has it, else the built-in filter",
         DenoiseMethod::Oidn => "Intel Open Image Denoise",
         DenoiseMethod::Builtin => "The built-in filter: needs no library, and uses the variance of each pixel",
@@ -41,7 +41,7 @@ pub(crate) fn denoisers() -> impl TypedValueParser<Value = DenoiseMethod> {
 /// The noise of an exposure, for `--exposure-noise`.
 pub(crate) fn exposure_noises() -> impl TypedValueParser<Value = ExposureNoise> {
     let help = |noise| match noise {
-        ExposureNoise::Plain => "All of the camera's noise, on top of what noise the render has",
+        ExposureNoise::Plain => "All of the camera's noise, in addition to that of the render",
         ExposureNoise::Matched => {
             "The camera's noise less that of the render, so that frames of independent renders have the noise of the camera. The output states the share of pixels for which that holds; the EXR of a render has it as layer matched.Y"
         }

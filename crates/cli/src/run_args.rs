@@ -4,11 +4,11 @@ use crate::values::{ExposureChoice, exposure, whole, within};
 use clap::{Args, ValueEnum};
 use dunkelfeld::io::quantity::{Memory, QuantityError};
 
-/// How much memory a command may need.
+/// Limit of the memory of a command.
 #[derive(Debug, Args)]
 pub(crate) struct MemoryArgs {
-    /// The most memory that the command may need, as in 6GB or 512MiB. What it will need is computed before it works; if that is more,
-    /// the command ends with the account of it and exit code 2.
+    /// The most memory that the command may need, as in 6GB or 512MiB. The need is computed beforehand; if it is larger,
+    /// the command ends with its account and exit code 2.
     #[arg(long, value_name = "SIZE", value_parser = memory)]
     pub(crate) memory: Option<u64>,
 }
@@ -18,13 +18,13 @@ fn memory(text: &str) -> Result<u64, String> {
     size.whole().ok_or_else(|| "write a size above zero, such as 6GB".into())
 }
 
-/// How a command runs, whatever it does.
+/// Threads and progress of a command.
 #[derive(Debug, Args)]
 pub(crate) struct RunArgs {
     /// Threads [default: one per core].
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = within(1..=1024u16))]
     pub(crate) threads: Option<u16>,
-    /// How progress is shown on standard error.
+    /// Progress on standard error.
     #[arg(long, value_enum, default_value_t = ProgressKind::Bar)]
     pub(crate) progress: ProgressKind,
 }
@@ -54,7 +54,7 @@ pub(crate) struct ViewArgs {
     /// Exposure time as in 5ms, or auto: that of the render with the most samples, for all of them [default: auto].
     #[arg(long, value_name = "TIME|auto", value_parser = exposure)]
     pub(crate) exposure: Option<ExposureChoice>,
-    /// Seed that all others follow from [default: 0].
+    /// Seed from which all others are derived [default: 0].
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = whole::<u64>)]
     pub(crate) seed: Option<u64>,
     #[command(flatten)]
@@ -63,7 +63,7 @@ pub(crate) struct ViewArgs {
     pub(crate) run: RunArgs,
 }
 
-/// How progress is shown.
+/// Form of the progress.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum ProgressKind {
     /// A bar with the remaining time (only on a terminal).

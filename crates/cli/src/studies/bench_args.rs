@@ -12,8 +12,8 @@ use std::path::PathBuf;
 /// Flags of `bench`.
 ///
 /// Renders the scene many times with different seeds and compares. The folder gets `report.html`, which stands alone, its
-/// numbers as CSV, its charts as SVG, and in `units/` every finished render: a bench that was interrupted goes on from there
-/// when the same command is given again.
+/// numbers as CSV, its charts as SVG, and in `units/` every finished render. The same command continues a bench that was
+/// interrupted.
 #[derive(Debug, Args)]
 pub(crate) struct BenchArgs {
     /// A scene (.gltf, .glb, .obj) or a job (.toml). Its budget and strategy are not used. Flags win over the job.
@@ -23,10 +23,10 @@ pub(crate) struct BenchArgs {
     /// The folder of the report [default: the input's name with -bench, in this folder].
     #[arg(short = 'o', long = "output", value_name = "DIR")]
     pub(crate) output: Option<PathBuf>,
-    /// Less than a minute in all: a short ladder, and unless it is given a film as large as this machine can do.
+    /// Less than a minute in all: a short ladder, and, if no size is given, the largest film that this machine renders in that time.
     #[arg(long)]
     pub(crate) quick: bool,
-    /// Discard the renders that the folder already holds.
+    /// Discard the renders in the folder.
     #[arg(long)]
     pub(crate) restart: bool,
 
@@ -39,17 +39,17 @@ pub(crate) struct BenchArgs {
     /// The strategies to compare [default: all].
     #[arg(long, value_name = "NAME,NAME,...", value_delimiter = ',', value_parser = strategy)]
     pub(crate) strategies: Vec<Strategy>,
-    /// The levels of hiding k to put a price on [default: 1,0.7,0.5,0.25].
+    /// The levels k whose time is measured [default: 1,0.7,0.5,0.25].
     #[arg(long, value_name = "K,K,...", value_delimiter = ',')]
     pub(crate) noise: Vec<f64>,
-    /// The effects to leave out, one at a time, or none [default: all that the scene calls for].
+    /// The effects to leave out, one at a time, or none [default: all that the scene needs].
     #[arg(long, value_name = "EFFECT,...|none", value_parser = effect_choice)]
     pub(crate) effects: Option<EffectChoice>,
-    /// The denoisers to compare, or off [default: builtin, and oidn where this machine has it]. What is not denoised is
-    /// always measured, and everything but the denoisers' own section is about it.
+    /// The denoisers to compare, or off [default: builtin, and oidn if this machine has it]. Images without a denoiser are
+    /// always measured; all sections except that of the denoisers are about them.
     #[arg(long, value_name = "NAME,NAME|off", value_delimiter = ',', value_parser = denoisers())]
     pub(crate) denoise: Vec<DenoiseMethod>,
-    /// Intel Open Image Denoise 1.4 or 2: the library or its folder [default: DUNKELFELD_OIDN, then where systems have it].
+    /// Intel Open Image Denoise 1.4 or 2: the library or its folder [default: DUNKELFELD_OIDN, then the usual places of the system].
     #[arg(long, value_name = "PATH")]
     pub(crate) oidn: Option<PathBuf>,
     /// Samples per pixel of the renders with and without an effect [default: a quarter of the ladder's top].

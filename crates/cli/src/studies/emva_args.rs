@@ -26,7 +26,7 @@ pub(crate) enum EmvaCommand {
 
 /// Flags of `emva dataset`.
 ///
-/// The folder appears whole or not at all. It holds `emva.txt`, the descriptor in the format of the standard's reference
+/// The folder is written completely or not at all. It contains `emva.txt`, the descriptor in the format of the standard's reference
 /// implementation (PyPI emva1288), the frames as PNG, and `truth.json`.
 #[derive(Debug, Args)]
 pub(crate) struct DatasetArgs {
@@ -42,25 +42,25 @@ pub(crate) struct DatasetArgs {
     /// Size of the frames in pixels [default: 640x480].
     #[arg(long, value_name = "WxH", value_parser = size)]
     pub(crate) size: Option<[u32; 2]>,
-    /// Wavelength of the light in nm [default: where the quantum efficiency is highest].
+    /// Wavelength of the light in nm [default: that of the highest quantum efficiency].
     #[arg(long, value_name = "NM", value_parser = wavelength)]
     pub(crate) wavelength: Option<f64>,
     /// Frames in each of the stacks, in the dark and at half of saturation [default: 16].
     #[arg(long, value_name = "N", value_parser = within(3..=1000u32))]
     pub(crate) spatial: Option<u32>,
-    /// What changes from level to level [default: exposure].
+    /// The quantity that changes from level to level [default: exposure].
     #[arg(long, value_enum)]
     pub(crate) vary: Option<VaryChoice>,
     /// The exposure time, or the longest of them [default: 100ms].
     #[arg(long, value_name = "TIME", value_parser = exposure_time)]
     pub(crate) exposure: Option<f64>,
-    /// Bits per grey value instead of the sensor's own; gain and black level change with them. 8 bits are written as 8-bit PNG.
+    /// Bits per grey value instead of those of the sensor; gain and black level change with them. 8 bits are written as 8-bit PNG.
     #[arg(long, value_name = "N", value_parser = within(8..=16u32))]
     pub(crate) bit_depth: Option<u32>,
-    /// Of a sensor with colour filters, the pixels that are measured: a data set has those of one colour.
+    /// Colour of the measured pixels of a sensor with colour filters: a data set has pixels of one colour.
     #[arg(long, value_enum)]
     pub(crate) color: Option<ColorChoice>,
-    /// Picks the device and its noise [default: 0].
+    /// Seed of the device and of its noise [default: 0].
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = whole::<u64>)]
     pub(crate) seed: Option<u64>,
     #[command(flatten)]
@@ -69,14 +69,14 @@ pub(crate) struct DatasetArgs {
 
 /// Flags of `emva analyse`.
 ///
-/// Reads the frames one at a time: the memory does not depend on how many there are. A data set that cannot be analysed ends with
+/// Reads the frames one at a time: the memory does not depend on their number. A data set that cannot be analysed ends with
 /// what it lacks and exit code 2; one that lacks what the standard requires, but suffices, is analysed, and notes say what.
 #[derive(Debug, Args)]
 pub(crate) struct AnalyseArgs {
-    /// The descriptor: a text with lines `v`, `n`, `b`, `d` and `i`, as the standard's reference implementation has it.
+    /// The descriptor: a text with lines `v`, `n`, `b`, `d` and `i`, as in the standard's reference implementation.
     #[arg(value_name = "DESCRIPTOR")]
     pub(crate) input: PathBuf,
-    /// Whose rules decide what saturation is: 4.0, where 0.1 to 0.2 % of the values are the largest; 3.1, the peak of the variance.
+    /// Release of the standard that defines saturation: 4.0, where 0.1 to 0.2 % of the values are the largest; 3.1, the peak of the variance.
     #[arg(long, value_enum, default_value_t = ReleaseChoice::R40)]
     pub(crate) release: ReleaseChoice,
     /// The general module, for cameras that are not linear or that process their frames: no gain and no quantum efficiency, but
@@ -86,7 +86,7 @@ pub(crate) struct AnalyseArgs {
     /// Distance of the pixels in um, for figures per area.
     #[arg(long, value_name = "UM", value_parser = pitch)]
     pub(crate) pixel_pitch: Option<f64>,
-    /// Everything that was found, and the numbers behind the plots.
+    /// All results, and the numbers of the plots.
     #[arg(long, value_name = "FILE.json")]
     pub(crate) json: Option<PathBuf>,
     /// The report: one page with the figures and the standard's plots, that needs no other file.
@@ -96,10 +96,10 @@ pub(crate) struct AnalyseArgs {
     pub(crate) run: RunArgs,
 }
 
-/// What is varied, on the command line.
+/// The varied quantity, on the command line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum VaryChoice {
-    /// The exposure time, under constant light; tells the dark current.
+    /// The exposure time, under constant light; it also gives the dark current.
     Exposure,
     /// The light, at one exposure time.
     Irradiance,

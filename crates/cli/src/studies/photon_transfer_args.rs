@@ -11,14 +11,14 @@ use std::path::PathBuf;
 #[derive(Debug, Args)]
 pub(crate) struct PtcArgs {
     /// A scene (.gltf, .glb, .obj) or a job (.toml): its budget, strategy, denoiser and exposure noise are not used, flags
-    /// win over the job. Or three frames and more (.png, .tif, .bmp) of one camera that looks at one scene.
+    /// win over the job. Or three frames and more (.png, .tif, .bmp) of one camera and one scene.
     #[arg(value_name = "SCENE|JOB.toml|FRAMES", required = true)]
     pub(crate) inputs: Vec<PathBuf>,
 
     /// The folder of the report [default: the (first) input's name with -ptc, in this folder].
     #[arg(short = 'o', long = "output", value_name = "DIR")]
     pub(crate) output: Option<PathBuf>,
-    /// Discard the renders that the folder already holds.
+    /// Discard the renders in the folder.
     #[arg(long)]
     pub(crate) restart: bool,
 
@@ -28,10 +28,10 @@ pub(crate) struct PtcArgs {
     /// Samples per pixel of the series, ascending [default: 64,2500].
     #[arg(long, value_name = "N,N,...", value_delimiter = ',', value_parser = within(1..=u32::MAX))]
     pub(crate) spp: Vec<u32>,
-    /// What the paper's pictures are denoised with, beside being left as they are [default: auto].
+    /// Denoiser of the paper's pictures, in addition to those without denoising [default: auto].
     #[arg(long, value_parser = denoisers())]
     pub(crate) denoise: Option<DenoiseMethod>,
-    /// Intel Open Image Denoise 1.4 or 2: the library or its folder [default: DUNKELFELD_OIDN, then where systems have it].
+    /// Intel Open Image Denoise 1.4 or 2: the library or its folder [default: DUNKELFELD_OIDN, then the usual places of the system].
     /// Without --denoise it means --denoise oidn.
     #[arg(long, value_name = "PATH")]
     pub(crate) oidn: Option<PathBuf>,
@@ -41,10 +41,10 @@ pub(crate) struct PtcArgs {
     /// Only the paper's pictures, no frames of the sensor.
     #[arg(long)]
     pub(crate) pictures_only: bool,
-    /// Of frames: the grey value without light [default: 0].
+    /// For frames: the grey value without light [default: 0].
     #[arg(long, value_name = "DN", allow_negative_numbers = true)]
     pub(crate) dark: Option<f64>,
-    /// Of frames: the grey value of saturation [default: the largest of as many bits as the frames use].
+    /// For frames: the grey value of saturation [default: the largest of as many bits as the frames use].
     #[arg(long, value_name = "DN", allow_negative_numbers = true)]
     pub(crate) saturation: Option<f64>,
 
