@@ -11,6 +11,7 @@ use crate::required_samples::{HIDDEN_SHARE, quantile_in};
 /// Statistics of the ratios `v_r / s` over the pixels that are not saturated. An unknown ratio counts as infinite in
 /// the quantiles. Mean and maximum are those of the known ratios, infinite if all are unknown.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct Certificate {
     /// The level k of the certificate.
     pub k: f64,

@@ -44,6 +44,7 @@ pub struct Hit {
 
 /// Reason why no structure could be built.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
 pub enum BvhError {
     /// A triangle has an index beyond the vertices.
     #[error("mesh {mesh}: triangle {triangle} names a vertex beyond the mesh's {vertices}")]

@@ -71,6 +71,7 @@ impl<'a> DenoiseInput<'a> {
 
 /// The reason why there is no denoised image.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum DenoiseError {
     /// A plane differs in size from the mean.
     #[error("the {plane} plane has {} x {} pixels, the mean has {} x {}", got.0, got.1, expected.0, expected.1)]

@@ -35,6 +35,7 @@ impl Picture {
 
 /// The exposure of the sensor.
 #[derive(Clone, Debug)]
+#[non_exhaustive]
 pub struct SensorFrame {
     /// Expected photo-electrons per pixel.
     pub electrons: Plane<f32>,
@@ -56,6 +57,7 @@ pub struct SensorFrame {
 
 /// A developed image.
 #[derive(Clone, Debug)]
+#[non_exhaustive]
 pub struct Frame {
     /// The picture for display. It is made from the denoised mean if there is one.
     pub picture: Picture,

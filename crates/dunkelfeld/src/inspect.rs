@@ -10,6 +10,7 @@ use serde::Serialize;
 
 /// A light, as listed.
 #[derive(Clone, Debug, PartialEq, Serialize)]
+#[non_exhaustive]
 pub struct LightEntry {
     /// The object or light that shines.
     pub name: String,
@@ -25,6 +26,7 @@ pub struct LightEntry {
 
 /// A material, as listed.
 #[derive(Clone, Debug, PartialEq, Serialize)]
+#[non_exhaustive]
 pub struct MaterialEntry {
     /// Its name.
     pub name: String,
@@ -36,6 +38,7 @@ pub struct MaterialEntry {
 
 /// A camera, as listed.
 #[derive(Clone, Debug, PartialEq, Serialize)]
+#[non_exhaustive]
 pub struct CameraEntry {
     /// Its name.
     pub name: String,
@@ -45,6 +48,7 @@ pub struct CameraEntry {
 
 /// A stack of clear covers, as listed.
 #[derive(Clone, Debug, PartialEq, Serialize)]
+#[non_exhaustive]
 pub struct CoverEntry {
     /// Unit vector in world space along which its layers follow each other.
     pub axis: [f64; 3],
@@ -56,6 +60,7 @@ pub struct CoverEntry {
 
 /// A layer of a stack of covers.
 #[derive(Clone, Debug, PartialEq, Serialize)]
+#[non_exhaustive]
 pub struct CoverLayerEntry {
     /// Materials that fill it; none for air.
     pub materials: Vec<String>,
@@ -67,6 +72,7 @@ pub struct CoverLayerEntry {
 
 /// An effect, and the cause of its use.
 #[derive(Clone, Debug, PartialEq, Serialize)]
+#[non_exhaustive]
 pub struct EffectEntry {
     /// Its name, as `--without` takes it.
     pub name: String,
@@ -78,6 +84,7 @@ pub struct EffectEntry {
 
 /// All data of `inspect`.
 #[derive(Clone, Debug, PartialEq, Serialize)]
+#[non_exhaustive]
 pub struct Inspection {
     /// Objects.
     pub objects: usize,

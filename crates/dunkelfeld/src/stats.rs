@@ -20,6 +20,7 @@ pub const STATS_VERSION: u32 = 3;
 
 /// The statistics of a render. Field names are the JSON keys; times are seconds, radiances W/(m^2 sr).
 #[derive(Clone, Debug, PartialEq, Serialize)]
+#[non_exhaustive]
 pub struct Stats {
     /// Version of this schema.
     pub version: u32,
@@ -120,6 +121,7 @@ pub struct PartStats {
 /// The certificate ([`dunkelfeld_adaptive::certificate`]): ratios are the variance of a pixel's rendered mean over the
 /// temporal variance of the sensor there, over the pixels that are not saturated.
 #[derive(Clone, Debug, PartialEq, Serialize)]
+#[non_exhaustive]
 pub struct CertificateStats {
     /// The level that is certified: standard deviation of the render's noise over that of the sensor's.
     pub k: f64,
@@ -167,6 +169,7 @@ impl From<&Certificate> for CertificateStats {
 
 /// Statistics of the search for light through clear covers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[non_exhaustive]
 pub struct CoverStats {
     /// Connections that were attempted: a receiver, a point of a light and an order of events at the interfaces
     /// between.
@@ -179,6 +182,7 @@ pub struct CoverStats {
 
 /// The sensor's part of the statistics.
 #[derive(Clone, Debug, PartialEq, Serialize)]
+#[non_exhaustive]
 pub struct SensorStats {
     /// Name of the sensor.
     pub name: String,

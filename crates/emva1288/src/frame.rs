@@ -2,6 +2,7 @@
 
 /// The reason why an analysis is not possible.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
 pub enum AnalysisError {
     /// The number of values is not that of the pixels.
     #[error("a frame of {width} x {height} pixels has {got} values")]

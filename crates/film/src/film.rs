@@ -37,6 +37,7 @@ impl std::error::Error for OutOfMemory {}
 
 /// The reason why two films could not be joined.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum FilmError {
     /// The films differ in size: width and height of both.
     SizeMismatch([u32; 4]),

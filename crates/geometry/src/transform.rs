@@ -15,6 +15,7 @@ const UNIT_ROUNDOFF_32: f64 = 0.5 * f32::EPSILON as f64;
 
 /// Reason why a matrix is no transform.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
 pub enum TransformError {
     /// An element is NaN or infinite, or exceeds the range of f32.
     #[error("the transform has an element that is not a finite number")]

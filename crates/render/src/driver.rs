@@ -37,6 +37,7 @@ const CLOSING_MARGIN: f64 = 1.15;
 
 /// A finished (or interrupted) render: statistics of every pixel, and the course of the render.
 #[derive(Debug)]
+#[non_exhaustive]
 pub struct Rendering {
     /// Exact sums per pixel, ids and names.
     pub film: RenderedFilm,

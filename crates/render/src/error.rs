@@ -9,6 +9,7 @@ use std::path::{Path, PathBuf};
 /// All errors that end a render without an image. Names in the messages are escaped, so that a terminal does not
 /// execute control characters.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum Error {
     /// A file that cannot be used.
     #[error(transparent)]
@@ -94,10 +95,10 @@ impl Error {
 /// Advice for a camera that cannot be used.
 pub fn camera_help(error: &CameraError) -> &'static str {
     match error {
-        CameraError::Value { .. } => "change the value",
         CameraError::NotInvertible { .. } => {
             "let the film end before that (fewer pixels, a longer focal length), or fit the coefficients up to its corners"
         }
+        _ => "change the value",
     }
 }
 

@@ -37,6 +37,7 @@ impl Part<'_> {
 
 /// One part of a merged render.
 #[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct PartSummary {
     /// Its checkpoint.
     pub path: PathBuf,

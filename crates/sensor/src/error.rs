@@ -4,6 +4,7 @@ use dunkelfeld_radiometry::Number;
 
 /// The reason why a sensor, a lens or an exposure cannot be used.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum SensorError {
     /// A number is not finite or lies outside its range.
     #[error("{field} is {}, it must be {allowed}", Number(*value))]

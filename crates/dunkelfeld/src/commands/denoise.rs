@@ -26,6 +26,7 @@ const BRIGHT: (f64, f32) = (0.995, 0.9);
 
 /// An EXR, and its denoised image.
 #[derive(Clone, Debug)]
+#[non_exhaustive]
 pub struct DenoisedFile {
     /// The content of the file, without an older denoised layer.
     pub layers: ExrLayers,

@@ -73,6 +73,7 @@ pub struct ExposeOutputs {
 
 /// The result of an exposure.
 #[derive(Clone, Debug)]
+#[non_exhaustive]
 pub struct ExposedFile {
     /// Width and height \[pixels\].
     pub size: [u32; 2],

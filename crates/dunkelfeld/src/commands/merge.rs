@@ -30,6 +30,7 @@ pub struct MergeSettings {
 
 /// The result of a merge.
 #[derive(Debug)]
+#[non_exhaustive]
 pub struct Merged {
     /// The samples of every pixel.
     pub samples: Range<u32>,

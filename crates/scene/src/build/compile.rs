@@ -32,6 +32,7 @@ const LARGEST_RADIUS: f32 = 1e18;
 
 /// Reason why a scene cannot be built.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
 pub enum BuildError {
     /// An index is out of range.
     #[error("{place} refers to {what} {index}, but there are only {count}")]

@@ -12,6 +12,7 @@ use dunkelfeld_geometry::{DAffine3, DMat3, DVec3, Ray};
 
 /// Reason why a camera cannot be bound to a film.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum CameraError {
     /// A value that is not finite, out of range, or inconsistent with the others.
     #[error("camera \"{camera}\": {problem}")]

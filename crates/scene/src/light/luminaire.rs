@@ -24,6 +24,7 @@ pub struct LightProfile {
 
 /// Reason why numbers are no profile.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
 pub enum ProfileError {
     /// The angles are not ascending, or not in their range.
     #[error("the {0} angles must ascend {1}")]
