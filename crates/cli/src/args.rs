@@ -1,4 +1,4 @@
-//! The flags. Doc comments are the help texts; values are checked here, before any file is opened.
+//! The flags. Doc comments are the help texts. Values are checked here, before any file is opened.
 
 use crate::choices::{denoisers, exposure_noises, strategies, vignettings};
 use crate::run_args::{MemoryArgs, RunArgs};
@@ -17,10 +17,10 @@ use dunkelfeld::sensor::ExposureNoise;
 use std::ops::Range;
 use std::path::PathBuf;
 
-/// Renders what an industrial camera would see: a path tracer with a built-in EMVA 1288 sensor.
+/// Simulates the images of an industrial camera: a path tracer with a built-in EMVA 1288 sensor.
 ///
-/// Exit codes: 0 done; 1 rendered, but the result is flagged (invalid samples, time budget missed or too small); 2 bad input or usage;
-/// 130 interrupted, the best image so far was written.
+/// Exit codes: 0 done; 1 rendered, but the result has a fault (invalid samples, time budget missed or too small); 2
+/// invalid input or usage; 130 interrupted, the best image so far was written.
 #[derive(Debug, Parser)]
 #[command(name = "dunkelfeld", version, about, long_about, propagate_version = true)]
 pub(crate) struct Cli {
@@ -32,26 +32,26 @@ pub(crate) struct Cli {
 pub(crate) enum Command {
     /// Render a scene, expose it through a sensor, write images and statistics.
     Render(Box<RenderArgs>),
-    /// Join parts of a render, which `render --samples A..B --checkpoint FILE` made, and write images and statistics of the
-    /// whole: the same to the last bit as if one process had rendered all of it.
+    /// Join parts of a render, which `render --samples A..B --checkpoint FILE` made, and write images and statistics of
+    /// the whole. They are the same to the last bit as if one process had rendered all of it.
     Merge(MergeArgs),
-    /// Measure what accuracy costs in time, and write a report: noise against time for each strategy, time until the noise
-    /// is hidden beneath the sensor's, what each effect of the scene costs and changes.
+    /// Measure the cost of accuracy in time, and write a report: noise against time for each strategy, time until the
+    /// noise is hidden beneath the sensor's, cost and influence of each effect of the scene.
     #[cfg(feature = "studies")]
     Bench(Box<BenchArgs>),
-    /// Denoise an EXR of this or another renderer: a layer beside what it holds, or a picture. The result is to be looked
-    /// at, not to be measured.
+    /// Denoise an EXR of this or another renderer. The result is a layer beside those of the input, or a picture. It is
+    /// for display, not for measurements.
     Denoise(DenoiseArgs),
-    /// Expose an EXR of this or another renderer: the frames that a camera would take of it.
+    /// Expose an EXR of this or another renderer: write the frames that a camera would record of it.
     Expose(Box<ExposeArgs>),
-    /// Write EMVA 1288 data sets of simulated cameras, and analyse those of any camera.
+    /// Write EMVA 1288 data sets of simulated cameras, and analyse data sets of any camera.
     #[cfg(feature = "studies")]
     Emva(Box<EmvaArgs>),
-    /// Measure the photon transfer of a scene's frames: the experiments of Kludt et al., and the camera's own curve from
-    /// noise-matched frames. Writes a report.
+    /// Measure the photon transfer of the frames of a scene: the experiments of Kludt et al., and the photon transfer
+    /// curve of the camera from noise-matched frames. Writes a report.
     #[cfg(feature = "studies")]
     Ptc(Box<PtcArgs>),
-    /// List what a scene holds, and what in it may trouble a render.
+    /// List the content of a scene, and its hazards for a render.
     Inspect(InspectArgs),
     /// List the sensor presets, or print the data sheet of one.
     Sensors(SensorsArgs),
@@ -60,7 +60,7 @@ pub(crate) enum Command {
 /// Flags of `render`.
 #[derive(Debug, Args)]
 pub(crate) struct RenderArgs {
-    /// A scene (.gltf, .glb, .obj) or a job (.toml). Flags win over the job.
+    /// A scene (.gltf, .glb, .obj) or a job (.toml). Flags override the job.
     #[arg(value_name = "SCENE|JOB.toml")]
     pub(crate) input: PathBuf,
 
@@ -71,14 +71,14 @@ pub(crate) struct RenderArgs {
     /// Linear grey values, 16 bit, .png or .tif (with a sensor).
     #[arg(long, value_name = "FILE")]
     pub(crate) linear: Option<PathBuf>,
-    /// All layers: mean radiance, its variance, samples per pixel, albedo, normal, depth, ids, electrons, how well
-    /// the noise is hidden, and where matched exposure holds.
+    /// All layers: mean radiance, its variance, samples per pixel, albedo, normal, depth, ids, electrons, ratio of the
+    /// render's noise to the sensor's, and the pixels where matched exposure holds.
     #[arg(long, value_name = "FILE.exr")]
     pub(crate) exr: Option<PathBuf>,
     /// Statistics of the render.
     #[arg(long, value_name = "FILE.json")]
     pub(crate) stats: Option<PathBuf>,
-    /// The sample plan that was rendered, for --replay.
+    /// The sample plan of the render, for --replay.
     #[arg(long, value_name = "FILE.exr")]
     pub(crate) plan: Option<PathBuf>,
 
@@ -88,41 +88,41 @@ pub(crate) struct RenderArgs {
     /// Height of the image [default: 512].
     #[arg(long, value_name = "PIXELS", allow_negative_numbers = true, value_parser = within(1..=dunkelfeld::MAX_SIDE))]
     pub(crate) height: Option<u32>,
-    /// Camera by name [default: the first; a framing of the whole scene if there is none].
+    /// Camera by name [default: the first; if there is none, a view of the whole scene].
     #[arg(long, value_name = "NAME")]
     pub(crate) camera: Option<String>,
 
-    /// Stop after this wall-clock time, start and writing included, as in 20s or 5min.
+    /// Stop after this wall-clock time, as in 20s or 5min. It includes start and writing.
     #[arg(long, value_name = "TIME", value_parser = time_limit)]
     pub(crate) time: Option<f64>,
     /// Stop after this many samples per pixel, on average [default: 64 if there is no other limit].
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = samples_per_pixel)]
     pub(crate) spp: Option<f64>,
-    /// Stop when the render's noise is hidden beneath the sensor's: in 99 % of the unsaturated pixels its standard deviation
-    /// is at most K times the sensor's, K from 0.001 to 1000. 0.7 makes the noise of both 22 % larger than the sensor's, 0.5
-    /// 12 %, 0.25 3 %.
+    /// Stop when the render's noise is hidden beneath the sensor's: in 99 % of the unsaturated pixels its standard
+    /// deviation is at most K times the sensor's, K from 0.001 to 1000. With 0.7 the noise of both is 22 % larger than
+    /// the sensor's, with 0.5 12 %, with 0.25 3 %.
     #[arg(long, value_name = "K", allow_negative_numbers = true, value_parser = noise_level)]
     pub(crate) noise: Option<f64>,
-    /// Where the samples go [default: sensor; sobel without a sensor].
+    /// Strategy that distributes the samples over the pixels [default: sensor; sobel without a sensor].
     #[arg(long, value_parser = strategies())]
     pub(crate) allocate: Option<Strategy>,
-    /// Render exactly the samples of an earlier render: an EXR that --exr or --plan wrote. Size, seed and frame are those
-    /// of the file, unless they are given.
+    /// Render exactly the samples of an earlier render: an EXR that --exr or --plan wrote. Size, seed and frame are
+    /// those of the file, unless flags set them.
     #[arg(long, value_name = "FILE.exr", conflicts_with_all = ["time", "spp", "noise", "allocate"])]
     pub(crate) replay: Option<PathBuf>,
 
-    /// Keep the state of the render in this file, and take it up from there if the file exists: with the same command a
-    /// render that was killed goes on, and its result is the same to the last bit as if nothing had happened. With --time,
-    /// the seconds of all runs count together. Outputs, threads and progress may change, all else must be as before. The
-    /// file stays when the render is done.
+    /// Store the state of the render in this file, and continue from it if the file exists. The same command continues
+    /// a render that was killed, and its result is the same to the last bit as without the interruption. With --time,
+    /// the seconds of all runs count together. Outputs, threads and progress may change; everything else must be as
+    /// before. The file remains after the render.
     #[arg(long, value_name = "FILE", conflicts_with = "debug_sample")]
     pub(crate) checkpoint: Option<PathBuf>,
-    /// Pause between two checkpoints; large ones are written more rarely, so that they take at most 2 % of one thread's
-    /// time. 0s writes at every chance [default: 30s].
+    /// Pause between two checkpoints. Large ones are written less often, so that they take at most 2 % of one thread's
+    /// time. 0s writes at every opportunity [default: 30s].
     #[arg(long, value_name = "TIME", value_parser = pause, requires = "checkpoint")]
     pub(crate) checkpoint_every: Option<f64>,
-    /// Take only the samples from A up to but without B of every pixel: a part of a render, for `merge`. With --replay, of
-    /// those that the plan has.
+    /// Render only the samples A to B - 1 of every pixel: a part of a render, for `merge`. With --replay, those of them
+    /// that the plan contains.
     #[arg(long, value_name = "A..B", value_parser = sample_range, requires = "checkpoint",
           conflicts_with_all = ["time", "spp", "noise", "allocate", "plan"])]
     pub(crate) samples: Option<Range<u32>>,
@@ -130,19 +130,19 @@ pub(crate) struct RenderArgs {
     /// Sensor preset, a sensor file (.toml), or none for a plain image where radiance 1 is white [default: imx250].
     #[arg(long, value_name = "NAME|FILE|none")]
     pub(crate) sensor: Option<String>,
-    /// Exposure time as in 5ms, or auto: the 99.5 % quantile comes to 90 % of saturation [default: auto].
+    /// Exposure time as in 5ms, or auto, which puts the 99.5 % quantile at 90 % of saturation [default: auto].
     #[arg(long, value_name = "TIME|auto", value_parser = exposure)]
     pub(crate) exposure: Option<ExposureChoice>,
-    /// What noise the exposure adds to the render's own [default: plain].
+    /// Noise that the exposure adds to the render's own [default: plain].
     #[arg(long, value_parser = exposure_noises())]
     pub(crate) exposure_noise: Option<ExposureNoise>,
 
-    /// How the lens darkens the image toward its edge [default: the job's; none].
+    /// Vignetting: how the lens darkens the image toward its edge [default: the job's; none].
     #[arg(long, value_parser = vignettings())]
     pub(crate) vignetting: Option<Vignetting>,
 
-    /// What the picture is denoised with [default: off]. Nothing that is measured reads the denoised image; the EXR has
-    /// it as layer denoised beside the unbiased mean, and the picture says that it shows it.
+    /// Denoiser of the picture [default: off]. No measurement uses the denoised image. The EXR contains it as layer
+    /// denoised beside the unbiased mean, and the metadata of the picture name the denoiser.
     #[arg(long, value_parser = denoisers())]
     pub(crate) denoise: Option<DenoiseMethod>,
     /// Intel Open Image Denoise 1.4 or 2: the library or its folder [default: DUNKELFELD_OIDN, then where systems have it].
@@ -150,23 +150,23 @@ pub(crate) struct RenderArgs {
     #[arg(long, value_name = "PATH")]
     pub(crate) oidn: Option<PathBuf>,
 
-    /// Seed of everything random [default: 0].
+    /// Seed of all random numbers [default: 0].
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = whole::<u64>)]
     pub(crate) seed: Option<u64>,
-    /// Frame number: frames of one seed are independent, and come from the same device [default: 0].
+    /// Frame number. Frames of one seed are independent, and come from the same device [default: 0].
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = whole::<u32>)]
     pub(crate) frame: Option<u32>,
-    /// Leave out an effect that the scene calls for, as in scattering or normal-maps: to see what it costs and whether the
-    /// camera can tell. Techniques too: without every-light one light is asked at a time, for the same image with other
-    /// noise. May be repeated. `inspect` lists the effects. The outputs say that it was left out.
+    /// Leave out an effect of the scene, as in scattering or normal-maps, to measure its cost and its influence on the
+    /// frame. This includes techniques: without every-light, each vertex samples one light instead of all, for the same
+    /// image with other noise. May be repeated. `inspect` lists the effects. The outputs list those that were left out.
     #[arg(long, value_name = "EFFECT", value_delimiter = ',', value_parser = effect)]
     pub(crate) without: Vec<Effect>,
     #[command(flatten)]
     pub(crate) memory: MemoryArgs,
     #[command(flatten)]
     pub(crate) run: RunArgs,
-    /// Trace one sample instead of rendering, and print its path vertex by vertex. Nothing is written, so flags for outputs
-    /// and budgets are refused.
+    /// Trace one sample instead of rendering, and print its path vertex by vertex. No file is written, so flags for
+    /// outputs and budgets are refused.
     #[arg(long, value_name = "X,Y,SAMPLE", value_parser = pixel_sample,
           conflicts_with_all = ["image", "linear", "exr", "stats", "plan", "time", "spp", "allocate"])]
     pub(crate) debug_sample: Option<PixelSample>,
@@ -176,8 +176,8 @@ pub(crate) struct RenderArgs {
 #[derive(Debug, Args)]
 #[command(group(ArgGroup::new("result").required(true).multiple(true).args(["image", "linear", "exr", "stats", "checkpoint"])))]
 pub(crate) struct MergeArgs {
-    /// The parts, in any order: they must be of one render and follow upon each other without overlaps and gaps. They hold
-    /// all that is needed, so neither scene nor job is.
+    /// The parts, in any order. They must be of one render, without overlaps and gaps. Their files contain all data
+    /// that a merge needs. It needs neither scene nor job.
     #[arg(value_name = "PART", required = true)]
     pub(crate) parts: Vec<PathBuf>,
     /// The picture: PNG, 8 bit, gamma 2.2, clipped at saturation.
@@ -186,13 +186,13 @@ pub(crate) struct MergeArgs {
     /// Linear grey values, 16 bit, .png or .tif (with a sensor).
     #[arg(long, value_name = "FILE")]
     pub(crate) linear: Option<PathBuf>,
-    /// All layers, as those of `render`.
+    /// All layers, as in `render`.
     #[arg(long, value_name = "FILE.exr")]
     pub(crate) exr: Option<PathBuf>,
     /// Statistics of the whole, and of its parts.
     #[arg(long, value_name = "FILE.json")]
     pub(crate) stats: Option<PathBuf>,
-    /// The whole as a part again: for another merge, or for `render --samples A..B --checkpoint FILE` with other outputs.
+    /// The whole as one part, for another merge, or for `render --samples A..B --checkpoint FILE` with other outputs.
     #[arg(long, value_name = "FILE")]
     pub(crate) checkpoint: Option<PathBuf>,
     /// Threads [default: one per core].
@@ -204,15 +204,15 @@ pub(crate) struct MergeArgs {
 
 /// Flags of `denoise`.
 ///
-/// Uses what the file has of variance, albedo, normal and depth; names are those of this program, of Blender's view layers
-/// and of Mitsuba's AOVs.
+/// Uses the layers of variance, albedo, normal and depth that the file has. Names may be those of this program, of
+/// Blender's view layers and of Mitsuba's AOVs.
 #[derive(Debug, Args)]
 pub(crate) struct DenoiseArgs {
     /// The image to denoise.
     #[arg(value_name = "IN.exr")]
     pub(crate) input: PathBuf,
-    /// An EXR with all layers of the input and denoised.R/G/B; or a PNG, 8 bit, gamma 2.2, in which radiance 1 is white, or
-    /// the bright parts of an image that was rendered for a sensor.
+    /// An EXR with all layers of the input and denoised.R/G/B, or a PNG, 8 bit, gamma 2.2. White in the PNG is radiance
+    /// 1, or the bright parts of an image that was rendered for a sensor.
     #[arg(short = 'o', long = "output", value_name = "OUT.exr|png")]
     pub(crate) output: PathBuf,
     /// The denoiser [default: auto].
@@ -230,16 +230,17 @@ pub(crate) struct DenoiseArgs {
 
 /// Flags of `expose`.
 ///
-/// The image holds mean radiance in W/(m^2 sr); the names of its channels may be those of this program, of Blender's view layers
-/// or of Mitsuba. The noise of a frame is a function of seed and frame number, on any number of threads; all frames of a seed
-/// come from one device.
+/// The image contains mean radiance in W/(m^2 sr). The names of its channels may be those of this program, of Blender's
+/// view layers or of Mitsuba. The noise of a frame is a function of seed and frame number, for any number of threads.
+/// All frames of a seed come from one device.
 #[derive(Debug, Args)]
 pub(crate) struct ExposeArgs {
     /// The image to expose.
     #[arg(value_name = "IN.exr")]
     pub(crate) input: PathBuf,
-    /// The picture: PNG, 8 bit, gamma 2.2, clipped at saturation; in colours behind a colour filter. Of several frames each
-    /// gets its number, as in out-0007.png [default: the input's name with .png, in this folder, unless --linear is given].
+    /// The picture: PNG, 8 bit, gamma 2.2, clipped at saturation, in colours behind a colour filter. With several
+    /// frames, each name contains the frame number, as in out-0007.png [default: the input's name with .png, in this
+    /// folder, unless --linear is given].
     #[arg(short = 'o', long = "output", value_name = "FILE.png")]
     pub(crate) image: Option<PathBuf>,
     /// Linear grey values, 16 bit, .png or .tif; behind a colour filter the raw mosaic. Numbered like the picture.
@@ -248,10 +249,11 @@ pub(crate) struct ExposeArgs {
     /// Sensor preset, or a sensor file (.toml) [default: imx250].
     #[arg(long, value_name = "NAME|FILE")]
     pub(crate) sensor: Option<String>,
-    /// Exposure time as in 5ms, or auto: the 99.5 % quantile comes to 90 % of saturation [default: auto].
+    /// Exposure time as in 5ms, or auto, which puts the 99.5 % quantile at 90 % of saturation [default: auto].
     #[arg(long, value_name = "TIME|auto", value_parser = exposure)]
     pub(crate) exposure: Option<ExposureChoice>,
-    /// What noise the exposure adds to the image's own [default: plain]. Matched needs a layer `variance`, and is for one frame.
+    /// Noise that the exposure adds to the image's own [default: plain]. Matched needs a layer `variance`, and is for
+    /// one frame.
     #[arg(long, value_parser = exposure_noises())]
     pub(crate) exposure_noise: Option<ExposureNoise>,
     /// f-number of the lens, 0.5 to 1000 [default: 4].
@@ -260,20 +262,20 @@ pub(crate) struct ExposeArgs {
     /// Share of the light that passes the lens, above 0 and at most 1 [default: 0.9].
     #[arg(long, value_name = "SHARE", allow_negative_numbers = true)]
     pub(crate) transmission: Option<f64>,
-    /// Image size over object size, 0 (far away) to 100 [default: 0].
+    /// Magnification: image size over object size, 0 (far away) to 100 [default: 0].
     #[arg(long, value_name = "M", allow_negative_numbers = true)]
     pub(crate) magnification: Option<f64>,
-    /// How the lens darkens the image toward its edge [default: none]. cos4 needs --focal-length, and is not for images that were
-    /// rendered with it.
+    /// Vignetting: how the lens darkens the image toward its edge [default: none]. cos4 needs --focal-length, and is
+    /// not for images that were rendered with it.
     #[arg(long, value_parser = vignettings())]
     pub(crate) vignetting: Option<Vignetting>,
-    /// Focal length of the lens, as in 12mm: with the sensor's pixel pitch it gives the field angle of each pixel.
+    /// Focal length of the lens, as in 12mm. With the sensor's pixel pitch it determines the field angle of each pixel.
     #[arg(long, value_name = "LENGTH", value_parser = length, requires = "vignetting")]
     pub(crate) focal_length: Option<f64>,
-    /// The layer that holds radiance, as in ViewLayer.Combined [default: the first under a known name].
+    /// The layer with radiance, as in ViewLayer.Combined [default: the first with a supported name].
     #[arg(long, value_name = "NAME")]
     pub(crate) layer: Option<String>,
-    /// How many frames.
+    /// Number of frames.
     #[arg(long, value_name = "N", default_value_t = 1, allow_negative_numbers = true, value_parser = within(1..=u32::MAX))]
     pub(crate) frames: u32,
     /// Seed of noise and device.
@@ -302,7 +304,7 @@ pub(crate) struct InspectArgs {
 /// Flags of `sensors`.
 #[derive(Debug, Args)]
 pub(crate) struct SensorsArgs {
-    /// A preset or a sensor file (.toml); without it, all presets are listed.
+    /// A preset or a sensor file (.toml). Without it, all presets are listed.
     #[arg(value_name = "NAME|FILE")]
     pub(crate) sensor: Option<String>,
     /// Print JSON instead of text.

@@ -4,11 +4,11 @@ use crate::values::{ExposureChoice, exposure, whole, within};
 use clap::{Args, ValueEnum};
 use dunkelfeld::io::quantity::{Memory, QuantityError};
 
-/// How much memory a command may need.
+/// Memory limit of a command.
 #[derive(Debug, Args)]
 pub(crate) struct MemoryArgs {
-    /// The most memory that the command may need, as in 6GB or 512MiB. What it will need is computed before it works; if that is more,
-    /// the command ends with the account of it and exit code 2.
+    /// Memory limit, as in 6GB or 512MiB. The command computes its need before the work. If the need is larger, the
+    /// command prints the account of it and ends with exit code 2.
     #[arg(long, value_name = "SIZE", value_parser = memory)]
     pub(crate) memory: Option<u64>,
 }
@@ -18,7 +18,7 @@ fn memory(text: &str) -> Result<u64, String> {
     size.whole().ok_or_else(|| "write a size above zero, such as 6GB".into())
 }
 
-/// How a command runs, whatever it does.
+/// Threads and progress of any command.
 #[derive(Debug, Args)]
 pub(crate) struct RunArgs {
     /// Threads [default: one per core].
@@ -45,16 +45,17 @@ pub(crate) struct ViewArgs {
     /// Height of the image [default: 512].
     #[arg(long, value_name = "PIXELS", allow_negative_numbers = true, value_parser = within(1..=dunkelfeld::MAX_SIDE))]
     pub(crate) height: Option<u32>,
-    /// Camera by name [default: the first; a framing of the whole scene if there is none].
+    /// Camera by name [default: the first; if there is none, a view of the whole scene].
     #[arg(long, value_name = "NAME")]
     pub(crate) camera: Option<String>,
     /// Sensor preset, a sensor file (.toml), or none [default: imx250].
     #[arg(long, value_name = "NAME|FILE|none")]
     pub(crate) sensor: Option<String>,
-    /// Exposure time as in 5ms, or auto: that of the render with the most samples, for all of them [default: auto].
+    /// Exposure time as in 5ms, or auto, which computes it from the render with the most samples and uses it for all
+    /// renders [default: auto].
     #[arg(long, value_name = "TIME|auto", value_parser = exposure)]
     pub(crate) exposure: Option<ExposureChoice>,
-    /// Seed that all others follow from [default: 0].
+    /// Seed from which all others are derived [default: 0].
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = whole::<u64>)]
     pub(crate) seed: Option<u64>,
     #[command(flatten)]

@@ -11,22 +11,23 @@ use std::path::PathBuf;
 
 /// Flags of `bench`.
 ///
-/// Renders the scene many times with different seeds and compares. The folder gets `report.html`, which stands alone, its
-/// numbers as CSV, its charts as SVG, and in `units/` every finished render: a bench that was interrupted goes on from there
-/// when the same command is given again.
+/// Renders the scene many times with different seeds and compares the results. The folder contains `report.html`, which
+/// needs no other file, its numbers as CSV, its charts as SVG, and in `units/` every finished render. The same command
+/// continues a bench that was interrupted.
 #[derive(Debug, Args)]
 pub(crate) struct BenchArgs {
-    /// A scene (.gltf, .glb, .obj) or a job (.toml). Its budget and strategy are not used. Flags win over the job.
+    /// A scene (.gltf, .glb, .obj) or a job (.toml). Its budget and strategy are not used. Flags override the job.
     #[arg(value_name = "SCENE|JOB.toml")]
     pub(crate) input: PathBuf,
 
     /// The folder of the report [default: the input's name with -bench, in this folder].
     #[arg(short = 'o', long = "output", value_name = "DIR")]
     pub(crate) output: Option<PathBuf>,
-    /// Less than a minute in all: a short ladder, and unless it is given a film as large as this machine can do.
+    /// Take less than a minute in total: a short ladder, and, unless the size is given, the largest film that this
+    /// machine can render in that time.
     #[arg(long)]
     pub(crate) quick: bool,
-    /// Discard the renders that the folder already holds.
+    /// Discard the renders that the folder contains.
     #[arg(long)]
     pub(crate) restart: bool,
 
@@ -39,14 +40,14 @@ pub(crate) struct BenchArgs {
     /// The strategies to compare [default: all].
     #[arg(long, value_name = "NAME,NAME,...", value_delimiter = ',', value_parser = strategy)]
     pub(crate) strategies: Vec<Strategy>,
-    /// The levels of hiding k to put a price on [default: 1,0.7,0.5,0.25].
+    /// The noise levels k whose cost is measured [default: 1,0.7,0.5,0.25].
     #[arg(long, value_name = "K,K,...", value_delimiter = ',')]
     pub(crate) noise: Vec<f64>,
-    /// The effects to leave out, one at a time, or none [default: all that the scene calls for].
+    /// The effects to leave out, one at a time, or none [default: all effects of the scene].
     #[arg(long, value_name = "EFFECT,...|none", value_parser = effect_choice)]
     pub(crate) effects: Option<EffectChoice>,
-    /// The denoisers to compare, or off [default: builtin, and oidn where this machine has it]. What is not denoised is
-    /// always measured, and everything but the denoisers' own section is about it.
+    /// The denoisers to compare, or off [default: builtin, and oidn if this machine has it]. The image without
+    /// denoising is always measured. All sections of the report describe it, except the one about denoisers.
     #[arg(long, value_name = "NAME,NAME|off", value_delimiter = ',', value_parser = denoisers())]
     pub(crate) denoise: Vec<DenoiseMethod>,
     /// Intel Open Image Denoise 1.4 or 2: the library or its folder [default: DUNKELFELD_OIDN, then where systems have it].

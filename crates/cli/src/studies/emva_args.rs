@@ -16,51 +16,53 @@ pub(crate) struct EmvaArgs {
 
 #[derive(Debug, Subcommand)]
 pub(crate) enum EmvaCommand {
-    /// Take the frames of an EMVA 1288 measurement with a simulated camera, and write them as a data set, with the truth beside
-    /// them.
+    /// Record the frames of an EMVA 1288 measurement with a simulated camera, and write them as a data set, with the
+    /// true parameters beside them.
     Dataset(DatasetArgs),
-    /// Analyse a data set, of a simulated or a real camera: print all figures with their standard errors, and write a report.
+    /// Analyse a data set of a simulated or a real camera: print all figures with their standard errors, and write a
+    /// report.
     #[command(alias = "analyze")]
     Analyse(AnalyseArgs),
 }
 
 /// Flags of `emva dataset`.
 ///
-/// The folder appears whole or not at all. It holds `emva.txt`, the descriptor in the format of the standard's reference
-/// implementation (PyPI emva1288), the frames as PNG, and `truth.json`.
+/// The folder is written completely or not at all. It contains `emva.txt`, the descriptor in the format of the
+/// standard's reference implementation (PyPI emva1288), the frames as PNG, and `truth.json`.
 #[derive(Debug, Args)]
 pub(crate) struct DatasetArgs {
     /// Sensor preset or a sensor file (.toml).
     #[arg(long, value_name = "NAME|FILE")]
     pub(crate) sensor: String,
-    /// The folder of the data set; it must not exist yet, or be empty.
+    /// The folder of the data set. It must be empty or not exist.
     #[arg(short = 'o', long = "output", value_name = "DIR")]
     pub(crate) output: PathBuf,
-    /// Levels of light, each a pair of frames, evenly spread; the last three are saturated [default: 50].
+    /// Levels of light, evenly spaced, with a pair of frames each. The last three are saturated [default: 50].
     #[arg(long, value_name = "N", value_parser = within(10..=1000u32))]
     pub(crate) levels: Option<u32>,
     /// Size of the frames in pixels [default: 640x480].
     #[arg(long, value_name = "WxH", value_parser = size)]
     pub(crate) size: Option<[u32; 2]>,
-    /// Wavelength of the light in nm [default: where the quantum efficiency is highest].
+    /// Wavelength of the light in nm [default: that of the highest quantum efficiency].
     #[arg(long, value_name = "NM", value_parser = wavelength)]
     pub(crate) wavelength: Option<f64>,
-    /// Frames in each of the stacks, in the dark and at half of saturation [default: 16].
+    /// Frames in each of the two stacks, in the dark and at half of saturation [default: 16].
     #[arg(long, value_name = "N", value_parser = within(3..=1000u32))]
     pub(crate) spatial: Option<u32>,
-    /// What changes from level to level [default: exposure].
+    /// The quantity that changes from level to level [default: exposure].
     #[arg(long, value_enum)]
     pub(crate) vary: Option<VaryChoice>,
-    /// The exposure time, or the longest of them [default: 100ms].
+    /// The exposure time, or the longest exposure time [default: 100ms].
     #[arg(long, value_name = "TIME", value_parser = exposure_time)]
     pub(crate) exposure: Option<f64>,
-    /// Bits per grey value instead of the sensor's own; gain and black level change with them. 8 bits are written as 8-bit PNG.
+    /// Bits per grey value instead of the sensor's own. Gain and black level change with them. 8 bits are written as
+    /// 8-bit PNG.
     #[arg(long, value_name = "N", value_parser = within(8..=16u32))]
     pub(crate) bit_depth: Option<u32>,
-    /// Of a sensor with colour filters, the pixels that are measured: a data set has those of one colour.
+    /// The colour of the measured pixels of a sensor with colour filters. A data set contains the pixels of one colour.
     #[arg(long, value_enum)]
     pub(crate) color: Option<ColorChoice>,
-    /// Picks the device and its noise [default: 0].
+    /// Seed of the device and its noise [default: 0].
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = whole::<u64>)]
     pub(crate) seed: Option<u64>,
     #[command(flatten)]
@@ -69,37 +71,40 @@ pub(crate) struct DatasetArgs {
 
 /// Flags of `emva analyse`.
 ///
-/// Reads the frames one at a time: the memory does not depend on how many there are. A data set that cannot be analysed ends with
-/// what it lacks and exit code 2; one that lacks what the standard asks for, but suffices, is analysed, and notes say what.
+/// Reads the frames one at a time, so the memory does not depend on their number. A data set that cannot be analysed is
+/// an error with exit code 2, which lists the missing data. A data set that suffices, but does not meet the standard,
+/// is analysed, and notes list the differences.
 #[derive(Debug, Args)]
 pub(crate) struct AnalyseArgs {
-    /// The descriptor: a text with lines `v`, `n`, `b`, `d` and `i`, as the standard's reference implementation has it.
+    /// The descriptor: a text with lines `v`, `n`, `b`, `d` and `i`, in the format of the standard's reference
+    /// implementation.
     #[arg(value_name = "DESCRIPTOR")]
     pub(crate) input: PathBuf,
-    /// Whose rules decide what saturation is: 4.0, where 0.1 to 0.2 % of the values are the largest; 3.1, the peak of the variance.
+    /// Release of the standard whose rule defines saturation: 4.0, where 0.1 to 0.2 % of the values are the largest;
+    /// 3.1, the peak of the variance.
     #[arg(long, value_enum, default_value_t = ReleaseChoice::R40)]
     pub(crate) release: ReleaseChoice,
-    /// The general module, for cameras that are not linear or that process their frames: no gain and no quantum efficiency, but
-    /// noise, threshold and range at the input.
+    /// Use the general module, for cameras that are not linear or that process their frames. It has no gain and no
+    /// quantum efficiency, but noise, threshold and range at the input.
     #[arg(long)]
     pub(crate) general: bool,
-    /// Distance of the pixels in um, for figures per area.
+    /// Pixel pitch in um, for figures per area.
     #[arg(long, value_name = "UM", value_parser = pitch)]
     pub(crate) pixel_pitch: Option<f64>,
-    /// Everything that was found, and the numbers behind the plots.
+    /// All results, and the numbers behind the plots.
     #[arg(long, value_name = "FILE.json")]
     pub(crate) json: Option<PathBuf>,
-    /// The report: one page with the figures and the standard's plots, that needs no other file.
+    /// The report: one page with the figures and the standard's plots. It needs no other file.
     #[arg(long, value_name = "FILE.html")]
     pub(crate) html: Option<PathBuf>,
     #[command(flatten)]
     pub(crate) run: RunArgs,
 }
 
-/// What is varied, on the command line.
+/// The quantity that is varied, on the command line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum VaryChoice {
-    /// The exposure time, under constant light; tells the dark current.
+    /// The exposure time, under constant light; determines the dark current.
     Exposure,
     /// The light, at one exposure time.
     Irradiance,
@@ -108,10 +113,10 @@ pub(crate) enum VaryChoice {
 /// Releases of the standard on the command line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum ReleaseChoice {
-    /// Of 2021.
+    /// Release of 2021.
     #[value(name = "4.0")]
     R40,
-    /// Of 2016.
+    /// Release of 2016.
     #[value(name = "3.1")]
     R31,
 }

@@ -10,41 +10,41 @@ use std::path::PathBuf;
 /// Flags of `ptc`.
 #[derive(Debug, Args)]
 pub(crate) struct PtcArgs {
-    /// A scene (.gltf, .glb, .obj) or a job (.toml): its budget, strategy, denoiser and exposure noise are not used, flags
-    /// win over the job. Or three frames and more (.png, .tif, .bmp) of one camera that looks at one scene.
+    /// A scene (.gltf, .glb, .obj) or a job (.toml). Its budget, strategy, denoiser and exposure noise are not used.
+    /// Flags override the job. Or at least three frames (.png, .tif, .bmp) of one camera and one static scene.
     #[arg(value_name = "SCENE|JOB.toml|FRAMES", required = true)]
     pub(crate) inputs: Vec<PathBuf>,
 
     /// The folder of the report [default: the (first) input's name with -ptc, in this folder].
     #[arg(short = 'o', long = "output", value_name = "DIR")]
     pub(crate) output: Option<PathBuf>,
-    /// Discard the renders that the folder already holds.
+    /// Discard the renders that the folder contains.
     #[arg(long)]
     pub(crate) restart: bool,
 
-    /// Frames of each series; more may be added later [default: 50].
+    /// Frames of each series. More may be added later [default: 50].
     #[arg(long, value_name = "N", value_parser = within(1..=u32::MAX))]
     pub(crate) frames: Option<u32>,
     /// Samples per pixel of the series, ascending [default: 64,2500].
     #[arg(long, value_name = "N,N,...", value_delimiter = ',', value_parser = within(1..=u32::MAX))]
     pub(crate) spp: Vec<u32>,
-    /// What the paper's pictures are denoised with, beside being left as they are [default: auto].
+    /// Denoiser of the paper's pictures. They are also measured without denoising [default: auto].
     #[arg(long, value_parser = denoisers())]
     pub(crate) denoise: Option<DenoiseMethod>,
     /// Intel Open Image Denoise 1.4 or 2: the library or its folder [default: DUNKELFELD_OIDN, then where systems have it].
     /// Without --denoise it means --denoise oidn.
     #[arg(long, value_name = "PATH")]
     pub(crate) oidn: Option<PathBuf>,
-    /// Share of the pixels, the steepest, that count as strong edges, as in 0.2 [default: 0.2].
+    /// Share of the pixels with the steepest gradient that count as strong edges, as in 0.2 [default: 0.2].
     #[arg(long, value_name = "SHARE", allow_negative_numbers = true)]
     pub(crate) edges: Option<f64>,
-    /// Only the paper's pictures, no frames of the sensor.
+    /// Measure only the paper's pictures, no frames of the sensor.
     #[arg(long)]
     pub(crate) pictures_only: bool,
-    /// Of frames: the grey value without light [default: 0].
+    /// Frames only: the grey value without light [default: 0].
     #[arg(long, value_name = "DN", allow_negative_numbers = true)]
     pub(crate) dark: Option<f64>,
-    /// Of frames: the grey value of saturation [default: the largest of as many bits as the frames use].
+    /// Frames only: the grey value of saturation [default: the largest value of the bit depth that the frames use].
     #[arg(long, value_name = "DN", allow_negative_numbers = true)]
     pub(crate) saturation: Option<f64>,
 
