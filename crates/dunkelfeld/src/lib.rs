@@ -10,8 +10,9 @@
 //! # Ok::<(), dunkelfeld::Error>(())
 //! ```
 //!
-//! Or the same stages one by one ([`render()`], [`develop_film()`]), with a scene built in code, a progress sink and a switch to
-//! cancel: see `examples/unrolled.rs`. The crates below are re-exported under their folder's name.
+//! The stages can also be called one by one ([`render()`], [`develop_film()`]), with a scene built in code, a progress
+//! sink and a cancellation switch: see `examples/unrolled.rs`. The crates below are re-exported under their folder's
+//! name.
 
 #![forbid(unsafe_code)]
 
