@@ -12,7 +12,7 @@ pub(crate) enum Outcome {
     Done,
     /// There is a result, but it has a fault, which was printed.
     Flagged,
-    /// The input or the usage is invalid. Nothing was written.
+    /// The input or the usage is invalid. No file was written.
     BadInput,
     /// Interrupted; the best image so far was written.
     Interrupted,
@@ -36,7 +36,7 @@ impl From<Outcome> for ExitCode {
     }
 }
 
-/// Prints an error: what is wrong, the line of the file that it points into, how to correct it.
+/// Prints an error: the fault, the line of the file that contains it, and help.
 pub(crate) fn print_error(error: &dunkelfeld::Error) {
     let text = format!("error: {error}");
     let (problem, help) = text.split_at(text.find("\n  help: ").unwrap_or(text.len()));

@@ -47,10 +47,10 @@ impl Misfit {
     }
 }
 
-/// Puts a lens on a camera. What the settings leave out stays the camera's own.
+/// Combines a lens with a camera. Values that the settings do not contain remain those of the camera.
 ///
-/// The same f-number and magnification rule both sides: the thin lens of focal length f, at the image distance
-/// v = f (1 + m), has a pupil of radius f / (2 N), which fills the sine 1 / (2 N (1 + m)) of the sensor's formula; the
+/// Both sides have the same f-number and magnification. The thin lens of focal length f, at the image distance v = f (1
+/// + m), has a pupil of radius f / (2 N). The pupil gives the sine 1 / (2 N (1 + m)) of the sensor's formula. The
 /// telecentric lens has that sine times m on the side of the object.
 pub(crate) fn fit(camera: &Camera, lens: &LensSettings, film: FilmSize) -> Result<Fitted, Misfit> {
     let mut camera = camera.clone();
@@ -111,7 +111,7 @@ fn telecentric(mut camera: Camera, lens: &LensSettings, film: FilmSize) -> Resul
     let film_height = film.pitch.map(|pitch| pitch * f64::from(film.height));
     let asked = match (lens.field_height, lens.magnification) {
         (Some(height), _) => Some(height),
-        // Of an orthographic camera that the scene has, only the irradiance follows.
+        // For an orthographic camera of the scene, the lens determines only the irradiance.
         (None, Some(m)) if m > 0.0 && lens.projection.is_some() => {
             Some(film_height.ok_or_else(|| Misfit::no_size("magnification"))? / m)
         }
@@ -135,7 +135,8 @@ fn telecentric(mut camera: Camera, lens: &LensSettings, film: FilmSize) -> Resul
             ));
         }
     };
-    // An orthographic camera of the scene, with a lens without settings, keeps its object far away.
+    // An orthographic camera of the scene, with a lens without settings, keeps its magnification: the object is far
+    // away.
     let follows = lens.projection.is_some() || lens.focus_distance.is_some();
     let derived = film_height.filter(|_| follows).map(|film_height| film_height / height);
     let magnification = lens.magnification.or(derived).unwrap_or(0.0);

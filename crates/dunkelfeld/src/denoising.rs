@@ -21,15 +21,15 @@ pub struct Denoised {
     pub mean: Plane<[f32; 3]>,
     /// Name and version of the denoiser.
     pub denoiser: String,
-    /// Seconds that it took.
+    /// Seconds of denoising.
     pub seconds: f64,
 }
 
-/// The denoiser of the settings, `None` if there shall be none.
+/// The denoiser of the settings; `None` if denoising is off.
 ///
 /// # Errors
-/// Intel Open Image Denoise is required and cannot be loaded: by [`DenoiseMethod::Oidn`], or because the settings or
-/// the environment name a file that is no such library.
+/// Intel Open Image Denoise is required and cannot be loaded. It is required by [`DenoiseMethod::Oidn`], or by a path
+/// in the settings or the environment.
 pub fn find_denoiser(settings: &DenoiseSettings) -> Result<Option<Box<dyn Denoiser>>, Error> {
     if let (Some(path), DenoiseMethod::Off | DenoiseMethod::Builtin) = (&settings.oidn, settings.method) {
         let problem = format!("{} is not used: the denoiser is \"{}\"", path.display(), settings.method.name());
@@ -70,7 +70,7 @@ impl Executor for PoolExecutor {
 /// Denoises a film on the threads of the current pool. Pixels without samples are filled from their neighbours first.
 ///
 /// # Errors
-/// Those of the denoiser; [`DenoiseError::Cancelled`] soon after the switch is thrown.
+/// Those of the denoiser; [`DenoiseError::Cancelled`] soon after cancellation.
 pub fn denoise_film(film: &Film, denoiser: &dyn Denoiser, session: &Session<'_>) -> Result<Denoised, DenoiseError> {
     let began = Instant::now();
     let planes = Planes::from_film(film);
@@ -123,7 +123,7 @@ pub(crate) fn run(
 struct Planes {
     mean: Plane<[f32; 3]>,
     variance: Plane<[f32; 3]>,
-    /// `None` of a film without these layers.
+    /// `None` for a film without these layers.
     auxiliary: Option<Auxiliary>,
 }
 
@@ -172,7 +172,7 @@ mod tests {
     use std::path::Path;
     use std::sync::Mutex;
 
-    /// Fails as a library does that has no memory left.
+    /// Fails like a library without memory.
     struct Failing;
 
     impl Denoiser for Failing {

@@ -17,9 +17,9 @@ use std::borrow::Cow;
 /// An 8-bit picture, gamma 2.2, clipped at saturation.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Picture {
-    /// One channel, as a monochrome sensor sees.
+    /// One channel, for a monochrome sensor.
     Gray(Plane<u8>),
-    /// Three channels: of a colour sensor, or of no sensor at all.
+    /// Three channels, for a colour sensor or no sensor.
     Rgb(Plane<[u8; 3]>),
 }
 
@@ -49,9 +49,10 @@ pub struct SensorFrame {
     pub saturated: f64,
     /// The response of each pixel to radiance.
     pub response: Response,
-    /// How well the render's noise is hidden; `None` until [`crate::certify`] has looked at the film.
+    /// The certificate: the ratio of the render's noise to the sensor's. `None` until [`crate::certify`] computes it
+    /// from the film.
     pub certified: Option<Certified>,
-    /// Where noise-matched exposure holds; `None` if all of the camera's noise was drawn on purpose.
+    /// The pixels where noise-matched exposure holds; `None` if all of the camera's noise was drawn on purpose.
     pub matched: Option<Matched>,
 }
 
@@ -59,7 +60,7 @@ pub struct SensorFrame {
 #[derive(Clone, Debug)]
 #[non_exhaustive]
 pub struct Frame {
-    /// The picture for display. It is made from the denoised mean if there is one.
+    /// The picture for display. It is computed from the denoised mean if there is one.
     pub picture: Picture,
     /// The exposure of the sensor. `None` without a sensor.
     pub sensor: Option<SensorFrame>,
@@ -67,12 +68,12 @@ pub struct Frame {
     pub no_light: bool,
     /// Effects that the render left out on purpose.
     pub without: Vec<Effect>,
-    /// The denoised mean, if the picture shows it; everything else is made from the unbiased one.
+    /// The denoised mean, if the picture shows it. All other values are computed from the unbiased mean.
     pub denoised: Option<Denoised>,
 }
 
-/// Makes the picture of a frame from a denoised mean: at the frame's exposure, with all of the camera's noise if there is a
-/// sensor. The frame's grey values, and all that is known of them, stay.
+/// Computes the picture of a frame from a denoised mean, at the frame's exposure. With a sensor, all of the camera's
+/// noise is added. The frame's grey values and its statistics do not change.
 ///
 /// # Errors
 /// As [`develop`].
@@ -81,29 +82,29 @@ pub fn show_denoised(frame: &mut Frame, denoised: Denoised, settings: &RenderSet
     if let (SensorChoice::Emva { exposure, .. }, Some(sensor)) = (&mut settings.sensor, &frame.sensor) {
         *exposure = Some(sensor.exposure);
     }
-    // The remaining noise is unknown, so that none of the camera's noise can be removed for it.
+    // The remaining noise is unknown. So none of the camera's noise is removed for it.
     settings.exposure_noise = ExposureNoise::Plain;
     frame.picture = develop(&denoised.mean, &settings)?.picture;
     frame.denoised = Some(denoised);
     Ok(())
 }
 
-/// Exposes a mean radiance image [W/(m^2 sr)] as the settings say, on the threads of the current pool.
+/// Exposes a mean radiance image [W/(m^2 sr)] with the settings, on the threads of the current pool.
 ///
-/// The noise is a function of (device seed = seed, seed, frame, pixel): other frames of the same seed come from the same
-/// device. Automatic exposure of a black image, which has none, takes 1 s and says so.
+/// The noise is a function of (device seed = seed, seed, frame, pixel). Other frames of the same seed come from the
+/// same device. A black image has no automatic exposure; then the exposure is 1 s, and a flag in the result is set.
 ///
-/// A mean alone does not tell how noisy it is: all of the camera's noise is drawn, and noise-matched exposure
+/// A mean alone contains no estimate of its noise. So all of the camera's noise is drawn, and noise-matched exposure
 /// ([`RenderSettings::exposure_noise`]) holds nowhere. [`develop_film`] also uses the variance of the film.
 ///
 /// # Errors
-/// A sensor whose ranges the exposure leaves.
+/// An exposure outside the ranges of the sensor.
 pub fn develop(mean: &Plane<[f32; 3]>, settings: &RenderSettings) -> Result<Frame, Error> {
     expose(Cow::Borrowed(mean), settings, None)
 }
 
 /// [`develop`] of a rendered film, with the noise of [`RenderSettings::exposure_noise`], and certified
-/// ([`crate::certify`]) at the level of the budget. Pixels without samples show their neighbours.
+/// ([`crate::certify`]) at the level of the budget. Pixels without samples are filled from their neighbours.
 ///
 /// # Errors
 /// As [`develop`].
@@ -146,7 +147,8 @@ fn expose(
     // So does the certificate.
     drop((device, noise));
     let certified = measured.as_ref().and_then(|m| m.certify(settings.budget.noise.unwrap_or(DEFAULT_TARGET)));
-    // By what they expect: a full well may end below the largest grey value, and noise reaches it or not.
+    // The expected electrons decide. A full well may be below the largest grey value, so that a grey value reaches it
+    // or not by its noise.
     let full = (model.saturation().0 - model.dark_electrons(exposure.time()).0) as f32;
     let saturated =
         electrons.data().iter().filter(|&&e| e >= full).count() as f64 / electrons.data().len().max(1) as f64;
@@ -156,8 +158,8 @@ fn expose(
     Ok(Frame { picture, sensor: Some(sensor), no_light, without: settings.without.clone(), denoised: None })
 }
 
-/// Certifies a frame: how well the noise of the film that it was exposed from is hidden beneath the sensor's, at `k` or, if
-/// that is `None`, at [`DEFAULT_TARGET`]. Without a sensor nothing happens. Runs on the threads of the current pool.
+/// Certifies a frame: computes the ratio of the noise of its film to the sensor's noise, at `k` or, if that is `None`,
+/// at [`DEFAULT_TARGET`]. It does nothing without a sensor. Runs on the threads of the current pool.
 pub fn certify(frame: &mut Frame, film: &RenderedFilm, k: Option<f64>) {
     if let Some(sensor) = &mut frame.sensor {
         sensor.certified = certified(sensor, film, k.unwrap_or(DEFAULT_TARGET));

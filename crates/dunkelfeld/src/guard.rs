@@ -1,7 +1,7 @@
-//! Keeps the files that a run writes apart from those that it reads, and from each other.
+//! Separates the files that a run writes from its inputs, and from each other.
 //!
-//! Readers record what they open in an [`InputFiles`]; every command compares its outputs with it before its work begins. Two
-//! names are one file if paths, resolved paths, or device and inode agree.
+//! Readers record the files that they open in an [`InputFiles`]. Every command compares its outputs with it before its
+//! work. Two names are one file if paths, resolved paths, or device and inode agree.
 
 use dunkelfeld_io::input::{FileIdentity, FileKey, InputFile, InputFiles};
 use dunkelfeld_render::Error;
@@ -11,13 +11,13 @@ use std::path::{Path, PathBuf};
 /// Maximum number of alternative names that are tried.
 const MAX_TRIED: u32 = 1000;
 
-/// An output: which one, as in `the image`, and its path.
+/// An output: its name in messages, as in `the image`, and its path.
 pub type Output<'a> = (&'static str, &'a Path);
 
 /// Checks whether an output is the same file as an input or another output.
 ///
 /// # Errors
-/// The first output that is.
+/// The first output that is such a file.
 pub fn check_outputs(outputs: &[Output<'_>], inputs: &InputFiles) -> Result<(), Error> {
     let files: Vec<_> = outputs.iter().map(|&(what, path)| (what, FileIdentity::from_path(path))).collect();
     let mut known: HashMap<FileKey<'_>, &'static str> = HashMap::new();
@@ -51,17 +51,17 @@ fn replaces(what: &str, path: &Path, input: &InputFile) -> Error {
     }
 }
 
-/// The name of an output that the user did not name.
+/// The default name of an output.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct DefaultPath {
     /// The path.
     pub path: PathBuf,
-    /// Why it is not the usual one, as a sentence; `None` if it is.
+    /// The reason for another name than the usual one, as a sentence; `None` for the usual one.
     pub reason: Option<String>,
 }
 
 /// The usual name of a file, or the next one that is neither an input nor another output: `a.png`, `a.render.png`,
-/// `a.render.2.png`. `check` finds out whether a name can be used.
+/// `a.render.2.png`. `check` tests whether a name can be used.
 pub fn free_file(usual: PathBuf, word: &str, check: impl Fn(&Path) -> Result<(), Error>) -> DefaultPath {
     let other = |number: u32| {
         let mut name = usual.file_stem().unwrap_or_default().to_os_string();
@@ -75,7 +75,7 @@ pub fn free_file(usual: PathBuf, word: &str, check: impl Fn(&Path) -> Result<(),
     first_free(usual.clone(), other, check)
 }
 
-/// The usual name, or the first of those that `other` numbers from 1 which `check` allows.
+/// The usual name, or the first of the names of `other`, from 1 on, that `check` allows.
 pub fn first_free(
     usual: PathBuf,
     other: impl Fn(u32) -> PathBuf,
@@ -86,7 +86,7 @@ pub fn first_free(
         // Any other fault is reported when the output is checked as a whole.
         Ok(()) | Err(_) => return DefaultPath { path: usual, reason: None },
     };
-    // Where so many names are taken the usual one is refused later.
+    // If so many names are in use, a later check refuses the usual one.
     let path = (1..=MAX_TRIED).map(other).find(|path| check(path).is_ok()).unwrap_or_else(|| usual.clone());
     let reason = format!("{} {problem}; {} is written instead", usual.display(), path.display());
     DefaultPath { path, reason: Some(reason) }

@@ -8,11 +8,11 @@ use dunkelfeld_scene::{
 };
 use serde::Serialize;
 
-/// A light, as listed.
+/// A light of the list.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[non_exhaustive]
 pub struct LightEntry {
-    /// The object or light that shines.
+    /// Name of the object or light that emits.
     pub name: String,
     /// Its kind.
     pub kind: String,
@@ -24,35 +24,36 @@ pub struct LightEntry {
     pub radiance: Option<[f32; 3]>,
 }
 
-/// A material, as listed.
+/// A material of the list.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[non_exhaustive]
 pub struct MaterialEntry {
     /// Its name.
     pub name: String,
-    /// Its main properties, in a few words.
+    /// A short description of its main properties.
     pub description: String,
-    /// Triangles that have it, as placed.
+    /// Triangles with this material, over all instances.
     pub triangles: u64,
 }
 
-/// A camera, as listed.
+/// A camera of the list.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[non_exhaustive]
 pub struct CameraEntry {
     /// Its name.
     pub name: String,
-    /// As in `perspective, 30.0 degrees high, aperture 8.9 mm, sharp at 0.3 m` or `orthographic, 0.2 x 0.1 m`.
+    /// Description, as in `perspective, 30.0 degrees high, aperture 8.9 mm, sharp at 0.3 m` or `orthographic, 0.2 x 0.1
+    /// m`.
     pub description: String,
 }
 
-/// A stack of clear covers, as listed.
+/// A stack of clear covers of the list.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[non_exhaustive]
 pub struct CoverEntry {
-    /// Unit vector in world space along which its layers follow each other.
+    /// Unit vector in world space, normal to the layers.
     pub axis: [f64; 3],
-    /// Are all its faces planes, or are some moulded?
+    /// Are all faces planes, or are some curved?
     pub flat: bool,
     /// Its layers along the axis, the air between sheets included.
     pub layers: Vec<CoverLayerEntry>,
@@ -74,7 +75,7 @@ pub struct CoverLayerEntry {
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[non_exhaustive]
 pub struct EffectEntry {
-    /// Its name, as `--without` takes it.
+    /// Its name, a value of `--without`.
     pub name: String,
     /// Does the scene need it?
     pub on: bool,
@@ -88,17 +89,17 @@ pub struct EffectEntry {
 pub struct Inspection {
     /// Objects.
     pub objects: usize,
-    /// Triangles as placed and as stored.
+    /// Triangles over all instances and as stored.
     pub placed_triangles: u64,
     /// Triangles in memory.
     pub stored_triangles: u64,
-    /// Parts that share their mesh with others.
+    /// Parts that use the mesh of another part.
     pub instanced_parts: usize,
     /// Bytes of geometry, hierarchy and images.
     pub memory_bytes: u64,
-    /// Of these, bytes of images.
+    /// Bytes of images; part of the number above.
     pub texture_bytes: u64,
-    /// The memory account of a render by the settings. `None` for a scene without settings.
+    /// The memory account of a render with the settings. `None` for a scene without settings.
     pub memory: Option<MemoryAccount>,
     /// Lowest and highest corner in world space \[m\].
     pub bounds: Option<[[f64; 3]; 2]>,
@@ -106,11 +107,11 @@ pub struct Inspection {
     pub cameras: Vec<CameraEntry>,
     /// The lights.
     pub lights: Vec<LightEntry>,
-    /// How many lights there are, each emitting triangle or rectangle counted, and how paths choose among them.
+    /// Number of lights, each emitting triangle or rectangle counted, and the method that selects among them.
     pub light_choice: String,
-    /// Stacks of clear covers that light is connected through.
+    /// Stacks of clear covers with connections to lights.
     pub covers: Vec<CoverEntry>,
-    /// All effects that there are, on or off.
+    /// All effects, on or off.
     pub effects: Vec<EffectEntry>,
     /// The kernel that renders the scene: the groups of effects that it is compiled with.
     pub kernel: String,
@@ -203,7 +204,7 @@ fn effect_entries(effects: &Effects) -> Vec<EffectEntry> {
 }
 
 impl Inspection {
-    /// Records that something beside the scene needs an effect.
+    /// Records that a setting outside the scene needs an effect.
     pub(crate) fn call(&mut self, effect: Effect, place: &str) {
         if let Some(entry) = self.effects.iter_mut().find(|e| e.name == effect.name()) {
             entry.on = true;
@@ -212,7 +213,7 @@ impl Inspection {
     }
 }
 
-/// A camera in a few words: projection, aperture and focus, faults of the lens.
+/// A short description of a camera: projection, aperture and focus, aberrations of the lens.
 pub(crate) fn camera_entry(camera: &Camera) -> CameraEntry {
     let mut words = vec![match camera.projection {
         Projection::Perspective { vertical_fov } => {
@@ -245,7 +246,7 @@ pub(crate) fn camera_entry(camera: &Camera) -> CameraEntry {
     CameraEntry { name: camera.name.clone(), description: words.join(", ") }
 }
 
-/// A material in a few words, from what it scatters with to what it adds.
+/// A short description of a material: its scattering first, then other properties.
 fn describe(m: &dunkelfeld_scene::Material) -> String {
     if m.unlit {
         return "unlit".into();

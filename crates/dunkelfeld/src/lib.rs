@@ -10,8 +10,9 @@
 //! # Ok::<(), dunkelfeld::Error>(())
 //! ```
 //!
-//! Or the same stages one by one ([`render()`], [`develop_film()`]), with a scene built in code, a progress sink and a switch to
-//! cancel: see `examples/unrolled.rs`. The crates below are re-exported under their folder's name.
+//! The stages can also be called one by one ([`render()`], [`develop_film()`]), with a scene built in code, a progress
+//! sink and a cancellation switch: see `examples/unrolled.rs`. The crates below are re-exported under their folder's
+//! name.
 //!
 //! Features, all on by default: `gltf` and `obj` read scenes of these formats, `oidn` loads the denoiser Intel Open Image
 //! Denoise. A program without one of them refuses such a scene or denoiser with an error that names the feature.

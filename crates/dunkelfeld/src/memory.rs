@@ -1,4 +1,4 @@
-//! The account of a run's memory: computed before the run works, and compared with a limit and with the available
+//! The account of a run's memory. It is computed before the run, and compared with a limit and with the available
 //! memory.
 
 mod estimate;
@@ -11,12 +11,12 @@ use dunkelfeld_render::Error;
 use serde::Serialize;
 use std::fmt::Write;
 
-/// One thing that takes memory.
+/// An item of the account.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct MemoryItem {
     /// Its name, as in `film`.
     pub name: String,
-    /// Bytes that it takes in each phase.
+    /// Bytes in each phase.
     pub bytes: Vec<u64>,
 }
 
@@ -26,9 +26,9 @@ pub struct MemoryItem {
 pub struct MemoryAccount {
     /// Names of the phases of the run, in their order.
     pub phases: Vec<String>,
-    /// The items, each with as many numbers as there are phases.
+    /// The items, each with one number per phase.
     pub items: Vec<MemoryItem>,
-    /// Bytes of all items in the phase that needs most.
+    /// Bytes of all items in the phase with the largest sum.
     pub peak_bytes: u64,
 }
 
@@ -49,7 +49,7 @@ impl MemoryAccount {
         Self { phases: phases.iter().map(ToString::to_string).collect(), items: Vec::new(), peak_bytes: 0 }
     }
 
-    /// Adds an item that takes so many bytes in each phase; one that takes nothing is left out.
+    /// Adds an item with its bytes in each phase. An item without bytes is left out.
     pub(crate) fn add(&mut self, name: &str, bytes: &[u64]) {
         if bytes.iter().any(|&b| b > 0) {
             self.items.push(MemoryItem { name: name.into(), bytes: bytes.to_vec() });
@@ -84,12 +84,12 @@ impl MemoryAccount {
         text
     }
 
-    /// Checks whether the run may begin: whether its peak is within the limit, if there is one, and whether the system
-    /// can allocate the part of it beyond `held`, which the process holds already. The peak is reserved and freed
-    /// immediately.
+    /// Checks whether the run may begin: its peak must be within the limit, if there is one, and the system must be
+    /// able to allocate the part of it beyond `held`, the bytes that the process already uses. The peak is reserved and
+    /// freed immediately.
     ///
     /// # Errors
-    /// It is more than the limit, or more than there is.
+    /// The peak is above the limit, or above the available memory.
     pub(crate) fn check(&self, limit: Option<u64>, held: u64, help: &str) -> Result<(), Error> {
         let refuse = |problem: String| {
             let more = if limit.is_some() { ", or raise the limit" } else { ", or end other programs" };
@@ -111,7 +111,7 @@ impl MemoryAccount {
 }
 
 impl MemoryStats {
-    /// For a run with this account and film: the memory of the process until now.
+    /// The memory of the process until now, for a run with this account and film.
     pub(crate) fn new(account: MemoryAccount, film: &Film) -> Self {
         Self { account, measured_bytes: peak_memory(), film_bytes: film.bytes() }
     }
@@ -168,7 +168,7 @@ mod tests {
         vast.add("more", &[u64::MAX]);
         let error = vast.check(None, 0, "use fewer pixels").expect_err("no machine has that").to_string();
         assert!(error.contains("does not have") && error.contains("film"), "{error}");
-        // Memory that is held is not allocated again.
+        // Memory that the process already uses is not allocated again.
         vast.check(None, u64::MAX, "-").expect("nothing is left to ask for");
     }
 }

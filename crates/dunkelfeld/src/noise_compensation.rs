@@ -1,19 +1,20 @@
-//! The noise of a film for noise-matched exposure: the variance of every pixel, and where it is reliable.
+//! The noise of a film for noise-matched exposure: the variance of every pixel, and the pixels where it is reliable.
 
 use dunkelfeld_film::Plane;
 use dunkelfeld_render::film_noise::FilmNoise;
 use dunkelfeld_sensor::{Exposure, SensorModel, matched_where};
 
-/// Where noise-matched exposure holds: there frames of independent renders have the variance of the camera's.
+/// The pixels where noise-matched exposure holds. There, frames of independent renders have the variance of the
+/// camera's frames.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Matched {
-    /// Does it hold in the pixel: the layer `matched.Y`.
+    /// Does it hold in the pixel? The layer `matched.Y`.
     pub held: Plane<bool>,
     /// Share of the pixels where it holds, in \[0, 1\].
     pub share: f64,
-    /// Variance of the render over that of the camera. The render variance that could be compensated is not drawn.
-    /// Infinite where it is unknown, and where the pixel contains a rare sample: one that raises it by more than one
-    /// standard deviation of the camera.
+    /// Variance of the render over that of the camera. The part of the render variance that could be compensated does
+    /// not count. Infinite where it is unknown, and where the pixel contains a rare sample, which raises it by more
+    /// than one standard deviation of the camera.
     pub ratios: Plane<f32>,
 }
 
@@ -50,12 +51,12 @@ fn share(held: &Plane<bool>) -> f64 {
 /// The noise of a film's pixels, as far as it is compensated.
 #[derive(Clone, Debug)]
 pub(crate) struct CompensationInputs {
-    /// Variance of the rendered mean of each pixel [e-^2], by its own samples as far as they suffice. Infinite where
-    /// the pixel has samples in fewer than two batches: its neighbours may determine the variance of its samples, but
+    /// Variance of the rendered mean of each pixel [e-^2], from its own samples if they suffice. Infinite where the
+    /// pixel has samples in fewer than two batches. Then its neighbours may determine the variance of its samples, but
     /// not whether it contains a rare sample.
     pub(crate) variance: Plane<f32>,
     /// Does the pixel contain a rare sample ([`Matched::ratios`])? Its contribution cannot be compensated in this
-    /// pixel, and must not be compensated in others: such pixels are left out of the estimates of their neighbours.
+    /// pixel, and must not be compensated in others. Such pixels are left out of the estimates of their neighbours.
     pub(crate) is_rare: Plane<bool>,
 }
 

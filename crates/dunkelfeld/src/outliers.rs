@@ -11,7 +11,7 @@ use std::cmp::Ordering;
 
 /// Maximum number of listed samples.
 const MAX_LISTED: usize = 8;
-/// A pixel with fewer samples gives no reliable mean of the others.
+/// Minimum number of samples of a pixel for a reliable mean of the others.
 const MIN_SAMPLES: u32 = 8;
 
 /// A sample with a large share of its pixel.
@@ -23,19 +23,19 @@ pub struct HeavySample {
     pub luminance: f64,
     /// Its share of the light of its pixel, in (0, 1].
     pub share: f64,
-    /// By how much it lifts the pixel above the mean of the other samples [W/(m^2 sr)].
+    /// Increase of the pixel above the mean of the other samples [W/(m^2 sr)].
     pub lift: f64,
-    /// Does it make up half of its pixel or more, and lift it by more than the mean luminance of the image?
+    /// Is it half of its pixel or more, and does it raise it by more than the mean luminance of the image?
     pub dominates: bool,
 }
 
-/// The heaviest samples, and how many pixels are dominated by one.
+/// The heaviest samples, and the number of pixels that one sample dominates.
 pub(crate) struct Heaviest {
     pub(crate) samples: Vec<HeavySample>,
     pub(crate) dominated: u64,
 }
 
-/// A pixel with the lift and the share of its heaviest sample.
+/// A pixel with the increase and the share of its heaviest sample.
 struct Candidate {
     pixel: usize,
     index: u32,
@@ -44,8 +44,8 @@ struct Candidate {
     lift: f64,
 }
 
-/// Finds them, on the threads of the current pool. The result depends only on the film, so on the samples, and not on
-/// the process or thread that took them.
+/// Computes them, on the threads of the current pool. The result depends only on the film, not on the process or thread
+/// that took its samples.
 pub(crate) fn heaviest(film: &Film) -> Heaviest {
     let sums: Vec<f64> = map_tile_rows(film, |_, sums| sums.iter().map(luminance).sum());
     let mean = sums.iter().sum::<f64>() / film.pixels().max(1) as f64;
@@ -76,7 +76,7 @@ pub(crate) fn heaviest(film: &Film) -> Heaviest {
     Heaviest { samples, dominated }
 }
 
-/// Puts a candidate in its place, if it has one.
+/// Inserts a candidate at its rank, if it is in the list.
 fn insert(worst: &mut Vec<Candidate>, candidate: Candidate) {
     if worst.len() == MAX_LISTED && worst.last().is_some_and(|w| heavier(w, &candidate) == Ordering::Less) {
         return;
@@ -86,7 +86,7 @@ fn insert(worst: &mut Vec<Candidate>, candidate: Candidate) {
     worst.truncate(MAX_LISTED);
 }
 
-/// The order of the list: the larger lift first, then the earlier pixel.
+/// The order of the list: the larger increase first, then the earlier pixel.
 fn heavier(a: &Candidate, b: &Candidate) -> Ordering {
     b.lift.total_cmp(&a.lift).then(a.pixel.cmp(&b.pixel))
 }
@@ -97,7 +97,7 @@ fn candidate(pixel: usize, sums: &PixelSums) -> Option<Candidate> {
     let (n, heaviest) = (f64::from(n), f64::from(heaviest));
     let total = luminance(sums) * n;
     let lift = (heaviest - (total - heaviest) / (n - 1.0)) / n;
-    // A pixel with equal samples has no heavy one. The rounding of luminances makes none either.
+    // A pixel with equal samples has no heavy sample. The rounding of luminances must not cause one.
     (lift > 1e-6 * heaviest).then_some(Candidate {
         pixel,
         index,
@@ -146,7 +146,8 @@ mod tests {
         assert_eq!(names, ["1,1,3", "3,1,15", "0,0,0"]);
         let first = &found.samples[0];
         assert!((first.share - 201.0 / 216.0).abs() < 1e-6 && (first.lift - 200.0 / 16.0).abs() < 1e-4, "{first:?}");
-        // The image's mean is (12 * 16 + 238) / 192 = 2.24: only the first lifts its pixel by more and is half of it.
+        // The image's mean is (12 * 16 + 238) / 192 = 2.24. Only the first sample raises its pixel by more and is half
+        // of it.
         assert_eq!(found.samples.iter().map(|s| s.dominates).collect::<Vec<_>>(), [true, false, false]);
         assert_eq!(found.dominated, 1);
     }
@@ -180,7 +181,7 @@ mod tests {
             let found = pool.install(|| heaviest(&film));
             assert_eq!(found.dominated, heavy.len() as u64);
             let first: Vec<String> = found.samples.iter().take(heavy.len()).map(|s| s.sample.clone()).collect();
-            // Each lifts its pixel a little less than the one before.
+            // Each raises its pixel a little less than the one before.
             let name = |p: usize| format!("{},{},5", p % width as usize, p / width as usize);
             assert_eq!(first, heavy.map(name));
         }

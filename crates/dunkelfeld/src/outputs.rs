@@ -59,7 +59,7 @@ impl OutputPaths {
         self.check_beside(has_sensor, None, &InputFiles::new())
     }
 
-    /// [`check`](Self::check), and that no output takes the place of an input or of the checkpoint that is written as well.
+    /// [`check`](Self::check), and no output replaces an input or the checkpoint of the same run.
     pub(crate) fn check_beside(
         &self,
         has_sensor: bool,
@@ -118,7 +118,7 @@ pub(crate) fn extension(path: &Path) -> String {
     path.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase()
 }
 
-/// The problem of a file name whose ending does not fit.
+/// The problem of a file name with an invalid extension.
 pub(crate) fn misfit(path: &Path) -> String {
     match extension(path).as_str() {
         "" => "has no ending that names a format".into(),
@@ -129,12 +129,12 @@ pub(crate) fn misfit(path: &Path) -> String {
 /// Writes the 8-bit picture of a frame as PNG.
 ///
 /// # Errors
-/// If the file cannot be written; an existing one then stays as it was.
+/// If the file cannot be written; an existing one then remains as it was.
 pub fn save_picture(frame: &Frame, path: &Path) -> Result<(), Error> {
     save_commented(&frame.picture, comment(frame).as_deref(), path)
 }
 
-/// Writes a picture without remarks.
+/// Writes a picture without metadata.
 pub(crate) fn save_plain_picture(picture: &Picture, path: &Path) -> Result<(), Error> {
     save_commented(picture, None, path)
 }
@@ -200,11 +200,12 @@ pub(crate) fn save_values(values: &Plane<u16>, words: &str, path: &Path) -> Resu
     )
 }
 
-/// All layers of a render as an EXR's contents: `R G B`, `variance.*`, `covariance.*`, `spp.Y`, `albedo.*`, `normal.*`, `depth.Z` and
-/// their variances, `scatter.*`, `id.object`, `id.material` ([`NO_ID`] where there is nothing) and, with a sensor, `electrons.Y`; `hidden.Y` once the frame is
-/// [certified](crate::certify), and `matched.Y` (1 or 0) if its noise was to be matched; `denoised.*` if the
-/// [picture shows it](crate::show_denoised). Of a film without all layers ([`FilmLayers::Image`]) albedo, depth and the variances of auxiliary
-/// layers are left out.
+/// All layers of a render as the contents of an EXR: `R G B`, `variance.*`, `covariance.*`, `spp.Y`, `albedo.*`,
+/// `normal.*`, `depth.Z` and their variances, `scatter.*`, `id.object`, `id.material` ([`NO_ID`] where there is no
+/// surface). With a sensor it contains `electrons.Y`, `hidden.Y` once the frame is [certified](crate::certify), and
+/// `matched.Y` (1 or 0) if its noise was to be matched. It contains `denoised.*` if the [picture shows
+/// it](crate::show_denoised). For a film without all layers ([`FilmLayers::Image`]), albedo, depth and the variances of
+/// auxiliary layers are left out.
 pub fn encode_layers(film: &RenderedFilm, frame: &Frame, settings: &RenderSettings) -> ExrLayers {
     let mut layers = layers_of_rows(film, frame, 0..film.sums.height());
     layers.attributes = layer_attributes(frame, settings, &film.object_names);
@@ -248,7 +249,7 @@ fn layers_of_rows(film: &RenderedFilm, frame: &Frame, rows: Range<u32>) -> ExrLa
     all
 }
 
-/// The same of a few rows of pixels that have these sums.
+/// The same for a few rows of pixels with these sums.
 fn layers_of_band(
     layers: FilmLayers,
     sums: &[PixelSums],
@@ -299,15 +300,15 @@ fn layers_of_band(
     out
 }
 
-/// A plane of as many values as it has pixels.
+/// A plane with one value per pixel.
 fn plane<T: Clone>(width: u32, height: u32, values: impl Iterator<Item = T>, missing: T) -> Plane<T> {
     Plane::from_vec(width, height, values.collect()).unwrap_or_else(|| Plane::new(width, height, missing))
 }
 
-/// The attribute of images that a lens has darkened.
+/// The attribute of images with vignetting.
 pub(crate) const VIGNETTING: &str = "vignetting";
 
-/// The attribute of a file, if it is one of ours.
+/// The attribute of a file, if this program wrote it.
 pub(crate) fn attributes(layers: &ExrLayers) -> serde_json::Map<String, serde_json::Value> {
     match serde_json::from_str(&layers.attributes) {
         Ok(serde_json::Value::Object(attributes)) => attributes,
@@ -334,7 +335,7 @@ fn plan_layers(plan: &Plane<u32>, settings: &RenderSettings) -> ExrLayers {
     layers
 }
 
-/// All outputs but the statistics.
+/// All outputs except the statistics.
 pub(crate) struct Written<'a> {
     pub(crate) film: &'a RenderedFilm,
     pub(crate) frame: &'a Frame,
@@ -344,7 +345,7 @@ pub(crate) struct Written<'a> {
 }
 
 impl Written<'_> {
-    /// Writes the files that are named.
+    /// Writes the files of the outputs.
     pub(crate) fn save(&self, paths: &OutputPaths) -> Result<(), Error> {
         if let Some(path) = &paths.image {
             save_picture(self.frame, path)?;
@@ -361,7 +362,7 @@ impl Written<'_> {
         Ok(())
     }
 
-    /// Writes all layers, in strips: those of a whole image would take more memory than its film.
+    /// Writes all layers in strips. The layers of a whole image would take more memory than its film.
     fn write_layers(&self, path: &Path) -> std::io::Result<()> {
         let mut first = layers_of_rows(self.film, self.frame, 0..self.film.sums.height().min(1));
         first.attributes = layer_attributes(self.frame, self.settings, &self.film.object_names);
@@ -377,7 +378,7 @@ impl Written<'_> {
 /// Writes an EXR.
 ///
 /// # Errors
-/// If the file cannot be written; an existing one then stays as it was.
+/// If the file cannot be written; an existing one then remains as it was.
 pub fn save_exr(path: &Path, layers: ExrLayers) -> Result<(), Error> {
     written(path, write_exr(path, layers))
 }
@@ -390,7 +391,7 @@ pub fn save_plan(path: &Path, plan: &Plane<u32>, settings: &RenderSettings) -> R
     save_exr(path, plan_layers(plan, settings))
 }
 
-/// A plan as it was saved: together with the scene all that a replay needs.
+/// A saved plan: together with the scene, all data of a replay.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SavedPlan {
     /// Samples per pixel.
@@ -401,7 +402,7 @@ pub struct SavedPlan {
     pub frame: Option<u32>,
 }
 
-/// Reads a plan that [`save_plan`] or the layers of a render hold.
+/// Reads a plan that [`save_plan`] wrote, or that of the layers of a render.
 ///
 /// # Errors
 /// A file that is no EXR, or has no layer `spp.Y`.
@@ -409,7 +410,7 @@ pub fn load_plan(path: &Path) -> Result<SavedPlan, Error> {
     load_plan_recorded(path, &mut InputFiles::new())
 }
 
-/// [`load_plan`], and counts the file among the inputs of a run.
+/// [`load_plan`], and records the file as an input of a run.
 ///
 /// # Errors
 /// As [`load_plan`].

@@ -40,18 +40,20 @@ pub struct Project {
     pub warnings: Vec<ImportWarning>,
     /// Findings of the scene builder.
     pub report: BuildReport,
-    /// The lens of the job, or the default one. A sensor that is chosen later uses it. Its magnification is the one of
-    /// the job. A render uses the one that follows from focus and field.
+    /// The lens of the job, or the default one. A sensor that is selected later uses it. Its magnification is that of
+    /// the job. A render uses the magnification that follows from focus and field.
     pub optics: Optics,
-    /// The lens of the job, put on the camera when it is rendered; adjust it together with the settings.
+    /// The lens of the job. It is combined with the camera when the project is rendered. Adjust it together with the
+    /// settings.
     pub lens: LensSettings,
     /// The size of the film on the sensor, as far as the job contains it. Width and height are those of the settings.
     pub film: FilmSettings,
-    /// The files that were read for it, or were to be: no output takes the place of one. Count what is read later.
+    /// The files that were read for it, or were to be read. An output must not replace one of them. Record files that
+    /// are read later.
     pub inputs: InputFiles,
-    /// For errors that are found later.
+    /// For later errors.
     job: Option<Box<Job>>,
-    /// Pixel pitch [m] of the job's own sensor, which the lens keeps when another command leaves the sensor out.
+    /// Pixel pitch [m] of the job's own sensor. The lens keeps it when another command leaves the sensor out.
     own_pitch: Option<f64>,
     started: Instant,
     load_seconds: f64,
@@ -92,7 +94,7 @@ impl Project {
         Self::open_without(path, started, &[])
     }
 
-    /// Opens a project and leaves out effects that its scene calls for, see
+    /// Opens a project and leaves out effects of its scene, see
     /// [`SceneBuilder::leave_out`](dunkelfeld_scene::SceneBuilder::leave_out). The outputs are marked.
     ///
     /// # Errors
@@ -116,7 +118,7 @@ impl Project {
         inputs.extend(&imported.inputs);
         let mut left_out: Vec<Effect> = Vec::new();
         for &effect in without {
-            // Named twice is left out once.
+            // An effect that is given twice is left out once.
             if left_out.contains(&effect) {
                 continue;
             }
@@ -155,8 +157,8 @@ impl Project {
         })
     }
 
-    /// The picture's name when none is given: that of the opened file `input` with `.png`, in the current folder; another one
-    /// where an input or another output of the project has it.
+    /// The default name of the picture: that of the opened file `input` with `.png`, in the current folder. It is
+    /// another one where an input or another output of the project has it.
     pub fn default_image_path(&self, input: &Path) -> DefaultPath {
         let usual = PathBuf::from(input.file_stem().unwrap_or_else(|| "render".as_ref())).with_extension("png");
         let others = OutputPaths { image: None, ..self.outputs.clone() };
@@ -164,7 +166,7 @@ impl Project {
         free_file(usual, "render", |path| {
             let image = ("the image", path);
             check_outputs(&[image], &self.inputs)?;
-            // Faults among the others are not for the image to avoid.
+            // Another name for the image cannot avoid faults of the other outputs.
             let mut others = others.named().into_iter().chain(checkpoint);
             others.try_for_each(|other| check_outputs(&[other, image], &InputFiles::new()))
         })
@@ -193,14 +195,15 @@ impl Project {
         inspection
     }
 
-    /// The settings of a render with the lens put on its camera: with [`RenderSettings::view`] set, and for the sensor the
-    /// f-number and magnification that the image has. Film and sensor are those of the settings as they are now.
+    /// The settings of a render with the lens combined with its camera: with [`RenderSettings::view`] set, and with the
+    /// f-number and magnification of the image for the sensor. Film and sensor are those of the settings as they are
+    /// now.
     ///
-    /// A view, or optics of the sensor, that were set by hand stay.
+    /// A view, or optics of the sensor, that were set by hand remain.
     ///
     /// # Errors
-    /// Settings outside their range, an unknown camera, a lens that does not fit it, a distortion that cannot be undone
-    /// over the film.
+    /// Settings outside their range, an unknown camera, a lens that does not fit the camera, a distortion without an
+    /// inverse on the film.
     pub fn fitted(&self) -> Result<RenderSettings, Error> {
         validate(&self.settings)?;
         let mut settings = self.settings.clone();
@@ -211,7 +214,7 @@ impl Project {
         let Fitted { camera: mut view, f_number, magnification } =
             fit(&camera, &self.lens, self.film_size()).map_err(|misfit| self.misfit(misfit))?;
         if let (true, Projection::Perspective { vertical_fov }) = (self.scene.cameras().is_empty(), view.projection) {
-            // A framing of the whole scene, also with this lens.
+            // A view of the whole scene, also with this lens.
             let aspect = settings.width as f32 / settings.height as f32;
             view.to_world = framing_camera(self.scene.bounds(), aspect, f64::from(vertical_fov)).to_world;
         }
@@ -239,13 +242,13 @@ impl Project {
     }
 
     /// Leaves sums out of the film that neither the outputs nor the denoiser need ([`RenderSettings::layers`]). Call it
-    /// once both are decided, if no other data of the film is needed.
+    /// after both are set, and only if no other data of the film is needed.
     pub fn keep_needed_layers(&mut self) {
         let are_needed = self.outputs.exr.is_some() || self.settings.denoise.method != DenoiseMethod::Off;
         self.settings.layers = if are_needed { FilmLayers::All } else { FilmLayers::Image };
     }
 
-    /// Renders on another number of pixels what the film shows now: pixels grow as their number shrinks.
+    /// Changes the number of pixels for the same field of view: pixels become larger as their number decreases.
     pub fn resize_keeping_view(&mut self, width: u32, height: u32) {
         let before = self.film_size();
         let growth = f64::from(before.width) / f64::from(width.max(1));
@@ -262,7 +265,7 @@ impl Project {
         self.own_pitch = other.own_pitch;
     }
 
-    /// The memory account of a render by the present settings.
+    /// The memory account of a render with the present settings.
     pub fn memory(&self) -> MemoryAccount {
         self.account(&self.settings).1
     }
@@ -379,13 +382,13 @@ impl ProjectResult {
         outputs::save_picture(&self.frame, path.as_ref())
     }
 
-    /// Writes all outputs that are named. The statistics are last, because they contain the time of all outputs.
+    /// Writes all outputs. The statistics are last, because they contain the time of all outputs.
     ///
     /// # Errors
-    /// An output that is an input of the render; else the first file that cannot be written, and those before it are.
+    /// An output that is an input of the render, or the first file that cannot be written. Earlier files remain.
     pub fn save(&mut self, paths: &OutputPaths) -> Result<(), Error> {
         let began = Instant::now();
-        // A path that was checked before the render is not refused after it.
+        // A path that passed the check before the render is not refused after it.
         if *paths != self.checked {
             check_outputs(&paths.named(), &self.inputs)?;
         }
@@ -408,12 +411,12 @@ impl ProjectResult {
 /// A sensor by preset name or file.
 ///
 /// # Errors
-/// There is neither, or the file is not a sensor.
+/// Neither a preset nor a file has this name, or the file is not a sensor.
 pub fn find_sensor(name_or_path: &str) -> Result<SensorModel, Error> {
     Ok(dunkelfeld_io::sensor_file::find_sensor(name_or_path)?)
 }
 
-/// [`find_sensor`], and counts the file among the inputs of a run.
+/// [`find_sensor`], and records the file as an input of a run.
 ///
 /// # Errors
 /// As [`find_sensor`].
@@ -428,7 +431,7 @@ fn pitch_of(sensor: &SensorChoice) -> Option<f64> {
     }
 }
 
-/// A scene that cannot be built, with its file where the file is at fault.
+/// The error of a scene that cannot be built, with its file where the file has the fault.
 fn build_error(error: BuildError, file: &Path) -> Error {
     match error {
         BuildError::NothingLeft { ref lost } => {
@@ -504,7 +507,7 @@ fn sensor_of(sensor: &job::SensorSettings, optics: Optics, inputs: &mut InputFil
     Ok(SensorChoice::Emva { model: Box::new(model), optics, exposure })
 }
 
-/// Reads a scene file without building it, for programs that want to change it first.
+/// Reads a scene file without building it, for programs that change it first.
 ///
 /// # Errors
 /// A file that cannot be used.

@@ -15,7 +15,7 @@ use dunkelfeld_render::{RenderSettings, SensorChoice};
 use serde::Serialize;
 use std::collections::BTreeMap;
 
-/// Version of the schema. It grows with every change that could break a reader; new fields alone do not count.
+/// Version of the schema. It increases with every change that a reader must handle; new fields alone do not count.
 pub const STATS_VERSION: u32 = 3;
 
 /// The statistics of a render. Field names are the JSON keys; times are seconds, radiances W/(m^2 sr).
@@ -46,19 +46,20 @@ pub struct Stats {
     pub mean_spp: f64,
     /// Smallest and largest number of samples of a pixel.
     pub spp_range: [u32; 2],
-    /// Pixels without a sample. The picture shows their neighbours there; in the EXR they are black with `spp.Y` 0.
+    /// Pixels without a sample. In the picture they are filled from their neighbours; in the EXR they are black with
+    /// `spp.Y` 0.
     pub pixels_without_samples: u64,
     /// Samples per second while rendering.
     pub samples_per_second: f64,
-    /// Samples that were not finite, negative or out of range; they count as black.
+    /// Samples that were not finite, negative or out of range. They count as black.
     pub invalid_samples: u64,
-    /// The first of them as `x,y,sample`: the value of `--debug-sample`.
+    /// The first invalid sample as `x,y,sample`: the value of `--debug-sample`.
     pub invalid_named: Vec<String>,
     /// The samples that raise their pixels most above the mean of the others, the heaviest first, at most 8.
     pub heaviest_samples: Vec<HeavySample>,
     /// Pixels that a single sample dominates: [`HeavySample::dominates`].
     pub dominated_pixels: u64,
-    /// Connections through clear covers; `None` where none was sought.
+    /// Connections through clear covers; `None` if none was attempted.
     pub cover_connections: Option<CoverStats>,
     /// Mean radiance of the image per channel.
     pub mean_radiance: [f64; 3],
@@ -66,14 +67,14 @@ pub struct Stats {
     pub mean_radiance_standard_error: [Option<f64>; 3],
     /// Seconds by stage: `load`, `build`, `pilot`, `plan`, `refine`, `expose`, `denoise`, `write`.
     pub seconds: BTreeMap<String, f64>,
-    /// Wall-clock seconds of the whole command, and the limit if there was one. What earlier processes needed for a render
-    /// that was taken up from a checkpoint counts, and so do those that rendered the parts of a merged one.
+    /// Wall-clock seconds of the whole command, and the limit if there was one. The sum includes earlier processes of a
+    /// render that continued from a checkpoint, and the processes that rendered the parts of a merged one.
     pub total_seconds: f64,
-    /// The part of it from earlier processes.
+    /// Seconds of earlier processes; part of the total.
     pub earlier_seconds: f64,
     /// The samples from a checkpoint or from parts.
     pub earlier_samples: u64,
-    /// The parts that were merged, by their first samples; `None` if the render is none of parts.
+    /// The merged parts, ordered by their first samples; `None` for a render without parts.
     pub parts: Option<Vec<PartStats>>,
     /// The time budget.
     pub budget_seconds: Option<f64>,
@@ -81,15 +82,16 @@ pub struct Stats {
     pub budget_missed: bool,
     /// The sensor, if there is one.
     pub sensor: Option<SensorStats>,
-    /// The forecast of the pilot, and its error. `null` without a sensor, or where nothing was planned.
+    /// The forecast of the pilot, and its error. `null` without a sensor, or without a plan.
     pub forecast: Option<Vec<ForecastLevel>>,
-    /// How well the render's noise is hidden beneath the sensor's; `null` without a sensor.
+    /// The certificate: ratio of the render's noise to the sensor's; `null` without a sensor.
     pub certificate: Option<CertificateStats>,
     /// The denoiser, if one was set. No other field depends on its image.
     pub denoise: Option<DenoiseStats>,
-    /// The account of memory, and what was measured; `None` if the render was not one of a [project](crate::Project) or a merge.
+    /// The account of memory, and the measured memory; `None` if the render was not one of a [project](crate::Project)
+    /// or a merge.
     pub memory: Option<MemoryStats>,
-    /// Did a checkpoint contain all samples? Then the steps after it missed no budget.
+    /// Did a checkpoint contain all samples? Then the later steps missed no budget.
     #[serde(skip)]
     pub was_complete: bool,
 }
@@ -99,9 +101,9 @@ pub struct Stats {
 pub struct DenoiseStats {
     /// Name and version of the denoiser.
     pub denoiser: String,
-    /// Seconds that it took; also those of a denoiser that did not finish.
+    /// Seconds of denoising, also of a denoiser that did not finish.
     pub seconds: f64,
-    /// Why there is no denoised image: the picture shows the mean as it was rendered then.
+    /// The reason for a missing denoised image. The picture shows the rendered mean then.
     pub error: Option<String>,
 }
 
@@ -110,11 +112,11 @@ pub struct DenoiseStats {
 pub struct PartStats {
     /// Its file.
     pub file: String,
-    /// Index of the first of its samples in every pixel, and of the first that comes after them.
+    /// Index of its first sample in every pixel, and of the first sample after it.
     pub range: [u32; 2],
     /// Samples of the whole image.
     pub samples: u64,
-    /// Seconds that rendering it took.
+    /// Seconds of rendering it.
     pub seconds: f64,
 }
 
@@ -129,8 +131,8 @@ pub struct CertificateStats {
     pub is_hidden: bool,
     /// Share of the unsaturated pixels that are hidden at k.
     pub hidden: f64,
-    /// Level at which the render is hidden: the root of `ratio_p99`. It and the ratios are `None` where too little is known
-    /// for them: pixels of unknown variance count as infinitely noisy in the quantiles.
+    /// Level at which the render is hidden: the root of `ratio_p99`. The level and the ratios are `None` if the data
+    /// does not suffice: pixels of unknown variance count as infinitely noisy in the quantiles.
     pub hidden_at: Option<f64>,
     /// Mean ratio.
     pub ratio_mean: Option<f64>,
@@ -144,7 +146,7 @@ pub struct CertificateStats {
     pub pixels: u64,
     /// Saturated pixels.
     pub saturated: u64,
-    /// Unsaturated pixels whose variance is not known; they count as not hidden, and have no ratio.
+    /// Unsaturated pixels of unknown variance. They count as not hidden, and have no ratio.
     pub unknown: u64,
 }
 
@@ -171,12 +173,12 @@ impl From<&Certificate> for CertificateStats {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[non_exhaustive]
 pub struct CoverStats {
-    /// Connections that were attempted: a receiver, a point of a light and an order of events at the interfaces
-    /// between.
+    /// Connections that were attempted: a receiver, a point of a light and the events at the interfaces between them,
+    /// in order.
     pub attempts: u64,
-    /// Those whose chain the solver found.
+    /// Connections whose chain the solver found.
     pub arrived: u64,
-    /// Rays that it sent through covers: one for each plate, a few for each curved face.
+    /// Rays that the solver traced through covers: one for each plate, a few for each curved face.
     pub shots: u64,
 }
 
@@ -194,7 +196,7 @@ pub struct SensorStats {
     pub mean_value: f64,
     /// Share of pixels whose expected electrons fill the well or reach the end of the converter.
     pub saturated: f64,
-    /// The image was so dark that there is no automatic exposure.
+    /// Was the image so dark that there is no automatic exposure?
     pub no_light: bool,
     /// Noise of the exposure: `plain` or `matched`.
     pub exposure_noise: String,
@@ -217,8 +219,8 @@ struct Totals {
 }
 
 impl Totals {
-    /// On the threads of the current pool: a large film takes seconds to read. Rows of tiles are summed up in their order, so that the
-    /// sums are the same on any number of threads.
+    /// Runs on the threads of the current pool: a large film takes seconds to read. Rows of tiles are summed in their
+    /// order, so that the sums are the same for any number of threads.
     fn from_film(film: &Film) -> Self {
         let pieces = map_tile_rows(film, |_, sums| Self::of_piece(sums));
         pieces.iter().fold(Self::default(), |all, piece| all.and(piece))
@@ -256,7 +258,8 @@ impl Totals {
 }
 
 impl Stats {
-    /// Gathers the statistics of a render, on the threads of the current pool; stages and total time are filled in as they end.
+    /// Computes the statistics of a render, on the threads of the current pool. Stages and total time are set when they
+    /// end.
     pub fn new(rendering: &Rendering, frame: &Frame, settings: &RenderSettings) -> Self {
         let film = &rendering.film.sums;
         let totals = Totals::from_film(film);
@@ -346,7 +349,7 @@ impl Stats {
             && self.budget_seconds.is_some_and(|b| total > b + dunkelfeld_adaptive::budget::tolerance(b));
     }
 
-    /// Does the run end with the exit code for a faulty result?
+    /// Does the run end with the exit code of a faulty result?
     pub fn is_flagged(&self) -> bool {
         self.invalid_samples > 0 || self.budget_missed || self.budget_too_small() || self.denoising_failed()
     }
@@ -361,7 +364,7 @@ impl Stats {
         self.stop != "interrupted" && self.denoise.as_ref().is_some_and(|d| d.error.is_some())
     }
 
-    /// As JSON text, ending in a newline.
+    /// The statistics as JSON text, which ends in a newline.
     pub fn to_json(&self) -> String {
         // Plain numbers and strings with string keys: serialisation cannot fail.
         serde_json::to_string_pretty(self).unwrap_or_default() + "\n"

@@ -193,7 +193,7 @@ struct Renderer<'a> {
 enum Next {
     /// A round up to this plan.
     Round(Plane<u32>),
-    /// No step yet: the noise has been judged, and the schedule must be evaluated again.
+    /// No step yet: the noise has been evaluated, and the schedule must be evaluated again.
     NoiseTarget,
     Stop(StopReason),
 }
@@ -396,8 +396,8 @@ impl<'a> Renderer<'a> {
         course.closing + self.writer.as_ref().map_or(0.0, |writer| CLOSING_MARGIN * writer.expected_seconds())
     }
 
-    /// Evaluates the schedule. Plans or judges the noise where that is due, and does the dry run of the outputs after
-    /// the pilot.
+    /// Evaluates the schedule. Plans or evaluates the noise where that is due, and does the dry run of the outputs
+    /// after the pilot.
     fn next_round(
         &mut self,
         course: &mut AdaptiveState,

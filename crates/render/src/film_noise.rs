@@ -188,7 +188,7 @@ pub struct FilmNoise<'a> {
     /// The noise of the sensor; `None` without a sensor.
     pub sensor: Option<SensorNoise>,
     /// With a filter array there are several views: the film as it would be with red, green or blue pixels everywhere.
-    /// Neighbours share their noise only within one view, so each pixel is judged in the view of its own colour.
+    /// Neighbours share their noise only within one view, so each pixel is evaluated in the view of its own colour.
     views: Views<'a>,
     response: Response,
 }
@@ -273,10 +273,10 @@ impl<'a> FilmNoise<'a> {
         self.by_bands(PixelNoise::UNKNOWN, owned)
     }
 
-    /// For each pixel: does it hold a rare sample, and the variance of its mean \[e^-2\]. Pixels with a rare sample do
-    /// not contribute to the variance of their neighbours. Without a sensor no sample is rare. The variance is infinite
-    /// where the pixel has samples in fewer than two batches. Its neighbours determine the noise of its samples, but
-    /// not whether one of them is rare.
+    /// For each pixel: does it contain a rare sample, and the variance of its mean \[e^-2\]. Pixels with a rare sample
+    /// do not contribute to the variance of their neighbours. Without a sensor no sample is rare. The variance is
+    /// infinite where the pixel has samples in fewer than two batches. Its neighbours determine the noise of its
+    /// samples, but not whether one of them is rare.
     pub fn without_outliers(&self) -> Plane<(bool, f32)> {
         self.by_bands((false, f32::INFINITY), |evidence, rows| {
             let outliers = match self.sensor {

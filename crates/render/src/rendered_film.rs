@@ -1,21 +1,21 @@
-//! A rendered film together with the ids of what its pixels show.
+//! A rendered film together with the object and material ids of its pixels.
 
 use dunkelfeld_film::{Film, Plane};
 use dunkelfeld_integrator::Label;
 
-/// Exact sums per pixel, and what the centre of each pixel shows.
+/// Exact sums per pixel, and the surface at the centre of each pixel.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RenderedFilm {
     /// Sums of radiance and of auxiliary layers.
     pub sums: Film,
-    /// Object and material at the centre of each pixel; `None` where nothing is hit.
+    /// Object and material at the centre of each pixel; `None` where no surface is hit.
     pub ids: Plane<Option<Label>>,
     /// Names of the objects, by id.
     pub object_names: Vec<String>,
 }
 
 impl RenderedFilm {
-    /// A film whose pixels show no objects.
+    /// A film without objects in its pixels.
     pub fn without_ids(sums: Film) -> Self {
         let ids = Plane::new(sums.width(), sums.height(), None);
         Self { sums, ids, object_names: Vec::new() }

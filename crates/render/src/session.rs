@@ -1,4 +1,4 @@
-//! A run: its clock, its progress, its switch to cancel, and its threads.
+//! A run: its clock, its progress, its cancellation switch, and its threads.
 
 use crate::error::Error;
 use crate::progress::{Cancel, Progress, ProgressState, Silent, Stage};
@@ -20,7 +20,8 @@ pub struct Session<'a> {
 }
 
 impl Session<'static> {
-    /// A session that starts now, reports nothing and is not cancelled. With 0 threads it has as many as there are cores.
+    /// A session that starts now, without progress reports and without cancellation. With 0 threads it has one per
+    /// core.
     ///
     /// # Errors
     /// The threads cannot be started.

@@ -1,4 +1,4 @@
-//! What to render and how long: the settings of one render.
+//! The settings of one render: its inputs and its limits.
 
 mod checkpoint;
 
@@ -13,30 +13,31 @@ use dunkelfeld_sensor::{Exposure, ExposureNoise, Optics, SensorModel};
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
 
-/// Samples per pixel when no budget is given.
+/// Default of the samples per pixel, if there is no budget.
 pub const DEFAULT_SPP: f64 = 64.0;
 /// Samples per pixel of the pilot.
 pub const DEFAULT_PILOT_SPP: u32 = 16;
-/// Samples per pixel that the memory account assumes where the clock or the noise ends the render.
+/// Samples per pixel in the memory account if the clock or the noise ends the render.
 pub const UNKNOWN_SPP: f64 = 4096.0;
 
-/// When a render ends: the first limit that is met. Without any, [`DEFAULT_SPP`] samples per pixel.
+/// The limits of a render, which ends at the first one that it reaches. Without any limit, it takes [`DEFAULT_SPP`]
+/// samples per pixel.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Budget {
     /// Wall-clock seconds, from the start of the command to the last file written.
     pub seconds: Option<f64>,
     /// Mean samples per pixel.
     pub spp: Option<f64>,
-    /// The k at which 99 % of the unsaturated pixels shall be hidden: the standard deviation of their rendered mean is then
-    /// at most k times that of the sensor's noise. Needs a sensor.
+    /// The k at which 99 % of the unsaturated pixels must be hidden. The standard deviation of their rendered mean is
+    /// then at most k times that of the sensor's noise. Needs a sensor.
     pub noise: Option<f64>,
 }
 
-/// How the render is exposed.
+/// The exposure of the render.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum SensorChoice {
-    /// No sensor: radiance 1 W/(m^2 sr) is white, clipped, gamma 2.2, 8 bit; the paper's images.
+    /// No sensor: radiance 1 W/(m^2 sr) is white, clipped, gamma 2.2, 8 bit, as in the images of the paper.
     None,
     /// An EMVA 1288 sensor behind a lens.
     Emva {
@@ -44,25 +45,25 @@ pub enum SensorChoice {
         model: Box<SensorModel>,
         /// The lens.
         optics: Optics,
-        /// The exposure; `None` finds one: the 99.5 % quantile comes to 90 % of saturation.
+        /// The exposure. `None` selects automatic exposure: the 99.5 % quantile is at 90 % of saturation.
         exposure: Option<Exposure>,
     },
 }
 
-/// Everything a render depends on beside the scene.
+/// All inputs of a render except the scene.
 #[derive(Clone, Debug, Serialize)]
 pub struct RenderSettings {
     /// Width of the film \[pixels\], 1 to [`MAX_SIDE`].
     pub width: u32,
     /// Height of the film \[pixels\], 1 to [`MAX_SIDE`].
     pub height: u32,
-    /// Name of the camera; `None` takes the first, or frames the scene.
+    /// Name of the camera. `None` selects the first, or a view of the whole scene if there is none.
     pub camera: Option<String>,
-    /// A camera of one's own, in place of the scene's.
+    /// A camera that replaces the scene's.
     pub view: Option<Camera>,
-    /// When to stop.
+    /// The limits of the render.
     pub budget: Budget,
-    /// Where the samples go; `None` decides by the sensor ([`Strategy::default_for`]).
+    /// The allocation of samples; `None` selects it by the sensor ([`Strategy::default_for`]).
     pub strategy: Option<Strategy>,
     /// Samples per pixel of the pilot.
     pub pilot_spp: u32,
@@ -72,35 +73,37 @@ pub struct RenderSettings {
     pub seed: u64,
     /// Frame number; frames of one seed are independent.
     pub frame: u32,
-    /// Threads; 0 takes as many as there are cores.
+    /// Number of threads; 0 means one per core.
     pub threads: usize,
     /// The camera's sensor.
     pub sensor: SensorChoice,
-    /// What noise the sensor adds to the render's own. [`ExposureNoise::Matched`] needs a sensor.
+    /// Noise that the sensor adds to the render's own. [`ExposureNoise::Matched`] needs a sensor.
     pub exposure_noise: ExposureNoise,
-    /// What the picture is denoised with. Nothing that is measured reads it.
+    /// Denoiser of the picture. No measurement uses its image.
     pub denoise: DenoiseSettings,
     /// A plan to replay: samples per pixel, instead of budget and strategy.
     pub replay: Option<Plane<u32>>,
-    /// Of the samples that the plan gives each pixel only those with an index in this range: a part of the render, which
-    /// [`JoinedParts`](crate::JoinedParts) joins with others. Without a plan to replay, every pixel gets all of them. Neither budget nor
-    /// strategy may be set then.
+    /// Range of sample indices of a part of a render. Of the samples of the plan, a pixel gets only those with an index
+    /// in this range. [`JoinedParts`](crate::JoinedParts) joins the part with others. Without a plan to replay, every
+    /// pixel gets all samples of the range. Neither budget nor strategy may be set then.
     pub samples: Option<Range<u32>>,
-    /// The most memory \[bytes\] that the run may need: a render whose account (`dunkelfeld::MemoryAccount`) is beyond it does not begin.
+    /// Limit of memory \[bytes\] of the run. A render whose account (`dunkelfeld::MemoryAccount`) exceeds it does not
+    /// begin.
     pub memory_limit: Option<u64>,
-    /// Where to keep a checkpoint, and to take the render up from if it exists.
+    /// Path and interval of the checkpoint. If the file exists, the render continues from it.
     #[serde(skip)]
     pub checkpoint: Option<CheckpointSettings>,
-    /// The layers that the film keeps sums for. [`FilmLayers::Image`] needs less memory and allows neither auxiliary layers in an EXR
-    /// nor denoisers that use them. A render with a checkpoint keeps all: it may be asked for them later.
+    /// The layers whose sums the film stores. [`FilmLayers::Image`] needs less memory and allows neither auxiliary
+    /// layers in an EXR nor denoisers that use them. A render with a checkpoint stores all layers, because a later
+    /// command may need them.
     pub layers: FilmLayers,
-    /// Effects that were left out on purpose. They mark the outputs; the scene itself must have been built without them
+    /// Effects that were left out on purpose. They mark the outputs. The scene must have been built without them
     /// (`dunkelfeld::Project::open_without`).
     pub without: Vec<Effect>,
 }
 
 impl RenderSettings {
-    /// The strategy that the render follows.
+    /// The strategy of the render.
     pub fn strategy(&self) -> Strategy {
         match self.samples {
             Some(_) => Strategy::Uniform,
@@ -108,8 +111,7 @@ impl RenderSettings {
         }
     }
 
-    /// The plan of a render that does not plan for itself: one that is replayed, or a part. Samples per pixel, those that
-    /// other parts have included.
+    /// The given plan of a replay or of a part: samples per pixel, with the samples of other parts.
     pub(crate) fn given_plan(&self) -> Option<Plane<u32>> {
         match (&self.replay, &self.samples) {
             (None, None) => None,
@@ -119,7 +121,7 @@ impl RenderSettings {
         }
     }
 
-    /// Samples per pixel that are left to other parts: a part begins where the one before it ends.
+    /// Samples per pixel that other parts render: a part begins where the one before it ends.
     pub(crate) fn samples_before(&self) -> Plane<u32> {
         let first = self.samples.as_ref().map_or(0, |s| s.start);
         match &self.replay {
@@ -128,7 +130,7 @@ impl RenderSettings {
         }
     }
 
-    /// Samples per pixel of a render that does not plan for itself.
+    /// Samples per pixel of a render with a given plan.
     pub fn given_spp(&self) -> Option<f64> {
         match (&self.replay, &self.samples) {
             (Some(plan), _) => Some(mean_of(plan)),
@@ -137,14 +139,14 @@ impl RenderSettings {
         }
     }
 
-    /// Samples per pixel that a film is made for.
+    /// Samples per pixel for which the film is allocated.
     pub fn expected_spp(&self) -> f64 {
         let budget = self.budget;
         let open = budget.seconds.is_some() || budget.noise.is_some();
         self.given_spp().or(budget.spp).unwrap_or(if open { UNKNOWN_SPP } else { DEFAULT_SPP })
     }
 
-    /// The layers of the film, as [`Self::layers`] has it.
+    /// The layers of the film, by [`Self::layers`].
     pub fn film_layers(&self) -> FilmLayers {
         if self.checkpoint.is_some() { FilmLayers::All } else { self.layers }
     }
@@ -156,7 +158,7 @@ impl RenderSettings {
 }
 
 impl Default for RenderSettings {
-    /// 512 x 512 pixels, [`DEFAULT_SPP`] samples by the paper's method, no sensor.
+    /// 512 x 512 pixels, [`DEFAULT_SPP`] samples with the method of the paper, no sensor.
     fn default() -> Self {
         Self {
             width: 512,

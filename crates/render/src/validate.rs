@@ -1,4 +1,4 @@
-//! Settings outside their range, found before a render begins.
+//! Checks the ranges of settings before a render begins.
 
 use crate::error::Error;
 use crate::settings::{Budget, MAX_PIXELS, MAX_SIDE, RenderSettings};
@@ -6,7 +6,7 @@ use dunkelfeld_adaptive::weights::Strategy;
 use dunkelfeld_adaptive::{budget, plan};
 use dunkelfeld_sensor::ExposureNoise;
 
-/// Refuses what cannot be rendered, with help.
+/// Refuses settings that cannot be rendered, with help.
 pub fn validate(s: &RenderSettings) -> Result<(), Error> {
     let range = format!("1 to {MAX_SIDE}");
     for (name, v) in [("width", s.width), ("height", s.height)] {

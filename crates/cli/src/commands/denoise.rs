@@ -1,4 +1,4 @@
-//! `dunkelfeld denoise`: an EXR in, the same with a denoised layer out, or a picture.
+//! `dunkelfeld denoise`: reads an EXR, and writes it with a denoised layer, or writes a picture.
 
 use crate::args::DenoiseArgs;
 use crate::bar::Sink;

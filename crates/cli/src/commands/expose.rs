@@ -1,4 +1,4 @@
-//! `dunkelfeld expose`: an EXR in, frames of a camera out.
+//! `dunkelfeld expose`: reads an EXR, and writes frames of a camera.
 
 use crate::args::ExposeArgs;
 use crate::bar::Sink;
@@ -70,7 +70,7 @@ fn settings(args: &ExposeArgs) -> Result<ExposeSettings, Error> {
     })
 }
 
-/// The lens of the flags; what they leave out is as in a render.
+/// The lens of the flags. Flags that are not given have the defaults of a render.
 fn optics(args: &ExposeArgs, defaults: Optics) -> Result<Optics, Error> {
     let f_number = args.f_number.unwrap_or(defaults.f_number());
     let transmission = args.transmission.unwrap_or(defaults.transmission());
@@ -84,7 +84,7 @@ fn optics(args: &ExposeArgs, defaults: Optics) -> Result<Optics, Error> {
     })
 }
 
-/// The focal length of a lens that vignettes.
+/// The focal length of a lens with vignetting.
 fn vignetting(args: &ExposeArgs) -> Result<Option<f64>, Error> {
     match (args.vignetting, args.focal_length) {
         (None | Some(Vignetting::None), _) => Ok(None),

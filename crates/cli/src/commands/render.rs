@@ -20,7 +20,7 @@ pub(crate) use report::{as_seen, say_flaws};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-/// At most so many warnings, and so many hazards, are printed before a render.
+/// Maximum number of warnings, and of hazards, that are printed before a render.
 const MAX_NOTICES: usize = 20;
 
 pub(crate) fn run(args: &RenderArgs, started: Instant) -> Result<Outcome, Error> {
@@ -29,7 +29,7 @@ pub(crate) fn run(args: &RenderArgs, started: Instant) -> Result<Outcome, Error>
         let elapsed = started.elapsed().as_secs_f64();
         sink.update(&ProgressState { stage, fraction, elapsed, remaining: None, samples });
     };
-    // Before anything is loaded: another process may use it.
+    // The lock comes before loading: another process may use the file.
     let checkpoint = args.checkpoint.as_ref().map(|path| checkpoint(args, path)).transpose()?;
     begin(Stage::Load, 0.0, 0);
     let mut project = Project::open_without(&args.input, started, &args.without)?;
@@ -157,7 +157,7 @@ pub(crate) fn apply_sensor(
     }
 }
 
-/// The noise that is added. Without the sensor there is no noise either, also if a job sets it.
+/// The noise that the exposure adds. Without the sensor there is no noise either, also if a job sets it.
 fn apply_exposure_noise(noise: Option<ExposureNoise>, s: &mut RenderSettings) -> Result<(), Error> {
     if noise.is_some() && !s.has_sensor() {
         let problem = "there is no sensor that adds noise";
@@ -183,12 +183,12 @@ pub(crate) fn apply_view(args: &ViewArgs, project: &mut Project) -> Result<(), E
     apply_sensor(args.sensor.as_deref(), args.exposure, s, project.optics, &mut project.inputs)
 }
 
-/// Another denoiser, as the flags of any command name it. A library that is named is meant to be used.
+/// Sets the denoiser of the flags of any command. A library without a denoiser selects OIDN.
 pub(crate) fn apply_denoise(method: Option<DenoiseMethod>, oidn: Option<&PathBuf>, s: &mut DenoiseSettings) {
     if let Some(method) = method.or(oidn.map(|_| DenoiseMethod::Oidn)) {
         s.method = method;
         if matches!(method, DenoiseMethod::Off | DenoiseMethod::Builtin) {
-            // The job's library goes with its denoiser.
+            // The library of the job belongs to its denoiser.
             s.oidn = None;
         }
     }

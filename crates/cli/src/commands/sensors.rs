@@ -1,4 +1,4 @@
-//! `dunkelfeld sensors`: the presets, and the data sheet that one implies beside the published one.
+//! `dunkelfeld sensors`: lists the presets, and compares the data sheet that one implies with the published one.
 
 use crate::args::SensorsArgs;
 use crate::outcome::{Outcome, print};

@@ -67,7 +67,7 @@ fn of_frames(args: &PtcArgs) -> Result<Outcome, Error> {
     Ok(Outcome::Done)
 }
 
-/// Findings on standard output, and where the report is.
+/// Prints the findings and the path of the report on standard output.
 fn of_scene(args: &PtcArgs, input: &Path, started: Instant) -> Result<Outcome, Error> {
     for (flag, value) in [("--dark", args.dark), ("--saturation", args.saturation)] {
         if value.is_some() {

@@ -1,4 +1,4 @@
-//! The end of commands that render a scene many times and keep the finished renders.
+//! The output at the end of commands that render a scene many times and keep the finished renders.
 
 use crate::outcome::{Outcome, print, say};
 use dunkelfeld::DefaultPath;
@@ -13,7 +13,7 @@ pub(crate) fn report(findings: &[String], files: &[PathBuf]) {
     print(&text);
 }
 
-/// The folder of the results when none is given, with a note if it is not the usual one.
+/// The default folder of the results, with a note if it is not the usual one.
 pub(crate) fn noted(folder: DefaultPath) -> PathBuf {
     if let Some(reason) = folder.reason {
         say(&format!("note: {reason}"));

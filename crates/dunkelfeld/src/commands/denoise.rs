@@ -19,9 +19,9 @@ use dunkelfeld_sensor::display::linear_to_8bit;
 use std::path::Path;
 use std::time::Instant;
 
-/// Names of channels that a message lists at most.
+/// Maximum number of channel names in a message.
 const MAX_LISTED: usize = 12;
-/// This quantile of the luminance comes to this share of white in a picture of radiances that a sensor was to expose.
+/// A picture of the radiances for a sensor has this quantile of the luminance at this share of white.
 const BRIGHT: (f64, f32) = (0.995, 0.9);
 
 /// An EXR, and its denoised image.
@@ -37,7 +37,7 @@ pub struct DenoisedFile {
     /// Pixels whose radiance was negative, infinite or not a number. The denoised values of these pixels and of those
     /// around them are undefined.
     pub invalid: u64,
-    /// Pixels whose variance was negative or not a number: it counts as unknown.
+    /// Pixels whose variance was negative or not a number. Such a variance counts as unknown.
     pub invalid_variances: u64,
     inputs: InputFiles,
 }
@@ -54,8 +54,8 @@ struct Planes {
     depth_variance: Option<Plane<f32>>,
 }
 
-/// Denoises an EXR; `None` if it was cancelled. `threads` of 0 takes as many as there are cores; `memory_limit` is the most memory \[bytes\]
-/// that it may need.
+/// Denoises an EXR. Returns `None` if it was cancelled. `threads` is the number of threads; 0 means one per core.
+/// `memory_limit` is the limit of memory \[bytes\].
 ///
 /// # Errors
 /// A file that cannot be read or holds no radiance, a denoiser that is not to be had or fails.
@@ -106,8 +106,8 @@ pub fn denoise_exr(
     Ok(Some(DenoisedFile { layers, denoised, features, invalid, invalid_variances, inputs }))
 }
 
-/// Finds out before the work whether its result can be written: the ending, the folder, and that it is neither the input nor
-/// the library of the settings.
+/// Checks before the work whether the result can be written: the extension, the folder, and that the output is neither
+/// the input nor the library of the settings.
 ///
 /// # Errors
 /// The fault of the name.
@@ -129,9 +129,9 @@ fn check_output(output: &Path, inputs: &InputFiles) -> Result<(), Error> {
 }
 
 impl DenoisedFile {
-    /// Writes it: as EXR with all layers of the input and `denoised.R/G/B`, or as 8-bit PNG with gamma 2.2. Radiance 1 is white in
-    /// the picture, as other programs have it; of a render behind a sensor, whose radiances have a unit, the bright parts are
-    /// brought near white instead.
+    /// Writes the result: as EXR with all layers of the input and `denoised.R/G/B`, or as 8-bit PNG with gamma 2.2.
+    /// Radiance 1 is white in the picture, as in other programs. The radiances of a render for a sensor have a unit;
+    /// then the picture is scaled so that the bright parts are near white.
     ///
     /// # Errors
     /// If the file cannot be written; an existing one then stays as it was.
@@ -191,8 +191,8 @@ pub(crate) fn invalid_variances_of(variance: &Plane<[f32; 3]>) -> u64 {
     variance.data().iter().filter(|v| v.iter().any(|v| v.is_nan() || *v < 0.0)).count() as u64
 }
 
-/// The radiance that a file holds: in the layer of that name, or under the names that renderers use. Gaps without samples show
-/// their neighbours.
+/// The radiance of a file: the layer with that name, or the first name that renderers use. Gaps without samples are
+/// filled from their neighbours.
 ///
 /// # Errors
 /// There is no such layer.
@@ -223,7 +223,7 @@ pub(crate) fn radiance_of(path: &Path, layers: &ExrLayers, name: Option<&str>) -
             }
         });
     };
-    // Pixels without samples are not black.
+    // Pixels without samples must not be black.
     Ok(match layers.integers(Single::SampleCount) {
         Some(counts) if counts.data().contains(&0) => fill_gaps(&mean, &counts.map(|&n| n > 0)),
         _ => mean,

@@ -27,9 +27,9 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-/// So many frames at most wait to be written at a time.
+/// Maximum number of frames that wait for the writer.
 pub(crate) const MAX_WAITING: usize = 16;
-/// Digits of a frame's number in a file's name, at least.
+/// Minimum number of digits of the frame number in a file name.
 const DIGITS: usize = 4;
 
 /// Settings of the exposure of an image.
@@ -37,32 +37,34 @@ const DIGITS: usize = 4;
 pub struct ExposeSettings {
     /// The sensor.
     pub model: SensorModel,
-    /// The lens: how radiance becomes irradiance on its axis.
+    /// The lens: determines the irradiance on its axis from the radiance.
     pub optics: Optics,
-    /// Focal length \[m\] of a lens that darkens the image with the fourth power of the cosine of the field angle, with the
-    /// image in its middle; `None` for one that does not, or an image that is darkened already.
+    /// Focal length \[m\] of a lens that darkens the image with the fourth power of the cosine of the field angle. Its
+    /// axis meets the middle of the image. `None` for a lens without vignetting, or for an image that already contains
+    /// it.
     pub vignetting: Option<f64>,
-    /// The exposure; `None` finds one: the 99.5 % quantile comes to 90 % of saturation.
+    /// The exposure. `None` selects automatic exposure: the 99.5 % quantile is at 90 % of saturation.
     pub exposure: Option<Exposure>,
-    /// The sensor noise that is added: all, or less the noise of the image.
+    /// The sensor noise that is added: all of it, or less by the noise of the image.
     pub exposure_noise: ExposureNoise,
     /// Seed of the noise and of the device.
     pub seed: u64,
     /// Number of the first frame.
     pub first_frame: u32,
-    /// How many frames.
+    /// Number of frames.
     pub frames: u32,
     /// The layer that contains radiance. `None` searches the names that renderers use.
     pub layer: Option<String>,
-    /// Threads; 0 takes as many as there are cores.
+    /// Number of threads; 0 means one per core.
     pub threads: usize,
-    /// The most memory \[bytes\] that the exposure may need.
+    /// Limit of memory \[bytes\] of the exposure.
     pub memory_limit: Option<u64>,
-    /// The files that the settings were read from, such as a sensor file: no output takes the place of one.
+    /// The files that the settings were read from, such as a sensor file. An output must not replace one of them.
     pub inputs: InputFiles,
 }
 
-/// Which files to write. Of several frames each name gets the frame's number before its ending, as in `out-0007.png`.
+/// The files to write. With several frames, each name contains the frame number before its extension, as in
+/// `out-0007.png`.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct ExposeOutputs {
     /// 8-bit gamma-2.2 PNG.
@@ -85,29 +87,29 @@ pub struct ExposedFile {
     pub no_light: bool,
     /// Share of pixels whose expected electrons fill the well or reach the end of the converter.
     pub saturated: f64,
-    /// Share of pixels where matched exposure can hold, as far as the file contains their noise. `None` if all of the
-    /// camera's noise was drawn.
+    /// Share of pixels where matched exposure can hold, from the noise data that the file contains. `None` if all of
+    /// the camera's noise was drawn.
     pub matched: Option<f64>,
     /// Pixels whose radiance was negative or not a number (they count as black) or infinite (they saturate).
     pub invalid: u64,
-    /// Pixels whose variance was negative or not a number, where it was required. It counts as unknown.
+    /// Pixels whose variance was negative or not a number, where it was required. Such a variance counts as unknown.
     pub invalid_variances: u64,
-    /// Seconds that the exposures took, without anything else.
+    /// Seconds of the exposures alone.
     pub expose_seconds: f64,
-    /// Seconds that pictures and files took.
+    /// Seconds of computing pictures and writing files.
     pub write_seconds: f64,
     /// The files, in their order.
     pub files: Vec<PathBuf>,
 }
 
-/// An image in front of a camera: gives frames.
+/// An image and a camera. It computes frames.
 #[derive(Clone, Debug)]
 pub struct Exposer {
     device: Device,
     exposure: Exposure,
     seed: u64,
     electrons: Plane<f32>,
-    /// Their noise, as far as it is known. `None` if all of the camera's noise is to be drawn.
+    /// The noise of the electrons, as far as the file contains it. `None` if all of the camera's noise is drawn.
     known: Option<CompensationInputs>,
     no_light: bool,
     invalid: u64,
@@ -115,10 +117,10 @@ pub struct Exposer {
 }
 
 impl Exposer {
-    /// Puts mean radiance [W/(m^2 sr)] in front of a camera; with its noise, if that is to be matched.
+    /// Combines mean radiance [W/(m^2 sr)] with a camera, and with the noise of the radiance for matched exposure.
     ///
     /// # Errors
-    /// A sensor whose ranges the exposure leaves.
+    /// An exposure outside the ranges of the sensor.
     fn new(
         mut radiance: Plane<[f32; 3]>,
         settings: &ExposeSettings,
@@ -143,7 +145,7 @@ impl Exposer {
         Ok(Self { device, exposure, seed: settings.seed, electrons, known, no_light, invalid, invalid_variances })
     }
 
-    /// Reads an EXR and puts it in front of a camera.
+    /// Reads an EXR and combines it with a camera.
     ///
     /// # Errors
     /// A file that cannot be read or has no such layer; settings outside their range; noise that is to be matched, but
@@ -183,7 +185,7 @@ impl Exposer {
         self.device.model()
     }
 
-    /// The exposure that was given, or found.
+    /// The exposure of the settings, or the automatic one.
     pub fn exposure(&self) -> Exposure {
         self.exposure
     }
@@ -193,8 +195,8 @@ impl Exposer {
         &self.electrons
     }
 
-    /// Grey values \[DN\] of the frame with this number, on the threads of the current pool: a function of image, settings, seed
-    /// and number.
+    /// Grey values \[DN\] of the frame with this number. They are a function of image, settings, seed and number. Runs
+    /// on the threads of the current pool.
     ///
     /// # Errors
     /// None, as the planes are of one size.
@@ -225,11 +227,11 @@ impl Exposer {
     }
 }
 
-/// Exposes an EXR, and writes the frames in their order; a cancelled run leaves those that it has finished. Runs on threads of
-/// its own, with the same values for any number of them.
+/// Exposes an EXR, and writes the frames in their order. A cancelled run leaves the frames that it has finished. It
+/// runs on its own threads. The values are the same for any number of them.
 ///
 /// # Errors
-/// As [`Exposer::open`], and files that cannot be written; those before them are.
+/// As [`Exposer::open`], and files that cannot be written; earlier files remain.
 pub fn expose_exr(
     input: &Path,
     settings: &ExposeSettings,
@@ -262,7 +264,7 @@ pub fn expose_exr(
             session.install(|| group.iter().map(|&n| Ok((n, exposer.frame(n)?))).collect::<Result<_, Error>>())?;
         done.expose_seconds += began.elapsed().as_secs_f64();
         let began = Instant::now();
-        // Errors in the order of the frames, whichever thread was first.
+        // Errors are reported in the order of the frames, for any order of the threads.
         let written: Vec<Result<Vec<PathBuf>, Error>> = session
             .install(|| frames.par_iter().map(|(n, values)| save(&exposer, settings, outputs, *n, values)).collect());
         done.write_seconds += began.elapsed().as_secs_f64();
@@ -296,8 +298,8 @@ fn save(
 }
 
 impl ExposeSettings {
-    /// One frame through a lens of f/4 and transmission 0.9 far from the object, with automatic exposure: as a render without a
-    /// job has it.
+    /// One frame through a lens of f/4 and transmission 0.9, far from the object, with automatic exposure. These are
+    /// the values of a render without a job.
     ///
     /// # Errors
     /// None.
@@ -323,7 +325,7 @@ impl ExposeSettings {
         self.first_frame.saturating_add(self.frames.saturating_sub(1))
     }
 
-    /// The files that have the names of frames already, and the first frame's name.
+    /// The existing files with the names of frames, and the first frame's name.
     fn frames_of(&self, path: &Path) -> Vec<PathBuf> {
         let first = self.numbered(path, self.first_frame);
         let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
@@ -341,7 +343,7 @@ impl ExposeSettings {
         files
     }
 
-    /// The name of a frame's file: that of the output itself if there is one frame alone.
+    /// The name of a frame's file. For a single frame it is the name of the output.
     pub fn numbered(&self, path: &Path, number: u32) -> PathBuf {
         if self.frames == 1 {
             return path.to_path_buf();
@@ -358,11 +360,11 @@ impl ExposeSettings {
 }
 
 impl ExposeOutputs {
-    /// Finds out before the work whether its results can be written.
+    /// Checks before the work whether its results can be written.
     ///
     /// # Errors
-    /// No output at all, an ending that does not fit, a folder that does not exist or cannot be written to, two outputs in one
-    /// file, a frame in the place of an input.
+    /// No output at all, an invalid extension, a folder that does not exist or cannot be written to, two outputs in one
+    /// file, a frame with the name of an input.
     pub fn check(&self, input: &Path, settings: &ExposeSettings) -> Result<(), Error> {
         let fault = |file: &Path, problem: String, help: &str| {
             Err(Error::Output { file: file.into(), problem, help: help.into() })
@@ -387,7 +389,7 @@ impl ExposeOutputs {
         paths.into_iter().filter_map(|(what, path)| Some((what, path.as_deref()?)))
     }
 
-    /// No frame may take the place of an input or of another output.
+    /// A frame must not replace an input or another output.
     fn check_apart(&self, input: &Path, settings: &ExposeSettings) -> Result<(), Error> {
         let mut inputs = settings.inputs.clone();
         inputs.add(input, Role::Image);
@@ -395,16 +397,16 @@ impl ExposeOutputs {
         if settings.frames == 1 {
             return check_outputs(&outputs, &inputs);
         }
-        // Two names that differ give frames that differ.
+        // Different output names give different frame names.
         check_outputs(&outputs, &InputFiles::new())?;
-        // However many frames there will be, only those whose names are taken can be other files.
+        // Only frame names that exist already can be other files, for any number of frames.
         let frames: Vec<_> = outputs.iter().map(|&(what, path)| (what, settings.frames_of(path))).collect();
         let frames: Vec<Output<'_>> =
             frames.iter().flat_map(|(what, files)| files.iter().map(move |file| (*what, file.as_path()))).collect();
         check_outputs(&frames, &inputs)
     }
 
-    /// Names the image after the input, or otherwise where a frame would take the place of an input.
+    /// Names the image after the input, or gives it another name where a frame would replace an input.
     pub fn set_default_image(&mut self, input: &Path, settings: &ExposeSettings) -> DefaultPath {
         let usual = PathBuf::from(input.file_stem().unwrap_or_else(|| "render".as_ref())).with_extension("png");
         let chosen = free_file(usual, "exposed", |path| {
@@ -446,7 +448,7 @@ fn cosine_fourth(x: u32, y: u32, width: u32, height: u32, distance: f64) -> f64 
     (1.0 + tangent_squared).powi(-2)
 }
 
-/// The image behind a lens that lets through so much of its light.
+/// The image behind a lens with this relative transmission.
 fn darkened(radiance: &Plane<[f32; 3]>, share: &Plane<f64>) -> Plane<[f32; 3]> {
     let mut shares = share.data().iter();
     radiance.map(|&pixel| {
@@ -533,7 +535,7 @@ impl NoiseLayers {
                 weights.variance(*self.variance.at(x, top + y), *self.covariance.at(x, top + y)) as f32
             });
             let largest = Plane::from_fn(width, rows, |x, y| {
-                // From the distance of the largest sample to the mean of all.
+                // The value follows from the distance of the largest sample to the mean of all.
                 let (x, y) = (x, top + y);
                 let (per_luminance, luminance) = per_luminance(*weights, mean.at(x, y).map(f64::from));
                 let others = f64::from(counts.at(x, y).saturating_sub(1));

@@ -20,11 +20,11 @@ pub struct MergeSettings {
     pub parts: Vec<PathBuf>,
     /// Pictures, layers and statistics of the whole.
     pub outputs: OutputPaths,
-    /// A checkpoint of the whole: a part again, for another merge or to be rendered on.
+    /// A checkpoint of the whole. It is again a part, for another merge or for a longer render.
     pub checkpoint: Option<PathBuf>,
-    /// Threads; 0 takes as many as there are cores.
+    /// Number of threads; 0 means one per core.
     pub threads: usize,
-    /// The most memory \[bytes\] that the merge may need.
+    /// Limit of memory \[bytes\] of the merge.
     pub memory_limit: Option<u64>,
 }
 
@@ -42,13 +42,13 @@ pub struct Merged {
     pub stats: Stats,
 }
 
-/// Joins parts of one render ([`RenderSettings::samples`]), in any order, and writes the outputs that are named: bit by bit
-/// those of one process that rendered all of their samples. Neither scene nor job is needed; `started` is when the command
-/// began.
+/// Joins parts of one render ([`RenderSettings::samples`]), in any order, and writes the outputs. They are bit by bit
+/// those of one process that rendered all of their samples. Neither scene nor job is needed. `started` is the start
+/// time of the command.
 ///
 /// # Errors
-/// Files that are no finished parts, parts of different renders, samples that come twice or are missing in between, outputs
-/// that cannot be written or are parts themselves.
+/// Files that are no finished parts, parts of different renders, overlaps or gaps of samples, outputs that cannot be
+/// written or are parts themselves.
 pub fn merge(settings: &MergeSettings, started: Instant) -> Result<Merged, Error> {
     let began = Instant::now();
     check_outputs(settings)?;

@@ -1,5 +1,5 @@
-//! Bytes that commands need: by their pixels, layers and threads. Numbers of bytes per pixel are those of the planes that the code holds
-//! at the same time; `docs/memory.md` compares them with measurements.
+//! Memory of commands in bytes, by their pixels, layers and threads. The bytes per pixel are those of the planes that
+//! exist at the same time. `docs/memory.md` compares them with measurements.
 
 use super::MemoryAccount;
 use crate::outputs::OutputPaths;
@@ -10,50 +10,49 @@ use dunkelfeld_render::{RenderSettings, SensorChoice};
 use dunkelfeld_scene::SceneSummary;
 use dunkelfeld_sensor::ExposureNoise;
 
-/// The program itself, its libraries and small things.
+/// The program, its libraries and small objects.
 const PROGRAM: u64 = 24_000_000;
 /// A thread: the used part of its stack, and the memory that its allocator keeps.
 const THREAD: u64 = 2 << 20;
 /// Pixels of a tile; a thread has two tiles in work.
 const TILE_PIXELS: u64 = (dunkelfeld_render::TILE * dunkelfeld_render::TILE) as u64;
-/// A strip of an EXR, its blocks on the way to the file, and what they are made from: so many bytes at most, ...
+/// A strip of an EXR, its blocks before they are written, and their sources: the maximum in bytes.
 const EXR_MOST: u64 = 3 * (32 << 20);
-/// ... and of a small image so many per pixel: 36 channels.
+/// The same for a small image, in bytes per pixel: 36 channels.
 const EXR_CHANNELS: u64 = 3 * 36 * 4;
-/// Rows of an image whose noise a thread estimates at once, those of its surroundings included.
+/// Rows of an image whose noise a thread estimates at a time, with the rows of their neighbourhood.
 const NOISE_ROWS: u64 = 96;
-/// Bytes per pixel of these rows: what all kinds of pixels of the sensor share, and estimates as each kind sees them. Of few rows
-/// there are the sums.
+/// Bytes per pixel of these rows: data that all kinds of pixels of the sensor share, and the estimates of each kind.
+/// Sums exist for few rows only.
 const NOISE_SHARED: u64 = 40;
 const NOISE_ESTIMATES: u64 = 120;
 /// Kinds of pixels of a sensor behind a colour filter array.
 const MAX_KINDS: u64 = 3;
 const SUMS: u64 = size_of::<PixelSums>() as u64;
 
-/// Bytes per pixel of planes, each on a line of its own.
+/// Bytes per pixel of planes, one constant for each group.
 mod per_pixel {
-    /// Ids at each pixel's centre (8); samples so far (4); weights (4); sample counts at which a pixel needs no more
-    /// (4).
+    /// Ids at each pixel's centre (8), samples so far (4), weights (4), sample counts at which a pixel is finished (4).
     pub(super) const KEPT: u64 = 20;
     /// The plan of a round and its increments (8), work units (1).
     pub(super) const ROUND: u64 = 9;
-    /// A plan that is replayed: as it was read, in the settings of the render, and cut to its samples.
+    /// A plan that is replayed: as read, in the settings of the render, and limited to its samples.
     pub(super) const REPLAY: u64 = 12;
     /// The additional data of a checkpoint: object and material numbers (8).
     pub(super) const CHECKPOINT: u64 = 8;
-    /// The mean (12), which pixels have samples (1), and a copy where gaps are filled (12).
+    /// The mean (12), the mask of pixels with samples (1), and a copy for filling gaps (12).
     pub(super) const MEAN: u64 = 25;
-    /// Signal and counts (8), each pixel's noise by its own samples (12).
+    /// Signal and counts (8), each pixel's noise from its own samples (12).
     pub(super) const NOISE: u64 = 20;
-    /// The image in the channels of the sensor (4), estimates from neighbours (8), ...
+    /// The image in the channels of the sensor (4), estimates from neighbours (8).
     pub(super) const EXPECTED: u64 = 12;
-    /// ... needs by both (10), shares, levels and targets of the forecast (12).
+    /// Required samples from both estimates (10), shares, levels and targets of the forecast (12).
     pub(super) const PLAN: u64 = 22;
     /// Shares without measured noise: luminance and gradients.
     pub(super) const SOBEL: u64 = 28;
     /// Ratios (4), and their quantiles (4).
     pub(super) const CERTIFICATE: u64 = 8;
-    /// Rare samples and variances that are matched, while they are found.
+    /// Rare samples and matched variances, during their computation.
     pub(super) const MATCHED: u64 = 13;
     /// Electrons (4) and grey values (2), the picture (3).
     pub(super) const FRAME: u64 = 9;
@@ -61,16 +60,17 @@ mod per_pixel {
     pub(super) const DEVICE: u64 = 8;
     /// The film's inputs of a denoiser: mean, albedo, normal with variances (72), depth with variance (8).
     pub(super) const FEATURES: u64 = 80;
-    /// The built-in filter: variances, averages and result (36), one of them twice while tiles are put together (12).
+    /// The built-in filter: variances, averages and result (36). One of them exists twice while tiles are assembled
+    /// (12).
     pub(super) const BUILTIN: u64 = 48;
-    /// Intel Open Image Denoise: the image and its features, before and after they are filtered themselves, and the result (72), ...
+    /// Intel Open Image Denoise: the image and its features, before and after their own filter, and the result (72).
     pub(super) const OIDN: u64 = 72;
-    /// ... and buffers of its own: an estimate, ...
+    /// Its internal buffers, an estimate.
     pub(super) const OIDN_BUFFERS: u64 = 600;
     /// A picture or grey values as bytes of a file, raw and compressed.
     pub(super) const PICTURE: u64 = 8;
 }
-/// ... which do not grow beyond this: it works in tiles then.
+/// Maximum of these buffers: above it, OIDN works in tiles.
 const OIDN_MOST: u64 = 3_200_000_000;
 
 /// The memory for writing an EXR, strip by strip.
@@ -91,8 +91,8 @@ pub(crate) struct RenderNeeds<'a> {
     pub(crate) threads: usize,
 }
 
-/// The account of a render. The first numbers that are returned are the scene and the textures.
-/// [`MemoryAccount::check`] takes them as memory that is held already.
+/// The account of a render. The first returned numbers are the scene and the textures. [`MemoryAccount::check`] takes
+/// them as memory that is already in use.
 pub(crate) fn render_account(required_samples: RenderNeeds<'_>) -> (u64, MemoryAccount) {
     let RenderNeeds { scene, settings, outputs, threads } = required_samples;
     let (width, height) = (settings.width, settings.height);
@@ -133,13 +133,13 @@ pub(crate) fn render_account(required_samples: RenderNeeds<'_>) -> (u64, MemoryA
         } else {
             planes(per_pixel::SOBEL)
         };
-        // The mean is gone by then.
+        // The mean is freed by then.
         account.add("noise and plan", &[0, planes(per_pixel::MEAN).max(noise), 0, 0, 0]);
     }
     let frame = planes(per_pixel::FRAME);
     if has_sensor {
         let matched = if is_matched { per_pixel::MATCHED } else { 0 };
-        // The mean is gone before the noise is estimated, the device before it is certified.
+        // The mean is freed before the noise is estimated, the device before the certificate.
         let noise = planes(per_pixel::NOISE + matched);
         let stop_on_noise = noise.saturating_add(bands.max(planes(per_pixel::CERTIFICATE)));
         account.add("certificate", &[0, 0, stop_on_noise, planes(4), planes(4)]);
@@ -177,7 +177,7 @@ pub(crate) fn merge_account((width, height): (u32, u32), outputs: &OutputPaths, 
     account
 }
 
-/// The account of the exposure of an image whose channels take so many bytes.
+/// The account of the exposure of an image, from the bytes of its channels.
 pub(crate) fn expose_account(size: (u32, u32), channel_bytes: u64, is_matched: bool, threads: usize) -> MemoryAccount {
     let px = pixels(size.0, size.1);
     let planes = |bytes: u64| px.saturating_mul(bytes);
@@ -195,7 +195,7 @@ pub(crate) fn expose_account(size: (u32, u32), channel_bytes: u64, is_matched: b
     account
 }
 
-/// The account of the denoising of an image whose channels take so many bytes.
+/// The account of the denoising of an image, from the bytes of its channels.
 pub(crate) fn denoise_account(
     size: (u32, u32),
     channel_bytes: u64,
@@ -225,7 +225,7 @@ fn denoiser_bytes(px: u64, method: DenoiseMethod) -> u64 {
     }
 }
 
-/// Rows whose noise is estimated at once.
+/// Rows whose noise is estimated at a time.
 fn noise_bands(width: u32, height: u32, kinds: u64, threads: usize) -> u64 {
     let rows = u64::from(height).min(NOISE_ROWS.saturating_mul(threads as u64));
     let sums = u64::from(Film::TILE) * SUMS * threads as u64;
@@ -259,7 +259,7 @@ mod tests {
         let plain = with(|_, _| {});
         assert_eq!((bytes(&plain, "scene"), bytes(&plain, "textures")), (2_000_000, 3_000_000));
         let larger = with(|s, _| s.width *= 2);
-        // But for what does not depend on pixels.
+        // Without the part that does not depend on pixels.
         let fixed = PROGRAM + 5_000_000 + 2 * THREAD;
         assert!(larger.peak_bytes - fixed > (plain.peak_bytes - fixed) * 19 / 10, "{}", larger.table());
         assert!(with(|s, _| s.denoise.method = DenoiseMethod::Builtin).peak_bytes > plain.peak_bytes);

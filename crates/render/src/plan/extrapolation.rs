@@ -1,10 +1,10 @@
 //! The trend of the estimated samples until an image is hidden, over the samples that it has.
 //!
 //! Rare light that a pixel has sampled once is distributed over the pixels around it that may receive it
-//! ([`dunkelfeld_adaptive::variance::pixel`]). So with few samples more pixels are estimated as noisy than in truth.
-//! Quasi-random samples of smooth light converge faster than independent ones. Both make the estimate of the required
-//! samples fall with each doubling, N(n) ~ n^-a. The final number is the fixed point of this law: N* = (N n^a)^(1 / (1
-//! + a)).
+//! ([`dunkelfeld_adaptive::variance::pixel`]). So with few samples, more pixels are estimated as noisy than are in
+//! truth. Quasi-random samples of smooth light converge faster than independent ones. For both reasons the estimate of
+//! the required samples decreases with each doubling, N(n) ~ n^-a. The final number is the fixed point of this law: N*
+//! = (N n^a)^(1 / (1 + a)).
 
 use dunkelfeld_film::Plane;
 use serde::{Deserialize, Serialize};
@@ -23,7 +23,7 @@ const STEEPEST: f64 = 1.0;
 /// The estimates of the required samples.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(crate) struct ConvergenceFit {
-    /// Samples per pixel: taken, and required. The last estimate is first. Zeros where there is none.
+    /// Samples per pixel: taken, and required. The last estimate is first. Zero means no estimate.
     looks: [(f64, f64); LOOKS],
 }
 

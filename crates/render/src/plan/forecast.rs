@@ -17,24 +17,25 @@ pub struct ForecastLevel {
     pub samples: Option<f64>,
     /// Wall-clock seconds of the whole command. `null` where the pilot could not determine it.
     pub seconds: Option<f64>,
-    /// The samples that it took in fact; `null` unless the render ended because it was hidden at this k.
+    /// The actual number of samples; `null` unless the render ended because it was hidden at this k.
     pub actual_samples: Option<f64>,
-    /// The seconds that it took in fact, `null` likewise.
+    /// The actual seconds, `null` in the same cases.
     pub actual_seconds: Option<f64>,
 }
 
-/// A forecast, made once when the pilot is done.
+/// A forecast. It is computed once, after the pilot.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Forecast {
-    /// One entry for each level, k falling: those of [`FORECAST_LEVELS`] and the one that the render shall end at.
+    /// One entry for each level, in descending order of k: those of [`FORECAST_LEVELS`] and the level at which the
+    /// render ends.
     pub levels: Vec<ForecastLevel>,
-    /// The level that the render shall end at, if there is one.
+    /// The level at which the render ends, if there is one.
     pub target: Option<f64>,
-    /// Seconds since the start of the command when the forecast was made.
+    /// Seconds since the start of the command at the time of the forecast.
     pub made_at: f64,
-    /// Samples of the whole image that it was made from.
+    /// Samples of the whole image at the time of the forecast.
     pub made_from: u64,
-    /// Remaining seconds of this render from then on, by the first limit that is reached. `None` if unknown.
+    /// Remaining seconds of this render from then on, to the first limit that it reaches. `None` if unknown.
     pub remaining: Option<f64>,
 }
 
@@ -58,12 +59,12 @@ pub(crate) struct ForecastInput<'a> {
     pub(crate) counts: &'a Plane<u32>,
     /// Samples per pixel until the image is hidden at k; `None` without a sensor.
     pub(crate) targets: &'a dyn Fn(f64) -> Option<Plane<f32>>,
-    /// The level that the render shall end at.
+    /// The level at which the render ends.
     pub(crate) target: Option<f64>,
 }
 
 impl Forecast {
-    /// A forecast from what the pilot has measured; `None` without a sensor.
+    /// A forecast from the measurements of the pilot; `None` without a sensor.
     pub(crate) fn new(outlook: &ForecastInput<'_>, pace: &Throughput<'_>) -> Option<Self> {
         let ForecastInput { counts, target, .. } = *outlook;
         let mut levels: Vec<f64> = FORECAST_LEVELS.into_iter().chain(target).collect();
@@ -90,13 +91,13 @@ impl Forecast {
         Some(forecast)
     }
 
-    /// The level that the render shall end at.
+    /// The level at which the render ends.
     pub fn target(&self) -> Option<&ForecastLevel> {
         self.levels.iter().find(|l| Some(l.k) == self.target)
     }
 }
 
-/// The work of the samples that are missing, in samples of mean cost.
+/// The work of the missing samples, in samples of mean cost.
 fn work(targets: &Plane<f32>, counts: &Plane<u32>, costs: &CostMap) -> f64 {
     let grid = costs.grid();
     let width = targets.width() as usize;

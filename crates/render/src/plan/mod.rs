@@ -1,8 +1,8 @@
-//! The allocation of the samples of a render, and the decision to end it: both from its film, between rounds.
+//! The allocation of the samples of a render, and the decision to end it. Both use its film, between rounds.
 //!
-//! The plan is made once, from a uniform pilot. The number of samples of a pixel depends only on its neighbours. The
-//! mean of the pixel is therefore unbiased: the number of its samples does not depend on their values, apart from the
-//! common level of all pixels. Later samples only determine how far that level has to rise.
+//! The plan is computed once, from a uniform pilot. The number of samples of a pixel depends only on its neighbours.
+//! The mean of the pixel is therefore unbiased: the number of its samples does not depend on their values, apart from
+//! the common level of all pixels. Later samples only determine the final level.
 
 pub(crate) mod extrapolation;
 pub(crate) mod forecast;
@@ -21,16 +21,15 @@ use dunkelfeld_adaptive::weights::{self, Pilot, Shares, Strategy};
 use dunkelfeld_film::{Film, Plane};
 use serde::{Deserialize, Serialize};
 
-/// A pilot that waits for its size begins with so many samples per pixel: one for each batch of the film.
+/// First number of samples per pixel of a pilot whose size is not yet determined: one for each batch of the film.
 pub(crate) const FIRST_LOOK: u32 = dunkelfeld_film::BATCHES as u32;
-/// It grows at most by this factor from one estimate to the next: an estimate from few samples is too uncertain for
-/// more.
+/// Largest growth of the pilot between two estimates. An estimate from few samples is too uncertain for more.
 const GROWTH: f64 = 2.0;
-/// It ends with this share of the estimated remaining samples, rounded down to a power of two. With less, forecasts are
-/// off by more than a fifth (`docs/accuracy.md`). Its samples are the same number in each pixel.
+/// The pilot ends with this share of the estimated remaining samples, rounded down to a power of two. With less,
+/// forecasts have an error of more than a fifth (`docs/accuracy.md`). It has the same number of samples in each pixel.
 const PILOT_SHARE: f64 = 0.2;
-/// Lower bound of a pixel's share, as a part of the pilot's samples. The neighbours of a pixel may show no noise in the
-/// pilot, and later samples may show some. Such a pixel needs samples too.
+/// Lower bound of a pixel's share, as a part of the pilot's samples. The neighbours of a pixel may have no noise in the
+/// pilot, but noise in later samples. Such a pixel also needs samples.
 const MIN_PILOT_SHARE: f64 = 0.1;
 
 /// The inputs of a decision.
@@ -45,13 +44,13 @@ pub(crate) struct State<'a> {
 pub(crate) enum NoiseVerdict {
     /// The noise is hidden.
     Hidden,
-    /// The pilot should have so many samples per pixel before a plan is made.
+    /// The pilot needs this number of samples per pixel before the plan.
     GrowPilot(u32),
-    /// The noise will be hidden after so many samples of the whole image, by the estimate.
+    /// Estimated number of samples of the whole image until the noise is hidden.
     After(f64),
 }
 
-/// The plan of a render in the making.
+/// The planner of a render.
 pub(crate) struct Planner<'a> {
     settings: &'a RenderSettings,
     shares: Shares,
@@ -105,10 +104,10 @@ impl<'a> Planner<'a> {
         (self.shares.weights, self.forecast)
     }
 
-    /// Makes the plan from the pilot. Returns a forecast, behind a sensor.
+    /// Computes the plan from the pilot. With a sensor, it returns a forecast.
     ///
     /// # Errors
-    /// A sensor whose ranges the exposure leaves.
+    /// An exposure outside the ranges of the sensor.
     pub(crate) fn plan(&mut self, state: State<'_>, pace: &Throughput<'_>) -> Result<Option<&Forecast>, Error> {
         let (eye, image) = self.exposed(&state.film.sums)?;
         let is_measured = eye.sensor.is_some() || self.settings.strategy().needs_noise();
@@ -130,11 +129,11 @@ impl<'a> Planner<'a> {
         Ok((eye, image))
     }
 
-    /// Compares the image with the noise level at which the render ends. Makes the plan once the pilot suffices, and
+    /// Compares the image with the noise level at which the render ends. Computes the plan once the pilot suffices, and
     /// then reports the forecast.
     ///
     /// # Errors
-    /// A sensor whose ranges the exposure leaves.
+    /// An exposure outside the ranges of the sensor.
     pub(crate) fn judge(
         &mut self,
         k: f64,
@@ -160,7 +159,7 @@ impl<'a> Planner<'a> {
         let said = required_samples.map_or(f64::INFINITY, |n| total(&n.if_weighted(state.counts, weights)));
         let said = said / state.counts.data().len() as f64;
         self.state.trend.note(spp, said);
-        // A pilot that is to have 20 samples has 16: see below.
+        // A pilot with a target of 20 samples has 16: see below.
         let is_whole = 2.0 * spp > f64::from(self.settings.pilot_spp);
         if is_hidden && is_whole {
             return Ok(NoiseVerdict::Hidden);
@@ -184,7 +183,7 @@ impl<'a> Planner<'a> {
         Ok(NoiseVerdict::After(needed))
     }
 
-    /// Fixes the shares for good, and makes the forecast.
+    /// Fixes the shares for the rest of the render, and computes the forecast.
     fn fix(
         &mut self,
         eye: &SignalModel,
@@ -197,7 +196,7 @@ impl<'a> Planner<'a> {
         let required_samples =
             sight.filter(|_| strategy == Strategy::Sensor).and_then(|s| s.planned(target.unwrap_or(DEFAULT_TARGET)));
         let shares = match (&required_samples, target, strategy) {
-            // Every pixel comes nearer to its need in step with the others, so that all are hidden at the same time.
+            // All pixels approach their required samples in proportion, so that all are hidden at the same time.
             (Some(required_samples), Some(_), Strategy::Sensor) => {
                 Shares::from_weights(required_samples.shares(least(state.counts)))
             }
@@ -205,11 +204,9 @@ impl<'a> Planner<'a> {
                 luminance: &image,
                 white: eye.white,
                 sobel_floor: self.settings.sobel_floor,
-                measured: sight.and_then(|s| s.expected.as_ref()).map(|expected| weights::MeasuredNoise {
-                    expected,
-                    required_samples: required_samples.as_ref(),
-                    // What a sample costs is known by the clock alone, and the clock has no say in where samples go.
-                }),
+                measured: sight
+                    .and_then(|s| s.expected.as_ref())
+                    .map(|expected| weights::MeasuredNoise { expected, required_samples: required_samples.as_ref() }),
             }),
         };
         // The forecast needs the memory.
@@ -221,8 +218,8 @@ impl<'a> Planner<'a> {
         self.state.is_made = true;
     }
 
-    /// Samples per pixel after which the image is hidden at `k` by the strategy of the render, by the estimate. `None`
-    /// without a sensor. Shares are planned from the neighbours. The total follows from the variance that is certified.
+    /// Estimated samples per pixel until the image is hidden at `k` with the strategy of the render. `None` without a
+    /// sensor. Shares are planned from the neighbours. The total follows from the variance that is certified.
     fn targets(&self, sight: &PilotNoise<'_>, k: f64, counts: &Plane<u32>, weights: &Plane<f32>) -> Option<Plane<f32>> {
         let required_samples = sight.measured.needs_by(&sight.own, k)?;
         let targets = match self.settings.strategy() {
@@ -237,7 +234,7 @@ impl<'a> Planner<'a> {
     }
 }
 
-/// The fewest samples that a pixel counts for after a pilot of so many.
+/// Lower bound of the required samples of a pixel after a pilot of this size.
 fn least(counts: &Plane<u32>) -> f32 {
     (MIN_PILOT_SHARE * mean_count(counts)) as f32
 }
@@ -251,7 +248,7 @@ fn mean_count(counts: &Plane<u32>) -> f64 {
 struct PilotNoise<'a> {
     /// From the pixels themselves.
     measured: FilmNoise<'a>,
-    /// For plans: from the neighbours of each pixel. None where a plan does not depend on noise.
+    /// For plans: from the neighbours of each pixel. `None` where a plan does not depend on noise.
     expected: Option<Plane<PredictedNoise>>,
     /// For the certificate.
     own: Plane<PixelNoise>,
@@ -259,7 +256,7 @@ struct PilotNoise<'a> {
 
 impl<'a> PilotNoise<'a> {
     fn new(measured: FilmNoise<'a>, own: Plane<PixelNoise>, strategy: Strategy) -> Self {
-        // A strategy for the least variance of the image's mean does not use the sensor.
+        // A strategy that minimises the variance of the image's mean does not use the sensor.
         let sensor = measured.sensor.filter(|_| strategy != Strategy::Variance);
         let expected = strategy.needs_noise().then(|| measured.expected(sensor));
         Self { measured, expected, own }

@@ -1,8 +1,9 @@
 //! One round of samples on all threads.
 //!
-//! A round is given as new samples per pixel. Threads take units of work (a tile, or a share of a tile's samples), add
-//! them up apart, and a tile goes onto the film when all of its units are done, and not before: whatever happens, the samples
-//! of a pixel are always the first n. Sums are exact, so it does not matter who finishes first.
+//! A round is given as new samples per pixel. Threads take units of work, which are a tile or a share of a tile's
+//! samples, and sum each unit separately. A tile is added to the film when all of its units are done. So the samples of
+//! a pixel are always the first n, also after an interruption. Sums are exact, so the order of the threads does not
+//! matter.
 
 pub(crate) mod pass;
 
@@ -19,7 +20,7 @@ use std::time::{Duration, Instant};
 
 /// Pixels along the side of a tile.
 pub const TILE: u32 = Film::TILE;
-/// At most so many invalid samples are remembered by name.
+/// Maximum number of invalid samples that are stored by name.
 pub(crate) const MAX_LISTED: usize = 16;
 /// Samples between two checks of the clock and the switch.
 const CHECK_EVERY: u32 = 64;
@@ -30,10 +31,10 @@ const REPORT_EVERY_MS: u64 = 100;
 pub(crate) struct ProgressReporter<'a> {
     pub(crate) sink: &'a dyn Progress,
     pub(crate) started: Instant,
-    /// Limits that progress is a fraction of: seconds and samples.
+    /// Limits for the fraction of progress: seconds and samples.
     pub(crate) seconds: Option<f64>,
     pub(crate) samples: Option<u64>,
-    /// Expected samples until the noise is hidden. Zero as long as there is no forecast.
+    /// Expected samples until the noise is hidden. Zero before the forecast.
     expected: AtomicU64,
     taken: AtomicU64,
     last_report_ms: AtomicU64,
@@ -85,26 +86,26 @@ impl<'a> ProgressReporter<'a> {
 /// The inputs of a round.
 pub(crate) struct RoundWork<'a> {
     pub(crate) estimator: &'a Estimator<'a>,
-    /// Samples that each pixel has, and that it is to get.
+    /// Samples of each pixel before the round, and its target.
     pub(crate) counts: &'a Plane<u32>,
     pub(crate) increment: &'a Plane<u32>,
     pub(crate) units: &'a [WorkUnit],
     pub(crate) costs: &'a CostMap,
-    /// Units that have not begun by now are left out.
+    /// Time after which no unit begins.
     pub(crate) deadline: Option<Instant>,
-    /// Units that are not done by now are given up, and their tiles' samples of this round with them: it takes a pixel that
-    /// costs more than any map could foresee.
+    /// Time at which unfinished units are abandoned, with the samples of their tiles in this round. This needs a pixel
+    /// whose cost no cost map could predict.
     pub(crate) abort_at: Option<Instant>,
     pub(crate) cancel: &'a Cancel,
     pub(crate) stage: Stage,
-    /// Who stores the film on the way, and what belongs to it.
+    /// The checkpoint that stores the film during the round, and its further data.
     pub(crate) writer: Option<(&'a CheckpointWriter, Snapshot<'a>)>,
 }
 
 /// The result of a round.
 #[derive(Debug, Default)]
 pub(crate) struct RoundResult {
-    /// Per tile that was finished: index, samples, thread seconds.
+    /// For each finished tile: index, samples, thread seconds.
     pub(crate) tiles: Vec<(usize, u64, f64)>,
     /// Samples that reached the film.
     pub(crate) samples: u64,
@@ -112,15 +113,15 @@ pub(crate) struct RoundResult {
     pub(crate) invalid: Vec<PixelSample>,
     /// Connections through covers, of all samples that reached the film.
     pub(crate) connections: ConnectionTally,
-    /// Did the memory not suffice? The round ended early then.
+    /// Was there not enough memory? The round ended early then.
     pub(crate) out_of_memory: bool,
 }
 
-/// A tile on its way: the sums of its finished units.
+/// An unfinished tile: the sums of its finished units.
 #[derive(Default)]
 struct PartialTile {
-    /// Of the pixels with new samples, each with its number in the tile; a pixel comes once for each unit. Empty as soon as they are on
-    /// the film.
+    /// Sums of the pixels with new samples, each with its number in the tile. A pixel occurs once for each unit. Empty
+    /// after they are added to the film.
     sums: Vec<TileSum>,
     units_done: u32,
     seconds: f64,
@@ -130,13 +131,13 @@ struct PartialTile {
 /// Number of a pixel in its tile, and its new samples.
 type TileSum = (u32, PixelSums);
 
-/// The film while a round is under way: rows of tiles, one lock each.
+/// The film during a round: rows of tiles, one lock each.
 struct TileWriter<'a> {
     rows: Vec<Mutex<&'a mut TileRow>>,
     grid: TileGrid,
 }
 
-/// Why a tile could not be added to the film.
+/// The reason for a tile that could not be added to the film.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum CanvasFault {
     /// A thread that held the lock of its row has failed.
@@ -150,7 +151,7 @@ impl<'a> TileWriter<'a> {
         Self { rows: film.tile_rows_mut().iter_mut().map(Mutex::new).collect(), grid }
     }
 
-    /// Adds all sums of a tile, those of all of its units together, so that a copy holds all of them or none.
+    /// Adds all sums of a tile at once, from all of its units. So a copy contains all of them or none.
     fn add<'b>(&self, tile: usize, sums: impl Iterator<Item = &'b TileSum>) -> Result<(), CanvasFault> {
         let rect = self.grid.rect(tile);
         let mut row = self.rows[(rect.y0 / TILE) as usize].lock().map_err(|_| CanvasFault::Poisoned)?;
@@ -159,8 +160,8 @@ impl<'a> TileWriter<'a> {
         row.add((rect.x0 / TILE) as usize, sums).map_err(|_| CanvasFault::OutOfMemory)
     }
 
-    /// Copies rows of pixels, with tiles as they are when they are finished or as they were before: a film that a later process can go on
-    /// from. Rows on which a thread has failed are left out.
+    /// Copies rows of pixels, with each tile as it is when finished or as it was before. A later process can continue
+    /// from this film. Rows on which a thread has failed are left out.
     fn copy(&self, rows: Range<u32>, out: &mut Vec<PixelSums>) {
         for band in rows.start / TILE..rows.end.div_ceil(TILE) {
             let Ok(row) = self.rows[band as usize].lock() else { return };
@@ -170,14 +171,15 @@ impl<'a> TileWriter<'a> {
     }
 }
 
-/// Renders a round onto the film, on the threads of the current pool.
+/// Renders a round and adds it to the film, on the threads of the current pool.
 pub(crate) fn run(film: &mut Film, work: &RoundWork<'_>, reporter: &ProgressReporter<'_>) -> RoundResult {
     let grid = work.costs.grid();
     let canvas = TileWriter::new(film, grid);
     let pending: Vec<Mutex<PartialTile>> = (0..grid.len()).map(|_| Mutex::default()).collect();
     let (finished, invalid) = (Mutex::new(RoundResult::default()), Mutex::new(Vec::new()));
     let (next, out_of_memory) = (AtomicU64::new(0), AtomicBool::new(false));
-    // One long-lived task per thread that takes the next unit: the dearest first, as they were cut.
+    // Each thread has one long task, which takes the next unit. The most expensive units are first, as they were
+    // divided.
     (0..rayon::current_num_threads()).into_par_iter().for_each(|_| {
         let mut sums = Vec::new();
         loop {
@@ -211,7 +213,7 @@ pub(crate) fn run(film: &mut Film, work: &RoundWork<'_>, reporter: &ProgressRepo
                 finished.connections.add(&tile.connections);
             }
             drop(tile);
-            // Only a finished tile makes a difference to the film.
+            // Only a finished tile changes the film.
             if let Some((writer, snapshot)) = work.writer.filter(|_| is_finished) {
                 let mut rows = |rows: Range<u32>, out: &mut Vec<PixelSums>| canvas.copy(rows, out);
                 writer.keep_if_due(snapshot, work.deadline, &mut rows);
@@ -227,8 +229,8 @@ pub(crate) fn run(film: &mut Film, work: &RoundWork<'_>, reporter: &ProgressRepo
     result
 }
 
-/// Renders a unit into `sums`, in place of their content. Returns its attempted connections. `None` if it was cut
-/// short.
+/// Renders a unit into `sums`, whose content is replaced. Returns its attempted connections. `None` if it was
+/// abandoned.
 fn render_unit(
     work: &RoundWork<'_>,
     unit: &WorkUnit,
@@ -281,13 +283,13 @@ fn name_invalid(invalid: &Mutex<Vec<PixelSample>>, at: PixelSample) {
     }
 }
 
-/// The moment at which units are given up: half the tolerated overrun past the deadline.
+/// The time at which units are abandoned: half the tolerated overrun past the deadline.
 pub(crate) fn abort_at(deadline: Option<Instant>, seconds: Option<f64>) -> Option<Instant> {
     let grace = (0.01 * seconds?).max(0.1);
     deadline?.checked_add(Duration::try_from_secs_f64(grace).ok()?)
 }
 
-/// The moment at which units are no longer begun.
+/// The time after which no unit begins.
 pub(crate) fn deadline(started: Instant, seconds: Option<f64>, closing: f64) -> Option<Instant> {
     let left = (seconds? - closing).max(0.0);
     started.checked_add(Duration::try_from_secs_f64(left).ok()?)
@@ -299,7 +301,8 @@ mod tests {
     use dunkelfeld_film::Sample;
     use dunkelfeld_radiometry::Rgb;
 
-    /// A film whose last tiles are cut off by its right and lower edge: each pixel is met once, where it belongs.
+    /// A film whose last tiles are cut off by its right and lower edge. Each pixel is visited once, at its own
+    /// position.
     #[test]
     fn tiles_come_to_lie_in_their_places_and_are_copied_row_by_row() {
         let (width, height) = (2 * TILE + 5, TILE + 3);

@@ -1,12 +1,12 @@
 //! Amount of work per pass of a round.
 
-/// Time limit of a tile until it is added to the film [s]. Checkpoints contain only finished tiles, so they are this
-/// much behind.
+/// Time limit of a tile until it is added to the film [s]. Checkpoints contain only finished tiles, so this is their
+/// delay.
 const SECONDS: f64 = 0.5;
 /// Samples of a pixel in the first pass, when their cost is unknown.
 const FIRST: u32 = 16;
 
-/// Maximum number of samples of a pixel in the next pass of a round. It depends on the clock, and no bit of a result
+/// Maximum number of samples of a pixel in the next pass of a round. It depends on the clock. No bit of a result
 /// depends on it.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Stride(u32);
@@ -37,7 +37,8 @@ impl Stride {
 mod tests {
     use super::*;
 
-    /// Whatever a sample costs, tiles soon take about as long as they may; where a single one takes longer, a pass has one.
+    /// For any cost of a sample, the time of a tile soon approaches its limit. Where a single sample takes longer, a
+    /// pass has one.
     #[test]
     fn passes_come_to_take_as_long_as_they_may() {
         for (seconds_per_sample, least, most) in

@@ -5,16 +5,16 @@ use dunkelfeld_io::lock::TargetLock;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// Default of the seconds between two checkpoints.
+/// Default of the interval between two checkpoints [s].
 pub const DEFAULT_CHECKPOINT_SECONDS: f64 = 30.0;
 /// Path and interval at which a render stores its state.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CheckpointSettings {
-    /// The file. If it exists, the render is taken up where the file leaves it.
+    /// The file. If it exists, the render continues from it.
     pub path: PathBuf,
-    /// Seconds between two checkpoints at least.
+    /// Minimum interval between two checkpoints [s].
     pub seconds: f64,
-    /// The lock of the file, if it was taken already ([`Self::lock`]); a render takes it otherwise, until it ends.
+    /// The lock of the file, if it is already held ([`Self::lock`]). Otherwise a render takes it, until it ends.
     pub lock: Option<Arc<TargetLock>>,
 }
 
@@ -33,10 +33,10 @@ impl CheckpointSettings {
         Self { path: path.into(), seconds: DEFAULT_CHECKPOINT_SECONDS, lock: None }
     }
 
-    /// Takes the lock of the file, so that no other process writes it as long as these settings or a copy of them exist.
+    /// Takes the lock of the file. No other process writes the file while these settings or a copy of them exist.
     ///
     /// # Errors
-    /// Another process has it, or the file cannot be written.
+    /// Another process holds it, or the file cannot be written.
     pub fn lock(&mut self) -> Result<(), Error> {
         self.lock = Some(Arc::new(lock(&self.path)?));
         Ok(())

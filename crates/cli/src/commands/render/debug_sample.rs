@@ -60,7 +60,7 @@ fn rgb(c: Rgb) -> String {
     format!("{:e} {:e} {:e}", c.r, c.g, c.b)
 }
 
-/// A connection through a cover: its chain, what it took to find it, and what it brought.
+/// A connection through a cover: its chain of interfaces, the number of shots, and its contribution.
 fn connection(c: &TraceConnection) -> String {
     let (chain, cover, p) = (c.chain, c.cover, c.probability);
     let shots = if c.shots == 1 { "1 shot".into() } else { format!("{} shots", c.shots) };
@@ -72,7 +72,7 @@ fn connection(c: &TraceConnection) -> String {
     format!("{chain:?} through cover {cover}, sampled with probability {p}, {shots}, {found}")
 }
 
-/// The lobe that a direction was drawn from, in words.
+/// The name of the lobe that a direction was drawn from.
 fn lobe(lobe: Lobe) -> String {
     let words = [
         (Lobe::CLEARCOAT, "clearcoat"),

@@ -108,7 +108,7 @@ fn summary(project: &Project, s: &Stats) -> String {
     text
 }
 
-/// The exposure of the sensor, and how well the render's noise is hidden beneath the sensor's: a line each.
+/// The exposure of the sensor, and the ratio of the render's noise to the sensor's: one line each.
 pub(crate) fn as_seen(s: &Stats) -> String {
     let mut text = String::new();
     if let Some(sensor) = &s.sensor {
@@ -148,7 +148,7 @@ fn certificate(c: &CertificateStats) -> String {
     )
 }
 
-/// Where noise-matched exposure holds, in one line.
+/// The share of pixels where noise-matched exposure holds, in one line.
 fn matched(share: f64) -> String {
     // A share just below one is not printed as all.
     let percent = (1000.0 * share).floor() / 10.0;
