@@ -174,11 +174,11 @@ impl CostMap {
             // No more parts than samples of the busiest pixel: further parts would be empty.
             let parts = ((factor * cost / largest).ceil() as u32).clamp(1, most);
             let cost = cost / f64::from(parts);
-            let unit = |part| WorkUnit { tile, part, parts, samples, cost, feared: factor * cost };
+            let unit = |part| WorkUnit { tile, part, parts, samples, cost, upper_cost: factor * cost };
             units.extend((0..parts).map(unit));
         }
         // A stable sort: equal costs keep the order of the tiles.
-        units.sort_by(|a, b| b.feared.total_cmp(&a.feared));
+        units.sort_by(|a, b| b.upper_cost.total_cmp(&a.upper_cost));
         units
     }
 }
@@ -212,7 +212,7 @@ pub struct WorkUnit {
     pub cost: f64,
     /// Cost of this part in the worst case, in which the busiest pixel causes the whole cost of its tile. Never less
     /// than [`Self::cost`].
-    pub feared: f64,
+    pub upper_cost: f64,
 }
 
 impl WorkUnit {
@@ -230,8 +230,8 @@ pub fn makespan(units: &[WorkUnit], threads: usize) -> f64 {
 }
 
 /// The same with the worst-case cost of the units.
-pub fn feared_makespan(units: &[WorkUnit], threads: usize) -> f64 {
-    span(units, threads, |unit| unit.feared)
+pub fn upper_makespan(units: &[WorkUnit], threads: usize) -> f64 {
+    span(units, threads, |unit| unit.upper_cost)
 }
 
 fn span(units: &[WorkUnit], threads: usize, cost: impl Fn(&WorkUnit) -> f64) -> f64 {
@@ -294,13 +294,13 @@ mod tests {
     fn a_pixel_that_gets_more_of_its_tile_than_ever_is_taken_to_be_dear_until_it_is_measured() {
         let mut map = CostMap::new(TileGrid::new(32, 16, 16));
         let even = Plane::new(32, 16, 40);
-        let cost_of = |units: &[WorkUnit]| feared_makespan(units, 1);
+        let cost_of = |units: &[WorkUnit]| upper_makespan(units, 1);
         assert!((cost_of(&map.cut(&even, 1)) / 20_480.0 - 1.0).abs() < 1e-9, "nothing is said of an even round");
         map.record(&[(0, 10_240, 1.0), (1, 10_240, 1.0)]);
         let one = Plane::from_fn(32, 16, |x, y| if (x, y) == (20, 3) { 1000 } else { 0 });
         // The pixel had a 256th of the samples.
-        let feared = cost_of(&map.cut(&one, 1));
-        assert!((feared / 256_000.0 - 1.0).abs() < 0.05, "{feared}");
+        let upper_cost = cost_of(&map.cut(&one, 1));
+        assert!((upper_cost / 256_000.0 - 1.0).abs() < 0.05, "{upper_cost}");
         for _ in 0..3 {
             map.cut(&one, 1);
             map.record(&[(0, 1000, 0.1), (1, 1000, 0.1)]);
@@ -329,7 +329,8 @@ mod tests {
             for (first, count) in [(0, 0), (16, 1), (5, 47), (100, 1_000_003)] {
                 let mut next = first;
                 for part in 0..parts {
-                    let r = WorkUnit { tile: 0, part, parts, samples: 0, cost: 0.0, feared: 0.0 }.range(first, count);
+                    let r =
+                        WorkUnit { tile: 0, part, parts, samples: 0, cost: 0.0, upper_cost: 0.0 }.range(first, count);
                     assert_eq!(r.start, next);
                     next = r.end;
                 }
@@ -347,14 +348,14 @@ mod tests {
         let increment = Plane::from_fn(128, 128, |x, y| if (x, y) == (20, 20) { 1_638_400 } else { 1 });
         for threads in [1, 2, 7] {
             let units = map.cut(&increment, threads);
-            assert!(units.windows(2).all(|w| w[0].feared >= w[1].feared));
+            assert!(units.windows(2).all(|w| w[0].upper_cost >= w[1].upper_cost));
             let mut parts_of = vec![0; grid.len()];
             units.iter().for_each(|u| parts_of[u.tile] += 1);
             assert!(units.iter().all(|u| parts_of[u.tile] == u.parts));
             assert!(parts_of.iter().all(|&p| p > 0), "every tile has samples");
-            let whole: f64 = units.iter().map(|u| u.feared).sum();
+            let whole: f64 = units.iter().map(|u| u.upper_cost).sum();
             let ideal = whole / threads as f64;
-            let end = feared_makespan(&units, threads);
+            let end = upper_makespan(&units, threads);
             assert!(end >= ideal * (1.0 - 1e-12) && end <= 1.05 * ideal, "{threads} threads: {end} against {ideal}");
         }
     }

@@ -77,7 +77,7 @@ fn deal(
         let increment = plan::increment(taken, &next);
         let units = map.cut(&increment, THREADS);
         let work = tile_cost::makespan(&units, THREADS);
-        match schedule.trimmed(samples, tile_cost::feared_makespan(&units, THREADS)) {
+        match schedule.trimmed(samples, tile_cost::upper_makespan(&units, THREADS)) {
             Some(fewer) => samples = fewer,
             None => return Dealt { samples, next, increment, units, work },
         }

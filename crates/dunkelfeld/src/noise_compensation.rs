@@ -62,8 +62,8 @@ pub(crate) struct CompensationInputs {
 
 impl CompensationInputs {
     pub(crate) fn from_noise(measured: &FilmNoise<'_>) -> Self {
-        let told = measured.without_outliers();
-        Self { variance: told.map(|t| t.1), is_rare: told.map(|t| t.0) }
+        let variances = measured.without_outliers();
+        Self { variance: variances.map(|t| t.1), is_rare: variances.map(|t| t.0) }
     }
 
     /// The pixels where the method holds, for a sensor with these mean electrons.

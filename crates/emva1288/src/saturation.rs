@@ -60,7 +60,7 @@ fn by_share(data: &Ordered<'_>) -> Option<(f64, f64)> {
     let dark_growth = (data.dark[above.dark].pair.mean.value - dark_mean) / (high - low);
     let slope = (below.level.pair.mean.value - dark_mean) / low + dark_growth;
     let width = below.level.pair.spread.sqrt() / slope;
-    let told = |i: usize| {
+    let candidate = |i: usize| {
         let (s, n) = (shares[i], 2.0 * data.bright[i].level.pair.pixels as f64);
         (s * n >= MIN_COUNT && s <= 0.5).then(|| {
             let z = normal.inverse_cdf(s);
@@ -71,7 +71,7 @@ fn by_share(data: &Ordered<'_>) -> Option<(f64, f64)> {
             (at.clamp(low, high), width * counting.hypot(drift))
         })
     };
-    let best = [first - 1, first].into_iter().filter_map(told).min_by(|a, b| a.1.total_cmp(&b.1));
+    let best = [first - 1, first].into_iter().filter_map(candidate).min_by(|a, b| a.1.total_cmp(&b.1));
     Some(best.unwrap_or((0.5 * (low + high), (high - low) / 12f64.sqrt())))
 }
 

@@ -15,7 +15,7 @@ use crate::settings::{DEFAULT_SPP, RenderSettings};
 use crate::validate::validate;
 use dunkelfeld_adaptive::budget::{Limits, Phase, Schedule, Settings, Step, StopReason};
 use dunkelfeld_adaptive::plan;
-use dunkelfeld_adaptive::tile_cost::{CostMap, TileGrid, WorkUnit, feared_makespan, makespan};
+use dunkelfeld_adaptive::tile_cost::{CostMap, TileGrid, WorkUnit, makespan, upper_makespan};
 use dunkelfeld_film::{Film, Plane};
 use dunkelfeld_integrator::{ConnectionTally, Estimator, Label, PixelSample, label};
 use dunkelfeld_scene::{Camera, RayGenerator, Scene};
@@ -478,7 +478,7 @@ impl<'a> Renderer<'a> {
                 return target;
             }
             let units = self.costs.cut(&plan::increment(&self.counts, &target), self.session.threads());
-            match schedule.trimmed(samples, feared_makespan(&units, self.session.threads())) {
+            match schedule.trimmed(samples, upper_makespan(&units, self.session.threads())) {
                 Some(fewer) => samples = fewer,
                 None => return target,
             }

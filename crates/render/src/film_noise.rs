@@ -6,7 +6,7 @@ use crate::settings::SensorChoice;
 use dunkelfeld_adaptive::certificate::{Certificate, Claim, certify as certify_pixels};
 use dunkelfeld_adaptive::required_samples::{RequiredSamples, SensorNoise, required_samples};
 use dunkelfeld_adaptive::variance::inputs::{NoiseInputs, SensorVarianceRange, pixel_features};
-use dunkelfeld_adaptive::variance::neighbours::{PredictedNoise, predicted_noise_row, told};
+use dunkelfeld_adaptive::variance::neighbours::{PredictedNoise, neighbour_noise, predicted_noise_row};
 use dunkelfeld_adaptive::variance::pixel::{BLOCK, pixel_noise_of_blocks};
 use dunkelfeld_adaptive::variance::pooled::{PixelNoise, noise_row};
 use dunkelfeld_film::{Film, PixelSums, Plane, Scatter};
@@ -231,8 +231,11 @@ impl<'a> FilmNoise<'a> {
     pub fn expected(&self, sensor: Option<SensorNoise>) -> Plane<PredictedNoise> {
         let unknown = PredictedNoise { ratio: f32::INFINITY, saturated: false };
         self.by_bands(unknown, |evidence, rows| {
-            let told = told(evidence, sensor);
-            rows.into_par_iter().map(|y| predicted_noise_row(&evidence.surface, &told, y)).collect::<Vec<_>>().concat()
+            let estimates = neighbour_noise(evidence, sensor);
+            rows.into_par_iter()
+                .map(|y| predicted_noise_row(&evidence.surface, &estimates, y))
+                .collect::<Vec<_>>()
+                .concat()
         })
     }
 
@@ -286,9 +289,9 @@ impl<'a> FilmNoise<'a> {
             let width = evidence.width() as usize;
             let pixels = rows.start as usize * width..rows.end as usize * width;
             let own = &evidence.variance.data()[pixels.clone()];
-            let told = variance_without_outliers(evidence, &outliers, rows);
-            let known = |(&own, told): (&f32, f32)| if own.is_finite() { told } else { f32::INFINITY };
-            outliers.data()[pixels].iter().copied().zip(own.iter().zip(told).map(known)).collect()
+            let estimates = variance_without_outliers(evidence, &outliers, rows);
+            let known = |(&own, estimates): (&f32, f32)| if own.is_finite() { estimates } else { f32::INFINITY };
+            outliers.data()[pixels].iter().copied().zip(own.iter().zip(estimates).map(known)).collect()
         })
     }
 
@@ -351,16 +354,17 @@ fn variance_without_outliers(evidence: &NoiseInputs, is_rare: &Plane<bool>, rows
     let width = evidence.width() as usize;
     let pixels = rows.start as usize * width..rows.end as usize * width;
     let is_rare = &is_rare.data()[pixels.clone()];
-    let mut told = owned(&others, rows.clone());
+    let mut estimates = owned(&others, rows.clone());
     if is_rare.contains(&true) {
         let all = owned(evidence, rows);
-        told.iter_mut()
+        estimates
+            .iter_mut()
             .zip(all)
             .zip(is_rare)
             .filter(|(_, outliers)| **outliers)
-            .for_each(|((told, all), _)| *told = all);
+            .for_each(|((estimates, all), _)| *estimates = all);
     }
-    told.iter().zip(&evidence.counts.data()[pixels]).map(|(noise, &n)| noise.of_mean(n)).collect()
+    estimates.iter().zip(&evidence.counts.data()[pixels]).map(|(noise, &n)| noise.of_mean(n)).collect()
 }
 
 #[cfg(test)]

@@ -62,7 +62,7 @@ pub struct PredictedNoise {
 ///
 /// # Panics
 /// If the planes differ in size.
-pub fn told(evidence: &NoiseInputs, sensor: Option<SensorNoise>) -> Plane<NeighbourNoise> {
+pub fn neighbour_noise(evidence: &NoiseInputs, sensor: Option<SensorNoise>) -> Plane<NeighbourNoise> {
     assert!(evidence.is_consistent(), "planes differ in size");
     Plane::from_fn(evidence.width(), evidence.height(), |x, y| {
         let (n, variance) = (f64::from(*evidence.counts.at(x, y)), *evidence.variance.at(x, y));
@@ -87,25 +87,25 @@ pub fn told(evidence: &NoiseInputs, sensor: Option<SensorNoise>) -> Plane<Neighb
 /// If the planes differ in size.
 pub fn predicted_noise_row(
     surface: &Plane<PixelFeatures>,
-    told: &Plane<NeighbourNoise>,
+    neighbours: &Plane<NeighbourNoise>,
     y: u32,
 ) -> Vec<PredictedNoise> {
-    assert_eq!((surface.width(), surface.height()), (told.width(), told.height()), "planes differ in size");
+    assert_eq!((surface.width(), surface.height()), (neighbours.width(), neighbours.height()), "planes differ in size");
     let weights = Weights::new();
-    (0..told.width()).map(|x| expected_at(surface, told, &weights, x, y)).collect()
+    (0..neighbours.width()).map(|x| expected_at(surface, neighbours, &weights, x, y)).collect()
 }
 
 /// The predicted noise of all pixels.
 pub fn expected(evidence: &NoiseInputs, sensor: Option<SensorNoise>) -> Plane<PredictedNoise> {
-    let told = told(evidence, sensor);
-    let rows = (0..told.height()).flat_map(|y| predicted_noise_row(&evidence.surface, &told, y)).collect();
+    let neighbours = neighbour_noise(evidence, sensor);
+    let rows = (0..neighbours.height()).flat_map(|y| predicted_noise_row(&evidence.surface, &neighbours, y)).collect();
     let unknown = PredictedNoise { ratio: f32::INFINITY, saturated: false };
-    Plane::from_vec(told.width(), told.height(), rows).unwrap_or_else(|| told.map(|_| unknown))
+    Plane::from_vec(neighbours.width(), neighbours.height(), rows).unwrap_or_else(|| neighbours.map(|_| unknown))
 }
 
 fn expected_at(
     surface: &Plane<PixelFeatures>,
-    told: &Plane<NeighbourNoise>,
+    neighbours: &Plane<NeighbourNoise>,
     weights: &Weights,
     x: u32,
     y: u32,
@@ -115,11 +115,11 @@ fn expected_at(
     let (mut alike, mut anything) = (Sums::default(), Sums::default());
     // Numbers of adjacent pixels, and of saturated ones among them.
     let (mut around, mut saturated) = (0, 0);
-    let columns = x.saturating_sub(REACH)..(x + REACH + 1).min(told.width());
-    for ny in y.saturating_sub(REACH)..(y + REACH + 1).min(told.height()) {
+    let columns = x.saturating_sub(REACH)..(x + REACH + 1).min(neighbours.width());
+    for ny in y.saturating_sub(REACH)..(y + REACH + 1).min(neighbours.height()) {
         for nx in columns.clone().filter(|&nx| (nx, ny) != (x, y)) {
             let (dx, dy) = (nx.abs_diff(x), ny.abs_diff(y));
-            let other = told.at(nx, ny);
+            let other = neighbours.at(nx, ny);
             if dx.max(dy) <= 1 {
                 around += 1;
                 saturated += u32::from(*other == NeighbourNoise::Saturated);

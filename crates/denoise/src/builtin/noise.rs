@@ -69,15 +69,15 @@ fn variances_anywhere(image: &Image<'_>, tile: &Tile) -> Vec<[f32; 3]> {
             }
         }
         pooled.extend((0..tile.width).map(|x| {
-            let believed = |c: usize| {
+            let variance = |c: usize| {
                 let (own, color) = (own[c][p + x], patch.color[c][p + x]);
                 let (noise, square) = (noise[c][x], squares[c][x]);
                 let around = if total[x] > 0.0 { noise / total[x] } else { own };
                 let in_proportion = if square > 0.0 { (noise / square * color * color).min(noise) } else { 0.0 };
-                let believed = 0.5 * (own + around.max(PROPORTION * in_proportion));
-                believed.max((ROUNDING * color).powi(2)).max(f32::MIN_POSITIVE)
+                let variance = 0.5 * (own + around.max(PROPORTION * in_proportion));
+                variance.max((ROUNDING * color).powi(2)).max(f32::MIN_POSITIVE)
             };
-            [believed(0), believed(1), believed(2)]
+            [variance(0), variance(1), variance(2)]
         }));
     }
     pooled

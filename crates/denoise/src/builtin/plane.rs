@@ -12,7 +12,7 @@ const UNIT: f32 = 1.0 / 5.0;
 /// Penalty on squared slopes: that of this number of pixels without slope at a distance of one unit.
 const RIDGE: f32 = 0.3;
 /// A squared correction of this many times its variance from noise is applied by half.
-const DOUBT: f32 = 2.0;
+const SHRINKAGE: f32 = 2.0;
 
 /// Weighted sums over the pixels around each pixel of a tile.
 pub(super) struct Moments {
@@ -111,11 +111,11 @@ impl Moments {
             square += corrections[c] * corrections[c];
             noise += pixel[c].1 * (du * u + dv * v);
         }
-        let believed = if square > 0.0 { square / (square + DOUBT * noise) } else { 0.0 };
+        let reliability = if square > 0.0 { square / (square + SHRINKAGE * noise) } else { 0.0 };
         for (mean, correction) in means.iter_mut().zip(corrections) {
             // The correction is limited, since a plane that falls below zero or rises to twice the mean has too large a
             // slope.
-            *mean -= (believed * correction).max(-mean.abs()).min(mean.abs());
+            *mean -= (reliability * correction).max(-mean.abs()).min(mean.abs());
         }
         means
     }

@@ -325,7 +325,7 @@ impl<'a> Report<'a> {
             .collect();
         let noise = if self.r.view.has_sensor() {
             " \u{201c}As exposed\u{201d} has the sensor\u{2019}s noise as well: where the render\u{2019}s noise is hidden, such pictures \
-             can no longer be told apart."
+             cannot be distinguished any more."
         } else {
             ""
         };
