@@ -140,6 +140,7 @@ impl Progress for StopAt<'_> {
 }
 
 #[test]
+#[ignore = "long: .ci/run runs it"]
 fn a_render_goes_on_from_wherever_it_was_left_and_ends_with_the_same_bits() {
     let scene = room(8.0);
     let folder = TempDir::new().expect("a folder");
@@ -180,6 +181,7 @@ fn a_render_goes_on_from_wherever_it_was_left_and_ends_with_the_same_bits() {
 
 /// Interrupted again and again, at moments that no clock has a say in.
 #[test]
+#[ignore = "long: .ci/run runs it"]
 fn a_render_that_is_interrupted_many_times_ends_with_the_same_bits() {
     let scene = room(8.0);
     let folder = TempDir::new().expect("a folder");

@@ -266,6 +266,7 @@ fn receivers_under_a_cover() {
 }
 
 #[test]
+#[ignore = "long: .ci/run runs it"]
 fn a_scattering_thermoplastic_that_touches_the_cover() {
     let milky = |roughness: f32, ior: f32| {
         let volume = Volume {

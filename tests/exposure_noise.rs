@@ -99,6 +99,7 @@ struct Pixel {
 /// with the tails that render noise has. The bar of 3 % is six of them away from the truth; all four comparisons together
 /// fail by chance with a probability below 1e-8. Those of plain exposure are judged by 6 %.
 #[test]
+#[ignore = "long: .ci/run runs it"]
 fn frames_of_a_rendered_scene_have_the_photon_transfer_of_the_camera() {
     // Most pixels have 50 to 150 electrons, then up to 600.
     for ms in [0.17, 0.6] {

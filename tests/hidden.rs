@@ -168,16 +168,19 @@ fn compare(job: &str) {
 }
 
 #[test]
+#[ignore = "long: .ci/run runs it"]
 fn adaptive_images_of_the_inspection_scene_are_those_of_uniform_ones() {
     compare("inspection.toml");
 }
 
 #[test]
+#[ignore = "long: .ci/run runs it"]
 fn adaptive_images_of_the_flat_cover_are_those_of_uniform_ones() {
     compare("inspection-flat.toml");
 }
 
 #[test]
+#[ignore = "long: .ci/run runs it"]
 fn adaptive_images_of_the_open_panel_are_those_of_uniform_ones() {
     compare("inspection-open.toml");
 }

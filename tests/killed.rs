@@ -86,6 +86,7 @@ fn moments() -> impl Iterator<Item = usize> {
 }
 
 #[test]
+#[ignore = "long: .ci/run runs it"]
 fn a_render_that_is_killed_again_and_again_ends_with_the_same_files() {
     const KILLS: usize = 12;
     let bench = Bench::new();

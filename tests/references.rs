@@ -114,6 +114,7 @@ fn judge(name: &str, spp: f64) -> Result<Outcome, String> {
 }
 
 #[test]
+#[ignore = "long: .ci/run runs it"]
 fn images_equal_those_of_mitsuba() {
     let all = cases();
     let part = std::env::var("REFERENCE").unwrap_or_default();

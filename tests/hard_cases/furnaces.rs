@@ -87,6 +87,7 @@ fn a_rough_plate_reflects_and_transmits_what_its_facets_leave() {
 }
 
 #[test]
+#[ignore = "long: .ci/run runs it"]
 fn a_mirror_room_of_albedo_099_sums_its_series() {
     // A cube whose walls shine with 1 and reflect like a metal of F0 = 0.99. Seen along the diagonal every wall is met at
     // the same angle, so every bounce keeps F = F0 + (1 - F0)(1 - 1/sqrt 3)^5 (Schlick 1994): 1 / (1 - F), of a hundred
@@ -115,6 +116,7 @@ fn a_mirror_room_of_albedo_099_sums_its_series() {
 }
 
 #[test]
+#[ignore = "long: .ci/run runs it"]
 fn two_endless_plates_solve_their_integral_equation() {
     // Two plates 20 m wide, 1 cm apart, both shining with 1 and scattering like plastic. By symmetry the radiance depends on
     // the angle alone: L(o) = 1 + integral of f(o, i) cos i L(i). Solved by its own series, on 200 cosines.
@@ -172,6 +174,7 @@ fn in_a_white_box(add: impl Fn(&mut SceneBuilder)) -> Scene {
 }
 
 #[test]
+#[ignore = "long: .ci/run runs it"]
 fn what_does_not_absorb_is_not_seen_in_a_white_box() {
     let glass = |b: &mut SceneBuilder, ior: f32| b.add_material(clear(ior));
     let cube = |half: f32| cuboid(Vec3::splat(-half), Vec3::splat(half));

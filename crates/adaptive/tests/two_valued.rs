@@ -192,6 +192,7 @@ fn judge(probability: f64, target: f64, repeats: u64, render: impl Fn(&mut Image
 const CASES: [(f64, f64); 4] = [(0.5, 100.0), (0.2, 150.0), (0.05, 200.0), (0.02, 400.0)];
 
 #[test]
+#[ignore = "long: .ci/run runs it"]
 fn plans_by_the_neighbours_do_not_bias_and_meet_their_target() {
     for (probability, samples) in CASES {
         let target = (probability * (1.0 - probability) / samples).sqrt();
@@ -271,6 +272,7 @@ fn bias_of_budget(rule: Rule, witnesses: Witnesses, plans: u32, repeats: u64) ->
 }
 
 #[test]
+#[ignore = "long: .ci/run runs it"]
 fn one_plan_by_the_neighbours_does_not_bias_rare_light() {
     for rule in [Rule::Deviation, Rule::ForNoise] {
         let (bias, standard_error) = bias_of_budget(rule, Witnesses::Neighbours, 1, 600);
@@ -284,6 +286,7 @@ fn one_plan_by_the_neighbours_does_not_bias_rare_light() {
 
 /// The controls: a plan from the pixel's own samples loses light, and so does a plan that follows other plans.
 #[test]
+#[ignore = "long: .ci/run runs it"]
 fn plans_by_own_samples_and_plans_after_plans_bias_rare_light() {
     use Rule::{Deviation, ForNoise};
     use Witnesses::{Neighbours, Own};

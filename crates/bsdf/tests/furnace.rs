@@ -166,26 +166,31 @@ fn every_lobe_and_mix(roughness: f32) {
 }
 
 #[test]
+#[ignore = "long: .ci/run runs it"]
 fn lobes_and_mixes_of_roughness_0_1() {
     every_lobe_and_mix(ROUGHNESS[0]);
 }
 
 #[test]
+#[ignore = "long: .ci/run runs it"]
 fn lobes_and_mixes_of_roughness_0_3() {
     every_lobe_and_mix(ROUGHNESS[1]);
 }
 
 #[test]
+#[ignore = "long: .ci/run runs it"]
 fn lobes_and_mixes_of_roughness_0_5() {
     every_lobe_and_mix(ROUGHNESS[2]);
 }
 
 #[test]
+#[ignore = "long: .ci/run runs it"]
 fn lobes_and_mixes_of_roughness_0_8() {
     every_lobe_and_mix(ROUGHNESS[3]);
 }
 
 #[test]
+#[ignore = "long: .ci/run runs it"]
 fn lobes_and_mixes_of_roughness_1() {
     every_lobe_and_mix(ROUGHNESS[4]);
 }
@@ -229,6 +234,7 @@ fn loses_nothing(what: &str, bsdf: &Bsdf, wo: LocalDir, eta: f32, charts: &[Char
 }
 
 #[test]
+#[ignore = "long: .ci/run runs it"]
 fn compensated_white_metal_loses_nothing() {
     // A facet of a white metal reflects everything, so that 1 / E(wo) times the lobe integrates to one.
     for (k, roughness) in [0.05f32, 0.2, 0.4, 0.6, 0.8, 1.0].into_iter().enumerate() {
@@ -303,6 +309,7 @@ fn the_factors_are_as_exact_as_they_say() {
 }
 
 #[test]
+#[ignore = "long: .ci/run runs it"]
 fn compensated_boundaries_and_sheets_lose_nothing() {
     for (k, roughness) in [0.1f32, 0.4, 0.7, 1.0].into_iter().enumerate() {
         let alpha = roughness * roughness;
@@ -400,6 +407,7 @@ fn kept(face: &Bsdf, eta: f32, alpha: f32) -> impl Fn(LocalDir) -> f64 {
 }
 
 #[test]
+#[ignore = "long: .ci/run runs it"]
 fn a_slab_transmits_what_it_does_not_reflect() {
     let face = |alpha: f32| Bsdf::Dielectric(Dielectric::new(1.49, alpha, Rgb::WHITE, Rgb::WHITE));
     let all = |_: LocalDir| 1.0;

@@ -15,6 +15,7 @@ use std::f64::consts::PI;
 const RATE: f64 = 1e-9;
 
 #[test]
+#[ignore = "long: .ci/run runs it"]
 fn directions_follow_their_density() {
     let surfaces = wide_surfaces();
     // Normal, oblique, grazing, and from below.
@@ -42,6 +43,7 @@ fn to_local(p: [f64; 2]) -> LocalDir {
 }
 
 #[test]
+#[ignore = "long: .ci/run runs it"]
 fn facets_of_any_roughness_follow_their_density() {
     // Half vectors in units of the roughness: lobes that no grid over the sphere resolves. The left half of the square is
     // the first chart of a surface, the right half the second.

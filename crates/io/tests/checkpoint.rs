@@ -124,6 +124,7 @@ fn the_length_of_a_file_follows_from_its_head() {
 }
 
 #[test]
+#[ignore = "long: .ci/run runs it"]
 fn a_file_that_was_cut_short_or_goes_on_is_refused_at_every_length() {
     let bench = Bench::new();
     for length in (0..bench.bytes.len()).rev() {
@@ -136,6 +137,7 @@ fn a_file_that_was_cut_short_or_goes_on_is_refused_at_every_length() {
 }
 
 #[test]
+#[ignore = "long: .ci/run runs it"]
 fn every_changed_bit_is_noticed() {
     let bench = Bench::new();
     let mut bytes = bench.bytes.clone();

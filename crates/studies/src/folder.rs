@@ -1,4 +1,4 @@
-//! Keeps the folder of a study apart from the files that it reads, and from reports of other programs.
+//! Separates the folder of a study from the files that it reads, and from reports of other programs.
 
 use crate::report::page::is_page;
 use crate::series::UNITS;
@@ -8,13 +8,13 @@ use dunkelfeld_io::input::{FileIdentity, InputFile, InputFiles, ReadFault, Role}
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
-/// The page of a report, in a folder of results.
+/// Name of the page of a report, in a folder of results.
 const REPORT: &str = "report.html";
-/// Finds out whether an input lies in a folder of results, or has another name in it, and whether the page of a report would
-/// replace one that is none of this program.
+/// Checks whether an input is in a folder of results, or has another name in it, and whether the page of a report would
+/// replace a file of another program.
 ///
 /// # Errors
-/// An input does, or the page would.
+/// An input is in the folder, or the page would replace such a file.
 pub(crate) fn check_folder(folder: &Path, inputs: &InputFiles) -> Result<(), Error> {
     let report = folder.join(REPORT);
     match found_in(folder, inputs) {
@@ -39,7 +39,7 @@ pub(crate) fn check_folder(folder: &Path, inputs: &InputFiles) -> Result<(), Err
 
 /// Is there a file that is no report of this program?
 fn is_foreign(report: &Path) -> bool {
-    /// The head of a page is shorter.
+    /// The head of a page is shorter than this limit.
     const HEAD: u64 = 1024;
     match InputFiles::new().open(report, Role::Result, u64::MAX) {
         Err(ReadFault::Missing) => false,
@@ -51,13 +51,13 @@ fn is_foreign(report: &Path) -> bool {
     }
 }
 
-/// The renders of a campaign may lie behind a link.
+/// The folder of the renders of a campaign may be a link.
 fn found_in<'a>(folder: &Path, inputs: &'a InputFiles) -> Option<&'a InputFile> {
     let named = inputs.find(&FileIdentity::from_path(folder));
     named.or_else(|| inputs.find_within(folder)).or_else(|| inputs.find_within(&folder.join(UNITS)))
 }
 
-/// The usual name of a folder of results, or the next one in which no input lies: `a-bench`, `a-bench-2`.
+/// The usual name of a folder of results, or the next one that contains no input: `a-bench`, `a-bench-2`.
 pub(crate) fn free_folder(usual: PathBuf, inputs: &InputFiles) -> DefaultPath {
     let other = |number: u32| {
         let mut name = usual.clone().into_os_string();

@@ -1,4 +1,4 @@
-//! Studies: series of renders, or of frames, with an answer and a report of one page.
+//! Studies: series of renders or of frames. Each writes a report of one page.
 //!
 //! [`mod@bench`] measures noise against time for every allocation strategy and the cost of each effect. [`photon_transfer`] evaluates frames as a photon
 //! transfer curve. [`emva`] plans, writes and analyses EMVA 1288 data sets. Nothing below uses this crate.

@@ -6,7 +6,7 @@ use dunkelfeld_film::Plane;
 
 /// Share of pixels for the quantiles of the bias.
 const SHARE: f64 = 0.99;
-/// A bias is significant above so many times its own noise.
+/// Significance of a bias, in multiples of its own noise.
 const RESOLVED: f64 = 2.0;
 
 /// Is the absence of an effect detectable by the camera?
@@ -35,7 +35,7 @@ impl Verdict {
 pub(super) struct Bias {
     /// Mean over the image, without minus with, in the signal's unit.
     pub(super) mean: Estimate,
-    /// Root of the mean square of the bias over the sensor's standard deviation, its noise taken out.
+    /// Root of the mean square of the bias over the sensor's standard deviation, after subtraction of its noise.
     pub(super) rms_sigma: f64,
     /// The 99 % quantile of the absolute bias, in the signal's unit. Its noise is part of it.
     pub(super) p99: f64,
@@ -44,17 +44,17 @@ pub(super) struct Bias {
     /// The expected `p99` and `p99_sigma` without any bias.
     pub(super) noise: f64,
     pub(super) noise_sigma: f64,
-    /// Is it detectable by the camera? Without a sensor there is no answer.
+    /// Is it detectable by the camera? `None` without a sensor.
     pub(super) verdict: Option<Verdict>,
     /// The bias per pixel, in standard deviations of the sensor, or in the signal's unit without one.
     pub(super) map: Plane<f32>,
 }
 
-/// Compares signals with an effect and without it, seed by seed, at what the sensor can hold (`white`).
+/// Compares signals with an effect and without it, seed by seed, up to the saturation signal of the sensor (`white`).
 ///
-/// The bias of a pixel is the mean difference d over the seeds. Its noise is learnt from the very same numbers: with signs
-/// that alternate from seed to seed, everything that is common to the seeds cancels, and what is left has the variance of
-/// the mean's noise and no bias. `None` unless there are as many of both, an even number.
+/// The bias of a pixel is the mean difference d over the seeds. Its noise is estimated from the same differences. With
+/// signs that alternate from seed to seed, the common part of all seeds cancels. The remainder has the variance of the
+/// noise of the mean and no bias. `None` unless the number of seeds is even and the same for both.
 pub(super) fn bias(
     with: &[Plane<f32>],
     without: &[Plane<f32>],

@@ -1,4 +1,4 @@
-//! Denoisers in a bench: the available ones, their images, and the errors of these.
+//! Denoisers in a bench: the available ones, their images, and the errors of the images.
 
 use super::settings::BenchSettings;
 use super::statistics::mean_plane;
@@ -25,8 +25,8 @@ pub(super) struct Filtered {
     pub(super) seconds: f64,
 }
 
-/// The denoisers that the settings name; if they name none, the built-in one, and Intel Open Image Denoise where this machine
-/// has it.
+/// The denoisers of the settings. If there are none, the built-in one, and Intel Open Image Denoise if this machine has
+/// it.
 ///
 /// # Errors
 /// A named denoiser is not available.
@@ -67,14 +67,15 @@ impl Filter {
     }
 }
 
-/// Mean squared error of images against the truth, weighed by pixel, from unbiased renders that are independent of them: with
-/// two of these, a and b, the mean of (x - a) (x - b) is the squared error of x, and no noise of theirs adds to it. Also
-/// images whose own noise has been smoothed away are so seen with what the smoothing did.
+/// Mean squared error of images against the truth, weighted by pixel. It uses unbiased renders that are independent of
+/// the images. With two of these, a and b, the mean of (x - a) (x - b) is the squared error of x, without a
+/// contribution of the noise of a and b. The estimate also includes the bias of images whose own noise was removed by
+/// smoothing.
 pub(super) struct Truth<'a> {
     reference: &'a Plane<f32>,
     others: &'a [Plane<f32>],
     sum: Plane<f64>,
-    /// Weight of a pixel's squared error; zero for those that do not count.
+    /// Weight of a pixel's squared error; zero for excluded pixels.
     weights: Vec<f64>,
 }
 
@@ -99,8 +100,8 @@ impl<'a> Truth<'a> {
         Some(Self { reference, others, sum, weights })
     }
 
-    /// The error of images. `own` means that image i was made from the further render i, which is then left out of its
-    /// estimate.
+    /// The error of images. `own` means that image i was computed from the further render i. Then render i is left out
+    /// of its estimate.
     pub(super) fn error(&self, images: &[Plane<f32>], own: bool) -> Estimate {
         let of = |(i, image): (usize, &Plane<f32>)| {
             let left_out = if own { self.others.get(i) } else { None };
@@ -137,18 +138,18 @@ mod tests {
         let renders: Vec<_> = (1..9).map(|seed| render(seed, 2.0)).collect();
         let counts = vec![true; 2000];
         let truth = Truth::new(&reference, &renders, &counts, None).expect("eight renders");
-        // The renders themselves: variance 4, known to sqrt(0.8 / 16000) of itself from uniform numbers, and what they
-        // have in common through the reference, 2 * 1 / sqrt(16000). Six of both.
+        // The renders themselves: variance 4, with a relative standard error of sqrt(0.8 / 16000) for uniform numbers,
+        // and the common part from the reference, 2 * 1 / sqrt(16000). Six of both.
         let noise = truth.error(&renders, true);
         assert!((noise.value - 4.0).abs() < 6.0 * (0.0285f64 + 0.016), "{noise:?}");
         // A flat picture at the mean: the squared slope around its middle, 8.3325, with the same noise for all.
         let flat = vec![Plane::new(100, 20, 4.95f32); 8];
         let bias = truth.error(&flat, false);
         assert!((bias.value - 8.3325).abs() < 0.4, "{bias:?}");
-        // Independent images as good as the truth have no error, however noisy what they are compared with is.
+        // Independent images without error have the result zero, for any noise of the renders in the comparison.
         let perfect = vec![render(0, 0.0); 8];
         assert!(truth.error(&perfect, false).value.abs() < 0.1);
-        // Over a sensor's variance of 4 the renders are at one, and pixels that do not count do not.
+        // Over a sensor's variance of 4 the renders have the error one. Excluded pixels have no influence.
         let s = Plane::new(100, 20, 4.0);
         let half: Vec<bool> = (0..2000).map(|i| i % 2 == 0).collect();
         let ratio = Truth::new(&reference, &renders, &half, Some(&s)).expect("renders").error(&renders, true);

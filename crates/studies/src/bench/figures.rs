@@ -14,10 +14,10 @@ use dunkelfeld::Error;
 use dunkelfeld_adaptive::weights::Strategy;
 use dunkelfeld_film::Plane;
 
-/// Maps of a bias end at so many standard deviations of the sensor.
+/// Limit of the colour scale of a bias map, in standard deviations of the sensor.
 const BIAS_REACH: f64 = 3.0;
 
-/// The colour of a strategy: the same in every chart, and whichever others are there.
+/// The colour of a strategy: the same in every chart, for any set of strategies.
 pub(super) fn color_of(strategy: Strategy) -> usize {
     let place = Strategy::ALL.iter().position(|s| *s == strategy).unwrap_or(0);
     if place < HOLLOW { place } else { place + 1 }
@@ -113,7 +113,8 @@ pub(super) fn denoised(r: &Results) -> Vec<Chart> {
                 );
                 Some(Mark { x: p.seconds.value, y: noise.value, error: noise.error, hint })
             });
-            // Left as it is, it has the colour of its strategy; the others those that no strategy has, then the hollow one's.
+            // Without denoising, the line has the colour of its strategy. The others have the colours that no strategy
+            // has, then the hollow mark.
             let color = [color_of(strategy), Strategy::ALL.len() + 1, HOLLOW][i.min(2)];
             let name = if name == OFF { format!("{strategy}, not denoised") } else { name.into() };
             Series { color, name, marks: marks.collect() }
@@ -139,7 +140,7 @@ pub(super) fn denoised_maps(r: &Results) -> Result<Vec<Map>, Error> {
     r.looks.iter().map(map).collect()
 }
 
-/// The processing of a render, in words.
+/// A description of the processing of a render.
 pub(super) fn denoiser_words(denoiser: &str) -> String {
     if denoiser == OFF { "not denoised".into() } else { format!("denoised by {denoiser}") }
 }

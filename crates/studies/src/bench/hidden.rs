@@ -1,7 +1,8 @@
-//! When the noise of a render is hidden beneath the sensor's: how many samples that takes, and how much time.
+//! The number of samples and the time until the noise of a render is hidden beneath the sensor's.
 //!
-//! A pixel is hidden at k when the variance of its rendered mean is at most k^2 times the sensor's own variance s; a render
-//! is when 99 % of its unsaturated pixels are. The noise of a picture taken then is `sqrt(1 + k^2)` times the sensor's.
+//! A pixel is hidden at k if the variance of its rendered mean is at most k^2 times the sensor's own variance s. A
+//! render is hidden at k if 99 % of its unsaturated pixels are. The noise of a picture taken then is `sqrt(1 + k^2)`
+//! times the sensor's.
 
 use super::statistics::{Deviations, pooled};
 use crate::report::estimate::Estimate;
@@ -21,20 +22,20 @@ pub(super) struct Price {
     pub(super) seconds: Estimate,
 }
 
-/// By how much the total noise of a picture exceeds the sensor's own.
+/// Ratio of the total noise of a picture to the sensor's own, minus one.
 pub(super) fn growth(k: f64) -> f64 {
     (1.0 + k * k).sqrt() - 1.0
 }
 
-/// The value of `variance / s` that 99 % of the pixels that count do not exceed, the variance pooled over 7 x 7 pixels.
+/// The 99 % quantile of `variance / s` over the included pixels. The variance is pooled over 7 x 7 pixels.
 ///
-/// Pooling is what makes the tail of few renders the tail of the noise: unpooled, the variance of 8 renders scatters by a
-/// factor of two, and its largest per cent would be luck.
+/// Pooling is necessary with few renders. Without it, the variance of 8 renders scatters by a factor of two, and its
+/// highest per cent would depend on chance.
 pub(super) fn worst_ratio(deviations: &Deviations, s: &Plane<f64>, counts: &[bool]) -> Estimate {
     deviations.jackknife(|variance| quantile(ratios(variance, s, counts), SHARE))
 }
 
-/// Share of the pixels that count which are hidden at k.
+/// Share of the included pixels that are hidden at k.
 pub(super) fn share(variance: &Plane<f64>, s: &Plane<f64>, counts: &[bool], k: f64) -> f64 {
     let ratios = ratios(variance, s, counts);
     ratios.iter().filter(|r| **r <= k * k).count() as f64 / ratios.len() as f64
@@ -46,8 +47,8 @@ fn ratios(variance: &Plane<f64>, s: &Plane<f64>, counts: &[bool]) -> Vec<f64> {
     all.filter(|(_, counts)| **counts).map(|((v, s), _)| v / s).collect()
 }
 
-/// The price of k, from what the worst per cent of pixels is at `spp` samples per pixel that take `seconds`: the variance of
-/// a mean falls as one over its samples, and the time grows with them.
+/// The cost of k, computed from the 99 % quantile at `spp` samples per pixel, which take `seconds`. The variance of a
+/// mean is in proportion to the inverse of its samples, and the time is in proportion to them.
 pub(super) fn price(k: f64, worst: Estimate, spp: f64, seconds: Estimate) -> Price {
     let samples = worst.scaled(spp / (k * k));
     Price { k, spp: samples, seconds: samples.times(seconds.scaled(1.0 / spp)) }
@@ -77,7 +78,8 @@ mod tests {
 
     #[test]
     fn noise_of_a_known_variance_is_hidden_where_it_must_be() {
-        // Uniform numbers of variance 3 everywhere, s = 4 on the left half and 1 on the right; the last column does not count.
+        // Uniform numbers of variance 3 everywhere, s = 4 on the left half and 1 on the right. The last column is
+        // excluded.
         let (width, height) = (64, 32);
         let planes: Vec<Plane<f32>> = (0..16)
             .map(|seed| {

@@ -1,4 +1,4 @@
-//! The measurement: finds the missing renders, makes them one by one, and writes the report.
+//! The measurement: determines the missing renders, renders them one by one, and writes the report.
 
 use super::denoised::{Filter, filters};
 use super::page;
@@ -25,11 +25,11 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-/// A quick bench renders for about so long \[s\]; reading, writing and the report come on top.
+/// Approximate duration of the renders of a quick bench \[s\]. Reading, writing and the report are additional.
 const QUICK_SECONDS: f64 = 30.0;
 /// Longest and shortest long side of a quick bench's film \[pixels\].
 const QUICK_SIDES: [u32; 2] = [32, 256];
-/// Long side of the film, and samples per pixel, by which a quick bench learns the speed.
+/// Long side of the film, and samples per pixel, of the render that measures the speed for a quick bench.
 const TRIAL: (u32, u32) = (64, 8);
 
 /// The result of a bench.
@@ -37,33 +37,33 @@ const TRIAL: (u32, u32) = (64, 8);
 pub struct BenchOutcome {
     /// The files of the report, the page first.
     pub files: Vec<PathBuf>,
-    /// The findings in a few lines of plain text.
+    /// The findings as a few lines of text.
     pub findings: Vec<String>,
-    /// Renders: finished, and all of the bench.
+    /// Number of finished renders, and of all.
     pub finished: [usize; 2],
-    /// Was it cancelled from outside? Finished renders are kept. The same call continues from there.
+    /// Was it cancelled from outside? Finished renders are kept. The same call continues with the missing ones.
     pub interrupted: bool,
     /// Samples that were not finite, negative or out of range, in all renders.
     pub invalid_samples: u64,
 }
 
-/// The folder of a bench when none is named: that of the input with `-bench`, in the current folder; with a number as well where
-/// an input lies in it.
+/// The default folder of a bench: the name of the input with `-bench`, in the current folder. It has an additional
+/// number if an input is in that folder.
 pub fn default_folder(input: &Path, inputs: &InputFiles) -> DefaultPath {
     let mut name = input.file_stem().unwrap_or_else(|| "scene".as_ref()).to_os_string();
     name.push("-bench");
     free_folder(PathBuf::from(name), inputs)
 }
 
-/// Measures what accuracy costs in time, and writes the report into `folder`.
+/// Measures the cost of accuracy in time, and writes the report into `folder`.
 ///
-/// `project` is the opened `input` with everything set that is not measured; its budget, strategy and exposure
-/// noise are not used. Renders
-/// that the folder already holds are not made again. `own_size` says that the film's size was asked for, so that a quick
-/// bench must not choose its own; `restart` discards what the folder holds.
+/// `project` is the opened `input` with all settings that are not measured. Its budget, strategy and exposure noise are
+/// not used. Finished renders in the folder are not repeated. `own_size` means that the caller has set the size of the
+/// film, so that a quick bench does not change it. `restart` discards the content of the folder.
 ///
 /// # Errors
-/// Settings outside their range, a folder that cannot be written to or holds an input or the results of another bench.
+/// Settings outside their range, a folder that cannot be written to or contains an input or the results of another
+/// bench.
 pub fn bench(
     mut project: Project,
     input: &Path,
@@ -128,7 +128,8 @@ pub fn bench(
     Ok(BenchOutcome { files, findings, finished, interrupted: session.is_cancelled(), invalid_samples })
 }
 
-/// Without a sensor there is nothing that the strategy `sensor` could go by: of all strategies it is left out, by name refused.
+/// Without a sensor there is no data for the strategy `sensor`. The list of all strategies leaves it out. If it is
+/// named, it is refused.
 fn for_sensor(settings: &BenchSettings, has_sensor: bool) -> Result<BenchSettings, Error> {
     let mut settings = settings.clone();
     if !has_sensor && settings.strategies == Strategy::ALL {
@@ -153,7 +154,8 @@ fn top(settings: &BenchSettings) -> u32 {
     settings.ladder.last().copied().unwrap_or(1)
 }
 
-/// The effects to leave out: those that were named, or all that the scene calls for; in either case only such as can be.
+/// The effects to leave out: those of the settings, or all effects of the scene. Both lists contain only effects that
+/// can be left out.
 fn effects(project: &Project, settings: &BenchSettings) -> Vec<Effect> {
     let called: Vec<String> = project.inspect().effects.into_iter().filter(|e| e.on).map(|e| e.name).collect();
     let is_called = |e: &Effect| called.iter().any(|name| name == e.name());
@@ -161,7 +163,7 @@ fn effects(project: &Project, settings: &BenchSettings) -> Vec<Effect> {
     Effect::ALL.into_iter().filter(|e| can_be_left_out(*e) && is_called(e) && wanted(e)).collect()
 }
 
-/// The film of a quick bench: as large as this machine can do in the time.
+/// The film of a quick bench: the largest that this machine can render in the time.
 fn quick_size(
     project: &Project,
     settings: &BenchSettings,
@@ -198,12 +200,12 @@ struct Bench<'a> {
     store: &'a Store,
     filters: &'a [Filter],
     reference: Unit,
-    /// Samples per pixel of the top rung, whose exposing and writing are timed.
+    /// Samples per pixel of the top rung, whose exposure and output are timed.
     top: u32,
 }
 
 impl Bench<'_> {
-    /// Makes what is missing. Returns the number of invalid samples of all renders.
+    /// Renders the missing units. Returns the number of invalid samples of all renders.
     fn make(&self, all: &[Unit], session: &Session<'_>) -> Result<u64, Error> {
         let base = self.fitted.seed;
         let mut invalid = 0;
@@ -251,7 +253,7 @@ impl Bench<'_> {
         u64::from(unit.spp) * u64::from(self.fitted.width) * u64::from(self.fitted.height)
     }
 
-    /// The scene without an effect, and the settings that go with it.
+    /// The scene without an effect, and its settings.
     fn without(&self, effect: Effect) -> Result<(Scene, RenderSettings), Error> {
         let mut other = Project::open_without(self.input, Instant::now(), &[effect])?;
         other.take_settings_of(self.project);
@@ -260,7 +262,7 @@ impl Bench<'_> {
         Ok((other.scene, settings))
     }
 
-    /// Makes one unit and keeps it. `None` if it was interrupted.
+    /// Renders one unit and stores it. `None` if it was interrupted.
     fn render(
         &self,
         unit: &Unit,
@@ -323,7 +325,8 @@ impl Bench<'_> {
         Ok(Some(record))
     }
 
-    /// The view of all units, and the unsaturated pixels. Both follow from the reference, which is the first unit.
+    /// The camera view of all units, and the unsaturated pixels. Both follow from the reference, which is the first
+    /// unit.
     fn view(&self, unit: &Unit, mean: &Plane<[f32; 3]>) -> Result<(View, Vec<bool>), Error> {
         let kept;
         let reference = match unit.purpose {

@@ -1,5 +1,5 @@
-//! The report as one page that stands alone: no script, style, font or picture from elsewhere. Beside it, its numbers as CSV
-//! and its charts as SVG.
+//! The report as one page that needs no other file: no script, style, font or picture from other sources. Beside it,
+//! its numbers as CSV and its charts as SVG.
 
 use super::figures;
 use super::hidden::{SHARE, growth};

@@ -17,11 +17,11 @@ use dunkelfeld_adaptive::weights::Strategy;
 use dunkelfeld_film::Plane;
 use dunkelfeld_scene::Effect;
 
-/// Data of a bench beside its settings and units.
+/// Data of a bench except its settings and units.
 pub(super) struct About<'a> {
     pub(super) name: String,
     pub(super) threads: usize,
-    /// Finished units, and all.
+    /// Number of finished units, and of all.
     pub(super) finished: [usize; 2],
     pub(super) effects: &'a [Effect],
     /// Denoisers: name in tables, name with version.
@@ -37,7 +37,7 @@ pub(super) struct Point {
     pub(super) denoiser: &'static str,
     /// Samples per pixel, on average.
     pub(super) spp: u32,
-    /// Renders behind it.
+    /// Number of its renders.
     pub(super) seeds: usize,
     /// Seconds of rendering and denoising of one of them.
     pub(super) seconds: Estimate,
@@ -45,10 +45,11 @@ pub(super) struct Point {
     pub(super) picture: Estimate,
     pub(super) signal: Estimate,
     pub(super) ratio: Option<Estimate>,
-    /// Mean squared error against the truth, noise and bias: of the linear signal, over the sensor's variance if there is
-    /// one. Only where denoisers are compared, and there are renders enough at the top of the ladder.
+    /// Mean squared error against the truth, from noise and bias: of the linear signal, over the sensor's variance if
+    /// there is one. Only if denoisers are compared and the top of the ladder has enough renders.
     pub(super) squared_error: Option<Estimate>,
-    /// The variance that the renders estimate of themselves, over the measured one. Undefined for a denoised image.
+    /// The variance that each render estimates from its own samples, over the measured variance. Undefined for a
+    /// denoised image.
     pub(super) stated: f64,
     /// Share of the pixels hidden at one half.
     pub(super) hidden: Option<f64>,
@@ -86,7 +87,7 @@ pub(super) struct Look {
 #[derive(Clone, Debug)]
 pub(super) struct Ablation {
     pub(super) effect: Effect,
-    /// Seconds that leaving it out saves, and that a render with everything takes.
+    /// Seconds saved without the effect, and seconds of a render with all effects.
     pub(super) saved: Estimate,
     pub(super) whole: Estimate,
     pub(super) bias: Bias,
@@ -104,11 +105,11 @@ pub(super) struct Results {
     pub(super) camera: String,
     pub(super) settings: BenchSettings,
     pub(super) finished: [usize; 2],
-    /// Points of renders as they are.
+    /// Points of renders without denoising.
     pub(super) points: Vec<Point>,
     /// Denoisers: name in tables, name with version.
     pub(super) denoisers: Vec<(&'static str, String)>,
-    /// With and without each of them, by strategy; empty if there are none.
+    /// Points with and without each denoiser, by strategy; empty if there are none.
     pub(super) denoised: Vec<Point>,
     pub(super) looks: Vec<Look>,
     pub(super) tops: Vec<Top>,
@@ -188,7 +189,7 @@ impl Results {
         }))
     }
 
-    /// The findings, in a few lines of plain text.
+    /// The findings as a few lines of text.
     pub(super) fn findings(&self) -> Vec<String> {
         let mut lines = Vec::new();
         if !self.has_light() {
@@ -231,7 +232,7 @@ impl Results {
         self.reference.data().iter().any(|v| *v > 0.0)
     }
 
-    /// The level of hiding of the headlines: one half if it is among the requested levels.
+    /// The level k of the main findings: one half if it is among the requested levels.
     pub(super) fn headline_level(&self) -> f64 {
         let levels = &self.settings.levels;
         levels.iter().copied().find(|k| *k == 0.5).or(levels.first().copied()).unwrap_or(0.5)
@@ -241,7 +242,7 @@ impl Results {
 /// The denoiser entry of renders without denoising.
 pub(super) const OFF: &str = "off";
 
-/// The strategy by which denoisers are shown: the one that renders have by default if it is there.
+/// The strategy of the comparison of denoisers: the default one of renders if it is available.
 pub(super) fn shown_strategy(strategies: &[Strategy]) -> Option<Strategy> {
     strategies.iter().copied().find(|s| *s == Strategy::Sensor).or(strategies.first().copied())
 }
@@ -335,7 +336,7 @@ impl Reader<'_> {
         })
     }
 
-    /// Points with and without each denoiser, and what they look like at both ends of the ladder.
+    /// Points with and without each denoiser, and their images at both ends of the ladder.
     fn denoised(
         &self,
         denoisers: &[(&'static str, String)],
@@ -381,7 +382,7 @@ impl Reader<'_> {
             let mut units = self.finished(Purpose::Effects(Some(effect)), spp)?;
             units.truncate(whole.len().min(units.len()) / 2 * 2);
             let with = &whole[..units.len()];
-            // Two seeds tell a difference, but not how well it is known.
+            // Two seeds determine a difference, but not its standard error.
             if units.len() < 4 || units.iter().zip(with).any(|(a, b)| a.0.index != b.0.index) {
                 continue;
             }
@@ -398,7 +399,7 @@ impl Reader<'_> {
     }
 }
 
-/// Mean seconds by stage, in the order in which a render goes through them; a stage that was timed only once counts once.
+/// Mean seconds by stage, in the order of the stages in a render. A stage that was timed only once counts once.
 fn stages(units: &[(Unit, Record)]) -> Vec<(String, f64)> {
     ["pilot", "plan", "refine", "expose", "write"]
         .into_iter()

@@ -6,12 +6,13 @@ use dunkelfeld_adaptive::weights::Strategy;
 use dunkelfeld_sampling::hash_u64;
 use dunkelfeld_scene::Effect;
 
-/// What a render is for.
+/// The purpose of a render.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Purpose {
-    /// Many uniform samples: exposure, sensor noise, saturation, and the picture to compare with.
+    /// Many uniform samples. It determines exposure, sensor noise and saturation, and is the reference picture of
+    /// comparisons.
     Reference,
-    /// What a strategy sees when it decides.
+    /// The pilot of a strategy.
     Pilot,
     /// One of the renders of a point of the ladder.
     Point(Strategy),
@@ -25,12 +26,12 @@ pub(super) struct Unit {
     pub(super) purpose: Purpose,
     /// Mean samples per pixel.
     pub(super) spp: u32,
-    /// Which of the renders that differ in nothing but their seed.
+    /// Index among the renders that differ only in their seed.
     pub(super) index: u32,
 }
 
 impl Unit {
-    /// The name of its files, without ending.
+    /// The name of its files, without extension.
     pub(super) fn name(&self) -> String {
         let Self { spp, index, .. } = self;
         match self.purpose {
@@ -56,9 +57,9 @@ impl Unit {
         }
     }
 
-    /// The seed of its render. Renders of one point, of different points and of different purposes are independent;
-    /// those with and without an effect share theirs, so that what both find by chance drops out of the difference.
-    /// Below 2^53, so that every reader of JSON reads it exactly.
+    /// The seed of its render. Renders of one point, of different points and of different purposes are independent. The
+    /// render with and the one without an effect have the same seed, so that their common noise cancels in the
+    /// difference. The seed is below 2^53, so that every reader of JSON reads it exactly.
     pub(super) fn seed(&self, base: u64) -> u64 {
         let purpose = match self.purpose {
             Purpose::Reference => hash_text("reference"),
@@ -70,8 +71,8 @@ impl Unit {
     }
 }
 
-/// All renders, in the order in which they are made: once through all points with the first seed, then with the next, so
-/// that an interrupted bench has something of everything and a machine that slows down slows all alike.
+/// All renders, in their order: all points with the first seed, then with the next one. So an interrupted bench has
+/// some data of everything, and a decrease in machine speed affects all points alike.
 pub(super) fn units(settings: &BenchSettings, effects: &[Effect], pilot_spp: u32) -> Vec<Unit> {
     let once = |purpose, spp| Unit { purpose, spp, index: 0 };
     let mut units = vec![once(Purpose::Reference, settings.reference_spp), once(Purpose::Pilot, pilot_spp)];

@@ -18,26 +18,26 @@ const MAX_RUNGS: usize = 24;
 /// Settings of a bench.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BenchSettings {
-    /// Mean samples per pixel of the points, ascending; each a power of two or not, as the user likes.
+    /// Mean samples per pixel of the points, ascending. They need not be powers of two.
     pub ladder: Vec<u32>,
-    /// Independent renders of each point: even, 4 to 1024. The time until the noise is hidden wants at least 8.
+    /// Independent renders of each point: even, 4 to 1024. The time until the noise is hidden needs at least 8.
     pub seeds: u32,
     /// The strategies to compare.
     pub strategies: Vec<Strategy>,
-    /// The effects to leave out, one at a time; `None` takes all that the scene calls for.
+    /// The effects to leave out, one at a time; `None` means all effects of the scene.
     pub effects: Option<Vec<Effect>>,
     /// Samples per pixel of the renders with and without an effect.
     pub effect_spp: u32,
     /// Samples per pixel of the reference, which determines the exposure, the sensor's noise and the saturated pixels.
     pub reference_spp: u32,
-    /// The measures of hiding k to put a price on: the render's noise is k times the sensor's.
+    /// The levels k whose cost is measured: the render's noise is k times the sensor's.
     pub levels: Vec<f64>,
-    /// What the renders of the points are denoised with, beside being left as they are: each of `builtin` and `oidn` at most
-    /// once. `None` takes the built-in filter, and Intel Open Image Denoise where this machine has it.
+    /// Denoisers of the renders of the points, which are also evaluated without denoising: each of `builtin` and `oidn`
+    /// at most once. `None` means the built-in filter, and Intel Open Image Denoise if this machine has it.
     pub denoisers: Option<Vec<DenoiseMethod>>,
-    /// Intel Open Image Denoise: the library or the folder that it is in.
+    /// Intel Open Image Denoise: the library or its folder.
     pub oidn: Option<PathBuf>,
-    /// Shrinks the film until everything takes less than a minute on this machine.
+    /// Reduces the film until the whole bench takes less than a minute on this machine.
     pub quick: bool,
 }
 
@@ -60,12 +60,12 @@ impl Default for BenchSettings {
 }
 
 impl BenchSettings {
-    /// Less than a minute: 4 to 32 samples per pixel on a film as large as this machine can do.
+    /// Less than a minute: 4 to 32 samples per pixel on the largest film that this machine can render in that time.
     pub fn quick() -> Self {
         Self { ladder: vec![4, 8, 16, 32], effect_spp: 8, reference_spp: 128, quick: true, ..Self::default() }
     }
 
-    /// Another ladder, with the reference and the effects at samples per pixel that fit it.
+    /// Another ladder, with the samples per pixel of the reference and the effects derived from it.
     #[must_use]
     pub fn with_ladder(mut self, ladder: Vec<u32>) -> Self {
         let top = ladder.iter().copied().max().unwrap_or(1);
@@ -75,7 +75,7 @@ impl BenchSettings {
         self
     }
 
-    /// Refuses settings that cannot be measured.
+    /// Checks that the settings can be measured.
     ///
     /// # Errors
     /// A setting outside its range, with help.
@@ -150,7 +150,8 @@ impl BenchSettings {
     }
 }
 
-/// The settings that a results folder is bound to. Strategies, effects and levels may change: they choose among units.
+/// The settings that determine a results folder. Strategies, effects and levels may change, because they only select
+/// units.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct SettingsSummary {
     pub(super) ladder: Vec<u32>,

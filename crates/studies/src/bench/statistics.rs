@@ -15,7 +15,7 @@ pub(super) fn mean_plane(planes: &[Plane<f32>]) -> Option<Plane<f64>> {
     Some(sum)
 }
 
-/// Squared deviations from the mean, plane by plane: the base of every variance below.
+/// Squared deviations from the mean, plane by plane. All variances below are computed from them.
 pub(super) struct Deviations {
     squares: Vec<Plane<f64>>,
 }
@@ -41,8 +41,8 @@ impl Deviations {
         self.variance_without(None)
     }
 
-    /// Sample variance of each pixel, as it would be without one of the planes: taking plane i out of N takes
-    /// `N / (N - 1) d_i^2` out of the sum of squares (Welford 1962).
+    /// Sample variance of each pixel without one of the planes. Without plane i of N, the sum of squares decreases by
+    /// `N / (N - 1) d_i^2` (Welford 1962).
     fn variance_without(&self, left_out: Option<usize>) -> Plane<f64> {
         let n = self.count();
         let mut sum = self.squares[0].map(|_| 0.0);
@@ -55,8 +55,8 @@ impl Deviations {
         sum
     }
 
-    /// Any number that follows from the variances, with its standard error from leaving out one plane at a time (the
-    /// jackknife of Tukey 1958).
+    /// A function of the variances, with its standard error from leaving out one plane at a time (the jackknife of
+    /// Tukey 1958).
     pub(super) fn jackknife(&self, f: impl Fn(&Plane<f64>) -> f64) -> Estimate {
         let n = self.count();
         let without: Vec<f64> = (0..self.squares.len()).map(|i| f(&self.variance_without(Some(i)))).collect();
@@ -66,7 +66,7 @@ impl Deviations {
     }
 }
 
-/// The mean of a plane over the pixels that count, NaN if none does.
+/// The mean of a plane over the included pixels, NaN if there are none.
 pub(super) fn masked_mean(plane: &Plane<f64>, counts: &[bool]) -> f64 {
     let (mut sum, mut n) = (0.0, 0u64);
     for (v, _) in plane.data().iter().zip(counts).filter(|(_, c)| **c) {
@@ -79,8 +79,8 @@ pub(super) fn masked_mean(plane: &Plane<f64>, counts: &[bool]) -> f64 {
 /// Side of the window that variances are pooled over.
 pub(super) const POOL: u32 = 7;
 
-/// The mean over a window of [`POOL`] x [`POOL`] pixels, cut at the borders: a variance from N renders is known to
-/// `sqrt(2 / (N - 1))` of itself, one of 49 pixels seven times better.
+/// The mean over a window of [`POOL`] x [`POOL`] pixels, cut at the borders. A variance from N renders has the relative
+/// standard error `sqrt(2 / (N - 1))`. That of 49 pixels is seven times smaller.
 pub(super) fn pooled(plane: &Plane<f64>) -> Plane<f64> {
     let (width, height, reach) = (plane.width(), plane.height(), POOL / 2);
     let window = |at: u32, size: u32| (at.saturating_sub(reach), (at + reach + 1).min(size));
@@ -141,8 +141,8 @@ mod tests {
         assert!((truth.value - 4.0).abs() < 5.0 * truth.error, "{truth:?}");
         let shown = truth.error * 20.0;
         let stated = (runs.iter().map(|e| e.error.powi(2)).sum::<f64>() / 400.0).sqrt();
-        // The spread of 400 runs is known to 3.5 %, what they state to 4 %; the jackknife of a variance is a few per cent
-        // too large. A quarter is more than five times all that.
+        // The spread of 400 runs has a standard error of 3.5 %, the estimated errors one of 4 %. The jackknife of a
+        // variance is a few per cent too large. A quarter is more than five times their sum.
         assert!((stated / shown - 1.0).abs() < 0.25, "stated {stated}, shown {shown}");
     }
 

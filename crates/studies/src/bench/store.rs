@@ -51,10 +51,10 @@ pub(super) struct Record {
     pub(super) seconds: BTreeMap<String, f64>,
     /// Seconds of the render as a whole, without exposing and writing.
     pub(super) total_seconds: f64,
-    /// Seconds that each denoiser took, by its name in tables.
+    /// Seconds of each denoiser, by its name in tables.
     pub(super) denoise_seconds: BTreeMap<String, f64>,
-    /// Mean over the unsaturated pixels of the variance that the render states of itself, in the square of the signal's
-    /// unit. Absent in the reference, from which it is only learnt what is saturated.
+    /// Mean over the unsaturated pixels of the variance that the render estimates from its own samples, in the square
+    /// of the signal's unit. Absent in the reference, which determines the saturated pixels.
     pub(super) stated_variance: Option<f64>,
 }
 
@@ -63,7 +63,7 @@ pub(super) struct Record {
 pub(super) struct Store(Kept);
 
 impl Store {
-    /// Opens the units of a bench's folder; `restart` discards what is there.
+    /// Opens the units of a bench's folder; `restart` discards its content.
     pub(super) fn open(home: &Path, restart: bool) -> Result<Self, Error> {
         Ok(Self(Kept::open(home, MANIFEST, restart)?))
     }
@@ -76,7 +76,7 @@ impl Store {
     /// Binds the folder.
     ///
     /// # Errors
-    /// It is bound to something else.
+    /// It has another key.
     pub(super) fn bind(&self, manifest: &Manifest) -> Result<(), Error> {
         self.0.bind(manifest, |m: &Manifest| &m.key)?;
         self.0.expect_size(manifest.size);
@@ -89,7 +89,7 @@ impl Store {
         Ok(record.filter(|r| r.seed == unit.seed(base_seed)))
     }
 
-    /// Keeps a finished unit.
+    /// Stores a finished unit.
     pub(super) fn keep(&self, record: &Record, layers: ExrLayers) -> Result<(), Error> {
         self.0.keep(&record.name, record, layers)
     }
@@ -120,14 +120,14 @@ impl Store {
         self.0.layers(&name)?.triples(Triple::Mean).ok_or_else(|| self.0.lacks(&name, "R G B"))
     }
 
-    /// The samples per pixel of a unit that keeps them.
+    /// The samples per pixel of a unit that stores them.
     pub(super) fn sample_counts(&self, unit: &Unit) -> Result<Plane<u32>, Error> {
         let name = unit.name();
         self.0.layers(&name)?.integers(Single::SampleCount).ok_or_else(|| self.0.lacks(&name, "spp.Y"))
     }
 }
 
-/// The layers that a unit keeps.
+/// The layers that a unit stores.
 pub(super) fn layers(
     signal: Plane<f32>,
     denoised: Vec<Filtered>,

@@ -1,4 +1,5 @@
-//! Writes a data set: every frame as an image, the descriptor, the truth; the folder appears whole or not at all.
+//! Writes a data set: every frame as an image, the descriptor, the truth. The folder is written completely or not at
+//! all.
 
 use super::plan::{DatasetPlan, Shot};
 use super::truth::Truth;
@@ -30,11 +31,11 @@ pub struct WrittenDataset {
     pub truth: Truth,
 }
 
-/// Takes all frames of a plan and writes them into a new folder, on so many threads (0: one per core). The frames do not depend
-/// on how many there are. `None` if it was cancelled: nothing is left then.
+/// Simulates all frames of a plan and writes them into a new folder, on the given number of threads (0: one per core).
+/// The frames do not depend on it. `None` if it was cancelled: then no file remains.
 ///
 /// # Errors
-/// The folder is not empty, cannot be written, or another process fills it.
+/// The folder is not empty, cannot be written, or another process writes into it.
 pub fn write_dataset(
     plan: &DatasetPlan,
     folder: &Path,

@@ -5,7 +5,7 @@ use crate::report::chart::plot::{Axis, Style, Trace, draw};
 use dunkelfeld_emva1288::{Analysis, GeneralAnalysis, Histogram, Nonuniformity, Profile, Spectrogram};
 
 const PHOTONS: &str = "photons per pixel \u{3bc}p";
-/// Places at which a model is drawn.
+/// Number of points at which a model is drawn.
 const STEPS: u32 = 120;
 
 const fn linear(label: &str) -> Axis<'_> {
@@ -24,7 +24,7 @@ fn trace(color: usize, name: &str, style: Style, points: Vec<[f64; 2]>) -> Trace
     Trace { color, name: name.into(), style, points }
 }
 
-/// A chart with what it shows, for its caption.
+/// A chart with its caption.
 pub(super) struct Figure {
     pub(super) chart: Chart,
     pub(super) caption: String,
@@ -104,7 +104,7 @@ pub(super) fn sensitivity(a: &Analysis) -> Vec<Figure> {
         let dark = |name: &str, y: &str, of: fn(&dunkelfeld_emva1288::DarkPoint) -> f64, [start, slope]: [f64; 2]| {
             let points = a.darks.iter().map(|d| [1e3 * d.exposure, of(d)]).collect();
             let mut traces = vec![trace(0, "dark", Style::Points, points)];
-            // Without times enough there is no dark current to draw.
+            // Without enough exposure times there is no dark current to draw.
             if slope.is_finite() {
                 let line = [0.0, longest].map(|t| [1e3 * t, start + slope * t]).to_vec();
                 traces.push(trace(1, "dark current", Style::Line, line));
@@ -157,7 +157,7 @@ pub(super) fn nonuniformity(n: &Nonuniformity, gain: f64) -> [Vec<Figure>; 3] {
 }
 
 fn spectrogram(name: &str, s: &Spectrogram, gain: f64) -> Chart {
-    // The mean was taken off, so that what is left at frequency zero are the lines' own means.
+    // The mean was subtracted, so that the remainder at frequency zero is the means of the lines.
     let points: Vec<[f64; 2]> =
         s.amplitude.iter().enumerate().skip(1).map(|(k, a)| [s.frequency(k), a / gain]).collect();
     let ends = [0.0, 0.5].map(|f| [f, s.noise / gain]).to_vec();
@@ -186,7 +186,7 @@ fn profile(name: &str, p: &Profile) -> Chart {
 
 fn histogram(name: &str, h: &Histogram) -> Chart {
     let counts = h.counts.iter().enumerate().map(|(i, c)| [h.at(i), *c as f64]).collect();
-    // Less than half a pixel is none.
+    // Less than half a pixel counts as none.
     let model = (0..h.counts.len()).map(|i| [h.at(i), h.model(i)]).filter(|p| p[1] >= 0.5).collect();
     let axis = format!("deviation [{}]", h.unit);
     draw(

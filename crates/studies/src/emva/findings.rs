@@ -16,18 +16,18 @@ use std::path::Path;
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(tag = "module", rename_all = "lowercase")]
 pub enum Findings {
-    /// Of a linear camera.
+    /// Results of a linear camera.
     Linear(Box<Analysis>),
-    /// Of any camera, at its input.
+    /// Results of any camera, at its input.
     General(GeneralAnalysis),
 }
 
 impl Findings {
-    /// Could the files be written there, each its own, and none in the place of the descriptor or of a frame? For those who want
-    /// to know before frames are read.
+    /// Checks before frames are read whether the files can be written: each to its own path, and none with the path of
+    /// the descriptor or of a frame.
     ///
     /// # Errors
-    /// The first that could not; a descriptor that cannot be read.
+    /// The first file that cannot be written; a descriptor that cannot be read.
     pub fn check_outputs(input: &Path, json: Option<&Path>, html: Option<&Path>) -> Result<(), Error> {
         let paths = [("the figures as JSON", json), ("the report", html)];
         let outputs: Vec<Output<'_>> = paths.into_iter().filter_map(|(what, path)| Some((what, path?))).collect();
@@ -75,7 +75,7 @@ impl Findings {
         }
     }
 
-    /// The bound that is all that is known of a figure, if so.
+    /// The bound of a figure of which only a bound is known.
     pub fn bound(&self, symbol: &str) -> Option<Bound> {
         match self {
             Self::Linear(a) => a.bound(symbol),
@@ -91,7 +91,7 @@ impl Findings {
         }
     }
 
-    /// Everything as JSON: `quantities`, and the numbers behind every plot.
+    /// All results as JSON: `quantities`, and the numbers behind every plot.
     pub fn json(&self) -> String {
         // Plain data with string keys: serialisation cannot fail.
         serde_json::to_string_pretty(self).unwrap_or_default() + "\n"
@@ -122,7 +122,7 @@ impl Findings {
         text
     }
 
-    /// One page with the figures and the plots of the standard, that stands alone.
+    /// One page with the figures and the plots of the standard. It needs no other file.
     pub fn html(&self, read: &ReadMeasurement) -> String {
         page::page(self, read)
     }

@@ -1,4 +1,4 @@
-//! Reads a data set frame by frame: what a frame shows is kept, the frame is not.
+//! Reads a data set frame by frame. The statistics of a frame are kept, the frame is not.
 
 use dunkelfeld::Error;
 use dunkelfeld::Session;
@@ -13,7 +13,7 @@ use rayon::prelude::*;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-/// A data set, reduced to what its frames show.
+/// A data set, reduced to the statistics of its frames.
 #[derive(Clone, Debug)]
 pub struct ReadMeasurement {
     /// The descriptor.
@@ -22,7 +22,7 @@ pub struct ReadMeasurement {
     pub measurement: Measurement,
     /// Width and height of the frames.
     pub size: [u32; 2],
-    /// How many frames there were.
+    /// Number of frames.
     pub frames: usize,
     /// The unknown parts of the descriptor.
     pub warnings: Vec<String>,
@@ -34,8 +34,8 @@ enum Seen {
     Stack(StackLevel),
 }
 
-/// Reads the data set of a descriptor, on so many threads (0: one per core). Each thread holds two frames, and there are two stacks:
-/// the memory does not depend on the number of frames. `None` if it was cancelled.
+/// Reads the data set of a descriptor, on the given number of threads (0: one per core). Each thread uses two frames,
+/// and there are two stacks: the memory does not depend on the number of frames. `None` if it was cancelled.
 ///
 /// # Errors
 /// A file that cannot be read, frames that differ in size from each other or from the descriptor.
@@ -89,8 +89,8 @@ struct Reader<'a> {
 }
 
 impl Reader<'_> {
-    /// Looks at the frames of a block one after the other, and at two at a time only where there are no more. `step` is
-    /// called after each, and says whether to go on.
+    /// Processes the frames of a block one after the other, or two at a time if there are only two. `step` is called
+    /// after each, and returns whether to continue.
     fn see(&self, block: &FrameBlock, step: impl Fn() -> bool) -> Result<Option<Seen>, Error> {
         let (exposure, photons) = (1e-9 * block.exposure_ns, block.photons);
         let [width, height] = self.size;
@@ -107,7 +107,7 @@ impl Reader<'_> {
             let pair = FramePair::from_frames(view(a.data())?, view(b.data())?).map_err(unfit)?;
             return Ok(step().then_some(Seen::Pair(Level { exposure, photons, pair })));
         }
-        // Room is made for the first frame that is there, not for what the descriptor claims.
+        // Memory is allocated for the size of the first frame, not for that of the descriptor.
         let mut stack: Option<StackAccumulator> = None;
         for name in &block.frames {
             let frame = self.frame(name)?;

@@ -1,8 +1,9 @@
 //! EMVA 1288: data sets of simulated cameras, and the analysis of data sets of any camera.
 //!
-//! [`DatasetPlan`] lays out a measurement as the standard requires it, [`write_dataset`] takes its frames and writes them in the
-//! format of the standard's reference implementation, with the truth beside them. [`read_measurement`] reads such a data set
-//! frame by frame, and [`Findings`] is what the analyser of [`crate::emva1288`] makes of it: a table, JSON, a page.
+//! [`DatasetPlan`] plans a measurement by the standard. [`write_dataset`] simulates its frames and writes them in the
+//! format of the standard's reference implementation, with the truth beside them. [`read_measurement`] reads such a
+//! data set frame by frame. [`Findings`] contains the results of the analyser of [`crate::emva1288`] as a table, JSON
+//! and a page.
 
 mod dataset;
 mod figures;

@@ -1,4 +1,4 @@
-//! The report of an analysis: one page that stands alone.
+//! The report of an analysis: one page that needs no other file.
 
 use super::figures::{self, Figure};
 use super::findings::Findings;
@@ -8,7 +8,7 @@ use crate::report::page as frame;
 use dunkelfeld_emva1288::{Analysis, Bound, Quantity, Release, Side};
 use std::fmt::Write;
 
-/// A value and its error with the digits that the error supports: two of its own.
+/// A value and its error. The error has two digits, and the value ends at the same place.
 pub(super) fn digits(q: &Quantity) -> (String, String) {
     if !(q.standard_error > 0.0 && q.standard_error.is_finite()) {
         return (format!("{:.6}", q.value), "0".into());
@@ -17,7 +17,7 @@ pub(super) fn digits(q: &Quantity) -> (String, String) {
     (format!("{:.places$}", q.value), format!("{:.places$}", q.standard_error))
 }
 
-/// The same, or the bound that is all that is known.
+/// The same, or the bound if only a bound is known.
 pub(super) fn shown(q: &Quantity, bound: Option<Bound>) -> (String, String) {
     match bound {
         Some(b) => (format!("{} {}", sign(&b), digits(&Quantity { value: b.limit, ..*q }).0), String::new()),
@@ -72,7 +72,7 @@ fn notes(findings: &Findings, read: &ReadMeasurement) -> String {
     if all.is_empty() { String::new() } else { format!("<div class=\"banner\">{}</div>", all.join("")) }
 }
 
-/// The figures that one wants first.
+/// The main figures.
 fn tiles(findings: &Findings) -> Vec<(String, String)> {
     let rows: &[(&str, f64, &str, &str)] = match findings {
         Findings::Linear(_) => &[
@@ -96,7 +96,7 @@ fn tiles(findings: &Findings) -> Vec<(String, String)> {
     rows.iter()
         .filter_map(|(symbol, scale, unit, words)| {
             let q = find(symbol)?;
-            // One digit of the error is enough up here, and four of the value.
+            // One digit of the error suffices here, and four of the value.
             let bound = findings.bound(symbol);
             let value = scale * bound.map_or(q.value, |b| b.limit);
             let places = (3.0 - value.abs().max(1e-9).log10().floor()).clamp(0.0, 3.0) as usize;
@@ -129,7 +129,7 @@ fn table(findings: &Findings) -> String {
     )
 }
 
-/// A symbol as the standard prints it: Greek letters, what follows as an index.
+/// A symbol in the typography of the standard: Greek letters, the rest as an index.
 fn symbol(ascii: &str) -> String {
     let greek = [("mu_", "\u{3bc}"), ("sigma_", "\u{3c3}"), ("eta", "\u{3b7}")];
     let letter = greek.iter().find_map(|(name, letter)| Some((letter, ascii.strip_prefix(name)?)));
@@ -179,7 +179,7 @@ fn linear(a: &Analysis) -> Vec<String> {
 }
 
 fn section(title: &str, text: &str, figures: &[Figure]) -> String {
-    // Four in a row of three would leave one alone.
+    // Four tiles in rows of three would leave a single one.
     let pairs = if figures.len() == 4 { " pairs" } else { "" };
     let all: String = figures
         .iter()

@@ -1,4 +1,5 @@
-//! Which frames a measurement of EMVA 1288 takes: levels from dark to saturation in pairs, stacks in the dark and at half.
+//! The frames of a measurement of EMVA 1288: levels from dark to saturation in pairs, stacks in the dark and at half of
+//! saturation.
 
 use super::truth::{Edge, Light, Truth, dark_at, truth};
 use dunkelfeld::Error;
@@ -19,7 +20,7 @@ pub enum Vary {
     Irradiance,
 }
 
-/// How a measurement is laid out.
+/// The settings of a measurement.
 #[derive(Clone, Debug, PartialEq)]
 pub struct DatasetSettings {
     /// Levels of light, 10 to 1000; the last three are saturated.
@@ -28,19 +29,19 @@ pub struct DatasetSettings {
     pub width: u32,
     /// Height of the frames in pixels.
     pub height: u32,
-    /// Wavelength of the light; `None` takes where the quantum efficiency is highest.
+    /// Wavelength of the light; `None` means that of the highest quantum efficiency.
     pub wavelength: Option<Nanometres>,
     /// Frames in each of the two stacks, 3 to 1000.
     pub stack: u32,
-    /// Picks the device and the noise.
+    /// Seed of the device and the noise.
     pub seed: u64,
     /// The varied quantity.
     pub vary: Vary,
-    /// The exposure time, or the longest of them.
+    /// The exposure time, or the longest exposure time.
     pub exposure: Seconds,
     /// Bits per grey value instead of the sensor's own: gain and black level change with them.
     pub bit_depth: Option<u32>,
-    /// Of a sensor with colour filters, the pixels to measure.
+    /// The pixels to measure of a sensor with colour filters.
     pub color: Option<FilterColor>,
 }
 
@@ -61,7 +62,7 @@ impl Default for DatasetSettings {
     }
 }
 
-/// Frames that are taken with the same light.
+/// Frames with the same light.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Shot {
     /// Exposure time.
@@ -70,11 +71,11 @@ pub struct Shot {
     pub photons: f64,
     /// Number of the first frame.
     pub first: u32,
-    /// How many frames: two for a level, more for a stack.
+    /// Number of frames: two for a level, more for a stack.
     pub frames: u32,
 }
 
-/// A measurement that can be taken, frame by frame and in any order.
+/// A planned measurement. Its frames can be simulated in any order.
 #[derive(Clone, Debug)]
 pub struct DatasetPlan {
     device: Device,
@@ -86,7 +87,7 @@ pub struct DatasetPlan {
 }
 
 impl DatasetPlan {
-    /// Lays out the measurement of a device of the model.
+    /// Plans the measurement of a device of the model.
     ///
     /// # Errors
     /// Settings out of range.
@@ -106,7 +107,7 @@ impl DatasetPlan {
         let (wavelength, efficiency) = light_of(&model, s)?;
         let edge = Edge::of(&model);
         let current = model.dark_electrons(Seconds(1.0)).0;
-        // The last two levels above the one that is just full are full as well.
+        // The last two levels are above the first saturated one, so they are saturated too.
         let dark = dark_at(current, s, 1.0);
         if !edge.has_room_for(dark) {
             return Err(Error::setting(
@@ -145,7 +146,7 @@ impl DatasetPlan {
     /// Adds frames at a share of the longest time or of the full light.
     fn shoot(&mut self, time: f64, light: f64, frames: u32) -> Result<(), Error> {
         let longest = self.settings.exposure.0;
-        // Descriptors count nanoseconds.
+        // The unit of time in a descriptor is the nanosecond.
         let whole = |seconds: f64| (seconds * 1e9).round().max(1.0) / 1e9;
         let (seconds, irradiance) = match self.settings.vary {
             Vary::Exposure => (whole(longest * time), if light > 0.0 { 1.0 } else { 0.0 }),
@@ -169,12 +170,12 @@ impl DatasetPlan {
         &self.settings
     }
 
-    /// The frames to be taken, in the order of the data set.
+    /// The frames, in the order of the data set.
     pub fn shots(&self) -> &[Shot] {
         &self.shots
     }
 
-    /// Takes a frame of a shot; `number` counts from 0.
+    /// Simulates a frame of a shot; `number` is its index from 0.
     ///
     /// # Errors
     /// Those of the sensor.
@@ -190,7 +191,7 @@ impl DatasetPlan {
         truth(self.device.model(), &self.light, &self.settings, self.saturation)
     }
 
-    /// Takes the whole measurement without writing a frame.
+    /// Simulates the whole measurement without writing a frame.
     ///
     /// # Errors
     /// Those of the sensor.
@@ -220,7 +221,7 @@ impl DatasetPlan {
     }
 }
 
-/// The model with the bits that were asked for, and of a mosaic the pixels that were.
+/// The model with the bit depth of the settings, and with the selected pixels of a mosaic.
 fn prepared(model: &SensorModel, s: &DatasetSettings) -> Result<SensorModel, Error> {
     let mut spec = model.spec().clone();
     if let Some(bits) = s.bit_depth {

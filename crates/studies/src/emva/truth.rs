@@ -10,9 +10,10 @@ use std::collections::BTreeMap;
 const QUANTILE: f64 = 2.967_738;
 /// Standard deviations above the end of the scale where all pixels are at it.
 const FULL: f64 = 5.0;
-/// From the well to a light that fills it: pixels whose responses differ by a fifth are never all full.
+/// Factor from the full well to a light that fills it in all pixels. Pixels whose responses differ by a fifth are never
+/// all full.
 const MAX_DOUBLINGS: u32 = 10;
-/// To the last bit.
+/// Relative accuracy of the bisection: the last bit.
 const HALVINGS: u32 = 80;
 
 /// The light of a measurement.
@@ -21,7 +22,7 @@ pub(super) struct Light {
     pub(super) wavelength: Nanometres,
     /// Quantum efficiency there.
     pub(super) efficiency: f64,
-    /// The irradiance, or the largest.
+    /// The irradiance, or the largest irradiance.
     pub(super) irradiance: Irradiance,
 }
 
@@ -34,22 +35,22 @@ pub struct Truth {
     pub wavelength_nm: f64,
     /// The irradiance of all levels, or the largest \[W/m^2\].
     pub irradiance_w_m2: f64,
-    /// Distance of the pixels \[um\].
+    /// Pixel pitch \[um\].
     pub pixel_pitch_um: f64,
     /// The varied quantity.
     pub vary: Vary,
-    /// Picks device and noise.
+    /// Seed of device and noise.
     pub seed: u64,
-    /// The figures by their symbols, those of devices of this kind, for release 4.0.
+    /// The figures by their symbols, for devices of this kind and release 4.0.
     pub quantities: BTreeMap<&'static str, f64>,
-    /// What the figures leave out.
+    /// Notes on missing figures.
     pub notes: Vec<String>,
 }
 
-/// The end of the scale: where electrons are no longer told apart.
+/// The end of the scale, from which on more electrons do not change the grey value.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Edge {
-    /// Electrons, dark ones included, from which on the grey value is the largest.
+    /// Number of electrons, with dark ones, from which on the grey value is the largest.
     end: f64,
     read: f64,
     dsnu: f64,
@@ -59,31 +60,32 @@ pub(super) struct Edge {
 impl Edge {
     pub(super) fn of(model: &SensorModel) -> Self {
         let s = model.spec();
-        // Grey values are rounded: the largest is reached half a step early, if the well is not full before.
+        // Grey values are rounded: the largest begins half a step below, if the well is not full before.
         let full = s.offset.0 + s.system_gain * s.full_well.0;
         let largest = (full + 0.5).floor().min(f64::from(model.max_value()));
         let end = (largest - 0.5 - s.offset.0) / s.system_gain;
         Self { end, read: s.dark_noise.0, dsnu: s.fixed_pattern.dsnu.0, prnu: s.fixed_pattern.prnu }
     }
 
-    /// Photo-electrons at saturation, where 0.15 % of the values are the largest. `dark` gives the dark electrons that come with
-    /// them. `None` if these alone are as many.
+    /// Photo-electrons at saturation, where 0.15 % of the values are the largest. `dark` computes the dark electrons
+    /// that belong to them. `None` if the dark electrons alone saturate the pixels.
     pub(super) fn saturation(&self, dark: impl Fn(f64) -> f64) -> Option<f64> {
         self.photo_electrons(QUANTILE, dark)
     }
 
-    /// Photo-electrons at which practically all values are the largest. `None` if the dark electrons alone do that, or if pixels
-    /// differ so much that no light does.
+    /// Photo-electrons at which practically all values are the largest. `None` if the dark electrons alone cause this,
+    /// or if the responses of the pixels differ so much that no light does.
     pub(super) fn full(&self, dark: impl Fn(f64) -> f64) -> Option<f64> {
         self.photo_electrons(-FULL, dark)
     }
 
-    /// Do so many dark electrons leave no value at the end of the scale, as dark frames must?
+    /// Is this number of dark electrons so small that dark frames, as required, have no value at the end of the scale?
     pub(super) fn has_room_for(&self, dark: f64) -> bool {
         self.room(QUANTILE, 0.0, dark) > 0.0
     }
 
-    /// Photo-electrons whose mean lies so many standard deviations of all pixels below the end; above it for negative ones.
+    /// Photo-electrons whose mean is `sigmas` standard deviations of all pixels below the end; above it for negative
+    /// ones.
     fn photo_electrons(&self, quantile: f64, dark: impl Fn(f64) -> f64) -> Option<f64> {
         let room = |photo: f64| self.room(quantile, photo, dark(photo));
         let (mut low, mut high) = (0.0, self.end.max(1.0));
@@ -99,7 +101,7 @@ impl Edge {
         if room(high) >= 0.0 {
             return None;
         }
-        // Halving always converges, however much of the light comes with its own dark electrons.
+        // Bisection always converges, for any share of dark electrons that the light brings.
         for _ in 0..HALVINGS {
             let middle = 0.5 * (low + high);
             if room(middle) > 0.0 { low = middle } else { high = middle }
@@ -126,7 +128,7 @@ pub(super) fn truth(model: &SensorModel, light: &Light, settings: &DatasetSettin
     let (gain, efficiency) = (s.system_gain, light.efficiency);
     let current = model.dark_electrons(Seconds(1.0)).0;
     let has_times = settings.vary == Vary::Exposure;
-    // With several times dark noise is what it is at time zero.
+    // With several exposure times, the dark noise is that at time zero.
     let dark = if has_times { 0.0 } else { current * settings.exposure.0 };
     let dark_noise2 = s.dark_noise.0.powi(2) + dark;
     let dark_variance = gain * gain * dark_noise2 + 1.0 / 12.0;
@@ -201,7 +203,8 @@ mod tests {
 
     const EDGE: Edge = Edge { end: 2000.0, read: 2.0, dsnu: 1.0, prnu: 0.005 };
 
-    /// What is found lies as many standard deviations below the end as it should, also where nine tenths of all electrons are dark.
+    /// The result is the required number of standard deviations below the end, also if nine tenths of all electrons are
+    /// dark.
     #[test]
     fn saturation_is_found_however_dark_the_light_is() {
         for share in [0.0, 0.5, 1.0, 1.5, 9.0] {
@@ -209,7 +212,7 @@ mod tests {
             let all = photo * (1.0 + share);
             let variance = all + 5.0 + (0.005 * photo).powi(2);
             let z = (2000.0 - all) / variance.sqrt();
-            // Cornish and Fisher's term moves it by less than 0.04.
+            // The term of Cornish and Fisher changes it by less than 0.04.
             assert!((z - QUANTILE).abs() < 0.04, "{share}: {photo}, {z}");
         }
         let full = EDGE.full(|_| 1500.0).expect("a light");

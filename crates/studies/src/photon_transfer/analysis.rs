@@ -16,17 +16,17 @@ use dunkelfeld_emva1288::{
 use dunkelfeld_film::Plane;
 use dunkelfeld_sensor::{Device, Exposure, FrameKey, SensorModel};
 
-/// Levels of even light, and the side of the frames, that the camera's own curve is taken from.
+/// Levels of uniform light, and the side of the frames, for the photon transfer curve of the camera.
 const LEVELS: u32 = 50;
 const LEVEL_SIDE: u32 = 128;
-/// Intervals that the linear curves are binned in over the sensor's range.
+/// Number of intervals of the linear curves over the sensor's range.
 pub(super) const LINEAR_BINS: f64 = 128.0;
 /// Dark and saturated grey values of the paper's pictures \[DN\].
 const PICTURE: [f64; 2] = [0.0, 255.0];
-/// Curves of the sensor's frames are of pixels where the render's noise is no more than this share of the camera's, as standard
-/// deviations: well within what matched exposure can make up for, in single frames too.
+/// Largest ratio of the render's standard deviation to the camera's, for pixels of the curves of the sensor's frames.
+/// With it, matched exposure can compensate the noise of the render also in single frames.
 const QUIET: f64 = 0.7;
-/// Fewest frames that have a spread, and of which one can be left out.
+/// Minimum number of frames with a spread, of which one can be left out.
 const MIN_FRAMES: usize = 3;
 
 /// A photon transfer curve with the straight line through 0-70 % of its range.
@@ -47,15 +47,16 @@ pub(super) struct PictureSeries {
     pub(super) frames: u64,
     /// Seconds of one frame.
     pub(super) seconds: f64,
-    /// What the first frame shows, and how steep that is [DN/pixel].
+    /// The image of the first frame, and its gradient [DN/pixel].
     pub(super) picture: Plane<u8>,
     pub(super) sobel: Plane<f32>,
     /// Temporal variance \[DN^2\].
     pub(super) variance: Plane<f64>,
     pub(super) curve: Curve,
-    /// Without the steepest pixels.
+    /// The curve without the steepest pixels.
     pub(super) filtered: Curve,
-    /// Of the Sobel magnitude of the first frame with the variance of the *other* frames: Pearson, Spearman.
+    /// Correlation of the Sobel magnitude of the first frame with the variance of the *other* frames: Pearson,
+    /// Spearman.
     pub(super) correlations: [f64; 2],
     /// Mean variance: of all pixels, of the steepest, of the rest \[DN^2\].
     pub(super) mean_variance: [f64; 3],
@@ -63,29 +64,29 @@ pub(super) struct PictureSeries {
     pub(super) linear: Option<Curve>,
 }
 
-/// The frames that the sensor takes, of one number of samples.
+/// The frames of the sensor, for one number of samples.
 #[derive(Clone, Debug)]
 pub(super) struct CameraSeries {
     pub(super) spp: u32,
     pub(super) frames: u64,
-    /// Share of the pixels that the curves are of: those whose render is quiet enough beside the camera, on average over the
-    /// frames, in the frames in which its noise is known.
+    /// Share of the pixels in the curves. The render of these pixels has little noise compared to the camera, on
+    /// average over the frames where its noise is known.
     pub(super) quiet: f64,
     pub(super) plain: Option<Curve>,
     pub(super) matched: Option<Curve>,
 }
 
-/// The sensor's own curve, from even light: points and gain.
+/// The sensor's own curve, from uniform light: points and gain.
 #[derive(Clone, Debug)]
 pub(super) struct SensorCurve {
     pub(super) name: String,
     pub(super) curve: Curve,
     pub(super) gain: Option<Quantity>,
-    /// What the sensor's description says of K [DN/e-].
+    /// K of the sensor's description [DN/e-].
     pub(super) truth: f64,
 }
 
-/// Everything that the report shows.
+/// All data of the report.
 pub(super) struct Results {
     pub(super) name: String,
     pub(super) size: [u32; 2],
@@ -100,7 +101,7 @@ pub(super) struct Results {
 }
 
 impl Results {
-    /// Reads back what is finished; `None` while no series has three frames.
+    /// Reads the finished renders; `None` if no series has three frames.
     pub(super) fn gather(
         renders: &Renders,
         settings: &PtcSettings,
@@ -151,7 +152,7 @@ impl Results {
         findings(&self.pictures)
     }
 
-    /// The findings, in a few lines of plain text.
+    /// The findings as a few lines of text.
     pub(super) fn lines(&self) -> Vec<String> {
         let mut lines: Vec<String> =
             self.findings().iter().map(|f| format!("{}: {} ({})", f.claim, f.verdict.words(), f.here)).collect();
@@ -180,7 +181,7 @@ impl Results {
     }
 }
 
-/// What the analyser cannot take of our own frames is a fault of the frames, not of the user.
+/// An error of the analyser for simulated frames is a fault of the frames, not of the user.
 pub(super) fn fault(e: AnalysisError) -> Error {
     Error::setting("frames", e.to_string(), e.help())
 }
@@ -207,7 +208,7 @@ pub(super) fn picture_curve(
     Ok(curve(&transfer, range))
 }
 
-/// A curve of linear grey values from dark to saturation. What is dark lies in the middle of an interval.
+/// A curve of linear grey values from dark to saturation. The dark value is in the middle of an interval.
 pub(super) fn linear_curve(stack: &TemporalStatistics, range: [f64; 2], keep: Option<&[bool]>) -> Result<Curve, Error> {
     linear_transfer(stack, range, keep).map(|transfer| curve(&transfer, range))
 }
@@ -286,7 +287,7 @@ impl Reader<'_> {
         }))
     }
 
-    /// The curve of the expected grey values, rounded as the sensor would, without any noise of its own.
+    /// The curve of the expected grey values, rounded as by the sensor, without noise of the sensor.
     fn linear(&self, units: &[Unit], is_denoised: bool, size: (u32, u32)) -> Result<Option<Curve>, Error> {
         let Some(model) = self.view.model() else { return Ok(None) };
         let (gain, offset, most) = (model.spec().system_gain, model.spec().offset.0, f64::from(model.max_value()));
@@ -303,7 +304,7 @@ impl Reader<'_> {
         if units.len() < MIN_FRAMES {
             return Ok(None);
         }
-        // Frames in which the noise of a pixel is known, and its mean share of the camera's variance in these.
+        // Number of frames in which the noise of a pixel is known, and its mean share of the camera's variance in them.
         let mut known: Vec<(u32, f64)> = Vec::new();
         let mut size = (0, 0);
         for unit in &units {
@@ -334,7 +335,7 @@ impl Reader<'_> {
         Ok(Some(CameraSeries { spp, frames: units.len() as u64, quiet, plain: of(false)?, matched: of(true)? }))
     }
 
-    /// As many frames of the same device with the cap on: where a photon transfer begins.
+    /// The same number of frames of the same device without light: the lower end of the photon transfer curve.
     fn in_the_dark(
         &self,
         units: &[Unit],
@@ -346,19 +347,19 @@ impl Reader<'_> {
         let frames = units.iter().map(|unit| {
             let seed = self.renders.seed(unit);
             let device = Device::new(model.clone(), seed, width, height);
-            // Of numbers that no frame with light has.
+            // Their frame numbers differ from those of all frames with light.
             Ok(device.expose(&nothing, exposure, FrameKey { seed, frame: !unit.frame })?)
         });
         stack_of(frames, (width, height))
     }
 }
 
-/// Width of the bins of a linear curve \[DN\]: one at least.
+/// Width of the bins of a linear curve \[DN\]: at least one.
 fn linear_bin(range: [f64; 2]) -> f64 {
     ((range[1] - range[0]) / LINEAR_BINS).round().max(1.0)
 }
 
-/// The curve of the sensor by itself, as its test bench would take it: two frames of even light at each level.
+/// The curve of the sensor alone, as measured on a test bench: two frames of uniform light at each level.
 fn sensor_curve(model: &SensorModel, exposure: Exposure, seed: u64) -> Result<SensorCurve, Error> {
     let device = Device::new(model.clone(), seed, LEVEL_SIDE, LEVEL_SIDE);
     let pair = |level: u32| -> Result<FramePair, Error> {

@@ -11,9 +11,9 @@ use dunkelfeld_emva1288::TransferPoint;
 
 const PICTURE_AXES: [&str; 2] = ["mean grey value [DN, 8 bit, gamma 2.2]", "temporal variance [DN\u{b2}]"];
 pub(super) const LINEAR_AXES: [&str; 2] = ["mean grey value [DN, linear]", "temporal variance [DN\u{b2}]"];
-/// Fits are drawn over 0-70 % of saturation, what they were made from.
+/// Fits are drawn over their data range, 0-70 % of saturation.
 const RANGE: f64 = 0.7;
-/// Points beyond this multiple of the height below which the given share of them is are drawn at that multiple.
+/// Limit for outliers: points above this multiple of the given quantile are drawn at the multiple.
 const REACH: f64 = 1.5;
 const USUAL: f64 = 0.98;
 
@@ -32,7 +32,7 @@ pub(super) fn sensor(r: &Results) -> Option<Chart> {
 pub(super) fn transfer(r: &Results) -> Vec<[Chart; 2]> {
     let one = |s: &PictureSeries, curve: &Curve, key: &str, words: &str| {
         let title = format!("photon transfer of pictures, {}{words}", name(s));
-        // Gamma bends even a camera's line: no line is drawn.
+        // Gamma makes also a camera's curve nonlinear, so no line is drawn.
         let plain = Curve { fit: None, ..curve.clone() };
         chart(
             &format!("{key}-{}", file_part(s)),
@@ -62,7 +62,7 @@ pub(super) fn linear(r: &Results) -> Vec<Chart> {
 
 /// Frames of the sensor: plain and matched exposure.
 pub(super) fn cameras(r: &Results) -> Vec<Chart> {
-    // The camera's own line is what they shall be.
+    // The camera's own line is their target.
     let truth = r.sensor.as_ref().map(|sensor| Curve { points: Vec::new(), ..sensor.curve.clone() });
     let one = |s: &CameraSeries| {
         let named = [(1, "plain exposure", &s.plain), (2, "matched exposure", &s.matched)];
@@ -126,7 +126,8 @@ fn chart_with(
     plot::draw(name, title, axes, &traces)
 }
 
-/// The points of a curve; the few that are far above all others stand at the edge of those, or the rest would lie flat.
+/// The points of a curve. The few that are far above all others are drawn at the upper limit, because they would
+/// compress the rest.
 fn within_reach(points: &[TransferPoint]) -> Vec<[f64; 2]> {
     let usual = quantile(points.iter().map(|p| p.variance).collect(), USUAL);
     points.iter().map(|p| [p.mean, p.variance.min(REACH * usual)]).collect()

@@ -1,26 +1,26 @@
-//! Statements of Kludt et al. about the noise of rendered pictures, and whether they hold here.
+//! Statements of Kludt et al. about the noise of rendered pictures, and their test with these renders.
 
 use super::analysis::PictureSeries;
 use crate::report::words::rounded;
 use dunkelfeld_emva1288::TransferPoint;
 
-/// A rise or a fall of a curve counts from so many standard errors on: among some hundred pairs of groups chance alone shows
-/// one with a probability below 1e-4.
+/// A rise or a fall of a curve counts from this number of standard errors on. Among some hundred pairs of groups,
+/// chance alone gives one with a probability below 1e-4.
 const SIGNIFICANT: f64 = 5.0;
-/// Groups that a curve is looked at in for rises and falls.
+/// Number of groups of a curve in the search for rises and falls.
 const GROUPS: usize = 24;
-/// Two images are called alike from this rank correlation on.
+/// Two images count as similar from this rank correlation on.
 const ALIKE: f64 = 0.5;
 /// Variance that the paper calls practically free of noise \[DN^2\].
 const QUIET: f64 = 2.0;
-/// "Almost": so much of the curve is below it.
+/// "Almost": this share of the curve is below it.
 const ALMOST: f64 = 0.9;
 
-/// Do we find the same?
+/// Do the measurements confirm it?
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Verdict {
     Same,
-    /// In some of the series.
+    /// They do for some of the series.
     Partly,
     Different,
 }
@@ -45,7 +45,7 @@ impl Verdict {
     }
 }
 
-/// A sentence of the paper, in our words, and what we measured.
+/// A statement of the paper, paraphrased, and its measurement here.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Finding {
     pub(super) claim: &'static str,
@@ -55,13 +55,13 @@ pub(super) struct Finding {
     pub(super) verdict: Verdict,
 }
 
-/// All of them that the series can answer.
+/// All statements that the series can test.
 pub(super) fn findings(all: &[PictureSeries]) -> Vec<Finding> {
     let mean = |s: &PictureSeries| s.mean_variance[0];
     let each = |f: &dyn Fn(&PictureSeries) -> String| {
         all.iter().map(|s| format!("{}: {}", name(s), f(s))).collect::<Vec<_>>().join("; ")
     };
-    // A series without an answer, because a number is unknown or constant, is left out.
+    // A series without a result, because a number is unknown or constant, is left out.
     let judged = |f: &dyn Fn(&PictureSeries) -> Option<bool>| all.iter().filter_map(f).collect::<Vec<_>>();
     let known = |v: f64| v.is_finite().then_some(v);
     let varies = |s: &PictureSeries| mean(s) > 0.0;
@@ -154,7 +154,7 @@ pub(super) fn name(s: &PictureSeries) -> String {
     format!("{} spp{}", s.spp, if s.is_denoised { " denoised" } else { "" })
 }
 
-/// Share of the points of a curve that are below what the paper calls practically free of noise.
+/// Share of the points of a curve below the variance that the paper calls practically free of noise.
 fn quiet(points: &[TransferPoint]) -> f64 {
     points.iter().filter(|p| p.variance < QUIET).count() as f64 / points.len().max(1) as f64
 }
@@ -164,7 +164,7 @@ fn quiet(points: &[TransferPoint]) -> f64 {
 fn rise_and_fall(points: &[TransferPoint]) -> [f64; 2] {
     let total: u64 = points.iter().map(|p| p.pixels).sum();
     let per_group = (total / GROUPS as u64).max(1);
-    // Mean of the variances and its squared error, weighed by pixels.
+    // Mean of the variances and its squared error, weighted by pixels.
     let mut groups: Vec<(f64, f64)> = Vec::new();
     let (mut n, mut sum, mut error) = (0u64, 0.0, 0.0);
     for p in points {
@@ -204,7 +204,7 @@ mod tests {
         let hill: Vec<_> = (0..100).map(|i| point(f64::from(i), 50.0 - f64::from(i - 50).abs())).collect();
         assert!(rise_and_fall(&hill).iter().all(|v| *v > 50.0));
         assert_eq!(rise_and_fall(&[]), [0.0, 0.0]);
-        // Two groups of which one has all pixels: errors are those of means.
+        // Two groups, one with all pixels: errors are those of means.
         let two =
             [TransferPoint { pixels: 1000, ..point(1.0, 3.0) }, TransferPoint { pixels: 1000, ..point(2.0, 4.0) }];
         let [rise, fall] = rise_and_fall(&two);

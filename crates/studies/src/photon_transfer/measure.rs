@@ -1,4 +1,4 @@
-//! The measurement itself: which renders are missing, making them one by one, then the report.
+//! The measurement: determines the missing renders, renders them one by one, then writes the report.
 
 use super::analysis::Results;
 use super::page;
@@ -27,20 +27,20 @@ use std::time::Instant;
 /// The result of a measurement.
 #[derive(Clone, Debug)]
 pub struct PtcOutcome {
-    /// The files of the report, the page first; none as long as there are too few frames for one.
+    /// The files of the report, the page first. Empty if there are too few frames for a report.
     pub files: Vec<PathBuf>,
-    /// The findings in a few lines of plain text.
+    /// The findings as a few lines of text.
     pub findings: Vec<String>,
-    /// Renders that are finished, and that are wanted.
+    /// Number of finished renders, and of all.
     pub finished: [usize; 2],
-    /// Was it cancelled from outside? What is finished is kept; the same call goes on from there.
+    /// Was it cancelled from outside? Finished renders are kept. The same call continues with the missing ones.
     pub interrupted: bool,
     /// Samples that were not finite, negative or out of range, in all renders.
     pub invalid_samples: u64,
 }
 
-/// The folder of a measurement when none is named: that of the input with `-ptc`, in the current folder; with a number as well
-/// where an input lies in it.
+/// The default folder of a measurement: the name of the input with `-ptc`, in the current folder. It has an additional
+/// number if an input is in that folder.
 pub fn ptc_folder(input: &Path, inputs: &InputFiles) -> DefaultPath {
     let mut name = input.file_stem().unwrap_or_else(|| "scene".as_ref()).to_os_string();
     name.push("-ptc");
@@ -49,12 +49,12 @@ pub fn ptc_folder(input: &Path, inputs: &InputFiles) -> DefaultPath {
 
 /// Measures the photon transfer of a scene, and writes the report into `folder`.
 ///
-/// `project` is the opened `input` with everything set that is not measured; its budget, strategy, denoiser and exposure noise
-/// are not used. Renders that the folder already holds are not made again; `restart` discards them.
+/// `project` is the opened `input` with all settings that are not measured. Its budget, strategy, denoiser and exposure
+/// noise are not used. Finished renders in the folder are not repeated; `restart` discards them.
 ///
 /// # Errors
-/// Settings outside their range, a denoiser that cannot be had, a folder that cannot be written to or holds the results of
-/// another measurement.
+/// Settings outside their range, a denoiser that is not available, a folder that cannot be written to or contains the
+/// results of another measurement.
 pub fn ptc(
     mut project: Project,
     input: &Path,
@@ -75,7 +75,8 @@ pub fn ptc(
     let threads = session.threads();
     let names: Vec<String> = denoiser.iter().map(|d| d.name()).collect();
     let rays = camera(&project.scene, &fitted)?;
-    // More frames may join, other series and the camera too; what the first render shows is what all are seen like.
+    // More frames may be added later, also other series and those of the camera. The exposure of the first render is
+    // used for all.
     let mut key = study_key(VERSION, &project.scene, &rays, &fitted, threads, &names);
     key.add("number of samples of the last series", reference(settings).spp);
     store.bind(&key, |key| key)?;
@@ -108,7 +109,7 @@ struct Work<'a> {
 }
 
 impl Work<'_> {
-    /// Makes what is missing. Returns the number of invalid samples of all renders.
+    /// Renders the missing frames. Returns the number of invalid samples of all renders.
     fn make(&self, all: &[Unit], settings: &PtcSettings, session: &Session<'_>) -> Result<u64, Error> {
         let (mut invalid, mut done, mut missing) = (0, 0, Vec::new());
         for unit in all {
@@ -145,7 +146,7 @@ impl Work<'_> {
         u64::from(unit.spp) * u64::from(self.fitted.width) * u64::from(self.fitted.height)
     }
 
-    /// Makes one render and keeps it; `None` if it was interrupted.
+    /// Renders one frame and stores it; `None` if it was interrupted.
     fn render(
         &self,
         unit: &Unit,
@@ -160,7 +161,7 @@ impl Work<'_> {
             frame: unit.frame,
             ..self.fitted.clone()
         };
-        // All frames are taken with the exposure of the first.
+        // All frames have the exposure of the first.
         if let (SensorChoice::Emva { exposure, .. }, Some(view)) = (&mut settings.sensor, &*view) {
             *exposure = view.exposure();
         }
@@ -205,7 +206,7 @@ impl Work<'_> {
         Ok(Some(record))
     }
 
-    /// The denoised signal, and how long it took; `None` if it was cancelled.
+    /// The denoised signal, and its duration; `None` if it was cancelled.
     fn denoised(
         &self,
         rendering: &Rendering,
@@ -224,7 +225,7 @@ impl Work<'_> {
         }
     }
 
-    /// The frames that the sensor takes of a render.
+    /// The frames of the sensor for a render.
     fn exposures(
         &self,
         rendering: &Rendering,

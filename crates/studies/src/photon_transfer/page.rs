@@ -1,5 +1,5 @@
-//! The report: the paper's figures, what the paper says of them, and what is found here. Beside it the numbers as CSV and the
-//! charts as SVG.
+//! The report: the paper's figures, its statements, and the results here. Beside it the numbers as CSV and the charts
+//! as SVG.
 
 use super::analysis::{Curve, LINEAR_BINS, Results};
 use super::figures;
@@ -36,7 +36,7 @@ pub(super) fn write(folder: &Path, results: &Results) -> Result<Vec<PathBuf>, Er
     Ok(files)
 }
 
-/// Everything that is on the page.
+/// The content of the page.
 struct Report<'a> {
     r: &'a Results,
     sensor: Option<Chart>,
@@ -101,7 +101,7 @@ impl<'a> Report<'a> {
         }
         if let Some(sensor) = &r.sensor {
             for s in &r.cameras {
-                // A slope that is not known better than to a tenth is no headline.
+                // A slope with an error of more than a tenth is no main finding.
                 let is_known = |f: &&LineFit| f.slope.standard_error < 0.1 * sensor.truth;
                 if let Some(fit) = s.matched.as_ref().and_then(|c| c.fit.as_ref()).filter(is_known) {
                     figures.push((
@@ -302,7 +302,7 @@ fn lines(r: &Results) -> Table {
     ];
     let truth = r.sensor.as_ref().map_or(f64::NAN, |s| s.truth);
     let row = |what: &str, spp: Option<u32>, frames: u64, held: f64, curve: &Curve| {
-        // A curve of too few points has no line, but a row that says so.
+        // A curve of too few points has no line, but a row with a note.
         let (mut gain, mut intercept, mut quality) = (Estimate::NONE, Estimate::NONE, [f64::NAN; 2]);
         if let Some(fit) = &curve.fit {
             gain = Estimate { value: fit.slope.value, error: fit.slope.standard_error };

@@ -10,8 +10,8 @@ use serde::{Deserialize, Serialize};
 /// Version of the files in the folder.
 pub(super) const VERSION: u32 = 5;
 pub(super) const MANIFEST: &str = "ptc.json";
-/// The layers that a render keeps: expected signal, the same denoised; grey values of plain and of matched exposure, and
-/// the share of the camera's variance that the render has in the latter, infinite where that is not known.
+/// The layers of a stored render: expected signal, the same denoised, grey values of plain and of matched exposure, and
+/// the variance of the render in matched exposure over the camera's, infinite where it is unknown.
 pub(super) const SIGNAL: &str = "signal.Y";
 pub(super) const DENOISED: &str = "denoised.Y";
 pub(super) const PLAIN: &str = "plain.Y";
@@ -57,7 +57,7 @@ impl Renders {
         Ok(self.plane(unit, if matched { MATCHED } else { PLAIN })?.map(|&v| v as u16))
     }
 
-    /// Variance of the render over the camera's, infinite where matched exposure does not know it.
+    /// Variance of the render over the camera's, infinite where it is unknown in matched exposure.
     pub(super) fn ratios(&self, unit: &Unit) -> Result<Plane<f32>, Error> {
         self.plane(unit, RATIO)
     }

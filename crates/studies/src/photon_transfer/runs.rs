@@ -1,16 +1,16 @@
-//! The renders behind a photon transfer, one by one.
+//! The renders of a photon transfer study, one by one.
 
 use super::settings::PtcSettings;
 use crate::series::hash_text;
 use dunkelfeld_adaptive::weights::Strategy;
 use dunkelfeld_sampling::hash_u64;
 
-/// Which series a render belongs to.
+/// The series of a render.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Series {
-    /// The paper's: the same samples in each pixel, seen as pictures without the sensor's noise.
+    /// The series of the paper: the same samples in each pixel, as pictures without the sensor's noise.
     Paper,
-    /// The camera's: samples where the sensor would notice, exposed.
+    /// The series of the camera: samples allocated by the sensor noise, exposed.
     Camera,
 }
 
@@ -24,7 +24,7 @@ pub(super) struct Unit {
 }
 
 impl Unit {
-    /// The name of its files, without ending.
+    /// The name of its files, without extension.
     pub(super) fn name(&self) -> String {
         let series = match self.series {
             Series::Paper => "paper",
@@ -40,8 +40,8 @@ impl Unit {
         }
     }
 
-    /// The seed of its render; its frames differ by their number, so that all of a series come from one device. Below
-    /// 2^53, so that every reader of JSON reads it exactly.
+    /// The seed of its render. The frames of a series differ by their number, so that all come from one device. The
+    /// seed is below 2^53, so that every reader of JSON reads it exactly.
     pub(super) fn seed(&self, base: u64) -> u64 {
         let series = match self.series {
             Series::Paper => hash_text("paper"),
@@ -51,13 +51,13 @@ impl Unit {
     }
 }
 
-/// The render that all others are seen like: the first, with the most samples.
+/// The render whose exposure all others use: the first one with the most samples.
 pub(super) fn reference(settings: &PtcSettings) -> Unit {
     Unit { series: Series::Paper, spp: settings.spp.last().copied().unwrap_or(1), frame: 0 }
 }
 
-/// All renders, in the order in which they are made: the reference, then frame by frame through all series, so that an
-/// interrupted measurement has something of each.
+/// All renders, in their order: the reference, then frame by frame through all series. So an interrupted measurement
+/// has some data of each.
 pub(super) fn units(settings: &PtcSettings, with_camera: bool) -> Vec<Unit> {
     let first = reference(settings);
     let mut units = vec![first];

@@ -7,10 +7,10 @@ use dunkelfeld_adaptive::plan::MAX_SPP;
 /// Frames of the paper, and the samples per pixel of its two series.
 const PAPER_FRAMES: u32 = 50;
 const PAPER_SPP: [u32; 2] = [64, 2500];
-/// Fewest frames for a variance with its standard error.
+/// Minimum number of frames for a variance with its standard error.
 const MIN_FRAMES: u32 = 4;
 const MAX_FRAMES: u32 = 10_000;
-/// Series of samples per pixel, at most.
+/// Maximum number of series of samples per pixel.
 const MAX_SERIES: usize = 8;
 
 /// Settings of the photon transfer of a scene.
@@ -20,17 +20,17 @@ pub struct PtcSettings {
     pub frames: u32,
     /// Samples per pixel of the series, ascending.
     pub spp: Vec<u32>,
-    /// What the pictures of the paper's series are denoised with, beside being left as they are.
+    /// Denoiser of the pictures of the paper's series, which are also evaluated without denoising.
     pub denoise: DenoiseSettings,
-    /// Share of the pixels, the steepest ones, that count as strong edges, in \[0, 1).
+    /// Share of the pixels with the steepest gradient that count as strong edges, in \[0, 1).
     pub edges: f64,
-    /// Are frames of the sensor taken too: samples where it would notice, plain and noise-matched exposure? Without a
-    /// sensor there are none.
+    /// Does the study include frames of the sensor, with samples allocated by its noise and with plain and
+    /// noise-matched exposure? Without a sensor there are none.
     pub camera: bool,
 }
 
 impl Default for PtcSettings {
-    /// The paper's: 50 frames at 64 and at 2500 samples per pixel; strong edges are the steepest fifth.
+    /// Settings of the paper: 50 frames at 64 and at 2500 samples per pixel; strong edges are the steepest fifth.
     fn default() -> Self {
         Self {
             frames: PAPER_FRAMES,
@@ -43,7 +43,7 @@ impl Default for PtcSettings {
 }
 
 impl PtcSettings {
-    /// Refuses what cannot be measured.
+    /// Refuses settings that cannot be measured.
     ///
     /// # Errors
     /// A setting outside its range, with help.

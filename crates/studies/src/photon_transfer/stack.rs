@@ -20,14 +20,15 @@ use dunkelfeld_io::loader::Limits;
 use dunkelfeld_io::results::ResultsFolder;
 use std::path::{Path, PathBuf};
 
-/// How frames are looked at.
+/// Settings of the analysis of frames.
 #[derive(Clone, Debug, PartialEq)]
 pub struct StackSettings {
     /// Grey value without light \[DN\].
     pub dark: f64,
-    /// Grey value of saturation \[DN\]; `None` takes the largest value of the fewest bits, 8 at least, that the frames fit in.
+    /// Grey value of saturation \[DN\]. `None` means the largest value of the smallest bit depth, at least 8, that
+    /// contains all grey values of the frames.
     pub saturation: Option<f64>,
-    /// Share of the pixels, the steepest ones, that count as strong edges, in \[0, 1).
+    /// Share of the pixels with the steepest gradient that count as strong edges, in \[0, 1).
     pub edges: f64,
 }
 
@@ -43,25 +44,25 @@ impl Default for StackSettings {
 pub struct FrameStack {
     /// Mean and variance of every pixel.
     pub statistics: TemporalStatistics,
-    /// The curve: pixels of like mean, all of them, and without strong edges. Intervals are 1 DN wide for 8-bit frames, 1/128 of
-    /// the range for others.
+    /// The curve of pixels of equal mean: all pixels, and all without strong edges. Intervals are 1 DN wide for 8-bit
+    /// frames, 1/128 of the range for others.
     pub curves: [Vec<TransferPoint>; 2],
-    /// Straight lines through 0-70 % of saturation, where there are points enough.
+    /// Straight lines through 0-70 % of saturation, if there are enough points.
     pub lines: [Option<LineFit>; 2],
     /// Grey values \[DN\] of dark and of saturation.
     pub range: [f64; 2],
-    /// Correlation of the Sobel magnitude of the first frame with the variance of the others: Pearson's, Spearman's; not a number if
-    /// one of both is the same everywhere.
+    /// Correlation of the Sobel magnitude of the first frame with the variance of the others: Pearson's, Spearman's.
+    /// NaN if one of both is constant.
     pub correlations: [f64; 2],
     /// Mean variance \[DN^2\] of all pixels, of those at strong edges, of the others.
     pub mean_variance: [f64; 3],
-    /// The frames: no file of the report takes the place of one.
+    /// The files of the frames. No file of the report replaces one.
     pub inputs: InputFiles,
     edges: f64,
     sobel: Plane<f32>,
 }
 
-/// Reads frames of one size, one at a time, and takes their photon transfer; `None` if it was cancelled.
+/// Reads frames of one size, one at a time, and computes their photon transfer; `None` if it was cancelled.
 ///
 /// # Errors
 /// Fewer than three frames, a file that is no frame of grey values, frames that differ in size, settings out of range.
@@ -126,7 +127,7 @@ pub fn ptc_of_frames(
         return Err(Error::setting("saturation", problem, "give the largest grey value of the camera by --saturation"));
     }
     let range = [settings.dark, saturation];
-    // Steepness is that of 8 bits over the range.
+    // The gradient is scaled to 8 bits over the range.
     let scale = 255.0 / (range[1] - range[0]);
     let eight = first.map(|&y| ((f64::from(y) - range[0]) * scale).clamp(0.0, 255.0).round() as u8);
     let sobel = dunkelfeld_adaptive::sobel::magnitude(&eight);
@@ -156,7 +157,7 @@ pub fn ptc_of_frames(
 }
 
 impl FrameStack {
-    /// The findings, in a few lines of plain text.
+    /// The findings as a few lines of text.
     pub fn findings(&self) -> Vec<String> {
         let s = &self.statistics;
         let mut lines = vec![
@@ -203,7 +204,7 @@ impl FrameStack {
     /// Writes a page with curves and maps, and the curve as CSV, into a folder. Returns the files, the page first.
     ///
     /// # Errors
-    /// A file that cannot be written, or a folder that holds the measurement of a scene.
+    /// A file that cannot be written, or a folder that contains the measurement of a scene.
     pub fn write(&self, folder: &Path) -> Result<Vec<PathBuf>, Error> {
         check_folder(folder, &self.inputs)?;
         let charts = self.charts();

@@ -1,4 +1,5 @@
-//! Planes of numbers as pictures: false colours that also the colour-blind can read, with the ends of their scale.
+//! Planes of numbers as pictures: false colours that colour-blind readers can also distinguish, with the ends of their
+//! scale.
 
 use super::words::rounded;
 use dunkelfeld::Error;
@@ -22,7 +23,7 @@ const BRIGHTER: [[u8; 3]; 9] = [
 const SIGNED: [[u8; 3]; 5] = [[5, 80, 160], [110, 165, 215], [236, 236, 236], [226, 150, 80], [165, 70, 0]];
 /// Maps larger than this on their long side are averaged down to it.
 const LONGEST: u32 = 640;
-/// A logarithmic map spans at most so many decades, from its top.
+/// Maximum number of decades of a logarithmic map, from its largest value.
 const DECADES: f64 = 4.0;
 
 /// A map, ready for the page.
@@ -32,14 +33,14 @@ pub(crate) struct Map {
     pub(crate) uri: String,
     pub(crate) size: [u32; 2],
     pub(crate) caption: String,
-    /// What stands at the left and at the right end of the scale.
+    /// The labels at the left and at the right end of the scale.
     pub(crate) ends: [String; 2],
-    /// Does the scale go through zero?
+    /// Does the scale contain zero?
     pub(crate) is_signed: bool,
 }
 
-/// A map of numbers that are not negative, on a logarithmic scale that ends at the 99.9 % quantile of `like`: maps that are
-/// like the same one can be compared by their colours.
+/// A map of numbers that are not negative, on a logarithmic scale that ends at the 99.9 % quantile of `like`. The
+/// colours of two maps with the same `like` can be compared.
 pub(crate) fn logarithmic(plane: &Plane<f64>, like: &Plane<f64>, unit: &str, caption: String) -> Result<Map, Error> {
     let (plane, like) = (shrunk(plane), shrunk(like));
     let mut values: Vec<f64> = like.data().iter().copied().filter(|v| v.is_finite() && *v > 0.0).collect();
@@ -81,8 +82,8 @@ fn map(
     Ok(Map { uri, size: [plane.width(), plane.height()], caption, ends, is_signed })
 }
 
-/// A grey picture as the address of an image, cut to its middle if it is too large for a page. Never averaged: that would
-/// take away the noise which it is there to show.
+/// A grey picture as the address of an image. If it is too large for a page, only its middle is shown. It is never
+/// averaged, because averaging would reduce the noise that it shows.
 pub(crate) fn grey(plane: &Plane<u8>) -> Result<(String, [u32; 2]), Error> {
     const LARGEST: u32 = 1024;
     let size = [plane.width().min(LARGEST), plane.height().min(LARGEST)];
@@ -103,7 +104,7 @@ pub(crate) fn gradient(is_signed: bool) -> String {
 }
 
 fn color(stops: &[[u8; 3]], share: f64) -> [u8; 3] {
-    // NaN, of which there should be none, becomes the first colour.
+    // NaN, which should not occur, becomes the first colour.
     let at = if share > 0.0 { share.min(1.0) } else { 0.0 } * (stops.len() - 1) as f64;
     let (i, part) = ((at as usize).min(stops.len() - 2), at);
     let part = part - i as f64;

@@ -1,5 +1,5 @@
-//! What reports are made of: charts, maps, tables and the frame of a page that stands alone. Each report brings its own
-//! sections; nothing here knows what they are about.
+//! The parts of reports: charts, maps, tables and the frame of a page that needs no other file. Each report adds its
+//! own sections. This module does not depend on their content.
 
 pub(crate) mod chart;
 pub(crate) mod estimate;

@@ -1,18 +1,18 @@
-//! The frame of a report: one page that stands alone, with no script, style, font or picture from elsewhere.
+//! The frame of a report: one page that needs no other file, with no script, style, font or picture from other sources.
 
 use super::chart::{PALETTE, STYLE, escape};
 use super::maps::{self, Map};
 
 const CSS: &str = include_str!("page.css");
 const JS: &str = include_str!("page.js");
-/// What a browser may load for this page: nothing but what is in it.
+/// The content security policy of the page: a browser loads nothing from other sources.
 const POLICY: &str = "default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src 'unsafe-inline'";
 
-/// How the pages of this program say that they are: with the version behind it.
+/// The mark of the pages of this program, before its version.
 const GENERATOR: &str = "dunkelfeld ";
 const VERSION: &str = env!("CARGO_PKG_VERSION");
 
-/// Does a file begin as a page of this program does?
+/// Does a file begin with the mark of a page of this program?
 pub(crate) fn is_page(head: &str) -> bool {
     head.contains(&format!("<meta name=\"generator\" content=\"{GENERATOR}"))
 }
@@ -30,7 +30,8 @@ pub(crate) fn page(title: &str, sections: &[String]) -> String {
     )
 }
 
-/// The head of a page: its heading, a line of facts, and the button that changes between light and dark. All are text.
+/// The head of a page: its heading, a line of facts, and the button that changes between light and dark. All arguments
+/// are text.
 pub(crate) fn head(heading: &str, facts: &str) -> String {
     format!(
         "<header><div><h1>{}</h1><p>{}</p></div>\
@@ -40,7 +41,7 @@ pub(crate) fn head(heading: &str, facts: &str) -> String {
     )
 }
 
-/// Findings that one wants first: a figure and what it is, as text. Empty if there are none.
+/// The main findings: a figure and its description, as text. Empty if there are none.
 pub(crate) fn tiles(tiles: &[(String, String)]) -> String {
     let one = |(figure, words): &(String, String)| {
         format!("<div class=\"tile\"><b>{}</b><span>{}</span></div>", escape(figure), escape(words))

@@ -5,7 +5,7 @@ use super::estimate::Estimate;
 use super::words::rounded;
 use std::fmt::Write;
 
-/// Digits that are kept of every number, in both forms.
+/// Number of digits in both forms.
 const DIGITS: usize = 6;
 
 /// A cell of a table.
@@ -44,7 +44,7 @@ pub(crate) const fn estimate(key: &'static str, heading: &'static str, unit: &'s
 }
 
 impl Table {
-    /// As comma-separated values (RFC 4180) with a header; numbers that are not known are empty.
+    /// As comma-separated values (RFC 4180) with a header. Unknown numbers are empty.
     pub(crate) fn csv(&self) -> String {
         let headers: Vec<String> = self
             .columns
@@ -71,7 +71,7 @@ impl Table {
         text
     }
 
-    /// As an HTML table. Each number is a `data` element that carries the value of the CSV.
+    /// As an HTML table. Each number is a `data` element with the value of the CSV.
     pub(crate) fn html(&self) -> String {
         let mut text = format!("<div class=\"scroll\"><table id=\"table-{}\"><thead><tr>", self.name);
         for c in &self.columns {
@@ -109,7 +109,7 @@ fn data(value: f64, shown: &str) -> String {
     format!("<data value=\"{}\">{}</data>", number(value), escape(shown))
 }
 
-/// An estimate with the digits that its error leaves: two of the error, and the value to the same place.
+/// An estimate with the digits that its error supports: two of the error, and the value to the same place.
 fn shown(e: Estimate) -> (String, String) {
     if !(e.error > 0.0 && e.error.is_finite() && e.value.is_finite()) {
         return (rounded(e.value), rounded(e.error));
@@ -123,12 +123,12 @@ fn shown(e: Estimate) -> (String, String) {
     }
 }
 
-/// A number in as many digits as both forms keep; empty if it is not known.
+/// A number with the number of digits of both forms; empty if it is unknown.
 fn number(v: f64) -> String {
     if !v.is_finite() {
         return String::new();
     }
-    // Through its decimal form, so that what is written is exactly what was rounded.
+    // Conversion by the decimal form: the written number is exactly the rounded one.
     let short = format!("{v:.*e}", DIGITS - 1).parse::<f64>().unwrap_or(v);
     let plain = format!("{short}");
     if plain.len() <= 14 { plain } else { format!("{short:e}") }

@@ -1,4 +1,4 @@
-//! Numbers and times in words, as reports show them.
+//! Numbers and times as text in reports.
 
 use super::chart::power_of_ten;
 

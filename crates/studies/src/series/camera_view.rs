@@ -1,4 +1,4 @@
-//! The view of renders: as exposed by the camera, at one exposure for all.
+//! The camera view of renders: one exposure for all.
 
 use super::statistics::quantile;
 use dunkelfeld::SensorChoice;
@@ -35,8 +35,8 @@ impl View {
         self.camera.as_ref().map(|c| c.2)
     }
 
-    /// The linear signal: expected photo-electrons, or luminance [W/(m^2 sr)]. Behind a colour filter array all pixels see
-    /// by the average of its colours: the mosaic of a sensor is not what noise and steepness are asked of.
+    /// The linear signal: expected photo-electrons, or luminance [W/(m^2 sr)]. With a colour filter array, all pixels
+    /// have the mean response of its colours, because noise and gradient must not depend on the mosaic.
     pub(crate) fn signal(&self, mean: &Plane<[f32; 3]>) -> Plane<f32> {
         match &self.camera {
             Some((model, optics, exposure)) => {
@@ -52,7 +52,7 @@ impl View {
         }
     }
 
-    /// The variance of the signal that a render states of itself, by its batches.
+    /// The variance of the signal that a render estimates from its own batches.
     pub(crate) fn signal_variance(&self, film: &Film) -> Plane<f64> {
         let Weights(weights) = match &self.camera {
             Some((model, optics, exposure)) => Response::new(model, optics, *exposure).average(),
@@ -77,12 +77,12 @@ impl View {
         self.model().map(|m| m.spec().system_gain)
     }
 
-    /// The 8-bit picture of the expected values, without the sensor's noise: the paper's chain.
+    /// The 8-bit picture of the expected values, without the sensor's noise, as in the paper.
     pub(crate) fn picture(&self, signal: &Plane<f32>) -> Plane<u8> {
         gamma_image(signal, self.white() as f32)
     }
 
-    /// The 8-bit picture that the camera takes, noise and all; `None` without a sensor.
+    /// The 8-bit picture of the camera, with noise; `None` without a sensor.
     pub(crate) fn exposed(&self, signal: &Plane<f32>, seed: u64) -> Option<Plane<u8>> {
         let (model, _, exposure) = self.camera.as_ref()?;
         let device = Device::new(model.clone(), seed, signal.width(), signal.height());
@@ -90,19 +90,19 @@ impl View {
         Some(display::frame_to_8bit(&frame, model))
     }
 
-    /// Steepness of the picture [DN per pixel].
+    /// Gradient of the picture [DN per pixel].
     pub(crate) fn sobel(&self, signal: &Plane<f32>) -> Plane<f32> {
         magnitude(&self.picture(signal))
     }
 
-    /// Which pixels of the reference are not saturated.
+    /// The mask of the unsaturated pixels of the reference.
     pub(crate) fn unsaturated(&self, reference: &Plane<f32>) -> Vec<bool> {
         let white = self.white();
         reference.data().iter().map(|&e| f64::from(e) < white).collect()
     }
 }
 
-/// The exposure in words, with the level of the reference's brightest pixels.
+/// The exposure as text, with the level of the reference's brightest pixels.
 pub(crate) fn exposure_words(view: &View, reference: &Plane<f32>) -> String {
     let top = quantile(reference.data().iter().map(|&v| f64::from(v)).collect(), 0.995) / view.white();
     match (view.model(), view.exposure()) {

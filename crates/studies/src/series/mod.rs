@@ -1,4 +1,4 @@
-//! Many renders as one long piece of work. Each is kept in a folder as soon as it is finished, so that interrupted work
+//! Many renders as one long computation. Each is stored in a folder as soon as it is finished, so that interrupted work
 //! continues. All share one progress and one exposure.
 
 mod camera_view;

@@ -4,7 +4,7 @@ use dunkelfeld::{Progress, ProgressState};
 use std::sync::Mutex;
 use std::time::Instant;
 
-/// A sink for the progress of one render after the other, that passes on the progress of all.
+/// A sink for the progress of successive renders, which reports the progress of all.
 pub(crate) struct Meter<'a> {
     sink: &'a dyn Progress,
     began: Instant,
@@ -15,12 +15,12 @@ pub(crate) struct Meter<'a> {
 }
 
 impl<'a> Meter<'a> {
-    /// For work of so many samples, of which some are finished already.
+    /// For a total number of samples, some of which are finished already.
     pub(crate) fn new(sink: &'a dyn Progress, total: u64, before: u64) -> Self {
         Self { sink, began: Instant::now(), total, before, done: Mutex::new(before) }
     }
 
-    /// So many samples are finished and kept.
+    /// Sets the number of samples that are finished and stored.
     pub(crate) fn finish(&self, samples: u64) {
         if let Ok(mut done) = self.done.lock() {
             *done += samples;

@@ -10,7 +10,7 @@ pub(crate) fn quantile(mut values: Vec<f64>, share: f64) -> f64 {
     if at.fract() > 0.0 { low + at.fract() * (high - low) } else { low }
 }
 
-/// Pearson's correlation of two planes; NaN if one of them is flat.
+/// Pearson's correlation of two planes; NaN if one of them is constant.
 pub(crate) fn correlation(a: &[f64], b: &[f64]) -> f64 {
     let n = a.len() as f64;
     let (mean_a, mean_b) = (a.iter().sum::<f64>() / n, b.iter().sum::<f64>() / n);
@@ -24,7 +24,7 @@ pub(crate) fn correlation(a: &[f64], b: &[f64]) -> f64 {
     ab / (aa * bb).sqrt()
 }
 
-/// Spearman's rank correlation of two planes; NaN if one of them is flat. Ties share their mean rank.
+/// Spearman's rank correlation of two planes; NaN if one of them is constant. Ties share their mean rank.
 pub(crate) fn rank_correlation(a: &[f64], b: &[f64]) -> f64 {
     correlation(&ranks(a), &ranks(b))
 }

@@ -1,5 +1,5 @@
-//! What a long piece of work has so far: a folder with a small record and an image for each finished render, bound to what is
-//! rendered.
+//! The stored results of a long computation: a folder with a small record and an image for each finished render, and
+//! the key of the renders.
 
 use dunkelfeld::Error;
 use dunkelfeld::RenderSettings;
@@ -54,11 +54,11 @@ pub(crate) struct Kept {
 }
 
 impl Kept {
-    /// Opens the renders in a report's folder, and locks them against other processes; `restart` discards what is there. `manifest` is the name of the file that
-    /// binds it.
+    /// Opens the renders in a report's folder, and locks them against other processes; `restart` discards its content.
+    /// `manifest` is the name of the file with the key.
     ///
     /// # Errors
-    /// It cannot be made, another process writes it, or it holds what is not of this kind of work: that stays as it is.
+    /// It cannot be made, another process writes it, or it contains files of other kinds, which remain as they are.
     pub(crate) fn open(home: &Path, manifest: &'static str, restart: bool) -> Result<Self, Error> {
         let path = home.join(UNITS);
         let fault = |problem: String, help: &str| Error::Output { file: path.clone(), problem, help: help.into() };
@@ -83,10 +83,10 @@ impl Kept {
         self.read_json(self.manifest)
     }
 
-    /// Binds the folder. `facts` are those of the manifest, also of one that is there already.
+    /// Sets the key of the folder. `facts` are those of the manifest, also of an existing one.
     ///
     /// # Errors
-    /// It is bound to another key.
+    /// It has another key.
     pub(crate) fn bind<M>(&self, manifest: &M, key: impl Fn(&M) -> &RenderKey) -> Result<(), Error>
     where
         M: Serialize + for<'a> Deserialize<'a>,
@@ -107,7 +107,7 @@ impl Kept {
         self.read_json(&format!("{name}.json"))
     }
 
-    /// Keeps a finished render: the image first, then the record, which marks it as finished.
+    /// Stores a finished render: the image first, then the record, which marks it as finished.
     pub(crate) fn keep<R: Serialize>(&self, name: &str, record: &R, layers: ExrLayers) -> Result<(), Error> {
         let image = format!("{name}.exr");
         written(&self.folder.file(&image), self.folder.write_layers(&image, layers))?;
@@ -119,7 +119,7 @@ impl Kept {
         self.folder.file(name)
     }
 
-    /// All renders of the folder have this width and height; images of another size are damaged from now on.
+    /// Sets the width and height of all renders of the folder. From then on, images of another size count as damaged.
     pub(crate) fn expect_size(&self, size: [u32; 2]) {
         self.size.get_or_init(|| size);
     }
@@ -127,7 +127,7 @@ impl Kept {
     /// The layers of a finished render.
     ///
     /// # Errors
-    /// The image is not there, is no EXR, or has another size than the renders of the folder.
+    /// The image does not exist, is no EXR, or has another size than the renders of the folder.
     pub(crate) fn layers(&self, name: &str) -> Result<ExrLayers, Error> {
         let image = format!("{name}.exr");
         let damaged = |e: InputError| InputError { help: DAMAGED.into(), ..e };
@@ -144,7 +144,7 @@ impl Kept {
         }
     }
 
-    /// A finished render lacks a layer.
+    /// The error of a finished render without a required layer.
     pub(crate) fn lacks(&self, name: &str, layer: &str) -> Error {
         let file = self.folder.file(&format!("{name}.exr"));
         InputError::new(file, format!("layer {layer}"), "is missing", DAMAGED).into()
@@ -167,12 +167,12 @@ impl Kept {
     }
 }
 
-/// Adds a plane under a name of its own.
+/// Adds a plane under its own name.
 pub(crate) fn push_plane(layers: &mut ExrLayers, name: &str, plane: Plane<f32>) {
     layers.channels.push((name.into(), Channel::F32(plane.into_vec())));
 }
 
-/// The plane under a name, if it is there.
+/// The plane with a name, if it exists.
 pub(crate) fn plane_of(layers: &ExrLayers, name: &str) -> Option<Plane<f32>> {
     match layers.channel(name) {
         Some(Channel::F32(data)) => Plane::from_vec(layers.width, layers.height, data.clone()),

@@ -7,14 +7,14 @@ const WIDTH: f64 = 640.0;
 const RIGHT: f64 = 560.0;
 const ROW: f64 = 34.0;
 
-/// A bar with its stretches, in the order of the legend.
+/// A bar with its segments, in the order of the legend.
 #[derive(Clone, Debug)]
 pub(crate) struct Bar {
     pub(crate) name: String,
     pub(crate) parts: Vec<f64>,
 }
 
-/// Draws the chart; `parts` are the names of the stretches.
+/// Draws the chart; `parts` are the names of the segments.
 pub(crate) fn draw(name: &str, title: &str, axis: &str, parts: &[&str], bars: &[Bar]) -> Chart {
     let longest = bars.iter().map(|r| r.name.chars().count()).max().unwrap_or(0) as f64;
     let left = (24.0 + 8.2 * longest).min(0.4 * WIDTH);

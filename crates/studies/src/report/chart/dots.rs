@@ -19,7 +19,7 @@ pub(crate) struct Dot {
     pub(crate) hint: String,
 }
 
-/// A row: its name and its dots. Dots of a `spread` row stand one below the other.
+/// A row: its name and its dots. Dots of a `spread` row are one below the other.
 #[derive(Clone, Debug)]
 pub(crate) struct Row {
     pub(crate) name: String,

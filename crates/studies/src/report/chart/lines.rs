@@ -8,9 +8,9 @@ const SIZE: [f64; 2] = [430.0, 345.0];
 const LEFT: f64 = 68.0;
 const RIGHT: f64 = 418.0;
 const BOTTOM: f64 = 292.0;
-/// Levels further below the lowest point than this factor are left out: they would press the points together.
+/// Levels further below the lowest point than this factor are left out, because they would compress the points.
 const FAR: f64 = 100.0;
-/// Levels whose names would stand closer than this have only the first of them [px].
+/// Minimum distance of the names of two levels [px]. Of closer ones only the first has a name.
 const NAME_HEIGHT: f64 = 14.0;
 
 /// One point.
@@ -27,7 +27,7 @@ pub(crate) struct Mark {
 /// A line of points.
 #[derive(Clone, Debug)]
 pub(crate) struct Series {
-    /// Which of the palette's colours and shapes.
+    /// Index of colour and shape in the palette.
     pub(crate) color: usize,
     pub(crate) name: String,
     pub(crate) marks: Vec<Mark>,

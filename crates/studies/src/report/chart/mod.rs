@@ -33,7 +33,7 @@ impl Chart {
         Self { name: name.into(), title: title.into(), width, height, body: String::new() }
     }
 
-    /// As part of a page that has the styles.
+    /// The chart as part of a page that contains the styles.
     pub(crate) fn inline(&self) -> String {
         format!(
             "<svg class=\"chart\" viewBox=\"0 0 {} {}\" role=\"img\" aria-label=\"{}\">{}</svg>",
@@ -44,7 +44,7 @@ impl Chart {
         )
     }
 
-    /// As a file of its own.
+    /// The chart as a separate file.
     pub(crate) fn file(&self) -> String {
         format!(
             "<svg xmlns=\"http://www.w3.org/2000/svg\" class=\"chart\" viewBox=\"0 0 {w} {h}\" width=\"{w}\" height=\"{h}\" role=\"img\">\n\
@@ -144,7 +144,7 @@ impl Chart {
     }
 }
 
-/// Colours that the palette has for series.
+/// Number of colours of the palette for series.
 const COLORS: usize = 6;
 /// The series with hollow marks: the reference of a comparison.
 pub(crate) const HOLLOW: usize = 4;
@@ -153,7 +153,7 @@ fn hint_element(hint: &str) -> String {
     if hint.is_empty() { String::new() } else { format!("<title>{}</title>", escape(hint)) }
 }
 
-/// Text as it may stand in HTML and SVG, in elements and in attributes.
+/// Text escaped for HTML and SVG, in elements and in attributes.
 pub(crate) fn escape(text: &str) -> String {
     let mut out = String::with_capacity(text.len());
     for c in text.chars() {
@@ -163,7 +163,7 @@ pub(crate) fn escape(text: &str) -> String {
             '>' => out += "&gt;",
             '"' => out += "&quot;",
             '\'' => out += "&#39;",
-            // Control characters have no place in either.
+            // Control characters are not allowed in either.
             c if c.is_control() && c != '\n' => {}
             c => out.push(c),
         }

@@ -9,7 +9,7 @@ const SIZE: [f64; 2] = [430.0, 330.0];
 const LEFT: f64 = 72.0;
 const RIGHT: f64 = 418.0;
 const BOTTOM: f64 = 278.0;
-/// Of a character, generously \[px\].
+/// Upper bound of the width of a character \[px\].
 const WIDTH: f64 = 7.6;
 
 /// Title and direction of an axis.
@@ -17,11 +17,11 @@ const WIDTH: f64 = 7.6;
 pub(crate) struct Axis<'a> {
     pub(crate) label: &'a str,
     pub(crate) is_log: bool,
-    /// Is zero on a linear axis whatever the values are?
+    /// Is zero part of a linear axis for any values?
     pub(crate) has_zero: bool,
 }
 
-/// How a trace is drawn.
+/// The style of a trace.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Style {
     Points,
@@ -32,7 +32,7 @@ pub(crate) enum Style {
 /// Points or a curve.
 #[derive(Clone, Debug)]
 pub(crate) struct Trace {
-    /// Which of the palette's colours.
+    /// Index of the colour in the palette.
     pub(crate) color: usize,
     pub(crate) name: String,
     pub(crate) style: Style,
@@ -54,7 +54,7 @@ pub(crate) fn draw(name: &str, title: &str, [x, y]: [Axis<'_>; 2], traces: &[Tra
         chart.line("grid", [xs.place(tick), BOTTOM], [xs.place(tick), top]);
         let text = label(tick);
         let end = xs.place(tick) + 0.5 * WIDTH * text.chars().count() as f64;
-        // Where the middle of the last label leaves no room for its end on the paper, its end stands at the edge.
+        // If a label centred at its tick would extend beyond the chart, it is aligned to the edge.
         match end <= SIZE[0] {
             true => chart.text("tick", [xs.place(tick), BOTTOM + 19.0], "middle", &text),
             false => chart.text("tick", [SIZE[0] - 1.0, BOTTOM + 19.0], "end", &text),
@@ -94,7 +94,7 @@ pub(crate) fn draw(name: &str, title: &str, [x, y]: [Axis<'_>; 2], traces: &[Tra
     chart
 }
 
-/// Names of the traces with a piece of each, in rows. Returns the height.
+/// Names of the traces with a sample of each, in rows. Returns the height.
 fn legend(chart: &mut Chart, traces: &[Trace]) -> f64 {
     let (mut left, mut y) = (LEFT, 16.0);
     for t in traces {

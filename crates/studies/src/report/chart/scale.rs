@@ -1,6 +1,6 @@
 //! Axes: positions of values, choice of labelled values, format of labels.
 
-/// An axis from a range of values to a range of places on the paper.
+/// An axis from a range of values to a range of positions in the chart.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Scale {
     is_log: bool,
@@ -11,7 +11,8 @@ pub(super) struct Scale {
 }
 
 impl Scale {
-    /// A logarithmic axis that holds all positive values, with some room at its ends; one decade around one if there are none.
+    /// A logarithmic axis that contains all positive values, with a margin at its ends; one decade around one if there
+    /// are none.
     pub(super) fn log(values: impl Iterator<Item = f64>, from: f64, to: f64) -> Self {
         let usable = values.filter(|v| v.is_finite() && *v > 0.0).map(f64::log10);
         let (low, high) = usable.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| (a.min(v), b.max(v)));
@@ -27,13 +28,13 @@ impl Scale {
         Self { is_log: false, low: 0.0, high: if high > 0.0 { 1.04 * high } else { 1.0 }, from, to }
     }
 
-    /// A linear axis that holds all values, of either sign, with some room at its ends.
+    /// A linear axis that contains all values, of either sign, with a margin at its ends.
     pub(super) fn span(values: impl Iterator<Item = f64>, from: f64, to: f64) -> Self {
         let usable = values.filter(|v| v.is_finite());
         let (low, high) = usable.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| (a.min(v), b.max(v)));
         let (low, high) = if low <= high { (low, high) } else { (0.0, 1.0) };
         let size = low.abs().max(high.abs());
-        // Around values that are all the same the axis goes half as far as they are large, so that its labels differ.
+        // For equal values, the axis extends by half of their magnitude to both sides, so that its labels differ.
         let room = match high - low > 1e-6 * size {
             true => 0.05 * (high - low),
             false if size > 1e-30 => 0.5 * size,
@@ -42,7 +43,7 @@ impl Scale {
         Self { is_log: false, low: low - room, high: high + room, from, to }
     }
 
-    /// The place of a value, not beyond the ends of the axis.
+    /// The position of a value, clamped to the ends of the axis.
     pub(super) fn place(&self, value: f64) -> f64 {
         let v = if self.is_log { value.max(1e-300).log10() } else { value };
         let share = ((v - self.low) / (self.high - self.low)).clamp(0.0, 1.0);
@@ -54,7 +55,7 @@ impl Scale {
         [self.low, self.high].map(|v| if self.is_log { 10f64.powf(v) } else { v })
     }
 
-    /// The values that are labelled.
+    /// The values with labels.
     pub(super) fn ticks(&self) -> Vec<f64> {
         if !self.is_log {
             let raw = (self.high - self.low) / 5.0;
@@ -82,7 +83,7 @@ impl Scale {
 /// The label of a tick.
 pub(super) fn label(v: f64) -> String {
     if v == 0.0 || (1e-3..1e4).contains(&v.abs()) {
-        // As many digits as the value has, without the noise of its last bits.
+        // The digits of the value, without the rounding error of its last bits.
         let text = format!("{v:.6}");
         return text.trim_end_matches('0').trim_end_matches('.').to_string();
     }
@@ -95,7 +96,7 @@ pub(super) fn label(v: f64) -> String {
     }
 }
 
-/// A power of ten as it is printed.
+/// The text of a power of ten.
 pub(crate) fn power_of_ten(power: i32) -> String {
     let raised = |c| match c {
         '-' => '\u{207b}',
