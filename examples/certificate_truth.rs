@@ -156,11 +156,11 @@ fn truth(job: &PathBuf, options: &Options) -> Result<Truth, Error> {
     let mean = over_renders(&seen);
     // Pixels that saturate, by what all renders say together: that a rare sample takes one beyond it in one render is noise like any.
     let full: Vec<bool> = mean.iter().map(|&mean| mean > saturation).collect();
-    // What each render tells of the variance: the mean of that is what they measure.
+    // Estimate of the variance by each render; their mean is the measured variance.
     let deviations =
         |electrons: Vec<f64>| electrons.iter().zip(&mean).map(|(e, m)| (e - m).powi(2) * n / (n - 1.0)).collect();
-    let told: Vec<Vec<f64>> = seen.into_iter().map(deviations).collect();
-    let measured = over_renders(&told);
+    let estimates: Vec<Vec<f64>> = seen.into_iter().map(deviations).collect();
+    let measured = over_renders(&estimates);
     // Variance of each pixel over that of the sensor.
     let open = (0..width * height).filter(|&pixel| !full[pixel]);
     let mut noise: Vec<f64> = open.map(|pixel| measured[pixel] / (mean[pixel] + dark)).collect();
@@ -203,8 +203,10 @@ fn truth(job: &PathBuf, options: &Options) -> Result<Truth, Error> {
     let agreement = |shift: usize| {
         let (measured, claimed) = (sums(&measured, shift), sums(&claimed, shift));
         // By how much each render has claimed too little, in each block.
-        let missed: Vec<Vec<f64>> = (told.iter().zip(&certified))
-            .map(|(told, claim)| sums(told, shift).iter().zip(sums(claim, shift)).map(|(m, c)| m - c).collect())
+        let missed: Vec<Vec<f64>> = (estimates.iter().zip(&certified))
+            .map(|(estimates, claim)| {
+                sums(estimates, shift).iter().zip(sums(claim, shift)).map(|(m, c)| m - c).collect()
+            })
             .collect();
         let (mut within, mut explained) = (0u32, 0u32);
         for (block, (&measured, &claimed)) in measured.iter().zip(&claimed).enumerate() {

@@ -161,7 +161,7 @@ fn an_interrupted_bench_goes_on_and_comes_to_the_same_numbers() {
     let page = bench.read("cut/report.html");
     assert!(page.contains(&format!("{} of {} renders", partial.finished[0], partial.finished[1])));
 
-    // What was finished is not made again.
+    // Finished renders are not repeated.
     let stamp = |name: &str| fs::metadata(cut.join("units").join(name)).and_then(|m| m.modified()).expect("a file");
     let kept: Vec<String> = bench.names("cut/units").into_iter().collect();
     let before: Vec<_> = kept.iter().map(|name| stamp(name)).collect();
@@ -207,7 +207,7 @@ fn a_folder_stays_with_what_it_measured() {
     let said = complaint(&bench.run(&small).code(2));
     assert!(said.contains("scene"), "{said}");
     assert_eq!(bench.read("out/units/uniform-2-00.json"), record);
-    // More strategies of the same bench may join; another bench may not, unless it is told to.
+    // More strategies of the same bench may join; another bench may not, without --restart.
     bench.write("scene.mtl", &mtl);
     bench.run(&small.replace("--strategies uniform", "--strategies uniform,sobel")).code(0);
     assert_eq!(bench.read("out/units/uniform-2-00.json"), record);

@@ -1,7 +1,7 @@
 //! Renders that outlive their process, and parts of a render: the same bits as if nothing had happened, and clear words where
 //! things do not belong together.
 //!
-//! What a killed process leaves is the checkpoint that it wrote last; here copies of it are taken while a render runs.
+//! A killed process leaves the checkpoint that it wrote last. Here copies of it are taken while a render runs.
 //! The program itself is killed in `tests/killed.rs`. Replay: `cargo test --workspace --test checkpoints NAME`.
 
 mod support;
@@ -385,7 +385,7 @@ fn merged_parts_are_the_whole_to_the_last_bit() {
             (whole.sums.total_samples(), whole.sums.total_samples())
         );
         assert!(read_checkpoint(&out).expect("a part").film == whole.sums);
-        // What was merged is a finished part, whoever develops it and through whatever sensor.
+        // A merged render is a finished part, for any sensor.
         let settings = RenderSettings { sensor: sensor("imx174", 3.0), ..only(&uniform, 0..24) };
         let again = run(&scene, &kept(&out, &settings)).expect("a finished part");
         assert!(again.earlier.was_complete && again.film == whole);

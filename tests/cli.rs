@@ -123,7 +123,7 @@ fn matched_exposure_says_where_it_holds_and_leaves_the_other_layers_alone() {
     assert_eq!(others, without.channels.iter().collect::<Vec<_>>());
 }
 
-/// What is left out is named by every output; of a technique it is said that the image is the same.
+/// Every output names the effects that are left out. For a technique it states that the image is the same.
 #[test]
 fn what_is_left_out_marks_the_outputs() {
     let bench = Bench::new();
@@ -291,8 +291,9 @@ fn a_render_can_end_when_the_sensor_hides_its_noise() {
     let hidden = ratios.iter().filter(|r| **r <= 0.25).count() as f64 / ratios.len() as f64;
     assert_eq!(c["saturated"], 0);
     assert!((hidden - c["hidden"].as_f64().expect("a number")).abs() < 1e-9, "{hidden} against {c}");
-    let told: Vec<f64> = stats["forecast"].as_array().expect("levels").iter().filter_map(|l| l["k"].as_f64()).collect();
-    assert_eq!(told, [1.0, 0.7, 0.5, 0.25]);
+    let levels: Vec<f64> =
+        stats["forecast"].as_array().expect("levels").iter().filter_map(|l| l["k"].as_f64()).collect();
+    assert_eq!(levels, [1.0, 0.7, 0.5, 0.25]);
     // With several rules the first to be met stops.
     bench.run("render scene.gltf --width 16 --height 12 --noise 0.001 --spp 20 --stats b.json").code(0);
     let stats = bench.json("b.json");
@@ -335,7 +336,7 @@ fn a_job_is_obeyed_and_flags_win_over_it() {
     assert!((ratio - 4.0).abs() < 0.1, "{ratio}");
 }
 
-/// What a focal length sees depends on rows and pixel pitch: flags for them are as good as keys of the job.
+/// The field of view of a focal length depends on rows and pixel pitch. Flags for them have the effect of keys of the job.
 #[test]
 fn the_field_of_a_focal_length_follows_the_flags() {
     let bench = Bench::new();
@@ -483,7 +484,7 @@ fn help_and_version_go_to_standard_output() {
     assert_eq!(stdout(&bench.run("--version").code(0)), format!("dunkelfeld {}\n", env!("CARGO_PKG_VERSION")));
 }
 
-/// What needs signals and pipes.
+/// Tests with signals and pipes.
 #[cfg(unix)]
 mod processes {
     use super::*;
@@ -523,7 +524,7 @@ mod processes {
             assert_eq!(bench.json("a.json")["stop"], "interrupted");
             assert_eq!(header(&bench.read("a.png")), (32, 32, 8, 0));
             assert!(bench.floats("a.exr", "R").iter().any(|&v| v > 0.0), "what was rendered is kept");
-            // What was rendered can be replayed, too.
+            // The render can be replayed, too.
             bench.run("render scene.gltf --replay a.exr --exr r.exr -o r.png").code(0);
             assert!(bench.read("r.exr") == bench.read("a.exr"), "SIG{signal}");
         }

@@ -22,7 +22,7 @@ const COLOUR: &str = "name = \"colour\"\nsource = \"made up\"\nbit_depth = 12\np
     red = [[465, 0.04], [550, 0.06], [610, 0.45]]\ngreen = [[465, 0.15], [530, 0.58], [610, 0.1]]\n\
     blue = [[465, 0.52], [550, 0.12], [610, 0.04]]\n";
 
-/// What a render writes and what `expose` makes of its EXR are the same files.
+/// A render and `expose` of its EXR write the same files.
 #[test]
 fn an_image_of_our_own_is_exposed_as_its_render_was() {
     let bench = Bench::new();
@@ -36,7 +36,7 @@ fn an_image_of_our_own_is_exposed_as_its_render_was() {
         assert_eq!(bench.read("a.png"), bench.read("b.png"), "{sensor}");
         assert_eq!(bench.read("a.tif"), bench.read("b.tif"), "{sensor}");
     }
-    // The byte of a PNG that tells its kind of pixels: grey is 0, colours are 2.
+    // The byte of a PNG with its kind of pixels: grey is 0, colours are 2.
     assert_eq!(bench.read("b.png")[25], 2, "behind a colour filter the picture has colours");
     bench.run("expose a.exr -o grey.png").code(0);
     assert_eq!(bench.read("grey.png")[25], 0);
@@ -94,9 +94,12 @@ fn frames_have_their_numbers_and_progress_is_told() {
     let run = bench.run("expose ramp.exr --frames 3 --frame 7 --linear raw.png --progress json --threads 1").code(0);
     let text = stdout(&run);
     assert!(text.contains("3 frames, exposed in") && text.contains("raw-0009.png"), "{text}");
-    let told: Vec<Value> = stderr(&run).lines().map(|l| serde_json::from_str(l).expect("JSON")).collect();
-    assert_eq!(told.len(), 3, "{told:?}");
-    assert!(told.iter().all(|t| t["stage"] == "expose") && told[2]["fraction"].as_f64() > Some(0.6), "{told:?}");
+    let reports: Vec<Value> = stderr(&run).lines().map(|l| serde_json::from_str(l).expect("JSON")).collect();
+    assert_eq!(reports.len(), 3, "{reports:?}");
+    assert!(
+        reports.iter().all(|t| t["stage"] == "expose") && reports[2]["fraction"].as_f64() > Some(0.6),
+        "{reports:?}"
+    );
     let frames: Vec<String> = bench.names().into_iter().filter(|n| n.starts_with("raw")).collect();
     assert_eq!(frames, ["raw-0007.png", "raw-0008.png", "raw-0009.png"]);
     assert_ne!(bench.read("raw-0007.png"), bench.read("raw-0008.png"));

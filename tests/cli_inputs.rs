@@ -317,7 +317,7 @@ fn what_is_no_regular_file_or_too_large_is_refused_wherever_a_file_is_read() {
             refused_only(&bench, line, &says);
         }
     }
-    // What a scene refers to is left out with a warning, or is an error where the scene is nothing without it.
+    // A missing reference is left out with a warning, or is an error if the scene is useless without it.
     for (kind, _) in kinds {
         let mut scene = bench.json("panel.gltf");
         scene["images"] = json!([{ "uri": format!("{kind}.png") }, { "uri": "panel.png" }]);

@@ -113,7 +113,7 @@ fn bad_input_ends_with_code_2_names_the_place_and_leaves_everything_as_it_was() 
         let message = stderr(&bench.run(&format!("render scene.gltf --debug-sample 0,0,0 {flag}")).code(2));
         assert!(message.contains("--debug-sample") && message.contains("cannot be used with"), "{flag}: {message}");
     }
-    // What is listed as what can be left out can be.
+    // Every listed effect can be left out.
     let message = stderr(&bench.run("render scene.gltf --without every-lamp").code(2));
     assert!(message.contains("every-light") && message.contains("cover-connection"), "{message}");
     assert!(!["nesting", "many-lights", "color,"].iter().any(|name| message.contains(name)), "{message}");

@@ -73,7 +73,7 @@ fn blocks(text: &str, language: &str) -> Vec<String> {
     found
 }
 
-/// What stands between the only pair of backticks that makes up the whole cell.
+/// The text of a cell that is one pair of backticks.
 fn literal(cell: &str) -> Option<&str> {
     cell.strip_prefix('`')?.strip_suffix('`').filter(|inner| !inner.contains('`'))
 }
@@ -120,7 +120,7 @@ struct Reference {
 const JOB: Reference = Reference { page: "docs/job-file.md", read: read_job };
 const SENSOR: Reference = Reference { page: "docs/sensor-file.md", read: read_sensor };
 
-/// What a job says, as text; the source that it keeps for messages is left out.
+/// The values of a job, as text, without the source that it keeps for messages.
 fn read_job(text: &str) -> Result<String, InputError> {
     let job = Job::from_text("job.toml", text)?;
     let said = format!("{job:?}");
@@ -240,7 +240,7 @@ impl Reference {
         }
     }
 
-    /// What the reader makes of the file that [`Self::text`] gives, without the key.
+    /// The result of the reader for the file of [`Self::text`] without the key.
     fn silent(&self, table: &str, key: &str) -> String {
         let text = self.text(table, key, "?").replace(&format!("{key} = ?\n"), "");
         (self.read)(&text).unwrap_or_else(|e| panic!("{}, {table}: {e}\n{text}", self.page))

@@ -166,7 +166,7 @@ fn written(folder: &Path, settings: &DatasetSettings, threads: usize) -> Truth {
     written.truth
 }
 
-/// What is written is what was taken: the analysis of the files is that of the frames, to the last bit, for 8 and 12 bits, and
+/// The written frames are the simulated ones: the analysis of the files is that of the frames, to the last bit, for 8 and 12 bits, and
 /// the files do not depend on the number of threads.
 #[test]
 fn a_data_set_survives_the_way_through_files() {
@@ -190,9 +190,9 @@ fn a_data_set_survives_the_way_through_files() {
                 .all(|(a, b)| a.pair == b.pair && close(a.exposure, b.exposure))
         );
         assert!(read.measurement.stacks.iter().zip(&taken.stacks).all(|(a, b)| a.stack == b.stack));
-        let told: serde_json::Value =
+        let stored: serde_json::Value =
             serde_json::from_str(&std::fs::read_to_string(folder.join(TRUTH)).expect("the truth")).expect("JSON");
-        assert_eq!(told["quantities"]["K"].as_f64(), truth.quantities.get("K").copied());
+        assert_eq!(stored["quantities"]["K"].as_f64(), truth.quantities.get("K").copied());
         let again = home.path().join(format!("again-{bits}"));
         written(&again, &settings, 1);
         for name in ["images/b_001_0.png", DESCRIPTOR, TRUTH] {

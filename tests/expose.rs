@@ -367,7 +367,7 @@ fn a_render_behind_a_filter_is_planned_and_certified() {
     assert!(certified.certificate.is_hidden(), "{:?}", certified.certificate);
 }
 
-/// What a render behind a colour sensor writes can be exposed again from its EXR, noise matched: but for rounding as the render had it.
+/// A render with a colour sensor can be exposed again from its EXR, noise matched: but for rounding as the render had it.
 #[test]
 fn layers_of_a_render_are_matched_as_the_render_was() {
     let folder = folder();

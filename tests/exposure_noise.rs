@@ -313,7 +313,7 @@ fn matched_frames_depend_on_the_film_alone_and_say_where_they_hold() {
     assert!(layer.data().iter().all(|&v| v == 0.0 || v == 1.0));
     assert_eq!(held, matched.held.data().iter().filter(|h| **h).count());
     assert!((matched.share - held as f64 / 1200.0).abs() < 1e-12, "{}", matched.share);
-    assert!(matched.share > 0.5 && matched.share < 1.0, "{}: a share that tells nothing", matched.share);
+    assert!(matched.share > 0.5 && matched.share < 1.0, "{}: a share without information", matched.share);
 
     // All but the grey values is as in a plain exposure: mean, variance, electrons, certificate.
     let other = developed(&rendering, &plain(&settings));

@@ -124,10 +124,10 @@ fn a_forecast_comes_once_and_before_the_end() {
     let s = settings(24, 16, noise(3.0), 1);
     let rendering =
         render(&still_life(), &s, &Session::new(s.threads).expect("threads").with_progress(&watch)).expect("valid");
-    let told = watch.0.into_inner().expect("no panic");
-    assert_eq!(told.len(), 1);
-    assert_eq!(rendering.forecast.as_ref(), told.first());
-    let levels = &told[0].levels;
+    let forecasts = watch.0.into_inner().expect("no panic");
+    assert_eq!(forecasts.len(), 1);
+    assert_eq!(rendering.forecast.as_ref(), forecasts.first());
+    let levels = &forecasts[0].levels;
     assert!(levels.windows(2).all(|w| w[0].k > w[1].k && w[0].samples <= w[1].samples), "{levels:?}");
     assert!(levels.iter().all(|l| l.seconds.is_some_and(|s| s > 0.0)), "{levels:?}");
 }

@@ -87,7 +87,7 @@ fn the_kernel_with_media_gives_the_same_image_where_there_are_none() {
     let ((a, va), (b, vb)) = (mean(FeatureSet::default(), 1), mean(FeatureSet::ALL, 2));
     // Independent seeds; 6.1 standard errors of the difference: one false alarm in 1e9.
     assert!((a - b).abs() < 6.1 * (va + vb).sqrt(), "{a} +- {} without media, {b} +- {} with", va.sqrt(), vb.sqrt());
-    assert!((va + vb).sqrt() < 0.01 * a, "too noisy to tell: {a} +- {}", (va + vb).sqrt());
+    assert!((va + vb).sqrt() < 0.01 * a, "too noisy: {a} +- {}", (va + vb).sqrt());
 }
 
 #[test]

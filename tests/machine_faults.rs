@@ -24,7 +24,7 @@ fn lab() -> Lab {
 
 const SMALL: &str = "render <scene>.obj --width 32 --height 32 --spp 4 --progress none";
 
-/// What every command says on standard output goes nowhere: an error, exit code 2. A reader that has gone is none.
+/// Standard output cannot be written: an error, exit code 2. A reader that has closed the pipe is no error.
 #[test]
 fn standard_output_that_cannot_be_written_is_an_error() {
     let lab = lab();

@@ -201,7 +201,7 @@ fn fresnel(n1: f64, c1: f64, n2: f64, c2: f64) -> f64 {
     0.5 * (s * s + p * p)
 }
 
-/// What a stack of clear layers lets through, all reflections between its faces included, for light that arrives from air at
+/// Transmission of a stack of clear layers, all reflections between its faces included, for light that arrives from air at
 /// an angle. Each face i adds R_i / (1 - R_i) to 1/T - 1: the shares of a walk that absorbs nothing.
 fn through_stack(indices: &[f64], sin: f64) -> f64 {
     let cos = |n: f64| (1.0 - (sin / n).powi(2)).sqrt();

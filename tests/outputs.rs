@@ -98,7 +98,7 @@ fn layers_hold_what_the_film_and_the_sensor_hold() {
     let sensor = frame.sensor.expect("there is one");
     assert_eq!(layers.single(Single::Electrons), Some(sensor.electrons.clone()));
 
-    // What the pixels show is known: a floor 2 m away that faces the camera, or nothing.
+    // The pixels show a floor 2 m away that faces the camera, or nothing.
     let ids = layers.integers(Single::ObjectId).expect("ids");
     let names = scene.object_names();
     let plane = |layer| layers.triples(layer).expect("a layer");
@@ -112,7 +112,7 @@ fn layers_hold_what_the_film_and_the_sensor_hold() {
         }
         floor += 1;
         assert_eq!(names[*id as usize], "floor");
-        // Pixels at the border of the floor average it with nothing, so whole ones are told by their albedo.
+        // Pixels at the border of the floor average it with nothing, so whole ones are recognised by their albedo.
         if albedo.data()[i][0] == 0.8 {
             assert_eq!((albedo.data()[i], normal.data()[i]), ([0.8, 0.4, 0.2], [0.0, 0.0, 1.0]));
             assert!((depth.data()[i] - 2.0).abs() < 1e-5, "{}", depth.data()[i]);

@@ -43,7 +43,7 @@ impl Case {
         std::iter::once(Self::Plain).chain(kernels).chain(effects).chain(without).collect()
     }
 
-    /// Its name, as in `kernel-solids`: how the program that measures is told what to render.
+    /// Its name, as in `kernel-solids`: the argument of the measuring program.
     pub(crate) fn name(self) -> String {
         match self {
             Self::Plain => "plain".into(),

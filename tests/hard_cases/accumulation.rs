@@ -46,7 +46,7 @@ fn ten_million_samples_of_a_bright_pixel_have_their_exact_mean() {
         assert!((mean / (factor * exact) - 1.0).abs() < 4.0 * f64::EPSILON, "{mean} instead of {}", factor * exact);
     }
     assert_eq!((pixel.count(), pixel.invalid), (N, 0));
-    // What f32 makes of the same stream, so that this stays a hard case.
+    // The sum in f32 of the same stream, to verify that this is a hard case.
     let naive = (0..N).fold(0f32, |sum, i| sum + radiance(i).0) / N as f32;
     assert!((f64::from(naive) / exact - 1.0).abs() > 1e-4, "a sum in f32 is as good: {naive}, {exact}");
 }

@@ -9,7 +9,7 @@ pub(crate) fn visible(cos: f64, alpha: f64) -> f64 {
     2.0 * cos / (cos + (alpha * alpha * (1.0 - cos * cos) + cos * cos).sqrt())
 }
 
-/// What a rough boundary reflects of parallel light of irradiance 1 on a plane that faces it: `F D G / (4 cos_o)`. Cosines of
+/// Reflection of a rough boundary for parallel light of irradiance 1 on a plane that faces it: `F D G / (4 cos_o)`. Cosines of
 /// `wo`, of `wi`, and azimuth between them.
 pub(crate) fn reflected(cos_o: f64, cos_i: f64, azimuth: f64, alpha: f64, ior: f64) -> f64 {
     let (sin_o, sin_i) = ((1.0 - cos_o * cos_o).sqrt(), (1.0 - cos_i * cos_i).sqrt());

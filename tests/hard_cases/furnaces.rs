@@ -27,7 +27,7 @@ fn lobe(name: &str, roughness: f32) -> (Material, PrincipledParams) {
         "plastic" => (m, p),
         "half metal" => (Material { metallic: 0.5, ..m }, PrincipledParams { metallic: 0.5, ..p }),
         _ => (
-            // What is below the dielectric reflection is black: the reflection alone.
+            // The base below the dielectric reflection is black: the reflection alone.
             Material { base_color: Rgb::BLACK, ..m },
             PrincipledParams { base_color: Rgb::BLACK, ..p },
         ),
@@ -71,7 +71,7 @@ fn a_rough_plate_reflects_and_transmits_what_its_facets_leave() {
         for (above, below) in [(1.0f32, 0.0f32), (0.0, 1.0), (1.0, 1.0)] {
             let of = |[r, t]: [f64; 2]| f64::from(above) * r + f64::from(below) * t;
             let expected = of(fine);
-            // Half the grid tells how far the full one may still be from the truth.
+            // The result of half the grid bounds the error of the full one.
             let off = (expected - of(coarse)).abs();
             assert!(off < 1e-3, "roughness {roughness}: half the grid gives {off} more or less");
             let mut b = SceneBuilder::default();

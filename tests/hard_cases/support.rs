@@ -179,7 +179,7 @@ pub(crate) fn fresnel(angle: f64, ior: f64) -> f64 {
     0.5 * (s * s + p * p)
 }
 
-/// What a stack of `faces` lossless faces of reflectance `r` transmits, all internal reflections included: each face adds
+/// Transmission of a stack of `faces` lossless faces of reflectance `r`, all internal reflections included: each face adds
 /// `r / (1 - r)` to the ratio of reflected to transmitted light (Stokes 1862).
 pub(crate) fn through_faces(faces: f64, r: f64) -> f64 {
     (1.0 - r) / (1.0 + (faces - 1.0) * r)

@@ -63,7 +63,7 @@ pub(crate) fn square(half: f32, height: f32, down: bool) -> String {
     (0..4).map(|i| format!("v {} {height} {}\n", corner(i)[0], corner(i)[1])).collect()
 }
 
-/// What the program said on standard error.
+/// The text on standard error.
 pub(crate) fn complaint(assert: &Assert) -> String {
     String::from_utf8_lossy(&assert.get_output().stderr).into_owned()
 }

@@ -103,7 +103,7 @@ impl Image {
 
 /// The pixels whose samples decide about a pixel.
 #[derive(Clone, Copy, Debug)]
-enum Witnesses {
+enum Neighbourhood {
     /// Its neighbours, as in renders.
     Neighbours,
     /// The pixel itself, as in the certificate. Renders must not use it.
@@ -111,11 +111,17 @@ enum Witnesses {
 }
 
 /// The relative noise for a plan.
-fn told(evidence: &NoiseInputs, witnesses: Witnesses, sensor: Option<SensorNoise>) -> Plane<PredictedNoise> {
-    match witnesses {
-        Witnesses::Neighbours => expected(evidence, sensor),
+fn predicted(
+    evidence: &NoiseInputs,
+    neighbourhood: Neighbourhood,
+    sensor: Option<SensorNoise>,
+) -> Plane<PredictedNoise> {
+    match neighbourhood {
+        Neighbourhood::Neighbours => expected(evidence, sensor),
         // The tolerated noise is constant, so that a bright sample does not raise its own tolerance.
-        Witnesses::Own => pixel_noise(evidence).map(|noise| PredictedNoise { ratio: noise.variance, saturated: false }),
+        Neighbourhood::Own => {
+            pixel_noise(evidence).map(|noise| PredictedNoise { ratio: noise.variance, saturated: false })
+        }
     }
 }
 
@@ -128,7 +134,7 @@ fn adaptive(image: &mut Image, target: f64) {
     image.render(&Plane::new(SIDE, SIDE, PILOT));
     for _ in 0..12 {
         let evidence = image.evidence();
-        let expected = told(&evidence, Witnesses::Neighbours, Some(sensor));
+        let expected = predicted(&evidence, Neighbourhood::Neighbours, Some(sensor));
         let required_samples = RequiredSamples::expected(&expected, k);
         let wanted = required_samples
             .capped_targets()
@@ -238,7 +244,7 @@ enum Rule {
 
 /// Relative bias of the mean, with its standard error, when plans distribute a budget of 64 samples per pixel. The
 /// plans are at doubling totals, from all samples so far.
-fn bias_of_budget(rule: Rule, witnesses: Witnesses, plans: u32, repeats: u64) -> (f64, f64) {
+fn bias_of_budget(rule: Rule, neighbourhood: Neighbourhood, plans: u32, repeats: u64) -> (f64, f64) {
     let verdict = judge(RARE, 1.0, repeats, |image| {
         image.render(&Plane::new(SIDE, SIDE, PILOT));
         let pixels = u64::from(SIDE * SIDE);
@@ -246,7 +252,7 @@ fn bias_of_budget(rule: Rule, witnesses: Witnesses, plans: u32, repeats: u64) ->
             let evidence = image.evidence();
             let shares = match rule {
                 Rule::Deviation => {
-                    let expected = told(&evidence, witnesses, None);
+                    let expected = predicted(&evidence, neighbourhood, None);
                     let measured = MeasuredNoise { expected: &expected, required_samples: None };
                     let luminance = &evidence.mean;
                     Strategy::Variance.shares(&Pilot {
@@ -260,7 +266,7 @@ fn bias_of_budget(rule: Rule, witnesses: Witnesses, plans: u32, repeats: u64) ->
                     // A sensor on which the signal of a bright sample counts.
                     let sensor = SensorNoise { floor: RARE, saturation: f64::INFINITY };
                     Shares::from_weights(
-                        RequiredSamples::expected(&told(&evidence, witnesses, Some(sensor)), 0.5).shares(1e-3),
+                        RequiredSamples::expected(&predicted(&evidence, neighbourhood, Some(sensor)), 0.5).shares(1e-3),
                     )
                 }
             };
@@ -275,7 +281,7 @@ fn bias_of_budget(rule: Rule, witnesses: Witnesses, plans: u32, repeats: u64) ->
 #[ignore = "long: .ci/run runs it"]
 fn one_plan_by_the_neighbours_does_not_bias_rare_light() {
     for rule in [Rule::Deviation, Rule::ForNoise] {
-        let (bias, standard_error) = bias_of_budget(rule, Witnesses::Neighbours, 1, 600);
+        let (bias, standard_error) = bias_of_budget(rule, Neighbourhood::Neighbours, 1, 600);
         println!("{rule:?}: bias {:+.3} % +- {:.3} %", 100.0 * bias, 100.0 * standard_error);
         assert!(
             standard_error < 0.015 && bias.abs() < 6.0 * standard_error,
@@ -288,21 +294,24 @@ fn one_plan_by_the_neighbours_does_not_bias_rare_light() {
 #[test]
 #[ignore = "long: .ci/run runs it"]
 fn plans_by_own_samples_and_plans_after_plans_bias_rare_light() {
+    use Neighbourhood::{Neighbours, Own};
     use Rule::{Deviation, ForNoise};
-    use Witnesses::{Neighbours, Own};
-    for (rule, witnesses, plans) in [
+    for (rule, neighbourhood, plans) in [
         (Deviation, Own, 1),
         (Deviation, Own, 2),
         (Deviation, Neighbours, 2),
         (ForNoise, Own, 1),
         (ForNoise, Neighbours, 2),
     ] {
-        let (bias, standard_error) = bias_of_budget(rule, witnesses, plans, 120);
+        let (bias, standard_error) = bias_of_budget(rule, neighbourhood, plans, 120);
         println!(
-            "{rule:?}, {witnesses:?}, {plans} plans: bias {:+.3} % +- {:.3} %",
+            "{rule:?}, {neighbourhood:?}, {plans} plans: bias {:+.3} % +- {:.3} %",
             100.0 * bias,
             100.0 * standard_error
         );
-        assert!(bias < -6.0 * standard_error, "{rule:?}, {witnesses:?}, {plans}: {bias:+.4} +- {standard_error:.4}");
+        assert!(
+            bias < -6.0 * standard_error,
+            "{rule:?}, {neighbourhood:?}, {plans}: {bias:+.4} +- {standard_error:.4}"
+        );
     }
 }

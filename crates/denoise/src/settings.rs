@@ -6,7 +6,7 @@ use std::path::PathBuf;
 /// The variable of the environment that names Intel Open Image Denoise.
 pub const OIDN_VARIABLE: &str = "DUNKELFELD_OIDN";
 
-/// What a denoiser takes until it has been measured [s of one thread per megapixel]: on the safe side for machines of the
+/// Assumed duration of a denoiser until it has been measured [s of one thread per megapixel]: on the safe side for machines of the
 /// last ten years.
 const OIDN_PER_MEGAPIXEL: f64 = 14.0;
 const BUILTIN_PER_MEGAPIXEL: f64 = 4.0;
@@ -55,7 +55,7 @@ pub struct DenoiseSettings {
 }
 
 impl DenoiseSettings {
-    /// What to keep back for denoising so many pixels \[s\], before it has been tried.
+    /// Time to reserve for denoising this number of pixels \[s\], before it has been measured.
     pub fn expected_seconds(&self, pixels: u64, threads: usize) -> f64 {
         let (start, per_megapixel) = match self.method {
             DenoiseMethod::Off => return 0.0,

@@ -185,15 +185,15 @@ fn the_number_of_threads_does_not_change_the_image() {
 fn progress_grows_to_one_and_stops_when_asked() {
     let Some(oidn) = library() else { return };
     let planes = noisy(400, 300);
-    let told = Mutex::new(Vec::new());
+    let fractions = Mutex::new(Vec::new());
     let listen = |fraction| {
-        told.lock().expect("not poisoned").push(fraction);
+        fractions.lock().expect("not poisoned").push(fraction);
         true
     };
     oidn.denoise(&input(&planes), &Control { executor: &Serial, progress: &listen }).expect("denoised");
-    let told = told.into_inner().expect("not poisoned");
-    assert!(told.is_sorted() && told[0] >= 0.0 && told[told.len() - 1] > 0.9, "{told:?}");
-    assert!(told.len() > 5, "{told:?}");
+    let fractions = fractions.into_inner().expect("not poisoned");
+    assert!(fractions.is_sorted() && fractions[0] >= 0.0 && fractions[fractions.len() - 1] > 0.9, "{fractions:?}");
+    assert!(fractions.len() > 5, "{fractions:?}");
 
     for limit in [0.0, 0.2, 0.5, 0.8] {
         let stop = |fraction: f64| fraction < limit;

@@ -106,7 +106,7 @@ pub(crate) fn run(
 ) -> Result<Plane<[f32; 3]>, DenoiseError> {
     let began = Instant::now();
     let next = AtomicU64::new(0);
-    let tell = |fraction: f64| {
+    let report = |fraction: f64| {
         let spent = began.elapsed();
         let (now, due) = (spent.as_millis() as u64, next.load(Ordering::Relaxed));
         if now >= due && next.compare_exchange(due, now + 100, Ordering::Relaxed, Ordering::Relaxed).is_ok() {
@@ -116,7 +116,7 @@ pub(crate) fn run(
         }
         !session.is_cancelled()
     };
-    denoiser.denoise(input, &Control { executor: &PoolExecutor, progress: &tell })
+    denoiser.denoise(input, &Control { executor: &PoolExecutor, progress: &report })
 }
 
 /// The inputs of a denoiser from a film.

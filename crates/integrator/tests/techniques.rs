@@ -77,7 +77,7 @@ fn without_every_light_the_mean_stays_and_the_choice_changes() {
 
         let (each, one) = (moments(&with, 1), moments(&without, 2));
         welch_test(&each, &one).assert(RATE, &format!("{count} lights, all against one"));
-        assert!(each.standard_error() < 0.02 * each.mean(), "too noisy to tell: {each:?}");
+        assert!(each.standard_error() < 0.02 * each.mean(), "too noisy: {each:?}");
         // One sample for each light against one for a chosen light: the noise is lower. Otherwise the switch had no
         // effect.
         assert!(

@@ -28,7 +28,7 @@ pub struct InputError {
     pub file: PathBuf,
     /// Where in the file: `mesh 3 "lid", primitive 0`, `line 12`, `[film] width`.
     pub place: String,
-    /// What is wrong, without a full stop.
+    /// The problem, without a full stop.
     pub problem: String,
     /// The help: a correction by the user, without a full stop.
     pub help: String,

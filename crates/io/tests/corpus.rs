@@ -84,7 +84,7 @@ fn scene_files(folder: &Path) -> Vec<PathBuf> {
     found
 }
 
-/// Peak resident memory of this process [kB], where the system tells.
+/// Peak resident memory of this process [kB], if the system provides it.
 fn peak_memory() -> Option<u64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
     let line = status.lines().find_map(|l| l.strip_prefix("VmHWM:"))?;
@@ -110,8 +110,8 @@ fn every_file_of_the_corpus_loads_or_is_refused_with_a_reason() {
             }
             Outcome::Refused(message) => {
                 refused += 1;
-                let told = message.replace(&format!("{}: ", path.display()), "").replace('\n', " ");
-                println!("refused  {name}: {told}");
+                let text = message.replace(&format!("{}: ", path.display()), "").replace('\n', " ");
+                println!("refused  {name}: {text}");
             }
             Outcome::Broke(what) => {
                 println!("PANICKED {name}: {what}");

@@ -423,11 +423,11 @@ impl<'a> Renderer<'a> {
                 closing,
                 limits: (limits.seconds, limits.samples),
             };
-            let tell = |forecast: &Forecast| reporter.sink.forecast(forecast);
+            let report = |forecast: &Forecast| reporter.sink.forecast(forecast);
             let mut verdict = None;
             match self.settings.budget.noise.filter(|_| round.is_none()) {
-                Some(k) => verdict = Some(self.planner.judge(k, state, &pace, tell)?),
-                None => self.planner.plan(state, &pace)?.into_iter().for_each(tell),
+                Some(k) => verdict = Some(self.planner.judge(k, state, &pace, report)?),
+                None => self.planner.plan(state, &pace)?.into_iter().for_each(report),
             }
             let is_pilot_done = !matches!(verdict, Some(NoiseVerdict::GrowPilot(_)));
             let left = limits.seconds.map_or(0.0, |s| s - self.started.elapsed().as_secs_f64());

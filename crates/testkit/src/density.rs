@@ -5,7 +5,7 @@ use std::f64::consts::{PI, TAU};
 
 /// A chi-squared test of a sampler against its density over a grid of cells.
 ///
-/// What is sampled is described by a point of the unit square (see [`direction_to_square`] for directions). A sampler
+/// A point of the unit square describes the sampled value (see [`direction_to_square`] for directions). A sampler
 /// may give nothing; the density must then integrate to one minus the share of nothing, which is tested as well.
 #[derive(Clone, Copy, Debug)]
 pub struct DensityTest {

@@ -124,7 +124,7 @@ struct Score {
 }
 
 impl ImageEstimate {
-    /// What keeps the image from being judged.
+    /// The reason why the image cannot be compared.
     fn fault(&self) -> Option<&'static str> {
         let n = self.width * self.height;
         let wrong = |v: &f64| !v.is_finite();

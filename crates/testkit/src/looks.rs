@@ -8,7 +8,7 @@ const STANDARD_ERRORS: f64 = 4.0;
 /// So many looks must agree that a value is wrong.
 const LOOKS: u32 = 3;
 
-/// What one look at a random value found.
+/// The estimate of a random value by one run.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Look {
     /// The value.
@@ -25,7 +25,7 @@ impl From<SampleMoments> for Look {
     }
 }
 
-/// What a value must be, and how well a look must know it.
+/// The expected value, and the largest standard error of a run.
 ///
 /// The procedure: a look with the case's seed. Within four standard errors (and `tolerance`) the case is settled: it
 /// passes. Else it is looked at again with an independent seed and four times the samples, and once more with sixteen
@@ -40,9 +40,9 @@ impl From<SampleMoments> for Look {
 /// ([`Self::power`]), by 8 in all but 3e-5 of them, since the later looks see it as 12 and 24, 16 and 32 standard errors.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Claim {
-    /// What the value must be.
+    /// The expected value.
     pub expected: f64,
-    /// What may be off beside noise: the rounding of the code under test, the error of the expectation.
+    /// Error in addition to noise: the rounding of the code under test, the error of the expectation.
     pub tolerance: f64,
     /// Bound on the standard error of every look, so that no case passes by being noisy.
     pub sure: f64,
@@ -52,7 +52,7 @@ impl Claim {
     /// Judges; `look` gives the looks 0, 1, 2, each with a seed of its own and four times the samples of the one before.
     ///
     /// # Errors
-    /// What the looks found, if the claim is refuted, if a look is not as sure as it must be, or if it is no number.
+    /// The estimates, if the claim is refuted, if the standard error of a run is too large, or if an estimate is not a number.
     pub fn judge(&self, mut look: impl FnMut(u32) -> Look) -> Result<(), String> {
         let mut said = format!("expected {:.7e}, found", self.expected);
         let mut side = 0.0;

@@ -1,4 +1,4 @@
-//! What a statistical test found, and how to judge many of them.
+//! The outcome of a statistical test, and the evaluation of many.
 
 /// The result of a statistical test.
 #[derive(Clone, Debug, PartialEq)]

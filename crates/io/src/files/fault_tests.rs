@@ -234,7 +234,7 @@ fn a_folder_of_results_has_whole_files_only_whatever_fails() {
             let (result, met) = with_fault(fault, kinds, at, || grow(home.path()));
             let there = contents(home.path());
             assert!(there.iter().all(|(name, bytes)| whole.get(name) == Some(bytes)), "{fault:?} {at}: {there:?}");
-            // What was lost is made up for by the next run.
+            // The next run replaces the lost data.
             grow(home.path()).expect("nothing fails");
             assert_eq!(contents(home.path()), whole);
             if met.is_none() {

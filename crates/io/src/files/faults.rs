@@ -52,7 +52,7 @@ mod plan {
     use std::cell::RefCell;
     use std::io;
 
-    /// What happens to an operation.
+    /// The fault of an operation.
     #[derive(Clone, Copy, Debug, PartialEq, Eq)]
     pub(crate) enum Fault {
         /// This operating-system error, once.

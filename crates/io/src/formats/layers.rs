@@ -187,7 +187,7 @@ impl ExrLayers {
         Plane::from_vec(self.width, self.height, data)
     }
 
-    /// What keeps a layer from being one of whole numbers: how many values, column and row of the first, and that value.
+    /// The reason why a layer is not one of whole numbers: how many values, column and row of the first, and that value.
     /// `None` if the layer is not there, or is one.
     pub fn singles_that_are_no_counts(&self, layer: Single) -> Option<(usize, [u32; 2], f32)> {
         let Channel::F32(values) = self.channel(layer.own())? else { return None };

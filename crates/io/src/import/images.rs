@@ -28,7 +28,7 @@ pub struct Decoded {
 /// The reason why an image could not be decoded, and the help.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ImageFault {
-    /// What is wrong, without a full stop.
+    /// The problem, without a full stop.
     pub problem: String,
     /// The help: a correction by the user, without a full stop.
     pub help: String,

@@ -1,4 +1,4 @@
-//! What a reader of scene files is asked, and what it hands back; all readers share these.
+//! Options and results of the readers of scene files.
 
 use crate::error::ImportWarning;
 use crate::input::InputFiles;

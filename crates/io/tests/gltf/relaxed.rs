@@ -20,7 +20,7 @@ fn with_material(material: Value) -> Asset {
     a
 }
 
-/// What two imports must agree in.
+/// The data that two imports must share.
 fn content(imported: &Imported) -> String {
     format!(
         "{:?}",

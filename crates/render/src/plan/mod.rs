@@ -139,7 +139,7 @@ impl<'a> Planner<'a> {
         k: f64,
         state: State<'_>,
         pace: &Throughput<'_>,
-        tell: impl FnOnce(&Forecast),
+        report: impl FnOnce(&Forecast),
     ) -> Result<NoiseVerdict, Error> {
         let (eye, image) = self.exposed(&state.film.sums)?;
         let measured = FilmNoise::new(&eye, state.film);
@@ -177,7 +177,7 @@ impl<'a> Planner<'a> {
         let sight = PilotNoise::new(measured, own, self.settings.strategy());
         self.fix(&eye, image, Some(&sight), state, pace);
         if let Some(forecast) = &self.forecast {
-            tell(forecast);
+            report(forecast);
         }
         let needed = self.outlook(&sight, k, state.counts, &self.shares.weights);
         Ok(NoiseVerdict::After(needed))

@@ -268,7 +268,7 @@ impl<'a> Report<'a> {
         let spp = self.r.settings.effect_spp;
         let (verdict, unit) = if self.r.view.has_sensor() {
             (
-                "This camera can tell if at least 1 % of the pixels are off by more than one standard deviation of its own \
+                "The difference is visible to this camera if at least 1 % of the pixels differ by more than one standard deviation of its own \
                  noise in a single frame, and by more than twice what chance alone would show.",
                 " Blue pixels are darker without the effect, orange ones brighter.",
             )

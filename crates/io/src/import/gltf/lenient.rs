@@ -105,7 +105,7 @@ fn is_texture(key: &str) -> bool {
     key.ends_with("Texture")
 }
 
-/// What the place of a value demands.
+/// The type that a place requires.
 #[derive(Clone, Copy, Default)]
 struct Lenient {
     /// An object, or something that `gltf::json` refuses or skips, but no array.

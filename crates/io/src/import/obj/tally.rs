@@ -36,7 +36,7 @@ impl Tally {
             }
         };
         kind.count += 1;
-        // Several faults on one line are told once.
+        // Several faults on one line are one warning.
         if kind.lines.len() < SHOWN && kind.lines.last() != Some(&line) {
             kind.lines.push(line);
         }

@@ -115,7 +115,7 @@ pub(super) fn without_comment(text: &str) -> &str {
     text
 }
 
-/// Reads a number the way C's `atof` would, and Windows' spellings of not-a-number too. The flag tells that the spelling
+/// Reads a number the way C's `atof` would, and Windows' spellings of not-a-number too. The flag is set if the spelling
 /// was broken and a part of it was used. `None` if there is no number at all.
 pub(super) fn number(word: &str) -> Option<(f64, bool)> {
     if let Ok(value) = word.parse::<f64>() {

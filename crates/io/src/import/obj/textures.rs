@@ -11,7 +11,7 @@ use dunkelfeld_geometry::Vec2;
 use dunkelfeld_scene::{ChannelTexture, ColorEncoding, ImageId, Texture, TextureTransform, Wrap};
 use std::collections::HashMap;
 
-/// What is made of an image file. Factors are kept as bits, to serve as keys.
+/// The image that is made from a file. Factors are kept as bits, to serve as keys.
 #[derive(Clone, Copy, PartialEq, Eq, Hash)]
 enum Variant {
     AsStored,
@@ -182,7 +182,7 @@ impl<'a> Textures<'a> {
     }
 }
 
-/// What is stored of an image with this header; the larger of both where only the texels can say.
+/// The stored texels of an image with this header; the larger of both kinds if only the texels determine it.
 fn measured(header: &ImageHeader, variant: Variant) -> ImageHeader {
     let value_bytes = if header.value_bytes == 4 { 4 } else { 2 };
     match variant {
@@ -225,7 +225,7 @@ pub(super) struct Found {
 /// that do not exist here (`C:\maps\a.png`), the bare file name is tried in both. All inside the scene's folder.
 ///
 /// # Errors
-/// What kept the first of these from being read.
+/// The reason why the first of these was not read.
 pub(super) fn load_beside(loader: &AssetLoader, folder: &str, name: &str, role: Role) -> Result<Found, String> {
     let first = join(folder, name);
     let problem = match loader.load_relative(&first, role) {

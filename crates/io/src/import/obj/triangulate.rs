@@ -6,7 +6,7 @@ use earcut::Earcut;
 /// Ear clipping is quadratic on hostile outlines; no honest polygon is that large.
 const MOST_CORNERS: usize = 20_000;
 
-/// What became of a polygon.
+/// The result for a polygon.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Outcome {
     /// It was triangulated.
