@@ -90,7 +90,7 @@ fn a_render_writes_all_outputs_well_formed() {
 
 /// Flag and job ask for the same, the outputs say where it holds, and a plain exposure differs in its grey values alone.
 #[test]
-fn matched_exposure_says_where_it_holds_and_leaves_the_other_layers_alone() {
+fn matched_exposure_states_where_it_holds_and_leaves_the_other_layers_alone() {
     let bench = Bench::new();
     bench.write("matched.toml", "scene = \"scene.gltf\"\n[sensor]\nexposure_noise = \"matched\"\n");
     let run = |what: &str, name: &str| {
@@ -240,7 +240,7 @@ fn a_timed_render_stops_by_time_and_is_replayed_to_the_last_bit() {
 
 /// A budget for which there is no image still gives one, of a sample for every sixteenth pixel, and says so.
 #[test]
-fn pixels_without_samples_show_their_neighbours_and_are_told() {
+fn pixels_without_samples_show_their_neighbours_and_are_reported() {
     let bench = Bench::new();
     let render = "render scene.gltf --width 96 --height 64 --allocate uniform";
     let check = |name: &str| {
@@ -404,7 +404,7 @@ fn progress_is_one_json_object_a_line() {
 }
 
 #[test]
-fn inspect_tells_people_and_machines_what_a_scene_holds() {
+fn inspect_shows_people_and_machines_what_a_scene_holds() {
     let bench = Bench::new();
     let text = stdout(&bench.run("inspect scene.gltf").code(0));
     for part in ["2 objects", "4 triangles", "front", "perspective", "lamp", " lm", "grey", "no hazards"] {

@@ -104,7 +104,7 @@ fn what_cannot_be_done_ends_with_code_2_help_and_nothing_written() {
 
 /// Progress goes to standard error, a line each, and ends at the whole.
 #[test]
-fn progress_is_told_to_machines() {
+fn progress_is_reported_to_machines() {
     let bench = Bench::new();
     let run =
         bench.run("emva dataset --sensor imx250 -o set --size 32x32 --levels 10 --spatial 3 --progress json").code(0);

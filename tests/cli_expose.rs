@@ -88,7 +88,7 @@ fn a_lens_that_vignettes_can_be_put_before_or_after_the_render() {
 }
 
 #[test]
-fn frames_have_their_numbers_and_progress_is_told() {
+fn frames_have_their_numbers_and_progress_is_reported() {
     let bench = Bench::new();
     ramp(&bench, "ramp.exr", 0.0);
     let run = bench.run("expose ramp.exr --frames 3 --frame 7 --linear raw.png --progress json --threads 1").code(0);

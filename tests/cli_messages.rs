@@ -194,7 +194,7 @@ fn messages_name_the_cause_and_what_helps() {
 }
 
 #[test]
-fn a_bench_of_a_black_scene_says_that_there_is_no_light() {
+fn a_bench_of_a_black_scene_states_that_there_is_no_light() {
     let bench = Bench::new();
     floor_alone(&bench, "dark", [[-1.0, 0.0, 1.0], [1.0, 0.0, 1.0], [1.0, 0.0, -1.0], [-1.0, 0.0, -1.0]]);
     let line = "bench dark.gltf --quick --width 12 --height 8 --spp 2,4 --seeds 4 --progress none -o out";

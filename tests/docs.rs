@@ -272,7 +272,7 @@ fn the_examples_of_the_pages_and_all_presets_are_read() {
 // --- Materials ---------------------------------------------------------------------------------------------------------
 
 #[test]
-fn the_materials_page_tells_what_becomes_of_every_material_extension() {
+fn the_materials_page_states_what_becomes_of_every_material_extension() {
     let extensions = |text: &str| -> BTreeSet<String> {
         let names = text.split("KHR_materials_").skip(1);
         names.map(|rest| rest.chars().take_while(|c| c.is_ascii_alphanumeric() || *c == '_').collect()).collect()
@@ -431,7 +431,7 @@ fn the_effects_page_names_every_effect_and_no_other() {
 
 /// The bytes of a pixel add up to what the code writes.
 #[test]
-fn the_checkpoint_page_knows_the_bytes_of_a_pixel() {
+fn the_checkpoint_page_states_the_bytes_of_a_pixel() {
     use dunkelfeld::io::checkpoint::{CHECKPOINT_VERSION, PIXEL_BYTES};
     let text = page("docs/checkpoints.md");
     assert!(text.contains(&format!("| sums | {PIXEL_BYTES} per pixel, 8 |")), "the sums have {PIXEL_BYTES} bytes");

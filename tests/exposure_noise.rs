@@ -296,7 +296,7 @@ fn values(frame: &Frame) -> &Plane<u16> {
 }
 
 #[test]
-fn matched_frames_depend_on_the_film_alone_and_say_where_they_hold() {
+fn matched_frames_depend_on_the_film_alone_and_state_where_they_hold() {
     let scene = shadow();
     let settings = small();
     let rendering = rendered(&scene, &settings);

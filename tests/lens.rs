@@ -306,7 +306,7 @@ fn share_left_of(t: f64, na: f64) -> f64 {
 /// magnification does not), nor does the light (the image's side has one aperture); and the edge is blurred as a disc of
 /// radius |depth| tan(asin NA) blurs it, column by column.
 #[test]
-fn a_telecentric_lens_keeps_its_scale_and_blurs_as_its_aperture_says() {
+fn a_telecentric_lens_keeps_its_scale_and_blurs_by_its_aperture() {
     const PIXELS: usize = 64;
     let (na, m, focus, edge) = (0.1f64, 0.25f64, 0.11f64, 1e-4f64);
     let project = Bench::new().open(&format!(

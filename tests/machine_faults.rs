@@ -108,7 +108,7 @@ fn a_checkpoint_that_cannot_be_written_is_flagged() {
 
 /// The second of two renders on one checkpoint is refused before it reads the scene; so is whatever else would write it.
 #[test]
-fn a_checkpoint_in_use_is_refused_and_says_who_has_it() {
+fn a_checkpoint_in_use_is_refused_and_states_who_has_it() {
     let lab = lab();
     let long = "render <scene>.obj --width 64 --height 64 --spp 100000 --progress json -o a.png --checkpoint a.film";
     let mut first = Command::new(PROGRAM)

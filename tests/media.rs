@@ -59,7 +59,7 @@ fn check(builder: SceneBuilder, spp: f64, expected: f64, what: &str) {
 }
 
 #[test]
-fn a_matched_slab_leaves_what_beer_and_lambert_say() {
+fn a_matched_slab_transmits_by_beer_and_lambert() {
     // No surface to reflect: exp(-sigma d) per channel, whatever the roughness of the face that is not there.
     let sigma = [3.0, 40.0, 0.0];
     let volume = Volume { absorption: Rgb::from_array(sigma), ..Volume::default() };

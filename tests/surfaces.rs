@@ -414,7 +414,7 @@ fn unlit_surfaces_show_their_colour_and_nothing_else() {
 }
 
 #[test]
-fn layers_and_labels_say_what_is_seen() {
+fn layers_and_labels_state_what_is_seen() {
     // A white emitter (object 1) over a plastic floor (object 0), seen from 2 m above; and past both, nothing.
     let scene = |orthographic: bool| {
         let mut b = SceneBuilder::default();

@@ -132,7 +132,7 @@ fn punctual_lights() {
 /// Panels in a ring around the floor, so many of them that the first surface asks each, one of them, or a tree; with a point
 /// above. Scattering finds the panels too, and shares with the question that was asked: the sum of the quadratures.
 #[test]
-fn panels_in_a_ring_asked_each_one_and_by_a_tree() {
+fn panels_in_a_ring_sampled_one_by_one_and_by_a_tree() {
     for count in [3, 20, 90] {
         let (mut b, bsdf, wo) = floor_scene();
         let mut expected = 0.0;

@@ -219,7 +219,7 @@ fn untimed(samples: u64, pixels: u64, seconds: f64) -> Vec<Round> {
 }
 
 #[test]
-fn without_a_time_limit_no_clock_has_a_say() {
+fn without_a_time_limit_no_clock_has_influence() {
     let rounds = untimed(6400, 100, 1e-3);
     // One sample per pixel first, then at most four times the samples so far. So an interrupted render has an image.
     let expected = [
@@ -389,7 +389,7 @@ fn the_other_limits_hold_for_a_judged_render_too() {
 /// A pilot of fewer samples than batches has no variance. A plan made from it would prefer no pixel, for the whole
 /// render.
 #[test]
-fn a_pilot_knows_its_variance_also_where_the_machine_seems_slow_at_first() {
+fn a_pilot_measures_its_variance_also_on_a_machine_that_is_slow_at_first() {
     for budget in [0.02, 0.05, 0.1, 0.2, 0.4] {
         let limits = Limits { seconds: Some(budget), samples: None, at_least: 0, stop_on_noise: false };
         let mut schedule = Schedule::new(limits, Settings { pixels: 1000, pilot_spp: 16, closing_seconds: 0.0 });

@@ -361,7 +361,7 @@ mod tests {
     }
 
     #[test]
-    fn shares_that_say_nothing_still_give_a_plan() {
+    fn shares_without_information_still_give_a_plan() {
         for (w, c) in [(0.0, 0.0), (f32::NAN, f32::NAN), (1.0, f32::INFINITY), (1e-30, 7.0), (0.0, 9.0)] {
             let plan = next_round_of(&empty(2, 1), &capped(&[w, w], &[c, c]), 600);
             assert_eq!(plan.data(), [300, 300], "weight {w}, cap {c}");

@@ -96,7 +96,7 @@ mod tests {
     }
 
     #[test]
-    fn no_pixel_has_a_say_in_its_own_magnitude() {
+    fn no_pixel_has_influence_on_its_own_magnitude() {
         for (w, h) in [(7, 5), (3, 3)] {
             let image = Plane::from_fn(w, h, |x, y| (x * x * 9 + y * 13 + x * y) as u8);
             let before = magnitude(&image);

@@ -312,7 +312,7 @@ mod tests {
     }
 
     #[test]
-    fn few_samples_say_little_and_bad_clocks_nothing() {
+    fn few_samples_count_little_and_bad_clocks_nothing() {
         let mut map = CostMap::new(TileGrid::new(32, 16, 16));
         map.record(&[(0, 1000, 1e-3), (1, 1, 1e-4)]);
         assert!(map.per_sample(1) < 10.0, "one dear sample among sixteen imagined ones");

@@ -260,7 +260,7 @@ fn compensated_white_metal_loses_nothing() {
 }
 
 #[test]
-fn the_factors_are_as_exact_as_they_say() {
+fn the_factors_are_as_exact_as_documented() {
     // By cubature, not by sampling: the error of a factor, over slopes between the nodes of the tables and views down
     // to a cosine of 0.03.
     let mut u = Uniform::new(88);

@@ -110,7 +110,7 @@ fn bounded_normals_waste_fewer_samples() {
 }
 
 #[test]
-fn a_sample_weighs_what_evaluation_says() {
+fn the_weight_of_a_sample_is_that_of_evaluation() {
     let narrow = facet_surfaces().into_iter().map(|s| (s.name, s.bsdf));
     let all: Vec<_> = wide_surfaces().into_iter().chain(narrow).collect();
     let compensated = all.iter().map(|(n, b)| (format!("{n}, compensated"), b.with_energy_compensation()));

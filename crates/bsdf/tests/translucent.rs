@@ -50,7 +50,7 @@ fn directions_follow_their_density_on_both_sides() {
 }
 
 #[test]
-fn samples_weigh_what_evaluation_says_and_both_ways_are_alike() {
+fn weights_of_samples_are_those_of_evaluation_in_both_directions() {
     for (k, (name, bsdf)) in surfaces().into_iter().enumerate() {
         let mut u = Uniform::new(950 + k as u64);
         for _ in 0..4000 {

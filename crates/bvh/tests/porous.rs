@@ -15,7 +15,7 @@ fn stack() -> (Vec<Vec3>, Vec<[u32; 3]>) {
 }
 
 #[test]
-fn a_shadow_ray_is_told_of_each_porous_triangle_once_and_stops_at_the_others() {
+fn a_shadow_ray_visits_each_alpha_tested_triangle_once_and_stops_at_the_others() {
     let (positions, triangles) = stack();
     let mesh = MeshTriangles { positions: &positions, triangles: &triangles };
     let away = Transform::new(DAffine3::from_scale_rotation_translation(

@@ -148,7 +148,7 @@ fn features_that_are_noisy_themselves_keep_nothing_apart() {
 }
 
 #[test]
-fn detail_of_which_no_feature_knows_costs_a_twentieth_at_most() {
+fn detail_without_a_feature_costs_a_twentieth_at_most() {
     // Detail of different kinds and heights, in units of the noise, that is not in the features: bright dots, lines,
     // waves, and pixels with dark or bright values.
     type Detail = fn(u32, u32) -> f32;

@@ -182,7 +182,7 @@ fn the_number_of_threads_does_not_change_the_image() {
 }
 
 #[test]
-fn progress_grows_to_one_and_stops_when_asked() {
+fn progress_grows_to_one_and_stops_on_request() {
     let Some(oidn) = library() else { return };
     let planes = noisy(400, 300);
     let fractions = Mutex::new(Vec::new());

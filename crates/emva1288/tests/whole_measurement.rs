@@ -262,7 +262,7 @@ fn rounding_that_hides_the_dark_noise_leaves_bounds() {
 /// For any camera: noise that rounding hides has a bound, noise that is cut off at zero has none, and the notes contain
 /// both.
 #[test]
-fn the_general_module_knows_what_rounding_and_zero_hide() {
+fn the_general_module_accounts_for_rounding_and_clipping_at_zero() {
     let mut rng = Pcg64::new(20, 1);
     let plain = Camera { dsnu: [0.0; 3], prnu: [0.0; 3], dark_current: 0.0, ..CAMERA };
     let mut general =

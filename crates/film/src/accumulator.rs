@@ -505,7 +505,7 @@ mod tests {
     }
 
     #[test]
-    fn a_weighted_sum_knows_the_covariance_of_the_channels() {
+    fn a_weighted_sum_includes_the_covariance_of_the_channels() {
         // Red and green always add up to one: their sum has no variance, their difference twice the standard deviation
         // of each.
         let mut p = PixelSums::default();
@@ -532,7 +532,7 @@ mod tests {
     }
 
     #[test]
-    fn layers_know_the_variance_of_their_means() {
+    fn layers_have_the_variance_of_their_means() {
         // Two of five samples miss. The albedos are 0, 0, a, b, c, with a variance in closed form. A constant normal
         // varies by the misses.
         let (albedos, depths) = ([0.2f32, 0.9, 0.4], [1.0f32, 1e6, 3.5]);

@@ -72,7 +72,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_known_stays_and_gaps_take_the_mean_of_the_smallest_block_that_knows_something() {
+    fn gaps_take_the_mean_of_the_smallest_block_with_samples() {
         let values = Plane::from_fn(5, 3, value);
         let all = fill_gaps(&values, &Plane::new(5, 3, true));
         assert_eq!(all, values);

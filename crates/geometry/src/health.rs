@@ -227,7 +227,7 @@ mod tests {
     }
 
     #[test]
-    fn holes_flipped_triangles_and_fins_are_told_apart() {
+    fn holes_flipped_triangles_and_fins_are_distinguished() {
         let mut open = cube();
         open.triangles.pop();
         let h = MeshHealth::from_mesh(&open);
@@ -245,7 +245,7 @@ mod tests {
     }
 
     #[test]
-    fn clean_takes_out_each_kind_of_bad_triangle_and_says_so() {
+    fn clean_takes_out_each_kind_of_bad_triangle_with_a_report() {
         let mut mesh = cube();
         let good = mesh.triangles.clone();
         let [a, b, c] = good[0];

@@ -107,7 +107,7 @@ mod tests {
     use dunkelfeld_radiometry::Rgb;
 
     #[test]
-    fn a_question_is_asked_in_proportion_to_what_it_may_bring() {
+    fn a_light_sample_survives_in_proportion_to_its_contribution() {
         let survival = |throughput, found, light, u| {
             ShadowRoulette::new(Rgb::splat(throughput), Rgb::splat(found), || u).survival(Rgb::splat(light))
         };

@@ -154,7 +154,7 @@ fn every_changed_bit_is_noticed() {
 }
 
 #[test]
-fn other_files_and_other_versions_are_told_apart() {
+fn other_files_and_other_versions_are_distinguished() {
     let bench = Bench::new();
     assert!(bench.refused(&b"PNG".repeat(100), "another file").problem.contains("not that of a checkpoint"));
     let mut later = bench.bytes.clone();

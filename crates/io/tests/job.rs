@@ -72,7 +72,7 @@ power = "500mW"
 "#;
 
 #[test]
-fn a_job_that_says_everything() {
+fn a_job_with_every_key() {
     let job = job(EVERYTHING);
     assert_eq!(job.scene, Path::new("jobs/../scenes/a.glb"));
     assert_eq!((job.camera.as_deref(), job.seed, job.frame), (Some("above"), 7, 3));
@@ -97,7 +97,7 @@ fn a_job_that_says_everything() {
 }
 
 #[test]
-fn a_job_that_says_the_least_gets_the_documented_defaults() {
+fn a_job_with_the_least_keys_gets_the_documented_defaults() {
     let job = job(&with(""));
     assert_eq!((job.seed, job.frame, job.camera.as_deref()), (0, 0, None));
     assert_eq!(job.lens, LensSettings { transmission: 0.9, ..LensSettings::default() });
@@ -212,7 +212,7 @@ fn faults_are_refused_with_place_help_and_caret() {
 }
 
 #[test]
-fn a_lens_that_says_everything() {
+fn a_lens_with_every_key() {
     let perspective = job(&with(
         r#"
         [lens]
@@ -512,7 +512,7 @@ fn an_ies_file_takes_the_place_of_a_point_or_a_spot() {
 }
 
 #[test]
-fn energy_compensation_is_asked_for_and_off_otherwise() {
+fn energy_compensation_is_off_unless_requested() {
     assert!(!changed("").energy_compensation);
     assert!(!changed("[render]").energy_compensation);
     assert!(changed("[render]\nenergy_compensation = true").energy_compensation);

@@ -68,7 +68,7 @@ fn chunks(bytes: &[u8]) -> Vec<(String, Vec<u8>)> {
 }
 
 #[test]
-fn the_gamma_chunk_says_how_the_picture_is_encoded() {
+fn the_gamma_chunk_states_how_the_picture_is_encoded() {
     let folder = tempfile::tempdir().expect("a temporary folder");
     let path = folder.path().join("gamma.png");
     let (g8, g16) = (gray8(), gray16());

@@ -182,7 +182,7 @@ fn mistakes_in_the_finer_keys_are_shown_at_their_places() {
 }
 
 #[test]
-fn names_and_files_are_told_apart() {
+fn names_and_files_are_distinguished() {
     assert!(find_sensor("imx250").is_ok());
     let unknown = find_sensor("imx999").expect_err("no such preset").to_string();
     assert!(unknown.contains("imx250") && unknown.contains("imx999"), "{unknown}");

@@ -120,7 +120,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_quantity_prints_its_unit_and_keeps_the_precision_asked_for() {
+    fn a_quantity_prints_its_unit_with_the_requested_precision() {
         assert_eq!(format!("{:.1}", Electrons(6.83)), "6.8 e-");
         assert_eq!(format!("{}", Radiance(2.5)), "2.5 W/(m^2 sr)");
     }

@@ -24,7 +24,7 @@ fn camera(projection: Projection) -> Camera {
 }
 
 #[test]
-fn an_empty_scene_is_dark_and_says_so() {
+fn an_empty_scene_is_dark_with_a_report() {
     let (scene, report) = SceneBuilder::default().build().expect("nothing is wrong with nothing");
     assert!(report.hazards().any(|f| f.message.contains("no light")), "{report:?}");
     assert!(scene.bounds().is_none() && scene.radius() == 0.0 && scene.light_inventory().is_empty());

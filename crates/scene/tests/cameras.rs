@@ -262,7 +262,7 @@ fn the_principal_point_is_where_the_axis_meets_the_film() {
 }
 
 #[test]
-fn vignetting_is_the_fourth_power_of_the_cosine_and_off_unless_asked_for() {
+fn vignetting_is_the_fourth_power_of_the_cosine_and_off_unless_requested() {
     let lens = Lens { vignetting: Vignetting::CosineFourth, principal_point: [40.0, 10.0], ..Lens::default() };
     let (plain, dark) = (bound(&perspective(1.2, Lens::default())), bound(&perspective(1.2, lens)));
     assert!(dark.has_vignetting() && !plain.has_vignetting());

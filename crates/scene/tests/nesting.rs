@@ -190,7 +190,7 @@ fn scene_point(scene: &Scene, p: Vec3) -> Vec3 {
 }
 
 #[test]
-fn a_walk_that_scatters_anywhere_always_knows_where_it_is() {
+fn a_path_that_scatters_anywhere_keeps_its_medium() {
     // Boxes that touch with whole and with partial faces, overlap, and contain each other, some turned, one an instance
     // of a mesh with many triangles. Rays turn at random faces in random directions. At every start the interior of the
     // path must equal the one computed by `interior_at`.

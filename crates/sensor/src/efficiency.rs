@@ -205,7 +205,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn patterns_are_what_their_names_say() {
+    fn patterns_have_the_colours_of_their_names() {
         for pattern in BayerPattern::ALL {
             let letters: String =
                 [(0, 0), (1, 0), (0, 1), (1, 1)].map(|(x, y)| &pattern.color_at(x, y).name()[..1]).concat();

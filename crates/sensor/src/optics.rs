@@ -352,7 +352,7 @@ mod tests {
     }
 
     #[test]
-    fn the_variance_of_electrons_knows_how_channels_vary_together() {
+    fn the_variance_of_electrons_includes_the_covariance_of_the_channels() {
         let response = Response::new(&model(), &lens(), Exposure::new(Seconds(1e-3)).expect("valid"));
         // Grey noise of standard deviation 0.1 changes the electrons by 0.1 times the response to grey.
         let expected = (0.1 * response.at(0, 0).electrons([1.0; 3]).0).powi(2);

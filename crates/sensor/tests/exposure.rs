@@ -93,7 +93,7 @@ fn correlation(a: &[f64], b: &[f64]) -> f64 {
 /// DSNU and PRNU from the mean of frames. The spread over 65 536 pixels has a standard error of 0.3 %. The bounds are 7
 /// sigma, and the remaining temporal noise is subtracted.
 #[test]
-fn the_fixed_pattern_has_the_spread_that_was_asked_for_and_stays() {
+fn the_fixed_pattern_has_the_requested_spread_and_stays() {
     let pattern = FixedPattern { dsnu: Electrons(6.0), prnu: 0.02, ..FixedPattern::default() };
     let patterned = || device(SensorSpec { fixed_pattern: pattern, ..spec() }, 7);
     let device = patterned();

@@ -141,7 +141,7 @@ fn without_render_noise_or_knowledge_of_it_frames_are_those_of_a_plain_exposure(
 }
 
 #[test]
-fn where_it_holds_is_told_pixel_by_pixel() {
+fn validity_is_reported_for_each_pixel() {
     let model = SensorModel::new(spec()).expect("valid");
     let mean = Plane::from_vec(6, 1, vec![1000.0, 1000.0, 1000.0, 0.0, 8.0, 8.0]).expect("six");
     let variance = Plane::from_vec(6, 1, vec![400.0, 900.0, f32::INFINITY, 0.0, 9.0, 17.0]).expect("six");

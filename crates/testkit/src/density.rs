@@ -160,7 +160,7 @@ mod tests {
     }
 
     #[test]
-    fn cubature_knows_peaks_and_jumps() {
+    fn cubature_resolves_peaks_and_jumps() {
         let peak = |[x, y]: [f64; 2]| (-((x - 0.3).powi(2) + (y - 0.6).powi(2)) / 5e-3).exp() / (5e-3 * PI);
         assert!((integrate_square(&peak, [0.0; 2], [1.0; 2], 1e-7) - 1.0).abs() < 1e-4);
         let disk = |[x, y]: [f64; 2]| f64::from(x * x + y * y < 1.0);

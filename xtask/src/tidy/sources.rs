@@ -279,7 +279,7 @@ mod tests {
     }
 
     #[test]
-    fn the_lock_file_knows_one_source() {
+    fn the_lock_file_has_one_source() {
         let usual = "source = \"registry+https://github.com/rust-lang/crates.io-index\"\n";
         assert!(faults("Cargo.lock", usual).is_empty());
         assert_eq!(faults("Cargo.lock", "source = \"git+https://example.com/x\"\n").len(), 1);

@@ -267,7 +267,7 @@ mod tests {
     }
 
     #[test]
-    fn neighbours_that_have_seen_enough_speak_for_themselves() {
+    fn neighbours_with_many_events_use_their_own_samples() {
         let halves = image(|x, _| if x < 20 { 1.0 } else { 100.0 });
         assert!((ratio(&halves, 14, 20) / 0.25 - 1.0).abs() < 0.05, "{}", ratio(&halves, 14, 20));
         assert!((ratio(&halves, 25, 20) / 25.0 - 1.0).abs() < 0.05, "{}", ratio(&halves, 25, 20));
@@ -288,7 +288,7 @@ mod tests {
     }
 
     #[test]
-    fn other_objects_speak_only_where_nobody_else_knows() {
+    fn other_objects_are_used_only_without_similar_neighbours() {
         let mut evidence = image(|x, _| if x < 20 { 1.0 } else { 400.0 });
         evidence.surface =
             Plane::from_fn(SIDE, SIDE, |x, _| PixelFeatures { object: u32::from(x >= 20), ..PixelFeatures::default() });
@@ -341,7 +341,7 @@ mod tests {
     }
 
     #[test]
-    fn neighbours_that_have_met_nothing_where_much_was_to_be_met_have_a_say() {
+    fn neighbours_without_events_where_many_were_expected_have_influence() {
         // An object before a black background: a noisy pixel has a thousand events.
         let part = image(|x, _| if x < 20 { 0.0 } else { 100.0 });
         assert!(ratio(&part, 16, 20) < 0.01 * 25.0, "{}", ratio(&part, 16, 20));

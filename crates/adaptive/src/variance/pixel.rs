@@ -330,7 +330,7 @@ mod tests {
     }
 
     #[test]
-    fn rounding_does_not_tell_equal_events_apart() {
+    fn rounding_does_not_separate_equal_events() {
         let own = pixel_noise(&events(16, 16, &[(0, 0, 1.0), (3, 3, 1.0 + 1e-7)]));
         let (inside, outside) = (f64::from(own.at(1, 1).variance), own.at(4, 4).variance);
         assert!((inside - 2.0).abs() < 1e-6 && outside == 0.0, "{inside} {outside}");
@@ -456,7 +456,7 @@ mod tests {
     }
 
     #[test]
-    fn where_scatter_is_not_known_neighbourhoods_speak() {
+    fn neighbourhoods_are_used_where_scatter_is_unknown() {
         let film = film(|_, _| 16, 3, |_, _, _, random| random.unit());
         let mut evidence = evidence_of(&film);
         evidence.scatter = Plane::new(WIDTH, WIDTH, None);

@@ -218,7 +218,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn long_lists_are_cut_and_say_so() {
+    fn long_lists_are_cut_with_a_note() {
         let lines = |n: usize| (0..n).map(|i| i.to_string()).collect::<Vec<_>>();
         assert_eq!(shortened(lines(MAX_NOTICES)), lines(MAX_NOTICES));
         let cut = shortened(lines(MAX_NOTICES + 3));

@@ -85,7 +85,7 @@ mod tests {
     }
 
     #[test]
-    fn a_caller_that_says_no_gets_no_more_tiles() {
+    fn a_caller_that_cancels_gets_no_more_tiles() {
         let worked = AtomicUsize::new(0);
         let control = Control { progress: &|fraction| fraction < 0.5, ..Control::SILENT };
         let result = map_tiles((10 * EDGE, EDGE), &control, (0.0, 1.0), |t| {

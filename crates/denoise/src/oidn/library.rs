@@ -181,7 +181,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_missing_library_says_what_was_tried_and_why_it_failed() {
+    fn a_missing_library_states_what_was_tried_and_why_it_failed() {
         let candidates = ["/nowhere/libA.so", "/nowhere/libB.so"].map(Candidate::new);
         let text = Functions::load(&candidates).expect_err("there is no such file").to_string();
         assert!(text.contains("/nowhere/libA.so: ") && text.contains("/nowhere/libB.so: "), "{text}");
@@ -192,7 +192,7 @@ mod tests {
 
     #[cfg(target_os = "linux")]
     #[test]
-    fn another_library_is_told_by_what_it_lacks() {
+    fn another_library_is_recognised_by_its_missing_functions() {
         let text = Functions::load(&[Candidate::new("libc.so.6")]).expect_err("another library").to_string();
         assert!(text.contains("libc.so.6: is not Open Image Denoise") && text.contains("oidnNewDevice"), "{text}");
     }

@@ -366,7 +366,7 @@ mod tests {
     }
 
     #[test]
-    fn the_density_of_a_sample_is_what_pdf_says_to_the_bit() {
+    fn the_density_of_a_sample_is_that_of_pdf_to_the_bit() {
         let r = rectangle();
         for p in references() {
             for k in 0..64 {

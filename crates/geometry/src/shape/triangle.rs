@@ -213,7 +213,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn the_density_of_a_sample_is_what_pdf_says_to_the_bit() {
+    fn the_density_of_a_sample_is_that_of_pdf_to_the_bit() {
         for p in references() {
             for k in 0..64 {
                 let u = [(k as f32 + 0.5) / 64.0, (k as f32 * 0.618_034).fract()];

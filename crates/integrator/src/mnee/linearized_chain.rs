@@ -93,7 +93,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn neighbours_run_through_a_plate_and_a_mirror_as_the_laws_say() {
+    fn neighbours_run_through_a_plate_and_a_mirror_by_the_laws() {
         let (d, n, h) = (0.004, 1.49, 0.02);
         let mut trail = LinearizedChain::new();
         let bend = |z: f64, eta| SpecularVertex {

@@ -239,7 +239,7 @@ mod tests {
     }
 
     #[test]
-    fn bad_quantities_say_why() {
+    fn bad_quantities_are_refused_with_a_reason() {
         for (text, part) in [
             ("", "no number"),
             ("-", "no number"),

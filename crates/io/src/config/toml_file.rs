@@ -512,7 +512,7 @@ mod tests {
     }
 
     #[test]
-    fn a_file_that_cannot_be_read_says_so() {
+    fn a_file_that_cannot_be_read_is_an_error() {
         let read = |path: &Path| TomlFile::read(path, Role::Job, &mut InputFiles::new());
         let error = read(Path::new("no/such/job.toml")).expect_err("missing");
         assert!(error.problem.contains("cannot be read"), "{error}");

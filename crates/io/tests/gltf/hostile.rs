@@ -212,7 +212,7 @@ fn vertices_that_are_not_finite_cost_their_triangles() {
 }
 
 #[test]
-fn versions_and_empty_files_are_told() {
+fn versions_and_empty_files_are_reported() {
     let fail = |bytes: &[u8]| load_bytes(bytes, "a.gltf", &ImportOptions::default()).expect_err("refused").to_string();
     assert!(fail(b"").contains("empty"));
     assert!(fail(b"hello").contains("JSON, line 1"));

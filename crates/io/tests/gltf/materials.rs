@@ -70,7 +70,7 @@ fn metallic_roughness_with_all_textures() {
 }
 
 #[test]
-fn emission_is_in_nits_unless_told_otherwise() {
+fn emission_is_in_nits_unless_set_otherwise() {
     let a = asset(json!({"emissiveFactor": [1, 0.5, 0],
         "extensions": {"KHR_materials_emissive_strength": {"emissiveStrength": 1366.0}}}));
     let of = |emissive_unit| {

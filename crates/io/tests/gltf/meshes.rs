@@ -38,7 +38,7 @@ fn transforms_multiply_down_the_hierarchy_in_f64() {
 }
 
 #[test]
-fn the_scene_shown_is_the_one_asked_for_else_the_default_else_the_first_else_every_root() {
+fn the_scene_is_the_requested_one_else_the_default_else_the_first_else_every_root() {
     let names = |a: &Asset, scene: Option<usize>| -> Vec<String> {
         let options = ImportOptions { scene, ..ImportOptions::default() };
         let imported = load_bytes(&a.gltf(), "a.gltf", &options).expect("loads");
@@ -343,7 +343,7 @@ fn a_byte_order_mark_before_the_json_is_left_out_in_gltf_and_glb() {
 }
 
 #[test]
-fn glb_and_gltf_are_told_apart_by_their_bytes() {
+fn glb_and_gltf_are_distinguished_by_their_bytes() {
     let a = square();
     for name in ["a.glb", "a.gltf"] {
         let from_glb = load_bytes(&a.glb(), name, &ImportOptions::default()).expect("a GLB");

@@ -111,7 +111,7 @@ fn vertex_colours_outside_their_range_are_counted() {
 }
 
 #[test]
-fn anisotropy_without_tangents_says_what_it_follows() {
+fn anisotropy_without_tangents_states_what_it_follows() {
     let of = |with_tangents: bool| {
         let mut a = Asset::with_primitive(|a| {
             let mut attributes = json!({"POSITION": a.floats(&SQUARE), "NORMAL": a.floats(&[[0.0, 0.0, 1.0]; 4])});
@@ -130,7 +130,7 @@ fn anisotropy_without_tangents_says_what_it_follows() {
 }
 
 #[test]
-fn weights_of_morphs_and_joints_that_do_not_fit_are_told() {
+fn weights_of_morphs_and_joints_that_do_not_fit_are_reported() {
     let morphed = |weights: serde_json::Value| {
         let mut a = Asset::with_primitive(|a| {
             let delta = a.floats(&[[0.0, 0.0, 0.5]; 4]);

@@ -340,7 +340,7 @@ mod tests {
     }
 
     #[test]
-    fn names_are_told_apart() {
+    fn names_are_distinguished() {
         let mut names: Vec<&str> = Effect::ALL.iter().map(|e| e.name()).collect();
         names.sort_unstable();
         names.dedup();

@@ -112,7 +112,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn plain_numbers_are_told_from_others() {
+    fn plain_numbers_are_distinguished_from_others() {
         let count = |text| numbers(text, 6).map(|n| (n.count, n.nonzero));
         assert_eq!(count("1 -2.5\t.5 3. 1e-05\r\n"), Some((5, true)));
         assert_eq!(count("0 -0.000 0e-9"), Some((3, false)));
@@ -124,7 +124,7 @@ mod tests {
     }
 
     #[test]
-    fn plain_faces_are_told_from_others() {
+    fn plain_faces_are_distinguished_from_others() {
         let (seen, total) = ([4, 2, 1], [9, 3, 2]);
         assert_eq!(face(" 1/1/1 9/3/2\t-4/-2/-1 \r\n", &seen, &total), Some(3));
         for text in [

@@ -154,7 +154,7 @@ mod tests {
     }
 
     #[test]
-    fn polygons_without_area_are_told_apart() {
+    fn polygons_without_area_are_distinguished() {
         let mut out = Vec::new();
         let mut t = Triangulator::default();
         for points in [

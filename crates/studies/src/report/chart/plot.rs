@@ -172,7 +172,7 @@ mod tests {
     }
 
     #[test]
-    fn points_lie_where_the_axes_say() {
+    fn points_lie_at_their_coordinates() {
         let points = vec![[0.0, 10.0], [50.0, 20.0], [100.0, 30.0]];
         let t = Trace { color: 0, name: "t".into(), style: Style::Points, points };
         let text = draw("x", "", [axis("x", false), Axis { has_zero: false, ..axis("y", false) }], &[t]).file();
