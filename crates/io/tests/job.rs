@@ -172,7 +172,7 @@ fn faults_are_refused_with_place_help_and_caret() {
         ("[import]\nemissive_unit = \"lux\"", "[import] emissive_unit", "unknown unit \"lux\"", "\"nit\"", "\"lux\""),
         ("[environment]\nradiance = [1, 2]", "[environment] radiance", "three channels", "[r, g, b]", "[1, 2]"),
         ("[environment]\nradiance = -1", "[environment] radiance", "out of range", "", "-1"),
-        ("[environment]\nradiance = 1\nscale = 2", "[environment] scale", "says nothing", "remove it", "2"),
+        ("[environment]\nradiance = 1\nscale = 2", "[environment] scale", "has no effect", "remove it", "2"),
         (
             "[[material]]\nname = \"a\"\nroughness = 1.5",
             "[[material]] 1, roughness",
@@ -391,8 +391,8 @@ fn media_that_contradict_themselves_are_refused() {
         ("scattering = [1, 2]", "three channels"),
         ("scattering_anisotropy = 1", "out of range"),
         ("priority = 0.5", "does not belong here"),
-        ("absorption = 1\nattenuation_color = 0.5", "both say"),
-        ("scattering = 1\nscattering_albedo = 0.5", "both say"),
+        ("absorption = 1\nattenuation_color = 0.5", "both define"),
+        ("scattering = 1\nscattering_albedo = 0.5", "both define"),
     ] {
         let error = parse(keys).to_string();
         assert!(error.contains(word), "{keys}: {error}");

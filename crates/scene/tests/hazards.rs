@@ -107,7 +107,7 @@ fn faces_that_lie_in_each_other() {
     let block = cuboid(Vec3::new(-0.2, -0.2, 0.0), Vec3::new(0.2, 0.2, 0.1));
     says(with(glass("block"), block), "object \"table\"", &["clear solid", "glued", "leave a gap"]);
     let near = cuboid(Vec3::new(-0.2, -0.2, 1e-6), Vec3::new(0.2, 0.2, 0.1));
-    says(with(glass("block"), near), "object \"table\"", &["the gap is known to", "make it wider"]);
+    says(with(glass("block"), near), "object \"table\"", &["the gap has an error of", "make it wider"]);
     let twin = rectangle(Vec3::new(-0.1, -0.1, 0.8), Vec3::Y * 0.2, Vec3::X * 0.2);
     says(with(lamp(), twin), "object \"bulb\"", &["both shine", "delete one"]);
     // In one plane, but beside each other; and above each other, but tilted.
