@@ -12,7 +12,7 @@ pub struct SourceSpan {
     pub range: std::ops::Range<usize>,
 }
 
-/// Input that cannot be used: which file, where in it, what is wrong, and how to correct it.
+/// Input that cannot be used: the file, the place in it, the fault, and the help.
 ///
 /// When displayed, terminal control characters are escaped.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -26,13 +26,13 @@ pub struct SourceSpan {
 pub struct InputError {
     /// The file.
     pub file: PathBuf,
-    /// Where in the file: `mesh 3 "lid", primitive 0`, `line 12`, `[film] width`.
+    /// The place in the file: `mesh 3 "lid", primitive 0`, `line 12`, `[film] width`.
     pub place: String,
-    /// The problem, without a full stop.
+    /// The fault, without a full stop.
     pub problem: String,
     /// The help: a correction by the user, without a full stop.
     pub help: String,
-    /// The text around the place, for files that are text.
+    /// The text around the place, for text files.
     pub source_span: Option<Box<SourceSpan>>,
 }
 
@@ -47,7 +47,7 @@ impl InputError {
         Self { file: file.into(), place: place.into(), problem: problem.into(), help: help.into(), source_span: None }
     }
 
-    /// The line with the offending part and a caret under it, in the manner of compilers; empty without a span.
+    /// The line with the offending part and a caret under it, as in compilers; empty without a span.
     pub fn caret(&self) -> String {
         let Some(span) = self.source_span.as_deref() else { return String::new() };
         let start = floor_char_boundary(&span.text, span.range.start);
@@ -79,7 +79,7 @@ fn floor_char_boundary(text: &str, index: usize) -> usize {
 /// A part of the input that was repaired or left out. When displayed, terminal control characters are escaped.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ImportWarning {
-    /// Where: file and place.
+    /// File and place.
     pub place: String,
     /// The problem and the repair.
     pub message: String,

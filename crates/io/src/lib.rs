@@ -1,4 +1,4 @@
-//! Files in, files out: the only crate that opens any.
+//! Reading and writing of files: the only crate that opens files.
 //!
 //! | folder | contents |
 //! |---|---|

@@ -1,25 +1,25 @@
-//! Text of files for terminals: names in a scene may hold escape sequences, which a terminal would obey.
+//! Text of files for terminals: names in a scene may contain escape sequences, which a terminal would execute.
 
 use std::borrow::Cow;
 use std::fmt::Write;
 
-/// The text with `\u{...}` in place of each character that a terminal obeys or that reorders what stands around it; line
-/// feeds and tabs stay.
+/// The text with `\u{...}` in place of each character that a terminal executes or that reorders its neighbours. Line
+/// feeds and tabs remain.
 pub fn visible(text: &str) -> Cow<'_, str> {
     escaped(text, |c| c != '\n' && c != '\t' && is_command(c), |out, c| write!(out, "\\u{{{:x}}}", u32::from(c)))
 }
 
-/// As [`visible`], for what belongs on one line: line feeds and tabs are replaced, too.
+/// As [`visible`], for a text of one line: line feeds and tabs are replaced, too.
 pub fn visible_line(text: &str) -> Cow<'_, str> {
     escaped(text, is_command, |out, c| write!(out, "\\u{{{:x}}}", u32::from(c)))
 }
 
-/// JSON with such characters escaped as JSON has it, so that it means the same.
+/// JSON with such characters escaped by the rules of JSON. Its meaning does not change.
 pub fn visible_json(text: &str) -> Cow<'_, str> {
     escaped(text, |c| c != '\n' && is_command(c), |out, c| write!(out, "\\u{:04x}", u32::from(c)))
 }
 
-/// A line of a source with such characters as U+FFFD, one for one: columns stay.
+/// A line of a source with such characters as U+FFFD, one for one: columns do not change.
 pub(crate) fn visible_columns(line: &str) -> Cow<'_, str> {
     escaped(line, is_command, |out, _| out.write_char('\u{fffd}'))
 }

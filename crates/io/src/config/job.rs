@@ -1,4 +1,4 @@
-//! The job file: everything about one render in one TOML text. The doc comments of the fields are its reference.
+//! The job file: all settings of one render in one TOML text. The doc comments of the fields are its reference.
 //!
 //! ```toml
 //! scene = "inspection.glb"
@@ -24,8 +24,8 @@
 //! power = "3W"
 //! ```
 //!
-//! Unknown keys are errors. Times, lengths, angles and powers carry their unit (`"5ms"`, `"12mm"`, `"30deg"`, `"3W"`);
-//! colours are linear Rec. 709, `[r, g, b]` or one number for all three.
+//! Unknown keys are errors. Times, lengths, angles and powers have a unit (`"5ms"`, `"12mm"`, `"30deg"`, `"3W"`).
+//! Colours are linear Rec. 709, `[r, g, b]` or one number for all three.
 
 pub(crate) mod check;
 mod lens;
@@ -60,7 +60,7 @@ pub const DEFAULT_SENSOR: &str = "imx250";
 pub struct Job {
     /// The scene file (`.glb`, `.gltf`, `.obj`), relative to the job file. Required.
     pub scene: PathBuf,
-    /// Name of the camera; by default the scene's first, or a framing of the whole scene if it has none.
+    /// Name of the camera. Default: the scene's first camera, or a view of the whole scene if it has none.
     pub camera: Option<String>,
     /// Seed of all random numbers; the same seed gives the same image. Default 0.
     #[serde(default)]
@@ -71,7 +71,7 @@ pub struct Job {
     /// Settings of the import of the scene file.
     #[serde(default)]
     pub import: ImportSettings,
-    /// The lens before the sensor.
+    /// The lens of the camera.
     #[serde(default)]
     pub lens: LensSettings,
     /// Size of the image.
@@ -95,7 +95,7 @@ pub struct Job {
     /// Files to write.
     #[serde(default)]
     pub output: OutputSettings,
-    /// Light from all directions. It replaces that of the scene.
+    /// Light from all directions. It replaces the environment of the scene.
     pub environment: Option<EnvironmentSettings>,
     /// `[[material]]`: changes to materials, applied in order.
     #[serde(default, rename = "material")]
@@ -103,7 +103,7 @@ pub struct Job {
     /// `[[light]]`: changes to lights, applied in order, after those to materials.
     #[serde(default, rename = "light")]
     pub lights: Vec<LightOverride>,
-    /// The text that this job was read from, for errors that are found later.
+    /// The text of the job, for later errors.
     #[serde(skip)]
     source: TomlFile,
     #[serde(skip)]
@@ -114,12 +114,12 @@ pub struct Job {
 #[derive(Clone, Debug, Default, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ImportSettings {
-    /// Unit of the emissive factors of a glTF file: `"nit"` (as the format says; default) or `"W/(m2 sr)"`. OBJ's `Ke` is
+    /// Unit of the emissive factors of a glTF file: `"nit"` (as in the format; default) or `"W/(m2 sr)"`. OBJ's `Ke` is
     /// always W/(m^2 sr).
     #[serde(default, deserialize_with = "check::emissive_unit")]
     pub emissive_unit: EmissiveUnit,
-    /// Most memory \[B\] that all images of the scene and of the environment may take together once they are decoded; written
-    /// as `"2GiB"`. By default 1 GiB, see [`Limits`].
+    /// Memory limit \[B\] for the decoded images of the scene and of the environment together; written as `"2GiB"`. By
+    /// default 1 GiB, see [`Limits`].
     #[serde(default, deserialize_with = "check::memory")]
     pub texture_memory: Option<u64>,
 }
@@ -138,7 +138,7 @@ pub struct FilmSettings {
     /// sensor model.
     #[serde(deserialize_with = "check::positive_length")]
     pub pixel_pitch: Option<f64>,
-    /// Width \[m\] of the film on the sensor, whatever the number of pixels; instead of `pixel_pitch`.
+    /// Width \[m\] of the film on the sensor, for any number of pixels; instead of `pixel_pitch`.
     #[serde(deserialize_with = "check::positive_length")]
     pub sensor_width: Option<f64>,
     /// Height \[m\] of the film on the sensor; instead of `pixel_pitch`.
@@ -156,7 +156,7 @@ pub struct BudgetSettings {
     /// Mean number of samples per pixel, above 0, at most 1e9.
     #[serde(deserialize_with = "check::spp")]
     pub spp: Option<f64>,
-    /// The k at which 99 % of the unsaturated pixels shall be hidden beneath the sensor's noise.
+    /// The k at which 99 % of the unsaturated pixels must be hidden beneath the sensor's noise.
     #[serde(deserialize_with = "check::noise")]
     pub noise: Option<f64>,
     /// Memory limit of the run \[bytes\]: `"6GB"`. A run that needs more does not begin.
@@ -230,7 +230,7 @@ impl<'de> Deserialize<'de> for SensorChoice {
 /// The exposure time.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Exposure {
-    /// Chosen so that the 99.5 % quantile of the image reaches 90 % of saturation.
+    /// Automatic: the 99.5 % quantile of the image is at 90 % of saturation.
     #[default]
     Auto,
     /// Seconds, above zero.
@@ -266,8 +266,8 @@ impl<'de> Deserialize<'de> for Exposure {
 #[derive(Clone, Debug, Default, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct TransportSettings {
-    /// Gives rough metal, glass and sheets back the light that the microfacet model loses between facets (Turquin 2019).
-    /// Default false: the model of other renderers.
+    /// Compensates the energy loss of rough metal, glass and sheets, which the microfacet model loses between facets
+    /// (Turquin 2019). Default false: the model of other renderers.
     pub energy_compensation: bool,
 }
 
@@ -291,10 +291,10 @@ pub struct OutputSettings {
 #[derive(Clone, Debug, Default, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct EnvironmentSettings {
-    /// The same radiance [W/(m^2 sr)] from everywhere.
+    /// The same radiance [W/(m^2 sr)] from all directions.
     #[serde(deserialize_with = "check::light")]
     pub radiance: Option<Rgb>,
-    /// An equirectangular HDR or EXR image, relative to the job file: +y up, its centre looks along -z.
+    /// An equirectangular HDR or EXR image, relative to the job file: +y is up, its centre is the direction -z.
     pub image: Option<PathBuf>,
     /// Multiplies the image to give radiance [W/(m^2 sr)]. Default 1.
     #[serde(deserialize_with = "check::light")]
@@ -310,7 +310,7 @@ pub struct EnvironmentSettings {
 pub struct MaterialOverride {
     /// Name of the material, or a pattern with `*` (any characters) and `?` (any one).
     pub name: String,
-    /// `false` drops all textures of the material first.
+    /// `false` removes all textures of the material first.
     pub textures: Option<bool>,
     /// Base colour, 0 to 1.
     #[serde(default, deserialize_with = "check::color")]
@@ -337,7 +337,7 @@ pub struct MaterialOverride {
     pub emission: Option<Rgb>,
     /// Is the emission two-sided?
     pub double_sided: Option<bool>,
-    /// Emits its base colour and scatters nothing.
+    /// Does it emit its base colour and scatter nothing?
     pub unlit: Option<bool>,
     /// Index of refraction, 1 to 10.
     #[serde(default, deserialize_with = "check::ior")]
@@ -429,20 +429,21 @@ pub struct LightOverride {
     /// `false` switches it off. Default true.
     #[serde(default = "yes")]
     pub enabled: bool,
-    /// An IES file (ANSI/IES LM-63, type C), relative to the job file: it replaces the distribution and strength of a
-    /// point or spot light, whose hue stays. The nadir of the file lies along the light's -z, its zero plane along +x.
+    /// An IES file (ANSI/IES LM-63, type C), relative to the job file. It replaces the distribution and strength of a
+    /// point or spot light, whose hue remains. The nadir of the file is the light's -z, its zero plane contains +x.
     pub ies: Option<PathBuf>,
     /// Emitted radiance [W/(m^2 sr)] of a surface.
     #[serde(default, deserialize_with = "check::light")]
     pub radiance: Option<Rgb>,
-    /// Radiant power \[W\] of each light that the name stands for, as the mean of the channels; the colour stays as it is
-    /// (white if it was black). Not for parallel light.
+    /// Radiant power \[W\] of each light that the name selects, as the mean of the channels. The colour remains as it
+    /// is (white if it was black). Not for parallel light.
     #[serde(default, deserialize_with = "check::power")]
     pub power: Option<f64>,
-    /// Radiant intensity \[W/sr\] of a point light, of a spot light on its axis, of an IES profile where it is brightest.
+    /// Radiant intensity \[W/sr\] of a point light, of a spot light on its axis, or of an IES profile in its brightest
+    /// direction.
     #[serde(default, deserialize_with = "check::light")]
     pub intensity: Option<Rgb>,
-    /// Irradiance [W/m^2] of a parallel light on a surface that faces it.
+    /// Irradiance [W/m^2] of a parallel light on a surface perpendicular to it.
     #[serde(default, deserialize_with = "check::light")]
     pub irradiance: Option<Rgb>,
 }
@@ -521,7 +522,7 @@ impl Job {
         Ok(job)
     }
 
-    /// The files that the job names as inputs, readable or not, and the job file if the job was read from one.
+    /// The input files of the job, readable or not, and the job file if the job was read from one.
     pub fn inputs(&self) -> &InputFiles {
         &self.inputs
     }
@@ -569,12 +570,12 @@ impl Job {
         self.source.error_at_key(&["sensor", "model"], problem, error.help)
     }
 
-    /// An error about a key of `[lens]` that is found only where lens, film and scene meet.
+    /// An error about a key of `[lens]` that depends on lens, film and scene together.
     pub fn lens_error(&self, key: &str, problem: impl Into<String>, help: impl Into<String>) -> InputError {
         self.source.error_at_key(&["lens", key], problem, help)
     }
 
-    /// Index of the camera that the job names; `None` if it names none.
+    /// Index of the job's camera; `None` if the job names none.
     ///
     /// # Errors
     /// If the scene has no camera of that name.

@@ -133,7 +133,7 @@ quantity!(
 );
 
 impl Memory {
-    /// As a whole number of bytes; `None` below one, and beyond what numbers can hold.
+    /// As a whole number of bytes; `None` below one and out of range.
     pub fn whole(self) -> Option<u64> {
         (self.0 >= 1.0 && self.0 < 1.8e19).then_some(self.0 as u64)
     }

@@ -1,4 +1,4 @@
-//! Sensor files: TOML with the unit in every key, checked, with errors that point at the place.
+//! Sensor files: TOML with the unit in every key. Values are checked. Errors contain the place in the file.
 //!
 //! ```toml
 //! name = "Sony IMX900, low conversion gain"   # free text
@@ -51,7 +51,7 @@ use crate::input::{InputFiles, Role};
 use crate::job::check::whole;
 use crate::toml_file::TomlFile;
 
-/// Temperature of a sensor whose file states none.
+/// Default temperature of a sensor.
 const ROOM_TEMPERATURE: Celsius = Celsius(25.0);
 
 /// The sensor of the preset of this name, or of the file if there is no such preset.
@@ -62,7 +62,7 @@ pub fn find_sensor(name_or_path: &str) -> Result<SensorModel, InputError> {
     find_sensor_recorded(name_or_path, &mut InputFiles::new())
 }
 
-/// [`find_sensor`], and counts the file among the inputs.
+/// [`find_sensor`], and records the file as an input.
 ///
 /// # Errors
 /// As [`find_sensor`].
@@ -71,7 +71,7 @@ pub fn find_sensor_recorded(name_or_path: &str, inputs: &mut InputFiles) -> Resu
         return preset(name_or_path);
     }
     let path = Path::new(name_or_path);
-    // A plain word that is no file is taken for a name.
+    // A plain word that is no file is interpreted as a name.
     if path.extension().is_none() && !path.exists() { preset(name_or_path) } else { load_sensor_recorded(path, inputs) }
 }
 
@@ -83,7 +83,7 @@ pub fn load_sensor(path: &Path) -> Result<SensorModel, InputError> {
     load_sensor_recorded(path, &mut InputFiles::new())
 }
 
-/// [`load_sensor`], and counts the file among the inputs.
+/// [`load_sensor`], and records the file as an input.
 ///
 /// # Errors
 /// As [`load_sensor`].
@@ -174,7 +174,7 @@ pub fn parse_sensor(file: &TomlFile) -> Result<SensorModel, InputError> {
 
 const EFFICIENCY: &str = "write points [wavelength in nm, efficiency from 0 to 1] by ascending wavelength";
 
-/// Every key that `derived` and `assumed` may name.
+/// All keys that `derived` and `assumed` may contain.
 const KEYS: [&str; 21] = [
     "bit_depth",
     "pixel_pitch_um",
@@ -346,7 +346,7 @@ impl ColorFilterToml {
 }
 
 impl SensorToml {
-    /// `derived` and `assumed` name keys. A name that is no key is a misspelt one.
+    /// `derived` and `assumed` contain keys. A name that is no key is a spelling error.
     fn check_names(&self, file: &TomlFile) -> Result<(), InputError> {
         match self.derived.iter().chain(&self.assumed).find(|name| !KEYS.contains(&name.get_ref().as_str())) {
             Some(name) => Err(file.error_at(

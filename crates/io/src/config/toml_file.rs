@@ -30,10 +30,10 @@ use crate::error::{InputError, SourceSpan};
 use crate::input::{InputFiles, Role};
 use crate::names::nearest_names;
 
-/// Larger files are refused: no settings need a megabyte.
+/// Larger files are refused: settings need less than a megabyte.
 const LARGEST: u64 = 1 << 20;
 
-/// A TOML text and the file it came from. Errors that it makes point into the text.
+/// A TOML text and its file. Its errors contain the place in the text.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct TomlFile {
     path: PathBuf,
@@ -41,7 +41,7 @@ pub struct TomlFile {
 }
 
 impl TomlFile {
-    /// Reads a file of at most 1 MiB, and counts it among the inputs. A byte order mark at its start is left out.
+    /// Reads a file of at most 1 MiB, and records it as an input. A byte order mark at its start is left out.
     ///
     /// # Errors
     /// The file is missing, unreadable, not a regular file, too large, or not UTF-8.
@@ -63,7 +63,7 @@ impl TomlFile {
         Self { path: path.into(), text }
     }
 
-    /// Where the text came from.
+    /// The origin of the text.
     pub fn path(&self) -> &Path {
         &self.path
     }
@@ -76,14 +76,14 @@ impl TomlFile {
         }
     }
 
-    /// Deserializes the text. `T` and everything in it should be `deny_unknown_fields`.
+    /// Deserializes the text. `T` and all types in it should be `deny_unknown_fields`.
     ///
     /// # Errors
     /// Bad TOML, unknown or missing keys, values of the wrong kind.
     pub fn parse<T: DeserializeOwned>(&self) -> Result<T, InputError> {
         toml::from_str(&self.text).map_err(|e| {
             let message = Message::from_serde(e.message());
-            // An empty span stands for the file as a whole: the root table has no header.
+            // An empty span means the whole file: the root table has no header.
             let span = e.span().filter(|range| !range.is_empty() || message.missing.is_none());
             let error = span.map(|range| self.error_at(range, &message.problem, &message.help));
             match (error, message.missing) {
@@ -124,7 +124,7 @@ impl TomlFile {
         DeTable::parse(&self.text).is_ok_and(|root| span_of(root.get_ref(), path).is_some())
     }
 
-    /// Passes `value` on if it lies in `range`; not-a-number never does.
+    /// Returns `value` if it lies in `range`. NaN never does.
     ///
     /// # Errors
     /// The value is outside.
@@ -144,7 +144,7 @@ impl TomlFile {
         ))
     }
 
-    /// Passes `value` on if it is finite and above zero.
+    /// Returns `value` if it is finite and above zero.
     ///
     /// # Errors
     /// It is not.
@@ -160,7 +160,11 @@ impl TomlFile {
         ))
     }
 
-    /// The path of the key whose key or value holds `range`: `[film] width`, `[[light]] 2, power`.
+    /// Returns `value` if it is finite and not below zero.
+    ///
+    /// # Errors
+    /// It is not.
+    /// The path of the key whose key or value contains `range`: `[film] width`, `[[light]] 2, power`.
     fn place(&self, range: &Range<usize>) -> String {
         let mut finder = Finder { range, best: None };
         if let Ok(root) = DeTable::parse(&self.text) {
@@ -184,7 +188,7 @@ enum Step {
 /// Searches the innermost key or value around a range.
 struct Finder<'a> {
     range: &'a Range<usize>,
-    /// Length of the tightest span so far, and its path.
+    /// Length of the shortest span so far, and its path.
     best: Option<(usize, Vec<Step>)>,
 }
 
@@ -198,7 +202,7 @@ impl Finder<'_> {
         }
     }
 
-    // A table's own span is only its header, so its entries are searched whether or not it holds the range.
+    // A table's own span is only its header. So its entries are searched, also if it does not contain the range.
     fn value(&mut self, value: &Spanned<DeValue<'_>>, path: &mut Vec<Step>) {
         self.offer(value.span(), path);
         match value.get_ref() {
@@ -237,7 +241,7 @@ fn span_of(table: &DeTable<'_>, path: &[&str]) -> Option<Range<usize>> {
     Some(value.span())
 }
 
-/// A key path in the way it is written in the file.
+/// A key path as in the file.
 fn describe(path: &[Step]) -> String {
     match path {
         [Step::Key(table), Step::Item(i)] => format!("[[{table}]] {}", i + 1),
@@ -257,7 +261,7 @@ fn join_place(table: &str, key: &str) -> String {
     format!("[{}] {key}", table.trim_matches(['[', ']']))
 }
 
-/// The errors of serde and toml, reworded as a problem and help.
+/// The errors of serde and toml, as a problem and help.
 struct Message {
     problem: String,
     help: String,
@@ -288,7 +292,8 @@ impl Message {
                 None => (found, false),
             };
             let problem = if is_too_large { "is out of range" } else { "does not belong here" };
-            // Two brackets around a section that there is once make a list of what was meant for its first key.
+            // Two brackets around a section that exists once make a list of a value that was intended for its first
+            // key.
             let brackets = if found == "map" {
                 ", or single brackets around the name of a section that there is once"
             } else {
@@ -308,7 +313,7 @@ impl Message {
                 missing: None,
             };
         }
-        // Messages of our own value types carry their help after a semicolon.
+        // Messages of our own value types contain their help after a semicolon.
         if let Some((problem, help)) = message.split_once("; ") {
             return Self { problem: problem.into(), help: help.into(), missing: None };
         }
@@ -329,13 +334,13 @@ impl Message {
     }
 }
 
-/// The user's word for a kind of value of serde.
+/// The name for users of a kind of value of serde.
 fn in_words(wanted: &str) -> String {
     match wanted {
         "u8" => format!("a whole number from 0 to {}", u8::MAX),
         "u16" => format!("a whole number from 0 to {}", u16::MAX),
         "u32" => format!("a whole number from 0 to {}", u32::MAX),
-        // TOML's own whole numbers end here.
+        // The range of TOML's integers ends here.
         "u64" | "usize" => format!("a whole number from 0 to {}", i64::MAX),
         "i32" | "i64" => "a whole number".into(),
         "f32" | "f64" => "a number".into(),

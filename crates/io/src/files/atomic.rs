@@ -10,17 +10,16 @@ use tempfile::NamedTempFile;
 use crate::files::faults::{self, Operation, retry};
 use crate::files::partial::{folder_of, new_file, resolved, sync_folder};
 
-/// Writes a file so that readers see either the old contents or the whole new ones, also across a crash.
+/// Writes a file. Readers read either the complete old contents or the complete new ones, also after a crash.
 ///
-/// `fill` writes the contents through a buffer. The bytes go to a hidden file of its own name in the target's folder (a
-/// rename is atomic only within one file system), are synced to the disk, and are then renamed to `path`. If anything fails
-/// the hidden file is removed and an existing target stays as it was; only if the very last step fails, the folder's own way
-/// to the disk, the target is the new file. What processes left that were killed while they wrote the same target is
-/// removed.
+/// `fill` writes the contents through a buffer. The bytes are written to a hidden file with a unique name in the
+/// target's folder (a rename is atomic only within one file system), synced to the disk, and then renamed to `path`.
+/// After an error, the hidden file is removed and an existing target remains as it was. Only if the very last step
+/// fails, the sync of the folder, the target is the new file. Leftovers of killed processes that wrote the same target
+/// are removed.
 ///
 /// # Errors
-/// The error of `fill` unchanged in kind, or that of the file system; the message names `path` and the cause, and says what
-/// to do about it.
+/// The error of `fill`, of the same kind, or that of the file system. The message contains `path`, the cause and help.
 pub fn write_atomically<F>(path: &Path, fill: F) -> io::Result<()>
 where
     F: FnOnce(&mut BufWriter<PartialFile>) -> io::Result<()>,
@@ -36,17 +35,17 @@ where
     write().map_err(|e| explain(path, folder_of(&target), &e))
 }
 
-/// A file that is written under a temporary name. Writes are complete or fail. Signals and short writes are handled.
+/// A file under a temporary name. Writes are complete or fail. Signals and short writes are handled.
 #[derive(Debug)]
 pub struct PartialFile {
     file: NamedTempFile,
 }
 
 impl PartialFile {
-    /// Puts the file in the target's place.
+    /// Renames the file to the target.
     fn finish(self, target: &Path) -> io::Result<()> {
         if let Ok(existing) = fs::metadata(target) {
-            // Best effort: some file systems keep no permissions.
+            // The permissions are set if possible: some file systems store none.
             let _ = self.file.as_file().set_permissions(existing.permissions());
         }
         retry(Operation::Sync, || self.file.as_file().sync_all())?;
@@ -88,7 +87,7 @@ impl Seek for PartialFile {
 /// Would [`write_atomically`] succeed now, apart from a full disk? Long runs check this before they start.
 ///
 /// # Errors
-/// As [`write_atomically`]. Nothing is left behind, and an existing file is not touched.
+/// As [`write_atomically`]. No file remains, and an existing file is not changed.
 pub fn check_writable(path: &Path) -> io::Result<()> {
     let target = writable_target(path)?;
     let folder = folder_of(&target);
@@ -109,7 +108,7 @@ fn writable_target(path: &Path) -> io::Result<PathBuf> {
             format!("cannot write {}: it is a folder; name a file in it", path.display()),
         ));
     }
-    // A link is followed, so that the file it points to is replaced and not the link itself.
+    // A link is followed, so that the file behind it is replaced and not the link itself.
     let target = resolved(path);
     // A pipe or a device would be replaced by a file.
     if let Some(what) = fs::metadata(&target).ok().as_ref().and_then(crate::input::other_kind) {
@@ -118,7 +117,7 @@ fn writable_target(path: &Path) -> io::Result<PathBuf> {
             format!("cannot write {}: it is {what}, not a regular file; name a regular file", path.display()),
         ));
     }
-    // A write-protected file stays protected. The rename alone would replace it.
+    // A write-protected file is not replaced. The rename alone would replace it.
     if fs::metadata(&target).is_ok_and(|m| m.permissions().readonly()) {
         return Err(io::Error::new(
             io::ErrorKind::PermissionDenied,
@@ -135,7 +134,7 @@ fn explain(path: &Path, folder: &Path, error: &io::Error) -> io::Error {
     io::Error::new(error.kind(), format!("cannot write {}: {}", path.display(), cause(folder, error)))
 }
 
-/// The reason why something in a folder cannot be written, with help.
+/// The reason for a file or folder that cannot be written, with help.
 pub(crate) fn cause(folder: &Path, error: &io::Error) -> String {
     match error.kind() {
         io::ErrorKind::NotFound if !folder.exists() => {

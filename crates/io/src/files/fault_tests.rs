@@ -1,5 +1,5 @@
-//! Every writer of this crate on a disk that fails, operation by operation: the target is the old file or the new one, whole;
-//! nothing is left beside it; the error names file and cause, and says what to do.
+//! Tests every writer of this crate on a disk that fails, operation by operation. The target is the complete old file
+//! or the complete new one. No other file remains. The error contains file, cause and help.
 
 use crate::checkpoint::{CheckpointHead, write_checkpoint};
 use crate::emva_descriptor::{EmvaDescriptor, FrameBlock, write_descriptor};
@@ -18,7 +18,7 @@ use std::fs;
 use std::io::{self, Write};
 use std::path::Path;
 
-/// Everything but locks, without which files are written all the same.
+/// All operations except locks. Without locks, files are written as well.
 const OPERATIONS: [Operation; 5] =
     [Operation::Create, Operation::Write, Operation::Seek, Operation::Sync, Operation::Rename];
 const EINTR: i32 = 4;
@@ -29,7 +29,7 @@ const ENOSPC: i32 = 28;
 const EROFS: i32 = 30;
 const ENOLCK: i32 = 37;
 
-/// A fault, the operations that it may meet, and what the error says of it; nothing where the write must succeed.
+/// A fault, the operations where it may occur, and the text of its error; no text if the write must succeed.
 type Case = (Fault, &'static [Operation], Option<&'static str>);
 const CASES: [Case; 9] = [
     (Fault::Once(EINTR), &OPERATIONS, None),
@@ -45,7 +45,7 @@ const CASES: [Case; 9] = [
 
 type Writer = fn(&Path, u32) -> io::Result<()>;
 
-/// All that writes a single file, each with contents that depend on a number.
+/// All writers of a single file. Their contents depend on a number.
 const WRITERS: [(&str, Writer); 10] = [
     ("a.png", |path, n| write_png(path, Picture::Gray8(&values(n).map(|&v| v as u8)), &[("Software", "x")])),
     ("colour.png", |path, n| write_png(path, Picture::Rgb8(&values(n).map(|&v| [v as u8, 1, 2])), &[])),
@@ -102,7 +102,7 @@ fn text(path: &Path, text: &str) -> io::Result<()> {
     atomic::write_atomically(path, |w| w.write_all(text.as_bytes()))
 }
 
-/// A folder in memory, if there is such a thing: many files are synced.
+/// A folder in memory, if there is one: many files are synced.
 fn home() -> tempfile::TempDir {
     tempfile::tempdir_in("/dev/shm").or_else(|_| tempfile::tempdir()).expect("a temporary folder")
 }
@@ -123,8 +123,8 @@ fn contents(folder: &Path) -> BTreeMap<String, Vec<u8>> {
     all
 }
 
-/// Puts `old` into an empty folder, writes `new` over it with each fault at each operation until there are no more of them,
-/// and holds what comes of it against the two. Returns how many faults there were.
+/// Writes `old` into an empty folder, and `new` over it with each fault at each operation until no operation is left.
+/// Compares the result with both. Returns the number of faults.
 fn try_all(
     name: &str,
     names_file: &str,
@@ -161,7 +161,7 @@ fn try_all(
             match (result, words) {
                 (Ok(()), None) => assert!(there == after, "{what}: the new one"),
                 (Err(message), Some(words)) => {
-                    // Only if the way of the name to the disk fails is the new one there.
+                    // Only if the sync of the name fails, the new file is there.
                     let is_new = met == Operation::Sync && there == after;
                     assert!(there == before || is_new || !is_undone_always, "{what}: {:?}", there.keys());
                     assert!(message.contains(names_file), "{what}: names no file");
@@ -234,7 +234,7 @@ fn a_folder_of_results_has_whole_files_only_whatever_fails() {
             let (result, met) = with_fault(fault, kinds, at, || grow(home.path()));
             let there = contents(home.path());
             assert!(there.iter().all(|(name, bytes)| whole.get(name) == Some(bytes)), "{fault:?} {at}: {there:?}");
-            // The next run replaces the lost data.
+            // The next run repeats the lost work.
             grow(home.path()).expect("nothing fails");
             assert_eq!(contents(home.path()), whole);
             if met.is_none() {

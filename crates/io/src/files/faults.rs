@@ -1,28 +1,28 @@
-//! Points where tests make operations of the file system fail. Other builds contain none of this.
+//! Points where tests make operations of the file system fail. Other builds contain no such code.
 //!
-//! Every write calls these functions before each operation: [`before`] may fail in its place, [`most`] may shorten a
-//! write.
+//! Every write calls these functions before each operation. [`before`] may return an error in its place, [`most`] may
+//! shorten a write.
 
 use std::io;
 
 /// An operation of the file system.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Operation {
-    /// A file or folder under the partial name.
+    /// Creation of a file or folder under the partial name.
     Create,
     /// The advisory lock of a file.
     Lock,
-    /// Bytes into a partial file.
+    /// Write of bytes into a partial file.
     Write,
-    /// The position in a partial file.
+    /// Change of the position in a partial file.
     Seek,
-    /// A file or folder to the disk.
+    /// Sync of a file or folder to the disk.
     Sync,
-    /// The partial name becomes that of the target.
+    /// Rename of the partial name to that of the target.
     Rename,
 }
 
-/// Runs an operation, again as long as a signal interrupts it (EINTR).
+/// Runs an operation, and repeats it as long as a signal interrupts it (EINTR).
 pub(crate) fn retry<T>(operation: Operation, mut run: impl FnMut() -> io::Result<T>) -> io::Result<T> {
     loop {
         match before(operation).and_then(|()| run()) {
@@ -37,7 +37,7 @@ fn before(_: Operation) -> io::Result<()> {
     Ok(())
 }
 
-/// How many bytes of a write of `bytes` bytes go through at once.
+/// Number of bytes that a write of `bytes` bytes writes at a time.
 #[cfg(not(test))]
 pub(crate) fn most(bytes: usize) -> usize {
     bytes
@@ -57,21 +57,21 @@ mod plan {
     pub(crate) enum Fault {
         /// This operating-system error, once.
         Once(i32),
-        /// This error, and again for every later operation of the same kind, as on a full disk.
+        /// This error for this and every later operation of the same kind, as on a full disk.
         EverAfter(i32),
-        /// A write takes a single byte.
+        /// A write writes a single byte.
         Short,
     }
 
     #[derive(Debug)]
     struct Plan {
         fault: Fault,
-        /// The operations that the fault may meet.
+        /// The operations where the fault may occur.
         kinds: Vec<Operation>,
-        /// It meets the one of this number, from zero.
+        /// Number of the operation of the fault, from zero.
         at: usize,
         seen: usize,
-        /// The kind of the operation that was met.
+        /// The kind of the operation where it occurred.
         met: Option<Operation>,
         short: bool,
     }
@@ -80,7 +80,7 @@ mod plan {
         static PLAN: RefCell<Option<Plan>> = const { RefCell::new(None) };
     }
 
-    /// Runs `work` on this thread with a fault at operation number `at` of these kinds. Did the fault meet an operation?
+    /// Runs `work` on this thread with a fault at operation number `at` of these kinds. Did the fault occur?
     pub(crate) fn with_fault<T>(
         fault: Fault,
         kinds: &[Operation],

@@ -1,9 +1,9 @@
 //! The one module that opens files for reading: every file is checked, bounded and recorded here.
 //!
-//! Only regular files are read. Their type is checked before they are opened, because opening a named pipe can block, and
-//! again on the open handle, because another file may have taken the name in between. No more bytes are read than the
-//! limit allows, also if the file grows or states no length. Each file is entered into an [`InputFiles`], so that no
-//! output takes its place later.
+//! Only regular files are read. Their type is checked before they are opened, because opening a named pipe can block,
+//! and again on the open handle, because another file may have replaced the name in between. The number of bytes is
+//! limited, also if the file grows or has no length. Each file is recorded in an [`InputFiles`], so that no output
+//! replaces it later.
 
 use crate::error::InputError;
 use crate::files::partial::resolved;
@@ -11,7 +11,7 @@ use std::fs::{File, Metadata, OpenOptions};
 use std::io::{self, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
-/// The largest file that is read in pieces, a checkpoint or a render \[bytes\]: more than the largest film takes.
+/// The limit of a file that is read in pieces, a checkpoint or a render \[bytes\]: more than the largest film needs.
 pub const MAX_STREAMED: u64 = 64 << 30;
 /// The depth of nested result folders: folders of results contain folders of results, and these contain none.
 const RESULT_DEPTH: u32 = 1;
@@ -37,7 +37,7 @@ pub enum Role {
     Sensor,
     /// The plan that is replayed.
     Plan,
-    /// A checkpoint that is not written by the run itself.
+    /// A checkpoint that the run itself does not write.
     Checkpoint,
     /// A part that is merged.
     Part,
@@ -51,7 +51,7 @@ pub enum Role {
     Result,
     /// A shared library that is loaded.
     Library,
-    /// A file in which the system reports about the process.
+    /// A file with data of the system about the process.
     Report,
 }
 
@@ -85,9 +85,9 @@ impl Role {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct FileIdentity {
     named: PathBuf,
-    /// The canonical folder with the name itself, which may be that of a link.
+    /// The canonical folder with the name itself, which may be a link.
     place: Option<PathBuf>,
-    /// Where links lead; `None` if there is no file.
+    /// The target of links; `None` if there is no file.
     target: Option<PathBuf>,
     /// Device and inode; `None` if there is no file, or on systems without.
     id: Option<(u64, u64)>,
@@ -96,7 +96,7 @@ pub struct FileIdentity {
 /// One key of a file's identity.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum FileKey<'a> {
-    /// A path: as it was named, or resolved.
+    /// A path: as given, or resolved.
     Path(&'a Path),
     /// Device and inode.
     Inode(u64, u64),
@@ -114,7 +114,7 @@ impl FileIdentity {
         Self { named: path.to_path_buf(), place, target: Some(resolved(path)), id: metadata.and_then(id_of) }
     }
 
-    /// The path as it was named.
+    /// The path as given.
     pub fn path(&self) -> &Path {
         &self.named
     }
@@ -148,12 +148,12 @@ fn id_of(_: &Metadata) -> Option<(u64, u64)> {
     None
 }
 
-/// A file that was read, or that was to be read.
+/// A file that was read, or was to be read.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct InputFile {
     /// Its use.
     pub role: Role,
-    /// Which file it is.
+    /// The identity of the file.
     pub identity: FileIdentity,
 }
 
@@ -164,14 +164,14 @@ pub struct InputFiles {
 }
 
 impl InputFiles {
-    /// Counts a library among the inputs, if the path is one of a file.
+    /// Records a library as an input, if its path is that of a file.
     pub fn add_library(&mut self, path: Option<&Path>) {
         if let Some(path) = path.filter(|path| path.is_file()) {
             self.add(path, Role::Library);
         }
     }
 
-    /// None so far.
+    /// An empty list.
     pub fn new() -> Self {
         Self::default()
     }
@@ -181,7 +181,7 @@ impl InputFiles {
         self.push(InputFile { role, identity: FileIdentity::from_path(path) });
     }
 
-    /// Counts the files of another list.
+    /// Adds the files of another list.
     pub fn extend(&mut self, others: &Self) {
         others.files.iter().for_each(|file| self.push(file.clone()));
     }
@@ -192,7 +192,7 @@ impl InputFiles {
         }
     }
 
-    /// All of them.
+    /// All files.
     pub fn iter(&self) -> std::slice::Iter<'_, InputFile> {
         self.files.iter()
     }
@@ -209,8 +209,8 @@ impl InputFiles {
         named.or_else(|| self.find_among(&folder))
     }
 
-    /// The first of which something in a folder of results, or in a folder in it, is another name: no command writes deeper.
-    /// Links to folders are not followed.
+    /// The first file that is also in a folder of results, or in a folder in it, under another name. No command writes
+    /// deeper. Links to folders are not followed.
     fn find_among(&self, folder: &Path) -> Option<&InputFile> {
         if self.files.is_empty() {
             return None;
@@ -256,13 +256,13 @@ impl InputFiles {
     /// Reads a whole file.
     ///
     /// # Errors
-    /// As [`open`](Self::open); also if it has more than `most` bytes in the end, or there is no memory for them.
+    /// As [`open`](Self::open); also if it has more than `most` bytes in total, or there is not enough memory for them.
     pub fn read(&mut self, path: &Path, role: Role, most: u64) -> Result<Vec<u8>, ReadFault> {
         let OpenFile { file, length, .. } = self.open(path, role, most)?;
         let mut bytes = Vec::new();
         let expected = usize::try_from(length).map_err(|_| ReadFault::NoMemory)?;
         bytes.try_reserve_exact(expected).map_err(|_| ReadFault::NoMemory)?;
-        // One byte more shows that there are more than allowed.
+        // One more byte shows that the file exceeds the limit.
         file.take(most.saturating_add(1)).read_to_end(&mut bytes)?;
         if bytes.len() as u64 > most {
             return Err(ReadFault::TooLarge { most });
@@ -280,25 +280,25 @@ impl<'a> IntoIterator for &'a InputFiles {
     }
 }
 
-/// Why a file was not read.
+/// The reason for a file that was not read.
 #[derive(Debug)]
 pub enum ReadFault {
     /// There is no file of that name.
     Missing,
     /// The permissions forbid it.
     NotPermitted,
-    /// It is something else than a regular file: this.
+    /// It is not a regular file but this.
     NotRegular(&'static str),
-    /// The name stood for another file a moment before.
+    /// The name belonged to another file shortly before.
     Replaced,
-    /// It is longer than allowed.
+    /// It is longer than the limit.
     TooLarge {
         /// The limit \[bytes\].
         most: u64,
     },
     /// There is not enough memory for it.
     NoMemory,
-    /// The system reports something else.
+    /// Another error of the system.
     Failed(io::Error),
 }
 
@@ -393,7 +393,7 @@ impl Seek for OpenFile {
     }
 }
 
-/// Opens a regular file, and never waits for another process to do so.
+/// Opens a regular file, and never waits for another process.
 fn open(path: &Path) -> Result<(File, Metadata), ReadFault> {
     let before = std::fs::metadata(path)?;
     regular(&before)?;
@@ -402,7 +402,7 @@ fn open(path: &Path) -> Result<(File, Metadata), ReadFault> {
     #[cfg(unix)]
     {
         use std::os::unix::fs::OpenOptionsExt;
-        // Without effect on regular files; a pipe that took the name meanwhile does not block.
+        // Without effect on regular files. A pipe that replaced the name meanwhile does not block.
         options.custom_flags(rustix::fs::OFlags::NONBLOCK.bits().cast_signed());
     }
     let file = options.open(path)?;

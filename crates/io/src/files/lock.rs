@@ -19,7 +19,7 @@ use std::io::{self, ErrorKind, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime};
 
-/// No lock file has more bytes.
+/// Maximum size of a lock file \[bytes\].
 const MAX_BYTES: u64 = 4096;
 /// Number of attempts to open a lock file that was removed, or not written yet, at the time of the check.
 const ATTEMPTS: u32 = 50;
@@ -35,7 +35,7 @@ pub struct LockHolder {
     pub process: u32,
     /// Name of the host that the process runs on.
     pub host: String,
-    /// When it took the lock, as in `2026-11-23T16:20:42Z`.
+    /// Time at which it took the lock, as in `2026-11-23T16:20:42Z`.
     pub since: String,
     /// Program and version.
     pub program: String,
@@ -245,7 +245,7 @@ fn own(by_file: bool) -> LockHolder {
     }
 }
 
-/// May the holder still run? A process can determine this only for its own host.
+/// May the holder still run? A process can determine this only for processes of its own host.
 fn is_alive(holder: &LockHolder) -> bool {
     if holder.host != host() {
         return true;
@@ -392,7 +392,7 @@ mod tests {
         assert!(lock_path(&target).exists());
     }
 
-    /// Many that want it at once, each removing the file when it is done: never two at a time.
+    /// Many threads that request it at once, each removing the file when it is done: never two at a time.
     #[test]
     fn one_at_a_time_however_many_come_and_go() {
         use std::sync::atomic::{AtomicU32, Ordering};

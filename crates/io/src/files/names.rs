@@ -1,13 +1,14 @@
-//! "Did you mean ...?": the known names nearest to an unknown one.
+//! "Did you mean ...?": the supported names nearest to an unknown one.
 
 use strsim::osa_distance;
 
-/// The known names nearest to `name`, best first, at most three and only those that a slip of the keyboard explains.
+/// The supported names nearest to `name`, best first. The result has at most three names, and only those that a typing
+/// error explains.
 ///
-/// Nearness is the edit distance with swaps of neighbours (optimal string alignment: Damerau 1964, Levenshtein 1966),
-/// blind to case; a name that contains the other counts as near as well.
+/// The distance is the edit distance with swaps of neighbours (optimal string alignment: Damerau 1964, Levenshtein
+/// 1966), without regard to case. A name that contains the other counts as near as well.
 pub fn nearest_names<'a>(name: &str, known: impl IntoIterator<Item = &'a str>) -> Vec<&'a str> {
-    // A longer name is no misspelling, and the quadratic cost would be noticeable.
+    // A longer name is no spelling error, and the quadratic cost would be noticeable.
     const LONGEST: usize = 200;
     let shortened = |name: &str| name.to_lowercase().chars().take(LONGEST).collect::<String>();
     let wanted = shortened(name);
@@ -28,7 +29,7 @@ pub fn nearest_names<'a>(name: &str, known: impl IntoIterator<Item = &'a str>) -
     scored.into_iter().map(|(_, candidate)| candidate).collect()
 }
 
-/// A sentence for the help of an error: the nearest of the known names, or all of them if there are few.
+/// A sentence for the help of an error: the nearest supported names, or all of them if there are few.
 pub fn suggestion(name: &str, what: &str, known: &[&str]) -> String {
     let quoted = |names: &[&str]| names.iter().map(|n| format!("\"{n}\"")).collect::<Vec<_>>().join(", ");
     let near = nearest_names(name, known.iter().copied());

@@ -1,4 +1,4 @@
-//! A folder that is written completely or not at all: filled under a hidden name beside its place, then renamed.
+//! A folder that is written completely or not at all: filled under a hidden name beside its target, then renamed.
 
 use std::fs;
 use std::io::{self, ErrorKind, Write};
@@ -12,7 +12,7 @@ use crate::files::faults::{Operation, retry};
 use crate::files::partial::{folder_of, new_folder, sync_folder};
 use crate::lock::TargetLock;
 
-/// A folder that is being filled. Dropped before it is finished, it leaves nothing behind. Its place is locked meanwhile.
+/// A folder during writing. If it is dropped before the end, no file remains. Its target is locked meanwhile.
 #[derive(Debug)]
 pub struct NewFolder {
     target: PathBuf,
@@ -21,11 +21,11 @@ pub struct NewFolder {
 }
 
 impl NewFolder {
-    /// Starts a folder at `target`, whose parents are made. A folder that is there must be empty. What processes left that
-    /// were killed while they filled the same folder is removed.
+    /// Starts a folder at `target`, and creates its parents. An existing folder must be empty. Leftovers of killed
+    /// processes that wrote the same folder are removed.
     ///
     /// # Errors
-    /// The place is taken, cannot be written to, or another process is filling it.
+    /// The target exists, cannot be written to, or another process is writing it.
     pub fn start(target: &Path) -> Result<Self, InputError> {
         let fault = |problem: String| {
             let help = "name a folder that does not exist yet, on a disk with room";
@@ -52,7 +52,7 @@ impl NewFolder {
         Ok(Self { target: place, partial, _lock: lock })
     }
 
-    /// Where the file of this name is while the folder is being filled; its own folder is made.
+    /// Path of a file of this name during writing. Its own folder is created.
     ///
     /// # Errors
     /// Those of the file system.
@@ -72,14 +72,14 @@ impl NewFolder {
         write_atomically(&self.file(name)?, |w| w.write_all(text.as_bytes()))
     }
 
-    /// Puts the folder into its place, once all of it is on the disk.
+    /// Renames the folder to its target, once all of it is on the disk.
     ///
     /// # Errors
-    /// Those of the file system; nothing is left behind. Only if the very last step fails, the way of the folder's name to
-    /// the disk, the folder is in its place.
+    /// Those of the file system; no file remains. Only if the very last step fails, the sync of the folder's name, the
+    /// folder is at its target.
     pub fn finish(self) -> io::Result<()> {
         sync_all_folders(self.partial.path()).map_err(|e| self.explain(&e))?;
-        // An empty folder may be in the place; on Unix it is replaced, elsewhere it must be gone.
+        // An empty folder may be at the target. On Unix the rename replaces it; elsewhere it must be removed first.
         #[cfg(not(unix))]
         let _ = fs::remove_dir(&self.target);
         retry(Operation::Rename, || fs::rename(self.partial.path(), &self.target)).map_err(|e| self.explain(&e))?;
@@ -95,7 +95,7 @@ impl NewFolder {
     }
 }
 
-/// The names in a folder and in those in it to the disk. The files are there already.
+/// Syncs the names in a folder and in its subfolders to the disk. The files are there already.
 fn sync_all_folders(folder: &Path) -> io::Result<()> {
     for entry in fs::read_dir(folder)? {
         let entry = entry?;

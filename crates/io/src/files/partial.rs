@@ -17,7 +17,7 @@ const SUFFIX: &str = ".partial";
 /// Random characters in a name, and digits of the process.
 const RANDOM: usize = 8;
 const PROCESS_DIGITS: usize = 8;
-/// File names have 255 bytes at most. A longer target is abbreviated by a checksum.
+/// Maximum length of a file name: 255 bytes. A longer target is abbreviated by a checksum.
 const MAX_NAME: usize = 200;
 /// Number of attempts to create a partial file that other processes remove as a leftover before it is locked.
 const ATTEMPTS: usize = 32;
@@ -29,7 +29,7 @@ pub(crate) fn folder_of(target: &Path) -> &Path {
 
 /// The path that a name resolves to. Links are followed, also those to a file that does not exist yet.
 pub(crate) fn resolved(path: &Path) -> PathBuf {
-    /// As many as Linux follows.
+    /// The limit of Linux for links.
     const MAX_LINKS: usize = 40;
     let mut path = path.to_path_buf();
     for _ in 0..MAX_LINKS {
@@ -47,7 +47,7 @@ pub(crate) fn resolved(path: &Path) -> PathBuf {
     }
 }
 
-/// Is a name that of a partial file or folder, of whatever target?
+/// Is a name that of a partial file or folder, of any target?
 pub(crate) fn is_partial(name: &OsStr) -> bool {
     partial_of(name).is_some()
 }
@@ -97,7 +97,7 @@ fn builder_of<R>(target: &Path, mode: u32, make: impl Fn(&Builder<'_, '_>) -> io
     prefix.push(format!("{}-", own_digits()));
     let mut builder = Builder::new();
     builder.prefix(&prefix).suffix(SUFFIX).rand_bytes(RANDOM);
-    // The permissions that a new file gets; the library's own default is private to the user.
+    // The permissions of a new file. The default of the library is private to the user.
     #[cfg(unix)]
     {
         use std::os::unix::fs::PermissionsExt;
@@ -133,9 +133,9 @@ pub(crate) fn new_folder(target: &Path) -> io::Result<TempDir> {
     builder_of(target, 0o777, |builder| builder.tempdir_in(folder_of(target)))
 }
 
-/// Removes the partial files of a target that no process holds. A file that cannot be opened or locked stays.
+/// Removes the partial files of a target that no process holds. A file that cannot be opened or locked remains.
 fn remove_leftovers(target: &Path) {
-    // Those of this process are being written; some network file systems do not keep its locks apart.
+    // Those of this process are being written. Some network file systems do not separate its locks.
     let own = own_digits();
     partials(target, |process, kind| process != own && kind.is_file()).iter().for_each(|path| remove_unheld(path));
 }
@@ -158,7 +158,7 @@ fn remove_unheld(path: &Path) {
     }
 }
 
-/// The partial files or folders of a target that are chosen by process and kind. Links are neither.
+/// The partial files or folders of a target, selected by process and kind. Links are neither.
 fn partials(target: &Path, choose: impl Fn(&str, fs::FileType) -> bool) -> Vec<PathBuf> {
     let prefix = prefix(target);
     let Ok(entries) = fs::read_dir(folder_of(target)) else { return Vec::new() };
@@ -171,7 +171,7 @@ fn partials(target: &Path, choose: impl Fn(&str, fs::FileType) -> bool) -> Vec<P
     chosen.collect()
 }
 
-/// Is an open file still the one of this name, or was it removed or replaced meanwhile?
+/// Does the name still belong to an open file, or was the file removed or replaced meanwhile?
 pub(crate) fn is_at(file: &File, path: &Path) -> bool {
     let (Ok(open), Ok(named)) = (file.metadata(), fs::symlink_metadata(path)) else { return false };
     #[cfg(unix)]
@@ -186,7 +186,8 @@ pub(crate) fn is_at(file: &File, path: &Path) -> bool {
     }
 }
 
-/// Writes the names in a folder to the disk: without this a power cut may forget a rename. Not every system can.
+/// Syncs the names in a folder to the disk. Without this, a rename may be lost after a power failure. Not every system
+/// can.
 ///
 /// # Errors
 /// The disk reports a fault.

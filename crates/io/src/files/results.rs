@@ -1,4 +1,5 @@
-//! A folder of results that grows while a long measurement runs: texts and images, each of which is there whole or not at all.
+//! A folder of results that grows during a long measurement: texts and images. Each file is written completely or not
+//! at all.
 
 use std::fs;
 use std::io::{self, ErrorKind, Write};
@@ -15,7 +16,7 @@ use crate::lock::TargetLock;
 /// The longest text of a result \[bytes\].
 const MAX_TEXT: u64 = 256 << 20;
 
-/// An open folder, locked against other processes that would write it. Names are those of files in it, and are never taken
+/// An open folder, locked against other processes that would write it. Names are those of files in it, and never come
 /// from a user's input.
 #[derive(Debug)]
 pub struct ResultsFolder {
@@ -24,8 +25,7 @@ pub struct ResultsFolder {
 }
 
 impl ResultsFolder {
-    /// Opens a folder, and makes it (with its parents) if there is none. Partial files of processes that were killed are
-    /// removed.
+    /// Opens a folder, and creates it with its parents if there is none. Partial files of killed processes are removed.
     ///
     /// # Errors
     /// It cannot be made, something else has its name, or another process writes it.
@@ -42,12 +42,12 @@ impl ResultsFolder {
         &self.path
     }
 
-    /// Where the file of this name is, or would be.
+    /// Path of the present or future file of this name.
     pub fn file(&self, name: &str) -> PathBuf {
         self.path.join(name)
     }
 
-    /// Is there nothing in it but partial files?
+    /// Is it empty, except for partial files?
     ///
     /// # Errors
     /// It cannot be listed.
@@ -95,12 +95,12 @@ impl ResultsFolder {
     /// Writes an image file.
     ///
     /// # Errors
-    /// Those of the file system, or of what an EXR can hold.
+    /// Those of the file system, or of the limits of EXR.
     pub fn write_layers(&self, name: &str, layers: ExrLayers) -> io::Result<()> {
         write_exr(&self.file(name), layers)
     }
 
-    /// Removes the folder with all that is in it, and opens it again, empty.
+    /// Removes the folder with its content, and opens it again, empty.
     ///
     /// # Errors
     /// Those of the file system.

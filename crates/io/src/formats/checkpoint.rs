@@ -1,7 +1,7 @@
 //! Checkpoint files: the exact sums of a film, a text that identifies the render, and the progress of its plan.
-//! `docs/checkpoints.md` defines every byte.
-//! A file is written row by row, without a second film in memory. The reader trusts no byte: the length follows from
-//! the head, every section has a checksum, and sums that no samples can give are refused.
+//! `docs/checkpoints.md` defines every byte. A file is written row by row, without a second film in memory. The reader
+//! verifies every byte: the length follows from the head, every section has a checksum, and sums that no samples can
+//! give are refused.
 
 mod pixel;
 mod size;
@@ -20,7 +20,7 @@ use twox_hash::XxHash3_64;
 
 /// Version of the format.
 pub const CHECKPOINT_VERSION: u32 = 6;
-/// The first bytes: not text, and broken by programs that change line ends, as in PNG.
+/// The first bytes: no text, and changed by programs that convert line ends, as in PNG.
 const MAGIC: [u8; 8] = *b"\x89DFC\r\n\x1a\n";
 /// Magic, version, width, height, length of the text, flags.
 const HEAD: usize = 28;
@@ -230,12 +230,12 @@ fn bands(height: u32) -> impl Iterator<Item = Range<u32>> {
     (0..height).step_by(BAND as usize).map(move |y| y..(y + BAND).min(height))
 }
 
-/// The seed is the number of the section: sections that changed places do not go unnoticed.
+/// The seed is the number of the section, so that exchanged sections are detected.
 fn checksum(section: u64, bytes: &[u8]) -> u64 {
     XxHash3_64::oneshot_with_seed(section, bytes)
 }
 
-/// A file on its way in.
+/// A file during reading.
 struct Source<'a> {
     file: BufReader<OpenFile>,
     /// Remaining bytes of the file. No larger allocation is made.
@@ -261,7 +261,7 @@ impl Source<'_> {
         let stored = self.bytes(place, CHECKSUM)?;
         let right = checksum(self.section, bytes).to_le_bytes();
         self.section += 1;
-        // A fuzzer cannot find checksums. Without them it reaches the code behind.
+        // A fuzzer cannot find checksums. Without the check it reaches the code behind it.
         if stored == right || cfg!(fuzzing) {
             return Ok(());
         }

@@ -20,9 +20,10 @@ use std::path::{Path, PathBuf};
 use crate::error::{InputError, SourceSpan};
 use crate::input::{InputFiles, Role};
 
-/// A descriptor is a short text. A larger file is something else \[bytes\].
+/// Limit of a descriptor, which is a short text \[bytes\].
 const MAX_BYTES: u64 = 64 << 20;
-/// Photons per pixel in a level of light: far beyond any pixel at either end, and far from where squares are no numbers.
+/// Range of photons per pixel in a level of light: both ends are far beyond any pixel, and far from an overflow of
+/// squares.
 const PHOTONS: std::ops::RangeInclusive<f64> = 1e-6..=1e12;
 /// The longest exposure time \[ns\].
 const MAX_NS: f64 = 1e18;
@@ -64,9 +65,9 @@ pub struct FrameBlock {
 
 /// Reads a descriptor.
 ///
-/// As tolerant as the reference: line ends of any system, empty lines and comments (`#`), backslashes in paths, commas
-/// in numbers, blocks in any order, unknown versions. Unknown lines give warnings. In addition, names of files may
-/// contain spaces, and `n` may be missing.
+/// It is as tolerant as the reference: line ends of any system, empty lines and comments (`#`), backslashes in paths,
+/// commas in numbers, blocks in any order, unknown versions. Unknown lines give warnings. In addition, names of files
+/// may contain spaces, and `n` may be missing.
 ///
 /// # Errors
 /// The file cannot be read, or a line is invalid. The error has the line.
@@ -245,8 +246,8 @@ mod tests {
         assert_eq!((back, warnings), (descriptor, vec![]));
     }
 
-    /// The style of the reference implementation's own example: a comment of the maker, release 3.0, backslashes, floating-point
-    /// times; and other things that its reader takes.
+    /// The style of the reference implementation's own example: a comment of the maker, release 3.0, backslashes,
+    /// floating-point times, and other variants that its reader accepts.
     #[test]
     fn the_reference_s_tolerance_is_ours() {
         let text = "###\n# Copyright M\u{fc}ller\n#\nv 3.0\nn 12 640 480\nb 40000.0 120,5\ni images\\b_000_snap_001.tif\n\
@@ -268,7 +269,8 @@ mod tests {
     }
 
     proptest::proptest! {
-        /// Lines of the right words in any order: read, or refused with a line that can be shown; what was read is read again.
+        /// Lines of valid words in any order are read, or refused with a line that can be printed. The data that was
+        /// read can be written and read again.
         #[test]
         fn any_lines_are_read_or_refused(lines in proptest::collection::vec("[vnbdix#] ?[0-9a-z.,\\\\ \u{e9}-]{0,12}", 0..12)) {
             match parse(Path::new("x"), &lines.join("\n")) {

@@ -21,7 +21,7 @@ pub use strips::{ChannelKind, ExrHead, write_exr_rows};
 /// would differ from run to run.
 const ATTRIBUTE: &str = "dunkelfeld";
 
-/// No compression of the format shrinks data further than deflate's 1032 : 1. A header with a higher ratio is invalid.
+/// Largest possible ratio of compression: deflate's 1032 : 1. A header with a higher ratio is invalid.
 const MAX_SHRINK: u64 = 1100;
 
 /// The samples of one channel, row by row.
@@ -50,7 +50,7 @@ impl Channel {
 
 /// The contents of a file: channels of one size, by name (`R`, `variance.R`, `id.object`, ...).
 ///
-/// `layers.rs` puts planes in and takes them out.
+/// `layers.rs` adds and extracts planes.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ExrLayers {
     /// Width in pixels.
@@ -65,7 +65,7 @@ pub struct ExrLayers {
 
 /// Writes a file: one part, scan lines from the top, ZIP in blocks of 16 lines. The same contents give the same bytes.
 ///
-/// For images that are too large to have all samples in memory there is [`write_exr_rows`].
+/// [`write_exr_rows`] is for images whose samples do not fit into memory at once.
 ///
 /// # Errors
 /// Those of the file system; no pixels, no channels, a channel of the wrong length, a name that is empty, double, not
@@ -107,7 +107,7 @@ fn ascii_json(json: &str) -> String {
     out
 }
 
-/// Reads all channels of a file, ours or another renderer's.
+/// Reads all channels of a file, of this program or of another renderer.
 ///
 /// Half precision is widened. The channels of a part that has a name are called `part.channel`. Channels that do not have
 /// one sample per pixel, and parts that differ in size from the first, are left out.
@@ -118,7 +118,7 @@ pub fn read_exr(path: &Path) -> Result<ExrLayers, InputError> {
     read_exr_recorded(path, Role::Image, &mut InputFiles::new())
 }
 
-/// [`read_exr`], and counts the file among the inputs.
+/// [`read_exr`], and records the file as an input.
 ///
 /// # Errors
 /// As [`read_exr`].
@@ -168,7 +168,7 @@ pub fn read_exr_if<E: From<InputError>>(
         return Err(fault(format!("promises {promised} bytes of samples in a file of {size} bytes")).into());
     }
     agree(size_in_memory)?;
-    // The decoder collects them, half precision is widened: twice is the most at a time.
+    // The decoder collects them, and half precision is widened. So the maximum at a time is twice their size.
     let bytes = size_in_memory.bytes;
     if !can_reserve(bytes.saturating_mul(2)) {
         let problem = format!("has samples of {} MB, for which there is not enough memory", bytes.div_ceil(1_000_000));
@@ -180,7 +180,7 @@ pub fn read_exr_if<E: From<InputError>>(
     collect(image).ok_or_else(|| fault("has no channel with one sample per pixel".into()).into())
 }
 
-/// Width and height of the first part, and bytes of all samples as they are held.
+/// Width and height of the first part, and bytes of all samples in memory.
 fn size_of_all(meta: &MetaData) -> ExrSize {
     let of = |h: &exr::meta::header::Header| (h.layer_size.0 as u64).saturating_mul(h.layer_size.1 as u64);
     let bytes = meta.headers.iter().map(|h| of(h).saturating_mul(4 * h.channels.list.len() as u64));

@@ -1,4 +1,4 @@
-//! Reads frames of grey values as they were stored: 8 or 16 bits, never scaled.
+//! Reads frames of grey values in their stored depth: 8 or 16 bits, never scaled.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
@@ -11,7 +11,7 @@ use crate::images::ImageFault;
 use crate::input::{InputFiles, Role};
 use crate::loader::Limits;
 
-/// A frame and how it was stored.
+/// A frame and its stored depth.
 #[derive(Clone, Debug, PartialEq)]
 pub struct GrayFrame {
     /// Grey values \[DN\]; those of 8 bits are widened, not scaled.
@@ -26,7 +26,7 @@ pub struct GrayFrame {
 /// The file cannot be read, is no such image, or is coloured.
 pub fn read_gray(path: &Path, limits: &Limits) -> Result<GrayFrame, InputError> {
     let bytes = InputFiles::new().read(path, Role::Frame, limits.file_bytes).map_err(|fault| fault.at(path))?;
-    // The decoders are foreign code and read any bytes. A panic in one of them becomes an error.
+    // The decoders are third-party code on arbitrary bytes. A panic in one of them becomes an error.
     let decoded = catch_unwind(AssertUnwindSafe(|| decode(&bytes, limits)))
         .unwrap_or_else(|_| Err(fault("the decoder gave up on the image", "save the frame again as 16-bit PNG")));
     decoded.map_err(|f| f.at(path, "frame"))

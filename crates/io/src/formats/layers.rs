@@ -1,4 +1,4 @@
-//! The layers of a render in an EXR: their names in our files, and their names in the files of other programs.
+//! The layers of a render in an EXR: their names in the files of this program and of other programs.
 
 use dunkelfeld_film::Plane;
 
@@ -65,10 +65,10 @@ impl Triple {
     }
 
     /// Names of the layer in other programs, in lower case, the best first: Blender's `ViewLayer.Combined.R`, Mitsuba's
-    /// AOVs, Arnold's and V-Ray's habits. An empty name is a channel without layer.
+    /// AOVs, the conventions of Arnold and V-Ray. An empty name is a channel without layer.
     fn foreign(self) -> &'static [&'static str] {
         match self {
-            // Cycles keeps the image as it was rendered beside one that it has denoised itself.
+            // Cycles stores the rendered image beside the one that it has denoised itself.
             Self::Mean => &["noisy image", "", "combined", "beauty", "rgba", "rgb", "image", "color"],
             Self::Variance => &["variance"],
             Self::Denoised => &["denoised"],
@@ -122,7 +122,7 @@ impl ExrLayers {
         self.channels.push((layer.own().into(), Channel::F32(plane.into_vec())));
     }
 
-    /// Adds a layer of whole numbers: identities and counts, which a float could not hold exactly beyond 2^24.
+    /// Adds a layer of whole numbers, identities and counts. A float could not store them exactly beyond 2^24.
     pub fn push_integers(&mut self, layer: Single, plane: Plane<u32>) {
         self.channels.push((layer.own().into(), Channel::U32(plane.into_vec())));
     }
@@ -150,22 +150,23 @@ impl ExrLayers {
         self.channels.iter().find(|(n, _)| n == name).map(|(_, channel)| channel)
     }
 
-    /// A layer of triples, under our name or one of those that other programs use; a mean that has a single grey channel
-    /// is grey in all three.
+    /// A layer of triples, under our name or one of those of other programs. A mean with a single grey channel is grey
+    /// in all three.
     pub fn triples(&self, layer: Triple) -> Option<Plane<[f32; 3]>> {
         let own = layer.own().map(|name| self.channel(name));
         let channels = if let [Some(r), Some(g), Some(b)] = own {
             [r, g, b]
         } else {
-            // X, Y and Z are the parts of a vector; as light they would be CIE's, which are no red, green and blue.
+            // X, Y and Z are the components of a vector. As light they would be those of the CIE, which are not red,
+            // green and blue.
             let is_vector = matches!(layer, Triple::Normal | Triple::NormalVariance);
             layer.foreign().iter().find_map(|name| self.foreign_triple(name, is_vector))?
         };
         self.assembled(channels)
     }
 
-    /// A layer of triples by the name that stands before its components, or the innermost part of it, in upper or lower case:
-    /// `ViewLayer.Combined` or `combined`. An empty name is the channels without layer.
+    /// A layer of triples by the name before its components, or the innermost part of it, in upper or lower case:
+    /// `ViewLayer.Combined` or `combined`. An empty name means the channels without layer.
     pub fn triples_named(&self, name: &str) -> Option<Plane<[f32; 3]>> {
         self.assembled(self.foreign_triple(&name.to_ascii_lowercase(), false)?)
     }
@@ -178,7 +179,7 @@ impl ExrLayers {
         Plane::from_vec(self.width, self.height, floats(channel).into_owned())
     }
 
-    /// A layer of whole numbers; floats that are not whole or not in range make it no such layer.
+    /// A layer of whole numbers; `None` if a float in it is not whole or not in range.
     pub fn integers(&self, layer: Single) -> Option<Plane<u32>> {
         let data = match self.channel(layer.own())? {
             Channel::U32(v) => v.clone(),
@@ -187,8 +188,8 @@ impl ExrLayers {
         Plane::from_vec(self.width, self.height, data)
     }
 
-    /// The reason why a layer is not one of whole numbers: how many values, column and row of the first, and that value.
-    /// `None` if the layer is not there, or is one.
+    /// The reason why a layer is not one of whole numbers: the number of such values, column and row of the first, and
+    /// that value. `None` if the layer does not exist, or is one.
     pub fn singles_that_are_no_counts(&self, layer: Single) -> Option<(usize, [u32; 2], f32)> {
         let Channel::F32(values) = self.channel(layer.own())? else { return None };
         let mut wrong = values.iter().enumerate().filter(|(_, v)| !is_count(**v));
@@ -197,7 +198,7 @@ impl ExrLayers {
         Some((1 + wrong.count(), [(first % width) as u32, (first / width) as u32], *value))
     }
 
-    /// Takes a layer of triples out, if it is there under our name.
+    /// Removes and returns a layer of triples, if it exists under our name.
     pub fn remove_triples(&mut self, layer: Triple) {
         let names = layer.own();
         self.channels.retain(|(name, _)| !names.contains(&name.as_str()));
@@ -224,7 +225,7 @@ impl ExrLayers {
         let channels: Vec<_> = self.foreign_channels(layer).collect();
         let find = |component: &str| channels.iter().find(|(c, _)| c == component).map(|(_, channel)| *channel);
         let mut known = [["R", "G", "B"], ["X", "Y", "Z"], ["RED", "GREEN", "BLUE"], ["Y", "Y", "Y"]].into_iter();
-        // One grey channel is light of all colours, unless it is the middle one of three others.
+        // One grey channel means light of all colours, unless it is the middle one of three others.
         let has_xz = find("X").is_some() && find("Z").is_some();
         known.by_ref().filter(|names| is_vector || !(has_xz && names.contains(&"Y"))).find_map(|names| {
             let [a, b, c] = names.map(find);

@@ -15,8 +15,8 @@ const LINEAR: u32 = 100_000;
 
 /// Writes a picture: 8 bit as gamma 2.2, 16 bit as linear. There is no sRGB chunk, which would overrule the gamma.
 ///
-/// `text` are keywords and texts for the file's metadata (a keyword is 1 to 79 Latin-1 characters). The same picture and
-/// texts give the same bytes.
+/// `text` contains keywords and texts for the file's metadata (a keyword has 1 to 79 Latin-1 characters). The same
+/// picture and texts give the same bytes.
 ///
 /// # Errors
 /// Those of the file system, a picture without pixels, a keyword that PNG cannot hold. An existing file stays as it was.
@@ -24,7 +24,7 @@ pub fn write_png(path: &Path, picture: Picture<'_>, text: &[(&str, &str)]) -> io
     write_atomically(path, |file| encode(file, picture, text))
 }
 
-/// A picture as a `data:` address, for a page that must stand alone.
+/// A picture as a `data:` address, for a page that needs no other file.
 ///
 /// # Errors
 /// A picture without pixels.

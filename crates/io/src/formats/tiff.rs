@@ -1,4 +1,4 @@
-//! TIFF files, uncompressed, which all measuring software reads.
+//! Uncompressed TIFF files, which all measurement software can read.
 
 use std::io::{self, Seek, Write};
 use std::path::Path;
@@ -10,7 +10,8 @@ use tiff::tags::Tag;
 use crate::atomic::write_atomically;
 use crate::picture::Picture;
 
-/// Writes a picture. `description`, if any, goes into the tag ImageDescription (ASCII; other characters become `?`).
+/// Writes a picture. `description`, if there is one, is stored in the tag ImageDescription (ASCII; other characters
+/// become `?`).
 ///
 /// # Errors
 /// Those of the file system, a picture without pixels or of more than 4 GiB. An existing file stays as it was.

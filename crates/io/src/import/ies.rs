@@ -11,11 +11,11 @@ use crate::input::{InputFiles, Role};
 use dunkelfeld_scene::LightProfile;
 use std::path::{Path, PathBuf};
 
-/// Larger files are refused; a measurement every degree in both angles takes half of a megabyte.
+/// Larger files are refused. A measurement every degree in both angles has half of a megabyte.
 const LARGEST: u64 = 16 << 20;
 
-/// Reads an IES file from any place: the path comes from the user, not from a scene file. The profile is called like the
-/// file.
+/// Reads an IES file from any folder: the path comes from the user, not from a scene file. The profile has the name of
+/// the file.
 ///
 /// # Errors
 /// If the file cannot be read, or is no IES file of type C; with line and caret.
@@ -34,7 +34,7 @@ pub fn parse_ies(path: &Path, bytes: &[u8]) -> Result<(LightProfile, Vec<ImportW
         let problem = format!("it has {} bytes, more than 16 MiB", bytes.len());
         return Err(InputError::new(path, "the file", problem, "check that this is the right file"));
     }
-    // Keywords may be in any encoding; all that matters is ASCII.
+    // Keywords may be in any encoding. Only ASCII is used.
     let text = String::from_utf8_lossy(bytes);
     let mut file = Reader { path: path.to_path_buf(), text: &text, at: 0, last: 0..0 };
     let edition = file.skip_to_tilt(&mut warnings)?;
@@ -47,7 +47,7 @@ pub fn parse_ies(path: &Path, bytes: &[u8]) -> Result<(LightProfile, Vec<ImportW
 enum Edition {
     /// Before 1995: the second number after the ballast factor is a factor too.
     Early,
-    /// From 1995 on: it is reserved, or states the origin of the file.
+    /// From 1995 on it is reserved, or contains the origin of the file.
     Late,
 }
 
@@ -188,10 +188,10 @@ impl Reader<'_> {
         if v > 0.0 { Ok(v) } else { Err(self.error(format!("{what} is {v}"), "write a number above zero, such as 1")) }
     }
 
-    /// A count, above zero, of numbers that the rest of the file can hold.
+    /// A count above zero. The rest of the file must have room for this number of values.
     fn count(&mut self, what: &str) -> Result<usize, InputError> {
         let v = self.number(what)?;
-        // A number and the blank before it take two bytes: nothing larger is ever allocated.
+        // A number and the blank before it have two bytes. Larger allocations are never made.
         let most = (self.text.len() - self.at) / 2;
         if v >= 1.0 && v.fract() == 0.0 && v <= most as f64 {
             return Ok(v as usize);
@@ -214,7 +214,7 @@ impl Reader<'_> {
         }
     }
 
-    /// The next word; blanks, commas and line ends stand between words.
+    /// The next word. Blanks, commas and line ends separate words.
     fn next_word(&mut self) -> Option<&str> {
         let between = |c: char| c.is_whitespace() || c == ',' || c == '\0' || c == '\u{1a}';
         let rest = &self.text[self.at..];
@@ -236,10 +236,10 @@ impl Reader<'_> {
     }
 }
 
-/// Which part of the circle the horizontal angles of a file cover; the rest mirrors it.
+/// The part of the circle that the horizontal angles of a file cover. The rest is its mirror image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Symmetry {
-    /// One angle: the same all around.
+    /// One angle: rotationally symmetric.
     Axis,
     /// 0 to 90 degrees: mirrored at both planes.
     Quadrant,
@@ -278,7 +278,7 @@ impl Symmetry {
         let mut all: Vec<(f64, Vec<f32>)> =
             horizontal.iter().zip(runs).flat_map(|(h, run)| images(*h).into_iter().map(|h| (h, run.clone()))).collect();
         all.sort_by(|a, b| a.0.total_cmp(&b.0));
-        // On a mirror plane an angle meets its image.
+        // On a mirror plane an angle is its own mirror image.
         all.dedup_by(|b, a| b.0 - a.0 < 1e-9);
         // The circle closes at 0 and 360.
         if let (Some((low, first)), Some((high, last))) = (all.first().cloned(), all.last().cloned()) {
@@ -308,7 +308,7 @@ mod tests {
     use dunkelfeld_geometry::Vec3;
     use std::f32::consts::PI;
 
-    /// Values in candela that become whole W/sr.
+    /// Values in candela that give integers in W/sr.
     fn file(horizontal: &str, counts: &str, values: &str) -> String {
         format!(
             "IESNA:LM-63-2002\n[TEST] none\n[MANUFAC] Größe\nTILT=NONE\n1 -1 1 {counts} 1 2 0.1 0.1 0\n1 1 35.5\n0 90 180\n{horizontal}\n{values}\n"
@@ -338,7 +338,7 @@ mod tests {
         assert_eq!(p.name(), "lamp.ies");
         assert!((p.intensity(-Vec3::Z) - 1.0).abs() < 1e-6 && (p.intensity(Vec3::X) - 2.0).abs() < 1e-5);
         assert!(p.intensity(Vec3::Z) < 1e-6 && (p.peak() - 2.0).abs() < 1e-6);
-        // Commas and line breaks anywhere, CRLF, Latin-1 and upper case do as well.
+        // Commas and line breaks in any place, CRLF, Latin-1 and upper case are valid as well.
         let bytes = b"IESNA91\r\n[X] \xe4\r\nTilt=none\r\n1,-1,1\r\n3 1 1 2 0 0\r\n0\r\n1 1\r\n0 0,90\r\n180 0 683\r\n1366, 0\r\n";
         let (q, _) = parse_ies(Path::new("lamp.ies"), bytes).expect("reads");
         assert_eq!(p, q);

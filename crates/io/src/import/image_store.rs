@@ -28,8 +28,8 @@ impl Content {
 
 /// Images in order of first use.
 ///
-/// A scene is read twice. A store that measures reads headers only and returns images without texels, so that the sum
-/// is known (see [`ImageStore::check`]) before a store that decodes allocates memory.
+/// A scene is read twice. A measuring store reads headers only and returns images without texels. So the sum is known
+/// (see [`ImageStore::check`]) before a decoding store allocates memory.
 #[derive(Debug)]
 pub(crate) struct ImageStore {
     limits: Limits,
@@ -49,12 +49,12 @@ impl ImageStore {
         Self { limits: *limits, measures: false, budget: TexelBudget::new(limits, &[]), images: Vec::new() }
     }
 
-    /// Do its images have no texels?
+    /// Does it measure only, so that its images have no texels?
     pub(crate) fn measures(&self) -> bool {
         self.measures
     }
 
-    /// An image; without texels if this store measures.
+    /// An image; without texels in a measuring store.
     pub(crate) fn image(&self, id: ImageId) -> Option<&Image> {
         self.images.get(id.0 as usize)
     }
@@ -63,7 +63,7 @@ impl ImageStore {
         self.images
     }
 
-    /// Do all images that were measured fit?
+    /// Checks whether all measured images fit.
     ///
     /// # Errors
     /// See [`TexelBudget::check`].
@@ -79,7 +79,7 @@ impl ImageStore {
         image_header(bytes, file_name, &self.limits.of_header()).map_err(|fault| fault.problem)
     }
 
-    /// Decodes an image without keeping it.
+    /// Decodes an image without storing it.
     ///
     /// # Errors
     /// The fault of the image.

@@ -25,10 +25,10 @@ pub struct Decoded {
     pub repaired: usize,
 }
 
-/// The reason why an image could not be decoded, and the help.
+/// The reason for an image that could not be decoded, and the help.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ImageFault {
-    /// The problem, without a full stop.
+    /// The fault, without a full stop.
     pub problem: String,
     /// The help: a correction by the user, without a full stop.
     pub help: String,
@@ -52,7 +52,7 @@ pub struct ImageHeader {
     pub width: u32,
     /// Height in texels.
     pub height: u32,
-    /// Channels that are stored, 1 to 4.
+    /// Stored channels, 1 to 4.
     pub channels: u8,
     /// Bytes of a value: 1, 2, or 4 for floating point.
     pub value_bytes: u8,
@@ -82,12 +82,12 @@ pub fn image_header(bytes: &[u8], name: &str, limits: &Limits) -> Result<ImageHe
     guarded(|| open(bytes, name, limits).map(|opened| opened.header))
 }
 
-/// Decodes PNG, JPEG, TIFF, WebP, BMP, TGA, Radiance HDR or OpenEXR. The bytes decide which; the extension of `name` is
-/// asked only for TGA, which has no signature.
+/// Decodes PNG, JPEG, TIFF, WebP, BMP, TGA, Radiance HDR or OpenEXR. The bytes determine the format. The extension of
+/// `name` is used only for TGA, which has no signature.
 ///
-/// Bit depth and channels stay as the file has them: 1 to 4 channels of 8 or 16 bits (fewer bits become 8, palettes become
-/// red, green, blue), grey or three channels of floating point, whose alpha is dropped. Values are left as stored: what they
-/// mean (sRGB, linear) is up to the texture that uses them. Beside the image no second copy of its texels is made here.
+/// Bit depth and channels remain as in the file: 1 to 4 channels of 8 or 16 bits (fewer bits become 8, palettes become
+/// red, green, blue), grey or three channels of floating point, whose alpha is dropped. Values are not converted. The
+/// texture that uses them defines their encoding (sRGB, linear). No second copy of the texels is made here.
 ///
 /// # Errors
 /// If the bytes are no image, are broken, or exceed `limits` (which are checked on the header).
@@ -95,15 +95,15 @@ pub fn decode_image(bytes: &[u8], name: &str, limits: &Limits) -> Result<Decoded
     guarded(|| open(bytes, name, limits)?.decode(bytes, name))
 }
 
-/// The decoders are foreign code and read hostile bytes. A panic in one of them becomes an error.
+/// The decoders are third-party code on hostile bytes. A panic in one of them becomes an error.
 fn guarded<T>(read: impl FnOnce() -> Result<T, ImageFault>) -> Result<T, ImageFault> {
     catch_unwind(AssertUnwindSafe(read))
         .unwrap_or_else(|_| Err(ImageFault::new("the decoder gave up on the image", "save the image again as PNG")))
 }
 
-/// Reads an equirectangular environment map (HDR or EXR; 8- and 16-bit images are decoded as they are) from any place:
-/// the path comes from the user, not from a scene file. `beside` are the images that the scene has already: the limit on all
-/// images together counts them.
+/// Reads an equirectangular environment map (HDR or EXR; 8- and 16-bit images are decoded as they are) from any folder:
+/// the path comes from the user, not from a scene file. `beside` contains the images of the scene. The limit on all
+/// images together includes them.
 ///
 /// # Errors
 /// If the file cannot be read or decoded within `limits`.
@@ -142,7 +142,7 @@ enum Decoder<'a> {
     Other(Box<dyn ImageDecoder + 'a>),
 }
 
-/// The channels of an EXR that are used, by their places in its list.
+/// The used channels of an EXR, by their index in its list.
 enum Colors {
     Rgb([usize; 3]),
     Gray(usize),
@@ -229,7 +229,7 @@ fn open_exr<'a>(bytes: &'a [u8], limits: &Limits) -> Result<Opened<'a>, ImageFau
     Ok(Opened { header, decoder: Decoder::Exr(colors) })
 }
 
-/// Chooses by name, among the channels at full resolution: R, G and B, else Y, else the only one.
+/// Selects by name, among the channels at full resolution: R, G and B, else Y, else the only one.
 fn colors_of(channels: &[ChannelDescription]) -> Result<Colors, ImageFault> {
     let full = |c: &ChannelDescription| c.sampling.x() == 1 && c.sampling.y() == 1;
     let find = |wanted: &str| channels.iter().position(|c| full(c) && c.name.eq(wanted));
@@ -258,7 +258,7 @@ impl Opened<'_> {
                 ColorType::Rgb16 => Texels::Rgb16(read(decoder, count)?),
                 ColorType::Rgba16 => Texels::Rgba16(read(decoder, count)?),
                 ColorType::Rgb32F => Texels::RgbF32(read(decoder, count)?),
-                // Collected in place: the vector shrinks, no second one is made.
+                // The texels are collected in place: the vector shrinks, and no second one is made.
                 _ => {
                     Texels::RgbF32(read(decoder, count)?.into_iter().map(|[r, g, b, _]: [f32; 4]| [r, g, b]).collect())
                 }
@@ -273,7 +273,7 @@ impl Opened<'_> {
     }
 }
 
-/// Decodes directly into the texels that are kept.
+/// Decodes directly into the stored texels.
 fn read<T: Pod, const N: usize>(decoder: Box<dyn ImageDecoder + '_>, count: usize) -> Result<Vec<[T; N]>, ImageFault> {
     let mut texels = allocate([T::zeroed(); N], count)?;
     decoder
@@ -282,7 +282,7 @@ fn read<T: Pod, const N: usize>(decoder: Box<dyn ImageDecoder + '_>, count: usiz
     Ok(texels)
 }
 
-/// `count` texels, or an error where there is not enough memory.
+/// `count` texels, or an error if there is not enough memory.
 fn allocate<T: Copy>(texel: T, count: usize) -> Result<Vec<T>, ImageFault> {
     let mut texels = Vec::new();
     texels.try_reserve_exact(count).map_err(|_| {
@@ -429,7 +429,7 @@ mod tests {
         }
     }
 
-    /// Of 1, 2 and 4 bits, grey and with a palette.
+    /// Images of 1, 2 and 4 bits, grey and with a palette.
     #[test]
     fn few_bits_become_eight() {
         for (depth, bits) in [(png::BitDepth::One, 1), (png::BitDepth::Two, 2), (png::BitDepth::Four, 4)] {
@@ -459,7 +459,7 @@ mod tests {
             let bytes = encoded(image.clone().into(), format);
             assert_eq!(texels(&bytes, "wrong.jpg"), Texels::Rgb8(vec![[9, 8, 7]]), "{format:?}");
         }
-        // TGA has no signature: there the extension helps.
+        // TGA has no signature, so the extension is used.
         let tga = encoded(image.into(), ImageFormat::Tga);
         assert_eq!(texels(&tga, "a.TGA"), Texels::Rgb8(vec![[9, 8, 7]]));
         assert!(decode_image(&tga, "a.png", &Limits::default()).is_err());
@@ -495,7 +495,7 @@ mod tests {
         let Texels::RgbF32(texels) = image.texels else { panic!("floats were expected") };
         assert!(texels[0].iter().zip([0.5, 2.0, 64.0]).all(|(a, b)| (a - b).abs() <= 0.25), "{texels:?}");
         assert!(warnings.is_empty());
-        // The scene's own images count.
+        // The images of the scene count as well.
         let limits = Limits { total_image_bytes: 39, ..Limits::default() };
         let scene = Image { name: "wood".into(), width: 4, height: 4, texels: Texels::Gray8(vec![[0]; 16]) };
         assert!(load_environment(&path, &limits, &[]).is_ok());

@@ -3,14 +3,14 @@
 use crate::input::other_kind;
 use std::path::{Path, PathBuf};
 
-/// The libraries at a path whose file names begin with `stem` (`lib` before it or not): the path itself if it is no folder;
-/// of a folder, and of the `lib` or `bin` folder in it, those with such names, the newest version first. Empty if there
-/// are none, or if the path is a pipe, a socket or a device.
+/// The libraries at a path whose file names begin with `stem` (`lib` before it or not). If the path is no folder, it is
+/// the path itself. If it is a folder, these are the libraries with such names in it and in its `lib` or `bin` folder,
+/// the newest version first. Empty if there are none, or if the path is a pipe, a socket or a device.
 pub fn find_libraries(path: &Path, stem: &str) -> Vec<PathBuf> {
     match std::fs::metadata(path) {
         // The system's loader would wait for a named pipe.
         Ok(meta) if !meta.is_dir() && other_kind(&meta).is_some() => return Vec::new(),
-        // A bare name is looked for in the system's folders alone.
+        // A bare name is searched in the system's folders only.
         Ok(meta) if meta.is_file() && path.parent() == Some(Path::new("")) => return vec![Path::new(".").join(path)],
         Ok(meta) if meta.is_dir() => {}
         _ => return vec![path.to_path_buf()],
@@ -26,8 +26,9 @@ pub fn libraries_beside(file: &Path, stem: &str) -> Vec<PathBuf> {
     }
 }
 
-/// Shared libraries of a folder, of which the name after `lib` is the stem, maybe with a version before or after the
-/// ending; by name from behind, so that a later version comes first. A folder that cannot be read has none.
+/// Shared libraries of a folder whose name after `lib` is the stem, with or without a version before or after the
+/// extension. They are sorted by name in descending order, so that a later version is first. A folder that cannot be
+/// read has none.
 fn named(folder: &Path, stem: &str) -> Vec<PathBuf> {
     let Ok(entries) = std::fs::read_dir(folder) else { return Vec::new() };
     let is_library = |path: &PathBuf| {

@@ -10,8 +10,8 @@ use std::path::{Component, Path, PathBuf};
 
 const GIB: u64 = 1 << 30;
 
-/// Upper bounds that are checked *before* anything is read or allocated, so that a small hostile file cannot claim the
-/// machine's memory. Every default is far above what an inspection scene needs.
+/// Upper bounds that are checked *before* any data is read or memory is allocated, so that a small hostile file cannot
+/// use all memory of the machine. Every default is far above the need of an inspection scene.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Limits {
     /// Bytes of one file or buffer; default 2 GiB.
@@ -22,11 +22,11 @@ pub struct Limits {
     pub json_objects: usize,
     /// Texels along one side of an image; default 32 768.
     pub image_side: u32,
-    /// Bytes of one image while it is decoded, channels that are not kept included; default 1 GiB.
+    /// Bytes of one image during decoding, with channels that are not kept; default 1 GiB.
     pub image_bytes: u64,
-    /// Bytes of the texels that all images of a scene store together, converted ones and the environment's included; default
-    /// 1 GiB: 21 images of 4096 x 4096 with three channels of 8 bits, more than inspection scenes have, and little enough
-    /// for any machine that renders.
+    /// Bytes of the stored texels of all images of a scene together, with converted images and the environment; default
+    /// 1 GiB. This is 21 images of 4096 x 4096 with three channels of 8 bits. Inspection scenes have fewer, and any
+    /// machine that renders has this memory.
     pub total_image_bytes: u64,
     /// Bytes of all meshes and instances of a scene together; default 8 GiB.
     pub geometry_bytes: u64,
@@ -65,7 +65,7 @@ pub struct AssetLoader {
 }
 
 impl AssetLoader {
-    /// A loader for the files beside `scene_file`. Nothing is opened yet.
+    /// A loader for the files beside `scene_file`. It opens no file yet.
     pub fn new(scene_file: &Path, limits: Limits) -> Self {
         let folder = match scene_file.parent() {
             Some(parent) if !parent.as_os_str().is_empty() => parent.to_path_buf(),
@@ -86,7 +86,7 @@ impl AssetLoader {
         &self.scene_file
     }
 
-    /// The limits that hold.
+    /// The limits.
     pub fn limits(&self) -> &Limits {
         &self.limits
     }
@@ -104,18 +104,18 @@ impl AssetLoader {
         self.read(&self.scene_file, Role::Scene, "file", &self.scene_file.display().to_string())
     }
 
-    /// The bytes of a file named as OBJ and MTL name them: a relative path, taken literally except that a backslash
-    /// separates folders like a slash.
+    /// The bytes of a file, named as in OBJ and MTL: a relative path, used literally except that a backslash separates
+    /// folders like a slash.
     ///
     /// # Errors
-    /// If the name leads outside the scene's folder (absolute, drive letter, scheme, `..`, symbolic link), or the file
-    /// is missing, not a regular file, or larger than the limits.
+    /// If the name is outside the scene's folder (absolute, drive letter, scheme, `..`, symbolic link), or the file is
+    /// missing, not a regular file, or larger than the limits.
     pub fn load_relative(&self, name: &str, role: Role) -> Result<Vec<u8>, InputError> {
         self.load_first(&[name], role, name)
     }
 
-    /// The bytes behind a URI reference as glTF has them: a `data:` URI (base64 or percent-encoded), or a
-    /// percent-encoded relative path.
+    /// The bytes of a URI reference as in glTF: a `data:` URI (base64 or percent-encoded), or a percent-encoded
+    /// relative path.
     ///
     /// # Errors
     /// As [`load_relative`](Self::load_relative); also if a `data:` URI is malformed.
@@ -127,11 +127,12 @@ impl AssetLoader {
         let decoded = decoded.map_err(|_| {
             self.refuse(uri, "the URI does not decode to UTF-8", "percent-encode the file name as UTF-8, or rename it")
         })?;
-        // Some exporters write names raw, so that a '%' in them is no escape.
+        // Some exporters write names without encoding, so that a '%' in them is no escape.
         self.load_first(&[&decoded, uri], role, uri)
     }
 
-    /// Reads the first of the names that is there: each as it is, then without spaces around it, which some exporters leave.
+    /// Reads the first of the names that exists: each as it is, then without the spaces around it that some exporters
+    /// write.
     fn load_first(&self, names: &[&str], role: Role, shown: &str) -> Result<Vec<u8>, InputError> {
         let Some((first, _)) = names.split_first() else {
             return Err(self.refuse(shown, "it is empty", "name a file"));
@@ -162,7 +163,7 @@ impl AssetLoader {
         let (head, payload) = uri
             .split_once(',')
             .ok_or_else(|| self.refuse(&shown, "the data URI has no comma", "write it as data:<type>;base64,<data>"))?;
-        // Decoding never yields more bytes than there are characters.
+        // Decoding never gives more bytes than characters.
         self.charge(payload.len() as u64, &shown)?;
         if !head.to_ascii_lowercase().ends_with(";base64") {
             return Ok(percent_encoding::percent_decode_str(payload).collect());
@@ -185,7 +186,7 @@ impl AssetLoader {
         })
     }
 
-    /// Checks a reference lexically and gives it as a path relative to the scene's folder.
+    /// Checks a reference lexically and returns it as a path relative to the scene's folder.
     fn inside(&self, name: &str) -> Result<PathBuf, InputError> {
         let outside = |why: &str| {
             self.refuse(
@@ -250,7 +251,7 @@ impl AssetLoader {
         let read = self.inputs.borrow_mut().read(path, role, most);
         match read {
             Ok(bytes) => self.charge(bytes.len() as u64, shown).map(|()| bytes),
-            // The error names the limit.
+            // The error contains the limit.
             Err(ReadFault::TooLarge { .. }) => Err(self.too_large(left >= self.limits.file_bytes, shown)),
             Err(fault) => {
                 let problem = match path == self.scene_file {
@@ -272,7 +273,7 @@ impl AssetLoader {
         Ok(())
     }
 
-    /// A limit is exceeded: that of one file, or that of all together.
+    /// The error of an exceeded limit: of one file, or of all together.
     fn too_large(&self, is_of_one: bool, shown: &str) -> InputError {
         let problem = if is_of_one {
             format!("it has more than the {} allowed for one file", mib(self.limits.file_bytes))

@@ -1,5 +1,5 @@
-//! Wavefront OBJ with its MTL libraries. The crate `tobj` reads both; the code here cleans the text before, makes the scene
-//! of the result, and reports each repair with its line. `docs/import-obj.md` describes the steps.
+//! Wavefront OBJ with its MTL libraries. The crate `tobj` reads both. The code here cleans the text before, builds the
+//! scene from the result, and reports each repair with its line. `docs/import-obj.md` describes the steps.
 //!
 //! The format is three decades old, and programs write it differently. So a fault in one statement invalidates only
 //! that statement.
@@ -38,13 +38,13 @@ use std::path::Path;
 use tally::Tally;
 use textures::{Textures, load_beside};
 
-/// Reads an OBJ file, the MTL libraries it names and the images these name; all from the OBJ's own folder or below.
+/// Reads an OBJ file, its MTL libraries and their images. All must be in the folder of the OBJ or below.
 ///
-/// Coordinates are metres, right-handed; OBJ has no unit, no camera and no light but emissive materials. Each `o` or `g`
-/// becomes an instance of that name (`o/g` where a group lies inside an object). Polygons may be concave. Corners without
-/// a normal get the angle-weighted mean of their smoothing group's faces (Thürmer and Wüthrich 1998), or the face's own
-/// where smoothing is off. Vertex colours are taken as sRGB (as Blender writes them), MTL colours as linear. A file far
-/// from its own origin is stored around its centre.
+/// Coordinates are metres, right-handed. OBJ has no unit, no camera and no light except emissive materials. Each `o` or
+/// `g` becomes an instance of that name (`o/g` if a group is in an object). Polygons may be concave. Corners without a
+/// normal get the angle-weighted mean of the faces of their smoothing group (Thürmer and Wüthrich 1998), or the normal
+/// of the face if smoothing is off. Vertex colours are interpreted as sRGB (as Blender writes them), MTL colours as
+/// linear. A file far from its own origin is stored around its centre.
 ///
 /// | MTL | becomes |
 /// |---|---|
@@ -139,7 +139,7 @@ pub fn load_obj(path: &Path, options: &ImportOptions) -> Result<Imported, InputE
     Ok(Imported { scene, warnings: warnings.finish(), inputs: loader.into_inputs() })
 }
 
-/// Sums up the images of all materials in use from their headers, before any is decoded.
+/// Sums the images of all materials in use from their headers, before decoding.
 fn measure_images(
     path: &Path,
     options: &ImportOptions,
@@ -219,8 +219,8 @@ impl Libraries {
         libraries
     }
 
-    /// `mtllib` takes several names, and names may hold spaces: first the whole is tried as one name, then the pieces
-    /// that end in `.mtl`, then the words.
+    /// `mtllib` allows several names, and names may contain spaces. First the whole text is tried as one name, then the
+    /// pieces that end in `.mtl`, then the words.
     fn load_statement(&mut self, line: u32, names: &str, loader: &AssetLoader, warnings: &mut Warnings) {
         let place = format!("line {line}");
         let names = text::without_comment(names);
@@ -276,7 +276,7 @@ impl Libraries {
         let folder = path.rsplit_once('/').map_or("", |(folder, _)| folder);
         for material in mtl::read(&source, &mut tally)? {
             let id = self.materials.len();
-            // Of materials with the same name the first counts.
+            // Of several materials with the same name, the first is used.
             self.exact.entry(material.name.clone()).or_insert(id);
             self.loose.entry(loosely(&material.name)).or_insert(id);
             self.materials.push((material, folder.to_string()));
@@ -328,8 +328,8 @@ impl<'a> Materials<'a> {
         Self { parsed, libraries, textures, list: Vec::new(), known: HashMap::new(), refracts: HashMap::new() }
     }
 
-    /// Index of the scene's material for one of the OBJ's on a closed or an open mesh. A refracting material that is on
-    /// both kinds becomes two of the same name.
+    /// Index of the scene's material for an OBJ material on a closed or an open mesh. A refracting material on both
+    /// kinds becomes two materials of the same name.
     fn find(&mut self, id: u32, closed: bool, warnings: &mut Warnings) -> usize {
         let refracts = self.refracts.get(&id).copied();
         if let Some(index) = refracts.and_then(|r| self.known.get(&(id, r && closed))) {
@@ -363,7 +363,7 @@ impl<'a> Materials<'a> {
         self.list.len() - 1
     }
 
-    /// Gives a mesh the tangents that its material needs, and warns of maps without coordinates.
+    /// Adds the tangents that the material of a mesh needs, and warns of maps without coordinates.
     fn check_mesh(&self, material: usize, object: &str, mesh: &mut Mesh, warnings: &mut Warnings) {
         let Some(material) = self.list.get(material) else { return };
         if !has_maps(material) {
@@ -379,7 +379,8 @@ impl<'a> Materials<'a> {
     }
 }
 
-/// White light tinted at both interfaces must come out with the filter's colour, so each takes the square root.
+/// White light passes two interfaces and must have the filter's colour behind them. So each interface has the square
+/// root of it.
 fn make_solid(material: &mut Material) {
     let share = material.transmission;
     let tinted = material.base_color.map(|v| v.max(0.0).sqrt());

@@ -1,4 +1,4 @@
-//! Tangents where a material needs them and the file has none: MikkTSpace (Mikkelsen, 2008), as glTF prescribes.
+//! Tangents for materials that need them in files without tangents: MikkTSpace (Mikkelsen, 2008), as glTF prescribes.
 
 use bevy_mikktspace::{Geometry, TangentSpace};
 use dunkelfeld_geometry::{Mesh, Vec2, Vec4};
@@ -7,7 +7,7 @@ use std::collections::HashMap;
 /// Fills `mesh.tangents` from its texture coordinates `uv`, one per vertex. Vertices whose corners get different
 /// tangents are split; a mesh without normals, which is shaded flat, is split at every corner.
 ///
-/// Returns `false`, and leaves the mesh as it is, if the tangents cannot be computed: coordinates are missing, or one
+/// Returns `false`, and does not change the mesh, if the tangents cannot be computed: coordinates are missing, or one
 /// vertex belongs to more than 2048 triangles.
 pub(crate) fn generate(mesh: &mut Mesh, uv: &[Vec2]) -> bool {
     if uv.len() != mesh.positions.len() || mesh.triangles.is_empty() {
@@ -38,7 +38,7 @@ const LARGEST_FAN: usize = 2048;
 struct Corners<'a> {
     mesh: &'a Mesh,
     uv: &'a [Vec2],
-    /// The triangles that count.
+    /// The triangles that are used.
     faces: Vec<usize>,
     tangents: Vec<[f32; 4]>,
 }
@@ -48,7 +48,7 @@ impl Corners<'_> {
         self.mesh.triangles[self.faces[face]][vertex] as usize
     }
 
-    /// The most triangles that share a vertex, vertices of equal position, normal and coordinates being one.
+    /// The largest number of triangles at a vertex. Vertices of equal position, normal and coordinates count as one.
     fn largest_fan(&self) -> usize {
         let mut fans: HashMap<[u32; 8], usize> = HashMap::new();
         for (face, vertex) in (0..self.faces.len()).flat_map(|f| (0..3).map(move |v| (f, v))) {
@@ -83,7 +83,8 @@ impl Geometry for Corners<'_> {
     }
 
     fn tex_coord(&self, face: usize, vertex: usize) -> [f32; 2] {
-        // In glTF v points down in the image while a normal map's green points up, so the bitangent runs against v.
+        // In glTF v points down in the image while the green of a normal map points up, so the bitangent is opposite to
+        // v.
         let uv = self.uv[self.index(face, vertex)];
         [uv.x, 1.0 - uv.y]
     }

@@ -1,4 +1,4 @@
-//! How much memory the texels of a scene's images may take together: counted from headers, before anything is decoded.
+//! The memory of the texels of all images of a scene: computed from headers, before any decoding.
 
 use crate::error::InputError;
 use crate::images::ImageHeader;
@@ -23,7 +23,7 @@ impl TexelBudget {
         Self { most: limits.total_image_bytes, bytes, images: beside.len(), beyond: None }
     }
 
-    /// Counts an image; `false` if it does not fit any more.
+    /// Adds an image; `false` if it does not fit.
     pub(crate) fn add(&mut self, place: &str, header: &ImageHeader) -> bool {
         self.images += 1;
         self.bytes = self.bytes.saturating_add(header.bytes());
@@ -34,10 +34,10 @@ impl TexelBudget {
         fits
     }
 
-    /// Did everything fit?
+    /// Checks whether all images fit.
     ///
     /// # Errors
-    /// Names the sum of all images, the first one that did not fit, and what may be done.
+    /// The message contains the sum of all images, the first one that did not fit, and help.
     pub(crate) fn check(&self, file: &Path) -> Result<(), InputError> {
         let Some((place, image)) = &self.beyond else { return Ok(()) };
         let (sum, most) = (bytes_in_words(self.bytes), bytes_in_words(self.most));
@@ -57,7 +57,7 @@ impl TexelBudget {
     }
 }
 
-/// Bytes in the unit that suits them.
+/// Bytes in a suitable unit.
 pub(crate) fn bytes_in_words(bytes: u64) -> String {
     match bytes as f64 {
         b if b < 1024.0 => format!("{bytes} B"),

@@ -1,10 +1,10 @@
-//! Collects warnings: the same one twice is kept once, and a file with thousands of faults does not bury its reader.
+//! Collects warnings. Equal ones are stored once, and a file with thousands of faults gives a readable list.
 
 use crate::error::ImportWarning;
 use std::fmt::Display;
 use std::path::Path;
 
-/// The warnings about one file, in the order they were met.
+/// The warnings about one file, in the order of their detection.
 #[derive(Debug)]
 pub(crate) struct Warnings {
     file: String,
@@ -13,16 +13,16 @@ pub(crate) struct Warnings {
 }
 
 impl Warnings {
-    /// More than anybody reads.
+    /// Maximum number of warnings.
     const MOST: usize = 200;
 
-    /// For the faults of `path`.
+    /// A list for the faults of `path`.
     pub(crate) fn new(path: &Path) -> Self {
         let file = path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned();
         Self { file, list: Vec::new(), omitted: 0 }
     }
 
-    /// Notes what was wrong at `place` and what was done about it.
+    /// Records a fault at `place` and its repair.
     pub(crate) fn push(&mut self, place: impl Display, message: impl Into<String>) {
         let warning = ImportWarning { place: format!("{}: {place}", self.file), message: message.into() };
         if self.list.contains(&warning) {

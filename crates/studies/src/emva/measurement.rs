@@ -89,8 +89,8 @@ struct Reader<'a> {
 }
 
 impl Reader<'_> {
-    /// Processes the frames of a block one after the other, or two at a time if there are only two. `step` is called
-    /// after each, and returns whether to continue.
+    /// Processes the frames of a block: two frames as a pair, more frames one after the other. `step` is called after
+    /// each frame, and returns whether to continue.
     fn see(&self, block: &FrameBlock, step: impl Fn() -> bool) -> Result<Option<Seen>, Error> {
         let (exposure, photons) = (1e-9 * block.exposure_ns, block.photons);
         let [width, height] = self.size;

@@ -10,10 +10,10 @@ use std::collections::BTreeMap;
 const QUANTILE: f64 = 2.967_738;
 /// Standard deviations above the end of the scale where all pixels are at it.
 const FULL: f64 = 5.0;
-/// Factor from the full well to a light that fills it in all pixels. Pixels whose responses differ by a fifth are never
-/// all full.
+/// Maximum number of doublings from the full well to a light that fills it in all pixels. Pixels whose responses differ
+/// by a fifth are never all full.
 const MAX_DOUBLINGS: u32 = 10;
-/// Relative accuracy of the bisection: the last bit.
+/// Number of steps of the bisection: the result is accurate to the last bit.
 const HALVINGS: u32 = 80;
 
 /// The light of a measurement.
@@ -84,7 +84,7 @@ impl Edge {
         self.room(QUANTILE, 0.0, dark) > 0.0
     }
 
-    /// Photo-electrons whose mean is `sigmas` standard deviations of all pixels below the end; above it for negative
+    /// Photo-electrons whose mean is `quantile` standard deviations of all pixels below the end; above it for negative
     /// ones.
     fn photo_electrons(&self, quantile: f64, dark: impl Fn(f64) -> f64) -> Option<f64> {
         let room = |photo: f64| self.room(quantile, photo, dark(photo));

@@ -17,7 +17,7 @@ pub(super) fn pixels<'de, D: Deserializer<'de>>(d: D) -> Result<Option<u32>, D::
     whole(d, 1, MAX_SIDE).map(Some)
 }
 
-/// Samples per pixel on average, as `--spp` takes them.
+/// Samples per pixel on average, with the range of `--spp`.
 pub(super) fn spp<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f64>, D::Error> {
     let v = d.deserialize_any(AnyNumber)?;
     if v > 0.0 && v <= MAX_MEAN_SPP {
@@ -75,7 +75,7 @@ pub(super) fn magnification<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f6
     real(d, 0.0, 100.0).map(Some)
 }
 
-/// The sine of an angle, apart from both ends.
+/// The sine of an angle, without both ends.
 pub(super) fn numerical_aperture<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f64>, D::Error> {
     real(d, 1e-6, 0.999).map(Some)
 }
@@ -84,7 +84,7 @@ pub(super) fn blades<'de, D: Deserializer<'de>>(d: D) -> Result<Option<u32>, D::
     whole(d, 3, 64).map(Some)
 }
 
-/// A distance in focus [m]; `inf` is one.
+/// A focus distance [m]; `inf` is valid.
 pub(super) fn focus_distance<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f64>, D::Error> {
     let v = d.deserialize_any(LengthOrInf)?;
     if v >= 1e-6 {
@@ -102,7 +102,7 @@ pub(super) fn positive_length<'de, D: Deserializer<'de>>(d: D) -> Result<Option<
     Err(D::Error::custom(format!("{} m is out of range; write a length such as \"3.45um\" or \"40mm\"", Number(v))))
 }
 
-/// Coefficients in the order of OpenCV. Values beyond a million leave no image.
+/// Coefficients in the order of OpenCV. Values beyond a million give no image.
 pub(super) fn distortion<'de, D: Deserializer<'de>>(d: D) -> Result<Option<Distortion>, D::Error> {
     let values = numbers::<D>(d)?;
     match Distortion::from_opencv(&values) {
@@ -187,10 +187,10 @@ pub(super) fn focal_length<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f64
     Err(D::Error::custom(format!("{} m is out of range; write a focal length such as \"12mm\"", Number(v))))
 }
 
-/// A distance [m] above zero; `inf` is one.
+/// A distance [m] above zero; `inf` is valid.
 pub(super) fn distance<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f32>, D::Error> {
     let v = d.deserialize_any(LengthOrInf)?;
-    // Above the smallest normal f32, so that the value stays above zero when it is narrowed.
+    // Above the smallest normal f32, so that the value remains above zero after the conversion to f32.
     if v > 1e-30 {
         return Ok(Some(v as f32));
     }
@@ -230,7 +230,7 @@ pub(super) fn coefficient<'de, D: Deserializer<'de>>(d: D) -> Result<Option<Rgb>
     Ok(Some(Rgb::from_array(channels)))
 }
 
-/// A mean cosine of scattering: at the ends light would only go straight on or back.
+/// A mean cosine of scattering. At the ends of the range, light would only continue straight or return.
 pub(super) fn mean_cosine<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f32>, D::Error> {
     real(d, -0.9999, 0.9999).map(|v| Some(v as f32))
 }
@@ -323,7 +323,7 @@ impl Visitor<'_> for LengthOrInf {
     }
 }
 
-/// Whole or real. TOML separates `1` and `1.0`, users do not.
+/// Integer or float. TOML distinguishes `1` and `1.0`, users do not.
 struct AnyNumber;
 
 impl Visitor<'_> for AnyNumber {

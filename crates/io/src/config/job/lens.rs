@@ -6,8 +6,8 @@ use serde::Deserialize;
 
 /// `[lens]`: field of view, aperture, focus and aberrations of the lens. An absent key keeps the value of the camera.
 ///
-/// Without `focus_distance` the aperture is infinitely small for the image, and everything is sharp; f-number,
-/// transmission and magnification then set the irradiance on the sensor alone.
+/// Without `focus_distance` the aperture is infinitely small for the image, and everything is in focus. Then f-number,
+/// transmission and magnification determine only the irradiance on the sensor.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct LensSettings {
@@ -16,8 +16,8 @@ pub struct LensSettings {
     /// Full vertical field of view \[rad\] of a perspective; written as `"30deg"`.
     #[serde(deserialize_with = "check::field_of_view")]
     pub vertical_fov: Option<f64>,
-    /// Focal length \[m\] of a perspective, written as `"12mm"`: together with the film's height on the sensor, and focus
-    /// distance or magnification, it gives the field of view.
+    /// Focal length \[m\] of a perspective, written as `"12mm"`. Together with the film's height on the sensor, and
+    /// focus distance or magnification, it determines the field of view.
     #[serde(deserialize_with = "check::focal_length")]
     pub focal_length: Option<f64>,
     /// Height \[m\] of the field of a telecentric lens, written as `"40mm"`.
@@ -32,11 +32,11 @@ pub struct LensSettings {
     /// Share of the light that passes the glass, above 0 and at most 1. Default 0.9.
     #[serde(deserialize_with = "check::positive_share")]
     pub transmission: f64,
-    /// Magnification m, image size over object size, 0 to 100. Default: what follows from the focus distance or from the
+    /// Magnification m, image size over object size, 0 to 100. Default: computed from the focus distance or from the
     /// field of a telecentric lens, otherwise 0, an object far away.
     #[serde(deserialize_with = "check::magnification")]
     pub magnification: Option<f64>,
-    /// Distance \[m\] from the camera to the plane that is sharp, along the axis; makes the aperture finite.
+    /// Distance \[m\] from the camera to the plane in focus, along the axis. It makes the aperture finite.
     #[serde(deserialize_with = "check::focus_distance")]
     pub focus_distance: Option<f64>,
     /// Straight blades of the aperture, 3 to 64; by default it is round.
@@ -45,13 +45,13 @@ pub struct LensSettings {
     /// Angle \[rad\] of the first corner between two blades from the camera's right, toward up; written as `"15deg"`.
     #[serde(deserialize_with = "check::angle")]
     pub blade_rotation: Option<f32>,
-    /// Distortion coefficients as OpenCV gives them: k1, k2, p1, p2, k3, k4, k5, k6; 4, 5 or 8 of them.
+    /// Distortion coefficients in the order of OpenCV: k1, k2, p1, p2, k3, k4, k5, k6; 4, 5 or 8 of them.
     #[serde(deserialize_with = "check::distortion")]
     pub distortion: Option<Distortion>,
     /// Offset of the optical axis from the film's middle \[pixels\], to the right and down.
     #[serde(deserialize_with = "check::principal_point")]
     pub principal_point: Option<[f64; 2]>,
-    /// How the image darkens toward its edge.
+    /// Vignetting: how the image darkens toward its edge.
     #[serde(deserialize_with = "check::vignetting")]
     pub vignetting: Option<Vignetting>,
 }
@@ -81,7 +81,7 @@ impl Default for LensSettings {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum LensProjection {
-    /// Chief rays meet in the middle of the lens.
+    /// Chief rays intersect in the middle of the lens.
     Perspective,
     /// Chief rays are parallel.
     Telecentric,
@@ -90,7 +90,7 @@ pub enum LensProjection {
 /// An impossible value in `[lens]` or `[film]` of a job: table and key, problem, help.
 pub(super) type Fault = ([&'static str; 2], &'static str, &'static str);
 
-/// Does a film state its size on the sensor at most once?
+/// Does a film contain its size on the sensor at most once?
 pub(super) fn check_film(film: &FilmSettings) -> Result<(), Fault> {
     let sizes = [
         ("pixel_pitch", film.pixel_pitch.is_some()),

@@ -56,7 +56,7 @@ impl Job {
             let Some(emission) = self.changed_emission(i, change, &light, scene, warnings)? else { continue };
             for material in light.materials {
                 if let Some(material) = scene.materials.get_mut(material) {
-                    // Strengths that a file gives in proportion stay so only where the light has a single material.
+                    // Strengths that a file gives as ratios are preserved only if the light has a single material.
                     material.emission = emission.of(material.emission);
                 }
             }
@@ -64,7 +64,7 @@ impl Job {
         Ok(())
     }
 
-    /// Reads an IES file and gives it to the lights that the change names; their hue stays.
+    /// Reads an IES file and assigns it to the lights of the change. Their hue remains.
     fn attach_profile(
         &self,
         i: usize,
@@ -131,7 +131,7 @@ impl Job {
                 PunctualKind::Spot { intensity: change.intensity.or(scaled).unwrap_or(intensity), inner, outer }
             }
             PunctualKind::Profile { profile, scale } => {
-                // Strengths are those of the whole profile. No factor gives a black profile light.
+                // Strengths apply to the whole profile. A black profile cannot be scaled to a strength.
                 let (peak, all) = profiles.get(profile).map_or((0.0, 0.0), |p| (p.peak(), f64::from(p.power())));
                 let dark = peak <= 0.0;
                 if let Some((key, _)) = [("power", change.power.is_some()), ("intensity", change.intensity.is_some())]
@@ -179,8 +179,8 @@ impl Job {
                 message: format!("\"{}\" has an emission texture; the power holds as if it were white", light.name),
             });
         }
-        // Radiant power of a Lambertian emitter: pi * area * radiance, per emitting side. The emission in force weighs
-        // the parts of a light that has several materials.
+        // Radiant power of a Lambertian emitter: pi * area * radiance, per emitting side. The present emission weights
+        // the parts of a light with several materials.
         let mut weight = 0.0;
         let black = used.iter().all(|m| m.emission.is_black());
         for (area, material) in &light.areas {
@@ -233,9 +233,9 @@ struct SurfaceLight {
 
 /// The surfaces that the name of a light selects.
 enum Surfaces {
-    /// Instances; of their parts only the emissive ones, unless none is.
+    /// Instances. Only their emissive parts are used, unless no part is emissive.
     Objects { instances: Vec<usize>, only_emissive: bool },
-    /// Materials, wherever they are.
+    /// Materials, on all objects.
     Materials(Vec<usize>),
 }
 
@@ -265,7 +265,7 @@ fn emitting_surfaces(name: &str, scene: &SceneBuilder) -> Option<Surfaces> {
 }
 
 impl Surfaces {
-    /// Gives each light materials of its own, so that changing one light leaves the rest of the scene alone.
+    /// Gives each light its own materials, so that a change of one light does not affect the rest of the scene.
     fn separate(self, scene: &mut SceneBuilder) -> Vec<SurfaceLight> {
         match self {
             Self::Materials(materials) => materials.into_iter().map(|m| material_light(m, scene)).collect(),
@@ -356,7 +356,7 @@ fn spot_solid_angle(inner: f32, outer: f32) -> f64 {
 mod tests {
     use super::*;
 
-    /// A cone without soft edge of half-angle t covers 2 pi (1 - cos t).
+    /// A cone without soft edge of half-angle t has the solid angle 2 pi (1 - cos t).
     #[test]
     fn the_spot_integral_agrees_with_a_sum_over_angles() {
         assert!((spot_solid_angle(0.5, 0.5) - 2.0 * PI * (1.0 - 0.5_f64.cos())).abs() < 1e-7);

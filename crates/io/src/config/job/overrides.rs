@@ -217,7 +217,7 @@ pub(super) fn matches(pattern: &str, name: &str) -> bool {
     pattern == name || (pattern.contains(['*', '?']) && glob(pattern, name))
 }
 
-/// Greedy matching that steps back to the last `*`: quadratic at worst.
+/// Greedy matching that returns to the last `*`: quadratic in the worst case.
 fn glob(pattern: &str, name: &str) -> bool {
     let (pattern, name): (Vec<char>, Vec<char>) = (pattern.chars().collect(), name.chars().collect());
     let (mut p, mut n) = (0, 0);

@@ -8,15 +8,15 @@ use dunkelfeld_film::{BATCHES, PixelSums, RadianceSum, SquareSum};
 /// Bytes of one pixel: little-endian, in the order of the fields of [`PixelSums`].
 pub const PIXEL_BYTES: usize = BATCHES * 3 * 16 + BATCHES * 4 + 2 * (3 * 8 + 3 * 8) + 8 + 16 + 4 + 4 + 8 + 32;
 
-/// No pixel of a film has more samples than this.
+/// Maximum number of samples of a pixel of a film.
 pub const MAX_SAMPLES: u32 = 1 << 30;
 
-/// The largest sums of albedo or normal, and of their squares, that a sample adds.
+/// The largest sums of albedo or normal, and of their squares, from one sample.
 const UNIT: i64 = 1 << UNIT_BITS;
 const UNIT_SQUARE: u64 = 1 << UNIT_SQUARE_BITS;
-/// The largest depth that a sample adds.
+/// The largest depth of a sample.
 const DEPTH: i64 = 1 << (DEPTH_LIMIT_BITS + DEPTH_BITS);
-/// The radiance of a sample is below this.
+/// Upper bound of the radiance of a sample.
 const RADIANCE: u128 = 1 << (RADIANCE_LIMIT_BITS + RADIANCE_BITS);
 /// Squares of luminance are rounded down to this unit [(W/(m^2 sr))^2].
 const SQUARE_UNIT: f64 = 1.0 / (1u128 << SQUARE_BITS) as f64;
@@ -75,7 +75,7 @@ fn is_possible(sums: &PixelSums) -> bool {
     }
     let hits = i64::from(sums.hits);
     let within = |v: i64, most: i64| v.unsigned_abs() <= hits.saturating_mul(most).unsigned_abs();
-    // A product beyond the range of 128 bits is no bound: such a sum may have come to its end.
+    // A product beyond the range of 128 bits is no bound: such a sum may be saturated.
     let lit = |(batch, &n): (&RadianceSum, &u32)| {
         u128::from(n).checked_mul(RADIANCE).is_none_or(|most| batch.0.iter().all(|&v| v <= most))
     };
@@ -87,7 +87,7 @@ fn is_possible(sums: &PixelSums) -> bool {
         && sums.max_luminance().is_finite()
         && sums.max_luminance() >= 0.0
         && {
-            // No square is larger than that of the largest sample, which is one of them but for what rounding takes.
+            // No square is larger than that of the largest sample, which is one of them apart from rounding.
             let (sum, largest) = (sums.luminance_squares.to_f64(), f64::from(sums.max_luminance()).powi(2));
             let (least, most) = (largest * (1.0 - 1e-9) - SQUARE_UNIT, largest * count as f64 * (1.0 + 1e-9));
             (least..=most).contains(&sum)

@@ -19,19 +19,19 @@ use crate::process::can_reserve;
 /// Sizes at the beginning of a block of DWA, after its version: 64 bits each.
 const DWA_SIZES: usize = 9;
 
-/// Tiles of so many bytes are read, also if the image is smaller.
+/// Size of tiles that are always read \[bytes\], also if the image is smaller.
 const LARGEST_TILE: u64 = 16 << 20;
 
 /// Blocks that a thread decodes between two starts of threads.
 const BLOCKS_PER_THREAD: usize = 8;
 
-/// The layers that `layers` chooses.
+/// The layers that `layers` selects.
 ///
-/// The decoder's own threads end the process when they panic. So it gets one block at a time, and only blocks within
-/// the size of the image.
+/// A panic in the decoder's own threads ends the process. So it gets one block at a time, and only blocks within the
+/// size of the image.
 ///
 /// # Errors
-/// The file cannot be read, is damaged, or uses what `layers` does not take.
+/// The file cannot be read, is damaged, or contains data that `layers` refuses.
 pub(crate) fn decode<'s, L: ReadLayers<'s>>(file: impl Read + Seek, layers: &'s L) -> Result<Image<L::Layers>> {
     guard(|| {
         let reader = exr::block::read(file, false)?;
@@ -58,7 +58,7 @@ pub(crate) fn decode<'s, L: ReadLayers<'s>>(file: impl Read + Seek, layers: &'s 
     })
 }
 
-/// Before it reads a block, the decoder takes memory for as many bytes as the header allows and the block states.
+/// Before it reads a block, the decoder allocates as many bytes as the block gives and the header allows.
 fn check_largest_block(header: &Header) -> Result<()> {
     let bytes_of = |(width, height): (usize, usize)| {
         (width as u64).saturating_mul(height as u64).saturating_mul(header.channels.bytes_per_pixel as u64)
@@ -96,7 +96,7 @@ fn check_promises(chunk: &Chunk, meta: &MetaData) -> Result<()> {
         // A block that compression does not shrink is stored uncompressed.
         return Ok(());
     }
-    // Coefficients come in squares of 8 x 8, and nothing takes more than four bytes and half as much again.
+    // Coefficients are stored in squares of 8 x 8. No value needs more than four bytes and half as much again.
     let samples = (width.next_multiple_of(8) as u64).saturating_mul(height.next_multiple_of(8) as u64);
     let most = samples.saturating_mul(6 * header.channels.list.len() as u64).max(bytes.len() as u64);
     let sizes = bytes.as_chunks::<8>().0.iter().map(|&b| u64::from_le_bytes(b)).skip(1).take(DWA_SIZES);
@@ -121,14 +121,14 @@ fn decode_blocks(mut chunks: Vec<Chunk>, meta: &MetaData, threads: usize) -> Res
         }
         let mut blocks = decode(chunks)?;
         for other in others.into_iter().rev() {
-            // A panic would have been caught within.
+            // A panic is caught within.
             blocks.extend(other.join().unwrap_or(Err(Error::Aborted))?);
         }
         Ok(blocks)
     })
 }
 
-/// Runs foreign code that reads any bytes: a panic of it is an error.
+/// Runs third-party code on arbitrary bytes. A panic in it is an error.
 pub(super) fn guard<T>(read: impl FnOnce() -> Result<T>) -> Result<T> {
     catch_unwind(AssertUnwindSafe(read)).unwrap_or(Err(Error::Invalid("the decoder gave up on its data".into())))
 }

@@ -19,7 +19,7 @@ use crate::atomic::write_atomically;
 /// Lines that ZIP compresses together.
 const BLOCK_LINES: u32 = 16;
 
-/// Samples of a strip take about so many bytes at most, but a strip has at least [`BLOCK_LINES`] lines.
+/// Approximate maximum of the samples of a strip \[bytes\]. A strip has at least [`BLOCK_LINES`] lines.
 const STRIP_BYTES: u64 = 32 << 20;
 
 /// The type of a channel's samples.
@@ -41,27 +41,28 @@ impl Channel {
     }
 }
 
-/// All of a file's contents but the samples.
+/// All contents of a file except the samples.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ExrHead {
     /// Width in pixels.
     pub width: u32,
     /// Height in pixels.
     pub height: u32,
-    /// Names and types of the channels, in the order in which strips bring their samples.
+    /// Names and types of the channels, in the order of the channels of the strips.
     pub channels: Vec<(String, ChannelKind)>,
     /// A JSON text about the image; empty if there is none.
     pub attributes: String,
 }
 
 impl ExrHead {
-    /// The head of an image of so many rows whose strips have the channels, the width and the attributes of this one.
+    /// The head of an image with this number of rows. Its strips have the channels, the width and the attributes of
+    /// this one.
     pub fn from_strip(strip: &ExrLayers, height: u32) -> Self {
         let channels = strip.channels.iter().map(|(name, channel)| (name.clone(), channel.kind())).collect();
         Self { width: strip.width, height, channels, attributes: strip.attributes.clone() }
     }
 
-    /// Rows of a strip: as many blocks of 16 lines as have less than 32 MiB of samples in all channels, at least one block.
+    /// Rows of a strip: the blocks of 16 lines whose samples of all channels have less than 32 MiB, at least one block.
     pub fn strip_rows(&self) -> u32 {
         let line = (u64::from(self.width) * self.channels.len() as u64 * 4).max(1);
         let blocks = (STRIP_BYTES / line / u64::from(BLOCK_LINES)).max(1);
@@ -85,7 +86,7 @@ impl ExrHead {
         Ok(())
     }
 
-    /// Does a strip of so many rows have the channels of the head?
+    /// Does a strip with this number of rows have the channels of the head?
     fn check_strip(&self, strip: &[Channel], rows: u32) -> io::Result<()> {
         let samples = self.width as usize * rows as usize;
         if strip.len() != self.channels.len() {
@@ -105,7 +106,7 @@ impl ExrHead {
         Ok(())
     }
 
-    /// The header as the format has it, and of its channels, which it sorts, their places in [`Self::channels`].
+    /// The header in the format of EXR. It sorts the channels; the result contains their places in [`Self::channels`].
     fn header(&self) -> (Header, Vec<usize>) {
         let mut order: Vec<usize> = (0..self.channels.len()).collect();
         order.sort_unstable_by_key(|&i| self.channels[i].0.as_bytes());
@@ -147,7 +148,7 @@ fn refuse<T>(problem: String) -> io::Result<T> {
     Err(io::Error::new(io::ErrorKind::InvalidInput, problem))
 }
 
-/// Writes a file like [`write_exr`](super::write_exr), to the same bytes, without all of its samples at once.
+/// Writes a file like [`write_exr`](super::write_exr), with the same bytes, without all of its samples at once.
 ///
 /// `rows` is called for consecutive strips from the top: ranges of rows, of [`ExrHead::strip_rows`] each but for the
 /// last one.
@@ -165,7 +166,8 @@ pub fn write_exr_rows(
     write_atomically(path, |file| encode(file, head, head.strip_rows(), rows))
 }
 
-/// Encodes the file of [`write_exr_rows`], in strips of so many rows, a multiple of 16. The head has been checked.
+/// Encodes the file of [`write_exr_rows`], in strips of this number of rows, a multiple of 16. The head has been
+/// checked.
 fn encode(
     file: impl Write + Seek,
     head: &ExrHead,
@@ -180,7 +182,7 @@ fn encode(
         let first = place.pixel_position.y() as u32;
         if first >= range.end {
             range = first..head.height.min(first.saturating_add(strip_rows));
-            // The former strip is dropped first, so that there is never more than one.
+            // The previous strip is dropped first, so that there is never more than one.
             strip = Vec::new();
             strip = rows(range.clone())?;
             head.check_strip(&strip, range.end - range.start)?;

@@ -49,7 +49,7 @@ fn offset(value: Option<USize64>) -> usize {
 /// Reads accessors of one asset. Its error messages contain the problem, without the place.
 pub(super) struct Accessors<'a> {
     asset: &'a Asset,
-    /// Most elements that an accessor without data may have: zeros cost nothing in the file.
+    /// Maximum number of elements of an accessor without data: zeros need no bytes in the file.
     most_zeros: u64,
     /// Remaining bytes that may be read. Many primitives that each read one large buffer would take too long.
     allowance: Cell<u64>,
@@ -67,7 +67,7 @@ struct View<'a> {
     count: usize,
 }
 
-/// Whether and how an attribute may be stored, beyond 32-bit floats.
+/// The storage types of an attribute that are allowed beside 32-bit floats.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) enum Stored {
     /// As floats, or as integers of 8 or 16 bits, normalised or not (KHR_mesh_quantization).
@@ -155,7 +155,7 @@ impl<'a> Accessors<'a> {
         self.elements(index, &view, accessor.sparse.as_ref(), [0; N], element)
     }
 
-    /// All elements, with those that a sparse accessor replaces; `zero` where there is no data.
+    /// All elements, after the replacements of a sparse accessor; `zero` where there is no data.
     fn elements<T: Copy>(
         &self,
         index: usize,
@@ -183,7 +183,7 @@ impl<'a> Accessors<'a> {
         Ok(values)
     }
 
-    /// Warns where alignment breaks the rules; the data is read all the same.
+    /// Warns of invalid alignment. The data is read nevertheless.
     pub(super) fn warn_alignment(&self, index: usize, warnings: &mut Warnings) {
         let Ok(accessor) = self.accessor(index) else { return };
         let Checked::Valid(component) = accessor.component_type else { return };
@@ -214,7 +214,7 @@ impl<'a> Accessors<'a> {
         let component = component.0;
         let kind = match accessor.type_ {
             Checked::Valid(kind @ (Type::Scalar | Type::Vec2 | Type::Vec3 | Type::Vec4)) => kind,
-            // Columns of small components are padded to 4 bytes; only float matrices are of use here.
+            // Columns of small components are padded to 4 bytes. Only float matrices are used here.
             Checked::Valid(kind @ Type::Mat4) if component == ComponentType::F32 => kind,
             Checked::Valid(other) => return Err(format!("accessor {index} has the type \"{}\"", name_of(other))),
             Checked::Invalid => {

@@ -1,4 +1,4 @@
-//! Adds members that `gltf::json` requires and files leave out, and keeps the codes that are unknown to it.
+//! Adds members that `gltf::json` requires and that files leave out, and stores the codes that it does not support.
 
 use super::lenient::ABSENT;
 use gltf::json::{accessor, extensions::scene::khr_lights_punctual, material, mesh, texture};
@@ -14,18 +14,18 @@ pub(super) const PRIMITIVE_MODE: &str = "meshes/*/primitives/*/mode";
 pub(super) const WRAP_S: &str = "samplers/*/wrapS";
 pub(super) const WRAP_T: &str = "samplers/*/wrapT";
 
-/// Codes that are in no list of the format, as the file has them.
+/// Codes outside the lists of the format, as in the file.
 #[derive(Debug, Default)]
 pub(super) struct UnknownCodes(BTreeMap<(&'static str, Vec<usize>), String>);
 
 impl UnknownCodes {
-    /// The code of a kind ([`ALPHA_MODE`] and so on) in the object that `indices` lead to; empty if it is absent.
+    /// The code of a kind ([`ALPHA_MODE`] and so on) in the object at the path `indices`; empty if it is absent.
     pub(super) fn get(&self, kind: &'static str, indices: &[usize]) -> &str {
         self.0.get(&(kind, indices.to_vec())).map_or("", String::as_str)
     }
 }
 
-/// Completes the JSON of a document. Members of a wrong type stay, for `gltf::json` to refuse.
+/// Completes the JSON of a document. Members of a wrong type remain, so that `gltf::json` refuses them.
 pub(super) fn complete(document: &mut Map<String, Value>) -> UnknownCodes {
     let (zero, text, list, object) = (json!(0), json!(""), json!([]), json!({}));
     let required: [(&str, &[(&str, &Value)]); 15] = [
@@ -52,7 +52,7 @@ pub(super) fn complete(document: &mut Map<String, Value>) -> UnknownCodes {
             }
         });
     }
-    // Names that are not shown and extensions that are not read may be anything.
+    // Unused names and unread extensions may have any value.
     for path in ["accessors/*", "bufferViews/*", "buffers/*", "samplers/*", "textures/*"] {
         each(document, path, &mut |object, _| drop(object.remove("name")));
     }
@@ -96,7 +96,7 @@ fn unknown_codes(document: &mut Map<String, Value>) -> UnknownCodes {
     unknown
 }
 
-/// Calls `act` with every object that a path leads to, and the indices on the way; `*` stands for each element.
+/// Calls `act` with every object of a path, and the indices on the path; `*` means each element.
 fn each(document: &mut Map<String, Value>, path: &str, act: &mut impl FnMut(&mut Map<String, Value>, &[usize])) {
     fn descend(
         value: &mut Value,

@@ -19,7 +19,7 @@ const FILE_HEADER: usize = 12;
 /// Header of a chunk: its length and its type.
 const CHUNK_HEADER: usize = 8;
 
-/// Extensions that are honoured.
+/// Supported extensions.
 const SUPPORTED: &[&str] = &[
     "EXT_lights_ies",
     "EXT_mesh_gpu_instancing",
@@ -56,7 +56,7 @@ pub(super) struct Asset {
 }
 
 enum BufferData {
-    /// In the GLB file itself.
+    /// Stored in the GLB file itself.
     Embedded(Range<usize>),
     Loaded(Vec<u8>),
     /// Without data: allowed where an extension supplies it.
@@ -105,7 +105,7 @@ fn damaged(path: &Path, place: impl Into<String>, problem: impl Into<String>) ->
     InputError::new(path, place, problem, "export or copy the file again: it is damaged or cut short")
 }
 
-/// Finds JSON and binary chunk; bare JSON is all JSON. A GLB with other chunks loses them.
+/// Finds JSON and binary chunk; a file of bare JSON has only JSON. Other chunks of a GLB are left out.
 fn split(file: &mut Vec<u8>, path: &Path, warnings: &mut Warnings) -> Result<Parts, InputError> {
     if !file.starts_with(GLB_MAGIC) {
         return bare_json(file, path);
@@ -137,7 +137,7 @@ fn bare_json(file: &[u8], path: &Path) -> Result<Parts, InputError> {
     Ok(Parts { json, binary: None })
 }
 
-/// Checks version and length, on which `Glb::from_slice` relies, and cuts off bytes after the end.
+/// Checks version and length, which `Glb::from_slice` requires, and removes bytes after the end.
 fn check_header(file: &mut Vec<u8>, path: &Path, warnings: &mut Warnings) -> Result<(), InputError> {
     let fail = |problem: String| Err(damaged(path, "GLB header", problem));
     let (Some(version), Some(length)) = (u32_at(file, 4), u32_at(file, 8)) else {
@@ -185,7 +185,7 @@ fn without_other_chunks(file: &[u8]) -> Cow<'_, [u8]> {
     kept.into()
 }
 
-/// The crate's error about a container whose header is sound.
+/// The crate's error about a container with a valid header.
 fn glb_error(e: &gltf::Error, file: &[u8], path: &Path) -> InputError {
     let first = |kind: [u8; 4]| {
         let name = kind.escape_ascii();

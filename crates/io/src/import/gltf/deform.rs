@@ -51,7 +51,7 @@ impl Pose {
     }
 }
 
-/// Applies morph targets, then the skin. Without usable joints or targets the mesh stays as it is, with a warning.
+/// Applies morph targets, then the skin. Without usable joints or targets the mesh remains as it is, with a warning.
 pub(super) fn deform(
     mesh: &mut Mesh,
     accessors: &Accessors<'_>,
@@ -82,7 +82,7 @@ pub(super) fn deform(
     }
 }
 
-/// Warns of joints without weights and weights without joints, neither of which moves a vertex.
+/// Warns of joints without weights and weights without joints. Neither changes a vertex.
 fn warn_half_skins(primitive: &Primitive, place: &str, warnings: &mut Warnings) {
     for semantic in primitive.attributes.keys() {
         let other = match semantic {
@@ -152,7 +152,7 @@ fn skin(mesh: &mut Mesh, accessors: &Accessors<'_>, primitive: &Primitive, pose:
         let blended = if total > 0.0 {
             DAffine3::from_mat3_translation(sum.matrix3 * (1.0 / total), sum.translation / total)
         } else {
-            // Weights that sum to 0 leave a vertex to its first joint, as viewers do.
+            // Vertices whose weights sum to 0 follow their first joint, as in viewers.
             *pose.joints.get(first[v][0] as usize).unwrap_or(&pose.joints[0])
         };
         mesh.positions[v] = blended.transform_point3(mesh.positions[v].as_dvec3()).as_vec3();

@@ -1,4 +1,4 @@
-//! The JSON of an asset as typed by `gltf::json`, and the data that these types do not contain.
+//! The JSON of an asset with the types of `gltf::json`, and the data that these types do not contain.
 
 use super::complete::{UnknownCodes, complete};
 use super::extensions::{OfDocument, OfMaterial, OfNode, OfNormalTexture, OfTexture, Profile, Transform};
@@ -14,14 +14,14 @@ use serde_path_to_error::Segment;
 use std::collections::BTreeMap;
 use std::path::Path;
 
-/// Values that a JSON text may have for each object that it may have: nodes with matrices have 16.
+/// Limit of the values in a JSON text per object: nodes with matrices have 16.
 const VALUES_PER_OBJECT: usize = 32;
 
-/// A document: lists beside the root are parallel to those in it.
+/// A document. The lists beside the root are parallel to the lists in it.
 pub(super) struct Document {
     /// The data typed by `gltf::json`.
     pub(super) root: json::Root,
-    /// Codes that are unknown to it.
+    /// Codes that `gltf::json` does not support.
     pub(super) unknown: UnknownCodes,
     /// Transforms of the nodes.
     pub(super) transforms: Vec<Transform>,
@@ -38,7 +38,7 @@ pub(super) struct Document {
 }
 
 impl Document {
-    /// Reads and types a JSON text that has at most `objects` objects.
+    /// Parses a JSON text with at most `objects` objects.
     pub(super) fn read(json: &[u8], path: &Path, objects: usize, warnings: &mut Warnings) -> Result<Self, InputError> {
         check_size(json, path, objects)?;
         let mut members = lenient::read(json).map_err(|e| syntax_error(json, path, &e))?;
@@ -48,7 +48,7 @@ impl Document {
     }
 
     fn from_members(members: Map<String, Value>, unknown: UnknownCodes) -> Result<Self, TypeFault> {
-        // Faults in transforms are found again by the types of the nodes.
+        // Faults in transforms are also found by the types of the nodes.
         let transform = |node: &Value| Transform::deserialize(node).unwrap_or_default();
         let nodes = members.get("nodes").and_then(Value::as_array);
         let transforms = nodes.map(|nodes| nodes.iter().map(transform).collect()).unwrap_or_default();
@@ -65,7 +65,7 @@ impl Document {
     }
 }
 
-/// A value of a type that does not fit its place.
+/// A value of a wrong type.
 struct TypeFault {
     steps: Vec<Step>,
     problem: String,
@@ -88,7 +88,7 @@ fn typed<T: DeserializeOwned>(value: Value, above: &[Step]) -> Result<T, TypeFau
     })
 }
 
-/// Clear words for the expected values, where those of the types are hard to understand.
+/// Clear descriptions of expected values, where those of the types are hard to understand.
 fn plain(problem: &str) -> String {
     let problem = problem.replace("index into child of root", "an index: a whole number that is not negative");
     match problem.split_once(", expected struct ") {
@@ -131,7 +131,7 @@ impl TypeFault {
     }
 }
 
-/// The byte offset of the value that steps lead to, or of the last one on the way that is there.
+/// The byte offset of the value at the end of the path, or of the last existing one on the path.
 fn locate(json: &[u8], steps: &[Step]) -> usize {
     let Ok(mut here) = serde_json::from_slice::<&RawValue>(json) else { return 0 };
     for step in steps {
@@ -151,7 +151,7 @@ fn locate(json: &[u8], steps: &[Step]) -> usize {
     (here.get().as_ptr() as usize).saturating_sub(json.as_ptr() as usize)
 }
 
-/// A parsed object needs some hundred bytes where "{}," has three.
+/// A parsed object needs some hundred bytes; "{}" in the file has three.
 fn check_size(json: &[u8], path: &Path, objects: usize) -> Result<(), InputError> {
     let fail = |problem: String| {
         Err(InputError::new(path, "JSON", problem, "merge meshes and nodes on export, or raise the import limits"))
@@ -171,7 +171,7 @@ fn check_size(json: &[u8], path: &Path, objects: usize) -> Result<(), InputError
     Ok(())
 }
 
-/// Refuses other versions than 2.0 before anything else of them is typed.
+/// Refuses versions other than 2.0 before other data is parsed.
 fn check_version(members: &mut Map<String, Value>, path: &Path, warnings: &mut Warnings) -> Result<(), InputError> {
     let asset = members.entry("asset").or_insert_with(|| Value::Object(Map::new()));
     let Some(asset) = asset.as_object_mut() else { return Ok(()) };
@@ -230,7 +230,7 @@ fn json_error(json: &[u8], path: &Path, line_number: usize, column: usize, probl
     let (from, to) = (column.saturating_sub(60), (column + 60).min(line.len()));
     let before = String::from_utf8_lossy(&line[from..column]).into_owned();
     let after = String::from_utf8_lossy(&line[column..to]).into_owned();
-    // Empty lines in front make the caret's line number right; beyond reason they are left out.
+    // Empty lines in front give the caret the correct line number. Above a limit they are left out.
     let padding = if line_number <= 100_000 { "\n".repeat(line_number - 1) } else { String::new() };
     let start = padding.len() + before.len();
     error.source_span =

@@ -1,11 +1,11 @@
-//! Extensions that `gltf::json` has no types for, read from the raw JSON that it hands on, and node transforms in f64.
+//! Extensions without types in `gltf::json`, read from its raw JSON, and node transforms in f64.
 
 use gltf::json::extensions::texture::TextureTransform;
 use gltf::json::{Accessor, Image, Index, buffer::View, texture::Info};
 use serde::Deserialize;
 use std::collections::BTreeMap;
 
-/// A node's transform as the file has it: `gltf::json` rounds it to f32.
+/// A node's transform as in the file: `gltf::json` rounds it to f32.
 #[derive(Clone, Debug, Default, Deserialize)]
 #[serde(default)]
 pub(super) struct Transform {
@@ -15,7 +15,7 @@ pub(super) struct Transform {
     pub(super) scale: Option<[f64; 3]>,
 }
 
-/// Declares structs that read camelCase JSON objects and take defaults for what is absent.
+/// Declares structs that read camelCase JSON objects and use defaults for absent members.
 macro_rules! extensions {
     ($($(#[$meta:meta])* struct $name:ident { $($(#[$field_meta:meta])* $field:ident: $type:ty = $default:expr,)* })*) => {$(
         $(#[$meta])*
@@ -116,7 +116,7 @@ extensions! {
         sheen_roughness_factor: f32 = 0.0,
     }
 
-    /// The draft calls the colour `multiscatterColor` in its schema and `scatterAlbedo` in an earlier text.
+    /// The name of the colour is `multiscatterColor` in the schema of the draft and `scatterAlbedo` in an earlier text.
     struct VolumeScatter {
         multiscatter_color: Option<[f32; 3]> = None,
         scatter_albedo: Option<[f32; 3]> = None,

@@ -1,4 +1,4 @@
-//! The last guard around third-party code that reads a file.
+//! Protection against panics of third-party code that reads a file.
 
 use crate::error::InputError;
 use std::panic::{AssertUnwindSafe, catch_unwind};

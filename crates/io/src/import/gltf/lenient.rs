@@ -1,19 +1,20 @@
-//! Reads JSON into [`Value`], relaxed where files in use are looser than the types of `gltf::json`.
+//! Reads JSON into [`Value`]. It accepts deviations of common files that the types of `gltf::json` refuse.
 //!
 //! - Members with the value `null` count as absent.
 //! - Whole numbers written as `3.0` are integers.
-//! - An index that does not fit 32 bits becomes one that is out of every range: `gltf::json` cuts off its high bits.
+//! - An index that does not fit 32 bits becomes one that is out of every range. `gltf::json` would remove its high
+//!   bits.
 //! - A reference to a texture without an index gets the index [`ABSENT`].
-//! - Parts that do not matter to a still picture are skipped, and so are faults in them. Of extensions that are not read
-//!   remains an empty object, so that their presence can be seen.
+//! - Parts without effect on a still picture are skipped, with the faults in them. An extension that is not read
+//!   becomes an empty object, so that its presence can be detected.
 //!
-//! Serde fills a struct from an array, element by element; an array in the place of an object is an error here.
+//! Serde fills a struct also from an array, element by element. Here an array in the place of an object is an error.
 
 use serde::de::{DeserializeSeed, Deserializer, Error, IgnoredAny, MapAccess, SeqAccess, Unexpected, Visitor};
 use serde_json::{Map, Number, Value};
 use std::fmt;
 
-/// The index that stands for none.
+/// The index that means none.
 pub(super) const ABSENT: u32 = u32::MAX;
 /// Out of range of every list.
 const OUT_OF_RANGE: u32 = u32::MAX - 1;
@@ -36,7 +37,7 @@ const UNREAD: &[&str] = &[
     "thicknessTexture",
 ];
 
-/// Members that hold indices, alone or in an array, or codes of 32 bits.
+/// Members that contain indices, alone or in an array, or codes of 32 bits.
 const INDICES: &[&str] = &[
     "buffer",
     "bufferView",
@@ -62,7 +63,7 @@ const INDICES: &[&str] = &[
     "wrapT",
 ];
 
-/// Members that are objects, beside references to textures and extensions.
+/// Members that are objects, besides references to textures and extensions.
 const OBJECTS: &[&str] =
     &["asset", "extensions", "orthographic", "pbrMetallicRoughness", "perspective", "sparse", "spot", "values"];
 
@@ -105,10 +106,10 @@ fn is_texture(key: &str) -> bool {
     key.ends_with("Texture")
 }
 
-/// The type that a place requires.
+/// The expected type of a value.
 #[derive(Clone, Copy, Default)]
 struct Lenient {
-    /// An object, or something that `gltf::json` refuses or skips, but no array.
+    /// An object, or a value that `gltf::json` refuses or skips, but no array.
     is_object: bool,
     /// Whole numbers are indices.
     holds_index: bool,

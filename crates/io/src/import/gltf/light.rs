@@ -68,7 +68,7 @@ pub(super) fn profile(
     parse_ies(&path, bytes).map_err(|e| format!("{}: {}", e.place, e.problem))
 }
 
-/// The factor that a node puts on its profile. `None`, after a warning, if it cannot be used.
+/// The factor of a node for its profile. `None`, after a warning, if it cannot be used.
 pub(super) fn profile_scale(
     source: &extensions::ProfileReference,
     place: &str,
@@ -114,7 +114,7 @@ pub(super) fn camera(
             .filter(|fov| *fov < PI)
             .map(|vertical_fov| (Projection::Perspective { vertical_fov }, p.aspect_ratio.and_then(positive))),
         (_, Some(o)) => {
-            // Negative magnifications are used by some exporters for what a rotation should do.
+            // Some exporters write negative magnifications in place of a rotation.
             let size = |v: f32| positive(v.abs());
             size(o.xmag).zip(size(o.ymag)).map(|(half_width, half_height)| {
                 (Projection::Orthographic { half_width, half_height }, Some(half_width / half_height))

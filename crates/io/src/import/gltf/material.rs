@@ -45,7 +45,7 @@ impl<'a> Source<'a> {
         })
     }
 
-    /// For messages.
+    /// Index for messages.
     pub(super) fn place(&self) -> String {
         format!("material {} \"{}\"", self.index, self.name)
     }
@@ -78,7 +78,7 @@ pub(super) fn convert(source: &Source<'_>, unit: EmissiveUnit, r: &mut Reader<'_
     m
 }
 
-/// The type of normal textures does not have the typed extension of the others.
+/// Normal textures have a type without the typed extension of the others.
 fn normal_map(source: &Source<'_>, m: &mut Material, r: &mut Reader<'_, '_>) {
     let Some(normal) = &source.material.normal_texture else { return };
     let texture_transform = source.normal.transform.clone();
@@ -127,7 +127,7 @@ fn emission(source: &Source<'_>, unit: EmissiveUnit, m: &mut Material, r: &mut R
 
 /// Index of refraction, specular, transmission and volume.
 fn dielectric(extensions: &typed::Material, untyped: &OfMaterial, m: &mut Material, r: &mut Reader<'_, '_>) {
-    // KHR_materials_ior gives 0 the meaning of an infinite index: full reflection, tinted by specular alone.
+    // In KHR_materials_ior, 0 means an infinite index: full reflection, with the colour of specular alone.
     const INFINITE_IOR: f32 = 1000.0;
     m.ior = match extensions.ior.as_ref().map_or(1.5, |e| e.ior.0) {
         0.0 => INFINITE_IOR,
@@ -162,7 +162,7 @@ fn dielectric(extensions: &typed::Material, untyped: &OfMaterial, m: &mut Materi
             r.warn(format!("attenuationDistance {distance} is not above 0; the volume is clear"));
             distance = f32::INFINITY;
         }
-        // A channel of exactly 0 would be absorbed at once, whatever the distance.
+        // A channel of exactly 0 would be absorbed immediately, at any distance.
         let color = r.color("attenuationColor", e.attenuation_color.0, 1.0).map(|c| c.max(1e-6));
         if thickness > 0.0 && (m.transmission > 0.0 || m.diffuse_transmission > 0.0) {
             let volume = Volume { attenuation_color: color, attenuation_distance: distance, ..Volume::default() };
@@ -186,10 +186,10 @@ fn scattering(untyped: &OfMaterial, volume: Volume, r: &mut Reader<'_, '_>) -> V
     }
 }
 
-/// The share that one event scatters in a medium that many events make look like `color` (Kulla and Conty 2017, as
-/// KHR_materials_volume_scatter has it): `1 - (4.09712 + 4.20863 c - sqrt(9.59217 + 41.6808 c + 17.7126 c^2))^2`.
+/// Single-scattering albedo of a medium with the multiple-scattering albedo `color` (Kulla and Conty 2017, as in
+/// KHR_materials_volume_scatter): `1 - (4.09712 + 4.20863 c - sqrt(9.59217 + 41.6808 c + 17.7126 c^2))^2`.
 ///
-/// The fit leaves 2e-6 at the ends, which are made exact: a colour of one loses nothing.
+/// The fit has an error of 2e-6 at the ends, which are made exact: the colour one has no loss.
 fn single_scattering_albedo(color: f32) -> f32 {
     let c = f64::from(color);
     if c <= 0.0 || c >= 1.0 {

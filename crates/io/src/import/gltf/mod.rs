@@ -1,8 +1,8 @@
 //! glTF 2.0 (.gltf and .glb): from the JSON and its buffers to a [`SceneBuilder`].
 //!
-//! The crate `gltf` reads the container and types the JSON. It is relaxed before (`lenient`, `complete`), what it does not
-//! type is read beside it (`extensions`), and every offset, count and index is checked before it is followed, so that a
-//! hostile file ends in an error and not in a panic. What a viewer could still show is shown, with a warning.
+//! The crate `gltf` reads the container and parses the JSON. The JSON is relaxed before (`lenient`, `complete`).
+//! `extensions` reads the data without types in the crate. Every offset, count and index is checked before its use, so
+//! that a hostile file causes an error and not a panic. Data that a viewer could still show is used, with a warning.
 //!
 //! `container` (GLB, buffers), `document` (JSON) -> `nodes` (hierarchy) -> `accessor`, `primitive`, `deform`, `tangents`
 //! (meshes), `material`, `spec_gloss`, `texture` (surfaces), `light` (lights and cameras). `validate` explains refusals.
@@ -46,13 +46,13 @@ use texture::Textures;
 
 /// Reads a glTF 2.0 file. The bytes, not the extension, distinguish `.glb` from `.gltf`.
 ///
-/// Lengths are metres as glTF has them. Photometric values become radiometric by
-/// [`LUMENS_PER_WATT`](crate::import::options::LUMENS_PER_WATT). Meshes stay in object space and are stored once, however many
-/// nodes place them; morphs and skins are baked in their default pose. Animations are ignored.
+/// Lengths are metres, as in glTF. Photometric values become radiometric by
+/// [`LUMENS_PER_WATT`](crate::import::options::LUMENS_PER_WATT). Meshes remain in object space and are stored once, for
+/// any number of nodes. Morphs and skins are baked in their default pose. Animations are ignored.
 ///
 /// # Errors
 /// If the file or one of its buffers cannot be read, the JSON is malformed, an extension is required that is not
-/// supported, a limit is exceeded, or the file has meshes of which none can be used.
+/// supported, a limit is exceeded, or no mesh of the file can be used.
 pub fn load_gltf(path: &Path, options: &ImportOptions) -> Result<Imported, InputError> {
     let mut warnings = Warnings::new(path);
     let loader = AssetLoader::new(path, options.limits);
@@ -83,7 +83,7 @@ pub fn load_gltf(path: &Path, options: &ImportOptions) -> Result<Imported, Input
     Ok(Imported { scene, warnings: importer.warnings.finish(), inputs: loader.into_inputs() })
 }
 
-/// Sums up the images of all materials in use from their headers, before any is decoded.
+/// Sums the images of all materials in use from their headers, before decoding.
 fn measure_images(
     path: &Path,
     options: &ImportOptions,
@@ -240,7 +240,7 @@ impl Importer<'_> {
         }
     }
 
-    /// Places a mesh, once or in the instances of EXT_mesh_gpu_instancing.
+    /// Adds the instances of a mesh: one, or those of EXT_mesh_gpu_instancing.
     fn instance(&mut self, node: usize, mesh: usize, to_world: &[DAffine3], place: &str) -> Result<(), InputError> {
         let document = &self.asset.document;
         let source = &document.root.nodes[node];
@@ -249,7 +249,7 @@ impl Importer<'_> {
             return Ok(());
         };
         let skin = source.skin.map(|s| s.value()).filter(|s| self.prepare_pose(*s, to_world));
-        // A skinned mesh is at the place of its joints. Its node's transform is ignored (glTF 2.0, section 3.7.3).
+        // A skinned mesh is at the position of its joints. Its node's transform is ignored (glTF 2.0, section 3.7.3).
         let origin = skin.and_then(|s| self.poses.get(&s)?.as_ref().map(|p| p.origin));
         let transform = origin.map_or(to_world[node], DAffine3::from_translation);
         let placements = match document.nodes.get(node).and_then(|n| n.instancing.as_ref()) {
@@ -367,7 +367,7 @@ impl Importer<'_> {
         Ok(parts)
     }
 
-    /// Adds the tangents that the material needs, and warns of texture coordinates it misses.
+    /// Adds the tangents that the material needs, and warns of missing texture coordinates.
     fn complete(&mut self, mesh: &mut Mesh, material: usize, place: &str) {
         let material = &self.scene.materials[material];
         let missing = |set: u8| mesh.uvs.get(usize::from(set)).is_none_or(Vec::is_empty);

@@ -1,4 +1,4 @@
-//! The node hierarchy: global transforms in f64, and the nodes that the chosen scene shows.
+//! The node hierarchy: global transforms in f64, and the nodes of the selected scene.
 
 use super::document::Document;
 use super::extensions::Transform;
@@ -10,13 +10,13 @@ use std::path::Path;
 
 /// The transforms of all nodes, and the nodes of the scene.
 pub(super) struct Hierarchy {
-    /// Node to world, of every node of the file, whether shown or not (joints need not be in the scene).
+    /// Node to world, of every node of the file, in the scene or not (joints need not be in the scene).
     pub(super) to_world: Vec<DAffine3>,
     /// The nodes of the scene, parents before children, each once.
     pub(super) shown: Vec<usize>,
 }
 
-/// A node for messages.
+/// Text for a node in messages.
 pub(super) fn node_place(document: &Document, index: usize) -> String {
     match document.root.nodes.get(index).and_then(|n| n.name.as_deref()) {
         Some(name) => format!("node {index} \"{name}\""),
@@ -24,8 +24,8 @@ pub(super) fn node_place(document: &Document, index: usize) -> String {
     }
 }
 
-/// Resolves the hierarchy. A node with several parents stays with the first, a cycle is cut where it is entered; both
-/// are warned of, and no walk visits a node twice.
+/// Resolves the hierarchy. A node with several parents keeps the first. A cycle is cut at its first node. Both cause
+/// warnings, and no traversal visits a node twice.
 pub(super) fn resolve(
     document: &Document,
     scene: Option<usize>,
@@ -55,7 +55,7 @@ pub(super) fn resolve(
     local.resize(nodes.len(), DAffine3::IDENTITY);
     let mut to_world = vec![DAffine3::IDENTITY; nodes.len()];
     let mut visited = vec![false; nodes.len()];
-    // Every node has at most one parent, so what no root reaches lies on or below a cycle.
+    // Every node has at most one parent. So a node that no root reaches is on or below a cycle.
     for pass in 0..2 {
         for root in 0..nodes.len() {
             if visited[root] || (pass == 0 && parent[root].is_some()) {
@@ -151,7 +151,7 @@ fn local(node: &Transform, document: &Document, index: usize, warnings: &mut War
     DAffine3::from_scale_rotation_translation(scale, rotation, translation)
 }
 
-/// Can the transform be undone in f32 and f64 alike?
+/// Is the transform invertible in both f32 and f64?
 pub(super) fn is_invertible(transform: &DAffine3) -> bool {
     let determinant = transform.matrix3.determinant();
     transform.is_finite() && determinant != 0.0 && determinant.is_finite() && transform.inverse().is_finite()

@@ -52,7 +52,7 @@ pub(super) fn read_primitive(
     }
     mesh.triangles = triangles(accessors, primitive, mode, mesh.positions.len(), place, warnings)?;
     if mesh.normals.is_empty() {
-        // Tangents without normals mean nothing (glTF 2.0, section 3.7.2.1).
+        // Tangents without normals are ignored (glTF 2.0, section 3.7.2.1).
         mesh.tangents.clear();
     }
     deform(&mut mesh, accessors, primitive, deformation, place, warnings);
@@ -101,7 +101,7 @@ impl Attributes<'_, '_> {
     ) -> Vec<T> {
         let name = semantic.to_string();
         let Some(index) = attribute(self.primitive, semantic) else { return Vec::new() };
-        // Compare first: a wrong count may be a huge one.
+        // The comparison is first, because a wrong count may be very large.
         let values = match self.accessors.count(index) {
             Some(n) if n != self.count => Err(format!("it has {n} elements for {} vertices", self.count)),
             _ => self.accessors.vectors::<N>(index, stored),
@@ -125,7 +125,7 @@ fn finite_uv(uv: [f32; 2]) -> Vec2 {
 
 /// A vertex colour; counts those that were outside the range or not numbers.
 fn color(rgba: [f32; 4], outside: &Cell<usize>) -> Vec4 {
-    // A quantised one may be off by a rounding.
+    // A quantised one may differ by rounding.
     let is_within = rgba.iter().all(|v| (-1e-6..=1.0 + 1e-6).contains(v));
     outside.set(outside.get() + usize::from(!is_within));
     Vec4::from_array(rgba.map(|v| if v.is_nan() { 1.0 } else { v.clamp(0.0, 1.0) }))
@@ -216,8 +216,8 @@ fn drop_unused_vertices(mesh: &mut Mesh) {
     }
 }
 
-/// Makes all normals unit vectors; where one is zero or not finite, the area-weighted mean of the faces around the vertex
-/// takes its place.
+/// Makes all normals unit vectors. A zero or infinite one is replaced by the area-weighted mean of the faces around the
+/// vertex.
 fn repair_normals(mesh: &mut Mesh, place: &str, warnings: &mut Warnings) {
     let usable = |n: &Vec3| n.is_finite() && n.length_squared() > 1e-12 && n.length_squared().is_finite();
     let bad = mesh.normals.iter().filter(|n| !usable(n)).count();

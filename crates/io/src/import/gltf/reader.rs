@@ -1,4 +1,4 @@
-//! Reads the values of a glTF material and brings them into their ranges.
+//! Reads the values of a glTF material and limits them to their ranges.
 
 use super::texture::Textures;
 use crate::import::warnings::Warnings;
@@ -6,7 +6,7 @@ use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_scene::{ChannelTexture, ColorEncoding, Texture};
 use gltf::json::texture::Info;
 
-/// Reads the values of one material and puts them into their ranges, with warnings.
+/// Reads the values of one material and limits them to their ranges, with warnings.
 pub(super) struct Reader<'r, 'a> {
     pub(super) place: String,
     pub(super) textures: &'r mut Textures<'a>,

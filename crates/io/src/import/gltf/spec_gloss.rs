@@ -1,4 +1,4 @@
-//! KHR_materials_pbrSpecularGlossiness as metallic-roughness, by the conversion that Khronos gives with the extension.
+//! KHR_materials_pbrSpecularGlossiness as metallic-roughness, by the conversion of Khronos for the extension.
 
 use super::reader::Reader;
 use crate::images::ImageHeader;
@@ -74,7 +74,7 @@ impl Factors {
     }
 }
 
-/// Root of the quadratic that equates both models' brightness.
+/// Root of the quadratic equation for equal brightness in both models.
 fn solve_metallic(diffuse: f32, specular: f32, rest: f32) -> f32 {
     if specular < DIELECTRIC {
         return 0.0;
@@ -146,7 +146,7 @@ fn converted(
     let (mut colors, mut surfaces) = (Vec::with_capacity(texels), Vec::with_capacity(texels));
     for y in 0..height {
         for x in 0..width {
-            // Where the sizes differ the smaller image is looked up at its nearest texel.
+            // If the sizes differ, the nearest texel of the smaller image is used.
             let at = |image: Option<&Image>| image.map_or([1.0; 4], |i| texel(i, x, y, width, height));
             let ([dr, dg, db, alpha], [sr, sg, sb, glossiness]) = (at(diffuse), at(specular));
             let m = factors.convert(Rgb::new(dr, dg, db), Rgb::new(sr, sg, sb), glossiness);

@@ -22,7 +22,7 @@ pub(super) struct Textures<'a> {
     loader: &'a AssetLoader,
     /// The images themselves.
     pub(super) store: ImageStore,
-    /// By index in the file; `None` for one that cannot be read.
+    /// By index in the file; `None` for an image that cannot be read.
     known: BTreeMap<usize, Option<ImageId>>,
     /// By a hash of the encoded image. The fault, if it cannot be read.
     by_content: HashMap<Content, Result<ImageId, String>>,
@@ -159,7 +159,7 @@ impl<'a> Textures<'a> {
     }
 }
 
-/// Measures or decodes an image, as the store does.
+/// Measures or decodes an image, depending on the store.
 fn read(
     store: &mut ImageStore,
     bytes: &[u8],

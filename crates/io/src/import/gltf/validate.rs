@@ -1,13 +1,13 @@
-//! The validation of the crate `gltf`, which explains the refusal of a file without any usable mesh.
+//! The validation of the crate `gltf`. It gives the reason for refusing a file without any usable mesh.
 //!
-//! Most of its findings are no reason to refuse a file: indices are checked at their use, and missing bounds of
-//! positions do not matter.
+//! Most of its findings do not justify the refusal of a file: indices are checked at their use, and missing bounds of
+//! positions have no effect.
 
 use gltf::json::mesh::{Primitive, Semantic};
 use gltf::json::validation::{Checked, Error, Validate};
 use gltf::json::{Path, Root};
 
-/// More findings would hide the first ones.
+/// Maximum number of findings in a message.
 const MOST: usize = 3;
 
 /// The first findings in accessors, buffer views, buffers and meshes, as `path: finding`.

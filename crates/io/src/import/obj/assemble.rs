@@ -64,7 +64,7 @@ fn position(parsed: &Parsed, corner: u32) -> DVec3 {
     DVec3::from_array(parsed.positions[parsed.corners[corner as usize].position as usize])
 }
 
-/// The centre of the bounding box, in whole metres, if the file lies far from its own origin; else zero.
+/// The centre of the bounding box, in whole metres, if the file is far from its own origin; otherwise zero.
 fn origin(parsed: &Parsed) -> DVec3 {
     let used = parsed.positions.iter().map(|p| DVec3::from_array(*p)).filter(|p| p.is_finite());
     let (min, max) = used.fold((DVec3::MAX, DVec3::MIN), |(min, max), p| (min.min(p), max.max(p)));
@@ -80,7 +80,7 @@ fn triangulate_all(parsed: &Parsed, tally: &mut Tally) -> Vec<Triangle> {
     let mut triangles = Vec::with_capacity(parsed.faces.len());
     let (mut points, mut corners, mut ears) = (Vec::new(), Vec::<u32>::new(), Vec::new());
     for (face_id, face) in parsed.faces.iter().enumerate() {
-        // A vertex that follows itself adds nothing but a triangle without area.
+        // A vertex that is repeated adds only a triangle without area.
         corners.clear();
         corners.extend(face.first..face.first + face.count);
         corners.dedup_by_key(|c| parsed.corners[*c as usize].position);
@@ -142,7 +142,7 @@ impl SmoothNormals {
     fn find(&self, corner: &Corner, face: &Face) -> Option<(u32, Vec3)> {
         let id = *self.ids.get(&(corner.position, face.smoothing))?;
         let sum = self.sums[id as usize];
-        // Faces that fold back on each other leave no direction.
+        // Faces folded onto each other give no direction.
         (sum.length() > 1e-6).then(|| (id, sum.normalize().as_vec3()))
     }
 }
@@ -157,7 +157,7 @@ enum NormalSource {
     File(u32),
     Group(u32),
     Face(u32),
-    /// No corner of the mesh has one: the mesh is flat.
+    /// No corner of the mesh has one: the mesh has flat shading.
     #[default]
     Flat,
 }
@@ -220,7 +220,7 @@ fn build_mesh(
                 }
                 if with_uv {
                     let [u, v] = parsed.texcoords.get(corner.texcoord as usize).copied().unwrap_or_default();
-                    // OBJ counts v from the bottom of the image, a Mesh from the top.
+                    // In OBJ, v begins at the bottom of the image, in a Mesh at the top.
                     mesh.uvs[0].push(Vec2::new(u, 1.0 - v));
                 }
                 if with_color {

@@ -1,9 +1,11 @@
-//! Maps of OBJ that our materials lack, converted texel by texel: bumps, Phong exponents, adjusted values.
+//! Maps of OBJ without an equivalent in our materials, converted texel by texel: bumps, Phong exponents, adjusted
+//! values.
 
 use dunkelfeld_scene::{Image, Texels};
 
-/// Relief of a bump map of strength (`-bm`) 1: white lies this part of the image's width above black. MTL gives bumps no
-/// unit; a hundredth of the width makes the usual strengths of about 1 look as in common viewers, at any resolution.
+/// Relief of a bump map of strength (`-bm`) 1: white is higher than black by this part of the image's width. MTL
+/// defines no unit for bumps. With a hundredth of the width, the usual strengths of about 1 give a similar image as in
+/// common viewers, at any resolution.
 pub(super) const RELIEF: f32 = 0.01;
 
 /// Roughness of a Blinn-Phong exponent: the GGX alpha that matches its highlight is sqrt(2 / (n + 2)) (Walter et al. 2007,
@@ -13,7 +15,8 @@ pub(super) fn roughness_of_exponent(exponent: f32) -> f32 {
 }
 
 /// A tangent-space normal map from the heights in `channel` (the mean of red, green and blue if `None`), by central
-/// differences on square texels. At the borders it repeats like the image, or holds the edge where `clamp`.
+/// differences on square texels. At the borders it repeats like the image, or uses the texels of the edge if `clamp` is
+/// set.
 pub(super) fn normals_of_heights(image: &Image, channel: Option<u8>, strength: f32, clamp: bool) -> Image {
     let (width, height) = (image.width as usize, image.height as usize);
     let step = |i: usize, forward: bool, size: usize| match (forward, clamp) {
@@ -77,7 +80,7 @@ pub(super) fn adjusted(image: &Image, base: f32, gain: f32) -> Image {
     convert(image, "adjusted", image.texels.channels(), f)
 }
 
-/// Does any texel cover less than fully?
+/// Is the coverage of any texel below one?
 pub(super) fn has_alpha(image: &Image) -> bool {
     let covered = |i: usize| image.texels.get(i).is_none_or(|t| t[3] == 1.0);
     matches!(image.texels.channels(), 2 | 4) && !(0..image.texels.len()).all(covered)
@@ -97,7 +100,7 @@ fn convert(image: &Image, what: &str, channels: usize, f: impl Fn([f32; 4]) -> [
     Image { name: format!("{} ({what})", image.name), width: image.width, height: image.height, texels }
 }
 
-/// A texel as stored, integers scaled to \[0, 1\]; opaque white if the image is shorter than it claims.
+/// A texel as stored, integers scaled to \[0, 1\]; opaque white if the image has fewer texels than its size.
 fn texel(image: &Image, i: usize) -> [f32; 4] {
     image.texels.get(i).unwrap_or([1.0; 4])
 }
@@ -121,8 +124,8 @@ mod tests {
         [x, y, z]
     }
 
-    /// A plane that rises by a over the width has the normal (-relief a, 0, 1), normalised; one that rises to the top of
-    /// the image leans down, against +y.
+    /// A plane that rises by a over the width has the normal (-relief a, 0, 1), normalised. The normal of a plane that
+    /// rises to the top of the image has a negative y.
     #[test]
     fn a_ramp_of_heights_becomes_its_normal() {
         for (ramp, lean) in [

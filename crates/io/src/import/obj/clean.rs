@@ -1,4 +1,4 @@
-//! The text of an OBJ file in a form that `tobj` accepts, made line by line while `tobj` reads it.
+//! The text of an OBJ file in a form that `tobj` accepts. It is generated line by line while `tobj` reads it.
 //!
 //! Lines that `tobj` reads correctly are borrowed from the file's text. The others are rewritten or left out.
 
@@ -12,12 +12,12 @@ use std::borrow::Cow;
 use std::fmt::Write as _;
 use std::io::{self, BufRead, Read};
 
-/// Entries that one line of the register names.
+/// Number of entries in one line of the register.
 pub(super) const REGISTER_LINE: u32 = 256;
 
-/// The cleaned text. It begins with the register: faces that name every position, texture coordinate and normal in their
-/// order, so that `tobj`, which numbers them in the order of their first use, keeps the file's numbers, and hands out those
-/// too that no face uses. All faces form one model, since `tobj` numbers each model anew.
+/// The cleaned text. It begins with the register: faces with every position, texture coordinate and normal in their
+/// order. `tobj` numbers them in the order of their first use, so it keeps the file's numbers. It also returns entries
+/// that no face uses. All faces form one model, because `tobj` numbers each model separately.
 pub(super) struct Cleaner<'a> {
     lines: Lines<'a>,
     chunk: Cow<'a, str>,
@@ -39,9 +39,9 @@ pub(super) struct Cleaner<'a> {
 pub(super) struct Found {
     /// Numbers of positions, texture coordinates and normals of the whole file.
     pub total: Counts,
-    /// Names, in force and in all.
+    /// Names: the present ones and all.
     pub groups: Groups,
-    /// The faces that are passed on, without their corners.
+    /// The faces for `tobj`, without their corners.
     pub faces: Vec<Face>,
     /// Faces that cannot be used and are not passed on.
     pub dropped_faces: usize,
@@ -86,7 +86,7 @@ impl<'a> Cleaner<'a> {
         self.found
     }
 
-    /// Goes on to the next piece of text; `false` at the end.
+    /// Moves to the next piece of text; `false` at the end.
     fn advance(&mut self) -> io::Result<bool> {
         self.done = 0;
         if let Some(faces) = self.register() {
@@ -106,7 +106,7 @@ impl<'a> Cleaner<'a> {
             };
             return Ok(true);
         }
-        // The entries that stand for none. They come last and move no index; a line without an end may precede them.
+        // The entries that mean none. They are last and change no index. A line without an end may precede them.
         let [_, texcoords, normals] = self.found.total;
         let texcoord = if texcoords > 0 { "vt 0 0\n" } else { "" };
         let normal = if normals > 0 { "vn 0 0 0\n" } else { "" };
@@ -224,7 +224,7 @@ impl<'a> Cleaner<'a> {
     }
 }
 
-/// As [`text::keyword`]; of the statements that a mesh has many of, the rest is not trimmed, to spare time.
+/// As [`text::keyword`]. For the most frequent statements of a mesh, the rest is not trimmed, to save time.
 fn keyword(line: &str) -> (&str, &str) {
     match line.as_bytes() {
         [b'v' | b'f', b' ', ..] => (&line[..1], &line[2..]),
@@ -241,7 +241,7 @@ fn count(source: &str) -> (Counts, bool) {
         match key {
             "v" => {
                 counts[0] += 1;
-                // Six words have five gaps. Few lines have so many, which a count of bytes shows fast.
+                // Six words have five gaps. Few lines have so many, and counting bytes is fast.
                 let gaps = || rest.bytes().filter(|b| *b <= b' ' || !b.is_ascii()).count();
                 colored = colored || (gaps() >= 5 && repair::has_color(text::without_comment(rest)));
             }
@@ -253,7 +253,7 @@ fn count(source: &str) -> (Counts, bool) {
     (counts, colored)
 }
 
-/// The counts with the entries that stand for none; there is none of a list that is empty.
+/// The counts with the entries that mean none. An empty list has no such entry.
 pub(super) fn with_none([positions, texcoords, normals]: &Counts) -> Counts {
     let and_none = |n: u32| n + u32::from(n > 0);
     [*positions, and_none(*texcoords), and_none(*normals)]

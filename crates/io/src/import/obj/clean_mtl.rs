@@ -1,18 +1,18 @@
-//! The text of an MTL file as `tobj` accepts it: statements that it would refuse, break down at or misread are rewritten or
-//! left out, which is tallied with their lines.
+//! The text of an MTL file in a form that `tobj` accepts. Statements that it would refuse or misread, or that would
+//! make it fail, are rewritten or left out. The faults are counted with their lines.
 
 use super::map;
 use super::tally::Tally;
 use super::text;
 use std::borrow::Cow;
 
-/// Stands for a material without a name, which `tobj` refuses. No file can hold it, since a line ends at `\r`.
+/// Name of a material without a name, which `tobj` refuses. No file can contain it, because a line ends at `\r`.
 pub(super) const NAMELESS: &str = "-\r-";
-/// Stands for an illumination model that was withdrawn by one that is no number.
+/// Text of an illumination model that a later invalid one replaced.
 pub(super) const NO_MODEL: u8 = u8::MAX;
 
-/// Cleans a library. Keys are written as `tobj` spells them, and in lower case if it does not know them; there are three
-/// numbers to a colour, and all values are in range.
+/// Cleans a library. Keys have the spelling of `tobj`, or are in lower case if it does not support them. A colour has
+/// three numbers, and all values are in range.
 pub(super) fn clean(source: &str, tally: &mut Tally) -> String {
     let mut out = Out { text: String::with_capacity(source.len()), tally, line: 0, dissolves: None };
     for (line, content) in text::lines(source) {
@@ -68,7 +68,7 @@ impl Out<'_> {
         }
     }
 
-    /// Options stay with the file's name, and are honoured when the material is converted.
+    /// Options remain with the file's name. They are used when the material is converted.
     fn map(&mut self, key: &str, data: &str) {
         if map::read(data, |message| self.warn(message)).is_some() {
             self.write(key, data);
@@ -94,7 +94,7 @@ fn statement(out: &mut Out<'_>, key: &str, rest: &str) {
                 out.dissolve(&value);
             }
         }
-        // Where both are given and disagree, `d` is the one that more programs write with care.
+        // If both are given and differ, `d` is used: more programs write it correctly.
         "tr" if out.dissolves == Some(false) => {
             if let Some((value, _)) = scalar(out, data, 0.0, 1.0) {
                 out.dissolve(&exactly(1.0 - value));
@@ -119,7 +119,7 @@ fn statement(out: &mut Out<'_>, key: &str, rest: &str) {
         "decal" | "map_tr" | "map_tf" | "map_ni" | "map_aniso" | "map_anisor" => {
             out.warn(&format!("`{key}` is ignored"));
         }
-        // Ambient light is computed, not given; the others steer programs of their time.
+        // Ambient light is computed, not given. The other keys control programs of their time.
         "ka" | "map_ka" | "km" | "sharpness" | "map_aat" | "interpolatemap" | "ridl" | "it" => {}
         _ => {
             let shown: String = key.chars().take(20).collect();
@@ -128,7 +128,7 @@ fn statement(out: &mut Out<'_>, key: &str, rest: &str) {
     }
 }
 
-/// A number in range, and the text of it: the file's own, if `tobj` reads that as the same number.
+/// A number in range, and its text: that of the file, if `tobj` reads it as the same number.
 fn scalar<'a>(out: &mut Out<'_>, data: &'a str, least: f32, most: f32) -> Option<(f32, Cow<'a, str>)> {
     let word = data.split_whitespace().next().unwrap_or("");
     match text::number(word).map(|(value, broken)| (value as f32, broken)) {
@@ -147,7 +147,7 @@ fn scalar<'a>(out: &mut Out<'_>, data: &'a str, least: f32, most: f32) -> Option
     }
 }
 
-/// `r [g b]` or `xyz x [y z]` as the text of three numbers in range; one value stands for three.
+/// `r [g b]` or `xyz x [y z]` as the text of three numbers in range. One value is used for all three.
 fn color<'a>(out: &mut Out<'_>, data: &'a str, most: f32) -> Option<Cow<'a, str>> {
     let (is_xyz, numbers) = match text::keyword(data) {
         ("spectral", _) => {
@@ -181,7 +181,7 @@ fn color<'a>(out: &mut Out<'_>, data: &'a str, most: f32) -> Option<Cow<'a, str>
     Some(Cow::Owned(rgb.map(|v| exactly(v.clamp(0.0, most))).join(" ")))
 }
 
-/// The number with as many digits as give the same one when they are read.
+/// The number with as many digits as are needed to read the same number again.
 fn exactly(v: f32) -> String {
     format!("{:?}", f64::from(v))
 }

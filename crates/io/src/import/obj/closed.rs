@@ -7,9 +7,9 @@ use std::collections::HashMap;
 /// The places of a file's vertices.
 pub(super) struct Places<'a> {
     positions: &'a [[f64; 3]],
-    /// Numbers that are equal for equal places, and seldom for others.
+    /// Hashes that are equal for equal places, and seldom for others.
     hashes: Vec<u64>,
-    /// For each position the first one at the same place; found when it is first needed.
+    /// For each position, the first one at the same place. It is computed at the first use.
     first: OnceCell<Vec<u32>>,
 }
 
@@ -19,10 +19,11 @@ impl<'a> Places<'a> {
         Self { positions, hashes: positions.iter().map(hash).collect(), first: OnceCell::new() }
     }
 
-    /// Does every edge run as often one way as the other? Then the surface has no border. The triangles name positions.
+    /// Does every edge occur equally often in both directions? Then the surface has no border. The triangles contain
+    /// indices of positions.
     pub(super) fn are_closed(&self, triangles: impl Iterator<Item = [u32; 3]> + Clone) -> bool {
         let edges = triangles.flat_map(|[a, b, c]| [(a, b), (b, c), (c, a)]);
-        // Of a closed surface the edges' hashes cancel each other, so most open ones need no closer look.
+        // The edge hashes of a closed surface cancel. So most open surfaces need no exact test.
         let (mut sum, mut with_length) = (0_u64, true);
         for (from, to) in edges.clone() {
             let (from, to) = (self.hash(from), self.hash(to));
@@ -35,7 +36,7 @@ impl<'a> Places<'a> {
         if sum != 0 {
             return false;
         }
-        // Where the vertices themselves close the surface, their places do too.
+        // If the surface is closed by its vertices, it is also closed by their places.
         (with_length && are_balanced(edges.clone())) || {
             let first = self.first.get_or_init(|| first_at_same_place(self.positions));
             are_balanced(edges.map(|(from, to)| (first[from as usize], first[to as usize])))
@@ -58,7 +59,8 @@ fn mixed(hash: u64, value: u64) -> u64 {
     product ^ (product >> 32)
 }
 
-/// Are there edges, and does each run as often one way as the other? One from a vertex to itself runs one way only.
+/// Are there edges, and does each occur equally often in both directions? An edge from a vertex to itself has one
+/// direction only.
 fn are_balanced(edges: impl Iterator<Item = (u32, u32)>) -> bool {
     let (mut forward, mut backward) = (Vec::new(), Vec::new());
     let key = |from: u32, to: u32| u64::from(from) << 32 | u64::from(to);

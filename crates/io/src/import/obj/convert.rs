@@ -59,7 +59,7 @@ pub(super) fn convert(m: &Mtl, folder: &str, textures: &mut Textures<'_>, warnin
         out.base_color = rgb(specular);
         out.base_color_texture = specular_map;
     } else if is_pbr || transmissive {
-        // Fresnel's equations give the reflection. A colour for it would count twice.
+        // Fresnel's equations determine the reflection. A colour for it would count twice.
         out.specular = 1.0;
     } else if largest(specular) > 0.0 && !matches!(m.illumination, Some(0 | 1)) {
         out.specular = largest(specular);
@@ -119,7 +119,7 @@ fn transmission(m: &Mtl) -> Option<(f32, [f32; 3])> {
     let filter = m.filter.unwrap_or([1.0; 3]);
     let share = match m.dissolve {
         Some(d) if d < 1.0 => 1.0 - d,
-        // In the models of refraction the body is clear even when `d` is left at 1.
+        // In the models of refraction the body is clear also without a value of `d`.
         _ if matches!(model, 6 | 7) => largest(filter),
         _ => 0.0,
     };
@@ -146,7 +146,7 @@ fn roughness(
         return;
     }
     if let Some(map) = &m.maps.exponent {
-        // A map of exponents without a factor: 1000 is the largest that the format's programs use.
+        // A map of exponents without a factor: 1000 is the largest exponent that programs of the format use.
         let factor = m.exponent.filter(|n| *n > 0.0).unwrap_or(1000.0);
         out.roughness_texture = textures.exponents(map, folder, factor, warnings);
         if out.roughness_texture.is_some() {
@@ -159,7 +159,7 @@ fn roughness(
     }
 }
 
-/// The factor of a colour that also has a map. Exporters often leave it black, which would hide the map.
+/// The factor of a colour that also has a map. Exporters often write black, which would hide the map.
 fn beside_map(
     factor: Option<[f32; 3]>,
     has_map: bool,

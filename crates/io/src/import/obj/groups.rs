@@ -1,4 +1,4 @@
-//! Objects, groups, materials and smoothing groups in force while an OBJ file is read.
+//! The present objects, groups, materials and smoothing groups during the reading of an OBJ file.
 //!
 //! `tobj` treats `o` and `g` alike, has no smoothing groups, and discards the names of materials that no library
 //! defines. So these statements are stored separately.
@@ -6,7 +6,7 @@
 use super::text;
 use std::collections::HashMap;
 
-/// The names of a file and those in force.
+/// The names of a file and the present ones.
 #[derive(Debug)]
 pub(super) struct Groups {
     /// Names of objects and groups; the first is that of faces before any name.
@@ -28,7 +28,7 @@ pub(super) struct Groups {
 }
 
 impl Groups {
-    /// Those before the first statement.
+    /// The state before the first statement.
     pub(super) fn new() -> Self {
         let unnamed = || HashMap::from([(String::new(), 0)]);
         Self {
@@ -45,7 +45,7 @@ impl Groups {
         }
     }
 
-    /// Executes a statement. `false` if it is not one that names something.
+    /// Executes a statement. `false` if it does not set a name.
     pub(super) fn statement(&mut self, line: u32, key: &str, rest: &str) -> bool {
         let data = text::without_comment(rest);
         match key {
@@ -67,7 +67,7 @@ impl Groups {
         true
     }
 
-    /// `o` names an object; a `g` inside it, if named differently, is an object of its own.
+    /// `o` begins an object. A `g` in it with another name is a separate object.
     fn name_object(&mut self) {
         let name = match (self.o.as_str(), self.g.as_str()) {
             (o, "" | "default") => o.to_string(),

@@ -21,7 +21,7 @@ pub(super) struct Map {
     pub srgb: Option<bool>,
 }
 
-/// A word of a statement and where it stands.
+/// A word of a statement and its position.
 struct Word<'a> {
     text: &'a str,
     start: usize,
@@ -84,7 +84,7 @@ fn option(map: &mut Map, words: &[Word<'_>], warn: &mut impl FnMut(&str)) -> Opt
     let name = words.first()?.text.to_ascii_lowercase();
     let most = option_arguments(&name)?;
     let arguments = words.get(1..)?;
-    // Of the numeric options the later numbers may be left out. "1.png" is a file, not a number.
+    // The last numbers of the numeric options may be missing. "1.png" is a file, not a number.
     let numbers: Vec<f32> =
         arguments.iter().take(most).map_while(|w| w.text.parse::<f32>().ok().filter(|v| v.is_finite())).collect();
     let word = arguments.first().map_or("", |w| w.text);
@@ -111,7 +111,7 @@ fn option(map: &mut Map, words: &[Word<'_>], warn: &mut impl FnMut(&str)) -> Opt
             if name == "-bm" {
                 map.bump = first.unwrap_or(1.0);
             }
-            // `-texres 512x512` exists too; sharpness and stored resolution change nothing here.
+            // `-texres 512x512` exists too. Sharpness and stored resolution have no effect here.
             let takes_word = name == "-texres" && numbers.is_empty() && word.starts_with(|c: char| c.is_ascii_digit());
             return Some(1 + numbers.len().max(usize::from(takes_word)));
         }

@@ -5,10 +5,10 @@ use super::map::{self, Map};
 use super::tally::Tally;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
-/// A material as the file has it. `None` where the file has no value. Colours are linear.
+/// A material as in the file. `None` where the file has no value. Colours are linear.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Mtl {
-    /// `newmtl`, untouched.
+    /// `newmtl`, unchanged.
     pub name: String,
     /// `Kd`: diffuse colour.
     pub diffuse: Option<[f32; 3]>,
@@ -61,7 +61,7 @@ pub(super) struct Maps {
     pub clearcoat_roughness: Option<Map>,
 }
 
-/// Reads the materials of a library; those of the same name stay separate, the first one counts.
+/// Reads the materials of a library. Those of the same name remain separate; the first one is used.
 ///
 /// # Errors
 /// If `tobj` does not accept the cleaned text.
@@ -76,7 +76,7 @@ pub(super) fn read(source: &str, tally: &mut Tally) -> Result<Vec<Mtl>, String> 
 
 impl From<tobj::Material> for Mtl {
     fn from(m: tobj::Material) -> Self {
-        // The parameters lie in random order; each is looked up by its name.
+        // The parameters are in random order. Each is found by its name.
         let parameter = |key: &str| m.unknown_param.get(key).map(String::as_str);
         let scalar = |key: &str| numbers::<1>(parameter(key)?).map(|[v]| v);
         let rgb = |color: Option<[f64; 3]>| color.map(|c| c.map(|v| v as f32));

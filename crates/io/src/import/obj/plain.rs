@@ -1,4 +1,4 @@
-//! Recognises lines that `tobj` can read as they are. Nearly all lines of a mesh are such; they are not copied.
+//! Detects lines that `tobj` can read as they are. Most lines of a mesh are such. They are not copied.
 
 /// Numbers of positions, texture coordinates and normals, in the order in which a corner of a face names them.
 pub(super) type Counts = [u32; 3];
@@ -6,14 +6,14 @@ pub(super) type Counts = [u32; 3];
 /// The numbers of a line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Numbers {
-    /// How many there are.
+    /// Their number.
     pub count: usize,
     /// Is one of them at least 1e-20 in magnitude?
     pub nonzero: bool,
 }
 
-/// Recognises plain decimal numbers: at most `digits` digits before the point, 20 after it, and no exponent but a negative
-/// one of two digits. `None` if anything else stands among them, usable or not.
+/// Detects plain decimal numbers: at most `digits` digits before the point, 20 after it, and no exponent but a negative
+/// one of two digits. `None` if the line contains any other text, usable or not.
 pub(super) fn numbers(data: &str, digits: usize) -> Option<Numbers> {
     let data = data.as_bytes();
     let mut numbers = Numbers { count: 0, nonzero: false };
@@ -52,9 +52,9 @@ pub(super) fn numbers(data: &str, digits: usize) -> Option<Numbers> {
     }
 }
 
-/// Recognises a face whose corners all have the same fields as the file has lists (`v`, `v/t`, `v//n` or `v/t/n`), with
-/// indices that are in range: `seen` is how many entries precede the line, to which negative indices refer, and `total`
-/// how many the file has. Returns the number of corners; `None` if anything is otherwise.
+/// Detects a face whose corners all have the same fields as the file has lists (`v`, `v/t`, `v//n` or `v/t/n`), with
+/// indices in range. `seen` is the number of entries before the line, to which negative indices refer. `total` is the
+/// number in the file. Returns the number of corners; `None` for any other line.
 pub(super) fn face(data: &str, seen: &Counts, total: &Counts) -> Option<usize> {
     let data = data.as_bytes();
     let mut corners = 0;

@@ -6,13 +6,13 @@ use super::tally::Tally;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use tobj::LoadOptions;
 
-/// Stands for "no texture coordinate" and "no normal".
+/// Means "no texture coordinate" and "no normal".
 pub(super) const NONE: u32 = u32::MAX;
 
 /// The content of an OBJ file, with indices resolved and checked.
 #[derive(Debug, Default)]
 pub(super) struct Parsed {
-    /// Positions; not finite where the file's were unusable.
+    /// Positions; not finite where those of the file were unusable.
     pub positions: Vec<[f64; 3]>,
     /// Vertex colours, if any vertex has one; white where a vertex has none.
     pub colors: Vec<[f32; 3]>,
@@ -71,7 +71,7 @@ pub(super) enum Refused {
 /// Reads a text shorter than 4 GiB; `most_bytes` bounds the meshes that are made of it.
 pub(super) fn read(source: &str, most_bytes: u64, tally: &mut Tally) -> Result<Parsed, Refused> {
     let mut cleaner = Cleaner::new(source, most_bytes, tally);
-    // Polygons stay whole and lists keep their own indices: the triangles and vertices are made by `assemble`.
+    // Polygons are not divided, and lists keep their own indices. `assemble` makes the triangles and vertices.
     let options = LoadOptions::default();
     let libraries = |_: &std::path::Path| Err(tobj::LoadError::OpenFileFailed);
     let outcome = catch_unwind(AssertUnwindSafe(|| tobj::load_obj_buf(&mut cleaner, &options, libraries)));
@@ -102,8 +102,8 @@ fn from_mesh(mesh: &tobj::Mesh, found: Found) -> Option<Parsed> {
     let Found { total, groups, mut faces, dropped_faces, .. } = found;
     let lists = with_none(&total).map(|n| n as usize);
     let [positions, texcoords, normals] = lists;
-    // The register names each entry before any face does, so the arrays are those of the file. Without a vertex there is
-    // neither register nor face.
+    // The register contains each entry before any face does, so the arrays are those of the file. Without a vertex
+    // there is neither register nor face.
     let is_complete = mesh.positions.len() == 3 * positions
         && mesh.texcoords.len() == 2 * texcoords
         && mesh.normals.len() == 3 * normals
@@ -131,7 +131,8 @@ fn from_mesh(mesh: &tobj::Mesh, found: Found) -> Option<Parsed> {
     })
 }
 
-/// Gives the faces their ranges of corners. `tobj` lists no arities if all faces, the register's too, are triangles.
+/// Assigns ranges of corners to the faces. `tobj` returns no numbers of corners if all faces, including those of the
+/// register, are triangles.
 fn set_corners(faces: &mut [Face], arities: &[u32], registered: usize) -> Option<()> {
     let register_lines = registered.div_ceil(REGISTER_LINE as usize);
     if !arities.is_empty() && arities.len() != register_lines + faces.len() {
@@ -147,7 +148,7 @@ fn set_corners(faces: &mut [Face], arities: &[u32], registered: usize) -> Option
 
 /// The corners after the register's.
 fn corners(mesh: &tobj::Mesh, registered: usize, total: &Counts) -> Option<Vec<Corner>> {
-    // The entry after the last stands for none.
+    // The entry after the last means none.
     let optional = |list: &[u32], i: usize, count: u32| list.get(i).copied().filter(|n| *n < count).unwrap_or(NONE);
     let corner = |(i, position): (usize, &u32)| Corner {
         position: *position,
@@ -171,7 +172,7 @@ fn unit(normal: &[f64; 3]) -> [f32; 3] {
 /// Clamps colours to the range from 0 to 1. White where there is none.
 fn scale_colors(colors: &mut [[f32; 3]], tally: &mut Tally) {
     let largest = colors.iter().flatten().copied().filter(|v| v.is_finite()).fold(0.0, f32::max);
-    // A little above one is rounding or a bright light; bytes go far beyond.
+    // A value slightly above one is a rounding error or a bright light. Bytes are far above it.
     let scale = if largest > 2.0 { 1.0 / 255.0 } else { 1.0 };
     if largest > 2.0 {
         tally.note("vertex colours exceed 2 and are taken to run from 0 to 255");

@@ -1,15 +1,14 @@
-//! Rewrites the vertices and faces that `tobj` would refuse or misread; faults are tallied with their line numbers.
+//! Rewrites the vertices and faces that `tobj` would refuse or misread. Faults are counted with their line numbers.
 
 use super::plain::Counts;
 use super::tally::Tally;
 use super::text;
 use std::fmt::Write as _;
 
-/// Larger coordinates are treated as damage: their squares leave the range of f32.
+/// Larger coordinates count as damaged: their squares exceed the range of f32.
 const FARTHEST: f64 = 1e15;
 
-/// Colour of a vertex without one in a file where others have one; no colour that is written is infinite in all channels
-/// and means anything else than white.
+/// Colour of a vertex without one in a file where others have one. No other written colour is infinite in all channels.
 pub(super) const NO_COLOR: &str = "inf inf inf";
 
 /// Does the vertex have a colour? Four values are x y z w, with a weight that only curves use; six or more are
@@ -18,7 +17,7 @@ pub(super) fn has_color(data: &str) -> bool {
     read_numbers(data, &mut [0.0; 7]).0 >= 6
 }
 
-/// A vertex of three numbers, or of six if `colored`. One that is unusable gets coordinates that are not a number.
+/// A vertex of three numbers, or of six if `colored`. The coordinates of an unusable one become NaN.
 pub(super) fn vertex(line: u32, data: &str, colored: bool, tally: &mut Tally) -> String {
     let mut values = [0.0; 7];
     let count = numbers(line, data, &mut values, tally);
@@ -68,7 +67,7 @@ fn statement(key: &str, values: &[f64]) -> String {
     out
 }
 
-/// With as many digits as give the same number when they are read.
+/// The number with as many digits as are needed to read the same number again.
 fn write_numbers(out: &mut String, values: &[f64]) {
     for value in values {
         // Writing to a string cannot fail.
@@ -83,7 +82,7 @@ fn numbers(line: u32, data: &str, values: &mut [f64], tally: &mut Tally) -> usiz
     count
 }
 
-/// As [`numbers`]; the second is how many of them are misspelled.
+/// As [`numbers`]; the second result is the number of misspelled ones.
 fn read_numbers(data: &str, values: &mut [f64]) -> (usize, usize) {
     let (mut count, mut misspelled) = (0, 0);
     for (slot, word) in values.iter_mut().zip(data.split_whitespace()) {
@@ -96,17 +95,17 @@ fn read_numbers(data: &str, values: &mut [f64]) -> (usize, usize) {
 }
 
 const NO_VERTEX: &str = "the face has an index that names no vertex and is dropped";
-/// Of texture coordinates and normals.
+/// Numbers of texture coordinates and normals.
 const NO_ENTRY: [&str; 2] = [
     "an index names no texture coordinate and is ignored",
     "an index names no normal; it is computed from the faces instead",
 ];
 
-/// A face with indices that count from 1, all in range. In a file that has texture coordinates, a corner without one names
-/// the one after the last; the same holds for normals. `None` if the face cannot be used.
+/// A face with indices from 1, all in range. In a file with texture coordinates, a corner without one has the index
+/// after the last one. The same applies to normals. `None` if the face cannot be used.
 ///
-/// `seen` is how many entries precede the line, to which negative indices refer, and `total` how many the file has.
-/// Indices that point beyond the end of the file go to `late`: such faults are reported after all others.
+/// `seen` is the number of entries before the line, to which negative indices refer. `total` is the number in the file.
+/// Indices beyond the end of the file are stored in `late`: such faults are reported after all others.
 pub(super) fn face(
     line: u32,
     data: &str,
@@ -167,7 +166,7 @@ enum Index {
     Bad,
 }
 
-/// From OBJ's counting (from 1, or back from -1) to one from 0.
+/// Converts an index of OBJ (from 1, or backwards from -1) to one from 0.
 fn resolve(field: Option<&str>, seen: u32) -> Index {
     let Some(field) = field.filter(|f| !f.is_empty()) else { return Index::Absent };
     let index = match field.parse::<i64>() {

@@ -1,8 +1,8 @@
-//! Counts equal faults, so that a file with ten thousand of them yields one readable warning.
+//! Counts equal faults, so that a file with ten thousand of them gives one readable warning.
 
 use crate::import::warnings::Warnings;
 
-/// Line numbers that a warning lists before it only counts.
+/// Maximum number of line numbers in a warning.
 const SHOWN: usize = 5;
 
 /// Faults of one file, by message.
@@ -20,10 +20,11 @@ struct Kind {
 }
 
 impl Tally {
-    /// Maximum number of separate kinds. An unknown statement makes a kind of its own, and noise would make thousands.
+    /// Maximum number of separate kinds. Each unknown statement is a separate kind, and random data would give
+    /// thousands.
     const MOST: usize = 100;
 
-    /// Notes a fault on a line.
+    /// Records a fault on a line.
     pub(super) fn add(&mut self, line: u32, message: &str) {
         let place = self.kinds.iter().position(|k| k.message == message);
         let kind = match place {
@@ -36,23 +37,23 @@ impl Tally {
             }
         };
         kind.count += 1;
-        // Several faults on one line are one warning.
+        // Several faults on one line are reported once.
         if kind.lines.len() < SHOWN && kind.lines.last() != Some(&line) {
             kind.lines.push(line);
         }
     }
 
-    /// Notes something about the file as a whole.
+    /// Records a fault of the file as a whole.
     pub(super) fn note(&mut self, message: &str) {
         if self.kinds.len() < Self::MOST && !self.kinds.iter().any(|k| k.message == message) {
             self.kinds.push(Kind { message: message.to_string(), lines: Vec::new(), count: 1 });
         }
     }
 
-    /// Notes the faults of another tally after the own ones.
+    /// Adds the faults of another tally after its own.
     pub(super) fn append(&mut self, later: Self) {
         for kind in later.kinds {
-            // Counts that have no line follow those that have.
+            // Counts without a line follow those with one.
             let unlisted = kind.count.saturating_sub(kind.lines.len());
             kind.lines.iter().for_each(|line| self.add(*line, &kind.message));
             if let Some(own) = self.kinds.iter_mut().find(|k| k.message == kind.message) {
@@ -67,7 +68,7 @@ impl Tally {
         }
     }
 
-    /// Passes the faults on; `name` is that of a file other than the one the warnings are about, or empty.
+    /// Reports the faults; `name` is the name of the file if the warnings are about another one, or empty.
     pub(super) fn report(self, name: &str, warnings: &mut Warnings) {
         for kind in self.kinds {
             let numbers: Vec<String> = kind.lines.iter().map(u32::to_string).collect();

@@ -1,14 +1,15 @@
-//! From the bytes of an OBJ or MTL file to numbered logical lines: encodings, line ends, continuations, loose numbers.
+//! Converts the bytes of an OBJ or MTL file to numbered logical lines: encodings, line ends, continuations, inexact
+//! numbers.
 
 use std::borrow::Cow;
 use std::iter::Zip;
 use std::ops::RangeFrom;
 use std::str::SplitInclusive;
 
-/// Decodes a text of unknown encoding; the note says what was assumed if it was not UTF-8.
+/// Decodes a text of unknown encoding. The note contains the assumed encoding if it was not UTF-8.
 ///
-/// A byte-order mark decides first (UTF-8, UTF-16); bytes that are not UTF-8 are taken as Latin-1, where every byte means
-/// something. Lines then end with `\n` or `\r\n`. `None` if the bytes are no text at all.
+/// A byte-order mark has priority (UTF-8, UTF-16). Bytes that are not UTF-8 are read as Latin-1, where every byte is a
+/// character. Lines then end with `\n` or `\r\n`. `None` if the bytes are no text at all.
 pub(super) fn decode(bytes: Vec<u8>) -> Option<(String, Option<&'static str>)> {
     characters(bytes).map(|(text, note)| (end_lines(text), note))
 }
@@ -55,12 +56,12 @@ fn end_lines(mut text: String) -> String {
             bytes[i] = b'\n';
         }
     }
-    // One ASCII character for another leaves the text valid.
+    // Replacing one ASCII character by another keeps the text valid.
     String::from_utf8(bytes).unwrap_or_default()
 }
 
-/// The logical lines of a decoded text with the number (from 1) of their first physical line, and with their line ends. A
-/// backslash at the end of a line joins the next one to it, except in comments, where it is ornament.
+/// The logical lines of a decoded text with the number (from 1) of their first physical line, and with their line ends.
+/// A backslash at the end of a line joins the next one to it. In comments it has no effect.
 pub(super) fn lines(text: &str) -> Lines<'_> {
     Lines { physical: (1..).zip(text.split_inclusive('\n')) }
 }
@@ -115,8 +116,8 @@ pub(super) fn without_comment(text: &str) -> &str {
     text
 }
 
-/// Reads a number the way C's `atof` would, and Windows' spellings of not-a-number too. The flag is set if the spelling
-/// was broken and a part of it was used. `None` if there is no number at all.
+/// Reads a number by the rules of C's `atof`, and also Windows' spellings of NaN. The flag is set if the spelling was
+/// invalid and only a part of it was used. `None` if there is no number at all.
 pub(super) fn number(word: &str) -> Option<(f64, bool)> {
     if let Ok(value) = word.parse::<f64>() {
         return Some((value, false));

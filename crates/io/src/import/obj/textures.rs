@@ -1,4 +1,4 @@
-//! Finds, decodes and converts the images that MTL maps name; each is kept once.
+//! Finds, decodes and converts the images of MTL maps. Each is stored once.
 
 use super::bake;
 use super::map::Map;
@@ -11,7 +11,7 @@ use dunkelfeld_geometry::Vec2;
 use dunkelfeld_scene::{ChannelTexture, ColorEncoding, ImageId, Texture, TextureTransform, Wrap};
 use std::collections::HashMap;
 
-/// The image that is made from a file. Factors are kept as bits, to serve as keys.
+/// The conversion of an image file. Factors are stored as bits, so that they can be keys.
 #[derive(Clone, Copy, PartialEq, Eq, Hash)]
 enum Variant {
     AsStored,
@@ -20,14 +20,14 @@ enum Variant {
     RoughnessOfExponents { channel: u8, factor: u32 },
 }
 
-/// The images of one scene while it is read.
+/// The images of one scene during reading.
 pub(super) struct Textures<'a> {
     loader: &'a AssetLoader,
     /// The images themselves.
     pub(super) store: ImageStore,
-    /// By name as resolved; `None` if it cannot be used, of which there has been a warning.
+    /// By resolved name; `None` if it cannot be used, after a warning.
     known: HashMap<(String, Variant), Option<ImageId>>,
-    /// By what the file holds; what is wrong with it if it cannot be used.
+    /// By content of the file; the fault if it cannot be used.
     by_content: HashMap<(Content, Variant), Result<ImageId, String>>,
 }
 
@@ -36,7 +36,7 @@ impl<'a> Textures<'a> {
         Self { loader, store, known: HashMap::new(), by_content: HashMap::new() }
     }
 
-    /// A map of colours: sRGB unless `-colorspace` says otherwise.
+    /// A map of colours: sRGB unless `-colorspace` sets another space.
     pub(super) fn color(&mut self, map: &Map, folder: &str, warnings: &mut Warnings) -> Option<Texture> {
         let image = self.find(map, folder, adjusted(map), warnings)?;
         Some(self.texture(map, image, map.srgb.unwrap_or(true)))
@@ -49,7 +49,7 @@ impl<'a> Textures<'a> {
         Some(ChannelTexture { texture, channel: channel(map).unwrap_or(0) })
     }
 
-    /// A map of coverage: the channel of `-imfchan`, else alpha where the image has any, else red.
+    /// A map of coverage: the channel of `-imfchan`, else alpha if the image has it, else red.
     pub(super) fn coverage(&mut self, map: &Map, folder: &str, warnings: &mut Warnings) -> Option<ChannelTexture> {
         let mut found = self.scalar(map, folder, warnings)?;
         let image = self.store.image(found.texture.image);
@@ -75,7 +75,7 @@ impl<'a> Textures<'a> {
         };
         let image = self.find(map, folder, variant, warnings)?;
         let converted = self.store.image(image).is_some_and(|i| i.name.ends_with("(normals)"));
-        // A normal map in a bump map's place: the strength then scales its slopes.
+        // A normal map in place of a bump map: then the strength scales its slopes.
         Some((self.texture(map, image, false), if converted { 1.0 } else { map.bump }))
     }
 
@@ -92,8 +92,8 @@ impl<'a> Textures<'a> {
         Some(ChannelTexture { texture: self.texture(map, image, false), channel: 0 })
     }
 
-    /// A texture with the map's options. OBJ looks up `scale * uv + offset` with v upwards; ours points down:
-    /// 1 - (s (1 - v) + o) = s v + (1 - s - o).
+    /// A texture with the map's options. The coordinates of OBJ are `scale * uv + offset` with v upwards. Ours point
+    /// down: 1 - (s (1 - v) + o) = s v + (1 - s - o).
     fn texture(&self, map: &Map, image: ImageId, srgb: bool) -> Texture {
         let float = self.store.image(image).is_some_and(|i| i.texels.is_float());
         let encoding = if srgb && !float { ColorEncoding::Srgb } else { ColorEncoding::Linear };
@@ -142,7 +142,7 @@ impl<'a> Textures<'a> {
         made.map_err(|problem| warnings.push(&place, format!("{problem}; the map is left out"))).ok()
     }
 
-    /// Decodes an image and makes of it what is wanted, or measures that.
+    /// Decodes and converts an image, or measures the result.
     fn make(
         &mut self,
         bytes: &[u8],
@@ -182,7 +182,8 @@ impl<'a> Textures<'a> {
     }
 }
 
-/// The stored texels of an image with this header; the larger of both kinds if only the texels determine it.
+/// The storage of an image with this header after the conversion; the larger of both cases if only the texels determine
+/// it.
 fn measured(header: &ImageHeader, variant: Variant) -> ImageHeader {
     let value_bytes = if header.value_bytes == 4 { 4 } else { 2 };
     match variant {
@@ -217,22 +218,23 @@ fn channel(map: &Map) -> Option<u8> {
 /// A file that was found.
 pub(super) struct Found {
     pub bytes: Vec<u8>,
-    /// Its path, if that is not what was asked for.
+    /// Its path, if that is not the requested one.
     pub instead: Option<String>,
 }
 
-/// Reads a file that a file in `folder` refers to: from there, else from the scene's own folder; if the name has folders
-/// that do not exist here (`C:\maps\a.png`), the bare file name is tried in both. All inside the scene's folder.
+/// Reads a file that a file in `folder` refers to: from there, otherwise from the scene's own folder. If the name
+/// contains folders that do not exist here (`C:\maps\a.png`), the bare file name is tried in both. All are inside the
+/// scene's folder.
 ///
 /// # Errors
-/// The reason why the first of these was not read.
+/// The fault of the first of these.
 pub(super) fn load_beside(loader: &AssetLoader, folder: &str, name: &str, role: Role) -> Result<Found, String> {
     let first = join(folder, name);
     let problem = match loader.load_relative(&first, role) {
         Ok(bytes) => return Ok(Found { bytes, instead: None }),
         Err(e) => e.problem,
     };
-    // From its own folder or from the scene's: both are usual, so the second needs no remark.
+    // Both folders, its own and the scene's, are usual. So the second needs no remark.
     if first != name
         && let Ok(bytes) = loader.load_relative(name, role)
     {

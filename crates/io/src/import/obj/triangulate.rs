@@ -1,23 +1,23 @@
-//! Polygons into triangles, concave ones right: ear clipping in the plane of Newell's normal.
+//! Triangulation of polygons, also concave ones: ear clipping in the plane of Newell's normal.
 
 use dunkelfeld_geometry::DVec3;
 use earcut::Earcut;
 
-/// Ear clipping is quadratic on hostile outlines; no honest polygon is that large.
+/// Maximum number of corners: ear clipping is quadratic for hostile outlines, and no usual polygon is that large.
 const MOST_CORNERS: usize = 20_000;
 
-/// The result for a polygon.
+/// The result of a polygon.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Outcome {
     /// It was triangulated.
     Done,
     /// It has no area.
     Degenerate,
-    /// It has more corners than is reasonable.
+    /// It has too many corners.
     TooLarge,
 }
 
-/// Triangulates polygons; keeps its scratch space between them.
+/// Triangulates polygons; keeps its work buffers between them.
 #[derive(Default)]
 pub(super) struct Triangulator {
     earcut: Earcut<f64>,
@@ -26,8 +26,8 @@ pub(super) struct Triangulator {
 }
 
 impl Triangulator {
-    /// Appends the triangles of a polygon, as positions within `points`, wound like the polygon itself. Triangles without
-    /// area are left out.
+    /// Appends the triangles of a polygon, as positions within `points`, with the winding of the polygon. Triangles
+    /// without area are left out.
     pub(super) fn triangulate(&mut self, points: &[DVec3], out: &mut Vec<[u32; 3]>) -> Outcome {
         if points.len() > MOST_CORNERS {
             return Outcome::TooLarge;
@@ -42,7 +42,7 @@ impl Triangulator {
             && let (first, second) = self.diagonals()
             && (first || second)
         {
-            // The shorter diagonal bends a warped quad less.
+            // The shorter diagonal makes a smaller fold in a quad that is not planar.
             let shorter = a.distance_squared(*c) <= b.distance_squared(*d);
             let split = if first && (shorter || !second) { [[0, 1, 2], [0, 2, 3]] } else { [[0, 1, 3], [1, 2, 3]] };
             out.extend(split);
@@ -63,13 +63,13 @@ impl Triangulator {
         if out.len() == before { Outcome::Degenerate } else { Outcome::Done }
     }
 
-    /// Coordinates in the plane across `normal`, scaled to order one so that products neither vanish nor overflow.
+    /// Coordinates in the plane across `normal`, scaled to order one, so that products neither underflow nor overflow.
     fn project(&mut self, points: &[DVec3], normal: DVec3) {
         let (u, v) = normal.any_orthonormal_pair();
         let origin = points[0];
         let extent = points.iter().map(|p| (*p - origin).abs().max_element()).fold(0.0, f64::max);
         let scale = if extent > 0.0 { 1.0 / extent } else { 1.0 };
-        // any_orthonormal_pair does not promise a handedness.
+        // any_orthonormal_pair does not guarantee a handedness.
         let v = if u.cross(v).dot(normal) < 0.0 { -v } else { v };
         self.flat.clear();
         self.flat.extend(points.iter().map(|p| [(*p - origin).dot(u) * scale, (*p - origin).dot(v) * scale]));
@@ -92,7 +92,7 @@ impl Triangulator {
 /// the polygon has no area.
 pub(super) fn newell_normal(points: &[DVec3]) -> Option<DVec3> {
     let origin = *points.first()?;
-    // Relative to a corner, so that a polygon far from the origin loses nothing.
+    // Relative to a corner, so that a polygon far from the origin keeps its precision.
     let (mut sum, mut extent) = (DVec3::ZERO, 0.0_f64);
     for (i, point) in points.iter().enumerate() {
         let next = points[(i + 1) % points.len()];
@@ -126,7 +126,7 @@ mod tests {
         assert!(vector.dot(newell_normal(points).expect("has area")) > 0.0, "turned over: {out:?}");
     }
 
-    /// An L and a star, seen along each axis and wound both ways.
+    /// An L and a star, viewed along each axis and wound in both directions.
     #[test]
     fn concave_polygons_keep_area_and_winding() {
         let l: &[[f64; 2]] = &[[0.0, 0.0], [3.0, 0.0], [3.0, 1.0], [1.0, 1.0], [1.0, 3.0], [0.0, 3.0]];
