@@ -37,7 +37,7 @@ pub struct PrincipledParams {
     pub roughness: f32,
     /// Stretch of highlights along the tangent, `[-1, 1]`; negative stretches along the bitangent.
     pub anisotropic: f32,
-    /// Index of refraction inside over outside, `[1e-3, 1e3]`; see [`fresnel::eta_from_specular`].
+    /// Index of refraction inside over outside, `[1e-3, 1e3]`. At normal incidence it reflects `((eta - 1) / (eta + 1))^2`.
     pub eta: f32,
     /// Factor on the dielectric reflection at all angles (glTF KHR_materials_specular).
     pub specular_factor: f32,

@@ -49,8 +49,8 @@ impl Misfit {
 
 /// Combines a lens with a camera. Values that the settings do not contain remain those of the camera.
 ///
-/// Both sides have the same f-number and magnification. The thin lens of focal length f, at the image distance v = f (1
-/// + m), has a pupil of radius f / (2 N). The pupil gives the sine 1 / (2 N (1 + m)) of the sensor's formula. The
+/// Both sides have the same f-number and magnification. The thin lens of focal length f, at the image distance
+/// `v = f (1 + m)`, has a pupil of radius f / (2 N). The pupil gives the sine 1 / (2 N (1 + m)) of the sensor's formula. The
 /// telecentric lens has that sine times m on the side of the object.
 pub(crate) fn fit(camera: &Camera, lens: &LensSettings, film: FilmSize) -> Result<Fitted, Misfit> {
     let mut camera = camera.clone();

@@ -123,7 +123,7 @@ type Write<'a> = dyn Fn(&RenderedFilm) -> Result<(), Error> + Sync + 'a;
 /// Dry run of the outputs at the end of a render.
 #[derive(Clone, Copy)]
 pub struct OutputDryRun<'a> {
-    /// Duration of the outputs beyond [`CLOSING_PER_MEGAPIXEL`] [s per megapixel].
+    /// Duration of the outputs beyond `CLOSING_PER_MEGAPIXEL` [s per megapixel].
     pub more_per_megapixel: f64,
     /// Writes the present film in the same way as the final one.
     pub write: &'a Write<'a>,

@@ -5,14 +5,14 @@ use dunkelfeld_io::lock::TargetLock;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// Default of the interval between two checkpoints [s].
+/// Default of the interval between two checkpoints \[s\].
 pub const DEFAULT_CHECKPOINT_SECONDS: f64 = 30.0;
 /// Path and interval at which a render stores its state.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CheckpointSettings {
     /// The file. If it exists, the render continues from it.
     pub path: PathBuf,
-    /// Minimum interval between two checkpoints [s].
+    /// Minimum interval between two checkpoints \[s\].
     pub seconds: f64,
     /// The lock of the file, if it is already held ([`Self::lock`]). Otherwise a render takes it, until it ends.
     pub lock: Option<Arc<TargetLock>>,
