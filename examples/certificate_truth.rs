@@ -1,20 +1,22 @@
-//! Is the certificate true? Renders scenes again and again with other seeds, and compares the variance that each render
-//! certified with the variance that all of them show, over blocks of 16 x 16 pixels.
+//! Compares the variance that a render certifies with the variance over many renders of the scene, in blocks of 16 x 16
+//! pixels.
 //!
 //! `cargo run --release -p dunkelfeld --example certificate_truth -- [--seeds 32] [--noise 0.7 | --spp N] [--size N] [JOB ...]`
 //!
-//! Without jobs it takes the shipped ones and six of `tests/references/`. For each it prints a line:
+//! Without jobs it renders the shipped ones and six of `tests/references/`. It prints one line per scene:
 //!
-//! - the share of blocks whose measured variance lies within 0.8 to 1.2 of the certified one, of a single render and of the mean over
-//!   all renders, and the share of those where it does or the difference is no more than three of its standard errors (by the scatter
-//!   over the renders): the noise of a block that a pixel or two make is not measured to a fifth by so many renders;
-//! - the same of whole blocks that lie half a block off, which certificates do not keep apart;
-//! - the whole image's ratio;
-//! - what share of the pixels a render claims to be hidden at the noise levels at which 10, 50, 90 and 99 % are, by the measured variance
-//!   of each (which takes some hundred seeds to know);
-//! - samples per pixel; and how good the forecast of the pilot was.
+//! - Share of the blocks whose measured variance is within 0.8 to 1.2 of the certified one: of a single render, and of the
+//!   mean over all renders. Share of the blocks for which this holds or the difference is at most three standard errors
+//!   (from the scatter over the renders).
+//! - The same for whole blocks that are shifted by half a block.
+//! - Measured over certified variance of the whole image.
+//! - Mean of v / s over the pixels: measured; certified, with s at the mean of all renders; certified, with s at the mean
+//!   of each render, as certificates print it.
+//! - Share of the pixels that a render claims to be hidden at the levels at which 10, 50, 90 and 99 % are hidden by the
+//!   measured variance of each pixel. This needs some hundred seeds.
+//! - Samples per pixel, and the forecast of the pilot over the samples taken.
 //!
-//! Exits with 1 if for some scene fewer than 99 % of the blocks lie within, by the mean over all renders.
+//! Exits with 1 if fewer than 99 % of the blocks of a scene are within, by the mean over all renders.
 
 #![allow(clippy::print_stdout, clippy::print_stderr, reason = "an example talks to its reader")]
 
@@ -24,9 +26,9 @@ use std::process::ExitCode;
 
 const BLOCK: usize = 16;
 const WITHIN: std::ops::RangeInclusive<f64> = 0.8..=1.2;
-/// So many standard errors of the difference are taken for chance.
+/// Standard errors of the difference that count as chance.
 const ERRORS: f64 = 3.0;
-/// Shares of pixels whose noise lies below the levels at which claims are looked at.
+/// Shares of pixels whose noise is below the levels at which claims are evaluated.
 const SHARES: [f64; 4] = [0.1, 0.5, 0.9, 0.99];
 
 struct Options {
@@ -44,9 +46,11 @@ fn main() -> ExitCode {
             return ExitCode::from(2);
         }
     };
-    println!("                                   within a fifth   half a block off               claimed hidden at");
     println!(
-        "scene                blocks  one render    all  3 s.e.    all  3 s.e.  whole image  10 %  50 %  90 %  99 %  spp     forecast/taken"
+        "                                   within a fifth   half a block off                       mean of v / s          claimed hidden at"
+    );
+    println!(
+        "scene                blocks  one render    all  3 s.e.    all  3 s.e.  whole image  measured  certified  printed  10 %  50 %  90 %  99 %  spp     forecast/taken"
     );
     let mut all_true = true;
     for job in &options.jobs {
@@ -55,12 +59,13 @@ fn main() -> ExitCode {
                 let name = job.file_stem().unwrap_or_default().to_string_lossy();
                 let forecast = truth.forecast.map_or("-".into(), |f| format!("{f:.2}"));
                 let hidden = truth.hidden.map(|h| format!("{:>4.0}", 100.0 * h)).join("  ");
+                let [measured, certified, printed] = truth.mean_ratio;
                 let [own, shifted] = [&truth.own, &truth.shifted];
                 let [fifth, three, fifth_off, three_off] =
                     [own.within, own.explained, shifted.within, shifted.explained]
                         .map(|v| if v.is_nan() { "    -".into() } else { format!("{:>5.1}", 100.0 * v) });
                 println!(
-                    "{name:<20} {:>6}  {:>10.1}  {fifth}  {three:>6}  {fifth_off}  {three_off:>6}  {:>11.3}  {hidden}  {:<7.1} {forecast}",
+                    "{name:<20} {:>6}  {:>10.1}  {fifth}  {three:>6}  {fifth_off}  {three_off:>6}  {:>11.3}  {measured:>8.2}  {certified:>9.2}  {printed:>7.2}  {hidden}  {:<7.1} {forecast}",
                     truth.blocks,
                     100.0 * truth.single,
                     truth.whole,
@@ -77,11 +82,11 @@ fn main() -> ExitCode {
     if all_true { ExitCode::SUCCESS } else { ExitCode::from(1) }
 }
 
-/// How the mean certificate of blocks agrees with what is measured; not a number if there are no blocks.
+/// Agreement of the mean certificate of blocks with the measurement; not a number if there are no blocks.
 struct Agreement {
     /// Share of the blocks whose measured variance lies [within a fifth](WITHIN) of the certified one.
     within: f64,
-    /// Share of those that do, or miss it by no more than chance explains: [`ERRORS`].
+    /// Share of the blocks that do, or differ by at most [`ERRORS`] standard errors.
     explained: f64,
 }
 
@@ -89,15 +94,17 @@ struct Truth {
     blocks: usize,
     /// Share of blocks within a fifth by certificates of single renders.
     single: f64,
-    /// By the mean of all, of blocks as certificates keep them apart, and of whole ones half a block off.
+    /// By the mean of all: blocks of the certificate, and whole blocks that are shifted by half a block.
     own: Agreement,
     shifted: Agreement,
     /// Measured over certified variance of the whole image.
     whole: f64,
+    /// Mean of v / s: measured, certified, and as certificates print it.
+    mean_ratio: [f64; 3],
     /// Share of the pixels that are claimed to be hidden where [`SHARES`] are, mean over the renders.
     hidden: [f64; SHARES.len()],
     spp: f64,
-    /// Samples foretold over samples taken, mean over the renders that ended when they were hidden.
+    /// Samples of the forecast over samples taken, mean over the renders that ended when they were hidden.
     forecast: Option<f64>,
 }
 
@@ -154,7 +161,7 @@ fn truth(job: &PathBuf, options: &Options) -> Result<Truth, Error> {
         (0..width * height).map(|pixel| planes.iter().map(|plane| plane[pixel]).sum::<f64>() / n).collect()
     };
     let mean = over_renders(&seen);
-    // Pixels that saturate, by what all renders say together: that a rare sample takes one beyond it in one render is noise like any.
+    // Pixels that saturate by the mean of all renders. Saturation by a rare sample in one render is noise.
     let full: Vec<bool> = mean.iter().map(|&mean| mean > saturation).collect();
     // Estimate of the variance by each render; their mean is the measured variance.
     let deviations =
@@ -173,7 +180,15 @@ fn truth(job: &PathBuf, options: &Options) -> Result<Truth, Error> {
         ratios.iter().map(claimed).sum::<f64>() / (n * noise.len() as f64)
     });
     let claimed = over_renders(&certified);
-    // Sums over blocks: all of them, or those whole ones that begin so many pixels into the image.
+    let mean_ratio = |variances: &[f64]| {
+        let open = (0..width * height).filter(|&pixel| !full[pixel]);
+        open.map(|pixel| variances[pixel] / (mean[pixel] + dark)).sum::<f64>() / noise.len() as f64
+    };
+    let printed = ratios
+        .iter()
+        .map(|ratios| ratios.iter().zip(&full).filter(|(_, full)| !**full).map(|(r, _)| f64::from(*r)).sum::<f64>());
+    let mean_ratio = [mean_ratio(&measured), mean_ratio(&claimed), printed.sum::<f64>() / (n * noise.len() as f64)];
+    // Sums over blocks: all blocks, or the whole ones that begin `shift` pixels into the image.
     let sums = |values: &[f64], shift: usize| {
         let along = |length: usize| {
             if shift == 0 { length.div_ceil(BLOCK) } else { length.saturating_sub(shift) / BLOCK }
@@ -202,7 +217,7 @@ fn truth(job: &PathBuf, options: &Options) -> Result<Truth, Error> {
     };
     let agreement = |shift: usize| {
         let (measured, claimed) = (sums(&measured, shift), sums(&claimed, shift));
-        // By how much each render has claimed too little, in each block.
+        // Measured less certified variance of each render, in each block.
         let missed: Vec<Vec<f64>> = (estimates.iter().zip(&certified))
             .map(|(estimates, claim)| {
                 sums(estimates, shift).iter().zip(sums(claim, shift)).map(|(m, c)| m - c).collect()
@@ -226,6 +241,7 @@ fn truth(job: &PathBuf, options: &Options) -> Result<Truth, Error> {
         own: agreement(0),
         shifted: agreement(BLOCK / 2),
         whole: whole(&measured) / whole(&claimed).max(f64::MIN_POSITIVE),
+        mean_ratio,
         hidden,
         spp: samples as f64 / n / (width * height) as f64,
         forecast: (!forecasts.is_empty()).then(|| forecasts.iter().sum::<f64>() / forecasts.len() as f64),

@@ -66,14 +66,16 @@ fn main() -> Result<(), dunkelfeld::Error> {
     }
 
     // Two seconds, samples where a real sensor behind an f/8 lens would notice.
-    let sensor = dunkelfeld::io::sensor_file::preset("imx250")?;
-    let settings = RenderSettings {
-        width: 256,
-        height: 256,
-        budget: Budget { seconds: Some(2.0), ..Budget::default() },
-        sensor: SensorChoice::Emva { model: Box::new(sensor), optics: Optics::new(8.0, 0.9, 0.0)?, exposure: None },
-        ..RenderSettings::default()
-    };
+    let sensor = dunkelfeld_io::sensor_file::preset("imx250")?;
+    let settings = RenderSettings::default()
+        .with_width(256)
+        .with_height(256)
+        .with_budget(Budget::default().with_seconds(2.0))
+        .with_sensor(SensorChoice::Emva {
+            model: Box::new(sensor),
+            optics: Optics::new(8.0, 0.9, 0.0)?,
+            exposure: None,
+        });
 
     // The switch could be thrown from any thread: a signal handler, a user interface.
     let cancel = Cancel::new();

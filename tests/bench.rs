@@ -6,8 +6,8 @@
 mod lab;
 
 use dunkelfeld::adaptive::Strategy;
-use dunkelfeld::io::exr::{Channel, read_exr, write_exr};
 use dunkelfeld::{Cancel, Progress, Project, Session, Silent};
+use dunkelfeld_io::exr::{Channel, read_exr, write_exr};
 use dunkelfeld_studies::bench::{BenchOutcome, BenchSettings, bench};
 use lab::{CutAt, Lab, complaint, same_numbers, square, stands_alone};
 use std::collections::{BTreeMap, BTreeSet};
@@ -41,7 +41,7 @@ fn call(lab: &Lab, folder: &Path, progress: &dyn Progress, cancel: &Cancel) -> B
     let input = lab.path("<scene>.obj");
     let mut project = Project::open(&input).expect("a scene");
     (project.settings.width, project.settings.height) = (20, 14);
-    let settings = BenchSettings { seeds: 4, ..BenchSettings::quick() }.with_ladder(vec![2, 4]);
+    let settings = BenchSettings::quick().with_seeds(4).with_ladder(vec![2, 4]);
     let session = Session::new(0).expect("threads").with_progress(progress).with_cancel(cancel);
     bench(project, &input, &settings, folder, true, false, &session).expect("a bench")
 }

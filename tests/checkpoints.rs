@@ -8,7 +8,6 @@ mod support;
 
 use dunkelfeld::film::{Film, Plane};
 use dunkelfeld::geometry::{DVec3, Vec3};
-use dunkelfeld::io::checkpoint::{CheckpointHead, read_checkpoint, write_checkpoint};
 use dunkelfeld::radiometry::{Rgb, Seconds};
 use dunkelfeld::scene::shapes::{cuboid, sphere};
 use dunkelfeld::scene::{Effect, Material, Scene, SceneBuilder};
@@ -18,6 +17,7 @@ use dunkelfeld::{
     RenderSettings, Rendering, SensorChoice, Session, find_sensor, render,
 };
 use dunkelfeld_adaptive::weights::Strategy;
+use dunkelfeld_io::checkpoint::{CheckpointHead, read_checkpoint, write_checkpoint};
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
@@ -51,28 +51,24 @@ fn sensor(name: &str, milliseconds: f64) -> SensorChoice {
 
 /// An adaptive render: a pilot and a refinement, of several rounds.
 fn adaptive() -> RenderSettings {
-    RenderSettings {
-        strategy: Some(Strategy::Sobel),
-        sensor: sensor("imx250", 5.0),
-        ..settings(WIDTH, HEIGHT, 24.0, 3)
-    }
+    settings(WIDTH, HEIGHT, 24.0, 3).with_strategy(Strategy::Sobel).with_sensor(sensor("imx250", 5.0))
 }
 
 /// The samples of a render that another process does.
 fn only(settings: &RenderSettings, samples: std::ops::Range<u32>) -> RenderSettings {
-    RenderSettings { samples: Some(samples), budget: Budget::default(), strategy: None, ..settings.clone() }
+    settings.clone().with_samples(samples).with_budget(Budget::default()).with_strategy(None)
 }
 
 /// Joins parts into a checkpoint.
 fn merge(parts: &[PathBuf], out: &Path) -> Result<Merged, Error> {
-    let settings = MergeSettings { parts: parts.to_vec(), checkpoint: Some(out.into()), ..MergeSettings::default() };
+    let settings = MergeSettings::default().with_parts(parts.to_vec()).with_checkpoint(Some(out.into()));
     dunkelfeld::merge(&settings, Instant::now())
 }
 
 /// Stores a checkpoint as often as it can.
 fn kept(path: &Path, settings: &RenderSettings) -> RenderSettings {
-    let checkpoint = CheckpointSettings { seconds: 0.0, ..CheckpointSettings::new(path) };
-    RenderSettings { checkpoint: Some(checkpoint), ..settings.clone() }
+    let checkpoint = CheckpointSettings::new(path).with_seconds(0.0);
+    settings.clone().with_checkpoint(checkpoint)
 }
 
 fn run(scene: &Scene, settings: &RenderSettings) -> Result<Rendering, Error> {
@@ -115,7 +111,7 @@ impl Progress for Witness {
 /// Rendered samples that the copies of the checkpoint hold, and the copies.
 fn witnessed(scene: &Scene, path: PathBuf, settings: &RenderSettings, threads: usize) -> Vec<(u64, PathBuf)> {
     let witness = Witness { checkpoint: path.clone(), copies: Mutex::default() };
-    let settings = RenderSettings { threads, ..kept(&path, settings) };
+    let settings = kept(&path, settings).with_threads(threads);
     render(
         scene,
         &settings,
@@ -145,12 +141,12 @@ fn a_render_goes_on_from_wherever_it_was_left_and_ends_with_the_same_bits() {
     let scene = room(8.0);
     let folder = TempDir::new().expect("a folder");
     let plan = Plane::from_fn(WIDTH, HEIGHT, |x, y| 3 + x * (y + 1) % 13);
-    let replayed = RenderSettings { replay: Some(plan), ..settings(WIDTH, HEIGHT, 1.0, 3) };
+    let replayed = settings(WIDTH, HEIGHT, 1.0, 3).with_replay(plan);
     let part = only(&settings(WIDTH, HEIGHT, 1.0, 3), 6..16);
-    let by_need = RenderSettings { strategy: Some(Strategy::Sensor), ..adaptive() };
+    let by_need = adaptive().with_strategy(Strategy::Sensor);
     // More than its samples can do, so that it is judged until they are used up.
-    let budget = Budget { noise: Some(0.4), spp: Some(32.0), ..Budget::default() };
-    let judged = RenderSettings { strategy: None, budget, ..adaptive() };
+    let budget = Budget::default().with_noise(0.4).with_spp(Some(32.0));
+    let judged = adaptive().with_strategy(None).with_budget(budget);
     let all = [("sobel", adaptive()), ("sensor", by_need), ("judged", judged), ("replayed", replayed), ("part", part)];
     let runs = all
         .iter()
@@ -169,7 +165,7 @@ fn a_render_goes_on_from_wherever_it_was_left_and_ends_with_the_same_bits() {
         for (i, (samples, copy)) in copies.iter().enumerate() {
             let threads = 1 + i % 3;
             let checkpoint = Some(CheckpointSettings::new(copy));
-            let again = RenderSettings { threads, checkpoint, ..settings.clone() };
+            let again = settings.clone().with_threads(threads).with_checkpoint(checkpoint);
             let resumed = run(&scene, &again).expect("it goes on");
             assert!(resumed.film.sums == whole.sums, "{name}: taken up at {samples} samples, on {threads} threads");
             assert!(resumed.weights == first.weights && resumed.stop == first.stop, "{name}: at {samples} samples");
@@ -186,14 +182,14 @@ fn a_render_that_is_interrupted_many_times_ends_with_the_same_bits() {
     let scene = room(8.0);
     let folder = TempDir::new().expect("a folder");
     for strategy in [Strategy::Uniform, Strategy::Sobel, Strategy::Variance, Strategy::Sensor] {
-        let settings = RenderSettings { strategy: Some(strategy), ..adaptive() };
+        let settings = adaptive().with_strategy(strategy);
         let whole = film(&scene, &settings);
         let path = folder.path().join(format!("{strategy:?}.film"));
         let mut interruptions = 0;
         loop {
             let cancel = Cancel::new();
             let stop = StopAt(whole.total_samples() * (interruptions + 1) / 8, &cancel);
-            let settings = RenderSettings { threads: 1, ..kept(&path, &settings) };
+            let settings = kept(&path, &settings).with_threads(1);
             let resumed = render(
                 &scene,
                 &settings,
@@ -263,8 +259,8 @@ fn the_time_of_all_processes_counts_against_the_budget() {
     let scene = room(8.0);
     let folder = TempDir::new().expect("a folder");
     let path = folder.path().join("a.film");
-    let budget = Budget { seconds: Some(3600.0), ..Budget::default() };
-    let timed = kept(&path, &RenderSettings { budget, ..adaptive() });
+    let budget = Budget::default().with_seconds(3600.0);
+    let timed = kept(&path, &adaptive().with_budget(budget));
     let cancel = Cancel::new();
     let stop = StopAt(2_000, &cancel);
     let first = render(
@@ -287,7 +283,7 @@ fn the_time_of_all_processes_counts_against_the_budget() {
     let accounted: f64 = second.stages.iter().map(|(_, seconds)| seconds).sum();
     assert!((accounted - 3599.9).abs() < 60.0, "{accounted} s in {:?}", second.stages);
     // Whatever was rendered, its plan replays.
-    let replay = RenderSettings { replay: Some(second.plan()), checkpoint: None, ..timed };
+    let replay = timed.with_replay(second.plan()).with_checkpoint(None);
     assert!(film(&scene, &replay) == second.film.sums);
 }
 
@@ -305,29 +301,29 @@ fn a_checkpoint_of_another_render_is_refused_and_the_difference_named() {
     let scene = room(8.0);
     let folder = TempDir::new().expect("a folder");
     let path = folder.path().join("a.film");
-    let small = RenderSettings { width: 12, height: 8, ..adaptive() };
+    let small = adaptive().with_width(12).with_height(8);
     let settings = kept(&path, &small);
     run(&scene, &settings).expect("a render");
     let bytes = fs::read(&path).expect("a checkpoint");
     let base = || settings.clone();
     let cases: [(RenderSettings, &str); 15] = [
-        (RenderSettings { seed: 4, ..base() }, "not the same seed, \"3\" there and \"4\" here"),
-        (RenderSettings { frame: 1, ..base() }, "not the same frame"),
-        (RenderSettings { width: 13, ..base() }, "not the same size, \"12 x 8\" there and \"13 x 8\" here"),
-        (RenderSettings { camera: Some("other".into()), ..base() }, "not the same camera"),
-        (RenderSettings { without: vec![Effect::ALL[0]], ..base() }, "not the same choice of effects left out"),
-        (RenderSettings { budget: Budget { spp: Some(91.0), ..Budget::default() }, ..base() }, "not the same budget"),
+        (base().with_seed(4), "not the same seed, \"3\" there and \"4\" here"),
+        (base().with_frame(1), "not the same frame"),
+        (base().with_width(13), "not the same size, \"12 x 8\" there and \"13 x 8\" here"),
+        (base().with_camera(Some("other".into())), "not the same camera"),
+        (base().with_without(vec![Effect::ALL[0]]), "not the same choice of effects left out"),
+        (base().with_budget(Budget::default().with_spp(91.0)), "not the same budget"),
         (
-            RenderSettings { budget: Budget { seconds: Some(9.0), ..Budget::default() }, ..base() },
+            base().with_budget(Budget::default().with_seconds(9.0)),
             "not the same budget, \"24 samples per pixel\" there and \"9 s\" here",
         ),
-        (RenderSettings { strategy: Some(Strategy::Uniform), ..base() }, "not the same allocation"),
-        (RenderSettings { sensor: SensorChoice::None, ..base() }, "not the same sensor or exposure"),
-        (RenderSettings { sensor: sensor("imx174", 5.0), ..base() }, "not the same sensor or exposure"),
-        (RenderSettings { sensor: sensor("imx250", 6.0), ..base() }, "not the same sensor or exposure"),
-        (RenderSettings { pilot_spp: 17, ..base() }, "not the same further settings"),
-        (RenderSettings { sobel_floor: 0.3, ..base() }, "not the same further settings"),
-        (RenderSettings { replay: Some(Plane::new(12, 8, 4)), ..base() }, "not the same plan"),
+        (base().with_strategy(Strategy::Uniform), "not the same allocation"),
+        (base().with_sensor(SensorChoice::None), "not the same sensor or exposure"),
+        (base().with_sensor(sensor("imx174", 5.0)), "not the same sensor or exposure"),
+        (base().with_sensor(sensor("imx250", 6.0)), "not the same sensor or exposure"),
+        (base().with_pilot_spp(17), "not the same further settings"),
+        (base().with_sobel_floor(0.3), "not the same further settings"),
+        (base().with_replay(Plane::new(12, 8, 4)), "not the same plan"),
         (only(&base(), 0..4), "the whole render there and samples 0..4 here"),
     ];
     for (other, says) in cases {
@@ -386,7 +382,7 @@ fn merged_parts_are_the_whole_to_the_last_bit() {
         );
         assert!(read_checkpoint(&out).expect("a part").film == whole.sums);
         // A merged render is a finished part, for any sensor.
-        let settings = RenderSettings { sensor: sensor("imx174", 3.0), ..only(&uniform, 0..24) };
+        let settings = only(&uniform, 0..24).with_sensor(sensor("imx174", 3.0));
         let again = run(&scene, &kept(&out, &settings)).expect("a finished part");
         assert!(again.earlier.was_complete && again.film == whole);
     }
@@ -402,11 +398,11 @@ fn parts_of_a_plan_are_the_plan() {
     let scene = room(8.0);
     let folder = TempDir::new().expect("a folder");
     let out = folder.path().join("out.film");
-    let adaptive = RenderSettings { width: 33, height: 21, ..adaptive() };
+    let adaptive = adaptive().with_width(33).with_height(21);
     let whole = run(&scene, &adaptive).expect("a render");
     let plan = whole.plan();
     let most = plan.data().iter().copied().max().expect("pixels");
-    let replay = RenderSettings { replay: Some(plan.clone()), ..adaptive };
+    let replay = adaptive.with_replay(plan.clone());
     let cut = most / 2;
     assert!(plan.data().iter().any(|&n| n < cut), "some pixels lie in the first part alone");
     let parts = [0..5, 5..cut, cut..most].map(|range| part(&scene, &folder, &replay, range));
@@ -434,11 +430,11 @@ fn parts_that_do_not_belong_together_are_refused() {
     let other = |scene: &Scene, settings: &RenderSettings| part(scene, &elsewhere, settings, 8..16);
     refused(together(&[&a, &other(&room(9.0), &uniform)]), &["not the same scene", "0-8.film"]);
     for (changed, says) in [
-        (RenderSettings { seed: 6, ..uniform.clone() }, "not the same seed"),
-        (RenderSettings { width: 13, ..uniform.clone() }, "not the same size"),
-        (RenderSettings { camera: Some("other".into()), ..uniform.clone() }, "not the same camera"),
-        (RenderSettings { replay: Some(Plane::new(12, 8, 99)), ..uniform.clone() }, "not the same plan"),
-        (RenderSettings { sensor: sensor("imx174", 5.0), ..uniform.clone() }, "not the same sensor, lens or exposure"),
+        (uniform.clone().with_seed(6), "not the same seed"),
+        (uniform.clone().with_width(13), "not the same size"),
+        (uniform.clone().with_camera(Some("other".into())), "not the same camera"),
+        (uniform.clone().with_replay(Plane::new(12, 8, 99)), "not the same plan"),
+        (uniform.clone().with_sensor(sensor("imx174", 5.0)), "not the same sensor, lens or exposure"),
     ] {
         let _ = fs::remove_file(elsewhere.path().join("8-16.film"));
         refused(together(&[&a, &other(&scene, &changed)]), &["8-16.film", says]);
@@ -455,8 +451,8 @@ fn parts_that_do_not_belong_together_are_refused() {
     let image = folder.path().join("part.exr");
     fs::hard_link(&a, &image).expect("linked");
     for (exr, says) in [(&a, "does not fit"), (&image, "is a part that this run reads as")] {
-        let outputs = OutputPaths { exr: Some(exr.clone()), ..OutputPaths::default() };
-        let over = MergeSettings { parts: vec![a.clone(), b.clone()], outputs, ..MergeSettings::default() };
+        let outputs = OutputPaths::default().with_exr(exr.clone());
+        let over = MergeSettings::default().with_parts(vec![a.clone(), b.clone()]).with_outputs(outputs);
         refused(dunkelfeld::merge(&over, Instant::now()), &[&exr.display().to_string(), says]);
     }
 
@@ -479,7 +475,7 @@ fn ranges_that_are_none_are_refused() {
         refused(run(&scene, &only(&base, samples)), &["samples"]);
     }
     // A part has no budget, and no choice where its samples go.
-    refused(run(&scene, &RenderSettings { samples: Some(0..4), ..base.clone() }), &["samples", "budget"]);
-    let sobel = RenderSettings { strategy: Some(Strategy::Sobel), ..only(&base, 0..4) };
+    refused(run(&scene, &base.clone().with_samples(0..4)), &["samples", "budget"]);
+    let sobel = only(&base, 0..4).with_strategy(Strategy::Sobel);
     refused(run(&scene, &sobel), &["samples", "allocation"]);
 }

@@ -7,7 +7,7 @@ mod bench;
 
 use assert_cmd::Command;
 use bench::{Bench, PROGRAM, stderr, stdout};
-use dunkelfeld::io::exr::read_exr;
+use dunkelfeld_io::exr::read_exr;
 use serde_json::Value;
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -425,7 +425,7 @@ fn inspect_shows_people_and_machines_what_a_scene_holds() {
 fn sensors_are_listed_and_described() {
     let bench = Bench::new();
     let list = stdout(&bench.run("sensors").code(0));
-    for name in dunkelfeld::io::sensor_file::preset_names() {
+    for name in dunkelfeld_io::sensor_file::preset_names() {
         assert!(list.contains(name), "no {name} in\n{list}");
         let sheet = stdout(&bench.run(&format!("sensors {name}")).code(0));
         for part in
@@ -450,7 +450,7 @@ fn sensors_are_listed_and_described() {
     );
     assert!(figures.iter().any(|f| f["published"].is_null() && f["difference"].is_null()), "{json}");
     let all: Value = serde_json::from_str(&stdout(&bench.run("sensors --json").code(0))).expect("JSON");
-    assert_eq!(all.as_array().map(Vec::len), Some(dunkelfeld::io::sensor_file::preset_names().count()));
+    assert_eq!(all.as_array().map(Vec::len), Some(dunkelfeld_io::sensor_file::preset_names().count()));
     // Behind a filter every colour has its own figures.
     let spec = "name = \"c\"\nsource = \"s\"\nbit_depth = 12\npixel_pitch_um = 3\nfull_well_e = 1e4\ndark_noise_e = 2\n\
         gain_e_per_dn = 3\noffset_dn = 30\n[color_filter]\npattern = \"rggb\"\nred = [[610, 0.4]]\ngreen = [[530, 0.5]]\nblue = [[460, 0.45]]\n";

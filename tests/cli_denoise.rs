@@ -6,8 +6,8 @@
 mod bench;
 
 use bench::{Bench, stderr, stdout};
-use dunkelfeld::io::exr::{Channel, ExrLayers, read_exr, write_exr};
-use dunkelfeld::io::layers::Triple;
+use dunkelfeld_io::exr::{Channel, ExrLayers, read_exr, write_exr};
+use dunkelfeld_io::layers::Triple;
 use serde_json::Value;
 
 /// Does the file hold the text, as its metadata do?

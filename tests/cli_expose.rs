@@ -6,7 +6,7 @@
 mod bench;
 
 use bench::{Bench, stderr, stdout};
-use dunkelfeld::io::exr::{Channel, ExrLayers, write_exr};
+use dunkelfeld_io::exr::{Channel, ExrLayers, write_exr};
 use serde_json::Value;
 
 /// A grey ramp as another renderer writes it.
@@ -61,7 +61,7 @@ fn a_lens_that_vignettes_can_be_put_before_or_after_the_render() {
         let model = dunkelfeld::find_sensor("imx250").expect("a preset");
         let exposure = dunkelfeld::sensor::Exposure::new(dunkelfeld::radiometry::Seconds(2e-3)).expect("in range");
         let defaults = dunkelfeld::ExposeSettings::new(model).expect("defaults");
-        let settings = dunkelfeld::ExposeSettings { vignetting, exposure: Some(exposure), ..defaults };
+        let settings = defaults.with_vignetting(vignetting).with_exposure(exposure);
         dunkelfeld::Exposer::open(&bench.path(file), &settings).expect("an image").electrons().clone()
     };
     let (before, after, plain) =

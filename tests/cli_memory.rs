@@ -164,15 +164,15 @@ mod bounded {
     fn images_that_do_not_fit_are_refused_by_their_size() {
         let bench = Bench::new();
         let (width, height) = (4000, 3000);
-        let head = dunkelfeld::io::exr::ExrHead {
+        let head = dunkelfeld_io::exr::ExrHead {
             width,
             height,
-            channels: ["B", "G", "R"].map(|name| (name.into(), dunkelfeld::io::exr::ChannelKind::F32)).into(),
+            channels: ["B", "G", "R"].map(|name| (name.into(), dunkelfeld_io::exr::ChannelKind::F32)).into(),
             attributes: String::new(),
         };
-        dunkelfeld::io::exr::write_exr_rows(&bench.path("large.exr"), &head, &mut |rows| {
+        dunkelfeld_io::exr::write_exr_rows(&bench.path("large.exr"), &head, &mut |rows| {
             let samples = (width * (rows.end - rows.start)) as usize;
-            Ok(vec![dunkelfeld::io::exr::Channel::F32(vec![0.5; samples]); 3])
+            Ok(vec![dunkelfeld_io::exr::Channel::F32(vec![0.5; samples]); 3])
         })
         .expect("written");
         for line in [

@@ -7,7 +7,7 @@
 mod bench;
 
 use bench::{Bench, stderr, stdout};
-use dunkelfeld::io::exr::{Channel, read_exr, write_exr};
+use dunkelfeld_io::exr::{Channel, read_exr, write_exr};
 use std::fs;
 
 fn refused(bench: &Bench, line: &str, says: &[&str]) {

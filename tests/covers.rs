@@ -7,12 +7,12 @@
 
 mod support;
 
-use dunkelfeld::bsdf::Lobe;
 use dunkelfeld::geometry::{DAffine3, DQuat, DVec3, Mesh, Vec2, Vec3};
-use dunkelfeld::integrator::{Estimator, PixelSample};
 use dunkelfeld::radiometry::Rgb;
 use dunkelfeld::scene::shapes::{cuboid, rectangle, sheet, turned};
 use dunkelfeld::scene::{AlphaMode, Effect, Environment, EnvironmentSource, Material, SceneBuilder, Surface, Volume};
+use dunkelfeld_bsdf::Lobe;
+use dunkelfeld_integrator::{Estimator, PixelSample};
 use dunkelfeld_testkit::{SampleMoments, welch_test};
 use support::{RATE, build, emitter, film, settings, spot_camera, square};
 

@@ -126,7 +126,7 @@ fn a_switch_thrown_while_denoising_ends_it_and_the_render_is_kept() {
 fn a_film_is_denoised_the_same_on_any_number_of_threads() {
     let scene = scene((DVec3::new(0.0, 0.0, 1.0), DVec3::ZERO), |_| ());
     let film = film(&scene, &settings(50, 37, 4.0, 5));
-    let settings = DenoiseSettings { method: DenoiseMethod::Builtin, oidn: None };
+    let settings = DenoiseSettings::default().with_method(DenoiseMethod::Builtin);
     let denoiser = dunkelfeld::find_denoiser(&settings).expect("always there").expect("a denoiser");
     let on = |threads| {
         let session = Session::new(threads).expect("threads");

@@ -6,10 +6,6 @@
 mod support;
 
 use dunkelfeld::geometry::DVec3;
-use dunkelfeld::io::InputError;
-use dunkelfeld::io::job::Job;
-use dunkelfeld::io::sensor_file::parse_sensor;
-use dunkelfeld::io::toml_file::TomlFile;
 use dunkelfeld::radiometry::Rgb;
 use dunkelfeld::scene::{Effect, Material, Scene, SceneBuilder};
 use dunkelfeld::sensor::Optics;
@@ -17,6 +13,10 @@ use dunkelfeld::{
     Budget, DenoiseStats, HeavySample, MemoryAccount, MemoryItem, MemoryStats, PartStats, RenderSettings,
     STATS_VERSION, SensorChoice, Session, Stage, Stats, certify, develop, find_sensor, render,
 };
+use dunkelfeld_io::InputError;
+use dunkelfeld_io::job::Job;
+use dunkelfeld_io::sensor_file::parse_sensor;
+use dunkelfeld_io::toml_file::TomlFile;
 use serde_json::Value;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -266,7 +266,7 @@ fn the_examples_of_the_pages_and_all_presets_are_read() {
             (reference.read)(&example).unwrap_or_else(|e| panic!("{}: {e}\n{example}", reference.page));
         }
     }
-    assert!(dunkelfeld::io::sensor_file::preset_names().all(|name| find_sensor(name).is_ok()));
+    assert!(dunkelfeld_io::sensor_file::preset_names().all(|name| find_sensor(name).is_ok()));
 }
 
 // --- Materials ---------------------------------------------------------------------------------------------------------
@@ -338,10 +338,10 @@ fn all_kinds_of_stats() -> [Value; 3] {
     let optics = Optics::new(4.0, 0.9, 0.0).expect("in range");
     let model = Box::new(find_sensor("imx250").expect("a preset"));
     let sensor = SensorChoice::Emva { model, optics, exposure: None };
-    let budget = Budget { seconds: Some(60.0), spp: Some(8.0), noise: Some(100.0) };
+    let budget = Budget::default().with_seconds(60.0).with_spp(8.0).with_noise(Some(100.0));
     [
-        stats(&RenderSettings { sensor: sensor.clone(), budget, ..settings(4, 3, 8.0, 1) }),
-        stats(&RenderSettings { sensor, ..settings(4, 3, 1.0, 1) }),
+        stats(&settings(4, 3, 8.0, 1).with_sensor(sensor.clone()).with_budget(budget)),
+        stats(&settings(4, 3, 1.0, 1).with_sensor(sensor)),
         stats(&settings(4, 3, 1.0, 1)),
     ]
 }
@@ -432,7 +432,7 @@ fn the_effects_page_names_every_effect_and_no_other() {
 /// The bytes of a pixel add up to what the code writes.
 #[test]
 fn the_checkpoint_page_states_the_bytes_of_a_pixel() {
-    use dunkelfeld::io::checkpoint::{CHECKPOINT_VERSION, PIXEL_BYTES};
+    use dunkelfeld_io::checkpoint::{CHECKPOINT_VERSION, PIXEL_BYTES};
     let text = page("docs/checkpoints.md");
     assert!(text.contains(&format!("| sums | {PIXEL_BYTES} per pixel, 8 |")), "the sums have {PIXEL_BYTES} bytes");
     assert!(text.contains(&format!("version of the format: {CHECKPOINT_VERSION} |")));

@@ -3,11 +3,11 @@
 //!
 //! Seeds are fixed. Replay: `cargo test -p dunkelfeld --test emva NAME`.
 
-use dunkelfeld::io::sensor_file::{parse_sensor, preset};
-use dunkelfeld::io::toml_file::TomlFile;
 use dunkelfeld::radiometry::{Irradiance, Metres, Nanometres, Seconds, photon};
 use dunkelfeld::sensor::{FilterColor, SensorModel};
 use dunkelfeld::{Cancel, Session};
+use dunkelfeld_io::sensor_file::{parse_sensor, preset};
+use dunkelfeld_io::toml_file::TomlFile;
 use dunkelfeld_studies::emva::{
     DESCRIPTOR, DatasetPlan, DatasetSettings, Findings, TRUTH, Truth, Vary, read_measurement, write_dataset,
 };
@@ -44,7 +44,7 @@ fn everything() -> SensorModel {
 }
 
 fn small() -> DatasetSettings {
-    DatasetSettings { width: 160, height: 120, seed: 5, ..DatasetSettings::default() }
+    DatasetSettings::default().with_width(160).with_height(120).with_seed(5)
 }
 
 /// Every figure against the truth: (estimate - truth) / error; of nonuniformities, which are roots, the squares.
@@ -83,13 +83,13 @@ fn a_camera_with_everything_is_found() {
 #[test]
 fn cameras_of_data_sheets_are_found() {
     for (seed, name) in (6..).zip(["imx174", "imx900-hcg", "imx250"]) {
-        find(&preset(name).expect("a preset"), &DatasetSettings { seed, ..small() });
+        find(&preset(name).expect("a preset"), &small().with_seed(seed));
     }
 }
 
 #[test]
 fn light_may_vary_instead_of_time_and_bits_may_be_others() {
-    let settings = DatasetSettings { vary: Vary::Irradiance, exposure: Seconds(0.02), bit_depth: Some(10), ..small() };
+    let settings = small().with_vary(Vary::Irradiance).with_exposure(Seconds(0.02)).with_bit_depth(10);
     let plan = DatasetPlan::new(&everything(), &settings).expect("a plan");
     assert_eq!(plan.shots().iter().filter(|s| s.photons == 0.0).count(), 2);
     let found = analyse(&plan.measure().expect("frames"), &AnalysisSettings::default()).expect("a measurement");
@@ -106,7 +106,7 @@ fn light_may_vary_instead_of_time_and_bits_may_be_others() {
 #[test]
 fn a_camera_whose_well_fills_with_dark_current_is_found() {
     let model = preset("imx900-hcg").expect("a preset");
-    let settings = DatasetSettings { exposure: Seconds(1000.0), ..small() };
+    let settings = small().with_exposure(Seconds(1000.0));
     let plan = DatasetPlan::new(&model, &settings).expect("a plan");
     let truth = plan.truth();
     let end = truth.quantities["mu_e.sat"];
@@ -126,7 +126,7 @@ fn of_a_mosaic_the_pixels_of_one_colour_are_measured() {
     let model = parse_sensor(&TomlFile::from_text("mosaic.toml", text)).expect("a sensor");
     let refusal = DatasetPlan::new(&model, &small()).expect_err("which colour?");
     assert!(refusal.to_string().contains("red, green or blue"), "{refusal}");
-    let settings = DatasetSettings { color: Some(FilterColor::Red), wavelength: Some(Nanometres(600.0)), ..small() };
+    let settings = small().with_color(FilterColor::Red).with_wavelength(Nanometres(600.0));
     let plan = DatasetPlan::new(&model, &settings).expect("a plan");
     assert_eq!(plan.truth().quantities["eta"], 0.4);
     let found = analyse(&plan.measure().expect("frames"), &AnalysisSettings::default()).expect("a measurement");
@@ -172,8 +172,7 @@ fn written(folder: &Path, settings: &DatasetSettings, threads: usize) -> Truth {
 fn a_data_set_survives_the_way_through_files() {
     let home = tempfile::tempdir().expect("a temporary folder");
     for bits in [8, 12] {
-        let settings =
-            DatasetSettings { width: 64, height: 48, levels: 20, stack: 4, bit_depth: Some(bits), ..small() };
+        let settings = small().with_width(64).with_height(48).with_levels(20).with_stack(4).with_bit_depth(bits);
         let folder = home.path().join(format!("sets/{bits}"));
         let truth = written(&folder, &settings, 2);
         let read = read_measurement(&folder.join(DESCRIPTOR), &Session::new(2).expect("threads"));
@@ -220,7 +219,7 @@ fn a_data_set_survives_the_way_through_files() {
 #[test]
 fn a_cancelled_data_set_leaves_nothing_and_a_full_folder_is_not_touched() {
     let home = tempfile::tempdir().expect("a temporary folder");
-    let settings = DatasetSettings { width: 32, height: 32, levels: 10, ..small() };
+    let settings = small().with_width(32).with_height(32).with_levels(10);
     let plan = DatasetPlan::new(&everything(), &settings).expect("a plan");
     let cancel = Cancel::new();
     cancel.cancel();
@@ -242,7 +241,7 @@ fn a_cancelled_data_set_leaves_nothing_and_a_full_folder_is_not_touched() {
 fn files_that_do_not_fit_are_named() {
     let home = tempfile::tempdir().expect("a temporary folder");
     let folder = home.path().join("set");
-    written(&folder, &DatasetSettings { width: 32, height: 32, levels: 10, stack: 3, ..small() }, 1);
+    written(&folder, &small().with_width(32).with_height(32).with_levels(10).with_stack(3), 1);
     let path = folder.join(DESCRIPTOR);
     let whole = std::fs::read_to_string(&path).expect("there");
     for (from, to, place, problem) in [
@@ -292,9 +291,9 @@ fn the_page_names_every_figure_and_no_other() {
     let (_, rest) = page.split_once("## What is found").expect("the section");
     let rows = rest.lines().filter_map(|l| l.strip_prefix("| `")?.split_once('`').map(|(symbol, _)| symbol));
     let named: std::collections::BTreeSet<&str> = rows.collect();
-    let settings = DatasetSettings { width: 48, height: 48, levels: 20, stack: 4, ..small() };
+    let settings = small().with_width(48).with_height(48).with_levels(20).with_stack(4);
     let measured = DatasetPlan::new(&everything(), &settings).expect("a plan").measure().expect("frames");
-    let rules = AnalysisSettings { pixel_pitch: Some(3.45), ..AnalysisSettings::default() };
+    let rules = AnalysisSettings::default().with_pixel_pitch(3.45);
     let found = analyse(&measured, &rules).expect("a measurement");
     let symbols: std::collections::BTreeSet<&str> = found.quantities.iter().map(|q| q.symbol).collect();
     assert_eq!(named, symbols, "left the page, right the analyser");

@@ -6,16 +6,16 @@ mod support;
 
 use dunkelfeld::film::Plane;
 use dunkelfeld::geometry::DVec3;
-use dunkelfeld::io::exr::{Channel, ExrLayers, write_exr};
-use dunkelfeld::io::layers::{Single, Triple};
-use dunkelfeld::io::sensor_file::parse_sensor;
-use dunkelfeld::io::toml_file::TomlFile;
 use dunkelfeld::radiometry::{Electrons, Rgb, Seconds};
 use dunkelfeld::sensor::{BayerPattern, Exposure, ExposureNoise, Optics, SensorModel};
 use dunkelfeld::{
     Cancel, ExposeOutputs, ExposeSettings, Exposer, Frame, Picture, RenderSettings, SensorChoice, Session,
     develop_film, expose_exr, find_sensor, render,
 };
+use dunkelfeld_io::exr::{Channel, ExrLayers, write_exr};
+use dunkelfeld_io::layers::{Single, Triple};
+use dunkelfeld_io::sensor_file::parse_sensor;
+use dunkelfeld_io::toml_file::TomlFile;
 use std::path::PathBuf;
 use support::{build, emitter, settings, square};
 use tempfile::TempDir;
@@ -58,7 +58,7 @@ fn colour(pattern: BayerPattern) -> SensorModel {
 }
 
 fn exposing(model: SensorModel) -> ExposeSettings {
-    ExposeSettings { exposure: exposure(1e-3), ..ExposeSettings::new(model).expect("defaults") }
+    ExposeSettings::new(model).expect("defaults").with_exposure(exposure(1e-3))
 }
 
 /// EMVA 1288's own anchor: mu_p = 50.34 A\[um^2\] t\[ms\] lambda\[um\] E\[uW/cm^2\], summed over the three bands, through the lens
@@ -81,7 +81,7 @@ fn an_image_of_another_renderer_gives_the_electrons_of_the_standard() {
             ("ViewLayer.Emit.B", flat(7.0)),
         ],
     );
-    let settings = ExposeSettings { optics: Optics::new(2.8, 0.8, 0.25).expect("in range"), ..exposing(sensor(MONO)) };
+    let settings = exposing(sensor(MONO)).with_optics(Optics::new(2.8, 0.8, 0.25).expect("in range"));
     let expected = |rgb: [f64; 3]| {
         let irradiance = std::f64::consts::PI * 0.8 / (4.0 * 2.8 * 2.8 * 1.25 * 1.25) * 100.0;
         let bands = [0.61, 0.55, 0.465];
@@ -91,14 +91,14 @@ fn an_image_of_another_renderer_gives_the_electrons_of_the_standard() {
     for (layer, rgb) in
         [(None, [2.0, 1.0, 0.5]), (Some("emit"), [7.0; 3]), (Some("ViewLayer.Combined"), [2.0, 1.0, 0.5])]
     {
-        let settings = ExposeSettings { layer: layer.map(Into::into), ..settings.clone() };
+        let settings = settings.clone().with_layer(layer.map(Into::into));
         let exposer = Exposer::open(&path, &settings).expect("an image");
         assert_eq!(exposer.size(), [6, 4]);
         for &e in exposer.electrons().data() {
             assert!((f64::from(e) / expected(rgb) - 1.0).abs() < 1e-4, "{layer:?}: {e}, not {}", expected(rgb));
         }
     }
-    let missing = ExposeSettings { layer: Some("Diffuse".into()), ..settings };
+    let missing = settings.with_layer(Some("Diffuse".into()));
     let message = Exposer::open(&path, &missing).expect_err("no such layer").to_string();
     assert!(
         message.contains("Diffuse") && message.contains("ViewLayer.Emit.R") && message.contains("help"),
@@ -115,7 +115,7 @@ fn a_lens_that_vignettes_darkens_by_the_fourth_power_of_the_cosine() {
     let f = 0.4e-3;
     let open = |vignetting, magnification| {
         let optics = Optics::new(4.0, 0.9, magnification).expect("in range");
-        let settings = ExposeSettings { vignetting, optics, ..exposing(sensor(MONO)) };
+        let settings = exposing(sensor(MONO)).with_vignetting(vignetting).with_optics(optics);
         Exposer::open(&path, &settings).expect("an image").electrons().clone()
     };
     for m in [0.0, 0.5] {
@@ -138,10 +138,11 @@ fn frames_are_numbered_and_do_not_depend_on_threads_or_company() {
     let ramp = (0..40 * 30).map(|i| i as f32 * 1e-3).collect();
     let path = written(&folder, "ramp.exr", (40, 30), &[("R", ramp), ("G", vec![0.3; 1200]), ("B", vec![0.1; 1200])]);
     let model = find_sensor("imx174").expect("a preset");
-    let many = ExposeSettings { seed: 5, first_frame: 9998, frames: 5, exposure: None, threads: 3, ..exposing(model) };
-    let outputs = |name: &str| ExposeOutputs {
-        image: Some(folder.path().join(format!("{name}.png"))),
-        linear: Some(folder.path().join(format!("{name}.tif"))),
+    let many = exposing(model).with_seed(5).with_first_frame(9998).with_frames(5).with_exposure(None).with_threads(3);
+    let outputs = |name: &str| {
+        ExposeOutputs::default()
+            .with_image(folder.path().join(format!("{name}.png")))
+            .with_linear(folder.path().join(format!("{name}.tif")))
     };
     let done =
         expose_exr(&path, &many, &outputs("many"), &Session::new(many.threads).expect("threads")).expect("exposed");
@@ -152,7 +153,7 @@ fn frames_are_numbered_and_do_not_depend_on_threads_or_company() {
         (5, 10, "many-09998.png", "many-10002.tif")
     );
     // One of them alone, on one thread.
-    let one = ExposeSettings { first_frame: 10_000, frames: 1, threads: 1, ..many.clone() };
+    let one = many.clone().with_first_frame(10_000).with_frames(1).with_threads(1);
     let alone =
         expose_exr(&path, &one, &outputs("one"), &Session::new(one.threads).expect("threads")).expect("exposed");
     let read = |name: &str| std::fs::read(folder.path().join(name)).unwrap_or_else(|e| panic!("{name}: {e}"));
@@ -181,7 +182,7 @@ fn known_noise_of_an_image_is_taken_out_of_the_cameras() {
     let count = (SIDE * SIDE) as usize;
     let folder = folder();
     let model = sensor(MONO);
-    let settings = ExposeSettings { optics: Optics::new(4.0, 1.0, 0.0).expect("in range"), ..exposing(model.clone()) };
+    let settings = exposing(model.clone()).with_optics(Optics::new(4.0, 1.0, 0.0).expect("in range"));
     let flat = written(&folder, "flat.exr", (1, 1), &[("Y", vec![1.0])]);
     let per_radiance = f64::from(*Exposer::open(&flat, &settings).expect("an image").electrons().at(0, 0));
     // 400 electrons, the noise of the render half of the camera's as a variance.
@@ -205,7 +206,7 @@ fn known_noise_of_an_image_is_taken_out_of_the_cameras() {
         .collect();
     let path = written(&folder, "noisy.exr", (SIDE, SIDE), &channels);
     for (exposure_noise, expected) in [(ExposureNoise::Plain, 1.5), (ExposureNoise::Matched, 1.0)] {
-        let settings = ExposeSettings { exposure_noise, seed: 3, ..settings.clone() };
+        let settings = settings.clone().with_exposure_noise(exposure_noise).with_seed(3);
         let frame = Exposer::open(&path, &settings).expect("an image").frame(0).expect("a frame");
         let n = count as f64;
         let mean = frame.data().iter().map(|&y| f64::from(y)).sum::<f64>() / n;
@@ -215,11 +216,11 @@ fn known_noise_of_an_image_is_taken_out_of_the_cameras() {
         assert!((mean - 500.0).abs() < 7.0 * (got / n).sqrt(), "{exposure_noise:?}: mean {mean}");
     }
     // Of what is not known nothing can be taken out, and frames that share it would be too quiet.
-    let matched = ExposeSettings { exposure_noise: ExposureNoise::Matched, ..settings };
+    let matched = settings.with_exposure_noise(ExposureNoise::Matched);
     for (path, settings, part) in [
         (&flat, matched.clone(), "layer `variance`"),
-        (&path, ExposeSettings { frames: 2, ..matched.clone() }, "share its noise"),
-        (&path, ExposeSettings { layer: Some(String::new()), ..matched }, "--layer"),
+        (&path, matched.clone().with_frames(2), "share its noise"),
+        (&path, matched.with_layer(String::new()), "--layer"),
     ] {
         let message = Exposer::open(path, &settings).expect_err(part).to_string();
         assert!(message.contains(part) && message.contains("help"), "{message}");
@@ -239,7 +240,7 @@ fn lit_floor(sensor: SensorModel, noise: ExposureNoise) -> (dunkelfeld::Renderin
     b.add_camera("camera", DVec3::new(1.1, -2.0, 1.1), DVec3::new(0.0, 0.0, 0.1), 0.7);
     let optics = Optics::new(4.0, 0.9, 0.0).expect("in range");
     let sensor = SensorChoice::Emva { model: Box::new(sensor), optics, exposure: exposure(0.3e-3) };
-    let settings = RenderSettings { sensor, exposure_noise: noise, ..settings(30, 24, 16.0, 4) };
+    let settings = settings(30, 24, 16.0, 4).with_sensor(sensor).with_exposure_noise(noise);
     let rendering =
         render(&build(b), &settings, &Session::new(settings.threads).expect("threads")).expect("valid settings");
     (rendering, settings)
@@ -263,7 +264,7 @@ fn every_pixel_of_a_mosaic_is_one_of_a_monochrome_sensor_of_its_colour() {
         for (color, curve) in [RED, GREEN, BLUE].into_iter().enumerate() {
             let SensorChoice::Emva { optics, exposure, .. } = settings.sensor.clone() else { panic!("a sensor") };
             let model = Box::new(sensor(&format!("quantum_efficiency = {curve}\n")));
-            let mono = RenderSettings { sensor: SensorChoice::Emva { model, optics, exposure }, ..settings.clone() };
+            let mono = settings.clone().with_sensor(SensorChoice::Emva { model, optics, exposure });
             let frame = developed(&rendering, &mono);
             let mono = frame.sensor.as_ref().expect("a sensor");
             let ratios = [mosaic, mono].map(|s| &s.certified.as_ref().expect("certified").ratios);
@@ -292,7 +293,15 @@ fn matched_behind_a_mosaic() -> (Frame, ExrLayers, ExposeSettings) {
     let layers = dunkelfeld::encode_layers(&rendering.film, &frame, &settings);
     let SensorChoice::Emva { model, optics, exposure } = settings.sensor else { panic!("a sensor") };
     let defaults = ExposeSettings::new(*model).expect("defaults");
-    (frame, layers, ExposeSettings { optics, exposure, exposure_noise, seed: settings.seed, ..defaults })
+    (
+        frame,
+        layers,
+        defaults
+            .with_optics(optics)
+            .with_exposure(exposure)
+            .with_exposure_noise(exposure_noise)
+            .with_seed(settings.seed),
+    )
 }
 
 /// An invalid variance counts as unknown: matched exposure holds in no pixel that has one, whatever other data the file
@@ -313,7 +322,7 @@ fn variances_that_are_none_leave_nothing_out() {
         }
         let path = folder.path().join(name);
         write_exr(&path, layers).expect("written");
-        let outputs = ExposeOutputs { image: None, linear: Some(folder.path().join(format!("{name}.tif"))) };
+        let outputs = ExposeOutputs::default().with_image(None).with_linear(folder.path().join(format!("{name}.tif")));
         let done = expose_exr(&path, &exposing, &outputs, &Session::new(0).expect("threads")).expect("exposed");
         done.matched.expect("noise was to be matched")
     };
@@ -337,11 +346,7 @@ fn a_render_behind_a_filter_is_planned_and_certified() {
     b.add_camera("camera", DVec3::new(0.0, 0.0, 2.0), DVec3::ZERO, 0.7);
     let scene = build(b);
     // A flat image has no edges: the paper's method shares its samples out evenly, mosaic or not.
-    let sobel = RenderSettings {
-        strategy: Some(Strategy::Sobel),
-        budget: Budget { spp: Some(32.0), ..Budget::default() },
-        ..settings.clone()
-    };
+    let sobel = settings.clone().with_strategy(Strategy::Sobel).with_budget(Budget::default().with_spp(32.0));
     let counts = render(&scene, &sobel, &Session::new(sobel.threads).expect("threads"))
         .expect("valid")
         .film
@@ -352,8 +357,8 @@ fn a_render_behind_a_filter_is_planned_and_certified() {
     // And a level of noise is reached.
     let (rendering, hidden) = {
         let (_, settings) = lit_floor(colour(BayerPattern::Grbg), ExposureNoise::Plain);
-        let budget = Budget { noise: Some(1.0), spp: Some(4000.0), ..Budget::default() };
-        let hidden = RenderSettings { strategy: Some(Strategy::Sensor), budget, ..settings };
+        let budget = Budget::default().with_noise(1.0).with_spp(Some(4000.0));
+        let hidden = settings.with_strategy(Strategy::Sensor).with_budget(budget);
         let mut b = dunkelfeld::scene::SceneBuilder::default();
         let floor = b.add_material(dunkelfeld::scene::Material::default());
         b.add_object("floor", square(0.0, 2.4, false), floor);
@@ -376,7 +381,7 @@ fn layers_of_a_render_are_matched_as_the_render_was() {
     let path = folder.path().join("layers.exr");
     write_exr(&path, layers).expect("written");
     let expose = |exposure_noise| {
-        let settings = ExposeSettings { exposure_noise, ..exposing.clone() };
+        let settings = exposing.clone().with_exposure_noise(exposure_noise);
         Exposer::open(&path, &settings).expect("an image").frame(0).expect("a frame")
     };
     let own = &frame.sensor.as_ref().expect("a sensor").values;

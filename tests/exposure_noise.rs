@@ -7,8 +7,6 @@ mod support;
 
 use dunkelfeld::film::{Accumulate, Film, PixelSums, Plane, Sample};
 use dunkelfeld::geometry::{DVec3, Vec3};
-use dunkelfeld::integrator::Label;
-use dunkelfeld::io::layers::Single;
 use dunkelfeld::radiometry::{Electrons, Rgb, Seconds};
 use dunkelfeld::scene::shapes::cuboid;
 use dunkelfeld::scene::{Material, Scene, SceneBuilder};
@@ -17,6 +15,8 @@ use dunkelfeld::{
     Frame, RenderSettings, RenderedFilm, Rendering, SensorChoice, Session, certify, develop, develop_film,
     encode_layers, find_sensor, render,
 };
+use dunkelfeld_integrator::Label;
+use dunkelfeld_io::layers::Single;
 use dunkelfeld_sampling::hash_u64;
 use support::{build, emitter, settings, square};
 
@@ -45,7 +45,7 @@ fn exposed(ms: f64) -> RenderSettings {
     let model = Box::new(find_sensor("imx250").expect("a preset"));
     let exposure = Exposure::new(Seconds(ms * 1e-3)).expect("in range");
     let sensor = SensorChoice::Emva { model, optics, exposure: Some(exposure) };
-    RenderSettings { sensor, exposure_noise: ExposureNoise::Matched, ..settings(SIDE, SIDE, 64.0, 5) }
+    settings(SIDE, SIDE, 64.0, 5).with_sensor(sensor).with_exposure_noise(ExposureNoise::Matched)
 }
 
 fn rendered(scene: &Scene, settings: &RenderSettings) -> Rendering {
@@ -67,7 +67,7 @@ fn ratios(rendering: &Rendering, settings: &RenderSettings) -> Vec<f64> {
 fn plan(scene: &Scene, ms: f64) -> Plane<u32> {
     let mut plan = Plane::new(SIDE, SIDE, 64);
     for frame in 1000..1004 {
-        let settings = RenderSettings { frame, replay: Some(plan.clone()), ..exposed(ms) };
+        let settings = exposed(ms).with_frame(frame).with_replay(plan.clone());
         let ratios = ratios(&rendered(scene, &settings), &settings);
         for (n, ratio) in plan.data_mut().iter_mut().zip(ratios) {
             // Full sets of the four batches, two at least.
@@ -112,7 +112,7 @@ fn photon_transfer(ms: f64) {
     let plan = plan(&scene, ms);
     let mut pixels = vec![Pixel::default(); PIXELS];
     for frame in 0..FRAMES {
-        let matched = RenderSettings { frame, replay: Some(plan.clone()), ..exposed(ms) };
+        let matched = exposed(ms).with_frame(frame).with_replay(plan.clone());
         let rendering = rendered(&scene, &matched);
         let frames =
             [&matched, &plain(&matched)].map(|settings| developed(&rendering, settings).sensor.expect("a sensor"));
@@ -182,7 +182,7 @@ fn photon_transfer(ms: f64) {
 #[test]
 fn what_a_rare_sample_brings_is_not_made_up_for_by_its_neighbours() {
     const SAMPLES: u32 = 64;
-    let settings = RenderSettings { width: 64, height: 48, ..exposed(1.0) };
+    let settings = exposed(1.0).with_width(64).with_height(48);
     let pixels = 64 * 48;
     let ids = Plane::new(64, 48, Some(Label::new(0, 0)));
     let SensorChoice::Emva { model, exposure: Some(exposure), .. } = &settings.sensor else { panic!("a sensor") };
@@ -214,7 +214,7 @@ fn what_a_rare_sample_brings_is_not_made_up_for_by_its_neighbours() {
         }
         let mut film = Film::new(64, 48);
         film.add_rows(0, &sums_of_frame).expect("memory");
-        let settings = RenderSettings { frame, ..settings.clone() };
+        let settings = settings.clone().with_frame(frame);
         let sensor = develop_film(&film_of(film, &ids), &settings).expect("a frame").sensor.expect("a sensor");
         let ratios = &sensor.certified.as_ref().expect("certified").ratios;
         let mut others = Plane::new(64, 48, 0u16);
@@ -252,7 +252,7 @@ fn what_has_no_noise_holds_no_rare_sample() {
         red = [[465, 0.04], [550, 0.06], [610, 0.45]]\ngreen = [[465, 0.15], [530, 0.58], [610, 0.1]]\n\
         blue = [[465, 0.52], [550, 0.12], [610, 0.04]]\n";
     std::fs::write(&path, mosaic).expect("written");
-    let mosaic = dunkelfeld::io::sensor_file::load_sensor(&path).expect("a sensor");
+    let mosaic = dunkelfeld_io::sensor_file::load_sensor(&path).expect("a sensor");
     let ids = Plane::new(16, 16, Some(Label::new(0, 0)));
     for model in [find_sensor("imx250").expect("a preset"), mosaic] {
         for [r, g, b] in [[1.0, 1.0, 1.0], [0.2, 0.6, 0.2], [0.0, 1.0, 0.0], [1.0, 0.0, 0.1], [0.0, 0.1, 1.0]] {
@@ -267,7 +267,7 @@ fn what_has_no_noise_holds_no_rare_sample() {
             let optics = Optics::new(4.0, 0.9, 0.0).expect("in range");
             let exposure = Exposure::new(Seconds(2e-3)).expect("in range");
             let sensor = SensorChoice::Emva { model: Box::new(model.clone()), optics, exposure: Some(exposure) };
-            let settings = RenderSettings { width: 16, height: 16, sensor, ..small() };
+            let settings = small().with_width(16).with_height(16).with_sensor(sensor);
             let frame = develop_film(&film_of(film, &ids), &settings).expect("a frame").sensor.expect("a sensor");
             let matched = frame.matched.expect("matched");
             let brightest = frame.electrons.data().iter().fold(0.0f32, |a, &b| a.max(b));
@@ -284,11 +284,11 @@ fn film_of(sums: Film, ids: &Plane<Option<Label>>) -> RenderedFilm {
 
 /// The small image of the tests below.
 fn small() -> RenderSettings {
-    RenderSettings { width: 40, height: 30, ..exposed(0.15) }
+    exposed(0.15).with_width(40).with_height(30)
 }
 
 fn plain(settings: &RenderSettings) -> RenderSettings {
-    RenderSettings { exposure_noise: ExposureNoise::Plain, ..settings.clone() }
+    settings.clone().with_exposure_noise(ExposureNoise::Plain)
 }
 
 fn values(frame: &Frame) -> &Plane<u16> {
@@ -301,7 +301,7 @@ fn matched_frames_depend_on_the_film_alone_and_state_where_they_hold() {
     let settings = small();
     let rendering = rendered(&scene, &settings);
     let frame = developed(&rendering, &settings);
-    let one = RenderSettings { threads: 1, ..settings.clone() };
+    let one = settings.clone().with_threads(1);
     let again = Session::new(1).expect("a thread").install(|| developed(&rendered(&scene, &one), &one));
     assert_eq!(values(&frame), values(&again));
 
@@ -339,7 +339,7 @@ fn a_pixel_whose_variance_is_not_known_is_exposed_as_ever_and_does_not_count() {
         0 => 64,
         other => other - 1,
     };
-    let settings = RenderSettings { replay: Some(Plane::from_fn(40, 30, number)), ..small() };
+    let settings = small().with_replay(Plane::from_fn(40, 30, number));
     let rendering = rendered(&scene, &settings);
     let frame = developed(&rendering, &settings);
     let other = developed(&rendering, &plain(&settings));
@@ -369,7 +369,7 @@ fn a_pixel_whose_variance_is_not_known_is_exposed_as_ever_and_does_not_count() {
 
 #[test]
 fn noise_cannot_be_matched_to_a_sensor_that_is_not_there() {
-    let settings = RenderSettings { sensor: SensorChoice::None, ..small() };
+    let settings = small().with_sensor(SensorChoice::None);
     let refused =
         render(&shadow(), &settings, &Session::new(settings.threads).expect("threads")).expect_err("no sensor");
     let said = refused.to_string();

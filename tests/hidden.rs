@@ -6,7 +6,6 @@
 
 mod support;
 
-use dunkelfeld::adaptive::budget::StopReason;
 use dunkelfeld::adaptive::{Certificate, Strategy};
 use dunkelfeld::film::{Film, Plane};
 use dunkelfeld::geometry::{DVec3, Vec3};
@@ -18,6 +17,7 @@ use dunkelfeld::{
     Budget, Forecast, Frame, Progress, ProgressState, Project, RenderSettings, Rendering, SensorChoice, Session,
     certify, develop, find_sensor, render,
 };
+use dunkelfeld_adaptive::budget::StopReason;
 use dunkelfeld_testkit::{ImageEstimate, ImageTest, SampleMoments};
 use std::path::Path;
 use std::sync::Mutex;
@@ -46,15 +46,20 @@ fn still_life() -> Scene {
 const SEEDS: u64 = 24;
 
 fn settings(width: u32, height: u32, budget: Budget, seed: u64) -> RenderSettings {
-    RenderSettings { width, height, budget, seed, sensor: sensor(), ..RenderSettings::default() }
+    RenderSettings::default()
+        .with_width(width)
+        .with_height(height)
+        .with_budget(budget)
+        .with_seed(seed)
+        .with_sensor(sensor())
 }
 
 fn spp(n: f64) -> Budget {
-    Budget { spp: Some(n), ..Budget::default() }
+    Budget::default().with_spp(n)
 }
 
 fn noise(k: f64) -> Budget {
-    Budget { noise: Some(k), ..Budget::default() }
+    Budget::default().with_noise(k)
 }
 
 fn rendered(scene: &Scene, settings: &RenderSettings) -> Rendering {
@@ -72,8 +77,8 @@ fn certified(rendering: &Rendering, settings: &RenderSettings) -> (Frame, Certif
 fn a_render_ends_when_it_is_hidden_and_the_pilot_has_foretold_it() {
     let scene = still_life();
     let s = settings(32, 24, noise(1.0), 3);
-    let sobel = RenderSettings { strategy: Some(Strategy::Sobel), ..s.clone() };
-    let uniform = RenderSettings { strategy: Some(Strategy::Uniform), ..s.clone() };
+    let sobel = s.clone().with_strategy(Strategy::Sobel);
+    let uniform = s.clone().with_strategy(Strategy::Uniform);
     let mut samples = Vec::new();
     for s in [&s, &sobel, &uniform] {
         let rendering = rendered(&scene, s);
@@ -98,14 +103,14 @@ fn plans_by_noise_are_the_same_on_any_number_of_threads_and_replay() {
         [(Strategy::Variance, spp(48.0)), (Strategy::Sensor, spp(48.0)), (Strategy::Sensor, noise(3.0))]
     {
         let with = |threads| {
-            let s = RenderSettings { threads, strategy: Some(strategy), ..settings(33, 22, budget, 9) };
+            let s = settings(33, 22, budget, 9).with_threads(threads).with_strategy(strategy);
             rendered(&scene, &s).film
         };
         let film = with(1);
         assert!(film == with(3), "{strategy} {budget:?}");
         let plan = film.sums.sample_counts();
         assert!(plan.data().iter().any(|&n| n != plan.data()[0]), "{strategy} adapts");
-        let replay = RenderSettings { replay: Some(plan), threads: 2, ..settings(33, 22, Budget::default(), 9) };
+        let replay = settings(33, 22, Budget::default(), 9).with_replay(plan).with_threads(2);
         assert!(rendered(&scene, &replay).film == film, "{strategy} replays");
     }
 }
@@ -135,9 +140,8 @@ fn a_forecast_comes_once_and_before_the_end() {
 /// The mean over renders of many seeds, with its variance: what two ways of rendering must agree on.
 fn over_seeds(project: &Project, settings: &RenderSettings, seeds: std::ops::Range<u64>) -> ImageEstimate {
     let count = seeds.end - seeds.start;
-    let films: Vec<Plane<[f32; 3]>> = seeds
-        .map(|seed| rendered(&project.scene, &RenderSettings { seed, ..settings.clone() }).film.sums.mean())
-        .collect();
+    let films: Vec<Plane<[f32; 3]>> =
+        seeds.map(|seed| rendered(&project.scene, &settings.clone().with_seed(seed)).film.sums.mean()).collect();
     let (width, height) = (settings.width as usize, settings.height as usize);
     let mut image = ImageEstimate { width, height, freedom: (count - 1) as f64, ..ImageEstimate::default() };
     for pixel in 0..width * height {
@@ -156,7 +160,7 @@ fn compare(job: &str) {
     let mut project = Project::open(path).expect("a shipped job");
     (project.settings.width, project.settings.height) = (24, 24);
     let base = project.fitted().expect("the lens fits");
-    let with = |strategy| RenderSettings { strategy: Some(strategy), budget: spp(40.0), ..base.clone() };
+    let with = |strategy| base.clone().with_strategy(strategy).with_budget(spp(40.0));
     let uniform = over_seeds(&project, &with(Strategy::Uniform), 100..100 + SEEDS);
     let test = ImageTest { minimum_pass_share: 0.98, rounding: 1e-5 };
     for (i, strategy) in [Strategy::Sobel, Strategy::Variance, Strategy::Sensor].into_iter().enumerate() {
@@ -249,8 +253,8 @@ fn a_black_scene_is_hidden_at_once_and_silly_levels_are_refused() {
     for k in [0.0, -1.0, f64::NAN, f64::INFINITY] {
         assert!(refused(settings(8, 8, noise(k), 0)).contains("noise"));
     }
-    let none = RenderSettings { sensor: SensorChoice::None, ..settings(8, 8, noise(0.5), 0) };
+    let none = settings(8, 8, noise(0.5), 0).with_sensor(SensorChoice::None);
     assert!(refused(none.clone()).contains("sensor"));
     let strategy = Some(Strategy::Sensor);
-    assert!(refused(RenderSettings { strategy, budget: spp(8.0), ..none }).contains("variance"));
+    assert!(refused(none.with_strategy(strategy).with_budget(spp(8.0))).contains("variance"));
 }

@@ -7,12 +7,13 @@ mod support;
 
 use dunkelfeld::film::{Accumulate, Film, PixelSums};
 use dunkelfeld::geometry::{DVec3, Vec3};
-use dunkelfeld::integrator::{Estimator, PixelSample};
 use dunkelfeld::radiometry::Rgb;
 use dunkelfeld::scene::shapes::{cuboid, sphere};
-use dunkelfeld::scene::{FeatureSet, Material, Scene, SceneBuilder, Surface, Volume};
+use dunkelfeld::scene::{Material, Scene, SceneBuilder, Surface, Volume};
 use dunkelfeld::{Budget, Cancel, RenderSettings, Session, render};
 use dunkelfeld_adaptive::weights::Strategy;
+use dunkelfeld_integrator::{Estimator, PixelSample};
+use dunkelfeld_scene::FeatureSet;
 use support::{build, emitter, settings, square};
 
 /// A room in miniature: floor, glass ball, metal box, one light; enough for every kind of decision.
@@ -45,7 +46,8 @@ fn the_film_is_bit_identical_for_any_number_of_threads() {
     let scene = room();
     for strategy in [Strategy::Uniform, Strategy::Sobel, Strategy::Variance] {
         let strategy = Some(strategy);
-        let with = |threads| rendered(&scene, &RenderSettings { threads, strategy, ..settings(50, 37, 32.0, 11) });
+        let with =
+            |threads| rendered(&scene, &settings(50, 37, 32.0, 11).with_threads(threads).with_strategy(strategy));
         let one = with(1);
         assert!(one.total_samples() > 0 && one == with(2) && one == with(7), "{strategy:?}");
     }
@@ -76,7 +78,7 @@ fn the_kernel_with_media_gives_the_same_image_where_there_are_none() {
     let mean = |more: FeatureSet, seed: u64| {
         let mut scene = room();
         scene.force_features(more);
-        let film = rendered(&scene, &RenderSettings { seed, ..settings(24, 18, 256.0, 3) });
+        let film = rendered(&scene, &settings(24, 18, 256.0, 3).with_seed(seed));
         let sums = film.sums();
         let pixels = sums.data();
         let n = pixels.len() as f64;
@@ -115,23 +117,20 @@ fn sample_sets_are_additive_to_the_last_bit() {
     let whole = part(0..128);
     assert!(sum == whole, "[0,64) + [64,128) differs from [0,128)");
     // And the renderer takes exactly these samples.
-    let by_rounds = rendered(&scene, &RenderSettings { budget: Budget { spp: Some(128.0), ..Budget::default() }, ..s });
+    let by_rounds = rendered(&scene, &s.with_budget(Budget::default().with_spp(128.0)));
     assert!(by_rounds == whole, "rounds differ from samples taken one by one");
 }
 
 #[test]
 fn a_timed_render_replays_to_the_same_bits() {
     let scene = room();
-    let timed = RenderSettings {
-        budget: Budget { seconds: Some(0.6), ..Budget::default() },
-        strategy: Some(Strategy::Sobel),
-        ..settings(64, 48, 1.0, 3)
-    };
+    let timed =
+        settings(64, 48, 1.0, 3).with_budget(Budget::default().with_seconds(0.6)).with_strategy(Strategy::Sobel);
     let run = |s: &RenderSettings| render(&scene, s, &Session::new(s.threads).expect("threads")).expect("valid");
     let first = run(&timed);
     let plan = first.plan();
     assert!(plan.data().iter().all(|&n| n > 0) && plan.data().iter().any(|&n| n != plan.data()[0]), "the plan adapts");
-    let again = run(&RenderSettings { replay: Some(plan), threads: 3, ..timed });
+    let again = run(&timed.with_replay(plan).with_threads(3));
     assert!(first.film == again.film);
 }
 
@@ -140,7 +139,7 @@ fn seeds_and_frames_are_independent_images() {
     let scene = room();
     let s = settings(40, 30, 16.0, 1);
     let a = rendered(&scene, &s);
-    for other in [RenderSettings { seed: 2, ..s.clone() }, RenderSettings { frame: 1, ..s.clone() }] {
+    for other in [s.clone().with_seed(2), s.clone().with_frame(1)] {
         let b = rendered(&scene, &other);
         let (ma, mb) = (a.mean(), b.mean());
         let lit = ma.data().iter().zip(mb.data()).filter(|(p, q)| p[0] > 0.0 && q[0] > 0.0);

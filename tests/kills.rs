@@ -135,8 +135,8 @@ fn is_leftover(name: &str) -> bool {
 fn is_whole(lab: &Lab, name: &str, bytes: &[u8]) -> bool {
     let path = lab.path(name);
     match path.extension().and_then(|e| e.to_str()).unwrap_or_default() {
-        "film" => dunkelfeld::io::checkpoint::read_checkpoint(&path).is_ok(),
-        "exr" => dunkelfeld::io::exr::read_exr(&path).is_ok(),
+        "film" => dunkelfeld_io::checkpoint::read_checkpoint(&path).is_ok(),
+        "exr" => dunkelfeld_io::exr::read_exr(&path).is_ok(),
         "png" => bytes.starts_with(b"\x89PNG") && bytes.ends_with(b"IEND\xaeB`\x82"),
         "json" => serde_json::from_slice::<serde_json::Value>(bytes).is_ok(),
         "svg" => bytes.trim_ascii_end().ends_with(b"</svg>"),
@@ -279,7 +279,7 @@ fn two_renders_on_one_checkpoint_never_tear_it() {
         let path = lab.path("a.film");
         if path.exists() {
             kept += 1;
-            dunkelfeld::io::checkpoint::read_checkpoint(&path).unwrap_or_else(|e| panic!("{e}"));
+            dunkelfeld_io::checkpoint::read_checkpoint(&path).unwrap_or_else(|e| panic!("{e}"));
         }
     }
     assert!(refused > 0, "two renders wrote one checkpoint");

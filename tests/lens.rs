@@ -240,8 +240,7 @@ fn a_white_world_shows_the_vignetting_and_nothing_else_of_the_lens() {
         });
     }
     let scene = build(b);
-    let render =
-        |name: &str| film(&scene, &RenderSettings { camera: Some(name.into()), ..settings(8, 8, 64.0, 1) }).mean();
+    let render = |name: &str| film(&scene, &settings(8, 8, 64.0, 1).with_camera(Some(name.into()))).mean();
     assert!(render("None").data().iter().all(|p| *p == [1.0; 3]), "a lens without vignetting changes no radiance");
     let dark = render("CosineFourth");
     let t = f64::tan(0.6);

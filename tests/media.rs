@@ -7,12 +7,12 @@ mod support;
 
 use dunkelfeld::film::Film;
 use dunkelfeld::geometry::{DAffine3, DQuat, DVec3, Mesh, Vec3};
-use dunkelfeld::integrator::{Estimator, PixelSample};
 use dunkelfeld::radiometry::Rgb;
 use dunkelfeld::scene::shapes::{cuboid, sphere};
 use dunkelfeld::scene::{
     Environment, EnvironmentSource, Material, PunctualKind, PunctualLight, Scene, SceneBuilder, Surface, Volume,
 };
+use dunkelfeld_integrator::{Estimator, PixelSample};
 use dunkelfeld_testkit::{Claim, SampleMoments, z_test};
 use std::f64::consts::PI;
 use support::{RATE, black, build, emitter, film, pixel_moments, settings, spot_camera, square};

@@ -7,8 +7,6 @@ mod support;
 
 use dunkelfeld::film::Plane;
 use dunkelfeld::geometry::{DVec3, Vec3};
-use dunkelfeld::io::exr::Channel;
-use dunkelfeld::io::layers::{Single, Triple};
 use dunkelfeld::radiometry::Rgb;
 use dunkelfeld::scene::shapes::cuboid;
 use dunkelfeld::scene::{Material, Scene, SceneBuilder, Surface, Volume};
@@ -17,6 +15,8 @@ use dunkelfeld::{
     SensorChoice, Session, develop, encode_layers, load_plan, render, save_plan,
 };
 use dunkelfeld_adaptive::weights::Strategy;
+use dunkelfeld_io::exr::Channel;
+use dunkelfeld_io::layers::{Single, Triple};
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
@@ -70,7 +70,7 @@ fn layers_and_labels_look_through_smooth_glass() {
 fn with_sensor(settings: RenderSettings) -> RenderSettings {
     let model = Box::new(dunkelfeld::find_sensor(DEFAULT_SENSOR).expect("a preset"));
     let optics = dunkelfeld::sensor::Optics::new(4.0, 0.9, 0.0).expect("in range");
-    RenderSettings { sensor: SensorChoice::Emva { model, optics, exposure: None }, ..settings }
+    settings.with_sensor(SensorChoice::Emva { model, optics, exposure: None })
 }
 
 fn scene_file(folder: &TempDir) -> PathBuf {
@@ -136,7 +136,7 @@ fn a_plan_is_read_back_with_the_seed_and_frame_that_it_belongs_to() {
     let folder = TempDir::new().expect("a temporary folder");
     let path = folder.path().join("plan.exr");
     let plan = Plane::from_fn(7, 3, |x, y| x * 1000 + y + (u32::from(x == 6) << 30));
-    let s = RenderSettings { seed: u64::MAX, frame: u32::MAX, ..settings(7, 3, 1.0, 0) };
+    let s = settings(7, 3, 1.0, 0).with_seed(u64::MAX).with_frame(u32::MAX);
     save_plan(&path, &plan, &s).expect("writable");
     let read = load_plan(&path).expect("a plan");
     assert_eq!((read.samples, read.seed, read.frame), (plan, Some(u64::MAX), Some(u32::MAX)));
@@ -148,30 +148,26 @@ fn a_plan_is_read_back_with_the_seed_and_frame_that_it_belongs_to() {
 fn outputs_that_cannot_be_are_refused_before_the_render() {
     let folder = TempDir::new().expect("a temporary folder");
     let at = |name: &str| Some(folder.path().join(name));
-    let fine = OutputPaths {
-        image: at("a.png"),
-        linear: at("a.tif"),
-        exr: at("a.exr"),
-        stats: at("a.json"),
-        plan: at("p.exr"),
-    };
+    let fine = OutputPaths::default()
+        .with_image(at("a.png"))
+        .with_linear(at("a.tif"))
+        .with_exr(at("a.exr"))
+        .with_stats(at("a.json"))
+        .with_plan(at("p.exr"));
     fine.check(true).expect("all can be written");
     assert_eq!(fs::read_dir(folder.path()).expect("readable").count(), 0, "a check leaves nothing behind");
     for (paths, says) in [
-        (OutputPaths { image: at("a.jpg"), ..fine.clone() }, ".png"),
-        (OutputPaths { linear: at("a.exr"), ..fine.clone() }, "two outputs"),
-        (OutputPaths { exr: at("a.png.exr.tif"), ..fine.clone() }, ".exr"),
-        (OutputPaths { stats: at("a.txt"), ..fine.clone() }, ".json"),
-        (OutputPaths { plan: at("missing/p.exr"), ..fine.clone() }, "folder"),
+        (fine.clone().with_image(at("a.jpg")), ".png"),
+        (fine.clone().with_linear(at("a.exr")), "two outputs"),
+        (fine.clone().with_exr(at("a.png.exr.tif")), ".exr"),
+        (fine.clone().with_stats(at("a.txt")), ".json"),
+        (fine.clone().with_plan(at("missing/p.exr")), "folder"),
         (
-            OutputPaths {
-                plan: at("../").and_then(|p| Some(p.join(folder.path().file_name()?).join("a.exr"))),
-                ..fine.clone()
-            },
+            fine.clone().with_plan(at("../").and_then(|p| Some(p.join(folder.path().file_name()?).join("a.exr")))),
             "two outputs",
         ),
-        (OutputPaths { image: Some(folder.path().into()), ..fine.clone() }, "is a folder"),
-        (OutputPaths { image: Some("".into()), ..fine.clone() }, "file"),
+        (fine.clone().with_image(Some(folder.path().into())), "is a folder"),
+        (fine.clone().with_image(Some("".into())), "file"),
     ] {
         let error = paths.check(true).expect_err(says).to_string();
         assert!(error.contains(says) && error.contains("help:"), "{error}");
@@ -189,10 +185,9 @@ fn a_project_is_opened_adjusted_rendered_and_saved() {
         panic!("a sensor, exposed by itself")
     };
     (project.settings.width, project.settings.height) = (12, 10);
-    project.settings.budget = Budget { spp: Some(4.0), ..Budget::default() };
+    project.settings.budget = Budget::default().with_spp(4.0);
     let at = |name: &str| Some(folder.path().join(name));
-    project.outputs =
-        OutputPaths { image: at("a.png"), exr: at("a.exr"), stats: at("a.json"), ..OutputPaths::default() };
+    project.outputs = OutputPaths::default().with_image(at("a.png")).with_exr(at("a.exr")).with_stats(at("a.json"));
     let mut result = project.render().expect("rendered");
     result.save(&project.outputs).expect("saved");
     result.save_image(folder.path().join("b.png")).expect("saved");
@@ -245,12 +240,11 @@ fn a_render_that_is_cancelled_from_its_progress_keeps_samples_that_can_be_replay
     // The first rounds are small: by then some are complete.
     let watch = Watch { seen: Mutex::default(), cancel: &cancel, most: 100 * 32 * 32 };
     // An hour's budget: only the switch can end it.
-    let s =
-        RenderSettings { budget: Budget { seconds: Some(3600.0), ..Budget::default() }, ..settings(32, 32, 1.0, 8) };
+    let s = settings(32, 32, 1.0, 8).with_budget(Budget::default().with_seconds(3600.0));
     let cut = render(&scene, &s, &Session::new(s.threads).expect("threads").with_progress(&watch).with_cancel(&cancel))
         .expect("valid");
     assert!(cut.interrupted && cut.film.sums.total_samples() > 0);
-    let replay = RenderSettings { replay: Some(cut.plan()), budget: Budget::default(), threads: 3, ..s };
+    let replay = s.with_replay(cut.plan()).with_budget(Budget::default()).with_threads(3);
     let again = render(&scene, &replay, &Session::new(replay.threads).expect("threads")).expect("valid");
     assert!(again.film == cut.film && !again.interrupted);
     let seen = watch.seen.into_inner().expect("no panic");

@@ -27,8 +27,8 @@ fn call(lab: &Lab, folder: &Path, frames: u32, progress: &dyn Progress, cancel: 
     let input = lab.path("<scene>.obj");
     let mut project = Project::open(&input).expect("a scene");
     (project.settings.width, project.settings.height) = (24, 16);
-    let denoise = DenoiseSettings { method: DenoiseMethod::Builtin, oidn: None };
-    let settings = PtcSettings { frames, spp: vec![4, 16], denoise, ..PtcSettings::default() };
+    let denoise = DenoiseSettings::default().with_method(DenoiseMethod::Builtin);
+    let settings = PtcSettings::default().with_frames(frames).with_spp(vec![4, 16]).with_denoise(denoise);
     let session = Session::new(0).expect("threads").with_progress(progress).with_cancel(cancel);
     ptc(project, &input, &settings, folder, false, &session).expect("a measurement")
 }

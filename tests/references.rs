@@ -11,7 +11,7 @@
 mod support;
 
 use dunkelfeld::Project;
-use dunkelfeld::io::exr::{Channel, read_exr};
+use dunkelfeld_io::exr::{Channel, read_exr};
 use dunkelfeld_testkit::{ImageEstimate, ImageTest, Outcome, SampleMoments, sidak};
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};

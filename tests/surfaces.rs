@@ -6,16 +6,16 @@
 
 mod support;
 
-use dunkelfeld::bsdf::{Bsdf, Dielectric, Lobe, Principled, PrincipledParams};
 use dunkelfeld::geometry::{DAffine3, DQuat, DVec3, LocalDir, Mesh, Vec2, Vec3, Vec4};
 use dunkelfeld::radiometry::Rgb;
-use dunkelfeld::sampling::Sampler;
 use dunkelfeld::scene::shapes::{cuboid, sphere};
 use dunkelfeld::scene::{
     AlphaMode, ChannelTexture, ColorEncoding, Environment, EnvironmentSource, Filter, Image, ImageId, Material,
     PunctualKind, PunctualLight, Scene, SceneBuilder, Surface, Texels, Texture, Volume,
 };
 use dunkelfeld::{Session, render};
+use dunkelfeld_bsdf::{Bsdf, Dielectric, Lobe, Principled, PrincipledParams};
+use dunkelfeld_sampling::Sampler;
 use dunkelfeld_testkit::{SampleMoments, welch_test, z_test};
 use std::f64::consts::PI;
 use support::{RATE, black, build, emitter, film, pixel_moments, settings, spot_camera, square};
@@ -512,7 +512,7 @@ fn a_kilometre_from_the_origin_looks_the_same() {
         z_test(difference, variance.sqrt(), 0.0).assert(RATE, &format!("instanced {instanced}"));
         let labels = |scene: &Scene| {
             let camera = dunkelfeld::camera(scene, &settings(96, 64, 1.0, 0)).expect("there is one");
-            let at = |k: u32| dunkelfeld::integrator::label(scene, &camera, k % 96, k / 96);
+            let at = |k: u32| dunkelfeld_integrator::label(scene, &camera, k % 96, k / 96);
             (0..96 * 64).map(at).collect::<Vec<_>>()
         };
         let differ = labels(&near).iter().zip(labels(&far)).filter(|(p, q)| **p != *q).count();

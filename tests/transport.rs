@@ -5,13 +5,13 @@
 
 mod support;
 
-use dunkelfeld::bsdf::{Principled, PrincipledParams};
 use dunkelfeld::geometry::{DAffine3, DQuat, DVec3, LocalDir, Vec3};
 use dunkelfeld::radiometry::Rgb;
 use dunkelfeld::scene::shapes::{cuboid, rectangle, sphere};
 use dunkelfeld::scene::{
     AlphaMode, Environment, EnvironmentSource, Material, PunctualKind, PunctualLight, SceneBuilder, Surface, Volume,
 };
+use dunkelfeld_bsdf::{Principled, PrincipledParams};
 use std::f64::consts::PI;
 use support::{black, build, emitter, film, pixel_moments, settings, spot_camera, square};
 

@@ -3,7 +3,7 @@
 //! Each mutation chooses a file of the finished bench; the folder is as it was before the next input.
 #![no_main]
 
-use dunkelfeld::io::exr::{Channel, ExrLayers, read_exr, write_exr};
+use dunkelfeld_io::exr::{Channel, ExrLayers, read_exr, write_exr};
 use dunkelfeld::{Project, Session};
 use dunkelfeld_fuzz::bases::{Container, assets};
 use dunkelfeld_fuzz::tree::{extreme_number, mutate_value};
@@ -62,8 +62,8 @@ fn report(scratch: &Scratch) -> std::result::Result<(), dunkelfeld::Error> {
     let input = scratch.path("scene.glb");
     let mut project = Project::open(&input)?;
     (project.settings.width, project.settings.height, project.settings.threads) = (4, 3, 1);
-    let quick = BenchSettings { seeds: 4, reference_spp: 4, effects: Some(Vec::new()), ..BenchSettings::quick() };
-    let settings = BenchSettings { denoisers: Some(Vec::new()), ..quick.with_ladder(vec![2, 4]) };
+    let quick = BenchSettings::quick().with_seeds(4).with_reference_spp(4).with_effects(Vec::new());
+    let settings = quick.with_ladder(vec![2, 4]).with_denoisers(Vec::new());
     bench(project, &input, &settings, &scratch.path("bench"), true, false, &Session::new(1)?).map(drop)
 }
 

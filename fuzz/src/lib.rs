@@ -107,7 +107,7 @@ pub fn options() -> ImportOptions {
         geometry_bytes: 4 * MIB,
         ..Limits::default()
     };
-    ImportOptions { limits, ..ImportOptions::default() }
+    ImportOptions::default().with_limits(limits)
 }
 
 /// Builds the scene that was read: whatever a reader accepts is a scene, or refused with a message.

@@ -11,12 +11,11 @@
 
 use crate::common::{build, emitter, film, settings, square};
 use crate::support::spot;
-use dunkelfeld::RenderSettings;
-use dunkelfeld::adaptive::weights::Strategy;
 use dunkelfeld::film::{Accumulate, Film, PixelSums, Sample};
 use dunkelfeld::geometry::DVec3;
 use dunkelfeld::radiometry::Rgb;
 use dunkelfeld::scene::{Scene, SceneBuilder};
+use dunkelfeld_adaptive::weights::Strategy;
 
 /// A deterministic stream of radiances: mostly near one, one in a thousand a million times as bright. Whole multiples of
 /// 2^-10, so that sums are exact in whole numbers.
@@ -113,7 +112,7 @@ fn images_of_one_pixel_and_of_one_row_are_whole() {
     for (width, height) in [(1, 1), (16_384, 1), (1, 16_384), (17, 1), (16_383, 2)] {
         for strategy in [Strategy::Uniform, Strategy::Sobel] {
             for spp in [1.0, 5.0] {
-                let s = RenderSettings { strategy: Some(strategy), ..settings(width, height, spp, 3) };
+                let s = settings(width, height, spp, 3).with_strategy(strategy);
                 let film = film(&scene, &s);
                 let what = format!("{width} x {height}, {strategy:?}, {spp} samples per pixel");
                 assert_eq!((film.width(), film.height()), (width, height));

@@ -11,11 +11,11 @@
 use crate::common::{build, emitter, square};
 use crate::facets::Plate;
 use crate::support::{Terms, clear, f_cos, gives, integrate, sky, spot, terms, two_halves, view};
-use dunkelfeld::bsdf::{Principled, PrincipledParams};
 use dunkelfeld::geometry::{DVec3, LocalDir, Vec3};
 use dunkelfeld::radiometry::Rgb;
 use dunkelfeld::scene::shapes::{cuboid, sphere};
 use dunkelfeld::scene::{Material, Scene, SceneBuilder, Surface, Volume};
+use dunkelfeld_bsdf::{Principled, PrincipledParams};
 use std::f64::consts::PI;
 
 /// A principled surface, as a material and as its parameters.

@@ -2,7 +2,6 @@
 
 use crate::common::{film, settings};
 use dunkelfeld::RenderSettings;
-use dunkelfeld::bsdf::{Principled, PrincipledParams};
 use dunkelfeld::film::Film;
 use dunkelfeld::geometry::{DAffine3, DQuat, DVec3, LocalDir, Mesh};
 use dunkelfeld::radiometry::Rgb;
@@ -10,6 +9,7 @@ use dunkelfeld::scene::{
     Camera, Environment, EnvironmentSource, Image, ImageId, Material, Projection, PunctualKind, PunctualLight, Scene,
     SceneBuilder, Surface, Texels, Volume, look_at,
 };
+use dunkelfeld_bsdf::{Principled, PrincipledParams};
 use dunkelfeld_testkit::{Claim, Look, SampleMoments};
 
 /// Pixels along the side of the image of a case. All of them show the same radiance, so that their means are independent
@@ -41,7 +41,7 @@ pub(crate) const fn terms(spp: f64, sure: f64) -> Terms {
 #[track_caller]
 pub(crate) fn healthy_film(scene: &Scene, settings: &RenderSettings, what: &str) -> Film {
     // The tests of a binary run side by side: one thread each.
-    let film = film(scene, &RenderSettings { threads: 1, ..settings.clone() });
+    let film = film(scene, &settings.clone().with_threads(1));
     assert_eq!(film.invalid_samples(), 0, "{what}: samples that are not finite or negative");
     assert!(film.mean().data().iter().flatten().all(|v| v.is_finite() && *v >= 0.0), "{what}: pixels out of range");
     film

@@ -3,7 +3,7 @@
 
 use assert_cmd::Command;
 use assert_cmd::assert::Assert;
-use dunkelfeld::io::exr::{Channel, read_exr};
+use dunkelfeld_io::exr::{Channel, read_exr};
 use serde_json::Value;
 use std::collections::BTreeSet;
 use std::fs;

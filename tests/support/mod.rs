@@ -49,14 +49,12 @@ pub(crate) fn build(builder: SceneBuilder) -> Scene {
 
 /// Uniform settings without a sensor.
 pub(crate) fn settings(width: u32, height: u32, spp: f64, seed: u64) -> RenderSettings {
-    RenderSettings {
-        width,
-        height,
-        budget: Budget { spp: Some(spp), ..Budget::default() },
-        strategy: Some(Strategy::Uniform),
-        seed,
-        ..RenderSettings::default()
-    }
+    RenderSettings::default()
+        .with_width(width)
+        .with_height(height)
+        .with_budget(Budget::default().with_spp(spp))
+        .with_strategy(Strategy::Uniform)
+        .with_seed(seed)
 }
 
 /// The film of a uniform render.

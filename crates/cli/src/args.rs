@@ -11,9 +11,9 @@ use crate::values::{
 use clap::{ArgGroup, Args, Parser, Subcommand};
 use dunkelfeld::DenoiseMethod;
 use dunkelfeld::adaptive::Strategy;
-use dunkelfeld::integrator::PixelSample;
 use dunkelfeld::scene::{Effect, Vignetting};
 use dunkelfeld::sensor::ExposureNoise;
+use dunkelfeld::trace::PixelSample;
 use std::ops::Range;
 use std::path::PathBuf;
 

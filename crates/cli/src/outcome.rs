@@ -1,6 +1,6 @@
 //! The result of a command and its output: results to standard output, everything else to standard error.
 
-use dunkelfeld::io::visible::visible;
+use dunkelfeld::io::visible;
 use std::io::{ErrorKind, Write};
 use std::process::ExitCode;
 use std::sync::OnceLock;

@@ -2,7 +2,7 @@
 
 use crate::values::{ExposureChoice, exposure, whole, within};
 use clap::{Args, ValueEnum};
-use dunkelfeld::io::quantity::{Memory, QuantityError};
+use dunkelfeld::io::{Memory, QuantityError};
 
 /// Limit of the memory of a command.
 #[derive(Debug, Args)]

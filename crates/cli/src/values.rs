@@ -1,12 +1,12 @@
 //! The values of flags: read from their text, and checked before any file is opened. An error contains the correct
 //! form.
 
-use dunkelfeld::adaptive::budget::{MAX_MEAN_SPP, NOISE_LEVELS};
-use dunkelfeld::integrator::PixelSample;
-use dunkelfeld::io::quantity::{Length, Time};
+use dunkelfeld::adaptive::{MAX_MEAN_SPP, NOISE_LEVELS};
+use dunkelfeld::io::{Length, Time};
 use dunkelfeld::radiometry::Seconds;
 use dunkelfeld::scene::{Effect, SceneBuilder};
 use dunkelfeld::sensor::Exposure;
+use dunkelfeld::trace::PixelSample;
 use std::fmt::Display;
 use std::ops::{Range, RangeInclusive};
 
@@ -94,10 +94,10 @@ pub(crate) fn exposure(text: &str) -> Result<ExposureChoice, String> {
 pub(crate) fn sample_range(text: &str) -> Result<Range<u32>, String> {
     let ends = text.split_once("..").and_then(|(a, b)| Some((a.trim().parse().ok()?, b.trim().parse().ok()?)));
     match ends {
-        Some((first, end)) if first < end && end <= dunkelfeld::adaptive::plan::MAX_SPP => Ok(first..end),
+        Some((first, end)) if first < end && end <= dunkelfeld::adaptive::MAX_SPP => Ok(first..end),
         _ => Err(format!(
             "write two whole numbers, the second one larger and at most {}: 0..64 are the first 64 samples, 64..128 the next",
-            dunkelfeld::adaptive::plan::MAX_SPP
+            dunkelfeld::adaptive::MAX_SPP
         )),
     }
 }

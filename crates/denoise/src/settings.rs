@@ -1,5 +1,6 @@
 //! Whether and how the picture of a render is denoised.
 
+use derive_setters::Setters;
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
@@ -44,13 +45,16 @@ impl DenoiseMethod {
 }
 
 /// Whether and how an image is denoised.
-#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize, Setters)]
+#[setters(prefix = "with_")]
+#[non_exhaustive]
 #[serde(deny_unknown_fields, default)]
 pub struct DenoiseSettings {
     /// Which denoiser.
     pub method: DenoiseMethod,
     /// Intel Open Image Denoise: the library or the folder that it is in. `None` looks where [`OIDN_VARIABLE`] says, then
     /// where systems have it.
+    #[setters(into)]
     pub oidn: Option<PathBuf>,
 }
 

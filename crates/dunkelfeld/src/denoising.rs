@@ -188,7 +188,7 @@ mod tests {
     #[test]
     fn a_denoiser_that_fails_leaves_the_picture_as_it_was() {
         let film = Film::new(4, 3);
-        let settings = RenderSettings { width: 4, height: 3, ..RenderSettings::default() };
+        let settings = RenderSettings::default().with_width(4).with_height(3);
         let mut frame = crate::develop(&Plane::from_fn(4, 3, |x, _| [x as f32; 3]), &settings).expect("a frame");
         let before = frame.picture.clone();
         let session = Session::new(1).expect("threads");
@@ -199,7 +199,8 @@ mod tests {
 
     #[test]
     fn more_is_kept_back_for_more_pixels_and_fewer_threads_and_nothing_for_none() {
-        let of = |method, pixels, threads| DenoiseSettings { method, oidn: None }.expected_seconds(pixels, threads);
+        let of =
+            |method, pixels, threads| DenoiseSettings::default().with_method(method).expected_seconds(pixels, threads);
         assert_eq!(of(DenoiseMethod::Off, 1 << 27, 1), 0.0);
         for method in [DenoiseMethod::Auto, DenoiseMethod::Oidn, DenoiseMethod::Builtin] {
             let one = of(method, 1_000_000, 2);
@@ -208,7 +209,7 @@ mod tests {
     }
 
     fn named(method: DenoiseMethod, oidn: Option<&Path>) -> DenoiseSettings {
-        DenoiseSettings { method, oidn: oidn.map(Path::to_path_buf) }
+        DenoiseSettings::default().with_method(method).with_oidn(oidn.map(Path::to_path_buf))
     }
 
     #[test]

@@ -11,8 +11,8 @@
 //! ```
 //!
 //! The stages can also be called one by one ([`render()`], [`develop_film()`]), with a scene built in code, a progress
-//! sink and a cancellation switch: see `examples/unrolled.rs`. The crates below are re-exported under their folder's
-//! name.
+//! sink and a cancellation switch: see `examples/unrolled.rs`. The modules below re-export the types that such a program
+//! needs. The engine itself is in the crates `dunkelfeld-*`.
 //!
 //! Features, all on by default: `gltf` and `obj` read scenes of these formats, `oidn` loads the denoiser Intel Open Image
 //! Denoise. A program without one of them refuses such a scene or denoiser with an error that names the feature.
@@ -62,16 +62,66 @@ pub use dunkelfeld_render::{
     render, written,
 };
 
-pub use dunkelfeld_adaptive as adaptive;
-pub use dunkelfeld_bsdf as bsdf;
-pub use dunkelfeld_bvh as bvh;
-pub use dunkelfeld_denoise as denoise;
-pub use dunkelfeld_film as film;
-pub use dunkelfeld_geometry as geometry;
-pub use dunkelfeld_integrator as integrator;
-pub use dunkelfeld_io as io;
-pub use dunkelfeld_radiometry as radiometry;
-pub use dunkelfeld_render as engine;
-pub use dunkelfeld_sampling as sampling;
-pub use dunkelfeld_scene as scene;
-pub use dunkelfeld_sensor as sensor;
+pub use dunkelfeld_io::InputError;
+pub use dunkelfeld_io::import::{EmissiveUnit, ImportOptions};
+pub use dunkelfeld_io::input::InputFiles;
+
+/// Allocation of samples, and the certificate of a render.
+pub mod adaptive {
+    pub use dunkelfeld_adaptive::budget::{MAX_MEAN_SPP, NOISE_LEVELS};
+    pub use dunkelfeld_adaptive::plan::MAX_SPP;
+    pub use dunkelfeld_adaptive::{Certificate, StopReason, Strategy, UnknownStrategy};
+}
+
+/// Sums of samples per pixel, and images.
+pub mod film {
+    pub use dunkelfeld_film::{Accumulate, Film, FilmError, FilmLayers, PixelSums, Plane, Sample};
+}
+
+/// Meshes, and the vectors and transforms of `glam`.
+pub mod geometry {
+    pub use dunkelfeld_geometry::{
+        Aabb, DAffine3, DMat3, DMat4, DQuat, DVec2, DVec3, LocalDir, Mat3, Mesh, Quat, Transform, TransformError, Vec2,
+        Vec3, Vec4,
+    };
+}
+
+/// Files of sensors, quantities with units, and text that a terminal can print.
+pub mod io {
+    pub use dunkelfeld_io::quantity::{Length, Memory, QuantityError, Time};
+    pub use dunkelfeld_io::sensor_file;
+    pub use dunkelfeld_io::visible::{visible, visible_json, visible_line};
+}
+
+/// Units of light and of the sensor.
+pub mod radiometry {
+    pub use dunkelfeld_radiometry::{
+        Celsius, DigitalNumber, Electrons, Irradiance, Metres, Nanometres, Number, Radiance, Rgb, Seconds, photon,
+    };
+}
+
+/// Scenes, built in code or from a file: meshes, materials, lights, cameras.
+pub mod scene {
+    pub use dunkelfeld_scene::{
+        AlphaMode, Aperture, Blades, BuildError, BuildReport, Camera, CameraError, ChannelTexture, ColorEncoding,
+        Distortion, Effect, Effects, Environment, EnvironmentSource, Filter, Finding, Image, ImageId, Instance, Lens,
+        LightInfo, LightProfile, Material, MeshPart, Opening, PartInfo, ProfileError, Projection, PunctualKind,
+        PunctualLight, RayGenerator, Scene, SceneBuilder, SceneSummary, Severity, Surface, Texels, Texture,
+        TextureTransform, ThinLens, Vignetting, Volume, Wrap, framing_camera, look_at, shapes,
+    };
+}
+
+/// EMVA 1288 sensors, lenses and exposures.
+pub mod sensor {
+    pub use dunkelfeld_sensor::{
+        BayerPattern, ChannelSheet, DarkCurrent, DataSheet, Device, Efficiency, Exposure, ExposureNoise, Figure,
+        FilterColor, FrameKey, ImageExposure, Optics, PRESETS, Published, QuantumEfficiency, SensorError, SensorModel,
+        SensorSpec, auto_exposure, data_sheet, display,
+    };
+}
+
+/// Single samples, to find the cause of a wrong pixel.
+pub mod trace {
+    pub use dunkelfeld_bsdf::Lobe;
+    pub use dunkelfeld_integrator::{Estimator, Label, PixelSample, TraceConnection};
+}

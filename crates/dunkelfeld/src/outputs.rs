@@ -2,6 +2,7 @@
 
 use crate::frame::{Frame, Picture};
 use crate::guard::{Output, check_outputs};
+use derive_setters::Setters;
 use dunkelfeld_film::{Film, FilmLayers, NO_ID, PixelSums, Plane};
 use dunkelfeld_integrator::Label;
 use dunkelfeld_io::exr::{ExrHead, ExrLayers, read_exr_recorded, write_exr, write_exr_rows};
@@ -19,17 +20,24 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 /// The files to write. A file without a path is not written.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, Setters)]
+#[setters(prefix = "with_")]
+#[non_exhaustive]
 pub struct OutputPaths {
     /// 8-bit gamma-2.2 PNG.
+    #[setters(into)]
     pub image: Option<PathBuf>,
     /// 16-bit linear PNG or TIFF, by extension.
+    #[setters(into)]
     pub linear: Option<PathBuf>,
     /// EXR with all layers.
+    #[setters(into)]
     pub exr: Option<PathBuf>,
     /// Statistics as JSON.
+    #[setters(into)]
     pub stats: Option<PathBuf>,
     /// EXR with the sample plan alone.
+    #[setters(into)]
     pub plan: Option<PathBuf>,
 }
 

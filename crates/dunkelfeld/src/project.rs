@@ -111,7 +111,7 @@ impl Project {
             Some(job) => open_job(job, optics, &mut inputs)?,
             None => {
                 let sensor = sensor_of(&job::SensorSettings::default(), optics, &mut inputs)?;
-                let settings = RenderSettings { sensor, ..RenderSettings::default() };
+                let settings = RenderSettings::default().with_sensor(sensor);
                 (load_scene(path, &ImportOptions::default())?, settings, OutputPaths::default())
             }
         };
@@ -463,26 +463,24 @@ fn open_job(
         Error::Input(e) => job.sensor_error(e).into(),
         e => e,
     })?;
-    let settings = RenderSettings {
-        width: job.film.width.unwrap_or(defaults.width),
-        height: job.film.height.unwrap_or(defaults.height),
-        camera: job.camera.clone(),
-        budget: Budget {
-            seconds: job.budget.time.map(|t| t.as_secs_f64()),
-            spp: job.budget.spp,
-            noise: job.budget.noise,
-        },
-        memory_limit: job.budget.memory,
-        strategy: job.allocate.strategy,
-        pilot_spp: job.allocate.pilot_spp,
-        sobel_floor: job.allocate.floor as f32,
-        seed: job.seed,
-        frame: job.frame,
-        sensor,
-        exposure_noise: job.sensor.exposure_noise,
-        denoise: job.denoise.clone(),
-        ..defaults
-    };
+    let budget = Budget::default()
+        .with_seconds(job.budget.time.map(|t| t.as_secs_f64()))
+        .with_spp(job.budget.spp)
+        .with_noise(job.budget.noise);
+    let settings = RenderSettings::default()
+        .with_width(job.film.width.unwrap_or(defaults.width))
+        .with_height(job.film.height.unwrap_or(defaults.height))
+        .with_camera(job.camera.clone())
+        .with_budget(budget)
+        .with_memory_limit(job.budget.memory)
+        .with_strategy(job.allocate.strategy)
+        .with_pilot_spp(job.allocate.pilot_spp)
+        .with_sobel_floor(job.allocate.floor as f32)
+        .with_seed(job.seed)
+        .with_frame(job.frame)
+        .with_sensor(sensor)
+        .with_exposure_noise(job.sensor.exposure_noise)
+        .with_denoise(job.denoise.clone());
     let o = &job.output;
     let outputs = OutputPaths {
         image: o.image.clone(),

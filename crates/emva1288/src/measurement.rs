@@ -1,6 +1,7 @@
 //! A measurement: levels of light, dark levels, and stacks. The frames of each are reduced to statistics when they are
 //! read.
 
+use derive_setters::Setters;
 use serde::Serialize;
 
 use crate::frame::AnalysisError;
@@ -56,11 +57,14 @@ pub enum Release {
 }
 
 /// Settings of an analysis.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Setters)]
+#[setters(prefix = "with_")]
+#[non_exhaustive]
 pub struct AnalysisSettings {
     /// The rules.
     pub release: Release,
     /// Distance between pixel centres \[um\], for figures per area.
+    #[setters(into)]
     pub pixel_pitch: Option<f64>,
 }
 

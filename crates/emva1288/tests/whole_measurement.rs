@@ -196,7 +196,7 @@ fn the_other_release_takes_the_peak_of_the_variance() {
     let mut rng = Pcg64::new(13, 1);
     let measurement = measure(CAMERA, 50, 4, &mut rng);
     let new = linear(&measurement);
-    let old = analyse(&measurement, &AnalysisSettings { release: Release::R31, ..Default::default() }).expect("levels");
+    let old = analyse(&measurement, &AnalysisSettings::default().with_release(Release::R31)).expect("levels");
     let peak = old.levels.iter().max_by(|a, b| a.variance.total_cmp(&b.variance)).expect("levels");
     assert!((old.value("mu_p.sat") - peak.photons).abs() < 1e-9);
     assert!((old.value("mu_p.sat") / new.value("mu_p.sat") - 1.0).abs() < 0.08);
@@ -226,7 +226,7 @@ fn what_is_not_there_is_zero_with_a_bound() {
 fn rounding_that_hides_the_dark_noise_leaves_bounds() {
     let mut rng = Pcg64::new(15, 1);
     let coarse = Camera { gain: 0.02, dark_noise: 4.0, dark_current: 0.0, ..CAMERA };
-    let settings = AnalysisSettings { pixel_pitch: Some(2.0), ..Default::default() };
+    let settings = AnalysisSettings::default().with_pixel_pitch(2.0);
     let found = analyse(&measure(coarse, 20, 4, &mut rng), &settings).expect("levels");
     let gain = found.get("K").expect("a gain");
     let z = |value: f64| (value - coarse.gain) / gain.standard_error;
@@ -290,7 +290,7 @@ fn a_pitch_gives_figures_per_area() {
     let mut rng = Pcg64::new(16, 1);
     let measurement = measure(CAMERA, 20, 2, &mut rng);
     assert!(linear(&measurement).get("mu_p.sat.area").is_none());
-    let settings = AnalysisSettings { pixel_pitch: Some(2.0), ..Default::default() };
+    let settings = AnalysisSettings::default().with_pixel_pitch(2.0);
     let found = analyse(&measurement, &settings).expect("levels");
     assert!((4.0 * found.value("mu_p.sat.area") - found.value("mu_p.sat")).abs() < 1e-9);
 }

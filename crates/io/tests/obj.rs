@@ -20,7 +20,7 @@ fn load_within(files: &[(&str, &[u8])], limits: Limits) -> Result<Imported, dunk
         std::fs::create_dir_all(path.parent().expect("in the folder")).expect("writable");
         std::fs::write(path, bytes).expect("writable");
     }
-    load_obj(&folder.path().join("a.obj"), &ImportOptions { limits, ..ImportOptions::default() })
+    load_obj(&folder.path().join("a.obj"), &ImportOptions::default().with_limits(limits))
 }
 
 fn load(obj: &str) -> Imported {

@@ -13,12 +13,13 @@ use crate::round::{ProgressReporter, RoundWork, TILE, abort_at, deadline, run};
 use crate::session::Session;
 use crate::settings::{DEFAULT_SPP, RenderSettings};
 use crate::validate::validate;
+use crate::view::camera;
 use dunkelfeld_adaptive::budget::{Limits, Phase, Schedule, Settings, Step, StopReason};
 use dunkelfeld_adaptive::plan;
 use dunkelfeld_adaptive::tile_cost::{CostMap, TileGrid, WorkUnit, makespan, upper_makespan};
 use dunkelfeld_film::{Film, Plane};
 use dunkelfeld_integrator::{ConnectionTally, Estimator, Label, PixelSample, label};
-use dunkelfeld_scene::{Camera, RayGenerator, Scene};
+use dunkelfeld_scene::{RayGenerator, Scene};
 use rayon::prelude::*;
 use std::time::Instant;
 
@@ -73,36 +74,6 @@ impl Rendering {
 /// Number of threads: `threads` itself, or the number of cores if it is 0.
 pub fn thread_count(threads: usize) -> usize {
     if threads > 0 { threads } else { std::thread::available_parallelism().map_or(1, usize::from) }
-}
-
-/// Binds the camera of the settings to the film: their own view, or the camera that they name.
-///
-/// # Errors
-/// A camera that the scene does not have, or one without rays for this film.
-pub fn camera(scene: &Scene, settings: &RenderSettings) -> Result<RayGenerator, Error> {
-    let camera = match &settings.view {
-        Some(view) => view.clone(),
-        None => find_camera(scene, settings)?,
-    };
-    Ok(scene.ray_generator(&camera, settings.width, settings.height)?)
-}
-
-/// The camera of the scene that the settings name.
-pub fn find_camera(scene: &Scene, settings: &RenderSettings) -> Result<Camera, Error> {
-    let aspect = settings.width as f32 / settings.height as f32;
-    scene.camera(settings.camera.as_deref(), aspect).ok_or_else(|| {
-        let names: Vec<&str> = scene.cameras().iter().map(|c| c.name.as_str()).collect();
-        let known = if names.is_empty() { "the scene has none".into() } else { names.join(", ") };
-        let name = settings.camera.clone().unwrap_or_default();
-        Error::setting(
-            "camera",
-            format!("there is no camera \"{name}\""),
-            format!(
-                "cameras: {known}; leave it out for {}",
-                if names.is_empty() { "a view of the whole scene" } else { "the first" }
-            ),
-        )
-    })
 }
 
 /// Renders a scene on the threads of the session, within a budget that starts with the clock of the session.

@@ -21,11 +21,10 @@ mod round;
 mod session;
 mod settings;
 mod validate;
+mod view;
 
 pub use checkpoint::ResumedWork;
-pub use driver::{
-    EXR_PER_MEGAPIXEL, OutputDryRun, Rendering, camera, find_camera, render, render_with_dry_run, thread_count,
-};
+pub use driver::{EXR_PER_MEGAPIXEL, OutputDryRun, Rendering, render, render_with_dry_run, thread_count};
 pub use error::{Error, camera_help, written};
 pub use merge::{JoinedParts, PartSummary};
 pub use plan::forecast::{FORECAST_LEVELS, Forecast, ForecastLevel};
@@ -39,3 +38,4 @@ pub use settings::{
     DenoiseSettings, MAX_PIXELS, MAX_SIDE, OIDN_VARIABLE, RenderSettings, SensorChoice, UNKNOWN_SPP, lock,
 };
 pub use validate::validate;
+pub use view::{camera, find_camera};

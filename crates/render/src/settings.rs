@@ -6,6 +6,7 @@ pub use checkpoint::{CheckpointSettings, DEFAULT_CHECKPOINT_SECONDS, lock};
 pub use dunkelfeld_denoise::{DenoiseMethod, DenoiseSettings, OIDN_VARIABLE};
 pub use dunkelfeld_film::{MAX_PIXELS, MAX_SIDE};
 
+use derive_setters::Setters;
 use dunkelfeld_adaptive::weights::Strategy;
 use dunkelfeld_film::{FilmLayers, Plane};
 use dunkelfeld_scene::{Camera, Effect};
@@ -22,14 +23,19 @@ pub const UNKNOWN_SPP: f64 = 4096.0;
 
 /// The limits of a render, which ends at the first one that it reaches. Without any limit, it takes [`DEFAULT_SPP`]
 /// samples per pixel.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Setters)]
+#[setters(prefix = "with_")]
+#[non_exhaustive]
 pub struct Budget {
     /// Wall-clock seconds, from the start of the command to the last file written.
+    #[setters(into)]
     pub seconds: Option<f64>,
     /// Mean samples per pixel.
+    #[setters(into)]
     pub spp: Option<f64>,
     /// The k at which 99 % of the unsaturated pixels must be hidden. The standard deviation of their rendered mean is
     /// then at most k times that of the sensor's noise. Needs a sensor.
+    #[setters(into)]
     pub noise: Option<f64>,
 }
 
@@ -51,19 +57,24 @@ pub enum SensorChoice {
 }
 
 /// All inputs of a render except the scene.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Serialize, Setters)]
+#[setters(prefix = "with_")]
+#[non_exhaustive]
 pub struct RenderSettings {
     /// Width of the film \[pixels\], 1 to [`MAX_SIDE`].
     pub width: u32,
     /// Height of the film \[pixels\], 1 to [`MAX_SIDE`].
     pub height: u32,
     /// Name of the camera. `None` selects the first, or a view of the whole scene if there is none.
+    #[setters(into)]
     pub camera: Option<String>,
     /// A camera that replaces the scene's.
+    #[setters(into)]
     pub view: Option<Camera>,
     /// The limits of the render.
     pub budget: Budget,
     /// The allocation of samples; `None` selects it by the sensor ([`Strategy::default_for`]).
+    #[setters(into)]
     pub strategy: Option<Strategy>,
     /// Samples per pixel of the pilot.
     pub pilot_spp: u32,
@@ -82,16 +93,20 @@ pub struct RenderSettings {
     /// Denoiser of the picture. No measurement uses its image.
     pub denoise: DenoiseSettings,
     /// A plan to replay: samples per pixel, instead of budget and strategy.
+    #[setters(into)]
     pub replay: Option<Plane<u32>>,
     /// Range of sample indices of a part of a render. Of the samples of the plan, a pixel gets only those with an index
     /// in this range. [`JoinedParts`](crate::JoinedParts) joins the part with others. Without a plan to replay, every
     /// pixel gets all samples of the range. Neither budget nor strategy may be set then.
+    #[setters(into)]
     pub samples: Option<Range<u32>>,
     /// Limit of memory \[bytes\] of the run. A render whose account (`dunkelfeld::MemoryAccount`) exceeds it does not
     /// begin.
+    #[setters(into)]
     pub memory_limit: Option<u64>,
     /// Path and interval of the checkpoint. If the file exists, the render continues from it.
     #[serde(skip)]
+    #[setters(into)]
     pub checkpoint: Option<CheckpointSettings>,
     /// The layers whose sums the film stores. [`FilmLayers::Image`] needs less memory and allows neither auxiliary
     /// layers in an EXR nor denoisers that use them. A render with a checkpoint stores all layers, because a later

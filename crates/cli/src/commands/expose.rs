@@ -6,7 +6,7 @@ use crate::interrupt::cancel_on_interrupt;
 use crate::outcome::{Outcome, print, say};
 use crate::values::ExposureChoice;
 use crate::words::{counted, exposure_time, flagged_variances, seconds};
-use dunkelfeld::io::input::InputFiles;
+use dunkelfeld::InputFiles;
 use dunkelfeld::radiometry::Number;
 use dunkelfeld::scene::Vignetting;
 use dunkelfeld::sensor::{Optics, SensorError};
@@ -15,7 +15,7 @@ use std::fmt::Write;
 
 pub(crate) fn run(args: &ExposeArgs) -> Result<Outcome, Error> {
     let settings = settings(args)?;
-    let mut outputs = ExposeOutputs { image: args.image.clone(), linear: args.linear.clone() };
+    let mut outputs = ExposeOutputs::default().with_image(args.image.clone()).with_linear(args.linear.clone());
     if outputs == ExposeOutputs::default()
         && let Some(reason) = outputs.set_default_image(&args.input, &settings).reason
     {
@@ -51,23 +51,22 @@ fn settings(args: &ExposeArgs) -> Result<ExposeSettings, Error> {
     let name = args.sensor.as_deref().unwrap_or(DEFAULT_SENSOR);
     let model = dunkelfeld::find_sensor_recorded(name, &mut inputs)?;
     let defaults = ExposeSettings::new(model)?;
-    Ok(ExposeSettings {
-        optics: optics(args, defaults.optics)?,
-        vignetting: vignetting(args)?,
-        exposure: match args.exposure {
+    let optics = optics(args, defaults.optics)?;
+    Ok(defaults
+        .with_optics(optics)
+        .with_vignetting(vignetting(args)?)
+        .with_exposure(match args.exposure {
             None | Some(ExposureChoice::Auto) => None,
             Some(ExposureChoice::For(time)) => Some(time),
-        },
-        exposure_noise: args.exposure_noise.unwrap_or_default(),
-        seed: args.seed,
-        first_frame: args.frame,
-        frames: args.frames,
-        layer: args.layer.clone(),
-        threads: args.run.thread_count(),
-        memory_limit: args.memory.memory,
-        inputs,
-        ..defaults
-    })
+        })
+        .with_exposure_noise(args.exposure_noise.unwrap_or_default())
+        .with_seed(args.seed)
+        .with_first_frame(args.frame)
+        .with_frames(args.frames)
+        .with_layer(args.layer.clone())
+        .with_threads(args.run.thread_count())
+        .with_memory_limit(args.memory.memory)
+        .with_inputs(inputs))
 }
 
 /// The lens of the flags. Flags that are not given have the defaults of a render.

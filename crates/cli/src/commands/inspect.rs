@@ -3,7 +3,7 @@
 use crate::args::InspectArgs;
 use crate::outcome::{Outcome, print};
 use crate::words::counted;
-use dunkelfeld::io::visible::{visible_json, visible_line};
+use dunkelfeld::io::{visible_json, visible_line};
 use dunkelfeld::{CoverEntry, EffectEntry, Error, Inspection, Project};
 use std::fmt::Write;
 

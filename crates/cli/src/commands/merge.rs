@@ -9,20 +9,17 @@ use std::fmt::Write;
 use std::time::Instant;
 
 pub(crate) fn run(args: &MergeArgs, started: Instant) -> Result<Outcome, Error> {
-    let outputs = OutputPaths {
-        image: args.image.clone(),
-        linear: args.linear.clone(),
-        exr: args.exr.clone(),
-        stats: args.stats.clone(),
-        plan: None,
-    };
-    let settings = MergeSettings {
-        parts: args.parts.clone(),
-        outputs,
-        checkpoint: args.checkpoint.clone(),
-        threads: args.threads.map_or(0, usize::from),
-        memory_limit: args.memory.memory,
-    };
+    let outputs = OutputPaths::default()
+        .with_image(args.image.clone())
+        .with_linear(args.linear.clone())
+        .with_exr(args.exr.clone())
+        .with_stats(args.stats.clone());
+    let settings = MergeSettings::default()
+        .with_parts(args.parts.clone())
+        .with_outputs(outputs)
+        .with_checkpoint(args.checkpoint.clone())
+        .with_threads(args.threads.map_or(0, usize::from))
+        .with_memory_limit(args.memory.memory);
     let merged = dunkelfeld::merge(&settings, started)?;
     let (range, parts) = (&merged.samples, args.parts.len());
     let words = if parts == 1 { "1 part".into() } else { format!("{parts} parts") };

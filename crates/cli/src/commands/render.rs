@@ -10,7 +10,7 @@ use crate::outcome::Outcome;
 #[cfg(feature = "studies")]
 use crate::run_args::ViewArgs;
 use crate::values::ExposureChoice;
-use dunkelfeld::io::input::InputFiles;
+use dunkelfeld::InputFiles;
 use dunkelfeld::sensor::ExposureNoise;
 use dunkelfeld::{
     Budget, CheckpointSettings, DefaultPath, DenoiseMethod, DenoiseSettings, Error, Progress, ProgressState, Project,
@@ -90,7 +90,7 @@ fn apply(args: &RenderArgs, project: &mut Project) -> Result<Option<String>, Err
     }
     if args.time.is_some() || args.spp.is_some() || args.noise.is_some() {
         // A limit on the command line replaces those of the job.
-        s.budget = Budget { seconds: args.time, spp: args.spp, noise: args.noise };
+        s.budget = Budget::default().with_seconds(args.time).with_spp(args.spp).with_noise(args.noise);
     }
     s.strategy = args.allocate.or(s.strategy);
     if args.samples.is_some() {

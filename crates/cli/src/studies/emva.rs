@@ -18,7 +18,7 @@ pub(crate) fn run(args: &EmvaArgs) -> Result<Outcome, Error> {
 
 fn dataset(args: &DatasetArgs) -> Result<Outcome, Error> {
     let model = dunkelfeld::find_sensor(&args.sensor)?;
-    let mut settings = DatasetSettings { wavelength: args.wavelength.map(Nanometres), ..DatasetSettings::default() };
+    let mut settings = DatasetSettings::default().with_wavelength(args.wavelength.map(Nanometres));
     settings.levels = args.levels.unwrap_or(settings.levels);
     settings.stack = args.spatial.unwrap_or(settings.stack);
     settings.seed = args.seed.unwrap_or(settings.seed);
@@ -62,7 +62,7 @@ fn analyse(args: &AnalyseArgs) -> Result<Outcome, Error> {
         ReleaseChoice::R40 => Release::R40,
         ReleaseChoice::R31 => Release::R31,
     };
-    let settings = AnalysisSettings { release, pixel_pitch: args.pixel_pitch };
+    let settings = AnalysisSettings::default().with_release(release).with_pixel_pitch(args.pixel_pitch);
     let sink = Sink::new(args.run.progress);
     let cancel = cancel_on_interrupt();
     let session = Session::new(args.run.thread_count())?.with_progress(&sink).with_cancel(&cancel);

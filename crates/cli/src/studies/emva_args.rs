@@ -3,7 +3,7 @@
 use crate::run_args::RunArgs;
 use crate::values::{whole, within};
 use clap::{Args, Subcommand, ValueEnum};
-use dunkelfeld::io::quantity::Time;
+use dunkelfeld::io::Time;
 use dunkelfeld::sensor::FilterColor;
 use std::path::PathBuf;
 

@@ -46,11 +46,10 @@ fn of_frames(args: &PtcArgs) -> Result<Outcome, Error> {
         return Err(Error::setting(*flag, problem, "leave it out, or give a scene"));
     }
     let defaults = StackSettings::default();
-    let settings = StackSettings {
-        dark: args.dark.unwrap_or(defaults.dark),
-        saturation: args.saturation,
-        edges: args.edges.unwrap_or(defaults.edges),
-    };
+    let settings = StackSettings::default()
+        .with_dark(args.dark.unwrap_or(defaults.dark))
+        .with_saturation(args.saturation)
+        .with_edges(args.edges.unwrap_or(defaults.edges));
     let sink = Sink::new(args.view.run.progress);
     let cancel = cancel_on_interrupt();
     let session = Session::new(1)?.with_progress(&sink).with_cancel(&cancel);

@@ -7,6 +7,7 @@ use crate::guard::{DefaultPath, Output, check_outputs, free_file};
 use crate::memory::expose_account;
 use crate::noise_compensation::CompensationInputs;
 use crate::outputs::{VIGNETTING, attributes, extension, misfit, save_plain_picture, save_values, values_words};
+use derive_setters::Setters;
 use dunkelfeld_adaptive::required_samples::SensorNoise;
 use dunkelfeld_adaptive::variance::inputs::{NoiseInputs, PixelFeatures, pixel_features};
 use dunkelfeld_film::{Plane, Scatter};
@@ -33,7 +34,9 @@ pub(crate) const MAX_WAITING: usize = 16;
 const DIGITS: usize = 4;
 
 /// Settings of the exposure of an image.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Setters)]
+#[setters(prefix = "with_")]
+#[non_exhaustive]
 pub struct ExposeSettings {
     /// The sensor.
     pub model: SensorModel,
@@ -42,8 +45,10 @@ pub struct ExposeSettings {
     /// Focal length \[m\] of a lens that darkens the image with the fourth power of the cosine of the field angle. Its
     /// axis meets the middle of the image. `None` for a lens without vignetting, or for an image that already contains
     /// it.
+    #[setters(into)]
     pub vignetting: Option<f64>,
     /// The exposure. `None` selects automatic exposure: the 99.5 % quantile is at 90 % of saturation.
+    #[setters(into)]
     pub exposure: Option<Exposure>,
     /// The sensor noise that is added: all of it, or less by the noise of the image.
     pub exposure_noise: ExposureNoise,
@@ -54,10 +59,12 @@ pub struct ExposeSettings {
     /// Number of frames.
     pub frames: u32,
     /// The layer that contains radiance. `None` searches the names that renderers use.
+    #[setters(into)]
     pub layer: Option<String>,
     /// Number of threads; 0 means one per core.
     pub threads: usize,
     /// Limit of memory \[bytes\] of the exposure.
+    #[setters(into)]
     pub memory_limit: Option<u64>,
     /// The files that the settings were read from, such as a sensor file. An output must not replace one of them.
     pub inputs: InputFiles,
@@ -65,11 +72,15 @@ pub struct ExposeSettings {
 
 /// The files to write. With several frames, each name contains the frame number before its extension, as in
 /// `out-0007.png`.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, Setters)]
+#[setters(prefix = "with_")]
+#[non_exhaustive]
 pub struct ExposeOutputs {
     /// 8-bit gamma-2.2 PNG.
+    #[setters(into)]
     pub image: Option<PathBuf>,
     /// 16-bit linear grey values, PNG or TIFF.
+    #[setters(into)]
     pub linear: Option<PathBuf>,
 }
 

@@ -4,27 +4,30 @@ use crate::frame::{Frame, develop_film};
 use crate::memory::{MemoryAccount, MemoryStats, merge_account};
 use crate::outputs::{self, OutputPaths, Written};
 use crate::stats::{PartStats, Stats};
+use derive_setters::Setters;
 use dunkelfeld_io::checkpoint::checkpoint_size;
 use dunkelfeld_io::input::{InputFiles, Role};
-use dunkelfeld_render::{
-    Error, JoinedParts, PartSummary, RenderSettings, Rendering, Session, Stage, lock, thread_count, written,
-};
+use dunkelfeld_render::{Error, JoinedParts, PartSummary, Rendering, Session, Stage, lock, thread_count, written};
 use std::ops::Range;
 use std::path::PathBuf;
 use std::time::Instant;
 
 /// Inputs and outputs of a merge.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, Setters)]
+#[setters(prefix = "with_")]
+#[non_exhaustive]
 pub struct MergeSettings {
     /// The parts, in any order.
     pub parts: Vec<PathBuf>,
     /// Pictures, layers and statistics of the whole.
     pub outputs: OutputPaths,
     /// A checkpoint of the whole. It is again a part, for another merge or for a longer render.
+    #[setters(into)]
     pub checkpoint: Option<PathBuf>,
     /// Number of threads; 0 means one per core.
     pub threads: usize,
     /// Limit of memory \[bytes\] of the merge.
+    #[setters(into)]
     pub memory_limit: Option<u64>,
 }
 
@@ -55,7 +58,7 @@ pub fn merge(settings: &MergeSettings, started: Instant) -> Result<Merged, Error
     let account = check_memory(settings)?;
     let _lock = settings.checkpoint.as_deref().map(lock).transpose()?;
     let joined = JoinedParts::read(&settings.parts)?;
-    let shown = RenderSettings { threads: settings.threads, ..joined.settings() };
+    let shown = joined.settings().with_threads(settings.threads);
     settings.outputs.check(shown.has_sensor())?;
     if let Some(path) = &settings.checkpoint {
         joined.write_checkpoint(path)?;

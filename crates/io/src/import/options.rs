@@ -3,6 +3,7 @@
 use crate::error::ImportWarning;
 use crate::input::InputFiles;
 use crate::loader::Limits;
+use derive_setters::Setters;
 use dunkelfeld_scene::SceneBuilder;
 
 /// Luminous efficacy of monochromatic light at 540 THz [lm/W]: the defining constant K_cd (BIPM, 2019). Light in glTF
@@ -21,13 +22,16 @@ pub enum EmissiveUnit {
 }
 
 /// Options for reading a scene file.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Setters)]
+#[setters(prefix = "with_")]
+#[non_exhaustive]
 pub struct ImportOptions {
     /// Limits on read and allocated data.
     pub limits: Limits,
     /// Unit of emissive factors.
     pub emissive_unit: EmissiveUnit,
     /// Index of the glTF scene to load; `None` means the file's default, or all of it without a default.
+    #[setters(into)]
     pub scene: Option<usize>,
 }
 

@@ -62,7 +62,7 @@ fn strict_options() -> ImportOptions {
         total_image_bytes: 32 * mib,
         geometry_bytes: 16 * mib,
     };
-    ImportOptions { limits, ..ImportOptions::default() }
+    ImportOptions::default().with_limits(limits)
 }
 
 #[test]
@@ -356,7 +356,7 @@ fn with_images(images: &[Vec<u8>]) -> Asset {
 }
 
 fn budget(total_image_bytes: u64) -> ImportOptions {
-    ImportOptions { limits: Limits { total_image_bytes, ..Limits::default() }, ..ImportOptions::default() }
+    ImportOptions::default().with_limits(Limits { total_image_bytes, ..Limits::default() })
 }
 
 /// Small files that decode to much: 3 x 512 x 512 x 3 B are 2.25 MiB. The second image is no image beyond its header, so the

@@ -74,7 +74,7 @@ fn emission_is_in_nits_unless_set_otherwise() {
     let a = asset(json!({"emissiveFactor": [1, 0.5, 0],
         "extensions": {"KHR_materials_emissive_strength": {"emissiveStrength": 1366.0}}}));
     let of = |emissive_unit| {
-        let options = ImportOptions { emissive_unit, ..ImportOptions::default() };
+        let options = ImportOptions::default().with_emissive_unit(emissive_unit);
         only_material(&load_bytes(&a.gltf(), "a.gltf", &options).expect("loads")).emission.to_array()
     };
     let nit = of(EmissiveUnit::Nit);

@@ -40,7 +40,7 @@ fn transforms_multiply_down_the_hierarchy_in_f64() {
 #[test]
 fn the_scene_is_the_requested_one_else_the_default_else_the_first_else_every_root() {
     let names = |a: &Asset, scene: Option<usize>| -> Vec<String> {
-        let options = ImportOptions { scene, ..ImportOptions::default() };
+        let options = ImportOptions::default().with_scene(scene);
         let imported = load_bytes(&a.gltf(), "a.gltf", &options).expect("loads");
         imported.scene.instances.into_iter().map(|i| i.name).collect()
     };
@@ -52,7 +52,7 @@ fn the_scene_is_the_requested_one_else_the_default_else_the_first_else_every_roo
     a.json["scene"] = json!(1);
     assert_eq!(names(&a, None), ["b", "mesh 0"]);
     assert_eq!(names(&a, Some(0)), ["a"]);
-    let options = ImportOptions { scene: Some(2), ..ImportOptions::default() };
+    let options = ImportOptions::default().with_scene(2);
     let e = load_bytes(&a.gltf(), "a.gltf", &options).expect_err("there is no scene 2");
     assert!(e.problem.contains("scene 2"), "{e}");
 }

@@ -195,7 +195,7 @@ fn a_refusal_names_what_the_crate_finds() {
 fn values_without_number_are_refused() {
     let bytes = format!(r#"{{"asset": {{"version": "2.0"}}, "nodes": [{{"children": [{}1]}}]}}"#, "1,".repeat(40_000));
     let limits = Limits { json_objects: 1_000, ..Limits::default() };
-    let options = ImportOptions { limits, ..ImportOptions::default() };
+    let options = ImportOptions::default().with_limits(limits);
     let e = load_bytes(bytes.as_bytes(), "a.gltf", &options).expect_err("too many");
     assert!(e.place == "JSON" && e.problem.contains("values") && e.help.contains("limits"), "{e}");
 }

@@ -1,6 +1,7 @@
 //! Path and interval of the checkpoints of a render.
 
 use crate::error::{Error, written};
+use derive_setters::Setters;
 use dunkelfeld_io::lock::TargetLock;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -8,13 +9,16 @@ use std::sync::Arc;
 /// Default of the interval between two checkpoints \[s\].
 pub const DEFAULT_CHECKPOINT_SECONDS: f64 = 30.0;
 /// Path and interval at which a render stores its state.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Setters)]
+#[setters(prefix = "with_")]
+#[non_exhaustive]
 pub struct CheckpointSettings {
     /// The file. If it exists, the render continues from it.
     pub path: PathBuf,
     /// Minimum interval between two checkpoints \[s\].
     pub seconds: f64,
     /// The lock of the file, if it is already held ([`Self::lock`]). Otherwise a render takes it, until it ends.
+    #[setters(into)]
     pub lock: Option<Arc<TargetLock>>,
 }
 

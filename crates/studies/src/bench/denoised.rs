@@ -34,7 +34,7 @@ pub(super) fn filters(settings: &BenchSettings) -> Result<Vec<Filter>, Error> {
     let find = |method: DenoiseMethod| {
         // The path of the library does not matter to users of the reports.
         let oidn = settings.oidn.clone().filter(|_| method == DenoiseMethod::Oidn);
-        let found = find_denoiser(&DenoiseSettings { method, oidn })?;
+        let found = find_denoiser(&DenoiseSettings::default().with_method(method).with_oidn(oidn))?;
         Ok::<_, Error>(found.map(|denoiser| Filter { key: method.name(), denoiser }))
     };
     let chosen = match &settings.denoisers {

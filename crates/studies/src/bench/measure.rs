@@ -179,7 +179,7 @@ fn quick_size(
     let mut trial = project.fitted()?;
     let [w, h] = sized(TRIAL.0);
     (trial.width, trial.height) = (w, h);
-    trial.budget = Budget { spp: Some(f64::from(TRIAL.1)), ..Budget::default() };
+    trial.budget = Budget::default().with_spp(f64::from(TRIAL.1));
     let began = Instant::now();
     let rendering =
         render(&project.scene, &trial, &session.clone().with_start(began).with_progress(&dunkelfeld::Silent))?;
@@ -271,13 +271,12 @@ impl Bench<'_> {
         view: &mut Option<(View, Vec<bool>)>,
         session: &Session<'_>,
     ) -> Result<Option<Record>, Error> {
-        let settings = RenderSettings {
-            budget: Budget { spp: Some(f64::from(unit.spp)), ..Budget::default() },
-            strategy: Some(unit.strategy()),
-            seed: unit.seed(self.fitted.seed),
-            replay: None,
-            ..settings.clone()
-        };
+        let settings = settings
+            .clone()
+            .with_budget(Budget::default().with_spp(f64::from(unit.spp)))
+            .with_strategy(unit.strategy())
+            .with_seed(unit.seed(self.fitted.seed))
+            .with_replay(None);
         let began = Instant::now();
         let rendering = render(scene, &settings, &session.clone().with_start(began))?;
         let total_seconds = began.elapsed().as_secs_f64();

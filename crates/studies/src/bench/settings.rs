@@ -1,5 +1,6 @@
 //! Settings of a bench.
 
+use derive_setters::Setters;
 use dunkelfeld::DenoiseMethod;
 use dunkelfeld::Error;
 use dunkelfeld_adaptive::plan::MAX_SPP;
@@ -16,15 +17,19 @@ const MAX_SEEDS: u32 = 1024;
 const MAX_RUNGS: usize = 24;
 
 /// Settings of a bench.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Setters)]
+#[setters(prefix = "with_")]
+#[non_exhaustive]
 pub struct BenchSettings {
     /// Mean samples per pixel of the points, ascending. They need not be powers of two.
+    #[setters(skip)]
     pub ladder: Vec<u32>,
     /// Independent renders of each point: even, 4 to 1024. The time until the noise is hidden needs at least 8.
     pub seeds: u32,
     /// The strategies to compare.
     pub strategies: Vec<Strategy>,
     /// The effects to leave out, one at a time; `None` means all effects of the scene.
+    #[setters(into)]
     pub effects: Option<Vec<Effect>>,
     /// Samples per pixel of the renders with and without an effect.
     pub effect_spp: u32,
@@ -34,8 +39,10 @@ pub struct BenchSettings {
     pub levels: Vec<f64>,
     /// Denoisers of the renders of the points, which are also evaluated without denoising: each of `builtin` and `oidn`
     /// at most once. `None` means the built-in filter, and Intel Open Image Denoise if this machine has it.
+    #[setters(into)]
     pub denoisers: Option<Vec<DenoiseMethod>>,
     /// Intel Open Image Denoise: the library or its folder.
+    #[setters(into)]
     pub oidn: Option<PathBuf>,
     /// Reduces the film until the whole bench takes less than a minute on this machine.
     pub quick: bool,

@@ -2,6 +2,7 @@
 //! saturation.
 
 use super::truth::{Edge, Light, Truth, dark_at, truth};
+use derive_setters::Setters;
 use dunkelfeld::Error;
 use dunkelfeld_emva1288::{Frame, FramePair, Level, Measurement, StackAccumulator, StackLevel};
 use dunkelfeld_film::Plane;
@@ -21,7 +22,9 @@ pub enum Vary {
 }
 
 /// The settings of a measurement.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Setters)]
+#[setters(prefix = "with_")]
+#[non_exhaustive]
 pub struct DatasetSettings {
     /// Levels of light, 10 to 1000; the last three are saturated.
     pub levels: u32,
@@ -30,6 +33,7 @@ pub struct DatasetSettings {
     /// Height of the frames in pixels.
     pub height: u32,
     /// Wavelength of the light; `None` means that of the highest quantum efficiency.
+    #[setters(into)]
     pub wavelength: Option<Nanometres>,
     /// Frames in each of the two stacks, 3 to 1000.
     pub stack: u32,
@@ -40,8 +44,10 @@ pub struct DatasetSettings {
     /// The exposure time, or the longest exposure time.
     pub exposure: Seconds,
     /// Bits per grey value instead of the sensor's own: gain and black level change with them.
+    #[setters(into)]
     pub bit_depth: Option<u32>,
     /// The pixels to measure of a sensor with colour filters.
+    #[setters(into)]
     pub color: Option<FilterColor>,
 }
 

@@ -154,13 +154,13 @@ impl Work<'_> {
         view: &mut Option<View>,
         session: &Session<'_>,
     ) -> Result<Option<Record>, Error> {
-        let mut settings = RenderSettings {
-            budget: Budget { spp: Some(f64::from(unit.spp)), ..Budget::default() },
-            strategy: Some(unit.strategy()),
-            seed: unit.seed(self.fitted.seed),
-            frame: unit.frame,
-            ..self.fitted.clone()
-        };
+        let mut settings = self
+            .fitted
+            .clone()
+            .with_budget(Budget::default().with_spp(f64::from(unit.spp)))
+            .with_strategy(unit.strategy())
+            .with_seed(unit.seed(self.fitted.seed))
+            .with_frame(unit.frame);
         // All frames have the exposure of the first.
         if let (SensorChoice::Emva { exposure, .. }, Some(view)) = (&mut settings.sensor, &*view) {
             *exposure = view.exposure();

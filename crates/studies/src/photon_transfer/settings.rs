@@ -1,5 +1,6 @@
 //! Settings of the photon transfer of a scene.
 
+use derive_setters::Setters;
 use dunkelfeld::Error;
 use dunkelfeld::{DenoiseMethod, DenoiseSettings};
 use dunkelfeld_adaptive::plan::MAX_SPP;
@@ -14,7 +15,9 @@ const MAX_FRAMES: u32 = 10_000;
 const MAX_SERIES: usize = 8;
 
 /// Settings of the photon transfer of a scene.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Setters)]
+#[setters(prefix = "with_")]
+#[non_exhaustive]
 pub struct PtcSettings {
     /// Frames of each series, 4 to 10 000.
     pub frames: u32,
@@ -35,7 +38,7 @@ impl Default for PtcSettings {
         Self {
             frames: PAPER_FRAMES,
             spp: PAPER_SPP.to_vec(),
-            denoise: DenoiseSettings { method: DenoiseMethod::Auto, oidn: None },
+            denoise: DenoiseSettings::default().with_method(DenoiseMethod::Auto),
             edges: 0.2,
             camera: true,
         }

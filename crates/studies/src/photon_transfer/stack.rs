@@ -9,6 +9,7 @@ use crate::report::page::{head, map_figure, page};
 use crate::report::words::rounded;
 use crate::series::Kept;
 use crate::series::statistics::{correlation, quantile, rank_correlation};
+use derive_setters::Setters;
 use dunkelfeld::Error;
 use dunkelfeld::save_text;
 use dunkelfeld::{Session, Stage};
@@ -21,12 +22,15 @@ use dunkelfeld_io::results::ResultsFolder;
 use std::path::{Path, PathBuf};
 
 /// Settings of the analysis of frames.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Setters)]
+#[setters(prefix = "with_")]
+#[non_exhaustive]
 pub struct StackSettings {
     /// Grey value without light \[DN\].
     pub dark: f64,
     /// Grey value of saturation \[DN\]. `None` means the largest value of the smallest bit depth, at least 8, that
     /// contains all grey values of the frames.
+    #[setters(into)]
     pub saturation: Option<f64>,
     /// Share of the pixels with the steepest gradient that count as strong edges, in \[0, 1).
     pub edges: f64,

@@ -1,9 +1,9 @@
 //! `render --debug-sample`: one sample, vertex by vertex.
 
 use crate::outcome::{Outcome, print};
-use dunkelfeld::bsdf::Lobe;
-use dunkelfeld::integrator::{Estimator, PixelSample, TraceConnection};
 use dunkelfeld::radiometry::Rgb;
+use dunkelfeld::trace::Lobe;
+use dunkelfeld::trace::{Estimator, PixelSample, TraceConnection};
 use dunkelfeld::{Error, Project};
 use std::fmt::Write;
 
