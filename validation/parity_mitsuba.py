@@ -15,7 +15,7 @@ TEXEL = 48
 BACK = 4e-4
 
 
-def load(scene: Scene, width: int, height: int) -> Any:
+def load(scene: Scene, width: int, height: int, rr_depth: int = 24) -> Any:
     """Builds the scene."""
     import mitsuba as mi
 
@@ -24,7 +24,7 @@ def load(scene: Scene, width: int, height: int) -> Any:
     integrator = "volpathmis" if any(m.medium for m in scene.materials.values()) else "path"
     parts: dict[str, Any] = {
         "type": "scene",
-        "integrator": {"type": integrator, "max_depth": -1, "rr_depth": 24},
+        "integrator": {"type": integrator, "max_depth": -1, "rr_depth": rr_depth},
         "sensor": _sensor(scene.camera, width, height),
     }
     bsdfs = {name: mi.load_dict(_bsdf(m, scene.textures.get(name, Textures()))) for name, m in scene.materials.items()}
