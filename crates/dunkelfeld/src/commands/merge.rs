@@ -45,7 +45,7 @@ pub struct Merged {
     pub stats: Stats,
 }
 
-/// Joins parts of one render ([`RenderSettings::samples`]), in any order, and writes the outputs. They are bit by bit
+/// Joins parts of one render ([`crate::RenderSettings::samples`]), in any order, and writes the outputs. They are bit by bit
 /// those of one process that rendered all of their samples. Neither scene nor job is needed. `started` is the start
 /// time of the command.
 ///
