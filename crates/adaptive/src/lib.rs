@@ -13,7 +13,7 @@
 //! | clip at white, gamma 2.2, eight bits | [`sobel::gamma_image`] |
 //! | Sobel magnitude | [`sobel::magnitude`] |
 //! | weights above a floor, mean one | [`weights::Strategy`] |
-//! | whole samples per pixel whose average meets the budget | [`plan::next_round_of`] |
+//! | whole samples per pixel whose average meets the budget | [`plan::next_round`] |
 //! | a pilot, then rounds until the budget is used up (the pilot of the paper has about 8 % of the budget; a fifth gives better estimates, and is less than most pixels get anyway) | [`budget::Schedule`] |
 //!
 //! The edges are a proxy of the variance, and the variance is a proxy of visible noise. With a sensor, the render uses
@@ -47,7 +47,7 @@
 //!         let pilot = weights::Pilot { luminance: &luminance, white: 1.0, sobel_floor: 0.25, measured: None };
 //!         shares = weights::Strategy::Sobel.shares(&pilot);
 //!     }
-//!     let next = plan::next_round_of(&taken, &shares, schedule.taken() + round.samples);
+//!     let next = plan::next_round(&taken, &shares, schedule.taken() + round.samples);
 //!     // ... render `plan::increment(&taken, &next)` here ...
 //!     schedule.record(round.samples, round.samples as f64, 0.1);
 //!     taken = next;

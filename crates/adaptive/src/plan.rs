@@ -39,8 +39,9 @@ pub fn total_for_mean(spp: f64, pixels: u64) -> u64 {
     (spp * pixels as f64).round() as u64
 }
 
-/// The plan of a round: `target_total` samples in all, shared in proportion to `weights`, at least `current`
-/// everywhere.
+/// The plan of a round: `target_total` samples in all, at least `current` everywhere. Pixels get samples in proportion
+/// to their weights until they have their caps. If the total is more than all caps, they get samples in proportion to
+/// the caps. Without caps, weights alone decide.
 ///
 /// Equals `current` if that holds `target_total` samples or more. Weights are relative. Those that are negative or not
 /// finite count as zero, and if none is positive all are equal. The total is met exactly unless every pixel that may
@@ -48,51 +49,44 @@ pub fn total_for_mean(spp: f64, pixels: u64) -> u64 {
 ///
 /// # Panics
 /// If the planes differ in size.
-pub fn next_round(current: &SamplePlan, weights: &Plane<f32>, target_total: u64) -> SamplePlan {
-    let size = (current.width(), current.height());
-    assert_eq!(size, (weights.width(), weights.height()), "plan and weights differ in size");
-    let taken = total(current);
-    if target_total <= taken || current.data().is_empty() {
-        return current.clone();
-    }
-    let weights = Weights::new(weights);
-    let level = water_level(current.data(), &weights, target_total);
-    let share = |i: usize| (level * weights.at(i)).min(f64::from(MAX_SPP)).max(f64::from(current.data()[i]));
-    let mut plan = round_shares(current, share, target_total);
-    hand_out_rest(&mut plan, current, &weights, target_total);
-    plan
+pub fn next_round(current: &SamplePlan, shares: &Shares, target_total: u64) -> SamplePlan {
+    fill(current, &shares.weights, shares.caps.as_ref(), target_total)
 }
 
-/// The plan of a round by the shares of a strategy: in proportion to the weights until a pixel has its cap. If the
-/// total is more than all caps, in proportion to the caps. Otherwise as [`next_round`].
-///
-/// # Panics
-/// If the planes differ in size.
-pub fn next_round_of(current: &SamplePlan, shares: &Shares, target_total: u64) -> SamplePlan {
-    let Some(caps) = &shares.caps else { return next_round(current, &shares.weights, target_total) };
+/// [`next_round`] of weights and caps.
+fn fill(current: &SamplePlan, weights: &Plane<f32>, caps: Option<&Plane<f32>>, target_total: u64) -> SamplePlan {
     let size = (current.width(), current.height());
-    assert!([&shares.weights, caps].into_iter().all(|p| (p.width(), p.height()) == size), "planes differ in size");
+    let differs = |p: &Plane<f32>| (p.width(), p.height()) != size;
+    assert!(!differs(weights) && !caps.is_some_and(differs), "planes differ in size");
     if target_total <= total(current) || current.data().is_empty() {
         return current.clone();
     }
-    let cap = |i: usize| f64::from(caps.data()[i]).clamp(0.0, f64::from(MAX_SPP));
-    let weights = Weights::new(&shares.weights);
-    let floor = |i: usize| f64::from(current.data()[i]);
-    // The sum of the samples at a level: each pixel up to its cap, never less than it has. It grows with the level.
-    let filled =
-        |level: f64| -> f64 { (0..caps.data().len()).map(|i| (level * weights.at(i)).min(cap(i)).max(floor(i))).sum() };
-    let target = target_total as f64;
-    if filled(f64::MAX) < target {
-        return next_round(current, caps, target_total);
+    let valid = Weights::new(weights);
+    let most = f64::from(MAX_SPP);
+    let cap = |i: usize| caps.map_or(most, |caps| f64::from(caps.data()[i]).clamp(0.0, most));
+    // The samples of a pixel at a level: up to its cap, never less than it has. They grow with the level.
+    let share = |level: f64, i: usize| (level * valid.at(i)).min(cap(i)).max(f64::from(current.data()[i]));
+    let mut level = water_level(current.data(), &valid, target_total);
+    if let Some(caps) = caps {
+        let filled = |level: f64| -> f64 { (0..caps.data().len()).map(|i| share(level, i)).sum() };
+        if filled(f64::MAX) < target_total as f64 {
+            return fill(current, caps, None, target_total);
+        }
+        // Caps only raise the level.
+        level = level_above(level, target_total as f64, filled);
     }
-    // Caps only raise the level.
-    let mut low = water_level(current.data(), &weights, target_total);
+    let mut plan = round_shares(current, |i| share(level, i), target_total);
+    hand_out_rest(&mut plan, current, &valid, target_total);
+    plan
+}
+
+/// The level, `low` or above, at which `filled` has reached `target`. The search ends within a quarter of a sample,
+/// since the rounding corrects the rest. Otherwise it ends at the resolution of f64.
+fn level_above(mut low: f64, target: f64, filled: impl Fn(f64) -> f64) -> f64 {
     let mut high = low.max(1e-9);
     while filled(high) < target {
         (low, high) = (high, 2.0 * high);
     }
-    // The search ends within a quarter of a sample, since the rounding corrects the rest. Otherwise it ends at the
-    // resolution of f64.
     while filled(high) - target > 0.25 {
         let middle = 0.5 * (low + high);
         if middle <= low || middle >= high {
@@ -104,10 +98,7 @@ pub fn next_round_of(current: &SamplePlan, shares: &Shares, target_total: u64) -
             high = middle;
         }
     }
-    let share = |i: usize| (high * weights.at(i)).min(cap(i)).max(floor(i));
-    let mut plan = round_shares(current, share, target_total);
-    hand_out_rest(&mut plan, current, &weights, target_total);
-    plan
+    high
 }
 
 /// The samples of `plan` beyond `current`.
@@ -253,23 +244,28 @@ mod tests {
         })
     }
 
+    fn even(width: u32, height: u32) -> Shares {
+        Shares::from_weights(Plane::new(width, height, 1.0))
+    }
+
     #[test]
     fn uniform_plans_are_flat_when_they_can_be() {
-        let weights = Plane::new(13, 11, 1.0);
+        let shares = even(13, 11);
         for spp in [1u32, 16, 64, 2500] {
-            let plan = next_round(&empty(13, 11), &weights, u64::from(spp) * 143);
+            let plan = next_round(&empty(13, 11), &shares, u64::from(spp) * 143);
             assert!(plan.data().iter().all(|&n| n == spp), "{spp} spp: {:?}", plan.data());
         }
-        let plan = next_round(&empty(13, 11), &weights, 143 * 5 / 2);
+        let plan = next_round(&empty(13, 11), &shares, 143 * 5 / 2);
         assert!(plan.data().iter().all(|&n| n == 2 || n == 3));
     }
 
     #[test]
     fn the_total_is_exact_and_every_pixel_has_its_share() {
         let weights = varied(61, 47);
+        let shares = Shares::from_weights(weights.clone());
         let sum: f64 = weights.data().iter().map(|&w| f64::from(w)).sum();
         for target in [1, 17, 2866, 2867, 2868, 50_000, 1_000_003, 40_000_000] {
-            let plan = next_round(&empty(61, 47), &weights, target);
+            let plan = next_round(&empty(61, 47), &shares, target);
             assert_eq!(total(&plan), target);
             for (&n, &w) in plan.data().iter().zip(weights.data()) {
                 let share = f64::from(w) / sum * target as f64;
@@ -282,7 +278,7 @@ mod tests {
 
     #[test]
     fn large_numbers_come_in_full_sets_of_batches() {
-        let plan = next_round(&empty(61, 47), &varied(61, 47), 61 * 47 * 200);
+        let plan = next_round(&empty(61, 47), &Shares::from_weights(varied(61, 47)), 61 * 47 * 200);
         let large: Vec<u32> = plan.data().iter().copied().filter(|&n| n >= 40).collect();
         let odd = large.iter().filter(|&&n| n % BATCHES as u32 != 0).count();
         assert!(large.len() > 500 && odd <= 4, "{odd} of {} pixels break their batches", large.len());
@@ -290,17 +286,17 @@ mod tests {
 
     #[test]
     fn plans_never_shrink_and_full_pixels_stay() {
-        let weights = varied(40, 30);
+        let shares = Shares::from_weights(varied(40, 30));
         let pilot = Plane::new(40, 30, 16);
         let mut plan = pilot.clone();
         for target in [1200 * 16 + 1, 1200 * 17, 1200 * 24, 1200 * 40, 1200 * 41, 1200 * 400] {
-            let next = next_round(&plan, &weights, target);
+            let next = next_round(&plan, &shares, target);
             assert_eq!(total(&next), target);
             assert!(next.data().iter().zip(plan.data()).all(|(n, c)| n >= c));
             plan = next;
         }
         // The level is above the pilot everywhere: the rounds end with the plan of a single round.
-        let direct = next_round(&pilot, &weights, 1200 * 400);
+        let direct = next_round(&pilot, &shares, 1200 * 400);
         for (&a, &b) in plan.data().iter().zip(direct.data()) {
             assert!(a.abs_diff(b) <= 9, "{a} in rounds, {b} at once");
         }
@@ -309,7 +305,7 @@ mod tests {
     #[test]
     fn a_pixel_above_its_share_leaves_the_rest_to_the_others() {
         let current = Plane::from_vec(4, 1, vec![100, 0, 0, 0]).expect("four values");
-        let plan = next_round(&current, &Plane::new(4, 1, 1.0), 130);
+        let plan = next_round(&current, &even(4, 1), 130);
         assert_eq!(plan.data(), [100, 10, 10, 10]);
         assert_eq!(increment(&current, &plan).data(), [0, 10, 10, 10]);
     }
@@ -322,7 +318,7 @@ mod tests {
     #[test]
     fn caps_hold_until_all_have_theirs() {
         let shares = capped(&[1.0, 2.0, 4.0, 1.0], &[100.0, 10.0, 30.0, 5.0]);
-        let of = |total| next_round_of(&Plane::new(4, 1, 2), &shares, total).into_vec();
+        let of = |total| next_round(&Plane::new(4, 1, 2), &shares, total).into_vec();
         // Levels 3, 7, 60 and 100: the second and fourth pixel reach their caps early. Rounding moves a sample, or a
         // set of batches.
         for expected in [[3, 6, 12, 3], [7, 10, 28, 5], [60, 10, 30, 5], [100, 10, 30, 5]] {
@@ -345,7 +341,7 @@ mod tests {
         let shares = Shares { weights, caps: Some(caps.clone()) };
         let mut plan = Plane::new(61, 47, 16);
         for target in [2867 * 16 + 1, 50_000, 100_000, 400_000, 40_000_000] {
-            let next = next_round_of(&plan, &shares, target);
+            let next = next_round(&plan, &shares, target);
             assert_eq!(total(&next), target);
             assert!(next.data().iter().zip(plan.data()).all(|(n, c)| n >= c));
             if target == 100_000 {
@@ -363,20 +359,20 @@ mod tests {
     #[test]
     fn shares_without_information_still_give_a_plan() {
         for (w, c) in [(0.0, 0.0), (f32::NAN, f32::NAN), (1.0, f32::INFINITY), (1e-30, 7.0), (0.0, 9.0)] {
-            let plan = next_round_of(&empty(2, 1), &capped(&[w, w], &[c, c]), 600);
+            let plan = next_round(&empty(2, 1), &capped(&[w, w], &[c, c]), 600);
             assert_eq!(plan.data(), [300, 300], "weight {w}, cap {c}");
         }
-        assert!(next_round_of(&empty(0, 0), &capped(&[], &[]), 9).data().is_empty());
+        assert!(next_round(&empty(0, 0), &capped(&[], &[]), 9).data().is_empty());
         let shares = capped(&[0.0, 1.0], &[0.0, 4.0]);
-        assert_eq!(next_round_of(&empty(2, 1), &shares, 3).data(), [0, 3]);
-        assert_eq!(next_round_of(&empty(2, 1), &shares, 40).data(), [0, 40]);
+        assert_eq!(next_round(&empty(2, 1), &shares, 3).data(), [0, 3]);
+        assert_eq!(next_round(&empty(2, 1), &shares, 40).data(), [0, 40]);
     }
 
     #[test]
     fn budgets_already_spent_change_nothing() {
         let current = Plane::new(3, 3, 5);
         for target in [0, 44, 45] {
-            assert_eq!(next_round(&current, &Plane::new(3, 3, 1.0), target), current);
+            assert_eq!(next_round(&current, &even(3, 3), target), current);
         }
     }
 
@@ -385,10 +381,10 @@ mod tests {
         // 64 rounds of a fiftieth of a sample per pixel: every quarter of the image gets a quarter of the samples each
         // time.
         let (width, height) = (64, 64);
-        let weights = Plane::new(width, height, 1.0);
+        let shares = even(width, height);
         let mut plan = Plane::new(width, height, 16);
         for round in 1..=64 {
-            let next = next_round(&plan, &weights, 4096 * 16 + round * 82);
+            let next = next_round(&plan, &shares, 4096 * 16 + round * 82);
             let more = increment(&plan, &next);
             for quarter in 0..4 {
                 let (x0, y0) = (quarter % 2 * 32, quarter / 2 * 32);
@@ -408,11 +404,7 @@ mod tests {
         // 2e-10 over 64 columns.
         let mut hits = [0u32; 64];
         for extra in 0..256 {
-            let plan = next_round(
-                &Plane::new(64, 64, extra * 3),
-                &Plane::new(64, 64, 1.0),
-                u64::from(extra) * 3 * 4096 + 2048,
-            );
+            let plan = next_round(&Plane::new(64, 64, extra * 3), &even(64, 64), u64::from(extra) * 3 * 4096 + 2048);
             for y in 0..64 {
                 for (x, hit) in hits.iter_mut().enumerate() {
                     *hit += plan.at(x as u32, y) - extra * 3;
@@ -427,19 +419,19 @@ mod tests {
     #[test]
     fn useless_weights_mean_equal_weights() {
         for w in [0.0, -1.0, f32::NAN, f32::INFINITY] {
-            let plan = next_round(&empty(5, 4), &Plane::new(5, 4, w), 60);
+            let plan = next_round(&empty(5, 4), &Shares::from_weights(Plane::new(5, 4, w)), 60);
             assert!(plan.data().iter().all(|&n| n == 3), "weight {w}");
         }
-        let one = Plane::from_vec(3, 1, vec![0.0, 2.0, f32::NAN]).expect("three values");
+        let one = Shares::from_weights(Plane::from_vec(3, 1, vec![0.0, 2.0, f32::NAN]).expect("three values"));
         assert_eq!(next_round(&empty(3, 1), &one, 9).data(), [0, 9, 0]);
     }
 
     #[test]
     fn extremes_end() {
-        assert!(next_round(&empty(0, 0), &Plane::new(0, 0, 1.0), 10).data().is_empty());
-        assert_eq!(next_round(&empty(1, 1), &Plane::new(1, 1, 1.0), u64::MAX).data(), [MAX_SPP]);
-        assert_eq!(next_round(&empty(1, 1), &Plane::new(1, 1, 1e-30), 7).data(), [7]);
-        let steep = Plane::from_vec(2, 1, vec![f32::MIN_POSITIVE, f32::MAX]).expect("two values");
+        assert!(next_round(&empty(0, 0), &even(0, 0), 10).data().is_empty());
+        assert_eq!(next_round(&empty(1, 1), &even(1, 1), u64::MAX).data(), [MAX_SPP]);
+        assert_eq!(next_round(&empty(1, 1), &Shares::from_weights(Plane::new(1, 1, 1e-30)), 7).data(), [7]);
+        let steep = Shares::from_weights(Plane::from_vec(2, 1, vec![f32::MIN_POSITIVE, f32::MAX]).expect("two values"));
         let plan = next_round(&empty(2, 1), &steep, 1000);
         assert_eq!(plan.data(), [0, 1000]);
     }

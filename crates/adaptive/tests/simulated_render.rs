@@ -30,7 +30,7 @@ fn render(budget: f64, costs: &Plane<f64>, weights: &Plane<f32>) -> Result {
     let grid = TileGrid::new(SIDE, SIDE, 16);
     let mut map = CostMap::new(grid);
     let mut taken = plan::empty(SIDE, SIDE);
-    let mut current = weights::uniform(SIDE, SIDE);
+    let mut shares = Shares::from_weights(weights::uniform(SIDE, SIDE));
     let (mut now, mut work_per_sample, mut replans) = (0.0, 1.0, 0);
     loop {
         let round = match schedule.next(now, work_per_sample) {
@@ -42,10 +42,10 @@ fn render(budget: f64, costs: &Plane<f64>, weights: &Plane<f32>) -> Result {
             Step::Round(round) => round,
         };
         if round.replan {
-            current = weights.clone();
+            shares = Shares::from_weights(weights.clone());
             replans += 1;
         }
-        let next = |samples: u64| plan::next_round(&taken, &current, schedule.taken() + samples);
+        let next = |samples: u64| plan::next_round(&taken, &shares, schedule.taken() + samples);
         let Dealt { samples, next, increment, units, work } = deal(&schedule, &mut map, &taken, round.samples, next);
         let took = work_off(&units, &mut map, |unit| seconds(unit, grid, &taken, &increment, costs));
         schedule.record(samples, work, took);
@@ -184,7 +184,7 @@ fn render_until_hidden(budget: Option<f64>, costs: &Plane<f64>, need: &Plane<f32
             }
             Step::Round(round) => round,
         };
-        let next = |samples: u64| plan::next_round_of(&taken, &shares, schedule.taken() + samples);
+        let next = |samples: u64| plan::next_round(&taken, &shares, schedule.taken() + samples);
         let Dealt { samples, next, increment, units, work } = deal(&schedule, &mut map, &taken, round.samples, next);
         let took = work_off(&units, &mut map, |unit| seconds(unit, grid, &taken, &increment, costs));
         schedule.record(samples, work, took);

@@ -151,7 +151,7 @@ fn adaptive(image: &mut Image, target: f64) {
         let measured = MeasuredNoise { expected: &expected, required_samples: Some(&required_samples) };
         let pilot = Pilot { luminance: &evidence.mean, white: 1.0, sobel_floor: 0.25, measured: Some(measured) };
         let shares = Strategy::Sensor.shares(&pilot);
-        image.render(&plan::next_round_of(&evidence.counts, &shares, aim.min(2 * taken)));
+        image.render(&plan::next_round(&evidence.counts, &shares, aim.min(2 * taken)));
     }
 }
 
@@ -271,7 +271,7 @@ fn bias_of_budget(rule: Rule, neighbourhood: Neighbourhood, plans: u32, repeats:
                 }
             };
             let total = (64 * pixels) >> (plans - plan);
-            image.render(&plan::next_round_of(&evidence.counts, &shares, total));
+            image.render(&plan::next_round(&evidence.counts, &shares, total));
         }
     });
     verdict.bias

@@ -444,7 +444,7 @@ impl<'a> Renderer<'a> {
     /// The plan of a round of so many samples. It has fewer if these samples are too much work in their tiles.
     fn target(&mut self, mut samples: u64, schedule: &Schedule, at_least: u64) -> Plane<u32> {
         loop {
-            let target = plan::next_round_of(&self.counts, self.planner.shares(), self.taken + samples);
+            let target = plan::next_round(&self.counts, self.planner.shares(), self.taken + samples);
             if self.settings.budget.seconds.is_none() || self.taken < at_least {
                 return target;
             }
