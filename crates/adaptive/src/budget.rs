@@ -12,9 +12,10 @@
 //! per cent.
 //!
 //! Under a time limit a phase consists of several rounds. No round is expected to take more than [`TIME_SHARE`] of the
-//! time left. So a machine that becomes three times slower in the middle of a round still ends in time. After each plan
-//! the first rounds are small, since the cost of the favoured pixels is unknown. The rounds shrink geometrically toward
-//! the end, down to fractions of a sample per pixel. Without a time limit the rounds grow fourfold from one sample per
+//! time left. So a machine that becomes three times slower in the middle of a round still ends in time. The rounds shrink
+//! geometrically toward the end, down to fractions of a sample per pixel. The first rounds after a plan are not smaller than
+//! others: [`Schedule::trimmed`] bounds the cost of the favoured pixels, and the caller cuts off a round that passes
+//! the deadline. Without a time limit the rounds grow fourfold from one sample per
 //! pixel and depend on no measurement: the same arguments give the same plan on any machine.
 //!
 //! With a noise target ([`Limits::stop_on_noise`]), [`Step::CheckNoise`] requests a check of the noise after the pilot.
@@ -33,10 +34,6 @@ pub const NOISE_LEVELS: std::ops::RangeInclusive<f64> = 1e-3..=1e3;
 
 /// The largest expected time of a round, as a share of the time left.
 pub const TIME_SHARE: f64 = 0.3;
-/// The share of [`TIME_SHARE`] in the first round after a plan; it grows fourfold from one round to the next. New
-/// weights send samples to other pixels, which may cost far more than a map of tiles can predict. With this share, a
-/// jump to the two-hundredfold cost per sample still ends in time.
-const CAUTION: f64 = 1.0 / 64.0;
 /// Samples of the first round under a time limit, when their cost is unknown.
 const PROBE: u64 = 256;
 /// A round has at most this many times the samples taken before, unless it would be shorter than the pause between
@@ -127,8 +124,6 @@ pub struct Schedule {
     settings: Settings,
     taken: u64,
     phase: Phase,
-    /// The current part of [`TIME_SHARE`] that a round may use.
-    caution: f64,
     /// Seconds per unit of work: smoothed, and of the last round. `None` before the first.
     pace: Option<(f64, f64)>,
     /// Seconds that pass between rounds (planning, folding results), smoothed.
@@ -149,7 +144,6 @@ impl Schedule {
             settings: Settings { closing_seconds: sane(settings.closing_seconds), ..settings },
             taken: 0,
             phase: Phase::Pilot,
-            caution: 1.0,
             pace: None,
             overhead: 0.0,
             last_round: None,
@@ -209,10 +203,9 @@ impl Schedule {
             Phase::Refine if self.limits.stop_on_noise => self.judge_at.min(wanted),
             Phase::Refine => wanted,
         };
-        self.caution = if replan { CAUTION } else { (4.0 * self.caution).min(1.0) };
         // Rounds shorter than the pause between them would make no progress.
         let grown = self.taken.saturating_mul(GROWTH).max((self.overhead / per_sample) as u64);
-        let most = ((self.caution * TIME_SHARE * affordable) as u64).min(grown);
+        let most = ((TIME_SHARE * affordable) as u64).min(grown);
         let samples = goal.saturating_sub(self.taken).min(most).min(wanted - self.taken).max(1);
         self.hand_out(samples, replan)
     }
@@ -228,7 +221,6 @@ impl Schedule {
         self.judge_at = (total.ceil() as u64).min(self.taken.saturating_mul(2)).max(least);
         if self.phase == Phase::Pilot {
             self.phase = Phase::Refine;
-            self.caution = CAUTION;
         }
     }
 
