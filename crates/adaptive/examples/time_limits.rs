@@ -15,7 +15,7 @@
 //! - *Noise*: variance of the mean of the image, over that of the plan with all of the time and known costs. Geometric
 //!   mean.
 
-#![allow(clippy::print_stdout, reason = "an example prints its result")]
+#![allow(clippy::print_stdout, reason = "an example prints a table")]
 
 use std::env;
 
