@@ -8,7 +8,7 @@ use dunkelfeld_scene::{
     Texture, Volume, kernel_words,
 };
 
-/// Parameters that shall call for an effect and change nothing: small, and far from what f32 loses beside one.
+/// Parameters that put an effect in use and change nothing: small, and far above the rounding of f32 beside one.
 const FAINT: f32 = 1e-6;
 
 /// Boxes along each side of the floor: 81 of 12 triangles each.
@@ -19,7 +19,7 @@ const BOXES: usize = 9;
 pub(crate) enum Case {
     /// The plain scene as it is.
     Plain,
-    /// The plain scene in a kernel that can do more than it calls for.
+    /// The plain scene in a kernel with more effects than it uses.
     Kernel(FeatureSet),
     /// The plain scene with an effect in use.
     Effect(Effect),
@@ -68,7 +68,7 @@ impl Case {
             Effect::Coverage => "a coverage of one, from a texture, on every material",
             Effect::ThinSheets => "the matt surfaces pass a millionth",
             Effect::DiffuseTransmission => "the matt surfaces pass a millionth, diffusely",
-            Effect::SmoothRefraction => "a clear box that nothing sees, inside a closed one",
+            Effect::SmoothRefraction => "an invisible clear box inside a closed one",
             Effect::RoughRefraction => "the same, rough",
             Effect::Nesting => "the same, two that overlap",
             Effect::Absorption => "the same, absorbing",
@@ -79,17 +79,17 @@ impl Case {
             Effect::EnergyCompensation => "on, which changes the image a little",
             Effect::FiniteAperture => "a radius of a micrometre",
             Effect::Distortion => "a coefficient of 1e-9",
-            Effect::Environment => "a sky so dim that it counts for nothing: one more light to ask",
-            Effect::PunctualLights => "a lamp as dim: one more light to ask",
-            Effect::LightProfiles => "a lamp with a profile, as dim: one more light to ask",
+            Effect::Environment => "a sky of negligible radiance: one more light to sample",
+            Effect::PunctualLights => "a point light of negligible power: one more light to sample",
+            Effect::LightProfiles => "the same with a profile: one more light to sample",
             Effect::ManyLights => {
-                "the three panels cut into 75: a tree chooses one, where the plain scene asks all three"
+                "the three panels are cut into 75: a tree selects one; the plain scene samples all three"
             }
             Effect::Color => "the grey of the matt surfaces is a trace of yellow",
             Effect::CoverConnection => {
-                "a clear plate that nothing sees, inside a closed box, against the same without it"
+                "an invisible clear plate inside a closed box, over the same scene without the technique"
             }
-            Effect::EveryLight => "all three panels asked, against one at a time",
+            Effect::EveryLight => "all three panels are sampled, over one at a time",
         }
     }
 
