@@ -228,7 +228,7 @@ fn what_cannot_be_measured_is_refused_with_help() {
         ("bench <scene>.obj --strategies sobel,sobel", "strategies"),
         ("bench <scene>.obj --effects color", "color"),
         ("bench <scene>.obj --effects magic", "magic"),
-        ("bench <scene>.obj --effects every-light", "looking for light"),
+        ("bench <scene>.obj --effects every-light", "sampling technique"),
         ("bench <scene>.obj --strategies uniform,sobel,uniform", "strategies"),
         ("bench <scene>.obj --noise 0", "k"),
         ("bench <scene>.obj --denoise builtin,builtin", "denoise"),

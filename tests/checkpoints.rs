@@ -25,7 +25,7 @@ use std::time::{Duration, Instant};
 use support::{build, emitter, settings, square};
 use tempfile::TempDir;
 
-/// Three tiles side by side: few samples, so that whoever listens slowly is not kept for long.
+/// Three tiles side by side: few samples, so that slow reports do not make the test long.
 const WIDTH: u32 = 33;
 const HEIGHT: u32 = 3;
 
@@ -79,7 +79,7 @@ fn film(scene: &Scene, settings: &RenderSettings) -> Film {
     run(scene, settings).expect("a render").film.sums
 }
 
-/// Progress is reported ten times a second. Whoever takes longer to listen, and lets a single thread render, hears of every
+/// Progress is reported ten times a second. A report that takes longer, with a single rendering thread, gives a report for every
 /// few hundred samples, on any machine.
 fn listen_slowly() {
     std::thread::sleep(Duration::from_millis(101));
@@ -90,7 +90,7 @@ fn a_second_ago() -> Instant {
     Instant::now().checked_sub(Duration::from_secs(1)).unwrap_or_else(Instant::now)
 }
 
-/// Copies the checkpoint whenever the render says how far it is.
+/// Copies the checkpoint at each progress report of the render.
 struct Witness {
     checkpoint: PathBuf,
     copies: Mutex<Vec<PathBuf>>,
@@ -175,7 +175,7 @@ fn a_render_goes_on_from_wherever_it_was_left_and_ends_with_the_same_bits() {
     }
 }
 
-/// Interrupted again and again, at moments that no clock has a say in.
+/// Interrupted many times, at moments that do not depend on the clock.
 #[test]
 #[ignore = "long: .ci/run runs it"]
 fn a_render_that_is_interrupted_many_times_ends_with_the_same_bits() {
@@ -247,7 +247,7 @@ fn with_text(path: &Path, from: &str, to: &str) {
     write_checkpoint(path, &head, &mut rows).expect("writable");
 }
 
-/// The seconds of the text, whatever they are.
+/// Replaces the seconds of the text.
 fn set_elapsed(path: &Path, seconds: &str) {
     let text = read_checkpoint(path).expect("a checkpoint").text;
     let value = text.split("\"elapsed\":").nth(1).and_then(|rest| rest.split(',').next()).expect("elapsed seconds");
@@ -282,7 +282,7 @@ fn the_time_of_all_processes_counts_against_the_budget() {
     // All of it was spent in some stage.
     let accounted: f64 = second.stages.iter().map(|(_, seconds)| seconds).sum();
     assert!((accounted - 3599.9).abs() < 60.0, "{accounted} s in {:?}", second.stages);
-    // Whatever was rendered, its plan replays.
+    // The plan of the render replays it.
     let replay = timed.with_replay(second.plan()).with_checkpoint(None);
     assert!(film(&scene, &replay) == second.film.sums);
 }
@@ -456,7 +456,7 @@ fn parts_that_do_not_belong_together_are_refused() {
         refused(dunkelfeld::merge(&over, Instant::now()), &[&exr.display().to_string(), says]);
     }
 
-    // A whole render, an unfinished part, one that holds more than it says.
+    // A whole render, an unfinished part, one that contains more samples than its range.
     let whole = folder.path().join("whole.film");
     run(&scene, &kept(&whole, &uniform)).expect("a render");
     refused(together(&[&whole]), &["whole.film", "not a part"]);

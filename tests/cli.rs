@@ -44,7 +44,7 @@ fn a_render_writes_all_outputs_well_formed() {
     assert!(!bench.names().iter().any(|n| n.contains("partial")), "{:?}", bench.names());
 
     let png = bench.read("a.png");
-    assert_eq!(header(&png), (24, 16, 8, 0), "grey, as a monochrome sensor sees");
+    assert_eq!(header(&png), (24, 16, 8, 0), "grey, as the image of a monochrome sensor");
     assert_eq!(chunk(&png, b"gAMA"), Some(&45_455u32.to_be_bytes()[..]), "1 / 2.2");
     assert_eq!(&bench.read("a.tif")[..2], b"II");
 
@@ -88,7 +88,7 @@ fn a_render_writes_all_outputs_well_formed() {
     assert_eq!(keys, documented.split_whitespace().collect());
 }
 
-/// Flag and job ask for the same, the outputs say where it holds, and a plain exposure differs in its grey values alone.
+/// Flag and job have the same effect, the outputs contain the pixels in which it holds, and a plain exposure differs in its grey values alone.
 #[test]
 fn matched_exposure_states_where_it_holds_and_leaves_the_other_layers_alone() {
     let bench = Bench::new();
@@ -220,7 +220,7 @@ fn files_are_the_same_bytes_in_every_run_and_on_any_number_of_threads() {
 #[test]
 fn a_timed_render_stops_by_time_and_is_replayed_to_the_last_bit() {
     let bench = Bench::new();
-    // A busy machine may miss the budget, which is code 1; when it does is not looked at.
+    // A busy machine may miss the budget, which is code 1; the test accepts both.
     let line = "render scene.gltf --width 48 --height 32 --seed 11 --frame 4 --time 0.7s";
     let run = bench.run(&format!("{line} -o timed.png --exr timed.exr --stats timed.json --plan plan.exr"));
     assert!(matches!(run.get_output().status.code(), Some(0 | 1)), "{run}");
@@ -238,7 +238,7 @@ fn a_timed_render_stops_by_time_and_is_replayed_to_the_last_bit() {
     }
 }
 
-/// A budget for which there is no image still gives one, of a sample for every sixteenth pixel, and says so.
+/// A budget that is too small for an image still gives one, of a sample for every sixteenth pixel, with a message.
 #[test]
 fn pixels_without_samples_show_their_neighbours_and_are_reported() {
     let bench = Bench::new();
@@ -252,7 +252,7 @@ fn pixels_without_samples_show_their_neighbours_and_are_reported() {
     let run = bench.run(&format!("{render} --time 1ms -o a.png --exr a.exr --stats a.json")).code(1);
     assert!(stderr(&run).contains("flagged: 93.8 % of pixels have no sample"), "{}", stderr(&run));
     check("a");
-    // Asked for as a number of samples it is no fault, and a replay fills the same gaps.
+    // As a number of samples it is no fault, and a replay fills the same gaps.
     let run = bench.run(&format!("{render} --spp 0.0625 -o b.png --exr b.exr --stats b.json")).code(0);
     assert!(stderr(&run).contains("warning: 93.8 % of pixels have no sample"), "{}", stderr(&run));
     check("b");
@@ -285,8 +285,8 @@ fn a_render_can_end_when_the_sensor_hides_its_noise() {
     assert_eq!((&stats["stop"], &stats["allocation"]), (&"noise".into(), &"sensor".into()));
     let c = &stats["certificate"];
     assert!(c["k"] == 0.5 && c["is_hidden"] == true && c["hidden"].as_f64().is_some_and(|h| h >= 0.99), "{c}");
-    assert!(said.contains("at k = 0.5 in ") && said.contains("the pilot foretold"), "{said}");
-    // The layer says the same as the certificate: nothing is saturated here.
+    assert!(said.contains("at k = 0.5 in ") && said.contains("the forecast was"), "{said}");
+    // The layer agrees with the certificate: nothing is saturated here.
     let ratios = bench.floats("a.exr", "hidden.Y");
     let hidden = ratios.iter().filter(|r| **r <= 0.25).count() as f64 / ratios.len() as f64;
     assert_eq!(c["saturated"], 0);
@@ -298,7 +298,7 @@ fn a_render_can_end_when_the_sensor_hides_its_noise() {
     bench.run("render scene.gltf --width 16 --height 12 --noise 0.001 --spp 20 --stats b.json").code(0);
     let stats = bench.json("b.json");
     assert!(stats["stop"] == "samples" && stats["mean_spp"] == 20.0 && stats["certificate"]["is_hidden"] == false);
-    // And a job may say it.
+    // A job can set the level, too.
     bench.write("quiet.toml", "scene = \"scene.gltf\"\n[film]\nwidth = 16\nheight = 12\n[budget]\nnoise = 0.5\n[allocate]\nstrategy = \"uniform\"\n");
     bench.run("render quiet.toml --stats c.json").code(0);
     let stats = bench.json("c.json");
@@ -312,7 +312,7 @@ fn a_job_is_obeyed_and_flags_win_over_it() {
     let stats = bench.json("a.json");
     assert_eq!(header(&bench.read("job.png")), (20, 10, 8, 0));
     assert_eq!((&stats["mean_spp"], &stats["allocation"]), (&3.0.into(), &"sensor".into()));
-    // A job that says nothing of a sensor has the one that a scene has.
+    // A job without a sensor has the default sensor, as a scene has.
     bench.run("render scene.gltf --width 20 --height 10 --spp 3 -o b.png --stats b.json").code(0);
     assert_eq!(stats["sensor"]["name"], bench.json("b.json")["sensor"]["name"]);
     assert!(bench.read("job.png") == bench.read("b.png"), "the job and the same flags give other images");

@@ -51,7 +51,7 @@ fn what_is_measured_never_reads_the_denoised_image() {
     assert_eq!(a, b);
     assert!(a["certificate"]["ratio_mean"].is_number() && a["sensor"]["matched"].is_number());
 
-    // The pictures differ, and the one that was made from it says so.
+    // The pictures differ, and the denoised one contains a note.
     assert_ne!(bench.read("a.png"), bench.read("b.png"));
     assert!(says(&bench, "b.png", "denoised by builtin") && !says(&bench, "a.png", "denoised"));
     // The same again, also from the plan, and on other threads.

@@ -20,7 +20,7 @@ fn a_data_set_is_written_and_its_figures_are_found() {
     for row in ["eta ", "K ", "mu_p.min.area ", "DSNU1288.row ", "LE "] {
         assert!(table.lines().any(|l| l.starts_with(row)), "{row}: {table}");
     }
-    // It lacks what the standard requires, and says so.
+    // It has fewer levels than the standard requires, and a note names the difference.
     assert!(stderr(&run).contains("note: there are 20 levels of light, the standard requires 50"), "{}", stderr(&run));
     let truth = bench.json("set/truth.json");
     let found = bench.json("r.json");

@@ -41,7 +41,7 @@ fn a_scene_without_a_triangle_that_is_left_is_refused() {
     for command in ["render", "inspect", "bench"] {
         refused(&bench, &format!("{command} line.gltf"), &says);
     }
-    // Light from all around can be seen.
+    // An environment is visible.
     bench.write("sky.toml", "scene = \"line.gltf\"\n[environment]\nradiance = 1\n");
     bench.run("render sky.toml --width 8 --height 8 --spp 1 -o sky.png").code(0);
     bench.write("night.toml", "scene = \"line.gltf\"\n[environment]\nradiance = 0\n");
@@ -85,7 +85,7 @@ fn nothing_of_a_file_reaches_the_terminal_as_a_command() {
     }
     let listed = stdout(&bench.run("inspect evil.gltf").code(0));
     assert!(listed.contains("grey\\u{1b}[2J") && listed.contains("\\u{202e}gpj\\u{a}fake line"), "{listed}");
-    // JSON means what the file says.
+    // JSON contains the name of the file unchanged.
     let json = stdout(&bench.run("inspect evil.gltf --json").code(0));
     let json: serde_json::Value = serde_json::from_str(&json).expect("JSON");
     let camera = json["cameras"][0]["name"].as_str().expect("a name");

@@ -1,8 +1,8 @@
-//! Light through clear covers: the image with the connection is the image without it, whatever lies under the cover.
+//! Light through clear covers: the image with the connection is the image without it, for any object under the cover.
 //!
 //! Each set-up is rendered twice, with the connection and with everything left to chance, by different seeds; the pixels of each
-//! all see the same radiance, so their means are two samples that must have one mean (Welch 1947). That the comparison
-//! would notice is shown each time: with some percent of the light counted twice, as a path that two techniques both find would be,
+//! all see the same radiance, so their means are two samples that must have one mean (Welch 1947). Each
+//! comparison has a check of its power: with some percent of the light counted twice, as a path that two techniques both find would be,
 //! it must fail. The false-alarm rate of each check is `support::RATE`. Replay: `cargo test -p dunkelfeld --test covers NAME`.
 
 mod support;
@@ -60,7 +60,7 @@ fn moments(builder: SceneBuilder, spp: f64, seed: u64, twice: f64) -> [SampleMom
 }
 
 /// Compares the two images of a scene, in which `stacks` covers must be found. A share `twice` of the light counted twice must
-/// be noticed.
+/// be detected.
 fn compare(what: &str, builder: SceneBuilder, stacks: usize, spp: f64, twice: f64) {
     let mut left_out = builder.clone();
     assert!(left_out.leave_out(Effect::CoverConnection));

@@ -13,7 +13,7 @@ use dunkelfeld::{
 };
 use support::{build, emitter, film, settings, spot_camera, square};
 
-/// A red floor with its normal along +z, seen through, or by way of, something else. A lamp outside of what is seen.
+/// A red floor with its normal along +z, behind a cover or in a mirror. The lamp is outside of the view.
 fn scene(camera: (DVec3, DVec3), add: impl FnOnce(&mut SceneBuilder)) -> Scene {
     let mut b = SceneBuilder::default();
     let floor = Material { base_color: Rgb::new(0.8, 0.2, 0.1), specular: 0.0, roughness: 1.0, ..Material::default() };
@@ -46,7 +46,7 @@ fn layers(film: &Film) -> ([f32; 3], [f32; 3], f32, f32) {
     (albedo, normal, depth, variance)
 }
 
-/// The colour of the floor among what lies in between: layers are a mean over what paths see first that is not clear.
+/// The layers are means over the first surface of each path that is not clear.
 #[test]
 fn layers_show_what_lies_behind_clear_covers_and_in_mirrors() {
     let down = (DVec3::new(0.0, 0.0, 1.0), DVec3::ZERO);
@@ -54,7 +54,7 @@ fn layers_show_what_lies_behind_clear_covers_and_in_mirrors() {
     let bare = of(&scene(down, |_| ()));
     assert!((bare.2 - 1.0).abs() < 1e-3 && bare.1[2] > 0.999 && bare.3 < 1e-6, "{bare:?}");
 
-    // Through two faces of smooth PMMA 8 % of the paths are reflected away and see the cover, or the dark, instead.
+    // Through two faces of smooth PMMA 8 % of the paths are reflected away and meet the cover or nothing instead.
     let cover = |roughness| {
         move |b: &mut SceneBuilder| {
             let glass = b.add_material(glass(roughness));
@@ -66,9 +66,9 @@ fn layers_show_what_lies_behind_clear_covers_and_in_mirrors() {
     assert!((0.85..1.6).contains(&ratio(0)), "red stays red: {albedo:?}");
     assert!(albedo[0] - albedo[1] > 0.85 * (bare.0[0] - bare.0[1]), "{albedo:?} of {:?}", bare.0);
     assert!(normal[2] > 0.9 && (0.9..1.05).contains(&depth), "{normal:?}, {depth}");
-    // The mixture of both is noisy, and the film knows it: about 8 % of other colour over 64 samples.
+    // The mixture of both is noisy, and the variance of the film shows it: about 8 % of other colour over 64 samples.
     assert!(variance > 1e-5 && variance < 1e-2, "{variance}");
-    // A rough cover is itself what is seen.
+    // A rough cover is the first surface itself.
     let rough = of(&scene(down, cover(0.4)));
     assert!((rough.2 - 0.5).abs() < 1e-3 && (rough.0[0] - rough.0[1]).abs() < 1e-3, "{rough:?}");
 
@@ -82,15 +82,15 @@ fn layers_show_what_lies_behind_clear_covers_and_in_mirrors() {
         }
     };
     let (albedo, normal, depth, _) = of(&scene(aslant, mirror(0.0)));
-    // Seen aslant the floor's albedo is another; its hue is not.
+    // At an oblique angle the floor has another albedo and the same hue.
     assert!((albedo[1] / albedo[0] - 0.25).abs() < 0.01 && normal[2] > 0.999, "{albedo:?}, {normal:?}");
     assert!((depth - 2.0 * 1.25f32.sqrt()).abs() < 0.02, "{depth}");
-    // Brushed metal is itself what is seen.
+    // Brushed metal is the first surface itself.
     let (albedo, normal, depth, _) = of(&scene(aslant, mirror(0.3)));
     assert!(albedo[1] > 0.9 && normal[0] < -0.99 && (depth - 1.25f32.sqrt()).abs() < 0.02, "{albedo:?}, {normal:?}");
 }
 
-/// Throws the switch once denoising has begun.
+/// Cancels once denoising has begun.
 struct Impatient<'a>(&'a Cancel);
 
 impl Progress for Impatient<'_> {
@@ -114,7 +114,7 @@ fn a_switch_thrown_while_denoising_ends_it_and_the_render_is_kept() {
     let result = project.render_with(&Impatient(&cancel), &cancel).expect("rendered");
     assert!(result.rendering.interrupted && result.frame.denoised.is_none());
     assert_eq!((result.stats.stop.as_str(), result.stats.samples), ("interrupted", 2 * 40 * 30));
-    assert!(!result.stats.is_flagged(), "nobody is surprised");
+    assert!(!result.stats.is_flagged(), "an interrupted render is not flagged");
     let error = result.stats.denoise.as_ref().and_then(|d| d.error.clone());
     assert_eq!(error.as_deref(), Some("denoising was cancelled"));
 

@@ -140,7 +140,7 @@ impl Reference {
         found.into_iter().map(|s| (s.title, s.rows.iter().map(|cells| Row::of(cells)).collect())).collect()
     }
 
-    /// A file that says `key = value` in a table, and beside it only what must be said.
+    /// A file with `key = value` in a table, and beside it only the required keys.
     fn text(&self, table: &str, key: &str, value: &str) -> String {
         let mut text = String::new();
         for (title, rows) in self.tables() {
@@ -190,7 +190,7 @@ impl Reference {
         (self.read)(&self.text(table, key, value))
     }
 
-    /// Keys that the code knows in a table, from what it says about one that it cannot know.
+    /// Keys that the code reads in a table, from its message about an unknown key.
     fn known_keys(&self, table: &str) -> BTreeSet<String> {
         let error = self.try_value(table, "qqqqqqqqqqqq", "1").expect_err("an unknown key");
         let list = error.help.split("known keys: ").nth(1).unwrap_or_else(|| panic!("{table}: {error}"));
@@ -364,7 +364,7 @@ fn fits(value: &Value, kind: &str) -> bool {
         "array of 3 numbers or nulls" => length(3) && entries(|v| v.is_number() || v.is_null()),
         other => match other.strip_suffix(" or null") {
             Some(kind) => value.is_null() || fits(value, kind),
-            None => panic!("the page states a type that this test does not know: {other}"),
+            None => panic!("the page states an unknown type: {other}"),
         },
     }
 }
@@ -395,7 +395,7 @@ fn the_statistics_page_names_every_field_with_its_type() {
                 assert!(fits(value, &row[1]), "docs/statistics.md, {} is \"{}\", but here {value}", row[0], row[1]);
             }
         }
-        // Nobody should have to expect nulls that never come.
+        // A field that is never null must not be documented as such.
         for row in section.rows.iter().filter(|row| row[1].contains("null")) {
             let field = literal(&row[0]).expect("a field");
             let has_null = |v: &Value| v.is_null() || v.as_array().is_some_and(|a| a.iter().any(Value::is_null));

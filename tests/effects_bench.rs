@@ -28,12 +28,12 @@ fn the_plain_scene_calls_for_nothing_but_its_few_lights() {
     assert_eq!(scene.summary().placed_triangles, 4 * 2 + 81 * 12 + 3 * 2);
 }
 
-/// An effect that is put in use is called for, and brings no other along but what it consists of.
+/// A case uses its effect, and no other effect but its parts.
 #[test]
 fn each_case_calls_for_its_effect() {
     for effect in Effect::ALL {
         let scene = Case::Effect(effect).scene().expect("it can be built");
-        assert!(scene.effects().has(effect), "{} is not called for", effect.name());
+        assert!(scene.effects().has(effect), "{} is not used", effect.name());
         if effect.is_technique() {
             let without = Case::Without(effect).scene().expect("it can be left out");
             assert!(!without.effects().has(effect), "{} is not left out", effect.name());

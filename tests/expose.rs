@@ -1,4 +1,4 @@
-//! Exposing images of any renderer, and colour sensors: what the facade makes of layers, lens, mosaic and known noise.
+//! Exposing images of any renderer, and colour sensors: layers, lens, mosaic and given noise in the facade.
 //!
 //! Replay: `cargo test -p dunkelfeld --test expose NAME`.
 
@@ -38,7 +38,7 @@ fn exposure(seconds: f64) -> Option<Exposure> {
     Some(Exposure::new(Seconds(seconds)).expect("in range"))
 }
 
-/// A sensor without noise to speak of, in which a third of the light comes with each band.
+/// A sensor with negligible noise, in which a third of the light comes with each band.
 fn sensor(rest: &str) -> SensorModel {
     let text = format!(
         "name = \"test\"\nsource = \"made up\"\nbit_depth = 16\npixel_pitch_um = 3.45\nfull_well_e = 60000\ndark_noise_e = 4\n\
@@ -174,8 +174,8 @@ fn frames_are_numbered_and_do_not_depend_on_threads_or_company() {
     assert_eq!((none.frames, none.files.len()), (0, 0));
 }
 
-/// An image whose pixels scatter with a known variance around one truth: plain frames have its noise on top of the camera's, matched
-/// ones have the camera's alone. 40 000 pixels: a variance is known to 0.7 %, the bar is seven of that.
+/// An image whose pixels scatter with a given variance around one truth: plain frames have its noise and that of the camera, matched
+/// ones have that of the camera alone. 40 000 pixels: a variance is known to 0.7 %, the bar is seven of that.
 #[test]
 fn known_noise_of_an_image_is_taken_out_of_the_cameras() {
     const SIDE: u32 = 200;
@@ -215,7 +215,7 @@ fn known_noise_of_an_image_is_taken_out_of_the_cameras() {
         assert!((ratio / expected - 1.0).abs() < 0.05, "{exposure_noise:?}: {ratio:.3} of the camera's variance");
         assert!((mean - 500.0).abs() < 7.0 * (got / n).sqrt(), "{exposure_noise:?}: mean {mean}");
     }
-    // Of what is not known nothing can be taken out, and frames that share it would be too quiet.
+    // Unknown noise cannot be compensated, and frames that share it would have too little noise together.
     let matched = settings.with_exposure_noise(ExposureNoise::Matched);
     for (path, settings, part) in [
         (&flat, matched.clone(), "layer `variance`"),

@@ -26,8 +26,7 @@ const FRAMES: u32 = 48;
 /// Standard deviation of the render's noise over that of the camera.
 const K: f64 = 0.7;
 
-/// A floor under a lamp with a post that throws a soft shadow: a wide range of light, and noise from what a path cannot know,
-/// which part of the lamp is hidden.
+/// A floor under a lamp with a post with a soft shadow: a wide range of light, and noise from the unknown visible part of the lamp.
 fn shadow() -> Scene {
     let mut b = SceneBuilder::default();
     let floor = b.add_material(Material { base_color: Rgb::splat(0.5), ..Material::default() });
@@ -93,7 +92,7 @@ struct Pixel {
 }
 
 /// The variance of the frames over that of EMVA 1288 in stretches of signal, matched and plain, where it holds in most
-/// frames. These count whether it holds in them or not, unless a single sample is to be seen in them.
+/// frames. These count whether it holds in them or not, except for those with a rare sample.
 ///
 /// Each variance rests on at least 2000 pixels times 47 degrees of freedom: a standard error below 0.46 % for normal values, and 0.5 %
 /// with the tails that render noise has. The bar of 3 % is six of them away from the truth; all four comparisons together
@@ -148,7 +147,7 @@ fn photon_transfer(ms: f64) {
     assert!(chosen.len() as f64 > 0.85 * all as f64, "it holds in {} of {all} pixels only", chosen.len());
     assert!(all > 5000, "{all} pixels are lit as they should be");
     let counted = chosen.iter().map(|p| p.counted).sum::<f64>() / chosen.len() as f64 / f64::from(FRAMES);
-    assert!(counted > 0.8, "samples are to be seen in too many frames: {counted}");
+    assert!(counted > 0.8, "too many frames have rare samples: {counted}");
     chosen.sort_by(|a, b| a.electrons.total_cmp(&b.electrons));
     for (name, pixels) in ["dark", "bright"].iter().zip(chosen.chunks(chosen.len().div_ceil(2))) {
         assert!(pixels.len() > 2000, "{name}: {} pixels", pixels.len());

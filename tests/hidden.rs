@@ -74,7 +74,7 @@ fn certified(rendering: &Rendering, settings: &RenderSettings) -> (Frame, Certif
 }
 
 #[test]
-fn a_render_ends_when_it_is_hidden_and_the_pilot_has_foretold_it() {
+fn a_render_ends_when_it_is_hidden_and_the_forecast_is_right() {
     let scene = still_life();
     let s = settings(32, 24, noise(1.0), 3);
     let sobel = s.clone().with_strategy(Strategy::Sobel);
@@ -86,11 +86,11 @@ fn a_render_ends_when_it_is_hidden_and_the_pilot_has_foretold_it() {
         assert_eq!(rendering.stop, StopReason::NoiseTarget);
         assert!(certificate.is_hidden() && certificate.k == 1.0, "{:?}: {certificate:?}", s.strategy());
         let taken = rendering.film.sums.total_samples() as f64;
-        let foretold =
+        let forecast =
             rendering.forecast.as_ref().and_then(|f| f.target()).and_then(|l| l.samples).expect("a forecast");
-        println!("{}: {taken} samples, foretold {foretold}", s.strategy());
-        // A single render is foretold to a fifth or so; twice or half would be a fault.
-        assert!((0.5..2.0).contains(&(foretold / taken)), "{}: {taken}, foretold {foretold}", s.strategy());
+        println!("{}: {taken} samples, forecast {forecast}", s.strategy());
+        // The forecast of a single render is right to about a fifth; twice or half would be a fault.
+        assert!((0.5..2.0).contains(&(forecast / taken)), "{}: {taken}, forecast {forecast}", s.strategy());
         samples.push(taken);
     }
     assert!(samples[0] < samples[1] && samples[0] < samples[2], "the sensor's way is the shortest: {samples:?}");
@@ -192,7 +192,7 @@ fn adaptive_images_of_the_open_panel_are_those_of_uniform_ones() {
 /// The certified variance against that over renders of 24 seeds. Each is the mean of about 800 pixels' estimates with 3 and
 /// 23 degrees of freedom; normal pixels would leave a relative error below 5 % and 2 %. Ten per cent for the whole image and
 /// 40 % for a quarter of it leave room for what is not normal; a bias of the certificate by a factor of 1.5 would show. A render
-/// that ends when its certificate says so ends, in so small an image, on one that is some per cent too low: 15 % there.
+/// that ends by its certificate ends, in so small an image, with one that is some per cent too low: 15 % there.
 #[test]
 fn what_is_certified_is_the_variance_over_seeds() {
     let scene = still_life();

@@ -58,7 +58,7 @@ fn the_film_is_bit_identical_for_any_number_of_threads() {
 fn kernels_that_can_do_more_give_the_same_bits() {
     let with = |more: FeatureSet| {
         let mut scene = room();
-        assert_eq!(scene.features(), FeatureSet { solids: true, ..FeatureSet::default() }, "what the room calls for");
+        assert_eq!(scene.features(), FeatureSet { solids: true, ..FeatureSet::default() }, "the effects of the room");
         scene.force_features(more);
         rendered(&scene, &settings(40, 30, 16.0, 3))
     };

@@ -14,7 +14,7 @@ use tempfile::TempDir;
 
 const PROGRAM: &str = env!("CARGO_BIN_EXE_dunkelfeld");
 
-/// A folder with a scene: a floor under a lamp, and a wall that throws a shadow.
+/// A folder with a scene: a floor under a lamp, and a wall with a shadow.
 struct Bench {
     folder: TempDir,
 }
@@ -130,11 +130,11 @@ fn an_interrupted_render_leaves_its_checkpoint_and_goes_on() {
     assert_eq!(progress.by_ref().take(4).count(), 4, "it runs");
     let sent = Process::new("kill").args(["-INT", &child.id().to_string()]).status().expect("there is a kill");
     assert!(sent.success());
-    // To the end: a pipe that nobody reads would be full.
+    // Reads to the end: otherwise the pipe would be full.
     let _ = progress.count();
     assert_eq!(child.wait().expect("it ends").code(), Some(130));
     let said = bench.run(&format!("{kept} --stats b.json")).code(0);
-    assert!(stdout(&said).contains("taken up from a checkpoint"), "{}", stdout(&said));
+    assert!(stdout(&said).contains("continued from a checkpoint"), "{}", stdout(&said));
     bench.run(&format!("{base} -o a.png --exr a.exr")).code(0);
     assert!(bench.read("a.exr") == bench.read("b.exr") && bench.read("a.png") == bench.read("b.png"));
 }
@@ -157,7 +157,7 @@ fn a_timed_render_that_was_killed_counts_the_time_before_and_replays() {
     // At the eighth report, one each tenth of a second, three quarters of a second were over at least; a process that
     // forgot them would report three seconds of its own in all.
     assert!(number("earlier_seconds") > 0.3 && number("total_seconds") > number("earlier_seconds"));
-    assert!(stdout(&said).contains("taken up from a checkpoint"), "{}", stdout(&said));
+    assert!(stdout(&said).contains("continued from a checkpoint"), "{}", stdout(&said));
     bench.run(&format!("{base} --replay a.exr -o b.png --exr b.exr")).code(0);
     assert!(bench.read("a.exr") == bench.read("b.exr") && bench.read("a.png") == bench.read("b.png"));
 }
@@ -185,7 +185,7 @@ fn parts_of_several_processes_merge_to_the_whole() {
     // The whole is a finished part, from which other outputs are made.
     let finished = format!("{base} --samples 0..24 --checkpoint all.film --exr again.exr -o again.png");
     let said = bench.run(&finished).code(0);
-    assert!(stdout(&said).contains("all of it was in the checkpoint"), "{}", stdout(&said));
+    assert!(stdout(&said).contains("the checkpoint contained the whole render"), "{}", stdout(&said));
     assert!(bench.read("whole.exr") == bench.read("again.exr"), "the layers differ");
 
     bench.write("text.film", "not a film");

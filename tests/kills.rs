@@ -104,7 +104,7 @@ fn moments() -> impl Iterator<Item = f64> {
     (1u32..).map(|i| f64::from(i.wrapping_mul(0x9e37_79b9)) / f64::from(u32::MAX))
 }
 
-/// Starts the program. What it says on standard error, a few lines, stays in the pipe.
+/// Starts the program. Its few lines on standard error stay in the pipe.
 fn start(lab: &Lab, line: &str) -> Child {
     let mut command = Command::new(PROGRAM);
     command.current_dir(lab.path(".")).args(line.split_whitespace());
@@ -131,7 +131,7 @@ fn is_leftover(name: &str) -> bool {
     name.contains(".partial") || name.ends_with(".lock")
 }
 
-/// Is a file what its ending says, to its end?
+/// Is a file complete and of the format of its ending?
 fn is_whole(lab: &Lab, name: &str, bytes: &[u8]) -> bool {
     let path = lab.path(name);
     match path.extension().and_then(|e| e.to_str()).unwrap_or_default() {

@@ -93,7 +93,7 @@ fn the_field_of_a_focal_length_follows_film_and_sensor_as_they_are_when_rendered
     close(field(&project), of(2048.0, 5.86e-6));
     project.settings.sensor = SensorChoice::None;
     close(field(&project), of(2048.0, 3.45e-6));
-    // A film of known size on the sensor is seen whole, whatever its pixels.
+    // A film of given size on the sensor has the same field for any number of pixels.
     project = bench.open("[film]\nsensor_height = \"7mm\"\n[lens]\nfocal_length = \"12mm\"");
     for height in [100, 900] {
         project.settings.height = height;
@@ -104,7 +104,7 @@ fn the_field_of_a_focal_length_follows_film_and_sensor_as_they_are_when_rendered
     // Close up, the film stands farther from the lens: f (1 + m).
     project = bench.open("[film]\nheight = 400\n[lens]\nfocal_length = \"12mm\"\nmagnification = 0.5");
     close(field(&project), 2.0 * (0.5 * 400.0 * 3.45e-6 / 0.018f64).atan());
-    // A job that says nothing leaves the camera as it is.
+    // A job without keys leaves the camera as it is.
     close(field(&bench.open("")), 0.5);
     assert_eq!(view(&bench.open("")).lens, Lens::default());
 }
@@ -149,7 +149,7 @@ fn a_telecentric_lens_agrees_with_its_sensor() {
         Projection::Orthographic { half_width, half_height } => (f64::from(half_width), f64::from(half_height)),
         other => panic!("{other:?}"),
     };
-    // 1000 rows of 3.45 um at magnification 0.25 see 13.8 mm.
+    // 1000 rows of 3.45 um at magnification 0.25 cover 13.8 mm.
     let telecentric = "[film]\nwidth = 500\nheight = 1000\n[lens]\nprojection = \"telecentric\"\n";
     let project = bench.open(&format!("{telecentric}magnification = 0.25\nf_number = 8\nfocus_distance = \"110mm\""));
     let (half_width, half_height) = size(&project);
@@ -191,7 +191,7 @@ fn faults_that_only_film_and_scene_show_have_a_line_and_a_caret() {
         text.contains("[lens] distortion") && text.contains("not invertible") && text.contains("pixel ("),
         "{text}"
     );
-    // Fewer pixels see less, and there it is.
+    // With fewer pixels the field is smaller, and the hazard appears.
     let mut project = bench.open(folds);
     assert!(project.inspect().hazards.iter().any(|h| h.contains("not invertible")));
     (project.settings.width, project.settings.height) = (300, 200);

@@ -72,7 +72,7 @@ fn standard_output_that_cannot_be_written_is_an_error() {
     assert_eq!((child.wait().expect("it ends").code(), said.as_str()), (Some(0), ""));
 }
 
-/// A limit on the size of files: the write fails, the program goes on to say so, and what was there stays.
+/// A limit on the size of files: the write fails, the program prints an error, and the previous file stays.
 #[test]
 fn a_limit_on_the_size_of_files_is_an_error_and_no_torn_file() {
     let lab = lab();
@@ -106,7 +106,7 @@ fn a_checkpoint_that_cannot_be_written_is_flagged() {
     assert!(names.contains("a.png") && !names.iter().any(|n| n.contains("a.film")), "{names:?}");
 }
 
-/// The second of two renders on one checkpoint is refused before it reads the scene; so is whatever else would write it.
+/// The second of two renders on one checkpoint is refused before it reads the scene; so is any other command that would write it.
 #[test]
 fn a_checkpoint_in_use_is_refused_and_states_who_has_it() {
     let lab = lab();
@@ -133,7 +133,7 @@ fn a_checkpoint_in_use_is_refused_and_states_who_has_it() {
     }
     first.kill().expect("it is ours");
     first.wait().expect("it is ours");
-    assert!(lab.path("a.film.lock").exists(), "nobody could remove it");
+    assert!(lab.path("a.film.lock").exists(), "the lock file of a killed process stays");
     lab.run("render <scene>.obj --width 32 --height 32 --spp 2 --progress none -o b.png --checkpoint a.film").code(0);
     let names = lab.names(".");
     assert!(!names.iter().any(|n| n.ends_with(".lock") || n.contains(".partial")), "{names:?}");

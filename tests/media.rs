@@ -60,7 +60,7 @@ fn check(builder: SceneBuilder, spp: f64, expected: f64, what: &str) {
 
 #[test]
 fn a_matched_slab_transmits_by_beer_and_lambert() {
-    // No surface to reflect: exp(-sigma d) per channel, whatever the roughness of the face that is not there.
+    // No surface to reflect: exp(-sigma d) per channel, for any roughness of the face without a change of index.
     let sigma = [3.0, 40.0, 0.0];
     let volume = Volume { absorption: Rgb::from_array(sigma), ..Volume::default() };
     for roughness in [0.0, 0.4] {
@@ -103,7 +103,7 @@ fn light_connects_straight_through_matched_solids() {
 #[test]
 fn white_media_in_a_uniform_sky_are_invisible() {
     // Nothing is absorbed, and radiance is the same from everywhere: scattering changes nothing, at any density, in any
-    // channel, whatever the phase function. Inside a body of another index the radiance is n^2 times as large, which is undone
+    // channel, for any phase function. Inside a body of another index the radiance is n^2 times as large, which is undone
     // on the way out. Expected: 1.
     let coloured = Rgb::new(4.0, 10.0, 25.0);
     for (k, (ior, density, g, spp)) in [
@@ -202,7 +202,7 @@ fn fresnel(n1: f64, c1: f64, n2: f64, c2: f64) -> f64 {
 }
 
 /// Transmission of a stack of clear layers, all reflections between its faces included, for light that arrives from air at
-/// an angle. Each face i adds R_i / (1 - R_i) to 1/T - 1: the shares of a walk that absorbs nothing.
+/// an angle. Each face i adds R_i / (1 - R_i) to 1/T - 1: the shares of a random walk without absorption.
 fn through_stack(indices: &[f64], sin: f64) -> f64 {
     let cos = |n: f64| (1.0 - (sin / n).powi(2)).sqrt();
     let all: Vec<f64> = [&[1.0], indices, &[1.0]].concat();
@@ -261,7 +261,7 @@ fn glass_on_water_reflects_as_glass_on_water() {
 
 #[test]
 fn what_lies_in_a_solid_meets_its_index() {
-    // Water around glass around water, and a plate of glass in a glass of the same index: nothing to be seen of it.
+    // Water around glass around water, and a plate of glass in a glass of the same index: it must be invisible.
     let (glass, water) = (1.52f32, 1.33f32);
     for sin in [0.0, 0.6] {
         let nested = [(layer(-0.03, 0.03), water, 0), (layer(-0.01, 0.01), glass, 0)];

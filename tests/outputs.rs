@@ -58,7 +58,7 @@ fn layers_and_labels_look_through_smooth_glass() {
     for id in layers.integers(Single::ObjectId).expect("ids").data() {
         assert_eq!(names[*id as usize], "floor");
     }
-    // One sample in thirteen is reflected into the void and has seen the glass alone.
+    // One sample in thirteen is reflected into the void and has met the glass alone.
     let (albedo, depth) =
         (layers.triples(Triple::Albedo).expect("albedo"), layers.single(Single::Depth).expect("depth"));
     for (a, z) in albedo.data().iter().zip(depth.data()) {
@@ -193,7 +193,7 @@ fn a_project_is_opened_adjusted_rendered_and_saved() {
     result.save_image(folder.path().join("b.png")).expect("saved");
     let read = |name: &str| fs::read(folder.path().join(name)).expect("written");
     assert!(read("a.png") == read("b.png"));
-    // The file says what the result says, to the last digit.
+    // The file contains the statistics of the result, to the last digit.
     assert_eq!(String::from_utf8(read("a.json")).expect("text"), result.stats.to_json());
     let stats = &result.stats;
     assert_eq!((stats.samples, stats.size, stats.stop.as_str()), (480, [12, 10], "samples"));
@@ -217,7 +217,7 @@ fn a_job_without_sections_is_the_scene_with_its_defaults() {
     assert_eq!(job.optics, scene.optics);
 }
 
-/// Notes all reports, and throws the switch after so many samples.
+/// Stores all reports, and cancels after so many samples.
 struct Watch<'a> {
     seen: Mutex<Vec<ProgressState>>,
     cancel: &'a Cancel,

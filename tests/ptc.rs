@@ -15,7 +15,7 @@ use std::path::Path;
 const TINY: &str =
     "ptc <scene>.obj --width 24 --height 16 --frames 5 --spp 4,16 --denoise builtin --progress none -o out";
 
-/// A floor under a lamp, with a post that throws a soft shadow.
+/// A floor under a lamp, with a post and its soft shadow.
 fn lab() -> Lab {
     let objects = square(1.0, 0.0, false) + &square(0.2, 0.3, false) + &square(0.5, 1.0, true);
     let faces = "usemtl floor\nf 1 2 3 4\nf 5 6 7 8\nusemtl lamp\nf 9 10 11 12\n";
@@ -145,7 +145,7 @@ fn what_is_in_a_folder_and_not_of_the_same_kind_stays() {
         }
     }
     assert_eq!(lab.read("precious/units/mine.txt"), "mine");
-    // One kind of work does not take the folder of another, whoever came first.
+    // A command does not use the folder of another one, in either order.
     lab.run(TINY).code(0);
     let page = lab.read("out/report.html");
     let said = complaint(&lab.run("bench <scene>.obj --quick --width 8 --height 8 --restart -o out").code(2));

@@ -102,7 +102,7 @@ fn ours(name: &str) -> Result<ImageEstimate, String> {
 /// Compares a case, of which Mitsuba took `spp` samples per pixel.
 ///
 /// Where few samples hold most of the light, a short render that missed them has too small a variance along with too
-/// small a mean. The reference, twenty times as long, knows better: its variance, scaled to as few samples, stands in
+/// small a mean. The reference, twenty times as long, is more precise: its variance, scaled to as few samples, is used
 /// where it is larger.
 fn judge(name: &str, spp: f64) -> Result<Outcome, String> {
     let (mut ours, reference) = (ours(name)?, reference(name)?);

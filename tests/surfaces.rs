@@ -116,7 +116,7 @@ fn a_textured_light_over_a_floor() {
 
 #[test]
 fn a_light_that_covers_partly_shines_partly() {
-    // Coverage 0.3: NEE, scattering and the camera all see 0.3 of the radiance; what is behind shines through with 0.7.
+    // Coverage 0.3: NEE, scattering and the camera all find 0.3 of the radiance; the light from behind counts 0.7.
     let veil = |l: f32| Material { alpha: 0.3, alpha_mode: AlphaMode::Blend, ..emitter(l) };
     let mut b = floor_scene(plastic());
     let front = b.add_material(veil(5.0));
@@ -398,7 +398,7 @@ fn an_empty_scene_is_black_and_nothing_is_labelled() {
 
 #[test]
 fn unlit_surfaces_show_their_colour_and_nothing_else() {
-    // From both sides, whatever shines on them.
+    // From both sides, under any light.
     let mut b = SceneBuilder::default();
     b.images.push(image(1, 1, vec![[51; 4]]));
     let texture = Some(nearest());
@@ -475,7 +475,7 @@ fn layers_and_labels_state_what_is_seen() {
     }
 }
 
-/// A small still life with a bit of everything, moved and, if asked for, with a sculpture of many triangles placed twice.
+/// A small still life with a bit of everything, moved and optionally with a sculpture of many triangles placed twice.
 fn still_life(moved: DVec3, instanced: bool) -> Scene {
     let mut b = SceneBuilder::default();
     let floor = b.add_material(plastic());

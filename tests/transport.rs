@@ -129,8 +129,8 @@ fn punctual_lights() {
     }
 }
 
-/// Panels in a ring around the floor, so many of them that the first surface asks each, one of them, or a tree; with a point
-/// above. Scattering finds the panels too, and shares with the question that was asked: the sum of the quadratures.
+/// Panels in a ring around the floor, so many of them that the first surface samples each, one of them, or a tree; with a point
+/// above. Scattering finds the panels too, with the weights of multiple importance sampling: the sum of the quadratures.
 #[test]
 fn panels_in_a_ring_sampled_one_by_one_and_by_a_tree() {
     for count in [3, 20, 90] {
@@ -147,7 +147,7 @@ fn panels_in_a_ring_sampled_one_by_one_and_by_a_tree() {
             let m = b.add_material(emitter(radiance as f32));
             let mesh = rectangle((center - 0.5 * (u + v)).as_vec3(), v.as_vec3(), u.as_vec3());
             let normal = v.cross(u).normalize();
-            assert!(normal.dot(center) < 0.0, "the front looks at the floor");
+            assert!(normal.dot(center) < 0.0, "the front faces the floor");
             b.add_object("panel", mesh, m);
             expected += integrate(60, |s, t| {
                 let p = center + (s - 0.5) * u + (t - 0.5) * v;
@@ -184,8 +184,8 @@ fn a_floor_under_a_constant_sky() {
 
 #[test]
 fn clear_bodies_in_a_uniform_sky_are_invisible() {
-    // A lossless dielectric neither adds nor loses light: in uniform radiance every path ends with exactly Le, whatever
-    // the index, inside or out, nested or not. Expected: 1.
+    // A lossless dielectric neither adds nor loses light: in uniform radiance every path ends with exactly Le, for any
+    // index, inside or out, nested or not. Expected: 1.
     for ior in [1.0, 1.33, 1.49, 2.4, 0.7] {
         let mut b = SceneBuilder::default();
         let clear = Volume::default();

@@ -7,7 +7,7 @@
 //! smaller than a filter.
 //!
 //! Must give: the exact mean, as computed here in whole numbers; the same bits for every order and every grouping of
-//! merges; and a full image, every pixel of it right, whatever its shape.
+//! merges; and a full image of any shape, with every pixel right.
 
 use crate::common::{build, emitter, film, settings, square};
 use crate::support::spot;

@@ -30,7 +30,7 @@ pub(crate) struct Plate {
     pub(crate) fineness: usize,
 }
 
-/// Where light goes that a face is asked about: on the side that asks, or on the other one, at this cosine.
+/// Direction of the light at a face: on the side of the query, or on the other one, at this cosine.
 enum Way {
     Back(f64),
     Through(f64),

@@ -1,6 +1,6 @@
-//! Family 5, furnaces: whole renders in which light must neither appear nor get lost.
+//! Family 5, furnaces: whole renders in which light must neither appear nor disappear.
 //!
-//! Hard, because every error of energy adds up: a bounce that keeps 0.999 of what it should is not seen in a picture, and
+//! Hard, because every error of energy adds up: a bounce that keeps 0.999 of its light is not visible in a picture, and
 //! after a hundred bounces a tenth of the light is missing. Clamps, depth limits and rays that are given up all show here,
 //! and only here.
 //!
@@ -108,7 +108,7 @@ fn a_mirror_room_of_albedo_099_sums_its_series() {
     b.add_object("room", room, m);
     spot(&mut b, DVec3::new(0.1, 0.2, -0.15), DVec3::new(0.1, 0.2, -0.15) - DVec3::ONE, 1e-3);
     // Roulette by what is lost makes the number of bounces geometric: its spread is its mean, and n paths give 1 / sqrt(n) of
-    // it, whatever the sampling. From the 64th vertex on roulette takes 2 % of what has lost 0.9 %, and survivors count for
+    // it, for any sampling. From the 64th vertex on roulette takes 2 % of what has lost 0.9 %, and survivors count for
     // 1.1 % more each time: two to three times that. A thousandth would take 4e6 paths of a hundred bounces.
     let spp = 512.0;
     let sure = 3.0 / (256.0f64 * spp).sqrt();
@@ -220,7 +220,7 @@ fn what_does_not_absorb_is_not_seen_in_a_white_box() {
         ),
     ];
     for (name, scene) in scenes {
-        // In fog light is asked for at every scattering, which is where the noise is.
+        // In fog light is sampled at every scattering, the source of the noise.
         let spp = if name.contains("fog") || name.contains("milk") { 1536.0 } else { 128.0 };
         gives(&scene, 1.0, Terms { spp, sure: 1e-3, rounding: 1e-5 }, name);
     }

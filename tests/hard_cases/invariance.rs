@@ -1,4 +1,4 @@
-//! Family 2, invariance: a scene moved by kilometres, a thousand times smaller or larger, turned any way, looks the same.
+//! Family 2, invariance: a scene moved by kilometres, a thousand times smaller or larger, turned any way, has the same image.
 //!
 //! Hard, because an epsilon is a length: one that suits a scene of a metre steps over one of a millimetre and is lost in one
 //! of a kilometre. A kilometre from the origin, f32 coordinates are 6e-5 m apart. And code that is tried on boxes along the

@@ -6,9 +6,9 @@
 //! turns winding, tangents and handedness each in its own way. One NaN in a frame is a black or a blazing pixel, and a
 //! mirrored solid refracts as if it were air in glass.
 //!
-//! Must give: the flat surface where data cannot be used; the tilted surface where a normal map says so, mirrored or not;
+//! Must give: the flat surface where data cannot be used; the tilted surface where a normal map tilts it, mirrored or not;
 //! the same image for a mirrored object as for one that was modelled that way; and no light through an opaque surface,
-//! whatever its normals say.
+//! for any normals.
 
 use crate::common::{build, emitter, square};
 use crate::support::{
@@ -64,7 +64,7 @@ fn unusable_normals_are_the_flat_surface() {
         let b = floor_with(plastic(), None, |m| m.normals = normals.to_vec());
         gives(&build(b), expected, EXACT, name);
     }
-    // Normals that cancel at the very point that is seen: whatever they are beside it, the light is a number.
+    // Normals that cancel at the visible point: the light is a number.
     let b = floor_with(plastic(), None, |m| m.normals = vec![Vec3::X, Vec3::Y, Vec3::NEG_X, Vec3::NEG_Y]);
     assert!(pixel_means(&build(b), 16.0, 1, "cancelling normals").mean() < 10.0);
 }
@@ -103,7 +103,7 @@ fn unusable_tangents_and_coordinates_leave_a_flat_map_flat() {
 
 #[test]
 fn anisotropy_without_usable_tangents_is_still_a_number() {
-    // Which way the highlight is stretched is then nobody's choice; that it is one of the two is all that can be asked.
+    // The direction of the highlight is then arbitrary; the test accepts both.
     let metal = Material { metallic: 1.0, roughness: 0.5, anisotropy: 1.0, ..Material::default() };
     for t in [Vec4::ZERO, Vec4::splat(f32::NAN), Vec4::new(0.0, 0.0, 1.0, 1.0)] {
         let b = floor_with(metal.clone(), None, |m| m.tangents = vec![t; 4]);

@@ -15,7 +15,7 @@ use dunkelfeld_testkit::{Claim, Look, SampleMoments};
 /// Pixels along the side of the image of a case. All of them show the same radiance, so that their means are independent
 /// samples of one number.
 const SIDE: u32 = 16;
-/// How well a case is known.
+/// Samples and precision of a case.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Terms {
     /// Samples per pixel of the first render, 256 pixels.

@@ -7,7 +7,7 @@
 //! errors for one that divides by it.
 //!
 //! Must give: the transmittance of a stack of N faces, `(1 - R) / (1 + (N - 1) R)`, from any side and at any angle; the
-//! light of a panel, whatever triangles it is cut into; nothing through a closed screen; the radiance of one floor where two
+//! light of a panel, for any triangles that it is cut into; nothing through a closed screen; the radiance of one floor where two
 //! coincide; and the same light from a panel over a floor, be they 1 mm or 1 km across.
 
 use crate::common::{black, build, emitter, square};

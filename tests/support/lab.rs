@@ -68,7 +68,7 @@ pub(crate) fn complaint(assert: &Assert) -> String {
     String::from_utf8_lossy(&assert.get_output().stderr).into_owned()
 }
 
-/// Throws the switch once a share of the work is done.
+/// Cancels once a share of the work is done.
 pub(crate) struct CutAt<'a>(pub(crate) f64, pub(crate) &'a Cancel);
 
 impl Progress for CutAt<'_> {

@@ -35,14 +35,14 @@ pub(crate) enum Command {
     /// Join parts of a render, which `render --samples A..B --checkpoint FILE` made, and write images and statistics of the
     /// whole: the same to the last bit as if one process had rendered all of it.
     Merge(MergeArgs),
-    /// Measure what accuracy costs in time, and write a report: noise against time for each strategy, time until the noise
-    /// is hidden beneath the sensor's, cost and influence of each effect of the scene.
+    /// Measure the time that accuracy costs, and write a report: noise against time for each strategy, time to hidden,
+    /// cost and influence of each effect of the scene.
     #[cfg(feature = "studies")]
     Bench(Box<BenchArgs>),
     /// Denoise an EXR of this or another renderer: a layer beside those of the file, or a picture. The result is for
     /// display, not for measurement.
     Denoise(DenoiseArgs),
-    /// Expose an EXR of this or another renderer: the frames that a camera would take of it.
+    /// Expose an EXR of this or another renderer: write the frames of a camera.
     Expose(Box<ExposeArgs>),
     /// Write EMVA 1288 data sets of simulated cameras, and analyse those of any camera.
     #[cfg(feature = "studies")]
@@ -60,7 +60,7 @@ pub(crate) enum Command {
 /// Flags of `render`.
 #[derive(Debug, Args)]
 pub(crate) struct RenderArgs {
-    /// A scene (.gltf, .glb, .obj) or a job (.toml). Flags win over the job.
+    /// A scene (.gltf, .glb, .obj) or a job (.toml). Flags replace keys of the job.
     #[arg(value_name = "SCENE|JOB.toml")]
     pub(crate) input: PathBuf,
 
@@ -98,7 +98,7 @@ pub(crate) struct RenderArgs {
     /// Stop after this many samples per pixel, on average [default: 64 if there is no other limit].
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = samples_per_pixel)]
     pub(crate) spp: Option<f64>,
-    /// Stop when the render's noise is hidden beneath the sensor's: in 99 % of the unsaturated pixels its standard deviation
+    /// Stop when the noise of the sensor hides that of the render: in 99 % of the unsaturated pixels its standard deviation
     /// is at most K times the sensor's, K from 0.001 to 1000. 0.7 makes the noise of both 22 % larger than the sensor's, 0.5
     /// 12 %, 0.25 3 %.
     #[arg(long, value_name = "K", allow_negative_numbers = true, value_parser = noise_level)]
@@ -230,7 +230,7 @@ pub(crate) struct DenoiseArgs {
 
 /// Flags of `expose`.
 ///
-/// The image holds mean radiance in W/(m^2 sr); the names of its channels may be those of this program, of Blender's view layers
+/// The image contains mean radiance in W/(m^2 sr); the names of its channels may be those of this program, of Blender's view layers
 /// or of Mitsuba. The noise of a frame is a function of seed and frame number, on any number of threads; all frames of a seed
 /// come from one device.
 #[derive(Debug, Args)]
@@ -270,7 +270,7 @@ pub(crate) struct ExposeArgs {
     /// Focal length of the lens, as in 12mm: with the sensor's pixel pitch it gives the field angle of each pixel.
     #[arg(long, value_name = "LENGTH", value_parser = length, requires = "vignetting")]
     pub(crate) focal_length: Option<f64>,
-    /// The layer that holds radiance, as in ViewLayer.Combined [default: the first with a known name].
+    /// The layer that contains radiance, as in ViewLayer.Combined [default: the first with a standard name].
     #[arg(long, value_name = "NAME")]
     pub(crate) layer: Option<String>,
     /// Number of frames.

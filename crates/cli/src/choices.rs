@@ -22,7 +22,7 @@ pub(crate) fn strategies() -> impl TypedValueParser<Value = Strategy> {
         Strategy::Uniform => "The same number everywhere",
         Strategy::Sobel => "In proportion to the Sobel magnitude of a pilot image (Kludt et al.)",
         Strategy::Variance => "In proportion to the measured standard deviation of a sample (Neyman)",
-        Strategy::Sensor => "Until the noise of the render is hidden beneath that of the sensor",
+        Strategy::Sensor => "The number that hides the noise of the render, for each pixel",
     };
     one_of(Strategy::ALL.map(|s| (s.name(), s, help(s))).to_vec(), Strategy::Uniform)
 }

@@ -62,7 +62,7 @@ pub(crate) fn fit(camera: &Camera, lens: &LensSettings, film: FilmSize) -> Resul
         Some(projection) => projection == LensProjection::Telecentric,
     };
     if parallel && lens.vignetting == Some(Vignetting::CosineFourth) {
-        let problem = format!("camera \"{}\" is orthographic, and parallel rays darken nowhere", camera.name);
+        let problem = format!("camera \"{}\" is orthographic, and parallel rays have no vignetting", camera.name);
         return Err(Misfit::new("vignetting", problem, "remove it, or write projection = \"perspective\""));
     }
     let fitted = if parallel { telecentric(camera, lens, film)? } else { perspective(camera, lens, film)? };

@@ -130,7 +130,7 @@ impl Project {
                         "{} cannot be left out: it is not a part of the scene that can be taken away",
                         effect.name()
                     ),
-                    "leave out another effect; `dunkelfeld inspect` lists those that the scene calls for",
+                    "leave out another effect; `dunkelfeld inspect` lists those that the scene uses",
                 ));
             }
         }
@@ -435,7 +435,7 @@ fn pitch_of(sensor: &SensorChoice) -> Option<f64> {
 fn build_error(error: BuildError, file: &Path) -> Error {
     match error {
         BuildError::NothingLeft { ref lost } => {
-            let problem = format!("no triangle is left, so that there is nothing to see: {lost}");
+            let problem = format!("no triangle is left, so that there is nothing to render: {lost}");
             InputError::new(file, "the scene", problem, "export the scene again with triangles that have an area")
                 .into()
         }

@@ -439,7 +439,7 @@ fn images_of_the_largest_size_with_many_channels_are_refused() {
         }
         std::fs::write(&path, &file).expect("written");
         let error = read_exr(&path).expect_err("too large").to_string();
-        assert!(error.contains("vast.exr") && error.contains("promises"), "{error}");
+        assert!(error.contains("vast.exr") && error.contains("states"), "{error}");
     }
 }
 

@@ -27,7 +27,7 @@ pub(crate) fn run(args: &DenoiseArgs) -> Result<Outcome, Error> {
         some => format!("the image and its {some}"),
     };
     let text = format!(
-        "{} x {} pixels, denoised by {} in {}; it was shown {features}\nwrote {}\n",
+        "{} x {} pixels, denoised by {} in {}; its input was {features}\nwrote {}\n",
         file.layers.width,
         file.layers.height,
         file.denoised.denoiser,

@@ -64,7 +64,7 @@ fn text(i: &Inspection) -> String {
         i.materials.iter().map(|m| format!("{:<28} {} ({} triangles)", m.name, m.description, m.triangles)),
     );
     section(&mut t, "clear covers", i.covers.iter().map(cover_line));
-    section(&mut t, "effects that the scene calls for", i.effects.iter().filter(|e| e.on).map(effect_line));
+    section(&mut t, "effects that the scene uses", i.effects.iter().filter(|e| e.on).map(effect_line));
     let off: Vec<&str> = i.effects.iter().filter(|e| !e.on).map(|e| e.name.as_str()).collect();
     if !off.is_empty() {
         let _ = writeln!(t, "  off: {}", off.join(", "));

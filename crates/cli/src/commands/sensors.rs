@@ -37,7 +37,7 @@ fn list() -> Result<String, Error> {
             s.source
         );
     }
-    text += "\n`dunkelfeld sensors NAME` prints the data sheet that a preset implies.\n";
+    text += "\n`dunkelfeld sensors NAME` prints the data sheet of a preset.\n";
     Ok(text)
 }
 

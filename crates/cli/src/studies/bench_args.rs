@@ -11,12 +11,12 @@ use std::path::PathBuf;
 
 /// Flags of `bench`.
 ///
-/// Renders the scene many times with different seeds and compares. The folder gets `report.html`, which stands alone, its
+/// Renders the scene many times with different seeds and compares. The folder gets `report.html`, which needs no other file, its
 /// numbers as CSV, its charts as SVG, and in `units/` every finished render. The same command continues a bench that was
 /// interrupted.
 #[derive(Debug, Args)]
 pub(crate) struct BenchArgs {
-    /// A scene (.gltf, .glb, .obj) or a job (.toml). Its budget and strategy are not used. Flags win over the job.
+    /// A scene (.gltf, .glb, .obj) or a job (.toml). Its budget and strategy are not used. Flags replace keys of the job.
     #[arg(value_name = "SCENE|JOB.toml")]
     pub(crate) input: PathBuf,
 

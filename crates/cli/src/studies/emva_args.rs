@@ -69,8 +69,9 @@ pub(crate) struct DatasetArgs {
 
 /// Flags of `emva analyse`.
 ///
-/// Reads the frames one at a time: the memory does not depend on their number. A data set that cannot be analysed ends with
-/// what it lacks and exit code 2; one that lacks what the standard requires, but suffices, is analysed, and notes say what.
+/// Reads the frames one at a time: the memory does not depend on their number. If a data set cannot be analysed, the command
+/// prints the missing part and ends with exit code 2. If it suffices for an analysis but not for the standard, it is
+/// analysed, and notes list the differences.
 #[derive(Debug, Args)]
 pub(crate) struct AnalyseArgs {
     /// The descriptor: a text with lines `v`, `n`, `b`, `d` and `i`, as in the standard's reference implementation.

@@ -10,8 +10,8 @@ use std::path::PathBuf;
 /// Flags of `ptc`.
 #[derive(Debug, Args)]
 pub(crate) struct PtcArgs {
-    /// A scene (.gltf, .glb, .obj) or a job (.toml): its budget, strategy, denoiser and exposure noise are not used, flags
-    /// win over the job. Or three frames and more (.png, .tif, .bmp) of one camera and one scene.
+    /// A scene (.gltf, .glb, .obj) or a job (.toml): its budget, strategy, denoiser and exposure noise are not used, and
+    /// flags replace its keys. Or three frames and more (.png, .tif, .bmp) of one camera and one scene.
     #[arg(value_name = "SCENE|JOB.toml|FRAMES", required = true)]
     pub(crate) inputs: Vec<PathBuf>,
 

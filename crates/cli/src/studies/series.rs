@@ -29,7 +29,7 @@ pub(crate) fn conclude(invalid_samples: u64, [done, all]: [usize; 2], interrupte
         ));
     }
     if interrupted && done < all {
-        say(&format!("interrupted: {done} of {all} renders are kept; the same command goes on from there"));
+        say(&format!("interrupted: {done} of {all} renders are stored; the same command continues from there"));
         return Outcome::Interrupted;
     }
     if invalid_samples > 0 { Outcome::Flagged } else { Outcome::Done }

@@ -165,7 +165,7 @@ pub fn read_exr_if<E: From<InputError>>(
         })
         .fold(0, u64::saturating_add);
     if promised > size.saturating_mul(MAX_SHRINK) {
-        return Err(fault(format!("promises {promised} bytes of samples in a file of {size} bytes")).into());
+        return Err(fault(format!("states {promised} bytes of samples in a file of {size} bytes")).into());
     }
     agree(size_in_memory)?;
     // The decoder collects them, and half precision is widened. So the maximum at a time is twice their size.

@@ -136,7 +136,7 @@ fn for_sensor(settings: &BenchSettings, has_sensor: bool) -> Result<BenchSetting
         settings.strategies.retain(|s| *s != Strategy::Sensor);
     }
     if !has_sensor && settings.strategies.contains(&Strategy::Sensor) {
-        let problem = "samples cannot go where a sensor would notice: there is none";
+        let problem = "the strategy `sensor` needs a sensor, and there is none";
         return Err(Error::setting("strategies", problem, "choose a sensor, or leave out the strategy `sensor`"));
     }
     Ok(settings)

@@ -89,7 +89,7 @@ impl BenchSettings {
     pub fn check(&self) -> Result<(), Error> {
         let rungs = &self.ladder;
         if rungs.is_empty() || rungs.len() > MAX_RUNGS || rungs[0] == 0 || rungs.windows(2).any(|w| w[0] >= w[1]) {
-            let problem = format!("{rungs:?} is no ladder of samples per pixel");
+            let problem = format!("{rungs:?} are no ascending numbers of samples per pixel");
             return Err(Error::setting(
                 "spp",
                 problem,
@@ -127,7 +127,7 @@ impl BenchSettings {
         let technique = self.effects.iter().flatten().find(|e| e.is_technique());
         if let Some(technique) = technique {
             let problem = format!(
-                "{} is a way of looking for light: without it the noise differs, not the image",
+                "{} is a sampling technique: without it the noise differs, not the image",
                 technique.name()
             );
             let help = "leave out an effect of the scene; `dunkelfeld render --without` takes techniques too";

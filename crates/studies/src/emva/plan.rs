@@ -268,6 +268,6 @@ fn light_of(model: &SensorModel, s: &DatasetSettings) -> Result<(Nanometres, f64
     if efficiency > 0.0 {
         return Ok((wavelength, efficiency));
     }
-    let problem = format!("the sensor does not see light of {} nm", wavelength.0);
-    Err(Error::setting("wavelength", problem, "choose one that it sees"))
+    let problem = format!("the sensor has no response to light of {} nm", wavelength.0);
+    Err(Error::setting("wavelength", problem, "choose one with a quantum efficiency above zero"))
 }

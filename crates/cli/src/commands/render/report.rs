@@ -25,20 +25,20 @@ pub(super) fn print_report(args: &RenderArgs, project: &Project, result: &Projec
     if let Some((denoise, why)) = s.denoise.as_ref().and_then(|d| Some((d, d.error.as_ref()?)))
         && s.denoising_failed()
     {
-        say(&format!("flagged: {} failed, the picture shows the image as it was rendered: {why}", denoise.denoiser));
+        say(&format!("flagged: {} failed, so the picture is not denoised: {why}", denoise.denoiser));
     }
     if s.budget_missed {
         let limit = s.budget_seconds.unwrap_or(0.0);
         let (over, all) = (seconds(s.total_seconds - limit), seconds(s.total_seconds));
-        say(&format!("flagged: the time budget of {} was missed by {over}; all of it took {all}", seconds(limit)));
+        say(&format!("flagged: the time budget of {} was missed by {over}; the whole command took {all}", seconds(limit)));
     }
     if let Some(fault) = &result.rendering.checkpoint_fault {
         say(&format!("flagged: the checkpoint is not up to date: {fault}"));
     }
     if result.rendering.interrupted {
-        say("interrupted: the image holds what was rendered so far");
+        say("interrupted: the image contains the samples so far");
         if s.denoise.as_ref().is_some_and(|d| d.error.is_some()) {
-            say("  it is not denoised; `dunkelfeld denoise` does that to an EXR");
+            say("  it is not denoised; `dunkelfeld denoise` denoises an EXR");
         }
     }
 }
@@ -86,20 +86,20 @@ fn summary(project: &Project, s: &Stats) -> String {
     let rate = count(s.samples_per_second as u64);
     let _ = writeln!(text, "{} in all, {rate} samples per second on {threads}", seconds(s.total_seconds));
     if s.was_complete {
-        let _ = writeln!(text, "all of it was in the checkpoint; rendering it took {}", seconds(s.earlier_seconds));
+        let _ = writeln!(text, "the checkpoint contained the whole render, which took {}", seconds(s.earlier_seconds));
     } else if s.earlier_seconds > 0.0 {
         let (samples, took) = (count(s.earlier_samples), seconds(s.earlier_seconds));
-        let _ = writeln!(text, "taken up from a checkpoint: {samples} samples and {took} of that came from before");
+        let _ = writeln!(text, "continued from a checkpoint: {samples} samples and {took} are from earlier runs");
     }
     text += &as_seen(s);
     if let Some(d) = s.denoise.as_ref().filter(|d| d.error.is_none()) {
         let _ = writeln!(text, "the picture is denoised by {} in {}", d.denoiser, seconds(d.seconds));
     }
     let reached = s.forecast.iter().flatten().find_map(|l| Some((l.k, l.seconds?, l.actual_seconds?)));
-    if let Some((k, foretold, took)) = reached {
-        let off = 100.0 * (foretold / took - 1.0);
-        let (foretold, took) = (seconds(foretold), seconds(took));
-        let _ = writeln!(text, "hidden at k = {k} after {took}; the pilot foretold {foretold} ({off:+.0} %)");
+    if let Some((k, forecast, took)) = reached {
+        let off = 100.0 * (forecast / took - 1.0);
+        let (forecast, took) = (seconds(forecast), seconds(took));
+        let _ = writeln!(text, "hidden at k = {k} after {took}; the forecast was {forecast} ({off:+.0} %)");
     }
     let o = &project.outputs;
     for path in [&o.image, &o.linear, &o.exr, &o.plan, &o.stats].into_iter().flatten() {
@@ -139,8 +139,8 @@ fn certificate(c: &CertificateStats) -> String {
     };
     let share = 100.0 * c.hidden;
     let verdict = match c.is_hidden {
-        true => format!("hidden beneath the sensor's at k = {} in {share:.1} % of unsaturated pixels", c.k),
-        false => format!("not yet hidden beneath the sensor's at k = {}: in {share:.1} % of unsaturated pixels", c.k),
+        true => format!("hidden by that of the sensor at k = {} in {share:.1} % of unsaturated pixels", c.k),
+        false => format!("not yet hidden by that of the sensor at k = {}: in {share:.1} % of unsaturated pixels", c.k),
     };
     let [at, mean, median, p99, max] = [at, mean, median, p99, max].map(three_digits);
     format!(

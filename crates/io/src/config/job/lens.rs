@@ -125,7 +125,7 @@ pub(super) fn check_lens(lens: &LensSettings, film: &FilmSettings, sensor: &Sens
     if lens.focus_distance.is_none() {
         for (key, given) in [("blades", lens.blades.is_some()), ("blade_rotation", lens.blade_rotation.is_some())] {
             if given {
-                let problem = "without a focus distance everything is sharp, and the shape of the aperture is not seen";
+                let problem = "without a focus distance everything is sharp, and the shape of the aperture has no effect";
                 return fault(key, problem, "write `focus_distance` as well, or remove this");
             }
         }
@@ -146,7 +146,7 @@ pub(super) fn check_lens(lens: &LensSettings, film: &FilmSettings, sensor: &Sens
             }
         }
         if lens.field_height.is_some() && lens.magnification.is_some() {
-            let problem = "`field_height` and `magnification` both set what a telecentric lens sees";
+            let problem = "`field_height` and `magnification` both set the field of a telecentric lens";
             return fault("magnification", problem, "remove one of them");
         }
         if lens.focus_distance.is_some_and(f64::is_infinite) {
