@@ -52,7 +52,7 @@ fn bsdf(c: &mut Criterion) {
             c.bench_function(&format!("bsdf/eval_pdf/{name}"), |b| {
                 b.iter(|| {
                     let (wo, wi, _) = next();
-                    // Opaque surfaces see lights above them only.
+                    // Lights below an opaque surface do not reach it.
                     let wi = if name == "plain" || name == "metal" {
                         LocalDir::new(wi.0.x, wi.0.y, wi.0.z.abs())
                     } else {

@@ -1,5 +1,5 @@
-//! What effects cost, in instructions per sample on a plain scene: all of them together where none is called for, and each
-//! where it is put in use. Needs valgrind.
+//! The cost of effects in instructions per sample on a plain scene: all of them together where none is used, and each
+//! where it is used. Needs valgrind.
 //!
 //! `cargo bench -p dunkelfeld-integrator --bench effects -- [--markdown FILE] [--samples N] [--only NAME]...`
 //!
@@ -7,10 +7,10 @@
 //! - `--samples N` takes N and then 2 N samples in each of 256 pixels (default 32).
 //! - `--only NAME` measures the plain scene and the named effects or kernels only.
 //!
-//! Ends with 1 if the effects together cost more than 2 % where none is called for, or change the image. Without `--bench`
+//! Ends with 1 if the effects together cost more than 2 % where none is used, or change the image. Without `--bench`
 //! (`cargo test --bench effects`) every case renders a few samples, and nothing is counted.
 
-#![allow(clippy::print_stdout, clippy::print_stderr, reason = "a bench talks to its reader")]
+#![allow(clippy::print_stdout, clippy::print_stderr, reason = "a bench prints its results")]
 
 #[path = "effects/callgrind.rs"]
 mod callgrind;
@@ -131,7 +131,7 @@ fn measure(options: &Options) -> Result<bool, String> {
     let without = price(&bare, Case::Plain, options.samples)?;
     let proof = Row {
         name: "all effects".into(),
-        how: "compiled in, none called for".into(),
+        how: "compiled in, none used".into(),
         kernel: "plain".into(),
         instructions: plain.instructions,
         against: without.instructions,
@@ -187,7 +187,7 @@ fn measure(options: &Options) -> Result<bool, String> {
     Ok(met)
 }
 
-/// A build without effects refuses every scene that calls for one, or it has them.
+/// A build without effects must refuse every scene that uses one.
 fn must_refuse_effects(program: &Path) -> Result<(), String> {
     for effect in Effect::ALL.into_iter().filter(|e| !e.is_technique() && *e != Effect::Color) {
         let output = Command::new(program)
@@ -227,6 +227,6 @@ fn build_plain_only() -> Result<PathBuf, String> {
         });
     match program {
         Some(program) if output.status.success() => Ok(program),
-        _ => Err("the build without effects failed; what cargo says of it stands above".into()),
+        _ => Err("the build without effects failed; the messages of cargo are above".into()),
     }
 }

@@ -76,7 +76,7 @@ impl Room {
             .collect()
     }
 
-    /// The ray that a diffuse surface sends on, or the one that looks from it to `to`.
+    /// The ray that a diffuse surface sends on, or the one from it to `to`.
     fn bounce(&self, ray: &Ray, hit: &Hit, random: &mut Random, to: Option<Vec3>) -> Ray {
         let corners = self.triangles[hit.triangle as usize].map(|i| self.positions[i as usize]);
         let n = geometric_normal(&corners);
@@ -101,7 +101,7 @@ impl Room {
         rays
     }
 
-    /// From what the camera sees to points on a lamp under the ceiling.
+    /// From the visible points to points on a lamp under the ceiling.
     fn shadow(&self, random: &mut Random) -> Vec<Ray> {
         let rays = self.coherent();
         let lamp = |random: &mut Random| Vec3::new(random.unit() - 0.5, random.unit() - 0.5, 1.9);

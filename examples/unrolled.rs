@@ -59,13 +59,13 @@ fn main() -> Result<(), dunkelfeld::Error> {
     }
     builder.add_camera("camera", DVec3::new(0.0, 0.22, 0.3), DVec3::new(0.0, 0.02, 0.0), 0.5);
 
-    // Building checks it, and says what it found.
+    // Building checks it, and returns its findings.
     let (scene, report) = builder.build()?;
     for finding in &report.findings {
         println!("{:?}: {}: {}", finding.severity, finding.place, finding.message);
     }
 
-    // Two seconds, samples where a real sensor behind an f/8 lens would notice.
+    // Two seconds; samples go to the pixels in which a real sensor behind an f/8 lens does not hide the noise.
     let sensor = dunkelfeld_io::sensor_file::preset("imx250")?;
     let settings = RenderSettings::default()
         .with_width(256)

@@ -1,4 +1,4 @@
-"""Do budgets keep their word on the inspection scenes? Bias of plans, and seconds beyond the time that was asked for.
+"""Bias of plans, and seconds beyond the given time limit, on the inspection scenes.
 
     python budgets.py --dunkelfeld ../target/release/dunkelfeld bias --seeds 64
     python budgets.py --dunkelfeld ../target/release/dunkelfeld overrun --seconds 1 3 10 60
@@ -36,7 +36,7 @@ def render(program: Path, scene: Path, folder: Path, *flags: str) -> Path:
 
 
 def statistics_of(folder: Path) -> dict:
-    """What the render says of itself."""
+    """The statistics of the render."""
     return json.loads((folder / "stats.json").read_text())
 
 
@@ -64,7 +64,7 @@ def bias(program: Path, scenes: list[Path], seeds: int, size: int, spp: int) -> 
 
 def overrun(program: Path, scenes: list[Path], seconds: list[float]) -> None:
     """The table of times."""
-    print("| scene | asked for, s | took, s | allowed, s | samples per pixel | |\n|---|---:|---:|---:|---:|---|")
+    print("| scene | limit, s | took, s | allowed, s | samples per pixel | |\n|---|---:|---:|---:|---:|---|")
     with tempfile.TemporaryDirectory() as folder:
         for scene in scenes:
             for asked in seconds:

@@ -1,4 +1,4 @@
-"""Does the test of `statistics_of_images.py` keep its promise where rare samples hold the light? Simulated, without a renderer.
+"""Error rates of the test of `statistics_of_images.py` where rare samples carry the light: a simulation without a renderer.
 
     python check_statistics.py
 
@@ -49,7 +49,7 @@ def failures(rng: np.random.Generator, samples: float, loss: float, known: float
 
 
 def main() -> int:
-    """Prints the table; 1 if the promise is broken."""
+    """Prints the table; 1 if a rate is too large."""
     rng = np.random.default_rng(1)
     print("| samples | light lost | fail, pixel by pixel | fail, by places |\n|---:|---:|---:|---:|")
     broken = False

@@ -89,7 +89,7 @@ def z_score(symbol: str, value: float, error: float, truth: float) -> float:
 
 
 def theirs_is_good(symbol: str, theirs: float, truth: float, error: float, value: float, step: float) -> bool:
-    """Within what is known of the rules that the reference follows."""
+    """Within the documented rules of the reference."""
     if math.isnan(theirs):
         return "none" in THEIRS[symbol][2]
     limit = 4.5

@@ -47,7 +47,7 @@ class Placed:
 
 @dataclass
 class Camera:
-    """A perspective camera: camera-to-world matrix (looks along -z, y up) and full vertical angle in radians."""
+    """A perspective camera: camera-to-world matrix (view along -z, y up) and full vertical angle in radians."""
 
     to_world: np.ndarray
     yfov: float
@@ -124,7 +124,7 @@ Cut = Callable[[Glb, dict[str, Any]], np.ndarray | None]
 
 
 def equal_terms(path: Path, zoom: float, target: Path, faceted: bool = False, cut: Cut | None = None) -> Path:
-    """Writes a copy of a scene for both renderers: without absorption, which `path` knows nothing of, and with cameras that
+    """Writes a copy of a scene for both renderers: without absorption, which `path` does not support, and with cameras that
     see a part smaller by `zoom` about the middle of the image. If `faceted`, no normal is interpolated, because that is
     where the renderers differ; `cut` may give the triangles of a primitive then."""
     glb = Glb(path)

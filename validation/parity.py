@@ -65,7 +65,7 @@ def key(case: parity_cases.Case) -> str:
 
 
 def is_default(field: dataclasses.Field[Any], value: Any) -> bool:
-    """Does a field hold what it holds unless told otherwise?"""
+    """Does a field have its default value?"""
     factory = field.default_factory
     default = field.default if factory is dataclasses.MISSING else factory()
     return type(value) is type(default) and not isinstance(value, np.ndarray) and value == default
@@ -176,7 +176,7 @@ def list_references(cases: list[parity_cases.Case], folder: Path) -> None:
 
 
 def save_maps(case: parity_cases.Case, ours: Estimate, theirs: Estimate, c: Comparison, path: Path) -> None:
-    """Ours, theirs and the scores side by side, enlarged, to look at."""
+    """Ours, theirs and the scores side by side, enlarged, for viewing."""
     from PIL import Image
 
     white = max(float(np.quantile(theirs.mean, 0.98)), 1e-9)

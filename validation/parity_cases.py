@@ -19,7 +19,7 @@ PLASTIC = Material(base_color=ORANGE, roughness=0.4)
 METAL = Material(base_color=(0.9, 0.7, 0.4), metallic=1.0, roughness=0.4)
 GLASS = Material(kind="dielectric", base_color=(1.0, 1.0, 1.0), roughness=0.0)
 SKY = (0.35, 0.4, 0.5)
-# Of every case, unless it says otherwise: their scatter gives the variance.
+# Of every case without a number of its own: their scatter gives the variance.
 BATCHES = 32
 
 
@@ -168,7 +168,7 @@ def media() -> Iterator[Case]:
 
 
 def lights() -> Iterator[Case]:
-    """Each kind of light, one at a time unless said otherwise."""
+    """Each kind of light, one at a time, with stated exceptions."""
 
     def case(name: str, material: Material = PLASTIC, spp: int = 2048, **more: object) -> Case:
         scene = stage(name, ball("subject", "subject", (0.0, 0.42, 0.0), 0.4, rounds=1), material)

@@ -215,5 +215,5 @@ def _sensor(camera: Camera, width: int, height: int) -> dict[str, Any]:
             raise NotImplementedError("a thin lens whose axis is off the film's middle: Mitsuba's has none")
         return {"type": "thinlens", "aperture_radius": camera.aperture, "focus_distance": camera.focus, **view}
     right, down = camera.principal_point
-    # Mitsuba's offset says where in the picture without it the film's middle would lie: the other way.
+    # Mitsuba's offset is the place of the film's middle in the picture without it: the opposite sign.
     return {"type": "perspective", "principal_point_offset_x": -right, "principal_point_offset_y": -down, **view}

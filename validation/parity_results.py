@@ -63,7 +63,7 @@ def write(path: Path, rows: Iterable[Result]) -> None:
 def merged(
     old: dict[str, Result], new: Iterable[Result], wanted: dict[str, tuple[str, int]]
 ) -> tuple[list[Result], list[str]]:
-    """What is known of the cases in `wanted` (by name: digest and samples per pixel), in their order, and the names of those
+    """The stored results of the cases in `wanted` (by name: digest and samples per pixel), in their order, and the names of those
     that nothing is known of: never rendered, or changed since."""
     known = {**old, **{row.case: row for row in new}}
     current = [known[name] for name, is_now in wanted.items() if name in known and (known[name].key, known[name].spp) == is_now]

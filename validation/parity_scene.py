@@ -34,7 +34,7 @@ class Medium:
 
 @dataclass(frozen=True)
 class Material:
-    """Parameters named after Mitsuba's `principled`; `kind` says which BSDF they are for."""
+    """Parameters named after Mitsuba's `principled`; `kind` is the BSDF."""
 
     # "principled", "dielectric" (closed solid), "thin" (clear sheet) or "black" (scatters nothing).
     kind: str = "principled"
@@ -255,7 +255,7 @@ def _job_material(name: str, m: Material) -> dict[str, Any]:
     elif m.kind in ("dielectric", "thin"):
         keys |= {"metallic": 0.0, "transmission": 1.0, "solid": m.kind == "dielectric"}
     else:
-        # Sheen takes its colour from the base colour's hue, by as much as the tint says (Burley 2012).
+        # Sheen takes its colour from the base colour's hue, in proportion to the tint (Burley 2012).
         luminance = float(np.dot(m.base_color, (0.2126, 0.7152, 0.0722)))
         hue = [c / luminance if luminance > 0.0 else 1.0 for c in m.base_color]
         keys |= {

@@ -56,14 +56,14 @@ def main() -> int:
     arguments = parser.parse_args()
     k = arguments.noise
     print(f"{arguments.size} x {arguments.size} pixels, k = {k:g}, seed {arguments.seed}\n")
-    print("| scene | allocation | samples per pixel | over `sensor` | seconds | over `sensor` | certified | foretold |")
+    print("| scene | allocation | samples per pixel | over `sensor` | seconds | over `sensor` | certified | forecast |")
     print("|---|---|---:|---:|---:|---:|---:|---:|")
     for name in arguments.only:
         scene = root / "scenes" / "inspection" / f"{name}.toml"
         size = ["--width", arguments.size, "--height", arguments.size, "--seed", arguments.seed]
         with tempfile.TemporaryDirectory() as folder:
             counts, hidden, electrons, stats = render(arguments.dunkelfeld, scene, Path(folder), *size, "--allocate", "sensor", "--noise", k)
-            # Saturated pixels are not waited for. The statistics say how many they are.
+            # Saturated pixels do not count. The statistics contain their number.
             judged = np.ones(hidden.size, dtype=bool)
             judged[np.argsort(electrons, axis=None)[hidden.size - stats["certificate"]["saturated"] :]] = False
             judged = judged.reshape(hidden.shape)

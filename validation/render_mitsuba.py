@@ -1,4 +1,4 @@
-"""Renders one of our scenes with Mitsuba for a look and a reference speed.
+"""Renders one of our scenes with Mitsuba for viewing and for a reference of the speed.
 
     python render_mitsuba.py ../scenes/inspection/inspection-open.glb --spp 256 -o open.png
 """

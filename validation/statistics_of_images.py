@@ -17,7 +17,7 @@ FAMILY_RATE = 0.01
 # Images pass if this share of their pixels does, and if their means agree to this.
 PASS_SHARE = 0.9975
 MEAN_BAR = 0.003
-# A mean known to no better than this cannot vouch for 0.3 %.
+# A mean with a larger standard error cannot prove 0.3 %.
 ERROR_BAR = 0.0015
 # A place is judged by itself if both images know it to this, one standard error: light that is never negative then comes from
 # as much as 400 equal events, and the means of its batches are close to normal.
@@ -170,7 +170,7 @@ def compare(a: Estimate, b: Estimate) -> Comparison:
     with np.errstate(invalid="ignore", divide="ignore"):
         t = np.where(difference == 0.0, 0.0, difference / error)
         freedom = (va + vb) ** 2 / (va**2 / (len(a.batches) - 1) + vb**2 / (len(b.batches) - 1))
-    # Where noise is below rounding the error is as good as known.
+    # Where noise is below rounding, the error is practically exact.
     freedom = np.where(np.isfinite(freedom) & (va + vb > rounding**2), freedom, 1e6)
     p = two_sided_t(t, freedom)
     pixels = t[..., 0].size

@@ -53,7 +53,7 @@ SHARE = 0.99
 QUANTILE, LEVEL = 0.995, 0.9
 # Wavelengths of the channels in nm, as in crates/sensor/src/optics.rs.
 BANDS = (610.0, 550.0, 465.0)
-# Does `electrons.Y` follow from R, G and B as we think?
+# Does `electrons.Y` follow from R, G and B as computed here?
 LINEAR = 1e-4
 EFFECT = "cover-connection"
 
@@ -136,7 +136,7 @@ class Contender:
         if number < len(self.images):
             return
         if self.fixed < 0.0:
-            # Numbers below those of the renders proper; the second has whatever the first compiled.
+            # Numbers below those of the renders proper; the second has the kernels that the first compiled.
             self.fixed = min(self.render(1, 0)[1], self.render(1, 1)[1])
         image, seconds = self.render(self.spp, 2 + number)
         self.images.append((image @ self.weights).astype(np.float32))

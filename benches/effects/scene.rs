@@ -1,4 +1,4 @@
-//! What is measured: a plain scene, and the same scene with one effect put in use so weakly that the image stays.
+//! The measured scenes: a plain scene, and the same scene with one effect in use, so weakly that the image stays.
 
 use dunkelfeld_geometry::{DAffine3, DVec3, Mesh, Vec2, Vec3, Vec4};
 use dunkelfeld_radiometry::Rgb;

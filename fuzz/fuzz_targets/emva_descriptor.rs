@@ -1,4 +1,4 @@
-//! Any bytes as the descriptor of an EMVA 1288 data set; one that can be read says the same when it is written and read again, and
+//! Any bytes as the descriptor of an EMVA 1288 data set; one that can be read is the same when it is written and read again, and
 //! every refusal can show its line.
 #![no_main]
 

@@ -1,4 +1,4 @@
-//! Any bytes as an EXR: its layers can be asked for by all of their names, and what is written again reads the same.
+//! Any bytes as an EXR: its layers can be read by all of their names, and a file that is written again reads the same.
 #![no_main]
 
 use dunkelfeld_fuzz::{Scratch, target};

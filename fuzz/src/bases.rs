@@ -2,7 +2,7 @@
 
 use serde_json::{Value, json};
 
-/// An asset with one buffer, whose `uri` is up to whoever writes it.
+/// An asset with one buffer, whose `uri` is an argument.
 #[derive(Clone, Debug)]
 pub struct Asset {
     /// The document.

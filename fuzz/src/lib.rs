@@ -16,7 +16,7 @@ use std::sync::Mutex;
 use tempfile::TempDir;
 
 /// Heap of a fuzzer, input and caches included \[bytes\]. An allocation beyond it fails, which ends the process unless the
-/// code asked with `try_reserve`: libFuzzer sees memory only once it was written to.
+/// code reserved with `try_reserve`: libFuzzer counts memory only once it was written to.
 const MAX_HEAP: usize = 512 << 20;
 
 #[global_allocator]
@@ -64,7 +64,7 @@ pub fn guard(body: impl FnOnce()) {
     }
 }
 
-/// A folder that lives as long as the run, in memory where the system has `/dev/shm`.
+/// A folder that exists as long as the run, in memory where the system has `/dev/shm`.
 pub struct Scratch(TempDir);
 
 impl Scratch {
@@ -94,7 +94,7 @@ impl Default for Scratch {
     }
 }
 
-/// Limits of a few megabytes: whoever exceeds them despite the checks meets the bound on the heap.
+/// Limits of a few megabytes: code that exceeds them despite the checks meets the bound on the heap.
 pub fn options() -> ImportOptions {
     const MIB: u64 = 1 << 20;
     let limits = Limits {
@@ -110,7 +110,7 @@ pub fn options() -> ImportOptions {
     ImportOptions::default().with_limits(limits)
 }
 
-/// Builds the scene that was read: whatever a reader accepts is a scene, or refused with a message.
+/// Builds the scene that was read: a file that a reader accepts is a scene, or refused with a message.
 pub fn build(imported: Imported) {
     let warnings: usize = imported.warnings.iter().map(|w| w.to_string().len()).sum();
     std::hint::black_box(warnings);

@@ -32,7 +32,7 @@ struct Plan {
     seconds: u32,
     jobs: usize,
     address_sanitizer: bool,
-    /// Shrink the corpora to what adds coverage instead of looking for more.
+    /// Reduce the corpora to the inputs that add coverage, instead of a search for more.
     minimise: bool,
 }
 
@@ -250,7 +250,7 @@ impl Place<'_> {
         }
     }
 
-    /// The end of the messages, and how to see it again.
+    /// The end of the messages, and the command that replays it.
     fn explain(&self, log: &str) -> String {
         let file = log.lines().rev().find_map(|line| line.split_once("Test unit written to ").map(|(_, file)| file));
         let replay = match file {

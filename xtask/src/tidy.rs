@@ -1,6 +1,6 @@
 //! `cargo xtask tidy`: the rules of the repository that a compiler does not check.
 //!
-//! Who may use whom is written once, in the crate table of ARCHITECTURE.md; the check reads it from there, so that the
+//! The allowed dependencies are written once, in the crate table of ARCHITECTURE.md; the check reads them from there, so that the
 //! page cannot drift from the code. The rules themselves are pure functions of texts, tested with made-up input; this
 //! file gathers the real input and prints what they find.
 

@@ -1,4 +1,4 @@
-//! Checkpoint files: what is written comes back, and whatever was cut or changed is refused in words.
+//! Checkpoint files: a written file is read again with the same bits, and a cut or changed file is refused with a message.
 //!
 //! Replay: `cargo test -p dunkelfeld-io --test checkpoint NAME`.
 
@@ -207,7 +207,7 @@ fn contents_that_cannot_be_are_refused_even_with_right_checksums() {
     seal(&mut bytes, 4, sums, sums + band);
     assert!(bench.refused(&bytes, "endless samples").problem.contains("no samples add up to"));
 
-    // Bands that changed places are noticed, though each is whole: take the first for the second of the same length.
+    // Exchanged bands are detected, although each is complete: take the first for the second of the same length.
     let tall = |height: u32| bare(Film::new(2, height));
     write(&bench.path, &tall(32));
     let mut bytes = fs::read(&bench.path).expect("readable");

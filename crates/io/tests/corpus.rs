@@ -1,4 +1,4 @@
-//! Odd and broken scene files: each loads or ends in one clear error; none panics, hangs or eats memory.
+//! Odd and broken scene files: each loads or ends in one clear error; none panics, hangs or exhausts the memory.
 //!
 //! The files are other projects' and no part of this repository. `DUNKELFELD_CORPUS` names the folder they lie in; every
 //! `.obj`, `.gltf` and `.glb` below it is read:
@@ -9,7 +9,7 @@
 //!
 //! The scenes that the repository does ship are read in any case, and must all load.
 
-#![allow(clippy::print_stdout, reason = "the counts are what the walk is for")]
+#![allow(clippy::print_stdout, reason = "the test prints its counts")]
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
@@ -29,14 +29,14 @@ enum Outcome {
     Loaded(usize, usize),
     /// Refused, with the message.
     Refused(String),
-    /// The reader broke down: what it said.
+    /// The reader broke down, with its message.
     Broke(String),
 }
 
 fn read(path: &Path) -> Outcome {
     let (answer, inbox) = mpsc::channel();
     let owned = path.to_owned();
-    // A thread of its own: a reader that never returns is left behind, and the walk goes on.
+    // A thread of its own: a reader that never returns is abandoned, and the test continues.
     std::thread::spawn(move || {
         let result = catch_unwind(AssertUnwindSafe(|| load_scene(&owned, &ImportOptions::default())));
         let outcome = match result {
@@ -48,7 +48,7 @@ fn read(path: &Path) -> Outcome {
                 let silent = [&error.place, &error.problem, &error.help].iter().any(|part| part.trim().is_empty());
                 let message = error.to_string();
                 if silent {
-                    Outcome::Broke(format!("an error that says too little: {message}"))
+                    Outcome::Broke(format!("an error without place or help: {message}"))
                 } else {
                     Outcome::Refused(message)
                 }
@@ -59,7 +59,7 @@ fn read(path: &Path) -> Outcome {
                 Outcome::Broke(format!("panicked: {}", text.unwrap_or_default()))
             }
         };
-        // Nobody listens any more if the patience is over.
+        // The receiver is gone after the time limit.
         let _ = answer.send(outcome);
     });
     inbox.recv_timeout(PATIENCE).unwrap_or_else(|_| Outcome::Broke(format!("no answer after {PATIENCE:?}")))
@@ -94,7 +94,7 @@ fn peak_memory() -> Option<u64> {
 #[test]
 fn every_file_of_the_corpus_loads_or_is_refused_with_a_reason() {
     let Some(folder) = std::env::var_os("DUNKELFELD_CORPUS") else {
-        println!("DUNKELFELD_CORPUS is not set: no corpus to walk");
+        println!("DUNKELFELD_CORPUS is not set: no corpus to read");
         return;
     };
     let folder = PathBuf::from(folder);
@@ -126,7 +126,7 @@ fn every_file_of_the_corpus_loads_or_is_refused_with_a_reason() {
         broke.len(),
         memory.map_or("unknown".to_owned(), |kb| format!("{} MB", kb / 1024)),
     );
-    assert!(broke.is_empty(), "panicked, hung or said too little: {broke:?}");
+    assert!(broke.is_empty(), "panicked, hung or gave an error without place or help: {broke:?}");
     assert!(memory.is_none_or(|kb| kb < MEMORY), "{memory:?} kB of memory, more than {MEMORY}");
 }
 

@@ -271,7 +271,7 @@ fn lenses_that_contradict_themselves_are_refused_where_they_do() {
     }
     let error = refusal(&with("[film]\npixel_pitch = \"5um\"\nsensor_height = \"7mm\""));
     assert!(error.place == "[film] sensor_height" && error.problem.contains("only one of"), "{error}");
-    // With the size of a pixel known, no sensor is needed.
+    // With a given size of a pixel, no sensor is needed.
     job(&with("[film]\npixel_pitch = \"5um\"\n[lens]\nfocal_length = \"12mm\"\n[sensor]\nmodel = \"none\""));
 }
 

@@ -178,7 +178,7 @@ fn vertices_are_shared_where_all_attributes_agree() {
     assert!(corner, "{mesh:?}");
 }
 
-/// At a cube's corner three equal angles meet, whatever way the quads are cut: the mean is the diagonal.
+/// At a cube's corner three equal angles meet, for any cut of the quads: the mean is the diagonal.
 #[test]
 fn smoothing_groups_make_angle_weighted_normals() {
     let imported = load(&format!("{CUBE}\ns 1\n{CUBE_FACES}"));
@@ -312,7 +312,7 @@ fn pbr_keys_map_as_documented() {
     assert_eq!(m.roughness_texture.expect("map_Pr").channel, 1);
 }
 
-/// OBJ looks up s * uv + o with v upwards; ours runs down. Both must reach the same texel.
+/// OBJ reads the texture at s * uv + o with v upwards; here v runs down. Both must reach the same texel.
 #[test]
 fn texture_options_survive_the_turn_of_the_v_axis() {
     let (m, imported) = load_material("Kd 0 0 0\nmap_Kd -s 2 3 -o 0.25 0.5 -clamp on red.png");
@@ -357,7 +357,7 @@ fn maps_are_found_converted_and_shared() {
     assert_eq!(mesh.tangents.len(), mesh.positions.len());
 }
 
-/// One file by two names, as colour and as numbers; a second file of the same bytes. What is made of it counts apart: of a
+/// One file by two names, as colour and as numbers; a second file of the same bytes. Converted images count separately: of a
 /// grey image of 8 bits normals of 3 x 16 bits, and roughness of 16 bits.
 #[test]
 fn files_that_hold_the_same_are_kept_once_and_count_against_the_budget() {
@@ -508,7 +508,7 @@ mod garbage {
     proptest! {
         #![proptest_config(ProptestConfig { cases: 200, failure_persistence: None, ..ProptestConfig::default() })]
 
-        /// Whatever is thrown at the reader, what it returns is whole: indices in range, attributes as long as positions,
+        /// For any input, the result of the reader is complete: indices in range, attributes as long as positions,
         /// everything finite.
         #[test]
         fn is_survived(obj in proptest::collection::vec(statement(), 0..40), mtl in proptest::collection::vec(mtl_statement(), 0..12)) {

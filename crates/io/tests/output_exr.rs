@@ -400,7 +400,7 @@ fn blocks_that_make_the_decoder_panic_are_refused_or_read() {
     }
 }
 
-/// Found by fuzzing: a block of DWA states the sizes of its sections, and the decoder asked for that much memory at once.
+/// Found by fuzzing: a block of DWA states the sizes of its sections, and the decoder allocated that much memory at once.
 #[test]
 fn blocks_that_promise_more_than_the_image_are_refused() {
     let folder = tempfile::tempdir().expect("a temporary folder");
@@ -421,7 +421,7 @@ fn blocks_that_promise_more_than_the_image_are_refused() {
     }
 }
 
-/// Found by fuzzing: the bytes that a header promises for many channels of the largest size left the range of 64 bits.
+/// Found by fuzzing: the bytes that a header states for many channels of the largest size left the range of 64 bits.
 #[test]
 fn images_of_the_largest_size_with_many_channels_are_refused() {
     let folder = tempfile::tempdir().expect("a temporary folder");

@@ -86,7 +86,7 @@ fn the_gamma_chunk_states_how_the_picture_is_encoded() {
         let before = names.iter().position(|n| *n == "gAMA") < names.iter().position(|n| *n == "IDAT");
         assert!(before, "{names:?}");
     }
-    // 16-bit samples are big-endian: the decoded picture already says so, the raw file must be 16 bit.
+    // 16-bit samples are big-endian: the decoded picture is, and the raw file must be 16 bit.
     let header = chunks(&std::fs::read(&path).expect("readable")).remove(0);
     assert_eq!((header.0.as_str(), header.1[8], header.1[9]), ("IHDR", 16, 0));
 }

@@ -212,7 +212,7 @@ fn presets_imply_what_was_published() {
         let published = sheet.published.dynamic_range_db.unwrap_or_else(|| panic!("{name} has no published figure"));
         assert!(
             (sheet.dynamic_range_db - 0.1..highest + 0.1).contains(&published),
-            "{name}: {published} dB published, the model says {:.2} to {highest:.2}",
+            "{name}: {published} dB published, the model has {:.2} to {highest:.2}",
             sheet.dynamic_range_db
         );
         if let Some(snr) = sheet.published.snr_max_db {
@@ -222,7 +222,7 @@ fn presets_imply_what_was_published() {
         assert!((sheet.saturation.0 - s.full_well.0).abs() < 0.5, "{name}: saturates at {}", sheet.saturation);
         let dark_dn = s.system_gain * s.dark_noise.0.hypot(s.fixed_pattern.dsnu.0);
         assert!(s.offset.0 > 6.0 * dark_dn, "{name}: offset {}, dark noise {dark_dn:.2} DN", s.offset);
-        assert!(!s.source.is_empty() && !s.assumed.is_empty(), "{name} must say where its numbers are from");
+        assert!(!s.source.is_empty() && !s.assumed.is_empty(), "{name} must have the sources of its numbers");
     }
 }
 

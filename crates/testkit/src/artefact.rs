@@ -1,4 +1,4 @@
-//! Files that a failing test leaves behind, for a human to look at.
+//! Files that a failing test leaves behind, for viewing.
 
 use std::fmt::Write as _;
 use std::path::PathBuf;
@@ -6,7 +6,7 @@ use std::path::PathBuf;
 /// Writes a table to `target/test-failures/<name>.csv`; returns a sentence that names the file, for the failure
 /// message.
 ///
-/// Never fails: if the file cannot be written the sentence says so.
+/// Never fails: if the file cannot be written, the sentence contains that.
 pub fn write_csv(name: &str, header: &str, rows: impl IntoIterator<Item = Vec<f64>>) -> String {
     let mut text = format!("{header}\n");
     for row in rows {

@@ -109,7 +109,7 @@ fn add_lighting(document: &mut Document, root: usize, stock: &Stock) {
     let bar_case = document.mesh("light-bar-case", bar_case, stock.plate);
     let bar_panel = document.geometry(&panel(bar));
     let (distance, height) = (0.235_f64, 0.075_f64);
-    // A bar's panel faces +y; tipped forward it looks along the floor and down at the part, then it is turned to its wall.
+    // A bar's panel faces +y; tipped forward it faces the part below, then it is turned to its wall.
     let tip = DQuat::from_rotation_x(FRAC_PI_2 + (height / distance).atan());
     for (name, turn, nits) in
         [("light-rear", 0.0, 14_000.0), ("light-left", FRAC_PI_2, 20_000.0), ("light-right", -FRAC_PI_2, 20_000.0)]
@@ -193,7 +193,7 @@ fn add_mount(document: &mut Document, root: usize, stock: &Stock) {
     document.node(Some(mount), node.with(mesh));
 }
 
-/// A camera on a beam, looking down a little from the front; the pinhole sits just before the lens barrel.
+/// A camera on a beam, tilted down a little from the front; the pinhole sits just before the lens barrel.
 fn add_camera(document: &mut Document, root: usize, stock: &Stock) {
     let (distance, tilt) = (0.39, 5.0_f64.to_radians());
     let beam = Node::new("camera-beam").at(0.0, distance + 56.0 * MM, 66.0 * MM);

@@ -1,4 +1,4 @@
-//! Who uses whom: the crate table of ARCHITECTURE.md against the manifests.
+//! Dependencies between crates: the crate table of ARCHITECTURE.md against the manifests.
 
 use std::collections::BTreeMap;
 

@@ -80,7 +80,7 @@ struct Search<'a> {
     neighbours: &'a [Vec<usize>],
     /// Order of discovery.
     index: Vec<Option<usize>>,
-    /// Smallest index that is known to be reachable through the stack.
+    /// Smallest index that is reachable through the stack so far.
     low: Vec<usize>,
     stack: Vec<usize>,
     visited: usize,

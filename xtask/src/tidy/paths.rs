@@ -1,6 +1,6 @@
 //! Paths that a page names in backticks must exist.
 
-/// Folders of the repository's root: whatever begins with one of them is a path, with or without an extension.
+/// Folders of the repository's root: a word that begins with one of them is a path, with or without an extension.
 const ROOTS: [&str; 9] =
     ["crates/", "xtask/", "scenes/", "benches/", "tests/", "examples/", "validation/", "fuzz/", ".ci/"];
 

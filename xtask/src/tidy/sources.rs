@@ -20,7 +20,7 @@ const OPENERS: [&str; 5] = ["File::open", "File::options", "OpenOptions", "fs::r
 pub(crate) struct Findings {
     /// Violations.
     pub(crate) faults: Vec<String>,
-    /// Worth a look.
+    /// Not a fault, but printed.
     pub(crate) warnings: Vec<String>,
 }
 
@@ -41,7 +41,7 @@ pub(crate) fn check(name: &str, text: &str) -> Findings {
 
 fn header_and_length(name: &str, text: &str, found: &mut Findings) {
     if !text.starts_with("//! ") {
-        found.faults.push(format!("{name}: does not open with a `//!` line that says what it is"));
+        found.faults.push(format!("{name}: does not begin with a `//!` line that describes it"));
     }
     let lines = text.lines().count();
     if lines > TOO_LONG {
@@ -64,7 +64,7 @@ fn unsafe_code(name: &str, text: &str, found: &mut Findings) {
         if !home {
             found.faults.push(format!("{place}: unsafe code; only bvh and denoise may have it"));
         } else if !line.contains("fn(") && !explained(&lines, i) {
-            found.faults.push(format!("{place}: unsafe without a SAFETY line that says why it is sound"));
+            found.faults.push(format!("{place}: unsafe without a SAFETY line with the reason"));
         }
     }
 }
@@ -162,7 +162,7 @@ pub(super) fn without_comments_and_strings(text: &str) -> String {
     out
 }
 
-/// Absolute paths of somebody's machine, and settings that point package managers somewhere else. The patterns are
+/// Absolute paths of one machine, and settings that redirect package managers. The patterns are
 /// joined here, so that this file does not find itself.
 fn machine_traces(name: &str, text: &str, found: &mut Findings) {
     let folders = ["home", "root", "work", "Users"].map(|folder| format!("/{folder}/"));
@@ -174,7 +174,7 @@ fn machine_traces(name: &str, text: &str, found: &mut Findings) {
             before.is_none_or(|c| c.is_whitespace() || "\"'`(=:<,>[".contains(c))
         };
         if folders.iter().any(|folder| line.match_indices(folder.as_str()).any(|(at, _)| begins_a_path(at))) {
-            found.faults.push(format!("{name}:{}: a path of somebody's machine", i + 1));
+            found.faults.push(format!("{name}:{}: an absolute path of one machine", i + 1));
         }
         if settings.iter().any(|setting| line.contains(setting.as_str())) {
             found.faults.push(format!("{name}:{}: a package registry other than the usual one", i + 1));

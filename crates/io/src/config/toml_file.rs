@@ -360,7 +360,7 @@ mod tests {
 
     #[derive(Debug, Deserialize)]
     #[serde(deny_unknown_fields)]
-    #[expect(dead_code, reason = "only errors are looked at")]
+    #[expect(dead_code, reason = "the tests read errors only")]
     struct Settings {
         scene: String,
         film: Option<Film>,
@@ -370,7 +370,7 @@ mod tests {
 
     #[derive(Debug, Deserialize)]
     #[serde(deny_unknown_fields)]
-    #[expect(dead_code, reason = "only errors are looked at")]
+    #[expect(dead_code, reason = "the tests read errors only")]
     struct Film {
         width: Spanned<u32>,
         mode: Option<Mode>,
@@ -385,7 +385,7 @@ mod tests {
 
     #[derive(Debug, Deserialize)]
     #[serde(deny_unknown_fields)]
-    #[expect(dead_code, reason = "only errors are looked at")]
+    #[expect(dead_code, reason = "the tests read errors only")]
     struct Light {
         name: String,
         power: Option<crate::quantity::Power>,

@@ -165,7 +165,7 @@ fn try_all(
                     let is_new = met == Operation::Sync && there == after;
                     assert!(there == before || is_new || !is_undone_always, "{what}: {:?}", there.keys());
                     assert!(message.contains(names_file), "{what}: names no file");
-                    assert!(message.contains(words), "{what}: says not \"{words}\"");
+                    assert!(message.contains(words), "{what}: does not contain \"{words}\"");
                 }
                 (Ok(()), Some(_)) => panic!("{what}: goes unnoticed"),
                 (Err(_), None) => panic!("{what}: does no harm"),

@@ -326,7 +326,7 @@ mod tests {
         let dead = LockHolder { process: 1, ..own(false) };
         for left in ["", "lock file of", TITLE, &format!("{TITLE}{}\n", serde_json::to_string(&dead).expect("JSON"))] {
             fs::write(lock_path(&target), left).expect("writable");
-            drop(TargetLock::acquire(&target).expect("nobody holds it"));
+            drop(TargetLock::acquire(&target).expect("it is free"));
             assert!(is_empty(&home));
         }
     }

@@ -239,7 +239,7 @@ mod tests {
             fs::write(file, "half of it").expect("writable");
         }
         let holder = File::open(&held).expect("there");
-        holder.try_lock().expect("nobody else holds it");
+        holder.try_lock().expect("it is free");
         let own = new_file(&path("a")).expect("writable");
         assert!(held.exists() && !left.exists() && other.exists() && own.path().exists());
         let second = new_file(&path("a")).expect("writable");
