@@ -2,7 +2,7 @@
 
 use super::part::Cover;
 
-/// The job of the paper's experiments: the scene with the moulded cover, seen by fewer pixels.
+/// The job of the paper's experiments: the scene with the moulded cover, with fewer pixels.
 pub(crate) const PAPER: &str = r#"# The experiments of Kludt et al., "Noise analysis of a synthetically rendered scene in sensor-realistic image simulation":
 #
 #     dunkelfeld ptc scenes/inspection/paper.toml
@@ -14,7 +14,7 @@ scene = "inspection.glb"
 camera = "camera"
 
 [film]
-width = 64              # 200 frames take their time: all of it grows with the pixels
+width = 64              # the time for 200 frames is in proportion to the number of pixels
 height = 64
 
 [sensor]
@@ -48,7 +48,7 @@ height = 512
 time = "20s"            # wall clock for the whole command; `spp = 64` is a budget by samples, `noise = 0.7` one by accuracy
 
 [allocate]
-strategy = "sensor"     # where this sensor would notice; "sobel" is the paper's: where a pilot image has edges
+strategy = "sensor"     # most samples where the sensor does not hide the noise; "sobel": at edges of a pilot image (the paper)
 
 [sensor]
 model = "imx250"
