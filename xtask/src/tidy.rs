@@ -5,9 +5,11 @@
 //! file gathers the real input and prints what they find.
 
 mod arrows;
+mod citations;
 mod import_cycles;
 mod module_tree;
 mod paths;
+mod prose;
 mod sample_table;
 mod sources;
 
@@ -36,6 +38,7 @@ pub(crate) fn run() -> Result<(), String> {
     faults.extend(paths::check(&architecture, |path| root.join(path).exists()));
     faults.extend(sample_table::check(&architecture, |path| root.join(path).is_file()));
 
+    let bibliography = read(&root, citations::BIBLIOGRAPHY)?;
     let tracked = output(Command::new("git").arg("-C").arg(&root).args(["ls-files", "-z"]))?;
     let mut files = 0;
     let mut crates: BTreeMap<String, Vec<(String, String)>> = BTreeMap::new();
@@ -57,6 +60,8 @@ pub(crate) fn run() -> Result<(), String> {
             println!("warning: {warning}");
         }
         faults.extend(found.faults);
+        faults.extend(prose::check(name, &text));
+        faults.extend(citations::check(name, &citations::cited(name, &text), &bibliography));
         if let Some((folder, path)) = name.split_once("/src/").filter(|(_, path)| path.ends_with(".rs")) {
             crates.entry(folder.to_owned()).or_default().push((path.to_owned(), text));
         }

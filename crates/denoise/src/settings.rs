@@ -52,7 +52,7 @@ impl DenoiseMethod {
 pub struct DenoiseSettings {
     /// Which denoiser.
     pub method: DenoiseMethod,
-    /// Intel Open Image Denoise: the library or the folder that it is in. `None` looks where [`OIDN_VARIABLE`] says, then
+    /// Intel Open Image Denoise: the library or the folder that it is in. `None`: the path in [`OIDN_VARIABLE`], then
     /// where systems have it.
     #[setters(into)]
     pub oidn: Option<PathBuf>,

@@ -23,14 +23,14 @@ pub(crate) struct BenchArgs {
     /// The folder of the report [default: the input's name with -bench, in this folder].
     #[arg(short = 'o', long = "output", value_name = "DIR")]
     pub(crate) output: Option<PathBuf>,
-    /// Less than a minute in all: a short ladder, and, if no size is given, the largest film that this machine renders in that time.
+    /// Less than a minute in all: few samples per pixel, and, if no size is given, the largest film that this machine renders in that time.
     #[arg(long)]
     pub(crate) quick: bool,
     /// Discard the renders in the folder.
     #[arg(long)]
     pub(crate) restart: bool,
 
-    /// The ladder: samples per pixel, ascending [default: 4,8,16,32,64,128; with --quick 4,8,16,32].
+    /// Samples per pixel of the points, ascending [default: 4,8,16,32,64,128; with --quick 4,8,16,32].
     #[arg(long, value_name = "N,N,...", value_delimiter = ',', value_parser = within(1..=u32::MAX))]
     pub(crate) spp: Vec<u32>,
     /// Independent renders of each point, an even number from 4 on [default: 8].
@@ -52,10 +52,10 @@ pub(crate) struct BenchArgs {
     /// Intel Open Image Denoise 1.4 or 2: the library or its folder [default: DUNKELFELD_OIDN, then the usual places of the system].
     #[arg(long, value_name = "PATH")]
     pub(crate) oidn: Option<PathBuf>,
-    /// Samples per pixel of the renders with and without an effect [default: a quarter of the ladder's top].
+    /// Samples per pixel of the renders with and without an effect [default: a quarter of the largest of --spp].
     #[arg(long, value_name = "N", value_parser = within(1..=u32::MAX))]
     pub(crate) effect_spp: Option<u32>,
-    /// Samples per pixel of the reference [default: four times the ladder's top].
+    /// Samples per pixel of the reference [default: four times the largest of --spp].
     #[arg(long, value_name = "N", value_parser = within(1..=u32::MAX))]
     pub(crate) reference_spp: Option<u32>,
 

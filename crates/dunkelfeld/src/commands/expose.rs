@@ -438,7 +438,8 @@ fn check(s: &ExposeSettings) -> Result<(), Error> {
     }
     if s.exposure_noise == ExposureNoise::Matched {
         if s.frames > 1 {
-            let problem = "frames of one image share its noise, so that matched frames together would have too little noise";
+            let problem =
+                "frames of one image share its noise, so that matched frames together would have too little noise";
             let help = "render anew for each frame, or leave out --exposure-noise matched";
             return Err(Error::setting("exposure noise", problem, help));
         }

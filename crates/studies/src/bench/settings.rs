@@ -126,10 +126,8 @@ impl BenchSettings {
         }
         let technique = self.effects.iter().flatten().find(|e| e.is_technique());
         if let Some(technique) = technique {
-            let problem = format!(
-                "{} is a sampling technique: without it the noise differs, not the image",
-                technique.name()
-            );
+            let problem =
+                format!("{} is a sampling technique: without it the noise differs, not the image", technique.name());
             let help = "leave out an effect of the scene; `dunkelfeld render --without` takes techniques too";
             return Err(Error::setting("effects", problem, help));
         }

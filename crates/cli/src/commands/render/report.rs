@@ -30,7 +30,10 @@ pub(super) fn print_report(args: &RenderArgs, project: &Project, result: &Projec
     if s.budget_missed {
         let limit = s.budget_seconds.unwrap_or(0.0);
         let (over, all) = (seconds(s.total_seconds - limit), seconds(s.total_seconds));
-        say(&format!("flagged: the time budget of {} was missed by {over}; the whole command took {all}", seconds(limit)));
+        say(&format!(
+            "flagged: the time budget of {} was missed by {over}; the whole command took {all}",
+            seconds(limit)
+        ));
     }
     if let Some(fault) = &result.rendering.checkpoint_fault {
         say(&format!("flagged: the checkpoint is not up to date: {fault}"));

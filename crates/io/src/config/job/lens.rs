@@ -125,7 +125,8 @@ pub(super) fn check_lens(lens: &LensSettings, film: &FilmSettings, sensor: &Sens
     if lens.focus_distance.is_none() {
         for (key, given) in [("blades", lens.blades.is_some()), ("blade_rotation", lens.blade_rotation.is_some())] {
             if given {
-                let problem = "without a focus distance everything is sharp, and the shape of the aperture has no effect";
+                let problem =
+                    "without a focus distance everything is sharp, and the shape of the aperture has no effect";
                 return fault(key, problem, "write `focus_distance` as well, or remove this");
             }
         }
