@@ -68,7 +68,7 @@ pub(crate) fn run() -> Result<(), String> {
     }
     faults.extend(crates.iter().flat_map(|(folder, files)| import_cycles::check(folder, files)));
     if faults.is_empty() {
-        println!("tidy: {files} files, nothing to complain about");
+        println!("tidy: {files} files, no faults");
         return Ok(());
     }
     Err(format!("{}\ntidy: {} faults", faults.join("\n"), faults.len()))
