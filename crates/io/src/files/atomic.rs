@@ -190,11 +190,11 @@ mod tests {
         fs::write(&path, "old").expect("writable");
         let error = write_atomically(&path, |w| {
             w.write_all(&[0; 100_000])?;
-            Err(io::Error::new(io::ErrorKind::InvalidData, "the encoder stumbled"))
+            Err(io::Error::new(io::ErrorKind::InvalidData, "the encoder failed"))
         })
         .expect_err("the writer fails");
         assert_eq!(error.kind(), io::ErrorKind::InvalidData);
-        assert!(error.to_string().contains("stumbled"), "{error}");
+        assert!(error.to_string().contains("failed"), "{error}");
         assert_eq!(fs::read_to_string(&path).expect("readable"), "old");
         assert_eq!(names(folder.path()), ["a.txt"]);
     }
@@ -212,7 +212,7 @@ mod tests {
             assert_eq!(fs::read_to_string(&path).expect("readable"), text);
             assert_eq!(names(folder.path()), ["a.film"]);
         }
-        write_atomically(&path, |_| Err(io::Error::other("stumbled"))).expect_err("the writer fails");
+        write_atomically(&path, |_| Err(io::Error::other("failed"))).expect_err("the writer fails");
         assert_eq!(fs::read_to_string(&path).expect("readable"), "second");
         assert_eq!(names(folder.path()), ["a.film"]);
     }

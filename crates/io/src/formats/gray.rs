@@ -28,7 +28,7 @@ pub fn read_gray(path: &Path, limits: &Limits) -> Result<GrayFrame, InputError> 
     let bytes = InputFiles::new().read(path, Role::Frame, limits.file_bytes).map_err(|fault| fault.at(path))?;
     // The decoders are third-party code on arbitrary bytes. A panic in one of them becomes an error.
     let decoded = catch_unwind(AssertUnwindSafe(|| decode(&bytes, limits)))
-        .unwrap_or_else(|_| Err(fault("the decoder gave up on the image", "save the frame again as 16-bit PNG")));
+        .unwrap_or_else(|_| Err(fault("the decoder cannot read the image", "save the frame again as 16-bit PNG")));
     decoded.map_err(|f| f.at(path, "frame"))
 }
 

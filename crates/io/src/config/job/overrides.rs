@@ -99,7 +99,7 @@ impl Job {
             if let Some(key) = medium_key(change).filter(|_| material.surface == Surface::Thin) {
                 return Err(self.source.error_at_key(
                     &["material", &i.to_string(), key],
-                    format!("material \"{}\" is a thin sheet, in which there is no way to go", material.name),
+                    format!("material \"{}\" is a thin sheet, which has no inside", material.name),
                     "add `solid = true` if its meshes are closed, or tint `base_color`",
                 ));
             }

@@ -130,5 +130,5 @@ fn decode_blocks(mut chunks: Vec<Chunk>, meta: &MetaData, threads: usize) -> Res
 
 /// Runs third-party code on arbitrary bytes. A panic in it is an error.
 pub(super) fn guard<T>(read: impl FnOnce() -> Result<T>) -> Result<T> {
-    catch_unwind(AssertUnwindSafe(read)).unwrap_or(Err(Error::Invalid("the decoder gave up on its data".into())))
+    catch_unwind(AssertUnwindSafe(read)).unwrap_or(Err(Error::Invalid("the decoder cannot read its data".into())))
 }

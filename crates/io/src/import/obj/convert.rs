@@ -104,7 +104,7 @@ pub(super) fn convert(m: &Mtl, folder: &str, textures: &mut Textures<'_>, warnin
         out.alpha_mode = AlphaMode::Blend;
     }
     if out.alpha == 0.0 {
-        warnings.push(&place, "covers nothing (d 0 or Tr 1) and is invisible; if that is not meant, set d 1");
+        warnings.push(&place, "covers nothing (d 0 or Tr 1) and is invisible; if it should be visible, set d 1");
     }
     Converted { refracts: transmissive && out.ior != 1.0, material: out }
 }

@@ -117,7 +117,7 @@ fn option(map: &mut Map, words: &[Word<'_>], warn: &mut impl FnMut(&str)) -> Opt
         }
         "-clamp" => map.clamp = on,
         "-cc" if on => warn("colour correction (`-cc`) of a map is ignored"),
-        "-type" => warn("`-type` of a map is ignored: it is laid on by the texture coordinates"),
+        "-type" => warn("`-type` of a map is ignored: the texture coordinates place the map"),
         "-imfchan" => map.channel = word.chars().next().map(|c| c.to_ascii_lowercase()),
         "-colorspace" => map.srgb = Some(word.eq_ignore_ascii_case("srgb")),
         _ => {}
