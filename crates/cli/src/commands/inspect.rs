@@ -34,8 +34,7 @@ fn text(i: &Inspection) -> String {
         i.texture_bytes as f64 * 1e-6
     );
     if let Some(memory) = &i.memory {
-        let _ =
-            writeln!(t, "memory of a render, at most {:.0} MB\n{}", memory.peak_bytes as f64 * 1e-6, memory.table());
+        let _ = writeln!(t, "memory of a render, about {:.0} MB\n{}", memory.peak_bytes as f64 * 1e-6, memory.table());
     }
     match i.bounds {
         Some([lo, hi]) => {
