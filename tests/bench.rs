@@ -221,7 +221,7 @@ fn what_cannot_be_measured_is_refused_with_help() {
     bench.write("taken", "a file");
     let cases = [
         ("bench nothing.glb", "nothing.glb"),
-        ("bench <scene>.obj --spp 8,4", "ladder"),
+        ("bench <scene>.obj --spp 8,4", "ascending"),
         ("bench <scene>.obj --spp 0", "--spp"),
         ("bench <scene>.obj --seeds 3", "seeds"),
         ("bench <scene>.obj --strategies best", "there is no allocation"),
