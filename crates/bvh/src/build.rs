@@ -9,14 +9,12 @@
 //! scaled by a power of two, so that no area overflows or vanishes. If clustering of a sample gives a chain, or if the
 //! tree is too deep for a fixed stack, a top-down builder is used instead.
 
-use std::collections::HashMap;
-
 use dunkelfeld_geometry::Aabb;
-use dunkelfeld_geometry::hash::FastHash;
 use glam::{Vec3, Vec3A};
 use obvhs::BvhBuildParams;
 use obvhs::bvh2::reinsertion::ReinsertionOptimizer;
 use obvhs::ploc::{PlocBuilder, PlocSearchDistance, SortPrecision};
+use rustc_hash::FxHashMap;
 
 use crate::simd8::WIDTH;
 use crate::tree::{LEAF, MAX_DEPTH, NONE, Node, Tree};
@@ -53,7 +51,7 @@ struct Groups {
 
 impl Groups {
     fn of_equal(boxes: &[Aabb]) -> Self {
-        let mut numbers: HashMap<[u32; 6], u32, FastHash> = HashMap::default();
+        let mut numbers: FxHashMap<[u32; 6], u32> = FxHashMap::default();
         numbers.reserve(boxes.len());
         let mut distinct = Vec::with_capacity(boxes.len());
         let group_of: Vec<u32> = boxes

@@ -5,11 +5,9 @@
 //! equal positions count as one, regardless of their normals and texture coordinates. Both functions run in hashed
 //! linear time.
 
-use std::collections::HashMap;
-
 use glam::{DVec3, Vec3};
+use rustc_hash::FxHashMap;
 
-use crate::hash::FastHash;
 use crate::{Aabb, Mesh};
 
 /// A triangle whose height over its longest edge is below this fraction of that edge has no area. The limit is a few
@@ -43,7 +41,7 @@ impl Repairs {
 /// The order of the others and all vertices are kept.
 pub fn clean(mesh: &mut Mesh) -> Repairs {
     let mut repairs = Repairs::default();
-    let mut seen: HashMap<[[u32; 3]; 3], bool, FastHash> = HashMap::default();
+    let mut seen: FxHashMap<[[u32; 3]; 3], bool> = FxHashMap::default();
     seen.reserve(mesh.triangles.len());
     let positions = &mesh.positions;
     mesh.triangles.retain(|triangle| {
@@ -102,7 +100,7 @@ impl MeshHealth {
         // Volumes are relative to the centre, where the cancellation of the signed parts is least.
         let middle = if bounds.is_empty() { DVec3::ZERO } else { bounds.center().as_dvec3() };
 
-        let mut welded: HashMap<[u32; 3], u32, FastHash> = HashMap::default();
+        let mut welded: FxHashMap<[u32; 3], u32> = FxHashMap::default();
         welded.reserve(mesh.positions.len());
         let mut half_edges: Vec<u64> = Vec::with_capacity(3 * mesh.triangles.len());
         let (mut triangles, mut six_volumes, mut twice_area) = (0, 0.0, 0.0);

@@ -8,7 +8,6 @@
 
 mod bounds;
 mod frame;
-pub mod hash;
 pub mod health;
 mod mesh;
 mod ray;

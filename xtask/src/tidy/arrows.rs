@@ -5,9 +5,10 @@ use std::collections::BTreeMap;
 use serde_json::Value;
 
 /// Third-party crates that belong to certain folders only.
-const HOMES: [(&str, &[&str]); 16] = [
+const HOMES: [(&str, &[&str]); 17] = [
     ("rayon", &["render", "dunkelfeld", "studies", "bvh"]),
     ("obvhs", &["bvh"]),
+    ("rustc-hash", &["geometry", "bvh"]),
     ("clap", &["cli"]),
     ("ctrlc", &["cli"]),
     ("indicatif", &["cli"]),
