@@ -50,9 +50,7 @@ impl Lab {
     /// The rows of a table, by column.
     pub(crate) fn table(&self, name: &str) -> Vec<BTreeMap<String, String>> {
         let text = self.read(name);
-        let mut lines = text.lines().map(|l| l.split(',').map(str::to_owned).collect::<Vec<_>>());
-        let header = lines.next().expect("a header");
-        lines.map(|cells| header.iter().cloned().zip(cells).collect()).collect()
+        csv::Reader::from_reader(text.as_bytes()).deserialize().map(|row| row.expect("a row")).collect()
     }
 }
 
@@ -106,8 +104,9 @@ pub(crate) fn same_numbers(document: &roxmltree::Document<'_>, name: &str, csv: 
     let id = format!("table-{name}");
     let table = document.descendants().find(|n| n.attribute("id") == Some(&id)).unwrap_or_else(|| panic!("{id}"));
     let shown: Vec<&str> = table.descendants().filter_map(|n| n.attribute("value")).collect();
-    let numbers = csv.lines().skip(1).flat_map(|l| l.split(','));
-    let written: Vec<&str> = numbers.filter(|c| c.is_empty() || c.parse::<f64>().is_ok()).collect();
+    let mut reader = csv::Reader::from_reader(csv.as_bytes());
+    let cells = reader.records().flat_map(|row| row.expect("a row").iter().map(str::to_owned).collect::<Vec<_>>());
+    let written: Vec<String> = cells.filter(|c| c.is_empty() || c.parse::<f64>().is_ok()).collect();
     assert_eq!(shown, written, "{name}");
     assert!(!shown.is_empty(), "{name} is empty");
 }

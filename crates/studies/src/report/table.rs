@@ -46,29 +46,19 @@ pub(crate) const fn estimate(key: &'static str, heading: &'static str, unit: &'s
 impl Table {
     /// As comma-separated values (RFC 4180) with a header. Unknown numbers are empty.
     pub(crate) fn csv(&self) -> String {
-        let headers: Vec<String> = self
-            .columns
-            .iter()
-            .flat_map(|c| {
-                let error = c.is_estimate.then(|| format!("{}_error", c.key));
-                [Some(c.key.to_string()), error]
-            })
-            .flatten()
-            .collect();
-        let mut text = headers.join(",") + "\r\n";
-        for row in &self.rows {
-            let cells: Vec<String> = row
-                .iter()
-                .flat_map(|cell| match cell {
-                    Cell::Text(t) => vec![quoted(t)],
-                    Cell::Number(v) => vec![number(*v)],
-                    Cell::Count(n) => vec![n.to_string()],
-                    Cell::Estimate(e) => vec![number(e.value), number(e.error)],
-                })
-                .collect();
-            text += &(cells.join(",") + "\r\n");
-        }
-        text
+        let header = self.columns.iter().flat_map(|c| match c.is_estimate {
+            true => vec![c.key.to_string(), format!("{}_error", c.key)],
+            false => vec![c.key.to_string()],
+        });
+        let cells = |cell: &Cell| match cell {
+            Cell::Text(t) => vec![quoted(t)],
+            Cell::Number(v) => vec![number(*v)],
+            Cell::Count(n) => vec![n.to_string()],
+            Cell::Estimate(e) => vec![number(e.value), number(e.error)],
+        };
+        let rows = self.rows.iter().map(|row| row.iter().flat_map(cells).collect());
+        let lines = std::iter::once(header.collect()).chain(rows);
+        lines.map(|line: Vec<String>| line.join(",") + "\r\n").collect()
     }
 
     /// As an HTML table. Each number is a `data` element with the value of the CSV.
