@@ -1,6 +1,7 @@
 //! Errors of unusable input, and warnings of repaired input.
 
 use crate::visible::{visible_columns, visible_line};
+use annotate_snippets::{AnnotationKind, Group, Level, Renderer, Snippet};
 use std::path::PathBuf;
 
 /// A place in a text, with the text, so that a message can show line and caret.
@@ -47,33 +48,18 @@ impl InputError {
         Self { file: file.into(), place: place.into(), problem: problem.into(), help: help.into(), source_span: None }
     }
 
-    /// The line with the offending part and a caret under it, as in compilers; empty without a span.
+    /// The line with the offending part and a caret under it, as in compilers; empty without a span. Only the part of a
+    /// long line around the caret is shown.
     pub fn caret(&self) -> String {
-        let Some(span) = self.source_span.as_deref() else { return String::new() };
-        let start = floor_char_boundary(&span.text, span.range.start);
-        let line_start = span.text[..start].rfind('\n').map_or(0, |i| i + 1);
-        let line_end = span.text[start..].find('\n').map_or(span.text.len(), |i| start + i);
-        let number = span.text[..line_start].matches('\n').count() + 1;
-        let column = span.text[line_start..start].chars().count();
-        let end = floor_char_boundary(&span.text, span.range.end.clamp(start, line_end));
-        let width = span.text[start..end].chars().count().max(1);
-        let gutter = number.to_string();
-        let line = visible_columns(span.text[line_start..line_end].trim_end_matches('\r'));
-        format!(
-            "{pad} |\n{gutter} | {line}\n{pad} | {space}{carets}",
-            pad = " ".repeat(gutter.len()),
-            space = " ".repeat(column),
-            carets = "^".repeat(width)
-        )
+        let Some(SourceSpan { text, range }) = self.source_span.as_deref() else { return String::new() };
+        let start = text.floor_char_boundary(range.start);
+        let line_end = text[start..].find('\n').map_or(text.len(), |i| start + i);
+        let end = text.floor_char_boundary(range.end.clamp(start, line_end));
+        let snippet = Snippet::source(text).annotation(AnnotationKind::Primary.span(start..end));
+        let shown = Renderer::plain().render(&[Group::with_level(Level::ERROR).element(snippet)]);
+        // The renderer replaces most control characters, but not those of C1.
+        shown.lines().map(visible_columns).collect::<Vec<_>>().join("\n")
     }
-}
-
-fn floor_char_boundary(text: &str, index: usize) -> usize {
-    let mut i = index.min(text.len());
-    while !text.is_char_boundary(i) {
-        i -= 1;
-    }
-    i
 }
 
 /// A part of the input that was repaired or left out. When displayed, terminal control characters are escaped.
@@ -113,7 +99,19 @@ mod tests {
         for shown in [e.to_string().replace("\n  help: ", ""), e.caret().replace('\n', ""), warning.to_string()] {
             assert!(!shown.contains(|c: char| c.is_control() || c == '\u{202e}'), "{shown:?}");
         }
-        assert_eq!(e.caret().lines().nth(1), Some("1 | x = \"\u{fffd}[2J\" # \u{fffd}"));
+        assert_eq!(e.caret().lines().nth(1), Some("1 | x = \"\u{241b}[2J\" # \u{fffd}"));
+    }
+
+    #[test]
+    fn a_long_line_is_cut_around_the_caret() {
+        let text = format!("{}\"nodes\"{}", "[1,2],".repeat(1000), ",[3,4]".repeat(1000));
+        let mut e = InputError::new("a.gltf", "p", "x", "y");
+        e.source_span = Some(Box::new(SourceSpan { text, range: 6000..6007 }));
+        let caret = e.caret();
+        let lines: Vec<&str> = caret.lines().collect();
+        let from = lines[2].find('^').expect("a caret");
+        assert_eq!((&lines[1][from..from + 7], &lines[2][from..]), ("\"nodes\"", "^^^^^^^"), "{caret}");
+        assert!(lines[1].len() < 200, "{caret}");
     }
 
     #[test]

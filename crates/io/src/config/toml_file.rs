@@ -160,10 +160,6 @@ impl TomlFile {
         ))
     }
 
-    /// Returns `value` if it is finite and not below zero.
-    ///
-    /// # Errors
-    /// It is not.
     /// The path of the key whose key or value contains `range`: `[film] width`, `[[light]] 2, power`.
     fn place(&self, range: &Range<usize>) -> String {
         let mut finder = Finder { range, best: None };
