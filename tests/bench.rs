@@ -9,7 +9,7 @@ use dunkelfeld::adaptive::Strategy;
 use dunkelfeld::{Cancel, Progress, Project, Session, Silent};
 use dunkelfeld_io::exr::{Channel, read_exr, write_exr};
 use dunkelfeld_studies::bench::{BenchOutcome, BenchSettings, bench};
-use lab::{CutAt, Lab, complaint, same_numbers, square, stands_alone};
+use lab::{CutAt, Lab, as_xml, complaint, same_numbers, square, stands_alone};
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::Path;
@@ -53,7 +53,7 @@ fn a_report_stands_alone_and_its_numbers_are_those_of_the_tables() {
     let said = String::from_utf8_lossy(&done.get_output().stdout).into_owned();
     assert!(said.contains("report.html") && said.contains("without coverage"), "{said}");
     let home = "<scene>-bench";
-    let page = bench.read(&format!("{home}/report.html"));
+    let page = as_xml(&bench.read(&format!("{home}/report.html")));
 
     let document = stands_alone(&page);
     for name in ["noise", "hidden", "denoised", "stages", "effects"] {

@@ -29,7 +29,7 @@ fn a_data_set_is_written_and_its_figures_are_found() {
     let [value, error] = ["value", "standard_error"].map(|k| gain[k].as_f64().expect("a number"));
     let z = (value - truth["quantities"]["K"].as_f64().expect("a number")) / error;
     assert!(z.abs() < 6.5, "K is {z:.1} standard errors off");
-    assert!(String::from_utf8_lossy(&bench.read("r.html")).starts_with("<!doctype html>"));
+    assert!(String::from_utf8_lossy(&bench.read("r.html")).starts_with("<!DOCTYPE html>"));
 
     // The same again, by other rules, on one thread, and by the other module.
     let again = bench.run("emva analyse set/emva.txt --threads 1 --pixel-pitch 2.25 --progress none").code(0);

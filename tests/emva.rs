@@ -14,6 +14,10 @@ use dunkelfeld_studies::emva::{
 use dunkelfeld_studies::emva1288::{AnalysisSettings, Quantity, analyse};
 use std::path::Path;
 
+#[path = "support/markup.rs"]
+mod markup;
+use markup::as_xml;
+
 /// A camera with everything in it that the standard measures.
 const EVERYTHING: &str = r#"
 name = "everything"
@@ -205,14 +209,14 @@ fn a_data_set_survives_the_way_through_files() {
         let json: serde_json::Value = serde_json::from_str(&found.json()).expect("JSON");
         assert!(json["quantities"].as_array().is_some_and(|q| q.len() > 25) && json["module"] == "linear");
         let html = found.html(&read);
-        // Stands alone, and is well-formed but for its doctype.
-        let body = html.trim_start_matches("<!doctype html>");
-        let document = roxmltree::Document::parse(body).unwrap_or_else(|e| panic!("{e}"));
+        // Stands alone, and is well-formed.
+        let body = as_xml(&html);
+        let document = roxmltree::Document::parse(&body).unwrap_or_else(|e| panic!("{e}"));
         assert!(document.descendants().filter(|n| n.has_tag_name("svg")).count() >= 18);
         assert!(!html.contains("NaN") && !html.contains("http://") && !html.contains("https://"));
         let general = Findings::general(&read, &AnalysisSettings::default()).expect("a measurement");
         assert!(general.quantities().iter().any(|q| q.symbol == "sigma_p.dark"));
-        assert!(roxmltree::Document::parse(general.html(&read).trim_start_matches("<!doctype html>")).is_ok());
+        assert!(roxmltree::Document::parse(&as_xml(&general.html(&read))).is_ok());
     }
 }
 

@@ -9,6 +9,10 @@ use std::fs;
 use std::path::PathBuf;
 use tempfile::TempDir;
 
+#[path = "markup.rs"]
+mod markup;
+pub(crate) use markup::as_xml;
+
 const PROGRAM: &str = env!("CARGO_BIN_EXE_dunkelfeld");
 
 /// A folder with a scene whose name does its worst to HTML, `<scene>.obj`, and its materials, `scene.mtl`.
@@ -77,11 +81,10 @@ impl Progress for CutAt<'_> {
     }
 }
 
-/// A page is well-formed, has the scene's name as text and not as an element, and loads nothing from anywhere: no links, no
+/// A page (from [`as_xml`]) is well-formed, has the scene's name as text and not as an element, and loads nothing from anywhere: no links, no
 /// sources but those in the page itself, nor by style or script.
 pub(crate) fn stands_alone(page: &str) -> roxmltree::Document<'_> {
-    let markup = page.strip_prefix("<!doctype html>\n").expect("a document type");
-    let document = roxmltree::Document::parse(markup).unwrap_or_else(|e| panic!("{e}"));
+    let document = roxmltree::Document::parse(page).unwrap_or_else(|e| panic!("{e}"));
     assert!(!document.descendants().any(|n| n.has_tag_name("scene")));
     for node in document.descendants() {
         assert!(!["link", "iframe", "object", "embed", "base"].contains(&node.tag_name().name()), "{node:?}");

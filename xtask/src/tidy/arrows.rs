@@ -5,10 +5,11 @@ use std::collections::BTreeMap;
 use serde_json::Value;
 
 /// Third-party crates that belong to certain folders only.
-const HOMES: [(&str, &[&str]); 18] = [
+const HOMES: [(&str, &[&str]); 19] = [
     ("rayon", &["render", "dunkelfeld", "studies", "bvh"]),
     ("obvhs", &["bvh"]),
     ("rustc-hash", &["geometry", "bvh"]),
+    ("maud", &["studies"]),
     ("annotate-snippets", &["io"]),
     ("clap", &["cli"]),
     ("ctrlc", &["cli"]),

@@ -6,14 +6,15 @@ use super::hidden::{SHARE, growth};
 use super::results::{OFF, Results};
 use super::statistics::POOL;
 use super::tables::tables;
-use crate::report::chart::{Chart, escape};
-use crate::report::maps::{self, Map};
-use crate::report::page::{head, map_figure, page, tiles};
+use crate::report::chart::Chart;
+use crate::report::maps::{Map, grey};
+use crate::report::page::{charts, facts, head, maps, page, picture, tiles, with_file};
 use crate::report::table::Table;
 use crate::report::words::{duration, rounded};
 use dunkelfeld::Error;
 use dunkelfeld::save_text;
 use dunkelfeld_adaptive::weights::Strategy;
+use maud::{Markup, html};
 use std::path::{Path, PathBuf};
 
 /// Writes the page, the tables and the charts into a folder. Returns the files, the page first.
@@ -81,11 +82,10 @@ impl<'a> Report<'a> {
         self.noise.iter().flatten().chain(&self.hidden).chain(&self.denoised).chain(&self.stages).chain(&self.effects)
     }
 
-    fn table(&self, name: &str) -> String {
-        let table = self.tables.iter().find(|t| t.name == name && !t.rows.is_empty());
-        table.map_or_else(String::new, |t| {
-            format!("{}<p class=\"faint\">The same numbers in <code>{}.csv</code>.</p>", t.html(), t.name)
-        })
+    fn table(&self, name: &str) -> Markup {
+        html! {
+            @if let Some(table) = self.tables.iter().find(|t| t.name == name) { (with_file(table)) }
+        }
     }
 
     fn html(&self) -> String {
@@ -104,19 +104,19 @@ impl<'a> Report<'a> {
         page(&format!("{} \u{b7} bench", r.name), &sections)
     }
 
-    fn head(&self) -> String {
+    fn head(&self) -> Markup {
         let r = self.r;
         let [width, height] = r.size;
         let facts = format!("{width} \u{d7} {height} pixels \u{b7} {} \u{b7} {}", r.camera, r.program);
-        let mut text = head(&format!("What accuracy costs: {}", r.name), &facts);
         let [done, all] = r.finished;
-        if done < all {
-            text += &format!(
-                "<div class=\"banner\">Not finished: {done} of {all} renders. The same command goes on from here; what is \
-                 shown rests on the renders that there are.</div>"
-            );
+        html! {
+            (head(&format!("What accuracy costs: {}", r.name), &facts))
+            @if done < all {
+                div.banner { "Not finished: " (done) " of " (all) " renders. The same command goes on from here; what \
+                    is shown rests on the renders that there are." }
+            }
+            (tiles(&self.tiles()))
         }
-        text + &tiles(&self.tiles())
     }
 
     /// The main findings: each a figure with its meaning.
@@ -165,21 +165,10 @@ impl<'a> Report<'a> {
         tiles
     }
 
-    fn noise_section(&self) -> String {
+    fn noise_section(&self) -> Markup {
         if self.noise.is_empty() {
-            return String::new();
+            return Markup::default();
         }
-        let charts: Vec<String> = self
-            .noise
-            .iter()
-            .map(|[time, samples]| {
-                format!(
-                    "<figure><div class=\"against-time\">{}</div><div class=\"against-samples\">{}</div></figure>",
-                    time.inline(),
-                    samples.inline()
-                )
-            })
-            .collect();
         let linear = if self.r.view.has_sensor() {
             "The second is the variance of the expected photo-electrons over the unsaturated pixels, which is what a \
              measurement must be made on. The third divides each pixel\u{2019}s by the sensor\u{2019}s own variance; the dotted \
@@ -187,168 +176,188 @@ impl<'a> Report<'a> {
         } else {
             "The second is the variance of the luminance, without gamma and clipping."
         };
-        format!(
-            "<section><h2>Noise against time</h2><p>Each point is {} renders with seeds of their own. Their variance from \
-             render to render, pixel by pixel, is averaged over the image. The first chart is of the 8-bit pictures with \
-             gamma 2.2, as in the paper. {linear} Lower and further left is better; the dashed line falls as one over the \
-             quantity along the axis, as the variance of a mean does.</p>\
-             <input class=\"choice\" type=\"radio\" name=\"axis\" id=\"by-time\" checked=\"checked\"/><label for=\"by-time\">against time</label>\
-             <input class=\"choice\" type=\"radio\" name=\"axis\" id=\"by-samples\"/><label for=\"by-samples\">against samples</label>\
-             <div class=\"charts\">{}</div><p class=\"faint\">Bars are one standard error, from leaving out one render at a time. \
-             Light that is found very rarely may be missing from all renders of a point: then its noise is too, and the bar \
-             does not know. Time depends on the machine and on what else it does; samples do not.</p>{}</section>",
-            self.r.seeds,
-            charts.join(""),
-            self.table("noise")
-        )
+        html! {
+            section {
+                h2 { "Noise against time" }
+                p { "Each point is " (self.r.seeds) " renders with seeds of their own. Their variance from render to \
+                    render, pixel by pixel, is averaged over the image. The first chart is of the 8-bit pictures with \
+                    gamma 2.2, as in the paper. " (linear) " Lower and further left is better; the dashed line falls \
+                    as one over the quantity along the axis, as the variance of a mean does." }
+                input.choice type="radio" name="axis" id="by-time" checked="checked";
+                label for="by-time" { "against time" }
+                input.choice type="radio" name="axis" id="by-samples";
+                label for="by-samples" { "against samples" }
+                div.charts {
+                    @for [time, samples] in &self.noise {
+                        figure { div.against-time { (time) } div.against-samples { (samples) } }
+                    }
+                }
+                p.faint { "Bars are one standard error, from leaving out one render at a time. Light that is found \
+                    very rarely may be missing from all renders of a point: then its noise is too, and the bar does \
+                    not know. Time depends on the machine and on what else it does; samples do not." }
+                (self.table("noise"))
+            }
+        }
     }
 
-    fn hidden_section(&self) -> String {
-        let Some(chart) = &self.hidden else { return String::new() };
+    fn hidden_section(&self) -> Markup {
+        let Some(chart) = &self.hidden else { return Markup::default() };
         let k = self.r.headline_level();
-        format!(
-            "<section><h2>Time until hidden</h2><p>A pixel is hidden at k when the variance of its rendered value is at most \
-             k\u{b2} times the sensor\u{2019}s own; the render is when {:.0} % of its unsaturated pixels are. A picture taken then is \
-             noisier than the sensor alone by the factor \u{221a}(1 + k\u{b2}): {:.1} % at k = {k}.</p>\
-             <figure class=\"wide\">{}<figcaption>Time of rendering until hidden, by k and strategy; bars are one standard \
-             error. From the variance between the renders at the top of the ladder, pooled over {POOL} \u{d7} {POOL} pixels, taking \
-             that it falls as one over the samples: a figure far beyond the ladder is a forecast.</figcaption></figure>{}</section>",
-            100.0 * SHARE,
-            100.0 * growth(k),
-            chart.inline(),
-            self.table("hidden")
-        )
+        html! {
+            section {
+                h2 { "Time until hidden" }
+                p { "A pixel is hidden at k when the variance of its rendered value is at most k\u{b2} times the \
+                    sensor\u{2019}s own; the render is when " (format!("{:.0}", 100.0 * SHARE)) " % of its \
+                    unsaturated pixels are. A picture taken then is noisier than the sensor alone by the factor \
+                    \u{221a}(1 + k\u{b2}): " (format!("{:.1}", 100.0 * growth(k))) " % at k = " (k) "." }
+                figure.wide {
+                    (chart)
+                    figcaption { "Time of rendering until hidden, by k and strategy; bars are one standard error. \
+                        From the variance between the renders at the top of the ladder, pooled over " (POOL) " \u{d7} \
+                        " (POOL) " pixels, taking that it falls as one over the samples: a figure far beyond the \
+                        ladder is a forecast." }
+                }
+                (self.table("hidden"))
+            }
+        }
     }
 
-    fn denoised_section(&self) -> String {
+    fn denoised_section(&self) -> Markup {
         if self.denoised.is_empty() {
-            return String::new();
+            return Markup::default();
         }
-        let charts: String = self.denoised.iter().map(|c| format!("<figure>{}</figure>", c.inline())).collect();
         let error = if self.r.view.has_sensor() { ", over the sensor\u{2019}s variance" } else { "" };
-        format!(
-            "<section><h2>What a denoiser does</h2><p>The same renders, denoised. The first chart is what the paper shows: the \
-             variance of the 8-bit picture from render to render. A denoiser smooths it away, but what it smooths wrongly is \
-             the same in every render, and no variance shows that. The second is the squared error against the truth, noise and \
-             bias together{error}: for renders as they are it is their variance. A denoised image is for looking at; no \
-             measure of hiding, certificate or photon transfer reads it.</p><div class=\"charts\">{charts}</div>\
-             <div class=\"maps\">{}</div>{}</section>",
-            self.denoised_maps.iter().map(map_figure).collect::<String>(),
-            self.table("denoised")
-        )
-    }
-
-    fn samples_section(&self) -> String {
-        if self.samples.is_empty() {
-            return String::new();
+        html! {
+            section {
+                h2 { "What a denoiser does" }
+                p { "The same renders, denoised. The first chart is what the paper shows: the variance of the 8-bit \
+                    picture from render to render. A denoiser smooths it away, but what it smooths wrongly is the \
+                    same in every render, and no variance shows that. The second is the squared error against the \
+                    truth, noise and bias together" (error) ": for renders as they are it is their variance. A \
+                    denoised image is for looking at; no measure of hiding, certificate or photon transfer reads it."
+                    }
+                (charts(&self.denoised))
+                (maps(&self.denoised_maps))
+                (self.table("denoised"))
+            }
         }
-        format!(
-            "<section><h2>Where the noise is, where the samples went</h2><p>The variance map shows which pixels differ from \
-             render to render. The paper proposes to send samples where the pilot image is steep; a map of samples that \
-             looks like the map of the variance sends them where they are needed, and leaves a variance that is even. Maps of the \
-             variance share one scale.</p>\
-             <div class=\"maps\">{}</div></section>",
-            self.samples.iter().map(map_figure).collect::<String>()
-        )
     }
 
-    fn stages_section(&self) -> String {
-        let Some(chart) = &self.stages else { return String::new() };
-        format!(
-            "<section><h2>Where the time went</h2><p>Stages of a render at the top of the ladder: means over the renders; \
-             exposing and writing were timed once, on the first. Reading the scene is not part of it.</p>\
-             <figure class=\"wide\">{}</figure>{}</section>",
-            chart.inline(),
-            self.table("stages")
-        )
+    fn samples_section(&self) -> Markup {
+        if self.samples.is_empty() {
+            return Markup::default();
+        }
+        html! {
+            section {
+                h2 { "Where the noise is, where the samples went" }
+                p { "The variance map shows which pixels differ from render to render. The paper proposes to send \
+                    samples where the pilot image is steep; a map of samples that looks like the map of the variance \
+                    sends them where they are needed, and leaves a variance that is even. Maps of the variance share \
+                    one scale." }
+                (maps(&self.samples))
+            }
+        }
     }
 
-    fn effects_section(&self) -> String {
-        let Some(chart) = &self.effects else { return String::new() };
-        let spp = self.r.settings.effect_spp;
-        let (verdict, unit) = if self.r.view.has_sensor() {
-            (
-                "The difference is visible to this camera if at least 1 % of the pixels differ by more than one standard deviation of its own \
-                 noise in a single frame, and by more than twice what chance alone would show.",
-                " Blue pixels are darker without the effect, orange ones brighter.",
-            )
-        } else {
-            ("", " Blue pixels are darker without the effect, orange ones brighter.")
-        };
-        format!(
-            "<section><h2>What each effect costs and changes</h2><p>The scene was rendered without each of the effects that it \
-             calls for, with the same {spp} samples per pixel everywhere, the same seeds and the same exposure as with all of \
-             them. {verdict}</p><figure class=\"wide\">{}<figcaption>The bias is the mean difference over the renders; it holds \
-             noise of its own. The hollow mark is what 99 % of the pixels would stay below if there were no bias: from the same \
-             differences, with alternating signs.</figcaption></figure>{}\
-             <div class=\"maps\">{}</div><p class=\"faint\">Without minus with, per pixel.{unit}</p></section>",
-            chart.inline(),
-            self.table("effects"),
-            self.biases.iter().map(map_figure).collect::<String>()
-        )
+    fn stages_section(&self) -> Markup {
+        let Some(chart) = &self.stages else { return Markup::default() };
+        html! {
+            section {
+                h2 { "Where the time went" }
+                p { "Stages of a render at the top of the ladder: means over the renders; exposing and writing were \
+                    timed once, on the first. Reading the scene is not part of it." }
+                figure.wide { (chart) }
+                (self.table("stages"))
+            }
+        }
     }
 
-    fn pictures_section(&self) -> String {
-        let (Some(first), Some(last)) = (self.pictures.first(), self.pictures.last()) else { return String::new() };
+    fn effects_section(&self) -> Markup {
+        let Some(chart) = &self.effects else { return Markup::default() };
+        html! {
+            section {
+                h2 { "What each effect costs and changes" }
+                p {
+                    "The scene was rendered without each of the effects that it calls for, with the same "
+                    (self.r.settings.effect_spp) " samples per pixel everywhere, the same seeds and the same exposure as with \
+                     all of them. "
+                    @if self.r.view.has_sensor() {
+                        "The difference is visible to this camera if at least 1 % of the pixels differ by more than one \
+                         standard deviation of its own noise in a single frame, and by more than twice what chance alone \
+                         would show."
+                    }
+                }
+                figure.wide {
+                    (chart)
+                    figcaption { "The bias is the mean difference over the renders; it holds noise of its own. The \
+                        hollow mark is what 99 % of the pixels would stay below if there were no bias: from the same \
+                        differences, with alternating signs." }
+                }
+                (self.table("effects"))
+                (maps(&self.biases))
+                p.faint { "Without minus with, per pixel. Blue pixels are darker without the effect, orange ones \
+                    brighter." }
+            }
+        }
+    }
+
+    fn pictures_section(&self) -> Markup {
+        let (Some(first), Some(last)) = (self.pictures.first(), self.pictures.last()) else { return Markup::default() };
         let select = |label: &str, shows: &str, chosen: &str| {
-            let options: Vec<String> = self
-                .pictures
-                .iter()
-                .enumerate()
-                .map(|(i, p)| {
-                    let selected = if p.name == chosen { " selected=\"selected\"" } else { "" };
-                    format!("<option value=\"picture-{i}\"{selected}>{}</option>", escape(&p.name))
-                })
-                .collect();
-            format!(
-                "<label><small>{label}</small> <select data-shows=\"{shows}\">{}</select></label>",
-                options.join("")
-            )
+            html! {
+                label {
+                    small { (label) } " "
+                    select data-shows=(shows) {
+                        @for (i, p) in self.pictures.iter().enumerate() {
+                            option value={ "picture-" (i) } selected=[(p.name == chosen).then_some("selected")] { (p.name) }
+                        }
+                    }
+                }
+            }
         };
         let [width, height] = first.size;
         let blank = "data:image/gif;base64,R0lGODlhAQABAAAAACwAAAAAAQABAAA=";
-        let img =
-            |id: &str| format!("<img id=\"{id}\" src=\"{blank}\" alt=\"\" width=\"{width}\" height=\"{height}\"/>");
-        let gallery: Vec<String> = self
-            .pictures
-            .iter()
-            .enumerate()
-            .map(|(i, p)| {
-                format!(
-                    "<figure><img id=\"picture-{i}\" src=\"{}\" alt=\"{name}\" width=\"{}\" height=\"{}\"/><figcaption>{name}</figcaption></figure>",
-                    p.uri,
-                    p.size[0],
-                    p.size[1],
-                    name = escape(&p.name)
-                )
-            })
-            .collect();
-        let noise = if self.r.view.has_sensor() {
-            " \u{201c}As exposed\u{201d} has the sensor\u{2019}s noise as well: where the render\u{2019}s noise is hidden, such pictures \
-             cannot be distinguished any more."
-        } else {
-            ""
-        };
-        format!(
-            "<section><h2>Side by side</h2><p>Drag the edge to compare. Pictures are 8 bit, gamma 2.2, white at \
-             saturation.{noise}</p><div class=\"slider\"><div class=\"stage\">{}<div class=\"over\">{}</div>\
-             <div class=\"edge\"></div><input type=\"range\" min=\"0\" max=\"100\" value=\"50\" step=\"0.5\" aria-label=\"edge between the pictures\"/></div>\
-             <div class=\"picks\">{}{}</div></div><details><summary>All pictures</summary><div class=\"maps\">{}</div></details></section>",
-            img("shown-right"),
-            img("shown-left"),
-            select("left", "shown-left", &first.name),
-            select("right", "shown-right", &last.name),
-            gallery.join("")
-        )
+        html! {
+            section {
+                h2 { "Side by side" }
+                p {
+                    "Drag the edge to compare. Pictures are 8 bit, gamma 2.2, white at saturation."
+                    @if self.r.view.has_sensor() {
+                        " \u{201c}As exposed\u{201d} has the sensor\u{2019}s noise as well: where the render\u{2019}s noise is \
+                         hidden, such pictures cannot be distinguished any more."
+                    }
+                }
+                div.slider {
+                    div.stage {
+                        img id="shown-right" src=(blank) alt="" width=(width) height=(height);
+                        div.over { img id="shown-left" src=(blank) alt="" width=(width) height=(height); }
+                        div.edge {}
+                        input type="range" min="0" max="100" value="50" step="0.5" aria-label="edge between the pictures";
+                    }
+                    div.picks {
+                        (select("left", "shown-left", &first.name))
+                        (select("right", "shown-right", &last.name))
+                    }
+                }
+                details {
+                    summary { "All pictures" }
+                    div.maps {
+                        @for (i, p) in self.pictures.iter().enumerate() {
+                            (picture(Some(&format!("picture-{i}")), &p.uri, p.size, &p.name))
+                        }
+                    }
+                }
+            }
+        }
     }
 
-    fn method_section(&self) -> String {
+    fn method_section(&self) -> Markup {
         let r = self.r;
         let s = &r.settings;
         let list = |v: &[String]| v.join(", ");
         let rungs: Vec<String> = s.ladder.iter().map(ToString::to_string).collect();
         let strategies: Vec<String> = s.strategies.iter().map(ToString::to_string).collect();
-        let facts = [
+        let measured = [
             ("input", r.name.clone()),
             (
                 "film",
@@ -376,33 +385,35 @@ impl<'a> Report<'a> {
             ("threads", r.threads.to_string()),
             ("program", r.program.clone()),
         ];
-        let facts: String = facts
-            .iter()
-            .filter(|(_, value)| !value.is_empty())
-            .map(|(name, value)| format!("<dt>{name}</dt><dd>{}</dd>", escape(value)))
-            .collect();
-        let sensor = if r.view.has_sensor() {
-            "<li>Sensor variance s = \u{3bc}<sub>e</sub> + \u{3c3}<sub>d</sub>\u{b2} + \u{3c3}<sub>q</sub>\u{b2}/K\u{b2} with \
-             \u{3c3}<sub>q</sub>\u{b2} = 1/12 DN\u{b2} (EMVA 1288), at the electrons of the reference. v is the variance of the rendered \
-             electrons, before any sensor noise is added.</li><li>All renders are seen at one exposure, that of the reference.</li>"
-        } else {
-            ""
-        };
-        format!(
-            "<section><h2>How it was measured</h2><dl>{facts}</dl><ul>\
-             <li>Renders of one point differ in nothing but their seed. The variance between them has (renders \u{2212} 1) degrees \
-             of freedom per pixel; the strategy\u{2019}s own decisions, which follow from each render\u{2019}s own pilot, are part of it.</li>\
-             {sensor}\
-             <li>\u{201c}Stated / measured\u{201d}: the variance that renders state of themselves, from four batches of samples and \
-             with the channels of a pixel taken to rise and fall together, over the variance between renders.</li>\
-             <li>Squared error: (x \u{2212} a)(x \u{2212} b) over the pixels that are not saturated, where x is the image, a the \
-             reference, and b the mean of the strategy\u{2019}s renders at the top of the ladder without the one that x was made from: \
-             the noise of a and b, which are independent and unbiased, adds nothing to its expectation.</li>\
-             <li>The renders are made in turns, one of each strategy and number of samples after another, so that a machine \
-             that slows down slows all alike.</li>\
-             <li>The finished renders lie in <code>units/</code>, a small text and an image each; what was measured can be \
-             measured again from them.</li></ul></section>"
-        )
+        html! {
+            section {
+                h2 { "How it was measured" }
+                (facts(&measured))
+                ul {
+                    li { "Renders of one point differ in nothing but their seed. The variance between them has \
+                        (renders \u{2212} 1) degrees of freedom per pixel; the strategy\u{2019}s own decisions, which \
+                        follow from each render\u{2019}s own pilot, are part of it." }
+                    @if r.view.has_sensor() {
+                        li { "Sensor variance s = \u{3bc}" sub { "e" } " + \u{3c3}" sub { "d" } "\u{b2} + \u{3c3}"
+                            sub { "q" } "\u{b2}/K\u{b2} with \u{3c3}" sub { "q" } "\u{b2} = 1/12 DN\u{b2} (EMVA \
+                            1288), at the electrons of the reference. v is the variance of the rendered electrons, \
+                            before any sensor noise is added." }
+                        li { "All renders are seen at one exposure, that of the reference." }
+                    }
+                    li { "\u{201c}Stated / measured\u{201d}: the variance that renders state of themselves, from four \
+                        batches of samples and with the channels of a pixel taken to rise and fall together, over the \
+                        variance between renders." }
+                    li { "Squared error: (x \u{2212} a)(x \u{2212} b) over the pixels that are not saturated, where x \
+                        is the image, a the reference, and b the mean of the strategy\u{2019}s renders at the top of \
+                        the ladder without the one that x was made from: the noise of a and b, which are independent \
+                        and unbiased, adds nothing to its expectation." }
+                    li { "The renders are made in turns, one of each strategy and number of samples after another, so \
+                        that a machine that slows down slows all alike." }
+                    li { "The finished renders lie in " code { "units/" } ", a small text and an image each; what was \
+                        measured can be measured again from them." }
+                }
+            }
+        }
     }
 }
 
@@ -426,12 +437,12 @@ fn pictures(r: &Results) -> Result<Vec<Shown>, Error> {
     // One seed for all: two pictures differ only in the render, not in the noise of the sensor.
     for (name, signal) in &signals {
         if let Some(picture) = r.view.exposed(signal, r.seed) {
-            let (uri, size) = maps::grey(&picture)?;
+            let (uri, size) = grey(&picture)?;
             shown.push(Shown { name: format!("{name}, as exposed"), uri, size });
         }
     }
     for (name, signal) in &signals {
-        let (uri, size) = maps::grey(&r.view.picture(signal))?;
+        let (uri, size) = grey(&r.view.picture(signal))?;
         shown.push(Shown { name: name.clone(), uri, size });
     }
     // The plain pilot is first and the plain reference last, so that the page opens with the widest comparison.

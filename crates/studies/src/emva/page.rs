@@ -3,10 +3,10 @@
 use super::figures::{self, Figure};
 use super::findings::Findings;
 use super::measurement::ReadMeasurement;
-use crate::report::chart::escape;
-use crate::report::page as frame;
+use crate::report::page;
+use crate::report::table::frame;
 use dunkelfeld_emva1288::{Analysis, Bound, Quantity, Release, Side};
-use std::fmt::Write;
+use maud::{Markup, html};
 
 /// A value and its error. The error has two digits, and the value ends at the same place.
 pub(super) fn digits(q: &Quantity) -> (String, String) {
@@ -51,7 +51,11 @@ pub(super) fn page(findings: &Findings, read: &ReadMeasurement) -> String {
         env!("CARGO_PKG_VERSION")
     );
     let mut sections = vec![
-        frame::head(&format!("EMVA 1288: {name}"), &facts) + &notes(findings, read) + &frame::tiles(&tiles(findings)),
+        html! {
+            (page::head(&format!("EMVA 1288: {name}"), &facts))
+            (notes(findings, read))
+            (page::tiles(&tiles(findings)))
+        },
         table(findings),
     ];
     match findings {
@@ -63,13 +67,12 @@ pub(super) fn page(findings: &Findings, read: &ReadMeasurement) -> String {
         }
     }
     sections.push(method(findings));
-    frame::page(&format!("{name} \u{b7} EMVA 1288"), &sections)
+    page::page(&format!("{name} \u{b7} EMVA 1288"), &sections)
 }
 
-fn notes(findings: &Findings, read: &ReadMeasurement) -> String {
-    let all: Vec<String> =
-        findings.notes().iter().chain(&read.warnings).map(|n| format!("<p>{}</p>", escape(n))).collect();
-    if all.is_empty() { String::new() } else { format!("<div class=\"banner\">{}</div>", all.join("")) }
+fn notes(findings: &Findings, read: &ReadMeasurement) -> Markup {
+    let mut all = findings.notes().iter().chain(&read.warnings).peekable();
+    html! { @if all.peek().is_some() { div.banner { @for note in all { p { (note) } } } } }
 }
 
 /// The main figures.
@@ -106,31 +109,25 @@ fn tiles(findings: &Findings) -> Vec<(String, String)> {
         .collect()
 }
 
-fn table(findings: &Findings) -> String {
-    let mut rows = String::new();
-    for q in findings.quantities() {
-        let (value, error) = shown(q, findings.bound(q.symbol));
-        let error = if error.is_empty() { error } else { format!("<i> \u{b1} {error}</i>") };
-        let _ = write!(
-            rows,
-            "<tr><td>{}</td><td>{}</td><td class=\"n\"><data value=\"{}\">{}</data>{error}</td><td>{}</td><td>{}</td></tr>",
-            symbol(q.symbol),
-            escape(q.name),
-            q.value,
-            escape(&value),
-            escape(q.unit),
-            escape(q.section)
-        );
-    }
-    format!(
-        "<section><h2>Figures</h2><div class=\"scroll\"><table id=\"table-figures\"><thead><tr><th scope=\"col\">symbol</th>\
-         <th scope=\"col\">what</th><th scope=\"col\">value and standard error</th><th scope=\"col\">unit</th>\
-         <th scope=\"col\">section</th></tr></thead><tbody>{rows}</tbody></table></div></section>"
-    )
+fn table(findings: &Findings) -> Markup {
+    let rows = html! {
+        @for q in findings.quantities() {
+            @let (value, error) = shown(q, findings.bound(q.symbol));
+            tr {
+                td { (symbol(q.symbol)) }
+                td { (q.name) }
+                td.n { data value=(q.value) { (value) } @if !error.is_empty() { i { " \u{b1} " (error) } } }
+                td { (q.unit) }
+                td { (q.section) }
+            }
+        }
+    };
+    let headings = ["symbol", "what", "value and standard error", "unit", "section"];
+    html! { section { h2 { "Figures" } (frame("figures", headings, rows)) } }
 }
 
 /// A symbol in the typography of the standard: Greek letters, the rest as an index.
-fn symbol(ascii: &str) -> String {
+fn symbol(ascii: &str) -> Markup {
     let greek = [("mu_", "\u{3bc}"), ("sigma_", "\u{3c3}"), ("eta", "\u{3b7}")];
     let letter = greek.iter().find_map(|(name, letter)| Some((letter, ascii.strip_prefix(name)?)));
     let (base, index) = match letter {
@@ -144,11 +141,10 @@ fn symbol(ascii: &str) -> String {
             }
         }
     };
-    let index = if index.is_empty() { index } else { format!("<sub>{}</sub>", escape(&index)) };
-    format!("<span title=\"{}\">{}{index}</span>", escape(ascii), escape(&base))
+    html! { span title=(ascii) { (base) @if !index.is_empty() { sub { (index) } } } }
 }
 
-fn linear(a: &Analysis) -> Vec<String> {
+fn linear(a: &Analysis) -> Vec<Markup> {
     let mut sections = vec![section(
         "Sensitivity, linearity and noise",
         "Each point is a pair of frames. Temporal noise is what differs between the two, so that neither uneven light nor the fixed \
@@ -178,21 +174,21 @@ fn linear(a: &Analysis) -> Vec<String> {
     sections
 }
 
-fn section(title: &str, text: &str, figures: &[Figure]) -> String {
+fn section(title: &str, text: &str, figures: &[Figure]) -> Markup {
     // Four tiles in rows of three would leave a single one.
-    let pairs = if figures.len() == 4 { " pairs" } else { "" };
-    let all: String = figures
-        .iter()
-        .map(|f| format!("<figure>{}<figcaption>{}</figcaption></figure>", f.chart.inline(), escape(&f.caption)))
-        .collect();
-    format!(
-        "<section><h2>{}</h2><p>{}</p><div class=\"charts{pairs}\">{all}</div></section>",
-        escape(title),
-        escape(text)
-    )
+    let is_paired = figures.len() == 4;
+    html! {
+        section {
+            h2 { (title) }
+            p { (text) }
+            div.charts.pairs[is_paired] {
+                @for f in figures { figure { (f.chart) figcaption { (f.caption) } } }
+            }
+        }
+    }
 }
 
-fn method(findings: &Findings) -> String {
+fn method(findings: &Findings) -> Markup {
     let saturation = match findings {
         Findings::Linear(a) if a.release == Release::R31 => {
             "Saturation is the level with the largest variance (release 3.1)."
@@ -209,17 +205,16 @@ fn method(findings: &Findings) -> String {
     ];
     match findings {
         Findings::Linear(_) => rules.extend([
-            "Behind &lt; stands an upper bound: of a root three standard errors above it, where its square does not stand out from its error; \
-             or what rounding may hide. Behind &gt; stands a lower bound, for what rounding may hide.",
+            "Behind < stands an upper bound: of a root three standard errors above it, where its square does not stand out from its error; \
+             or what rounding may hide. Behind > stands a lower bound, for what rounding may hide.",
             "Variances of rows, columns and pixels are those of release 4.0; a slightly negative one is reported as zero.",
         ]),
         Findings::General(a) if !a.bounds.is_empty() => rules.push(
-            "Behind &lt; stands an upper bound and behind &gt; a lower one, by the largest dark noise that rounding may hide.",
+            "Behind < stands an upper bound and behind > a lower one, by the largest dark noise that rounding may hide.",
         ),
         Findings::General(_) => {}
     }
-    let rules: String = rules.iter().map(|rule| format!("<li>{rule}</li>")).collect();
-    format!("<section><h2>How it was measured</h2><ul>{rules}</ul></section>")
+    html! { section { h2 { "How it was measured" } ul { @for rule in rules { li { (rule) } } } } }
 }
 
 #[cfg(test)]
@@ -228,7 +223,8 @@ mod tests {
 
     #[test]
     fn symbols_read_as_the_standard_prints_them() {
-        let text = |s: &str| symbol(s).split_once('>').map_or(String::new(), |(_, t)| t.replace("</span>", ""));
+        let text =
+            |s: &str| symbol(s).into_string().split_once('>').map_or(String::new(), |(_, t)| t.replace("</span>", ""));
         assert_eq!(text("mu_p.sat"), "\u{3bc}<sub>p.sat</sub>");
         assert_eq!(text("sigma_y.dark"), "\u{3c3}<sub>y.dark</sub>");
         assert_eq!((text("eta"), text("K")), ("\u{3b7}".into(), "K".into()));

@@ -4,15 +4,16 @@
 use super::analysis::{Curve, LINEAR_BINS, Results};
 use super::figures;
 use super::findings::{Verdict, name};
-use crate::report::chart::{Chart, escape};
+use crate::report::chart::Chart;
 use crate::report::estimate::Estimate;
-use crate::report::maps::{self, Map};
-use crate::report::page::{head, map_figure, page, tiles};
-use crate::report::table::{Cell, Table, column, estimate};
+use crate::report::maps::{Map, grey};
+use crate::report::page::{charts, facts, head, maps, page, picture, tiles, with_file};
+use crate::report::table::{Cell, Table, column, estimate, frame};
 use crate::report::words::duration;
 use dunkelfeld::Error;
 use dunkelfeld::save_text;
 use dunkelfeld_emva1288::LineFit;
+use maud::{Markup, html};
 use std::path::{Path, PathBuf};
 
 /// Writes the page, the tables and the charts into a folder. Returns the files, the page first.
@@ -77,7 +78,7 @@ impl<'a> Report<'a> {
         Ok(page(&format!("{} \u{b7} photon transfer", self.r.name), &sections))
     }
 
-    fn head(&self) -> String {
+    fn head(&self) -> Markup {
         let r = self.r;
         let [width, height] = r.size;
         let facts = format!(
@@ -85,14 +86,7 @@ impl<'a> Report<'a> {
             r.camera,
             env!("CARGO_PKG_VERSION")
         );
-        let mut text = head(&format!("Photon transfer: {}", r.name), &facts);
         let [done, all] = r.finished;
-        if done < all {
-            text += &format!(
-                "<div class=\"banner\">Not finished: {done} of {all} renders. The same command goes on from here; what is \
-                 shown rests on the frames that there are.</div>"
-            );
-        }
         let mut figures = Vec::new();
         let findings = r.findings();
         let same = findings.iter().filter(|f| f.verdict == Verdict::Same).count();
@@ -116,118 +110,123 @@ impl<'a> Report<'a> {
                 }
             }
         }
-        text + &tiles(&figures)
-    }
-
-    fn findings_section(&self) -> String {
-        let rows: String = self
-            .r
-            .findings()
-            .iter()
-            .map(|f| {
-                format!(
-                    "<tr><td class=\"wrap\">{}<br/><small>{}</small></td><td class=\"wrap\">{}</td><td>{}</td></tr>",
-                    escape(f.claim),
-                    escape(f.place),
-                    escape(&f.here),
-                    escape(f.verdict.words())
-                )
-            })
-            .collect();
-        format!(
-            "<section><h2>What the paper says, and what is found here</h2><p>Kludt et al., \u{201c}Noise analysis of a \
-             synthetically rendered scene in sensor-realistic image simulation\u{201d}. Pictures are 8 bit, gamma 2.2, without \
-             the noise of a sensor; over frames with different seeds each pixel has a mean and a variance.</p>\
-             <div class=\"scroll\"><table id=\"table-findings\"><thead><tr><th scope=\"col\">the paper</th>\
-             <th scope=\"col\">measured here</th><th scope=\"col\">the same?</th></tr></thead><tbody>{rows}</tbody></table></div>{}</section>",
-            self.table(&self.series)
-        )
-    }
-
-    fn pictures_section(&self) -> Result<String, Error> {
-        let mut shown = String::new();
-        for s in &self.r.pictures {
-            let (uri, [width, height]) = maps::grey(&s.picture)?;
-            let caption = escape(&format!("{}, {} a frame", name(s), duration(s.seconds)));
-            shown += &format!(
-                "<figure><img src=\"{uri}\" alt=\"{caption}\" width=\"{width}\" height=\"{height}\"/><figcaption>{caption}</figcaption></figure>"
-            );
+        html! {
+            (head(&format!("Photon transfer: {}", r.name), &facts))
+            @if done < all {
+                div.banner { "Not finished: " (done) " of " (all) " renders. The same command goes on from here; what \
+                    is shown rests on the frames that there are." }
+            }
+            (tiles(&figures))
         }
-        Ok(format!(
-            "<section class=\"pairs\"><h2>Figure 3: pictures</h2><p>The first frame of each series.</p><div class=\"maps\">{shown}</div></section>"
-        ))
     }
 
-    fn maps_section(&self) -> String {
-        let variance: String = self.maps.iter().map(|m| map_figure(&m[0])).collect();
-        let sobel: String = self.maps.iter().map(|m| map_figure(&m[1])).collect();
-        format!(
-            "<section class=\"pairs\"><h2>Figure 5: where the variance is</h2><p>Variance of the pictures over the frames. Each map has its own \
-             scale.</p><div class=\"maps\">{variance}</div><h2>Figure 7: where one frame is steep</h2><p>Sobel magnitude of the \
-             first frame of each series. The correlations above are with the variance of the other frames, so that the noise of \
-             this one is not on both sides.</p><div class=\"maps\">{sobel}</div></section>"
-        )
-    }
-
-    fn transfer_section(&self) -> String {
-        let one = |c: &Chart| format!("<figure>{}</figure>", c.inline());
-        let all: String = self.transfer.iter().map(|t| one(&t[0])).collect();
-        let flat: String = self.transfer.iter().map(|t| one(&t[1])).collect();
-        let sensor = match (&self.sensor, &self.r.sensor) {
-            (Some(chart), Some(sensor)) => format!(
-                "<h2>Figure 2: what a camera\u{2019}s curve looks like</h2><p>{}, two frames of even light at 50 levels. Through \
-                 its dark level and 0\u{2013}70 % of saturation K{}.</p><div class=\"charts\">{}</div>",
-                escape(&sensor.name),
-                sensor.gain.as_ref().map_or_else(String::new, |k| format!(
-                    " = {:.5} \u{b1} {:.5} DN/e\u{207b}; the sensor\u{2019}s data: {:.5}",
-                    k.value, k.standard_error, sensor.truth
-                )),
-                one(chart)
-            ),
-            _ => String::new(),
+    fn findings_section(&self) -> Markup {
+        let rows = html! {
+            @for f in self.r.findings() {
+                tr {
+                    td.wrap { (f.claim) br; small { (f.place) } }
+                    td.wrap { (f.here) }
+                    td { (f.verdict.words()) }
+                }
+            }
         };
-        format!(
-            "<section class=\"pairs\"><h2>Figure 6: photon transfer of the pictures</h2><p>Pixels whose mean falls into the same interval of one \
-             grey value form a point; its height is their mean variance. A camera\u{2019}s curve is a straight line before gamma, and \
-             falls gently after it.</p><div class=\"charts\">{all}</div>\
-             <h2>Figure 8: the same without strong edges</h2><p>Without the {:.0} % of the pixels that are steepest in the first frame \
-             of the series.</p><div class=\"charts\">{flat}</div>{sensor}</section>",
-            100.0 * self.r.settings.edges
-        )
+        html! {
+            section {
+                h2 { "What the paper says, and what is found here" }
+                p { "Kludt et al., \u{201c}Noise analysis of a synthetically rendered scene in sensor-realistic image \
+                    simulation\u{201d}. Pictures are 8 bit, gamma 2.2, without the noise of a sensor; over frames with \
+                    different seeds each pixel has a mean and a variance." }
+                (frame("findings", ["the paper", "measured here", "the same?"], rows))
+                (with_file(&self.series))
+            }
+        }
     }
 
-    fn camera_section(&self) -> String {
+    fn pictures_section(&self) -> Result<Markup, Error> {
+        let caption = |s| format!("{}, {} a frame", name(s), duration(s.seconds));
+        let all: Vec<_> =
+            self.r.pictures.iter().map(|s| Ok((grey(&s.picture)?, caption(s)))).collect::<Result<_, Error>>()?;
+        Ok(html! {
+            section.pairs {
+                h2 { "Figure 3: pictures" }
+                p { "The first frame of each series." }
+                div.maps { @for ((uri, size), caption) in &all { (picture(None, uri, *size, caption)) } }
+            }
+        })
+    }
+
+    fn maps_section(&self) -> Markup {
+        html! {
+            section.pairs {
+                h2 { "Figure 5: where the variance is" }
+                p { "Variance of the pictures over the frames. Each map has its own scale." }
+                (maps(self.maps.iter().map(|m| &m[0])))
+                h2 { "Figure 7: where one frame is steep" }
+                p { "Sobel magnitude of the first frame of each series. The correlations above are with the variance \
+                    of the other frames, so that the noise of this one is not on both sides." }
+                (maps(self.maps.iter().map(|m| &m[1])))
+            }
+        }
+    }
+
+    fn transfer_section(&self) -> Markup {
+        html! {
+            section.pairs {
+                h2 { "Figure 6: photon transfer of the pictures" }
+                p { "Pixels whose mean falls into the same interval of one grey value form a point; its height is \
+                    their mean variance. A camera\u{2019}s curve is a straight line before gamma, and falls gently \
+                    after it." }
+                (charts(self.transfer.iter().map(|t| &t[0])))
+                h2 { "Figure 8: the same without strong edges" }
+                p { "Without the " (format!("{:.0}", 100.0 * self.r.settings.edges)) " % of the pixels that are \
+                    steepest in the first frame of the series." }
+                (charts(self.transfer.iter().map(|t| &t[1])))
+                @if let (Some(chart), Some(sensor)) = (&self.sensor, &self.r.sensor) {
+                    h2 { "Figure 2: what a camera\u{2019}s curve looks like" }
+                    p {
+                        (sensor.name) ", two frames of even light at 50 levels. Through its dark level and 0\u{2013}70 % of \
+                         saturation K"
+                        @if let Some(k) = &sensor.gain {
+                            " = " (format!("{:.5} \u{b1} {:.5}", k.value, k.standard_error)) " DN/e\u{207b}; the sensor\u{2019}s \
+                             data: " (format!("{:.5}", sensor.truth))
+                        }
+                        "."
+                    }
+                    (charts([chart]))
+                }
+            }
+        }
+    }
+
+    fn camera_section(&self) -> Markup {
         if self.linear.is_empty() && self.cameras.is_empty() {
-            return String::new();
+            return Markup::default();
         }
-        let charts =
-            |list: &[Chart]| -> String { list.iter().map(|c| format!("<figure>{}</figure>", c.inline())).collect() };
-        let cameras = if self.cameras.is_empty() {
-            String::new()
-        } else {
-            format!(
-                "<h2>Frames of the sensor</h2><p>Now samples go where the sensor would notice, and each render is exposed. Plain exposure \
-                 adds the sensor\u{2019}s noise to that of the render; matched exposure draws only what is missing. The curves are of the \
-                 pixels whose render has at most 0.7 of the sensor\u{2019}s noise, on average over the frames, in the frames in which \
-                 they hold no rare sample (one that is to be seen by itself): there it must be the sensor\u{2019}s line.</p>\
-                 <div class=\"charts\">{}</div>",
-                charts(&self.cameras)
-            )
-        };
-        format!(
-            "<section class=\"pairs\"><h2>The same on linear grey values</h2><p>Gamma bends every curve; these are of the expected grey values of the \
-             sensor, before any noise of its own. Noise of a render is no straight line here either.</p>\
-             <div class=\"charts\">{}</div>{cameras}{}</section>",
-            charts(&self.linear),
-            self.table(&self.lines)
-        )
+        html! {
+            section.pairs {
+                h2 { "The same on linear grey values" }
+                p { "Gamma bends every curve; these are of the expected grey values of the sensor, before any noise \
+                    of its own. Noise of a render is no straight line here either." }
+                (charts(&self.linear))
+                @if !self.cameras.is_empty() {
+                    h2 { "Frames of the sensor" }
+                    p { "Now samples go where the sensor would notice, and each render is exposed. Plain exposure \
+                        adds the sensor\u{2019}s noise to that of the render; matched exposure draws only what is \
+                        missing. The curves are of the pixels whose render has at most 0.7 of the sensor\u{2019}s \
+                        noise, on average over the frames, in the frames in which they hold no rare sample (one that \
+                        is to be seen by itself): there it must be the sensor\u{2019}s line." }
+                    (charts(&self.cameras))
+                }
+                (with_file(&self.lines))
+            }
+        }
     }
 
-    fn method_section(&self) -> String {
+    fn method_section(&self) -> Markup {
         let r = self.r;
         let spp: Vec<String> = r.settings.spp.iter().map(ToString::to_string).collect();
         let frames: Vec<String> = r.pictures.iter().map(|s| format!("{}: {}", name(s), s.frames)).collect();
-        let facts = [
+        let measured = [
             ("input", r.name.clone()),
             ("film", format!("{} \u{d7} {} pixels", r.size[0], r.size[1])),
             ("camera", r.camera.clone()),
@@ -237,27 +236,26 @@ impl<'a> Report<'a> {
             ("strong edges", format!("the steepest {:.0} % of the pixels", 100.0 * r.settings.edges)),
             ("seed", r.seed.to_string()),
         ];
-        let facts: String =
-            facts.iter().map(|(name, value)| format!("<dt>{name}</dt><dd>{}</dd>", escape(value))).collect();
-        format!(
-            "<section><h2>How it was measured</h2><dl>{facts}</dl><ul>\
-             <li>Series of pictures have the same number of samples in each pixel. They are seen at one exposure, that of the first \
-             frame with the most samples; white is saturation.</li>\
-             <li>A curve is called not linear if the points differ from the straight line by more than their standard errors allow, \
-             not monotone if it both rises and falls by more than five standard errors between groups of pixels.</li>\
-             <li>Lines go through 0\u{2013}70 % of saturation; points weigh by the variance of their ordinate (EMVA 1288 release 4.0 \
-             Linear, equations 15 and 50). R\u{b2} is weighed in the same way.</li>\
-             <li>Linear curves have intervals of 1/{LINEAR_BINS} of the range or 1 DN, whichever is wider.</li>\
-             <li>The finished renders lie in <code>units/</code>; more frames, or another share of strong edges, can be had from \
-             them.</li></ul></section>"
-        )
-    }
-
-    fn table(&self, table: &Table) -> String {
-        if table.rows.is_empty() {
-            return String::new();
+        html! {
+            section {
+                h2 { "How it was measured" }
+                (facts(&measured))
+                ul {
+                    li { "Series of pictures have the same number of samples in each pixel. They are seen at one \
+                        exposure, that of the first frame with the most samples; white is saturation." }
+                    li { "A curve is called not linear if the points differ from the straight line by more than their \
+                        standard errors allow, not monotone if it both rises and falls by more than five standard \
+                        errors between groups of pixels." }
+                    li { "Lines go through 0\u{2013}70 % of saturation; points weigh by the variance of their \
+                        ordinate (EMVA 1288 release 4.0 Linear, equations 15 and 50). R\u{b2} is weighed in the same \
+                        way." }
+                    li { "Linear curves have intervals of 1/" (LINEAR_BINS) " of the range or 1 DN, whichever is \
+                        wider." }
+                    li { "The finished renders lie in " code { "units/" } "; more frames, or another share of strong \
+                        edges, can be had from them." }
+                }
+            }
         }
-        format!("{}<p class=\"faint\">The same numbers in <code>{}.csv</code>.</p>", table.html(), table.name)
     }
 }
 

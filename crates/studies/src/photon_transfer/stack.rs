@@ -3,9 +3,9 @@
 use super::analysis::{Curve, fault, linear_curve, picture_curve};
 use super::figures::{LINEAR_AXES, chart};
 use crate::folder::check_folder;
-use crate::report::chart::{Chart, escape};
+use crate::report::chart::Chart;
 use crate::report::maps;
-use crate::report::page::{head, map_figure, page};
+use crate::report::page::{self, head, page};
 use crate::report::words::rounded;
 use crate::series::Kept;
 use crate::series::statistics::{correlation, quantile, rank_correlation};
@@ -19,6 +19,7 @@ use dunkelfeld_io::gray::{GrayFrame, read_gray};
 use dunkelfeld_io::input::{InputFiles, Role};
 use dunkelfeld_io::loader::Limits;
 use dunkelfeld_io::results::ResultsFolder;
+use maud::html;
 use std::path::{Path, PathBuf};
 
 /// Settings of the analysis of frames.
@@ -217,21 +218,18 @@ impl FrameStack {
         let variance = maps::logarithmic(&plane, &plane, "DN\u{b2}", format!("variance over {} frames", s.frames))?;
         let sobel = self.sobel.map(|&v| f64::from(v));
         let sobel = maps::linear(&sobel, "of 255 per pixel", "Sobel magnitude of the first frame".into())?;
-        let list: String = self.findings().iter().map(|line| format!("<li>{}</li>", escape(line))).collect();
-        let figures: String = charts.iter().map(|c| format!("<figure>{}</figure>", c.inline())).collect();
         let sections = [
             head("Photon transfer of frames", &format!("dunkelfeld {}", env!("CARGO_PKG_VERSION"))),
-            format!("<section><ul>{list}</ul></section>"),
-            format!(
-                "<section class=\"pairs\"><h2>Photon transfer</h2><p>Pixels of like mean form a point; its height is their mean \
-                 variance. For a linear camera it is a straight line of slope K (EMVA 1288 release 4.0 Linear, equation 15).</p>\
-                 <div class=\"charts\">{figures}</div></section>"
-            ),
-            format!(
-                "<section class=\"pairs\"><h2>Where the variance is</h2><div class=\"maps\">{}{}</div></section>",
-                map_figure(&variance),
-                map_figure(&sobel)
-            ),
+            html! { section { ul { @for finding in self.findings() { li { (finding) } } } } },
+            html! {
+                section.pairs {
+                    h2 { "Photon transfer" }
+                    p { "Pixels of like mean form a point; its height is their mean variance. For a linear camera it is a \
+                        straight line of slope K (EMVA 1288 release 4.0 Linear, equation 15)." }
+                    (page::charts(&charts))
+                }
+            },
+            html! { section.pairs { h2 { "Where the variance is" } (page::maps([&variance, &sobel])) } },
         ];
         if Kept::is_there(folder) {
             let problem = "holds the measurement of a scene, whose report this one would replace".into();

@@ -6,6 +6,7 @@ use dunkelfeld::Error;
 use dunkelfeld_film::Plane;
 use dunkelfeld_io::picture::Picture;
 use dunkelfeld_io::png::data_uri;
+use maud::{Markup, Render, html};
 
 /// From dark to bright: the map "viridis" of S. van der Walt and N. Smith (2015, public domain), every eighth of it.
 const BRIGHTER: [[u8; 3]; 9] = [
@@ -37,6 +38,20 @@ pub(crate) struct Map {
     pub(crate) ends: [String; 2],
     /// Does the scale contain zero?
     pub(crate) is_signed: bool,
+}
+
+/// The map with its scale and its caption.
+impl Render for Map {
+    fn render(&self) -> Markup {
+        html! {
+            figure {
+                img src=(self.uri) alt=(self.caption) width=(self.size[0]) height=(self.size[1]);
+                div.scale style={ "background:" (gradient(self.is_signed)) } {}
+                div.ends { span { (self.ends[0]) } span { (self.ends[1]) } }
+                figcaption { (self.caption) }
+            }
+        }
+    }
 }
 
 /// A map of numbers that are not negative, on a logarithmic scale that ends at the 99.9 % quantile of `like`. The
@@ -97,7 +112,7 @@ fn encoded(picture: Picture<'_>) -> Result<String, Error> {
 }
 
 /// A gradient for style sheets.
-pub(crate) fn gradient(is_signed: bool) -> String {
+fn gradient(is_signed: bool) -> String {
     let stops: &[[u8; 3]] = if is_signed { &SIGNED } else { &BRIGHTER };
     let colors: Vec<String> = stops.iter().map(|[r, g, b]| format!("rgb({r},{g},{b})")).collect();
     format!("linear-gradient(90deg,{})", colors.join(","))

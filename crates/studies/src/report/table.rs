@@ -1,9 +1,8 @@
 //! Tables of a report: the same cells as CSV and as HTML.
 
-use super::chart::escape;
 use super::estimate::Estimate;
 use super::words::rounded;
-use std::fmt::Write;
+use maud::{Markup, Render, html};
 
 /// Number of digits in both forms.
 const DIGITS: usize = 6;
@@ -60,43 +59,45 @@ impl Table {
         let lines = std::iter::once(header.collect()).chain(rows);
         lines.map(|line: Vec<String>| line.join(",") + "\r\n").collect()
     }
+}
 
-    /// As an HTML table. Each number is a `data` element with the value of the CSV.
-    pub(crate) fn html(&self) -> String {
-        let mut text = format!("<div class=\"scroll\"><table id=\"table-{}\"><thead><tr>", self.name);
-        for c in &self.columns {
-            let unit = if c.unit.is_empty() { String::new() } else { format!(" <small>{}</small>", escape(c.unit)) };
-            let _ = write!(text, "<th scope=\"col\">{}{unit}</th>", escape(c.heading));
-        }
-        text += "</tr></thead><tbody>";
-        for row in &self.rows {
-            text += "<tr>";
-            for cell in row {
-                match cell {
-                    Cell::Text(t) => {
-                        let _ = write!(text, "<td>{}</td>", escape(t));
-                    }
-                    Cell::Number(v) => {
-                        let _ = write!(text, "<td class=\"n\">{}</td>", data(*v, &rounded(*v)));
-                    }
-                    Cell::Count(n) => {
-                        let _ = write!(text, "<td class=\"n\"><data value=\"{n}\">{n}</data></td>");
-                    }
-                    Cell::Estimate(e) => {
-                        let (value, error) = shown(*e);
-                        let error = data(e.error, &error);
-                        let _ = write!(text, "<td class=\"n\">{}<i> \u{b1} {error}</i></td>", data(e.value, &value));
-                    }
-                }
-            }
-            text += "</tr>";
-        }
-        text + "</tbody></table></div>"
+/// As an HTML table. Each number is a `data` element with the value of the CSV.
+impl Render for Table {
+    fn render(&self) -> Markup {
+        let heading = |c: &Column| html! { (c.heading) @if !c.unit.is_empty() { " " small { (c.unit) } } };
+        let rows = html! { @for row in &self.rows { tr { @for cell in row { (cell) } } } };
+        frame(self.name, self.columns.iter().map(heading), rows)
     }
 }
 
-fn data(value: f64, shown: &str) -> String {
-    format!("<data value=\"{}\">{}</data>", number(value), escape(shown))
+/// A table with its name, its headings, and its rows in HTML.
+pub(crate) fn frame(name: &str, headings: impl IntoIterator<Item = impl Render>, rows: Markup) -> Markup {
+    html! {
+        div.scroll {
+            table id={ "table-" (name) } {
+                thead { tr { @for heading in headings { th scope="col" { (heading) } } } }
+                tbody { (rows) }
+            }
+        }
+    }
+}
+
+impl Render for Cell {
+    fn render(&self) -> Markup {
+        match self {
+            Self::Text(t) => html! { td { (t) } },
+            Self::Number(v) => html! { td.n { (data(*v, &rounded(*v))) } },
+            Self::Count(n) => html! { td.n { data value=(n) { (n) } } },
+            Self::Estimate(e) => {
+                let (value, error) = shown(*e);
+                html! { td.n { (data(e.value, &value)) i { " \u{b1} " (data(e.error, &error)) } } }
+            }
+        }
+    }
+}
+
+fn data(value: f64, shown: &str) -> Markup {
+    html! { data value=(number(value)) { (shown) } }
 }
 
 /// An estimate with the digits that its error supports: two of the error, and the value to the same place.
@@ -150,7 +151,7 @@ mod tests {
         let table = table();
         let csv = table.csv();
         assert!(csv.starts_with("name,x,y,y_error\r\n\"a,\"\"b\"\"\",0.333333,123.457,0.0789\r\n"), "{csv}");
-        let html = table.html();
+        let html = table.render().into_string();
         let document = roxmltree::Document::parse(&html).unwrap_or_else(|e| panic!("{e}: {html}"));
         let shown: Vec<&str> = document.descendants().filter_map(|n| n.attribute("value")).collect();
         let written: Vec<&str> = csv.lines().skip(1).flat_map(|line| line.rsplitn(4, ',').take(3)).collect();

@@ -8,7 +8,7 @@ mod scale;
 
 pub(crate) use scale::power_of_ten;
 
-use std::fmt::Write;
+use maud::{Markup, PreEscaped, Render, html};
 
 /// Colours of the page and of the charts, for light and dark surroundings.
 pub(crate) const PALETTE: &str = include_str!("../palette.css");
@@ -33,90 +33,69 @@ impl Chart {
         Self { name: name.into(), title: title.into(), width, height, body: String::new() }
     }
 
-    /// The chart as part of a page that contains the styles.
-    pub(crate) fn inline(&self) -> String {
-        format!(
-            "<svg class=\"chart\" viewBox=\"0 0 {} {}\" role=\"img\" aria-label=\"{}\">{}</svg>",
-            self.width,
-            self.height,
-            escape(&self.title),
-            self.body
-        )
-    }
-
     /// The chart as a separate file.
     pub(crate) fn file(&self) -> String {
-        format!(
-            "<svg xmlns=\"http://www.w3.org/2000/svg\" class=\"chart\" viewBox=\"0 0 {w} {h}\" width=\"{w}\" height=\"{h}\" role=\"img\">\n\
-             <title>{}</title>\n<style>{PALETTE}{STYLE}</style>\n<rect class=\"paper\" width=\"{w}\" height=\"{h}\"/>\n{}</svg>\n",
-            escape(&self.title),
-            self.body,
-            w = self.width,
-            h = self.height,
-        )
+        let (w, h) = (self.width, self.height);
+        finished(html! {
+            svg xmlns="http://www.w3.org/2000/svg" class="chart" viewBox={ "0 0 " (w) " " (h) } width=(w) height=(h)
+                role="img" {
+                title { (self.title) }
+                style { (PreEscaped(PALETTE)) (PreEscaped(STYLE)) }
+                rect class="paper" width=(w) height=(h) {}
+                (PreEscaped(&self.body))
+            }
+        })
+    }
+
+    fn add(&mut self, element: Markup) {
+        self.body += &element.into_string();
     }
 
     fn line(&mut self, class: &str, from: [f64; 2], to: [f64; 2]) {
-        let ([x1, y1], [x2, y2]) = (from, to);
-        let _ =
-            write!(self.body, "<line class=\"{class}\" x1=\"{x1:.1}\" y1=\"{y1:.1}\" x2=\"{x2:.1}\" y2=\"{y2:.1}\"/>");
+        let [[x1, y1], [x2, y2]] = [from, to].map(|end| end.map(tenths));
+        self.add(html! { line class=(class) x1=(x1) y1=(y1) x2=(x2) y2=(y2) {} });
     }
 
     fn path(&mut self, class: &str, points: &[[f64; 2]]) {
-        let points: Vec<String> = points.iter().map(|[x, y]| format!("{x:.1},{y:.1}")).collect();
-        let _ = write!(self.body, "<polyline class=\"{class}\" points=\"{}\"/>", points.join(" "));
+        self.add(html! { polyline class=(class) points=(places(points)) {} });
     }
 
     fn rect(&mut self, class: &str, at: [f64; 2], size: [f64; 2], hint: &str) {
-        let ([x, y], [w, h]) = (at, size);
-        let _ = write!(
-            self.body,
-            "<rect class=\"{class}\" x=\"{x:.1}\" y=\"{y:.1}\" width=\"{w:.1}\" height=\"{h:.1}\">{}</rect>",
-            hint_element(hint)
-        );
+        let [[x, y], [w, h]] = [at, size].map(|pair| pair.map(tenths));
+        self.add(html! { rect class=(class) x=(x) y=(y) width=(w) height=(h) { (hint_element(hint)) } });
+    }
+
+    fn circle(&mut self, class: &str, at: [f64; 2], radius: f64, hint: &str) {
+        let [x, y] = at.map(tenths);
+        self.add(html! { circle cx=(x) cy=(y) r=(radius) class=(class) { (hint_element(hint)) } });
+    }
+
+    fn polygon(&mut self, class: &str, [x, y]: [f64; 2], corners: &[[f64; 2]], hint: &str) {
+        let corners: Vec<[f64; 2]> = corners.iter().map(|[dx, dy]| [x + dx, y + dy]).collect();
+        self.add(html! { polygon points=(places(&corners)) class=(class) { (hint_element(hint)) } });
     }
 
     /// Text with its anchor: `start`, `middle` or `end`.
     fn text(&mut self, class: &str, at: [f64; 2], anchor: &str, text: &str) {
-        let [x, y] = at;
-        let _ = write!(
-            self.body,
-            "<text class=\"{class}\" x=\"{x:.1}\" y=\"{y:.1}\" text-anchor=\"{anchor}\">{}</text>",
-            escape(text)
-        );
+        let [x, y] = at.map(tenths);
+        self.add(html! { text class=(class) x=(x) y=(y) text-anchor=(anchor) { (text) } });
     }
 
     /// Text that runs upwards.
-    fn upright(&mut self, class: &str, at: [f64; 2], text: &str) {
-        let [x, y] = at;
-        let _ = write!(
-            self.body,
-            "<text class=\"{class}\" transform=\"translate({x:.1} {y:.1}) rotate(-90)\" text-anchor=\"middle\">{}</text>",
-            escape(text)
-        );
+    fn upright(&mut self, class: &str, [x, y]: [f64; 2], text: &str) {
+        let place = format!("translate({x:.1} {y:.1}) rotate(-90)");
+        self.add(html! { text class=(class) transform=(place) text-anchor="middle" { (text) } });
     }
 
     /// The mark of a series: shapes differ, so that series differ without colour.
     fn mark(&mut self, series: usize, hollow: bool, at: [f64; 2], hint: &str) {
-        let [x, y] = at;
-        let points = |list: &[[f64; 2]]| {
-            let points: Vec<String> = list.iter().map(|[dx, dy]| format!("{:.1},{:.1}", x + dx, y + dy)).collect();
-            format!("<polygon points=\"{}\"", points.join(" "))
-        };
-        let shape = match series % 4 {
-            0 => format!("<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"5\""),
-            1 => points(&[[-4.5, -4.5], [4.5, -4.5], [4.5, 4.5], [-4.5, 4.5]]),
-            2 => points(&[[0.0, -6.0], [5.6, 4.2], [-5.6, 4.2]]),
-            _ => points(&[[0.0, -6.2], [6.2, 0.0], [0.0, 6.2], [-6.2, 0.0]]),
-        };
-        let (class, name) = (if hollow { "hollow" } else { "mark" }, shape.split(' ').next().unwrap_or("<circle"));
-        let _ = write!(
-            self.body,
-            "{shape} class=\"{class} s{}\">{}</{}>",
-            series % COLORS,
-            hint_element(hint),
-            name.trim_start_matches('<')
-        );
+        let class = format!("{} s{}", if hollow { "hollow" } else { "mark" }, series % COLORS);
+        match series % 4 {
+            0 => self.circle(&class, at, 5.0, hint),
+            1 => self.polygon(&class, at, &[[-4.5, -4.5], [4.5, -4.5], [4.5, 4.5], [-4.5, 4.5]], hint),
+            2 => self.polygon(&class, at, &[[0.0, -6.0], [5.6, 4.2], [-5.6, 4.2]], hint),
+            _ => self.polygon(&class, at, &[[0.0, -6.2], [6.2, 0.0], [0.0, 6.2], [-6.2, 0.0]], hint),
+        }
     }
 
     /// Names of series with their marks, in a row that wraps at the chart's right edge, and the name of the dashed line if
@@ -149,26 +128,32 @@ const COLORS: usize = 6;
 /// The series with hollow marks: the reference of a comparison.
 pub(crate) const HOLLOW: usize = 4;
 
-fn hint_element(hint: &str) -> String {
-    if hint.is_empty() { String::new() } else { format!("<title>{}</title>", escape(hint)) }
-}
-
-/// Text escaped for HTML and SVG, in elements and in attributes.
-pub(crate) fn escape(text: &str) -> String {
-    let mut out = String::with_capacity(text.len());
-    for c in text.chars() {
-        match c {
-            '&' => out += "&amp;",
-            '<' => out += "&lt;",
-            '>' => out += "&gt;",
-            '"' => out += "&quot;",
-            '\'' => out += "&#39;",
-            // Control characters are not allowed in either.
-            c if c.is_control() && c != '\n' => {}
-            c => out.push(c),
+/// The chart as part of a page that contains the styles.
+impl Render for Chart {
+    fn render(&self) -> Markup {
+        html! {
+            svg class="chart" viewBox={ "0 0 " (self.width) " " (self.height) } role="img" aria-label=(self.title) {
+                (PreEscaped(&self.body))
+            }
         }
     }
-    out
+}
+
+fn hint_element(hint: &str) -> Markup {
+    html! { @if !hint.is_empty() { title { (hint) } } }
+}
+
+fn tenths(v: f64) -> String {
+    format!("{v:.1}")
+}
+
+fn places(points: &[[f64; 2]]) -> String {
+    points.iter().map(|[x, y]| format!("{x:.1},{y:.1}")).collect::<Vec<_>>().join(" ")
+}
+
+/// The text of a page or a chart. Control characters of names, which neither HTML nor XML allows, are left out.
+pub(crate) fn finished(markup: Markup) -> String {
+    markup.into_string().replace(|c: char| c.is_control() && c != '\n', "")
 }
 
 #[cfg(test)]
@@ -180,7 +165,7 @@ mod tests {
         let mut chart = Chart::new("x", "<script>\"&'", 100.0, 50.0);
         chart.text("name", [0.0, 0.0], "start", "</text><script>alert(1)</script>\u{1}");
         chart.mark(3, true, [1.0, 2.0], "a < b");
-        for text in [chart.file(), chart.inline()] {
+        for text in [chart.file(), finished(chart.render())] {
             assert!(!text.contains("<script"), "{text}");
             roxmltree::Document::parse(&text).unwrap_or_else(|e| panic!("{e}: {text}"));
         }

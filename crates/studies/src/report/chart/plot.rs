@@ -1,8 +1,7 @@
 //! Curves and points on two axes, each linear or logarithmic: measured values and models.
 
 use super::scale::{Scale, label};
-use super::{COLORS, Chart, escape};
-use std::fmt::Write;
+use super::{COLORS, Chart};
 
 /// Size of the chart, and the edges of its plane [px].
 const SIZE: [f64; 2] = [430.0, 330.0];
@@ -77,12 +76,9 @@ pub(crate) fn draw(name: &str, title: &str, [x, y]: [Axis<'_>; 2], traces: &[Tra
             Style::Line => chart.path(&format!("line s{color}"), &places),
             Style::Dashed => chart.path("line dashed", &places),
             Style::Points => {
-                for (p, [px, py]) in usable.zip(&places) {
-                    let hint = escape(&format!("{}: {}, {}", trace.name, label(p[0]), label(p[1])));
-                    let _ = write!(
-                        chart.body,
-                        "<circle cx=\"{px:.1}\" cy=\"{py:.1}\" r=\"3.2\" class=\"mark s{color}\"><title>{hint}</title></circle>"
-                    );
+                for (p, at) in usable.zip(&places) {
+                    let hint = format!("{}: {}, {}", trace.name, label(p[0]), label(p[1]));
+                    chart.circle(&format!("mark s{color}"), *at, 3.2, &hint);
                 }
             }
         }
@@ -105,14 +101,7 @@ fn legend(chart: &mut Chart, traces: &[Trace]) -> f64 {
         let color = t.color % COLORS;
         let ends = [[left, y - 5.0], [left + 22.0, y - 5.0]];
         match t.style {
-            Style::Points => {
-                let _ = write!(
-                    chart.body,
-                    "<circle cx=\"{:.1}\" cy=\"{:.1}\" r=\"4\" class=\"mark s{color}\"/>",
-                    left + 11.0,
-                    y - 5.0
-                );
-            }
+            Style::Points => chart.circle(&format!("mark s{color}"), [left + 11.0, y - 5.0], 4.0, ""),
             Style::Line => chart.path(&format!("line s{color}"), &ends),
             Style::Dashed => chart.path("line dashed", &ends),
         }
