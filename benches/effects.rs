@@ -21,7 +21,7 @@ mod table;
 
 use callgrind::Price;
 use dunkelfeld_integrator::{Estimator, PixelSample};
-use dunkelfeld_scene::{EFFECTS, Effect, kernel_words};
+use dunkelfeld_scene::{EFFECTS, Effect, kernel_features};
 use scene::Case;
 use std::path::{Path, PathBuf};
 use std::process::{Command, ExitCode};
@@ -163,7 +163,7 @@ fn measure(options: &Options) -> Result<bool, String> {
         let against = without.as_ref().unwrap_or(&plain);
         let row = Row {
             how: case.use_in_words().into(),
-            kernel: kernel_words(case.scene()?.features()),
+            kernel: kernel_features(case.scene()?.features()),
             instructions: found.instructions,
             against: against.instructions,
             same_image: found.image == against.image,

@@ -191,8 +191,8 @@ fn a_lens_with_a_smooth_face() {
 
 #[test]
 fn a_lens_of_facets() {
-    // Each facet is a prism of its own: where their images of the light overlap, two chains of one order lead to one point, in
-    // directions that differ by less than a milliradian.
+    // Each facet is a prism of its own: where their images of the light overlap, two chains of one order lead to one
+    // point, in directions that differ by less than a milliradian.
     compare("lens of facets", under_a_lens(false), 1, 1024.0, 0.05);
 }
 
@@ -212,7 +212,8 @@ fn a_tilted_cover_with_the_light_below() {
 
 #[test]
 fn a_cover_with_a_hole() {
-    // Under the edge of the hole some light comes straight through it, some through its wall, and some through both faces.
+    // Under the edge of the hole some light comes straight through it, some through its wall, and some through both
+    // faces.
     let outline = [(0.005, 0.001), (0.08, 0.001), (0.08, 0.005), (0.005, 0.005)].map(Vec2::from);
     compare(
         "a hole",
@@ -305,9 +306,9 @@ fn a_trace_names_the_connections_through_a_cover() {
         for v in &trace.vertices {
             passed += u32::from(v.scattered.is_some_and(|s| s.lobe == (Lobe::DELTA | Lobe::TRANSMISSION)));
             for c in &v.connections {
-                assert!(c.cover == 0 && c.shots >= 1 && (2..=6).contains(&c.chain.events()), "{c:?}");
-                assert!(c.probability > 0.0 && c.probability <= 1.0 && (0.0..=1.0).contains(&c.share), "{c:?}");
-                assert!(c.contribution.is_black() || (c.has_arrived && c.share > 0.0), "{c:?}");
+                assert!(c.cover == 0 && c.rays >= 1 && (2..=6).contains(&c.chain.events()), "{c:?}");
+                assert!(c.probability > 0.0 && c.probability <= 1.0 && (0.0..=1.0).contains(&c.mis_weight), "{c:?}");
+                assert!(c.contribution.is_black() || (c.has_converged && c.mis_weight > 0.0), "{c:?}");
                 lit += u32::from(!c.contribution.is_black());
             }
         }

@@ -21,8 +21,8 @@ use table::{BEGIN, END, Row, markdown, replaced};
 fn the_plain_scene_calls_for_nothing_but_its_few_lights() {
     let scene = Case::Plain.scene().expect("it can be built");
     for effect in Effect::ALL {
-        let callers = scene.effects().callers(effect);
-        assert_eq!(!callers.is_empty(), effect == Effect::EveryLight, "{}: {callers:?}", effect.name());
+        let users = scene.effects().users(effect);
+        assert_eq!(!users.is_empty(), effect == Effect::EveryLight, "{}: {users:?}", effect.name());
     }
     assert_eq!(scene.features(), FeatureSet::default());
     assert_eq!(scene.summary().placed_triangles, 4 * 2 + 81 * 12 + 3 * 2);

@@ -15,7 +15,7 @@ use dunkelfeld::{
     Frame, RenderSettings, RenderedFilm, Rendering, SensorChoice, Session, certify, develop, develop_film,
     encode_layers, find_sensor, render,
 };
-use dunkelfeld_integrator::Label;
+use dunkelfeld_integrator::PixelIds;
 use dunkelfeld_io::layers::Single;
 use dunkelfeld_sampling::hash_u64;
 use support::{build, emitter, settings, square};
@@ -61,8 +61,8 @@ fn ratios(rendering: &Rendering, settings: &RenderSettings) -> Vec<f64> {
     frame.certified.expect("certified").ratios.data().iter().map(|&r| f64::from(r)).collect()
 }
 
-/// Samples that leave the noise of K: corrected a few times, by little, for quasi-random samples do better than one over their
-/// number.
+/// Samples that leave the noise of K: corrected a few times, by little, for quasi-random samples do better than one
+/// over their number.
 fn plan(scene: &Scene, ms: f64) -> Plane<u32> {
     let mut plan = Plane::new(SIDE, SIDE, 64);
     for frame in 1000..1004 {
@@ -94,9 +94,9 @@ struct Pixel {
 /// The variance of the frames over that of EMVA 1288 in stretches of signal, matched and plain, where it holds in most
 /// frames. These count whether it holds in them or not, except for those with a rare sample.
 ///
-/// Each variance rests on at least 2000 pixels times 47 degrees of freedom: a standard error below 0.46 % for normal values, and 0.5 %
-/// with the tails that render noise has. The bar of 3 % is six of them away from the truth; all four comparisons together
-/// fail by chance with a probability below 1e-8. Those of plain exposure are judged by 6 %.
+/// Each variance rests on at least 2000 pixels times 47 degrees of freedom: a standard error below 0.46 % for normal
+/// values, and 0.5 % with the tails that render noise has. The bar of 3 % is six of them away from the truth; all four
+/// comparisons together fail by chance with a probability below 1e-8. Those of plain exposure are judged by 6 %.
 #[test]
 #[ignore = "long: .ci/run runs it"]
 fn frames_of_a_rendered_scene_have_the_photon_transfer_of_the_camera() {
@@ -172,9 +172,9 @@ fn photon_transfer(ms: f64) {
     }
 }
 
-/// An even surface of which now and then a sample is 200 times as bright: in one pixel of a hundred, which it lifts by 2.5 standard
-/// deviations of the camera. In the other pixels the frames must scatter as the camera does, although their neighbourhood has
-/// met such samples in half of the frames.
+/// An even surface of which now and then a sample is 200 times as bright: in one pixel of a hundred, which it lifts by
+/// 2.5 standard deviations of the camera. In the other pixels the frames must scatter as the camera does, although
+/// their neighbourhood has met such samples in half of the frames.
 ///
 /// The variance rests on 3000 pixels times 47 degrees of freedom: a standard error of 0.4 %. The bar of 2 % is five of
 /// them, and the control lies twice as far away.
@@ -183,7 +183,7 @@ fn what_a_rare_sample_brings_is_not_made_up_for_by_its_neighbours() {
     const SAMPLES: u32 = 64;
     let settings = exposed(1.0).with_width(64).with_height(48);
     let pixels = 64 * 48;
-    let ids = Plane::new(64, 48, Some(Label::new(0, 0)));
+    let ids = Plane::new(64, 48, Some(PixelIds::new(0, 0)));
     let SensorChoice::Emva { model, exposure: Some(exposure), .. } = &settings.sensor else { panic!("a sensor") };
     let mean = 400.0;
     let per_radiance = {
@@ -198,7 +198,8 @@ fn what_a_rare_sample_brings_is_not_made_up_for_by_its_neighbours() {
     assert!(0.5 * spread < mean, "samples are not negative");
 
     let device = Device::new((**model).clone(), settings.seed, 64, 48);
-    // Frames without a rare sample, sums of grey values and of squares: as it is exposed, and with all variance left out.
+    // Frames without a rare sample, sums of grey values and of squares: as it is exposed, and with all variance left
+    // out.
     let mut sums = vec![[[0.0f64; 3]; 2]; pixels];
     for frame in 0..FRAMES {
         let mut sums_of_frame = vec![PixelSums::default(); pixels];
@@ -241,7 +242,8 @@ fn what_a_rare_sample_brings_is_not_made_up_for_by_its_neighbours() {
     assert!(without_the_rule < 0.96, "{without_the_rule}: neighbours do not matter here");
 }
 
-/// Light without any noise, of any colour, with bright dots among dark: nothing in it is rare, behind grey pixels and a mosaic.
+/// Light without any noise, of any colour, with bright dots among dark: nothing in it is rare, behind grey pixels and a
+/// mosaic.
 #[test]
 fn what_has_no_noise_holds_no_rare_sample() {
     let folder = tempfile::TempDir::new().expect("a folder");
@@ -252,7 +254,7 @@ fn what_has_no_noise_holds_no_rare_sample() {
         blue = [[465, 0.52], [550, 0.12], [610, 0.04]]\n";
     std::fs::write(&path, mosaic).expect("written");
     let mosaic = dunkelfeld_io::sensor_file::load_sensor(&path).expect("a sensor");
-    let ids = Plane::new(16, 16, Some(Label::new(0, 0)));
+    let ids = Plane::new(16, 16, Some(PixelIds::new(0, 0)));
     for model in [find_sensor("imx250").expect("a preset"), mosaic] {
         for [r, g, b] in [[1.0, 1.0, 1.0], [0.2, 0.6, 0.2], [0.0, 1.0, 0.0], [1.0, 0.0, 0.1], [0.0, 0.1, 1.0]] {
             let mut sums = [PixelSums::default(); 256];
@@ -277,7 +279,7 @@ fn what_has_no_noise_holds_no_rare_sample() {
 }
 
 /// A film that shows the objects of these ids.
-fn film_of(sums: Film, ids: &Plane<Option<Label>>) -> RenderedFilm {
+fn film_of(sums: Film, ids: &Plane<Option<PixelIds>>) -> RenderedFilm {
     RenderedFilm { ids: ids.clone(), ..RenderedFilm::without_ids(sums) }
 }
 

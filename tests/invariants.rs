@@ -65,14 +65,14 @@ fn kernels_that_can_do_more_give_the_same_bits() {
     let own = with(FeatureSet::default());
     for (detail, chance) in [(true, false), (false, true), (true, true)] {
         assert!(
-            own == with(FeatureSet { detail, chance, ..FeatureSet::default() }),
+            own == with(FeatureSet { textured: detail, stochastic: chance, ..FeatureSet::default() }),
             "detail {detail}, chance {chance}"
         );
     }
 }
 
-/// Media take their own way through solids; the image they make is the same but for rounding, which now and then sends a
-/// path elsewhere.
+/// Media take their own way through solids; the image they make is the same but for rounding, which now and then sends
+/// a path elsewhere.
 #[test]
 fn the_kernel_with_media_gives_the_same_image_where_there_are_none() {
     let mean = |more: FeatureSet, seed: u64| {

@@ -512,7 +512,7 @@ fn a_kilometre_from_the_origin_looks_the_same() {
         z_test(difference, variance.sqrt(), 0.0).assert(RATE, &format!("instanced {instanced}"));
         let labels = |scene: &Scene| {
             let camera = dunkelfeld::camera(scene, &settings(96, 64, 1.0, 0)).expect("there is one");
-            let at = |k: u32| dunkelfeld_integrator::label(scene, &camera, k % 96, k / 96);
+            let at = |k: u32| dunkelfeld_integrator::pixel_ids(scene, &camera, k % 96, k / 96);
             (0..96 * 64).map(at).collect::<Vec<_>>()
         };
         let differ = labels(&near).iter().zip(labels(&far)).filter(|(p, q)| **p != *q).count();

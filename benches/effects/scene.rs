@@ -5,7 +5,7 @@ use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_scene::{
     AlphaMode, Aperture, ChannelTexture, ColorEncoding, Effect, Environment, EnvironmentSource, FeatureSet, Image,
     ImageId, LightProfile, Material, Opening, PunctualKind, PunctualLight, Scene, SceneBuilder, Surface, Texels,
-    Texture, Volume, kernel_words,
+    Texture, Volume, kernel_features,
 };
 
 /// Parameters that put an effect in use and change nothing: small, and far above the rounding of f32 beside one.
@@ -32,8 +32,8 @@ impl Case {
     pub(crate) fn all() -> Vec<Self> {
         let none = FeatureSet::default();
         let kernels = [
-            FeatureSet { detail: true, ..none },
-            FeatureSet { chance: true, ..none },
+            FeatureSet { textured: true, ..none },
+            FeatureSet { stochastic: true, ..none },
             FeatureSet { solids: true, ..none },
             FeatureSet::ALL,
         ];
@@ -47,7 +47,7 @@ impl Case {
     pub(crate) fn name(self) -> String {
         match self {
             Self::Plain => "plain".into(),
-            Self::Kernel(features) => format!("kernel-{}", kernel_words(features).replace(" + ", "-")),
+            Self::Kernel(features) => format!("kernel-{}", kernel_features(features).replace(" + ", "-")),
             Self::Effect(effect) => effect.name().into(),
             Self::Without(effect) => format!("without-{}", effect.name()),
         }

@@ -19,7 +19,7 @@ use rustc_hash::FxHashMap;
 use crate::simd8::WIDTH;
 use crate::tree::{LEAF, MAX_DEPTH, NONE, Node, Tree};
 
-/// Cost of a leaf in units of one node. A packet of eight triangles takes about a fifth longer than eight boxes.
+/// Cost of a leaf in units of one node. A block of eight triangles takes about a fifth longer than eight boxes.
 const LEAF_COST: f64 = 1.2;
 
 /// Builds a tree over boxes. `make_leaf` receives the numbers of up to `leaf_size` (at most eight) boxes and returns
@@ -30,7 +30,7 @@ pub(crate) fn build_tree(boxes: &[Aabb], leaf_size: usize, mut make_leaf: impl F
     }
     let groups = Groups::of_equal(boxes);
     let scaled = scaled_to_one(&groups.boxes);
-    let clustered = if would_chain(&scaled) { None } else { Some(cluster(&scaled)) };
+    let clustered = if is_degenerate(&scaled) { None } else { Some(cluster(&scaled)) };
     if let Some(binary) = clustered {
         let collapse = Collapse::new(&binary, &groups, &scaled, leaf_size);
         if let Some(nodes) = collapse.count_nodes() {
@@ -136,16 +136,16 @@ fn cluster(boxes: &[Aabb]) -> Binary {
 /// True if clustering would chain these boxes instead of pairing them. It is tested by a tree of a sample of the boxes.
 ///
 /// Nested boxes are the known case: every union has the cost of the outer box, so each round finds one pair.
-fn would_chain(boxes: &[Aabb]) -> bool {
+fn is_degenerate(boxes: &[Aabb]) -> bool {
     const SAMPLE: usize = 1024;
     // A balanced tree of the sample has ten levels. Clustering of ordinary scenes gives about twenty.
-    const TOO_DEEP: usize = 64;
+    const MAX_CLUSTERED_DEPTH: usize = 64;
     let step = boxes.len().div_ceil(SAMPLE);
     let sample: Vec<Aabb> = boxes.iter().step_by(step).copied().collect();
     let binary = cluster(&sample);
     let mut work = vec![(0u32, 0usize)];
     while let Some((node, depth)) = work.pop() {
-        if depth > TOO_DEEP {
+        if depth > MAX_CLUSTERED_DEPTH {
             return true;
         }
         let [left, right] = binary.nodes[node as usize];

@@ -7,7 +7,7 @@ use crate::build::build_tree;
 use crate::simd8::WIDTH;
 use crate::traverse::Kernel;
 use crate::tree::{Node, Tree};
-use crate::triangle_block::Packet;
+use crate::triangle_block::TriangleBlock;
 
 /// The triangles of a mesh, in its object space \[m\].
 #[derive(Clone, Copy, Debug)]
@@ -71,12 +71,12 @@ pub enum BvhError {
     TooMany,
 }
 
-/// One mesh: a tree with packets of triangles in its leaves.
+/// One mesh: a tree with blocks of triangles in its leaves.
 #[derive(Clone, Debug)]
 pub(crate) struct MeshTree {
     pub(crate) tree: Tree,
-    pub(crate) packets: Vec<Packet>,
-    /// Number of triangles in the packets. The other triangles of the mesh can never be hit.
+    pub(crate) blocks: Vec<TriangleBlock>,
+    /// Number of triangles in the blocks. The other triangles of the mesh can never be hit.
     pub(crate) triangles: usize,
 }
 
@@ -123,8 +123,8 @@ impl Bvh {
     }
 
     fn build_for(meshes: &[MeshTriangles], instances: &[BvhInstance], kernel: Kernel) -> Result<Self, BvhError> {
-        const MOST: usize = (1 << 31) - 2;
-        if instances.len() > MOST || meshes.iter().any(|m| m.triangles.len() > MOST) {
+        const MAX_COUNT: usize = (1 << 31) - 2;
+        if instances.len() > MAX_COUNT || meshes.iter().any(|m| m.triangles.len() > MAX_COUNT) {
             return Err(BvhError::TooMany);
         }
         for (i, instance) in instances.iter().enumerate() {
@@ -162,7 +162,7 @@ impl Bvh {
     /// A ray with a NaN, an infinite origin or direction, or a zero direction hits nothing.
     #[inline]
     pub fn closest_hit(&self, ray: &Ray) -> Option<Hit> {
-        if !is_sound(ray) {
+        if !is_valid(ray) {
             return None;
         }
         self.kernel.closest_hit(self, ray)
@@ -172,32 +172,33 @@ impl Bvh {
     /// but is faster.
     #[inline]
     pub fn occluded(&self, ray: &Ray) -> bool {
-        is_sound(ray) && self.kernel.occluded(self, ray)
+        is_valid(ray) && self.kernel.occluded(self, ray)
     }
 
-    /// Marks the triangles that let some light through, by mesh and triangle. [`Bvh::blocked`] reports them and
-    /// continues behind them. All other queries treat them like any other triangle.
-    pub fn mark_porous(&mut self, is_porous: impl Fn(u32, u32) -> bool) {
+    /// Marks the triangles whose material has an alpha texture or a coverage below one, by mesh and triangle.
+    /// [`Bvh::occluded_with_alpha`] reports them and continues behind them. All other queries treat them like any other
+    /// triangle.
+    pub fn mark_alpha_tested(&mut self, is_alpha_tested: impl Fn(u32, u32) -> bool) {
         for (number, mesh) in (0u32..).zip(&mut self.meshes) {
-            for packet in &mut mesh.packets {
-                packet.mark_porous(&|triangle| is_porous(number, triangle));
+            for block in &mut mesh.blocks {
+                block.mark_alpha_tested(&|triangle| is_alpha_tested(number, triangle));
             }
         }
     }
 
-    /// True if there is a hit with `0 < t < ray.t_max` on a triangle that is not porous. `porous` is called for each
-    /// hit on a porous triangle, in an order that depends on the ray alone. If the result is true, it may have been
-    /// called for some of these hits only.
+    /// True if there is a hit with `0 < t < ray.t_max` on a triangle that is not alpha-tested. `on_alpha_hit` is called
+    /// for each hit on an alpha-tested triangle, in an order that depends on the ray alone. If the result is true, it
+    /// may have been called for some of these hits only.
     #[inline]
-    pub fn blocked(&self, ray: &Ray, mut porous: impl FnMut(Hit)) -> bool {
-        is_sound(ray) && self.kernel.blocked(self, ray, &mut porous)
+    pub fn occluded_with_alpha(&self, ray: &Ray, mut on_alpha_hit: impl FnMut(Hit)) -> bool {
+        is_valid(ray) && self.kernel.occluded_with_alpha(self, ray, &mut on_alpha_hit)
     }
 
     /// Calls `found` for every hit with `0 < t < ray.t_max`, in an order that depends on the ray alone. A ray through
     /// an edge may hit both triangles there.
     #[inline]
     pub fn each_hit(&self, ray: &Ray, mut found: impl FnMut(Hit)) {
-        if is_sound(ray) {
+        if is_valid(ray) {
             self.kernel.each_hit(self, ray, &mut found);
         }
     }
@@ -210,7 +211,8 @@ impl Bvh {
     /// Memory held \[bytes\].
     pub fn memory_bytes(&self) -> usize {
         let tree = |t: &Tree| t.nodes.capacity() * size_of::<Node>();
-        let mesh = |m: &MeshTree| size_of::<MeshTree>() + tree(&m.tree) + m.packets.capacity() * size_of::<Packet>();
+        let mesh =
+            |m: &MeshTree| size_of::<MeshTree>() + tree(&m.tree) + m.blocks.capacity() * size_of::<TriangleBlock>();
         let instance = |i: &Instance| size_of::<Instance>() + i.to_world.as_ref().map_or(0, |_| size_of::<Transform>());
         size_of::<Self>()
             + tree(&self.top)
@@ -243,20 +245,20 @@ impl MeshTree {
                 boxes.push(Aabb::from_points(corners));
             }
         }
-        let mut packets = Vec::with_capacity(kept.len() / 4 + 1);
+        let mut blocks = Vec::with_capacity(kept.len() / 4 + 1);
         let tree = build_tree(&boxes, WIDTH, |leaf| {
-            packets.push(Packet::new(leaf.iter().map(|&k| {
+            blocks.push(TriangleBlock::new(leaf.iter().map(|&k| {
                 let triangle = kept[k as usize];
                 (triangle, mesh.triangles[triangle as usize].map(|v| mesh.positions[v as usize]))
             })));
-            packets.len() as u32 - 1
+            blocks.len() as u32 - 1
         });
-        packets.shrink_to_fit();
-        Ok(Self { tree, packets, triangles: kept.len() })
+        blocks.shrink_to_fit();
+        Ok(Self { tree, blocks, triangles: kept.len() })
     }
 }
 
 #[inline]
-fn is_sound(ray: &Ray) -> bool {
+fn is_valid(ray: &Ray) -> bool {
     ray.origin.is_finite() && ray.direction.is_finite() && ray.direction != Vec3::ZERO && ray.t_max > 0.0
 }

@@ -5,7 +5,7 @@ use dunkelfeld_geometry::Ray;
 use crate::scene::{Bvh, Hit, MeshTree};
 use crate::simd8::{Lanes, Portable};
 use crate::tree::Leaves;
-use crate::triangle_block::{ALL, Packet, PacketHit, ShearLanes};
+use crate::triangle_block::{ALL, BlockHit, ShearLanes, TriangleBlock};
 
 /// The code that traverses the tree. It is selected once, when the tree is built.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -63,12 +63,12 @@ impl Kernel {
     }
 
     #[inline]
-    pub(crate) fn blocked(self, bvh: &Bvh, ray: &Ray, porous: &mut impl FnMut(Hit)) -> bool {
+    pub(crate) fn occluded_with_alpha(self, bvh: &Bvh, ray: &Ray, on_alpha_hit: &mut impl FnMut(Hit)) -> bool {
         match self {
-            Self::Portable => blocked::<Portable>(bvh, ray, porous),
+            Self::Portable => occluded_with_alpha::<Portable>(bvh, ray, on_alpha_hit),
             #[cfg(target_arch = "x86_64")]
             // SAFETY: an `Avx2Detected` exists, so this machine has AVX2.
-            Self::Avx2(_) => unsafe { blocked_avx2(bvh, ray, porous) },
+            Self::Avx2(_) => unsafe { occluded_with_alpha_avx2(bvh, ray, on_alpha_hit) },
         }
     }
 
@@ -91,8 +91,8 @@ fn each_hit_avx2(bvh: &Bvh, ray: &Ray, found: &mut impl FnMut(Hit)) {
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2")]
-fn blocked_avx2(bvh: &Bvh, ray: &Ray, porous: &mut impl FnMut(Hit)) -> bool {
-    blocked::<crate::simd8::Avx2>(bvh, ray, porous)
+fn occluded_with_alpha_avx2(bvh: &Bvh, ray: &Ray, on_alpha_hit: &mut impl FnMut(Hit)) -> bool {
+    occluded_with_alpha::<crate::simd8::Avx2>(bvh, ray, on_alpha_hit)
 }
 
 #[cfg(target_arch = "x86_64")]
@@ -111,77 +111,86 @@ fn occluded_avx2(bvh: &Bvh, ray: &Ray) -> bool {
 fn closest_hit<L: Lanes>(bvh: &Bvh, ray: &Ray) -> Option<Hit> {
     let mut t_max = ray.t_max;
     if bvh.single {
-        let hit = nearest_in_mesh::<L>(&bvh.meshes[bvh.instances[0].mesh as usize], ray, &mut t_max)?;
+        let hit = closest_hit_in_mesh::<L>(&bvh.meshes[bvh.instances[0].mesh as usize], ray, &mut t_max)?;
         return Some(Hit { t: hit.t, instance: 0, triangle: hit.triangle, b1: hit.b1, b2: hit.b2 });
     }
-    let mut leaves = NearestInstance::<L> { bvh, ray, hit: None, lanes: std::marker::PhantomData };
-    bvh.top.walk::<L, true>(ray, &mut t_max, &mut leaves);
+    let mut leaves = ClosestInstance::<L> { bvh, ray, hit: None, lanes: std::marker::PhantomData };
+    bvh.top.traverse::<L, true>(ray, &mut t_max, &mut leaves);
     leaves.hit
 }
 
 #[inline(always)]
 fn occluded<L: Lanes>(bvh: &Bvh, ray: &Ray) -> bool {
     if bvh.single {
-        return any_in_mesh::<L>(&bvh.meshes[bvh.instances[0].mesh as usize], ray, 1.0, ray.t_max);
+        return occluded_in_mesh::<L>(&bvh.meshes[bvh.instances[0].mesh as usize], ray, 1.0, ray.t_max);
     }
     let mut t_max = ray.t_max;
     let mut leaves = AnyInstance::<L> { bvh, ray, lanes: std::marker::PhantomData };
-    bvh.top.walk::<L, false>(ray, &mut t_max, &mut leaves)
+    bvh.top.traverse::<L, false>(ray, &mut t_max, &mut leaves)
 }
 
 #[inline(always)]
-fn blocked<L: Lanes>(bvh: &Bvh, ray: &Ray, porous: &mut impl FnMut(Hit)) -> bool {
-    told_of::<L, false>(bvh, ray, porous)
+fn occluded_with_alpha<L: Lanes>(bvh: &Bvh, ray: &Ray, on_alpha_hit: &mut impl FnMut(Hit)) -> bool {
+    visit_hits::<L, false>(bvh, ray, on_alpha_hit)
 }
 
 #[inline(always)]
 fn each_hit<L: Lanes>(bvh: &Bvh, ray: &Ray, found: &mut impl FnMut(Hit)) {
-    told_of::<L, true>(bvh, ray, found);
+    visit_hits::<L, true>(bvh, ray, found);
 }
 
-/// Calls `porous` for hits on porous triangles until a triangle that is not porous blocks the ray. With `EVERY`, all
-/// triangles count as porous.
+/// Calls `on_alpha_hit` for hits on alpha-tested triangles until a triangle that is not alpha-tested occludes the ray.
+/// With `ALL_HITS`, all triangles count as alpha-tested.
 #[inline(always)]
-fn told_of<L: Lanes, const EVERY: bool>(bvh: &Bvh, ray: &Ray, porous: &mut impl FnMut(Hit)) -> bool {
+fn visit_hits<L: Lanes, const ALL_HITS: bool>(bvh: &Bvh, ray: &Ray, on_alpha_hit: &mut impl FnMut(Hit)) -> bool {
     let mut t_max = ray.t_max;
     if bvh.single {
         let mesh = &bvh.meshes[bvh.instances[0].mesh as usize];
-        return blocked_in_mesh::<L, EVERY>(mesh, ray, 1.0, ray.t_max, 0, porous);
+        return occluded_in_mesh_with_alpha::<L, ALL_HITS>(mesh, ray, 1.0, ray.t_max, 0, on_alpha_hit);
     }
-    let mut leaves = BlockedInstance::<L, _, EVERY> { bvh, ray, porous, lanes: std::marker::PhantomData };
-    bvh.top.walk::<L, false>(ray, &mut t_max, &mut leaves)
+    let mut leaves =
+        OccludedInstanceWithAlpha::<L, _, ALL_HITS> { bvh, ray, on_alpha_hit, lanes: std::marker::PhantomData };
+    bvh.top.traverse::<L, false>(ray, &mut t_max, &mut leaves)
 }
 
-/// As [`any_in_mesh`], but triangles marked as porous (or with `EVERY` all) are reported and do not block.
+/// As [`occluded_in_mesh`], but triangles marked as alpha-tested (or with `ALL_HITS` all) are reported and do not
+/// block.
 #[inline(always)]
-fn blocked_in_mesh<L: Lanes, const EVERY: bool>(
+fn occluded_in_mesh_with_alpha<L: Lanes, const ALL_HITS: bool>(
     mesh: &MeshTree,
     ray: &Ray,
     scale: f32,
     world_t_max: f32,
     instance: u32,
-    porous: &mut impl FnMut(Hit),
+    on_alpha_hit: &mut impl FnMut(Hit),
 ) -> bool {
     let shear = ShearLanes::new(ray);
-    let mut leaves =
-        BlockedTriangle::<L, _, EVERY> { packets: &mesh.packets, ray, shear, scale, world_t_max, instance, porous };
+    let mut leaves = OccludedTriangleWithAlpha::<L, _, ALL_HITS> {
+        blocks: &mesh.blocks,
+        ray,
+        shear,
+        scale,
+        world_t_max,
+        instance,
+        on_alpha_hit,
+    };
     let mut t_max = ray.t_max;
-    mesh.tree.walk::<L, false>(ray, &mut t_max, &mut leaves)
+    mesh.tree.traverse::<L, false>(ray, &mut t_max, &mut leaves)
 }
 
 #[inline(always)]
-fn nearest_in_mesh<L: Lanes>(mesh: &MeshTree, ray: &Ray, t_max: &mut f32) -> Option<PacketHit> {
-    let mut leaves = NearestTriangle::<L> { packets: &mesh.packets, ray, shear: ShearLanes::new(ray), hit: None };
-    mesh.tree.walk::<L, true>(ray, t_max, &mut leaves);
+fn closest_hit_in_mesh<L: Lanes>(mesh: &MeshTree, ray: &Ray, t_max: &mut f32) -> Option<BlockHit> {
+    let mut leaves = ClosestTriangle::<L> { blocks: &mesh.blocks, ray, shear: ShearLanes::new(ray), hit: None };
+    mesh.tree.traverse::<L, true>(ray, t_max, &mut leaves);
     leaves.hit
 }
 
 /// `ray` is in object space, where `t` is `scale` times what it is in the world.
 #[inline(always)]
-fn any_in_mesh<L: Lanes>(mesh: &MeshTree, ray: &Ray, scale: f32, world_t_max: f32) -> bool {
-    let mut leaves = AnyTriangle::<L> { packets: &mesh.packets, ray, shear: ShearLanes::new(ray), scale, world_t_max };
+fn occluded_in_mesh<L: Lanes>(mesh: &MeshTree, ray: &Ray, scale: f32, world_t_max: f32) -> bool {
+    let mut leaves = AnyTriangle::<L> { blocks: &mesh.blocks, ray, shear: ShearLanes::new(ray), scale, world_t_max };
     let mut t_max = ray.t_max;
-    mesh.tree.walk::<L, false>(ray, &mut t_max, &mut leaves)
+    mesh.tree.traverse::<L, false>(ray, &mut t_max, &mut leaves)
 }
 
 /// The scale rounds: a hit within the ray in object space may be outside in the world. Both kinds of traversal make
@@ -191,18 +200,18 @@ fn is_world_hit(t: f32, t_max: f32) -> bool {
     t > 0.0 && t < t_max
 }
 
-struct NearestTriangle<'a, L: Lanes> {
-    packets: &'a [Packet],
+struct ClosestTriangle<'a, L: Lanes> {
+    blocks: &'a [TriangleBlock],
     ray: &'a Ray,
     shear: ShearLanes<L>,
-    hit: Option<PacketHit>,
+    hit: Option<BlockHit>,
 }
 
-impl<L: Lanes> Leaves for NearestTriangle<'_, L> {
+impl<L: Lanes> Leaves for ClosestTriangle<'_, L> {
     #[inline(always)]
     fn visit(&mut self, payload: u32, t_max: &mut f32) -> bool {
-        let Some(packet) = self.packets.get(payload as usize) else { return false };
-        if let Some(hit) = self.shear.intersect(packet, self.ray, *t_max, ALL) {
+        let Some(block) = self.blocks.get(payload as usize) else { return false };
+        if let Some(hit) = self.shear.intersect(block, self.ray, *t_max, ALL) {
             *t_max = hit.t;
             self.hit = Some(hit);
         }
@@ -211,7 +220,7 @@ impl<L: Lanes> Leaves for NearestTriangle<'_, L> {
 }
 
 struct AnyTriangle<'a, L: Lanes> {
-    packets: &'a [Packet],
+    blocks: &'a [TriangleBlock],
     ray: &'a Ray,
     shear: ShearLanes<L>,
     scale: f32,
@@ -221,40 +230,40 @@ struct AnyTriangle<'a, L: Lanes> {
 impl<L: Lanes> Leaves for AnyTriangle<'_, L> {
     #[inline(always)]
     fn visit(&mut self, payload: u32, t_max: &mut f32) -> bool {
-        let Some(packet) = self.packets.get(payload as usize) else { return false };
+        let Some(block) = self.blocks.get(payload as usize) else { return false };
         self.shear
-            .intersect(packet, self.ray, *t_max, ALL)
+            .intersect(block, self.ray, *t_max, ALL)
             .is_some_and(|hit| is_world_hit(hit.t / self.scale, self.world_t_max))
     }
 }
 
-struct BlockedTriangle<'a, L: Lanes, F: FnMut(Hit), const EVERY: bool> {
-    packets: &'a [Packet],
+struct OccludedTriangleWithAlpha<'a, L: Lanes, F: FnMut(Hit), const ALL_HITS: bool> {
+    blocks: &'a [TriangleBlock],
     ray: &'a Ray,
     shear: ShearLanes<L>,
     scale: f32,
     world_t_max: f32,
     instance: u32,
-    porous: &'a mut F,
+    on_alpha_hit: &'a mut F,
 }
 
-impl<L: Lanes, F: FnMut(Hit), const EVERY: bool> Leaves for BlockedTriangle<'_, L, F, EVERY> {
+impl<L: Lanes, F: FnMut(Hit), const ALL_HITS: bool> Leaves for OccludedTriangleWithAlpha<'_, L, F, ALL_HITS> {
     #[inline(always)]
     fn visit(&mut self, payload: u32, t_max: &mut f32) -> bool {
-        let Some(packet) = self.packets.get(payload as usize) else { return false };
-        let mut porous = if EVERY { ALL } else { packet.porous() };
-        let solid = self.shear.intersect(packet, self.ray, *t_max, ALL & !porous);
+        let Some(block) = self.blocks.get(payload as usize) else { return false };
+        let mut alpha_tested = if ALL_HITS { ALL } else { block.alpha_tested() };
+        let solid = self.shear.intersect(block, self.ray, *t_max, ALL & !alpha_tested);
         if solid.is_some_and(|hit| is_world_hit(hit.t / self.scale, self.world_t_max)) {
             return true;
         }
-        while porous != 0 {
-            let lane = porous & porous.wrapping_neg();
-            porous ^= lane;
-            if let Some(hit) = self.shear.intersect(packet, self.ray, *t_max, lane) {
+        while alpha_tested != 0 {
+            let lane = alpha_tested & alpha_tested.wrapping_neg();
+            alpha_tested ^= lane;
+            if let Some(hit) = self.shear.intersect(block, self.ray, *t_max, lane) {
                 let t = hit.t / self.scale;
                 if is_world_hit(t, self.world_t_max) {
-                    let PacketHit { triangle, b1, b2, .. } = hit;
-                    (self.porous)(Hit { t, instance: self.instance, triangle, b1, b2 });
+                    let BlockHit { triangle, b1, b2, .. } = hit;
+                    (self.on_alpha_hit)(Hit { t, instance: self.instance, triangle, b1, b2 });
                 }
             }
         }
@@ -262,14 +271,14 @@ impl<L: Lanes, F: FnMut(Hit), const EVERY: bool> Leaves for BlockedTriangle<'_, 
     }
 }
 
-struct BlockedInstance<'a, L: Lanes, F: FnMut(Hit), const EVERY: bool> {
+struct OccludedInstanceWithAlpha<'a, L: Lanes, F: FnMut(Hit), const ALL_HITS: bool> {
     bvh: &'a Bvh,
     ray: &'a Ray,
-    porous: &'a mut F,
+    on_alpha_hit: &'a mut F,
     lanes: std::marker::PhantomData<L>,
 }
 
-impl<L: Lanes, F: FnMut(Hit), const EVERY: bool> Leaves for BlockedInstance<'_, L, F, EVERY> {
+impl<L: Lanes, F: FnMut(Hit), const ALL_HITS: bool> Leaves for OccludedInstanceWithAlpha<'_, L, F, ALL_HITS> {
     #[inline(always)]
     fn visit(&mut self, payload: u32, _t_max: &mut f32) -> bool {
         let Some(instance) = self.bvh.instances.get(payload as usize) else { return false };
@@ -278,18 +287,18 @@ impl<L: Lanes, F: FnMut(Hit), const EVERY: bool> Leaves for BlockedInstance<'_, 
             None => (*self.ray, 1.0),
             Some(transform) => transform.unit_ray(self.ray),
         };
-        blocked_in_mesh::<L, EVERY>(mesh, &ray, scale, self.ray.t_max, payload, self.porous)
+        occluded_in_mesh_with_alpha::<L, ALL_HITS>(mesh, &ray, scale, self.ray.t_max, payload, self.on_alpha_hit)
     }
 }
 
-struct NearestInstance<'a, L: Lanes> {
+struct ClosestInstance<'a, L: Lanes> {
     bvh: &'a Bvh,
     ray: &'a Ray,
     hit: Option<Hit>,
     lanes: std::marker::PhantomData<L>,
 }
 
-impl<L: Lanes> Leaves for NearestInstance<'_, L> {
+impl<L: Lanes> Leaves for ClosestInstance<'_, L> {
     #[inline(always)]
     fn visit(&mut self, payload: u32, t_max: &mut f32) -> bool {
         let Some(instance) = self.bvh.instances.get(payload as usize) else { return false };
@@ -300,7 +309,7 @@ impl<L: Lanes> Leaves for NearestInstance<'_, L> {
             Some(transform) => transform.unit_ray(&world),
         };
         let mut object_t_max = ray.t_max;
-        if let Some(hit) = nearest_in_mesh::<L>(mesh, &ray, &mut object_t_max) {
+        if let Some(hit) = closest_hit_in_mesh::<L>(mesh, &ray, &mut object_t_max) {
             let t = hit.t / scale;
             if is_world_hit(t, *t_max) {
                 *t_max = t;
@@ -326,6 +335,6 @@ impl<L: Lanes> Leaves for AnyInstance<'_, L> {
             None => (*self.ray, 1.0),
             Some(transform) => transform.unit_ray(self.ray),
         };
-        any_in_mesh::<L>(mesh, &ray, scale, self.ray.t_max)
+        occluded_in_mesh::<L>(mesh, &ray, scale, self.ray.t_max)
     }
 }

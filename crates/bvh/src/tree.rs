@@ -141,7 +141,7 @@ impl Tree {
     /// Visits the leaves that a ray may hit before `t_max`; near ones first if `ORDERED`. True if a visit ended the
     /// traversal.
     #[inline(always)]
-    pub(crate) fn walk<L: Lanes, const ORDERED: bool>(
+    pub(crate) fn traverse<L: Lanes, const ORDERED: bool>(
         &self,
         ray: &Ray,
         t_max: &mut f32,

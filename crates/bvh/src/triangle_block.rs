@@ -12,7 +12,7 @@ use crate::simd8::{Eight, Lanes, WIDTH};
 /// Up to eight triangles, coordinate by coordinate. Free lanes hold NaN and are never hit.
 #[derive(Clone, Debug)]
 #[repr(C, align(64))]
-pub(crate) struct Packet {
+pub(crate) struct TriangleBlock {
     /// `corners[axis][corner][lane]`: a ray selects its axes once and then reads 96 contiguous bytes for each.
     corners: [[Eight; 3]; 3],
     /// The triangles' numbers in their mesh.
@@ -20,54 +20,54 @@ pub(crate) struct Packet {
 }
 
 /// The number in free lanes.
-const FREE: u32 = u32::MAX >> 1;
+const NO_TRIANGLE: u32 = u32::MAX >> 1;
 /// Set in the number of a triangle that lets some light through.
-const POROUS: u32 = 1 << 31;
+const ALPHA_TESTED: u32 = 1 << 31;
 /// All lanes.
 pub(crate) const ALL: u32 = (1 << WIDTH) - 1;
 
-/// A hit in a packet.
+/// A hit in a block.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct PacketHit {
+pub(crate) struct BlockHit {
     pub(crate) t: f32,
     pub(crate) b1: f32,
     pub(crate) b2: f32,
     pub(crate) triangle: u32,
 }
 
-impl Packet {
-    /// A packet of at most eight triangles: their numbers and corners.
+impl TriangleBlock {
+    /// A block of at most eight triangles: their numbers and corners.
     pub(crate) fn new(triangles: impl Iterator<Item = (u32, [Vec3; 3])>) -> Self {
-        let mut packet = Self { corners: [[[f32::NAN; WIDTH]; 3]; 3], triangles: [FREE; WIDTH] };
+        let mut block = Self { corners: [[[f32::NAN; WIDTH]; 3]; 3], triangles: [NO_TRIANGLE; WIDTH] };
         for (lane, (number, corners)) in triangles.take(WIDTH).enumerate() {
-            packet.triangles[lane] = number;
+            block.triangles[lane] = number;
             for (c, corner) in corners.iter().enumerate() {
                 for axis in 0..3 {
-                    packet.corners[axis][c][lane] = corner[axis];
+                    block.corners[axis][c][lane] = corner[axis];
                 }
             }
         }
-        packet
+        block
     }
 
     /// The triangles in it: number and corners.
     pub(crate) fn triangles(&self) -> impl Iterator<Item = (u32, [Vec3; 3])> {
         (0..WIDTH)
-            .filter(|&lane| self.triangles[lane] != FREE)
-            .map(|lane| (self.triangles[lane] & !POROUS, self.corners(lane)))
+            .filter(|&lane| self.triangles[lane] != NO_TRIANGLE)
+            .map(|lane| (self.triangles[lane] & !ALPHA_TESTED, self.corners(lane)))
     }
 
     /// Marks the triangles that let some light through.
-    pub(crate) fn mark_porous(&mut self, is_porous: &impl Fn(u32) -> bool) {
-        for number in self.triangles.iter_mut().filter(|n| **n != FREE) {
-            let plain = *number & !POROUS;
-            *number = if is_porous(plain) { plain | POROUS } else { plain };
+    pub(crate) fn mark_alpha_tested(&mut self, is_alpha_tested: &impl Fn(u32) -> bool) {
+        for number in self.triangles.iter_mut().filter(|n| **n != NO_TRIANGLE) {
+            let plain = *number & !ALPHA_TESTED;
+            *number = if is_alpha_tested(plain) { plain | ALPHA_TESTED } else { plain };
         }
     }
 
     /// The lanes of triangles that let some light through.
     #[inline(always)]
-    pub(crate) fn porous(&self) -> u32 {
+    pub(crate) fn alpha_tested(&self) -> u32 {
         (0..WIDTH).fold(0, |mask, lane| mask | (self.triangles[lane] >> 31) << lane)
     }
 
@@ -76,7 +76,7 @@ impl Packet {
     }
 }
 
-/// The values of a ray that the packet test needs, in every lane.
+/// The values of a ray that the block test needs, in every lane.
 #[derive(Clone, Copy)]
 pub(crate) struct ShearLanes<L: Lanes> {
     axes: [usize; 3],
@@ -99,20 +99,20 @@ impl<L: Lanes> ShearLanes<L> {
     // A function, not a closure, here and below. Only functions can be marked for inlining, and code that is not
     // inlined into the function with AVX2 is compiled without it.
     #[inline(always)]
-    fn sheared(&self, packet: &Packet, corner: usize) -> (L::F, L::F, L::F) {
+    fn sheared(&self, block: &TriangleBlock, corner: usize) -> (L::F, L::F, L::F) {
         let [kx, ky, kz] = self.axes;
-        let z = L::sub(L::load(&packet.corners[kz][corner]), self.origin[2]);
-        let x = L::sub(L::load(&packet.corners[kx][corner]), self.origin[0]);
-        let y = L::sub(L::load(&packet.corners[ky][corner]), self.origin[1]);
+        let z = L::sub(L::load(&block.corners[kz][corner]), self.origin[2]);
+        let x = L::sub(L::load(&block.corners[kx][corner]), self.origin[0]);
+        let y = L::sub(L::load(&block.corners[ky][corner]), self.origin[1]);
         (L::sub(x, L::mul(self.shear[0], z)), L::sub(y, L::mul(self.shear[1], z)), z)
     }
 
     /// The nearest hit with `0 < t < t_max` among the given lanes, if any; of equal ones the first lane's.
     #[inline(always)]
-    pub(crate) fn intersect(&self, packet: &Packet, ray: &Ray, t_max: f32, lanes: u32) -> Option<PacketHit> {
-        let (ax, ay, az) = self.sheared(packet, 0);
-        let (bx, by, bz) = self.sheared(packet, 1);
-        let (cx, cy, cz) = self.sheared(packet, 2);
+    pub(crate) fn intersect(&self, block: &TriangleBlock, ray: &Ray, t_max: f32, lanes: u32) -> Option<BlockHit> {
+        let (ax, ay, az) = self.sheared(block, 0);
+        let (bx, by, bz) = self.sheared(block, 1);
+        let (cx, cy, cz) = self.sheared(block, 2);
         let mut u = L::sub(L::mul(cx, by), L::mul(cy, bx));
         let mut v = L::sub(L::mul(ax, cy), L::mul(ay, cx));
         let mut w = L::sub(L::mul(bx, ay), L::mul(by, ax));
@@ -146,10 +146,10 @@ impl<L: Lanes> ShearLanes<L> {
         let near = candidates & ends;
         let mut ts = L::store(t);
         if near != 0 {
-            decide_near(packet, ray, near, &mut ts);
+            decide_near(block, ray, near, &mut ts);
         }
 
-        let (mut best, mut t) = (FREE, t_max);
+        let (mut best, mut t) = (NO_TRIANGLE, t_max);
         while candidates != 0 {
             let lane = candidates.trailing_zeros();
             candidates &= candidates - 1;
@@ -158,12 +158,12 @@ impl<L: Lanes> ShearLanes<L> {
                 (best, t) = (lane, lane_t);
             }
         }
-        if best == FREE {
+        if best == NO_TRIANGLE {
             return None;
         }
         let lane = best as usize;
         let (b1, b2) = (L::store(L::mul(v, inv_det))[lane], L::store(L::mul(w, inv_det))[lane]);
-        Some(PacketHit { t, b1, b2, triangle: packet.triangles[lane] & !POROUS })
+        Some(BlockHit { t, b1, b2, triangle: block.triangles[lane] & !ALPHA_TESTED })
     }
 }
 
@@ -181,12 +181,12 @@ fn largest<L: Lanes>(a: L::F, b: L::F, c: L::F) -> L::F {
 
 /// Distances within their own error of zero or of the ray's end, computed again in f64.
 #[inline(never)]
-fn decide_near(packet: &Packet, ray: &Ray, lanes: u32, t: &mut Eight) {
+fn decide_near(block: &TriangleBlock, ray: &Ray, lanes: u32, t: &mut Eight) {
     let mut rest = lanes;
     while rest != 0 {
         let lane = rest.trailing_zeros() as usize;
         rest &= rest - 1;
-        t[lane] = plane_distance_f64(ray, &packet.corners(lane));
+        t[lane] = plane_distance_f64(ray, &block.corners(lane));
     }
 }
 

@@ -12,7 +12,7 @@ pub(crate) fn validate(bvh: &Bvh) -> Result<(), String> {
         validate_mesh(mesh).map_err(|e| format!("mesh {i}: {e}"))?;
     }
     let mut seen = vec![false; bvh.instances.len()];
-    walk(&bvh.top, |payload, bounds| {
+    traverse(&bvh.top, |payload, bounds| {
         let instance = bvh.instances.get(payload as usize).ok_or(format!("no instance {payload}"))?;
         if !bounds.encloses(&instance.bounds) {
             return Err(format!("instance {payload} sticks out of its box"));
@@ -32,24 +32,24 @@ pub(crate) fn validate(bvh: &Bvh) -> Result<(), String> {
 }
 
 fn validate_mesh(mesh: &MeshTree) -> Result<(), String> {
-    let mut seen = vec![false; mesh.packets.len()];
+    let mut seen = vec![false; mesh.blocks.len()];
     let mut numbers = Vec::new();
-    walk(&mesh.tree, |payload, bounds| {
-        let packet = mesh.packets.get(payload as usize).ok_or(format!("no packet {payload}"))?;
+    traverse(&mesh.tree, |payload, bounds| {
+        let block = mesh.blocks.get(payload as usize).ok_or(format!("no block {payload}"))?;
         let before = numbers.len();
-        for (number, corners) in packet.triangles() {
+        for (number, corners) in block.triangles() {
             if !bounds.encloses(&Aabb::from_points(corners)) {
                 return Err(format!("triangle {number} sticks out of its box"));
             }
             numbers.push(number);
         }
         if numbers.len() == before {
-            return Err(format!("packet {payload} is empty"));
+            return Err(format!("block {payload} is empty"));
         }
-        once(&mut seen, payload, "packet")
+        once(&mut seen, payload, "block")
     })?;
     if let Some(lost) = seen.iter().position(|s| !s) {
-        return Err(format!("packet {lost} is in no leaf"));
+        return Err(format!("block {lost} is in no leaf"));
     }
     numbers.sort_unstable();
     if let Some(twice) = numbers.windows(2).find(|w| w[0] == w[1]) {
@@ -69,7 +69,7 @@ fn once(seen: &mut [bool], payload: u32, what: &str) -> Result<(), String> {
 }
 
 /// Calls `leaf` with each leaf's payload and box, after the check of its nodes.
-fn walk(tree: &Tree, mut leaf: impl FnMut(u32, &Aabb) -> Result<(), String>) -> Result<(), String> {
+fn traverse(tree: &Tree, mut leaf: impl FnMut(u32, &Aabb) -> Result<(), String>) -> Result<(), String> {
     if tree.root == NONE {
         return if tree.nodes.is_empty() { Ok(()) } else { Err("nodes without a root".into()) };
     }

@@ -30,7 +30,7 @@ fn ray_at(shape: &Shape, random: &mut Random) -> Ray {
 }
 
 #[test]
-fn every_hit_is_the_one_brute_force_finds() {
+fn every_hit_equals_that_of_brute_force() {
     let shapes = [random_soup(1, 1), random_soup(7, 2), random_soup(9, 3), random_soup(600, 4), bumpy_torus(30, 12)];
     for (s, shape) in shapes.iter().enumerate() {
         let bvh = shape.bvh();
@@ -42,7 +42,7 @@ fn every_hit_is_the_one_brute_force_finds() {
 }
 
 #[test]
-fn needles_and_slivers_are_found_as_brute_force_finds_them() {
+fn hits_of_needles_and_slivers_equal_those_of_brute_force() {
     let mut random = Random::new(5);
     // Up to 1 : 1e6, crossing each other in all directions.
     let shape = Shape::soup((0..400).map(|_| {

@@ -76,7 +76,7 @@ fn ladder() -> Vec<(&'static str, Shape)> {
     ]
 }
 
-/// Rays that ask for trouble.
+/// Rays with difficult directions.
 fn rays(shape: &Shape) -> Vec<Ray> {
     let (p, inf) = (shape.positions[0], f32::INFINITY);
     let inside = Vec3::new(0.1, 0.2, 0.3);
@@ -104,7 +104,7 @@ fn rays(shape: &Shape) -> Vec<Ray> {
 }
 
 #[test]
-fn the_ladder() {
+fn degenerate_meshes_are_traversed() {
     for (name, shape) in ladder() {
         let bvh = shape.bvh();
         bvh.validate().unwrap_or_else(|e| panic!("{name}: {e}"));

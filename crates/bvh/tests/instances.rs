@@ -82,7 +82,7 @@ fn many_instances_equal_one_baked_mesh() {
 }
 
 #[test]
-fn identity_needs_no_transform_and_several_meshes_live_together() {
+fn identity_instances_store_no_transform_and_several_meshes_are_supported() {
     let (ball, soup) = (icosphere(2), random_soup(200, 34));
     let plain = |mesh| BvhInstance { mesh, to_world: None };
     let bvh = Bvh::build(&[ball.view(), soup.view()], &[plain(0), plain(1)]).unwrap();
@@ -101,7 +101,7 @@ fn identity_needs_no_transform_and_several_meshes_live_together() {
 }
 
 #[test]
-fn bad_indices_are_errors_and_nothing_is_fine() {
+fn invalid_indices_are_errors_and_an_empty_scene_is_valid() {
     let p = [Vec3::ZERO, Vec3::X, Vec3::Y];
     let good = dunkelfeld_bvh::MeshTriangles { positions: &p, triangles: &[[0, 1, 2]] };
     let bad = dunkelfeld_bvh::MeshTriangles { positions: &p, triangles: &[[0, 1, 2], [0, 1, 3]] };
@@ -130,7 +130,7 @@ fn bad_indices_are_errors_and_nothing_is_fine() {
 }
 
 #[test]
-fn a_thousand_instances_in_one_place_are_walked() {
+fn a_thousand_coincident_instances_are_traversed() {
     let ball = icosphere(0);
     let t = transform(DVec3::splat(0.5), 1.0, DVec3::X);
     let instances = vec![BvhInstance { mesh: 0, to_world: Some(t) }; 1000];

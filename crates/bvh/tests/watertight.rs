@@ -1,4 +1,5 @@
-//! No ray leaves a closed mesh: a million rays from inside at edges and vertices, at every scale and far from the origin.
+//! No ray leaves a closed mesh: a million rays from inside at edges and vertices, at every scale and far from the
+//! origin.
 #![allow(clippy::unwrap_used)]
 
 mod common;
@@ -79,7 +80,7 @@ fn nothing_leaks_from_a_mesh_baked_a_kilometre_away() {
 }
 
 #[test]
-fn nothing_leaks_from_afar_through_the_silhouette() {
+fn nothing_leaks_at_the_silhouette_from_a_distance() {
     // From a thousand radii away the rounding of the sheared corners is many times the triangles' height, and rays
     // graze edges. A ray that enters must leave: its line crosses the sphere twice or never.
     let shape = icosphere(4);

@@ -4,7 +4,7 @@ use crate::memory::MemoryAccount;
 use dunkelfeld_radiometry::photon::lumens;
 use dunkelfeld_scene::{
     AlphaMode, BuildReport, Camera, CoverStack, Effect, Effects, Opening, Projection, Scene, SceneSummary, Surface,
-    Vignetting, kernel_words,
+    Vignetting, kernel_features,
 };
 use serde::Serialize;
 
@@ -173,7 +173,7 @@ pub fn inspect(scene: &Scene, report: &BuildReport) -> Inspection {
         light_choice: scene.light_choice(),
         covers: scene.covers().iter().map(|stack| cover_entry(scene, stack)).collect(),
         effects: effect_entries(scene.effects()),
-        kernel: kernel_words(scene.features()),
+        kernel: kernel_features(scene.features()),
         materials,
         warnings: Vec::new(),
         notes,
@@ -199,13 +199,13 @@ fn cover_entry(scene: &Scene, stack: &CoverStack) -> CoverEntry {
 fn effect_entries(effects: &Effects) -> Vec<EffectEntry> {
     Effect::ALL
         .into_iter()
-        .map(|e| EffectEntry { name: e.name().into(), on: effects.has(e), called_for_by: effects.callers(e).to_vec() })
+        .map(|e| EffectEntry { name: e.name().into(), on: effects.has(e), called_for_by: effects.users(e).to_vec() })
         .collect()
 }
 
 impl Inspection {
     /// Records that a setting outside the scene needs an effect.
-    pub(crate) fn call(&mut self, effect: Effect, place: &str) {
+    pub(crate) fn add_effect(&mut self, effect: Effect, place: &str) {
         if let Some(entry) = self.effects.iter_mut().find(|e| e.name == effect.name()) {
             entry.on = true;
             entry.called_for_by.push(place.into());

@@ -11,11 +11,11 @@
 //! ```
 //!
 //! The stages can also be called one by one ([`render()`], [`develop_film()`]), with a scene built in code, a progress
-//! sink and a cancellation switch: see `examples/unrolled.rs`. The modules below re-export the types that such a program
-//! needs. The engine itself is in the crates `dunkelfeld-*`.
+//! sink and a cancellation switch: see `examples/unrolled.rs`. The modules below re-export the types that such a
+//! program needs. The engine itself is in the crates `dunkelfeld-*`.
 //!
-//! Features, all on by default: `gltf` and `obj` read scenes of these formats, `oidn` loads the denoiser Intel Open Image
-//! Denoise. A program without one of them refuses such a scene or denoiser with an error that names the feature.
+//! Features, all on by default: `gltf` and `obj` read scenes of these formats, `oidn` loads the denoiser Intel Open
+//! Image Denoise. A program without one of them refuses such a scene or denoiser with an error that names the feature.
 
 #![forbid(unsafe_code)]
 
@@ -123,5 +123,5 @@ pub mod sensor {
 /// Single samples, to find the cause of a wrong pixel.
 pub mod trace {
     pub use dunkelfeld_bsdf::Lobe;
-    pub use dunkelfeld_integrator::{Estimator, Label, PixelSample, TraceConnection};
+    pub use dunkelfeld_integrator::{Estimator, PixelIds, PixelSample, TraceConnection};
 }

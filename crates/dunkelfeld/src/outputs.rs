@@ -4,7 +4,7 @@ use crate::frame::{Frame, Picture};
 use crate::guard::{Output, check_outputs};
 use derive_setters::Setters;
 use dunkelfeld_film::{Film, FilmLayers, NO_ID, PixelSums, Plane};
-use dunkelfeld_integrator::Label;
+use dunkelfeld_integrator::PixelIds;
 use dunkelfeld_io::exr::{ExrHead, ExrLayers, read_exr_recorded, write_exr, write_exr_rows};
 use dunkelfeld_io::input::{InputFiles, Role};
 use dunkelfeld_io::layers::{Single, Triple};
@@ -236,8 +236,8 @@ fn layer_attributes(frame: &Frame, settings: &RenderSettings, names: &[String]) 
     .to_string()
 }
 
-/// The layers of some rows of pixels, without attributes. The names of the channels are the same for all rows. Runs on the threads of
-/// the current pool.
+/// The layers of some rows of pixels, without attributes. The names of the channels are the same for all rows. Runs on
+/// the threads of the current pool.
 fn layers_of_rows(film: &RenderedFilm, frame: &Frame, rows: Range<u32>) -> ExrLayers {
     let bands = rows.clone().step_by(Film::TILE as usize).map(|y| y..(y + Film::TILE).min(rows.end));
     let bands: Vec<ExrLayers> = bands
@@ -261,7 +261,7 @@ fn layers_of_rows(film: &RenderedFilm, frame: &Frame, rows: Range<u32>) -> ExrLa
 fn layers_of_band(
     layers: FilmLayers,
     sums: &[PixelSums],
-    labels: &Plane<Option<Label>>,
+    labels: &Plane<Option<PixelIds>>,
     frame: &Frame,
     rows: Range<u32>,
 ) -> ExrLayers {
@@ -286,9 +286,9 @@ fn layers_of_band(
     }
     let labels = &labels.data()[pixels.clone()];
     let ids =
-        |f: &dyn Fn(&Label) -> u32| plane(width, height, labels.iter().map(|l| l.as_ref().map_or(NO_ID, f)), NO_ID);
-    out.push_integers(Single::ObjectId, ids(&Label::object));
-    out.push_integers(Single::MaterialId, ids(&Label::material));
+        |f: &dyn Fn(&PixelIds) -> u32| plane(width, height, labels.iter().map(|l| l.as_ref().map_or(NO_ID, f)), NO_ID);
+    out.push_integers(Single::ObjectId, ids(&PixelIds::object));
+    out.push_integers(Single::MaterialId, ids(&PixelIds::material));
     if let Some(sensor) = &frame.sensor {
         let electrons = sensor.electrons.data()[pixels.clone()].iter().copied();
         out.push_floats(Single::Electrons, plane(width, height, electrons, 0.0));

@@ -182,10 +182,10 @@ impl Project {
             Ok(view) => {
                 let lens = view.map(|v| v.lens).unwrap_or_default();
                 if lens.aperture.is_some() {
-                    inspection.call(Effect::FiniteAperture, "lens");
+                    inspection.add_effect(Effect::FiniteAperture, "lens");
                 }
                 if !lens.distortion.is_none() {
-                    inspection.call(Effect::Distortion, "lens");
+                    inspection.add_effect(Effect::Distortion, "lens");
                 }
             }
             Err(e) => inspection.hazards.push(e.to_string().replace("\n  help: ", "; ")),
@@ -441,7 +441,7 @@ fn build_error(error: BuildError, file: &Path) -> Error {
         }
         BuildError::TooLarge { ref place, ref radius } => {
             let problem = format!(
-                "the scene reaches {radius} from its middle, where squared distances leave the range of numbers, \
+                "the scene extends to {radius} from its centre, where squared distances exceed the range of f32, \
                  and this object farthest"
             );
             InputError::new(file, place, problem, "remove the object, or export with the right unit of length").into()

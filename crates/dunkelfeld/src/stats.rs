@@ -300,8 +300,8 @@ impl Stats {
             dominated_pixels: heavy.dominated,
             cover_connections: (rendering.connections.attempts > 0).then_some(CoverStats {
                 attempts: rendering.connections.attempts,
-                arrived: rendering.connections.arrived,
-                shots: rendering.connections.shots,
+                arrived: rendering.connections.converged,
+                shots: rendering.connections.rays,
             }),
             mean_radiance: totals.mean.map(|s| s / n),
             mean_radiance_standard_error: totals.variance.map(|v| v.is_finite().then(|| v.sqrt() / n)),

@@ -311,7 +311,7 @@ mod tests {
             let height = normal.dot(start.as_dvec3() - v0) * f64::from(d.dot(n)).signum();
             assert!(height > 0.0, "round {round}: the start lies {height} above the plane");
             let ulp = f64::from(f32::EPSILON) * exact.abs().max_element();
-            assert!(height < 4.0 * ulp + 1e-12, "round {round}: {height} is farther than rounding calls for");
+            assert!(height < 4.0 * ulp + 1e-12, "round {round}: {height} is farther than the rounding error");
         }
     }
 

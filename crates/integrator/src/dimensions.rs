@@ -14,7 +14,7 @@ const PER_VERTEX: u32 = 3;
 
 /// Each further light sample has a block of sets of its own, so that it does not change the numbers of other decisions.
 /// No path is so long that its vertices fill a block.
-const PER_QUESTION: u32 = 1 << 28;
+const PER_LIGHT_SAMPLE: u32 = 1 << 28;
 
 /// Direction (2, the best pair of a set), lobe (1), roulette (1) of the vertex with this number.
 #[inline]
@@ -24,14 +24,14 @@ pub(crate) const fn scatter(vertex: u32) -> u32 {
 
 /// Place on a light (2), choice of the light (1), for each light sample of the vertex.
 #[inline]
-pub(crate) const fn light(vertex: u32, question: u32) -> u32 {
-    const { assert!(Scene::MAX_LIGHT_SAMPLES <= u32::MAX / PER_QUESTION) };
-    2 + PER_VERTEX * vertex + PER_QUESTION * question
+pub(crate) const fn light(vertex: u32, index: u32) -> u32 {
+    const { assert!(Scene::MAX_LIGHT_SAMPLES <= u32::MAX / PER_LIGHT_SAMPLE) };
+    2 + PER_VERTEX * vertex + PER_LIGHT_SAMPLE * index
 }
 
 /// Kind of a stochastic surface (1): present or absent, sheet or solid. Event in the medium before the surface (3):
 /// distance, channel, further digits of the distance.
 #[inline]
-pub(crate) const fn kind(vertex: u32) -> u32 {
+pub(crate) const fn surface_kind(vertex: u32) -> u32 {
     3 + PER_VERTEX * vertex
 }

@@ -1,7 +1,7 @@
 //! The estimator of one sample: camera sample, ray, radiance, film sample.
 
 use crate::dimensions;
-use crate::dispatch::follow;
+use crate::dispatch::trace_path;
 use crate::recorder::{ConnectionTally, PathTrace, Recorder};
 use dunkelfeld_film::Sample;
 use dunkelfeld_sampling::Sampler;
@@ -66,9 +66,9 @@ impl Estimator<'_> {
         let lens = self.camera.has_aperture().then(|| sampler.get_2d(dimensions::LENS));
         let CameraRay { ray, weight, start } = self.camera.camera_ray(at.x as f32 + dx, at.y as f32 + dy, lens);
         // The path, and the sample for the film.
-        let sample = follow(self.scene, ray, &sampler, recorder);
+        let sample = trace_path(self.scene, ray, &sampler, recorder);
         // The lens scales the radiance, for example by vignetting.
-        recorder.weigh(weight);
+        recorder.scale(weight);
         let depth = if sample.hit { start + sample.depth } else { sample.depth };
         Sample { radiance: sample.radiance * weight, depth, ..sample }
     }

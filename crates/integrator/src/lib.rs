@@ -16,5 +16,5 @@ mod recorder;
 mod vertex;
 
 pub use estimator::{Estimator, PixelSample};
-pub use pixel_ids::{Label, label};
+pub use pixel_ids::{PixelIds, pixel_ids};
 pub use recorder::{ConnectionTally, PathTrace, TraceConnection, TraceScattering, TraceVertex};

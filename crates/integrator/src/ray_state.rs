@@ -8,23 +8,23 @@ use dunkelfeld_scene::{Boundary, Features, Interface, Interior, Medium, Scene, S
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct RayState {
     pub(crate) ray: Ray,
-    place: Place,
+    enclosing: EnclosingSolids,
 }
 
-/// The solids around a point. Kernels with media store all of them (`around`). Other kernels store the material of the
-/// solid entered last (`material`).
+/// The solids around a point. Kernels with media store all of them (`interior`). Other kernels store the material of
+/// the solid entered last (`material`).
 #[derive(Clone, Copy, Debug)]
-struct Place {
+struct EnclosingSolids {
     /// Material of the solid that was entered last, for scenes in which no solids touch.
     material: Option<u32>,
-    around: Interior,
+    interior: Interior,
 }
 
 /// An intersection of a ray with a surface.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct SurfaceHit<'a> {
     /// The surface that provides the material. Of coincident faces it is the one of the interface.
-    pub(crate) hit: SurfacePoint,
+    pub(crate) surface: SurfacePoint,
     /// The interface between the solids on both sides; `None` in kernels without media.
     interface: Option<&'a Interface>,
 }
@@ -33,32 +33,32 @@ impl RayState {
     /// The state of a ray from the camera.
     #[inline]
     pub(crate) fn from_camera<F: Features>(scene: &Scene, ray: Ray) -> Self {
-        let around = if F::MEDIA { scene.interior_at(ray.origin) } else { Interior::OUTSIDE };
-        Self { ray, place: Place { material: None, around } }
+        let interior = if F::MEDIA { scene.interior_at(ray.origin) } else { Interior::OUTSIDE };
+        Self { ray, enclosing: EnclosingSolids { material: None, interior } }
     }
 
-    /// The next intersection along the ray. In kernels with media its interface is stored in `own`.
+    /// The next intersection along the ray. In kernels with media its interface is stored in `storage`.
     #[inline]
     pub(crate) fn intersect_next<'a, F: Features>(
         &self,
         scene: &Scene,
-        own: &'a mut Option<Interface>,
+        storage: &'a mut Option<Interface>,
     ) -> Option<SurfaceHit<'a>> {
         // Intersects a copy of the ray, so that the path state is not kept in memory because of a reference.
         let ray = self.ray;
         let hit = scene.intersect(&ray)?;
         if F::MEDIA {
-            let interface = own.insert(scene.interface(&self.ray, &hit, &self.place.around));
-            Some(SurfaceHit { hit: interface.surface, interface: Some(interface) })
+            let interface = storage.insert(scene.interface(&self.ray, &hit, &self.enclosing.interior));
+            Some(SurfaceHit { surface: interface.surface, interface: Some(interface) })
         } else {
-            Some(SurfaceHit { hit, interface: None })
+            Some(SurfaceHit { surface: hit, interface: None })
         }
     }
 
     /// The medium around the origin of the ray, in kernels with media. Other kernels use absorption only.
     #[inline]
     pub(crate) fn medium<'a>(&self, scene: &'a Scene) -> Option<&'a Medium> {
-        scene.medium(&self.place.around)
+        scene.medium(&self.enclosing.interior)
     }
 
     /// The transmittance over a distance \[m\] along the ray.
@@ -67,7 +67,7 @@ impl RayState {
         if F::MEDIA {
             self.medium(scene).map_or(Rgb::WHITE, |m| m.transmittance(distance))
         } else if F::SOLIDS {
-            attenuation(scene, self.place.material, distance)
+            attenuation(scene, self.enclosing.material, distance)
         } else {
             Rgb::WHITE
         }
@@ -75,65 +75,65 @@ impl RayState {
 
     /// The same origin with another direction on the same side of its surface.
     #[inline]
-    pub(crate) fn aimed(&self, direction: Vec3) -> Self {
-        Self { ray: Ray::new(self.ray.origin, direction), place: self.place }
+    pub(crate) fn with_direction(&self, direction: Vec3) -> Self {
+        Self { ray: Ray::new(self.ray.origin, direction), enclosing: self.enclosing }
     }
 
     /// The material of the solid around the origin of the ray.
     #[inline]
     pub(crate) fn solid<F: Features>(&self, scene: &Scene) -> Option<u32> {
-        if F::MEDIA { scene.material_inside(&self.place.around) } else { self.place.material }
+        if F::MEDIA { scene.material_inside(&self.enclosing.interior) } else { self.enclosing.material }
     }
 
     /// A ray from a point inside the medium in a new direction.
     #[inline]
-    pub(crate) fn turned(&self, point: Vec3, wi: Vec3) -> Self {
-        Self { ray: Ray::new(point, wi), place: self.place }
+    pub(crate) fn spawn_in_medium(&self, point: Vec3, wi: Vec3) -> Self {
+        Self { ray: Ray::new(point, wi), enclosing: self.enclosing }
     }
 
     /// Continues behind a surface in the same direction, as if the surface were absent.
     #[inline]
-    pub(crate) fn pass_through<F: Features>(&self, met: &SurfaceHit<'_>) -> Self {
-        let mut place = self.place;
+    pub(crate) fn pass_through<F: Features>(&self, hit: &SurfaceHit<'_>) -> Self {
+        let mut enclosing = self.enclosing;
         if F::MEDIA
-            && let Some(interface) = met.interface.filter(|i| matches!(i.boundary, Boundary::Open { .. }))
+            && let Some(interface) = hit.interface.filter(|i| matches!(i.boundary, Boundary::Open { .. }))
         {
-            place.around = interface.far();
+            enclosing.interior = interface.far();
         }
-        Self { ray: Ray::new(met.hit.leave(self.ray.direction), self.ray.direction), place }
+        Self { ray: Ray::new(hit.surface.ray_origin(self.ray.direction), self.ray.direction), enclosing }
     }
 
     /// Leaves a surface in the direction `wi`. `wo` points to the previous vertex.
     #[inline]
-    pub(crate) fn leave<F: Features>(
+    pub(crate) fn spawn_ray<F: Features>(
         &self,
-        met: &SurfaceHit<'_>,
+        hit: &SurfaceHit<'_>,
         shading: &ShadingPoint<'_>,
         wo: Vec3,
         wi: Vec3,
     ) -> Self {
-        let mut place = self.place;
-        let (inward, from_inside) = (wi.dot(met.hit.normal) < 0.0, wo.dot(met.hit.normal) < 0.0);
+        let mut enclosing = self.enclosing;
+        let (inward, from_inside) = (wi.dot(hit.surface.normal) < 0.0, wo.dot(hit.surface.normal) < 0.0);
         if F::MEDIA {
-            if let Some(interface) = met.interface {
-                place.around = interface.beyond(wi);
+            if let Some(interface) = hit.interface {
+                enclosing.interior = interface.beyond(wi);
             }
         } else if F::SOLIDS && shading.is_solid && inward != from_inside {
-            place.material = inward.then_some(shading.material);
+            enclosing.material = inward.then_some(shading.material);
         }
-        Self { ray: Ray::new(met.hit.leave(wi), wi), place }
+        Self { ray: Ray::new(hit.surface.ray_origin(wi), wi), enclosing }
     }
 
     /// Transmittance along a shadow ray that starts at this state and ends before a light: the open share of the
     /// surfaces, and the transmittance of the medium. Zero if the ray is occluded.
     #[inline]
-    pub(crate) fn light_along<F: Features>(&self, scene: &Scene, ray: &Ray) -> (f32, Rgb) {
+    pub(crate) fn shadow_transmittance<F: Features>(&self, scene: &Scene, ray: &Ray) -> (f32, Rgb) {
         if F::MEDIA {
-            return (1.0, scene.light_through(ray, &self.place.around));
+            return (1.0, scene.shadow_transmittance(ray, &self.enclosing.interior));
         }
         let open = scene.transmittance_with::<F>(ray);
         if F::SOLIDS && open > 0.0 {
-            (open, attenuation(scene, self.place.material, ray.t_max))
+            (open, attenuation(scene, self.enclosing.material, ray.t_max))
         } else {
             (open, Rgb::WHITE)
         }

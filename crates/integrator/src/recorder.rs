@@ -1,6 +1,6 @@
 //! Record of a path for replay: the events at each vertex.
 
-use crate::mnee::Search;
+use crate::mnee::ConnectionRecord;
 use crate::vertex::Scattering;
 use dunkelfeld_bsdf::Lobe;
 use dunkelfeld_radiometry::Rgb;
@@ -57,12 +57,12 @@ pub struct TraceConnection {
     /// The probability with which this chain was chosen among all candidate chains to the light.
     pub probability: f32,
     /// Number of rays that were traced through the cover.
-    pub shots: u32,
+    pub rays: u32,
     /// True if the solver found the chain.
-    pub has_arrived: bool,
+    pub has_converged: bool,
     /// Weight of the connection by the power heuristic. Scattering has the rest. It is 0 if no chain was found or if
     /// the chain is occluded.
-    pub share: f32,
+    pub mis_weight: f32,
     /// Radiance that the connection added [W/(m^2 sr)].
     pub contribution: Rgb,
 }
@@ -80,17 +80,17 @@ pub struct ConnectionTally {
     /// Number of attempted connections.
     pub attempts: u64,
     /// Number of connections whose chain was found.
-    pub arrived: u64,
+    pub converged: u64,
     /// Number of rays traced through covers for all connections. A plate needs one ray for each connection.
-    pub shots: u64,
+    pub rays: u64,
 }
 
 impl ConnectionTally {
     /// Adds another tally.
     pub fn add(&mut self, other: &Self) {
         self.attempts += other.attempts;
-        self.arrived += other.arrived;
-        self.shots += other.shots;
+        self.converged += other.converged;
+        self.rays += other.rays;
     }
 }
 
@@ -100,47 +100,47 @@ pub(crate) trait Recorder {
     /// The path has reached a vertex.
     fn vertex(&mut self, position: [f32; 3], material: Option<u32>, throughput: Rgb);
     /// The path has reached a vertex in the medium of a material.
-    fn medium(&mut self, position: [f32; 3], material: Option<u32>, throughput: Rgb);
+    fn medium_vertex(&mut self, position: [f32; 3], material: Option<u32>, throughput: Rgb);
     /// Emission was added at the current vertex.
-    fn emitted(&mut self, contribution: Rgb);
+    fn add_emitted(&mut self, contribution: Rgb);
     /// Direct light was added at the current vertex.
-    fn direct(&mut self, contribution: Rgb);
+    fn add_direct(&mut self, contribution: Rgb);
     /// A direction was chosen at the current vertex.
-    fn scattered(&mut self, scattering: &Scattering);
+    fn scattering(&mut self, scattering: &Scattering);
     /// A connection through a cover was attempted at the current vertex.
-    fn connection(&mut self, search: &Search);
-    /// The last connection found light and has this weight by the power heuristic.
-    fn shares(&mut self, share: f32);
+    fn connection(&mut self, record: &ConnectionRecord);
+    /// The last connection reached the light and has this MIS weight.
+    fn connection_mis_weight(&mut self, mis_weight: f32);
     /// Light of the last connection was added at the current vertex. Nothing is recorded if the light sample had no
     /// connection.
-    fn connected(&mut self, contribution: Rgb);
+    fn add_connection(&mut self, contribution: Rgb);
     /// The path has ended. All contributions are multiplied by this factor, the weight of the lens.
-    fn weigh(&mut self, factor: f32);
+    fn scale(&mut self, factor: f32);
 }
 
 impl Recorder for ConnectionTally {
     #[inline]
     fn vertex(&mut self, _: [f32; 3], _: Option<u32>, _: Rgb) {}
     #[inline]
-    fn medium(&mut self, _: [f32; 3], _: Option<u32>, _: Rgb) {}
+    fn medium_vertex(&mut self, _: [f32; 3], _: Option<u32>, _: Rgb) {}
     #[inline]
-    fn emitted(&mut self, _: Rgb) {}
+    fn add_emitted(&mut self, _: Rgb) {}
     #[inline]
-    fn direct(&mut self, _: Rgb) {}
+    fn add_direct(&mut self, _: Rgb) {}
     #[inline]
-    fn scattered(&mut self, _: &Scattering) {}
+    fn scattering(&mut self, _: &Scattering) {}
     #[inline]
-    fn connection(&mut self, search: &Search) {
+    fn connection(&mut self, record: &ConnectionRecord) {
         self.attempts += 1;
-        self.arrived += u64::from(search.has_arrived);
-        self.shots += u64::from(search.shots);
+        self.converged += u64::from(record.has_converged);
+        self.rays += u64::from(record.rays);
     }
     #[inline]
-    fn shares(&mut self, _: f32) {}
+    fn connection_mis_weight(&mut self, _: f32) {}
     #[inline]
-    fn connected(&mut self, _: Rgb) {}
+    fn add_connection(&mut self, _: Rgb) {}
     #[inline]
-    fn weigh(&mut self, _: f32) {}
+    fn scale(&mut self, _: f32) {}
 }
 
 impl Recorder for PathTrace {
@@ -157,60 +157,60 @@ impl Recorder for PathTrace {
         });
     }
 
-    fn medium(&mut self, position: [f32; 3], material: Option<u32>, throughput: Rgb) {
+    fn medium_vertex(&mut self, position: [f32; 3], material: Option<u32>, throughput: Rgb) {
         self.vertex(position, material, throughput);
         if let Some(v) = self.vertices.last_mut() {
             v.in_medium = true;
         }
     }
 
-    fn emitted(&mut self, contribution: Rgb) {
+    fn add_emitted(&mut self, contribution: Rgb) {
         if let Some(v) = self.vertices.last_mut() {
             v.emitted += contribution;
         }
     }
 
-    fn direct(&mut self, contribution: Rgb) {
+    fn add_direct(&mut self, contribution: Rgb) {
         if let Some(v) = self.vertices.last_mut() {
             v.direct += contribution;
         }
     }
 
-    fn scattered(&mut self, s: &Scattering) {
+    fn scattering(&mut self, s: &Scattering) {
         if let Some(v) = self.vertices.last_mut() {
             let (direction, pdf, weight, lobe) = (s.wi.to_array(), s.pdf, s.weight, s.lobe);
             v.scattered = Some(TraceScattering { direction, pdf, weight, lobe });
         }
     }
 
-    fn connection(&mut self, s: &Search) {
+    fn connection(&mut self, s: &ConnectionRecord) {
         if let Some(v) = self.vertices.last_mut() {
             v.connections.push(TraceConnection {
                 cover: s.stack,
                 chain: s.chain,
                 probability: s.probability,
-                shots: s.shots,
-                has_arrived: s.has_arrived,
-                share: 0.0,
+                rays: s.rays,
+                has_converged: s.has_converged,
+                mis_weight: 0.0,
                 contribution: Rgb::BLACK,
             });
         }
     }
 
-    fn shares(&mut self, share: f32) {
+    fn connection_mis_weight(&mut self, mis_weight: f32) {
         if let Some(c) = self.last_connection() {
-            c.share = share;
+            c.mis_weight = mis_weight;
         }
     }
 
-    fn connected(&mut self, contribution: Rgb) {
+    fn add_connection(&mut self, contribution: Rgb) {
         // A light sample without any chain adds no connection, and its contribution is black.
         if let Some(c) = self.last_connection() {
             c.contribution += contribution;
         }
     }
 
-    fn weigh(&mut self, factor: f32) {
+    fn scale(&mut self, factor: f32) {
         for v in &mut self.vertices {
             v.throughput *= factor;
             v.emitted *= factor;

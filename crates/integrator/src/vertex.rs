@@ -41,13 +41,13 @@ pub(crate) trait Vertex {
     fn sample(&self, u: [f32; 3]) -> Option<Scattering>;
 
     /// The state of the ray that continues in a direction.
-    fn leave(&self, wi: Vec3) -> RayState;
+    fn spawn_ray(&self, wi: Vec3) -> RayState;
 
     /// True for a surface that the auxiliary layers pass through: smooth glass or a mirror.
     fn is_see_through(&self) -> bool;
 
     /// Albedo and normal for the auxiliary layers.
-    fn look(&self) -> (Rgb, Vec3);
+    fn aov_features(&self) -> (Rgb, Vec3);
 
     /// Distance from the origin of the ray \[m\].
     fn distance(&self) -> f32;
@@ -58,33 +58,33 @@ pub(crate) trait Vertex {
 
 /// A point on a surface.
 pub(crate) struct SurfaceVertex<'a, F> {
-    pub(crate) met: SurfaceHit<'a>,
+    pub(crate) hit: SurfaceHit<'a>,
     pub(crate) shading: ShadingPoint<'a>,
     /// Direction toward the camera.
     pub(crate) wo: Vec3,
     wo_local: LocalDir,
-    arrived: RayState,
+    ray_state: RayState,
     features: PhantomData<F>,
 }
 
 impl<'a, F: Features> SurfaceVertex<'a, F> {
     /// The vertex at the surface that the ray has hit. `u_kind` in `[0, 1)` decides between the two kinds of a
-    /// stochastic surface. A BSDF that exists only for this point is stored in `own`.
+    /// stochastic surface. A BSDF that exists only for this point is stored in `storage`.
     #[inline]
     pub(crate) fn new(
         scene: &'a Scene,
-        arrived: RayState,
-        met: SurfaceHit<'a>,
+        ray_state: RayState,
+        hit: SurfaceHit<'a>,
         u_kind: f32,
-        own: &'a mut Option<Bsdf>,
+        storage: &'a mut Option<Bsdf>,
     ) -> Self {
-        let wo = -arrived.ray.direction;
-        let shading = match met.relative_index() {
-            Some(eta) if F::MEDIA => scene.shade_between(&met.hit, wo, u_kind, eta, own),
-            _ => scene.shade_with::<F>(&met.hit, wo, u_kind, own),
+        let wo = -ray_state.ray.direction;
+        let shading = match hit.relative_index() {
+            Some(eta) if F::MEDIA => scene.shade_between(&hit.surface, wo, u_kind, eta, storage),
+            _ => scene.shade_with::<F>(&hit.surface, wo, u_kind, storage),
         };
         let wo_local = shading.frame.to_local(wo);
-        Self { met, shading, wo, wo_local, arrived, features: PhantomData }
+        Self { hit, shading, wo, wo_local, ray_state, features: PhantomData }
     }
 
     /// The event of a smooth surface that is chosen by the number `u_lobe` in `[0, 1)`.
@@ -96,7 +96,7 @@ impl<'a, F: Features> SurfaceVertex<'a, F> {
     /// A world direction in the local frame. `None` if local frame and geometric normal disagree about its side.
     #[inline]
     fn consistent(&self, wi: Vec3) -> Option<LocalDir> {
-        self.shading.local_direction(self.met.hit.normal, wi)
+        self.shading.local_direction(self.hit.surface.normal, wi)
     }
 }
 
@@ -125,7 +125,7 @@ impl<F: Features> Vertex for SurfaceVertex<'_, F> {
     fn sample(&self, [u_x, u_y, u_lobe]: [f32; 3]) -> Option<Scattering> {
         let BsdfSample { wi, weight, pdf, lobe, eta } = self.shading.bsdf.sample(self.wo_local, u_lobe, [u_x, u_y])?;
         let world = self.shading.frame.to_world(wi);
-        self.shading.consistent(self.met.hit.normal, world, wi).then_some(Scattering {
+        self.shading.consistent(self.hit.surface.normal, world, wi).then_some(Scattering {
             wi: world,
             weight,
             pdf,
@@ -135,8 +135,8 @@ impl<F: Features> Vertex for SurfaceVertex<'_, F> {
     }
 
     #[inline]
-    fn leave(&self, wi: Vec3) -> RayState {
-        self.arrived.leave::<F>(&self.met, &self.shading, self.wo, wi)
+    fn spawn_ray(&self, wi: Vec3) -> RayState {
+        self.ray_state.spawn_ray::<F>(&self.hit, &self.shading, self.wo, wi)
     }
 
     #[inline]
@@ -145,18 +145,18 @@ impl<F: Features> Vertex for SurfaceVertex<'_, F> {
     }
 
     #[inline]
-    fn look(&self) -> (Rgb, Vec3) {
+    fn aov_features(&self) -> (Rgb, Vec3) {
         (self.shading.bsdf.albedo(self.wo_local), self.shading.frame.normal)
     }
 
     #[inline]
     fn distance(&self) -> f32 {
-        self.met.hit.distance
+        self.hit.surface.distance
     }
 
     #[inline]
     fn surface(&self) -> Option<&SurfacePoint> {
-        Some(&self.met.hit)
+        Some(&self.hit.surface)
     }
 }
 
@@ -169,17 +169,17 @@ pub(crate) struct MediumVertex<'a> {
     wo: Vec3,
     receiver: LightSampleContext,
     distance: f32,
-    arrived: RayState,
+    ray_state: RayState,
 }
 
 impl<'a> MediumVertex<'a> {
     /// The point at a distance \[m\] along the ray through a medium.
     #[inline]
-    pub(crate) fn new(medium: &'a Medium, arrived: RayState, distance: f32) -> Self {
-        let point = arrived.ray.at(distance);
+    pub(crate) fn new(medium: &'a Medium, ray_state: RayState, distance: f32) -> Self {
+        let point = ray_state.ray.at(distance);
         // A receiver without a surface: it accepts light from all directions.
         let receiver = LightSampleContext { point, normal: Vec3::ZERO, both_sides: true };
-        Self { medium, point, wo: -arrived.ray.direction, receiver, distance, arrived }
+        Self { medium, point, wo: -ray_state.ray.direction, receiver, distance, ray_state }
     }
 }
 
@@ -210,8 +210,8 @@ impl Vertex for MediumVertex<'_> {
     }
 
     #[inline]
-    fn leave(&self, wi: Vec3) -> RayState {
-        self.arrived.turned(self.point, wi)
+    fn spawn_ray(&self, wi: Vec3) -> RayState {
+        self.ray_state.spawn_in_medium(self.point, wi)
     }
 
     #[inline]
@@ -220,7 +220,7 @@ impl Vertex for MediumVertex<'_> {
     }
 
     #[inline]
-    fn look(&self) -> (Rgb, Vec3) {
+    fn aov_features(&self) -> (Rgb, Vec3) {
         (self.medium.albedo(), self.wo)
     }
 

@@ -1,7 +1,7 @@
 //! Estimates of single samples: the recorded path reproduces the sample, and pixel ids name the front surface.
 
 use dunkelfeld_geometry::{DVec3, Vec3};
-use dunkelfeld_integrator::{Estimator, Label, PixelSample, label};
+use dunkelfeld_integrator::{Estimator, PixelIds, PixelSample, pixel_ids};
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_scene::shapes::{cuboid, rectangle, sphere};
 use dunkelfeld_scene::{
@@ -34,7 +34,7 @@ fn room() -> (Scene, RayGenerator) {
 }
 
 #[test]
-fn a_trace_adds_up_to_its_sample_and_its_weights_chain() {
+fn a_trace_sums_to_its_sample_and_its_throughputs_are_products() {
     let (scene, camera) = room();
     let estimator = Estimator { scene: &scene, camera: &camera, width: SIZE, seed: 4, frame: 2 };
     let (mut longest, mut lit) = (0, 0);
@@ -64,7 +64,7 @@ fn a_trace_adds_up_to_its_sample_and_its_weights_chain() {
 
 /// The weight of the lens applies to the recorded path as to the sample, and depth is measured from the lens.
 #[test]
-fn a_trace_through_a_darkening_lens_adds_up_too() {
+fn a_trace_through_a_vignetting_lens_sums_to_its_sample() {
     let (scene, _) = room();
     let mut camera = scene.cameras()[0].clone();
     let blades = Some(Blades { count: 5, rotation: 0.2 });
@@ -91,10 +91,11 @@ fn a_trace_through_a_darkening_lens_adds_up_too() {
 }
 
 #[test]
-fn labels_look_through_what_covers_less_than_half() {
+fn pixel_ids_ignore_surfaces_that_cover_less_than_half() {
     // The veil stands between camera and room and covers 0.3 of it. No pixel has its ids.
     let (scene, camera) = room();
-    let labels: Vec<Option<Label>> = (0..SIZE * SIZE).map(|k| label(&scene, &camera, k % SIZE, k / SIZE)).collect();
+    let labels: Vec<Option<PixelIds>> =
+        (0..SIZE * SIZE).map(|k| pixel_ids(&scene, &camera, k % SIZE, k / SIZE)).collect();
     let count = |object| labels.iter().flatten().filter(|l| l.object() == object).count();
     let names = ["floor", "ball", "box", "veil", "light"];
     assert_eq!(scene.object_names(), names);
@@ -103,7 +104,7 @@ fn labels_look_through_what_covers_less_than_half() {
 }
 
 #[test]
-fn samples_depend_on_every_part_of_their_name_and_on_nothing_else() {
+fn samples_depend_on_all_coordinates_and_on_nothing_else() {
     let (scene, camera) = room();
     let of = |seed, frame, x, y, index| {
         let estimator = Estimator { scene: &scene, camera: &camera, width: SIZE, seed, frame };

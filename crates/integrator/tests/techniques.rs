@@ -58,14 +58,14 @@ fn moments(scene: &Scene, seed: u64) -> SampleMoments {
 }
 
 #[test]
-fn without_every_light_the_mean_stays_and_the_choice_changes() {
+fn without_every_light_the_mean_is_equal_and_the_choice_differs() {
     for count in [2, 4] {
         let with = built(room(count));
         let mut left_out = room(count);
         assert!(left_out.leave_out(Effect::EveryLight), "it can be left out");
         let without = built(left_out);
 
-        assert_eq!(with.effects().callers(Effect::EveryLight), [format!("{count} lights")]);
+        assert_eq!(with.effects().users(Effect::EveryLight), [format!("{count} lights")]);
         assert!(!without.effects().has(Effect::EveryLight));
         assert_eq!([0, 1, 2].map(|v| with.light_choice_at(v, false)), [LightChoice::Each; 3]);
         assert_eq!(
@@ -91,7 +91,7 @@ fn without_every_light_the_mean_stays_and_the_choice_changes() {
 
 /// With a single light there is no choice, and the image is the same to the last bit.
 #[test]
-fn a_single_light_does_not_call_for_it() {
+fn a_single_light_does_not_use_every_light() {
     let with = built(room(1));
     let mut left_out = room(1);
     assert!(left_out.leave_out(Effect::EveryLight));

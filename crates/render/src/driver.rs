@@ -18,7 +18,7 @@ use dunkelfeld_adaptive::budget::{Limits, Phase, Schedule, Settings, Step, StopR
 use dunkelfeld_adaptive::plan;
 use dunkelfeld_adaptive::tile_cost::{CostMap, TileGrid, WorkUnit, makespan, upper_makespan};
 use dunkelfeld_film::{Film, Plane};
-use dunkelfeld_integrator::{ConnectionTally, Estimator, Label, PixelSample, label};
+use dunkelfeld_integrator::{ConnectionTally, Estimator, PixelIds, PixelSample, pixel_ids};
 use dunkelfeld_scene::{RayGenerator, Scene};
 use rayon::prelude::*;
 use std::time::Instant;
@@ -113,7 +113,7 @@ pub fn render_with_dry_run(
     session.install(|| {
         let began = Instant::now();
         let sums = Film::with_layers(settings.width, settings.height, settings.film_layers());
-        let ids = pixel_ids(scene, &camera, settings.width, settings.height);
+        let ids = pixel_id_plane(scene, &camera, settings.width, settings.height);
         let film = RenderedFilm { sums, ids, object_names: scene.object_names().to_vec() };
         let (writer, saved) = match &settings.checkpoint {
             Some(keep) => {
@@ -235,7 +235,7 @@ impl<'a> Renderer<'a> {
             course: self.course.clone(),
             planner: self.planner.state(),
             forecast: self.planner.forecast().cloned(),
-            connections: [self.connections.attempts, self.connections.arrived, self.connections.shots],
+            connections: [self.connections.attempts, self.connections.converged, self.connections.rays],
             stages: self.stages.clone(),
             invalid: self.invalid.iter().map(|s| [s.x, s.y, s.index]).collect(),
         }
@@ -566,10 +566,10 @@ struct Pass<'a> {
     stage: Stage,
 }
 
-fn pixel_ids(scene: &Scene, camera: &RayGenerator, width: u32, height: u32) -> Plane<Option<Label>> {
+fn pixel_id_plane(scene: &Scene, camera: &RayGenerator, width: u32, height: u32) -> Plane<Option<PixelIds>> {
     let mut labels = Plane::new(width, height, None);
     labels.data_mut().par_chunks_mut((width as usize).max(1)).enumerate().for_each(|(y, row)| {
-        (0..).zip(row).for_each(|(x, to)| *to = label(scene, camera, x, y as u32));
+        (0..).zip(row).for_each(|(x, to)| *to = pixel_ids(scene, camera, x, y as u32));
     });
     labels
 }

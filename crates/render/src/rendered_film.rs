@@ -1,7 +1,7 @@
 //! A rendered film together with the object and material ids of its pixels.
 
 use dunkelfeld_film::{Film, Plane};
-use dunkelfeld_integrator::Label;
+use dunkelfeld_integrator::PixelIds;
 
 /// Exact sums per pixel, and the surface at the centre of each pixel.
 #[derive(Clone, Debug, PartialEq)]
@@ -9,7 +9,7 @@ pub struct RenderedFilm {
     /// Sums of radiance and of auxiliary layers.
     pub sums: Film,
     /// Object and material at the centre of each pixel; `None` where no surface is hit.
-    pub ids: Plane<Option<Label>>,
+    pub ids: Plane<Option<PixelIds>>,
     /// Names of the objects, by id.
     pub object_names: Vec<String>,
 }

@@ -37,9 +37,9 @@ pub type AllFeatures = KernelFeatures<true, true, true, true>;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
 pub struct FeatureSet {
     /// See [`Features::TEXTURED`].
-    pub detail: bool,
+    pub textured: bool,
     /// See [`Features::STOCHASTIC`].
-    pub chance: bool,
+    pub stochastic: bool,
     /// See [`Features::SOLIDS`].
     pub solids: bool,
     /// See [`Features::MEDIA`].
@@ -48,14 +48,14 @@ pub struct FeatureSet {
 
 impl FeatureSet {
     /// All features.
-    pub const ALL: Self = Self { detail: true, chance: true, solids: true, media: true };
+    pub const ALL: Self = Self { textured: true, stochastic: true, solids: true, media: true };
 
     /// The union of two sets.
     #[must_use]
     pub fn union(self, other: Self) -> Self {
         Self {
-            detail: self.detail || other.detail,
-            chance: self.chance || other.chance,
+            textured: self.textured || other.textured,
+            stochastic: self.stochastic || other.stochastic,
             solids: self.solids || other.solids,
             media: self.media || other.media,
         }

@@ -25,7 +25,7 @@ pub use build::builder::{
     Camera, Environment, EnvironmentSource, Instance, MeshPart, Projection, PunctualKind, PunctualLight, SceneBuilder,
 };
 pub use build::compile::BuildError;
-pub use build::effects::{Effect, Effects, kernel_words};
+pub use build::effects::{Effect, Effects, kernel_features};
 pub use build::fingerprint::digest;
 pub use build::report::{BuildReport, Finding, Severity};
 pub use camera::distortion::Distortion;

@@ -137,7 +137,7 @@ mod tests {
     use dunkelfeld_geometry::health::{MeshHealth, clean};
 
     #[test]
-    fn bodies_are_closed_and_wind_outward() {
+    fn shapes_are_closed_and_their_normals_point_outward() {
         let r = 0.5;
         let dome = |side: usize, x: f64, y: f64| 0.1 * side as f64 + 0.2 * (1.0 - x * x) * (1.0 - 4.0 * y * y);
         let disc = [(0.0, 0.0), (1.0, 0.0), (1.0, 0.5), (0.0, 0.5)].map(Vec2::from);

@@ -9,7 +9,7 @@ use dunkelfeld_scene::{
 };
 
 /// A change that makes a valid scene invalid.
-type Spoil = Box<dyn Fn(&mut SceneBuilder)>;
+type Corrupt = Box<dyn Fn(&mut SceneBuilder)>;
 
 /// One white square of a metre in the xy plane, facing +z.
 fn square() -> SceneBuilder {
@@ -37,7 +37,7 @@ fn an_empty_scene_is_dark_with_a_report() {
 }
 
 #[test]
-fn objects_without_anything_to_see_are_fine() {
+fn empty_objects_are_accepted() {
     let mut b = square();
     b.meshes.push(MeshPart { name: "empty".into(), mesh: Mesh::default(), material: 0 });
     let points = Mesh { positions: vec![Vec3::ZERO; 3], triangles: vec![[0, 1, 2]], ..Mesh::default() };
@@ -51,7 +51,7 @@ fn objects_without_anything_to_see_are_fine() {
 }
 
 #[test]
-fn transforms_that_flatten_or_are_no_numbers_leave_their_object_out() {
+fn singular_or_non_finite_transforms_remove_their_object() {
     let bad = [
         DAffine3::from_scale(DVec3::new(1.0, 1.0, 0.0)),
         DAffine3::from_scale(DVec3::splat(f64::NAN)),
@@ -82,9 +82,9 @@ fn a_scene_beyond_the_range_of_numbers_is_refused() {
 }
 
 #[test]
-fn indices_that_point_nowhere_are_named() {
+fn indices_out_of_range_are_named() {
     let texture = Texture::new(ImageId(3), ColorEncoding::Linear);
-    let cases: [(&str, Spoil); 4] = [
+    let cases: [(&str, Corrupt); 4] = [
         ("material 9", Box::new(|b| b.meshes[0].material = 9)),
         ("mesh 7", Box::new(|b| b.instances[0].meshes.push(7))),
         ("image 3", Box::new(move |b| b.materials[0].normal_texture = Some(texture))),
@@ -105,12 +105,12 @@ fn indices_that_point_nowhere_are_named() {
 }
 
 #[test]
-fn values_without_meaning_are_refused_by_name() {
+fn invalid_values_are_refused_by_name() {
     let nan = f32::NAN;
     let light = |kind| PunctualLight { name: "l".into(), to_world: DAffine3::IDENTITY, kind };
     let environment =
         |r: f32, rotation| Some(Environment { source: EnvironmentSource::Constant(Rgb::splat(r)), rotation });
-    let cases: Vec<(&str, Spoil)> = vec![
+    let cases: Vec<(&str, Corrupt)> = vec![
         ("emission", Box::new(|b| b.materials[0].emission = Rgb::new(0.0, -1.0, 0.0))),
         ("emission", Box::new(move |b| b.materials[0].emission = Rgb::splat(nan))),
         ("colours", Box::new(|b| b.materials[0].sheen_color = Rgb::splat(f32::INFINITY))),
@@ -216,7 +216,7 @@ fn a_scene_that_loses_every_triangle_is_an_error() {
 }
 
 #[test]
-fn texels_that_are_no_light_count_as_black() {
+fn invalid_radiance_texels_are_replaced_by_black() {
     let texels = Texels::RgbF32(vec![[f32::NAN, 1.0, -1.0], [1.0, f32::INFINITY, 1.0]]);
     let mut b = square();
     b.images.push(Image { name: "broken".into(), width: 2, height: 1, texels });

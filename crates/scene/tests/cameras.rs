@@ -1,7 +1,7 @@
 //! Cameras against geometric optics: closed forms of the thin and the telecentric lens, apertures, the film's geometry.
 //!
-//! Replay: `cargo test -p dunkelfeld-scene --test cameras NAME`. Random numbers are fixed. False-alarm rate: 1e-9 for each
-//! of fewer than 60 statistical checks.
+//! Replay: `cargo test -p dunkelfeld-scene --test cameras NAME`. Random numbers are fixed. False-alarm rate: 1e-9 for
+//! each of fewer than 60 statistical checks.
 
 use dunkelfeld_geometry::{DAffine3, DVec3, Ray};
 use dunkelfeld_sampling::mix64;
@@ -337,7 +337,7 @@ fn a_camera_and_its_scene_moved_by_a_kilometre_make_the_same_rays() {
 }
 
 #[test]
-fn impossible_lenses_are_refused_in_words() {
+fn invalid_lenses_are_refused_with_a_message() {
     let aperture = |opening, focus_distance, count| {
         let blades = (count != 0).then_some(Blades { count, rotation: 0.0 });
         Lens { aperture: Some(Aperture { opening, focus_distance, blades }), ..Lens::default() }

@@ -52,7 +52,7 @@ fn assert_near(a: f64, b: f64, tolerance: f64, what: &str) {
 }
 
 #[test]
-fn a_flat_cover_is_found_and_called_for_by_its_material() {
+fn a_flat_cover_is_detected_and_listed_with_its_material() {
     let scene = scene(vec![(plate(0.001, 0.005), clear("pmma", 1.49))]);
     let [stack] = scene.covers() else { panic!("{} stacks", scene.covers().len()) };
     assert!(stack.is_flat());
@@ -68,7 +68,7 @@ fn a_flat_cover_is_found_and_called_for_by_its_material() {
         assert_near(size.min_element(), 0.06, 2e-8, "width");
         assert!(interface.deviation < 2e-8);
     }
-    assert_eq!(scene.effects().callers(Effect::CoverConnection), ["material \"pmma\""]);
+    assert_eq!(scene.effects().users(Effect::CoverConnection), ["material \"pmma\""]);
     // Its faces belong to it, the floor does not.
     let down = |x: f32| Ray::new((DVec3::new(x.into(), 0.0, 1.0) - scene.world_origin()).as_vec3(), Vec3::NEG_Z);
     let [cover, floor] = [0.0, 0.1].map(|x| scene.intersect(&down(x)).expect("something is below"));
@@ -76,14 +76,14 @@ fn a_flat_cover_is_found_and_called_for_by_its_material() {
 }
 
 #[test]
-fn left_out_it_is_not_found_and_nothing_else_changes() {
+fn without_the_technique_no_cover_is_detected_and_the_scene_is_unchanged() {
     let mut b = builder(vec![(plate(0.001, 0.005), clear("pmma", 1.49))]);
     let with = b.clone().build().expect("valid").0;
     assert!(b.leave_out(Effect::CoverConnection));
     let without = b.build().expect("valid").0;
     assert!(without.covers().is_empty() && !without.effects().has(Effect::CoverConnection));
     for effect in Effect::ALL.into_iter().filter(|&e| e != Effect::CoverConnection) {
-        assert_eq!(with.effects().callers(effect), without.effects().callers(effect));
+        assert_eq!(with.effects().users(effect), without.effects().users(effect));
     }
     assert_eq!(with.features(), without.features());
     let ray = Ray::new((DVec3::Z - with.world_origin()).as_vec3(), Vec3::NEG_Z);
@@ -92,7 +92,7 @@ fn left_out_it_is_not_found_and_nothing_else_changes() {
 }
 
 #[test]
-fn what_is_no_cover_is_not_found() {
+fn other_objects_are_not_detected_as_covers() {
     let pmma = || clear("pmma", 1.49);
     let rough = Material { roughness: 0.2, ..pmma() };
     let half = Material { transmission: 0.5, ..pmma() };
@@ -124,7 +124,7 @@ fn what_is_no_cover_is_not_found() {
 }
 
 #[test]
-fn covers_are_found_wherever_and_however_they_are_placed() {
+fn covers_are_detected_at_any_position_and_rotation() {
     // Tilted, scaled unevenly, mirrored, far from the origin; moved to render space, or instanced among many triangles.
     for (mirror, instanced) in [(1.0, false), (-1.0, false), (1.0, true), (-1.0, true)] {
         let turn = DQuat::from_axis_angle(DVec3::new(0.6, 0.0, 0.8), 0.5);
@@ -150,7 +150,8 @@ fn covers_are_found_wherever_and_however_they_are_placed() {
         assert_eq!(scene.covers().len(), if instanced { 2 } else { 1 }, "mirror {mirror}");
         let stack = scene.covers().iter().max_by(|a, b| a.thickness(1).total_cmp(&b.thickness(1))).expect("a cover");
         assert_near(stack.axis().dot(turn * DVec3::Z).abs(), 1.0, 1e-9, "axis");
-        // Thickness along z is doubled; f32 knows places 40 m away to 4 micrometres when they are baked around the origin.
+        // Thickness along z is doubled; f32 knows places 40 m away to 4 micrometres when they are baked around the
+        // origin.
         assert_near(stack.thickness(1), 0.008, 2e-6, "thickness");
         assert!(stack.is_flat());
     }
@@ -180,7 +181,7 @@ fn a_moulded_cover_is_found_and_is_not_flat() {
 }
 
 #[test]
-fn chamfers_engravings_and_holes_do_not_hide_the_planes() {
+fn chamfers_engravings_and_holes_do_not_prevent_detection() {
     let chamfered = [(0.0, 0.001), (0.0397, 0.001), (0.04, 0.0013), (0.04, 0.0047), (0.0397, 0.005), (0.0, 0.005)];
     let engraved = [
         (0.01, 0.001),
@@ -235,7 +236,7 @@ fn sheets_above_each_other_are_one_stack() {
     let alike = scene(vec![(plate(0.001, 0.005), pmma()), (plate(0.005, 0.006), clear("other pmma", 1.49))]);
     assert_eq!(layers(&alike), (vec![1.0, 1.49, 1.0], vec![5.0]));
     assert_eq!(alike.covers()[0].layers()[1].materials.len(), 2);
-    assert_eq!(alike.effects().callers(Effect::CoverConnection).len(), 2);
+    assert_eq!(alike.effects().users(Effect::CoverConnection).len(), 2);
     // An air gap of ten micrometres is one.
     let narrow = scene(vec![(plate(0.001, 0.005), pmma()), (plate(0.005_01, 0.006), film())]);
     assert_eq!(layers(&narrow).0.len(), 5);
@@ -265,7 +266,7 @@ fn sheets_side_by_side_or_at_an_angle_are_stacks_of_their_own() {
 }
 
 #[test]
-fn a_pile_too_high_for_one_stack_is_more_than_one() {
+fn too_many_sheets_form_several_stacks() {
     let sheets = (0..20).map(|k| (plate(0.001 * k as f32, 0.001 * k as f32 + 0.0005), clear("pmma", 1.49))).collect();
     let scene = scene(sheets);
     let interfaces: Vec<usize> = scene.covers().iter().map(|s| s.interfaces().len()).collect();
@@ -303,7 +304,7 @@ fn trace(scene: &Scene, x: Vec3, seed: &Seed, chain: Chain, mut inside: f64, y: 
             inside = behind;
         }
         direction = direction.normalize();
-        origin = hit.leave(direction.as_vec3());
+        origin = hit.ray_origin(direction.as_vec3());
     }
     let way = y.as_dvec3() - origin.as_dvec3();
     // Nothing may be in between, and the chain must have the right direction.
@@ -340,7 +341,7 @@ fn compare(scene: &Scene, below: f32, inside: Option<u32>, turned: bool) -> [usi
 }
 
 #[test]
-fn seeds_of_flat_stacks_run_through_the_real_mesh() {
+fn seeds_of_flat_stacks_pass_through_the_real_mesh() {
     let (pmma, film) = (|| clear("pmma", 1.49), || clear("film", 1.58));
     for (what, objects) in [
         ("a plate", vec![(plate(0.001, 0.005), pmma())]),
@@ -369,7 +370,7 @@ fn seeds_from_inside_start_inside() {
 }
 
 #[test]
-fn a_milky_solid_that_touches_the_stack_is_where_chains_may_start() {
+fn chains_may_start_in_a_scattering_solid_in_contact_with_the_stack() {
     let milky = |ior| {
         let volume = Volume { scattering: dunkelfeld_radiometry::Rgb::splat(100.0), ..Volume::default() };
         Material { surface: Surface::Solid(volume), ..clear("milky", ior) }
@@ -399,7 +400,7 @@ fn a_milky_solid_that_touches_the_stack_is_where_chains_may_start() {
 }
 
 #[test]
-fn chains_leave_the_layer_of_the_receiver_for_that_of_the_light() {
+fn chains_connect_the_layers_of_receiver_and_light() {
     let scene = scene(vec![(plate(0.001, 0.005), clear("pmma", 1.49)), (plate(0.006, 0.0065), clear("film", 1.58))]);
     let stack = &scene.covers()[0];
     let at = |z: f64| (DVec3::new(0.0, 0.0, z) - scene.world_origin()).as_vec3();
@@ -438,7 +439,7 @@ fn light_from_infinity_is_found_behind_the_plate() {
 }
 
 #[test]
-fn what_passes_the_cover_is_never_said_to_pass_beside_it() {
+fn no_chain_through_the_cover_is_excluded() {
     // Chains are computed with a sheet that is wide enough for all, and traced through a sheet whose rim many of them
     // miss.
     let square = |half: f32| cuboid(Vec3::new(-half, -half, 0.001), Vec3::new(half, half, 0.003));

@@ -34,7 +34,7 @@ fn model(coefficients: &[f64]) -> Distortion {
 }
 
 #[test]
-fn points_are_seen_where_opencv_sees_them() {
+fn projected_points_equal_those_of_opencv() {
     for (coefficients, which) in [(&BARREL[..], 0), (&RATIONAL[..], 1)] {
         let model = model(coefficients);
         let film = camera(model, [0.0; 2]).expect("invertible");
@@ -79,7 +79,7 @@ fn the_model_is_opencvs_formula() {
 
 /// Coefficients from mild to extreme. Those that cannot be inverted over the film are refused, all others are inverted.
 #[test]
-fn whatever_is_accepted_is_undone_everywhere_on_the_film() {
+fn accepted_distortions_are_inverted_on_the_whole_film() {
     let mut state = 1u64;
     let mut next = |scale: f64| {
         state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
@@ -104,7 +104,7 @@ fn whatever_is_accepted_is_undone_everywhere_on_the_film() {
             let direction = undistorter.inverse(place);
             let back = m.forward(direction);
             let gap = (back[0] - place[0]).hypot(back[1] - place[1]);
-            assert!(gap <= 1e-12 * reach && undistorter.holds(direction), "{m:?}: {gap} at {place:?} of {reach}");
+            assert!(gap <= 1e-12 * reach && undistorter.is_valid(direction), "{m:?}: {gap} at {place:?} of {reach}");
             // There is no other one: the derivatives from the axis outward keep the order of places.
             let ahead = m.forward([0.999 * direction[0], 0.999 * direction[1]]);
             let along = (back[0] - ahead[0]) * direction[0] + (back[1] - ahead[1]) * direction[1];
@@ -116,7 +116,7 @@ fn whatever_is_accepted_is_undone_everywhere_on_the_film() {
 
 /// Rays and projections of f32 and f64: the projection of a ray is its film point.
 #[test]
-fn rays_come_back_to_their_film_points() {
+fn rays_project_back_to_their_film_points() {
     for coefficients in [&BARREL[..], &RATIONAL[..]] {
         let film = camera(model(coefficients), [21.0, -13.5]).expect("invertible");
         for i in 0..=64u16 {

@@ -46,95 +46,108 @@ fn hazards(b: SceneBuilder) -> Vec<String> {
 
 /// One hazard, about the object, with the words and with help.
 #[track_caller]
-fn says(b: SceneBuilder, about: &str, words: &[&str]) {
+fn contains_message(b: SceneBuilder, about: &str, words: &[&str]) {
     let found = hazards(b);
     let of_it = found.iter().find(|h| h.starts_with(about) && words.iter().all(|w| h.contains(w)));
     assert!(of_it.is_some(), "nothing about {about} with {words:?} in {found:#?}");
 }
 
 #[track_caller]
-fn quiet(b: SceneBuilder, what: &str) {
+fn assert_no_hazards(b: SceneBuilder, what: &str) {
     let found = hazards(b);
     assert!(found.is_empty(), "{what}: {found:#?}");
 }
 
 #[test]
-fn sound_scenes_are_left_in_peace() {
-    quiet(table(), "a table and a lamp");
-    quiet(with(opaque("ball"), sphere(Vec3::new(0.1, 0.1, 0.3), 0.2, 24, true)), "a smooth ball");
-    quiet(with(glass("pane"), cuboid(Vec3::new(-0.1, -0.1, 0.1), Vec3::new(0.1, 0.1, 0.104))), "a pane in the air");
-    quiet(with(opaque("box"), cuboid(Vec3::new(-0.1, -0.1, 0.0), Vec3::new(0.1, 0.1, 0.1))), "a box on the table");
+fn valid_scenes_have_no_hazards() {
+    assert_no_hazards(table(), "a table and a lamp");
+    assert_no_hazards(with(opaque("ball"), sphere(Vec3::new(0.1, 0.1, 0.3), 0.2, 24, true)), "a smooth ball");
+    assert_no_hazards(
+        with(glass("pane"), cuboid(Vec3::new(-0.1, -0.1, 0.1), Vec3::new(0.1, 0.1, 0.104))),
+        "a pane in the air",
+    );
+    assert_no_hazards(
+        with(opaque("box"), cuboid(Vec3::new(-0.1, -0.1, 0.0), Vec3::new(0.1, 0.1, 0.1))),
+        "a box on the table",
+    );
     // Two solids that share a face form one interface, and a needle is a valid triangle.
     let mut b = with(glass("left"), cuboid(Vec3::new(-0.1, -0.1, 0.1), Vec3::new(0.0, 0.1, 0.2)));
     let m = b.add_material(glass("right"));
     b.add_object("right", cuboid(Vec3::new(0.0, -0.1, 0.1), Vec3::new(0.1, 0.1, 0.2)), m);
-    quiet(b, "two blocks that touch");
-    quiet(with(opaque("needle"), rectangle(Vec3::new(0.0, 0.0, 0.2), Vec3::X * 0.3, Vec3::Y * 1e-5)), "a needle");
+    assert_no_hazards(b, "two blocks that touch");
+    assert_no_hazards(
+        with(opaque("needle"), rectangle(Vec3::new(0.0, 0.0, 0.2), Vec3::X * 0.3, Vec3::Y * 1e-5)),
+        "a needle",
+    );
     // At a kilometre from the world's origin nothing is reported, because scenes are recentred.
     let mut b = table();
     b.instances.iter_mut().for_each(|i| i.to_world = DAffine3::from_translation(DVec3::splat(1e3)));
-    quiet(b, "a table a kilometre away");
+    assert_no_hazards(b, "a table a kilometre away");
 }
 
 #[test]
-fn sizes_that_f32_cannot_hold() {
+fn sizes_below_the_precision_of_f32_are_hazards() {
     // Half a kilometre from the middle a part of a millimetre is fifteen to thirty steps large.
     let mut b = with(opaque("steel"), cuboid(Vec3::splat(-5e-4), Vec3::splat(5e-4)));
     b.instances[2].to_world = DAffine3::from_translation(DVec3::new(500.0, 0.0, 0.0));
     let m = b.add_material(opaque("far"));
     b.add_object("far", rectangle(Vec3::new(-501.0, 0.0, 0.0), Vec3::X, Vec3::Y), m);
-    says(b, "object \"thing\"", &["lies 500", "steps of 3.1e-5 m", "model it around the object"]);
+    contains_message(b, "object \"thing\"", &["lies 500", "steps of 3.1e-5 m", "model it around the object"]);
     // A film of half a micrometre half a metre away from the middle, with any tilt.
     let film = cuboid(Vec3::new(-0.05, -0.05, 0.0), Vec3::new(0.05, 0.05, 5e-7));
     let mut b = with(glass("film"), film);
     b.instances[2].to_world = DAffine3::from_axis_angle(DVec3::new(0.6, 0.0, 0.8), 0.7)
         * DAffine3::from_translation(DVec3::new(0.3, 0.3, 0.4));
-    says(b, "object \"thing\"", &["is a solid", "thick where coordinates go in steps of", "thickness 0"]);
+    contains_message(b, "object \"thing\"", &["is a solid", "thick where coordinates go in steps of", "thickness 0"]);
     // Triangles a tenth of a micrometre high.
     let needle = rectangle(Vec3::new(0.4, 0.4, 0.2), Vec3::new(0.05, 0.05, 0.0), Vec3::new(0.0, 1e-7, 0.0));
-    says(with(opaque("needle"), needle), "object \"thing\"", &["2 triangles", "rounding noise", "remesh"]);
+    contains_message(with(opaque("needle"), needle), "object \"thing\"", &["2 triangles", "rounding noise", "remesh"]);
     // A mesh of a centimetre at a kilometre from its own origin, moved back by its transform.
     let mut b = with(opaque("cad"), cuboid(Vec3::new(1000.0, 0.0, 0.0), Vec3::new(1000.01, 0.01, 0.01)));
     b.instances[2].to_world = DAffine3::from_translation(DVec3::new(-1000.0, 0.0, 0.1));
-    says(b, "mesh \"thing\"", &["from their own origin", "when it was written", "export it around"]);
+    contains_message(b, "mesh \"thing\"", &["from their own origin", "when it was written", "export it around"]);
 }
 
 #[test]
-fn faces_that_lie_in_each_other() {
+fn coplanar_overlapping_faces_are_hazards() {
     let upper = rectangle(Vec3::new(-0.2, -0.2, 0.0), Vec3::X * 0.3, Vec3::Y * 0.3);
-    says(with(opaque("paper"), upper.clone()), "object \"table\"", &["object \"thing\"", "decided by rounding"]);
-    says(with(lamp(), upper), "object \"table\"", &["one of them shines", "move the emitter"]);
+    contains_message(
+        with(opaque("paper"), upper.clone()),
+        "object \"table\"",
+        &["object \"thing\"", "decided by rounding"],
+    );
+    contains_message(with(lamp(), upper), "object \"table\"", &["one of them shines", "move the emitter"]);
     let block = cuboid(Vec3::new(-0.2, -0.2, 0.0), Vec3::new(0.2, 0.2, 0.1));
-    says(with(glass("block"), block), "object \"table\"", &["clear solid", "glued", "leave a gap"]);
+    contains_message(with(glass("block"), block), "object \"table\"", &["clear solid", "glued", "leave a gap"]);
     let near = cuboid(Vec3::new(-0.2, -0.2, 1e-6), Vec3::new(0.2, 0.2, 0.1));
-    says(with(glass("block"), near), "object \"table\"", &["the gap has an error of", "make it wider"]);
+    contains_message(with(glass("block"), near), "object \"table\"", &["the gap has an error of", "make it wider"]);
     let twin = rectangle(Vec3::new(-0.1, -0.1, 0.8), Vec3::Y * 0.2, Vec3::X * 0.2);
-    says(with(lamp(), twin), "object \"bulb\"", &["both shine", "delete one"]);
+    contains_message(with(lamp(), twin), "object \"bulb\"", &["both shine", "delete one"]);
     // In one plane, but beside each other; and above each other, but tilted.
     let beside = rectangle(Vec3::new(0.5, -0.5, 0.0), Vec3::X, Vec3::Y);
-    quiet(with(opaque("second"), beside), "two tables side by side");
+    assert_no_hazards(with(opaque("second"), beside), "two tables side by side");
     let tilted = rectangle(Vec3::new(-0.2, -0.2, 0.001), Vec3::new(0.3, 0.0, 0.01), Vec3::Y * 0.3);
-    quiet(with(opaque("card"), tilted), "a card at an angle");
+    assert_no_hazards(with(opaque("card"), tilted), "a card at an angle");
     // A tilted pair is found like one along the axes.
     let turn = DAffine3::from_axis_angle(DVec3::new(0.48, 0.6, 0.64), 1.1);
     let mut b = with(opaque("paper"), rectangle(Vec3::new(-0.2, -0.2, 0.0), Vec3::X * 0.3, Vec3::Y * 0.3));
     b.instances.iter_mut().for_each(|i| i.to_world = turn * i.to_world);
-    says(b, "object \"table\"", &["object \"thing\"", "decided by rounding"]);
+    contains_message(b, "object \"table\"", &["object \"thing\"", "decided by rounding"]);
 }
 
 #[test]
-fn attributes_that_cannot_be_used() {
+fn unusable_attributes_are_hazards() {
     let mut mesh = rectangle(Vec3::new(-0.2, -0.2, 0.3), Vec3::X * 0.3, Vec3::Y * 0.3);
     mesh.normals = vec![Vec3::new(0.9, 0.0, 0.3); 4];
-    says(
+    contains_message(
         with(opaque("felt"), mesh.clone()),
         "object \"thing\"",
         &["2 triangles", "lean by more than 60 degrees", "72"],
     );
     mesh.normals = vec![Vec3::Z, Vec3::ZERO, Vec3::Z, Vec3::splat(f32::NAN)];
-    says(with(opaque("felt"), mesh.clone()), "object \"thing\"", &["2 normals", "recompute"]);
+    contains_message(with(opaque("felt"), mesh.clone()), "object \"thing\"", &["2 normals", "recompute"]);
     mesh.normals = vec![Vec3::NEG_Z; 4];
-    quiet(with(opaque("felt"), mesh.clone()), "normals that point to the other side are turned");
+    assert_no_hazards(with(opaque("felt"), mesh.clone()), "normals that point to the other side are turned");
     mesh.normals.clear();
 
     let mapped = |mesh: Mesh| {
@@ -148,52 +161,56 @@ fn attributes_that_cannot_be_used() {
         });
         b
     };
-    quiet(mapped(mesh.clone()), "a map on sound coordinates");
+    assert_no_hazards(mapped(mesh.clone()), "a map on sound coordinates");
     mesh.uvs[0] = vec![Vec2::ZERO, Vec2::X, Vec2::X * 2.0, Vec2::X * 3.0];
-    says(mapped(mesh.clone()), "object \"thing\"", &["normal map", "2 of its triangles", "unwrap"]);
+    contains_message(mapped(mesh.clone()), "object \"thing\"", &["normal map", "2 of its triangles", "unwrap"]);
     mesh.uvs[0].clear();
-    says(mapped(mesh.clone()), "object \"thing\"", &["normal map", "neither tangents nor texture coordinates"]);
+    contains_message(
+        mapped(mesh.clone()),
+        "object \"thing\"",
+        &["normal map", "neither tangents nor texture coordinates"],
+    );
     mesh.tangents = vec![dunkelfeld_geometry::Vec4::ZERO; 4];
-    says(mapped(mesh), "object \"thing\"", &["normal map", "4 of its tangents"]);
+    contains_message(mapped(mesh), "object \"thing\"", &["normal map", "4 of its tangents"]);
 }
 
 #[test]
-fn indices_of_refraction_that_nobody_has_seen() {
+fn implausible_indices_of_refraction_are_hazards() {
     let block = || cuboid(Vec3::new(-0.2, -0.2, 0.1), Vec3::new(0.2, 0.2, 0.2));
     for (ior, words) in
         [(0.67, "give the inverse, 1.49"), (7.5, "germanium"), (1.0004, "neither reflects nor refracts")]
     {
-        says(with(Material { ior, ..glass("odd") }, block()), "material \"odd\"", &[words]);
+        contains_message(with(Material { ior, ..glass("odd") }, block()), "material \"odd\"", &[words]);
     }
     for ior in [1.0, 1.33, 2.42, 4.0] {
-        quiet(with(Material { ior, ..glass("fine") }, block()), "an index as materials have it");
+        assert_no_hazards(with(Material { ior, ..glass("fine") }, block()), "an index as materials have it");
     }
 }
 
 #[test]
-fn solids_that_overlap_and_cameras_inside() {
+fn overlapping_solids_and_cameras_inside_solids_are_hazards() {
     let mut b = with(glass("one"), cuboid(Vec3::new(-0.2, -0.2, 0.1), Vec3::new(0.1, 0.2, 0.2)));
     let m = b.add_material(glass("two"));
     b.add_object("second", cuboid(Vec3::new(0.0, -0.1, 0.05), Vec3::new(0.3, 0.1, 0.15)), m);
-    says(b.clone(), "object \"thing\"", &["overlaps object \"second\"", "`priority`"]);
+    contains_message(b.clone(), "object \"thing\"", &["overlaps object \"second\"", "`priority`"]);
     // One inside the other is nesting, which is intended.
     let mut nested = with(glass("one"), cuboid(Vec3::new(-0.2, -0.2, 0.1), Vec3::new(0.2, 0.2, 0.3)));
     let m = nested.add_material(glass("two"));
     nested.add_object("second", cuboid(Vec3::new(-0.1, -0.1, 0.15), Vec3::new(0.1, 0.1, 0.25)), m);
-    quiet(nested.clone(), "a bubble");
+    assert_no_hazards(nested.clone(), "a bubble");
     nested.add_camera("eye", DVec3::new(0.15, 0.0, 0.2), DVec3::ZERO, 0.5);
-    says(nested.clone(), "camera \"eye\"", &["inside a solid of material \"one\"", "move it out"]);
+    contains_message(nested.clone(), "camera \"eye\"", &["inside a solid of material \"one\"", "move it out"]);
     nested.cameras[0].to_world = look_at(DVec3::new(0.0, 0.0, 2.0), DVec3::ZERO, DVec3::Y);
-    quiet(nested, "an eye outside");
+    assert_no_hazards(nested, "an eye outside");
 }
 
 #[test]
-fn emitters_too_small_to_be_found() {
+fn emitters_too_small_to_be_hit_are_hazards() {
     let spark = || rectangle(Vec3::new(0.0, 0.0, 0.5), Vec3::Y * 1e-5, Vec3::X * 1e-5);
     let mut b = with(lamp(), spark());
     let specks = |b: &SceneBuilder| hazards(b.clone()).iter().any(|h| h.contains("bright specks"));
     assert!(!specks(&b), "light sampling finds it, and nothing reflects it sharply");
     let m = b.add_material(Material { metallic: 1.0, roughness: 0.0, ..opaque("chrome") });
     b.add_object("mirror", rectangle(Vec3::new(-0.3, -0.3, 0.1), Vec3::X * 0.1, Vec3::Y * 0.1), m);
-    says(b, "object \"thing\"", &["\"chrome\"", "bright specks", "larger and dimmer"]);
+    contains_message(b, "object \"thing\"", &["\"chrome\"", "bright specks", "larger and dimmer"]);
 }

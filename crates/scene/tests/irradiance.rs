@@ -29,18 +29,18 @@ fn receiver(scene: &Scene, at: DVec3, normal: DVec3) -> LightSampleContext {
 }
 
 /// Irradiance [W/m^2] estimated by the light samples of one vertex, in the green channel.
-fn answer(scene: &Scene, r: &LightSampleContext, choice: LightChoice, pixel: u32, index: u32) -> f64 {
-    let ask = |question| {
+fn estimate(scene: &Scene, r: &LightSampleContext, choice: LightChoice, pixel: u32, index: u32) -> f64 {
+    let sample = |question| {
         let [a, b, c, _] = Sampler::new(5, 0, pixel, index).get_4d(question);
         let s = scene.sample_light(r, choice, question, c, [a, b])?;
         Some(f64::from(s.radiance.g) / f64::from(s.pdf) * f64::from(s.direction.dot(r.normal).max(0.0)))
     };
-    (0..scene.light_questions(choice)).filter_map(ask).sum()
+    (0..scene.num_light_samples(choice)).filter_map(sample).sum()
 }
 
 /// Means over `count` samples each, in 16 independent runs.
 fn runs(scene: &Scene, r: &LightSampleContext, choice: LightChoice, count: u32) -> SampleMoments {
-    let run = |pixel| (0..count).map(|i| answer(scene, r, choice, pixel, i)).sum::<f64>() / f64::from(count);
+    let run = |pixel| (0..count).map(|i| estimate(scene, r, choice, pixel, i)).sum::<f64>() / f64::from(count);
     (0..16).map(run).collect()
 }
 
@@ -179,7 +179,7 @@ fn lights_without_extent_by_the_inverse_square() {
             let (inner, outer) = (0.2f64.cos(), 0.9f64.cos());
             let ramp = ((cos - outer) / (inner - outer)).clamp(0.0, 1.0).powi(2);
             for (scene, intensity) in scenes.iter().zip([2.0, 2.0 * ramp, 6.0 * cos.max(0.0)]) {
-                let found = answer(scene, &receiver(scene, at, DVec3::Z), LightChoice::One, 0, 0);
+                let found = estimate(scene, &receiver(scene, at, DVec3::Z), LightChoice::One, 0, 0);
                 let expected = intensity * d.z / d2;
                 assert!(
                     (found - expected).abs() < 1e-4 * (expected + 0.01 * 2.0 * d.z / d2),
@@ -213,20 +213,20 @@ fn four_lights() -> SceneBuilder {
 }
 
 #[test]
-fn asking_each_light_gives_the_same_mean_with_less_noise() {
+fn sampling_each_light_has_the_same_mean_and_less_noise() {
     let scene = build(four_lights());
     assert_eq!(
         [0, 1, 2].map(|v| scene.light_choice_at(v, true)),
         [LightChoice::Each, LightChoice::Each, LightChoice::One]
     );
-    assert_eq!((scene.light_questions(LightChoice::Each), scene.light_questions(LightChoice::One)), (4, 1));
+    assert_eq!((scene.num_light_samples(LightChoice::Each), scene.num_light_samples(LightChoice::One)), (4, 1));
     for at in [DVec3::ZERO, DVec3::new(0.9, 0.3, 0.1)] {
         let r = receiver(&scene, at, DVec3::Z);
         let [each, one] = [LightChoice::Each, LightChoice::One].map(|choice| runs(&scene, &r, choice, 4096));
         welch_test(&each, &one).assert(RATE, "each against one");
         // Also at the same number of rays: four times the light samples for a fourth of the camera samples.
         let singles = |choice, count: u32| -> SampleMoments {
-            (0..count).map(|i| answer(&scene, &r, choice, 99 + i, 0)).collect()
+            (0..count).map(|i| estimate(&scene, &r, choice, 99 + i, 0)).collect()
         };
         let [each, one] =
             [(LightChoice::Each, 5000), (LightChoice::One, 20_000)].map(|(choice, n)| singles(choice, n).variance());
@@ -236,7 +236,7 @@ fn asking_each_light_gives_the_same_mean_with_less_noise() {
 
 /// Fewer lights than a tree needs, weighed one by one, and more lights: the mean is the sum over all lights.
 #[test]
-fn one_of_many_lights_stands_for_all() {
+fn sampling_one_of_many_lights_has_the_mean_of_all() {
     for count in [30u32, 1000] {
         let mut b = four_lights();
         let m = b.add_material(emitter(20.0));

@@ -41,8 +41,8 @@ fn receiver(scene: &Scene, at: DVec3, normal: Vec3, both_sides: bool) -> LightSa
 /// The density [1/sr] of direction `d` in light sampling. It is that of the nearest light, as in the weight of a
 /// scattered ray, plus that of the environment, which is drawn also if it is occluded.
 fn density(scene: &Scene, receiver: &LightSampleContext, d: Vec3) -> f32 {
-    let met = scene.intersect(&Ray::new(receiver.point, d)).filter(|hit| !scene.emitted(hit, -d).is_black());
-    met.map_or(0.0, |hit| scene.light_pdf(receiver, ONE, &hit)) + scene.environment_pdf(receiver, ONE, d)
+    let hit = scene.intersect(&Ray::new(receiver.point, d)).filter(|p| !scene.emitted(p, -d).is_black());
+    hit.map_or(0.0, |p| scene.light_pdf(receiver, ONE, &p)) + scene.environment_pdf(receiver, ONE, d)
 }
 
 /// The direction of one sample. Also checks that the weight of scattering uses the same density there.
@@ -53,9 +53,9 @@ fn draw(scene: &Scene, receiver: &LightSampleContext, index: u32, agreed: &mut u
     let found = match s.target {
         None => scene.environment_pdf(receiver, ONE, s.direction),
         // Directions toward an edge may miss the light by rounding.
-        Some(_) => scene
-            .intersect(&Ray::new(receiver.point, s.direction))
-            .map_or(0.0, |hit| scene.light_pdf(receiver, ONE, &hit)),
+        Some(_) => {
+            scene.intersect(&Ray::new(receiver.point, s.direction)).map_or(0.0, |p| scene.light_pdf(receiver, ONE, &p))
+        }
     };
     *agreed += u32::from((found / s.pdf - 1.0).abs() < 1e-3);
     Some(s.direction)
@@ -192,7 +192,7 @@ fn an_empty_scene_under_a_map() {
 }
 
 #[test]
-fn more_lights_than_are_weighed_one_by_one() {
+fn more_lights_than_are_weighted_one_by_one() {
     // A ball of 180 triangles, half of which face away from the receiver: those draws return no light.
     let mut b = mixture();
     b.environment = Some(Environment { source: EnvironmentSource::Constant(Rgb::splat(0.02)), rotation: 0.0 });
@@ -249,9 +249,9 @@ fn irradiance(scene: &Scene, receiver: &LightSampleContext, pixel: u32) -> f64 {
 }
 
 #[test]
-fn a_texture_shines_where_it_lies_and_coverage_dims_it() {
-    // A panel of 0.4 m at 0.3 m, its left half (x < 0) of radiance 5, its right half of 1.25: the irradiance beside it is
-    // the integral of L cos cos / d^2, by the midpoint rule. Coverage 0.4 leaves 0.4 of that.
+fn textured_emission_follows_its_texture_and_coverage() {
+    // A panel of 0.4 m at 0.3 m, its left half (x < 0) of radiance 5, its right half of 1.25: the irradiance beside it
+    // is the integral of L cos cos / d^2, by the midpoint rule. Coverage 0.4 leaves 0.4 of that.
     let image = Image { name: "halves".into(), width: 2, height: 1, texels: Texels::RgbF32(vec![[1.0; 3], [0.25; 3]]) };
     let texture = Texture { filter: Filter::Nearest, ..Texture::new(ImageId(0), ColorEncoding::Linear) };
     let at = DVec3::new(0.15, 0.05, 0.0);

@@ -99,8 +99,9 @@ fn weights_are_unbiased_in_every_channel() {
         for c in (0..3).filter(|&c| throughput[c] > 0.0) {
             let what = |event| format!("case {k}, channel {c}, {event}: {medium:?}, {throughput:?}, end {end}");
             let rate = sidak(RATE, 6 * cases.len());
-            // A rare event needs its share of samples for the normal approximation; where the channel is hardly ever chosen
-            // the weight is bounded by the sum rule above, and the mean is tested where 50 of its samples are expected.
+            // A rare event needs its share of samples for the normal approximation; where the channel is hardly ever
+            // chosen the weight is bounded by the sum rule above, and the mean is tested where 50 of its samples are
+            // expected.
             let likely = |p: f32| 40_000.0 * p > 50.0;
             let t = medium.extinction()[c];
             if likely(medium.probability_to_pass(*throughput, *end))
@@ -119,7 +120,7 @@ fn weights_are_unbiased_in_every_channel() {
 }
 
 #[test]
-fn a_gray_medium_that_absorbs_nothing_weighs_one() {
+fn a_grey_medium_without_absorption_has_weight_one() {
     let mut u = Uniform::new(7);
     for density in [1e-3, 1.0, 1e6] {
         let medium = medium([0.0; 3], [density; 3]);
@@ -132,7 +133,7 @@ fn a_gray_medium_that_absorbs_nothing_weighs_one() {
 }
 
 #[test]
-fn no_density_is_no_medium_and_the_extremes_stay_finite() {
+fn zero_density_is_clear_and_extremes_are_finite() {
     let mut u = Uniform::new(8);
     for _ in 0..1000 {
         let event = Medium::clear().sample(Rgb::WHITE, f32::INFINITY, u.three());
@@ -176,8 +177,8 @@ fn attenuation_and_coefficients_add_up() {
 
 #[test]
 fn stratified_numbers_reach_beyond_sixteen_mean_free_paths() {
-    // 2^-24 is exp(-16.6): without further digits nothing would pass 20 mean free paths. Here every batch of the sampler
-    // holds the first number at its very end with the digits spread behind it.
+    // 2^-24 is exp(-16.6): without further digits nothing would pass 20 mean free paths. Here every batch of the
+    // sampler holds the first number at its very end with the digits spread behind it.
     let medium = medium([0.0; 3], [20.0; 3]);
     let last = 1.0 - 1.0 / (1 << 24) as f32;
     let n = 4096;

@@ -64,7 +64,7 @@ fn name_inside<'a>(scene: &'a Scene, inside: &Interior) -> &'a str {
 
 /// Traces a ray straight through everything, from outside. Calls `seen` with the indices at each interface between two
 /// media. Returns the interior at the end.
-fn walk(scene: &Scene, mut ray: Ray, mut seen: impl FnMut(&Ray, &str, &str, f32)) -> Interior {
+fn trace_materials(scene: &Scene, mut ray: Ray, mut seen: impl FnMut(&Ray, &str, &str, f32)) -> Interior {
     let mut inside = scene.interior_at(ray.origin);
     for _ in 0..1000 {
         let Some(hit) = scene.intersect(&ray) else { return inside };
@@ -77,7 +77,7 @@ fn walk(scene: &Scene, mut ray: Ray, mut seen: impl FnMut(&Ray, &str, &str, f32)
         }
         assert_eq!(interface.beyond(-ray.direction), inside, "a ray that turns back is where it was");
         inside = far;
-        ray = Ray::new(interface.surface.leave(ray.direction), ray.direction);
+        ray = Ray::new(interface.surface.ray_origin(ray.direction), ray.direction);
     }
     panic!("a ray that does not end");
 }
@@ -112,8 +112,9 @@ fn touching_boxes_share_one_interface_in_either_order_and_anywhere() {
                 let origin = to_render(at - side * d.as_dvec3() * f64::from(d.x.signum()));
                 let ray = Ray::new(origin, (to_render(at) - origin).normalize());
                 let mut pairs = Vec::new();
-                let end =
-                    walk(&scene, ray, |_, before, after, eta| pairs.push((before.to_owned(), after.to_owned(), eta)));
+                let end = trace_materials(&scene, ray, |_, before, after, eta| {
+                    pairs.push((before.to_owned(), after.to_owned(), eta))
+                });
                 assert_eq!(end, Interior::OUTSIDE, "{pairs:?}");
                 for (before, after, eta) in &pairs {
                     let index = |n: &str| match n {
@@ -124,7 +125,7 @@ fn touching_boxes_share_one_interface_in_either_order_and_anywhere() {
                     assert!((eta - index(after) / index(before)).abs() < 1e-6, "{before} to {after}: {eta}");
                 }
                 let names: Vec<&str> = pairs.iter().map(|p| p.0.as_str()).chain(["air"]).collect();
-                let expected: [&str; 4] = if ray_goes_right(&ray, &place) {
+                let expected: [&str; 4] = if check_materials_along_ray(&ray, &place) {
                     ["air", "glass", "water", "air"]
                 } else {
                     ["air", "water", "glass", "air"]
@@ -139,7 +140,7 @@ fn touching_boxes_share_one_interface_in_either_order_and_anywhere() {
     }
 }
 
-fn ray_goes_right(ray: &Ray, place: &DAffine3) -> bool {
+fn check_materials_along_ray(ray: &Ray, place: &DAffine3) -> bool {
     place.matrix3.x_axis.dot(ray.direction.as_dvec3()) > 0.0
 }
 
@@ -149,7 +150,7 @@ fn overlaps_belong_to_the_higher_priority_and_small_to_what_lies_inside() {
     let along_x = |scene: &Scene| {
         let mut names = Vec::new();
         let start = Vec3::new(-5.0, 0.013, 0.007) - scene.world_origin().as_vec3();
-        let end = walk(scene, Ray::new(start, Vec3::X), |_, _, after, _| names.push(after.to_owned()));
+        let end = trace_materials(scene, Ray::new(start, Vec3::X), |_, _, after, _| names.push(after.to_owned()));
         assert_eq!(end, Interior::OUTSIDE);
         names.join(" ")
     };
@@ -167,12 +168,16 @@ fn overlaps_belong_to_the_higher_priority_and_small_to_what_lies_inside() {
         inside.leave(inside.top().expect("two"));
         assert_ne!(name_inside(&scene, &inside), winner);
         let mut at = Vec::new();
-        walk(&scene, Ray::new(scene_point(&scene, Vec3::new(-5.0, 0.0, 0.0)), Vec3::X), |ray, before, after, _| {
-            if (before, after) == ("a", "b") {
-                let hit = scene.intersect(ray).expect("a face");
-                at.push(hit.point.x + scene.world_origin().x as f32);
-            }
-        });
+        trace_materials(
+            &scene,
+            Ray::new(scene_point(&scene, Vec3::new(-5.0, 0.0, 0.0)), Vec3::X),
+            |ray, before, after, _| {
+                if (before, after) == ("a", "b") {
+                    let hit = scene.intersect(ray).expect("a face");
+                    at.push(hit.point.x + scene.world_origin().x as f32);
+                }
+            },
+        );
         assert!(at.len() == 1 && (at[0] - expected).abs() < 1e-3, "{at:?}");
     }
     // Without priorities the inner solid fills its place, in any order of the file.
@@ -216,7 +221,7 @@ fn a_path_that_scatters_anywhere_keeps_its_medium() {
             let interface = scene.interface(&ray, &hit, &inside);
             let d = u.direction();
             inside = interface.beyond(d);
-            ray = Ray::new(interface.surface.leave(d), d);
+            ray = Ray::new(interface.surface.ray_origin(d), d);
             steps += 1;
             let asked = scene.interior_at(ray.origin);
             if asked != inside {
@@ -247,7 +252,7 @@ fn a_point_in_several_solids_is_found_in_all_of_them() {
 }
 
 #[test]
-fn an_opaque_floor_in_contact_hides_the_face_above_it() {
+fn an_opaque_floor_in_contact_replaces_the_face_above_it() {
     // Glass on a floor in the same plane: from inside, the ray hits the floor, in any order of the faces.
     for order in [false, true] {
         let mut b = SceneBuilder::default();

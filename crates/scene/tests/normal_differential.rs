@@ -32,7 +32,7 @@ fn hit(scene: &Scene, from: Vec3, to: Vec3) -> Option<SurfacePoint> {
 }
 
 #[test]
-fn it_is_the_derivative_of_the_shading_normal() {
+fn the_differential_is_the_derivative_of_the_shading_normal() {
     let turn = DQuat::from_axis_angle(DVec3::new(0.6, 0.0, 0.8), 0.7);
     for (mirror, instanced, solid) in
         [(1.0, false, true), (-1.0, false, true), (1.0, true, true), (-1.0, true, true), (-1.0, true, false)]
@@ -104,7 +104,7 @@ fn flat_surfaces_have_none() {
 }
 
 #[test]
-fn where_the_surface_itself_is_seen_it_is_flat() {
+fn the_differential_is_zero_if_the_geometric_normal_is_used() {
     // Above the surface but below the interpolated normal: shading uses the geometric normal, which is constant.
     let mut b = SceneBuilder::default();
     let m = b.add_material(glass());

@@ -14,7 +14,7 @@ fn build(builder: SceneBuilder) -> Scene {
 }
 
 /// The hit of a ray straight down (or up) at world (x, y).
-fn look(scene: &Scene, x: f64, y: f64, down: bool) -> SurfacePoint {
+fn shade(scene: &Scene, x: f64, y: f64, down: bool) -> SurfacePoint {
     let z = if down { 5.0 } else { -5.0 };
     let origin = (DVec3::new(x, y, z) - scene.world_origin()).as_vec3();
     scene.intersect(&Ray::new(origin, if down { Vec3::NEG_Z } else { Vec3::Z })).expect("something is there")
@@ -89,13 +89,13 @@ fn a_normal_map_tilts_along_the_image() {
             let sign = if mirrored { -1.0 } else { 1.0 };
             let expected = Vec3::new(sign * su * tilt.x, -sv * tilt.y, tilt.z);
             let what = format!("su {su}, sv {sv}, instanced {instanced}, mirrored {mirrored}");
-            let hit = look(&scene, 0.1, 0.2, true);
+            let hit = shade(&scene, 0.1, 0.2, true);
             assert!((hit.normal - Vec3::Z).length() < 1e-6, "{what}: the geometric normal stays");
             let frame = scene.shade(&hit, Vec3::Z, 0.5, &mut None).frame;
             assert!((frame.normal - expected).length() < 1e-4, "{what}: {} should be {expected}", frame.normal);
             assert!((frame.tangent.cross(frame.bitangent) - frame.normal).length() < 1e-5, "{what}: right-handed");
             // From below, the same surface is turned over.
-            let below = scene.shade(&look(&scene, 0.1, 0.2, false), Vec3::NEG_Z, 0.5, &mut None).frame;
+            let below = scene.shade(&shade(&scene, 0.1, 0.2, false), Vec3::NEG_Z, 0.5, &mut None).frame;
             assert!((below.normal + expected).length() < 1e-4, "{what}: from below {}", below.normal);
             assert!((below.tangent.cross(below.bitangent) - below.normal).length() < 1e-5, "{what}: from below");
         }
@@ -110,7 +110,7 @@ fn the_scale_of_a_normal_map_acts_on_its_slopes() {
     let texture = Texture::new(ImageId(0), ColorEncoding::Linear);
     let material = Material { normal_texture: Some(texture), normal_scale: 0.5, ..Material::default() };
     let scene = placed(mesh, material, vec![flat_map(Vec3::new(0.6, 0.0, 0.8))], DAffine3::IDENTITY, false);
-    let n = scene.shade(&look(&scene, 0.0, 0.1, true), Vec3::Z, 0.5, &mut None).frame.normal;
+    let n = scene.shade(&shade(&scene, 0.0, 0.1, true), Vec3::Z, 0.5, &mut None).frame.normal;
     assert!((n - Vec3::new(0.3, 0.0, 0.8).normalize()).length() < 1e-4, "{n}");
 }
 
@@ -132,7 +132,7 @@ fn smooth_normals_are_continuous_over_an_edge_and_follow_uneven_scales() {
         let to_world = DAffine3::from_scale(DVec3::new(scale, 1.0, 1.0));
         let scene = placed(mesh(), Material::default(), Vec::new(), to_world, instanced);
         for x in [-0.7f64, -0.3, -1e-4, 1e-4, 0.3, 0.7] {
-            let hit = look(&scene, x * scale, 0.37, true);
+            let hit = shade(&scene, x * scale, 0.37, true);
             let n = scene.shade(&hit, Vec3::Z, 0.5, &mut None).frame.normal;
             let object = DVec3::new(0.6 * x, 0.0, 1.0 - 0.2 * x.abs());
             let expected = DVec3::new(object.x / scale, 0.0, object.z).normalize().as_vec3();
@@ -143,11 +143,11 @@ fn smooth_normals_are_continuous_over_an_edge_and_follow_uneven_scales() {
 }
 
 #[test]
-fn a_viewer_below_the_interpolated_normal_sees_the_surface_itself() {
+fn below_the_interpolated_normal_the_geometric_normal_is_used() {
     let mut mesh = rectangle(Vec3::new(-0.5, -0.5, 0.0), Vec3::X, Vec3::Y);
     mesh.normals = vec![Vec3::new(0.8, 0.0, 0.6); 4];
     let scene = placed(mesh, Material::default(), Vec::new(), DAffine3::IDENTITY, false);
-    let hit = look(&scene, 0.1, 0.2, true);
+    let hit = shade(&scene, 0.1, 0.2, true);
     let above = scene.shade(&hit, Vec3::new(-0.28, 0.0, 0.96), 0.5, &mut None).frame;
     // -0.28 * 0.8 + 0.96 * 0.6 > 0, and -0.8 * 0.8 + 0.6 * 0.6 < 0.
     assert!((above.normal - Vec3::new(0.8, 0.0, 0.6)).length() < 1e-6);
@@ -170,7 +170,7 @@ fn coverage_comes_from_factor_texture_and_vertices() {
         let mut mesh = rectangle(Vec3::new(-0.5, -0.5, 0.0), Vec3::X, Vec3::Y);
         mesh.colors = vec![Vec4::new(1.0, 1.0, 1.0, color); 4];
         let scene = placed(mesh, material, vec![quarters()], DAffine3::IDENTITY, false);
-        scene.coverage(&look(&scene, x, y, true))
+        scene.coverage(&shade(&scene, x, y, true))
     };
     let blend = |alpha| Material { alpha, alpha_mode: AlphaMode::Blend, ..Material::default() };
     let textured = |alpha| Material { base_color_texture: Some(texture), ..blend(alpha) };
@@ -187,7 +187,7 @@ fn coverage_comes_from_factor_texture_and_vertices() {
 }
 
 #[test]
-fn emission_looks_up_its_own_coordinates_through_its_transform() {
+fn emission_uses_its_own_coordinates_and_transform() {
     // Set 1 holds (x + 0.5, y + 0.5). Set 0 is not used. KHR_texture_transform: scale first, then a quarter turn
     // counter-clockwise with v down, (u, v) -> (v, -u), then the offset. (0.25, 0.75) in set 1 becomes (0.25, 0.375)
     // scaled by (1, 0.5), turned (0.375, -0.25), moved by (0.5, 0.1): (0.875, -0.15), which repeats to (0.875, 0.85):
@@ -203,13 +203,13 @@ fn emission_looks_up_its_own_coordinates_through_its_transform() {
         Texture { filter: Filter::Nearest, uv_set: 1, transform, ..Texture::new(ImageId(0), ColorEncoding::Linear) };
     let material = Material { emission: Rgb::splat(2.0), emission_texture: Some(texture), ..Material::default() };
     let scene = placed(mesh, material, vec![quarters()], DAffine3::IDENTITY, false);
-    let hit = look(&scene, -0.25, 0.25, true);
+    let hit = shade(&scene, -0.25, 0.25, true);
     assert!((scene.emitted(&hit, Vec3::Z).r - 2.0 * 204.0 / 255.0).abs() < 1e-6);
     assert!(scene.emitted(&hit, Vec3::NEG_Z).is_black(), "one-sided");
 }
 
 #[test]
-fn energy_compensation_reaches_constant_and_textured_surfaces() {
+fn energy_compensation_applies_to_constant_and_textured_surfaces() {
     // A white texture changes only the code path: its material is evaluated at each place.
     let white = Image { name: "white".into(), width: 1, height: 1, texels: Texels::Rgba8(vec![[255; 4]]) };
     let texture = Texture::new(ImageId(0), ColorEncoding::Linear);
@@ -222,7 +222,7 @@ fn energy_compensation_reaches_constant_and_textured_surfaces() {
             mesh.uvs[0] = mesh.positions.iter().map(|p| Vec2::new(p.x, p.y)).collect();
             b.add_object("object", mesh, m);
             let scene = build(b);
-            *scene.shade(&look(&scene, 0.1, 0.2, true), Vec3::Z, 0.5, &mut None).bsdf
+            *scene.shade(&shade(&scene, 0.1, 0.2, true), Vec3::Z, 0.5, &mut None).bsdf
         };
         let (plain, compensated) = (shade(false), shade(true));
         assert_eq!(compensated, plain.with_energy_compensation());

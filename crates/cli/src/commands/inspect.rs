@@ -98,10 +98,10 @@ fn cover_line(cover: &CoverEntry) -> String {
 const MAX_CALLERS: usize = 4;
 
 fn effect_line(effect: &EffectEntry) -> String {
-    let callers = &effect.called_for_by;
-    let mut words = callers.iter().take(MAX_CALLERS).cloned().collect::<Vec<_>>().join(", ");
-    if callers.len() > MAX_CALLERS {
-        let _ = write!(words, " and {} more", callers.len() - MAX_CALLERS);
+    let users = &effect.called_for_by;
+    let mut words = users.iter().take(MAX_CALLERS).cloned().collect::<Vec<_>>().join(", ");
+    if users.len() > MAX_CALLERS {
+        let _ = write!(words, " and {} more", users.len() - MAX_CALLERS);
     }
     format!("{:<28} {words}", effect.name)
 }

@@ -4,7 +4,7 @@
 use super::MemoryAccount;
 use crate::outputs::OutputPaths;
 use dunkelfeld_film::{Film, FilmLayers, PixelSums};
-use dunkelfeld_integrator::Label;
+use dunkelfeld_integrator::PixelIds;
 use dunkelfeld_render::{DenoiseMethod, UNKNOWN_SPP};
 use dunkelfeld_render::{RenderSettings, SensorChoice};
 use dunkelfeld_scene::SceneSummary;
@@ -232,7 +232,7 @@ fn noise_bands(width: u32, height: u32, kinds: u64, threads: usize) -> u64 {
     u64::from(width) * (rows * (NOISE_SHARED + kinds * NOISE_ESTIMATES) + sums)
 }
 
-const _: () = assert!(size_of::<Option<Label>>() == 8);
+const _: () = assert!(size_of::<Option<PixelIds>>() == 8);
 
 #[cfg(test)]
 mod tests {

@@ -7,15 +7,15 @@ use dunkelfeld_scene::NormalDifferential;
 
 /// Maximum number of events. Longer chains are not linearised. Two double passes through a sheet have this number of
 /// events.
-const MAX_BENDS: usize = 6;
+const MAX_EVENTS: usize = 6;
 
-/// One interface near the point where the traced ray met it.
+/// One interface near the point where the traced ray hit it.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct SpecularVertex {
     /// The intersection in render space.
     pub(super) point: DVec3,
     /// Unit geometric normal.
-    pub(super) flat: DVec3,
+    pub(super) geometric_normal: DVec3,
     /// Unit shading normal.
     pub(super) normal: DVec3,
     /// Derivative of the shading normal; `None` where it is constant.
@@ -27,13 +27,13 @@ pub(super) struct SpecularVertex {
 /// The interfaces of a traced chain in order, starting at the receiver.
 #[derive(Clone, Debug)]
 pub(super) struct LinearizedChain {
-    bends: [Option<SpecularVertex>; MAX_BENDS],
+    vertices: [Option<SpecularVertex>; MAX_EVENTS],
     events: usize,
 }
 
 impl LinearizedChain {
     pub(super) fn new() -> Self {
-        Self { bends: [const { None }; MAX_BENDS], events: 0 }
+        Self { vertices: [const { None }; MAX_EVENTS], events: 0 }
     }
 
     /// Removes all interfaces.
@@ -42,9 +42,9 @@ impl LinearizedChain {
     }
 
     /// Appends an interface.
-    pub(super) fn note(&mut self, bend: SpecularVertex) {
-        if let Some(place) = self.bends.get_mut(self.events) {
-            *place = Some(bend);
+    pub(super) fn push(&mut self, vertex: SpecularVertex) {
+        if let Some(slot) = self.vertices.get_mut(self.events) {
+            *slot = Some(vertex);
         }
         self.events += 1;
     }
@@ -53,38 +53,40 @@ impl LinearizedChain {
     /// interface, its unit direction there, and its ray differential. Each face is replaced by the plane at its
     /// intersection, with a normal that changes linearly. `None` if the ray does not pass, or if the chain has too many
     /// events.
-    pub(super) fn follow(&self, origin: DVec3, first: Vec3) -> Option<(DVec3, DVec3, RayDifferential)> {
-        let (mut beam, mut place, mut direction) = (RayDifferential::from_point(first), origin, first.as_dvec3());
-        for bend in self.bends.get(..self.events)?.iter().flatten() {
-            let distance = (bend.point - place).dot(bend.flat) / direction.dot(bend.flat);
-            let is_ahead = distance > 0.0 && distance.is_finite();
-            if !is_ahead {
+    pub(super) fn trace(&self, origin: DVec3, first: Vec3) -> Option<(DVec3, DVec3, RayDifferential)> {
+        let (mut ray_differential, mut position, mut direction) =
+            (RayDifferential::from_point(first), origin, first.as_dvec3());
+        for vertex in self.vertices.get(..self.events)?.iter().flatten() {
+            let distance =
+                (vertex.point - position).dot(vertex.geometric_normal) / direction.dot(vertex.geometric_normal);
+            let is_forward = distance > 0.0 && distance.is_finite();
+            if !is_forward {
                 return None;
             }
-            place += direction * distance;
-            beam.travel(direction, distance, bend.flat);
-            let turn = bend.differential.map_or(DVec3::ZERO, |d| d.along(place - bend.point));
-            let normal = (bend.normal + turn).normalize();
+            position += direction * distance;
+            ray_differential.transfer(direction, distance, vertex.geometric_normal);
+            let normal_change = vertex.differential.map_or(DVec3::ZERO, |d| d.along(position - vertex.point));
+            let normal = (vertex.normal + normal_change).normalize();
             let before = direction.dot(normal);
-            direction = match bend.eta {
+            direction = match vertex.eta {
                 None => {
-                    beam.reflect(direction, normal, bend.differential.as_ref());
+                    ray_differential.reflect(direction, normal, vertex.differential.as_ref());
                     direction - normal * (2.0 * before)
                 }
                 Some(eta) => {
                     let square = 1.0 - (1.0 - before * before) / (eta * eta);
-                    let comes_through = square > 0.0;
-                    if !comes_through {
+                    let is_transmitted = square > 0.0;
+                    if !is_transmitted {
                         return None;
                     }
                     let along = square.sqrt() * before.signum();
                     let refracted = direction / eta + normal * (along - before / eta);
-                    beam.refract((direction, refracted), normal, eta, bend.differential.as_ref());
+                    ray_differential.refract((direction, refracted), normal, eta, vertex.differential.as_ref());
                     refracted
                 }
             };
         }
-        Some((place, direction, beam))
+        Some((position, direction, ray_differential))
     }
 }
 
@@ -93,43 +95,44 @@ mod tests {
     use super::*;
 
     #[test]
-    fn neighbours_run_through_a_plate_and_a_mirror_by_the_laws() {
+    fn neighbouring_rays_obey_snells_law_and_the_law_of_reflection() {
         let (d, n, h) = (0.004, 1.49, 0.02);
-        let mut trail = LinearizedChain::new();
-        let bend = |z: f64, eta| SpecularVertex {
+        let mut linearized_chain = LinearizedChain::new();
+        let vertex = |z: f64, eta| SpecularVertex {
             point: DVec3::new(0.3, -0.2, z),
-            flat: DVec3::Z,
+            geometric_normal: DVec3::Z,
             normal: DVec3::Z,
             differential: None,
             eta,
         };
-        trail.note(bend(h, Some(n)));
-        trail.note(bend(h + d, Some(1.0 / n)));
-        trail.note(bend(0.5, None));
+        linearized_chain.push(vertex(h, Some(n)));
+        linearized_chain.push(vertex(h + d, Some(1.0 / n)));
+        linearized_chain.push(vertex(0.5, None));
         let first = DVec3::new(0.5, 0.1, 0.7).normalize().as_vec3();
         let direction = first.as_dvec3().normalize();
-        let (place, leaving, beam) = trail.follow(DVec3::ZERO, first).expect("it comes through");
+        let (position, leaving, ray_differential) =
+            linearized_chain.trace(DVec3::ZERO, first).expect("a transmitted ray");
         let sine = direction.x.hypot(direction.y) / n;
         let inner = d * sine / (1.0 - sine * sine).sqrt();
         let shift = (0.5 - d) * direction.x.hypot(direction.y) / direction.z + inner;
         let expected = DVec3::new(direction.x, direction.y, 0.0).normalize() * shift + DVec3::Z * 0.5;
-        assert!(place.distance(expected) < 1e-7, "{place} instead of {expected}");
+        assert!(position.distance(expected) < 1e-7, "{position} instead of {expected}");
         assert!(leaving.distance(DVec3::new(direction.x, direction.y, -direction.z)) < 1e-7);
         // The ray differential equals the difference to a neighbouring ray.
         let step = 1e-3f32;
-        let moved = (first + beam.across[0] * step).normalize();
-        let (other, turned, _) = trail.follow(DVec3::ZERO, moved).expect("it comes through");
-        let spread = beam.spread_at(leaving, 0.3);
-        let reached = (other - place) + (turned - leaving) * 0.3;
+        let moved = (first + ray_differential.axes[0] * step).normalize();
+        let (other, turned, _) = linearized_chain.trace(DVec3::ZERO, moved).expect("a transmitted ray");
+        let jacobian = ray_differential.jacobian_at(leaving, 0.3);
+        let reached = (other - position) + (turned - leaving) * 0.3;
         let reached = reached - turned * (reached.dot(leaving) / turned.dot(leaving));
-        let solved = spread.solve(reached).expect("an open bundle");
+        let solved = jacobian.solve(reached).expect("an open bundle");
         assert!((solved[0] - f64::from(step)).abs() < 3e-6 && solved[1].abs() < 3e-6, "{solved:?}");
         // Total reflection, and a chain with too many events.
-        trail.clear();
-        trail.note(bend(h, Some(1.0 / 3.0)));
-        assert!(trail.follow(DVec3::ZERO, first).is_none());
-        trail.clear();
-        (0..7).for_each(|_| trail.note(bend(h, Some(1.0))));
-        assert!(trail.follow(DVec3::ZERO, first).is_none());
+        linearized_chain.clear();
+        linearized_chain.push(vertex(h, Some(1.0 / 3.0)));
+        assert!(linearized_chain.trace(DVec3::ZERO, first).is_none());
+        linearized_chain.clear();
+        (0..7).for_each(|_| linearized_chain.push(vertex(h, Some(1.0))));
+        assert!(linearized_chain.trace(DVec3::ZERO, first).is_none());
     }
 }

@@ -22,7 +22,7 @@
 //! 3. *All other paths*: longer chains, solutions that the solver does not find, chains through two stacks or through
 //!    glass that is no cover, rough faces. Only scattering samples them, and they have full weight.
 //!
-//! [`Solver::connect`] decides between the second and the third kind. It is a function of x, y, stack and chain without
+//! [`Solver::solve`] decides between the second and the third kind. It is a function of x, y, stack and chain without
 //! any random number. The connection runs it to find the path. A path that scattering has sampled runs it as well, to
 //! decide if the connection finds the same path. Both techniques evaluate the same densities. So a solver that fails
 //! costs time and noise. It loses no light, and no path counts twice. If several chains could lead to y, one of them is
@@ -50,31 +50,31 @@ use dunkelfeld_scene::{
 use linearized_chain::LinearizedChain;
 use ray_differential::RayDifferential;
 use std::marker::PhantomData;
-use trace_chain::{TracedChain, shoot};
+use trace_chain::{TracedChain, trace_chain};
 
 /// Maximum number of rays of one connection.
-const MAX_SHOTS: u32 = 6;
-/// After this number of rays the solver stops, unless [`NEAR`] is reached.
-const FIRST_SHOTS: u32 = 3;
-/// The solver continues after [`FIRST_SHOTS`] rays if one ray has missed the light by less than this share of the
+const MAX_RAYS: u32 = 6;
+/// After this number of rays the solver stops, unless [`EARLY_STOP_ERROR`] is reached.
+const EARLY_STOP_RAYS: u32 = 3;
+/// The solver continues after [`EARLY_STOP_RAYS`] rays if one ray has missed the light by less than this share of the
 /// straight distance. Most solutions are found within few rays.
-const NEAR: f64 = 0.01;
+const EARLY_STOP_ERROR: f64 = 0.01;
 /// Maximum number of Newton steps on a linearised chain.
-const MAX_SOLVES: u32 = 4;
+const MAX_LINEARIZED_STEPS: u32 = 4;
 /// Newton's method on a linearised chain ends at a step of this size \[rad\].
-const RECKONED: f64 = 1e-3;
+const LINEARIZED_TOLERANCE: f64 = 1e-3;
 /// Maximum number of times in a row that a step is halved.
 const MAX_HALVINGS: u32 = 4;
 /// A chain has arrived if it misses the light by less than this share of the straight distance, and if its next step is
-/// below [`SETTLED`].
-const ARRIVED: f64 = 1e-4;
+/// below [`STEP_TOLERANCE`].
+const ERROR_TOLERANCE: f64 = 1e-4;
 /// Largest next Newton step of a chain that has arrived \[rad\]. That step is still applied. So the error of the first
 /// direction is of the order of its square, which matters for a glossy receiver.
-const SETTLED: f64 = 1e-4;
+const STEP_TOLERANCE: f64 = 1e-4;
 /// Rounding error of a direction in f32, with a margin \[rad\].
 const ROUNDING: f64 = 1e-6;
 /// Largest change of the first direction in one step \[rad\].
-const LONGEST_STEP: f64 = 0.3;
+const MAX_STEP: f64 = 0.3;
 
 /// The smooth interfaces of one stack that a path has passed since its last scattering.
 #[derive(Clone, Copy, Debug)]
@@ -89,7 +89,7 @@ pub(crate) struct SpecularPrefix {
 impl SpecularPrefix {
     /// Starts at a ray that leaves a scattering vertex.
     #[inline]
-    pub(crate) fn from(start: RayState) -> Self {
+    pub(crate) fn new(start: RayState) -> Self {
         Self { start, stack: None, chain: Chain::EMPTY }
     }
 
@@ -101,24 +101,24 @@ impl SpecularPrefix {
 
     /// Passes a smooth interface; `None` if no connection can sample this path.
     #[inline]
-    pub(crate) fn then(&self, scene: &Scene, at: &SurfacePoint, is_reflection: bool) -> Option<Self> {
+    pub(crate) fn extended(&self, scene: &Scene, at: &SurfacePoint, is_reflection: bool) -> Option<Self> {
         let stack = scene.cover_of(at)?;
         let is_same = self.stack.is_none_or(|s| s == stack);
-        let chain = self.chain.then(is_reflection).filter(|_| is_same)?;
+        let chain = self.chain.extended(is_reflection).filter(|_| is_same)?;
         Some(Self { stack: Some(stack), chain, ..*self })
     }
 }
 
 /// Record of one attempted connection: the chain, the number of rays and the result.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Search {
+pub(crate) struct ConnectionRecord {
     pub(crate) stack: u16,
     pub(crate) chain: Chain,
     /// The probability with which this chain was chosen.
     pub(crate) probability: f32,
     /// Number of rays traced through the cover.
-    pub(crate) shots: u32,
-    pub(crate) has_arrived: bool,
+    pub(crate) rays: u32,
+    pub(crate) has_converged: bool,
 }
 
 /// The end of a connection on a light.
@@ -153,7 +153,7 @@ impl End {
 /// in `[0, 1)` that chooses among the candidate chains. `roulette` is applied before the search. The recorder receives
 /// the search and, if it found light, the weight of the connection.
 #[inline(never)]
-pub(crate) fn light_from<F: Features, V: Vertex>(
+pub(crate) fn estimate<F: Features, V: Vertex>(
     scene: &Scene,
     at: &V,
     light: &LightSample,
@@ -168,60 +168,62 @@ pub(crate) fn light_from<F: Features, V: Vertex>(
         Some(t) => End::surface(t.point, t.normal),
         None => End::infinite(light.direction),
     };
-    let solver = Solver::<F>::new(scene, *at.receiver(), at.leave(light.direction), end);
-    if !solver.may_lead_to(light.direction) {
+    let solver = Solver::<F>::new(scene, *at.receiver(), at.spawn_ray(light.direction), end);
+    if !solver.can_scatter_from(light.direction) {
         return Rgb::BLACK;
     }
-    let Some(way) = solver.choose(u).filter(|w| solver.may_lead_to(w.direction)) else { return Rgb::BLACK };
+    let Some(selected) = solver.choose(u).filter(|w| solver.can_scatter_from(w.direction)) else { return Rgb::BLACK };
     // The contribution in the plate without losses at its faces.
-    let density = light.pdf * way.share;
-    let (scattered, pdf) = at.eval(way.direction);
+    let density = light.pdf * selected.probability;
+    let (scattered, pdf) = at.eval(selected.direction);
     let expected = scattered * light.radiance * (power_heuristic(density, pdf) / density);
     let Some(survival) = roulette.survival(expected) else { return Rgb::BLACK };
-    let (found, shots) = solver.connect(&way);
-    let ChainCandidate { stack, chain, share: probability, .. } = way;
-    recorder.connection(&Search { stack, chain, probability, shots, has_arrived: found.is_some() });
+    let (found, rays) = solver.solve(&selected);
+    let ChainCandidate { stack, chain, probability, .. } = selected;
+    recorder.connection(&ConnectionRecord { stack, chain, probability, rays, has_converged: found.is_some() });
     let Some(found) = found else { return Rgb::BLACK };
     let (scattered, pdf) = at.eval(found.direction);
-    let unoccluded = scattered * light.radiance * found.shot.weight;
+    let unoccluded = scattered * light.radiance * found.traced.weight;
     if unoccluded.is_black() {
         return Rgb::BLACK;
     }
-    let last = &found.shot.walk;
+    let last = &found.traced.ray_state;
     let ray = scene.shadow_ray_from(last.ray.origin, last.ray.direction, light.target.as_ref());
-    let (open, left) = last.light_along::<F>(scene, &ray);
+    let (open, transmittance) = last.shadow_transmittance::<F>(scene, &ray);
     if open == 0.0 {
         return Rgb::BLACK;
     }
     // The density of the first direction.
-    let density = light.pdf * way.share / found.solid_angle_ratio;
-    let share = power_heuristic(density, pdf * found.shot.probability);
-    recorder.shares(share);
-    unoccluded * left * (open * share / (density * survival))
+    let density = light.pdf * selected.probability / found.solid_angle_ratio;
+    let mis_weight = power_heuristic(density, pdf * found.traced.probability);
+    recorder.connection_mis_weight(mis_weight);
+    unoccluded * transmittance * (open * mis_weight / (density * survival))
 }
 
 /// The weight of a path that scattering has sampled through a cover, with the density `pdf` [1/sr] at its start.
 /// `straight_pdf` [1/sr] is the density with which light sampling draws its end without the cover.
 #[inline(never)]
-pub(crate) fn share_of_scattering<F: Features>(
+pub(crate) fn scattering_mis_weight<F: Features>(
     scene: &Scene,
     receiver: &LightSampleContext,
-    passage: &SpecularPrefix,
+    specular_prefix: &SpecularPrefix,
     end: End,
     pdf: f32,
     straight_pdf: f32,
 ) -> f32 {
-    let Some(stack) = passage.stack.filter(|_| straight_pdf > 0.0) else { return 1.0 };
-    let taken = passage.start.ray.direction;
+    let Some(stack) = specular_prefix.stack.filter(|_| straight_pdf > 0.0) else { return 1.0 };
+    let sampled = specular_prefix.start.ray.direction;
     let straight = end.straight(receiver.point);
-    let solver = Solver::<F>::new(scene, *receiver, passage.start.aimed(straight), end);
-    if !solver.is_on_its_side(taken) {
+    let solver = Solver::<F>::new(scene, *receiver, specular_prefix.start.with_direction(straight), end);
+    if !solver.is_same_hemisphere(sampled) {
         return 1.0;
     }
-    let Some(way) = solver.way(stack, passage.chain) else { return 1.0 };
-    let Some(found) = solver.connect(&way).0.filter(|f| solver.is_same(&way, f, taken)) else { return 1.0 };
-    let density = straight_pdf * way.share / found.solid_angle_ratio;
-    power_heuristic(pdf * found.shot.probability, density)
+    let Some(selected) = solver.candidate(stack, specular_prefix.chain) else { return 1.0 };
+    let Some(found) = solver.solve(&selected).0.filter(|f| solver.is_same_solution(&selected, f, sampled)) else {
+        return 1.0;
+    };
+    let density = straight_pdf * selected.probability / found.solid_angle_ratio;
+    power_heuristic(pdf * found.traced.probability, density)
 }
 
 /// One of the candidate chains from a receiver to a light.
@@ -232,15 +234,15 @@ struct ChainCandidate {
     /// First direction in the plate that replaces the stack.
     direction: Vec3,
     /// The probability with which the candidate is chosen.
-    share: f32,
+    probability: f32,
 }
 
 impl ChainCandidate {
-    /// A candidate among others. `total` is the sum of `brings` over all of them.
+    /// A candidate among others. `total` is the sum of `contribution` over all of them.
     fn new(stack: u16, crossing: &Crossing<'_>, candidate: &Candidate, total: f64) -> Option<Self> {
         let chain = candidate.chain;
         let direction = candidate.seed.or_else(|| crossing.seed(chain))?.direction;
-        Some(Self { stack, chain, direction, share: (candidate.brings / total) as f32 })
+        Some(Self { stack, chain, direction, probability: (candidate.contribution / total) as f32 })
     }
 }
 
@@ -249,7 +251,7 @@ impl ChainCandidate {
 struct Connection {
     /// First direction.
     direction: Vec3,
-    shot: TracedChain,
+    traced: TracedChain,
     /// The next Newton step \[rad\], which is about the distance of the direction from the solution.
     step: f64,
     /// Solid angle at the receiver through the chain over that of the straight line [sr/sr].
@@ -276,25 +278,25 @@ impl Residual {
 struct Best {
     /// First direction, and unit vectors perpendicular to it.
     direction: Vec3,
-    across: [Vec3; 2],
+    axes: [Vec3; 2],
     /// The Newton step of the ray \[rad\].
     step: [f64; 2],
     error: f64,
     /// The direction computed from its linearised chain.
-    reckoned: Option<Vec3>,
+    linearized: Option<Vec3>,
 }
 
 impl Best {
     /// The next direction to trace after a number of failures: that of the linearised chain, then Newton's step, then
     /// half of the step and so on.
-    fn attempt(&self, failures: u32) -> Option<Vec3> {
-        let halvings = match (self.reckoned, failures) {
-            (Some(reckoned), 0) => return Some(reckoned),
+    fn next_direction(&self, failures: u32) -> Option<Vec3> {
+        let halvings = match (self.linearized, failures) {
+            (Some(linearized), 0) => return Some(linearized),
             (Some(_), n) => n - 1,
             (None, n) => n,
         };
         let scale = 0.5f64.powi(halvings as i32);
-        (halvings <= MAX_HALVINGS).then(|| turned(self.direction, self.across, self.step.map(|s| s * scale)))
+        (halvings <= MAX_HALVINGS).then(|| turned(self.direction, self.axes, self.step.map(|s| s * scale)))
     }
 }
 
@@ -316,20 +318,20 @@ impl<'a, F: Features> Solver<'a, F> {
 
     /// True if a direction leaves the receiver on the side of the straight line.
     #[inline]
-    fn is_on_its_side(&self, direction: Vec3) -> bool {
+    fn is_same_hemisphere(&self, direction: Vec3) -> bool {
         let normal = self.receiver.normal;
         (normal.dot(direction) > 0.0) == (normal.dot(self.start.ray.direction) > 0.0)
     }
 
     /// True if the receiver can scatter light from a direction to the viewer, on the side of the straight line.
     #[inline]
-    fn may_lead_to(&self, direction: Vec3) -> bool {
-        self.receiver.faces(direction) && self.is_on_its_side(direction)
+    fn can_scatter_from(&self, direction: Vec3) -> bool {
+        self.receiver.faces(direction) && self.is_same_hemisphere(direction)
     }
 
     /// Calls `visit` for all candidate chains to the light, with the stacks between it and the receiver.
     #[inline]
-    fn each_way(&self, mut visit: impl FnMut(u16, &Crossing<'a>, Candidate)) {
+    fn each_candidate(&self, mut visit: impl FnMut(u16, &Crossing<'a>, Candidate)) {
         let inside = self.start.solid::<F>(self.scene);
         let (from, target) = (self.receiver.point, self.end.target);
         for (stack, cover) in (0u16..).zip(self.scene.covers()) {
@@ -342,19 +344,19 @@ impl<'a, F: Features> Solver<'a, F> {
     /// Chooses a chain in proportion to its estimated contribution.
     fn choose(&self, u: impl FnOnce() -> f32) -> Option<ChainCandidate> {
         let (mut total, mut u, mut rest, mut chosen) = (0.0, Some(u), 0.0, None);
-        self.each_way(|stack, crossing, candidate| {
-            total += candidate.brings;
+        self.each_candidate(|stack, crossing, candidate| {
+            total += candidate.contribution;
             // Most light samples have no candidate and need no random number.
             if let Some(u) = u.take() {
                 rest = f64::from(u());
             }
             // The rescaled random number is uniform again and is used for the next choice.
-            let takes = candidate.brings / total;
-            if rest < takes {
-                rest /= takes;
+            let fraction = candidate.contribution / total;
+            if rest < fraction {
+                rest /= fraction;
                 chosen = Some((stack, *crossing, candidate));
             } else {
-                rest = (rest - takes) / (1.0 - takes);
+                rest = (rest - fraction) / (1.0 - fraction);
             }
         });
         let (stack, crossing, candidate) = chosen?;
@@ -362,36 +364,39 @@ impl<'a, F: Features> Solver<'a, F> {
     }
 
     /// The candidate of a given stack and chain, if it can be chosen.
-    fn way(&self, stack: u16, chain: Chain) -> Option<ChainCandidate> {
-        let (mut total, mut wanted) = (0.0, None);
-        self.each_way(|s, crossing, candidate| {
-            total += candidate.brings;
+    fn candidate(&self, stack: u16, chain: Chain) -> Option<ChainCandidate> {
+        let (mut total, mut found) = (0.0, None);
+        self.each_candidate(|s, crossing, candidate| {
+            total += candidate.contribution;
             if (s, candidate.chain) == (stack, chain) {
-                wanted = Some((*crossing, candidate));
+                found = Some((*crossing, candidate));
             }
         });
-        let (crossing, candidate) = wanted?;
+        let (crossing, candidate) = found?;
         ChainCandidate::new(stack, &crossing, &candidate, total)
     }
 
     /// Solves for the chain. Also returns the number of traced rays. The result depends only on receiver, light, stack
     /// and chain.
-    fn connect(&self, way: &ChainCandidate) -> (Option<Connection>, u32) {
-        let mut trail = LinearizedChain::new();
-        let mut direction = way.direction;
+    fn solve(&self, selected: &ChainCandidate) -> (Option<Connection>, u32) {
+        let mut linearized_chain = LinearizedChain::new();
+        let mut direction = selected.direction;
         let mut best: Option<Best> = None;
         let mut failures = 0;
-        for shots in 1..=MAX_SHOTS {
-            if let Some((shot, aim)) = self.try_direction(way, direction, &mut trail) {
-                let size = aim.size();
-                if aim.error <= ARRIVED && size <= SETTLED {
-                    return (self.finish(turned(direction, shot.beam.across, aim.step), shot, size), shots);
+        for rays in 1..=MAX_RAYS {
+            if let Some((traced, residual)) = self.trace(selected, direction, &mut linearized_chain) {
+                let size = residual.size();
+                if residual.error <= ERROR_TOLERANCE && size <= STEP_TOLERANCE {
+                    return (
+                        self.connection(turned(direction, traced.ray_differential.axes, residual.step), traced, size),
+                        rays,
+                    );
                 }
-                if best.as_ref().is_none_or(|b| aim.error < b.error) {
-                    let scale = (LONGEST_STEP / size).min(1.0);
-                    let (across, step) = (shot.beam.across, aim.step.map(|s| s * scale));
-                    let reckoned = self.solve_linearized(&trail, turned(direction, across, step));
-                    best = Some(Best { direction, across, step, error: aim.error, reckoned });
+                if best.as_ref().is_none_or(|b| residual.error < b.error) {
+                    let scale = (MAX_STEP / size).min(1.0);
+                    let (axes, step) = (traced.ray_differential.axes, residual.step.map(|s| s * scale));
+                    let linearized = self.solve_linearized(&linearized_chain, turned(direction, axes, step));
+                    best = Some(Best { direction, axes, step, error: residual.error, linearized });
                     failures = 0;
                 } else {
                     failures += 1;
@@ -399,27 +404,28 @@ impl<'a, F: Features> Solver<'a, F> {
             } else {
                 failures += 1;
             }
-            let promising = best.as_ref().filter(|b| shots < FIRST_SHOTS || b.error < NEAR);
-            let Some(next) = promising.and_then(|b| b.attempt(failures)) else { return (None, shots) };
+            let to_improve = best.as_ref().filter(|b| rays < EARLY_STOP_RAYS || b.error < EARLY_STOP_ERROR);
+            let Some(next) = to_improve.and_then(|b| b.next_direction(failures)) else { return (None, rays) };
             direction = next;
         }
-        (None, MAX_SHOTS)
+        (None, MAX_RAYS)
     }
 
     /// Newton's method on a linearised chain, starting at `direction`: the first direction of the chain if the faces
     /// continued as near the traced ray. `None` if it does not converge.
-    fn solve_linearized(&self, trail: &LinearizedChain, mut direction: Vec3) -> Option<Vec3> {
+    fn solve_linearized(&self, linearized_chain: &LinearizedChain, mut direction: Vec3) -> Option<Vec3> {
         let mut error = f64::INFINITY;
-        for _ in 0..MAX_SOLVES {
-            let (place, leaving, beam) = trail.follow(self.start.ray.origin.as_dvec3(), direction)?;
-            let aim = self.aim(place, leaving, &beam)?;
-            let is_better = aim.error < error && aim.size() < LONGEST_STEP;
+        for _ in 0..MAX_LINEARIZED_STEPS {
+            let (position, leaving, ray_differential) =
+                linearized_chain.trace(self.start.ray.origin.as_dvec3(), direction)?;
+            let residual = self.residual(position, leaving, &ray_differential)?;
+            let is_better = residual.error < error && residual.size() < MAX_STEP;
             if !is_better {
                 return None;
             }
-            error = aim.error;
-            direction = turned(direction, beam.across, aim.step);
-            if aim.size() <= RECKONED {
+            error = residual.error;
+            direction = turned(direction, ray_differential.axes, residual.step);
+            if residual.size() <= LINEARIZED_TOLERANCE {
                 break;
             }
         }
@@ -427,26 +433,32 @@ impl<'a, F: Features> Solver<'a, F> {
     }
 
     /// Traces a ray through the stack. Returns the traced chain and its miss at the light.
-    fn try_direction(
+    fn trace(
         &self,
-        way: &ChainCandidate,
+        selected: &ChainCandidate,
         direction: Vec3,
-        trail: &mut LinearizedChain,
+        linearized_chain: &mut LinearizedChain,
     ) -> Option<(TracedChain, Residual)> {
-        if !self.is_on_its_side(direction) {
+        if !self.is_same_hemisphere(direction) {
             return None;
         }
-        let shot = shoot::<F>(self.scene, self.start.aimed(direction), way.stack, way.chain, trail)?;
-        let last = &shot.walk.ray;
-        let aim = self.aim(last.origin.as_dvec3(), last.direction.as_dvec3(), &shot.beam)?;
-        Some((shot, aim))
+        let traced = trace_chain::<F>(
+            self.scene,
+            self.start.with_direction(direction),
+            selected.stack,
+            selected.chain,
+            linearized_chain,
+        )?;
+        let last = &traced.ray_state.ray;
+        let residual = self.residual(last.origin.as_dvec3(), last.direction.as_dvec3(), &traced.ray_differential)?;
+        Some((traced, residual))
     }
 
     /// The miss of a ray that leaves the cover. `None` if the light is behind the ray, or if no step corrects the miss.
-    fn aim(&self, place: DVec3, leaving: DVec3, beam: &RayDifferential) -> Option<Residual> {
-        let (miss, scale, spread) = match self.end.target {
+    fn residual(&self, position: DVec3, leaving: DVec3, ray_differential: &RayDifferential) -> Option<Residual> {
+        let (miss, scale, jacobian) = match self.end.target {
             Target::Point(point) => {
-                let to_light = point.as_dvec3() - place;
+                let to_light = point.as_dvec3() - position;
                 let distance = to_light.dot(leaving);
                 let is_ahead = distance > 0.0;
                 if !is_ahead {
@@ -454,39 +466,39 @@ impl<'a, F: Features> Solver<'a, F> {
                 }
                 let miss = to_light - leaving * distance;
                 let straight = point.as_dvec3().distance(self.receiver.point.as_dvec3());
-                (miss, straight, beam.spread_at(leaving, distance))
+                (miss, straight, ray_differential.jacobian_at(leaving, distance))
             }
-            Target::Direction(d) => (d.as_dvec3() - leaving, 1.0, beam.spread_to_infinity(leaving)),
+            Target::Direction(d) => (d.as_dvec3() - leaving, 1.0, ray_differential.jacobian_at_infinity(leaving)),
         };
-        Some(Residual { error: miss.length() / scale, step: spread.solve(miss)? })
+        Some(Residual { error: miss.length() / scale, step: jacobian.solve(miss)? })
     }
 
     /// True if the direction of a sampled path to the light belongs to the same solution.
-    fn is_same(&self, way: &ChainCandidate, found: &Connection, taken: Vec3) -> bool {
-        let Some((_, aim)) = self.try_direction(way, taken, &mut LinearizedChain::new()) else { return false };
-        let distance = (found.direction.as_dvec3() - taken.as_dvec3()).length();
-        distance <= ROUNDING + 2.0 * (found.step + aim.size())
+    fn is_same_solution(&self, selected: &ChainCandidate, found: &Connection, sampled: Vec3) -> bool {
+        let Some((_, residual)) = self.trace(selected, sampled, &mut LinearizedChain::new()) else { return false };
+        let distance = (found.direction.as_dvec3() - sampled.as_dvec3()).length();
+        distance <= ROUNDING + 2.0 * (found.step + residual.size())
     }
 
     /// The chain that has arrived; `None` if its light would leave the other side of the surface of the light.
-    fn finish(&self, direction: Vec3, shot: TracedChain, step: f64) -> Option<Connection> {
-        let leaving = shot.walk.ray.direction.as_dvec3();
+    fn connection(&self, direction: Vec3, traced: TracedChain, step: f64) -> Option<Connection> {
+        let leaving = traced.ray_state.ray.direction.as_dvec3();
         let solid_angle_ratio = match self.end.target {
             Target::Point(point) => {
-                let to_light = point.as_dvec3() - shot.walk.ray.origin.as_dvec3();
-                let spread = shot.beam.spread_at(leaving, to_light.dot(leaving)).area();
+                let to_light = point.as_dvec3() - traced.ray_state.ray.origin.as_dvec3();
+                let area = traced.ray_differential.jacobian_at(leaving, to_light.dot(leaving)).area();
                 let line = point.as_dvec3() - self.receiver.point.as_dvec3();
                 let straight = line.length();
                 let normal = self.end.normal.as_dvec3();
                 let cosines = leaving.dot(normal) * straight / line.dot(normal);
-                straight * straight * cosines / spread
+                straight * straight * cosines / area
             }
-            Target::Direction(_) => 1.0 / shot.beam.spread_to_infinity(leaving).area(),
+            Target::Direction(_) => 1.0 / traced.ray_differential.jacobian_at_infinity(leaving).area(),
         };
         let solid_angle_ratio = solid_angle_ratio as f32;
         (solid_angle_ratio > 0.0 && solid_angle_ratio.is_finite()).then_some(Connection {
             direction,
-            shot,
+            traced,
             step,
             solid_angle_ratio,
         })

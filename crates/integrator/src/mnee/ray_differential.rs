@@ -7,7 +7,7 @@ use dunkelfeld_scene::NormalDifferential;
 #[derive(Clone, Copy, Debug)]
 pub(super) struct RayDifferential {
     /// The unit vectors perpendicular to the first direction.
-    pub(super) across: [Vec3; 2],
+    pub(super) axes: [Vec3; 2],
     /// Change of the position per radian \[m\].
     points: [DVec3; 2],
     /// Change of the unit direction per radian.
@@ -28,12 +28,12 @@ impl RayDifferential {
     /// All rays from one point around the given direction.
     pub(super) fn from_point(direction: Vec3) -> Self {
         let (a, b) = direction.any_orthonormal_pair();
-        Self { across: [a, b], points: [DVec3::ZERO; 2], directions: [a.as_dvec3(), b.as_dvec3()] }
+        Self { axes: [a, b], points: [DVec3::ZERO; 2], directions: [a.as_dvec3(), b.as_dvec3()] }
     }
 
     /// Transfers over a distance \[m\] along `direction`, to a surface with the geometric normal `normal`. Each
     /// neighbouring ray ends on the plane of that surface.
-    pub(super) fn travel(&mut self, direction: DVec3, distance: f64, normal: DVec3) {
+    pub(super) fn transfer(&mut self, direction: DVec3, distance: f64, normal: DVec3) {
         let cosine = direction.dot(normal);
         for (point, turn) in self.points.iter_mut().zip(&self.directions) {
             let moved = *point + *turn * distance;
@@ -44,7 +44,7 @@ impl RayDifferential {
     /// Reflects at a surface with the unit shading normal `normal`.
     pub(super) fn reflect(&mut self, direction: DVec3, normal: DVec3, differential: Option<&NormalDifferential>) {
         let cosine = direction.dot(normal);
-        self.bend(differential, |turn, bent| {
+        self.change_directions(differential, |turn, bent| {
             turn - (normal * (turn.dot(normal) + direction.dot(bent)) + bent * cosine) * 2.0
         });
     }
@@ -61,14 +61,14 @@ impl RayDifferential {
         // d' = d / eta + m n with m = (n.d') - (n.d) / eta; by Snell's law eta^2 (1 - (n.d')^2) = 1 - (n.d)^2.
         let (before, after) = (direction.dot(normal), refracted.dot(normal));
         let m = after - before / eta;
-        self.bend(differential, |turn, bent| {
+        self.change_directions(differential, |turn, bent| {
             let change_before = turn.dot(normal) + direction.dot(bent);
             let change_after = before * change_before / (eta * eta * after);
             turn / eta + normal * (change_after - change_before / eta) + bent * m
         });
     }
 
-    fn bend(&mut self, differential: Option<&NormalDifferential>, turned: impl Fn(DVec3, DVec3) -> DVec3) {
+    fn change_directions(&mut self, differential: Option<&NormalDifferential>, turned: impl Fn(DVec3, DVec3) -> DVec3) {
         for (point, turn) in self.points.iter().zip(&mut self.directions) {
             let bent = differential.map_or(DVec3::ZERO, |d| d.along(*point));
             *turn = turned(*turn, bent);
@@ -76,12 +76,12 @@ impl RayDifferential {
     }
 
     /// The Jacobian at a further distance \[m\] along the ray, perpendicular to the ray: `[m/rad]`.
-    pub(super) fn spread_at(&self, direction: DVec3, distance: f64) -> EndpointJacobian {
+    pub(super) fn jacobian_at(&self, direction: DVec3, distance: f64) -> EndpointJacobian {
         EndpointJacobian::new(direction, [0, 1].map(|j| self.points[j] + self.directions[j] * distance))
     }
 
     /// The Jacobian of the directions: `[rad/rad]`.
-    pub(super) fn spread_to_infinity(&self, direction: DVec3) -> EndpointJacobian {
+    pub(super) fn jacobian_at_infinity(&self, direction: DVec3) -> EndpointJacobian {
         EndpointJacobian::new(direction, self.directions)
     }
 }
@@ -135,20 +135,20 @@ mod tests {
         let (direction, eta, h) = (unit(0.4, -0.3, 0.8), 1.49, 1e-5);
         let first = direction.as_vec3();
         let direction = first.as_dvec3().normalize();
-        let mut beam = RayDifferential::from_point(first);
+        let mut differential = RayDifferential::from_point(first);
         let (point, refracted) = through_plane(direction, eta);
-        beam.travel(direction, point.length(), DVec3::Z);
-        beam.refract((direction, refracted), DVec3::Z, eta, None);
+        differential.transfer(direction, point.length(), DVec3::Z);
+        differential.refract((direction, refracted), DVec3::Z, eta, None);
         for j in 0..2 {
-            let moved = (direction + beam.across[j].as_dvec3() * h).normalize();
+            let moved = (direction + differential.axes[j].as_dvec3() * h).normalize();
             let (p, d) = through_plane(moved, eta);
-            assert!(((p - point) / h - beam.points[j]).length() < 1e-4, "place {j}");
-            assert!(((d - refracted) / h - beam.directions[j]).length() < 1e-4, "direction {j}");
+            assert!(((p - point) / h - differential.points[j]).length() < 1e-4, "place {j}");
+            assert!(((d - refracted) / h - differential.directions[j]).length() < 1e-4, "direction {j}");
         }
         // A cone of solid angle w covers d^2 w in empty space.
-        let free = RayDifferential::from_point(first).spread_at(direction, 2.0);
+        let free = RayDifferential::from_point(first).jacobian_at(direction, 2.0);
         assert!((free.area() - 4.0).abs() < 1e-6);
-        let step = free.solve(beam.across[0].as_dvec3() * 0.02);
+        let step = free.solve(differential.axes[0].as_dvec3() * 0.02);
         assert!(step.is_some_and(|[x, y]| (x - 0.01).abs() < 1e-8 && y.abs() < 1e-8));
     }
 
@@ -156,11 +156,11 @@ mod tests {
     fn a_mirror_turns_the_beam_and_keeps_its_area() {
         let first = unit(0.1, 0.2, -0.9).as_vec3();
         let direction = first.as_dvec3();
-        let mut beam = RayDifferential::from_point(first);
-        beam.travel(direction, 2.0, DVec3::Z);
-        beam.reflect(direction, DVec3::Z, None);
+        let mut differential = RayDifferential::from_point(first);
+        differential.transfer(direction, 2.0, DVec3::Z);
+        differential.reflect(direction, DVec3::Z, None);
         let reflected = DVec3::new(direction.x, direction.y, -direction.z);
-        assert!((beam.spread_at(reflected, 1.0).area() - 9.0).abs() < 1e-5);
-        assert!((beam.spread_to_infinity(reflected).area() - 1.0).abs() < 1e-6);
+        assert!((differential.jacobian_at(reflected, 1.0).area() - 9.0).abs() < 1e-5);
+        assert!((differential.jacobian_at_infinity(reflected).area() - 1.0).abs() < 1e-6);
     }
 }

@@ -17,9 +17,9 @@ const MAX_PASSED: u32 = 64;
 #[derive(Clone, Copy, Debug)]
 pub(super) struct TracedChain {
     /// The segment to the light.
-    pub(super) walk: RayState,
+    pub(super) ray_state: RayState,
     /// The ray differential.
-    pub(super) beam: RayDifferential,
+    pub(super) ray_differential: RayDifferential,
     /// Throughput of the chain: Fresnel factor of each event, change of radiance by refraction, tints, absorption, and
     /// the open share of partly covering surfaces.
     pub(super) weight: Rgb,
@@ -28,33 +28,33 @@ pub(super) struct TracedChain {
 }
 
 /// Traces a chain through the interfaces of a stack. `None` if it does not exist: another surface is in the way, an
-/// interface is missed, or light is reflected totally where it should be transmitted. Afterwards `trail` contains the
-/// interfaces that were met.
-pub(super) fn shoot<F: Features>(
+/// interface is missed, or light is reflected totally where it should be transmitted. Afterwards `linearized_chain`
+/// contains the interfaces that were hit.
+pub(super) fn trace_chain<F: Features>(
     scene: &Scene,
     start: RayState,
     stack: u16,
     chain: Chain,
-    trail: &mut LinearizedChain,
+    linearized_chain: &mut LinearizedChain,
 ) -> Option<TracedChain> {
-    trail.clear();
-    let mut beam = RayDifferential::from_point(start.ray.direction);
-    let (mut walk, mut weight, mut probability) = (start, Rgb::WHITE, 1.0);
+    linearized_chain.clear();
+    let mut ray_differential = RayDifferential::from_point(start.ray.direction);
+    let (mut ray_state, mut weight, mut probability) = (start, Rgb::WHITE, 1.0);
     let (mut event, mut passed) = (0, 0);
     while event < chain.events() {
         let (mut interface, mut bsdf) = (None, None);
-        let met = walk.intersect_next::<F>(scene, &mut interface)?;
-        weight *= walk.transmittance::<F>(scene, met.hit.distance);
-        let direction = walk.ray.direction.as_dvec3();
-        beam.travel(direction, f64::from(met.hit.distance), met.hit.normal.as_dvec3());
-        let is_cover = scene.cover_of(&met.hit) == Some(stack);
-        let open = match met.open_tint() {
+        let hit = ray_state.intersect_next::<F>(scene, &mut interface)?;
+        weight *= ray_state.transmittance::<F>(scene, hit.surface.distance);
+        let direction = ray_state.ray.direction.as_dvec3();
+        ray_differential.transfer(direction, f64::from(hit.surface.distance), hit.surface.normal.as_dvec3());
+        let is_cover = scene.cover_of(&hit.surface) == Some(stack);
+        let open = match hit.open_tint() {
             Some(tint) => {
                 weight *= tint;
                 1.0
             }
             None if is_cover => 0.0,
-            None => 1.0 - scene.coverage(&met.hit),
+            None => 1.0 - scene.coverage(&hit.surface),
         };
         if open > 0.0 {
             weight *= open;
@@ -63,31 +63,37 @@ pub(super) fn shoot<F: Features>(
             if passed > MAX_PASSED {
                 return None;
             }
-            walk = walk.pass_through::<F>(&met);
+            ray_state = ray_state.pass_through::<F>(&hit);
             continue;
         }
         if !is_cover {
             return None;
         }
-        let at = SurfaceVertex::<F>::new(scene, walk, met, 0.0, &mut bsdf);
+        let at = SurfaceVertex::<F>::new(scene, ray_state, hit, 0.0, &mut bsdf);
         let is_reflection = chain.is_reflection(event);
         let scattered = at.delta(if is_reflection { 0.0 } else { ALMOST_ONE })?;
         if scattered.lobe.contains(Lobe::REFLECTION) != is_reflection {
             return None;
         }
-        let (normal, differential) = scene.normal_differential(&at.met.hit, at.wo);
+        let (normal, differential) = scene.normal_differential(&at.hit.surface, at.wo);
         let (normal, eta) = (normal.as_dvec3(), f64::from(scattered.eta));
         if is_reflection {
-            beam.reflect(direction, normal, differential.as_ref());
+            ray_differential.reflect(direction, normal, differential.as_ref());
         } else {
-            beam.refract((direction, scattered.wi.as_dvec3()), normal, eta, differential.as_ref());
+            ray_differential.refract((direction, scattered.wi.as_dvec3()), normal, eta, differential.as_ref());
         }
-        let (point, flat) = (at.met.hit.point.as_dvec3(), at.met.hit.normal.as_dvec3());
-        trail.note(SpecularVertex { point, flat, normal, differential, eta: (!is_reflection).then_some(eta) });
+        let (point, geometric_normal) = (at.hit.surface.point.as_dvec3(), at.hit.surface.normal.as_dvec3());
+        linearized_chain.push(SpecularVertex {
+            point,
+            geometric_normal,
+            normal,
+            differential,
+            eta: (!is_reflection).then_some(eta),
+        });
         weight *= scattered.weight * scattered.pdf;
         probability *= scattered.pdf;
-        walk = at.leave(scattered.wi);
+        ray_state = at.spawn_ray(scattered.wi);
         event += 1;
     }
-    Some(TracedChain { walk, beam, weight, probability })
+    Some(TracedChain { ray_state, ray_differential, weight, probability })
 }

@@ -4,7 +4,7 @@
 use crate::settings::{RenderSettings, SensorChoice};
 use dunkelfeld_film::NO_ID;
 use dunkelfeld_film::Plane;
-use dunkelfeld_integrator::Label;
+use dunkelfeld_integrator::PixelIds;
 use dunkelfeld_scene::Effect;
 use dunkelfeld_sensor::ExposureNoise;
 use serde::{Deserialize, Serialize};
@@ -70,15 +70,15 @@ impl ExposureRecipe {
 }
 
 /// Pixel ids as two planes of numbers: objects and materials, [`NO_ID`] where no surface is hit.
-pub(crate) fn numbers_of(labels: &Plane<Option<Label>>) -> [Plane<u32>; 2] {
+pub(crate) fn numbers_of(labels: &Plane<Option<PixelIds>>) -> [Plane<u32>; 2] {
     [labels.map(|l| l.map_or(NO_ID, |l| l.object())), labels.map(|l| l.map_or(NO_ID, |l| l.material()))]
 }
 
 /// The pixel ids that the numbers represent; both planes have one size.
-pub(crate) fn labels_of(objects: &Plane<u32>, materials: &Plane<u32>) -> Plane<Option<Label>> {
+pub(crate) fn labels_of(objects: &Plane<u32>, materials: &Plane<u32>) -> Plane<Option<PixelIds>> {
     Plane::from_fn(objects.width(), objects.height(), |x, y| {
         let (object, material) = (*objects.at(x, y), *materials.at(x, y));
-        (object != NO_ID).then(|| Label::new(object, material))
+        (object != NO_ID).then(|| PixelIds::new(object, material))
     })
 }
 
@@ -144,7 +144,7 @@ mod tests {
 
     #[test]
     fn labels_come_back() {
-        let labels = Plane::from_fn(3, 2, |x, y| (x != y).then(|| Label::new(x, 7 * y)));
+        let labels = Plane::from_fn(3, 2, |x, y| (x != y).then(|| PixelIds::new(x, 7 * y)));
         let [objects, materials] = numbers_of(&labels);
         assert_eq!(labels_of(&objects, &materials), labels);
     }

@@ -17,7 +17,7 @@ use crate::settings::{CheckpointSettings, RenderSettings};
 use dunkelfeld_adaptive::budget::{Schedule, StopReason};
 use dunkelfeld_adaptive::weights::Shares;
 use dunkelfeld_film::{Film, PixelSums, Plane};
-use dunkelfeld_integrator::{ConnectionTally, Label, PixelSample};
+use dunkelfeld_integrator::{ConnectionTally, PixelIds, PixelSample};
 use dunkelfeld_io::InputError;
 use dunkelfeld_io::checkpoint::{Checkpoint, CheckpointHead, read_checkpoint, write_checkpoint};
 use dunkelfeld_scene::{RayGenerator, Scene};
@@ -69,7 +69,7 @@ pub(crate) struct State {
     pub(crate) planner: PlannerState,
     pub(crate) forecast: Option<Forecast>,
     pub(crate) stages: Vec<(Stage, f64)>,
-    /// Connections through covers: those attempted, those that arrived, and the rays traced for them, up to the open
+    /// Connections through covers: those attempted, those that converged, and the rays traced for them, up to the open
     /// round.
     pub(crate) connections: [u64; 3],
     /// Column, row and index of the first invalid samples.
@@ -94,8 +94,8 @@ pub(crate) struct AdaptiveState {
 impl State {
     /// The tally of connections. No number in a file makes it overflow.
     pub(crate) fn connections(&self) -> ConnectionTally {
-        let [attempts, arrived, shots] = self.connections.map(|n| n.min(u64::MAX >> 8));
-        ConnectionTally { attempts, arrived, shots }
+        let [attempts, converged, rays] = self.connections.map(|n| n.min(u64::MAX >> 8));
+        ConnectionTally { attempts, converged, rays }
     }
 
     /// The first invalid samples.
@@ -168,7 +168,7 @@ impl CheckpointWriter {
         scene: &Scene,
         camera: &RayGenerator,
         render: &RenderSettings,
-        labels: &Plane<Option<Label>>,
+        labels: &Plane<Option<PixelIds>>,
         started: Instant,
     ) -> Result<(Self, Option<Restored>), Error> {
         let mut settings = settings.clone();

@@ -77,9 +77,9 @@ fn simplify(m: &mut Material, effect: Effect) {
         Effect::Anisotropy => (m.anisotropy, m.anisotropy_texture) = (0.0, None),
         Effect::Sheen => m.sheen_color = Rgb::BLACK,
         Effect::Clearcoat => m.clearcoat = 0.0,
-        Effect::ThinSheets if m.surface == Surface::Thin && m.transmission > 0.0 => go_straight(m),
-        Effect::SmoothRefraction if is_refracting(m) && is_smooth => go_straight(m),
-        Effect::RoughRefraction if is_refracting(m) && !is_smooth => go_straight(m),
+        Effect::ThinSheets if m.surface == Surface::Thin && m.transmission > 0.0 => remove_refraction(m),
+        Effect::SmoothRefraction if is_refracting(m) && is_smooth => remove_refraction(m),
+        Effect::RoughRefraction if is_refracting(m) && !is_smooth => remove_refraction(m),
         _ => {}
     }
 }
@@ -89,7 +89,7 @@ fn is_refracting(m: &Material) -> bool {
 }
 
 /// Light passes the surface in a straight line. Only tint and medium change it.
-fn go_straight(m: &mut Material) {
+fn remove_refraction(m: &mut Material) {
     m.ior = 1.0;
     (m.roughness, m.roughness_texture) = (0.0, None);
 }
@@ -183,7 +183,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_left_out_is_no_longer_called_for_and_all_else_is() {
+    fn an_ablated_effect_is_not_required_and_all_others_are() {
         let before = Effects::from_scene(&everything());
         for effect in Effect::ALL.into_iter().filter(|e| !e.is_technique()) {
             let mut scene = everything();
@@ -192,7 +192,7 @@ mod tests {
             }
             assert!(before.has(effect), "the scene of this test lacks {}", effect.name());
             let after = Effects::from_scene(&scene);
-            assert!(!after.has(effect), "{} is still called for by {:?}", effect.name(), after.callers(effect));
+            assert!(!after.has(effect), "{} is still required by {:?}", effect.name(), after.users(effect));
             for other in Effect::ALL.into_iter().filter(|&o| o != effect && o != Effect::Color && before.has(o)) {
                 assert!(after.has(other), "{} went with {}", other.name(), effect.name());
             }
@@ -211,7 +211,7 @@ mod tests {
     }
 
     #[test]
-    fn the_medium_that_stays_is_as_it_was() {
+    fn the_remaining_medium_is_unchanged() {
         let of = |scene: &SceneBuilder| match &scene.materials[2].surface {
             Surface::Solid(v) => Medium::new(v),
             Surface::Thin => panic!("the third material of this test is a solid"),

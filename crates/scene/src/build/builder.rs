@@ -33,7 +33,7 @@ pub struct SceneBuilder {
     pub cameras: Vec<Camera>,
     /// Light from infinitely far away.
     pub environment: Option<Environment>,
-    /// True if rough surfaces get back the energy that their model loses between facets. Off by default; see
+    /// True if rough surfaces are compensated for the energy that their model loses between facets. Off by default; see
     /// [`dunkelfeld_bsdf::compensation`].
     pub energy_compensation: bool,
     /// Light sampling techniques that may be used; all by default.
@@ -186,7 +186,7 @@ impl SceneBuilder {
         self.instances.len() - 1
     }
 
-    /// Adds a perspective camera at `eye` that looks at `target` with world +y up; returns its index.
+    /// Adds a perspective camera at `eye` with the view direction to `target` with world +y up; returns its index.
     ///
     /// `vertical_fov` is the full angle \[rad\].
     pub fn add_camera(&mut self, name: &str, eye: DVec3, target: DVec3, vertical_fov: f32) -> usize {

@@ -25,7 +25,7 @@ use dunkelfeld_geometry::{DAffine3, DMat3, DVec3, Mesh, Transform, Vec3, geometr
 
 /// Meshes used more than once are also moved to render space if their copies have at most this many triangles together.
 /// One flat hierarchy is faster, and the memory for this many triangles is small.
-const BAKE_COPIES_UP_TO: usize = 16_384;
+const MAX_BAKED_COPIES: usize = 16_384;
 
 /// Beyond this radius [m] the square of a distance, and with it the irradiance, may leave the range of f32.
 const LARGEST_RADIUS: f32 = 1e18;
@@ -55,9 +55,7 @@ pub enum BuildError {
         problem: String,
     },
     /// The scene needs an effect, but this build has no effects.
-    #[error(
-        "{place} calls for {effect}, which this build lacks: it was made with the feature plain-only, for measurements"
-    )]
+    #[error("{place} requires {effect}, which a build with the feature plain-only does not contain")]
     PlainOnly {
         /// The effect's name, or that of the group it belongs to.
         effect: String,
@@ -72,7 +70,7 @@ pub enum BuildError {
     },
     /// The scene is so large that its light cannot be computed.
     #[error(
-        "{place} makes the scene reach {radius} from its middle, where squared distances leave the range of numbers; look for a stray object or a wrong unit"
+        "{place} extends the scene to {radius} from its centre, where squared distances exceed the range of f32; check for a stray object or a wrong unit"
     )]
     TooLarge {
         /// The object that reaches farthest.
@@ -159,16 +157,16 @@ impl SceneBuilder {
             geometry.parts.iter().any(|p| is_open(&compiled[p.material as usize]) && solids.is_open(p.solid));
         let scatters = solids.list.iter().any(|s| s.medium.scatters());
         if solids.has_nesting {
-            effects.call(Effect::Nesting, "solids that touch or overlap".into());
+            effects.add(Effect::Nesting, "solids that touch or overlap".into());
         }
         if lights.has_tree() {
-            effects.call(Effect::ManyLights, format!("{} lights", lights.lights.len()));
+            effects.add(Effect::ManyLights, format!("{} lights", lights.lights.len()));
         }
-        if lights.asks_each() {
-            effects.call(Effect::EveryLight, format!("{} lights", lights.lights.len()));
+        if lights.samples_each() {
+            effects.add(Effect::EveryLight, format!("{} lights", lights.lights.len()));
         }
         features.media = scatters || has_open_faces || solids.has_nesting;
-        if !EFFECTS && let Some((effect, place)) = effects.beyond_plain(features) {
+        if !EFFECTS && let Some((effect, place)) = effects.first_unsupported(features) {
             return Err(BuildError::PlainOnly { effect, place });
         }
         let bvh = geometry.hierarchy(&|part| {
@@ -203,7 +201,7 @@ impl SceneBuilder {
         if self.techniques.cover_connection {
             scene.find_covers();
         }
-        crate::build::lints::look(&scene, &mut report);
+        crate::build::lints::check(&scene, &mut report);
         Ok((scene, report))
     }
 
@@ -373,7 +371,7 @@ impl Placed {
         for &m in placed.iter().flat_map(|(_, i, _)| &i.meshes) {
             uses[m] += 1;
         }
-        let bakes = |m: usize| uses[m] == 1 || uses[m] * meshes[m].mesh.triangles.len() <= BAKE_COPIES_UP_TO;
+        let bakes = |m: usize| uses[m] == 1 || uses[m] * meshes[m].mesh.triangles.len() <= MAX_BAKED_COPIES;
         // Baked parts come first, so that their triangles are numbered without gaps.
         let baked_any = (0..meshes.len()).any(|m| uses[m] > 0 && bakes(m) && !meshes[m].mesh.triangles.is_empty());
         if baked_any {
@@ -480,18 +478,18 @@ impl Placed {
         }
         let mut bvh = Bvh::build(&sources, &instances).map_err(|e| BuildError::Hierarchy(e.to_string()))?;
         if self.parts.iter().any(covers_partly) {
-            // A mesh that several parts share is porous if one of them is. An evaluation of the coverage is correct for
-            // all of them.
-            let mut porous_mesh = vec![false; sources.len()];
+            // A mesh that several parts share is alpha-tested if one of them is. An evaluation of the coverage is
+            // correct for all of them.
+            let mut alpha_tested_mesh = vec![false; sources.len()];
             for part in self.parts.iter().filter(|p| p.transform.is_some() && covers_partly(p)) {
-                porous_mesh[source_of_mesh[part.mesh as usize] as usize] = true;
+                alpha_tested_mesh[source_of_mesh[part.mesh as usize] as usize] = true;
             }
             let baked = self.placements.iter().any(|p| matches!(p, Placement::Baked)).then_some(0);
-            bvh.mark_porous(|mesh, triangle| {
+            bvh.mark_alpha_tested(|mesh, triangle| {
                 if Some(mesh) == baked {
                     covers_partly(&self.parts[self.facets[triangle as usize].part as usize])
                 } else {
-                    porous_mesh[mesh as usize]
+                    alpha_tested_mesh[mesh as usize]
                 }
             });
         }
@@ -550,7 +548,7 @@ impl Placed {
                     part: part_index as u32,
                     triangles: [t as u32, second],
                     mean_radiance,
-                    shines_unevenly: compiled[part.material as usize].shines_unevenly,
+                    has_varying_radiance: compiled[part.material as usize].has_varying_radiance,
                 }));
                 t += if second == u32::MAX { 1 } else { 2 };
             }

@@ -138,7 +138,7 @@ impl Effect {
 /// The effects that a scene needs, each with the objects that need it.
 #[derive(Clone, Debug, Default, PartialEq, Eq, serde::Serialize)]
 pub struct Effects {
-    callers: Vec<(Effect, Vec<String>)>,
+    users: Vec<(Effect, Vec<String>)>,
 }
 
 impl Effects {
@@ -151,13 +151,13 @@ impl Effects {
             if let Some(used) = used.get_mut(part.material) {
                 *used = true;
             }
-            effects.call_from_mesh(part);
+            effects.add_from_mesh(part);
         }
         for (material, _) in scene.materials.iter().zip(used).filter(|(_, used)| *used) {
-            effects.call_from_material(material);
+            effects.add_from_material(material);
             let rough = material.roughness > 0.0 || material.roughness_texture.is_some();
             if scene.energy_compensation && rough && !material.unlit {
-                effects.call(Effect::EnergyCompensation, material_place(material));
+                effects.add(Effect::EnergyCompensation, material_place(material));
             }
         }
         for light in &scene.lights {
@@ -170,44 +170,44 @@ impl Effects {
                 PunctualKind::Profile { scale, .. } => (Effect::LightProfiles, scale),
             };
             if !is_grey(color) {
-                effects.call(Effect::Color, place.clone());
+                effects.add(Effect::Color, place.clone());
             }
-            effects.call(effect, place);
+            effects.add(effect, place);
         }
         if let Some(environment) = &scene.environment {
             let (what, is_colored) = match &environment.source {
                 EnvironmentSource::Constant(radiance) => ("constant", !is_grey(*radiance)),
                 EnvironmentSource::Image { .. } => ("an image", true),
             };
-            effects.call(Effect::Environment, format!("environment ({what})"));
+            effects.add(Effect::Environment, format!("environment ({what})"));
             if is_colored {
-                effects.call(Effect::Color, "environment".into());
+                effects.add(Effect::Color, "environment".into());
             }
         }
         for camera in &scene.cameras {
             let place = || format!("camera \"{}\"", camera.name);
             if camera.lens.aperture.is_some() {
-                effects.call(Effect::FiniteAperture, place());
+                effects.add(Effect::FiniteAperture, place());
             }
             if !camera.lens.distortion.is_none() {
-                effects.call(Effect::Distortion, place());
+                effects.add(Effect::Distortion, place());
             }
         }
         effects
     }
 
-    fn call_from_mesh(&mut self, part: &MeshPart) {
+    fn add_from_mesh(&mut self, part: &MeshPart) {
         let place = || format!("mesh \"{}\"", part.name);
         if !part.mesh.colors.is_empty() {
-            self.call(Effect::VertexColors, place());
-            self.call(Effect::Color, place());
+            self.add(Effect::VertexColors, place());
+            self.add(Effect::Color, place());
         }
         if !part.mesh.normals.is_empty() {
-            self.call(Effect::SmoothNormals, place());
+            self.add(Effect::SmoothNormals, place());
         }
     }
 
-    fn call_from_material(&mut self, m: &Material) {
+    fn add_from_material(&mut self, m: &Material) {
         let transmits = m.transmission > 0.0 && (m.metallic < 1.0 || m.metallic_texture.is_some());
         let medium = match &m.surface {
             Surface::Solid(volume) if transmits => Some(Medium::new(volume)),
@@ -221,7 +221,7 @@ impl Effects {
         let is_colored = is_textured
             || colors.iter().any(|c| !is_grey(*c))
             || medium.as_ref().is_some_and(|v| !is_grey(v.absorption) || !is_grey(v.scattering));
-        let calls = [
+        let required = [
             (Effect::Textures, is_textured),
             (Effect::NormalMaps, m.normal_texture.is_some()),
             (Effect::Coverage, m.alpha_mode != AlphaMode::Opaque),
@@ -236,45 +236,45 @@ impl Effects {
             (Effect::Clearcoat, m.clearcoat > 0.0),
             (Effect::Color, is_colored),
         ];
-        for (effect, _) in calls.into_iter().filter(|(_, is_called_for)| *is_called_for) {
-            self.call(effect, material_place(m));
+        for (effect, _) in required.into_iter().filter(|(_, is_required)| *is_required) {
+            self.add(effect, material_place(m));
         }
     }
 
     /// Records that an object needs an effect.
-    pub(crate) fn call(&mut self, effect: Effect, place: String) {
-        match self.callers.iter_mut().find(|(e, _)| *e == effect) {
+    pub(crate) fn add(&mut self, effect: Effect, place: String) {
+        match self.users.iter_mut().find(|(e, _)| *e == effect) {
             Some((_, places)) if places.contains(&place) => {}
             Some((_, places)) => places.push(place),
-            None => self.callers.push((effect, vec![place])),
+            None => self.users.push((effect, vec![place])),
         }
     }
 
     /// The objects that need an effect; empty if there are none.
-    pub fn callers(&self, effect: Effect) -> &[String] {
-        self.callers.iter().find(|(e, _)| *e == effect).map_or(&[], |(_, places)| places)
+    pub fn users(&self, effect: Effect) -> &[String] {
+        self.users.iter().find(|(e, _)| *e == effect).map_or(&[], |(_, places)| places)
     }
 
     /// The first effect that a build without effects cannot render, and the object that needs it. Colour is excluded,
     /// because all builds have three channels. Techniques are excluded, because they do not change the expected image.
-    pub(crate) fn beyond_plain(&self, features: FeatureSet) -> Option<(String, String)> {
-        let is_beyond = |e: Effect| !e.is_technique() && e != Effect::Color;
+    pub(crate) fn first_unsupported(&self, features: FeatureSet) -> Option<(String, String)> {
+        let is_unsupported = |e: Effect| !e.is_technique() && e != Effect::Color;
         let named =
-            self.callers.iter().find(|(e, _)| is_beyond(*e)).map(|(e, places)| (e.name().into(), places.join(", ")));
-        named.or_else(|| (features != FeatureSet::default()).then(|| (kernel_words(features), "the scene".into())))
+            self.users.iter().find(|(e, _)| is_unsupported(*e)).map(|(e, places)| (e.name().into(), places.join(", ")));
+        named.or_else(|| (features != FeatureSet::default()).then(|| (kernel_features(features), "the scene".into())))
     }
 
     /// True if the scene needs the effect.
     pub fn has(&self, effect: Effect) -> bool {
-        !self.callers(effect).is_empty()
+        !self.users(effect).is_empty()
     }
 }
 
 /// The effects of a set of kernel features, in words.
-pub fn kernel_words(features: FeatureSet) -> String {
+pub fn kernel_features(features: FeatureSet) -> String {
     let words: Vec<&str> = [
-        (features.detail, "detail"),
-        (features.chance, "chance"),
+        (features.textured, "detail"),
+        (features.stochastic, "chance"),
         (features.solids, "solids"),
         (features.media, "media"),
     ]
@@ -307,15 +307,15 @@ mod tests {
     }
 
     #[test]
-    fn a_grey_matt_scene_calls_for_nothing() {
+    fn a_grey_matt_scene_requires_no_effect() {
         let effects = Effects::from_scene(&scene(Material { name: "paint".into(), ..Material::default() }));
         for effect in Effect::ALL {
-            assert!(!effects.has(effect), "{} is called for by {:?}", effect.name(), effects.callers(effect));
+            assert!(!effects.has(effect), "{} is required by {:?}", effect.name(), effects.users(effect));
         }
     }
 
     #[test]
-    fn what_a_material_has_is_called_for_by_its_name() {
+    fn effects_of_a_material_are_listed_with_its_name() {
         let volume = Volume { scattering: Rgb::splat(100.0), absorption: Rgb::new(1.0, 2.0, 3.0), ..Volume::default() };
         let frosted = Material {
             name: "frosted".into(),
@@ -329,18 +329,18 @@ mod tests {
         let called: Vec<Effect> = Effect::ALL.into_iter().filter(|&e| effects.has(e)).collect();
         let wanted = [Effect::Coverage, Effect::RoughRefraction, Effect::Absorption, Effect::Scattering, Effect::Color];
         assert_eq!(called, wanted);
-        assert_eq!(effects.callers(Effect::Scattering), ["material \"frosted\""]);
+        assert_eq!(effects.users(Effect::Scattering), ["material \"frosted\""]);
     }
 
     #[test]
-    fn a_material_that_nothing_wears_calls_for_nothing() {
+    fn an_unused_material_requires_no_effect() {
         let mut scene = scene(Material::default());
         scene.add_material(Material { transmission: 1.0, ..Material::default() });
         assert_eq!(Effects::from_scene(&scene), Effects::default());
     }
 
     #[test]
-    fn names_are_distinguished() {
+    fn materials_with_different_names_are_listed_separately() {
         let mut names: Vec<&str> = Effect::ALL.iter().map(|e| e.name()).collect();
         names.sort_unstable();
         names.dedup();

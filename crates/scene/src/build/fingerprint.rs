@@ -61,26 +61,26 @@ impl Scene {
 
 struct Hash {
     state: XxHash3_128,
-    waiting: Vec<u8>,
+    buffer: Vec<u8>,
 }
 
 impl Default for Hash {
     fn default() -> Self {
-        Self { state: XxHash3_128::new(), waiting: Vec::with_capacity(2 * CHUNK) }
+        Self { state: XxHash3_128::new(), buffer: Vec::with_capacity(2 * CHUNK) }
     }
 }
 
 impl Hash {
     fn bytes(&mut self, bytes: &[u8]) {
-        self.waiting.extend_from_slice(bytes);
-        if self.waiting.len() >= CHUNK {
+        self.buffer.extend_from_slice(bytes);
+        if self.buffer.len() >= CHUNK {
             self.empty_buffer();
         }
     }
 
     fn empty_buffer(&mut self) {
-        self.state.write(&self.waiting);
-        self.waiting.clear();
+        self.state.write(&self.buffer);
+        self.buffer.clear();
     }
 
     fn value(&mut self, value: &impl Serialize) {
@@ -165,7 +165,7 @@ mod tests {
     }
 
     #[test]
-    fn the_last_bit_of_a_scene_counts_and_building_it_again_does_not() {
+    fn a_fingerprint_depends_on_the_last_bit_and_is_repeatable() {
         let same = fingerprint(|_| {});
         assert_eq!(fingerprint(|_| {}), same);
         type Change = fn(&mut SceneBuilder);
@@ -184,7 +184,7 @@ mod tests {
 
     /// Grey is three equal channels, and alpha that is not stored is opaque. The hash depends on the values only.
     #[test]
-    fn images_count_by_their_values() {
+    fn images_are_hashed_by_their_values() {
         let with =
             |texels: Texels| fingerprint(|b| b.images.push(Image { name: "a".into(), width: 2, height: 1, texels }));
         let stored = with(Texels::Rgba8(vec![[7, 7, 7, 255], [200, 200, 200, 255]]));
@@ -201,7 +201,7 @@ mod tests {
     }
 
     #[test]
-    fn a_digest_is_that_of_the_serialised_value() {
+    fn a_digest_is_the_hash_of_the_serialised_value() {
         // A varint, the length of the text, the text.
         assert_eq!(digest(&(1u32, "a")), XxHash3_128::oneshot(&[1, 1, b'a']));
         assert_ne!(digest(&0.1f32), digest(&0.1f32.next_up()));

@@ -27,13 +27,13 @@ const MAX_SOLIDS: usize = 1000;
 const MAX_PER_KIND: usize = 20;
 
 /// Runs all checks on a compiled scene.
-pub(crate) fn look(scene: &Scene, report: &mut BuildReport) {
+pub(crate) fn check(scene: &Scene, report: &mut BuildReport) {
     let boxes: Vec<Aabb> = scene.parts.iter().map(|p| bounds(scene, p)).collect();
     sizes(scene, &boxes, report);
-    attributes::look(scene, report);
+    attributes::check(scene, report);
     materials(scene, report);
     tiny_emitters(scene, &boxes, report);
-    contact::look(scene, report);
+    contact::check(scene, report);
     overlaps(scene, &boxes, report);
     cameras(scene, report);
 }
@@ -241,7 +241,7 @@ fn cameras(scene: &Scene, report: &mut BuildReport) {
             report.hazard(
                 format!("camera \"{}\"", camera.name),
                 format!(
-                    "stands inside a solid of material \"{}\" and sees everything through it; move it out if that is not meant",
+                    "is inside a solid of material \"{}\", and all its rays start there; move it out if that is not meant",
                     scene.materials[material as usize].name
                 ),
             );

@@ -190,7 +190,7 @@ impl Undistorter {
 
     /// True if the direction `(x, y, 1)` lies in the domain where the model is proved to be one to one. All directions
     /// that map to the film do.
-    pub fn holds(&self, [x, y]: [f64; 2]) -> bool {
+    pub fn is_valid(&self, [x, y]: [f64; 2]) -> bool {
         x * x + y * y <= self.radius * self.radius
     }
 
@@ -215,7 +215,7 @@ impl Undistorter {
                 (image.yy * gap[0] - image.xy * gap[1]) / determinant,
                 (image.xx * gap[1] - image.xy * gap[0]) / determinant,
             ];
-            let next = self.confined([at[0] - share * step[0], at[1] - share * step[1]]);
+            let next = self.clamped([at[0] - share * step[0], at[1] - share * step[1]]);
             let (next_size, next_gap, next_image) = residual(next);
             // A step that does not reduce the residual was too long. The comparison also rejects not-a-number.
             if next_size < size {
@@ -233,11 +233,11 @@ impl Undistorter {
         let i = (t as usize).min(ENTRIES - 1);
         let (a, b) = (self.quotients[i], self.quotients[i + 1]);
         let quotient = a + (b - a) * (t - i as f64);
-        self.confined([x * quotient, y * quotient])
+        self.clamped([x * quotient, y * quotient])
     }
 
     /// A direction clamped to the disc.
-    fn confined(&self, [x, y]: [f64; 2]) -> [f64; 2] {
+    fn clamped(&self, [x, y]: [f64; 2]) -> [f64; 2] {
         let shrink = self.radius / x.hypot(y).max(self.radius);
         [x * shrink, y * shrink]
     }

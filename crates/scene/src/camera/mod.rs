@@ -151,8 +151,8 @@ impl RayGenerator {
         })
     }
 
-    /// The chief ray through the film point (x, y), in pixels from the top left corner: the ray of a pinhole, or the one
-    /// through the middle of the lens.
+    /// The chief ray through the film point (x, y), in pixels from the top left corner: the ray of a pinhole, or the
+    /// one through the middle of the lens.
     #[inline]
     pub fn ray(&self, x: f32, y: f32) -> Ray {
         self.camera_ray(x, y, None).ray
@@ -242,7 +242,7 @@ impl RayGenerator {
         let distance = if self.parallel { 1.0 } else { depth };
         let mut place = [local.x / distance, -local.y / distance];
         if let Some(undistorter) = &self.undistorter {
-            if !undistorter.holds(place) {
+            if !undistorter.is_valid(place) {
                 return None;
             }
             place = undistorter.model().forward(place);
@@ -338,7 +338,7 @@ mod tests {
     }
 
     #[test]
-    fn the_film_centre_looks_along_minus_z_and_corners_span_the_field() {
+    fn the_film_centre_views_minus_z_and_corners_span_the_field() {
         let c = camera(Projection::Perspective { vertical_fov: 1.0 });
         let g = RayGenerator::new(&c, 200, 100, DVec3::new(1000.0, 0.0, 0.0), 5.0).expect("valid");
         let r = g.ray(100.0, 50.0);
@@ -360,7 +360,7 @@ mod tests {
     }
 
     #[test]
-    fn framing_sees_every_corner() {
+    fn framing_contains_every_corner() {
         let (lo, hi) = (DVec3::new(5.0, -1.0, 2.0), DVec3::new(6.0, 4.0, 2.5));
         for aspect in [0.5f32, 1.0, 2.0] {
             let c = framing_camera(Some([lo, hi]), aspect, 40f64.to_radians());

@@ -3,7 +3,7 @@
 /// The events at the interfaces between two points: at each interface light is transmitted or reflected.
 ///
 /// Events are in the order in which they occur from the receiver to the light. A path traced from the receiver appends
-/// its events with [`Self::then`].
+/// its events with [`Self::extended`].
 #[derive(Clone, Copy, PartialEq, Eq, Hash, serde::Serialize)]
 pub struct Chain(u16);
 
@@ -19,7 +19,7 @@ impl Chain {
 
     /// The chain with one more event at its end; `None` if it would be too long.
     #[inline]
-    pub fn then(self, is_reflection: bool) -> Option<Self> {
+    pub fn extended(self, is_reflection: bool) -> Option<Self> {
         (self.events() < Self::MAX_EVENTS).then(|| {
             // The highest set bit is a mark. The bits below it are the events, the first one in the lowest bit.
             let mark = 1 << self.events();
@@ -48,7 +48,7 @@ impl Chain {
     /// The same chain from the light to the receiver.
     pub fn reversed(self) -> Self {
         let events = self.events();
-        (0..events).rev().fold(Self::EMPTY, |word, e| word.then(self.is_reflection(e)).unwrap_or(word))
+        (0..events).rev().fold(Self::EMPTY, |chain, e| chain.extended(self.is_reflection(e)).unwrap_or(chain))
     }
 
     /// All chains up to order 2 that pass `interfaces` interfaces in a row, in ascending order. Empty without
@@ -59,7 +59,7 @@ impl Chain {
     pub(crate) fn through(interfaces: u32) -> Vec<Self> {
         let mut found = Vec::new();
         if interfaces > 0 {
-            walk(interfaces, 0, true, Self::EMPTY, 0, &mut found);
+            enumerate(interfaces, 0, true, Self::EMPTY, 0, &mut found);
         }
         found.sort_by_key(|c| (c.order(), c.events(), c.0));
         found
@@ -86,7 +86,7 @@ impl Chain {
 pub(crate) struct Step {
     pub(crate) interface: u32,
     pub(crate) is_reflection: bool,
-    /// True if the interface is met from the receiver's side.
+    /// True if the interface is hit from the receiver's side.
     pub(crate) forward: bool,
 }
 
@@ -98,22 +98,22 @@ impl std::fmt::Debug for Chain {
 }
 
 /// Continues from interface `next` with all sequences that can be completed.
-fn walk(interfaces: u32, next: u32, forward: bool, word: Chain, reflections: u32, found: &mut Vec<Chain>) {
-    let Some(transmitted) = word.then(false) else { return };
+fn enumerate(interfaces: u32, next: u32, forward: bool, chain: Chain, reflections: u32, found: &mut Vec<Chain>) {
+    let Some(transmitted) = chain.extended(false) else { return };
     if forward {
         if next + 1 == interfaces {
             found.push(transmitted);
         } else {
-            walk(interfaces, next + 1, true, transmitted, reflections, found);
+            enumerate(interfaces, next + 1, true, transmitted, reflections, found);
         }
     } else if next > 0 {
-        walk(interfaces, next - 1, false, transmitted, reflections, found);
+        enumerate(interfaces, next - 1, false, transmitted, reflections, found);
     }
-    let Some(reflected) = word.then(true).filter(|_| reflections < MAX_REFLECTIONS) else { return };
+    let Some(reflected) = chain.extended(true).filter(|_| reflections < MAX_REFLECTIONS) else { return };
     if !forward {
-        walk(interfaces, next + 1, true, reflected, reflections + 1, found);
+        enumerate(interfaces, next + 1, true, reflected, reflections + 1, found);
     } else if next > 0 {
-        walk(interfaces, next - 1, false, reflected, reflections + 1, found);
+        enumerate(interfaces, next - 1, false, reflected, reflections + 1, found);
     }
 }
 
@@ -121,42 +121,42 @@ fn walk(interfaces: u32, next: u32, forward: bool, word: Chain, reflections: u32
 mod tests {
     use super::*;
 
-    fn words(interfaces: u32) -> Vec<String> {
+    fn names(interfaces: u32) -> Vec<String> {
         Chain::through(interfaces).iter().map(|c| format!("{c:?}")).collect()
     }
 
     #[test]
-    fn one_interface_is_passed_and_two_have_three_orders() {
-        assert_eq!(words(0), [""; 0]);
-        assert_eq!(words(1), ["T"]);
-        assert_eq!(words(2), ["TT", "TRRT", "TRRRRT"]);
+    fn one_interface_has_one_chain_and_two_have_three() {
+        assert_eq!(names(0), [""; 0]);
+        assert_eq!(names(1), ["T"]);
+        assert_eq!(names(2), ["TT", "TRRT", "TRRRRT"]);
     }
 
     #[test]
     fn between_three_interfaces_every_pair_reflects() {
-        // Order 1: the pairs (0, 1), (1, 2) and (0, 2). Order 2: each sequence down at j, up at i, down at l, up at k with
-        // i < j, i < l, k < l: eight of them.
-        assert_eq!(words(3)[..4], ["TTT", "TRRTT", "TTRRT", "TTRTRTT"]);
-        assert_eq!(words(3).len(), 1 + 3 + 8);
+        // Order 1: the pairs (0, 1), (1, 2) and (0, 2). Order 2: each sequence down at j, up at i, down at l, up at k
+        // with i < j, i < l, k < l: eight of them.
+        assert_eq!(names(3)[..4], ["TTT", "TRRTT", "TTRRT", "TTRTRTT"]);
+        assert_eq!(names(3).len(), 1 + 3 + 8);
         assert_eq!(Chain::through(4).iter().filter(|c| c.order() == 1).count(), 6);
         // 31, but for the one of 16 events.
         assert_eq!(Chain::through(4).iter().filter(|c| c.order() == 2).count(), 30);
     }
 
     #[test]
-    fn long_rows_have_what_fits() {
-        assert_eq!(words(14), ["T".repeat(14)]);
-        assert_eq!(words(15), [""; 0]);
+    fn long_rows_are_limited_to_max_events() {
+        assert_eq!(names(14), ["T".repeat(14)]);
+        assert_eq!(names(15), [""; 0]);
         assert!(Chain::through(10).iter().all(|c| c.events() <= Chain::MAX_EVENTS && c.order() <= 2));
     }
 
     #[test]
-    fn words_are_spelled_read_and_reversed() {
+    fn chains_are_rebuilt_from_their_events_and_reversed() {
         for chain in Chain::through(4) {
-            let spelled = (0..chain.events()).try_fold(Chain::EMPTY, |c, e| c.then(chain.is_reflection(e)));
-            assert_eq!(spelled, Some(chain));
+            let rebuilt = (0..chain.events()).try_fold(Chain::EMPTY, |c, e| c.extended(chain.is_reflection(e)));
+            assert_eq!(rebuilt, Some(chain));
             assert_eq!(chain.reversed().reversed(), chain);
-            assert!(Chain::through(4).contains(&chain.reversed()), "{chain:?}: light goes both ways");
+            assert!(Chain::through(4).contains(&chain.reversed()), "{chain:?}: chains are reversible");
             assert!(!chain.is_reflection(chain.events()) && !chain.is_reflection(200));
         }
         let asymmetric = Chain::through(3)[1];
@@ -164,12 +164,12 @@ mod tests {
             (format!("{asymmetric:?}"), format!("{:?}", asymmetric.reversed())),
             ("TRRTT".into(), "TTRRT".into())
         );
-        let full = (0..14).try_fold(Chain::EMPTY, |c, _| c.then(true));
-        assert!(full.is_some_and(|c| c.events() == 14 && c.then(false).is_none()));
+        let full = (0..14).try_fold(Chain::EMPTY, |c, _| c.extended(true));
+        assert!(full.is_some_and(|c| c.events() == 14 && c.extended(false).is_none()));
     }
 
     #[test]
-    fn steps_walk_from_the_receiver_to_the_light() {
+    fn steps_lead_from_the_receiver_to_the_light() {
         for interfaces in 1..=5 {
             for chain in Chain::through(interfaces) {
                 let steps: Vec<Step> = chain.steps().collect();

@@ -8,7 +8,7 @@
 
 use super::scene_covers::{Covers, NO_COVER};
 use super::slab_face::{self, Facing, Triangle};
-use super::stack::{CoverInterface, CoverLayer, CoverStack, MAX_INTERFACES, Touching};
+use super::stack::{CoverInterface, CoverLayer, CoverStack, MAX_INTERFACES, TouchingSolid};
 use crate::build::effects::SMOOTH_ROUGHNESS;
 use crate::material::{Material, Surface};
 use crate::media::medium::Medium;
@@ -27,9 +27,9 @@ const MAX_THICKNESS: f64 = 0.5;
 const PARALLEL: f64 = 0.999;
 /// Sheets of one stack overlap by at least this share of the smaller one.
 const MIN_OVERLAP: f64 = 0.25;
-/// Sheets of one stack overlap in height by at most this share of the thinner one. A glued sheet may be slightly sunk
-/// in.
-const MAX_SUNK: f64 = 0.25;
+/// Sheets of one stack overlap in height by at most this share of the thinner one. A glued sheet may be slightly
+/// overlap_depth in.
+const MAX_OVERLAP_DEPTH: f64 = 0.25;
 /// Faces nearer to each other than this many roundings of the scene's coordinates are in contact.
 const CONTACT: f64 = 16.0;
 /// Maximum number of sheets; the largest are used. Each is compared with all stacks.
@@ -101,14 +101,15 @@ pub(crate) fn find(scene: &Scene) -> Covers {
         sheets.sort_by(|a, b| a.faces[0].height.total_cmp(&b.faces[0].height));
         covers.stacks.push(assemble(axis, tangents, sheets, CONTACT * rounding(scene)));
     }
-    note_touching(scene, &mut covers);
+    add_touching_solids(scene, &mut covers);
     if covers.stacks.is_empty() { Covers::default() } else { covers }
 }
 
 /// Registers solids with a smooth surface and a scattering medium that are in contact with a stack. Chains can start
 /// inside them.
-fn note_touching(scene: &Scene, covers: &mut Covers) {
-    let milky: Vec<bool> = (0..scene.materials.len()).map(|m| is_smooth(scene, m) && scatters(scene, m)).collect();
+fn add_touching_solids(scene: &Scene, covers: &mut Covers) {
+    let scattering_solids: Vec<bool> =
+        (0..scene.materials.len()).map(|m| is_smooth(scene, m) && scatters(scene, m)).collect();
     let contact = CONTACT * rounding(scene);
     for stack in &mut covers.stacks {
         let (axis, tangents) = (stack.axis(), stack.tangents());
@@ -119,17 +120,17 @@ fn note_touching(scene: &Scene, covers: &mut Covers) {
                 .to_vec()
         };
         for (index, part) in scene.parts.iter().enumerate() {
-            if !milky[part.material as usize] || part.solid == NO_SOLID {
+            if !scattering_solids[part.material as usize] || part.solid == NO_SOLID {
                 continue;
             }
             let Some(([low, high], footprint)) = slab_face::bounds(scene, &[index], axis, tangents) else { continue };
             for (is_above, face, thickness) in &faces {
-                let sunk = MAX_SUNK * thickness;
+                let overlap_depth = MAX_OVERLAP_DEPTH * thickness;
                 let gap = if *is_above { low - face.height } else { face.height - high };
-                let meets = gap <= contact && gap >= -sunk && overlap(&footprint, &face.footprint) > 0.0;
+                let meets = gap <= contact && gap >= -overlap_depth && overlap(&footprint, &face.footprint) > 0.0;
                 if meets {
                     let ior = f64::from(scene.solids[part.solid as usize].ior);
-                    stack.touch(Touching { material: part.material, ior, is_above: *is_above });
+                    stack.add_touching(TouchingSolid { material: part.material, ior, is_above: *is_above });
                 }
             }
         }
@@ -227,9 +228,9 @@ fn place(scene: &Scene, sheet: &Sheet, stack: &[Placed]) -> Option<([CoverInterf
     let (faces, is_flat) = measure(scene, sheet, first.axis, first.tangents)?;
     let thickness = |f: &[CoverInterface; 2]| f[1].height - f[0].height;
     let fits = stack.iter().all(|other| {
-        let sunk = MAX_SUNK * thickness(&faces).min(thickness(&other.faces));
-        let is_apart =
-            faces[0].height >= other.faces[1].height - sunk || faces[1].height <= other.faces[0].height + sunk;
+        let overlap_depth = MAX_OVERLAP_DEPTH * thickness(&faces).min(thickness(&other.faces));
+        let is_apart = faces[0].height >= other.faces[1].height - overlap_depth
+            || faces[1].height <= other.faces[0].height + overlap_depth;
         is_apart && overlap(&footprint(&faces), &footprint(&other.faces)) >= MIN_OVERLAP
     });
     fits.then_some((faces, is_flat))

@@ -33,7 +33,7 @@ pub struct Candidate {
     /// The order of events.
     pub chain: Chain,
     /// Approximate contribution: transmission without absorption over spread. It is used for the choice among chains.
-    pub brings: f64,
+    pub contribution: f64,
     /// Its ray in the plate, if it was computed.
     pub seed: Option<Seed>,
 }
@@ -85,8 +85,8 @@ impl<'a> Crossing<'a> {
     /// The ray of a chain in the plate of parallel layers that replaces the stack. `None` if there is no such ray, or
     /// if the chain does not pass these interfaces.
     pub fn seed(&self, chain: Chain) -> Option<Seed> {
-        let mut room = [Leg { ior: 1.0, depth: 0.0 }; MAX_INTERFACES + 1];
-        let legs = self.legs(chain, &mut room)?;
+        let mut buffer = [Leg { ior: 1.0, depth: 0.0 }; MAX_INTERFACES + 1];
+        let legs = self.legs(chain, &mut buffer)?;
         let (start, end) = (legs.first()?.ior, legs.last()?.ior);
         let (ray, spread) = match self.end {
             End::Shift { shift, .. } => {
@@ -110,13 +110,13 @@ impl<'a> Crossing<'a> {
     #[inline]
     pub fn each_candidate(&self, mut visit: impl FnMut(Candidate)) {
         let [shortest, longer @ ..] = self.chains() else { return };
-        let mut show = |chain, brings: f64, seed| {
-            if brings > 0.0 && brings.is_finite() {
-                visit(Candidate { chain, brings, seed });
+        let mut show = |chain, contribution: f64, seed| {
+            if contribution > 0.0 && contribution.is_finite() {
+                visit(Candidate { chain, contribution, seed });
             }
         };
         let Some(seed) = self.seed(*shortest) else { return };
-        if self.stays_within(*shortest, &seed) {
+        if self.is_within_footprints(*shortest, &seed) {
             let reflected = self.reflected(&seed);
             show(*shortest, transmission(*shortest, &reflected) / seed.spread, Some(seed));
             for &chain in longer {
@@ -124,7 +124,7 @@ impl<'a> Crossing<'a> {
             }
         } else {
             for &chain in longer {
-                if let Some(seed) = self.seed(chain).filter(|s| self.stays_within(chain, s)) {
+                if let Some(seed) = self.seed(chain).filter(|s| self.is_within_footprints(chain, s)) {
                     show(chain, self.transmission(chain, &seed) / seed.spread, Some(seed));
                 }
             }
@@ -167,9 +167,9 @@ impl<'a> Crossing<'a> {
     }
 
     /// The layers in order from the receiver, with the depth that a chain crosses in each.
-    fn legs<'b>(&self, chain: Chain, room: &'b mut [Leg; MAX_INTERFACES + 1]) -> Option<&'b [Leg]> {
+    fn legs<'b>(&self, chain: Chain, buffer: &'b mut [Leg; MAX_INTERFACES + 1]) -> Option<&'b [Leg]> {
         let interfaces = self.interfaces();
-        let legs = room.get_mut(..=interfaces)?;
+        let legs = buffer.get_mut(..=interfaces)?;
         for (k, leg) in legs.iter_mut().enumerate() {
             leg.ior = self.ior(k);
         }
@@ -208,7 +208,7 @@ impl<'a> Crossing<'a> {
     /// times that. If `t >= T`, the chain passes the first interface no nearer than `a w0(T)` and the last one no
     /// further than the line, at `(a + S) T`. If `t < T`, it passes the first one before the line and the last one
     /// behind it, and between them lie at most `5 sum D_i w_i(T)`.
-    pub(super) fn meets_footprints(&self) -> bool {
+    pub(super) fn may_pass_footprints(&self) -> bool {
         let count = self.interfaces();
         let uneven = (0..count).map(|k| self.interface(k).deviation).fold(0.0, f64::max);
         let between = (self.interface(count - 1).height - self.interface(0).height).abs();
@@ -231,7 +231,7 @@ impl<'a> Crossing<'a> {
             far = (line_first + MAX_PASSES * inner).max(line_last) + uneven;
         }
         let [near, far] = [near.clamp(0.0, most), far.clamp(0.0, most)];
-        let (origin, sideways) = self.footing();
+        let (origin, sideways) = self.footprint_coordinates();
         let [a, b] =
             [near, far].map(|way| origin + DVec2::select(sideways.cmpeq(DVec2::ZERO), DVec2::ZERO, sideways * way));
         let (low, high) = (a.min(b), a.max(b));
@@ -243,8 +243,8 @@ impl<'a> Crossing<'a> {
     }
 
     /// True if a chain in the plate passes each interface within its footprint.
-    fn stays_within(&self, chain: Chain, seed: &Seed) -> bool {
-        let (origin, sideways) = self.footing();
+    fn is_within_footprints(&self, chain: Chain, seed: &Seed) -> bool {
+        let (origin, sideways) = self.footprint_coordinates();
         let mut way = self.start_depth * seed.ray.slope(self.start_ior);
         chain.steps().all(|step| {
             let interface = self.interface(step.interface as usize);
@@ -260,7 +260,7 @@ impl<'a> Crossing<'a> {
     }
 
     /// The receiver and the shift to the light in the coordinates of footprints.
-    fn footing(&self) -> (DVec2, DVec2) {
+    fn footprint_coordinates(&self) -> (DVec2, DVec2) {
         let [u, v] = self.stack.tangents();
         (DVec2::new(u.dot(self.x), v.dot(self.x)), DVec2::new(u.dot(self.sideways), v.dot(self.sideways)))
     }

@@ -29,7 +29,7 @@ impl Scene {
         self.covers = find(self);
         for material in self.covers.stacks.iter().flat_map(|s| s.layers()).flat_map(|l| &l.materials) {
             let place = material_place(&self.materials[*material as usize]);
-            self.effects.call(Effect::CoverConnection, place);
+            self.effects.add(Effect::CoverConnection, place);
         }
     }
 

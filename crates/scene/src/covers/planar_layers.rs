@@ -198,7 +198,7 @@ mod tests {
         #![proptest_config(config())]
 
         #[test]
-        fn the_ray_arrives_whatever_the_proportions(legs in any_legs(), e in -6.0..6.0f64) {
+        fn the_ray_reaches_its_target_for_all_proportions(legs in any_legs(), e in -6.0..6.0f64) {
             let shift = 10f64.powf(e);
             let ray = PlateRay::to_shift(&legs, shift).expect("air lets every ray through");
             prop_assert!((ray.shift(&legs) / shift - 1.0).abs() < 1e-13, "{} for {shift}", ray.shift(&legs));
@@ -215,7 +215,7 @@ mod tests {
         }
 
         #[test]
-        fn light_goes_both_ways(legs in any_legs(), e in -6.0..6.0f64) {
+        fn rays_are_reversible(legs in any_legs(), e in -6.0..6.0f64) {
             let shift = 10f64.powf(e);
             let back: Vec<Leg> = legs.iter().rev().copied().collect();
             let (start, end) = (legs[0].ior, back[0].ior);
@@ -253,9 +253,9 @@ mod tests {
     }
 
     #[test]
-    fn irradiance_under_a_plate_is_as_in_the_books() {
-        // E per light area = L cos_l (1 + t^2)^(-3/2) / ((H + D / q) (H + D n^2 / q^3)) on a receiver across the axis, before
-        // the faces' losses, with H the height in air and D the way in the plate of index n.
+    fn irradiance_under_a_plate_equals_the_closed_form() {
+        // E per light area = L cos_l (1 + t^2)^(-3/2) / ((H + D / q) (H + D n^2 / q^3)) on a receiver across the axis,
+        // before the faces' losses, with H the height in air and D the way in the plate of index n.
         let (n, h, d) = (1.49f64, 0.201f64, 3.0 * 0.004);
         for shift in [1e-6, 0.01, 0.2, 3.0, 100.0] {
             let legs = [leg(1.0, 0.001), leg(n, d), leg(1.0, 0.2)];
@@ -263,15 +263,15 @@ mod tests {
             let t = ray.tangent;
             let q = (n * n + (n * n - 1.0) * t * t).sqrt();
             assert!((h * t + d * t / q - shift).abs() < 1e-14 * shift);
-            let book = (1.0 + t * t).powf(-1.5) / ((h + d / q) * (h + d * n * n / q.powi(3)));
+            let textbook = (1.0 + t * t).powf(-1.5) / ((h + d / q) * (h + d * n * n / q.powi(3)));
             let ours = ray.cosine(1.0) / ray.spread(&legs, 1.0, 1.0);
-            assert!((ours / book - 1.0).abs() < 1e-13, "shift {shift}: {ours}, {book}");
+            assert!((ours / textbook - 1.0).abs() < 1e-13, "shift {shift}: {ours}, {textbook}");
         }
     }
 
     #[test]
     fn optical_contact_starts_inside() {
-        // Inside the plate the ray is steeper than in air. The receiver sees the light under a solid angle that is
+        // Inside the plate the ray is steeper than in air. The solid angle of the light at the receiver is
         // smaller by n^2.
         let legs = [leg(1.5, 0.004), leg(1.0, 0.2)];
         let ray = PlateRay::to_shift(&legs, 0.3).unwrap();
@@ -285,7 +285,7 @@ mod tests {
     }
 
     #[test]
-    fn where_no_ray_leads_there_is_none() {
+    fn unreachable_points_have_no_ray() {
         assert_eq!(PlateRay::to_shift(&[], 0.0), None);
         assert_eq!(PlateRay::to_shift(&[leg(1.0, 0.0), leg(1.5, 0.0)], 1.0), None, "no way at all");
         assert_eq!(PlateRay::to_shift(&[leg(1.0, 1.0)], f64::NAN), None);

@@ -11,7 +11,7 @@ pub const MAX_INTERFACES: usize = 16;
 pub const MAX_CHAINS: usize = 16;
 /// A chain with less than this share of the transmission of the strongest one of its order, at normal incidence, is
 /// left out.
-const WEAKEST_CHAIN: f64 = 1e-3;
+const MIN_RELATIVE_TRANSMISSION: f64 = 1e-3;
 
 /// The end of a connection on a light.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -44,7 +44,7 @@ pub struct CoverLayer {
 
 /// A smooth solid with a scattering medium in contact with the first or the last interface of a stack.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
-pub(crate) struct Touching {
+pub(crate) struct TouchingSolid {
     pub(crate) material: u32,
     pub(crate) ior: f64,
     /// True if it touches the last interface.
@@ -60,9 +60,9 @@ pub struct CoverStack {
     pub(super) layers: Vec<CoverLayer>,
     is_flat: bool,
     /// Solids with a scattering medium in contact with the outside.
-    touching: Vec<Touching>,
+    touching: Vec<TouchingSolid>,
     /// For each layer without material: its number, and the position along the axis where the next one starts.
-    rooms: Vec<(u8, f64)>,
+    air_layers: Vec<(u8, f64)>,
     /// Chains from layer to layer, `layers * from + to`.
     chains: Vec<Vec<Chain>>,
 }
@@ -76,10 +76,10 @@ impl CoverStack {
         layers: Vec<CoverLayer>,
         is_flat: bool,
     ) -> Self {
-        let rooms = rooms(&interfaces, &layers);
+        let air_layers = air_layers(&interfaces, &layers);
         let count = layers.len();
         let chains = (0..count * count).map(|k| chains_between(&layers, k / count, k % count)).collect();
-        Self { axis, tangents, interfaces, layers, is_flat, touching: Vec::new(), rooms, chains }
+        Self { axis, tangents, interfaces, layers, is_flat, touching: Vec::new(), air_layers, chains }
     }
 
     /// Two unit vectors across the axis: those of the footprints.
@@ -88,7 +88,7 @@ impl CoverStack {
     }
 
     /// Registers a solid in contact with the outside of the stack.
-    pub(crate) fn touch(&mut self, solid: Touching) {
+    pub(crate) fn add_touching(&mut self, solid: TouchingSolid) {
         self.touching.push(solid);
     }
 
@@ -137,7 +137,12 @@ impl CoverStack {
     pub fn layer_at(&self, point: Vec3, inside: Option<u32>) -> Option<u8> {
         let height = self.axis.dot(point.as_dvec3());
         let Some(material) = inside else {
-            return self.rooms.iter().find(|(_, end)| height < *end).or(self.rooms.last()).map(|(layer, _)| *layer);
+            return self
+                .air_layers
+                .iter()
+                .find(|(_, end)| height < *end)
+                .or(self.air_layers.last())
+                .map(|(layer, _)| *layer);
         };
         let beyond = |layer: usize| {
             let low = layer.checked_sub(1).map_or(f64::NEG_INFINITY, |i| self.interfaces[i].height);
@@ -150,8 +155,8 @@ impl CoverStack {
     }
 
     /// The solid of that material in contact with the stack, on the side nearer to a height.
-    fn touching_at(&self, height: f64, material: u32) -> Option<&Touching> {
-        let beyond = |t: &&Touching| {
+    fn touching_at(&self, height: f64, material: u32) -> Option<&TouchingSolid> {
+        let beyond = |t: &&TouchingSolid| {
             let face = if t.is_above { self.interfaces.last() } else { self.interfaces.first() };
             face.map_or(f64::INFINITY, |face| (face.height - height).abs())
         };
@@ -213,12 +218,12 @@ impl CoverStack {
             Target::Direction(_) => End::Direction { sine: length, cosine: along.abs() },
         };
         let crossing = Crossing { stack: self, x: x.as_dvec3(), from, to, start_ior, sideways, start_depth, end, sign };
-        crossing.meets_footprints().then_some(crossing)
+        crossing.may_pass_footprints().then_some(crossing)
     }
 }
 
 /// The layers of air, each with the height where the next one begins: the middle of the solids between them.
-fn rooms(interfaces: &[CoverInterface], layers: &[CoverLayer]) -> Vec<(u8, f64)> {
+fn air_layers(interfaces: &[CoverInterface], layers: &[CoverLayer]) -> Vec<(u8, f64)> {
     let air: Vec<usize> = (0..layers.len()).filter(|&l| layers[l].materials.is_empty()).collect();
     let end = |k: usize| match (interfaces.get(air[k]), air.get(k + 1).and_then(|&l| interfaces.get(l - 1))) {
         (Some(bottom), Some(top)) => 0.5 * (bottom.height + top.height),
@@ -242,7 +247,8 @@ fn chains_between(layers: &[CoverLayer], from: usize, to: usize) -> Vec<Chain> {
         let best = &mut strongest[(chain.order() as usize).min(2)];
         *best = best.max(*strength);
     }
-    found.retain(|(chain, strength)| *strength > WEAKEST_CHAIN * strongest[(chain.order() as usize).min(2)]);
+    found
+        .retain(|(chain, strength)| *strength > MIN_RELATIVE_TRANSMISSION * strongest[(chain.order() as usize).min(2)]);
     found.sort_by(|(a, s), (b, t)| a.order().cmp(&b.order()).then(t.total_cmp(s)).then(a.events().cmp(&b.events())));
     found.truncate(MAX_CHAINS);
     found.into_iter().map(|(chain, _)| chain).collect()

@@ -14,8 +14,8 @@ pub struct NormalDifferential {
 }
 
 impl NormalDifferential {
-    /// The change of the unit normal for a displacement \[m\] in the plane of the triangle, to first order. A part of the
-    /// displacement across that plane has no effect.
+    /// The change of the unit normal for a displacement \[m\] in the plane of the triangle, to first order. A part of
+    /// the displacement across that plane has no effect.
     #[inline]
     pub fn along(&self, displacement: DVec3) -> DVec3 {
         self.changes[0] * self.gradients[0].dot(displacement) + self.changes[1] * self.gradients[1].dot(displacement)
@@ -29,11 +29,11 @@ impl Scene {
         let normal = self.shading_normal(*p);
         // As in shading: if the viewer is on different sides of the geometric and the interpolated normal, the
         // geometric normal is used.
-        let sees_surface = (normal.dot(wo) > 0.0) != (p.normal.dot(wo) > 0.0);
-        let bent = if sees_surface { p.normal } else { normal };
+        let uses_geometric_normal = (normal.dot(wo) > 0.0) != (p.normal.dot(wo) > 0.0);
+        let bent = if uses_geometric_normal { p.normal } else { normal };
         let faces_viewer = !self.compiled[p.material as usize].is_solid && bent.dot(wo) < 0.0;
         let oriented = if faces_viewer { -bent } else { bent };
-        if sees_surface {
+        if uses_geometric_normal {
             return (oriented, None);
         }
         (oriented, self.interpolation_differential(p, oriented))

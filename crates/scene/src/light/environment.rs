@@ -262,7 +262,7 @@ mod tests {
     }
 
     #[test]
-    fn a_sun_in_the_zenith_is_found_where_it_is() {
+    fn a_bright_texel_at_the_zenith_is_sampled_there() {
         // The first row of 4096 is a cap of 7.7e-4 rad that holds nearly all light. Its samples lie in it and are
         // uniform: half of them within the angle that halves its solid angle, 1 / sqrt 2 of the whole.
         let (width, height) = (16, 4096);
@@ -297,7 +297,7 @@ mod tests {
     }
 
     #[test]
-    fn an_environment_without_light_still_samples() {
+    fn a_black_environment_is_sampled() {
         let image =
             Image { name: "night".into(), width: 2, height: 1, texels: Texels::RgbF32(vec![[0.0; 3], [f32::NAN; 3]]) };
         let source = EnvironmentSource::Image { image: ImageId(0), scale: Rgb::WHITE };

@@ -6,7 +6,7 @@ use std::f64::consts::{PI, TAU};
 /// Radiant intensity of a light without extent by direction, bilinear between the angles of a grid.
 ///
 /// In the space of the light, the direction at the vertical angle t and the horizontal angle p is `(sin t cos p, sin t
-/// sin p, -cos t)`. t counts from the axis along which the light shines, p from +x over +y (type C photometry with the
+/// sin p, -cos t)`. t counts from the axis along which the light emits, p from +x over +y (type C photometry with the
 /// nadir along -z, as in EXT_lights_ies). Beyond the first and last vertical angle the intensity is zero.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct LightProfile {
@@ -19,7 +19,7 @@ pub struct LightProfile {
     intensity: Vec<f32>,
     power: f32,
     peak: f32,
-    reach: f32,
+    cutoff_angle: f32,
 }
 
 /// Reason why numbers are no profile.
@@ -77,9 +77,9 @@ impl LightProfile {
         let (vertical, horizontal) = (radians(vertical), radians(horizontal));
         let power = integrate(&vertical, &horizontal, &intensity) as f32;
         // Light ends at the angle after the last one with an intensity above zero.
-        let shines = |i: usize| intensity.chunks(vertical.len()).any(|run| run[i] > 0.0);
-        let last = (0..vertical.len()).rev().find(|&i| shines(i)).unwrap_or(0);
-        let reach = vertical[(last + 1).min(vertical.len() - 1)] as f32;
+        let emits = |i: usize| intensity.chunks(vertical.len()).any(|run| run[i] > 0.0);
+        let last = (0..vertical.len()).rev().find(|&i| emits(i)).unwrap_or(0);
+        let cutoff_angle = vertical[(last + 1).min(vertical.len() - 1)] as f32;
         let narrow = |angles: Vec<f64>| angles.into_iter().map(|a| a as f32).collect();
         Ok(Self {
             name: name.into(),
@@ -88,7 +88,7 @@ impl LightProfile {
             intensity,
             power,
             peak,
-            reach,
+            cutoff_angle,
         })
     }
 
@@ -108,8 +108,8 @@ impl LightProfile {
     }
 
     /// The vertical angle \[rad\] beyond which the intensity is zero.
-    pub fn reach(&self) -> f32 {
-        self.reach
+    pub fn cutoff_angle(&self) -> f32 {
+        self.cutoff_angle
     }
 
     /// Intensity [W/sr] in a unit direction of the light's space. The direction points away from the light.
@@ -216,15 +216,15 @@ mod tests {
     }
 
     #[test]
-    fn the_reach_is_where_light_ends() {
+    fn the_cutoff_angle_is_the_end_of_the_emission() {
         let p = LightProfile::new("r", &[0.0, 30.0, 60.0, 90.0], &[0.0], vec![1.0, 1.0, 0.0, 0.0]).unwrap();
-        assert!((p.reach() - 60f32.to_radians()).abs() < 1e-6);
+        assert!((p.cutoff_angle() - 60f32.to_radians()).abs() < 1e-6);
         let hard = LightProfile::new("r", &[0.0, 30.0], &[0.0], vec![1.0, 1.0]).unwrap();
-        assert!((hard.reach() - 30f32.to_radians()).abs() < 1e-6);
+        assert!((hard.cutoff_angle() - 30f32.to_radians()).abs() < 1e-6);
     }
 
     #[test]
-    fn what_is_no_grid_is_refused() {
+    fn invalid_grids_are_refused() {
         let new = |v: &[f64], h: &[f64], n: usize| LightProfile::new("", v, h, vec![1.0; n]);
         assert!(new(&[0.0, 90.0], &[0.0], 2).is_ok());
         assert!(new(&[0.0], &[0.0], 1).is_err() && new(&[90.0, 0.0], &[0.0], 2).is_err());

@@ -1,8 +1,8 @@
 //! Lights: choice of a light, sampling of a direction toward it, and the density of both.
 //!
-//! A vertex samples one light or each of them. If one is chosen among few lights, the weight of each is an estimate of
-//! the irradiance that it can send to the receiver. Among many lights a tree makes the choice. Densities include the
-//! choice.
+//! A vertex samples one light or each of them. If one is probability among few lights, the weight of each is an
+//! estimate of the irradiance that it can send to the receiver. Among many lights a tree makes the choice. Densities
+//! include the choice.
 
 pub(crate) mod delta;
 pub(crate) mod environment;
@@ -21,16 +21,16 @@ use dunkelfeld_geometry::{Aabb, Vec3};
 use dunkelfeld_radiometry::Rgb;
 use std::f32::consts::PI;
 
-/// Maximum number of lights that are weighed one by one at each receiver. More lights are stored in a tree.
-pub(crate) const WEIGHED_UP_TO: usize = 64;
+/// Maximum number of lights that are weighted one by one at each receiver. More lights are stored in a tree.
+pub(crate) const MAX_WEIGHTED_ONE_BY_ONE: usize = 64;
 
 /// Up to this many lights a vertex takes a sample of each light, at surfaces and in media at the first vertices of a
 /// path.
-pub(crate) const EACH_UP_TO: usize = 8;
+pub(crate) const MAX_LIGHTS_FOR_EACH: usize = 8;
 
 /// Number of first scattering vertices of a path with a sample of each light in media. In a dense medium thousands of
 /// vertices may follow.
-const YOUNG: u32 = 2;
+const MAX_VERTICES_FOR_EACH_IN_MEDIA: u32 = 2;
 
 /// No light: marks triangles that do not emit.
 pub(crate) const NO_LIGHT: u32 = u32::MAX;
@@ -48,12 +48,12 @@ pub struct LightSampleContext {
 
 /// The light samples of a vertex.
 ///
-/// Each light sample is a sampling technique of its own that draws one direction. With [`Self::Each`], a scattered ray
-/// that hits a light competes only with the sample of that light. The samples of other lights do not draw points on it
-/// (multi-sample combination, Veach 1997, section 9.2).
+/// Each light sample is a sampling technique of its selected_weight that draws one direction. With [`Self::Each`], a
+/// scattered ray that hits a light competes only with the sample of that light. The samples of other lights do not draw
+/// points on it (multi-sample combination, Veach 1997, section 9.2).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LightChoice {
-    /// A sample of one light, chosen in proportion to its estimated contribution.
+    /// A sample of one light, probability in proportion to its estimated contribution.
     One,
     /// A sample of each light.
     Each,
@@ -84,8 +84,8 @@ pub(crate) struct AreaLight {
     pub(crate) triangles: [u32; 2],
     /// Mean radiance over the surface [W/(m^2 sr)].
     pub(crate) mean_radiance: Rgb,
-    /// See [`CompiledMaterial::shines_unevenly`](crate::query::surface::CompiledMaterial).
-    pub(crate) shines_unevenly: bool,
+    /// See [`CompiledMaterial::has_varying_radiance`](crate::query::surface::CompiledMaterial).
+    pub(crate) has_varying_radiance: bool,
 }
 
 #[derive(Clone, Copy, Debug, serde::Serialize)]
@@ -132,7 +132,7 @@ pub(crate) struct LightTable {
     /// The tree for the choice, if there are more lights than are weighed one by one.
     pub(crate) tree: Option<LightTree>,
     /// True if surfaces, and the first vertices of a path in media, take a sample of each light.
-    asks_each: bool,
+    samples_each: bool,
 }
 
 impl LightTable {
@@ -147,9 +147,9 @@ impl LightTable {
             lights.push(Light::Environment);
         }
         // A single light needs no choice.
-        let asks_each = lights.len() <= if techniques.every_light { EACH_UP_TO } else { 1 };
-        let mut table = Self { lights, environment, profiles, tree: None, asks_each };
-        if table.lights.len() > WEIGHED_UP_TO {
+        let samples_each = lights.len() <= if techniques.every_light { MAX_LIGHTS_FOR_EACH } else { 1 };
+        let mut table = Self { lights, environment, profiles, tree: None, samples_each };
+        if table.lights.len() > MAX_WEIGHTED_ONE_BY_ONE {
             let bounds: Vec<_> = table.lights.iter().map(|l| table.bounds(l)).collect();
             let powers: Vec<_> = table.lights.iter().map(|l| table.power(l, scene_radius).mean()).collect();
             table.tree = Some(LightTree::new(&bounds, &powers));
@@ -181,8 +181,8 @@ impl LightTable {
             }
             Light::Delta(DeltaLight::Profile { position, axes, scale, profile }) => {
                 let profile = self.profiles.get(*profile as usize);
-                let (reach, peak) = profile.map_or((PI, 0.0), |p| (p.reach(), p.peak()));
-                Some(at(*position, -axes[2], reach, *scale * peak))
+                let (cutoff_angle, peak) = profile.map_or((PI, 0.0), |p| (p.cutoff_angle(), p.peak()));
+                Some(at(*position, -axes[2], cutoff_angle, *scale * peak))
             }
             Light::Delta(DeltaLight::Directional { .. }) | Light::Environment => None,
         }
@@ -196,19 +196,24 @@ impl LightTable {
     /// surface.
     #[inline]
     pub(crate) fn choice_at(&self, vertex: u32, in_medium: bool) -> LightChoice {
-        if self.asks_each && !(in_medium && vertex >= YOUNG) { LightChoice::Each } else { LightChoice::One }
+        if self.samples_each && !(in_medium && vertex >= MAX_VERTICES_FOR_EACH_IN_MEDIA) {
+            LightChoice::Each
+        } else {
+            LightChoice::One
+        }
     }
 
     /// The number of light samples of a vertex.
     #[inline]
-    pub(crate) fn questions(&self, choice: LightChoice) -> usize {
+    pub(crate) fn num_light_samples(&self, choice: LightChoice) -> usize {
         match choice {
             LightChoice::One => self.lights.len().min(1),
             LightChoice::Each => self.lights.len(),
         }
     }
 
-    /// An estimate, up to a constant, of the irradiance that a light can send to the receiver; zero if it can send none.
+    /// An estimate, up to a constant, of the irradiance that a light can send to the receiver; zero if it can send
+    /// none.
     #[inline(always)]
     fn weight(&self, light: &Light, receiver: &LightSampleContext) -> f32 {
         match light {
@@ -223,8 +228,8 @@ impl LightTable {
     }
 
     /// True if there are several lights and each is sampled.
-    pub(crate) fn asks_each(&self) -> bool {
-        self.asks_each && self.lights.len() > 1
+    pub(crate) fn samples_each(&self) -> bool {
+        self.samples_each && self.lights.len() > 1
     }
 
     /// True if there are so many lights that a tree chooses among them.
@@ -242,14 +247,14 @@ impl LightTable {
                 tree.choose(&receiver, u)
             }
             // A small array for few lights, because the array is cleared for each choice.
-            _ if self.lights.len() <= 8 => self.choose_weighed::<8>(receiver, u),
-            _ => self.choose_weighed::<WEIGHED_UP_TO>(receiver, u),
+            _ if self.lights.len() <= 8 => self.choose_by_weight::<8>(receiver, u),
+            _ => self.choose_by_weight::<MAX_WEIGHTED_ONE_BY_ONE>(receiver, u),
         }
     }
 
     /// Chooses among at most N lights by weight.
     #[inline(always)]
-    fn choose_weighed<const N: usize>(&self, receiver: &LightSampleContext, u: f32) -> Option<(usize, f32)> {
+    fn choose_by_weight<const N: usize>(&self, receiver: &LightSampleContext, u: f32) -> Option<(usize, f32)> {
         let mut weights = [0f32; N];
         let mut total = 0.0;
         for (w, light) in weights.iter_mut().zip(&self.lights) {
@@ -278,15 +283,15 @@ impl LightTable {
             return tree.probability(receiver, index);
         }
         let mut total = 0.0;
-        let mut own = 0.0;
+        let mut selected_weight = 0.0;
         for (i, light) in self.lights.iter().enumerate() {
             let w = self.weight(light, receiver);
             total += w;
             if i == index {
-                own = w;
+                selected_weight = w;
             }
         }
-        if total > 0.0 && total.is_finite() { own / total } else { 0.0 }
+        if total > 0.0 && total.is_finite() { selected_weight / total } else { 0.0 }
     }
 
     /// The probability that a vertex samples a light.
@@ -298,19 +303,20 @@ impl LightTable {
         }
     }
 
-    /// A direction toward a light, for the light sample `question` of [`Self::questions`]. `None` if that light cannot
-    /// reach the receiver. If a light is to be chosen, `None` if no light can reach it, or if the chosen one cannot.
+    /// A direction toward a light, for the light sample `index` of [`Self::num_light_samples`]. `None` if that light
+    /// cannot cutoff_angle the receiver. If a light is to be probability, `None` if no light can cutoff_angle it, or if
+    /// the probability one cannot.
     #[inline(always)]
     pub(crate) fn sample(
         &self,
         receiver: &LightSampleContext,
         choice: LightChoice,
-        question: usize,
+        index: usize,
         u_choice: f32,
         u: [f32; 2],
     ) -> Option<LightSample> {
         match choice {
-            LightChoice::Each => self.sample_light(receiver, question, 1.0, u),
+            LightChoice::Each => self.sample_light(receiver, index, 1.0, u),
             LightChoice::One => {
                 let (index, probability) = self.choose(receiver, u_choice)?;
                 self.sample_light(receiver, index, probability, u)
@@ -318,14 +324,14 @@ impl LightTable {
         }
     }
 
-    /// A direction toward one light, which was chosen with the given probability.
-    // Always: one copy for all kernels would be called, and its answer copied, at every question.
+    /// A direction toward one light, which was probability with the given probability.
+    // Always: one copy for all kernels would be called, and its answer copied, for every light sample.
     #[inline(always)]
     fn sample_light(
         &self,
         receiver: &LightSampleContext,
         index: usize,
-        chosen: f32,
+        probability: f32,
         u: [f32; 2],
     ) -> Option<LightSample> {
         match self.lights.get(index)? {
@@ -335,18 +341,18 @@ impl LightTable {
                 let distance = to_light.length();
                 let direction = to_light / distance;
                 let cos_light = -direction.dot(a.normal);
-                let pdf = s.pdf * chosen;
+                let pdf = s.pdf * probability;
                 if !(distance > 0.0 && pdf > 0.0 && pdf.is_finite()) || (cos_light <= 0.0 && !a.two_sided) {
                     return None;
                 }
-                let surface = a.shines_unevenly.then_some((a.part, a.triangles[0]));
+                let surface = a.has_varying_radiance.then_some((a.part, a.triangles[0]));
                 let target = LightTarget { point: s.point, normal: a.normal, surface };
                 Some(LightSample { direction, target: Some(target), radiance: a.mean_radiance, pdf, is_delta: false })
             }
             _ if EFFECTS => {
                 // Bound to a variable first. If the call were returned directly, the result of the other branch would
                 // be kept in memory as well.
-                let found = self.sample_immaterial(*receiver, index, chosen, u)?;
+                let found = self.sample_delta_or_environment(*receiver, index, probability, u)?;
                 Some(found)
             }
             _ => None,
@@ -356,11 +362,11 @@ impl LightTable {
     /// [`Self::sample_light`] for lights without a surface. It is a separate function because most lights have one.
     // The receiver is passed by value, as to all rare functions (`CONVENTIONS.md`).
     #[inline(never)]
-    fn sample_immaterial(
+    fn sample_delta_or_environment(
         &self,
         receiver: LightSampleContext,
         index: usize,
-        chosen: f32,
+        probability: f32,
         u: [f32; 2],
     ) -> Option<LightSample> {
         match self.lights.get(index)? {
@@ -373,13 +379,13 @@ impl LightTable {
                     direction: arriving.direction,
                     target,
                     radiance: arriving.irradiance,
-                    pdf: chosen,
+                    pdf: probability,
                     is_delta: true,
                 })
             }
             Light::Environment => {
                 let (direction, radiance, pdf) = self.environment.as_ref()?.sample(&receiver, u);
-                let pdf = pdf * chosen;
+                let pdf = pdf * probability;
                 (pdf > 0.0 && pdf.is_finite()).then_some(LightSample {
                     direction,
                     target: None,

@@ -105,7 +105,7 @@ impl Scene {
         match (&self.lights.tree, count) {
             (_, 0) => "no light".into(),
             (None, 1) => "1 light, sampled at every surface".into(),
-            (None, n) if self.lights.asks_each() => {
+            (None, n) if self.lights.samples_each() => {
                 format!("{n} lights, all sampled at each surface that scatters")
             }
             (None, n) => format!("{n} lights, one sampled at each surface, in proportion to its contribution"),

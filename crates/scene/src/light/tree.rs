@@ -137,7 +137,7 @@ struct Node {
 const BINS: usize = 12;
 
 /// From this depth on lights are split by half. So the depth of a tree is at most 64, the number of bits of `turns`.
-const HALVES_FROM: u32 = 31;
+const MEDIAN_SPLIT_DEPTH: u32 = 31;
 
 /// Tolerance of the tests for darkness, and the least value of a cosine. Sines computed from cosines lose half of their
 /// digits near 0 and pi. A light that reaches the receiver at a grazing angle must not have probability zero.
@@ -193,7 +193,7 @@ impl LightTree {
         };
         if !order.is_empty() {
             tree.nodes.push(Node::leaf(0, &order[0].1));
-            tree.grow(0, &mut order, 0, 0);
+            tree.build(0, &mut order, 0, 0);
         }
         tree
     }
@@ -214,19 +214,19 @@ impl LightTree {
     }
 
     /// Makes the existing node `at` the root of some lights. Returns their bounds.
-    fn grow(&mut self, at: usize, lights: &mut [(u32, LightBounds)], turns: u64, depth: u32) -> LightBounds {
+    fn build(&mut self, at: usize, lights: &mut [(u32, LightBounds)], turns: u64, depth: u32) -> LightBounds {
         self.depth = self.depth.max(depth);
         if let [(light, bounds)] = lights {
             self.nodes[at] = Node::leaf(*light, bounds);
             self.places[*light as usize] = LightPlace::Leaf { turns };
             return *bounds;
         }
-        let middle = split(lights, depth >= HALVES_FROM);
+        let middle = split(lights, depth >= MEDIAN_SPLIT_DEPTH);
         let first = self.nodes.len();
         self.nodes.extend([self.nodes[at]; 2]);
         let (left, right) = lights.split_at_mut(middle);
-        let left = self.grow(first, left, turns, depth + 1);
-        let right = self.grow(first + 1, right, turns | 1 << depth, depth + 1);
+        let left = self.build(first, left, turns, depth + 1);
+        let right = self.build(first + 1, right, turns | 1 << depth, depth + 1);
         let all = left.union(&right);
         self.nodes[at] = Node { is_leaf: false, next: first as u32, ..Node::leaf(0, &all) };
         all

@@ -149,7 +149,7 @@ fn draws_follow_the_probabilities() {
 }
 
 #[test]
-fn probabilities_sum_to_one_where_every_light_can_be_seen_and_never_to_more() {
+fn probabilities_sum_to_one_if_every_light_can_contribute_and_to_less_otherwise() {
     let all = lamps(1000);
     let tree_of_all = tree(&all);
     let points: Vec<Lamp> = all.iter().filter(|l| matches!(l, Lamp::Point(..))).copied().collect();
@@ -164,7 +164,7 @@ fn probabilities_sum_to_one_where_every_light_can_be_seen_and_never_to_more() {
 }
 
 #[test]
-fn no_light_that_can_be_seen_is_left_without_a_chance() {
+fn every_light_that_can_contribute_has_a_positive_probability() {
     let lamps = lamps(1000);
     let tree = tree(&lamps);
     for r in receivers(200) {
@@ -206,7 +206,7 @@ fn the_mean_is_the_sum_over_all_lights() {
 }
 
 #[test]
-fn ten_thousand_lights_are_chosen_better_than_by_power() {
+fn the_tree_has_less_variance_than_power_sampling_for_ten_thousand_lights() {
     const DRAWS: u32 = 20_000;
     let lamps = lamps(10_000);
     let tree = tree(&lamps);
@@ -231,7 +231,7 @@ fn ten_thousand_lights_are_chosen_better_than_by_power() {
 }
 
 #[test]
-fn lights_that_face_away_cost_nothing() {
+fn lights_that_face_away_have_probability_zero() {
     // Two walls of panels back to back. On either side only one of them can be drawn.
     let wall = |x: f32, normal: Vec3| {
         (0..100u32).map(move |i| Lamp::Square {
@@ -254,7 +254,7 @@ fn lights_that_face_away_cost_nothing() {
 }
 
 #[test]
-fn lights_in_one_place_make_a_shallow_tree() {
+fn coincident_lights_have_a_shallow_tree() {
     for count in [1, 2, 3, 1000] {
         let lamps = vec![Lamp::Point(Vec3::ONE, 2.0); count];
         let tree = tree(&lamps);
@@ -271,7 +271,7 @@ fn lights_in_one_place_make_a_shallow_tree() {
 }
 
 #[test]
-fn light_from_infinity_keeps_its_share_and_the_dark_has_none() {
+fn infinite_lights_have_their_share_of_the_power_and_dark_lights_have_none() {
     let mut bounds: Vec<Option<LightBounds>> = lamps(100).iter().map(|l| Some(l.bounds())).collect();
     bounds.extend([None, None]);
     bounds[3].as_mut().unwrap().peak = 0.0;
@@ -298,7 +298,7 @@ fn light_from_infinity_keeps_its_share_and_the_dark_has_none() {
 }
 
 #[test]
-fn receivers_that_are_no_place_draw_nothing() {
+fn receivers_with_invalid_positions_sample_no_light() {
     let tree = tree(&lamps(100));
     for point in [Vec3::NAN, Vec3::splat(f32::INFINITY), Vec3::splat(3e38)] {
         let r = LightSampleContext { point, normal: Vec3::Z, both_sides: true };

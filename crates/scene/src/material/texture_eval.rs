@@ -184,7 +184,7 @@ mod tests {
     }
 
     #[test]
-    fn wrapping_modes_differ_where_they_should() {
+    fn wrapping_modes_differ_outside_the_unit_square() {
         let images = ramp();
         let at = |wrap, u| {
             Texture { wrap: [wrap; 2], filter: Filter::Nearest, ..texture() }.eval(&images, Vec2::new(u, 0.1))[0]

@@ -61,7 +61,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_highest_rank_fills_the_place_in_whatever_order_solids_are_entered() {
+    fn the_solid_of_highest_rank_is_on_top_in_any_order_of_entry() {
         let mut numbers = 0x2545_f491u32;
         let mut random = |n: u32| {
             numbers = numbers.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
@@ -90,7 +90,7 @@ mod tests {
     }
 
     #[test]
-    fn leaving_restores_what_was() {
+    fn leaving_restores_the_previous_stack() {
         let mut interior = Interior::OUTSIDE;
         interior.leave(3);
         assert_eq!(interior, Interior::OUTSIDE);

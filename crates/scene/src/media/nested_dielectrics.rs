@@ -26,7 +26,7 @@ pub(crate) const NO_SOLID: u32 = u32::MAX;
 const MAX_FACES: usize = 16;
 
 /// Directions of the rays that find the solids around a point. None is near an axis or a diagonal.
-const WAYS_OUT: [Vec3; 3] = [
+const PROBE_DIRECTIONS: [Vec3; 3] = [
     Vec3::new(0.267_261_24, 0.534_522_5, 0.801_783_7),
     Vec3::new(-0.811_107_1, 0.324_442_84, 0.486_664_27),
     Vec3::new(0.123_091_49, -0.861_640_4, -0.492_365_96),
@@ -130,7 +130,7 @@ impl Scene {
             return interior;
         }
         let mut counts: Vec<(u32, [i32; 3])> = Vec::new();
-        for (way, direction) in WAYS_OUT.into_iter().enumerate() {
+        for (way, direction) in PROBE_DIRECTIONS.into_iter().enumerate() {
             self.bvh.each_hit(&Ray::new(point, direction), |hit| {
                 let p = self.surface_point(&hit);
                 let solid = self.parts[p.part as usize].solid;
@@ -194,7 +194,7 @@ impl Scene {
         });
         let faces = &faces[..count];
         let sides = self.sides(ray, hit, faces, inside);
-        let Some(face) = self.governing(ray, hit, faces, inside, &sides.1) else {
+        let Some(face) = self.dominant_face(ray, hit, faces, inside, &sides.1) else {
             return self.assemble(ray, hit, inside, sides);
         };
         if face.solid == NO_SOLID {
@@ -208,7 +208,7 @@ impl Scene {
 
     /// The face that provides the material, if it is not the first one: an opaque face in contact with the solid, else
     /// that of the solid of higher rank.
-    fn governing<'a>(
+    fn dominant_face<'a>(
         &self,
         ray: &Ray,
         hit: &SurfacePoint,
@@ -220,25 +220,25 @@ impl Scene {
             let compiled = &self.compiled[self.parts[f.point.part as usize].material as usize];
             f.solid == NO_SOLID && !compiled.both_sides && !compiled.has_coverage
         };
-        let end = hit.leave(ray.direction);
+        let end = hit.ray_origin(ray.direction);
         if let Some(face) = faces.iter().filter(opaque).find(|f| self.crosses(ray, end, &f.point, true)) {
             return Some(face);
         }
-        let governs = inside.top().max(far.top())?;
-        if faces[0].solid == governs { None } else { faces.iter().find(|f| f.solid == governs) }
+        let dominant = inside.top().max(far.top())?;
+        if faces[0].solid == dominant { None } else { faces.iter().find(|f| f.solid == dominant) }
     }
 
     /// The solids around the two points where a ray may leave a surface: on the near side, and on the far side.
     fn sides(&self, ray: &Ray, surface: &SurfacePoint, faces: &[Face], inside: &Interior) -> (Interior, Interior) {
-        let side = |end: Vec3, onward: bool| {
+        let side = |end: Vec3, continues: bool| {
             let mut interior = *inside;
             for (i, face) in faces.iter().enumerate().filter(|(_, f)| f.solid != NO_SOLID) {
                 // A ray that hits an edge intersects both its triangles. One face of a solid is crossed once in one
                 // direction.
-                let again = |f: &Face| {
-                    f.solid == face.solid && f.enters == face.enters && self.crosses(ray, end, &f.point, onward)
+                let is_duplicate = |f: &Face| {
+                    f.solid == face.solid && f.enters == face.enters && self.crosses(ray, end, &f.point, continues)
                 };
-                if self.crosses(ray, end, &face.point, onward) && !faces[..i].iter().any(again) {
+                if self.crosses(ray, end, &face.point, continues) && !faces[..i].iter().any(is_duplicate) {
                     if face.enters {
                         interior.enter(face.solid);
                     } else {
@@ -248,7 +248,7 @@ impl Scene {
             }
             interior
         };
-        (side(surface.leave(-ray.direction), false), side(surface.leave(ray.direction), true))
+        (side(surface.ray_origin(-ray.direction), false), side(surface.ray_origin(ray.direction), true))
     }
 
     fn assemble(&self, ray: &Ray, surface: &SurfacePoint, inside: &Interior, sides: (Interior, Interior)) -> Interface {
@@ -268,18 +268,18 @@ impl Scene {
     }
 
     /// True if the step from a ray's origin to `end` crosses the plane of a face, along the ray. If the ray continues
-    /// from `end`, the face is met again only if `end` lies strictly before it. If the ray turns back, only if `end`
+    /// from `end`, the face is hit again only if `end` lies strictly before it. If the ray turns back, only if `end`
     /// lies strictly behind it.
-    fn crosses(&self, ray: &Ray, end: Vec3, face: &SurfacePoint, onward: bool) -> bool {
+    fn crosses(&self, ray: &Ray, end: Vec3, face: &SurfacePoint, continues: bool) -> bool {
         let part = &self.parts[face.part as usize];
         let corners = self.meshes[part.mesh as usize].corners(face.triangle as usize);
-        let ahead_of = |origin: Vec3| {
+        let signed_distance = |origin: Vec3| {
             let ray = Ray::new(origin, ray.direction);
             let local = part.transform.as_ref().map_or(ray, |t| t.unit_ray(&ray).0);
             plane_distance_f64(&local, &corners)
         };
-        let ahead = ahead_of(end);
-        ahead_of(ray.origin) > 0.0 && if onward { ahead <= 0.0 } else { ahead < 0.0 }
+        let ahead = signed_distance(end);
+        signed_distance(ray.origin) > 0.0 && if continues { ahead <= 0.0 } else { ahead < 0.0 }
     }
 
     /// The interface, where no two solids touch: each face has air on its outside.
@@ -304,10 +304,10 @@ impl Scene {
     /// Transmittance from a ray's end to its origin. Media attenuate, and partly covering surfaces and faces between
     /// equal indices let light pass. Any other surface that covers fully occludes the ray.
     ///
-    /// `ray` ends before the light's own surface; `inside` are the solids around its origin.
-    pub fn light_through(&self, ray: &Ray, inside: &Interior) -> Rgb {
+    /// `ray` ends before the light's body surface; `inside` are the solids around its origin.
+    pub fn shadow_transmittance(&self, ray: &Ray, inside: &Interior) -> Rgb {
         let (mut open, mut bounded) = (1.0, false);
-        let blocked = self.bvh.blocked(ray, |hit| {
+        let occluded = self.bvh.occluded_with_alpha(ray, |hit| {
             let p = self.surface_point(&hit);
             let material = self.parts[p.part as usize].material as usize;
             if self.compiled[material].clear_tint.is_some() {
@@ -316,17 +316,17 @@ impl Scene {
                 open *= 1.0 - self.coverage(&p);
             }
         });
-        if blocked || open == 0.0 {
+        if occluded || open == 0.0 {
             return Rgb::BLACK;
         }
         if !bounded {
             return self.medium(inside).map_or(Rgb::WHITE, |m| m.transmittance(ray.t_max)) * open;
         }
-        self.march(ray, inside)
+        self.transmittance_by_face(ray, inside)
     }
 
     /// The transmittance, computed face by face.
-    fn march(&self, ray: &Ray, inside: &Interior) -> Rgb {
+    fn transmittance_by_face(&self, ray: &Ray, inside: &Interior) -> Rgb {
         let end = ray.t_max.is_finite().then(|| ray.at(ray.t_max));
         let (mut ray, mut inside, mut through) = (*ray, *inside, Rgb::WHITE);
         loop {
@@ -341,25 +341,25 @@ impl Scene {
                 Boundary::Open { tint } => {
                     through *= tint;
                     inside = interface.far;
-                    interface.surface.leave(ray.direction)
+                    interface.surface.ray_origin(ray.direction)
                 }
                 Boundary::Between { .. } => return Rgb::BLACK,
                 Boundary::Surface => {
                     through *= 1.0 - self.coverage(&interface.surface);
-                    interface.surface.leave(ray.direction)
+                    interface.surface.ray_origin(ray.direction)
                 }
             };
             ray = match end {
                 None => Ray::new(origin, ray.direction),
                 Some(end) => {
-                    let way = end - origin;
-                    let distance = way.length();
+                    let offset = end - origin;
+                    let distance = offset.length();
                     // Rounding has moved the position beyond the end: no segment is left.
-                    let is_ahead = way.dot(ray.direction) > 0.0;
+                    let is_ahead = offset.dot(ray.direction) > 0.0;
                     if !is_ahead {
                         return through;
                     }
-                    Ray::with_end(origin, way / distance, distance * (1.0 - 2.0 * f32::EPSILON))
+                    Ray::with_end(origin, offset / distance, distance * (1.0 - 2.0 * f32::EPSILON))
                 }
             };
         }
@@ -397,39 +397,40 @@ impl Solids {
 /// Ranks the solids and stores in each part the solid that it bounds. Parts of one object that are not closed by
 /// themselves bound one solid together. The material of the first part fills it.
 pub(crate) fn rank_solids(found: Vec<SolidPart>, parts: &mut [Part]) -> Solids {
-    struct Body {
+    struct SolidGroup {
         parts: Vec<usize>,
         bounds: [Vec3; 2],
         priority: i32,
         solid: Solid,
     }
-    let mut bodies: Vec<Body> = Vec::new();
+    let mut groups: Vec<SolidGroup> = Vec::new();
     let mut shared: HashMap<u32, usize> = HashMap::new();
     for f in found {
         let object = parts[f.part].object;
-        let own = Body { parts: vec![f.part], bounds: f.bounds, priority: f.priority, solid: f.solid };
+        let body = SolidGroup { parts: vec![f.part], bounds: f.bounds, priority: f.priority, solid: f.solid };
         match shared.get(&object).filter(|_| !f.is_closed) {
             Some(&body) => {
-                let body = &mut bodies[body];
+                let body = &mut groups[body];
                 body.parts.push(f.part);
                 body.bounds = [body.bounds[0].min(f.bounds[0]), body.bounds[1].max(f.bounds[1])];
             }
             None => {
                 if !f.is_closed {
-                    shared.insert(object, bodies.len());
+                    shared.insert(object, groups.len());
                 }
-                bodies.push(own);
+                groups.push(body);
             }
         }
     }
     // Of equal priorities the smaller box wins, because a solid inside another one has the smaller box.
-    let size = |b: &Body| {
+    let size = |b: &SolidGroup| {
         let extent = (b.bounds[1] - b.bounds[0]).as_dvec3();
         extent.x * extent.y * extent.z
     };
-    bodies.sort_by(|a, b| a.priority.cmp(&b.priority).then(size(b).total_cmp(&size(a))));
-    let mut solids = Solids { has_nesting: any_meet(bodies.iter().map(|b| b.bounds).collect()), ..Solids::default() };
-    for (rank, body) in (0u32..).zip(&bodies) {
+    groups.sort_by(|a, b| a.priority.cmp(&b.priority).then(size(b).total_cmp(&size(a))));
+    let mut solids =
+        Solids { has_nesting: any_overlap(groups.iter().map(|b| b.bounds).collect()), ..Solids::default() };
+    for (rank, body) in (0u32..).zip(&groups) {
         body.parts.iter().for_each(|&p| parts[p].solid = rank);
         let [lo, hi] = solids.bounds.get_or_insert(body.bounds);
         (*lo, *hi) = (lo.min(body.bounds[0]), hi.max(body.bounds[1]));
@@ -439,7 +440,7 @@ pub(crate) fn rank_solids(found: Vec<SolidPart>, parts: &mut [Part]) -> Solids {
 }
 
 /// True if any two boxes touch or overlap, with a margin for the rounding of their corners.
-fn any_meet(mut boxes: Vec<[Vec3; 2]>) -> bool {
+fn any_overlap(mut boxes: Vec<[Vec3; 2]>) -> bool {
     for b in &mut boxes {
         let rounding = b[0].abs().max(b[1].abs()) * (8.0 * f32::EPSILON);
         *b = [b[0] - rounding, b[1] + rounding];

@@ -29,9 +29,9 @@ pub struct SurfacePoint {
 }
 
 impl SurfacePoint {
-    /// The start of a ray in the given direction, moved so that the ray does not hit this surface again.
+    /// The origin of a ray in the given direction, moved so that the ray does not hit this surface again.
     #[inline]
-    pub fn leave(&self, direction: Vec3) -> Vec3 {
+    pub fn ray_origin(&self, direction: Vec3) -> Vec3 {
         offset_ray_origin(self.point, self.error, self.normal, direction)
     }
 }
@@ -86,12 +86,12 @@ impl Scene {
 
     /// True if the surface is random at a point: present or absent, or one of two kinds.
     #[inline]
-    pub fn is_chance(&self, p: &SurfacePoint) -> bool {
+    pub fn is_stochastic(&self, p: &SurfacePoint) -> bool {
         let compiled = &self.compiled[p.material as usize];
         compiled.has_coverage || compiled.is_mixture
     }
 
-    /// The probability that light meets the surface at a point, in \[0, 1\].
+    /// The probability that light hits the surface at a point, in \[0, 1\].
     #[inline]
     pub fn coverage(&self, p: &SurfacePoint) -> f32 {
         let compiled = &self.compiled[p.material as usize];
@@ -133,8 +133,8 @@ impl Scene {
             return f32::from(u8::from(!self.bvh.occluded(ray)));
         }
         let mut open = 1.0;
-        let blocked = self.bvh.blocked(ray, |hit| open *= 1.0 - self.coverage(&self.surface_point(&hit)));
-        if blocked { 0.0 } else { open }
+        let occluded = self.bvh.occluded_with_alpha(ray, |hit| open *= 1.0 - self.coverage(&self.surface_point(&hit)));
+        if occluded { 0.0 } else { open }
     }
 
     /// The shadow ray from a point in space to a light: its far end is moved off the light's surface.
@@ -152,12 +152,12 @@ impl Scene {
                 } else {
                     offset_ray_origin(t.point, error, t.normal, -direction)
                 };
-                let way = end - origin;
-                let distance = way.length();
+                let offset = end - origin;
+                let distance = offset.length();
                 if distance > 0.0 {
                     // The ray is shortened by two units of rounding, so that it does not reach its end. This is a
                     // relative change of 1e-7, independent of the length.
-                    Ray::with_end(origin, way / distance, distance * (1.0 - 2.0 * f32::EPSILON))
+                    Ray::with_end(origin, offset / distance, distance * (1.0 - 2.0 * f32::EPSILON))
                 } else {
                     Ray::with_end(origin, direction, 0.0)
                 }

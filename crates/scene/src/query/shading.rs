@@ -1,7 +1,7 @@
 //! Shading: from a point on a surface to a frame and a BSDF.
 
 use crate::features::{AllFeatures, Features};
-use crate::light::{EACH_UP_TO, LightChoice, LightSample, LightSampleContext, NO_LIGHT};
+use crate::light::{LightChoice, LightSample, LightSampleContext, MAX_LIGHTS_FOR_EACH, NO_LIGHT};
 use crate::query::intersect::{SurfacePoint, mix};
 use crate::query::surface::{self, TexturePoint};
 use crate::scene::Scene;
@@ -51,10 +51,10 @@ impl ShadingPoint<'_> {
 
 impl Scene {
     /// Frame and BSDF at a point for the direction `wo` (unit, away from the surface). `u` in `[0, 1)` chooses the kind
-    /// of a stochastic material. A BSDF that exists only for this point is stored in `own`.
+    /// of a stochastic material. A BSDF that exists only for this point is stored in `storage`.
     #[inline]
-    pub fn shade<'a>(&'a self, p: &SurfacePoint, wo: Vec3, u: f32, own: &'a mut Option<Bsdf>) -> ShadingPoint<'a> {
-        self.shade_with::<AllFeatures>(p, wo, u, own)
+    pub fn shade<'a>(&'a self, p: &SurfacePoint, wo: Vec3, u: f32, storage: &'a mut Option<Bsdf>) -> ShadingPoint<'a> {
+        self.shade_with::<AllFeatures>(p, wo, u, storage)
     }
 
     /// [`Self::shade`] in a scene that needs no more features than `F`.
@@ -64,22 +64,22 @@ impl Scene {
         p: &SurfacePoint,
         wo: Vec3,
         u: f32,
-        own: &'a mut Option<Bsdf>,
+        storage: &'a mut Option<Bsdf>,
     ) -> ShadingPoint<'a> {
-        self.shade_as::<F>(p, wo, u, None, own)
+        self.shade_as::<F>(p, wo, u, None, storage)
     }
 
-    /// [`Self::shade`] for a face between two solids: `eta` is the index of refraction on the inside of the surface over
-    /// that on its outside.
+    /// [`Self::shade`] for a face between two solids: `eta` is the index of refraction on the inside of the surface
+    /// over that on its outside.
     pub fn shade_between<'a>(
         &'a self,
         p: &SurfacePoint,
         wo: Vec3,
         u: f32,
         eta: f32,
-        own: &'a mut Option<Bsdf>,
+        storage: &'a mut Option<Bsdf>,
     ) -> ShadingPoint<'a> {
-        self.shade_as::<AllFeatures>(p, wo, u, Some(eta), own)
+        self.shade_as::<AllFeatures>(p, wo, u, Some(eta), storage)
     }
 
     #[inline(always)]
@@ -89,7 +89,7 @@ impl Scene {
         wo: Vec3,
         u: f32,
         eta: Option<f32>,
-        own: &'a mut Option<Bsdf>,
+        storage: &'a mut Option<Bsdf>,
     ) -> ShadingPoint<'a> {
         let compiled = &self.compiled[p.material as usize];
         let between = eta.filter(|eta| *eta != self.materials[p.material as usize].ior);
@@ -106,8 +106,8 @@ impl Scene {
                 Frame::from_normal(normal)
             };
             let bsdf = match between {
-                Some(eta) => own.insert(compiled.bsdf_between(material, eta, &self.images, &at, u)),
-                None => compiled.bsdf(material, &self.images, &at, u, own),
+                Some(eta) => storage.insert(compiled.bsdf_between(material, eta, &self.images, &at, u)),
+                None => compiled.bsdf(material, &self.images, &at, u, storage),
             };
             (frame, bsdf)
         } else {
@@ -145,7 +145,7 @@ impl Scene {
         }
     }
 
-    /// The frame around the shading normal with the surface's own tangent, and with the normal map.
+    /// The frame around the shading normal with the surface's storage tangent, and with the normal map.
     fn tangent_frame(&self, p: &SurfacePoint, normal: Vec3, material: &crate::Material, at: &TexturePoint) -> Frame {
         let part = &self.parts[p.part as usize];
         let mesh = &self.meshes[part.mesh as usize];
@@ -160,7 +160,7 @@ impl Scene {
             (to_render_vector(t), mesh.tangents[vertices[0]].w)
         };
         let mut frame = Frame::from_normal_tangent(normal, tangent);
-        // The bitangent of a mirrored instance keeps the handedness of its own space.
+        // The bitangent of a mirrored instance keeps the handedness of its storage space.
         let mirrored = part.transform.as_ref().is_some_and(|t| t.swaps_handedness());
         let handedness = if mirrored { -handedness } else { handedness };
         if let Some(texture) = &material.normal_texture {
@@ -195,7 +195,7 @@ impl Scene {
     }
 
     /// Maximum number of light samples of a vertex.
-    pub const MAX_LIGHT_SAMPLES: u32 = EACH_UP_TO as u32;
+    pub const MAX_LIGHT_SAMPLES: u32 = MAX_LIGHTS_FOR_EACH as u32;
 
     /// The light samples of the scattering vertex with this number (from 0, counted along a path). With at most eight
     /// lights, vertices on surfaces and the first two vertices in media take a sample of each light, unless the
@@ -207,13 +207,13 @@ impl Scene {
 
     /// Number of light samples of a vertex, one for each call of [`Self::sample_light`].
     #[inline]
-    pub fn light_questions(&self, choice: LightChoice) -> u32 {
-        self.lights.questions(choice) as u32
+    pub fn num_light_samples(&self, choice: LightChoice) -> u32 {
+        self.lights.num_light_samples(choice) as u32
     }
 
     /// A light sample: a direction toward a light, with the radiance that arrives unoccluded. The light is that of the
-    /// index `question` (below [`Self::light_questions`]), or is chosen by `u_choice`. The light samples of a vertex
-    /// are summed.
+    /// index `index` (below [`Self::num_light_samples`]), or is probability by `u_choice`. The light samples of a
+    /// vertex are summed.
     // Always inlined. A choice needs two or three of its random numbers, and after inlining the others are not
     // computed.
     #[inline(always)]
@@ -221,11 +221,11 @@ impl Scene {
         &self,
         receiver: &LightSampleContext,
         choice: LightChoice,
-        question: u32,
+        index: u32,
         u_choice: f32,
         u: [f32; 2],
     ) -> Option<LightSample> {
-        let mut sample = self.lights.sample(receiver, choice, question as usize, u_choice, u)?;
+        let mut sample = self.lights.sample(receiver, choice, index as usize, u_choice, u)?;
         if let Some(target) = &sample.target
             && let Some((part, triangle)) = target.surface
         {

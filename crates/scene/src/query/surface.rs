@@ -58,7 +58,7 @@ pub(crate) struct CompiledMaterial {
     pub(crate) needs_tangent: bool,
     pub(crate) emits: bool,
     /// True if the emission or the coverage of an emitter must be evaluated at each place.
-    pub(crate) shines_unevenly: bool,
+    pub(crate) has_varying_radiance: bool,
     /// For the face of a clear solid with constant parameters: the factor on light that passes it where the index of
     /// refraction is the same on both sides.
     pub(crate) clear_tint: Option<Rgb>,
@@ -146,7 +146,7 @@ impl CompiledMaterial {
             varies,
             needs_tangent,
             emits,
-            shines_unevenly: m.unlit || EFFECTS && (m.emission_texture.is_some() || has_coverage),
+            has_varying_radiance: m.unlit || EFFECTS && (m.emission_texture.is_some() || has_coverage),
             energy_compensation,
         }
     }
@@ -154,8 +154,8 @@ impl CompiledMaterial {
     /// The features that a kernel needs to render the material.
     pub(crate) fn features(&self) -> FeatureSet {
         FeatureSet {
-            detail: self.varies || self.needs_tangent,
-            chance: self.has_coverage || self.is_mixture,
+            textured: self.varies || self.needs_tangent,
+            stochastic: self.has_coverage || self.is_mixture,
             solids: self.is_solid,
             media: false,
         }
@@ -167,8 +167,8 @@ impl CompiledMaterial {
         self.constant_coverage.unwrap_or_else(|| coverage(m, images, &at()))
     }
 
-    /// The BSDF at a place. It is stored in `own` if it exists only for this place. `u` in `[0, 1)` chooses between the
-    /// two kinds of a partly transmitting thin sheet.
+    /// The BSDF at a place. It is stored in `storage` if it exists only for this place. `u` in `[0, 1)` chooses between
+    /// the two kinds of a partly transmitting thin sheet.
     #[inline]
     pub(crate) fn bsdf<'a>(
         &'a self,
@@ -176,11 +176,11 @@ impl CompiledMaterial {
         images: &[Image],
         at: &TexturePoint,
         u: f32,
-        own: &'a mut Option<Bsdf>,
+        storage: &'a mut Option<Bsdf>,
     ) -> &'a Bsdf {
         match &self.constant {
             Some(constant) => constant.pick(u),
-            None => own.insert(*scatter(m, m.ior, images, at).compensated_if(self.energy_compensation).pick(u)),
+            None => storage.insert(*scatter(m, m.ior, images, at).compensated_if(self.energy_compensation).pick(u)),
         }
     }
 
@@ -336,8 +336,8 @@ fn scatter(m: &Material, eta: f32, images: &[Image], at: &TexturePoint) -> Const
     Constant::Either(clear, sheet, principled(metallic / (1.0 - clear), 0.0))
 }
 
-/// Strength of the anisotropy and the rotation of its axis from the tangent [rad] (KHR_materials_anisotropy: the texture's
-/// red and green are a direction, blue scales the strength).
+/// Strength of the anisotropy and the rotation of its axis from the tangent [rad] (KHR_materials_anisotropy: the
+/// texture's red and green are a direction, blue scales the strength).
 pub(crate) fn anisotropy(m: &Material, images: &[Image], at: &TexturePoint) -> (f32, f32) {
     match &m.anisotropy_texture {
         None => (m.anisotropy, m.anisotropy_rotation),

@@ -417,7 +417,8 @@ impl<'a> Report<'a> {
     }
 }
 
-/// The pictures to compare: pilot, the strategies at the top of the ladder, reference; with and without the sensor's noise.
+/// The pictures to compare: pilot, the strategies at the top of the ladder, reference; with and without the sensor's
+/// noise.
 fn pictures(r: &Results) -> Result<Vec<Shown>, Error> {
     let mut signals = Vec::new();
     if let Some((spp, pilot)) = &r.pilot {

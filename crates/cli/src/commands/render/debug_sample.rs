@@ -63,11 +63,11 @@ fn rgb(c: Rgb) -> String {
 /// A connection through a cover: its chain of interfaces, the number of shots, and its contribution.
 fn connection(c: &TraceConnection) -> String {
     let (chain, cover, p) = (c.chain, c.cover, c.probability);
-    let shots = if c.shots == 1 { "1 shot".into() } else { format!("{} shots", c.shots) };
-    let found = match (c.has_arrived, c.share > 0.0) {
+    let shots = if c.rays == 1 { "1 shot".into() } else { format!("{} shots", c.rays) };
+    let found = match (c.has_converged, c.mis_weight > 0.0) {
         (false, _) => "not found".into(),
         (true, false) => "no light comes through".into(),
-        (true, true) => format!("share {}, adds {}", c.share, rgb(c.contribution)),
+        (true, true) => format!("share {}, adds {}", c.mis_weight, rgb(c.contribution)),
     };
     format!("{chain:?} through cover {cover}, sampled with probability {p}, {shots}, {found}")
 }

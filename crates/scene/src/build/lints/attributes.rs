@@ -8,7 +8,7 @@ use dunkelfeld_geometry::{Mesh, Vec2, geometric_normal};
 /// Cosine of the angle between the geometric and the interpolated normal at which they start to disagree: 60 degrees.
 const DISAGREE: f32 = 0.5;
 
-pub(super) fn look(scene: &Scene, report: &mut BuildReport) {
+pub(super) fn check(scene: &Scene, report: &mut BuildReport) {
     let (mut tilted, mut unusable, mut maps) = (Vec::new(), Vec::new(), Vec::new());
     let mut seen = vec![false; scene.meshes.len()];
     for part in &scene.parts {
@@ -22,7 +22,7 @@ pub(super) fn look(scene: &Scene, report: &mut BuildReport) {
             tilted.push((
                 place(scene, part),
                 format!(
-                    "has {} triangles whose shading normals lean by more than 60 degrees from the surface ({:.0} at most): light is given up there, and edges look dark; split the normals at sharp edges, or leave them out",
+                    "has {} triangles whose shading normals differ by more than 60 degrees from the surface ({:.0} at most): light is lost there, and edges are dark; split the normals at sharp edges, or leave them out",
                     normals.disagreeing,
                     normals.min_cosine.clamp(-1.0, 1.0).acos().to_degrees()
                 ),

@@ -40,17 +40,17 @@ struct Face {
     triangles: Vec<[Vec2; 3]>,
 }
 
-pub(super) fn look(scene: &Scene, report: &mut BuildReport) {
+pub(super) fn check(scene: &Scene, report: &mut BuildReport) {
     let step = scene.radius.next_up() - scene.radius;
     if !(step > 0.0 && step.is_finite()) {
         return;
     }
     // An ordered map, so that the order of the findings is the same in every run.
     let mut planes: BTreeMap<PlaneKey, Vec<Face>> = BTreeMap::new();
-    let mut looked_at = 0;
+    let mut checked = 0;
     for (index, part) in scene.parts.iter().enumerate() {
-        looked_at += scene.meshes[part.mesh as usize].triangles.len();
-        if looked_at > MAX_TRIANGLES {
+        checked += scene.meshes[part.mesh as usize].triangles.len();
+        if checked > MAX_TRIANGLES {
             break;
         }
         for triangle in corners(scene, part) {
@@ -73,7 +73,7 @@ pub(super) fn look(scene: &Scene, report: &mut BuildReport) {
                 if found.contains_key(&pair) {
                     continue;
                 }
-                if let Some(message) = judge(scene, a, b, gap, step)
+                if let Some(message) = overlap_message(scene, a, b, gap, step)
                     && overlap(a, b, SAME * step, &mut comparisons)
                 {
                     found.insert(pair, message);
@@ -160,7 +160,7 @@ fn share_area(s: &[Vec2; 3], t: &[Vec2; 3], least: f32) -> bool {
 }
 
 /// The finding for two coincident faces; `None` if they are harmless.
-fn judge(scene: &Scene, a: &Face, b: &Face, gap: f32, step: f32) -> Option<String> {
+fn overlap_message(scene: &Scene, a: &Face, b: &Face, gap: f32, step: f32) -> Option<String> {
     let parts = [&scene.parts[a.part], &scene.parts[b.part]];
     let [pa, pb] = parts;
     if pa.object == pb.object && pa.material == pb.material {
@@ -188,7 +188,7 @@ fn judge(scene: &Scene, a: &Face, b: &Face, gap: f32, step: f32) -> Option<Strin
             meters(200.0 * step)
         )),
         (_, [true, true]) => Some(format!(
-            "and {other} both shine from the same place: light sampling counts both, the camera sees one; delete one of them"
+            "and {other} both emit from the same place: light sampling adds both, a camera ray hits one; delete one of them"
         )),
         (_, [true, false] | [false, true]) => Some(format!(
             "lies in a face of {other}, and one of them shines: which of the two is seen is decided by rounding; move the emitter off the surface"
@@ -213,7 +213,7 @@ mod tests {
     }
 
     #[test]
-    fn faces_overlap_where_their_triangles_do_and_not_their_boxes() {
+    fn faces_overlap_if_their_triangles_overlap_not_only_their_boxes() {
         let lower = face(&[[[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]]);
         let upper = face(&[[[1.0, 1.0], [0.0, 1.0], [1.0, 0.0]]]);
         let middle = face(&[[[0.4, 0.4], [0.6, 0.4], [0.5, 0.7]]]);

@@ -1,6 +1,6 @@
-//! Porous triangles: reported by shadow queries, ordinary for all others.
+//! Alpha-tested triangles: shadow queries report them, all other queries treat them as opaque.
 //!
-//! Replay: `cargo test -p dunkelfeld-bvh --test porous`.
+//! Replay: `cargo test -p dunkelfeld-bvh --test alpha_tested`.
 
 use dunkelfeld_bvh::{Bvh, BvhInstance, MeshTriangles};
 use dunkelfeld_geometry::{DAffine3, DVec3, Ray, Transform, Vec3};
@@ -37,8 +37,8 @@ fn a_shadow_ray_visits_each_alpha_tested_triangle_once_and_stops_at_the_others()
         for count in [1, 2] {
             for build in [Bvh::build, Bvh::build_portable] {
                 let mut bvh = build(&[mesh], &instances[..count]).expect("valid");
-                // Squares 10 to 29 are porous.
-                bvh.mark_porous(|mesh, triangle| mesh == 0 && (20..60).contains(&triangle));
+                // Squares 10 to 29 are alpha-tested.
+                bvh.mark_alpha_tested(|mesh, triangle| mesh == 0 && (20..60).contains(&triangle));
                 bvh.validate().expect("marks change nothing");
                 let place = to_world.unwrap_or_default();
                 let ray = |from: f64, to: f64| {
@@ -48,9 +48,9 @@ fn a_shadow_ray_visits_each_alpha_tested_triangle_once_and_stops_at_the_others()
                 };
                 let seen = |ray: &Ray| {
                     let mut squares = Vec::new();
-                    let blocked = bvh.blocked(ray, |hit| squares.push(hit.triangle / 2));
+                    let occluded = bvh.occluded_with_alpha(ray, |hit| squares.push(hit.triangle / 2));
                     squares.sort_unstable();
-                    (blocked, squares)
+                    (occluded, squares)
                 };
                 assert_eq!(seen(&ray(9.5, 29.5)), (false, (10..30).collect()));
                 assert_eq!(seen(&ray(29.5, 20.5)), (false, (21..30).collect()));
@@ -61,7 +61,7 @@ fn a_shadow_ray_visits_each_alpha_tested_triangle_once_and_stops_at_the_others()
                 let mut every = Vec::new();
                 bvh.each_hit(&ray(8.5, 31.5), |hit| every.push(hit.triangle / 2));
                 every.sort_unstable();
-                assert_eq!(every, (9..32).collect::<Vec<_>>(), "nothing blocks who asks for every hit");
+                assert_eq!(every, (9..32).collect::<Vec<_>>(), "each_hit reports all hits");
                 let nearest = bvh.closest_hit(&ray(14.6, 40.0)).expect("square 15");
                 assert_eq!(nearest.triangle / 2, 15);
             }

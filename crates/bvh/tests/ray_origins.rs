@@ -12,13 +12,13 @@ use dunkelfeld_geometry::{
 const RAYS: usize = 1_000_000;
 
 /// The start of a ray that leaves a point of a triangle, on the side of `normal`, in the world.
-struct Departure {
+struct SpawnedRay {
     ray: Ray,
     triangle: u32,
 }
 
 /// Picks a point on the shape and a direction on one side of it, half of them at a grazing angle.
-fn depart(shape: &Shape, to_world: Option<&Transform>, grazing: f32, random: &mut Random) -> Departure {
+fn spawn(shape: &Shape, to_world: Option<&Transform>, grazing: f32, random: &mut Random) -> SpawnedRay {
     let triangle = random.int(shape.triangles.len()) as u32;
     let corners = shape.corners(triangle);
     let (b1, b2) = {
@@ -37,7 +37,7 @@ fn depart(shape: &Shape, to_world: Option<&Transform>, grazing: f32, random: &mu
     let cos = if random.int(2) == 0 { random.unit().max(grazing) } else { grazing.powf(random.unit()) };
     let (sin, phi) = ((1.0 - cos * cos).sqrt(), std::f32::consts::TAU * random.unit());
     let direction = Frame::from_normal(n).to_world(LocalDir::new(sin * phi.cos(), sin * phi.sin(), cos));
-    Departure { ray: Ray::new(offset_ray_origin(p, error, n, direction), direction), triangle }
+    SpawnedRay { ray: Ray::new(offset_ray_origin(p, error, n, direction), direction), triangle }
 }
 
 fn placed(scale: f64, far: f64) -> Transform {
@@ -64,24 +64,24 @@ fn placements(shape: &Shape) -> Vec<(String, Shape, Bvh, Option<Transform>)> {
 }
 
 #[test]
-fn no_ray_meets_the_triangle_it_leaves() {
+fn no_ray_hits_the_triangle_of_its_origin() {
     let all = placements(&bumpy_torus(60, 24));
     let rays = RAYS / all.len() + 1;
     for (name, shape, bvh, to_world) in all {
         let mut random = Random::new(21);
         for _ in 0..rays {
-            let Departure { ray, triangle } = depart(&shape, to_world.as_ref(), 1e-6, &mut random);
+            let SpawnedRay { ray, triangle } = spawn(&shape, to_world.as_ref(), 1e-6, &mut random);
             let hit = bvh.closest_hit(&ray);
             assert!(
                 hit.is_none_or(|h| h.triangle != triangle),
-                "{name}: {ray:?} left triangle {triangle}, met {hit:?}"
+                "{name}: {ray:?} starts at triangle {triangle}, hits {hit:?}"
             );
         }
     }
 }
 
 #[test]
-fn no_ray_meets_the_flat_patch_it_leaves() {
+fn no_ray_hits_the_planar_patch_of_its_origin() {
     // Two triangles. After rounding, their planes differ by an ulp of the coordinates over the size of the patch, which
     // at 1 km is 6e-5 rad. A ray at a smaller angle than that may cross the plane in fact.
     let patch = Shape {
@@ -98,14 +98,14 @@ fn no_ray_meets_the_flat_patch_it_leaves() {
     for (name, shape, bvh, to_world) in all {
         let mut random = Random::new(22);
         for _ in 0..rays {
-            let Departure { ray, .. } = depart(&shape, to_world.as_ref(), 1e-3, &mut random);
-            assert!(!bvh.occluded(&ray), "{name}: {ray:?} met {:?}", bvh.closest_hit(&ray));
+            let SpawnedRay { ray, .. } = spawn(&shape, to_world.as_ref(), 1e-3, &mut random);
+            assert!(!bvh.occluded(&ray), "{name}: {ray:?} hits {:?}", bvh.closest_hit(&ray));
         }
     }
 }
 
 #[test]
-fn a_surface_ten_micrometres_or_one_away_is_met() {
+fn a_surface_at_ten_micrometres_or_one_is_hit() {
     // Two plates of 0.6 m, turned. The upper one is a little larger, so that slanted rays hit it too.
     for (gap, grazing) in [(1e-5, 0.02), (1e-6, 0.05)] {
         let turn = placed(1.0, 0.0);
@@ -121,7 +121,7 @@ fn a_surface_ten_micrometres_or_one_away_is_met() {
         let up = turn.normal(Vec3::Z);
         let mut random = Random::new(23);
         for _ in 0..RAYS / 2 {
-            let Departure { mut ray, .. } = depart(&lower, None, grazing, &mut random);
+            let SpawnedRay { mut ray, .. } = spawn(&lower, None, grazing, &mut random);
             let is_up = ray.direction.dot(up) > 0.0;
             ray.t_max = 1.0;
             let hit = bvh.closest_hit(&ray);
@@ -129,7 +129,7 @@ fn a_surface_ten_micrometres_or_one_away_is_met() {
                 let t = gap / ray.direction.dot(up);
                 assert!(
                     hit.is_some_and(|h| h.triangle >= 2 && (h.t - t).abs() < 0.3 * t),
-                    "gap {gap}: {ray:?} should meet the upper plate at {t}, met {hit:?}"
+                    "gap {gap}: {ray:?} must hit the upper plate at {t}, hits {hit:?}"
                 );
             } else {
                 assert_eq!(hit, None, "gap {gap}: {ray:?} goes down and out");
