@@ -138,7 +138,7 @@ fn a_denoiser_is_shown_beside_what_it_was_given_and_nothing_else_reads_it() {
 }
 
 #[test]
-fn without_a_sensor_there_is_nothing_to_hide_beneath() {
+fn without_a_sensor_no_render_is_hidden() {
     let bench = lab();
     bench.run(&format!("{TINY} --sensor none --effects none --strategies uniform,sobel -o out")).code(0);
     let names = bench.names("out");

@@ -137,7 +137,7 @@ impl Progress for StopAt<'_> {
 
 #[test]
 #[ignore = "long: .ci/run runs it"]
-fn a_render_goes_on_from_wherever_it_was_left_and_ends_with_the_same_bits() {
+fn a_resumed_render_has_the_same_bits_for_any_interruption() {
     let scene = room(8.0);
     let folder = TempDir::new().expect("a folder");
     let plan = Plane::from_fn(WIDTH, HEIGHT, |x, y| 3 + x * (y + 1) % 13);

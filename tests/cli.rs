@@ -531,7 +531,7 @@ mod processes {
     }
 
     #[test]
-    fn nobody_listening_is_no_reason_to_panic() {
+    fn a_closed_pipe_causes_no_panic() {
         let bench = Bench::new();
         for line in ["sensors", "inspect scene.gltf", "--help", "render scene.gltf --width 8 --height 8 --spp 1"] {
             let mut child = start(bench.folder.path(), line);

@@ -18,7 +18,7 @@ use scene::Case;
 use table::{BEGIN, END, Row, markdown, replaced};
 
 #[test]
-fn the_plain_scene_calls_for_nothing_but_its_few_lights() {
+fn the_plain_scene_needs_the_effect_of_few_lights_only() {
     let scene = Case::Plain.scene().expect("it can be built");
     for effect in Effect::ALL {
         let users = scene.effects().users(effect);
@@ -30,7 +30,7 @@ fn the_plain_scene_calls_for_nothing_but_its_few_lights() {
 
 /// A case uses its effect, and no other effect but its parts.
 #[test]
-fn each_case_calls_for_its_effect() {
+fn each_case_needs_its_effect() {
     for effect in Effect::ALL {
         let scene = Case::Effect(effect).scene().expect("it can be built");
         assert!(scene.effects().has(effect), "{} is not used", effect.name());
@@ -80,7 +80,7 @@ fn the_report_of_callgrind_is_read() {
 }
 
 #[test]
-fn what_is_done_once_cancels() {
+fn constant_costs_cancel() {
     let run = |samples: u64| Run { instructions: 1_000_000 + 250 * samples, image: format!("{samples} samples") };
     let price = price(&run(64), &run(128), 64).expect("it grows");
     assert_eq!(price, Price { instructions: 250.0, image: "128 samples".into() });

@@ -179,7 +179,7 @@ fn photon_transfer(ms: f64) {
 /// The variance rests on 3000 pixels times 47 degrees of freedom: a standard error of 0.4 %. The bar of 2 % is five of
 /// them, and the control lies twice as far away.
 #[test]
-fn what_a_rare_sample_brings_is_not_made_up_for_by_its_neighbours() {
+fn a_rare_sample_is_not_compensated_by_its_neighbours() {
     const SAMPLES: u32 = 64;
     let settings = exposed(1.0).with_width(64).with_height(48);
     let pixels = 64 * 48;

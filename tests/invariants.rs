@@ -55,7 +55,7 @@ fn the_film_is_bit_identical_for_any_number_of_threads() {
 
 /// A kernel that can do more must do the same: else images would depend on what other objects a scene holds.
 #[test]
-fn kernels_that_can_do_more_give_the_same_bits() {
+fn kernels_with_more_features_give_the_same_bits() {
     let with = |more: FeatureSet| {
         let mut scene = room();
         assert_eq!(scene.features(), FeatureSet { solids: true, ..FeatureSet::default() }, "the effects of the room");

@@ -227,7 +227,7 @@ fn a_framing_holds_the_whole_scene_in_the_field_of_the_lens() {
 
 /// Everything is white: a sample is what the lens leaves of it, and the mean over a pixel that of cos^4 over the pixel.
 #[test]
-fn a_white_world_shows_the_vignetting_and_nothing_else_of_the_lens() {
+fn a_white_environment_has_the_vignetting_only() {
     let environment = Some(Environment { source: EnvironmentSource::Constant(Rgb::WHITE), rotation: 0.0 });
     let mut b = SceneBuilder { environment, ..SceneBuilder::default() };
     let aperture = Some(Aperture { opening: Opening::Radius(0.01), focus_distance: 0.5, blades: None });
@@ -266,7 +266,7 @@ fn a_white_world_shows_the_vignetting_and_nothing_else_of_the_lens() {
 /// A bright square on the axis, half as wide as the blur that a far plane has in the aperture's image: the share of the
 /// pupil through which the middle of the film sees it is one of areas.
 #[test]
-fn a_pixel_sees_the_share_of_the_pupil_that_the_scene_leaves_open() {
+fn a_pixel_receives_the_unoccluded_share_of_the_pupil() {
     let (radius, focus, at) = (0.02, 2.0, 1.0);
     let side = 0.012f32;
     let mut b = SceneBuilder::default();

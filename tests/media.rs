@@ -294,7 +294,7 @@ fn touching_bodies_in_a_uniform_sky_are_invisible() {
 }
 
 #[test]
-fn a_camera_inside_sees_through_what_is_around_it() {
+fn a_camera_inside_a_solid_renders_through_its_medium() {
     // A matched body: exp(-sigma d) to its face at distance d. A body of index n, along the normal of its faces: of the sky
     // n^2 (1 - R) enters, and is reflected R between the faces, 2 h apart: n^2 (1-R) a / (1 - R A) with a = exp(-sigma h)
     // from the middle and A = exp(-2 sigma h). Two bodies: the inner one's way, then the outer one's.
@@ -320,7 +320,7 @@ fn a_camera_inside_sees_through_what_is_around_it() {
 }
 
 #[test]
-fn a_lens_that_stands_half_in_a_body_sees_both_sides_of_its_face() {
+fn a_lens_half_inside_a_solid_samples_both_sides_of_its_face() {
     // Parallel rays that start on a film across the face of a matched absorbing body, which they leave 0.1 m further on:
     // half of the pixels are attenuated, half are not.
     let mut b = SceneBuilder::default();

@@ -35,7 +35,7 @@ fn floor_and_void() -> Scene {
 }
 
 #[test]
-fn layers_and_labels_look_through_smooth_glass() {
+fn layers_and_pixel_ids_describe_the_surface_behind_smooth_glass() {
     let mut b = SceneBuilder::default();
     let floor = b.add_material(Material { base_color: Rgb::new(0.8, 0.4, 0.2), ..Material::default() });
     b.add_object("floor", square(0.0, 1.0, false), floor);

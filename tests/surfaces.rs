@@ -251,7 +251,7 @@ fn a_base_colour_texture_on_the_second_coordinates() {
 }
 
 #[test]
-fn an_alpha_mask_cuts_sight_and_shadow() {
+fn an_alpha_mask_applies_to_camera_and_shadow_rays() {
     // The mask hides x < 0. Seen from above through it: the emitter shows in the right half only. Under it, with parallel
     // light from straight above: the floor is lit in the right half only.
     let cut = |b: &mut SceneBuilder, height: f32| {
@@ -414,7 +414,7 @@ fn unlit_surfaces_show_their_colour_and_nothing_else() {
 }
 
 #[test]
-fn layers_and_labels_state_what_is_seen() {
+fn layers_and_pixel_ids_describe_the_visible_surface() {
     // A white emitter (object 1) over a plastic floor (object 0), seen from 2 m above; and past both, nothing.
     let scene = |orthographic: bool| {
         let mut b = SceneBuilder::default();
@@ -496,7 +496,7 @@ fn still_life(moved: DVec3, instanced: bool) -> Scene {
 }
 
 #[test]
-fn a_kilometre_from_the_origin_looks_the_same() {
+fn an_image_a_kilometre_from_the_origin_is_the_same() {
     // Same scene, other seeds, moved in f64: the means of the images agree, and each pixel's does.
     for instanced in [false, true] {
         let near = still_life(DVec3::ZERO, instanced);

@@ -78,7 +78,7 @@ fn closing_for(budget: f64) -> f64 {
 }
 
 #[test]
-fn steady_machines_end_in_time_whatever_their_speed() {
+fn renders_of_constant_speed_end_in_time_at_any_speed() {
     for budget in BUDGETS {
         for pixels in [1, 4096, 512 * 512, 5_000_000] {
             for per_sample in [1e-8, 1e-7, 1e-6, 1e-5, 1e-4] {
@@ -94,7 +94,7 @@ fn steady_machines_end_in_time_whatever_their_speed() {
 }
 
 #[test]
-fn a_noisy_clock_does_no_harm() {
+fn a_noisy_clock_does_not_overrun() {
     for budget in BUDGETS {
         let mut cost = |n: u64, _| n as f64 * 1e-6;
         let closing = closing_for(budget);
@@ -152,7 +152,7 @@ fn stalls_are_absorbed() {
 }
 
 #[test]
-fn one_pixel_a_thousand_times_dearer_does_not_matter() {
+fn one_pixel_of_a_thousandfold_cost_does_not_overrun() {
     for budget in BUDGETS {
         for pixels in [64u64, 4096, 262_144] {
             let mut noise = Noise(3);
@@ -265,7 +265,7 @@ fn the_first_limit_to_be_met_stops() {
 }
 
 #[test]
-fn expected_work_steers_the_size_of_a_round() {
+fn the_size_of_a_round_follows_the_expected_work() {
     let mut schedule = Schedule::new(
         Limits { seconds: Some(100.0), ..Limits::default() },
         Settings { pixels: 1000, pilot_spp: 16, closing_seconds: 0.0 },
@@ -346,7 +346,7 @@ fn stop_on_noise(limits: Limits, enough: u64, says: f64, per_sample: f64) -> (Ve
 }
 
 #[test]
-fn a_judged_render_is_looked_at_after_the_pilot_when_it_has_doubled_and_when_it_should_do() {
+fn noise_is_checked_after_the_pilot_after_each_doubling_and_at_the_target() {
     let (looks, reason, _) = stop_on_noise(Limits::default(), 100_000, 1.0, 1e-6);
     assert_eq!((looks, reason), (vec![16_000, 32_000, 64_000], StopReason::NoiseTarget));
     // A forecast that is too low causes small steps, but few of them. A forecast that is no number causes at most
@@ -364,7 +364,7 @@ fn a_judged_render_is_looked_at_after_the_pilot_when_it_has_doubled_and_when_it_
 }
 
 #[test]
-fn the_other_limits_hold_for_a_judged_render_too() {
+fn a_render_with_a_noise_target_keeps_its_other_limits() {
     let samples = Limits { samples: Some(50_000), ..Limits::default() };
     let (looks, reason, _) = stop_on_noise(samples, u64::MAX, 1.0, 1e-6);
     assert_eq!((looks, reason), (vec![12_000, 24_000, 48_000], StopReason::Samples));

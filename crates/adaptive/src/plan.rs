@@ -277,7 +277,7 @@ mod tests {
     }
 
     #[test]
-    fn large_numbers_come_in_full_sets_of_batches() {
+    fn large_counts_are_multiples_of_the_batches() {
         let plan = next_round(&empty(61, 47), &Shares::from_weights(varied(61, 47)), 61 * 47 * 200);
         let large: Vec<u32> = plan.data().iter().copied().filter(|&n| n >= 40).collect();
         let odd = large.iter().filter(|&&n| n % BATCHES as u32 != 0).count();
@@ -417,7 +417,7 @@ mod tests {
     }
 
     #[test]
-    fn useless_weights_mean_equal_weights() {
+    fn invalid_weights_are_replaced_by_equal_weights() {
         for w in [0.0, -1.0, f32::NAN, f32::INFINITY] {
             let plan = next_round(&empty(5, 4), &Shares::from_weights(Plane::new(5, 4, w)), 60);
             assert!(plan.data().iter().all(|&n| n == 3), "weight {w}");
@@ -437,7 +437,7 @@ mod tests {
     }
 
     #[test]
-    fn mean_budgets_become_totals() {
+    fn mean_budgets_are_converted_to_totals() {
         assert_eq!(total_for_mean(16.0, 100), 1600);
         assert_eq!(total_for_mean(0.125, 100), 13);
         assert_eq!([total_for_mean(-1.0, 100), total_for_mean(f64::NAN, 100)], [0, 0]);

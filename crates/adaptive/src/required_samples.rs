@@ -246,7 +246,7 @@ mod tests {
     }
 
     #[test]
-    fn black_pixels_are_judged_against_the_floor() {
+    fn black_pixels_are_compared_with_the_noise_floor() {
         let required_samples = needs_of(&scene(0.0, 40.0, 16), 0.5);
         // v / (k^2 floor) = 40 / 2.5.
         assert_eq!(*required_samples.samples.at(8, 8), 16.0);
@@ -265,7 +265,7 @@ mod tests {
     }
 
     #[test]
-    fn a_dark_pixel_among_bright_ones_is_judged_as_dark() {
+    fn a_dark_pixel_among_bright_ones_is_compared_with_its_own_sensor_noise() {
         let mut evidence = scene(90.0, 40.0, 16);
         evidence.mean.data_mut()[8 * 16 + 8] = 0.0;
         let required_samples = needs_of(&evidence, 0.5);
@@ -290,7 +290,7 @@ mod tests {
     }
 
     #[test]
-    fn a_few_bottomless_pixels_do_not_hold_up_the_rest() {
+    fn a_few_pixels_of_unlimited_need_do_not_delay_the_others() {
         let required_samples = plain(Plane::from_fn(100, 10, |x, y| if x == 0 && y < 4 { 1e9 } else { 50.0 }));
         assert!(required_samples.capped_targets().data().iter().all(|n| *n == 50.0), "4 of 1000 are forgiven");
         assert!(required_samples.shares(1.0).data().iter().all(|n| *n == required_samples.shares(1.0).data()[0]));
@@ -299,7 +299,7 @@ mod tests {
     }
 
     #[test]
-    fn nobody_is_planned_less_than_a_third_of_the_average() {
+    fn every_pixel_has_a_third_of_the_average_share() {
         let required_samples = RequiredSamples {
             samples: Plane::from_fn(10, 10, |x, y| if x == 9 { 0.0 } else { (x * y) as f32 }),
             saturated: Plane::from_fn(10, 10, |x, _| x == 9),
@@ -318,7 +318,7 @@ mod tests {
     }
 
     #[test]
-    fn shares_grow_less_than_needs_and_leave_nobody_out() {
+    fn shares_grow_sublinearly_with_needs_and_are_positive() {
         let required_samples = RequiredSamples {
             samples: Plane::from_fn(10, 10, |x, _| if x == 9 { 0.0 } else { 40.0 * (1 << x) as f32 }),
             saturated: Plane::from_fn(10, 10, |x, _| x == 9),

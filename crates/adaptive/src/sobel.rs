@@ -86,7 +86,7 @@ mod tests {
     }
 
     #[test]
-    fn a_step_is_seen_from_both_sides_and_nowhere_else() {
+    fn a_step_has_a_magnitude_on_both_sides_only() {
         let step = Plane::from_fn(6, 4, |x, _| if x < 3 { 0 } else { 255 });
         let sobel = magnitude(&step);
         for y in 0..4 {
@@ -127,7 +127,7 @@ mod tests {
     }
 
     #[test]
-    fn lines_points_and_nothing_have_a_magnitude_too() {
+    fn lines_points_and_constant_images_have_the_expected_magnitude() {
         assert_eq!(magnitude(&Plane::new(1, 1, 200u8)).data(), [0.0]);
         let line = vec![0u8, 0, 100, 100];
         let row = Plane::from_vec(4, 1, line.clone()).expect("four values");

@@ -268,7 +268,7 @@ mod tests {
     }
 
     #[test]
-    fn relative_costs_are_learned_whatever_the_pace() {
+    fn relative_costs_are_estimated_at_any_speed() {
         // Tile 1 costs four times tile 0. The machine halves its speed between rounds. The ratio must not change.
         let mut map = CostMap::new(TileGrid::new(32, 16, 16));
         for pace in [1e-6, 1e-6, 2e-6, 8e-6] {
@@ -280,7 +280,7 @@ mod tests {
     }
 
     #[test]
-    fn a_tile_whose_samples_move_to_a_dear_pixel_is_known_for_it_soon() {
+    fn the_cost_of_a_tile_follows_its_expensive_pixels() {
         let mut map = CostMap::new(TileGrid::new(32, 16, 16));
         map.record(&[(0, 100_000, 0.1), (1, 100_000, 0.1)]);
         for _ in 0..5 {
@@ -291,7 +291,7 @@ mod tests {
     }
 
     #[test]
-    fn a_pixel_that_gets_more_of_its_tile_than_ever_is_taken_to_be_dear_until_it_is_measured() {
+    fn a_pixel_of_growing_share_is_assumed_expensive_until_measured() {
         let mut map = CostMap::new(TileGrid::new(32, 16, 16));
         let even = Plane::new(32, 16, 40);
         let cost_of = |units: &[WorkUnit]| upper_makespan(units, 1);
@@ -340,7 +340,7 @@ mod tests {
     }
 
     #[test]
-    fn units_hold_the_whole_round_dearest_first_and_end_together() {
+    fn units_contain_the_whole_round_in_order_of_cost_and_end_together() {
         // One pixel with a hundred times the samples of all others together, in a tile that is expensive as well.
         let grid = TileGrid::new(128, 128, 16);
         let mut map = CostMap::new(grid);

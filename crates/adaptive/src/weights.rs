@@ -202,7 +202,7 @@ mod tests {
     }
 
     #[test]
-    fn names_go_there_and_back() {
+    fn names_are_parsed_as_printed() {
         for strategy in Strategy::ALL {
             assert_eq!(strategy.name().parse(), Ok(strategy));
         }
@@ -224,7 +224,7 @@ mod tests {
     }
 
     #[test]
-    fn nobody_gets_less_than_a_fifth() {
+    fn every_weight_is_a_fifth_of_the_average_or_more() {
         // One steep pixel among a growing number of flat ones.
         for n in [2, 10, 1000, 100_000] {
             let weights = sobel(&Plane::from_fn(n, 1, |x, _| if x == 0 { 127.5 } else { 0.0 }), SOBEL_FLOOR);
@@ -295,14 +295,14 @@ mod tests {
     }
 
     #[test]
-    fn neyman_goes_by_deviation() {
+    fn neyman_weights_are_proportional_to_the_deviation() {
         for strategy in [Strategy::Variance, Strategy::Sensor] {
             assert_ratios(&weights_of(strategy, [1.0, 4.0, 9.0, 16.0]), [1.0, 2.0, 3.0, 4.0]);
         }
     }
 
     #[test]
-    fn the_unknown_weighs_most() {
+    fn unknown_pixels_have_the_largest_weight() {
         let pixels = [4.0, UNKNOWN, 9.0, 0.0];
         assert_ratios(&weights_of(Strategy::Variance, pixels), [2.0, 3.0, 3.0, 0.0]);
         for nothing in [UNKNOWN, 0.0] {

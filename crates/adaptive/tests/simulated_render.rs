@@ -106,7 +106,7 @@ fn assert_in_time(budget: f64, end: f64, what: &str) {
 }
 
 #[test]
-fn one_dear_pixel_that_also_gets_most_samples_does_not_hold_up_the_end() {
+fn one_expensive_pixel_with_most_samples_does_not_delay_the_end() {
     // One pixel costs a thousand times the rest per sample, and the plan gives it fifty times more samples.
     let costs = Plane::from_fn(SIDE, SIDE, |x, y| if (x, y) == (21, 37) { 1e-3 } else { 1e-6 });
     let weights = Plane::from_fn(SIDE, SIDE, |x, y| if (x, y) == (21, 37) { 50.0 } else { 1.0 });
@@ -125,7 +125,7 @@ fn one_dear_pixel_that_also_gets_most_samples_does_not_hold_up_the_end() {
 }
 
 #[test]
-fn costs_that_follow_the_weights_are_foreseen() {
+fn costs_that_follow_the_weights_are_predicted() {
     // Edges are expensive and get the samples: the mean cost rises at the plan, and differs from tile to tile.
     let steep = |x: u32, y: u32| (x / 8 + y / 16).is_multiple_of(3);
     let costs = Plane::from_fn(SIDE, SIDE, |x, y| if steep(x, y) { 8e-6 } else { 0.5e-6 });
@@ -196,7 +196,7 @@ fn render_until_hidden(budget: Option<f64>, costs: &Plane<f64>, need: &Plane<f32
 }
 
 #[test]
-fn a_pixel_that_is_dear_and_needy_does_not_hold_up_a_render_that_waits_for_it() {
+fn an_expensive_pixel_of_large_need_does_not_delay_the_render() {
     // One pixel costs a thousand times the rest per sample, and needs more samples by the same factor: more work than
     // all others together.
     let costs = Plane::from_fn(SIDE, SIDE, |x, y| if (x, y) == (21, 37) { 1e-3 } else { 1e-6 });

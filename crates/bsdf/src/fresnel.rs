@@ -93,7 +93,7 @@ mod tests {
     }
 
     #[test]
-    fn both_sides_reflect_alike_and_nothing_exceeds_one() {
+    fn reflectance_is_symmetric_and_at_most_one() {
         for i in 0..=1000 {
             let cos = i as f32 / 1000.0;
             for eta in [1e-3, 0.5, 0.999_999, 1.0, 1.000_001, 1.49, 2.4, 1e3] {

@@ -6,7 +6,7 @@ use std::f32::consts::FRAC_1_PI;
 
 /// The largest `|g|`. There f32 directions still resolve the peak, which is 1.6e7 / sr, similar to the sharpest GGX
 /// lobe.
-const SHARPEST: f32 = 1.0 - 1e-4;
+const MAX_ANISOTROPY: f32 = 1.0 - 1e-4;
 
 /// The phase function of a medium, by the mean cosine `g` of the deflection: above 0 mostly forward, below 0 mostly
 /// backward, 0 equally in all directions.
@@ -22,7 +22,7 @@ impl HenyeyGreenstein {
     /// A phase function of mean cosine `g` in (-1, 1); it is clamped to 1e-4 within the ends, and NaN is 0.
     #[inline]
     pub fn new(g: f32) -> Self {
-        Self { g: if g.is_nan() { 0.0 } else { g.clamp(-SHARPEST, SHARPEST) } }
+        Self { g: if g.is_nan() { 0.0 } else { g.clamp(-MAX_ANISOTROPY, MAX_ANISOTROPY) } }
     }
 
     /// The mean cosine.

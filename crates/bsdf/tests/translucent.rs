@@ -75,7 +75,7 @@ fn weights_of_samples_are_those_of_evaluation_in_both_directions() {
 }
 
 #[test]
-fn what_passes_is_share_times_colour() {
+fn transmittance_is_share_times_colour() {
     // Lambert: the albedo of transmission is its coefficient for every direction. Without specular reflection, with
     // white and a share of 1, everything is transmitted, and every sample has weight one.
     let surfaces = surfaces();

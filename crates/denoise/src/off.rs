@@ -27,7 +27,7 @@ mod tests {
     use dunkelfeld_film::Plane;
 
     #[test]
-    fn the_mean_comes_back_unchanged() {
+    fn the_mean_is_returned_unchanged() {
         let mean = Plane::from_fn(3, 2, |x, y| [x as f32, y as f32, f32::INFINITY]);
         let denoiser: Box<dyn Denoiser> = Box::new(Off);
         assert_eq!(denoiser.denoise(&DenoiseInput::new(&mean), &Control::SILENT), Ok(mean));

@@ -107,7 +107,7 @@ fn noise_on_even_ground_is_averaged_away() {
 }
 
 #[test]
-fn an_edge_that_stands_out_of_the_noise_survives_without_features() {
+fn an_edge_above_the_noise_is_preserved_without_features() {
     let truth = slanted_edge(96);
     let (mean, variance) = noisy(&truth, 2, |v| 0.1 * v);
     let image = filtered(&DenoiseInput { variance: Some(&variance), ..DenoiseInput::new(&mean) });
@@ -120,7 +120,7 @@ fn an_edge_that_stands_out_of_the_noise_survives_without_features() {
 }
 
 #[test]
-fn features_keep_apart_what_noise_hides() {
+fn features_preserve_edges_below_the_noise() {
     // A step of a third with noise of the same size. The albedo has the same step.
     let albedo: Triples = Plane::from_fn(96, 96, |x, y| [if (x / 8 + y / 8) % 2 == 0 { 0.3 } else { 0.4 }; 3]);
     let (mean, variance) = noisy(&albedo, 3, |_| 0.1);
@@ -132,7 +132,7 @@ fn features_keep_apart_what_noise_hides() {
 }
 
 #[test]
-fn features_that_are_noisy_themselves_keep_nothing_apart() {
+fn noisy_features_preserve_no_edges() {
     // A uniform surface with one of two albedos per sample at random, as for a mask of dots finer than a pixel.
     let truth = Plane::new(96, 96, [0.3, 0.2, 0.1]);
     let (mean, variance) = noisy(&truth, 10, |v| 0.3 * v);
@@ -228,7 +228,7 @@ fn the_result_scales_with_the_image() {
 }
 
 #[test]
-fn whatever_the_planes_hold_the_image_is_finite() {
+fn the_image_is_finite_for_any_planes() {
     let odd = [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, f32::MAX, -1.0, 0.0, f32::MIN_POSITIVE, 1e-6, 1e6];
     let mut numbers = Numbers(7);
     let mut plane = |share: f32| {
@@ -256,7 +256,7 @@ fn whatever_the_planes_hold_the_image_is_finite() {
 }
 
 #[test]
-fn a_pixel_that_is_not_finite_is_filled_and_harms_no_other() {
+fn a_non_finite_pixel_is_filled_and_changes_no_other() {
     let truth = Plane::new(30, 30, [0.5, 0.4, 0.3]);
     let (mut mean, variance) = noisy(&truth, 8, |v| 0.1 * v);
     mean.data_mut()[15 * 30 + 15] = [f32::NAN, 1e30, 0.0];

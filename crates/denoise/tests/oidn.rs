@@ -70,7 +70,7 @@ fn is_finite(image: &Triples) -> bool {
 }
 
 #[test]
-fn noise_goes_and_the_image_stays() {
+fn noise_is_removed_and_the_image_is_preserved() {
     let Some(oidn) = library() else { return };
     println!("{}", oidn.name());
     assert!(oidn.name().starts_with("Intel Open Image Denoise ") && oidn.name().ends_with(oidn.version()));
@@ -142,7 +142,7 @@ fn odd_numbers_stay_where_they_are() {
 }
 
 #[test]
-fn brightness_does_not_change_what_is_done() {
+fn the_result_scales_with_the_brightness() {
     let Some(oidn) = library() else { return };
     let planes = noisy(96, 64);
     let reference = oidn.denoise(&input(&planes), &Control::SILENT).expect("denoised");

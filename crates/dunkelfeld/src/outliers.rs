@@ -140,7 +140,7 @@ mod tests {
     }
 
     #[test]
-    fn they_come_in_order_with_share_and_lift() {
+    fn outliers_are_sorted_and_have_share_and_lift() {
         let found = heaviest(&film(&[(5, 3, 201.0), (7, 15, 31.0), (0, 0, 9.0)]));
         let names: Vec<&str> = found.samples.iter().map(|s| s.sample.as_str()).collect();
         assert_eq!(names, ["1,1,3", "3,1,15", "0,0,0"]);

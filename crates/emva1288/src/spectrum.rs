@@ -74,7 +74,7 @@ mod tests {
     /// Alternating columns of 100 and 104: a wave of amplitude 2 at half a cycle per pixel. One entry has the whole
     /// power, 4 times the length.
     #[test]
-    fn a_wave_of_columns_stands_in_one_place() {
+    fn a_wave_of_columns_is_one_peak_of_the_spectrum() {
         let s = still(32, 20, |x, _| 100 + 4 * (x % 2) as u16);
         let h = horizontal(&s, None);
         assert_eq!((h.amplitude.len(), h.frequency(16)), (17, 0.5));

@@ -331,7 +331,7 @@ mod tests {
     }
 
     #[test]
-    fn a_camera_on_paper_comes_back() {
+    fn a_camera_is_restored_from_its_summary() {
         let r = paper(&[1.0, 2.0, 3.0, 4.0]).results();
         let sigma_d2 = 4.0 / 0.25;
         let least = (sigma_d2 + ROUNDING / 0.25 + 0.25f64).sqrt() + 0.5;

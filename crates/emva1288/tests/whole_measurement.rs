@@ -205,7 +205,7 @@ fn the_other_release_takes_the_peak_of_the_variance() {
 /// Without differences between rows and columns, their parts are near zero or below it. The result is zero with a
 /// bound, never NaN.
 #[test]
-fn what_is_not_there_is_zero_with_a_bound() {
+fn absent_effects_are_zero_within_a_bound() {
     let mut rng = Pcg64::new(14, 1);
     let plain = Camera { dsnu: [0.0; 3], prnu: [0.0; 3], dark_current: 0.0, ..CAMERA };
     for _ in 0..5 {
@@ -308,7 +308,7 @@ fn the_order_of_the_levels_does_not_matter() {
 
 /// Values with a gamma curve: the general module finds the threshold and the range of the camera without the curve.
 #[test]
-fn the_general_module_sees_through_a_gamma_curve() {
+fn the_general_module_is_correct_for_a_gamma_curve() {
     let mut rng = Pcg64::new(18, 1);
     let camera = Camera { gain: 0.75, dsnu: [0.0; 3], prnu: [0.0; 3], dark_current: 0.0, ..CAMERA };
     let device = Device::new(camera, &mut rng);

@@ -135,7 +135,7 @@ mod tests {
     use dunkelfeld_radiometry::Rgb;
 
     #[test]
-    fn sums_come_back_also_those_at_the_ends_of_their_types() {
+    fn sums_are_restored_also_at_the_limits_of_their_types() {
         let mut some = PixelSums::default();
         for index in 3..50 {
             let radiance = Rgb::new(1e-3 * index as f32, 2.5, if index == 9 { f32::NAN } else { 1e12 });

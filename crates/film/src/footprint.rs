@@ -54,7 +54,7 @@ mod tests {
     /// Coloured noise in which no two pixels are alike: the film needs at most the expected bytes, and not much less.
     /// It needs at most 128 bytes per pixel without the layers of auxiliary outputs, 192 with all.
     #[test]
-    fn films_need_what_was_expected() {
+    fn films_need_the_expected_memory() {
         for (layers, spp) in [
             (FilmLayers::Image, 8u32),
             (FilmLayers::All, 8),

@@ -310,7 +310,7 @@ mod tests {
 
     /// Updates of few and of many pixels, with sums that grow over twenty orders of magnitude.
     #[test]
-    fn a_tile_holds_what_was_added_to_it_and_reuses_its_pages() {
+    fn a_tile_contains_its_samples_and_reuses_its_pages() {
         for layers in [FilmLayers::All, FilmLayers::Image] {
             let (mut tile, mut pages, mut truth) =
                 (Tile::default(), Pages::default(), vec![PixelSums::default(); PIXELS]);
@@ -339,7 +339,7 @@ mod tests {
     }
 
     #[test]
-    fn columns_that_are_alike_need_no_pages() {
+    fn constant_columns_need_no_pages() {
         let (mut tile, mut pages) = (Tile::default(), Pages::default());
         let sums = pixel(7, 64);
         tile.add(&mut pages, FilmLayers::All, (0..PIXELS).map(|slot| (slot, &sums))).expect("memory");

@@ -324,11 +324,11 @@ impl<'a> FilmNoise<'a> {
 
 /// A sample is rare if it raises its pixel by more than this number of standard deviations of the sensor, so that it is
 /// visible in a single frame ...
-const SEEN: f64 = 1.0;
+const MIN_VISIBLE_RISE: f64 = 1.0;
 
 /// ... and by more than this number of them above the other samples of the pixel. A pixel may be brighter than its
 /// neighbours without any noise.
-const OWN: f64 = 0.5;
+const MIN_RISE_OVER_PIXEL: f64 = 0.5;
 
 /// Pixels with a sample that raises them that far above the mean of their neighbourhood. The other samples of the pixel
 /// hardly influence the decision, so that the remaining samples are distributed like bounded samples.
@@ -336,11 +336,11 @@ fn outliers(evidence: &NoiseInputs, noise: &Plane<PixelNoise>, sensor: SensorNoi
     let mut samples = evidence.counts.data().iter().zip(evidence.largest.data()).zip(evidence.mean.data());
     noise.map(|around| {
         samples.next().is_some_and(|((&n, &largest), &own)| {
-            let seen = SEEN * sensor.variance(f64::from(around.mean)).sqrt();
+            let seen = MIN_VISIBLE_RISE * sensor.variance(f64::from(around.mean)).sqrt();
             let lift = f64::from(largest - around.mean) / f64::from(n.max(1));
             // Relative to the mean of the other samples. The noise of a single sample is unknown anyway.
             let lift_of_own = f64::from(largest - own) / f64::from(n.max(2) - 1);
-            lift > seen && lift_of_own > OWN * seen
+            lift > seen && lift_of_own > MIN_RISE_OVER_PIXEL * seen
         })
     })
 }
@@ -376,7 +376,7 @@ mod tests {
     /// Green and blue columns. Their noise is equal for a sensor that counts all light alike. Green light has ten times
     /// the luminance of blue light, which must not separate the columns.
     #[test]
-    fn neighbours_of_other_colours_have_the_noise_that_the_sensor_sees() {
+    fn predictions_from_neighbours_of_other_colours_use_the_response_of_the_sensor() {
         let (width, height, count) = (24, 24, 64u32);
         let mut sums = vec![PixelSums::default(); (width * height) as usize];
         let mut state = 7u64;

@@ -176,7 +176,7 @@ mod tests {
     use crate::model::tests::example;
 
     #[test]
-    fn every_published_figure_stands_beside_one_of_the_model() {
+    fn every_published_figure_is_listed_with_that_of_the_model() {
         let numbers = std::array::from_fn(|i| Some(1.0 + i as f64));
         let spec = SensorSpec { published: Published::from_figures(numbers), ..example() };
         let figures = data_sheet(&SensorModel::new(spec).expect("valid")).figures();

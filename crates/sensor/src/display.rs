@@ -76,7 +76,7 @@ mod tests {
     /// Grey light on a filter with responses 2 : 4 : 1 is neutral with white balance and green without. Pixels that
     /// saturate in all colours are white in both cases.
     #[test]
-    fn grey_light_looks_grey_behind_a_filter() {
+    fn grey_light_is_displayed_grey_behind_a_filter() {
         let flat = |eta| QuantumEfficiency::new(vec![(Nanometres(550.0), eta)]).expect("a curve");
         let filter = |white_balance| ColorFilter {
             pattern: BayerPattern::Grbg,

@@ -217,7 +217,7 @@ mod tests {
     }
 
     #[test]
-    fn gains_undo_what_filters_do_to_grey() {
+    fn white_balance_gains_compensate_the_filters_for_grey() {
         let nm = Nanometres;
         // Flat curves: the electrons are proportional to the efficiencies.
         let flat = |eta| QuantumEfficiency::new(vec![(nm(550.0), eta)]).expect("a curve");

@@ -22,7 +22,7 @@ use crate::optics::Exposure;
 /// the camera's own noise always remains.
 const MOST: f64 = 0.95;
 /// The method is valid up to this ratio of the render noise to the camera's, as standard deviations.
-const HOLDS_UP_TO: f64 = 0.8;
+const MAX_NOISE_RATIO: f64 = 0.8;
 /// The method must also be valid this many standard deviations below the rendered mean.
 const MARGIN: f64 = 2.0;
 
@@ -76,7 +76,7 @@ pub fn left_out(render_variance: f64, poisson_mean: f64, read_variance: f64) -> 
 pub fn holds(render_variance: f64, poisson_mean: f64, read_variance: f64) -> bool {
     let darker = (poisson_mean - MARGIN * render_variance.sqrt()).max(0.0);
     render_variance >= 0.0
-        && render_variance <= HOLDS_UP_TO * HOLDS_UP_TO * (poisson_mean + read_variance)
+        && render_variance <= MAX_NOISE_RATIO * MAX_NOISE_RATIO * (poisson_mean + read_variance)
         && render_variance <= MOST * (darker + read_variance)
 }
 

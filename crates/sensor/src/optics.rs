@@ -374,7 +374,7 @@ mod tests {
     }
 
     #[test]
-    fn invalid_pixels_are_counted_and_made_harmless() {
+    fn invalid_pixels_are_counted_and_replaced() {
         let response = Response::new(&model(), &lens(), Exposure::new(Seconds(1.0)).expect("valid"));
         let pixels = vec![[1.0; 3], [f32::NAN, 1.0, 1.0], [-1.0; 3], [f32::INFINITY; 3], [f32::MAX; 3]];
         let out = electrons(&Plane::from_vec(5, 1, pixels).expect("5 x 1"), &response);

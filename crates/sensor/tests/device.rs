@@ -188,7 +188,7 @@ fn rows_read_together_within_the_dark_noise() {
 
 /// Of a million pixels 700 and 300 are expected, as binomial counts.
 #[test]
-fn hot_and_dead_pixels_are_as_many_as_was_said_and_behave_so() {
+fn hot_and_dead_pixels_have_the_given_share_and_response() {
     const SIZE: (u32, u32) = (1000, 1000);
     let defects = Defects { hot: 700e-6, hot_factor: 50.0, dead: 300e-6 };
     let device = |seed| device(SensorSpec { defects, ..spec() }, seed, SIZE);

@@ -118,7 +118,7 @@ fn plain_exposure_adds_the_noise_of_the_render_to_that_of_the_camera() {
 }
 
 #[test]
-fn without_render_noise_or_knowledge_of_it_frames_are_those_of_a_plain_exposure() {
+fn without_known_render_noise_frames_equal_those_of_a_plain_exposure() {
     let patterned = SensorSpec {
         fixed_pattern: FixedPattern { dsnu: Electrons(3.0), prnu: 0.01, ..FixedPattern::default() },
         ..spec()

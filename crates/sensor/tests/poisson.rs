@@ -137,7 +137,7 @@ fn pool(counts: &[u64], expected: &[f64]) -> (Vec<u64>, Vec<f64>) {
 }
 
 #[test]
-fn darkness_gives_nothing_and_nonsense_does_no_harm() {
+fn zero_and_invalid_means_give_zero() {
     let mut rng = keyed_stream(3, 0, 0, 0);
     for mean in [0.0, -1.0, -0.0, f64::NAN, f64::NEG_INFINITY, f64::MIN_POSITIVE] {
         assert_eq!(poisson(mean, &mut rng), 0.0, "mean {mean}");

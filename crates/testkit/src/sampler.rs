@@ -236,7 +236,7 @@ mod tests {
 
     #[test]
     #[should_panic(expected = "has a case, but does not exist")]
-    fn a_case_of_nothing_fails() {
+    fn an_empty_case_fails() {
         check_names(concat!(env!("CARGO_MANIFEST_DIR"), "/../sampling/src"), &squared(2.0), &[]);
     }
 }

@@ -193,7 +193,7 @@ mod tests {
     }
 
     #[test]
-    fn a_workspace_that_keeps_to_the_table_is_left_in_peace() {
+    fn a_workspace_that_follows_the_table_is_accepted() {
         assert_eq!(check(TABLE, &good()), Vec::<String>::new());
     }
 

@@ -160,7 +160,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_is_like_nothing_and_odd_normals_are_none() {
+    fn pixels_without_surface_are_similar_and_invalid_normals_are_ignored() {
         let normals = Plane::from_vec(3, 1, vec![[0.0; 3], [f32::NAN, 0.0, 0.0], [1e-9, 0.0, 0.0]]).expect("three");
         let surface = pixel_features(&Plane::new(3, 1, 7), &normals);
         assert!(surface.data().iter().all(|s| *s == PixelFeatures { object: 7, ..PixelFeatures::default() }));
@@ -169,7 +169,7 @@ mod tests {
     }
 
     #[test]
-    fn levels_are_alike_up_to_a_factor_of_two_between_their_bounds() {
+    fn levels_are_similar_up_to_a_factor_of_two() {
         let level = |least, most| SensorVarianceRange { least, most };
         let dark = level(10.0, 12.0);
         assert!(dark.is_like(&dark) && dark.is_like(&level(24.0, 30.0)) && level(24.0, 30.0).is_like(&dark));

@@ -255,7 +255,7 @@ mod tests {
     }
 
     #[test]
-    fn a_pixel_has_no_say_in_what_is_expected_of_it() {
+    fn the_prediction_of_a_pixel_does_not_use_its_own_samples() {
         let of = |own: f64| image(|x, y| if (x, y) == (20, 20) { own } else { f64::from(1 + (7 * x + 3 * y) % 5) });
         let before = ratio(&of(1.0), 20, 20);
         for own in [0.0, 3.0, 1e12, 1e30] {
@@ -307,7 +307,7 @@ mod tests {
     }
 
     #[test]
-    fn noise_is_judged_by_what_the_sensor_has_and_saturated_pixels_need_nothing() {
+    fn noise_is_compared_with_that_of_the_sensor_and_saturated_pixels_are_excluded() {
         let sensor = SensorNoise { floor: 10.0, saturation: 1000.0 };
         let mut evidence = image(|x, _| if x < 20 { 40.0 } else { 400.0 });
         evidence.mean = Plane::from_fn(SIDE, SIDE, |x, _| if x < 20 { 0.0 } else { 90.0 });

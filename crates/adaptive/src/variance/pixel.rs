@@ -271,7 +271,7 @@ mod tests {
     }
 
     #[test]
-    fn noise_stays_in_the_pixel_that_has_it() {
+    fn noise_is_attributed_to_its_pixel() {
         // One pixel in 64 has a hundred times the variance of the others.
         let is_loud = |x: u32, y: u32| x % 8 == 3 && y % 8 == 3;
         let film = film(|_, _| 256, 1, |x, y, _, random| if is_loud(x, y) { 10.0 } else { 1.0 } * random.unit());
@@ -319,7 +319,7 @@ mod tests {
     }
 
     #[test]
-    fn an_event_met_again_stays_in_the_smallest_cell_that_met_both() {
+    fn a_repeated_event_is_shared_in_the_smallest_cell_that_contains_both() {
         // Two equal events in one cell of 4 x 4, a third in the same cell of 8 x 8, a larger one in the next cell.
         let own = pixel_noise(&events(16, 16, &[(0, 0, 1.0), (3, 3, 1.0), (5, 5, 1.0), (8, 8, 16.0)]));
         let at = |x, y| f64::from(own.at(x, y).variance) / 16.0;
@@ -337,7 +337,7 @@ mod tests {
     }
 
     #[test]
-    fn only_pixels_that_are_alike_share() {
+    fn only_similar_pixels_share_events() {
         let mut evidence = events(16, 16, &[(2, 2, 1.0)]);
         evidence.surface =
             Plane::from_fn(16, 16, |x, _| PixelFeatures { object: u32::from(x >= 5), ..PixelFeatures::default() });
@@ -356,7 +356,7 @@ mod tests {
     }
 
     #[test]
-    fn what_nobody_saw_twice_is_shared() {
+    fn single_events_are_shared_by_the_block() {
         // One sample in 4096 is lit: with 64 samples per pixel, one pixel in 64 has one.
         let (p, n) = (1.0 / 4096.0, 64);
         let mut sum = 0.0;

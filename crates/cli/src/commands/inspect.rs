@@ -95,13 +95,13 @@ fn cover_line(cover: &CoverEntry) -> String {
 }
 
 /// Maximum number of listed causes of an effect.
-const MAX_CALLERS: usize = 4;
+const MAX_USERS: usize = 4;
 
 fn effect_line(effect: &EffectEntry) -> String {
     let users = &effect.called_for_by;
-    let mut words = users.iter().take(MAX_CALLERS).cloned().collect::<Vec<_>>().join(", ");
-    if users.len() > MAX_CALLERS {
-        let _ = write!(words, " and {} more", users.len() - MAX_CALLERS);
+    let mut words = users.iter().take(MAX_USERS).cloned().collect::<Vec<_>>().join(", ");
+    if users.len() > MAX_USERS {
+        let _ = write!(words, " and {} more", users.len() - MAX_USERS);
     }
     format!("{:<28} {words}", effect.name)
 }

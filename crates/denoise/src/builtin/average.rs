@@ -19,10 +19,10 @@ const REACH: usize = 8;
 const BANDWIDTH: f32 = 2.0;
 /// Largest ratio of the variance of a pixel to that of the pixel to which it is compared. With it, a very uncertain
 /// pixel is not similar to all others.
-const NOISIER: f32 = 100.0;
+const MAX_VARIANCE_RATIO: f32 = 100.0;
 /// Share of a weight that comes from the neighbours of both pixels. A pixel with a large error is similar to none, but
 /// its neighbours are similar to others.
-const LENT: f32 = 0.15;
+const NEIGHBOUR_SHARE: f32 = 0.15;
 /// Sum of the mask for colour differences: squares of 3 x 3 pixels with weights 1 2 1, 2 8 2, 1 2 1.
 const MASK: f32 = 20.0;
 /// The mask reaches one pixel, and the weights of neighbours one more.
@@ -158,7 +158,7 @@ impl Work {
             let sides = b[i] + d[i] + f[i] + h[i];
             let own = e[i];
             let around = (corners + 2.0 * sides + 4.0 * own) * (1.0 / 16.0);
-            nearness * known[i] * likeness(distance) * (own + LENT * (around - own))
+            nearness * known[i] * likeness(distance) * (own + NEIGHBOUR_SHARE * (around - own))
         });
     }
 }
@@ -175,7 +175,7 @@ fn color_distances(row: &mut [f32], color: &[Vec<f32>; 3], variance: &[Vec<f32>;
         each!(row, |i, sum| {
             let difference = here[i] - there[i];
             let explained = noise[i] + lesser(noise[i], noise_there[i]);
-            let unit = noise[i] + lesser(noise_there[i], NOISIER * noise[i]);
+            let unit = noise[i] + lesser(noise_there[i], MAX_VARIANCE_RATIO * noise[i]);
             sum + (difference * difference - explained) / unit
         });
     }

@@ -63,7 +63,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_noise_explains_is_no_fault() {
+    fn differences_within_the_noise_are_accepted() {
         assert_eq!(share([PIXEL_LIMIT, 1.0], [20.0 * REGION_LIMIT, 20.0]), 1.0);
         assert_eq!(share([0.0, 0.0], [0.0, 0.0]), 1.0);
     }

@@ -140,7 +140,7 @@ mod tests {
     }
 
     #[test]
-    fn a_slope_seen_from_one_side_shifts_next_to_nothing() {
+    fn a_slope_with_pixels_on_one_side_has_almost_no_bias() {
         let slope = |across: f32, down: f32| 20.0 + across - 2.0 * down;
         let value = of_one_side(slope, 1e-6);
         // The mean is 16. Squared distances from the middle add up to 81 * 60 / 9 * UNIT^2 = 21.6 in either direction.
@@ -162,7 +162,7 @@ mod tests {
     }
 
     #[test]
-    fn where_nothing_was_added_the_pixel_stays() {
+    fn pixels_without_correction_are_unchanged() {
         let value = Moments::new(1, 1).value(0, 0, [(1.0, 0.1), (2.0, 0.1), (3.0, 0.1)]);
         assert_eq!(value, [1.0, 2.0, 3.0]);
     }

@@ -379,7 +379,7 @@ mod tests {
     }
 
     #[test]
-    fn degenerate_views_give_nothing_and_near_degenerate_ones_stay_finite() {
+    fn degenerate_views_have_no_sample_and_near_degenerate_ones_are_finite() {
         let r = rectangle();
         let n = r.normal();
         for p in [r.corner, r.point(1.0, 1.0), r.point(0.5, 0.5), Vec3::NAN, Vec3::INFINITY] {

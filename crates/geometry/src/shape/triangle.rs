@@ -243,7 +243,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn degenerate_views_give_nothing_and_near_degenerate_ones_stay_finite() {
+    fn degenerate_views_have_no_sample_and_near_degenerate_ones_are_finite() {
         let t = [Vec3::ZERO, Vec3::X, Vec3::Y];
         for p in [Vec3::ZERO, Vec3::new(0.2, 0.2, 0.0), Vec3::new(9.0, 1.0, 0.0), Vec3::NAN, Vec3::INFINITY] {
             assert_eq!(sample_triangle(&t, p, [0.4, 0.4]), None, "from {p}");

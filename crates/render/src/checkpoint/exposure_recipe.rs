@@ -126,7 +126,7 @@ mod tests {
     "#;
 
     #[test]
-    fn every_sensor_comes_back_to_the_last_bit_through_the_text_of_a_checkpoint() {
+    fn every_sensor_is_restored_bit_for_bit_from_a_checkpoint() {
         let text = dunkelfeld_io::toml_file::TomlFile::from_text("colour.toml", COLOUR);
         let colour = dunkelfeld_io::sensor_file::parse_sensor(&text).expect("valid");
         let presets = dunkelfeld_io::sensor_file::preset_names().map(|name| find_sensor(name).expect("a preset"));
@@ -143,7 +143,7 @@ mod tests {
     }
 
     #[test]
-    fn labels_come_back() {
+    fn pixel_ids_are_restored() {
         let labels = Plane::from_fn(3, 2, |x, y| (x != y).then(|| PixelIds::new(x, 7 * y)));
         let [objects, materials] = numbers_of(&labels);
         assert_eq!(labels_of(&objects, &materials), labels);

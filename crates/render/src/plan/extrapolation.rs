@@ -12,13 +12,13 @@ use serde::{Deserialize, Serialize};
 /// Stored estimates: two doublings, if each follows one.
 const LOOKS: usize = 3;
 /// With fewer samples per pixel the first estimates are dominated by their own error.
-const LEAST: f64 = 8.0;
+const MIN_SPP: f64 = 8.0;
 /// The part of the slope over these estimates that is extrapolated.
 const SLOPE_DAMPING: f64 = 0.75;
 /// The slope of a pilot with one estimate.
-const USUAL: f64 = 1.0 / 3.0;
+const DEFAULT_SLOPE: f64 = 1.0 / 3.0;
 /// Upper bound of the slope: with twice the samples, half of the estimate.
-const STEEPEST: f64 = 1.0;
+const MAX_SLOPE: f64 = 1.0;
 
 /// The estimates of the required samples.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -31,7 +31,7 @@ impl ConvergenceFit {
     /// Stores an estimate at `spp` samples per pixel of the required number `needed`. One without a result is not
     /// stored.
     pub(crate) fn note(&mut self, spp: f64, needed: f64) {
-        if spp >= LEAST && spp > self.looks[0].0 && needed > 0.0 && needed.is_finite() {
+        if spp >= MIN_SPP && spp > self.looks[0].0 && needed > 0.0 && needed.is_finite() {
             self.looks.rotate_right(1);
             self.looks[0] = (spp, needed);
         }
@@ -42,10 +42,10 @@ impl ConvergenceFit {
         let first = self.looks.iter().rev().find(|look| look.0 > 0.0);
         let (last, first) = (self.looks[0], first.copied().unwrap_or_default());
         if last.0 <= first.0 {
-            return USUAL;
+            return DEFAULT_SLOPE;
         }
         let slope = (first.1 / last.1).ln() / (last.0 / first.0).ln();
-        (SLOPE_DAMPING * slope).clamp(0.0, STEEPEST)
+        (SLOPE_DAMPING * slope).clamp(0.0, MAX_SLOPE)
     }
 
     /// Required samples per pixel if the estimate at `counts` is `targets`, and the trend continues. Unknown values
@@ -74,42 +74,42 @@ mod tests {
         trend
     }
 
-    fn foretold(trend: &ConvergenceFit, spp: u32, needed: f32) -> f32 {
+    fn extrapolated_at(trend: &ConvergenceFit, spp: u32, needed: f32) -> f32 {
         trend.extrapolate(Plane::new(3, 2, needed), &Plane::new(3, 2, spp)).data()[4]
     }
 
     #[test]
-    fn a_level_trend_changes_nothing_and_a_rising_one_neither() {
+    fn constant_and_rising_trends_are_not_extrapolated() {
         for needed in [[800.0; 3], [500.0, 600.0, 800.0]] {
             let looks: Vec<_> = [8.0, 16.0, 32.0].into_iter().zip(needed).collect();
-            assert_eq!(foretold(&after(&looks), 32, 800.0), 800.0);
+            assert_eq!(extrapolated_at(&after(&looks), 32, 800.0), 800.0);
         }
     }
 
     #[test]
-    fn a_falling_trend_goes_on_until_it_is_met() {
+    fn a_falling_trend_is_extrapolated_to_its_target() {
         // Halved by two doublings: a slope of a half, of which three quarters are extrapolated. Earlier estimates do
         // not count.
         let trend = after(&[(4.0, 9e9), (8.0, 5000.0), (16.0, 1600.0), (32.0, 1300.0), (64.0, 800.0)]);
         assert!((trend.slope() - 0.375).abs() < 1e-12, "{}", trend.slope());
-        let n = f64::from(foretold(&trend, 64, 800.0));
+        let n = f64::from(extrapolated_at(&trend, 64, 800.0));
         // At the fixed point the required number equals the number taken.
         assert!((800.0 * (64.0 / n).powf(0.375) / n - 1.0).abs() < 1e-5, "{n}");
         // A steep fall is bounded.
-        assert_eq!(after(&[(8.0, 1e6), (16.0, 10.0)]).slope(), STEEPEST);
+        assert_eq!(after(&[(8.0, 1e6), (16.0, 10.0)]).slope(), MAX_SLOPE);
     }
 
     #[test]
-    fn a_single_look_is_followed_by_the_usual_slope_and_what_is_not_known_stays() {
-        let usual = foretold(&ConvergenceFit::default(), 16, 1600.0);
+    fn a_single_check_uses_the_default_slope_and_unknown_pixels_are_unchanged() {
+        let usual = extrapolated_at(&ConvergenceFit::default(), 16, 1600.0);
         assert!((f64::from(usual) / 1600.0 - (1.0f64 / 100.0).powf(0.25)).abs() < 1e-5, "{usual}");
         assert_eq!(after(&[(16.0, 1600.0)]), after(&[(16.0, 1600.0), (16.0, 90.0), (32.0, f64::INFINITY)]));
-        assert_eq!(foretold(&ConvergenceFit::default(), 16, f32::INFINITY), f32::INFINITY);
-        assert_eq!(foretold(&ConvergenceFit::default(), 64, 50.0), 50.0, "enough already");
+        assert_eq!(extrapolated_at(&ConvergenceFit::default(), 16, f32::INFINITY), f32::INFINITY);
+        assert_eq!(extrapolated_at(&ConvergenceFit::default(), 64, 50.0), 50.0, "enough already");
     }
 
     #[test]
-    fn no_pixel_is_foretold_less_than_it_has() {
+    fn no_prediction_is_below_the_present_samples() {
         let targets = Plane::from_vec(2, 1, vec![1000.0, 40.0]).expect("two");
         let counts = Plane::from_vec(2, 1, vec![10, 39]).expect("two");
         assert_eq!(ConvergenceFit::default().extrapolate(targets, &counts).data()[1], 39.0);

@@ -304,7 +304,7 @@ mod tests {
     /// A film whose last tiles are cut off by its right and lower edge. Each pixel is visited once, at its own
     /// position.
     #[test]
-    fn tiles_come_to_lie_in_their_places_and_are_copied_row_by_row() {
+    fn tiles_are_written_at_their_positions_and_copied_row_by_row() {
         let (width, height) = (2 * TILE + 5, TILE + 3);
         let grid = TileGrid::new(width, height, TILE);
         let mut film = Film::new(width, height);
@@ -336,7 +336,7 @@ mod tests {
     }
     /// Tiles of two units during a copy: a pixel has the samples of both or of none.
     #[test]
-    fn nobody_sees_a_part_of_a_tile() {
+    fn partial_tiles_are_not_visible() {
         let side = 2 * TILE;
         let grid = TileGrid::new(side, side, TILE);
         let mut film = Film::new(side, side);

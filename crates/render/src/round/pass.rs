@@ -40,7 +40,7 @@ mod tests {
     /// For any cost of a sample, the time of a tile soon approaches its limit. Where a single sample takes longer, a
     /// pass has one.
     #[test]
-    fn passes_come_to_take_as_long_as_they_may() {
+    fn the_duration_of_passes_approaches_its_limit() {
         for (seconds_per_sample, least, most) in
             [(1e-7, 2.0e6, 1.1e7), (1e-3, 250.0, 1000.0), (0.04, 6.0, 25.0), (3.0, 1.0, 1.0)]
         {

@@ -57,7 +57,7 @@ mod tests {
     }
 
     #[test]
-    fn rank_correlation_sees_order_and_nothing_else() {
+    fn rank_correlation_depends_on_the_order_only() {
         assert_eq!(rank_correlation(&[1.0, 2.0, 3.0], &[1.0, 10.0, 1000.0]), 1.0);
         assert_eq!(rank_correlation(&[1.0, 2.0, 3.0], &[0.3, 0.2, 0.1]), -1.0);
         // By hand: ranks 0.5 0.5 2 3 and 0 1 2 3: 4.5 / sqrt(4.5 * 5).

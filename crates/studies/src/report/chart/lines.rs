@@ -116,7 +116,7 @@ mod tests {
     }
 
     #[test]
-    fn whatever_the_numbers_are_the_chart_stays_on_its_paper() {
+    fn charts_of_any_values_stay_within_their_area() {
         let axes = Axes { x: "time [s]", y: "variance", levels: vec![(0.25, "k = 0.5".into())], slope: "1/t" };
         let odd = vec![mark(1.0, 0.0, 0.0), mark(f64::NAN, 1.0, 1.0), mark(2.0, 3.0, 9.0), mark(4.0, 1.0, f64::NAN)];
         for marks in [vec![], odd, vec![mark(1e-12, 1e12, 1e13)], vec![mark(1.0, 8.0, 1.0), mark(8.0, 1.0, 0.1)]] {

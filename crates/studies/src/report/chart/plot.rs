@@ -120,7 +120,7 @@ mod tests {
     }
 
     #[test]
-    fn whatever_the_numbers_are_the_chart_stays_on_its_paper() {
+    fn charts_of_any_values_stay_within_their_area() {
         let trace =
             |style, points: &[[f64; 2]]| Trace { color: 9, name: "a < b".into(), style, points: points.to_vec() };
         let odd = [[1.0, 0.0], [f64::NAN, 1.0], [2.0, f64::INFINITY], [-4.0, 1e-9], [3.0, -7.0]];
@@ -137,7 +137,7 @@ mod tests {
     }
 
     #[test]
-    fn the_last_label_is_on_the_paper_and_a_single_bar_is_seen() {
+    fn the_last_label_is_within_the_chart_and_a_single_bar_is_visible() {
         for most in [4e3, 3.9e3, 8e4, 1e-3, 0.25, 123_456.0] {
             let t = Trace { color: 0, name: "t".into(), style: Style::Line, points: vec![[0.0, 0.0], [most, 1.0]] };
             let text = draw("x", "", [axis("x", false), axis("y", false)], &[t]).file();
