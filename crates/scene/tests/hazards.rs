@@ -122,7 +122,7 @@ fn coplanar_overlapping_faces_are_hazards() {
     let near = cuboid(Vec3::new(-0.2, -0.2, 1e-6), Vec3::new(0.2, 0.2, 0.1));
     contains_message(with(glass("block"), near), "object \"table\"", &["the gap has an error of", "make it wider"]);
     let twin = rectangle(Vec3::new(-0.1, -0.1, 0.8), Vec3::Y * 0.2, Vec3::X * 0.2);
-    contains_message(with(lamp(), twin), "object \"bulb\"", &["both shine", "delete one"]);
+    contains_message(with(lamp(), twin), "object \"bulb\"", &["both emit", "delete one"]);
     // In one plane, but beside each other; and above each other, but tilted.
     let beside = rectangle(Vec3::new(0.5, -0.5, 0.0), Vec3::X, Vec3::Y);
     assert_no_hazards(with(opaque("second"), beside), "two tables side by side");
@@ -142,7 +142,7 @@ fn unusable_attributes_are_hazards() {
     contains_message(
         with(opaque("felt"), mesh.clone()),
         "object \"thing\"",
-        &["2 triangles", "lean by more than 60 degrees", "72"],
+        &["2 triangles", "differ by more than 60 degrees", "72"],
     );
     mesh.normals = vec![Vec3::Z, Vec3::ZERO, Vec3::Z, Vec3::splat(f32::NAN)];
     contains_message(with(opaque("felt"), mesh.clone()), "object \"thing\"", &["2 normals", "recompute"]);
