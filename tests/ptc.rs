@@ -7,7 +7,8 @@ mod lab;
 
 use dunkelfeld::{Cancel, DenoiseMethod, DenoiseSettings, Progress, Project, Session, Silent};
 use dunkelfeld_studies::photon_transfer::{PtcOutcome, PtcSettings, ptc};
-use lab::{CutAt, Lab, as_xml, complaint, same_numbers, square, stands_alone};
+use lab::markup::as_xml;
+use lab::{CutAt, Lab, complaint, same_numbers, square, stands_alone};
 use std::fs;
 use std::path::Path;
 

@@ -10,8 +10,7 @@ use std::path::PathBuf;
 use tempfile::TempDir;
 
 #[path = "markup.rs"]
-mod markup;
-pub(crate) use markup::as_xml;
+pub(crate) mod markup;
 
 const PROGRAM: &str = env!("CARGO_BIN_EXE_dunkelfeld");
 
@@ -81,7 +80,7 @@ impl Progress for CutAt<'_> {
     }
 }
 
-/// A page (from [`as_xml`]) is well-formed, has the scene's name as text and not as an element, and loads nothing from anywhere: no links, no
+/// A page (from [`markup::as_xml`]) is well-formed, has the scene's name as text and not as an element, and loads nothing from anywhere: no links, no
 /// sources but those in the page itself, nor by style or script.
 pub(crate) fn stands_alone(page: &str) -> roxmltree::Document<'_> {
     let document = roxmltree::Document::parse(page).unwrap_or_else(|e| panic!("{e}"));
