@@ -292,7 +292,7 @@ fn settings_out_of_range_are_refused() {
 fn the_page_names_every_figure_and_no_other() {
     let page = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs/emva.md");
     let page = std::fs::read_to_string(page).expect("docs/emva.md");
-    let (_, rest) = page.split_once("## What is found").expect("the section");
+    let (_, rest) = page.split_once("## Figures").expect("the section");
     let rows = rest.lines().filter_map(|l| l.strip_prefix("| `")?.split_once('`').map(|(symbol, _)| symbol));
     let named: std::collections::BTreeSet<&str> = rows.collect();
     let settings = small().with_width(48).with_height(48).with_levels(20).with_stack(4);
