@@ -1,11 +1,12 @@
 //! The acceleration structure of a scene: meshes, their instances, and ray queries.
 
 use dunkelfeld_geometry::{Aabb, Ray, Transform, geometric_normal};
+use fearless_simd::Level;
 use glam::Vec3;
 
 use crate::build::build_tree;
 use crate::simd8::WIDTH;
-use crate::traverse::Kernel;
+use crate::traverse::{self, AllTriangles, AlphaTestedTriangles, NoTriangles};
 use crate::tree::{Node, Tree};
 use crate::triangle_block::TriangleBlock;
 
@@ -98,7 +99,8 @@ pub struct Bvh {
     pub(crate) top: Tree,
     /// True if the scene is one instance in world space. Its tree is traversed directly.
     pub(crate) single: bool,
-    pub(crate) kernel: Kernel,
+    /// The instruction set that traversal uses.
+    pub(crate) level: Level,
 }
 
 impl Bvh {
@@ -110,19 +112,23 @@ impl Bvh {
     /// # Errors
     /// [`BvhError`] for an index out of range, or for more triangles or instances than fit.
     pub fn build(meshes: &[MeshTriangles], instances: &[BvhInstance]) -> Result<Self, BvhError> {
-        Self::build_for(meshes, instances, Kernel::detect())
+        Self::build_for(meshes, instances, Level::new())
     }
 
-    /// As [`Bvh::build`], but traversal uses plain Rust also on machines with AVX2: for tests and comparisons. The hits
+    /// As [`Bvh::build`], but traversal uses plain Rust on all machines: for tests and comparisons. The hits
     /// are the same to the bit.
     ///
     /// # Errors
     /// As [`Bvh::build`].
     pub fn build_portable(meshes: &[MeshTriangles], instances: &[BvhInstance]) -> Result<Self, BvhError> {
-        Self::build_for(meshes, instances, Kernel::Portable)
+        Self::build_for(meshes, instances, Level::fallback())
     }
 
-    fn build_for(meshes: &[MeshTriangles], instances: &[BvhInstance], kernel: Kernel) -> Result<Self, BvhError> {
+    pub(crate) fn build_for(
+        meshes: &[MeshTriangles],
+        instances: &[BvhInstance],
+        level: Level,
+    ) -> Result<Self, BvhError> {
         const MAX_COUNT: usize = (1 << 31) - 2;
         if instances.len() > MAX_COUNT || meshes.iter().any(|m| m.triangles.len() > MAX_COUNT) {
             return Err(BvhError::TooMany);
@@ -154,7 +160,7 @@ impl Bvh {
             .collect();
         let boxes: Vec<Aabb> = present.iter().map(|&i| instances[i as usize].bounds).collect();
         let top = build_tree(&boxes, 1, |leaf| present[leaf[0] as usize]);
-        Ok(Self { meshes, instances, top, single, kernel })
+        Ok(Self { meshes, instances, top, single, level })
     }
 
     /// The nearest hit with `0 < t < ray.t_max`.
@@ -165,19 +171,18 @@ impl Bvh {
         if !is_valid(ray) {
             return None;
         }
-        self.kernel.closest_hit(self, ray)
+        traverse::closest_hit(self, ray)
     }
 
     /// True if there is any hit with `0 < t < ray.t_max`. The result is true exactly if [`Bvh::closest_hit`] finds one,
     /// but is faster.
     #[inline]
     pub fn occluded(&self, ray: &Ray) -> bool {
-        is_valid(ray) && self.kernel.occluded(self, ray)
+        is_valid(ray) && traverse::occluded(self, ray, &mut NoTriangles)
     }
 
-    /// Marks the triangles whose material has an alpha texture or a coverage below one, by mesh and triangle.
-    /// [`Bvh::occluded_with_alpha`] reports them and continues behind them. All other queries treat them like any other
-    /// triangle.
+    /// Marks the triangles whose material has an alpha texture or a coverage below one, by mesh and triangle. [`Bvh::occluded_with_alpha`] reports them and
+    /// continues behind them. All other queries treat them like any other triangle.
     pub fn mark_alpha_tested(&mut self, is_alpha_tested: impl Fn(u32, u32) -> bool) {
         for (number, mesh) in (0u32..).zip(&mut self.meshes) {
             for block in &mut mesh.blocks {
@@ -190,16 +195,16 @@ impl Bvh {
     /// for each hit on an alpha-tested triangle, in an order that depends on the ray alone. If the result is true, it
     /// may have been called for some of these hits only.
     #[inline]
-    pub fn occluded_with_alpha(&self, ray: &Ray, mut on_alpha_hit: impl FnMut(Hit)) -> bool {
-        is_valid(ray) && self.kernel.occluded_with_alpha(self, ray, &mut on_alpha_hit)
+    pub fn occluded_with_alpha(&self, ray: &Ray, on_alpha_hit: impl FnMut(Hit)) -> bool {
+        is_valid(ray) && traverse::occluded(self, ray, &mut AlphaTestedTriangles(on_alpha_hit))
     }
 
     /// Calls `found` for every hit with `0 < t < ray.t_max`, in an order that depends on the ray alone. A ray through
     /// an edge may hit both triangles there.
     #[inline]
-    pub fn each_hit(&self, ray: &Ray, mut found: impl FnMut(Hit)) {
+    pub fn each_hit(&self, ray: &Ray, found: impl FnMut(Hit)) {
         if is_valid(ray) {
-            self.kernel.each_hit(self, ray, &mut found);
+            traverse::occluded(self, ray, &mut AllTriangles(found));
         }
     }
 
@@ -261,4 +266,55 @@ impl MeshTree {
 #[inline]
 fn is_valid(ray: &Ray) -> bool {
     ray.origin.is_finite() && ray.direction.is_finite() && ray.direction != Vec3::ZERO && ray.t_max > 0.0
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::simd8::levels;
+
+    #[test]
+    fn all_instruction_sets_give_the_same_hits() {
+        // A grid of sloped triangles, seen in space and in a turned instance. Many rays lie in planes of boxes, where the
+        // box test has NaN.
+        let positions: Vec<Vec3> =
+            (0..17 * 17).map(|i| Vec3::new((i % 17) as f32, (i / 17) as f32, ((i * 7) % 5) as f32 * 0.25)).collect();
+        let corner = |x: u32, y: u32| y * 17 + x;
+        let triangles: Vec<[u32; 3]> = (0..16 * 16)
+            .flat_map(|i| {
+                let (x, y) = (i % 16, i / 16);
+                let [a, b, c, d] = [corner(x, y), corner(x + 1, y), corner(x, y + 1), corner(x + 1, y + 1)];
+                [[a, b, d], [a, d, c]]
+            })
+            .collect();
+        let mesh = MeshTriangles { positions: &positions, triangles: &triangles };
+        let turned = Transform::new(glam::DAffine3::from_rotation_y(0.7)).unwrap();
+        let here = BvhInstance { mesh: 0, to_world: None };
+        let there = BvhInstance { mesh: 0, to_world: Some(turned) };
+        let rays = (0..3000u32).map(|i| {
+            let at = |k: u32| ((i * k) % 64) as f32 * 0.25;
+            let direction = Vec3::new(at(3) - at(5), if i % 3 == 0 { 0.0 } else { at(7) - 8.0 }, -at(11) - 0.5);
+            Ray::with_end(Vec3::new(at(1), at(13), 4.0), direction.normalize(), 3.0 + at(17))
+        });
+        let rays: Vec<Ray> = rays.collect();
+        for instances in [&[here][..], &[here, there]] {
+            let mut seen = levels().into_iter().map(|level| {
+                let mut bvh = Bvh::build_for(&[mesh], instances, level).unwrap();
+                bvh.mark_alpha_tested(|_, triangle| triangle % 3 == 0);
+                let results = rays.iter().map(|ray| {
+                    let (mut alpha_tested, mut every) = (Vec::new(), Vec::new());
+                    let occluded_with_alpha = bvh.occluded_with_alpha(ray, |hit| alpha_tested.push(hit));
+                    bvh.each_hit(ray, |hit| every.push(hit));
+                    (bvh.closest_hit(ray), bvh.occluded(ray), occluded_with_alpha, alpha_tested, every)
+                });
+                (level, results.collect::<Vec<_>>())
+            });
+            let (_, plain) = seen.next().expect("plain Rust is always there");
+            let hits = plain.iter().filter(|result| result.1).count();
+            assert!((500..2900).contains(&hits), "{hits} hits: the test does not test");
+            for (level, results) in seen {
+                assert!(results == plain, "{level:?} differs from plain Rust");
+            }
+        }
+    }
 }

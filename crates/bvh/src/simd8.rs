@@ -1,8 +1,11 @@
-//! Eight f32 side by side: one trait, written once for AVX2 and once in plain Rust.
+//! Eight f32 side by side: additions to the vectors of `fearless_simd`, so that all instruction sets give the same bits.
 //!
-//! Both do the same IEEE operations in the same order and never fuse a product with a sum, so a traversal gives the same
-//! bits on either. `min` and `max` follow the x86 instructions, which return the *second* operand if either is a NaN;
-//! the box test relies on it.
+//! Sums, products, quotients and comparisons are IEEE operations on every level. No product is fused with a sum, since no
+//! code here calls `mul_add`, and compilers do not fuse on their own. The minimum and maximum of `fearless_simd` treat NaN
+//! and signed zeros as the machine does. Those of this module follow the x86 instructions everywhere.
+
+use fearless_simd::prelude::*;
+use fearless_simd::{Simd, f32x8, mask32x8};
 
 /// Number of lanes.
 pub(crate) const WIDTH: usize = 8;
@@ -10,199 +13,122 @@ pub(crate) const WIDTH: usize = 8;
 /// A memory block of eight numbers.
 pub(crate) type Eight = [f32; WIDTH];
 
-/// Arithmetic on eight f32. Masks are bit sets: bit i stands for lane i.
-pub(crate) trait Lanes: Copy {
-    /// Eight numbers, in registers if the machine has them.
-    type F: Copy;
-    fn splat(x: f32) -> Self::F;
-    fn load(x: &Eight) -> Self::F;
-    fn store(x: Self::F) -> Eight;
-    fn add(a: Self::F, b: Self::F) -> Self::F;
-    fn sub(a: Self::F, b: Self::F) -> Self::F;
-    fn mul(a: Self::F, b: Self::F) -> Self::F;
-    fn div(a: Self::F, b: Self::F) -> Self::F;
-    fn abs(a: Self::F) -> Self::F;
-    fn neg(a: Self::F) -> Self::F;
-    /// `a < b ? a : b` in each lane.
-    fn min(a: Self::F, b: Self::F) -> Self::F;
-    /// `a > b ? a : b` in each lane.
-    fn max(a: Self::F, b: Self::F) -> Self::F;
-    /// Lanes with `a <= b`; false for NaN.
-    fn le(a: Self::F, b: Self::F) -> u32;
-    /// Lanes with `a < b`; false for NaN.
-    fn lt(a: Self::F, b: Self::F) -> u32;
-    /// Lanes with `a == b`; false for NaN.
-    fn eq(a: Self::F, b: Self::F) -> u32;
-}
-
-/// Plain Rust, which compilers vectorise for the target (SSE2, NEON).
-#[derive(Clone, Copy)]
-pub(crate) struct Portable;
-
+/// Eight numbers from memory.
 #[inline(always)]
-fn each(a: Eight, b: Eight, f: impl Fn(f32, f32) -> f32) -> Eight {
-    let mut out = [0.0; WIDTH];
-    for i in 0..WIDTH {
-        out[i] = f(a[i], b[i]);
-    }
-    out
+pub(crate) fn load<S: Simd>(simd: S, numbers: &Eight) -> f32x8<S> {
+    f32x8::load_array_ref(simd, numbers)
 }
 
+/// `a < b ? a : b` in each lane: the second operand if either is a NaN. The box test relies on it.
 #[inline(always)]
-fn bits(a: Eight, b: Eight, f: impl Fn(f32, f32) -> bool) -> u32 {
-    let mut out = 0;
-    for i in 0..WIDTH {
-        out |= u32::from(f(a[i], b[i])) << i;
-    }
-    out
+pub(crate) fn lesser<S: Simd>(a: f32x8<S>, b: f32x8<S>) -> f32x8<S> {
+    if is_x86_minimum(a) { a.min(b) } else { a.simd_lt(b).select(a, b) }
 }
 
-impl Lanes for Portable {
-    type F = Eight;
-    #[inline(always)]
-    fn splat(x: f32) -> Eight {
-        [x; WIDTH]
-    }
-    #[inline(always)]
-    fn load(x: &Eight) -> Eight {
-        *x
-    }
-    #[inline(always)]
-    fn store(x: Eight) -> Eight {
-        x
-    }
-    #[inline(always)]
-    fn add(a: Eight, b: Eight) -> Eight {
-        each(a, b, |a, b| a + b)
-    }
-    #[inline(always)]
-    fn sub(a: Eight, b: Eight) -> Eight {
-        each(a, b, |a, b| a - b)
-    }
-    #[inline(always)]
-    fn mul(a: Eight, b: Eight) -> Eight {
-        each(a, b, |a, b| a * b)
-    }
-    #[inline(always)]
-    fn div(a: Eight, b: Eight) -> Eight {
-        each(a, b, |a, b| a / b)
-    }
-    #[inline(always)]
-    fn abs(a: Eight) -> Eight {
-        each(a, a, |a, _| a.abs())
-    }
-    #[inline(always)]
-    fn neg(a: Eight) -> Eight {
-        each(a, a, |a, _| -a)
-    }
-    #[inline(always)]
-    fn min(a: Eight, b: Eight) -> Eight {
-        each(a, b, |a, b| if a < b { a } else { b })
-    }
-    #[inline(always)]
-    fn max(a: Eight, b: Eight) -> Eight {
-        each(a, b, |a, b| if a > b { a } else { b })
-    }
-    #[inline(always)]
-    fn le(a: Eight, b: Eight) -> u32 {
-        bits(a, b, |a, b| a <= b)
-    }
-    #[inline(always)]
-    fn lt(a: Eight, b: Eight) -> u32 {
-        bits(a, b, |a, b| a < b)
-    }
-    #[inline(always)]
-    fn eq(a: Eight, b: Eight) -> u32 {
-        bits(a, b, |a, b| a == b)
-    }
+/// `a > b ? a : b` in each lane: the second operand if either is a NaN.
+#[inline(always)]
+pub(crate) fn greater<S: Simd>(a: f32x8<S>, b: f32x8<S>) -> f32x8<S> {
+    if is_x86_minimum(a) { a.max(b) } else { a.simd_gt(b).select(a, b) }
 }
 
-#[cfg(target_arch = "x86_64")]
-pub(crate) use avx2::Avx2;
+/// True if the level has the instructions `minps` and `maxps`. They are faster than a comparison and a selection.
+#[inline(always)]
+fn is_x86_minimum<S: Simd>(a: f32x8<S>) -> bool {
+    cfg!(any(target_arch = "x86", target_arch = "x86_64")) && !a.simd.level().is_fallback()
+}
 
-#[cfg(target_arch = "x86_64")]
-mod avx2 {
-    use super::{Eight, Lanes};
-    use std::arch::x86_64::*;
+/// The lanes of a mask as a bit set: bit i stands for lane i.
+#[inline(always)]
+pub(crate) fn bits<S: Simd>(mask: mask32x8<S>) -> u32 {
+    mask.to_bitmask() as u32
+}
 
-    /// AVX2 registers. Only code under `#[target_feature(enable = "avx2")]` may use this type. Everything here is
-    /// inlined into such a function, which is called only after `is_x86_feature_detected!("avx2")`.
-    #[derive(Clone, Copy)]
-    pub(crate) struct Avx2;
+/// Three numbers, each in all lanes of its own vector.
+#[inline(always)]
+pub(crate) fn splat3<S: Simd>(simd: S, [x, y, z]: [f32; 3]) -> [f32x8<S>; 3] {
+    [f32x8::splat(simd, x), f32x8::splat(simd, y), f32x8::splat(simd, z)]
+}
 
-    impl Lanes for Avx2 {
-        type F = __m256;
-        #[inline(always)]
-        fn splat(x: f32) -> __m256 {
-            // SAFETY: see `Avx2`: the machine has AVX2 wherever this runs.
-            unsafe { _mm256_set1_ps(x) }
+/// Evaluates an expression for the best instruction set of a level: `dispatch8!(level, simd => expression)`. All functions
+/// in it must be inlined.
+///
+/// It is `fearless_simd::dispatch` with two differences. Machines without AVX2 use one level less, since SSE4.2 has nothing
+/// that is used here. Their code is a separate function: inlined into the caller, its registers and its stack would cost
+/// each ray of the other levels some 50 instructions.
+macro_rules! dispatch8 {
+    ($level:expr, $simd:ident => $op:expr) => {{
+        let level: fearless_simd::Level = $level;
+        #[cfg(target_arch = "x86_64")]
+        match level {
+            fearless_simd::Level::Avx512($simd) => fearless_simd::Simd::vectorize(
+                $simd,
+                #[inline(always)]
+                || $op,
+            ),
+            fearless_simd::Level::Avx2($simd) => fearless_simd::Simd::vectorize(
+                $simd,
+                #[inline(always)]
+                || $op,
+            ),
+            _ => match level.as_sse2() {
+                Some($simd) => crate::simd8::separately(
+                    #[inline(always)]
+                    || $op,
+                ),
+                None => {
+                    let $simd = fearless_simd::Fallback::new();
+                    crate::simd8::separately(
+                        #[inline(always)]
+                        || $op,
+                    )
+                }
+            },
         }
-        #[inline(always)]
-        fn load(x: &Eight) -> __m256 {
-            // SAFETY: as above; the reference is valid for 32 bytes, and an unaligned load needs no more.
-            unsafe { _mm256_loadu_ps(x.as_ptr()) }
-        }
-        #[inline(always)]
-        fn store(x: __m256) -> Eight {
-            let mut out = [0.0; 8];
-            // SAFETY: as above; the array is valid for 32 bytes, and an unaligned store needs no more.
-            unsafe { _mm256_storeu_ps(out.as_mut_ptr(), x) };
-            out
-        }
-        #[inline(always)]
-        fn add(a: __m256, b: __m256) -> __m256 {
-            // SAFETY: see `Avx2`: the machine has AVX2 wherever this runs.
-            unsafe { _mm256_add_ps(a, b) }
-        }
-        #[inline(always)]
-        fn sub(a: __m256, b: __m256) -> __m256 {
-            // SAFETY: see `Avx2`: the machine has AVX2 wherever this runs.
-            unsafe { _mm256_sub_ps(a, b) }
-        }
-        #[inline(always)]
-        fn mul(a: __m256, b: __m256) -> __m256 {
-            // SAFETY: see `Avx2`: the machine has AVX2 wherever this runs.
-            unsafe { _mm256_mul_ps(a, b) }
-        }
-        #[inline(always)]
-        fn div(a: __m256, b: __m256) -> __m256 {
-            // SAFETY: see `Avx2`: the machine has AVX2 wherever this runs.
-            unsafe { _mm256_div_ps(a, b) }
-        }
-        #[inline(always)]
-        fn abs(a: __m256) -> __m256 {
-            // SAFETY: see `Avx2`: the machine has AVX2 wherever this runs.
-            unsafe { _mm256_andnot_ps(_mm256_set1_ps(-0.0), a) }
-        }
-        #[inline(always)]
-        fn neg(a: __m256) -> __m256 {
-            // SAFETY: see `Avx2`: the machine has AVX2 wherever this runs.
-            unsafe { _mm256_xor_ps(_mm256_set1_ps(-0.0), a) }
-        }
-        #[inline(always)]
-        fn min(a: __m256, b: __m256) -> __m256 {
-            // SAFETY: see `Avx2`: the machine has AVX2 wherever this runs.
-            unsafe { _mm256_min_ps(a, b) }
-        }
-        #[inline(always)]
-        fn max(a: __m256, b: __m256) -> __m256 {
-            // SAFETY: see `Avx2`: the machine has AVX2 wherever this runs.
-            unsafe { _mm256_max_ps(a, b) }
-        }
-        #[inline(always)]
-        fn le(a: __m256, b: __m256) -> u32 {
-            // SAFETY: see `Avx2`: the machine has AVX2 wherever this runs.
-            unsafe { _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_LE_OQ>(a, b)) as u32 }
-        }
-        #[inline(always)]
-        fn lt(a: __m256, b: __m256) -> u32 {
-            // SAFETY: see `Avx2`: the machine has AVX2 wherever this runs.
-            unsafe { _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_LT_OQ>(a, b)) as u32 }
-        }
-        #[inline(always)]
-        fn eq(a: __m256, b: __m256) -> u32 {
-            // SAFETY: see `Avx2`: the machine has AVX2 wherever this runs.
-            unsafe { _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_EQ_OQ>(a, b)) as u32 }
+        #[cfg(not(target_arch = "x86_64"))]
+        fearless_simd::dispatch!(level, $simd => $op)
+    }};
+}
+pub(crate) use dispatch8;
+
+/// Calls a function that is not inlined into the caller.
+#[cold]
+#[inline(never)]
+pub(crate) fn separately<R>(f: impl FnOnce() -> R) -> R {
+    f()
+}
+
+/// All levels that this machine can execute, for tests.
+#[cfg(test)]
+pub(crate) fn levels() -> Vec<fearless_simd::Level> {
+    use fearless_simd::Level;
+    #[allow(unused_mut)]
+    let mut levels = vec![Level::fallback(), Level::baseline()];
+    #[cfg(target_arch = "x86_64")]
+    {
+        let best = Level::new();
+        levels.extend(best.as_avx2().map(Level::Avx2));
+        levels.extend(best.as_avx512().map(Level::Avx512));
+    }
+    levels
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    #[test]
+    fn the_second_operand_is_the_result_if_no_operand_is_smaller_or_larger() {
+        let a = [f32::NAN, 1.0, f32::NAN, 0.0, -0.0, 1.0, -3.0, f32::INFINITY];
+        let b = [2.0, f32::NAN, f32::NAN, -0.0, 0.0, 1.5, -4.0, f32::NEG_INFINITY];
+        let expected = |first: fn(&f32, &f32) -> bool| {
+            std::array::from_fn::<_, WIDTH, _>(|i| if first(&a[i], &b[i]) { a[i] } else { b[i] }.to_bits())
+        };
+        for level in levels() {
+            let (low, high): (Eight, Eight) = dispatch8!(level, simd => {
+                let (a, b) = (f32x8::from_slice(simd, &a), f32x8::from_slice(simd, &b));
+                (lesser(a, b).into(), greater(a, b).into())
+            });
+            assert_eq!(low.map(f32::to_bits), expected(f32::lt), "{level:?}");
+            assert_eq!(high.map(f32::to_bits), expected(f32::gt), "{level:?}");
         }
     }
 }

@@ -1,196 +1,131 @@
 //! Traversal of both levels by a ray, compiled once for each kind of machine.
+//!
+//! There are two queries, the nearest hit and occlusion. Each has a visitor of the leaves of meshes and one of instances.
+//! [`Reported`] contains the triangles that an occlusion query reports and passes. It is a type, so that a query without
+//! such triangles is compiled without their code.
 
 use dunkelfeld_geometry::Ray;
+use fearless_simd::Simd;
 
 use crate::scene::{Bvh, Hit, MeshTree};
-use crate::simd8::{Lanes, Portable};
+use crate::simd8::dispatch8;
 use crate::tree::Leaves;
 use crate::triangle_block::{ALL, BlockHit, ShearLanes, TriangleBlock};
 
-/// The code that traverses the tree. It is selected once, when the tree is built.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Kernel {
-    Portable,
-    /// Exists only if AVX2 was detected.
-    #[cfg(target_arch = "x86_64")]
-    Avx2(Avx2Detected),
+/// The triangles that do not block a ray, and the receiver of their hits.
+pub(crate) trait Reported {
+    /// The lanes of these triangles.
+    fn lanes(&self, block: &TriangleBlock) -> u32;
+    /// Gets a hit on one of them.
+    fn report(&mut self, hit: Hit);
 }
 
-#[cfg(target_arch = "x86_64")]
-pub(crate) use detected::Avx2Detected;
+/// No triangle is reported: each one blocks.
+pub(crate) struct NoTriangles;
 
-#[cfg(target_arch = "x86_64")]
-mod detected {
-    /// Proof that this machine has AVX2: `new` is the only way to get one.
-    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-    pub(crate) struct Avx2Detected(());
+/// The alpha-tested triangles are reported.
+pub(crate) struct AlphaTestedTriangles<F>(pub(crate) F);
 
-    impl Avx2Detected {
-        pub(crate) fn new() -> Option<Self> {
-            is_x86_feature_detected!("avx2").then_some(Self(()))
-        }
+/// All triangles are reported, and none blocks.
+pub(crate) struct AllTriangles<F>(pub(crate) F);
+
+impl Reported for NoTriangles {
+    #[inline(always)]
+    fn lanes(&self, _packet: &TriangleBlock) -> u32 {
+        0
+    }
+    #[inline(always)]
+    fn report(&mut self, _hit: Hit) {}
+}
+
+impl<F: FnMut(Hit)> Reported for AlphaTestedTriangles<F> {
+    #[inline(always)]
+    fn lanes(&self, block: &TriangleBlock) -> u32 {
+        block.alpha_tested()
+    }
+    #[inline(always)]
+    fn report(&mut self, hit: Hit) {
+        (self.0)(hit);
     }
 }
 
-impl Kernel {
-    /// The fastest code for this machine.
-    pub(crate) fn detect() -> Self {
-        #[cfg(target_arch = "x86_64")]
-        if let Some(proof) = Avx2Detected::new() {
-            return Self::Avx2(proof);
-        }
-        Self::Portable
+impl<F: FnMut(Hit)> Reported for AllTriangles<F> {
+    #[inline(always)]
+    fn lanes(&self, _packet: &TriangleBlock) -> u32 {
+        ALL
     }
-
-    #[inline]
-    pub(crate) fn closest_hit(self, bvh: &Bvh, ray: &Ray) -> Option<Hit> {
-        match self {
-            Self::Portable => closest_hit::<Portable>(bvh, ray),
-            #[cfg(target_arch = "x86_64")]
-            // SAFETY: an `Avx2Detected` exists, so this machine has AVX2.
-            Self::Avx2(_) => unsafe { closest_hit_avx2(bvh, ray) },
-        }
-    }
-
-    #[inline]
-    pub(crate) fn occluded(self, bvh: &Bvh, ray: &Ray) -> bool {
-        match self {
-            Self::Portable => occluded::<Portable>(bvh, ray),
-            #[cfg(target_arch = "x86_64")]
-            // SAFETY: an `Avx2Detected` exists, so this machine has AVX2.
-            Self::Avx2(_) => unsafe { occluded_avx2(bvh, ray) },
-        }
-    }
-
-    #[inline]
-    pub(crate) fn occluded_with_alpha(self, bvh: &Bvh, ray: &Ray, on_alpha_hit: &mut impl FnMut(Hit)) -> bool {
-        match self {
-            Self::Portable => occluded_with_alpha::<Portable>(bvh, ray, on_alpha_hit),
-            #[cfg(target_arch = "x86_64")]
-            // SAFETY: an `Avx2Detected` exists, so this machine has AVX2.
-            Self::Avx2(_) => unsafe { occluded_with_alpha_avx2(bvh, ray, on_alpha_hit) },
-        }
-    }
-
-    #[inline]
-    pub(crate) fn each_hit(self, bvh: &Bvh, ray: &Ray, found: &mut impl FnMut(Hit)) {
-        match self {
-            Self::Portable => each_hit::<Portable>(bvh, ray, found),
-            #[cfg(target_arch = "x86_64")]
-            // SAFETY: an `Avx2Detected` exists, so this machine has AVX2.
-            Self::Avx2(_) => unsafe { each_hit_avx2(bvh, ray, found) },
-        }
+    #[inline(always)]
+    fn report(&mut self, hit: Hit) {
+        (self.0)(hit);
     }
 }
 
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2")]
-fn each_hit_avx2(bvh: &Bvh, ray: &Ray, found: &mut impl FnMut(Hit)) {
-    each_hit::<crate::simd8::Avx2>(bvh, ray, found);
+/// The nearest hit.
+#[inline]
+pub(crate) fn closest_hit(bvh: &Bvh, ray: &Ray) -> Option<Hit> {
+    dispatch8!(bvh.level, simd => closest_in_scene(simd, bvh, ray))
 }
 
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2")]
-fn occluded_with_alpha_avx2(bvh: &Bvh, ray: &Ray, on_alpha_hit: &mut impl FnMut(Hit)) -> bool {
-    occluded_with_alpha::<crate::simd8::Avx2>(bvh, ray, on_alpha_hit)
-}
-
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2")]
-fn closest_hit_avx2(bvh: &Bvh, ray: &Ray) -> Option<Hit> {
-    closest_hit::<crate::simd8::Avx2>(bvh, ray)
-}
-
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2")]
-fn occluded_avx2(bvh: &Bvh, ray: &Ray) -> bool {
-    occluded::<crate::simd8::Avx2>(bvh, ray)
+/// True if a triangle that is not reported blocks the ray. Reports hits on the others until then.
+#[inline]
+pub(crate) fn occluded(bvh: &Bvh, ray: &Ray, reported: &mut impl Reported) -> bool {
+    dispatch8!(bvh.level, simd => occluded_in_scene(simd, bvh, ray, reported))
 }
 
 #[inline(always)]
-fn closest_hit<L: Lanes>(bvh: &Bvh, ray: &Ray) -> Option<Hit> {
+fn closest_in_scene<S: Simd>(simd: S, bvh: &Bvh, ray: &Ray) -> Option<Hit> {
     let mut t_max = ray.t_max;
     if bvh.single {
-        let hit = closest_hit_in_mesh::<L>(&bvh.meshes[bvh.instances[0].mesh as usize], ray, &mut t_max)?;
+        let hit = closest_in_mesh(simd, &bvh.meshes[bvh.instances[0].mesh as usize], ray, &mut t_max)?;
         return Some(Hit { t: hit.t, instance: 0, triangle: hit.triangle, b1: hit.b1, b2: hit.b2 });
     }
-    let mut leaves = ClosestInstance::<L> { bvh, ray, hit: None, lanes: std::marker::PhantomData };
-    bvh.top.traverse::<L, true>(ray, &mut t_max, &mut leaves);
+    let mut leaves = ClosestInstance { simd, bvh, ray, hit: None };
+    bvh.top.traverse::<S, true>(simd, ray, &mut t_max, &mut leaves);
     leaves.hit
 }
 
 #[inline(always)]
-fn occluded<L: Lanes>(bvh: &Bvh, ray: &Ray) -> bool {
-    if bvh.single {
-        return occluded_in_mesh::<L>(&bvh.meshes[bvh.instances[0].mesh as usize], ray, 1.0, ray.t_max);
-    }
-    let mut t_max = ray.t_max;
-    let mut leaves = AnyInstance::<L> { bvh, ray, lanes: std::marker::PhantomData };
-    bvh.top.traverse::<L, false>(ray, &mut t_max, &mut leaves)
+fn closest_in_mesh<S: Simd>(simd: S, mesh: &MeshTree, ray: &Ray, t_max: &mut f32) -> Option<BlockHit> {
+    let mut leaves = ClosestTriangle { blocks: &mesh.blocks, ray, shear: ShearLanes::new(simd, ray), hit: None };
+    mesh.tree.traverse::<S, true>(simd, ray, t_max, &mut leaves);
+    leaves.hit
 }
 
 #[inline(always)]
-fn occluded_with_alpha<L: Lanes>(bvh: &Bvh, ray: &Ray, on_alpha_hit: &mut impl FnMut(Hit)) -> bool {
-    visit_hits::<L, false>(bvh, ray, on_alpha_hit)
-}
-
-#[inline(always)]
-fn each_hit<L: Lanes>(bvh: &Bvh, ray: &Ray, found: &mut impl FnMut(Hit)) {
-    visit_hits::<L, true>(bvh, ray, found);
-}
-
-/// Calls `on_alpha_hit` for hits on alpha-tested triangles until a triangle that is not alpha-tested occludes the ray.
-/// With `ALL_HITS`, all triangles count as alpha-tested.
-#[inline(always)]
-fn visit_hits<L: Lanes, const ALL_HITS: bool>(bvh: &Bvh, ray: &Ray, on_alpha_hit: &mut impl FnMut(Hit)) -> bool {
+fn occluded_in_scene<S: Simd>(simd: S, bvh: &Bvh, ray: &Ray, reported: &mut impl Reported) -> bool {
     let mut t_max = ray.t_max;
     if bvh.single {
         let mesh = &bvh.meshes[bvh.instances[0].mesh as usize];
-        return occluded_in_mesh_with_alpha::<L, ALL_HITS>(mesh, ray, 1.0, ray.t_max, 0, on_alpha_hit);
+        return occluded_in_mesh(simd, mesh, ray, WorldRay { scale: 1.0, t_max, instance: 0 }, reported);
     }
-    let mut leaves =
-        OccludedInstanceWithAlpha::<L, _, ALL_HITS> { bvh, ray, on_alpha_hit, lanes: std::marker::PhantomData };
-    bvh.top.traverse::<L, false>(ray, &mut t_max, &mut leaves)
+    let mut leaves = BlockingInstance { simd, bvh, ray, reported };
+    bvh.top.traverse::<S, false>(simd, ray, &mut t_max, &mut leaves)
 }
 
-/// As [`occluded_in_mesh`], but triangles marked as alpha-tested (or with `ALL_HITS` all) are reported and do not
-/// block.
+/// `ray` is in object space.
 #[inline(always)]
-fn occluded_in_mesh_with_alpha<L: Lanes, const ALL_HITS: bool>(
+fn occluded_in_mesh<S: Simd>(
+    simd: S,
     mesh: &MeshTree,
     ray: &Ray,
-    scale: f32,
-    world_t_max: f32,
-    instance: u32,
-    on_alpha_hit: &mut impl FnMut(Hit),
+    world: WorldRay,
+    reported: &mut impl Reported,
 ) -> bool {
-    let shear = ShearLanes::new(ray);
-    let mut leaves = OccludedTriangleWithAlpha::<L, _, ALL_HITS> {
-        blocks: &mesh.blocks,
-        ray,
-        shear,
-        scale,
-        world_t_max,
-        instance,
-        on_alpha_hit,
-    };
+    let shear = ShearLanes::new(simd, ray);
+    let mut leaves = BlockingTriangle { blocks: &mesh.blocks, ray, shear, world, reported };
     let mut t_max = ray.t_max;
-    mesh.tree.traverse::<L, false>(ray, &mut t_max, &mut leaves)
+    mesh.tree.traverse::<S, false>(simd, ray, &mut t_max, &mut leaves)
 }
 
-#[inline(always)]
-fn closest_hit_in_mesh<L: Lanes>(mesh: &MeshTree, ray: &Ray, t_max: &mut f32) -> Option<BlockHit> {
-    let mut leaves = ClosestTriangle::<L> { blocks: &mesh.blocks, ray, shear: ShearLanes::new(ray), hit: None };
-    mesh.tree.traverse::<L, true>(ray, t_max, &mut leaves);
-    leaves.hit
-}
-
-/// `ray` is in object space, where `t` is `scale` times what it is in the world.
-#[inline(always)]
-fn occluded_in_mesh<L: Lanes>(mesh: &MeshTree, ray: &Ray, scale: f32, world_t_max: f32) -> bool {
-    let mut leaves = AnyTriangle::<L> { blocks: &mesh.blocks, ray, shear: ShearLanes::new(ray), scale, world_t_max };
-    let mut t_max = ray.t_max;
-    mesh.tree.traverse::<L, false>(ray, &mut t_max, &mut leaves)
+/// The world's side of a ray in object space.
+#[derive(Clone, Copy)]
+struct WorldRay {
+    /// A distance in object space is the distance in the world times this.
+    scale: f32,
+    /// The end of the ray in the world.
+    t_max: f32,
+    /// The instance whose object space it is.
+    instance: u32,
 }
 
 /// The scale rounds: a hit within the ray in object space may be outside in the world. Both kinds of traversal make
@@ -200,14 +135,14 @@ fn is_world_hit(t: f32, t_max: f32) -> bool {
     t > 0.0 && t < t_max
 }
 
-struct ClosestTriangle<'a, L: Lanes> {
+struct ClosestTriangle<'a, S: Simd> {
     blocks: &'a [TriangleBlock],
     ray: &'a Ray,
-    shear: ShearLanes<L>,
+    shear: ShearLanes<S>,
     hit: Option<BlockHit>,
 }
 
-impl<L: Lanes> Leaves for ClosestTriangle<'_, L> {
+impl<S: Simd> Leaves for ClosestTriangle<'_, S> {
     #[inline(always)]
     fn visit(&mut self, payload: u32, t_max: &mut f32) -> bool {
         let Some(block) = self.blocks.get(payload as usize) else { return false };
@@ -219,86 +154,14 @@ impl<L: Lanes> Leaves for ClosestTriangle<'_, L> {
     }
 }
 
-struct AnyTriangle<'a, L: Lanes> {
-    blocks: &'a [TriangleBlock],
-    ray: &'a Ray,
-    shear: ShearLanes<L>,
-    scale: f32,
-    world_t_max: f32,
-}
-
-impl<L: Lanes> Leaves for AnyTriangle<'_, L> {
-    #[inline(always)]
-    fn visit(&mut self, payload: u32, t_max: &mut f32) -> bool {
-        let Some(block) = self.blocks.get(payload as usize) else { return false };
-        self.shear
-            .intersect(block, self.ray, *t_max, ALL)
-            .is_some_and(|hit| is_world_hit(hit.t / self.scale, self.world_t_max))
-    }
-}
-
-struct OccludedTriangleWithAlpha<'a, L: Lanes, F: FnMut(Hit), const ALL_HITS: bool> {
-    blocks: &'a [TriangleBlock],
-    ray: &'a Ray,
-    shear: ShearLanes<L>,
-    scale: f32,
-    world_t_max: f32,
-    instance: u32,
-    on_alpha_hit: &'a mut F,
-}
-
-impl<L: Lanes, F: FnMut(Hit), const ALL_HITS: bool> Leaves for OccludedTriangleWithAlpha<'_, L, F, ALL_HITS> {
-    #[inline(always)]
-    fn visit(&mut self, payload: u32, t_max: &mut f32) -> bool {
-        let Some(block) = self.blocks.get(payload as usize) else { return false };
-        let mut alpha_tested = if ALL_HITS { ALL } else { block.alpha_tested() };
-        let solid = self.shear.intersect(block, self.ray, *t_max, ALL & !alpha_tested);
-        if solid.is_some_and(|hit| is_world_hit(hit.t / self.scale, self.world_t_max)) {
-            return true;
-        }
-        while alpha_tested != 0 {
-            let lane = alpha_tested & alpha_tested.wrapping_neg();
-            alpha_tested ^= lane;
-            if let Some(hit) = self.shear.intersect(block, self.ray, *t_max, lane) {
-                let t = hit.t / self.scale;
-                if is_world_hit(t, self.world_t_max) {
-                    let BlockHit { triangle, b1, b2, .. } = hit;
-                    (self.on_alpha_hit)(Hit { t, instance: self.instance, triangle, b1, b2 });
-                }
-            }
-        }
-        false
-    }
-}
-
-struct OccludedInstanceWithAlpha<'a, L: Lanes, F: FnMut(Hit), const ALL_HITS: bool> {
-    bvh: &'a Bvh,
-    ray: &'a Ray,
-    on_alpha_hit: &'a mut F,
-    lanes: std::marker::PhantomData<L>,
-}
-
-impl<L: Lanes, F: FnMut(Hit), const ALL_HITS: bool> Leaves for OccludedInstanceWithAlpha<'_, L, F, ALL_HITS> {
-    #[inline(always)]
-    fn visit(&mut self, payload: u32, _t_max: &mut f32) -> bool {
-        let Some(instance) = self.bvh.instances.get(payload as usize) else { return false };
-        let mesh = &self.bvh.meshes[instance.mesh as usize];
-        let (ray, scale) = match &instance.to_world {
-            None => (*self.ray, 1.0),
-            Some(transform) => transform.unit_ray(self.ray),
-        };
-        occluded_in_mesh_with_alpha::<L, ALL_HITS>(mesh, &ray, scale, self.ray.t_max, payload, self.on_alpha_hit)
-    }
-}
-
-struct ClosestInstance<'a, L: Lanes> {
+struct ClosestInstance<'a, S: Simd> {
+    simd: S,
     bvh: &'a Bvh,
     ray: &'a Ray,
     hit: Option<Hit>,
-    lanes: std::marker::PhantomData<L>,
 }
 
-impl<L: Lanes> Leaves for ClosestInstance<'_, L> {
+impl<S: Simd> Leaves for ClosestInstance<'_, S> {
     #[inline(always)]
     fn visit(&mut self, payload: u32, t_max: &mut f32) -> bool {
         let Some(instance) = self.bvh.instances.get(payload as usize) else { return false };
@@ -309,7 +172,7 @@ impl<L: Lanes> Leaves for ClosestInstance<'_, L> {
             Some(transform) => transform.unit_ray(&world),
         };
         let mut object_t_max = ray.t_max;
-        if let Some(hit) = closest_hit_in_mesh::<L>(mesh, &ray, &mut object_t_max) {
+        if let Some(hit) = closest_in_mesh(self.simd, mesh, &ray, &mut object_t_max) {
             let t = hit.t / scale;
             if is_world_hit(t, *t_max) {
                 *t_max = t;
@@ -320,13 +183,47 @@ impl<L: Lanes> Leaves for ClosestInstance<'_, L> {
     }
 }
 
-struct AnyInstance<'a, L: Lanes> {
-    bvh: &'a Bvh,
+struct BlockingTriangle<'a, S: Simd, R: Reported> {
+    blocks: &'a [TriangleBlock],
     ray: &'a Ray,
-    lanes: std::marker::PhantomData<L>,
+    shear: ShearLanes<S>,
+    world: WorldRay,
+    reported: &'a mut R,
 }
 
-impl<L: Lanes> Leaves for AnyInstance<'_, L> {
+impl<S: Simd, R: Reported> Leaves for BlockingTriangle<'_, S, R> {
+    #[inline(always)]
+    fn visit(&mut self, payload: u32, t_max: &mut f32) -> bool {
+        let Some(block) = self.blocks.get(payload as usize) else { return false };
+        let WorldRay { scale, t_max: world_t_max, instance } = self.world;
+        let mut reported = self.reported.lanes(block);
+        let blocking = self.shear.intersect(block, self.ray, *t_max, ALL & !reported);
+        if blocking.is_some_and(|hit| is_world_hit(hit.t / scale, world_t_max)) {
+            return true;
+        }
+        while reported != 0 {
+            let lane = reported & reported.wrapping_neg();
+            reported ^= lane;
+            if let Some(hit) = self.shear.intersect(block, self.ray, *t_max, lane) {
+                let t = hit.t / scale;
+                if is_world_hit(t, world_t_max) {
+                    let BlockHit { triangle, b1, b2, .. } = hit;
+                    self.reported.report(Hit { t, instance, triangle, b1, b2 });
+                }
+            }
+        }
+        false
+    }
+}
+
+struct BlockingInstance<'a, S: Simd, R: Reported> {
+    simd: S,
+    bvh: &'a Bvh,
+    ray: &'a Ray,
+    reported: &'a mut R,
+}
+
+impl<S: Simd, R: Reported> Leaves for BlockingInstance<'_, S, R> {
     #[inline(always)]
     fn visit(&mut self, payload: u32, _t_max: &mut f32) -> bool {
         let Some(instance) = self.bvh.instances.get(payload as usize) else { return false };
@@ -335,6 +232,7 @@ impl<L: Lanes> Leaves for AnyInstance<'_, L> {
             None => (*self.ray, 1.0),
             Some(transform) => transform.unit_ray(self.ray),
         };
-        occluded_in_mesh::<L>(mesh, &ray, scale, self.ray.t_max)
+        let world = WorldRay { scale, t_max: self.ray.t_max, instance: payload };
+        occluded_in_mesh(self.simd, mesh, &ray, world, self.reported)
     }
 }

@@ -6,8 +6,10 @@ use std::mem::MaybeUninit;
 
 use dunkelfeld_geometry::triangle::UNIT_ROUNDOFF;
 use dunkelfeld_geometry::{Aabb, Ray, Vec3};
+use fearless_simd::prelude::*;
+use fearless_simd::{Simd, f32x8};
 
-use crate::simd8::{Eight, Lanes, WIDTH};
+use crate::simd8::{Eight, WIDTH, bits, greater, lesser, load, splat3};
 
 /// Set in a child word for a leaf; the other bits are the leaf's payload.
 pub(crate) const LEAF: u32 = 1 << 31;
@@ -78,18 +80,19 @@ pub(crate) trait Leaves {
 /// triangle's box by as much. Each box therefore grows by 10 u M on every side, plus the rounding of the grown planes.
 /// This costs nothing, because the origin is shifted instead: one origin for the near planes and one for the far
 /// planes.
-struct Slabs<L: Lanes> {
+struct Slabs<S: Simd> {
+    simd: S,
     /// Indices of the three rows of a node with the near sides; the far ones are their neighbours.
     near: [usize; 3],
-    near_origin: [L::F; 3],
-    near_inverse: [L::F; 3],
-    far_origin: [L::F; 3],
-    far_inverse: [L::F; 3],
+    near_origin: [f32x8<S>; 3],
+    near_inverse: [f32x8<S>; 3],
+    far_origin: [f32x8<S>; 3],
+    far_inverse: [f32x8<S>; 3],
 }
 
-impl<L: Lanes> Slabs<L> {
+impl<S: Simd> Slabs<S> {
     #[inline(always)]
-    fn new(ray: &Ray, bounds: &Aabb) -> Self {
+    fn new(simd: S, ray: &Ray, bounds: &Aabb) -> Self {
         let (o, d) = (ray.origin, ray.direction);
         // The farthest side is at the centre plus half the extent, so no maximum of two is needed.
         let (middle, half) = (0.5 * bounds.min + 0.5 * bounds.max, 0.5 * bounds.max - 0.5 * bounds.min);
@@ -106,31 +109,30 @@ impl<L: Lanes> Slabs<L> {
         let (near_origin, far_origin) = (o + shift, o - shift);
         let far_scale = 1.0 + 8.0 * UNIT_ROUNDOFF;
         Self {
+            simd,
             near,
-            near_origin: [L::splat(near_origin.x), L::splat(near_origin.y), L::splat(near_origin.z)],
-            near_inverse: [L::splat(inverse.x), L::splat(inverse.y), L::splat(inverse.z)],
-            far_origin: [L::splat(far_origin.x), L::splat(far_origin.y), L::splat(far_origin.z)],
-            far_inverse: [
-                L::splat(inverse.x * far_scale),
-                L::splat(inverse.y * far_scale),
-                L::splat(inverse.z * far_scale),
-            ],
+            near_origin: splat3(simd, near_origin.into()),
+            near_inverse: splat3(simd, inverse.into()),
+            far_origin: splat3(simd, far_origin.into()),
+            far_inverse: splat3(simd, (inverse * far_scale).into()),
         }
     }
 
     /// The children that the ray may hit before `t_max`, and the entry distance of each.
     #[inline(always)]
-    fn enter(&self, node: &Node, t_max: f32) -> (u32, L::F) {
-        let (mut near, mut far) = (L::splat(0.0), L::splat(t_max));
+    fn enter(&self, node: &Node, t_max: f32) -> (u32, f32x8<S>) {
+        let (mut near, mut far) = (f32x8::splat(self.simd, 0.0), f32x8::splat(self.simd, t_max));
         for axis in 0..3 {
             let side = self.near[axis];
-            let n = L::mul(L::sub(L::load(&node.bounds[side]), self.near_origin[axis]), self.near_inverse[axis]);
-            let f = L::mul(L::sub(L::load(&node.bounds[side ^ 1]), self.far_origin[axis]), self.far_inverse[axis]);
+            let near_side = load(self.simd, &node.bounds[side]);
+            let far_side = load(self.simd, &node.bounds[side ^ 1]);
+            let n = (near_side - self.near_origin[axis]) * self.near_inverse[axis];
+            let f = (far_side - self.far_origin[axis]) * self.far_inverse[axis];
             // 0 * inf, a ray along a side of the box, is a NaN: it must not narrow the interval, hence this order.
-            near = L::max(n, near);
-            far = L::min(f, far);
+            near = greater(n, near);
+            far = lesser(f, far);
         }
-        (L::le(near, far), near)
+        (bits(near.simd_le(far)), near)
     }
 }
 
@@ -141,8 +143,9 @@ impl Tree {
     /// Visits the leaves that a ray may hit before `t_max`; near ones first if `ORDERED`. True if a visit ended the
     /// traversal.
     #[inline(always)]
-    pub(crate) fn traverse<L: Lanes, const ORDERED: bool>(
+    pub(crate) fn traverse<S: Simd, const ORDERED: bool>(
         &self,
+        simd: S,
         ray: &Ray,
         t_max: &mut f32,
         leaves: &mut impl Leaves,
@@ -150,7 +153,7 @@ impl Tree {
         if self.root == NONE {
             return false;
         }
-        let slabs = Slabs::<L>::new(ray, &self.bounds);
+        let slabs = Slabs::new(simd, ray, &self.bounds);
         let mut stack = Stack::new();
         let mut word = self.root;
         loop {
@@ -158,7 +161,7 @@ impl Tree {
                 let node = &self.nodes[word as usize];
                 let (mut entered, near) = slabs.enter(node, *t_max);
                 if entered != 0 {
-                    let near = L::store(near);
+                    let near: Eight = near.into();
                     let first = take(&mut entered, &near, node);
                     if entered == 0 {
                         word = first as u32;

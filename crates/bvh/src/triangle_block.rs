@@ -5,9 +5,11 @@
 
 use dunkelfeld_geometry::Ray;
 use dunkelfeld_geometry::triangle::{RayShear, T_ERROR, edge_functions_f64, plane_distance_f64};
+use fearless_simd::prelude::*;
+use fearless_simd::{Simd, f32x8};
 use glam::Vec3;
 
-use crate::simd8::{Eight, Lanes, WIDTH};
+use crate::simd8::{Eight, WIDTH, bits, greater, lesser, load, splat3};
 
 /// Up to eight triangles, coordinate by coordinate. Free lanes hold NaN and are never hit.
 #[derive(Clone, Debug)]
@@ -71,80 +73,81 @@ impl TriangleBlock {
         (0..WIDTH).fold(0, |mask, lane| mask | (self.triangles[lane] >> 31) << lane)
     }
 
+    #[inline]
     fn corners(&self, lane: usize) -> [Vec3; 3] {
-        [0, 1, 2].map(|c| Vec3::from_array([0, 1, 2].map(|axis| self.corners[axis][c][lane])))
+        let [x, y, z] = &self.corners;
+        let corner = |c: usize| Vec3::new(x[c][lane], y[c][lane], z[c][lane]);
+        [corner(0), corner(1), corner(2)]
     }
 }
 
 /// The values of a ray that the block test needs, in every lane.
 #[derive(Clone, Copy)]
-pub(crate) struct ShearLanes<L: Lanes> {
+pub(crate) struct ShearLanes<S: Simd> {
+    simd: S,
     axes: [usize; 3],
-    origin: [L::F; 3],
-    shear: [L::F; 3],
+    origin: [f32x8<S>; 3],
+    shear: [f32x8<S>; 3],
 }
 
-impl<L: Lanes> ShearLanes<L> {
+impl<S: Simd> ShearLanes<S> {
     #[inline(always)]
-    pub(crate) fn new(ray: &Ray) -> Self {
+    pub(crate) fn new(simd: S, ray: &Ray) -> Self {
         let s = RayShear::new(ray);
-        Self {
-            axes: s.axes,
-            origin: [L::splat(s.origin[0]), L::splat(s.origin[1]), L::splat(s.origin[2])],
-            shear: [L::splat(s.shear[0]), L::splat(s.shear[1]), L::splat(s.shear[2])],
-        }
+        Self { simd, axes: s.axes, origin: splat3(simd, s.origin), shear: splat3(simd, s.shear) }
     }
 
     /// One corner of all triangles in the ray's sheared coordinates (z not yet scaled).
     // A function, not a closure, here and below. Only functions can be marked for inlining, and code that is not
-    // inlined into the function with AVX2 is compiled without it.
+    // inlined into the function of a level is compiled for the minimum instruction set.
     #[inline(always)]
-    fn sheared(&self, block: &TriangleBlock, corner: usize) -> (L::F, L::F, L::F) {
+    fn sheared(&self, block: &TriangleBlock, corner: usize) -> [f32x8<S>; 3] {
         let [kx, ky, kz] = self.axes;
-        let z = L::sub(L::load(&block.corners[kz][corner]), self.origin[2]);
-        let x = L::sub(L::load(&block.corners[kx][corner]), self.origin[0]);
-        let y = L::sub(L::load(&block.corners[ky][corner]), self.origin[1]);
-        (L::sub(x, L::mul(self.shear[0], z)), L::sub(y, L::mul(self.shear[1], z)), z)
+        let z = load(self.simd, &block.corners[kz][corner]) - self.origin[2];
+        let x = load(self.simd, &block.corners[kx][corner]) - self.origin[0];
+        let y = load(self.simd, &block.corners[ky][corner]) - self.origin[1];
+        [x - self.shear[0] * z, y - self.shear[1] * z, z]
     }
 
     /// The nearest hit with `0 < t < t_max` among the given lanes, if any; of equal ones the first lane's.
     #[inline(always)]
     pub(crate) fn intersect(&self, block: &TriangleBlock, ray: &Ray, t_max: f32, lanes: u32) -> Option<BlockHit> {
-        let (ax, ay, az) = self.sheared(block, 0);
-        let (bx, by, bz) = self.sheared(block, 1);
-        let (cx, cy, cz) = self.sheared(block, 2);
-        let mut u = L::sub(L::mul(cx, by), L::mul(cy, bx));
-        let mut v = L::sub(L::mul(ax, cy), L::mul(ay, cx));
-        let mut w = L::sub(L::mul(bx, ay), L::mul(by, ax));
+        let zero = f32x8::splat(self.simd, 0.0);
+        let [ax, ay, az] = self.sheared(block, 0);
+        let [bx, by, bz] = self.sheared(block, 1);
+        let [cx, cy, cz] = self.sheared(block, 2);
+        let mut u = cx * by - cy * bx;
+        let mut v = ax * cy - ay * cx;
+        let mut w = bx * ay - by * ax;
 
-        let mut candidates = inside::<L>(u, v, w) & lanes;
+        let mut candidates = inside(zero, u, v, w) & lanes;
         if candidates == 0 {
             return None;
         }
-        let undecided = candidates & L::eq(L::min(L::min(L::abs(u), L::abs(v)), L::abs(w)), L::splat(0.0));
+        let undecided = candidates & bits(lesser(lesser(u.abs(), v.abs()), w.abs()).simd_eq(zero));
         if undecided != 0 {
-            [u, v, w] = exact_edges::<L>(undecided, [ax, bx, cx], [ay, by, cy], [u, v, w]);
-            candidates &= inside::<L>(u, v, w);
+            [u, v, w] = exact_edges(self.simd, undecided, [ax, bx, cx], [ay, by, cy], [u, v, w]);
+            candidates &= inside(zero, u, v, w);
             if candidates == 0 {
                 return None;
             }
         }
 
-        let inv_det = L::div(L::splat(1.0), L::add(L::add(u, v), w));
+        let inv_det = f32x8::splat(self.simd, 1.0) / (u + v + w);
         let sz = self.shear[2];
-        let (az, bz, cz) = (L::mul(sz, az), L::mul(sz, bz), L::mul(sz, cz));
-        let t = L::mul(L::add(L::add(L::mul(u, az), L::mul(v, bz)), L::mul(w, cz)), inv_det);
-        let (mx, my, mz) = (largest::<L>(ax, bx, cx), largest::<L>(ay, by, cy), largest::<L>(az, bz, cz));
-        let spread = L::mul(L::add(L::mul(mx, my), L::mul(L::add(mx, my), mz)), mz);
-        let t_error = L::mul(L::mul(L::splat(T_ERROR), spread), L::abs(inv_det));
-        candidates &= L::le(L::neg(t_error), t) & L::lt(t, L::splat(t_max));
+        let (az, bz, cz) = (sz * az, sz * bz, sz * cz);
+        let t = (u * az + v * bz + w * cz) * inv_det;
+        let (mx, my, mz) = (largest(ax, bx, cx), largest(ay, by, cy), largest(az, bz, cz));
+        let spread = (mx * my + (mx + my) * mz) * mz;
+        let t_error = f32x8::splat(self.simd, T_ERROR) * spread * inv_det.abs();
+        candidates &= bits((-t_error).simd_le(t)) & bits(t.simd_lt(f32x8::splat(self.simd, t_max)));
         if candidates == 0 {
             return None;
         }
         // Compared with the end of the ray, not with the best hit so far: a hit near that one needs no more precision.
-        let ends = L::le(t, t_error) | L::le(L::sub(L::splat(ray.t_max), t_error), t);
-        let near = candidates & ends;
-        let mut ts = L::store(t);
+        let ray_end = f32x8::splat(self.simd, ray.t_max);
+        let near = candidates & (bits(t.simd_le(t_error)) | bits((ray_end - t_error).simd_le(t)));
+        let mut ts: Eight = t.into();
         if near != 0 {
             decide_near(block, ray, near, &mut ts);
         }
@@ -162,21 +165,21 @@ impl<L: Lanes> ShearLanes<L> {
             return None;
         }
         let lane = best as usize;
-        let (b1, b2) = (L::store(L::mul(v, inv_det))[lane], L::store(L::mul(w, inv_det))[lane]);
+        let (b1, b2): (Eight, Eight) = ((v * inv_det).into(), (w * inv_det).into());
+        let (b1, b2) = (b1[lane], b2[lane]);
         Some(BlockHit { t, b1, b2, triangle: block.triangles[lane] & !ALPHA_TESTED })
     }
 }
 
 /// Lanes whose edge functions do not disagree in sign.
 #[inline(always)]
-fn inside<L: Lanes>(u: L::F, v: L::F, w: L::F) -> u32 {
-    let zero = L::splat(0.0);
-    L::le(zero, L::min(L::min(u, v), w)) | L::le(L::max(L::max(u, v), w), zero)
+fn inside<S: Simd>(zero: f32x8<S>, u: f32x8<S>, v: f32x8<S>, w: f32x8<S>) -> u32 {
+    bits(zero.simd_le(lesser(lesser(u, v), w))) | bits(greater(greater(u, v), w).simd_le(zero))
 }
 
 #[inline(always)]
-fn largest<L: Lanes>(a: L::F, b: L::F, c: L::F) -> L::F {
-    L::max(L::max(L::abs(a), L::abs(b)), L::abs(c))
+fn largest<S: Simd>(a: f32x8<S>, b: f32x8<S>, c: f32x8<S>) -> f32x8<S> {
+    greater(greater(a.abs(), b.abs()), c.abs())
 }
 
 /// Distances within their own error of zero or of the ray's end, computed again in f64.
@@ -206,13 +209,15 @@ fn exact_lanes(lanes: u32, x: [Eight; 3], y: [Eight; 3], e: &mut [Eight; 3]) {
 }
 
 #[inline(always)]
-fn exact_edges<L: Lanes>(lanes: u32, x: [L::F; 3], y: [L::F; 3], e: [L::F; 3]) -> [L::F; 3] {
-    let [x0, x1, x2] = x;
-    let [y0, y1, y2] = y;
-    let [e0, e1, e2] = e;
-    let mut edges = [L::store(e0), L::store(e1), L::store(e2)];
-    let x = [L::store(x0), L::store(x1), L::store(x2)];
-    let y = [L::store(y0), L::store(y1), L::store(y2)];
-    exact_lanes(lanes, x, y, &mut edges);
-    [L::load(&edges[0]), L::load(&edges[1]), L::load(&edges[2])]
+fn exact_edges<S: Simd>(
+    simd: S,
+    lanes: u32,
+    [x0, x1, x2]: [f32x8<S>; 3],
+    [y0, y1, y2]: [f32x8<S>; 3],
+    [e0, e1, e2]: [f32x8<S>; 3],
+) -> [f32x8<S>; 3] {
+    let mut edges = [e0.into(), e1.into(), e2.into()];
+    exact_lanes(lanes, [x0.into(), x1.into(), x2.into()], [y0.into(), y1.into(), y2.into()], &mut edges);
+    let [e0, e1, e2] = edges;
+    [load(simd, &e0), load(simd, &e1), load(simd, &e2)]
 }

@@ -3,7 +3,7 @@
 //! A denoised image is cosmetic. It is an addition to the unbiased mean and never replaces it. Statistics, certificates
 //! and measured grey values never use it.
 
-// `oidn` calls a library in C, `builtin` enters code for wider registers; nothing else here may be unsafe.
+// `oidn` calls a library in C; nothing else here may be unsafe.
 #![deny(unsafe_code)]
 
 mod builtin;

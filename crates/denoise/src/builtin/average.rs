@@ -6,6 +6,8 @@
 //! variance of that noise. The result is no mean, but the value at the pixel of a plane that is fitted to the pixels
 //! around it (`plane`).
 
+use fearless_simd::{Level, Simd, dispatch};
+
 use super::lanes::{WIDTH, each, greater, lanes, lanes_mut, lesser};
 use super::noise::likeness;
 use super::patch::{Image, Patch};
@@ -31,26 +33,15 @@ const AROUND: usize = 2;
 const MARGIN: usize = REACH + AROUND;
 
 /// The averages of a tile. All values are in the unit of patches. `variance` is that of the mean.
-#[allow(unsafe_code, reason = "to enter what is compiled for more than every machine has")]
-pub(super) fn averages(image: &Image<'_>, variance: &Triples, tile: &Tile) -> Vec<[f32; 3]> {
-    #[cfg(target_arch = "x86_64")]
-    if is_x86_feature_detected!("avx2") {
-        // SAFETY: the test above found AVX2 on this machine.
-        return unsafe { averages_avx2(image, variance, tile) };
-    }
-    averages_anywhere(image, variance, tile)
+///
+/// All instruction sets give the same bits: no operation is fused or reordered.
+pub(super) fn averages(level: Level, image: &Image<'_>, variance: &Triples, tile: &Tile) -> Vec<[f32; 3]> {
+    dispatch!(level, simd => averages_with(simd, image, variance, tile))
 }
 
-/// The same bits with registers of twice the width: no operation is fused or reordered.
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2")]
-fn averages_avx2(image: &Image<'_>, variance: &Triples, tile: &Tile) -> Vec<[f32; 3]> {
-    averages_anywhere(image, variance, tile)
-}
-
-// The per-pixel functions are inlined into both versions.
+// The per-pixel functions are inlined into the code of each level.
 #[inline(always)]
-fn averages_anywhere(image: &Image<'_>, variance: &Triples, tile: &Tile) -> Vec<[f32; 3]> {
+fn averages_with<S: Simd>(simd: S, image: &Image<'_>, variance: &Triples, tile: &Tile) -> Vec<[f32; 3]> {
     // All rows have the length of the longest. The results at their ends are not used.
     let width = (tile.width + 2 * AROUND).next_multiple_of(WIDTH);
     let wide = Tile { width, ..*tile };
@@ -77,7 +68,7 @@ fn averages_anywhere(image: &Image<'_>, variance: &Triples, tile: &Tile) -> Vec<
                     let p = corner + y * patch.stride;
                     let q = p.wrapping_add_signed(offset);
                     work.weigh(row, &patch, p, q, nearness);
-                    moments.add(y, &work.weights, dx as f32, &patch.color, q);
+                    moments.add(simd, y, &work.weights, dx as f32, &patch.color, q);
                 }
             }
         }
@@ -184,19 +175,21 @@ fn color_distances(row: &mut [f32], color: &[Vec<f32>; 3], variance: &[Vec<f32>;
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::builtin::lanes::levels;
     use crate::denoiser::DenoiseInput;
     use dunkelfeld_film::Plane;
 
     #[test]
-    fn wide_registers_change_no_bit() {
-        // On machines without AVX2 both are the same code.
+    fn no_instruction_set_changes_a_bit() {
         let mean = Plane::from_fn(70, 40, |x, y| [0, 1, 2].map(|c| ((x * 37 + y * 101 + c * 7) % 23) as f32));
         let variance = mean.map(|v| v.map(|v| 0.3 * v + 1.0));
         let image = Image::new(&DenoiseInput { albedo: Some(&variance), ..DenoiseInput::new(&mean) });
         for tile in [Tile { x: 0, y: 0, width: 64, height: 40 }, Tile { x: 64, y: 0, width: 6, height: 40 }] {
             let bits = |values: Vec<[f32; 3]>| values.into_iter().map(|v| v.map(f32::to_bits)).collect::<Vec<_>>();
-            let anywhere = averages_anywhere(&image, &variance, &tile);
-            assert_eq!(bits(averages(&image, &variance, &tile)), bits(anywhere));
+            let plain = bits(averages(Level::fallback(), &image, &variance, &tile));
+            for level in levels() {
+                assert_eq!(bits(averages(level, &image, &variance, &tile)), plain, "{level:?}");
+            }
         }
     }
 }

@@ -1,8 +1,21 @@
-//! Loops over neighbours in a row, in a form that compilers vectorise for the registers of the machine.
+//! Loops over neighbours in a row. Compilers vectorise them for the registers of the machine. Where several rows share
+//! their operands, the loop has vectors of eight numbers, which compilers load once.
+
+use fearless_simd::prelude::*;
+use fearless_simd::{Simd, f32x8};
 
 /// The length of a row is a multiple of this number, so that no rest needs a slower loop (compilers use four registers
 /// of eight numbers at a time).
 pub(super) const WIDTH: usize = 32;
+
+/// Numbers of a vector.
+pub(super) const EIGHT: usize = 8;
+
+/// Eight numbers from `start` on.
+#[inline(always)]
+pub(super) fn read8<S: Simd>(simd: S, values: &[f32], start: usize) -> f32x8<S> {
+    f32x8::from_slice(simd, &values[start..start + EIGHT])
+}
 
 /// `n` numbers from `start` on.
 #[inline(always)]
@@ -45,3 +58,18 @@ macro_rules! each {
     }};
 }
 pub(super) use each;
+
+/// All levels that this machine can execute, for tests.
+#[cfg(test)]
+pub(super) fn levels() -> Vec<fearless_simd::Level> {
+    use fearless_simd::Level;
+    #[allow(unused_mut)]
+    let mut levels = vec![Level::fallback(), Level::baseline()];
+    #[cfg(target_arch = "x86_64")]
+    {
+        let best = Level::new();
+        levels.extend(best.as_avx2().map(Level::Avx2));
+        levels.extend(best.as_avx512().map(Level::Avx512));
+    }
+    levels
+}

@@ -8,6 +8,8 @@ mod patch;
 mod plane;
 mod tiles;
 
+use fearless_simd::Level;
+
 use crate::denoiser::{Control, DenoiseError, DenoiseInput, Denoiser, Triples};
 
 /// Averages a pixel with others nearby that have similar albedo, normal and depth, and whose difference in colour may
@@ -31,8 +33,10 @@ impl Denoiser for Builtin {
         }
         let image = patch::Image::new(input);
         let size = image.size();
-        let variance = tiles::map_tiles(size, control, (0.0, 0.1), |tile| noise::variances(&image, tile))?;
-        let averages = tiles::map_tiles(size, control, (0.1, 0.95), |tile| average::averages(&image, &variance, tile))?;
+        let level = Level::new();
+        let variance = tiles::map_tiles(size, control, (0.0, 0.1), |tile| noise::variances(level, &image, tile))?;
+        let averages =
+            tiles::map_tiles(size, control, (0.1, 0.95), |tile| average::averages(level, &image, &variance, tile))?;
         tiles::map_tiles(size, control, (0.95, 1.0), |tile| blend::blended(&image, &variance, &averages, tile))
     }
 }

@@ -3,6 +3,8 @@
 //! A pixel's own variance comes from few numbers, and from the samples that are averaged: a pixel without a bright
 //! event has a low mean and a low variance. So half of the estimate comes from similar neighbours.
 
+use fearless_simd::{Level, dispatch};
+
 use super::lanes::{WIDTH, each, greater, lanes, lanes_mut};
 use super::patch::{Image, Patch};
 use super::tiles::Tile;
@@ -16,26 +18,15 @@ const PROPORTION: f32 = 1.0;
 const ROUNDING: f32 = 1e-4;
 
 /// The variance of the mean of each pixel of a tile, in the unit of patches. Never zero.
-#[allow(unsafe_code, reason = "to enter what is compiled for more than every machine has")]
-pub(super) fn variances(image: &Image<'_>, tile: &Tile) -> Vec<[f32; 3]> {
-    #[cfg(target_arch = "x86_64")]
-    if is_x86_feature_detected!("avx2") {
-        // SAFETY: the test above found AVX2 on this machine.
-        return unsafe { variances_avx2(image, tile) };
-    }
-    variances_anywhere(image, tile)
+///
+/// All instruction sets give the same bits: no operation is fused or reordered.
+pub(super) fn variances(level: Level, image: &Image<'_>, tile: &Tile) -> Vec<[f32; 3]> {
+    dispatch!(level, _ => variances_with(image, tile))
 }
 
-/// The same bits with registers of twice the width: no operation is fused or reordered.
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2")]
-fn variances_avx2(image: &Image<'_>, tile: &Tile) -> Vec<[f32; 3]> {
-    variances_anywhere(image, tile)
-}
-
-// The per-pixel functions are inlined into both versions.
+// The per-pixel functions are inlined into the code of each level.
 #[inline(always)]
-fn variances_anywhere(image: &Image<'_>, tile: &Tile) -> Vec<[f32; 3]> {
+fn variances_with(image: &Image<'_>, tile: &Tile) -> Vec<[f32; 3]> {
     // The estimate from the image itself uses one more pixel on each side.
     let margin = POOL_REACH + 1;
     let width = tile.width.next_multiple_of(WIDTH);
@@ -127,6 +118,7 @@ fn from_image(patch: &Patch, channel: usize, column: usize, row: usize) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::builtin::lanes::levels;
     use crate::denoiser::{DenoiseInput, Triples};
     use dunkelfeld_film::Plane;
 
@@ -135,7 +127,7 @@ mod tests {
     fn estimated(mean: &Triples, variance: Option<&Triples>) -> Vec<[f32; 3]> {
         let image = Image::new(&DenoiseInput { variance, ..DenoiseInput::new(mean) });
         let back = image.scale().powi(-2);
-        variances(&image, &TILE).into_iter().map(|v| v.map(|v| v * back)).collect()
+        variances(Level::new(), &image, &TILE).into_iter().map(|v| v.map(|v| v * back)).collect()
     }
 
     #[test]
@@ -147,7 +139,10 @@ mod tests {
         for variance in [None, Some(&stated)] {
             let image = Image::new(&DenoiseInput { variance, ..DenoiseInput::new(&mean) });
             for tile in [Tile { x: 0, y: 0, width: 64, height: 40 }, Tile { x: 64, y: 0, width: 6, height: 40 }] {
-                assert_eq!(bits(variances(&image, &tile)), bits(variances_anywhere(&image, &tile)));
+                let plain = bits(variances(Level::fallback(), &image, &tile));
+                for level in levels() {
+                    assert_eq!(bits(variances(level, &image, &tile)), plain, "{level:?}");
+                }
             }
         }
     }

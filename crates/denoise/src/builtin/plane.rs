@@ -5,7 +5,10 @@
 //! Unnecessary slopes are reduced by a small penalty (Hoerl and Kennard 1970), and if noise alone would tilt the plane
 //! as much.
 
-use super::lanes::{each, lanes, lanes_mut};
+use fearless_simd::prelude::*;
+use fearless_simd::{Simd, f32x8};
+
+use super::lanes::{EIGHT, lanes, lanes_mut, read8};
 
 /// Distances per pixel: the unit of distance is five pixels, about the middle of the reach.
 const UNIT: f32 = 1.0 / 5.0;
@@ -29,7 +32,7 @@ const LINE: usize = 9;
 const ALL: usize = 15;
 
 impl Moments {
-    /// Moments of `height` rows with `width` numbers each.
+    /// Moments of `height` rows with `width` numbers each, a multiple of eight.
     pub(super) fn new(width: usize, height: usize) -> Self {
         let zeros = || vec![0.0f32; width * height];
         Self { width, line: [0; LINE].map(|_| zeros()), all: [0; ALL].map(|_| zeros()) }
@@ -38,18 +41,32 @@ impl Moments {
     /// Adds pixels to each pixel of a row. `weights` are those of the pixels `across` to the right of it, whose colours
     /// start at `q`.
     #[inline(always)]
-    pub(super) fn add(&mut self, row: usize, weights: &[f32], across: f32, color: &[Vec<f32>; 3], q: usize) {
+    pub(super) fn add<S: Simd>(
+        &mut self,
+        simd: S,
+        row: usize,
+        weights: &[f32],
+        across: f32,
+        color: &[Vec<f32>; 3],
+        q: usize,
+    ) {
         let (n, start) = (self.width, row * self.width);
+        let u = f32x8::splat(simd, UNIT * across);
+        let uu = u * u;
         let weights = lanes(weights, 0, n);
-        let u = UNIT * across;
-        let [w, wu, wuu, red, red_u, green, green_u, blue, blue_u] = &mut self.line;
-        each!(lanes_mut(w, start, n), |i, sum| sum + weights[i]);
-        each!(lanes_mut(wu, start, n), |i, sum| sum + weights[i] * u);
-        each!(lanes_mut(wuu, start, n), |i, sum| sum + weights[i] * (u * u));
-        for (c, (sums, tilts)) in [(red, red_u), (green, green_u), (blue, blue_u)].into_iter().enumerate() {
-            let color = lanes(&color[c], q, n);
-            each!(lanes_mut(sums, start, n), |i, sum| sum + weights[i] * color[i]);
-            each!(lanes_mut(tilts, start, n), |i, sum| sum + weights[i] * color[i] * u);
+        let [red, green, blue] = color;
+        let (red, green, blue) = (lanes(red, q, n), lanes(green, q, n), lanes(blue, q, n));
+        let line = self.line.each_mut().map(|sums| lanes_mut(sums, start, n));
+        let mut at = 0;
+        while at + EIGHT <= n {
+            let w = read8(simd, weights, at);
+            let [r, g, b] = [w * read8(simd, red, at), w * read8(simd, green, at), w * read8(simd, blue, at)];
+            let terms = [w, w * u, w * uu, r, r * u, g, g * u, b, b * u];
+            for k in 0..LINE {
+                let sums = &mut line[k][at..at + EIGHT];
+                (f32x8::from_slice(simd, sums) + terms[k]).store_slice(sums);
+            }
+            at += EIGHT;
         }
     }
 
@@ -124,15 +141,17 @@ impl Moments {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use fearless_simd::Fallback;
 
     /// The value at a pixel that uses only pixels to the right of it and below, up to eight away, with the given
     /// colours.
     fn of_one_side(colour: impl Fn(f32, f32) -> f32, variance: f32) -> f32 {
-        let mut moments = Moments::new(1, 1);
+        let mut moments = Moments::new(EIGHT, 1);
         for down in 0..=8 {
             for across in 0..=8 {
                 let value = colour(across as f32, down as f32);
-                moments.add(0, &[1.0], across as f32, &[vec![value], vec![value], vec![value]], 0);
+                let colors = [0; 3].map(|_| vec![value; EIGHT]);
+                moments.add(Fallback::new(), 0, &[1.0; EIGHT], across as f32, &colors, 0);
             }
             moments.close_line(down as f32);
         }
