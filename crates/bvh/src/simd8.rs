@@ -54,7 +54,7 @@ pub(crate) fn splat3<S: Simd>(simd: S, [x, y, z]: [f32; 3]) -> [f32x8<S>; 3] {
 ///
 /// It is `fearless_simd::dispatch` with two differences. Machines without AVX2 use one level less, since SSE4.2 has nothing
 /// that is used here. Their code is a separate function: inlined into the caller, its registers and its stack would cost
-/// each ray of the other levels some 50 instructions.
+/// each ray of the other levels some 20 instructions.
 macro_rules! dispatch8 {
     ($level:expr, $simd:ident => $op:expr) => {{
         let level: fearless_simd::Level = $level;
