@@ -124,8 +124,8 @@ fn a_denoiser_is_shown_beside_what_it_was_given_and_nothing_else_reads_it() {
     assert!(number("builtin", "4", "noise_share") < 100.0, "{rows:?}");
     assert!(number("builtin", "4", "seconds") > number("off", "4", "seconds"));
     let page = bench.read("on/report.html");
-    assert!(page.contains("What a denoiser does") && page.contains("denoised by builtin"));
-    assert!(!bench.read("off/report.html").contains("What a denoiser does"));
+    assert!(page.contains("Effect of a denoiser") && page.contains("denoised by builtin"));
+    assert!(!bench.read("off/report.html").contains("Effect of a denoiser"));
     assert!(!bench.names("off").contains("denoised.csv"));
     // Everything else is what it is without one, but for the clock.
     for name in ["noise", "hidden"] {

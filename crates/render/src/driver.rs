@@ -535,7 +535,7 @@ impl<'a> Renderer<'a> {
         self.invalid.extend(result.invalid);
         // The clock decides how a round is divided into passes. Sorting makes the list independent of that division.
         self.invalid.sort_by_key(|s| (s.y, s.x, s.index));
-        self.invalid.truncate(16);
+        self.invalid.truncate(crate::round::MAX_LISTED);
         self.spend(stage, began);
         let dearest = result.tiles.iter().map(|&(.., seconds)| seconds).fold(0.0, f64::max);
         self.stride.measured(dearest.min(began.elapsed().as_secs_f64()));

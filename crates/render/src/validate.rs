@@ -33,25 +33,25 @@ pub fn validate(s: &RenderSettings) -> Result<(), Error> {
             return Err(Error::setting("noise", "the level must be a number from 0.001 to 1000", "use 0.7"));
         }
         if !s.has_sensor() {
-            let problem = "noise is hidden beneath that of a sensor, and there is none";
+            let problem = "the noise target needs the noise of a sensor, and there is no sensor";
             return Err(Error::setting("noise", problem, "choose a sensor, or another budget"));
         }
     }
     if s.strategy == Some(Strategy::Sensor) && !s.has_sensor() {
-        let problem = "samples cannot go where a sensor would notice: there is none";
+        let problem = "the allocation `sensor` needs the noise of a sensor, and there is no sensor";
         return Err(Error::setting("allocation", problem, "choose a sensor, or the allocation `variance`"));
     }
     if s.exposure_noise == ExposureNoise::Matched && !s.has_sensor() {
-        let problem = "noise is matched to that of a sensor, and there is none";
+        let problem = "matched exposure noise needs the noise of a sensor, and there is no sensor";
         return Err(Error::setting("exposure noise", problem, "choose a sensor, or the exposure noise `plain`"));
     }
     if let Some(samples) = &s.samples {
         if samples.is_empty() || samples.end > plan::MAX_SPP {
-            let problem = format!("{}..{} are no samples", samples.start, samples.end);
+            let problem = format!("the range {}..{} contains no valid samples", samples.start, samples.end);
             return Err(Error::setting("samples", problem, "use 0..64 for the first 64 of every pixel"));
         }
         if s.budget != Budget::default() || s.strategy.is_some_and(|s| s != Strategy::Uniform) {
-            let problem = "a part has given samples, and neither a budget nor an allocation";
+            let problem = "a part of a render takes a range of samples, and neither a budget nor an allocation";
             return Err(Error::setting("samples", problem, "leave budget and allocation out, or the samples"));
         }
     }

@@ -156,7 +156,7 @@ pub struct BudgetSettings {
     /// Mean number of samples per pixel, above 0, at most 1e9.
     #[serde(deserialize_with = "check::spp")]
     pub spp: Option<f64>,
-    /// The k at which 99 % of the unsaturated pixels must be hidden beneath the sensor's noise.
+    /// The k at which 99 % of the unsaturated pixels must be hidden by the noise of the sensor.
     #[serde(deserialize_with = "check::noise")]
     pub noise: Option<f64>,
     /// Memory limit of the run \[bytes\]: `"6GB"`. A run that needs more does not begin.

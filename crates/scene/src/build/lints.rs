@@ -113,7 +113,7 @@ fn sizes(scene: &Scene, boxes: &[Aabb], report: &mut BuildReport) {
             small.push((
                 place(scene, part),
                 format!(
-                    "is {} large and lies {} from the middle of the scene, where coordinates go in steps of {}: its shape is rounded by {:.1} % of its size; leave out what makes the scene so large, or model it around the object",
+                    "is {} large and lies {} from the middle of the scene, where coordinates go in steps of {}: its shape is rounded by {:.1} % of its size; remove the objects that make the scene so large, or place the object near the middle of the scene",
                     meters(size), meters(far), meters(step), 100.0 * step / size
                 ),
             ));

@@ -129,7 +129,7 @@ pub(super) fn denoised(r: &Results) -> Vec<Chart> {
     measures.iter().map(chart).collect()
 }
 
-/// Variance between renders with and without denoiser, at both ends of the ladder, on one scale.
+/// Variance between renders with and without denoiser, for the smallest and the largest sample count, on one scale.
 pub(super) fn denoised_maps(r: &Results) -> Result<Vec<Map>, Error> {
     let Some(like) = r.looks.iter().find(|l| l.denoiser == OFF) else { return Ok(Vec::new()) };
     let map = |look: &Look| {
@@ -169,7 +169,7 @@ pub(super) fn hidden(r: &Results) -> Option<Chart> {
         .filter(|row| !row.dots.is_empty())
         .collect();
     let legend: Vec<_> = r.tops.iter().map(|t| (color_of(t.strategy), t.strategy.name().to_string())).collect();
-    let title = "time until the noise of the render is hidden beneath the sensor's";
+    let title = "time until the noise of the render is hidden by the noise of the sensor";
     (!rows.is_empty()).then(|| dots::draw("hidden", title, "time until hidden [s]", None, &legend, &rows))
 }
 
@@ -184,7 +184,7 @@ pub(super) fn stages(r: &Results) -> Option<Chart> {
             Bar { name: t.strategy.name().into(), parts: names.iter().map(|n| seconds(n)).collect() }
         })
         .collect();
-    let title = "where the time of a render went";
+    let title = "time of a render by stage";
     (!bars.is_empty()).then(|| bars::draw("stages", title, "time of one render [s]", &names, &bars))
 }
 

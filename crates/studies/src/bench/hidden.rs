@@ -1,4 +1,4 @@
-//! The number of samples and the time until the noise of a render is hidden beneath the sensor's.
+//! The number of samples and the time until the noise of a render is hidden by the noise of the sensor.
 //!
 //! A pixel is hidden at k if the variance of its rendered mean is at most k^2 times the sensor's own variance s. A
 //! render is hidden at k if 99 % of its unsaturated pixels are. The noise of a picture taken then is `sqrt(1 + k^2)`

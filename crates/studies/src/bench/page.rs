@@ -110,10 +110,10 @@ impl<'a> Report<'a> {
         let facts = format!("{width} \u{d7} {height} pixels \u{b7} {} \u{b7} {}", r.camera, r.program);
         let [done, all] = r.finished;
         html! {
-            (head(&format!("What accuracy costs: {}", r.name), &facts))
+            (head(&format!("Noise, time and effects: {}", r.name), &facts))
             @if done < all {
-                div.banner { "Not finished: " (done) " of " (all) " renders. The same command goes on from here; what \
-                    is shown rests on the renders that there are." }
+                div.banner { "Not finished: " (done) " of " (all) " renders. The same command continues the bench. This page \
+                    uses the finished renders." }
             }
             (tiles(&self.tiles()))
         }
@@ -127,7 +127,7 @@ impl<'a> Report<'a> {
         let prices = || r.tops.iter().filter_map(|t| Some((t.strategy, t.prices.iter().find(|p| p.k == k)?)));
         let best = prices().min_by(|a, b| a.1.seconds.value.total_cmp(&b.1.seconds.value));
         if !r.has_light() {
-            tiles.push(("no light".into(), "the image is black: there is no noise to hide or to compare".into()));
+            tiles.push(("no light".into(), "the image is black and has no noise".into()));
         }
         if let Some((strategy, price)) = best.filter(|(_, price)| price.seconds.value > 0.0) {
             tiles.push((
@@ -160,7 +160,7 @@ impl<'a> Report<'a> {
         let (low, high) = stated.iter().fold((f64::INFINITY, 0.0f64), |(a, b), v| (a.min(*v), b.max(*v)));
         if low <= high {
             let range = if stated.len() == 1 { format!("{low:.2}") } else { format!("{low:.2} to {high:.2}") };
-            tiles.push((range, "the variance that a render states of itself, over the one between renders".into()));
+            tiles.push((range, "ratio of the variance that a render estimates to the variance between renders".into()));
         }
         tiles
     }
@@ -170,19 +170,20 @@ impl<'a> Report<'a> {
             return Markup::default();
         }
         let linear = if self.r.view.has_sensor() {
-            "The second is the variance of the expected photo-electrons over the unsaturated pixels, which is what a \
-             measurement must be made on. The third divides each pixel\u{2019}s by the sensor\u{2019}s own variance; the dotted \
-             levels are k\u{b2}."
+            "The second chart has the variance of the expected photo-electrons over the unsaturated pixels. Measurements \
+             use this variance. The third chart has the variance of each pixel divided by the variance of the sensor. \
+             The dotted levels are k\u{b2}."
         } else {
-            "The second is the variance of the luminance, without gamma and clipping."
+            "The second chart has the variance of the luminance, without gamma and clipping."
         };
         html! {
             section {
                 h2 { "Noise against time" }
-                p { "Each point is " (self.r.seeds) " renders with seeds of their own. Their variance from render to \
-                    render, pixel by pixel, is averaged over the image. The first chart is of the 8-bit pictures with \
-                    gamma 2.2, as in the paper. " (linear) " Lower and further left is better; the dashed line falls \
-                    as one over the quantity along the axis, as the variance of a mean does." }
+                p { "Each point is computed from " (self.r.seeds) " renders with different seeds. The variance between \
+                    the renders is computed for each pixel and averaged over the image. The first chart has the \
+                    variance of the 8-bit pictures with gamma 2.2, as in the paper. " (linear) " Lower values further \
+                    left are better. The dashed line is proportional to the reciprocal of the quantity on the axis, \
+                    like the variance of a mean." }
                 input.choice type="radio" name="axis" id="by-time" checked="checked";
                 label for="by-time" { "against time" }
                 input.choice type="radio" name="axis" id="by-samples";
@@ -192,9 +193,9 @@ impl<'a> Report<'a> {
                         figure { div.against-time { (time) } div.against-samples { (samples) } }
                     }
                 }
-                p.faint { "Bars are one standard error, from leaving out one render at a time. Light that is found \
-                    very rarely may be missing from all renders of a point: then its noise is too, and the bar does \
-                    not know. Time depends on the machine and on what else it does; samples do not." }
+                p.faint { "Bars are one standard error (jackknife over the renders). Very rare light paths can be \
+                    missing from all renders of a point. Then the variance and its standard error are too small. The \
+                    time depends on the machine and on its load, the number of samples does not." }
                 (self.table("noise"))
             }
         }
@@ -206,16 +207,18 @@ impl<'a> Report<'a> {
         html! {
             section {
                 h2 { "Time until hidden" }
-                p { "A pixel is hidden at k when the variance of its rendered value is at most k\u{b2} times the \
-                    sensor\u{2019}s own; the render is when " (format!("{:.0}", 100.0 * SHARE)) " % of its \
-                    unsaturated pixels are. A picture taken then is noisier than the sensor alone by the factor \
-                    \u{221a}(1 + k\u{b2}): " (format!("{:.1}", 100.0 * growth(k))) " % at k = " (k) "." }
+                p { "A pixel is hidden at k if the variance of its rendered value is at most k\u{b2} times the \
+                    variance of the sensor. A render is hidden if " (format!("{:.0}", 100.0 * SHARE)) " % of its \
+                    unsaturated pixels are hidden. An exposed picture of a hidden render has a standard deviation \
+                    larger than that of the sensor alone by the factor \u{221a}(1 + k\u{b2}): "
+                    (format!("{:.1}", 100.0 * growth(k))) " % at k = " (k) "." }
                 figure.wide {
                     (chart)
-                    figcaption { "Time of rendering until hidden, by k and strategy; bars are one standard error. \
-                        From the variance between the renders at the top of the ladder, pooled over " (POOL) " \u{d7} \
-                        " (POOL) " pixels, taking that it falls as one over the samples: a figure far beyond the \
-                        ladder is a forecast." }
+                    figcaption { "Time of rendering until hidden, by k and strategy. Bars are one standard error. The \
+                        time is computed from the variance between the renders with the largest number of samples, \
+                        pooled over " (POOL) " \u{d7} " (POOL) " pixels. The computation assumes that the variance is \
+                        proportional to the reciprocal of the number of samples. A time far beyond the measured \
+                        numbers of samples is a forecast." }
                 }
                 (self.table("hidden"))
             }
@@ -229,13 +232,13 @@ impl<'a> Report<'a> {
         let error = if self.r.view.has_sensor() { ", over the sensor\u{2019}s variance" } else { "" };
         html! {
             section {
-                h2 { "What a denoiser does" }
-                p { "The same renders, denoised. The first chart is what the paper shows: the variance of the 8-bit \
-                    picture from render to render. A denoiser smooths it away, but what it smooths wrongly is the \
-                    same in every render, and no variance shows that. The second is the squared error against the \
-                    truth, noise and bias together" (error) ": for renders as they are it is their variance. A \
-                    denoised image is for looking at; no measure of hiding, certificate or photon transfer reads it."
-                    }
+                h2 { "Effect of a denoiser" }
+                p { "The charts compare the same renders with and without denoiser. The first chart has the variance \
+                    of the 8-bit picture between the renders, as in the paper. A denoiser reduces this variance. Its \
+                    systematic errors are equal in all renders, so the variance does not contain them. The second \
+                    chart has the squared error against the truth" (error) ". It contains noise and bias. Without \
+                    denoiser it is the variance. A denoised image is for viewing only. No measure of hidden noise, \
+                    certificate or photon transfer uses it." }
                 (charts(&self.denoised))
                 (maps(&self.denoised_maps))
                 (self.table("denoised"))
@@ -249,11 +252,10 @@ impl<'a> Report<'a> {
         }
         html! {
             section {
-                h2 { "Where the noise is, where the samples went" }
-                p { "The variance map shows which pixels differ from render to render. The paper proposes to send \
-                    samples where the pilot image is steep; a map of samples that looks like the map of the variance \
-                    sends them where they are needed, and leaves a variance that is even. Maps of the variance share \
-                    one scale." }
+                h2 { "Maps of the noise and of the samples" }
+                p { "The variance maps show the variance of each pixel between the renders, all on one scale. The \
+                    paper proposes more samples for pixels with a steep gradient in the pilot image. Samples are best \
+                    allocated if their map resembles the map of the variance. The remaining variance is then uniform." }
                 (maps(&self.samples))
             }
         }
@@ -263,9 +265,10 @@ impl<'a> Report<'a> {
         let Some(chart) = &self.stages else { return Markup::default() };
         html! {
             section {
-                h2 { "Where the time went" }
-                p { "Stages of a render at the top of the ladder: means over the renders; exposing and writing were \
-                    timed once, on the first. Reading the scene is not part of it." }
+                h2 { "Time by stage" }
+                p { "The chart has the stages of a render with the largest number of samples, as means over the \
+                    renders. Exposing and writing were timed once, on the first render. The time to read the scene is \
+                    not included." }
                 figure.wide { (chart) }
                 (self.table("stages"))
             }
@@ -276,27 +279,27 @@ impl<'a> Report<'a> {
         let Some(chart) = &self.effects else { return Markup::default() };
         html! {
             section {
-                h2 { "What each effect costs and changes" }
+                h2 { "Cost and bias of each effect" }
                 p {
-                    "The scene was rendered without each of the effects that it calls for, with the same "
-                    (self.r.settings.effect_spp) " samples per pixel everywhere, the same seeds and the same exposure as with \
-                     all of them. "
+                    "The scene was rendered without each of the effects that it needs, with "
+                    (self.r.settings.effect_spp) " samples in each pixel. Seeds and exposure are those of the render with \
+                     all effects. "
                     @if self.r.view.has_sensor() {
-                        "The difference is visible to this camera if at least 1 % of the pixels differ by more than one \
-                         standard deviation of its own noise in a single frame, and by more than twice what chance alone \
-                         would show."
+                        "A difference is visible in a frame of this camera if at least 1 % of the pixels differ by more than one \
+                         standard deviation of the noise of the camera in a single frame, and by more than twice the \
+                         difference expected from noise alone."
                     }
                 }
                 figure.wide {
                     (chart)
-                    figcaption { "The bias is the mean difference over the renders; it holds noise of its own. The \
-                        hollow mark is what 99 % of the pixels would stay below if there were no bias: from the same \
-                        differences, with alternating signs." }
+                    figcaption { "The bias is the mean difference over the renders. It contains noise. The hollow mark \
+                        is the value that 99 % of the pixels would not exceed without bias. It is computed from the \
+                        same differences with alternating signs." }
                 }
                 (self.table("effects"))
                 (maps(&self.biases))
-                p.faint { "Without minus with, per pixel. Blue pixels are darker without the effect, orange ones \
-                    brighter." }
+                p.faint { "The maps have the difference without effect minus with effect, per pixel. Blue pixels are \
+                    darker without the effect, orange pixels are brighter." }
             }
         }
     }
@@ -319,12 +322,12 @@ impl<'a> Report<'a> {
         let blank = "data:image/gif;base64,R0lGODlhAQABAAAAACwAAAAAAQABAAA=";
         html! {
             section {
-                h2 { "Side by side" }
+                h2 { "Comparison of pictures" }
                 p {
-                    "Drag the edge to compare. Pictures are 8 bit, gamma 2.2, white at saturation."
+                    "Drag the edge to compare two pictures. Pictures have 8 bits and gamma 2.2. White is saturation."
                     @if self.r.view.has_sensor() {
-                        " \u{201c}As exposed\u{201d} has the sensor\u{2019}s noise as well: where the render\u{2019}s noise is \
-                         hidden, such pictures cannot be distinguished any more."
+                        " Pictures \u{201c}as exposed\u{201d} also contain the noise of the sensor. They cannot be \
+                         distinguished where the noise of the render is hidden."
                     }
                 }
                 div.slider {
@@ -365,12 +368,12 @@ impl<'a> Report<'a> {
                     "{} \u{d7} {} pixels{}",
                     r.size[0],
                     r.size[1],
-                    if s.quick { ", chosen so that the bench is quick" } else { "" }
+                    if s.quick { " (reduced by --quick)" } else { "" }
                 ),
             ),
             ("camera", r.camera.clone()),
             ("strategies", list(&strategies)),
-            ("ladder", format!("{} samples per pixel on average", list(&rungs))),
+            ("numbers of samples", format!("{} samples per pixel on average", list(&rungs))),
             ("renders per point", format!("{}, seeds derived from {}", r.seeds, r.seed)),
             (
                 "reference",
@@ -390,34 +393,34 @@ impl<'a> Report<'a> {
                 h2 { "How it was measured" }
                 (facts(&measured))
                 ul {
-                    li { "Renders of one point differ in nothing but their seed. The variance between them has \
-                        (renders \u{2212} 1) degrees of freedom per pixel; the strategy\u{2019}s own decisions, which \
-                        follow from each render\u{2019}s own pilot, are part of it." }
+                    li { "Renders of one point differ only in the seed. The variance between them has (renders \
+                        \u{2212} 1) degrees of freedom per pixel. It includes the variance from the decisions of the \
+                        strategy, which depend on the pilot of each render." }
                     @if r.view.has_sensor() {
                         li { "Sensor variance s = \u{3bc}" sub { "e" } " + \u{3c3}" sub { "d" } "\u{b2} + \u{3c3}"
                             sub { "q" } "\u{b2}/K\u{b2} with \u{3c3}" sub { "q" } "\u{b2} = 1/12 DN\u{b2} (EMVA \
                             1288), at the electrons of the reference. v is the variance of the rendered electrons, \
                             before any sensor noise is added." }
-                        li { "All renders are seen at one exposure, that of the reference." }
+                        li { "All renders use the exposure of the reference." }
                     }
-                    li { "\u{201c}Stated / measured\u{201d}: the variance that renders state of themselves, from four \
-                        batches of samples and with the channels of a pixel taken to rise and fall together, over the \
-                        variance between renders." }
-                    li { "Squared error: (x \u{2212} a)(x \u{2212} b) over the pixels that are not saturated, where x \
-                        is the image, a the reference, and b the mean of the strategy\u{2019}s renders at the top of \
-                        the ladder without the one that x was made from: the noise of a and b, which are independent \
-                        and unbiased, adds nothing to its expectation." }
-                    li { "The renders are made in turns, one of each strategy and number of samples after another, so \
-                        that a machine that slows down slows all alike." }
-                    li { "The finished renders lie in " code { "units/" } ", a small text and an image each; what was \
-                        measured can be measured again from them." }
+                    li { "\u{201c}Stated / measured\u{201d} is the variance that renders estimate, divided by the \
+                        variance between renders. A render estimates its variance from four batches of samples and \
+                        assumes fully correlated channels of a pixel." }
+                    li { "The squared error is the mean of (x \u{2212} a)(x \u{2212} b) over the pixels that are not \
+                        saturated. Here x is the image and a is the reference. b is the mean of the renders of the \
+                        strategy with the largest number of samples, without the render from which x was computed. a \
+                        and b are independent and unbiased, so their noise adds nothing to the expectation." }
+                    li { "The renders alternate between the strategies and numbers of samples. So a change of the \
+                        speed of the machine affects all of them equally." }
+                    li { "The folder " code { "units/" } " contains a small text and an image of each finished render. \
+                        All figures can be computed again from these files." }
                 }
             }
         }
     }
 }
 
-/// The pictures to compare: pilot, the strategies at the top of the ladder, reference; with and without the sensor's
+/// The pictures to compare: pilot, the strategies with the most samples, reference; with and without the sensor's
 /// noise.
 fn pictures(r: &Results) -> Result<Vec<Shown>, Error> {
     let mut signals = Vec::new();

@@ -46,7 +46,7 @@ pub(super) struct Point {
     pub(super) signal: Estimate,
     pub(super) ratio: Option<Estimate>,
     /// Mean squared error against the truth, from noise and bias: of the linear signal, over the sensor's variance if
-    /// there is one. Only if denoisers are compared and the top of the ladder has enough renders.
+    /// there is one. Only if denoisers are compared and the largest sample count has enough renders.
     pub(super) squared_error: Option<Estimate>,
     /// The variance that each render estimates from its own samples, over the measured variance. Undefined for a
     /// denoised image.
@@ -55,7 +55,7 @@ pub(super) struct Point {
     pub(super) hidden: Option<f64>,
 }
 
-/// Data of a strategy at the top of the ladder.
+/// Data of a strategy at the largest sample count.
 #[derive(Clone, Debug)]
 pub(super) struct Top {
     pub(super) strategy: Strategy,
@@ -336,7 +336,7 @@ impl Reader<'_> {
         })
     }
 
-    /// Points with and without each denoiser, and their images at both ends of the ladder.
+    /// Points with and without each denoiser, and their images at the smallest and the largest sample count.
     fn denoised(
         &self,
         denoisers: &[(&'static str, String)],

@@ -14,7 +14,7 @@ pub(super) enum Purpose {
     Reference,
     /// The pilot of a strategy.
     Pilot,
-    /// One of the renders of a point of the ladder.
+    /// One of the renders of a strategy and a sample count.
     Point(Strategy),
     /// One of the renders without an effect, or with all of them: same seed, same samples.
     Effects(Option<Effect>),

@@ -13,7 +13,7 @@ use std::path::PathBuf;
 const MIN_SEEDS: u32 = 4;
 /// Most renders of one point.
 const MAX_SEEDS: u32 = 1024;
-/// Rungs of the ladder, at most.
+/// Largest length of the list of sample counts.
 const MAX_RUNGS: usize = 24;
 
 /// Settings of a bench.
@@ -72,7 +72,7 @@ impl BenchSettings {
         Self { ladder: vec![4, 8, 16, 32], effect_spp: 8, reference_spp: 128, quick: true, ..Self::default() }
     }
 
-    /// Another ladder, with the samples per pixel of the reference and the effects derived from it.
+    /// Other sample counts, with the samples per pixel of the reference and the effects derived from it.
     #[must_use]
     pub fn with_ladder(mut self, ladder: Vec<u32>) -> Self {
         let top = ladder.iter().copied().max().unwrap_or(1);
@@ -89,7 +89,7 @@ impl BenchSettings {
     pub fn check(&self) -> Result<(), Error> {
         let rungs = &self.ladder;
         if rungs.is_empty() || rungs.len() > MAX_RUNGS || rungs[0] == 0 || rungs.windows(2).any(|w| w[0] >= w[1]) {
-            let problem = format!("{rungs:?} are no ascending numbers of samples per pixel");
+            let problem = format!("{rungs:?} is not an ascending list of numbers of samples per pixel");
             return Err(Error::setting(
                 "spp",
                 problem,
@@ -99,7 +99,11 @@ impl BenchSettings {
         let top = rungs.iter().chain([&self.effect_spp, &self.reference_spp]).copied().max().unwrap_or(0);
         if top > MAX_SPP {
             let problem = format!("{top} samples per pixel are more than can be counted");
-            return Err(Error::setting("spp", problem, "use less than 1e9, a quarter of that on the ladder"));
+            return Err(Error::setting(
+                "spp",
+                problem,
+                "use less than 1e9 for the reference, and a quarter of that for the other renders",
+            ));
         }
         if !(MIN_SEEDS..=MAX_SEEDS).contains(&self.seeds) || self.seeds % 2 == 1 {
             let help =
@@ -109,16 +113,24 @@ impl BenchSettings {
         let strategies = &self.strategies;
         let repeated = strategies.iter().enumerate().any(|(i, s)| strategies[..i].contains(s));
         if strategies.is_empty() || repeated {
-            return Err(Error::setting("strategies", "there is none, or one twice", "name each strategy once"));
+            return Err(Error::setting(
+                "strategies",
+                "the list is empty, or contains a strategy twice",
+                "name each strategy once",
+            ));
         }
         if self.levels.iter().any(|k| !(*k > 0.0 && *k <= 10.0)) || self.levels.is_empty() {
-            return Err(Error::setting("k", "a level of hiding is out of range", "use numbers above 0 and up to 10"));
+            return Err(Error::setting("k", "a level k is out of range", "use numbers above 0 and up to 10"));
         }
         let denoisers = self.denoisers.as_deref().unwrap_or(&[]);
         let unfit = |m: &DenoiseMethod| matches!(m, DenoiseMethod::Off | DenoiseMethod::Auto);
         if denoisers.iter().any(unfit) || denoisers.iter().enumerate().any(|(i, m)| denoisers[..i].contains(m)) {
-            let help = "name builtin, oidn or both, or off alone; what is not denoised is always measured";
-            return Err(Error::setting("denoise", "there is a denoiser twice, or one that is none", help));
+            let help = "name builtin, oidn or both, or off alone; renders without denoiser are always measured";
+            return Err(Error::setting(
+                "denoise",
+                "the list contains a denoiser twice, or a name that is not a denoiser",
+                help,
+            ));
         }
         if self.oidn.is_some() && self.denoisers.as_ref().is_some_and(|d| !d.contains(&DenoiseMethod::Oidn)) {
             let help = "add oidn to the denoisers, or do not name the library";

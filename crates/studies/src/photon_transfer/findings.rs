@@ -16,11 +16,11 @@ const QUIET: f64 = 2.0;
 /// "Almost": this share of the curve is below it.
 const ALMOST: f64 = 0.9;
 
-/// Do the measurements confirm it?
+/// Result of the comparison of a finding with the measurements.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Verdict {
     Same,
-    /// They do for some of the series.
+    /// Confirmed in some of the series.
     Partly,
     Different,
 }
@@ -28,9 +28,9 @@ pub(super) enum Verdict {
 impl Verdict {
     pub(super) fn words(self) -> &'static str {
         match self {
-            Self::Same => "the same here",
-            Self::Partly => "in part of the series",
-            Self::Different => "not so here",
+            Self::Same => "confirmed",
+            Self::Partly => "confirmed in part of the series",
+            Self::Different => "not confirmed",
         }
     }
 

@@ -91,7 +91,7 @@ impl<'a> Report<'a> {
         let findings = r.findings();
         let same = findings.iter().filter(|f| f.verdict == Verdict::Same).count();
         if !findings.is_empty() {
-            figures.push((format!("{same} of {}", findings.len()), "of the findings of the paper hold here".into()));
+            figures.push((format!("{same} of {}", findings.len()), "findings of the paper are reproduced".into()));
         }
         if let Some(sensor) = &r.sensor {
             for s in &r.cameras {
@@ -113,8 +113,8 @@ impl<'a> Report<'a> {
         html! {
             (head(&format!("Photon transfer: {}", r.name), &facts))
             @if done < all {
-                div.banner { "Not finished: " (done) " of " (all) " renders. The same command goes on from here; what \
-                    is shown rests on the frames that there are." }
+                div.banner { "Not finished: " (done) " of " (all) " renders. The same command continues the measurement. \
+                    This page uses the finished frames." }
             }
             (tiles(&figures))
         }
@@ -132,11 +132,11 @@ impl<'a> Report<'a> {
         };
         html! {
             section {
-                h2 { "What the paper says, and what is found here" }
+                h2 { "Findings of the paper and of this measurement" }
                 p { "Kludt et al., \u{201c}Noise analysis of a synthetically rendered scene in sensor-realistic image \
-                    simulation\u{201d}. Pictures are 8 bit, gamma 2.2, without the noise of a sensor; over frames with \
-                    different seeds each pixel has a mean and a variance." }
-                (frame("findings", ["the paper", "measured here", "the same?"], rows))
+                    simulation\u{201d}. Pictures have 8 bits and gamma 2.2, without the noise of a sensor. The mean \
+                    and the variance of each pixel are computed over frames with different seeds." }
+                (frame("findings", ["the paper", "measured here", "result"], rows))
                 (with_file(&self.series))
             }
         }
@@ -149,7 +149,7 @@ impl<'a> Report<'a> {
         Ok(html! {
             section.pairs {
                 h2 { "Figure 3: pictures" }
-                p { "The first frame of each series." }
+                p { "Each picture is the first frame of a series." }
                 div.maps { @for ((uri, size), caption) in &all { (picture(None, uri, *size, caption)) } }
             }
         })
@@ -158,12 +158,12 @@ impl<'a> Report<'a> {
     fn maps_section(&self) -> Markup {
         html! {
             section.pairs {
-                h2 { "Figure 5: where the variance is" }
-                p { "Variance of the pictures over the frames. Each map has its own scale." }
+                h2 { "Figure 5: maps of the variance" }
+                p { "The maps have the variance of the pictures over the frames. Each map has its own scale." }
                 (maps(self.maps.iter().map(|m| &m[0])))
-                h2 { "Figure 7: where one frame is steep" }
-                p { "Sobel magnitude of the first frame of each series. The correlations above are with the variance \
-                    of the other frames, so that the noise of this one is not on both sides." }
+                h2 { "Figure 7: Sobel magnitude of one frame" }
+                p { "The maps have the Sobel magnitude of the first frame of each series. The correlations above use \
+                    the variance of the other frames, so that the noise of the first frame enters only once." }
                 (maps(self.maps.iter().map(|m| &m[1])))
             }
         }
@@ -173,22 +173,22 @@ impl<'a> Report<'a> {
         html! {
             section.pairs {
                 h2 { "Figure 6: photon transfer of the pictures" }
-                p { "Pixels whose mean falls into the same interval of one grey value form a point; its height is \
-                    their mean variance. A camera\u{2019}s curve is a straight line before gamma, and falls gently \
-                    after it." }
+                p { "Pixels with a mean in the same interval of one grey value form a point. Its ordinate is their \
+                    mean variance. The curve of a camera is a straight line before gamma, and decreases slowly after \
+                    gamma." }
                 (charts(self.transfer.iter().map(|t| &t[0])))
-                h2 { "Figure 8: the same without strong edges" }
-                p { "Without the " (format!("{:.0}", 100.0 * self.r.settings.edges)) " % of the pixels that are \
-                    steepest in the first frame of the series." }
+                h2 { "Figure 8: photon transfer without strong edges" }
+                p { "The curves omit the " (format!("{:.0}", 100.0 * self.r.settings.edges)) " % of the pixels with the \
+                    steepest gradient in the first frame of the series." }
                 (charts(self.transfer.iter().map(|t| &t[1])))
                 @if let (Some(chart), Some(sensor)) = (&self.sensor, &self.r.sensor) {
-                    h2 { "Figure 2: what a camera\u{2019}s curve looks like" }
+                    h2 { "Figure 2: photon transfer curve of a camera" }
                     p {
-                        (sensor.name) ", two frames of even light at 50 levels. Through its dark level and 0\u{2013}70 % of \
-                         saturation K"
+                        "The curve of the sensor " (sensor.name) " is computed from two frames of even light at each of 50 \
+                         levels. The line through the dark level and 0\u{2013}70 % of saturation has the slope K"
                         @if let Some(k) = &sensor.gain {
-                            " = " (format!("{:.5} \u{b1} {:.5}", k.value, k.standard_error)) " DN/e\u{207b}; the sensor\u{2019}s \
-                             data: " (format!("{:.5}", sensor.truth))
+                            " = " (format!("{:.5} \u{b1} {:.5}", k.value, k.standard_error)) " DN/e\u{207b}. \
+                             The data of the sensor have " (format!("{:.5}", sensor.truth))
                         }
                         "."
                     }
@@ -204,17 +204,18 @@ impl<'a> Report<'a> {
         }
         html! {
             section.pairs {
-                h2 { "The same on linear grey values" }
-                p { "Gamma bends every curve; these are of the expected grey values of the sensor, before any noise \
-                    of its own. Noise of a render is no straight line here either." }
+                h2 { "Photon transfer of linear grey values" }
+                p { "Gamma bends every curve. These curves use the expected grey values of the sensor, without the \
+                    noise of the sensor. The noise of a render does not give a straight line here either." }
                 (charts(&self.linear))
                 @if !self.cameras.is_empty() {
                     h2 { "Frames of the sensor" }
-                    p { "Now samples go where the sensor would notice, and each render is exposed. Plain exposure \
-                        adds the sensor\u{2019}s noise to that of the render; matched exposure draws only what is \
-                        missing. The curves are of the pixels whose render has at most 0.7 of the sensor\u{2019}s \
-                        noise, on average over the frames, in the frames in which they hold no rare sample (one that \
-                        is to be seen by itself): there it must be the sensor\u{2019}s line." }
+                    p { "These renders use the allocation " code { "sensor" } ", and each render is exposed. Plain \
+                        exposure adds the noise of the sensor to that of the render. Matched exposure adds only the \
+                        missing part of the noise. The curves use the pixels with at most 0.7 of the noise of the \
+                        sensor in the render, on average over the frames. They use the frames without a rare sample \
+                        in the pixel (a sample that is visible by itself). The curve of matched exposure must be the \
+                        line of the sensor." }
                     (charts(&self.cameras))
                 }
                 (with_file(&self.lines))
@@ -241,18 +242,18 @@ impl<'a> Report<'a> {
                 h2 { "How it was measured" }
                 (facts(&measured))
                 ul {
-                    li { "Series of pictures have the same number of samples in each pixel. They are seen at one \
-                        exposure, that of the first frame with the most samples; white is saturation." }
-                    li { "A curve is called not linear if the points differ from the straight line by more than their \
-                        standard errors allow, not monotone if it both rises and falls by more than five standard \
-                        errors between groups of pixels." }
-                    li { "Lines go through 0\u{2013}70 % of saturation; points weigh by the variance of their \
-                        ordinate (EMVA 1288 release 4.0 Linear, equations 15 and 50). R\u{b2} is weighed in the same \
-                        way." }
+                    li { "Series of pictures have the same number of samples in each pixel. All use the exposure of \
+                        the first frame with the most samples. White is saturation." }
+                    li { "A curve is not linear if the points differ from the straight line by more than their \
+                        standard errors allow. A curve is not monotone if it both rises and falls by more than five \
+                        standard errors between groups of pixels." }
+                    li { "Lines are fitted to the points from 0 to 70 % of saturation. The points are weighted by the \
+                        variance of their ordinate (EMVA 1288 release 4.0 Linear, equations 15 and 50). R\u{b2} uses \
+                        the same weights." }
                     li { "Linear curves have intervals of 1/" (LINEAR_BINS) " of the range or 1 DN, whichever is \
                         wider." }
-                    li { "The finished renders lie in " code { "units/" } "; more frames, or another share of strong \
-                        edges, can be had from them." }
+                    li { "The folder " code { "units/" } " contains the finished renders. A later run with more frames \
+                        or another share of strong edges uses them." }
                 }
             }
         }

@@ -31,7 +31,7 @@ pub(super) fn check(scene: &Scene, report: &mut BuildReport) {
         if normals.unusable > 0 {
             unusable.push((
                 place(scene, part),
-                format!("has {} normals that are zero or no numbers; these corners are shaded with the normals of the others; recompute the normals", normals.unusable),
+                format!("has {} normals that are zero or not finite; these corners are shaded with the normals of the others; recompute the normals", normals.unusable),
             ));
         }
         let material = &scene.materials[part.material as usize];
@@ -88,7 +88,7 @@ fn without_direction(mesh: &Mesh, set: usize) -> Option<String> {
             .iter()
             .filter(|t| t.truncate().try_normalize().is_none() || t.w.is_nan() || t.w == 0.0)
             .count();
-        return (bad > 0).then(|| format!("{bad} of its tangents are zero or no numbers"));
+        return (bad > 0).then(|| format!("{bad} of its tangents are zero or not finite"));
     }
     let uvs = &mesh.uvs[set];
     if uvs.is_empty() {

@@ -184,19 +184,19 @@ fn overlap_message(scene: &Scene, a: &Face, b: &Face, gap: f32, step: f32) -> Op
         // Solids in contact form one interface.
         ([true, true], _) => None,
         ([true, false] | [false, true], _) => Some(format!(
-            "touches {other}, and one of them is a clear solid: light passes between them as if they were glued; leave a gap of some {} if there is air between them",
+            "touches {other}, and one of them is a clear solid: light passes from one to the other without an air gap; leave a gap of some {} if there is air between them",
             meters(200.0 * step)
         )),
         (_, [true, true]) => Some(format!(
             "and {other} both emit from the same place: light sampling adds both, a camera ray hits one; delete one of them"
         )),
         (_, [true, false] | [false, true]) => Some(format!(
-            "lies in a face of {other}, and one of them shines: which of the two is seen is decided by rounding; move the emitter off the surface"
+            "lies in a face of {other}, and one of them emits: rounding decides which of the two is rendered; move the emitter off the surface"
         )),
         // Opposite faces in contact hide each other. For faces with the same orientation, rounding decides which one is
         // visible.
         _ if a.along == b.along => Some(format!(
-            "lies in a face of {other}: which of the two is seen is decided by rounding; delete one of them or move them apart by more than {}",
+            "lies in a face of {other}: rounding decides which of the two is rendered; delete one of them or move them apart by more than {}",
             meters(SAME * step)
         )),
         _ => None,
