@@ -80,7 +80,7 @@ fn a_report_stands_alone_and_its_numbers_are_those_of_the_tables() {
 }
 
 #[test]
-fn what_leaving_out_does_is_measured_where_it_is() {
+fn the_bias_of_an_effect_is_measured_at_its_pixels() {
     let bench = lab();
     bench.run(&format!("{TINY} --effect-spp 256 --strategies uniform -o out")).code(0);
     let effects = bench.table("out/effects.csv");
@@ -149,7 +149,7 @@ fn without_a_sensor_no_render_is_hidden() {
 }
 
 #[test]
-fn an_interrupted_bench_goes_on_and_comes_to_the_same_numbers() {
+fn an_interrupted_bench_continues_with_the_same_numbers() {
     let bench = lab();
     let whole = call(&bench, &bench.path("whole"), &Silent, &Cancel::new());
     assert!(!whole.interrupted && whole.finished[0] == whole.finished[1], "{whole:?}");
@@ -217,7 +217,7 @@ fn a_folder_stays_with_what_it_measured() {
 }
 
 #[test]
-fn what_cannot_be_measured_is_refused_with_help() {
+fn inputs_that_cannot_be_measured_are_refused_with_help() {
     let bench = lab();
     bench.write("taken", "a file");
     let cases = [

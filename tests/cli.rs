@@ -125,7 +125,7 @@ fn matched_exposure_states_where_it_holds_and_leaves_the_other_layers_alone() {
 
 /// Every output names the effects that are left out. For a technique it states that the image is the same.
 #[test]
-fn what_is_left_out_marks_the_outputs() {
+fn left_out_effects_mark_the_outputs() {
     let bench = Bench::new();
     bench.write("two.toml", "scene = \"scene.gltf\"\n[environment]\nradiance = 1\n");
     let inspect = stdout(&bench.run("inspect two.toml").code(0));

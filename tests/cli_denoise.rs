@@ -18,7 +18,7 @@ fn says(bench: &Bench, file: &str, text: &str) -> bool {
 /// Nothing that is measured reads the denoised image: every layer but its own, the raw grey values, the plan, and every
 /// number of the statistics but those of denoising and of time are what they are without.
 #[test]
-fn what_is_measured_never_reads_the_denoised_image() {
+fn measurements_never_read_the_denoised_image() {
     let bench = Bench::new();
     let render = "render scene.gltf --width 40 --height 30 --spp 12 --seed 3 --exposure-noise matched";
     bench.run(&format!("{render} -o a.png --linear a.tif --exr a.exr --plan ap.exr --stats a.json")).code(0);
@@ -176,7 +176,7 @@ fn a_job_names_its_denoiser_and_flags_win() {
 }
 
 #[test]
-fn what_cannot_be_denoised_is_refused_before_anything_is_written() {
+fn inputs_that_cannot_be_denoised_are_refused_before_any_output() {
     let bench = Bench::new();
     bench.write("notes.exr", "no image");
     bench.write("there.txt", "");

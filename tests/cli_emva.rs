@@ -41,7 +41,7 @@ fn a_data_set_is_written_and_its_figures_are_found() {
 }
 
 #[test]
-fn what_cannot_be_done_ends_with_code_2_help_and_nothing_written() {
+fn impossible_requests_end_with_code_2_help_and_no_output() {
     let bench = Bench::new();
     bench.run(&format!("emva dataset --sensor imx250 -o set {SMALL}")).code(0);
     let whole = String::from_utf8(bench.read("set/emva.txt")).expect("text");

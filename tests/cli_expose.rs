@@ -111,7 +111,7 @@ fn frames_have_their_numbers_and_progress_is_reported() {
 }
 
 #[test]
-fn what_is_wrong_with_an_image_is_said_and_flagged() {
+fn faults_of_an_image_are_printed_and_flagged() {
     let bench = Bench::new();
     ramp(&bench, "bad.exr", f32::NAN);
     let run = bench.run("expose bad.exr -o a.png").code(1);
@@ -124,7 +124,7 @@ fn what_is_wrong_with_an_image_is_said_and_flagged() {
 }
 
 #[test]
-fn what_cannot_be_exposed_is_refused_and_nothing_is_written() {
+fn images_that_cannot_be_exposed_are_refused_without_output() {
     let bench = Bench::new();
     ramp(&bench, "ramp.exr", 0.0);
     bench.write("text.exr", "no image");

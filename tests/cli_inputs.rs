@@ -257,7 +257,7 @@ fn a_folder_of_results_that_holds_an_input_is_neither_cleared_nor_written_to() {
 
 #[cfg(unix)]
 #[test]
-fn what_is_no_regular_file_or_too_large_is_refused_wherever_a_file_is_read() {
+fn irregular_and_too_large_files_are_refused_by_every_reader() {
     use std::os::unix::fs::symlink;
     use std::os::unix::net::UnixListener;
     let bench = furnished();

@@ -55,7 +55,7 @@ fn a_scene_without_a_triangle_that_is_left_is_refused() {
 }
 
 #[test]
-fn nothing_of_a_file_reaches_the_terminal_as_a_command() {
+fn file_contents_reach_the_terminal_only_escaped() {
     let bench = Bench::new();
     // As JSON escapes: clear the screen, a title, DEL, C1, an override of the direction, a line of its own.
     let evil = r"\u001b[2J\u001b]0;x\u0007\u007f\u009b31m\u202egpj\nfake line";

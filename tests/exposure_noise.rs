@@ -245,7 +245,7 @@ fn a_rare_sample_is_not_compensated_by_its_neighbours() {
 /// Light without any noise, of any colour, with bright dots among dark: nothing in it is rare, behind grey pixels and a
 /// mosaic.
 #[test]
-fn what_has_no_noise_holds_no_rare_sample() {
+fn images_without_noise_contain_no_rare_sample() {
     let folder = tempfile::TempDir::new().expect("a folder");
     let path = folder.path().join("colour.toml");
     let mosaic = "name = \"colour\"\nsource = \"made up\"\nbit_depth = 12\npixel_pitch_um = 3.45\nfull_well_e = 10000\n\

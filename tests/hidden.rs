@@ -194,7 +194,7 @@ fn adaptive_images_of_the_open_panel_are_those_of_uniform_ones() {
 /// 40 % for a quarter of it leave room for what is not normal; a bias of the certificate by a factor of 1.5 would show. A render
 /// that ends by its certificate ends, in so small an image, with one that is some per cent too low: 15 % there.
 #[test]
-fn what_is_certified_is_the_variance_over_seeds() {
+fn the_certified_variance_is_the_variance_over_seeds() {
     let scene = still_life();
     for (budget, tolerance) in [(noise(4.0), 0.15), (spp(24.0), 0.1)] {
         let mut claimed = Vec::new();

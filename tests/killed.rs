@@ -122,7 +122,7 @@ fn a_render_that_is_killed_again_and_again_ends_with_the_same_files() {
 /// Ctrl-C, as `kill -INT` sends it: no checkpoint was due by then.
 #[cfg(unix)]
 #[test]
-fn an_interrupted_render_leaves_its_checkpoint_and_goes_on() {
+fn an_interrupted_render_leaves_its_checkpoint_and_continues() {
     let bench = Bench::new();
     let base = "render scene.obj --width 96 --height 80 --seed 5 --spp 300 --threads 1";
     let kept = format!("{base} --checkpoint a.film --checkpoint-every 1h -o b.png --exr b.exr");

@@ -243,12 +243,12 @@ fn killed_merges_leave_whole_files_or_none() {
 }
 
 #[test]
-fn a_killed_bench_leaves_whole_files_and_goes_on() {
+fn a_killed_bench_leaves_whole_files_and_continues() {
     kill_again_and_again(&CASES[3]);
 }
 
 #[test]
-fn a_killed_photon_transfer_leaves_whole_files_and_goes_on() {
+fn a_killed_photon_transfer_leaves_whole_files_and_continues() {
     kill_again_and_again(&CASES[4]);
 }
 

@@ -14,7 +14,7 @@ use dunkelfeld::scene::{
 };
 use dunkelfeld::sensor::Optics;
 use dunkelfeld::{Error, Project, RenderSettings, SensorChoice, find_sensor};
-use dunkelfeld_testkit::{Claim, Look, SampleMoments, z_test};
+use dunkelfeld_testkit::{Claim, Estimate, SampleMoments, z_test};
 use std::f64::consts::PI;
 use std::fs;
 use support::{RATE, build, film, pixel_moments, settings, square};
@@ -357,8 +357,8 @@ fn a_telecentric_lens_keeps_its_scale_and_blurs_by_its_aperture() {
         claim.assert(&format!("depth {depth} m, the edge"), |look| {
             let columns = columns(look);
             let n = PIXELS as f64;
-            let error = columns.iter().map(|c| Look::from(*c).standard_error.powi(2)).sum::<f64>().sqrt() / n;
-            Look { value: columns.iter().map(SampleMoments::mean).sum::<f64>() / n, standard_error: error }
+            let error = columns.iter().map(|c| Estimate::from(*c).standard_error.powi(2)).sum::<f64>().sqrt() / n;
+            Estimate { value: columns.iter().map(SampleMoments::mean).sum::<f64>() / n, standard_error: error }
         });
     }
 }

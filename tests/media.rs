@@ -260,7 +260,7 @@ fn glass_on_water_reflects_as_glass_on_water() {
 }
 
 #[test]
-fn what_lies_in_a_solid_meets_its_index() {
+fn bodies_in_a_solid_use_its_index() {
     // Water around glass around water, and a plate of glass in a glass of the same index: it must be invisible.
     let (glass, water) = (1.52f32, 1.33f32);
     for sin in [0.0, 0.6] {

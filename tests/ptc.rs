@@ -81,7 +81,7 @@ fn matched_frames_have_the_slope_of_the_sensor_and_plain_ones_scatter_more() {
 }
 
 #[test]
-fn an_interrupted_measurement_goes_on_and_more_frames_may_join() {
+fn an_interrupted_measurement_continues_also_with_more_frames() {
     let lab = lab();
     let whole = call(&lab, &lab.path("whole"), 6, &Silent, &Cancel::new());
     assert!(!whole.interrupted && whole.finished == [24, 24], "{whole:?}");
@@ -128,7 +128,7 @@ fn a_folder_stays_with_what_it_measured() {
 }
 
 #[test]
-fn what_is_in_a_folder_and_not_of_the_same_kind_stays() {
+fn other_files_in_a_folder_stay() {
     let lab = lab();
     fs::create_dir_all(lab.path("precious/units")).expect("writable");
     lab.write("precious/units/mine.txt", "mine");
@@ -222,7 +222,7 @@ fn frames_that_come_as_files_have_the_slope_of_their_camera() {
 }
 
 #[test]
-fn what_cannot_be_measured_is_refused_with_help() {
+fn inputs_that_cannot_be_measured_are_refused_with_help() {
     let lab = lab();
     lab.write("taken", "a file");
     let cases = [

@@ -175,7 +175,7 @@ fn in_a_white_box(add: impl Fn(&mut SceneBuilder)) -> Scene {
 
 #[test]
 #[ignore = "long: .ci/run runs it"]
-fn what_does_not_absorb_is_not_seen_in_a_white_box() {
+fn bodies_without_absorption_are_invisible_in_a_white_box() {
     let glass = |b: &mut SceneBuilder, ior: f32| b.add_material(clear(ior));
     let cube = |half: f32| cuboid(Vec3::splat(-half), Vec3::splat(half));
     let fog = |scattering: f32, ior: f32| {

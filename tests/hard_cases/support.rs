@@ -10,7 +10,7 @@ use dunkelfeld::scene::{
     SceneBuilder, Surface, Texels, Volume, look_at,
 };
 use dunkelfeld_bsdf::{Principled, PrincipledParams};
-use dunkelfeld_testkit::{Claim, Look, SampleMoments};
+use dunkelfeld_testkit::{Claim, Estimate, SampleMoments};
 
 /// Pixels along the side of the image of a case. All of them show the same radiance, so that their means are independent
 /// samples of one number.
@@ -66,9 +66,9 @@ pub(crate) fn gives(scene: &Scene, expected: f64, terms: Terms, what: &str) {
 pub(crate) fn same(a: &Scene, b: &Scene, terms: Terms, what: &str) {
     terms.claim(1.0).assert(what, |k| {
         let spp = terms.spp * f64::from(1 << (2 * k));
-        let [a, b] = [(a, 21), (b, 31)].map(|(s, seed)| Look::from(pixel_means(s, spp, seed + u64::from(k), what)));
+        let [a, b] = [(a, 21), (b, 31)].map(|(s, seed)| Estimate::from(pixel_means(s, spp, seed + u64::from(k), what)));
         let value = a.value / b.value;
-        Look { value, standard_error: value * (a.standard_error / a.value).hypot(b.standard_error / b.value) }
+        Estimate { value, standard_error: value * (a.standard_error / a.value).hypot(b.standard_error / b.value) }
     });
 }
 

@@ -138,10 +138,10 @@ pub struct Schedule {
 impl Schedule {
     /// A new schedule. Limits that are negative or not numbers count as zero.
     pub fn new(mut limits: Limits, settings: Settings) -> Self {
-        limits.seconds = limits.seconds.map(sane);
+        limits.seconds = limits.seconds.map(finite_or_zero);
         Self {
             limits,
-            settings: Settings { closing_seconds: sane(settings.closing_seconds), ..settings },
+            settings: Settings { closing_seconds: finite_or_zero(settings.closing_seconds), ..settings },
             taken: 0,
             phase: Phase::Pilot,
             pace: None,
@@ -154,7 +154,7 @@ impl Schedule {
 
     /// Corrects the estimate of the seconds that follow the last sample.
     pub fn set_closing_seconds(&mut self, seconds: f64) {
-        self.settings.closing_seconds = sane(seconds);
+        self.settings.closing_seconds = finite_or_zero(seconds);
     }
 
     /// Reports that the render was paused since the last call. The time that passed meanwhile belongs to no round.
@@ -189,7 +189,7 @@ impl Schedule {
             return self.owed_or_stop(StopReason::Time);
         }
         let Some((smooth, last)) = self.pace else {
-            return self.hand_out(PROBE.min(self.settings.pixels).min(wanted).max(1), false);
+            return self.start_round(PROBE.min(self.settings.pixels).min(wanted).max(1), false);
         };
         let per_sample = smooth.max(last) * positive_or_one(work_per_sample);
         let affordable = (left - self.overhead).max(0.0) / per_sample;
@@ -198,7 +198,7 @@ impl Schedule {
             return Step::CheckNoise;
         }
         let replan = self.advance(all);
-        let goal = match self.phase {
+        let target = match self.phase {
             Phase::Pilot => self.pilot_target(all).max(self.taken + 1),
             Phase::Refine if self.limits.stop_on_noise => self.judge_at.min(wanted),
             Phase::Refine => wanted,
@@ -206,8 +206,8 @@ impl Schedule {
         // Rounds shorter than the pause between them would make no progress.
         let grown = self.taken.saturating_mul(GROWTH).max((self.overhead / per_sample) as u64);
         let most = ((TIME_SHARE * affordable) as u64).min(grown);
-        let samples = goal.saturating_sub(self.taken).min(most).min(wanted - self.taken).max(1);
-        self.hand_out(samples, replan)
+        let samples = target.saturating_sub(self.taken).min(most).min(wanted - self.taken).max(1);
+        self.start_round(samples, replan)
     }
 
     /// Reports that the image has not reached its target yet, and that `total` samples by the plan are forecast to
@@ -251,7 +251,7 @@ impl Schedule {
     /// Reports a finished round: its samples, its expected work, and its measured wall-clock seconds.
     pub fn record(&mut self, samples: u64, work: f64, seconds: f64) {
         self.taken = self.taken.saturating_add(samples);
-        let seconds = sane(seconds);
+        let seconds = finite_or_zero(seconds);
         // A clock that did not advance means a very fast round, not one without cost.
         let pace = seconds.max(1e-9) / if work > 0.0 { work } else { samples.max(1) as f64 };
         self.pace = Some(match self.pace {
@@ -266,7 +266,7 @@ impl Schedule {
     /// Records the time, and the seconds that passed beside the last round.
     fn observe_clock(&mut self, elapsed: f64) {
         // If the clock runs backwards, the time stays the same.
-        self.now = self.now.max(sane(elapsed));
+        self.now = self.now.max(finite_or_zero(elapsed));
         if let Some((handed_out, took)) = self.last_round.take() {
             let beside = (self.now - handed_out - took).max(0.0);
             self.overhead = if self.overhead == 0.0 { beside } else { 0.5 * (self.overhead + beside) };
@@ -288,7 +288,7 @@ impl Schedule {
     /// The samples that an image needs at least, or the end.
     fn owed_or_stop(&mut self, reason: StopReason) -> Step {
         let owed = self.limits.at_least.min(self.limits.samples.unwrap_or(u64::MAX)).saturating_sub(self.taken);
-        if owed == 0 { Step::Stop(reason) } else { self.hand_out(owed, false) }
+        if owed == 0 { Step::Stop(reason) } else { self.start_round(owed, false) }
     }
 
     /// The next step without a time limit. Rounds grow fourfold from one sample per pixel, so that an interrupted
@@ -299,16 +299,16 @@ impl Schedule {
         }
         let most = self.taken.saturating_mul(GROWTH).max(self.settings.pixels).max(1);
         if self.limits.stop_on_noise && self.phase > Phase::Pilot {
-            return self.hand_out((self.judge_at.min(wanted) - self.taken).min(most), false);
+            return self.start_round((self.judge_at.min(wanted) - self.taken).min(most), false);
         }
         let pilot = self.pilot_target(wanted as f64).min(wanted);
-        let (goal, phase) = if self.taken < pilot { (pilot, Phase::Pilot) } else { (wanted, Phase::Refine) };
+        let (target, phase) = if self.taken < pilot { (pilot, Phase::Pilot) } else { (wanted, Phase::Refine) };
         let replan = phase > self.phase;
         self.phase = phase;
-        self.hand_out((goal - self.taken).min(most), replan)
+        self.start_round((target - self.taken).min(most), replan)
     }
 
-    fn hand_out(&mut self, samples: u64, replan: bool) -> Step {
+    fn start_round(&mut self, samples: u64, replan: bool) -> Step {
         self.last_round = Some((self.now, 0.0));
         Step::Round(Round { samples, phase: self.phase, replan })
     }
@@ -364,7 +364,7 @@ pub fn tolerance(seconds: f64) -> f64 {
     (0.02 * seconds).max(0.2)
 }
 
-fn sane(seconds: f64) -> f64 {
+fn finite_or_zero(seconds: f64) -> f64 {
     if seconds.is_finite() { seconds.max(0.0) } else { 0.0 }
 }
 

@@ -115,7 +115,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_can_be_left_out_is_what_is_listed() {
+    fn listed_effects_are_the_ones_that_can_be_left_out() {
         let list = effect("foo").expect_err("no effect has this name");
         for e in Effect::ALL {
             let listed = list.replace("write one of ", "").split(", ").any(|name| name == e.name());

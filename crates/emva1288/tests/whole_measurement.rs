@@ -339,7 +339,7 @@ fn the_general_module_is_correct_for_a_gamma_curve() {
 type Spoil = fn(&mut Measurement);
 
 #[test]
-fn what_cannot_be_analysed_is_refused_with_help() {
+fn data_that_cannot_be_analysed_are_errors_with_help() {
     let mut rng = Pcg64::new(19, 1);
     let whole = measure(CAMERA, 20, 2, &mut rng);
     let cases: [(Spoil, &str, &str); 9] = [

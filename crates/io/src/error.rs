@@ -91,7 +91,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_that_a_terminal_obeys_is_shown() {
+    fn control_sequences_are_not_shown() {
         let bad = "\u{1b}[2J\n\u{202e}";
         let mut e = InputError::new(bad, bad, bad, bad);
         e.source_span = Some(Box::new(SourceSpan { text: "x = \"\u{1b}[2J\" # \u{9b}".into(), range: 4..9 }));

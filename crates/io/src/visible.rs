@@ -52,7 +52,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_a_terminal_obeys_is_spelled_out_and_the_rest_stays() {
+    fn control_characters_are_escaped_and_others_stay() {
         let name = "a\u{1b}[31m\u{7f}\u{9b}2J\u{202e}gpj\r\n\tä 中 \u{1f600}";
         assert_eq!(visible(name), "a\\u{1b}[31m\\u{7f}\\u{9b}2J\\u{202e}gpj\\u{d}\n\tä 中 \u{1f600}");
         assert!(visible_line(name).ends_with("gpj\\u{d}\\u{a}\\u{9}ä 中 \u{1f600}"));

@@ -93,7 +93,7 @@ fn seal(bytes: &mut [u8], section: u64, from: usize, to: usize) {
 }
 
 #[test]
-fn a_checkpoint_comes_back_to_the_last_bit() {
+fn a_checkpoint_is_read_to_the_last_bit() {
     let folder = TempDir::new().expect("a temporary folder");
     let path = folder.path().join("a.film");
     let whole = example();
@@ -125,7 +125,7 @@ fn the_length_of_a_file_follows_from_its_head() {
 
 #[test]
 #[ignore = "long: .ci/run runs it"]
-fn a_file_that_was_cut_short_or_goes_on_is_refused_at_every_length() {
+fn truncated_and_extended_files_are_refused_at_every_length() {
     let bench = Bench::new();
     for length in (0..bench.bytes.len()).rev() {
         let error = bench.refused(&bench.bytes[..length], &format!("{length} bytes"));
@@ -219,7 +219,7 @@ fn contents_that_cannot_be_are_refused_even_with_right_checksums() {
 }
 
 #[test]
-fn what_is_beyond_the_format_is_not_written_and_leaves_the_old_file() {
+fn values_beyond_the_format_are_not_written_and_leave_the_old_file() {
     let bench = Bench::new();
     let weights = Plane::new(2, 2, 1.0);
     let objects = Plane::new(2, 2, 1);

@@ -37,7 +37,7 @@ fn temporary() -> tempfile::TempDir {
 }
 
 #[test]
-fn every_layer_comes_back_bit_for_bit() {
+fn every_layer_is_read_bit_for_bit() {
     let folder = temporary();
     let path = folder.path().join("render.exr");
     write_exr(&path, example()).expect("written");

@@ -41,7 +41,7 @@ fn compare(path: &Path, picture: Picture<'_>) {
 }
 
 #[test]
-fn every_depth_comes_back_from_png_and_tiff() {
+fn every_depth_is_read_as_written_in_png_and_tiff() {
     let folder = tempfile::tempdir().expect("a temporary folder");
     let (g8, c8, g16, c16) = (gray8(), rgb8(), gray16(), rgb16());
     let pictures = [Picture::Gray8(&g8), Picture::Rgb8(&c8), Picture::Gray16(&g16), Picture::Rgb16(&c16)];

@@ -105,7 +105,7 @@ impl Seen {
             mean: mean as f32,
             variance: variance as f32,
             largest: (factor * f64::from(sums.max_luminance())) as f32,
-            scatter: sums.scatter().map(|s| seen(s, factor)),
+            scatter: sums.scatter().map(|s| signal_scatter(s, factor)),
         }
     }
 }
@@ -118,7 +118,7 @@ pub fn per_luminance(weights: Weights, [r, g, b]: [f64; 3]) -> (f64, f64) {
 }
 
 /// Converts the scatter of luminance to the scatter of a signal.
-pub fn seen(scatter: Scatter, per_luminance: f64) -> Scatter {
+pub fn signal_scatter(scatter: Scatter, per_luminance: f64) -> Scatter {
     let square = per_luminance * per_luminance;
     Scatter { all: square * scatter.all, largest: square * scatter.largest }
 }
@@ -150,7 +150,7 @@ fn pooled(evidence: &NoiseInputs) -> Plane<PixelNoise> {
 
 /// [`dunkelfeld_adaptive::variance::pixel::pixel_noise`] of some rows of an image that begin and end with a row of
 /// blocks, distributed in the same way.
-fn owned(evidence: &NoiseInputs, rows: Range<u32>) -> Vec<PixelNoise> {
+fn pixel_noise(evidence: &NoiseInputs, rows: Range<u32>) -> Vec<PixelNoise> {
     if evidence.variance.data().iter().all(|v| !v.is_finite()) {
         // With one sample per pixel or none, there is no variance to pool.
         return vec![PixelNoise::UNKNOWN; rows.len() * evidence.width() as usize];
@@ -194,14 +194,14 @@ pub struct FilmNoise<'a> {
 }
 
 impl<'a> FilmNoise<'a> {
-    /// Noise of a film, in the unit of `eye`.
-    pub fn new(eye: &SignalModel, film: &'a RenderedFilm) -> Self {
-        let (eye, width) = (*eye, film.sums.width());
+    /// Noise of a film, in the unit of `signal_model`.
+    pub fn new(signal_model: &SignalModel, film: &'a RenderedFilm) -> Self {
+        let (signal_model, width) = (*signal_model, film.sums.width());
         let signal = |first: usize, sums: &[PixelSums]| -> Vec<(f32, u32)> {
             let place = |pixel: usize| (pixel as u32 % width, (pixel / width as usize) as u32);
             let of_pixel = |(pixel, p): (usize, &PixelSums)| {
                 let (x, y) = place(pixel);
-                (p.weighted_mean_and_variance(eye.response.at(x, y).0).0 as f32, p.count())
+                (p.weighted_mean_and_variance(signal_model.response.at(x, y).0).0 as f32, p.count())
             };
             (first..).zip(sums).map(of_pixel).collect()
         };
@@ -210,8 +210,8 @@ impl<'a> FilmNoise<'a> {
         let mut counts = Plane::new(width, film.sums.height(), 0);
         let mean = Plane::from_fn(width, film.sums.height(), |_, _| pixels.next().map_or(0.0, |p| p.0));
         counts.data_mut().iter_mut().zip(signals.iter().flatten()).for_each(|(count, p)| *count = p.1);
-        let views = move |rows: Range<u32>| eye.evidence(film, rows);
-        Self { mean, counts, sensor: eye.sensor, views: Box::new(views), response: eye.response }
+        let views = move |rows: Range<u32>| signal_model.evidence(film, rows);
+        Self { mean, counts, sensor: signal_model.sensor, views: Box::new(views), response: signal_model.response }
     }
 
     /// Noise from given estimates: the mean signal of each pixel, the numbers of samples, and the views of some rows
@@ -272,8 +272,8 @@ impl<'a> FilmNoise<'a> {
     }
 
     /// The noise of each pixel from its own samples, where they determine it.
-    pub fn owned(&self) -> Plane<PixelNoise> {
-        self.by_bands(PixelNoise::UNKNOWN, owned)
+    pub fn pixel_noise(&self) -> Plane<PixelNoise> {
+        self.by_bands(PixelNoise::UNKNOWN, pixel_noise)
     }
 
     /// For each pixel: does it contain a rare sample, and the variance of its mean \[e^-2\]. Pixels with a rare sample
@@ -302,10 +302,10 @@ impl<'a> FilmNoise<'a> {
 
     /// Certifies at `k`; `None` without a sensor.
     pub fn certify(&self, k: f64) -> Option<Certified> {
-        self.certify_by(&self.owned(), k)
+        self.certify_by(&self.pixel_noise(), k)
     }
 
-    /// The certificate at `k` from given [`Self::owned`] noise.
+    /// The certificate at `k` from given [`Self::pixel_noise`] noise.
     pub fn certify_by(&self, noise: &Plane<PixelNoise>, k: f64) -> Option<Certified> {
         let sensor = self.sensor?;
         let pixels = noise.data().iter().zip(self.counts.data()).zip(self.mean.data());
@@ -354,9 +354,9 @@ fn variance_without_outliers(evidence: &NoiseInputs, is_rare: &Plane<bool>, rows
     let width = evidence.width() as usize;
     let pixels = rows.start as usize * width..rows.end as usize * width;
     let is_rare = &is_rare.data()[pixels.clone()];
-    let mut estimates = owned(&others, rows.clone());
+    let mut estimates = pixel_noise(&others, rows.clone());
     if is_rare.contains(&true) {
-        let all = owned(evidence, rows);
+        let all = pixel_noise(evidence, rows);
         estimates
             .iter_mut()
             .zip(all)
@@ -394,7 +394,7 @@ mod tests {
         let sensor = Some(SensorNoise { floor: 10.0, saturation: 1e5 });
         let film = RenderedFilm::without_ids(film);
         let measured = FilmNoise::new(&SignalModel { response, white: 1e5, sensor }, &film);
-        let own = measured.owned();
+        let own = measured.pixel_noise();
         for colour in 0..2 {
             let noise: Vec<f64> = own.data().iter().skip(colour).step_by(2).map(|n| f64::from(n.variance)).collect();
             let ratio = noise.iter().sum::<f64>() / noise.len() as f64 / (1e6 / 12.0);

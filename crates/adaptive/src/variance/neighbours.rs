@@ -353,7 +353,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_unknown_stays_out() {
+    fn unknown_pixels_are_excluded() {
         let mut evidence = image(|_, _| 8.0);
         (0..SIDE).for_each(|x| evidence.variance.data_mut()[x as usize] = f32::INFINITY);
         assert!(expected(&evidence, None).data().iter().all(|e| (e.ratio - 2.0).abs() < 1e-4));

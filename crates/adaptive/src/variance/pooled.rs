@@ -173,7 +173,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_unknown_stays_out() {
+    fn unknown_pixels_are_excluded() {
         let mut evidence = flat(9, 9, |x, _| if x % 2 == 0 { f32::INFINITY } else { 0.5 });
         assert!(noise(&evidence).data().iter().all(|n| n.variance == 8.0));
         evidence.variance = Plane::new(9, 9, f32::INFINITY);

@@ -8,8 +8,8 @@
 
 use fearless_simd::{Level, Simd, dispatch};
 
-use super::lanes::{WIDTH, each, greater, lanes, lanes_mut, lesser};
-use super::noise::likeness;
+use super::lanes::{WIDTH, each, lanes, lanes_mut, maximum, minimum};
+use super::noise::similarity_weight;
 use super::patch::{Image, Patch};
 use super::plane::Moments;
 use super::tiles::Tile;
@@ -54,8 +54,8 @@ fn averages_with<S: Simd>(simd: S, image: &Image<'_>, variance: &Triples, tile: 
     for dy in -reach..=reach {
         for dx in -reach..=reach {
             // The weight decreases towards the rim, so that a bright pixel leaves no visible square.
-            let nearness = 1.0 - (dx * dx + dy * dy) as f32 / ((reach + 1) * (reach + 1)) as f32;
-            if nearness <= 0.0 {
+            let spatial_weight = 1.0 - (dx * dx + dy * dy) as f32 / ((reach + 1) * (reach + 1)) as f32;
+            if spatial_weight <= 0.0 {
                 continue;
             }
             let offset = dy * patch.stride as isize + dx;
@@ -67,7 +67,7 @@ fn averages_with<S: Simd>(simd: S, image: &Image<'_>, variance: &Triples, tile: 
                     let y = row - 2 * AROUND;
                     let p = corner + y * patch.stride;
                     let q = p.wrapping_add_signed(offset);
-                    work.weigh(row, &patch, p, q, nearness);
+                    work.weigh(row, &patch, p, q, spatial_weight);
                     moments.add(simd, y, &work.weights, dx as f32, &patch.color, q);
                 }
             }
@@ -123,13 +123,13 @@ impl Work {
         each!(lanes_mut(&mut self.alike[row % 3], 0, n), |i, _| {
             // The distance is the mean of three channels.
             let distance = (above[i] + 2.0 * middle[i] + below[i]) * (1.0 / (3.0 * MASK * BANDWIDTH));
-            likeness(greater(distance, 0.0))
+            similarity_weight(maximum(distance, 0.0))
         });
     }
 
-    /// The weights, at most `nearness`, of the pixels from `q` on for those from `p` on.
+    /// The weights, at most `spatial_weight`, of the pixels from `q` on for those from `p` on.
     #[inline(always)]
-    fn weigh(&mut self, row: usize, patch: &Patch, p: usize, q: usize, nearness: f32) {
+    fn weigh(&mut self, row: usize, patch: &Patch, p: usize, q: usize, spatial_weight: f32) {
         let n = self.width;
         let known = lanes(&patch.known, q, n);
         let weights = lanes_mut(&mut self.weights, 0, n);
@@ -149,7 +149,7 @@ impl Work {
             let sides = b[i] + d[i] + f[i] + h[i];
             let own = e[i];
             let around = (corners + 2.0 * sides + 4.0 * own) * (1.0 / 16.0);
-            nearness * known[i] * likeness(distance) * (own + NEIGHBOUR_SHARE * (around - own))
+            spatial_weight * known[i] * similarity_weight(distance) * (own + NEIGHBOUR_SHARE * (around - own))
         });
     }
 }
@@ -165,8 +165,8 @@ fn color_distances(row: &mut [f32], color: &[Vec<f32>; 3], variance: &[Vec<f32>;
         let (noise, noise_there) = (lanes(variance, p, n), lanes(variance, q, n));
         each!(row, |i, sum| {
             let difference = here[i] - there[i];
-            let explained = noise[i] + lesser(noise[i], noise_there[i]);
-            let unit = noise[i] + lesser(noise_there[i], MAX_VARIANCE_RATIO * noise[i]);
+            let explained = noise[i] + minimum(noise[i], noise_there[i]);
+            let unit = noise[i] + minimum(noise_there[i], MAX_VARIANCE_RATIO * noise[i]);
             sum + (difference * difference - explained) / unit
         });
     }

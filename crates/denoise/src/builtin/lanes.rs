@@ -29,15 +29,15 @@ pub(super) fn lanes_mut(values: &mut [f32], start: usize, n: usize) -> &mut [f32
     &mut values[start..start + n]
 }
 
-/// The lesser of two, the second if one is NaN. It is one instruction, unlike [`f32::min`].
+/// The minimum of two, the second if one is NaN. It is one instruction, unlike [`f32::min`].
 #[inline(always)]
-pub(super) fn lesser(a: f32, b: f32) -> f32 {
+pub(super) fn minimum(a: f32, b: f32) -> f32 {
     if a < b { a } else { b }
 }
 
-/// The greater of two, the second if one is NaN.
+/// The maximum of two, the second if one is NaN.
 #[inline(always)]
-pub(super) fn greater(a: f32, b: f32) -> f32 {
+pub(super) fn maximum(a: f32, b: f32) -> f32 {
     if a > b { a } else { b }
 }
 

@@ -5,7 +5,7 @@
 
 use fearless_simd::{Level, dispatch};
 
-use super::lanes::{WIDTH, each, greater, lanes, lanes_mut};
+use super::lanes::{WIDTH, each, lanes, lanes_mut, maximum};
 use super::patch::{Image, Patch};
 use super::tiles::Tile;
 
@@ -49,7 +49,7 @@ fn variances_with(image: &Image<'_>, tile: &Tile) -> Vec<[f32; 3]> {
                 let weights = lanes_mut(&mut weights, 0, width);
                 patch.feature_distances(p, q, weights);
                 let known = lanes(&patch.known, q, width);
-                each!(weights, |i, distance| known[i] * likeness(distance));
+                each!(weights, |i, distance| known[i] * similarity_weight(distance));
                 each!(lanes_mut(&mut total, 0, width), |i, sum| sum + weights[i]);
                 for c in 0..3 {
                     let (own, color) = (lanes(&own[c], q, width), lanes(&patch.color[c], q, width));
@@ -76,8 +76,8 @@ fn variances_with(image: &Image<'_>, tile: &Tile) -> Vec<[f32; 3]> {
 
 /// An approximation of exp(-d) for d >= 0. Zero beyond 8.
 #[inline(always)]
-pub(super) fn likeness(d: f32) -> f32 {
-    let root = greater(1.0 - d * 0.125, 0.0);
+pub(super) fn similarity_weight(d: f32) -> f32 {
+    let root = maximum(1.0 - d * 0.125, 0.0);
     let square = root * root;
     let fourth = square * square;
     fourth * fourth
@@ -183,10 +183,13 @@ mod tests {
     }
 
     #[test]
-    fn likeness_falls_as_an_exponential_does() {
-        assert_eq!((likeness(0.0), likeness(8.0), likeness(1e9), likeness(f32::INFINITY)), (1.0, 0.0, 0.0, 0.0));
+    fn similarity_weight_is_exponential() {
+        assert_eq!(
+            (similarity_weight(0.0), similarity_weight(8.0), similarity_weight(1e9), similarity_weight(f32::INFINITY)),
+            (1.0, 0.0, 0.0, 0.0)
+        );
         for d in [0.1f32, 0.5, 1.0, 2.0, 4.0] {
-            let (near, exact) = (likeness(d), (-d).exp());
+            let (near, exact) = (similarity_weight(d), (-d).exp());
             assert!(near <= exact && near > exact - 0.05, "{near} for exp(-{d}) = {exact}");
         }
     }

@@ -4,7 +4,7 @@ use std::borrow::Cow;
 
 use dunkelfeld_film::{Plane, fill_gaps};
 
-use super::lanes::{each, greater, lanes};
+use super::lanes::{each, lanes, maximum};
 use super::tiles::Tile;
 use crate::denoiser::{DenoiseInput, Triples};
 
@@ -144,7 +144,7 @@ impl Patch {
                 sum + difference * difference * precision[i]
             });
         }
-        each!(distances, |i, sum| greater(sum, 0.0));
+        each!(distances, |i, sum| maximum(sum, 0.0));
     }
 }
 

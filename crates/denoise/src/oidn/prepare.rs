@@ -64,7 +64,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_not_finite_takes_the_neighbours_and_what_is_negative_is_black() {
+    fn non_finite_pixels_take_the_neighbours_and_negative_ones_are_black() {
         let odd = [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, -1.0];
         let is_odd = |x: u32, y: u32| y == 0 && x.is_multiple_of(2);
         let mean = Plane::from_fn(8, 4, |x, y| [if is_odd(x, y) { odd[x as usize / 2] } else { 1.0 }, 1.0, 1.0]);

@@ -17,7 +17,7 @@ use dunkelfeld_io::input::{InputFiles, Role, files_in};
 use dunkelfeld_io::job::LensSettings;
 use dunkelfeld_io::layers::{Single, Triple};
 use dunkelfeld_render::Error;
-use dunkelfeld_render::film_noise::{FilmNoise, levels, per_luminance, seen, sensor_noise};
+use dunkelfeld_render::film_noise::{FilmNoise, levels, per_luminance, sensor_noise, signal_scatter};
 use dunkelfeld_render::{Session, thread_count};
 use dunkelfeld_render::{Stage, written};
 use dunkelfeld_sensor::{
@@ -521,7 +521,7 @@ impl NoiseLayers {
         let pixels = self.pixels.map(|PixelLayers { counts, surface, scatter }| {
             let scatter = scatter.map(|&scatter| {
                 let share = shares.next().copied().unwrap_or(1.0);
-                scatter.map(|s| seen(s, share))
+                scatter.map(|s| signal_scatter(s, share))
             });
             PixelLayers { counts, surface, scatter }
         });
@@ -561,7 +561,7 @@ impl NoiseLayers {
                 variance,
                 scatter: Plane::from_fn(width, rows, |x, y| {
                     let (per_luminance, _) = per_luminance(*weights, mean.at(x, top + y).map(f64::from));
-                    scatter.at(x, top + y).map(|s| seen(s, per_luminance))
+                    scatter.at(x, top + y).map(|s| signal_scatter(s, per_luminance))
                 }),
                 largest,
                 surface: Plane::from_fn(width, rows, |x, y| *surface.at(x, top + y)),

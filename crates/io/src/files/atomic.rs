@@ -233,7 +233,7 @@ mod tests {
     }
 
     #[test]
-    fn what_can_be_written_is_known_beforehand_and_without_a_trace() {
+    fn the_check_of_an_output_leaves_no_file() {
         let folder = tempfile::tempdir().expect("a temporary folder");
         let path = folder.path().join("a.txt");
         check_writable(&path).expect("a new file");

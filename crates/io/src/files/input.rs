@@ -540,7 +540,7 @@ mod tests {
         }
 
         #[test]
-        fn what_is_no_regular_file_is_refused_at_once_also_through_links() {
+        fn irregular_files_are_refused_at_once_also_through_links() {
             let folder = tempfile::tempdir().expect("a temporary folder");
             let at = |name: &str| folder.path().join(name);
             pipe(&at("pipe"));

@@ -321,7 +321,7 @@ mod tests {
     }
 
     #[test]
-    fn what_a_killed_process_left_is_no_obstacle() {
+    fn files_of_a_killed_process_are_no_obstacle() {
         let (home, target) = home();
         let dead = LockHolder { process: 1, ..own(false) };
         for left in ["", "lock file of", TITLE, &format!("{TITLE}{}\n", serde_json::to_string(&dead).expect("JSON"))] {

@@ -227,7 +227,7 @@ mod tests {
     }
 
     #[test]
-    fn what_a_process_holds_stays_and_what_nobody_holds_goes() {
+    fn locked_files_stay_and_unlocked_files_are_removed() {
         let folder = tempfile::tempdir().expect("a temporary folder");
         let path = |name: &str| folder.path().join(name);
         let (held, left, other) = (

@@ -126,7 +126,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_was_written_is_read_and_what_is_missing_is_none() {
+    fn written_results_are_read_and_missing_ones_are_none() {
         let home = tempfile::tempdir().expect("a temporary folder");
         let folder = ResultsFolder::open(&home.path().join("a/b")).expect("writable");
         assert_eq!(folder.read_text("x.json").expect("no error"), None);

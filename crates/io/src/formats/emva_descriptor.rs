@@ -226,7 +226,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_written_is_read() {
+    fn a_written_descriptor_is_read() {
         let block = |exposure_ns, photons, names: &[&str]| FrameBlock {
             exposure_ns,
             photons,

@@ -112,7 +112,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_frame_is_refused_with_help() {
+    fn files_without_a_frame_are_refused_with_help() {
         let folder = tempfile::tempdir().expect("a temporary folder");
         let at = |name: &str| folder.path().join(name);
         write_png(&at("c.png"), Picture::Rgb8(&Plane::new(2, 2, [1, 2, 3])), &[]).expect("written");

@@ -355,7 +355,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_outside_the_folder_is_read() {
+    fn files_outside_the_folder_are_not_read() {
         let dir = folder();
         let l = loader(&dir);
         let absolute = dir.path().join("secret").display().to_string();

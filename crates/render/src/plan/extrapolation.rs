@@ -10,7 +10,7 @@ use dunkelfeld_film::Plane;
 use serde::{Deserialize, Serialize};
 
 /// Stored estimates: two doublings, if each follows one.
-const LOOKS: usize = 3;
+const ESTIMATES: usize = 3;
 /// With fewer samples per pixel the first estimates are dominated by their own error.
 const MIN_SPP: f64 = 8.0;
 /// The part of the slope over these estimates that is extrapolated.
@@ -24,7 +24,7 @@ const MAX_SLOPE: f64 = 1.0;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(crate) struct ConvergenceFit {
     /// Samples per pixel: taken, and required. The last estimate is first. Zero means no estimate.
-    looks: [(f64, f64); LOOKS],
+    looks: [(f64, f64); ESTIMATES],
 }
 
 impl ConvergenceFit {
@@ -39,7 +39,7 @@ impl ConvergenceFit {
 
     /// The extrapolated slope a, at least zero.
     fn slope(&self) -> f64 {
-        let first = self.looks.iter().rev().find(|look| look.0 > 0.0);
+        let first = self.looks.iter().rev().find(|estimate| estimate.0 > 0.0);
         let (last, first) = (self.looks[0], first.copied().unwrap_or_default());
         if last.0 <= first.0 {
             return DEFAULT_SLOPE;
@@ -68,9 +68,9 @@ impl ConvergenceFit {
 mod tests {
     use super::*;
 
-    fn after(looks: &[(f64, f64)]) -> ConvergenceFit {
+    fn after(estimates: &[(f64, f64)]) -> ConvergenceFit {
         let mut trend = ConvergenceFit::default();
-        looks.iter().for_each(|&(spp, needed)| trend.note(spp, needed));
+        estimates.iter().for_each(|&(spp, needed)| trend.note(spp, needed));
         trend
     }
 
@@ -81,8 +81,8 @@ mod tests {
     #[test]
     fn constant_and_rising_trends_are_not_extrapolated() {
         for needed in [[800.0; 3], [500.0, 600.0, 800.0]] {
-            let looks: Vec<_> = [8.0, 16.0, 32.0].into_iter().zip(needed).collect();
-            assert_eq!(extrapolated_at(&after(&looks), 32, 800.0), 800.0);
+            let estimates: Vec<_> = [8.0, 16.0, 32.0].into_iter().zip(needed).collect();
+            assert_eq!(extrapolated_at(&after(&estimates), 32, 800.0), 800.0);
         }
     }
 

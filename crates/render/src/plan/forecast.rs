@@ -65,13 +65,13 @@ pub(crate) struct ForecastInput<'a> {
 
 impl Forecast {
     /// A forecast from the measurements of the pilot; `None` without a sensor.
-    pub(crate) fn new(outlook: &ForecastInput<'_>, pace: &Throughput<'_>) -> Option<Self> {
-        let ForecastInput { counts, target, .. } = *outlook;
+    pub(crate) fn new(input: &ForecastInput<'_>, pace: &Throughput<'_>) -> Option<Self> {
+        let ForecastInput { counts, target, .. } = *input;
         let mut levels: Vec<f64> = FORECAST_LEVELS.into_iter().chain(target).collect();
         levels.sort_by(|a, b| b.total_cmp(a));
         levels.dedup();
         let levels = levels.into_iter().map(|k| {
-            let targets = (outlook.targets)(k)?;
+            let targets = (input.targets)(k)?;
             let known = |v: f64| v.is_finite().then_some(v);
             let seconds = pace.per_work.map(|per_work| {
                 pace.elapsed + per_work * work(&targets, counts, pace.costs) / pace.threads as f64 + pace.closing

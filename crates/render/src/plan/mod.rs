@@ -109,24 +109,24 @@ impl<'a> Planner<'a> {
     /// # Errors
     /// An exposure outside the ranges of the sensor.
     pub(crate) fn plan(&mut self, state: State<'_>, pace: &Throughput<'_>) -> Result<Option<&Forecast>, Error> {
-        let (eye, image) = self.exposed(&state.film.sums)?;
-        let is_measured = eye.sensor.is_some() || self.settings.strategy().needs_noise();
-        let look = || {
-            let measured = FilmNoise::new(&eye, state.film);
-            let own = measured.owned();
+        let (signal_model, image) = self.exposed(&state.film.sums)?;
+        let is_measured = signal_model.sensor.is_some() || self.settings.strategy().needs_noise();
+        let measure = || {
+            let measured = FilmNoise::new(&signal_model, state.film);
+            let own = measured.pixel_noise();
             PilotNoise::new(measured, own, self.settings.strategy())
         };
-        let sight = is_measured.then(look);
-        self.fix(&eye, image, sight.as_ref(), state, pace);
+        let pilot_noise = is_measured.then(measure);
+        self.fix(&signal_model, image, pilot_noise.as_ref(), state, pace);
         Ok(self.forecast.as_ref())
     }
 
     /// The unit of noise at the exposure of the image so far, and the image in that unit.
     fn exposed(&self, film: &Film) -> Result<(SignalModel, Plane<f32>), Error> {
         let mean = mean_without_gaps(film);
-        let eye = SignalModel::new(&mean, &self.settings.sensor)?;
-        let image = eye.image(&mean);
-        Ok((eye, image))
+        let signal_model = SignalModel::new(&mean, &self.settings.sensor)?;
+        let image = signal_model.image(&mean);
+        Ok((signal_model, image))
     }
 
     /// Compares the image with the noise level at which the render ends. Computes the plan once the pilot suffices, and
@@ -141,9 +141,9 @@ impl<'a> Planner<'a> {
         pace: &Throughput<'_>,
         report: impl FnOnce(&Forecast),
     ) -> Result<NoiseVerdict, Error> {
-        let (eye, image) = self.exposed(&state.film.sums)?;
-        let measured = FilmNoise::new(&eye, state.film);
-        let own = measured.owned();
+        let (signal_model, image) = self.exposed(&state.film.sums)?;
+        let measured = FilmNoise::new(&signal_model, state.film);
+        let own = measured.pixel_noise();
         let is_hidden = measured.certify_by(&own, k).is_some_and(|c| c.certificate.is_hidden());
         let required_samples = measured.needs_by(&own, k);
         let spp = mean_count(state.counts);
@@ -156,15 +156,15 @@ impl<'a> Planner<'a> {
                 .map(|n| self.state.trend.extrapolate(n.if_weighted(state.counts, weights), state.counts));
             return Ok(NoiseVerdict::After(needed.map_or(f64::INFINITY, |targets| total(&targets))));
         }
-        let said = required_samples.map_or(f64::INFINITY, |n| total(&n.if_weighted(state.counts, weights)));
-        let said = said / state.counts.data().len() as f64;
-        self.state.trend.note(spp, said);
+        let required = required_samples.map_or(f64::INFINITY, |n| total(&n.if_weighted(state.counts, weights)));
+        let required = required / state.counts.data().len() as f64;
+        self.state.trend.note(spp, required);
         // A pilot with a target of 20 samples has 16: see below.
         let is_whole = 2.0 * spp > f64::from(self.settings.pilot_spp);
         if is_hidden && is_whole {
             return Ok(NoiseVerdict::Hidden);
         }
-        let wanted = (PILOT_SHARE * said).min(GROWTH * spp).max(f64::from(self.settings.pilot_spp));
+        let wanted = (PILOT_SHARE * required).min(GROWTH * spp).max(f64::from(self.settings.pilot_spp));
         // Powers of two in every batch: only these numbers of quasi-random points are evenly distributed. Other numbers
         // have more noise, which would distort the comparison of two estimates. `as` saturates.
         let wanted = FIRST_LOOK << (wanted as u32 / FIRST_LOOK).max(1).ilog2();
@@ -174,27 +174,28 @@ impl<'a> Planner<'a> {
         if has_grown && f64::from(wanted) > 1.01 * spp {
             return Ok(NoiseVerdict::GrowPilot(wanted));
         }
-        let sight = PilotNoise::new(measured, own, self.settings.strategy());
-        self.fix(&eye, image, Some(&sight), state, pace);
+        let pilot_noise = PilotNoise::new(measured, own, self.settings.strategy());
+        self.fix(&signal_model, image, Some(&pilot_noise), state, pace);
         if let Some(forecast) = &self.forecast {
             report(forecast);
         }
-        let needed = self.outlook(&sight, k, state.counts, &self.shares.weights);
+        let needed = self.required_total(&pilot_noise, k, state.counts, &self.shares.weights);
         Ok(NoiseVerdict::After(needed))
     }
 
     /// Fixes the shares for the rest of the render, and computes the forecast.
     fn fix(
         &mut self,
-        eye: &SignalModel,
+        signal_model: &SignalModel,
         image: Plane<f32>,
-        sight: Option<&PilotNoise<'_>>,
+        pilot_noise: Option<&PilotNoise<'_>>,
         state: State<'_>,
         pace: &Throughput<'_>,
     ) {
         let (strategy, target) = (self.settings.strategy(), self.settings.budget.noise);
-        let required_samples =
-            sight.filter(|_| strategy == Strategy::Sensor).and_then(|s| s.planned(target.unwrap_or(DEFAULT_TARGET)));
+        let required_samples = pilot_noise
+            .filter(|_| strategy == Strategy::Sensor)
+            .and_then(|s| s.planned(target.unwrap_or(DEFAULT_TARGET)));
         let shares = match (&required_samples, target, strategy) {
             // All pixels approach their required samples in proportion, so that all are hidden at the same time.
             (Some(required_samples), Some(_), Strategy::Sensor) => {
@@ -202,35 +203,41 @@ impl<'a> Planner<'a> {
             }
             _ => strategy.shares(&Pilot {
                 luminance: &image,
-                white: eye.white,
+                white: signal_model.white,
                 sobel_floor: self.settings.sobel_floor,
-                measured: sight
+                measured: pilot_noise
                     .and_then(|s| s.expected.as_ref())
                     .map(|expected| weights::MeasuredNoise { expected, required_samples: required_samples.as_ref() }),
             }),
         };
         // The forecast needs the memory.
         drop((required_samples, image));
-        let targets = |k| sight.and_then(|s| self.targets(s, k, state.counts, &shares.weights));
-        let outlook = ForecastInput { counts: state.counts, targets: &targets, target };
-        self.forecast = Forecast::new(&outlook, pace);
+        let targets = |k| pilot_noise.and_then(|s| self.targets(s, k, state.counts, &shares.weights));
+        let forecast_input = ForecastInput { counts: state.counts, targets: &targets, target };
+        self.forecast = Forecast::new(&forecast_input, pace);
         self.shares = shares;
         self.state.is_made = true;
     }
 
     /// Estimated samples per pixel until the image is hidden at `k` with the strategy of the render. `None` without a
     /// sensor. Shares are planned from the neighbours. The total follows from the variance that is certified.
-    fn targets(&self, sight: &PilotNoise<'_>, k: f64, counts: &Plane<u32>, weights: &Plane<f32>) -> Option<Plane<f32>> {
-        let required_samples = sight.measured.needs_by(&sight.own, k)?;
+    fn targets(
+        &self,
+        pilot_noise: &PilotNoise<'_>,
+        k: f64,
+        counts: &Plane<u32>,
+        weights: &Plane<f32>,
+    ) -> Option<Plane<f32>> {
+        let required_samples = pilot_noise.measured.needs_by(&pilot_noise.own, k)?;
         let targets = match self.settings.strategy() {
-            Strategy::Sensor => required_samples.if_weighted(counts, &sight.planned(k)?.shares(least(counts))),
+            Strategy::Sensor => required_samples.if_weighted(counts, &pilot_noise.planned(k)?.shares(least(counts))),
             Strategy::Uniform | Strategy::Sobel | Strategy::Variance => required_samples.if_weighted(counts, weights),
         };
         Some(self.state.trend.extrapolate(targets, counts))
     }
 
-    fn outlook(&self, sight: &PilotNoise<'_>, k: f64, counts: &Plane<u32>, weights: &Plane<f32>) -> f64 {
-        self.targets(sight, k, counts, weights).map_or(f64::INFINITY, |t| total(&t))
+    fn required_total(&self, pilot_noise: &PilotNoise<'_>, k: f64, counts: &Plane<u32>, weights: &Plane<f32>) -> f64 {
+        self.targets(pilot_noise, k, counts, weights).map_or(f64::INFINITY, |t| total(&t))
     }
 }
 

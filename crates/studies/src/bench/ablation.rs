@@ -162,7 +162,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_beyond_white_is_no_difference_to_a_camera() {
+    fn differences_above_white_are_invisible_to_a_camera() {
         let (with, without) = renders(|_| 50.0);
         let found = bias(&with, &without, 90.0, None).expect("a bias");
         assert_eq!((found.mean.value, found.p99, found.verdict), (0.0, 0.0, None));

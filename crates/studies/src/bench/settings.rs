@@ -188,7 +188,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_shipped_can_be_measured() {
+    fn default_settings_are_valid() {
         for settings in [BenchSettings::default(), BenchSettings::quick()] {
             settings.check().expect("in range");
             assert!(settings.reference_spp >= 4 * settings.ladder[settings.ladder.len() - 1]);
@@ -196,7 +196,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_measured_is_refused_by_name() {
+    fn settings_that_cannot_be_measured_are_errors() {
         type Change = fn(&mut BenchSettings);
         let cases: [(&str, Change); 16] = [
             ("spp", |s| s.ladder = vec![]),

@@ -77,7 +77,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_cannot_be_measured_is_refused_by_name() {
+    fn settings_that_cannot_be_measured_are_errors() {
         type Change = fn(&mut PtcSettings);
         PtcSettings::default().check().expect("the paper's");
         let cases: [(&str, Change); 8] = [

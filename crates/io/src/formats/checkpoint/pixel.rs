@@ -116,7 +116,7 @@ mod tests {
     }
 
     #[test]
-    fn every_pixel_comes_back_as_it_went() {
+    fn every_pixel_is_read_as_written() {
         for samples in [0, 1, 4, 17, 1000] {
             let mut bytes = Vec::new();
             encode(&pixel(samples), &mut bytes);
@@ -127,7 +127,7 @@ mod tests {
     }
 
     #[test]
-    fn what_no_samples_add_up_to_is_refused() {
+    fn impossible_sums_are_refused() {
         type Change = fn(&mut PixelSums);
         let cases: [Change; 12] = [
             |p| p.counts[0] = u32::MAX,

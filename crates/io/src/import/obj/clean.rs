@@ -325,7 +325,7 @@ mod tests {
     }
 
     #[test]
-    fn what_tobj_refuses_or_misreads_is_rewritten() {
+    fn lines_that_tobj_refuses_or_misreads_are_rewritten() {
         let start = "v 0 0 0\nv 1 0 0\nv 0 1 0\n";
         for (line, expected) in [
             ("f 1 2 3 # c", "f 1// 2// 3//"),

@@ -200,7 +200,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_tobj_refuses_or_breaks_down_at_is_rewritten() {
+    fn lines_that_tobj_refuses_or_panics_at_are_rewritten() {
         for (statement, expected) in [
             ("Kd 0.5", "Kd 0.5 0.5 0.5\n"),
             ("Kd 0.1 0.2 0.3 # c", "Kd 0.1 0.2 0.3\n"),

@@ -1,23 +1,24 @@
-//! A value within four standard errors of what it must be, judged so that a whole suite of such judgements seldom errs.
+//! A group-sequential test of a value: at most three analyses, each at four standard errors, with a false-alarm rate low
+//! enough for a large suite.
 
 use crate::SampleMoments;
 use statrs::distribution::{ContinuousCDF, Normal, StudentsT};
 
-/// So many standard errors may a look be off.
+/// Critical value of each analysis, in standard errors.
 const STANDARD_ERRORS: f64 = 4.0;
-/// So many looks must agree that a value is wrong.
-const LOOKS: u32 = 3;
+/// Number of analyses. All must reject the value, on the same side.
+const ANALYSES: u32 = 3;
 
 /// The estimate of a random value by one run.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Look {
+pub struct Estimate {
     /// The value.
     pub value: f64,
     /// Its standard error; zero for a value without noise.
     pub standard_error: f64,
 }
 
-impl From<SampleMoments> for Look {
+impl From<SampleMoments> for Estimate {
     /// The mean of a sample. Values that all agree to the last bits have no noise.
     fn from(m: SampleMoments) -> Self {
         let noisy = m.variance() > 0.0 || m.count() < 2;
@@ -27,37 +28,37 @@ impl From<SampleMoments> for Look {
 
 /// The expected value, and the largest standard error of a run.
 ///
-/// The procedure: a look with the case's seed. Within four standard errors (and `tolerance`) the case is settled: it
-/// passes. Else it is looked at again with an independent seed and four times the samples, and once more with sixteen
-/// times. The case fails only if *all three* looks are off by more than four standard errors, *to the same side*.
+/// The procedure: a first analysis with the seed of the case. Within four standard errors (and `tolerance`) the case
+/// passes. Otherwise a second analysis follows with an independent seed and four times the samples, and a third with
+/// sixteen times the samples. The case fails only if *all three* analyses are off by more than four standard errors, *to the same side*.
 ///
-/// False alarms: one look at a normal value errs with probability 6.3e-5, three independent ones to the same side with
+/// False alarms: one analysis of a normal value errs with probability 6.3e-5, three independent ones to the same side with
 /// 2 (3.17e-5)^3 = 6.4e-14; with the spread taken from 256 pixels (255 degrees of freedom) 1.4e-13
-/// ([`Self::false_alarm_rate`]). A suite of 2000 cases errs with 3e-10. Two looks would give 3.5e-9 for a case, and 7e-6 for
+/// ([`Self::false_alarm_rate`]). A suite of 2000 cases errs with 3e-10. Two analyses would give 3.5e-9 for a case, and 7e-6 for
 /// such a suite, where 1e-6 is allowed.
 ///
-/// Power: the first look decides. A value that is off by 6 of its standard errors is found in 97.7 % of all cases
-/// ([`Self::power`]), by 8 in all but 3e-5 of them, since the later looks see it as 12 and 24, 16 and 32 standard errors.
+/// Power: the first analysis decides. A value that is off by 6 of its standard errors is found in 97.7 % of all cases
+/// ([`Self::power`]), by 8 in all but 3e-5 of them, since it is 12 and 24, or 16 and 32, standard errors of the later analyses.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Claim {
     /// The expected value.
     pub expected: f64,
     /// Error in addition to noise: the rounding of the code under test, the error of the expectation.
     pub tolerance: f64,
-    /// Bound on the standard error of every look, so that no case passes by being noisy.
+    /// Bound on the standard error of every analysis, so that no case passes by being noisy.
     pub sure: f64,
 }
 
 impl Claim {
-    /// Judges; `look` gives the looks 0, 1, 2, each with a seed of its own and four times the samples of the one before.
+    /// Judges; `estimate` computes the estimates of the analyses 0, 1, 2, each with its own seed and four times the samples of the one before.
     ///
     /// # Errors
     /// The estimates, if the claim is refuted, if the standard error of a run is too large, or if an estimate is not a number.
-    pub fn judge(&self, mut look: impl FnMut(u32) -> Look) -> Result<(), String> {
+    pub fn judge(&self, mut estimate: impl FnMut(u32) -> Estimate) -> Result<(), String> {
         let mut said = format!("expected {:.7e}, found", self.expected);
         let mut side = 0.0;
-        for k in 0..LOOKS {
-            let Look { value, standard_error: error } = look(k);
+        for k in 0..ANALYSES {
+            let Estimate { value, standard_error: error } = estimate(k);
             let off = value - self.expected;
             said += &format!("\n  {value:.7e} +- {error:.1e}, {:+.1} standard errors off", off / error);
             if !value.is_finite() || error.is_nan() || error > self.sure {
@@ -71,13 +72,13 @@ impl Claim {
         Err(said)
     }
 
-    /// Fails the running test unless [`Self::judge`] is content.
+    /// Fails the running test unless [`Self::judge`] passes.
     ///
     /// # Panics
-    /// If it is not: that is its use.
+    /// If the claim is refuted.
     #[track_caller]
-    pub fn assert(&self, what: &str, look: impl FnMut(u32) -> Look) {
-        if let Err(said) = self.judge(look) {
+    pub fn assert(&self, what: &str, estimate: impl FnMut(u32) -> Estimate) {
+        if let Err(said) = self.judge(estimate) {
             panic!("{what}: {said}");
         }
     }
@@ -88,15 +89,16 @@ impl Claim {
             Ok(student) if freedom < 1e6 => student.sf(STANDARD_ERRORS),
             _ => Normal::standard().sf(STANDARD_ERRORS),
         };
-        2.0 * beyond.powi(LOOKS as i32)
+        2.0 * beyond.powi(ANALYSES as i32)
     }
 
-    /// Probability that a claim is refuted whose value is off by `off` standard errors of the first look.
+    /// Probability that a claim is refuted whose value is off by `off` standard errors of the first analysis.
     pub fn power(off: f64) -> f64 {
         let normal = Normal::standard();
         // Above, and below.
-        let all =
-            |off: f64| -> f64 { (0..LOOKS).map(|k| normal.sf(STANDARD_ERRORS - off * f64::from(1u32 << k))).product() };
+        let all = |off: f64| -> f64 {
+            (0..ANALYSES).map(|k| normal.sf(STANDARD_ERRORS - off * f64::from(1u32 << k))).product()
+        };
         all(off) + all(-off)
     }
 }
@@ -113,11 +115,11 @@ mod tests {
         ((*state >> 11) as f64 + 0.5) / (1u64 << 53) as f64
     }
 
-    /// A look `k` at a value that lies `off` of the first look's standard errors above zero.
-    fn look(state: &mut u64, off: f64, k: u32) -> Look {
+    /// The estimate of analysis `k` of a value that lies `off` standard errors of the first analysis above zero.
+    fn estimate(state: &mut u64, off: f64, k: u32) -> Estimate {
         let noise = (-2.0 * uniform(state).ln()).sqrt() * (std::f64::consts::TAU * uniform(state)).cos();
         let error = 1.0 / f64::from(1u32 << k);
-        Look { value: off + error * noise, standard_error: error }
+        Estimate { value: off + error * noise, standard_error: error }
     }
 
     /// How many of `n` claims that the value is zero are refuted. `blind` is taken off the four standard errors, for rates
@@ -129,11 +131,11 @@ mod tests {
             let claim = Claim { expected: 0.0, tolerance: 0.0, sure: 4.0 };
             // A standard error that is called smaller than it is makes four of it fewer.
             let shrink = (STANDARD_ERRORS - blind) / STANDARD_ERRORS;
-            let mut seen = |k| {
-                let l = look(&mut state, off, k);
-                Look { standard_error: l.standard_error * shrink, ..l }
+            let mut analysis = |k| {
+                let l = estimate(&mut state, off, k);
+                Estimate { standard_error: l.standard_error * shrink, ..l }
             };
-            count += u32::from(claim.judge(&mut seen).is_err());
+            count += u32::from(claim.judge(&mut analysis).is_err());
         }
         f64::from(count)
     }
@@ -163,32 +165,32 @@ mod tests {
 
     #[test]
     fn a_tolerance_is_granted_once_and_only_as_stated() {
-        let at = |value: f64| move |_| Look { value, standard_error: 1e-3 };
+        let at = |value: f64| move |_| Estimate { value, standard_error: 1e-3 };
         let claim = Claim { expected: 1.0, tolerance: 1e-2, sure: 1e-3 };
         assert!(claim.judge(at(1.0139)).is_ok() && claim.judge(at(1.0141)).is_err());
         // Without noise and tolerance only the value itself will do.
         let exact = |value: f64| {
-            Claim { expected: 1.0, tolerance: 0.0, sure: 0.0 }.judge(|_| Look { value, standard_error: 0.0 })
+            Claim { expected: 1.0, tolerance: 0.0, sure: 0.0 }.judge(|_| Estimate { value, standard_error: 0.0 })
         };
         assert!(exact(1.0).is_ok() && exact(1.0 + f64::EPSILON).is_err());
     }
 
     #[test]
-    fn looks_that_disagree_about_the_side_refute_nothing() {
+    fn analyses_on_different_sides_refute_nothing() {
         let claim = Claim { expected: 0.0, tolerance: 0.0, sure: 1.0 };
         let mut side = -1.0;
         let swinging = |_| {
             side = -side;
-            Look { value: 9.0 * side, standard_error: 1.0 }
+            Estimate { value: 9.0 * side, standard_error: 1.0 }
         };
         assert!(claim.judge(swinging).is_ok());
     }
 
     #[test]
-    fn what_is_noisy_or_no_number_fails() {
+    fn noisy_or_non_finite_values_fail() {
         let claim = Claim { expected: 1.0, tolerance: 0.5, sure: 1e-3 };
         for (value, standard_error) in [(1.0, 2e-3), (f64::NAN, 1e-4), (1.0, f64::NAN), (f64::INFINITY, 1e-4)] {
-            assert!(claim.judge(|_| Look { value, standard_error }).is_err(), "{value} +- {standard_error}");
+            assert!(claim.judge(|_| Estimate { value, standard_error }).is_err(), "{value} +- {standard_error}");
         }
         let one: SampleMoments = [1.0].into_iter().collect();
         assert!(claim.judge(|_| one.into()).is_err(), "one value has no standard error");
