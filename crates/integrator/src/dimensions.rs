@@ -29,6 +29,13 @@ pub(crate) const fn light(vertex: u32, index: u32) -> u32 {
     2 + PER_VERTEX * vertex + PER_LIGHT_SAMPLE * index
 }
 
+/// Roulette of the light sample of a vertex that takes a sample of one light (1). It is the set of a second light
+/// sample, which such a vertex does not have.
+#[inline]
+pub(crate) const fn single_light_roulette(vertex: u32) -> u32 {
+    light(vertex, 1)
+}
+
 /// Kind of a stochastic surface (1): present or absent, sheet or solid. Event in the medium before the surface (3):
 /// distance, channel, further digits of the distance.
 #[inline]

@@ -1,6 +1,8 @@
 //! Next-event estimation along straight lines from a vertex to a light.
 
+use crate::learned_roulette::VertexRoulette;
 use crate::mnee::SpecularPrefix;
+use crate::recorder::Recorder;
 use crate::vertex::Vertex;
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_scene::{Features, LightChoice, LightSample, LightSampleContext, Scene};
@@ -17,19 +19,35 @@ pub(crate) struct LastScatter {
     pub(crate) specular_prefix: Option<SpecularPrefix>,
 }
 
-/// Russian roulette on a shadow ray, before the ray is traced (Veach 1997, section 10.4). A light sample that would add
-/// almost nothing to the radiance gathered so far is traced with a probability in proportion to its contribution, and
-/// its weight increases accordingly. Without it, most shadow rays of long paths would be traced for such samples.
+/// Russian roulette on a shadow ray or a connection, before it is traced (Veach 1997, section 10.4).
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct ShadowRoulette {
-    /// Largest channel of the throughput, over the limit of the roulette: [`Self::THRESHOLD`] times the largest channel
-    /// of the gathered radiance \[m^2 sr/W\]. 0 if every shadow ray is traced.
-    scale: f32,
-    /// A number in `[0, 1)` for one light sample only.
-    u: f32,
+pub(crate) enum ShadowRoulette<'a> {
+    /// Every ray is traced.
+    Off,
+    /// A light sample that would add almost nothing to the radiance gathered so far is traced with a probability in
+    /// proportion to its contribution, and its weight increases accordingly. Without it, most shadow rays of long paths
+    /// would be traced for such samples.
+    Gathered {
+        /// Largest channel of the throughput, over the limit of the roulette: [`Self::THRESHOLD`] times the largest
+        /// channel of the gathered radiance \[m^2 sr/W\].
+        scale: f32,
+        /// A number in `[0, 1)` for one light sample only.
+        u: f32,
+    },
+    /// The probability follows from training paths.
+    Learned {
+        /// The statistics at the vertex.
+        vertex: VertexRoulette<'a>,
+        /// Index of the light sample.
+        index: u32,
+        /// Largest channel of the throughput.
+        throughput: f32,
+        /// A number in `[0, 1)` for one light sample only.
+        u: f32,
+    },
 }
 
-impl ShadowRoulette {
+impl ShadowRoulette<'_> {
     /// The roulette applies to contributions below this share of the gathered radiance f. It adds no more than (f /
     /// 32)^2 / 4 to the variance of a sample, which is little also where light is smooth. A limit at f itself would
     /// more than double the noise of matt rooms.
@@ -38,33 +56,45 @@ impl ShadowRoulette {
     /// Smallest survival probability. It limits the weight of a sample.
     const MIN_SURVIVAL: f32 = 1.0 / 16.0;
 
-    /// No roulette: every shadow ray is traced.
-    pub(crate) const NONE: Self = Self { scale: 0.0, u: 0.0 };
-
     /// The roulette for a path with the given `throughput` and the radiance `gathered` \[W/(m^2 sr)\] that it has
     /// gathered before this vertex.
     #[inline]
-    pub(crate) fn new(throughput: Rgb, gathered: Rgb, u: impl FnOnce() -> f32) -> Self {
+    pub(crate) fn from_gathered(throughput: Rgb, gathered: Rgb, u: impl FnOnce() -> f32) -> Self {
         let gathered = gathered.max_channel();
-        if gathered > 0.0 {
-            Self { scale: throughput.max_channel() / (Self::THRESHOLD * gathered), u: u() }
-        } else {
-            Self::NONE
-        }
+        let scale = throughput.max_channel() / (Self::THRESHOLD * gathered);
+        // The scale of values that are infinite or not a number is not above 0.
+        if gathered > 0.0 && scale > 0.0 { Self::Gathered { scale, u: u() } } else { Self::Off }
     }
 
-    /// The survival probability of a light sample with the expected contribution `light` \[W/(m^2 sr)\] at the vertex;
-    /// `None` if its shadow ray is not traced.
+    /// The survival probability of a shadow ray whose light sample has the expected contribution `light`
+    /// \[W/(m^2 sr)\] at the vertex; `None` if the ray is not traced.
     #[inline]
-    pub(crate) fn survival(&self, light: Rgb) -> Option<f32> {
-        let relative = self.scale * light.max_channel();
-        // Samples that are not a number survive, so that the film can count them.
-        let is_below = relative < 1.0;
-        if self.scale == 0.0 || !is_below {
-            return Some(1.0);
+    pub(crate) fn shadow_survival(&self, light: Rgb) -> Option<f32> {
+        let (survival, u) = match *self {
+            Self::Off => return Some(1.0),
+            Self::Gathered { scale, u } => {
+                let relative = scale * light.max_channel();
+                // Samples that are not a number survive, so that the film can count them.
+                let is_below = relative < 1.0;
+                (if is_below { relative.max(Self::MIN_SURVIVAL) } else { 1.0 }, u)
+            }
+            Self::Learned { vertex, index, throughput, u } => {
+                (vertex.shadow_survival(index, throughput * light.max_channel()), u)
+            }
+        };
+        (u < survival).then_some(survival)
+    }
+
+    /// The survival probability of a connection through a cover, like [`Self::shadow_survival`].
+    #[inline]
+    pub(crate) fn connection_survival(&self, light: Rgb) -> Option<f32> {
+        match *self {
+            Self::Learned { vertex, index, throughput, u } => {
+                let survival = vertex.connection_survival(index, throughput * light.max_channel());
+                (u < survival).then_some(survival)
+            }
+            _ => self.shadow_survival(light),
         }
-        let survival = relative.max(Self::MIN_SURVIVAL);
-        (self.u < survival).then_some(survival)
     }
 }
 
@@ -75,7 +105,9 @@ pub(crate) fn estimate<F: Features, V: Vertex>(
     scene: &Scene,
     at: &V,
     light: &LightSample,
-    roulette: ShadowRoulette,
+    index: u32,
+    roulette: ShadowRoulette<'_>,
+    recorder: &mut impl Recorder,
 ) -> Rgb {
     let (scattered, pdf) = at.eval(light.direction);
     let unoccluded = scattered * light.radiance;
@@ -84,10 +116,11 @@ pub(crate) fn estimate<F: Features, V: Vertex>(
     }
     let mis_weight = if light.is_delta { 1.0 } else { power_heuristic(light.pdf, pdf) };
     let expected = unoccluded * (mis_weight / light.pdf);
-    let Some(survival) = roulette.survival(expected) else { return Rgb::BLACK };
+    let Some(survival) = roulette.shadow_survival(expected) else { return Rgb::BLACK };
     let shadow_start = at.spawn_ray(light.direction);
     let ray = scene.shadow_ray_from(shadow_start.ray.origin, light.direction, light.target.as_ref());
     let (open, transmittance) = shadow_start.shadow_transmittance::<F>(scene, &ray);
+    recorder.shadow_ray(index, open > 0.0);
     if open == 0.0 {
         return Rgb::BLACK;
     }
@@ -114,7 +147,8 @@ mod tests {
     #[test]
     fn a_light_sample_survives_in_proportion_to_its_contribution() {
         let survival = |throughput, gathered, light, u| {
-            ShadowRoulette::new(Rgb::splat(throughput), Rgb::splat(gathered), || u).survival(Rgb::splat(light))
+            ShadowRoulette::from_gathered(Rgb::splat(throughput), Rgb::splat(gathered), || u)
+                .shadow_survival(Rgb::splat(light))
         };
         // A 32nd of the gathered radiance or more: certain survival. Nothing gathered yet: certain survival.
         for u in [0.0, 0.5, 0.99] {

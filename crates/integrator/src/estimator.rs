@@ -2,6 +2,7 @@
 
 use crate::dimensions;
 use crate::dispatch::trace_path;
+use crate::learned_roulette::LearnedRoulette;
 use crate::recorder::{ConnectionTally, PathTrace, Recorder};
 use dunkelfeld_film::Sample;
 use dunkelfeld_sampling::Sampler;
@@ -31,6 +32,8 @@ pub struct Estimator<'a> {
     pub seed: u64,
     /// Frame number. Frames of one seed are independent.
     pub frame: u32,
+    /// Learned survival probabilities. `None` selects rules that need no training.
+    pub roulette: Option<&'a LearnedRoulette>,
 }
 
 impl Estimator<'_> {
@@ -66,7 +69,7 @@ impl Estimator<'_> {
         let lens = self.camera.has_aperture().then(|| sampler.get_2d(dimensions::LENS));
         let CameraRay { ray, weight, start } = self.camera.camera_ray(at.x as f32 + dx, at.y as f32 + dy, lens);
         // The path, and the sample for the film.
-        let sample = trace_path(self.scene, ray, &sampler, recorder);
+        let sample = trace_path(self.scene, self.roulette, ray, &sampler, recorder);
         // The lens scales the radiance, for example by vignetting.
         recorder.scale(weight);
         let depth = if sample.hit { start + sample.depth } else { sample.depth };

@@ -8,6 +8,7 @@ mod dimensions;
 mod direct;
 mod dispatch;
 pub mod estimator;
+pub mod learned_roulette;
 mod mnee;
 mod path;
 mod pixel_ids;
@@ -16,5 +17,6 @@ mod recorder;
 mod vertex;
 
 pub use estimator::{Estimator, PixelSample};
+pub use learned_roulette::LearnedRoulette;
 pub use pixel_ids::{PixelIds, pixel_ids};
 pub use recorder::{ConnectionTally, PathTrace, TraceConnection, TraceScattering, TraceVertex};

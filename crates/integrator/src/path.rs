@@ -3,6 +3,7 @@
 
 use crate::dimensions;
 use crate::direct::{self, LastScatter, ShadowRoulette};
+use crate::learned_roulette::LearnedRoulette;
 use crate::mnee::{self, End, SpecularPrefix};
 use crate::ray_state::{RayState, SurfaceHit};
 use crate::recorder::Recorder;
@@ -40,11 +41,12 @@ const RR_SCALE: f32 = 3.0;
 #[inline(never)]
 pub(crate) fn trace_path<F: Features>(
     scene: &Scene,
+    roulette: Option<&LearnedRoulette>,
     ray: Ray,
     sampler: &Sampler,
     recorder: &mut impl Recorder,
 ) -> Sample {
-    let mut path = Path::<F, _>::new(scene, ray, sampler, recorder);
+    let mut path = Path::<F, _>::new(scene, roulette, ray, sampler, recorder);
     for vertex in 0.. {
         // Storage for the interface and the BSDF of this vertex, for vertices that need their own.
         let (mut interface, mut bsdf) = (None, None);
@@ -72,6 +74,9 @@ pub(crate) fn trace_path<F: Features>(
 /// The state of a path.
 struct Path<'a, F, R> {
     scene: &'a Scene,
+    roulette: Option<&'a LearnedRoulette>,
+    /// Scale of the learned survival probabilities; `None` before the first vertex of the path.
+    gain_scale: Option<f32>,
     sampler: &'a Sampler,
     recorder: &'a mut R,
     ray_state: RayState,
@@ -96,9 +101,17 @@ struct Path<'a, F, R> {
 
 impl<'a, F: Features, R: Recorder> Path<'a, F, R> {
     #[inline]
-    fn new(scene: &'a Scene, ray: Ray, sampler: &'a Sampler, recorder: &'a mut R) -> Self {
+    fn new(
+        scene: &'a Scene,
+        roulette: Option<&'a LearnedRoulette>,
+        ray: Ray,
+        sampler: &'a Sampler,
+        recorder: &'a mut R,
+    ) -> Self {
         Self {
             scene,
+            roulette,
+            gain_scale: None,
             sampler,
             recorder,
             ray_state: RayState::from_camera::<F>(scene, ray),
@@ -239,6 +252,12 @@ impl<'a, F: Features, R: Recorder> Path<'a, F, R> {
             self.only_specular = is_see_through;
         }
 
+        // Learned decisions at this vertex, if there are any.
+        let learned = match (self.roulette, at.material()) {
+            (Some(roulette), Some(material)) => roulette.at(at.receiver().point, material, &mut self.gain_scale),
+            _ => None,
+        };
+
         // Next-event estimation.
         let choice = self.scene.light_choice_at(self.light_vertices, V::IN_MEDIUM);
         if !is_delta {
@@ -250,19 +269,32 @@ impl<'a, F: Features, R: Recorder> Path<'a, F, R> {
                 let u = self.sampler.numbers(dimensions::light(vertex, index));
                 // With one sample for each light there is no choice of a light. The number decides the roulette
                 // instead.
-                let (u_choice, roulette) = match choice {
-                    LightChoice::One => (u.get(2), ShadowRoulette::NONE),
-                    LightChoice::Each => (0.0, ShadowRoulette::new(self.throughput, radiance_before, || u.get(2))),
+                let u_choice = if choice == LightChoice::One { u.get(2) } else { 0.0 };
+                let u_roulette = || match choice {
+                    LightChoice::Each => u.get(2),
+                    LightChoice::One => self.sampler.numbers(dimensions::single_light_roulette(vertex)).get(0),
+                };
+                let roulette = match (learned, choice) {
+                    _ if R::TRAINING => ShadowRoulette::Off,
+                    (Some(vertex), _) => {
+                        let throughput = self.throughput.max_channel();
+                        ShadowRoulette::Learned { vertex, index, throughput, u: u_roulette() }
+                    }
+                    (None, LightChoice::One) => ShadowRoulette::Off,
+                    (None, LightChoice::Each) => {
+                        ShadowRoulette::from_gathered(self.throughput, radiance_before, u_roulette)
+                    }
                 };
                 let u_point = u.first_two();
                 let Some(light) = self.scene.sample_light(at.receiver(), choice, index, u_choice, u_point) else {
                     continue;
                 };
-                let mut direct = direct::estimate::<F, _>(self.scene, at, &light, roulette);
+                let mut direct = direct::estimate::<F, _>(self.scene, at, &light, index, roulette, self.recorder);
                 self.recorder.add_direct(self.throughput * direct);
                 if self.has_covers() {
+                    let u_chain = || u.get(3);
                     let connected =
-                        mnee::estimate::<F, _>(self.scene, at, &light, roulette, || u.get(3), self.recorder);
+                        mnee::estimate::<F, _>(self.scene, at, &light, index, roulette, u_chain, self.recorder);
                     self.recorder.add_connection(self.throughput * connected);
                     direct += connected;
                 }
@@ -276,13 +308,17 @@ impl<'a, F: Features, R: Recorder> Path<'a, F, R> {
         self.throughput *= scattered.weight;
         self.eta_scale *= scattered.eta * scattered.eta;
 
-        // Russian roulette on the throughput.
-        let survival = survival(self.throughput.max_channel() * self.eta_scale, self.count_scattering::<V>());
+        // Russian roulette, by the learned gain or by the throughput.
+        let max_survival = self.count_scattering::<V>();
+        let survival = match learned {
+            Some(vertex) => vertex.path_survival(self.throughput.max_channel()).min(max_survival),
+            None => survival(self.throughput.max_channel() * self.eta_scale, max_survival),
+        };
         if u_roulette >= survival {
             return false;
         }
         self.throughput *= 1.0 / survival;
-        self.recorder.scattering(&scattered);
+        self.recorder.scattering(&scattered, self.throughput);
 
         self.ray_state = at.spawn_ray(scattered.wi);
         if !scattered.lobe.contains(Lobe::DELTA) {

@@ -97,6 +97,9 @@ impl ConnectionTally {
 /// Receiver of the events of a path. [`ConnectionTally`] records connections only; its other methods are empty and cost
 /// nothing.
 pub(crate) trait Recorder {
+    /// True if no shadow ray and no connection is left out by roulette, so that each has an outcome.
+    const TRAINING: bool = false;
+
     /// The path has reached a vertex.
     fn vertex(&mut self, position: [f32; 3], material: Option<u32>, throughput: Rgb);
     /// The path has reached a vertex in the medium of a material.
@@ -105,8 +108,14 @@ pub(crate) trait Recorder {
     fn add_emitted(&mut self, contribution: Rgb);
     /// Direct light was added at the current vertex.
     fn add_direct(&mut self, contribution: Rgb);
-    /// A direction was chosen at the current vertex.
-    fn scattering(&mut self, scattering: &Scattering);
+    /// The path continues in this direction, with this throughput.
+    fn scattering(&mut self, scattering: &Scattering, throughput: Rgb);
+    /// A shadow ray of the light sample with this index was traced. `arrived` is false if it was occluded.
+    #[inline]
+    fn shadow_ray(&mut self, _index: u32, _arrived: bool) {}
+    /// A connection of the light sample with this index was attempted. `arrived` is false if it reached no light.
+    #[inline]
+    fn connection_outcome(&mut self, _index: u32, _arrived: bool) {}
     /// A connection through a cover was attempted at the current vertex.
     fn connection(&mut self, record: &ConnectionRecord);
     /// The last connection reached the light and has this MIS weight.
@@ -128,7 +137,7 @@ impl Recorder for ConnectionTally {
     #[inline]
     fn add_direct(&mut self, _: Rgb) {}
     #[inline]
-    fn scattering(&mut self, _: &Scattering) {}
+    fn scattering(&mut self, _: &Scattering, _: Rgb) {}
     #[inline]
     fn connection(&mut self, record: &ConnectionRecord) {
         self.attempts += 1;
@@ -176,7 +185,7 @@ impl Recorder for PathTrace {
         }
     }
 
-    fn scattering(&mut self, s: &Scattering) {
+    fn scattering(&mut self, s: &Scattering, _: Rgb) {
         if let Some(v) = self.vertices.last_mut() {
             let (direction, pdf, weight, lobe) = (s.wi.to_array(), s.pdf, s.weight, s.lobe);
             v.scattered = Some(TraceScattering { direction, pdf, weight, lobe });

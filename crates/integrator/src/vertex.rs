@@ -52,6 +52,9 @@ pub(crate) trait Vertex {
     /// Distance from the origin of the ray \[m\].
     fn distance(&self) -> f32;
 
+    /// Index of the material of the surface; `None` in a medium.
+    fn material(&self) -> Option<u32>;
+
     /// The surface on which the vertex lies; `None` in a medium.
     fn surface(&self) -> Option<&SurfacePoint>;
 }
@@ -155,6 +158,11 @@ impl<F: Features> Vertex for SurfaceVertex<'_, F> {
     }
 
     #[inline]
+    fn material(&self) -> Option<u32> {
+        Some(self.shading.material)
+    }
+
+    #[inline]
     fn surface(&self) -> Option<&SurfacePoint> {
         Some(&self.hit.surface)
     }
@@ -227,6 +235,11 @@ impl Vertex for MediumVertex<'_> {
     #[inline]
     fn distance(&self) -> f32 {
         self.distance
+    }
+
+    #[inline]
+    fn material(&self) -> Option<u32> {
+        None
     }
 
     #[inline]

@@ -157,7 +157,8 @@ pub(crate) fn estimate<F: Features, V: Vertex>(
     scene: &Scene,
     at: &V,
     light: &LightSample,
-    roulette: ShadowRoulette,
+    index: u32,
+    roulette: ShadowRoulette<'_>,
     u: impl FnOnce() -> f32,
     recorder: &mut impl Recorder,
 ) -> Rgb {
@@ -177,11 +178,14 @@ pub(crate) fn estimate<F: Features, V: Vertex>(
     let density = light.pdf * selected.probability;
     let (scattered, pdf) = at.eval(selected.direction);
     let expected = scattered * light.radiance * (power_heuristic(density, pdf) / density);
-    let Some(survival) = roulette.survival(expected) else { return Rgb::BLACK };
+    let Some(survival) = roulette.connection_survival(expected) else { return Rgb::BLACK };
     let (found, rays) = solver.solve(&selected);
     let ChainCandidate { stack, chain, probability, .. } = selected;
     recorder.connection(&ConnectionRecord { stack, chain, probability, rays, has_converged: found.is_some() });
-    let Some(found) = found else { return Rgb::BLACK };
+    let Some(found) = found else {
+        recorder.connection_outcome(index, false);
+        return Rgb::BLACK;
+    };
     let (scattered, pdf) = at.eval(found.direction);
     let unoccluded = scattered * light.radiance * found.traced.weight;
     if unoccluded.is_black() {
@@ -190,6 +194,7 @@ pub(crate) fn estimate<F: Features, V: Vertex>(
     let last = &found.traced.ray_state;
     let ray = scene.shadow_ray_from(last.ray.origin, last.ray.direction, light.target.as_ref());
     let (open, transmittance) = last.shadow_transmittance::<F>(scene, &ray);
+    recorder.connection_outcome(index, open > 0.0);
     if open == 0.0 {
         return Rgb::BLACK;
     }

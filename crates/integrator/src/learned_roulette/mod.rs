@@ -1,0 +1,111 @@
+//! Learned Russian roulette: survival probabilities of paths, shadow rays and connections by their expected gain.
+//!
+//! A part of a sample with the outcome `X` [W/(m^2 sr)] and the cost `c` \[rays\] is computed with the survival
+//! probability `q` and divided by it. That adds `E[X^2] (1/q - 1)` to the variance of the sample and saves `c (1 - q)`
+//! of its cost. The product of the variance `V` and the cost `C` of a sample is smallest for
+//!
+//! ```text
+//! q = sqrt(E[X^2] / c) / sqrt(V / C)
+//! ```
+//!
+//! (Bolin and Meyer 1997; Rath et al. 2022). Training paths measure `E[X^2]` and `c` before the render, in cells of
+//! position and material (adjoint-driven roulette: Vorba and Křivánek 2016). `V` and `C` are those of the training paths
+//! whose first vertex lies in the same cell. `V` leaves out the light samples of that vertex: their points are evenly
+//! distributed over the samples of a pixel, so they add little to the variance of its mean.
+//!
+//! The survivors are divided by `q`, so no learned value changes the expected image.
+
+mod cells;
+mod training;
+
+pub use training::TrainingBatch;
+
+use crate::learned_roulette::cells::{Cell, CellGrid};
+use dunkelfeld_geometry::Vec3;
+use dunkelfeld_scene::{RayGenerator, Scene};
+use std::ops::Range;
+
+/// Number of lights with statistics of their own: the lights of a vertex that takes a sample of each.
+const LIGHTS: usize = Scene::MAX_LIGHT_SAMPLES as usize;
+
+/// Cost of a shadow ray with its light sample, relative to a ray to the next surface with its shading.
+const SHADOW_COST: f32 = 0.5;
+
+/// Cost of a ray that is traced through a cover for a connection, relative to a ray to the next surface.
+const CONNECTION_COST: f32 = 1.0;
+
+/// Smallest learned survival probability. It bounds the weight of outcomes that training has not met.
+const MIN_SURVIVAL: f32 = 0.2;
+
+/// Rounds of training. The paths of each round use the statistics of the round before.
+const ROUNDS: u32 = 3;
+
+/// The learned statistics of a scene and a camera.
+#[derive(Clone, Debug, serde::Serialize)]
+pub struct LearnedRoulette {
+    grid: CellGrid,
+}
+
+/// The survival probabilities at a vertex.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct VertexRoulette<'a> {
+    cell: &'a Cell,
+    /// `1 / sqrt(V / C)` of the path \[m^2 sr/W\].
+    gain_scale: f32,
+}
+
+impl LearnedRoulette {
+    /// Traces about `paths` training paths of a film of `width` x `height` pixels, in at least one batch per round.
+    /// `trace` computes the batches with the numbers in a range and returns them in order, on any number of threads. The
+    /// result is a pure function of scene, camera, film and number of paths. `None` if no path meets a surface.
+    pub fn train(
+        scene: &Scene,
+        camera: &RayGenerator,
+        [width, height]: [u32; 2],
+        paths: u32,
+        trace: impl Fn(Range<u32>, &(dyn Fn(u32) -> TrainingBatch + Sync)) -> Vec<TrainingBatch>,
+    ) -> Option<Self> {
+        let per_round = (paths / (ROUNDS * TrainingBatch::PATHS)).max(1);
+        (0..ROUNDS).try_fold(None, |previous: Option<Self>, round| {
+            let batch = |n| TrainingBatch::trace(scene, camera, previous.as_ref(), [width, height], n);
+            let batches = trace(round * per_round..(round + 1) * per_round, &batch);
+            training::combine(&batches).map(Some)
+        })?
+    }
+
+    /// The survival probabilities at a vertex on a surface. The first vertex of a path sets its `gain_scale`. `None` if
+    /// nothing is known about its material, or if the first vertex was in a cell without noise.
+    #[inline]
+    pub(crate) fn at(&self, point: Vec3, material: u32, gain_scale: &mut Option<f32>) -> Option<VertexRoulette<'_>> {
+        let cell = self.grid.find(point, material)?;
+        let gain_scale = *gain_scale.get_or_insert(cell.gain_scale);
+        (gain_scale > 0.0 && gain_scale.is_finite()).then_some(VertexRoulette { cell, gain_scale })
+    }
+}
+
+impl VertexRoulette<'_> {
+    /// Survival probability of the path after scattering. `throughput` is the largest channel.
+    #[inline]
+    pub(crate) fn path_survival(&self, throughput: f32) -> f32 {
+        clamp(throughput * self.gain_scale * self.cell.path)
+    }
+
+    /// Survival probability of the shadow ray of a light sample. `expected` is the largest channel of its contribution
+    /// to the pixel [W/(m^2 sr)] if it is not occluded.
+    #[inline]
+    pub(crate) fn shadow_survival(&self, index: u32, expected: f32) -> f32 {
+        clamp(expected * self.gain_scale * self.cell.shadow[index as usize % LIGHTS])
+    }
+
+    /// Survival probability of a connection through a cover, like [`Self::shadow_survival`].
+    #[inline]
+    pub(crate) fn connection_survival(&self, index: u32, expected: f32) -> f32 {
+        clamp(expected * self.gain_scale * self.cell.connection[index as usize % LIGHTS])
+    }
+}
+
+/// A probability in [[`MIN_SURVIVAL`], 1]. Values that are not a number survive, so that the film can count them.
+#[inline]
+fn clamp(q: f32) -> f32 {
+    if q < 1.0 { q.max(MIN_SURVIVAL) } else { 1.0 }
+}
