@@ -98,7 +98,7 @@ fn render(name: &str, samples: u32) -> Result<String, String> {
     let case = Case::all().into_iter().find(|case| case.name() == name).ok_or(format!("there is no case {name}"))?;
     let scene = case.scene()?;
     let camera = scene.ray_generator(&scene.cameras()[0], FILM, FILM).map_err(|e| e.to_string())?;
-    let estimator = Estimator { scene: &scene, camera: &camera, width: FILM, seed: 1, frame: 0 };
+    let estimator = Estimator { scene: &scene, camera: &camera, width: FILM, seed: 1, frame: 0, roulette: None };
     let (mut fingerprint, mut sum) = (0xcbf2_9ce4_8422_2325u64, 0.0);
     for pixel in 0..PIXELS * PIXELS {
         let [x, y] = [pixel % PIXELS, pixel / PIXELS].map(|k| k * (FILM / PIXELS));

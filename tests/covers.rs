@@ -294,7 +294,7 @@ fn a_trace_names_the_connections_through_a_cover() {
         build(bench(vec![("floor", square(0.0, 0.3, false), paint()), ("cover", plate(0.002, 0.006), clear(1.49))]));
     assert_eq!(scene.covers().len(), 1);
     let camera = scene.ray_generator(&scene.cameras()[0], 8, 8).expect("a valid camera");
-    let estimator = Estimator { scene: &scene, camera: &camera, width: 8, seed: 3, frame: 0 };
+    let estimator = Estimator { scene: &scene, camera: &camera, width: 8, seed: 3, frame: 0, roulette: None };
     let (mut lit, mut passed) = (0, 0);
     for index in 0..256 {
         let at = PixelSample { x: index % 8, y: index / 8 % 8, index };

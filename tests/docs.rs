@@ -302,6 +302,7 @@ fn stats(settings: &RenderSettings) -> Value {
     for stage in [
         Stage::Load,
         Stage::Build,
+        Stage::Training,
         Stage::Pilot,
         Stage::Plan,
         Stage::Refine,

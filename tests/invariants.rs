@@ -97,7 +97,8 @@ fn sample_sets_are_additive_to_the_last_bit() {
     let scene = room();
     let s = settings(24, 16, 1.0, 5);
     let camera = dunkelfeld::camera(&scene, &s).expect("there is one");
-    let estimator = Estimator { scene: &scene, camera: &camera, width: s.width, seed: s.seed, frame: s.frame };
+    let estimator =
+        Estimator { scene: &scene, camera: &camera, width: s.width, seed: s.seed, frame: s.frame, roulette: None };
     let part = |range: std::ops::Range<u32>| {
         let mut sums = vec![PixelSums::default(); (s.width * s.height) as usize];
         for y in 0..s.height {

@@ -385,7 +385,7 @@ fn a_trace_names_vertices_in_media_and_adds_up() {
     spot_camera(&mut b, DVec3::new(0.3, 0.3, 1.0), DVec3::ZERO, 0.1);
     let scene = build(b);
     let camera = scene.ray_generator(&scene.cameras()[0], 8, 8).expect("a valid camera");
-    let estimator = Estimator { scene: &scene, camera: &camera, width: 8, seed: 1, frame: 0 };
+    let estimator = Estimator { scene: &scene, camera: &camera, width: 8, seed: 1, frame: 0, roulette: None };
     let mut inside = 0;
     for k in 0..64 {
         for index in 0..8 {

@@ -123,5 +123,6 @@ pub mod sensor {
 /// Single samples, to find the cause of a wrong pixel.
 pub mod trace {
     pub use dunkelfeld_bsdf::Lobe;
-    pub use dunkelfeld_integrator::{Estimator, PixelIds, PixelSample, TraceConnection};
+    pub use dunkelfeld_integrator::{Estimator, LearnedRoulette, PixelIds, PixelSample, TraceConnection};
+    pub use dunkelfeld_render::train;
 }

@@ -36,7 +36,7 @@ fn room() -> (Scene, RayGenerator) {
 #[test]
 fn a_trace_sums_to_its_sample_and_its_throughputs_are_products() {
     let (scene, camera) = room();
-    let estimator = Estimator { scene: &scene, camera: &camera, width: SIZE, seed: 4, frame: 2 };
+    let estimator = Estimator { scene: &scene, camera: &camera, width: SIZE, seed: 4, frame: 2, roulette: None };
     let (mut longest, mut lit) = (0, 0);
     for k in 0..SIZE * SIZE {
         for index in 0..16 {
@@ -72,7 +72,7 @@ fn a_trace_through_a_vignetting_lens_sums_to_its_sample() {
     camera.lens.vignetting = Vignetting::CosineFourth;
     let sharp = scene.ray_generator(&scene.cameras()[0], SIZE, SIZE).expect("a camera");
     let lens = scene.ray_generator(&camera, SIZE, SIZE).expect("a camera");
-    let of = |camera| Estimator { scene: &scene, camera, width: SIZE, seed: 4, frame: 2 };
+    let of = |camera| Estimator { scene: &scene, camera, width: SIZE, seed: 4, frame: 2, roulette: None };
     let (mut lit, mut moved) = (0, 0);
     for k in 0..SIZE * SIZE {
         let at = PixelSample { x: k % SIZE, y: k / SIZE, index: k };
@@ -107,7 +107,7 @@ fn pixel_ids_ignore_surfaces_that_cover_less_than_half() {
 fn samples_depend_on_all_coordinates_and_on_nothing_else() {
     let (scene, camera) = room();
     let of = |seed, frame, x, y, index| {
-        let estimator = Estimator { scene: &scene, camera: &camera, width: SIZE, seed, frame };
+        let estimator = Estimator { scene: &scene, camera: &camera, width: SIZE, seed, frame, roulette: None };
         (0..16u32).map(|k| estimator.sample(PixelSample { x, y, index: index + 16 * k })).collect::<Vec<_>>()
     };
     let base = of(1, 0, 5, 7, 0);

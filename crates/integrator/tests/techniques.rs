@@ -51,7 +51,7 @@ fn built(b: SceneBuilder) -> Scene {
 fn moments(scene: &Scene, seed: u64) -> SampleMoments {
     const SIDE: u32 = 160;
     let camera = scene.ray_generator(&scene.cameras()[0], SIDE, SIDE).expect("a camera");
-    let estimator = Estimator { scene, camera: &camera, width: SIDE, seed, frame: 0 };
+    let estimator = Estimator { scene, camera: &camera, width: SIDE, seed, frame: 0, roulette: None };
     (0..SIDE * SIDE)
         .map(|k| f64::from(estimator.sample(PixelSample { x: k % SIDE, y: k / SIDE, index: 0 }).radiance.g))
         .collect()

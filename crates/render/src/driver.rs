@@ -12,13 +12,14 @@ use crate::round::pass::Stride;
 use crate::round::{ProgressReporter, RoundWork, TILE, abort_at, deadline, run};
 use crate::session::Session;
 use crate::settings::{DEFAULT_SPP, RenderSettings};
+use crate::training::train;
 use crate::validate::validate;
 use crate::view::camera;
 use dunkelfeld_adaptive::budget::{Limits, Phase, Schedule, Settings, Step, StopReason};
 use dunkelfeld_adaptive::plan;
 use dunkelfeld_adaptive::tile_cost::{CostMap, TileGrid, WorkUnit, makespan, upper_makespan};
 use dunkelfeld_film::{Film, Plane};
-use dunkelfeld_integrator::{ConnectionTally, Estimator, PixelIds, PixelSample, pixel_ids};
+use dunkelfeld_integrator::{ConnectionTally, Estimator, LearnedRoulette, PixelIds, PixelSample, pixel_ids};
 use dunkelfeld_scene::{RayGenerator, Scene};
 use rayon::prelude::*;
 use std::time::Instant;
@@ -115,20 +116,34 @@ pub fn render_with_dry_run(
         let sums = Film::with_layers(settings.width, settings.height, settings.film_layers());
         let ids = pixel_id_plane(scene, &camera, settings.width, settings.height);
         let film = RenderedFilm { sums, ids, object_names: scene.object_names().to_vec() };
+        let trained = Instant::now();
+        let roulette = train(scene, &camera, settings);
+        let training_seconds = trained.elapsed();
         let (writer, saved) = match &settings.checkpoint {
             Some(keep) => {
-                let (writer, saved) =
-                    CheckpointWriter::open(keep, scene, &camera, settings, &film.ids, session.started())?;
+                let (writer, saved) = CheckpointWriter::open(
+                    keep,
+                    scene,
+                    &camera,
+                    settings,
+                    roulette.as_ref(),
+                    &film.ids,
+                    session.started(),
+                )?;
                 (Some(writer), saved)
             }
             None => (None, None),
         };
         let mut renderer = Renderer::new(scene, &camera, settings, session, film);
+        renderer.roulette = roulette;
         renderer.writer = writer;
         if let Some(saved) = saved {
             renderer.restore(saved);
         }
-        renderer.spend(Stage::Build, began);
+        renderer.stages.push((Stage::Build, began.elapsed().saturating_sub(training_seconds).as_secs_f64()));
+        if renderer.roulette.is_some() {
+            renderer.stages.push((Stage::Training, training_seconds.as_secs_f64()));
+        }
         renderer.run(rehearsal)
     })
 }
@@ -138,6 +153,8 @@ struct Renderer<'a> {
     scene: &'a Scene,
     camera: &'a RayGenerator,
     settings: &'a RenderSettings,
+    /// Learned survival probabilities, if the render has training paths.
+    roulette: Option<LearnedRoulette>,
     session: &'a Session<'a>,
     /// The start of the clock, moved back by the time of earlier processes.
     started: Instant,
@@ -182,6 +199,7 @@ impl<'a> Renderer<'a> {
             scene,
             camera,
             settings,
+            roulette: None,
             session,
             started: session.started(),
             film,
@@ -501,6 +519,7 @@ impl<'a> Renderer<'a> {
             width: self.settings.width,
             seed: self.settings.seed,
             frame: self.settings.frame,
+            roulette: self.roulette.as_ref(),
         };
         let state = self.state(None);
         // A given plan is available at each resumption, so it is not stored.

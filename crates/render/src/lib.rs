@@ -20,6 +20,7 @@ mod rendered_film;
 mod round;
 mod session;
 mod settings;
+mod training;
 mod validate;
 mod view;
 
@@ -35,7 +36,9 @@ pub use round::TILE;
 pub use session::Session;
 pub use settings::{
     Budget, CheckpointSettings, DEFAULT_CHECKPOINT_SECONDS, DEFAULT_PILOT_SPP, DEFAULT_SPP, DenoiseMethod,
-    DenoiseSettings, MAX_PIXELS, MAX_SIDE, OIDN_VARIABLE, RenderSettings, SensorChoice, UNKNOWN_SPP, lock,
+    DenoiseSettings, MAX_PIXELS, MAX_SIDE, MAX_TRAINING_PATHS, OIDN_VARIABLE, RenderSettings, SensorChoice,
+    UNKNOWN_SPP, lock,
 };
+pub use training::train;
 pub use validate::validate;
 pub use view::{camera, find_camera};

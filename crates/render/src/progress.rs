@@ -26,6 +26,8 @@ pub enum Stage {
     Load,
     /// Building the acceleration structure and tables.
     Build,
+    /// Training of the learned Russian roulette.
+    Training,
     /// The uniform pilot.
     Pilot,
     /// Planning, and a trial of the final steps.
@@ -46,6 +48,7 @@ impl Stage {
         match self {
             Self::Load => "load",
             Self::Build => "build",
+            Self::Training => "training",
             Self::Pilot => "pilot",
             Self::Plan => "plan",
             Self::Refine => "refine",

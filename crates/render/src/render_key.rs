@@ -1,7 +1,7 @@
 //! The render key: it decides whether a checkpoint may be continued, and whether parts belong to one render.
 
 use crate::settings::{Budget, DenoiseSettings, RenderSettings, SensorChoice};
-use dunkelfeld_integrator::{Estimator, PixelSample};
+use dunkelfeld_integrator::{Estimator, LearnedRoulette, PixelSample};
 use dunkelfeld_scene::{RayGenerator, Scene, digest};
 use dunkelfeld_sensor::ExposureNoise;
 use serde::{Deserialize, Serialize};
@@ -16,8 +16,19 @@ pub struct RenderKey(Vec<(String, String)>);
 
 impl RenderKey {
     /// The key of the samples alone: those of two renders with equal keys have the same bits. It contains the version of
-    /// the program, size, seed, frame, scene, camera, and the hash of some samples. The film has the size of `settings`.
+    /// the program, size, seed, frame, scene, camera, number of training paths, and the hash of some samples, which are
+    /// not those of the learned roulette. The film has the size of `settings`.
     pub fn of_samples(scene: &Scene, camera: &RayGenerator, settings: &RenderSettings) -> Self {
+        Self::with_roulette(scene, camera, settings, None)
+    }
+
+    /// [`Self::of_samples`] with the hash of samples that use the learned roulette.
+    fn with_roulette(
+        scene: &Scene,
+        camera: &RayGenerator,
+        settings: &RenderSettings,
+        roulette: Option<&LearnedRoulette>,
+    ) -> Self {
         let s = settings;
         let mut key = Self(Vec::new());
         key.add("program", concat!("dunkelfeld ", env!("CARGO_PKG_VERSION")));
@@ -27,14 +38,20 @@ impl RenderKey {
         key.add("choice of effects left out", s.without.iter().map(|e| e.name()).collect::<Vec<_>>().join(", "));
         key.add("scene", hex(scene.fingerprint()));
         key.add_digest("camera", camera);
-        key.add("outcome of samples", hex(probe(scene, camera, s)));
+        key.add("number of training paths", s.resolved_training_paths());
+        key.add("outcome of samples", hex(probe(scene, camera, s, roulette)));
         key
     }
 
     /// The key of samples and plan.
-    pub(crate) fn new(scene: &Scene, camera: &RayGenerator, settings: &RenderSettings) -> Self {
+    pub(crate) fn new(
+        scene: &Scene,
+        camera: &RayGenerator,
+        settings: &RenderSettings,
+        roulette: Option<&LearnedRoulette>,
+    ) -> Self {
         let s = settings;
-        let mut key = Self::of_samples(scene, camera, s);
+        let mut key = Self::with_roulette(scene, camera, s, roulette);
         match &s.replay {
             Some(plan) => key.add_digest("plan", plan),
             None => key.add("plan", ""),
@@ -49,6 +66,7 @@ impl RenderKey {
                 replay: None,
                 checkpoint: None,
                 memory_limit: None,
+                training_paths: None,
                 view: None,
                 strategy: Some(s.strategy()),
                 exposure_noise: ExposureNoise::default(),
@@ -114,8 +132,8 @@ fn is_digest(text: &str) -> bool {
 
 /// Hash of a few samples, spread over the image. It detects a program that was changed without a new version number,
 /// and a machine that computes differently.
-fn probe(scene: &Scene, camera: &RayGenerator, s: &RenderSettings) -> u128 {
-    let estimator = Estimator { scene, camera, width: s.width, seed: s.seed, frame: s.frame };
+fn probe(scene: &Scene, camera: &RayGenerator, s: &RenderSettings, roulette: Option<&LearnedRoulette>) -> u128 {
+    let estimator = Estimator { scene, camera, width: s.width, seed: s.seed, frame: s.frame, roulette };
     let pixels = u64::from(s.width) * u64::from(s.height);
     let samples: Vec<_> = (0..PROBES)
         .map(|i| {

@@ -75,6 +75,7 @@ fn apply(args: &RenderArgs, project: &mut Project) -> Result<Option<String>, Err
         (s.width, s.height) = (plan.samples.width(), plan.samples.height());
         s.seed = plan.seed.unwrap_or(s.seed);
         s.frame = plan.frame.unwrap_or(s.frame);
+        s.training_paths = plan.training_paths.or(s.training_paths);
         // The plan is the budget.
         s.budget = Budget::default();
         s.replay = Some(plan.samples);

@@ -46,7 +46,9 @@ impl Lattice {
     /// A lattice around the mean of points, with cells of a part of their root mean square distance from it.
     pub(crate) fn around(points: &[Vec3]) -> Option<Self> {
         let n = points.len() as f64;
-        let sum = points.iter().fold([0.0f64; 3], |s, p| [s[0] + f64::from(p.x), s[1] + f64::from(p.y), s[2] + f64::from(p.z)]);
+        let sum = points
+            .iter()
+            .fold([0.0f64; 3], |s, p| [s[0] + f64::from(p.x), s[1] + f64::from(p.y), s[2] + f64::from(p.z)]);
         let mean = sum.map(|s| s / n);
         let square: f64 = points
             .iter()
@@ -58,8 +60,7 @@ impl Lattice {
         let radius = (square / n).sqrt();
         let [x, y, z] = mean.map(|m| m as f32);
         let cells_per_metre = (f64::from(CELLS_PER_RADIUS) / radius) as f32;
-        (radius > 0.0 && cells_per_metre.is_finite())
-            .then_some(Self { origin: Vec3::new(x, y, z), cells_per_metre })
+        (radius > 0.0 && cells_per_metre.is_finite()).then_some(Self { origin: Vec3::new(x, y, z), cells_per_metre })
     }
 
     /// The key of the cell of a point and a material. Cells far outside the visible part share keys.

@@ -17,6 +17,7 @@ use crate::settings::{CheckpointSettings, RenderSettings};
 use dunkelfeld_adaptive::budget::{Schedule, StopReason};
 use dunkelfeld_adaptive::weights::Shares;
 use dunkelfeld_film::{Film, PixelSums, Plane};
+use dunkelfeld_integrator::LearnedRoulette;
 use dunkelfeld_integrator::{ConnectionTally, PixelIds, PixelSample};
 use dunkelfeld_io::InputError;
 use dunkelfeld_io::checkpoint::{Checkpoint, CheckpointHead, read_checkpoint, write_checkpoint};
@@ -168,6 +169,7 @@ impl CheckpointWriter {
         scene: &Scene,
         camera: &RayGenerator,
         render: &RenderSettings,
+        roulette: Option<&LearnedRoulette>,
         labels: &Plane<Option<PixelIds>>,
         started: Instant,
     ) -> Result<(Self, Option<Restored>), Error> {
@@ -176,7 +178,7 @@ impl CheckpointWriter {
             settings.lock()?;
         }
         let path = &settings.path;
-        let key = RenderKey::new(scene, camera, render);
+        let key = RenderKey::new(scene, camera, render, roulette);
         let saved = path.exists().then(|| stored(path, &key, render)).transpose()?;
         let earlier = saved.as_ref().map_or(0.0, |s| s.state.elapsed);
         let pixels = f64::from(render.width) * f64::from(render.height);

@@ -4,7 +4,7 @@ use crate::outcome::{Outcome, print};
 use dunkelfeld::radiometry::Rgb;
 use dunkelfeld::trace::Lobe;
 use dunkelfeld::trace::{Estimator, PixelSample, TraceConnection};
-use dunkelfeld::{Error, Project};
+use dunkelfeld::{Error, Project, Session};
 use std::fmt::Write;
 
 pub(super) fn run(project: &Project, at: PixelSample) -> Result<Outcome, Error> {
@@ -14,7 +14,15 @@ pub(super) fn run(project: &Project, at: PixelSample) -> Result<Outcome, Error> 
         return Err(Error::setting("--debug-sample", problem, "name a pixel of the image; the first is 0,0"));
     }
     let camera = dunkelfeld::camera(&project.scene, s)?;
-    let estimator = Estimator { scene: &project.scene, camera: &camera, width: s.width, seed: s.seed, frame: s.frame };
+    let roulette = Session::new(s.threads)?.install(|| dunkelfeld::trace::train(&project.scene, &camera, s));
+    let estimator = Estimator {
+        scene: &project.scene,
+        camera: &camera,
+        width: s.width,
+        seed: s.seed,
+        frame: s.frame,
+        roulette: roulette.as_ref(),
+    };
     let (sample, trace) = estimator.trace(at);
     let origin = project.scene.world_origin();
     let mut text = String::new();
