@@ -53,6 +53,27 @@ fn the_film_is_bit_identical_for_any_number_of_threads() {
     }
 }
 
+/// Training, samples, parts and a replay of the plan have the same bits on any number of threads.
+#[test]
+fn a_render_with_training_is_bit_identical_for_any_number_of_threads_and_in_parts() {
+    let scene = room();
+    let with = |threads, paths| {
+        let s = settings(24, 20, 16.0, 4).with_threads(threads).with_strategy(Some(Strategy::Uniform));
+        rendered(&scene, &s.with_training_paths(paths))
+    };
+    let one = with(1, 1024);
+    assert!(one == with(3, 1024), "another number of threads");
+    assert!(one != with(1, 0), "the training has an effect");
+    let part = |samples| {
+        let s = settings(24, 20, 16.0, 4).with_budget(Budget::default()).with_strategy(None);
+        rendered(&scene, &s.with_training_paths(1024).with_samples(samples))
+    };
+    let (first, second) = (part(0..8), part(8..16));
+    let mut whole = first;
+    whole.merge(&second).expect("the same size");
+    assert!(whole == one, "parts");
+}
+
 /// A kernel that can do more must do the same: else images would depend on what other objects a scene holds.
 #[test]
 fn kernels_with_more_features_give_the_same_bits() {

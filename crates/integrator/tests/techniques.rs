@@ -3,15 +3,16 @@
 //! Replay: `cargo test -p dunkelfeld-integrator --test techniques NAME`.
 
 use dunkelfeld_geometry::{DAffine3, DVec3, Vec3};
-use dunkelfeld_integrator::{Estimator, PixelSample};
+use dunkelfeld_integrator::{Estimator, LearnedRoulette, PixelSample};
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_scene::shapes::{cuboid, rectangle};
 use dunkelfeld_scene::{
-    Camera, Effect, LightChoice, Material, Projection, PunctualKind, PunctualLight, Scene, SceneBuilder, look_at,
+    Camera, Effect, LightChoice, Material, Projection, PunctualKind, PunctualLight, RayGenerator, Scene, SceneBuilder,
+    Surface, Volume, digest, look_at,
 };
 use dunkelfeld_testkit::{SampleMoments, welch_test};
 
-/// False-alarm rate of one comparison; there are two.
+/// False-alarm rate of one comparison; there are four.
 const RATE: f64 = 1e-9;
 
 /// A glossy floor, a metal box that casts a shadow on it, and lights of three kinds.
@@ -46,14 +47,29 @@ fn built(b: SceneBuilder) -> Scene {
     b.build().expect("the scene is valid").0
 }
 
+/// Side of the film \[pixels\].
+const SIDE: u32 = 160;
+
+fn camera(scene: &Scene) -> RayGenerator {
+    scene.ray_generator(&scene.cameras()[0], SIDE, SIDE).expect("a camera")
+}
+
 /// One sample of each pixel of a film over the whole view. The samples are independent. The means of the pixels differ,
 /// which makes the standard error a little too large and the comparison more careful.
 fn moments(scene: &Scene, seed: u64) -> SampleMoments {
-    const SIDE: u32 = 160;
-    let camera = scene.ray_generator(&scene.cameras()[0], SIDE, SIDE).expect("a camera");
-    let estimator = Estimator { scene, camera: &camera, width: SIDE, seed, frame: 0, roulette: None };
-    (0..SIDE * SIDE)
-        .map(|k| f64::from(estimator.sample(PixelSample { x: k % SIDE, y: k / SIDE, index: 0 }).radiance.g))
+    moments_with(scene, None, seed, 1)
+}
+
+/// [`moments`] of several frames.
+fn moments_with(scene: &Scene, roulette: Option<&LearnedRoulette>, seed: u64, frames: u32) -> SampleMoments {
+    let camera = camera(scene);
+    let estimator = |frame| Estimator { scene, camera: &camera, width: SIDE, seed, frame, roulette };
+    let pixels = SIDE * SIDE;
+    (0..pixels * frames)
+        .map(|k| {
+            let (frame, k) = (k / pixels, k % pixels);
+            f64::from(estimator(frame).sample(PixelSample { x: k % SIDE, y: k / SIDE, index: 0 }).radiance.g)
+        })
         .collect()
 }
 
@@ -97,4 +113,86 @@ fn a_single_light_does_not_use_every_light() {
     assert!(left_out.leave_out(Effect::EveryLight));
     assert!(!with.effects().has(Effect::EveryLight));
     assert_eq!(moments(&with, 3), moments(&built(left_out), 3));
+}
+
+// --- Learned Russian roulette -------------------------------------------------------------------------------------------
+
+/// Frames of a comparison: few paths on the dark floor carry much light.
+const FRAMES: u32 = 6;
+
+/// A dark floor and a metal box under panels, where most paths end early. With `cover`, a clear sheet lies above them.
+fn dark_room(count: usize, cover: bool) -> Scene {
+    let mut b = room(count);
+    b.materials[0].base_color = Rgb::splat(0.04);
+    if cover {
+        let clear = b.add_material(Material {
+            roughness: 0.0,
+            transmission: 1.0,
+            ior: 1.49,
+            surface: Surface::Solid(Volume::default()),
+            ..Material::default()
+        });
+        b.add_object("cover", cuboid(Vec3::new(-0.9, -0.9, 0.4), Vec3::new(0.9, 0.9, 0.41)), clear);
+    }
+    built(b)
+}
+
+/// Trains with batches in the given order of their computation.
+fn trained(scene: &Scene, reversed: bool) -> LearnedRoulette {
+    LearnedRoulette::train(scene, &camera(scene), [SIDE, SIDE], 6 * 256, |batches, trace| {
+        if reversed {
+            let mut found: Vec<_> = batches.rev().map(trace).collect();
+            found.reverse();
+            found
+        } else {
+            batches.map(trace).collect()
+        }
+    })
+    .expect("paths meet surfaces")
+}
+
+#[test]
+fn the_learned_roulette_changes_the_noise_and_not_the_mean() {
+    for (count, cover) in [(4, false), (3, true)] {
+        let scene = dark_room(count, cover);
+        let name = format!("{count} lights, cover {cover}");
+        let trained = trained(&scene, false);
+        let (by_throughput, learned) =
+            (moments_with(&scene, None, 1, FRAMES), moments_with(&scene, Some(&trained), 2, FRAMES));
+        welch_test(&by_throughput, &learned).assert(RATE, &name);
+        assert!(learned.standard_error() < 0.02 * learned.mean(), "{name}: too noisy: {learned:?}");
+        // The technique is in use.
+        let same_seed = moments_with(&scene, Some(&trained), 1, FRAMES);
+        assert_ne!(same_seed, by_throughput, "{name}");
+    }
+}
+
+/// A survivor that is not divided by its probability changes the mean by more than the comparison allows.
+#[test]
+fn the_comparison_of_means_detects_ten_per_cent() {
+    let scene = dark_room(4, false);
+    let trained = trained(&scene, false);
+    let (by_throughput, learned) =
+        (moments_with(&scene, None, 1, FRAMES), moments_with(&scene, Some(&trained), 2, FRAMES));
+    let z = (1.1 * learned.mean() - by_throughput.mean()).abs()
+        / learned.standard_error().hypot(by_throughput.standard_error());
+    assert!(z > 7.0, "ten per cent are only {z} standard errors");
+}
+
+#[test]
+fn training_does_not_depend_on_the_order_of_its_batches_in_time() {
+    let scene = dark_room(3, true);
+    assert_eq!(digest(&trained(&scene, false)), digest(&trained(&scene, true)));
+}
+
+#[test]
+fn training_without_a_surface_learns_nothing() {
+    let mut b = room(1);
+    b.instances.clear();
+    let scene = built(b);
+    let trained = LearnedRoulette::train(&scene, &camera(&scene), [SIDE, SIDE], 256, |batches, trace| {
+        batches.map(trace).collect()
+    });
+    assert!(trained.is_none());
+    assert!(!scene.effects().has(Effect::LearnedRoulette), "no light, no path to end");
 }
