@@ -14,9 +14,11 @@ mod path;
 mod pixel_ids;
 mod ray_state;
 mod recorder;
+mod training;
 mod vertex;
 
 pub use estimator::{Estimator, PixelSample};
 pub use learned_roulette::LearnedRoulette;
 pub use pixel_ids::{PixelIds, pixel_ids};
 pub use recorder::{ConnectionTally, PathTrace, TraceConnection, TraceScattering, TraceVertex};
+pub use training::TrainingBatch;

@@ -8,7 +8,7 @@ use serde_json::Value;
 const HOMES: [(&str, &[&str]); 19] = [
     ("rayon", &["render", "dunkelfeld", "studies", "bvh"]),
     ("obvhs", &["bvh"]),
-    ("rustc-hash", &["geometry", "bvh"]),
+    ("rustc-hash", &["geometry", "bvh", "integrator"]),
     ("maud", &["studies"]),
     ("annotate-snippets", &["io"]),
     ("clap", &["cli"]),

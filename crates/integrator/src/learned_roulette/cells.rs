@@ -1,7 +1,8 @@
-//! Cells of position and material, in a hash table.
+//! Cells of position and material.
 
 use super::LIGHTS;
 use dunkelfeld_geometry::Vec3;
+use rustc_hash::FxHashMap;
 
 /// Cells along the radius of the visible part of the scene.
 const CELLS_PER_RADIUS: f32 = 24.0;
@@ -9,9 +10,7 @@ const CELLS_PER_RADIUS: f32 = 24.0;
 /// Learned values of a cell. A root is taken once here, so that a decision is a product.
 #[derive(Clone, Copy, Debug, serde::Serialize)]
 pub(crate) struct Cell {
-    /// See [`Lattice::key`].
-    pub(crate) key: u64,
-    /// `1 / sqrt(V / C)` of the paths with their first scattering here \[(m^2 sr)/W\].
+    /// `1 / sqrt(V / C)` of the paths whose first vertex lies here \[(m^2 sr)/W\].
     pub(crate) gain_scale: f32,
     /// `sqrt(E[X^2] / c)` of the rest of a path, for the throughput 1 [W/(m^2 sr)].
     pub(crate) path: f32,
@@ -32,15 +31,11 @@ pub(crate) struct Lattice {
 #[derive(Clone, Debug, serde::Serialize)]
 pub(crate) struct CellGrid {
     lattice: Lattice,
-    /// Open addressing with linear probing; `EMPTY` marks free slots. At most half of the slots are used.
-    slots: Vec<u32>,
-    cells: Vec<Cell>,
-    /// Index of the cell of each material, for places that training has not visited; `EMPTY` for unknown materials.
-    materials: Vec<u32>,
+    /// Cells by [`Lattice::key`].
+    cells: FxHashMap<u64, Cell>,
+    /// Values of each material, for places that training has not visited.
+    materials: Vec<Option<Cell>>,
 }
-
-/// Marks a slot without a cell.
-const EMPTY: u32 = u32::MAX;
 
 impl Lattice {
     /// A lattice around the mean of points, with cells of a part of their root mean square distance from it.
@@ -74,56 +69,15 @@ impl Lattice {
 }
 
 impl CellGrid {
-    /// A grid with these cells, which have different keys, and a cell for each material.
-    pub(crate) fn new(lattice: Lattice, mut cells: Vec<Cell>, materials: Vec<Option<Cell>>) -> Self {
-        let size = (2 * cells.len()).next_power_of_two().max(2);
-        let mut slots = vec![EMPTY; size];
-        for (index, cell) in (0u32..).zip(&cells) {
-            let mut slot = hash(cell.key) as usize & (size - 1);
-            while slots[slot] != EMPTY {
-                slot = (slot + 1) & (size - 1);
-            }
-            slots[slot] = index;
-        }
-        let materials = materials
-            .into_iter()
-            .map(|cell| {
-                cell.map_or(EMPTY, |cell| {
-                    cells.push(cell);
-                    cells.len() as u32 - 1
-                })
-            })
-            .collect();
-        Self { lattice, slots, cells, materials }
+    /// A grid with cells by their keys, and values by the index of a material.
+    pub(crate) fn new(lattice: Lattice, cells: FxHashMap<u64, Cell>, materials: Vec<Option<Cell>>) -> Self {
+        Self { lattice, cells, materials }
     }
 
-    /// The cell of a point; that of its material if training has not visited the cell.
+    /// The cell of a point. The values of its material if training has not visited the cell.
     #[inline]
     pub(crate) fn find(&self, point: Vec3, material: u32) -> Option<&Cell> {
         let key = self.lattice.key(point, material);
-        let mask = self.slots.len() - 1;
-        let mut slot = hash(key) as usize & mask;
-        loop {
-            match self.slots[slot] {
-                EMPTY => {
-                    let index = *self.materials.get(material as usize)?;
-                    return self.cells.get(index as usize);
-                }
-                index => {
-                    let cell = &self.cells[index as usize];
-                    if cell.key == key {
-                        return Some(cell);
-                    }
-                }
-            }
-            slot = (slot + 1) & mask;
-        }
+        self.cells.get(&key).or_else(|| self.materials.get(material as usize)?.as_ref())
     }
-}
-
-/// A hash of a key: multiplication by the golden ratio (Knuth 1998, section 6.4), folded.
-#[inline]
-fn hash(key: u64) -> u64 {
-    let product = u128::from(key ^ key >> 32) * 0x9e37_79b9_7f4a_7c15;
-    (product >> 64) as u64 ^ product as u64
 }

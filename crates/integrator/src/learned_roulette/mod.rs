@@ -16,29 +16,25 @@
 //! The survivors are divided by `q`, so no learned value changes the expected image.
 
 mod cells;
-mod training;
+mod statistics;
 
-pub use training::TrainingBatch;
+pub(crate) use statistics::{Outcomes, Visit};
 
 use crate::learned_roulette::cells::{Cell, CellGrid};
 use dunkelfeld_geometry::Vec3;
-use dunkelfeld_scene::{RayGenerator, Scene};
-use std::ops::Range;
+use dunkelfeld_scene::Scene;
 
 /// Number of lights with statistics of their own: the lights of a vertex that takes a sample of each.
-const LIGHTS: usize = Scene::MAX_LIGHT_SAMPLES as usize;
+pub(crate) const LIGHTS: usize = Scene::MAX_LIGHT_SAMPLES as usize;
 
 /// Cost of a shadow ray with its light sample, relative to a ray to the next surface with its shading.
-const SHADOW_COST: f32 = 0.5;
+pub(crate) const SHADOW_COST: f32 = 0.5;
 
 /// Cost of a ray that is traced through a cover for a connection, relative to a ray to the next surface.
-const CONNECTION_COST: f32 = 1.0;
+pub(crate) const CONNECTION_COST: f32 = 1.0;
 
 /// Smallest learned survival probability. It bounds the weight of outcomes that training has not met.
 const MIN_SURVIVAL: f32 = 0.2;
-
-/// Rounds of training. The paths of each round use the statistics of the round before.
-const ROUNDS: u32 = 3;
 
 /// The learned statistics of a scene and a camera.
 #[derive(Clone, Debug, serde::Serialize)]
@@ -55,22 +51,10 @@ pub(crate) struct VertexRoulette<'a> {
 }
 
 impl LearnedRoulette {
-    /// Traces about `paths` training paths of a film of `width` x `height` pixels, in at least one batch per round.
-    /// `trace` computes the batches with the numbers in a range and returns them in order, on any number of threads. The
-    /// result is a pure function of scene, camera, film and number of paths. `None` if no path meets a surface.
-    pub fn train(
-        scene: &Scene,
-        camera: &RayGenerator,
-        [width, height]: [u32; 2],
-        paths: u32,
-        trace: impl Fn(Range<u32>, &(dyn Fn(u32) -> TrainingBatch + Sync)) -> Vec<TrainingBatch>,
-    ) -> Option<Self> {
-        let per_round = (paths / (ROUNDS * TrainingBatch::PATHS)).max(1);
-        (0..ROUNDS).try_fold(None, |previous: Option<Self>, round| {
-            let batch = |n| TrainingBatch::trace(scene, camera, previous.as_ref(), [width, height], n);
-            let batches = trace(round * per_round..(round + 1) * per_round, &batch);
-            training::combine(&batches).map(Some)
-        })?
+    /// The statistics of batches of training paths: their vertices, path after path. The order of the batches is part of
+    /// the result. `None` if no path met a surface.
+    pub(crate) fn from_visits(batches: &[&[Visit]]) -> Option<Self> {
+        Some(Self { grid: statistics::combine(batches)? })
     }
 
     /// The survival probabilities at a vertex on a surface. The first vertex of a path sets its `gain_scale`. `None` if

@@ -1,171 +1,38 @@
-//! Training paths of the learned roulette: their outcomes vertex by vertex, and statistics of these.
+//! Statistics of the outcomes of training paths, by cell.
 
 use super::cells::{Cell, CellGrid, Lattice};
-use super::{CONNECTION_COST, LIGHTS, LearnedRoulette, SHADOW_COST};
-use crate::dimensions;
-use crate::dispatch::trace_path;
-use crate::mnee::ConnectionRecord;
-use crate::recorder::Recorder;
-use crate::vertex::Scattering;
+use super::{CONNECTION_COST, LIGHTS, SHADOW_COST};
 use dunkelfeld_geometry::Vec3;
-use dunkelfeld_radiometry::Rgb;
-use dunkelfeld_sampling::Sampler;
-use dunkelfeld_scene::{RayGenerator, Scene};
 use std::collections::BTreeMap;
-
-/// Seed of the training paths. They are the same for all seeds of a render.
-const SEED: u64 = 0x0074_7261_696e_696e;
 
 /// Weight of the statistics of the material in those of a cell \[observations\].
 const PRIOR: f64 = 4.0;
 
-/// Longest stored part of a training path \[vertices\]. The rest of a longer path counts for its last stored vertex.
-const MAX_VISITS: usize = 64;
-
 /// A vertex of a training path.
 #[derive(Clone, Copy, Debug)]
-struct Visit {
-    point: Vec3,
+pub(crate) struct Visit {
+    pub(crate) point: Vec3,
     /// Index of the material; `None` in the environment and in media, where nothing is learned.
-    material: Option<u32>,
-    is_first: bool,
+    pub(crate) material: Option<u32>,
+    pub(crate) is_first: bool,
     /// Radiance that was added at this vertex [W/(m^2 sr)].
-    added: f32,
+    pub(crate) added: f32,
     /// Throughput after scattering; 0 if the path ended.
-    throughput: f32,
-    cost: f32,
-    shadow: [Outcomes; LIGHTS],
-    connection: [Outcomes; LIGHTS],
+    pub(crate) throughput: f32,
+    pub(crate) cost: f32,
+    pub(crate) shadow: [Outcomes; LIGHTS],
+    pub(crate) connection: [Outcomes; LIGHTS],
 }
 
 /// Number of rays to a light, and of those that arrived.
 #[derive(Clone, Copy, Debug, Default)]
-struct Outcomes {
+pub(crate) struct Outcomes {
     traced: u8,
     arrived: u8,
 }
 
-/// The outcomes of some training paths: a pure function of scene, camera, film, earlier statistics and the number of the
-/// batch.
-#[derive(Clone, Debug, Default)]
-pub struct TrainingBatch {
-    visits: Vec<Visit>,
-}
-
-impl TrainingBatch {
-    /// Number of paths in a batch.
-    pub const PATHS: u32 = 256;
-
-    /// Traces the paths of a batch, from random points of a film of `width` x `height` pixels.
-    pub(super) fn trace(
-        scene: &Scene,
-        camera: &RayGenerator,
-        previous: Option<&LearnedRoulette>,
-        [width, height]: [u32; 2],
-        number: u32,
-    ) -> Self {
-        let mut batch = Self::default();
-        for path in 0..Self::PATHS {
-            // The points of all batches are one sequence, evenly distributed over the film.
-            let index = number.wrapping_mul(Self::PATHS).wrapping_add(path);
-            let [x, y] = Sampler::new(SEED, 0, 0, index).get_2d(dimensions::CAMERA);
-            let sampler = Sampler::new(SEED, 1, index, 0);
-            let lens = camera.has_aperture().then(|| sampler.get_2d(dimensions::LENS));
-            let ray = camera.camera_ray(x * width as f32, y * height as f32, lens).ray;
-            let begin = batch.visits.len();
-            trace_path(scene, previous, ray, &sampler, &mut TrainingRecorder { visits: &mut batch.visits, begin });
-        }
-        batch
-    }
-}
-
-/// Stores the outcomes of a path.
-struct TrainingRecorder<'a> {
-    visits: &'a mut Vec<Visit>,
-    /// Index of the first vertex of the path.
-    begin: usize,
-}
-
-impl TrainingRecorder<'_> {
-    fn visit(&mut self, position: [f32; 3], material: Option<u32>) {
-        let count = self.visits.len() - self.begin;
-        if let Some(last) = self.visits.last_mut().filter(|_| count >= MAX_VISITS) {
-            last.cost += 1.0;
-            return;
-        }
-        self.visits.push(Visit {
-            point: Vec3::from_array(position),
-            material,
-            is_first: count == 0,
-            added: 0.0,
-            throughput: 0.0,
-            cost: 1.0,
-            shadow: [Outcomes::default(); LIGHTS],
-            connection: [Outcomes::default(); LIGHTS],
-        });
-    }
-
-    /// Changes the current vertex.
-    fn update(&mut self, change: impl FnOnce(&mut Visit)) {
-        if let Some(current) = self.visits.get_mut(self.begin..).and_then(<[Visit]>::last_mut) {
-            change(current);
-        }
-    }
-
-    fn add(&mut self, contribution: Rgb) {
-        self.update(|v| v.added += contribution.max_channel());
-    }
-}
-
-impl Recorder for TrainingRecorder<'_> {
-    const TRAINING: bool = true;
-
-    fn vertex(&mut self, position: [f32; 3], material: Option<u32>, _: Rgb) {
-        self.visit(position, material);
-    }
-
-    fn medium_vertex(&mut self, position: [f32; 3], _: Option<u32>, _: Rgb) {
-        self.visit(position, None);
-    }
-
-    fn add_emitted(&mut self, contribution: Rgb) {
-        self.add(contribution);
-    }
-
-    fn add_direct(&mut self, contribution: Rgb) {
-        self.add(contribution);
-    }
-
-    fn scattering(&mut self, _: &Scattering, throughput: Rgb) {
-        self.update(|v| v.throughput = throughput.max_channel());
-    }
-
-    fn shadow_ray(&mut self, index: u32, arrived: bool) {
-        self.update(|v| {
-            v.cost += SHADOW_COST;
-            v.shadow[index as usize % LIGHTS].count(arrived);
-        });
-    }
-
-    fn connection(&mut self, record: &ConnectionRecord) {
-        self.update(|v| v.cost += CONNECTION_COST * record.rays as f32);
-    }
-
-    fn connection_outcome(&mut self, index: u32, arrived: bool) {
-        self.update(|v| v.connection[index as usize % LIGHTS].count(arrived));
-    }
-
-    fn connection_mis_weight(&mut self, _: f32) {}
-
-    fn add_connection(&mut self, contribution: Rgb) {
-        self.add(contribution);
-    }
-
-    fn scale(&mut self, _: f32) {}
-}
-
 impl Outcomes {
-    fn count(&mut self, arrived: bool) {
+    pub(crate) fn count(&mut self, arrived: bool) {
         self.traced = self.traced.saturating_add(1);
         self.arrived = self.arrived.saturating_add(u8::from(arrived));
     }
@@ -250,10 +117,9 @@ impl Means {
         connection: [0.5; LIGHTS],
     };
 
-    fn cell(&self, key: u64) -> Cell {
+    fn cell(&self) -> Cell {
         let gain = |second_moment: f64, cost: f64| (second_moment / cost).sqrt() as f32;
         Cell {
-            key,
             gain_scale: gain(self.cost, self.variance),
             path: gain(self.rest_square, self.rest_cost),
             shadow: self.shadow.map(|a| gain(a, SHADOW_COST.into())),
@@ -266,9 +132,9 @@ fn add<const N: usize>(sums: &mut [f64; N], values: [f64; N]) {
     sums.iter_mut().zip(values).for_each(|(sum, value)| *sum += value);
 }
 
-/// The statistics of batches, in their order. `None` if no path met a surface.
-pub(super) fn combine(batches: &[TrainingBatch]) -> Option<LearnedRoulette> {
-    let visits = || batches.iter().flat_map(|b| &b.visits);
+/// The statistics of the vertices of paths, in their order. `None` if no path met a surface.
+pub(super) fn combine(batches: &[&[Visit]]) -> Option<CellGrid> {
+    let visits = || batches.iter().copied().flatten();
     let firsts: Vec<Vec3> = visits().filter(|v| v.is_first && v.material.is_some()).map(|v| v.point).collect();
     let lattice = Lattice::around(&firsts)?;
 
@@ -276,7 +142,7 @@ pub(super) fn combine(batches: &[TrainingBatch]) -> Option<LearnedRoulette> {
     let mut cells: BTreeMap<u64, (u32, Sums)> = BTreeMap::new();
     let mut materials: BTreeMap<u32, Sums> = BTreeMap::new();
     let mut all = Sums::default();
-    for path in batches.iter().flat_map(|b| b.visits.chunk_by(|_, next| !next.is_first)) {
+    for path in batches.iter().flat_map(|visits| visits.chunk_by(|_, next| !next.is_first)) {
         let cost: f64 = path.iter().map(|v| f64::from(v.cost)).sum();
         let mut rest = Outcome::default();
         for visit in path.iter().rev() {
@@ -294,8 +160,8 @@ pub(super) fn combine(batches: &[TrainingBatch]) -> Option<LearnedRoulette> {
 
     let all = all.means(&Means::UNKNOWN);
     let materials: BTreeMap<u32, Means> = materials.iter().map(|(&m, sums)| (m, sums.means(&all))).collect();
-    let cells = cells.iter().map(|(&key, (material, sums))| sums.means(&materials[material]).cell(key)).collect();
+    let cells = cells.iter().map(|(&key, (material, sums))| (key, sums.means(&materials[material]).cell())).collect();
     let last = materials.keys().next_back()?;
-    let by_material = (0..=*last).map(|m| materials.get(&m).map(|means| means.cell(u64::MAX))).collect();
-    Some(LearnedRoulette { grid: CellGrid::new(lattice, cells, by_material) })
+    let by_material = (0..=*last).map(|m| materials.get(&m).map(Means::cell)).collect();
+    Some(CellGrid::new(lattice, cells, by_material))
 }
