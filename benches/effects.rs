@@ -20,7 +20,7 @@ mod scene;
 mod table;
 
 use callgrind::Price;
-use dunkelfeld_integrator::{Estimator, LearnedRoulette, PixelSample};
+use dunkelfeld_integrator::{Estimator, PixelSample};
 use dunkelfeld_scene::{EFFECTS, Effect, kernel_features};
 use scene::Case;
 use std::path::{Path, PathBuf};
@@ -30,9 +30,6 @@ use table::Row;
 /// Side of the film, and of the grid of pixels on it that are rendered.
 const FILM: u32 = 64;
 const PIXELS: u32 = 16;
-
-/// Training paths of the learned roulette, in its own case.
-const TRAINING_PATHS: u32 = 3072;
 
 /// Limit of the cost of effects that a scene does not need \[%\].
 const BAR: f64 = 2.0;
@@ -101,11 +98,7 @@ fn render(name: &str, samples: u32) -> Result<String, String> {
     let case = Case::all().into_iter().find(|case| case.name() == name).ok_or(format!("there is no case {name}"))?;
     let scene = case.scene()?;
     let camera = scene.ray_generator(&scene.cameras()[0], FILM, FILM).map_err(|e| e.to_string())?;
-    let roulette = (case == Case::Effect(Effect::LearnedRoulette))
-        .then(|| LearnedRoulette::train(&scene, &camera, [FILM; 2], TRAINING_PATHS, |n, trace| n.map(trace).collect()))
-        .flatten();
-    let estimator =
-        Estimator { scene: &scene, camera: &camera, width: FILM, seed: 1, frame: 0, roulette: roulette.as_ref() };
+    let estimator = Estimator { scene: &scene, camera: &camera, width: FILM, seed: 1, frame: 0, roulette: None };
     let (mut fingerprint, mut sum) = (0xcbf2_9ce4_8422_2325u64, 0.0);
     for pixel in 0..PIXELS * PIXELS {
         let [x, y] = [pixel % PIXELS, pixel / PIXELS].map(|k| k * (FILM / PIXELS));

@@ -79,13 +79,33 @@ fn a_render_writes_all_outputs_well_formed() {
     }
     // The documented keys, all of them and no others.
     let keys: BTreeSet<&str> = stats.as_object().expect("an object").keys().map(String::as_str).collect();
-    let documented = "version program size seed frame threads allocation stop without samples mean_spp spp_range pixels_without_samples \
+    let documented = "version program size seed frame training_paths threads allocation stop without samples mean_spp spp_range pixels_without_samples \
                       samples_per_second invalid_samples invalid_named heaviest_samples dominated_pixels cover_connections mean_radiance mean_radiance_standard_error \
                       seconds total_seconds earlier_seconds earlier_samples parts budget_seconds budget_missed sensor forecast certificate denoise memory";
     assert_eq!(keys, documented.split_whitespace().collect());
     let keys: BTreeSet<&str> = stats["sensor"].as_object().expect("an object").keys().map(String::as_str).collect();
     let documented = "name exposure_seconds mean_electrons mean_value saturated no_light exposure_noise matched";
     assert_eq!(keys, documented.split_whitespace().collect());
+}
+
+/// A plan contains the number of training paths, so that a replay has the same samples.
+#[test]
+fn training_changes_the_samples_and_a_replay_repeats_it() {
+    let bench = Bench::new();
+    let scene = concat!(env!("CARGO_MANIFEST_DIR"), "/../../tests/references/all-kinds-of-light.toml");
+    let render = format!("render {scene} --width 24 --height 16 --spp 16");
+    bench.run(&format!("{render} --exr plain.exr -o plain.png")).code(0);
+    bench
+        .run(&format!(
+            "{render} --training-paths 800 --threads 1 --exr one.exr --plan plan.exr --stats one.json -o one.png"
+        ))
+        .code(0);
+    bench.run(&format!("render {scene} --replay plan.exr --threads 3 --exr replay.exr -o replay.png")).code(0);
+    assert_ne!(bench.floats("plain.exr", "R"), bench.floats("one.exr", "R"), "training has an effect");
+    assert_eq!(bench.floats("one.exr", "R"), bench.floats("replay.exr", "R"));
+    let stats = bench.json("one.json");
+    assert_eq!(stats["training_paths"], 800);
+    assert!(stats["seconds"]["training"].as_f64().is_some_and(|s| s >= 0.0), "{}", stats["seconds"]);
 }
 
 /// Flag and job have the same effect, the outputs contain the pixels in which it holds, and a plain exposure differs in its grey values alone.

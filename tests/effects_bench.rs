@@ -22,8 +22,7 @@ fn the_plain_scene_needs_the_effect_of_few_lights_only() {
     let scene = Case::Plain.scene().expect("it can be built");
     for effect in Effect::ALL {
         let users = scene.effects().users(effect);
-        let is_technique_of_lights = matches!(effect, Effect::EveryLight | Effect::LearnedRoulette);
-        assert_eq!(!users.is_empty(), is_technique_of_lights, "{}: {users:?}", effect.name());
+        assert_eq!(!users.is_empty(), effect == Effect::EveryLight, "{}: {users:?}", effect.name());
     }
     assert_eq!(scene.features(), FeatureSet::default());
     assert_eq!(scene.summary().placed_triangles, 4 * 2 + 81 * 12 + 3 * 2);

@@ -89,7 +89,6 @@ impl Case {
             Effect::CoverConnection => {
                 "an invisible clear plate inside a closed box, over the same scene without the technique"
             }
-            Effect::LearnedRoulette => "probabilities from 3072 training paths, over those from the throughput",
             Effect::EveryLight => "all three panels are sampled, over one at a time",
         }
     }
@@ -239,8 +238,8 @@ fn put_in_use(b: &mut SceneBuilder, effect: Effect) -> Result<(), String> {
             }
         }
         Effect::Color => b.materials[0].base_color.b *= 1.0 - FAINT,
-        // The plain scene has three lights.
-        Effect::EveryLight | Effect::LearnedRoulette => {}
+        // The plain scene has three.
+        Effect::EveryLight => {}
         Effect::CoverConnection => {
             let (low, size) = (inside_the_middle(b, 0.3), inside_the_middle(b, 0.7) - inside_the_middle(b, 0.3));
             let plate = cuboid(low, low + Vec3::new(size.x, size.y, 0.1 * size.x));

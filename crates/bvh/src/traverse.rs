@@ -31,7 +31,7 @@ pub(crate) struct AllTriangles<F>(pub(crate) F);
 
 impl Reported for NoTriangles {
     #[inline(always)]
-    fn lanes(&self, _packet: &TriangleBlock) -> u32 {
+    fn lanes(&self, _block: &TriangleBlock) -> u32 {
         0
     }
     #[inline(always)]
@@ -51,7 +51,7 @@ impl<F: FnMut(Hit)> Reported for AlphaTestedTriangles<F> {
 
 impl<F: FnMut(Hit)> Reported for AllTriangles<F> {
     #[inline(always)]
-    fn lanes(&self, _packet: &TriangleBlock) -> u32 {
+    fn lanes(&self, _block: &TriangleBlock) -> u32 {
         ALL
     }
     #[inline(always)]

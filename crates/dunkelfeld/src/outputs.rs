@@ -226,7 +226,7 @@ fn layer_attributes(frame: &Frame, settings: &RenderSettings, names: &[String]) 
         "program": format!("dunkelfeld {}", env!("CARGO_PKG_VERSION")),
         "seed": settings.seed,
         "frame": settings.frame,
-        "training_paths": settings.resolved_training_paths(),
+        "training_paths": settings.training_paths,
         "denoiser": frame.denoised.as_ref().map(|d| &d.denoiser),
         "exposure_seconds": frame.sensor.as_ref().map(|s| s.exposure.time().0),
         "sensor": frame.sensor.as_ref().map(|s| &s.model.spec().name),
@@ -339,7 +339,7 @@ fn plan_layers(plan: &Plane<u32>, settings: &RenderSettings) -> ExrLayers {
         "program": format!("dunkelfeld {}", env!("CARGO_PKG_VERSION")),
         "seed": settings.seed,
         "frame": settings.frame,
-        "training_paths": settings.resolved_training_paths(),
+        "training_paths": settings.training_paths,
     })
     .to_string();
     layers
@@ -410,8 +410,8 @@ pub struct SavedPlan {
     pub seed: Option<u64>,
     /// Frame number of the render; `None` if another program wrote the file.
     pub frame: Option<u32>,
-    /// Number of training paths of the render; `None` if another program wrote the file.
-    pub training_paths: Option<u32>,
+    /// Number of training paths of the render; 0 if the file does not state it.
+    pub training_paths: u32,
 }
 
 /// Reads a plan that [`save_plan`] wrote, or that of the layers of a render.
@@ -432,7 +432,8 @@ pub fn load_plan_recorded(path: &Path, inputs: &mut InputFiles) -> Result<SavedP
     struct Attributes {
         seed: Option<u64>,
         frame: Option<u32>,
-        training_paths: Option<u32>,
+        #[serde(default)]
+        training_paths: u32,
     }
     let layers = read_exr_recorded(path, Role::Plan, inputs)?;
     let Attributes { seed, frame, training_paths } = serde_json::from_str(&layers.attributes).unwrap_or_default();
@@ -441,10 +442,7 @@ pub fn load_plan_recorded(path: &Path, inputs: &mut InputFiles) -> Result<SavedP
         Err(dunkelfeld_io::InputError::new(path, "layer spp.Y", problem, help).into())
     };
     match (layers.integers(Single::SampleCount), layers.singles_that_are_no_counts(Single::SampleCount)) {
-        // Files without the number are older than the training.
-        (Some(samples), _) => {
-            Ok(SavedPlan { samples, seed, frame, training_paths: training_paths.or(seed.map(|_| 0)) })
-        }
+        (Some(samples), _) => Ok(SavedPlan { samples, seed, frame, training_paths }),
         (None, None) => fault("is missing: there is no sample plan in this file".into()),
         (None, Some((pixels, [x, y], value))) => fault(format!(
             "holds no numbers of samples: {pixels} of its values are negative, fractional, too large or not a number, the \

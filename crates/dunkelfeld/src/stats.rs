@@ -32,6 +32,8 @@ pub struct Stats {
     pub seed: u64,
     /// Frame number.
     pub frame: u32,
+    /// Number of training paths of the learned Russian roulette; 0 without it.
+    pub training_paths: u32,
     /// Threads that rendered.
     pub threads: usize,
     /// Allocation of the samples: name of the strategy, or `replay`.
@@ -279,6 +281,7 @@ impl Stats {
             size: [film.width(), film.height()],
             seed: settings.seed,
             frame: settings.frame,
+            training_paths: settings.training_paths,
             threads: rendering.threads,
             allocation: if settings.replay.is_some() { "replay".into() } else { settings.strategy().name().into() },
             stop: match (rendering.interrupted, rendering.stop) {

@@ -120,7 +120,7 @@ pub(crate) fn estimate<F: Features, V: Vertex>(
     let shadow_start = at.spawn_ray(light.direction);
     let ray = scene.shadow_ray_from(shadow_start.ray.origin, light.direction, light.target.as_ref());
     let (open, transmittance) = shadow_start.shadow_transmittance::<F>(scene, &ray);
-    recorder.shadow_ray(index, open > 0.0);
+    recorder.shadow_ray(index, open > 0.0 && !transmittance.is_black());
     if open == 0.0 {
         return Rgb::BLACK;
     }

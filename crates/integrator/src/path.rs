@@ -75,7 +75,7 @@ pub(crate) fn trace_path<F: Features>(
 struct Path<'a, F, R> {
     scene: &'a Scene,
     roulette: Option<&'a LearnedRoulette>,
-    /// Scale of the learned survival probabilities; `None` before the first vertex of the path.
+    /// Scale of the learned survival probabilities; `None` before the first surface with statistics.
     gain_scale: Option<f32>,
     sampler: &'a Sampler,
     recorder: &'a mut R,
@@ -261,8 +261,8 @@ impl<'a, F: Features, R: Recorder> Path<'a, F, R> {
         // Next-event estimation.
         let choice = self.scene.light_choice_at(self.light_vertices, V::IN_MEDIUM);
         if !is_delta {
-            // The first vertex contributes most of the light of the pixel, so its shadow rays are never skipped by
-            // roulette.
+            // The first vertex contributes most of the light of the pixel. Without training, roulette skips none of its
+            // shadow rays.
             let radiance_before = if self.light_vertices > 0 { self.sample.radiance } else { Rgb::BLACK };
             self.light_vertices += 1;
             for index in 0..self.scene.num_light_samples(choice) {

@@ -63,10 +63,10 @@ impl TrainingBatch {
     ) -> Self {
         let mut batch = Self::default();
         for path in 0..Self::PATHS {
-            // The points of all batches are one sequence, evenly distributed over the film.
+            // The points of all batches are four sequences, each evenly distributed over the film.
             let index = number.wrapping_mul(Self::PATHS).wrapping_add(path);
-            let [x, y] = Sampler::new(SEED, 0, 0, index).get_2d(dimensions::CAMERA);
-            let sampler = Sampler::new(SEED, 1, index, 0);
+            let [x, y] = Sampler::new(SEED, u32::MAX, 0, index).get_2d(dimensions::CAMERA);
+            let sampler = Sampler::new(SEED, u32::MAX - 1, index, 0);
             let lens = camera.has_aperture().then(|| sampler.get_2d(dimensions::LENS));
             let ray = camera.camera_ray(x * width as f32, y * height as f32, lens).ray;
             let begin = batch.visits.len();
@@ -88,6 +88,8 @@ impl TrainingRecorder<'_> {
         let count = self.visits.len() - self.begin;
         if let Some(last) = self.visits.last_mut().filter(|_| count >= MAX_VISITS) {
             last.cost += 1.0;
+            // Its rest is not stored, and nothing is learned from it.
+            last.throughput = 0.0;
             return;
         }
         self.visits.push(Visit {

@@ -194,5 +194,4 @@ fn training_without_a_surface_learns_nothing() {
         batches.map(trace).collect()
     });
     assert!(trained.is_none());
-    assert!(!scene.effects().has(Effect::LearnedRoulette), "no light, no path to end");
 }

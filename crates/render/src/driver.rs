@@ -118,7 +118,7 @@ pub fn render_with_dry_run(
         let film = RenderedFilm { sums, ids, object_names: scene.object_names().to_vec() };
         let trained = Instant::now();
         let roulette = train(scene, &camera, settings);
-        let training_seconds = trained.elapsed();
+        let training_time = trained.elapsed();
         let (writer, saved) = match &settings.checkpoint {
             Some(keep) => {
                 let (writer, saved) = CheckpointWriter::open(
@@ -140,9 +140,9 @@ pub fn render_with_dry_run(
         if let Some(saved) = saved {
             renderer.restore(saved);
         }
-        renderer.stages.push((Stage::Build, began.elapsed().saturating_sub(training_seconds).as_secs_f64()));
-        if renderer.roulette.is_some() {
-            renderer.stages.push((Stage::Training, training_seconds.as_secs_f64()));
+        renderer.spend(Stage::Build, began + training_time);
+        if settings.training_paths > 0 {
+            renderer.stages.push((Stage::Training, training_time.as_secs_f64()));
         }
         renderer.run(rehearsal)
     })

@@ -18,14 +18,8 @@ use std::ops::Range;
 pub const DEFAULT_SPP: f64 = 64.0;
 /// Samples per pixel of the pilot.
 pub const DEFAULT_PILOT_SPP: u32 = 16;
-/// Largest number of training paths of a render that chooses it by its size.
-pub const MAX_TRAINING_PATHS: u32 = 20_480;
-/// Pixels of a film from which on a render has training paths.
-const MIN_TRAINING_PIXELS: u64 = 128 * 128;
-/// Pixels for each training path.
-const PIXELS_PER_TRAINING_PATH: u64 = 4;
-/// Seconds of a time limit from which on a render has training paths. They take about 0.2 s of one thread.
-const MIN_TRAINING_SECONDS: f64 = 10.0;
+/// Largest number of training paths. They take about 10 s of one thread on a scene without media.
+pub const MAX_TRAINING_PATHS: u32 = 1 << 20;
 /// Samples per pixel in the memory account if the clock or the noise ends the render.
 pub const UNKNOWN_SPP: f64 = 4096.0;
 
@@ -86,10 +80,10 @@ pub struct RenderSettings {
     pub strategy: Option<Strategy>,
     /// Samples per pixel of the pilot.
     pub pilot_spp: u32,
-    /// Number of training paths for the learned Russian roulette; 0 selects probabilities by the throughput. `None`
-    /// selects the number by the size of the film and the time limit ([`Self::resolved_training_paths`]).
-    #[setters(into)]
-    pub training_paths: Option<u32>,
+    /// Number of training paths of the learned Russian roulette ([`LearnedRoulette`](dunkelfeld_integrator::LearnedRoulette)),
+    /// at most [`MAX_TRAINING_PATHS`]; 0 selects survival probabilities by the throughput of a path. A replay needs the
+    /// number of the render, and so do parts of a render.
+    pub training_paths: u32,
     /// Weight of flat regions under [`Strategy::Sobel`], relative to the mean Sobel magnitude, in \[0, 1\].
     pub sobel_floor: f32,
     /// Seed of the render, of the sensor's noise and of the device.
@@ -157,16 +151,6 @@ impl RenderSettings {
         }
     }
 
-    /// The number of training paths: that of the settings, else a fourth of the number of pixels, at most
-    /// [`MAX_TRAINING_PATHS`]. Films of fewer than 128 x 128 pixels and time limits below 10 s have none. The number does
-    /// not depend on the number of samples, so that parts of a render have the samples of the whole.
-    pub fn resolved_training_paths(&self) -> u32 {
-        let pixels = u64::from(self.width) * u64::from(self.height);
-        let is_short = self.budget.seconds.is_some_and(|s| s < MIN_TRAINING_SECONDS);
-        let by_size = if is_short || pixels < MIN_TRAINING_PIXELS { 0 } else { pixels / PIXELS_PER_TRAINING_PATH };
-        self.training_paths.unwrap_or(by_size.min(MAX_TRAINING_PATHS.into()) as u32)
-    }
-
     /// Samples per pixel of a render with a given plan.
     pub fn given_spp(&self) -> Option<f64> {
         match (&self.replay, &self.samples) {
@@ -205,7 +189,7 @@ impl Default for RenderSettings {
             budget: Budget::default(),
             strategy: None,
             pilot_spp: DEFAULT_PILOT_SPP,
-            training_paths: None,
+            training_paths: 0,
             sobel_floor: dunkelfeld_adaptive::weights::SOBEL_FLOOR,
             seed: 0,
             frame: 0,

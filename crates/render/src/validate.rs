@@ -1,7 +1,7 @@
 //! Checks the ranges of settings before a render begins.
 
 use crate::error::Error;
-use crate::settings::{Budget, MAX_PIXELS, MAX_SIDE, RenderSettings};
+use crate::settings::{Budget, MAX_PIXELS, MAX_SIDE, MAX_TRAINING_PATHS, RenderSettings};
 use dunkelfeld_adaptive::weights::Strategy;
 use dunkelfeld_adaptive::{budget, plan};
 use dunkelfeld_sensor::ExposureNoise;
@@ -27,6 +27,10 @@ pub fn validate(s: &RenderSettings) -> Result<(), Error> {
         if v.is_some_and(|v| !(v.is_finite() && v > 0.0)) {
             return Err(Error::setting(name, "the budget must be a positive number", "use 20s or 64"));
         }
+    }
+    if s.training_paths > MAX_TRAINING_PATHS {
+        let problem = format!("{} are more than {MAX_TRAINING_PATHS}", s.training_paths);
+        return Err(Error::setting("training paths", problem, "use 20000"));
     }
     if let Some(k) = s.budget.noise {
         if !budget::NOISE_LEVELS.contains(&k) {

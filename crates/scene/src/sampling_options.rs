@@ -9,14 +9,11 @@ pub struct Techniques {
     pub every_light: bool,
     /// Next-event estimation through clear covers. If false, only scattering samples light behind covers.
     pub cover_connection: bool,
-    /// Russian roulette with survival probabilities that are learned from training paths. If false, they follow from the
-    /// throughput of the path.
-    pub learned_roulette: bool,
 }
 
 impl Default for Techniques {
     /// All techniques enabled.
     fn default() -> Self {
-        Self { every_light: true, cover_connection: true, learned_roulette: true }
+        Self { every_light: true, cover_connection: true }
     }
 }

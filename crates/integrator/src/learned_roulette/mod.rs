@@ -57,8 +57,8 @@ impl LearnedRoulette {
         Some(Self { grid: statistics::combine(batches)? })
     }
 
-    /// The survival probabilities at a vertex on a surface. The first vertex of a path sets its `gain_scale`. `None` if
-    /// nothing is known about its material, or if the first vertex was in a cell without noise.
+    /// The survival probabilities at a vertex on a surface. The first surface with statistics sets the `gain_scale` of
+    /// the path. `None` if its material has no statistics, or if the noise of the first surface is zero.
     #[inline]
     pub(crate) fn at(&self, point: Vec3, material: u32, gain_scale: &mut Option<f32>) -> Option<VertexRoulette<'_>> {
         let cell = self.grid.find(point, material)?;
@@ -68,14 +68,15 @@ impl LearnedRoulette {
 }
 
 impl VertexRoulette<'_> {
-    /// Survival probability of the path after scattering. `throughput` is the largest channel.
+    /// Survival probability of the path after scattering. `throughput` is the largest channel. A path without
+    /// throughput ends.
     #[inline]
     pub(crate) fn path_survival(&self, throughput: f32) -> f32 {
-        clamp(throughput * self.gain_scale * self.cell.path)
+        if throughput == 0.0 { 0.0 } else { clamp(throughput * self.gain_scale * self.cell.path) }
     }
 
-    /// Survival probability of the shadow ray of a light sample. `expected` is the largest channel of its contribution
-    /// to the pixel [W/(m^2 sr)] if it is not occluded.
+    /// Survival probability of the shadow ray of a light sample. `expected` is an upper bound of its contribution to
+    /// the pixel [W/(m^2 sr)] if it is not occluded.
     #[inline]
     pub(crate) fn shadow_survival(&self, index: u32, expected: f32) -> f32 {
         clamp(expected * self.gain_scale * self.cell.shadow[index as usize % LIGHTS])

@@ -33,8 +33,10 @@ pub(crate) struct Outcomes {
 
 impl Outcomes {
     pub(crate) fn count(&mut self, arrived: bool) {
-        self.traced = self.traced.saturating_add(1);
-        self.arrived = self.arrived.saturating_add(u8::from(arrived));
+        if self.traced < u8::MAX {
+            self.traced += 1;
+            self.arrived += u8::from(arrived);
+        }
     }
 }
 

@@ -151,7 +151,7 @@ impl End {
 
 /// Light of a light sample that reaches a vertex through a cover and is scattered toward the camera. `u` gives a number
 /// in `[0, 1)` that chooses among the candidate chains. `roulette` is applied before the search. The recorder receives
-/// the search and, if it found light, the weight of the connection.
+/// the record and, if it found light, the weight of the connection.
 #[inline(never)]
 pub(crate) fn estimate<F: Features, V: Vertex>(
     scene: &Scene,
@@ -189,12 +189,13 @@ pub(crate) fn estimate<F: Features, V: Vertex>(
     let (scattered, pdf) = at.eval(found.direction);
     let unoccluded = scattered * light.radiance * found.traced.weight;
     if unoccluded.is_black() {
+        recorder.connection_outcome(index, false);
         return Rgb::BLACK;
     }
     let last = &found.traced.ray_state;
     let ray = scene.shadow_ray_from(last.ray.origin, last.ray.direction, light.target.as_ref());
     let (open, transmittance) = last.shadow_transmittance::<F>(scene, &ray);
-    recorder.connection_outcome(index, open > 0.0);
+    recorder.connection_outcome(index, open > 0.0 && !transmittance.is_black());
     if open == 0.0 {
         return Rgb::BLACK;
     }

@@ -20,6 +20,8 @@ pub(crate) struct ExposureRecipe {
     /// Does the lens darken the image towards its corners?
     pub(crate) is_vignetted: bool,
     pub(crate) object_names: Vec<String>,
+    #[serde(default)]
+    pub(crate) training_paths: u32,
     /// Does a given plan determine the samples?
     pub(crate) is_replay: bool,
 }
@@ -34,6 +36,7 @@ impl ExposureRecipe {
             without: settings.without.iter().map(|e| e.name().to_string()).collect(),
             is_vignetted,
             object_names: object_names.to_vec(),
+            training_paths: settings.training_paths,
             is_replay: settings.replay.is_some(),
         }
     }
@@ -45,6 +48,7 @@ impl ExposureRecipe {
             height,
             seed: self.seed,
             frame: self.frame,
+            training_paths: self.training_paths,
             sensor: self.sensor.clone(),
             exposure_noise: self.exposure_noise,
             without: self

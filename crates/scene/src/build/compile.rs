@@ -165,9 +165,6 @@ impl SceneBuilder {
         if lights.samples_each() {
             effects.add(Effect::EveryLight, format!("{} lights", lights.lights.len()));
         }
-        if self.techniques.learned_roulette && !lights.lights.is_empty() {
-            effects.add(Effect::LearnedRoulette, "all surfaces".into());
-        }
         features.media = scatters || has_open_faces || solids.has_nesting;
         if !EFFECTS && let Some((effect, place)) = effects.first_unsupported(features) {
             return Err(BuildError::PlainOnly { effect, place });
