@@ -80,8 +80,11 @@ def grooves() -> Scene:
 def metals() -> Scene:
     """A brushed bar, a matt bar and a polished ball on the panel."""
     shapes, materials = base()
+    # Texture coordinates define the direction of the brush. Without them each renderer chooses its own.
+    corners = np.array([[0.0, 1.0], [1.0, 1.0], [1.0, 0.0], [0.0, 0.0]])
+    brushed = box("brushed", "brushed", (-0.05, 0.018, -0.03), (0.05, 0.02, 0.1), 0.4)
     shapes += [
-        box("brushed", "brushed", (-0.05, 0.018, -0.03), (0.05, 0.02, 0.1), 0.4),
+        replace(brushed, uvs=np.tile(corners, (6, 1))),
         box("matt", "matt", (0.05, 0.018, -0.03), (0.05, 0.02, 0.1), -0.3),
         ball("ball", "polished", (0.0, 0.028, 0.06), 0.02, smooth=True, rounds=4),
     ]
