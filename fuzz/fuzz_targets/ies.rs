@@ -10,7 +10,7 @@ target!(|data| {
     match parse_ies(Path::new("lamp.ies"), data) {
         Ok((profile, _)) => {
             // Of f32 intensities up to its largest number the sum may leave its range.
-            assert!(!profile.power().is_nan() && profile.peak().is_finite() && profile.reach().is_finite());
+            assert!(!profile.power().is_nan() && profile.peak().is_finite() && profile.cutoff_angle().is_finite());
         }
         Err(e) => {
             drop((e.to_string(), e.caret()));
