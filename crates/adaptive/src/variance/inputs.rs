@@ -29,12 +29,6 @@ impl PixelFeatures {
             && self.border == other.border
             && (self.border || similar(&self.normal, &other.normal))
     }
-
-    /// Returns whether two pixels show the same object with a similar normal, at a border or not.
-    #[inline]
-    pub fn is_turned_like(&self, other: &Self) -> bool {
-        self.object == other.object && similar(&self.normal, &other.normal)
-    }
 }
 
 /// The range of the sensor variance of a pixel. Its bounds follow from the render noise of the pixel.

@@ -2,10 +2,10 @@
 //!
 //! If the samples of a pixel decide how many more it gets, its mean is biased ([`crate`]). So the prediction uses its
 //! neighbours alone, near ones and far ones. If light is rare, a short pilot has sampled it in few pixels, and the
-//! estimates of the nearest neighbours rest on few events. These estimates are shrunk towards those of wider
+//! estimates of the near neighbours rest on few events. These estimates are shrunk towards those of wider
 //! neighbourhoods (conjugate prior: Lindley and Smith 1972). The shrinkage is stronger for fewer events. The number of
 //! events is the observed one, or the one that the neighbourhood would have if it were like the wider one. With many
-//! events, the nearest neighbours determine the prediction alone.
+//! events, the near neighbours determine the prediction alone.
 //!
 //! The averaged quantity is v / s, the variance of a sample over the tolerated variance of its pixel. The average is
 //! the root mean square. An image waits for the pixels whose required samples were underestimated, so larger values
@@ -18,9 +18,9 @@ use dunkelfeld_film::Plane;
 use crate::required_samples::SensorNoise;
 use crate::variance::inputs::{NoiseInputs, PixelFeatures};
 
-/// Neighbourhoods, the nearest first: standard deviation of a Gaussian, and its reach, in pixels. The two nearest use
-/// pixels of the same surface. The widest uses pixels of the same object, or all pixels.
-const SCALES: [(f64, u32); 3] = [(1.0, 3), (2.0, 4), (4.0, REACH)];
+/// Neighbourhoods, the near one first: standard deviation of a Gaussian, and its reach, in pixels. The near one uses
+/// pixels of the same object. The wide one uses pixels of the same object, or all pixels.
+const SCALES: [(f64, u32); 2] = [(2.0, 4), (4.0, REACH)];
 const REACH: u32 = 8;
 /// Distances along an axis.
 const DISTANCES: usize = REACH as usize + 1;
@@ -111,8 +111,7 @@ fn expected_at(
     y: u32,
 ) -> PredictedNoise {
     let own = surface.at(x, y);
-    let (mut near, mut nearer) = (Sums::default(), Sums::default());
-    let (mut alike, mut anything) = (Sums::default(), Sums::default());
+    let (mut near, mut alike, mut anything) = (Sums::default(), Sums::default(), Sums::default());
     // Numbers of adjacent pixels, and of saturated ones among them.
     let (mut around, mut saturated) = (0, 0);
     let columns = x.saturating_sub(REACH)..(x + REACH + 1).min(neighbours.width());
@@ -130,15 +129,10 @@ fn expected_at(
                 NeighbourNoise::Noise { all, largest, batches } => [all, largest, batches].map(f64::from),
             };
             let weight = |scale: usize| weights.0[scale][dy as usize][dx as usize];
-            let seen = surface.at(nx, ny);
-            anything.add(noise, weight(2));
-            if seen.object != own.object {
-                continue;
-            }
-            alike.add(noise, weight(2));
-            if dx.max(dy) <= SCALES[1].1 && own.is_turned_like(seen) {
-                near.add(noise, weight(1));
-                nearer.add(noise, weight(0));
+            anything.add(noise, weight(1));
+            if surface.at(nx, ny).object == own.object {
+                alike.add(noise, weight(1));
+                near.add(noise, weight(0));
             }
         }
     }
@@ -152,7 +146,7 @@ fn expected_at(
     let events_per_pixel = anything.events() / anything.pixels();
     let narrowed =
         |wider: f64, sums: &Sums| shrunk(sums.mean(), sums.events().max(events_per_pixel * sums.pixels()), wider);
-    let independent = [&alike, &near, &nearer].into_iter().fold(anything.mean(), narrowed);
+    let independent = [&alike, &near].into_iter().fold(anything.mean(), narrowed);
     let evenness = shrunk(alike.by_batches(), alike.events(), anything.by_batches());
     PredictedNoise { ratio: (independent * evenness).min(f64::from(f32::MAX)) as f32, saturated: false }
 }
@@ -163,7 +157,7 @@ fn shrunk(value: f64, events: f64, wider: f64) -> f64 {
 }
 
 /// Weights by distance along either axis, for each of the scales. Zero beyond their reach.
-struct Weights([[[f64; DISTANCES]; DISTANCES]; 3]);
+struct Weights([[[f64; DISTANCES]; DISTANCES]; 2]);
 
 impl Weights {
     fn new() -> Self {
@@ -288,22 +282,15 @@ mod tests {
     }
 
     #[test]
-    fn other_objects_are_used_only_without_similar_neighbours() {
+    fn other_objects_are_used_only_without_pixels_of_the_same_object() {
         let mut evidence = image(|x, _| if x < 20 { 1.0 } else { 400.0 });
         evidence.surface =
             Plane::from_fn(SIDE, SIDE, |x, _| PixelFeatures { object: u32::from(x >= 20), ..PixelFeatures::default() });
         assert!((ratio(&evidence, 19, 20) / 0.25 - 1.0).abs() < 0.05, "{}", ratio(&evidence, 19, 20));
-        // A pixel without similar pixels uses all pixels around it.
+        // A pixel whose object has no other pixel uses all pixels around it.
         evidence.surface.data_mut()[(20 * SIDE + 5) as usize] =
             PixelFeatures { object: 99, ..PixelFeatures::default() };
         assert!((ratio(&evidence, 5, 20) / 0.25 - 1.0).abs() < 1e-4);
-        // Faces of one object with another normal count less than the same face.
-        let turned = Plane::from_fn(SIDE, SIDE, |x, _| PixelFeatures {
-            normal: if x < 20 { [0.0, 0.0, 1.0] } else { [1.0, 0.0, 0.0] },
-            ..PixelFeatures::default()
-        });
-        evidence.surface = turned;
-        assert!((ratio(&evidence, 19, 20) / 0.25 - 1.0).abs() < 0.1, "{}", ratio(&evidence, 19, 20));
     }
 
     #[test]
@@ -344,12 +331,12 @@ mod tests {
     fn neighbours_without_events_where_many_were_expected_have_influence() {
         // An object before a black background: a noisy pixel has a thousand events.
         let part = image(|x, _| if x < 20 { 0.0 } else { 100.0 });
-        assert!(ratio(&part, 16, 20) < 0.01 * 25.0, "{}", ratio(&part, 16, 20));
+        assert!(ratio(&part, 15, 20) < 0.01 * 25.0, "{}", ratio(&part, 15, 20));
         assert!(ratio(&part, 21, 20) > 0.7 * 25.0, "{}", ratio(&part, 21, 20));
-        // One event in forty pixels: seven by seven pixels without an event are not significant.
+        // One event in forty pixels: nine by nine pixels without an event are not significant.
         let mut rare = image(|x, y| if x >= 17 && (x + 6 * y) % 40 == 0 { 100.0 } else { 0.0 });
         rare.scatter.data_mut().iter_mut().flatten().for_each(|s| s.largest = s.all);
-        assert!(ratio(&rare, 13, 20) > 0.3 * ratio(&rare, 27, 20), "{} {}", ratio(&rare, 13, 20), ratio(&rare, 27, 20));
+        assert!(ratio(&rare, 12, 20) > 0.3 * ratio(&rare, 27, 20), "{} {}", ratio(&rare, 12, 20), ratio(&rare, 27, 20));
     }
 
     #[test]
