@@ -239,16 +239,18 @@ def load(
     height: int = 512,
     camera: str = "camera",
     without: frozenset[str] = frozenset(),
+    rr_depth: int = 16,
+    sampler: str = "independent",
 ) -> Any:
-    """Builds the Mitsuba scene; set the variant first. Nodes named in `without` are left out."""
+    """Builds the Mitsuba scene; set the variant first. Nodes named in `without` are left out. Roulette from depth `rr_depth`
+    on does not change the mean."""
     import mitsuba as mi
 
     glb = Glb(path)
     scene: dict[str, Any] = {
         "type": "scene",
-        # Unbounded depth; roulette from depth 16 on does not change the mean.
-        "integrator": {"type": "path", "max_depth": -1, "rr_depth": 16},
-        "sensor": _sensor(glb.camera(camera), width, height),
+        "integrator": {"type": "path", "max_depth": -1, "rr_depth": rr_depth},
+        "sensor": _sensor(glb.camera(camera), width, height) | {"sampler": {"type": sampler, "sample_count": 1}},
     }
     materials: dict[str, Any] = {}
     for number, placed in enumerate(glb.placed()):
@@ -282,7 +284,6 @@ def _sensor(camera: Camera, width: int, height: int) -> dict[str, Any]:
             "component_format": "float32",
             "rfilter": {"type": "box"},
         },
-        "sampler": {"type": "independent", "sample_count": 1},
     }
 
 

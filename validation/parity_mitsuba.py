@@ -15,7 +15,7 @@ TEXEL = 48
 BACK = 4e-4
 
 
-def load(scene: Scene, width: int, height: int, rr_depth: int = 24) -> Any:
+def load(scene: Scene, width: int, height: int, rr_depth: int = 24, sampler: str = "independent") -> Any:
     """Builds the scene."""
     import mitsuba as mi
 
@@ -25,7 +25,7 @@ def load(scene: Scene, width: int, height: int, rr_depth: int = 24) -> Any:
     parts: dict[str, Any] = {
         "type": "scene",
         "integrator": {"type": integrator, "max_depth": -1, "rr_depth": rr_depth},
-        "sensor": _sensor(scene.camera, width, height),
+        "sensor": _sensor(scene.camera, width, height) | {"sampler": {"type": sampler, "sample_count": 1}},
     }
     bsdfs = {name: mi.load_dict(_bsdf(m, scene.textures.get(name, Textures()))) for name, m in scene.materials.items()}
     for index, shape in enumerate(scene.shapes):
@@ -200,7 +200,6 @@ def _sensor(camera: Camera, width: int, height: int) -> dict[str, Any]:
     }
     sensor: dict[str, Any] = {
         "film": film,
-        "sampler": {"type": "independent", "sample_count": 1},
         "near_clip": 0.01,
         "far_clip": 100.0,
     }

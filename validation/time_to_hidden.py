@@ -139,12 +139,19 @@ class Contender:
             # Numbers below those of the renders proper; the second has the kernels that the first compiled.
             self.fixed = min(self.render(1, 0)[1], self.render(1, 1)[1])
         image, seconds = self.render(self.spp, 2 + number)
-        self.images.append((image @ self.weights).astype(np.float32))
+        self.add(image)
         self.seconds.append((seconds - self.fixed) / (self.spp - 1))
         part = self.store.with_suffix(".part.npz")
-        kept = {"images": np.stack(self.images), "seconds": np.array(self.seconds), "fixed": self.fixed, "spp": self.spp}
-        np.savez_compressed(part, **kept)
+        np.savez_compressed(part, **self.kept())
         part.replace(self.store)
+
+    def add(self, image: np.ndarray) -> None:
+        """Adds an image (rows, columns, RGB)."""
+        self.images.append((image @ self.weights).astype(np.float32))
+
+    def kept(self) -> dict[str, Any]:
+        """The content of the file."""
+        return {"images": np.stack(self.images), "seconds": np.array(self.seconds), "fixed": self.fixed, "spp": self.spp}
 
     def renders(self, count: int) -> Renders:
         """The first `count`."""
@@ -163,16 +170,29 @@ def mitsuba_renderer(scene: Any) -> Callable[[int, int], tuple[np.ndarray, float
     return render
 
 
-def our_renderer(
-    program: Path, scene: Path, size: int, weights: np.ndarray, without: list[str], factors: list[float]
-) -> Callable[[int, int], tuple[np.ndarray, float]]:
-    """Ours; numbers are frames. Notes in `factors` the electrons per unit of weighted radiance and second of exposure."""
+def channels(path: Path, *names: str) -> np.ndarray:
+    """Channels of an EXR, as (row, column, channel)."""
     import mitsuba as mi
 
+    bitmap = mi.Bitmap(str(path))
+    column = {field.name: k for k, field in enumerate(bitmap.struct_())}
+    return np.array(bitmap, dtype=np.float64)[..., [column[name] for name in names]]
+
+
+def our_renderer(
+    program: Path,
+    scene: Path,
+    size: int,
+    weights: np.ndarray,
+    without: list[str],
+    factors: list[float],
+    allocate: str = "uniform",
+) -> Callable[[int, int], tuple[np.ndarray, float]]:
+    """Ours; numbers are frames. Notes in `factors` the electrons per unit of weighted radiance and second of exposure."""
     files = {kind: scene.with_suffix(f".{kind}") for kind in ("exr", "json", "png")}
 
     def render(spp: int, number: int) -> tuple[np.ndarray, float]:
-        command: list[Any] = [program, "render", scene, "--allocate", "uniform", "--spp", str(spp), "--frame", str(number)]
+        command: list[Any] = [program, "render", scene, "--allocate", allocate, "--spp", str(spp), "--frame", str(number)]
         command += ["--width", str(size), "--height", str(size), "--sensor", "imx250", "--progress", "none", *without]
         command += ["--exr", files["exr"], "--stats", files["json"], "-o", files["png"]]
         before = resource.getrusage(resource.RUSAGE_CHILDREN)
@@ -180,10 +200,7 @@ def our_renderer(
         after = resource.getrusage(resource.RUSAGE_CHILDREN)
         if done.returncode != 0:
             raise SystemExit(f"{scene.name}: {done.stderr}")
-        bitmap = mi.Bitmap(str(files["exr"]))
-        column = {field.name: k for k, field in enumerate(bitmap.struct_())}
-        pixels = np.array(bitmap, dtype=np.float64)
-        image, electrons = pixels[..., [column[c] for c in "RGB"]], pixels[..., column["electrons.Y"]]
+        image, electrons = channels(files["exr"], "R", "G", "B"), channels(files["exr"], "electrons.Y")[..., 0]
         weighted = image @ weights
         ratio = electrons[weighted > 0.0] / weighted[weighted > 0.0]
         if ratio.size == 0 or np.ptp(ratio) > LINEAR * ratio.mean():
