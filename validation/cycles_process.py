@@ -9,8 +9,7 @@ from typing import Any, Callable
 
 import numpy as np
 
-# On the stations a light tree takes 1.3 times as long per sample and has the same noise per sample. Path guiding has 0.2 to 1.0
-# times the gain. Refracted shadow rays (`manifolds`) lose an eighth of the light under a cover.
+# What all scenes have in common; docs/research/equal-time.md has the measurements. `manifolds`: refracted shadow rays.
 SETTINGS = {"use_light_tree": False, "use_guiding": False, "manifolds": False}
 
 
@@ -42,7 +41,7 @@ class Cycles:
         return self._answer()
 
     def renderer(
-        self, scene: dict[str, str], size: int, settings: dict[str, Any] = SETTINGS
+        self, scene: dict[str, str], size: int, settings: dict[str, Any]
     ) -> Callable[[int, int], tuple[np.ndarray, float]]:
         """Builds a scene, {"station": name} or {"scene": file}, in place of the one before. Gives the function that renders it:
         numbers are seeds; the time is that of the process, user and system, in seconds."""

@@ -39,7 +39,7 @@ import numpy as np
 import mitsuba_scene
 import parity_mitsuba
 import parity_scene
-from cycles_process import Cycles
+from cycles_process import SETTINGS, Cycles
 from equal_time_picture import STATISTICS, Panel, draw
 from open_image_denoise import Denoiser, packaged_library
 from readme_table import into_readme
@@ -56,10 +56,16 @@ MEASURES = {"v / s": "v / s", "relative": "relative error", "denoised": "relativ
 FEATURE_SPP, FEATURE_FRAME = 64, 100_000
 # The number of our renders whose time is that of the peers.
 TIMED = 3
-# Depth at which Mitsuba's roulette starts, and the scenes where another one has less noise after the same time, in the geometric
-# mean of all raw columns. docs/research/equal-time.md has the measurements.
-ROULETTE = 5
-ROULETTES = {name: 2 for name in SHIPPED} | {"leds": 3, "flat-cover": 16, "moulded-cover": 16, "dome": 16}
+# Vertices before the roulette of Mitsuba (`rr_depth`) and of Cycles (`min_light_bounces`), and the scenes where another number has
+# less noise after the same time, in the geometric mean of all raw columns. docs/research/equal-time.md has the measurements.
+ROULETTE = (5, 3)
+ROULETTES = {name: (2, 0) for name in SHIPPED} | {
+    "glass": (8, 3),
+    "leds": (3, 3),
+    "flat-cover": (16, 0),
+    "moulded-cover": (32, 16),
+    "dome": (16, 16),
+}
 
 Render = Callable[[int, int], tuple[np.ndarray, float]]
 Filter = Callable[[np.ndarray], np.ndarray]
@@ -205,7 +211,7 @@ def race(name: str, arguments: argparse.Namespace, sensor: Sensor, denoiser: Den
     size, spp, weights = arguments.size, arguments.spp, sensor.weights
     work = arguments.work / f"{name}-{size}-{spp}"
     work.mkdir(parents=True, exist_ok=True)
-    rr_depth = ROULETTES.get(name, ROULETTE)
+    rr_depth, min_bounces = ROULETTES.get(name, ROULETTE)
     scene: Any
     if name in SHIPPED:
         file = mitsuba_scene.equal_terms(root / "scenes" / "inspection" / f"{name}.glb", 1.0, work / f"{name}.glb")
@@ -234,7 +240,8 @@ def race(name: str, arguments: argparse.Namespace, sensor: Sensor, denoiser: Den
             possible: Callable[[float], int] = grid
         else:
             assert cycles is not None
-            theirs, possible = cycles.renderer(source, size), power_of_two
+            settings = SETTINGS | {"min_light_bounces": min_bounces}
+            theirs, possible = cycles.renderer(source, size, settings), power_of_two
         racers[peer] = Racer(store, affordable(store, theirs, seconds, possible), weights, theirs, denoise)
     for number in range(arguments.renders):
         for racer in racers.values():
@@ -289,7 +296,7 @@ def tables(races: list[Race], arguments: argparse.Namespace, versions: dict[str,
             gains = {one.name: found[one.name, who][0][part] for one in races}
             values = np.array(list(gains.values()))
             middle += [f"{np.exp(np.log(v).mean()):.2f}" if (v > 0.0).all() else "-" for v in values.T]
-            panels[k].append(Panel(f"{label}: {title}", gains))
+            panels[k].append(Panel(f"{label}: {title}", "plan" if who == PLAN else "ours", gains))
         lines += [f"| geometric mean | {' | '.join(middle)} |", ""]
     head = ["M samples/s, ours", "s of a render", "time, plan", "mean, ours over plan"]
     for who in arguments.peers:

@@ -12,10 +12,10 @@ from PIL import Image, ImageDraw, ImageFont
 # Drawn larger by this factor, then reduced.
 FINER = 2
 PANEL, LABELS, ROW, HEAD, FOOT, GAP = 360, 140, 24, 62, 30, 28
-LOW, HIGH = 0.05, 50.0
+LOW, HIGH = 0.05, 100.0
 TICKS = (0.1, 1.0, 2.0, 10.0)
 STATISTICS = ("median", "mean", "90 %", "99 %")
-# Okabe and Ito (2008): distinct for the colour-blind.
+# Distinct for the colour-blind.
 COLORS = ((0, 114, 178), (230, 159, 0), (0, 158, 115), (204, 60, 0))
 Font = ImageFont.FreeTypeFont | ImageFont.ImageFont
 GREY, DARK = (190, 190, 190), (40, 40, 40)
@@ -23,9 +23,10 @@ GREY, DARK = (190, 190, 190), (40, 40, 40)
 
 @dataclass(frozen=True)
 class Panel:
-    """A title and the gains of each scene: median, mean, 90 % and 99 % quantile."""
+    """A title, the one whose image is cleaner above 1, and the gains of each scene: median, mean, 90 % and 99 % quantile."""
 
     title: str
+    better: str
     gains: dict[str, np.ndarray]
 
 
@@ -70,6 +71,7 @@ def _panel(pen: ImageDraw.ImageDraw, panel: Panel, left: int, top: int, is_first
         is_bar = tick in (1.0, 2.0)
         line(place(tick), first, place(tick), last, DARK if is_bar else GREY, 2 if tick == 1.0 else 1)
         text(place(tick), last + 4, f"{tick:g}", small, "mt")
+    text(left + PANEL, last + 4, f"{panel.better} cleaner", small, "rt")
     for number, (scene, gains) in enumerate(panel.gains.items()):
         y = first + ROW * (number + 0.5)
         if number:
