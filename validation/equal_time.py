@@ -98,8 +98,8 @@ def affordable(store: Path, render: Render, seconds: float, possible: Callable[[
         return min(render(spp, number)[1] for number in (0, 1))
 
     fixed, spp = time(1), possible(16)
-    while (taken := time(spp) - fixed) < 0.25 * seconds:
-        spp = possible(4 * spp)
+    while (taken := time(spp) - fixed) < 0.6 * seconds:
+        spp = possible(2 * spp)
     return max(2, possible(spp * seconds / taken))
 
 
