@@ -20,7 +20,7 @@ mod scene;
 mod table;
 
 use callgrind::Price;
-use dunkelfeld_integrator::{Estimator, PixelSample};
+use dunkelfeld_integrator::{Estimator, LearnedRoulette, PixelSample};
 use dunkelfeld_scene::{EFFECTS, Effect, kernel_features};
 use scene::Case;
 use std::path::{Path, PathBuf};
@@ -98,7 +98,12 @@ fn render(name: &str, samples: u32) -> Result<String, String> {
     let case = Case::all().into_iter().find(|case| case.name() == name).ok_or(format!("there is no case {name}"))?;
     let scene = case.scene()?;
     let camera = scene.ray_generator(&scene.cameras()[0], FILM, FILM).map_err(|e| e.to_string())?;
-    let estimator = Estimator { scene: &scene, camera: &camera, width: FILM, seed: 1, frame: 0, roulette: None };
+    let roulette = (case == Case::Effect(Effect::LearnedRoulette)).then(|| {
+        LearnedRoulette::train(&scene, &camera, [FILM; 2], 8192, |batches, trace| batches.map(trace).collect())
+    });
+    let roulette = roulette.flatten();
+    let roulette = roulette.as_ref();
+    let estimator = Estimator { scene: &scene, camera: &camera, width: FILM, seed: 1, frame: 0, roulette };
     let (mut fingerprint, mut sum) = (0xcbf2_9ce4_8422_2325u64, 0.0);
     for pixel in 0..PIXELS * PIXELS {
         let [x, y] = [pixel % PIXELS, pixel / PIXELS].map(|k| k * (FILM / PIXELS));

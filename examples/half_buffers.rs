@@ -72,7 +72,7 @@ impl Setup {
             project.settings.sensor = SensorChoice::Emva { model, optics: project.optics, exposure: None };
         }
         (project.settings.width, project.settings.height) = (options.size, options.size);
-        project.settings.training_paths = options.training;
+        project.settings.training_paths = Some(options.training);
         project.settings.budget = Budget::default();
         let (mut settings, session) = (project.fitted()?, Session::new(project.settings.threads)?);
         settings.strategy = Some(Strategy::Uniform);

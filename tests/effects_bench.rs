@@ -18,11 +18,12 @@ use scene::Case;
 use table::{BEGIN, END, Row, markdown, replaced};
 
 #[test]
-fn the_plain_scene_needs_the_effect_of_few_lights_only() {
+fn the_plain_scene_needs_techniques_only() {
     let scene = Case::Plain.scene().expect("it can be built");
     for effect in Effect::ALL {
         let users = scene.effects().users(effect);
-        assert_eq!(!users.is_empty(), effect == Effect::EveryLight, "{}: {users:?}", effect.name());
+        let is_used = matches!(effect, Effect::EveryLight | Effect::LearnedRoulette);
+        assert_eq!(!users.is_empty(), is_used, "{}: {users:?}", effect.name());
     }
     assert_eq!(scene.features(), FeatureSet::default());
     assert_eq!(scene.summary().placed_triangles, 4 * 2 + 81 * 12 + 3 * 2);

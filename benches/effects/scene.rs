@@ -90,6 +90,7 @@ impl Case {
                 "an invisible clear plate inside a closed box, over the same scene without the technique"
             }
             Effect::EveryLight => "all three panels are sampled, over one at a time",
+            Effect::LearnedRoulette => "survival by 8192 training paths, over survival by the throughput",
         }
     }
 
@@ -238,8 +239,8 @@ fn put_in_use(b: &mut SceneBuilder, effect: Effect) -> Result<(), String> {
             }
         }
         Effect::Color => b.materials[0].base_color.b *= 1.0 - FAINT,
-        // The plain scene has three.
-        Effect::EveryLight => {}
+        // The plain scene has three lights, and the bench trains for this case only.
+        Effect::EveryLight | Effect::LearnedRoulette => {}
         Effect::CoverConnection => {
             let (low, size) = (inside_the_middle(b, 0.3), inside_the_middle(b, 0.7) - inside_the_middle(b, 0.3));
             let plate = cuboid(low, low + Vec3::new(size.x, size.y, 0.1 * size.x));

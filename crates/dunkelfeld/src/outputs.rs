@@ -226,7 +226,7 @@ fn layer_attributes(frame: &Frame, settings: &RenderSettings, names: &[String]) 
         "program": format!("dunkelfeld {}", env!("CARGO_PKG_VERSION")),
         "seed": settings.seed,
         "frame": settings.frame,
-        "training_paths": settings.training_paths,
+        "training_paths": settings.training_paths(),
         "denoiser": frame.denoised.as_ref().map(|d| &d.denoiser),
         "exposure_seconds": frame.sensor.as_ref().map(|s| s.exposure.time().0),
         "sensor": frame.sensor.as_ref().map(|s| &s.model.spec().name),
@@ -339,7 +339,7 @@ fn plan_layers(plan: &Plane<u32>, settings: &RenderSettings) -> ExrLayers {
         "program": format!("dunkelfeld {}", env!("CARGO_PKG_VERSION")),
         "seed": settings.seed,
         "frame": settings.frame,
-        "training_paths": settings.training_paths,
+        "training_paths": settings.training_paths(),
     })
     .to_string();
     layers

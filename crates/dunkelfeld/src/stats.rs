@@ -281,7 +281,7 @@ impl Stats {
             size: [film.width(), film.height()],
             seed: settings.seed,
             frame: settings.frame,
-            training_paths: settings.training_paths,
+            training_paths: settings.training_paths(),
             threads: rendering.threads,
             allocation: if settings.replay.is_some() { "replay".into() } else { settings.strategy().name().into() },
             stop: match (rendering.interrupted, rendering.stop) {

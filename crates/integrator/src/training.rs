@@ -18,6 +18,10 @@ const SEED: u64 = 0x0074_7261_696e_696e;
 /// Longest stored part of a training path \[vertices\]. The rest of a longer path counts for its last stored vertex.
 const MAX_VISITS: usize = 64;
 
+/// Vertices and further rays of a batch, on average over its paths, after which no path of the batch begins. It limits
+/// the time of training in media that scatter many times.
+const COST_PER_PATH: f32 = 32.0;
+
 /// Rounds of training. The paths of each round use the statistics of the round before.
 const ROUNDS: u32 = 3;
 
@@ -62,7 +66,11 @@ impl TrainingBatch {
         number: u32,
     ) -> Self {
         let mut batch = Self::default();
+        let mut cost = 0.0;
         for path in 0..Self::PATHS {
+            if cost > COST_PER_PATH * Self::PATHS as f32 {
+                break;
+            }
             // The points of all batches are four sequences, each evenly distributed over the film.
             let index = number.wrapping_mul(Self::PATHS).wrapping_add(path);
             let [x, y] = Sampler::new(SEED, u32::MAX, 0, index).get_2d(dimensions::CAMERA);
@@ -71,6 +79,7 @@ impl TrainingBatch {
             let ray = camera.camera_ray(x * width as f32, y * height as f32, lens).ray;
             let begin = batch.visits.len();
             trace_path(scene, previous, ray, &sampler, &mut TrainingRecorder { visits: &mut batch.visits, begin });
+            cost += batch.visits[begin..].iter().map(|visit| visit.cost).sum::<f32>();
         }
         batch
     }

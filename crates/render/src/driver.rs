@@ -141,7 +141,7 @@ pub fn render_with_dry_run(
             renderer.restore(saved);
         }
         renderer.spend(Stage::Build, began + training_time);
-        if settings.training_paths > 0 {
+        if renderer.roulette.is_some() {
             renderer.stages.push((Stage::Training, training_time.as_secs_f64()));
         }
         renderer.run(rehearsal)

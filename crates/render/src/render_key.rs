@@ -38,7 +38,7 @@ impl RenderKey {
         key.add("choice of effects left out", s.without.iter().map(|e| e.name()).collect::<Vec<_>>().join(", "));
         key.add("scene", hex(scene.fingerprint()));
         key.add_digest("camera", camera);
-        key.add("number of training paths", s.training_paths);
+        key.add("number of training paths", s.training_paths());
         key.add("outcome of samples", hex(probe(scene, camera, s, roulette)));
         key
     }
@@ -66,7 +66,7 @@ impl RenderKey {
                 replay: None,
                 checkpoint: None,
                 memory_limit: None,
-                training_paths: 0,
+                training_paths: None,
                 view: None,
                 strategy: Some(s.strategy()),
                 exposure_noise: ExposureNoise::default(),

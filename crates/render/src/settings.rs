@@ -20,6 +20,16 @@ pub const DEFAULT_SPP: f64 = 64.0;
 pub const DEFAULT_PILOT_SPP: u32 = 16;
 /// Largest number of training paths. They take about 10 s of one thread on a scene without media.
 pub const MAX_TRAINING_PATHS: u32 = 1 << 20;
+/// Largest number of training paths that is selected by itself. More change the noise by less than the scatter of its
+/// measurement.
+pub const TRAINING_PATHS: u32 = 8192;
+/// Pixels of the film for each training path. A training path takes about the time of two samples, so training takes 3 %
+/// of a render with four samples per pixel.
+pub const PIXELS_PER_TRAINING_PATH: u32 = 16;
+/// Size of the smallest film with training \[pixels\]. The training paths of a smaller one would be too few.
+pub const MIN_TRAINED_PIXELS: u32 = 128 * 128;
+/// Shortest time limit with training \[s\].
+pub const MIN_TRAINED_SECONDS: f64 = 2.0;
 /// Samples per pixel in the memory account if the clock or the noise ends the render.
 pub const UNKNOWN_SPP: f64 = 4096.0;
 
@@ -82,8 +92,10 @@ pub struct RenderSettings {
     pub pilot_spp: u32,
     /// Number of training paths of the learned Russian roulette ([`LearnedRoulette`](dunkelfeld_integrator::LearnedRoulette)),
     /// at most [`MAX_TRAINING_PATHS`]; 0 selects survival probabilities by the throughput of a path. A replay needs the
-    /// number of the render, and so do parts of a render.
-    pub training_paths: u32,
+    /// number of the render, and so do parts of a render. `None` selects a number by the size of the film
+    /// ([`Self::training_paths`](Self::training_paths())).
+    #[setters(into)]
+    pub training_paths: Option<u32>,
     /// Weight of flat regions under [`Strategy::Sobel`], relative to the mean Sobel magnitude, in \[0, 1\].
     pub sobel_floor: f32,
     /// Seed of the render, of the sensor's noise and of the device.
@@ -172,6 +184,24 @@ impl RenderSettings {
         if self.checkpoint.is_some() { FilmLayers::All } else { self.layers }
     }
 
+    /// Number of training paths of the learned Russian roulette: the given one, or one for [`PIXELS_PER_TRAINING_PATH`]
+    /// pixels of the film and at most [`TRAINING_PATHS`]. It is 0 without the technique, for films of fewer than
+    /// [`MIN_TRAINED_PIXELS`] pixels, and for time limits below [`MIN_TRAINED_SECONDS`], unless there is a checkpoint,
+    /// which a longer run may continue.
+    pub fn training_paths(&self) -> u32 {
+        if self.without.contains(&Effect::LearnedRoulette) {
+            return 0;
+        }
+        let pixels = self.width.saturating_mul(self.height);
+        let is_short = self.checkpoint.is_none() && self.budget.seconds.is_some_and(|s| s < MIN_TRAINED_SECONDS);
+        let automatic = if pixels < MIN_TRAINED_PIXELS || is_short {
+            0
+        } else {
+            (pixels / PIXELS_PER_TRAINING_PATH).min(TRAINING_PATHS)
+        };
+        self.training_paths.unwrap_or(automatic)
+    }
+
     /// Is there a sensor?
     pub fn has_sensor(&self) -> bool {
         matches!(self.sensor, SensorChoice::Emva { .. })
@@ -189,7 +219,7 @@ impl Default for RenderSettings {
             budget: Budget::default(),
             strategy: None,
             pilot_spp: DEFAULT_PILOT_SPP,
-            training_paths: 0,
+            training_paths: None,
             sobel_floor: dunkelfeld_adaptive::weights::SOBEL_FLOOR,
             seed: 0,
             frame: 0,

@@ -28,8 +28,8 @@ pub fn validate(s: &RenderSettings) -> Result<(), Error> {
             return Err(Error::setting(name, "the budget must be a positive number", "use 20s or 64"));
         }
     }
-    if s.training_paths > MAX_TRAINING_PATHS {
-        let problem = format!("{} are more than {MAX_TRAINING_PATHS}", s.training_paths);
+    if let Some(paths) = s.training_paths.filter(|&paths| paths > MAX_TRAINING_PATHS) {
+        let problem = format!("{paths} are more than {MAX_TRAINING_PATHS}");
         return Err(Error::setting("training paths", problem, "use 20000"));
     }
     if let Some(k) = s.budget.noise {

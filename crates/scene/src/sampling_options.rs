@@ -1,6 +1,6 @@
-//! Light sampling techniques that can be disabled. They change the noise, never the expected image.
+//! Sampling techniques that can be disabled. They change the noise, never the expected image.
 
-/// The enabled light sampling techniques, for scenes that need them.
+/// The enabled sampling techniques, for scenes that need them.
 ///
 /// Each is also an [`Effect`](crate::Effect), so that it is listed and left out by its name.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -9,11 +9,13 @@ pub struct Techniques {
     pub every_light: bool,
     /// Next-event estimation through clear covers. If false, only scattering samples light behind covers.
     pub cover_connection: bool,
+    /// Russian roulette by learned survival probabilities. If false, the throughput of a path decides.
+    pub learned_roulette: bool,
 }
 
 impl Default for Techniques {
     /// All techniques enabled.
     fn default() -> Self {
-        Self { every_light: true, cover_connection: true }
+        Self { every_light: true, cover_connection: true, learned_roulette: true }
     }
 }

@@ -75,7 +75,7 @@ fn apply(args: &RenderArgs, project: &mut Project) -> Result<Option<String>, Err
         (s.width, s.height) = (plan.samples.width(), plan.samples.height());
         s.seed = plan.seed.unwrap_or(s.seed);
         s.frame = plan.frame.unwrap_or(s.frame);
-        s.training_paths = plan.training_paths;
+        s.training_paths = Some(plan.training_paths);
         // The plan is the budget.
         s.budget = Budget::default();
         s.replay = Some(plan.samples);
@@ -84,7 +84,7 @@ fn apply(args: &RenderArgs, project: &mut Project) -> Result<Option<String>, Err
     s.height = args.height.unwrap_or(s.height);
     s.seed = args.seed.unwrap_or(s.seed);
     s.frame = args.frame.unwrap_or(s.frame);
-    s.training_paths = args.training_paths.unwrap_or(s.training_paths);
+    s.training_paths = args.training_paths.or(s.training_paths);
     s.threads = args.run.threads.map_or(s.threads, usize::from);
     s.memory_limit = args.memory.memory.or(s.memory_limit);
     if args.camera.is_some() {

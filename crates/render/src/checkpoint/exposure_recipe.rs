@@ -36,7 +36,7 @@ impl ExposureRecipe {
             without: settings.without.iter().map(|e| e.name().to_string()).collect(),
             is_vignetted,
             object_names: object_names.to_vec(),
-            training_paths: settings.training_paths,
+            training_paths: settings.training_paths(),
             is_replay: settings.replay.is_some(),
         }
     }
@@ -48,7 +48,7 @@ impl ExposureRecipe {
             height,
             seed: self.seed,
             frame: self.frame,
-            training_paths: self.training_paths,
+            training_paths: Some(self.training_paths),
             sensor: self.sensor.clone(),
             exposure_noise: self.exposure_noise,
             without: self

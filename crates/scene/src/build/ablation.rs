@@ -22,6 +22,7 @@ impl SceneBuilder {
     /// | environment, punctual lights, light profiles | dark |
     /// | every light | one light is sampled, chosen by its estimated contribution: other noise, the same expected image |
     /// | the connection through covers | only scattering samples light behind a cover: more noise, the same expected image |
+    /// | learned roulette | survival probabilities by the throughput of a path: other noise, the same expected image |
     ///
     /// Returns false if the effect cannot be left out: nesting, the choice among many lights, and colour.
     pub fn leave_out(&mut self, effect: Effect) -> bool {
@@ -38,6 +39,7 @@ impl SceneBuilder {
             Effect::Textures => self.materials.iter_mut().for_each(|m| flatten(m, &self.images)),
             Effect::EveryLight => self.techniques.every_light = false,
             Effect::CoverConnection => self.techniques.cover_connection = false,
+            Effect::LearnedRoulette => self.techniques.learned_roulette = false,
             Effect::NormalMaps
             | Effect::Coverage
             | Effect::ThinSheets

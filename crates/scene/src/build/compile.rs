@@ -165,6 +165,9 @@ impl SceneBuilder {
         if lights.samples_each() {
             effects.add(Effect::EveryLight, format!("{} lights", lights.lights.len()));
         }
+        if self.techniques.learned_roulette && !geometry.parts.is_empty() {
+            effects.add(Effect::LearnedRoulette, "paths between surfaces".into());
+        }
         features.media = scatters || has_open_faces || solids.has_nesting;
         if !EFFECTS && let Some((effect, place)) = effects.first_unsupported(features) {
             return Err(BuildError::PlainOnly { effect, place });

@@ -65,11 +65,14 @@ pub enum Effect {
     /// A technique: next-event estimation through clear covers. Without it, only scattering samples light behind a
     /// cover.
     CoverConnection,
+    /// A technique: Russian roulette with survival probabilities that training paths have learned. Without it they follow
+    /// from the throughput of a path.
+    LearnedRoulette,
 }
 
 impl Effect {
     /// All effects, in the order in which they are listed.
-    pub const ALL: [Self; 25] = [
+    pub const ALL: [Self; 26] = [
         Self::Textures,
         Self::VertexColors,
         Self::NormalMaps,
@@ -95,6 +98,7 @@ impl Effect {
         Self::Color,
         Self::EveryLight,
         Self::CoverConnection,
+        Self::LearnedRoulette,
     ];
 
     /// Its name, as in `smooth-refraction`.
@@ -125,13 +129,14 @@ impl Effect {
             Self::Color => "color",
             Self::EveryLight => "every-light",
             Self::CoverConnection => "cover-connection",
+            Self::LearnedRoulette => "learned-roulette",
         }
     }
 
-    /// True for a light sampling technique. If a technique is left out, the noise of the image changes and its expected
+    /// True for a sampling technique. If a technique is left out, the noise of the image changes and its expected
     /// value stays.
     pub fn is_technique(self) -> bool {
-        matches!(self, Self::EveryLight | Self::CoverConnection)
+        matches!(self, Self::EveryLight | Self::CoverConnection | Self::LearnedRoulette)
     }
 }
 

@@ -185,9 +185,7 @@ fn replay_command(args: &RenderArgs, s: &Stats, sample: &str) -> String {
     }
     flag("--seed", s.seed.to_string());
     flag("--frame", s.frame.to_string());
-    if s.training_paths > 0 {
-        flag("--training-paths", s.training_paths.to_string());
-    }
+    flag("--training-paths", s.training_paths.to_string());
     for effect in &s.without {
         flag("--without", effect.clone());
     }
