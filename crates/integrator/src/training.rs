@@ -57,6 +57,11 @@ impl TrainingBatch {
     /// Number of paths in a batch.
     pub const PATHS: u32 = 256;
 
+    /// Cost of the paths of the batch \[rays\], for the learned statistics.
+    pub fn cost(&self) -> f32 {
+        self.visits.iter().map(|visit| visit.cost).sum()
+    }
+
     /// Traces the paths of a batch, from random points of a film of `width` x `height` pixels.
     fn trace(
         scene: &Scene,

@@ -3,7 +3,7 @@
 //! Replay: `cargo test -p dunkelfeld-integrator --test techniques NAME`.
 
 use dunkelfeld_geometry::{DAffine3, DVec3, Vec3};
-use dunkelfeld_integrator::{Estimator, LearnedRoulette, PixelSample};
+use dunkelfeld_integrator::{Estimator, LearnedRoulette, PixelSample, TrainingBatch};
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_scene::shapes::{cuboid, rectangle};
 use dunkelfeld_scene::{
@@ -11,6 +11,7 @@ use dunkelfeld_scene::{
     Surface, Volume, digest, look_at,
 };
 use dunkelfeld_testkit::{SampleMoments, welch_test};
+use std::cell::Cell;
 
 /// False-alarm rate of one comparison; there are four.
 const RATE: f64 = 1e-9;
@@ -183,6 +184,30 @@ fn the_comparison_of_means_detects_ten_per_cent() {
 fn training_does_not_depend_on_the_order_of_its_batches_in_time() {
     let scene = dark_room(3, true);
     assert_eq!(digest(&trained(&scene, false)), digest(&trained(&scene, true)));
+}
+
+/// Paths in a dense medium without absorption are scattered hundreds of times. A batch of them ends early.
+#[test]
+fn training_in_a_dense_medium_ends_early() {
+    let mut b = room(3);
+    let medium = Volume { scattering: Rgb::splat(3000.0), ..Volume::default() };
+    let milk = b.add_material(Material {
+        roughness: 0.0,
+        transmission: 1.0,
+        ior: 1.3,
+        surface: Surface::Solid(medium),
+        ..Material::default()
+    });
+    b.add_object("milk", cuboid(Vec3::new(-0.9, -0.9, 0.2), Vec3::new(0.9, 0.9, 0.6)), milk);
+    let scene = built(b);
+    let largest = Cell::new(0f32);
+    LearnedRoulette::train(&scene, &camera(&scene), [SIDE, SIDE], 3 * 256, |batches, trace| {
+        let found: Vec<_> = batches.map(trace).collect();
+        largest.set(found.iter().map(TrainingBatch::cost).fold(largest.get(), f32::max));
+        found
+    });
+    // The limit, and one path beyond it.
+    assert!((32.0 * 256.0..32.0 * 256.0 + 20_000.0).contains(&largest.get()), "{largest:?}");
 }
 
 #[test]

@@ -246,6 +246,27 @@ mod tests {
     use super::*;
 
     #[test]
+    fn the_number_of_training_paths_follows_from_the_size_of_the_film() {
+        let of = |side: u32, change: fn(RenderSettings) -> RenderSettings| {
+            change(RenderSettings { width: side, height: side, ..RenderSettings::default() }).training_paths()
+        };
+        assert_eq!([127, 128, 256, 512, MAX_SIDE].map(|side| of(side, |s| s)), [0, 1024, 4096, 8192, 8192]);
+        fn limit(s: RenderSettings, seconds: f64) -> RenderSettings {
+            s.with_budget(Budget::default().with_seconds(seconds))
+        }
+        assert_eq!(of(256, |s| limit(s, 1.0)), 0, "too short");
+        assert_eq!(of(256, |s| limit(s, 2.0)), 4096);
+        assert_eq!(
+            of(256, |s| limit(s, 1.0).with_checkpoint(CheckpointSettings::new("a"))),
+            4096,
+            "it may be continued"
+        );
+        assert_eq!([of(8, |s| s.with_training_paths(7)), of(512, |s| s.with_training_paths(0))], [7, 0]);
+        let without = |s: RenderSettings| s.with_training_paths(7).with_without(vec![Effect::LearnedRoulette]);
+        assert_eq!(of(512, without), 0, "left out");
+    }
+
+    #[test]
     fn samples_are_those_of_the_budget_or_of_the_plan() {
         let spp = |change: fn(&mut RenderSettings)| {
             let mut settings = RenderSettings { width: 2, height: 1, ..RenderSettings::default() };

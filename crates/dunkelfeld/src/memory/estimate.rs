@@ -12,6 +12,8 @@ use dunkelfeld_sensor::ExposureNoise;
 
 /// The program, its libraries and small objects.
 const PROGRAM: u64 = 24_000_000;
+/// A training path: its vertices, and its share of the learned statistics.
+const TRAINING_PATH: u64 = 1000;
 /// A thread: the used part of its stack, and the memory that its allocator keeps.
 const THREAD: u64 = 2 << 20;
 /// Pixels of a tile; a thread has two tiles in work.
@@ -117,6 +119,7 @@ pub(crate) fn render_account(required_samples: RenderNeeds<'_>) -> (u64, MemoryA
     }
     let tiles = 2 * TILE_PIXELS * (size_of::<PixelSums>() as u64 + 8) * threads as u64;
     account.add("rounds", &[planes(per_pixel::ROUND).saturating_add(tiles), 0, 0, 0, 0]);
+    account.add("training", &always(TRAINING_PATH * u64::from(settings.training_paths())));
     if settings.checkpoint.is_some() {
         let rows = 2 * u64::from(width) * u64::from(dunkelfeld_render::TILE) * SUMS;
         account.add("checkpoint", &[planes(per_pixel::CHECKPOINT).saturating_add(rows), 0, 0, 0, 0]);
@@ -260,7 +263,7 @@ mod tests {
         assert_eq!((bytes(&plain, "scene"), bytes(&plain, "textures")), (2_000_000, 3_000_000));
         let larger = with(|s, _| s.width *= 2);
         // Without the part that does not depend on pixels.
-        let fixed = PROGRAM + 5_000_000 + 2 * THREAD;
+        let fixed = PROGRAM + 5_000_000 + 2 * THREAD + bytes(&plain, "training");
         assert!(larger.peak_bytes - fixed > (plain.peak_bytes - fixed) * 19 / 10, "{}", larger.table());
         assert!(with(|s, _| s.denoise.method = DenoiseMethod::Builtin).peak_bytes > plain.peak_bytes);
         assert!(

@@ -138,7 +138,8 @@ mod tests {
             let optics = Optics::new(2.8, 0.1 + 0.2, 1.0 / 3.0).expect("in range");
             let exposure = Some(Exposure::new(Seconds(0.1 / 7.0)).expect("in range"));
             let sensor = SensorChoice::Emva { model: Box::new(model), optics, exposure };
-            let settings = RenderSettings { sensor, seed: u64::MAX, frame: 3, ..RenderSettings::default() };
+            let (seed, frame, training_paths) = (u64::MAX, 3, Some(768));
+            let settings = RenderSettings { sensor, seed, frame, training_paths, ..RenderSettings::default() };
             let text = serde_json::to_string(&ExposureRecipe::new(&settings, true, &["a".into()])).expect("plain data");
             let recipe: ExposureRecipe = serde_json::from_str(&text).expect("the text that was written");
             let back = recipe.settings(settings.width, settings.height);
