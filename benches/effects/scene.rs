@@ -3,9 +3,9 @@
 use dunkelfeld_geometry::{DAffine3, DVec3, Mesh, Vec2, Vec3, Vec4};
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_scene::{
-    AlphaMode, Aperture, ChannelTexture, ColorEncoding, Effect, Environment, EnvironmentSource, FeatureSet, Image,
-    ImageId, LightProfile, Material, Opening, PunctualKind, PunctualLight, Scene, SceneBuilder, Surface, Texels,
-    Texture, Volume, kernel_features,
+    AlphaMode, Aperture, ChannelTexture, ColorEncoding, Effect, EmissionProfile, Environment, EnvironmentSource,
+    FeatureSet, Image, ImageId, LightProfile, Material, Opening, PunctualKind, PunctualLight, Scene, SceneBuilder,
+    Surface, Texels, Texture, Volume, kernel_features,
 };
 
 /// Parameters that put an effect in use and change nothing: small, and far above the rounding of f32 beside one.
@@ -82,6 +82,7 @@ impl Case {
             Effect::Environment => "a sky of negligible radiance: one more light to sample",
             Effect::PunctualLights => "a point light of negligible power: one more light to sample",
             Effect::LightProfiles => "the same with a profile: one more light to sample",
+            Effect::EmissionProfiles => "the panels have an exponent of a millionth",
             Effect::ManyLights => {
                 "the three panels are cut into 75: a tree selects one; the plain scene samples all three"
             }
@@ -230,6 +231,9 @@ fn put_in_use(b: &mut SceneBuilder, effect: Effect) -> Result<(), String> {
             let profile = LightProfile::new("lamp", &[0.0, 90.0], &[0.0], vec![1.0, 0.5]).map_err(|e| e.to_string())?;
             b.profiles.push(profile);
             lamp(b, PunctualKind::Profile { profile: 0, scale: Rgb::splat(1e-9) });
+        }
+        Effect::EmissionProfiles => {
+            b.materials[2].emission_profile = EmissionProfile::CosinePower { exponent: FAINT };
         }
         Effect::ManyLights => {
             for mesh in b.meshes.iter_mut().filter(|part| part.material == 2).map(|part| &mut part.mesh) {

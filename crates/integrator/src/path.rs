@@ -138,6 +138,11 @@ impl<'a, F: Features, R: Recorder> Path<'a, F, R> {
             let end = || End::infinite(direction);
             self.add_with_mis(radiance, end, |scene, l| scene.environment_pdf(&l.receiver, l.choice, direction));
         }
+        for (sun, radiance) in self.scene.suns_along(direction) {
+            let end = || End::infinite(direction);
+            let radiance = self.throughput * radiance;
+            self.add_with_mis(radiance, end, |scene, l| scene.sun_pdf(&l.receiver, l.choice, sun, direction));
+        }
     }
 
     /// The ray hits a surface and adds its emission.
@@ -222,7 +227,7 @@ impl<'a, F: Features, R: Recorder> Path<'a, F, R> {
             self.throughput *= tint;
         } else if F::STOCHASTIC && self.scene.is_stochastic(&hit.surface) {
             u_kind = self.sampler.get_1d(dimensions::surface_kind(vertex));
-            let coverage = self.scene.coverage(&hit.surface);
+            let coverage = self.scene.coverage(&hit.surface, self.ray_state.ray.direction);
             if u_kind < coverage {
                 return Some(u_kind / coverage);
             }

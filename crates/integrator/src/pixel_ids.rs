@@ -40,7 +40,7 @@ pub fn pixel_ids(scene: &Scene, camera: &RayGenerator, x: u32, y: u32) -> Option
     for _ in 0..10_000 {
         let (mut interface, mut bsdf) = (None, None);
         let Some(hit) = ray_state.intersect_next::<AllFeatures>(scene, &mut interface) else { break };
-        if hit.open_tint().is_some() || scene.coverage(&hit.surface) < 0.5 {
+        if hit.open_tint().is_some() || scene.coverage(&hit.surface, ray_state.ray.direction) < 0.5 {
             ray_state = ray_state.pass_through::<AllFeatures>(&hit);
             continue;
         }

@@ -39,9 +39,9 @@ fn an_empty_scene_is_dark_with_a_report() {
 #[test]
 fn empty_objects_are_accepted() {
     let mut b = square();
-    b.meshes.push(MeshPart { name: "empty".into(), mesh: Mesh::default(), material: 0 });
+    b.meshes.push(MeshPart { name: "empty".into(), mesh: Mesh::default(), material: 0, ..MeshPart::default() });
     let points = Mesh { positions: vec![Vec3::ZERO; 3], triangles: vec![[0, 1, 2]], ..Mesh::default() };
-    b.meshes.push(MeshPart { name: "point".into(), mesh: points, material: 0 });
+    b.meshes.push(MeshPart { name: "point".into(), mesh: points, material: 0, ..MeshPart::default() });
     for meshes in [vec![], vec![1], vec![2], vec![1, 2, 1]] {
         b.instances.push(Instance { name: "i".into(), meshes, to_world: DAffine3::IDENTITY });
     }
@@ -191,7 +191,7 @@ fn attributes_that_do_not_fit_are_ignored_with_a_note() {
     assert!(report.findings.iter().filter(|f| f.place != "scene").all(|f| f.severity == Severity::Note));
     let hit = scene.intersect(&Ray::new(Vec3::Z, Vec3::NEG_Z)).expect("the square is there");
     assert_eq!(scene.shade(&hit, Vec3::Z, 0.5, &mut None).frame.normal, Vec3::Z);
-    assert_eq!(scene.coverage(&hit), 1.0);
+    assert_eq!(scene.coverage(&hit, Vec3::NEG_Z), 1.0);
 }
 
 /// The build fails, so that no black image is rendered without an error. With an environment there is something

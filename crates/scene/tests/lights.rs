@@ -8,8 +8,8 @@ use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_sampling::Sampler;
 use dunkelfeld_scene::shapes::{cuboid, rectangle, sphere};
 use dunkelfeld_scene::{
-    AlphaMode, ColorEncoding, Environment, EnvironmentSource, Filter, Image, ImageId, LightChoice, LightSampleContext,
-    Material, PunctualKind, PunctualLight, Scene, SceneBuilder, Texels, Texture,
+    AlphaMode, ColorEncoding, EmissionProfile, Environment, EnvironmentSource, Filter, Image, ImageId, LampShape, Leds,
+    LightChoice, LightSampleContext, Material, PunctualKind, PunctualLight, Scene, SceneBuilder, Texels, Texture,
 };
 use dunkelfeld_testkit::{
     DensityTest, SampleMoments, direction_to_square, square_to_direction, student_t_test, welch_test, z_test,
@@ -309,5 +309,75 @@ fn punctual_lights_share_the_choice_with_area_lights() {
         let both = moments(&build(b));
         let error = (area.standard_error().powi(2) + both.standard_error().powi(2)).sqrt();
         z_test(both.mean(), error, area.mean() + points).assert(RATE, &format!("{copies} points beside area lights"));
+    }
+}
+
+/// Lamps as single lights, alone and beside others, in front of the receiver, around it and behind it.
+#[test]
+fn lamps_and_suns() {
+    let ring = LampShape::Ring { outer_diameter: 0.9, inner_diameter: 0.5, tilt: 0.4 };
+    let leds = Leds { columns: 6, rows: 1, diameter: Some(0.2) };
+    let dome = LampShape::Dome { diameter: 1.2, opening: 0.3 };
+    for (name, shape, leds, profile) in [
+        ("ring", ring, None, EmissionProfile::Lambertian),
+        ("LEDs", ring, Some(leds), EmissionProfile::CosinePower { exponent: 3.0 }),
+        ("dome", dome, None, EmissionProfile::Lambertian),
+        ("sphere", LampShape::Sphere { diameter: 0.3 }, None, EmissionProfile::Lambertian),
+    ] {
+        for (place, both_sides) in [(DVec3::new(0.1, 0.05, -0.3), false), (DVec3::new(0.5, 0.2, -0.1), true)] {
+            for beside in [false, true] {
+                let mut b = SceneBuilder::default();
+                let m = b.add_material(Material { emission_profile: profile, ..emitter(2.0) });
+                b.add_object("lamp", shape.meshes(leds).emitter, m);
+                b.meshes[0].is_single_light = true;
+                if beside {
+                    let panel = panel(Vec3::new(0.0, 0.8, -0.6), Vec3::new(0.4, 0.0, 0.0), Vec3::new(0.0, 0.0, 0.4));
+                    b.add_object("panel", panel, m);
+                }
+                let scene = build(b);
+                let r = receiver(&scene, place, Vec3::new(0.1, 0.2, 1.0).normalize(), both_sides);
+                check_total(&format!("{name}, {both_sides}, {beside}"), &scene, &r);
+            }
+        }
+    }
+    let mut b = SceneBuilder::default();
+    let m = b.add_material(emitter(1.0));
+    b.add_object("panel", panel(Vec3::new(0.0, 0.8, 0.6), Vec3::X, Vec3::new(0.0, 0.0, 0.4)), m);
+    for (i, half_angle) in [0.2f32, 0.5].into_iter().enumerate() {
+        let kind = PunctualKind::Sun { irradiance: Rgb::splat(1.0), half_angle };
+        let to_world = DAffine3::from_rotation_x(0.7 * i as f64);
+        b.lights.push(PunctualLight { name: "sun".into(), to_world, kind });
+    }
+    let scene = build(b);
+    let r = receiver(&scene, DVec3::ZERO, Vec3::Z, false);
+    let (mut drawn, mut agreed) = (0, 0);
+    for index in 0..4000 {
+        let [a, b, c, _] = Sampler::new(3, 0, 0, index).get_4d(1);
+        let Some(s) = scene.sample_light(&r, ONE, 0, a, [b, c]).filter(|s| s.target.is_none()) else { continue };
+        drawn += 1;
+        // Of two suns with common directions, one of them has the density of the sample.
+        let same = |(sun, _)| (scene.sun_pdf(&r, ONE, sun, s.direction) / s.pdf - 1.0).abs() < 1e-4;
+        agreed += u32::from(scene.suns_along(s.direction).any(same));
+    }
+    assert_agreement("suns", agreed, drawn);
+}
+
+/// A surface whose back is invisible lets rays from behind pass, and emits and occludes toward its front.
+#[test]
+fn an_invisible_back() {
+    let mut b = SceneBuilder::default();
+    let m = b.add_material(Material { is_back_invisible: true, ..emitter(2.0) });
+    b.add_object("lamp", panel(Vec3::Z, Vec3::X, Vec3::Y), m);
+    let floor = b.add_material(Material::default());
+    b.add_object("floor", panel(Vec3::ZERO, Vec3::X, Vec3::Y), floor);
+    let scene = build(b);
+    let at = |z: f64| (DVec3::new(0.1, 0.1, z) - scene.world_origin()).as_vec3();
+    // The front of the lamp is on the side of +z.
+    for (from, direction, open, radiance) in [(0.5, Vec3::Z, 1.0, 0.0), (1.5, Vec3::NEG_Z, 0.0, 2.0)] {
+        let ray = Ray::with_end(at(from), direction, 0.8);
+        assert_eq!(scene.transmittance(&ray), open);
+        let hit = scene.intersect(&ray).expect("the lamp");
+        assert_eq!(scene.coverage(&hit, direction), 1.0 - open);
+        assert_eq!(scene.emitted(&hit, -direction).g, radiance);
     }
 }

@@ -170,7 +170,7 @@ fn coverage_comes_from_factor_texture_and_vertices() {
         let mut mesh = rectangle(Vec3::new(-0.5, -0.5, 0.0), Vec3::X, Vec3::Y);
         mesh.colors = vec![Vec4::new(1.0, 1.0, 1.0, color); 4];
         let scene = placed(mesh, material, vec![quarters()], DAffine3::IDENTITY, false);
-        scene.coverage(&shade(&scene, x, y, true))
+        scene.coverage(&shade(&scene, x, y, true), Vec3::NEG_Z)
     };
     let blend = |alpha| Material { alpha, alpha_mode: AlphaMode::Blend, ..Material::default() };
     let textured = |alpha| Material { base_color_texture: Some(texture), ..blend(alpha) };

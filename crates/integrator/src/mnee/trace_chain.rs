@@ -54,7 +54,7 @@ pub(super) fn trace_chain<F: Features>(
                 1.0
             }
             None if is_cover => 0.0,
-            None => 1.0 - scene.coverage(&hit.surface),
+            None => 1.0 - scene.coverage(&hit.surface, ray_state.ray.direction),
         };
         if open > 0.0 {
             weight *= open;

@@ -2,6 +2,7 @@
 
 use crate::build::builder::{PunctualKind, SceneBuilder};
 use crate::build::effects::{Effect, SMOOTH_ROUGHNESS};
+use crate::light::emission_profile::EmissionProfile;
 use crate::material::texture::{Image, Texture};
 use crate::material::{AlphaMode, ChannelTexture, Material, Surface, Volume};
 use crate::media::medium::Medium;
@@ -18,6 +19,7 @@ impl SceneBuilder {
     /// | thin sheets, refraction | light passes straight, without reflection; tint and absorption stay |
     /// | absorption, scattering | the other one of the two stays |
     /// | diffuse transmission, anisotropy, sheen, clear coats, energy compensation | none |
+    /// | emission profiles | the same power in a Lambertian distribution |
     /// | finite apertures, distortion | a pinhole, an ideal image |
     /// | environment, punctual lights, light profiles | dark |
     /// | every light | one light is sampled, chosen by its estimated contribution: other noise, the same expected image |
@@ -50,6 +52,7 @@ impl SceneBuilder {
             | Effect::Scattering
             | Effect::Anisotropy
             | Effect::Sheen
+            | Effect::EmissionProfiles
             | Effect::Clearcoat => self.materials.iter_mut().for_each(|m| simplify(m, effect)),
         }
         true
@@ -68,7 +71,11 @@ fn simplify(m: &mut Material, effect: Effect) {
     let stated = |v: Volume| Volume { attenuation_distance: f32::INFINITY, scattering_albedo: Rgb::BLACK, ..v };
     match effect {
         Effect::NormalMaps => m.normal_texture = None,
-        Effect::Coverage => m.alpha_mode = AlphaMode::Opaque,
+        Effect::Coverage => (m.alpha_mode, m.is_back_invisible) = (AlphaMode::Opaque, false),
+        Effect::EmissionProfiles => {
+            m.emission *= m.emission_profile.exitance() as f32;
+            m.emission_profile = EmissionProfile::Lambertian;
+        }
         Effect::DiffuseTransmission => m.diffuse_transmission = 0.0,
         Effect::Absorption => {
             volume(m, &|medium, v| Volume { absorption: Rgb::BLACK, scattering: medium.scattering, ..stated(v) })
@@ -153,6 +160,8 @@ mod tests {
             base_color_texture: Some(texture),
             normal_texture: Some(texture),
             alpha_mode: AlphaMode::Blend,
+            emission: Rgb::WHITE,
+            emission_profile: EmissionProfile::CosinePower { exponent: 3.0 },
             diffuse_transmission: 0.2,
             anisotropy: 0.5,
             sheen_color: Rgb::splat(0.1),

@@ -49,6 +49,9 @@ pub struct MeshPart {
     pub mesh: Mesh,
     /// Index into [`SceneBuilder::materials`].
     pub material: usize,
+    /// True if all emitting triangles of the mesh are one light, whose points are sampled uniformly over the area. By
+    /// default each triangle, or each rectangle of two, is a light of its own.
+    pub is_single_light: bool,
 }
 
 /// One placement of an object in the world.
@@ -94,6 +97,13 @@ pub enum PunctualKind {
     Directional {
         /// Irradiance on a surface that faces the light [W/m^2].
         irradiance: Rgb,
+    },
+    /// Light from infinitely far away with an angular diameter.
+    Sun {
+        /// Irradiance on a surface that faces the light [W/m^2].
+        irradiance: Rgb,
+        /// Half of the angular diameter \[rad\], in (0, pi/2].
+        half_angle: f32,
     },
     /// A point light with a measured distribution.
     Profile {
@@ -177,7 +187,7 @@ impl SceneBuilder {
 
     /// Adds a mesh with one placement by the identity, as an object of its own. Returns the index of the object.
     pub fn add_object(&mut self, name: &str, mesh: Mesh, material: usize) -> usize {
-        self.meshes.push(MeshPart { name: name.into(), mesh, material });
+        self.meshes.push(MeshPart { name: name.into(), mesh, material, is_single_light: false });
         self.instances.push(Instance {
             name: name.into(),
             meshes: vec![self.meshes.len() - 1],

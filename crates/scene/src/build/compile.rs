@@ -1,6 +1,6 @@
 //! Compiles a builder to a scene: validation, repair, placement, lights, hierarchy.
 
-use crate::build::builder::{EnvironmentSource, Instance, MeshPart, SceneBuilder};
+use crate::build::builder::{EnvironmentSource, Instance, MeshPart, PunctualKind, PunctualLight, SceneBuilder};
 use crate::build::effects::{Effect, Effects};
 use crate::build::report::BuildReport;
 use crate::build::validate::{check_indices, check_values, drop_unusable_attributes, mesh_place, repair_texels};
@@ -9,6 +9,8 @@ use crate::features::FeatureSet;
 use crate::geometry::triangle_data::Facet;
 use crate::light::delta::DeltaLight;
 use crate::light::environment::EnvironmentLight;
+use crate::light::mesh_light::MeshLight;
+use crate::light::sun::Sun;
 use crate::light::{AreaLight, AreaShape, Light, LightTable, NO_LIGHT};
 use crate::material::texture::Image;
 use crate::material::{Material, Surface};
@@ -22,6 +24,7 @@ use dunkelfeld_bvh::{Bvh, BvhInstance, MeshTriangles};
 use dunkelfeld_geometry::health::{MeshHealth, Repairs, clean};
 use dunkelfeld_geometry::shape::{RectangleSampler, rectangle_from_triangles};
 use dunkelfeld_geometry::{DAffine3, DMat3, DVec3, Mesh, Transform, Vec3, geometric_normal, triangle_area};
+use dunkelfeld_radiometry::Rgb;
 
 /// Meshes used more than once are also moved to render space if their copies have at most this many triangles together.
 /// One flat hierarchy is faster, and the memory for this many triangles is small.
@@ -131,12 +134,17 @@ impl SceneBuilder {
             .map(|(m, is_painted)| CompiledMaterial::new(m, is_painted, self.energy_compensation))
             .collect();
         let solids = geometry.solids(&self.materials, &compiled, &closed);
-        let mut lights = geometry.area_lights(&self.materials, &compiled, &self.images);
-        for light in &self.lights {
-            lights.push(Light::Delta(DeltaLight::new(light, &to_render)));
-        }
+        let (mut lights, mesh_lights) = geometry.area_lights(&self.materials, &compiled, &self.images);
+        lights.extend(self.lights.iter().map(|light| distant_or_delta(light, &to_render)));
         let environment = self.environment.as_ref().map(|e| EnvironmentLight::new(e, &self.images));
-        let lights = LightTable::new(lights, environment, std::mem::take(&mut self.profiles), radius, self.techniques);
+        let lights = LightTable::new(
+            lights,
+            mesh_lights,
+            environment,
+            std::mem::take(&mut self.profiles),
+            radius,
+            self.techniques,
+        );
         if lights.lights.iter().all(|l| lights.power(l, radius.max(1.0)).is_black()) {
             report.hazard(
                 "scene",
@@ -366,6 +374,8 @@ struct Placed {
     transforms: Vec<Transform>,
     /// For each part the index of its mesh in the builder.
     sources: Vec<usize>,
+    /// For each part whether its emitting triangles are one light.
+    single_lights: Vec<bool>,
 }
 
 impl Placed {
@@ -399,6 +409,7 @@ impl Placed {
             });
             self.meshes.push(mesh);
             self.sources.push(m);
+            self.single_lights.push(meshes[m].is_single_light && EFFECTS);
         }
         self.baked = self.facets.len();
         let mut first_facets = vec![0; meshes.len()];
@@ -414,6 +425,7 @@ impl Placed {
             self.placements.push(Placement::Part(self.parts.len() as u32));
             self.transforms.push(transform);
             self.sources.push(m);
+            self.single_lights.push(meshes[m].is_single_light && EFFECTS);
             self.parts.push(Part {
                 mesh: stored[m],
                 material: meshes[m].material as u32,
@@ -499,9 +511,15 @@ impl Placed {
         Ok(bvh)
     }
 
-    /// One light for each emitting triangle, or for each two in a row that form a rectangle. Marks the triangles.
-    fn area_lights(&mut self, materials: &[Material], compiled: &[CompiledMaterial], images: &[Image]) -> Vec<Light> {
-        let mut lights = Vec::new();
+    /// One light for each emitting triangle, or for each two in a row that form a rectangle, or for a mesh that is a
+    /// single light. Marks the triangles.
+    fn area_lights(
+        &mut self,
+        materials: &[Material],
+        compiled: &[CompiledMaterial],
+        images: &[Image],
+    ) -> (Vec<Light>, Vec<MeshLight>) {
+        let (mut lights, mut mesh_lights) = (Vec::new(), Vec::new());
         for (part_index, part) in self.parts.iter_mut().enumerate() {
             let material = &materials[part.material as usize];
             if material.emission.is_black() && !material.unlit {
@@ -516,6 +534,23 @@ impl Placed {
                 let n = geometric_normal(&mesh.corners(t));
                 part.transform.as_ref().map_or(n, |tr| tr.normal(n))
             };
+            if self.single_lights[part_index] {
+                let all = 0..mesh.triangles.len();
+                let light = MeshLight::new(
+                    all.clone().map(corners).collect(),
+                    all.map(normal).collect(),
+                    material.double_sided || material.unlit,
+                    part_index as u32,
+                    mean_radiance,
+                    compiled[part.material as usize].has_varying_radiance,
+                );
+                if let Some(light) = light {
+                    part.lights.fill(lights.len() as u32);
+                    lights.push(Light::Mesh(mesh_lights.len() as u32));
+                    mesh_lights.push(light);
+                }
+                continue;
+            }
             let mut t = 0;
             while t < mesh.triangles.len() {
                 let here = corners(t);
@@ -556,7 +591,20 @@ impl Placed {
                 t += if second == u32::MAX { 1 } else { 2 };
             }
         }
-        lights
+        (lights, mesh_lights)
+    }
+}
+
+/// A light without a surface, in render space.
+fn distant_or_delta(light: &PunctualLight, to_render: &DAffine3) -> Light {
+    match (DeltaLight::new(light, to_render), light.kind) {
+        (Some(delta), _) => Light::Delta(delta),
+        (None, PunctualKind::Sun { irradiance, half_angle }) => {
+            let back = light.to_world.matrix3.z_axis.try_normalize().unwrap_or(DVec3::Z);
+            Light::Sun(Sun::new(back.as_vec3(), half_angle, irradiance))
+        }
+        // The other kinds have no extent.
+        (None, _) => Light::Sun(Sun::new(Vec3::Z, 1.0, Rgb::BLACK)),
     }
 }
 

@@ -5,6 +5,7 @@
 
 use crate::build::builder::{EnvironmentSource, MeshPart, PunctualKind, SceneBuilder};
 use crate::features::FeatureSet;
+use crate::light::emission_profile::EmissionProfile;
 use crate::material::{AlphaMode, Material, Surface};
 use crate::media::medium::Medium;
 
@@ -52,10 +53,12 @@ pub enum Effect {
     Distortion,
     /// Light from infinitely far away, from all around.
     Environment,
-    /// Lights without extent.
+    /// Lights without extent, and suns.
     PunctualLights,
     /// Lights with a measured profile.
     LightProfiles,
+    /// Emitting surfaces whose radiance depends on the direction.
+    EmissionProfiles,
     /// More lights than are weighed one by one; a tree chooses among them.
     ManyLights,
     /// Surfaces or lights that are not grey.
@@ -72,7 +75,7 @@ pub enum Effect {
 
 impl Effect {
     /// All effects, in the order in which they are listed.
-    pub const ALL: [Self; 26] = [
+    pub const ALL: [Self; 27] = [
         Self::Textures,
         Self::VertexColors,
         Self::NormalMaps,
@@ -94,6 +97,7 @@ impl Effect {
         Self::Environment,
         Self::PunctualLights,
         Self::LightProfiles,
+        Self::EmissionProfiles,
         Self::ManyLights,
         Self::Color,
         Self::EveryLight,
@@ -125,6 +129,7 @@ impl Effect {
             Self::Environment => "environment",
             Self::PunctualLights => "punctual-lights",
             Self::LightProfiles => "light-profiles",
+            Self::EmissionProfiles => "emission-profiles",
             Self::ManyLights => "many-lights",
             Self::Color => "color",
             Self::EveryLight => "every-light",
@@ -171,7 +176,9 @@ impl Effects {
                 PunctualKind::Point { intensity } | PunctualKind::Spot { intensity, .. } => {
                     (Effect::PunctualLights, intensity)
                 }
-                PunctualKind::Directional { irradiance } => (Effect::PunctualLights, irradiance),
+                PunctualKind::Directional { irradiance } | PunctualKind::Sun { irradiance, .. } => {
+                    (Effect::PunctualLights, irradiance)
+                }
                 PunctualKind::Profile { scale, .. } => (Effect::LightProfiles, scale),
             };
             if !is_grey(color) {
@@ -229,7 +236,7 @@ impl Effects {
         let required = [
             (Effect::Textures, is_textured),
             (Effect::NormalMaps, m.normal_texture.is_some()),
-            (Effect::Coverage, m.alpha_mode != AlphaMode::Opaque),
+            (Effect::Coverage, m.alpha_mode != AlphaMode::Opaque || m.is_back_invisible),
             (Effect::ThinSheets, bends && medium.is_none()),
             (Effect::DiffuseTransmission, m.diffuse_transmission > 0.0),
             (Effect::SmoothRefraction, bends && medium.is_some() && is_smooth),
@@ -239,6 +246,7 @@ impl Effects {
             (Effect::Anisotropy, m.anisotropy != 0.0),
             (Effect::Sheen, !m.sheen_color.is_black()),
             (Effect::Clearcoat, m.clearcoat > 0.0),
+            (Effect::EmissionProfiles, m.emission_profile != EmissionProfile::Lambertian && !m.emission.is_black()),
             (Effect::Color, is_colored),
         ];
         for (effect, _) in required.into_iter().filter(|(_, is_required)| *is_required) {

@@ -53,11 +53,16 @@ pub(crate) fn check_values(builder: &SceneBuilder) -> Result<(), BuildError> {
         let (PunctualKind::Point { intensity: strength }
         | PunctualKind::Spot { intensity: strength, .. }
         | PunctualKind::Directional { irradiance: strength }
+        | PunctualKind::Sun { irradiance: strength, .. }
         | PunctualKind::Profile { scale: strength, .. }) = light.kind;
         require(is_radiance(strength), place, "its strength must be finite and not negative")?;
         require(light.to_world.is_finite(), place, "its transform must be finite")?;
         if let PunctualKind::Spot { inner, outer, .. } = light.kind {
             require(inner.is_finite() && outer.is_finite(), place, "its cone must be finite")?;
+        }
+        if let PunctualKind::Sun { half_angle, .. } = light.kind {
+            let fits = half_angle > 0.0 && half_angle <= std::f32::consts::FRAC_PI_2;
+            require(fits, place, "its angular diameter must lie between 0 and 180 degrees")?;
         }
     }
     for camera in &builder.cameras {
@@ -83,6 +88,7 @@ fn check_material(m: &Material) -> Result<(), BuildError> {
     require(colors.iter().all(|c| c.is_finite()), place, "colours must be finite")?;
     require(!m.unlit || is_radiance(m.base_color), place, "an unlit colour must not be negative")?;
     require(m.ior.is_finite() && m.ior > 0.0, place, "the index of refraction must be finite and above 0")?;
+    require(m.emission_profile.is_valid(), place, "the emission profile must have angles in its range")?;
     let factors = [
         m.alpha,
         m.metallic,

@@ -45,14 +45,15 @@ pub(crate) struct Arriving {
 }
 
 impl DeltaLight {
-    /// The light of a builder, moved to render space.
-    pub(crate) fn new(light: &PunctualLight, to_render: &DAffine3) -> Self {
+    /// The light of a builder, moved to render space. `None` for a light with an extent.
+    pub(crate) fn new(light: &PunctualLight, to_render: &DAffine3) -> Option<Self> {
         let to_render = *to_render * light.to_world;
         let position = to_render.translation.as_vec3();
         let m = to_render.matrix3;
         let back = m.z_axis.try_normalize().unwrap_or(DVec3::Z);
         let axis = (-back).as_vec3();
-        match light.kind {
+        Some(match light.kind {
+            PunctualKind::Sun { .. } => return None,
             PunctualKind::Point { intensity } => Self::Point { position, intensity },
             PunctualKind::Spot { intensity, inner, outer } => {
                 Self::Spot { position, axis, intensity, cos_inner: inner.cos(), cos_outer: outer.cos() }
@@ -65,7 +66,7 @@ impl DeltaLight {
                 let y = if m.y_axis.dot(y) < 0.0 { -y } else { y };
                 Self::Profile { position, axes: [x, y, back].map(|a| a.as_vec3()), scale, profile: profile as u32 }
             }
-        }
+        })
     }
 
     /// Emitted power \[W\]; for parallel light, over the scene's cross-section.

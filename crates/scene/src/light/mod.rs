@@ -1,18 +1,23 @@
 //! Lights: choice of a light, sampling of a direction toward it, and the density of both.
 //!
-//! A vertex samples one light or each of them. If one is probability among few lights, the weight of each is an
+//! A vertex samples one light or each of them. If one is chosen among few lights, the weight of each is an
 //! estimate of the irradiance that it can send to the receiver. Among many lights a tree makes the choice. Densities
 //! include the choice.
 
 pub(crate) mod delta;
+pub mod emission_profile;
 pub(crate) mod environment;
 pub mod luminaire;
+pub(crate) mod mesh_light;
 pub mod summary;
+pub(crate) mod sun;
 pub(crate) mod tree;
 
 use crate::light::delta::DeltaLight;
 use crate::light::environment::EnvironmentLight;
 use crate::light::luminaire::LightProfile;
+use crate::light::mesh_light::MeshLight;
+use crate::light::sun::Sun;
 use crate::light::tree::{EmissionCone, LightBounds, LightTree};
 use crate::sampling_options::Techniques;
 use dunkelfeld_bsdf::EFFECTS;
@@ -48,12 +53,12 @@ pub struct LightSampleContext {
 
 /// The light samples of a vertex.
 ///
-/// Each light sample is a sampling technique of its selected_weight that draws one direction. With [`Self::Each`], a
+/// Each light sample is a sampling technique of its own that draws one direction. With [`Self::Each`], a
 /// scattered ray that hits a light competes only with the sample of that light. The samples of other lights do not draw
 /// points on it (multi-sample combination, Veach 1997, section 9.2).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LightChoice {
-    /// A sample of one light, probability in proportion to its estimated contribution.
+    /// A sample of one light, chosen in proportion to its estimated contribution.
     One,
     /// A sample of each light.
     Each,
@@ -91,7 +96,10 @@ pub(crate) struct AreaLight {
 #[derive(Clone, Copy, Debug, serde::Serialize)]
 pub(crate) enum Light {
     Area(AreaLight),
+    /// An emitting mesh as one light: its index in [`LightTable::mesh_lights`].
+    Mesh(u32),
     Delta(DeltaLight),
+    Sun(Sun),
     Environment,
 }
 
@@ -127,6 +135,9 @@ pub struct LightTarget {
 #[derive(Clone, Debug, Default, serde::Serialize)]
 pub(crate) struct LightTable {
     pub(crate) lights: Vec<Light>,
+    pub(crate) mesh_lights: Vec<MeshLight>,
+    /// True if a light of `lights` is a sun.
+    has_suns: bool,
     pub(crate) environment: Option<EnvironmentLight>,
     pub(crate) profiles: Vec<LightProfile>,
     /// The tree for the choice, if there are more lights than are weighed one by one.
@@ -138,6 +149,7 @@ pub(crate) struct LightTable {
 impl LightTable {
     pub(crate) fn new(
         mut lights: Vec<Light>,
+        mesh_lights: Vec<MeshLight>,
         environment: Option<EnvironmentLight>,
         profiles: Vec<LightProfile>,
         scene_radius: f32,
@@ -148,7 +160,8 @@ impl LightTable {
         }
         // A single light needs no choice.
         let samples_each = lights.len() <= if techniques.every_light { MAX_LIGHTS_FOR_EACH } else { 1 };
-        let mut table = Self { lights, environment, profiles, tree: None, samples_each };
+        let has_suns = lights.iter().any(|l| matches!(l, Light::Sun(_)));
+        let mut table = Self { lights, mesh_lights, has_suns, environment, profiles, tree: None, samples_each };
         if table.lights.len() > MAX_WEIGHTED_ONE_BY_ONE {
             let bounds: Vec<_> = table.lights.iter().map(|l| table.bounds(l)).collect();
             let powers: Vec<_> = table.lights.iter().map(|l| table.power(l, scene_radius).mean()).collect();
@@ -161,7 +174,9 @@ impl LightTable {
     pub(crate) fn power(&self, light: &Light, scene_radius: f32) -> Rgb {
         match light {
             Light::Area(a) => a.power(),
+            Light::Mesh(m) => self.mesh_lights.get(*m as usize).map_or(Rgb::BLACK, MeshLight::power),
             Light::Delta(d) => d.power(scene_radius, &self.profiles),
+            Light::Sun(s) => s.irradiance() * (PI * scene_radius * scene_radius),
             Light::Environment => self.environment_mean() * (PI * PI * scene_radius * scene_radius),
         }
     }
@@ -175,6 +190,7 @@ impl LightTable {
         };
         match light {
             Light::Area(a) => Some(a.bounds()),
+            Light::Mesh(m) => self.mesh_lights.get(*m as usize).map(MeshLight::bounds),
             Light::Delta(DeltaLight::Point { position, intensity }) => Some(at(*position, Vec3::Z, PI, *intensity)),
             Light::Delta(DeltaLight::Spot { position, axis, intensity, cos_outer, .. }) => {
                 Some(at(*position, *axis, cos_outer.clamp(-1.0, 1.0).acos(), *intensity))
@@ -184,7 +200,7 @@ impl LightTable {
                 let (cutoff_angle, peak) = profile.map_or((PI, 0.0), |p| (p.cutoff_angle(), p.peak()));
                 Some(at(*position, -axes[2], cutoff_angle, *scale * peak))
             }
-            Light::Delta(DeltaLight::Directional { .. }) | Light::Environment => None,
+            Light::Delta(DeltaLight::Directional { .. }) | Light::Sun(_) | Light::Environment => None,
         }
     }
 
@@ -219,6 +235,9 @@ impl LightTable {
         match light {
             Light::Area(a) => a.weight(receiver),
             _ if !EFFECTS => 0.0,
+            Light::Mesh(m) => self.mesh_lights.get(*m as usize).map_or(0.0, |m| m.weight(receiver)),
+            Light::Sun(s) if receiver.both_sides || s.is_above(receiver.normal) => s.irradiance().mean(),
+            Light::Sun(_) => 0.0,
             Light::Delta(d) => {
                 let arriving = d.arriving_at(receiver.point, &self.profiles);
                 if receiver.faces(arriving.direction) { arriving.irradiance.mean() } else { 0.0 }
@@ -304,8 +323,8 @@ impl LightTable {
     }
 
     /// A direction toward a light, for the light sample `index` of [`Self::num_light_samples`]. `None` if that light
-    /// cannot cutoff_angle the receiver. If a light is to be probability, `None` if no light can cutoff_angle it, or if
-    /// the probability one cannot.
+    /// cannot reach the receiver. If a light is to be chosen, `None` if no light can reach it, or if the chosen one
+    /// cannot.
     #[inline(always)]
     pub(crate) fn sample(
         &self,
@@ -324,7 +343,7 @@ impl LightTable {
         }
     }
 
-    /// A direction toward one light, which was probability with the given probability.
+    /// A direction toward one light, which was chosen with the given probability.
     // Always: one copy for all kernels would be called, and its answer copied, for every light sample.
     #[inline(always)]
     fn sample_light(
@@ -352,17 +371,18 @@ impl LightTable {
             _ if EFFECTS => {
                 // Bound to a variable first. If the call were returned directly, the result of the other branch would
                 // be kept in memory as well.
-                let found = self.sample_delta_or_environment(*receiver, index, probability, u)?;
+                let found = self.sample_other_light(*receiver, index, probability, u)?;
                 Some(found)
             }
             _ => None,
         }
     }
 
-    /// [`Self::sample_light`] for lights without a surface. It is a separate function because most lights have one.
+    /// [`Self::sample_light`] for all lights but triangles and rectangles. It is a separate function because most lights
+    /// are of these shapes.
     // The receiver is passed by value, as to all rare functions (`CONVENTIONS.md`).
     #[inline(never)]
-    fn sample_delta_or_environment(
+    fn sample_other_light(
         &self,
         receiver: LightSampleContext,
         index: usize,
@@ -371,6 +391,17 @@ impl LightTable {
     ) -> Option<LightSample> {
         match self.lights.get(index)? {
             Light::Area(_) => None,
+            Light::Mesh(m) => self.mesh_lights.get(*m as usize)?.sample(&receiver, probability, u),
+            Light::Sun(s) => {
+                let (direction, pdf) = s.sample(u);
+                receiver.faces(direction).then_some(LightSample {
+                    direction,
+                    target: None,
+                    radiance: s.disc_radiance(),
+                    pdf: pdf * probability,
+                    is_delta: false,
+                })
+            }
             Light::Delta(d) => {
                 let arriving = d.arriving_at(receiver.point, &self.profiles);
                 let target = arriving.position.map(|point| LightTarget { point, normal: Vec3::ZERO, surface: None });
@@ -397,11 +428,46 @@ impl LightTable {
         }
     }
 
-    /// The density [1/sr] of `point` on area light `index` in [`Self::sample`].
+    /// The density [1/sr] of `point` on the light `index` with a surface in [`Self::sample`]. `normal` is the unit normal
+    /// of the surface there, on the side of its front.
     #[inline]
-    pub(crate) fn pdf_area(&self, receiver: &LightSampleContext, choice: LightChoice, index: u32, point: Vec3) -> f32 {
+    pub(crate) fn pdf_area(
+        &self,
+        receiver: &LightSampleContext,
+        choice: LightChoice,
+        index: u32,
+        point: Vec3,
+        normal: Vec3,
+    ) -> f32 {
         match self.lights.get(index as usize) {
             Some(Light::Area(a)) => a.pdf(receiver, point) * self.share(receiver, choice, index as usize),
+            Some(Light::Mesh(m)) if EFFECTS => {
+                let pdf = self.mesh_lights.get(*m as usize).map_or(0.0, |m| m.pdf(receiver, point, normal));
+                pdf * self.share(receiver, choice, index as usize)
+            }
+            _ => 0.0,
+        }
+    }
+
+    /// The suns, each with its index.
+    #[inline]
+    pub(crate) fn suns(&self) -> impl Iterator<Item = (usize, &Sun)> {
+        let lights: &[Light] = if EFFECTS && self.has_suns { &self.lights } else { &[] };
+        lights.iter().enumerate().filter_map(|(i, l)| if let Light::Sun(s) = l { Some((i, s)) } else { None })
+    }
+
+    /// The density [1/sr] of a direction toward the sun of an index in [`Self::sample`].
+    pub(crate) fn pdf_sun(
+        &self,
+        receiver: &LightSampleContext,
+        choice: LightChoice,
+        index: u32,
+        direction: Vec3,
+    ) -> f32 {
+        match self.lights.get(index as usize) {
+            Some(Light::Sun(s)) if receiver.faces(direction) => {
+                s.pdf(direction) * self.share(receiver, choice, index as usize)
+            }
             _ => 0.0,
         }
     }

@@ -1,6 +1,7 @@
 //! Summary of a scene for reports: lights and their power, parts and their numbers of triangles.
 
 use crate::light::delta::DeltaLight;
+use crate::light::mesh_light::MeshLight;
 use crate::light::{Light, NO_LIGHT};
 use crate::scene::Scene;
 use dunkelfeld_radiometry::Rgb;
@@ -37,18 +38,25 @@ impl Scene {
         let mut list: Vec<LightInfo> = Vec::new();
         for part in &self.parts {
             let mut seen = NO_LIGHT;
-            let (mut power, mut rectangles, mut triangles) = (Rgb::BLACK, 0, 0);
+            let (mut power, mut rectangles, mut triangles, mut single) = (Rgb::BLACK, 0, 0, None);
             for &index in part.lights.iter().filter(|&&l| l != NO_LIGHT) {
                 if index == seen {
                     continue;
                 }
                 seen = index;
-                if let Some(Light::Area(a)) = self.lights.lights.get(index as usize) {
-                    power += a.power();
-                    if a.triangles[1] == u32::MAX { triangles += 1 } else { rectangles += 1 }
+                match self.lights.lights.get(index as usize) {
+                    Some(Light::Area(a)) => {
+                        power += a.power();
+                        if a.triangles[1] == u32::MAX { triangles += 1 } else { rectangles += 1 }
+                    }
+                    Some(light @ Light::Mesh(m)) => {
+                        power += self.lights.power(light, self.radius);
+                        single = self.lights.mesh_lights.get(*m as usize).map(MeshLight::len);
+                    }
+                    _ => {}
                 }
             }
-            if rectangles + triangles > 0 {
+            if rectangles + triangles > 0 || single.is_some() {
                 let counted = |n: i32, what: &str| match n {
                     0 => None,
                     1 => Some(format!("1 {what}")),
@@ -61,7 +69,10 @@ impl Scene {
                     crate::query::surface::mean_emission(&self.materials[part.material as usize], &self.images);
                 list.push(LightInfo {
                     name,
-                    kind: format!("area ({})", shapes.join(", ")),
+                    kind: match single {
+                        Some(n) => format!("area (1 light of {n} triangles)"),
+                        None => format!("area ({})", shapes.join(", ")),
+                    },
                     power,
                     radiance: Some(radiance),
                 });
@@ -70,7 +81,12 @@ impl Scene {
         let mut names = self.punctual_names.iter();
         for light in &self.lights.lights {
             match light {
-                Light::Area(_) => {}
+                Light::Area(_) | Light::Mesh(_) => {}
+                Light::Sun(sun) => {
+                    let name = names.next().cloned().unwrap_or_default();
+                    let power = self.lights.power(light, self.radius);
+                    list.push(LightInfo { name, kind: "sun".into(), power, radiance: Some(sun.disc_radiance()) });
+                }
                 Light::Delta(d) => {
                     let kind = match d {
                         DeltaLight::Point { .. } => "point".into(),

@@ -3,6 +3,7 @@
 pub mod texture;
 pub(crate) mod texture_eval;
 
+use crate::light::emission_profile::EmissionProfile;
 use crate::material::texture::Texture;
 use dunkelfeld_radiometry::Rgb;
 
@@ -118,6 +119,12 @@ pub struct Material {
     pub emission_texture: Option<Texture>,
     /// True if the surface emits on both sides. (It always scatters on both.)
     pub double_sided: bool,
+    /// Angular distribution of the emitted radiance; `emission` is its value along the normal where the profile is 1
+    /// there.
+    pub emission_profile: EmissionProfile,
+    /// True if rays that come from behind pass the surface as if it were absent. A lamp in front of a camera is then
+    /// invisible to it, like the image of a lamp in a beam splitter.
+    pub is_back_invisible: bool,
     /// No scattering: the base colour is emitted as radiance (KHR_materials_unlit).
     pub unlit: bool,
     /// Index of refraction; inside another solid the ratio of both indices is used.
@@ -215,6 +222,8 @@ impl Default for Material {
             emission: Rgb::BLACK,
             emission_texture: None,
             double_sided: false,
+            emission_profile: EmissionProfile::Lambertian,
+            is_back_invisible: false,
             unlit: false,
             ior: 1.5,
             specular: 1.0,

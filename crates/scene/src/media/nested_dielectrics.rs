@@ -313,7 +313,7 @@ impl Scene {
             if self.compiled[material].clear_tint.is_some() {
                 bounded = true;
             } else {
-                open *= 1.0 - self.coverage(&p);
+                open *= 1.0 - self.coverage(&p, ray.direction);
             }
         });
         if occluded || open == 0.0 {
@@ -345,7 +345,7 @@ impl Scene {
                 }
                 Boundary::Between { .. } => return Rgb::BLACK,
                 Boundary::Surface => {
-                    through *= 1.0 - self.coverage(&interface.surface);
+                    through *= 1.0 - self.coverage(&interface.surface, ray.direction);
                     interface.surface.ray_origin(ray.direction)
                 }
             };

@@ -2,6 +2,8 @@
 
 use crate::features::{AllFeatures, Features};
 use crate::light::LightTarget;
+use crate::light::emission_profile::EmissionProfile;
+use crate::material::Material;
 use crate::query::surface::{self, TexturePoint};
 use crate::scene::{Placement, Scene};
 use dunkelfeld_bsdf::EFFECTS;
@@ -91,12 +93,15 @@ impl Scene {
         compiled.has_coverage || compiled.is_mixture
     }
 
-    /// The probability that light hits the surface at a point, in \[0, 1\].
+    /// The probability that light hits the surface at a point, in \[0, 1\]. `direction` is that of a ray that meets it.
     #[inline]
-    pub fn coverage(&self, p: &SurfacePoint) -> f32 {
+    pub fn coverage(&self, p: &SurfacePoint, direction: Vec3) -> f32 {
         let compiled = &self.compiled[p.material as usize];
-        if !compiled.has_coverage {
+        if !compiled.has_coverage || !EFFECTS {
             return 1.0;
+        }
+        if compiled.is_back_invisible && direction.dot(p.normal) > 0.0 {
+            return 0.0;
         }
         compiled.coverage(&self.materials[p.material as usize], &self.images, || self.texture_point(p))
     }
@@ -114,9 +119,19 @@ impl Scene {
             return Rgb::BLACK;
         }
         if !(EFFECTS && material.emission_texture.is_some() || material.unlit) {
-            return material.emission;
+            return self.in_profile(material, &p, toward, material.emission);
         }
-        surface::emission(material, &self.images, &self.texture_point(&p))
+        let emission = surface::emission(material, &self.images, &self.texture_point(&p));
+        self.in_profile(material, &p, toward, emission)
+    }
+
+    /// The radiance in a direction, by the angular profile of the material.
+    #[inline]
+    fn in_profile(&self, material: &Material, p: &SurfacePoint, toward: Vec3, radiance: Rgb) -> Rgb {
+        if !EFFECTS || material.emission_profile == EmissionProfile::Lambertian {
+            return radiance;
+        }
+        radiance * material.emission_profile.eval(toward.dot(p.normal).abs())
     }
 
     /// Transmittance of a segment: 0 behind a surface that covers fully, else the product of the open shares of partly
@@ -133,7 +148,9 @@ impl Scene {
             return f32::from(u8::from(!self.bvh.occluded(ray)));
         }
         let mut open = 1.0;
-        let occluded = self.bvh.occluded_with_alpha(ray, |hit| open *= 1.0 - self.coverage(&self.surface_point(&hit)));
+        let occluded = self.bvh.occluded_with_alpha(ray, |hit| {
+            open *= 1.0 - self.coverage(&self.surface_point(&hit), ray.direction);
+        });
         if occluded { 0.0 } else { open }
     }
 

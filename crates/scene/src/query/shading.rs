@@ -212,7 +212,7 @@ impl Scene {
     }
 
     /// A light sample: a direction toward a light, with the radiance that arrives unoccluded. The light is that of the
-    /// index `index` (below [`Self::num_light_samples`]), or is probability by `u_choice`. The light samples of a
+    /// index `index` (below [`Self::num_light_samples`]), or is chosen by `u_choice`. The light samples of a
     /// vertex are summed.
     // Always inlined. A choice needs two or three of its random numbers, and after inlining the others are not
     // computed.
@@ -238,7 +238,7 @@ impl Scene {
     #[inline(never)]
     fn radiance_at(&self, part: u32, triangle: u32, point: Vec3, toward: Vec3) -> Rgb {
         let p = self.locate(part, triangle, point);
-        self.emitted(&p, toward) * self.coverage(&p)
+        self.emitted(&p, toward) * self.coverage(&p, -toward)
     }
 
     /// The surface point of a light at a position. It lies on the given triangle or, if that does not contain it, on
@@ -282,12 +282,24 @@ impl Scene {
     #[inline]
     pub fn light_pdf(&self, receiver: &LightSampleContext, choice: LightChoice, p: &SurfacePoint) -> f32 {
         match self.parts[p.part as usize].lights.get(p.triangle as usize) {
-            Some(&light) if light != NO_LIGHT => self.lights.pdf_area(receiver, choice, light, p.point),
+            Some(&light) if light != NO_LIGHT => self.lights.pdf_area(receiver, choice, light, p.point, p.normal),
             _ => 0.0,
         }
     }
 
-    /// Radiance [W/(m^2 sr)] of the environment along a direction.
+    /// The lights of kind sun whose disc contains a direction, as pairs of index and radiance [W/(m^2 sr)].
+    #[inline]
+    pub fn suns_along(&self, direction: Vec3) -> impl Iterator<Item = (u32, Rgb)> {
+        let lit = self.lights.suns().map(move |(index, sun)| (index as u32, sun.radiance(direction)));
+        lit.filter(|(_, radiance)| !radiance.is_black())
+    }
+
+    /// The density [1/sr] of a direction toward the sun of an index in [`Self::sample_light`].
+    pub fn sun_pdf(&self, receiver: &LightSampleContext, choice: LightChoice, sun: u32, direction: Vec3) -> f32 {
+        self.lights.pdf_sun(receiver, choice, sun, direction)
+    }
+
+    /// Radiance [W/(m^2 sr)] of the environment along a direction, without suns.
     #[inline]
     pub fn environment_radiance(&self, direction: Vec3) -> Rgb {
         if EFFECTS {

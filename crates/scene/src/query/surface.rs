@@ -14,6 +14,7 @@
 
 use crate::build::effects::SMOOTH_ROUGHNESS;
 use crate::features::FeatureSet;
+use crate::light::emission_profile::EmissionProfile;
 use crate::material::texture::{Image, Texture};
 use crate::material::{AlphaMode, ChannelTexture, Material, Surface};
 use crate::media::medium::Medium;
@@ -50,6 +51,8 @@ pub(crate) struct CompiledMaterial {
     pub(crate) both_sides: bool,
     /// True if the coverage must be evaluated.
     pub(crate) has_coverage: bool,
+    /// True if rays pass the surface from behind.
+    pub(crate) is_back_invisible: bool,
     /// Coverage, if it is constant.
     constant_coverage: Option<f32>,
     /// True if the parameters depend on the place.
@@ -114,11 +117,13 @@ impl CompiledMaterial {
             ]
             .iter()
             .any(Option::is_some);
-        let has_coverage = match m.alpha_mode {
-            AlphaMode::Opaque => false,
-            AlphaMode::Mask { .. } | AlphaMode::Blend => true,
-        };
+        let has_coverage = m.is_back_invisible
+            || match m.alpha_mode {
+                AlphaMode::Opaque => false,
+                AlphaMode::Mask { .. } | AlphaMode::Blend => true,
+            };
         let emits = m.unlit || !m.emission.is_black();
+        let has_profile = m.emission_profile != EmissionProfile::Lambertian;
         let varies = textured || is_painted;
         let constant =
             (!varies).then(|| scatter(m, m.ior, &[], &TexturePoint::ANYWHERE).compensated_if(energy_compensation));
@@ -142,11 +147,12 @@ impl CompiledMaterial {
             is_mixture,
             both_sides: transmits || diffuses,
             has_coverage,
+            is_back_invisible: m.is_back_invisible,
             constant_coverage,
             varies,
             needs_tangent,
             emits,
-            has_varying_radiance: m.unlit || EFFECTS && (m.emission_texture.is_some() || has_coverage),
+            has_varying_radiance: m.unlit || EFFECTS && (m.emission_texture.is_some() || has_coverage || has_profile),
             energy_compensation,
         }
     }
@@ -256,7 +262,7 @@ pub(crate) fn emission(m: &Material, images: &[Image], at: &TexturePoint) -> Rgb
     if m.unlit { emitted + base_color(m, images, at) } else { emitted }
 }
 
-/// Mean emitted radiance over all places, for choosing lights.
+/// Mean emitted radiance over all places, for choosing lights: that of a Lambertian surface of the same power.
 pub(crate) fn mean_emission(m: &Material, images: &[Image]) -> Rgb {
     let mean = |t: &Option<Texture>| match t {
         None => Rgb::WHITE,
@@ -265,7 +271,7 @@ pub(crate) fn mean_emission(m: &Material, images: &[Image]) -> Rgb {
             Rgb::new(r, g, b)
         }
     };
-    let emitted = m.emission * mean(&m.emission_texture);
+    let emitted = m.emission * mean(&m.emission_texture) * (m.emission_profile.exitance() as f32);
     if m.unlit { emitted + m.base_color * mean(&m.base_color_texture) } else { emitted }
 }
 

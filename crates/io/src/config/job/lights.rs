@@ -82,7 +82,7 @@ impl Job {
             let color = match light.kind {
                 PunctualKind::Point { intensity } | PunctualKind::Spot { intensity, .. } => intensity,
                 PunctualKind::Profile { scale, .. } => scale,
-                PunctualKind::Directional { .. } => {
+                PunctualKind::Directional { .. } | PunctualKind::Sun { .. } => {
                     let problem = format!("\"{}\" is a parallel light, which has no profile", light.name);
                     return Err(self.light_error(i, "ies", problem, "name a point or spot light"));
                 }
@@ -105,20 +105,17 @@ impl Job {
             let what = match kind {
                 PunctualKind::Point { .. } => "a point light",
                 PunctualKind::Spot { .. } => "a spot light",
-                PunctualKind::Directional { .. } => "a parallel light",
+                PunctualKind::Directional { .. } | PunctualKind::Sun { .. } => "a parallel light",
                 PunctualKind::Profile { .. } => "a measured light",
             };
             Err(self.light_error(i, key, format!("\"{name}\" is {what}, which has no {key}"), format!("give {fit}")))
         };
-        if change.irradiance.is_some() && !matches!(kind, PunctualKind::Directional { .. }) {
+        let is_distant = matches!(kind, PunctualKind::Directional { .. } | PunctualKind::Sun { .. });
+        if change.irradiance.is_some() && !is_distant {
             return unfit("irradiance", "`intensity` or `power`");
         }
         if change.radiance.is_some() {
-            let fit = if matches!(kind, PunctualKind::Directional { .. }) {
-                "`irradiance`"
-            } else {
-                "`intensity` or `power`"
-            };
+            let fit = if is_distant { "`irradiance`" } else { "`intensity` or `power`" };
             return unfit("radiance", fit);
         }
         Ok(match kind {
@@ -145,14 +142,20 @@ impl Job {
                 let by_power = change.power.map(|power| with_mean(scale, power / all));
                 PunctualKind::Profile { profile, scale: by_peak.or(by_power).unwrap_or(scale) }
             }
-            PunctualKind::Directional { irradiance } => {
+            PunctualKind::Directional { .. } | PunctualKind::Sun { .. } => {
                 if let Some((key, _)) = [("power", change.power.is_some()), ("intensity", change.intensity.is_some())]
                     .into_iter()
                     .find(|(_, given)| *given)
                 {
                     return unfit(key, "`irradiance`");
                 }
-                PunctualKind::Directional { irradiance: change.irradiance.unwrap_or(irradiance) }
+                match (kind, change.irradiance) {
+                    (PunctualKind::Directional { .. }, Some(irradiance)) => PunctualKind::Directional { irradiance },
+                    (PunctualKind::Sun { half_angle, .. }, Some(irradiance)) => {
+                        PunctualKind::Sun { irradiance, half_angle }
+                    }
+                    _ => kind,
+                }
             }
         })
     }

@@ -1,0 +1,103 @@
+//! A distant light with an angular diameter, like the sun: the same radiance from all directions of a cone.
+
+use dunkelfeld_geometry::{Frame, LocalDir, Vec3};
+use dunkelfeld_radiometry::Rgb;
+use std::f32::consts::{PI, TAU};
+
+/// The compiled light.
+#[derive(Clone, Copy, Debug, serde::Serialize)]
+pub(crate) struct Sun {
+    /// Unit direction toward the middle of its disc.
+    axis: Vec3,
+    /// 1 - cos of the half-angle of the cone, in (0, 1].
+    one_minus_cos: f32,
+    /// Irradiance on a surface that faces the light [W/m^2].
+    irradiance: Rgb,
+}
+
+impl Sun {
+    /// A light of the half-angle `half_angle` \[rad\], in (0, pi/2], and of an irradiance [W/m^2] on a facing surface.
+    pub(crate) fn new(axis: Vec3, half_angle: f32, irradiance: Rgb) -> Self {
+        // Without the cancellation of 1 - cos.
+        let sin_half = (0.5 * half_angle).sin();
+        Self { axis, one_minus_cos: 2.0 * sin_half * sin_half, irradiance }
+    }
+
+    /// Radiance [W/(m^2 sr)] of its disc: the irradiance over the projected solid angle, pi sin^2 of the half-angle.
+    pub(crate) fn disc_radiance(&self) -> Rgb {
+        let sin2 = self.one_minus_cos * (2.0 - self.one_minus_cos);
+        self.irradiance * (1.0 / (PI * sin2))
+    }
+
+    /// Radiance [W/(m^2 sr)] from a unit direction.
+    #[inline]
+    pub(crate) fn radiance(&self, direction: Vec3) -> Rgb {
+        if self.contains(direction) { self.disc_radiance() } else { Rgb::BLACK }
+    }
+
+    /// True for a direction inside its disc. The chord avoids the cancellation of the cosine.
+    #[inline]
+    fn contains(&self, direction: Vec3) -> bool {
+        (direction - self.axis).length_squared() <= 2.0 * self.one_minus_cos
+    }
+
+    /// A direction, uniform in the cone (Pharr, Jakob and Humphreys 2016, section 13.6.4), with its density [1/sr].
+    #[inline]
+    pub(crate) fn sample(&self, u: [f32; 2]) -> (Vec3, f32) {
+        let drop = u[0] * self.one_minus_cos;
+        let sin = (drop * (2.0 - drop)).max(0.0).sqrt();
+        let (sin_phi, cos_phi) = (TAU * u[1]).sin_cos();
+        let local = Vec3::new(sin * cos_phi, sin * sin_phi, 1.0 - drop);
+        (Frame::from_normal(self.axis).to_world(LocalDir(local)).normalize(), self.density())
+    }
+
+    /// The density [1/sr] of a direction in [`Self::sample`].
+    #[inline]
+    pub(crate) fn pdf(&self, direction: Vec3) -> f32 {
+        if self.contains(direction) { self.density() } else { 0.0 }
+    }
+
+    #[inline]
+    fn density(&self) -> f32 {
+        1.0 / (TAU * self.one_minus_cos)
+    }
+
+    /// Irradiance [W/m^2] on a facing surface.
+    pub(crate) fn irradiance(&self) -> Rgb {
+        self.irradiance
+    }
+
+    /// Can light of the disc reach a surface with this normal that scatters light from above only?
+    #[inline]
+    pub(crate) fn is_above(&self, normal: Vec3) -> bool {
+        let sin = (self.one_minus_cos * (2.0 - self.one_minus_cos)).max(0.0).sqrt();
+        self.axis.dot(normal) > -sin
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn directions_lie_in_the_disc_and_the_density_integrates_to_one() {
+        for half_angle in [1e-3f32, 0.0046, 0.1, 1.0] {
+            let axis = Vec3::new(0.3, 0.8, -0.5).normalize();
+            let sun = Sun::new(axis, half_angle, Rgb::splat(2.0));
+            let (mut irradiance, mut outside) = (0.0, 0);
+            let n = 200;
+            for i in 0..n * n {
+                let u = [(i % n) as f32 + 0.5, (i / n) as f32 + 0.5].map(|v| v / n as f32);
+                let (d, pdf) = sun.sample(u);
+                // A direction at the edge may be rounded out of the disc.
+                outside += u32::from(sun.pdf(d) != pdf);
+                assert!(d.dot(axis) >= half_angle.cos() - 1e-6);
+                irradiance += f64::from(sun.disc_radiance().g * d.dot(axis) / pdf) / f64::from(n * n);
+            }
+            assert!((irradiance / 2.0 - 1.0).abs() < 1e-3, "{half_angle}: {irradiance}");
+            assert!(outside < 20, "{half_angle}: {outside} directions are outside of the disc");
+            let outside = (axis + 1.05 * half_angle.tan() * axis.any_orthonormal_vector()).normalize();
+            assert_eq!((sun.pdf(outside), sun.radiance(outside)), (0.0, Rgb::BLACK));
+        }
+    }
+}
