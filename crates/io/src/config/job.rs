@@ -31,8 +31,10 @@ pub(crate) mod check;
 mod lens;
 mod lights;
 mod overrides;
+mod place;
 
 pub use lens::{LensProjection, LensSettings};
+pub use place::Place;
 
 use crate::error::InputError;
 use crate::import::options::{EmissiveUnit, ImportOptions};

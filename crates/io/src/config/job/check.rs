@@ -412,7 +412,7 @@ impl<'de> Visitor<'de> for Coefficients {
     }
 }
 
-struct Real(f64);
+pub(super) struct Real(pub(super) f64);
 
 impl<'de> Deserialize<'de> for Real {
     fn deserialize<D: Deserializer<'de>>(d: D) -> Result<Self, D::Error> {
