@@ -177,6 +177,7 @@ impl Reference {
                     ("[lens]", "blades") => "focus_distance = 1\n",
                     ("[lens]", "blade_rotation") => "focus_distance = 1\nblades = 6\n",
                     ("[lens]", "field_height" | "numerical_aperture") => "projection = \"telecentric\"\n",
+                    ("[[light]]", key) => lamp_of(key),
                     ("[denoise]", "oidn") => "method = \"oidn\"\n",
                     ("[defects]", "hot_per_million") => "[dark_current]\ne_per_s = 1\nat_c = 25\ndoubling_k = 7\n",
                     _ => "",
@@ -244,6 +245,33 @@ impl Reference {
     fn silent(&self, table: &str, key: &str) -> String {
         let text = self.text(table, key, "?").replace(&format!("{key} = ?\n"), "");
         (self.read)(&text).unwrap_or_else(|e| panic!("{}, {table}: {e}\n{text}", self.page))
+    }
+}
+
+/// The other keys of a lamp with this key.
+fn lamp_of(key: &str) -> &'static str {
+    const RING: &str = "kind = \"ring\"\ndistance = 1\n";
+    match key {
+        "name" | "unknown" => "",
+        "kind" => "diameter = 1\nposition = [1, 1, 1]\n",
+        "diameter" => RING,
+        "inner_diameter" | "tilt" | "leds" | "lens_angle" => "kind = \"ring\"\ndistance = 1\ndiameter = 1000\n",
+        "led_diameter" | "diffuser" => "kind = \"ring\"\ndistance = 1\ndiameter = 1000\nleds = 8\n",
+        "width" => "kind = \"panel\"\ndistance = 1\n",
+        "height" | "spread" | "body" => "kind = \"panel\"\ndistance = 1\nwidth = 1\n",
+        "opening" => "kind = \"dome\"\ndiameter = 1000\n",
+        "splitter" => "kind = \"coaxial\"\ndistance = 1\nwidth = 1\n",
+        "cone_angle" | "blend" => "kind = \"spot\"\ndistance = 1\n",
+        "angle" => "kind = \"sun\"\n",
+        "distance" => "kind = \"panel\"\nwidth = 1\n",
+        "position" => "kind = \"panel\"\nwidth = 1\n",
+        "aim" => "kind = \"panel\"\nwidth = 1\nposition = [0, 1, 0]\n",
+        "azimuth" => "kind = \"panel\"\nwidth = 1\ndistance = 1\nelevation = \"20deg\"\n",
+        "target" | "direction" | "elevation" | "up" | "count" | "working_distance" => {
+            "kind = \"panel\"\nwidth = 1\ndistance = 1\n"
+        }
+        "strobe" => "kind = \"panel\"\nwidth = 1\ndistance = 1\n[sensor]\nexposure = \"1ms\"\n",
+        _ => "name = \"lamp\"\n",
     }
 }
 

@@ -105,7 +105,10 @@ impl Project {
         let job = if is_job { Some(Job::from_file(path)?) } else { None };
         let lens = job.as_ref().map(|job| job.lens.clone()).unwrap_or_default();
         let f_number = lens.f_number.unwrap_or(DEFAULT_F_NUMBER);
-        let optics = Optics::new(f_number, lens.transmission, lens.magnification.unwrap_or(0.0))?;
+        let splitter = job.as_ref().map_or(1.0, Job::splitter_transmission);
+        let bands = job.as_ref().map(Job::bands).transpose()?.unwrap_or_default();
+        let transmission = lens.transmission * splitter;
+        let optics = Optics::new(f_number, transmission, lens.magnification.unwrap_or(0.0))?.with_bands(bands);
         let mut inputs = job.as_ref().map(|job| job.inputs().clone()).unwrap_or_default();
         let (mut imported, mut settings, outputs) = match &job {
             Some(job) => open_job(job, optics, &mut inputs)?,
@@ -236,7 +239,8 @@ impl Project {
         if let SensorChoice::Emva { optics, .. } = &mut settings.sensor
             && *optics == self.optics
         {
-            *optics = Optics::new(f_number, self.lens.transmission, magnification)?;
+            let (transmission, bands) = (optics.transmission(), optics.bands());
+            *optics = Optics::new(f_number, transmission, magnification)?.with_bands(bands);
         }
         Ok(settings)
     }

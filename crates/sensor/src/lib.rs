@@ -17,6 +17,7 @@
 
 #![forbid(unsafe_code)]
 
+mod bands;
 mod data_sheet;
 mod demosaic;
 pub mod display;
@@ -31,6 +32,7 @@ mod poisson;
 mod presets;
 mod random;
 
+pub use bands::Bands;
 pub use data_sheet::{ChannelSheet, DataSheet, Figure, data_sheet};
 pub use efficiency::{BANDS, BayerPattern, ColorFilter, Efficiency, FilterColor, QuantumEfficiency};
 pub use error::SensorError;

@@ -7,15 +7,16 @@
 //!
 //! mu_e = A t E' sum over bands of eta(lambda_b) lambda_b / (h c) L_b / 3, where E' = pi tau / (4 N^2 (1 + m)^2)
 //!
-//! is the irradiance per radiance behind a thin lens, on its axis, and eta is that of the pixel's colour. The radiance
-//! already includes the fall-off of the lens toward its edge.
+//! is the irradiance per radiance behind a thin lens, on its axis, and eta is that of the pixel's colour. Lamps of one
+//! wavelength, and a filter, change the bands ([`Bands`]). The radiance already includes the fall-off of the lens toward its edge.
 
 use std::f64::consts::PI;
 
 use dunkelfeld_film::Plane;
 use dunkelfeld_radiometry::{Electrons, Irradiance, Radiance, Rgb, Seconds, photon};
 
-use crate::efficiency::{BANDS, BayerPattern, Efficiency, QuantumEfficiency};
+use crate::bands::Bands;
+use crate::efficiency::{BayerPattern, Efficiency, QuantumEfficiency};
 use crate::error::{SensorError, in_range};
 use crate::model::SensorModel;
 
@@ -36,6 +37,7 @@ pub struct Optics {
     f_number: f64,
     transmission: f64,
     magnification: f64,
+    bands: Bands,
 }
 
 /// The values of [`Optics`], unchecked.
@@ -44,13 +46,15 @@ struct OpticsValues {
     f_number: f64,
     transmission: f64,
     magnification: f64,
+    #[serde(default)]
+    bands: Bands,
 }
 
 impl TryFrom<OpticsValues> for Optics {
     type Error = SensorError;
 
     fn try_from(v: OpticsValues) -> Result<Self, SensorError> {
-        Self::new(v.f_number, v.transmission, v.magnification)
+        Ok(Self::new(v.f_number, v.transmission, v.magnification)?.with_bands(v.bands))
     }
 }
 
@@ -61,7 +65,17 @@ impl Optics {
         in_range("f_number", f_number, 0.5, 1000.0, "from 0.5 to 1000")?;
         in_range("transmission", transmission, f64::MIN_POSITIVE, 1.0, "above 0 and at most 1")?;
         in_range("magnification", magnification, 0.0, 100.0, "from 0 to 100")?;
-        Ok(Self { f_number, transmission, magnification })
+        Ok(Self { f_number, transmission, magnification, bands: Bands::default() })
+    }
+
+    /// The lens with other wavelengths of the channels, or with a filter.
+    pub fn with_bands(self, bands: Bands) -> Self {
+        Self { bands, ..self }
+    }
+
+    /// The wavelengths of the channels, and the transmission of a filter at them.
+    pub fn bands(&self) -> Bands {
+        self.bands
     }
 
     /// The f-number N.
@@ -177,8 +191,12 @@ impl Response {
         let spec = model.spec();
         let irradiance = optics.irradiance(Radiance(BAND_SHARE));
         let weights = |curve: &QuantumEfficiency| {
-            let electrons = |band| curve.at(band) * photon::photons(spec.pixel_pitch, irradiance, exposure.time, band);
-            Weights(BANDS.map(electrons))
+            let electrons = |c: usize| {
+                let band = optics.bands.wavelengths[c];
+                let photons = photon::photons(spec.pixel_pitch, irradiance, exposure.time, band);
+                curve.at(band) * photons * optics.bands.transmission[c]
+            };
+            Weights([0, 1, 2].map(electrons))
         };
         match &spec.quantum_efficiency {
             Efficiency::Mono(curve) => Self::constant(weights(curve)),

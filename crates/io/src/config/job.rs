@@ -28,12 +28,14 @@
 //! Colours are linear Rec. 709, `[r, g, b]` or one number for all three.
 
 pub(crate) mod check;
+mod lamps;
 mod lens;
 mod lights;
 mod overrides;
-mod place;
+pub(crate) mod place;
 
-pub use lens::{LensProjection, LensSettings};
+pub use lamps::{LampKind, LedCount, Wavelength};
+pub use lens::{FilterSettings, LensProjection, LensSettings};
 pub use place::Place;
 
 use crate::error::InputError;
@@ -44,6 +46,7 @@ use crate::names::suggestion;
 use crate::toml_file::TomlFile;
 use dunkelfeld_adaptive::Strategy;
 use dunkelfeld_denoise::{DenoiseMethod, DenoiseSettings};
+use dunkelfeld_geometry::DVec3;
 use dunkelfeld_radiometry::{Number, Rgb, Seconds};
 use dunkelfeld_scene::SceneBuilder;
 use dunkelfeld_sensor::ExposureNoise;
@@ -104,7 +107,7 @@ pub struct Job {
     pub materials: Vec<MaterialOverride>,
     /// `[[light]]`: changes to lights, applied in order, after those to materials.
     #[serde(default, rename = "light")]
-    pub lights: Vec<LightOverride>,
+    pub lights: Vec<LightSettings>,
     /// The text of the job, for later errors.
     #[serde(skip)]
     source: TomlFile,
@@ -418,16 +421,20 @@ pub enum AlphaKind {
     Blend,
 }
 
-/// `[[light]]`: at most one of `radiance`, `power`, `intensity` and `irradiance`.
+/// `[[light]]`: a new lamp if it has a `kind`, otherwise a change of lights of the scene. At most one of `radiance`,
+/// `power`, `intensity` and `irradiance`.
 ///
-/// The name is searched among lights without extent, then among objects (nodes) with an emissive material, then among
+/// Without a `kind`, the name is searched among lights without extent, then among objects (nodes) with an emissive material, then among
 /// emissive materials, then among all objects and all materials. The first kind with a match is used. An object that
 /// shares its mesh or material with others gets its own copy.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct LightOverride {
-    /// Name, or a pattern with `*` and `?`.
+pub struct LightSettings {
+    /// Name of the new lamp (default: its kind), or name or pattern with `*` and `?` of lights of the scene.
+    #[serde(default)]
     pub name: String,
+    /// The kind of a new lamp.
+    pub kind: Option<LampKind>,
     /// `false` switches it off. Default true.
     #[serde(default = "yes")]
     pub enabled: bool,
@@ -445,9 +452,89 @@ pub struct LightOverride {
     /// direction.
     #[serde(default, deserialize_with = "check::light")]
     pub intensity: Option<Rgb>,
-    /// Irradiance [W/m^2] of a parallel light on a surface perpendicular to it.
+    /// Irradiance [W/m^2] of a parallel light on a surface perpendicular to it; of a lamp on its axis at the working
+    /// distance.
     #[serde(default, deserialize_with = "check::light")]
     pub irradiance: Option<Rgb>,
+    /// Wavelength of the light; the quantum efficiency of the sensor is that at it.
+    pub wavelength: Option<Wavelength>,
+    /// Duration of the pulse of the lamp in each exposure.
+    #[serde(default, deserialize_with = "check::duration")]
+    pub strobe: Option<Duration>,
+    /// Distance \[m\] of `irradiance` from the lamp. Default: `distance`.
+    #[serde(default, deserialize_with = "check::positive_length")]
+    pub working_distance: Option<f64>,
+    /// Diameter \[m\] of a ring (outer), dome, round panel, spot or point.
+    #[serde(default, deserialize_with = "check::positive_length")]
+    pub diameter: Option<f64>,
+    /// Inner diameter \[m\] of a ring.
+    #[serde(default, deserialize_with = "check::positive_length")]
+    pub inner_diameter: Option<f64>,
+    /// Width \[m\] of a bar or a panel.
+    #[serde(default, deserialize_with = "check::positive_length")]
+    pub width: Option<f64>,
+    /// Height \[m\] of a bar or a panel.
+    #[serde(default, deserialize_with = "check::positive_length")]
+    pub height: Option<f64>,
+    /// Diameter \[m\] of the opening at the apex of a dome.
+    #[serde(default, deserialize_with = "check::length_or_zero")]
+    pub opening: Option<f64>,
+    /// Angle \[rad\] by which the normals of a ring are tilted toward its axis.
+    #[serde(default, deserialize_with = "check::quarter_turn")]
+    pub tilt: Option<f64>,
+    /// Number of LEDs in a row, or `[columns, rows]`.
+    pub leds: Option<LedCount>,
+    /// Diameter \[m\] of the emitting disc of an LED.
+    #[serde(default, deserialize_with = "check::positive_length")]
+    pub led_diameter: Option<f64>,
+    /// Does a diffuser cover the LEDs, so that the whole surface emits?
+    pub diffuser: Option<bool>,
+    /// Full angle \[rad\] at half of the intensity.
+    #[serde(default, deserialize_with = "check::open_angle")]
+    pub lens_angle: Option<f64>,
+    /// Full angle \[rad\] beyond which a louver lets nothing pass.
+    #[serde(default, deserialize_with = "check::open_angle")]
+    pub spread: Option<f64>,
+    /// Share of the light that the beam splitter of a coaxial lamp reflects toward the part.
+    #[serde(default, deserialize_with = "check::inner_share")]
+    pub splitter: Option<f64>,
+    /// Full angle \[rad\] of the cone of a spot.
+    #[serde(default, deserialize_with = "check::open_angle")]
+    pub cone_angle: Option<f64>,
+    /// Share of the cone of a spot that is its soft edge.
+    #[serde(default, deserialize_with = "check::unit")]
+    pub blend: Option<f32>,
+    /// Angular diameter \[rad\] of a sun.
+    #[serde(default, deserialize_with = "check::sun_angle")]
+    pub angle: Option<f64>,
+    /// `false`: the lamp is invisible and transparent from behind.
+    pub body: Option<bool>,
+    /// Centre of the lamp \[m\] in the world.
+    #[serde(default, deserialize_with = "place::optional_point")]
+    pub position: Option<DVec3>,
+    /// Direction in which the lamp shines.
+    #[serde(default, deserialize_with = "place::direction")]
+    pub aim: Option<DVec3>,
+    /// Point that the lamp faces. Default: the point of the camera's axis nearest to the middle of the scene.
+    pub target: Option<Place>,
+    /// Distance \[m\] from the target.
+    #[serde(default, deserialize_with = "check::length_or_zero")]
+    pub distance: Option<f64>,
+    /// Direction from the target to the lamp. Default: to the camera.
+    #[serde(default, deserialize_with = "place::direction")]
+    pub direction: Option<DVec3>,
+    /// Angle \[rad\] of that direction above the plane through the target that is perpendicular to the axis of the camera.
+    #[serde(default, deserialize_with = "check::angle")]
+    pub elevation: Option<f32>,
+    /// Angle \[rad\] around the axis of the camera, from its right toward up.
+    #[serde(default, deserialize_with = "check::angle")]
+    pub azimuth: Option<f32>,
+    /// Direction of the height of the lamp.
+    #[serde(default, deserialize_with = "place::direction")]
+    pub up: Option<DVec3>,
+    /// Number of such lamps, evenly around the axis of the camera.
+    #[serde(default, deserialize_with = "check::count")]
+    pub count: Option<u32>,
 }
 
 fn yes() -> bool {

@@ -102,6 +102,67 @@ pub(super) fn positive_length<'de, D: Deserializer<'de>>(d: D) -> Result<Option<
     Err(D::Error::custom(format!("{} m is out of range; write a length such as \"3.45um\" or \"40mm\"", Number(v))))
 }
 
+/// A length [m] that may be zero.
+pub(super) fn length_or_zero<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f64>, D::Error> {
+    let Length(v) = Length::deserialize(d)?;
+    if (0.0..=1e6).contains(&v) {
+        return Ok(Some(v));
+    }
+    Err(D::Error::custom(format!("{} m is out of range; write a length of zero or more, such as \"40mm\"", Number(v))))
+}
+
+/// A full angle [rad] of a cone.
+pub(super) fn open_angle<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f64>, D::Error> {
+    angle_between(d, 1f64.to_radians(), std::f64::consts::PI, "from 1deg to 180deg")
+}
+
+pub(super) fn quarter_turn<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f64>, D::Error> {
+    angle_between(d, 0.0, std::f64::consts::FRAC_PI_2, "from 0deg to 90deg")
+}
+
+/// An angular diameter [rad]; zero is parallel light.
+pub(super) fn sun_angle<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f64>, D::Error> {
+    angle_between(d, 0.0, std::f64::consts::PI, "from 0deg to 180deg")
+}
+
+fn angle_between<'de, D: Deserializer<'de>>(d: D, least: f64, most: f64, range: &str) -> Result<Option<f64>, D::Error> {
+    let Angle(v) = Angle::deserialize(d)?;
+    // The ends may be rounded.
+    if (least - 1e-9..=most + 1e-9).contains(&v) {
+        return Ok(Some(v.clamp(least, most)));
+    }
+    Err(D::Error::custom(format!("{}deg is out of range; write an angle {range}", degrees(v))))
+}
+
+/// A share between 0 and 1, without the ends.
+pub(super) fn inner_share<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f64>, D::Error> {
+    real(d, 0.01, 0.99).map(Some)
+}
+
+/// Number of copies of a lamp.
+pub(super) fn count<'de, D: Deserializer<'de>>(d: D) -> Result<Option<u32>, D::Error> {
+    whole(d, 1, 64).map(Some)
+}
+
+/// A wavelength [nm].
+pub(super) fn nanometres<'de, D: Deserializer<'de>>(d: D) -> Result<f64, D::Error> {
+    wavelength(d, 200.0, "a wavelength from 200nm to 2500nm")
+}
+
+/// The width of a band [nm].
+pub(super) fn band_width<'de, D: Deserializer<'de>>(d: D) -> Result<f64, D::Error> {
+    wavelength(d, 0.1, "a width from 0.1nm to 2500nm")
+}
+
+fn wavelength<'de, D: Deserializer<'de>>(d: D, least: f64, what: &str) -> Result<f64, D::Error> {
+    let Length(metres) = Length::deserialize(d)?;
+    let nm = metres * 1e9;
+    if (least..=2500.0).contains(&nm) {
+        return Ok(nm);
+    }
+    Err(D::Error::custom(format!("{} nm is out of range; write {what}", Number(nm))))
+}
+
 /// Coefficients in the order of OpenCV. Values beyond a million give no image.
 pub(super) fn distortion<'de, D: Deserializer<'de>>(d: D) -> Result<Option<Distortion>, D::Error> {
     let values = numbers::<D>(d)?;

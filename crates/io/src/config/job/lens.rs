@@ -54,6 +54,27 @@ pub struct LensSettings {
     /// Vignetting: how the image darkens toward its edge.
     #[serde(deserialize_with = "check::vignetting")]
     pub vignetting: Option<Vignetting>,
+    /// A band-pass filter in front of the sensor.
+    pub filter: Option<FilterSettings>,
+}
+
+/// A band-pass filter: `{ center = "635nm", width = "40nm", transmission = 0.9 }`.
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FilterSettings {
+    /// Middle of the band \[nm\].
+    #[serde(deserialize_with = "check::nanometres")]
+    pub center: f64,
+    /// Full width of the band \[nm\].
+    #[serde(deserialize_with = "check::band_width")]
+    pub width: f64,
+    /// Transmission in the band. Default 0.9.
+    #[serde(default = "filter_transmission", deserialize_with = "check::positive_share")]
+    pub transmission: f64,
+}
+
+fn filter_transmission() -> f64 {
+    0.9
 }
 
 impl Default for LensSettings {
@@ -73,6 +94,7 @@ impl Default for LensSettings {
             distortion: None,
             principal_point: None,
             vignetting: None,
+            filter: None,
         }
     }
 }

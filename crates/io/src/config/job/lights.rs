@@ -1,7 +1,7 @@
 //! Applies the `[[light]]` entries of a job to a scene: strengths by name, and measured distributions.
 
 use super::overrides::{matches, unique};
-use super::{Job, LightOverride};
+use super::{Job, LightSettings};
 use crate::error::{ImportWarning, InputError};
 use crate::ies::load_ies;
 use crate::names::suggestion;
@@ -16,7 +16,7 @@ impl Job {
     pub(super) fn change_lights(
         &self,
         i: usize,
-        change: &LightOverride,
+        change: &LightSettings,
         scene: &mut SceneBuilder,
         warnings: &mut Vec<ImportWarning>,
     ) -> Result<(), InputError> {
@@ -30,6 +30,14 @@ impl Job {
             }
             for light in scene.lights.iter_mut().filter(|l| matches(&change.name, &l.name)) {
                 light.kind = self.changed_kind(i, change, &light.name, light.kind, &scene.profiles)?;
+                if let Some(wavelength) = change.wavelength {
+                    let (PunctualKind::Point { intensity: strength }
+                    | PunctualKind::Spot { intensity: strength, .. }
+                    | PunctualKind::Directional { irradiance: strength }
+                    | PunctualKind::Sun { irradiance: strength, .. }
+                    | PunctualKind::Profile { scale: strength, .. }) = &mut light.kind;
+                    *strength = wavelength.triple(f64::from(strength.mean()));
+                }
             }
             return Ok(());
         }
@@ -53,11 +61,14 @@ impl Job {
         })?;
         let lights = surfaces.separate(scene);
         for light in lights {
-            let Some(emission) = self.changed_emission(i, change, &light, scene, warnings)? else { continue };
+            let emission = self.changed_emission(i, change, &light, scene, warnings)?;
             for material in light.materials {
                 if let Some(material) = scene.materials.get_mut(material) {
                     // Strengths that a file gives as ratios are preserved only if the light has a single material.
-                    material.emission = emission.of(material.emission);
+                    material.emission = emission.map_or(material.emission, |e| e.of(material.emission));
+                    if let Some(wavelength) = change.wavelength {
+                        material.emission = wavelength.triple(f64::from(material.emission.mean()));
+                    }
                 }
             }
         }
@@ -69,7 +80,7 @@ impl Job {
         &self,
         i: usize,
         path: &Path,
-        change: &LightOverride,
+        change: &LightSettings,
         scene: &mut SceneBuilder,
         warnings: &mut Vec<ImportWarning>,
     ) -> Result<(), InputError> {
@@ -96,7 +107,7 @@ impl Job {
     fn changed_kind(
         &self,
         i: usize,
-        change: &LightOverride,
+        change: &LightSettings,
         name: &str,
         kind: PunctualKind,
         profiles: &[LightProfile],
@@ -163,7 +174,7 @@ impl Job {
     fn changed_emission(
         &self,
         i: usize,
-        change: &LightOverride,
+        change: &LightSettings,
         light: &SurfaceLight,
         scene: &SceneBuilder,
         warnings: &mut Vec<ImportWarning>,
@@ -350,7 +361,7 @@ fn with_mean(color: Rgb, mean: f64) -> Rgb {
 
 /// Integral of a spot light's falloff over the sphere [sr]. KHR_lights_punctual squares a ramp that is linear in the
 /// cosine between the edge and the inner cone: 2 pi ((1 - ci) + (ci - co) / 3).
-fn spot_solid_angle(inner: f32, outer: f32) -> f64 {
+pub(super) fn spot_solid_angle(inner: f32, outer: f32) -> f64 {
     let (ci, co) = (f64::from(inner).cos(), f64::from(outer).cos());
     2.0 * PI * ((1.0 - ci) + (ci - co).max(0.0) / 3.0).max(1e-12)
 }

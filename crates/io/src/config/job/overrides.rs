@@ -1,5 +1,6 @@
 //! Applies the environment and the materials of a job to an imported scene. The module `lights` applies its lights.
 
+use super::lamps::lamp_key;
 use super::{AlphaKind, EnvironmentSettings, Job, MaterialOverride};
 use crate::error::{ImportWarning, InputError};
 use crate::images::load_environment;
@@ -23,6 +24,21 @@ impl Job {
             if let (Some(first), Some(second)) = (keys.next(), keys.next()) {
                 let problem = format!("`{first}` and `{second}` both set the light's strength");
                 return Err(self.light_error(i, second, problem, "keep one of them"));
+            }
+            if let Some(kind) = light.kind {
+                self.check_lamp(i, light, kind)?;
+                continue;
+            }
+            let item = i.to_string();
+            if light.name.is_empty() {
+                let problem = "a change of a light needs its name";
+                let help = "write the name of a light of the scene, or a `kind` such as \"ring\" for a new lamp";
+                return Err(self.source.error_at_key(&["light", &item], problem, help));
+            }
+            if let Some(key) = lamp_key(|key| self.source.has_key(&["light", &item, key])) {
+                let problem = format!("`{key}` belongs to a new lamp");
+                let help = "write its `kind` as well, such as \"ring\", or remove this";
+                return Err(self.light_error(i, key, problem, help));
             }
         }
         for (i, m) in self.materials.iter().enumerate() {
@@ -57,7 +73,10 @@ impl Job {
             self.change_materials(i, change, scene)?;
         }
         for (i, change) in self.lights.iter().enumerate() {
-            self.change_lights(i, change, scene, &mut warnings)?;
+            match change.kind {
+                Some(kind) => self.add_lamp(i, change, kind, scene, &mut warnings)?,
+                None => self.change_lights(i, change, scene, &mut warnings)?,
+            }
         }
         Ok(warnings)
     }

@@ -1,0 +1,659 @@
+//! `[[light]]` with a `kind`: new lamps, described as in a catalogue.
+
+use super::{Exposure, Job, LightSettings};
+use crate::error::{ImportWarning, InputError};
+use crate::quantity::Length;
+use dunkelfeld_geometry::{DAffine3, DMat3, DQuat, DVec3, Mesh};
+use dunkelfeld_radiometry::{Nanometres, Number, Rgb};
+use dunkelfeld_scene::lamps::{area, irradiance_on_axis};
+use dunkelfeld_scene::{
+    EmissionProfile, Environment, EnvironmentSource, Instance, LampShape, Leds, Material, MeshPart, PunctualKind,
+    PunctualLight, SceneBuilder,
+};
+use dunkelfeld_sensor::Bands;
+use serde::Deserialize;
+use serde::de::{Deserializer, Error};
+use std::f64::consts::PI;
+
+/// Power of a lamp without a given strength \[W\].
+const DEFAULT_POWER: f64 = 1.0;
+/// Inner over outer diameter of a ring, and opening over diameter of a dome, if they are not given.
+const RING_HOLE: f64 = 0.6;
+const DOME_HOLE: f64 = 0.25;
+/// Height over width of a bar, if it is not given.
+const BAR_HEIGHT: f64 = 0.1;
+/// Share of the light that the beam splitter of a coaxial lamp reflects toward the part, if it is not given.
+pub(super) const SPLITTER: f64 = 0.5;
+/// Angular diameter of the sun \[rad\].
+const SUN: f64 = 0.0093;
+/// Reflectance of housings and plates.
+const BLACK: f32 = 0.04;
+
+/// Kinds of lamps that a job can add.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum LampKind {
+    /// A ring around the axis.
+    Ring,
+    /// A long rectangle.
+    Bar,
+    /// The inside of a hemisphere.
+    Dome,
+    /// A panel whose image in a beam splitter lies on the axis of the camera.
+    Coaxial,
+    /// A panel behind the part.
+    Back,
+    /// A rectangle or a disc.
+    Panel,
+    /// A cone of light.
+    Spot,
+    /// Light in all directions, from a point or a sphere.
+    Point,
+    /// Light from infinitely far away.
+    Sun,
+    /// The same radiance from all directions.
+    Environment,
+}
+
+impl LampKind {
+    /// Its name in a job.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Ring => "ring",
+            Self::Bar => "bar",
+            Self::Dome => "dome",
+            Self::Coaxial => "coaxial",
+            Self::Back => "back",
+            Self::Panel => "panel",
+            Self::Spot => "spot",
+            Self::Point => "point",
+            Self::Sun => "sun",
+            Self::Environment => "environment",
+        }
+    }
+
+    /// The keys that describe this kind of lamp, beside those of its strength, colour and pose.
+    fn geometry_keys(self) -> &'static [&'static str] {
+        match self {
+            Self::Ring => &["diameter", "inner_diameter", "tilt", "leds", "led_diameter", "diffuser", "lens_angle"],
+            Self::Bar => &["width", "height", "leds", "led_diameter", "diffuser", "lens_angle", "spread", "body"],
+            Self::Back | Self::Panel => {
+                &["width", "height", "diameter", "leds", "led_diameter", "diffuser", "lens_angle", "spread", "body"]
+            }
+            Self::Coaxial => &["width", "height", "diameter", "splitter", "lens_angle", "spread"],
+            Self::Dome => &["diameter", "opening"],
+            Self::Spot => &["diameter", "cone_angle", "blend"],
+            Self::Point => &["diameter"],
+            Self::Sun => &["angle"],
+            Self::Environment => &[],
+        }
+    }
+
+    fn strength_keys(self) -> &'static [&'static str] {
+        match self {
+            Self::Spot | Self::Point => &["power", "intensity"],
+            Self::Sun => &["irradiance"],
+            Self::Environment => &["radiance"],
+            _ => &["power", "radiance", "irradiance", "working_distance"],
+        }
+    }
+
+    fn pose_keys(self) -> &'static [&'static str] {
+        match self {
+            Self::Environment => &[],
+            Self::Sun => &["aim", "direction", "elevation", "azimuth"],
+            Self::Point => &["position", "target", "distance", "direction", "elevation", "azimuth", "count"],
+            _ => &["position", "aim", "target", "distance", "direction", "elevation", "azimuth", "up", "count"],
+        }
+    }
+}
+
+/// The wavelength of a light.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Wavelength(pub Nanometres);
+
+impl<'de> Deserialize<'de> for Wavelength {
+    /// A length such as `"625nm"`, or a colour of LEDs: `"red"` 630, `"amber"` 590, `"green"` 525, `"blue"` 470,
+    /// `"infrared"` 850, `"ultraviolet"` 385 nm.
+    fn deserialize<D: Deserializer<'de>>(d: D) -> Result<Self, D::Error> {
+        let text = String::deserialize(d)?;
+        let nm = match text.trim() {
+            "red" => 630.0,
+            "amber" => 590.0,
+            "green" => 525.0,
+            "blue" => 470.0,
+            "infrared" => 850.0,
+            "ultraviolet" => 385.0,
+            length => f64::from(length.parse::<Length>().map_err(D::Error::custom)?) * 1e9,
+        };
+        if (200.0..=2500.0).contains(&nm) {
+            return Ok(Self(Nanometres(nm)));
+        }
+        Err(D::Error::custom(format!(
+            "{} nm is out of range; write a wavelength from 200nm to 2500nm, or a colour such as \"red\"",
+            Number(nm)
+        )))
+    }
+}
+
+impl Wavelength {
+    /// The channel of the render that carries its light: red, green or blue, by the colour of the materials that suits
+    /// it.
+    pub fn channel(self) -> usize {
+        match self.0.0 {
+            nm if nm >= 580.0 => 0,
+            nm if nm >= 490.0 => 1,
+            _ => 2,
+        }
+    }
+
+    /// Light of the mean `mean` over the channels.
+    pub fn triple(self, mean: f64) -> Rgb {
+        let mut channels = [0.0; 3];
+        channels[self.channel()] = (3.0 * mean) as f32;
+        Rgb::from_array(channels)
+    }
+}
+
+/// Number of LEDs: of a ring or bar, or columns and rows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct LedCount {
+    /// Along the band or the width.
+    pub columns: u32,
+    /// Across it.
+    pub rows: u32,
+}
+
+impl<'de> Deserialize<'de> for LedCount {
+    fn deserialize<D: Deserializer<'de>>(d: D) -> Result<Self, D::Error> {
+        #[derive(Deserialize)]
+        #[serde(untagged, expecting = "this is no number of LEDs; write one such as 48, or [columns, rows]")]
+        enum Written {
+            Row(i64),
+            Grid([i64; 2]),
+        }
+        let [columns, rows] = match Written::deserialize(d)? {
+            Written::Row(n) => [n, 1],
+            Written::Grid(both) => both,
+        };
+        let fits = |n: i64| u32::try_from(n).ok().filter(|n| (1..=10_000).contains(n));
+        match (fits(columns), fits(rows)) {
+            (Some(columns), Some(rows)) if columns * rows <= 100_000 => Ok(Self { columns, rows }),
+            _ => Err(D::Error::custom(format!(
+                "{columns} x {rows} LEDs are out of range; write from 1 to 10000 in a row, and at most 100000 in all"
+            ))),
+        }
+    }
+}
+
+/// Position, axes and reference of one lamp.
+struct Pose {
+    /// Lamp to world: the lamp shines along its -z.
+    to_world: DAffine3,
+}
+
+impl Job {
+    /// Checks `[[light]]` entry `i` of a kind without the scene: keys that the kind does not have, or that exclude each
+    /// other.
+    pub(super) fn check_lamp(&self, i: usize, light: &LightSettings, kind: LampKind) -> Result<(), InputError> {
+        let item = i.to_string();
+        let given = |key: &str| self.source.has_key(&["light", &item, key]);
+        if light.ies.is_some() {
+            let help = "remove it, or give it to a point or spot light of the scene by an entry without `kind`";
+            return Err(self.light_error(i, "ies", format!("a new {} has no profile", kind.name()), help));
+        }
+        for key in KEYS {
+            let allowed =
+                [kind.geometry_keys(), kind.strength_keys(), kind.pose_keys()].iter().any(|k| k.contains(key));
+            if given(key) && !allowed {
+                let known = [kind.geometry_keys(), kind.strength_keys(), kind.pose_keys()].concat().join("`, `");
+                let problem = format!("a light of kind \"{}\" has no {key}", kind.name());
+                return Err(self.light_error(i, key, problem, format!("its keys are `{known}`")));
+            }
+        }
+        let exclusive: [(&str, &str, &str); 9] = [
+            ("position", "distance", "both set the distance from the target"),
+            ("position", "direction", "both set the place of the lamp"),
+            ("position", "elevation", "both set the place of the lamp"),
+            ("direction", "elevation", "both set the direction to the lamp"),
+            ("direction", "azimuth", "both set the direction to the lamp"),
+            ("lens_angle", "spread", "both set the angular distribution"),
+            ("diameter", "width", "both set the size"),
+            ("aim", "target", "both set the direction in which the lamp shines"),
+            ("aim", "distance", "`aim` belongs to a `position`"),
+        ];
+        for (first, second, why) in exclusive {
+            // A ring has a diameter and no width.
+            if given(first) && given(second) {
+                let problem = format!("`{first}` and `{second}`: {why}");
+                return Err(self.light_error(i, second, problem, "keep one of them"));
+            }
+        }
+        if light.wavelength.is_some()
+            && let Some(key) = ["radiance", "intensity", "irradiance"].into_iter().find(|key| {
+                let triple = match *key {
+                    "radiance" => light.radiance,
+                    "intensity" => light.intensity,
+                    _ => light.irradiance,
+                };
+                triple.is_some_and(|c| c.r != c.g || c.g != c.b)
+            })
+        {
+            let problem = "a light of one wavelength has no colour";
+            return Err(self.light_error(i, key, problem, "write one number, or remove `wavelength`"));
+        }
+        let required: &[&str] = match kind {
+            LampKind::Ring | LampKind::Dome => &["diameter"],
+            LampKind::Bar => &["width"],
+            _ => &[],
+        };
+        if let Some(key) = required.iter().find(|key| !given(key)) {
+            let problem = format!("a light of kind \"{}\" needs its {key}", kind.name());
+            return Err(self.light_error(i, "kind", problem, format!("write {key} = \"100mm\"")));
+        }
+        let is_panel = matches!(kind, LampKind::Coaxial | LampKind::Back | LampKind::Panel);
+        if is_panel && !given("diameter") && !given("width") {
+            let problem = format!("a light of kind \"{}\" needs its size", kind.name());
+            return Err(self.light_error(i, "kind", problem, "write width = \"100mm\" and `height`, or `diameter`"));
+        }
+        let is_placed = given("position") || given("distance");
+        if !is_placed && !matches!(kind, LampKind::Sun | LampKind::Environment | LampKind::Dome) {
+            let help = "write distance = \"200mm\" from the target, or a `position`";
+            return Err(self.light_error(i, "kind", "the place of the lamp is missing", help));
+        }
+        for (key, outer, inner) in
+            [("inner_diameter", light.diameter, light.inner_diameter), ("opening", light.diameter, light.opening)]
+        {
+            if let (Some(outer), Some(inner)) = (outer, inner)
+                && inner >= outer
+            {
+                let problem = format!("{key} {} m is not below the diameter {} m", Number(inner), Number(outer));
+                return Err(self.light_error(i, key, problem, "write a smaller one"));
+            }
+        }
+        if given("leds") && kind != LampKind::Bar && kind != LampKind::Ring && given("diameter") && given("width") {
+            return Err(self.light_error(i, "leds", "the size is given twice", "keep `diameter` or `width`"));
+        }
+        if (given("led_diameter") || given("diffuser")) && !given("leds") {
+            let key = if given("diffuser") { "diffuser" } else { "led_diameter" };
+            return Err(self.light_error(i, key, "there are no LEDs", "write `leds` as well, or remove this"));
+        }
+        if given("strobe") && matches!(self.sensor.exposure, Exposure::Auto) {
+            let help = "write `exposure` in [sensor], such as \"1ms\"";
+            return Err(self.light_error(i, "strobe", "a strobe needs a fixed exposure time", help));
+        }
+        if given("up") && given("azimuth") {
+            return Err(self.light_error(i, "up", "`azimuth` turns the lamp already", "keep one of them"));
+        }
+        Ok(())
+    }
+
+    /// Adds the lamp of entry `i` to the scene.
+    pub(super) fn add_lamp(
+        &self,
+        i: usize,
+        light: &LightSettings,
+        kind: LampKind,
+        scene: &mut SceneBuilder,
+        warnings: &mut Vec<ImportWarning>,
+    ) -> Result<(), InputError> {
+        if !light.enabled {
+            return Ok(());
+        }
+        let name = if light.name.is_empty() { kind.name() } else { &light.name };
+        let duty = self.duty(light);
+        if kind == LampKind::Environment {
+            let radiance = light.radiance.unwrap_or(Rgb::WHITE) * (duty as f32);
+            scene.environment =
+                Some(Environment { source: EnvironmentSource::Constant(in_band(light, radiance)), rotation: 0.0 });
+            return Ok(());
+        }
+        let count = light.count.unwrap_or(1);
+        for (k, pose) in self.poses(i, light, kind, count, scene)?.into_iter().enumerate() {
+            let name = if count > 1 { format!("{name} {}", k + 1) } else { name.to_string() };
+            match kind {
+                LampKind::Sun => scene.lights.push(sun(light, name, &pose, duty)),
+                LampKind::Point | LampKind::Spot if light.diameter.is_none_or(|d| d <= 0.0) => {
+                    scene.lights.push(punctual(light, kind, name, &pose, duty));
+                }
+                _ => add_mesh_lamp(light, kind, name, &pose, duty, scene),
+            }
+        }
+        if kind == LampKind::Coaxial && scene.cameras.is_empty() {
+            warnings.push(ImportWarning {
+                place: format!("[[light]] {}", i + 1),
+                message:
+                    "a coaxial lamp lies on the axis of a camera, and the scene has none; it lies above the target"
+                        .into(),
+            });
+        }
+        Ok(())
+    }
+
+    /// The share of the exposure for which the light is on.
+    fn duty(&self, light: &LightSettings) -> f64 {
+        match (light.strobe, self.sensor.exposure) {
+            (Some(strobe), Exposure::Seconds(exposure)) => (strobe.as_secs_f64() / exposure).min(1.0),
+            _ => 1.0,
+        }
+    }
+
+    fn poses(
+        &self,
+        i: usize,
+        light: &LightSettings,
+        kind: LampKind,
+        count: u32,
+        scene: &SceneBuilder,
+    ) -> Result<Vec<Pose>, InputError> {
+        let camera = self.camera_index(scene)?.or(if scene.cameras.is_empty() { None } else { Some(0) });
+        let camera = camera.and_then(|index| scene.cameras.get(index));
+        let center = scene_center(scene).unwrap_or(DVec3::ZERO);
+        // The axis points from the target to the camera.
+        let (axis, up, default_target) = match camera {
+            Some(camera) => {
+                let m = camera.to_world.matrix3;
+                let axis = m.z_axis.try_normalize().unwrap_or(DVec3::Y);
+                let eye = camera.to_world.translation;
+                let depth = (eye - center).dot(axis).max(0.0);
+                (axis, m.y_axis.try_normalize().unwrap_or(DVec3::NEG_Z), eye - depth * axis)
+            }
+            None => (DVec3::Y, DVec3::NEG_Z, center),
+        };
+        let target = match &light.target {
+            Some(place) => {
+                place.resolve(scene).map_err(|(problem, help)| self.light_error(i, "target", problem, help))?
+            }
+            None => default_target,
+        };
+        let right = up.cross(axis).try_normalize().unwrap_or(axis.any_orthonormal_vector());
+        let up = axis.cross(right);
+        let by_angles = light.elevation.map(|elevation| {
+            let azimuth = f64::from(light.azimuth.unwrap_or(0.0));
+            let flat = right * azimuth.cos() + up * azimuth.sin();
+            flat * f64::from(elevation).cos() + axis * f64::from(elevation).sin()
+        });
+        let default_direction = if kind == LampKind::Back { -axis } else { axis };
+        let direction = light.direction.or(by_angles).unwrap_or(default_direction);
+        let distance = light.distance.unwrap_or(0.0);
+        let position = light.position.unwrap_or(target + direction * distance);
+        // The lamp's +z points against the direction in which it shines.
+        let back = match light.aim {
+            Some(aim) => -aim,
+            None if light.position.is_some() => (position - target).try_normalize().ok_or_else(|| {
+                self.light_error(i, "position", "the lamp is at its target", "move it, or write `aim`")
+            })?,
+            None => direction,
+        };
+        let lamp_up = light.up.unwrap_or(if back.cross(axis).length() > 1e-6 && kind == LampKind::Bar {
+            // The long side of a bar is perpendicular to the axis.
+            axis
+        } else {
+            up
+        });
+        let x = lamp_up.cross(back).try_normalize().unwrap_or(back.any_orthonormal_vector());
+        let frame = DAffine3 { matrix3: DMat3::from_cols(x, back.cross(x), back), translation: position };
+        let around = |k: u32| {
+            let turn = DQuat::from_axis_angle(axis, std::f64::consts::TAU * f64::from(k) / f64::from(count));
+            DAffine3::from_translation(target) * DAffine3::from_quat(turn) * DAffine3::from_translation(-target)
+        };
+        Ok((0..count).map(|k| Pose { to_world: if k == 0 { frame } else { around(k) * frame } }).collect())
+    }
+
+    /// The wavelengths of the channels of the render, from the lamps of the job, and the transmission of the lens at
+    /// them.
+    ///
+    /// # Errors
+    /// Two lamps whose different wavelengths need the same channel.
+    pub fn bands(&self) -> Result<Bands, InputError> {
+        let mut bands = Bands::default();
+        let mut users: [Option<(usize, Nanometres)>; 3] = [None; 3];
+        for (i, light) in self.lights.iter().enumerate().filter(|(_, light)| light.enabled) {
+            let Some(wavelength) = light.wavelength else { continue };
+            let channel = wavelength.channel();
+            match users[channel] {
+                Some((other, nm)) if nm != wavelength.0 => {
+                    let color = ["red", "green", "blue"][channel];
+                    let problem = format!(
+                        "{} nm needs the {color} channel of the render, which has {} nm for light {}",
+                        Number(wavelength.0.0),
+                        Number(nm.0),
+                        other + 1
+                    );
+                    let help = "give both lights the same wavelength, or render them one after the other";
+                    return Err(self.light_error(i, "wavelength", problem, help));
+                }
+                _ => users[channel] = Some((i, wavelength.0)),
+            }
+            bands.wavelengths[channel] = wavelength.0;
+        }
+        if let Some(filter) = &self.lens.filter {
+            bands = bands.through(filter.center, filter.width, filter.transmission, users.map(|u| u.is_some()));
+        }
+        Ok(bands)
+    }
+
+    /// The share of the light that the beam splitters of coaxial lamps let pass to the camera.
+    pub fn splitter_transmission(&self) -> f64 {
+        let coaxial = self.lights.iter().filter(|l| l.enabled && l.kind == Some(LampKind::Coaxial));
+        coaxial.map(|l| 1.0 - l.splitter.unwrap_or(SPLITTER)).product()
+    }
+}
+
+/// The keys of a new lamp that only some kinds have.
+const KEYS: &[&str] = &[
+    "diameter",
+    "inner_diameter",
+    "width",
+    "height",
+    "opening",
+    "tilt",
+    "leds",
+    "led_diameter",
+    "diffuser",
+    "lens_angle",
+    "spread",
+    "splitter",
+    "cone_angle",
+    "blend",
+    "angle",
+    "body",
+    "power",
+    "radiance",
+    "intensity",
+    "irradiance",
+    "working_distance",
+    "position",
+    "aim",
+    "target",
+    "distance",
+    "direction",
+    "elevation",
+    "azimuth",
+    "up",
+    "count",
+];
+
+/// The first key of an entry without `kind` that only new lamps have.
+pub(super) fn lamp_key(given: impl Fn(&str) -> bool) -> Option<&'static str> {
+    let shared = ["power", "radiance", "intensity", "irradiance"];
+    let own = KEYS.iter().copied().filter(|key| !shared.contains(key));
+    own.chain(["strobe"]).find(|key| given(key))
+}
+
+/// A strength of equal channels in the band of the light.
+fn in_band(light: &LightSettings, strength: Rgb) -> Rgb {
+    match light.wavelength {
+        Some(wavelength) => wavelength.triple(f64::from(strength.mean())),
+        None => strength,
+    }
+}
+
+/// A strength of a mean over the channels, white or in the band of the light.
+fn of_mean(light: &LightSettings, mean: f64) -> Rgb {
+    in_band(light, Rgb::splat(mean as f32))
+}
+
+fn sun(light: &LightSettings, name: String, pose: &Pose, duty: f64) -> PunctualLight {
+    let irradiance = in_band(light, light.irradiance.unwrap_or(Rgb::WHITE)) * (duty as f32);
+    let half_angle = (0.5 * light.angle.unwrap_or(SUN)) as f32;
+    let kind = if half_angle > 0.0 {
+        PunctualKind::Sun { irradiance, half_angle }
+    } else {
+        PunctualKind::Directional { irradiance }
+    };
+    PunctualLight { name, to_world: pose.to_world, kind }
+}
+
+/// Half-angles of the full cone and of the edge of a spot \[rad\].
+fn cone(light: &LightSettings) -> [f64; 2] {
+    let outer = 0.5 * light.cone_angle.unwrap_or(PI / 4.0);
+    // The share `blend` of the cone, counted in cosines, is the edge.
+    let inner = 1.0 - (1.0 - outer.cos()) * (1.0 - f64::from(light.blend.unwrap_or(0.15)));
+    [inner.clamp(-1.0, 1.0).acos(), outer]
+}
+
+fn punctual(light: &LightSettings, kind: LampKind, name: String, pose: &Pose, duty: f64) -> PunctualLight {
+    let [inner, outer] = cone(light);
+    let solid_angle = match kind {
+        LampKind::Spot => super::lights::spot_solid_angle(inner as f32, outer as f32),
+        _ => 4.0 * PI,
+    };
+    let intensity = match light.intensity {
+        Some(intensity) => in_band(light, intensity),
+        None => of_mean(light, light.power.unwrap_or(DEFAULT_POWER) / solid_angle),
+    } * (duty as f32);
+    let kind = match kind {
+        LampKind::Spot => PunctualKind::Spot { intensity, inner: inner as f32, outer: outer as f32 },
+        _ => PunctualKind::Point { intensity },
+    };
+    PunctualLight { name, to_world: pose.to_world, kind }
+}
+
+fn shape(light: &LightSettings, kind: LampKind) -> LampShape {
+    let diameter = light.diameter.unwrap_or(0.0);
+    let panel = |ratio: f64| match (light.diameter, light.width) {
+        (Some(diameter), _) => LampShape::Ellipse { width: diameter, height: light.height.unwrap_or(diameter) },
+        (None, width) => {
+            let width = width.unwrap_or(0.0);
+            LampShape::Rectangle { width, height: light.height.unwrap_or(ratio * width) }
+        }
+    };
+    match kind {
+        LampKind::Ring => LampShape::Ring {
+            outer_diameter: diameter,
+            inner_diameter: light.inner_diameter.unwrap_or(RING_HOLE * diameter),
+            tilt: light.tilt.unwrap_or(0.0),
+        },
+        LampKind::Bar => panel(BAR_HEIGHT),
+        LampKind::Dome => LampShape::Dome { diameter, opening: light.opening.unwrap_or(DOME_HOLE * diameter) },
+        LampKind::Point => LampShape::Sphere { diameter },
+        LampKind::Spot => LampShape::Ellipse { width: diameter, height: diameter },
+        _ => panel(1.0),
+    }
+}
+
+fn profile(light: &LightSettings, kind: LampKind) -> EmissionProfile {
+    match (kind, light.lens_angle, light.spread) {
+        (LampKind::Spot, ..) => {
+            let [inner, outer] = cone(light).map(|angle| angle.cos() as f32);
+            EmissionProfile::Spot { cos_inner: inner, cos_outer: outer.max(0.0) }
+        }
+        (_, Some(angle), _) => EmissionProfile::from_half_intensity_angle(0.5 * angle),
+        // A spread of 180 degrees restricts nothing.
+        (_, None, Some(angle)) if angle < 0.999 * PI => EmissionProfile::Louver { half_angle: (0.5 * angle) as f32 },
+        _ => EmissionProfile::Lambertian,
+    }
+}
+
+fn add_mesh_lamp(
+    light: &LightSettings,
+    kind: LampKind,
+    name: String,
+    pose: &Pose,
+    duty: f64,
+    scene: &mut SceneBuilder,
+) {
+    let shape = shape(light, kind);
+    let leds = light.leds.filter(|_| light.diffuser != Some(true)).map(|leds| Leds {
+        columns: leds.columns,
+        rows: leds.rows,
+        diameter: light.led_diameter,
+    });
+    let profile = profile(light, kind);
+    let meshes = shape.meshes(leds);
+    let splitter = if kind == LampKind::Coaxial { light.splitter.unwrap_or(SPLITTER) } else { 1.0 };
+    let radiance = strength(light, kind, &meshes.emitter, &profile, splitter) * (duty as f32);
+    let is_bodiless = kind == LampKind::Coaxial || light.body == Some(false);
+    let lamp = Material {
+        name: name.clone(),
+        base_color: Rgb::splat(if is_bodiless { 0.0 } else { BLACK }),
+        specular: 0.0,
+        roughness: 1.0,
+        emission: radiance,
+        emission_profile: profile,
+        is_back_invisible: is_bodiless,
+        ..Material::default()
+    };
+    let material = scene.add_material(lamp);
+    // Two triangles of a rectangle are sampled by solid angle, which is better.
+    let is_single_light = leds.is_some() || !matches!(shape, LampShape::Rectangle { .. });
+    let mut parts = vec![MeshPart { name: name.clone(), mesh: meshes.emitter, material, is_single_light }];
+    if !meshes.plate.triangles.is_empty() && !is_bodiless {
+        let plate = Material {
+            name: format!("{name} plate"),
+            base_color: Rgb::splat(BLACK),
+            roughness: 0.5,
+            ..Material::default()
+        };
+        let material = scene.add_material(plate);
+        parts.push(MeshPart { name: format!("{name} plate"), mesh: meshes.plate, material, is_single_light: false });
+    }
+    let first = scene.meshes.len();
+    let meshes = (first..first + parts.len()).collect();
+    scene.meshes.extend(parts);
+    scene.instances.push(Instance { name, meshes, to_world: pose.to_world });
+}
+
+/// Radiance along the normal [W/(m^2 sr)].
+fn strength(light: &LightSettings, kind: LampKind, emitter: &Mesh, profile: &EmissionProfile, splitter: f64) -> Rgb {
+    if let Some(radiance) = light.radiance {
+        return in_band(light, radiance) * (splitter as f32);
+    }
+    if let Some(irradiance) = light.irradiance {
+        let distance = light.working_distance.or(light.distance).unwrap_or(0.0).max(1e-3 * light.extent());
+        let per_radiance = irradiance_on_axis(emitter, profile, distance);
+        // Beyond its cone a lamp gives no irradiance.
+        let factor = if per_radiance > 0.0 { 1.0 / per_radiance } else { 0.0 };
+        return in_band(light, irradiance) * (factor as f32);
+    }
+    // A small disc of radius r with the profile of a spot has the intensity pi r^2 L on its axis.
+    if let (LampKind::Spot | LampKind::Point, Some(intensity)) = (kind, light.intensity) {
+        let area = if kind == LampKind::Spot { area(emitter) } else { 0.25 * area(emitter) };
+        return in_band(light, intensity) * ((1.0 / area) as f32);
+    }
+    let exitance = PI * area(emitter) * profile.exitance();
+    of_mean(light, splitter * light.power.unwrap_or(DEFAULT_POWER) / exitance)
+}
+
+impl LightSettings {
+    /// The largest extent of the lamp \[m\].
+    fn extent(&self) -> f64 {
+        self.diameter.or(self.width).unwrap_or(0.0).max(self.height.unwrap_or(0.0))
+    }
+}
+
+/// The middle of all objects, without lamps that were added before.
+fn scene_center(scene: &SceneBuilder) -> Option<DVec3> {
+    let emits = |mesh: &MeshPart| scene.materials.get(mesh.material).is_some_and(|m| !m.emission.is_black());
+    let is_lamp = |n: &&Instance| n.meshes.iter().filter_map(|m| scene.meshes.get(*m)).any(emits);
+    let bounds = |n: &Instance| super::place::bounds_of(n, scene);
+    let parts = scene.instances.iter().filter(|n| !is_lamp(n)).filter_map(bounds);
+    let all = parts.reduce(|[a, b], [c, d]| [a.min(c), b.max(d)]);
+    all.or_else(|| scene.instances.iter().filter_map(bounds).reduce(|[a, b], [c, d]| [a.min(c), b.max(d)]))
+        .map(|[low, high]| 0.5 * (low + high))
+}
+
+#[cfg(test)]
+#[path = "lamps_tests.rs"]
+mod tests;
