@@ -6,7 +6,7 @@
 use dunkelfeld_geometry::{DAffine3, DVec3, Ray};
 use dunkelfeld_sampling::mix64;
 use dunkelfeld_scene::{
-    Aperture, Blades, Camera, CameraError, Distortion, Lens, Opening, Projection, RayGenerator, ThinLens, Vignetting,
+    Aperture, Blades, Camera, CameraError, Distortion, FilmWindow, Lens, Opening, Projection, RayGenerator, ThinLens, Vignetting,
     look_at,
 };
 use dunkelfeld_testkit::{DensityTest, SampleMoments, z_test};
@@ -363,5 +363,40 @@ fn invalid_lenses_are_refused_with_a_message() {
     ] {
         let error = RayGenerator::new(&camera, 640, 480, DVec3::ZERO, 1.0).expect_err(word);
         assert!(matches!(error, CameraError::Value { .. }) && error.to_string().contains(word), "{word}: {error}");
+    }
+}
+
+#[test]
+fn a_window_has_the_rays_of_its_pixels_in_the_whole_film() {
+    let distortion = Distortion::from_opencv(&[-0.2, 0.05, 0.001, -0.002]).expect("four");
+    let lens = Lens { distortion, principal_point: [12.5, -7.25], pixel_aspect: 1.25, ..Lens::default() };
+    for camera in [perspective(0.7, lens), perspective(0.7, Lens::default()), telecentric(0.02, 0.1, None)] {
+        let whole = bound(&camera);
+        let window = |origin, step, [width, height]: [u32; 2]| {
+            let window = Some(FilmWindow { full: [640, 480], origin, step });
+            let camera = Camera { window, ..camera.clone() };
+            RayGenerator::new(&camera, width, height, DVec3::ZERO, 1e6).unwrap_or_else(|e| panic!("{e}"))
+        };
+        let roi = window([100.0, 52.0], 1.0, [64, 48]);
+        let binned = window([0.0, 0.0], 2.0, [320, 240]);
+        for i in 0..500 {
+            // Sums of these places are exact in f32.
+            let [x, y] = uniform(i).map(|u| (64.0 * 64.0 * u).floor() / 64.0);
+            let u = Some(uniform(i + 1000));
+            assert_eq!(roi.camera_ray(x, y, u), whole.camera_ray(x + 100.0, y + 52.0, u), "region at {x}, {y}");
+            assert_eq!(binned.camera_ray(x, y, u), whole.camera_ray(2.0 * x, 2.0 * y, u), "binned at {x}, {y}");
+            let ray = roi.ray(x, y);
+            let point = (ray.origin + ray.direction).as_dvec3();
+            let [px, py] = roi.project(point).expect("in front of the camera");
+            assert!((px - f64::from(x)).hypot(py - f64::from(y)) < 1e-3, "{px}, {py} at {x}, {y}");
+        }
+    }
+    for window in [
+        FilmWindow { full: [0, 480], origin: [0.0; 2], step: 1.0 },
+        FilmWindow { full: [640, 480], origin: [f64::NAN, 0.0], step: 1.0 },
+        FilmWindow { full: [640, 480], origin: [0.0; 2], step: 0.0 },
+    ] {
+        let camera = Camera { window: Some(window), ..perspective(0.7, Lens::default()) };
+        assert!(RayGenerator::new(&camera, 8, 8, DVec3::ZERO, 1.0).is_err(), "{window:?}");
     }
 }

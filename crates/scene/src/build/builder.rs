@@ -150,6 +150,20 @@ pub struct Camera {
     pub aspect: Option<f32>,
     /// The lens; the default is a pinhole.
     pub lens: Lens,
+    /// The part of a larger film that is rendered; `None` renders the whole film.
+    pub window: Option<FilmWindow>,
+}
+
+/// A window of a larger film: a region of interest, binned pixels, or both. Field of view and principal point of the
+/// camera are those of the whole film.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+pub struct FilmWindow {
+    /// Width and height of the whole film \[pixels\].
+    pub full: [u32; 2],
+    /// Top left corner of the window, in pixels of the whole film from its top left corner.
+    pub origin: [f64; 2],
+    /// Side of a rendered pixel, in pixels of the whole film: 2 for a binning of 2 x 2.
+    pub step: f64,
 }
 
 /// How a camera maps the world to its film.

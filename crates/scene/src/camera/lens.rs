@@ -5,7 +5,7 @@ use dunkelfeld_sampling::warp::{sample_disk, sample_polygon};
 use std::f64::consts::{PI, TAU};
 
 /// A lens. The default is a pinhole: sharp everywhere, without distortion, equally bright over the film.
-#[derive(Clone, Copy, Debug, PartialEq, Default, serde::Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Lens {
     /// The aperture; `None` is infinitely small, and the image is sharp at all depths.
     pub aperture: Option<Aperture>,
@@ -16,6 +16,20 @@ pub struct Lens {
     pub principal_point: [f64; 2],
     /// Darkening of the image toward its edge.
     pub vignetting: Vignetting,
+    /// Width of a pixel over its height: OpenCV's fy / fx. 1 for square pixels.
+    pub pixel_aspect: f64,
+}
+
+impl Default for Lens {
+    fn default() -> Self {
+        Self {
+            aperture: None,
+            distortion: Distortion::NONE,
+            principal_point: [0.0; 2],
+            vignetting: Vignetting::None,
+            pixel_aspect: 1.0,
+        }
+    }
 }
 
 /// A finite aperture.

@@ -71,8 +71,10 @@ pub struct RayGenerator {
     axes: DMat3,
     /// Half extents of the film: at unit distance for a perspective, in metres for parallel rays.
     half: [f64; 2],
-    /// Half of the film's extents \[pixels\].
+    /// Half of the whole film's extents \[pixels\].
     half_pixels: [f64; 2],
+    /// Corner of the rendered window of the film, and the side of a rendered pixel, in pixels of the whole film.
+    window: ([f64; 2], f64),
     /// The point where the optical axis meets the film, in units of `half_pixels` from the corner: one is the middle.
     center: [f64; 2],
     parallel: bool,
@@ -87,8 +89,9 @@ impl RayGenerator {
     /// Binds a camera to a film of `width * height` pixels.
     ///
     /// Rays start in render space: world space moved by `-world_origin`, where the scene lies within `radius` \[m\]
-    /// around the origin. The vertical extent is that of the camera. The horizontal one follows from square pixels. An
-    /// orthographic camera keeps its larger extent in the image.
+    /// around the origin. The vertical extent is that of the camera. The horizontal one follows from the aspect of the
+    /// pixels. An orthographic camera keeps its larger extent in the image. If the camera has a window, `width` and
+    /// `height` are those of the window, and the extents are those of the whole film.
     ///
     /// # Errors
     /// Invalid values, and a distortion that cannot be inverted over the film.
@@ -103,8 +106,9 @@ impl RayGenerator {
         let m = camera.to_world.matrix3;
         let back = axis(m.z_axis, DVec3::Z);
         let right = axis(m.y_axis.cross(back), axis(back.any_orthonormal_vector(), DVec3::X));
+        let [width, height] = camera.window.map_or([width, height], |window| window.full);
         let half_pixels = [0.5 * f64::from(width), 0.5 * f64::from(height)];
-        let aspect = f64::from(width) / f64::from(height);
+        let aspect = f64::from(width) / f64::from(height) * camera.lens.pixel_aspect;
         let (half_height, parallel) = match camera.projection {
             Projection::Perspective { vertical_fov } => ((0.5 * f64::from(vertical_fov)).tan(), false),
             Projection::Orthographic { half_width, half_height } => {
@@ -117,6 +121,7 @@ impl RayGenerator {
             axes: DMat3::from_cols(right, back.cross(right), back),
             half: [half_height * aspect, half_height],
             half_pixels,
+            window: camera.window.map_or(([0.0; 2], 1.0), |window| (window.origin, window.step)),
             center: [1.0 + dx / half_pixels[0], 1.0 + dy / half_pixels[1]],
             parallel,
             darkens: camera.lens.vignetting == Vignetting::CosineFourth && !parallel,
@@ -216,6 +221,8 @@ impl RayGenerator {
     /// rays.
     #[inline]
     fn seen(&self, x: f64, y: f64) -> [f64; 2] {
+        let ([left, top], step) = self.window;
+        let (x, y) = (left + step * x, top + step * y);
         let right = (x / self.half_pixels[0] - self.center[0]) * self.half[0];
         let up = (self.center[1] - y / self.half_pixels[1]) * self.half[1];
         match &self.undistorter {
@@ -247,7 +254,8 @@ impl RayGenerator {
             }
             place = undistorter.model().forward(place);
         }
-        Some([0, 1].map(|k| (place[k] / self.half[k] + self.center[k]) * self.half_pixels[k]))
+        let (corner, step) = self.window;
+        Some([0, 1].map(|k| ((place[k] / self.half[k] + self.center[k]) * self.half_pixels[k] - corner[k]) / step))
     }
 
     /// The viewing direction, along the optical axis.
@@ -272,7 +280,12 @@ pub(crate) fn check_camera(camera: &Camera) -> Result<(), &'static str> {
             true
         }
     };
+    if let Some(window) = &camera.window {
+        let fits = window.full.iter().all(|&n| n > 0) && window.origin.iter().all(|v| v.abs() <= 1e6);
+        require(fits && window.step > 0.0 && window.step <= 1e6, "its window must be finite and have a size above 0")?;
+    }
     let lens = &camera.lens;
+    require((1e-3..=1e3).contains(&lens.pixel_aspect), "the aspect of its pixels must lie between 0.001 and 1000")?;
     require(lens.principal_point.iter().all(|v| v.abs() <= 1e6), "its principal point must lie within 1e6 pixels")?;
     require(lens.distortion.is_finite(), "its distortion must be finite")?;
     require(!parallel || lens.distortion.is_none(), "distortion needs a perspective: its model is one of directions")?;
