@@ -25,6 +25,7 @@ fn spec() -> Option<SensorSpec> {
         derived: vec![],
         assumed: vec![],
         pixel_pitch: Metres::from_micrometres(3.45),
+        resolution: None,
         quantum_efficiency: QuantumEfficiency::new(vec![(Nanometres(545.0), 0.7)]).ok()?.into(),
         full_well: Electrons(10_700.0),
         dark_noise: Electrons(2.4),

@@ -18,8 +18,9 @@ target!(|data| {
 fn change(data: &[u8]) -> Result<(), InputError> {
     let job = Job::from_file(&SCRATCH.write("job.toml", data))?;
     let mut scene = scene();
-    job.camera_index(&scene)?;
     job.apply_overrides(&mut scene)?;
+    job.apply_intrinsics(&mut scene, [64, 48]);
+    job.camera_index(&scene)?;
     Ok(())
 }
 

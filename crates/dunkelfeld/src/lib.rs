@@ -22,6 +22,7 @@
 mod camera_fit;
 mod commands;
 mod denoising;
+mod film_part;
 mod frame;
 pub mod guard;
 mod inspect;
@@ -32,6 +33,7 @@ mod outliers;
 mod outputs;
 mod project;
 mod stats;
+mod views;
 
 pub use commands::denoise::{DenoisedFile, check_denoise_output, denoise_exr};
 pub use commands::expose::{ExposeOutputs, ExposeSettings, ExposedFile, Exposer, expose_exr};
@@ -104,7 +106,7 @@ pub mod radiometry {
 pub mod scene {
     pub use dunkelfeld_scene::{
         AlphaMode, Aperture, Blades, BuildError, BuildReport, Camera, CameraError, ChannelTexture, ColorEncoding,
-        Distortion, Effect, Effects, Environment, EnvironmentSource, Filter, Finding, Image, ImageId, Instance, Lens,
+        Distortion, Effect, Effects, Environment, EnvironmentSource, FilmWindow, Filter, Finding, Image, ImageId, Instance, Lens,
         LightInfo, LightProfile, Material, MeshPart, Opening, PartInfo, ProfileError, Projection, PunctualKind,
         PunctualLight, RayGenerator, Scene, SceneBuilder, SceneSummary, Severity, Surface, Texels, Texture,
         TextureTransform, ThinLens, Vignetting, Volume, Wrap, framing_camera, look_at, shapes,

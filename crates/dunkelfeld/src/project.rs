@@ -2,8 +2,9 @@
 
 use crate::camera_fit::{DEFAULT_F_NUMBER, FilmSize, Fitted, Misfit, fit};
 use crate::denoising::{denoise_frame, find_denoiser};
+use crate::film_part::FilmPart;
 use crate::frame::{Frame, develop_film};
-use crate::guard::{DefaultPath, check_outputs, free_file};
+use crate::guard::check_outputs;
 use crate::inspect::{Inspection, camera_entry, inspect};
 use crate::memory::{MemoryAccount, MemoryStats, RenderNeeds, render_account};
 use crate::outputs::{self, OutputPaths, Written};
@@ -22,9 +23,11 @@ use dunkelfeld_render::{
     thread_count,
 };
 use dunkelfeld_render::{Error, camera_help};
-use dunkelfeld_scene::{BuildError, BuildReport, CameraError, Distortion, Effect, Projection, Scene, framing_camera};
+use dunkelfeld_scene::{
+    BuildError, BuildReport, Camera, CameraError, Distortion, Effect, Projection, Scene, Vignetting, framing_camera,
+};
 use dunkelfeld_sensor::{Exposure, Optics, SensorModel};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::time::Instant;
 
 /// An opened scene or job.
@@ -51,13 +54,17 @@ pub struct Project {
     /// The files that were read for it, or were to be read. An output must not replace one of them. Record files that
     /// are read later.
     pub inputs: InputFiles,
+    /// Vignetting of all lenses, instead of their own.
+    pub vignetting: Option<Vignetting>,
     /// For later errors.
-    job: Option<Box<Job>>,
+    pub(crate) job: Option<Box<Job>>,
+    /// The part of a larger film that is rendered, if the job describes one.
+    part: Option<FilmPart>,
     /// Pixel pitch [m] of the job's own sensor. The lens keeps it when another command leaves the sensor out.
     own_pitch: Option<f64>,
-    started: Instant,
-    load_seconds: f64,
-    build_seconds: f64,
+    pub(crate) started: Instant,
+    pub(crate) load_seconds: f64,
+    pub(crate) build_seconds: f64,
 }
 
 /// A rendered project.
@@ -145,6 +152,8 @@ impl Project {
         Ok(Self {
             scene,
             own_pitch: pitch_of(&settings.sensor),
+            part: job.as_ref().map(|job| film_part(job, &settings.sensor)).transpose()?.flatten(),
+            vignetting: None,
             settings,
             outputs,
             warnings: imported.warnings,
@@ -160,26 +169,13 @@ impl Project {
         })
     }
 
-    /// The default name of the picture: that of the opened file `input` with `.png`, in the current folder. It is
-    /// another one where an input or another output of the project has it.
-    pub fn default_image_path(&self, input: &Path) -> DefaultPath {
-        let usual = PathBuf::from(input.file_stem().unwrap_or_else(|| "render".as_ref())).with_extension("png");
-        let others = OutputPaths { image: None, ..self.outputs.clone() };
-        let checkpoint = self.settings.checkpoint.as_ref().map(|keep| ("the checkpoint", keep.path.as_path()));
-        free_file(usual, "render", |path| {
-            let image = ("the image", path);
-            check_outputs(&[image], &self.inputs)?;
-            // Another name for the image cannot avoid faults of the other outputs.
-            let mut others = others.named().into_iter().chain(checkpoint);
-            others.try_for_each(|other| check_outputs(&[other, image], &InputFiles::new()))
-        })
-    }
-
     /// The content of the scene, and its hazards.
     pub fn inspect(&self) -> Inspection {
         let mut inspection = inspect(&self.scene, &self.report);
         let film = self.film_size();
-        let fitted = |camera| fit(camera, &self.lens, film).map_or_else(|_| camera.clone(), |fitted| fitted.camera);
+        let fitted = |camera: &Camera| {
+            fit(camera, &self.lens_of(&camera.name), film).map_or_else(|_| camera.clone(), |fitted| fitted.camera)
+        };
         inspection.cameras = self.scene.cameras().iter().map(|camera| camera_entry(&fitted(camera))).collect();
         match self.fitted().map(|settings| settings.view) {
             Ok(view) => {
@@ -214,8 +210,11 @@ impl Project {
             return Ok(settings);
         }
         let camera = find_camera(&self.scene, &settings)?;
+        let (lens, film) = (self.lens_of(&camera.name), self.film_size());
         let Fitted { camera: mut view, f_number, magnification } =
-            fit(&camera, &self.lens, self.film_size()).map_err(|misfit| self.misfit(misfit))?;
+            fit(&camera, &lens, film).map_err(|misfit| self.misfit(&camera.name, misfit))?;
+        self.scale_intrinsics(&mut view, film);
+        view.window = self.part.and_then(|part| part.window(settings.width, settings.height));
         if let (true, Projection::Perspective { vertical_fov }) = (self.scene.cameras().is_empty(), view.projection) {
             // A view of the whole scene, also with this lens.
             let aspect = settings.width as f32 / settings.height as f32;
@@ -229,8 +228,8 @@ impl Project {
         }
         if let Err(e) = self.scene.ray_generator(&view, settings.width, settings.height) {
             return Err(match &self.job {
-                Some(job) if matches!(e, CameraError::NotInvertible { .. }) && self.lens.distortion.is_some() => {
-                    job.lens_error("distortion", e.to_string(), camera_help(&e)).into()
+                Some(job) if matches!(e, CameraError::NotInvertible { .. }) && lens.distortion.is_some() => {
+                    job.lens_error(&camera.name, "distortion", e.to_string(), camera_help(&e)).into()
                 }
                 _ => e.into(),
             });
@@ -239,10 +238,34 @@ impl Project {
         if let SensorChoice::Emva { optics, .. } = &mut settings.sensor
             && *optics == self.optics
         {
-            let (transmission, bands) = (optics.transmission(), optics.bands());
-            *optics = Optics::new(f_number, transmission, magnification)?.with_bands(bands);
+            let (splitter, bands) = match &self.job {
+                Some(job) => (job.splitter_transmission(), job.bands_behind(&lens)?),
+                None => (1.0, optics.bands()),
+            };
+            *optics = Optics::new(f_number, lens.transmission * splitter, magnification)?.with_bands(bands);
+        }
+        if let (SensorChoice::Emva { model, .. }, Some(part)) = (&mut settings.sensor, self.part) {
+            **model = model.binned(part.binning)?;
         }
         Ok(settings)
+    }
+
+    /// The lens of a camera: its own in the job, or that of the project.
+    fn lens_of(&self, camera: &str) -> LensSettings {
+        let defined = self.job.as_ref().and_then(|job| job.camera_settings(camera));
+        let mut lens = defined.map_or_else(|| self.lens.clone(), |camera| camera.lens_or(&self.lens));
+        lens.vignetting = self.vignetting.or(lens.vignetting);
+        lens
+    }
+
+    /// `K` refers to the film of the job. On a film with another number of rows the field of view stays, so that the
+    /// principal point moves with the size of a pixel.
+    fn scale_intrinsics(&self, view: &mut Camera, film: FilmSize) {
+        let Some(job) = &self.job else { return };
+        if job.camera_settings(&view.name).is_some_and(|camera| camera.intrinsics.is_some()) {
+            let scale = f64::from(film.height) / f64::from(whole_film(job, self.part)[1]);
+            view.lens.principal_point = view.lens.principal_point.map(|offset| offset * scale);
+        }
     }
 
     /// Leaves sums out of the film that neither the outputs nor the denoiser need ([`RenderSettings::layers`]). Call it
@@ -254,10 +277,28 @@ impl Project {
 
     /// Changes the number of pixels for the same field of view: pixels become larger as their number decreases.
     pub fn resize_keeping_view(&mut self, width: u32, height: u32) {
-        let before = self.film_size();
-        let growth = f64::from(before.width) / f64::from(width.max(1));
-        self.film.pixel_pitch = before.pitch.map(|pitch| pitch * growth);
+        if self.part.is_none() {
+            let before = self.film_size();
+            let growth = f64::from(before.width) / f64::from(width.max(1));
+            self.film.pixel_pitch = before.pitch.map(|pitch| pitch * growth);
+        }
         (self.settings.width, self.settings.height) = (width, height);
+    }
+
+    /// Gives the film the resolution of the present sensor, if the job sets `full`. Call it after another sensor is
+    /// selected.
+    ///
+    /// # Errors
+    /// A sensor without a resolution, or one that is smaller than the region of the job.
+    pub fn refit_film(&mut self) -> Result<(), Error> {
+        let Some(job) = self.job.as_ref().filter(|job| job.film.full && self.settings.has_sensor()) else {
+            return Ok(());
+        };
+        self.part = film_part(job, &self.settings.sensor)?;
+        if let Some(part) = self.part {
+            [self.settings.width, self.settings.height] = part.size();
+        }
+        Ok(())
     }
 
     /// Takes all settings, but not the scene, from another project.
@@ -267,6 +308,8 @@ impl Project {
         self.film = other.film.clone();
         self.optics = other.optics;
         self.own_pitch = other.own_pitch;
+        self.part = other.part;
+        self.vignetting = other.vignetting;
     }
 
     /// The memory account of a render with the present settings.
@@ -288,7 +331,7 @@ impl Project {
     }
 
     fn film_size(&self) -> FilmSize {
-        let (width, height) = (self.settings.width, self.settings.height);
+        let [width, height] = self.part.map_or([self.settings.width, self.settings.height], |part| part.whole);
         let pitch = self
             .film
             .pixel_pitch
@@ -299,9 +342,9 @@ impl Project {
         FilmSize { width, height, pitch }
     }
 
-    fn misfit(&self, misfit: Misfit) -> Error {
+    fn misfit(&self, camera: &str, misfit: Misfit) -> Error {
         match &self.job {
-            Some(job) => job.lens_error(misfit.key, misfit.problem, misfit.help).into(),
+            Some(job) => job.lens_error(camera, misfit.key, misfit.problem, misfit.help).into(),
             None => Error::setting(format!("lens {}", misfit.key), misfit.problem, misfit.help),
         }
     }
@@ -460,21 +503,23 @@ fn open_job(
     inputs: &mut InputFiles,
 ) -> Result<(Imported, RenderSettings, OutputPaths), Error> {
     let mut imported = load_scene(&job.scene, &job.import_options()).map_err(|e| job.scene_error(e))?;
-    job.camera_index(&imported.scene)?;
-    imported.warnings.extend(job.apply_overrides(&mut imported.scene)?);
-    let defaults = RenderSettings::default();
     let sensor = sensor_of(&job.sensor, optics, inputs).map_err(|e| match e {
         Error::Input(e) => job.sensor_error(e).into(),
         e => e,
     })?;
+    let part = film_part(job, &sensor)?;
+    imported.warnings.extend(job.apply_overrides(&mut imported.scene)?);
+    job.apply_intrinsics(&mut imported.scene, whole_film(job, part));
+    job.camera_index(&imported.scene)?;
+    let [width, height] = part.map_or_else(|| whole_film(job, part), |part| part.size());
     let budget = Budget::default()
         .with_seconds(job.budget.time.map(|t| t.as_secs_f64()))
         .with_spp(job.budget.spp)
         .with_noise(job.budget.noise);
     let settings = RenderSettings::default()
-        .with_width(job.film.width.unwrap_or(defaults.width))
-        .with_height(job.film.height.unwrap_or(defaults.height))
-        .with_camera(job.camera.clone())
+        .with_width(width)
+        .with_height(height)
+        .with_camera(job.camera.selected.clone())
         .with_budget(budget)
         .with_memory_limit(job.budget.memory)
         .with_strategy(job.allocate.strategy)
@@ -494,6 +539,23 @@ fn open_job(
         plan: o.plan.clone(),
     };
     Ok((imported, settings, outputs))
+}
+
+/// The part of a larger film that a job describes.
+fn film_part(job: &Job, sensor: &SensorChoice) -> Result<Option<FilmPart>, Error> {
+    let film = &job.film;
+    if !film.full && film.roi.is_none() && film.binning.is_none() {
+        return Ok(None);
+    }
+    let part = FilmPart::new(film, sensor);
+    part.map(Some).map_err(|(key, problem, help)| job.film_error(key, problem, help).into())
+}
+
+/// Width and height of the whole film of a job \[pixels\].
+fn whole_film(job: &Job, part: Option<FilmPart>) -> [u32; 2] {
+    let defaults = RenderSettings::default();
+    let given = [job.film.width.unwrap_or(defaults.width), job.film.height.unwrap_or(defaults.height)];
+    part.map_or(given, |part| part.whole)
 }
 
 fn sensor_of(sensor: &job::SensorSettings, optics: Optics, inputs: &mut InputFiles) -> Result<SensorChoice, Error> {

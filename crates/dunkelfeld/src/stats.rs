@@ -28,6 +28,8 @@ pub struct Stats {
     pub program: String,
     /// Width and height of the film \[pixels\].
     pub size: [u32; 2],
+    /// Name of the camera; `None` for a merge, whose parts do not contain it.
+    pub camera: Option<String>,
     /// Seed of the render.
     pub seed: u64,
     /// Frame number.
@@ -279,6 +281,7 @@ impl Stats {
             version: STATS_VERSION,
             program: format!("dunkelfeld {}", env!("CARGO_PKG_VERSION")),
             size: [film.width(), film.height()],
+            camera: settings.view.as_ref().map(|view| view.name.clone()).or(settings.camera.clone()),
             seed: settings.seed,
             frame: settings.frame,
             training_paths: settings.training_paths(),

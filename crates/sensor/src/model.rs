@@ -96,6 +96,8 @@ pub struct SensorSpec {
     pub assumed: Vec<String>,
     /// Distance between pixel centres. The area of a pixel is its square.
     pub pixel_pitch: Metres,
+    /// Columns and rows of the sensor, if they are published.
+    pub resolution: Option<[u32; 2]>,
     /// Quantum efficiency eta of all pixels, or of each colour.
     pub quantum_efficiency: Efficiency,
     /// Electrons of a full pixel (or the saturation capacity mu_e.sat, if only that is published).
@@ -181,6 +183,24 @@ impl SensorModel {
         crate::pattern::rest(self.0.dark_noise, &[self.0.row_noise])
     }
 
+    /// The sensor with squares of `factor * factor` pixels that are read as one: their charges are added before the
+    /// readout. Pitch and dark current of a pixel grow. Full well, dark noise, gain and non-uniformities of a readout
+    /// remain, because the data sheet contains no others.
+    ///
+    /// # Errors
+    /// If the pixels become larger than the model allows.
+    pub fn binned(&self, factor: u32) -> Result<Self, SensorError> {
+        let mut spec = self.0.clone();
+        let side = f64::from(factor.max(1));
+        spec.pixel_pitch = Metres(spec.pixel_pitch.0 * side);
+        spec.dark_current.rate *= side * side;
+        spec.resolution = spec.resolution.map(|sides| sides.map(|n| n / factor.max(1)));
+        if factor > 1 {
+            spec.name = format!("{}, binned {factor} x {factor}", spec.name);
+        }
+        Self::new(spec)
+    }
+
     /// The parameters.
     pub fn spec(&self) -> &SensorSpec {
         &self.0
@@ -243,6 +263,7 @@ pub(crate) mod tests {
             derived: vec![],
             assumed: vec![],
             pixel_pitch: Metres::from_micrometres(3.45),
+            resolution: None,
             quantum_efficiency: QuantumEfficiency::new(vec![(Nanometres(530.0), 0.65)]).expect("a curve").into(),
             full_well: Electrons(10_000.0),
             dark_noise: Electrons(4.0),

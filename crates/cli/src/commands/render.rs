@@ -100,8 +100,12 @@ fn apply(args: &RenderArgs, project: &mut Project) -> Result<Option<String>, Err
         (s.budget, s.strategy) = (Budget::default(), None);
         s.samples.clone_from(&args.samples);
     }
-    project.lens.vignetting = args.vignetting.or(project.lens.vignetting);
+    project.vignetting = args.vignetting;
     apply_sensor(args.sensor.as_deref(), args.exposure, s, project.optics, &mut project.inputs)?;
+    if args.sensor.is_some() && args.replay.is_none() && args.width.or(args.height).is_none() {
+        project.refit_film()?;
+    }
+    let s = &mut project.settings;
     apply_exposure_noise(args.exposure_noise, s)?;
     apply_denoise(args.denoise, args.oidn.as_ref(), &mut s.denoise);
     let o = &mut project.outputs;

@@ -28,12 +28,16 @@
 //! Colours are linear Rec. 709, `[r, g, b]` or one number for all three.
 
 pub(crate) mod check;
+mod cameras;
+mod film;
 mod lamps;
 mod lens;
 mod lights;
 mod overrides;
 pub(crate) mod place;
 
+pub use cameras::{CameraSettings, Cameras};
+pub use film::FilmSettings;
 pub use lamps::{LampKind, LedCount, Wavelength};
 pub use lens::{FilterSettings, LensProjection, LensSettings};
 pub use place::Place;
@@ -42,13 +46,11 @@ use crate::error::InputError;
 use crate::import::options::{EmissiveUnit, ImportOptions};
 use crate::input::{InputFiles, Role};
 use crate::loader::Limits;
-use crate::names::suggestion;
 use crate::toml_file::TomlFile;
 use dunkelfeld_adaptive::Strategy;
 use dunkelfeld_denoise::{DenoiseMethod, DenoiseSettings};
 use dunkelfeld_geometry::DVec3;
 use dunkelfeld_radiometry::{Number, Rgb, Seconds};
-use dunkelfeld_scene::SceneBuilder;
 use dunkelfeld_sensor::ExposureNoise;
 use serde::Deserialize;
 use serde::de::{Deserializer, Error};
@@ -65,8 +67,9 @@ pub const DEFAULT_SENSOR: &str = "imx250";
 pub struct Job {
     /// The scene file (`.glb`, `.gltf`, `.obj`), relative to the job file. Required.
     pub scene: PathBuf,
-    /// Name of the camera. Default: the scene's first camera, or a view of the whole scene if it has none.
-    pub camera: Option<String>,
+    /// Name of the camera, or the definition of cameras.
+    #[serde(default)]
+    pub camera: Cameras,
     /// Seed of all random numbers; the same seed gives the same image. Default 0.
     #[serde(default)]
     pub seed: u64,
@@ -127,28 +130,6 @@ pub struct ImportSettings {
     /// default 1 GiB, see [`Limits`].
     #[serde(default, deserialize_with = "check::memory")]
     pub texture_memory: Option<u64>,
-}
-
-/// `[film]`
-#[derive(Clone, Debug, Default, PartialEq, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct FilmSettings {
-    /// Width in pixels, 1 to 32768.
-    #[serde(deserialize_with = "check::pixels")]
-    pub width: Option<u32>,
-    /// Height in pixels, 1 to 32768.
-    #[serde(deserialize_with = "check::pixels")]
-    pub height: Option<u32>,
-    /// Side of a pixel \[m\] on the sensor, written as `"3.45um"`. A focal length refers to it. Default: that of the
-    /// sensor model.
-    #[serde(deserialize_with = "check::positive_length")]
-    pub pixel_pitch: Option<f64>,
-    /// Width \[m\] of the film on the sensor, for any number of pixels; instead of `pixel_pitch`.
-    #[serde(deserialize_with = "check::positive_length")]
-    pub sensor_width: Option<f64>,
-    /// Height \[m\] of the film on the sensor; instead of `pixel_pitch`.
-    #[serde(deserialize_with = "check::positive_length")]
-    pub sensor_height: Option<f64>,
 }
 
 /// `[budget]`: with several limits, the first one that is reached ends the render.
@@ -572,9 +553,10 @@ impl Job {
         if let SensorChoice::File(path) = &mut job.sensor.model {
             *path = file.resolve(&path);
         }
-        lens::check_film(&job.film)
+        lens::check_film(&job.film, &job.sensor.model)
             .and_then(|()| lens::check_lens(&job.lens, &job.film, &job.sensor.model))
             .map_err(|(key, problem, help)| file.error_at_key(&key, problem, help))?;
+        job.camera.complete(&file, &job.lens, &job.film, &job.sensor.model)?;
         for key in ["exposure", "exposure_noise"].map(|key| ["sensor", key]) {
             if job.sensor.model == SensorChoice::None && file.has_key(&key) {
                 let problem = "there is no sensor to expose";
@@ -657,24 +639,5 @@ impl Job {
         }
         let problem = format!("{}: {}", error.file.display(), error.problem);
         self.source.error_at_key(&["sensor", "model"], problem, error.help)
-    }
-
-    /// An error about a key of `[lens]` that depends on lens, film and scene together.
-    pub fn lens_error(&self, key: &str, problem: impl Into<String>, help: impl Into<String>) -> InputError {
-        self.source.error_at_key(&["lens", key], problem, help)
-    }
-
-    /// Index of the job's camera; `None` if the job names none.
-    ///
-    /// # Errors
-    /// If the scene has no camera of that name.
-    pub fn camera_index(&self, scene: &SceneBuilder) -> Result<Option<usize>, InputError> {
-        let Some(name) = &self.camera else { return Ok(None) };
-        let found = scene.cameras.iter().position(|c| c.name == *name);
-        found.map(Some).ok_or_else(|| {
-            let known: Vec<&str> = scene.cameras.iter().map(|c| c.name.as_str()).collect();
-            let problem = format!("the scene has no camera named \"{name}\"");
-            self.source.error_at_key(&["camera"], problem, suggestion(name, "cameras", &known))
-        })
     }
 }

@@ -7,6 +7,7 @@
 //! assumed = ["offset_dn"]                     # optional: keys whose values are assumptions
 //! bit_depth = 12                              # 8 to 16
 //! pixel_pitch_um = 2.25
+//! resolution = [2064, 1552]                   # optional: columns and rows
 //! quantum_efficiency = [[536, 0.9125]]        # points [nm, fraction]; one point holds for all wavelengths
 //! full_well_e = 9458
 //! dark_noise_e = 5.56                         # sigma_d0
@@ -38,6 +39,7 @@
 use std::ops::Range;
 use std::path::Path;
 
+use dunkelfeld_film::MAX_SIDE;
 use dunkelfeld_radiometry::{Celsius, DigitalNumber, Electrons, Metres, Nanometres};
 use dunkelfeld_sensor::{
     BayerPattern, ColorFilter, DarkCurrent, Defects, Efficiency, FixedPattern, PRESETS, Published, QuantumEfficiency,
@@ -136,6 +138,7 @@ pub fn parse_sensor(file: &TomlFile) -> Result<SensorModel, InputError> {
         derived: toml.derived.iter().map(|s| s.get_ref().clone()).collect(),
         assumed: toml.assumed.iter().map(|s| s.get_ref().clone()).collect(),
         pixel_pitch: Metres::from_micrometres(*toml.pixel_pitch_um.get_ref()),
+        resolution: toml.resolution.as_ref().map(|r| resolution(file, r)).transpose()?,
         quantum_efficiency,
         full_well: Electrons(*toml.full_well_e.get_ref()),
         dark_noise: Electrons(*toml.dark_noise_e.get_ref()),
@@ -175,9 +178,10 @@ pub fn parse_sensor(file: &TomlFile) -> Result<SensorModel, InputError> {
 const EFFICIENCY: &str = "write points [wavelength in nm, efficiency from 0 to 1] by ascending wavelength";
 
 /// All keys that `derived` and `assumed` may contain.
-const KEYS: [&str; 21] = [
+const KEYS: [&str; 22] = [
     "bit_depth",
     "pixel_pitch_um",
+    "resolution",
     "quantum_efficiency",
     "full_well_e",
     "dark_noise_e",
@@ -210,6 +214,7 @@ struct SensorToml {
     assumed: Vec<Spanned<String>>,
     bit_depth: Spanned<BitDepth>,
     pixel_pitch_um: Spanned<f64>,
+    resolution: Option<Spanned<Vec<i64>>>,
     quantum_efficiency: Option<Spanned<Vec<[f64; 2]>>>,
     full_well_e: Spanned<f64>,
     dark_noise_e: Spanned<f64>,
@@ -324,6 +329,19 @@ impl PublishedToml {
         };
         field.as_ref().map(Spanned::span)
     }
+}
+
+/// Columns and rows of a sensor.
+fn resolution(file: &TomlFile, numbers: &Spanned<Vec<i64>>) -> Result<[u32; 2], InputError> {
+    let side = |n: i64| u32::try_from(n).ok().filter(|n| (1..=MAX_SIDE).contains(n));
+    match numbers.get_ref()[..] {
+        [columns, rows] => side(columns).zip(side(rows)).map(|(columns, rows)| [columns, rows]),
+        _ => None,
+    }
+    .ok_or_else(|| {
+        let help = format!("write [columns, rows], two whole numbers from 1 to {MAX_SIDE}");
+        file.error_at(numbers.span(), "this is no resolution", help)
+    })
 }
 
 /// Points of a file as a curve.

@@ -11,6 +11,7 @@ pub(crate) fn spec() -> SensorSpec {
         derived: vec![],
         assumed: vec![],
         pixel_pitch: Metres::from_micrometres(3.45),
+        resolution: None,
         quantum_efficiency: QuantumEfficiency::new(vec![(Nanometres(530.0), 0.65)]).expect("a curve").into(),
         full_well: Electrons(20_000.0),
         dark_noise: Electrons(4.0),

@@ -473,6 +473,7 @@ impl<'de> Visitor<'de> for Coefficients {
     }
 }
 
+/// A number, written with or without a decimal point.
 pub(super) struct Real(pub(super) f64);
 
 impl<'de> Deserialize<'de> for Real {

@@ -1,6 +1,6 @@
 //! `[[light]]` with a `kind`: new lamps, described as in a catalogue.
 
-use super::{Exposure, Job, LightSettings};
+use super::{Exposure, Job, LensSettings, LightSettings};
 use crate::error::{ImportWarning, InputError};
 use crate::quantity::Length;
 use dunkelfeld_geometry::{DAffine3, DMat3, DQuat, DVec3, Mesh};
@@ -406,6 +406,14 @@ impl Job {
     /// # Errors
     /// Two lamps whose different wavelengths need the same channel.
     pub fn bands(&self) -> Result<Bands, InputError> {
+        self.bands_behind(&self.lens)
+    }
+
+    /// [`Job::bands`] behind the filter of another lens.
+    ///
+    /// # Errors
+    /// As [`Job::bands`].
+    pub fn bands_behind(&self, lens: &LensSettings) -> Result<Bands, InputError> {
         let mut bands = Bands::default();
         let mut users: [Option<(usize, Nanometres)>; 3] = [None; 3];
         for (i, light) in self.lights.iter().enumerate().filter(|(_, light)| light.enabled) {
@@ -427,7 +435,7 @@ impl Job {
             }
             bands.wavelengths[channel] = wavelength.0;
         }
-        if let Some(filter) = &self.lens.filter {
+        if let Some(filter) = &lens.filter {
             bands = bands.through(filter.center, filter.width, filter.transmission, users.map(|u| u.is_some()));
         }
         Ok(bands)

@@ -112,8 +112,20 @@ pub enum LensProjection {
 /// An impossible value in `[lens]` or `[film]` of a job: table and key, problem, help.
 pub(super) type Fault = ([&'static str; 2], &'static str, &'static str);
 
-/// Does a film contain its size on the sensor at most once?
-pub(super) fn check_film(film: &FilmSettings) -> Result<(), Fault> {
+/// Does a film contain its number of pixels, and its size on the sensor, at most once?
+pub(super) fn check_film(film: &FilmSettings, sensor: &SensorChoice) -> Result<(), Fault> {
+    if film.full {
+        for (key, given) in [("width", film.width.is_some()), ("height", film.height.is_some())] {
+            if given {
+                let problem = "the film has the resolution of the sensor, because of `full`";
+                return Err((["film", key], problem, "remove it, or write a `roi` for a part of the film"));
+            }
+        }
+        if *sensor == SensorChoice::None {
+            let problem = "there is no sensor whose resolution the film could have";
+            return Err((["film", "full"], problem, "name a [sensor] model, or write `width` and `height`"));
+        }
+    }
     let sizes = [
         ("pixel_pitch", film.pixel_pitch.is_some()),
         ("sensor_width", film.sensor_width.is_some()),

@@ -58,7 +58,7 @@ impl Job {
         Ok(())
     }
 
-    /// Changes the scene by `[environment]`, `[[material]]` and `[[light]]`, in this order.
+    /// Changes the scene by `[environment]`, `[[material]]`, `[camera]` and `[[light]]`, in this order.
     ///
     /// # Errors
     /// If a name matches nothing in the scene, a light's quantity does not fit its kind, or the environment's image
@@ -72,6 +72,8 @@ impl Job {
         for (i, change) in self.materials.iter().enumerate() {
             self.change_materials(i, change, scene)?;
         }
+        // Lights may be placed on the axis of a camera.
+        self.add_cameras(scene)?;
         for (i, change) in self.lights.iter().enumerate() {
             match change.kind {
                 Some(kind) => self.add_lamp(i, change, kind, scene, &mut warnings)?,

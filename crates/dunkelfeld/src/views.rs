@@ -1,0 +1,109 @@
+//! Several cameras of one job: their names, their files, and the clock of each render.
+
+use crate::guard::{DefaultPath, Output, check_outputs, free_file};
+use crate::outputs::OutputPaths;
+use crate::project::Project;
+use dunkelfeld_io::input::InputFiles;
+use dunkelfeld_render::Error;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+impl Project {
+    /// Names of the cameras that the job defines, in its order; none if the settings name a camera. Each of them gets
+    /// a render of its own.
+    pub fn defined_cameras(&self) -> Vec<String> {
+        match (&self.settings.camera, &self.job) {
+            (None, Some(job)) => job.camera.defined.iter().map(|camera| camera.name.clone()).collect(),
+            _ => Vec::new(),
+        }
+    }
+
+    /// Starts the clock of another render of the same scene. The seconds of loading belong to the first one.
+    pub fn restart_clock(&mut self) {
+        self.started = Instant::now();
+        (self.load_seconds, self.build_seconds) = (0.0, 0.0);
+    }
+
+    /// The default name of the picture: that of the opened file `input` with `.png`, in the current folder. It is
+    /// another one where an input or another output of the project has it.
+    pub fn default_image_path(&self, input: &Path) -> DefaultPath {
+        self.default_image(input, None, &self.outputs)
+    }
+
+    /// The default name of the picture of one of several cameras, beside its other outputs.
+    pub fn default_image_path_of(&self, input: &Path, camera: &str, outputs: &OutputPaths) -> DefaultPath {
+        self.default_image(input, Some(camera), outputs)
+    }
+
+    fn default_image(&self, input: &Path, camera: Option<&str>, outputs: &OutputPaths) -> DefaultPath {
+        let usual = PathBuf::from(input.file_stem().unwrap_or_else(|| "render".as_ref())).with_extension("png");
+        let usual = camera.map_or(usual.clone(), |camera| with_camera(&usual, camera));
+        let others = OutputPaths { image: None, ..outputs.clone() };
+        let checkpoint = self.settings.checkpoint.as_ref().map(|keep| ("the checkpoint", keep.path.as_path()));
+        free_file(usual, "render", |path| {
+            let image = ("the image", path);
+            check_outputs(&[image], &self.inputs)?;
+            // Another name for the image cannot avoid faults of the other outputs.
+            let mut others = others.named().into_iter().chain(checkpoint);
+            others.try_for_each(|other| check_outputs(&[other, image], &InputFiles::new()))
+        })
+    }
+
+    /// Checks the outputs of several renders of the project before the first one: each for itself, and that no file is
+    /// named twice.
+    ///
+    /// # Errors
+    /// The first fault found, with help.
+    pub fn check_outputs_of_all(&self, renders: &[OutputPaths]) -> Result<(), Error> {
+        let mut inputs = self.inputs.clone();
+        inputs.add_library(self.settings.denoise.oidn.as_deref());
+        for outputs in renders {
+            outputs.check_beside(self.settings.has_sensor(), None, &inputs)?;
+        }
+        let all: Vec<Output<'_>> = renders.iter().flat_map(OutputPaths::named).collect();
+        check_outputs(&all, &InputFiles::new())
+    }
+}
+
+impl OutputPaths {
+    /// The files of one of several cameras: its name is in front of the extension, as in `panel-left.png`. Characters
+    /// that are neither letters nor digits nor one of `-`, `_` and `.` become `_`.
+    #[must_use]
+    pub fn for_camera(&self, camera: &str) -> Self {
+        let named = |path: &Option<PathBuf>| path.as_ref().map(|path| with_camera(path, camera));
+        Self {
+            image: named(&self.image),
+            linear: named(&self.linear),
+            exr: named(&self.exr),
+            stats: named(&self.stats),
+            plan: named(&self.plan),
+        }
+    }
+}
+
+fn with_camera(path: &Path, camera: &str) -> PathBuf {
+    let is_plain = |c: char| c.is_alphanumeric() || "-_.".contains(c);
+    let mut name = path.file_stem().unwrap_or_default().to_os_string();
+    name.push("-");
+    name.push(camera.chars().map(|c| if is_plain(c) { c } else { '_' }).collect::<String>());
+    if let Some(ending) = path.extension() {
+        name.push(".");
+        name.push(ending);
+    }
+    path.with_file_name(name)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_name_of_the_camera_is_in_front_of_the_extension() {
+        let paths = OutputPaths::default().with_image("out/panel.png").with_stats("panel.json");
+        let left = paths.for_camera("left/top 1");
+        assert_eq!(left.image.as_deref(), Some(Path::new("out/panel-left_top_1.png")));
+        assert_eq!((left.stats.as_deref(), left.exr), (Some(Path::new("panel-left_top_1.json")), None));
+        assert_eq!(with_camera(Path::new("a.b.png"), "ü.2"), Path::new("a.b-ü.2.png"));
+        assert_eq!(with_camera(Path::new("panel"), ".."), Path::new("panel-.."));
+    }
+}
