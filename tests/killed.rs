@@ -139,7 +139,7 @@ fn an_interrupted_render_leaves_its_checkpoint_and_continues() {
     assert!(bench.read("a.exr") == bench.read("b.exr") && bench.read("a.png") == bench.read("b.png"));
 }
 
-/// How long a machine takes is not tested here, and a loaded one may miss the budget: exit code 1.
+/// How long a machine takes is not tested here: a loaded one may miss the budget, which is a warning.
 #[test]
 fn a_timed_render_that_was_killed_counts_the_time_before_and_replays() {
     let bench = Bench::new();
@@ -147,9 +147,7 @@ fn a_timed_render_that_was_killed_counts_the_time_before_and_replays() {
     let timed =
         format!("{base} --time 3s --checkpoint a.film --checkpoint-every 0s -o a.png --exr a.exr --stats a.json");
     assert!(!bench.kill_after(&timed, 8), "three seconds are over too soon");
-    let said = bench.run(&timed);
-    let code = said.get_output().status.code();
-    assert!(matches!(code, Some(0 | 1)), "{code:?}: {}", stderr(&said));
+    let said = bench.run(&timed).code(0);
     let stats: serde_json::Value = serde_json::from_slice(&bench.read("a.json")).expect("JSON");
     let number = |key: &str| stats[key].as_f64().unwrap_or_else(|| panic!("{key} is no number"));
     assert_eq!(stats["stop"], "time");
@@ -172,7 +170,7 @@ fn parts_of_several_processes_merge_to_the_whole() {
     }
     let outputs = "--exr all.exr -o all.png --linear all.tif --stats all.json";
     let merged = bench.run(&format!("merge c.film a.film b.film --checkpoint all.film {outputs}")).code(0);
-    for words in ["3 parts: samples 0..24", "exposed for", "noise: "] {
+    for words in ["3 parts: samples 0..24", "exposed for", "noise of the render: "] {
         assert!(stdout(&merged).contains(words), "{}", stdout(&merged));
     }
     for (file, of) in [("exr", "layers"), ("png", "pictures"), ("tif", "grey values")] {

@@ -19,8 +19,8 @@ use std::path::PathBuf;
 
 /// Renders images of an industrial camera: a path tracer with a built-in EMVA 1288 sensor.
 ///
-/// Exit codes: 0 done; 1 rendered, but the result is flagged (invalid samples, time budget missed or too small); 2 bad input or usage;
-/// 130 interrupted, the best image so far was written.
+/// Exit codes: 0 done; 1 rendered, but the result is flagged (invalid samples, time budget too small for every pixel; with `render --strict`
+/// also a time budget that was missed); 2 bad input or usage; 130 interrupted, the best image so far was written.
 #[derive(Debug, Parser)]
 #[command(name = "dunkelfeld", version, about, long_about, propagate_version = true)]
 pub(crate) struct Cli {
@@ -88,7 +88,8 @@ pub(crate) struct RenderArgs {
     /// Height of the image [default: 512].
     #[arg(long, value_name = "PIXELS", allow_negative_numbers = true, value_parser = within(1..=dunkelfeld::MAX_SIDE))]
     pub(crate) height: Option<u32>,
-    /// Camera by name [default: the first; a framing of the whole scene if there is none].
+    /// Camera by name, of the job or of the scene [default: all that the job defines, each with its name in the files; otherwise
+    /// the first of the scene, or a framing of the whole scene].
     #[arg(long, value_name = "NAME")]
     pub(crate) camera: Option<String>,
 
@@ -170,6 +171,10 @@ pub(crate) struct RenderArgs {
     pub(crate) memory: MemoryArgs,
     #[command(flatten)]
     pub(crate) run: RunArgs,
+    /// End with exit code 1 if the command took longer than the time budget by more than 2 % and 0.2 s. Without the flag
+    /// that is a warning, and the exit code is 0.
+    #[arg(long)]
+    pub(crate) strict: bool,
     /// Trace one sample instead of rendering, and print its path vertex by vertex. Nothing is written, so flags for outputs
     /// and budgets are refused.
     #[arg(long, value_name = "X,Y,SAMPLE", value_parser = pixel_sample,

@@ -1,6 +1,6 @@
 //! Progress on standard error: a bar with the remaining time, or one JSON object a line.
 
-use crate::outcome::say;
+use crate::outcome::{say, say_json, say_object};
 use crate::run_args::ProgressKind;
 use crate::words::{count, remaining};
 use dunkelfeld::{Forecast, ForecastLevel, Progress, ProgressState, Stage};
@@ -22,7 +22,10 @@ pub(crate) enum Sink {
 impl Sink {
     pub(crate) fn new(kind: ProgressKind) -> Self {
         match kind {
-            ProgressKind::Json => Self::Json,
+            ProgressKind::Json => {
+                say_json();
+                Self::Json
+            }
             ProgressKind::None => Self::None,
             ProgressKind::Bar => {
                 // indicatif shows nothing unless standard error is a terminal, and no colours where NO_COLOR is set.
@@ -34,6 +37,20 @@ impl Sink {
                 }
                 Self::Bar(bar)
             }
+        }
+    }
+
+    /// Begins the render of one of several cameras.
+    pub(crate) fn begin_camera(&self, name: &str) {
+        if let Self::Json = self {
+            say_object(&serde_json::json!({ "event": "camera", "name": name }));
+        }
+    }
+
+    /// Removes the bar until the next stage, so that other output is separate.
+    pub(crate) fn clear(&self) {
+        if let Self::Bar(bar) = self {
+            bar.finish_and_clear();
         }
     }
 
@@ -60,6 +77,9 @@ impl Progress for Sink {
         match self {
             Self::None => {}
             Self::Bar(bar) => {
+                if bar.is_finished() {
+                    bar.reset();
+                }
                 bar.set_prefix(s.stage.name());
                 bar.set_position((s.fraction * STEPS as f64) as u64);
                 let left = s.remaining.map(|r| format!("{} left", remaining(r)));
@@ -68,13 +88,14 @@ impl Progress for Sink {
             }
             Self::Json => {
                 let line = serde_json::json!({
+                    "event": "progress",
                     "stage": s.stage.name(),
                     "fraction": s.fraction,
                     "elapsed": s.elapsed,
                     "remaining": s.remaining,
                     "samples": s.samples,
                 });
-                say(&line.to_string());
+                say_object(&line);
             }
         }
     }
@@ -84,6 +105,7 @@ impl Progress for Sink {
             Self::None => {}
             Self::Json => {
                 let line = serde_json::json!({
+                    "event": "forecast",
                     "stage": Stage::Plan.name(),
                     "fraction": 0.0,
                     "elapsed": forecast.made_at,
@@ -91,7 +113,7 @@ impl Progress for Sink {
                     "samples": forecast.made_from,
                     "forecast": forecast.levels,
                 });
-                say(&line.to_string());
+                say_object(&line);
             }
             // A stage that ends before a user can read its name is not shown.
             Self::Bar(_) if forecast.remaining.is_some_and(|r| r >= LONG) => {

@@ -17,6 +17,7 @@ mod words;
 
 use clap::Parser;
 use outcome::Outcome;
+use std::ffi::OsString;
 use std::io::Write;
 use std::process::ExitCode;
 use std::time::Instant;
@@ -29,6 +30,11 @@ fn main() -> ExitCode {
         Ok(args) => args,
         Err(e) => {
             // Help and version are no errors; everything else is bad usage.
+            if e.use_stderr() && wants_json(std::env::args_os()) {
+                outcome::say_json();
+                outcome::say(&e.to_string());
+                return Outcome::BadInput.into();
+            }
             let result = e.print();
             if e.use_stderr() {
                 return Outcome::BadInput.into();
@@ -52,6 +58,12 @@ fn main() -> ExitCode {
         args::Command::Sensors(a) => commands::sensors::run(&a),
     };
     end(result)
+}
+
+/// Do these arguments, which may be invalid, contain `--progress json`?
+fn wants_json(args: impl Iterator<Item = OsString>) -> bool {
+    let args: Vec<OsString> = args.collect();
+    args.iter().any(|arg| arg == "--progress=json") || args.windows(2).any(|w| w[0] == "--progress" && w[1] == "json")
 }
 
 /// The exit code of a command, with the output of its errors.

@@ -1,9 +1,10 @@
 //! The result of a command and its output: results to standard output, everything else to standard error.
 
-use dunkelfeld::io::visible;
+use dunkelfeld::io::{visible, visible_json};
 use std::io::{ErrorKind, Write};
 use std::process::ExitCode;
 use std::sync::OnceLock;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 /// The result of a command. The exit code passes it to other programs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -36,9 +37,24 @@ impl From<Outcome> for ExitCode {
     }
 }
 
+/// Are lines on standard error JSON objects?
+static JSON: AtomicBool = AtomicBool::new(false);
+
+/// From now on each line on standard error is a JSON object.
+pub(crate) fn say_json() {
+    JSON.store(true, Ordering::Relaxed);
+}
+
 /// Prints an error: the fault, the line of the file that contains it, and help.
 pub(crate) fn print_error(error: &dunkelfeld::Error) {
     let text = format!("error: {error}");
+    if JSON.load(Ordering::Relaxed) {
+        let message = text.trim_start_matches("error: ");
+        let (problem, help) = message.split_once("\n  help: ").unwrap_or((message, ""));
+        let caret = error.caret();
+        let event = serde_json::json!({ "event": "error", "message": problem, "help": help, "place": caret });
+        return write_line(&visible_json(&event.to_string()));
+    }
     let (problem, help) = text.split_at(text.find("\n  help: ").unwrap_or(text.len()));
     let caret = error.caret();
     let lines = [problem, &caret, help.trim_start_matches('\n')];
@@ -76,7 +92,23 @@ pub(crate) fn output_failure() -> Option<dunkelfeld::Error> {
     })
 }
 
-/// Prints a line to standard error. A closed pipe is no error here either (`eprintln!` would panic).
+/// Prints a line to standard error. As JSON it is an event: of the kind that the line begins with, or a `note`.
 pub(crate) fn say(line: &str) {
-    let _ = std::io::stderr().lock().write_all(format!("{}\n", visible(line)).as_bytes());
+    if !JSON.load(Ordering::Relaxed) {
+        return write_line(&visible(line));
+    }
+    let kinds = ["warning", "hazard", "note", "flagged", "interrupted", "error"];
+    let known = line.split_once(": ").filter(|(kind, _)| kinds.contains(kind));
+    let (kind, message) = known.unwrap_or(("note", line.trim()));
+    write_line(&visible_json(&serde_json::json!({ "event": kind, "message": message }).to_string()));
+}
+
+/// Prints a JSON object to standard error.
+pub(crate) fn say_object(object: &serde_json::Value) {
+    write_line(&visible_json(&object.to_string()));
+}
+
+/// A closed pipe is no error here either (`eprintln!` would panic).
+fn write_line(line: &str) {
+    let _ = std::io::stderr().lock().write_all(format!("{line}\n").as_bytes());
 }

@@ -3,7 +3,7 @@
 
 use dunkelfeld::adaptive::{MAX_MEAN_SPP, NOISE_LEVELS};
 use dunkelfeld::io::{Length, Time};
-use dunkelfeld::radiometry::Seconds;
+use dunkelfeld::radiometry::{Number, Seconds};
 use dunkelfeld::scene::{Effect, SceneBuilder};
 use dunkelfeld::sensor::Exposure;
 use dunkelfeld::trace::PixelSample;
@@ -14,7 +14,25 @@ use std::ops::{Range, RangeInclusive};
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum ExposureChoice {
     Auto,
-    For(Exposure),
+    For {
+        /// The exposure time.
+        time: Exposure,
+        /// Is the time written with a unit?
+        has_unit: bool,
+    },
+}
+
+impl ExposureChoice {
+    /// The note for a time without a unit.
+    pub(crate) fn note(self) -> Option<String> {
+        match self {
+            Self::For { time, has_unit: false } => {
+                let number = Number(time.time().0);
+                Some(format!("note: --exposure {number} is {number} s; write {number}ms for milliseconds"))
+            }
+            _ => None,
+        }
+    }
 }
 
 /// A length such as `12mm`, in metres.
@@ -88,7 +106,8 @@ pub(crate) fn exposure(text: &str) -> Result<ExposureChoice, String> {
     if text == "auto" {
         return Ok(ExposureChoice::Auto);
     }
-    Exposure::new(Seconds(time(text)?)).map(ExposureChoice::For).map_err(|e| e.to_string())
+    let exposure = Exposure::new(Seconds(time(text)?)).map_err(|e| e.to_string())?;
+    Ok(ExposureChoice::For { time: exposure, has_unit: text.parse::<f64>().is_err() })
 }
 
 pub(crate) fn sample_range(text: &str) -> Result<Range<u32>, String> {
@@ -159,6 +178,9 @@ mod tests {
             assert!(sample_range(bad).is_err(), "{bad}");
         }
         assert_eq!(exposure("auto"), Ok(ExposureChoice::Auto));
+        let note = |text: &str| exposure(text).expect("a time").note();
+        assert_eq!([note("auto"), note("5ms"), note("5s")], [None, None, None]);
+        assert_eq!(note("5").as_deref(), Some("note: --exposure 5 is 5 s; write 5ms for milliseconds"));
         for bad in ["0ms", "-5ms", "5x", "long", ""] {
             assert!(exposure(bad).is_err(), "{bad}");
         }

@@ -17,6 +17,31 @@ pub(crate) fn exposure_time(seconds: f64) -> String {
     }
 }
 
+/// A number with three significant digits: `0.0123`, `4.50`, `123`, `45600`, and `1.23e-7` outside 0.001 to a million.
+pub(crate) fn three_digits(value: f64) -> String {
+    let magnitude = value.abs();
+    if magnitude == 0.0 || !magnitude.is_finite() {
+        return format!("{value}");
+    }
+    // Rounded first: 0.9996 has the magnitude of 1.00.
+    let rounded: f64 = format!("{magnitude:.2e}").parse().unwrap_or(magnitude);
+    if !(1e-3..1e6).contains(&rounded) {
+        return format!("{value:.2e}");
+    }
+    let digits = (2.0 - rounded.log10().floor()).max(0.0) as usize;
+    format!("{value:.digits$}")
+}
+
+/// A radiant power with three significant digits, in the unit that suits it.
+pub(crate) fn power(watts: f64) -> String {
+    match watts.abs() {
+        w if w >= 1.0 || w == 0.0 => format!("{} W", three_digits(watts)),
+        w if w >= 1e-3 => format!("{} mW", three_digits(watts * 1e3)),
+        w if w >= 1e-6 => format!("{} uW", three_digits(watts * 1e6)),
+        _ => format!("{} W", three_digits(watts)),
+    }
+}
+
 /// An expected time: only digits within its accuracy.
 pub(crate) fn remaining(s: f64) -> String {
     match s.max(0.0).round() as u64 {
@@ -65,6 +90,28 @@ mod tests {
     fn exposure_times_have_their_unit() {
         for (s, words) in [(5e-3, "5.000 ms"), (1.234_56e-4, "123.46 us"), (2.0, "2.000 s")] {
             assert_eq!(exposure_time(s), words);
+        }
+    }
+
+    #[test]
+    fn powers_never_vanish_by_rounding() {
+        for (value, words) in [
+            (0.0, "0"),
+            (0.012_345, "0.0123"),
+            (0.000_999_6, "0.00100"),
+            (0.9996, "1.00"),
+            (4.5, "4.50"),
+            (123.4, "123"),
+            (45_678.0, "45678"),
+            (1.234e-7, "1.23e-7"),
+            (-2.5e9, "-2.50e9"),
+        ] {
+            assert_eq!(three_digits(value), words);
+        }
+        for (watts, words) in
+            [(0.0, "0 W"), (12.0, "12.0 W"), (0.0123, "12.3 mW"), (4.56e-6, "4.56 uW"), (7.89e-9, "7.89e-9 W")]
+        {
+            assert_eq!(power(watts), words);
         }
     }
 

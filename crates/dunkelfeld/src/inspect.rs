@@ -208,7 +208,9 @@ impl Inspection {
     pub(crate) fn add_effect(&mut self, effect: Effect, place: &str) {
         if let Some(entry) = self.effects.iter_mut().find(|e| e.name == effect.name()) {
             entry.on = true;
-            entry.called_for_by.push(place.into());
+            if !entry.called_for_by.iter().any(|user| user == place) {
+                entry.called_for_by.push(place.into());
+            }
         }
     }
 }

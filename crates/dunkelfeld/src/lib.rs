@@ -106,10 +106,10 @@ pub mod radiometry {
 pub mod scene {
     pub use dunkelfeld_scene::{
         AlphaMode, Aperture, Blades, BuildError, BuildReport, Camera, CameraError, ChannelTexture, ColorEncoding,
-        Distortion, Effect, Effects, Environment, EnvironmentSource, FilmWindow, Filter, Finding, Image, ImageId, Instance, Lens,
-        LightInfo, LightProfile, Material, MeshPart, Opening, PartInfo, ProfileError, Projection, PunctualKind,
-        PunctualLight, RayGenerator, Scene, SceneBuilder, SceneSummary, Severity, Surface, Texels, Texture,
-        TextureTransform, ThinLens, Vignetting, Volume, Wrap, framing_camera, look_at, shapes,
+        Distortion, Effect, Effects, Environment, EnvironmentSource, FilmWindow, Filter, Finding, Image, ImageId,
+        Instance, Lens, LightInfo, LightProfile, Material, MeshPart, Opening, PartInfo, ProfileError, Projection,
+        PunctualKind, PunctualLight, RayGenerator, Scene, SceneBuilder, SceneSummary, Severity, Surface, Texels,
+        Texture, TextureTransform, ThinLens, Vignetting, Volume, Wrap, framing_camera, look_at, shapes,
     };
 }
 

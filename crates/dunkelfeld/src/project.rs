@@ -177,17 +177,25 @@ impl Project {
             fit(camera, &self.lens_of(&camera.name), film).map_or_else(|_| camera.clone(), |fitted| fitted.camera)
         };
         inspection.cameras = self.scene.cameras().iter().map(|camera| camera_entry(&fitted(camera))).collect();
-        match self.fitted().map(|settings| settings.view) {
-            Ok(view) => {
-                let lens = view.map(|v| v.lens).unwrap_or_default();
-                if lens.aperture.is_some() {
-                    inspection.add_effect(Effect::FiniteAperture, "lens");
+        let defined = self.defined_cameras();
+        let views = if defined.is_empty() {
+            vec![self.settings.camera.clone()]
+        } else {
+            defined.into_iter().map(Some).collect()
+        };
+        for camera in views {
+            match self.fit_settings(RenderSettings { camera, ..self.settings.clone() }).map(|settings| settings.view) {
+                Ok(view) => {
+                    let lens = view.map(|v| v.lens).unwrap_or_default();
+                    if lens.aperture.is_some() {
+                        inspection.add_effect(Effect::FiniteAperture, "lens");
+                    }
+                    if !lens.distortion.is_none() {
+                        inspection.add_effect(Effect::Distortion, "lens");
+                    }
                 }
-                if !lens.distortion.is_none() {
-                    inspection.add_effect(Effect::Distortion, "lens");
-                }
+                Err(e) => inspection.hazards.push(e.to_string().replace("\n  help: ", "; ")),
             }
-            Err(e) => inspection.hazards.push(e.to_string().replace("\n  help: ", "; ")),
         }
         inspection.memory = Some(self.memory());
         inspection.warnings = self.warnings.iter().map(ToString::to_string).collect();
@@ -204,8 +212,11 @@ impl Project {
     /// Settings outside their range, an unknown camera, a lens that does not fit the camera, a distortion without an
     /// inverse on the film.
     pub fn fitted(&self) -> Result<RenderSettings, Error> {
-        validate(&self.settings)?;
-        let mut settings = self.settings.clone();
+        self.fit_settings(self.settings.clone())
+    }
+
+    fn fit_settings(&self, mut settings: RenderSettings) -> Result<RenderSettings, Error> {
+        validate(&settings)?;
         if settings.view.is_some() {
             return Ok(settings);
         }

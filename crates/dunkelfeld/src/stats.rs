@@ -355,9 +355,9 @@ impl Stats {
             && self.budget_seconds.is_some_and(|b| total > b + dunkelfeld_adaptive::budget::tolerance(b));
     }
 
-    /// Does the run end with the exit code of a faulty result?
+    /// Does the result have a fault? A time budget that was missed is none: the image has only more samples.
     pub fn is_flagged(&self) -> bool {
-        self.invalid_samples > 0 || self.budget_missed || self.budget_too_small() || self.denoising_failed()
+        self.invalid_samples > 0 || self.budget_too_small() || self.denoising_failed()
     }
 
     /// Did the time limit end the render before every pixel had a sample?

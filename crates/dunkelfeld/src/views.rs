@@ -99,7 +99,8 @@ mod tests {
 
     #[test]
     fn the_name_of_the_camera_is_in_front_of_the_extension() {
-        let paths = OutputPaths::default().with_image("out/panel.png").with_stats("panel.json");
+        let paths =
+            OutputPaths::default().with_image(PathBuf::from("out/panel.png")).with_stats(PathBuf::from("panel.json"));
         let left = paths.for_camera("left/top 1");
         assert_eq!(left.image.as_deref(), Some(Path::new("out/panel-left_top_1.png")));
         assert_eq!((left.stats.as_deref(), left.exr), (Some(Path::new("panel-left_top_1.json")), None));

@@ -75,7 +75,7 @@ power = "500mW"
 fn a_job_with_every_key() {
     let job = job(EVERYTHING);
     assert_eq!(job.scene, Path::new("jobs/../scenes/a.glb"));
-    assert_eq!((job.camera.as_deref(), job.seed, job.frame), (Some("above"), 7, 3));
+    assert_eq!((job.camera.selected.as_deref(), job.seed, job.frame), (Some("above"), 7, 3));
     assert_eq!(job.import_options().emissive_unit, EmissiveUnit::WattPerSteradianSquareMetre);
     assert!((job.lens.focal_length.unwrap() - 0.012).abs() < 1e-15);
     assert_eq!((job.lens.f_number, job.lens.transmission, job.lens.magnification), (Some(5.6), 0.8, Some(0.1)));
@@ -99,7 +99,7 @@ fn a_job_with_every_key() {
 #[test]
 fn a_job_with_the_least_keys_gets_the_documented_defaults() {
     let job = job(&with(""));
-    assert_eq!((job.seed, job.frame, job.camera.as_deref()), (0, 0, None));
+    assert_eq!((job.seed, job.frame, job.camera.selected.as_deref()), (0, 0, None));
     assert_eq!(job.lens, LensSettings { transmission: 0.9, ..LensSettings::default() });
     assert_eq!((job.film.pixel_pitch, job.film.sensor_width, job.film.sensor_height), (None, None, None));
     assert_eq!((job.allocate.strategy, job.allocate.pilot_spp, job.allocate.floor), (None, 16, 0.25));

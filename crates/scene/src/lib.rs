@@ -23,7 +23,8 @@ pub mod shapes;
 pub use dunkelfeld_bsdf::EFFECTS;
 
 pub use build::builder::{
-    Camera, Environment, EnvironmentSource, FilmWindow, Instance, MeshPart, Projection, PunctualKind, PunctualLight, SceneBuilder,
+    Camera, Environment, EnvironmentSource, FilmWindow, Instance, MeshPart, Projection, PunctualKind, PunctualLight,
+    SceneBuilder,
 };
 pub use build::compile::BuildError;
 pub use build::effects::{Effect, Effects, kernel_features};

@@ -6,8 +6,8 @@
 use dunkelfeld_geometry::{DAffine3, DVec3, Ray};
 use dunkelfeld_sampling::mix64;
 use dunkelfeld_scene::{
-    Aperture, Blades, Camera, CameraError, Distortion, FilmWindow, Lens, Opening, Projection, RayGenerator, ThinLens, Vignetting,
-    look_at,
+    Aperture, Blades, Camera, CameraError, Distortion, FilmWindow, Lens, Opening, Projection, RayGenerator, ThinLens,
+    Vignetting, look_at,
 };
 use dunkelfeld_testkit::{DensityTest, SampleMoments, z_test};
 use std::f64::consts::{PI, TAU};

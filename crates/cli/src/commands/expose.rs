@@ -14,14 +14,17 @@ use dunkelfeld::{DEFAULT_SENSOR, Error, ExposeOutputs, ExposeSettings, ExposedFi
 use std::fmt::Write;
 
 pub(crate) fn run(args: &ExposeArgs) -> Result<Outcome, Error> {
+    let sink = Sink::new(args.run.progress);
     let settings = settings(args)?;
+    if let Some(note) = args.exposure.and_then(ExposureChoice::note) {
+        say(&note);
+    }
     let mut outputs = ExposeOutputs::default().with_image(args.image.clone()).with_linear(args.linear.clone());
     if outputs == ExposeOutputs::default()
         && let Some(reason) = outputs.set_default_image(&args.input, &settings).reason
     {
         say(&format!("note: {reason}"));
     }
-    let sink = Sink::new(args.run.progress);
     let cancel = cancel_on_interrupt();
     let session = Session::new(args.run.thread_count())?.with_progress(&sink).with_cancel(&cancel);
     let exposed = expose_exr(&args.input, &settings, &outputs, &session)?;
@@ -57,7 +60,7 @@ fn settings(args: &ExposeArgs) -> Result<ExposeSettings, Error> {
         .with_vignetting(vignetting(args)?)
         .with_exposure(match args.exposure {
             None | Some(ExposureChoice::Auto) => None,
-            Some(ExposureChoice::For(time)) => Some(time),
+            Some(ExposureChoice::For { time, .. }) => Some(time),
         })
         .with_exposure_noise(args.exposure_noise.unwrap_or_default())
         .with_seed(args.seed)

@@ -2,7 +2,7 @@
 
 use crate::args::InspectArgs;
 use crate::outcome::{Outcome, print};
-use crate::words::counted;
+use crate::words::{counted, power, three_digits};
 use dunkelfeld::io::{visible_json, visible_line};
 use dunkelfeld::{CoverEntry, EffectEntry, Error, Inspection, Project};
 use std::fmt::Write;
@@ -49,9 +49,12 @@ fn text(i: &Inspection) -> String {
         &mut t,
         "lights",
         i.lights.iter().map(|l| {
-            let radiance =
-                l.radiance.map_or(String::new(), |[r, g, b]| format!(", radiance {r:.4} {g:.4} {b:.4} W/(m^2 sr)"));
-            format!("{:<28} {}: {:.4} W, {:.1} lm{radiance}", l.name, l.kind, l.watts, l.lumens)
+            let radiance = l
+                .radiance
+                .map(|r| r.map(|v| three_digits(f64::from(v))).join(" "))
+                .map(|r| format!(", radiance {r} W/(m^2 sr)"));
+            let (watts, lumens) = (power(l.watts), three_digits(l.lumens));
+            format!("{:<28} {}: {watts}, {lumens} lm{}", l.name, l.kind, radiance.unwrap_or_default())
         }),
     );
     if !i.lights.is_empty() {

@@ -24,9 +24,9 @@ pub(crate) fn run(args: &MergeArgs, started: Instant) -> Result<Outcome, Error> 
     let (range, parts) = (&merged.samples, args.parts.len());
     let words = if parts == 1 { "1 part".into() } else { format!("{parts} parts") };
     let total = count(merged.stats.samples);
-    let mut text = format!("{words}: samples {}..{}, {total} in all\n", range.start, range.end);
-    text += &as_seen(&merged.stats);
     let o = &settings.outputs;
+    let mut text = as_seen(o.image.as_deref(), &merged.stats);
+    let _ = writeln!(text, "{words}: samples {}..{}, {total} in all", range.start, range.end);
     for path in [&settings.checkpoint, &o.image, &o.linear, &o.exr, &o.stats].into_iter().flatten() {
         let _ = writeln!(text, "wrote {}", path.display());
     }

@@ -1,5 +1,6 @@
 //! `dunkelfeld render`: applies flags to a project, renders, writes the files and prints a summary.
 
+mod cameras;
 mod debug_sample;
 mod report;
 
@@ -13,8 +14,8 @@ use crate::values::ExposureChoice;
 use dunkelfeld::InputFiles;
 use dunkelfeld::sensor::ExposureNoise;
 use dunkelfeld::{
-    Budget, CheckpointSettings, DefaultPath, DenoiseMethod, DenoiseSettings, Error, Progress, ProgressState, Project,
-    RenderSettings, SensorChoice, Stage,
+    Budget, Cancel, CheckpointSettings, DefaultPath, DenoiseMethod, DenoiseSettings, Error, Progress, ProgressState,
+    Project, RenderSettings, SensorChoice, Stage,
 };
 pub(crate) use report::{as_seen, say_flaws};
 use std::path::{Path, PathBuf};
@@ -34,24 +35,39 @@ pub(crate) fn run(args: &RenderArgs, started: Instant) -> Result<Outcome, Error>
     begin(Stage::Load, 0.0, 0);
     let mut project = Project::open_without(&args.input, started, &args.without)?;
     project.settings.checkpoint = checkpoint;
-    let default_name = apply(args, &mut project)?;
-    for line in notices(&project) {
+    apply(args, &mut project)?;
+    for line in notices(args, &project) {
         sink.say(&line);
+    }
+    let cancel = cancel_on_interrupt();
+    let cameras = project.defined_cameras();
+    if cameras.len() > 1 {
+        cameras::check(args, &cameras)?;
+        return cameras::run(args, project, &cameras, started, (&sink, &cancel));
     }
     if let Some(sample) = args.debug_sample {
         return debug_sample::run(&project, sample);
     }
-    if let Some(reason) = default_name {
-        sink.say(&format!("note: {reason}"));
+    if project.outputs.image.is_none() {
+        let DefaultPath { path, reason } = project.default_image_path(&args.input);
+        project.outputs.image = Some(path);
+        reason.iter().for_each(|reason| sink.say(&format!("note: {reason}")));
     }
+    render(args, &project, (&sink, &cancel))
+}
 
-    let cancel = cancel_on_interrupt();
-    let mut result = project.render_with(&sink, &cancel)?;
-    begin(Stage::Write, 1.0, result.stats.samples);
+/// Renders a project, writes its files and prints the summary.
+fn render(args: &RenderArgs, project: &Project, (sink, cancel): (&Sink, &Cancel)) -> Result<Outcome, Error> {
+    let began = Instant::now();
+    let mut result = project.render_with(sink, cancel)?;
+    let (elapsed, samples) = (began.elapsed().as_secs_f64(), result.stats.samples);
+    sink.update(&ProgressState { stage: Stage::Write, fraction: 1.0, elapsed, remaining: None, samples });
     result.save(&project.outputs)?;
-    drop(sink);
-    report::print_report(args, &project, &result);
-    let is_flagged = result.stats.is_flagged() || result.rendering.checkpoint_fault.is_some();
+    sink.clear();
+    report::print_report(args, project, &result);
+    let is_flagged = result.stats.is_flagged()
+        || result.rendering.checkpoint_fault.is_some()
+        || (args.strict && result.stats.budget_missed);
     Ok(match (result.rendering.interrupted, is_flagged) {
         (true, _) => Outcome::Interrupted,
         (false, true) => Outcome::Flagged,
@@ -67,8 +83,8 @@ fn checkpoint(args: &RenderArgs, path: &Path) -> Result<CheckpointSettings, Erro
     Ok(checkpoint)
 }
 
-/// Flags override the project's file. Returns the reason if the image does not have its usual name.
-fn apply(args: &RenderArgs, project: &mut Project) -> Result<Option<String>, Error> {
+/// Flags override the project's file.
+fn apply(args: &RenderArgs, project: &mut Project) -> Result<(), Error> {
     let s = &mut project.settings;
     if let Some(path) = &args.replay {
         let plan = dunkelfeld::load_plan_recorded(path, &mut project.inputs)?;
@@ -121,13 +137,7 @@ fn apply(args: &RenderArgs, project: &mut Project) -> Result<Option<String>, Err
         }
     }
     project.keep_needed_layers();
-    let o = &mut project.outputs;
-    if o.image.is_some() {
-        return Ok(None);
-    }
-    let DefaultPath { path, reason } = project.default_image_path(&args.input);
-    project.outputs.image = Some(path);
-    Ok(reason)
+    Ok(())
 }
 
 /// Another sensor or exposure, from the flags of any command.
@@ -156,7 +166,7 @@ pub(crate) fn apply_sensor(
             *exposure = None;
             Ok(())
         }
-        (Some(ExposureChoice::For(time)), SensorChoice::Emva { exposure, .. }) => {
+        (Some(ExposureChoice::For { time, .. }), SensorChoice::Emva { exposure, .. }) => {
             *exposure = Some(time);
             Ok(())
         }
@@ -203,11 +213,12 @@ pub(crate) fn apply_denoise(method: Option<DenoiseMethod>, oidn: Option<&PathBuf
     }
 }
 
-/// Findings of import and scene builder, up to a maximum number of lines.
-fn notices(project: &Project) -> Vec<String> {
+/// Findings of import and scene builder, up to a maximum number of lines, and notes about flags.
+fn notices(args: &RenderArgs, project: &Project) -> Vec<String> {
     let warnings = project.warnings.iter().map(|w| format!("warning: {w}"));
     let hazards = project.report.hazards().map(|f| format!("hazard: {}: {}", f.place, f.message));
-    [warnings.collect::<Vec<_>>(), hazards.collect()].into_iter().flat_map(shortened).collect()
+    let findings = [warnings.collect::<Vec<_>>(), hazards.collect()].into_iter().flat_map(shortened);
+    findings.chain(args.exposure.and_then(ExposureChoice::note)).collect()
 }
 
 fn shortened(mut lines: Vec<String>) -> Vec<String> {

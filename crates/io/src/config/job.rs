@@ -27,8 +27,8 @@
 //! Unknown keys are errors. Times, lengths, angles and powers have a unit (`"5ms"`, `"12mm"`, `"30deg"`, `"3W"`).
 //! Colours are linear Rec. 709, `[r, g, b]` or one number for all three.
 
-pub(crate) mod check;
 mod cameras;
+pub(crate) mod check;
 mod film;
 mod lamps;
 mod lens;

@@ -4,22 +4,38 @@ use crate::args::RenderArgs;
 use crate::outcome::{print, say};
 use crate::words::{count, exposure_time, seconds, shell};
 use dunkelfeld::scene::Effect;
-use dunkelfeld::{CertificateStats, Project, ProjectResult, Stats};
+use dunkelfeld::{CertificateStats, Project, ProjectResult, SensorChoice, Stats};
 use std::fmt::Write;
+use std::path::Path;
+
+/// An automatic exposure above this time \[s\] is remarked upon.
+const LONG_EXPOSURE: f64 = 10.0;
+
+fn is_automatic(project: &Project) -> bool {
+    matches!(project.settings.sensor, SensorChoice::Emva { exposure: None, .. })
+}
 
 pub(super) fn print_report(args: &RenderArgs, project: &Project, result: &ProjectResult) {
     let s = &result.stats;
     print(&summary(project, s));
     say_flaws(s);
+    if is_automatic(project) && s.sensor.as_ref().is_some_and(|s| s.exposure_seconds > LONG_EXPOSURE && !s.no_light) {
+        let time = s.sensor.as_ref().map_or_else(String::new, |s| exposure_time(s.exposure_seconds));
+        say(&format!(
+            "warning: the automatic exposure is {time}, longer than an inspection camera exposes: the light is weak; \
+             raise it ([[light]] power), check its unit ([import] emissive_unit), or set --exposure"
+        ));
+    }
+    let camera = project.settings.camera.as_deref();
     if let Some(named) = s.invalid_named.first() {
-        say(&format!("  to replay one: {}", replay_command(args, s, named)));
+        say(&format!("  to replay one: {}", replay_command(args, camera, s, named)));
     }
     if let Some(heavy) = s.heaviest_samples.first().filter(|h| h.dominates) {
         let (share, n) = (100.0 * heavy.share, s.dominated_pixels);
         let pixels = if n == 1 { "1 pixel is".into() } else { format!("{n} pixels are") };
         say(&format!(
             "warning: {pixels} dominated by a single sample; the heaviest makes up {share:.0} % of its pixel, to replay it: {}",
-            replay_command(args, s, &heavy.sample)
+            replay_command(args, camera, s, &heavy.sample)
         ));
     }
     if let Some((denoise, why)) = s.denoise.as_ref().and_then(|d| Some((d, d.error.as_ref()?)))
@@ -30,10 +46,8 @@ pub(super) fn print_report(args: &RenderArgs, project: &Project, result: &Projec
     if s.budget_missed {
         let limit = s.budget_seconds.unwrap_or(0.0);
         let (over, all) = (seconds(s.total_seconds - limit), seconds(s.total_seconds));
-        say(&format!(
-            "flagged: the time budget of {} was missed by {over}; the whole command took {all}",
-            seconds(limit)
-        ));
+        let level = if args.strict { "flagged" } else { "warning" };
+        say(&format!("{level}: the time budget of {} was missed by {over}; it took {all} in all", seconds(limit)));
     }
     if let Some(fault) = &result.rendering.checkpoint_fault {
         say(&format!("flagged: the checkpoint is not up to date: {fault}"));
@@ -68,12 +82,21 @@ pub(crate) fn say_flaws(s: &Stats) {
 }
 
 fn summary(project: &Project, s: &Stats) -> String {
+    let o = &project.outputs;
+    let mut text = as_seen(o.image.as_deref(), s);
+    if let Some(c) = s.certificate.as_ref().filter(|c| !c.is_hidden) {
+        text += &advice(c, s);
+    }
+    if let Some(d) = s.denoise.as_ref().filter(|d| d.error.is_none()) {
+        let took = seconds(d.seconds);
+        let _ = writeln!(text, "the picture is denoised by {} in {took}: for display, not for measurement", d.denoiser);
+    }
     let [width, height] = s.size;
     let spread = match s.spp_range {
         [least, most] if least == most => format!("{most} in every pixel"),
         [least, most] => format!("{:.1} per pixel on average, {least} at least, {most} at most", s.mean_spp),
     };
-    let mut text = format!("{width} x {height} pixels, {} samples: {spread} ({})\n", count(s.samples), s.allocation);
+    let _ = writeln!(text, "{width} x {height} pixels, {} samples: {spread} ({})", count(s.samples), s.allocation);
     let (techniques, effects): (Vec<Effect>, Vec<Effect>) =
         project.settings.without.iter().partition(|e| e.is_technique());
     for (left_out, what) in [
@@ -94,38 +117,37 @@ fn summary(project: &Project, s: &Stats) -> String {
         let (samples, took) = (count(s.earlier_samples), seconds(s.earlier_seconds));
         let _ = writeln!(text, "continued from a checkpoint: {samples} samples and {took} are from earlier runs");
     }
-    text += &as_seen(s);
-    if let Some(d) = s.denoise.as_ref().filter(|d| d.error.is_none()) {
-        let _ = writeln!(text, "the picture is denoised by {} in {}", d.denoiser, seconds(d.seconds));
-    }
     let reached = s.forecast.iter().flatten().find_map(|l| Some((l.k, l.seconds?, l.actual_seconds?)));
     if let Some((k, forecast, took)) = reached {
         let off = 100.0 * (forecast / took - 1.0);
         let (forecast, took) = (seconds(forecast), seconds(took));
         let _ = writeln!(text, "hidden at k = {k} after {took}; the forecast was {forecast} ({off:+.0} %)");
     }
-    let o = &project.outputs;
     for path in [&o.image, &o.linear, &o.exr, &o.plan, &o.stats].into_iter().flatten() {
         let _ = writeln!(text, "wrote {}", path.display());
     }
     text
 }
 
-/// The exposure of the sensor, and the ratio of the render's noise to the sensor's: one line each.
-pub(crate) fn as_seen(s: &Stats) -> String {
-    let mut text = String::new();
-    if let Some(sensor) = &s.sensor {
-        let _ = writeln!(
-            text,
-            "{}: exposed for {}, {:.0} electrons on average, {:.2} % of pixels saturated",
-            sensor.name,
-            exposure_time(sensor.exposure_seconds),
-            sensor.mean_electrons,
-            sensor.saturated * 100.0
-        );
+/// The image and its exposure, and whether the camera would show the noise of the render: one line each.
+pub(crate) fn as_seen(image: Option<&Path>, s: &Stats) -> String {
+    let mut text = image.map_or(String::new(), |path| format!("{}: ", path.display()));
+    match &s.sensor {
+        Some(sensor) => {
+            let _ = writeln!(
+                text,
+                "{}, exposed for {}, {:.0} electrons on average, {:.2} % of pixels saturated",
+                sensor.name,
+                exposure_time(sensor.exposure_seconds),
+                sensor.mean_electrons,
+                sensor.saturated * 100.0
+            );
+        }
+        None if image.is_some() => text += "no sensor, radiance 1 W/(m^2 sr) is white\n",
+        None => {}
     }
     if let Some(c) = &s.certificate {
-        let _ = writeln!(text, "{}", certificate(c));
+        let _ = writeln!(text, "{}", verdict(c));
     }
     if let Some(share) = s.sensor.as_ref().and_then(|sensor| sensor.matched) {
         let _ = writeln!(text, "{}", matched(share));
@@ -133,22 +155,46 @@ pub(crate) fn as_seen(s: &Stats) -> String {
     text
 }
 
-/// The certificate in one line.
-fn certificate(c: &CertificateStats) -> String {
-    let ratios = [c.hidden_at, c.ratio_mean, c.ratio_p50, c.ratio_p99, c.ratio_max];
-    let [Some(at), Some(mean), Some(median), Some(p99), Some(max)] = ratios else {
-        let share = 100.0 * c.unknown as f64 / c.pixels.max(1) as f64;
-        return format!("noise: unknown, {share:.1} % of unsaturated pixels have too few samples for an estimate");
-    };
-    let share = 100.0 * c.hidden;
-    let verdict = match c.is_hidden {
-        true => format!("hidden by that of the sensor at k = {} in {share:.1} % of unsaturated pixels", c.k),
-        false => format!("not yet hidden by that of the sensor at k = {}: in {share:.1} % of unsaturated pixels", c.k),
-    };
-    let [at, mean, median, p99, max] = [at, mean, median, p99, max].map(three_digits);
-    format!(
-        "noise: {verdict}; 99 % are hidden at k = {at}; variance over the sensor's: {mean} on average, {median} in the median, {p99} at 99 %, {max} at most",
-    )
+/// Would the camera show the noise of the render?
+fn verdict(c: &CertificateStats) -> String {
+    let unknown = 100.0 * c.unknown as f64 / c.pixels.max(1) as f64;
+    if c.hidden_at.is_none() {
+        return format!(
+            "noise of the render: unknown, {unknown:.1} % of the unsaturated pixels have too few samples for an estimate"
+        );
+    }
+    let (share, k) = (100.0 * c.hidden, c.k);
+    match c.is_hidden {
+        true => format!(
+            "noise of the render: hidden, the camera would not show the difference; in {share:.1} % of the unsaturated \
+             pixels it is at most {k} times the noise of the camera"
+        ),
+        false => format!(
+            "noise of the render: visible, the camera would show the difference; only in {share:.1} % of the \
+             unsaturated pixels it is at most {k} times the noise of the camera"
+        ),
+    }
+}
+
+/// The ways to an image whose noise is that of the camera.
+fn advice(c: &CertificateStats, s: &Stats) -> String {
+    let mut ways = Vec::new();
+    // The variance of a mean decreases with the number of samples.
+    let factor = c.ratio_p99.map(|ratio| ratio / (c.k * c.k)).filter(|factor| *factor > 1.0);
+    ways.push(match factor {
+        Some(factor) => {
+            let factor = if factor < 10.0 { format!("{factor:.1}") } else { format!("{factor:.0}") };
+            format!("more time, about {factor} times the samples (--noise {} stops there)", c.k)
+        }
+        None => format!("more time (--noise {} stops when it is hidden)", c.k),
+    });
+    if s.denoise.is_none() {
+        ways.push("--denoise auto for a picture to look at".into());
+    }
+    if s.sensor.as_ref().is_some_and(|sensor| sensor.matched.is_none()) {
+        ways.push("--exposure-noise matched for frames with the noise of the camera".into());
+    }
+    format!("  to hide it: {}\n", ways.join("; or "))
 }
 
 /// The share of pixels where noise-matched exposure holds, in one line.
@@ -160,21 +206,15 @@ fn matched(share: f64) -> String {
     )
 }
 
-/// A number with three significant digits, without an exponent.
-fn three_digits(value: f64) -> String {
-    let digits = if value > 0.0 { (2.0 - value.log10().floor()).clamp(0.0, 9.0) as usize } else { 0 };
-    format!("{value:.digits$}")
-}
-
 /// The command that traces a sample again: everything that a camera sample depends on.
-fn replay_command(args: &RenderArgs, s: &Stats, sample: &str) -> String {
+fn replay_command(args: &RenderArgs, camera: Option<&str>, s: &Stats, sample: &str) -> String {
     let program = std::env::args().next().unwrap_or_else(|| "dunkelfeld".into());
     let mut words = vec![program, "render".into(), args.input.display().to_string()];
     let mut flag = |name: &str, value: String| words.extend([name.into(), value]);
     flag("--width", s.size[0].to_string());
     flag("--height", s.size[1].to_string());
-    if let Some(camera) = &args.camera {
-        flag("--camera", camera.clone());
+    if let Some(camera) = camera {
+        flag("--camera", camera.into());
     }
     // The field of view of a focal length is that of the sensor's film.
     if let Some(sensor) = &args.sensor {

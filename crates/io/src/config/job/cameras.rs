@@ -200,7 +200,11 @@ impl CameraSettings {
                 return fault("working_distance", problem, "keep one of them");
             }
             (Some(_), None, None) => {
-                return fault("position", "the direction of the view is missing", "add `look_at`, a point or an object");
+                return fault(
+                    "position",
+                    "the direction of the view is missing",
+                    "add `look_at`, a point or an object",
+                );
             }
             (None, Some(_), None) => {
                 let help = "add `position`, or a `working_distance`";
@@ -353,9 +357,7 @@ impl Cameras {
                 lens::check_lens(own, film, sensor)
                     .map_err(|([table, key], problem, help)| self.error(file, i, &[table, key], problem, help))?;
             }
-            camera
-                .check(of_job)
-                .map_err(|(key, problem, help)| self.error(file, i, &[key], problem, help))?;
+            camera.check(of_job).map_err(|(key, problem, help)| self.error(file, i, &[key], problem, help))?;
             lens::check_lens(&camera.lens_or(of_job), film, sensor)
                 .map_err(|(_, problem, help)| self.error(file, i, &["working_distance"], problem, help))?;
         }
