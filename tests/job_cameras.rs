@@ -57,7 +57,10 @@ fn opencv(point: [f64; 3]) -> [f64; 2] {
 /// A camera 0.8 m above the plane, tilted by the rotation about its x axis with the sine 0.28 and the cosine 0.96.
 const R: [[f64; 3]; 3] = [[1.0, 0.0, 0.0], [0.0, 0.28, 0.96], [0.0, -0.96, 0.28]];
 const T: [f64; 3] = [0.05, -0.02, 0.8];
-const [FX, FY, CX, CY]: [f64; 4] = [900.0, 850.0, 310.5, 250.25];
+const FX: f64 = 900.0;
+const FY: f64 = 850.0;
+const CX: f64 = 310.5;
+const CY: f64 = 250.25;
 const DISTORTION: [f64; 5] = [-0.18, 0.06, 0.0008, -0.0011, -0.01];
 
 fn calibrated(film: &str) -> String {
@@ -142,7 +145,9 @@ fn a_full_film_has_the_resolution_of_its_sensor() {
 fn a_working_distance_and_a_focal_length_give_the_size_of_the_image() {
     let bench = Bench::new();
     let lens = |keys: &str| {
-        format!("[film]\nfull = true\n[camera]\nlook_at = \"square\"\nworking_distance = \"200mm\"\nlens = {{ {keys} }}\n")
+        format!(
+            "[film]\nfull = true\n[camera]\nlook_at = \"square\"\nworking_distance = \"200mm\"\nlens = {{ {keys} }}\n"
+        )
     };
     let (f, u) = (0.025, 0.2);
     let m = f / (u - f);

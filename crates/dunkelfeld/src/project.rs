@@ -184,7 +184,7 @@ impl Project {
             defined.into_iter().map(Some).collect()
         };
         for camera in views {
-            match self.fit_settings(RenderSettings { camera, ..self.settings.clone() }).map(|settings| settings.view) {
+            match self.fit_settings(self.settings.clone().with_camera(camera)).map(|settings| settings.view) {
                 Ok(view) => {
                     let lens = view.map(|v| v.lens).unwrap_or_default();
                     if lens.aperture.is_some() {

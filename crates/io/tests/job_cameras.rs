@@ -18,7 +18,8 @@ fn scene() -> SceneBuilder {
 fn try_cameras(text: &str) -> Result<Vec<Camera>, InputError> {
     let mut scene = scene();
     let job = Job::from_text("a.toml", format!("scene = \"a.glb\"\n{text}"))?;
-    job.apply_cameras(&mut scene, [640, 480])?;
+    job.apply_overrides(&mut scene)?;
+    job.apply_intrinsics(&mut scene, [640, 480]);
     Ok(scene.cameras)
 }
 
