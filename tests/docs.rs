@@ -179,6 +179,11 @@ impl Reference {
                     ("[lens]", "field_height" | "numerical_aperture") => "projection = \"telecentric\"\n",
                     ("[[light]]", key) => lamp_of(key),
                     ("[denoise]", "oidn") => "method = \"oidn\"\n",
+                    ("[[object]]", "kind") => "size = [1, 1, 1]\n",
+                    ("[[object]]", "size") => "kind = \"box\"\n",
+                    ("[[object]]", "diameter") => "kind = \"sphere\"\n",
+                    ("[[object]]", "height") => "kind = \"cylinder\"\ndiameter = 1\n",
+                    ("[[object]]", "pivot") => "rotate = [0, 0, \"90deg\"]\n",
                     ("[defects]", "hot_per_million") => "[dark_current]\ne_per_s = 1\nat_c = 25\ndoubling_k = 7\n",
                     _ => "",
                 };

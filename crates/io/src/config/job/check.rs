@@ -358,6 +358,15 @@ impl Visitor<'_> for Whole {
     }
 }
 
+/// A number of copies along an axis, at least one.
+pub(super) struct Count(pub(super) u32);
+
+impl<'de> Deserialize<'de> for Count {
+    fn deserialize<D: Deserializer<'de>>(d: D) -> Result<Self, D::Error> {
+        whole(d, 1, 1_000_000).map(Count)
+    }
+}
+
 /// A length, or `inf` with and without quotes.
 struct LengthOrInf;
 
