@@ -36,6 +36,7 @@ mod objects;
 mod overrides;
 pub(crate) mod place;
 mod primitives;
+mod scene_files;
 
 pub use lamps::{LampKind, LedCount, Wavelength};
 pub use lens::{FilterSettings, LensProjection, LensSettings};
@@ -43,11 +44,11 @@ pub use materials::{AlphaKind, MaterialOverride};
 pub use objects::{Grid, ObjectOverride, Pivot, Placement};
 pub use place::Place;
 pub use primitives::PrimitiveKind;
+pub use scene_files::{SceneFile, SceneFiles};
 
 use crate::error::InputError;
-use crate::import::options::{EmissiveUnit, ImportOptions};
+use crate::import::options::{EmissiveUnit, UpAxis};
 use crate::input::{InputFiles, Role};
-use crate::loader::Limits;
 use crate::names::suggestion;
 use crate::toml_file::TomlFile;
 use dunkelfeld_adaptive::Strategy;
@@ -69,8 +70,8 @@ pub const DEFAULT_SENSOR: &str = "imx250";
 #[derive(Clone, Debug, Default, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Job {
-    /// The scene file (`.glb`, `.gltf`, `.obj`), relative to the job file. Required.
-    pub scene: PathBuf,
+    /// The scene files (`.glb`, `.gltf`, `.obj`, `.stl`, `.ply`), relative to the job file. Required.
+    pub scene: SceneFiles,
     /// Name of the camera. Default: the scene's first camera, or a view of the whole scene if it has none.
     pub camera: Option<String>,
     /// Seed of all random numbers; the same seed gives the same image. Default 0.
@@ -136,6 +137,14 @@ pub struct ImportSettings {
     /// default 1 GiB, see [`Limits`].
     #[serde(default, deserialize_with = "check::memory")]
     pub texture_memory: Option<u64>,
+    /// Length \[m\] of the unit of the coordinates in the scene files, written as `"mm"`. Default: that of the format.
+    #[serde(default, deserialize_with = "check::length_unit")]
+    pub unit: Option<f64>,
+    /// A factor of all lengths of the scene files, above zero, beside the unit. Default 1.
+    #[serde(default, deserialize_with = "check::import_scale")]
+    pub scale: Option<f64>,
+    /// The upward axis of the scene files: `"y"` or `"z"`. Default: that of the format.
+    pub up: Option<UpAxis>,
 }
 
 /// `[film]`
@@ -462,10 +471,7 @@ impl Job {
 
     fn from_toml(file: TomlFile) -> Result<Self, InputError> {
         let mut job: Self = file.parse()?;
-        if job.scene.as_os_str().is_empty() {
-            return Err(file.error_at_key(&["scene"], "the scene's path is empty", "name a .glb, .gltf or .obj file"));
-        }
-        job.scene = file.resolve(&job.scene);
+        job.scene.resolve(&file);
         if let SensorChoice::File(path) = &mut job.sensor.model {
             *path = file.resolve(&path);
         }
@@ -515,7 +521,7 @@ impl Job {
 
     fn named_inputs(&self) -> InputFiles {
         let mut inputs = InputFiles::new();
-        inputs.add(&self.scene, Role::Scene);
+        self.scene.files().iter().for_each(|file| inputs.add(&file.path, Role::Scene));
         if let SensorChoice::File(path) = &self.sensor.model {
             inputs.add(path, Role::Sensor);
         }
@@ -524,26 +530,6 @@ impl Job {
         }
         self.lights.iter().flat_map(|light| &light.ies).for_each(|path| inputs.add(path, Role::LightProfile));
         inputs
-    }
-
-    /// Options for reading the scene file.
-    pub fn import_options(&self) -> ImportOptions {
-        let mut limits = Limits::default();
-        if let Some(bytes) = self.import.texture_memory {
-            limits.total_image_bytes = bytes;
-            limits.image_bytes = bytes.max(limits.image_bytes);
-        }
-        ImportOptions { limits, emissive_unit: self.import.emissive_unit, ..ImportOptions::default() }
-    }
-
-    /// An error of reading [`Job::scene`]. If the file does not exist, the error points at the line of the job.
-    pub fn scene_error(&self, error: InputError) -> InputError {
-        if error.file != self.scene || !["file", "file name"].contains(&error.place.as_str()) {
-            return error;
-        }
-        let name = self.scene.display().to_string();
-        let problem = if error.problem.contains(&name) { error.problem } else { format!("{name}: {}", error.problem) };
-        self.source.error_at_key(&["scene"], problem, error.help)
     }
 
     /// An error of reading the sensor of `[sensor] model`. If neither a preset nor a file of that name exists, the
