@@ -186,6 +186,11 @@ impl Reference {
                     ("[camera]", "R") => "t = [0, 0, 1]\n",
                     ("[camera]", "t") => "R = [[1, 0, 0], [0, 1, 0], [0, 0, 1]]\n",
                     ("[denoise]", "oidn") => "method = \"oidn\"\n",
+                    ("[[object]]", "kind") => "size = [1, 1, 1]\n",
+                    ("[[object]]", "size") => "kind = \"box\"\n",
+                    ("[[object]]", "diameter") => "kind = \"sphere\"\n",
+                    ("[[object]]", "height") => "kind = \"cylinder\"\ndiameter = 1\n",
+                    ("[[object]]", "pivot") => "rotate = [0, 0, \"90deg\"]\n",
                     ("[defects]", "hot_per_million") => "[dark_current]\ne_per_s = 1\nat_c = 25\ndoubling_k = 7\n",
                     _ => "",
                 };

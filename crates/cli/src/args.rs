@@ -60,7 +60,7 @@ pub(crate) enum Command {
 /// Flags of `render`.
 #[derive(Debug, Args)]
 pub(crate) struct RenderArgs {
-    /// A scene (.gltf, .glb, .obj) or a job (.toml). Flags replace keys of the job.
+    /// A scene (.gltf, .glb, .obj, .stl, .ply) or a job (.toml). Flags replace keys of the job.
     #[arg(value_name = "SCENE|JOB.toml")]
     pub(crate) input: PathBuf,
 
@@ -301,7 +301,7 @@ pub(crate) struct ExposeArgs {
 /// Flags of `inspect`.
 #[derive(Debug, Args)]
 pub(crate) struct InspectArgs {
-    /// A scene (.gltf, .glb, .obj) or a job (.toml).
+    /// A scene (.gltf, .glb, .obj, .stl, .ply) or a job (.toml).
     #[arg(value_name = "SCENE|JOB.toml")]
     pub(crate) input: PathBuf,
     /// Print JSON instead of text.

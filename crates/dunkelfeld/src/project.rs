@@ -85,7 +85,7 @@ pub struct ProjectResult {
 }
 
 impl Project {
-    /// Opens a scene (`.gltf`, `.glb`, `.obj`) or a job (`.toml`). The time budget starts now.
+    /// Opens a scene (`.gltf`, `.glb`, `.obj`, `.stl`, `.ply`) or a job (`.toml`). The time budget starts now.
     ///
     /// # Errors
     /// A file that cannot be used: the error names file, place and help.
@@ -147,7 +147,7 @@ impl Project {
         settings.without = left_out;
         let load_seconds = began.elapsed().as_secs_f64();
         let began = Instant::now();
-        let file = job.as_ref().map_or(path, |job| job.scene.as_path());
+        let file = job.as_ref().map_or(path, Job::scene_path);
         let (scene, report) = imported.scene.build().map_err(|e| build_error(e, file))?;
         Ok(Self {
             scene,
@@ -513,7 +513,7 @@ fn open_job(
     optics: Optics,
     inputs: &mut InputFiles,
 ) -> Result<(Imported, RenderSettings, OutputPaths), Error> {
-    let mut imported = load_scene(&job.scene, &job.import_options()).map_err(|e| job.scene_error(e))?;
+    let mut imported = job.load_scene()?;
     let sensor = sensor_of(&job.sensor, optics, inputs).map_err(|e| match e {
         Error::Input(e) => job.sensor_error(e).into(),
         e => e,

@@ -2,7 +2,7 @@
 //!
 //! | folder | contents |
 //! |---|---|
-//! | [`import`] | scenes: glTF, OBJ and MTL, IES profiles, textures |
+//! | [`import`] | scenes: glTF, OBJ and MTL, STL, PLY, IES profiles, textures |
 //! | [`formats`] | EXR, PNG, TIFF, layers, checkpoints, EMVA 1288 descriptors |
 //! | [`config`] | jobs and sensors in TOML, quantities with units |
 //! | [`files`] | opening with limits, atomic writing, locks, folders of results |
@@ -24,4 +24,8 @@ pub use formats::{checkpoint, emva_descriptor, exr, gray, layers, picture, png, 
 pub use import::gltf;
 #[cfg(feature = "obj")]
 pub use import::obj;
+#[cfg(feature = "ply")]
+pub use import::ply;
+#[cfg(feature = "stl")]
+pub use import::stl;
 pub use import::{ies, images, libraries, loader};

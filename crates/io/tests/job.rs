@@ -74,7 +74,7 @@ power = "500mW"
 #[test]
 fn a_job_with_every_key() {
     let job = job(EVERYTHING);
-    assert_eq!(job.scene, Path::new("jobs/../scenes/a.glb"));
+    assert_eq!(job.scene_path(), Path::new("jobs/../scenes/a.glb"));
     assert_eq!((job.camera.selected.as_deref(), job.seed, job.frame), (Some("above"), 7, 3));
     assert_eq!(job.import_options().emissive_unit, EmissiveUnit::WattPerSteradianSquareMetre);
     assert!((job.lens.focal_length.unwrap() - 0.012).abs() < 1e-15);

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use serde_json::Value;
 
 /// Third-party crates that belong to certain folders only.
-const HOMES: [(&str, &[&str]); 19] = [
+const HOMES: [(&str, &[&str]); 21] = [
     ("rayon", &["render", "dunkelfeld", "studies", "bvh"]),
     ("obvhs", &["bvh"]),
     ("rustc-hash", &["geometry", "bvh", "integrator"]),
@@ -17,6 +17,8 @@ const HOMES: [(&str, &[&str]); 19] = [
     ("image", &["io"]),
     ("gltf", &["io"]),
     ("tobj", &["io"]),
+    ("stl_io", &["io"]),
+    ("ply-rs-bw", &["io"]),
     ("exr", &["io"]),
     ("png", &["io"]),
     ("tiff", &["io"]),

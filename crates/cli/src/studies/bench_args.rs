@@ -16,7 +16,7 @@ use std::path::PathBuf;
 /// interrupted.
 #[derive(Debug, Args)]
 pub(crate) struct BenchArgs {
-    /// A scene (.gltf, .glb, .obj) or a job (.toml). Its budget and strategy are not used. Flags replace keys of the job.
+    /// A scene (.gltf, .glb, .obj, .stl, .ply) or a job (.toml). Its budget and strategy are not used. Flags replace keys of the job.
     #[arg(value_name = "SCENE|JOB.toml")]
     pub(crate) input: PathBuf,
 

@@ -10,7 +10,7 @@ use std::path::PathBuf;
 /// Flags of `ptc`.
 #[derive(Debug, Args)]
 pub(crate) struct PtcArgs {
-    /// A scene (.gltf, .glb, .obj) or a job (.toml): its budget, strategy, denoiser and exposure noise are not used, and
+    /// A scene (.gltf, .glb, .obj, .stl, .ply) or a job (.toml): its budget, strategy, denoiser and exposure noise are not used, and
     /// flags replace its keys. Or three frames and more (.png, .tif, .bmp) of one camera and one scene.
     #[arg(value_name = "SCENE|JOB.toml|FRAMES", required = true)]
     pub(crate) inputs: Vec<PathBuf>,

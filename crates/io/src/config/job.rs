@@ -33,19 +33,26 @@ mod film;
 mod lamps;
 mod lens;
 mod lights;
+mod materials;
+mod objects;
 mod overrides;
 pub(crate) mod place;
+mod primitives;
+mod scene_files;
 
 pub use cameras::{CameraSettings, Cameras};
 pub use film::FilmSettings;
 pub use lamps::{LampKind, LedCount, Wavelength};
 pub use lens::{FilterSettings, LensProjection, LensSettings};
+pub use materials::{AlphaKind, MaterialOverride};
+pub use objects::{Grid, ObjectOverride, Pivot, Placement};
 pub use place::Place;
+pub use primitives::PrimitiveKind;
+pub use scene_files::{SceneFile, SceneFiles};
 
 use crate::error::InputError;
-use crate::import::options::{EmissiveUnit, ImportOptions};
+use crate::import::options::{EmissiveUnit, UpAxis};
 use crate::input::{InputFiles, Role};
-use crate::loader::Limits;
 use crate::toml_file::TomlFile;
 use dunkelfeld_adaptive::Strategy;
 use dunkelfeld_denoise::{DenoiseMethod, DenoiseSettings};
@@ -65,8 +72,8 @@ pub const DEFAULT_SENSOR: &str = "imx250";
 #[derive(Clone, Debug, Default, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Job {
-    /// The scene file (`.glb`, `.gltf`, `.obj`), relative to the job file. Required.
-    pub scene: PathBuf,
+    /// The scene files (`.glb`, `.gltf`, `.obj`, `.stl`, `.ply`), relative to the job file. Required.
+    pub scene: SceneFiles,
     /// Name of the camera, or the definition of cameras.
     #[serde(default)]
     pub camera: Cameras,
@@ -105,6 +112,9 @@ pub struct Job {
     pub output: OutputSettings,
     /// Light from all directions. It replaces the environment of the scene.
     pub environment: Option<EnvironmentSettings>,
+    /// `[[object]]`: changes to objects and new ones, applied in order, before those to materials.
+    #[serde(default, rename = "object")]
+    pub objects: Vec<ObjectOverride>,
     /// `[[material]]`: changes to materials, applied in order.
     #[serde(default, rename = "material")]
     pub materials: Vec<MaterialOverride>,
@@ -130,6 +140,14 @@ pub struct ImportSettings {
     /// default 1 GiB, see [`Limits`].
     #[serde(default, deserialize_with = "check::memory")]
     pub texture_memory: Option<u64>,
+    /// Length \[m\] of the unit of the coordinates in the scene files, written as `"mm"`. Default: that of the format.
+    #[serde(default, deserialize_with = "check::length_unit")]
+    pub unit: Option<f64>,
+    /// A factor of all lengths of the scene files, above zero, beside the unit. Default 1.
+    #[serde(default, deserialize_with = "check::import_scale")]
+    pub scale: Option<f64>,
+    /// The upward axis of the scene files: `"y"` or `"z"`. Default: that of the format.
+    pub up: Option<UpAxis>,
 }
 
 /// `[budget]`: with several limits, the first one that is reached ends the render.
@@ -290,118 +308,6 @@ pub struct EnvironmentSettings {
     pub rotation: Option<f32>,
 }
 
-/// `[[material]]`: a given value replaces the factor of that name. Textures still multiply it.
-#[derive(Clone, Debug, Default, PartialEq, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct MaterialOverride {
-    /// Name of the material, or a pattern with `*` (any characters) and `?` (any one).
-    pub name: String,
-    /// `false` removes all textures of the material first.
-    pub textures: Option<bool>,
-    /// Base colour, 0 to 1.
-    #[serde(default, deserialize_with = "check::color")]
-    pub base_color: Option<Rgb>,
-    /// Coverage, 0 to 1.
-    #[serde(default, deserialize_with = "check::unit")]
-    pub alpha: Option<f32>,
-    /// `"opaque"`, `"mask"` or `"blend"`.
-    pub alpha_mode: Option<AlphaKind>,
-    /// Threshold of `alpha_mode = "mask"`, 0 to 1. Default 0.5.
-    #[serde(default, deserialize_with = "check::unit")]
-    pub alpha_cutoff: Option<f32>,
-    /// 0 dielectric to 1 metal.
-    #[serde(default, deserialize_with = "check::unit")]
-    pub metallic: Option<f32>,
-    /// Perceptual roughness, 0 to 1.
-    #[serde(default, deserialize_with = "check::unit")]
-    pub roughness: Option<f32>,
-    /// Scales the normal map.
-    #[serde(default, deserialize_with = "check::factor")]
-    pub normal_scale: Option<f32>,
-    /// Emitted radiance [W/(m^2 sr)].
-    #[serde(default, deserialize_with = "check::light")]
-    pub emission: Option<Rgb>,
-    /// Is the emission two-sided?
-    pub double_sided: Option<bool>,
-    /// Does it emit its base colour and scatter nothing?
-    pub unlit: Option<bool>,
-    /// Index of refraction, 1 to 10.
-    #[serde(default, deserialize_with = "check::ior")]
-    pub ior: Option<f32>,
-    /// Strength of the dielectric reflection, 0 to 1.
-    #[serde(default, deserialize_with = "check::unit")]
-    pub specular: Option<f32>,
-    /// Tint of the dielectric reflection.
-    #[serde(default, deserialize_with = "check::color")]
-    pub specular_color: Option<Rgb>,
-    /// Share of the base colour's hue in the dielectric reflection, 0 to 1.
-    #[serde(default, deserialize_with = "check::unit")]
-    pub specular_tint: Option<f32>,
-    /// Share of the non-metallic light that is transmitted, 0 to 1.
-    #[serde(default, deserialize_with = "check::unit")]
-    pub transmission: Option<f32>,
-    /// Share of the diffuse light that leaves on the other side, 0 to 1.
-    #[serde(default, deserialize_with = "check::unit")]
-    pub diffuse_transmission: Option<f32>,
-    /// Colour of that light.
-    #[serde(default, deserialize_with = "check::color")]
-    pub diffuse_transmission_color: Option<Rgb>,
-    /// `true`: the closed boundary of a solid that refracts, absorbs and scatters; `false`: a thin sheet.
-    pub solid: Option<bool>,
-    /// Where solids touch or overlap, the one with the highest priority is used, and of equal ones the smaller solid.
-    /// Default 0.
-    #[serde(default, deserialize_with = "check::priority")]
-    pub priority: Option<i32>,
-    /// Colour of white light after `attenuation_distance` in the solid, each channel above 0.
-    #[serde(default, deserialize_with = "check::positive_color")]
-    pub attenuation_color: Option<Rgb>,
-    /// Distance \[m\] for `attenuation_color`; written as `"2mm"`.
-    #[serde(default, deserialize_with = "check::distance")]
-    pub attenuation_distance: Option<f32>,
-    /// The single-scattering albedo, 0 to 1: the part of this attenuation that is scattered. The rest is absorbed.
-    #[serde(default, deserialize_with = "check::color")]
-    pub scattering_albedo: Option<Rgb>,
-    /// Absorption coefficient of the solid [1/m]. It replaces the one from the attenuation. Written as `"0.5/mm"`.
-    #[serde(default, deserialize_with = "check::coefficient")]
-    pub absorption: Option<Rgb>,
-    /// Scattering coefficient of the solid [1/m]. It replaces the one from the attenuation. Written as `"0.5/mm"`.
-    #[serde(default, deserialize_with = "check::coefficient")]
-    pub scattering: Option<Rgb>,
-    /// Mean cosine g of the deflection by scattering (Henyey and Greenstein), -0.9999 to 0.9999.
-    #[serde(default, deserialize_with = "check::mean_cosine")]
-    pub scattering_anisotropy: Option<f32>,
-    /// Strength of a clear coat, 0 to 1.
-    #[serde(default, deserialize_with = "check::unit")]
-    pub clearcoat: Option<f32>,
-    /// Roughness of the clear coat, 0 to 1.
-    #[serde(default, deserialize_with = "check::unit")]
-    pub clearcoat_roughness: Option<f32>,
-    /// Sheen colour, 0 to 1.
-    #[serde(default, deserialize_with = "check::color")]
-    pub sheen_color: Option<Rgb>,
-    /// Sheen roughness, 0 to 1.
-    #[serde(default, deserialize_with = "check::unit")]
-    pub sheen_roughness: Option<f32>,
-    /// Anisotropy, -1 to 1; positive stretches highlights along the tangent.
-    #[serde(default, deserialize_with = "check::signed_unit")]
-    pub anisotropy: Option<f32>,
-    /// Rotation of the anisotropy's axis \[rad\]; written as `"30deg"`.
-    #[serde(default, deserialize_with = "check::angle")]
-    pub anisotropy_rotation: Option<f32>,
-}
-
-/// `alpha_mode` of a material.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum AlphaKind {
-    /// Covers fully.
-    Opaque,
-    /// Covers where alpha reaches the cutoff.
-    Mask,
-    /// Covers stochastically.
-    Blend,
-}
-
 /// `[[light]]`: a new lamp if it has a `kind`, otherwise a change of lights of the scene. At most one of `radiance`,
 /// `power`, `intensity` and `irradiance`.
 ///
@@ -546,10 +452,7 @@ impl Job {
 
     fn from_toml(file: TomlFile) -> Result<Self, InputError> {
         let mut job: Self = file.parse()?;
-        if job.scene.as_os_str().is_empty() {
-            return Err(file.error_at_key(&["scene"], "the scene's path is empty", "name a .glb, .gltf or .obj file"));
-        }
-        job.scene = file.resolve(&job.scene);
+        job.scene.resolve(&file);
         if let SensorChoice::File(path) = &mut job.sensor.model {
             *path = file.resolve(&path);
         }
@@ -600,7 +503,7 @@ impl Job {
 
     fn named_inputs(&self) -> InputFiles {
         let mut inputs = InputFiles::new();
-        inputs.add(&self.scene, Role::Scene);
+        self.scene.files().iter().for_each(|file| inputs.add(&file.path, Role::Scene));
         if let SensorChoice::File(path) = &self.sensor.model {
             inputs.add(path, Role::Sensor);
         }
@@ -609,26 +512,6 @@ impl Job {
         }
         self.lights.iter().flat_map(|light| &light.ies).for_each(|path| inputs.add(path, Role::LightProfile));
         inputs
-    }
-
-    /// Options for reading the scene file.
-    pub fn import_options(&self) -> ImportOptions {
-        let mut limits = Limits::default();
-        if let Some(bytes) = self.import.texture_memory {
-            limits.total_image_bytes = bytes;
-            limits.image_bytes = bytes.max(limits.image_bytes);
-        }
-        ImportOptions { limits, emissive_unit: self.import.emissive_unit, ..ImportOptions::default() }
-    }
-
-    /// An error of reading [`Job::scene`]. If the file does not exist, the error points at the line of the job.
-    pub fn scene_error(&self, error: InputError) -> InputError {
-        if error.file != self.scene || !["file", "file name"].contains(&error.place.as_str()) {
-            return error;
-        }
-        let name = self.scene.display().to_string();
-        let problem = if error.problem.contains(&name) { error.problem } else { format!("{name}: {}", error.problem) };
-        self.source.error_at_key(&["scene"], problem, error.help)
     }
 
     /// An error of reading the sensor of `[sensor] model`. If neither a preset nor a file of that name exists, the

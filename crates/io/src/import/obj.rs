@@ -19,7 +19,6 @@ mod repair;
 mod tally;
 mod text;
 mod textures;
-mod triangulate;
 
 use crate::error::InputError;
 use crate::import::image_store::ImageStore;

@@ -4,6 +4,7 @@ use crate::error::ImportWarning;
 use crate::input::InputFiles;
 use crate::loader::Limits;
 use derive_setters::Setters;
+use dunkelfeld_geometry::{DMat3, DVec3};
 use dunkelfeld_scene::SceneBuilder;
 
 /// Luminous efficacy of monochromatic light at 540 THz [lm/W]: the defining constant K_cd (BIPM, 2019). Light in glTF
@@ -22,7 +23,7 @@ pub enum EmissiveUnit {
 }
 
 /// Options for reading a scene file.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Setters)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Setters)]
 #[setters(prefix = "with_")]
 #[non_exhaustive]
 pub struct ImportOptions {
@@ -33,6 +34,35 @@ pub struct ImportOptions {
     /// Index of the glTF scene to load; `None` means the file's default, or all of it without a default.
     #[setters(into)]
     pub scene: Option<usize>,
+    /// Length \[m\] of the unit of the file's coordinates, above zero; `None` means that of the format.
+    #[setters(into)]
+    pub unit: Option<f64>,
+    /// A factor of all lengths beside the unit, above zero; `None` means 1.
+    #[setters(into)]
+    pub scale: Option<f64>,
+    /// The upward axis of the file's coordinates; `None` means that of the format.
+    #[setters(into)]
+    pub up: Option<UpAxis>,
+}
+
+/// The axis of a file's coordinates that points up.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum UpAxis {
+    /// +y, as in the world.
+    Y,
+    /// +z, as in most CAD programs.
+    Z,
+}
+
+impl UpAxis {
+    /// The rotation that makes the axis +y and keeps +x.
+    pub(crate) fn to_y(self) -> DMat3 {
+        match self {
+            Self::Y => DMat3::IDENTITY,
+            Self::Z => DMat3::from_cols(DVec3::X, DVec3::NEG_Z, DVec3::Y),
+        }
+    }
 }
 
 /// A scene that was read, with its repairs and omissions.

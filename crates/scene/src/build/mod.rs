@@ -1,6 +1,7 @@
 //! Compilation of a description to a scene: validation, lints, effects.
 
 mod ablation;
+mod append;
 pub mod builder;
 pub mod compile;
 pub mod effects;

@@ -324,6 +324,25 @@ pub(super) fn emissive_unit<'de, D: Deserializer<'de>>(d: D) -> Result<EmissiveU
     }
 }
 
+/// A unit of length by its name [m].
+pub(super) fn length_unit<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f64>, D::Error> {
+    match String::deserialize(d)?.as_str() {
+        "um" | "µm" | "μm" => Ok(Some(1e-6)),
+        "mm" => Ok(Some(1e-3)),
+        "cm" => Ok(Some(1e-2)),
+        "m" => Ok(Some(1.0)),
+        "in" => Ok(Some(0.0254)),
+        other => {
+            Err(D::Error::custom(format!("unknown unit \"{other}\"; write \"um\", \"mm\", \"cm\", \"m\" or \"in\"")))
+        }
+    }
+}
+
+/// A factor of the lengths of a file.
+pub(super) fn import_scale<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f64>, D::Error> {
+    real(d, 1e-9, 1e9).map(Some)
+}
+
 /// An amount of memory [B].
 pub(super) fn memory<'de, D: Deserializer<'de>>(d: D) -> Result<Option<u64>, D::Error> {
     let Memory(v) = Memory::deserialize(d)?;
@@ -355,6 +374,15 @@ impl Visitor<'_> for Whole {
         }
         let (least, most) = (self.least, self.most);
         Err(E::custom(format!("{v} is out of range; write a whole number from {least} to {most}")))
+    }
+}
+
+/// A number of copies along an axis, at least one.
+pub(super) struct Count(pub(super) u32);
+
+impl<'de> Deserialize<'de> for Count {
+    fn deserialize<D: Deserializer<'de>>(d: D) -> Result<Self, D::Error> {
+        whole(d, 1, 1_000_000).map(Count)
     }
 }
 

@@ -364,7 +364,7 @@ impl Job {
             Some(place) => {
                 place.resolve(scene).map_err(|(problem, help)| self.light_error(i, "target", problem, help))?
             }
-            None => default_target,
+            None => self.looked_at(scene).unwrap_or(default_target),
         };
         let right = up.cross(axis).try_normalize().unwrap_or(axis.any_orthonormal_vector());
         let up = axis.cross(right);
@@ -398,6 +398,11 @@ impl Job {
             DAffine3::from_translation(target) * DAffine3::from_quat(turn) * DAffine3::from_translation(-target)
         };
         Ok((0..count).map(|k| Pose { to_world: if k == 0 { frame } else { around(k) * frame } }).collect())
+    }
+
+    /// The point that the first camera of the job looks at.
+    fn looked_at(&self, scene: &SceneBuilder) -> Option<DVec3> {
+        self.camera.defined.first()?.look_at.as_ref()?.resolve(scene).ok()
     }
 
     /// The wavelengths of the channels of the render, from the lamps of the job, and the transmission of the lens at

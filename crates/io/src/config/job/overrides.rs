@@ -1,18 +1,16 @@
-//! Applies the environment and the materials of a job to an imported scene. The module `lights` applies its lights.
+//! Applies the changes of a job to an imported scene: its environment, and by other modules objects, materials and lights.
 
 use super::lamps::lamp_key;
-use super::{AlphaKind, EnvironmentSettings, Job, MaterialOverride};
+use super::{EnvironmentSettings, Job};
 use crate::error::{ImportWarning, InputError};
 use crate::images::load_environment;
-use crate::names::suggestion;
 use dunkelfeld_radiometry::Rgb;
-use dunkelfeld_scene::{
-    AlphaMode, Environment, EnvironmentSource, ImageId, Material, Medium, SceneBuilder, Surface, Volume,
-};
+use dunkelfeld_scene::{Environment, EnvironmentSource, ImageId, SceneBuilder};
 
 impl Job {
     /// Checks without a scene: overrides that contradict each other.
     pub(super) fn check_overrides(&self) -> Result<(), InputError> {
+        self.check_objects()?;
         for (i, light) in self.lights.iter().enumerate() {
             let given = [
                 ("radiance", light.radiance.is_some()),
@@ -41,24 +39,11 @@ impl Job {
                 return Err(self.light_error(i, key, problem, help));
             }
         }
-        for (i, m) in self.materials.iter().enumerate() {
-            let by_color = [
-                ("attenuation_color", m.attenuation_color.is_some()),
-                ("attenuation_distance", m.attenuation_distance.is_some()),
-                ("scattering_albedo", m.scattering_albedo.is_some()),
-            ];
-            let outright = [("absorption", m.absorption.is_some()), ("scattering", m.scattering.is_some())];
-            let given = |keys: &[(&'static str, bool)]| keys.iter().find(|(_, given)| *given).map(|(key, _)| *key);
-            if let (Some(first), Some(second)) = (given(&by_color), given(&outright)) {
-                let problem = format!("`{first}` and `{second}` both define the light inside the solid");
-                let help = "describe the medium by `attenuation_color`, `attenuation_distance` and `scattering_albedo`, or by `absorption` and `scattering`";
-                return Err(self.source.error_at_key(&["material", &i.to_string(), second], problem, help));
-            }
-        }
-        Ok(())
+        self.check_materials()
     }
 
-    /// Changes the scene by `[environment]`, `[[material]]`, `[camera]` and `[[light]]`, in this order.
+    /// Changes the scene by `[environment]`, `[[object]]`, `[[material]]`, `[camera]` and `[[light]]`, in this order. New
+    /// materials exist before the objects are changed.
     ///
     /// # Errors
     /// If a name matches nothing in the scene, a light's quantity does not fit its kind, or the environment's image
@@ -69,6 +54,8 @@ impl Job {
         if let Some(environment) = &self.environment {
             scene.environment = self.environment(environment, scene, &mut warnings)?;
         }
+        self.add_new_materials(scene)?;
+        self.change_all_objects(scene)?;
         for (i, change) in self.materials.iter().enumerate() {
             self.change_materials(i, change, scene)?;
         }
@@ -106,131 +93,6 @@ impl Job {
         };
         Ok(Some(Environment { source, rotation: settings.rotation.unwrap_or(0.0) }))
     }
-
-    fn change_materials(
-        &self,
-        i: usize,
-        change: &MaterialOverride,
-        scene: &mut SceneBuilder,
-    ) -> Result<(), InputError> {
-        let mut found = false;
-        for material in scene.materials.iter_mut().filter(|m| matches(&change.name, &m.name)) {
-            found = true;
-            apply(change, material);
-            if let Some(key) = medium_key(change).filter(|_| material.surface == Surface::Thin) {
-                return Err(self.source.error_at_key(
-                    &["material", &i.to_string(), key],
-                    format!("material \"{}\" is a thin sheet, which has no inside", material.name),
-                    "add `solid = true` if its meshes are closed, or tint `base_color`",
-                ));
-            }
-        }
-        if found {
-            return Ok(());
-        }
-        let known = unique(scene.materials.iter().map(|m| m.name.as_str()));
-        let problem = format!("the scene has no material named \"{}\"", change.name);
-        let help = suggestion(&change.name, "materials", &known);
-        Err(self.source.error_at_key(&["material", &i.to_string(), "name"], problem, help))
-    }
-}
-
-fn apply(change: &MaterialOverride, m: &mut Material) {
-    if change.textures == Some(false) {
-        drop_textures(m);
-    }
-    fn set<T: Copy>(slot: &mut T, value: Option<T>) {
-        if let Some(value) = value {
-            *slot = value;
-        }
-    }
-    set(&mut m.base_color, change.base_color);
-    set(&mut m.alpha, change.alpha);
-    set(&mut m.metallic, change.metallic);
-    set(&mut m.roughness, change.roughness);
-    set(&mut m.normal_scale, change.normal_scale);
-    set(&mut m.emission, change.emission);
-    set(&mut m.double_sided, change.double_sided);
-    set(&mut m.unlit, change.unlit);
-    set(&mut m.ior, change.ior);
-    set(&mut m.specular, change.specular);
-    set(&mut m.specular_color, change.specular_color);
-    set(&mut m.specular_tint, change.specular_tint);
-    set(&mut m.transmission, change.transmission);
-    set(&mut m.diffuse_transmission, change.diffuse_transmission);
-    set(&mut m.diffuse_transmission_color, change.diffuse_transmission_color);
-    set(&mut m.clearcoat, change.clearcoat);
-    set(&mut m.clearcoat_roughness, change.clearcoat_roughness);
-    set(&mut m.sheen_color, change.sheen_color);
-    set(&mut m.sheen_roughness, change.sheen_roughness);
-    set(&mut m.anisotropy, change.anisotropy);
-    set(&mut m.anisotropy_rotation, change.anisotropy_rotation);
-    let old_cutoff = if let AlphaMode::Mask { cutoff } = m.alpha_mode { Some(cutoff) } else { None };
-    let cutoff = change.alpha_cutoff.or(old_cutoff).unwrap_or(0.5);
-    match change.alpha_mode {
-        Some(AlphaKind::Opaque) => m.alpha_mode = AlphaMode::Opaque,
-        Some(AlphaKind::Mask) => m.alpha_mode = AlphaMode::Mask { cutoff },
-        Some(AlphaKind::Blend) => m.alpha_mode = AlphaMode::Blend,
-        None if old_cutoff.is_some() => m.alpha_mode = AlphaMode::Mask { cutoff },
-        None => {}
-    }
-    match (change.solid, m.surface) {
-        (Some(true), Surface::Thin) => {
-            m.surface = Surface::Solid(Volume::default());
-        }
-        (Some(false), _) => m.surface = Surface::Thin,
-        _ => {}
-    }
-    if let Surface::Solid(volume) = &mut m.surface {
-        set(&mut volume.attenuation_color, change.attenuation_color);
-        set(&mut volume.attenuation_distance, change.attenuation_distance);
-        set(&mut volume.scattering_albedo, change.scattering_albedo);
-        set(&mut volume.scattering_anisotropy, change.scattering_anisotropy);
-        set(&mut volume.priority, change.priority);
-        if change.absorption.is_some() || change.scattering.is_some() {
-            // One coefficient is replaced. The other keeps the value from the attenuation.
-            let medium = Medium::new(volume);
-            *volume = Volume {
-                absorption: change.absorption.unwrap_or(medium.absorption),
-                scattering: change.scattering.unwrap_or(medium.scattering),
-                scattering_anisotropy: volume.scattering_anisotropy,
-                priority: volume.priority,
-                ..Volume::default()
-            };
-        }
-    }
-}
-
-/// The first key about the interior of a solid.
-fn medium_key(change: &MaterialOverride) -> Option<&'static str> {
-    let keys = [
-        ("attenuation_color", change.attenuation_color.is_some()),
-        ("attenuation_distance", change.attenuation_distance.is_some()),
-        ("scattering_albedo", change.scattering_albedo.is_some()),
-        ("absorption", change.absorption.is_some()),
-        ("scattering", change.scattering.is_some()),
-        ("scattering_anisotropy", change.scattering_anisotropy.is_some()),
-        ("priority", change.priority.is_some()),
-    ];
-    keys.into_iter().find(|(_, given)| *given).map(|(key, _)| key)
-}
-
-fn drop_textures(m: &mut Material) {
-    m.base_color_texture = None;
-    m.alpha_texture = None;
-    m.metallic_texture = None;
-    m.roughness_texture = None;
-    m.normal_texture = None;
-    m.emission_texture = None;
-    m.specular_texture = None;
-    m.specular_color_texture = None;
-    m.transmission_texture = None;
-    m.diffuse_transmission_texture = None;
-    m.diffuse_transmission_color_texture = None;
-    m.clearcoat_texture = None;
-    m.clearcoat_roughness_texture = None;
-    m.sheen_color_texture = None;
-    m.anisotropy_texture = None;
 }
 
 /// Does a name match a pattern with `*` and `?`? A name that contains these characters also matches literally.

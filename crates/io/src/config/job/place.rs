@@ -3,12 +3,12 @@
 use super::check::Real;
 use super::overrides::{matches, unique};
 use crate::names::suggestion;
-use crate::quantity::Length;
+use crate::quantity::{Angle, Length};
 use dunkelfeld_geometry::{DAffine3, DMat3, DQuat, DVec3};
 use dunkelfeld_radiometry::Number;
 use dunkelfeld_scene::{Instance, SceneBuilder};
 use serde::Deserialize;
-use serde::de::value::SeqAccessDeserializer;
+use serde::de::value::{MapAccessDeserializer, SeqAccessDeserializer};
 use serde::de::{Deserializer, Error, SeqAccess, Visitor};
 use std::fmt;
 
@@ -114,12 +114,15 @@ fn in_space<E: Error>(values: [f64; 3]) -> Result<DVec3, E> {
     }
 }
 
-/// Three sizes \[m\], each above zero.
-pub(super) fn sizes<'de, D: Deserializer<'de>>(d: D) -> Result<Option<DVec3>, D::Error> {
-    let v = point(d)?;
-    match v.to_array().into_iter().find(|v| *v < 1e-9) {
-        Some(v) => Err(D::Error::custom(format!("{} m is not a size; write lengths above zero", Number(v)))),
-        None => Ok(Some(v)),
+/// Two or three edges \[m\], each above zero.
+pub(super) fn sizes<'de, D: Deserializer<'de>>(d: D) -> Result<Option<Vec<f64>>, D::Error> {
+    let sizes: Vec<f64> = Vec::<Length>::deserialize(d)?.into_iter().map(f64::from).collect();
+    if !(2..=3).contains(&sizes.len()) {
+        return Err(D::Error::custom("a size has two or three edges; write [x, y, z] of a box, or [x, z] of a plane"));
+    }
+    match sizes.iter().find(|v| !(1e-9..=FARTHEST).contains(*v)) {
+        Some(v) => Err(D::Error::custom(format!("{} m is not a size; write lengths above zero", Number(*v)))),
+        None => Ok(Some(sizes)),
     }
 }
 
@@ -188,8 +191,6 @@ pub(super) fn matrix<'de, D: Deserializer<'de>>(d: D) -> Result<Option<DAffine3>
 /// A rotation: `{ axis = [x, y, z], angle = "30deg" }`, or three angles about x, y and z, applied in this order about
 /// the fixed axes of the world.
 pub(super) fn rotation<'de, D: Deserializer<'de>>(d: D) -> Result<Option<DQuat>, D::Error> {
-    use crate::quantity::Angle;
-    use serde::de::value::MapAccessDeserializer;
     #[derive(Deserialize)]
     #[serde(deny_unknown_fields)]
     struct AxisAngle {
@@ -209,12 +210,40 @@ pub(super) fn rotation<'de, D: Deserializer<'de>>(d: D) -> Result<Option<DQuat>,
         }
         fn visit_seq<A: SeqAccess<'de>>(self, seq: A) -> Result<DQuat, A::Error> {
             let what = "three angles about x, y and z, such as [\"0deg\", \"90deg\", \"0deg\"]";
-            let [x, y, z] = three::<Angle, _>(SeqAccessDeserializer::new(seq), what)?.map(f64::from);
+            let [x, y, z] = three::<Turn, _>(SeqAccessDeserializer::new(seq), what)?.map(|Turn(angle)| angle);
             let (x, y, z) = (finite(x)?, finite(y)?, finite(z)?);
             Ok(DQuat::from_rotation_z(z) * DQuat::from_rotation_y(y) * DQuat::from_rotation_x(x))
         }
     }
     d.deserialize_any(RotationVisitor).map(Some)
+}
+
+/// An angle \[rad\] of a rotation. A zero needs no unit.
+struct Turn(f64);
+
+impl<'de> Deserialize<'de> for Turn {
+    fn deserialize<D: Deserializer<'de>>(d: D) -> Result<Self, D::Error> {
+        struct TurnVisitor;
+        impl Visitor<'_> for TurnVisitor {
+            type Value = Turn;
+            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.write_str("an angle as \"30deg\", or 0")
+            }
+            fn visit_str<E: Error>(self, text: &str) -> Result<Turn, E> {
+                text.parse::<Angle>().map(|angle| Turn(angle.0)).map_err(E::custom)
+            }
+            fn visit_i64<E: Error>(self, v: i64) -> Result<Turn, E> {
+                self.visit_f64(v as f64)
+            }
+            fn visit_f64<E: Error>(self, v: f64) -> Result<Turn, E> {
+                if v == 0.0 {
+                    return Ok(Turn(v));
+                }
+                Err(E::custom(format!("{} lacks a unit; write an angle as \"30deg\"", Number(v))))
+            }
+        }
+        d.deserialize_any(TurnVisitor)
+    }
 }
 
 fn finite<E: Error>(angle: f64) -> Result<f64, E> {
@@ -263,7 +292,7 @@ mod tests {
         #[serde(default, deserialize_with = "scale")]
         scale: Option<DVec3>,
         #[serde(default, deserialize_with = "sizes")]
-        size: Option<DVec3>,
+        size: Option<Vec<f64>>,
         #[serde(default, deserialize_with = "matrix")]
         matrix: Option<DAffine3>,
         #[serde(default, deserialize_with = "rotation")]
@@ -282,7 +311,7 @@ mod tests {
         assert_eq!(keys("direction = [0, -3, 0]").direction, Some(DVec3::NEG_Y));
         assert_eq!(keys("scale = 2").scale, Some(DVec3::splat(2.0)));
         assert_eq!(keys("scale = [1, 2.5, 3]").scale, Some(DVec3::new(1.0, 2.5, 3.0)));
-        assert_eq!(keys("size = [\"1mm\", 2, 3]").size, Some(DVec3::new(0.001, 2.0, 3.0)));
+        assert_eq!(keys("size = [\"1mm\", 2, 3]").size, Some(vec![0.001, 2.0, 3.0]));
         let matrix = keys("matrix = [0,-1,0,5, 1,0,0,6, 0,0,1,7, 0,0,0,1]").matrix.expect("a matrix");
         assert_eq!(matrix.transform_point3(DVec3::X), DVec3::new(5.0, 7.0, 7.0));
         // About x first, then about y: +z goes to -y, which the second rotation keeps; the other order differs.
@@ -307,17 +336,19 @@ mod tests {
             ("scale = 0", "no factor"),
             ("scale = [1, -1, 1]", "mirror"),
             ("scale = nan", "no factor"),
-            ("size = [1, 0, 1]", "no size"),
+            ("size = [1, 0, 1]", "not a size"),
+            ("size = [1]", "two or three"),
             ("matrix = [1, 2]", "16 numbers"),
             ("matrix = [1,0,0,0, 0,1,0,0, 0,0,0,0, 0,0,0,1]", "singular"),
             ("matrix = [1,0,0,0, 0,1,0,0, 0,0,1,0, 1,2,3,1]", "fourth column"),
             ("matrix = [nan,0,0,0, 0,1,0,0, 0,0,1,0, 0,0,0,1]", "not a finite number"),
             ("rotate = { axis = [0, 0, 0], angle = \"3deg\" }", "no direction"),
             ("rotate = { angle = \"3deg\" }", "axis"),
-            ("rotate = [1, 2, 3]", "unit"),
+            ("rotate = [0, 2, 3]", "unit"),
+            ("rotate = [0, true, 3]", "as \"30deg\""),
         ] {
             let error = toml::from_str::<Keys>(text).expect_err(text).to_string();
-            assert!(error.contains(part) || (part == "no size" && error.contains("not a size")), "{text}: {error}");
+            assert!(error.contains(part), "{text}: {error}");
         }
     }
 

@@ -1,8 +1,8 @@
 //! The outermost layer of a glTF asset: the GLB container or bare JSON, extensions, buffers.
 
 use super::document::{Document, old_version};
-use super::guard::guarded;
 use crate::error::InputError;
+use crate::import::guard::guarded;
 use crate::import::warnings::Warnings;
 use crate::input::Role;
 use crate::loader::AssetLoader;

@@ -13,7 +13,6 @@ mod container;
 mod deform;
 mod document;
 mod extensions;
-mod guard;
 mod lenient;
 mod light;
 mod material;

@@ -3,7 +3,7 @@
 use super::closed::Places;
 use super::read::{Corner, Face, NONE, Parsed};
 use super::tally::Tally;
-use super::triangulate::{Outcome, Triangulator, newell_normal};
+use crate::import::triangulate::{Outcome, Triangulator, newell_normal};
 use dunkelfeld_geometry::{DVec3, Mesh, Vec2, Vec3, Vec4};
 use std::collections::HashMap;
 

@@ -8,7 +8,7 @@ const MOST_CORNERS: usize = 20_000;
 
 /// The result of a polygon.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Outcome {
+pub(crate) enum Outcome {
     /// It was triangulated.
     Done,
     /// It has no area.
@@ -19,7 +19,7 @@ pub(super) enum Outcome {
 
 /// Triangulates polygons; keeps its work buffers between them.
 #[derive(Default)]
-pub(super) struct Triangulator {
+pub(crate) struct Triangulator {
     earcut: Earcut<f64>,
     flat: Vec<[f64; 2]>,
     ears: Vec<u32>,
@@ -28,7 +28,7 @@ pub(super) struct Triangulator {
 impl Triangulator {
     /// Appends the triangles of a polygon, as positions within `points`, with the winding of the polygon. Triangles
     /// without area are left out.
-    pub(super) fn triangulate(&mut self, points: &[DVec3], out: &mut Vec<[u32; 3]>) -> Outcome {
+    pub(crate) fn triangulate(&mut self, points: &[DVec3], out: &mut Vec<[u32; 3]>) -> Outcome {
         if points.len() > MOST_CORNERS {
             return Outcome::TooLarge;
         }
@@ -90,7 +90,7 @@ impl Triangulator {
 
 /// Unit normal of a polygon by Newell's method (Sutherland, Sproull, Schumacker 1974): twice its area vector. `None` if
 /// the polygon has no area.
-pub(super) fn newell_normal(points: &[DVec3]) -> Option<DVec3> {
+pub(crate) fn newell_normal(points: &[DVec3]) -> Option<DVec3> {
     let origin = *points.first()?;
     // Relative to a corner, so that a polygon far from the origin keeps its precision.
     let (mut sum, mut extent) = (DVec3::ZERO, 0.0_f64);

@@ -5,14 +5,14 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 
 /// Runs `read`; a panic in it becomes an error.
-pub(super) fn guarded<T>(
+pub(crate) fn guarded<T>(
     path: &Path,
     place: &str,
     read: impl FnOnce() -> Result<T, InputError>,
 ) -> Result<T, InputError> {
     // The data that `read` borrows is dropped with the import, so that no code uses it in a partly changed state.
     catch_unwind(AssertUnwindSafe(read)).unwrap_or_else(|_| {
-        let problem = "the reader of glTF stopped at a fault that it does not expect";
+        let problem = "the reader of the format stopped at a fault that it does not expect";
         Err(InputError::new(
             path,
             place,

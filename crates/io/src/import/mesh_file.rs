@@ -1,0 +1,43 @@
+//! The scene of a file that contains meshes only: STL and PLY.
+
+use crate::import::options::Imported;
+use crate::import::warnings::Warnings;
+use crate::loader::AssetLoader;
+use dunkelfeld_geometry::{DAffine3, DVec3, Mesh};
+use dunkelfeld_radiometry::Rgb;
+use dunkelfeld_scene::{Instance, Material, MeshPart, SceneBuilder};
+use std::path::Path;
+
+/// Reflectance of the material: the grey of OBJ faces without a material.
+const GREY: f32 = 0.8;
+
+/// A mesh with its name and the origin of its coordinates in the file.
+pub(crate) struct Object {
+    /// Empty: the name of the file.
+    pub name: String,
+    pub mesh: Mesh,
+    pub origin: DVec3,
+}
+
+/// The scene of the meshes. All have one material, whose name is that of the file. It is white if vertices have colours,
+/// which multiply it.
+pub(crate) fn scene_of_meshes(
+    path: &Path,
+    objects: Vec<Object>,
+    colored: bool,
+    warnings: Warnings,
+    loader: AssetLoader,
+) -> Imported {
+    let stem = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+    let mut scene = SceneBuilder { name: stem.clone(), ..SceneBuilder::default() };
+    let base_color = if colored { Rgb::WHITE } else { Rgb::splat(GREY) };
+    let material = scene.add_material(Material { name: stem.clone(), base_color, ..Material::default() });
+    for (mesh, object) in objects.into_iter().enumerate() {
+        let name = if object.name.is_empty() { stem.clone() } else { object.name };
+        let part = MeshPart { name: name.clone(), mesh: object.mesh, material, ..MeshPart::default() };
+        scene.meshes.push(part);
+        let to_world = DAffine3::from_translation(object.origin);
+        scene.instances.push(Instance { name, meshes: vec![mesh], to_world });
+    }
+    Imported { scene, warnings: warnings.finish(), inputs: loader.into_inputs() }
+}
