@@ -12,7 +12,7 @@
 //!
 //! let positions = [Vec3::ZERO, Vec3::X, Vec3::Y];
 //! let mesh = MeshTriangles { positions: &positions, triangles: &[[0, 1, 2]] };
-//! let bvh = Bvh::build(&[mesh], &[BvhInstance { mesh: 0, to_world: None }])?;
+//! let bvh = Bvh::build(&[mesh], &[BvhInstance { mesh: 0, to_world: None, motion: None }])?;
 //! let hit = bvh.closest_hit(&Ray::new(Vec3::new(0.25, 0.5, 2.0), -Vec3::Z));
 //! assert_eq!(hit.map(|h| (h.t, h.b1, h.b2)), Some((2.0, 0.25, 0.5)));
 //! # Ok::<(), dunkelfeld_bvh::BvhError>(())
@@ -28,4 +28,4 @@ mod tree;
 mod triangle_block;
 mod validate;
 
-pub use scene::{Bvh, BvhError, BvhInstance, Hit, MeshTriangles};
+pub use scene::{Bvh, BvhError, BvhInstance, Hit, InstanceMotion, MeshTriangles};

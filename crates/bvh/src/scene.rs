@@ -1,6 +1,6 @@
 //! The acceleration structure of a scene: meshes, their instances, and ray queries.
 
-use dunkelfeld_geometry::{Aabb, Ray, Transform, geometric_normal};
+use dunkelfeld_geometry::{Aabb, Ray, RigidMotion, Transform, geometric_normal};
 use fearless_simd::Level;
 use glam::Vec3;
 
@@ -26,6 +26,17 @@ pub struct BvhInstance {
     pub mesh: u32,
     /// Object to world; `None` if the positions are world positions already, which saves the transform of each ray.
     pub to_world: Option<Transform>,
+    /// Motion in the world after the transform; `None` for an instance at rest.
+    pub motion: Option<InstanceMotion>,
+}
+
+/// The motion of an instance, and the times at which rays meet it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct InstanceMotion {
+    /// The motion. At time 0 the instance has its placement.
+    pub motion: RigidMotion,
+    /// First and last time of any ray \[s\].
+    pub times: [f64; 2],
 }
 
 /// Intersection of a ray with the scene.
@@ -84,10 +95,17 @@ pub(crate) struct MeshTree {
 #[derive(Clone, Debug)]
 pub(crate) struct Instance {
     pub(crate) mesh: u32,
-    /// Boxed, so that the many instances without a transform stay small.
-    pub(crate) to_world: Option<Box<Transform>>,
-    /// Bounds in the world.
+    pub(crate) space: Space,
+    /// Bounds in the world, at all times of a moving instance.
     pub(crate) bounds: Aabb,
+}
+
+/// The space of an instance's mesh. Boxed, so that the many instances in world space stay small.
+#[derive(Clone, Debug)]
+pub(crate) enum Space {
+    World,
+    Fixed(Box<Transform>),
+    Moving(Box<(Transform, RigidMotion)>),
 }
 
 /// An acceleration structure over instances of triangle meshes. Immutable once built, shared between threads freely.
@@ -145,12 +163,20 @@ impl Bvh {
             .map(|i| {
                 let to_world = i.to_world.filter(|t| !t.is_identity());
                 let local = meshes[i.mesh as usize].tree.bounds;
-                let bounds = to_world.map_or(local, |t| local.transformed(&t));
-                Instance { mesh: i.mesh, to_world: to_world.map(Box::new), bounds }
+                let rest = to_world.map_or(local, |t| local.transformed(&t));
+                let (space, bounds) = match (i.motion.filter(|m| !m.motion.is_static()), to_world) {
+                    (Some(InstanceMotion { motion, times: [from, to] }), placement) => {
+                        let moving = Space::Moving(Box::new((placement.unwrap_or(Transform::IDENTITY), motion)));
+                        (moving, motion.swept(&rest, from, to))
+                    }
+                    (None, Some(placement)) => (Space::Fixed(Box::new(placement)), rest),
+                    (None, None) => (Space::World, rest),
+                };
+                Instance { mesh: i.mesh, space, bounds }
             })
             .collect();
 
-        let single = matches!(instances.as_slice(), [only] if only.to_world.is_none());
+        let single = matches!(instances.as_slice(), [only] if matches!(only.space, Space::World));
         // No ray can hit an instance that is empty, or whose transform exceeds the range of f32.
         let present: Vec<u32> = (0..instances.len() as u32)
             .filter(|&i| {
@@ -218,7 +244,14 @@ impl Bvh {
         let tree = |t: &Tree| t.nodes.capacity() * size_of::<Node>();
         let mesh =
             |m: &MeshTree| size_of::<MeshTree>() + tree(&m.tree) + m.blocks.capacity() * size_of::<TriangleBlock>();
-        let instance = |i: &Instance| size_of::<Instance>() + i.to_world.as_ref().map_or(0, |_| size_of::<Transform>());
+        let instance = |i: &Instance| {
+            size_of::<Instance>()
+                + match i.space {
+                    Space::World => 0,
+                    Space::Fixed(_) => size_of::<Transform>(),
+                    Space::Moving(_) => size_of::<(Transform, RigidMotion)>(),
+                }
+        };
         size_of::<Self>()
             + tree(&self.top)
             + self.meshes.iter().map(mesh).sum::<usize>()
@@ -289,8 +322,8 @@ mod tests {
             .collect();
         let mesh = MeshTriangles { positions: &positions, triangles: &triangles };
         let turned = Transform::new(glam::DAffine3::from_rotation_y(0.7)).unwrap();
-        let here = BvhInstance { mesh: 0, to_world: None };
-        let there = BvhInstance { mesh: 0, to_world: Some(turned) };
+        let here = BvhInstance { mesh: 0, to_world: None, motion: None };
+        let there = BvhInstance { mesh: 0, to_world: Some(turned), motion: None };
         let rays = (0..3000u32).map(|i| {
             let at = |k: u32| ((i * k) % 64) as f32 * 0.25;
             let direction = Vec3::new(at(3) - at(5), if i % 3 == 0 { 0.0 } else { at(7) - 8.0 }, -at(11) - 0.5);

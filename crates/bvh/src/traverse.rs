@@ -4,10 +4,10 @@
 //! [`Reported`] contains the triangles that an occlusion query reports and passes. It is a type, so that a query without
 //! such triangles is compiled without their code.
 
-use dunkelfeld_geometry::Ray;
+use dunkelfeld_geometry::{Ray, RigidMotion, Transform};
 use fearless_simd::Simd;
 
-use crate::scene::{Bvh, Hit, MeshTree};
+use crate::scene::{Bvh, Hit, Instance, MeshTree, Space};
 use crate::simd8::dispatch8;
 use crate::tree::Leaves;
 use crate::triangle_block::{ALL, BlockHit, ShearLanes, TriangleBlock};
@@ -117,6 +117,24 @@ fn occluded_in_mesh<S: Simd>(
     mesh.tree.traverse::<S, false>(simd, ray, &mut t_max, &mut leaves)
 }
 
+/// A ray in the space of an instance's mesh, and the factor on distances. `None` if the ray misses a moving instance.
+#[inline(always)]
+fn object_ray(instance: &Instance, mesh: &MeshTree, world: &Ray) -> Option<(Ray, f32)> {
+    match &instance.space {
+        Space::World => Some((*world, 1.0)),
+        Space::Fixed(transform) => Some(transform.unit_ray(world)),
+        Space::Moving(moving) => moving_ray(moving, mesh, world),
+    }
+}
+
+/// [`object_ray`] of a moving instance at the time of the ray. The box of the hierarchy contains all poses, so the ray
+/// is tested against the box of the mesh at this pose.
+#[inline(never)]
+fn moving_ray((rest, motion): &(Transform, RigidMotion), mesh: &MeshTree, world: &Ray) -> Option<(Ray, f32)> {
+    let (ray, scale) = motion.moved(rest, f64::from(world.time)).unit_ray(world);
+    mesh.tree.bounds.may_be_hit(&ray).then_some((ray, scale))
+}
+
 /// The world's side of a ray in object space.
 #[derive(Clone, Copy)]
 struct WorldRay {
@@ -167,10 +185,7 @@ impl<S: Simd> Leaves for ClosestInstance<'_, S> {
         let Some(instance) = self.bvh.instances.get(payload as usize) else { return false };
         let mesh = &self.bvh.meshes[instance.mesh as usize];
         let world = Ray { t_max: *t_max, ..*self.ray };
-        let (ray, scale) = match &instance.to_world {
-            None => (world, 1.0),
-            Some(transform) => transform.unit_ray(&world),
-        };
+        let Some((ray, scale)) = object_ray(instance, mesh, &world) else { return false };
         let mut object_t_max = ray.t_max;
         if let Some(hit) = closest_in_mesh(self.simd, mesh, &ray, &mut object_t_max) {
             let t = hit.t / scale;
@@ -228,10 +243,7 @@ impl<S: Simd, R: Reported> Leaves for BlockingInstance<'_, S, R> {
     fn visit(&mut self, payload: u32, _t_max: &mut f32) -> bool {
         let Some(instance) = self.bvh.instances.get(payload as usize) else { return false };
         let mesh = &self.bvh.meshes[instance.mesh as usize];
-        let (ray, scale) = match &instance.to_world {
-            None => (*self.ray, 1.0),
-            Some(transform) => transform.unit_ray(self.ray),
-        };
+        let Some((ray, scale)) = object_ray(instance, mesh, self.ray) else { return false };
         let world = WorldRay { scale, t_max: self.ray.t_max, instance: payload };
         occluded_in_mesh(self.simd, mesh, &ray, world, self.reported)
     }

@@ -71,8 +71,8 @@ fn both_kernels_give_the_same_bits() {
         DVec3::new(0.4, 0.1, -0.7),
     ))
     .unwrap();
-    let here = BvhInstance { mesh: 0, to_world: None };
-    let there = BvhInstance { mesh: 1, to_world: Some(turned) };
+    let here = BvhInstance { mesh: 0, to_world: None, motion: None };
+    let there = BvhInstance { mesh: 1, to_world: Some(turned), motion: None };
     for instances in [&[here][..], &[here, there]] {
         let (fast, portable) =
             (Bvh::build(&views, instances).unwrap(), Bvh::build_portable(&views, instances).unwrap());

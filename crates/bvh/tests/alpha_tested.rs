@@ -26,12 +26,13 @@ fn a_shadow_ray_visits_each_alpha_tested_triangle_once_and_stops_at_the_others()
     .expect("invertible");
     for to_world in [None, Some(away)] {
         let instances = [
-            BvhInstance { mesh: 0, to_world },
+            BvhInstance { mesh: 0, to_world, motion: None },
             BvhInstance {
                 mesh: 0,
                 to_world: Some(
                     Transform::new(DAffine3::from_translation(DVec3::new(0.0, -500.0, 0.0))).expect("invertible"),
                 ),
+                motion: None,
             },
         ];
         for count in [1, 2] {

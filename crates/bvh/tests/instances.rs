@@ -53,7 +53,7 @@ fn many_instances_equal_one_baked_mesh() {
         let base = baked.positions.len() as u32;
         baked.positions.extend(ball.positions.iter().map(|&p| t.point(p)));
         baked.triangles.extend(ball.triangles.iter().map(|t| t.map(|i| i + base)));
-        instances.push(BvhInstance { mesh: 0, to_world: Some(t) });
+        instances.push(BvhInstance { mesh: 0, to_world: Some(t), motion: None });
     }
     let two_level = Bvh::build(&[ball.view()], &instances).unwrap();
     two_level.validate().unwrap();
@@ -84,9 +84,9 @@ fn many_instances_equal_one_baked_mesh() {
 #[test]
 fn identity_instances_store_no_transform_and_several_meshes_are_supported() {
     let (ball, soup) = (icosphere(2), random_soup(200, 34));
-    let plain = |mesh| BvhInstance { mesh, to_world: None };
+    let plain = |mesh| BvhInstance { mesh, to_world: None, motion: None };
     let bvh = Bvh::build(&[ball.view(), soup.view()], &[plain(0), plain(1)]).unwrap();
-    let named = BvhInstance { mesh: 0, to_world: Some(Transform::IDENTITY) };
+    let named = BvhInstance { mesh: 0, to_world: Some(Transform::IDENTITY), motion: None };
     let same = Bvh::build(&[ball.view(), soup.view()], &[named, plain(1)]).unwrap();
     bvh.validate().unwrap();
     let (b, s) = (ball.bvh(), soup.bvh());
@@ -105,7 +105,7 @@ fn invalid_indices_are_errors_and_an_empty_scene_is_valid() {
     let p = [Vec3::ZERO, Vec3::X, Vec3::Y];
     let good = dunkelfeld_bvh::MeshTriangles { positions: &p, triangles: &[[0, 1, 2]] };
     let bad = dunkelfeld_bvh::MeshTriangles { positions: &p, triangles: &[[0, 1, 2], [0, 1, 3]] };
-    let at = |mesh| BvhInstance { mesh, to_world: None };
+    let at = |mesh| BvhInstance { mesh, to_world: None, motion: None };
     assert_eq!(
         Bvh::build(&[good, bad], &[at(0)]).err(),
         Some(BvhError::VertexOutOfRange { mesh: 1, triangle: 1, vertices: 3 })
@@ -133,7 +133,7 @@ fn invalid_indices_are_errors_and_an_empty_scene_is_valid() {
 fn a_thousand_coincident_instances_are_traversed() {
     let ball = icosphere(0);
     let t = transform(DVec3::splat(0.5), 1.0, DVec3::X);
-    let instances = vec![BvhInstance { mesh: 0, to_world: Some(t) }; 1000];
+    let instances = vec![BvhInstance { mesh: 0, to_world: Some(t), motion: None }; 1000];
     let bvh = Bvh::build(&[ball.view()], &instances).unwrap();
     bvh.validate().unwrap();
     assert!(bvh.occluded(&Ray::new(Vec3::new(1.0, 0.0, -3.0), Vec3::Z)));

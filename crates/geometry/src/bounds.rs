@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 
-use crate::Transform;
+use crate::{Ray, Transform};
 
 /// An axis-aligned box; empty when any `min` exceeds its `max`.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -100,6 +100,30 @@ impl Aabb {
         Self { min: min.as_vec3().map(f32::next_down), max: max.as_vec3().map(f32::next_up) }
     }
 
+    /// True if a ray could hit the box between its start and its end. Rounding errors never make it false for a ray that
+    /// hits the content of the box, also if the ray is the rounded result of a transform.
+    #[inline]
+    pub fn may_be_hit(&self, ray: &Ray) -> bool {
+        // Relative error of a distance: a subtraction, a division, and the rounding of a transformed ray.
+        const SLACK: f32 = 16.0 * f32::EPSILON;
+        let (mut near, mut far) = (0.0f32, ray.t_max);
+        let reach = ray.origin.abs().max(self.min.abs()).max(self.max.abs()) * SLACK;
+        let (min, max) = (self.min - reach, self.max + reach);
+        for k in 0..3 {
+            let (origin, direction) = (ray.origin[k], ray.direction[k]);
+            if direction == 0.0 {
+                if origin < min[k] || origin > max[k] {
+                    return false;
+                }
+                continue;
+            }
+            let (a, b) = ((min[k] - origin) / direction, (max[k] - origin) / direction);
+            near = near.max(a.min(b));
+            far = far.min(a.max(b));
+        }
+        near * (1.0 - SLACK) <= far * (1.0 + SLACK)
+    }
+
     /// The eight corners.
     pub fn corners(&self) -> [Vec3; 8] {
         std::array::from_fn(|i| {
@@ -138,5 +162,22 @@ mod tests {
         let tight = Aabb::from_points(b.corners().map(|c| t.point(c)));
         assert!(moved.encloses(&tight), "{moved:?} against {tight:?}");
         assert!((moved.size() - tight.size()).abs().max_element() < 1e-3);
+    }
+
+    #[test]
+    fn the_box_test_accepts_rays_through_the_box_and_refuses_others() {
+        let bounds = Aabb { min: Vec3::new(0.0, 0.0, 0.0), max: Vec3::new(1.0, 1.0, 0.0) };
+        let toward = |p: Vec3| {
+            let from = Vec3::new(0.3, -2.0, 5.0);
+            Ray::new(from, (p - from).normalize())
+        };
+        for i in 0..100 {
+            let p = Vec3::new((i % 10) as f32 / 9.0, (i / 10) as f32 / 9.0, 0.0);
+            assert!(bounds.may_be_hit(&toward(p)), "{p}");
+        }
+        assert!(!bounds.may_be_hit(&toward(Vec3::new(1.01, 0.5, 0.0))));
+        assert!(!bounds.may_be_hit(&Ray::with_end(Vec3::new(0.5, 0.5, 2.0), -Vec3::Z, 1.9)));
+        assert!(!bounds.may_be_hit(&Ray::new(Vec3::new(0.5, 0.5, -2.0), -Vec3::Z)));
+        assert!(bounds.may_be_hit(&Ray::new(Vec3::new(0.5, 0.0, 2.0), -Vec3::Z)), "in the plane of a side");
     }
 }

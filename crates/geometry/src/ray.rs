@@ -1,4 +1,4 @@
-//! A ray: origin, direction and length.
+//! A ray: origin, direction, length and time.
 
 use glam::Vec3;
 
@@ -13,19 +13,28 @@ pub struct Ray {
     pub direction: Vec3,
     /// Upper end of the ray parameter; hits at `t >= t_max` do not count.
     pub t_max: f32,
+    /// Time at which the ray meets moving parts \[s\]; 0 is the pose of the scene file.
+    pub time: f32,
 }
 
 impl Ray {
-    /// An unbounded ray.
+    /// An unbounded ray at time 0.
     #[inline]
     pub fn new(origin: Vec3, direction: Vec3) -> Self {
-        Self { origin, direction, t_max: f32::INFINITY }
+        Self { origin, direction, t_max: f32::INFINITY, time: 0.0 }
     }
 
-    /// A ray that ends at the parameter `t_max`.
+    /// A ray at time 0 that ends at the parameter `t_max`.
     #[inline]
     pub fn with_end(origin: Vec3, direction: Vec3, t_max: f32) -> Self {
-        Self { origin, direction, t_max }
+        Self { origin, direction, t_max, time: 0.0 }
+    }
+
+    /// The same ray at another time \[s\].
+    #[inline]
+    #[must_use]
+    pub fn at_time(self, time: f32) -> Self {
+        Self { time, ..self }
     }
 
     /// The point at parameter `t`.

@@ -62,6 +62,12 @@ impl Transform {
         if fits(&to_object) { Ok(Self { to_world, to_object }) } else { Err(TransformError::NotFinite) }
     }
 
+    /// A transform from its map and the inverse of it.
+    #[inline]
+    pub(crate) fn from_inverse_pair(to_world: DAffine3, to_object: DAffine3) -> Self {
+        Self { to_world, to_object }
+    }
+
     /// The object-to-world map.
     #[inline]
     pub fn to_world(&self) -> &DAffine3 {
@@ -124,6 +130,7 @@ impl Transform {
             origin: self.to_object.transform_point3(ray.origin.as_dvec3()).as_vec3(),
             direction: self.to_object.transform_vector3(ray.direction.as_dvec3()).as_vec3(),
             t_max: ray.t_max,
+            time: ray.time,
         }
     }
 
@@ -139,6 +146,7 @@ impl Transform {
             origin: self.to_object.transform_point3(ray.origin.as_dvec3()).as_vec3(),
             direction: (direction / scale).as_vec3(),
             t_max: (f64::from(ray.t_max) * scale) as f32,
+            time: ray.time,
         };
         (ray, scale as f32)
     }

@@ -6,8 +6,12 @@ use dunkelfeld_scene::Scene;
 /// Place on the pixel (2).
 pub(crate) const CAMERA: u32 = 0;
 
-/// Place on the lens (2), for a finite aperture. No path has so many vertices that their sets reach this one.
+/// Place on the lens (2), for a finite aperture. No path has so many vertices that their sets reach this one,
+/// or the one of the time.
 pub(crate) const LENS: u32 = u32::MAX;
+
+/// Time of the exposure (1), in scenes with a shutter.
+pub(crate) const TIME: u32 = LENS - 1;
 
 /// Sets that one vertex of a path uses.
 const PER_VERTEX: u32 = 3;

@@ -118,7 +118,9 @@ pub(crate) fn estimate<F: Features, V: Vertex>(
     let expected = unoccluded * (mis_weight / light.pdf);
     let Some(survival) = roulette.shadow_survival(expected) else { return Rgb::BLACK };
     let shadow_start = at.spawn_ray(light.direction);
-    let ray = scene.shadow_ray_from(shadow_start.ray.origin, light.direction, light.target.as_ref());
+    let ray = scene
+        .shadow_ray_from(shadow_start.ray.origin, light.direction, light.target.as_ref())
+        .at_time(shadow_start.ray.time);
     let (open, transmittance) = shadow_start.shadow_transmittance::<F>(scene, &ray);
     recorder.shadow_ray(index, open > 0.0 && !transmittance.is_black());
     if open == 0.0 {

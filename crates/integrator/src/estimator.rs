@@ -6,7 +6,7 @@ use crate::learned_roulette::LearnedRoulette;
 use crate::recorder::{ConnectionTally, PathTrace, Recorder};
 use dunkelfeld_film::Sample;
 use dunkelfeld_sampling::Sampler;
-use dunkelfeld_scene::{CameraRay, RayGenerator, Scene};
+use dunkelfeld_scene::{CameraRay, Moment, RayGenerator, Scene};
 
 /// Coordinates of one sample of an image: pixel and index.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -65,11 +65,16 @@ impl Estimator<'_> {
         let sampler = Sampler::new(self.seed, self.frame, at.y * self.width + at.x, at.index);
         // A uniform place in the pixel: the box filter of a sensor that integrates over its pixel.
         let [dx, dy] = sampler.get_2d(dimensions::CAMERA);
+        // The time of the sample. The rows of a line scan have the same place on the film.
+        let Moment { time, y } = match self.scene.shutter() {
+            None => Moment { time: 0.0, y: at.y as f32 + dy },
+            Some(shutter) => shutter.moment(at.y, dy, sampler.get_1d(dimensions::TIME), (self.seed, self.frame)),
+        };
         // The ray from the film through the lens into the scene. A pinhole needs no place on the lens.
         let lens = self.camera.has_aperture().then(|| sampler.get_2d(dimensions::LENS));
-        let CameraRay { ray, weight, start } = self.camera.camera_ray(at.x as f32 + dx, at.y as f32 + dy, lens);
+        let CameraRay { ray, weight, start } = self.camera.camera_ray(at.x as f32 + dx, y, lens);
         // The path, and the sample for the film.
-        let sample = trace_path(self.scene, self.roulette, ray, &sampler, recorder);
+        let sample = trace_path(self.scene, self.roulette, ray.at_time(time), &sampler, recorder);
         // The lens scales the radiance, for example by vignetting.
         recorder.scale(weight);
         let depth = if sample.hit { start + sample.depth } else { sample.depth };

@@ -2,7 +2,7 @@
 
 use crate::ray_state::RayState;
 use crate::vertex::{SurfaceVertex, Vertex};
-use dunkelfeld_scene::{AllFeatures, RayGenerator, Scene};
+use dunkelfeld_scene::{AllFeatures, Moment, RayGenerator, Scene};
 use std::num::NonZeroU32;
 
 /// Object and material at the centre of a pixel. An `Option` of it takes 8 bytes.
@@ -32,9 +32,13 @@ impl PixelIds {
 
 /// The ids of pixel (x, y), or `None` if no surface lies behind its centre. The ray passes a surface whose coverage is
 /// below one half. It also passes a smooth clear surface, in the direction that carries more light. The ids of the
-/// first such clear surface are returned if no other surface lies behind it.
+/// first such clear surface are returned if no other surface lies behind it. Moving objects are at the middle of the
+/// exposure.
 pub fn pixel_ids(scene: &Scene, camera: &RayGenerator, x: u32, y: u32) -> Option<PixelIds> {
-    let mut ray_state = RayState::from_camera::<AllFeatures>(scene, camera.ray(x as f32 + 0.5, y as f32 + 0.5));
+    let Moment { time, y } =
+        scene.shutter().map_or(Moment { time: 0.0, y: y as f32 + 0.5 }, |shutter| shutter.middle(y));
+    let ray = camera.ray(x as f32 + 0.5, y).at_time(time);
+    let mut ray_state = RayState::from_camera::<AllFeatures>(scene, ray);
     let mut first_clear = None;
     // Upper bound on the cost of a hostile file. No real scene has so many sheets behind one another.
     for _ in 0..10_000 {

@@ -33,7 +33,7 @@ impl RayState {
     /// The state of a ray from the camera.
     #[inline]
     pub(crate) fn from_camera<F: Features>(scene: &Scene, ray: Ray) -> Self {
-        let interior = if F::MEDIA { scene.interior_at(ray.origin) } else { Interior::OUTSIDE };
+        let interior = if F::MEDIA { scene.interior_at_time(ray.origin, ray.time) } else { Interior::OUTSIDE };
         Self { ray, enclosing: EnclosingSolids { material: None, interior } }
     }
 
@@ -76,7 +76,7 @@ impl RayState {
     /// The same origin with another direction on the same side of its surface.
     #[inline]
     pub(crate) fn with_direction(&self, direction: Vec3) -> Self {
-        Self { ray: Ray::new(self.ray.origin, direction), enclosing: self.enclosing }
+        Self { ray: Ray::new(self.ray.origin, direction).at_time(self.ray.time), enclosing: self.enclosing }
     }
 
     /// The material of the solid around the origin of the ray.
@@ -88,7 +88,7 @@ impl RayState {
     /// A ray from a point inside the medium in a new direction.
     #[inline]
     pub(crate) fn spawn_in_medium(&self, point: Vec3, wi: Vec3) -> Self {
-        Self { ray: Ray::new(point, wi), enclosing: self.enclosing }
+        Self { ray: Ray::new(point, wi).at_time(self.ray.time), enclosing: self.enclosing }
     }
 
     /// Continues behind a surface in the same direction, as if the surface were absent.
@@ -100,7 +100,8 @@ impl RayState {
         {
             enclosing.interior = interface.far();
         }
-        Self { ray: Ray::new(hit.surface.ray_origin(self.ray.direction), self.ray.direction), enclosing }
+        let ray = Ray::new(hit.surface.ray_origin(self.ray.direction), self.ray.direction).at_time(self.ray.time);
+        Self { ray, enclosing }
     }
 
     /// Leaves a surface in the direction `wi`. `wo` points to the previous vertex.
@@ -121,7 +122,7 @@ impl RayState {
         } else if F::SOLIDS && shading.is_solid && inward != from_inside {
             enclosing.material = inward.then_some(shading.material);
         }
-        Self { ray: Ray::new(hit.surface.ray_origin(wi), wi), enclosing }
+        Self { ray: Ray::new(hit.surface.ray_origin(wi), wi).at_time(self.ray.time), enclosing }
     }
 
     /// Transmittance along a shadow ray that starts at this state and ends before a light: the open share of the

@@ -9,7 +9,7 @@ use crate::vertex::Scattering;
 use dunkelfeld_geometry::Vec3;
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_sampling::Sampler;
-use dunkelfeld_scene::{RayGenerator, Scene};
+use dunkelfeld_scene::{Moment, RayGenerator, Scene};
 use std::ops::Range;
 
 /// Seed of the training paths. They are the same for all seeds of a render.
@@ -81,7 +81,12 @@ impl TrainingBatch {
             let [x, y] = Sampler::new(SEED, u32::MAX, 0, index).get_2d(dimensions::CAMERA);
             let sampler = Sampler::new(SEED, u32::MAX - 1, index, 0);
             let lens = camera.has_aperture().then(|| sampler.get_2d(dimensions::LENS));
-            let ray = camera.camera_ray(x * width as f32, y * height as f32, lens).ray;
+            let y = y * height as f32;
+            let Moment { time, y } = match scene.shutter() {
+                None => Moment { time: 0.0, y },
+                Some(shutter) => shutter.moment(y as u32, y.fract(), sampler.get_1d(dimensions::TIME), (SEED, 0)),
+            };
+            let ray = camera.camera_ray(x * width as f32, y, lens).ray.at_time(time);
             let begin = batch.visits.len();
             trace_path(scene, previous, ray, &sampler, &mut TrainingRecorder { visits: &mut batch.visits, begin });
             cost += batch.visits[begin..].iter().map(|visit| visit.cost).sum::<f32>();

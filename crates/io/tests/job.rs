@@ -291,6 +291,7 @@ fn scene() -> SceneBuilder {
         name: name.into(),
         meshes: meshes.to_vec(),
         to_world: DAffine3::from_scale(DVec3::splat(scale)),
+        motion: Default::default(),
     };
     let light = |name: &str, kind| PunctualLight { name: name.into(), to_world: DAffine3::IDENTITY, kind };
     SceneBuilder {

@@ -2,6 +2,7 @@
 
 use crate::build::builder::Camera;
 use crate::build::effects::Effects;
+use crate::camera::shutter::Shutter;
 use crate::camera::{CameraError, RayGenerator, framing_camera};
 use crate::covers::scene_covers::Covers;
 use crate::features::FeatureSet;
@@ -12,7 +13,8 @@ use crate::material::texture::Image;
 use crate::media::solid::Solid;
 use crate::query::surface::CompiledMaterial;
 use dunkelfeld_bvh::Bvh;
-use dunkelfeld_geometry::{DVec3, Mesh, Transform, Vec3};
+use dunkelfeld_geometry::{DVec3, Mesh, RigidMotion, Transform, Vec3};
+use std::borrow::Cow;
 
 /// Vertical field of view [rad] of the camera that frames a scene without one: 40 degrees.
 const FRAMING_FOV: f64 = 0.698_131_700_797_731_8;
@@ -51,6 +53,8 @@ pub struct Scene {
     /// True if solids could touch or overlap.
     pub(crate) has_nesting: bool,
     pub(crate) covers: Covers,
+    /// The times of the samples, if the image depends on them.
+    pub(crate) shutter: Option<Shutter>,
     pub(crate) features: FeatureSet,
     pub(crate) effects: Effects,
 }
@@ -72,12 +76,27 @@ pub(crate) struct Part {
     pub(crate) object: u32,
     /// Object to render space; `None` if the mesh is stored in render space.
     pub(crate) transform: Option<Box<Transform>>,
+    /// Motion in render space of a part that moves; it has a transform, which is the pose at time 0.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) motion: Option<Box<RigidMotion>>,
     /// Index of its first triangle in [`Scene::facets`]. For a baked part it is also the index in the baked mesh.
     pub(crate) first_facet: u32,
     /// The solid that it bounds, `NO_SOLID` if none.
     pub(crate) solid: u32,
     /// Light of each triangle; empty if nothing emits.
     pub(crate) lights: Vec<u32>,
+}
+
+impl Part {
+    /// Object to render space at a time \[s\]; `None` if the mesh is stored in render space.
+    #[inline]
+    pub(crate) fn transform_at(&self, time: f32) -> Option<Cow<'_, Transform>> {
+        let transform = self.transform.as_deref()?;
+        Some(match &self.motion {
+            None => Cow::Borrowed(transform),
+            Some(motion) => Cow::Owned(motion.moved(transform, f64::from(time))),
+        })
+    }
 }
 
 /// Size of a scene in numbers.
@@ -128,6 +147,12 @@ impl Scene {
     /// Selects a kernel with more features than the scene needs, to measure their cost.
     pub fn force_features(&mut self, more: FeatureSet) {
         self.features = self.features.union(more);
+    }
+
+    /// The times of the samples. `None` if the image does not depend on them: a frame camera, and no object moves.
+    #[inline]
+    pub fn shutter(&self) -> Option<&Shutter> {
+        self.shutter.as_ref()
     }
 
     /// The cameras of the scene file or the builder.

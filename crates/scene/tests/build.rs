@@ -43,7 +43,7 @@ fn empty_objects_are_accepted() {
     let points = Mesh { positions: vec![Vec3::ZERO; 3], triangles: vec![[0, 1, 2]], ..Mesh::default() };
     b.meshes.push(MeshPart { name: "point".into(), mesh: points, material: 0, ..MeshPart::default() });
     for meshes in [vec![], vec![1], vec![2], vec![1, 2, 1]] {
-        b.instances.push(Instance { name: "i".into(), meshes, to_world: DAffine3::IDENTITY });
+        b.instances.push(Instance { name: "i".into(), meshes, to_world: DAffine3::IDENTITY, motion: Default::default() });
     }
     let (scene, report) = b.build().expect("valid");
     assert_eq!(scene.summary().placed_triangles, 2);
@@ -60,7 +60,7 @@ fn singular_or_non_finite_transforms_remove_their_object() {
     ];
     let mut b = square();
     for to_world in bad {
-        b.instances.push(Instance { name: "bad".into(), meshes: vec![0], to_world });
+        b.instances.push(Instance { name: "bad".into(), meshes: vec![0], to_world, motion: Default::default() });
     }
     let (scene, report) = b.build().expect("the good one is left");
     assert_eq!(report.findings.iter().filter(|f| f.place == "object \"bad\"").count(), bad.len(), "{report:?}");
@@ -73,7 +73,7 @@ fn singular_or_non_finite_transforms_remove_their_object() {
 fn a_scene_beyond_the_range_of_numbers_is_refused() {
     let mut b = square();
     let far = DAffine3::from_translation(DVec3::new(1e25, 0.0, 0.0));
-    b.instances.push(Instance { name: "far".into(), meshes: vec![0], to_world: far });
+    b.instances.push(Instance { name: "far".into(), meshes: vec![0], to_world: far, motion: Default::default() });
     let light = b.add_material(Material { emission: Rgb::WHITE, ..Material::default() });
     b.add_object("light", cuboid(Vec3::ZERO, Vec3::ONE), light);
     let e = b.build().expect_err("too large");

@@ -62,11 +62,11 @@ impl Shape {
     }
 
     pub fn bvh(&self) -> Bvh {
-        Bvh::build(&[self.view()], &[BvhInstance { mesh: 0, to_world: None }]).unwrap()
+        Bvh::build(&[self.view()], &[BvhInstance { mesh: 0, to_world: None, motion: None }]).unwrap()
     }
 
     pub fn instanced(&self, to_world: Transform) -> Bvh {
-        Bvh::build(&[self.view()], &[BvhInstance { mesh: 0, to_world: Some(to_world) }]).unwrap()
+        Bvh::build(&[self.view()], &[BvhInstance { mesh: 0, to_world: Some(to_world), motion: None }]).unwrap()
     }
 
     pub fn corners(&self, triangle: u32) -> [Vec3; 3] {

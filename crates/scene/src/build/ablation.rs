@@ -2,10 +2,12 @@
 
 use crate::build::builder::{PunctualKind, SceneBuilder};
 use crate::build::effects::{Effect, SMOOTH_ROUGHNESS};
+use crate::camera::shutter::Shutter;
 use crate::light::emission_profile::EmissionProfile;
 use crate::material::texture::{Image, Texture};
 use crate::material::{AlphaMode, ChannelTexture, Material, Surface, Volume};
 use crate::media::medium::Medium;
+use dunkelfeld_geometry::RigidMotion;
 use dunkelfeld_radiometry::Rgb;
 
 impl SceneBuilder {
@@ -21,6 +23,8 @@ impl SceneBuilder {
     /// | diffuse transmission, anisotropy, sheen, clear coats, energy compensation | none |
     /// | emission profiles | the same power in a Lambertian distribution |
     /// | finite apertures, distortion | a pinhole, an ideal image |
+    /// | motion | every object rests in its pose at time 0 |
+    /// | line scan | all rows are exposed at once, for the exposure time of all stages together |
     /// | environment, punctual lights, light profiles | dark |
     /// | every light | one light is sampled, chosen by its estimated contribution: other noise, the same expected image |
     /// | the connection through covers | only scattering samples light behind a cover: more noise, the same expected image |
@@ -35,6 +39,12 @@ impl SceneBuilder {
             Effect::EnergyCompensation => self.energy_compensation = false,
             Effect::FiniteAperture => self.cameras.iter_mut().for_each(|c| c.lens.aperture = None),
             Effect::Distortion => self.cameras.iter_mut().for_each(|c| c.lens.distortion = Default::default()),
+            Effect::Motion => self.instances.iter_mut().for_each(|i| i.motion = RigidMotion::default()),
+            Effect::LineScan => {
+                if let Some(Shutter::Lines(lines)) = self.shutter {
+                    self.shutter = Some(Shutter::Frame { exposure: lines.total_exposure() });
+                }
+            }
             Effect::Environment => self.environment = None,
             Effect::PunctualLights => self.lights.retain(|l| matches!(l.kind, PunctualKind::Profile { .. })),
             Effect::LightProfiles => self.lights.retain(|l| !matches!(l.kind, PunctualKind::Profile { .. })),
@@ -190,6 +200,15 @@ mod tests {
             Some(crate::Aperture { opening: crate::Opening::Radius(0.01), focus_distance: 1.0, blades: None });
         camera.lens.distortion = crate::Distortion { radial: [0.1, 0.0, 0.0, 0.0, 0.0, 0.0], ..Default::default() };
         scene.cameras.push(camera);
+        scene.instances[0].motion = RigidMotion::linear(dunkelfeld_geometry::DVec3::X);
+        scene.shutter = Some(Shutter::Lines(crate::LineScan {
+            period: 1e-3,
+            exposure: 1e-3,
+            stages: 1,
+            jitter: 0.0,
+            line: 0.5,
+            rows: 8,
+        }));
         scene
     }
 

@@ -2,11 +2,12 @@
 
 use crate::camera::lens::Lens;
 use crate::camera::look_at;
+use crate::camera::shutter::Shutter;
 use crate::light::luminaire::LightProfile;
 use crate::material::Material;
 use crate::material::texture::{Image, ImageId};
 use crate::sampling_options::Techniques;
-use dunkelfeld_geometry::{DAffine3, DVec3, Mesh};
+use dunkelfeld_geometry::{DAffine3, DVec3, Mesh, RigidMotion};
 use dunkelfeld_radiometry::Rgb;
 
 /// A scene before it is compiled. Indices (`usize`) refer to the vectors of this struct.
@@ -38,6 +39,8 @@ pub struct SceneBuilder {
     pub energy_compensation: bool,
     /// Light sampling techniques that may be used; all by default.
     pub techniques: Techniques,
+    /// The times of the samples. Without it, everything is at rest in the pose of time 0.
+    pub shutter: Option<Shutter>,
 }
 
 /// A mesh and its material.
@@ -61,8 +64,10 @@ pub struct Instance {
     pub name: String,
     /// Indices into [`SceneBuilder::meshes`]: the parts of this object.
     pub meshes: Vec<usize>,
-    /// Object to world; may mirror and scale unevenly, must be invertible.
+    /// Object to world at time 0; may mirror and scale unevenly, must be invertible.
     pub to_world: DAffine3,
+    /// Motion in the world. It needs [`SceneBuilder::shutter`]. An object that moves must not emit light.
+    pub motion: RigidMotion,
 }
 
 /// A light without extent, at the origin of its own space. It shines along -z.
@@ -193,6 +198,11 @@ impl Default for Projection {
 }
 
 impl SceneBuilder {
+    /// True if an object moves while samples are taken.
+    pub fn moves(&self, instance: &Instance) -> bool {
+        self.shutter.is_some() && !instance.motion.is_static()
+    }
+
     /// Adds a material; returns its index.
     pub fn add_material(&mut self, material: Material) -> usize {
         self.materials.push(material);
@@ -206,6 +216,7 @@ impl SceneBuilder {
             name: name.into(),
             meshes: vec![self.meshes.len() - 1],
             to_world: DAffine3::IDENTITY,
+            motion: RigidMotion::default(),
         });
         self.instances.len() - 1
     }

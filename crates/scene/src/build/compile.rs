@@ -20,10 +20,10 @@ use crate::media::solid::Solid;
 use crate::query::surface::{CompiledMaterial, mean_emission};
 use crate::scene::{Part, Placement, Scene};
 use dunkelfeld_bsdf::EFFECTS;
-use dunkelfeld_bvh::{Bvh, BvhInstance, MeshTriangles};
+use dunkelfeld_bvh::{Bvh, BvhInstance, InstanceMotion, MeshTriangles};
 use dunkelfeld_geometry::health::{MeshHealth, Repairs, clean};
 use dunkelfeld_geometry::shape::{RectangleSampler, rectangle_from_triangles};
-use dunkelfeld_geometry::{DAffine3, DMat3, DVec3, Mesh, Transform, Vec3, geometric_normal, triangle_area};
+use dunkelfeld_geometry::{Aabb, DAffine3, DMat3, DVec3, Mesh, Transform, Vec3, geometric_normal, triangle_area};
 use dunkelfeld_radiometry::Rgb;
 
 /// Meshes used more than once are also moved to render space if their copies have at most this many triangles together.
@@ -106,11 +106,13 @@ impl SceneBuilder {
         let closed = self.clean_meshes(&mut report);
         let placed = self.valid_instances(&mut report);
         let bounds = world_bounds(&placed, &self.meshes);
+        let times = self.shutter.map(|shutter| shutter.times());
+        let extent = times.and_then(|times| moving_bounds(bounds, &placed, &self.meshes, times)).or(bounds);
         if bounds.is_none() && had_triangles && !self.has_background() {
             return Err(BuildError::NothingLeft { lost: losses(&report) });
         }
-        let world_origin = bounds.map_or(DVec3::ZERO, |[lo, hi]| 0.5 * (lo + hi));
-        let reach = bounds.map_or(0.0, |[lo, hi]| 0.5 * (hi - lo).length());
+        let world_origin = extent.map_or(DVec3::ZERO, |[lo, hi]| 0.5 * (lo + hi));
+        let reach = extent.map_or(0.0, |[lo, hi]| 0.5 * (hi - lo).length());
         let radius = reach as f32;
         if radius > LARGEST_RADIUS {
             return Err(BuildError::TooLarge {
@@ -120,8 +122,8 @@ impl SceneBuilder {
         }
         let to_render = DAffine3::from_translation(-world_origin);
 
-        let mut geometry = Placed::default();
-        geometry.place(&placed, std::mem::take(&mut self.meshes), &to_render);
+        let mut geometry = Placed { times, ..Placed::default() };
+        geometry.place(&placed, std::mem::take(&mut self.meshes), world_origin);
 
         let mut is_painted = vec![false; self.materials.len()];
         for part in &geometry.parts {
@@ -184,6 +186,7 @@ impl SceneBuilder {
             let compiled = &compiled[part.material as usize];
             compiled.has_coverage || (has_open_faces && is_open(compiled))
         })?;
+        let depends_on_time = effects.has(Effect::Motion) || effects.has(Effect::LineScan);
         let mut scene = Scene {
             world_origin,
             bounds,
@@ -206,6 +209,7 @@ impl SceneBuilder {
             solid_bounds: solids.bounds,
             has_nesting: solids.has_nesting,
             covers: Covers::default(),
+            shutter: self.shutter.filter(|_| depends_on_time),
             features,
             effects,
         };
@@ -356,6 +360,23 @@ fn world_bounds(placed: &[(u32, Instance, Transform)], meshes: &[MeshPart]) -> O
     bounds
 }
 
+/// [`world_bounds`] of all poses between two times. `None` if nothing moves.
+fn moving_bounds(
+    rest: Option<[DVec3; 2]>,
+    placed: &[(u32, Instance, Transform)],
+    meshes: &[MeshPart],
+    [from, to]: [f64; 2],
+) -> Option<[DVec3; 2]> {
+    let mut bounds = None;
+    for object in placed.iter().filter(|(_, instance, _)| !instance.motion.is_static()) {
+        let Some([lo, hi]) = world_bounds(std::slice::from_ref(object), meshes) else { continue };
+        let swept = object.1.motion.swept(&Aabb { min: lo.as_vec3(), max: hi.as_vec3() }, from, to);
+        let [low, high] = bounds.or(rest).unwrap_or([lo, hi]);
+        bounds = Some([low.min(swept.min.as_dvec3()), high.max(swept.max.as_dvec3())]);
+    }
+    bounds
+}
+
 fn used_positions(mesh: &Mesh) -> impl Iterator<Item = Vec3> + '_ {
     mesh.triangles.iter().flatten().map(|&i| mesh.positions[i as usize])
 }
@@ -376,12 +397,17 @@ struct Placed {
     sources: Vec<usize>,
     /// For each part whether its emitting triangles are one light.
     single_lights: Vec<bool>,
+    /// First and last time of a sample \[s\]; `None` if everything is at rest.
+    times: Option<[f64; 2]>,
 }
 
 impl Placed {
-    fn place(&mut self, placed: &[(u32, Instance, Transform)], meshes: Vec<MeshPart>, to_render: &DAffine3) {
+    fn place(&mut self, placed: &[(u32, Instance, Transform)], meshes: Vec<MeshPart>, world_origin: DVec3) {
+        let to_render = DAffine3::from_translation(-world_origin);
+        let has_times = self.times.is_some();
+        let moves = |i: &Instance| has_times && !i.motion.is_static();
         let mut uses = vec![0usize; meshes.len()];
-        for &m in placed.iter().flat_map(|(_, i, _)| &i.meshes) {
+        for &m in placed.iter().filter(|(_, i, _)| !moves(i)).flat_map(|(_, i, _)| &i.meshes) {
             uses[m] += 1;
         }
         let bakes = |m: usize| uses[m] == 1 || uses[m] * meshes[m].mesh.triangles.len() <= MAX_BAKED_COPIES;
@@ -391,10 +417,12 @@ impl Placed {
             self.placements.push(Placement::Baked);
             self.transforms.push(Transform::IDENTITY);
         }
-        let all = || placed.iter().flat_map(|(object, i, t)| i.meshes.iter().map(move |&m| (*object, m, t)));
+        let all = || placed.iter().flat_map(|(object, i, t)| i.meshes.iter().map(move |&m| (*object, i, m, t)));
+        // A moving part keeps a transform of its own.
+        let is_baked = |i: &Instance, m: usize| bakes(m) && !moves(i);
         let mut stored = vec![u32::MAX; meshes.len()];
-        for (object, m, transform) in all().filter(|(_, m, _)| bakes(*m)) {
-            let mesh = bake(&meshes[m].mesh, &(*to_render * *transform.to_world()));
+        for (object, _, m, transform) in all().filter(|(_, i, m, _)| is_baked(i, *m)) {
+            let mesh = bake(&meshes[m].mesh, &(to_render * *transform.to_world()));
             let part = self.parts.len() as u32;
             let first_facet = self.facets.len() as u32;
             self.facets.extend(Facet::of_mesh(&mesh, part));
@@ -403,6 +431,7 @@ impl Placed {
                 material: meshes[m].material as u32,
                 object,
                 transform: None,
+                motion: None,
                 first_facet,
                 solid: NO_SOLID,
                 lights: Vec::new(),
@@ -413,9 +442,9 @@ impl Placed {
         }
         self.baked = self.facets.len();
         let mut first_facets = vec![0; meshes.len()];
-        for (object, m, transform) in all().filter(|(_, m, _)| !bakes(*m)) {
+        for (object, instance, m, transform) in all().filter(|(_, i, m, _)| !is_baked(i, *m)) {
             // Invertible in world space and moved: still invertible.
-            let Ok(transform) = Transform::new(*to_render * *transform.to_world()) else { continue };
+            let Ok(transform) = Transform::new(to_render * *transform.to_world()) else { continue };
             if stored[m] == u32::MAX {
                 stored[m] = self.meshes.len() as u32;
                 self.meshes.push(meshes[m].mesh.clone());
@@ -431,6 +460,7 @@ impl Placed {
                 material: meshes[m].material as u32,
                 object,
                 transform: Some(Box::new(transform)),
+                motion: moves(instance).then(|| Box::new(instance.motion.seen_from(world_origin))),
                 first_facet: first_facets[m],
                 solid: NO_SOLID,
                 lights: Vec::new(),
@@ -443,10 +473,13 @@ impl Placed {
         let bounds = |part: &Part| {
             let mesh = &self.meshes[part.mesh as usize];
             let to_render = |p: Vec3| part.transform.as_ref().map_or(p, |t| t.point(p));
-            used_positions(mesh).map(to_render).fold(None, |b: Option<[Vec3; 2]>, p| {
+            let [lo, hi] = used_positions(mesh).map(to_render).fold(None, |b: Option<[Vec3; 2]>, p| {
                 let [lo, hi] = b.unwrap_or([p, p]);
                 Some([lo.min(p), hi.max(p)])
-            })
+            })?;
+            let (Some(motion), Some([from, to])) = (&part.motion, self.times) else { return Some([lo, hi]) };
+            let swept = motion.swept(&Aabb { min: lo, max: hi }, from, to);
+            Some([swept.min, swept.max])
         };
         let mut found = Vec::new();
         for (index, part) in self.parts.iter().enumerate() {
@@ -477,17 +510,20 @@ impl Placed {
         for (placement, transform) in self.placements.iter().zip(&self.transforms) {
             match placement {
                 Placement::Baked => {
-                    instances.push(BvhInstance { mesh: sources.len() as u32, to_world: None });
+                    instances.push(BvhInstance { mesh: sources.len() as u32, to_world: None, motion: None });
                     sources.push(MeshTriangles { positions: &positions, triangles: &triangles });
                 }
                 Placement::Part(part) => {
-                    let mesh = self.parts[*part as usize].mesh as usize;
+                    let part = &self.parts[*part as usize];
+                    let mesh = part.mesh as usize;
                     if source_of_mesh[mesh] == u32::MAX {
                         source_of_mesh[mesh] = sources.len() as u32;
                         let m = &self.meshes[mesh];
                         sources.push(MeshTriangles { positions: &m.positions, triangles: &m.triangles });
                     }
-                    instances.push(BvhInstance { mesh: source_of_mesh[mesh], to_world: Some(*transform) });
+                    let motion = part.motion.as_deref().copied().zip(self.times);
+                    let motion = motion.map(|(motion, times)| InstanceMotion { motion, times });
+                    instances.push(BvhInstance { mesh: source_of_mesh[mesh], to_world: Some(*transform), motion });
                 }
             }
         }

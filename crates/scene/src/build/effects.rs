@@ -4,6 +4,7 @@
 //! a metal that is slightly clear) costs time and changes the image.
 
 use crate::build::builder::{EnvironmentSource, MeshPart, PunctualKind, SceneBuilder};
+use crate::camera::shutter::Shutter;
 use crate::features::FeatureSet;
 use crate::light::emission_profile::EmissionProfile;
 use crate::material::{AlphaMode, Material, Surface};
@@ -51,6 +52,10 @@ pub enum Effect {
     FiniteAperture,
     /// Lenses that distort.
     Distortion,
+    /// Objects that move during the exposure.
+    Motion,
+    /// Rows that are exposed one after the other by one sensor line.
+    LineScan,
     /// Light from infinitely far away, from all around.
     Environment,
     /// Lights without extent, and suns.
@@ -75,7 +80,7 @@ pub enum Effect {
 
 impl Effect {
     /// All effects, in the order in which they are listed.
-    pub const ALL: [Self; 27] = [
+    pub const ALL: [Self; 29] = [
         Self::Textures,
         Self::VertexColors,
         Self::NormalMaps,
@@ -94,6 +99,8 @@ impl Effect {
         Self::EnergyCompensation,
         Self::FiniteAperture,
         Self::Distortion,
+        Self::Motion,
+        Self::LineScan,
         Self::Environment,
         Self::PunctualLights,
         Self::LightProfiles,
@@ -126,6 +133,8 @@ impl Effect {
             Self::EnergyCompensation => "energy-compensation",
             Self::FiniteAperture => "finite-aperture",
             Self::Distortion => "distortion",
+            Self::Motion => "motion",
+            Self::LineScan => "line-scan",
             Self::Environment => "environment",
             Self::PunctualLights => "punctual-lights",
             Self::LightProfiles => "light-profiles",
@@ -195,6 +204,12 @@ impl Effects {
             if is_colored {
                 effects.add(Effect::Color, "environment".into());
             }
+        }
+        for instance in scene.instances.iter().filter(|i| scene.moves(i)) {
+            effects.add(Effect::Motion, format!("object \"{}\"", instance.name));
+        }
+        if matches!(scene.shutter, Some(Shutter::Lines(_))) {
+            effects.add(Effect::LineScan, "line scan".into());
         }
         for camera in &scene.cameras {
             let place = || format!("camera \"{}\"", camera.name);

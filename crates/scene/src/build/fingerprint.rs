@@ -46,6 +46,7 @@ impl Scene {
             solid_bounds,
             has_nesting,
             covers,
+            shutter,
             features,
             effects,
         } = self;
@@ -53,6 +54,10 @@ impl Scene {
         hash.value(&(world_origin, bounds, placements, parts, object_names, punctual_names));
         hash.value(&(materials, compiled, lights, cameras, radius, has_coverage, has_open_faces));
         hash.value(&(solids, solid_bounds, has_nesting, covers, features, effects));
+        // Scenes at rest keep the fingerprint that they had before motion existed.
+        if let Some(shutter) = shutter {
+            hash.value(shutter);
+        }
         meshes.iter().for_each(|mesh| hash.mesh(mesh));
         images.iter().for_each(|image| hash.image(image));
         hash.finish()

@@ -4,9 +4,13 @@ use crate::build::builder::{EnvironmentSource, MeshPart, PunctualKind, SceneBuil
 use crate::build::compile::BuildError;
 use crate::build::report::BuildReport;
 use crate::camera::check_camera;
+use crate::camera::shutter::Shutter;
 use crate::material::Material;
 use crate::material::texture::{Image, Texels};
 use dunkelfeld_radiometry::Rgb;
+
+/// Longest time of an exposure \[s\].
+const MAX_SECONDS: f64 = 1e6;
 
 /// Checks that every index is in range and that every image has all its texels.
 pub(crate) fn check_indices(builder: &SceneBuilder) -> Result<(), BuildError> {
@@ -65,6 +69,7 @@ pub(crate) fn check_values(builder: &SceneBuilder) -> Result<(), BuildError> {
             require(fits, place, "its angular diameter must lie between 0 and 180 degrees")?;
         }
     }
+    check_motion(builder)?;
     for camera in &builder.cameras {
         check_camera(camera).map_err(|problem| BuildError::BadValue {
             place: format!("camera \"{}\"", camera.name),
@@ -79,6 +84,38 @@ pub(crate) fn check_values(builder: &SceneBuilder) -> Result<(), BuildError> {
         require(environment.rotation.is_finite(), place, "its rotation must be finite")?;
     }
     Ok(())
+}
+
+/// Checks shutter and motions.
+fn check_motion(builder: &SceneBuilder) -> Result<(), BuildError> {
+    for instance in &builder.instances {
+        let place = || format!("object \"{}\"", instance.name);
+        require(instance.motion.is_finite(), place, "its motion must be finite, with an axis of unit length")?;
+        let emits = |&m: &usize| {
+            let material = &builder.materials[builder.meshes[m].material];
+            material.unlit || !material.emission.is_black()
+        };
+        let is_lit = builder.moves(instance) && instance.meshes.iter().any(emits);
+        require(!is_lit, place, "it emits light and moves, but lights must be at rest; leave out its motion, or its emission")?;
+    }
+    let is_time = |t: f64| t > 0.0 && t <= MAX_SECONDS;
+    match builder.shutter {
+        None => Ok(()),
+        Some(Shutter::Frame { exposure }) => {
+            require(is_time(exposure), || "the shutter".into(), "its exposure must be above 0 and at most 1e6 s")
+        }
+        Some(Shutter::Lines(lines)) => {
+            let place = || "the line scan".to_string();
+            require(is_time(lines.period), place, "its period must be above 0 and at most 1e6 s")?;
+            let fits = lines.exposure > 0.0 && lines.exposure <= lines.period;
+            require(fits, place, "its exposure must be above 0 and at most the period of a line")?;
+            require((1..=1024).contains(&lines.stages), place, "it must have 1 to 1024 stages")?;
+            let fits = lines.jitter >= 0.0 && lines.jitter <= lines.period;
+            require(fits, place, "the deviation of its lines must lie between 0 and the period of a line")?;
+            require((0.0..=1.0).contains(&lines.line), place, "its line must lie between 0 and 1")?;
+            require(lines.rows >= 1, place, "it must have a row")
+        }
+    }
 }
 
 fn check_material(m: &Material) -> Result<(), BuildError> {

@@ -3,6 +3,7 @@
 
 pub mod distortion;
 pub mod lens;
+pub mod shutter;
 
 use crate::build::builder::{Camera, Projection};
 use crate::camera::distortion::Undistorter;

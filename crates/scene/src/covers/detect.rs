@@ -59,10 +59,10 @@ struct Placed {
 
 /// Finds the covers of a compiled scene.
 pub(crate) fn find(scene: &Scene) -> Covers {
-    // The smooth clear parts of each solid, and the area of the others.
+    // The smooth clear parts of each solid, and the area of the others. The faces of a stack are at rest.
     let mut bodies: BTreeMap<u32, (Vec<usize>, f64)> = BTreeMap::new();
     let is_clear: Vec<bool> = (0..scene.materials.len()).map(|m| is_clear(scene, m)).collect();
-    for (index, part) in scene.parts.iter().enumerate().filter(|(_, p)| p.solid != NO_SOLID) {
+    for (index, part) in scene.parts.iter().enumerate().filter(|(_, p)| p.solid != NO_SOLID && p.motion.is_none()) {
         let body = bodies.entry(part.solid).or_default();
         if is_clear[part.material as usize] {
             body.0.push(index);

@@ -125,14 +125,19 @@ impl Scene {
     /// For each solid the crossings of a ray from the point to the outside are counted, outward faces minus inward
     /// ones. Three rays in fixed directions are used, and the median counts.
     pub fn interior_at(&self, point: Vec3) -> Interior {
+        self.interior_at_time(point, 0.0)
+    }
+
+    /// [`Self::interior_at`] with moving objects at a time \[s\].
+    pub fn interior_at_time(&self, point: Vec3, time: f32) -> Interior {
         let mut interior = Interior::OUTSIDE;
         if !self.may_be_inside(point) {
             return interior;
         }
         let mut counts: Vec<(u32, [i32; 3])> = Vec::new();
         for (way, direction) in PROBE_DIRECTIONS.into_iter().enumerate() {
-            self.bvh.each_hit(&Ray::new(point, direction), |hit| {
-                let p = self.surface_point(&hit);
+            self.bvh.each_hit(&Ray::new(point, direction).at_time(time), |hit| {
+                let p = self.surface_point(&hit, time);
                 let solid = self.parts[p.part as usize].solid;
                 if solid == NO_SOLID {
                     return;
@@ -182,9 +187,9 @@ impl Scene {
         let cos = ray.direction.dot(hit.normal).abs().max(1e-3);
         let reach = 16.0 * f32::EPSILON * (self.radius + hit.distance) / cos;
         let start = (hit.distance - reach).max(0.0);
-        let probe = Ray::with_end(ray.at(start), ray.direction, hit.distance - start + reach);
+        let probe = Ray::with_end(ray.at(start), ray.direction, hit.distance - start + reach).at_time(ray.time);
         self.bvh.each_hit(&probe, |other| {
-            let point = self.surface_point(&other);
+            let point = self.surface_point(&other, ray.time);
             let same = point.part == hit.part && point.triangle == hit.triangle;
             if !same && count < MAX_FACES {
                 let enters = ray.direction.dot(point.normal) < 0.0;
@@ -273,9 +278,10 @@ impl Scene {
     fn crosses(&self, ray: &Ray, end: Vec3, face: &SurfacePoint, continues: bool) -> bool {
         let part = &self.parts[face.part as usize];
         let corners = self.meshes[part.mesh as usize].corners(face.triangle as usize);
+        let transform = part.transform_at(ray.time);
         let signed_distance = |origin: Vec3| {
             let ray = Ray::new(origin, ray.direction);
-            let local = part.transform.as_ref().map_or(ray, |t| t.unit_ray(&ray).0);
+            let local = transform.as_ref().map_or(ray, |t| t.unit_ray(&ray).0);
             plane_distance_f64(&local, &corners)
         };
         let ahead = signed_distance(end);
@@ -308,7 +314,7 @@ impl Scene {
     pub fn shadow_transmittance(&self, ray: &Ray, inside: &Interior) -> Rgb {
         let (mut open, mut bounded) = (1.0, false);
         let occluded = self.bvh.occluded_with_alpha(ray, |hit| {
-            let p = self.surface_point(&hit);
+            let p = self.surface_point(&hit, ray.time);
             let material = self.parts[p.part as usize].material as usize;
             if self.compiled[material].clear_tint.is_some() {
                 bounded = true;
@@ -350,7 +356,7 @@ impl Scene {
                 }
             };
             ray = match end {
-                None => Ray::new(origin, ray.direction),
+                None => Ray::new(origin, ray.direction).at_time(ray.time),
                 Some(end) => {
                     let offset = end - origin;
                     let distance = offset.length();
@@ -359,7 +365,7 @@ impl Scene {
                     if !is_ahead {
                         return through;
                     }
-                    Ray::with_end(origin, offset / distance, distance * (1.0 - 2.0 * f32::EPSILON))
+                    Ray::with_end(origin, offset / distance, distance * (1.0 - 2.0 * f32::EPSILON)).at_time(ray.time)
                 }
             };
         }

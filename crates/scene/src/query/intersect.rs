@@ -5,7 +5,7 @@ use crate::light::LightTarget;
 use crate::light::emission_profile::EmissionProfile;
 use crate::material::Material;
 use crate::query::surface::{self, TexturePoint};
-use crate::scene::{Placement, Scene};
+use crate::scene::{Part, Placement, Scene};
 use dunkelfeld_bsdf::EFFECTS;
 use dunkelfeld_bvh::Hit;
 use dunkelfeld_geometry::{Ray, Vec2, Vec3, Vec4, hit_point, offset_ray_origin};
@@ -28,6 +28,8 @@ pub struct SurfacePoint {
     /// True if the triangle has interpolated normals.
     pub(crate) is_smooth: bool,
     pub(crate) barycentrics: [f32; 3],
+    /// Time of the ray \[s\], which is that of the pose of a moving part.
+    pub(crate) time: f32,
 }
 
 impl SurfacePoint {
@@ -42,11 +44,11 @@ impl Scene {
     /// The nearest surface along a ray, regardless of its coverage.
     #[inline]
     pub fn intersect(&self, ray: &Ray) -> Option<SurfacePoint> {
-        self.bvh.closest_hit(ray).map(|hit| self.surface_point(&hit))
+        self.bvh.closest_hit(ray).map(|hit| self.surface_point(&hit, ray.time))
     }
 
     #[inline(always)]
-    pub(crate) fn surface_point(&self, hit: &Hit) -> SurfacePoint {
+    pub(crate) fn surface_point(&self, hit: &Hit, time: f32) -> SurfacePoint {
         let Hit { b1, b2, .. } = *hit;
         let (part_index, facet_index) = match self.placements[hit.instance as usize] {
             Placement::Baked => (self.facets[hit.triangle as usize].part, hit.triangle),
@@ -56,8 +58,12 @@ impl Scene {
         let (mut point, mut error) = hit_point(&facet.corners, b1, b2);
         let mut normal = facet.normal;
         if let Some(transform) = &part.transform {
-            (point, error) = transform.point_with_error(point, error);
-            normal = transform.normal(normal);
+            if EFFECTS && part.motion.is_some() {
+                (point, error, normal) = moved_point(part, time, point, error, normal);
+            } else {
+                (point, error) = transform.point_with_error(point, error);
+                normal = transform.normal(normal);
+            }
         }
         SurfacePoint {
             point,
@@ -69,6 +75,7 @@ impl Scene {
             triangle: facet_index - part.first_facet,
             is_smooth: facet.is_smooth,
             barycentrics: [1.0 - b1 - b2, b1, b2],
+            time,
         }
     }
 
@@ -149,12 +156,12 @@ impl Scene {
         }
         let mut open = 1.0;
         let occluded = self.bvh.occluded_with_alpha(ray, |hit| {
-            open *= 1.0 - self.coverage(&self.surface_point(&hit), ray.direction);
+            open *= 1.0 - self.coverage(&self.surface_point(&hit, ray.time), ray.direction);
         });
         if occluded { 0.0 } else { open }
     }
 
-    /// The shadow ray from a point in space to a light: its far end is moved off the light's surface.
+    /// The shadow ray at time 0 from a point in space to a light: its far end is moved off the light's surface.
     #[inline(always)]
     pub fn shadow_ray_from(&self, origin: Vec3, direction: Vec3, target: Option<&LightTarget>) -> Ray {
         match target {
@@ -181,6 +188,14 @@ impl Scene {
             }
         }
     }
+}
+
+/// Point, error and normal of a moving part in render space at a time.
+#[inline(never)]
+fn moved_point(part: &Part, time: f32, point: Vec3, error: Vec3, normal: Vec3) -> (Vec3, Vec3, Vec3) {
+    let Some(transform) = part.transform_at(time) else { return (point, error, normal) };
+    let (point, error) = transform.point_with_error(point, error);
+    (point, error, transform.normal(normal))
 }
 
 /// The barycentric mean of three values.

@@ -138,7 +138,7 @@ impl Scene {
             return p.normal;
         }
         let mixed = mix(&p.barycentrics, facet.normals);
-        match part.transform.as_ref().map_or(mixed, |t| t.normal(mixed)).try_normalize() {
+        match part.transform_at(p.time).map_or(mixed, |t| t.normal(mixed)).try_normalize() {
             Some(n) if n.dot(p.normal) < 0.0 => -n,
             Some(n) => n,
             None => p.normal,
@@ -150,7 +150,8 @@ impl Scene {
         let part = &self.parts[p.part as usize];
         let mesh = &self.meshes[part.mesh as usize];
         let vertices = mesh.triangles[p.triangle as usize].map(|i| i as usize);
-        let to_render_vector = |v: Vec3| part.transform.as_ref().map_or(v, |t| t.vector(v));
+        let transform = part.transform_at(p.time);
+        let to_render_vector = |v: Vec3| transform.as_ref().map_or(v, |t| t.vector(v));
         let (tangent, handedness) = if mesh.tangents.is_empty() {
             let set = material.normal_texture.or(material.anisotropy_texture).map_or(0, |t| usize::from(t.uv_set & 1));
             let (t, w) = uv_tangent(&mesh.corners(p.triangle as usize), vertices, &mesh.uvs[set]);
@@ -161,7 +162,7 @@ impl Scene {
         };
         let mut frame = Frame::from_normal_tangent(normal, tangent);
         // The bitangent of a mirrored instance keeps the handedness of its storage space.
-        let mirrored = part.transform.as_ref().is_some_and(|t| t.swaps_handedness());
+        let mirrored = transform.as_ref().is_some_and(|t| t.swaps_handedness());
         let handedness = if mirrored { -handedness } else { handedness };
         if let Some(texture) = &material.normal_texture {
             let [x, y, z, _] = texture.eval(&self.images, at.uvs[usize::from(texture.uv_set & 1)]);
@@ -275,6 +276,8 @@ impl Scene {
             triangle: t,
             is_smooth: self.facets[(part.first_facet + t) as usize].is_smooth,
             barycentrics: b,
+            // No light moves.
+            time: 0.0,
         }
     }
 

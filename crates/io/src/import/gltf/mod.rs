@@ -265,7 +265,12 @@ impl Importer<'_> {
         for placement in placements {
             let to_world = transform * placement;
             if is_invertible(&to_world) {
-                self.scene.instances.push(Instance { name: name.clone(), meshes: meshes.clone(), to_world });
+                self.scene.instances.push(Instance {
+                    name: name.clone(),
+                    meshes: meshes.clone(),
+                    to_world,
+                    motion: Default::default(),
+                });
             } else {
                 flattened += 1;
             }
