@@ -83,8 +83,8 @@ pub mod film {
 /// Meshes, and the vectors and transforms of `glam`.
 pub mod geometry {
     pub use dunkelfeld_geometry::{
-        Aabb, DAffine3, DMat3, DMat4, DQuat, DVec2, DVec3, LocalDir, Mat3, Mesh, Quat, Transform, TransformError, Vec2,
-        Vec3, Vec4,
+        Aabb, DAffine3, DMat3, DMat4, DQuat, DVec2, DVec3, LocalDir, Mat3, Mesh, Quat, RigidMotion, Spin, Transform,
+        TransformError, Vec2, Vec3, Vec4,
     };
 }
 
@@ -107,8 +107,8 @@ pub mod scene {
     pub use dunkelfeld_scene::{
         AlphaMode, Aperture, Blades, BuildError, BuildReport, Camera, CameraError, ChannelTexture, ColorEncoding,
         Distortion, Effect, Effects, Environment, EnvironmentSource, FilmWindow, Filter, Finding, Image, ImageId,
-        Instance, Lens, LightInfo, LightProfile, Material, MeshPart, Opening, PartInfo, ProfileError, Projection,
-        PunctualKind, PunctualLight, RayGenerator, Scene, SceneBuilder, SceneSummary, Severity, Surface, Texels,
+        Instance, Lens, LightInfo, LightProfile, LineScan, Material, MeshPart, Opening, PartInfo, ProfileError, Projection,
+        PunctualKind, PunctualLight, RayGenerator, Scene, SceneBuilder, SceneSummary, Severity, Shutter, Surface, Texels,
         Texture, TextureTransform, ThinLens, Vignetting, Volume, Wrap, framing_camera, look_at, shapes,
     };
 }
