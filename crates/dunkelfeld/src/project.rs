@@ -23,8 +23,10 @@ use dunkelfeld_render::{
     thread_count,
 };
 use dunkelfeld_render::{Error, camera_help};
+use dunkelfeld_radiometry::Seconds;
 use dunkelfeld_scene::{
-    BuildError, BuildReport, Camera, CameraError, Distortion, Effect, Projection, Scene, Vignetting, framing_camera,
+    BuildError, BuildReport, Camera, CameraError, Distortion, Effect, Projection, Scene, Shutter, Vignetting,
+    framing_camera,
 };
 use dunkelfeld_sensor::{Exposure, Optics, SensorModel};
 use std::path::Path;
@@ -217,6 +219,7 @@ impl Project {
 
     fn fit_settings(&self, mut settings: RenderSettings) -> Result<RenderSettings, Error> {
         validate(&settings)?;
+        self.check_shutter(&settings)?;
         if settings.view.is_some() {
             return Ok(settings);
         }
@@ -277,6 +280,25 @@ impl Project {
             let scale = f64::from(film.height) / f64::from(whole_film(job, self.part)[1]);
             view.lens.principal_point = view.lens.principal_point.map(|offset| offset * scale);
         }
+    }
+
+    /// Refuses a film or an exposure that is not the one for which the scene was built: a line scan has a time for each
+    /// row, and objects move for the time of the exposure.
+    fn check_shutter(&self, settings: &RenderSettings) -> Result<(), Error> {
+        let Some(shutter) = self.scene.shutter() else { return Ok(()) };
+        if let Shutter::Lines(lines) = shutter
+            && lines.rows != settings.height
+        {
+            let problem = format!("the line scan of the job has {} rows", lines.rows);
+            return Err(Error::setting("height", problem, "set `height` in [film] of the job"));
+        }
+        if let SensorChoice::Emva { exposure, .. } = &settings.sensor
+            && exposure.map(|e| e.time().0) != Some(shutter.exposure())
+        {
+            let problem = format!("objects move, or rows are scanned, for an exposure of {} s", shutter.exposure());
+            return Err(Error::setting("exposure", problem, "set `exposure` in [sensor] of the job"));
+        }
+        Ok(())
     }
 
     /// Leaves sums out of the film that neither the outputs nor the denoiser need ([`RenderSettings::layers`]). Call it
@@ -541,6 +563,11 @@ fn open_job(
         .with_sensor(sensor)
         .with_exposure_noise(job.sensor.exposure_noise)
         .with_denoise(job.denoise.clone());
+    imported.scene.shutter = job.shutter(&imported.scene, settings.height)?;
+    let settings = match imported.scene.shutter {
+        Some(shutter) => expose_for(settings, &shutter)?,
+        None => settings,
+    };
     let o = &job.output;
     let outputs = OutputPaths {
         image: o.image.clone(),
@@ -569,6 +596,14 @@ fn whole_film(job: &Job, part: Option<FilmPart>) -> [u32; 2] {
     part.map_or(given, |part| part.whole)
 }
 
+/// The settings with the exposure time of a pixel in the whole shutter: that of all stages of a line scan together.
+fn expose_for(mut settings: RenderSettings, shutter: &Shutter) -> Result<RenderSettings, Error> {
+    if let SensorChoice::Emva { exposure, .. } = &mut settings.sensor {
+        *exposure = Some(Exposure::new(Seconds(shutter.exposure()))?);
+    }
+    Ok(settings)
+}
+
 fn sensor_of(sensor: &job::SensorSettings, optics: Optics, inputs: &mut InputFiles) -> Result<SensorChoice, Error> {
     let model = match &sensor.model {
         job::SensorChoice::None => return Ok(SensorChoice::None),
@@ -577,7 +612,7 @@ fn sensor_of(sensor: &job::SensorSettings, optics: Optics, inputs: &mut InputFil
     };
     let exposure = match sensor.exposure {
         job::Exposure::Auto => None,
-        job::Exposure::Seconds(s) => Some(Exposure::new(dunkelfeld_radiometry::Seconds(s))?),
+        job::Exposure::Seconds(s) => Some(Exposure::new(Seconds(s))?),
     };
     Ok(SensorChoice::Emva { model: Box::new(model), optics, exposure })
 }

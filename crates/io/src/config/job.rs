@@ -34,6 +34,7 @@ mod lamps;
 mod lens;
 mod lights;
 mod materials;
+mod motion;
 mod objects;
 mod overrides;
 pub(crate) mod place;
@@ -46,6 +47,7 @@ pub use lamps::{LampKind, LedCount, Wavelength};
 pub use lens::{FilterSettings, LensProjection, LensSettings};
 pub use materials::{AlphaKind, MaterialOverride};
 pub use objects::{Grid, ObjectOverride, Pivot, Placement};
+pub use motion::{LineScanSettings, RotationSettings};
 pub use place::Place;
 pub use primitives::PrimitiveKind;
 pub use scene_files::{SceneFile, SceneFiles};
@@ -101,6 +103,8 @@ pub struct Job {
     /// The camera's sensor.
     #[serde(default)]
     pub sensor: SensorSettings,
+    /// The line-scan camera. Without it, all rows are exposed at once.
+    pub line_scan: Option<LineScanSettings>,
     /// Effects of light transport that are modelled.
     #[serde(default)]
     pub render: TransportSettings,

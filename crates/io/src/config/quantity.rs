@@ -29,6 +29,23 @@ const ANGLE: &[Unit] =
 const PER_LENGTH: &[Unit] =
     &[(&["/um", "/µm", "/μm"], 1e6), (&["/mm"], 1e3), (&["/cm"], 1e2), (&["/m"], 1.0), (&["/km"], 1e-3)];
 const POWER: &[Unit] = &[(&["uW", "µW", "μW"], 1e-6), (&["mW"], 1e-3), (&["W"], 1.0), (&["kW"], 1e3)];
+const SPEED: &[Unit] = &[
+    (&["um/s", "µm/s", "μm/s"], 1e-6),
+    (&["mm/s"], 1e-3),
+    (&["cm/s"], 1e-2),
+    (&["m/s"], 1.0),
+    (&["km/s"], 1e3),
+    (&["mm/min"], 1e-3 / 60.0),
+    (&["m/min"], 1.0 / 60.0),
+    (&["km/h"], 1.0 / 3.6),
+];
+const ANGULAR_SPEED: &[Unit] = &[
+    (&["deg/s", "°/s"], std::f64::consts::PI / 180.0),
+    (&["rad/s"], 1.0),
+    (&["turn/s"], std::f64::consts::TAU),
+    (&["rpm", "turn/min"], std::f64::consts::TAU / 60.0),
+];
+const FREQUENCY: &[Unit] = &[(&["Hz"], 1.0), (&["kHz"], 1e3), (&["MHz"], 1e6)];
 const MEMORY: &[Unit] = &[
     (&["B"], 1.0),
     (&["kB"], 1e3),
@@ -126,6 +143,18 @@ quantity!(
 quantity!(
     /// A power \[W\]: `uW`, `mW`, `W`, `kW`, or a plain number of watts.
     Power, POWER, "a power", "W", "1.5W", plain: true
+);
+quantity!(
+    /// A speed \[m/s\]: `um/s`, `mm/s`, `cm/s`, `m/s`, `km/s`, `mm/min`, `m/min`, `km/h`, or a plain number of m/s.
+    Speed, SPEED, "a speed", "m/s", "200mm/s", plain: true
+);
+quantity!(
+    /// An angular speed \[rad/s\]: `deg/s`, `rad/s`, `turn/s` or `rpm`; never a plain number.
+    AngularSpeed, ANGULAR_SPEED, "an angular speed", "rad/s", "120rpm", plain: false
+);
+quantity!(
+    /// A frequency \[Hz\]: `Hz`, `kHz`, `MHz`, or a plain number of hertz.
+    Frequency, FREQUENCY, "a frequency", "Hz", "10kHz", plain: true
 );
 quantity!(
     /// An amount of memory \[B\]: `B`, `kB`, `MB`, `GB`, `TB`, `KiB`, `MiB`, `GiB`, `TiB`; never a plain number.

@@ -63,6 +63,14 @@ impl Shutter {
         }
     }
 
+    /// Exposure time \[s\] of a pixel; that of all stages of a line scan together.
+    pub fn exposure(&self) -> f64 {
+        match self {
+            Self::Frame { exposure } => *exposure,
+            Self::Lines(lines) => lines.total_exposure(),
+        }
+    }
+
     /// Time and place of a sample of the film row `row`. `dy` in `[0, 1)` is its place in the height of the pixel, `u` in
     /// `[0, 1)` chooses the stage and the time of the exposure. The deviation of a line is a function of seed, frame and
     /// line.

@@ -1,6 +1,7 @@
 //! `[[object]]` of a job: objects that are removed, moved, copied, given another material, or made.
 
 use super::materials::new_material;
+use super::motion::{self, RotationSettings};
 use super::overrides::{matches, unique};
 use super::place::{self, Place, bounds_of, no_object};
 use super::primitives::{PrimitiveKind, primitive};
@@ -62,6 +63,11 @@ pub struct ObjectOverride {
     pub instances: Vec<Placement>,
     /// Copies on a grid whose first point is the place of the object. They replace it.
     pub grid: Option<Grid>,
+    /// Velocity \[m/s\] in the world; written as `["200mm/s", 0, 0]`.
+    #[serde(default, deserialize_with = "motion::velocity")]
+    pub velocity: Option<DVec3>,
+    /// Rotation at a constant speed about an axis of the world.
+    pub rotation: Option<RotationSettings>,
 }
 
 /// The place of a copy, relative to the object.
@@ -177,7 +183,12 @@ impl Job {
             let shape =
                 [("size", o.size.is_some()), ("diameter", o.diameter.is_some()), ("height", o.height.is_some())];
             let matrix = ("matrix", o.matrix.is_some());
-            let others = [("material", o.material.is_some()), ("kind", o.kind.is_some())];
+            let others = [
+                ("material", o.material.is_some()),
+                ("kind", o.kind.is_some()),
+                ("velocity", o.velocity.is_some()),
+                ("rotation", o.rotation.is_some()),
+            ];
             let given = |keys: &[(&'static str, bool)]| keys.iter().find(|(_, given)| *given).map(|(key, _)| *key);
             let all = [&moves[..], &copies[..], &[matrix][..], &others[..]].concat();
             if let (false, Some(key)) = (o.visible, given(&all)) {
@@ -222,7 +233,8 @@ impl Job {
     /// Applies all `[[object]]` entries to a scene, in order.
     pub(super) fn change_all_objects(&self, scene: &mut SceneBuilder) -> Result<(), InputError> {
         for (i, change) in self.objects.iter().enumerate() {
-            self.change_objects(i, change, scene)?;
+            let objects = self.change_objects(i, change, scene)?;
+            self.move_objects(i, change, &objects, scene)?;
         }
         Ok(())
     }
