@@ -59,7 +59,8 @@ impl Room {
             triangles.extend([[a, b, c], [a, c, d]].map(|t| t.map(|i| base + i)));
         }
         let mesh = MeshTriangles { positions: &positions, triangles: &triangles };
-        let bvh = Bvh::build(&[mesh], &[BvhInstance { mesh: 0, to_world: None, motion: None }]).expect("indices are in range");
+        let bvh = Bvh::build(&[mesh], &[BvhInstance { mesh: 0, to_world: None, motion: None }])
+            .expect("indices are in range");
         Self { positions, triangles, bvh }
     }
 

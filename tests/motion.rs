@@ -5,6 +5,7 @@
 
 mod support;
 
+use dunkelfeld::Project;
 use dunkelfeld::film::Film;
 use dunkelfeld::geometry::{DAffine3, DVec3, Mesh, RigidMotion, Vec3};
 use dunkelfeld::radiometry::Rgb;
@@ -352,8 +353,7 @@ fn auxiliary_layers_follow_the_motion() {
     for row in 0..8 {
         let ids = dunkelfeld_integrator::pixel_ids(&scene, &camera, 4, row);
         assert_eq!(ids.is_some(), row >= 4, "row {row}");
-        let estimator =
-            Estimator { scene: &scene, camera: &camera, width: 8, seed: 1, frame: 0, roulette: None };
+        let estimator = Estimator { scene: &scene, camera: &camera, width: 8, seed: 1, frame: 0, roulette: None };
         let sample = estimator.sample(PixelSample { x: 4, y: row, index: 0 });
         assert_eq!(sample.hit, row >= 4, "row {row}");
         if sample.hit {
@@ -385,7 +385,9 @@ fn connections_through_covers_stay_unbiased_beside_moving_parts() {
         let flag = |z: f32| rectangle(Vec3::new(0.0, -0.1, z), Vec3::X * 0.05, Vec3::Y * 0.2);
         let flags = [b.add_object("low flag", flag(0.005), paint), b.add_object("high flag", flag(0.02), paint)];
         b.add_object("light", rectangle(Vec3::new(0.1, -0.15, 0.02), Vec3::Z * 0.18, Vec3::Y * 0.3), lamp);
-        flags.map(|f| b.instances[f].motion = linear(10.0, 0.0));
+        for flag in flags {
+            b.instances[flag].motion = linear(10.0, 0.0);
+        }
         if cover_moves {
             b.instances[cover].motion = linear(1.0, 0.0);
         }
@@ -430,4 +432,70 @@ fn lights_that_move_and_wrong_shutters_are_refused() {
         let message = b.build().expect_err(word).to_string();
         assert!(message.contains(word), "{message}");
     }
+}
+
+/// A job with a square of 20 mm that lies in the plane y = 0 under a telecentric camera from above: 20 rows of 1 mm.
+fn open(job: &str) -> Result<Project, dunkelfeld::Error> {
+    let folder = tempfile::TempDir::new().expect("a temporary folder");
+    let gltf = r#"{
+      "asset": { "version": "2.0" }, "scene": 0, "scenes": [{ "nodes": [0] }],
+      "nodes": [{ "name": "top", "camera": 0, "translation": [0, 1, 0], "rotation": [-0.70710678, 0, 0, 0.70710678] }],
+      "cameras": [{ "type": "orthographic", "orthographic": { "xmag": 0.01, "ymag": 0.01, "zfar": 9, "znear": 0.01 } }]
+    }"#;
+    // An OBJ has no camera, and a glTF file needs a buffer for a mesh: the mesh is in a data URI.
+    let positions: Vec<u8> =
+        [-0.01f32, 0.0, 0.01, 0.01, 0.0, 0.01, 0.0, 0.0, -0.01].iter().flat_map(|v| v.to_le_bytes()).collect();
+    std::fs::write(folder.path().join("part.bin"), positions).expect("writable");
+    let mesh = r#""buffers": [{ "uri": "part.bin", "byteLength": 36 }], "bufferViews": [{ "buffer": 0, "byteLength": 36 }],
+      "accessors": [{ "bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3", "min": [-0.01, 0, -0.01], "max": [0.01, 0, 0.01] }],
+      "meshes": [{ "primitives": [{ "attributes": { "POSITION": 0 } }] }],"#;
+    let gltf = gltf.replace("\"nodes\": [0]", "\"nodes\": [0, 1]");
+    let gltf = gltf.replace("\"cameras\":", &format!("{mesh} \"cameras\":"));
+    let gltf = gltf.replace("0.70710678] }],", "0.70710678] }, { \"name\": \"part\", \"mesh\": 0 }],");
+    std::fs::write(folder.path().join("part.gltf"), gltf).expect("writable");
+    let path = folder.path().join("job.toml");
+    let text = format!("scene = \"part.gltf\"\n[film]\nwidth = 20\nheight = 20\n[environment]\nradiance = 1\n{job}");
+    std::fs::write(&path, text).expect("writable");
+    Project::open(path)
+}
+
+const MOVING: &str = "[[object]]\nname = \"part\"\nvelocity = [0, 0, \"-10m/s\"]\n";
+
+#[test]
+fn a_job_moves_objects_and_scans_lines() {
+    let still = open("").expect("a job");
+    assert!(still.scene.shutter().is_none() && still.report.hazards().next().is_none(), "{:?}", still.report);
+    let moving = open(&format!("[sensor]\nexposure = \"100us\"\n{MOVING}")).expect("a job");
+    assert_eq!(moving.scene.shutter(), Some(&Shutter::Frame { exposure: 100.0 * 1e-6 }));
+    assert!(moving.scene.effects().has(Effect::Motion) && moving.report.hazards().next().is_none());
+    moving.fitted().expect("the exposure is that of the shutter");
+    // 10 m/s are 10 000 rows of 1 mm a second, up in the image.
+    let lines = "[line_scan]\nline_rate = \"10kHz\"\ntdi_stages = 4\n";
+    let mut scan = open(&format!("[sensor]\nexposure = 1e-5\n{lines}{MOVING}")).expect("a job");
+    assert!(scan.report.hazards().next().is_none(), "{:?}", scan.report);
+    assert!(scan.scene.effects().has(Effect::LineScan) && scan.inspect().hazards.is_empty());
+    let dunkelfeld::SensorChoice::Emva { exposure: Some(exposure), .. } = scan.fitted().expect("valid").sensor else {
+        panic!("a fixed exposure")
+    };
+    assert!((exposure.time().0 - 4e-5).abs() < 1e-15, "the light of four stages");
+    scan.settings.height = 30;
+    assert!(scan.fitted().expect_err("another film").to_string().contains("20 rows"));
+    // Hazards: too slow a line rate, the wrong direction, nothing that moves, motion beyond the film.
+    for (job, part) in [
+        (format!("[sensor]\nexposure = 1e-5\n[line_scan]\nline_rate = \"8kHz\"\n{MOVING}"), "10000.000000Hz"),
+        (format!("[sensor]\nexposure = 1e-5\n{lines}{}", MOVING.replace('-', "")), "upside down"),
+        (format!("[sensor]\nexposure = 1e-5\n{lines}"), "no object moves"),
+        (format!("[sensor]\nexposure = \"1s\"\n{MOVING}"), "times the film"),
+        (
+            "[sensor]\nexposure = \"1s\"\n[[object]]\nname = \"part\"\nrotation = { axis = [0, 1, 0], speed = \"2turn/s\" }\n"
+                .into(),
+            "turns 2.0 times",
+        ),
+    ] {
+        let project = open(&job).expect("a job");
+        let hazards: Vec<String> = project.report.hazards().map(|h| h.message.clone()).collect();
+        assert!(hazards.iter().any(|h| h.contains(part)), "{job}: {hazards:?}");
+    }
+    let error = open(MOVING).expect_err("automatic exposure").to_string();
+    assert!(error.contains("automatic") && error.contains("help"), "{error}");
 }

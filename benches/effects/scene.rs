@@ -1,11 +1,11 @@
 //! The measured scenes: a plain scene, and the same scene with one effect in use, so weakly that the image stays.
 
-use dunkelfeld_geometry::{DAffine3, DVec3, Mesh, Vec2, Vec3, Vec4};
+use dunkelfeld_geometry::{DAffine3, DVec3, Mesh, RigidMotion, Vec2, Vec3, Vec4};
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_scene::{
     AlphaMode, Aperture, ChannelTexture, ColorEncoding, Effect, EmissionProfile, Environment, EnvironmentSource,
-    FeatureSet, Image, ImageId, LightProfile, Material, Opening, PunctualKind, PunctualLight, Scene, SceneBuilder,
-    Surface, Texels, Texture, Volume, kernel_features,
+    FeatureSet, Image, ImageId, LightProfile, LineScan, Material, Opening, PunctualKind, PunctualLight, Scene,
+    SceneBuilder, Shutter, Surface, Texels, Texture, Volume, kernel_features,
 };
 
 /// Parameters that put an effect in use and change nothing: small, and far above the rounding of f32 beside one.
@@ -79,6 +79,8 @@ impl Case {
             Effect::EnergyCompensation => "on, which changes the image a little",
             Effect::FiniteAperture => "a radius of a micrometre",
             Effect::Distortion => "a coefficient of 1e-9",
+            Effect::Motion => "a box in the middle moves by a nanometre",
+            Effect::LineScan => "a scan at rest: all rows show the middle of the film",
             Effect::Environment => "a sky of negligible radiance: one more light to sample",
             Effect::PunctualLights => "a point light of negligible power: one more light to sample",
             Effect::LightProfiles => "the same with a profile: one more light to sample",
@@ -222,6 +224,15 @@ fn put_in_use(b: &mut SceneBuilder, effect: Effect) -> Result<(), String> {
             b.cameras[0].lens.aperture = Some(Aperture { opening, focus_distance: 2.5, blades: None });
         }
         Effect::Distortion => b.cameras[0].lens.distortion.radial[0] = 1e-9,
+        Effect::Motion => {
+            b.instances[4 + BOXES * BOXES / 2].motion = RigidMotion::linear(DVec3::X * 1e-6);
+            b.shutter = Some(Shutter::Frame { exposure: 1e-3 });
+        }
+        Effect::LineScan => {
+            let (period, exposure) = (1e-3, 1e-3);
+            b.shutter =
+                Some(Shutter::Lines(LineScan { period, exposure, stages: 1, jitter: 0.0, line: 0.5, rows: 64 }));
+        }
         Effect::Environment => {
             let source = EnvironmentSource::Constant(Rgb::splat(1e-9));
             b.environment = Some(Environment { source, rotation: 0.0 });

@@ -15,6 +15,7 @@ use dunkelfeld_io::import::{ImportOptions, Imported, load_scene};
 use dunkelfeld_io::input::InputFiles;
 use dunkelfeld_io::job::{self, FilmSettings, Job, LensSettings};
 use dunkelfeld_io::{ImportWarning, InputError};
+use dunkelfeld_radiometry::Seconds;
 use dunkelfeld_render::{Budget, RenderSettings, SensorChoice};
 use dunkelfeld_render::{Cancel, Progress, Silent, Stage};
 use dunkelfeld_render::{DenoiseMethod, validate};
@@ -151,7 +152,7 @@ impl Project {
         let began = Instant::now();
         let file = job.as_ref().map_or(path, Job::scene_path);
         let (scene, report) = imported.scene.build().map_err(|e| build_error(e, file))?;
-        Ok(Self {
+        let mut project = Self {
             scene,
             own_pitch: pitch_of(&settings.sensor),
             part: job.as_ref().map(|job| film_part(job, &settings.sensor)).transpose()?.flatten(),
@@ -168,7 +169,14 @@ impl Project {
             started,
             load_seconds,
             build_seconds: began.elapsed().as_secs_f64(),
-        })
+        };
+        if project.scene.shutter().is_some()
+            && let Ok(settings) = project.fitted()
+            && let Ok(camera) = camera(&project.scene, &settings)
+        {
+            project.scene.report_motion(&camera, [settings.width, settings.height], &mut project.report);
+        }
+        Ok(project)
     }
 
     /// The content of the scene, and its hazards.

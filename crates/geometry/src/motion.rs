@@ -82,10 +82,7 @@ impl RigidMotion {
         match self.spin {
             None => Transform::from_inverse_pair(
                 DAffine3 { matrix3: to_world.matrix3, translation: to_world.translation + shift },
-                DAffine3 {
-                    matrix3: to_object.matrix3,
-                    translation: to_object.translation - to_object.matrix3 * shift,
-                },
+                DAffine3 { matrix3: to_object.matrix3, translation: to_object.translation - to_object.matrix3 * shift },
             ),
             Some(Spin { axis, origin, speed }) => {
                 let matrix3 = DMat3::from_axis_angle(axis, speed * t);
@@ -105,22 +102,22 @@ impl RigidMotion {
         let (lo, hi) = (bounds.min.as_dvec3(), bounds.max.as_dvec3());
         let (mut low, mut high) = (lo, hi);
         if let Some(Spin { axis, origin, speed }) = self.spin.filter(|s| s.speed != 0.0) {
-                (low, high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
-                let angle = (speed * (to - from)).abs().min(std::f64::consts::TAU);
-                let steps = (angle / std::f64::consts::TAU * STEPS_PER_TURN).ceil().max(1.0);
-                let step = angle / steps * speed.signum();
-                let corners = bounds.corners().map(|c| c.as_dvec3() - origin);
-                for i in 0..=steps as u32 {
-                    let turn = DMat3::from_axis_angle(axis, speed * from + f64::from(i) * step);
-                    for corner in &corners {
-                        let p = origin + turn * *corner;
-                        (low, high) = (low.min(p), high.max(p));
-                    }
+            (low, high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+            let angle = (speed * (to - from)).abs().min(std::f64::consts::TAU);
+            let steps = (angle / std::f64::consts::TAU * STEPS_PER_TURN).ceil().max(1.0);
+            let step = angle / steps * speed.signum();
+            let corners = bounds.corners().map(|c| c.as_dvec3() - origin);
+            for i in 0..=steps as u32 {
+                let turn = DMat3::from_axis_angle(axis, speed * from + f64::from(i) * step);
+                for corner in &corners {
+                    let p = origin + turn * *corner;
+                    (low, high) = (low.min(p), high.max(p));
                 }
-                // Between two steps an arc of radius r leaves its chord by at most r (1 - cos(step / 2)).
-                let radius = corners.iter().map(|c| c.cross(axis).length()).fold(0.0, f64::max);
-                let sagitta = radius * (1.0 - (0.5 * step).cos());
-                (low, high) = (low - sagitta, high + sagitta);
+            }
+            // Between two steps an arc of radius r leaves its chord by at most r (1 - cos(step / 2)).
+            let radius = corners.iter().map(|c| c.cross(axis).length()).fold(0.0, f64::max);
+            let sagitta = radius * (1.0 - (0.5 * step).cos());
+            (low, high) = (low - sagitta, high + sagitta);
         }
         let [first, last] = [self.velocity * from, self.velocity * to];
         (low, high) = (low + first.min(last), high + first.max(last));

@@ -43,7 +43,12 @@ fn empty_objects_are_accepted() {
     let points = Mesh { positions: vec![Vec3::ZERO; 3], triangles: vec![[0, 1, 2]], ..Mesh::default() };
     b.meshes.push(MeshPart { name: "point".into(), mesh: points, material: 0, ..MeshPart::default() });
     for meshes in [vec![], vec![1], vec![2], vec![1, 2, 1]] {
-        b.instances.push(Instance { name: "i".into(), meshes, to_world: DAffine3::IDENTITY, motion: Default::default() });
+        b.instances.push(Instance {
+            name: "i".into(),
+            meshes,
+            to_world: DAffine3::IDENTITY,
+            motion: Default::default(),
+        });
     }
     let (scene, report) = b.build().expect("valid");
     assert_eq!(scene.summary().placed_triangles, 2);

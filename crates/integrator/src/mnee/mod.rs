@@ -193,9 +193,7 @@ pub(crate) fn estimate<F: Features, V: Vertex>(
         return Rgb::BLACK;
     }
     let last = &found.traced.ray_state;
-    let ray = scene
-        .shadow_ray_from(last.ray.origin, last.ray.direction, light.target.as_ref())
-        .at_time(last.ray.time);
+    let ray = scene.shadow_ray_from(last.ray.origin, last.ray.direction, light.target.as_ref()).at_time(last.ray.time);
     let (open, transmittance) = last.shadow_transmittance::<F>(scene, &ray);
     recorder.connection_outcome(index, open > 0.0 && !transmittance.is_black());
     if open == 0.0 {

@@ -128,7 +128,12 @@ pub fn load_obj(path: &Path, options: &ImportOptions) -> Result<Imported, InputE
         let mesh = scene.meshes.len() - 1;
         match scene.instances.last_mut() {
             Some(instance) if last_object == Some(part.object) => instance.meshes.push(mesh),
-            _ => scene.instances.push(Instance { name: name.to_string(), meshes: vec![mesh], to_world, motion: Default::default() }),
+            _ => scene.instances.push(Instance {
+                name: name.to_string(),
+                meshes: vec![mesh],
+                to_world,
+                motion: Default::default(),
+            }),
         }
         last_object = Some(part.object);
     }

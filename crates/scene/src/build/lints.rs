@@ -6,6 +6,7 @@
 
 mod attributes;
 mod contact;
+mod motion;
 
 use crate::build::report::BuildReport;
 use crate::scene::{Part, Scene};

@@ -96,7 +96,11 @@ fn check_motion(builder: &SceneBuilder) -> Result<(), BuildError> {
             material.unlit || !material.emission.is_black()
         };
         let is_lit = builder.moves(instance) && instance.meshes.iter().any(emits);
-        require(!is_lit, place, "it emits light and moves, but lights must be at rest; leave out its motion, or its emission")?;
+        require(
+            !is_lit,
+            place,
+            "it emits light and moves, but lights must be at rest; leave out its motion, or its emission",
+        )?;
     }
     let is_time = |t: f64| t > 0.0 && t <= MAX_SECONDS;
     match builder.shutter {

@@ -77,9 +77,7 @@ impl Shutter {
     #[inline]
     pub fn moment(&self, row: u32, dy: f32, u: f32, (seed, frame): (u64, u32)) -> Moment {
         match self {
-            Self::Frame { exposure } => {
-                Moment { time: ((f64::from(u) - 0.5) * exposure) as f32, y: row as f32 + dy }
-            }
+            Self::Frame { exposure } => Moment { time: ((f64::from(u) - 0.5) * exposure) as f32, y: row as f32 + dy },
             Self::Lines(lines) => lines.moment(row, dy, u, (seed, frame)),
         }
     }
@@ -123,10 +121,7 @@ impl LineScan {
         let share = scaled - f64::from(stage);
         let stages = self.stages_from_middle(stage);
         let start = (self.rows_from_middle(row) + stages) * self.period + self.deviation(row + stage, key);
-        Moment {
-            time: (start + (share - 0.5) * self.exposure) as f32,
-            y: self.film_y(f64::from(dy), stages) as f32,
-        }
+        Moment { time: (start + (share - 0.5) * self.exposure) as f32, y: self.film_y(f64::from(dy), stages) as f32 }
     }
 
     /// The deviation \[s\] of the clock tick with a number: a normal variate (Box and Muller 1958). Stage s of row y is

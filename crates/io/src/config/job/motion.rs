@@ -236,8 +236,12 @@ mod tests {
             job.shutter(&scene, 64)
         };
         assert_eq!(of("[sensor]\nexposure = \"1ms\"\n").expect("valid"), None);
-        assert_eq!(of(&format!("[sensor]\nexposure = \"1ms\"\n{moving}")).expect("valid"), Some(Shutter::Frame { exposure: 1e-3 }));
-        let scan = of(&format!("[sensor]\nexposure = 1e-4\n{line}tdi_stages = 8\nencoder_jitter = \"1us\"\nline = 0.25\n"));
+        assert_eq!(
+            of(&format!("[sensor]\nexposure = \"1ms\"\n{moving}")).expect("valid"),
+            Some(Shutter::Frame { exposure: 1e-3 })
+        );
+        let scan =
+            of(&format!("[sensor]\nexposure = 1e-4\n{line}tdi_stages = 8\nencoder_jitter = \"1us\"\nline = 0.25\n"));
         let expected = LineScan { period: 1e-4, exposure: 1e-4, stages: 8, jitter: 1e-6, line: 0.25, rows: 64 };
         assert_eq!(scan.expect("valid"), Some(Shutter::Lines(expected)));
         for (text, place, part) in [
