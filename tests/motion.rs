@@ -151,6 +151,11 @@ fn the_modulation_of_a_moving_grating_is_the_sinc_of_its_travel() {
             .sum();
         // The aliases are below 6 % of the first harmonic, so this is the modulation transfer of the motion.
         assert!((expected * PI / sinc(0.125) - sinc(travel / 8.0)).abs() < 0.06, "{travel}: {expected}");
+        if travel == 0.0 {
+            // Bars end at the borders of pixels: there is no noise, and the sum has 4001 terms.
+            assert!((measured.mean() - expected).abs() < 1e-6 && measured.variance() < 1e-20, "{measured:?}");
+            continue;
+        }
         student_t_test(&measured, expected).assert(RATE, &format!("travel of {travel} pixels"));
     }
 }
@@ -482,7 +487,7 @@ fn a_job_moves_objects_and_scans_lines() {
     assert!(scan.fitted().expect_err("another film").to_string().contains("20 rows"));
     // Hazards: too slow a line rate, the wrong direction, nothing that moves, motion beyond the film.
     for (job, part) in [
-        (format!("[sensor]\nexposure = 1e-5\n[line_scan]\nline_rate = \"8kHz\"\n{MOVING}"), "10000.000000Hz"),
+        (format!("[sensor]\nexposure = 1e-5\n[line_scan]\nline_rate = \"8kHz\"\n{MOVING}"), "\"10000Hz\""),
         (format!("[sensor]\nexposure = 1e-5\n{lines}{}", MOVING.replace('-', "")), "upside down"),
         (format!("[sensor]\nexposure = 1e-5\n{lines}"), "no object moves"),
         (format!("[sensor]\nexposure = \"1s\"\n{MOVING}"), "times the film"),

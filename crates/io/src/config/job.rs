@@ -152,6 +152,9 @@ pub struct ImportSettings {
     pub scale: Option<f64>,
     /// The upward axis of the scene files: `"y"` or `"z"`. Default: that of the format.
     pub up: Option<UpAxis>,
+    /// Time \[s\] of the animation of a glTF file. Default 0.
+    #[serde(default, deserialize_with = "motion::animation_time")]
+    pub animation_time: f64,
 }
 
 /// `[budget]`: with several limits, the first one that is reached ends the render.

@@ -37,7 +37,7 @@ pub(crate) fn scene_of_meshes(
         let part = MeshPart { name: name.clone(), mesh: object.mesh, material, ..MeshPart::default() };
         scene.meshes.push(part);
         let to_world = DAffine3::from_translation(object.origin);
-        scene.instances.push(Instance { name, meshes: vec![mesh], to_world });
+        scene.instances.push(Instance { name, meshes: vec![mesh], to_world, motion: Default::default() });
     }
     Imported { scene, warnings: warnings.finish(), inputs: loader.into_inputs() }
 }

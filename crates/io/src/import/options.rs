@@ -43,6 +43,8 @@ pub struct ImportOptions {
     /// The upward axis of the file's coordinates; `None` means that of the format.
     #[setters(into)]
     pub up: Option<UpAxis>,
+    /// Time \[s\] at which the first animation of a glTF file gives the pose of the nodes and their motion.
+    pub animation_time: f64,
 }
 
 /// The axis of a file's coordinates that points up.

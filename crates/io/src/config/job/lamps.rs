@@ -625,7 +625,7 @@ fn add_mesh_lamp(
     let first = scene.meshes.len();
     let meshes = (first..first + parts.len()).collect();
     scene.meshes.extend(parts);
-    scene.instances.push(Instance { name, meshes, to_world: pose.to_world });
+    scene.instances.push(Instance { name, meshes, to_world: pose.to_world, motion: Default::default() });
 }
 
 /// Radiance along the normal [W/(m^2 sr)].

@@ -77,6 +77,15 @@ fn line_rate<'de, D: Deserializer<'de>>(d: D) -> Result<f64, D::Error> {
     Err(D::Error::custom(format!("{} Hz is out of range; write the lines per second, such as \"10kHz\"", Number(v))))
 }
 
+/// A time of an animation \[s\].
+pub(super) fn animation_time<'de, D: Deserializer<'de>>(d: D) -> Result<f64, D::Error> {
+    let Time(v) = Time::deserialize(d)?;
+    if (0.0..=1e6).contains(&v) {
+        return Ok(v);
+    }
+    Err(D::Error::custom(format!("{} s is out of range; write a time from 0 to 1e6 s, such as \"1.5s\"", Number(v))))
+}
+
 fn angular_speed<'de, D: Deserializer<'de>>(d: D) -> Result<f64, D::Error> {
     let AngularSpeed(v) = AngularSpeed::deserialize(d)?;
     if v.abs() <= FASTEST_TURN {

@@ -132,7 +132,8 @@ impl Job {
             limits.image_bytes = bytes.max(limits.image_bytes);
         }
         let super::ImportSettings { emissive_unit, unit, scale, up, .. } = self.import;
-        ImportOptions { limits, emissive_unit, unit, scale, up, ..ImportOptions::default() }
+        let animation_time = self.import.animation_time;
+        ImportOptions { limits, emissive_unit, unit, scale, up, animation_time, ..ImportOptions::default() }
     }
 
     /// Reads all scene files into one scene, in the order of the job. The memory limit of images holds for all of them

@@ -1,5 +1,6 @@
 //! The JSON of an asset with the types of `gltf::json`, and the data that these types do not contain.
 
+use super::animation::{self, Animation};
 use super::complete::{UnknownCodes, complete};
 use super::extensions::{OfDocument, OfMaterial, OfNode, OfNormalTexture, OfTexture, Profile, Transform};
 use super::lenient;
@@ -35,6 +36,8 @@ pub(super) struct Document {
     pub(super) textures: Vec<OfTexture>,
     /// Light profiles (EXT_lights_ies).
     pub(super) profiles: Vec<Profile>,
+    /// Animations.
+    pub(super) animations: Vec<Animation>,
 }
 
 impl Document {
@@ -44,7 +47,9 @@ impl Document {
         let mut members = lenient::read(json).map_err(|e| syntax_error(json, path, &e))?;
         check_version(&mut members, path, warnings)?;
         let unknown = complete(&mut members);
-        Self::from_members(members, unknown).map_err(|fault| fault.at(json, path))
+        let mut document = Self::from_members(members, unknown).map_err(|fault| fault.at(json, path))?;
+        document.animations = animation::read(json);
+        Ok(document)
     }
 
     fn from_members(members: Map<String, Value>, unknown: UnknownCodes) -> Result<Self, TypeFault> {
@@ -61,7 +66,8 @@ impl Document {
             m.normal_texture.as_ref().and_then(|t| t.extensions.as_ref()).map(|e| &e.others)
         })?;
         let profiles = of_document.profiles.lights;
-        Ok(Self { root, unknown, transforms, nodes, materials, normal_textures, textures, profiles })
+        let animations = Vec::new();
+        Ok(Self { root, unknown, transforms, nodes, materials, normal_textures, textures, profiles, animations })
     }
 }
 

@@ -8,6 +8,7 @@
 //! (meshes), `material`, `spec_gloss`, `texture` (surfaces), `light` (lights and cameras). `validate` explains refusals.
 
 mod accessor;
+mod animation;
 mod complete;
 mod container;
 mod deform;
@@ -29,10 +30,11 @@ use crate::import::options::{ImportOptions, Imported};
 use crate::import::warnings::Warnings;
 use crate::loader::AssetLoader;
 use accessor::{Accessors, Stored};
+use animation::Channels;
 use complete::{LIGHT_TYPE, PRIMITIVE_MODE};
 use container::Asset;
 use deform::{Deformation, Pose};
-use dunkelfeld_geometry::{DAffine3, DQuat, DVec3, Mesh};
+use dunkelfeld_geometry::{DAffine3, DQuat, DVec3, Mesh, RigidMotion};
 use dunkelfeld_scene::{Camera, Instance, MeshPart, PunctualKind, PunctualLight, SceneBuilder};
 use extensions::{Instancing, ProfileReference};
 use gltf::json::Index;
@@ -47,7 +49,8 @@ use texture::Textures;
 ///
 /// Lengths are metres, as in glTF. Photometric values become radiometric by
 /// [`LUMENS_PER_WATT`](crate::import::options::LUMENS_PER_WATT). Meshes remain in object space and are stored once, for
-/// any number of nodes. Morphs and skins are baked in their default pose. Animations are ignored.
+/// any number of nodes. Morphs and skins are baked in their default pose. Nodes have the pose of the first animation at
+/// [`ImportOptions::animation_time`], and objects have the velocity that they have there.
 ///
 /// # Errors
 /// If the file or one of its buffers cannot be read, the JSON is malformed, an extension is required that is not
@@ -57,7 +60,7 @@ pub fn load_gltf(path: &Path, options: &ImportOptions) -> Result<Imported, Input
     let loader = AssetLoader::new(path, options.limits);
     let asset = Asset::load(&loader, &mut warnings)?;
     let accessors = Accessors::new(&asset);
-    let hierarchy = nodes::resolve(&asset.document, options.scene, path, &mut warnings)?;
+    let (hierarchy, motions) = hierarchy(path, options, &asset, &accessors, &mut warnings)?;
     measure_images(path, options, &asset, &accessors, &hierarchy.shown)?;
     let mut importer = Importer {
         path,
@@ -67,6 +70,7 @@ pub fn load_gltf(path: &Path, options: &ImportOptions) -> Result<Imported, Input
         loader: &loader,
         options,
         warnings,
+        motions,
         scene: SceneBuilder::default(),
         materials: BTreeMap::new(),
         meshes: BTreeMap::new(),
@@ -80,6 +84,33 @@ pub fn load_gltf(path: &Path, options: &ImportOptions) -> Result<Imported, Input
     let mut scene = importer.scene;
     scene.images = importer.textures.store.into_images();
     Ok(Imported { scene, warnings: importer.warnings.finish(), inputs: loader.into_inputs() })
+}
+
+/// The node hierarchy at the time of the animation, and the motion of each node (`None` if it is not rigid). There are no
+/// motions without an animation.
+fn hierarchy(
+    path: &Path,
+    options: &ImportOptions,
+    asset: &Asset,
+    accessors: &Accessors<'_>,
+    warnings: &mut Warnings,
+) -> Result<(Hierarchy, Vec<Option<RigidMotion>>), InputError> {
+    let document = &asset.document;
+    let rest = &document.transforms;
+    let nodes = document.root.nodes.len();
+    let channels = Channels::new(&document.animations, nodes, accessors, options.animation_time, warnings);
+    let Some(channels) = channels else {
+        return Ok((nodes::resolve(document, rest, options.scene, path, warnings)?, Vec::new()));
+    };
+    let now = nodes::resolve(document, &channels.transforms(rest), options.scene, path, warnings)?;
+    let Some([(from, before), (to, after)]) = channels.around(rest) else { return Ok((now, Vec::new())) };
+    // Faults of the hierarchy are those of the pose.
+    let mut ignored = Warnings::new(path);
+    let mut at = |transforms: &[_]| nodes::resolve(document, transforms, options.scene, path, &mut ignored);
+    let (before, after) = (at(&before)?, at(&after)?);
+    let motion = |i: usize| animation::motion(&before.to_world[i], &now.to_world[i], &after.to_world[i], to - from);
+    let motions = (0..now.to_world.len()).map(motion).collect();
+    Ok((now, motions))
 }
 
 /// Sums the images of all materials in use from their headers, before decoding.
@@ -117,6 +148,8 @@ struct Importer<'a> {
     loader: &'a AssetLoader,
     options: &'a ImportOptions,
     warnings: Warnings,
+    /// Motions of the nodes; empty without an animation.
+    motions: Vec<Option<RigidMotion>>,
     scene: SceneBuilder,
     /// Index in the file (`None`: the default material) to index in the scene.
     materials: BTreeMap<Option<usize>, usize>,
@@ -260,17 +293,23 @@ impl Importer<'_> {
         if meshes.is_empty() {
             return Ok(());
         }
+        let motion = match self.motions.get(node) {
+            None => RigidMotion::default(),
+            // The place of a skinned mesh follows from its joints.
+            Some(_) if skin.is_some() => RigidMotion::default(),
+            Some(Some(motion)) => *motion,
+            Some(None) => {
+                self.warnings
+                    .push(place, "its animation changes its shape, so that it is at rest while the sensor is exposed");
+                RigidMotion::default()
+            }
+        };
         let name = name(&[source.name.as_deref(), mesh_source.name.as_deref()], "mesh", mesh);
         let mut flattened = 0;
         for placement in placements {
             let to_world = transform * placement;
             if is_invertible(&to_world) {
-                self.scene.instances.push(Instance {
-                    name: name.clone(),
-                    meshes: meshes.clone(),
-                    to_world,
-                    motion: Default::default(),
-                });
+                self.scene.instances.push(Instance { name: name.clone(), meshes: meshes.clone(), to_world, motion });
             } else {
                 flattened += 1;
             }

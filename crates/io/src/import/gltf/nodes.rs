@@ -24,10 +24,11 @@ pub(super) fn node_place(document: &Document, index: usize) -> String {
     }
 }
 
-/// Resolves the hierarchy. A node with several parents keeps the first. A cycle is cut at its first node. Both cause
+/// Resolves the hierarchy with the given transforms of the nodes. A node with several parents keeps the first. A cycle is cut at its first node. Both cause
 /// warnings, and no traversal visits a node twice.
 pub(super) fn resolve(
     document: &Document,
+    transforms: &[Transform],
     scene: Option<usize>,
     path: &Path,
     warnings: &mut Warnings,
@@ -50,8 +51,7 @@ pub(super) fn resolve(
             }
         }
     }
-    let mut local: Vec<_> =
-        document.transforms.iter().enumerate().map(|(i, t)| local(t, document, i, warnings)).collect();
+    let mut local: Vec<_> = transforms.iter().enumerate().map(|(i, t)| local(t, document, i, warnings)).collect();
     local.resize(nodes.len(), DAffine3::IDENTITY);
     let mut to_world = vec![DAffine3::IDENTITY; nodes.len()];
     let mut visited = vec![false; nodes.len()];

@@ -79,9 +79,12 @@ impl Scene {
                 -rows
             )
         } else if (rows - 1.0).abs() > MAX_MISMATCH {
+            // Five digits.
             let rate = rows / lines.period;
+            let digit = 10f64.powi(4 - rate.log10().floor() as i32);
+            let rate = (rate * digit).round() / digit;
             format!(
-                "its image moves by {rows:.3} rows from line to line, so that the scan is stretched; `line_rate = \"{rate:.6}Hz\"` gives square pixels"
+                "its image moves by {rows:.3} rows from line to line, so that the scan is stretched; `line_rate = \"{rate}Hz\"` gives square pixels"
             )
         } else {
             return;
