@@ -107,9 +107,10 @@ pub mod scene {
     pub use dunkelfeld_scene::{
         AlphaMode, Aperture, Blades, BuildError, BuildReport, Camera, CameraError, ChannelTexture, ColorEncoding,
         Distortion, Effect, Effects, Environment, EnvironmentSource, FilmWindow, Filter, Finding, Image, ImageId,
-        Instance, Lens, LightInfo, LightProfile, LineScan, Material, MeshPart, Opening, PartInfo, ProfileError, Projection,
-        PunctualKind, PunctualLight, RayGenerator, Scene, SceneBuilder, SceneSummary, Severity, Shutter, Surface, Texels,
-        Texture, TextureTransform, ThinLens, Vignetting, Volume, Wrap, framing_camera, look_at, shapes,
+        Instance, Lens, LightInfo, LightProfile, LineScan, Material, MeshPart, Opening, PartInfo, ProfileError,
+        Projection, PunctualKind, PunctualLight, RayGenerator, Scene, SceneBuilder, SceneSummary, Severity, Shutter,
+        Surface, Texels, Texture, TextureTransform, ThinLens, Vignetting, Volume, Wrap, framing_camera, look_at,
+        shapes,
     };
 }
 

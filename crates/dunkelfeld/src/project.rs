@@ -24,7 +24,6 @@ use dunkelfeld_render::{
     thread_count,
 };
 use dunkelfeld_render::{Error, camera_help};
-use dunkelfeld_radiometry::Seconds;
 use dunkelfeld_scene::{
     BuildError, BuildReport, Camera, CameraError, Distortion, Effect, Projection, Scene, Shutter, Vignetting,
     framing_camera,

@@ -61,6 +61,19 @@ impl RigidMotion {
         Self { velocity: self.velocity, spin: self.spin.map(|s| Spin { origin: s.origin - offset, ..s }) }
     }
 
+    /// The motion of an object that a map of the world has moved: the map after this motion is the result after the map. The
+    /// map consists of a rotation, a uniform scale, a reflection and a translation; others give an approximation.
+    #[must_use]
+    pub fn mapped(&self, map: &DAffine3) -> Self {
+        let side = map.matrix3.determinant().signum();
+        let spin = self.spin.map(|s| Spin {
+            axis: (map.transform_vector3(s.axis) * side).try_normalize().unwrap_or(s.axis),
+            origin: map.transform_point3(s.origin),
+            speed: s.speed,
+        });
+        Self { velocity: map.transform_vector3(self.velocity), spin }
+    }
+
     /// The map of points at time 0 to points at the time `t` \[s\].
     pub fn at(&self, t: f64) -> DAffine3 {
         let shift = self.velocity * t;
@@ -158,6 +171,17 @@ mod tests {
         let h = 1e-6;
         let derivative = (m.at(h).transform_point3(q) - m.at(-h).transform_point3(q)) / (2.0 * h);
         assert!((derivative - m.velocity_at(q)).length() < 1e-8);
+    }
+
+    #[test]
+    fn a_mapped_motion_commutes_with_its_map() {
+        let turned = DMat3::from_axis_angle(DVec3::new(0.6, 0.0, 0.8), 1.1);
+        for linear in [turned, turned * 3.0, turned * DMat3::from_diagonal(DVec3::new(-2.0, 2.0, 2.0))] {
+            let map = DAffine3::from_mat3_translation(linear, DVec3::new(0.3, -2.0, 1.0));
+            let p = DVec3::new(1.0, 0.4, -0.2);
+            let there = map.transform_point3(motion().at(0.4).transform_point3(p));
+            assert!((motion().mapped(&map).at(0.4).transform_point3(map.transform_point3(p)) - there).length() < 1e-12);
+        }
     }
 
     #[test]

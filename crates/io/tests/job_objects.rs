@@ -22,6 +22,7 @@ fn scene() -> SceneBuilder {
         name: name.into(),
         meshes: vec![mesh],
         to_world: DAffine3::from_translation(DVec3::new(x, 0.0, 20.0 * mesh as f64)),
+        motion: Default::default(),
     };
     SceneBuilder {
         materials: vec![material("steel", 0.0), material("glow", 1.0)],

@@ -16,6 +16,7 @@ impl SceneBuilder {
         for to_world in objects.chain(lights).chain(cameras) {
             *to_world = map * *to_world;
         }
+        self.instances.iter_mut().for_each(|i| i.motion = i.motion.mapped(&map));
         for camera in &mut self.cameras {
             if let Projection::Orthographic { half_width, half_height } = &mut camera.projection {
                 (*half_width, *half_height) = (*half_width * scale as f32, *half_height * scale as f32);

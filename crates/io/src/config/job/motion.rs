@@ -126,7 +126,8 @@ impl Job {
         };
         for &index in objects {
             let Some(object) = scene.instances.get(index) else { continue };
-            let center = || bounds_of(object, scene).map_or(object.to_world.translation, |[low, high]| 0.5 * (low + high));
+            let center =
+                || bounds_of(object, scene).map_or(object.to_world.translation, |[low, high]| 0.5 * (low + high));
             let spin = change.rotation.as_ref().map(|rotation| Spin {
                 axis: rotation.axis.unwrap_or(DVec3::Y),
                 origin: common.unwrap_or_else(center),

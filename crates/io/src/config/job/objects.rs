@@ -294,6 +294,7 @@ impl Job {
             let object = object.clone();
             if let Some(target) = scene.instances.get_mut(index) {
                 target.to_world = placed;
+                target.motion = target.motion.mapped(&map);
             }
             changed.push(index);
             if change.copies().is_none() {
@@ -305,6 +306,7 @@ impl Job {
                 let mut copied = object.clone();
                 copied.name = format!("{} {}", object.name, number + 1);
                 copied.to_world = copy * placed;
+                copied.motion = object.motion.mapped(&(copy * map));
                 if change.grid.is_none() {
                     self.check_place(i, copied.to_world, &copied)?;
                 }
