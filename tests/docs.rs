@@ -309,6 +309,25 @@ fn the_examples_of_the_pages_and_all_presets_are_read() {
     assert!(dunkelfeld_io::sensor_file::preset_names().all(|name| find_sensor(name).is_ok()));
 }
 
+#[test]
+fn the_stations_page_shows_each_preset_station_with_its_keys() {
+    let text = page("docs/stations.md");
+    for station in dunkelfeld::STATIONS {
+        let section = text.split(&format!("### {}\n", station.name)).nth(1);
+        let section = section.unwrap_or_else(|| panic!("docs/stations.md has no section {}", station.name));
+        assert!(section.contains(station.summary()) && section.contains(&format!(" {} lines.", station.lines())));
+        let shown = &blocks(section, "toml")[0];
+        let job = station.job();
+        for line in shown.lines() {
+            assert!(job.lines().any(|l| l == line), "{}: the job has no line \"{line}\"", station.name);
+        }
+        let keys = shown.lines().filter(|l| !l.is_empty() && !l.starts_with('#')).count();
+        assert_eq!(keys, station.lines(), "{}", station.name);
+        let picture = root().join(format!("docs/stations/{}.png", station.name));
+        assert!(picture.is_file(), "{} is missing", picture.display());
+    }
+}
+
 // --- Materials ---------------------------------------------------------------------------------------------------------
 
 #[test]

@@ -1,0 +1,83 @@
+//! Preset stations: camera, lens, film and lights of inspection cells, with a stand-in part.
+
+/// A station: camera, lens, film and lights of an inspection cell, as keys of a job.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Station {
+    /// Its name, as in `dark-field-ring`.
+    pub name: &'static str,
+    keys: &'static str,
+    /// Changes of the part that the station needs.
+    changes: &'static str,
+}
+
+/// The preset stations.
+pub const STATIONS: [Station; 7] = [
+    station("dark-field-ring", include_str!("../stations/dark-field-ring.toml")),
+    station("bright-field-ring", include_str!("../stations/bright-field-ring.toml")),
+    station("dome", include_str!("../stations/dome.toml")),
+    station("bars", include_str!("../stations/bars.toml")),
+    station("coaxial", include_str!("../stations/coaxial.toml")),
+    station("backlight", include_str!("../stations/backlight.toml")),
+    Station {
+        changes: include_str!("../stations/line-scan-motion.toml"),
+        ..station("line-scan", include_str!("../stations/line-scan.toml"))
+    },
+];
+
+/// The stand-in part of a station without a scene.
+const PART: &str = include_str!("../stations/part.toml");
+
+const fn station(name: &'static str, keys: &'static str) -> Station {
+    Station { name, keys, changes: "" }
+}
+
+impl Station {
+    /// The station of a name.
+    pub fn find(name: &str) -> Option<Self> {
+        STATIONS.into_iter().find(|s| s.name == name)
+    }
+
+    /// One sentence about it.
+    pub fn summary(&self) -> &'static str {
+        self.keys.lines().next().unwrap_or_default().trim_start_matches("# ")
+    }
+
+    /// The number of lines of the job that describe the station, without comments and empty lines.
+    pub fn lines(&self) -> usize {
+        let is_key = |line: &&str| !line.trim().is_empty() && !line.starts_with('#');
+        self.keys.lines().chain(self.changes.lines()).filter(is_key).count()
+    }
+
+    /// A job of the station with the stand-in part.
+    pub fn job(&self) -> String {
+        let (name, keys, changes) = (self.name, self.keys, self.changes);
+        format!(
+            "# Station \"{name}\" with a stand-in part. Render it with `dunkelfeld render` and this file.\n\
+             scene = \"none\"\nbudget = {{ time = \"20s\" }}\n\n{keys}{PART}{changes}"
+        )
+    }
+
+    /// Its keys, and its changes of the part, for a scene: names of the stand-in are those of all objects.
+    pub(crate) fn keys_for_scene(&self) -> (String, String) {
+        let renamed = |text: &str| text.replace("\"part*\"", "\"*\"");
+        (renamed(self.keys), renamed(self.changes))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use dunkelfeld_io::job::Job;
+
+    #[test]
+    fn stations_are_short_jobs_that_parse() {
+        for station in STATIONS {
+            let job = Job::from_text("station.toml", station.job());
+            job.unwrap_or_else(|e| panic!("{}: {e}", station.name));
+            assert!(station.summary().ends_with('.') && station.summary().len() > 20, "{}", station.name);
+            assert!(station.lines() <= 12, "{} has {} lines", station.name, station.lines());
+            assert_eq!(Station::find(station.name), Some(station));
+        }
+        assert_eq!(Station::find("ring"), None);
+    }
+}
