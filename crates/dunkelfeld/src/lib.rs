@@ -40,7 +40,7 @@ pub use denoising::{Denoised, PoolExecutor, denoise_film, find_denoiser};
 pub use frame::{Frame, Picture, SensorFrame, certify, develop, develop_film, show_denoised};
 pub use guard::DefaultPath;
 pub use inspect::{
-    CameraEntry, CoverEntry, CoverLayerEntry, EffectEntry, Inspection, LightEntry, MaterialEntry, inspect,
+    CameraEntry, CoverEntry, CoverLayerEntry, EffectEntry, Inspection, LightEntry, MaterialEntry, ObjectEntry, inspect,
 };
 pub use memory::{MemoryAccount, MemoryItem, MemoryStats};
 pub use noise_compensation::Matched;
@@ -105,9 +105,9 @@ pub mod scene {
     pub use dunkelfeld_scene::{
         AlphaMode, Aperture, Blades, BuildError, BuildReport, Camera, CameraError, ChannelTexture, ColorEncoding,
         Distortion, Effect, Effects, Environment, EnvironmentSource, Filter, Finding, Image, ImageId, Instance, Lens,
-        LightInfo, LightProfile, Material, MeshPart, Opening, PartInfo, ProfileError, Projection, PunctualKind,
-        PunctualLight, RayGenerator, Scene, SceneBuilder, SceneSummary, Severity, Surface, Texels, Texture,
-        TextureTransform, ThinLens, Vignetting, Volume, Wrap, framing_camera, look_at, shapes,
+        LightInfo, LightProfile, Material, MeshPart, ObjectInfo, Opening, PartInfo, ProfileError, Projection,
+        PunctualKind, PunctualLight, RayGenerator, Scene, SceneBuilder, SceneSummary, Severity, Surface, Texels,
+        Texture, TextureTransform, ThinLens, Vignetting, Volume, Wrap, framing_camera, look_at, shapes,
     };
 }
 

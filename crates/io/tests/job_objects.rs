@@ -26,8 +26,8 @@ fn scene() -> SceneBuilder {
     SceneBuilder {
         materials: vec![material("steel", 0.0), material("glow", 1.0)],
         meshes: vec![
-            MeshPart { name: "lid".into(), mesh: mesh.clone(), material: 0 },
-            MeshPart { name: "lamp".into(), mesh, material: 1 },
+            MeshPart { name: "lid".into(), mesh: mesh.clone(), material: 0, is_single_light: false },
+            MeshPart { name: "lamp".into(), mesh, material: 1, is_single_light: false },
         ],
         instances: vec![instance("lid 1", 0, 0.0), instance("lid 2", 0, 10.0), instance("lamp", 1, 0.0)],
         lights: vec![PunctualLight {

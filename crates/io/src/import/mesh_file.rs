@@ -34,7 +34,7 @@ pub(crate) fn scene_of_meshes(
     let material = scene.add_material(Material { name: stem.clone(), base_color, ..Material::default() });
     for (mesh, object) in objects.into_iter().enumerate() {
         let name = if object.name.is_empty() { stem.clone() } else { object.name };
-        scene.meshes.push(MeshPart { name: name.clone(), mesh: object.mesh, material });
+        scene.meshes.push(MeshPart { name: name.clone(), mesh: object.mesh, material, is_single_light: false });
         let to_world = DAffine3::from_translation(object.origin);
         scene.instances.push(Instance { name, meshes: vec![mesh], to_world });
     }
