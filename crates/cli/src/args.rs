@@ -51,6 +51,8 @@ pub(crate) enum Command {
     /// noise-matched frames. Writes a report.
     #[cfg(feature = "studies")]
     Ptc(Box<PtcArgs>),
+    /// Write a job for a scene, with all names filled in.
+    Init(InitArgs),
     /// List the contents of a scene, and the hazards for a render.
     Inspect(InspectArgs),
     /// List the sensor presets, or print the data sheet of one.
@@ -291,6 +293,17 @@ pub(crate) struct ExposeArgs {
     pub(crate) memory: MemoryArgs,
     #[command(flatten)]
     pub(crate) run: RunArgs,
+}
+
+/// Flags of `init`.
+#[derive(Debug, Args)]
+pub(crate) struct InitArgs {
+    /// A scene (.gltf, .glb, .obj, .stl, .ply).
+    #[arg(value_name = "SCENE")]
+    pub(crate) input: PathBuf,
+    /// The job; no file is replaced [default: the scene's name with .toml, in this folder].
+    #[arg(short = 'o', long = "output", value_name = "JOB.toml")]
+    pub(crate) output: Option<PathBuf>,
 }
 
 /// Flags of `inspect`.

@@ -35,6 +35,7 @@ mod stats;
 
 pub use commands::denoise::{DenoisedFile, check_denoise_output, denoise_exr};
 pub use commands::expose::{ExposeOutputs, ExposeSettings, ExposedFile, Exposer, expose_exr};
+pub use commands::init::init;
 pub use commands::merge::{MergeSettings, Merged, merge};
 pub use denoising::{Denoised, PoolExecutor, denoise_film, find_denoiser};
 pub use frame::{Frame, Picture, SensorFrame, certify, develop, develop_film, show_denoised};
