@@ -15,7 +15,7 @@ use bench::Bench;
 use std::fs;
 
 /// The commands of the program, subcommands of subcommands included.
-const COMMANDS: [&str; 12] = [
+const COMMANDS: [&str; 13] = [
     "",
     "render",
     "merge",
@@ -26,6 +26,7 @@ const COMMANDS: [&str; 12] = [
     "emva dataset",
     "emva analyse",
     "ptc",
+    "init",
     "inspect",
     "sensors",
 ];

@@ -224,6 +224,8 @@ impl Place<'_> {
         let extensions: &[&str] = match self.target {
             "gltf" => &["gltf", "glb"],
             "obj" => &["obj"],
+            "stl" => &["stl"],
+            "ply" => &["ply"],
             "images" | "gray" => &["png", "jpg", "tif", "bmp"],
             _ => return,
         };

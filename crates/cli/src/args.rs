@@ -51,6 +51,8 @@ pub(crate) enum Command {
     /// noise-matched frames. Writes a report.
     #[cfg(feature = "studies")]
     Ptc(Box<PtcArgs>),
+    /// Write a job for a scene, with all names filled in.
+    Init(InitArgs),
     /// List the contents of a scene, and the hazards for a render.
     Inspect(InspectArgs),
     /// List the sensor presets, or print the data sheet of one.
@@ -296,6 +298,20 @@ pub(crate) struct ExposeArgs {
     pub(crate) memory: MemoryArgs,
     #[command(flatten)]
     pub(crate) run: RunArgs,
+}
+
+/// Flags of `init`.
+#[derive(Debug, Args)]
+pub(crate) struct InitArgs {
+    /// A scene (.gltf, .glb, .obj, .stl, .ply). Without SCENE and NAME the preset stations are listed.
+    #[arg(value_name = "SCENE")]
+    pub(crate) input: Option<PathBuf>,
+    /// Camera, lens and lights of a preset station, as dark-field-ring; without SCENE with a stand-in part.
+    #[arg(long, value_name = "NAME")]
+    pub(crate) station: Option<String>,
+    /// The job; no file is replaced [default: the name of the scene or the station with .toml, in this folder].
+    #[arg(short = 'o', long = "output", value_name = "JOB.toml")]
+    pub(crate) output: Option<PathBuf>,
 }
 
 /// Flags of `inspect`.

@@ -54,6 +54,7 @@ fn main() -> ExitCode {
         args::Command::Emva(a) => studies::run_emva(&a),
         #[cfg(feature = "studies")]
         args::Command::Ptc(a) => studies::run_photon_transfer(&a, started),
+        args::Command::Init(a) => commands::init::run(&a),
         args::Command::Inspect(a) => commands::inspect::run(&a),
         args::Command::Sensors(a) => commands::sensors::run(&a),
     };

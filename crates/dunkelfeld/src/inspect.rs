@@ -8,6 +8,20 @@ use dunkelfeld_scene::{
 };
 use serde::Serialize;
 
+/// An object of the list.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[non_exhaustive]
+pub struct ObjectEntry {
+    /// Its name.
+    pub name: String,
+    /// Lowest and highest corner in world space \[m\]; `None` without triangles.
+    pub bounds: Option<[[f64; 3]; 2]>,
+    /// Its triangles.
+    pub triangles: u64,
+    /// Names of its materials, in the order of its parts.
+    pub materials: Vec<String>,
+}
+
 /// A light of the list.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[non_exhaustive]
@@ -22,6 +36,9 @@ pub struct LightEntry {
     pub lumens: f64,
     /// Radiance [W/(m^2 sr)] per channel, where the light has a surface or is the environment.
     pub radiance: Option<[f32; 3]>,
+    /// Lowest and highest corner in world space \[m\]; equal for a light without extent, `None` for light from
+    /// infinitely far away.
+    pub bounds: Option<[[f64; 3]; 2]>,
 }
 
 /// A material of the list.
@@ -45,6 +62,12 @@ pub struct CameraEntry {
     /// Description, as in `perspective, 30.0 degrees high, aperture 8.9 mm, sharp at 0.3 m` or `orthographic, 0.2 x 0.1
     /// m`.
     pub description: String,
+    /// Position in world space \[m\].
+    pub position: [f64; 3],
+    /// Unit vector of the viewing direction in world space.
+    pub direction: [f64; 3],
+    /// Unit vector that is up in the image, in world space.
+    pub up: [f64; 3],
 }
 
 /// A stack of clear covers of the list.
@@ -87,8 +110,10 @@ pub struct EffectEntry {
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[non_exhaustive]
 pub struct Inspection {
-    /// Objects.
+    /// Number of objects.
     pub objects: usize,
+    /// The objects.
+    pub object_list: Vec<ObjectEntry>,
     /// Triangles over all instances and as stored.
     pub placed_triangles: u64,
     /// Triangles in memory.
@@ -147,8 +172,20 @@ pub fn inspect(scene: &Scene, report: &BuildReport) -> Inspection {
             watts: f64::from(l.power.mean()),
             lumens: lumens(l.power),
             radiance: l.radiance.map(|r| r.to_array()),
+            bounds: l.bounds.map(|b| b.map(|corner| corner.to_array())),
             name: l.name,
             kind: l.kind,
+        })
+        .collect();
+    let material_name = |m: u32| scene.materials().get(m as usize).map(|m| m.name.clone()).unwrap_or_default();
+    let object_list = scene
+        .object_inventory()
+        .into_iter()
+        .map(|o| ObjectEntry {
+            bounds: o.bounds.map(|b| b.map(|corner| corner.to_array())),
+            triangles: o.triangles,
+            materials: o.materials.into_iter().map(material_name).collect(),
+            name: o.name,
         })
         .collect();
     let (mut notes, mut hazards) = (Vec::new(), Vec::new());
@@ -161,6 +198,7 @@ pub fn inspect(scene: &Scene, report: &BuildReport) -> Inspection {
     }
     Inspection {
         objects,
+        object_list,
         placed_triangles,
         stored_triangles,
         instanced_parts,
@@ -245,7 +283,14 @@ pub(crate) fn camera_entry(camera: &Camera) -> CameraEntry {
             words.push(name.into());
         }
     }
-    CameraEntry { name: camera.name.clone(), description: words.join(", ") }
+    let axes = camera.to_world.matrix3;
+    CameraEntry {
+        name: camera.name.clone(),
+        description: words.join(", "),
+        position: camera.to_world.translation.to_array(),
+        direction: (-axes.z_axis).normalize_or_zero().to_array(),
+        up: axes.y_axis.normalize_or_zero().to_array(),
+    }
 }
 
 /// A short description of a material: its scattering first, then other properties.

@@ -32,17 +32,19 @@ mod oidn_library;
 mod outliers;
 mod outputs;
 mod project;
+mod stations;
 mod stats;
 mod views;
 
 pub use commands::denoise::{DenoisedFile, check_denoise_output, denoise_exr};
 pub use commands::expose::{ExposeOutputs, ExposeSettings, ExposedFile, Exposer, expose_exr};
+pub use commands::init::init;
 pub use commands::merge::{MergeSettings, Merged, merge};
 pub use denoising::{Denoised, PoolExecutor, denoise_film, find_denoiser};
 pub use frame::{Frame, Picture, SensorFrame, certify, develop, develop_film, show_denoised};
 pub use guard::DefaultPath;
 pub use inspect::{
-    CameraEntry, CoverEntry, CoverLayerEntry, EffectEntry, Inspection, LightEntry, MaterialEntry, inspect,
+    CameraEntry, CoverEntry, CoverLayerEntry, EffectEntry, Inspection, LightEntry, MaterialEntry, ObjectEntry, inspect,
 };
 pub use memory::{MemoryAccount, MemoryItem, MemoryStats};
 pub use noise_compensation::Matched;
@@ -52,6 +54,7 @@ pub use outputs::{
     save_plan, save_text,
 };
 pub use project::{Project, ProjectResult, find_sensor, find_sensor_recorded, read_scene};
+pub use stations::{STATIONS, Station};
 pub use stats::{CertificateStats, DenoiseStats, PartStats, STATS_VERSION, SensorStats, Stats};
 
 pub use dunkelfeld_film::NO_ID;
@@ -107,10 +110,10 @@ pub mod scene {
     pub use dunkelfeld_scene::{
         AlphaMode, Aperture, Blades, BuildError, BuildReport, Camera, CameraError, ChannelTexture, ColorEncoding,
         Distortion, Effect, Effects, Environment, EnvironmentSource, FilmWindow, Filter, Finding, Image, ImageId,
-        Instance, Lens, LightInfo, LightProfile, LineScan, Material, MeshPart, Opening, PartInfo, ProfileError,
-        Projection, PunctualKind, PunctualLight, RayGenerator, Scene, SceneBuilder, SceneSummary, Severity, Shutter,
-        Surface, Texels, Texture, TextureTransform, ThinLens, Vignetting, Volume, Wrap, framing_camera, look_at,
-        shapes,
+        Instance, Lens, LightInfo, LightProfile, LineScan, Material, MeshPart, ObjectInfo, Opening, PartInfo,
+        ProfileError, Projection, PunctualKind, PunctualLight, RayGenerator, Scene, SceneBuilder, SceneSummary,
+        Severity, Shutter, Surface, Texels, Texture, TextureTransform, ThinLens, Vignetting, Volume, Wrap,
+        framing_camera, look_at, shapes,
     };
 }
 

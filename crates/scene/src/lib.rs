@@ -40,7 +40,7 @@ pub use geometry::normal_differential::NormalDifferential;
 pub use lamps::{LampMeshes, LampShape, Leds};
 pub use light::emission_profile::EmissionProfile;
 pub use light::luminaire::{LightProfile, ProfileError};
-pub use light::summary::{LightInfo, PartInfo};
+pub use light::summary::{LightInfo, ObjectInfo, PartInfo};
 pub use light::{LightChoice, LightSample, LightSampleContext, LightTarget};
 pub use material::texture::{ColorEncoding, Filter, Image, ImageId, Texels, Texture, TextureTransform, Wrap};
 pub use material::{AlphaMode, ChannelTexture, Material, Surface, Volume};

@@ -214,3 +214,35 @@ fn emitters_too_small_to_be_hit_are_hazards() {
     b.add_object("mirror", rectangle(Vec3::new(-0.3, -0.3, 0.1), Vec3::X * 0.1, Vec3::Y * 0.1), m);
     contains_message(b, "object \"thing\"", &["\"chrome\"", "bright specks", "larger and dimmer"]);
 }
+
+#[test]
+fn slips_of_modelling_name_their_cure() {
+    // A table of 400 mm that was exported as 400 m.
+    let large = with(opaque("wood"), cuboid(Vec3::new(0.0, 0.0, 1.0), Vec3::new(400.0, 100.0, 30.0)));
+    contains_message(large, "object \"thing\"", &["400.000 m large", "unit = \"mm\""]);
+    let sheet = Material { surface: Surface::Thin, ..glass("pane") };
+    let block = cuboid(Vec3::new(-0.1, -0.1, 0.1), Vec3::new(0.1, 0.1, 0.104));
+    contains_message(with(sheet.clone(), block), "mesh 2 \"thing\"", &["closed", "thin sheet", "`solid = true`"]);
+    let open = rectangle(Vec3::new(-0.1, -0.1, 0.1), Vec3::X * 0.2, Vec3::Y * 0.2);
+    assert_no_hazards(with(sheet, open.clone()), "an open sheet");
+    let empty = Material { metallic: 1.0, roughness: 1.0, ..opaque("Material.001") };
+    contains_message(
+        with(empty.clone(), open.clone()),
+        "object \"thing\"",
+        &["Material.001", "white rough metal", "metallic = 0"],
+    );
+    assert_no_hazards(with(Material { base_color: Rgb::splat(0.9), ..empty }, open.clone()), "a grey metal");
+    let mut twin = with(opaque("lid"), open.clone());
+    twin.instances.push(twin.instances[2].clone());
+    contains_message(twin, "object \"thing\"", &["copy of object \"thing\"", "same place", "visible = false"]);
+    // A lamp that faces a plate at its surface, and the same lamp turned around.
+    let down = rectangle(Vec3::new(-0.1, -0.1, 0.1005), Vec3::Y * 0.2, Vec3::X * 0.2);
+    let up = rectangle(Vec3::new(-0.1, -0.1, 0.1005), Vec3::X * 0.2, Vec3::Y * 0.2);
+    let lit = |mesh: Mesh| {
+        let mut b = with(opaque("plate"), open.clone());
+        b.add_object("panel", mesh, 1);
+        b
+    };
+    contains_message(lit(down), "object \"panel\"", &["object \"thing\"", "5.0e-4 m in front", "turn its normals"]);
+    assert_no_hazards(lit(up), "a lamp that shines into the room");
+}

@@ -4,7 +4,7 @@ use crate::args::InspectArgs;
 use crate::outcome::{Outcome, print};
 use crate::words::{counted, power, three_digits};
 use dunkelfeld::io::{visible_json, visible_line};
-use dunkelfeld::{CoverEntry, EffectEntry, Error, Inspection, Project};
+use dunkelfeld::{CoverEntry, EffectEntry, Error, Inspection, ObjectEntry, Project};
 use std::fmt::Write;
 
 pub(crate) fn run(args: &InspectArgs) -> Result<Outcome, Error> {
@@ -44,6 +44,10 @@ fn text(i: &Inspection) -> String {
         }
         None => t += "no geometry\n",
     }
+    section(&mut t, "objects", i.object_list.iter().take(MAX_OBJECTS).map(object_line));
+    if let Some(more) = i.object_list.len().checked_sub(MAX_OBJECTS).filter(|more| *more > 0) {
+        let _ = writeln!(t, "  and {more} more (--json lists all)");
+    }
     section(&mut t, "cameras", i.cameras.iter().map(|c| format!("{:<28} {}", c.name, c.description)));
     section(
         &mut t,
@@ -79,6 +83,19 @@ fn text(i: &Inspection) -> String {
         t += "no hazards found\n";
     }
     t
+}
+
+/// Maximum number of listed objects.
+const MAX_OBJECTS: usize = 40;
+
+/// `lid   0.1000 x 0.0050 x 0.1000 m at (0.000, 0.010, 0.000), 12 triangles, steel`; the place is the middle.
+fn object_line(object: &ObjectEntry) -> String {
+    let size = object.bounds.map_or_else(String::new, |[lo, hi]| {
+        let [x, y, z] = [0, 1, 2].map(|k| 0.5 * (lo[k] + hi[k]));
+        let [w, h, d] = [0, 1, 2].map(|k| hi[k] - lo[k]);
+        format!("{w:.4} x {h:.4} x {d:.4} m at ({x:.4}, {y:.4}, {z:.4}), ")
+    });
+    format!("{:<28} {size}{}, {}", object.name, counted(object.triangles, "triangle"), object.materials.join(", "))
 }
 
 /// `moulded, across (0.000, 1.000, 0.000): pmma 4.133 mm (index 1.490)`.

@@ -2,6 +2,7 @@
 
 pub(crate) mod denoise;
 pub(crate) mod expose;
+pub(crate) mod init;
 pub(crate) mod inspect;
 pub(crate) mod merge;
 pub(crate) mod render;

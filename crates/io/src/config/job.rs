@@ -329,7 +329,8 @@ pub struct LightSettings {
     pub name: String,
     /// The kind of a new lamp.
     pub kind: Option<LampKind>,
-    /// `false` switches it off. Default true.
+    /// `false` switches it off. Its body goes as well: an object with an emitting part, or all parts of an emitting
+    /// material. Default true.
     #[serde(default = "yes")]
     pub enabled: bool,
     /// An IES file (ANSI/IES LM-63, type C), relative to the job file. It replaces the distribution and strength of a

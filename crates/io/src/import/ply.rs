@@ -142,7 +142,7 @@ fn assemble(parsed: Parsed, path: &Path, warnings: &mut Warnings) -> Result<Obje
     }
     for strip in parsed.strips.iter().flat_map(|strip| strip.corners.split(|i| *i == END_OF_STRIP)) {
         for (k, corners) in strip.windows(3).enumerate() {
-            let [a, b, c] = [corners[0], corners[1], corners[2]];
+            let &[a, b, c] = corners else { continue };
             let usable = |i: u32| places.get(i as usize).is_some_and(|p| p.is_finite());
             if ![a, b, c].into_iter().all(usable) {
                 unusable += 1;

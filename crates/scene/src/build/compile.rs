@@ -105,6 +105,7 @@ impl SceneBuilder {
         let had_triangles = self.shows_triangles();
         let closed = self.clean_meshes(&mut report);
         let placed = self.valid_instances(&mut report);
+        crate::build::lints::twins(&placed, &mut report);
         let bounds = world_bounds(&placed, &self.meshes);
         let times = self.shutter.map(|shutter| shutter.times());
         let extent = times.and_then(|times| moving_bounds(bounds, &placed, &self.meshes, times)).or(bounds);
@@ -258,6 +259,12 @@ impl SceneBuilder {
                 continue;
             }
             let passes = material.transmission > 0.0 || material.diffuse_transmission > 0.0;
+            if material.surface == Surface::Thin && material.transmission > 0.0 && encloses_a_volume(&part.mesh) {
+                report.hazard(
+                    &place,
+                    format!("is closed, but its clear material \"{}\" is a thin sheet without an inside, as if it was exported without volume: light passes both faces straight; write `solid = true` for it in `[[material]]` of a job, or export the material with a thickness", material.name),
+                );
+            }
             if !matches!(material.surface, Surface::Solid(_)) || !passes {
                 continue;
             }
@@ -312,6 +319,12 @@ impl SceneBuilder {
         }
         valid
     }
+}
+
+/// Is the mesh closed, other than a sheet that was modelled from both sides?
+fn encloses_a_volume(mesh: &Mesh) -> bool {
+    let health = MeshHealth::from_mesh(mesh);
+    health.is_closed() && health.signed_volume != 0.0
 }
 
 /// Maximum number of losses that an error lists.

@@ -6,7 +6,10 @@
 
 mod attributes;
 mod contact;
+mod modelling;
 mod motion;
+
+pub(crate) use modelling::twins;
 
 use crate::build::report::BuildReport;
 use crate::scene::{Part, Scene};
@@ -30,6 +33,7 @@ const MAX_PER_KIND: usize = 20;
 /// Runs all checks on a compiled scene.
 pub(crate) fn check(scene: &Scene, report: &mut BuildReport) {
     let boxes: Vec<Aabb> = scene.parts.iter().map(|p| bounds(scene, p)).collect();
+    modelling::check(scene, &boxes, report);
     sizes(scene, &boxes, report);
     attributes::check(scene, report);
     materials(scene, report);

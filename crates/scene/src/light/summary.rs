@@ -3,7 +3,8 @@
 use crate::light::delta::DeltaLight;
 use crate::light::mesh_light::MeshLight;
 use crate::light::{Light, NO_LIGHT};
-use crate::scene::Scene;
+use crate::scene::{Part, Scene};
+use dunkelfeld_geometry::{Aabb, DVec3};
 use dunkelfeld_radiometry::Rgb;
 
 /// A light in reports: all emitting triangles of an object together.
@@ -17,6 +18,22 @@ pub struct LightInfo {
     pub power: Rgb,
     /// Mean radiance [W/(m^2 sr)] of area lights and the environment.
     pub radiance: Option<Rgb>,
+    /// Lowest and highest corner in world space \[m\]; `None` for light from infinitely far away.
+    pub bounds: Option<[DVec3; 2]>,
+}
+
+/// An object in reports.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ObjectInfo {
+    /// Its name.
+    pub name: String,
+    /// Lowest and highest corner in world space \[m\]; `None` without triangles. The box contains the object, and is
+    /// larger than necessary for an instanced mesh that is rotated.
+    pub bounds: Option<[DVec3; 2]>,
+    /// Number of triangles.
+    pub triangles: u64,
+    /// Indices of its materials, each once, in the order of its parts.
+    pub materials: Vec<u32>,
 }
 
 /// A mesh of an object.
@@ -75,6 +92,7 @@ impl Scene {
                     },
                     power,
                     radiance: Some(radiance),
+                    bounds: self.part_bounds(part),
                 });
             }
         }
@@ -85,7 +103,8 @@ impl Scene {
                 Light::Sun(sun) => {
                     let name = names.next().cloned().unwrap_or_default();
                     let power = self.lights.power(light, self.radius);
-                    list.push(LightInfo { name, kind: "sun".into(), power, radiance: Some(sun.disc_radiance()) });
+                    let radiance = Some(sun.disc_radiance());
+                    list.push(LightInfo { name, kind: "sun".into(), power, radiance, bounds: None });
                 }
                 Light::Delta(d) => {
                     let kind = match d {
@@ -99,7 +118,13 @@ impl Scene {
                     };
                     let name = names.next().cloned().unwrap_or_default();
                     let power = self.lights.power(light, self.radius);
-                    list.push(LightInfo { name, kind, power, radiance: None });
+                    let position = match d {
+                        DeltaLight::Directional { .. } => None,
+                        DeltaLight::Point { position, .. }
+                        | DeltaLight::Spot { position, .. }
+                        | DeltaLight::Profile { position, .. } => Some(position.as_dvec3() + self.world_origin),
+                    };
+                    list.push(LightInfo { name, kind, power, radiance: None, bounds: position.map(|p| [p; 2]) });
                 }
                 Light::Environment => {
                     list.push(LightInfo {
@@ -107,6 +132,7 @@ impl Scene {
                         kind: "environment".into(),
                         power: self.lights.power(light, self.radius),
                         radiance: self.lights.environment.as_ref().map(|e| e.mean),
+                        bounds: None,
                     });
                 }
             }
@@ -137,6 +163,33 @@ impl Scene {
                 )
             }
         }
+    }
+
+    /// The objects, in the order of their ids.
+    pub fn object_inventory(&self) -> Vec<ObjectInfo> {
+        let empty =
+            |name: &String| ObjectInfo { name: name.clone(), bounds: None, triangles: 0, materials: Vec::new() };
+        let mut list: Vec<ObjectInfo> = self.object_names.iter().map(empty).collect();
+        for part in &self.parts {
+            let Some(object) = list.get_mut(part.object as usize) else { continue };
+            object.triangles += self.meshes[part.mesh as usize].triangles.len() as u64;
+            object.bounds = match (object.bounds, self.part_bounds(part)) {
+                (Some([low, high]), Some([l, h])) => Some([low.min(l), high.max(h)]),
+                (one, other) => one.or(other),
+            };
+            if !object.materials.contains(&part.material) {
+                object.materials.push(part.material);
+            }
+        }
+        list
+    }
+
+    /// Lowest and highest corner of a part in world space \[m\].
+    fn part_bounds(&self, part: &Part) -> Option<[DVec3; 2]> {
+        let mesh = &self.meshes[part.mesh as usize];
+        let own = Aabb::from_points(mesh.triangles.iter().flatten().map(|&i| mesh.positions[i as usize]));
+        let placed = part.transform.as_ref().map_or(own, |t| own.transformed(t));
+        (!placed.is_empty()).then(|| [placed.min, placed.max].map(|p| p.as_dvec3() + self.world_origin))
     }
 
     /// The parts, in the order of their objects.

@@ -59,6 +59,9 @@ impl Job {
             let problem = format!("the scene has no light, object or material named \"{}\"", change.name);
             self.light_error(i, "name", problem, suggestion(&change.name, "names", &known))
         })?;
+        if !change.enabled && surfaces.remove(scene) {
+            return Ok(());
+        }
         let lights = surfaces.separate(scene);
         for light in lights {
             let emission = self.changed_emission(i, change, &light, scene, warnings)?;
@@ -279,6 +282,32 @@ fn emitting_surfaces(name: &str, scene: &SceneBuilder) -> Option<Surfaces> {
 }
 
 impl Surfaces {
+    /// Removes emitting objects as a whole, or the parts of emitting materials. Returns false, without a change, if the
+    /// selection does not emit.
+    fn remove(&self, scene: &mut SceneBuilder) -> bool {
+        match self {
+            Self::Objects { only_emissive: false, .. } => false,
+            Self::Objects { instances, .. } => {
+                let mut index = 0..;
+                scene.instances.retain(|_| index.next().is_none_or(|i| !instances.contains(&i)));
+                true
+            }
+            Self::Materials(materials) => {
+                let emits = |m: &usize| scene.materials.get(*m).is_some_and(|m| !m.emission.is_black());
+                if !materials.iter().any(emits) {
+                    return false;
+                }
+                let meshes = &scene.meshes;
+                let is_lamp = |mesh: &usize| meshes.get(*mesh).is_some_and(|part| materials.contains(&part.material));
+                for instance in &mut scene.instances {
+                    instance.meshes.retain(|mesh| !is_lamp(mesh));
+                }
+                scene.instances.retain(|instance| !instance.meshes.is_empty());
+                true
+            }
+        }
+    }
+
     /// Gives each light its own materials, so that a change of one light does not affect the rest of the scene.
     fn separate(self, scene: &mut SceneBuilder) -> Vec<SurfaceLight> {
         match self {

@@ -14,6 +14,10 @@ use std::ops::Range;
 use std::path::Path;
 
 const GLB_MAGIC: &[u8; 4] = b"glTF";
+/// In the `generator` of files that Blender wrote, which stands at the start of their JSON.
+const BLENDER: &[u8] = b"Khronos glTF Blender I/O";
+/// Bytes of the JSON that are searched for it.
+const GENERATOR_AT_MOST: usize = 4096;
 /// Header of the file.
 const FILE_HEADER: usize = 12;
 /// Header of a chunk: its length and its type.
@@ -51,6 +55,8 @@ const WITHOUT_EFFECT: &[&str] =
 pub(super) struct Asset {
     /// The JSON.
     pub(super) document: Document,
+    /// Was the file exported by Blender?
+    pub(super) from_blender: bool,
     file: Vec<u8>,
     buffers: Vec<BufferData>,
 }
@@ -71,10 +77,11 @@ impl Asset {
         let parts = guarded(path, "GLB header", || split(&mut file, path, warnings))?;
         let json = file.get(parts.json).unwrap_or_default();
         let objects = loader.limits().json_objects;
+        let from_blender = json.windows(BLENDER.len()).take(GENERATOR_AT_MOST).any(|w| w == BLENDER);
         let document = guarded(path, "JSON", || Document::read(json, path, objects, warnings))?;
         check_extensions(&document, path, warnings)?;
         let buffers = load_buffers(&document, parts.binary, loader, warnings)?;
-        Ok(Self { document, file, buffers })
+        Ok(Self { document, from_blender, file, buffers })
     }
 
     /// A buffer's bytes, or `None` if it does not exist or has no data.

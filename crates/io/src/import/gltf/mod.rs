@@ -5,7 +5,7 @@
 //! that a hostile file causes an error and not a panic. Data that a viewer could still show is used, with a warning.
 //!
 //! `container` (GLB, buffers), `document` (JSON) -> `nodes` (hierarchy) -> `accessor`, `primitive`, `deform`, `tangents`
-//! (meshes), `material`, `spec_gloss`, `texture` (surfaces), `light` (lights and cameras). `validate` explains refusals.
+//! (meshes), `material`, `spec_gloss`, `texture` (surfaces), `light`, `hints` (lights and cameras). `validate` explains refusals.
 
 mod accessor;
 mod animation;
@@ -14,6 +14,7 @@ mod container;
 mod deform;
 mod document;
 mod extensions;
+mod hints;
 mod lenient;
 mod light;
 mod material;
@@ -168,6 +169,8 @@ impl Importer<'_> {
         for index in &hierarchy.shown {
             self.node(*index, &hierarchy.to_world)?;
         }
+        hints::lost_lights(&self.asset.document, hierarchy, &mut self.warnings);
+        hints::dark_emission(&self.scene, self.asset.from_blender, self.options.emissive_unit, &mut self.warnings);
         if self.scene.instances.is_empty() {
             if let Some((place, fault)) = self.first_fault.take() {
                 let mut help = String::from("export the file again: its data does not fit its description");
