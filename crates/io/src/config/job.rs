@@ -38,9 +38,9 @@ mod motion;
 mod objects;
 mod overrides;
 pub(crate) mod place;
+mod place_cameras;
 mod primitives;
 mod scene_files;
-mod place_cameras;
 mod sensor;
 
 pub use cameras::{CameraSettings, Cameras};
@@ -62,10 +62,8 @@ use crate::toml_file::TomlFile;
 use dunkelfeld_adaptive::Strategy;
 use dunkelfeld_denoise::{DenoiseMethod, DenoiseSettings};
 use dunkelfeld_geometry::DVec3;
-use dunkelfeld_radiometry::{Number, Rgb, Seconds};
-use dunkelfeld_sensor::ExposureNoise;
+use dunkelfeld_radiometry::Rgb;
 use serde::Deserialize;
-use serde::de::{Deserializer, Error};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
