@@ -24,6 +24,11 @@ impl Project {
         (self.load_seconds, self.build_seconds) = (0.0, 0.0);
     }
 
+    /// Seconds since the clock of the render started.
+    pub fn elapsed(&self) -> f64 {
+        self.started.elapsed().as_secs_f64()
+    }
+
     /// The default name of the picture: that of the opened file `input` with `.png`, in the current folder. It is
     /// another one where an input or another output of the project has it.
     pub fn default_image_path(&self, input: &Path) -> DefaultPath {

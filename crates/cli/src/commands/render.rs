@@ -9,6 +9,8 @@ use crate::bar::Sink;
 use crate::interrupt::cancel_on_interrupt;
 use crate::outcome::Outcome;
 #[cfg(feature = "studies")]
+use crate::outcome::say;
+#[cfg(feature = "studies")]
 use crate::run_args::ViewArgs;
 use crate::values::ExposureChoice;
 use dunkelfeld::InputFiles;
@@ -58,9 +60,8 @@ pub(crate) fn run(args: &RenderArgs, started: Instant) -> Result<Outcome, Error>
 
 /// Renders a project, writes its files and prints the summary.
 fn render(args: &RenderArgs, project: &Project, (sink, cancel): (&Sink, &Cancel)) -> Result<Outcome, Error> {
-    let began = Instant::now();
     let mut result = project.render_with(sink, cancel)?;
-    let (elapsed, samples) = (began.elapsed().as_secs_f64(), result.stats.samples);
+    let (elapsed, samples) = (project.elapsed(), result.stats.samples);
     sink.update(&ProgressState { stage: Stage::Write, fraction: 1.0, elapsed, remaining: None, samples });
     result.save(&project.outputs)?;
     sink.clear();
@@ -195,6 +196,9 @@ pub(crate) fn apply_view(args: &ViewArgs, project: &mut Project) -> Result<(), E
     s.memory_limit = args.memory.memory.or(s.memory_limit);
     if args.camera.is_some() {
         s.camera.clone_from(&args.camera);
+    }
+    if let Some(note) = args.exposure.and_then(ExposureChoice::note) {
+        say(&note);
     }
     apply_sensor(args.sensor.as_deref(), args.exposure, s, project.optics, &mut project.inputs)
 }

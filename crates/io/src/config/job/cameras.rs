@@ -1,7 +1,7 @@
 //! `[camera]` and `[[camera]]` of a job: the pose and the projection of cameras. `camera = "name"` selects one.
 
 use super::place::{Place, direction, optional_point, three};
-use super::{FilmSettings, Job, LensProjection, LensSettings, SensorChoice, check, lens};
+use super::{FilmSettings, LensProjection, LensSettings, SensorChoice, check, lens};
 use crate::error::InputError;
 use crate::names::suggestion;
 use crate::toml_file::TomlFile;
@@ -110,7 +110,7 @@ fn rows<'de, D: Deserializer<'de>>(d: D) -> Result<Option<[[f64; 3]; 3]>, D::Err
 }
 
 /// A fault of a camera: its key, the problem, the help.
-type Fault = (&'static str, String, String);
+pub(super) type Fault = (&'static str, String, String);
 
 fn fault<T>(key: &'static str, problem: impl Into<String>, help: impl Into<String>) -> Result<T, Fault> {
     Err((key, problem.into(), help.into()))
@@ -259,7 +259,7 @@ impl CameraSettings {
     }
 
     /// The camera, from the camera of the scene with its name.
-    fn camera(&self, scene: &SceneBuilder) -> Result<Camera, Fault> {
+    pub(super) fn camera(&self, scene: &SceneBuilder) -> Result<Camera, Fault> {
         let of_scene = scene.cameras.iter().find(|camera| camera.name == self.name);
         let mut camera = match of_scene {
             Some(camera) => camera.clone(),
@@ -281,7 +281,7 @@ impl CameraSettings {
     }
 
     /// Sets the projection of `K`, which refers to a whole film of these pixels.
-    fn set_intrinsics(&self, camera: &mut Camera, [width, height]: [u32; 2]) {
+    pub(super) fn set_intrinsics(&self, camera: &mut Camera, [width, height]: [u32; 2]) {
         if let Some([[fx, _, cx], [_, fy, cy], _]) = self.intrinsics {
             let [width, height] = [width, height].map(f64::from);
             let field = 2.0 * (0.5 * height / fy).atan();
@@ -365,7 +365,7 @@ impl Cameras {
     }
 
     /// An error about a key of the camera at an index.
-    fn error(
+    pub(super) fn error(
         &self,
         file: &TomlFile,
         index: usize,
@@ -380,68 +380,5 @@ impl Cameras {
             path.pop();
         }
         file.error_at_key(&path, problem, help)
-    }
-}
-
-impl Job {
-    /// Adds the cameras of `[camera]` to the scene, in front of its own. One with the name of a camera of the scene
-    /// replaces it.
-    ///
-    /// # Errors
-    /// A camera without a pose that is not in the scene, a `look_at` that matches no object or lies at the position.
-    pub(super) fn add_cameras(&self, scene: &mut SceneBuilder) -> Result<(), InputError> {
-        let cameras: Vec<Camera> = (self.camera.defined.iter().enumerate())
-            .map(|(i, settings)| {
-                settings
-                    .camera(scene)
-                    .map_err(|(key, problem, help)| self.camera.error(&self.source, i, &[key], problem, help))
-            })
-            .collect::<Result<_, _>>()?;
-        scene.cameras.retain(|camera| cameras.iter().all(|defined| defined.name != camera.name));
-        scene.cameras.splice(0..0, cameras);
-        Ok(())
-    }
-
-    /// Sets the projection of the cameras with `K`, after [`Job::apply_overrides`]. `film` is the size of the whole film
-    /// \[pixels\], to which `K` refers.
-    pub fn apply_intrinsics(&self, scene: &mut SceneBuilder, film: [u32; 2]) {
-        for camera in &mut scene.cameras {
-            if let Some(settings) = self.camera_settings(&camera.name) {
-                settings.set_intrinsics(camera, film);
-            }
-        }
-    }
-
-    /// The definition of a camera by its name.
-    pub fn camera_settings(&self, name: &str) -> Option<&CameraSettings> {
-        self.camera.defined.iter().find(|camera| camera.name == name)
-    }
-
-    /// An error about a key of the lens of a camera that depends on lens, film and scene together.
-    pub fn lens_error(&self, camera: &str, key: &str, problem: String, help: impl Into<String>) -> InputError {
-        let own = self.camera.defined.iter().position(|c| c.name == camera && c.lens.is_some());
-        match own {
-            Some(i) => self.camera.error(&self.source, i, &["lens", key], problem, help),
-            None => self.source.error_at_key(&["lens", key], problem, help),
-        }
-    }
-
-    /// An error about a key of `[film]` that depends on film and sensor together.
-    pub fn film_error(&self, key: &str, problem: String, help: String) -> InputError {
-        self.source.error_at_key(&["film", key], problem, help)
-    }
-
-    /// Index of the job's camera; `None` if the job selects none.
-    ///
-    /// # Errors
-    /// If the scene has no camera of that name.
-    pub fn camera_index(&self, scene: &SceneBuilder) -> Result<Option<usize>, InputError> {
-        let Some(name) = &self.camera.selected else { return Ok(None) };
-        let found = scene.cameras.iter().position(|c| c.name == *name);
-        found.map(Some).ok_or_else(|| {
-            let known: Vec<&str> = scene.cameras.iter().map(|c| c.name.as_str()).collect();
-            let problem = format!("the scene has no camera named \"{name}\"");
-            self.source.error_at_key(&["camera"], problem, suggestion(name, "cameras", &known))
-        })
     }
 }
