@@ -176,7 +176,7 @@ fn channel(
     let times: Vec<f64> =
         accessors.vectors::<1>(sampler.input, Stored::Float)?.into_iter().map(|[t]| f64::from(t)).collect();
     let values: Vec<[f64; 4]> = if path == Property::Rotation {
-        accessors.vectors::<4>(sampler.output, Stored::Normalized)?.into_iter().map(|v| v.map(f64::from)).collect()
+        accessors.vectors::<4>(sampler.output, Stored::Quantized)?.into_iter().map(|v| v.map(f64::from)).collect()
     } else {
         let values = accessors.vectors::<3>(sampler.output, Stored::Float)?;
         values.into_iter().map(|[x, y, z]| [x, y, z, 0.0].map(f64::from)).collect()
