@@ -3,8 +3,9 @@
     python blender_scenes.py SCENE FOLDER --spp 256 --batches 8
 
 Needs the Python of `requirements-cycles.txt`. FOLDER gets SCENE.glb, SCENE.toml and SCENE-0.exr, SCENE-1.exr ... of different
-seeds, linear Rec. 709, radiance in W/(m^2 sr). Nothing is filtered, clamped or denoised. The last line on the standard output
-is the version of Blender and the list of all that the export could not carry, as JSON.
+seeds, linear Rec. 709, radiance in W/(m^2 sr). Nothing is filtered, clamped or denoised. SCENE-objects.exr has the number of the
+object of each pixel, without the blur of the lens; 0 is the world. The last line on the standard output is the version of
+Blender, the names of the objects, and the list of all that the export could not carry, as JSON.
 """
 
 from __future__ import annotations
@@ -173,7 +174,7 @@ def areas() -> None:
 def point_and_spot() -> None:
     """A point light and spot lights with an extent."""
     station()
-    lamp("POINT", "point", (-0.6, -0.6, 0.9), energy=20.0, shadow_soft_size=0.08, color=(1.0, 0.9, 0.7))
+    lamp("POINT", "point", (-0.9, -1.2, 1.2), energy=40.0, shadow_soft_size=0.08, color=(1.0, 0.9, 0.7))
     spot = {"spot_size": math.radians(50.0), "spot_blend": 0.4}
     lamp("SPOT", "spot", (0.8, -0.5, 1.2), (25.0, 30.0, 0.0), energy=60.0, shadow_soft_size=0.05, color=(0.6, 0.8, 1.0), **spot)
 
@@ -252,20 +253,20 @@ def depth_of_field() -> None:
     """A perspective with a finite aperture of six blades, shift, and a film that is not square."""
     scene = bpy.context.scene
     scene.render.resolution_x, scene.render.resolution_y = 120, 80
-    dots((-0.5, 0.0, 0.8))
-    view = camera((0.1, -2.5, 0.1), (0.0, 0.0, 0.0), lens=60.0, sensor_width=30.0, shift_x=0.06, shift_y=-0.04)
+    dots((-0.9, 0.0, 1.2))
+    view = camera((0.1, -2.5, 0.1), (0.0, 0.0, 0.0), lens=100.0, sensor_width=50.0, shift_x=0.06, shift_y=-0.04)
     view.dof.use_dof, view.dof.focus_distance = True, 2.4
-    view.dof.aperture_fstop, view.dof.aperture_blades, view.dof.aperture_rotation = 0.25, 6, 0.3
+    view.dof.aperture_fstop, view.dof.aperture_blades, view.dof.aperture_rotation = 0.6, 6, 0.3
 
 
 def orthographic() -> None:
     """An orthographic camera with depth of field, shift and vertical fit."""
     scene = bpy.context.scene
     scene.render.resolution_x, scene.render.resolution_y = 120, 80
-    dots((-0.5, 0.0, 0.8))
+    dots((-0.9, 0.0, 1.2))
     view = camera((0.0, -2.5, 0.0), (0.0, 0.0, 0.0), sensor_fit="VERTICAL", shift_x=0.05, shift_y=0.1)
     view.type, view.ortho_scale = "ORTHO", 0.9
-    view.dof.use_dof, view.dof.focus_distance, view.dof.aperture_fstop = True, 2.5, 4.0
+    view.dof.use_dof, view.dof.focus_distance, view.dof.aperture_fstop = True, 2.5, 16.0
 
 
 SCENES: dict[str, Callable[[], None]] = {
@@ -278,6 +279,25 @@ SCENES: dict[str, Callable[[], None]] = {
     "depth-of-field": depth_of_field,
     "orthographic": orthographic,
 }
+
+
+def render_objects(file: str) -> list[str]:
+    """Writes the number of the object of each pixel: an emitting material replaces all others. Gives the names from number 1."""
+    scene = bpy.context.scene
+    things = [thing for thing in scene.objects if thing.type == "MESH"]
+    for number, thing in enumerate(things):
+        thing.pass_index = number + 1
+    shader = material("number", "ShaderNodeEmission")
+    tree = shader.node_tree
+    info = tree.nodes.new("ShaderNodeObjectInfo")
+    tree.links.new(info.outputs["Object Index"], tree.nodes["Emission"].inputs["Strength"])
+    tree.nodes["Emission"].inputs["Color"].default_value = (1.0, 1.0, 1.0, 1.0)
+    bpy.context.view_layer.material_override = shader
+    scene.world, scene.camera.data.dof.use_dof = None, False
+    scene.cycles.samples, scene.cycles.seed, scene.cycles.max_bounces = 1, 0, 0
+    scene.render.filepath = file
+    bpy.ops.render.render(write_still=True)
+    return [thing.name for thing in things]
 
 
 def main() -> int:
@@ -304,7 +324,8 @@ def main() -> int:
         scene.cycles.seed = batch + 1
         scene.render.filepath = f"{stem}-{batch}.exr"
         bpy.ops.render.render(write_still=True)
-    print(json.dumps({"version": bpy.app.version_string, "notes": notes}), file=answers, flush=True)
+    names = render_objects(f"{stem}-objects.exr")
+    print(json.dumps({"version": bpy.app.version_string, "objects": names, "notes": notes}), file=answers, flush=True)
     return 0
 
 

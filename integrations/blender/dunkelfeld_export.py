@@ -29,6 +29,11 @@ bl_info = {
 
 # Perceptual roughness at which the mean albedo of Burley's (2012) diffuse term is that of Lambert's.
 LAMBERT_ROUGHNESS = 0.43
+# Width of a spot light's edge in cosines, relative to that of Blender: the edges have the same power and nearly the same middle.
+# Cycles has a cubic step, whose mean is 1/2, Dunkelfeld the squared ramp of KHR_lights_punctual, whose mean is 1/3.
+EDGE = 0.75
+# The smallest f-number of a job.
+LEAST_F_NUMBER = 0.5
 # Reflectance of a dielectric at a cosine of 0.75 over that at normal incidence, for indices around 1.5.
 OBLIQUE = 1.1
 
@@ -442,9 +447,7 @@ def light_table(name: str, light, matrix, notes: list) -> dict:
         angle = float(light.angle)
         disc = math.pi * math.sin(0.5 * angle) ** 2 if angle > 0.0 else 1.0
         irradiance = energy * (1.0 if normalized else disc)
-        table |= {"kind": "sun", "aim": aim}
-        if angle > 0.0:
-            table["angle"] = degrees(angle)
+        table |= {"kind": "sun", "aim": aim, "angle": degrees(angle)}
         return table | {"irradiance": [c * irradiance for c in color]}
     if light.type == "AREA":
         width = float(light.size) * scale[0]
@@ -457,11 +460,10 @@ def light_table(name: str, light, matrix, notes: list) -> dict:
             return {}
         radiance = energy * (1.0 if normalized else area) / (math.pi * area) * spread_gain(float(light.spread))
         table |= {"kind": "panel", "position": position, "aim": aim, "up": to_gltf(unit[1])}
-        round_shape = light.shape in ("DISK", "ELLIPSE")
-        if round_shape and abs(width - height) < 1e-6 * width:
-            table["diameter"] = width
-        else:
-            table |= {"width": width, "height": height} | ({"shape": "ellipse"} if round_shape else {})
+        is_round = light.shape in ("DISK", "ELLIPSE")
+        table |= {"diameter" if is_round else "width": width}
+        if not (is_round and abs(width - height) < 1e-6 * width):
+            table["height"] = height
         if light.spread < math.pi - 1e-4:
             table["spread"] = degrees(light.spread)
         return table | {"radiance": [c * radiance for c in color], "body": False}
@@ -473,7 +475,7 @@ def light_table(name: str, light, matrix, notes: list) -> dict:
     if light.type == "SPOT":
         if max(scale) - min(scale) > 1e-4 * max(scale):
             notes.append("its cone, which a scale stretches")
-        table |= {"aim": aim, "cone_angle": degrees(light.spot_size), "blend": float(light.spot_blend)}
+        table |= {"aim": aim, "cone_angle": degrees(light.spot_size), "blend": EDGE * float(light.spot_blend)}
     if radius > 0.0:
         table["diameter"] = 2.0 * radius
     return table | {"intensity": intensity}
@@ -623,13 +625,21 @@ def camera_tables(scene, notes: list) -> tuple:
         focal = 1e-3 * float(data.lens)
         lens["vertical_fov"] = degrees(2.0 * math.atan(0.5 * film["sensor_height"] / focal))
         if dof.use_dof and distance > 0.0:
-            lens["f_number"] = f_number(focal / (2.0 * dof.aperture_fstop), distance, focal, blades)
+            number = f_number(focal / (2.0 * dof.aperture_fstop), distance, focal, blades)
+            lens["f_number"] = max(number, LEAST_F_NUMBER)
+            if number < LEAST_F_NUMBER:
+                notes.append(f"camera: an aperture of f/{number:.3g}; f/{LEAST_F_NUMBER} is used")
     else:
         lens |= {"projection": "telecentric", "field_height": float(data.ortho_scale) * height / extent}
         if dof.use_dof and distance > 0.0:
             # The aperture of an orthographic camera has the radius 1 / (2 N) metres.
             corner = f_number(0.5, 1e30, 1.0, blades)
-            lens["numerical_aperture"] = math.sin(math.atan2(0.5 / (float(dof.aperture_fstop) * corner), distance))
+            aperture = math.sin(math.atan2(0.5 / (float(dof.aperture_fstop) * corner), distance))
+            magnification = film["sensor_height"] / lens["field_height"]
+            most = 0.999 * magnification / (2.0 * LEAST_F_NUMBER * (1.0 + magnification))
+            lens["numerical_aperture"] = min(aperture, most)
+            if aperture > most:
+                notes.append(f"camera: a numerical aperture of {aperture:.3g}; {most:.3g} is used, f/{LEAST_F_NUMBER} on the sensor")
     if any(shift):
         lens["principal_point"] = shift
     if dof.use_dof and distance > 0.0:
