@@ -69,7 +69,7 @@ def job_text(top: dict, tables: list, notes: list) -> str:
     order. A header is written as it is, for example "film" or "[light]". Empty tables are left out."""
     lines = ["# Written by the Dunkelfeld export of Blender.", "#"]
     if notes:
-        lines.append("# Not carried from Blender:")
+        lines.append("# Not carried from Blender, or changed:")
         lines += [f"# - {' '.join(note.split())}" for note in notes]
     else:
         lines.append("# The whole scene was carried from Blender.")
@@ -149,9 +149,22 @@ def change_glb(path: str, change) -> None:
         file.write(struct.pack("<4sIIII", b"glTF", 2, 20 + len(text) + len(rest), len(text), 0x4E4F534A) + text + rest)
 
 
-def scale_base_colors(document: dict, scales: dict) -> None:
-    """Multiplies the base colours of materials by the factors of their names. Emitters become double-sided, as in Cycles."""
-    for material in document.get("materials", []):
+def change_materials(document: dict, scales: dict) -> None:
+    """Multiplies the base colours of materials by the factors of their names. Emitters become double-sided, and meshes without
+    a material get the one of Cycles, diffuse of reflectance 0.8."""
+    materials = document.setdefault("materials", [])
+    bare = [p for mesh in document.get("meshes", []) for p in mesh.get("primitives", []) if "material" not in p]
+    for primitive in bare:
+        primitive["material"] = len(materials)
+    if bare:
+        surface = {"baseColorFactor": [0.8, 0.8, 0.8, 1.0], "metallicFactor": 0.0, "roughnessFactor": LAMBERT_ROUGHNESS}
+        specular = {"KHR_materials_specular": {"specularFactor": 0.0}}
+        materials.append({"name": "no material", "pbrMetallicRoughness": surface, "extensions": specular})
+        names = document.setdefault("extensionsUsed", [])
+        names += [name for name in specular if name not in names]
+    if not materials:
+        del document["materials"]
+    for material in materials:
         if any(material.get("emissiveFactor", [])):
             material["doubleSided"] = True
         scale = scales.get(material.get("name"))
@@ -697,8 +710,6 @@ def survey(context):
                 notes.append(f"{label}: shadow catcher or holdout")
         if thing.type in ("MESH", "CURVE", "SURFACE", "FONT", "META"):
             present = [slot.material for slot in thing.material_slots if slot.material is not None]
-            if not present:
-                notes.append(f"{label}: it has no material; the default of glTF is white metal of roughness 1")
             closed = None
             for material in present:
                 objects = used.setdefault(material, ([], []))
@@ -768,7 +779,7 @@ def export(context, path: str, sensor: str = "imx250", exposure: str = "auto", t
         materials.restore()
     if "FINISHED" not in result:
         raise RuntimeError("Blender's glTF exporter did not finish")
-    change_glb(stem + ".glb", lambda document: scale_base_colors(document, materials.scales))
+    change_glb(stem + ".glb", lambda document: change_materials(document, materials.scales))
     name = os.path.basename(stem)
     top: dict = {"scene": name + ".glb"} | ({"camera": camera} if camera else {})
     top["seed"] = int(getattr(getattr(scene, "cycles", None), "seed", 0))
@@ -822,7 +833,7 @@ if bpy is not None:
                 self.layout.prop(self, name)
             box = self.layout.box()
             lines = self.notes.split("\n") if self.notes else []
-            box.label(text="Not carried" if lines else "The whole scene is carried", icon="ERROR" if lines else "CHECKMARK")
+            box.label(text="Not carried, or changed" if lines else "The whole scene is carried", icon="ERROR" if lines else "CHECKMARK")
             for line in lines:
                 box.label(text=line)
 

@@ -140,21 +140,25 @@ class Conversions(unittest.TestCase):
         self.assertAlmostEqual(export.f_number(0.01, 2.0, 0.05, 6), focal / 0.02 * corner)
 
     def test_base_colors_of_a_glb(self):
-        """The JSON changes, the binary chunk stays, emitters become double-sided."""
+        """The JSON changes, the binary chunk stays, emitters become double-sided, bare meshes get a material."""
         document = {"materials": [{"name": "a", "pbrMetallicRoughness": {"baseColorFactor": [0.5, 0.4, 0.2, 0.9]}}]}
         document["materials"] += [{"name": "b", "emissiveFactor": [0, 1, 0]}]
+        document["meshes"] = [{"primitives": [{"material": 0}, {}]}, {"primitives": [{}]}]
         text, rest = json.dumps(document).encode(), b"\x04\x00\x00\x00BIN\x00abcd"
         text += b" " * (-len(text) % 4)
         head = struct.pack("<4sIIII", b"glTF", 2, 20 + len(text) + len(rest), len(text), 0x4E4F534A)
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "a.glb"
             path.write_bytes(head + text + rest)
-            export.change_glb(str(path), lambda document: export.scale_base_colors(document, {"a": 0.5}))
+            export.change_glb(str(path), lambda document: export.change_materials(document, {"a": 0.5}))
             data = path.read_bytes()
         (length,) = struct.unpack_from("<I", data, 12)
         self.assertEqual(struct.unpack_from("<I", data, 8)[0], len(data))
         self.assertEqual((len(data) % 4, data[20 + length :]), (0, rest))
-        first, second = json.loads(data[20 : 20 + length])["materials"]
+        found = json.loads(data[20 : 20 + length])
+        first, second, third = found["materials"]
+        self.assertEqual([p["material"] for mesh in found["meshes"] for p in mesh["primitives"]], [0, 2, 2])
+        self.assertEqual(third["pbrMetallicRoughness"]["baseColorFactor"], [0.8, 0.8, 0.8, 1.0])
         self.assertEqual(first["pbrMetallicRoughness"]["baseColorFactor"], [0.25, 0.2, 0.1, 0.9])
         self.assertTrue(second["doubleSided"])
 
