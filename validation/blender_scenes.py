@@ -269,6 +269,29 @@ def orthographic() -> None:
     view.dof.use_dof, view.dof.focus_distance, view.dof.aperture_fstop = True, 2.5, 16.0
 
 
+def bench() -> None:
+    """The scene of the picture: parts on a plate, a dome of even light, a low bar of light, a spot."""
+    scene = bpy.context.scene
+    scene.render.resolution_x, scene.render.resolution_y = 400, 320
+    mesh("plane", "plate", diffuse("plate", 0.18, 0.18, 0.18), (0.0, 0.0, 0.0), 4.0)
+    plastic = material("plastic", "ShaderNodeBsdfPrincipled", Base_Color=(0.6, 0.6, 0.6), Roughness=0.35)
+    metal = material("metal", "ShaderNodeBsdfPrincipled", Base_Color=(0.8, 0.8, 0.8), Metallic=1.0, Roughness=0.3)
+    clear = material("clear", "ShaderNodeBsdfGlass", IOR=1.5, Roughness=0.0)
+    for i, x in enumerate((-0.35, 0.0, 0.35)):
+        part = mesh("cube", f"part {i}", (plastic, metal, plastic)[i], (x, 0.3, 0.1), 0.2, (0.0, 0.0, 15.0 * i))
+        bevel = part.modifiers.new("bevel", "BEVEL")
+        bevel.width, bevel.segments = 0.02, 4
+        mesh("sphere", f"ball {i}", (metal, plastic, clear)[i], (x, -0.15, 0.1), 0.2)
+    world((1.0, 1.0, 1.0), 0.15)
+    bar = {"shape": "RECTANGLE", "size": 1.2, "size_y": 0.1, "spread": math.radians(90.0)}
+    lamp("AREA", "bar", (0.0, 1.3, 0.7), (-60.0, 0.0, 0.0), energy=30.0, **bar)
+    lamp("AREA", "disc", (-0.9, -0.4, 1.2), (0.0, -35.0, 0.0), shape="DISK", size=0.3, energy=10.0)
+    spot = {"spot_size": math.radians(30.0), "spot_blend": 0.3, "shadow_soft_size": 0.02}
+    lamp("SPOT", "spot", (1.0, -0.8, 1.3), (35.0, 30.0, 0.0), energy=80.0, **spot)
+    view = camera((0.0, -1.9, 1.5), (0.0, 0.05, 0.05), lens=55.0)
+    view.dof.use_dof, view.dof.focus_distance, view.dof.aperture_fstop = True, 2.35, 1.4
+
+
 SCENES: dict[str, Callable[[], None]] = {
     "areas": areas,
     "point-and-spot": point_and_spot,
@@ -278,6 +301,7 @@ SCENES: dict[str, Callable[[], None]] = {
     "glass": glass,
     "depth-of-field": depth_of_field,
     "orthographic": orthographic,
+    "bench": bench,
 }
 
 
