@@ -171,7 +171,8 @@ def main() -> int:
     parser.add_argument("--dunkelfeld", type=Path, required=True, help="our renderer")
     parser.add_argument("--blender-python", required=True, help="a Python with the packages of requirements-cycles.txt")
     parser.add_argument("--only", choices=SCENES, nargs="*", default=SCENES)
-    parser.add_argument("--spp", type=int, default=512, help="samples per pixel of a batch")
+    parser.add_argument("--spp", type=int, default=512, help="samples per pixel of a batch of Cycles")
+    parser.add_argument("--own-spp", type=int, default=128, help="samples per pixel of a batch of Dunkelfeld")
     parser.add_argument("--batches", type=int, default=8)
     parser.add_argument("--threads", type=int, default=0, help="0: all")
     parser.add_argument("--work", type=Path, default=root / "out" / "validation" / "blender")
@@ -185,7 +186,7 @@ def main() -> int:
         numbers = np.rint(image(arguments.work / f"{scene}-objects.exr")[..., 0]).astype(int)
         cycles = np.stack([image(arguments.work / f"{scene}-{batch}.exr") for batch in range(arguments.batches)])
         job = arguments.work / f"{scene}.toml"
-        files = ours(arguments.dunkelfeld.resolve(), job, arguments.spp, arguments.batches, arguments.threads)
+        files = ours(arguments.dunkelfeld.resolve(), job, arguments.own_spp, arguments.batches, arguments.threads)
         found = compared(scene, facts["objects"], numbers, cycles, np.stack([image(file) for file in files]))
         print(table(found, version), flush=True)
         rows += found

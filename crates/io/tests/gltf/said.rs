@@ -176,3 +176,28 @@ fn names_that_a_terminal_would_obey_are_spelled_out_in_warnings() {
     assert!(shown.contains("\\u{1b}[2J\\u{202e}"), "{shown:?}");
     assert!(!shown.contains(|c: char| c.is_control() || c == '\u{202e}'), "{shown:?}");
 }
+
+/// Blender's exporter leaves out area lights, and their nodes stay; emission is in W/(m2 sr).
+#[test]
+fn files_of_blender_get_hints() {
+    let mut a = square();
+    a.json["nodes"] =
+        json!([{"name": "part", "mesh": 0}, {"name": "Area.001"}, {"name": "Ringlight"}, {"name": "Empty"}]);
+    a.json["materials"] = json!([{"name": "panel", "emissiveFactor": [1.0, 0.0, 0.0]}]);
+    a.json["meshes"][0]["primitives"][0]["material"] = 0.into();
+    let lamps = ["nodes", "2 nodes are without content", "\"Area.001\"", "[[light]]"];
+    let emission = ["materials", "\"panel\"", "emissive_unit = \"W/(m2 sr)\""];
+    let other = a.load().expect("sound");
+    assert!(warns(&other, &lamps) && !warns(&other, &emission), "{:?}", other.warnings);
+    a.json["asset"]["generator"] = "Khronos glTF Blender I/O v4.5.51".into();
+    let found = a.load().expect("sound");
+    assert!(warns(&found, &lamps) && warns(&found, &emission), "{:?}", found.warnings);
+    let unit = dunkelfeld_io::import::EmissiveUnit::WattPerSteradianSquareMetre;
+    let found = load_bytes(&a.glb(), "a.glb", &ImportOptions::default().with_emissive_unit(unit)).expect("sound");
+    assert!(!warns(&found, &emission), "{:?}", found.warnings);
+    // A generator that is no text does not matter; a node with content is no lost light.
+    a.json["asset"]["generator"] = json!({"name": 7});
+    a.json["nodes"] = json!([{"name": "light", "mesh": 0}]);
+    let found = a.load().expect("sound");
+    assert!(found.warnings.is_empty(), "{:?}", found.warnings);
+}

@@ -21,6 +21,8 @@ const VALUES_PER_OBJECT: usize = 32;
 pub(super) struct Document {
     /// The data typed by `gltf::json`.
     pub(super) root: json::Root,
+    /// True if Blender's exporter is the generator of the file.
+    pub(super) is_from_blender: bool,
     /// Codes that `gltf::json` does not support.
     pub(super) unknown: UnknownCodes,
     /// Transforms of the nodes.
@@ -43,8 +45,12 @@ impl Document {
         check_size(json, path, objects)?;
         let mut members = lenient::read(json).map_err(|e| syntax_error(json, path, &e))?;
         check_version(&mut members, path, warnings)?;
+        // Its type does not matter.
+        let generator = members.get_mut("asset").and_then(Value::as_object_mut).and_then(|a| a.remove("generator"));
+        let is_from_blender = generator.as_ref().and_then(Value::as_str).is_some_and(|g| g.contains("Blender"));
         let unknown = complete(&mut members);
-        Self::from_members(members, unknown).map_err(|fault| fault.at(json, path))
+        let read = Self::from_members(members, unknown).map_err(|fault| fault.at(json, path))?;
+        Ok(Self { is_from_blender, ..read })
     }
 
     fn from_members(members: Map<String, Value>, unknown: UnknownCodes) -> Result<Self, TypeFault> {
@@ -61,7 +67,7 @@ impl Document {
             m.normal_texture.as_ref().and_then(|t| t.extensions.as_ref()).map(|e| &e.others)
         })?;
         let profiles = of_document.profiles.lights;
-        Ok(Self { root, unknown, transforms, nodes, materials, normal_textures, textures, profiles })
+        Ok(Self { is_from_blender: false, root, unknown, transforms, nodes, materials, normal_textures, textures, profiles })
     }
 }
 

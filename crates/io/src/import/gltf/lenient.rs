@@ -26,7 +26,6 @@ const UNREAD: &[&str] = &[
     "animations",
     "copyright",
     "extras",
-    "generator",
     "max",
     "mimeType",
     "min",

@@ -8,6 +8,7 @@
 //! (meshes), `material`, `spec_gloss`, `texture` (surfaces), `light` (lights and cameras). `validate` explains refusals.
 
 mod accessor;
+mod blender;
 mod complete;
 mod container;
 mod deform;
@@ -59,6 +60,7 @@ pub fn load_gltf(path: &Path, options: &ImportOptions) -> Result<Imported, Input
     let asset = Asset::load(&loader, &mut warnings)?;
     let accessors = Accessors::new(&asset);
     let hierarchy = nodes::resolve(&asset.document, options.scene, path, &mut warnings)?;
+    blender::warn(&asset.document, &hierarchy.shown, options.emissive_unit, &mut warnings);
     measure_images(path, options, &asset, &accessors, &hierarchy.shown)?;
     let mut importer = Importer {
         path,
