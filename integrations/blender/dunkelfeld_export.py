@@ -1,0 +1,863 @@
+"""Exports a Blender scene for Dunkelfeld: geometry, materials and the camera as NAME.glb, all else as the job NAME.toml.
+
+In Blender: File > Export > Dunkelfeld (.toml). In scripts, also without a window:
+
+    import bpy, dunkelfeld_export
+    notes = dunkelfeld_export.export(bpy.context, "station.toml")
+
+`notes` lists the parts of the scene that a job cannot contain. The page docs/blender.md of Dunkelfeld has the conventions.
+The functions before `import bpy` need no Blender.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import shutil
+import struct
+
+bl_info = {
+    "name": "Dunkelfeld export",
+    "author": "Dunkelfeld contributors",
+    "version": (0, 1, 0),
+    "blender": (4, 2, 0),
+    "location": "File > Export > Dunkelfeld (.toml)",
+    "description": "Writes a .glb and the job of an industrial camera's image",
+    "category": "Import-Export",
+}
+
+# Perceptual roughness at which the mean albedo of Burley's (2012) diffuse term is that of Lambert's.
+LAMBERT_ROUGHNESS = 0.43
+# Width of a spot light's edge in cosines, relative to that of Blender: the edges have the same power and nearly the same middle.
+# Cycles has a cubic step, whose mean is 1/2, Dunkelfeld the squared ramp of KHR_lights_punctual, whose mean is 1/3.
+EDGE = 0.75
+# The smallest f-number of a job.
+LEAST_F_NUMBER = 0.5
+# Reflectance of a dielectric at a cosine of 0.75 over that at normal incidence, for indices around 1.5.
+OBLIQUE = 1.1
+
+
+# The job as text.
+
+
+def quoted(text: str) -> str:
+    """A basic string of TOML."""
+    escapes = {'"': '\\"', "\\": "\\\\", "\n": "\\n", "\t": "\\t", "\r": "\\r"}
+    return '"' + "".join(escapes.get(c, c if ord(c) >= 32 and ord(c) != 127 else f"\\u{ord(c):04X}") for c in text) + '"'
+
+
+def value_text(value) -> str:
+    """A TOML value. Numbers have the seven digits of single precision."""
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, int):
+        return str(value)
+    if isinstance(value, float):
+        if not math.isfinite(value):
+            raise ValueError(f"{value} cannot be written into a job")
+        # The sum turns -0.0 into 0.0.
+        text = f"{value + 0.0:.7g}"
+        return text if any(c in text for c in ".e") else text + ".0"
+    if isinstance(value, str):
+        return quoted(value)
+    return "[" + ", ".join(value_text(v) for v in value) + "]"
+
+
+def job_text(top: dict, tables: list, notes: list) -> str:
+    """The text of a job: comments with the notes, the keys of the file itself, then tables as (header, keys) pairs in their
+    order. A header is written as it is, for example "film" or "[light]". Empty tables are left out."""
+    lines = ["# Written by the Dunkelfeld export of Blender.", "#"]
+    if notes:
+        lines.append("# Not carried from Blender, or changed:")
+        lines += [f"# - {' '.join(note.split())}" for note in notes]
+    else:
+        lines.append("# The whole scene was carried from Blender.")
+    lines.append("")
+    lines += [f"{key} = {value_text(value)}" for key, value in top.items()]
+    for header, keys in tables:
+        if keys:
+            lines += ["", f"[{header}]"] + [f"{key} = {value_text(value)}" for key, value in keys.items()]
+    return "\n".join(lines) + "\n"
+
+
+def degrees(radians: float) -> str:
+    """An angle of a job."""
+    return f"{math.degrees(radians):.7g}deg"
+
+
+# Conversions of numbers.
+
+
+def to_gltf(v) -> list:
+    """A vector of Blender (+z up) in the axes of glTF (+y up)."""
+    return [float(v[0]), float(v[2]), -float(v[1])]
+
+
+def spread_gain(spread: float) -> float:
+    """Radiance on the axis of an area light of this spread [rad, full angle], over that of a Lambertian of the same power."""
+    half = 0.5 * spread
+    if half > 0.5 * math.pi - 1e-4:
+        return 1.0
+    return math.tan(half) / (math.tan(half) - half)
+
+
+def area_of(shape: str, width: float, height: float) -> float:
+    """Area of an area light [m2]."""
+    return width * height * (math.pi / 4.0 if shape in ("DISK", "ELLIPSE") else 1.0)
+
+
+def burley_albedo(roughness: float) -> float:
+    """Albedo of Burley's (2012) diffuse term under an even sky, over that of Lambert's: a fit within 0.0005."""
+    return 0.9529 + 0.1078 * roughness + 0.0045 * roughness * roughness
+
+
+def diffuse_scale(roughness: float, ior: float, level: float) -> float:
+    """Factor on the base colour of a dielectric. Cycles reduces the diffuse light by the share that the surface reflects.
+    Dunkelfeld adds both, and has Burley's diffuse term in place of Lambert's."""
+    reflectance = min(((ior - 1.0) / (ior + 1.0)) ** 2 * 2.0 * level, 1.0)
+    return max(1.0 - OBLIQUE * reflectance, 0.0) / burley_albedo(roughness)
+
+
+def film_extent(fit: str, width: int, height: int) -> int:
+    """The number of pixels that `sensor_width`, shift and orthographic scale of a camera refer to."""
+    return {"HORIZONTAL": width, "VERTICAL": height}.get(fit, max(width, height))
+
+
+def f_number(radius: float, distance: float, image_distance: float, blades: int) -> float:
+    """F-number of a thin lens whose aperture has this radius [m]. Blender's focal length is the distance from lens to film.
+    Corners of Blender's polygon are on the circle; Dunkelfeld's polygon has the area of the circle."""
+    focal = 1.0 / (1.0 / distance + 1.0 / image_distance)
+    corner = math.sqrt(2.0 * math.pi / (blades * math.sin(2.0 * math.pi / blades))) if blades >= 3 else 1.0
+    return focal / (2.0 * radius) * corner
+
+
+# The JSON chunk of a GLB.
+
+
+def change_glb(path: str, change) -> None:
+    """Calls `change` with the JSON of a GLB as a dictionary, and writes the file again."""
+    with open(path, "rb") as file:
+        data = file.read()
+    (length,) = struct.unpack_from("<I", data, 12)
+    document = json.loads(data[20 : 20 + length])
+    change(document)
+    text = json.dumps(document, separators=(",", ":")).encode()
+    text += b" " * (-len(text) % 4)
+    rest = data[20 + length :]
+    with open(path, "wb") as file:
+        file.write(struct.pack("<4sIIII", b"glTF", 2, 20 + len(text) + len(rest), len(text), 0x4E4F534A) + text + rest)
+
+
+def change_materials(document: dict, scales: dict) -> None:
+    """Multiplies the base colours of materials by the factors of their names. Emitters become double-sided, and meshes without
+    a material get the one of Cycles, diffuse of reflectance 0.8."""
+    materials = document.setdefault("materials", [])
+    bare = [p for mesh in document.get("meshes", []) for p in mesh.get("primitives", []) if "material" not in p]
+    for primitive in bare:
+        primitive["material"] = len(materials)
+    if bare:
+        surface = {"baseColorFactor": [0.8, 0.8, 0.8, 1.0], "metallicFactor": 0.0, "roughnessFactor": LAMBERT_ROUGHNESS}
+        specular = {"KHR_materials_specular": {"specularFactor": 0.0}}
+        materials.append({"name": "no material", "pbrMetallicRoughness": surface, "extensions": specular})
+        names = document.setdefault("extensionsUsed", [])
+        names += [name for name in specular if name not in names]
+    if not materials:
+        del document["materials"]
+    for material in materials:
+        if any(material.get("emissiveFactor", [])):
+            material["doubleSided"] = True
+        scale = scales.get(material.get("name"))
+        if scale is None:
+            continue
+        surface = material.setdefault("pbrMetallicRoughness", {})
+        color = surface.get("baseColorFactor", [1.0, 1.0, 1.0, 1.0])
+        surface["baseColorFactor"] = [min(c * scale, 1.0) for c in color[:3]] + color[3:]
+
+
+try:
+    import bpy
+except ImportError:
+    bpy = None
+
+
+# Materials.
+
+
+def constant(socket):
+    """The value of a socket without a link, as a float or a list; `None` with a link."""
+    if socket.is_linked:
+        node = socket.links[0].from_node
+        if node.bl_idname == "ShaderNodeValue":
+            return float(node.outputs[0].default_value)
+        if node.bl_idname == "ShaderNodeRGB":
+            return [float(c) for c in node.outputs[0].default_value][:3]
+        return None
+    value = socket.default_value
+    return float(value) if isinstance(value, (int, float)) else [float(c) for c in value][:3]
+
+
+def source(socket):
+    """The node at the other end of a link, past reroutes; `None` without a link."""
+    while socket.is_linked:
+        link = socket.links[0]
+        if link.from_node.bl_idname != "NodeReroute":
+            return link.from_node
+        socket = link.from_node.inputs[0]
+    return None
+
+
+def active_output(tree, kind: str):
+    """The output node that Cycles uses."""
+    outputs = [n for n in tree.nodes if n.bl_idname == kind and n.target in ("ALL", "CYCLES")]
+    return next((n for n in outputs if n.is_active_output), outputs[0] if outputs else None)
+
+
+class Surface:
+    """A surface as inputs of the Principled BSDF: socket, number or list by the name of the input."""
+
+    def __init__(self):
+        self.inputs = {"Base Color": [0.0, 0.0, 0.0], "Metallic": 0.0, "Roughness": LAMBERT_ROUGHNESS}
+        self.inputs |= {"Specular IOR Level": 0.0, "Emission Strength": 0.0}
+        # Factor on the base colour; glass; lobes with the energy of multiple scattering.
+        self.scale = 1.0
+        self.is_clear = False
+        self.is_compensated = False
+
+
+def surface_of(node, notes: list) -> Surface:
+    """The surface of a shader node that is no Principled BSDF. Differences are added to the notes."""
+    s, kind = Surface(), node.bl_idname if node else ""
+    if node and node.inputs.get("Normal") is not None and "Normal" in node.inputs and node.inputs["Normal"].is_linked:
+        s.inputs["Normal"] = node.inputs["Normal"]
+    if kind == "ShaderNodeBsdfDiffuse":
+        s.inputs["Base Color"] = node.inputs["Color"]
+        if constant(node.inputs["Roughness"]) != 0.0:
+            notes.append("the roughness of a Diffuse BSDF (Oren-Nayar) becomes 0")
+    elif kind in ("ShaderNodeBsdfAnisotropic", "ShaderNodeBsdfGlossy"):
+        s.inputs |= {"Base Color": node.inputs["Color"], "Metallic": 1.0, "Roughness": node.inputs["Roughness"]}
+        s.is_compensated = node.distribution == "MULTI_GGX"
+        if "Anisotropy" in node.inputs and constant(node.inputs["Anisotropy"]) != 0.0:
+            notes.append("the anisotropy of a Glossy BSDF becomes 0; use a Principled BSDF")
+    elif kind in ("ShaderNodeBsdfGlass", "ShaderNodeBsdfRefraction"):
+        s.inputs |= {"Base Color": node.inputs["Color"], "Roughness": node.inputs["Roughness"], "IOR": node.inputs["IOR"]}
+        s.inputs |= {"Transmission Weight": 1.0, "Specular IOR Level": 0.5}
+        s.is_clear, s.is_compensated = True, node.distribution == "MULTI_GGX"
+        color = constant(node.inputs["Color"])
+        if color is None:
+            notes.append("a texture of the colour of glass tints each slab once, not once at each face")
+        elif color != [1.0, 1.0, 1.0]:
+            # Cycles tints once at each face, Dunkelfeld by the root.
+            s.inputs["Base Color"] = [c * c for c in color]
+            notes.append("the colour of glass tints transmitted light only, not the reflection")
+        if kind == "ShaderNodeBsdfRefraction":
+            notes.append("a Refraction BSDF becomes glass: it reflects too")
+    elif kind == "ShaderNodeEmission":
+        s.inputs |= {"Emission Color": node.inputs["Color"], "Emission Strength": node.inputs["Strength"]}
+    elif kind == "ShaderNodeAddShader":
+        parts = [source(i) for i in node.inputs]
+        emitters = [p for p in parts if p and p.bl_idname == "ShaderNodeEmission"]
+        others = [p for p in parts if p and p.bl_idname != "ShaderNodeEmission"]
+        if len(emitters) == 1 and len(others) == 1 and others[0].bl_idname != "ShaderNodeBsdfPrincipled":
+            s = surface_of(others[0], notes)
+            s.inputs |= {"Emission Color": emitters[0].inputs["Color"], "Emission Strength": emitters[0].inputs["Strength"]}
+        else:
+            notes.append("an Add Shader other than a BSDF and an Emission is not supported: black")
+    elif kind == "ShaderNodeMixShader":
+        first, second = source(node.inputs[1]), source(node.inputs[2])
+        share = constant(node.inputs[0])
+        if first and first.bl_idname == "ShaderNodeBsdfTransparent" and second and share is not None:
+            s = surface_of(second, notes)
+            s.inputs["Alpha"] = share
+        elif second and second.bl_idname == "ShaderNodeBsdfTransparent" and first and share is not None:
+            s = surface_of(first, notes)
+            s.inputs["Alpha"] = 1.0 - share
+        else:
+            notes.append("a Mix Shader other than one with a Transparent BSDF and a constant factor is not supported: black")
+    elif kind == "ShaderNodeBsdfTransparent":
+        s.inputs["Alpha"] = 0.0
+    elif kind == "ShaderNodeBsdfPrincipled":
+        notes.append("a Principled BSDF behind a Mix or Add Shader is not supported: black")
+    elif node is None:
+        notes.append("no surface shader: black")
+    else:
+        notes.append(f"the node {node.name} ({kind}) is not supported: black")
+    return s
+
+
+def principled(node, notes: list) -> Surface:
+    """Properties of a Principled BSDF, which Blender's glTF exporter reads itself."""
+    s = Surface()
+    number = lambda name, default=0.0: constant(node.inputs[name]) if name in node.inputs else default
+    for name, is_used in {
+        "Subsurface Weight": 0.0,
+        "Thin Film Thickness": 0.0,
+        "Diffuse Roughness": 0.0,
+    }.items():
+        if name in node.inputs and number(name) != is_used:
+            notes.append(f"{name} of a Principled BSDF")
+    transmission = number("Transmission Weight")
+    s.is_clear = transmission is None or transmission > 0.0
+    s.is_compensated = node.distribution == "MULTI_GGX"
+    if transmission not in (0.0, 1.0) and transmission is not None:
+        notes.append("a Transmission Weight between 0 and 1 is mixed in another way than in Cycles")
+    metallic, roughness = number("Metallic"), number("Roughness")
+    ior, level = number("IOR"), number("Specular IOR Level")
+    if transmission == 0.0 and metallic is not None and metallic < 1.0:
+        full = diffuse_scale(0.5 if roughness is None else roughness, 1.5 if ior is None else ior, 0.5 if level is None else level)
+        s.scale = metallic + (1.0 - metallic) * full
+    for name in ("Base Color", "Metallic", "Roughness", "Alpha", "Emission Color"):
+        end = source(node.inputs[name])
+        if end is not None and not reaches_image(end):
+            notes.append(f"{name} of a Principled BSDF comes from {end.name}, which is no image texture")
+    return s
+
+
+def reaches_image(node, depth: int = 0) -> bool:
+    """Is there an image, a vertex colour or a constant behind this node?"""
+    if node.bl_idname in ("ShaderNodeTexImage", "ShaderNodeVertexColor", "ShaderNodeAttribute", "ShaderNodeValue", "ShaderNodeRGB"):
+        return True
+    return depth < 16 and any(reaches_image(source(i), depth + 1) for i in node.inputs if source(i) is not None)
+
+
+def volume_of(node, notes: list) -> dict:
+    """Keys of `[[material]]` for the volume of a material."""
+    kind = node.bl_idname
+    if kind not in ("ShaderNodeVolumeAbsorption", "ShaderNodeVolumeScatter"):
+        notes.append(f"the volume node {node.name} ({kind})")
+        return {}
+    color, density = constant(node.inputs["Color"]), constant(node.inputs["Density"])
+    if color is None or density is None:
+        notes.append(f"textures of the volume node {node.name}")
+        return {}
+    if kind == "ShaderNodeVolumeAbsorption":
+        return {"absorption": [density * max(1.0 - c, 0.0) for c in color], "scattering": 0.0}
+    if getattr(node, "phase", "HENYEY_GREENSTEIN") != "HENYEY_GREENSTEIN":
+        notes.append(f"the phase function of {node.name}; Henyey-Greenstein is used")
+    anisotropy = constant(node.inputs["Anisotropy"]) or 0.0
+    return {"absorption": 0.0, "scattering": [density * c for c in color], "scattering_anisotropy": anisotropy}
+
+
+class Materials:
+    """Materials of a scene: the nodes that replace surfaces during the export, and tables of the job."""
+
+    def __init__(self):
+        self.scales, self.replaced, self.undo, self.tables = {}, [], [], []
+        self.is_compensated = False
+
+    def survey(self, used: dict, notes: list) -> None:
+        """Reads materials; `used` has the names of their objects, and of those that are not closed."""
+        for material, (objects, open_objects) in used.items():
+            own: list = []
+            keys: dict = {}
+            tree = material.node_tree if material.use_nodes else None
+            output = active_output(tree, "ShaderNodeOutputMaterial") if tree else None
+            if output is None:
+                if tree:
+                    own.append("no output node: black")
+                continue
+            node = source(output.inputs["Surface"])
+            volume = source(output.inputs["Volume"])
+            if node is not None and node.bl_idname == "ShaderNodeBsdfPrincipled":
+                s = principled(node, own)
+            elif node is None and volume is not None:
+                s = Surface()
+                s.inputs |= {"Base Color": [1.0, 1.0, 1.0], "Transmission Weight": 1.0, "Roughness": 0.0, "IOR": 1.0}
+                s.is_clear = True
+                keys["ior"] = 1.0
+                self.replaced.append((material, output, s))
+            else:
+                s = surface_of(node, own)
+                self.replaced.append((material, output, s))
+            if s.scale != 1.0:
+                self.scales[material.name] = s.scale
+            self.is_compensated |= s.is_compensated
+            if output.inputs["Displacement"].is_linked:
+                own.append("displacement")
+            if s.is_clear:
+                if open_objects:
+                    own.append("it is clear, but the mesh is not closed: a thin sheet that does not refract: " + ", ".join(open_objects))
+                else:
+                    keys["solid"] = True
+                    if volume is not None:
+                        keys |= volume_of(volume, own)
+            elif volume is not None:
+                own.append("the volume behind an opaque surface")
+            if keys:
+                self.tables.append(("[material]", {"name": material.name} | keys))
+            notes += [f"material {material.name}: {note}" for note in own]
+
+    def replace(self, notes: list) -> None:
+        """Links a Principled BSDF to the output of each material that has another surface."""
+        for material, output, s in self.replaced:
+            tree = material.node_tree
+            if material.library is not None:
+                notes.append(f"material {material.name}: it is linked from another file, and its nodes cannot be converted")
+                continue
+            node = tree.nodes.new("ShaderNodeBsdfPrincipled")
+            before = output.inputs["Surface"].links[0].from_socket if output.inputs["Surface"].is_linked else None
+            self.undo.append((tree, node, output, before))
+            for name, value in s.inputs.items():
+                if not isinstance(value, (int, float, list)):
+                    if value.is_linked:
+                        tree.links.new(value.links[0].from_socket, node.inputs[name])
+                        continue
+                    value = constant(value)
+                node.inputs[name].default_value = [*value, 1.0] if isinstance(value, list) else value
+            tree.links.new(node.outputs[0], output.inputs["Surface"])
+
+    def restore(self) -> None:
+        """Brings the nodes back."""
+        for tree, node, output, before in reversed(self.undo):
+            tree.nodes.remove(node)
+            if before is not None:
+                tree.links.new(before, output.inputs["Surface"])
+        self.undo.clear()
+
+
+# Lights.
+
+
+def length(vector) -> float:
+    """Euclidean length."""
+    return math.sqrt(sum(float(c) * float(c) for c in vector))
+
+
+def light_strength(light, notes: list) -> list:
+    """Colour of a light times the constants of its nodes, linear Rec. 709."""
+    color = [float(c) for c in light.color]
+    if getattr(light, "use_temperature", False):
+        color = [a * float(b) for a, b in zip(color, light.temperature_color)]
+    color = [c * 2.0 ** getattr(light, "exposure", 0.0) for c in color]
+    if light.use_nodes and light.node_tree:
+        output = active_output(light.node_tree, "ShaderNodeOutputLight")
+        node = source(output.inputs["Surface"]) if output else None
+        factor, tint = 1.0, [1.0, 1.0, 1.0]
+        if node is None or node.bl_idname != "ShaderNodeEmission":
+            notes.append("its nodes are not an Emission; the light is used without its nodes")
+        else:
+            factor, tint = constant(node.inputs["Strength"]), constant(node.inputs["Color"])
+            if factor is None or tint is None:
+                notes.append("textures, IES profiles and falloffs of its nodes")
+                factor, tint = 1.0 if factor is None else factor, [1.0, 1.0, 1.0] if tint is None else tint
+        color = [c * factor * t for c, t in zip(color, tint)]
+    return color
+
+
+def light_table(name: str, light, matrix, notes: list) -> dict:
+    """A `[[light]]` of the job: place, axis and strength of a light of Blender with this matrix to the world."""
+    axes = [[float(matrix[row][column]) for row in range(3)] for column in range(3)]
+    scale = [length(axis) for axis in axes]
+    if min(scale) == 0.0:
+        notes.append("its scale is 0")
+        return {}
+    unit = [[c / s for c in axis] for axis, s in zip(axes, scale)]
+    position, aim = to_gltf([matrix[row][3] for row in range(3)]), to_gltf([-c for c in unit[2]])
+    normalized, energy = getattr(light, "normalize", True), float(light.energy)
+    color = light_strength(light, notes)
+    table: dict = {"name": name}
+    if light.type == "SUN":
+        angle = float(light.angle)
+        disc = math.pi * math.sin(0.5 * angle) ** 2 if angle > 0.0 else 1.0
+        irradiance = energy * (1.0 if normalized else disc)
+        table |= {"kind": "sun", "aim": aim, "angle": degrees(angle)}
+        return table | {"irradiance": [c * irradiance for c in color]}
+    if light.type == "AREA":
+        width = float(light.size) * scale[0]
+        height = float(light.size_y if light.shape in ("RECTANGLE", "ELLIPSE") else light.size) * scale[1]
+        if abs(sum(a * b for a, b in zip(unit[0], unit[1]))) > 1e-4:
+            notes.append("its shear")
+        area = area_of(light.shape, width, height)
+        if area == 0.0:
+            notes.append("its size is 0")
+            return {}
+        radiance = energy * (1.0 if normalized else area) / (math.pi * area) * spread_gain(float(light.spread))
+        table |= {"kind": "panel", "position": position, "aim": aim, "up": to_gltf(unit[1])}
+        is_round = light.shape in ("DISK", "ELLIPSE")
+        table |= {"diameter" if is_round else "width": width}
+        if not (is_round and abs(width - height) < 1e-6 * width):
+            table["height"] = height
+        if light.spread < math.pi - 1e-4:
+            table["spread"] = degrees(light.spread)
+        return table | {"radiance": [c * radiance for c in color], "body": False}
+    # Point and spot lights: their extent is not scaled.
+    radius = float(light.shadow_soft_size)
+    power = energy * (1.0 if normalized else 4.0 * math.pi * radius * radius if radius > 0.0 else 4.0)
+    intensity = [c * power / (4.0 * math.pi) for c in color]
+    table |= {"kind": "spot" if light.type == "SPOT" else "point", "position": position}
+    if light.type == "SPOT":
+        if max(scale) - min(scale) > 1e-4 * max(scale):
+            notes.append("its cone, which a scale stretches")
+        table |= {"aim": aim, "cone_angle": degrees(light.spot_size), "blend": EDGE * float(light.spot_blend)}
+    if radius > 0.0:
+        table["diameter"] = 2.0 * radius
+    return table | {"intensity": intensity}
+
+
+def lights_of(depsgraph, notes: list) -> list:
+    """The lights of the scene, those of instances too, as tables of the job."""
+    tables, names = [], set()
+    for instance in depsgraph.object_instances:
+        thing = instance.object
+        if thing.type != "LIGHT" or thing.hide_render or not instance.show_self:
+            continue
+        own: list = []
+        name = thing.name if not instance.is_instance else f"{instance.parent.name}/{thing.name}"
+        number = 2
+        while name in names:
+            name, number = f"{name.rsplit('#', 1)[0]}#{number}", number + 1
+        names.add(name)
+        light = thing.data
+        settings = getattr(light, "cycles", None)
+        if light.type == "AREA" and getattr(settings, "is_portal", False):
+            notes.append(f"light {name}: a portal gives no light")
+            continue
+        if not getattr(light, "use_shadow", True):
+            own.append("a light without shadows")
+        if light.type == "POINT" and light.shadow_soft_size > 0.0 and getattr(light, "use_soft_falloff", False):
+            own.append("Soft Falloff: the light is a sphere, whose light near it is stronger")
+        table = light_table(name, light, instance.matrix_world, own)
+        if table:
+            tables.append(("[light]", table))
+        notes += [f"light {name}: {note}" for note in own]
+    return tables
+
+
+# World and camera.
+
+
+def rotation_of(node, notes: list) -> float:
+    """Rotation [rad] about +z of the texture coordinates of an environment."""
+    mapping = source(node.inputs["Vector"])
+    if mapping is None or mapping.bl_idname == "ShaderNodeTexCoord":
+        if mapping is not None and node.inputs["Vector"].links[0].from_socket.name != "Generated":
+            notes.append("world: the texture coordinates of the environment; the world's are used")
+        return 0.0
+    inputs = mapping.inputs
+    if mapping.bl_idname != "ShaderNodeMapping":
+        notes.append(f"world: the node {mapping.name} of the environment's coordinates")
+        return 0.0
+    turn = constant(inputs["Rotation"]) or [0.0, 0.0, 0.0]
+    # A texture mapping applies the inverse.
+    sign = -1.0 if mapping.vector_type == "TEXTURE" else 1.0
+    location = constant(inputs["Location"]) if "Location" in inputs else None
+    moved = location is not None and any(location) and mapping.vector_type in ("POINT", "TEXTURE")
+    if turn[0] or turn[1] or moved or constant(inputs["Scale"]) != [1.0, 1.0, 1.0]:
+        notes.append("world: location, scale and tilt of the environment's mapping")
+    return sign * turn[2]
+
+
+def environment_of(scene, stem: str, write: bool, notes: list) -> dict:
+    """The `[environment]` of the job. An image is written beside it if `write` is set."""
+    world = scene.world
+    if world is None:
+        return {}
+    if not (world.use_nodes and world.node_tree):
+        return {"radiance": [float(c) for c in world.color]}
+    output = active_output(world.node_tree, "ShaderNodeOutputWorld")
+    if output is None:
+        return {}
+    if output.inputs["Volume"].is_linked:
+        notes.append("world: its volume")
+    node = source(output.inputs["Surface"])
+    if node is None:
+        return {}
+    strength = constant(node.inputs["Strength"]) if node.bl_idname in ("ShaderNodeBackground", "ShaderNodeEmission") else None
+    if strength is None:
+        notes.append(f"world: the node {node.name} ({node.bl_idname}) or its strength is not supported; the world is dark")
+        return {}
+    color = constant(node.inputs["Color"])
+    if color is not None:
+        return {"radiance": [c * strength for c in color]}
+    texture = source(node.inputs["Color"])
+    if texture.bl_idname != "ShaderNodeTexEnvironment" or texture.image is None or texture.projection != "EQUIRECTANGULAR":
+        notes.append(f"world: {texture.name} is no equirectangular Environment Texture; the world is dark")
+        return {}
+    image = texture.image
+    path = os.path.abspath(bpy.path.abspath(image.filepath, library=image.library))
+    ending = os.path.splitext(path)[1].lower()
+    if image.colorspace_settings.name not in ("Linear Rec.709", "Linear", "Non-Color"):
+        notes.append(f"world: the colour space {image.colorspace_settings.name} of {image.name}; linear Rec. 709 is used")
+    is_file = ending in (".exr", ".hdr") and os.path.isfile(path) and not image.packed_file
+    target = f"{stem}_world{ending if is_file else '.exr'}"
+    if write and is_file:
+        if os.path.abspath(target) != path:
+            shutil.copyfile(path, target)
+    elif write:
+        save_image(image, target)
+    # Blender has the middle of the image at +x, Dunkelfeld at -z.
+    rotation = -0.5 * math.pi - rotation_of(texture, notes)
+    table = {"image": os.path.basename(target), "rotation": degrees(math.remainder(rotation, 2.0 * math.pi))}
+    return table | ({} if strength == 1.0 else {"scale": strength})
+
+
+def save_image(image, path: str) -> None:
+    """Writes the linear values of an image as EXR with 32 bits."""
+    copy = bpy.data.images.new("dunkelfeld", *image.size, alpha=False, float_buffer=True)
+    try:
+        copy.colorspace_settings.name = "Non-Color"
+        values = [0.0] * len(image.pixels)
+        image.pixels.foreach_get(values)
+        copy.pixels.foreach_set(values)
+        copy.filepath_raw, copy.file_format = path, "OPEN_EXR"
+        copy.save()
+    finally:
+        bpy.data.images.remove(copy)
+
+
+def camera_tables(scene, notes: list) -> tuple:
+    """`[film]` and `[lens]` of the job, and the name of the camera."""
+    camera, render = scene.camera, scene.render
+    share = render.resolution_percentage / 100.0
+    width, height = max(int(render.resolution_x * share), 1), max(int(render.resolution_y * share), 1)
+    film: dict = {"width": width, "height": height}
+    if render.pixel_aspect_x != render.pixel_aspect_y:
+        notes.append("camera: pixels that are not square")
+    if render.use_border:
+        notes.append("camera: the render region; the whole image is rendered")
+    if camera is None:
+        notes.append("camera: the scene has none; the job frames the whole scene")
+        return film, {}, None
+    data = camera.data
+    if camera.type != "CAMERA" or data.type not in ("PERSP", "ORTHO"):
+        raise ValueError(f"the camera {camera.name} is panoramic or no camera: choose a perspective or orthographic one")
+    extent = film_extent(data.sensor_fit, width, height)
+    size = 1e-3 * float(data.sensor_height if data.sensor_fit == "VERTICAL" else data.sensor_width)
+    film["sensor_height"] = size * height / extent
+    lens: dict = {}
+    shift = [-float(data.shift_x) * extent, float(data.shift_y) * extent]
+    dof = data.dof
+    blades = int(dof.aperture_blades)
+    distance = float(dof.focus_distance)
+    matrix = camera.matrix_world
+    if dof.focus_object is not None:
+        target = dof.focus_object.matrix_world
+        axis = [float(matrix[row][2]) for row in range(3)]
+        distance = abs(sum(a * float(target[row][3] - matrix[row][3]) for row, a in enumerate(axis))) / length(axis)
+    if data.type == "PERSP":
+        focal = 1e-3 * float(data.lens)
+        lens["vertical_fov"] = degrees(2.0 * math.atan(0.5 * film["sensor_height"] / focal))
+        if dof.use_dof and distance > 0.0:
+            number = f_number(focal / (2.0 * dof.aperture_fstop), distance, focal, blades)
+            lens["f_number"] = max(number, LEAST_F_NUMBER)
+            if number < LEAST_F_NUMBER:
+                notes.append(f"camera: an aperture of f/{number:.3g}; f/{LEAST_F_NUMBER} is used")
+    else:
+        lens |= {"projection": "telecentric", "field_height": float(data.ortho_scale) * height / extent}
+        if dof.use_dof and distance > 0.0:
+            # The aperture of an orthographic camera has the radius 1 / (2 N) metres.
+            corner = f_number(0.5, 1e30, 1.0, blades)
+            aperture = math.sin(math.atan2(0.5 / (float(dof.aperture_fstop) * corner), distance))
+            magnification = film["sensor_height"] / lens["field_height"]
+            most = 0.999 * magnification / (2.0 * LEAST_F_NUMBER * (1.0 + magnification))
+            lens["numerical_aperture"] = min(aperture, most)
+            if aperture > most:
+                notes.append(f"camera: a numerical aperture of {aperture:.3g}; {most:.3g} is used, f/{LEAST_F_NUMBER} on the sensor")
+    if any(shift):
+        lens["principal_point"] = shift
+    if dof.use_dof and distance > 0.0:
+        lens["focus_distance"] = distance
+        if blades >= 3:
+            lens |= {"blades": blades, "blade_rotation": degrees(dof.aperture_rotation)}
+        if abs(dof.aperture_ratio - 1.0) > 1e-4:
+            notes.append("camera: the ratio of an anamorphic aperture")
+    return film, lens, camera.name
+
+
+# The whole scene.
+
+
+def is_closed(thing, depsgraph) -> bool:
+    """Does each edge of the mesh have two faces, with modifiers?"""
+    evaluated = thing.evaluated_get(depsgraph)
+    mesh = evaluated.to_mesh()
+    try:
+        count = [0] * len(mesh.edges)
+        edges = [0] * len(mesh.loops)
+        mesh.loops.foreach_get("edge_index", edges)
+        for edge in edges:
+            count[edge] += 1
+        return bool(count) and all(n == 2 for n in count)
+    finally:
+        evaluated.to_mesh_clear()
+
+
+def survey(context):
+    """Reads the scene: materials, tables of the job, the name of the camera, and the list of all that a job cannot contain.
+    It writes nothing and changes nothing."""
+    scene, notes = context.scene, []
+    depsgraph = context.evaluated_depsgraph_get()
+    used: dict = {}
+    for thing in scene.objects:
+        if thing.hide_render:
+            continue
+        label = f"object {thing.name}"
+        if thing.type in ("CURVES", "VOLUME", "POINTCLOUD", "GREASEPENCIL", "GPENCIL", "LIGHT_PROBE"):
+            notes.append(f"{label}: {thing.type.lower()} are not exported")
+        for system in getattr(thing, "particle_systems", []):
+            notes.append(f"{label}: particles and hair of {system.name}")
+        if thing.hide_viewport or not thing.visible_get():
+            notes.append(f"{label}: hidden in the viewport; it may be missing")
+        linking = getattr(thing, "light_linking", None)
+        if linking is not None and (linking.receiver_collection or linking.blocker_collection):
+            notes.append(f"{label}: light linking and shadow linking")
+        if thing.type != "LIGHT":
+            rays = ("camera", "diffuse", "glossy", "transmission", "volume_scatter", "shadow")
+            hidden = [ray for ray in rays if not getattr(thing, f"visible_{ray}", True)]
+            if hidden:
+                notes.append(f"{label}: it is invisible to rays of the kind {', '.join(hidden)}")
+            if thing.is_shadow_catcher or thing.is_holdout:
+                notes.append(f"{label}: shadow catcher or holdout")
+        if thing.type in ("MESH", "CURVE", "SURFACE", "FONT", "META"):
+            present = [slot.material for slot in thing.material_slots if slot.material is not None]
+            closed = None
+            for material in present:
+                objects = used.setdefault(material, ([], []))
+                objects[0].append(thing.name)
+                if may_be_clear(material):
+                    closed = is_closed(thing, depsgraph) if closed is None else closed
+                    if not closed:
+                        objects[1].append(thing.name)
+    materials = Materials()
+    materials.survey(used, notes)
+    lights = lights_of(depsgraph, notes)
+    if lights:
+        notes.append("lights of Blender are invisible to the camera; check whether a light with an extent is in view")
+    if abs(scene.unit_settings.scale_length - 1.0) > 1e-6:
+        notes.append(f"the unit scale {scene.unit_settings.scale_length:g}: a unit of Blender is a metre, as in Cycles")
+    settings = getattr(scene, "cycles", None)
+    if abs(getattr(settings, "film_exposure", 1.0) - 1.0) > 1e-6:
+        notes.append("the exposure of the film; a sensor has an exposure time")
+    if scene.render.use_motion_blur:
+        notes.append("motion blur")
+    if scene.render.film_transparent:
+        notes.append("the transparent film: the world is visible")
+    film, lens, camera = camera_tables(scene, notes)
+    return materials, lights, film, lens, camera, notes
+
+
+def may_be_clear(material) -> bool:
+    """Has the material a node for glass?"""
+    if not (material.use_nodes and material.node_tree):
+        return False
+    kinds = ("ShaderNodeBsdfGlass", "ShaderNodeBsdfRefraction", "ShaderNodeVolumeAbsorption", "ShaderNodeVolumeScatter")
+    for node in material.node_tree.nodes:
+        if node.bl_idname in kinds:
+            return True
+        if node.bl_idname == "ShaderNodeBsdfPrincipled" and "Transmission Weight" in node.inputs:
+            weight = constant(node.inputs["Transmission Weight"])
+            if weight is None or weight > 0.0:
+                return True
+    return False
+
+
+def export(context, path: str, sensor: str = "imx250", exposure: str = "auto", time: str = "30s", spp: int = 0) -> list:
+    """Writes the job `path` (.toml), the scene beside it (.glb), and the image of the world if there is one. Gives the list
+    of all that could not be carried. `spp` above 0 replaces the limit of time."""
+    stem = os.path.splitext(os.path.abspath(path))[0]
+    scene = context.scene
+    materials, lights, film, lens, camera, notes = survey(context)
+    try:
+        materials.replace(notes)
+        result = bpy.ops.export_scene.gltf(
+            filepath=stem + ".glb",
+            export_format="GLB",
+            export_yup=True,
+            export_apply=True,
+            export_cameras=True,
+            export_lights=False,
+            export_animations=False,
+            export_skins=False,
+            export_morph=False,
+            export_gn_mesh=True,
+            export_tangents=False,
+            export_extras=False,
+            use_renderable=True,
+            use_active_scene=True,
+        )
+    finally:
+        materials.restore()
+    if "FINISHED" not in result:
+        raise RuntimeError("Blender's glTF exporter did not finish")
+    change_glb(stem + ".glb", lambda document: change_materials(document, materials.scales))
+    name = os.path.basename(stem)
+    top: dict = {"scene": name + ".glb"} | ({"camera": camera} if camera else {})
+    top["seed"] = int(getattr(getattr(scene, "cycles", None), "seed", 0))
+    if materials.scales:
+        notes.append("base colours of plastics are scaled as Cycles scales them, within about 2 %")
+    tables = [
+        ("import", {"emissive_unit": "W/(m2 sr)"}),
+        ("film", film),
+        ("lens", lens),
+        ("budget", {"spp": spp} if spp > 0 else {"time": time}),
+        ("sensor", {"model": sensor} | ({"exposure": exposure} if sensor != "none" else {})),
+        ("render", {"energy_compensation": True} if materials.is_compensated else {}),
+        ("environment", environment_of(scene, stem, True, notes)),
+    ]
+    text = job_text(top, tables + materials.tables + lights, notes)
+    with open(stem + ".toml", "w", encoding="utf-8", newline="\n") as file:
+        file.write(text)
+    return notes
+
+
+if bpy is not None:
+    from bpy.props import IntProperty, StringProperty
+    from bpy_extras.io_utils import ExportHelper
+
+    class DunkelfeldExport(bpy.types.Operator, ExportHelper):
+        """Write the scene (.glb) and the job (.toml) of an image of an industrial camera"""
+
+        bl_idname = "export_scene.dunkelfeld"
+        bl_label = "Export Dunkelfeld"
+        filename_ext = ".toml"
+        filter_glob: StringProperty(default="*.toml", options={"HIDDEN"})
+        sensor: StringProperty(name="Sensor", default="imx250", description="Preset of a sensor, or none")
+        exposure: StringProperty(name="Exposure", default="auto", description="Time with its unit, or auto")
+        time: StringProperty(name="Time", default="30s", description="Time of the render, with its unit")
+        spp: IntProperty(name="Samples", default=0, min=0, description="Samples per pixel; 0: the time counts")
+        notes: StringProperty(options={"HIDDEN", "SKIP_SAVE"})
+
+        def invoke(self, context, event):
+            """Opens the file dialog with the list of the parts that cannot be carried."""
+            try:
+                notes = survey(context)[-1]
+                environment_of(context.scene, "", False, notes)
+                self.notes = "\n".join(notes)
+            except ValueError as error:
+                self.notes = str(error)
+            return ExportHelper.invoke(self, context, event)
+
+        def draw(self, context):
+            """The settings and the list."""
+            for name in ("sensor", "exposure", "time", "spp"):
+                self.layout.prop(self, name)
+            box = self.layout.box()
+            lines = self.notes.split("\n") if self.notes else []
+            box.label(text="Not carried, or changed" if lines else "The whole scene is carried", icon="ERROR" if lines else "CHECKMARK")
+            for line in lines:
+                box.label(text=line)
+
+        def execute(self, context):
+            """Exports, and reports the list."""
+            try:
+                notes = export(context, self.filepath, self.sensor, self.exposure, self.time, self.spp)
+            except (ValueError, RuntimeError, OSError) as error:
+                self.report({"ERROR"}, str(error))
+                return {"CANCELLED"}
+            for note in notes:
+                self.report({"WARNING"}, "not carried: " + note)
+            return {"FINISHED"}
+
+    def menu(self, context):
+        """The entry of File > Export."""
+        self.layout.operator(DunkelfeldExport.bl_idname, text="Dunkelfeld (.toml)")
+
+    def register():
+        """Called by Blender."""
+        bpy.utils.register_class(DunkelfeldExport)
+        bpy.types.TOPBAR_MT_file_export.append(menu)
+
+    def unregister():
+        """Called by Blender."""
+        bpy.types.TOPBAR_MT_file_export.remove(menu)
+        bpy.utils.unregister_class(DunkelfeldExport)

@@ -1,0 +1,170 @@
+"""Tests of the add-on that need no Blender: `python -m unittest discover integrations/blender`.
+
+`example.toml` is the job of the lights below. `python test_dunkelfeld_export.py --write` writes it again.
+"""
+
+import json
+import math
+import struct
+import sys
+import tempfile
+import tomllib
+import unittest
+from pathlib import Path
+from types import SimpleNamespace
+
+import dunkelfeld_export as export
+
+EXAMPLE = Path(__file__).with_name("example.toml")
+NOTES = ["light hall: its \"nodes\" are not an Emission;\nthe light is used without its nodes"]
+
+
+def light(kind, **settings):
+    """A light as Blender describes it."""
+    values = {"type": kind, "color": (1.0, 0.5, 0.25), "energy": 8.0, "use_nodes": False, "node_tree": None, "normalize": True}
+    values |= {"exposure": 0.0, "use_temperature": False, "shadow_soft_size": 0.0, "spot_size": 1.0, "spot_blend": 0.2}
+    values |= {"shape": "SQUARE", "size": 0.1, "size_y": 0.2, "spread": math.pi, "angle": 0.1}
+    return SimpleNamespace(**(values | settings))
+
+
+def matrix(x=(1, 0, 0), y=(0, 1, 0), z=(0, 0, 1), position=(0.1, 0.2, 0.3)):
+    """A matrix to the world from its columns."""
+    return [[x[k], y[k], z[k], position[k]] for k in range(3)] + [[0, 0, 0, 1]]
+
+
+def tables():
+    """Tables of all kinds of lights."""
+    lights = {
+        "square": light("AREA"),
+        "rectangle": light("AREA", shape="RECTANGLE", spread=math.radians(90.0)),
+        "disc": light("AREA", shape="DISK"),
+        "ellipse": light("AREA", shape="ELLIPSE"),
+        "point": light("POINT", shadow_soft_size=0.05),
+        "small point": light("POINT"),
+        "spot": light("SPOT", shadow_soft_size=0.05),
+        "sun": light("SUN"),
+    }
+    return {name: export.light_table(name, data, matrix(), []) for name, data in lights.items()}
+
+
+def example():
+    """The text of `example.toml`."""
+    top = {"scene": "none", "seed": 7}
+    shared = [("import", {"emissive_unit": "W/(m2 sr)"}), ("film", {"width": 64, "height": 48}), ("lens", {})]
+    shared += [("budget", {"spp": 16}), ("sensor", {"model": "imx250", "exposure": "1ms"})]
+    shared += [("environment", {"radiance": [0.1, 0.2, 0.3]})]
+    return export.job_text(top, shared + [("[light]", table) for table in tables().values()], NOTES)
+
+
+class Job(unittest.TestCase):
+    """The text of jobs."""
+
+    def test_the_example_is_up_to_date(self):
+        """The fixture is the text of today's writer."""
+        self.assertEqual(example(), EXAMPLE.read_text())
+
+    def test_any_name_can_be_read_back(self):
+        """Quotes, control characters and empty texts survive; a line break in a note stays in the comment."""
+        name = 'a "b" \\ \n\t\x01\x7f é'
+        text = export.job_text({"scene": name, "seed": 3}, [("[material]", {"name": "", "solid": True})], ["a\nb = 1"])
+        self.assertEqual(tomllib.loads(text), {"scene": name, "seed": 3, "material": [{"name": "", "solid": True}]})
+
+    def test_numbers_keep_their_type_and_single_precision(self):
+        """A float stays a float; NaN is refused."""
+        values = {"a": 1.0, "b": 1e-9, "c": -0.0, "d": [1.0 / 3.0, 2], "e": 1e22}
+        found = tomllib.loads(export.job_text({}, [("t", values)], []))["t"]
+        self.assertEqual([type(found[key]) for key in "abc"], [float] * 3)
+        self.assertAlmostEqual(found["d"][0], 1.0 / 3.0, delta=1e-7)
+        self.assertEqual(found["e"], 1e22)
+        with self.assertRaises(ValueError):
+            export.value_text(math.nan)
+
+
+class Lights(unittest.TestCase):
+    """Strengths against the power of the light, by integrals over the emitter and the directions."""
+
+    def test_powers(self):
+        """Lambertian panels: pi A L. Points: 4 pi I."""
+        found = tables()
+        areas = {"square": 0.01, "disc": math.pi * 0.0025, "ellipse": math.pi * 0.005}
+        for name, area in areas.items():
+            self.assertAlmostEqual(math.pi * area * found[name]["radiance"][0], 8.0, places=9)
+        for name in ("point", "small point", "spot"):
+            self.assertAlmostEqual(4.0 * math.pi * found[name]["intensity"][0], 8.0, places=9)
+        self.assertEqual(found["sun"]["irradiance"], [8.0, 4.0, 2.0])
+
+    def test_a_spread_keeps_the_power(self):
+        """The integral of (1 - tan t / tan h) cos t over the directions, by the midpoint rule."""
+        for full in (0.2, 1.0, 2.0, 3.0):
+            h, n = 0.5 * full, 20000
+            angles = [(k + 0.5) * h / n for k in range(n)]
+            sums = sum((1.0 - math.tan(t) / math.tan(h)) * math.cos(t) * math.sin(t) for t in angles)
+            self.assertAlmostEqual(export.spread_gain(full) * 2.0 * sums * h / n, 1.0, places=5)
+        self.assertEqual(export.spread_gain(math.pi), 1.0)
+
+    def test_axes_and_scale(self):
+        """Blender's +z is +y; a light of Blender shines along its -z; scale enlarges an area light and keeps its power."""
+        turned = matrix(x=(0, 2, 0), y=(0, 0, 3), z=(1, 0, 0))
+        table = export.light_table("a", light("AREA", shape="RECTANGLE"), turned, [])
+        self.assertEqual(table["position"], [0.1, 0.3, -0.2])
+        self.assertEqual([x + 0.0 for x in table["aim"]], [-1.0, 0.0, 0.0])
+        self.assertEqual([x + 0.0 for x in table["up"]], [0.0, 1.0, 0.0])
+        self.assertAlmostEqual(table["width"], 0.2)
+        self.assertAlmostEqual(table["height"], 0.6)
+        self.assertAlmostEqual(math.pi * 0.12 * table["radiance"][0], 8.0)
+
+    def test_lights_that_are_not_normalized(self):
+        """The energy is a power per area, for points of the sphere, for the sun of the sine of its half-angle."""
+        area = export.light_table("a", light("AREA", normalize=False), matrix(), [])
+        self.assertAlmostEqual(math.pi * area["radiance"][0], 8.0)
+        point = export.light_table("a", light("POINT", normalize=False, shadow_soft_size=0.1), matrix(), [])
+        self.assertAlmostEqual(point["intensity"][0], 8.0 * 0.01)
+        sun = export.light_table("a", light("SUN", normalize=False), matrix(), [])
+        self.assertAlmostEqual(sun["irradiance"][0], 8.0 * math.pi * math.sin(0.05) ** 2)
+
+    def test_a_light_without_extent_in_one_axis_is_left_out(self):
+        """A scale of 0 gives no division by zero, but a note."""
+        notes = []
+        self.assertEqual(export.light_table("a", light("AREA"), matrix(x=(0, 0, 0)), notes), {})
+        self.assertEqual(notes, ["its scale is 0"])
+
+
+class Conversions(unittest.TestCase):
+    """Lens and materials."""
+
+    def test_the_aperture_of_a_lens(self):
+        """A thin lens of 1 / f = 1 / u + 1 / v; a polygon of the area of the circle has larger corners."""
+        focal = 1.0 / (1.0 / 2.0 + 1.0 / 0.05)
+        self.assertAlmostEqual(export.f_number(0.01, 2.0, 0.05, 0), focal / 0.02)
+        corner = math.sqrt(2.0 * math.pi / (6.0 * math.sin(math.pi / 3.0)))
+        self.assertAlmostEqual(export.f_number(0.01, 2.0, 0.05, 6), focal / 0.02 * corner)
+
+    def test_base_colors_of_a_glb(self):
+        """The JSON changes, the binary chunk stays, emitters become double-sided, bare meshes get a material."""
+        document = {"materials": [{"name": "a", "pbrMetallicRoughness": {"baseColorFactor": [0.5, 0.4, 0.2, 0.9]}}]}
+        document["materials"] += [{"name": "b", "emissiveFactor": [0, 1, 0]}]
+        document["meshes"] = [{"primitives": [{"material": 0}, {}]}, {"primitives": [{}]}]
+        text, rest = json.dumps(document).encode(), b"\x04\x00\x00\x00BIN\x00abcd"
+        text += b" " * (-len(text) % 4)
+        head = struct.pack("<4sIIII", b"glTF", 2, 20 + len(text) + len(rest), len(text), 0x4E4F534A)
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / "a.glb"
+            path.write_bytes(head + text + rest)
+            export.change_glb(str(path), lambda document: export.change_materials(document, {"a": 0.5}))
+            data = path.read_bytes()
+        (length,) = struct.unpack_from("<I", data, 12)
+        self.assertEqual(struct.unpack_from("<I", data, 8)[0], len(data))
+        self.assertEqual((len(data) % 4, data[20 + length :]), (0, rest))
+        found = json.loads(data[20 : 20 + length])
+        first, second, third = found["materials"]
+        self.assertEqual([p["material"] for mesh in found["meshes"] for p in mesh["primitives"]], [0, 2, 2])
+        self.assertEqual(third["pbrMetallicRoughness"]["baseColorFactor"], [0.8, 0.8, 0.8, 1.0])
+        self.assertEqual(first["pbrMetallicRoughness"]["baseColorFactor"], [0.25, 0.2, 0.1, 0.9])
+        self.assertTrue(second["doubleSided"])
+
+
+if __name__ == "__main__":
+    if "--write" in sys.argv:
+        EXAMPLE.write_text(example())
+    else:
+        unittest.main()
