@@ -28,15 +28,22 @@
 //! Colours are linear Rec. 709, `[r, g, b]` or one number for all three.
 
 mod cameras;
+mod change_materials;
+mod change_objects;
 pub(crate) mod check;
+mod check_lamps;
 mod film;
+mod lamp_values;
 mod lamps;
 mod lens;
 mod lights;
+mod load_scene;
 mod materials;
 mod motion;
+mod move_objects;
 mod objects;
 mod overrides;
+mod patterns;
 pub(crate) mod place;
 mod place_cameras;
 mod primitives;
@@ -45,7 +52,7 @@ mod sensor;
 
 pub use cameras::{CameraSettings, Cameras};
 pub use film::FilmSettings;
-pub use lamps::{LampKind, LedCount, Wavelength};
+pub use lamp_values::{LampKind, LedCount, Wavelength};
 pub use lens::{FilterSettings, LensProjection, LensSettings};
 pub use materials::{AlphaKind, MaterialOverride};
 pub use motion::{LineScanSettings, RotationSettings};
@@ -252,7 +259,7 @@ pub struct LightSettings {
     pub kind: Option<LampKind>,
     /// `false` switches it off. Its body goes as well: an object with an emitting part, or all parts of an emitting
     /// material. Default true.
-    #[serde(default = "yes")]
+    #[serde(default = "check::yes")]
     pub enabled: bool,
     /// An IES file (ANSI/IES LM-63, type C), relative to the job file. It replaces the distribution and strength of a
     /// point or spot light, whose hue remains. The nadir of the file is the light's -z, its zero plane contains +x.
@@ -351,10 +358,6 @@ pub struct LightSettings {
     /// Number of such lamps, evenly around the axis of the camera.
     #[serde(default, deserialize_with = "check::count")]
     pub count: Option<u32>,
-}
-
-fn yes() -> bool {
-    true
 }
 
 impl Job {

@@ -8,9 +8,11 @@ mod attributes;
 mod contact;
 mod modelling;
 mod motion;
+mod places;
 
 pub(crate) use modelling::twins;
 
+use crate::build::lints::places::{bounds, corners, meters, place, push};
 use crate::build::report::BuildReport;
 use crate::scene::{Part, Scene};
 use dunkelfeld_geometry::{Aabb, Mesh, Vec3};
@@ -27,8 +29,6 @@ const SHARP: f32 = 0.05;
 const MAX_CORNERS: usize = 48;
 /// Maximum number of solids in the test for overlap, which compares all pairs.
 const MAX_SOLIDS: usize = 1000;
-/// Maximum number of findings of one kind that are reported one by one.
-const MAX_PER_KIND: usize = 20;
 
 /// Runs all checks on a compiled scene.
 pub(crate) fn check(scene: &Scene, report: &mut BuildReport) {
@@ -62,49 +62,6 @@ pub(crate) fn lost_digits(mesh: &Mesh) -> Option<String> {
 fn step(bounds: &Aabb) -> f32 {
     let largest = bounds.min.abs().max(bounds.max.abs()).max_element();
     largest.next_up() - largest
-}
-
-/// Corners of a part's triangles in render space.
-fn corners<'a>(scene: &'a Scene, part: &'a Part) -> impl Iterator<Item = [Vec3; 3]> + 'a {
-    let mesh = &scene.meshes[part.mesh as usize];
-    let to_render = move |p: Vec3| part.transform.as_ref().map_or(p, |t| t.point(p));
-    (0..mesh.triangles.len()).map(move |t| mesh.corners(t).map(to_render))
-}
-
-fn bounds(scene: &Scene, part: &Part) -> Aabb {
-    let own = Aabb::from_points(corners_in_place(scene, part));
-    part.transform.as_ref().map_or(own, |t| own.transformed(t))
-}
-
-/// Corners in the space of the mesh.
-fn corners_in_place<'a>(scene: &'a Scene, part: &Part) -> impl Iterator<Item = Vec3> + 'a {
-    let mesh = &scene.meshes[part.mesh as usize];
-    mesh.triangles.iter().flatten().map(|&i| mesh.positions[i as usize])
-}
-
-/// `object "lid"`.
-fn place(scene: &Scene, part: &Part) -> String {
-    let name = scene.object_names.get(part.object as usize).map_or("", String::as_str);
-    if name.is_empty() { format!("object {}", part.object) } else { format!("object \"{name}\"") }
-}
-
-/// Reports findings of one kind: the first ones one by one, the number of the others.
-fn push(report: &mut BuildReport, findings: Vec<(String, String)>) {
-    let more = findings.len().saturating_sub(MAX_PER_KIND);
-    for (place, message) in findings.into_iter().take(MAX_PER_KIND) {
-        report.hazard(place, message);
-    }
-    if more > 0 {
-        report.hazard("scene", format!("{more} more objects are like the one before"));
-    }
-}
-
-/// A length in words.
-fn meters(v: f32) -> String {
-    match v.abs() {
-        a if a == 0.0 || (1e-2..1e4).contains(&a) => format!("{v:.3} m"),
-        _ => format!("{v:.1e} m"),
-    }
 }
 
 /// Reports objects that are small compared with the step of their coordinates, solids that are thin compared with it,

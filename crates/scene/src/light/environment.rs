@@ -1,7 +1,7 @@
 //! Light from infinitely far away: constant, or an equirectangular image with importance sampling.
 
 use crate::build::builder::{Environment, EnvironmentSource};
-use crate::light::LightSampleContext;
+use crate::light::sample::LightSampleContext;
 use crate::material::texture::Image;
 use dunkelfeld_geometry::{Frame, LocalDir, Vec3};
 use dunkelfeld_radiometry::Rgb;

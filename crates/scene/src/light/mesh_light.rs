@@ -3,8 +3,8 @@
 //! The lamps of a job are such lights. A ring of a hundred triangles then takes one light sample of a vertex, not a
 //! choice among a hundred lights.
 
+use crate::light::sample::{LightSample, LightSampleContext, LightTarget};
 use crate::light::tree::{EmissionCone, LightBounds};
-use crate::light::{LightSample, LightSampleContext, LightTarget};
 use dunkelfeld_geometry::shape::sample_triangle_area;
 use dunkelfeld_geometry::{Aabb, Vec3};
 use dunkelfeld_radiometry::Rgb;

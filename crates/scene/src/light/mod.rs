@@ -9,6 +9,7 @@ pub mod emission_profile;
 pub(crate) mod environment;
 pub mod luminaire;
 pub(crate) mod mesh_light;
+pub mod sample;
 pub mod summary;
 pub(crate) mod sun;
 pub(crate) mod tree;
@@ -17,6 +18,7 @@ use crate::light::delta::DeltaLight;
 use crate::light::environment::EnvironmentLight;
 use crate::light::luminaire::LightProfile;
 use crate::light::mesh_light::MeshLight;
+use crate::light::sample::{LightSample, LightSampleContext, LightTarget};
 use crate::light::sun::Sun;
 use crate::light::tree::{EmissionCone, LightBounds, LightTree};
 use crate::sampling_options::Techniques;
@@ -39,17 +41,6 @@ const MAX_VERTICES_FOR_EACH_IN_MEDIA: u32 = 2;
 
 /// No light: marks triangles that do not emit.
 pub(crate) const NO_LIGHT: u32 = u32::MAX;
-
-/// The receiver of a light sample.
-#[derive(Clone, Copy, Debug)]
-pub struct LightSampleContext {
-    /// Position in render space.
-    pub point: Vec3,
-    /// Geometric normal on the side of the viewer; zero in a medium.
-    pub normal: Vec3,
-    /// True if light from behind the surface can be scattered too.
-    pub both_sides: bool,
-}
 
 /// The light samples of a vertex.
 ///
@@ -101,34 +92,6 @@ pub(crate) enum Light {
     Delta(DeltaLight),
     Sun(Sun),
     Environment,
-}
-
-/// A direction toward a light, as next-event estimation needs it.
-#[derive(Clone, Copy, Debug)]
-pub struct LightSample {
-    /// Unit direction toward the light.
-    pub direction: Vec3,
-    /// The point on the light, with the light's normal there; `None` for a light infinitely far away.
-    pub target: Option<LightTarget>,
-    /// Radiance that arrives unoccluded [W/(m^2 sr)]; for lights without extent the irradiance on a facing surface
-    /// [W/m^2].
-    pub radiance: Rgb,
-    /// Density [1/sr]; for lights without extent the probability of the choice of the light.
-    pub pdf: f32,
-    /// True for a light without extent. Scattering cannot sample it, so its weight is 1.
-    pub is_delta: bool,
-}
-
-/// The end of a shadow ray.
-#[derive(Clone, Copy, Debug)]
-pub struct LightTarget {
-    /// Point on the light.
-    pub point: Vec3,
-    /// Unit normal of the light's surface; zero for points without a surface.
-    pub normal: Vec3,
-    /// Part and triangle of the point, if the radiance must be evaluated there. `None` if the radiance is constant over
-    /// the light, and for lights without a surface.
-    pub(crate) surface: Option<(u32, u32)>,
 }
 
 /// All lights of a scene, and the choice among them.
@@ -482,14 +445,6 @@ impl LightTable {
             }
             _ => 0.0,
         }
-    }
-}
-
-impl LightSampleContext {
-    /// True if the receiver can scatter light from a direction to the viewer.
-    #[inline]
-    pub fn faces(&self, direction: Vec3) -> bool {
-        self.both_sides || direction.dot(self.normal) > 0.0
     }
 }
 

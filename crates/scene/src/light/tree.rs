@@ -6,7 +6,7 @@
 //! these axes within which they emit. Light from infinitely far away is not in the tree. It has a fixed share of the
 //! choices.
 
-use crate::light::LightSampleContext;
+use crate::light::sample::LightSampleContext;
 use dunkelfeld_geometry::{Aabb, Vec3};
 use dunkelfeld_sampling::Distribution1D;
 use std::f32::consts::{FRAC_PI_2, PI, TAU};

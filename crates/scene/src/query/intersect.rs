@@ -1,8 +1,8 @@
 //! Intersection of rays with the scene, and transmittance of shadow rays.
 
 use crate::features::{AllFeatures, Features};
-use crate::light::LightTarget;
 use crate::light::emission_profile::EmissionProfile;
+use crate::light::sample::LightTarget;
 use crate::material::Material;
 use crate::query::surface::{self, TexturePoint};
 use crate::scene::{Part, Placement, Scene};

@@ -1,7 +1,8 @@
 //! Shading: from a point on a surface to a frame and a BSDF.
 
 use crate::features::{AllFeatures, Features};
-use crate::light::{LightChoice, LightSample, LightSampleContext, MAX_LIGHTS_FOR_EACH, NO_LIGHT};
+use crate::light::sample::{LightSample, LightSampleContext};
+use crate::light::{LightChoice, MAX_LIGHTS_FOR_EACH, NO_LIGHT};
 use crate::query::intersect::{SurfacePoint, mix};
 use crate::query::surface::{self, TexturePoint};
 use crate::scene::Scene;

@@ -12,6 +12,11 @@ use serde::de::{Deserializer, Error, SeqAccess, Visitor};
 use std::fmt;
 use std::time::Duration;
 
+/// The default of switches.
+pub(super) fn yes() -> bool {
+    true
+}
+
 /// A number of pixels along one side.
 pub(super) fn pixels<'de, D: Deserializer<'de>>(d: D) -> Result<Option<u32>, D::Error> {
     whole(d, 1, MAX_SIDE).map(Some)

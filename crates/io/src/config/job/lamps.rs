@@ -1,8 +1,7 @@
 //! `[[light]]` with a `kind`: new lamps, described as in a catalogue.
 
-use super::{Exposure, Job, LensSettings, LightSettings};
+use super::{Exposure, Job, LampKind, LensSettings, LightSettings};
 use crate::error::{ImportWarning, InputError};
-use crate::quantity::Length;
 use dunkelfeld_geometry::{DAffine3, DMat3, DQuat, DVec3, Mesh};
 use dunkelfeld_radiometry::{Nanometres, Number, Rgb};
 use dunkelfeld_scene::lamps::{area, irradiance_on_axis};
@@ -11,8 +10,6 @@ use dunkelfeld_scene::{
     PunctualLight, SceneBuilder,
 };
 use dunkelfeld_sensor::Bands;
-use serde::Deserialize;
-use serde::de::{Deserializer, Error};
 use std::f64::consts::PI;
 
 /// Power of a lamp without a given strength \[W\].
@@ -29,163 +26,6 @@ const SUN: f64 = 0.0093;
 /// Reflectance of housings and plates.
 const BLACK: f32 = 0.04;
 
-/// Kinds of lamps that a job can add.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum LampKind {
-    /// A ring around the axis.
-    Ring,
-    /// A long rectangle.
-    Bar,
-    /// The inside of a hemisphere.
-    Dome,
-    /// A panel whose image in a beam splitter lies on the axis of the camera.
-    Coaxial,
-    /// A panel behind the part.
-    Back,
-    /// A rectangle or a disc.
-    Panel,
-    /// A cone of light.
-    Spot,
-    /// Light in all directions, from a point or a sphere.
-    Point,
-    /// Light from infinitely far away.
-    Sun,
-    /// The same radiance from all directions.
-    Environment,
-}
-
-impl LampKind {
-    /// Its name in a job.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Ring => "ring",
-            Self::Bar => "bar",
-            Self::Dome => "dome",
-            Self::Coaxial => "coaxial",
-            Self::Back => "back",
-            Self::Panel => "panel",
-            Self::Spot => "spot",
-            Self::Point => "point",
-            Self::Sun => "sun",
-            Self::Environment => "environment",
-        }
-    }
-
-    /// The keys that describe this kind of lamp, beside those of its strength, colour and pose.
-    fn geometry_keys(self) -> &'static [&'static str] {
-        match self {
-            Self::Ring => &["diameter", "inner_diameter", "tilt", "leds", "led_diameter", "diffuser", "lens_angle"],
-            Self::Bar => &["width", "height", "leds", "led_diameter", "diffuser", "lens_angle", "spread", "body"],
-            Self::Back | Self::Panel => {
-                &["width", "height", "diameter", "leds", "led_diameter", "diffuser", "lens_angle", "spread", "body"]
-            }
-            Self::Coaxial => &["width", "height", "diameter", "splitter", "lens_angle", "spread"],
-            Self::Dome => &["diameter", "opening"],
-            Self::Spot => &["diameter", "cone_angle", "blend"],
-            Self::Point => &["diameter"],
-            Self::Sun => &["angle"],
-            Self::Environment => &[],
-        }
-    }
-
-    fn strength_keys(self) -> &'static [&'static str] {
-        match self {
-            Self::Spot | Self::Point => &["power", "intensity"],
-            Self::Sun => &["irradiance"],
-            Self::Environment => &["radiance"],
-            _ => &["power", "radiance", "irradiance", "working_distance"],
-        }
-    }
-
-    fn pose_keys(self) -> &'static [&'static str] {
-        match self {
-            Self::Environment => &[],
-            Self::Sun => &["aim", "direction", "elevation", "azimuth"],
-            Self::Point => &["position", "target", "distance", "direction", "elevation", "azimuth", "count"],
-            _ => &["position", "aim", "target", "distance", "direction", "elevation", "azimuth", "up", "count"],
-        }
-    }
-}
-
-/// The wavelength of a light.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Wavelength(pub Nanometres);
-
-impl<'de> Deserialize<'de> for Wavelength {
-    /// A length such as `"625nm"`, or a colour of LEDs: `"red"` 630, `"amber"` 590, `"green"` 525, `"blue"` 470,
-    /// `"infrared"` 850, `"ultraviolet"` 385 nm.
-    fn deserialize<D: Deserializer<'de>>(d: D) -> Result<Self, D::Error> {
-        let text = String::deserialize(d)?;
-        let nm = match text.trim() {
-            "red" => 630.0,
-            "amber" => 590.0,
-            "green" => 525.0,
-            "blue" => 470.0,
-            "infrared" => 850.0,
-            "ultraviolet" => 385.0,
-            length => f64::from(length.parse::<Length>().map_err(D::Error::custom)?) * 1e9,
-        };
-        if (200.0..=2500.0).contains(&nm) {
-            return Ok(Self(Nanometres(nm)));
-        }
-        Err(D::Error::custom(format!(
-            "{} nm is out of range; write a wavelength from 200nm to 2500nm, or a colour such as \"red\"",
-            Number(nm)
-        )))
-    }
-}
-
-impl Wavelength {
-    /// The channel of the render that carries its light: red, green or blue, by the colour of the materials that suits
-    /// it.
-    pub fn channel(self) -> usize {
-        match self.0.0 {
-            nm if nm >= 580.0 => 0,
-            nm if nm >= 490.0 => 1,
-            _ => 2,
-        }
-    }
-
-    /// Light of the mean `mean` over the channels.
-    pub fn triple(self, mean: f64) -> Rgb {
-        let mut channels = [0.0; 3];
-        channels[self.channel()] = (3.0 * mean) as f32;
-        Rgb::from_array(channels)
-    }
-}
-
-/// Number of LEDs: of a ring or bar, or columns and rows.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct LedCount {
-    /// Along the band or the width.
-    pub columns: u32,
-    /// Across it.
-    pub rows: u32,
-}
-
-impl<'de> Deserialize<'de> for LedCount {
-    fn deserialize<D: Deserializer<'de>>(d: D) -> Result<Self, D::Error> {
-        #[derive(Deserialize)]
-        #[serde(untagged, expecting = "this is no number of LEDs; write one such as 48, or [columns, rows]")]
-        enum Written {
-            Row(i64),
-            Grid([i64; 2]),
-        }
-        let [columns, rows] = match Written::deserialize(d)? {
-            Written::Row(n) => [n, 1],
-            Written::Grid(both) => both,
-        };
-        let fits = |n: i64| u32::try_from(n).ok().filter(|n| (1..=10_000).contains(n));
-        match (fits(columns), fits(rows)) {
-            (Some(columns), Some(rows)) if columns * rows <= 100_000 => Ok(Self { columns, rows }),
-            _ => Err(D::Error::custom(format!(
-                "{columns} x {rows} LEDs are out of range; write from 1 to 10000 in a row, and at most 100000 in all"
-            ))),
-        }
-    }
-}
-
 /// Position, axes and reference of one lamp.
 struct Pose {
     /// Lamp to world: the lamp shines along its -z.
@@ -193,101 +33,6 @@ struct Pose {
 }
 
 impl Job {
-    /// Checks `[[light]]` entry `i` of a kind without the scene: keys that the kind does not have, or that exclude each
-    /// other.
-    pub(super) fn check_lamp(&self, i: usize, light: &LightSettings, kind: LampKind) -> Result<(), InputError> {
-        let item = i.to_string();
-        let given = |key: &str| self.source.has_key(&["light", &item, key]);
-        if light.ies.is_some() {
-            let help = "remove it, or give it to a point or spot light of the scene by an entry without `kind`";
-            return Err(self.light_error(i, "ies", format!("a new {} has no profile", kind.name()), help));
-        }
-        for key in KEYS {
-            let allowed =
-                [kind.geometry_keys(), kind.strength_keys(), kind.pose_keys()].iter().any(|k| k.contains(key));
-            if given(key) && !allowed {
-                let known = [kind.geometry_keys(), kind.strength_keys(), kind.pose_keys()].concat().join("`, `");
-                let problem = format!("a light of kind \"{}\" has no {key}", kind.name());
-                return Err(self.light_error(i, key, problem, format!("its keys are `{known}`")));
-            }
-        }
-        let exclusive: [(&str, &str, &str); 9] = [
-            ("position", "distance", "both set the distance from the target"),
-            ("position", "direction", "both set the place of the lamp"),
-            ("position", "elevation", "both set the place of the lamp"),
-            ("direction", "elevation", "both set the direction to the lamp"),
-            ("direction", "azimuth", "both set the direction to the lamp"),
-            ("lens_angle", "spread", "both set the angular distribution"),
-            ("diameter", "width", "both set the size"),
-            ("aim", "target", "both set the direction in which the lamp shines"),
-            ("aim", "distance", "`aim` belongs to a `position`"),
-        ];
-        for (first, second, why) in exclusive {
-            // A ring has a diameter and no width.
-            if given(first) && given(second) {
-                let problem = format!("`{first}` and `{second}`: {why}");
-                return Err(self.light_error(i, second, problem, "keep one of them"));
-            }
-        }
-        if light.wavelength.is_some()
-            && let Some(key) = ["radiance", "intensity", "irradiance"].into_iter().find(|key| {
-                let triple = match *key {
-                    "radiance" => light.radiance,
-                    "intensity" => light.intensity,
-                    _ => light.irradiance,
-                };
-                triple.is_some_and(|c| c.r != c.g || c.g != c.b)
-            })
-        {
-            let problem = "a light of one wavelength has no colour";
-            return Err(self.light_error(i, key, problem, "write one number, or remove `wavelength`"));
-        }
-        let required: &[&str] = match kind {
-            LampKind::Ring | LampKind::Dome => &["diameter"],
-            LampKind::Bar => &["width"],
-            _ => &[],
-        };
-        if let Some(key) = required.iter().find(|key| !given(key)) {
-            let problem = format!("a light of kind \"{}\" needs its {key}", kind.name());
-            return Err(self.light_error(i, "kind", problem, format!("write {key} = \"100mm\"")));
-        }
-        let is_panel = matches!(kind, LampKind::Coaxial | LampKind::Back | LampKind::Panel);
-        if is_panel && !given("diameter") && !given("width") {
-            let problem = format!("a light of kind \"{}\" needs its size", kind.name());
-            return Err(self.light_error(i, "kind", problem, "write width = \"100mm\" and `height`, or `diameter`"));
-        }
-        let is_placed = given("position") || given("distance");
-        if !is_placed && !matches!(kind, LampKind::Sun | LampKind::Environment | LampKind::Dome) {
-            let help = "write distance = \"200mm\" from the target, or a `position`";
-            return Err(self.light_error(i, "kind", "the place of the lamp is missing", help));
-        }
-        for (key, outer, inner) in
-            [("inner_diameter", light.diameter, light.inner_diameter), ("opening", light.diameter, light.opening)]
-        {
-            if let (Some(outer), Some(inner)) = (outer, inner)
-                && inner >= outer
-            {
-                let problem = format!("{key} {} m is not below the diameter {} m", Number(inner), Number(outer));
-                return Err(self.light_error(i, key, problem, "write a smaller one"));
-            }
-        }
-        if given("leds") && kind != LampKind::Bar && kind != LampKind::Ring && given("diameter") && given("width") {
-            return Err(self.light_error(i, "leds", "the size is given twice", "keep `diameter` or `width`"));
-        }
-        if (given("led_diameter") || given("diffuser")) && !given("leds") {
-            let key = if given("diffuser") { "diffuser" } else { "led_diameter" };
-            return Err(self.light_error(i, key, "there are no LEDs", "write `leds` as well, or remove this"));
-        }
-        if given("strobe") && matches!(self.sensor.exposure, Exposure::Auto) {
-            let help = "write `exposure` in [sensor], such as \"1ms\"";
-            return Err(self.light_error(i, "strobe", "a strobe needs a fixed exposure time", help));
-        }
-        if given("up") && given("azimuth") {
-            return Err(self.light_error(i, "up", "`azimuth` turns the lamp already", "keep one of them"));
-        }
-        Ok(())
-    }
-
     /// Adds the lamp of entry `i` to the scene.
     pub(super) fn add_lamp(
         &self,
@@ -451,47 +196,6 @@ impl Job {
         let coaxial = self.lights.iter().filter(|l| l.enabled && l.kind == Some(LampKind::Coaxial));
         coaxial.map(|l| 1.0 - l.splitter.unwrap_or(SPLITTER)).product()
     }
-}
-
-/// The keys of a new lamp that only some kinds have.
-const KEYS: &[&str] = &[
-    "diameter",
-    "inner_diameter",
-    "width",
-    "height",
-    "opening",
-    "tilt",
-    "leds",
-    "led_diameter",
-    "diffuser",
-    "lens_angle",
-    "spread",
-    "splitter",
-    "cone_angle",
-    "blend",
-    "angle",
-    "body",
-    "power",
-    "radiance",
-    "intensity",
-    "irradiance",
-    "working_distance",
-    "position",
-    "aim",
-    "target",
-    "distance",
-    "direction",
-    "elevation",
-    "azimuth",
-    "up",
-    "count",
-];
-
-/// The first key of an entry without `kind` that only new lamps have.
-pub(super) fn lamp_key(given: impl Fn(&str) -> bool) -> Option<&'static str> {
-    let shared = ["power", "radiance", "intensity", "irradiance"];
-    let own = KEYS.iter().copied().filter(|key| !shared.contains(key));
-    own.chain(["strobe"]).find(|key| given(key))
 }
 
 /// A strength of equal channels in the band of the light.

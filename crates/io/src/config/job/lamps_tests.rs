@@ -1,3 +1,5 @@
+//! Tests of new lamps in a job.
+
 use super::*;
 use dunkelfeld_geometry::Vec3;
 use dunkelfeld_scene::shapes::cuboid;

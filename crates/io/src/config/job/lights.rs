@@ -1,6 +1,6 @@
 //! Applies the `[[light]]` entries of a job to a scene: strengths by name, and measured distributions.
 
-use super::overrides::{matches, unique};
+use super::patterns::{matches, unique};
 use super::{Job, LightSettings};
 use crate::error::{ImportWarning, InputError};
 use crate::ies::load_ies;

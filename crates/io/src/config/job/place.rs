@@ -1,7 +1,7 @@
 //! Points, vectors and scales of a job: lengths with a unit, directions, and places that an object's name gives.
 
 use super::check::Real;
-use super::overrides::{matches, unique};
+use super::patterns::{matches, unique};
 use crate::names::suggestion;
 use crate::quantity::{Angle, Length};
 use dunkelfeld_geometry::{DAffine3, DMat3, DQuat, DVec3};

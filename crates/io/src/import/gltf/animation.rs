@@ -4,54 +4,15 @@
 //! that they have at the time, by a finite difference. Faults in an animation are warnings.
 
 use super::accessor::{Accessors, Stored};
+use super::animation_source::{Animation, ChannelSource};
 use super::extensions::Transform;
 use crate::import::warnings::Warnings;
 use dunkelfeld_geometry::{DAffine3, DQuat, DVec3, RigidMotion, Spin};
-use serde::Deserialize;
-use serde_json::Value;
 
 /// Step of the finite difference \[s\].
 const STEP: f64 = 1e-4;
 /// Relative change of a length over the difference above which a motion is not rigid.
 const STRETCH: f64 = 1e-6;
-
-/// An animation as in the file.
-#[derive(Clone, Debug, Default, Deserialize)]
-#[serde(default)]
-pub(super) struct Animation {
-    channels: Vec<ChannelSource>,
-    samplers: Vec<SamplerSource>,
-}
-
-#[derive(Clone, Debug, Deserialize)]
-struct ChannelSource {
-    sampler: usize,
-    target: TargetSource,
-}
-
-#[derive(Clone, Debug, Deserialize)]
-struct TargetSource {
-    node: Option<usize>,
-    path: String,
-}
-
-#[derive(Clone, Debug, Deserialize)]
-struct SamplerSource {
-    input: usize,
-    output: usize,
-    interpolation: Option<String>,
-}
-
-/// The animations of a JSON text. A text whose animations cannot be read has none.
-pub(super) fn read(json: &[u8]) -> Vec<Animation> {
-    #[derive(Default, Deserialize)]
-    struct Source {
-        #[serde(default)]
-        animations: Vec<Value>,
-    }
-    let source: Source = serde_json::from_slice(json).unwrap_or_default();
-    source.animations.into_iter().map(|a| Animation::deserialize(a).unwrap_or_default()).collect()
-}
 
 /// Interpolation between keys.
 #[derive(Clone, Copy, PartialEq, Eq)]

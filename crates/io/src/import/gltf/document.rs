@@ -1,6 +1,6 @@
 //! The JSON of an asset with the types of `gltf::json`, and the data that these types do not contain.
 
-use super::animation::{self, Animation};
+use super::animation_source::{self, Animation};
 use super::complete::{UnknownCodes, complete};
 use super::extensions::{OfDocument, OfMaterial, OfNode, OfNormalTexture, OfTexture, Profile, Transform};
 use super::lenient;
@@ -48,7 +48,7 @@ impl Document {
         check_version(&mut members, path, warnings)?;
         let unknown = complete(&mut members);
         let mut document = Self::from_members(members, unknown).map_err(|fault| fault.at(json, path))?;
-        document.animations = animation::read(json);
+        document.animations = animation_source::read(json);
         Ok(document)
     }
 

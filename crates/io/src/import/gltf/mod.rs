@@ -9,6 +9,7 @@
 
 mod accessor;
 mod animation;
+mod animation_source;
 mod complete;
 mod container;
 mod deform;

@@ -1,6 +1,6 @@
 //! Checks for normals, tangents and texture coordinates that cannot be used, or that disagree with the surface.
 
-use super::{place, push};
+use super::places::{place, push};
 use crate::build::report::BuildReport;
 use crate::scene::Scene;
 use dunkelfeld_geometry::{Mesh, Vec2, geometric_normal};

@@ -1,6 +1,6 @@
 //! Checks for faces of different objects in one plane, or so close together that rounding decides their order.
 
-use super::{corners, meters, place, push};
+use super::places::{corners, meters, place, push};
 use crate::build::report::BuildReport;
 use crate::scene::{Part, Scene};
 use dunkelfeld_geometry::{Vec2, Vec3, geometric_normal};

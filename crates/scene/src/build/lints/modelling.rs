@@ -1,7 +1,7 @@
 //! Checks for slips of modelling and export: a wrong unit of length, materials that no one chose, objects that are twice
 //! in one place, lights that are covered.
 
-use super::{meters, place, push};
+use super::places::{meters, place, push};
 use crate::build::builder::Instance;
 use crate::build::report::BuildReport;
 use crate::material::Material;

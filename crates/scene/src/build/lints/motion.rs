@@ -1,7 +1,7 @@
 //! Hazards of motion, for the camera that sees it: motion beyond the film, several turns in an exposure, and a line scan
 //! whose lines do not follow the object.
 
-use super::{bounds, place};
+use super::places::{bounds, place};
 use crate::build::report::BuildReport;
 use crate::camera::RayGenerator;
 use crate::camera::shutter::{LineScan, Shutter};

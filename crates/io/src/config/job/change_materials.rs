@@ -1,0 +1,178 @@
+//! Applies `[[material]]` of a job to the materials of a scene.
+
+use super::patterns::{matches, unique};
+use super::{AlphaKind, Job, MaterialOverride};
+use crate::error::InputError;
+use crate::names::suggestion;
+use dunkelfeld_radiometry::Rgb;
+use dunkelfeld_scene::{AlphaMode, Material, Medium, SceneBuilder, Surface, Volume};
+
+/// A new material of a job: a grey dielectric of medium roughness, [`Material::default`] with a base colour of 0.5.
+pub(super) fn new_material(name: &str) -> Material {
+    Material { name: name.into(), base_color: Rgb::splat(0.5), ..Material::default() }
+}
+
+impl Job {
+    /// Checks without a scene: keys of `[[material]]` that contradict each other.
+    pub(super) fn check_materials(&self) -> Result<(), InputError> {
+        for (i, m) in self.materials.iter().enumerate() {
+            if m.new && (m.name.is_empty() || m.name.contains(['*', '?'])) {
+                let problem = "a new material cannot have a pattern as its name, or none";
+                let help = "write a name without `*` and `?`";
+                return Err(self.source.error_at_key(&["material", &i.to_string(), "name"], problem, help));
+            }
+            let by_color = [
+                ("attenuation_color", m.attenuation_color.is_some()),
+                ("attenuation_distance", m.attenuation_distance.is_some()),
+                ("scattering_albedo", m.scattering_albedo.is_some()),
+            ];
+            let outright = [("absorption", m.absorption.is_some()), ("scattering", m.scattering.is_some())];
+            let given = |keys: &[(&'static str, bool)]| keys.iter().find(|(_, given)| *given).map(|(key, _)| *key);
+            if let (Some(first), Some(second)) = (given(&by_color), given(&outright)) {
+                let problem = format!("`{first}` and `{second}` both define the light inside the solid");
+                let help = "describe the medium by `attenuation_color`, `attenuation_distance` and `scattering_albedo`, or by `absorption` and `scattering`";
+                return Err(self.source.error_at_key(&["material", &i.to_string(), second], problem, help));
+            }
+        }
+        Ok(())
+    }
+
+    /// Adds the materials with `new = true`, so that objects can have them.
+    pub(super) fn add_new_materials(&self, scene: &mut SceneBuilder) -> Result<(), InputError> {
+        for (i, change) in self.materials.iter().enumerate().filter(|(_, m)| m.new) {
+            if scene.materials.iter().any(|m| m.name == change.name) {
+                let problem = format!("there is already a material named \"{}\"", change.name);
+                let help = "write another name, or remove `new` to change the existing one";
+                return Err(self.source.error_at_key(&["material", &i.to_string(), "name"], problem, help));
+            }
+            scene.add_material(new_material(&change.name));
+        }
+        Ok(())
+    }
+
+    /// Changes the materials that entry `i` selects.
+    pub(super) fn change_materials(
+        &self,
+        i: usize,
+        change: &MaterialOverride,
+        scene: &mut SceneBuilder,
+    ) -> Result<(), InputError> {
+        let mut found = false;
+        for material in scene.materials.iter_mut().filter(|m| matches(&change.name, &m.name)) {
+            found = true;
+            apply(change, material);
+            if let Some(key) = medium_key(change).filter(|_| material.surface == Surface::Thin) {
+                return Err(self.source.error_at_key(
+                    &["material", &i.to_string(), key],
+                    format!("material \"{}\" is a thin sheet, which has no inside", material.name),
+                    "add `solid = true` if its meshes are closed, or tint `base_color`",
+                ));
+            }
+        }
+        if found {
+            return Ok(());
+        }
+        let known = unique(scene.materials.iter().map(|m| m.name.as_str()));
+        let problem = format!("the scene has no material named \"{}\"", change.name);
+        let help = suggestion(&change.name, "materials", &known);
+        Err(self.source.error_at_key(&["material", &i.to_string(), "name"], problem, help))
+    }
+}
+
+fn apply(change: &MaterialOverride, m: &mut Material) {
+    if change.textures == Some(false) {
+        drop_textures(m);
+    }
+    fn set<T: Copy>(slot: &mut T, value: Option<T>) {
+        if let Some(value) = value {
+            *slot = value;
+        }
+    }
+    set(&mut m.base_color, change.base_color);
+    set(&mut m.alpha, change.alpha);
+    set(&mut m.metallic, change.metallic);
+    set(&mut m.roughness, change.roughness);
+    set(&mut m.normal_scale, change.normal_scale);
+    set(&mut m.emission, change.emission);
+    set(&mut m.double_sided, change.double_sided);
+    set(&mut m.unlit, change.unlit);
+    set(&mut m.ior, change.ior);
+    set(&mut m.specular, change.specular);
+    set(&mut m.specular_color, change.specular_color);
+    set(&mut m.specular_tint, change.specular_tint);
+    set(&mut m.transmission, change.transmission);
+    set(&mut m.diffuse_transmission, change.diffuse_transmission);
+    set(&mut m.diffuse_transmission_color, change.diffuse_transmission_color);
+    set(&mut m.clearcoat, change.clearcoat);
+    set(&mut m.clearcoat_roughness, change.clearcoat_roughness);
+    set(&mut m.sheen_color, change.sheen_color);
+    set(&mut m.sheen_roughness, change.sheen_roughness);
+    set(&mut m.anisotropy, change.anisotropy);
+    set(&mut m.anisotropy_rotation, change.anisotropy_rotation);
+    let old_cutoff = if let AlphaMode::Mask { cutoff } = m.alpha_mode { Some(cutoff) } else { None };
+    let cutoff = change.alpha_cutoff.or(old_cutoff).unwrap_or(0.5);
+    match change.alpha_mode {
+        Some(AlphaKind::Opaque) => m.alpha_mode = AlphaMode::Opaque,
+        Some(AlphaKind::Mask) => m.alpha_mode = AlphaMode::Mask { cutoff },
+        Some(AlphaKind::Blend) => m.alpha_mode = AlphaMode::Blend,
+        None if old_cutoff.is_some() => m.alpha_mode = AlphaMode::Mask { cutoff },
+        None => {}
+    }
+    match (change.solid, m.surface) {
+        (Some(true), Surface::Thin) => {
+            m.surface = Surface::Solid(Volume::default());
+        }
+        (Some(false), _) => m.surface = Surface::Thin,
+        _ => {}
+    }
+    if let Surface::Solid(volume) = &mut m.surface {
+        set(&mut volume.attenuation_color, change.attenuation_color);
+        set(&mut volume.attenuation_distance, change.attenuation_distance);
+        set(&mut volume.scattering_albedo, change.scattering_albedo);
+        set(&mut volume.scattering_anisotropy, change.scattering_anisotropy);
+        set(&mut volume.priority, change.priority);
+        if change.absorption.is_some() || change.scattering.is_some() {
+            // One coefficient is replaced. The other keeps the value from the attenuation.
+            let medium = Medium::new(volume);
+            *volume = Volume {
+                absorption: change.absorption.unwrap_or(medium.absorption),
+                scattering: change.scattering.unwrap_or(medium.scattering),
+                scattering_anisotropy: volume.scattering_anisotropy,
+                priority: volume.priority,
+                ..Volume::default()
+            };
+        }
+    }
+}
+
+/// The first key about the interior of a solid.
+fn medium_key(change: &MaterialOverride) -> Option<&'static str> {
+    let keys = [
+        ("attenuation_color", change.attenuation_color.is_some()),
+        ("attenuation_distance", change.attenuation_distance.is_some()),
+        ("scattering_albedo", change.scattering_albedo.is_some()),
+        ("absorption", change.absorption.is_some()),
+        ("scattering", change.scattering.is_some()),
+        ("scattering_anisotropy", change.scattering_anisotropy.is_some()),
+        ("priority", change.priority.is_some()),
+    ];
+    keys.into_iter().find(|(_, given)| *given).map(|(key, _)| key)
+}
+
+fn drop_textures(m: &mut Material) {
+    m.base_color_texture = None;
+    m.alpha_texture = None;
+    m.metallic_texture = None;
+    m.roughness_texture = None;
+    m.normal_texture = None;
+    m.emission_texture = None;
+    m.specular_texture = None;
+    m.specular_color_texture = None;
+    m.transmission_texture = None;
+    m.diffuse_transmission_texture = None;
+    m.diffuse_transmission_color_texture = None;
+    m.clearcoat_texture = None;
+    m.clearcoat_roughness_texture = None;
+    m.sheen_color_texture = None;
+    m.anisotropy_texture = None;
+}

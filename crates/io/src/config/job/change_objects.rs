@@ -1,0 +1,283 @@
+//! Applies `[[object]]` of a job to the objects of a scene.
+
+use super::change_materials::new_material;
+use super::objects::{MOST_OBJECTS, Placement, about};
+use super::patterns::{matches, unique};
+use super::place::{bounds_of, no_object};
+use super::primitives::{PrimitiveKind, primitive};
+use super::{Job, ObjectOverride, Pivot};
+use crate::error::InputError;
+use crate::names::suggestion;
+use dunkelfeld_geometry::{DAffine3, DVec3, Transform};
+use dunkelfeld_scene::{Instance, SceneBuilder};
+use std::collections::HashMap;
+
+/// Most emitting triangles that copies add. Each is a light of its own, also if its mesh is shared.
+const MOST_EMITTERS: u64 = 4_000_000;
+
+impl Job {
+    /// Checks without a scene: keys of `[[object]]` that exclude each other.
+    pub(super) fn check_objects(&self) -> Result<(), InputError> {
+        for (i, o) in self.objects.iter().enumerate() {
+            let moves =
+                [("translate", o.translate.is_some()), ("rotate", o.rotate.is_some()), ("scale", o.scale.is_some())];
+            let copies = [("instances", !o.instances.is_empty()), ("grid", o.grid.is_some())];
+            let shape =
+                [("size", o.size.is_some()), ("diameter", o.diameter.is_some()), ("height", o.height.is_some())];
+            let matrix = ("matrix", o.matrix.is_some());
+            let others = [
+                ("material", o.material.is_some()),
+                ("kind", o.kind.is_some()),
+                ("velocity", o.velocity.is_some()),
+                ("rotation", o.rotation.is_some()),
+            ];
+            let given = |keys: &[(&'static str, bool)]| keys.iter().find(|(_, given)| *given).map(|(key, _)| *key);
+            let all = [&moves[..], &copies[..], &[matrix][..], &others[..]].concat();
+            if let (false, Some(key)) = (o.visible, given(&all)) {
+                let problem = format!("`{key}` has no effect on an object that `visible = false` removes");
+                return Err(self.object_error(i, key, problem, "remove one of them"));
+            }
+            if let (true, Some(key)) = (matrix.1, given(&moves)) {
+                let problem = format!("`{key}` and `matrix` exclude each other");
+                return Err(self.object_error(i, key, problem, "write the whole placement into one of them"));
+            }
+            if copies.iter().all(|(_, given)| *given) {
+                let problem = "`instances` and `grid` exclude each other";
+                return Err(self.object_error(i, "grid", problem, "keep one of them"));
+            }
+            if self.source.has_key(&["object", &i.to_string(), "instances"]) && o.instances.is_empty() {
+                let help =
+                    "list placements such as { translate = [0.1, 0, 0] }, or remove the object by `visible = false`";
+                return Err(self.object_error(i, "instances", "the list of copies is empty", help));
+            }
+            let turns = o.placement().has_fixed_point() || o.instances.iter().any(Placement::has_fixed_point);
+            if o.pivot != Pivot::Origin && !turns && !matrix.1 {
+                let problem = "a pivot has no effect without a rotation or a scale";
+                return Err(self.object_error(i, "pivot", problem, "add `rotate` or `scale`, or remove it"));
+            }
+            if o.name.is_empty() {
+                return Err(self.object_error(i, "name", "the name is empty", "write the name of an object"));
+            }
+            match o.kind {
+                Some(kind) => kind.check(o).map_err(|(key, problem, help)| self.object_error(i, key, problem, help))?,
+                None => {
+                    if let Some(key) = given(&shape) {
+                        let problem = format!("`{key}` belongs to a new object, and this entry has no `kind`");
+                        let help = "add `kind = \"box\"`, \"plane\", \"cylinder\" or \"sphere\", or change the size of an object of the scene by `scale`";
+                        return Err(self.object_error(i, key, problem, help));
+                    }
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Applies all `[[object]]` entries to a scene, in order.
+    pub(super) fn change_all_objects(&self, scene: &mut SceneBuilder) -> Result<(), InputError> {
+        for (i, change) in self.objects.iter().enumerate() {
+            let objects = self.change_objects(i, change, scene)?;
+            self.move_objects(i, change, &objects, scene)?;
+        }
+        Ok(())
+    }
+
+    /// Applies entry `i`, and returns the indices of the objects that it leaves, in ascending order.
+    pub(super) fn change_objects(
+        &self,
+        i: usize,
+        change: &ObjectOverride,
+        scene: &mut SceneBuilder,
+    ) -> Result<Vec<usize>, InputError> {
+        if let Some(kind) = change.kind {
+            self.add_primitive(i, kind, change, scene)?;
+        }
+        let selected: Vec<usize> = (0..scene.instances.len())
+            .filter(|k| scene.instances.get(*k).is_some_and(|n| matches(&change.name, &n.name)))
+            .collect();
+        if selected.is_empty() {
+            let (problem, mut help) = no_object(&change.name, scene);
+            if scene.lights.iter().any(|l| matches(&change.name, &l.name)) {
+                help = "this is the name of a light without a body; change it by [[light]]".into();
+            } else if scene.cameras.iter().any(|c| matches(&change.name, &c.name)) {
+                help = "this is the name of a camera, which is no object".into();
+            }
+            return Err(self.object_error(i, "name", problem, help));
+        }
+        if !change.visible {
+            scene.instances.retain(|n| !matches(&change.name, &n.name));
+            return Ok(Vec::new());
+        }
+        if let Some(material) = &change.material {
+            self.assign_material(i, material, &selected, scene)?;
+        }
+        self.check_copies(i, change, &selected, scene)?;
+        let common = match &change.pivot {
+            Pivot::At(place) => {
+                Some(place.resolve(scene).map_err(|(problem, help)| self.object_error(i, "pivot", problem, help))?)
+            }
+            Pivot::Origin => Some(DVec3::ZERO),
+            Pivot::Center => None,
+        };
+        let mut changed = Vec::new();
+        let mut copies = Vec::new();
+        for index in selected {
+            let Some(object) = scene.instances.get(index) else { continue };
+            let own = || bounds_of(object, scene).map_or(object.to_world.translation, |[low, high]| 0.5 * (low + high));
+            let pivot = common.unwrap_or_else(own);
+            let map = match change.matrix {
+                Some(matrix) => about(matrix, pivot, DVec3::ZERO),
+                None => change.placement().about(pivot),
+            };
+            let placed = map * object.to_world;
+            // A scale beyond the range of f32 would make the object vanish in the build.
+            if Transform::new(object.to_world).is_ok() {
+                self.check_place(i, placed, object)?;
+            }
+            let object = object.clone();
+            if let Some(target) = scene.instances.get_mut(index) {
+                target.to_world = placed;
+                target.motion = target.motion.mapped(&map);
+            }
+            changed.push(index);
+            if change.copies().is_none() {
+                continue;
+            }
+            // The pivot moves with the object.
+            let maps = change.copy_maps(map.transform_point3(pivot));
+            for (number, copy) in maps.into_iter().enumerate() {
+                let mut copied = object.clone();
+                copied.name = format!("{} {}", object.name, number + 1);
+                copied.to_world = copy * placed;
+                copied.motion = object.motion.mapped(&(copy * map));
+                if change.grid.is_none() {
+                    self.check_place(i, copied.to_world, &copied)?;
+                }
+                if number == 0 {
+                    if let Some(target) = scene.instances.get_mut(index) {
+                        *target = copied;
+                    }
+                } else {
+                    copies.push(copied);
+                }
+            }
+        }
+        changed.extend(scene.instances.len()..scene.instances.len() + copies.len());
+        scene.instances.extend(copies);
+        Ok(changed)
+    }
+
+    fn check_place(&self, i: usize, place: DAffine3, object: &Instance) -> Result<(), InputError> {
+        match Transform::new(place) {
+            Ok(_) => Ok(()),
+            Err(e) => {
+                let problem = format!("the place of \"{}\" cannot be used: {e}", object.name);
+                Err(self.object_error(i, "name", problem, "check the factors of its scale"))
+            }
+        }
+    }
+
+    fn add_primitive(
+        &self,
+        i: usize,
+        kind: PrimitiveKind,
+        change: &ObjectOverride,
+        scene: &mut SceneBuilder,
+    ) -> Result<(), InputError> {
+        if scene.instances.iter().any(|n| matches(&change.name, &n.name)) {
+            let problem = format!("the scene already has an object named \"{}\"", change.name);
+            let help = "give the new object another name, or remove `kind` to change the existing one";
+            return Err(self.object_error(i, "name", problem, help));
+        }
+        // The material of the same name lets `[[material]]` change a new object without another entry.
+        let material = match &change.material {
+            Some(_) => 0,
+            None => scene.add_material(new_material(&change.name)),
+        };
+        scene.add_object(&change.name, primitive(kind, change), material);
+        Ok(())
+    }
+
+    /// Gives all parts of the objects a material. Meshes that other objects use as well are copied once.
+    fn assign_material(
+        &self,
+        i: usize,
+        name: &str,
+        selected: &[usize],
+        scene: &mut SceneBuilder,
+    ) -> Result<(), InputError> {
+        let Some(material) = scene.materials.iter().position(|m| m.name == name) else {
+            let known = unique(scene.materials.iter().map(|m| m.name.as_str()));
+            let help =
+                format!("{}; a new one needs [[material]] with `new = true`", suggestion(name, "materials", &known));
+            return Err(self.object_error(i, "material", format!("the scene has no material named \"{name}\""), help));
+        };
+        let mut uses: HashMap<usize, usize> = HashMap::new();
+        for mesh in scene.instances.iter().flat_map(|n| &n.meshes) {
+            *uses.entry(*mesh).or_default() += 1;
+        }
+        for mesh in selected.iter().filter_map(|k| scene.instances.get(*k)).flat_map(|n| &n.meshes) {
+            if let Some(left) = uses.get_mut(mesh) {
+                *left -= 1;
+            }
+        }
+        let mut changed: HashMap<usize, usize> = HashMap::new();
+        for index in selected {
+            let Some(object) = scene.instances.get_mut(*index) else { continue };
+            for mesh in &mut object.meshes {
+                if let Some(own) = changed.get(mesh) {
+                    *mesh = *own;
+                    continue;
+                }
+                let Some(part) = scene.meshes.get_mut(*mesh) else { continue };
+                let old = *mesh;
+                if uses.get(mesh).is_some_and(|others| *others > 0) && part.material != material {
+                    let mut copy = part.clone();
+                    copy.material = material;
+                    scene.meshes.push(copy);
+                    *mesh = scene.meshes.len() - 1;
+                } else {
+                    part.material = material;
+                }
+                changed.insert(old, *mesh);
+            }
+        }
+        Ok(())
+    }
+
+    /// Refuses copies that would need much memory.
+    fn check_copies(
+        &self,
+        i: usize,
+        change: &ObjectOverride,
+        selected: &[usize],
+        scene: &SceneBuilder,
+    ) -> Result<(), InputError> {
+        let Some(copies) = change.copies() else { return Ok(()) };
+        let key = if change.grid.is_some() { "grid" } else { "instances" };
+        let objects = copies.saturating_mul(selected.len() as u64).saturating_add(scene.instances.len() as u64);
+        if objects > MOST_OBJECTS {
+            let problem = format!("the scene would have {objects} objects");
+            return Err(self.object_error(i, key, problem, format!("make copies for at most {MOST_OBJECTS} objects")));
+        }
+        let emits = |material: usize| scene.materials.get(material).is_some_and(|m| !m.emission.is_black());
+        let parts = selected.iter().filter_map(|k| scene.instances.get(*k)).flat_map(|n| &n.meshes);
+        let parts = parts.filter_map(|m| scene.meshes.get(*m)).filter(|part| emits(part.material));
+        let emitters: u64 = parts.map(|part| part.mesh.triangles.len() as u64).sum();
+        if emitters.saturating_mul(copies) > MOST_EMITTERS {
+            let problem = format!("the copies would have {} emitting triangles", emitters.saturating_mul(copies));
+            let help = format!("make fewer copies, with at most {MOST_EMITTERS} emitting triangles together");
+            return Err(self.object_error(i, key, problem, help));
+        }
+        Ok(())
+    }
+
+    pub(super) fn object_error(
+        &self,
+        i: usize,
+        key: &str,
+        problem: impl Into<String>,
+        help: impl Into<String>,
+    ) -> InputError {
+        self.source.error_at_key(&["object", &i.to_string(), key], problem, help)
+    }
+}

@@ -1,0 +1,163 @@
+//! Values of new lamps in a job: kinds, wavelengths, numbers of LEDs.
+
+use crate::quantity::Length;
+use dunkelfeld_radiometry::{Nanometres, Number, Rgb};
+use serde::Deserialize;
+use serde::de::{Deserializer, Error};
+
+/// Kinds of lamps that a job can add.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum LampKind {
+    /// A ring around the axis.
+    Ring,
+    /// A long rectangle.
+    Bar,
+    /// The inside of a hemisphere.
+    Dome,
+    /// A panel whose image in a beam splitter lies on the axis of the camera.
+    Coaxial,
+    /// A panel behind the part.
+    Back,
+    /// A rectangle or a disc.
+    Panel,
+    /// A cone of light.
+    Spot,
+    /// Light in all directions, from a point or a sphere.
+    Point,
+    /// Light from infinitely far away.
+    Sun,
+    /// The same radiance from all directions.
+    Environment,
+}
+
+impl LampKind {
+    /// Its name in a job.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Ring => "ring",
+            Self::Bar => "bar",
+            Self::Dome => "dome",
+            Self::Coaxial => "coaxial",
+            Self::Back => "back",
+            Self::Panel => "panel",
+            Self::Spot => "spot",
+            Self::Point => "point",
+            Self::Sun => "sun",
+            Self::Environment => "environment",
+        }
+    }
+
+    /// The keys that describe this kind of lamp, beside those of its strength, colour and pose.
+    pub(super) fn geometry_keys(self) -> &'static [&'static str] {
+        match self {
+            Self::Ring => &["diameter", "inner_diameter", "tilt", "leds", "led_diameter", "diffuser", "lens_angle"],
+            Self::Bar => &["width", "height", "leds", "led_diameter", "diffuser", "lens_angle", "spread", "body"],
+            Self::Back | Self::Panel => {
+                &["width", "height", "diameter", "leds", "led_diameter", "diffuser", "lens_angle", "spread", "body"]
+            }
+            Self::Coaxial => &["width", "height", "diameter", "splitter", "lens_angle", "spread"],
+            Self::Dome => &["diameter", "opening"],
+            Self::Spot => &["diameter", "cone_angle", "blend"],
+            Self::Point => &["diameter"],
+            Self::Sun => &["angle"],
+            Self::Environment => &[],
+        }
+    }
+
+    pub(super) fn strength_keys(self) -> &'static [&'static str] {
+        match self {
+            Self::Spot | Self::Point => &["power", "intensity"],
+            Self::Sun => &["irradiance"],
+            Self::Environment => &["radiance"],
+            _ => &["power", "radiance", "irradiance", "working_distance"],
+        }
+    }
+
+    pub(super) fn pose_keys(self) -> &'static [&'static str] {
+        match self {
+            Self::Environment => &[],
+            Self::Sun => &["aim", "direction", "elevation", "azimuth"],
+            Self::Point => &["position", "target", "distance", "direction", "elevation", "azimuth", "count"],
+            _ => &["position", "aim", "target", "distance", "direction", "elevation", "azimuth", "up", "count"],
+        }
+    }
+}
+
+/// The wavelength of a light.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Wavelength(pub Nanometres);
+
+impl<'de> Deserialize<'de> for Wavelength {
+    /// A length such as `"625nm"`, or a colour of LEDs: `"red"` 630, `"amber"` 590, `"green"` 525, `"blue"` 470,
+    /// `"infrared"` 850, `"ultraviolet"` 385 nm.
+    fn deserialize<D: Deserializer<'de>>(d: D) -> Result<Self, D::Error> {
+        let text = String::deserialize(d)?;
+        let nm = match text.trim() {
+            "red" => 630.0,
+            "amber" => 590.0,
+            "green" => 525.0,
+            "blue" => 470.0,
+            "infrared" => 850.0,
+            "ultraviolet" => 385.0,
+            length => f64::from(length.parse::<Length>().map_err(D::Error::custom)?) * 1e9,
+        };
+        if (200.0..=2500.0).contains(&nm) {
+            return Ok(Self(Nanometres(nm)));
+        }
+        Err(D::Error::custom(format!(
+            "{} nm is out of range; write a wavelength from 200nm to 2500nm, or a colour such as \"red\"",
+            Number(nm)
+        )))
+    }
+}
+
+impl Wavelength {
+    /// The channel of the render that carries its light: red, green or blue, by the colour of the materials that suits
+    /// it.
+    pub fn channel(self) -> usize {
+        match self.0.0 {
+            nm if nm >= 580.0 => 0,
+            nm if nm >= 490.0 => 1,
+            _ => 2,
+        }
+    }
+
+    /// Light of the mean `mean` over the channels.
+    pub fn triple(self, mean: f64) -> Rgb {
+        let mut channels = [0.0; 3];
+        channels[self.channel()] = (3.0 * mean) as f32;
+        Rgb::from_array(channels)
+    }
+}
+
+/// Number of LEDs: of a ring or bar, or columns and rows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct LedCount {
+    /// Along the band or the width.
+    pub columns: u32,
+    /// Across it.
+    pub rows: u32,
+}
+
+impl<'de> Deserialize<'de> for LedCount {
+    fn deserialize<D: Deserializer<'de>>(d: D) -> Result<Self, D::Error> {
+        #[derive(Deserialize)]
+        #[serde(untagged, expecting = "this is no number of LEDs; write one such as 48, or [columns, rows]")]
+        enum Written {
+            Row(i64),
+            Grid([i64; 2]),
+        }
+        let [columns, rows] = match Written::deserialize(d)? {
+            Written::Row(n) => [n, 1],
+            Written::Grid(both) => both,
+        };
+        let fits = |n: i64| u32::try_from(n).ok().filter(|n| (1..=10_000).contains(n));
+        match (fits(columns), fits(rows)) {
+            (Some(columns), Some(rows)) if columns * rows <= 100_000 => Ok(Self { columns, rows }),
+            _ => Err(D::Error::custom(format!(
+                "{columns} x {rows} LEDs are out of range; write from 1 to 10000 in a row, and at most 100000 in all"
+            ))),
+        }
+    }
+}
