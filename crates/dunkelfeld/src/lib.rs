@@ -32,6 +32,7 @@ mod oidn_library;
 mod outliers;
 mod outputs;
 mod project;
+mod shutter;
 mod stations;
 mod stats;
 mod views;

@@ -8,6 +8,7 @@ use crate::guard::check_outputs;
 use crate::inspect::{Inspection, camera_entry, inspect};
 use crate::memory::{MemoryAccount, MemoryStats, RenderNeeds, render_account};
 use crate::outputs::{self, OutputPaths, Written};
+use crate::shutter::{check_shutter, expose_for};
 use crate::stats::Stats;
 use dunkelfeld_denoise::{Builtin, Denoiser as _};
 use dunkelfeld_film::{Film, FilmLayers};
@@ -25,8 +26,7 @@ use dunkelfeld_render::{
 };
 use dunkelfeld_render::{Error, camera_help};
 use dunkelfeld_scene::{
-    BuildError, BuildReport, Camera, CameraError, Distortion, Effect, Projection, Scene, Shutter, Vignetting,
-    framing_camera,
+    BuildError, BuildReport, Camera, CameraError, Distortion, Effect, Projection, Scene, Vignetting, framing_camera,
 };
 use dunkelfeld_sensor::{Exposure, Optics, SensorModel};
 use std::path::Path;
@@ -226,7 +226,7 @@ impl Project {
 
     fn fit_settings(&self, mut settings: RenderSettings) -> Result<RenderSettings, Error> {
         validate(&settings)?;
-        self.check_shutter(&settings)?;
+        check_shutter(&self.scene, &settings)?;
         if settings.view.is_some() {
             return Ok(settings);
         }
@@ -287,25 +287,6 @@ impl Project {
             let scale = f64::from(film.height) / f64::from(whole_film(job, self.part)[1]);
             view.lens.principal_point = view.lens.principal_point.map(|offset| offset * scale);
         }
-    }
-
-    /// Refuses a film or an exposure that is not the one for which the scene was built: a line scan has a time for each
-    /// row, and objects move for the time of the exposure.
-    fn check_shutter(&self, settings: &RenderSettings) -> Result<(), Error> {
-        let Some(shutter) = self.scene.shutter() else { return Ok(()) };
-        if let Shutter::Lines(lines) = shutter
-            && lines.rows != settings.height
-        {
-            let problem = format!("the line scan of the job has {} rows", lines.rows);
-            return Err(Error::setting("height", problem, "set `height` in [film] of the job"));
-        }
-        if let SensorChoice::Emva { exposure, .. } = &settings.sensor
-            && exposure.map(|e| e.time().0) != Some(shutter.exposure())
-        {
-            let problem = format!("objects move, or rows are scanned, for an exposure of {} s", shutter.exposure());
-            return Err(Error::setting("exposure", problem, "set `exposure` in [sensor] of the job"));
-        }
-        Ok(())
     }
 
     /// Leaves sums out of the film that neither the outputs nor the denoiser need ([`RenderSettings::layers`]). Call it
@@ -601,14 +582,6 @@ fn whole_film(job: &Job, part: Option<FilmPart>) -> [u32; 2] {
     let defaults = RenderSettings::default();
     let given = [job.film.width.unwrap_or(defaults.width), job.film.height.unwrap_or(defaults.height)];
     part.map_or(given, |part| part.whole)
-}
-
-/// The settings with the exposure time of a pixel in the whole shutter: that of all stages of a line scan together.
-fn expose_for(mut settings: RenderSettings, shutter: &Shutter) -> Result<RenderSettings, Error> {
-    if let SensorChoice::Emva { exposure, .. } = &mut settings.sensor {
-        *exposure = Some(Exposure::new(Seconds(shutter.exposure()))?);
-    }
-    Ok(settings)
 }
 
 fn sensor_of(sensor: &job::SensorSettings, optics: Optics, inputs: &mut InputFiles) -> Result<SensorChoice, Error> {

@@ -276,5 +276,5 @@ fn faults_of_scene_files_point_at_their_line() {
         assert!(error.caret().contains('^'), "{error}");
     }
     let error = job_in(files, "scene = [\"part.stl\",\n \"lid.stl\"]").map(|_| ()).expect_err("no file");
-    assert!(error.caret().contains("\"lid.stl\"\n"), "{}", error.caret());
+    assert!(error.caret().contains("2 |  \"lid.stl\""), "{}", error.caret());
 }

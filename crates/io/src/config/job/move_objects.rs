@@ -104,6 +104,7 @@ impl Job {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::quantity::AngularSpeed;
     use dunkelfeld_geometry::{Mesh, Vec3};
 
     fn scene() -> SceneBuilder {
