@@ -184,7 +184,8 @@ fn each_camera_has_its_lens_and_all_are_rendered() {
     assert!(project.defined_cameras().is_empty(), "one is selected");
     assert_eq!(film(&project).ray(0.5, 0.5).direction, film(&project).ray(99.5, 3.5).direction);
     // A fault in the lens of a camera is shown there.
-    let bad = camera("bad", "vertical_fov = \"20deg\"\nlens = { focus_distance = \"10mm\" }");
-    let error = bench.open(&bad).fitted().expect_err("a magnification above 100 or a focus in the lens");
-    assert!(error.to_string().contains("lens") && !error.caret().is_empty(), "{error}");
+    let bad = camera("bad", "vertical_fov = \"20deg\"\nlens = { focus_distance = \"40um\" }");
+    let error = bench.open(&bad).fitted().expect_err("a magnification above 100");
+    assert!(error.to_string().contains("[[camera]] 1, lens"), "{error}");
+    assert!(error.caret().contains("\"40um\""), "{}", error.caret());
 }

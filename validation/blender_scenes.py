@@ -270,7 +270,7 @@ def orthographic() -> None:
 
 
 def bench() -> None:
-    """The scene of the picture: parts on a plate, a dome of even light, a low bar of light, a spot."""
+    """The scene of the picture: parts on a plate, even light, a low bar of light and a panel."""
     scene = bpy.context.scene
     scene.render.resolution_x, scene.render.resolution_y = 400, 320
     mesh("plane", "plate", diffuse("plate", 0.18, 0.18, 0.18), (0.0, 0.0, 0.0), 4.0)
@@ -283,11 +283,9 @@ def bench() -> None:
         bevel.width, bevel.segments = 0.02, 4
         mesh("sphere", f"ball {i}", (metal, plastic, clear)[i], (x, -0.15, 0.1), 0.2)
     world((1.0, 1.0, 1.0), 0.15)
-    bar = {"shape": "RECTANGLE", "size": 1.2, "size_y": 0.1, "spread": math.radians(90.0)}
-    lamp("AREA", "bar", (0.0, 1.3, 0.7), (-60.0, 0.0, 0.0), energy=30.0, **bar)
-    lamp("AREA", "disc", (-0.9, -0.4, 1.2), (0.0, -35.0, 0.0), shape="DISK", size=0.3, energy=10.0)
-    spot = {"spot_size": math.radians(30.0), "spot_blend": 0.3, "shadow_soft_size": 0.02}
-    lamp("SPOT", "spot", (1.0, -0.8, 1.3), (35.0, 30.0, 0.0), energy=80.0, **spot)
+    bar = mesh("plane", "bar", material("bar", "ShaderNodeEmission", Strength=60.0), (0.0, 1.3, 0.7), 1.0, (-60.0, 0.0, 0.0))
+    bar.scale = (1.2, 0.1, 1.0)
+    mesh("plane", "panel", material("panel", "ShaderNodeEmission", Strength=25.0), (-0.9, -0.4, 1.2), 0.3, (0.0, -35.0, 0.0))
     view = camera((0.0, -1.9, 1.5), (0.0, 0.05, 0.05), lens=55.0)
     view.dof.use_dof, view.dof.focus_distance, view.dof.aperture_fstop = True, 2.35, 1.4
 
