@@ -51,7 +51,7 @@ pub(crate) enum Command {
     /// noise-matched frames. Writes a report.
     #[cfg(feature = "studies")]
     Ptc(Box<PtcArgs>),
-    /// Write a job for a scene, with all names filled in.
+    /// Write a first job: for a scene with all its names, or of a preset station.
     Init(InitArgs),
     /// List the contents of a scene, and the hazards for a render.
     Inspect(InspectArgs),

@@ -159,10 +159,10 @@ mod tests {
         let expected = LineScan { period: 1e-4, exposure: 1e-4, stages: 8, jitter: 1e-6, line: 0.25, rows: 64 };
         assert_eq!(scan.expect("valid"), Some(Shutter::Lines(expected)));
         for (text, place, part) in [
-            (moving.to_string(), "line 4", "automatic"),
-            (line.to_string(), "line 3", "automatic"),
-            (format!("[sensor]\nexposure = \"200us\"\n{line}"), "line 3", "longer"),
-            (format!("[sensor]\nexposure = \"50us\"\n{line}encoder_jitter = \"1ms\"\n"), "line 6", "deviation"),
+            (moving.to_string(), "velocity", "automatic"),
+            (line.to_string(), "line_rate", "automatic"),
+            (format!("[sensor]\nexposure = \"200us\"\n{line}"), "exposure", "longer"),
+            (format!("[sensor]\nexposure = \"50us\"\n{line}encoder_jitter = \"1ms\"\n"), "encoder_jitter", "deviation"),
         ] {
             let error = of(&text).expect_err(part);
             assert!(error.problem.contains(part) && error.place.contains(place), "{text}: {error}");
