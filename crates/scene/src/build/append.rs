@@ -25,8 +25,8 @@ impl SceneBuilder {
         for material in &mut self.materials {
             if let Surface::Solid(volume) = &mut material.surface {
                 volume.attenuation_distance *= scale as f32;
-                volume.absorption = volume.absorption * (1.0 / scale) as f32;
-                volume.scattering = volume.scattering * (1.0 / scale) as f32;
+                volume.absorption *= (1.0 / scale) as f32;
+                volume.scattering *= (1.0 / scale) as f32;
             }
         }
     }

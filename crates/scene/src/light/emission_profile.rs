@@ -43,7 +43,7 @@ impl EmissionProfile {
     /// The relative radiance in a direction with the cosine `mu` in (0, 1]; 0 for other cosines.
     #[inline]
     pub fn eval(&self, mu: f32) -> f32 {
-        if !(mu > 0.0) {
+        if mu.is_nan() || mu <= 0.0 {
             return 0.0;
         }
         match *self {

@@ -55,7 +55,7 @@ fn is_name_of_light(name: &str) -> bool {
         let rest = lower.strip_prefix(*start);
         rest.is_some_and(|rest| rest.chars().all(|c| !c.is_alphabetic()))
     };
-    WORDS.iter().any(|word| lower.contains(word)) || STARTS.iter().any(|start| is_numbered(&start))
+    WORDS.iter().any(|word| lower.contains(word)) || STARTS.iter().any(is_numbered)
 }
 
 /// Warns of emissive materials beside lamps in a file of Blender. Its export writes the strength of lamps with the factor
