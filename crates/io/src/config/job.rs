@@ -146,7 +146,7 @@ pub struct ImportSettings {
     #[serde(default, deserialize_with = "check::emissive_unit")]
     pub emissive_unit: EmissiveUnit,
     /// Memory limit \[B\] for the decoded images of the scene and of the environment together; written as `"2GiB"`. By
-    /// default 1 GiB, see [`Limits`].
+    /// default 1 GiB, see [`Limits`](crate::loader::Limits).
     #[serde(default, deserialize_with = "check::memory")]
     pub texture_memory: Option<u64>,
     /// Length \[m\] of the unit of the coordinates in the scene files, written as `"mm"`. Default: that of the format.
