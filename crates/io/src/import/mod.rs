@@ -43,7 +43,7 @@ use std::path::Path;
 /// If the extension is none of these, or the file cannot be used: the error names file, place and help.
 pub fn load_scene(path: &Path, options: &ImportOptions) -> Result<Imported, InputError> {
     let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase();
-    let mut imported = match extension.as_str() {
+    let mut imported: Imported = match extension.as_str() {
         #[cfg(feature = "gltf")]
         "gltf" | "glb" => gltf::load_gltf(path, options),
         #[cfg(feature = "obj")]
