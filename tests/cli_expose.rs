@@ -42,6 +42,29 @@ fn an_image_of_our_own_is_exposed_as_its_render_was() {
     assert_eq!(bench.read("grey.png")[25], 0);
 }
 
+/// The EXR of a render contains binning, stages and wavelengths, so that `expose` needs only the lens.
+#[test]
+fn a_line_scan_in_infrared_light_is_exposed_as_its_render_was() {
+    let bench = Bench::new();
+    let pattern = "dsnu_e = 40\nprnu_percent = 3\n";
+    let curve = "quantum_efficiency = [[400, 0.4], [550, 0.7], [850, 0.2], [1000, 0.05]]\nresolution = [80, 60]\n";
+    let head = "name = \"lines\"\nsource = \"made up\"\nbit_depth = 12\npixel_pitch_um = 3.45\nfull_well_e = 10000\n";
+    let noise = "dark_noise_e = 3\ngain_e_per_dn = 2.5\noffset_dn = 30\n";
+    bench.write("lines.toml", &format!("{head}{noise}{curve}{pattern}"));
+    bench.write(
+        "job.toml",
+        "scene = \"scene.gltf\"\ncamera = { look_at = [0, 0, 0], working_distance = \"300mm\" }\n\
+         lens = { f_number = 4, transmission = 0.9, magnification = 0.05 }\nfilm = { full = true, binning = 2 }\n\
+         sensor = { model = \"lines.toml\", exposure = \"20us\" }\nline_scan = { line_rate = \"10kHz\", tdi_stages = 3 }\n\
+         [[light]]\nkind = \"ring\"\ndiameter = \"200mm\"\ninner_diameter = \"60mm\"\ndistance = \"200mm\"\n\
+         power = \"5W\"\nwavelength = \"850nm\"\n",
+    );
+    bench.run("render job.toml --spp 4 --seed 3 --linear a.tif --exr a.exr").code(0);
+    let camera = "--sensor lines.toml --f-number 4 --transmission 0.9 --magnification 0.05 --exposure 60us --seed 3";
+    bench.run(&format!("expose a.exr {camera} --linear b.tif")).code(0);
+    assert_eq!(bench.read("a.tif"), bench.read("b.tif"));
+}
+
 /// A render with cos^4, and `expose` on one without it, give the same picture, apart from the field angles (each sample
 /// of a pixel has its own, the centre has one).
 #[test]

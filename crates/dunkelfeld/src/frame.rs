@@ -127,7 +127,7 @@ fn expose(
     let (width, height) = (mean.width(), mean.height());
     // The analysis of the noise needs the memory.
     drop(mean);
-    let device = Device::new((**model).clone(), settings.seed, width, height);
+    let device = Device::with_readout((**model).clone(), settings.seed, [width, height], settings.readout);
     let key = FrameKey { seed: settings.seed, frame: settings.frame };
     let is_matched = settings.exposure_noise == ExposureNoise::Matched;
     let measured = film.map(|film| FilmNoise::exposed(response, model, exposure, film));

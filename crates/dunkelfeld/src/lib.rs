@@ -22,6 +22,7 @@
 mod camera_fit;
 mod commands;
 mod denoising;
+mod exposer;
 mod film_part;
 mod frame;
 pub mod guard;
@@ -32,16 +33,18 @@ mod oidn_library;
 mod outliers;
 mod outputs;
 mod project;
+mod sensor_hazards;
 mod shutter;
 mod stations;
 mod stats;
 mod views;
 
 pub use commands::denoise::{DenoisedFile, check_denoise_output, denoise_exr};
-pub use commands::expose::{ExposeOutputs, ExposeSettings, ExposedFile, Exposer, expose_exr};
+pub use commands::expose::{ExposeOutputs, ExposeSettings, ExposedFile, expose_exr};
 pub use commands::init::init;
 pub use commands::merge::{MergeSettings, Merged, merge};
 pub use denoising::{Denoised, PoolExecutor, denoise_film, find_denoiser};
+pub use exposer::Exposer;
 pub use frame::{Frame, Picture, SensorFrame, certify, develop, develop_film, show_denoised};
 pub use guard::DefaultPath;
 pub use inspect::{
@@ -122,8 +125,8 @@ pub mod scene {
 pub mod sensor {
     pub use dunkelfeld_sensor::{
         BayerPattern, ChannelSheet, DarkCurrent, DataSheet, Device, Efficiency, Exposure, ExposureNoise, Figure,
-        FilterColor, FrameKey, ImageExposure, Optics, PRESETS, Published, QuantumEfficiency, SensorError, SensorModel,
-        SensorSpec, auto_exposure, data_sheet, display,
+        FilterColor, FrameKey, ImageExposure, Optics, PRESETS, Published, QuantumEfficiency, Readout, SensorError,
+        SensorModel, SensorSpec, auto_exposure, data_sheet, display,
     };
 }
 

@@ -10,11 +10,11 @@ use dunkelfeld_io::input::{InputFiles, Role};
 use dunkelfeld_io::layers::{Single, Triple};
 use dunkelfeld_io::picture::Picture as File;
 use dunkelfeld_radiometry::Number;
-use dunkelfeld_render::RenderSettings;
 use dunkelfeld_render::RenderedFilm;
 use dunkelfeld_render::{Error, written};
+use dunkelfeld_render::{RenderSettings, SensorChoice};
 use dunkelfeld_scene::Effect;
-use dunkelfeld_sensor::{Exposure, SensorModel};
+use dunkelfeld_sensor::{Bands, Exposure, Readout, SensorModel};
 use rayon::prelude::*;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -231,6 +231,7 @@ fn layer_attributes(frame: &Frame, settings: &RenderSettings, names: &[String]) 
         "exposure_seconds": frame.sensor.as_ref().map(|s| s.exposure.time().0),
         "sensor": frame.sensor.as_ref().map(|s| &s.model.spec().name),
         "exposure_noise": frame.sensor.as_ref().map(|_| settings.exposure_noise.name()),
+        FILM_OF_SENSOR: FilmOfSensor::new(settings),
         "objects": names,
         "without": settings.without.iter().map(|e| e.name()).collect::<Vec<_>>(),
     })
@@ -312,6 +313,33 @@ fn layers_of_band(
 /// A plane with one value per pixel.
 fn plane<T: Clone>(width: u32, height: u32, values: impl Iterator<Item = T>, missing: T) -> Plane<T> {
     Plane::from_vec(width, height, values.collect()).unwrap_or_else(|| Plane::new(width, height, missing))
+}
+
+/// The attribute that describes how a sensor recorded the film.
+const FILM_OF_SENSOR: &str = "film";
+
+/// The properties of a film that another exposure of it needs.
+#[derive(Clone, Copy, Debug, serde::Serialize, serde::Deserialize)]
+pub(crate) struct FilmOfSensor {
+    /// How pixels of the sensor form those of the film.
+    pub(crate) readout: Readout,
+    /// Wavelengths of the channels, and transmission of a filter.
+    pub(crate) bands: Bands,
+}
+
+impl FilmOfSensor {
+    /// The properties of a render; `None` without a sensor.
+    fn new(settings: &RenderSettings) -> Option<Self> {
+        match &settings.sensor {
+            SensorChoice::Emva { optics, .. } => Some(Self { readout: settings.readout, bands: optics.bands() }),
+            SensorChoice::None => None,
+        }
+    }
+
+    /// The properties that a file contains.
+    pub(crate) fn of_file(layers: &ExrLayers) -> Option<Self> {
+        serde_json::from_value(attributes(layers).remove(FILM_OF_SENSOR)?).ok()
+    }
 }
 
 /// The attribute of images with vignetting.

@@ -8,6 +8,7 @@ use crate::guard::check_outputs;
 use crate::inspect::{Inspection, camera_entry, inspect};
 use crate::memory::{MemoryAccount, MemoryStats, RenderNeeds, render_account};
 use crate::outputs::{self, OutputPaths, Written};
+use crate::sensor_hazards::sensor_hazards;
 use crate::shutter::{check_shutter, expose_for};
 use crate::stats::Stats;
 use dunkelfeld_denoise::{Builtin, Denoiser as _};
@@ -26,7 +27,8 @@ use dunkelfeld_render::{
 };
 use dunkelfeld_render::{Error, camera_help};
 use dunkelfeld_scene::{
-    BuildError, BuildReport, Camera, CameraError, Distortion, Effect, Projection, Scene, Vignetting, framing_camera,
+    BuildError, BuildReport, Camera, CameraError, Distortion, Effect, Finding, Projection, Scene, Vignetting,
+    framing_camera,
 };
 use dunkelfeld_sensor::{Exposure, Optics, SensorModel};
 use std::path::Path;
@@ -178,6 +180,11 @@ impl Project {
         Ok(project)
     }
 
+    /// Hazards of the present sensor in the light of the lamps.
+    pub fn sensor_hazards(&self) -> Vec<Finding> {
+        sensor_hazards(&self.settings.sensor, &self.optics.bands())
+    }
+
     /// The content of the scene, and its hazards.
     pub fn inspect(&self) -> Inspection {
         let mut inspection = inspect(&self.scene, &self.report);
@@ -206,6 +213,8 @@ impl Project {
                 Err(e) => inspection.hazards.push(e.to_string().replace("\n  help: ", "; ")),
             }
         }
+        let of_sensor = self.sensor_hazards().into_iter().map(|f| format!("{}: {}", f.place, f.message));
+        inspection.hazards.extend(of_sensor);
         inspection.memory = Some(self.memory());
         inspection.warnings = self.warnings.iter().map(ToString::to_string).collect();
         inspection
@@ -267,6 +276,7 @@ impl Project {
         }
         if let (SensorChoice::Emva { model, .. }, Some(part)) = (&mut settings.sensor, self.part) {
             **model = model.binned(part.binning)?;
+            settings.readout.binning = part.binning;
         }
         Ok(settings)
     }

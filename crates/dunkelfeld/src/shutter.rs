@@ -10,6 +10,9 @@ pub(crate) fn expose_for(mut settings: RenderSettings, shutter: &Shutter) -> Res
     if let SensorChoice::Emva { exposure, .. } = &mut settings.sensor {
         *exposure = Some(Exposure::new(Seconds(shutter.exposure()))?);
     }
+    if let Shutter::Lines(lines) = shutter {
+        settings.readout.line_scan_stages = lines.stages;
+    }
     Ok(settings)
 }
 

@@ -10,7 +10,7 @@ use derive_setters::Setters;
 use dunkelfeld_adaptive::weights::Strategy;
 use dunkelfeld_film::{FilmLayers, Plane};
 use dunkelfeld_scene::{Camera, Effect};
-use dunkelfeld_sensor::{Exposure, ExposureNoise, Optics, SensorModel};
+use dunkelfeld_sensor::{Exposure, ExposureNoise, Optics, Readout, SensorModel};
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
 
@@ -106,6 +106,9 @@ pub struct RenderSettings {
     pub threads: usize,
     /// The camera's sensor.
     pub sensor: SensorChoice,
+    /// How the pixels of the sensor form those of the film. It changes no sample.
+    #[serde(skip)]
+    pub readout: Readout,
     /// Noise that the sensor adds to the render's own. [`ExposureNoise::Matched`] needs a sensor.
     pub exposure_noise: ExposureNoise,
     /// Denoiser of the picture. No measurement uses its image.
@@ -225,6 +228,7 @@ impl Default for RenderSettings {
             frame: 0,
             threads: 0,
             sensor: SensorChoice::None,
+            readout: Readout::default(),
             exposure_noise: ExposureNoise::default(),
             denoise: DenoiseSettings::default(),
             replay: None,

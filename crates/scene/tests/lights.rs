@@ -6,6 +6,7 @@
 use dunkelfeld_geometry::{DAffine3, DVec3, Mesh, Ray, Vec3};
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_sampling::Sampler;
+use dunkelfeld_scene::lamps::area;
 use dunkelfeld_scene::shapes::{cuboid, rectangle, sphere};
 use dunkelfeld_scene::{
     AlphaMode, ColorEncoding, EmissionProfile, Environment, EnvironmentSource, Filter, Image, ImageId, LampShape, Leds,
@@ -48,7 +49,8 @@ fn density(scene: &Scene, receiver: &LightSampleContext, d: Vec3) -> f32 {
 /// The direction of one sample. Also checks that the weight of scattering uses the same density there.
 fn draw(scene: &Scene, receiver: &LightSampleContext, index: u32, agreed: &mut u32) -> Option<Vec3> {
     let [a, b, c, _] = Sampler::new(3, 0, 0, index).get_4d(1);
-    let s = scene.sample_light(receiver, ONE, 0, a, [b, c])?;
+    // A point that emits nothing toward the receiver is no sample, as in `density`.
+    let s = scene.sample_light(receiver, ONE, 0, a, [b, c]).filter(|s| !s.radiance.is_black())?;
     assert!((s.direction.length() - 1.0).abs() < 1e-5 && s.pdf > 0.0 && s.pdf.is_finite() && !s.is_delta);
     let found = match s.target {
         None => scene.environment_pdf(receiver, ONE, s.direction),
@@ -321,6 +323,9 @@ fn lamps_and_suns() {
     for (name, shape, leds, profile) in [
         ("ring", ring, None, EmissionProfile::Lambertian),
         ("LEDs", ring, Some(leds), EmissionProfile::CosinePower { exponent: 3.0 }),
+        ("LEDs with narrow lenses", ring, Some(leds), EmissionProfile::CosinePower { exponent: 8.0 }),
+        ("LEDs behind louvers", ring, Some(leds), EmissionProfile::Louver { half_angle: 1.3 }),
+        ("spots", ring, Some(leds), EmissionProfile::Spot { cos_inner: 0.9, cos_outer: 0.2 }),
         ("dome", dome, None, EmissionProfile::Lambertian),
         ("sphere", LampShape::Sphere { diameter: 0.3 }, None, EmissionProfile::Lambertian),
     ] {
@@ -360,6 +365,47 @@ fn lamps_and_suns() {
         agreed += u32::from(scene.suns_along(s.direction).any(same));
     }
     assert_agreement("suns", agreed, drawn);
+}
+
+/// The LEDs of a ring with narrow lenses light the middle of their axes. Beside it most of them shine past the receiver,
+/// and the light sample prefers the others: the relative variance of the irradiance is at most a fifth of that of a point
+/// drawn uniformly over all LEDs. On the axis all LEDs are equal, and it stays below 1.
+#[test]
+fn a_sample_prefers_leds_that_shine_toward_the_receiver() {
+    let ring = LampShape::Ring { outer_diameter: 0.12, inner_diameter: 0.1, tilt: 1.2 };
+    let leds = Leds { columns: 72, rows: 1, diameter: None };
+    let profile = EmissionProfile::from_half_intensity_angle(15f64.to_radians());
+    let mut b = SceneBuilder::default();
+    let m = b.add_material(Material { emission_profile: profile, ..emitter(1.0) });
+    b.add_object("lamp", ring.meshes(Some(leds)).emitter, m);
+    b.meshes[0].is_single_light = true;
+    let scene = build(b);
+    for x in [0.0, 0.02, 0.04] {
+        let r = receiver(&scene, DVec3::new(x, 0.0, -0.02), Vec3::Z, false);
+        let (mut drawn, mut uniform) = (SampleMoments::default(), SampleMoments::default());
+        for index in 0..20_000 {
+            let [a, b, c, _] = Sampler::new(3, 0, 0, index).get_4d(1);
+            let Some(s) = scene.sample_light(&r, ONE, 0, a, [b, c]) else {
+                drawn.push(0.0);
+                uniform.push(0.0);
+                continue;
+            };
+            let irradiance = f64::from(s.radiance.g * s.direction.z);
+            drawn.push(irradiance / f64::from(s.pdf));
+            // The same points, weighted to be uniform over the area: the second moment of that estimator.
+            let target = s.target.expect("a lamp has a surface");
+            let to_light = target.point - r.point;
+            let cosine = -to_light.normalize().dot(target.normal);
+            let per_area = f64::from(cosine / to_light.length_squared());
+            uniform.push((irradiance * per_area).powi(2) / (f64::from(s.pdf) * per_area));
+        }
+        let area = area(&ring.meshes(Some(leds)).emitter);
+        let relative = |second_moment: f64| second_moment / drawn.mean().powi(2) - 1.0;
+        let drawn_variance = drawn.variance() / drawn.mean().powi(2);
+        let uniform_variance = relative(uniform.mean() * area);
+        println!("at {x} m: relative variance {drawn_variance:.3}, of uniform points {uniform_variance:.3}");
+        assert!(drawn_variance < 1.0 && (x == 0.0 || drawn_variance < 0.2 * uniform_variance), "at {x} m");
+    }
 }
 
 /// A surface whose back is invisible lets rays from behind pass, and emits and occludes toward its front.

@@ -27,6 +27,16 @@ pub struct FrameKey {
     pub frame: u32,
 }
 
+/// How the pixels of a sensor form those of an image.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+pub struct Readout {
+    /// Side of the squares of pixels that are read as one; 0 and 1 are single pixels. The model of the device describes
+    /// such a square ([`SensorModel::binned`]).
+    pub binning: u32,
+    /// Number of stages of a line-scan sensor, whose rows are exposures of the same pixels; 0 for an area sensor.
+    pub line_scan_stages: u32,
+}
+
 /// One device of a sensor model, with the fixed pattern of its pixels.
 ///
 /// The pattern follows from the device seed and is the same in every frame. Noise follows from the frame key.
@@ -36,28 +46,50 @@ pub struct Device {
     seed: u64,
     width: u32,
     height: u32,
+    /// Number of rows of the image with a pattern of their own: all, or one for a line-scan sensor.
+    pattern_rows: u32,
     pattern: Pattern,
 }
 
 impl Device {
-    /// The device of a model for a seed, with `width * height` pixels.
+    /// The device of an area sensor for a seed, with `width * height` pixels.
     pub fn new(model: SensorModel, seed: u64, width: u32, height: u32) -> Self {
-        let pattern = Pattern::draw(&model.spec().fixed_pattern, &model.spec().defects, seed, width, height);
-        Self { model, seed, width, height, pattern }
+        Self::with_readout(model, seed, [width, height], Readout::default())
+    }
+
+    /// The device of a model for a seed, whose images have `size` (width, height) pixels.
+    ///
+    /// All rows of a line scan have the same pixels. So its fixed pattern consists of columns: the mean over the stages,
+    /// whose charges are added. A column is hot if a pixel of its stages is.
+    pub fn with_readout(model: SensorModel, seed: u64, [width, height]: [u32; 2], readout: Readout) -> Self {
+        let is_line_scan = readout.line_scan_stages > 0;
+        let pattern_rows = if is_line_scan { height.min(1) } else { height };
+        let drawn_rows = if is_line_scan { readout.line_scan_stages } else { height };
+        let pattern = Pattern::draw(&model.spec().fixed_pattern, &model.spec().defects, seed, width, drawn_rows);
+        let pattern = if is_line_scan { pattern.mean_of_rows(width) } else { pattern };
+        Self { model, seed, width, height, pattern_rows, pattern }
+    }
+
+    /// Indices in the pattern of the pixels of a row.
+    fn pattern_of_row(&self, y: u32) -> Range<usize> {
+        let first = y.min(self.pattern_rows.saturating_sub(1)) as usize * self.width as usize;
+        first..first + self.width as usize
     }
 
     /// The difference of the pixel in column `x` and row `y` from the model. `None` outside the device.
     pub fn pixel(&self, x: u32, y: u32) -> Option<PixelPattern> {
-        let index = y as usize * self.width as usize + x as usize;
+        let index = self.pattern_of_row(y).start + x as usize;
         let is_inside = x < self.width && y < self.height;
         is_inside.then(|| self.pattern.pixels(index..index + 1).first().copied().unwrap_or(PixelPattern::NONE))
     }
 
     /// Columns and rows of the hot pixels, row by row.
     pub fn hot_pixels(&self) -> impl Iterator<Item = (u32, u32)> + '_ {
-        let width = u64::from(self.width.max(1));
-        let all = self.pattern.hot(0..self.width as usize * self.height as usize);
-        all.iter().map(move |p| ((p % width) as u32, (p / width) as u32))
+        (0..self.height).flat_map(move |y| {
+            let row = self.pattern_of_row(y);
+            let first = row.start as u64;
+            self.pattern.hot(row).iter().map(move |p| ((p - first) as u32, y))
+        })
     }
 
     /// The model.
@@ -123,7 +155,7 @@ impl Device {
             let (start, end, height, buffer) = (rows.start, rows.end, self.height, out.len());
             return Err(SensorError::Rows { start, end, height, buffer });
         };
-        let readout = Readout::new(&self.model, exposure);
+        let readout = Converter::new(&self.model, exposure);
         let key = hash_u64([self.seed, key.seed, u64::from(key.frame), TEMPORAL]);
         let variances = variances.get(pixels).unwrap_or(&[]);
         let lines = out.chunks_mut(width.max(1)).zip(means.chunks(width.max(1))).zip(rows.start..);
@@ -136,12 +168,13 @@ impl Device {
     }
 
     /// Exposes one row of a frame. `variances` has the values of its pixels, or is empty.
-    fn expose_line(&self, readout: &Readout, key: u64, y: u32, line: &mut [u16], means: &[f32], variances: &[f32]) {
+    fn expose_line(&self, readout: &Converter, key: u64, y: u32, line: &mut [u16], means: &[f32], variances: &[f32]) {
         let shared = readout.row_noise(key, y);
         let first = y as usize * self.width as usize;
         let pixels = first..first + line.len();
-        let pattern = self.pattern.pixels(pixels.clone());
-        let matched = |readout: &Readout, pixel: usize, mean: f32, variance: f32, own: PixelPattern| {
+        let in_pattern = self.pattern_of_row(y);
+        let pattern = self.pattern.pixels(in_pattern.clone());
+        let matched = |readout: &Converter, pixel: usize, mean: f32, variance: f32, own: PixelPattern| {
             let (mean, response) = (f64::from(mean), f64::from(own.response));
             // The response of the pixel scales the noise of the render in the same way as its mean.
             let variance = f64::from(variance) * response * response;
@@ -169,18 +202,18 @@ impl Device {
         // A grey value depends on its own pixel only, so those of the few hot pixels can be computed again. With
         // unknown render noise, the whole noise is drawn.
         let factor = self.model.spec().defects.hot_factor;
-        let hot = Readout { dark_electrons: readout.dark_electrons * factor, ..*readout };
-        for &pixel in self.pattern.hot(pixels) {
-            let i = pixel as usize - first;
+        let hot = Converter { dark_electrons: readout.dark_electrons * factor, ..*readout };
+        for &pixel in self.pattern.hot(in_pattern.clone()) {
+            let i = pixel as usize - in_pattern.start;
             let own = pattern.get(i).copied().unwrap_or(PixelPattern::NONE);
-            line[i] = matched(&hot, pixel as usize, means[i], variances.get(i).copied().unwrap_or(0.0), own);
+            line[i] = matched(&hot, first + i, means[i], variances.get(i).copied().unwrap_or(0.0), own);
         }
     }
 }
 
 /// The parameters that all pixels of an exposure share.
 #[derive(Clone, Copy)]
-struct Readout {
+struct Converter {
     dark_electrons: f64,
     /// Noise of single pixels.
     dark_noise: f64,
@@ -191,7 +224,7 @@ struct Readout {
     max_value: f64,
 }
 
-impl Readout {
+impl Converter {
     fn new(model: &SensorModel, exposure: Exposure) -> Self {
         let spec = model.spec();
         Self {

@@ -36,7 +36,7 @@ pub use bands::Bands;
 pub use data_sheet::{ChannelSheet, DataSheet, Figure, data_sheet};
 pub use efficiency::{BANDS, BayerPattern, ColorFilter, Efficiency, FilterColor, QuantumEfficiency};
 pub use error::SensorError;
-pub use expose::{Device, FrameKey};
+pub use expose::{Device, FrameKey, Readout};
 pub use matched::{ExposureNoise, LeftOut, holds, left_out, matched_where};
 pub use model::{DarkCurrent, Published, SensorModel, SensorSpec};
 pub use optics::{

@@ -172,6 +172,22 @@ impl Pattern {
         Self { pixels, hot }
     }
 
+    /// The pattern of one row whose pixels are the means of the columns. A pixel is hot if one of its column is.
+    pub(crate) fn mean_of_rows(&self, width: u32) -> Self {
+        let width = width as usize;
+        let rows = self.pixels.len().checked_div(width).unwrap_or(0).max(1) as f32;
+        let mut pixels = vec![PixelPattern { dark: 0.0, response: 0.0 }; width.min(self.pixels.len())];
+        for (i, pixel) in self.pixels.iter().enumerate() {
+            let mean = &mut pixels[i % width];
+            mean.dark += pixel.dark / rows;
+            mean.response += pixel.response / rows;
+        }
+        let mut hot: Vec<u64> = self.hot.iter().map(|p| p % (width as u64).max(1)).collect();
+        hot.sort_unstable();
+        hot.dedup();
+        Self { pixels, hot }
+    }
+
     /// The pixels with these indices. Empty if none differs.
     pub(crate) fn pixels(&self, range: std::ops::Range<usize>) -> &[PixelPattern] {
         self.pixels.get(range).unwrap_or(&[])

@@ -8,7 +8,7 @@ mod support;
 use dunkelfeld_film::Plane;
 use dunkelfeld_radiometry::{DigitalNumber, Electrons, Seconds};
 use dunkelfeld_sensor::{
-    BayerPattern, DarkCurrent, Defects, Device, Exposure, FixedPattern, FrameKey, SensorModel, SensorSpec,
+    BayerPattern, DarkCurrent, Defects, Device, Exposure, FixedPattern, FrameKey, Readout, SensorModel, SensorSpec,
 };
 use dunkelfeld_testkit::{chi_squared, sidak, z_test};
 
@@ -333,5 +333,35 @@ fn rows_in_any_order_are_those_of_the_frame() {
             let place = (part.start * SIZE.0) as usize..(part.end * SIZE.0) as usize;
             assert_eq!(rows(part.clone()), whole[place], "rows {part:?}, matched: {matched}");
         }
+    }
+}
+
+/// All rows of a line scan have the pattern of the same pixels: DSNU and PRNU appear as columns, and hot pixels as whole
+/// columns. Over n stages the variance of the differences is divided by n. The sum of c squared normal numbers has the
+/// variance 2 c, so that the standard error of the ratio is sqrt(2 / c).
+#[test]
+fn a_line_scan_has_the_pattern_of_its_columns() {
+    const WIDTH: u32 = 20_000;
+    let pixels_only = FixedPattern { dsnu: Electrons(2.5), prnu: 0.01, ..FixedPattern::default() };
+    let defects = Defects { hot: 0.01, hot_factor: 30.0, dead: 0.0 };
+    let model = SensorModel::new(SensorSpec { fixed_pattern: pixels_only, defects, ..spec() }).expect("valid");
+    for stages in [1, 4] {
+        let readout = Readout { line_scan_stages: stages, ..Readout::default() };
+        let device = Device::with_readout(model.clone(), 5, [WIDTH, 3], readout);
+        let row = |y| (0..WIDTH).map(move |x| (x, y));
+        let pattern = |y| row(y).map(|(x, y)| device.pixel(x, y).expect("inside")).collect::<Vec<_>>();
+        assert!(pattern(0) == pattern(1) && pattern(0) == pattern(2));
+        let dark = variance(&pattern(0).iter().map(|p| f64::from(p.dark)).collect::<Vec<_>>());
+        let response = variance(&pattern(0).iter().map(|p| f64::from(p.response)).collect::<Vec<_>>());
+        let n = f64::from(stages);
+        let error = (2.0 / f64::from(WIDTH)).sqrt();
+        z_test(dark / (2.5 * 2.5 / n), error, 1.0).assert(sidak(RATE, 6), &format!("DSNU of {stages} stages"));
+        z_test(response / (0.01 * 0.01 / n), error, 1.0).assert(sidak(RATE, 6), &format!("PRNU of {stages} stages"));
+        let hot: Vec<(u32, u32)> = device.hot_pixels().collect();
+        let (first, columns) = (hot.iter().filter(|p| p.1 == 0), hot.len() / 3);
+        assert!(first.clone().count() == columns && first.clone().all(|&(x, _)| hot.contains(&(x, 2))));
+        let share = 1.0 - 0.99f64.powi(stages as i32);
+        let expected = share * f64::from(WIDTH);
+        z_test(columns as f64, (expected * (1.0 - share)).sqrt(), expected).assert(sidak(RATE, 6), "hot columns");
     }
 }

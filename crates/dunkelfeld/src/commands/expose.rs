@@ -1,30 +1,17 @@
 //! `expose`: converts an EXR of ours or of another renderer to frames of a camera.
 
 use crate::camera_fit::DEFAULT_F_NUMBER;
-use crate::commands::denoise::{invalid_variances_of, radiance_of};
+use crate::exposer::Exposer;
 use crate::frame::Picture;
 use crate::guard::{DefaultPath, Output, check_outputs, free_file};
-use crate::memory::expose_account;
-use crate::noise_compensation::CompensationInputs;
-use crate::outputs::{VIGNETTING, attributes, extension, misfit, save_plain_picture, save_values, values_words};
+use crate::outputs::{extension, misfit, save_plain_picture, save_values, values_words};
 use derive_setters::Setters;
-use dunkelfeld_adaptive::required_samples::SensorNoise;
-use dunkelfeld_adaptive::variance::inputs::{NoiseInputs, PixelFeatures, pixel_features};
-use dunkelfeld_film::{Plane, Scatter};
-use dunkelfeld_io::InputError;
-use dunkelfeld_io::exr::{ExrLayers, ExrSize, read_exr_if};
+use dunkelfeld_film::Plane;
 use dunkelfeld_io::input::{InputFiles, Role, files_in};
 use dunkelfeld_io::job::LensSettings;
-use dunkelfeld_io::layers::{Single, Triple};
-use dunkelfeld_render::Error;
-use dunkelfeld_render::film_noise::{FilmNoise, levels, per_luminance, sensor_noise, signal_scatter};
-use dunkelfeld_render::{Session, thread_count};
-use dunkelfeld_render::{Stage, written};
-use dunkelfeld_sensor::{
-    Device, Exposure, ExposureNoise, FrameKey, ImageExposure, Optics, Response, SensorModel, Weights, electrons,
-};
+use dunkelfeld_render::{Error, RenderSettings, SensorChoice, Session, Stage, written};
+use dunkelfeld_sensor::{Exposure, ExposureNoise, Optics, Readout, SensorModel};
 use rayon::prelude::*;
-use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -47,6 +34,8 @@ pub struct ExposeSettings {
     /// it.
     #[setters(into)]
     pub vignetting: Option<f64>,
+    /// How pixels of the sensor form those of the film. An EXR of a render replaces it by its own.
+    pub readout: Readout,
     /// The exposure. `None` selects automatic exposure: the 99.5 % quantile is at 90 % of saturation.
     #[setters(into)]
     pub exposure: Option<Exposure>,
@@ -113,131 +102,6 @@ pub struct ExposedFile {
     pub files: Vec<PathBuf>,
 }
 
-/// An image and a camera. It computes frames.
-#[derive(Clone, Debug)]
-pub struct Exposer {
-    device: Device,
-    exposure: Exposure,
-    seed: u64,
-    electrons: Plane<f32>,
-    /// The noise of the electrons, as far as the file contains it. `None` if all of the camera's noise is drawn.
-    known: Option<CompensationInputs>,
-    no_light: bool,
-    invalid: u64,
-    invalid_variances: u64,
-}
-
-impl Exposer {
-    /// Combines mean radiance [W/(m^2 sr)] with a camera, and with the noise of the radiance for matched exposure.
-    ///
-    /// # Errors
-    /// An exposure outside the ranges of the sensor.
-    fn new(
-        mut radiance: Plane<[f32; 3]>,
-        settings: &ExposeSettings,
-        mut noise: Option<NoiseLayers>,
-    ) -> Result<Self, Error> {
-        let ExposeSettings { model, optics, .. } = settings;
-        let (width, height) = (radiance.width(), radiance.height());
-        if let Some(focal_length) = settings.vignetting {
-            let distance = focal_length * (1.0 + optics.magnification()) / model.spec().pixel_pitch.0;
-            // Transmission of the lens, relative to its axis.
-            let share = Plane::from_fn(width, height, |x, y| cosine_fourth(x, y, width, height, distance));
-            radiance = darkened(&radiance, &share);
-            noise = noise.map(|noise| noise.darkened(&share));
-        }
-        let ImageExposure { exposure, no_light } = ImageExposure::new(settings.exposure, &radiance, model, optics)?;
-        let response = Response::new(model, optics, exposure);
-        let mean = electrons(&radiance, &response);
-        let invalid_variances = noise.as_ref().map_or(0, |noise| invalid_variances_of(&noise.variance));
-        let known = noise.map(|noise| noise.known(response, sensor_noise(model, exposure), &radiance));
-        let device = Device::new(model.clone(), settings.seed, width, height);
-        let (electrons, invalid) = (mean.plane, mean.invalid);
-        Ok(Self { device, exposure, seed: settings.seed, electrons, known, no_light, invalid, invalid_variances })
-    }
-
-    /// Reads an EXR and combines it with a camera.
-    ///
-    /// # Errors
-    /// A file that cannot be read or has no such layer; settings outside their range; noise that is to be matched, but
-    /// is not in the file.
-    pub fn open(path: &Path, settings: &ExposeSettings) -> Result<Self, Error> {
-        check(settings)?;
-        let is_matched = settings.exposure_noise == ExposureNoise::Matched;
-        let agree = |size: ExrSize| {
-            let threads = thread_count(settings.threads);
-            let account = expose_account((size.width, size.height), size.bytes, is_matched, threads);
-            let help = "expose a smaller image, one with fewer layers, or on fewer --threads";
-            account.check(settings.memory_limit, 0, help)
-        };
-        let layers = read_exr_if(path, Role::Image, &mut InputFiles::new(), agree)?;
-        if settings.vignetting.is_some() && attributes(&layers).contains_key(VIGNETTING) {
-            let problem = "the lens of the render has darkened its corners already";
-            return Err(InputError::new(path, "--vignetting", problem, "leave out --vignetting").into());
-        }
-        let radiance = radiance_of(path, &layers, settings.layer.as_deref())?;
-        let noise = match settings.exposure_noise {
-            ExposureNoise::Plain => None,
-            ExposureNoise::Matched => Some(NoiseLayers::from_layers(&layers).ok_or_else(|| {
-                let problem = "is missing, so the noise of the render is unknown";
-                InputError::new(path, "the layer `variance`", problem, "leave out --exposure-noise matched")
-            })?),
-        };
-        Self::new(radiance, settings, noise)
-    }
-
-    /// Width and height \[pixels\].
-    pub fn size(&self) -> [u32; 2] {
-        [self.electrons.width(), self.electrons.height()]
-    }
-
-    /// The camera.
-    pub fn model(&self) -> &SensorModel {
-        self.device.model()
-    }
-
-    /// The exposure of the settings, or the automatic one.
-    pub fn exposure(&self) -> Exposure {
-        self.exposure
-    }
-
-    /// Expected photo-electrons of each pixel.
-    pub fn electrons(&self) -> &Plane<f32> {
-        &self.electrons
-    }
-
-    /// Grey values \[DN\] of the frame with this number. They are a function of image, settings, seed and number. Runs
-    /// on the threads of the current pool.
-    ///
-    /// # Errors
-    /// None, as the planes are of one size.
-    pub fn frame(&self, number: u32) -> Result<Plane<u16>, Error> {
-        let [width, height] = self.size();
-        let key = FrameKey { seed: self.seed, frame: number };
-        let mut values = Plane::new(width, height, 0u16);
-        values.data_mut().par_chunks_mut(width.max(1) as usize).enumerate().try_for_each(|(y, row)| {
-            let rows = y as u32..y as u32 + 1;
-            match &self.known {
-                Some(k) => self.device.expose_rows_matched(&self.electrons, &k.variance, self.exposure, key, rows, row),
-                None => self.device.expose_rows(&self.electrons, self.exposure, key, rows, row),
-            }
-        })?;
-        Ok(values)
-    }
-
-    fn matched(&self) -> Option<f64> {
-        let held = self.known.as_ref()?.held(&self.electrons, self.model(), self.exposure);
-        Some(held.data().iter().filter(|held| **held).count() as f64 / held.data().len().max(1) as f64)
-    }
-
-    fn saturated(&self) -> f64 {
-        let model = self.model();
-        let full = (model.saturation().0 - model.dark_electrons(self.exposure.time()).0) as f32;
-        let electrons = self.electrons.data();
-        electrons.iter().filter(|&&e| e >= full).count() as f64 / electrons.len().max(1) as f64
-    }
-}
-
 /// Exposes an EXR, and writes the frames in their order. A cancelled run leaves the frames that it has finished. It
 /// runs on its own threads. The values are the same for any number of them.
 ///
@@ -255,12 +119,12 @@ pub fn expose_exr(
     let mut done = ExposedFile {
         size: exposer.size(),
         frames: 0,
-        exposure: exposer.exposure,
-        no_light: exposer.no_light,
+        exposure: exposer.exposure(),
+        no_light: exposer.no_light(),
         saturated: exposer.saturated(),
         matched: exposer.matched(),
-        invalid: exposer.invalid,
-        invalid_variances: exposer.invalid_variances,
+        invalid: exposer.invalid(),
+        invalid_variances: exposer.invalid_variances(),
         expose_seconds: 0.0,
         write_seconds: 0.0,
         files: Vec::new(),
@@ -302,7 +166,7 @@ fn save(
     }
     if let Some(path) = &outputs.linear {
         let path = settings.numbered(path, number);
-        save_values(values, &values_words(exposer.model(), exposer.exposure), &path)?;
+        save_values(values, &values_words(exposer.model(), exposer.exposure()), &path)?;
         files.push(path);
     }
     Ok(files)
@@ -319,6 +183,7 @@ impl ExposeSettings {
             model,
             optics: Optics::new(DEFAULT_F_NUMBER, LensSettings::default().transmission, 0.0)?,
             vignetting: None,
+            readout: Readout::default(),
             exposure: None,
             exposure_noise: ExposureNoise::default(),
             seed: 0,
@@ -329,6 +194,25 @@ impl ExposeSettings {
             memory_limit: None,
             inputs: InputFiles::new(),
         })
+    }
+
+    /// The exposure of a render: its sensor, lens, exposure, seed and frame. `settings` are those with the lens combined
+    /// with its camera ([`Project::fitted`](crate::Project::fitted), [`ProjectResult::settings`](crate::ProjectResult)).
+    /// `None` without a sensor.
+    ///
+    /// # Errors
+    /// None.
+    pub fn of_render(settings: &RenderSettings) -> Result<Option<Self>, Error> {
+        let SensorChoice::Emva { model, optics, exposure } = &settings.sensor else { return Ok(None) };
+        Ok(Some(Self {
+            optics: *optics,
+            exposure: *exposure,
+            readout: settings.readout,
+            exposure_noise: settings.exposure_noise,
+            seed: settings.seed,
+            first_frame: settings.frame,
+            ..Self::new((**model).clone())?
+        }))
     }
 
     /// Number of the last frame.
@@ -428,7 +312,7 @@ impl ExposeOutputs {
     }
 }
 
-fn check(s: &ExposeSettings) -> Result<(), Error> {
+pub(crate) fn check(s: &ExposeSettings) -> Result<(), Error> {
     if s.frames == 0 || s.first_frame.checked_add(s.frames - 1).is_none() {
         let problem = format!("{} frames from number {} on cannot be counted", s.frames, s.first_frame);
         return Err(Error::setting("frames", problem, "use at least 1, and numbers below 2^32"));
@@ -449,140 +333,4 @@ fn check(s: &ExposeSettings) -> Result<(), Error> {
         }
     }
     Ok(())
-}
-
-/// The share of light behind a thin lens that reaches a pixel, relative to the axis in the middle of the image: cos^4 of the
-/// field angle, at the pixel's centre. `distance` of the image from
-/// the lens in pixels.
-fn cosine_fourth(x: u32, y: u32, width: u32, height: u32, distance: f64) -> f64 {
-    let off = |at: u32, size: u32| (f64::from(at) + 0.5 - 0.5 * f64::from(size)) / distance;
-    let tangent_squared = off(x, width).powi(2) + off(y, height).powi(2);
-    (1.0 + tangent_squared).powi(-2)
-}
-
-/// The image behind a lens with this relative transmission.
-fn darkened(radiance: &Plane<[f32; 3]>, share: &Plane<f64>) -> Plane<[f32; 3]> {
-    let mut shares = share.data().iter();
-    radiance.map(|&pixel| {
-        let share = shares.next().copied().unwrap_or(1.0);
-        pixel.map(|v| (f64::from(v) * share) as f32)
-    })
-}
-
-/// The noise data of a mean, from a file.
-struct NoiseLayers {
-    /// Variance of the mean, by channel.
-    variance: Plane<[f32; 3]>,
-    /// Covariance of its channels.
-    covariance: Plane<[f32; 3]>,
-    /// Further data of a file of ours.
-    pixels: Option<PixelLayers>,
-}
-
-/// Surface ids and samples of the pixels.
-struct PixelLayers {
-    counts: Plane<u32>,
-    surface: Plane<PixelFeatures>,
-    scatter: Plane<Option<Scatter>>,
-}
-
-impl NoiseLayers {
-    /// `None` without variances.
-    fn from_layers(layers: &ExrLayers) -> Option<Self> {
-        let variance = layers.triples(Triple::Variance)?;
-        let covariance =
-            layers.triples(Triple::Covariance).unwrap_or_else(|| variance.map(|_| Weights::UNKNOWN_COVARIANCE));
-        let whole = [layers.integers(Single::SampleCount), layers.integers(Single::ObjectId)];
-        let pixels = match (whole, layers.triples(Triple::Normal)) {
-            ([Some(counts), Some(objects)], Some(normals)) => {
-                let scatter = [Single::Scatter, Single::LargestScatter].map(|layer| layers.single(layer));
-                let scatter = match scatter {
-                    [Some(all), Some(largest)] => {
-                        let mut largest = largest.data().iter();
-                        all.map(|&all| {
-                            let largest = f64::from(*largest.next()?);
-                            let all = f64::from(all);
-                            (all.is_finite() && all >= 0.0 && (0.0..=all).contains(&largest))
-                                .then_some(Scatter { all, largest })
-                        })
-                    }
-                    _ => counts.map(|_| None),
-                };
-                Some(PixelLayers { counts, surface: pixel_features(&objects, &normals), scatter })
-            }
-            _ => None,
-        };
-        Some(Self { variance, covariance, pixels })
-    }
-
-    fn darkened(self, share: &Plane<f64>) -> Self {
-        let squares = share.map(|s| s * s);
-        let mut shares = share.data().iter();
-        let pixels = self.pixels.map(|PixelLayers { counts, surface, scatter }| {
-            let scatter = scatter.map(|&scatter| {
-                let share = shares.next().copied().unwrap_or(1.0);
-                scatter.map(|s| signal_scatter(s, share))
-            });
-            PixelLayers { counts, surface, scatter }
-        });
-        let [variance, covariance] = [&self.variance, &self.covariance].map(|plane| darkened(plane, &squares));
-        Self { variance, covariance, pixels }
-    }
-
-    /// The noise of the electrons of a sensor: as in a render if the file contains the ids of the surfaces in the
-    /// pixels, otherwise from each pixel's own variance.
-    fn known(self, response: Response, sensor: SensorNoise, mean: &Plane<[f32; 3]>) -> CompensationInputs {
-        let (width, height) = (mean.width(), mean.height());
-        let Some(PixelLayers { counts, surface, scatter }) = self.pixels else {
-            let own = |x, y| response.at(x, y).variance(*self.variance.at(x, y), *self.covariance.at(x, y)) as f32;
-            return CompensationInputs {
-                variance: Plane::from_fn(width, height, own),
-                is_rare: Plane::new(width, height, false),
-            };
-        };
-        let view = |weights: &Weights, rows: &Range<u32>| {
-            let (top, rows) = (rows.start, rows.len() as u32);
-            let own = Plane::from_fn(width, rows, |x, y| weights.electrons(*mean.at(x, top + y)).0 as f32);
-            let variance = Plane::from_fn(width, rows, |x, y| {
-                weights.variance(*self.variance.at(x, top + y), *self.covariance.at(x, top + y)) as f32
-            });
-            let largest = Plane::from_fn(width, rows, |x, y| {
-                // The value follows from the distance of the largest sample to the mean of all.
-                let (x, y) = (x, top + y);
-                let (per_luminance, luminance) = per_luminance(*weights, mean.at(x, y).map(f64::from));
-                let others = f64::from(counts.at(x, y).saturating_sub(1));
-                let off = scatter.at(x, y).map_or(0.0, |s| others * s.largest.sqrt());
-                (per_luminance * (luminance + off)) as f32
-            });
-            NoiseInputs {
-                counts: Plane::from_fn(width, rows, |x, y| *counts.at(x, top + y)),
-                level: levels(&own, &variance, Some(sensor)),
-                mean: own,
-                variance,
-                scatter: Plane::from_fn(width, rows, |x, y| {
-                    let (per_luminance, _) = per_luminance(*weights, mean.at(x, top + y).map(f64::from));
-                    scatter.at(x, top + y).map(|s| signal_scatter(s, per_luminance))
-                }),
-                largest,
-                surface: Plane::from_fn(width, rows, |x, y| *surface.at(x, top + y)),
-            }
-        };
-        let views = |rows: Range<u32>| response.kinds().iter().map(|weights| view(weights, &rows)).collect();
-        let own = Plane::from_fn(width, height, |x, y| response.at(x, y).electrons(*mean.at(x, y)).0 as f32);
-        CompensationInputs::from_noise(&FilmNoise::from_estimates(own, counts.clone(), views, response, Some(sensor)))
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// A field angle of 45 degrees has cos^4 = 1/4.
-    #[test]
-    fn the_edge_is_darker_by_the_fourth_power_of_the_cosine() {
-        assert_eq!(cosine_fourth(1, 1, 3, 3, 50.0), 1.0);
-        assert!((cosine_fourth(100, 0, 101, 1, 50.0) - 0.25).abs() < 1e-12);
-        assert!((cosine_fourth(0, 0, 101, 1, 50.0) - 0.25).abs() < 1e-12);
-        assert!((cosine_fourth(0, 100, 1, 101, 50.0) - 0.25).abs() < 1e-12);
-    }
 }

@@ -591,6 +591,7 @@ impl Placed {
                     material.double_sided || material.unlit,
                     part_index as u32,
                     mean_radiance,
+                    material.emission_profile,
                     compiled[part.material as usize].has_varying_radiance,
                 );
                 if let Some(light) = light {

@@ -1,5 +1,6 @@
 //! Angular distributions of the radiance of an emitting surface.
 
+use std::f32::consts::FRAC_PI_2;
 use std::f64::consts::PI;
 
 /// The radiance of an emitting surface by direction, relative to [`Material::emission`](crate::Material::emission).
@@ -64,6 +65,19 @@ impl EmissionProfile {
         }
     }
 
+    /// [`Self::eval`] for weights: a power is replaced by (1 + x / 8)^-8, where x is -ln(mu^exponent) to second order. It
+    /// is above the power in the tail and needs no logarithm.
+    #[inline]
+    pub(crate) fn estimate(&self, mu: f32) -> f32 {
+        let Self::CosinePower { exponent } = *self else { return self.eval(mu) };
+        let below = (1.0 - mu).max(0.0);
+        let x = exponent * below * (1.0 + 0.5 * below);
+        let root = 1.0 / (1.0 + 0.125 * x);
+        let square = root * root;
+        let fourth = square * square;
+        fourth * fourth
+    }
+
     /// The radiant exitance over that of a Lambertian surface of the same `emission`: the integral of `eval(mu) mu` over
     /// the hemisphere, over pi. In (0, 1] except for a spot, whose value is relative to its axis.
     pub fn exitance(&self) -> f64 {
@@ -78,6 +92,15 @@ impl EmissionProfile {
                 let (ci, co) = (f64::from(cos_inner), f64::from(cos_outer));
                 2.0 * ((1.0 - ci) + (ci - co).max(0.0) / 3.0)
             }
+        }
+    }
+
+    /// The angle from the normal beyond which the surface does not emit, at most pi/2 \[rad\].
+    pub(crate) fn cutoff_angle(&self) -> f32 {
+        match *self {
+            Self::Lambertian | Self::CosinePower { .. } => FRAC_PI_2,
+            Self::Louver { half_angle } => half_angle,
+            Self::Spot { cos_outer, .. } => cos_outer.clamp(0.0, 1.0).acos(),
         }
     }
 

@@ -1,10 +1,15 @@
-//! An emitting mesh as one light: points are drawn uniformly over its area.
+//! An emitting mesh as one light.
 //!
 //! The lamps of a job are such lights. A ring of a hundred triangles then takes one light sample of a vertex, not a
-//! choice among a hundred lights.
+//! sample of each of a hundred lights. A sample chooses a facet, which is a planar piece of the mesh such as an LED, by
+//! an estimate of the irradiance that it sends to the receiver with its emission profile: among few facets one by one,
+//! among many by a light tree. It then draws a point uniformly over the area of the facet. A fixed share of the samples
+//! chooses the facet by area alone, so that the density is never small where a facet is underestimated, as behind a
+//! refracting surface (defensive mixture, Hesterberg 1995).
 
+use crate::light::emission_profile::EmissionProfile;
 use crate::light::sample::{LightSample, LightSampleContext, LightTarget};
-use crate::light::tree::{EmissionCone, LightBounds};
+use crate::light::tree::{EmissionCone, LightBounds, LightTree, below_one};
 use dunkelfeld_geometry::shape::sample_triangle_area;
 use dunkelfeld_geometry::{Aabb, Vec3};
 use dunkelfeld_radiometry::Rgb;
@@ -16,8 +21,14 @@ pub(crate) struct MeshLight {
     triangles: Vec<[Vec3; 3]>,
     /// Unit normals of the emitting side.
     normals: Vec<Vec3>,
+    facets: Vec<Facet>,
+    /// The facet of each triangle.
+    facet_of: Vec<u32>,
     /// Share of the area of all triangles up to each one, itself included. Ends with 1.
     cumulative: Vec<f32>,
+    choice: FacetChoice,
+    /// The profile of its emission.
+    profile: EmissionProfile,
     area: f32,
     /// Centre of the bounding box, and the radius around it.
     center: Vec3,
@@ -33,6 +44,71 @@ pub(crate) struct MeshLight {
     has_varying_radiance: bool,
 }
 
+/// Neighbouring triangles in a plane.
+#[derive(Clone, Copy, Debug, serde::Serialize)]
+struct Facet {
+    /// Index of its first triangle. Its triangles follow each other.
+    first: u32,
+    /// Index after its last triangle.
+    end: u32,
+    /// Share of the area of the mesh before it, and with it.
+    before: f32,
+    after: f32,
+    /// Centre of its bounding box, and the normal of its emitting side.
+    center: Vec3,
+    normal: Vec3,
+}
+
+/// The choice of a facet for a receiver.
+#[derive(Clone, Debug, serde::Serialize)]
+enum FacetChoice {
+    /// There is one facet.
+    Single,
+    /// All facets are weighted one by one.
+    Weighted,
+    /// A tree selects among many.
+    Tree(Box<LightTree>),
+}
+
+/// Most facets that are weighted one by one.
+const MAX_WEIGHTED_FACETS: usize = 128;
+
+/// Least cosine at the receiver in a weight: the cosine at the centre of a facet may be below that at other points.
+const MIN_COSINE: f32 = 0.05;
+
+impl Facet {
+    fn triangles(&self) -> std::ops::Range<usize> {
+        self.first as usize..self.end as usize
+    }
+
+    /// An estimate, up to a constant, of the irradiance from this facet at the receiver.
+    #[inline]
+    fn weight(&self, receiver: &LightSampleContext, profile: &EmissionProfile, two_sided: bool) -> f32 {
+        let to_light = self.center - receiver.point;
+        let d2 = to_light.length_squared().max(f32::MIN_POSITIVE);
+        let inverse = 1.0 / d2.sqrt();
+        let emitted = -to_light.dot(self.normal) * inverse;
+        let emitted = if two_sided { emitted.abs() } else { emitted };
+        let received = to_light.dot(receiver.normal) * inverse;
+        let received = match receiver.normal == Vec3::ZERO {
+            true => 1.0,
+            false if receiver.both_sides => received.abs(),
+            false => received,
+        };
+        if emitted <= 0.0 || received < -MIN_COSINE {
+            return 0.0;
+        }
+        let area = self.after - self.before;
+        area * emitted * profile.estimate(emitted) * received.max(MIN_COSINE) * inverse * inverse
+    }
+}
+
+/// Share of the samples that choose a facet by area.
+const AREA_SHARE: f32 = 0.25;
+
+/// Cosine between the normals of two triangles of a facet, at least.
+const SAME_NORMAL: f32 = 1.0 - 1e-5;
+
 impl MeshLight {
     /// The light of triangles in render space, each with the unit normal of its front. `None` if they have no area.
     pub(crate) fn new(
@@ -41,6 +117,7 @@ impl MeshLight {
         two_sided: bool,
         part: u32,
         mean_radiance: Rgb,
+        profile: EmissionProfile,
         has_varying_radiance: bool,
     ) -> Option<Self> {
         let area_of =
@@ -76,10 +153,33 @@ impl MeshLight {
             _ => (Vec3::Z, PI),
         };
         let area = total as f32;
+        let facets = facets(&triangles, &normals, &cumulative);
+        let ranges = facets.iter().enumerate().flat_map(|(i, f)| (f.first..f.end).map(move |_| i as u32));
+        let facet_of = ranges.collect();
+        let choice = match facets.len() {
+            0 | 1 => FacetChoice::Single,
+            2..=MAX_WEIGHTED_FACETS => FacetChoice::Weighted,
+            _ => {
+                let bounds = facets.iter().map(|f| {
+                    let surface = EmissionCone::surface(f.normal, two_sided);
+                    Some(LightBounds {
+                        bounds: Aabb::from_points(triangles[f.triangles()].iter().flatten().copied()),
+                        cone: EmissionCone { emission: profile.cutoff_angle(), ..surface },
+                        peak: f.after - f.before,
+                    })
+                });
+                let tree = LightTree::new(&bounds.collect::<Vec<_>>(), &vec![1.0; facets.len()]);
+                FacetChoice::Tree(Box::new(tree.with_profile(profile)))
+            }
+        };
         Some(Self {
             triangles,
             normals,
+            facets,
+            facet_of,
             cumulative,
+            choice,
+            profile,
             area,
             center,
             radius,
@@ -126,18 +226,24 @@ impl MeshLight {
         if !self.reaches(receiver) {
             return None;
         }
-        let index = self.cumulative.partition_point(|c| *c <= u[0]).min(self.triangles.len() - 1);
-        let before = if index == 0 { 0.0 } else { self.cumulative[index - 1] };
-        let share = self.cumulative[index] - before;
-        // The number that is left after the choice is uniform again.
-        let v = if share > 0.0 { ((u[0] - before) / share).clamp(0.0, 1.0 - f32::EPSILON) } else { 0.5 };
+        let (facet, u) = self.choose_facet(receiver, u[0]).map(|(facet, rest)| (facet, [rest, u[1]]))?;
+        let Facet { first, end, before, after, .. } = self.facets[facet];
+        // The place in the facet by area, and from it the triangle.
+        let place = before + u[0] * (after - before);
+        let (first, end) = (first as usize, end as usize);
+        let index = first + self.cumulative[first..end].partition_point(|c| *c <= place).min(end - first - 1);
+        let start = if index == 0 { 0.0 } else { self.cumulative[index - 1] };
+        let share = self.cumulative[index] - start;
+        // The number that is left after the choices is uniform again.
+        let v = if share > 0.0 { ((place - start) / share).clamp(0.0, 1.0 - f32::EPSILON) } else { 0.5 };
         let ([a, b, c], normal) = (self.triangles[index], self.normals[index]);
         let [b1, b2] = sample_triangle_area([v, u[1]]);
         let point = a + b1 * (b - a) + b2 * (c - a);
         let to_light = point - receiver.point;
         let distance = to_light.length();
         let direction = to_light / distance;
-        let pdf = self.pdf_of(distance * distance, direction.dot(normal)) * probability;
+        let density = self.facet_density(receiver, facet);
+        let pdf = self.pdf_of(density, distance * distance, direction.dot(normal)) * probability;
         if !(pdf > 0.0 && pdf.is_finite()) {
             return None;
         }
@@ -146,21 +252,89 @@ impl MeshLight {
         Some(LightSample { direction, target: Some(target), radiance: self.mean_radiance, pdf, is_delta: false })
     }
 
-    /// The density [1/sr] of a point on a triangle in [`Self::sample`], without the choice of the light.
-    pub(crate) fn pdf(&self, receiver: &LightSampleContext, point: Vec3, normal: Vec3) -> f32 {
-        if !self.reaches(receiver) {
-            return 0.0;
+    /// Chooses a facet. Returns its index and a number that is uniform in [0, 1) again.
+    fn choose_facet(&self, receiver: &LightSampleContext, u: f32) -> Option<(usize, f32)> {
+        if let FacetChoice::Single = self.choice {
+            return Some((0, u));
         }
+        if u < AREA_SHARE {
+            let u = below_one(u / AREA_SHARE);
+            let index = self.facets.partition_point(|f| f.after <= u).min(self.facets.len() - 1);
+            let Facet { before, after, .. } = self.facets[index];
+            return Some((index, below_one(((u - before) / (after - before)).max(0.0))));
+        }
+        let u = below_one((u - AREA_SHARE) / (1.0 - AREA_SHARE));
+        match &self.choice {
+            FacetChoice::Tree(tree) => tree.choose_with_rest(receiver, u),
+            _ => self.choose_weighted(receiver, u),
+        }
+    }
+
+    fn choose_weighted(&self, receiver: &LightSampleContext, u: f32) -> Option<(usize, f32)> {
+        let mut weights = [0f32; MAX_WEIGHTED_FACETS];
+        let mut total = 0.0;
+        for (weight, facet) in weights.iter_mut().zip(&self.facets) {
+            *weight = facet.weight(receiver, &self.profile, self.two_sided);
+            total += *weight;
+        }
+        if !(total > 0.0 && total.is_finite()) {
+            return None;
+        }
+        let mut rest = u * total;
+        let mut last = None;
+        for (index, &weight) in weights.iter().enumerate().filter(|(_, w)| **w > 0.0) {
+            last = Some((index, below_one((rest / weight).max(0.0))));
+            if rest < weight {
+                break;
+            }
+            rest -= weight;
+        }
+        last
+    }
+
+    /// The probability of a facet in the choice that is not by area.
+    fn probability(&self, receiver: &LightSampleContext, facet: usize) -> f32 {
+        match &self.choice {
+            FacetChoice::Single => 1.0,
+            FacetChoice::Tree(tree) => tree.probability(receiver, facet),
+            FacetChoice::Weighted => {
+                let mut total = 0.0;
+                let mut own = 0.0;
+                for (index, f) in self.facets.iter().enumerate() {
+                    let weight = f.weight(receiver, &self.profile, self.two_sided);
+                    total += weight;
+                    if index == facet {
+                        own = weight;
+                    }
+                }
+                if total > 0.0 && total.is_finite() { own / total } else { 0.0 }
+            }
+        }
+    }
+
+    /// The density of a point of a facet in [`Self::sample`], relative to that of a uniform choice over the whole area.
+    #[inline]
+    fn facet_density(&self, receiver: &LightSampleContext, facet: usize) -> f32 {
+        if let FacetChoice::Single = self.choice {
+            return 1.0;
+        }
+        let share = self.facets[facet].after - self.facets[facet].before;
+        AREA_SHARE + (1.0 - AREA_SHARE) * self.probability(receiver, facet) / share.max(f32::MIN_POSITIVE)
+    }
+
+    /// The density [1/sr] of a point on a triangle in [`Self::sample`], without the choice of the light.
+    pub(crate) fn pdf(&self, receiver: &LightSampleContext, triangle: u32, point: Vec3, normal: Vec3) -> f32 {
+        let Some(&facet) = self.facet_of.get(triangle as usize).filter(|_| self.reaches(receiver)) else { return 0.0 };
         let to_light = point - receiver.point;
         let d2 = to_light.length_squared();
-        self.pdf_of(d2, to_light.dot(normal) / d2.sqrt())
+        self.pdf_of(self.facet_density(receiver, facet as usize), d2, to_light.dot(normal) / d2.sqrt())
     }
 
     /// Area density to solid angle. `cosine` is that between the direction to the light and the normal of its front.
     #[inline]
-    fn pdf_of(&self, distance_squared: f32, cosine: f32) -> f32 {
+    fn pdf_of(&self, relative_density: f32, distance_squared: f32, cosine: f32) -> f32 {
         let cosine = if self.two_sided { cosine.abs() } else { -cosine };
-        if cosine > 0.0 { distance_squared / (cosine * self.area) } else { 0.0 }
+        if cosine > 0.0 { relative_density * distance_squared / (cosine * self.area) } else { 0.0 }
     }
 
     /// Emitted power \[W\].
@@ -179,4 +353,27 @@ impl MeshLight {
     pub(crate) fn len(&self) -> usize {
         self.triangles.len()
     }
+}
+
+/// The facets of a mesh: runs of triangles in which each shares a corner and the normal with the one before.
+fn facets(triangles: &[[Vec3; 3]], normals: &[Vec3], cumulative: &[f32]) -> Vec<Facet> {
+    let mut facets: Vec<Facet> = Vec::new();
+    for (t, after) in cumulative.iter().enumerate() {
+        let before = if t == 0 { 0.0 } else { cumulative[t - 1] };
+        let continues = t > 0
+            && normals[t].dot(normals[t - 1]) > SAME_NORMAL
+            && triangles[t].iter().any(|p| triangles[t - 1].contains(p));
+        match facets.last_mut().filter(|_| continues) {
+            Some(facet) => (facet.end, facet.after) = (t as u32 + 1, *after),
+            None => {
+                let (first, normal) = (t as u32, normals[t]);
+                facets.push(Facet { first, end: first + 1, before, after: *after, center: Vec3::ZERO, normal });
+            }
+        }
+    }
+    for facet in &mut facets {
+        let bounds = Aabb::from_points(triangles[facet.triangles()].iter().flatten().copied());
+        facet.center = 0.5 * (bounds.min + bounds.max);
+    }
+    facets
 }

@@ -391,21 +391,20 @@ impl LightTable {
         }
     }
 
-    /// The density [1/sr] of `point` on the light `index` with a surface in [`Self::sample`]. `normal` is the unit normal
-    /// of the surface there, on the side of its front.
+    /// The density [1/sr] of `point` on the light `index` with a surface in [`Self::sample`]. `triangle` of the part
+    /// contains it. `normal` is the unit normal of the surface there, on the side of its front.
     #[inline]
     pub(crate) fn pdf_area(
         &self,
         receiver: &LightSampleContext,
         choice: LightChoice,
         index: u32,
-        point: Vec3,
-        normal: Vec3,
+        (triangle, point, normal): (u32, Vec3, Vec3),
     ) -> f32 {
         match self.lights.get(index as usize) {
             Some(Light::Area(a)) => a.pdf(receiver, point) * self.share(receiver, choice, index as usize),
             Some(Light::Mesh(m)) if EFFECTS => {
-                let pdf = self.mesh_lights.get(*m as usize).map_or(0.0, |m| m.pdf(receiver, point, normal));
+                let pdf = self.mesh_lights.get(*m as usize).map_or(0.0, |m| m.pdf(receiver, triangle, point, normal));
                 pdf * self.share(receiver, choice, index as usize)
             }
             _ => 0.0,

@@ -6,6 +6,7 @@
 //! these axes within which they emit. Light from infinitely far away is not in the tree. It has a fixed share of the
 //! choices.
 
+use crate::light::emission_profile::EmissionProfile;
 use crate::light::sample::LightSampleContext;
 use dunkelfeld_geometry::{Aabb, Vec3};
 use dunkelfeld_sampling::Distribution1D;
@@ -103,6 +104,8 @@ pub(crate) struct LightTree {
     infinite_choice: Distribution1D,
     /// Probability that one of them is chosen.
     infinite_share: f32,
+    /// The profile of all lights with a surface.
+    profile: EmissionProfile,
 }
 
 /// The place of a light.
@@ -190,12 +193,18 @@ impl LightTree {
             infinite,
             infinite_choice: Distribution1D::new(infinite_powers),
             infinite_share,
+            profile: EmissionProfile::Lambertian,
         };
         if !order.is_empty() {
             tree.nodes.push(Node::leaf(0, &order[0].1));
             tree.build(0, &mut order, 0, 0);
         }
         tree
+    }
+
+    /// The tree for lights that all have the same emission profile.
+    pub(crate) fn with_profile(self, profile: EmissionProfile) -> Self {
+        Self { profile, ..self }
     }
 
     /// Number of lights that have a leaf.
@@ -235,17 +244,28 @@ impl LightTree {
     /// Chooses a light: its index and the probability of the choice. `None` if no light can reach the receiver.
     #[inline]
     pub(crate) fn choose(&self, receiver: &LightSampleContext, u: f32) -> Option<(usize, f32)> {
+        self.descend(receiver, u).map(|(light, probability, _)| (light, probability))
+    }
+
+    /// Chooses a light: its index, and a number that is uniform in [0, 1) again.
+    pub(crate) fn choose_with_rest(&self, receiver: &LightSampleContext, u: f32) -> Option<(usize, f32)> {
+        self.descend(receiver, u).map(|(light, _, rest)| (light, rest))
+    }
+
+    /// The chosen light, its probability, and the number that is left.
+    #[inline]
+    fn descend(&self, receiver: &LightSampleContext, u: f32) -> Option<(usize, f32, f32)> {
         if u < self.infinite_share {
             let choice = self.infinite_choice.sample_discrete(below_one(u / self.infinite_share));
             let light = *self.infinite.get(choice.index)?;
-            return Some((light as usize, choice.probability * self.infinite_share));
+            return Some((light as usize, choice.probability * self.infinite_share, choice.remapped));
         }
         let mut u = below_one((u - self.infinite_share) / (1.0 - self.infinite_share));
         let mut probability = 1.0 - self.infinite_share;
-        let mut node = self.nodes.first().filter(|root| root.importance(receiver) > 0.0)?;
+        let mut node = self.nodes.first().filter(|root| root.importance(receiver, &self.profile) > 0.0)?;
         while !node.is_leaf {
             let children = self.children(node)?;
-            let first = first_share(children, receiver)?;
+            let first = first_share(children, receiver, &self.profile)?;
             if u < first {
                 u = below_one(u / first);
                 probability *= first;
@@ -256,7 +276,7 @@ impl LightTree {
                 node = &children[1];
             }
         }
-        Some((node.next as usize, probability))
+        Some((node.next as usize, probability, u))
     }
 
     /// The probability with which [`Self::choose`] chooses a light.
@@ -267,11 +287,12 @@ impl LightTree {
             Some(LightPlace::Infinite(i)) => self.infinite_choice.pdf_discrete(*i as usize) * self.infinite_share,
             Some(&LightPlace::Leaf { mut turns }) => {
                 let mut probability = 1.0 - self.infinite_share;
-                let Some(mut node) = self.nodes.first().filter(|root| root.importance(receiver) > 0.0) else {
+                let Some(mut node) = self.nodes.first().filter(|root| root.importance(receiver, &self.profile) > 0.0)
+                else {
                     return 0.0;
                 };
                 while let (false, Some(children)) = (node.is_leaf, self.children(node)) {
-                    let Some(first) = first_share(children, receiver) else { return 0.0 };
+                    let Some(first) = first_share(children, receiver, &self.profile) else { return 0.0 };
                     probability *= if turns & 1 == 0 { first } else { 1.0 - first };
                     node = &children[(turns & 1) as usize];
                     turns >>= 1;
@@ -289,8 +310,8 @@ impl LightTree {
 
 /// The probability of the first of two children; `None` if neither can contribute.
 #[inline]
-fn first_share(children: &[Node; 2], receiver: &LightSampleContext) -> Option<f32> {
-    let [a, b] = [children[0].importance(receiver), children[1].importance(receiver)];
+fn first_share(children: &[Node; 2], receiver: &LightSampleContext, profile: &EmissionProfile) -> Option<f32> {
+    let [a, b] = [children[0].importance(receiver, profile), children[1].importance(receiver, profile)];
     // The probability of a child that can contribute must not round to zero.
     let least = 0.5 * f32::EPSILON;
     match (a > 0.0, b > 0.0) {
@@ -323,7 +344,7 @@ impl Node {
     /// The importance of the node: an estimate, up to a constant, of the irradiance at the receiver. It is zero only if
     /// the irradiance is (Conty Estevez & Kulla 2018, equation 3; the distance is that of the centre).
     #[inline]
-    fn importance(&self, receiver: &LightSampleContext) -> f32 {
+    fn importance(&self, receiver: &LightSampleContext, profile: &EmissionProfile) -> f32 {
         let to_light = self.center - receiver.point;
         let d2 = to_light.length_squared();
         if d2 <= self.radius2 {
@@ -354,7 +375,8 @@ impl Node {
         if cos_emitted < self.cos_emission - SLACK {
             return 0.0;
         }
-        self.peak * cos_facing.max(SLACK) * cos_emitted.max(SLACK) / d2.max(NEAREST)
+        let emitted = (cos_emitted * profile.eval(cos_emitted)).max(SLACK);
+        self.peak * cos_facing.max(SLACK) * emitted / d2.max(NEAREST)
     }
 }
 
@@ -388,7 +410,7 @@ impl Angle {
 }
 
 #[inline]
-fn below_one(u: f32) -> f32 {
+pub(crate) fn below_one(u: f32) -> f32 {
     u.clamp(0.0, 1.0 - f32::EPSILON / 2.0)
 }
 

@@ -286,7 +286,9 @@ impl Scene {
     #[inline]
     pub fn light_pdf(&self, receiver: &LightSampleContext, choice: LightChoice, p: &SurfacePoint) -> f32 {
         match self.parts[p.part as usize].lights.get(p.triangle as usize) {
-            Some(&light) if light != NO_LIGHT => self.lights.pdf_area(receiver, choice, light, p.point, p.normal),
+            Some(&light) if light != NO_LIGHT => {
+                self.lights.pdf_area(receiver, choice, light, (p.triangle, p.point, p.normal))
+            }
             _ => 0.0,
         }
     }
