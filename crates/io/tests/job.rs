@@ -503,10 +503,10 @@ fn an_ies_file_takes_the_place_of_a_point_or_a_spot() {
     // A later entry may change the strength of what an earlier one attached.
     assert_eq!(scaled(&format!("{spot}[[light]]\nname = \"spot\"\nintensity = 4")), Rgb::splat(4.0));
     for (text, word) in [
-        ("[[light]]\nname = \"sun\"\nies = \"lamp.ies\"", "parallel"),
+        ("[[light]]\nname = \"sun\"\nies = \"lamp.ies\"", "distant light"),
         ("[[light]]\nname = \"left\"\nies = \"lamp.ies\"", "without extent"),
         ("[[light]]\nname = \"bulb\"\nies = \"gone.ies\"", "gone.ies"),
-        ("[[light]]\nname = \"bulb\"\nies = \"lamp.ies\"\nirradiance = 1", "measured light"),
+        ("[[light]]\nname = \"bulb\"\nies = \"lamp.ies\"\nirradiance = 1", "light with an IES profile"),
     ] {
         let e = apply(text).expect_err(text);
         assert!(e.to_string().contains(word) && !e.caret().is_empty(), "{e}");

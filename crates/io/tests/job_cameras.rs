@@ -122,7 +122,7 @@ fn impossible_cameras_are_refused_with_place_and_caret() {
     for (text, place, problem, marked) in [
         (k("[[-9, 0, 3], [0, 9, 3], [0, 0, 1]]"), "[camera] K", "the focal length fx is -9", "[[-9"),
         (k("[[9, 0, 3], [0, 0, 3], [0, 0, 1]]"), "[camera] K", "the focal length fy is 0", "[[9"),
-        (k("[[9, 0.5, 3], [0, 9, 3], [0, 0, 1]]"), "[camera] K", "skew 0.5", "[[9"),
+        (k("[[9, 0.5, 3], [0, 9, 3], [0, 0, 1]]"), "[camera] K", "skew of 0.5", "[[9"),
         (k("[[9, 0, 3], [0, 9, 3], [0, 0, 2]]"), "[camera] K", "last row", "[[9"),
         (k("[[9, 0], [0, 9, 3], [0, 0, 1]]"), "[camera] K", "three values", "[9, 0]"),
         (k("[[nan, 0, 3], [0, 9, 3], [0, 0, 1]]"), "[camera] K", "out of range", "[[nan"),
@@ -130,7 +130,7 @@ fn impossible_cameras_are_refused_with_place_and_caret() {
         (
             "[camera]\nR = [[1, 0, 0], [0, 1, 0], [0, 0.001, 1]]\nt = [0, 0, 0]".into(),
             "[camera] R",
-            "no rotation",
+            "not a rotation",
             "[[1",
         ),
         ("[camera]\nR = [[1, 0, 0], [0, 1, 0], [0, 0, -1]]\nt = [0, 0, 0]".into(), "[camera] R", "mirrored", "[[1"),

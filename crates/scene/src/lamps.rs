@@ -5,7 +5,7 @@
 //! polygons with the area of the circle, so that power and radiance agree with those of the round lamp.
 
 use crate::light::emission_profile::EmissionProfile;
-use dunkelfeld_geometry::{DVec3, Mesh, Vec3};
+use dunkelfeld_geometry::{DAffine3, DVec3, Mesh, Vec3};
 use std::f64::consts::{PI, TAU};
 
 /// Segments of a full circle. The mean radius of such a polygon deviates from that of the circle by less than 2e-4 of
@@ -144,9 +144,9 @@ impl LampShape {
         }
     }
 
-    /// The discs of LEDs.
-    fn discs(&self, leds: Leds) -> Mesh {
-        let (columns, rows) = (leds.columns.max(1), leds.rows.max(1));
+    /// The distance between the middles of neighbouring LEDs \[m\], at the mean radius of a ring. It is the largest
+    /// diameter of discs that do not overlap.
+    pub fn led_space(&self, columns: u32, rows: u32) -> f64 {
         let [along, across] = match *self {
             Self::Ring { outer_diameter, inner_diameter, .. } => {
                 [0.5 * PI * (outer_diameter + inner_diameter), 0.5 * (outer_diameter - inner_diameter)]
@@ -154,8 +154,13 @@ impl LampShape {
             Self::Rectangle { width, height } | Self::Ellipse { width, height } => [width, height],
             Self::Dome { diameter, .. } | Self::Sphere { diameter } => [PI * diameter, diameter],
         };
-        let space = (along / f64::from(columns)).min(across / f64::from(rows));
-        let diameter = leds.diameter.unwrap_or(LED_FILL * space);
+        (along / f64::from(columns.max(1))).min(across / f64::from(rows.max(1)))
+    }
+
+    /// The discs of LEDs.
+    fn discs(&self, leds: Leds) -> Mesh {
+        let (columns, rows) = (leds.columns.max(1), leds.rows.max(1));
+        let diameter = leds.diameter.unwrap_or(LED_FILL * self.led_space(columns, rows));
         let mut mesh = Mesh::default();
         for (i, j) in (0..columns).flat_map(|i| (0..rows).map(move |j| (i, j))) {
             let at = |k: u32, n: u32| (f64::from(k) + 0.5) / f64::from(n);
@@ -243,18 +248,30 @@ fn append(mesh: &mut Mesh, other: &Mesh) {
 
 /// The area of a mesh \[m^2\].
 pub fn area(mesh: &Mesh) -> f64 {
-    (0..mesh.triangles.len()).map(|t| elements(mesh, t, 1).map(|(_, _, a)| a).sum::<f64>()).sum()
+    placed_area(mesh, &DAffine3::IDENTITY)
+}
+
+/// The area of a placed mesh \[m^2\]. Triangles without finite corners do not count.
+pub fn placed_area(mesh: &Mesh, to_world: &DAffine3) -> f64 {
+    let at = |i: u32| mesh.positions.get(i as usize).map(|p| to_world.transform_point3(p.as_dvec3()));
+    let triangle = |[a, b, c]: &[u32; 3]| {
+        let (a, b, c) = (at(*a)?, at(*b)?, at(*c)?);
+        Some(0.5 * (b - a).cross(c - a).length())
+    };
+    mesh.triangles.iter().filter_map(triangle).filter(|a| a.is_finite()).sum()
 }
 
 /// Irradiance [W/m^2] per radiance [W/(m^2 sr)] along the normal of a lamp, at the point (0, 0, -distance) of its frame
 /// on a surface that faces the lamp, without occlusion: the sum of `profile(mu) mu cos / d^2` over small elements.
 pub fn irradiance_on_axis(emitter: &Mesh, profile: &EmissionProfile, distance: f64) -> f64 {
     let receiver = DVec3::new(0.0, 0.0, -distance);
-    // Triangles that are large against the distance are divided further.
+    // Triangles that are large against their distance are divided further.
     let parts = |t: usize| {
         let [a, b, c] = emitter.corners(t).map(|p| p.as_dvec3());
         let size = (a - b).length().max((b - c).length()).max((c - a).length());
-        ((8.0 * size / distance).ceil() as u32).clamp(2, 128)
+        // No point of the triangle is nearer.
+        let nearest = (receiver - a).length() - size;
+        ((8.0 * size / nearest.max(distance)).ceil() as u32).clamp(2, 128)
     };
     let sum = |t: usize| -> f64 {
         elements(emitter, t, parts(t))

@@ -49,6 +49,7 @@ mod place_cameras;
 mod primitives;
 mod scene_files;
 mod sensor;
+mod strobes;
 
 pub use cameras::{CameraSettings, Cameras};
 pub use film::FilmSettings;
@@ -57,7 +58,7 @@ pub use lens::{FilterSettings, LensProjection, LensSettings};
 pub use materials::{AlphaKind, MaterialOverride};
 pub use motion::{LineScanSettings, RotationSettings};
 pub use objects::{Grid, ObjectOverride, Pivot, Placement};
-pub use place::Place;
+pub use place::{Place, bounds_of};
 pub use primitives::PrimitiveKind;
 pub use scene_files::{SceneFile, SceneFiles};
 pub use sensor::{DEFAULT_SENSOR, Exposure, SensorChoice, SensorSettings};
@@ -268,23 +269,23 @@ pub struct LightSettings {
     #[serde(default, deserialize_with = "check::light")]
     pub radiance: Option<Rgb>,
     /// Radiant power \[W\] of each light that the name selects, as the mean of the channels. The colour remains as it
-    /// is (white if it was black). Not for parallel light.
+    /// is (white if it was black). Not for distant light.
     #[serde(default, deserialize_with = "check::power")]
     pub power: Option<f64>,
     /// Radiant intensity \[W/sr\] of a point light, of a spot light on its axis, or of an IES profile in its brightest
     /// direction.
     #[serde(default, deserialize_with = "check::light")]
     pub intensity: Option<Rgb>,
-    /// Irradiance [W/m^2] of a parallel light on a surface perpendicular to it; of a lamp on its axis at the working
+    /// Irradiance [W/m^2] of distant light on a surface perpendicular to it; of a lamp on its axis at the working
     /// distance.
     #[serde(default, deserialize_with = "check::light")]
     pub irradiance: Option<Rgb>,
     /// Wavelength of the light; the quantum efficiency of the sensor is that at it.
     pub wavelength: Option<Wavelength>,
-    /// Duration of the pulse of the lamp in each exposure.
-    #[serde(default, deserialize_with = "check::duration")]
-    pub strobe: Option<Duration>,
-    /// Distance \[m\] of `irradiance` from the lamp. Default: `distance`.
+    /// Duration \[s\] of the pulse of the lamp in the middle of each exposure, at most the exposure time.
+    #[serde(default, deserialize_with = "check::pulse")]
+    pub strobe: Option<f64>,
+    /// Distance \[m\] of `irradiance` from the lamp. Default: that of the target.
     #[serde(default, deserialize_with = "check::positive_length")]
     pub working_distance: Option<f64>,
     /// Diameter \[m\] of a ring (outer), dome, round panel, spot or point.
@@ -312,8 +313,8 @@ pub struct LightSettings {
     pub led_diameter: Option<f64>,
     /// Does a diffuser cover the LEDs, so that the whole surface emits?
     pub diffuser: Option<bool>,
-    /// Full angle \[rad\] at half of the intensity.
-    #[serde(default, deserialize_with = "check::open_angle")]
+    /// Full angle \[rad\] at half of the intensity, up to that of a Lambertian surface (120 degrees).
+    #[serde(default, deserialize_with = "check::lens_angle")]
     pub lens_angle: Option<f64>,
     /// Full angle \[rad\] beyond which a louver lets nothing pass.
     #[serde(default, deserialize_with = "check::open_angle")]
@@ -332,6 +333,9 @@ pub struct LightSettings {
     pub angle: Option<f64>,
     /// `false`: the lamp is invisible and transparent from behind.
     pub body: Option<bool>,
+    /// Name of the camera that the place of the lamp refers to. Default: the camera that the job selects, or its first
+    /// one. The beam splitter of a coaxial lamp is in front of this camera.
+    pub camera: Option<String>,
     /// Centre of the lamp \[m\] in the world.
     #[serde(default, deserialize_with = "place::optional_point")]
     pub position: Option<DVec3>,

@@ -124,6 +124,12 @@ impl TomlFile {
         DeTable::parse(&self.text).is_ok_and(|root| span_of(root.get_ref(), path).is_some())
     }
 
+    /// The text of the value at the end of this path, as in [`Self::error_at_key`].
+    pub fn text_at(&self, path: &[&str]) -> Option<&str> {
+        let root = DeTable::parse(&self.text).ok()?;
+        self.text.get(span_of(root.get_ref(), path)?)
+    }
+
     /// Returns `value` if it lies in `range`. NaN never does.
     ///
     /// # Errors

@@ -306,7 +306,7 @@ fn check_intrinsics([[fx, skew, _], [zero, fy, _], last]: &[[f64; 3]; 3]) -> Res
     }
     if *skew != 0.0 || *zero != 0.0 {
         let skew = Number(if *skew != 0.0 { *skew } else { *zero });
-        return fault("K", format!("`K` has the skew {skew}, which no lens here has"), form);
+        return fault("K", format!("`K` has a skew of {skew}; only 0 is supported"), form);
     }
     if !(1e-3..=1e3).contains(&(fy / fx)) {
         return fault("K", "fx and fy differ by more than a factor of 1000", form);
@@ -320,7 +320,7 @@ fn check_rotation(rows: &[[f64; 3]; 3]) -> Result<(), Fault> {
     let difference = r * r.transpose() - DMat3::IDENTITY;
     let largest = difference.to_cols_array().into_iter().fold(0.0, |most: f64, v| most.max(v.abs()));
     if largest.is_nan() || largest > ROTATION_TOLERANCE {
-        let problem = format!("`R` is no rotation: R R^T differs from the identity by {}", Number(largest));
+        let problem = format!("`R` is not a rotation: R R^T differs from the identity by {}", Number(largest));
         return fault("R", problem, "write the three rows of the rotation matrix, as `cv2.Rodrigues` returns them");
     }
     if r.determinant() < 0.0 {

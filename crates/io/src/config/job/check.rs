@@ -121,6 +121,12 @@ pub(super) fn open_angle<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f64>,
     angle_between(d, 1f64.to_radians(), std::f64::consts::PI, "from 1deg to 180deg")
 }
 
+/// A full angle \[rad\] at half of the intensity. 120 degrees is that of a Lambertian surface.
+pub(super) fn lens_angle<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f64>, D::Error> {
+    let range = "from 1deg to 120deg, which is Lambertian";
+    angle_between(d, 1f64.to_radians(), std::f64::consts::TAU / 3.0, range)
+}
+
 pub(super) fn quarter_turn<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f64>, D::Error> {
     angle_between(d, 0.0, std::f64::consts::FRAC_PI_2, "from 0deg to 90deg")
 }
@@ -219,6 +225,15 @@ pub(super) fn duration<'de, D: Deserializer<'de>>(d: D) -> Result<Option<Duratio
         return Ok(Some(Duration::from_secs_f64(v)));
     }
     Err(D::Error::custom(format!("{} s is out of range; write a time above zero, such as \"20s\"", Number(v))))
+}
+
+/// The duration [s] of a pulse.
+pub(super) fn pulse<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f64>, D::Error> {
+    let Time(v) = Time::deserialize(d)?;
+    if (1e-9..=1e6).contains(&v) {
+        return Ok(Some(v));
+    }
+    Err(D::Error::custom(format!("{} s is out of range; write a time from 1ns on, such as \"100us\"", Number(v))))
 }
 
 /// An angle [rad] in degrees, without the digits that result from rounding.

@@ -1,8 +1,12 @@
 //! Checks of new lamps in a job: keys that a kind of lamp does not have, or that exclude each other.
 
+use super::lamp_values::MAX_LEDS;
 use super::{Exposure, Job, LampKind, LightSettings};
 use crate::error::InputError;
-use dunkelfeld_radiometry::Number;
+use dunkelfeld_radiometry::{Number, Rgb};
+
+/// Largest number of lamps of a job.
+const MAX_LAMPS: u32 = 1000;
 
 /// The keys of a new lamp that only some kinds have.
 const KEYS: &[&str] = &[
@@ -27,6 +31,7 @@ const KEYS: &[&str] = &[
     "intensity",
     "irradiance",
     "working_distance",
+    "camera",
     "position",
     "aim",
     "target",
@@ -36,6 +41,31 @@ const KEYS: &[&str] = &[
     "azimuth",
     "up",
     "count",
+];
+
+/// Pairs of keys that exclude each other, and the reason. The error is at the second one.
+const EXCLUSIVE: &[(&str, &str, &str)] = &[
+    ("position", "distance", "both set the distance from the target"),
+    ("position", "direction", "both set the place of the lamp"),
+    ("position", "elevation", "both set the place of the lamp"),
+    ("position", "azimuth", "both set the place of the lamp"),
+    ("direction", "elevation", "both set the direction to the lamp"),
+    ("direction", "azimuth", "both set the direction to the lamp"),
+    ("lens_angle", "spread", "both set the angular distribution"),
+    ("diameter", "width", "both set the size"),
+    ("aim", "target", "both set the direction in which the lamp shines"),
+    ("aim", "distance", "`aim` belongs to a `position`"),
+    ("aim", "direction", "both set the direction in which the lamp shines"),
+    ("aim", "elevation", "both set the direction in which the lamp shines"),
+    ("azimuth", "up", "`azimuth` turns the lamp already"),
+];
+
+/// Keys that have no effect without another one, and the reason.
+const NEEDS: &[(&str, &str, &str)] = &[
+    ("azimuth", "elevation", "an azimuth without an elevation gives no direction"),
+    ("working_distance", "irradiance", "it is the distance of `irradiance`, which is not given"),
+    ("led_diameter", "leds", "there are no LEDs"),
+    ("diffuser", "leds", "there are no LEDs"),
 ];
 
 /// The first key of an entry without `kind` that only new lamps have.
@@ -64,36 +94,29 @@ impl Job {
                 return Err(self.light_error(i, key, problem, format!("its keys are `{known}`")));
             }
         }
-        let exclusive: [(&str, &str, &str); 9] = [
-            ("position", "distance", "both set the distance from the target"),
-            ("position", "direction", "both set the place of the lamp"),
-            ("position", "elevation", "both set the place of the lamp"),
-            ("direction", "elevation", "both set the direction to the lamp"),
-            ("direction", "azimuth", "both set the direction to the lamp"),
-            ("lens_angle", "spread", "both set the angular distribution"),
-            ("diameter", "width", "both set the size"),
-            ("aim", "target", "both set the direction in which the lamp shines"),
-            ("aim", "distance", "`aim` belongs to a `position`"),
-        ];
-        for (first, second, why) in exclusive {
-            // A ring has a diameter and no width.
+        for (first, second, why) in EXCLUSIVE {
             if given(first) && given(second) {
                 let problem = format!("`{first}` and `{second}`: {why}");
                 return Err(self.light_error(i, second, problem, "keep one of them"));
             }
         }
-        if light.wavelength.is_some()
-            && let Some(key) = ["radiance", "intensity", "irradiance"].into_iter().find(|key| {
-                let triple = match *key {
-                    "radiance" => light.radiance,
-                    "intensity" => light.intensity,
-                    _ => light.irradiance,
-                };
-                triple.is_some_and(|c| c.r != c.g || c.g != c.b)
-            })
-        {
-            let problem = "a light of one wavelength has no colour";
-            return Err(self.light_error(i, key, problem, "write one number, or remove `wavelength`"));
+        for (key, other, why) in NEEDS {
+            if given(key) && !given(other) {
+                let help = format!("write `{other}` as well, or remove this");
+                return Err(self.light_error(i, key, *why, help));
+            }
+        }
+        if given("aim") && !given("position") && kind != LampKind::Sun {
+            let help = "write `position` as well, or `direction` instead";
+            return Err(self.light_error(i, "aim", "`aim` belongs to a `position`", help));
+        }
+        if given("aim") && given("irradiance") && kind != LampKind::Sun && !given("working_distance") {
+            let problem = "a lamp with `aim` faces no target, so that the distance of its irradiance is missing";
+            return Err(self.light_error(i, "irradiance", problem, "write `working_distance` as well"));
+        }
+        if given("led_diameter") && light.diffuser == Some(true) {
+            let help = "remove this, or write diffuser = false";
+            return Err(self.light_error(i, "led_diameter", "the whole surface emits behind a diffuser", help));
         }
         let required: &[&str] = match kind {
             LampKind::Ring | LampKind::Dome => &["diameter"],
@@ -124,19 +147,64 @@ impl Job {
                 return Err(self.light_error(i, key, problem, "write a smaller one"));
             }
         }
-        if given("leds") && kind != LampKind::Bar && kind != LampKind::Ring && given("diameter") && given("width") {
-            return Err(self.light_error(i, "leds", "the size is given twice", "keep `diameter` or `width`"));
-        }
-        if (given("led_diameter") || given("diffuser")) && !given("leds") {
-            let key = if given("diffuser") { "diffuser" } else { "led_diameter" };
-            return Err(self.light_error(i, key, "there are no LEDs", "write `leds` as well, or remove this"));
-        }
         if given("strobe") && matches!(self.sensor.exposure, Exposure::Auto) {
             let help = "write `exposure` in [sensor], such as \"1ms\"";
             return Err(self.light_error(i, "strobe", "a strobe needs a fixed exposure time", help));
         }
-        if given("up") && given("azimuth") {
-            return Err(self.light_error(i, "up", "`azimuth` turns the lamp already", "keep one of them"));
+        if let (Some(strobe), Exposure::Seconds(exposure)) = (light.strobe, self.sensor.exposure)
+            && strobe > exposure * (1.0 + 1e-9)
+        {
+            let (strobe, exposure) = (Number(strobe), Number(exposure));
+            let problem = format!("the pulse of {strobe} s is longer than the exposure of {exposure} s");
+            let help = "write a shorter one, or remove it: then the lamp is on for the whole exposure";
+            return Err(self.light_error(i, "strobe", problem, help));
+        }
+        Ok(())
+    }
+
+    /// Checks that a light of one wavelength has no colour.
+    pub(super) fn check_color(&self, i: usize, light: &LightSettings) -> Result<(), InputError> {
+        let strengths =
+            [("radiance", light.radiance), ("intensity", light.intensity), ("irradiance", light.irradiance)];
+        let is_colored = |strength: Option<Rgb>| strength.is_some_and(|c| c.r != c.g || c.g != c.b);
+        match strengths.into_iter().find(|(_, strength)| is_colored(*strength)) {
+            Some((key, _)) if light.wavelength.is_some() => {
+                let problem = "a light of one wavelength has no colour";
+                Err(self.light_error(i, key, problem, "write one number, or remove `wavelength`"))
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// Checks all new lamps together: their number, their LEDs, and that there is one environment.
+    pub(super) fn check_all_lights(&self) -> Result<(), InputError> {
+        let mut environment = self.environment.is_some().then(|| "[environment]".to_string());
+        let (mut lamps, mut leds) = (0, 0);
+        for (i, light) in self.lights.iter().enumerate().filter(|(_, light)| light.enabled) {
+            if light.kind.is_none() {
+                continue;
+            }
+            if light.kind == Some(LampKind::Environment) {
+                if let Some(other) = environment {
+                    let problem = format!("a scene has one environment, and {other} sets it already");
+                    return Err(self.light_error(i, "kind", problem, "keep one of them"));
+                }
+                environment = Some(format!("[[light]] {}", i + 1));
+            }
+            let count = light.count.unwrap_or(1);
+            lamps += count;
+            if lamps > MAX_LAMPS {
+                let problem = format!("the job has more than {MAX_LAMPS} lamps, each of `count` counted");
+                return Err(self.light_error(i, "kind", problem, "write fewer lamps"));
+            }
+            if let Some(own) = light.leds.filter(|_| light.diffuser != Some(true)) {
+                leds += count * own.columns * own.rows;
+            }
+            if leds > MAX_LEDS {
+                let problem = format!("the lamps of the job have more than {MAX_LEDS} LEDs together");
+                let help = "write fewer LEDs, or diffuser = true for lamps whose LEDs are not seen one by one";
+                return Err(self.light_error(i, "leds", problem, help));
+            }
         }
         Ok(())
     }

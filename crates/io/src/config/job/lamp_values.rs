@@ -5,6 +5,9 @@ use dunkelfeld_radiometry::{Nanometres, Number, Rgb};
 use serde::Deserialize;
 use serde::de::{Deserializer, Error};
 
+/// Largest number of LEDs of all lamps of a job together.
+pub(super) const MAX_LEDS: u32 = 20_000;
+
 /// Kinds of lamps that a job can add.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "lowercase")]
@@ -77,9 +80,15 @@ impl LampKind {
     pub(super) fn pose_keys(self) -> &'static [&'static str] {
         match self {
             Self::Environment => &[],
-            Self::Sun => &["aim", "direction", "elevation", "azimuth"],
-            Self::Point => &["position", "target", "distance", "direction", "elevation", "azimuth", "count"],
-            _ => &["position", "aim", "target", "distance", "direction", "elevation", "azimuth", "up", "count"],
+            Self::Sun => &["camera", "aim", "direction", "elevation", "azimuth"],
+            Self::Point => &["camera", "position", "target", "distance", "direction", "elevation", "azimuth", "count"],
+            // Copies around the axis would need a beam splitter each.
+            Self::Coaxial => {
+                &["camera", "position", "aim", "target", "distance", "direction", "elevation", "azimuth", "up"]
+            }
+            _ => {
+                &["camera", "position", "aim", "target", "distance", "direction", "elevation", "azimuth", "up", "count"]
+            }
         }
     }
 }
@@ -143,7 +152,7 @@ pub struct LedCount {
 impl<'de> Deserialize<'de> for LedCount {
     fn deserialize<D: Deserializer<'de>>(d: D) -> Result<Self, D::Error> {
         #[derive(Deserialize)]
-        #[serde(untagged, expecting = "this is no number of LEDs; write one such as 48, or [columns, rows]")]
+        #[serde(untagged, expecting = "this is not a number of LEDs; write one such as 48, or [columns, rows]")]
         enum Written {
             Row(i64),
             Grid([i64; 2]),
@@ -154,9 +163,9 @@ impl<'de> Deserialize<'de> for LedCount {
         };
         let fits = |n: i64| u32::try_from(n).ok().filter(|n| (1..=10_000).contains(n));
         match (fits(columns), fits(rows)) {
-            (Some(columns), Some(rows)) if columns * rows <= 100_000 => Ok(Self { columns, rows }),
+            (Some(columns), Some(rows)) if columns * rows <= MAX_LEDS => Ok(Self { columns, rows }),
             _ => Err(D::Error::custom(format!(
-                "{columns} x {rows} LEDs are out of range; write from 1 to 10000 in a row, and at most 100000 in all"
+                "{columns} x {rows} LEDs are out of range; write from 1 to 10000 in a row, and at most {MAX_LEDS} in all"
             ))),
         }
     }

@@ -1,13 +1,14 @@
 //! `[[light]]` with a `kind`: new lamps, described as in a catalogue.
 
-use super::{Exposure, Job, LampKind, LensSettings, LightSettings};
+use super::{CameraSettings, Job, LampKind, LensSettings, LightSettings};
 use crate::error::{ImportWarning, InputError};
+use crate::names::suggestion;
 use dunkelfeld_geometry::{DAffine3, DMat3, DQuat, DVec3, Mesh};
 use dunkelfeld_radiometry::{Nanometres, Number, Rgb};
-use dunkelfeld_scene::lamps::{area, irradiance_on_axis};
+use dunkelfeld_scene::lamps::{LampMeshes, area, irradiance_on_axis};
 use dunkelfeld_scene::{
-    EmissionProfile, Environment, EnvironmentSource, Instance, LampShape, Leds, Material, MeshPart, PunctualKind,
-    PunctualLight, SceneBuilder,
+    Camera, EmissionProfile, Environment, EnvironmentSource, Instance, LampShape, Leds, Material, MeshPart,
+    PunctualKind, PunctualLight, SceneBuilder,
 };
 use dunkelfeld_sensor::Bands;
 use std::f64::consts::PI;
@@ -20,32 +21,40 @@ const DOME_HOLE: f64 = 0.25;
 /// Height over width of a bar, if it is not given.
 const BAR_HEIGHT: f64 = 0.1;
 /// Share of the light that the beam splitter of a coaxial lamp reflects toward the part, if it is not given.
-pub(super) const SPLITTER: f64 = 0.5;
+const SPLITTER: f64 = 0.5;
 /// Angular diameter of the sun \[rad\].
 const SUN: f64 = 0.0093;
+/// Full angle \[rad\] at half of the intensity of a Lambertian surface.
+const LAMBERTIAN: f64 = 2.0 * PI / 3.0;
+/// Sine of the angle between two directions below which they count as parallel.
+const PARALLEL: f64 = 1e-6;
 /// Reflectance of housings and plates.
 const BLACK: f32 = 0.04;
 
-/// Position, axes and reference of one lamp.
-struct Pose {
-    /// Lamp to world: the lamp shines along its -z.
-    to_world: DAffine3,
+/// An entry of `[[light]]` that is a new lamp: its position in the job, its keys, its kind.
+pub(super) type Entry<'a> = (usize, &'a LightSettings, LampKind);
+
+/// The poses of the lamps of an entry.
+struct Poses {
+    /// Lamp to world: each lamp shines along its -z.
+    to_world: Vec<DAffine3>,
+    /// Distance \[m\] of the target.
+    distance: f64,
 }
 
 impl Job {
-    /// Adds the lamp of entry `i` to the scene.
+    /// Adds the lamps of an entry to the scene. `targets` are those of [`Job::camera_targets`].
     pub(super) fn add_lamp(
         &self,
-        i: usize,
-        light: &LightSettings,
-        kind: LampKind,
+        entry: Entry<'_>,
+        targets: &[(&str, DVec3)],
         scene: &mut SceneBuilder,
         warnings: &mut Vec<ImportWarning>,
     ) -> Result<(), InputError> {
+        let (i, light, kind) = entry;
         if !light.enabled {
             return Ok(());
         }
-        let name = if light.name.is_empty() { kind.name() } else { &light.name };
         let duty = self.duty(light);
         if kind == LampKind::Environment {
             let radiance = light.radiance.unwrap_or(Rgb::WHITE) * (duty as f32);
@@ -53,15 +62,16 @@ impl Job {
                 Some(Environment { source: EnvironmentSource::Constant(in_band(light, radiance)), rotation: 0.0 });
             return Ok(());
         }
-        let count = light.count.unwrap_or(1);
-        for (k, pose) in self.poses(i, light, kind, count, scene)?.into_iter().enumerate() {
-            let name = if count > 1 { format!("{name} {}", k + 1) } else { name.to_string() };
-            match kind {
-                LampKind::Sun => scene.lights.push(sun(light, name, &pose, duty)),
-                LampKind::Point | LampKind::Spot if light.diameter.is_none_or(|d| d <= 0.0) => {
-                    scene.lights.push(punctual(light, kind, name, &pose, duty));
-                }
-                _ => add_mesh_lamp(light, kind, name, &pose, duty, scene),
+        let Poses { to_world, distance } = self.poses(entry, targets, scene)?;
+        let lamps = light.lamp_names(kind).into_iter().zip(to_world);
+        match kind {
+            LampKind::Sun => scene.lights.extend(lamps.map(|(name, pose)| sun(light, name, pose, duty))),
+            LampKind::Point | LampKind::Spot if light.diameter.is_none() => {
+                scene.lights.extend(lamps.map(|(name, pose)| punctual(light, kind, name, pose, duty)));
+            }
+            _ => {
+                let lamp = self.mesh_lamp(entry, duty, distance)?;
+                lamps.for_each(|(name, pose)| lamp.add(name, pose, scene));
             }
         }
         if kind == LampKind::Coaxial && scene.cameras.is_empty() {
@@ -75,24 +85,31 @@ impl Job {
         Ok(())
     }
 
-    /// The share of the exposure for which the light is on.
-    fn duty(&self, light: &LightSettings) -> f64 {
-        match (light.strobe, self.sensor.exposure) {
-            (Some(strobe), Exposure::Seconds(exposure)) => (strobe.as_secs_f64() / exposure).min(1.0),
-            _ => 1.0,
-        }
+    /// The camera to which a lamp belongs; `None` in a scene without cameras.
+    fn lamp_camera<'a>(
+        &self,
+        (i, light, _): Entry<'_>,
+        scene: &'a SceneBuilder,
+    ) -> Result<Option<&'a Camera>, InputError> {
+        let Some(name) = &light.camera else { return Ok(scene.cameras.get(self.camera_index(scene)?.unwrap_or(0))) };
+        let found = scene.cameras.iter().find(|camera| camera.name == *name);
+        found.map(Some).ok_or_else(|| {
+            let known: Vec<&str> = scene.cameras.iter().map(|c| c.name.as_str()).collect();
+            let problem = format!("there is no camera named \"{name}\"");
+            self.light_error(i, "camera", problem, suggestion(name, "cameras", &known))
+        })
     }
 
-    fn poses(
-        &self,
-        i: usize,
-        light: &LightSettings,
-        kind: LampKind,
-        count: u32,
-        scene: &SceneBuilder,
-    ) -> Result<Vec<Pose>, InputError> {
-        let camera = self.camera_index(scene)?.or(if scene.cameras.is_empty() { None } else { Some(0) });
-        let camera = camera.and_then(|index| scene.cameras.get(index));
+    /// The points that the cameras of the job look at, by the names of the cameras.
+    pub(super) fn camera_targets(&self, scene: &SceneBuilder) -> Vec<(&str, DVec3)> {
+        let target = |camera: &'_ CameraSettings| camera.look_at.as_ref()?.resolve(scene).ok();
+        let all = self.camera.defined.iter().filter_map(|camera| Some((camera.name.as_str(), target(camera)?)));
+        all.collect()
+    }
+
+    fn poses(&self, entry: Entry<'_>, targets: &[(&str, DVec3)], scene: &SceneBuilder) -> Result<Poses, InputError> {
+        let (i, light, kind) = entry;
+        let camera = self.lamp_camera(entry, scene)?;
         let center = scene_center(scene).unwrap_or(DVec3::ZERO);
         // The axis points from the target to the camera.
         let (axis, up, default_target) = match camera {
@@ -109,7 +126,10 @@ impl Job {
             Some(place) => {
                 place.resolve(scene).map_err(|(problem, help)| self.light_error(i, "target", problem, help))?
             }
-            None => self.looked_at(scene).unwrap_or(default_target),
+            None => {
+                let looked_at = targets.iter().find(|(name, _)| camera.is_some_and(|camera| camera.name == *name));
+                looked_at.map_or(default_target, |(_, target)| *target)
+            }
         };
         let right = up.cross(axis).try_normalize().unwrap_or(axis.any_orthonormal_vector());
         let up = axis.cross(right);
@@ -120,8 +140,7 @@ impl Job {
         });
         let default_direction = if kind == LampKind::Back { -axis } else { axis };
         let direction = light.direction.or(by_angles).unwrap_or(default_direction);
-        let distance = light.distance.unwrap_or(0.0);
-        let position = light.position.unwrap_or(target + direction * distance);
+        let position = light.position.unwrap_or(target + direction * light.distance.unwrap_or(0.0));
         // The lamp's +z points against the direction in which it shines.
         let back = match light.aim {
             Some(aim) => -aim,
@@ -130,24 +149,59 @@ impl Job {
             })?,
             None => direction,
         };
-        let lamp_up = light.up.unwrap_or(if back.cross(axis).length() > 1e-6 && kind == LampKind::Bar {
+        let lamp_up = match light.up {
+            Some(up) if up.cross(back).length() < PARALLEL => {
+                let problem = "`up` is parallel to the direction in which the lamp shines";
+                return Err(self.light_error(i, "up", problem, "write a direction across it"));
+            }
+            Some(up) => up,
             // The long side of a bar is perpendicular to the axis.
-            axis
-        } else {
-            up
-        });
+            None if back.cross(axis).length() > PARALLEL && kind == LampKind::Bar => axis,
+            None => up,
+        };
         let x = lamp_up.cross(back).try_normalize().unwrap_or(back.any_orthonormal_vector());
         let frame = DAffine3 { matrix3: DMat3::from_cols(x, back.cross(x), back), translation: position };
+        let count = light.count.unwrap_or(1);
         let around = |k: u32| {
             let turn = DQuat::from_axis_angle(axis, std::f64::consts::TAU * f64::from(k) / f64::from(count));
             DAffine3::from_translation(target) * DAffine3::from_quat(turn) * DAffine3::from_translation(-target)
         };
-        Ok((0..count).map(|k| Pose { to_world: if k == 0 { frame } else { around(k) * frame } }).collect())
+        let to_world = (0..count).map(|k| if k == 0 { frame } else { around(k) * frame }).collect();
+        Ok(Poses { to_world, distance: position.distance(target) })
     }
 
-    /// The point that the first camera of the job looks at.
-    fn looked_at(&self, scene: &SceneBuilder) -> Option<DVec3> {
-        self.camera.defined.first()?.look_at.as_ref()?.resolve(scene).ok()
+    /// The lamp of an entry with a surface, in its own frame. `distance` \[m\] is that of its target.
+    fn mesh_lamp(&self, (i, light, kind): Entry<'_>, duty: f64, distance: f64) -> Result<MeshLamp, InputError> {
+        let shape = shape(light, kind);
+        let leds = light.leds.filter(|_| light.diffuser != Some(true)).map(|leds| Leds {
+            columns: leds.columns,
+            rows: leds.rows,
+            diameter: light.led_diameter,
+        });
+        if let Some((leds, diameter)) = leds.and_then(|leds| Some((leds, leds.diameter?))) {
+            let space = shape.led_space(leds.columns, leds.rows);
+            if diameter > space * (1.0 + 1e-9) {
+                let problem = format!("LEDs of {} m overlap: they are {} m apart", Number(diameter), Number(space));
+                return Err(self.light_error(i, "led_diameter", problem, "write a smaller one, or fewer LEDs"));
+            }
+        }
+        let profile = profile(light, kind);
+        let meshes = shape.meshes(leds);
+        let distance = light.working_distance.unwrap_or(distance).max(1e-3 * light.extent());
+        let splitter = if kind == LampKind::Coaxial { light.splitter.unwrap_or(SPLITTER) } else { 1.0 };
+        let emission = strength(light, kind, &meshes.emitter, &profile, (splitter, distance)).ok_or_else(|| {
+            let problem = format!("no light of the lamp arrives on its axis at {} m", Number(distance));
+            let help = "give `power` or `radiance`, or write another `working_distance`";
+            self.light_error(i, "irradiance", problem, help)
+        })?;
+        Ok(MeshLamp {
+            meshes,
+            emission: emission * (duty as f32),
+            profile,
+            has_body: kind != LampKind::Coaxial && light.body != Some(false),
+            // Two triangles of a rectangle are sampled by solid angle, which is better.
+            is_single_light: leds.is_some() || !matches!(shape, LampShape::Rectangle { .. }),
+        })
     }
 
     /// The wavelengths of the channels of the render, from the lamps of the job, and the transmission of the lens at
@@ -191,10 +245,14 @@ impl Job {
         Ok(bands)
     }
 
-    /// The share of the light that the beam splitters of coaxial lamps let pass to the camera.
-    pub fn splitter_transmission(&self) -> f64 {
+    /// The share of the light that the beam splitters of coaxial lamps let pass to a camera. `first` is the name of the
+    /// first camera of the scene, to which lamps belong by default; `None` in a scene without cameras.
+    pub fn splitter_transmission(&self, camera: &str, first: Option<&str>) -> f64 {
+        let default = self.camera.selected.as_deref().or(first);
+        let is_in_front =
+            |light: &&LightSettings| light.camera.as_deref().or(default).is_none_or(|name| name == camera);
         let coaxial = self.lights.iter().filter(|l| l.enabled && l.kind == Some(LampKind::Coaxial));
-        coaxial.map(|l| 1.0 - l.splitter.unwrap_or(SPLITTER)).product()
+        coaxial.filter(is_in_front).map(|l| 1.0 - l.splitter.unwrap_or(SPLITTER)).product()
     }
 }
 
@@ -211,7 +269,7 @@ fn of_mean(light: &LightSettings, mean: f64) -> Rgb {
     in_band(light, Rgb::splat(mean as f32))
 }
 
-fn sun(light: &LightSettings, name: String, pose: &Pose, duty: f64) -> PunctualLight {
+fn sun(light: &LightSettings, name: String, to_world: DAffine3, duty: f64) -> PunctualLight {
     let irradiance = in_band(light, light.irradiance.unwrap_or(Rgb::WHITE)) * (duty as f32);
     let half_angle = (0.5 * light.angle.unwrap_or(SUN)) as f32;
     let kind = if half_angle > 0.0 {
@@ -219,7 +277,7 @@ fn sun(light: &LightSettings, name: String, pose: &Pose, duty: f64) -> PunctualL
     } else {
         PunctualKind::Directional { irradiance }
     };
-    PunctualLight { name, to_world: pose.to_world, kind }
+    PunctualLight { name, to_world, kind }
 }
 
 /// Half-angles of the full cone and of the edge of a spot \[rad\].
@@ -230,7 +288,7 @@ fn cone(light: &LightSettings) -> [f64; 2] {
     [inner.clamp(-1.0, 1.0).acos(), outer]
 }
 
-fn punctual(light: &LightSettings, kind: LampKind, name: String, pose: &Pose, duty: f64) -> PunctualLight {
+fn punctual(light: &LightSettings, kind: LampKind, name: String, to_world: DAffine3, duty: f64) -> PunctualLight {
     let [inner, outer] = cone(light);
     let solid_angle = match kind {
         LampKind::Spot => super::lights::spot_solid_angle(inner as f32, outer as f32),
@@ -244,7 +302,7 @@ fn punctual(light: &LightSettings, kind: LampKind, name: String, pose: &Pose, du
         LampKind::Spot => PunctualKind::Spot { intensity, inner: inner as f32, outer: outer as f32 },
         _ => PunctualKind::Point { intensity },
     };
-    PunctualLight { name, to_world: pose.to_world, kind }
+    PunctualLight { name, to_world, kind }
 }
 
 fn shape(light: &LightSettings, kind: LampKind) -> LampShape {
@@ -276,81 +334,78 @@ fn profile(light: &LightSettings, kind: LampKind) -> EmissionProfile {
             let [inner, outer] = cone(light).map(|angle| angle.cos() as f32);
             EmissionProfile::Spot { cos_inner: inner, cos_outer: outer.max(0.0) }
         }
-        (_, Some(angle), _) => EmissionProfile::from_half_intensity_angle(0.5 * angle),
+        (_, Some(angle), _) if angle < 0.999 * LAMBERTIAN => EmissionProfile::from_half_intensity_angle(0.5 * angle),
         // A spread of 180 degrees restricts nothing.
         (_, None, Some(angle)) if angle < 0.999 * PI => EmissionProfile::Louver { half_angle: (0.5 * angle) as f32 },
         _ => EmissionProfile::Lambertian,
     }
 }
 
-fn add_mesh_lamp(
-    light: &LightSettings,
-    kind: LampKind,
-    name: String,
-    pose: &Pose,
-    duty: f64,
-    scene: &mut SceneBuilder,
-) {
-    let shape = shape(light, kind);
-    let leds = light.leds.filter(|_| light.diffuser != Some(true)).map(|leds| Leds {
-        columns: leds.columns,
-        rows: leds.rows,
-        diameter: light.led_diameter,
-    });
-    let profile = profile(light, kind);
-    let meshes = shape.meshes(leds);
-    let splitter = if kind == LampKind::Coaxial { light.splitter.unwrap_or(SPLITTER) } else { 1.0 };
-    let radiance = strength(light, kind, &meshes.emitter, &profile, splitter) * (duty as f32);
-    let is_bodiless = kind == LampKind::Coaxial || light.body == Some(false);
-    let lamp = Material {
-        name: name.clone(),
-        base_color: Rgb::splat(if is_bodiless { 0.0 } else { BLACK }),
-        specular: 0.0,
-        roughness: 1.0,
-        emission: radiance,
-        emission_profile: profile,
-        is_back_invisible: is_bodiless,
-        ..Material::default()
-    };
-    let material = scene.add_material(lamp);
-    // Two triangles of a rectangle are sampled by solid angle, which is better.
-    let is_single_light = leds.is_some() || !matches!(shape, LampShape::Rectangle { .. });
-    let mut parts = vec![MeshPart { name: name.clone(), mesh: meshes.emitter, material, is_single_light }];
-    if !meshes.plate.triangles.is_empty() && !is_bodiless {
-        let plate = Material {
-            name: format!("{name} plate"),
-            base_color: Rgb::splat(BLACK),
-            roughness: 0.5,
-            ..Material::default()
-        };
-        let material = scene.add_material(plate);
-        parts.push(MeshPart { name: format!("{name} plate"), mesh: meshes.plate, material, is_single_light: false });
-    }
-    let first = scene.meshes.len();
-    let meshes = (first..first + parts.len()).collect();
-    scene.meshes.extend(parts);
-    scene.instances.push(Instance { name, meshes, to_world: pose.to_world, motion: Default::default() });
+/// A lamp with a surface, in its own frame.
+struct MeshLamp {
+    meshes: LampMeshes,
+    /// Radiance along the normal [W/(m^2 sr)].
+    emission: Rgb,
+    profile: EmissionProfile,
+    has_body: bool,
+    is_single_light: bool,
 }
 
-/// Radiance along the normal [W/(m^2 sr)].
-fn strength(light: &LightSettings, kind: LampKind, emitter: &Mesh, profile: &EmissionProfile, splitter: f64) -> Rgb {
+impl MeshLamp {
+    /// Adds the lamp at a pose to the scene.
+    fn add(&self, name: String, to_world: DAffine3, scene: &mut SceneBuilder) {
+        let material = scene.add_material(Material {
+            name: name.clone(),
+            base_color: Rgb::splat(if self.has_body { BLACK } else { 0.0 }),
+            specular: 0.0,
+            roughness: 1.0,
+            emission: self.emission,
+            emission_profile: self.profile,
+            is_back_invisible: !self.has_body,
+            ..Material::default()
+        });
+        let mesh = self.meshes.emitter.clone();
+        let mut parts = vec![MeshPart { name: name.clone(), mesh, material, is_single_light: self.is_single_light }];
+        if !self.meshes.plate.triangles.is_empty() && self.has_body {
+            let name = format!("{name} plate");
+            let material = scene.add_material(Material {
+                name: name.clone(),
+                base_color: Rgb::splat(BLACK),
+                roughness: 0.5,
+                ..Material::default()
+            });
+            parts.push(MeshPart { name, mesh: self.meshes.plate.clone(), material, is_single_light: false });
+        }
+        let first = scene.meshes.len();
+        let meshes = (first..first + parts.len()).collect();
+        scene.meshes.extend(parts);
+        scene.instances.push(Instance { name, meshes, to_world, motion: Default::default() });
+    }
+}
+
+/// Radiance along the normal [W/(m^2 sr)]. `distance` \[m\] is that of the irradiance. `None` if the lamp gives no
+/// irradiance there.
+fn strength(
+    light: &LightSettings,
+    kind: LampKind,
+    emitter: &Mesh,
+    profile: &EmissionProfile,
+    (splitter, distance): (f64, f64),
+) -> Option<Rgb> {
     if let Some(radiance) = light.radiance {
-        return in_band(light, radiance) * (splitter as f32);
+        return Some(in_band(light, radiance) * (splitter as f32));
     }
     if let Some(irradiance) = light.irradiance {
-        let distance = light.working_distance.or(light.distance).unwrap_or(0.0).max(1e-3 * light.extent());
         let per_radiance = irradiance_on_axis(emitter, profile, distance);
-        // Beyond its cone a lamp gives no irradiance.
-        let factor = if per_radiance > 0.0 { 1.0 / per_radiance } else { 0.0 };
-        return in_band(light, irradiance) * (factor as f32);
+        return (per_radiance > 0.0).then(|| in_band(light, irradiance) * ((1.0 / per_radiance) as f32));
     }
     // A small disc of radius r with the profile of a spot has the intensity pi r^2 L on its axis.
     if let (LampKind::Spot | LampKind::Point, Some(intensity)) = (kind, light.intensity) {
         let area = if kind == LampKind::Spot { area(emitter) } else { 0.25 * area(emitter) };
-        return in_band(light, intensity) * ((1.0 / area) as f32);
+        return Some(in_band(light, intensity) * ((1.0 / area) as f32));
     }
     let exitance = PI * area(emitter) * profile.exitance();
-    of_mean(light, splitter * light.power.unwrap_or(DEFAULT_POWER) / exitance)
+    Some(of_mean(light, splitter * light.power.unwrap_or(DEFAULT_POWER) / exitance))
 }
 
 impl LightSettings {

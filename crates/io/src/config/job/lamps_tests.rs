@@ -4,6 +4,9 @@ use super::*;
 use dunkelfeld_geometry::Vec3;
 use dunkelfeld_scene::shapes::cuboid;
 
+/// A panel at a position, and an environment.
+const PLACED: &str = "[[light]]\nkind = \"panel\"\nwidth = 0.1\nposition = [0, 1, 0]\n";
+const SKY: &str = "[[light]]\nkind = \"environment\"\n";
 const HEAD: &str = "scene = \"part.glb\"\n";
 
 fn job(text: &str) -> Result<Job, InputError> {
@@ -151,7 +154,10 @@ fn a_coaxial_lamp_is_invisible_from_behind_and_halves_the_light_of_the_camera() 
     let scene = lit(text);
     let lamp = &scene.materials[scene.meshes[1].material];
     assert!(lamp.is_back_invisible && (lamp.emission.g - 5.0).abs() < 1e-6);
-    assert!((job(text).expect("a job").splitter_transmission() - 0.5).abs() < 1e-12);
+    let job = job(text).expect("a job");
+    assert!((job.splitter_transmission("above", Some("above")) - 0.5).abs() < 1e-12);
+    assert_eq!(job.splitter_transmission("side", Some("above")), 1.0);
+    assert!((job.splitter_transmission("", None) - 0.5).abs() < 1e-12, "a scene without cameras");
 }
 
 #[test]
@@ -177,10 +183,32 @@ fn wrong_lamps_are_refused_with_place_and_help() {
         (format!("{ring}inner_diameter = \"120mm\"\n"), "inner_diameter", "not below"),
         (format!("{ring}diffuser = true\n"), "diffuser", "no LEDs"),
         (format!("{ring}strobe = \"1ms\"\n"), "strobe", "fixed exposure"),
+        (format!("{ring}strobe = \"2ms\"\n[sensor]\nexposure = \"1ms\"\n"), "strobe", "longer than the exposure"),
         (format!("{ring}ies = \"a.ies\"\n"), "ies", "no profile"),
         (format!("{ring}wavelength = \"red\"\nradiance = [1, 0, 0]\n"), "radiance", "no colour"),
         ("[[light]]\nname = \"lamp\"\ndiameter = 1\n".into(), "diameter", "belongs to a new lamp"),
         ("[[light]]\npower = 1\n".into(), "light", "needs its name"),
+        (format!("{ring}azimuth = \"9deg\"\n"), "azimuth", "without an elevation"),
+        (format!("{PLACED}azimuth = \"9deg\"\n"), "azimuth", "both set the place"),
+        (format!("{ring}working_distance = 1\n"), "working_distance", "not given"),
+        (format!("{ring}leds = 4\nled_diameter = \"1mm\"\ndiffuser = true\n"), "led_diameter", "whole surface"),
+        (format!("{PLACED}aim = [0, -1, 0]\nirradiance = 1\n"), "irradiance", "faces no target"),
+        ("[[light]]\nkind = \"dome\"\ndiameter = 1\naim = [0, 1, 0]\n".into(), "aim", "belongs to a `position`"),
+        ("[[light]]\nkind = \"sun\"\naim = [0, -1, 0]\ndirection = [0, 1, 0]\n".into(), "direction", "both set"),
+        ("[[light]]\nkind = \"sun\"\naim = [0, -1, 0]\nelevation = \"9deg\"\n".into(), "elevation", "both set"),
+        (format!("{ring}lens_angle = \"130deg\"\n"), "lens_angle", "120deg"),
+        (format!("{ring}strobe = \"0.4ns\"\n"), "strobe", "1ns"),
+        (format!("{SKY}[environment]\nradiance = 1\n"), "kind", "[environment] sets it"),
+        (format!("{SKY}{SKY}"), "[[light]] 2, kind", "[[light]] 1 sets it"),
+        ("[[light]]\nname = \"lamp\"\nradiance = [1, 0, 0]\nwavelength = \"red\"\n".into(), "radiance", "no colour"),
+        ("[[light]]\nkind = \"coaxial\"\nwidth = 1\ndistance = 1\ncount = 2\n".into(), "count", "no count"),
+        (format!("{ring}leds = 9000\ncount = 2\n{ring}leds = [201, 10]\n"), "[[light]] 2, leds", "20000 LEDs"),
+        (format!("{ring}count = 64\n").repeat(16), "[[light]] 16, kind", "1000 lamps"),
+        (
+            "[sensor]\nmodel = \"none\"\n[lens]\nfilter = { center = \"600nm\", width = \"20nm\" }\n".into(),
+            "filter",
+            "none",
+        ),
     ] {
         let error = job(&text).expect_err(&text);
         assert!(error.to_string().contains(part), "{text}: {error}");
@@ -192,7 +220,60 @@ fn wrong_lamps_are_refused_with_place_and_help() {
         let text = format!("[[light]]\nkind = \"ring\"\ndistance = 1\n{text}\n");
         assert!(job(&text).is_err(), "{text}");
     }
-    let mut scene = scene();
-    let error = job(&format!("{ring}target = \"prat\"\n")).expect("a job").apply_overrides(&mut scene).expect_err("no");
-    assert!(error.place.contains("target") && error.help.contains("part"), "{error}");
+    // With a scene.
+    for (text, key, part) in [
+        (format!("{ring}target = \"prat\"\n"), "target", "part"),
+        (format!("{ring}camera = \"abvoe\"\n"), "camera", "above"),
+        (format!("{ring}up = [0, 2, 0]\n"), "up", "across"),
+        (format!("{ring}leds = 24\nled_diameter = \"11mm\"\n"), "led_diameter", "smaller"),
+        (format!("{PLACED}spread = \"20deg\"\nup = [0, 1, 0]\n"), "up", "across"),
+        // Each of two LEDs lights a narrow strip beside the axis.
+        (
+            "[[light]]\nkind = \"panel\"\nwidth = 0.1\ndistance = 0.1\nleds = 2\nspread = \"2deg\"\nirradiance = 1\n"
+                .into(),
+            "irradiance",
+            "power",
+        ),
+        ("[[light]]\nname = \"part\"\nwavelength = \"red\"\n".into(), "wavelength", "radiance"),
+    ] {
+        let error = job(&text).expect("a job").apply_overrides(&mut scene()).expect_err(&text);
+        assert!(error.place.contains(key) && error.to_string().contains(part), "{text}: {error}");
+    }
+    let all = format!("{ring}leds = 9000\ncount = 2\n{ring}leds = [200, 10]\n");
+    assert!(job(&all).is_ok(), "20000 LEDs");
+    assert!(job(&format!("{all}{ring}leds = 9000\ndiffuser = true\n")).is_ok(), "LEDs behind a diffuser do not count");
+    assert!(job(&format!("{SKY}enabled = false\n{SKY}")).is_ok(), "a lamp that is off is no environment");
+}
+
+/// A lamp belongs to the first camera, or to that of its key.
+#[test]
+fn lamps_lie_on_the_axis_of_their_camera() {
+    let cameras = "[[camera]]\nname = \"top\"\nlook_at = \"*\"\nworking_distance = 0.4\n[[camera]]\nname = \"side\"\n\
+                   look_at = [0, 0, \"5mm\"]\nposition = [0.3, 0, 0.005]\n";
+    let ring = "[[light]]\nkind = \"ring\"\ndiameter = \"100mm\"\ndistance = \"200mm\"\n";
+    // The target of the last one is the part, without the lamps before it.
+    let scene = lit(&format!("{cameras}{ring}{ring}camera = \"side\"\nname = \"b\"\n{ring}name = \"c\"\n"));
+    for (name, position, aim) in [
+        ("ring", DVec3::new(0.0, 0.2, 0.0), DVec3::NEG_Y),
+        ("b", DVec3::new(0.2, 0.0, 0.005), DVec3::NEG_X),
+        ("c", DVec3::new(0.0, 0.2, 0.0), DVec3::NEG_Y),
+    ] {
+        let found = pose(&scene, name);
+        assert!(found.0.distance(position) < 1e-8 && found.1.distance(aim) < 1e-8, "{name}: {found:?}");
+    }
+}
+
+#[test]
+fn the_irradiance_of_a_lamp_at_a_position_is_that_at_its_target() {
+    let scene = lit("[[light]]\nkind = \"panel\"\nwidth = 0.1\nposition = [0, 0.3, 0]\nirradiance = 7\n");
+    assert!((irradiance(&scene, DVec3::ZERO, 1) / 7.0 - 1.0).abs() < 1e-6);
+}
+
+/// An angle of 120 degrees is Lambertian, so that it needs no profile.
+#[test]
+fn the_widest_lens_angle_is_lambertian() {
+    let panel = "[[light]]\nkind = \"panel\"\nwidth = 0.1\ndistance = 0.3\n";
+    let profile = |text: &str| lit(&format!("{panel}{text}")).materials[1].emission_profile;
+    assert_eq!(profile("lens_angle = \"120deg\"\n"), EmissionProfile::Lambertian);
+    assert!(matches!(profile("lens_angle = \"100deg\"\n"), EmissionProfile::CosinePower { .. }));
 }

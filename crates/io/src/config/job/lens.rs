@@ -148,6 +148,10 @@ pub(super) fn check_lens(lens: &LensSettings, film: &FilmSettings, sensor: &Sens
         *sensor != SensorChoice::None || film.pixel_pitch.or(film.sensor_width).or(film.sensor_height).is_some();
     let size_help = "name another [sensor] model than \"none\", or write [film] pixel_pitch = \"3.45um\"";
     let telecentric = lens.projection == Some(LensProjection::Telecentric);
+    if lens.filter.is_some() && *sensor == SensorChoice::None {
+        let problem = "a filter lies in front of a sensor, and there is none";
+        return fault("filter", problem, "name another [sensor] model than \"none\", or remove this");
+    }
     if lens.vertical_fov.is_some() && lens.focal_length.is_some() {
         let problem = "`vertical_fov` and `focal_length` both set the field of view";
         return fault("focal_length", problem, "remove one of them");

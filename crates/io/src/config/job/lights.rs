@@ -5,8 +5,8 @@ use super::{Job, LightSettings};
 use crate::error::{ImportWarning, InputError};
 use crate::ies::load_ies;
 use crate::names::suggestion;
-use dunkelfeld_geometry::{DAffine3, Mesh};
 use dunkelfeld_radiometry::Rgb;
+use dunkelfeld_scene::lamps::placed_area;
 use dunkelfeld_scene::{LightProfile, Material, PunctualKind, SceneBuilder};
 use std::f64::consts::PI;
 use std::path::Path;
@@ -48,7 +48,7 @@ impl Job {
         ] {
             if given {
                 let what = if key == "ies" { "profile" } else { key };
-                let problem = format!("\"{}\" is no light without extent, so it has no {what}", change.name);
+                let problem = format!("\"{}\" is not a light without extent, so it has no {what}", change.name);
                 return Err(self.light_error(i, key, problem, help));
             }
         }
@@ -70,6 +70,12 @@ impl Job {
                     // Strengths that a file gives as ratios are preserved only if the light has a single material.
                     material.emission = emission.map_or(material.emission, |e| e.of(material.emission));
                     if let Some(wavelength) = change.wavelength {
+                        let is_unset = change.enabled && change.radiance.is_none() && change.power.is_none();
+                        if is_unset && material.emission.is_black() {
+                            let problem = format!("\"{}\" does not emit, so that it has no wavelength", light.name);
+                            let help = "give `radiance` or `power` as well, or remove this";
+                            return Err(self.light_error(i, "wavelength", problem, help));
+                        }
                         material.emission = wavelength.triple(f64::from(material.emission.mean()));
                     }
                 }
@@ -97,7 +103,7 @@ impl Job {
                 PunctualKind::Point { intensity } | PunctualKind::Spot { intensity, .. } => intensity,
                 PunctualKind::Profile { scale, .. } => scale,
                 PunctualKind::Directional { .. } | PunctualKind::Sun { .. } => {
-                    let problem = format!("\"{}\" is a parallel light, which has no profile", light.name);
+                    let problem = format!("\"{}\" is distant light, which has no profile", light.name);
                     return Err(self.light_error(i, "ies", problem, "name a point or spot light"));
                 }
             };
@@ -119,8 +125,8 @@ impl Job {
             let what = match kind {
                 PunctualKind::Point { .. } => "a point light",
                 PunctualKind::Spot { .. } => "a spot light",
-                PunctualKind::Directional { .. } | PunctualKind::Sun { .. } => "a parallel light",
-                PunctualKind::Profile { .. } => "a measured light",
+                PunctualKind::Directional { .. } | PunctualKind::Sun { .. } => "distant light",
+                PunctualKind::Profile { .. } => "a light with an IES profile",
             };
             Err(self.light_error(i, key, format!("\"{name}\" is {what}, which has no {key}"), format!("give {fit}")))
         };
@@ -322,7 +328,8 @@ impl Surfaces {
 fn material_light(material: usize, scene: &SceneBuilder) -> SurfaceLight {
     let parts = scene.instances.iter().flat_map(|n| n.meshes.iter().map(|m| (n.to_world, *m)));
     let parts = parts.filter_map(|(to_world, m)| Some((to_world, scene.meshes.get(m)?)));
-    let areas = parts.filter(|(_, p)| p.material == material).map(|(t, p)| (area(&p.mesh, &t), material)).collect();
+    let areas =
+        parts.filter(|(_, p)| p.material == material).map(|(t, p)| (placed_area(&p.mesh, &t), material)).collect();
     let name = scene.materials.get(material).map(|m| m.name.clone()).unwrap_or_default();
     SurfaceLight { name, materials: vec![material], areas }
 }
@@ -340,7 +347,7 @@ fn object_light(instance: usize, only_emissive: bool, scene: &mut SceneBuilder) 
         if only_emissive && !emits {
             continue;
         }
-        light.areas.push((area(&part.mesh, &to_world), old));
+        light.areas.push((placed_area(&part.mesh, &to_world), old));
         let uses = |m: usize| scene.instances.iter().flat_map(|n| &n.meshes).filter(|used| **used == m).count();
         let mesh_shared = uses(mesh) > 1;
         let material_elsewhere =
@@ -369,16 +376,6 @@ fn object_light(instance: usize, only_emissive: bool, scene: &mut SceneBuilder) 
         }
     }
     light
-}
-
-/// Area [m^2] of a placed mesh.
-fn area(mesh: &Mesh, to_world: &DAffine3) -> f64 {
-    let at = |i: u32| mesh.positions.get(i as usize).map(|p| to_world.transform_point3(p.as_dvec3()));
-    let triangle = |[a, b, c]: &[u32; 3]| {
-        let (a, b, c) = (at(*a)?, at(*b)?, at(*c)?);
-        Some(0.5 * (b - a).cross(c - a).length())
-    };
-    mesh.triangles.iter().filter_map(triangle).filter(|a| a.is_finite()).sum()
 }
 
 /// The colour scaled to a mean of its channels; white if it was black.

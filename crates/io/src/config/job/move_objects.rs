@@ -46,7 +46,8 @@ impl Job {
     }
 
     /// The shutter of the scene for a film of `rows` rows: that of `[line_scan]`, or a frame with the exposure of the
-    /// sensor. `None` if nothing moves.
+    /// sensor. If all light of the scene has the same strobe, that is the time of the motion in each exposure. `None` if
+    /// nothing moves. Call it after [`Job::apply_overrides`].
     ///
     /// # Errors
     /// An exposure that is not fixed, or longer than the period of a line.
@@ -62,7 +63,9 @@ impl Job {
                 // The animation of a scene file gives motion only if an exposure time is known.
                 let moves = scene.instances.iter().any(|object| !object.motion.is_static());
                 return Ok(match self.sensor.exposure {
-                    Exposure::Seconds(exposure) if moves => Some(Shutter::Frame { exposure }),
+                    Exposure::Seconds(exposure) if moves => {
+                        Some(Shutter::Frame { exposure: self.common_strobe(scene).unwrap_or(exposure) })
+                    }
                     _ => None,
                 });
             }
@@ -73,7 +76,9 @@ impl Job {
             let help = "write a time in [sensor], such as `exposure = \"5ms\"`";
             return Err(self.source.error_at_key(&keys, problem, help));
         };
-        let Some(settings) = &self.line_scan else { return Ok(Some(Shutter::Frame { exposure })) };
+        // Without light nothing moves in the image.
+        let lit = self.common_strobe(scene).unwrap_or(exposure);
+        let Some(settings) = &self.line_scan else { return Ok(Some(Shutter::Frame { exposure: lit })) };
         let period = 1.0 / settings.line_rate;
         // The rounding of a line rate must not refuse an exposure of the whole period.
         if exposure > period * (1.0 + 1e-9) {
@@ -92,7 +97,7 @@ impl Job {
         }
         Ok(Some(Shutter::Lines(LineScan {
             period,
-            exposure: exposure.min(period),
+            exposure: lit.min(period),
             stages: settings.tdi_stages,
             jitter: settings.encoder_jitter,
             line: settings.line,
@@ -177,7 +182,7 @@ mod tests {
             ("[[object]]\nname = \"a\"\nvelocity = [1, 2, \"3mm\"]\n", "unknown unit"),
             ("[[object]]\nname = \"a\"\nrotation = { speed = \"1rpm\" }\n", "axis"),
             ("[[object]]\nname = \"a\"\nrotation = { axis = [0, 1, 0], speed = 3 }\n", "unit"),
-            ("[[object]]\nname = \"a\"\nrotation = { axis = [0, 0, 0], speed = \"3rpm\" }\n", "no direction"),
+            ("[[object]]\nname = \"a\"\nrotation = { axis = [0, 0, 0], speed = \"3rpm\" }\n", "not a direction"),
             ("[line_scan]\nline_rate = 0\n", "out of range"),
             ("[line_scan]\nline = 0.5\n", "line_rate"),
             ("[line_scan]\nline_rate = \"1kHz\"\ntdi_stages = 0\n", "out of range"),

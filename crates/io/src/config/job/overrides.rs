@@ -11,6 +11,7 @@ impl Job {
     /// Checks without a scene: overrides that contradict each other.
     pub(super) fn check_overrides(&self) -> Result<(), InputError> {
         self.check_objects()?;
+        self.check_all_lights()?;
         for (i, light) in self.lights.iter().enumerate() {
             let given = [
                 ("radiance", light.radiance.is_some()),
@@ -23,6 +24,7 @@ impl Job {
                 let problem = format!("`{first}` and `{second}` both set the light's strength");
                 return Err(self.light_error(i, second, problem, "keep one of them"));
             }
+            self.check_color(i, light)?;
             if let Some(kind) = light.kind {
                 self.check_lamp(i, light, kind)?;
                 continue;
@@ -49,7 +51,7 @@ impl Job {
     /// If a name matches nothing in the scene, a light's quantity does not fit its kind, or the environment's image
     /// cannot be read. The scene is then partly changed and should be dropped.
     pub fn apply_overrides(&self, scene: &mut SceneBuilder) -> Result<Vec<ImportWarning>, InputError> {
-        let mut warnings = Vec::new();
+        let mut warnings: Vec<ImportWarning> = self.exposure_warning().into_iter().collect();
         scene.energy_compensation = self.render.energy_compensation;
         if let Some(environment) = &self.environment {
             scene.environment = self.environment(environment, scene, &mut warnings)?;
@@ -61,9 +63,10 @@ impl Job {
         }
         // Lights may be placed on the axis of a camera.
         self.add_cameras(scene)?;
+        let targets = self.camera_targets(scene);
         for (i, change) in self.lights.iter().enumerate() {
             match change.kind {
-                Some(kind) => self.add_lamp(i, change, kind, scene, &mut warnings)?,
+                Some(kind) => self.add_lamp((i, change, kind), &targets, scene, &mut warnings)?,
                 None => self.change_lights(i, change, scene, &mut warnings)?,
             }
         }

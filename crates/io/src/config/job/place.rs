@@ -85,7 +85,7 @@ pub(super) fn no_object(name: &str, scene: &SceneBuilder) -> (String, String) {
 }
 
 /// Bounds `[low, high]` \[m\] of an object in the world; `None` if it has no triangles with finite corners.
-pub(super) fn bounds_of(instance: &Instance, scene: &SceneBuilder) -> Option<[DVec3; 2]> {
+pub fn bounds_of(instance: &Instance, scene: &SceneBuilder) -> Option<[DVec3; 2]> {
     let meshes = instance.meshes.iter().filter_map(|m| scene.meshes.get(*m)).map(|part| &part.mesh);
     let corners =
         meshes.flat_map(|mesh| mesh.triangles.iter().flatten().filter_map(|i| mesh.positions.get(*i as usize)));
@@ -132,9 +132,9 @@ pub(super) fn direction<'de, D: Deserializer<'de>>(d: D) -> Result<Option<DVec3>
     let largest = v.abs().max_element();
     match (v / largest).try_normalize() {
         Some(unit) if largest.is_finite() => Ok(Some(unit)),
-        _ => {
-            Err(D::Error::custom("this is no direction; write three numbers that are not all zero, such as [0, 1, 0]"))
-        }
+        _ => Err(D::Error::custom(
+            "this is not a direction; write three numbers that are not all zero, such as [0, 1, 0]",
+        )),
     }
 }
 
@@ -162,7 +162,7 @@ pub(super) fn scale<'de, D: Deserializer<'de>>(d: D) -> Result<Option<DVec3>, D:
     match values.into_iter().find(|v| !SCALES.contains(v)) {
         Some(v) => {
             let help = "write factors from 1e-12 to 1e12, or mirror the object by `matrix`";
-            Err(D::Error::custom(format!("{} is no factor of a scale; {help}", Number(v))))
+            Err(D::Error::custom(format!("{} is not a factor of a scale; {help}", Number(v))))
         }
         None => Ok(Some(DVec3::from_array(values))),
     }
@@ -330,19 +330,19 @@ mod tests {
             ("point = [0, 1, 2, 3]", "three values"),
             ("point = [0, nan, 2]", "out of range"),
             ("point = [0, 1e10, 2]", "out of range"),
-            ("direction = [0, 0, 0]", "no direction"),
-            ("direction = [nan, 0, 0]", "no direction"),
-            ("direction = [inf, 0, 0]", "no direction"),
-            ("scale = 0", "no factor"),
+            ("direction = [0, 0, 0]", "not a direction"),
+            ("direction = [nan, 0, 0]", "not a direction"),
+            ("direction = [inf, 0, 0]", "not a direction"),
+            ("scale = 0", "not a factor"),
             ("scale = [1, -1, 1]", "mirror"),
-            ("scale = nan", "no factor"),
+            ("scale = nan", "not a factor"),
             ("size = [1, 0, 1]", "not a size"),
             ("size = [1]", "two or three"),
             ("matrix = [1, 2]", "16 numbers"),
             ("matrix = [1,0,0,0, 0,1,0,0, 0,0,0,0, 0,0,0,1]", "singular"),
             ("matrix = [1,0,0,0, 0,1,0,0, 0,0,1,0, 1,2,3,1]", "fourth column"),
             ("matrix = [nan,0,0,0, 0,1,0,0, 0,0,1,0, 0,0,0,1]", "not a finite number"),
-            ("rotate = { axis = [0, 0, 0], angle = \"3deg\" }", "no direction"),
+            ("rotate = { axis = [0, 0, 0], angle = \"3deg\" }", "not a direction"),
             ("rotate = { angle = \"3deg\" }", "axis"),
             ("rotate = [0, 2, 3]", "unit"),
             ("rotate = [0, true, 3]", "as \"30deg\""),
