@@ -42,21 +42,30 @@ pub(super) fn check(scene: &Scene, boxes: &[Aabb], report: &mut BuildReport) {
     let mut tests = MAX_TESTS;
     let mut findings = Vec::new();
     for source in sources {
-        let around = bodies.iter().find(|(object, body)| {
-            tests = tests.saturating_sub(1);
-            let contains = |p: &Vec3| p.cmpgt(body.min).all() && p.cmplt(body.max).all();
-            tests > 0
-                && source.object != Some(**object)
-                && source.points.iter().all(contains)
-                && source.points.iter().all(|p| is_inside(scene, **object, *p))
-                && *closed.entry(**object).or_insert_with(|| is_closed(scene, **object))
+        tests = tests.saturating_sub(bodies.len());
+        let contains = |body: &Aabb| source.points.iter().all(|p| body.contains(*p));
+        let is_near = tests > 0 && bodies.values().any(contains);
+        let mut around: Vec<u32> = Vec::new();
+        if let (true, [first, others @ ..]) = (is_near, source.points.as_slice()) {
+            around = objects_around(scene, *first);
+            around.retain(|object| source.object != Some(*object) && bodies.contains_key(object));
+            for p in others {
+                if !around.is_empty() {
+                    let objects = objects_around(scene, *p);
+                    around.retain(|object| objects.contains(object));
+                }
+            }
+        }
+        let is_cover = |object: &&u32| {
+            *closed.entry(**object).or_insert_with(|| is_closed(scene, **object))
                 && !scene.cameras.iter().any(|camera| {
                     // A camera inside as well: the body is a room or a housing of the station.
                     let eye = (camera.to_world.translation - scene.world_origin).as_vec3();
-                    is_inside(scene, **object, eye)
+                    objects_around(scene, eye).contains(object)
                 })
-        });
-        if let Some((object, _)) = around {
+        };
+        let around = around.iter().find(is_cover);
+        if let Some(object) = around {
             let name = scene.object_names.get(*object as usize).map_or("", String::as_str);
             findings.push((
                 source.place,
@@ -122,20 +131,19 @@ fn opaque_objects(scene: &Scene, boxes: &[Aabb]) -> BTreeMap<u32, Aabb> {
     bodies.into_iter().filter_map(|(object, body)| Some((object, body?))).collect()
 }
 
-/// Does an object surround a point? In each direction, more of its faces are then left than entered, or, where they are
-/// wound inward, the other way round.
-fn is_inside(scene: &Scene, object: u32, point: Vec3) -> bool {
-    let counts = DIRECTIONS.map(|direction| {
-        let mut count = 0;
+/// The objects that surround a point, in ascending order. In each direction, more of their faces are then left than
+/// entered, or, where they are wound inward, the other way round.
+fn objects_around(scene: &Scene, point: Vec3) -> Vec<u32> {
+    let mut counts: BTreeMap<u32, [i32; 3]> = BTreeMap::new();
+    for (way, direction) in DIRECTIONS.into_iter().enumerate() {
         scene.bvh.each_hit(&Ray::new(point, direction), |hit| {
             let hit = scene.surface_point(&hit, 0.0);
-            if scene.parts[hit.part as usize].object == object {
-                count += if direction.dot(hit.normal) > 0.0 { 1 } else { -1 };
-            }
+            let count = counts.entry(scene.parts[hit.part as usize].object).or_default();
+            count[way] += if direction.dot(hit.normal) > 0.0 { 1 } else { -1 };
         });
-        count
-    });
-    counts[0] != 0 && counts.iter().all(|count| *count == counts[0])
+    }
+    let is_around = |count: &[i32; 3]| count[0] != 0 && count.iter().all(|c| *c == count[0]);
+    counts.into_iter().filter(|(_, count)| is_around(count)).map(|(object, _)| object).collect()
 }
 
 /// Do the triangles of an object have no open edge?

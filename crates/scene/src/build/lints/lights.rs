@@ -1,7 +1,7 @@
 //! Checks of the directions in which lights emit: fronts that touch an opaque surface, and fronts that face away from all
 //! objects.
 
-use super::places::{bounds_in_motion, corners, meters, place, push};
+use super::places::{bounds, bounds_in_motion, meters, place, push};
 use crate::build::report::BuildReport;
 use crate::camera::RayGenerator;
 use crate::light::Light;
@@ -35,13 +35,13 @@ pub(super) fn check(scene: &Scene, boxes: &[Aabb], report: &mut BuildReport) {
 pub(super) fn points(scene: &Scene, part: &Part) -> Vec<(Vec3, Vec3)> {
     let mesh = &scene.meshes[part.mesh as usize];
     let every = mesh.triangles.len().div_ceil(POINTS).max(1);
-    let placed = corners(scene, part).enumerate().step_by(every);
-    placed
-        .map(|(t, [a, b, c])| {
-            let own = geometric_normal(&mesh.corners(t));
-            ((a + b + c) / 3.0, part.transform.as_ref().map_or(own, |transform| transform.normal(own)))
-        })
-        .collect()
+    let point = |t: usize| {
+        let own = mesh.corners(t);
+        let [a, b, c] = own.map(|p| part.transform.as_ref().map_or(p, |transform| transform.point(p)));
+        let normal = geometric_normal(&own);
+        ((a + b + c) / 3.0, part.transform.as_ref().map_or(normal, |transform| transform.normal(normal)))
+    };
+    (0..mesh.triangles.len()).step_by(every).map(point).collect()
 }
 
 /// Does a part emit from its front only? An unlit surface is no lamp.
@@ -176,12 +176,12 @@ impl Scene {
 
     fn front(&self, part: &Part) -> Front {
         let points = points(self, part);
-        let bounds = Aabb::from_points(corners(self, part).flatten());
         let reach = match self.materials[part.material as usize].emission_profile {
             EmissionProfile::Louver { half_angle } => half_angle,
             EmissionProfile::Spot { cos_outer, .. } => cos_outer.clamp(0.0, 1.0).acos(),
             EmissionProfile::Lambertian | EmissionProfile::CosinePower { .. } => FRAC_PI_2,
         };
+        let bounds = bounds(self, part);
         let size = if bounds.is_empty() { 0.0 } else { bounds.size().max_element() };
         // Seen from the middle of a triangle, the cone of its other points is wider.
         let reach = if reach < FRAC_PI_2 { (reach + 0.2).min(FRAC_PI_2) } else { reach };
