@@ -79,7 +79,7 @@ fn a_render_writes_all_outputs_well_formed() {
     }
     // The documented keys, all of them and no others.
     let keys: BTreeSet<&str> = stats.as_object().expect("an object").keys().map(String::as_str).collect();
-    let documented = "version program size camera seed frame training_paths threads allocation stop without samples mean_spp spp_range pixels_without_samples \
+    let documented = "version program size camera seed frame training_paths threads allocation stop without samples mean_spp spp_range pixels_without_samples black_pixels \
                       samples_per_second invalid_samples invalid_named heaviest_samples dominated_pixels cover_connections mean_radiance mean_radiance_standard_error \
                       seconds total_seconds earlier_seconds earlier_samples parts budget_seconds budget_missed sensor forecast certificate denoise memory";
     assert_eq!(keys, documented.split_whitespace().collect());

@@ -128,8 +128,16 @@ fn a_full_film_has_the_resolution_of_its_sensor() {
     **model = find_sensor("imx174").expect("a preset");
     project.refit_film().expect("a known resolution");
     assert_eq!((project.settings.width, project.settings.height), (1920, 1200));
+    for (name, _) in dunkelfeld::sensor::PRESETS {
+        assert!(bench.try_open(&format!("[film]\nfull = true\n[sensor]\nmodel = \"{name}\"")).is_ok(), "{name}");
+    }
+    // A sensor file need not contain a resolution.
+    let sensor = include_str!("../crates/sensor/presets/imx492.toml");
+    let sensor: String =
+        sensor.lines().filter(|line| !line.starts_with("resolution")).map(|l| format!("{l}\n")).collect();
+    fs::write(bench.0.path().join("own.toml"), sensor).expect("writable");
     for (job, place, problem) in [
-        ("[film]\nfull = true\n[sensor]\nmodel = \"imx492\"", "[film] full", "resolution"),
+        ("[film]\nfull = true\n[sensor]\nmodel = \"own.toml\"", "[film] full", "resolution"),
         ("[film]\nfull = true\nroi = [2400, 0, 49, 1]", "[film] roi", "ends at 2449, 1"),
         ("[film]\nwidth = 64\nroi = [0, 0, 65, 1]", "[film] roi", "ends at 65, 1"),
     ] {

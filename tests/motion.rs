@@ -471,15 +471,15 @@ const MOVING: &str = "[[object]]\nname = \"part\"\nvelocity = [0, 0, \"-10m/s\"]
 #[test]
 fn a_job_moves_objects_and_scans_lines() {
     let still = open("").expect("a job");
-    assert!(still.scene.shutter().is_none() && still.report.hazards().next().is_none(), "{:?}", still.report);
+    assert!(still.scene.shutter().is_none() && still.findings().hazards().next().is_none(), "{:?}", still.report);
     let moving = open(&format!("[sensor]\nexposure = \"100us\"\n{MOVING}")).expect("a job");
     assert_eq!(moving.scene.shutter(), Some(&Shutter::Frame { exposure: 100.0 * 1e-6 }));
-    assert!(moving.scene.effects().has(Effect::Motion) && moving.report.hazards().next().is_none());
+    assert!(moving.scene.effects().has(Effect::Motion) && moving.findings().hazards().next().is_none());
     moving.fitted().expect("the exposure is that of the shutter");
     // 10 m/s are 10 000 rows of 1 mm a second, up in the image.
     let lines = "[line_scan]\nline_rate = \"10kHz\"\ntdi_stages = 4\n";
     let mut scan = open(&format!("[sensor]\nexposure = 1e-5\n{lines}{MOVING}")).expect("a job");
-    assert!(scan.report.hazards().next().is_none(), "{:?}", scan.report);
+    assert!(scan.findings().hazards().next().is_none(), "{:?}", scan.report);
     assert!(scan.scene.effects().has(Effect::LineScan) && scan.inspect().hazards.is_empty());
     let dunkelfeld::SensorChoice::Emva { exposure: Some(exposure), .. } = scan.fitted().expect("valid").sensor else {
         panic!("a fixed exposure")
@@ -500,9 +500,42 @@ fn a_job_moves_objects_and_scans_lines() {
         ),
     ] {
         let project = open(&job).expect("a job");
-        let hazards: Vec<String> = project.report.hazards().map(|h| h.message.clone()).collect();
+        let hazards: Vec<String> = project.findings().hazards().map(|h| h.message.clone()).collect();
         assert!(hazards.iter().any(|h| h.contains(part)), "{job}: {hazards:?}");
     }
     let error = open(MOVING).expect_err("automatic exposure").to_string();
     assert!(error.contains("automatic") && error.contains("help"), "{error}");
+}
+
+#[test]
+fn motion_is_checked_in_the_image_of_each_camera() {
+    let camera = |name: &str, height: &str| {
+        format!(
+            "[[camera]]\nname = \"{name}\"\nlook_at = \"part\"\nworking_distance = 3\nlens = {{ projection = \"telecentric\", field_height = \"{height}\" }}\n"
+        )
+    };
+    let cameras = camera("wide", "2m") + &camera("close", "20mm") + &camera("closest", "10mm");
+    let mut project = open(&format!("[sensor]\nexposure = \"10ms\"\n{MOVING}{cameras}")).expect("a job");
+    let hazards = |project: &Project| -> Vec<String> {
+        project.findings().hazards().map(|h| format!("{}: {}", h.place, h.message)).collect()
+    };
+    let found = hazards(&project);
+    assert_eq!(found.len(), 2, "{found:?}");
+    assert!(found[0].starts_with("object \"part\", camera \"close\": moves by 5.0 times"), "{found:?}");
+    assert!(found[1].starts_with("object \"part\", camera \"closest\": moves by 10.0 times"), "{found:?}");
+    assert_eq!(project.inspect().hazards.len(), 2);
+    // The camera that is selected later, as by `--camera`.
+    project.settings.camera = Some("wide".into());
+    assert_eq!(hazards(&project), Vec::<String>::new());
+    project.settings.camera = Some("close".into());
+    assert_eq!(hazards(&project).len(), 1);
+}
+
+#[test]
+fn a_part_that_moves_across_the_rows_gives_help_instead_of_a_line_rate() {
+    let lines = "[sensor]\nexposure = 1e-5\n[line_scan]\nline_rate = \"10kHz\"\n";
+    let project =
+        open(&format!("{lines}{}", MOVING.replace("[0, 0, \"-10m/s\"]", "[\"10m/s\", 0, 0]"))).expect("a job");
+    let found: Vec<String> = project.findings().hazards().map(|h| h.message.clone()).collect();
+    assert!(found.len() == 1 && found[0].contains("across the rows"), "{found:?}");
 }

@@ -94,7 +94,7 @@ def summary(rows: list[Row], version: str) -> str:
     lines = [
         f"Cycles of Blender {version}; the difference of the mean radiance over the pixels of an object, that of the worst object:",
         "",
-        "| scene | objects within 2 % | largest difference | its standard error |",
+        "| scene | objects and background within 2 % | largest difference | its standard error |",
         "|---|---:|---:|---:|",
     ]
     for scene in dict.fromkeys(row.scene for row in rows):

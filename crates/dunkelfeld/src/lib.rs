@@ -19,6 +19,7 @@
 
 #![forbid(unsafe_code)]
 
+mod black_image;
 mod camera_fit;
 mod commands;
 mod denoising;
@@ -39,6 +40,7 @@ mod stations;
 mod stats;
 mod views;
 
+pub use black_image::black_image;
 pub use commands::denoise::{DenoisedFile, check_denoise_output, denoise_exr};
 pub use commands::expose::{ExposeOutputs, ExposeSettings, ExposedFile, expose_exr};
 pub use commands::init::init;

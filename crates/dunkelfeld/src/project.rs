@@ -1,5 +1,7 @@
 //! A scene or job file with its settings: it can be opened, adjusted, rendered and saved.
 
+mod findings;
+
 use crate::camera_fit::{DEFAULT_F_NUMBER, FilmSize, Fitted, Misfit, fit};
 use crate::denoising::{denoise_frame, find_denoiser};
 use crate::film_part::FilmPart;
@@ -8,7 +10,6 @@ use crate::guard::check_outputs;
 use crate::inspect::{Inspection, camera_entry, inspect};
 use crate::memory::{MemoryAccount, MemoryStats, RenderNeeds, render_account};
 use crate::outputs::{self, OutputPaths, Written};
-use crate::sensor_hazards::sensor_hazards;
 use crate::shutter::{check_shutter, expose_for};
 use crate::stats::Stats;
 use dunkelfeld_denoise::{Builtin, Denoiser as _};
@@ -27,8 +28,7 @@ use dunkelfeld_render::{
 };
 use dunkelfeld_render::{Error, camera_help};
 use dunkelfeld_scene::{
-    BuildError, BuildReport, Camera, CameraError, Distortion, Effect, Finding, Projection, Scene, Vignetting,
-    framing_camera,
+    BuildError, BuildReport, Camera, CameraError, Distortion, Effect, Projection, Scene, Vignetting, framing_camera,
 };
 use dunkelfeld_sensor::{Exposure, Optics, SensorModel};
 use std::path::Path;
@@ -45,7 +45,7 @@ pub struct Project {
     pub outputs: OutputPaths,
     /// Data that was repaired or left out during import.
     pub warnings: Vec<ImportWarning>,
-    /// Findings of the scene builder.
+    /// Findings of the scene builder. [`Project::findings`] adds those of the images.
     pub report: BuildReport,
     /// The lens of the job, or the default one. A sensor that is selected later uses it. Its magnification is that of
     /// the job. A render uses the magnification that follows from focus and field.
@@ -153,7 +153,7 @@ impl Project {
         let began = Instant::now();
         let file = job.as_ref().map_or(path, Job::scene_path);
         let (scene, report) = imported.scene.build().map_err(|e| build_error(e, file))?;
-        let mut project = Self {
+        Ok(Self {
             scene,
             own_pitch: pitch_of(&settings.sensor),
             part: job.as_ref().map(|job| film_part(job, &settings.sensor)).transpose()?.flatten(),
@@ -170,36 +170,18 @@ impl Project {
             started,
             load_seconds,
             build_seconds: began.elapsed().as_secs_f64(),
-        };
-        if project.scene.shutter().is_some()
-            && let Ok(settings) = project.fitted()
-            && let Ok(camera) = camera(&project.scene, &settings)
-        {
-            project.scene.report_motion(&camera, [settings.width, settings.height], &mut project.report);
-        }
-        Ok(project)
-    }
-
-    /// Hazards of the present sensor in the light of the lamps.
-    pub fn sensor_hazards(&self) -> Vec<Finding> {
-        sensor_hazards(&self.settings.sensor, &self.optics.bands())
+        })
     }
 
     /// The content of the scene, and its hazards.
     pub fn inspect(&self) -> Inspection {
-        let mut inspection = inspect(&self.scene, &self.report);
+        let mut inspection = inspect(&self.scene, &self.findings());
         let film = self.film_size();
         let fitted = |camera: &Camera| {
             fit(camera, &self.lens_of(&camera.name), film).map_or_else(|_| camera.clone(), |fitted| fitted.camera)
         };
         inspection.cameras = self.scene.cameras().iter().map(|camera| camera_entry(&fitted(camera))).collect();
-        let defined = self.defined_cameras();
-        let views = if defined.is_empty() {
-            vec![self.settings.camera.clone()]
-        } else {
-            defined.into_iter().map(Some).collect()
-        };
-        for camera in views {
+        for camera in self.views() {
             match self.fit_settings(self.settings.clone().with_camera(camera)).map(|settings| settings.view) {
                 Ok(view) => {
                     let lens = view.map(|v| v.lens).unwrap_or_default();
@@ -213,8 +195,6 @@ impl Project {
                 Err(e) => inspection.hazards.push(e.to_string().replace("\n  help: ", "; ")),
             }
         }
-        let of_sensor = self.sensor_hazards().into_iter().map(|f| format!("{}: {}", f.place, f.message));
-        inspection.hazards.extend(of_sensor);
         inspection.memory = Some(self.memory());
         inspection.warnings = self.warnings.iter().map(ToString::to_string).collect();
         inspection

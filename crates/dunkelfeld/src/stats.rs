@@ -53,6 +53,8 @@ pub struct Stats {
     /// Pixels without a sample. In the picture they are filled from their neighbours; in the EXR they are black with
     /// `spp.Y` 0.
     pub pixels_without_samples: u64,
+    /// Pixels with samples of which none has light.
+    pub black_pixels: u64,
     /// Samples per second while rendering.
     pub samples_per_second: f64,
     /// Samples that were not finite, negative or out of range. They count as black.
@@ -220,6 +222,8 @@ struct Totals {
     range: Option<[u32; 2]>,
     /// Pixels without samples.
     without: u64,
+    /// Pixels with samples of which none has light.
+    black: u64,
 }
 
 impl Totals {
@@ -240,6 +244,7 @@ impl Totals {
                 invalid: p.invalid.into(),
                 range: Some([n, n]),
                 without: u64::from(n == 0),
+                black: u64::from(n > 0 && p.mean() == [0.0; 3]),
             })
         })
     }
@@ -257,6 +262,7 @@ impl Totals {
             invalid: self.invalid + other.invalid,
             range,
             without: self.without + other.without,
+            black: self.black + other.black,
         }
     }
 }
@@ -299,6 +305,7 @@ impl Stats {
             mean_spp: samples as f64 / n,
             spp_range: totals.range.unwrap_or_default(),
             pixels_without_samples: totals.without,
+            black_pixels: totals.black,
             samples_per_second: if rendering_seconds > 0.0 { samples as f64 / rendering_seconds } else { 0.0 },
             invalid_samples: totals.invalid,
             invalid_named: rendering.invalid.iter().map(|s| format!("{},{},{}", s.x, s.y, s.index)).collect(),
@@ -421,6 +428,7 @@ mod tests {
         let counts = film.sample_counts();
         let without = counts.data().iter().filter(|&&n| n == 0).count() as u64;
         assert_eq!((one.samples, one.range, one.without), (film.total_samples(), Some([0, 4]), without));
+        assert_eq!((one.black, three.black), (0, 0), "the blue channel has light everywhere");
         for channel in 0..3 {
             let sum: f64 = film.map(|p| p.mean()[channel]).data().iter().sum();
             assert!((one.mean[channel] / sum - 1.0).abs() < 1e-12, "{channel}");

@@ -29,6 +29,7 @@ pub use build::builder::{
 pub use build::compile::BuildError;
 pub use build::effects::{Effect, Effects, kernel_features};
 pub use build::fingerprint::digest;
+pub use build::lints::LARGEST_OBJECT;
 pub use build::report::{BuildReport, Finding, Severity};
 pub use camera::distortion::Distortion;
 pub use camera::lens::{Aperture, Blades, Lens, Opening, ThinLens, Vignetting};

@@ -1,11 +1,12 @@
 //! Hazards of a scene before it is rendered: every hazard is reported with its object and with help. A valid scene has
 //! no report.
 
-use dunkelfeld_geometry::{DAffine3, DVec3, Mesh, Vec2, Vec3};
+use dunkelfeld_geometry::{DAffine3, DVec3, Mesh, RigidMotion, Vec2, Vec3};
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_scene::shapes::{cuboid, rectangle, sphere};
 use dunkelfeld_scene::{
-    ColorEncoding, Image, ImageId, Material, SceneBuilder, Surface, Texels, Texture, Volume, look_at,
+    BuildReport, Camera, ColorEncoding, Image, ImageId, LineScan, Material, Projection, PunctualKind, PunctualLight,
+    SceneBuilder, Shutter, Surface, Texels, Texture, Volume, look_at,
 };
 
 fn opaque(name: &str) -> Material {
@@ -235,6 +236,13 @@ fn slips_of_modelling_name_their_cure() {
     let mut twin = with(opaque("lid"), open.clone());
     twin.instances.push(twin.instances[2].clone());
     contains_message(twin, "object \"thing\"", &["copy of object \"thing\"", "same place", "visible = false"]);
+    // A part of 60 mm that was read as 60 m.
+    let part = with(opaque("steel"), cuboid(Vec3::new(0.0, 0.0, 1.0), Vec3::new(60.0, 40.0, 5.0)));
+    contains_message(part, "object \"thing\"", &["60.000 m large", "unit = \"mm\""]);
+    assert_no_hazards(
+        with(opaque("wall"), cuboid(Vec3::new(1.0, 0.0, 0.0), Vec3::new(1.1, 6.0, 3.0))),
+        "a wall of 6 m",
+    );
     // A lamp that faces a plate at its surface, and the same lamp turned around.
     let down = rectangle(Vec3::new(-0.1, -0.1, 0.1005), Vec3::Y * 0.2, Vec3::X * 0.2);
     let up = rectangle(Vec3::new(-0.1, -0.1, 0.1005), Vec3::X * 0.2, Vec3::Y * 0.2);
@@ -245,4 +253,147 @@ fn slips_of_modelling_name_their_cure() {
     };
     contains_message(lit(down), "object \"panel\"", &["object \"thing\"", "5.0e-4 m in front", "turn its normals"]);
     assert_no_hazards(lit(up), "a lamp that shines into the room");
+}
+
+#[test]
+fn equal_shapes_in_one_place_are_copies() {
+    let twins = |b: &SceneBuilder| hazards(b.clone()).iter().filter(|h| h.contains("is a copy of")).count();
+    let block = || cuboid(Vec3::new(-0.1, -0.1, 0.1), Vec3::new(0.1, 0.1, 0.2));
+    let both = |mesh: Mesh, place: DAffine3| {
+        let mut b = with(opaque("lid"), block());
+        let second = b.add_object("second", mesh, 0);
+        b.instances[second].to_world = place;
+        b
+    };
+    // The same file twice: equal meshes, in another order and under another transform.
+    contains_message(both(block(), DAffine3::IDENTITY), "object \"second\"", &["copy of object \"thing\""]);
+    let mut turned = block();
+    turned.triangles.reverse();
+    turned.positions.iter_mut().for_each(|p| *p = (*p - Vec3::new(0.3, 0.1, -0.2)) * 1000.0);
+    let back = DAffine3::from_translation(DVec3::new(0.3, 0.1, -0.2)) * DAffine3::from_scale(DVec3::splat(1e-3));
+    assert_eq!(twins(&both(turned, back)), 1);
+    // Another place, another size, and the back of a sheet.
+    for (mesh, x) in [(block(), 0.001), (cuboid(Vec3::new(-0.1, -0.1, 0.1), Vec3::new(0.1, 0.1, 0.201)), 0.0)] {
+        assert_eq!(twins(&both(mesh, DAffine3::from_translation(DVec3::X * x))), 0);
+    }
+    let sheet = |flip: bool| {
+        let (u, v) = if flip { (Vec3::Y, Vec3::X) } else { (Vec3::X, Vec3::Y) };
+        rectangle(Vec3::new(-0.1, -0.1, 0.3), u * 0.2, v * 0.2)
+    };
+    for (flip, count) in [(false, 1), (true, 0)] {
+        let mut b = with(opaque("front"), sheet(false));
+        b.add_object("back", sheet(flip), 0);
+        assert_eq!(twins(&b), count);
+    }
+}
+
+#[test]
+fn lights_inside_bodies_are_hazards() {
+    let block = || cuboid(Vec3::new(-0.2, -0.2, 0.1), Vec3::new(0.2, 0.2, 0.3));
+    let inside = |material: Material, mesh: Mesh, z: f64| {
+        let mut b = with(material, mesh);
+        let place = DAffine3::from_translation(DVec3::new(0.05, 0.0, z));
+        let kind = PunctualKind::Point { intensity: Rgb::WHITE };
+        b.lights.push(PunctualLight { name: "bulb 2".into(), to_world: place, kind });
+        let panel = rectangle(Vec3::new(-0.01, -0.01, 0.0), Vec3::Y * 0.02, Vec3::X * 0.02);
+        let panel = b.add_object("panel", panel, 1);
+        b.instances[panel].to_world = place;
+        b
+    };
+    let within = inside(opaque("steel"), block(), 0.2);
+    contains_message(within.clone(), "light \"bulb 2\"", &["inside the opaque object \"thing\"", "move it out"]);
+    contains_message(within.clone(), "object \"panel\"", &["inside the opaque object \"thing\""]);
+    assert_no_hazards(inside(opaque("steel"), block(), 0.4), "lights above a block");
+    // A camera inside: a room.
+    let mut room = within;
+    room.add_camera("eye", DVec3::new(0.1, 0.1, 0.2), DVec3::new(0.0, 0.0, 0.2), 0.5);
+    assert_no_hazards(room, "a room");
+    // An open box, and a shell with thick walls and an opening.
+    let mut open = block();
+    open.triangles.truncate(10);
+    assert_no_hazards(inside(opaque("steel"), open, 0.2), "an open box");
+    let rough = Material { roughness: 0.3, ..glass("epoxy") };
+    contains_message(inside(rough, block(), 0.2), "light \"bulb 2\"", &["clear solid of material \"epoxy\""]);
+}
+
+/// The hazards of lights that face away, seen from a camera above the table.
+fn averted(b: SceneBuilder) -> Vec<String> {
+    let (scene, _) = b.build().expect("valid");
+    let camera = Camera { to_world: look_at(DVec3::new(0.0, 0.0, 2.0), DVec3::ZERO, DVec3::Y), ..Camera::default() };
+    let camera = scene.ray_generator(&camera, 40, 40).expect("valid");
+    let mut report = BuildReport::default();
+    scene.report_averted_lights(&[(camera, [40, 40])], &mut report);
+    report.hazards().map(|f| format!("{}: {}", f.place, f.message)).collect()
+}
+
+#[test]
+fn lights_that_face_away_from_everything_are_hazards() {
+    // Above the table, beside the image: a panel that shines down, and one that shines up.
+    let with_panel = |x: f32, up: bool, z: f32| {
+        let mut b = table();
+        let (u, v) = if up { (Vec3::X, Vec3::Y) } else { (Vec3::Y, Vec3::X) };
+        b.add_object("panel", rectangle(Vec3::new(x, -0.1, z), u * 0.2, v * 0.2), 1);
+        b
+    };
+    assert_eq!(averted(table()), Vec::<String>::new());
+    assert_eq!(averted(with_panel(1.5, false, 0.9)), Vec::<String>::new());
+    let found = averted(with_panel(1.5, true, 0.9));
+    assert!(
+        found.len() == 1 && found[0].starts_with("object \"panel\": faces away") && found[0].contains("`aim`"),
+        "{found:?}"
+    );
+    // An indicator in the image is a source of light for the camera, and a lamp below the table lights its lower side.
+    assert_eq!(averted(with_panel(-0.1, true, 0.01)), Vec::<String>::new());
+    assert_eq!(averted(with_panel(1.5, true, -0.5)), Vec::<String>::new());
+    // An object above it is lit, another lamp there is not.
+    for (material, count) in [(opaque("ceiling"), 0), (lamp(), 1)] {
+        let mut b = with_panel(1.5, true, 0.9);
+        let m = b.add_material(material);
+        b.add_object("above", rectangle(Vec3::new(-0.5, -0.5, 3.0), Vec3::Y, Vec3::X), m);
+        assert_eq!(averted(b).len(), count);
+    }
+    // Lamps alone light nothing, and the camera looks at them.
+    let mut b = with_panel(1.5, true, 0.9);
+    b.instances.remove(0);
+    assert_eq!(averted(b), Vec::<String>::new());
+    let spot = |target: DVec3| {
+        let mut b = table();
+        let kind = PunctualKind::Spot { intensity: Rgb::WHITE, inner: 0.2, outer: 0.3 };
+        let to_world = look_at(DVec3::new(3.0, 0.0, 1.0), target, DVec3::Y);
+        b.lights.push(PunctualLight { name: "spot".into(), to_world, kind });
+        averted(b)
+    };
+    assert_eq!(spot(DVec3::ZERO), Vec::<String>::new());
+    let found = spot(DVec3::new(3.0, 0.0, 0.0));
+    assert!(found.len() == 1 && found[0].starts_with("light \"spot\": no object is in its cone"), "{found:?}");
+}
+
+#[test]
+fn the_line_rate_follows_the_motion_along_the_height_of_the_image() {
+    // A camera above the table, 2 m away, with 100 rows of 1 cm: its up is +y.
+    let of = |velocity: DVec3, period: f64| {
+        let mut b = table();
+        b.instances[0].motion = RigidMotion::linear(velocity);
+        let lines = LineScan { period, exposure: period, stages: 1, jitter: 0.0, line: 0.5, rows: 100 };
+        b.shutter = Some(Shutter::Lines(lines));
+        // Without the lamp in front of the table.
+        b.instances.truncate(1);
+        let (scene, _) = b.build().expect("valid");
+        let projection = Projection::Orthographic { half_width: 0.5, half_height: 0.5 };
+        let to_world = look_at(DVec3::new(0.0, 0.0, 2.0), DVec3::ZERO, DVec3::Y);
+        let camera = Camera { to_world, projection, ..Camera::default() };
+        let camera = scene.ray_generator(&camera, 100, 100).expect("valid");
+        let mut report = BuildReport::default();
+        scene.report_motion(&camera, [100, 100], &mut report);
+        report.hazards().map(|f| f.message.clone()).collect::<Vec<_>>().join("; ")
+    };
+    assert_eq!(of(DVec3::new(0.0, 0.1, 0.0), 0.1), "");
+    assert!(of(DVec3::new(0.0, 0.03, 0.0), 0.1).contains("`line_rate = \"3Hz\"`"));
+    assert!(
+        of(DVec3::new(0.1, 0.0, 0.0), 0.1).contains("moves across the rows; the velocity must be along the height")
+    );
+    // A speed toward the camera changes no row.
+    assert!(of(DVec3::new(0.0, 0.0, 0.1), 0.1).contains("does not move in the middle of the sensor line"));
+    assert!(of(DVec3::new(0.1, 1e-12, 0.0), 0.1).contains("moves across the rows"));
+    assert!(of(DVec3::new(0.0, 1e-4, 0.0), 1e-3).contains("`line_rate = \"0.01Hz\"`"));
 }

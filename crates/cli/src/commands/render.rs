@@ -220,8 +220,8 @@ pub(crate) fn apply_denoise(method: Option<DenoiseMethod>, oidn: Option<&PathBuf
 /// Findings of import and scene builder, up to a maximum number of lines, and notes about flags.
 fn notices(args: &RenderArgs, project: &Project) -> Vec<String> {
     let warnings = project.warnings.iter().map(|w| format!("warning: {w}"));
-    let of_sensor = project.sensor_hazards();
-    let hazards = project.report.hazards().chain(&of_sensor).map(|f| format!("hazard: {}: {}", f.place, f.message));
+    let report = project.findings();
+    let hazards = report.hazards().map(|f| format!("hazard: {}: {}", f.place, f.message));
     let findings = [warnings.collect::<Vec<_>>(), hazards.collect()].into_iter().flat_map(shortened);
     findings.chain(args.exposure.and_then(ExposureChoice::note)).collect()
 }

@@ -2,19 +2,16 @@
 
 use crate::outputs::save_text;
 use crate::stations::Station;
-use dunkelfeld_geometry::DVec3;
 use dunkelfeld_io::InputError;
 use dunkelfeld_io::import::{ImportOptions, load_scene};
 use dunkelfeld_render::Error;
-use dunkelfeld_scene::{Instance, Material, Projection, PunctualKind, SceneBuilder};
+use dunkelfeld_scene::{LARGEST_OBJECT, Material, Projection, PunctualKind, SceneBuilder};
 use std::collections::BTreeSet;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
 /// Names of one kind that are listed. A job with more entries is not read by a person.
 const MOST_NAMES: usize = 200;
-/// A scene that is larger \[m\] was probably modelled in millimetres.
-const LARGE: f64 = 100.0;
 
 /// Writes a job file and returns its path.
 ///
@@ -76,10 +73,14 @@ fn job_text(scene: &SceneBuilder, path: &Path, station: Option<Station>) -> Stri
     if station.is_none() {
         t += &cameras(scene);
     }
-    let all = scene.instances.iter().filter_map(|i| bounds(i, scene));
+    let all = scene.instances.iter().filter_map(|i| scene.bounds_of(i));
     let extent = all.reduce(|[a, b], [c, d]| [a.min(c), b.max(d)]).map(|[low, high]| high - low);
     if let Some(size) = extent {
-        let note = if size.max_element() > LARGE { ", which is large: was it modelled in millimetres?" } else { "" };
+        let note = if size.max_element() > f64::from(LARGEST_OBJECT) {
+            ", which is large: was it modelled in millimetres?"
+        } else {
+            ""
+        };
         let [x, y, z] = size.to_array().map(length);
         let _ = writeln!(t, "\n# The scene is {x} x {y} x {z} m{note}\n# [import]\n# unit = \"mm\"");
     }
@@ -144,8 +145,9 @@ fn lights(t: &mut String, scene: &SceneBuilder) {
         let (kind, key) = match light.kind {
             PunctualKind::Point { .. } => ("point light", "power = \"1W\""),
             PunctualKind::Spot { .. } => ("spot light", "power = \"1W\""),
-            PunctualKind::Profile { .. } => ("measured light", "power = \"1W\""),
-            _ => ("parallel light", "irradiance = 1"),
+            PunctualKind::Profile { .. } => ("light with an IES profile", "power = \"1W\""),
+            PunctualKind::Directional { .. } => ("distant light", "irradiance = 1"),
+            PunctualKind::Sun { .. } => ("sun", "irradiance = 1"),
         };
         let _ = writeln!(t, "\n# A {kind}.\n# [[light]]\n# name = {}\n# {key}\n# enabled = false", quoted(&light.name));
     }
@@ -182,7 +184,7 @@ fn objects(t: &mut String, scene: &SceneBuilder) {
     let mut seen = BTreeSet::new();
     let named = scene.instances.iter().filter(|o| !o.name.is_empty() && seen.insert(o.name.as_str()));
     for object in named.take(MOST_NAMES) {
-        if let Some([low, high]) = bounds(object, scene) {
+        if let Some([low, high]) = scene.bounds_of(object) {
             let ([w, h, d], [x, y, z]) =
                 ((high - low).to_array().map(length), (0.5 * (low + high)).to_array().map(length));
             let _ = writeln!(t, "\n# {w} x {h} x {d} m, centre at ({x}, {y}, {z})");
@@ -195,14 +197,6 @@ fn objects(t: &mut String, scene: &SceneBuilder) {
     if scene.instances.len() > MOST_NAMES {
         t.push_str("\n# `dunkelfeld inspect --json` lists the names of all objects.\n");
     }
-}
-
-fn bounds(object: &Instance, scene: &SceneBuilder) -> Option<[DVec3; 2]> {
-    let parts = object.meshes.iter().filter_map(|m| scene.meshes.get(*m));
-    let corners =
-        parts.flat_map(|part| part.mesh.positions.iter().map(|p| object.to_world.transform_point3(p.as_dvec3())));
-    let finite = corners.filter(|p| p.is_finite());
-    finite.map(|p| [p, p]).reduce(|[a, b], [c, d]| [a.min(c), b.max(d)])
 }
 
 /// Metres with four significant digits.
@@ -270,6 +264,10 @@ mod tests {
                 let job = at(&format!("{}-{name}", station.name));
                 let path = init(scene.as_deref(), Some(station), Some(&job)).expect("a job");
                 let mut project = crate::Project::open(&path).unwrap_or_else(|e| panic!("{}: {e}", station.name));
+                if scene.is_none() {
+                    let findings = project.findings();
+                    assert_eq!(findings.hazards().next(), None, "{}", station.name);
+                }
                 if station.name != "line-scan" {
                     (project.settings.width, project.settings.height) = (24, 20);
                     project.settings.budget = dunkelfeld_render::Budget::default().with_spp(Some(1.0));
@@ -278,6 +276,15 @@ mod tests {
             }
         }
         assert!(init(None, None, Some(&at("none.toml"))).is_err());
+    }
+
+    #[test]
+    fn shipped_scenes_have_no_hazards() {
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../scenes/inspection");
+        for name in ["inspection", "inspection-flat", "inspection-open"] {
+            let project = crate::Project::open(folder.join(name).with_extension("toml")).expect(name);
+            assert_eq!(project.findings().hazards().next(), None, "{name}");
+        }
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! Messages of the glTF import about faults that had no message, or a wrong one, in the past.
 
 use crate::support::{Asset, SQUARE, load_bytes, warns};
-use dunkelfeld_io::import::{ImportOptions, load_scene};
+use dunkelfeld_io::import::{EmissiveUnit, ImportOptions, load_scene};
 use serde_json::json;
 
 fn square() -> Asset {
@@ -175,4 +175,36 @@ fn names_that_a_terminal_would_obey_are_spelled_out_in_warnings() {
     let shown: String = imported.warnings.iter().map(ToString::to_string).collect();
     assert!(shown.contains("\\u{1b}[2J\\u{202e}"), "{shown:?}");
     assert!(!shown.contains(|c: char| c.is_control() || c == '\u{202e}'), "{shown:?}");
+}
+
+#[test]
+fn emission_of_blender_is_reported_with_and_without_lamps() {
+    let of = |generator: &str, emission: f32, with_lamp: bool, unit: EmissiveUnit| {
+        let mut a = square();
+        a.json["asset"]["generator"] = generator.into();
+        a.json["materials"] = json!([{"name": "glow", "emissiveFactor": [1, 1, 1],
+            "extensions": {"KHR_materials_emissive_strength": {"emissiveStrength": emission}}}]);
+        a.json["meshes"][0]["primitives"][0]["material"] = 0.into();
+        if with_lamp {
+            a.json["extensions"] =
+                json!({"KHR_lights_punctual": {"lights": [{"name": "key", "type": "point", "intensity": 683}]}});
+            a.json["nodes"] =
+                json!([{"name": "part", "mesh": 0}, {"extensions": {"KHR_lights_punctual": {"light": 0}}}]);
+        }
+        load_bytes(&a.glb(), "a.glb", &ImportOptions::default().with_emissive_unit(unit)).expect("loads")
+    };
+    let blender = "Khronos glTF Blender I/O v4.5.51";
+    for (with_lamp, words) in [(true, "beside lamps such as"), (false, "for the radiance of Blender")] {
+        let imported = of(blender, 10.0, with_lamp, EmissiveUnit::Nit);
+        let all = ["glow", "10.0 nit", "683 lm/W", "`emissive_unit = \"W/(m2 sr)\"`", words];
+        assert!(warns(&imported, &all), "{:?}", imported.warnings);
+    }
+    for (generator, emission, unit) in [
+        ("CAD 3", 10.0, EmissiveUnit::Nit),
+        (blender, 5000.0, EmissiveUnit::Nit),
+        (blender, 10.0, EmissiveUnit::WattPerSteradianSquareMetre),
+    ] {
+        let imported = of(generator, emission, false, unit);
+        assert!(!warns(&imported, &["683 lm/W"]), "{:?}", imported.warnings);
+    }
 }

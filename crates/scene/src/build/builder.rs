@@ -203,6 +203,15 @@ impl SceneBuilder {
         self.shutter.is_some() && !instance.motion.is_static()
     }
 
+    /// Lowest and highest corner \[m\] of an object in the world; `None` without triangles that have finite corners.
+    pub fn bounds_of(&self, instance: &Instance) -> Option<[DVec3; 2]> {
+        let meshes = instance.meshes.iter().filter_map(|m| self.meshes.get(*m)).map(|part| &part.mesh);
+        let corners =
+            meshes.flat_map(|mesh| mesh.triangles.iter().flatten().filter_map(|i| mesh.positions.get(*i as usize)));
+        let placed = corners.map(|p| instance.to_world.transform_point3(p.as_dvec3())).filter(|p| p.is_finite());
+        placed.map(|p| [p, p]).reduce(|[a, b], [c, d]| [a.min(c), b.max(d)])
+    }
+
     /// Adds a material; returns its index.
     pub fn add_material(&mut self, material: Material) -> usize {
         self.materials.push(material);

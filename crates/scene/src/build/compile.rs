@@ -105,7 +105,7 @@ impl SceneBuilder {
         let had_triangles = self.shows_triangles();
         let closed = self.clean_meshes(&mut report);
         let placed = self.valid_instances(&mut report);
-        crate::build::lints::twins(&placed, &mut report);
+        crate::build::lints::twins(&placed, &self.meshes, &mut report);
         let bounds = world_bounds(&placed, &self.meshes);
         let times = self.shutter.map(|shutter| shutter.times());
         let extent = times.and_then(|times| moving_bounds(bounds, &placed, &self.meshes, times)).or(bounds);

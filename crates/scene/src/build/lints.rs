@@ -6,11 +6,15 @@
 
 mod attributes;
 mod contact;
+mod enclosed;
+mod lights;
 mod modelling;
 mod motion;
 mod places;
+mod twins;
 
-pub(crate) use modelling::twins;
+pub use modelling::LARGEST_OBJECT;
+pub(crate) use twins::twins;
 
 use crate::build::lints::places::{bounds, corners, meters, place, push};
 use crate::build::report::BuildReport;
@@ -34,6 +38,8 @@ const MAX_SOLIDS: usize = 1000;
 pub(crate) fn check(scene: &Scene, report: &mut BuildReport) {
     let boxes: Vec<Aabb> = scene.parts.iter().map(|p| bounds(scene, p)).collect();
     modelling::check(scene, &boxes, report);
+    lights::check(scene, &boxes, report);
+    enclosed::check(scene, &boxes, report);
     sizes(scene, &boxes, report);
     attributes::check(scene, report);
     materials(scene, report);

@@ -6,6 +6,6 @@ pub mod builder;
 pub mod compile;
 pub mod effects;
 pub mod fingerprint;
-mod lints;
+pub mod lints;
 pub mod report;
 mod validate;

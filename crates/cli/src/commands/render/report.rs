@@ -19,6 +19,9 @@ pub(super) fn print_report(args: &RenderArgs, project: &Project, result: &Projec
     let s = &result.stats;
     print(&summary(project, s));
     say_flaws(s);
+    if let Some(reason) = dunkelfeld::black_image(&project.scene, result) {
+        say(&format!("warning: {reason}"));
+    }
     if is_automatic(project) && s.sensor.as_ref().is_some_and(|s| s.exposure_seconds > LONG_EXPOSURE && !s.no_light) {
         let time = s.sensor.as_ref().map_or_else(String::new, |s| exposure_time(s.exposure_seconds));
         say(&format!(

@@ -1,6 +1,7 @@
 //! Applies `[[object]]` of a job to the objects of a scene.
 
 use super::change_materials::new_material;
+use super::move_objects::{OwnMotion, OwnMotions};
 use super::objects::{MOST_OBJECTS, Placement, about};
 use super::patterns::{matches, unique};
 use super::place::{bounds_of, no_object};
@@ -72,13 +73,14 @@ impl Job {
         Ok(())
     }
 
-    /// Applies all `[[object]]` entries to a scene, in order.
-    pub(super) fn change_all_objects(&self, scene: &mut SceneBuilder) -> Result<(), InputError> {
+    /// Applies all `[[object]]` entries to a scene, in order. Returns the motions that they contain, by object.
+    pub(super) fn change_all_objects(&self, scene: &mut SceneBuilder) -> Result<OwnMotions, InputError> {
+        let mut own = OwnMotions::default();
         for (i, change) in self.objects.iter().enumerate() {
-            let objects = self.change_objects(i, change, scene)?;
-            self.move_objects(i, change, &objects, scene)?;
+            let objects = self.change_objects(i, change, scene, &mut own)?;
+            self.move_objects(i, change, &objects, scene, &mut own)?;
         }
-        Ok(())
+        Ok(own)
     }
 
     /// Applies entry `i`, and returns the indices of the objects that it leaves, in ascending order.
@@ -87,10 +89,12 @@ impl Job {
         i: usize,
         change: &ObjectOverride,
         scene: &mut SceneBuilder,
+        own: &mut OwnMotions,
     ) -> Result<Vec<usize>, InputError> {
         if let Some(kind) = change.kind {
             self.add_primitive(i, kind, change, scene)?;
         }
+        own.0.resize(scene.instances.len(), OwnMotion::default());
         let selected: Vec<usize> = (0..scene.instances.len())
             .filter(|k| scene.instances.get(*k).is_some_and(|n| matches(&change.name, &n.name)))
             .collect();
@@ -104,6 +108,8 @@ impl Job {
             return Err(self.object_error(i, "name", problem, help));
         }
         if !change.visible {
+            let mut removed = scene.instances.iter().map(|n| matches(&change.name, &n.name));
+            own.0.retain(|_| !removed.next().unwrap_or(false));
             scene.instances.retain(|n| !matches(&change.name, &n.name));
             return Ok(Vec::new());
         }
@@ -134,9 +140,10 @@ impl Job {
                 self.check_place(i, placed, object)?;
             }
             let object = object.clone();
+            let kept = own.0.get(index).copied().unwrap_or_default();
             if let Some(target) = scene.instances.get_mut(index) {
                 target.to_world = placed;
-                target.motion = target.motion.mapped(&map);
+                target.motion = kept.mapped(&target.motion, &map);
             }
             changed.push(index);
             if change.copies().is_none() {
@@ -148,7 +155,7 @@ impl Job {
                 let mut copied = object.clone();
                 copied.name = format!("{} {}", object.name, number + 1);
                 copied.to_world = copy * placed;
-                copied.motion = object.motion.mapped(&(copy * map));
+                copied.motion = kept.mapped(&object.motion, &(copy * map));
                 if change.grid.is_none() {
                     self.check_place(i, copied.to_world, &copied)?;
                 }
@@ -158,6 +165,7 @@ impl Job {
                     }
                 } else {
                     copies.push(copied);
+                    own.0.push(kept);
                 }
             }
         }

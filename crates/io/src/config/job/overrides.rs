@@ -57,7 +57,7 @@ impl Job {
             scene.environment = self.environment(environment, scene, &mut warnings)?;
         }
         self.add_new_materials(scene)?;
-        self.change_all_objects(scene)?;
+        let moved = self.change_all_objects(scene)?.objects(scene);
         for (i, change) in self.materials.iter().enumerate() {
             self.change_materials(i, change, scene)?;
         }
@@ -70,6 +70,7 @@ impl Job {
                 None => self.change_lights(i, change, scene, &mut warnings)?,
             }
         }
+        self.rest_emitters(&moved, scene, &mut warnings)?;
         Ok(warnings)
     }
 

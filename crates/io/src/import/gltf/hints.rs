@@ -13,7 +13,7 @@ const WORDS: &[&str] = &["light", "lamp"];
 const STARTS: &[&str] = &["area", "spot", "sun"];
 /// Most names in a message.
 const MOST_NAMES: usize = 6;
-/// Nits of an emission, at the unit of glTF, below which it is dark beside a lamp of Blender. The factor 683 lm/W lies
+/// Nits of an emission, at the unit of glTF, below which it was probably meant in W/(m^2 sr). The factor 683 lm/W lies
 /// between this and the emission that is visible.
 const DARK_NITS: f32 = 500.0;
 
@@ -58,8 +58,8 @@ fn is_name_of_light(name: &str) -> bool {
     WORDS.iter().any(|word| lower.contains(word)) || STARTS.iter().any(is_numbered)
 }
 
-/// Warns of emissive materials beside lamps in a file of Blender. Its export writes the strength of lamps with the factor
-/// 683 lm/W, and that of emissive materials without.
+/// Warns of emissive materials in a file of Blender. Its export writes the strength of lamps with the factor 683 lm/W, and
+/// that of emissive materials without.
 pub(super) fn dark_emission(scene: &SceneBuilder, from_blender: bool, unit: EmissiveUnit, warnings: &mut Warnings) {
     if !from_blender || unit != EmissiveUnit::Nit {
         return;
@@ -69,18 +69,21 @@ pub(super) fn dark_emission(scene: &SceneBuilder, from_blender: bool, unit: Emis
         PunctualKind::Directional { irradiance } | PunctualKind::Sun { irradiance, .. } => !irradiance.is_black(),
         PunctualKind::Profile { scale, .. } => !scale.is_black(),
     };
-    let Some(lamp) = scene.lights.iter().find(|l| shines(&l.kind)) else { return };
     let nits = |radiance: f32| radiance * crate::import::LUMENS_PER_WATT;
     let dark = |m: &&dunkelfeld_scene::Material| !m.emission.is_black() && nits(m.emission.mean()) < DARK_NITS;
-    if let Some(material) = scene.materials.iter().find(dark) {
-        let message = format!(
-            "emits {:.1} nit = {:.4} W/(m^2 sr) beside lamps such as \"{}\"; Blender writes the strength of emission without the factor of 683 lm/W that its lamps have: for the ratio of Blender write `[import]` with `emissive_unit = \"W/(m2 sr)\"` in a job",
-            nits(material.emission.mean()),
-            material.emission.mean(),
-            lamp.name
-        );
-        warnings.push(format!("material \"{}\"", material.name), message);
-    }
+    let Some(material) = scene.materials.iter().find(dark) else { return };
+    let (beside, unlike, result) = match scene.lights.iter().find(|l| shines(&l.kind)) {
+        Some(lamp) => {
+            (format!(" beside lamps such as \"{}\"", lamp.name), " that its lamps have", "for the ratio of Blender")
+        }
+        None => (String::new(), "", "for the radiance of Blender"),
+    };
+    let message = format!(
+        "emits {:.1} nit = {:.4} W/(m^2 sr){beside}; Blender writes the strength of emission without the factor of 683 lm/W{unlike}: {result} write `[import]` with `emissive_unit = \"W/(m2 sr)\"` in a job",
+        nits(material.emission.mean()),
+        material.emission.mean(),
+    );
+    warnings.push(format!("material \"{}\"", material.name), message);
 }
 
 #[cfg(test)]

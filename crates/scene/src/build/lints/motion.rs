@@ -7,10 +7,13 @@ use crate::camera::RayGenerator;
 use crate::camera::shutter::{LineScan, Shutter};
 use crate::scene::{Part, Scene};
 use dunkelfeld_geometry::{DVec3, RigidMotion};
+use dunkelfeld_radiometry::Number;
 use std::collections::BTreeSet;
 
 /// Deviation of the image's motion from one row in a line period that is reported.
 const MAX_MISMATCH: f64 = 0.02;
+/// Below this number of rows in a line period the image does not move along the height of the film.
+const SIDEWAYS: f64 = 1e-6;
 
 impl Scene {
     /// Reports hazards of motion in the image of a camera on a film of `width` x `height` pixels.
@@ -72,17 +75,18 @@ impl Scene {
         let step: DVec3 = motion.velocity_at(point) * (0.5 * lines.period);
         let at = |p: DVec3| camera.project(p + self.world_origin);
         let (Some(before), Some(after)) = (at(point - step), at(point + step)) else { return };
-        let rows = before[1] - after[1];
-        let message = if rows < 0.0 {
+        let (columns, rows) = (after[0] - before[0], before[1] - after[1]);
+        let message = if columns.hypot(rows) < SIDEWAYS {
+            "does not move in the middle of the sensor line, so that all rows show the same line; check its velocity, or the axis of its rotation".to_string()
+        } else if rows.abs() < SIDEWAYS.max(SIDEWAYS * columns.abs()) {
+            "the image moves across the rows; the velocity must be along the height of the image: turn the velocity or the camera by 90 degrees".to_string()
+        } else if rows < 0.0 {
             format!(
                 "its image moves down by {:.3} rows from line to line, so that the scan is upside down and stages do not follow it; turn the velocity or the camera around",
                 -rows
             )
         } else if (rows - 1.0).abs() > MAX_MISMATCH {
-            // Five digits.
-            let rate = rows / lines.period;
-            let digit = 10f64.powi(4 - rate.log10().floor() as i32);
-            let rate = (rate * digit).round() / digit;
+            let rate = Number(five_digits(rows / lines.period));
             format!(
                 "its image moves by {rows:.3} rows from line to line, so that the scan is stretched; `line_rate = \"{rate}Hz\"` gives square pixels"
             )
@@ -91,4 +95,8 @@ impl Scene {
         };
         report.hazard(place(self, part), message);
     }
+}
+
+fn five_digits(v: f64) -> f64 {
+    format!("{v:.4e}").parse().unwrap_or(v)
 }

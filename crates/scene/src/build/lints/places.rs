@@ -19,6 +19,18 @@ pub(super) fn bounds(scene: &Scene, part: &Part) -> Aabb {
     part.transform.as_ref().map_or(own, |t| own.transformed(t))
 }
 
+/// [`bounds`] of all poses at the times of the samples.
+pub(super) fn bounds_in_motion(scene: &Scene, part: &Part) -> Aabb {
+    let at_rest = bounds(scene, part);
+    match (&part.motion, &scene.shutter) {
+        (Some(motion), Some(shutter)) => {
+            let [from, to] = shutter.times();
+            motion.swept(&at_rest, from, to)
+        }
+        _ => at_rest,
+    }
+}
+
 /// Corners in the space of the mesh.
 pub(super) fn corners_in_place<'a>(scene: &'a Scene, part: &Part) -> impl Iterator<Item = Vec3> + 'a {
     let mesh = &scene.meshes[part.mesh as usize];
@@ -38,7 +50,7 @@ pub(super) fn push(report: &mut BuildReport, findings: Vec<(String, String)>) {
         report.hazard(place, message);
     }
     if more > 0 {
-        report.hazard("scene", format!("{more} more objects are like the one before"));
+        report.hazard("scene", format!("the same holds for {more} more objects"));
     }
 }
 

@@ -1,0 +1,55 @@
+//! Findings about the images of a project: those of its scene, and those that depend on cameras, lenses and films.
+
+use super::Project;
+use crate::sensor_hazards::sensor_hazards;
+use dunkelfeld_render::camera;
+use dunkelfeld_scene::{BuildReport, RayGenerator};
+
+impl Project {
+    /// The findings of the scene builder, and hazards of the images with the present settings: lights that light no object
+    /// and are in no image, motion in the image of each camera that
+    /// would be rendered, and wavelengths that the sensor does not know. Cameras with settings out of
+    /// range are left out.
+    pub fn findings(&self) -> BuildReport {
+        let mut report = self.report.clone();
+        let views = self.views();
+        let is_one = views.len() == 1;
+        let mut cameras: Vec<(RayGenerator, [u32; 2])> = Vec::new();
+        let mut are_all_known = true;
+        for view in views {
+            let settings = self.fit_settings(self.settings.clone().with_camera(view.clone()));
+            let bound = settings.and_then(|s| Ok((camera(&self.scene, &s)?, [s.width, s.height])));
+            let Ok((camera, film)) = bound else {
+                are_all_known = false;
+                continue;
+            };
+            let mut of_camera = BuildReport::default();
+            self.scene.report_motion(&camera, film, &mut of_camera);
+            for mut finding in of_camera.findings {
+                // The same in another image is reported once.
+                if report.findings.contains(&finding) {
+                    continue;
+                }
+                if let (false, Some(name)) = (is_one || cameras.is_empty(), &view) {
+                    finding.place += &format!(", camera \"{name}\"");
+                }
+                report.findings.push(finding);
+            }
+            cameras.push((camera, film));
+        }
+        if are_all_known {
+            self.scene.report_averted_lights(&cameras, &mut report);
+        }
+        report.findings.extend(sensor_hazards(&self.settings.sensor, &self.optics.bands()));
+        report
+    }
+
+    /// The names of the cameras that would be rendered; `None` is the first camera.
+    pub(super) fn views(&self) -> Vec<Option<String>> {
+        let defined = self.defined_cameras();
+        if defined.is_empty() {
+            return vec![self.settings.camera.clone()];
+        }
+        defined.into_iter().map(Some).collect()
+    }
+}
