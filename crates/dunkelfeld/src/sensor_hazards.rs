@@ -8,27 +8,38 @@ use dunkelfeld_sensor::{BANDS, Bands};
 /// A curve counts as known up to this distance below its first point \[nm\].
 const BELOW_FIRST: f64 = 150.0;
 
-/// Reports wavelengths of lamps beyond the curve of the quantum efficiency, which is constant there.
+/// A lower transmission of the filter of the lens blocks a lamp.
+const BLOCKED: f64 = 1e-3;
+
+/// Reports lamps whose light the filter of the lens blocks, and wavelengths of lamps beyond the curve of the quantum efficiency, which is constant there.
 pub(crate) fn sensor_hazards(sensor: &SensorChoice, bands: &Bands) -> Vec<Finding> {
     let SensorChoice::Emva { model, .. } = sensor else { return Vec::new() };
     let curves = model.spec().quantum_efficiency.curves();
     let ends = curves.iter().filter_map(|curve| Some((curve.points().first()?.0.0, curve.points().last()?.0.0)));
     let Some((first, last)) = ends.reduce(|a, b| (a.0.max(b.0), a.1.min(b.1))) else { return Vec::new() };
-    let of_lamps = bands.wavelengths.iter().zip(BANDS).filter(|(used, default)| **used != *default);
-    let beyond = of_lamps.filter(|(used, _)| used.0 > last || used.0 < first - BELOW_FIRST);
-    beyond
-        .map(|(used, _)| Finding {
-            severity: Severity::Hazard,
-            place: format!("sensor {:?}", model.spec().name),
-            message: format!(
-                "light of {} nm counts with the quantum efficiency at the end of the curve, which goes from {} nm to {} nm; \
-                 add points to quantum_efficiency in a sensor file",
-                Number(used.0),
-                Number(first),
-                Number(last)
-            ),
-        })
-        .collect()
+    let channels = bands.wavelengths.iter().zip(BANDS).zip(&bands.transmission);
+    let of_lamps =
+        channels.map(|((used, default), t)| (used, default, t)).filter(|(used, default, _)| **used != *default);
+    let hazard = |message: String| Finding {
+        severity: Severity::Hazard,
+        place: format!("sensor {:?}", model.spec().name),
+        message,
+    };
+    let beyond = of_lamps.clone().filter(|(used, ..)| used.0 > last || used.0 < first - BELOW_FIRST);
+    let beyond = beyond.map(|(used, ..)| {
+        let [used, first, last] = [used.0, first, last].map(Number);
+        hazard(format!(
+            "light of {used} nm counts with the quantum efficiency at the end of the curve, which goes from {first} nm to \
+             {last} nm; add points to quantum_efficiency in a sensor file"
+        ))
+    });
+    let blocked = of_lamps.filter(|(.., transmission)| **transmission < BLOCKED).map(|(used, ..)| {
+        let used = Number(used.0);
+        hazard(format!(
+            "the filter of the lens blocks light of {used} nm; change `filter` of the lens or `wavelength` of the lamp"
+        ))
+    });
+    beyond.chain(blocked).collect()
 }
 
 #[cfg(test)]
@@ -45,6 +56,16 @@ mod tests {
         let optics = Optics::new(4.0, 0.9, 0.0).expect("a lens");
         let bands = Bands { wavelengths: [Nanometres(red), BANDS[1], BANDS[2]], ..Bands::default() };
         sensor_hazards(&SensorChoice::Emva { model, optics, exposure: None }, &bands).len()
+    }
+
+    #[test]
+    fn a_filter_that_blocks_a_lamp_is_reported() {
+        let model = Box::new(dunkelfeld_io::sensor_file::preset("imx250").expect("a preset"));
+        let optics = Optics::new(4.0, 0.9, 0.0).expect("a lens");
+        let lamp = Bands { wavelengths: [Nanometres(625.0), BANDS[1], BANDS[2]], ..Bands::default() };
+        let sensor = SensorChoice::Emva { model, optics, exposure: None };
+        let count = |center| sensor_hazards(&sensor, &lamp.through(center, 40.0, 0.9, [true, false, false])).len();
+        assert_eq!((count(625.0), count(850.0)), (0, 1));
     }
 
     /// Silicon absorbs little infrared light. Up to 610 nm the presets have one value, as their sources.

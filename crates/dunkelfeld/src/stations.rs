@@ -8,11 +8,16 @@ pub struct Station {
     keys: &'static str,
     /// Changes of the part that the station needs.
     changes: &'static str,
+    /// Its stand-in part.
+    part: &'static str,
 }
 
 /// The preset stations.
 pub const STATIONS: [Station; 7] = [
-    station("dark-field-ring", include_str!("../stations/dark-field-ring.toml")),
+    Station {
+        part: include_str!("../stations/polished-part.toml"),
+        ..station("dark-field-ring", include_str!("../stations/dark-field-ring.toml"))
+    },
     station("bright-field-ring", include_str!("../stations/bright-field-ring.toml")),
     station("dome", include_str!("../stations/dome.toml")),
     station("bars", include_str!("../stations/bars.toml")),
@@ -24,11 +29,11 @@ pub const STATIONS: [Station; 7] = [
     },
 ];
 
-/// The stand-in part of a station without a scene.
+/// The stand-in part of most stations without a scene.
 const PART: &str = include_str!("../stations/part.toml");
 
 const fn station(name: &'static str, keys: &'static str) -> Station {
-    Station { name, keys, changes: "" }
+    Station { name, keys, changes: "", part: PART }
 }
 
 impl Station {
@@ -50,10 +55,10 @@ impl Station {
 
     /// A job of the station with the stand-in part.
     pub fn job(&self) -> String {
-        let (name, keys, changes) = (self.name, self.keys, self.changes);
+        let Self { name, keys, changes, part } = self;
         format!(
             "# Station \"{name}\" with a stand-in part. Render it with `dunkelfeld render` and this file.\n\
-             scene = \"none\"\nbudget = {{ time = \"20s\" }}\n\n{keys}{PART}{changes}"
+             scene = \"none\"\nbudget = {{ time = \"20s\" }}\n\n{keys}{part}{changes}"
         )
     }
 

@@ -3,7 +3,7 @@
 use super::Project;
 use crate::sensor_hazards::sensor_hazards;
 use dunkelfeld_render::camera;
-use dunkelfeld_scene::{BuildReport, RayGenerator};
+use dunkelfeld_scene::{BuildReport, Finding, RayGenerator, Severity};
 
 impl Project {
     /// The findings of the scene builder, and hazards of the images with the present settings: lights that light no object
@@ -39,6 +39,16 @@ impl Project {
         }
         if are_all_known {
             self.scene.report_averted_lights(&cameras, &mut report);
+        }
+        if self.scene.cameras().is_empty() && self.job.as_ref().is_some_and(|job| job.has_lamps()) {
+            report.findings.push(Finding {
+                severity: Severity::Hazard,
+                place: "camera".into(),
+                message:
+                    "the job has lamps and no camera, so that the view of the whole scene contains the lamps; write \
+                          camera = { look_at = \"part\", working_distance = \"300mm\" }"
+                        .into(),
+            });
         }
         report.findings.extend(sensor_hazards(&self.settings.sensor, &self.optics.bands()));
         report

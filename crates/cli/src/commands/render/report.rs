@@ -8,8 +8,17 @@ use dunkelfeld::{CertificateStats, Project, ProjectResult, SensorChoice, Stats};
 use std::fmt::Write;
 use std::path::Path;
 
-/// An automatic exposure above this time \[s\] is remarked upon.
+/// An automatic exposure above this time \[s\] gives a warning.
 const LONG_EXPOSURE: f64 = 10.0;
+
+/// An automatic exposure below this time \[s\] gives a warning.
+const SHORT_EXPOSURE: f64 = 1e-6;
+
+/// A share of saturated pixels above this value gives a warning.
+const MANY_SATURATED: f64 = 0.5;
+
+/// Largest factor of the samples that the advice after a render names.
+const MAX_FACTOR: f64 = 100.0;
 
 fn is_automatic(project: &Project) -> bool {
     matches!(project.settings.sensor, SensorChoice::Emva { exposure: None, .. })
@@ -28,6 +37,17 @@ pub(super) fn print_report(args: &RenderArgs, project: &Project, result: &Projec
             "warning: the automatic exposure is {time}, longer than an inspection camera exposes: the light is weak; \
              raise it ([[light]] power), check its unit ([import] emissive_unit), or set --exposure"
         ));
+    }
+    if is_automatic(project) && s.sensor.as_ref().is_some_and(|s| s.exposure_seconds < SHORT_EXPOSURE && !s.no_light) {
+        let time = s.sensor.as_ref().map_or_else(String::new, |s| exposure_time(s.exposure_seconds));
+        say(&format!(
+            "warning: the automatic exposure is {time}, shorter than a camera exposes: the light is strong; lower it \
+             ([[light]] power), or check its unit ([import] emissive_unit) and its distance"
+        ));
+    }
+    if let Some(saturated) = s.sensor.as_ref().map(|s| s.saturated).filter(|share| *share > MANY_SATURATED) {
+        let percent = 100.0 * saturated;
+        say(&format!("warning: {percent:.0} % of the pixels are saturated; shorten the exposure, or lower the light"));
     }
     let camera = project.settings.camera.as_deref();
     if let Some(named) = s.invalid_named.first() {
@@ -149,7 +169,8 @@ pub(crate) fn as_seen(image: Option<&Path>, s: &Stats) -> String {
         None if image.is_some() => text += "no sensor, radiance 1 W/(m^2 sr) is white\n",
         None => {}
     }
-    if let Some(c) = &s.certificate {
+    let is_black = s.sensor.as_ref().is_some_and(|s| s.mean_electrons <= 0.0);
+    if let Some(c) = s.certificate.as_ref().filter(|_| !is_black) {
         let _ = writeln!(text, "{}", verdict(c));
     }
     if let Some(share) = s.sensor.as_ref().and_then(|sensor| sensor.matched) {
@@ -182,14 +203,17 @@ fn verdict(c: &CertificateStats) -> String {
 /// The ways to an image whose noise is that of the camera.
 fn advice(c: &CertificateStats, s: &Stats) -> String {
     let mut ways = Vec::new();
+    let forecast = s.forecast.iter().flatten().find(|level| level.k == c.k).and_then(|level| level.seconds);
     // The variance of a mean decreases with the number of samples.
     let factor = c.ratio_p99.map(|ratio| ratio / (c.k * c.k)).filter(|factor| *factor > 1.0);
-    ways.push(match factor {
-        Some(factor) => {
+    ways.push(match (forecast, factor) {
+        (Some(time), _) => format!("more time, about {} in all (--noise {} stops there)", seconds(time), c.k),
+        (None, Some(factor)) if factor <= MAX_FACTOR => {
             let factor = if factor < 10.0 { format!("{factor:.1}") } else { format!("{factor:.0}") };
             format!("more time, about {factor} times the samples (--noise {} stops there)", c.k)
         }
-        None => format!("more time (--noise {} stops when it is hidden)", c.k),
+        (None, Some(_)) => format!("more time (1 % of the pixels needs more than {MAX_FACTOR:.0} times the samples)"),
+        (None, None) => format!("more time (--noise {} stops when it is hidden)", c.k),
     });
     if s.denoise.is_none() {
         ways.push("--denoise auto for a picture to look at".into());

@@ -204,6 +204,12 @@ impl Job {
         })
     }
 
+    /// True if the job makes lamps with a place.
+    pub fn has_lamps(&self) -> bool {
+        let distant = [LampKind::Sun, LampKind::Environment];
+        self.lights.iter().any(|light| light.enabled && light.kind.is_some_and(|kind| !distant.contains(&kind)))
+    }
+
     /// The wavelengths of the channels of the render, from the lamps of the job, and the transmission of the lens at
     /// them.
     ///
