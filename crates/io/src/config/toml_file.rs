@@ -296,7 +296,9 @@ impl Message {
             let problem = if is_too_large { "is out of range" } else { "does not belong here" };
             // Two brackets around a section that exists once make a list of a value that was intended for its first
             // key.
-            let brackets = if found == "map" {
+            let brackets = if found == "map" && wanted.contains("sequence") {
+                ", or double brackets around the name of a section that there may be several times, as in [[light]]"
+            } else if found == "map" {
                 ", or single brackets around the name of a section that there is once"
             } else {
                 ""

@@ -292,8 +292,11 @@ impl CameraSettings {
     }
 }
 
+/// Largest coordinate of a principal point \[pixels\].
+const MAX_PRINCIPAL_POINT: f64 = 5e5;
+
 /// Is this a camera matrix without skew?
-fn check_intrinsics([[fx, skew, _], [zero, fy, _], last]: &[[f64; 3]; 3]) -> Result<(), Fault> {
+fn check_intrinsics([[fx, skew, cx], [zero, fy, cy], last]: &[[f64; 3]; 3]) -> Result<(), Fault> {
     let form = "write [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]";
     if *last != [0.0, 0.0, 1.0] {
         return fault("K", "the last row of `K` is not 0, 0, 1", form);
@@ -310,6 +313,12 @@ fn check_intrinsics([[fx, skew, _], [zero, fy, _], last]: &[[f64; 3]; 3]) -> Res
     }
     if !(1e-3..=1e3).contains(&(fy / fx)) {
         return fault("K", "fx and fy differ by more than a factor of 1000", form);
+    }
+    for (name, value) in [("cx", *cx), ("cy", *cy)] {
+        if value.is_nan() || value.abs() > MAX_PRINCIPAL_POINT {
+            let problem = format!("{name} is {} pixels, which is out of range", Number(value));
+            return fault("K", problem, format!("{form}, with a principal point in the film"));
+        }
     }
     Ok(())
 }

@@ -101,7 +101,20 @@ impl<'de> Deserialize<'de> for Wavelength {
     /// A length such as `"625nm"`, or a colour of LEDs: `"red"` 630, `"amber"` 590, `"green"` 525, `"blue"` 470,
     /// `"infrared"` 850, `"ultraviolet"` 385 nm.
     fn deserialize<D: Deserializer<'de>>(d: D) -> Result<Self, D::Error> {
-        let text = String::deserialize(d)?;
+        #[derive(Deserialize)]
+        #[serde(untagged, expecting = "this is not a wavelength; write one with its unit, as in \"625nm\"")]
+        enum Written {
+            Text(String),
+            Number(f64),
+        }
+        let colors = "red, amber, green, blue, infrared or ultraviolet";
+        let text = match Written::deserialize(d)? {
+            Written::Text(text) => text,
+            Written::Number(n) => {
+                let n = Number(n);
+                return Err(D::Error::custom(format!("{n} has no unit; write a wavelength such as \"625nm\"")));
+            }
+        };
         let nm = match text.trim() {
             "red" => 630.0,
             "amber" => 590.0,
@@ -109,7 +122,13 @@ impl<'de> Deserialize<'de> for Wavelength {
             "blue" => 470.0,
             "infrared" => 850.0,
             "ultraviolet" => 385.0,
-            length => f64::from(length.parse::<Length>().map_err(D::Error::custom)?) * 1e9,
+            length => {
+                let fault = |_| {
+                    let problem = format!("{length:?} is neither a wavelength nor a colour of LEDs");
+                    D::Error::custom(format!("{problem}; write one such as \"625nm\", or {colors}"))
+                };
+                f64::from(length.parse::<Length>().map_err(fault)?) * 1e9
+            }
         };
         if (200.0..=2500.0).contains(&nm) {
             return Ok(Self(Nanometres(nm)));
