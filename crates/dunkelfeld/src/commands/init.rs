@@ -2,11 +2,11 @@
 
 use crate::outputs::save_text;
 use crate::stations::Station;
-use dunkelfeld_geometry::DVec3;
 use dunkelfeld_io::InputError;
 use dunkelfeld_io::import::{ImportOptions, load_scene};
+use dunkelfeld_io::job::bounds_of;
 use dunkelfeld_render::Error;
-use dunkelfeld_scene::{Instance, Material, Projection, PunctualKind, SceneBuilder};
+use dunkelfeld_scene::{Material, Projection, PunctualKind, SceneBuilder};
 use std::collections::BTreeSet;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -76,7 +76,7 @@ fn job_text(scene: &SceneBuilder, path: &Path, station: Option<Station>) -> Stri
     if station.is_none() {
         t += &cameras(scene);
     }
-    let all = scene.instances.iter().filter_map(|i| bounds(i, scene));
+    let all = scene.instances.iter().filter_map(|i| bounds_of(i, scene));
     let extent = all.reduce(|[a, b], [c, d]| [a.min(c), b.max(d)]).map(|[low, high]| high - low);
     if let Some(size) = extent {
         let note = if size.max_element() > LARGE { ", which is large: was it modelled in millimetres?" } else { "" };
@@ -142,12 +142,12 @@ fn lights(t: &mut String, scene: &SceneBuilder) {
     let mut seen = BTreeSet::new();
     for light in scene.lights.iter().filter(|l| seen.insert(l.name.as_str())).take(MOST_NAMES) {
         let (kind, key) = match light.kind {
-            PunctualKind::Point { .. } => ("point light", "power = \"1W\""),
-            PunctualKind::Spot { .. } => ("spot light", "power = \"1W\""),
-            PunctualKind::Profile { .. } => ("measured light", "power = \"1W\""),
-            _ => ("parallel light", "irradiance = 1"),
+            PunctualKind::Point { .. } => ("A point light", "power = \"1W\""),
+            PunctualKind::Spot { .. } => ("A spot light", "power = \"1W\""),
+            PunctualKind::Profile { .. } => ("A light with an IES profile", "power = \"1W\""),
+            _ => ("Distant light", "irradiance = 1"),
         };
-        let _ = writeln!(t, "\n# A {kind}.\n# [[light]]\n# name = {}\n# {key}\n# enabled = false", quoted(&light.name));
+        let _ = writeln!(t, "\n# {kind}.\n# [[light]]\n# name = {}\n# {key}\n# enabled = false", quoted(&light.name));
     }
     let part = |mesh: &usize| scene.meshes.get(*mesh).and_then(|part| scene.materials.get(part.material));
     for object in scene.instances.iter().filter(|o| !seen.contains(o.name.as_str())).take(MOST_NAMES) {
@@ -182,7 +182,7 @@ fn objects(t: &mut String, scene: &SceneBuilder) {
     let mut seen = BTreeSet::new();
     let named = scene.instances.iter().filter(|o| !o.name.is_empty() && seen.insert(o.name.as_str()));
     for object in named.take(MOST_NAMES) {
-        if let Some([low, high]) = bounds(object, scene) {
+        if let Some([low, high]) = bounds_of(object, scene) {
             let ([w, h, d], [x, y, z]) =
                 ((high - low).to_array().map(length), (0.5 * (low + high)).to_array().map(length));
             let _ = writeln!(t, "\n# {w} x {h} x {d} m, centre at ({x}, {y}, {z})");
@@ -195,14 +195,6 @@ fn objects(t: &mut String, scene: &SceneBuilder) {
     if scene.instances.len() > MOST_NAMES {
         t.push_str("\n# `dunkelfeld inspect --json` lists the names of all objects.\n");
     }
-}
-
-fn bounds(object: &Instance, scene: &SceneBuilder) -> Option<[DVec3; 2]> {
-    let parts = object.meshes.iter().filter_map(|m| scene.meshes.get(*m));
-    let corners =
-        parts.flat_map(|part| part.mesh.positions.iter().map(|p| object.to_world.transform_point3(p.as_dvec3())));
-    let finite = corners.filter(|p| p.is_finite());
-    finite.map(|p| [p, p]).reduce(|[a, b], [c, d]| [a.min(c), b.max(d)])
 }
 
 /// Metres with four significant digits.
