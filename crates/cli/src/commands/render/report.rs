@@ -8,7 +8,7 @@ use dunkelfeld::{CertificateStats, Project, ProjectResult, SensorChoice, Stats};
 use std::fmt::Write;
 use std::path::Path;
 
-/// An automatic exposure above this time \[s\] is remarked upon.
+/// An automatic exposure above this time \[s\] gives a warning.
 const LONG_EXPOSURE: f64 = 10.0;
 
 fn is_automatic(project: &Project) -> bool {
