@@ -279,9 +279,10 @@ fn lamp_of(key: &str) -> &'static str {
         "position" => "kind = \"panel\"\nwidth = 1\n",
         "aim" => "kind = \"panel\"\nwidth = 1\nposition = [0, 1, 0]\n",
         "azimuth" => "kind = \"panel\"\nwidth = 1\ndistance = 1\nelevation = \"20deg\"\n",
-        "target" | "direction" | "elevation" | "up" | "count" | "working_distance" => {
+        "camera" | "target" | "direction" | "elevation" | "up" | "count" => {
             "kind = \"panel\"\nwidth = 1\ndistance = 1\n"
         }
+        "working_distance" => "kind = \"panel\"\nwidth = 1\ndistance = 1\nirradiance = 1\n",
         "strobe" => "kind = \"panel\"\nwidth = 1\ndistance = 1\n[sensor]\nexposure = \"1ms\"\n",
         _ => "name = \"lamp\"\n",
     }
@@ -312,6 +313,9 @@ fn the_examples_of_the_pages_and_all_presets_are_read() {
 #[test]
 fn the_stations_page_shows_each_preset_station_with_its_keys() {
     let text = page("docs/stations.md");
+    let lamps = text.split("## Lamps\n").nth(1).expect("docs/stations.md has a section about lamps");
+    let example = format!("scene = \"none\"\n{}", blocks(lamps, "toml")[0]);
+    (JOB.read)(&example).unwrap_or_else(|e| panic!("{e}\n{example}"));
     for station in dunkelfeld::STATIONS {
         let section = text.split(&format!("### {}\n", station.name)).nth(1);
         let section = section.unwrap_or_else(|| panic!("docs/stations.md has no section {}", station.name));

@@ -10,7 +10,7 @@ use crate::guard::check_outputs;
 use crate::inspect::{Inspection, camera_entry, inspect};
 use crate::memory::{MemoryAccount, MemoryStats, RenderNeeds, render_account};
 use crate::outputs::{self, OutputPaths, Written};
-use crate::shutter::{check_shutter, expose_for};
+use crate::shutter::{check_shutter, expose_for, report_strobes, splitter_of};
 use crate::stats::Stats;
 use dunkelfeld_denoise::{Builtin, Denoiser as _};
 use dunkelfeld_film::{Film, FilmLayers};
@@ -116,10 +116,8 @@ impl Project {
         let job = if is_job { Some(Job::from_file(path)?) } else { None };
         let lens = job.as_ref().map(|job| job.lens.clone()).unwrap_or_default();
         let f_number = lens.f_number.unwrap_or(DEFAULT_F_NUMBER);
-        let splitter = job.as_ref().map_or(1.0, Job::splitter_transmission);
         let bands = job.as_ref().map(Job::bands).transpose()?.unwrap_or_default();
-        let transmission = lens.transmission * splitter;
-        let optics = Optics::new(f_number, transmission, lens.magnification.unwrap_or(0.0))?.with_bands(bands);
+        let optics = Optics::new(f_number, lens.transmission, lens.magnification.unwrap_or(0.0))?.with_bands(bands);
         let mut inputs = job.as_ref().map(|job| job.inputs().clone()).unwrap_or_default();
         let (mut imported, mut settings, outputs) = match &job {
             Some(job) => open_job(job, optics, &mut inputs)?,
@@ -152,7 +150,9 @@ impl Project {
         let load_seconds = began.elapsed().as_secs_f64();
         let began = Instant::now();
         let file = job.as_ref().map_or(path, Job::scene_path);
-        let (scene, report) = imported.scene.build().map_err(|e| build_error(e, file))?;
+        let strobes = job.as_ref().and_then(|job| job.strobe_hazard(&imported.scene));
+        let (scene, mut report) = imported.scene.build().map_err(|e| build_error(e, file))?;
+        report_strobes(strobes, &mut report);
         Ok(Self {
             scene,
             own_pitch: pitch_of(&settings.sensor),
@@ -215,7 +215,7 @@ impl Project {
 
     fn fit_settings(&self, mut settings: RenderSettings) -> Result<RenderSettings, Error> {
         validate(&settings)?;
-        check_shutter(&self.scene, &settings)?;
+        check_shutter(&self.scene, &settings, self.job.as_deref())?;
         if settings.view.is_some() {
             return Ok(settings);
         }
@@ -249,7 +249,7 @@ impl Project {
             && *optics == self.optics
         {
             let (splitter, bands) = match &self.job {
-                Some(job) => (job.splitter_transmission(), job.bands_behind(&lens)?),
+                Some(job) => (splitter_of(job, &self.scene, &camera.name), job.bands_behind(&lens)?),
                 None => (1.0, optics.bands()),
             };
             *optics = Optics::new(f_number, lens.transmission * splitter, magnification)?.with_bands(bands);
@@ -543,7 +543,7 @@ fn open_job(
         .with_denoise(job.denoise.clone());
     imported.scene.shutter = job.shutter(&imported.scene, settings.height)?;
     let settings = match imported.scene.shutter {
-        Some(shutter) => expose_for(settings, &shutter)?,
+        Some(_) => expose_for(settings, job)?,
         None => settings,
     };
     let o = &job.output;

@@ -143,13 +143,13 @@ fn lights(t: &mut String, scene: &SceneBuilder) {
     let mut seen = BTreeSet::new();
     for light in scene.lights.iter().filter(|l| seen.insert(l.name.as_str())).take(MOST_NAMES) {
         let (kind, key) = match light.kind {
-            PunctualKind::Point { .. } => ("point light", "power = \"1W\""),
-            PunctualKind::Spot { .. } => ("spot light", "power = \"1W\""),
-            PunctualKind::Profile { .. } => ("light with an IES profile", "power = \"1W\""),
-            PunctualKind::Directional { .. } => ("distant light", "irradiance = 1"),
-            PunctualKind::Sun { .. } => ("sun", "irradiance = 1"),
+            PunctualKind::Point { .. } => ("A point light", "power = \"1W\""),
+            PunctualKind::Spot { .. } => ("A spot light", "power = \"1W\""),
+            PunctualKind::Profile { .. } => ("A light with an IES profile", "power = \"1W\""),
+            PunctualKind::Directional { .. } => ("A distant light", "irradiance = 1"),
+            PunctualKind::Sun { .. } => ("A sun", "irradiance = 1"),
         };
-        let _ = writeln!(t, "\n# A {kind}.\n# [[light]]\n# name = {}\n# {key}\n# enabled = false", quoted(&light.name));
+        let _ = writeln!(t, "\n# {kind}.\n# [[light]]\n# name = {}\n# {key}\n# enabled = false", quoted(&light.name));
     }
     let part = |mesh: &usize| scene.meshes.get(*mesh).and_then(|part| scene.materials.get(part.material));
     for object in scene.instances.iter().filter(|o| !seen.contains(o.name.as_str())).take(MOST_NAMES) {
